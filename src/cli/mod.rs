@@ -1,0 +1,1 @@
+//! Arguments, progress, reports; alone prints and exits.

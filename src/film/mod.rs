@@ -1,0 +1,1 @@
+//! Accumulation, tone mapping and image files.

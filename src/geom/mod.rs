@@ -1,0 +1,14 @@
+//! Maths without policy: boxes, the canonical triangle test, frames, sampling warps and the
+//! counter-based sampler. Imports nothing of raystream.
+
+mod aabb;
+mod canonical;
+mod frame;
+mod sampler;
+pub mod warp;
+
+pub use aabb::Aabb;
+pub use canonical::{CanonicalHit, CanonicalRay, MAX_COORDINATE};
+pub use frame::Frame;
+pub use sampler::Sampler;
+pub(crate) use sampler::mix;

@@ -1,0 +1,1 @@
+//! The integrators that plug into the scheduler.

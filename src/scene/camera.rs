@@ -1,0 +1,139 @@
+//! The pinhole camera.
+
+use crate::geom::Aabb;
+use glam::Vec3;
+
+/// A pinhole camera.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Camera {
+    /// Where it stands.
+    pub eye: Vec3,
+    /// A point it looks at.
+    pub target: Vec3,
+    /// Which way is up; not parallel to the view.
+    pub up: Vec3,
+    /// Vertical field of view, degrees, between 0 and 180.
+    pub fov_degrees: f32,
+}
+
+/// What is wrong with a camera.
+#[derive(Debug, PartialEq, thiserror::Error)]
+pub enum CameraError {
+    /// Eye and target are the same, or not finite.
+    #[error("the camera's eye {0} and target {1} must be finite and apart")]
+    View(Vec3, Vec3),
+    /// Up gives no direction.
+    #[error("the camera's up vector {0} must be finite and must not point along the view")]
+    Up(Vec3),
+    /// The field of view is out of range.
+    #[error("a vertical field of view of {0} degrees; it must lie between 0 and 180")]
+    Fov(f32),
+}
+
+impl Camera {
+    /// A camera that sees the whole of `bounds` from in front, to the right and above, in a picture of
+    /// the given aspect ratio (width / height).
+    pub fn framing(bounds: &Aabb, aspect: f32) -> Self {
+        let fov_degrees = 40.0;
+        let half = libm::tanf(0.5 * f32::to_radians(fov_degrees)) * aspect.min(1.0);
+        let radius = bounds.radius().max(1e-6);
+        let distance = radius * (1.0 + half * half).sqrt() / half;
+        let away = Vec3::new(0.45, 0.35, 1.0).normalize();
+        Self { eye: bounds.centre() + away * distance, target: bounds.centre(), up: Vec3::Y, fov_degrees }
+    }
+
+    /// The camera prepared for a picture of `width` × `height` pixels.
+    ///
+    /// # Errors
+    /// When the camera gives no view.
+    pub fn lens(&self, width: u32, height: u32) -> Result<Lens, CameraError> {
+        let forward =
+            (self.target - self.eye).try_normalize().ok_or(CameraError::View(self.eye, self.target))?;
+        if !self.eye.is_finite() {
+            return Err(CameraError::View(self.eye, self.target));
+        }
+        if !(self.fov_degrees > 0.0 && self.fov_degrees < 180.0) {
+            return Err(CameraError::Fov(self.fov_degrees));
+        }
+        let up = self.up.try_normalize().ok_or(CameraError::Up(self.up))?;
+        let side = forward.cross(up);
+        if side.length_squared() < 1e-12 {
+            return Err(CameraError::Up(self.up));
+        }
+        let right = side.normalize();
+        let half_height = libm::tanf(0.5 * self.fov_degrees.to_radians());
+        let half_width = half_height * width as f32 / height as f32;
+        Ok(Lens {
+            eye: self.eye,
+            corner: forward - right * half_width + right.cross(forward) * half_height,
+            step_x: right * (2.0 * half_width / width as f32),
+            step_y: right.cross(forward) * (-2.0 * half_height / height as f32),
+        })
+    }
+}
+
+/// A camera with a picture size: turns pixels into directions.
+#[derive(Clone, Copy, Debug)]
+pub struct Lens {
+    /// Where all rays start.
+    pub eye: Vec3,
+    corner: Vec3,
+    step_x: Vec3,
+    step_y: Vec3,
+}
+
+impl Lens {
+    /// The unit direction through a point of the picture: pixel (`x`, `y`), (0, 0) top left, and the
+    /// place in it, 0..1 on both axes.
+    pub fn direction(&self, x: u32, y: u32, place: [f32; 2]) -> Vec3 {
+        (self.corner + self.step_x * (x as f32 + place[0]) + self.step_y * (y as f32 + place[1])).normalize()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_middle_pixel_looks_at_the_target_and_x_goes_right() {
+        let camera = Camera {
+            eye: Vec3::new(0.0, 1.0, 5.0),
+            target: Vec3::new(0.0, 1.0, 0.0),
+            up: Vec3::Y,
+            fov_degrees: 90.0,
+        };
+        let lens = camera.lens(4, 2).expect("valid");
+        let middle = lens.direction(2, 1, [0.0, 0.0]);
+        assert!((middle - Vec3::NEG_Z).length() < 1e-6);
+        let right = lens.direction(3, 1, [0.5, 0.0]);
+        assert!(right.x > 0.5 && right.y.abs() < 1e-6);
+        let top = lens.direction(2, 0, [0.0, 0.0]);
+        assert!((top - Vec3::new(0.0, 1.0, -1.0).normalize()).length() < 1e-6, "45 degrees up");
+    }
+
+    #[test]
+    fn framing_sees_every_corner() {
+        for aspect in [0.5, 1.0, 16.0 / 9.0] {
+            let b = Aabb { min: Vec3::new(-3.0, 1.0, 2.0), max: Vec3::new(4.0, 9.0, 2.5) };
+            let c = Camera::framing(&b, aspect);
+            let forward = (c.target - c.eye).normalize();
+            let half = libm::tanf(0.5 * c.fov_degrees.to_radians());
+            let right = forward.cross(Vec3::Y).normalize();
+            for i in 0..8 {
+                let p = Vec3::select(glam::BVec3::new(i & 1 > 0, i & 2 > 0, i & 4 > 0), b.max, b.min) - c.eye;
+                let depth = p.dot(forward);
+                assert!(p.dot(right).abs() <= depth * half * aspect * 1.0001);
+                assert!(p.dot(right.cross(forward)).abs() <= depth * half * 1.0001);
+            }
+        }
+    }
+
+    #[test]
+    fn views_that_show_nothing_are_refused() {
+        let good = Camera { eye: Vec3::ZERO, target: Vec3::Z, up: Vec3::Y, fov_degrees: 40.0 };
+        assert!(matches!(Camera { target: Vec3::ZERO, ..good }.lens(1, 1), Err(CameraError::View(..))));
+        assert!(matches!(Camera { up: Vec3::NEG_Z, ..good }.lens(1, 1), Err(CameraError::Up(_))));
+        assert!(matches!(Camera { fov_degrees: 180.0, ..good }.lens(1, 1), Err(CameraError::Fov(_))));
+        assert!(matches!(Camera { fov_degrees: f32::NAN, ..good }.lens(1, 1), Err(CameraError::Fov(_))));
+    }
+}

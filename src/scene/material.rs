@@ -1,0 +1,184 @@
+//! Materials as files describe them. `shade` turns them into BSDFs.
+
+use super::{Channel, TextureRef};
+use glam::Vec3;
+
+/// A colour: a factor times a texture, if there is one.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Colour {
+    /// Linear Rec. 709.
+    pub factor: Vec3,
+    /// Looked up as RGB.
+    pub texture: Option<TextureRef>,
+}
+
+impl Colour {
+    /// The same colour everywhere.
+    pub fn constant(factor: Vec3) -> Self {
+        Self { factor, texture: None }
+    }
+}
+
+/// A number: a factor times one channel of a texture, if there is one.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Scalar {
+    /// The factor.
+    pub factor: f32,
+    /// The texture and the channel that counts.
+    pub texture: Option<(TextureRef, Channel)>,
+}
+
+impl Scalar {
+    /// The same number everywhere.
+    pub fn constant(factor: f32) -> Self {
+        Self { factor, texture: None }
+    }
+}
+
+/// How a surface scatters light.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Surface {
+    /// Lambertian reflection, on both sides.
+    Matte {
+        /// Albedo, 0..=1.
+        reflectance: Colour,
+    },
+    /// Perfect reflection, on both sides.
+    Mirror {
+        /// Share of light reflected, 0..=1.
+        reflectance: Colour,
+    },
+    /// A smooth boundary between the outside (index 1) and the inside of a closed body.
+    Dielectric {
+        /// Index of refraction of the inside, > 0 (1 passes everything).
+        ior: f32,
+        /// Share of the transmitted light that each crossing lets through, 0..=1.
+        transmittance: Vec3,
+    },
+    /// glTF's metallic-roughness surface.
+    Principled(Principled),
+}
+
+/// glTF 2.0 metallic-roughness (GGX) with the extensions of the design's section 4.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Principled {
+    /// Diffuse albedo of the dielectric share, reflectance at normal incidence of the metallic one.
+    pub base_colour: Colour,
+    /// Share of metal, 0..=1.
+    pub metallic: Scalar,
+    /// Perceptual roughness, 0..=1; its square is GGX's alpha.
+    pub roughness: Scalar,
+    /// Index of refraction of the dielectric share, ≥ 1.
+    pub ior: f32,
+    /// Strength of its reflection (KHR_materials_specular), 0..=1.
+    pub specular: f32,
+    /// Tint of its reflection at normal incidence, ≥ 0.
+    pub specular_colour: Vec3,
+    /// Share of the diffuse reflection replaced by transmission (KHR_materials_transmission), 0..=1.
+    pub transmission: Scalar,
+    /// Whether transmission passes straight through (a thin wall) or enters a closed body that
+    /// refracts (KHR_materials_volume with a thickness above 0).
+    pub thin: bool,
+    /// Strength of the clear coat (KHR_materials_clearcoat), 0..=1.
+    pub clearcoat: Scalar,
+    /// Its perceptual roughness, 0..=1.
+    pub clearcoat_roughness: Scalar,
+}
+
+impl Default for Principled {
+    /// glTF's defaults, but not metallic.
+    fn default() -> Self {
+        Self {
+            base_colour: Colour::constant(Vec3::ONE),
+            metallic: Scalar::constant(0.0),
+            roughness: Scalar::constant(1.0),
+            ior: 1.5,
+            specular: 1.0,
+            specular_colour: Vec3::ONE,
+            transmission: Scalar::constant(0.0),
+            thin: true,
+            clearcoat: Scalar::constant(0.0),
+            clearcoat_roughness: Scalar::constant(0.0),
+        }
+    }
+}
+
+/// Light that a surface gives off, the same in all directions.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Emission {
+    /// Radiance.
+    pub radiance: Colour,
+    /// Whether the back shines too.
+    pub two_sided: bool,
+}
+
+/// A tangent-space normal map.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct NormalMap {
+    /// Linear RGB, 0..=1 mapped to −1..=1; y points along the bitangent (up in the image).
+    pub texture: TextureRef,
+    /// Scales x and y.
+    pub scale: f32,
+}
+
+/// What alpha means.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum AlphaMode {
+    /// Nothing.
+    Opaque,
+    /// The surface is there where alpha reaches the cutoff.
+    Mask {
+        /// The least alpha that counts as there.
+        cutoff: f32,
+    },
+    /// The surface is there with probability alpha.
+    Blend,
+}
+
+/// Where a surface is not there.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Alpha {
+    /// What alpha means.
+    pub mode: AlphaMode,
+    /// Alpha, 0..=1.
+    pub value: Scalar,
+}
+
+impl Default for Alpha {
+    fn default() -> Self {
+        Self { mode: AlphaMode::Opaque, value: Scalar::constant(1.0) }
+    }
+}
+
+/// A material.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Material {
+    /// What files and reports call it.
+    pub name: String,
+    /// How it scatters.
+    pub surface: Surface,
+    /// What it gives off, if anything (`None` rather than zero).
+    pub emission: Option<Emission>,
+    /// Bends the shading normal.
+    pub normal_map: Option<NormalMap>,
+    /// Where it is not there.
+    pub alpha: Alpha,
+}
+
+impl Material {
+    /// A matte grey surface of albedo 0.8: what a triangle without a material is made of.
+    pub fn fallback() -> Self {
+        Self::matte("default", Vec3::splat(0.8))
+    }
+
+    /// A matte surface.
+    pub fn matte(name: impl Into<String>, reflectance: Vec3) -> Self {
+        Self {
+            name: name.into(),
+            surface: Surface::Matte { reflectance: Colour::constant(reflectance) },
+            emission: None,
+            normal_map: None,
+            alpha: Alpha::default(),
+        }
+    }
+}

@@ -1,0 +1,79 @@
+//! What is rendered: a flat triangle mesh with materials and textures, lights, an environment and a
+//! camera. `scene::load` reads it from files. Knows neither streams nor the BVH.
+
+mod camera;
+mod environment;
+mod light;
+mod material;
+mod mesh;
+mod texture;
+
+pub use camera::{Camera, CameraError, Lens};
+pub use environment::{Environment, EnvironmentMap};
+pub use light::{Light, LightShape};
+pub use material::{Alpha, AlphaMode, Colour, Emission, Material, NormalMap, Principled, Scalar, Surface};
+pub use mesh::{MAX_TRIANGLES, Mesh, MeshError};
+pub use texture::{Channel, ColourSpace, Texture, TextureRef, Wrap};
+
+use crate::geom::Aabb;
+
+/// A scene, ready to be built and shaded.
+///
+/// World space is right-handed; radiance is linear Rec. 709. Invariants (kept by the loaders,
+/// checked by [`Mesh::validate`]): every index is in range, coordinates are finite and at most
+/// [`crate::geom::MAX_COORDINATE`], and there is at least one material when there are triangles.
+#[derive(Clone, Debug, Default)]
+pub struct Scene {
+    /// All triangles, instances flattened, in file order.
+    pub mesh: Mesh,
+    /// Materials that [`Mesh::materials`] names.
+    pub materials: Vec<Material>,
+    /// Textures that materials name.
+    pub textures: Vec<Texture>,
+    /// Point, spot and directional lights. Emissive triangles are not listed here.
+    pub lights: Vec<Light>,
+    /// What a ray sees that leaves the scene.
+    pub environment: Environment,
+    /// The file's camera, if it has one.
+    pub camera: Option<Camera>,
+    /// What the loader could not honour, one sentence each.
+    pub warnings: Vec<String>,
+}
+
+impl Scene {
+    /// The box around all vertices that triangles use.
+    pub fn bounds(&self) -> Aabb {
+        self.mesh.bounds()
+    }
+
+    /// Whether primitive `primitive` lets light through where its material's alpha says so. Only
+    /// such triangles need [`Scene::alpha_accepts`] during traversal.
+    pub fn is_masked(&self, primitive: u32) -> bool {
+        let material = self.mesh.materials[primitive as usize];
+        self.materials[material as usize].alpha.mode != AlphaMode::Opaque
+    }
+
+    /// Whether the surface is there at barycentric (`u`, `v`) of a triangle: the alpha test, a pure
+    /// function of its arguments. `Mask` compares with the cutoff; `Blend` keeps the hit with
+    /// probability alpha, decided by a hash of the arguments, so that all rays and all units agree.
+    pub fn alpha_accepts(&self, primitive: u32, u: f32, v: f32) -> bool {
+        let material = &self.materials[self.mesh.materials[primitive as usize] as usize];
+        let alpha = || {
+            let texel = material.alpha.value.texture.map_or(1.0, |(texture, channel)| {
+                self.textures[texture.texture as usize]
+                    .channel(channel, texture.apply(self.mesh.uv_at(primitive, u, v)))
+            });
+            material.alpha.value.factor * texel
+        };
+        match material.alpha.mode {
+            AlphaMode::Opaque => true,
+            AlphaMode::Mask { cutoff } => alpha() >= cutoff,
+            AlphaMode::Blend => {
+                let bits = crate::geom::mix(
+                    primitive ^ crate::geom::mix(u.to_bits() ^ crate::geom::mix(v.to_bits())),
+                );
+                alpha() > (bits >> 8) as f32 * (1.0 / (1 << 24) as f32)
+            }
+        }
+    }
+}

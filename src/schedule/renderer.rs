@@ -1,0 +1,73 @@
+//! What the scheduler asks of a renderer (RA section 3.1): spawn camera rays, shade batches.
+
+use crate::stream::{Hit, Ray};
+use bytemuck::Pod;
+
+/// A job's own half: it creates rays and says what their hits mean. The scheduler calls it from many
+/// host threads at once, each batch exactly once, in no particular order; results that depend on
+/// order break promise 1, so accumulate in ways that commute (see `film`).
+pub trait Renderer: Send + Sync + 'static {
+    /// What travels with every ray (path state). Alignment at most 4, any size that is a multiple of 4.
+    type Payload: Pod + Send + Sync;
+    /// What travels with every shadow ray.
+    type ShadowPayload: Pod + Send + Sync;
+
+    /// Number of tiles to spawn; tile numbers run from 0 and are spawned once each, about in order.
+    fn tiles(&self) -> u64;
+
+    /// The most rays (and the most shadow rays) that [`Renderer::spawn`] emits for one tile; ≥ 1.
+    fn tile_rays(&self) -> usize;
+
+    /// The most shadow rays that [`Renderer::shade`] emits per ray of its batch.
+    fn shadow_rays_per_ray(&self) -> usize;
+
+    /// Emits the camera rays of one tile.
+    fn spawn(&self, tile: u64, out: &mut Output<'_, Self::Payload, Self::ShadowPayload>);
+
+    /// Shades a batch of at most 8192 traced rays. Emits at most one ray per ray of the batch, and at
+    /// most [`Renderer::shadow_rays_per_ray`] shadow rays per ray. (RA's hit shader; loop shaders run
+    /// inside it, RA 3.3.)
+    fn shade(
+        &self,
+        batch: Batch<'_, Self::Payload>,
+        out: &mut Output<'_, Self::Payload, Self::ShadowPayload>,
+    );
+
+    /// Receives traced shadow rays: `occluded[i]` is 1 when something lies between the ends of
+    /// `rays[i]`, else 0. Called for all shadow rays of a stream before any of its rays is shaded.
+    fn shadow(&self, rays: &[Ray], payloads: &[Self::ShadowPayload], occluded: &[u32]);
+}
+
+/// Traced rays to shade: three slices of one length.
+#[derive(Debug)]
+pub struct Batch<'a, P> {
+    /// The rays as they were emitted.
+    pub rays: &'a [Ray],
+    /// Their nearest hits.
+    pub hits: &'a [Hit],
+    /// What travelled with them.
+    pub payloads: &'a [P],
+}
+
+/// Where a renderer emits rays.
+#[derive(Debug)]
+pub struct Output<'a, P, S> {
+    pub(crate) rays: &'a mut Vec<Ray>,
+    pub(crate) payloads: &'a mut Vec<P>,
+    pub(crate) shadow_rays: &'a mut Vec<Ray>,
+    pub(crate) shadow_payloads: &'a mut Vec<S>,
+}
+
+impl<P, S> Output<'_, P, S> {
+    /// Emits a ray whose nearest hit will come back in a batch.
+    pub fn ray(&mut self, ray: Ray, payload: P) {
+        self.rays.push(ray);
+        self.payloads.push(payload);
+    }
+
+    /// Emits a ray of which only occlusion matters; it comes back in [`Renderer::shadow`].
+    pub fn shadow(&mut self, ray: Ray, payload: S) {
+        self.shadow_rays.push(ray);
+        self.shadow_payloads.push(payload);
+    }
+}

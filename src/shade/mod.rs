@@ -1,0 +1,1 @@
+//! Hits → radiance: surface interaction, BSDFs, lights.

@@ -1,0 +1,76 @@
+//! The traits of the units that trace: the host's cannot fail, a device can be lost.
+
+use super::{Hit, Ray};
+
+/// Traces rays on the calling host thread. The answer for a ray is the canonical one
+/// ([`crate::geom::CanonicalRay`]) and depends on nothing but the ray and the scene.
+pub trait Tracer: Send + Sync {
+    /// Finds the nearest hit of every ray; writes every element of `hits`.
+    ///
+    /// # Panics
+    /// If the two lengths differ.
+    fn closest(&self, rays: &[Ray], hits: &mut [Hit]);
+
+    /// Finds whether anything is hit; writes 1 (occluded) or 0 to every element of `occluded`.
+    ///
+    /// # Panics
+    /// If the two lengths differ.
+    fn occluded(&self, rays: &[Ray], occluded: &mut [u32]);
+}
+
+/// All that a device is asked in one dispatch: the rays of a stream and its shadow rays.
+#[derive(Debug)]
+pub struct Queries<'a> {
+    /// Rays whose nearest hit is wanted.
+    pub rays: &'a [Ray],
+    /// As long as `rays`; every element is written.
+    pub hits: &'a mut [Hit],
+    /// Rays of which only occlusion is wanted.
+    pub shadow_rays: &'a [Ray],
+    /// As long as `shadow_rays`; every element is written, 1 for occluded, else 0.
+    pub occluded: &'a mut [u32],
+}
+
+/// What one dispatch cost.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct DeviceReport {
+    /// Bytes copied between host and device memory, both ways.
+    pub bytes_copied: u64,
+    /// Rays whose device answer a rounding error could have changed.
+    pub flagged: u64,
+    /// Rays traced again by the canonical CPU test.
+    pub retraced: u64,
+}
+
+impl std::ops::AddAssign for DeviceReport {
+    fn add_assign(&mut self, other: Self) {
+        self.bytes_copied += other.bytes_copied;
+        self.flagged += other.flagged;
+        self.retraced += other.retraced;
+    }
+}
+
+/// Why a device did not answer. The queries are then unanswered (their outputs unspecified) and the
+/// caller traces them on the host.
+#[derive(Debug, thiserror::Error)]
+pub enum DeviceError {
+    /// The device is gone; it will not answer again.
+    #[error("the GPU was lost: {0}")]
+    Lost(String),
+}
+
+/// Traces whole ray streams on a device, blocking the calling dispatch thread meanwhile. Several
+/// dispatch threads may call at once.
+pub trait DeviceTracer: Send + Sync {
+    /// What reports call the device.
+    fn name(&self) -> &str;
+
+    /// The most rays, and the most shadow rays, that one call takes.
+    fn max_rays(&self) -> usize;
+
+    /// Answers the queries, canonically: the same bytes as [`Tracer`].
+    ///
+    /// # Errors
+    /// [`DeviceError::Lost`] when the device cannot answer now or ever again.
+    fn trace(&self, queries: Queries<'_>) -> Result<DeviceReport, DeviceError>;
+}

@@ -1,0 +1,1 @@
+//! The GPU tracer; the only place that names wgpu.
