@@ -6,6 +6,7 @@ mod environment;
 mod light;
 mod material;
 mod mesh;
+pub mod recipe;
 mod texture;
 
 pub use camera::{Camera, CameraError, Lens};
