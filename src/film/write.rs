@@ -14,21 +14,13 @@ pub enum WriteError {
         /// The file.
         path: PathBuf,
     },
-    /// The file system refused.
+    /// The file system or the encoder refused.
     #[error("{path}: cannot be written: {source}")]
     Io {
         /// The file.
         path: PathBuf,
         /// Why.
         source: std::io::Error,
-    },
-    /// The encoder refused.
-    #[error("{path}: cannot be encoded: {source}")]
-    Encode {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        source: image::ImageError,
     },
 }
 
@@ -71,7 +63,7 @@ pub fn write_image(path: &Path, image: &Image, exposure: f32) -> Result<(), Writ
     let format = Format::of(path)?;
     write_whole(path, |file| {
         let bytes: &[u8] = bytemuck::cast_slice(&image.pixels);
-        match format {
+        let encoded = match format {
             Format::Png => image::codecs::png::PngEncoder::new(file).write_image(
                 &to_srgb(image, exposure),
                 image.width,
@@ -92,8 +84,12 @@ pub fn write_image(path: &Path, image: &Image, exposure: f32) -> Result<(), Writ
                 image.height,
                 ExtendedColorType::Rgb32F,
             ),
-            Format::Npy => write_npy(file, image).map_err(image::ImageError::IoError),
-        }
+            Format::Npy => return write_npy(file, image),
+        };
+        encoded.map_err(|e| match e {
+            image::ImageError::IoError(e) => e,
+            e => std::io::Error::other(e),
+        })
     })
 }
 
@@ -103,7 +99,7 @@ pub fn write_image(path: &Path, image: &Image, exposure: f32) -> Result<(), Writ
 /// When the file system or `encode` refuses; then no file is left or changed.
 pub fn write_whole(
     path: &Path,
-    encode: impl FnOnce(&mut BufWriter<tempfile::NamedTempFile>) -> Result<(), image::ImageError>,
+    encode: impl FnOnce(&mut BufWriter<tempfile::NamedTempFile>) -> std::io::Result<()>,
 ) -> Result<(), WriteError> {
     let io = |source| WriteError::Io { path: path.into(), source };
     let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
@@ -113,10 +109,7 @@ pub fn write_whole(
         .tempfile_in(folder)
         .map_err(io)?;
     let mut file = BufWriter::new(temporary);
-    encode(&mut file).map_err(|source| match source {
-        image::ImageError::IoError(source) => io(source),
-        source => WriteError::Encode { path: path.into(), source },
-    })?;
+    encode(&mut file).map_err(io)?;
     let temporary = file.into_inner().map_err(|e| io(e.into_error()))?;
     temporary.persist(path).map_err(|e| io(e.error))?;
     Ok(())
@@ -213,8 +206,8 @@ mod tests {
         let path = folder.path().join("a.png");
         std::fs::write(&path, "old").expect("file");
         let failure = write_whole(&path, |file| {
-            file.write_all(b"half").map_err(image::ImageError::IoError)?;
-            Err(image::ImageError::IoError(std::io::Error::other("disk full")))
+            file.write_all(b"half")?;
+            Err(std::io::Error::other("disk full"))
         });
         assert!(failure.expect_err("must fail").to_string().contains("disk full"));
         assert_eq!(std::fs::read(&path).expect("file"), b"old");
