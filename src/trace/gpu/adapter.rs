@@ -123,7 +123,8 @@ pub(super) fn enumerate() -> Vec<wgpu::Adapter> {
 pub(super) fn choose(found: &[AdapterInfo], choice: &AdapterChoice) -> Result<usize, GpuError> {
     let list = || found.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
     if found.is_empty() {
-        return Err(GpuError::NoAdapter { backends: backends().to_string() });
+        let names: Vec<_> = backends().iter_names().map(|(name, _)| name).collect();
+        return Err(GpuError::NoAdapter { backends: names.join(", ") });
     }
     let wanted = choice.name.as_deref().map(str::to_lowercase);
     let fits = |info: &AdapterInfo| match &wanted {

@@ -31,14 +31,6 @@ pub enum GpuError {
         /// What the driver said.
         reason: String,
     },
-    /// The adapter's arithmetic is not what the kernels' error bounds assume.
-    #[error("the GPU {adapter} cannot be used: {reason}; trace on the CPU")]
-    Arithmetic {
-        /// The adapter's name.
-        adapter: String,
-        /// What it computed.
-        reason: String,
-    },
     /// A buffer of the scene exceeds what the adapter can bind.
     #[error("the scene's {what} need {required} bytes on the GPU, but {adapter} binds at most {available}")]
     TooLarge {
@@ -51,13 +43,15 @@ pub enum GpuError {
         /// The adapter's name.
         adapter: String,
     },
-    /// The tree is deeper than the kernels' stack.
-    #[error("the BVH needs a traversal stack of {required} entries, but the GPU kernels have {available}")]
-    TooDeep {
-        /// Entries needed.
-        required: usize,
-        /// Entries there are.
-        available: usize,
+    /// The device has no room for the scene.
+    #[error("the scene needs {required} bytes on the GPU {adapter}, which does not give them: {reason}")]
+    OutOfMemory {
+        /// Bytes needed.
+        required: u64,
+        /// The adapter's name.
+        adapter: String,
+        /// What the driver said.
+        reason: String,
     },
     /// A kernel was refused.
     #[error("the GPU {adapter} refuses a kernel: {reason}")]

@@ -1,13 +1,12 @@
-//! A BVH2 as the kernels read it.
+//! The binary tree as the kernels read it.
 
-use super::layout::{LAST, LEAF, MASKED, Node, Triangle};
-use crate::geom::MAX_COORDINATE;
+use super::layout::{LAST, LEAF, LEAF_TRIANGLES, MASKED, Node, Triangle};
+use crate::bvh::Bvh;
+use crate::geom::{Aabb, MAX_COORDINATE};
 use glam::Vec3;
-use obvhs::bvh2::Bvh2;
-use obvhs::bvh2::node::Bvh2Node;
 
 /// Nodes in depth-first order, the root first; triangles in leaf order.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(super) struct Flat {
     pub nodes: Vec<Node>,
     pub triangles: Vec<Triangle>,
@@ -15,104 +14,109 @@ pub(super) struct Flat {
     pub stack: usize,
 }
 
-/// How many nodes and triangles [`flatten`] makes.
-pub(super) fn counts(bvh2: &Bvh2) -> (usize, usize) {
-    let inner = bvh2.nodes.iter().filter(|node| !node.is_leaf()).count();
-    let triangles = bvh2.nodes.iter().map(|node| node.prim_count as usize).sum();
-    (inner.max(1), triangles)
+/// A child as its parent refers to it.
+type Child = (u32, Aabb);
+
+/// A child that is not there: its box is inside out (with finite numbers, which kernels may rely on).
+const ABSENT: Child =
+    (0, Aabb { min: Vec3::splat(MAX_COORDINATE), max: Vec3::splat(-MAX_COORDINATE) });
+
+/// An inner node still to be laid out.
+struct Open {
+    /// Its index in the binary tree.
+    index: usize,
+    /// Its parent's place, and whether it is the right child.
+    parent: Option<(usize, bool)>,
+    /// Inner nodes above it: each may leave one child on the stack.
+    above: usize,
 }
 
-/// The reference and box of a child that is not there: nothing is inside.
-const ABSENT: (u32, [f32; 3], [f32; 3]) = (0, [MAX_COORDINATE; 3], [-MAX_COORDINATE; 3]);
+/// Number of inner nodes that [`flatten`] makes; it makes a triangle of each of the tree's.
+pub(super) fn node_count(bvh: &Bvh) -> usize {
+    bvh.binary().nodes().iter().filter(|node| node.count as usize > LEAF_TRIANGLES).count().max(1)
+}
 
-/// Lays the tree out. `corners` gives a primitive's vertices, `masked` whether alpha decides.
-///
-/// # Panics
-/// If the tree is not one: a child out of range, or reached twice.
-pub(super) fn flatten(
-    bvh2: &Bvh2,
-    corners: impl Fn(u32) -> [Vec3; 3],
-    masked: impl Fn(u32) -> bool,
-) -> Flat {
-    let (inner, leaves) = counts(bvh2);
-    let mut flat =
-        Flat { nodes: Vec::with_capacity(inner), triangles: Vec::with_capacity(leaves), stack: 0 };
-    let mut leaf = |node: &Bvh2Node, triangles: &mut Vec<Triangle>| -> u32 {
-        let first = triangles.len() as u32;
-        assert!(first < LEAF, "more triangles than references");
-        let range = node.first_index as usize..(node.first_index + node.prim_count) as usize;
-        triangles.extend(bvh2.primitive_indices[range].iter().map(|&primitive| {
-            let flags = if masked(primitive) { MASKED } else { 0 };
-            record(primitive, corners(primitive), flags)
-        }));
-        if let Some(last) = triangles.last_mut() {
-            last.flags |= LAST;
+/// Lays the tree out. Subtrees of at most [`LEAF_TRIANGLES`] become leaves.
+pub(super) fn flatten(bvh: &Bvh) -> Flat {
+    let mut flat = Flat {
+        nodes: Vec::with_capacity(node_count(bvh)),
+        triangles: Vec::with_capacity(bvh.len()),
+        stack: 0,
+    };
+    let nodes = bvh.binary().nodes();
+    match nodes.first() {
+        Some(root) if root.count as usize > LEAF_TRIANGLES => {}
+        Some(_) => {
+            let root = flat.child(bvh, 0);
+            flat.nodes.push(join(root, ABSENT));
+            return flat;
         }
-        LEAF | first
-    };
-    let bounds = |node: &Bvh2Node| -> ([f32; 3], [f32; 3]) { (node.aabb().min.into(), node.aabb().max.into()) };
-
-    let Some(root) = bvh2.nodes.first() else {
-        flat.nodes.push(join(ABSENT, ABSENT));
-        return flat;
-    };
-    if root.is_leaf() {
-        let (min, max) = bounds(root);
-        let reference = leaf(root, &mut flat.triangles);
-        flat.nodes.push(join((reference, min, max), ABSENT));
-        return flat;
+        None => {
+            flat.nodes.push(join(ABSENT, ABSENT));
+            return flat;
+        }
     }
-
-    // Inner nodes still to be laid out: which, where its parent refers to it, and how many stack
-    // entries a traversal may hold when it arrives there.
-    let mut open = vec![(0_u32, None::<(usize, bool)>, 0_usize)];
-    while let Some((index, parent, entries)) = open.pop() {
+    let mut open = vec![Open { index: 0, parent: None, above: 0 }];
+    while let Some(Open { index, parent, above }) = open.pop() {
         let place = flat.nodes.len();
-        assert!(place < inner, "a node is reached twice");
         match parent {
             Some((parent, true)) => flat.nodes[parent].right = place as u32,
             Some((parent, false)) => flat.nodes[parent].left = place as u32,
             None => {}
         }
-        // Whichever child is farther waits on the stack while the other is visited.
-        flat.stack = flat.stack.max(entries + 1);
-        let first = bvh2.nodes[index as usize].first_index;
-        let mut child = |index: u32| {
-            let node = &bvh2.nodes[index as usize];
-            let (min, max) = bounds(node);
-            (if node.is_leaf() { leaf(node, &mut flat.triangles) } else { 0 }, min, max)
-        };
-        let (left, right) = (child(first), child(first + 1));
-        flat.nodes.push(join(left, right));
-        for (index, is_right) in [(first + 1, true), (first, false)] {
-            if !bvh2.nodes[index as usize].is_leaf() {
-                open.push((index, Some((place, is_right)), entries + 1));
+        flat.stack = flat.stack.max(above + 1);
+        let [left, right] = bvh.binary().children(index);
+        let node = join(flat.child(bvh, left), flat.child(bvh, right));
+        flat.nodes.push(node);
+        for (index, is_right) in [(right, true), (left, false)] {
+            if nodes[index].count as usize > LEAF_TRIANGLES {
+                open.push(Open { index, parent: Some((place, is_right)), above: above + 1 });
             }
         }
     }
     flat
 }
 
-fn join(left: (u32, [f32; 3], [f32; 3]), right: (u32, [f32; 3], [f32; 3])) -> Node {
+impl Flat {
+    /// How a parent refers to a node of the binary tree; lays out its triangles if it is a leaf here.
+    fn child(&mut self, bvh: &Bvh, index: usize) -> Child {
+        let nodes = bvh.binary().nodes();
+        let node = &nodes[index];
+        let count = node.count as usize;
+        if count > LEAF_TRIANGLES {
+            return (0, node.bounds());
+        }
+        let first = self.triangles.len() as u32;
+        let below = nodes[index..index + 2 * count - 1].iter().filter(|node| node.is_leaf());
+        self.triangles.extend(below.map(|leaf| record(bvh, leaf.index)));
+        if let Some(last) = self.triangles.last_mut() {
+            last.flags |= LAST;
+        }
+        (LEAF | first, node.bounds())
+    }
+}
+
+fn join(left: Child, right: Child) -> Node {
     Node {
-        left_min: left.1,
+        left_min: left.1.min.into(),
         left: left.0,
-        left_max: left.2,
+        left_max: left.1.max.into(),
         spare_0: 0,
-        right_min: right.1,
+        right_min: right.1.min.into(),
         right: right.0,
-        right_max: right.2,
+        right_max: right.1.max.into(),
         spare_1: 0,
     }
 }
 
-fn record(primitive: u32, [v0, v1, v2]: [Vec3; 3], flags: u32) -> Triangle {
+fn record(bvh: &Bvh, primitive: u32) -> Triangle {
+    let [v0, v1, v2] = bvh.corners(primitive);
     let longest = (v1 - v0).abs().max((v2 - v1).abs()).max((v0 - v2).abs()).max_element();
     Triangle {
         v0: v0.into(),
         primitive,
         v1: v1.into(),
-        flags,
+        flags: if bvh.is_masked(primitive) { MASKED } else { 0 },
         v2: v2.into(),
         // Rounded up past the subtraction's own error.
         extent: longest * (1.0 + 4.0 * f32::EPSILON),
@@ -122,25 +126,16 @@ fn record(primitive: u32, [v0, v1, v2]: [Vec3; 3], flags: u32) -> Triangle {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use obvhs::BvhBuildParams;
-    use obvhs::bvh2::builder::build_bvh2_from_tris;
-    use std::time::Duration;
 
-    fn soup(count: u32) -> Vec<[Vec3; 3]> {
-        (0..count)
-            .map(|i| {
+    fn build(count: u32) -> Bvh {
+        let positions: Vec<Vec3> = (0..count)
+            .flat_map(|i| {
                 let p = Vec3::new((i * 7 % 31) as f32, (i * 13 % 17) as f32, (i * 5 % 23) as f32);
                 [p, p + Vec3::X, p + Vec3::Y * 2.0]
             })
-            .collect()
-    }
-
-    fn build(corners: &[[Vec3; 3]]) -> Bvh2 {
-        let triangles: Vec<_> = corners
-            .iter()
-            .map(|&[a, b, c]| obvhs::triangle::Triangle { v0: a.into(), v1: b.into(), v2: c.into() })
             .collect();
-        build_bvh2_from_tris(&triangles, BvhBuildParams::medium_build(), &mut Duration::default())
+        let triangles: Vec<_> = (0..count).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
+        Bvh::build(&positions, &triangles, |p| p % 3 == 0)
     }
 
     /// Walks the layout as the kernels do, all boxes hit, the left or the right child first; returns
@@ -182,10 +177,9 @@ mod tests {
     #[test]
     fn every_triangle_is_reached_once_and_the_stack_suffices() {
         for count in [0, 1, 2, 3, 50, 1000] {
-            let corners = soup(count);
-            let bvh2 = build(&corners);
-            let flat = flatten(&bvh2, |p| corners[p as usize], |p| p % 3 == 0);
-            assert_eq!((flat.nodes.len(), flat.triangles.len()), counts(&bvh2));
+            let bvh = build(count);
+            let flat = flatten(&bvh);
+            assert_eq!((flat.nodes.len(), flat.triangles.len()), (node_count(&bvh), bvh.len()));
             for right_first in [false, true] {
                 let (mut met, highest) = walk(&flat, right_first);
                 met.sort_unstable();
@@ -194,19 +188,30 @@ mod tests {
             }
             for t in &flat.triangles {
                 assert_eq!(t.flags & MASKED != 0, t.primitive % 3 == 0);
-                assert_eq!([t.v0, t.v1, t.v2], corners[t.primitive as usize].map(Vec3::to_array));
+                assert_eq!([t.v0, t.v1, t.v2].map(Vec3::from), bvh.corners(t.primitive));
                 assert!(t.extent > 2.0 && t.extent < 2.001);
             }
         }
     }
 
     #[test]
-    #[should_panic(expected = "reached twice")]
-    fn a_graph_that_is_no_tree_is_refused() {
-        let corners = soup(50);
-        let mut bvh2 = build(&corners);
-        let inner = bvh2.nodes.iter().rposition(|n| !n.is_leaf()).expect("an inner node");
-        bvh2.nodes[inner].first_index = bvh2.nodes[0].first_index;
-        flatten(&bvh2, |p| corners[p as usize], |_| false);
+    fn boxes_hold_the_triangles_below() {
+        let flat = flatten(&build(300));
+        let mut stack = vec![(0, Aabb { min: Vec3::NEG_INFINITY, max: Vec3::INFINITY })];
+        while let Some((reference, bounds)) = stack.pop() {
+            if reference & LEAF != 0 {
+                let t = &flat.triangles[(reference & !LEAF) as usize];
+                assert!(bounds.contains(&Aabb::around([t.v0, t.v1, t.v2].map(Vec3::from))));
+                continue;
+            }
+            let node = flat.nodes[reference as usize];
+            for (child, min, max) in
+                [(node.left, node.left_min, node.left_max), (node.right, node.right_min, node.right_max)]
+            {
+                let inner = Aabb { min: min.into(), max: max.into() };
+                assert!(bounds.contains(&inner));
+                stack.push((child, inner));
+            }
+        }
     }
 }

@@ -49,6 +49,9 @@ pub(super) const LAST: u32 = 2;
 /// A kernel's answer where rounding or alpha could change it.
 pub(super) const UNDECIDED: u32 = u32::MAX - 1;
 
+/// The most triangles of a leaf.
+pub(super) const LEAF_TRIANGLES: usize = 2;
+
 /// Threads of a workgroup.
 pub(super) const WORKGROUP_SIZE: u32 = 64;
 

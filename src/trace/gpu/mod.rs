@@ -25,6 +25,5 @@ mod wall;
 
 pub use adapter::{AdapterChoice, AdapterInfo, AdapterKind, adapters};
 pub use error::GpuError;
-pub use scene::Geometry;
 pub use tracer::GpuTracer;
 pub use wall::Gpu;
