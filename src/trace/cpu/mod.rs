@@ -1,1 +1,10 @@
-//! The CPU tracer.
+//! The CPU tracer: dynamic ray streams over the eight-wide tree, and the scalar reference that every
+//! other tracer must equal bit for bit.
+
+mod level;
+mod oracle;
+mod tracer;
+
+pub use level::{SimdError, SimdLevel};
+pub use oracle::Oracle;
+pub use tracer::CpuTracer;
