@@ -1,1 +1,5 @@
-fn main() {}
+//! The command line of raystream.
+
+fn main() -> std::process::ExitCode {
+    raystream::cli::run()
+}

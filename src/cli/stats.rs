@@ -1,6 +1,7 @@
 //! The JSON that `--stats` writes. The schema is stable: fields are added, never changed; `schema` counts
 //! incompatible versions.
 
+use crate::schedule::{self, JobReport, ThreadKind, ThreadReport};
 use anyhow::{Context, Result};
 use serde::Serialize;
 use std::path::Path;
@@ -158,6 +159,43 @@ pub struct TraceStats {
     pub simd: String,
     /// What went wrong on the way, one sentence each.
     pub events: Vec<String>,
+}
+
+impl From<schedule::RayCounts> for RayCounts {
+    fn from(rays: schedule::RayCounts) -> Self {
+        Self { camera: rays.camera, continuation: rays.continuation, shadow: rays.shadow }
+    }
+}
+
+impl Units {
+    /// The units of one job.
+    pub fn of(report: &JobReport) -> Self {
+        let mut units = Self::default();
+        units.add(report);
+        units
+    }
+
+    /// Adds the units of one more job.
+    pub fn add(&mut self, report: &JobReport) {
+        self.cpu.rays += report.cpu.rays;
+        self.cpu.busy_s += report.cpu.busy_s;
+        self.gpu.rays += report.gpu.rays;
+        self.gpu.busy_s += report.gpu.busy_s;
+        self.gpu.bytes_copied += report.gpu.bytes_copied;
+        self.gpu.flagged += report.gpu.flagged;
+        self.gpu.retraced += report.gpu.retraced;
+    }
+}
+
+impl ThreadStats {
+    /// Of one thread.
+    pub fn of(thread: &ThreadReport) -> Self {
+        let kind = match thread.kind {
+            ThreadKind::Host => "host",
+            ThreadKind::Dispatch => "dispatch",
+        };
+        Self { kind, busy_s: thread.busy_s, idle_s: thread.idle_s }
+    }
 }
 
 /// Repeated measurements of a rate.
