@@ -1,0 +1,225 @@
+//! The service: threads made once, jobs taken from any thread.
+
+use super::handle::{JobHandle, Letterbox};
+use super::job::TypedJob;
+use super::limits::Demand;
+use super::state::{Aftermath, Next, State, Submission};
+use super::task::{Desk, Work, Workplace};
+use super::{JobOptions, Limits, LimitsError, Policy, Renderer, ServiceOptions, Tracers, Unit};
+use crate::stream::{Scratch, drop_quietly};
+use std::sync::atomic::AtomicBool;
+use std::sync::{Arc, Condvar, Mutex, MutexGuard};
+use std::thread::JoinHandle;
+use std::time::Instant;
+
+/// Why a service could not be made.
+#[derive(Debug, thiserror::Error)]
+pub enum ServiceError {
+    /// A number that must not be zero is.
+    #[error("a service needs at least one {0}")]
+    None(&'static str),
+    /// The system gave no thread.
+    #[error("cannot start thread {index} of {threads}: {source}; ask for fewer threads")]
+    Thread {
+        /// Which thread.
+        index: usize,
+        /// How many were asked for.
+        threads: usize,
+        /// What the system said.
+        source: std::io::Error,
+    },
+}
+
+/// Runs jobs: frames of any integrator, batches of ray queries. Host and dispatch threads are made
+/// once and shared by all jobs; may itself be shared between threads. Dropping it cancels all jobs
+/// and waits for its threads.
+pub struct Service {
+    inner: Arc<Inner>,
+    threads: Vec<JoinHandle<()>>,
+}
+
+/// What threads and handles share.
+pub(super) struct Inner {
+    state: Mutex<State>,
+    /// One for each thread, to be woken singly.
+    bells: Vec<Condvar>,
+    hosts: usize,
+    epoch: Instant,
+}
+
+impl Service {
+    /// Starts the threads.
+    ///
+    /// # Errors
+    /// [`ServiceError`] when a number is zero or the system gives no more threads.
+    pub fn new(options: ServiceOptions) -> Result<Self, ServiceError> {
+        let ServiceOptions { host_threads, dispatch_threads, max_jobs, sharing } = options;
+        if host_threads == 0 {
+            return Err(ServiceError::None("host thread"));
+        }
+        if max_jobs == 0 {
+            return Err(ServiceError::None("job at a time"));
+        }
+        let threads = host_threads + dispatch_threads;
+        let inner = Arc::new(Inner {
+            state: Mutex::new(State::new(host_threads, dispatch_threads, max_jobs, sharing)),
+            bells: (0..threads).map(|_| Condvar::new()).collect(),
+            hosts: host_threads,
+            epoch: Instant::now(),
+        });
+        let mut service = Self { inner, threads: Vec::with_capacity(threads) };
+        for index in 0..threads {
+            let inner = Arc::clone(&service.inner);
+            let name = match index.checked_sub(host_threads) {
+                None => format!("host {index}"),
+                Some(index) => format!("dispatch {index}"),
+            };
+            let thread = std::thread::Builder::new().name(name).spawn(move || inner.serve(index));
+            // An error drops the service, which sends those home that have started.
+            service.threads.push(thread.map_err(|source| ServiceError::Thread { index, threads, source })?);
+        }
+        Ok(service)
+    }
+
+    /// Threads that spawn, shade and trace.
+    pub fn host_threads(&self) -> usize {
+        self.inner.hosts
+    }
+
+    /// Takes a job in. It begins at once or when its turn comes; `renderer` is called from the
+    /// service's threads until the job has ended.
+    ///
+    /// # Errors
+    /// [`LimitsError`] when sizes do not fit each other.
+    pub fn submit<R: Renderer>(
+        &self,
+        renderer: Arc<R>,
+        tracers: Tracers,
+        options: JobOptions,
+    ) -> Result<JobHandle, LimitsError> {
+        let dispatchers = self.inner.bells.len() - self.inner.hosts;
+        let letterbox = Arc::new(Letterbox::default());
+        let receiver = Arc::clone(&letterbox);
+        let submission = prepare(renderer, tracers, &options, self.inner.hosts, dispatchers, receiver)?;
+        let id = self.inner.change(|state, now_ns| state.submit(submission, now_ns));
+        Ok(JobHandle::new(id, Arc::clone(&self.inner), letterbox))
+    }
+}
+
+/// Makes a job of a renderer.
+pub(super) fn prepare<R: Renderer>(
+    renderer: Arc<R>,
+    tracers: Tracers,
+    options: &JobOptions,
+    hosts: usize,
+    dispatchers: usize,
+    receiver: Arc<dyn super::state::Receiver>,
+) -> Result<Submission, LimitsError> {
+    let (unit, event) = match (tracers.unit, &tracers.device) {
+        (Unit::Cpu, _) => (Unit::Cpu, None),
+        (_, None) => (Unit::Cpu, Some("there is no GPU; host threads trace alone".to_owned())),
+        (_, Some(device)) if dispatchers == 0 => {
+            let name = device.name();
+            (Unit::Cpu, Some(format!("{name} is not used: the service has no dispatch threads")))
+        }
+        (unit, Some(_)) => (unit, None),
+    };
+    let tiles = renderer.tiles();
+    let demand = Demand {
+        tiles,
+        tile_rays: renderer.tile_rays(),
+        shadow_rays_per_ray: renderer.shadow_rays_per_ray(),
+        host_threads: hosts,
+        dispatch_threads: if unit == Unit::Cpu { 0 } else { dispatchers },
+    };
+    let place = Arc::new(Workplace {
+        limits: Limits::derive(options, demand)?,
+        renderer,
+        tracers,
+        desks: (0..hosts + dispatchers).map(|_| Mutex::new(Desk::Clear)).collect(),
+        abandoned: AtomicBool::new(false),
+    });
+    let policy = options.policy.unwrap_or_else(|| Policy::of(unit));
+    let work: Arc<dyn Work> = Arc::clone(&place) as Arc<dyn Work>;
+    let events = event.into_iter().collect();
+    let job = TypedJob::new(place, policy, unit, hosts, tiles, options.timeline, events);
+    Ok(Submission { job: Box::new(job), work, receiver })
+}
+
+impl Drop for Service {
+    fn drop(&mut self) {
+        self.inner.change(|state, now_ns| state.close(now_ns));
+        let this = std::thread::current().id();
+        for thread in self.threads.drain(..) {
+            // A renderer may hold the last reference to the service: then one of its own threads is
+            // here, which cannot wait for itself.
+            if thread.thread().id() != this
+                && let Err(payload) = thread.join()
+            {
+                drop_quietly(payload);
+            }
+        }
+    }
+}
+
+impl Inner {
+    fn now_ns(&self) -> u64 {
+        self.epoch.elapsed().as_nanos() as u64
+    }
+
+    fn lock(&self) -> MutexGuard<'_, State> {
+        self.state.lock().expect("no panic under the scheduler's lock")
+    }
+
+    /// Changes the state and does what follows from it.
+    pub fn change<T>(&self, change: impl FnOnce(&mut State, u64) -> T) -> T {
+        let mut state = self.lock();
+        let value = change(&mut state, self.now_ns());
+        let aftermath = state.take_aftermath();
+        drop(state);
+        self.conclude(aftermath);
+        value
+    }
+
+    /// Wakes threads, and delivers results once their jobs' own code has been let go of. Not under
+    /// the lock: that code may use the service.
+    fn conclude(&self, aftermath: Aftermath) {
+        let Aftermath { wake, wake_all, ended } = aftermath;
+        if wake_all {
+            self.bells.iter().for_each(Condvar::notify_one);
+        } else {
+            wake.into_iter().flatten().for_each(|thread| self.bells[thread].notify_one());
+        }
+        for ended in ended {
+            let Submission { job, work, receiver } = ended.submission;
+            drop_quietly(job);
+            drop_quietly(work);
+            receiver.receive(ended.last, ended.outcome);
+        }
+    }
+
+    /// A thread's life.
+    fn serve(&self, thread: usize) {
+        let mut scratch = Scratch::default();
+        let mut state = self.lock();
+        loop {
+            let next = state.next(thread, self.now_ns());
+            let aftermath = state.take_aftermath();
+            drop(state);
+            self.conclude(aftermath);
+            match next {
+                Next::Work(work) => {
+                    work.work(thread, &mut scratch);
+                    drop(work);
+                    state = self.lock();
+                    state.finish(thread, self.now_ns());
+                }
+                Next::Sleep => {
+                    let waited = self.bells[thread].wait_while(self.lock(), |state| state.is_asleep(thread));
+                    state = waited.expect("no panic under the scheduler's lock");
+                }
+                Next::Exit => return,
+            }
+        }
+    }
+}
