@@ -4,6 +4,7 @@
 mod camera;
 mod environment;
 mod light;
+pub mod load;
 mod material;
 mod mesh;
 pub mod recipe;
