@@ -130,7 +130,11 @@ impl<State, P, S> RayStream<State, P, S> {
         RayStream { body, payloads, shadow_payloads, state }
     }
 
-    fn cleared(mut self) -> RayStream<Empty, P, S> {
+    /// Empties the stream whatever is in it, when its job has been given up; its storage is kept.
+    ///
+    /// # Panics
+    /// If a chunk of it is still with a thread.
+    pub fn discard(mut self) -> RayStream<Empty, P, S> {
         self.payloads.clear();
         self.shadow_payloads.clear();
         let body = self.body();
@@ -362,6 +366,6 @@ impl<P, S> RayStream<Traced, P, S> {
     /// If anything in it has not been taken.
     pub fn recycle(self) -> RayStream<Empty, P, S> {
         assert!(self.rays_left() == 0 && self.shadow_rays_left() == 0, "rays may not be lost");
-        self.cleared()
+        self.discard()
     }
 }
