@@ -105,10 +105,10 @@ impl<P, S> Lists<P, S> {
 
     /// Takes back a stream from shading: to SHADE, or to EMPTY when it is done.
     pub fn put_back_shaded(&mut self, stream: RayStream<Traced, P, S>) {
-        match (stream.is_begun(), stream.rays_left()) {
-            (false, _) => self.shade.push(stream),
-            (true, 0) => self.empty.push(stream.recycle()),
-            (true, _) => self.begun.push(stream),
+        if stream.rays_left() == 0 {
+            self.empty.push(stream.recycle());
+        } else {
+            self.begun.push(stream);
         }
     }
 

@@ -34,6 +34,39 @@ pub enum ServiceError {
 /// Runs jobs: frames of any integrator, batches of ray queries. Host and dispatch threads are made
 /// once and shared by all jobs; may itself be shared between threads. Dropping it cancels all jobs
 /// and waits for its threads.
+///
+/// ```
+/// use raystream::schedule::{JobOptions, Service, ServiceOptions, Tracers};
+/// use raystream::stream::{Hit, Ray, Tracer};
+/// use std::sync::Arc;
+///
+/// /// The plane y = 0, seen from above.
+/// struct Floor;
+///
+/// impl Tracer for Floor {
+///     fn closest(&self, rays: &[Ray], hits: &mut [Hit]) {
+///         for (ray, hit) in rays.iter().zip(hits) {
+///             let t = -ray.origin[1] / ray.direction[1];
+///             *hit = if t >= 0.0 { Hit { t, u: 0.0, v: 0.0, primitive: 0 } } else { Hit::NONE };
+///         }
+///     }
+///
+///     fn occluded(&self, rays: &[Ray], occluded: &mut [u32]) {
+///         for (ray, occluded) in rays.iter().zip(occluded) {
+///             *occluded = u32::from(ray.direction[1] < 0.0);
+///         }
+///     }
+/// }
+///
+/// let service = Service::new(ServiceOptions { host_threads: 2, ..ServiceOptions::default() })?;
+/// let down = Ray { origin: [0.0, 3.0, 0.0], direction: [0.0, -1.0, 0.0], ..Ray::default() };
+/// let up = Ray { direction: [0.0, 1.0, 0.0], ..down };
+/// let tracers = Tracers::cpu(Arc::new(Floor));
+/// let query = service.closest(tracers, Arc::new([down, up]), JobOptions::default())?;
+/// let (hits, report) = query.wait()?;
+/// assert_eq!((hits[0].t, hits[1].is_miss(), report.rays.camera), (3.0, true, 2));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub struct Service {
     inner: Arc<Inner>,
     threads: Vec<JoinHandle<()>>,

@@ -323,11 +323,6 @@ impl<P, S> RayStream<Traced, P, S> {
         if self.state.shadows_taken { 0 } else { self.shadow_rays() }
     }
 
-    /// Whether any of the stream has been taken for shading.
-    pub fn is_begun(&self) -> bool {
-        self.state.shadows_taken
-    }
-
     /// Takes the shadow rays: all of them the first time, then none.
     pub fn take_shadows(&mut self) -> TracedShadows<'_, S> {
         let len = self.shadow_rays_left();
