@@ -1,10 +1,11 @@
 //! One job under the scheduler's lock: its lists and its account, without its types.
 
 use super::lists::Lists;
+use super::pool::Pool;
 use super::report::{JobReport, Progress, TaskKind, TaskRecord, ThreadReport};
 use super::task::{Desk, Done, Task, Workplace};
-use super::{JobError, Limits, Policy, Renderer, Rule, Unit, UnitReport, View, policy};
-use crate::stream::{RayStream, Untraced, paths};
+use super::{JobError, JobOptions, Limits, Policy, Renderer, Rule, Unit, UnitReport, View, policy};
+use crate::stream::{Empty, RayStream, Untraced, paths};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
@@ -31,6 +32,8 @@ pub(super) trait Job: Send {
     /// The result of a job that is over, without what the threads know: their idle time, the wall
     /// clock, the tail.
     fn outcome(&mut self, begin_ns: u64) -> Result<JobReport, JobError>;
+    /// Gives the streams of a job that is over to the pool. Not under the lock.
+    fn retire(self: Box<Self>, pool: &Pool);
     #[cfg(test)]
     fn check(&self);
 }
@@ -51,8 +54,6 @@ pub(super) struct TypedJob<R: Renderer> {
     lists: Lists<R::Payload, R::ShadowPayload>,
     policy: Policy,
     unit: Unit,
-    /// Host threads of the service.
-    hosts: usize,
     next_tile: u64,
     /// Where spawning ends: at all tiles, earlier when stopped.
     last_tile: u64,
@@ -74,20 +75,18 @@ pub(super) struct TypedJob<R: Renderer> {
 impl<R: Renderer> TypedJob<R> {
     pub fn new(
         place: Arc<Workplace<R>>,
-        policy: Policy,
+        streams: Vec<RayStream<Empty, R::Payload, R::ShadowPayload>>,
+        options: &JobOptions,
         unit: Unit,
-        hosts: usize,
         tiles: u64,
-        keep_timeline: bool,
         events: Vec<String>,
     ) -> Self {
         let limits = place.limits;
         let threads = place.desks.len();
         Self {
-            lists: Lists::new(limits),
-            policy,
+            lists: Lists::new(limits, streams),
+            policy: options.policy.unwrap_or_else(|| Policy::of(unit)),
             unit,
-            hosts,
             next_tile: 0,
             last_tile: tiles,
             spawning: 0,
@@ -116,7 +115,7 @@ impl<R: Renderer> TypedJob<R> {
                 events,
                 timeline: Vec::new(),
             },
-            keep_timeline,
+            keep_timeline: options.timeline,
             place,
         }
     }
@@ -159,7 +158,7 @@ impl<R: Renderer> TypedJob<R> {
                 let waiting = (self.last_tile - self.next_tile)
                     .saturating_mul(self.limits().tile_rays as u64)
                     .saturating_add(self.lists.rays_to_trace() as u64);
-                let most = policy::chunk_rays(waiting, self.hosts, self.has_device(), self.limits());
+                let most = policy::chunk_rays(waiting, self.place.hosts, self.has_device(), self.limits());
                 let chunk = self.lists.next_chunk(most);
                 let rays = chunk.len() as u64;
                 (Task::Trace(chunk), Hold { kind: TaskKind::Trace, paths: 0, rays })
@@ -218,7 +217,7 @@ impl<R: Renderer> TypedJob<R> {
                 self.lists.put_back_untraced(stream);
                 if self.has_device() {
                     self.unit = Unit::Cpu;
-                    let device = self.place.tracers.device.as_ref().map_or("the GPU", |device| device.name());
+                    let device = &self.place.device_name;
                     self.report.events.push(format!(
                         "{device} failed ({reason}); the job goes on without it, with the same result"
                     ));
@@ -330,12 +329,16 @@ impl<R: Renderer> Job for TypedJob<R> {
             .iter()
             .enumerate()
             .map(|(thread, &ns)| ThreadReport {
-                kind: super::state::kind(thread, self.hosts),
+                kind: super::state::kind(thread, self.place.hosts),
                 busy_s: ns as f64 * 1e-9,
                 idle_s: 0.0,
             })
             .collect();
         Ok(report)
+    }
+
+    fn retire(self: Box<Self>, pool: &Pool) {
+        pool.give(self.lists.into_empty());
     }
 
     #[cfg(test)]

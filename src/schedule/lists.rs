@@ -25,17 +25,21 @@ pub(super) struct Lists<P, S> {
 }
 
 impl<P, S> Lists<P, S> {
-    pub fn new(limits: Limits) -> Self {
+    /// Begins with streams that another job has left.
+    pub fn new(limits: Limits, mut empty: Vec<RayStream<Empty, P, S>>) -> Self {
+        empty.truncate(limits.streams);
+        empty.reserve_exact(limits.streams - empty.len());
+        let made = empty.len();
         Self {
             limits,
-            empty: Vec::with_capacity(limits.streams),
+            empty,
             need_more: Vec::with_capacity(limits.streams),
             trace: VecDeque::with_capacity(limits.streams),
             slot: None,
             handed_out: Vec::with_capacity(limits.streams),
             shade: Vec::with_capacity(limits.streams),
             begun: Vec::with_capacity(limits.streams),
-            made: 0,
+            made,
         }
     }
 
@@ -101,10 +105,10 @@ impl<P, S> Lists<P, S> {
 
     /// Takes back a stream from shading: to SHADE, or to EMPTY when it is done.
     pub fn put_back_shaded(&mut self, stream: RayStream<Traced, P, S>) {
-        match (stream.is_begun(), stream.rays_left()) {
-            (false, _) => self.shade.push(stream),
-            (true, 0) => self.empty.push(stream.recycle()),
-            (true, _) => self.begun.push(stream),
+        if stream.rays_left() == 0 {
+            self.empty.push(stream.recycle());
+        } else {
+            self.begun.push(stream);
         }
     }
 
@@ -170,6 +174,16 @@ impl<P, S> Lists<P, S> {
         let sizes = self.need_more.iter().map(|stream| stream.rays() + stream.shadow_rays());
         let (index, _) = sizes.enumerate().max_by_key(|&(_, size)| size)?;
         Some(self.need_more.swap_remove(index))
+    }
+
+    /// All streams in the lists, emptied.
+    pub fn into_empty(self) -> Vec<RayStream<Empty, P, S>> {
+        let Self { mut empty, need_more, trace, slot, handed_out, shade, begun, .. } = self;
+        empty.extend(need_more.into_iter().map(RayStream::discard));
+        empty.extend(trace.into_iter().map(RayStream::discard));
+        empty.extend(slot.into_iter().chain(handed_out).map(RayStream::discard));
+        empty.extend(shade.into_iter().chain(begun).map(RayStream::discard));
+        empty
     }
 
     /// Streams in the lists and the paths in them.

@@ -11,6 +11,7 @@ mod limits;
 mod lists;
 mod options;
 pub mod policy;
+mod pool;
 mod queries;
 mod renderer;
 mod report;
@@ -19,11 +20,7 @@ mod state;
 mod task;
 
 #[cfg(test)]
-mod ledger;
-#[cfg(test)]
-mod simulator;
-#[cfg(test)]
-mod threads;
+mod tests;
 
 pub use handle::{JobError, JobHandle};
 pub use limits::{Limits, LimitsError};

@@ -139,7 +139,8 @@ pub struct JobReport {
     pub waited_s: f64,
     /// Share of the host threads' time that was idle after the last tile had been spawned, 0 to 1.
     pub tail_idle_share: f64,
-    /// The most paths that were in flight; at most `limits.in_flight`.
+    /// The most paths that were in flight, a tile under way counted in full; at most
+    /// `limits.in_flight`.
     pub max_in_flight: usize,
     /// Streams that were made; at most `limits.streams`.
     pub streams: usize,

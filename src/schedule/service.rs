@@ -3,9 +3,10 @@
 use super::handle::{JobHandle, Letterbox};
 use super::job::TypedJob;
 use super::limits::Demand;
-use super::state::{Aftermath, Next, State, Submission};
+use super::pool::Pool;
+use super::state::{Aftermath, Next, Receiver, State, Submission};
 use super::task::{Desk, Work, Workplace};
-use super::{JobOptions, Limits, LimitsError, Policy, Renderer, ServiceOptions, Tracers, Unit};
+use super::{JobOptions, Limits, LimitsError, Renderer, ServiceOptions, Tracers, Unit};
 use crate::stream::{Scratch, drop_quietly};
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard};
@@ -33,6 +34,39 @@ pub enum ServiceError {
 /// Runs jobs: frames of any integrator, batches of ray queries. Host and dispatch threads are made
 /// once and shared by all jobs; may itself be shared between threads. Dropping it cancels all jobs
 /// and waits for its threads.
+///
+/// ```
+/// use raystream::schedule::{JobOptions, Service, ServiceOptions, Tracers};
+/// use raystream::stream::{Hit, Ray, Tracer};
+/// use std::sync::Arc;
+///
+/// /// The plane y = 0, seen from above.
+/// struct Floor;
+///
+/// impl Tracer for Floor {
+///     fn closest(&self, rays: &[Ray], hits: &mut [Hit]) {
+///         for (ray, hit) in rays.iter().zip(hits) {
+///             let t = -ray.origin[1] / ray.direction[1];
+///             *hit = if t >= 0.0 { Hit { t, u: 0.0, v: 0.0, primitive: 0 } } else { Hit::NONE };
+///         }
+///     }
+///
+///     fn occluded(&self, rays: &[Ray], occluded: &mut [u32]) {
+///         for (ray, occluded) in rays.iter().zip(occluded) {
+///             *occluded = u32::from(ray.direction[1] < 0.0);
+///         }
+///     }
+/// }
+///
+/// let service = Service::new(ServiceOptions { host_threads: 2, ..ServiceOptions::default() })?;
+/// let down = Ray { origin: [0.0, 3.0, 0.0], direction: [0.0, -1.0, 0.0], ..Ray::default() };
+/// let up = Ray { direction: [0.0, 1.0, 0.0], ..down };
+/// let tracers = Tracers::cpu(Arc::new(Floor));
+/// let query = service.closest(tracers, Arc::new([down, up]), JobOptions::default())?;
+/// let (hits, report) = query.wait()?;
+/// assert_eq!((hits[0].t, hits[1].is_miss(), report.rays.camera), (3.0, true, 2));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub struct Service {
     inner: Arc<Inner>,
     threads: Vec<JoinHandle<()>>,
@@ -43,6 +77,7 @@ pub(super) struct Inner {
     state: Mutex<State>,
     /// One for each thread, to be woken singly.
     bells: Vec<Condvar>,
+    pool: Pool,
     hosts: usize,
     epoch: Instant,
 }
@@ -64,6 +99,7 @@ impl Service {
         let inner = Arc::new(Inner {
             state: Mutex::new(State::new(host_threads, dispatch_threads, max_jobs, sharing)),
             bells: (0..threads).map(|_| Condvar::new()).collect(),
+            pool: Pool::new(max_jobs),
             hosts: host_threads,
             epoch: Instant::now(),
         });
@@ -86,6 +122,11 @@ impl Service {
         self.inner.hosts
     }
 
+    /// Frees the storage of streams that is kept for the next job.
+    pub fn free_streams(&self) {
+        self.inner.pool.clear();
+    }
+
     /// Takes a job in. It begins at once or when its turn comes; `renderer` is called from the
     /// service's threads until the job has ended.
     ///
@@ -97,12 +138,13 @@ impl Service {
         tracers: Tracers,
         options: JobOptions,
     ) -> Result<JobHandle, LimitsError> {
-        let dispatchers = self.inner.bells.len() - self.inner.hosts;
+        let inner = &self.inner;
+        let threads = (inner.hosts, inner.bells.len() - inner.hosts);
         let letterbox = Arc::new(Letterbox::default());
-        let receiver = Arc::clone(&letterbox);
-        let submission = prepare(renderer, tracers, &options, self.inner.hosts, dispatchers, receiver)?;
-        let id = self.inner.change(|state, now_ns| state.submit(submission, now_ns));
-        Ok(JobHandle::new(id, Arc::clone(&self.inner), letterbox))
+        let receiver = Arc::clone(&letterbox) as _;
+        let submission = prepare(renderer, tracers, &options, threads, &inner.pool, receiver)?;
+        let id = inner.change(|state, now_ns| state.submit(submission, now_ns));
+        Ok(JobHandle::new(id, Arc::clone(inner), letterbox))
     }
 }
 
@@ -111,16 +153,16 @@ pub(super) fn prepare<R: Renderer>(
     renderer: Arc<R>,
     tracers: Tracers,
     options: &JobOptions,
-    hosts: usize,
-    dispatchers: usize,
-    receiver: Arc<dyn super::state::Receiver>,
+    (hosts, dispatchers): (usize, usize),
+    pool: &Pool,
+    receiver: Arc<dyn Receiver>,
 ) -> Result<Submission, LimitsError> {
+    let device_name = tracers.device.as_ref().map_or_else(String::new, |device| device.name().to_owned());
     let (unit, event) = match (tracers.unit, &tracers.device) {
         (Unit::Cpu, _) => (Unit::Cpu, None),
         (_, None) => (Unit::Cpu, Some("there is no GPU; host threads trace alone".to_owned())),
-        (_, Some(device)) if dispatchers == 0 => {
-            let name = device.name();
-            (Unit::Cpu, Some(format!("{name} is not used: the service has no dispatch threads")))
+        (_, Some(_)) if dispatchers == 0 => {
+            (Unit::Cpu, Some(format!("{device_name} is not used: the service has no dispatch threads")))
         }
         (unit, Some(_)) => (unit, None),
     };
@@ -136,13 +178,14 @@ pub(super) fn prepare<R: Renderer>(
         limits: Limits::derive(options, demand)?,
         renderer,
         tracers,
+        device_name,
+        hosts,
         desks: (0..hosts + dispatchers).map(|_| Mutex::new(Desk::Clear)).collect(),
         abandoned: AtomicBool::new(false),
     });
-    let policy = options.policy.unwrap_or_else(|| Policy::of(unit));
     let work: Arc<dyn Work> = Arc::clone(&place) as Arc<dyn Work>;
     let events = event.into_iter().collect();
-    let job = TypedJob::new(place, policy, unit, hosts, tiles, options.timeline, events);
+    let job = TypedJob::new(place, pool.take(), options, unit, tiles, events);
     Ok(Submission { job: Box::new(job), work, receiver })
 }
 
@@ -192,7 +235,7 @@ impl Inner {
         }
         for ended in ended {
             let Submission { job, work, receiver } = ended.submission;
-            drop_quietly(job);
+            job.retire(&self.pool);
             drop_quietly(work);
             receiver.receive(ended.last, ended.outcome);
         }

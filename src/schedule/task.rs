@@ -57,7 +57,11 @@ pub(super) enum Desk<P, S> {
 pub(super) struct Workplace<R: Renderer> {
     pub renderer: Arc<R>,
     pub tracers: Tracers,
+    /// For events; asked for once, since it is the device's own code.
+    pub device_name: String,
     pub limits: Limits,
+    /// Host threads of the service.
+    pub hosts: usize,
     /// One for each thread of the service.
     pub desks: Vec<Mutex<Desk<R::Payload, R::ShadowPayload>>>,
     /// Set when the job's result is not wanted any more.

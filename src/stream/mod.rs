@@ -5,6 +5,8 @@ mod chunk;
 mod panic;
 mod ray;
 mod ray_stream;
+#[cfg(test)]
+mod tests;
 mod tracer;
 
 pub use chunk::{Chunk, Scratch, TracedChunk};

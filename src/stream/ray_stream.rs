@@ -130,7 +130,11 @@ impl<State, P, S> RayStream<State, P, S> {
         RayStream { body, payloads, shadow_payloads, state }
     }
 
-    fn cleared(mut self) -> RayStream<Empty, P, S> {
+    /// Empties the stream whatever is in it, when its job has been given up; its storage is kept.
+    ///
+    /// # Panics
+    /// If a chunk of it is still with a thread.
+    pub fn discard(mut self) -> RayStream<Empty, P, S> {
         self.payloads.clear();
         self.shadow_payloads.clear();
         let body = self.body();
@@ -319,11 +323,6 @@ impl<P, S> RayStream<Traced, P, S> {
         if self.state.shadows_taken { 0 } else { self.shadow_rays() }
     }
 
-    /// Whether any of the stream has been taken for shading.
-    pub fn is_begun(&self) -> bool {
-        self.state.shadows_taken
-    }
-
     /// Takes the shadow rays: all of them the first time, then none.
     pub fn take_shadows(&mut self) -> TracedShadows<'_, S> {
         let len = self.shadow_rays_left();
@@ -362,6 +361,6 @@ impl<P, S> RayStream<Traced, P, S> {
     /// If anything in it has not been taken.
     pub fn recycle(self) -> RayStream<Empty, P, S> {
         assert!(self.rays_left() == 0 && self.shadow_rays_left() == 0, "rays may not be lost");
-        self.cleared()
+        self.discard()
     }
 }

@@ -1,7 +1,7 @@
 //! A renderer for tests that keeps books: it knows every ray it emits, what its answer must be, and
 //! what has happened to it. Everything it emits is a pure function of its seed.
 
-use super::{Batch, Output, Renderer};
+use super::super::{Batch, Output, Renderer};
 use crate::stream::{DeviceError, DeviceReport, DeviceTracer, Hit, Queries, Ray, Tracer};
 use std::panic::resume_unwind;
 use std::sync::Arc;

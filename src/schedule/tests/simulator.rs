@@ -2,13 +2,14 @@
 //! interleavings of host and dispatch threads, tasks of random length, jobs that come, are stopped,
 //! cancelled or panic, and devices that die.
 
-use super::handle::JobError;
+use super::super::handle::JobError;
+use super::super::pool::Pool;
+use super::super::report::{JobReport, Progress};
+use super::super::service::prepare;
+use super::super::state::{JobId, Next, Receiver, State};
+use super::super::task::Work;
+use super::super::{JobOptions, Policy, Sharing, TaskKind, Tracers, Unit};
 use super::ledger::{FakeDevice, Fate, Ledger, Script, mix};
-use super::report::{JobReport, Progress};
-use super::service::prepare;
-use super::state::{JobId, Next, Receiver, State};
-use super::task::Work;
-use super::{JobOptions, Policy, Sharing, Tracers, Unit};
 use crate::stream::Scratch;
 use std::sync::{Arc, Mutex};
 
@@ -82,6 +83,7 @@ struct Tally {
 struct Simulation {
     random: Random,
     state: State,
+    pool: Pool,
     hosts: usize,
     threads: Vec<Status>,
     cases: Vec<Case>,
@@ -97,6 +99,7 @@ impl Simulation {
         let sharing = random.pick(&[Sharing::Fair, Sharing::FirstIn]);
         Self {
             state: State::new(hosts, dispatchers, random.range(1, 3), sharing),
+            pool: Pool::new(2),
             hosts,
             threads: (0..hosts + dispatchers).map(|_| Status::Ready).collect(),
             cases: Vec::new(),
@@ -148,7 +151,8 @@ impl Simulation {
         let receiver = Arc::clone(&outbox) as _;
         let dispatchers = self.threads.len() - self.hosts;
         let submission =
-            prepare(Arc::clone(&ledger), tracers, &options, self.hosts, dispatchers, receiver).unwrap();
+            prepare(Arc::clone(&ledger), tracers, &options, (self.hosts, dispatchers), &self.pool, receiver)
+                .unwrap();
         let id = self.state.submit(submission, self.now_ns);
         self.cases.push(Case { id, ledger, outbox, panics, cancelled: false, stopped: false });
         self.conclude();
@@ -164,7 +168,8 @@ impl Simulation {
             }
         }
         for ended in aftermath.ended {
-            drop((ended.submission.job, ended.submission.work));
+            ended.submission.job.retire(&self.pool);
+            drop(ended.submission.work);
             ended.submission.receiver.receive(ended.last, ended.outcome);
         }
         self.state.check();
@@ -277,7 +282,7 @@ impl Case {
                 let traced = report
                     .timeline
                     .iter()
-                    .filter(|task| matches!(task.kind, super::TaskKind::Trace | super::TaskKind::Dispatch));
+                    .filter(|task| matches!(task.kind, TaskKind::Trace | TaskKind::Dispatch));
                 let traced: u64 = traced.map(|task| u64::from(task.rays)).sum();
                 assert_eq!(traced, report.rays.total(), "the timeline has every ray");
                 tally.stopped += usize::from(report.stopped);
@@ -318,10 +323,10 @@ fn simulate(seeds: std::ops::Range<u64>) {
 /// Two halves, to be run side by side.
 #[test]
 fn nothing_is_lost_in_any_interleaving() {
-    simulate(0..8_000);
+    simulate(0..15_000);
 }
 
 #[test]
 fn nothing_is_lost_in_any_other_interleaving() {
-    simulate(8_000..16_000);
+    simulate(15_000..30_000);
 }
