@@ -32,14 +32,14 @@ use glam::Vec3;
 pub const MAX_COORDINATE: f32 = 1.0e11;
 
 /// Bounds of the largest direction component: rays beyond them hit nothing.
-const DIRECTION_RANGE: std::ops::RangeInclusive<f32> = 1.0e-9..=1.0e9;
+pub(crate) const DIRECTION_RANGE: std::ops::RangeInclusive<f32> = 1.0e-9..=1.0e9;
 
 /// Direction components below this share of the largest one are raised to it in the slab test
 /// (only there), so that reciprocals stay finite. The ray moves by less than [`SLACK`] allows.
-const MIN_COMPONENT: f32 = 1.0 / (1u64 << 40) as f32;
+pub(crate) const MIN_COMPONENT: f32 = 1.0 / (1u64 << 40) as f32;
 
 /// How far box planes are pushed outwards, relative to the largest coordinate of scene and origin.
-const SLACK: f32 = 1.0 / (1u32 << 19) as f32;
+pub(crate) const SLACK: f32 = 1.0 / (1u32 << 19) as f32;
 
 /// A ray prepared for the canonical test. Built once per ray and scene.
 ///

@@ -9,6 +9,7 @@ pub mod warp;
 
 pub use aabb::Aabb;
 pub use canonical::{CanonicalHit, CanonicalRay, MAX_COORDINATE};
+pub(crate) use canonical::{DIRECTION_RANGE, MIN_COMPONENT, SLACK};
 pub use frame::Frame;
 pub use sampler::Sampler;
 pub(crate) use sampler::mix;

@@ -1,0 +1,67 @@
+//! The binary tree.
+
+use crate::geom::Aabb;
+use bytemuck::{Pod, Zeroable};
+
+/// A node of the binary tree: 32 bytes. The left child of node `i` is node `i + 1`; a subtree over
+/// `count` primitives is the `2 * count - 1` nodes from its root on.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct BinaryNode {
+    /// Lowest corner of the box around the primitives below.
+    pub min: [f32; 3],
+    /// Index of the right child; of the primitive for a leaf.
+    pub index: u32,
+    /// Highest corner of the box.
+    pub max: [f32; 3],
+    /// Number of primitives below; 1 for a leaf.
+    pub count: u32,
+}
+
+impl BinaryNode {
+    /// Whether the node is one primitive.
+    pub fn is_leaf(&self) -> bool {
+        self.count == 1
+    }
+
+    /// The box.
+    pub fn bounds(&self) -> Aabb {
+        Aabb { min: self.min.into(), max: self.max.into() }
+    }
+}
+
+/// A binary tree with one primitive a leaf, in depth-first order. Empty when there are no primitives.
+#[derive(Clone, Debug, Default)]
+pub struct Binary {
+    pub(super) nodes: Vec<BinaryNode>,
+}
+
+impl Binary {
+    /// All nodes, the root first.
+    pub fn nodes(&self) -> &[BinaryNode] {
+        &self.nodes
+    }
+
+    /// The box around everything.
+    pub fn bounds(&self) -> Aabb {
+        self.nodes.first().map_or(Aabb::EMPTY, BinaryNode::bounds)
+    }
+
+    /// The two children of an inner node.
+    pub fn children(&self, node: usize) -> [usize; 2] {
+        [node + 1, self.nodes[node].index as usize]
+    }
+
+    /// Nodes on the longest way from the root to a leaf; 0 for an empty tree.
+    pub fn depth(&self) -> usize {
+        let mut deepest = 0;
+        let mut stack = Vec::from_iter((!self.nodes.is_empty()).then_some((0, 1)));
+        while let Some((node, depth)) = stack.pop() {
+            deepest = deepest.max(depth);
+            if !self.nodes[node].is_leaf() {
+                stack.extend(self.children(node).map(|child| (child, depth + 1)));
+            }
+        }
+        deepest
+    }
+}

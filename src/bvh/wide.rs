@@ -1,0 +1,116 @@
+//! The eight-wide tree.
+
+use super::block::Block;
+use crate::geom::Aabb;
+use bytemuck::{Pod, Zeroable};
+use glam::Vec3;
+
+/// Children of a node.
+pub const WIDTH: usize = 8;
+
+/// A reference to a child, as it lies in a node: an inner node's index, or a block's index with the
+/// number of its triangles, or nothing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
+#[repr(transparent)]
+pub struct Child(u32);
+
+impl Child {
+    /// The root of the tree.
+    pub const ROOT: Self = Self(0);
+    /// No child.
+    pub const NONE: Self = Self(u32::MAX);
+    /// The most inner nodes, and the most blocks, that a tree may have.
+    pub const LIMIT: usize = (1 << 28) - 1;
+    const LEAF: u32 = 1 << 31;
+
+    /// An inner node.
+    pub(super) fn node(index: usize) -> Self {
+        assert!(index < Self::LIMIT);
+        Self(index as u32)
+    }
+
+    /// A block of `triangles` ≥ 1.
+    pub(super) fn block(index: usize, triangles: usize) -> Self {
+        assert!(index < Self::LIMIT && (1..=super::BLOCK_TRIANGLES).contains(&triangles));
+        Self(Self::LEAF | (triangles as u32 - 1) << 28 | index as u32)
+    }
+
+    /// Whether it is a block (of no consequence for [`Child::NONE`], whose box is never entered).
+    pub fn is_block(self) -> bool {
+        self.0 & Self::LEAF != 0
+    }
+
+    /// Index of the node or block.
+    pub fn index(self) -> usize {
+        (self.0 & Self::LIMIT as u32) as usize
+    }
+
+    /// Number of triangles of a block.
+    pub fn triangles(self) -> usize {
+        (self.0 >> 28 & 7) as usize + 1
+    }
+}
+
+/// An inner node: boxes and references of up to eight children, in slots such that a ray whose
+/// direction has the sign bits `octant` (x is bit 0) meets them about front to back in the order of
+/// `slot ^ octant`. The box of a vacant slot is inverted, so that no ray enters it.
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+#[repr(C, align(64))]
+pub struct WideNode {
+    /// Faces as `[lower, upper][axis][slot]`.
+    pub faces: [[[f32; WIDTH]; 3]; 2],
+    /// What is in the slots.
+    pub children: [Child; WIDTH],
+    reserved: [u32; 8],
+}
+
+const _: () = assert!(size_of::<WideNode>() == 256);
+
+impl WideNode {
+    /// A node without children.
+    pub const VACANT: Self = Self {
+        faces: [[[f32::INFINITY; WIDTH]; 3], [[f32::NEG_INFINITY; WIDTH]; 3]],
+        children: [Child::NONE; WIDTH],
+        reserved: [0; 8],
+    };
+
+    /// Puts a child into a slot.
+    pub(super) fn set(&mut self, slot: usize, bounds: Aabb, child: Child) {
+        for axis in 0..3 {
+            self.faces[0][axis][slot] = bounds.min[axis];
+            self.faces[1][axis][slot] = bounds.max[axis];
+        }
+        self.children[slot] = child;
+    }
+
+    /// The box of a slot.
+    pub fn bounds(&self, slot: usize) -> Aabb {
+        let corner = |side: usize| Vec3::from_array(self.faces[side].map(|axis| axis[slot]));
+        Aabb { min: corner(0), max: corner(1) }
+    }
+}
+
+/// The eight-wide tree: node 0 is the root, always there.
+#[derive(Clone, Debug)]
+pub struct Wide {
+    pub(super) nodes: Vec<WideNode>,
+    pub(super) blocks: Vec<Block>,
+    pub(super) depth: usize,
+}
+
+impl Wide {
+    /// Inner nodes, the root first.
+    pub fn nodes(&self) -> &[WideNode] {
+        &self.nodes
+    }
+
+    /// Blocks of triangles.
+    pub fn blocks(&self) -> &[Block] {
+        &self.blocks
+    }
+
+    /// Inner nodes on the longest way down.
+    pub fn depth(&self) -> usize {
+        self.depth
+    }
+}

@@ -1,0 +1,141 @@
+//! Instruction set levels.
+
+use std::fmt;
+use std::str::FromStr;
+
+/// An instruction set that the tracer's kernels are written for. All give the same bits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum SimdLevel {
+    /// Plain Rust, any processor.
+    Scalar,
+    /// Eight lanes: x86-64 with AVX2, FMA and BMI.
+    Avx2,
+    /// Sixteen lanes: x86-64 with AVX-512 F, BW, DQ and VL.
+    Avx512,
+}
+
+/// A level that cannot be had.
+#[derive(Debug, PartialEq, Eq, thiserror::Error)]
+pub enum SimdError {
+    /// No level has this name.
+    #[error("there is no SIMD level {name:?}; choose auto, {}", names(&SimdLevel::ALL))]
+    Unknown {
+        /// What was asked for.
+        name: String,
+    },
+    /// The processor lacks the instructions.
+    #[error("this processor has no {level}; it has {}, or choose auto", names(&SimdLevel::available()))]
+    Unavailable {
+        /// What was asked for.
+        level: SimdLevel,
+    },
+}
+
+fn names(levels: &[SimdLevel]) -> String {
+    levels.iter().map(|level| level.name()).collect::<Vec<_>>().join(", ")
+}
+
+impl SimdLevel {
+    /// All levels, best first.
+    pub const ALL: [Self; 3] = [Self::Avx512, Self::Avx2, Self::Scalar];
+
+    /// The best level that this processor has.
+    pub fn detect() -> Self {
+        Self::available()[0]
+    }
+
+    /// The levels that this processor has, best first; never empty.
+    pub fn available() -> Vec<Self> {
+        Self::ALL.into_iter().filter(|level| level.is_available()).collect()
+    }
+
+    /// Whether this processor has it.
+    pub fn is_available(self) -> bool {
+        match self {
+            Self::Scalar => true,
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx2 => {
+                is_x86_feature_detected!("avx2")
+                    && is_x86_feature_detected!("fma")
+                    && is_x86_feature_detected!("bmi1")
+                    && is_x86_feature_detected!("bmi2")
+                    && is_x86_feature_detected!("lzcnt")
+                    && is_x86_feature_detected!("popcnt")
+            }
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx512 => {
+                Self::Avx2.is_available()
+                    && is_x86_feature_detected!("avx512f")
+                    && is_x86_feature_detected!("avx512bw")
+                    && is_x86_feature_detected!("avx512dq")
+                    && is_x86_feature_detected!("avx512vl")
+            }
+            #[cfg(not(target_arch = "x86_64"))]
+            Self::Avx2 | Self::Avx512 => false,
+        }
+    }
+
+    /// The level of a `--simd` argument: `auto` is the best there is.
+    ///
+    /// # Errors
+    /// When no level has that name or the processor lacks it.
+    pub fn choose(argument: &str) -> Result<Self, SimdError> {
+        if argument == "auto" { Ok(Self::detect()) } else { argument.parse::<Self>()?.require() }
+    }
+
+    /// The level itself.
+    ///
+    /// # Errors
+    /// When the processor lacks it.
+    pub fn require(self) -> Result<Self, SimdError> {
+        if self.is_available() { Ok(self) } else { Err(SimdError::Unavailable { level: self }) }
+    }
+
+    /// The name that arguments and reports use.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Scalar => "scalar",
+            Self::Avx2 => "avx2",
+            Self::Avx512 => "avx512",
+        }
+    }
+}
+
+impl fmt::Display for SimdLevel {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl FromStr for SimdLevel {
+    type Err = SimdError;
+
+    fn from_str(name: &str) -> Result<Self, SimdError> {
+        Self::ALL
+            .into_iter()
+            .find(|level| level.name() == name)
+            .ok_or_else(|| SimdError::Unknown { name: name.to_owned() })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_lead_back_to_their_levels() {
+        for level in SimdLevel::ALL {
+            assert_eq!(level.to_string().parse(), Ok(level));
+        }
+        assert_eq!(SimdLevel::choose("auto"), Ok(SimdLevel::detect()));
+        assert_eq!(SimdLevel::choose("scalar"), Ok(SimdLevel::Scalar));
+    }
+
+    #[test]
+    fn errors_name_the_choices() {
+        let error = SimdLevel::choose("mmx").expect_err("unknown").to_string();
+        assert_eq!(error, "there is no SIMD level \"mmx\"; choose auto, avx512, avx2, scalar");
+        let error = SimdError::Unavailable { level: SimdLevel::Avx512 }.to_string();
+        assert!(error.starts_with("this processor has no avx512; it has ") && error.contains("scalar"));
+    }
+}

@@ -1,0 +1,141 @@
+//! The scalar reference.
+
+use crate::bvh::{Bvh, Filter, MAX_DEPTH};
+use crate::geom::{CanonicalHit, CanonicalRay};
+use crate::stream::{Hit, Ray, Tracer};
+use glam::Vec3;
+use std::sync::Arc;
+
+/// The scalar reference: one ray at a time through the binary tree, with the canonical test as `geom`
+/// states it. Every tracer gives the same bits.
+#[derive(Clone)]
+pub struct Oracle {
+    bvh: Arc<Bvh>,
+    filter: Option<Arc<dyn Filter>>,
+}
+
+impl Oracle {
+    /// A reference for this tree; without a filter masked triangles are there everywhere.
+    pub fn new(bvh: Arc<Bvh>, filter: Option<Arc<dyn Filter>>) -> Self {
+        Self { bvh, filter }
+    }
+
+    /// The nearest hit of a ray.
+    pub fn closest_one(&self, ray: &Ray) -> Hit {
+        let mut best = Hit::NONE;
+        self.traverse(ray, |hit| {
+            if hit.t < best.t || hit.t == best.t && hit.primitive < best.primitive {
+                best = hit;
+            }
+            Some(best.t)
+        });
+        best
+    }
+
+    /// Whether a ray hits anything.
+    pub fn occluded_one(&self, ray: &Ray) -> bool {
+        let mut occluded = false;
+        self.traverse(ray, |_| {
+            occluded = true;
+            None
+        });
+        occluded
+    }
+
+    /// The nearest hit found by testing every triangle.
+    pub fn brute_force(&self, ray: &Ray) -> Hit {
+        let prepared = self.prepare(ray);
+        (0..self.bvh.len() as u32)
+            .filter_map(|primitive| self.test(&prepared, primitive))
+            .min_by(|a, b| a.t.total_cmp(&b.t).then(a.primitive.cmp(&b.primitive)))
+            .unwrap_or(Hit::NONE)
+    }
+
+    /// The canonical hit of a ray and one triangle, the filter's word included, whatever lies before
+    /// it: how a candidate found elsewhere is evaluated again.
+    ///
+    /// # Panics
+    /// If there is no such primitive.
+    pub fn canonical_hit(&self, ray: &Ray, primitive: u32) -> Option<Hit> {
+        self.test(&self.prepare(ray), primitive)
+    }
+
+    pub(super) fn bvh(&self) -> &Bvh {
+        &self.bvh
+    }
+
+    pub(super) fn filter(&self) -> Option<&dyn Filter> {
+        self.filter.as_deref()
+    }
+
+    fn prepare(&self, ray: &Ray) -> CanonicalRay {
+        CanonicalRay::new(ray.origin, ray.t_min, ray.direction, ray.t_max, self.bvh.scene_max_abs())
+    }
+
+    fn test(&self, ray: &CanonicalRay, primitive: u32) -> Option<Hit> {
+        let [v0, v1, v2] = self.bvh.corners(primitive);
+        let CanonicalHit { t, u, v } = ray.triangle(v0, v1, v2)?;
+        let there = match &self.filter {
+            Some(filter) if self.bvh.is_masked(primitive) => filter.accepts(primitive, u, v),
+            _ => true,
+        };
+        there.then_some(Hit { t, u, v, primitive })
+    }
+
+    /// Calls `visit` for hits of which none nearer than, or as near as, the nearest is left out.
+    /// `visit` answers how far the search still has to look, or that it is over.
+    fn traverse(&self, ray: &Ray, mut visit: impl FnMut(Hit) -> Option<f32>) {
+        let binary = self.bvh.binary();
+        let nodes = binary.nodes();
+        let ray = self.prepare(ray);
+        let mut limit = ray.t_max;
+        let enters = |node: usize, limit: f32| {
+            let (enter, leave) = ray.slab(Vec3::from(nodes[node].min), Vec3::from(nodes[node].max));
+            (enter <= leave && enter <= limit && leave >= ray.t_min).then_some(enter)
+        };
+        // Holds at most one node a level: the sibling of the one visited.
+        let mut stack = [(0usize, 0.0f32); MAX_DEPTH];
+        let mut len = 0;
+        if !nodes.is_empty() && enters(0, limit).is_some() {
+            len = 1;
+        }
+        while len > 0 {
+            len -= 1;
+            let (node, enter) = stack[len];
+            if enter > limit {
+                continue;
+            }
+            if nodes[node].is_leaf() {
+                let Some(hit) = self.test(&ray, nodes[node].index) else { continue };
+                let Some(new_limit) = visit(hit) else { return };
+                limit = limit.min(new_limit);
+                continue;
+            }
+            let [left, right] = binary.children(node).map(|child| (child, enters(child, limit)));
+            // The nearer child goes on top.
+            let order = if left.1 <= right.1 { [right, left] } else { [left, right] };
+            for (child, enter) in order {
+                if let Some(enter) = enter {
+                    stack[len] = (child, enter);
+                    len += 1;
+                }
+            }
+        }
+    }
+}
+
+impl Tracer for Oracle {
+    fn closest(&self, rays: &[Ray], hits: &mut [Hit]) {
+        assert_eq!(rays.len(), hits.len(), "one hit per ray");
+        for (ray, hit) in rays.iter().zip(hits) {
+            *hit = self.closest_one(ray);
+        }
+    }
+
+    fn occluded(&self, rays: &[Ray], occluded: &mut [u32]) {
+        assert_eq!(rays.len(), occluded.len(), "one answer per ray");
+        for (ray, occluded) in rays.iter().zip(occluded) {
+            *occluded = self.occluded_one(ray).into();
+        }
+    }
+}

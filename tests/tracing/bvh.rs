@@ -1,0 +1,84 @@
+//! The tree keeps its promises for ordinary and for hostile triangles.
+
+use crate::meshes::{self, Mesh, Random};
+use glam::Vec3;
+use raystream::bvh::{Bvh, MAX_DEPTH};
+
+fn build(mesh: &Mesh) -> Bvh {
+    let bvh = Bvh::build(&mesh.positions, &mesh.triangles, |p| p % 3 == 0);
+    assert_eq!(bvh.validate(), Ok(()));
+    assert_eq!(bvh.len(), mesh.triangles.len());
+    bvh
+}
+
+#[test]
+fn ordinary_meshes_give_valid_trees_that_know_their_triangles() {
+    for mesh in [
+        meshes::soup(1000, 0.1, 1),
+        meshes::grid(40, 0.2, 2),
+        meshes::grid(20, 0.0, 3),
+        meshes::blocks(50, 4),
+        meshes::wreckage(5),
+        meshes::soup(20_000, 0.02, 6),
+    ] {
+        let bvh = build(&mesh);
+        for primitive in 0..bvh.len() as u32 {
+            assert_eq!(bvh.corners(primitive), mesh.corners(primitive as usize));
+            assert_eq!(bvh.is_masked(primitive), primitive % 3 == 0);
+        }
+        let largest = mesh.positions.iter().map(|p| p.abs().max_element()).fold(0.0, f32::max);
+        assert_eq!(bvh.scene_max_abs(), largest);
+    }
+}
+
+#[test]
+fn no_one_and_few_triangles() {
+    for count in 0..20 {
+        let bvh = build(&meshes::soup(count, 0.5, 7));
+        assert_eq!(bvh.is_empty(), count == 0);
+    }
+}
+
+#[test]
+fn a_million_triangles_at_one_point_make_a_shallow_tree() {
+    let point = Vec3::new(0.3, -4.0, 1e6);
+    let mesh = Mesh { positions: vec![point], triangles: vec![[0; 3]; 1 << 20] };
+    let bvh = build(&mesh);
+    assert!(bvh.binary().depth() <= 21, "{}", bvh.binary().depth());
+}
+
+#[test]
+fn exponential_spacing_cannot_make_the_tree_deep() {
+    // Every bin of every split but one is empty: the surface area heuristic peels one by one.
+    let mut mesh = Mesh::default();
+    for i in 0..2000 {
+        let x = 1.0e-38 * f32::powi(1.1, i % 900);
+        mesh.push([Vec3::splat(x), Vec3::splat(x * 1.01), Vec3::new(x, 0.0, x)]);
+    }
+    assert!(build(&mesh).binary().depth() <= MAX_DEPTH);
+}
+
+#[test]
+fn slivers_and_the_largest_coordinates_are_taken() {
+    let mut random = Random::new(8);
+    let mut mesh = Mesh::default();
+    for _ in 0..3000 {
+        let (a, b) = (random.point() * 1e11, random.point() * 1e11);
+        mesh.push([a, b, b * (1.0 - f32::EPSILON)]);
+    }
+    build(&mesh);
+    build(&meshes::soup(3000, 0.1, 9).scaled(1e-38));
+}
+
+#[test]
+fn the_tree_does_not_depend_on_the_number_of_threads() {
+    let mesh = meshes::soup(100_000, 0.01, 10);
+    let with = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
+        pool.install(|| Bvh::build(&mesh.positions, &mesh.triangles, |_| false))
+    };
+    let (one, three) = (with(1), with(3));
+    assert_eq!(one.binary().nodes(), three.binary().nodes());
+    assert_eq!(one.wide().nodes(), three.wide().nodes());
+    assert_eq!(one.wide().blocks(), three.wide().blocks());
+}

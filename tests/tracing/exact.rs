@@ -1,0 +1,174 @@
+//! Every tracer gives the bits of the canonical test run over all triangles.
+
+use crate::{meshes, meshes::Mesh, rays};
+use glam::Vec3;
+use raystream::bvh::{Bvh, Filter};
+use raystream::geom::CanonicalRay;
+use raystream::stream::{Hit, Ray, Tracer};
+use raystream::trace::cpu::{CpuTracer, Oracle, SimdLevel};
+use std::sync::Arc;
+
+/// Lets light through in a pattern.
+struct Stripes;
+
+impl Filter for Stripes {
+    fn accepts(&self, primitive: u32, u: f32, v: f32) -> bool {
+        assert!(is_masked(primitive), "asked for triangle {primitive}");
+        ((u * 8.0) as u32).is_multiple_of(2) && v < 0.6
+    }
+}
+
+fn is_masked(primitive: u32) -> bool {
+    primitive % 4 == 1
+}
+
+/// The definition, without any tree.
+fn by_definition(mesh: &Mesh, ray: &Ray, filter: Option<&dyn Filter>) -> Hit {
+    let max_abs = mesh.triangles.iter().flatten().map(|&i| mesh.positions[i as usize].abs().max_element());
+    let prepared =
+        CanonicalRay::new(ray.origin, ray.t_min, ray.direction, ray.t_max, max_abs.fold(0.0, f32::max));
+    let mut best = Hit::NONE;
+    for primitive in 0..mesh.triangles.len() {
+        let [a, b, c] = mesh.corners(primitive);
+        let Some(hit) = prepared.triangle(a, b, c) else { continue };
+        let primitive = primitive as u32;
+        let refused = filter.is_some_and(|f| is_masked(primitive) && !f.accepts(primitive, hit.u, hit.v));
+        if !refused && (hit.t < best.t || best.is_miss()) {
+            best = Hit { t: hit.t, u: hit.u, v: hit.v, primitive };
+        }
+    }
+    best
+}
+
+fn bits(hit: &Hit) -> [u32; 4] {
+    [hit.t.to_bits(), hit.u.to_bits(), hit.v.to_bits(), hit.primitive]
+}
+
+/// Traces `rays` with every tracer and compares all answers with the definition.
+fn check(name: &str, mesh: &Mesh, rays: &[Ray], filter: Option<Arc<dyn Filter>>) {
+    let bvh = Arc::new(Bvh::build(&mesh.positions, &mesh.triangles, is_masked));
+    let expected: Vec<Hit> = rays.iter().map(|r| by_definition(mesh, r, filter.as_deref())).collect();
+    let hit_count = expected.iter().filter(|h| !h.is_miss()).count();
+    assert!(hit_count * 10 > rays.len(), "{name}: only {hit_count} hits");
+    let oracle = Oracle::new(bvh.clone(), filter.clone());
+    for (ray, hit) in rays.iter().zip(&expected).step_by(7) {
+        assert_eq!(bits(&oracle.brute_force(ray)), bits(hit));
+        if !hit.is_miss() {
+            assert_eq!(oracle.canonical_hit(ray, hit.primitive), Some(*hit));
+        }
+    }
+    let mut tracers: Vec<(String, Box<dyn Tracer>)> = vec![("oracle".into(), Box::new(oracle))];
+    for level in SimdLevel::available() {
+        let tracer = CpuTracer::new(bvh.clone(), filter.clone(), level).expect("available");
+        tracers.push((level.to_string(), Box::new(tracer)));
+    }
+    for (label, tracer) in &tracers {
+        // The whole, and split at places that leave ragged ends.
+        for pieces in [rays.len(), 1023, 100, 17, 1] {
+            let rays = if pieces < 50 { &rays[..rays.len().min(1500)] } else { rays };
+            let mut hits = vec![Hit { t: -7.0, u: 7.0, v: 7.0, primitive: 7 }; rays.len()];
+            let mut occluded = vec![7; rays.len()];
+            for ((rays, hits), occluded) in
+                rays.chunks(pieces).zip(hits.chunks_mut(pieces)).zip(occluded.chunks_mut(pieces))
+            {
+                tracer.closest(rays, hits);
+                tracer.occluded(rays, occluded);
+            }
+            for (i, (hit, wanted)) in hits.iter().zip(&expected).enumerate() {
+                assert_eq!(bits(hit), bits(wanted), "{name}, {label}, {pieces}: ray {i} {:?}", rays[i]);
+                assert_eq!(
+                    occluded[i],
+                    u32::from(!wanted.is_miss()),
+                    "{name}, {label}, {pieces}: ray {i} {:?}",
+                    rays[i]
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn soups() {
+    for (i, (count, size)) in [(1, 1.0), (7, 1.0), (200, 0.3), (2000, 0.1)].into_iter().enumerate() {
+        let mesh = meshes::soup(count, size, i as u64);
+        check(&format!("soup of {count}"), &mesh, &rays::mixed(&mesh, 3000, Vec3::ZERO, 1.0, 11), None);
+    }
+}
+
+#[test]
+fn grids_with_shared_edges() {
+    for height in [0.0, 0.3] {
+        let mesh = meshes::grid(24, height, 12);
+        check("grid", &mesh, &rays::mixed(&mesh, 4000, Vec3::ZERO, 1.0, 13), None);
+    }
+}
+
+#[test]
+fn coincident_and_axis_aligned_triangles() {
+    let mesh = meshes::blocks(60, 14);
+    check("blocks", &mesh, &rays::mixed(&mesh, 4000, Vec3::ZERO, 1.0, 15), None);
+}
+
+#[test]
+fn degenerate_triangles() {
+    let mesh = meshes::wreckage(16);
+    check("wreckage", &mesh, &rays::mixed(&mesh, 4000, Vec3::ZERO, 1.0, 17), None);
+}
+
+#[test]
+fn huge_tiny_and_far_coordinates() {
+    for scale in [1e-6, 1e4, 1e8] {
+        let mesh = meshes::soup(300, 0.3, 18).scaled(scale);
+        check(&format!("scale {scale}"), &mesh, &rays::mixed(&mesh, 2000, Vec3::ZERO, scale, 19), None);
+    }
+    let centre = Vec3::new(5000.0, -3000.0, 100.0);
+    let mesh = meshes::grid(16, 0.2, 20).moved(centre);
+    check("far away", &mesh, &rays::mixed(&mesh, 2000, centre, 1.0, 21), None);
+}
+
+#[test]
+fn masked_triangles_are_there_only_where_the_filter_says_so() {
+    let mesh = meshes::soup(500, 0.4, 22);
+    let rays = rays::mixed(&mesh, 3000, Vec3::ZERO, 1.0, 23);
+    check("filter", &mesh, &rays, Some(Arc::new(Stripes)));
+    let mesh = meshes::blocks(40, 24);
+    let rays = rays::mixed(&mesh, 3000, Vec3::ZERO, 1.0, 25);
+    check("filter on coincident triangles", &mesh, &rays, Some(Arc::new(Stripes)));
+}
+
+#[test]
+fn streams_longer_than_any_sub_stream() {
+    let mesh = meshes::grid(10, 0.4, 26);
+    let some = rays::mixed(&mesh, 2500, Vec3::ZERO, 1.0, 27);
+    let many: Vec<Ray> = some.iter().cycle().take(150_000).copied().collect();
+    check("long stream", &mesh, &many, None);
+}
+
+#[test]
+fn pinhole_rays_that_share_an_origin() {
+    let mesh = meshes::grid(24, 0.3, 28);
+    let origin = Vec3::new(0.3, -0.2, 3.0);
+    let rays: Vec<Ray> = (0..4096)
+        .map(|i| {
+            let (x, y) = ((i % 64) as f32 / 32.0 - 1.0, (i / 64) as f32 / 32.0 - 1.0);
+            Ray::new(origin, Vec3::new(x, y, 0.0) - origin)
+        })
+        .collect();
+    check("pinhole", &mesh, &rays, None);
+    check("pinhole, filter", &mesh, &rays, Some(Arc::new(Stripes)));
+}
+
+#[test]
+fn an_empty_scene_is_missed() {
+    let bvh = Arc::new(Bvh::build(&[], &[], |_| false));
+    assert_eq!(bvh.validate(), Ok(()));
+    for level in SimdLevel::available() {
+        let tracer = CpuTracer::new(bvh.clone(), None, level).expect("available");
+        let rays = vec![Ray::new(Vec3::ZERO, Vec3::X); 100];
+        let (mut hits, mut occluded) = (vec![Hit { primitive: 3, ..Hit::NONE }; 100], vec![7; 100]);
+        tracer.closest(&rays, &mut hits);
+        tracer.occluded(&rays, &mut occluded);
+        assert!(hits.iter().all(Hit::is_miss) && occluded.iter().all(|&o| o == 0));
+        tracer.closest(&[], &mut []);
+    }
+}
