@@ -1,10 +1,12 @@
-//! Drives a renderer without a scheduler, one tile after the other, and traces by brute force: the
-//! plainest thing that keeps the renderer's contract.
+//! Drives a renderer without a scheduler, one tile after the other: the plainest thing that keeps the
+//! renderer's contract.
 
-use crate::geom::CanonicalRay;
+use crate::bvh::Bvh;
 use crate::scene::Scene;
 use crate::schedule::{Batch, Output, Renderer};
-use crate::stream::{Hit, Ray};
+use crate::stream::{Hit, Ray, Tracer};
+use crate::trace::cpu::{CpuTracer, SimdLevel};
+use std::sync::Arc;
 
 /// Rays counted while rendering.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -17,25 +19,15 @@ pub struct Counts {
     pub shadow: u64,
 }
 
-/// The nearest hit, canonically.
-pub fn closest(scene: &Scene, ray: &Ray) -> Hit {
-    let reach = scene.bounds().max_abs();
-    let mut best = Hit::NONE;
-    let mut canonical = CanonicalRay::new(ray.origin, ray.t_min, ray.direction, ray.t_max, reach);
-    for primitive in 0..scene.mesh.triangles.len() as u32 {
-        let [a, b, c] = scene.mesh.corners(primitive);
-        if let Some(hit) = canonical.triangle(a, b, c)
-            && hit.t < best.t
-        {
-            best = Hit { t: hit.t, u: hit.u, v: hit.v, primitive };
-            canonical.t_max = hit.t;
-        }
-    }
-    best
+/// A tracer for a scene.
+pub fn tracer(scene: &Scene) -> CpuTracer {
+    let mesh = &scene.mesh;
+    let bvh = Arc::new(Bvh::build(&mesh.positions, &mesh.triangles, |_| false));
+    CpuTracer::new(bvh, None, SimdLevel::detect()).expect("the detected level is available")
 }
 
 /// Renders all tiles with batches of at most `batch` rays.
-pub fn render<R: Renderer>(renderer: &R, batch: usize, trace: impl Fn(&Ray) -> Hit) -> Counts {
+pub fn render<R: Renderer>(renderer: &R, batch: usize, tracer: &dyn Tracer) -> Counts {
     let mut counts = Counts::default();
     for tile in 0..renderer.tiles() {
         let (mut rays, mut payloads) = (Vec::new(), Vec::new());
@@ -52,12 +44,9 @@ pub fn render<R: Renderer>(renderer: &R, batch: usize, trace: impl Fn(&Ray) -> H
         assert!(rays.len() <= renderer.tile_rays() && shadow_rays.len() <= renderer.tile_rays());
         counts.camera += rays.len() as u64;
         while !rays.is_empty() {
-            let occluded: Vec<u32> = shadow_rays.iter().map(|ray| u32::from(!trace(ray).is_miss())).collect();
-            renderer.shadow(&shadow_rays, &shadow_payloads, &occluded);
-            counts.shadow += shadow_rays.len() as u64;
-            shadow_rays.clear();
-            shadow_payloads.clear();
-            let hits: Vec<Hit> = rays.iter().map(&trace).collect();
+            occlude(renderer, tracer, &mut shadow_rays, &mut shadow_payloads, &mut counts);
+            let mut hits = vec![Hit::NONE; rays.len()];
+            tracer.closest(&rays, &mut hits);
             let (mut next, mut next_payloads) = (Vec::new(), Vec::new());
             for start in (0..rays.len()).step_by(batch) {
                 let part = start..(start + batch).min(rays.len());
@@ -81,9 +70,22 @@ pub fn render<R: Renderer>(renderer: &R, batch: usize, trace: impl Fn(&Ray) -> H
             (rays, payloads) = (next, next_payloads);
             counts.continuation += rays.len() as u64;
         }
-        let occluded: Vec<u32> = shadow_rays.iter().map(|ray| u32::from(!trace(ray).is_miss())).collect();
-        renderer.shadow(&shadow_rays, &shadow_payloads, &occluded);
-        counts.shadow += shadow_rays.len() as u64;
+        occlude(renderer, tracer, &mut shadow_rays, &mut shadow_payloads, &mut counts);
     }
     counts
+}
+
+fn occlude<R: Renderer>(
+    renderer: &R,
+    tracer: &dyn Tracer,
+    rays: &mut Vec<Ray>,
+    payloads: &mut Vec<R::ShadowPayload>,
+    counts: &mut Counts,
+) {
+    let mut occluded = vec![0; rays.len()];
+    tracer.occluded(rays, &mut occluded);
+    renderer.shadow(rays, payloads, &occluded);
+    counts.shadow += rays.len() as u64;
+    rays.clear();
+    payloads.clear();
 }
