@@ -1,1 +1,18 @@
-//! Hits → radiance: surface interaction, BSDFs, lights.
+//! Hits → radiance: the batch sort, surface interaction, BSDFs, lights, and the loop stack.
+//!
+//! Integrators shade a batch run by run ([`sort()`]): all rays of a run hit the same material, so what
+//! depends on the material alone is done once, and the rest can move to SIMD lanes.
+
+pub mod bsdf;
+mod interaction;
+pub mod light;
+pub mod lookup;
+pub mod loop_stack;
+pub mod offset;
+mod sort;
+
+pub use bsdf::Bsdf;
+pub use interaction::Interaction;
+pub use light::{LightSample, Lights};
+pub use loop_stack::LoopStack;
+pub use sort::{Run, Sorted, sort};

@@ -1,0 +1,200 @@
+//! The film: radiance added in fixed point.
+
+use std::sync::atomic::{AtomicI64, AtomicU32, AtomicU64, Ordering::Relaxed};
+
+/// Splats brighter than this are clamped to it, per channel.
+pub const MAX_RADIANCE: f32 = (1u32 << MAX_RADIANCE_BITS) as f32;
+
+const MAX_RADIANCE_BITS: u32 = 20;
+
+/// Fewest bits after the point that a film works with: a rounding error of 2⁻¹³ per splat, far below
+/// a step of an 8-bit picture.
+const MIN_FRACTION_BITS: u32 = 12;
+
+/// Most bits after the point; more would not be seen through the 24 bits of the `f32` that splats come in.
+const MAX_FRACTION_BITS: u32 = 40;
+
+/// Pixels that any number of threads add radiance to at once, with the same bytes in the end.
+///
+/// # Why no order can change a byte
+/// A splat is rounded once to an integer multiple of 2^−`fraction_bits` and added with an integer
+/// addition. Integer additions commute and associate exactly as long as none overflows.
+///
+/// # Why none overflows
+/// A pixel receives at most `splats` splats, each at most [`MAX_RADIANCE`] = 2²⁰. With
+/// `fraction_bits = 62 − 20 − ⌈log₂ splats⌉` the sum stays at or below
+/// 2^(20 + fraction_bits) · splats ≤ 2⁶² < 2⁶³. A splat beyond the promised number could only
+/// overflow after as many again.
+#[derive(Debug)]
+pub struct Film {
+    width: u32,
+    height: u32,
+    fraction_bits: u32,
+    sums: Vec<[AtomicI64; 3]>,
+    samples: Vec<AtomicU32>,
+    dropped: AtomicU64,
+}
+
+/// A pixel would receive more splats than fit into its sum.
+#[derive(Debug, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "each pixel may receive {splats} splats, at most {} can be added exactly; ask for fewer samples per pixel or a smaller depth",
+    Film::MAX_SPLATS
+)]
+pub struct TooManySplats {
+    /// The number asked for.
+    pub splats: u64,
+}
+
+impl Film {
+    /// The most splats that a pixel can be promised.
+    pub const MAX_SPLATS: u64 = 1 << (62 - MAX_RADIANCE_BITS - MIN_FRACTION_BITS);
+
+    /// A black film of `width` × `height` pixels, each of which will receive at most `splats` splats.
+    ///
+    /// # Errors
+    /// When so many splats could overflow.
+    pub fn new(width: u32, height: u32, splats: u64) -> Result<Self, TooManySplats> {
+        if splats > Self::MAX_SPLATS {
+            return Err(TooManySplats { splats });
+        }
+        let splat_bits = splats.max(1).next_power_of_two().trailing_zeros();
+        let fraction_bits = (62 - MAX_RADIANCE_BITS - splat_bits).min(MAX_FRACTION_BITS);
+        assert!(fraction_bits >= MIN_FRACTION_BITS && MAX_RADIANCE_BITS + splat_bits + fraction_bits <= 62);
+        let pixels = width as usize * height as usize;
+        Ok(Self {
+            width,
+            height,
+            fraction_bits,
+            sums: std::iter::repeat_with(Default::default).take(pixels).collect(),
+            samples: std::iter::repeat_with(Default::default).take(pixels).collect(),
+            dropped: AtomicU64::new(0),
+        })
+    }
+
+    /// Columns.
+    pub fn width(&self) -> u32 {
+        self.width
+    }
+
+    /// Rows.
+    pub fn height(&self) -> u32 {
+        self.height
+    }
+
+    /// Counts `samples` more camera rays for a pixel (row-major index, first row on top): its mean is
+    /// taken over all of them, whatever they bring.
+    pub fn add_samples(&self, pixel: u32, samples: u32) {
+        self.samples[pixel as usize].fetch_add(samples, Relaxed);
+    }
+
+    /// Adds radiance to a pixel, clamped to [`MAX_RADIANCE`]. A splat with a negative channel or one
+    /// that is not finite is dropped and counted.
+    pub fn splat(&self, pixel: u32, radiance: glam::Vec3) {
+        let valid = radiance.is_finite() && radiance.cmpge(glam::Vec3::ZERO).all();
+        if !valid {
+            self.dropped.fetch_add(1, Relaxed);
+            return;
+        }
+        let scale = (1u64 << self.fraction_bits) as f64;
+        for (sum, value) in self.sums[pixel as usize].iter().zip(radiance.to_array()) {
+            // The product is exact (a power of two), the rounding is the only error.
+            let fixed = libm::rint(f64::from(value.min(MAX_RADIANCE)) * scale) as i64;
+            if fixed != 0 {
+                sum.fetch_add(fixed, Relaxed);
+            }
+        }
+    }
+
+    /// Splats dropped so far because they were not radiance.
+    pub fn dropped_splats(&self) -> u64 {
+        self.dropped.load(Relaxed)
+    }
+
+    /// Samples taken of each pixel so far, row major, first row on top.
+    pub fn sample_counts(&self) -> Vec<u32> {
+        self.samples.iter().map(|n| n.load(Relaxed)).collect()
+    }
+
+    /// The mean radiance of each pixel over its own samples, row major, first row on top; 0 where
+    /// there is no sample yet.
+    pub fn resolve(&self) -> Vec<[f32; 3]> {
+        let unit = 1.0 / (1u64 << self.fraction_bits) as f64;
+        self.sums
+            .iter()
+            .zip(&self.samples)
+            .map(|(sums, samples)| match samples.load(Relaxed) {
+                0 => [0.0; 3],
+                n => sums.each_ref().map(|sum| (sum.load(Relaxed) as f64 * unit / f64::from(n)) as f32),
+            })
+            .collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::Vec3;
+
+    #[test]
+    fn the_mean_is_over_the_pixels_own_samples() {
+        let film = Film::new(2, 2, 16).expect("fits");
+        film.add_samples(3, 4);
+        film.splat(3, Vec3::new(1.0, 2.0, 3.0));
+        film.splat(3, Vec3::new(3.0, 2.0, 1.0));
+        film.add_samples(1, 1);
+        assert_eq!(film.resolve(), vec![[0.0; 3], [0.0; 3], [0.0; 3], [1.0; 3]]);
+        assert_eq!(film.sample_counts(), vec![0, 1, 0, 4]);
+    }
+
+    #[test]
+    fn what_is_not_radiance_is_dropped_and_counted() {
+        let film = Film::new(1, 1, 8).expect("fits");
+        film.add_samples(0, 1);
+        film.splat(0, Vec3::new(f32::NAN, 0.0, 0.0));
+        film.splat(0, Vec3::new(0.0, f32::INFINITY, 0.0));
+        film.splat(0, Vec3::new(0.0, 0.0, -1.0));
+        film.splat(0, Vec3::new(0.5, 1e-30, f32::MAX));
+        assert_eq!(film.dropped_splats(), 3);
+        assert_eq!(film.resolve(), vec![[0.5, 0.0, MAX_RADIANCE]]);
+    }
+
+    #[test]
+    fn the_brightest_splats_fill_a_pixel_without_overflow() {
+        for splats in [1, 2, 3, 1000, 4096] {
+            let film = Film::new(1, 1, splats).expect("fits");
+            for _ in 0..splats {
+                film.splat(0, Vec3::splat(f32::MAX));
+            }
+            film.add_samples(0, 1);
+            assert_eq!(film.resolve()[0][0], MAX_RADIANCE * splats as f32);
+        }
+        assert!(Film::new(1, 1, Film::MAX_SPLATS).is_ok());
+        assert_eq!(
+            Film::new(1, 1, Film::MAX_SPLATS + 1).err(),
+            Some(TooManySplats { splats: Film::MAX_SPLATS + 1 })
+        );
+    }
+
+    #[test]
+    fn order_and_threads_do_not_change_a_byte() {
+        let values: Vec<Vec3> = (0..4000u32)
+            .map(|i| {
+                let x = crate::geom::mix(i) as f32 * 2.0f32.powi(-(i as i32 % 40));
+                Vec3::new(x, 1.0 / (x + 1e-3), x * x)
+            })
+            .collect();
+        let forward = Film::new(1, 1, 4000).expect("fits");
+        values.iter().for_each(|&v| forward.splat(0, v));
+        forward.add_samples(0, 7);
+        let shuffled = Film::new(1, 1, 4000).expect("fits");
+        std::thread::scope(|scope| {
+            for part in values.chunks(997) {
+                scope.spawn(|| part.iter().rev().for_each(|&v| shuffled.splat(0, v)));
+            }
+        });
+        shuffled.add_samples(0, 3);
+        shuffled.add_samples(0, 4);
+        assert_eq!(forward.resolve(), shuffled.resolve());
+    }
+}

@@ -1,0 +1,187 @@
+//! What all integrators of a frame share.
+
+use crate::film::{Film, TooManySplats};
+use crate::geom::Sampler;
+use crate::scene::{Camera, CameraError, Lens, Scene};
+use crate::shade::Lights;
+use crate::stream::Ray;
+use std::sync::Arc;
+
+/// Side of a tile, pixels.
+pub const TILE: u32 = 128;
+
+/// Side of the blocks of pixels within a tile whose camera rays follow each other.
+const BLOCK: u32 = 8;
+
+/// What a picture is made with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Settings {
+    /// Columns.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Samples per pixel.
+    pub spp: u32,
+    /// Rays after the camera ray on any path; 0 leaves emission and direct light at the first hit.
+    pub max_bounces: u32,
+    /// Chooses the random numbers.
+    pub seed: u64,
+}
+
+/// Why a frame cannot be rendered.
+#[derive(Debug, PartialEq, thiserror::Error)]
+pub enum SettingsError {
+    /// Too small or too large a picture.
+    #[error(
+        "a picture of {width}x{height} pixels; each side must be at least 1 and the area at most {} pixels",
+        Settings::MAX_PIXELS
+    )]
+    Size {
+        /// Columns asked for.
+        width: u32,
+        /// Rows asked for.
+        height: u32,
+    },
+    /// Too few or too many samples.
+    #[error("{spp} samples per pixel; ask for 1 to {}", Settings::MAX_SPP)]
+    Samples {
+        /// Samples asked for.
+        spp: u32,
+    },
+    /// Too deep.
+    #[error("{found} bounces; ask for at most {max}")]
+    Bounces {
+        /// Bounces asked for.
+        found: u32,
+        /// The most there can be.
+        max: u32,
+    },
+    /// Samples and depth together are too many to add up exactly.
+    #[error(transparent)]
+    Splats(#[from] TooManySplats),
+    /// The camera gives no view.
+    #[error(transparent)]
+    Camera(#[from] CameraError),
+}
+
+impl Settings {
+    /// Largest area of a picture, pixels.
+    pub const MAX_PIXELS: u64 = 1 << 28;
+    /// Most samples per pixel.
+    pub const MAX_SPP: u32 = 1 << 20;
+
+    /// Checks everything but the camera; `max_bounces` may go up to `limit`.
+    ///
+    /// # Errors
+    /// The first setting out of range.
+    pub fn validate(&self, limit: u32) -> Result<(), SettingsError> {
+        let Self { width, height, spp, max_bounces, .. } = *self;
+        if width == 0 || height == 0 || u64::from(width) * u64::from(height) > Self::MAX_PIXELS {
+            return Err(SettingsError::Size { width, height });
+        }
+        if !(1..=Self::MAX_SPP).contains(&spp) {
+            return Err(SettingsError::Samples { spp });
+        }
+        if max_bounces > limit {
+            return Err(SettingsError::Bounces { found: max_bounces, max: limit });
+        }
+        Ok(())
+    }
+}
+
+/// A scene, seen by a camera, with the film it falls on: what an integrator works with.
+#[derive(Debug)]
+pub struct Frame {
+    scene: Arc<Scene>,
+    lights: Lights,
+    lens: Lens,
+    settings: Settings,
+    film: Arc<Film>,
+    columns: u32,
+    rows: u32,
+}
+
+impl Frame {
+    /// A frame whose integrator adds at most `splats` splats per sample and allows `limit` bounces.
+    ///
+    /// # Errors
+    /// When a setting is out of range.
+    pub fn new(
+        scene: Arc<Scene>,
+        camera: &Camera,
+        settings: Settings,
+        limit: u32,
+        splats: impl Fn(u32) -> u64,
+    ) -> Result<Self, SettingsError> {
+        settings.validate(limit)?;
+        let Settings { width, height, spp, max_bounces, .. } = settings;
+        let lens = camera.lens(width, height)?;
+        let film = Arc::new(Film::new(width, height, u64::from(spp) * splats(max_bounces))?);
+        let lights = Lights::new(&scene);
+        let (columns, rows) = (width.div_ceil(TILE), height.div_ceil(TILE));
+        Ok(Self { scene, lights, lens, settings, film, columns, rows })
+    }
+
+    /// The scene.
+    pub fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
+    /// Its lights.
+    pub fn lights(&self) -> &Lights {
+        &self.lights
+    }
+
+    /// The settings.
+    pub fn settings(&self) -> &Settings {
+        &self.settings
+    }
+
+    /// Where radiance is added up.
+    pub fn film(&self) -> &Arc<Film> {
+        &self.film
+    }
+
+    /// Tiles of all sample passes: the whole picture once for each sample.
+    pub fn tiles(&self) -> u64 {
+        u64::from(self.columns) * u64::from(self.rows) * u64::from(self.settings.spp)
+    }
+
+    /// The most camera rays of a tile.
+    pub fn tile_rays(&self) -> usize {
+        let Settings { width, height, .. } = self.settings;
+        width.min(TILE) as usize * height.min(TILE) as usize
+    }
+
+    /// The sampler of a sample of a pixel.
+    pub fn sampler(&self, pixel: u32, sample: u32) -> Sampler {
+        Sampler::new(pixel, sample, self.settings.seed)
+    }
+
+    /// Makes the camera rays of a tile, giving each to `emit` with its pixel and sample, and counts
+    /// them on the film. Tiles go over the picture once for each sample, so a frame that stops early
+    /// is evenly done. Pixels are filtered by their box; dimension 0 of the sampler is the place in it.
+    pub fn camera_rays(&self, tile: u64, mut emit: impl FnMut(Ray, u32, u32)) {
+        let Settings { width, height, .. } = self.settings;
+        let per_pass = u64::from(self.columns) * u64::from(self.rows);
+        let sample = (tile / per_pass) as u32;
+        let place = (tile % per_pass) as u32;
+        let (left, top) = (place % self.columns * TILE, place / self.columns * TILE);
+        let (right, bottom) = ((left + TILE).min(width), (top + TILE).min(height));
+        for block_y in (top..bottom).step_by(BLOCK as usize) {
+            for block_x in (left..right).step_by(BLOCK as usize) {
+                for y in block_y..(block_y + BLOCK).min(bottom) {
+                    for x in block_x..(block_x + BLOCK).min(right) {
+                        let pixel = y * width + x;
+                        let place = self.sampler(pixel, sample).pair(CAMERA_DIMENSION);
+                        self.film.add_samples(pixel, 1);
+                        emit(Ray::new(self.lens.eye, self.lens.direction(x, y, place)), pixel, sample);
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Sampler dimension of the place within a pixel; all greater ones are the integrator's.
+pub const CAMERA_DIMENSION: u32 = 0;

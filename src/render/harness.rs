@@ -1,0 +1,91 @@
+//! Drives a renderer without a scheduler, one tile after the other: the plainest thing that keeps the
+//! renderer's contract.
+
+use crate::bvh::Bvh;
+use crate::scene::Scene;
+use crate::schedule::{Batch, Output, Renderer};
+use crate::stream::{Hit, Ray, Tracer};
+use crate::trace::cpu::{CpuTracer, SimdLevel};
+use std::sync::Arc;
+
+/// Rays counted while rendering.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counts {
+    /// Rays from [`Renderer::spawn`].
+    pub camera: u64,
+    /// Rays from [`Renderer::shade`].
+    pub continuation: u64,
+    /// Shadow rays.
+    pub shadow: u64,
+}
+
+/// A tracer for a scene.
+pub fn tracer(scene: &Scene) -> CpuTracer {
+    let mesh = &scene.mesh;
+    let bvh = Arc::new(Bvh::build(&mesh.positions, &mesh.triangles, |_| false));
+    CpuTracer::new(bvh, None, SimdLevel::detect()).expect("the detected level is available")
+}
+
+/// Renders all tiles with batches of at most `batch` rays.
+pub fn render<R: Renderer>(renderer: &R, batch: usize, tracer: &dyn Tracer) -> Counts {
+    let mut counts = Counts::default();
+    for tile in 0..renderer.tiles() {
+        let (mut rays, mut payloads) = (Vec::new(), Vec::new());
+        let (mut shadow_rays, mut shadow_payloads) = (Vec::new(), Vec::new());
+        renderer.spawn(
+            tile,
+            &mut Output {
+                rays: &mut rays,
+                payloads: &mut payloads,
+                shadow_rays: &mut shadow_rays,
+                shadow_payloads: &mut shadow_payloads,
+            },
+        );
+        assert!(rays.len() <= renderer.tile_rays() && shadow_rays.len() <= renderer.tile_rays());
+        counts.camera += rays.len() as u64;
+        while !rays.is_empty() {
+            occlude(renderer, tracer, &mut shadow_rays, &mut shadow_payloads, &mut counts);
+            let mut hits = vec![Hit::NONE; rays.len()];
+            tracer.closest(&rays, &mut hits);
+            let (mut next, mut next_payloads) = (Vec::new(), Vec::new());
+            for start in (0..rays.len()).step_by(batch) {
+                let part = start..(start + batch).min(rays.len());
+                let (before, shadows_before) = (next.len(), shadow_rays.len());
+                renderer.shade(
+                    Batch {
+                        rays: &rays[part.clone()],
+                        hits: &hits[part.clone()],
+                        payloads: &payloads[part.clone()],
+                    },
+                    &mut Output {
+                        rays: &mut next,
+                        payloads: &mut next_payloads,
+                        shadow_rays: &mut shadow_rays,
+                        shadow_payloads: &mut shadow_payloads,
+                    },
+                );
+                assert!(next.len() - before <= part.len());
+                assert!(shadow_rays.len() - shadows_before <= part.len() * renderer.shadow_rays_per_ray());
+            }
+            (rays, payloads) = (next, next_payloads);
+            counts.continuation += rays.len() as u64;
+        }
+        occlude(renderer, tracer, &mut shadow_rays, &mut shadow_payloads, &mut counts);
+    }
+    counts
+}
+
+fn occlude<R: Renderer>(
+    renderer: &R,
+    tracer: &dyn Tracer,
+    rays: &mut Vec<Ray>,
+    payloads: &mut Vec<R::ShadowPayload>,
+    counts: &mut Counts,
+) {
+    let mut occluded = vec![0; rays.len()];
+    tracer.occluded(rays, &mut occluded);
+    renderer.shadow(rays, payloads, &occluded);
+    counts.shadow += rays.len() as u64;
+    rays.clear();
+    payloads.clear();
+}

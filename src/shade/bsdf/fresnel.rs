@@ -1,0 +1,98 @@
+//! How much light a boundary reflects.
+
+use glam::Vec3;
+
+/// Share of unpolarised light that a smooth boundary reflects. `cosine` is that of the incident
+/// direction, ≥ 0; `eta` the index on the far side relative to the near side. Returns the share
+/// (1 on total internal reflection) and the cosine of the refracted direction (0 then).
+pub fn dielectric(cosine: f32, eta: f32) -> (f32, f32) {
+    if eta == 1.0 {
+        return (0.0, cosine);
+    }
+    let sine2 = (1.0 - cosine * cosine).max(0.0) / (eta * eta);
+    if sine2 >= 1.0 {
+        return (1.0, 0.0);
+    }
+    let refracted = (1.0 - sine2).sqrt();
+    let parallel = (eta * cosine - refracted) / (eta * cosine + refracted);
+    let perpendicular = (cosine - eta * refracted) / (cosine + eta * refracted);
+    (0.5 * (parallel * parallel + perpendicular * perpendicular), refracted)
+}
+
+/// Schlick's approximation: from `f0` at normal incidence to `f90` at grazing.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Schlick {
+    /// At normal incidence, per channel.
+    pub f0: Vec3,
+    /// At grazing incidence.
+    pub f90: f32,
+}
+
+impl Schlick {
+    /// The reflected share at a cosine.
+    pub fn at(&self, cosine: f32) -> Vec3 {
+        self.blend(schlick_weight(cosine))
+    }
+
+    /// The cosine-weighted mean over the hemisphere.
+    pub fn average(&self) -> Vec3 {
+        self.blend(1.0 / 21.0)
+    }
+
+    /// The share with weight `s` of `f90`.
+    fn blend(&self, s: f32) -> Vec3 {
+        self.f0 * (1.0 - s) + Vec3::splat(self.f90 * s)
+    }
+
+    /// A mixture, `share` of it `other`.
+    pub fn mix(&self, other: &Self, share: f32) -> Self {
+        Self { f0: self.f0.lerp(other.f0, share), f90: self.f90 + (other.f90 - self.f90) * share }
+    }
+}
+
+/// Weight of `f90` at a cosine: (1 − cosine)⁵.
+pub fn schlick_weight(cosine: f32) -> f32 {
+    let m = (1.0 - cosine).clamp(0.0, 1.0);
+    let m2 = m * m;
+    m2 * m2 * m
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_dielectric_share_has_its_known_values() {
+        let normal = dielectric(1.0, 1.5);
+        assert!((normal.0 - 0.04).abs() < 1e-6 && normal.1 == 1.0);
+        assert_eq!(dielectric(0.5, 1.0).0, 0.0);
+        assert_eq!(dielectric(0.0, 1.0).0, 0.0);
+        assert_eq!(dielectric(0.0, 1.5).0, 1.0);
+        assert_eq!(dielectric(0.5, 1.0 / 1.5), (1.0, 0.0), "beyond the critical angle of 41.8 degrees");
+        // Brewster's angle: only the perpendicular part is reflected.
+        let brewster = 1.0 / (1.0f32 + 1.5 * 1.5).sqrt();
+        assert!((dielectric(brewster, 1.5).0 - 0.5 * (1.25f32 / 3.25).powi(2)).abs() < 1e-5);
+    }
+
+    #[test]
+    fn both_directions_through_a_boundary_reflect_the_same_share() {
+        for i in 1..100 {
+            let cosine = i as f32 / 100.0;
+            let (share, refracted) = dielectric(cosine, 1.33);
+            assert!((dielectric(refracted, 1.0 / 1.33).0 - share).abs() < 1e-4);
+        }
+    }
+
+    #[test]
+    fn schlicks_average_is_its_integral() {
+        let f = Schlick { f0: Vec3::new(0.04, 0.5, 1.0), f90: 1.0 };
+        let n = 10_000;
+        let sum: Vec3 = (0..n)
+            .map(|i| {
+                let mu = (i as f32 + 0.5) / n as f32;
+                f.at(mu) * (2.0 * mu / n as f32)
+            })
+            .sum();
+        assert!((sum - f.average()).abs().max_element() < 1e-4);
+    }
+}

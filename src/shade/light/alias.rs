@@ -1,0 +1,110 @@
+//! Choosing among many by weight, in constant time.
+
+/// An alias table (Walker 1974, built after Vose 1991).
+#[derive(Clone, Debug, Default)]
+pub struct AliasTable {
+    entries: Vec<Entry>,
+    total: f64,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Entry {
+    /// Chance to stay when this entry is drawn.
+    keep: f32,
+    /// Who is chosen otherwise.
+    other: u32,
+    /// Chance of being chosen, altogether.
+    chance: f32,
+}
+
+impl AliasTable {
+    /// A table of `weights`, at most 2³² of them, each finite and ≥ 0. Empty when all are 0.
+    pub fn new(weights: &[f64]) -> Self {
+        let total: f64 = weights.iter().sum();
+        if total <= 0.0 {
+            return Self::default();
+        }
+        let n = weights.len();
+        let mut scaled: Vec<f64> = weights.iter().map(|w| w / total * n as f64).collect();
+        let mut entries: Vec<Entry> = weights
+            .iter()
+            .enumerate()
+            .map(|(i, w)| Entry { keep: 1.0, other: i as u32, chance: (w / total) as f32 })
+            .collect();
+        let (mut small, mut large): (Vec<usize>, Vec<usize>) = (0..n).partition(|&i| scaled[i] < 1.0);
+        while let (Some(&poor), Some(&rich)) = (small.last(), large.last()) {
+            small.pop();
+            entries[poor].keep = scaled[poor] as f32;
+            entries[poor].other = rich as u32;
+            scaled[rich] -= 1.0 - scaled[poor];
+            if scaled[rich] < 1.0 {
+                large.pop();
+                small.push(rich);
+            }
+        }
+        // Rounding may leave some with a weight that should be exactly 1; but what has no weight is
+        // never chosen.
+        for i in small {
+            if weights[i] == 0.0 {
+                entries[i].keep = 0.0;
+                entries[i].other = weights.iter().position(|&w| w > 0.0).unwrap_or(0) as u32;
+            }
+        }
+        Self { entries, total }
+    }
+
+    /// Whether nothing can be chosen.
+    pub fn is_empty(&self) -> bool {
+        self.entries.is_empty()
+    }
+
+    /// Sum of the weights.
+    pub fn total(&self) -> f64 {
+        self.total
+    }
+
+    /// Chooses by `u` in [0, 1); `None` when empty. Returns the index and its chance.
+    pub fn choose(&self, u: f32) -> Option<(u32, f32)> {
+        let place = u * self.entries.len() as f32;
+        let index = (place as usize).min(self.entries.len().checked_sub(1)?);
+        let entry = self.entries[index];
+        let chosen = if place - (index as f32) < entry.keep { index as u32 } else { entry.other };
+        Some((chosen, self.entries[chosen as usize].chance))
+    }
+
+    /// The chance of being chosen.
+    pub fn chance(&self, index: u32) -> f32 {
+        self.entries[index as usize].chance
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_is_chosen_as_often_as_its_weight_says() {
+        let weights = [0.0, 3.0, 1.0, 0.0, 0.5, 100.0, 1e-3, 7.0];
+        let table = AliasTable::new(&weights);
+        let total: f64 = weights.iter().sum();
+        let n = 1 << 20;
+        let mut counts = vec![0u32; weights.len()];
+        for i in 0..n {
+            let (index, chance) = table.choose((i as f32 + 0.5) / n as f32).expect("not empty");
+            assert_eq!(chance, table.chance(index));
+            counts[index as usize] += 1;
+        }
+        for (i, &w) in weights.iter().enumerate() {
+            let expected = w / total;
+            assert!((f64::from(counts[i]) / f64::from(n) - expected).abs() < 1e-5, "{i}");
+            assert!((f64::from(table.chance(i as u32)) - expected).abs() < 1e-6);
+        }
+        assert_eq!((counts[0], counts[3]), (0, 0), "no weight, no chance");
+    }
+
+    #[test]
+    fn nothing_is_chosen_from_nothing() {
+        assert!(AliasTable::new(&[]).choose(0.3).is_none());
+        assert!(AliasTable::new(&[0.0, 0.0]).choose(0.3).is_none());
+    }
+}
