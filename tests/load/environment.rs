@@ -46,6 +46,8 @@ fn files_that_are_not_maps_are_refused() {
     let header = "#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 100000 +X 100000\n";
     folder.write("huge.hdr", header);
     assert_holds(&message("huge.hdr"), &["100000 x 100000", "120000000000", "2147483648"]);
+    folder.write("large.hdr", header.replace("100000", "10000"));
+    assert_holds(&message("large.hdr"), &["10000 x 10000", "1200000000", "only 53", "damaged"]);
     folder.write("none.hdr", header.replace("100000", "0"));
     assert_holds(&message("none.hdr"), &["0"]);
     save(&folder, "half.exr", 8, &[[1.0; 3]; 64]);

@@ -18,6 +18,8 @@ impl Folder {
 
     pub fn write(&self, name: &str, bytes: impl AsRef<[u8]>) -> PathBuf {
         let path = self.path(name);
+        // Some file systems wait for the disk when a file is truncated, not when it is made anew.
+        _ = std::fs::remove_file(&path);
         std::fs::write(&path, bytes).expect("a temporary file");
         path
     }

@@ -151,10 +151,13 @@ fn ply() {
 fn images() {
     let folder = Folder::new();
     let scene = folder.write("a.obj", "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl m\nf 1 2 3\n");
-    folder.write("a.mtl", "newmtl m\nmap_Kd a.png\n");
-    let texels: Vec<[u8; 4]> = (0..64).map(|i| [i * 3, 255 - i, i ^ 21, 255]).collect();
-    let whole = std::fs::read(folder.image("a.png", 8, &texels)).expect("just written");
-    survives(&folder, "a.png", &whole, |_| load(&scene).is_ok());
+    for name in ["a.png", "a.jpg", "a.webp", "a.tiff", "a.bmp", "a.tga"] {
+        folder.write("a.mtl", format!("newmtl m\nmap_Kd {name}\n"));
+        let image = image::RgbImage::from_fn(16, 8, |x, y| image::Rgb([x as u8 * 9, y as u8 * 30, 77]));
+        image.save(folder.path(name)).expect("an image");
+        let whole = std::fs::read(folder.path(name)).expect("just written");
+        survives(&folder, name, &whole, |_| load(&scene).is_ok());
+    }
     for name in ["a.hdr", "a.exr"] {
         let image = image::Rgb32FImage::from_fn(16, 8, |x, y| image::Rgb([x as f32, y as f32, 0.5]));
         image::DynamicImage::ImageRgb32F(image).save(folder.path(name)).expect("an image");
