@@ -7,6 +7,13 @@ use std::path::Path;
 /// The most bytes that one decoded image may take (16384² RGBA texels take half of them).
 const MAX_IMAGE_BYTES: u64 = 1 << 31;
 
+/// An image above this size must be backed by a file of some length: no format but that of a single
+/// colour packs texels tighter than [`MAX_RATIO`], so a larger promise is a damaged header.
+const TRUSTED_IMAGE_BYTES: u64 = 1 << 26;
+
+/// Decoded bytes per byte of the file; deflate reaches about 1000.
+const MAX_RATIO: u64 = 4096;
+
 /// Decodes an image; its first bytes tell the format, or, for formats without a signature (TGA), the
 /// extension of `name`.
 ///
@@ -35,6 +42,13 @@ pub(super) fn decode(bytes: &[u8], name: &Path) -> Result<DynamicImage, String> 
         return Err(format!(
             "is {width} x {height} pixels, {needed} bytes when decoded; at most {MAX_IMAGE_BYTES} are \
              allowed: scale it down"
+        ));
+    }
+    if needed > TRUSTED_IMAGE_BYTES && needed / MAX_RATIO > bytes.len() as u64 {
+        return Err(format!(
+            "promises {width} x {height} pixels, {needed} bytes when decoded, but the file has only {}: it \
+             is damaged",
+            bytes.len()
         ));
     }
     DynamicImage::from_decoder(decoder).map_err(|e| cannot(&e))

@@ -177,10 +177,11 @@ impl<'a> Flattened<'a> {
         motion: &Motion,
     ) -> Result<u32, String> {
         let base = self.mesh.positions.len();
-        if u32::try_from(base + attributes.positions.count()).is_err() {
+        let positions = fetch::<3>(context, "POSITION", &attributes.positions)?;
+        if u32::try_from(base + positions.len()).is_err() {
             return Err(format!("the scene has more than {} vertices, more than can be numbered", u32::MAX));
         }
-        for (i, position) in fetch::<3>(context, "POSITION", &attributes.positions)?.iter().enumerate() {
+        for (i, position) in positions.iter().enumerate() {
             let moved = motion.matrix.transform_point3(DVec3::from_array(position.map(f64::from))).as_vec3();
             // NaN fails the comparison too.
             if !moved.abs().cmple(Vec3::splat(MAX_COORDINATE)).all() {

@@ -5,7 +5,6 @@ use super::super::textures::{Source, Textures};
 use super::Context;
 use super::buffers::{Location, locate};
 use crate::scene::{ColourSpace, TextureRef, Wrap};
-use ::gltf::image::Source as ImageSource;
 use ::gltf::json::Value;
 use ::gltf::material::NormalTexture;
 use ::gltf::texture::{Info, WrappingMode};
@@ -116,20 +115,23 @@ impl<'a> Use<'a> {
             return Err((format!("textures[{}]", self.texture.index()), problem));
         };
         let mut name = image.name().map_or_else(|| format!("images[{}]", image.index()), str::to_owned);
-        let result = match image.source() {
-            ImageSource::View { view, .. } => textures.image(Source::Embedded(image.index()), &name, || {
-                context.buffers.view(&view).map(<[u8]>::to_vec)
-            }),
-            ImageSource::Uri { uri, .. } => match locate(context.path, uri) {
+        // The crate's own accessor trusts that one of the two is there.
+        let json = &context.document.as_json().images[image.index()];
+        let view = json.buffer_view.and_then(|view| context.document.views().nth(view.value()));
+        let source = Source::Embedded(image.index());
+        let result = match (view, &json.uri) {
+            (Some(view), _) => {
+                textures.image(source, &name, || context.buffers.view(&view).map(<[u8]>::to_vec))
+            }
+            (None, Some(uri)) => match locate(context.path, uri) {
                 Ok(Location::File(path)) => {
                     name = format!("{uri:?}");
                     textures.file(&path)
                 }
-                Ok(Location::Data(bytes)) => {
-                    textures.image(Source::Embedded(image.index()), &name, || Ok(bytes))
-                }
+                Ok(Location::Data(bytes)) => textures.image(source, &name, || Ok(bytes)),
                 Err(problem) => Err(problem),
             },
+            (None, None) => Err("has neither a buffer view nor a URI".into()),
         };
         result.map_err(|problem| (name, problem))
     }

@@ -148,19 +148,17 @@ impl Reader {
     /// `v`, `v/vt`, `v//vn` or `v/vt/vn`.
     fn corner(&self, word: &str) -> Result<Corner, String> {
         let mut parts = word.split('/');
-        let mut next = |what, count| match parts.next() {
-            None | Some("") => Ok(NONE),
-            Some(index) => resolve(index, what, count),
-        };
-        let corner = Corner {
-            position: next("vertex", self.positions.len())?,
-            uv: next("texture coordinate", self.uvs.len())?,
-            normal: next("normal", self.normals.len())?,
-        };
-        if corner.position == NONE || parts.next().is_some() {
+        let [position, uv, normal] = [(); 3].map(|()| parts.next().filter(|part| !part.is_empty()));
+        let (Some(position), None) = (position, parts.next()) else {
             return Err(format!("{word:?} is not the corner of a face (such as 7, 7/3, 7//5 or 7/3/5)"));
-        }
-        Ok(corner)
+        };
+        let optional =
+            |index: Option<&str>, what, count| index.map_or(Ok(NONE), |index| resolve(index, what, count));
+        Ok(Corner {
+            position: resolve(position, "vertex", self.positions.len())?,
+            uv: optional(uv, "texture coordinate", self.uvs.len())?,
+            normal: optional(normal, "normal", self.normals.len())?,
+        })
     }
 
     /// The mesh's vertex for a corner, made if there is none yet.
