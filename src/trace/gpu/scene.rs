@@ -76,12 +76,9 @@ impl SceneBuffers {
             });
             (nodes, triangles, scene)
         });
-        let (node_buffer, triangle_buffer, scene) =
-            made.map_err(GpuError::Lost)?.map_err(|reason| GpuError::OutOfMemory {
-                required: node_bytes + triangle_bytes,
-                adapter: adapter(),
-                reason,
-            })?;
+        let (node_buffer, triangle_buffer, scene) = made.map_err(GpuError::Lost)?.map_err(|reason| {
+            GpuError::OutOfMemory { required: node_bytes + triangle_bytes, adapter: adapter(), reason }
+        })?;
         upload(gpu, &node_buffer, bytemuck::cast_slice(&nodes))?;
         upload(gpu, &triangle_buffer, bytemuck::cast_slice(&triangles))?;
         Ok(Self { scene, call_layout, closest, any, bytes: node_bytes + triangle_bytes })
@@ -94,7 +91,8 @@ pub(super) fn entry(binding: u32, resource: wgpu::BindingResource<'_>) -> wgpu::
 }
 
 fn check(gpu: &Gpu, what: &'static str, required: usize) -> Result<u64, GpuError> {
-    let (required, available) = (required as u64, gpu.info().max_binding_bytes.min(gpu.info().max_buffer_bytes));
+    let (required, available) =
+        (required as u64, gpu.info().max_binding_bytes.min(gpu.info().max_buffer_bytes));
     if required > available {
         return Err(GpuError::TooLarge { what, required, available, adapter: gpu.info().to_string() });
     }
