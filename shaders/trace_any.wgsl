@@ -1,12 +1,14 @@
 // Whether anything is hit: 1, 0, or UNDECIDED where only triangles that rounding or alpha could take
 // away are in the way.
 
+@group(1) @binding(2) var<storage, read_write> answers: array<u32>;
+
 @compute @workgroup_size(WORKGROUP_SIZE)
 fn trace_any(@builtin(global_invocation_id) id: vec3<u32>) {
-    if id.x >= params.count {
+    let slot = id.x;
+    if slot >= params.count {
         return;
     }
-    let slot = params.first + id.x;
     var ray: PreparedRay;
     let fitness = prepare(rays[slot], &ray);
     if fitness != CERTAIN {
@@ -19,7 +21,11 @@ fn trace_any(@builtin(global_invocation_id) id: vec3<u32>) {
     var height = 0u;
     var reference = 0u;
     loop {
-        if (reference & LEAF) == 0u {
+        // Down to a leaf.
+        loop {
+            if (reference & LEAF) != 0u {
+                break;
+            }
             let node = nodes[reference];
             let left = outer(ray, node.left_min, node.left_max);
             let right = outer(ray, node.right_min, node.right_max);
@@ -32,31 +38,41 @@ fn trace_any(@builtin(global_invocation_id) id: vec3<u32>) {
                     stack[height] = select(node.left, node.right, left_first);
                     height += 1u;
                 }
-                continue;
-            }
-        } else {
-            var index = reference & ~LEAF;
-            loop {
-                let triangle = triangles[index];
-                let verdict = judge(ray, triangle);
-                if verdict.kind == CERTAIN {
-                    answers[slot] = 1u;
-                    return;
+            } else {
+                reference = NOWHERE;
+                if height > 0u {
+                    height -= 1u;
+                    reference = stack[height];
                 }
-                if verdict.kind == UNCERTAIN {
-                    answer = UNDECIDED;
-                }
-                if (triangle.flags & LAST) != 0u {
-                    break;
-                }
-                index += 1u;
             }
         }
-        if height == 0u {
+        if reference == NOWHERE {
             break;
         }
-        height -= 1u;
-        reference = stack[height];
+
+        // Through the leaf.
+        var index = reference & ~LEAF;
+        loop {
+            let triangle = triangles[index];
+            let verdict = judge(ray, triangle);
+            if verdict.kind == CERTAIN {
+                answer = 1u;
+                height = 0u;
+                break;
+            }
+            if verdict.kind == UNCERTAIN {
+                answer = UNDECIDED;
+            }
+            if (triangle.flags & LAST) != 0u {
+                break;
+            }
+            index += 1u;
+        }
+        reference = NOWHERE;
+        if height > 0u {
+            height -= 1u;
+            reference = stack[height];
+        }
     }
     answers[slot] = answer;
 }

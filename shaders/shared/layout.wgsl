@@ -32,18 +32,28 @@ struct Triangle {
     extent: f32,
 }
 
-struct Params {
-    // The rays of this dispatch: `first .. first + count`.
+// What may be the nearest hit of a ray: the canonical one is among up to three primitives in order
+// of distance (MISS where there are fewer), unless what was left out may be as near: that is not
+// nearer than `rest` (LARGEST_FLOAT when nothing was left out).
+struct Candidates {
     first: u32,
+    second: u32,
+    third: u32,
+    rest: f32,
+}
+
+struct Params {
+    // Number of rays.
     count: u32,
     // Largest absolute coordinate of the scene.
     scene_max_abs: f32,
     // Always 0, which no compiler knows; see `rounded`.
     zero: u32,
+    spare: u32,
 }
 
 @group(0) @binding(0) var<storage, read> nodes: array<Node>;
 @group(0) @binding(1) var<storage, read> triangles: array<Triangle>;
 @group(1) @binding(0) var<storage, read> rays: array<Ray>;
-@group(1) @binding(1) var<storage, read_write> answers: array<u32>;
-@group(1) @binding(2) var<uniform> params: Params;
+@group(1) @binding(1) var<uniform> params: Params;
+// Binding 2 of group 1 takes the answers of each kernel.

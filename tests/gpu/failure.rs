@@ -10,8 +10,7 @@ use std::time::{Duration, Instant};
 
 fn ask(tracer: &GpuTracer, rays: &[raystream::stream::Ray]) -> Result<(), String> {
     let (mut hits, mut occluded) = (vec![Hit::NONE; rays.len()], vec![0; rays.len()]);
-    let queries =
-        Queries { rays, hits: &mut hits, shadow_rays: rays, occluded: &mut occluded };
+    let queries = Queries { rays, hits: &mut hits, shadow_rays: rays, occluded: &mut occluded };
     tracer.trace(queries).map(|_| ()).map_err(|DeviceError::Lost(text)| text)
 }
 
@@ -32,7 +31,7 @@ fn a_lost_device_says_so_and_stays_lost() {
     assert!(start.elapsed() < Duration::from_millis(100), "lost devices answer at once");
     assert_eq!(gpu.lost(), Some(first.as_str()));
     let bvh = Arc::new(raystream::bvh::Bvh::build(&mesh.positions, &mesh.triangles, |_| false));
-    let again = GpuTracer::new(gpu, bvh, Arc::new(oracle));
+    let again = GpuTracer::new(gpu, bvh, None, Arc::new(oracle));
     assert!(matches!(again.map(|_| ()), Err(GpuError::Lost(_))));
 }
 

@@ -33,8 +33,9 @@ fn open() -> Arc<Gpu> {
 /// The reference and the GPU tracer over a mesh; every fourth triangle is masked when asked.
 fn tracers(gpu: &Arc<Gpu>, mesh: &Mesh, masked: bool) -> (Oracle, GpuTracer) {
     let bvh = Arc::new(Bvh::build(&mesh.positions, &mesh.triangles, |p| masked && p % 4 == 1));
-    let oracle = Oracle::new(bvh.clone(), Some(Arc::new(Stripes)));
-    let tracer = GpuTracer::new(gpu.clone(), bvh, Arc::new(oracle.clone())).expect("the scene fits");
+    let filter: Option<Arc<dyn Filter>> = Some(Arc::new(Stripes));
+    let oracle = Oracle::new(bvh.clone(), filter.clone());
+    let tracer = GpuTracer::new(gpu.clone(), bvh, filter, Arc::new(oracle.clone())).expect("the scene fits");
     (oracle, tracer)
 }
 

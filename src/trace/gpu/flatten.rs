@@ -18,8 +18,7 @@ pub(super) struct Flat {
 type Child = (u32, Aabb);
 
 /// A child that is not there: its box is inside out (with finite numbers, which kernels may rely on).
-const ABSENT: Child =
-    (0, Aabb { min: Vec3::splat(MAX_COORDINATE), max: Vec3::splat(-MAX_COORDINATE) });
+const ABSENT: Child = (0, Aabb { min: Vec3::splat(MAX_COORDINATE), max: Vec3::splat(-MAX_COORDINATE) });
 
 /// An inner node still to be laid out.
 struct Open {
@@ -145,8 +144,7 @@ mod tests {
         loop {
             if reference & LEAF == 0 {
                 let node = flat.nodes[reference as usize];
-                let present =
-                    |r, min: [f32; 3], max: [f32; 3]| (min[0] <= max[0]).then_some(r);
+                let present = |r, min: [f32; 3], max: [f32; 3]| (min[0] <= max[0]).then_some(r);
                 let left = present(node.left, node.left_min, node.left_max);
                 let right = present(node.right, node.right_min, node.right_max);
                 let (near, far) = if right_first { (right, left) } else { (left, right) };

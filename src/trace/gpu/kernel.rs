@@ -27,6 +27,14 @@ impl Kernel {
         }
     }
 
+    /// Bytes of one ray's answer.
+    pub fn answer_bytes(self) -> usize {
+        match self {
+            Self::TraceClosest => size_of::<layout::Candidates>(),
+            Self::TraceAny => size_of::<u32>(),
+        }
+    }
+
     fn body(self) -> &'static str {
         match self {
             Self::TraceClosest => include_str!("../../../shaders/trace_closest.wgsl"),
@@ -50,6 +58,7 @@ fn constants(stack: usize) -> String {
         ("MASKED", layout::MASKED),
         ("LAST", layout::LAST),
         ("MISS", MISS),
+        ("NOWHERE", layout::NOWHERE),
         ("UNDECIDED", layout::UNDECIDED),
         ("SIGN", (-0.0_f32).to_bits()),
         ("EXPONENT", f32::INFINITY.to_bits()),
@@ -118,12 +127,13 @@ mod tests {
 
     #[test]
     fn structs_lie_in_memory_alike_on_both_sides() {
-        use layout::{Node, Params, Triangle};
-        let expected: [Layout; 4] = [
+        use layout::{Candidates, Node, Params, Triangle};
+        let expected: [Layout; 5] = [
             layout_of!(Ray: origin, t_min, direction, t_max),
             layout_of!(Node: left_min, left, left_max, spare_0, right_min, right, right_max, spare_1),
             layout_of!(Triangle: v0, primitive, v1, flags, v2, extent),
-            layout_of!(Params: first, count, scene_max_abs, zero),
+            layout_of!(Candidates: first, second, third, rest),
+            layout_of!(Params: count, scene_max_abs, zero, spare),
         ];
         for kernel in ALL {
             let module = parse(kernel);

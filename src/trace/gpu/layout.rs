@@ -30,14 +30,26 @@ pub(super) struct Triangle {
     pub extent: f32,
 }
 
+/// Where the canonical nearest hit of a ray may be: `kept`, in order of distance, [`crate::stream::MISS`]
+/// where there are fewer; or what was left out, which is not nearer than `rest`.
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub(super) struct Candidates {
+    pub first: u32,
+    pub second: u32,
+    pub third: u32,
+    /// `f32::MAX` when nothing was left out.
+    pub rest: f32,
+}
+
 /// What one dispatch is told.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub(super) struct Params {
-    pub first: u32,
     pub count: u32,
     pub scene_max_abs: f32,
     pub zero: u32,
+    pub spare: u32,
 }
 
 /// Bit of a child reference: a leaf, the other bits are its first triangle.
@@ -46,8 +58,10 @@ pub(super) const LEAF: u32 = 1 << 31;
 pub(super) const MASKED: u32 = 1;
 /// Bit of [`Triangle::flags`]: the last of its leaf.
 pub(super) const LAST: u32 = 2;
-/// A kernel's answer where rounding or alpha could change it.
-pub(super) const UNDECIDED: u32 = u32::MAX - 1;
+/// A child reference to nothing: the traversal is over. Has the bit of a leaf.
+pub(super) const NOWHERE: u32 = u32::MAX;
+/// The answer of `trace_any` where rounding or alpha could change it.
+pub(super) const UNDECIDED: u32 = 2;
 
 /// The most triangles of a leaf.
 pub(super) const LEAF_TRIANGLES: usize = 2;

@@ -6,19 +6,21 @@
 //!                                                     candidates ─resolve─▶ canonical hits
 //! ```
 //!
-//! The device answers each ray with a primitive, a miss, or "undecided" where rounding could change
-//! the answer (`shaders/shared/triangle.wgsl` has the error analysis). The host evaluates the hit
-//! canonically from the primitive and has the CPU tracer trace undecided rays, so the result is that
-//! of [`crate::geom::CanonicalRay`] to the bit, on any device whose `+`, `-` and `*` round correctly.
+//! The device's arithmetic is not trusted to the bit. For each ray it names up to three primitives
+//! among which the canonical hit certainly is, and says when there may be more
+//! (`shaders/shared/triangle.wgsl` has the error analysis). The host evaluates the candidates
+//! canonically, alpha included, and has the CPU tracer trace what is still open. So the result is
+//! that of [`crate::geom::CanonicalRay`] to the bit, on any device that rounds `+`, `-` and `*` to the
+//! nearest number.
 
 mod adapter;
 mod error;
 mod flatten;
 mod kernel;
 mod layout;
+mod pass;
 mod resolve;
 mod scene;
-mod slot;
 mod tracer;
 mod trusted;
 mod wall;

@@ -2,28 +2,26 @@
 
 use super::flatten::{Flat, flatten, node_count};
 use super::kernel::Kernel;
-use super::layout::{Node, Params, Triangle};
-use super::{Gpu, GpuError, trusted};
+use super::layout::{Node, Triangle};
+use super::pass::Pass;
+use super::{Gpu, GpuError};
 use crate::bvh::Bvh;
-use std::num::NonZero;
 
 /// Bytes uploaded at once: each piece passes through staging memory of its size.
 const UPLOAD_BYTES: usize = 16 << 20;
 
 /// A scene on the device.
 #[derive(Debug)]
-pub(super) struct SceneBuffers {
+pub(super) struct DeviceScene {
     /// Binds nodes and triangles: group 0.
-    pub scene: wgpu::BindGroup,
-    /// How rays, answers and params are bound: group 1.
-    pub call_layout: wgpu::BindGroupLayout,
-    pub closest: wgpu::ComputePipeline,
-    pub any: wgpu::ComputePipeline,
+    pub group: wgpu::BindGroup,
+    pub closest: Pass,
+    pub any: Pass,
     /// Bytes of nodes and triangles.
     pub bytes: u64,
 }
 
-impl SceneBuffers {
+impl DeviceScene {
     /// Uploads a tree and compiles the kernels for it.
     ///
     /// # Errors
@@ -36,25 +34,12 @@ impl SceneBuffers {
         let adapter = || gpu.info().to_string();
 
         let made = gpu.attempt(|device, _| {
-            let [scene_layout, call_layout] = layouts(device);
-            let pipeline_layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-                label: Some("trace"),
-                bind_group_layouts: &[Some(&scene_layout), Some(&call_layout)],
-                immediate_size: 0,
-            });
-            let pipeline = |kernel: Kernel| {
-                device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-                    label: Some(kernel.name()),
-                    layout: Some(&pipeline_layout),
-                    module: &trusted::module(device, kernel, stack),
-                    entry_point: Some(kernel.name()),
-                    compilation_options: wgpu::PipelineCompilationOptions::default(),
-                    cache: None,
-                })
-            };
-            (scene_layout, call_layout, pipeline(Kernel::TraceClosest), pipeline(Kernel::TraceAny))
+            let (group, call) = layouts(device);
+            let pass = |kernel| Pass::new(device, kernel, stack, &group, call.clone());
+            let (closest, any) = (pass(Kernel::TraceClosest), pass(Kernel::TraceAny));
+            (group, closest, any)
         });
-        let (scene_layout, call_layout, closest, any) = made
+        let (layout, closest, any) = made
             .map_err(GpuError::Lost)?
             .map_err(|reason| GpuError::Kernel { adapter: adapter(), reason })?;
 
@@ -69,22 +54,19 @@ impl SceneBuffers {
             };
             let nodes = buffer("nodes", node_bytes);
             let triangles = buffer("triangles", triangle_bytes);
-            let scene = device.create_bind_group(&wgpu::BindGroupDescriptor {
+            let group = device.create_bind_group(&wgpu::BindGroupDescriptor {
                 label: Some("scene"),
-                layout: &scene_layout,
+                layout: &layout,
                 entries: &[entry(0, nodes.as_entire_binding()), entry(1, triangles.as_entire_binding())],
             });
-            (nodes, triangles, scene)
+            (nodes, triangles, group)
         });
-        let (node_buffer, triangle_buffer, scene) =
-            made.map_err(GpuError::Lost)?.map_err(|reason| GpuError::OutOfMemory {
-                required: node_bytes + triangle_bytes,
-                adapter: adapter(),
-                reason,
-            })?;
+        let (node_buffer, triangle_buffer, group) = made.map_err(GpuError::Lost)?.map_err(|reason| {
+            GpuError::OutOfMemory { required: node_bytes + triangle_bytes, adapter: adapter(), reason }
+        })?;
         upload(gpu, &node_buffer, bytemuck::cast_slice(&nodes))?;
         upload(gpu, &triangle_buffer, bytemuck::cast_slice(&triangles))?;
-        Ok(Self { scene, call_layout, closest, any, bytes: node_bytes + triangle_bytes })
+        Ok(Self { group, closest, any, bytes: node_bytes + triangle_bytes })
     }
 }
 
@@ -94,32 +76,24 @@ pub(super) fn entry(binding: u32, resource: wgpu::BindingResource<'_>) -> wgpu::
 }
 
 fn check(gpu: &Gpu, what: &'static str, required: usize) -> Result<u64, GpuError> {
-    let (required, available) = (required as u64, gpu.info().max_binding_bytes.min(gpu.info().max_buffer_bytes));
+    let (required, available) =
+        (required as u64, gpu.info().max_binding_bytes.min(gpu.info().max_buffer_bytes));
     if required > available {
         return Err(GpuError::TooLarge { what, required, available, adapter: gpu.info().to_string() });
     }
     Ok(required)
 }
 
-/// Group 0: nodes, triangles. Group 1: rays, answers, params.
-fn layouts(device: &wgpu::Device) -> [wgpu::BindGroupLayout; 2] {
-    let storage = |read_only| wgpu::BindingType::Buffer {
-        ty: wgpu::BufferBindingType::Storage { read_only },
-        has_dynamic_offset: false,
-        min_binding_size: None,
-    };
-    let params = wgpu::BindingType::Buffer {
-        ty: wgpu::BufferBindingType::Uniform,
-        has_dynamic_offset: true,
-        min_binding_size: NonZero::new(size_of::<Params>() as u64),
-    };
-    let layout = |label, types: &[wgpu::BindingType]| {
+/// Group 0: nodes, triangles. Group 1: rays, params, answers.
+fn layouts(device: &wgpu::Device) -> (wgpu::BindGroupLayout, wgpu::BindGroupLayout) {
+    use wgpu::BufferBindingType::{Storage, Uniform};
+    let layout = |label, types: &[wgpu::BufferBindingType]| {
         let entries: Vec<_> = (0..)
             .zip(types)
             .map(|(binding, &ty)| wgpu::BindGroupLayoutEntry {
                 binding,
                 visibility: wgpu::ShaderStages::COMPUTE,
-                ty,
+                ty: wgpu::BindingType::Buffer { ty, has_dynamic_offset: false, min_binding_size: None },
                 count: None,
             })
             .collect();
@@ -128,10 +102,8 @@ fn layouts(device: &wgpu::Device) -> [wgpu::BindGroupLayout; 2] {
             entries: &entries,
         })
     };
-    [
-        layout("scene", &[storage(true), storage(true)]),
-        layout("call", &[storage(true), storage(false), params]),
-    ]
+    let (input, output) = (Storage { read_only: true }, Storage { read_only: false });
+    (layout("scene", &[input, input]), layout("call", &[input, Uniform, output]))
 }
 
 /// Writes a buffer piece by piece, waiting for each, so that staging memory stays small.

@@ -1,45 +1,44 @@
 //! The GPU tracer: whole ray streams through the kernels and back.
 
-use super::layout::{Params, WORKGROUP_SIZE};
-use super::scene::SceneBuffers;
-use super::slot::{PARAMS_STRIDE, Slot};
-use super::{Gpu, GpuError, resolve};
-use crate::bvh::Bvh;
-use crate::stream::{DeviceError, DeviceReport, DeviceTracer, Queries, Ray, Tracer};
-use std::sync::mpsc::sync_channel;
-use std::sync::{Arc, Mutex, PoisonError};
+use super::layout::Candidates;
+use super::pass::{Lane, Pass, max_rays};
+use super::resolve::Resolver;
+use super::scene::DeviceScene;
+use super::{Gpu, GpuError};
+use crate::bvh::{Bvh, Filter};
+use crate::stream::{DeviceError, DeviceReport, DeviceTracer, Hit, Queries, Ray, Tracer};
+use std::sync::Arc;
 
 /// More rays than this in one dispatch gain nothing on any device.
 const MAX_RAYS: usize = 1 << 20;
 
 /// Traces ray streams of one scene on a GPU. The answers are canonical: candidates of the device are
-/// evaluated again on the host, and undecided rays go to the CPU tracer.
+/// evaluated again on the host, and rays that stay open go to the CPU tracer.
 pub struct GpuTracer {
     gpu: Arc<Gpu>,
     name: String,
-    bvh: Arc<Bvh>,
-    cpu: Arc<dyn Tracer>,
-    scene: SceneBuffers,
+    scene: DeviceScene,
+    resolver: Resolver,
     max_rays: usize,
-    /// Buffers that no call is using.
-    slots: Mutex<Vec<Slot>>,
 }
 
 impl GpuTracer {
-    /// Uploads a scene. `cpu` traces the same scene (and its alpha) for rays that stay undecided.
+    /// Uploads a scene. `filter` has its say in hits of masked triangles; `cpu` traces the same scene
+    /// with the same filter, for rays whose answer the device leaves open.
     ///
     /// # Errors
     /// When the scene exceeds what the adapter can bind, with both sizes, or the device refuses the
     /// scene or is lost. The caller goes on with the CPU.
-    pub fn new(gpu: Arc<Gpu>, bvh: Arc<Bvh>, cpu: Arc<dyn Tracer>) -> Result<Self, GpuError> {
-        let scene = SceneBuffers::new(&gpu, &bvh)?;
-        let info = gpu.info();
-        // One buffer holds the rays of both kinds.
-        let bindable = info.max_binding_bytes.min(info.max_buffer_bytes) / (2 * size_of::<Ray>() as u64);
-        let dispatchable = u64::from(info.max_workgroups) * u64::from(WORKGROUP_SIZE);
-        let max_rays = MAX_RAYS.min(bindable.min(dispatchable) as usize);
-        let name = info.name.clone();
-        Ok(Self { gpu, name, bvh, cpu, scene, max_rays, slots: Mutex::new(Vec::new()) })
+    pub fn new(
+        gpu: Arc<Gpu>,
+        bvh: Arc<Bvh>,
+        filter: Option<Arc<dyn Filter>>,
+        cpu: Arc<dyn Tracer>,
+    ) -> Result<Self, GpuError> {
+        let scene = DeviceScene::new(&gpu, &bvh)?;
+        let name = gpu.info().name.clone();
+        let max_rays = max_rays(&gpu).min(MAX_RAYS);
+        Ok(Self { gpu, name, scene, resolver: Resolver { bvh, filter, cpu }, max_rays })
     }
 
     /// Bytes that the scene takes on the device.
@@ -47,94 +46,59 @@ impl GpuTracer {
         self.scene.bytes
     }
 
-    /// The device's answers for the rays of both kinds, one after the other.
-    fn dispatch(&self, rays: &[Ray], shadow_rays: &[Ray]) -> Result<Vec<u32>, String> {
+    /// One submission: both kinds of rays go out, their candidates come back.
+    fn dispatch(&self, rays: &[Ray], shadow_rays: &[Ray]) -> Result<(Vec<Candidates>, Vec<u32>), String> {
         self.gpu.guard(|device, queue| {
-            let slot = self.take_slot(device, rays.len() + shadow_rays.len());
-            self.send(queue, &slot, rays, shadow_rays);
-            let answers = self.receive(device, queue, &slot, rays.len(), shadow_rays.len())?;
-            self.lock_slots().push(slot);
-            Ok(answers)
+            let mut encoder = device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+            let mut send = |pass: &Pass, rays: &[Ray]| -> Option<Lane> {
+                if rays.is_empty() {
+                    return None;
+                }
+                let lane = pass.take(device, rays.len());
+                pass.send(queue, &lane, rays, self.resolver.bvh.scene_max_abs());
+                pass.encode(&mut encoder, &self.scene.group, &lane, rays.len());
+                Some(lane)
+            };
+            let (closest, any) = (&self.scene.closest, &self.scene.any);
+            let closest_lane = send(closest, rays);
+            let any_lane = send(any, shadow_rays);
+            let submission = queue.submit([encoder.finish()]);
+            let hits_pending = closest_lane.map(|lane| (closest.map(&lane, rays.len()), lane));
+            let occluded_pending = any_lane.map(|lane| (any.map(&lane, shadow_rays.len()), lane));
+            self.gpu.wait(&submission)?;
+            Ok((receive(closest, hits_pending)?, receive(any, occluded_pending)?))
         })
     }
 
-    fn send(&self, queue: &wgpu::Queue, slot: &Slot, rays: &[Ray], shadow_rays: &[Ray]) {
-        let split = rays.len();
-        for (first, part, params) in [(0, rays, 0), (split, shadow_rays, PARAMS_STRIDE)] {
-            if part.is_empty() {
-                continue;
-            }
-            queue.write_buffer(&slot.rays, (first * size_of::<Ray>()) as u64, bytemuck::cast_slice(part));
-            let told = Params {
-                first: first as u32,
-                count: part.len() as u32,
-                scene_max_abs: self.bvh.scene_max_abs(),
-                zero: 0,
-            };
-            queue.write_buffer(&slot.params, params.into(), bytemuck::bytes_of(&told));
-        }
-    }
-
-    fn receive(
+    /// Answers queries that fit one dispatch.
+    fn trace_at_once(
         &self,
-        device: &wgpu::Device,
-        queue: &wgpu::Queue,
-        slot: &Slot,
-        rays: usize,
-        shadow_rays: usize,
-    ) -> Result<Vec<u32>, String> {
-        let bytes = ((rays + shadow_rays) * size_of::<u32>()) as u64;
-        let mut encoder = device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
-        {
-            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
-            pass.set_bind_group(0, &self.scene.scene, &[]);
-            for (pipeline, count, params) in
-                [(&self.scene.closest, rays, 0), (&self.scene.any, shadow_rays, PARAMS_STRIDE)]
-            {
-                if count > 0 {
-                    pass.set_pipeline(pipeline);
-                    pass.set_bind_group(1, &slot.call, &[params]);
-                    pass.dispatch_workgroups((count as u32).div_ceil(WORKGROUP_SIZE), 1, 1);
-                }
-            }
-        }
-        encoder.copy_buffer_to_buffer(&slot.answers, 0, &slot.readback, 0, bytes);
-        let submission = queue.submit([encoder.finish()]);
-        let (sender, receiver) = sync_channel(1);
-        slot.readback.map_async(wgpu::MapMode::Read, 0..bytes, move |mapped| {
-            let _ = sender.send(mapped);
-        });
-        self.gpu.wait(&submission)?;
-        match receiver.try_recv() {
-            Ok(Ok(())) => {}
-            Ok(Err(error)) => return Err(error.to_string()),
-            Err(_) => return Err("the answers were not mapped".into()),
-        }
-        let view = slot.readback.get_mapped_range(0..bytes).map_err(|e| e.to_string())?;
-        let answers = bytemuck::pod_collect_to_vec(&view);
-        drop(view);
-        slot.readback.unmap();
-        Ok(answers)
+        rays: &[Ray],
+        hits: &mut [Hit],
+        shadow_rays: &[Ray],
+        occluded: &mut [u32],
+    ) -> Result<DeviceReport, DeviceError> {
+        let (candidates, blocked) = self.dispatch(rays, shadow_rays).map_err(DeviceError::Lost)?;
+        let mut report = self.resolver.closest(rays, &candidates, hits);
+        report += self.resolver.occluded(shadow_rays, &blocked, occluded);
+        let copied = size_of_val(rays)
+            + size_of_val(shadow_rays)
+            + size_of_val(candidates.as_slice())
+            + size_of_val(blocked.as_slice());
+        report.bytes_copied = copied as u64;
+        Ok(report)
     }
+}
 
-    /// The smallest slot that fits, or a new one.
-    fn take_slot(&self, device: &wgpu::Device, rays: usize) -> Slot {
-        let mut slots = self.lock_slots();
-        let fits = (0..slots.len()).filter(|&i| slots[i].capacity >= rays).min_by_key(|&i| slots[i].capacity);
-        match fits {
-            Some(index) => slots.swap_remove(index),
-            None => {
-                // A slot that has become too small makes way for a larger one.
-                slots.pop();
-                drop(slots);
-                Slot::new(device, &self.scene, rays.next_power_of_two().min(2 * self.max_rays))
-            }
-        }
-    }
-
-    fn lock_slots(&self) -> std::sync::MutexGuard<'_, Vec<Slot>> {
-        self.slots.lock().unwrap_or_else(PoisonError::into_inner)
-    }
+/// The answers of a lane, which is then free for another call.
+fn receive<T: bytemuck::AnyBitPattern + bytemuck::NoUninit>(
+    pass: &Pass,
+    pending: Option<(super::pass::Pending, Lane)>,
+) -> Result<Vec<T>, String> {
+    let Some((pending, lane)) = pending else { return Ok(Vec::new()) };
+    let answers = pass.receive(&lane, pending)?;
+    pass.give_back(lane);
+    Ok(answers)
 }
 
 impl DeviceTracer for GpuTracer {
@@ -151,26 +115,23 @@ impl DeviceTracer for GpuTracer {
     /// # Panics
     /// If outputs are not as long as their rays.
     fn trace(&self, queries: Queries<'_>) -> Result<DeviceReport, DeviceError> {
-        let Queries { mut rays, mut hits, mut shadow_rays, mut occluded } = queries;
+        let Queries { rays, hits, shadow_rays, occluded } = queries;
         assert_eq!(rays.len(), hits.len(), "one hit per ray");
         assert_eq!(shadow_rays.len(), occluded.len(), "one answer per shadow ray");
         if let Some(reason) = self.gpu.lost() {
             return Err(DeviceError::Lost(reason.into()));
         }
         let mut report = DeviceReport::default();
-        while !(rays.is_empty() && shadow_rays.is_empty()) {
-            let (now, shadow_now) = (rays.len().min(self.max_rays), shadow_rays.len().min(self.max_rays));
-            let (these, hits_of_these, these_shadows, occluded_of_these);
-            (these, rays) = rays.split_at(now);
-            (hits_of_these, hits) = hits.split_at_mut(now);
-            (these_shadows, shadow_rays) = shadow_rays.split_at(shadow_now);
-            (occluded_of_these, occluded) = occluded.split_at_mut(shadow_now);
-            let answers = self.dispatch(these, these_shadows).map_err(DeviceError::Lost)?;
-            let (nearest, blocked) = answers.split_at(now);
-            report += resolve::closest(&self.bvh, &*self.cpu, these, nearest, hits_of_these);
-            report += resolve::occluded(&*self.cpu, these_shadows, blocked, occluded_of_these);
-            report.bytes_copied += ((now + shadow_now) * (size_of::<Ray>() + size_of::<u32>())) as u64;
+        let mut parts = rays.chunks(self.max_rays).zip(hits.chunks_mut(self.max_rays));
+        let mut shadow_parts = shadow_rays.chunks(self.max_rays).zip(occluded.chunks_mut(self.max_rays));
+        loop {
+            let (part, shadow_part) = (parts.next(), shadow_parts.next());
+            if part.is_none() && shadow_part.is_none() {
+                return Ok(report);
+            }
+            let (rays, hits) = part.unwrap_or_default();
+            let (shadow_rays, occluded) = shadow_part.unwrap_or_default();
+            report += self.trace_at_once(rays, hits, shadow_rays, occluded)?;
         }
-        Ok(report)
     }
 }

@@ -1,8 +1,8 @@
 //! One device behind one wall: nothing that happens to wgpu behind it, an error, a loss, a panic,
 //! reaches the rest of the program as anything but an error value.
 
-use super::adapter::{AdapterChoice, AdapterInfo, choose, enumerate};
 use super::GpuError;
+use super::adapter::{AdapterChoice, AdapterInfo, choose, enumerate};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
