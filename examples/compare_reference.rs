@@ -13,7 +13,6 @@ use glam::Vec3;
 use raystream::render::{Path as PathTracer, Settings, Stage, Units};
 use raystream::scene::{Camera, load};
 use raystream::schedule::{JobOptions, Service, ServiceOptions};
-use raystream::trace::cpu::SimdLevel;
 use std::error::Error;
 use std::path::Path;
 use std::process::ExitCode;
@@ -70,7 +69,7 @@ fn compare(folder: &Path, reference: &Reference, service: &Service) -> Result<bo
     let values: Vec<f32> = npy.into_vec()?;
     let wanted = blocks(bytemuck::cast_slice(&values));
 
-    let stage = Stage::new(Arc::new(load::load(&file("obj"))?), &Units::cpu(SimdLevel::detect()));
+    let stage = Stage::new(Arc::new(load::load(&file("obj"))?), &Units::cpu());
     let camera = Camera {
         eye: Vec3::new(278.0, 273.0, -800.0),
         target: Vec3::new(278.0, 273.0, 0.0),
@@ -85,7 +84,8 @@ fn compare(folder: &Path, reference: &Reference, service: &Service) -> Result<bo
         Ok(blocks(&path.film().resolve()))
     };
     let ours = (0..u64::from(RENDERS)).map(|seed| render(seed, SAMPLES)).collect::<Result<Vec<_>, _>>()?;
-    let singles = (0..u64::from(SINGLES)).map(|seed| render(1000 + seed, 1)).collect::<Result<Vec<_>, _>>()?;
+    let singles =
+        (0..u64::from(SINGLES)).map(|seed| render(1000 + seed, 1)).collect::<Result<Vec<_>, _>>()?;
 
     let mut agree = true;
     let mut worst: f64 = 0.0;

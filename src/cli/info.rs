@@ -16,12 +16,18 @@ pub fn run() {
 fn print_adapters() {
     let adapters = crate::trace::gpu::adapters();
     if adapters.is_empty() {
-        println!("adapters:     none (no Vulkan, Metal or DirectX 12 driver answers); rays are traced on the CPU");
+        println!(
+            "adapters:     none (no Vulkan, Metal or DirectX 12 driver answers); rays are traced on the CPU"
+        );
     }
     for adapter in adapters {
         println!("adapter:      {adapter}");
         println!("  driver:         {}", adapter.driver);
-        println!("  storage buffer: {} MiB bound, {} MiB in all", adapter.max_binding_bytes >> 20, adapter.max_buffer_bytes >> 20);
+        println!(
+            "  storage buffer: {} MiB bound, {} MiB in all",
+            adapter.max_binding_bytes >> 20,
+            adapter.max_buffer_bytes >> 20
+        );
         println!("  subgroup:       {} to {} threads", adapter.subgroup.0, adapter.subgroup.1);
         println!("  shared memory:  {}", if adapter.shared_memory { "yes" } else { "no" });
     }

@@ -1,23 +1,24 @@
 //! Ctrl-C ends a frame early and keeps what there is.
 
-use crate::schedule::Stopper;
-use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, Ordering::SeqCst};
 
-static FRAME: Mutex<Option<Stopper>> = Mutex::new(None);
+static ASKED: AtomicBool = AtomicBool::new(false);
 
-/// Makes the first Ctrl-C (or termination signal) stop this frame: no more camera rays, the paths in
-/// flight finish, the picture is written. A second one ends the process at once.
-pub fn stop_on_ctrl_c(frame: Stopper) {
-    let lock = || FRAME.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-    *lock() = Some(frame);
-    let installed = ctrlc::set_handler(move || match lock().take() {
-        Some(frame) => {
-            eprintln!("\nstopping: paths in flight finish, then the picture is written (again to end at once)");
-            frame.stop();
+/// From now on the first Ctrl-C (or termination signal) only asks the frame to stop; a second one ends the
+/// process at once.
+pub fn listen() {
+    let installed = ctrlc::set_handler(|| {
+        if ASKED.swap(true, SeqCst) {
+            std::process::exit(130);
         }
-        None => std::process::exit(130),
+        eprintln!("stopping: paths in flight finish, then the picture is written (again to end at once)");
     });
     if let Err(error) = installed {
         log::warn!("Ctrl-C will end the frame without a picture: {error}");
     }
+}
+
+/// Whether the frame should stop.
+pub fn asked() -> bool {
+    ASKED.load(SeqCst)
 }

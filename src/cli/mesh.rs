@@ -19,6 +19,11 @@ pub fn run(args: &MeshArgs) -> Result<()> {
             ("material", 0, Array::U32(&mesh.materials)),
         ],
     )?;
-    println!("{}: {} vertices, {} triangles", args.output.display(), mesh.positions.len(), mesh.triangles.len());
+    println!(
+        "{}: {} vertices, {} triangles",
+        args.output.display(),
+        mesh.positions.len(),
+        mesh.triangles.len()
+    );
     Ok(())
 }

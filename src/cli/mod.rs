@@ -26,10 +26,13 @@ enum Outcome {
 
 /// Runs the command line of this process; exit code 2 when it could not run.
 pub fn run() -> ExitCode {
-    env_logger::Builder::from_env(env_logger::Env::default().default_filter_or("warn,raystream=info,wgpu=off,wgpu_core=off,wgpu_hal=off,naga=off"))
-        .format_timestamp(None)
-        .format_target(false)
-        .init();
+    env_logger::Builder::from_env(
+        env_logger::Env::default()
+            .default_filter_or("warn,raystream=info,wgpu=off,wgpu_core=off,wgpu_hal=off,naga=off"),
+    )
+    .format_timestamp(None)
+    .format_target(false)
+    .init();
     let outcome = match &Cli::parse().command {
         Command::Render(args) => render::run(args),
         Command::Trace(args) => trace::run(args),

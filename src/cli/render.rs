@@ -19,7 +19,9 @@ use std::time::Instant;
 /// Renders a scene to a picture.
 pub fn run(args: &RenderArgs) -> Result<Outcome> {
     Format::of(&args.output)?;
-    check_folders(&[Some(&args.output), args.stats.as_ref(), args.timeline.as_ref()].map(|p| p.map(|p| &**p)))?;
+    check_folders(
+        &[Some(&args.output), args.stats.as_ref(), args.timeline.as_ref()].map(|p| p.map(|p| &**p)),
+    )?;
     if let Some(path) = &args.timeline {
         timeline::Format::of(path)?;
     }
@@ -29,14 +31,12 @@ pub fn run(args: &RenderArgs) -> Result<Outcome> {
     let setup = Setup::new(&args.scene, &args.units, |scene| light(scene, args))?;
     let scene = &setup.stage.scene;
     let (width, height) = args.size;
-    let camera =
-        args.camera(scene.camera, || Camera::framing(&scene.bounds(), width as f32 / height as f32));
-    let settings =
-        Settings { width, height, spp: args.spp, max_bounces: args.max_bounces, seed: args.seed };
+    let camera = args.camera(scene.camera, || Camera::framing(&scene.bounds(), width as f32 / height as f32));
+    let settings = Settings { width, height, spp: args.spp, max_bounces: args.max_bounces, seed: args.seed };
 
     let started = Instant::now();
     let frame = Frame::start(&setup, &camera, settings, args)?;
-    interrupt::stop_on_ctrl_c(frame.job.stopper());
+    interrupt::listen();
     watch(&frame.job);
     let report = frame.job.wait().context("the frame failed")?;
     let render_s = started.elapsed().as_secs_f64();
@@ -77,7 +77,11 @@ impl Frame {
             let whitted = Arc::new(Whitted::new(scene, camera, settings)?);
             let job = setup.service.submit(whitted.clone(), tracers, options)?;
             let film = whitted.film().clone();
-            return Ok(Self { job, film, peak_loop_stack_bytes: Box::new(move || whitted.peak_stack_bytes()) });
+            return Ok(Self {
+                job,
+                film,
+                peak_loop_stack_bytes: Box::new(move || whitted.loop_stack().allocated_bytes as u64),
+            });
         }
         let roulette = (!args.no_russian_roulette).then_some(ROULETTE_BOUNCES);
         let path = Arc::new(PathTracer::new(scene, camera, settings, roulette)?);
@@ -169,7 +173,11 @@ fn tell(args: &RenderArgs, stats: &RenderStats, report: &JobReport) {
     let image = &stats.image;
     let samples = match report.stopped {
         // Tiles run over the picture once for each sample.
-        true => format!("about {:.1} of {}", image.spp as f64 * report.tiles_spawned as f64 / report.tiles as f64, image.spp),
+        true => format!(
+            "about {:.1} of {}",
+            image.spp as f64 * report.tiles_spawned as f64 / report.tiles as f64,
+            image.spp
+        ),
         false => image.spp.to_string(),
     };
     let who = match &stats.adapter {

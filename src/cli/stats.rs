@@ -38,7 +38,7 @@ pub struct RenderStats {
     pub peak_memory_bytes: Option<u64>,
     /// Most rays in flight at once.
     pub peak_rays_in_flight: u64,
-    /// Most memory that loop stacks held at once (0 for integrators without loop shaders).
+    /// Memory that loop stacks have allocated (0 for integrators without loop shaders).
     pub peak_loop_stack_bytes: u64,
     /// The GPU adapter, null when none was used.
     pub adapter: Option<String>,

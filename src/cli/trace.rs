@@ -5,7 +5,7 @@ use super::args::TraceArgs;
 use super::arrays::{Array, read_rays, write_npz};
 use super::setup::Setup;
 use super::stats::{self, SCHEMA, Spread, TraceStats, Units};
-use crate::schedule::JobReport;
+use crate::schedule::{JobOptions, JobReport};
 use crate::stream::Hit;
 use anyhow::{Context, Result};
 use std::sync::Arc;
@@ -30,13 +30,19 @@ pub fn run(args: &TraceArgs) -> Result<Outcome> {
     let mut answer = Answer::Closest(Vec::new());
     for _ in 0..args.repeat {
         if args.any_hit {
-            let (occluded, report) =
-                setup.service.occluded(tracers(), rays.clone())?.wait().context("tracing failed")?;
+            let (occluded, report) = setup
+                .service
+                .occluded(tracers(), rays.clone(), JobOptions::default())?
+                .wait()
+                .context("tracing failed")?;
             note(&report);
             answer = Answer::Any(occluded);
         } else {
-            let (hits, report) =
-                setup.service.closest(tracers(), rays.clone())?.wait().context("tracing failed")?;
+            let (hits, report) = setup
+                .service
+                .closest(tracers(), rays.clone(), JobOptions::default())?
+                .wait()
+                .context("tracing failed")?;
             note(&report);
             answer = Answer::Closest(hits);
         }

@@ -36,8 +36,9 @@ impl Stage {
         let is_masked = |primitive: u32| masked[scene.mesh.materials[primitive as usize] as usize];
         let bvh = Arc::new(Bvh::build(&scene.mesh.positions, &scene.mesh.triangles, is_masked));
         let filter = masked.contains(&true).then(|| scene.clone() as Arc<dyn Filter>);
-        let host: Arc<dyn Tracer> = Arc::new(CpuTracer::new(bvh.clone(), filter, units.simd()));
-        let (device, degraded) = match units.device(&bvh, &host) {
+        let host = CpuTracer::new(bvh.clone(), filter.clone(), units.simd());
+        let host: Arc<dyn Tracer> = Arc::new(host.expect("the units have checked the instruction set"));
+        let (device, degraded) = match units.device(&bvh, filter, &host) {
             Ok(device) => (device, None),
             Err(reason) => (None, Some(reason)),
         };

@@ -1,9 +1,9 @@
 //! The units of this machine that trace: opened once, shared by all scenes.
 
-use crate::bvh::Bvh;
+use crate::bvh::{Bvh, Filter};
 use crate::schedule::Unit;
 use crate::stream::{DeviceTracer, Tracer};
-use crate::trace::cpu::SimdLevel;
+use crate::trace::cpu::{SimdError, SimdLevel};
 #[cfg(feature = "gpu")]
 use crate::trace::gpu::{AdapterChoice, Gpu, GpuError, GpuTracer};
 use std::sync::Arc;
@@ -16,7 +16,7 @@ pub struct UnitChoice {
     pub unit: Option<Unit>,
     /// Part of the GPU adapter's name.
     pub adapter: Option<String>,
-    /// The CPU tracer's instruction set; the processor must have it.
+    /// The CPU tracer's instruction set.
     pub simd: SimdLevel,
 }
 
@@ -36,28 +36,35 @@ enum Gpus {
     Open(Arc<Gpu>),
 }
 
-/// No adapter has the name that was asked for.
+/// What was asked for is not there.
 #[derive(Debug, thiserror::Error)]
-#[error("{0}")]
-pub struct NoSuchAdapter(String);
+pub enum UnitsError {
+    /// The processor lacks the instruction set.
+    #[error(transparent)]
+    Simd(#[from] SimdError),
+    /// No adapter has the name; the message lists those there are.
+    #[error("{0}")]
+    NoSuchAdapter(String),
+}
 
 impl Units {
-    /// The CPU alone.
-    pub fn cpu(simd: SimdLevel) -> Self {
-        Self { simd, unit: Unit::Cpu, gpu: Gpus::Unwanted }
+    /// The CPU alone, with the best instruction set it has.
+    pub fn cpu() -> Self {
+        Self { simd: SimdLevel::detect(), unit: Unit::Cpu, gpu: Gpus::Unwanted }
     }
 
     /// Opens the units. A GPU that was asked for but cannot be had is no error: the CPU does its work, and
     /// every [`super::Stage`] says why.
     ///
     /// # Errors
-    /// When an adapter is named and there is none of that name.
-    pub fn open(choice: &UnitChoice) -> Result<Self, NoSuchAdapter> {
+    /// When the processor lacks the instruction set, or an adapter is named and there is none of that name.
+    pub fn open(choice: &UnitChoice) -> Result<Self, UnitsError> {
+        let simd = choice.simd.require()?;
         let gpu = match choice.unit {
             Some(Unit::Cpu) => Gpus::Unwanted,
             _ => open_gpu(choice)?,
         };
-        Ok(Self { simd: choice.simd, unit: choice.unit.unwrap_or(Unit::Hybrid), gpu })
+        Ok(Self { simd, unit: choice.unit.unwrap_or(Unit::Hybrid), gpu })
     }
 
     /// The CPU tracer's instruction set.
@@ -84,13 +91,14 @@ impl Units {
     pub(super) fn device(
         &self,
         bvh: &Arc<Bvh>,
+        filter: Option<Arc<dyn Filter>>,
         host: &Arc<dyn Tracer>,
     ) -> Result<Option<Arc<dyn DeviceTracer>>, String> {
         match &self.gpu {
             Gpus::Unwanted => Ok(None),
             Gpus::Refused(reason) => Err(reason.clone()),
             #[cfg(feature = "gpu")]
-            Gpus::Open(gpu) => match GpuTracer::new(gpu.clone(), bvh.clone(), host.clone()) {
+            Gpus::Open(gpu) => match GpuTracer::new(gpu.clone(), bvh.clone(), filter, host.clone()) {
                 Ok(tracer) => Ok(Some(Arc::new(tracer))),
                 Err(error) => Err(error.to_string()),
             },
@@ -99,19 +107,19 @@ impl Units {
 }
 
 #[cfg(feature = "gpu")]
-fn open_gpu(choice: &UnitChoice) -> Result<Gpus, NoSuchAdapter> {
+fn open_gpu(choice: &UnitChoice) -> Result<Gpus, UnitsError> {
     let asked = choice.unit.is_some() || choice.adapter.is_some();
     let adapter = AdapterChoice { name: choice.adapter.clone(), allow_software: asked };
     match Gpu::open(&adapter) {
         Ok(gpu) => Ok(Gpus::Open(Arc::new(gpu))),
-        Err(error @ GpuError::NoSuchAdapter { .. }) => Err(NoSuchAdapter(error.to_string())),
+        Err(error @ GpuError::NoSuchAdapter { .. }) => Err(UnitsError::NoSuchAdapter(error.to_string())),
         Err(GpuError::NoAdapter { .. } | GpuError::OnlySoftware { .. }) if !asked => Ok(Gpus::Unwanted),
         Err(error) => Ok(Gpus::Refused(error.to_string())),
     }
 }
 
 #[cfg(not(feature = "gpu"))]
-fn open_gpu(choice: &UnitChoice) -> Result<Gpus, NoSuchAdapter> {
+fn open_gpu(choice: &UnitChoice) -> Result<Gpus, UnitsError> {
     let without = "this build has no GPU tracer: it was made without the feature `gpu`";
     Ok(match (&choice.unit, &choice.adapter) {
         (None, None) => Gpus::Unwanted,
