@@ -29,7 +29,8 @@ fn primitives_follow_the_file_across_groups_and_materials() {
     folder.write(
         "a.obj",
         "mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n\
-         o one\nusemtl blue\nf 1 2 3\ng two\nusemtl red\nf 1 2 4\no three\nusemtl blue\nf 2 3 4\ng one\nf 1 3 4\n",
+         o one\nusemtl blue\nf 1 2 3\ng two\nusemtl red\nf 1 2 4\n\
+         o three\nusemtl blue\nf 2 3 4\ng one\nf 1 3 4\n",
     );
     let scene = folder.scene("a.obj");
     let names: Vec<&str> =
@@ -87,7 +88,8 @@ fn faces_with_and_without_normals_and_texture_coordinates_mix() {
 
 #[test]
 fn text_may_be_joined_commented_and_oddly_ended() {
-    let text = "\u{feff}# made by hand \\\r\nv 0 0 0 # origin\r\n\r\n  v 1 0 \\\r\n 0\r\nv\t0 1 0\r\nf 1 \\\n2 \\\n3";
+    let text = "\u{feff}# made by hand \\\r\nv 0 0 0 # origin\r\n\r\n\
+                \x20 v 1 0 \\\r\n 0\r\nv\t0 1 0\r\nf 1 \\\n2 \\\n3";
     assert_eq!(corners(&obj(text), 0), [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]);
     assert_holds(&message(&format!("{text}\nf 1 2 9\n")), &["line 10", "vertex 9"]);
 }

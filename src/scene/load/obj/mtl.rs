@@ -128,7 +128,7 @@ impl Definition {
             "map_Pm" => self.map_pm = Some(map(arguments, &mut about)?),
             "map_Bump" | "map_bump" | "bump" => self.map_bump = Some(map(arguments, &mut about)?),
             "norm" | "map_Kn" => self.norm = Some(map(arguments, &mut about)?),
-            // Ambient light is what a path tracer computes; sharpness and antialiasing are not of the surface.
+            // Ambient light is computed; sharpness and antialiasing are not of the surface.
             "Ka" | "map_Ka" | "sharpness" | "map_aat" => {}
             _ => about(&format!("the MTL statement {keyword:?} is not supported and ignored")),
         }
