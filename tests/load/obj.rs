@@ -134,6 +134,17 @@ fn what_is_not_a_surface_is_left_out_once_with_a_warning() {
 }
 
 #[test]
+fn messages_stay_short_whatever_the_file_holds() {
+    let word = "w".repeat(100_000);
+    assert!(message(&format!("{TRIANGLE}v 1 2 {word}\n")).len() < 300);
+    let lines: String = (0..1000).map(|i| format!("{word}{i}\nunknown{i}\n")).collect();
+    let scene = obj(&format!("{TRIANGLE}{lines}"));
+    assert_eq!(scene.warnings.len(), 101);
+    assert!(scene.warnings.iter().all(|warning| warning.len() < 200));
+    assert!(scene.warnings[100].contains("left out"));
+}
+
+#[test]
 fn wrong_lines_are_named() {
     for (bad, parts) in [
         ("f 1 2 4", &["line 5", "vertex 4", "3 are defined"][..]),
