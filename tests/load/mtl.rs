@@ -93,7 +93,8 @@ fn a_coat_has_the_index_ni_and_the_roughness_pr_or_ns() {
     // The Phong equal of roughness 0.316228 (alpha 0.1) is 198.
     let phong = principled("illum 2\nKd 0.6 0.5 0.4\nKs 0.04 0.04 0.04\nNs 198\nNi 1.5");
     assert!((phong.roughness.factor - 0.316_228).abs() < 1e-5);
-    assert_eq!(principled("illum 2\nKs 0 0 0\nNi 1.5").specular, 0.0);
+    assert_eq!(matte("illum 2\nKs 0 0 0\nNi 1.5\nKd 0 0 1"), Vec3::Z, "a black Ks is no coat");
+    assert_eq!(principled("illum 2\nKs 0 0 0\nNi 1.5\nPm 0.5").specular, 0.0);
 }
 
 #[test]

@@ -5,7 +5,8 @@
 //! | 0, 1 | matte `Kd` |
 //! | none | matte `Kd`; with `Pr`, `Pm` or `Pc` as 2 |
 //! | 2, 8, 10 | with `Ni`, `Pr`, `Pm` or `Pc`: a dielectric coat over `Kd`, or metal by `Pm` |
-//! | | else a gloss of reflectance `Ks` and Phong exponent `Ns` over `Kd`, if `Ks` is not black |
+//! | | else a gloss of reflectance `Ks` and Phong exponent `Ns` over `Kd` |
+//! | | with black `Ks`, unless `Pm` or `Pc` is above 0, matte `Kd` |
 //! | 3, 5 | mirror `Ks`; with `Pr` or a partial `Pm` rough metal |
 //! | 4, 6, 7, 9 | smooth dielectric `Ni`, `Tf` |
 //!
@@ -122,7 +123,11 @@ impl Converter<'_> {
         let base_colour = self.kd()?;
         let ks = d.ks.map(|ks| self.share("Ks", ks));
         let has_gloss = ks.is_some_and(|ks| ks != Vec3::ZERO);
-        if !is_coat && !has_gloss {
+        let is_dull = ks == Some(Vec3::ZERO)
+            && d.pm.unwrap_or(0.0) <= 0.0
+            && d.pc.unwrap_or(0.0) <= 0.0
+            && d.map_pm.is_none();
+        if is_dull || !is_coat && !has_gloss {
             return Ok(Surface::Matte { reflectance: base_colour });
         }
         let phong = |ns: f32| (2.0 / (ns.max(0.0) + 2.0)).sqrt().sqrt();
