@@ -5,6 +5,7 @@ use crate::folder::{Folder, warns};
 use glam::{Vec2, Vec3, Vec4};
 use raystream::scene::{LightShape, Scene};
 use serde_json::json;
+use std::f64::consts::FRAC_PI_3;
 
 fn corners(scene: &Scene, primitive: u32) -> [[f32; 3]; 3] {
     scene.mesh.corners(primitive).map(Into::into)
@@ -164,7 +165,9 @@ fn sparse_accessors_replace_elements() {
     let values: Vec<u8> = [7.0_f32, 8.0, 9.0, 4.0, 5.0, 6.0].iter().flat_map(|v| v.to_le_bytes()).collect();
     let values = document.view(&values);
     document.json["accessors"][0]["sparse"] = json!({
-        "count": 2, "indices": { "bufferView": places, "componentType": 5121 }, "values": { "bufferView": values }
+        "count": 2,
+        "indices": { "bufferView": places, "componentType": 5121 },
+        "values": { "bufferView": values }
     });
     let scene = document.scene();
     assert_eq!(corners(&scene, 0), [[4.0, 5.0, 6.0], [1.0, 0.0, 0.0], [7.0, 8.0, 9.0]]);
@@ -250,14 +253,15 @@ fn punctual_lights_stand_where_their_nodes_do() {
     let mut document = Document::triangle();
     document.json["extensions"] = json!({ "KHR_lights_punctual": { "lights": [
         { "type": "point", "name": "lamp", "color": [1.0, 0.5, 0.25], "intensity": 8.0 },
-        { "type": "spot", "intensity": 2.0, "spot": { "innerConeAngle": 0.0, "outerConeAngle": 1.0471975512 } },
+        { "type": "spot", "intensity": 2.0, "spot": { "innerConeAngle": 0.0, "outerConeAngle": FRAC_PI_3 } },
         { "type": "directional", "intensity": 3.0 },
         { "type": "spot", "range": 5.0, "spot": { "innerConeAngle": 0.5, "outerConeAngle": 0.5 } }
     ]}});
     let light = |i: usize| json!({ "KHR_lights_punctual": { "light": i } });
     document.json["nodes"].as_array_mut().expect("a list").extend([
         json!({ "translation": [1.0, 2.0, 3.0], "scale": [5.0, 5.0, 5.0], "extensions": light(0) }),
-        json!({ "translation": [0.0, 4.0, 0.0], "rotation": [-HALF, 0.0, 0.0, HALF], "extensions": light(1) }),
+        json!({ "translation": [0.0, 4.0, 0.0], "rotation": [-HALF, 0.0, 0.0, HALF],
+            "extensions": light(1) }),
         json!({ "rotation": [0.0, HALF, 0.0, HALF], "extensions": light(2) }),
         json!({ "extensions": light(3) }),
         json!({ "scale": [0.0, 0.0, 0.0], "extensions": light(2) }),
@@ -285,7 +289,7 @@ fn the_first_perspective_camera_counts() {
     let mut document = Document::triangle();
     document.json["cameras"] = json!([
         { "type": "orthographic", "orthographic": { "xmag": 1.0, "ymag": 1.0, "zfar": 9.0, "znear": 0.1 } },
-        { "type": "perspective", "perspective": { "yfov": 1.0471975512, "znear": 0.1 } },
+        { "type": "perspective", "perspective": { "yfov": FRAC_PI_3, "znear": 0.1 } },
         { "type": "perspective", "perspective": { "yfov": 0.5, "znear": 0.1 } }
     ]);
     document.node(json!({ "camera": 0 }));

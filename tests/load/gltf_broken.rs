@@ -11,7 +11,8 @@ fn truncated_glb_files_say_so_wherever_they_end() {
     for length in 0..bytes.len() {
         folder.write("a.glb", &bytes[..length]);
         let message = folder.message("a.glb");
-        assert!(length < 4 || message.contains("truncated"), "{length}: {message}");
+        let parts = if length < 4 { "not a GLB file" } else { "truncated" };
+        assert!(message.contains(parts), "{length}: {message}");
     }
     // The header's own length is honest, the chunk's is not.
     let mut short = bytes[..bytes.len() - 8].to_vec();

@@ -43,9 +43,8 @@ fn factors_and_their_defaults() {
         (Vec3::new(0.1, 0.2, 0.3), 0.5, 0.25)
     );
     assert_eq!((set.name.as_str(), set.alpha.mode), ("wall", AlphaMode::Opaque));
-    let held = scene(
-        json!({ "pbrMetallicRoughness": { "baseColorFactor": [2.0, 0.0, -1.0, 1.0], "metallicFactor": 7.0 } }),
-    );
+    let held = scene(json!({ "pbrMetallicRoughness": {
+            "baseColorFactor": [2.0, 0.0, -1.0, 1.0], "metallicFactor": 7.0 } }));
     let Surface::Principled(p) = held.materials[0].surface else { panic!("{held:?}") };
     assert_eq!((p.base_colour.factor, p.metallic.factor), (Vec3::X, 1.0));
     assert!(warns(&held, &["baseColorFactor", "2"]) && warns(&held, &["metallicFactor", "7"]));
@@ -122,8 +121,14 @@ fn alpha_modes() {
     assert_eq!((mask.mode, mask.value.factor), (AlphaMode::Mask { cutoff: 0.25 }, 0.75));
     assert_eq!(mask.value.texture.expect("a texture").1, Channel::A);
     assert_eq!(alpha("BLEND").mode, AlphaMode::Blend);
-    let default = material(json!({ "alphaMode": "MASK" })).alpha.mode;
-    assert_eq!(default, AlphaMode::Mask { cutoff: 0.5 });
+    let faint = |mode: &str, alpha: f32| {
+        let colour = [1.0, 1.0, 1.0, alpha];
+        let mode = json!({ "alphaMode": mode, "pbrMetallicRoughness": { "baseColorFactor": colour } });
+        material(mode).alpha.mode
+    };
+    assert_eq!(faint("MASK", 0.25), AlphaMode::Mask { cutoff: 0.5 });
+    assert_eq!(faint("BLEND", 0.75), AlphaMode::Blend);
+    assert_eq!([faint("MASK", 0.5), faint("BLEND", 1.0)], [AlphaMode::Opaque; 2], "there everywhere");
 }
 
 #[test]
@@ -222,7 +227,8 @@ fn images_may_be_files_or_data_uris() {
     folder.write("a.glb", document.glb());
     assert_eq!(folder.scene("a.glb").textures[0].texels[0], [0, 0, 255, 255]);
     // A 1 x 1 BMP, which the decoder tells by its first bytes.
-    let bmp = "data:image/bmp;base64,Qk06AAAAAAAAADYAAAAoAAAAAQAAAAEAAAABABgAAAAAAAQAAAAAAAAAAAAAAAAAAAAAAAAAAID/AA==";
+    let bmp = "data:image/bmp;base64,Qk06AAAAAAAAADYAAAAoAAAAAQAAAAEAAAAB\
+               ABgAAAAAAAQAAAAAAAAAAAAAAAAAAAAAAAAAAID/AA==";
     document.json["images"][0]["uri"] = json!(bmp);
     assert_eq!(document.scene().textures[0].texels[0], [255, 128, 0, 255]);
 }

@@ -93,7 +93,8 @@ fn a_coat_has_the_index_ni_and_the_roughness_pr_or_ns() {
     // The Phong equal of roughness 0.316228 (alpha 0.1) is 198.
     let phong = principled("illum 2\nKd 0.6 0.5 0.4\nKs 0.04 0.04 0.04\nNs 198\nNi 1.5");
     assert!((phong.roughness.factor - 0.316_228).abs() < 1e-5);
-    assert_eq!(principled("illum 2\nKs 0 0 0\nNi 1.5").specular, 0.0);
+    assert_eq!(matte("illum 2\nKs 0 0 0\nNi 1.5\nKd 0 0 1"), Vec3::Z, "a black Ks is no coat");
+    assert_eq!(principled("illum 2\nKs 0 0 0\nNi 1.5\nPm 0.5").specular, 0.0);
 }
 
 #[test]
@@ -124,6 +125,10 @@ fn emitters_shine_on_both_sides() {
     assert_eq!((light.radiance.factor, light.radiance.texture.is_some()), (Vec3::ONE, true));
     assert!(warns(&in_folder(&folder, "Ke 0 0 0\nmap_Ke glow.png"), &["map_Ke has no effect"]));
     assert!(warns(&scene("Ke -1 0 0"), &["Ke is negative"]));
+    let bright = image::Rgb32FImage::from_pixel(1, 1, image::Rgb([0.5, 0.25, 1.0]));
+    image::DynamicImage::ImageRgb32F(bright).save(folder.path("glow.exr")).expect("an image");
+    let glow = in_folder(&folder, "map_Ke glow.exr").textures[0].clone();
+    assert_eq!((glow.space, glow.texels[0]), (ColourSpace::Linear, [128, 64, 255, 255]), "floats are linear");
 }
 
 #[test]
@@ -133,6 +138,7 @@ fn opacity_is_blended_and_masks_are_cut() {
         let alpha = scene(lines).materials[0].alpha;
         assert_eq!((alpha.mode, alpha.value.factor), (AlphaMode::Blend, 0.25), "{lines}");
     }
+    assert!(warns(&scene("d 0"), &["invisible"]));
     let folder = Folder::new();
     folder.image("grey.png", 1, &[[255, 255, 255, 255], [0, 0, 0, 255]]);
     folder.image("cut.png", 1, &[[9, 9, 9, 255], [9, 9, 9, 0]]);

@@ -29,7 +29,8 @@ fn primitives_follow_the_file_across_groups_and_materials() {
     folder.write(
         "a.obj",
         "mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n\
-         o one\nusemtl blue\nf 1 2 3\ng two\nusemtl red\nf 1 2 4\no three\nusemtl blue\nf 2 3 4\ng one\nf 1 3 4\n",
+         o one\nusemtl blue\nf 1 2 3\ng two\nusemtl red\nf 1 2 4\n\
+         o three\nusemtl blue\nf 2 3 4\ng one\nf 1 3 4\n",
     );
     let scene = folder.scene("a.obj");
     let names: Vec<&str> =
@@ -87,7 +88,8 @@ fn faces_with_and_without_normals_and_texture_coordinates_mix() {
 
 #[test]
 fn text_may_be_joined_commented_and_oddly_ended() {
-    let text = "\u{feff}# made by hand \\\r\nv 0 0 0 # origin\r\n\r\n  v 1 0 \\\r\n 0\r\nv\t0 1 0\r\nf 1 \\\n2 \\\n3";
+    let text = "\u{feff}# made by hand \\\r\nv 0 0 0 # origin\r\n\r\n\
+                \x20 v 1 0 \\\r\n 0\r\nv\t0 1 0\r\nf 1 \\\n2 \\\n3";
     assert_eq!(corners(&obj(text), 0), [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]);
     assert_holds(&message(&format!("{text}\nf 1 2 9\n")), &["line 10", "vertex 9"]);
 }
@@ -129,6 +131,17 @@ fn what_is_not_a_surface_is_left_out_once_with_a_warning() {
     assert_eq!(scene.warnings.len(), 3, "{:?}", scene.warnings);
     let scene = obj("v 0 0 0\nv 1 0 0\nv 0 1 0\nvn nan 0 1\nvt inf 0\nf 1/1/1 2/1/1 3/1/1\n");
     assert_eq!((scene.mesh.normals[0], scene.mesh.uvs[0]), (Vec3::ZERO, Vec2::ZERO));
+}
+
+#[test]
+fn messages_stay_short_whatever_the_file_holds() {
+    let word = "w".repeat(100_000);
+    assert!(message(&format!("{TRIANGLE}v 1 2 {word}\n")).len() < 300);
+    let lines: String = (0..1000).map(|i| format!("{word}{i}\nunknown{i}\n")).collect();
+    let scene = obj(&format!("{TRIANGLE}{lines}"));
+    assert_eq!(scene.warnings.len(), 101);
+    assert!(scene.warnings.iter().all(|warning| warning.len() < 200));
+    assert!(scene.warnings[100].contains("left out"));
 }
 
 #[test]

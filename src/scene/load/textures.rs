@@ -118,6 +118,11 @@ impl Textures {
         })
     }
 
+    /// Whether a texture's alpha is 1 everywhere.
+    pub(super) fn is_opaque(&self, texture: u32) -> bool {
+        self.textures[texture as usize].texels.iter().all(|texel| texel[3] == 255)
+    }
+
     /// All textures.
     pub(super) fn into_list(self) -> Vec<Texture> {
         self.textures

@@ -2,6 +2,9 @@
 
 use std::collections::BTreeSet;
 
+/// The most warnings that are kept: a damaged file could give one a line.
+const MOST: usize = 100;
+
 /// Warnings in the order in which they first came up, each once.
 #[derive(Debug, Default)]
 pub(super) struct Warnings {
@@ -13,9 +16,14 @@ impl Warnings {
     /// Adds a sentence unless it is there already.
     pub(super) fn add(&mut self, sentence: impl Into<String>) {
         let sentence = sentence.into();
-        if self.seen.insert(sentence.clone()) {
-            self.list.push(sentence);
+        if self.list.len() > MOST || !self.seen.insert(sentence.clone()) {
+            return;
         }
+        self.list.push(if self.list.len() == MOST {
+            "There are more warnings, which are left out.".into()
+        } else {
+            sentence
+        });
     }
 
     /// The value held to `low..=high`, with a warning if it was outside.

@@ -1,6 +1,6 @@
 //! GLB's chunks.
 
-use super::super::LoadError;
+use super::super::{LoadError, extension};
 use std::path::Path;
 
 /// The parts of a file.
@@ -17,6 +17,10 @@ pub(super) struct Container<'a> {
 /// When the file is shorter than it says or its first chunk is not JSON.
 pub(super) fn split<'a>(path: &Path, bytes: &'a [u8]) -> Result<Container<'a>, LoadError> {
     if !bytes.starts_with(b"glTF") {
+        if extension(path) == "glb" && !bytes.trim_ascii_start().starts_with(b"{") {
+            let problem = "not a GLB file: it does not begin with \"glTF\"".into();
+            return Err(LoadError::File { path: path.to_owned(), problem });
+        }
         return Ok(Container { json: bytes, binary: None });
     }
     chunks(bytes).map_err(|problem| LoadError::File { path: path.to_owned(), problem })

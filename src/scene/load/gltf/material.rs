@@ -170,8 +170,17 @@ impl Converter<'_, '_> {
         let pbr = self.source.pbr_metallic_roughness();
         let factor = self.held("the alpha of baseColorFactor", pbr.base_color_factor()[3], 1.0);
         let texture = pbr.base_color_texture().map(|info| Use::of(&info));
-        let texture = self.colour(texture)?.map(|texture| (texture, Channel::A));
-        Ok(Alpha { mode, value: Scalar { factor, texture } })
+        let texture = self.colour(texture)?.filter(|used| !self.textures.is_opaque(used.texture));
+        let is_everywhere = match mode {
+            AlphaMode::Mask { cutoff } => factor >= cutoff,
+            AlphaMode::Blend => factor >= 1.0,
+            AlphaMode::Opaque => true,
+        };
+        if is_everywhere && texture.is_none() {
+            // Spares the tracer a test that always passes.
+            return Ok(Alpha::default());
+        }
+        Ok(Alpha { mode, value: Scalar { factor, texture: texture.map(|texture| (texture, Channel::A)) } })
     }
 
     fn colour(&mut self, texture: Option<Use>) -> Result<Option<TextureRef>, LoadError> {

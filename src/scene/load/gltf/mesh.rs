@@ -5,7 +5,7 @@ use super::Context;
 use super::accessor;
 use super::material::Converted;
 use crate::geom::MAX_COORDINATE;
-use crate::scene::Mesh;
+use crate::scene::{MAX_TRIANGLES, Mesh, MeshError};
 use ::gltf::mesh::Mode;
 use ::gltf::{Accessor, Primitive, Semantic};
 use glam::{DMat3, DMat4, DVec3, Vec2, Vec3, Vec4};
@@ -126,7 +126,13 @@ impl<'a> Flattened<'a> {
             self.uses_fallback = true;
             self.materials.len()
         }) as u32;
-        for [a, b, c] in triangles(primitive.mode(), &indices) {
+        let triangles = triangles(primitive.mode(), &indices);
+        let found = self.mesh.triangles.len() + triangles.len();
+        if found > MAX_TRIANGLES {
+            // Before instances of a small file fill the memory.
+            return Err(MeshError::TooMany { found, max: MAX_TRIANGLES }.to_string());
+        }
+        for [a, b, c] in triangles {
             let [b, c] = if motion.mirrors { [c, b] } else { [b, c] };
             self.mesh.triangles.push([base + a, base + b, base + c]);
             self.mesh.materials.push(material);

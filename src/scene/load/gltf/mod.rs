@@ -20,7 +20,7 @@ use ::gltf::json::{Path as JsonPath, Root};
 use buffers::Buffers;
 use std::path::Path;
 
-/// The extensions that are honoured, at least in part.
+/// The extensions that are honoured, at least in part, or that change nothing in a picture (XMP).
 const SUPPORTED: [&str; 12] = [
     "EXT_texture_webp",
     "KHR_lights_punctual",

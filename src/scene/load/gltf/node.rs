@@ -125,11 +125,10 @@ fn place_light(
         Kind::Point => LightShape::Point { position },
         Kind::Directional => LightShape::Directional { direction },
         Kind::Spot { inner_cone_angle, outer_cone_angle } => {
-            let half_turn = std::f32::consts::FRAC_PI_2;
-            let angle = |what, v| {
-                context.warnings.clamp(format_args!("Light {name:?}: its {what}"), v, 0.0, half_turn)
+            let quarter_turn = std::f32::consts::FRAC_PI_2;
+            let mut angle = |what, v| {
+                context.warnings.clamp(format_args!("Light {name:?}: its {what}"), v, 0.0, quarter_turn)
             };
-            let mut angle = angle;
             let cos_inner = libm::cosf(angle("innerConeAngle", inner_cone_angle));
             let cos_outer = libm::cosf(angle("outerConeAngle", outer_cone_angle));
             // A fade needs some width.

@@ -1,7 +1,7 @@
 //! Vertices and faces of an OBJ file.
 
-use super::super::LoadError;
 use super::super::warnings::Warnings;
+use super::super::{LoadError, quote};
 use super::{split_keyword, statements, words};
 use crate::geom::MAX_COORDINATE;
 use crate::scene::Mesh;
@@ -111,7 +111,7 @@ impl Reader {
             // Names, groups and smoothing: given normals count.
             "o" | "g" | "s" | "mg" | "vp" => {}
             "l" | "p" => warnings.add("Lines and points are ignored: they have no surface."),
-            _ => warnings.add(format!("The OBJ statement {keyword:?} is not supported and ignored.")),
+            _ => warnings.add(format!("The OBJ statement {} is not supported and ignored.", quote(keyword))),
         }
         Ok(())
     }
@@ -150,7 +150,10 @@ impl Reader {
         let mut parts = word.split('/');
         let [position, uv, normal] = [(); 3].map(|()| parts.next().filter(|part| !part.is_empty()));
         let (Some(position), None) = (position, parts.next()) else {
-            return Err(format!("{word:?} is not the corner of a face (such as 7, 7/3, 7//5 or 7/3/5)"));
+            return Err(format!(
+                "{} is not the corner of a face (such as 7, 7/3, 7//5 or 7/3/5)",
+                quote(word)
+            ));
         };
         let optional =
             |index: Option<&str>, what, count| index.map_or(Ok(NONE), |index| resolve(index, what, count));
@@ -192,7 +195,7 @@ impl Reader {
 
 /// The index from 0 that an OBJ index means: from 1, or from −1 backwards, among `count` so far.
 fn resolve(index: &str, what: &str, count: usize) -> Result<u32, String> {
-    let number: i64 = index.parse().map_err(|_| format!("{index:?} is not the index of a {what}"))?;
+    let number: i64 = index.parse().map_err(|_| format!("{} is not the index of a {what}", quote(index)))?;
     let from_zero = if number > 0 { number - 1 } else { number.saturating_add(count as i64) };
     let in_range = number != 0 && (0..count as i64).contains(&from_zero);
     u32::try_from(from_zero).ok().filter(|&index| in_range && index != NONE).ok_or_else(|| {
@@ -212,7 +215,7 @@ fn numbers(arguments: &str, required: usize) -> Result<[f32; 3], String> {
     let mut list = [0.0; 3];
     let mut found = 0;
     for (slot, word) in list.iter_mut().zip(words(arguments)) {
-        *slot = word.parse().map_err(|_| format!("{word:?} is not a number"))?;
+        *slot = word.parse().map_err(|_| format!("{} is not a number", quote(word)))?;
         found += 1;
     }
     if found < required {

@@ -2,12 +2,16 @@
 //!
 //! | illum | surface |
 //! |---|---|
-//! | none, 0, 1 | matte `Kd`; without illum the PBR fields (`Pr Pm Pc`) make it as under 2 |
-//! | 2, 8, 10 | with `Ni` or a PBR field: a dielectric coat over `Kd` (or metal, by `Pm`); else a gloss `Ks` of Phong exponent `Ns`, or matte if `Ks` is black |
-//! | 3, 5 | mirror `Ks`; with `Pr` or a partial `Pm` rough metal (of `Kd`, if `Pm` is given and `Kd` is not black) |
+//! | 0, 1 | matte `Kd` |
+//! | none | matte `Kd`; with `Pr`, `Pm` or `Pc` as 2 |
+//! | 2, 8, 10 | with `Ni`, `Pr`, `Pm` or `Pc`: a dielectric coat over `Kd`, or metal by `Pm` |
+//! | | else a gloss of reflectance `Ks` and Phong exponent `Ns` over `Kd` |
+//! | | with black `Ks`, unless `Pm` or `Pc` is above 0, matte `Kd` |
+//! | 3, 5 | mirror `Ks`; with `Pr` or a partial `Pm` rough metal |
 //! | 4, 6, 7, 9 | smooth dielectric `Ni`, `Tf` |
 //!
-//! A Phong exponent n is as glossy as GGX of alpha √(2 / (n + 2)); `Pr` is perceptual: alpha = `Pr`².
+//! Where `Pm` makes a metal of illum 3 or 5 its colour is `Kd`, as the PBR extension has it, or `Ks` if
+//! `Kd` is black. Maps multiply their factors. A Phong exponent n is as glossy as GGX of alpha √(2 / (n + 2)); `Pr` is perceptual: alpha = `Pr`².
 
 use super::super::warnings::Warnings;
 use super::super::{LoadError, beside};
@@ -119,7 +123,11 @@ impl Converter<'_> {
         let base_colour = self.kd()?;
         let ks = d.ks.map(|ks| self.share("Ks", ks));
         let has_gloss = ks.is_some_and(|ks| ks != Vec3::ZERO);
-        if !is_coat && !has_gloss {
+        let is_dull = ks == Some(Vec3::ZERO)
+            && d.pm.unwrap_or(0.0) <= 0.0
+            && d.pc.unwrap_or(0.0) <= 0.0
+            && d.map_pm.is_none();
+        if is_dull || !is_coat && !has_gloss {
             return Ok(Surface::Matte { reflectance: base_colour });
         }
         let phong = |ns: f32| (2.0 / (ns.max(0.0) + 2.0)).sqrt().sqrt();
@@ -213,6 +221,9 @@ impl Converter<'_> {
         let d = self.definition;
         let opacity = d.d.or(d.tr.map(|tr| 1.0 - tr)).unwrap_or(1.0);
         let factor = self.held("d", opacity);
+        if factor == 0.0 {
+            self.warn("it is invisible: d is 0, or Tr is 1");
+        }
         let texture = match (&d.map_d, &d.map_kd) {
             (Some(map), _) => {
                 let (image, texture) = self.texture(map, ColourSpace::Linear)?;

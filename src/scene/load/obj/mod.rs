@@ -9,7 +9,7 @@ mod mtl;
 
 use super::textures::Textures;
 use super::warnings::Warnings;
-use super::{LoadError, beside, read};
+use super::{LoadError, beside, quote, read};
 use crate::scene::{Material, Scene};
 use geometry::Geometry;
 use std::borrow::Cow;
@@ -40,7 +40,8 @@ pub(super) fn load(path: &Path) -> Result<Scene, LoadError> {
         .map(|name| {
             let known = name.as_ref().and_then(|name| by_name.get(name)).copied();
             if let (None, Some(name)) = (known, name) {
-                warnings.add(format!("The material {name:?} is not defined; its faces are matte grey."));
+                warnings
+                    .add(format!("The material {} is not defined; its faces are matte grey.", quote(name)));
             }
             known.unwrap_or_else(|| {
                 *fallback.get_or_insert_with(|| {
@@ -72,7 +73,7 @@ fn libraries(path: &Path, statements: &[String], warnings: &mut Warnings) -> Vec
         for name in names {
             let library = beside(path, name);
             if !library.is_file() {
-                warnings.add(format!("The material library {name:?} is missing."));
+                warnings.add(format!("The material library {} is missing.", quote(name)));
             } else if !found.contains(&library) {
                 found.push(library);
             }

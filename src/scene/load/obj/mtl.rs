@@ -1,7 +1,7 @@
 //! MTL files → what they say of each material.
 
-use super::super::LoadError;
 use super::super::warnings::Warnings;
+use super::super::{LoadError, quote};
 use super::{split_keyword, statements, words};
 use crate::scene::{Channel, Wrap};
 use glam::{Vec2, Vec3};
@@ -75,12 +75,12 @@ pub(super) fn parse(
         } else if let Some(definition) = list.last_mut() {
             definition.statement(keyword, arguments, warnings)
         } else {
-            Err(format!("{keyword:?} before the first newmtl"))
+            Err("a statement before the first newmtl".into())
         };
         result.map_err(|problem| LoadError::Line {
             path: path.to_owned(),
             line,
-            problem: format!("{keyword}: {problem}"),
+            problem: format!("{}: {problem}", quote(keyword)),
         })?;
     }
     Ok(list)
@@ -128,9 +128,9 @@ impl Definition {
             "map_Pm" => self.map_pm = Some(map(arguments, &mut about)?),
             "map_Bump" | "map_bump" | "bump" => self.map_bump = Some(map(arguments, &mut about)?),
             "norm" | "map_Kn" => self.norm = Some(map(arguments, &mut about)?),
-            // Ambient light is what a path tracer computes; sharpness and antialiasing are not of the surface.
+            // Ambient light is computed; sharpness and antialiasing are not of the surface.
             "Ka" | "map_Ka" | "sharpness" | "map_aat" => {}
-            _ => about(&format!("the MTL statement {keyword:?} is not supported and ignored")),
+            _ => about(&format!("the MTL statement {} is not supported and ignored", quote(keyword))),
         }
         Ok(())
     }
@@ -139,8 +139,8 @@ impl Definition {
 /// The one number of a statement.
 fn number(arguments: &str) -> Result<f32, String> {
     let word = words(arguments).next().ok_or("a number is missing")?;
-    let value: f32 = word.parse().map_err(|_| format!("{word:?} is not a number"))?;
-    if value.is_finite() { Ok(value) } else { Err(format!("{word:?} is not finite")) }
+    let value: f32 = word.parse().map_err(|_| format!("{} is not a number", quote(word)))?;
+    if value.is_finite() { Ok(value) } else { Err(format!("{} is not finite", quote(word))) }
 }
 
 /// `r g b`, or one number for all three; nothing, with a warning, for spectra and CIE XYZ.
@@ -209,7 +209,7 @@ fn map(arguments: &str, about: &mut impl FnMut(&str)) -> Result<Map, String> {
             }
             // How an image is filtered or stored: there is one filter.
             "-blendu" | "-blendv" | "-boost" | "-cc" | "-texres" | "-type" => _ = take(),
-            _ => return Err(format!("the texture option {option:?} is not known")),
+            _ => return Err(format!("the texture option {} is not known", quote(option))),
         }
     }
     if rest.is_empty() {

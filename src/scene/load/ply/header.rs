@@ -1,6 +1,6 @@
 //! The header of a PLY file.
 
-use super::super::LoadError;
+use super::super::{LoadError, quote};
 use std::path::Path;
 
 /// How the rows are written.
@@ -35,7 +35,7 @@ impl Kind {
             "uint" | "uint32" => Self::U32,
             "float" | "float32" => Self::F32,
             "double" | "float64" => Self::F64,
-            _ => return Err(format!("{name:?} is not a type of PLY")),
+            _ => return Err(format!("{} is not a type of PLY", quote(name))),
         })
     }
 
@@ -130,14 +130,14 @@ fn statement(line: &str, encoding: &mut Option<Encoding>, elements: &mut Vec<Ele
                 "ascii" => Encoding::Ascii,
                 "binary_little_endian" => Encoding::LittleEndian,
                 "binary_big_endian" => Encoding::BigEndian,
-                _ => return Err(format!("{form:?} is not a format of PLY")),
+                _ => return Err(format!("{} is not a format of PLY", quote(form))),
             });
             if version != "1.0" {
-                return Err(format!("PLY version {version:?}; 1.0 is supported"));
+                return Err(format!("PLY version {}; 1.0 is supported", quote(version)));
             }
         }
         ["element", name, count] => {
-            let count = count.parse().map_err(|_| format!("{count:?} is not a number of rows"))?;
+            let count = count.parse().map_err(|_| format!("{} is not a number of rows", quote(count)))?;
             elements.push(Element { name: name.to_owned(), count, properties: Vec::new() });
         }
         ["property", ref form @ .., name] => {
@@ -150,12 +150,12 @@ fn statement(line: &str, encoding: &mut Option<Encoding>, elements: &mut Vec<Ele
                     Form::List { count, item }
                 }
                 [kind] => Form::Scalar(Kind::named(kind)?),
-                _ => return Err(format!("{line:?} is not a property")),
+                _ => return Err(format!("{} is not a property", quote(line))),
             };
             let element = elements.last_mut().ok_or("a property before the first element")?;
             element.properties.push(Property { name: name.to_owned(), form });
         }
-        _ => return Err(format!("{line:?} is not a statement of a PLY header")),
+        _ => return Err(format!("{} is not a statement of a PLY header", quote(line))),
     }
     Ok(())
 }

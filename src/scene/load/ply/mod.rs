@@ -7,7 +7,7 @@ mod header;
 mod values;
 
 use super::warnings::Warnings;
-use super::{LoadError, read};
+use super::{LoadError, quote, read};
 use crate::geom::MAX_COORDINATE;
 use crate::scene::{Material, Mesh, Scene};
 use glam::{Vec2, Vec3};
@@ -80,7 +80,7 @@ impl Reader<'_> {
             "tristrips" => self.faces(element, warnings, strip),
             name => {
                 if name != "edge" {
-                    warnings.add(format!("The PLY element {name:?} is ignored."));
+                    warnings.add(format!("The PLY element {} is ignored.", quote(name)));
                 }
                 (0..element.count).try_for_each(|row| {
                     let skipped = element.properties.iter().try_for_each(|p| self.values.skip(&p.form));

@@ -1,5 +1,6 @@
 //! The numbers after a PLY header, one after another.
 
+use super::super::quote;
 use super::header::{Element, Encoding, Form, Header, Kind};
 
 /// A place in the rows of a file.
@@ -125,7 +126,7 @@ impl<'a> Values<'a> {
             Kind::F32 => text.parse::<f32>().map(f64::from),
             _ => text.parse::<f64>(),
         };
-        value.map_err(|_| format!("{:?} is not a number", String::from_utf8_lossy(&rest[..end])))
+        value.map_err(|_| format!("{} is not a number", quote(&String::from_utf8_lossy(&rest[..end]))))
     }
 
     fn truncated(&self) -> String {
