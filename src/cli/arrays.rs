@@ -85,7 +85,8 @@ fn append_values<T: npyz::AutoSerialize>(
     columns: u64,
     values: impl Iterator<Item = T>,
 ) -> std::io::Result<()> {
-    let shape = if columns == 0 { vec![len as u64] } else { vec![len as u64 / columns, columns] };
+    let rows = |columns| len as u64 / columns;
+    let shape = std::num::NonZero::new(columns).map_or(vec![len as u64], |c| vec![rows(c), c.get()]);
     let mut npy = npyz::WriteOptions::new().default_dtype().shape(&shape).writer(file).begin_nd()?;
     npy.extend(values)?;
     npy.finish()

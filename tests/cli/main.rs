@@ -1,0 +1,43 @@
+//! The command line as a user meets it: pictures, arrays, statistics, refusals.
+
+mod refusals;
+mod render;
+mod trace;
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+/// Runs raystream in a folder.
+fn raystream(folder: &Path, args: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_raystream"))
+        .current_dir(folder)
+        .args(args)
+        .output()
+        .expect("raystream starts")
+}
+
+/// Runs raystream and returns what it printed; it must have ended with `code`.
+fn run(folder: &Path, args: &[&str], code: i32) -> String {
+    let output = raystream(folder, args);
+    let text =
+        String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(code), "raystream {args:?} printed:\n{text}");
+    text
+}
+
+fn folder() -> tempfile::TempDir {
+    tempfile::tempdir().expect("a temporary folder")
+}
+
+/// A scene that the project ships.
+fn shipped(name: &str) -> String {
+    let path: PathBuf = [env!("CARGO_MANIFEST_DIR"), "scenes", name].iter().collect();
+    path.to_str().expect("UTF-8").into()
+}
+
+fn json(path: &Path) -> serde_json::Value {
+    serde_json::from_slice(&std::fs::read(path).expect("statistics")).expect("JSON")
+}
+
+/// A matte square of side 2 around the origin, facing +z, as OBJ.
+const SQUARE: &str = "v -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\nf 1 2 3\nf 1 3 4\n";

@@ -1,0 +1,113 @@
+use super::{SQUARE, folder, run, shipped};
+use std::path::Path;
+
+/// Runs a refused command: one message that holds `says`, exit code 2, no new file.
+fn refuse(folder: &Path, args: &[&str], says: &str) {
+    let before = std::fs::read_dir(folder).expect("folder").count();
+    let text = run(folder, args, 2);
+    assert!(text.contains(says), "{args:?} does not say {says:?} but:\n{text}");
+    assert_eq!(
+        text.lines().filter(|line| line.starts_with("error")).count(),
+        1,
+        "{args:?} says more than one error:\n{text}"
+    );
+    assert!(!text.contains("panicked"), "{text}");
+    assert_eq!(std::fs::read_dir(folder).expect("folder").count(), before, "{args:?} left a file");
+}
+
+#[test]
+fn bad_scenes_are_refused() {
+    let folder = folder();
+    let write = |name: &str, bytes: &[u8]| std::fs::write(folder.path().join(name), bytes).expect("file");
+    let gltf = |more: &str| format!(r#"{{ "asset": {{ "version": "2.0" }}, {more} }}"#);
+    write("range.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\n\nf 1 2 9\n");
+    write("nan.obj", b"v 0 0 0\nv 1 nan 0\nv 0 1 0\nf 1 2 3\n");
+    write("empty.obj", b"v 0 0 0\n");
+    write("draco.gltf", gltf(r#""extensionsRequired": ["KHR_draco_mesh_compression"]"#).as_bytes());
+    write("cut.glb", b"glTF\x02\x00\x00\x00\x00\x10\x00\x00\x00\x08\x00\x00JSON{\"as");
+    write("texture.obj", format!("mtllib t.mtl\nusemtl m\n{SQUARE}").as_bytes());
+    write("t.mtl", b"newmtl m\nKd 1 1 1\nmap_Kd broken.png\n");
+    write("broken.png", b"not a picture");
+    write("typo.json", b"{ \"materials\": {},\n  \"shapess\": [] }");
+    for (scene, says) in [
+        ("missing.obj", "missing.obj"),
+        ("range.obj", "line 5"),
+        ("nan.obj", "line 2"),
+        ("empty.obj", "no triangles"),
+        ("draco.gltf", "KHR_draco_mesh_compression"),
+        ("cut.glb", "cut.glb"),
+        ("texture.obj", "broken.png"),
+        ("typo.json", "shapess"),
+        ("scene.fbx", ".obj, .gltf, .glb, .ply or .json"),
+    ] {
+        refuse(folder.path(), &["render", scene, "-o", "out.png", "--size", "8x8"], says);
+        refuse(folder.path(), &["mesh", scene, "-o", "out.npz"], says);
+    }
+}
+
+#[test]
+fn bad_arguments_are_refused() {
+    let folder = folder();
+    std::fs::write(folder.path().join("a.obj"), SQUARE).expect("scene");
+    std::fs::create_dir(folder.path().join("folder.png")).expect("folder");
+    let mut cases = vec![
+        (vec!["--size", "0x0"], "at least 1"),
+        (vec!["--size", "100000x100000"], "at most"),
+        (vec!["--spp", "0"], "0"),
+        (vec!["--spp", "99999999999"], "99999999999"),
+        (vec!["--max-bounces", "-1"], "-1"),
+        (vec!["--fov", "180"], "field of view"),
+        (vec!["--eye", "1,2"], "three finite numbers"),
+        (vec!["--eye", "0,0,0", "--target", "0,0,0"], "apart"),
+        (vec!["--up", "0,0,0"], "up vector"),
+        (vec!["--env", "sky.hdr"], "sky.hdr"),
+        (vec!["--env=-1,0,0"], "not negative"),
+        (vec!["--integrator", "radiosity"], "path or whitted"),
+        (vec!["--simd", "mmx"], "mmx"),
+        (vec!["--threads", "0"], "0"),
+        (vec!["-o", "out.gif"], ".png, .exr, .hdr or .npy"),
+        (vec!["-o", "none/out.png"], "none/out.png"),
+        (vec!["-o", "folder.png"], "folder.png"),
+        (vec!["--timeline", "t.txt"], ".json or .svg"),
+        (vec!["--stats", "none/s.json"], "none/s.json"),
+    ];
+    if cfg!(feature = "gpu") {
+        cases.push((vec!["--adapter", "no such thing"], "no such thing"));
+    }
+    for (more, says) in cases {
+        let mut args = vec!["render", "a.obj"];
+        args.extend(more);
+        refuse(folder.path(), &args, says);
+    }
+}
+
+#[test]
+fn bad_rays_are_refused() {
+    let folder = folder();
+    let scene = shipped("cornell.json");
+    let npy = |name: &str, header: &str, bytes: usize| {
+        let mut file = b"\x93NUMPY\x01\x00".to_vec();
+        let padded = format!("{header:<117}\n");
+        file.extend((padded.len() as u16).to_le_bytes());
+        file.extend(padded.as_bytes());
+        file.extend(std::iter::repeat_n(0, bytes));
+        std::fs::write(folder.path().join(name), file).expect("file");
+    };
+    npy("shape.npy", "{'descr': '<f4', 'fortran_order': False, 'shape': (4, 7), }", 112);
+    npy("type.npy", "{'descr': '<f8', 'fortran_order': False, 'shape': (1, 8), }", 64);
+    npy("short.npy", "{'descr': '<f4', 'fortran_order': False, 'shape': (1000000000000, 8), }", 64);
+    npy("order.npy", "{'descr': '<f4', 'fortran_order': True, 'shape': (2, 8), }", 64);
+    npy("good.npy", "{'descr': '<f4', 'fortran_order': False, 'shape': (2, 8), }", 64);
+    std::fs::write(folder.path().join("text.npy"), "hello").expect("file");
+    for (rays, says) in [
+        ("missing.npy", "missing.npy"),
+        ("text.npy", "not a .npy file"),
+        ("shape.npy", "(n, 8)"),
+        ("type.npy", "float32"),
+        ("short.npy", "cut short"),
+        ("order.npy", "C order"),
+    ] {
+        refuse(folder.path(), &["trace", &scene, "--rays", rays, "-o", "h.npz"], says);
+    }
+    refuse(folder.path(), &["trace", &scene, "--rays", "good.npy", "-o", "h.txt"], ".npz");
+}

@@ -1,0 +1,106 @@
+use super::{folder, json, run, shipped};
+use npyz::WriterBuilder;
+use raystream::geom::{CanonicalRay, Sampler};
+use raystream::scene::load;
+use std::io::Read;
+use std::path::Path;
+
+fn write_rays(path: &Path, rays: &[f32]) {
+    let file = std::fs::File::create(path).expect("file");
+    let options = npyz::WriteOptions::new().default_dtype().shape(&[rays.len() as u64 / 8, 8]);
+    let mut npy = options.writer(file).begin_nd().expect("header");
+    npy.extend(rays.iter().copied()).expect("rays");
+    npy.finish().expect("rays");
+}
+
+fn array<T: npyz::Deserialize>(path: &Path, name: &str) -> Vec<T> {
+    let mut archive = zip::ZipArchive::new(std::fs::File::open(path).expect("npz")).expect("zip");
+    let mut bytes = Vec::new();
+    archive.by_name(&format!("{name}.npy")).expect(name).read_to_end(&mut bytes).expect(name);
+    npyz::NpyFile::new(&bytes[..]).expect("header").into_vec().expect("data")
+}
+
+/// Rays from everywhere in and around the Cornell box, some of them short.
+fn random_rays(count: u32) -> Vec<f32> {
+    (0..count)
+        .flat_map(|i| {
+            let s = Sampler::new(i, 0, 5);
+            let [x, y] = s.pair(0);
+            let [z, length] = s.pair(1);
+            let d = raystream::geom::warp::sphere(s.pair(2));
+            let far = if i % 3 == 0 { 500.0 * length } else { f32::INFINITY };
+            [700.0 * x - 70.0, 700.0 * y - 70.0, 700.0 * z - 70.0, 0.0, d.x, d.y, d.z, far]
+        })
+        .collect()
+}
+
+#[test]
+fn hits_are_those_of_brute_force_for_a_million_rays() {
+    let folder = folder();
+    let scene = shipped("cornell.json");
+    let rays = random_rays(1_000_000);
+    write_rays(&folder.path().join("r.npy"), &rays);
+    let args = ["trace", &scene, "--rays", "r.npy", "-o", "h.npz", "--repeat", "2", "--stats", "s.json"];
+    run(folder.path(), &args, 0);
+    run(folder.path(), &["trace", &scene, "--rays", "r.npy", "-o", "o.npz", "--any-hit"], 0);
+    run(folder.path(), &["mesh", &scene, "-o", "m.npz"], 0);
+
+    let hits = folder.path().join("h.npz");
+    let (primitive, t, uv) =
+        (array::<u32>(&hits, "primitive"), array::<f32>(&hits, "t"), array::<f32>(&hits, "uv"));
+    let occluded: Vec<bool> = array(&folder.path().join("o.npz"), "occluded");
+    let mesh = load::load(Path::new(&scene)).expect("scene").mesh;
+    let triangles: Vec<u32> = array(&folder.path().join("m.npz"), "triangles");
+    assert_eq!(triangles, mesh.triangles.as_flattened());
+    let max_abs = mesh.bounds().max_abs();
+    let mut found = 0;
+    for (i, r) in rays.chunks_exact(8).enumerate() {
+        let ray = CanonicalRay::new([r[0], r[1], r[2]], r[3], [r[4], r[5], r[6]], r[7], max_abs);
+        let nearest = (0..mesh.triangles.len() as u32)
+            .filter_map(|p| {
+                let [a, b, c] = mesh.corners(p);
+                ray.triangle(a, b, c).map(|hit| (hit, p))
+            })
+            .min_by(|a, b| a.0.t.total_cmp(&b.0.t).then(a.1.cmp(&b.1)));
+        let (hit, p) = match nearest {
+            Some((hit, p)) => ([hit.t, hit.u, hit.v], p),
+            None => ([f32::INFINITY, 0.0, 0.0], u32::MAX),
+        };
+        assert_eq!((primitive[i], [t[i], uv[2 * i], uv[2 * i + 1]]), (p, hit), "ray {i}");
+        assert_eq!(occluded[i], nearest.is_some(), "ray {i}");
+        found += usize::from(nearest.is_some());
+    }
+    let stats = json(&folder.path().join("s.json"));
+    assert_eq!(stats["hits"], found);
+    assert_eq!(stats["units"]["cpu"]["rays"], 2_000_000);
+    assert!(stats["mray_per_s"]["median"].as_f64() > Some(0.0));
+}
+
+#[cfg(feature = "gpu")]
+#[test]
+fn cpu_and_gpu_write_the_same_arrays() {
+    let folder = folder();
+    let scene = shipped("cornell.json");
+    write_rays(&folder.path().join("r.npy"), &random_rays(100_000));
+    for any in [false, true] {
+        for tracer in ["cpu", "gpu", "hybrid"] {
+            let out = format!("{tracer}.npz");
+            let mut args = vec!["trace", &scene, "--rays", "r.npy", "-o", &out, "--tracer", tracer];
+            args.extend(any.then_some("--any-hit"));
+            run(folder.path(), &args, 0);
+        }
+        let bytes = |tracer: &str| {
+            let path = folder.path().join(format!("{tracer}.npz"));
+            match any {
+                true => array::<bool>(&path, "occluded").into_iter().map(u32::from).collect(),
+                false => [
+                    array::<u32>(&path, "primitive"),
+                    array::<f32>(&path, "t").into_iter().map(f32::to_bits).collect(),
+                    array::<f32>(&path, "uv").into_iter().map(f32::to_bits).collect(),
+                ]
+                .concat(),
+            }
+        };
+        assert!(bytes("cpu") == bytes("gpu") && bytes("cpu") == bytes("hybrid"));
+    }
+}
