@@ -252,6 +252,19 @@ mod tests {
     }
 
     #[test]
+    fn small_streams_are_flushed_only_when_nothing_else_is_there() {
+        // The README's bound on small streams rests on this, whatever the order of rules.
+        for unit in [Unit::Cpu, Unit::Hybrid] {
+            let small = View { unit, need_more: 1, ..IDLE };
+            assert!(small.allows(Rule::Flush, BUSY));
+            assert!(!View { shade: 1, ..small }.allows(Rule::Flush, BUSY));
+            assert!(!View { slot: true, ..small }.allows(Rule::Flush, BUSY));
+            let full = View { trace: 1, ..small };
+            assert_eq!(full.allows(Rule::Flush, BUSY), unit == Unit::Hybrid);
+        }
+    }
+
+    #[test]
     fn without_a_device_shading_follows_tracing() {
         let view = View { unit: Unit::Cpu, policy: Policy::of(Unit::Cpu), ..ALL };
         assert_eq!(rule(view, BUSY), Some(Rule::Shade));
