@@ -64,8 +64,8 @@ pub enum Sharing {
     /// Every job gets the same share: the one that has been served the fewest rays is next.
     #[default]
     Fair,
-    /// The oldest job gets all it can use, later ones fill its gaps: frames end in the order of
-    /// their submission.
+    /// The oldest job gets all it can use, later ones fill its gaps: for frames that are wanted in
+    /// the order of their submission.
     FirstIn,
 }
 

@@ -101,6 +101,24 @@ fn two_jobs_share_the_threads() {
 }
 
 #[test]
+fn an_endless_job_starves_nobody() {
+    let service = service(1, 0);
+    let endless = Gated::with_tiles(u64::MAX);
+    endless.open();
+    let job = service.submit(Arc::clone(&endless), blind(), JobOptions::default()).unwrap();
+    wait_until(|| endless.shaded.load(Relaxed) > 0);
+    let ledger = Ledger::new(SCRIPT);
+    let other = service.submit(Arc::clone(&ledger), Tracers::cpu(Arc::clone(&ledger) as _), SMALL).unwrap();
+    outcome(other).unwrap();
+    ledger.check_complete();
+    assert!(job.progress().tiles_done() > 0 && !job.is_finished());
+    job.stop();
+    let report = outcome(job).unwrap();
+    assert!(report.stopped && report.tiles == u64::MAX);
+    assert_eq!(report.tiles_spawned, endless.shaded.load(Relaxed));
+}
+
+#[test]
 fn dropping_the_service_cancels_what_runs_and_what_waits() {
     let options = ServiceOptions { host_threads: 2, dispatch_threads: 1, max_jobs: 1, ..Default::default() };
     let service = Service::new(options).unwrap();
