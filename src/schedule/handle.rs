@@ -2,7 +2,7 @@
 
 use super::report::{JobReport, Progress};
 use super::service::Inner;
-use super::state::{JobId, Receiver};
+use super::state::{JobId, Receiver, State};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::time::Duration;
 
@@ -15,6 +15,9 @@ pub enum JobError {
     /// The renderer or the host's tracer panicked. Other jobs go on.
     #[error("the job panicked: {0}")]
     Panicked(String),
+    /// The scheduler itself panicked, which it should not; the service is of no more use.
+    #[error("the scheduler failed: {0}; please report it")]
+    Broken(String),
 }
 
 struct Letter {
@@ -39,6 +42,16 @@ impl Receiver for Letterbox {
 }
 
 impl Letterbox {
+    /// Tells the owner that no result will come.
+    pub fn give_up(&self, why: &str) {
+        let mut letter = self.letter.lock().unwrap_or_else(PoisonError::into_inner);
+        letter.get_or_insert_with(|| Letter {
+            last: Progress::default(),
+            outcome: Some(Err(JobError::Broken(why.to_owned()))),
+        });
+        self.arrived.notify_all();
+    }
+
     fn last_progress(&self) -> Option<Progress> {
         let letter = self.letter.lock().unwrap_or_else(PoisonError::into_inner);
         letter.as_ref().map(|letter| letter.last)
@@ -48,35 +61,40 @@ impl Letterbox {
 /// A job's handle. Dropping it cancels the job.
 #[must_use = "dropping the handle cancels the job"]
 pub struct JobHandle {
-    id: JobId,
+    /// None if the service broke before the job got a name.
+    id: Option<JobId>,
     inner: Arc<Inner>,
     letterbox: Arc<Letterbox>,
 }
 
 impl JobHandle {
-    pub(super) fn new(id: JobId, inner: Arc<Inner>, letterbox: Arc<Letterbox>) -> Self {
+    pub(super) fn new(id: Option<JobId>, inner: Arc<Inner>, letterbox: Arc<Letterbox>) -> Self {
         Self { id, inner, letterbox }
     }
 
     /// How far the job is.
     pub fn progress(&self) -> Progress {
-        let now = self.inner.change(|state, _| state.progress(self.id));
         // A job that has left the scheduler is about to be in the letterbox.
-        now.unwrap_or_else(|| {
+        self.change(|state, id, _| state.progress(id)).flatten().unwrap_or_else(|| {
             self.wait_until_finished();
             self.letterbox.last_progress().expect("the job is finished")
         })
     }
 
+    fn change<T>(&self, change: impl FnOnce(&mut State, JobId, u64) -> T) -> Option<T> {
+        let id = self.id?;
+        self.inner.change(|state, now_ns| change(state, id, now_ns))
+    }
+
     /// Abandons the job: tasks under way end, nothing new begins. Returns at once.
     pub fn cancel(&self) {
-        self.inner.change(|state, now_ns| state.cancel(self.id, now_ns));
+        self.change(State::cancel);
     }
 
     /// Spawns no more tiles and finishes what is in flight, so that what has been accumulated is
     /// complete for every tile spawned. Returns at once.
     pub fn stop(&self) {
-        self.inner.change(|state, now_ns| state.stop(self.id, now_ns));
+        self.change(State::stop);
     }
 
     /// Whether the job has ended.

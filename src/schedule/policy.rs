@@ -64,8 +64,8 @@ pub enum Sharing {
     /// Every job gets the same share: the one that has been served the fewest rays is next.
     #[default]
     Fair,
-    /// The oldest job gets all it can use, later ones fill its gaps: frames end in the order of
-    /// their submission.
+    /// The oldest job gets all it can use, later ones fill its gaps: for frames that are wanted in
+    /// the order of their submission.
     FirstIn,
 }
 
@@ -249,6 +249,19 @@ mod tests {
         assert!(!dispatch(View { tiles_left: 1, ..small }) && !dispatch(View { shade: 1, ..small }));
         assert!(!dispatch(View { unit: Unit::Hybrid, ..small }), "a host thread flushes it");
         assert!(!dispatch(View { unit: Unit::Cpu, ..view }));
+    }
+
+    #[test]
+    fn small_streams_are_flushed_only_when_nothing_else_is_there() {
+        // The README's bound on small streams rests on this, whatever the order of rules.
+        for unit in [Unit::Cpu, Unit::Hybrid] {
+            let small = View { unit, need_more: 1, ..IDLE };
+            assert!(small.allows(Rule::Flush, BUSY));
+            assert!(!View { shade: 1, ..small }.allows(Rule::Flush, BUSY));
+            assert!(!View { slot: true, ..small }.allows(Rule::Flush, BUSY));
+            let full = View { trace: 1, ..small };
+            assert_eq!(full.allows(Rule::Flush, BUSY), unit == Unit::Hybrid);
+        }
     }
 
     #[test]

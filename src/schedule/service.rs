@@ -7,9 +7,10 @@ use super::pool::Pool;
 use super::state::{Aftermath, Next, Receiver, State, Submission};
 use super::task::{Desk, Work, Workplace};
 use super::{JobOptions, Limits, LimitsError, Renderer, ServiceOptions, Tracers, Unit};
-use crate::stream::{Scratch, drop_quietly};
+use crate::stream::{Scratch, drop_quietly, panic_message};
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::AtomicBool;
-use std::sync::{Arc, Condvar, Mutex, MutexGuard};
+use std::sync::{Arc, Condvar, Mutex, PoisonError, Weak};
 use std::thread::JoinHandle;
 use std::time::Instant;
 
@@ -78,6 +79,8 @@ pub(super) struct Inner {
     /// One for each thread, to be woken singly.
     bells: Vec<Condvar>,
     pool: Pool,
+    /// Of the jobs whose owners may be waiting.
+    letterboxes: Mutex<Vec<Weak<Letterbox>>>,
     hosts: usize,
     epoch: Instant,
 }
@@ -100,6 +103,7 @@ impl Service {
             state: Mutex::new(State::new(host_threads, dispatch_threads, max_jobs, sharing)),
             bells: (0..threads).map(|_| Condvar::new()).collect(),
             pool: Pool::new(max_jobs),
+            letterboxes: Mutex::default(),
             hosts: host_threads,
             epoch: Instant::now(),
         });
@@ -143,7 +147,11 @@ impl Service {
         let letterbox = Arc::new(Letterbox::default());
         let receiver = Arc::clone(&letterbox) as _;
         let submission = prepare(renderer, tracers, &options, threads, &inner.pool, receiver)?;
+        inner.expect(&letterbox);
         let id = inner.change(|state, now_ns| state.submit(submission, now_ns));
+        if id.is_none() {
+            letterbox.give_up("it broke earlier");
+        }
         Ok(JobHandle::new(id, Arc::clone(inner), letterbox))
     }
 }
@@ -210,18 +218,32 @@ impl Inner {
         self.epoch.elapsed().as_nanos() as u64
     }
 
-    fn lock(&self) -> MutexGuard<'_, State> {
-        self.state.lock().expect("no panic under the scheduler's lock")
+    /// Changes the state and does what follows from it; none if a panic has broken the state.
+    pub fn change<T>(&self, change: impl FnOnce(&mut State, u64) -> T) -> Option<T> {
+        let changed = catch_unwind(AssertUnwindSafe(|| {
+            let mut state = self.state.lock().ok()?;
+            let value = change(&mut state, self.now_ns());
+            Some((value, state.take_aftermath()))
+        }));
+        let (value, aftermath) = changed.unwrap_or_else(|payload| {
+            self.give_up(&panic_message(payload));
+            None
+        })?;
+        self.conclude(aftermath);
+        Some(value)
     }
 
-    /// Changes the state and does what follows from it.
-    pub fn change<T>(&self, change: impl FnOnce(&mut State, u64) -> T) -> T {
-        let mut state = self.lock();
-        let value = change(&mut state, self.now_ns());
-        let aftermath = state.take_aftermath();
-        drop(state);
-        self.conclude(aftermath);
-        value
+    fn expect(&self, letterbox: &Arc<Letterbox>) {
+        let mut letterboxes = self.letterboxes.lock().unwrap_or_else(PoisonError::into_inner);
+        letterboxes.retain(|letterbox| letterbox.strong_count() > 0);
+        letterboxes.push(Arc::downgrade(letterbox));
+    }
+
+    /// A panic under the lock is a bug of the scheduler: let nobody wait for ever.
+    fn give_up(&self, why: &str) {
+        let letterboxes = self.letterboxes.lock().unwrap_or_else(PoisonError::into_inner);
+        letterboxes.iter().filter_map(Weak::upgrade).for_each(|letterbox| letterbox.give_up(why));
+        self.bells.iter().for_each(Condvar::notify_one);
     }
 
     /// Wakes threads, and delivers results once their jobs' own code has been let go of. Not under
@@ -243,8 +265,15 @@ impl Inner {
 
     /// A thread's life.
     fn serve(&self, thread: usize) {
+        if let Err(payload) = catch_unwind(AssertUnwindSafe(|| self.work(thread))) {
+            self.give_up(&panic_message(payload));
+        }
+    }
+
+    /// Returns when the service closes, or is broken.
+    fn work(&self, thread: usize) -> Option<()> {
         let mut scratch = Scratch::default();
-        let mut state = self.lock();
+        let mut state = self.state.lock().ok()?;
         loop {
             let next = state.next(thread, self.now_ns());
             let aftermath = state.take_aftermath();
@@ -254,15 +283,38 @@ impl Inner {
                 Next::Work(work) => {
                     work.work(thread, &mut scratch);
                     drop(work);
-                    state = self.lock();
+                    state = self.state.lock().ok()?;
                     state.finish(thread, self.now_ns());
                 }
                 Next::Sleep => {
-                    let waited = self.bells[thread].wait_while(self.lock(), |state| state.is_asleep(thread));
-                    state = waited.expect("no panic under the scheduler's lock");
+                    let state_now = self.state.lock().ok()?;
+                    state = self.bells[thread].wait_while(state_now, |state| state.is_asleep(thread)).ok()?;
                 }
-                Next::Exit => return,
+                Next::Exit => return None,
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::JobError;
+    use super::super::tests::{Gated, blind, wait_until};
+    use super::*;
+    use std::sync::atomic::Ordering::Relaxed;
+
+    #[test]
+    fn nobody_waits_for_a_broken_scheduler() {
+        let service = Service::new(ServiceOptions { host_threads: 2, ..Default::default() }).unwrap();
+        let gated = Gated::new();
+        let submit = || service.submit(Arc::clone(&gated), blind(), JobOptions::default()).unwrap();
+        let job = submit();
+        wait_until(|| gated.spawned.load(Relaxed) > 0);
+        let bug = || std::panic::resume_unwind(Box::new("a bug"));
+        assert!(service.inner.change(|_, _| bug()).is_none());
+        assert_eq!(job.progress(), Default::default());
+        assert_eq!(job.wait(), Err(JobError::Broken("a bug".to_owned())));
+        assert_eq!(submit().wait(), Err(JobError::Broken("it broke earlier".to_owned())));
+        gated.open();
     }
 }

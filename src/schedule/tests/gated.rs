@@ -8,6 +8,7 @@ use std::time::Duration;
 
 /// Holds its spawn tasks until the gate opens.
 pub struct Gated {
+    tiles: u64,
     gate: Mutex<bool>,
     opened: Condvar,
     pub spawned: AtomicU64,
@@ -15,9 +16,14 @@ pub struct Gated {
 }
 
 impl Gated {
+    /// Fifty tiles of one ray.
     pub fn new() -> Arc<Self> {
+        Self::with_tiles(50)
+    }
+
+    pub fn with_tiles(tiles: u64) -> Arc<Self> {
         let (gate, opened) = Default::default();
-        Arc::new(Self { gate, opened, spawned: Default::default(), shaded: Default::default() })
+        Arc::new(Self { tiles, gate, opened, spawned: Default::default(), shaded: Default::default() })
     }
 
     pub fn open(&self) {
@@ -31,7 +37,7 @@ impl Renderer for Gated {
     type ShadowPayload = u32;
 
     fn tiles(&self) -> u64 {
-        50
+        self.tiles
     }
 
     fn tile_rays(&self) -> usize {

@@ -3,9 +3,8 @@
 use super::super::{
     Batch, JobError, JobOptions, JobReport, Output, Renderer, Service, ServiceOptions, Tracers,
 };
-use super::gated::{Gated, blind, wait_until};
 use super::ledger::{Ledger, Script};
-use super::{SCRIPT, SMALL, service};
+use super::{Gated, SCRIPT, SMALL, blind, outcome, service, wait_until};
 use crate::stream::Ray;
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
@@ -20,7 +19,7 @@ fn a_stopped_job_finishes_what_it_has_spawned() {
     job.stop();
     assert!(!job.wait_for(Duration::from_millis(1)) && !job.is_finished());
     gated.open();
-    let report = job.wait().unwrap();
+    let report = outcome(job).unwrap();
     assert!(report.stopped);
     assert_eq!((report.tiles, report.tiles_spawned), (50, 2));
     assert_eq!(gated.shaded.load(Relaxed), 2);
@@ -36,9 +35,9 @@ fn a_cancelled_job_leaves_others_alone_and_lets_go_of_its_renderer() {
     let other = service.submit(Arc::clone(&ledger), Tracers::cpu(Arc::clone(&ledger) as _), SMALL).unwrap();
     cancelled.cancel();
     gated.open();
-    assert_eq!(cancelled.wait(), Err(JobError::Cancelled));
+    assert_eq!(outcome(cancelled), Err(JobError::Cancelled));
     assert!(Arc::into_inner(gated).is_some(), "the service has let go of the renderer");
-    other.wait().unwrap();
+    outcome(other).unwrap();
     ledger.check_complete();
 }
 
@@ -68,13 +67,13 @@ fn jobs_beyond_the_limit_wait_their_turn() {
     // One that waits can be cancelled or stopped.
     let waiting = jobs.remove(1);
     waiting.cancel();
-    assert_eq!(waiting.wait(), Err(JobError::Cancelled));
+    assert_eq!(outcome(waiting), Err(JobError::Cancelled));
     let stopped = submit(&renderers[2]);
     stopped.stop();
-    assert_eq!(stopped.wait().map(|report| (report.stopped, report.tiles_spawned)), Ok((true, 0)));
+    assert_eq!(outcome(stopped).map(|report| (report.stopped, report.tiles_spawned)), Ok((true, 0)));
     renderers[0].open();
     for job in jobs {
-        assert_eq!(job.wait().unwrap().tiles_spawned, 50);
+        assert_eq!(outcome(job).unwrap().tiles_spawned, 50);
     }
     assert_eq!(renderers[2].shaded.load(Relaxed), 50);
 }
@@ -90,8 +89,8 @@ fn two_jobs_share_the_threads() {
         service.submit(Arc::clone(ledger), Tracers::cpu(Arc::clone(ledger) as _), SMALL).unwrap()
     });
     gated.open();
-    gate.wait().unwrap();
-    let reports = jobs.map(|job| job.wait().unwrap());
+    outcome(gate).unwrap();
+    let reports = jobs.map(|job| outcome(job).unwrap());
     for ledger in &ledgers {
         ledger.check_complete();
     }
@@ -102,6 +101,24 @@ fn two_jobs_share_the_threads() {
 }
 
 #[test]
+fn an_endless_job_starves_nobody() {
+    let service = service(1, 0);
+    let endless = Gated::with_tiles(u64::MAX);
+    endless.open();
+    let job = service.submit(Arc::clone(&endless), blind(), JobOptions::default()).unwrap();
+    wait_until(|| endless.shaded.load(Relaxed) > 0);
+    let ledger = Ledger::new(SCRIPT);
+    let other = service.submit(Arc::clone(&ledger), Tracers::cpu(Arc::clone(&ledger) as _), SMALL).unwrap();
+    outcome(other).unwrap();
+    ledger.check_complete();
+    assert!(job.progress().tiles_done() > 0 && !job.is_finished());
+    job.stop();
+    let report = outcome(job).unwrap();
+    assert!(report.stopped && report.tiles == u64::MAX);
+    assert_eq!(report.tiles_spawned, endless.shaded.load(Relaxed));
+}
+
+#[test]
 fn dropping_the_service_cancels_what_runs_and_what_waits() {
     let options = ServiceOptions { host_threads: 2, dispatch_threads: 1, max_jobs: 1, ..Default::default() };
     let service = Service::new(options).unwrap();
@@ -109,12 +126,16 @@ fn dropping_the_service_cancels_what_runs_and_what_waits() {
     let running = service.submit(Arc::clone(&gated), blind(), JobOptions::default()).unwrap();
     let waiting = service.submit(Arc::clone(&other), blind(), JobOptions::default()).unwrap();
     wait_until(|| gated.spawned.load(Relaxed) == 2);
-    gated.open();
-    drop(service);
-    assert_eq!(running.wait(), Err(JobError::Cancelled));
+    std::thread::scope(|scope| {
+        scope.spawn(|| drop(service));
+        // The service dies while both threads are at work.
+        wait_until(|| waiting.is_finished());
+        gated.open();
+    });
+    assert_eq!(outcome(running), Err(JobError::Cancelled));
     assert_eq!(waiting.progress().tiles_spawned, 0);
     waiting.stop();
-    assert_eq!(waiting.wait(), Err(JobError::Cancelled));
+    assert_eq!(outcome(waiting), Err(JobError::Cancelled));
 }
 
 /// Drops the last reference to its own service while it is dropped itself.
@@ -155,7 +176,7 @@ fn a_service_may_die_on_its_own_thread() {
     let job = service.submit(Arc::new(owner), blind(), JobOptions::default()).unwrap();
     drop(service);
     gated.open();
-    assert_eq!(job.wait().map(|report| report.tiles_spawned), Ok(50));
+    assert_eq!(outcome(job).map(|report| report.tiles_spawned), Ok(50));
 }
 
 /// Breaks its promises, or panics in its drop.
@@ -208,7 +229,7 @@ fn a_rude_renderer_hurts_only_itself() {
     let service = service(1, 0);
     let run = |rays, shadow_rays, panics_in_drop| {
         let renderer = Arc::new(Rude { rays, shadow_rays, panics_in_drop });
-        service.submit(renderer, blind(), JobOptions::default()).unwrap().wait()
+        outcome(service.submit(renderer, blind(), JobOptions::default()).unwrap())
     };
     let message = |outcome: Result<JobReport, JobError>| outcome.unwrap_err().to_string();
     let text = message(run(11, 0, false));
@@ -219,7 +240,7 @@ fn a_rude_renderer_hurts_only_itself() {
     run(0, 0, true).unwrap();
     let ledger = Ledger::new(SCRIPT);
     let job = service.submit(Arc::clone(&ledger), Tracers::cpu(Arc::clone(&ledger) as _), SMALL).unwrap();
-    job.wait().unwrap();
+    outcome(job).unwrap();
     ledger.check_complete();
 }
 

@@ -7,8 +7,11 @@ mod queries;
 mod simulator;
 mod threads;
 
-use super::{JobOptions, Service, ServiceOptions};
+use super::{JobError, JobHandle, JobOptions, JobReport, Service, ServiceOptions};
 use ledger::Script;
+use std::time::Duration;
+
+pub use gated::{Gated, blind, wait_until};
 
 const SCRIPT: Script =
     Script { seed: 1, tiles: 40, tile_rays: 300, max_depth: 6, shadow_rays_per_ray: 2, panic_at: None };
@@ -26,4 +29,10 @@ const SMALL: JobOptions = JobOptions {
 fn service(host_threads: usize, dispatch_threads: usize) -> Service {
     let options = ServiceOptions { host_threads, dispatch_threads, max_jobs: 3, ..Default::default() };
     Service::new(options).unwrap()
+}
+
+/// Waits for a job, but not for ever.
+fn outcome(job: JobHandle) -> Result<JobReport, JobError> {
+    assert!(job.wait_for(Duration::from_secs(60)), "the job hangs: {:?}", job.progress());
+    job.wait()
 }

@@ -1,8 +1,7 @@
 //! Ray queries.
 
 use super::super::{JobError, JobOptions, Tracers};
-use super::gated::{Gated, blind, wait_until};
-use super::service;
+use super::{Gated, blind, service, wait_until};
 use crate::stream::{Hit, Ray, Tracer};
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;

@@ -289,6 +289,7 @@ impl Case {
                 tally.complete += usize::from(!report.stopped);
                 tally.lost += usize::from(report.events.iter().any(|event| event.contains("failed")));
             }
+            Err(JobError::Broken(why)) => panic!("{why}"),
             Err(JobError::Cancelled) => {
                 assert!(self.cancelled, "only cancelled jobs are");
                 tally.cancelled += 1;

@@ -2,7 +2,7 @@
 
 use super::super::{JobError, TaskKind, ThreadKind, Tracers, Unit};
 use super::ledger::{FakeDevice, Fate, Ledger, Script, mix};
-use super::{SCRIPT, SMALL, service};
+use super::{SCRIPT, SMALL, outcome, service};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -23,7 +23,7 @@ fn every_ray_is_shaded_once_with_any_number_of_threads() {
             let ledger = Ledger::new(SCRIPT);
             let tracers = tracers(&ledger, device(&ledger, Fate::Lives), unit);
             let job = service.submit(Arc::clone(&ledger), tracers, SMALL).unwrap();
-            let report = job.wait().unwrap();
+            let report = outcome(job).unwrap();
             let [camera, continuation, shadow] = ledger.check_complete();
             assert_eq!(
                 [report.rays.camera, report.rays.continuation, report.rays.shadow],
@@ -52,10 +52,12 @@ fn a_device_that_dies_costs_nothing_but_time() {
                 ..Arc::into_inner(device(&ledger, fate)).unwrap()
             });
             let job = service.submit(Arc::clone(&ledger), tracers(&ledger, device, unit), SMALL).unwrap();
-            let report = job.wait().unwrap();
+            let report = outcome(job).unwrap();
             ledger.check_complete();
-            assert_eq!(report.events.len(), 1, "one event: {:?}", report.events);
-            assert!(report.events[0].starts_with("a fake device failed ("), "{:?}", report.events);
+            // Host threads that help may be done before the device has had its last chance.
+            let helped = unit == Unit::Hybrid && !matches!(fate, Fate::Lost(0) | Fate::Panics(0));
+            assert!(report.events.len() == 1 || (helped && report.events.is_empty()), "{:?}", report.events);
+            assert!(report.events.iter().all(|event| event.starts_with("a fake device failed (")));
             assert!(report.cpu.rays > 0);
         }
     }
@@ -66,11 +68,11 @@ fn a_slow_device_is_helped() {
     let service = service(2, 1);
     let ledger = Ledger::new(SCRIPT);
     let device = Arc::new(FakeDevice {
-        delay: Duration::from_millis(5),
+        delay: Duration::from_millis(10),
         ..Arc::into_inner(device(&ledger, Fate::Lives)).unwrap()
     });
     let tracers = tracers(&ledger, device, Unit::Hybrid);
-    let report = service.submit(Arc::clone(&ledger), tracers, SMALL).unwrap().wait().unwrap();
+    let report = outcome(service.submit(Arc::clone(&ledger), tracers, SMALL).unwrap()).unwrap();
     ledger.check_complete();
     assert!(report.cpu.rays > report.gpu.rays && report.gpu.rays > 0);
 }
@@ -79,11 +81,11 @@ fn a_slow_device_is_helped() {
 fn without_a_device_or_its_threads_the_host_traces_and_says_so() {
     let ledger = Ledger::new(SCRIPT);
     let no_device = Tracers { unit: Unit::Gpu, ..Tracers::cpu(Arc::clone(&ledger) as _) };
-    let report = service(1, 1).submit(Arc::clone(&ledger), no_device, SMALL).unwrap().wait().unwrap();
+    let report = outcome(service(1, 1).submit(Arc::clone(&ledger), no_device, SMALL).unwrap()).unwrap();
     assert_eq!(report.events, ["there is no GPU; host threads trace alone"]);
     let ledger = Ledger::new(SCRIPT);
     let tracers = tracers(&ledger, device(&ledger, Fate::Lives), Unit::Gpu);
-    let report = service(1, 0).submit(Arc::clone(&ledger), tracers, SMALL).unwrap().wait().unwrap();
+    let report = outcome(service(1, 0).submit(Arc::clone(&ledger), tracers, SMALL).unwrap()).unwrap();
     assert_eq!(report.events, ["a fake device is not used: the service has no dispatch threads"]);
     assert_eq!(report.gpu.rays, 0);
     ledger.check_complete();
@@ -95,7 +97,7 @@ fn the_account_adds_up() {
     let ledger = Ledger::new(SCRIPT);
     let tracers = tracers(&ledger, device(&ledger, Fate::Lives), Unit::Hybrid);
     let job = service.submit(Arc::clone(&ledger), tracers, SMALL).unwrap();
-    let report = job.wait().unwrap();
+    let report = outcome(job).unwrap();
     assert_eq!(report.cpu.rays + report.gpu.rays, report.rays.total());
     assert!(
         report.gpu.bytes_copied > 0 && report.gpu.flagged > 0 && report.gpu.retraced == report.gpu.flagged
@@ -126,7 +128,7 @@ fn streams_serve_the_next_frame() {
     let frame = || {
         let ledger = Ledger::new(SCRIPT);
         let tracers = Tracers::cpu(Arc::clone(&ledger) as _);
-        service.submit(Arc::clone(&ledger), tracers, SMALL).unwrap().wait().unwrap();
+        outcome(service.submit(Arc::clone(&ledger), tracers, SMALL).unwrap()).unwrap();
         ledger.check_complete()
     };
     let first = frame();
@@ -155,18 +157,18 @@ fn many_owners_submit_cancel_and_drop_at_once() {
                 0 => drop(job),
                 1 => {
                     job.cancel();
-                    assert!(!matches!(job.wait(), Err(JobError::Panicked(_))) || panic_at.is_some());
+                    assert!(!matches!(outcome(job), Err(JobError::Panicked(_))) || panic_at.is_some());
                 }
                 2 => {
                     job.stop();
-                    match job.wait() {
+                    match outcome(job) {
                         Ok(_) => {
                             ledger.check_complete();
                         }
                         Err(error) => assert!(panic_at.is_some(), "{error}"),
                     }
                 }
-                _ => match job.wait() {
+                _ => match outcome(job) {
                     Ok(report) => {
                         assert!(!report.stopped);
                         ledger.check_complete();
