@@ -1,8 +1,6 @@
 //! The integrators that plug into the scheduler.
 
 mod frame;
-#[cfg(test)]
-mod harness;
 mod path;
 #[cfg(test)]
 mod tests;
