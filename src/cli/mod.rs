@@ -1,1 +1,53 @@
 //! Arguments, progress, reports; alone prints and exits.
+
+mod args;
+mod arrays;
+mod info;
+mod interrupt;
+mod mesh;
+mod progress;
+mod render;
+mod setup;
+mod stats;
+mod timeline;
+mod trace;
+
+use args::{Cli, Command};
+use clap::Parser;
+use std::process::ExitCode;
+
+/// How a command ended.
+enum Outcome {
+    /// As asked: exit code 0.
+    Done,
+    /// With a result, but not as asked (a GPU was lost, say): exit code 1.
+    Degraded,
+}
+
+/// Runs the command line of this process; exit code 2 when it could not run.
+pub fn run() -> ExitCode {
+    env_logger::Builder::from_env(
+        env_logger::Env::default()
+            .default_filter_or("warn,raystream=info,wgpu=off,wgpu_core=off,wgpu_hal=off,naga=off"),
+    )
+    .format_timestamp(None)
+    .format_target(false)
+    .init();
+    let outcome = match &Cli::parse().command {
+        Command::Render(args) => render::run(args),
+        Command::Trace(args) => trace::run(args),
+        Command::Mesh(args) => mesh::run(args).map(|()| Outcome::Done),
+        Command::Info => {
+            info::run();
+            Ok(Outcome::Done)
+        }
+    };
+    match outcome {
+        Ok(Outcome::Done) => ExitCode::SUCCESS,
+        Ok(Outcome::Degraded) => ExitCode::from(1),
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::from(2)
+        }
+    }
+}

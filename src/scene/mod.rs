@@ -4,8 +4,10 @@
 mod camera;
 mod environment;
 mod light;
+pub mod load;
 mod material;
 mod mesh;
+pub mod recipe;
 mod texture;
 
 pub use camera::{Camera, CameraError, Lens};

@@ -1,1 +1,31 @@
 //! The GPU tracer; the only place that names wgpu.
+//!
+//! ```text
+//! AdapterChoice ─▶ Gpu (adapter, device, queue behind one wall) ─┐
+//! bvh ─flatten─▶ scene buffers, kernels ─────────────────────────┴▶ GpuTracer ─▶ candidates
+//!                                                     candidates ─resolve─▶ canonical hits
+//! ```
+//!
+//! The device's arithmetic is not trusted to the bit. For each ray it names up to three primitives
+//! among which the canonical hit certainly is, and says when there may be more
+//! (`shaders/shared/triangle.wgsl` has the error analysis). The host evaluates the candidates
+//! canonically, alpha included, and has the CPU tracer trace what is still open. So the result is
+//! that of [`crate::geom::CanonicalRay`] to the bit, on any device that rounds `+`, `-` and `*` to the
+//! nearest number.
+
+mod adapter;
+mod error;
+mod flatten;
+mod kernel;
+mod layout;
+mod pass;
+mod resolve;
+mod scene;
+mod tracer;
+mod trusted;
+mod wall;
+
+pub use adapter::{AdapterChoice, AdapterInfo, AdapterKind, adapters};
+pub use error::GpuError;
+pub use tracer::GpuTracer;
+pub use wall::Gpu;

@@ -1,0 +1,78 @@
+// Whether anything is hit: 1, 0, or UNDECIDED where only triangles that rounding or alpha could take
+// away are in the way.
+
+@group(1) @binding(2) var<storage, read_write> answers: array<u32>;
+
+@compute @workgroup_size(WORKGROUP_SIZE)
+fn trace_any(@builtin(global_invocation_id) id: vec3<u32>) {
+    let slot = id.x;
+    if slot >= params.count {
+        return;
+    }
+    var ray: PreparedRay;
+    let fitness = prepare(rays[slot], &ray);
+    if fitness != CERTAIN {
+        answers[slot] = select(UNDECIDED, 0u, fitness == REFUSED);
+        return;
+    }
+
+    var answer = 0u;
+    var stack: array<u32, STACK_SIZE>;
+    var height = 0u;
+    var reference = 0u;
+    loop {
+        // Down to a leaf.
+        loop {
+            if (reference & LEAF) != 0u {
+                break;
+            }
+            let node = nodes[reference];
+            let left = outer(ray, node.left_min, node.left_max);
+            let right = outer(ray, node.right_min, node.right_max);
+            let hit_left = left.enter <= min(left.leave, ray.t_max) && left.leave >= ray.t_min;
+            let hit_right = right.enter <= min(right.leave, ray.t_max) && right.leave >= ray.t_min;
+            if hit_left || hit_right {
+                let left_first = hit_left && (!hit_right || left.enter <= right.enter);
+                reference = select(node.right, node.left, left_first);
+                if hit_left && hit_right {
+                    stack[height] = select(node.left, node.right, left_first);
+                    height += 1u;
+                }
+            } else {
+                reference = NOWHERE;
+                if height > 0u {
+                    height -= 1u;
+                    reference = stack[height];
+                }
+            }
+        }
+        if reference == NOWHERE {
+            break;
+        }
+
+        // Through the leaf.
+        var index = reference & ~LEAF;
+        loop {
+            let triangle = triangles[index];
+            let verdict = judge(ray, triangle);
+            if verdict.kind == CERTAIN {
+                answer = 1u;
+                height = 0u;
+                break;
+            }
+            if verdict.kind == UNCERTAIN {
+                answer = UNDECIDED;
+            }
+            if (triangle.flags & LAST) != 0u {
+                break;
+            }
+            index += 1u;
+        }
+        reference = NOWHERE;
+        if height > 0u {
+            height -= 1u;
+            reference = stack[height];
+        }
+    }
+    answers[slot] = answer;
+}

@@ -1,0 +1,92 @@
+//! NumPy files in and out.
+
+use crate::film::write_whole;
+use crate::stream::Ray;
+use anyhow::{Context, Result, bail, ensure};
+use npyz::WriterBuilder;
+use std::fs::File;
+use std::io::{BufReader, Seek, Write};
+use std::path::Path;
+
+/// Reads rays: float32 (n, 8) = origin xyz, `t_min`, direction xyz, `t_max`.
+pub fn read_rays(path: &Path) -> Result<Vec<Ray>> {
+    let name = path.display();
+    let file = File::open(path).with_context(|| format!("{name}: cannot be read"))?;
+    let length = file.metadata().with_context(|| format!("{name}: cannot be read"))?.len();
+    let npy = npyz::NpyFile::new(BufReader::new(file)).with_context(|| format!("{name}: not a .npy file"))?;
+    let shape = npy.shape().to_vec();
+    let [rows, 8] = shape[..] else {
+        bail!("{name}: rays are float32 of shape (n, 8), but the file's shape is {shape:?}");
+    };
+    ensure!(npy.order() == npyz::Order::C, "{name}: the array is in Fortran order; save it in C order");
+    let bytes = rows.checked_mul(size_of::<Ray>() as u64);
+    ensure!(
+        bytes.is_some_and(|b| b <= length),
+        "{name}: the header promises {rows} rays of 32 bytes, but the file has {length} bytes; is it cut short?"
+    );
+    let dtype = npy.dtype().descr();
+    let values: Vec<f32> = npy
+        .data()
+        .with_context(|| format!("{name}: rays are float32, but the file holds {dtype}"))?
+        .collect::<std::io::Result<_>>()
+        .with_context(|| format!("{name}: cannot be read"))?;
+    Ok(bytemuck::cast_slice(&values).to_vec())
+}
+
+/// An array to write.
+pub enum Array<'a> {
+    /// float32.
+    F32(&'a [f32]),
+    /// uint32.
+    U32(&'a [u32]),
+    /// bool, from 0 and 1.
+    Bool(&'a [u32]),
+}
+
+/// Writes arrays as `.npz`, each with its name and the length of its second axis (0: it has none).
+pub fn write_npz(path: &Path, arrays: &[(&str, u64, Array<'_>)]) -> Result<()> {
+    let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default();
+    ensure!(
+        extension.eq_ignore_ascii_case("npz"),
+        "{}: arrays are written as .npz; name the file so",
+        path.display()
+    );
+    write_whole(path, |file| {
+        let mut archive = zip::ZipWriter::new(file);
+        for (name, columns, array) in arrays {
+            append(&mut archive, name, *columns, array)?;
+        }
+        archive.finish()?;
+        Ok(())
+    })?;
+    Ok(())
+}
+
+fn append<W: Write + Seek>(
+    archive: &mut zip::ZipWriter<W>,
+    name: &str,
+    columns: u64,
+    array: &Array<'_>,
+) -> std::io::Result<()> {
+    let stored = zip::write::SimpleFileOptions::default()
+        .compression_method(zip::CompressionMethod::Stored)
+        .large_file(true);
+    archive.start_file(npyz::npz::file_name_from_array_name(name), stored)?;
+    match array {
+        Array::F32(v) => append_values(archive, v.len(), columns, v.iter().copied()),
+        Array::U32(v) => append_values(archive, v.len(), columns, v.iter().copied()),
+        Array::Bool(v) => append_values(archive, v.len(), columns, v.iter().map(|&b| b != 0)),
+    }
+}
+
+fn append_values<T: npyz::AutoSerialize>(
+    file: impl Write,
+    len: usize,
+    columns: u64,
+    values: impl Iterator<Item = T>,
+) -> std::io::Result<()> {
+    let shape = if columns == 0 { vec![len as u64] } else { vec![len as u64 / columns, columns] };
+    let mut npy = npyz::WriteOptions::new().default_dtype().shape(&shape).writer(file).begin_nd()?;
+    npy.extend(values)?;
+    npy.finish()
+}

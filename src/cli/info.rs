@@ -1,0 +1,39 @@
+//! `raystream info`.
+
+use crate::trace::cpu::SimdLevel;
+
+/// Prints what this machine has.
+pub fn run() {
+    println!("raystream {}", env!("CARGO_PKG_VERSION"));
+    let threads = std::thread::available_parallelism().map_or(1, usize::from);
+    println!("host threads: {threads}");
+    let levels: Vec<_> = SimdLevel::available().into_iter().map(SimdLevel::name).collect();
+    println!("simd:         {} (best first)", levels.join(", "));
+    print_adapters();
+}
+
+#[cfg(feature = "gpu")]
+fn print_adapters() {
+    let adapters = crate::trace::gpu::adapters();
+    if adapters.is_empty() {
+        println!(
+            "adapters:     none (no Vulkan, Metal or DirectX 12 driver answers); rays are traced on the CPU"
+        );
+    }
+    for adapter in adapters {
+        println!("adapter:      {adapter}");
+        println!("  driver:         {}", adapter.driver);
+        println!(
+            "  storage buffer: {} MiB bound, {} MiB in all",
+            adapter.max_binding_bytes >> 20,
+            adapter.max_buffer_bytes >> 20
+        );
+        println!("  subgroup:       {} to {} threads", adapter.subgroup.0, adapter.subgroup.1);
+        println!("  shared memory:  {}", if adapter.shared_memory { "yes" } else { "no" });
+    }
+}
+
+#[cfg(not(feature = "gpu"))]
+fn print_adapters() {
+    println!("adapters:     none, this build has no GPU tracer");
+}

@@ -1,0 +1,63 @@
+//! What the commands that trace have in common: a loaded scene, its stage and the service.
+
+use super::args::{TracerChoice, UnitArgs};
+use crate::render::{Stage, UnitChoice, Units};
+use crate::scene::{Scene, load};
+use crate::schedule::{Service, ServiceOptions, Unit};
+use crate::trace::cpu::SimdLevel;
+use anyhow::Result;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Instant;
+
+/// A scene ready to be traced, and who traces.
+pub struct Setup {
+    /// The scene, its tree, its tracers.
+    pub stage: Stage,
+    /// The threads.
+    pub service: Service,
+    /// The CPU tracer's instruction set.
+    pub simd: SimdLevel,
+    /// Seconds spent reading files.
+    pub load_s: f64,
+    /// Seconds spent building the tree and uploading it.
+    pub build_s: f64,
+}
+
+impl Setup {
+    /// Reads a scene (`prepare` may change it before it is built), builds it, and starts the threads.
+    pub fn new(path: &Path, args: &UnitArgs, prepare: impl FnOnce(&mut Scene) -> Result<()>) -> Result<Self> {
+        // Cheap refusals first: nobody wants to wait for a scene to learn of a mistyped name.
+        let simd = SimdLevel::choose(&args.simd)?;
+        let unit = args.tracer.map(|choice| match choice {
+            TracerChoice::Cpu => Unit::Cpu,
+            TracerChoice::Gpu => Unit::Gpu,
+            TracerChoice::Hybrid => Unit::Hybrid,
+        });
+        let units = Units::open(&UnitChoice { unit, adapter: args.adapter.clone(), simd })?;
+
+        let started = Instant::now();
+        let mut scene = load::load(path)?;
+        for warning in &scene.warnings {
+            log::warn!("{warning}");
+        }
+        prepare(&mut scene)?;
+        let load_s = started.elapsed().as_secs_f64();
+
+        let started = Instant::now();
+        let stage = Stage::new(Arc::new(scene), &units);
+        let build_s = started.elapsed().as_secs_f64();
+        match (&stage.adapter, &stage.degraded) {
+            (Some(adapter), _) => log::info!("tracing on the CPU ({simd}) and on {adapter}"),
+            (None, Some(reason)) => log::warn!("tracing on the CPU ({simd}) alone: {reason}"),
+            (None, None) => log::info!("tracing on the CPU ({simd}); no hardware GPU is in use"),
+        }
+        let host_threads = match args.threads {
+            Some(n) => n as usize,
+            None => std::thread::available_parallelism().map_or(1, usize::from),
+        };
+        let dispatch_threads = if stage.tracers.device.is_some() { 4 } else { 0 };
+        let service = Service::new(ServiceOptions { host_threads, dispatch_threads, ..Default::default() })?;
+        Ok(Self { stage, service, simd, load_s, build_s })
+    }
+}

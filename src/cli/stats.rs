@@ -1,0 +1,245 @@
+//! The JSON that `--stats` writes. The schema is stable: fields are added, never changed; `schema` counts
+//! incompatible versions.
+
+use crate::schedule::{self, JobReport, ThreadKind, ThreadReport};
+use anyhow::{Context, Result};
+use serde::Serialize;
+use std::path::Path;
+
+/// Version of the schema.
+pub const SCHEMA: u32 = 1;
+
+/// Statistics of `raystream render`.
+#[derive(Debug, Serialize)]
+pub struct RenderStats {
+    /// [`SCHEMA`].
+    pub schema: u32,
+    /// What was rendered.
+    pub scene: SceneStats,
+    /// What came out.
+    pub image: ImageStats,
+    /// Where the time went.
+    pub seconds: Seconds,
+    /// Rays traced, by kind.
+    pub rays: RayCounts,
+    /// All rays per microsecond of `seconds.render`.
+    pub mray_per_s: f64,
+    /// Camera rays per microsecond of `seconds.render`.
+    pub mpath_per_s: f64,
+    /// Who traced.
+    pub units: Units,
+    /// One entry a thread.
+    pub threads: Vec<ThreadStats>,
+    /// Share of host threads' time that was idle after the last camera rays were spawned.
+    pub tail_idle_share: f64,
+    /// Splats that were not finite and therefore dropped.
+    pub dropped_splats: u64,
+    /// Highest memory use of the process so far; null where the system does not tell.
+    pub peak_memory_bytes: Option<u64>,
+    /// Most rays in flight at once.
+    pub peak_rays_in_flight: u64,
+    /// Memory that loop stacks have allocated (0 for integrators without loop shaders).
+    pub peak_loop_stack_bytes: u64,
+    /// The GPU adapter, null when none was used.
+    pub adapter: Option<String>,
+    /// The instruction set of the CPU tracer.
+    pub simd: String,
+    /// What went wrong on the way, one sentence each.
+    pub events: Vec<String>,
+}
+
+/// Size of a scene.
+#[derive(Debug, Serialize)]
+pub struct SceneStats {
+    /// Triangles, instances counted each time.
+    pub triangles: usize,
+    /// Materials.
+    pub materials: usize,
+}
+
+/// A picture.
+#[derive(Debug, Serialize)]
+pub struct ImageStats {
+    /// Columns.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Samples per pixel asked for.
+    pub spp: u32,
+    /// [`crate::film::Image::hash`].
+    pub hash: String,
+}
+
+/// Wall-clock seconds by stage.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub struct Seconds {
+    /// Reading and decoding files.
+    pub load: f64,
+    /// Building the BVH, uploading it, preparing lights.
+    pub build: f64,
+    /// From the first camera ray to the last splat.
+    pub render: f64,
+    /// Writing the picture.
+    pub write: f64,
+}
+
+/// Rays by kind.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub struct RayCounts {
+    /// Rays from the camera.
+    pub camera: u64,
+    /// Rays from a hit whose nearest hit is wanted.
+    pub continuation: u64,
+    /// Rays of which only occlusion is wanted.
+    pub shadow: u64,
+}
+
+/// Who traced.
+#[derive(Debug, Default, Serialize)]
+pub struct Units {
+    /// Host threads together.
+    pub cpu: UnitStats,
+    /// The GPU.
+    pub gpu: GpuStats,
+}
+
+/// The CPU's share.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub struct UnitStats {
+    /// Rays traced.
+    pub rays: u64,
+    /// Thread seconds spent tracing.
+    pub busy_s: f64,
+}
+
+/// The GPU's share.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub struct GpuStats {
+    /// Rays traced.
+    pub rays: u64,
+    /// Seconds of dispatch threads spent waiting for it.
+    pub busy_s: f64,
+    /// Copied between host and device memory, both ways.
+    pub bytes_copied: u64,
+    /// Rays whose answer a rounding error could have changed.
+    pub flagged: u64,
+    /// Rays traced again by the CPU.
+    pub retraced: u64,
+}
+
+/// One thread's time.
+#[derive(Clone, Debug, Serialize)]
+pub struct ThreadStats {
+    /// `host` or `dispatch`.
+    pub kind: &'static str,
+    /// Seconds with a task.
+    pub busy_s: f64,
+    /// Seconds without.
+    pub idle_s: f64,
+}
+
+/// Statistics of `raystream trace`.
+#[derive(Debug, Serialize)]
+pub struct TraceStats {
+    /// [`SCHEMA`].
+    pub schema: u32,
+    /// Rays per repetition.
+    pub rays: usize,
+    /// Rays that hit something.
+    pub hits: usize,
+    /// Building the BVH and uploading it, seconds.
+    pub build_s: f64,
+    /// Tracing alone, over the repetitions.
+    pub mray_per_s: Spread,
+    /// Who traced, over all repetitions.
+    pub units: Units,
+    /// The GPU adapter, null when none was used.
+    pub adapter: Option<String>,
+    /// The instruction set of the CPU tracer.
+    pub simd: String,
+    /// What went wrong on the way, one sentence each.
+    pub events: Vec<String>,
+}
+
+impl From<schedule::RayCounts> for RayCounts {
+    fn from(rays: schedule::RayCounts) -> Self {
+        Self { camera: rays.camera, continuation: rays.continuation, shadow: rays.shadow }
+    }
+}
+
+impl Units {
+    /// The units of one job.
+    pub fn of(report: &JobReport) -> Self {
+        let mut units = Self::default();
+        units.add(report);
+        units
+    }
+
+    /// Adds the units of one more job.
+    pub fn add(&mut self, report: &JobReport) {
+        self.cpu.rays += report.cpu.rays;
+        self.cpu.busy_s += report.cpu.busy_s;
+        self.gpu.rays += report.gpu.rays;
+        self.gpu.busy_s += report.gpu.busy_s;
+        self.gpu.bytes_copied += report.gpu.bytes_copied;
+        self.gpu.flagged += report.gpu.flagged;
+        self.gpu.retraced += report.gpu.retraced;
+    }
+}
+
+impl ThreadStats {
+    /// Of one thread.
+    pub fn of(thread: &ThreadReport) -> Self {
+        let kind = match thread.kind {
+            ThreadKind::Host => "host",
+            ThreadKind::Dispatch => "dispatch",
+        };
+        Self { kind, busy_s: thread.busy_s, idle_s: thread.idle_s }
+    }
+}
+
+/// Repeated measurements of a rate.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Spread {
+    /// The middle one (the mean of two middle ones).
+    pub median: f64,
+    /// The highest.
+    pub best: f64,
+    /// The lowest.
+    pub worst: f64,
+}
+
+impl Spread {
+    /// Of at least one value.
+    pub fn of(mut values: Vec<f64>) -> Self {
+        values.sort_by(f64::total_cmp);
+        let n = values.len();
+        Self { median: 0.5 * (values[(n - 1) / 2] + values[n / 2]), best: values[n - 1], worst: values[0] }
+    }
+}
+
+/// Writes statistics; the file appears whole or not at all.
+pub fn write(path: &Path, stats: &impl Serialize) -> Result<()> {
+    let text = serde_json::to_vec_pretty(stats).context("statistics cannot be written as JSON")?;
+    crate::film::write_whole(path, |file| std::io::Write::write_all(file, &text))?;
+    Ok(())
+}
+
+/// Highest resident memory of this process, where the system tells (Linux).
+pub fn peak_memory_bytes() -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find_map(|l| l.strip_prefix("VmHWM:"))?;
+    let kib: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
+    Some(kib * 1024)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn spreads_order_their_values() {
+        let s = Spread::of(vec![3.0, 1.0, 2.0, 10.0]);
+        assert_eq!((s.median, s.best, s.worst), (2.5, 10.0, 1.0));
+    }
+}

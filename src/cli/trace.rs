@@ -1,0 +1,110 @@
+//! `raystream trace`.
+
+use super::Outcome;
+use super::args::TraceArgs;
+use super::arrays::{Array, read_rays, write_npz};
+use super::setup::Setup;
+use super::stats::{self, SCHEMA, Spread, TraceStats, Units};
+use crate::schedule::{JobOptions, JobReport};
+use crate::stream::Hit;
+use anyhow::{Context, Result};
+use std::sync::Arc;
+
+/// Traces rays from a file.
+pub fn run(args: &TraceArgs) -> Result<Outcome> {
+    let rays: Arc<[_]> = read_rays(&args.rays)?.into();
+    let setup = Setup::new(&args.scene, &args.units, |_| Ok(()))?;
+    let mut rates = Vec::new();
+    let mut units = Units::default();
+    let mut events: Vec<String> = setup.stage.degraded.iter().cloned().collect();
+    let mut note = |report: &JobReport| {
+        rates.push(rays.len() as f64 / (report.wall_s * 1e6));
+        units.add(report);
+        for event in &report.events {
+            if !events.contains(event) {
+                events.push(event.clone());
+            }
+        }
+    };
+    let tracers = || setup.stage.tracers.clone();
+    let mut answer = Answer::Closest(Vec::new());
+    for _ in 0..args.repeat {
+        if args.any_hit {
+            let (occluded, report) = setup
+                .service
+                .occluded(tracers(), rays.clone(), JobOptions::default())?
+                .wait()
+                .context("tracing failed")?;
+            note(&report);
+            answer = Answer::Any(occluded);
+        } else {
+            let (hits, report) = setup
+                .service
+                .closest(tracers(), rays.clone(), JobOptions::default())?
+                .wait()
+                .context("tracing failed")?;
+            note(&report);
+            answer = Answer::Closest(hits);
+        }
+    }
+    answer.write(args)?;
+    let stats = TraceStats {
+        schema: SCHEMA,
+        rays: rays.len(),
+        hits: answer.hits(),
+        build_s: setup.build_s,
+        mray_per_s: Spread::of(rates),
+        units,
+        adapter: setup.stage.adapter.clone(),
+        simd: setup.simd.name().into(),
+        events,
+    };
+    if let Some(path) = &args.stats {
+        stats::write(path, &stats)?;
+    }
+    println!(
+        "{}: {} rays, {} hits, {:.2} Mray/s (median of {})",
+        args.output.display(),
+        stats.rays,
+        stats.hits,
+        stats.mray_per_s.median,
+        args.repeat
+    );
+    for event in &stats.events {
+        println!("degraded: {event}");
+    }
+    Ok(if stats.events.is_empty() { Outcome::Done } else { Outcome::Degraded })
+}
+
+enum Answer {
+    Closest(Vec<Hit>),
+    Any(Vec<u32>),
+}
+
+impl Answer {
+    fn hits(&self) -> usize {
+        match self {
+            Self::Closest(hits) => hits.iter().filter(|hit| !hit.is_miss()).count(),
+            Self::Any(occluded) => occluded.iter().filter(|&&o| o != 0).count(),
+        }
+    }
+
+    fn write(&self, args: &TraceArgs) -> Result<()> {
+        match self {
+            Self::Any(occluded) => write_npz(&args.output, &[("occluded", 0, Array::Bool(occluded))]),
+            Self::Closest(hits) => {
+                let primitive: Vec<u32> = hits.iter().map(|h| h.primitive).collect();
+                let t: Vec<f32> = hits.iter().map(|h| h.t).collect();
+                let uv: Vec<f32> = hits.iter().flat_map(|h| [h.u, h.v]).collect();
+                write_npz(
+                    &args.output,
+                    &[
+                        ("primitive", 0, Array::U32(&primitive)),
+                        ("t", 0, Array::F32(&t)),
+                        ("uv", 2, Array::F32(&uv)),
+                    ],
+                )
+            }
+        }
+    }
+}

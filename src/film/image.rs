@@ -1,0 +1,45 @@
+//! A finished picture.
+
+use xxhash_rust::xxh3::Xxh3;
+
+/// Linear Rec. 709 radiance, row major, first row on top.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Image {
+    /// Columns.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// `width × height` pixels.
+    pub pixels: Vec<[f32; 3]>,
+}
+
+impl Image {
+    /// The picture's identity: XXH3 (64 bits) of the size and of every channel's bits, as hexadecimal
+    /// digits. Equal pictures, and in practice only they, have equal hashes.
+    pub fn hash(&self) -> String {
+        let mut hash = Xxh3::new();
+        for size in [self.width, self.height] {
+            hash.update(&size.to_le_bytes());
+        }
+        for channel in self.pixels.as_flattened() {
+            hash.update(&channel.to_le_bytes());
+        }
+        format!("{:016x}", hash.digest())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_hash_sees_every_bit_and_the_shape() {
+        let image = Image { width: 2, height: 3, pixels: vec![[0.25; 3]; 6] };
+        assert_eq!(image.hash(), image.clone().hash());
+        let turned = Image { width: 3, height: 2, ..image.clone() };
+        assert_ne!(image.hash(), turned.hash());
+        let mut nudged = image.clone();
+        nudged.pixels[5][2] = 0.25_f32.next_up();
+        assert_ne!(image.hash(), nudged.hash());
+    }
+}

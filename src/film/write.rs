@@ -1,0 +1,219 @@
+//! Pictures → files. A file appears whole or not at all.
+
+use super::Image;
+use image::{ExtendedColorType, ImageEncoder, ImageFormat};
+use std::io::{BufWriter, Seek, Write};
+use std::path::{Path, PathBuf};
+
+/// Why a picture could not be written.
+#[derive(Debug, thiserror::Error)]
+pub enum WriteError {
+    /// The extension names no known format.
+    #[error("{path}: cannot tell the format from the extension; use .png, .exr, .hdr or .npy")]
+    Format {
+        /// The file.
+        path: PathBuf,
+    },
+    /// The file system or the encoder refused.
+    #[error("{path}: cannot be written: {source}")]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+}
+
+/// File formats of pictures.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Format {
+    /// 8-bit sRGB, values cut to 0..=1.
+    Png,
+    /// OpenEXR, 32-bit float, linear.
+    Exr,
+    /// Radiance RGBE, linear.
+    Hdr,
+    /// NumPy, float32 (height, width, 3), linear.
+    Npy,
+}
+
+impl Format {
+    /// The format a file's extension names.
+    ///
+    /// # Errors
+    /// When it names none of them.
+    pub fn of(path: &Path) -> Result<Self, WriteError> {
+        let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
+        match extension.as_str() {
+            "png" => Ok(Self::Png),
+            "exr" => Ok(Self::Exr),
+            "hdr" => Ok(Self::Hdr),
+            "npy" => Ok(Self::Npy),
+            _ => Err(WriteError::Format { path: path.into() }),
+        }
+    }
+}
+
+/// Writes a picture in the format its extension names; `exposure` in stops counts for `.png` only,
+/// the other formats hold radiance as it is.
+///
+/// # Errors
+/// When the format is unknown, or the file cannot be written; then no file is left or changed.
+pub fn write_image(path: &Path, image: &Image, exposure: f32) -> Result<(), WriteError> {
+    let format = Format::of(path)?;
+    write_whole(path, |file| {
+        let bytes: &[u8] = bytemuck::cast_slice(&image.pixels);
+        let encoded = match format {
+            Format::Png => image::codecs::png::PngEncoder::new(file).write_image(
+                &to_srgb(image, exposure),
+                image.width,
+                image.height,
+                ExtendedColorType::Rgb8,
+            ),
+            Format::Exr => image::write_buffer_with_format(
+                file,
+                bytes,
+                image.width,
+                image.height,
+                ExtendedColorType::Rgb32F,
+                ImageFormat::OpenExr,
+            ),
+            Format::Hdr => image::codecs::hdr::HdrEncoder::new(file).write_image(
+                bytes,
+                image.width,
+                image.height,
+                ExtendedColorType::Rgb32F,
+            ),
+            Format::Npy => return write_npy(file, image),
+        };
+        encoded.map_err(|e| match e {
+            image::ImageError::IoError(e) => e,
+            e => std::io::Error::other(e),
+        })
+    })
+}
+
+/// Writes a file through a temporary one beside it, so that nobody ever sees half of it.
+///
+/// # Errors
+/// When the file system or `encode` refuses; then no file is left or changed.
+pub fn write_whole(
+    path: &Path,
+    encode: impl FnOnce(&mut BufWriter<tempfile::NamedTempFile>) -> std::io::Result<()>,
+) -> Result<(), WriteError> {
+    let io = |source| WriteError::Io { path: path.into(), source };
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let temporary = tempfile::Builder::new()
+        .prefix(".raystream-")
+        .permissions_of(path)
+        .tempfile_in(folder)
+        .map_err(io)?;
+    let mut file = BufWriter::new(temporary);
+    encode(&mut file).map_err(io)?;
+    let temporary = file.into_inner().map_err(|e| io(e.into_error()))?;
+    temporary.persist(path).map_err(|e| io(e.error))?;
+    Ok(())
+}
+
+/// Files get the permissions any other new file gets, not the private ones of a temporary file.
+trait PermissionsOf {
+    fn permissions_of(&mut self, path: &Path) -> &mut Self;
+}
+
+impl PermissionsOf for tempfile::Builder<'_, '_> {
+    #[cfg(unix)]
+    fn permissions_of(&mut self, path: &Path) -> &mut Self {
+        use std::os::unix::fs::PermissionsExt;
+        let mode = std::fs::metadata(path).map_or(0o666, |m| m.permissions().mode());
+        self.permissions(std::fs::Permissions::from_mode(mode))
+    }
+
+    #[cfg(not(unix))]
+    fn permissions_of(&mut self, _: &Path) -> &mut Self {
+        self
+    }
+}
+
+fn write_npy(file: impl Write + Seek, image: &Image) -> std::io::Result<()> {
+    use npyz::WriterBuilder;
+    let mut npy = npyz::WriteOptions::new()
+        .default_dtype()
+        .shape(&[u64::from(image.height), u64::from(image.width), 3])
+        .writer(file)
+        .begin_nd()?;
+    npy.extend(image.pixels.as_flattened().iter().copied())?;
+    npy.finish()
+}
+
+/// Radiance → 8-bit sRGB.
+fn to_srgb(image: &Image, exposure: f32) -> Vec<u8> {
+    let gain = libm::exp2f(exposure);
+    let encode = |&radiance: &f32| {
+        let v = (radiance * gain).clamp(0.0, 1.0);
+        let s = if v <= 0.003_130_8 { 12.92 * v } else { 1.055 * libm::powf(v, 1.0 / 2.4) - 0.055 };
+        (s * 255.0 + 0.5) as u8
+    };
+    image.pixels.as_flattened().iter().map(encode).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn picture() -> Image {
+        let pixels = (0..12).map(|i| [i as f32 / 8.0, 0.5, 0.02 * i as f32]).collect();
+        Image { width: 4, height: 3, pixels }
+    }
+
+    #[test]
+    fn every_format_reads_back() {
+        let folder = tempfile::tempdir().expect("folder");
+        let image = picture();
+        for name in ["a.png", "a.exr", "a.hdr"] {
+            let path = folder.path().join(name);
+            write_image(&path, &image, 0.0).expect(name);
+            let back = image::open(&path).expect(name).to_rgb32f();
+            assert_eq!((back.width(), back.height()), (4, 3));
+            for (i, p) in back.pixels().enumerate() {
+                for c in 0..3 {
+                    let wanted = image.pixels[i][c];
+                    let (wanted, bound) = match name {
+                        "a.exr" => (wanted, 0.0),
+                        "a.hdr" => (wanted, 0.01),
+                        _ => (f32::from(to_srgb(&image, 0.0)[3 * i + c]) / 255.0, 1e-6),
+                    };
+                    assert!((p[c] - wanted).abs() <= bound, "{name} pixel {i}: {} {wanted}", p[c]);
+                }
+            }
+        }
+        let path = folder.path().join("a.npy");
+        write_image(&path, &image, 0.0).expect("npy");
+        let npy = npyz::NpyFile::new(std::fs::File::open(&path).expect("file")).expect("header");
+        assert_eq!(npy.shape(), &[3, 4, 3]);
+        assert_eq!(npy.into_vec::<f32>().expect("data"), image.pixels.as_flattened());
+    }
+
+    #[test]
+    fn srgb_is_exposed_cut_and_rounded() {
+        let image = Image { width: 1, height: 1, pixels: vec![[0.25, 9.0, f32::NAN]] };
+        assert_eq!(to_srgb(&image, 0.0), [137, 255, 0]);
+        assert_eq!(to_srgb(&image, 2.0)[0], 255);
+    }
+
+    #[test]
+    fn a_failed_write_leaves_nothing_behind() {
+        let folder = tempfile::tempdir().expect("folder");
+        let path = folder.path().join("a.png");
+        std::fs::write(&path, "old").expect("file");
+        let failure = write_whole(&path, |file| {
+            file.write_all(b"half")?;
+            Err(std::io::Error::other("disk full"))
+        });
+        assert!(failure.expect_err("must fail").to_string().contains("disk full"));
+        assert_eq!(std::fs::read(&path).expect("file"), b"old");
+        assert_eq!(std::fs::read_dir(folder.path()).expect("folder").count(), 1);
+        let missing = folder.path().join("none/a.png");
+        assert!(matches!(write_image(&missing, &picture(), 0.0), Err(WriteError::Io { .. })));
+        assert!(matches!(write_image(Path::new("a.gif"), &picture(), 0.0), Err(WriteError::Format { .. })));
+    }
+}

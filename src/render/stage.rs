@@ -1,0 +1,51 @@
+//! A scene made ready: its tree and the units that trace it.
+
+use super::Units;
+use crate::bvh::{Bvh, Filter};
+use crate::scene::{AlphaMode, Scene};
+use crate::schedule::Tracers;
+use crate::stream::Tracer;
+use crate::trace::cpu::CpuTracer;
+use std::sync::Arc;
+
+impl Filter for Scene {
+    fn accepts(&self, primitive: u32, u: f32, v: f32) -> bool {
+        self.alpha_accepts(primitive, u, v)
+    }
+}
+
+/// A scene with its tree and tracers, ready for any number of jobs.
+pub struct Stage {
+    /// What is rendered.
+    pub scene: Arc<Scene>,
+    /// The tree over its triangles.
+    pub bvh: Arc<Bvh>,
+    /// The units that trace it.
+    pub tracers: Tracers,
+    /// The GPU adapter in use.
+    pub adapter: Option<String>,
+    /// Why the GPU does not help although it was asked to; the CPU does its work.
+    pub degraded: Option<String>,
+}
+
+impl Stage {
+    /// Builds the tree and the tracers. A GPU that cannot take the scene is no error: the CPU does its
+    /// work, and [`Stage::degraded`] says why.
+    pub fn new(scene: Arc<Scene>, units: &Units) -> Self {
+        let masked: Vec<bool> = scene.materials.iter().map(|m| m.alpha.mode != AlphaMode::Opaque).collect();
+        let is_masked = |primitive: u32| masked[scene.mesh.materials[primitive as usize] as usize];
+        let bvh = Arc::new(Bvh::build(&scene.mesh.positions, &scene.mesh.triangles, is_masked));
+        let filter = masked.contains(&true).then(|| scene.clone() as Arc<dyn Filter>);
+        let host = CpuTracer::new(bvh.clone(), filter.clone(), units.simd());
+        let host: Arc<dyn Tracer> = Arc::new(host.expect("the units have checked the instruction set"));
+        let (device, degraded) = match units.device(&bvh, filter, &host) {
+            Ok(device) => (device, None),
+            Err(reason) => (None, Some(reason)),
+        };
+        let (tracers, adapter) = match device {
+            Some(device) => (Tracers { host, device: Some(device), unit: units.unit() }, units.adapter()),
+            None => (Tracers::cpu(host), None),
+        };
+        Self { scene, bvh, tracers, adapter, degraded }
+    }
+}

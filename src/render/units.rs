@@ -1,0 +1,128 @@
+//! The units of this machine that trace: opened once, shared by all scenes.
+
+use crate::bvh::{Bvh, Filter};
+use crate::schedule::Unit;
+use crate::stream::{DeviceTracer, Tracer};
+use crate::trace::cpu::{SimdError, SimdLevel};
+#[cfg(feature = "gpu")]
+use crate::trace::gpu::{AdapterChoice, Gpu, GpuError, GpuTracer};
+use std::sync::Arc;
+
+/// Who is asked to trace.
+#[derive(Clone, Debug)]
+pub struct UnitChoice {
+    /// The units; `None` takes the GPU along when there is a hardware adapter. A software adapter is used
+    /// only when the GPU is asked for, here or by name.
+    pub unit: Option<Unit>,
+    /// Part of the GPU adapter's name.
+    pub adapter: Option<String>,
+    /// The CPU tracer's instruction set.
+    pub simd: SimdLevel,
+}
+
+/// The units that trace: the CPU, and the GPU if it was asked for and can be had.
+#[derive(Debug)]
+pub struct Units {
+    simd: SimdLevel,
+    unit: Unit,
+    gpu: Gpus,
+}
+
+#[derive(Debug)]
+enum Gpus {
+    Unwanted,
+    Refused(String),
+    #[cfg(feature = "gpu")]
+    Open(Arc<Gpu>),
+}
+
+/// What was asked for is not there.
+#[derive(Debug, thiserror::Error)]
+pub enum UnitsError {
+    /// The processor lacks the instruction set.
+    #[error(transparent)]
+    Simd(#[from] SimdError),
+    /// No adapter has the name; the message lists those there are.
+    #[error("{0}")]
+    NoSuchAdapter(String),
+}
+
+impl Units {
+    /// The CPU alone, with the best instruction set it has.
+    pub fn cpu() -> Self {
+        Self { simd: SimdLevel::detect(), unit: Unit::Cpu, gpu: Gpus::Unwanted }
+    }
+
+    /// Opens the units. A GPU that was asked for but cannot be had is no error: the CPU does its work, and
+    /// every [`super::Stage`] says why.
+    ///
+    /// # Errors
+    /// When the processor lacks the instruction set, or an adapter is named and there is none of that name.
+    pub fn open(choice: &UnitChoice) -> Result<Self, UnitsError> {
+        let simd = choice.simd.require()?;
+        let gpu = match choice.unit {
+            Some(Unit::Cpu) => Gpus::Unwanted,
+            _ => open_gpu(choice)?,
+        };
+        Ok(Self { simd, unit: choice.unit.unwrap_or(Unit::Hybrid), gpu })
+    }
+
+    /// The CPU tracer's instruction set.
+    pub fn simd(&self) -> SimdLevel {
+        self.simd
+    }
+
+    /// Which units trace where there is a GPU.
+    pub(super) fn unit(&self) -> Unit {
+        self.unit
+    }
+
+    /// The GPU adapter in use.
+    pub fn adapter(&self) -> Option<String> {
+        match &self.gpu {
+            Gpus::Unwanted | Gpus::Refused(_) => None,
+            #[cfg(feature = "gpu")]
+            Gpus::Open(gpu) => Some(gpu.info().to_string()),
+        }
+    }
+
+    /// The GPU's tracer of a tree, if there is a GPU; or why it cannot be had although it was asked for.
+    #[cfg_attr(not(feature = "gpu"), expect(unused_variables, reason = "only the GPU needs them"))]
+    pub(super) fn device(
+        &self,
+        bvh: &Arc<Bvh>,
+        filter: Option<Arc<dyn Filter>>,
+        host: &Arc<dyn Tracer>,
+    ) -> Result<Option<Arc<dyn DeviceTracer>>, String> {
+        match &self.gpu {
+            Gpus::Unwanted => Ok(None),
+            Gpus::Refused(reason) => Err(reason.clone()),
+            #[cfg(feature = "gpu")]
+            Gpus::Open(gpu) => match GpuTracer::new(gpu.clone(), bvh.clone(), filter, host.clone()) {
+                Ok(tracer) => Ok(Some(Arc::new(tracer))),
+                Err(error) => Err(error.to_string()),
+            },
+        }
+    }
+}
+
+#[cfg(feature = "gpu")]
+fn open_gpu(choice: &UnitChoice) -> Result<Gpus, UnitsError> {
+    let asked = choice.unit.is_some() || choice.adapter.is_some();
+    let adapter = AdapterChoice { name: choice.adapter.clone(), allow_software: asked };
+    match Gpu::open(&adapter) {
+        Ok(gpu) => Ok(Gpus::Open(Arc::new(gpu))),
+        Err(error @ GpuError::NoSuchAdapter { .. }) => Err(UnitsError::NoSuchAdapter(error.to_string())),
+        Err(GpuError::NoAdapter { .. } | GpuError::OnlySoftware { .. }) if !asked => Ok(Gpus::Unwanted),
+        Err(error) => Ok(Gpus::Refused(error.to_string())),
+    }
+}
+
+#[cfg(not(feature = "gpu"))]
+fn open_gpu(choice: &UnitChoice) -> Result<Gpus, UnitsError> {
+    let without = "this build has no GPU tracer: it was made without the feature `gpu`";
+    Ok(match (&choice.unit, &choice.adapter) {
+        (None, None) => Gpus::Unwanted,
+        _ => Gpus::Refused(without.into()),
+    })
+}

@@ -1,0 +1,55 @@
+//! Image files → pixels, within stated limits.
+
+use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader};
+use std::io::Cursor;
+use std::path::Path;
+
+/// The most bytes that one decoded image may take (16384² RGBA texels take half of them).
+const MAX_IMAGE_BYTES: u64 = 1 << 31;
+
+/// An image above this size must be backed by a file of some length: no format but that of a single
+/// colour packs texels tighter than [`MAX_RATIO`], so a larger promise is a damaged header.
+const TRUSTED_IMAGE_BYTES: u64 = 1 << 26;
+
+/// Decoded bytes per byte of the file; deflate reaches about 1000.
+const MAX_RATIO: u64 = 4096;
+
+/// Decodes an image; its first bytes tell the format, or, for formats without a signature (TGA), the
+/// extension of `name`.
+///
+/// # Errors
+/// A sentence without the file's name: what is wrong, with both numbers where there is a limit.
+pub(super) fn decode(bytes: &[u8], name: &Path) -> Result<DynamicImage, String> {
+    let cannot = |problem: &dyn std::fmt::Display| format!("cannot be decoded: {problem}");
+    let mut reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(|e| cannot(&e))?;
+    if reader.format().is_none() {
+        let Ok(format) = ImageFormat::from_path(name) else {
+            return Err("is not an image of a known kind (PNG, JPEG, WebP, TGA, BMP, TIFF, HDR, EXR)".into());
+        };
+        reader.set_format(format);
+    }
+    let mut limits = image::Limits::no_limits();
+    limits.max_alloc = Some(2 * MAX_IMAGE_BYTES);
+    reader.limits(limits);
+    let decoder = reader.into_decoder().map_err(|e| cannot(&e))?;
+    let (width, height) = decoder.dimensions();
+    if width == 0 || height == 0 {
+        return Err(format!("is {width} x {height} pixels; an image needs at least one"));
+    }
+    // `total_bytes` saturates where the product overflows.
+    let needed = decoder.total_bytes();
+    if needed > MAX_IMAGE_BYTES {
+        return Err(format!(
+            "is {width} x {height} pixels, {needed} bytes when decoded; at most {MAX_IMAGE_BYTES} are \
+             allowed: scale it down"
+        ));
+    }
+    if needed > TRUSTED_IMAGE_BYTES && needed / MAX_RATIO > bytes.len() as u64 {
+        return Err(format!(
+            "promises {width} x {height} pixels, {needed} bytes when decoded, but the file has only {}: it \
+             is damaged",
+            bytes.len()
+        ));
+    }
+    DynamicImage::from_decoder(decoder).map_err(|e| cannot(&e))
+}

@@ -1,0 +1,156 @@
+//! Accessors → numbers. Every access is checked against the buffers before it is made.
+
+use super::buffers::Buffers;
+use ::gltf::accessor::{Accessor, DataType, Dimensions};
+
+/// The most elements of an accessor that has no bytes of its own (only these cost memory without the
+/// file being large).
+const MAX_IMPLICIT: usize = 1 << 24;
+
+/// An accessor's bytes.
+struct Elements<'a> {
+    bytes: &'a [u8],
+    stride: usize,
+    size: usize,
+    count: usize,
+    kind: DataType,
+}
+
+impl<'a> Elements<'a> {
+    /// `count` elements of `width` numbers from `offset` on, all within `bytes`.
+    fn new(
+        bytes: &'a [u8],
+        offset: usize,
+        stride: Option<usize>,
+        kind: DataType,
+        width: usize,
+        count: usize,
+    ) -> Result<Self, String> {
+        let size = kind.size() * width;
+        let stride = stride.unwrap_or(size);
+        let needed = match count {
+            0 => Some(0),
+            _ => (count - 1)
+                .checked_mul(stride)
+                .and_then(|n| n.checked_add(size))
+                .and_then(|n| n.checked_add(offset)),
+        };
+        if needed.is_none_or(|needed| needed > bytes.len()) {
+            return Err(format!(
+                "{count} elements of {size} bytes every {stride} bytes from byte {offset} on do not fit the \
+                 {} bytes of its buffer view",
+                bytes.len()
+            ));
+        }
+        Ok(Self { bytes: bytes.get(offset..).unwrap_or(&[]), stride, size, count, kind })
+    }
+
+    /// Component `c` of element `i` as a number, integers as they are.
+    fn number(&self, i: usize, c: usize) -> f64 {
+        let at = i * self.stride + c * self.kind.size();
+        let b = &self.bytes[at..i * self.stride + self.size];
+        match self.kind {
+            DataType::I8 => f64::from(b[0] as i8),
+            DataType::U8 => f64::from(b[0]),
+            DataType::I16 => f64::from(i16::from_le_bytes([b[0], b[1]])),
+            DataType::U16 => f64::from(u16::from_le_bytes([b[0], b[1]])),
+            DataType::U32 => f64::from(u32::from_le_bytes([b[0], b[1], b[2], b[3]])),
+            DataType::F32 => f64::from(f32::from_le_bytes([b[0], b[1], b[2], b[3]])),
+        }
+    }
+}
+
+/// The vectors of an accessor, normalised integers as numbers of −1..=1 or 0..=1.
+///
+/// # Errors
+/// When the accessor has another shape, or names bytes or elements that are not there.
+pub(super) fn vectors<const N: usize>(
+    buffers: &Buffers,
+    accessor: &Accessor,
+) -> Result<Vec<[f32; N]>, String> {
+    let wanted = [Dimensions::Scalar, Dimensions::Vec2, Dimensions::Vec3, Dimensions::Vec4][N - 1];
+    if accessor.dimensions() != wanted {
+        return Err(format!("is of type {:?}, but {wanted:?} is needed", accessor.dimensions()));
+    }
+    let kind = accessor.data_type();
+    let scale = if accessor.normalized() { full_scale(kind) } else { 1.0 };
+    // Signed integers have one value too many below −1.
+    let is_signed = accessor.normalized() && matches!(kind, DataType::I8 | DataType::I16);
+    let vector = |elements: &Elements, i| {
+        std::array::from_fn(|c| {
+            let value = elements.number(i, c) / scale;
+            (if is_signed { value.max(-1.0) } else { value }) as f32
+        })
+    };
+    read(buffers, accessor, N, [0.0; N], vector)
+}
+
+/// The numbers of an accessor of indices.
+///
+/// # Errors
+/// When the accessor has another shape, or names bytes that are not there.
+pub(super) fn indices(buffers: &Buffers, accessor: &Accessor) -> Result<Vec<u32>, String> {
+    let kind = accessor.data_type();
+    if accessor.dimensions() != Dimensions::Scalar
+        || !matches!(kind, DataType::U8 | DataType::U16 | DataType::U32)
+    {
+        return Err(format!(
+            "is of type {:?} of {kind:?}, but indices are unsigned integer scalars",
+            accessor.dimensions()
+        ));
+    }
+    read(buffers, accessor, 1, 0, |elements, i| elements.number(i, 0) as u32)
+}
+
+/// All elements, those of the sparse part in place of the others.
+fn read<T: Clone>(
+    buffers: &Buffers,
+    accessor: &Accessor,
+    width: usize,
+    zero: T,
+    get: impl Fn(&Elements, usize) -> T,
+) -> Result<Vec<T>, String> {
+    let count = accessor.count();
+    let kind = accessor.data_type();
+    let mut list = match accessor.view() {
+        Some(view) => {
+            let bytes = buffers.view(&view)?;
+            let elements = Elements::new(bytes, accessor.offset(), view.stride(), kind, width, count)?;
+            (0..elements.count).map(|i| get(&elements, i)).collect()
+        }
+        None if count <= MAX_IMPLICIT => vec![zero; count],
+        None => return Err(format!("{count} elements without a buffer view; at most {MAX_IMPLICIT}")),
+    };
+    if let Some(sparse) = accessor.sparse() {
+        let (places, values) = (sparse.indices(), sparse.values());
+        let count = sparse.count();
+        let place_kind = match places.index_type() {
+            ::gltf::accessor::sparse::IndexType::U8 => DataType::U8,
+            ::gltf::accessor::sparse::IndexType::U16 => DataType::U16,
+            ::gltf::accessor::sparse::IndexType::U32 => DataType::U32,
+        };
+        let place_bytes = buffers.view(&places.view())?;
+        let value_bytes = buffers.view(&values.view())?;
+        let places = Elements::new(place_bytes, places.offset(), None, place_kind, 1, count)?;
+        let values = Elements::new(value_bytes, values.offset(), None, kind, width, count)?;
+        for i in 0..count {
+            let place = places.number(i, 0) as usize;
+            let there = list.len();
+            *list.get_mut(place).ok_or_else(|| {
+                format!("its sparse part replaces element {place}, but there are {there}")
+            })? = get(&values, i);
+        }
+    }
+    Ok(list)
+}
+
+/// What a normalised integer is divided by.
+fn full_scale(kind: DataType) -> f64 {
+    match kind {
+        DataType::I8 => f64::from(i8::MAX),
+        DataType::U8 => f64::from(u8::MAX),
+        DataType::I16 => f64::from(i16::MAX),
+        DataType::U16 => f64::from(u16::MAX),
+        DataType::U32 | DataType::F32 => 1.0,
+    }
+}

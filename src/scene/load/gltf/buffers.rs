@@ -1,0 +1,166 @@
+//! The bytes behind a glTF document: external files, data URIs, GLB's binary chunk.
+
+use super::super::{LoadError, beside};
+use ::gltf::Document;
+use ::gltf::buffer::{Source, View};
+use std::path::{Path, PathBuf};
+
+/// All buffers, each at least as long as the document says.
+pub(super) struct Buffers(Vec<Vec<u8>>);
+
+impl Buffers {
+    /// Reads the buffers that a document names.
+    ///
+    /// # Errors
+    /// When one is missing, cannot be read, or is too short.
+    pub(super) fn read(path: &Path, document: &Document, binary: Option<&[u8]>) -> Result<Self, LoadError> {
+        let mut list = Vec::new();
+        for buffer in document.buffers() {
+            let place = |problem| LoadError::Place {
+                path: path.to_owned(),
+                place: format!("buffers[{}]", buffer.index()),
+                problem,
+            };
+            let bytes = match buffer.source() {
+                Source::Bin => binary
+                    .ok_or_else(|| place("has no URI, but the file has no binary chunk".into()))?
+                    .to_vec(),
+                Source::Uri(uri) => fetch(path, uri).map_err(place)?,
+            };
+            if bytes.len() < buffer.length() {
+                return Err(place(format!(
+                    "should have {} bytes but has {}; the file is truncated",
+                    buffer.length(),
+                    bytes.len()
+                )));
+            }
+            list.push(bytes);
+        }
+        Ok(Self(list))
+    }
+
+    /// The bytes of a view.
+    ///
+    /// # Errors
+    /// When it reaches beyond its buffer.
+    pub(super) fn view(&self, view: &View) -> Result<&[u8], String> {
+        let buffer = &self.0[view.buffer().index()];
+        let (start, length) = (view.offset(), view.length());
+        start.checked_add(length).and_then(|end| buffer.get(start..end)).ok_or_else(|| {
+            format!(
+                "bufferViews[{}] takes {length} bytes from byte {start} on, but buffers[{}] has {}",
+                view.index(),
+                view.buffer().index(),
+                buffer.len()
+            )
+        })
+    }
+}
+
+/// The bytes that a URI in `file` means.
+///
+/// # Errors
+/// A sentence with the file that cannot be read, or what is wrong with the URI.
+pub(super) fn fetch(file: &Path, uri: &str) -> Result<Vec<u8>, String> {
+    match locate(file, uri)? {
+        Location::File(path) => {
+            std::fs::read(&path).map_err(|error| format!("cannot read {}: {error}", path.display()))
+        }
+        Location::Data(bytes) => Ok(bytes),
+    }
+}
+
+/// Where a URI leads.
+pub(super) enum Location {
+    /// To a file.
+    File(PathBuf),
+    /// It holds the bytes itself.
+    Data(Vec<u8>),
+}
+
+/// Resolves a URI: a data URI, or a path relative to `file`, percent-encoded.
+///
+/// # Errors
+/// When it has another scheme or its data is not base64.
+pub(super) fn locate(file: &Path, uri: &str) -> Result<Location, String> {
+    if let Some(data) = uri.strip_prefix("data:") {
+        let Some((header, payload)) = data.split_once(',') else {
+            return Err("a data URI without a comma".into());
+        };
+        return match header.rsplit(';').next() {
+            Some("base64") => base64(payload).map(Location::Data),
+            _ => Ok(Location::Data(percent_decode(payload))),
+        };
+    }
+    if let Some((scheme, _)) = uri.split_once("://")
+        && scheme != "file"
+    {
+        return Err(format!("its URI has the scheme {scheme:?}; only files and data URIs are read"));
+    }
+    let uri = uri.strip_prefix("file://").unwrap_or(uri);
+    let decoded = String::from_utf8_lossy(&percent_decode(uri)).into_owned();
+    // Some exporters do not encode; then the name as it stands is the file.
+    let plain = beside(file, uri);
+    let path = if plain.is_file() { plain } else { beside(file, &decoded) };
+    Ok(Location::File(path))
+}
+
+/// `%41` → `A`; what is not an encoded byte stays.
+fn percent_decode(text: &str) -> Vec<u8> {
+    let bytes = text.as_bytes();
+    let digit = |at: usize| bytes.get(at).and_then(|&b| char::from(b).to_digit(16));
+    let mut out = Vec::with_capacity(bytes.len());
+    let mut at = 0;
+    while at < bytes.len() {
+        if let (b'%', Some(high), Some(low)) = (bytes[at], digit(at + 1), digit(at + 2)) {
+            out.push((high * 16 + low) as u8);
+            at += 3;
+        } else {
+            out.push(bytes[at]);
+            at += 1;
+        }
+    }
+    out
+}
+
+/// Base64 (RFC 4648, either alphabet), with or without padding; white space does not count.
+fn base64(text: &str) -> Result<Vec<u8>, String> {
+    let mut out = Vec::with_capacity(text.len() / 4 * 3);
+    let mut bits = 0_u32;
+    let mut count = 0;
+    for byte in text.trim_end_matches('=').bytes() {
+        let value = match byte {
+            b'A'..=b'Z' => byte - b'A',
+            b'a'..=b'z' => byte - b'a' + 26,
+            b'0'..=b'9' => byte - b'0' + 52,
+            b'+' | b'-' => 62,
+            b'/' | b'_' => 63,
+            b' ' | b'\t' | b'\r' | b'\n' => continue,
+            _ => {
+                return Err(format!("a data URI with the character {:?}; base64 has none", char::from(byte)));
+            }
+        };
+        bits = bits << 6 | u32::from(value);
+        count += 6;
+        if count >= 8 {
+            count -= 8;
+            out.push((bits >> count) as u8);
+        }
+    }
+    Ok(out)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn base64_and_percent_encoding_decode() {
+        assert_eq!(base64("SGVsbG8h").expect("valid"), b"Hello!");
+        assert_eq!(base64("SGVsbG8=").expect("padded"), b"Hello");
+        assert_eq!(base64("SGVs\nbG8").expect("bare"), b"Hello");
+        assert_eq!(base64("_-8").expect("URL alphabet"), [0xff, 0xef]);
+        assert!(base64("SG*s").is_err());
+        assert_eq!(percent_decode("a%20b%zz%4"), b"a b%zz%4");
+    }
+}

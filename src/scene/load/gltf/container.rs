@@ -1,0 +1,63 @@
+//! GLB's chunks.
+
+use super::super::{LoadError, extension};
+use std::path::Path;
+
+/// The parts of a file.
+pub(super) struct Container<'a> {
+    /// The JSON document.
+    pub(super) json: &'a [u8],
+    /// GLB's binary chunk.
+    pub(super) binary: Option<&'a [u8]>,
+}
+
+/// Takes a GLB file apart; any other file is JSON as a whole.
+///
+/// # Errors
+/// When the file is shorter than it says or its first chunk is not JSON.
+pub(super) fn split<'a>(path: &Path, bytes: &'a [u8]) -> Result<Container<'a>, LoadError> {
+    if !bytes.starts_with(b"glTF") {
+        if extension(path) == "glb" && !bytes.trim_ascii_start().starts_with(b"{") {
+            let problem = "not a GLB file: it does not begin with \"glTF\"".into();
+            return Err(LoadError::File { path: path.to_owned(), problem });
+        }
+        return Ok(Container { json: bytes, binary: None });
+    }
+    chunks(bytes).map_err(|problem| LoadError::File { path: path.to_owned(), problem })
+}
+
+fn chunks(bytes: &[u8]) -> Result<Container<'_>, String> {
+    let (Some(version), Some(length)) = (word(bytes, 4), word(bytes, 8)) else {
+        return Err(format!("truncated: a GLB header has 12 bytes, the file {}", bytes.len()));
+    };
+    if version != 2 {
+        return Err(format!("GLB version {version}; 2 is supported"));
+    }
+    let Some(mut rest) = bytes.get(12..length as usize) else {
+        return Err(format!("truncated: its header promises {length} bytes, it has {}", bytes.len()));
+    };
+    let mut json = None;
+    let mut binary = None;
+    while !rest.is_empty() {
+        let (Some(length), Some(kind)) = (word(rest, 0), word(rest, 4)) else {
+            return Err(format!("truncated: {} bytes are left where a chunk should begin", rest.len()));
+        };
+        let Some(data) = rest[8..].get(..length as usize) else {
+            return Err(format!("truncated: a chunk of {length} bytes, but {} are left", rest.len() - 8));
+        };
+        match &kind.to_le_bytes() {
+            b"JSON" if json.is_none() => json = Some(data),
+            b"BIN\0" if binary.is_none() => binary = Some(data),
+            // The format asks to skip chunks of other kinds.
+            _ => {}
+        }
+        rest = &rest[8 + data.len()..];
+    }
+    let json = json.ok_or("a GLB file without a JSON chunk")?;
+    Ok(Container { json, binary })
+}
+
+/// The little-endian word at a byte offset.
+fn word(bytes: &[u8], at: usize) -> Option<u32> {
+    Some(u32::from_le_bytes(bytes.get(at..)?.get(..4)?.try_into().ok()?))
+}

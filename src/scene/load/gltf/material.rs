@@ -1,0 +1,221 @@
+//! glTF materials → [`Material`].
+
+use super::super::LoadError;
+use super::super::textures::Textures;
+use super::Context;
+use super::texture::Use;
+use crate::scene::{
+    Alpha, AlphaMode, Channel, Colour, ColourSpace, Emission, Material, NormalMap, Principled, Scalar,
+    Surface, TextureRef,
+};
+use ::gltf::Material as Source;
+use ::gltf::json::Value;
+use glam::Vec3;
+
+/// A material and the texture coordinates that it wants.
+pub(super) struct Converted {
+    pub(super) material: Material,
+    /// Which set: the base colour's, else that of the first texture.
+    pub(super) uv_set: u32,
+}
+
+/// What a material means.
+///
+/// # Errors
+/// When a texture is missing or cannot be decoded.
+pub(super) fn convert<'a>(
+    context: &mut Context<'a>,
+    textures: &mut Textures,
+    source: &Source<'a>,
+) -> Result<Converted, LoadError> {
+    let name =
+        source.name().map_or_else(|| format!("material {}", source.index().unwrap_or(0)), str::to_owned);
+    let mut converter = Converter { context, textures, source, name, uv_set: None };
+    let surface = converter.surface()?;
+    let alpha = converter.alpha()?;
+    let normal_map = converter.normal_map()?;
+    let emission = converter.emission()?;
+    let material = Material { name: converter.name, surface, emission, normal_map, alpha };
+    Ok(Converted { material, uv_set: converter.uv_set.unwrap_or(0) })
+}
+
+struct Converter<'a, 'b> {
+    context: &'a mut Context<'b>,
+    textures: &'a mut Textures,
+    source: &'a Source<'b>,
+    name: String,
+    uv_set: Option<u32>,
+}
+
+impl Converter<'_, '_> {
+    fn surface(&mut self) -> Result<Surface, LoadError> {
+        let source = self.source;
+        let pbr = source.pbr_metallic_roughness();
+        let [r, g, b, _] = pbr.base_color_factor();
+        let base_texture = pbr.base_color_texture().map(|info| Use::of(&info));
+        let base_colour = Colour {
+            factor: Vec3::new(r, g, b).map(|v| self.held("a component of baseColorFactor", v, 1.0)),
+            texture: self.colour(base_texture)?,
+        };
+        if source.extension_value("KHR_materials_unlit").is_some() {
+            self.warn("KHR_materials_unlit is not supported; the surface is matte");
+            return Ok(Surface::Matte { reflectance: base_colour });
+        }
+        let metal_rough = || pbr.metallic_roughness_texture().map(|info| Use::of(&info));
+        let metallic = self.scalar("metallicFactor", pbr.metallic_factor(), metal_rough(), Channel::B)?;
+        let roughness = self.scalar("roughnessFactor", pbr.roughness_factor(), metal_rough(), Channel::G)?;
+        let transmission = match source.transmission() {
+            None => Scalar::constant(0.0),
+            Some(transmission) => {
+                let texture = transmission.transmission_texture().map(|info| Use::of(&info));
+                let factor = transmission.transmission_factor();
+                self.scalar("transmissionFactor", factor, texture, Channel::R)?
+            }
+        };
+        let (clearcoat, clearcoat_roughness) = self.clearcoat()?;
+        let (specular, mut specular_colour) = self.specular();
+        let mut ior = source.ior().unwrap_or(1.5);
+        if ior == 0.0 {
+            // By the extension, 0 means reflection of 1 (times the tint) at all angles: undo the 0.04
+            // that an index of 1.5 gives.
+            ior = 1.5;
+            specular_colour *= 25.0;
+        } else if ior < 1.0 {
+            self.warn(&format!("ior is {ior}; it must be 0 or at least 1, so 1 is used"));
+            ior = 1.0;
+        }
+        if specular == 0.0 && metallic.factor == 0.0 && transmission.factor == 0.0 && clearcoat.factor == 0.0
+        {
+            return Ok(Surface::Matte { reflectance: base_colour });
+        }
+        Ok(Surface::Principled(Principled {
+            base_colour,
+            metallic,
+            roughness,
+            ior,
+            specular,
+            specular_colour,
+            transmission,
+            thin: self.is_thin(),
+            clearcoat,
+            clearcoat_roughness,
+        }))
+    }
+
+    fn specular(&mut self) -> (f32, Vec3) {
+        let Some(specular) = self.source.specular() else { return (1.0, Vec3::ONE) };
+        if specular.specular_texture().is_some() || specular.specular_color_texture().is_some() {
+            self.warn("textures of KHR_materials_specular are not supported; its factors count");
+        }
+        let colour = Vec3::from(specular.specular_color_factor())
+            .map(|v| self.held("a component of specularColorFactor", v, f32::MAX));
+        (self.held("specularFactor", specular.specular_factor(), 1.0), colour)
+    }
+
+    fn is_thin(&mut self) -> bool {
+        let Some(volume) = self.source.volume() else { return true };
+        if volume.attenuation_distance().is_finite() && volume.attenuation_color() != [1.0; 3] {
+            self.warn("absorption (KHR_materials_volume) is not supported and ignored");
+        }
+        volume.thickness_factor() <= 0.0
+    }
+
+    fn clearcoat(&mut self) -> Result<(Scalar, Scalar), LoadError> {
+        let Some(coat) = self.source.extension_value("KHR_materials_clearcoat") else {
+            return Ok((Scalar::constant(0.0), Scalar::constant(0.0)));
+        };
+        if coat.get("clearcoatNormalTexture").is_some() {
+            self.warn("a normal map of the clear coat is not supported and ignored");
+        }
+        let mut part = |factor: &str, texture: &str, channel| {
+            let value = coat.get(factor).and_then(Value::as_f64).unwrap_or(0.0) as f32;
+            let texture = Use::of_json(self.context.document, coat.get(texture)).map_err(|problem| {
+                self.context.error(format!("material {:?}, KHR_materials_clearcoat", self.name), problem)
+            })?;
+            self.scalar(factor, value, texture, channel)
+        };
+        Ok((
+            part("clearcoatFactor", "clearcoatTexture", Channel::R)?,
+            part("clearcoatRoughnessFactor", "clearcoatRoughnessTexture", Channel::G)?,
+        ))
+    }
+
+    fn emission(&mut self) -> Result<Option<Emission>, LoadError> {
+        let strength = self.source.emissive_strength().unwrap_or(1.0);
+        let strength = self.held("emissiveStrength", strength, f32::MAX);
+        let factor = Vec3::from(self.source.emissive_factor())
+            .map(|v| self.held("a component of emissiveFactor", v, f32::MAX));
+        let factor = (factor * strength).min(Vec3::splat(f32::MAX));
+        if factor == Vec3::ZERO {
+            return Ok(None);
+        }
+        let texture = self.source.emissive_texture().map(|info| Use::of(&info));
+        let radiance = Colour { factor, texture: self.colour(texture)? };
+        Ok(Some(Emission { radiance, two_sided: self.source.double_sided() }))
+    }
+
+    fn normal_map(&mut self) -> Result<Option<NormalMap>, LoadError> {
+        let Some(info) = self.source.normal_texture() else { return Ok(None) };
+        let texture = self.texture(&Use::of_normal(&info), ColourSpace::Linear)?;
+        Ok(Some(NormalMap { texture, scale: info.scale() }))
+    }
+
+    fn alpha(&mut self) -> Result<Alpha, LoadError> {
+        use ::gltf::material::AlphaMode as Mode;
+        let mode = match self.source.alpha_mode() {
+            Mode::Opaque => return Ok(Alpha::default()),
+            Mode::Mask => AlphaMode::Mask { cutoff: self.source.alpha_cutoff().unwrap_or(0.5) },
+            Mode::Blend => AlphaMode::Blend,
+        };
+        let pbr = self.source.pbr_metallic_roughness();
+        let factor = self.held("the alpha of baseColorFactor", pbr.base_color_factor()[3], 1.0);
+        let texture = pbr.base_color_texture().map(|info| Use::of(&info));
+        let texture = self.colour(texture)?.filter(|used| !self.textures.is_opaque(used.texture));
+        let is_everywhere = match mode {
+            AlphaMode::Mask { cutoff } => factor >= cutoff,
+            AlphaMode::Blend => factor >= 1.0,
+            AlphaMode::Opaque => true,
+        };
+        if is_everywhere && texture.is_none() {
+            // Spares the tracer a test that always passes.
+            return Ok(Alpha::default());
+        }
+        Ok(Alpha { mode, value: Scalar { factor, texture: texture.map(|texture| (texture, Channel::A)) } })
+    }
+
+    fn colour(&mut self, texture: Option<Use>) -> Result<Option<TextureRef>, LoadError> {
+        texture.map(|texture| self.texture(&texture, ColourSpace::Srgb)).transpose()
+    }
+
+    fn scalar(
+        &mut self,
+        what: &str,
+        factor: f32,
+        texture: Option<Use>,
+        channel: Channel,
+    ) -> Result<Scalar, LoadError> {
+        let factor = self.held(what, factor, 1.0);
+        let texture = texture.map(|texture| self.texture(&texture, ColourSpace::Linear)).transpose()?;
+        Ok(Scalar { factor, texture: texture.map(|texture| (texture, channel)) })
+    }
+
+    fn texture(&mut self, texture: &Use, space: ColourSpace) -> Result<TextureRef, LoadError> {
+        let set = *self.uv_set.get_or_insert(texture.set);
+        if set != texture.set {
+            self.warn(&format!(
+                "its textures use TEXCOORD_{set} and TEXCOORD_{}; one set is supported, TEXCOORD_{set}",
+                texture.set
+            ));
+        }
+        texture.load(self.context, self.textures, &self.name, space)
+    }
+
+    /// A factor held to 0..=`high`.
+    fn held(&mut self, what: &str, value: f32, high: f32) -> f32 {
+        self.context.warnings.clamp(format_args!("Material {:?}: {what}", self.name), value, 0.0, high)
+    }
+
+    fn warn(&mut self, problem: &str) {
+        self.context.warnings.add(format!("Material {:?}: {problem}.", self.name));
+    }
+}

@@ -1,0 +1,266 @@
+//! Mesh primitives → world-space triangles.
+
+use super::super::LoadError;
+use super::Context;
+use super::accessor;
+use super::material::Converted;
+use crate::geom::MAX_COORDINATE;
+use crate::scene::{MAX_TRIANGLES, Mesh, MeshError};
+use ::gltf::mesh::Mode;
+use ::gltf::{Accessor, Primitive, Semantic};
+use glam::{DMat3, DMat4, DVec3, Vec2, Vec3, Vec4};
+use std::collections::BTreeMap;
+
+/// The triangles of all nodes so far.
+pub(super) struct Flattened<'a> {
+    materials: &'a [Converted],
+    mesh: Mesh,
+    uses_fallback: bool,
+}
+
+/// The accessors of a primitive; primitives of one mesh often share them.
+#[derive(Clone)]
+struct Attributes<'a> {
+    positions: Accessor<'a>,
+    normals: Option<Accessor<'a>>,
+    uvs: Option<Accessor<'a>>,
+    tangents: Option<Accessor<'a>>,
+}
+
+/// How a node moves vertices.
+struct Motion {
+    matrix: DMat4,
+    /// Inverse transpose of the linear part, but for a positive factor.
+    normals: DMat3,
+    /// Whether it turns the inside out.
+    mirrors: bool,
+}
+
+impl Motion {
+    fn new(matrix: &DMat4) -> Self {
+        let linear = DMat3::from_mat4(*matrix);
+        let [x, y, z] = [linear.x_axis, linear.y_axis, linear.z_axis];
+        let mirrors = x.cross(y).dot(z) < 0.0;
+        let sign = if mirrors { -1.0 } else { 1.0 };
+        // The cofactors: defined where the inverse is not, too.
+        let normals = DMat3::from_cols(y.cross(z), z.cross(x), x.cross(y)) * sign;
+        Self { matrix: *matrix, normals, mirrors }
+    }
+}
+
+impl<'a> Flattened<'a> {
+    pub(super) fn new(materials: &'a [Converted]) -> Self {
+        Self { materials, mesh: Mesh::default(), uses_fallback: false }
+    }
+
+    /// The mesh, and whether any triangle has no material of the file.
+    pub(super) fn finish(mut self) -> (Mesh, bool) {
+        let mesh = &mut self.mesh;
+        let count = mesh.positions.len();
+        // An attribute that no vertex has stays empty.
+        if !mesh.normals.is_empty() {
+            pad(&mut mesh.normals, count);
+        }
+        if !mesh.uvs.is_empty() {
+            pad(&mut mesh.uvs, count);
+        }
+        if !mesh.tangents.is_empty() {
+            pad(&mut mesh.tangents, count);
+        }
+        (self.mesh, self.uses_fallback)
+    }
+
+    /// Adds one instance of a mesh.
+    ///
+    /// # Errors
+    /// When a primitive names what is not there or a vertex is out of bounds.
+    pub(super) fn append(
+        &mut self,
+        context: &mut Context,
+        mesh: &::gltf::Mesh,
+        matrix: &DMat4,
+    ) -> Result<(), LoadError> {
+        let motion = Motion::new(matrix);
+        let mut bases = BTreeMap::new();
+        for primitive in mesh.primitives() {
+            if primitive.morph_targets().next().is_some() {
+                context.warnings.add("Morph targets are not supported; meshes keep their rest shape.");
+            }
+            if matches!(primitive.mode(), Mode::Points | Mode::Lines | Mode::LineLoop | Mode::LineStrip) {
+                context.warnings.add("Points and lines are ignored: they have no surface.");
+                continue;
+            }
+            let place = || format!("meshes[{}].primitives[{}]", mesh.index(), primitive.index());
+            self.primitive(context, &primitive, &motion, &mut bases)
+                .map_err(|problem| context.error(place(), problem))?;
+        }
+        Ok(())
+    }
+
+    fn primitive(
+        &mut self,
+        context: &mut Context,
+        primitive: &Primitive,
+        motion: &Motion,
+        bases: &mut BTreeMap<[Option<usize>; 4], u32>,
+    ) -> Result<(), String> {
+        let material = primitive.material().index();
+        let attributes = self.attributes(context, primitive, material)?;
+        let count = attributes.positions.count();
+        let base = match bases.get(&attributes.key()) {
+            Some(&base) => base,
+            None => *bases.entry(attributes.key()).or_insert(self.vertices(context, &attributes, motion)?),
+        };
+        let indices = match primitive.indices() {
+            None => (0..count as u32).collect(),
+            Some(accessor) => accessor::indices(context.buffers, &accessor)
+                .map_err(|problem| format!("indices (accessors[{}]): {problem}", accessor.index()))?,
+        };
+        if let Some((place, index)) = indices.iter().enumerate().find(|&(_, &i)| i as usize >= count) {
+            return Err(format!("index {place} names vertex {index}, but there are {count}"));
+        }
+        if primitive.mode() == Mode::Triangles && indices.len() % 3 != 0 {
+            context.warnings.add("A mesh has indices left over after its last triangle; they are ignored.");
+        }
+        let material = material.unwrap_or_else(|| {
+            self.uses_fallback = true;
+            self.materials.len()
+        }) as u32;
+        let triangles = triangles(primitive.mode(), &indices);
+        let found = self.mesh.triangles.len() + triangles.len();
+        if found > MAX_TRIANGLES {
+            // Before instances of a small file fill the memory.
+            return Err(MeshError::TooMany { found, max: MAX_TRIANGLES }.to_string());
+        }
+        for [a, b, c] in triangles {
+            let [b, c] = if motion.mirrors { [c, b] } else { [b, c] };
+            self.mesh.triangles.push([base + a, base + b, base + c]);
+            self.mesh.materials.push(material);
+        }
+        Ok(())
+    }
+
+    fn attributes<'p>(
+        &self,
+        context: &mut Context,
+        primitive: &Primitive<'p>,
+        material: Option<usize>,
+    ) -> Result<Attributes<'p>, String> {
+        let set = material.map_or(0, |material| self.materials[material].uv_set);
+        let mut uvs = primitive.get(&Semantic::TexCoords(set));
+        if uvs.is_none() && set != 0 {
+            context
+                .warnings
+                .add(format!("A mesh has no TEXCOORD_{set}, which its material wants; TEXCOORD_0 is used."));
+            uvs = primitive.get(&Semantic::TexCoords(0));
+        }
+        let normals = primitive.get(&Semantic::Normals);
+        let attributes = Attributes {
+            positions: primitive.get(&Semantic::Positions).ok_or("has no POSITION attribute")?,
+            // Without normals, tangents mean nothing.
+            tangents: primitive.get(&Semantic::Tangents).filter(|_| normals.is_some()),
+            normals,
+            uvs,
+        };
+        let count = attributes.positions.count();
+        for (name, accessor) in [
+            ("NORMAL", &attributes.normals),
+            ("TEXCOORD", &attributes.uvs),
+            ("TANGENT", &attributes.tangents),
+        ] {
+            if let Some(found) = accessor.as_ref().map(Accessor::count).filter(|&found| found != count) {
+                return Err(format!("{found} elements of {name} for {count} of POSITION"));
+            }
+        }
+        Ok(attributes)
+    }
+
+    /// Adds vertices; returns the index of the first.
+    fn vertices(
+        &mut self,
+        context: &mut Context,
+        attributes: &Attributes,
+        motion: &Motion,
+    ) -> Result<u32, String> {
+        let base = self.mesh.positions.len();
+        let positions = fetch::<3>(context, "POSITION", &attributes.positions)?;
+        if u32::try_from(base + positions.len()).is_err() {
+            return Err(format!("the scene has more than {} vertices, more than can be numbered", u32::MAX));
+        }
+        for (i, position) in positions.iter().enumerate() {
+            let moved = motion.matrix.transform_point3(DVec3::from_array(position.map(f64::from))).as_vec3();
+            // NaN fails the comparison too.
+            if !moved.abs().cmple(Vec3::splat(MAX_COORDINATE)).all() {
+                let [x, y, z] = position;
+                return Err(format!(
+                    "vertex {i} is at ({x}, {y}, {z}), {moved} in the world; coordinates must be finite \
+                     and at most {MAX_COORDINATE:e} in size"
+                ));
+            }
+            self.mesh.positions.push(moved);
+        }
+        if let Some(accessor) = &attributes.normals {
+            pad(&mut self.mesh.normals, base);
+            let turn = |n: [f32; 3]| unit(motion.normals * DVec3::from_array(n.map(f64::from)));
+            self.mesh.normals.extend(fetch(context, "NORMAL", accessor)?.into_iter().map(turn));
+        }
+        if let Some(accessor) = &attributes.uvs {
+            pad(&mut self.mesh.uvs, base);
+            let finite = |uv: [f32; 2]| Some(Vec2::from_array(uv)).filter(|uv| uv.is_finite());
+            let uvs = fetch(context, "TEXCOORD", accessor)?;
+            self.mesh.uvs.extend(uvs.into_iter().map(|uv| finite(uv).unwrap_or_default()));
+        }
+        if let Some(accessor) = &attributes.tangents {
+            pad(&mut self.mesh.tangents, base);
+            let sign = if motion.mirrors { -1.0 } else { 1.0 };
+            let turn = |[x, y, z, w]: [f32; 4]| {
+                let tangent = unit(motion.matrix.transform_vector3(Vec3::new(x, y, z).as_dvec3()));
+                if tangent == Vec3::ZERO { Vec4::ZERO } else { tangent.extend(1.0_f32.copysign(w) * sign) }
+            };
+            self.mesh.tangents.extend(fetch(context, "TANGENT", accessor)?.into_iter().map(turn));
+        }
+        Ok(base as u32)
+    }
+}
+
+impl Attributes<'_> {
+    fn key(&self) -> [Option<usize>; 4] {
+        let index = |accessor: &Option<Accessor>| accessor.as_ref().map(Accessor::index);
+        [Some(self.positions.index()), index(&self.normals), index(&self.uvs), index(&self.tangents)]
+    }
+}
+
+fn fetch<const N: usize>(
+    context: &Context,
+    name: &str,
+    accessor: &Accessor,
+) -> Result<Vec<[f32; N]>, String> {
+    accessor::vectors(context.buffers, accessor)
+        .map_err(|problem| format!("{name} (accessors[{}]): {problem}", accessor.index()))
+}
+
+/// The unit vector, or zero where there is none.
+fn unit(v: DVec3) -> Vec3 {
+    v.try_normalize().unwrap_or(DVec3::ZERO).as_vec3()
+}
+
+/// Fills an attribute up with zeros for vertices that have none of it.
+fn pad<T: Default + Clone>(list: &mut Vec<T>, count: usize) {
+    list.resize(count, T::default());
+}
+
+/// The triangles of a run of vertices, in glTF's order.
+fn triangles(mode: Mode, indices: &[u32]) -> Vec<[u32; 3]> {
+    match mode {
+        Mode::TriangleStrip => {
+            let odd =
+                |(i, w): (usize, &[u32])| if i % 2 == 0 { [w[0], w[1], w[2]] } else { [w[0], w[2], w[1]] };
+            indices.windows(3).enumerate().map(odd).collect()
+        }
+        Mode::TriangleFan => {
+            let Some((&first, rest)) = indices.split_first() else { return Vec::new() };
+            rest.windows(2).map(|w| [w[0], w[1], first]).collect()
+        }
+        _ => indices.chunks_exact(3).map(|t| [t[0], t[1], t[2]]).collect(),
+    }
+}

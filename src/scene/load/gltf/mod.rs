@@ -1,0 +1,139 @@
+//! glTF 2.0 and GLB, by the `gltf` crate's data model.
+//!
+//! The crate parses and checks the JSON; bytes are read here, since its own readers trust the file.
+
+mod accessor;
+mod buffers;
+mod container;
+mod material;
+mod mesh;
+mod node;
+mod texture;
+
+use super::textures::Textures;
+use super::warnings::Warnings;
+use super::{LoadError, read};
+use crate::scene::{Material, Scene};
+use ::gltf::Document;
+use ::gltf::json::validation::{Error as Invalid, Validate};
+use ::gltf::json::{Path as JsonPath, Root};
+use buffers::Buffers;
+use std::path::Path;
+
+/// The extensions that are honoured, at least in part, or that change nothing in a picture (XMP).
+const SUPPORTED: [&str; 12] = [
+    "EXT_texture_webp",
+    "KHR_lights_punctual",
+    "KHR_materials_clearcoat",
+    "KHR_materials_emissive_strength",
+    "KHR_materials_ior",
+    "KHR_materials_specular",
+    "KHR_materials_transmission",
+    "KHR_materials_unlit",
+    "KHR_materials_volume",
+    "KHR_mesh_quantization",
+    "KHR_texture_transform",
+    "KHR_xmp_json_ld",
+];
+
+/// What the parts of the loader share.
+struct Context<'a> {
+    path: &'a Path,
+    document: &'a Document,
+    buffers: &'a Buffers,
+    warnings: &'a mut Warnings,
+}
+
+impl Context<'_> {
+    /// An error in a part of the file.
+    fn error(&self, place: impl Into<String>, problem: impl Into<String>) -> LoadError {
+        LoadError::Place { path: self.path.to_owned(), place: place.into(), problem: problem.into() }
+    }
+}
+
+/// Loads a `.gltf` or `.glb` file with the buffers and images that it names.
+pub(super) fn load(path: &Path) -> Result<Scene, LoadError> {
+    let bytes = read(path)?;
+    let container = container::split(path, &bytes)?;
+    let mut warnings = Warnings::default();
+    let document = parse(path, container.json, &mut warnings)?;
+    let buffers = Buffers::read(path, &document, container.binary)?;
+    let mut context = Context { path, document: &document, buffers: &buffers, warnings: &mut warnings };
+    let mut textures = Textures::default();
+    let mut materials = Vec::new();
+    for material in document.materials() {
+        materials.push(material::convert(&mut context, &mut textures, &material)?);
+    }
+    let world = node::flatten(&mut context, &materials)?;
+    let mut materials: Vec<Material> = materials.into_iter().map(|m| m.material).collect();
+    if world.uses_fallback {
+        materials.push(Material::fallback());
+    }
+    Ok(Scene {
+        mesh: world.mesh,
+        materials,
+        textures: textures.into_list(),
+        lights: world.lights,
+        camera: world.camera,
+        warnings: warnings.into_list(),
+        ..Scene::default()
+    })
+}
+
+/// The JSON part, checked: after this every index in it is in range and every enumeration known.
+fn parse(path: &Path, json: &[u8], warnings: &mut Warnings) -> Result<Document, LoadError> {
+    let file = |problem| LoadError::File { path: path.to_owned(), problem };
+    let mut root: Root = ::gltf::json::deserialize::from_slice(json)
+        .map_err(|error| file(format!("not valid glTF JSON: {error}")))?;
+    let version = root.asset.min_version.as_ref().unwrap_or(&root.asset.version);
+    if version.split('.').next() != Some("2") {
+        return Err(file(format!("glTF version {version:?}; 2.0 is supported")));
+    }
+    for extension in std::mem::take(&mut root.extensions_required) {
+        if !SUPPORTED.contains(&extension.as_str()) {
+            return Err(LoadError::RequiredExtension { path: path.to_owned(), extension });
+        }
+    }
+    for extension in &root.extensions_used {
+        if !SUPPORTED.contains(&extension.as_str()) {
+            warnings.add(format!("The glTF extension {extension} is not supported and ignored."));
+        }
+    }
+    check(path, &root)?;
+    Ok(Document::from_json_without_validation(root))
+}
+
+/// The crate's own checks, but for the bounds of positions, which are not needed.
+fn check(path: &Path, root: &Root) -> Result<(), LoadError> {
+    let place = |place: String, problem: String| LoadError::Place { path: path.to_owned(), place, problem };
+    // The crate looks these up before it has checked them.
+    for (m, mesh) in root.meshes.iter().enumerate() {
+        for (p, primitive) in mesh.primitives.iter().enumerate() {
+            if let Some(index) = primitive.attributes.values().find(|i| i.value() >= root.accessors.len()) {
+                return Err(place(
+                    format!("meshes[{m}].primitives[{p}]"),
+                    format!("names accessor {index}, but there are {}", root.accessors.len()),
+                ));
+            }
+        }
+    }
+    let mut first = None;
+    root.validate(root, JsonPath::new, &mut |path, error| {
+        let at = path().to_string();
+        let is_bound = at.ends_with("POSITION\"].min") || at.ends_with("POSITION\"].max");
+        if first.is_none() && !is_bound {
+            first = Some((at, error));
+        }
+    });
+    let Some((at, error)) = first else { return Ok(()) };
+    Err(place(
+        at,
+        match error {
+            Invalid::IndexOutOfBounds => "names an element that is not in the file".into(),
+            Invalid::Invalid => "has a value that glTF 2.0 does not allow".into(),
+            Invalid::Missing => "is missing".into(),
+            Invalid::Oversize => "is larger than this machine can address".into(),
+            Invalid::Unsupported => "is not supported".into(),
+        },
+    ))
+}

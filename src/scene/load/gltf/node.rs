@@ -1,0 +1,162 @@
+//! The node hierarchy, flattened: meshes, lights and the camera in world space.
+
+use super::super::LoadError;
+use super::Context;
+use super::material::Converted;
+use super::mesh::Flattened;
+use crate::scene::{Camera, Light, LightShape, Mesh};
+use ::gltf::camera::Projection;
+use ::gltf::khr_lights_punctual::Kind;
+use ::gltf::scene::Transform;
+use ::gltf::{Document, Node};
+use glam::{DMat4, DQuat, DVec3, Vec3};
+
+/// What the nodes of a scene hold, in world space.
+pub(super) struct World {
+    pub(super) mesh: Mesh,
+    pub(super) lights: Vec<Light>,
+    pub(super) camera: Option<Camera>,
+    /// Whether triangles without a material name the one after the last.
+    pub(super) uses_fallback: bool,
+}
+
+/// Visits the nodes of the default scene, else of the first, parents before children, in file order.
+///
+/// # Errors
+/// When the nodes do not form trees, or a mesh is wrong.
+pub(super) fn flatten(context: &mut Context, materials: &[Converted]) -> Result<World, LoadError> {
+    let document = context.document;
+    let mut flattened = Flattened::new(materials);
+    let mut lights = Vec::new();
+    let mut camera = None;
+    let mut visited = vec![false; document.nodes().len()];
+    let mut pending: Vec<(Node, DMat4)> = Vec::new();
+    pending.extend(roots(document).into_iter().rev().map(|node| (node, DMat4::IDENTITY)));
+    while let Some((node, parent)) = pending.pop() {
+        if std::mem::replace(&mut visited[node.index()], true) {
+            let problem = "is reached twice; every node must have one parent and no cycle";
+            return Err(context.error(format!("nodes[{}]", node.index()), problem));
+        }
+        let matrix = parent * local_matrix(&node);
+        if node.skin().is_some() {
+            context.warnings.add("Skins are not supported; skinned meshes keep their rest pose.");
+        }
+        if let Some(mesh) = node.mesh() {
+            flattened.append(context, &mesh, &matrix)?;
+        }
+        if let Some(light) = node.light() {
+            lights.extend(place_light(context, &light, &matrix));
+        }
+        if let Some(found) = node.camera() {
+            match (&camera, place_camera(context, &found, &matrix)) {
+                (None, placed) => camera = placed,
+                (Some(_), Some(_)) => context.warnings.add("The file has several cameras; the first counts."),
+                (Some(_), None) => {}
+            }
+        }
+        let children: Vec<Node> = node.children().collect();
+        pending.extend(children.into_iter().rev().map(|child| (child, matrix)));
+    }
+    let (mesh, uses_fallback) = flattened.finish();
+    Ok(World { mesh, lights, camera, uses_fallback })
+}
+
+/// Where to begin: a document without scenes shows all its nodes.
+fn roots(document: &Document) -> Vec<Node<'_>> {
+    if let Some(scene) = document.default_scene().or_else(|| document.scenes().next()) {
+        return scene.nodes().collect();
+    }
+    let mut is_child = vec![false; document.nodes().len()];
+    for child in document.nodes().flat_map(|node| node.children()) {
+        is_child[child.index()] = true;
+    }
+    document.nodes().filter(|node| !is_child[node.index()]).collect()
+}
+
+/// In double precision: products of many matrices must not move distant vertices.
+fn local_matrix(node: &Node) -> DMat4 {
+    match node.transform() {
+        Transform::Matrix { matrix } => {
+            DMat4::from_cols_array_2d(&matrix.map(|column| column.map(f64::from)))
+        }
+        Transform::Decomposed { translation, rotation, scale } => {
+            let rotation = DQuat::from_array(rotation.map(f64::from));
+            // A rotation of length 0 turns nothing.
+            let length = rotation.length();
+            let rotation = if length > 0.0 { rotation * (1.0 / length) } else { DQuat::IDENTITY };
+            DMat4::from_scale_rotation_translation(
+                DVec3::from_array(scale.map(f64::from)),
+                rotation,
+                DVec3::from_array(translation.map(f64::from)),
+            )
+        }
+    }
+}
+
+/// The unit vector that a local direction becomes.
+fn turn(matrix: &DMat4, direction: DVec3) -> Option<Vec3> {
+    matrix.transform_vector3(direction).try_normalize().map(|d| d.as_vec3())
+}
+
+/// Candela count as watts per steradian, lux as watts per square metre.
+fn place_light(
+    context: &mut Context,
+    light: &::gltf::khr_lights_punctual::Light,
+    matrix: &DMat4,
+) -> Option<Light> {
+    let name = light.name().map_or_else(|| format!("light {}", light.index()), str::to_owned);
+    if light.range().is_some() {
+        context.warnings.add(format!("Light {name:?}: its range is ignored, light reaches any distance."));
+    }
+    let held =
+        |v: f32| context.warnings.clamp(format_args!("Light {name:?}: its intensity"), v, 0.0, f32::MAX);
+    let intensity = (Vec3::from(light.color()) * light.intensity()).map(held);
+    let position = matrix.w_axis.truncate().as_vec3();
+    let direction = turn(matrix, DVec3::NEG_Z);
+    let is_point = matches!(light.kind(), Kind::Point);
+    if !position.is_finite() || direction.is_none() && !is_point {
+        context
+            .warnings
+            .add(format!("Light {name:?}: its node gives it no place or direction; it is left out."));
+        return None;
+    }
+    let direction = direction.unwrap_or(Vec3::NEG_Z);
+    let shape = match light.kind() {
+        Kind::Point => LightShape::Point { position },
+        Kind::Directional => LightShape::Directional { direction },
+        Kind::Spot { inner_cone_angle, outer_cone_angle } => {
+            let quarter_turn = std::f32::consts::FRAC_PI_2;
+            let mut angle = |what, v| {
+                context.warnings.clamp(format_args!("Light {name:?}: its {what}"), v, 0.0, quarter_turn)
+            };
+            let cos_inner = libm::cosf(angle("innerConeAngle", inner_cone_angle));
+            let cos_outer = libm::cosf(angle("outerConeAngle", outer_cone_angle));
+            // A fade needs some width.
+            LightShape::Spot { position, direction, cos_inner, cos_outer: cos_outer.min(cos_inner - 1.0e-4) }
+        }
+    };
+    Some(Light { name, intensity, shape })
+}
+
+fn place_camera(context: &mut Context, camera: &::gltf::Camera, matrix: &DMat4) -> Option<Camera> {
+    let Projection::Perspective(lens) = camera.projection() else {
+        context.warnings.add("Orthographic cameras are not supported and ignored.");
+        return None;
+    };
+    let eye = matrix.w_axis.truncate();
+    let view = (turn(matrix, DVec3::NEG_Z), turn(matrix, DVec3::Y));
+    let fov_degrees = lens.yfov().to_degrees();
+    let (Some(forward), Some(up)) = view else {
+        context.warnings.add("A camera whose node gives it no direction is ignored.");
+        return None;
+    };
+    // So far away that rounding the target does not turn the view.
+    let distance = eye.abs().max_element().max(1.0);
+    let target = (eye + forward.as_dvec3() * distance).as_vec3();
+    let camera = Camera { eye: eye.as_vec3(), target, up, fov_degrees };
+    if let Err(error) = camera.lens(1, 1) {
+        context.warnings.add(format!("A camera is ignored: {error}."));
+        return None;
+    }
+    Some(camera)
+}

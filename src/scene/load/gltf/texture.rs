@@ -1,0 +1,138 @@
+//! Textures as glTF materials name them.
+
+use super::super::LoadError;
+use super::super::textures::{Source, Textures};
+use super::Context;
+use super::buffers::{Location, locate};
+use crate::scene::{ColourSpace, TextureRef, Wrap};
+use ::gltf::json::Value;
+use ::gltf::material::NormalTexture;
+use ::gltf::texture::{Info, WrappingMode};
+use ::gltf::{Document, Texture};
+use glam::Vec2;
+
+/// One use of a texture.
+pub(super) struct Use<'a> {
+    texture: Texture<'a>,
+    /// Which texture coordinates: 0 for `TEXCOORD_0`.
+    pub(super) set: u32,
+    offset: Vec2,
+    rotation: f32,
+    scale: Vec2,
+}
+
+impl<'a> Use<'a> {
+    fn plain(texture: Texture<'a>, set: u32) -> Self {
+        Self { texture, set, offset: Vec2::ZERO, rotation: 0.0, scale: Vec2::ONE }
+    }
+
+    /// A use that the crate knows.
+    pub(super) fn of(info: &Info<'a>) -> Self {
+        let plain = Self::plain(info.texture(), info.tex_coord());
+        match info.texture_transform() {
+            None => plain,
+            Some(transform) => Self {
+                set: transform.tex_coord().unwrap_or(plain.set),
+                offset: transform.offset().into(),
+                rotation: transform.rotation(),
+                scale: transform.scale().into(),
+                ..plain
+            },
+        }
+    }
+
+    /// A normal map's.
+    pub(super) fn of_normal(info: &NormalTexture<'a>) -> Self {
+        let plain = Self::plain(info.texture(), info.tex_coord());
+        plain.transformed(info.extension_value("KHR_texture_transform"))
+    }
+
+    /// One inside an extension that the crate does not know; `None` if there is none.
+    ///
+    /// # Errors
+    /// When it names a texture that is not there.
+    pub(super) fn of_json(document: &'a Document, info: Option<&Value>) -> Result<Option<Self>, String> {
+        let Some(info) = info else { return Ok(None) };
+        let index = info["index"].as_u64().ok_or("a texture without an index")?;
+        let count = document.textures().len();
+        let texture = usize::try_from(index).ok().and_then(|index| document.textures().nth(index));
+        let texture = texture.ok_or_else(|| format!("names texture {index}, but there are {count}"))?;
+        let set = info["texCoord"].as_u64().unwrap_or(0) as u32;
+        Ok(Some(Self::plain(texture, set).transformed(info["extensions"].get("KHR_texture_transform"))))
+    }
+
+    fn transformed(self, transform: Option<&Value>) -> Self {
+        let Some(transform) = transform else { return self };
+        let pair = |key: &str, unset: f64| {
+            let at = |i: usize| transform[key][i].as_f64().unwrap_or(unset) as f32;
+            Vec2::new(at(0), at(1))
+        };
+        Self {
+            set: transform["texCoord"].as_u64().map_or(self.set, |set| set as u32),
+            offset: pair("offset", 0.0),
+            rotation: transform["rotation"].as_f64().unwrap_or(0.0) as f32,
+            scale: pair("scale", 1.0),
+            ..self
+        }
+    }
+
+    /// Decodes the image unless it is decoded already.
+    ///
+    /// # Errors
+    /// When it is missing or cannot be decoded: names the file, the material and the image.
+    pub(super) fn load(
+        &self,
+        context: &Context,
+        textures: &mut Textures,
+        material: &str,
+        space: ColourSpace,
+    ) -> Result<TextureRef, LoadError> {
+        let image = self.image(context, textures).map_err(|(texture, problem)| LoadError::Texture {
+            path: context.path.to_owned(),
+            material: material.to_owned(),
+            texture,
+            problem,
+        })?;
+        let sampler = self.texture.sampler();
+        let wrap = [sampler.wrap_s(), sampler.wrap_t()].map(|mode| match mode {
+            WrappingMode::ClampToEdge => Wrap::Clamp,
+            WrappingMode::MirroredRepeat => Wrap::Mirror,
+            WrappingMode::Repeat => Wrap::Repeat,
+        });
+        let texture = textures.texture(image, space, wrap);
+        Ok(TextureRef { texture, offset: self.offset, rotation: self.rotation, scale: self.scale })
+    }
+
+    /// The number of the image; on failure its name and what is wrong.
+    fn image(&self, context: &Context, textures: &mut Textures) -> Result<usize, (String, String)> {
+        let webp = self.texture.extension_value("EXT_texture_webp").and_then(|webp| webp["source"].as_u64());
+        let source = match webp.and_then(|index| usize::try_from(index).ok()) {
+            Some(index) => context.document.images().nth(index),
+            None => self.texture.source(),
+        };
+        let Some(image) = source else {
+            let problem = "has no image of a known kind (PNG, JPEG or WebP)".into();
+            return Err((format!("textures[{}]", self.texture.index()), problem));
+        };
+        let mut name = image.name().map_or_else(|| format!("images[{}]", image.index()), str::to_owned);
+        // The crate's own accessor trusts that one of the two is there.
+        let json = &context.document.as_json().images[image.index()];
+        let view = json.buffer_view.and_then(|view| context.document.views().nth(view.value()));
+        let source = Source::Embedded(image.index());
+        let result = match (view, &json.uri) {
+            (Some(view), _) => {
+                textures.image(source, &name, || context.buffers.view(&view).map(<[u8]>::to_vec))
+            }
+            (None, Some(uri)) => match locate(context.path, uri) {
+                Ok(Location::File(path)) => {
+                    name = format!("{uri:?}");
+                    textures.file(&path)
+                }
+                Ok(Location::Data(bytes)) => textures.image(source, &name, || Ok(bytes)),
+                Err(problem) => Err(problem),
+            },
+            (None, None) => Err("has neither a buffer view nor a URI".into()),
+        };
+        result.map_err(|problem| (name, problem))
+    }
+}

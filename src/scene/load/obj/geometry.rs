@@ -1,0 +1,225 @@
+//! Vertices and faces of an OBJ file.
+
+use super::super::warnings::Warnings;
+use super::super::{LoadError, quote};
+use super::{split_keyword, statements, words};
+use crate::geom::MAX_COORDINATE;
+use crate::scene::Mesh;
+use glam::{Vec2, Vec3};
+use std::collections::HashMap;
+use std::path::Path;
+
+/// What an OBJ file says, but for the definitions of its materials.
+#[derive(Debug, Default)]
+pub(super) struct Geometry {
+    /// The triangles; `materials` counts in `material_names`.
+    pub(super) mesh: Mesh,
+    /// The names that faces use, in order of their first use; `None` for faces before any `usemtl`.
+    pub(super) material_names: Vec<Option<String>>,
+    /// The arguments of the `mtllib` statements.
+    pub(super) libraries: Vec<String>,
+}
+
+impl Geometry {
+    /// Reads the bytes of a file.
+    ///
+    /// # Errors
+    /// What is wrong with which line.
+    pub(super) fn read(path: &Path, bytes: &[u8], warnings: &mut Warnings) -> Result<Self, LoadError> {
+        let mut reader = Reader::default();
+        for (line, statement) in statements(&String::from_utf8_lossy(bytes)) {
+            reader.statement(&statement, warnings).map_err(|problem| LoadError::Line {
+                path: path.to_owned(),
+                line,
+                problem,
+            })?;
+        }
+        Ok(reader.finish())
+    }
+}
+
+/// Not given.
+const NONE: u32 = u32::MAX;
+
+/// A corner of a face: indices of its position, texture coordinates and normal.
+#[derive(Clone, Copy, PartialEq, Eq, Hash)]
+struct Corner {
+    position: u32,
+    uv: u32,
+    normal: u32,
+}
+
+/// What has been read so far.
+#[derive(Default)]
+struct Reader {
+    positions: Vec<Vec3>,
+    uvs: Vec<Vec2>,
+    normals: Vec<Vec3>,
+    /// The vertex of the mesh for each distinct corner.
+    vertices: HashMap<Corner, u32>,
+    /// The corners of the face at hand.
+    face: Vec<u32>,
+    /// Whether any corner has texture coordinates; a normal.
+    has: [bool; 2],
+    /// The name in force.
+    name: Option<String>,
+    /// Its index in `material_names`, once a face has used it.
+    material: Option<u32>,
+    indices: HashMap<Option<String>, u32>,
+    out: Geometry,
+}
+
+impl Reader {
+    fn statement(&mut self, statement: &str, warnings: &mut Warnings) -> Result<(), String> {
+        let (keyword, arguments) = split_keyword(statement);
+        match keyword {
+            "v" => {
+                let [x, y, z] = numbers(arguments, 3)?;
+                let position = Vec3::new(x, y, z);
+                if !(position.abs().max_element() <= MAX_COORDINATE && position.is_finite()) {
+                    return Err(format!(
+                        "vertex {} is at ({x}, {y}, {z}); coordinates must be finite and at most \
+                         {MAX_COORDINATE:e} in size",
+                        self.positions.len() + 1
+                    ));
+                }
+                if words(arguments).count() > 4 {
+                    warnings.add("Vertex colours are ignored.");
+                }
+                self.positions.push(position);
+            }
+            "vt" => {
+                // The second and third are optional.
+                let [u, v, _] = numbers(arguments, 1)?;
+                let mut uv = Vec2::new(u, 1.0 - v);
+                if !uv.is_finite() {
+                    warnings.add("Texture coordinates that are not finite count as 0.");
+                    uv = Vec2::ZERO;
+                }
+                self.uvs.push(uv);
+            }
+            "vn" => {
+                let [x, y, z] = numbers(arguments, 3)?;
+                self.normals.push(Vec3::new(x, y, z).normalize_or_zero());
+            }
+            "f" => self.face(arguments)?,
+            "usemtl" => {
+                self.name = Some(arguments.to_owned());
+                self.material = None;
+            }
+            "mtllib" => self.out.libraries.push(arguments.to_owned()),
+            // Names, groups and smoothing: given normals count.
+            "o" | "g" | "s" | "mg" | "vp" => {}
+            "l" | "p" => warnings.add("Lines and points are ignored: they have no surface."),
+            _ => warnings.add(format!("The OBJ statement {} is not supported and ignored.", quote(keyword))),
+        }
+        Ok(())
+    }
+
+    fn face(&mut self, arguments: &str) -> Result<(), String> {
+        self.face.clear();
+        for word in words(arguments) {
+            let corner = self.corner(word)?;
+            let vertex = self.vertex(corner)?;
+            self.face.push(vertex);
+        }
+        if self.face.len() < 3 {
+            return Err(format!("a face of {} corners; it needs at least 3", self.face.len()));
+        }
+        let material = match self.material {
+            Some(material) => material,
+            None => {
+                let next = self.indices.len() as u32;
+                let material = *self.indices.entry(self.name.clone()).or_insert(next);
+                if material == next {
+                    self.out.material_names.push(self.name.clone());
+                }
+                *self.material.insert(material)
+            }
+        };
+        let mesh = &mut self.out.mesh;
+        for pair in self.face[1..].windows(2) {
+            mesh.triangles.push([self.face[0], pair[0], pair[1]]);
+            mesh.materials.push(material);
+        }
+        Ok(())
+    }
+
+    /// `v`, `v/vt`, `v//vn` or `v/vt/vn`.
+    fn corner(&self, word: &str) -> Result<Corner, String> {
+        let mut parts = word.split('/');
+        let [position, uv, normal] = [(); 3].map(|()| parts.next().filter(|part| !part.is_empty()));
+        let (Some(position), None) = (position, parts.next()) else {
+            return Err(format!(
+                "{} is not the corner of a face (such as 7, 7/3, 7//5 or 7/3/5)",
+                quote(word)
+            ));
+        };
+        let optional =
+            |index: Option<&str>, what, count| index.map_or(Ok(NONE), |index| resolve(index, what, count));
+        Ok(Corner {
+            position: resolve(position, "vertex", self.positions.len())?,
+            uv: optional(uv, "texture coordinate", self.uvs.len())?,
+            normal: optional(normal, "normal", self.normals.len())?,
+        })
+    }
+
+    /// The mesh's vertex for a corner, made if there is none yet.
+    fn vertex(&mut self, corner: Corner) -> Result<u32, String> {
+        if let Some(&vertex) = self.vertices.get(&corner) {
+            return Ok(vertex);
+        }
+        let mesh = &mut self.out.mesh;
+        let vertex = u32::try_from(mesh.positions.len()).ok().filter(|&vertex| vertex != NONE);
+        let vertex = vertex.ok_or_else(|| format!("more than {NONE} different corners of faces"))?;
+        self.has[0] |= corner.uv != NONE;
+        self.has[1] |= corner.normal != NONE;
+        mesh.positions.push(self.positions[corner.position as usize]);
+        mesh.uvs.push(self.uvs.get(corner.uv as usize).copied().unwrap_or_default());
+        mesh.normals.push(self.normals.get(corner.normal as usize).copied().unwrap_or_default());
+        self.vertices.insert(corner, vertex);
+        Ok(vertex)
+    }
+
+    fn finish(mut self) -> Geometry {
+        let [uvs, normals] = self.has;
+        if !uvs {
+            self.out.mesh.uvs = Vec::new();
+        }
+        if !normals {
+            self.out.mesh.normals = Vec::new();
+        }
+        self.out
+    }
+}
+
+/// The index from 0 that an OBJ index means: from 1, or from −1 backwards, among `count` so far.
+fn resolve(index: &str, what: &str, count: usize) -> Result<u32, String> {
+    let number: i64 = index.parse().map_err(|_| format!("{} is not the index of a {what}", quote(index)))?;
+    let from_zero = if number > 0 { number - 1 } else { number.saturating_add(count as i64) };
+    let in_range = number != 0 && (0..count as i64).contains(&from_zero);
+    u32::try_from(from_zero).ok().filter(|&index| in_range && index != NONE).ok_or_else(|| {
+        if count == 0 {
+            format!("a face names {what} {number}, but none is defined above it")
+        } else {
+            format!(
+                "a face names {what} {number}, but {count} are defined above it (1 to {count}, or -{count} \
+                 to -1)"
+            )
+        }
+    })
+}
+
+/// The first three numbers of a statement, at least `required` of them; 0 for those left out.
+fn numbers(arguments: &str, required: usize) -> Result<[f32; 3], String> {
+    let mut list = [0.0; 3];
+    let mut found = 0;
+    for (slot, word) in list.iter_mut().zip(words(arguments)) {
+        *slot = word.parse().map_err(|_| format!("{} is not a number", quote(word)))?;
+        found += 1;
+    }
+    if found < required {
+        return Err(format!("{found} numbers; {required} are needed"));
+    }
+    Ok(list)
+}

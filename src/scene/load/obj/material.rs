@@ -1,0 +1,291 @@
+//! What an MTL definition means as a [`Material`].
+//!
+//! | illum | surface |
+//! |---|---|
+//! | 0, 1 | matte `Kd` |
+//! | none | matte `Kd`; with `Pr`, `Pm` or `Pc` as 2 |
+//! | 2, 8, 10 | with `Ni`, `Pr`, `Pm` or `Pc`: a dielectric coat over `Kd`, or metal by `Pm` |
+//! | | else a gloss of reflectance `Ks` and Phong exponent `Ns` over `Kd` |
+//! | | with black `Ks`, unless `Pm` or `Pc` is above 0, matte `Kd` |
+//! | 3, 5 | mirror `Ks`; with `Pr` or a partial `Pm` rough metal |
+//! | 4, 6, 7, 9 | smooth dielectric `Ni`, `Tf` |
+//!
+//! Where `Pm` makes a metal of illum 3 or 5 its colour is `Kd`, as the PBR extension has it, or `Ks` if
+//! `Kd` is black. Maps multiply their factors. A Phong exponent n is as glossy as GGX of alpha √(2 / (n + 2)); `Pr` is perceptual: alpha = `Pr`².
+
+use super::super::warnings::Warnings;
+use super::super::{LoadError, beside};
+use super::mtl::{Definition, Map};
+use crate::scene::load::textures::Textures;
+use crate::scene::{
+    Alpha, AlphaMode, Channel, Colour, ColourSpace, Emission, Material, NormalMap, Principled, Scalar,
+    Surface, TextureRef,
+};
+use glam::{Vec2, Vec3};
+use std::path::Path;
+
+/// Index of refraction where a file gives none: common glass.
+const GLASS: f32 = 1.5;
+
+/// Reflectance at normal incidence of a dielectric of index 1.5.
+const GLASS_REFLECTANCE: f32 = 0.04;
+
+/// What `definition`, from the file `path`, means.
+///
+/// # Errors
+/// When a texture is missing or cannot be decoded.
+pub(super) fn convert(
+    path: &Path,
+    definition: &Definition,
+    textures: &mut Textures,
+    warnings: &mut Warnings,
+) -> Result<Material, LoadError> {
+    let mut converter = Converter { path, definition, textures, warnings };
+    let surface = converter.surface()?;
+    let is_body = matches!(surface, Surface::Dielectric { .. });
+    Ok(Material {
+        name: definition.name.clone(),
+        surface,
+        emission: converter.emission()?,
+        normal_map: converter.normal_map()?,
+        // What passes through a dielectric is refracted; it must not be thinned out as well.
+        alpha: if is_body { Alpha::default() } else { converter.alpha()? },
+    })
+}
+
+struct Converter<'a> {
+    path: &'a Path,
+    definition: &'a Definition,
+    textures: &'a mut Textures,
+    warnings: &'a mut Warnings,
+}
+
+impl Converter<'_> {
+    fn surface(&mut self) -> Result<Surface, LoadError> {
+        let d = self.definition;
+        let has_pbr =
+            d.pr.is_some() || d.pm.is_some() || d.pc.is_some() || d.map_pr.is_some() || d.map_pm.is_some();
+        match d.illum {
+            Some(4 | 6 | 7 | 9) => self.dielectric(),
+            Some(3 | 5) => self.mirror(),
+            Some(2 | 8 | 10) => self.glossy(has_pbr || d.ni.is_some()),
+            None if has_pbr => self.glossy(true),
+            _ => {
+                if d.pm.unwrap_or(0.0) > 0.0 || d.pc.unwrap_or(0.0) > 0.0 {
+                    self.warn("Pm and Pc are ignored: illum 0 and 1 are matte");
+                }
+                Ok(Surface::Matte { reflectance: self.kd()? })
+            }
+        }
+    }
+
+    fn dielectric(&mut self) -> Result<Surface, LoadError> {
+        let ior = match self.definition.ni {
+            Some(ni) if ni > 0.0 => ni,
+            Some(ni) => {
+                self.warn(&format!("Ni is {ni}; an index of refraction must be above 0, so {GLASS} is used"));
+                GLASS
+            }
+            None => GLASS,
+        };
+        let transmittance = self.share("Tf", self.definition.tf.unwrap_or(Vec3::ONE));
+        Ok(Surface::Dielectric { ior, transmittance })
+    }
+
+    fn mirror(&mut self) -> Result<Surface, LoadError> {
+        let d = self.definition;
+        let is_coloured = d.map_kd.is_some() || d.kd.is_some_and(|kd| kd != Vec3::ZERO);
+        let metallic = d.pm.unwrap_or(0.0);
+        let tint = if is_coloured && metallic > 0.0 {
+            self.kd()?
+        } else {
+            if is_coloured {
+                self.warn("Kd is ignored: illum 3 and 5 are mirrors of Ks");
+            }
+            Colour::constant(self.share("Ks", d.ks.unwrap_or(Vec3::ONE)))
+        };
+        let is_rough = d.pr.unwrap_or(0.0) > 0.0 || d.map_pr.is_some();
+        let is_partial = metallic > 0.0 && metallic < 1.0 || d.map_pm.is_some();
+        if !is_rough && !is_partial {
+            return Ok(Surface::Mirror { reflectance: tint });
+        }
+        Ok(Surface::Principled(Principled {
+            base_colour: tint,
+            metallic: self.metallic(1.0)?,
+            roughness: self.roughness(0.0)?,
+            ..Principled::default()
+        }))
+    }
+
+    /// `is_coat`: index of refraction or roughness are given; else it is classic Phong.
+    fn glossy(&mut self, is_coat: bool) -> Result<Surface, LoadError> {
+        let d = self.definition;
+        let base_colour = self.kd()?;
+        let ks = d.ks.map(|ks| self.share("Ks", ks));
+        let has_gloss = ks.is_some_and(|ks| ks != Vec3::ZERO);
+        let is_dull = ks == Some(Vec3::ZERO)
+            && d.pm.unwrap_or(0.0) <= 0.0
+            && d.pc.unwrap_or(0.0) <= 0.0
+            && d.map_pm.is_none();
+        if is_dull || !is_coat && !has_gloss {
+            return Ok(Surface::Matte { reflectance: base_colour });
+        }
+        let phong = |ns: f32| (2.0 / (ns.max(0.0) + 2.0)).sqrt().sqrt();
+        let roughness = self.roughness(phong(d.ns.unwrap_or(0.0)))?;
+        if !is_coat {
+            return Ok(Surface::Principled(Principled {
+                base_colour,
+                roughness,
+                specular_colour: ks.unwrap_or(Vec3::ZERO) / GLASS_REFLECTANCE,
+                ..Principled::default()
+            }));
+        }
+        let ior = match d.ni {
+            Some(ni) if ni >= 1.0 => ni,
+            Some(ni) => {
+                self.warn(&format!("Ni is {ni}; the coat of a surface needs at least 1, so 1 is used"));
+                1.0
+            }
+            None => GLASS,
+        };
+        Ok(Surface::Principled(Principled {
+            base_colour,
+            metallic: self.metallic(0.0)?,
+            roughness,
+            ior,
+            // Ni says how strong the coat is; a black Ks, that there is none.
+            specular: if ks == Some(Vec3::ZERO) { 0.0 } else { 1.0 },
+            clearcoat: Scalar::constant(self.held("Pc", d.pc.unwrap_or(0.0))),
+            clearcoat_roughness: Scalar::constant(self.held("Pcr", d.pcr.unwrap_or(0.0))),
+            ..Principled::default()
+        }))
+    }
+
+    fn kd(&mut self) -> Result<Colour, LoadError> {
+        let d = self.definition;
+        let unset = if d.map_kd.is_some() { Vec3::ONE } else { Vec3::splat(0.8) };
+        let factor = self.share("Kd", d.kd.unwrap_or(unset));
+        Ok(Colour { factor, texture: self.colour_map(&d.map_kd)? })
+    }
+
+    fn roughness(&mut self, unset: f32) -> Result<Scalar, LoadError> {
+        let d = self.definition;
+        let unset = if d.map_pr.is_some() { 1.0 } else { unset };
+        let factor = self.held("Pr", d.pr.unwrap_or(unset));
+        Ok(Scalar { factor, texture: self.scalar_map(&d.map_pr)? })
+    }
+
+    fn metallic(&mut self, unset: f32) -> Result<Scalar, LoadError> {
+        let d = self.definition;
+        let unset = if d.map_pm.is_some() { 1.0 } else { unset };
+        let factor = self.held("Pm", d.pm.unwrap_or(unset));
+        Ok(Scalar { factor, texture: self.scalar_map(&d.map_pm)? })
+    }
+
+    fn emission(&mut self) -> Result<Option<Emission>, LoadError> {
+        let d = self.definition;
+        let unset = if d.map_ke.is_some() { Vec3::ONE } else { Vec3::ZERO };
+        let mut factor = d.ke.unwrap_or(unset);
+        if factor.min_element() < 0.0 {
+            self.warn("Ke is negative; it counts as 0");
+            factor = factor.max(Vec3::ZERO);
+        }
+        if factor == Vec3::ZERO {
+            if d.map_ke.is_some() {
+                self.warn("map_Ke has no effect: it is multiplied by Ke, which is black");
+            }
+            return Ok(None);
+        }
+        let radiance = Colour { factor, texture: self.colour_map(&d.map_ke)? };
+        Ok(Some(Emission { radiance, two_sided: true }))
+    }
+
+    fn normal_map(&mut self) -> Result<Option<NormalMap>, LoadError> {
+        let d = self.definition;
+        if let Some(map) = &d.norm {
+            return Ok(Some(NormalMap {
+                texture: self.texture(map, ColourSpace::Linear)?.1,
+                scale: map.bump,
+            }));
+        }
+        let Some(map) = &d.map_bump else { return Ok(None) };
+        let (image, texture) = self.texture(map, ColourSpace::Linear)?;
+        if self.textures.pixels(image).looks_like_normals() {
+            return Ok(Some(NormalMap { texture, scale: map.bump }));
+        }
+        self.warn("map_Bump holds heights, not normals, and is ignored; bake it to a normal map (norm)");
+        Ok(None)
+    }
+
+    fn alpha(&mut self) -> Result<Alpha, LoadError> {
+        let d = self.definition;
+        let opacity = d.d.or(d.tr.map(|tr| 1.0 - tr)).unwrap_or(1.0);
+        let factor = self.held("d", opacity);
+        if factor == 0.0 {
+            self.warn("it is invisible: d is 0, or Tr is 1");
+        }
+        let texture = match (&d.map_d, &d.map_kd) {
+            (Some(map), _) => {
+                let (image, texture) = self.texture(map, ColourSpace::Linear)?;
+                let default =
+                    if self.textures.pixels(image).has_alpha() { Channel::A } else { Channel::Luminance };
+                Some((texture, map.channel.unwrap_or(default)))
+            }
+            (None, Some(map)) => {
+                let (image, texture) = self.texture(map, ColourSpace::Srgb)?;
+                self.textures.pixels(image).has_alpha().then_some((texture, Channel::A))
+            }
+            (None, None) => None,
+        };
+        let mode = match texture {
+            _ if factor < 1.0 => AlphaMode::Blend,
+            Some(_) => AlphaMode::Mask { cutoff: 0.5 },
+            None => AlphaMode::Opaque,
+        };
+        Ok(Alpha { mode, value: Scalar { factor, texture } })
+    }
+
+    fn colour_map(&mut self, map: &Option<Map>) -> Result<Option<TextureRef>, LoadError> {
+        map.as_ref().map(|map| Ok(self.texture(map, ColourSpace::Srgb)?.1)).transpose()
+    }
+
+    fn scalar_map(&mut self, map: &Option<Map>) -> Result<Option<(TextureRef, Channel)>, LoadError> {
+        let scalar = |map: &Map| {
+            let texture = self.texture(map, ColourSpace::Linear)?.1;
+            Ok((texture, map.channel.unwrap_or(Channel::Luminance)))
+        };
+        map.as_ref().map(scalar).transpose()
+    }
+
+    /// The image of a map and the texture as the map lays it.
+    fn texture(&mut self, map: &Map, space: ColourSpace) -> Result<(usize, TextureRef), LoadError> {
+        let image =
+            self.textures.file(&beside(self.path, &map.file)).map_err(|problem| LoadError::Texture {
+                path: self.path.to_owned(),
+                material: self.definition.name.clone(),
+                texture: format!("{:?}", map.file),
+                problem,
+            })?;
+        let texture = self.textures.texture(image, space, [map.wrap; 2]);
+        // MTL scales and shifts with v upwards, the mesh's v points down.
+        let offset = Vec2::new(map.offset.x, 1.0 - map.scale.y - map.offset.y);
+        Ok((image, TextureRef { scale: map.scale, offset, ..TextureRef::plain(texture) }))
+    }
+
+    /// A colour that is a share: each component held to 0..=1.
+    fn share(&mut self, what: &str, colour: Vec3) -> Vec3 {
+        let name = &self.definition.name;
+        colour.map(|v| {
+            self.warnings.clamp(format_args!("Material {name:?}: a component of {what}"), v, 0.0, 1.0)
+        })
+    }
+
+    /// A number held to 0..=1.
+    fn held(&mut self, what: &str, value: f32) -> f32 {
+        self.warnings.clamp(format_args!("Material {:?}: {what}", self.definition.name), value, 0.0, 1.0)
+    }
+
+    fn warn(&mut self, problem: &str) {
+        self.warnings.add(format!("Material {:?}: {problem}.", self.definition.name));
+    }
+}

@@ -1,0 +1,115 @@
+//! Wavefront OBJ.
+//!
+//! Read here rather than by a crate: errors must name the line, faces must keep the file's order
+//! across groups and materials, and faces with and without texture coordinates or normals may mix.
+
+mod geometry;
+mod material;
+mod mtl;
+
+use super::textures::Textures;
+use super::warnings::Warnings;
+use super::{LoadError, beside, quote, read};
+use crate::scene::{Material, Scene};
+use geometry::Geometry;
+use std::borrow::Cow;
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+/// Loads an OBJ file with the MTL files and textures that it names.
+pub(super) fn load(path: &Path) -> Result<Scene, LoadError> {
+    let mut warnings = Warnings::default();
+    let mut geometry = Geometry::read(path, &read(path)?, &mut warnings)?;
+    let mut textures = Textures::default();
+    let mut materials = Vec::new();
+    let mut by_name = HashMap::new();
+    for library in libraries(path, &geometry.libraries, &mut warnings) {
+        for definition in mtl::parse(&library, &read(&library)?, &mut warnings)? {
+            let material = material::convert(&library, &definition, &mut textures, &mut warnings)?;
+            // The first definition of a name counts.
+            if !by_name.contains_key(&material.name) {
+                by_name.insert(material.name.clone(), materials.len() as u32);
+                materials.push(material);
+            }
+        }
+    }
+    let mut fallback = None;
+    let indices: Vec<u32> = geometry
+        .material_names
+        .iter()
+        .map(|name| {
+            let known = name.as_ref().and_then(|name| by_name.get(name)).copied();
+            if let (None, Some(name)) = (known, name) {
+                warnings
+                    .add(format!("The material {} is not defined; its faces are matte grey.", quote(name)));
+            }
+            known.unwrap_or_else(|| {
+                *fallback.get_or_insert_with(|| {
+                    materials.push(Material::fallback());
+                    (materials.len() - 1) as u32
+                })
+            })
+        })
+        .collect();
+    for material in &mut geometry.mesh.materials {
+        *material = indices[*material as usize];
+    }
+    Ok(Scene {
+        mesh: geometry.mesh,
+        materials,
+        textures: textures.into_list(),
+        warnings: warnings.into_list(),
+        ..Scene::default()
+    })
+}
+
+/// The files that `mtllib` statements name: each names one file, spaces included, or several.
+fn libraries(path: &Path, statements: &[String], warnings: &mut Warnings) -> Vec<PathBuf> {
+    let mut found = Vec::new();
+    for statement in statements {
+        let whole = beside(path, statement);
+        let names =
+            if whole.is_file() { vec![statement.as_str()] } else { statement.split_whitespace().collect() };
+        for name in names {
+            let library = beside(path, name);
+            if !library.is_file() {
+                warnings.add(format!("The material library {} is missing.", quote(name)));
+            } else if !found.contains(&library) {
+                found.push(library);
+            }
+        }
+    }
+    found
+}
+
+/// The statements of a text file with the number, from 1, of the line they begin on: comment lines
+/// and blank ones left out, lines that end in a backslash joined to the next.
+fn statements(text: &str) -> impl Iterator<Item = (usize, Cow<'_, str>)> {
+    let mut rest = text.strip_prefix('\u{feff}').unwrap_or(text).lines().zip(1..);
+    std::iter::from_fn(move || {
+        loop {
+            let (first, number) = rest.next()?;
+            let first = first.trim();
+            if first.is_empty() || first.starts_with('#') {
+                continue;
+            }
+            let mut statement = Cow::Borrowed(first);
+            while let Some(head) = statement.strip_suffix('\\') {
+                let next = rest.next().map_or("", |(next, _)| next.trim());
+                statement = Cow::Owned(format!("{head} {next}"));
+            }
+            return Some((number, statement));
+        }
+    })
+}
+
+/// The words of a statement that takes numbers, up to a comment.
+fn words(arguments: &str) -> impl Iterator<Item = &str> {
+    arguments.split_ascii_whitespace().take_while(|word| !word.starts_with('#'))
+}
+
+/// A statement's keyword and what follows it.
+fn split_keyword(line: &str) -> (&str, &str) {
+    let end = line.find(char::is_whitespace).unwrap_or(line.len());
+    (&line[..end], line[end..].trim_start())
+}

@@ -1,0 +1,200 @@
+//! PLY: ASCII, binary little-endian and binary big-endian.
+//!
+//! Read here rather than by a crate: scans hold numbers such as `1.` and `nan` normals, damaged files
+//! must name the row, and a header of a few bytes must not cost memory for the rows that it promises.
+
+mod header;
+mod values;
+
+use super::warnings::Warnings;
+use super::{LoadError, quote, read};
+use crate::geom::MAX_COORDINATE;
+use crate::scene::{Material, Mesh, Scene};
+use glam::{Vec2, Vec3};
+use header::{Element, Form, Header, Property};
+use std::path::Path;
+use values::Values;
+
+/// Loads a PLY file: its vertices (`x y z`, `nx ny nz`, `u v` or `s t`) and faces or triangle strips,
+/// matte grey.
+pub(super) fn load(path: &Path) -> Result<Scene, LoadError> {
+    let bytes = read(path)?;
+    let header = Header::read(path, &bytes)?;
+    let mut warnings = Warnings::default();
+    let mut reader = Reader { path, values: Values::new(&bytes, &header), mesh: Mesh::default() };
+    for element in &header.elements {
+        reader.element(element, &mut warnings)?;
+    }
+    let mut mesh = reader.mesh;
+    mesh.materials = vec![0; mesh.triangles.len()];
+    let materials = vec![Material::fallback()];
+    Ok(Scene { mesh, materials, warnings: warnings.into_list(), ..Scene::default() })
+}
+
+/// What a property of a vertex means.
+#[derive(Clone, Copy, PartialEq)]
+enum Role {
+    Position(usize),
+    Normal(usize),
+    Uv(usize),
+    Colour,
+    Other,
+}
+
+impl Role {
+    fn of(name: &str) -> Self {
+        match name {
+            "x" => Self::Position(0),
+            "y" => Self::Position(1),
+            "z" => Self::Position(2),
+            "nx" => Self::Normal(0),
+            "ny" => Self::Normal(1),
+            "nz" => Self::Normal(2),
+            "u" | "s" | "texture_u" | "texture_s" => Self::Uv(0),
+            "v" | "t" | "texture_v" | "texture_t" => Self::Uv(1),
+            "red" | "green" | "blue" => Self::Colour,
+            _ => Self::Other,
+        }
+    }
+}
+
+/// What has been read so far.
+struct Reader<'a> {
+    path: &'a Path,
+    values: Values<'a>,
+    mesh: Mesh,
+}
+
+impl Reader<'_> {
+    fn element(&mut self, element: &Element, warnings: &mut Warnings) -> Result<(), LoadError> {
+        self.values.check_room(element).map_err(|problem| LoadError::Place {
+            path: self.path.to_owned(),
+            place: format!("element {}", element.name),
+            problem,
+        })?;
+        match element.name.as_str() {
+            "vertex" => self.vertices(element, warnings),
+            "face" => self.faces(element, warnings, |corners, out| {
+                out.extend(corners[1..].windows(2).map(|pair| [corners[0], pair[0], pair[1]]));
+            }),
+            "tristrips" => self.faces(element, warnings, strip),
+            name => {
+                if name != "edge" {
+                    warnings.add(format!("The PLY element {} is ignored.", quote(name)));
+                }
+                (0..element.count).try_for_each(|row| {
+                    let skipped = element.properties.iter().try_for_each(|p| self.values.skip(&p.form));
+                    skipped.map_err(|problem| self.error(element, row, problem))
+                })
+            }
+        }
+    }
+
+    fn vertices(&mut self, element: &Element, warnings: &mut Warnings) -> Result<(), LoadError> {
+        let roles: Vec<Role> = element.properties.iter().map(|p| Role::of(&p.name)).collect();
+        let has = |role| roles.contains(&role);
+        if let Some(axis) = (0..3).find(|&axis| !has(Role::Position(axis))) {
+            let axis = ["x", "y", "z"][axis];
+            return Err(self.error(element, 0, format!("the vertices have no property {axis}")));
+        }
+        let normals = (0..3).all(|axis| has(Role::Normal(axis)));
+        let uvs = (0..2).all(|axis| has(Role::Uv(axis)));
+        if has(Role::Colour) {
+            warnings.add("Vertex colours are ignored.");
+        }
+        for row in 0..element.count {
+            let [mut position, mut normal, mut uv] = [[0.0_f32; 3]; 3];
+            for (property, role) in element.properties.iter().zip(&roles) {
+                let slot = match (*role, &property.form) {
+                    (Role::Position(axis), Form::Scalar(kind)) => Some((&mut position[axis], kind)),
+                    (Role::Normal(axis), Form::Scalar(kind)) => Some((&mut normal[axis], kind)),
+                    (Role::Uv(axis), Form::Scalar(kind)) => Some((&mut uv[axis], kind)),
+                    _ => None,
+                };
+                let result = match slot {
+                    Some((slot, kind)) => self.values.number(*kind).map(|value| *slot = value as f32),
+                    None => self.values.skip(&property.form),
+                };
+                result.map_err(|problem| self.error(element, row, problem))?;
+            }
+            let [x, y, z] = position;
+            // NaN fails the comparison too.
+            if !Vec3::from(position).abs().cmple(Vec3::splat(MAX_COORDINATE)).all() {
+                let problem = format!(
+                    "is at ({x}, {y}, {z}); coordinates must be finite and at most {MAX_COORDINATE:e} in size"
+                );
+                return Err(self.error(element, row, problem));
+            }
+            self.mesh.positions.push(position.into());
+            if normals {
+                self.mesh.normals.push(Vec3::from(normal).normalize_or_zero());
+            }
+            if uvs {
+                // v points up in PLY files.
+                let uv = Vec2::new(uv[0], 1.0 - uv[1]);
+                self.mesh.uvs.push(if uv.is_finite() { uv } else { Vec2::ZERO });
+            }
+        }
+        Ok(())
+    }
+
+    /// Rows with a list of vertices, which `triangulate` takes apart.
+    fn faces(
+        &mut self,
+        element: &Element,
+        warnings: &mut Warnings,
+        triangulate: impl Fn(&[i64], &mut Vec<[i64; 3]>),
+    ) -> Result<(), LoadError> {
+        let is_list = |p: &&Property| matches!(p.name.as_str(), "vertex_indices" | "vertex_index");
+        let Some(list) = element.properties.iter().find(is_list) else {
+            return Err(self.error(element, 0, "has no list vertex_indices".into()));
+        };
+        let vertices = self.mesh.positions.len();
+        let mut corners = Vec::new();
+        let mut triangles = Vec::new();
+        for row in 0..element.count {
+            corners.clear();
+            for property in &element.properties {
+                let result = if std::ptr::eq(property, list) {
+                    self.values.list(&property.form, &mut corners)
+                } else {
+                    self.values.skip(&property.form)
+                };
+                result.map_err(|problem| self.error(element, row, problem))?;
+            }
+            if corners.len() < 3 {
+                warnings.add("Faces of fewer than 3 corners are ignored.");
+                continue;
+            }
+            triangles.clear();
+            triangulate(&corners, &mut triangles);
+            for &triangle in &triangles {
+                if let Some(index) = triangle.iter().find(|&&i| !(0..vertices as i64).contains(&i)) {
+                    let problem = format!("names vertex {index}, but {vertices} are defined before it");
+                    return Err(self.error(element, row, problem));
+                }
+                self.mesh.triangles.push(triangle.map(|index| index as u32));
+            }
+        }
+        Ok(())
+    }
+
+    fn error(&self, element: &Element, row: usize, problem: String) -> LoadError {
+        let path = self.path.to_owned();
+        match self.values.line() {
+            Some(line) => {
+                LoadError::Line { path, line, problem: format!("{} {row}: {problem}", element.name) }
+            }
+            None => LoadError::Place { path, place: format!("{} {row}", element.name), problem },
+        }
+    }
+}
+
+/// Every vertex makes a triangle with the two before it; −1 begins anew.
+fn strip(corners: &[i64], out: &mut Vec<[i64; 3]>) {
+    for run in corners.split(|&corner| corner == -1) {
+        for (i, w) in run.windows(3).enumerate() {
+            out.push(if i % 2 == 0 { [w[0], w[1], w[2]] } else { [w[1], w[0], w[2]] });
+        }
+    }
+}

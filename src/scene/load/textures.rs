@@ -1,0 +1,130 @@
+//! The textures of a scene while it is loaded: each image is decoded once, each use of it in another
+//! colour space or with other edges is a texture that shares its texels.
+
+use super::decode::decode;
+use crate::scene::{ColourSpace, Texture, Wrap};
+use image::DynamicImage;
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// Where an image comes from.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub(super) enum Source {
+    /// A file.
+    File(PathBuf),
+    /// Numbered by the loader: an image inside the scene file.
+    Embedded(usize),
+}
+
+/// A decoded image.
+#[derive(Debug)]
+pub(super) struct Pixels {
+    name: String,
+    width: u32,
+    height: u32,
+    texels: Arc<[[u8; 4]]>,
+    /// Decoded from floating point: the values are linear whatever they are used for.
+    is_float: bool,
+}
+
+impl Pixels {
+    fn new(name: String, image: DynamicImage) -> Self {
+        let is_float = matches!(image, DynamicImage::ImageRgb32F(_) | DynamicImage::ImageRgba32F(_));
+        let rgba = image.into_rgba8();
+        let (width, height) = rgba.dimensions();
+        let texels = bytemuck::cast_slice::<u8, [u8; 4]>(rgba.as_raw()).into();
+        Self { name, width, height, texels, is_float }
+    }
+
+    /// Whether any texel lets light through.
+    pub(super) fn has_alpha(&self) -> bool {
+        self.texels.iter().any(|texel| texel[3] != 255)
+    }
+
+    /// Whether the image looks like a tangent-space normal map and not like heights: nearly all texels
+    /// decode to vectors that are about as long as 1 and point outwards, and they are not all grey.
+    pub(super) fn looks_like_normals(&self) -> bool {
+        let is_normal = |&[r, g, b, _]: &[u8; 4]| {
+            let [x, y, z] = [r, g, b].map(|v| f32::from(v) * (2.0 / 255.0) - 1.0);
+            z > 0.0 && (0.7..1.3).contains(&(x * x + y * y + z * z)) && !(r == g && g == b)
+        };
+        let hits = self.texels.iter().filter(|texel| is_normal(texel)).count();
+        hits * 10 >= self.texels.len() * 9
+    }
+}
+
+/// All images and textures so far.
+#[derive(Debug, Default)]
+pub(super) struct Textures {
+    images: Vec<Pixels>,
+    by_source: HashMap<Source, usize>,
+    textures: Vec<Texture>,
+    by_use: HashMap<(usize, ColourSpace, [Wrap; 2]), u32>,
+}
+
+impl Textures {
+    /// The number of an image, decoded if it is new. `name` is what warnings call it; `bytes` is asked
+    /// for its file only then.
+    ///
+    /// # Errors
+    /// A sentence without the image's name.
+    pub(super) fn image(
+        &mut self,
+        source: Source,
+        name: &str,
+        bytes: impl FnOnce() -> Result<Vec<u8>, String>,
+    ) -> Result<usize, String> {
+        if let Some(&image) = self.by_source.get(&source) {
+            return Ok(image);
+        }
+        let pixels = Pixels::new(name.to_owned(), decode(&bytes()?, Path::new(name))?);
+        self.images.push(pixels);
+        self.by_source.insert(source, self.images.len() - 1);
+        Ok(self.images.len() - 1)
+    }
+
+    /// The number of the image in a file.
+    ///
+    /// # Errors
+    /// A sentence without the file's name.
+    pub(super) fn file(&mut self, path: &Path) -> Result<usize, String> {
+        self.image(Source::File(path.to_owned()), &path.to_string_lossy(), || {
+            std::fs::read(path).map_err(|e| format!("cannot read {}: {e}", path.display()))
+        })
+    }
+
+    /// A decoded image.
+    pub(super) fn pixels(&self, image: usize) -> &Pixels {
+        &self.images[image]
+    }
+
+    /// The index of the texture that shows an image in this way.
+    pub(super) fn texture(&mut self, image: usize, space: ColourSpace, wrap: [Wrap; 2]) -> u32 {
+        let pixels = &self.images[image];
+        let space = if pixels.is_float { ColourSpace::Linear } else { space };
+        let textures = &mut self.textures;
+        *self.by_use.entry((image, space, wrap)).or_insert_with(|| {
+            textures.push(Texture {
+                name: pixels.name.clone(),
+                width: pixels.width,
+                height: pixels.height,
+                texels: pixels.texels.clone(),
+                space,
+                wrap_u: wrap[0],
+                wrap_v: wrap[1],
+            });
+            (textures.len() - 1) as u32
+        })
+    }
+
+    /// Whether a texture's alpha is 1 everywhere.
+    pub(super) fn is_opaque(&self, texture: u32) -> bool {
+        self.textures[texture as usize].texels.iter().all(|texel| texel[3] == 255)
+    }
+
+    /// All textures.
+    pub(super) fn into_list(self) -> Vec<Texture> {
+        self.textures
+    }
+}

@@ -1,0 +1,265 @@
+//! Scenes described in a few lines of JSON and generated: what raystream ships instead of meshes.
+//!
+//! ```json
+//! { "camera": { "eye": [0, 2, 6], "target": [0, 1, 0], "fov_degrees": 35 },
+//!   "environment": [0.2, 0.3, 0.5],
+//!   "textures": { "tiles": { "pattern": "checker", "colours": [[200, 190, 170], [90, 60, 40]], "cells": 8 } },
+//!   "materials": { "floor": { "colour": [1, 1, 1], "texture": "tiles", "roughness": 0.3 },
+//!                  "lamp": { "colour": [0, 0, 0], "emission": [12, 11, 9] } },
+//!   "shapes": [ { "shape": "quad", "corner": [-3, 0, 3], "u": [6, 0, 0], "v": [0, 0, -6], "material": "floor" },
+//!               { "shape": "quad", "corner": [-1, 4, 1], "u": [0, 0, -2], "v": [2, 0, 0], "material": "lamp" } ] }
+//! ```
+//!
+//! Unknown fields are errors that name the line. [`Shape`] lists the shapes, [`Pattern`] the textures.
+
+mod pattern;
+mod shape;
+
+pub use pattern::Pattern;
+pub use shape::Shape;
+
+use super::{
+    Alpha, Camera, Colour, Emission, Environment, Material, Principled, Scalar, Scene, Surface, TextureRef,
+};
+use glam::Vec3;
+use serde::Deserialize;
+use std::collections::BTreeMap;
+
+/// A scene in a few lines. Maps are sorted by name, so the order of materials is stable.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Recipe {
+    /// Framed automatically when absent.
+    pub camera: Option<View>,
+    /// Constant radiance from all around; black when absent.
+    pub environment: Option<Vec3>,
+    /// Textures by name.
+    #[serde(default)]
+    pub textures: BTreeMap<String, Pattern>,
+    /// Materials by name.
+    pub materials: BTreeMap<String, Finish>,
+    /// What stands in the scene, in primitive order.
+    pub shapes: Vec<Placed>,
+}
+
+/// A camera; up is +y.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct View {
+    /// Where it stands.
+    pub eye: Vec3,
+    /// What it looks at.
+    pub target: Vec3,
+    /// Vertical field of view.
+    pub fov_degrees: f32,
+}
+
+/// A material: glass when `ior` is given, a mirror when `mirror` is true, else glTF's
+/// metallic-roughness, matte when `roughness` is absent too.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Finish {
+    /// Linear Rec. 709, multiplied with the texture.
+    pub colour: Vec3,
+    /// Name of a texture.
+    pub texture: Option<String>,
+    /// Perceptual roughness, 0..=1.
+    pub roughness: Option<f32>,
+    /// Share of metal, 0..=1.
+    #[serde(default)]
+    pub metallic: f32,
+    /// Strength of a smooth clear coat, 0..=1.
+    #[serde(default)]
+    pub clearcoat: f32,
+    /// Index of refraction of a smooth glass tinted by `colour`.
+    pub ior: Option<f32>,
+    /// A perfect mirror.
+    #[serde(default)]
+    pub mirror: bool,
+    /// Radiance given off on both sides.
+    pub emission: Option<Vec3>,
+}
+
+/// A shape and what it is made of.
+#[derive(Clone, Debug, Deserialize)]
+pub struct Placed {
+    /// The shape, its fields beside `material`.
+    #[serde(flatten)]
+    pub shape: Shape,
+    /// Name of a material.
+    pub material: String,
+}
+
+/// What is wrong with a recipe.
+#[derive(Debug, thiserror::Error)]
+pub enum RecipeError {
+    /// Not JSON, or not a recipe.
+    #[error("{0}")]
+    Parse(#[from] serde_json::Error),
+    /// A name that nothing defines.
+    #[error("{user} names the {kind} {name:?}, which the recipe does not define")]
+    Unknown {
+        /// What names it.
+        user: String,
+        /// What should be defined.
+        kind: &'static str,
+        /// The name.
+        name: String,
+    },
+    /// A number out of range.
+    #[error("{place}: {problem}")]
+    Range {
+        /// Which shape, texture or material.
+        place: String,
+        /// What is wrong and what is allowed.
+        problem: String,
+    },
+}
+
+impl Recipe {
+    /// Reads a recipe.
+    ///
+    /// # Errors
+    /// When the text is not a recipe; the message names line and column.
+    pub fn parse(text: &str) -> Result<Self, RecipeError> {
+        Ok(serde_json::from_str(text)?)
+    }
+
+    /// Generates the scene.
+    ///
+    /// # Errors
+    /// When a name is unknown or a number out of range.
+    pub fn build(&self) -> Result<Scene, RecipeError> {
+        let mut scene = Scene {
+            environment: Environment::Constant(self.environment.unwrap_or_default()),
+            camera: self.camera.map(|v| Camera {
+                eye: v.eye,
+                target: v.target,
+                up: Vec3::Y,
+                fov_degrees: v.fov_degrees,
+            }),
+            ..Scene::default()
+        };
+        for (name, pattern) in &self.textures {
+            let place = || format!("texture {name:?}");
+            let texture =
+                pattern.paint(name).map_err(|problem| RecipeError::Range { place: place(), problem })?;
+            scene.textures.push(texture);
+        }
+        for (name, finish) in &self.materials {
+            scene.materials.push(self.material(name, finish)?);
+        }
+        for (index, placed) in self.shapes.iter().enumerate() {
+            let place = || format!("shape {index}");
+            let material = position(&self.materials, &placed.material).ok_or_else(|| {
+                RecipeError::Unknown { user: place(), kind: "material", name: placed.material.clone() }
+            })?;
+            placed
+                .shape
+                .tessellate(material, &mut scene.mesh)
+                .map_err(|problem| RecipeError::Range { place: place(), problem })?;
+        }
+        Ok(scene)
+    }
+
+    fn material(&self, name: &str, finish: &Finish) -> Result<Material, RecipeError> {
+        let range = |what: &str, value: f32, allowed: std::ops::RangeInclusive<f32>| {
+            if allowed.contains(&value) {
+                return Ok(value);
+            }
+            let problem =
+                format!("{what} is {value}; it must lie in {} to {}", allowed.start(), allowed.end());
+            Err(RecipeError::Range { place: format!("material {name:?}"), problem })
+        };
+        range("the largest colour channel", finish.colour.max_element(), 0.0..=1.0)?;
+        range("the smallest colour channel", finish.colour.min_element(), 0.0..=1.0)?;
+        let texture = match &finish.texture {
+            None => None,
+            Some(texture) => {
+                let index = position(&self.textures, texture).ok_or_else(|| RecipeError::Unknown {
+                    user: format!("material {name:?}"),
+                    kind: "texture",
+                    name: texture.clone(),
+                })?;
+                Some(TextureRef::plain(index))
+            }
+        };
+        let colour = Colour { factor: finish.colour, texture };
+        let surface = if let Some(ior) = finish.ior {
+            Surface::Dielectric { ior: range("ior", ior, 1.0..=4.0)?, transmittance: finish.colour }
+        } else if finish.mirror {
+            Surface::Mirror { reflectance: colour }
+        } else if let Some(roughness) = finish.roughness {
+            Surface::Principled(Principled {
+                base_colour: colour,
+                metallic: Scalar::constant(range("metallic", finish.metallic, 0.0..=1.0)?),
+                roughness: Scalar::constant(range("roughness", roughness, 0.0..=1.0)?),
+                clearcoat: Scalar::constant(range("clearcoat", finish.clearcoat, 0.0..=1.0)?),
+                ..Principled::default()
+            })
+        } else {
+            Surface::Matte { reflectance: colour }
+        };
+        let emission = match finish.emission {
+            None => None,
+            Some(radiance) => {
+                range("emission", radiance.max_element(), 0.0..=1e6)?;
+                range("emission", radiance.min_element(), 0.0..=1e6)?;
+                Some(Emission { radiance: Colour::constant(radiance), two_sided: true })
+            }
+        };
+        Ok(Material { name: name.into(), surface, emission, normal_map: None, alpha: Alpha::default() })
+    }
+}
+
+/// Index of a name in a sorted map: materials and textures are numbered in that order.
+fn position<T>(map: &BTreeMap<String, T>, name: &str) -> Option<u32> {
+    map.keys().position(|k| k == name).map(|i| i as u32)
+}
+
+/// Says which number is out of range, and what the range is.
+fn within<T: PartialOrd + std::fmt::Display>(what: &str, value: T, low: T, high: T) -> Result<(), String> {
+    if (&low..=&high).contains(&&value) {
+        return Ok(());
+    }
+    Err(format!("{what} is {value}; it must lie in {low} to {high}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn build(shapes: &str) -> Result<Scene, RecipeError> {
+        Recipe::parse(&format!(
+            r#"{{ "textures": {{ "t": {{ "pattern": "checker", "colours": [[255,255,255],[0,0,0]], "cells": 2 }} }},
+                 "materials": {{ "b": {{ "colour": [1,1,1], "texture": "t" }}, "a": {{ "colour": [0,0,0], "emission": [1,2,3] }} }},
+                 "shapes": [{shapes}] }}"#
+        ))?
+        .build()
+    }
+
+    #[test]
+    fn shapes_are_appended_in_order_with_their_materials() {
+        let quad = r#"{ "shape": "quad", "corner": [0,0,0], "u": [1,0,0], "v": [0,1,0], "material": "b" }"#;
+        let lamp = quad.replace(r#""b""#, r#""a""#);
+        let scene = build(&format!("{quad}, {lamp}")).expect("valid");
+        assert_eq!(scene.mesh.materials, [1, 1, 0, 0]);
+        scene.mesh.validate(scene.materials.len()).expect("valid");
+        assert!(scene.materials[0].emission.is_some() && scene.materials[1].emission.is_none());
+    }
+
+    #[test]
+    fn mistakes_are_named() {
+        let unknown =
+            r#"{ "shape": "quad", "corner": [0,0,0], "u": [1,0,0], "v": [0,1,0], "material": "c" }"#;
+        assert_eq!(
+            build(unknown).expect_err("unknown").to_string(),
+            r#"shape 0 names the material "c", which the recipe does not define"#
+        );
+        let typo = build(r#"{ "shape": "qaud", "material": "a" }"#).expect_err("typo").to_string();
+        assert!(typo.contains("qaud") && typo.contains("line"), "{typo}");
+        let big = r#"{ "shape": "sphere", "centre": [0,0,0], "radius": -1, "cells": 4, "material": "a" }"#;
+        let range = build(big).expect_err("range").to_string();
+        assert!(range.starts_with("shape 0:") && range.contains("-1"), "{range}");
+    }
+}

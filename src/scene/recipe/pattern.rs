@@ -1,0 +1,106 @@
+//! Generated textures.
+
+use super::within;
+use crate::scene::{ColourSpace, Texture, Wrap};
+use noise::{Fbm, MultiFractal, NoiseFn, Perlin};
+use serde::Deserialize;
+
+/// A texture by rule. Colours are 8-bit sRGB.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(tag = "pattern", rename_all = "snake_case", deny_unknown_fields)]
+pub enum Pattern {
+    /// A chessboard.
+    Checker {
+        /// Of the two kinds of cells.
+        colours: [[u8; 3]; 2],
+        /// Cells along each side, 1 to 256.
+        cells: u32,
+    },
+    /// Tiles with joints: a square of the first colour, slightly different from tile to tile, and lines of
+    /// the second between them.
+    Tiles {
+        /// Of tiles and joints.
+        colours: [[u8; 3]; 2],
+        /// Tiles along each side, 1 to 64.
+        cells: u32,
+        /// Width of a joint in tiles, 0 to 0.5.
+        joint: f32,
+    },
+    /// Wood: rings around an axis a little beside the image, bent by noise, and fine fibres.
+    Wood {
+        /// Of early and late wood.
+        colours: [[u8; 3]; 2],
+        /// Rings across the image, above 0.
+        rings: f64,
+    },
+}
+
+/// Texels along each side of a generated texture.
+const SIZE: u32 = 1024;
+
+impl Pattern {
+    /// Paints the texture, or says which number is out of range.
+    pub(super) fn paint(&self, name: &str) -> Result<Texture, String> {
+        let texels = match self {
+            Self::Checker { colours, cells } => {
+                within("cells", *cells, 1, 256)?;
+                texels(|u, v| {
+                    let cell = |x: f64| (x * f64::from(*cells)) as u32;
+                    colours[((cell(u) + cell(v)) % 2) as usize].map(f64::from)
+                })
+            }
+            Self::Tiles { colours, cells, joint } => {
+                within("cells", *cells, 1, 64)?;
+                within("joint", *joint, 0.0, 0.5)?;
+                let stain = Fbm::<Perlin>::new(7).set_octaves(5);
+                texels(|u, v| {
+                    let (x, y) = (u * f64::from(*cells), v * f64::from(*cells));
+                    let edge = f64::from(*joint) * 0.5;
+                    let inside = |t: f64| (edge..1.0 - edge).contains(&(t - libm::floor(t)));
+                    if !(inside(x) && inside(y)) {
+                        return colours[1].map(f64::from);
+                    }
+                    let tile = crate::geom::mix(x as u32 * 131 + y as u32);
+                    let shade = 0.88 + 0.12 * f64::from(tile >> 8) / f64::from(1 << 24);
+                    let stain = 1.0 + 0.10 * stain.get([x * 1.7 + f64::from(tile % 97), y * 1.7]);
+                    colours[0].map(|c| f64::from(c) * shade * stain)
+                })
+            }
+            Self::Wood { colours, rings } => {
+                within("rings", *rings, f64::MIN_POSITIVE, 1e3)?;
+                let bend = Fbm::<Perlin>::new(3).set_octaves(3);
+                let fibre = Fbm::<Perlin>::new(11).set_octaves(4);
+                texels(|u, v| {
+                    let (x, y) = (u + 0.3 + 0.05 * bend.get([u * 2.0, v * 0.7]), 0.15 * v);
+                    let ring = (x * x + y * y).sqrt() * rings;
+                    let late = libm::pow(ring - libm::floor(ring), 3.0);
+                    let fine = 1.0 + 0.10 * fibre.get([u * 140.0, v * 6.0]);
+                    std::array::from_fn(|c| {
+                        let (early, end) = (f64::from(colours[0][c]), f64::from(colours[1][c]));
+                        (early + (end - early) * late) * fine
+                    })
+                })
+            }
+        };
+        Ok(Texture {
+            name: name.into(),
+            width: SIZE,
+            height: SIZE,
+            texels,
+            space: ColourSpace::Srgb,
+            wrap_u: Wrap::Repeat,
+            wrap_v: Wrap::Repeat,
+        })
+    }
+}
+
+/// Texels from a function of texture coordinates to 0..255 channels.
+fn texels(colour: impl Fn(f64, f64) -> [f64; 3]) -> std::sync::Arc<[[u8; 4]]> {
+    (0..SIZE * SIZE)
+        .map(|i| {
+            let at = |k: u32| (f64::from(k) + 0.5) / f64::from(SIZE);
+            let [r, g, b] = colour(at(i % SIZE), at(i / SIZE)).map(|c| c.clamp(0.0, 255.0) as u8);
+            [r, g, b, 255]
+        })
+        .collect()
+}

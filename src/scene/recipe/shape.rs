@@ -1,0 +1,370 @@
+//! Generated shapes. Shared edges have the same vertex positions to the bit, so bodies are watertight.
+
+use super::within;
+use crate::scene::Mesh;
+use glam::{Quat, Vec2, Vec3};
+use noise::{Fbm, MultiFractal, NoiseFn, Perlin};
+use serde::Deserialize;
+use std::f32::consts::TAU;
+
+/// A shape. Lengths are world units; `cells` counts quads along an edge, each of two triangles.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(tag = "shape", rename_all = "snake_case")]
+pub enum Shape {
+    /// A parallelogram; its front is where `u × v` points.
+    Quad {
+        /// First corner, texture coordinate (0, 1).
+        corner: Vec3,
+        /// Along the image's rows.
+        u: Vec3,
+        /// Against the image's columns (up).
+        v: Vec3,
+        /// Copies of the texture along u and v.
+        #[serde(default = "one")]
+        repeat: Vec2,
+    },
+    /// A flat convex polygon; its front sees the points counter-clockwise.
+    Polygon {
+        /// Three or more.
+        points: Vec<Vec3>,
+    },
+    /// A box with rounded edges.
+    Block {
+        /// Its middle.
+        centre: Vec3,
+        /// Half its edges.
+        half: Vec3,
+        /// Radius of the edges, 0 to the least half edge.
+        round: f32,
+        /// Degrees around +y.
+        #[serde(default)]
+        turn_degrees: f32,
+        /// Cells along each edge of each face, 1 to 1024.
+        cells: u32,
+    },
+    /// A sphere, or with `rough` a stone: displaced outwards and inwards by fractal noise.
+    Sphere {
+        /// Its middle.
+        centre: Vec3,
+        /// Before displacement; above 0.
+        radius: f32,
+        /// Cells along each edge of each of its six faces, 1 to 1024.
+        cells: u32,
+        /// Displacement.
+        #[serde(default)]
+        rough: Option<Rough>,
+    },
+    /// A tube around a (p, q) torus knot, standing upright.
+    Knot {
+        /// Its middle.
+        centre: Vec3,
+        /// Of the torus that the knot winds around.
+        radius: f32,
+        /// Of the tube.
+        tube: f32,
+        /// Windings around the axis, ≥ 1.
+        p: u32,
+        /// Windings through the hole, ≥ 1.
+        q: u32,
+        /// Degrees around +y.
+        #[serde(default)]
+        turn_degrees: f32,
+        /// Cells along and around the tube, 3 to 65536 each.
+        cells: [u32; 2],
+    },
+    /// Hills: a square of ground displaced upwards by fractal noise.
+    Terrain {
+        /// Middle of the ground.
+        centre: Vec3,
+        /// Length of its edges, above 0.
+        size: f32,
+        /// Displacement; `frequency` counts per size.
+        rough: Rough,
+        /// A flat disk of this radius around the middle, fading into the hills over as much again.
+        #[serde(default)]
+        clearing: f32,
+        /// Cells along each edge, 1 to 4096.
+        cells: u32,
+    },
+}
+
+/// Fractal noise.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Rough {
+    /// Largest displacement, about.
+    pub height: f32,
+    /// Features per unit.
+    pub frequency: f64,
+    /// Octaves, 1 to 12.
+    pub octaves: usize,
+    /// Which noise.
+    #[serde(default)]
+    pub seed: u32,
+}
+
+impl Rough {
+    fn noise(&self) -> Result<impl Fn(Vec3) -> f32 + use<>, String> {
+        within("octaves", self.octaves, 1, 12)?;
+        let fractal = Fbm::<Perlin>::new(self.seed).set_octaves(self.octaves).set_frequency(self.frequency);
+        let height = self.height;
+        Ok(move |p: Vec3| height * fractal.get(p.as_dvec3().to_array()) as f32)
+    }
+}
+
+fn one() -> Vec2 {
+    Vec2::ONE
+}
+
+impl Shape {
+    /// Appends the shape's triangles, or says which number is out of range.
+    pub(super) fn tessellate(&self, material: u32, mesh: &mut Mesh) -> Result<(), String> {
+        match self {
+            Self::Quad { corner, u, v, repeat } => {
+                let normal = u.cross(*v).try_normalize().ok_or("u and v span no area")?;
+                grid([1, 1], [false; 2], material, mesh, |[x, y]| {
+                    let uv = Vec2::new(x, 1.0 - y) * *repeat;
+                    (*corner + *u * x + *v * y, normal, uv)
+                });
+            }
+            Self::Polygon { points } => {
+                if points.len() < 3 {
+                    return Err(format!("{} points; a polygon has at least 3", points.len()));
+                }
+                let normal = (points[1] - points[0]).cross(points[2] - points[0]);
+                let normal = normal.try_normalize().ok_or("the first three points lie on a line")?;
+                let first = mesh.positions.len() as u32;
+                mesh.positions.extend(points);
+                mesh.normals.extend(points.iter().map(|_| normal));
+                mesh.uvs.extend(points.iter().map(|_| Vec2::ZERO));
+                for k in 1..points.len() as u32 - 1 {
+                    mesh.triangles.push([first, first + k, first + k + 1]);
+                    mesh.materials.push(material);
+                }
+            }
+            Self::Block { centre, half, round, turn_degrees, cells } => {
+                within("cells", *cells, 1, 1024)?;
+                let least = half.min_element();
+                if !(least > 0.0 && (0.0..=least).contains(round)) {
+                    return Err(format!("half {half} must be positive and round {round} at most its least"));
+                }
+                let turn = Quat::from_rotation_y(turn_degrees.to_radians());
+                let core = *half - Vec3::splat(*round);
+                cube(*cells, material, mesh, |face, p| {
+                    let p = p * *half;
+                    let inner = p.clamp(-core, core);
+                    let out = (p - inner).try_normalize().unwrap_or(face);
+                    (*centre + turn * (inner + out * *round), turn * out)
+                });
+            }
+            Self::Sphere { centre, radius, cells, rough } => {
+                within("cells", *cells, 1, 1024)?;
+                positive("radius", *radius)?;
+                match rough {
+                    None => cube(*cells, material, mesh, |_, p| {
+                        let out = p.normalize();
+                        (*centre + out * *radius, out)
+                    }),
+                    Some(rough) => {
+                        let noise = rough.noise()?;
+                        let at = |p: Vec3| {
+                            let out = p.normalize();
+                            out * (*radius + noise(out * *radius))
+                        };
+                        cube(*cells, material, mesh, |face, p| {
+                            let (a, b) = face.any_orthonormal_pair();
+                            let step = 0.5 / *cells as f32;
+                            let slope = |e: Vec3| at(p + e * step) - at(p - e * step);
+                            (*centre + at(p), slope(a).cross(slope(b)).normalize_or(p))
+                        });
+                    }
+                }
+            }
+            Self::Knot { centre, radius, tube, p, q, turn_degrees, cells } => {
+                positive("radius", *radius)?;
+                positive("tube", *tube)?;
+                within("p", *p, 1, 64)?;
+                within("q", *q, 1, 64)?;
+                within("cells", cells[0].min(cells[1]), 3, 65536)?;
+                within("cells", cells[0].max(cells[1]), 3, 65536)?;
+                let turn = Quat::from_rotation_y(turn_degrees.to_radians());
+                let curve = |t: f32| {
+                    let (a, b) = (*p as f32 * t, *q as f32 * t);
+                    let r = *radius * (1.0 + 0.45 * libm::cosf(b));
+                    Vec3::new(r * libm::cosf(a), r * libm::sinf(a), 0.45 * *radius * libm::sinf(b))
+                };
+                grid(*cells, [true; 2], material, mesh, |[x, y]| {
+                    let t = x * TAU;
+                    let along = (curve(t + 1e-3) - curve(t - 1e-3)).normalize();
+                    // The curve never passes straight through its own middle: this frame does not flip.
+                    let side = along.cross(curve(t)).normalize();
+                    let up = side.cross(along);
+                    let out = side * libm::cosf(y * TAU) + up * libm::sinf(y * TAU);
+                    let uv = Vec2::new(x * 24.0, y);
+                    (*centre + turn * (curve(t) + out * *tube), turn * out, uv)
+                });
+            }
+            Self::Terrain { centre, size, rough, clearing, cells } => {
+                within("cells", *cells, 1, 4096)?;
+                positive("size", *size)?;
+                let noise = rough.noise()?;
+                let height = |x: f32, z: f32| {
+                    let away = (x * x + z * z).sqrt();
+                    let fade = ((away - *clearing) / clearing.max(1e-6)).clamp(0.0, 1.0);
+                    fade * fade * (3.0 - 2.0 * fade) * noise(Vec3::new(x / *size, 0.5, z / *size)).abs()
+                };
+                grid([*cells; 2], [false; 2], material, mesh, |[u, v]| {
+                    let (x, z) = ((u - 0.5) * *size, (0.5 - v) * *size);
+                    let step = 0.5 * *size / *cells as f32;
+                    let normal = Vec3::new(
+                        height(x - step, z) - height(x + step, z),
+                        2.0 * step,
+                        height(x, z - step) - height(x, z + step),
+                    );
+                    (*centre + Vec3::new(x, height(x, z), z), normal.normalize(), Vec2::new(u, 1.0 - v))
+                });
+            }
+        }
+        Ok(())
+    }
+}
+
+/// A grid of quads over [0, 1]², counter-clockwise; closed directions meet in vertices with the same
+/// position but texture coordinates of their own.
+fn grid(
+    cells: [u32; 2],
+    closed: [bool; 2],
+    material: u32,
+    mesh: &mut Mesh,
+    surface: impl Fn([f32; 2]) -> (Vec3, Vec3, Vec2),
+) {
+    let first = mesh.positions.len() as u32;
+    let at = |i: u32, axis: usize| i as f32 / cells[axis] as f32;
+    for j in 0..=cells[1] {
+        for i in 0..=cells[0] {
+            let (position, normal, _) = surface([
+                at(if closed[0] { i % cells[0] } else { i }, 0),
+                at(if closed[1] { j % cells[1] } else { j }, 1),
+            ]);
+            mesh.positions.push(position);
+            mesh.normals.push(normal);
+            mesh.uvs.push(surface([at(i, 0), at(j, 1)]).2);
+        }
+    }
+    let row = cells[0] + 1;
+    for j in 0..cells[1] {
+        for i in 0..cells[0] {
+            let a = first + j * row + i;
+            quad([a, a + 1, a + row + 1, a + row], material, mesh);
+        }
+    }
+}
+
+/// The surface of the cube −1..1, each face a grid, mapped by `place(face normal, point)` to position and
+/// normal. Points on shared edges are the same to the bit.
+fn cube(cells: u32, material: u32, mesh: &mut Mesh, place: impl Fn(Vec3, Vec3) -> (Vec3, Vec3)) {
+    for side in 0..6 {
+        let face = Vec3::AXES[side % 3] * if side < 3 { 1.0 } else { -1.0 };
+        let right = Vec3::AXES[(side + 1) % 3];
+        let up = face.cross(right);
+        let first = mesh.positions.len() as u32;
+        let at = |i: u32| -1.0 + 2.0 * i as f32 / cells as f32;
+        for j in 0..=cells {
+            // Counted from the other end, so that both faces of an edge compute the same number.
+            for i in 0..=cells {
+                let along = |axis: Vec3, i: u32| {
+                    if axis.element_sum() > 0.0 { axis * at(i) } else { -axis * at(cells - i) }
+                };
+                let (position, normal) = place(face, face + along(right, i) + along(up, j));
+                mesh.positions.push(position);
+                mesh.normals.push(normal);
+                mesh.uvs.push(Vec2::new(i as f32, (cells - j) as f32) / cells as f32);
+            }
+        }
+        let row = cells + 1;
+        for j in 0..cells {
+            for i in 0..cells {
+                let a = first + j * row + i;
+                quad([a, a + 1, a + row + 1, a + row], material, mesh);
+            }
+        }
+    }
+}
+
+fn quad([a, b, c, d]: [u32; 4], material: u32, mesh: &mut Mesh) {
+    mesh.triangles.extend([[a, b, c], [a, c, d]]);
+    mesh.materials.extend([material; 2]);
+}
+
+fn positive(what: &str, value: f32) -> Result<(), String> {
+    if value > 0.0 && value.is_finite() {
+        return Ok(());
+    }
+    Err(format!("{what} is {value}; it must be above 0"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::BTreeMap;
+
+    fn mesh(shape: &str) -> Mesh {
+        let shape: Shape = serde_json::from_str(shape).expect("shape");
+        let mut mesh = Mesh::default();
+        shape.tessellate(0, &mut mesh).expect("in range");
+        mesh.validate(1).expect("valid");
+        mesh
+    }
+
+    /// Every edge of a closed body belongs to two triangles that run along it in opposite directions.
+    fn assert_closed(mesh: &Mesh) {
+        let mut edges: BTreeMap<[[u32; 3]; 2], i32> = BTreeMap::new();
+        for t in 0..mesh.triangles.len() as u32 {
+            let corners = mesh.corners(t).map(|p| (p + 0.0).to_array().map(f32::to_bits));
+            for k in 0..3 {
+                let (a, b) = (corners[k], corners[(k + 1) % 3]);
+                if a != b {
+                    *edges.entry([a.min(b), a.max(b)]).or_default() += if a < b { 1 } else { -1 };
+                }
+            }
+        }
+        assert!(edges.values().all(|&balance| balance == 0));
+    }
+
+    #[test]
+    fn bodies_are_closed_and_their_normals_point_outwards() {
+        for shape in [
+            r#"{ "shape": "sphere", "centre": [1,2,3], "radius": 2, "cells": 9 }"#,
+            r#"{ "shape": "sphere", "centre": [0,0,0], "radius": 1, "cells": 24, "rough": { "height": 0.2, "frequency": 2, "octaves": 4 } }"#,
+            r#"{ "shape": "block", "centre": [0,0,0], "half": [1,2,3], "round": 0.2, "turn_degrees": 30, "cells": 8 }"#,
+            r#"{ "shape": "knot", "centre": [0,1,0], "radius": 1, "tube": 0.2, "p": 2, "q": 3, "cells": [200, 12] }"#,
+        ] {
+            let mesh = mesh(shape);
+            assert_closed(&mesh);
+            for t in 0..mesh.triangles.len() as u32 {
+                let [a, b, c] = mesh.corners(t);
+                let normal = (b - a).cross(c - a);
+                let shading = mesh.normals[mesh.triangles[t as usize][0] as usize];
+                assert!(normal.dot(shading) >= 0.0, "{shape}: triangle {t} turns its back");
+            }
+        }
+    }
+
+    #[test]
+    fn open_surfaces_face_up() {
+        for shape in [
+            r#"{ "shape": "terrain", "centre": [0,0,0], "size": 10, "clearing": 2, "cells": 32,
+                 "rough": { "height": 1, "frequency": 3, "octaves": 6 } }"#,
+            r#"{ "shape": "quad", "corner": [0,0,0], "u": [1,0,0], "v": [0,0,-1] }"#,
+        ] {
+            let mesh = mesh(shape);
+            for t in 0..mesh.triangles.len() as u32 {
+                let [a, b, c] = mesh.corners(t);
+                assert!(
+                    (b - a).cross(c - a).y > 0.0
+                        && mesh.normals[mesh.triangles[t as usize][0] as usize].y > 0.0
+                );
+            }
+        }
+    }
+}

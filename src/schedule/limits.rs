@@ -1,0 +1,224 @@
+//! Every size in the scheduler, derived in one place and asserted against the others (RA section 4:
+//! N 256k, 42 streams of 27k rays, threshold 11k, chunks of 1024, batches of 8192, tiles of 16k).
+
+use super::JobOptions;
+use crate::stream::Capacity;
+
+/// RA's N: paths in flight that keep both units of a laptop busy.
+const IN_FLIGHT: usize = 256 * 1024;
+/// RA's NEEDMORE threshold: the fewest rays that are traced efficiently on its GPU.
+const DEVICE_THRESHOLD: usize = 11 * 1024;
+/// The same for host threads, whose tracer likes streams large.
+const HOST_THRESHOLD: usize = 32 * 1024;
+/// Nothing is larger than this, so that no product of sizes overflows.
+const MOST: usize = 1 << 28;
+
+/// The sizes of one job.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Limits {
+    /// N: the most paths in flight. A path has at most one ray in flight, and at most
+    /// `shadow_rays_per_path` shadow rays.
+    pub in_flight: usize,
+    /// Paths from which a stream is full and goes from NEEDMORE to TRACE.
+    pub threshold: usize,
+    /// Most rays, and most shadow rays, that a tile spawns.
+    pub tile_rays: usize,
+    /// Most rays that are shaded at once.
+    pub batch_rays: usize,
+    /// Rays that a host thread traces at once while a device is fed; the fewest otherwise.
+    pub chunk_rays: usize,
+    /// The most rays that a host thread traces at once.
+    pub chunk_rays_most: usize,
+    /// Most shadow rays emitted per ray shaded.
+    pub shadow_rays_per_ray: usize,
+    /// Most shadow rays of a path; at least 1, since camera rays may be shadow rays.
+    pub shadow_rays_per_path: usize,
+    /// What a stream holds at most. One below the threshold has room for one more tile or batch.
+    pub stream: Capacity,
+    /// The most streams the job ever has; with these no thread waits for a stream in vain
+    /// (README, "Why there is always an output stream").
+    pub streams: usize,
+}
+
+/// What the limits are derived from besides the options.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Demand {
+    pub tiles: u64,
+    pub tile_rays: usize,
+    pub shadow_rays_per_ray: usize,
+    pub host_threads: usize,
+    /// 0 for a job without a device.
+    pub dispatch_threads: usize,
+}
+
+/// Sizes that do not fit each other.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum LimitsError {
+    /// A size is zero or absurd.
+    #[error("{what} must be between 1 and {MOST}, not {value}")]
+    OutOfRange {
+        /// Which size.
+        what: &'static str,
+        /// Its value.
+        value: usize,
+    },
+    /// N is too small for a tile.
+    #[error(
+        "a tile spawns up to {tile_rays} rays, but only {in_flight} may be in flight; allow more or make tiles smaller"
+    )]
+    TileBeyondInFlight {
+        /// Rays of a tile.
+        tile_rays: usize,
+        /// N.
+        in_flight: usize,
+    },
+    /// The least chunk is larger than the largest.
+    #[error("chunks of at least {least} rays cannot be of at most {most}; lower the one or raise the other")]
+    Chunks {
+        /// The least.
+        least: usize,
+        /// The most.
+        most: usize,
+    },
+}
+
+impl Limits {
+    pub(super) fn derive(options: &JobOptions, demand: Demand) -> Result<Self, LimitsError> {
+        let Demand { tiles, tile_rays, shadow_rays_per_ray, host_threads, dispatch_threads } = demand;
+        let shadow_rays_per_path = shadow_rays_per_ray.max(1);
+        let threshold = options.threshold.unwrap_or_else(|| {
+            if dispatch_threads > 0 {
+                DEVICE_THRESHOLD
+            } else {
+                // A small job still has a few streams for each thread.
+                let share = tiles.saturating_mul(tile_rays as u64) / (4 * host_threads as u64);
+                share.clamp(options.chunk_rays as u64, HOST_THRESHOLD.max(options.chunk_rays) as u64) as usize
+            }
+        });
+        let in_flight = options.in_flight.unwrap_or_else(|| {
+            IN_FLIGHT.max(threshold.saturating_mul(host_threads)).max(tile_rays).min(MOST)
+        });
+        for (what, value) in [
+            ("the number of rays in flight", in_flight),
+            ("the threshold of full streams", threshold),
+            ("the number of rays of a tile", tile_rays),
+            ("the number of rays of a batch", options.batch_rays),
+            ("the number of rays of a chunk", options.chunk_rays),
+            ("the greatest number of rays of a chunk", options.chunk_rays_most),
+            ("the number of shadow rays per ray", shadow_rays_per_path),
+        ] {
+            if value == 0 || value > MOST {
+                return Err(LimitsError::OutOfRange { what, value });
+            }
+        }
+        if tile_rays > in_flight {
+            return Err(LimitsError::TileBeyondInFlight { tile_rays, in_flight });
+        }
+        if options.chunk_rays > options.chunk_rays_most {
+            let (least, most) = (options.chunk_rays, options.chunk_rays_most);
+            return Err(LimitsError::Chunks { least, most });
+        }
+        let batch_rays = options.batch_rays;
+        let stream = Capacity {
+            rays: threshold - 1 + tile_rays.max(batch_rays),
+            shadow_rays: shadow_rays_per_path * (threshold - 1)
+                + tile_rays.max(batch_rays * shadow_rays_per_ray),
+        };
+        let full = in_flight / threshold;
+        let flushed = host_threads + dispatch_threads;
+        let (begun, outputs) = (host_threads, host_threads);
+        let limits = Self {
+            in_flight,
+            threshold,
+            tile_rays,
+            batch_rays,
+            chunk_rays: options.chunk_rays,
+            chunk_rays_most: options.chunk_rays_most,
+            shadow_rays_per_ray,
+            shadow_rays_per_path,
+            stream,
+            streams: full + flushed + begun + outputs,
+        };
+        limits.check();
+        Ok(limits)
+    }
+
+    /// What the rest of the scheduler relies on.
+    fn check(&self) {
+        let below = self.threshold - 1;
+        let step = self.tile_rays.max(self.batch_rays);
+        assert!(below + step <= self.stream.rays, "NEEDMORE has room for a tile or a batch");
+        let shadows = self.tile_rays.max(self.batch_rays * self.shadow_rays_per_ray);
+        let most = below * self.shadow_rays_per_path;
+        assert!(most + shadows <= self.stream.shadow_rays, "and for its shadow rays");
+        assert!(self.tile_rays <= self.in_flight, "an idle job can spawn");
+        assert!(self.streams >= self.in_flight / self.threshold + 3, "there is always an output stream");
+        assert!(self.chunk_rays <= self.chunk_rays_most, "the least chunk is not the largest");
+    }
+
+    #[cfg(test)]
+    pub(super) fn for_tests() -> Self {
+        let demand = Demand {
+            tiles: 1000,
+            tile_rays: 16 * 1024,
+            shadow_rays_per_ray: 1,
+            host_threads: 7,
+            dispatch_threads: 4,
+        };
+        Self::derive(&JobOptions::default(), demand).expect("the paper's own sizes")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_papers_sizes_come_out() {
+        let limits = Limits::for_tests();
+        assert_eq!((limits.in_flight, limits.threshold), (256 * 1024, 11 * 1024));
+        assert_eq!((limits.batch_rays, limits.chunk_rays), (8192, 1024));
+        assert_eq!(limits.stream.rays, 27 * 1024 - 1);
+        // RA has 42; the bound proved here allows for seven more small streams.
+        assert_eq!(limits.streams, 23 + (7 + 4) + 7 + 7);
+    }
+
+    #[test]
+    fn small_jobs_have_small_streams() {
+        let demand = Demand {
+            tiles: 4,
+            tile_rays: 16 * 1024,
+            shadow_rays_per_ray: 0,
+            host_threads: 4,
+            dispatch_threads: 0,
+        };
+        let limits = Limits::derive(&JobOptions::default(), demand).unwrap();
+        assert_eq!(limits.threshold, 4096);
+        assert_eq!(limits.stream.shadow_rays, 4095 + 16 * 1024);
+        let large = Demand { tiles: u64::MAX, ..demand };
+        assert_eq!(Limits::derive(&JobOptions::default(), large).unwrap().threshold, 32 * 1024);
+    }
+
+    #[test]
+    fn absurd_sizes_are_refused() {
+        let demand =
+            Demand { tiles: 1, tile_rays: 100, shadow_rays_per_ray: 1, host_threads: 1, dispatch_threads: 1 };
+        let refused = |options: JobOptions, demand| Limits::derive(&options, demand).unwrap_err();
+        let few = JobOptions { in_flight: Some(99), ..JobOptions::default() };
+        assert_eq!(refused(few, demand), LimitsError::TileBeyondInFlight { tile_rays: 100, in_flight: 99 });
+        let chunks = JobOptions { chunk_rays_most: 1000, ..JobOptions::default() };
+        assert_eq!(refused(chunks, demand), LimitsError::Chunks { least: 1024, most: 1000 });
+        for options in [
+            JobOptions { in_flight: Some(usize::MAX), ..JobOptions::default() },
+            JobOptions { threshold: Some(0), ..JobOptions::default() },
+            JobOptions { batch_rays: 0, ..JobOptions::default() },
+            JobOptions { chunk_rays: 0, ..JobOptions::default() },
+        ] {
+            assert!(matches!(refused(options, demand), LimitsError::OutOfRange { .. }));
+        }
+        let huge = Demand { tile_rays: usize::MAX, ..demand };
+        assert!(matches!(refused(JobOptions::default(), huge), LimitsError::OutOfRange { .. }));
+        let none = Demand { tile_rays: 0, ..demand };
+        assert!(matches!(refused(JobOptions::default(), none), LimitsError::OutOfRange { .. }));
+    }
+}

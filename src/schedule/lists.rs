@@ -1,0 +1,201 @@
+//! The four lists and the job slot of one job: where streams are while no thread has them.
+
+use super::Limits;
+use crate::stream::{Chunk, Empty, Filling, Full, RayStream, Traced, TracedChunk, Tracing, paths};
+use std::collections::VecDeque;
+
+/// EMPTY, NEEDMORE, TRACE, the job slot and SHADE. All but TRACE are stacks: what was touched last is
+/// still in the cache.
+pub(super) struct Lists<P, S> {
+    limits: Limits,
+    empty: Vec<RayStream<Empty, P, S>>,
+    need_more: Vec<RayStream<Filling, P, S>>,
+    /// The device takes the oldest, host threads the newest.
+    trace: VecDeque<RayStream<Full, P, S>>,
+    /// The stream whose chunks are being handed out to host threads.
+    slot: Option<RayStream<Tracing, P, S>>,
+    /// Streams whose chunks have all been handed out; each has a chunk with a host thread.
+    handed_out: Vec<RayStream<Tracing, P, S>>,
+    /// Traced streams of which nothing has been shaded.
+    shade: Vec<RayStream<Traced, P, S>>,
+    /// Partly shaded streams; they go before those in `shade`, so there are few.
+    begun: Vec<RayStream<Traced, P, S>>,
+    /// Streams made so far: those in the lists and those with threads.
+    made: usize,
+}
+
+impl<P, S> Lists<P, S> {
+    /// Begins with streams that another job has left.
+    pub fn new(limits: Limits, mut empty: Vec<RayStream<Empty, P, S>>) -> Self {
+        empty.truncate(limits.streams);
+        empty.reserve_exact(limits.streams - empty.len());
+        let made = empty.len();
+        Self {
+            limits,
+            empty,
+            need_more: Vec::with_capacity(limits.streams),
+            trace: VecDeque::with_capacity(limits.streams),
+            slot: None,
+            handed_out: Vec::with_capacity(limits.streams),
+            shade: Vec::with_capacity(limits.streams),
+            begun: Vec::with_capacity(limits.streams),
+            made,
+        }
+    }
+
+    pub fn need_more(&self) -> usize {
+        self.need_more.len()
+    }
+
+    pub fn trace(&self) -> usize {
+        self.trace.len()
+    }
+
+    pub fn slot(&self) -> bool {
+        self.slot.is_some()
+    }
+
+    pub fn shade(&self) -> usize {
+        self.shade.len() + self.begun.len()
+    }
+
+    pub fn made(&self) -> usize {
+        self.made
+    }
+
+    /// Rays and shadow rays that host threads could be tracing.
+    pub fn rays_to_trace(&self) -> usize {
+        let full: usize = self.trace.iter().map(|stream| stream.rays() + stream.shadow_rays()).sum();
+        full + self.slot.as_ref().map_or(0, RayStream::left)
+    }
+
+    /// A stream with room for one more tile or batch: from NEEDMORE if there is one (the fullest, so
+    /// that small streams stay few), else from EMPTY.
+    ///
+    /// # Panics
+    /// If there is none; the README proves that there is.
+    pub fn output(&mut self) -> RayStream<Filling, P, S> {
+        if let Some(stream) = self.take_fullest() {
+            return stream;
+        }
+        let empty = self.empty.pop().unwrap_or_else(|| {
+            assert!(self.made < self.limits.streams, "there is always an output stream");
+            self.made += 1;
+            RayStream::new()
+        });
+        empty.fill()
+    }
+
+    /// Takes back an output stream: to EMPTY, NEEDMORE or TRACE by the paths in it.
+    pub fn park(&mut self, stream: RayStream<Filling, P, S>) {
+        match paths(stream.rays(), stream.shadow_rays(), self.limits.shadow_rays_per_path) {
+            0 => self.empty.push(stream.unfill()),
+            paths if paths < self.limits.threshold => self.need_more.push(stream),
+            _ => self.trace.push_back(stream.seal()),
+        }
+    }
+
+    /// The next stream to shade.
+    ///
+    /// # Panics
+    /// If SHADE is empty.
+    pub fn next_to_shade(&mut self) -> RayStream<Traced, P, S> {
+        self.begun.pop().or_else(|| self.shade.pop()).expect("SHADE has a stream")
+    }
+
+    /// Takes back a stream from shading: to SHADE, or to EMPTY when it is done.
+    pub fn put_back_shaded(&mut self, stream: RayStream<Traced, P, S>) {
+        if stream.rays_left() == 0 {
+            self.empty.push(stream.recycle());
+        } else {
+            self.begun.push(stream);
+        }
+    }
+
+    /// A chunk of at most `most` rays of the stream in the slot; the slot is filled from TRACE, else
+    /// from NEEDMORE.
+    ///
+    /// # Panics
+    /// If all three are empty.
+    pub fn next_chunk(&mut self, most: usize) -> Chunk {
+        let mut slot = self.slot.take().unwrap_or_else(|| {
+            let newest = self.trace.pop_back();
+            newest.or_else(|| self.flush()).expect("there is a stream to trace").open()
+        });
+        // Equal parts: a crumb at the end would not be worth a task.
+        let parts = slot.left().div_ceil(most);
+        let chunk = slot.next_chunk(slot.left().div_ceil(parts));
+        if slot.left() > 0 {
+            self.slot = Some(slot);
+        } else {
+            self.handed_out.push(slot);
+        }
+        chunk
+    }
+
+    /// Takes back a chunk, traced; its stream goes to SHADE with the last one.
+    pub fn put_back_chunk(&mut self, chunk: TracedChunk) {
+        if let Some(slot) = self.slot.as_mut().filter(|stream| stream.owns(&chunk)) {
+            slot.put_back(chunk);
+            return;
+        }
+        let index = self.handed_out.iter().position(|stream| stream.owns(&chunk));
+        let index = index.expect("a stream stays until its chunks are back");
+        self.handed_out[index].put_back(chunk);
+        if self.handed_out[index].is_traced() {
+            self.shade.push(self.handed_out.swap_remove(index).close());
+        }
+    }
+
+    /// The next stream for the device: from TRACE, else from NEEDMORE.
+    ///
+    /// # Panics
+    /// If both are empty.
+    pub fn next_to_dispatch(&mut self) -> RayStream<Full, P, S> {
+        let oldest = self.trace.pop_front();
+        oldest.or_else(|| self.flush()).expect("there is a stream to dispatch")
+    }
+
+    /// Takes back a stream from the device.
+    pub fn put_back_dispatched(&mut self, stream: RayStream<Traced, P, S>) {
+        self.shade.push(stream);
+    }
+
+    /// Takes back a stream that the device has not traced.
+    pub fn put_back_untraced(&mut self, stream: RayStream<Full, P, S>) {
+        self.trace.push_front(stream);
+    }
+
+    fn flush(&mut self) -> Option<RayStream<Full, P, S>> {
+        self.take_fullest().map(RayStream::seal)
+    }
+
+    fn take_fullest(&mut self) -> Option<RayStream<Filling, P, S>> {
+        let sizes = self.need_more.iter().map(|stream| stream.rays() + stream.shadow_rays());
+        let (index, _) = sizes.enumerate().max_by_key(|&(_, size)| size)?;
+        Some(self.need_more.swap_remove(index))
+    }
+
+    /// All streams in the lists, emptied.
+    pub fn into_empty(self) -> Vec<RayStream<Empty, P, S>> {
+        let Self { mut empty, need_more, trace, slot, handed_out, shade, begun, .. } = self;
+        empty.extend(need_more.into_iter().map(RayStream::discard));
+        empty.extend(trace.into_iter().map(RayStream::discard));
+        empty.extend(slot.into_iter().chain(handed_out).map(RayStream::discard));
+        empty.extend(shade.into_iter().chain(begun).map(RayStream::discard));
+        empty
+    }
+
+    /// Streams in the lists and the paths in them.
+    #[cfg(test)]
+    pub fn count(&self) -> (usize, usize) {
+        let weigh = |rays, shadow_rays| paths(rays, shadow_rays, self.limits.shadow_rays_per_path);
+        let mut sizes = vec![0; self.empty.len()];
+        sizes.extend(self.need_more.iter().map(|s| weigh(s.rays(), s.shadow_rays())));
+        sizes.extend(self.trace.iter().map(|s| weigh(s.rays(), s.shadow_rays())));
+        sizes.extend(self.slot.iter().chain(&self.handed_out).map(|s| weigh(s.rays(), s.shadow_rays())));
+        let traced = self.shade.iter().chain(&self.begun);
+        sizes.extend(traced.map(|s| weigh(s.rays_left(), s.shadow_rays_left())));
+        (sizes.len(), sizes.iter().sum())
+    }
+}

@@ -1,0 +1,180 @@
+//! What a thread does between two visits to the lists: no lock is held here.
+
+use super::{Batch, Limits, Output, Renderer, Tracers};
+use crate::stream::{
+    Chunk, DeviceReport, Filling, Full, RayStream, Scratch, Traced, TracedChunk, TracedRays, Untraced,
+    panic_message, paths,
+};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// A task and the streams that go with it.
+pub(super) enum Task<P, S> {
+    Spawn { tile: u64, output: RayStream<Filling, P, S> },
+    Shade { input: RayStream<Traced, P, S>, output: RayStream<Filling, P, S> },
+    Trace(Chunk),
+    Dispatch(RayStream<Full, P, S>),
+}
+
+/// A finished task.
+pub(super) enum Done<P, S> {
+    Spawned {
+        output: RayStream<Filling, P, S>,
+        emitted: Emitted,
+    },
+    Shaded {
+        input: RayStream<Traced, P, S>,
+        output: RayStream<Filling, P, S>,
+        emitted: Emitted,
+    },
+    Traced(TracedChunk),
+    Dispatched {
+        stream: RayStream<Traced, P, S>,
+        report: DeviceReport,
+    },
+    Undispatched(Untraced<P, S>),
+    /// The renderer or the host's tracer panicked; the streams of the task are gone.
+    Panicked(String),
+}
+
+/// Rays that a task has emitted.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Emitted {
+    pub rays: u64,
+    pub shadow_rays: u64,
+}
+
+/// A thread's place in a job: its task lies here on the way out of the lists and back. Only that
+/// thread and, before and after it, the holder of the lists' lock look at it.
+pub(super) enum Desk<P, S> {
+    Clear,
+    Task(Task<P, S>),
+    Done(Done<P, S>),
+}
+
+/// What threads share of a job: all but the lists.
+pub(super) struct Workplace<R: Renderer> {
+    pub renderer: Arc<R>,
+    pub tracers: Tracers,
+    /// For events; asked for once, since it is the device's own code.
+    pub device_name: String,
+    pub limits: Limits,
+    /// Host threads of the service.
+    pub hosts: usize,
+    /// One for each thread of the service.
+    pub desks: Vec<Mutex<Desk<R::Payload, R::ShadowPayload>>>,
+    /// Set when the job's result is not wanted any more.
+    pub abandoned: AtomicBool,
+}
+
+/// A job whose type does not matter, as threads see it.
+pub(super) trait Work: Send + Sync {
+    /// Does the task on the thread's desk.
+    fn work(&self, thread: usize, scratch: &mut Scratch);
+}
+
+impl<R: Renderer> Work for Workplace<R> {
+    fn work(&self, thread: usize, scratch: &mut Scratch) {
+        let task = match self.swap_desk(thread, Desk::Clear) {
+            Desk::Task(task) => task,
+            Desk::Clear | Desk::Done(_) => unreachable!("a thread works after it was given a task"),
+        };
+        let done = catch_unwind(AssertUnwindSafe(|| match task {
+            Task::Spawn { tile, output } => self.spawn(tile, output),
+            Task::Shade { input, output } => self.shade(input, output),
+            Task::Trace(chunk) => Done::Traced(chunk.trace(&*self.tracers.host, scratch)),
+            Task::Dispatch(stream) => self.dispatch(stream),
+        }));
+        let done = done.unwrap_or_else(|payload| Done::Panicked(panic_message(payload)));
+        self.swap_desk(thread, Desk::Done(done));
+    }
+}
+
+impl<R: Renderer> Workplace<R> {
+    pub fn swap_desk(
+        &self,
+        thread: usize,
+        with: Desk<R::Payload, R::ShadowPayload>,
+    ) -> Desk<R::Payload, R::ShadowPayload> {
+        std::mem::replace(&mut *self.desks[thread].lock().unwrap_or_else(PoisonError::into_inner), with)
+    }
+
+    fn spawn(
+        &self,
+        tile: u64,
+        mut output: RayStream<Filling, R::Payload, R::ShadowPayload>,
+    ) -> Done<R::Payload, R::ShadowPayload> {
+        let most = self.limits.tile_rays;
+        let emitted = self.emit(&mut output, most, most, |out| self.renderer.spawn(tile, out));
+        Done::Spawned { output, emitted }
+    }
+
+    fn shade(
+        &self,
+        mut input: RayStream<Traced, R::Payload, R::ShadowPayload>,
+        mut output: RayStream<Filling, R::Payload, R::ShadowPayload>,
+    ) -> Done<R::Payload, R::ShadowPayload> {
+        let limits = &self.limits;
+        let shadows = input.take_shadows();
+        for start in (0..shadows.rays.len()).step_by(limits.batch_rays) {
+            let piece = start..(start + limits.batch_rays).min(shadows.rays.len());
+            let (rays, payloads) = (&shadows.rays[piece.clone()], &shadows.payloads[piece.clone()]);
+            self.renderer.shadow(rays, payloads, &shadows.occluded[piece]);
+        }
+        let mut emitted = Emitted::default();
+        // A stream that has become full goes to be traced before more is shaded (RA section 3).
+        while !self.abandoned.load(Ordering::Relaxed)
+            && paths(output.rays(), output.shadow_rays(), limits.shadow_rays_per_path) < limits.threshold
+        {
+            let TracedRays { rays, hits, payloads } = input.next_batch(limits.batch_rays);
+            if rays.is_empty() {
+                break;
+            }
+            let batch = Batch { rays, hits, payloads };
+            let most_shadows = rays.len() * limits.shadow_rays_per_ray;
+            let more =
+                self.emit(&mut output, rays.len(), most_shadows, |out| self.renderer.shade(batch, out));
+            emitted.rays += more.rays;
+            emitted.shadow_rays += more.shadow_rays;
+        }
+        Done::Shaded { input, output, emitted }
+    }
+
+    /// Lets the renderer emit rays and holds it to its promises.
+    fn emit(
+        &self,
+        output: &mut RayStream<Filling, R::Payload, R::ShadowPayload>,
+        most_rays: usize,
+        most_shadow_rays: usize,
+        emit: impl FnOnce(&mut Output<'_, R::Payload, R::ShadowPayload>),
+    ) -> Emitted {
+        let before = (output.rays(), output.shadow_rays());
+        output.append(self.limits.stream, |columns| {
+            emit(&mut Output {
+                rays: columns.rays,
+                payloads: columns.payloads,
+                shadow_rays: columns.shadow_rays,
+                shadow_payloads: columns.shadow_payloads,
+            });
+            let (rays, shadow_rays) = (columns.rays.len() - before.0, columns.shadow_rays.len() - before.1);
+            assert!(
+                rays <= most_rays && shadow_rays <= most_shadow_rays,
+                "the renderer emitted {rays} rays and {shadow_rays} shadow rays where it promised at most \
+                 {most_rays} and {most_shadow_rays}"
+            );
+            Emitted { rays: rays as u64, shadow_rays: shadow_rays as u64 }
+        })
+    }
+
+    fn dispatch(
+        &self,
+        stream: RayStream<Full, R::Payload, R::ShadowPayload>,
+    ) -> Done<R::Payload, R::ShadowPayload> {
+        let device = self.tracers.device.as_ref().expect("only jobs with a device are dispatched");
+        match stream.trace_on(&**device) {
+            Ok((stream, report)) => Done::Dispatched { stream, report },
+            Err(untraced) => Done::Undispatched(untraced),
+        }
+    }
+}

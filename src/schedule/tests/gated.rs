@@ -1,0 +1,78 @@
+//! A renderer whose threads wait at a gate, and a tracer that sees nothing.
+
+use super::super::{Batch, Output, Renderer, Tracers};
+use crate::stream::{Hit, Ray, Tracer};
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+use std::sync::{Arc, Condvar, Mutex};
+use std::time::Duration;
+
+/// Holds its spawn tasks until the gate opens.
+pub struct Gated {
+    gate: Mutex<bool>,
+    opened: Condvar,
+    pub spawned: AtomicU64,
+    pub shaded: AtomicU64,
+}
+
+impl Gated {
+    pub fn new() -> Arc<Self> {
+        let (gate, opened) = Default::default();
+        Arc::new(Self { gate, opened, spawned: Default::default(), shaded: Default::default() })
+    }
+
+    pub fn open(&self) {
+        *self.gate.lock().unwrap() = true;
+        self.opened.notify_all();
+    }
+}
+
+impl Renderer for Gated {
+    type Payload = u32;
+    type ShadowPayload = u32;
+
+    fn tiles(&self) -> u64 {
+        50
+    }
+
+    fn tile_rays(&self) -> usize {
+        1
+    }
+
+    fn shadow_rays_per_ray(&self) -> usize {
+        0
+    }
+
+    fn spawn(&self, _: u64, out: &mut Output<'_, u32, u32>) {
+        self.spawned.fetch_add(1, Relaxed);
+        drop(self.opened.wait_while(self.gate.lock().unwrap(), |open| !*open).unwrap());
+        out.ray(Ray::default(), 0);
+    }
+
+    fn shade(&self, batch: Batch<'_, u32>, _: &mut Output<'_, u32, u32>) {
+        self.shaded.fetch_add(batch.rays.len() as u64, Relaxed);
+    }
+
+    fn shadow(&self, _: &[Ray], _: &[u32], _: &[u32]) {}
+}
+
+pub struct Blind;
+
+impl Tracer for Blind {
+    fn closest(&self, _: &[Ray], hits: &mut [Hit]) {
+        hits.fill(Hit::NONE);
+    }
+
+    fn occluded(&self, _: &[Ray], occluded: &mut [u32]) {
+        occluded.fill(0);
+    }
+}
+
+pub fn blind() -> Tracers {
+    Tracers::cpu(Arc::new(Blind))
+}
+
+pub fn wait_until(what: impl Fn() -> bool) {
+    while !what() {
+        std::thread::sleep(Duration::from_micros(100));
+    }
+}

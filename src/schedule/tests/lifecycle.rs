@@ -1,0 +1,234 @@
+//! Jobs that wait, stop, are cancelled, dropped or rude, and services that die.
+
+use super::super::{
+    Batch, JobError, JobOptions, JobReport, Output, Renderer, Service, ServiceOptions, Tracers,
+};
+use super::gated::{Gated, blind, wait_until};
+use super::ledger::{Ledger, Script};
+use super::{SCRIPT, SMALL, service};
+use crate::stream::Ray;
+use std::sync::Arc;
+use std::sync::atomic::Ordering::Relaxed;
+use std::time::Duration;
+
+#[test]
+fn a_stopped_job_finishes_what_it_has_spawned() {
+    let service = service(2, 0);
+    let gated = Gated::new();
+    let job = service.submit(Arc::clone(&gated), blind(), JobOptions::default()).unwrap();
+    wait_until(|| gated.spawned.load(Relaxed) == 2);
+    job.stop();
+    assert!(!job.wait_for(Duration::from_millis(1)) && !job.is_finished());
+    gated.open();
+    let report = job.wait().unwrap();
+    assert!(report.stopped);
+    assert_eq!((report.tiles, report.tiles_spawned), (50, 2));
+    assert_eq!(gated.shaded.load(Relaxed), 2);
+}
+
+#[test]
+fn a_cancelled_job_leaves_others_alone_and_lets_go_of_its_renderer() {
+    let service = service(3, 0);
+    let gated = Gated::new();
+    let cancelled = service.submit(Arc::clone(&gated), blind(), JobOptions::default()).unwrap();
+    wait_until(|| gated.spawned.load(Relaxed) > 0);
+    let ledger = Ledger::new(SCRIPT);
+    let other = service.submit(Arc::clone(&ledger), Tracers::cpu(Arc::clone(&ledger) as _), SMALL).unwrap();
+    cancelled.cancel();
+    gated.open();
+    assert_eq!(cancelled.wait(), Err(JobError::Cancelled));
+    assert!(Arc::into_inner(gated).is_some(), "the service has let go of the renderer");
+    other.wait().unwrap();
+    ledger.check_complete();
+}
+
+#[test]
+fn dropping_a_handle_cancels() {
+    let service = service(1, 0);
+    let gated = Gated::new();
+    drop(service.submit(Arc::clone(&gated), blind(), JobOptions::default()).unwrap());
+    gated.open();
+    wait_until(|| Arc::strong_count(&gated) == 1);
+    assert!(gated.spawned.load(Relaxed) <= 1);
+}
+
+#[test]
+fn jobs_beyond_the_limit_wait_their_turn() {
+    let options = ServiceOptions { host_threads: 2, dispatch_threads: 0, max_jobs: 1, ..Default::default() };
+    let service = Service::new(options).unwrap();
+    let renderers: Vec<_> = (0..3).map(|_| Gated::new()).collect();
+    let submit =
+        |gated: &Arc<Gated>| service.submit(Arc::clone(gated), blind(), JobOptions::default()).unwrap();
+    let mut jobs: Vec<_> = renderers.iter().map(submit).collect();
+    wait_until(|| renderers[0].spawned.load(Relaxed) == 2);
+    renderers[1].open();
+    renderers[2].open();
+    assert!(!jobs[1].wait_for(Duration::from_millis(5)) && renderers[1].spawned.load(Relaxed) == 0);
+    assert_eq!(jobs[1].progress().tiles, 50);
+    // One that waits can be cancelled or stopped.
+    let waiting = jobs.remove(1);
+    waiting.cancel();
+    assert_eq!(waiting.wait(), Err(JobError::Cancelled));
+    let stopped = submit(&renderers[2]);
+    stopped.stop();
+    assert_eq!(stopped.wait().map(|report| (report.stopped, report.tiles_spawned)), Ok((true, 0)));
+    renderers[0].open();
+    for job in jobs {
+        assert_eq!(job.wait().unwrap().tiles_spawned, 50);
+    }
+    assert_eq!(renderers[2].shaded.load(Relaxed), 50);
+}
+
+#[test]
+fn two_jobs_share_the_threads() {
+    let service = service(1, 0);
+    let ledgers = [Ledger::new(SCRIPT), Ledger::new(Script { seed: 2, ..SCRIPT })];
+    let gated = Gated::new();
+    let gate = service.submit(Arc::clone(&gated), blind(), JobOptions::default()).unwrap();
+    wait_until(|| gated.spawned.load(Relaxed) > 0);
+    let jobs = ledgers.each_ref().map(|ledger| {
+        service.submit(Arc::clone(ledger), Tracers::cpu(Arc::clone(ledger) as _), SMALL).unwrap()
+    });
+    gated.open();
+    gate.wait().unwrap();
+    let reports = jobs.map(|job| job.wait().unwrap());
+    for ledger in &ledgers {
+        ledger.check_complete();
+    }
+    // Both had the one thread while they ran, so neither had it all.
+    for report in reports {
+        assert!(report.threads[0].busy_s < report.wall_s);
+    }
+}
+
+#[test]
+fn dropping_the_service_cancels_what_runs_and_what_waits() {
+    let options = ServiceOptions { host_threads: 2, dispatch_threads: 1, max_jobs: 1, ..Default::default() };
+    let service = Service::new(options).unwrap();
+    let (gated, other) = (Gated::new(), Gated::new());
+    let running = service.submit(Arc::clone(&gated), blind(), JobOptions::default()).unwrap();
+    let waiting = service.submit(Arc::clone(&other), blind(), JobOptions::default()).unwrap();
+    wait_until(|| gated.spawned.load(Relaxed) == 2);
+    gated.open();
+    drop(service);
+    assert_eq!(running.wait(), Err(JobError::Cancelled));
+    assert_eq!(waiting.progress().tiles_spawned, 0);
+    waiting.stop();
+    assert_eq!(waiting.wait(), Err(JobError::Cancelled));
+}
+
+/// Drops the last reference to its own service while it is dropped itself.
+struct Owner(#[expect(dead_code, reason = "held to be dropped")] Arc<Service>, Arc<Gated>);
+
+impl Renderer for Owner {
+    type Payload = u32;
+    type ShadowPayload = u32;
+
+    fn tiles(&self) -> u64 {
+        self.1.tiles()
+    }
+
+    fn tile_rays(&self) -> usize {
+        self.1.tile_rays()
+    }
+
+    fn shadow_rays_per_ray(&self) -> usize {
+        self.1.shadow_rays_per_ray()
+    }
+
+    fn spawn(&self, tile: u64, out: &mut Output<'_, u32, u32>) {
+        self.1.spawn(tile, out);
+    }
+
+    fn shade(&self, batch: Batch<'_, u32>, out: &mut Output<'_, u32, u32>) {
+        self.1.shade(batch, out);
+    }
+
+    fn shadow(&self, _: &[Ray], _: &[u32], _: &[u32]) {}
+}
+
+#[test]
+fn a_service_may_die_on_its_own_thread() {
+    let service = Arc::new(service(2, 1));
+    let gated = Gated::new();
+    let owner = Owner(Arc::clone(&service), Arc::clone(&gated));
+    let job = service.submit(Arc::new(owner), blind(), JobOptions::default()).unwrap();
+    drop(service);
+    gated.open();
+    assert_eq!(job.wait().map(|report| report.tiles_spawned), Ok(50));
+}
+
+/// Breaks its promises, or panics in its drop.
+struct Rude {
+    rays: usize,
+    shadow_rays: usize,
+    panics_in_drop: bool,
+}
+
+impl Renderer for Rude {
+    type Payload = u32;
+    type ShadowPayload = u32;
+
+    fn tiles(&self) -> u64 {
+        1
+    }
+
+    fn tile_rays(&self) -> usize {
+        10
+    }
+
+    fn shadow_rays_per_ray(&self) -> usize {
+        1
+    }
+
+    fn spawn(&self, _: u64, out: &mut Output<'_, u32, u32>) {
+        (0..10).for_each(|_| out.ray(Ray::default(), 0));
+    }
+
+    fn shade(&self, _: Batch<'_, u32>, out: &mut Output<'_, u32, u32>) {
+        (0..self.rays).for_each(|_| out.ray(Ray::default(), 0));
+        (0..self.shadow_rays).for_each(|_| out.shadow(Ray::default(), 0));
+        let is_rude = self.panics_in_drop || self.rays + self.shadow_rays > 0;
+        assert!(is_rude, "an unhappy shader");
+    }
+
+    fn shadow(&self, _: &[Ray], _: &[u32], _: &[u32]) {}
+}
+
+impl Drop for Rude {
+    fn drop(&mut self) {
+        if self.panics_in_drop {
+            std::panic::resume_unwind(Box::new("nor does it go quietly"));
+        }
+    }
+}
+
+#[test]
+fn a_rude_renderer_hurts_only_itself() {
+    let service = service(1, 0);
+    let run = |rays, shadow_rays, panics_in_drop| {
+        let renderer = Arc::new(Rude { rays, shadow_rays, panics_in_drop });
+        service.submit(renderer, blind(), JobOptions::default()).unwrap().wait()
+    };
+    let message = |outcome: Result<JobReport, JobError>| outcome.unwrap_err().to_string();
+    let text = message(run(11, 0, false));
+    assert!(text.contains("emitted 11 rays and 0 shadow rays where it promised at most 10 and 10"), "{text}");
+    let text = message(run(0, 11, false));
+    assert!(text.contains("emitted 0 rays and 11 shadow rays where it promised at most 10 and 10"), "{text}");
+    assert_eq!(message(run(0, 0, false)), "the job panicked: an unhappy shader");
+    run(0, 0, true).unwrap();
+    let ledger = Ledger::new(SCRIPT);
+    let job = service.submit(Arc::clone(&ledger), Tracers::cpu(Arc::clone(&ledger) as _), SMALL).unwrap();
+    job.wait().unwrap();
+    ledger.check_complete();
+}
+
+#[test]
+fn a_service_without_workers_is_refused() {
+    let refused = |host_threads, max_jobs| {
+        let options = ServiceOptions { host_threads, max_jobs, ..Default::default() };
+        Service::new(options).err().unwrap().to_string()
+    };
+    assert_eq!(refused(0, 1), "a service needs at least one host thread");
+    assert_eq!(refused(1, 0), "a service needs at least one job at a time");
+}

@@ -1,0 +1,29 @@
+//! Tests of the whole scheduler: simulated interleavings, then real threads.
+
+mod gated;
+mod ledger;
+mod lifecycle;
+mod queries;
+mod simulator;
+mod threads;
+
+use super::{JobOptions, Service, ServiceOptions};
+use ledger::Script;
+
+const SCRIPT: Script =
+    Script { seed: 1, tiles: 40, tile_rays: 300, max_depth: 6, shadow_rays_per_ray: 2, panic_at: None };
+
+const SMALL: JobOptions = JobOptions {
+    in_flight: Some(3000),
+    threshold: Some(400),
+    batch_rays: 200,
+    chunk_rays: 64,
+    chunk_rays_most: 500,
+    policy: None,
+    timeline: true,
+};
+
+fn service(host_threads: usize, dispatch_threads: usize) -> Service {
+    let options = ServiceOptions { host_threads, dispatch_threads, max_jobs: 3, ..Default::default() };
+    Service::new(options).unwrap()
+}

@@ -1,0 +1,332 @@
+//! A seeded single-threaded driver of the very state machine that the threads drive: random
+//! interleavings of host and dispatch threads, tasks of random length, jobs that come, are stopped,
+//! cancelled or panic, and devices that die.
+
+use super::super::handle::JobError;
+use super::super::pool::Pool;
+use super::super::report::{JobReport, Progress};
+use super::super::service::prepare;
+use super::super::state::{JobId, Next, Receiver, State};
+use super::super::task::Work;
+use super::super::{JobOptions, Policy, Sharing, TaskKind, Tracers, Unit};
+use super::ledger::{FakeDevice, Fate, Ledger, Script, mix};
+use crate::stream::Scratch;
+use std::sync::{Arc, Mutex};
+
+/// A small seeded generator.
+struct Random(u64);
+
+impl Random {
+    fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(1);
+        mix(self.0)
+    }
+
+    /// One of `least..=most`.
+    fn range(&mut self, least: usize, most: usize) -> usize {
+        least + (self.next() % (most - least + 1) as u64) as usize
+    }
+
+    fn one_in(&mut self, n: u64) -> bool {
+        self.next().is_multiple_of(n)
+    }
+
+    fn pick<T: Copy>(&mut self, choices: &[T]) -> T {
+        choices[self.range(0, choices.len() - 1)]
+    }
+}
+
+enum Status {
+    /// Will ask for a task.
+    Ready,
+    /// Has a task; ends it when chosen, one time in so many.
+    Working {
+        work: Arc<dyn Work>,
+        slowness: u64,
+    },
+    /// Waits for its bell.
+    Suspended {
+        rung: bool,
+    },
+    Gone,
+}
+
+#[derive(Default)]
+struct Outbox(Mutex<Option<Result<JobReport, JobError>>>);
+
+impl Receiver for Outbox {
+    fn receive(&self, _: Progress, outcome: Result<JobReport, JobError>) {
+        let former = self.0.lock().unwrap().replace(outcome);
+        assert!(former.is_none(), "a job has one result");
+    }
+}
+
+struct Case {
+    id: JobId,
+    ledger: Arc<Ledger>,
+    outbox: Arc<Outbox>,
+    panics: bool,
+    cancelled: bool,
+    stopped: bool,
+}
+
+#[derive(Default)]
+struct Tally {
+    complete: usize,
+    stopped: usize,
+    cancelled: usize,
+    panicked: usize,
+    lost: usize,
+    tasks: usize,
+}
+
+struct Simulation {
+    random: Random,
+    state: State,
+    pool: Pool,
+    hosts: usize,
+    threads: Vec<Status>,
+    cases: Vec<Case>,
+    now_ns: u64,
+    scratch: Scratch,
+    tasks: usize,
+}
+
+impl Simulation {
+    fn new(seed: u64) -> Self {
+        let mut random = Random(mix(seed));
+        let (hosts, dispatchers) = (random.range(1, 5), random.range(0, 3));
+        let sharing = random.pick(&[Sharing::Fair, Sharing::FirstIn]);
+        Self {
+            state: State::new(hosts, dispatchers, random.range(1, 3), sharing),
+            pool: Pool::new(2),
+            hosts,
+            threads: (0..hosts + dispatchers).map(|_| Status::Ready).collect(),
+            cases: Vec::new(),
+            now_ns: 0,
+            scratch: Scratch::default(),
+            random,
+            tasks: 0,
+        }
+    }
+
+    fn submit(&mut self) {
+        let random = &mut self.random;
+        let panics = random.one_in(8);
+        let script = Script {
+            seed: random.next(),
+            tiles: random.range(0, 10) as u64,
+            tile_rays: random.range(1, 24),
+            max_depth: random.range(1, 5),
+            shadow_rays_per_ray: random.range(0, 2),
+            panic_at: panics.then(|| random.next() % 60),
+        };
+        let ledger = Ledger::new(script);
+        let dispatches = random.next() % 12;
+        let fate = random.pick(&[Fate::Lives, Fate::Lives, Fate::Lost(dispatches), Fate::Panics(dispatches)]);
+        let device = Arc::new(FakeDevice {
+            ledger: Arc::clone(&ledger),
+            fate,
+            // The books would show the pieces that a dying device has answered as traced twice.
+            max_rays: if fate == Fate::Lives { random.pick(&[1, 7, 1000]) } else { 1000 },
+            delay: Default::default(),
+            dispatches: Default::default(),
+        });
+        let tracers = Tracers {
+            host: Arc::clone(&ledger) as _,
+            device: (!random.one_in(6)).then_some(device as _),
+            unit: random.pick(&[Unit::Cpu, Unit::Gpu, Unit::Hybrid, Unit::Hybrid]),
+        };
+        let chunk_rays = random.range(1, 8);
+        let options = JobOptions {
+            in_flight: Some(script.tile_rays + random.range(0, 100)),
+            threshold: Some(random.range(1, 40)),
+            batch_rays: random.range(1, 16),
+            chunk_rays,
+            chunk_rays_most: chunk_rays + random.range(0, 60),
+            policy: random.pick(&[None, Some(Policy::RayAccelerator), Some(Policy::ShadeFirst)]),
+            timeline: true,
+        };
+        let outbox = Arc::new(Outbox::default());
+        let receiver = Arc::clone(&outbox) as _;
+        let dispatchers = self.threads.len() - self.hosts;
+        let submission =
+            prepare(Arc::clone(&ledger), tracers, &options, (self.hosts, dispatchers), &self.pool, receiver)
+                .unwrap();
+        let id = self.state.submit(submission, self.now_ns);
+        self.cases.push(Case { id, ledger, outbox, panics, cancelled: false, stopped: false });
+        self.conclude();
+    }
+
+    /// Rings bells and delivers results, as the threads do.
+    fn conclude(&mut self) {
+        let aftermath = self.state.take_aftermath();
+        let all = 0..if aftermath.wake_all { self.threads.len() } else { 0 };
+        for thread in aftermath.wake.into_iter().flatten().chain(all) {
+            if let Status::Suspended { rung } = &mut self.threads[thread] {
+                *rung = true;
+            }
+        }
+        for ended in aftermath.ended {
+            ended.submission.job.retire(&self.pool);
+            drop(ended.submission.work);
+            ended.submission.receiver.receive(ended.last, ended.outcome);
+        }
+        self.state.check();
+    }
+
+    /// One thread makes one step; false when none can.
+    fn step(&mut self) -> bool {
+        self.now_ns += 1 + self.random.next() % 10;
+        let awake = |status: &Status| match status {
+            Status::Ready | Status::Working { .. } => true,
+            Status::Suspended { rung } => *rung,
+            Status::Gone => false,
+        };
+        let able: Vec<_> = (0..self.threads.len()).filter(|&thread| awake(&self.threads[thread])).collect();
+        if able.is_empty() {
+            return false;
+        }
+        let thread = self.random.pick(&able);
+        match std::mem::replace(&mut self.threads[thread], Status::Ready) {
+            Status::Working { work, slowness } if !self.random.one_in(slowness) => {
+                self.threads[thread] = Status::Working { work, slowness };
+                return true;
+            }
+            Status::Working { work, .. } => {
+                work.work(thread, &mut self.scratch);
+                drop(work);
+                self.state.finish(thread, self.now_ns);
+                self.tasks += 1;
+            }
+            Status::Ready | Status::Suspended { .. } => {}
+            Status::Gone => unreachable!("it is not able"),
+        }
+        assert!(!self.state.is_asleep(thread), "only threads that are woken go on");
+        self.threads[thread] = match self.state.next(thread, self.now_ns) {
+            Next::Work(work) => Status::Working { work, slowness: self.random.pick(&[1, 1, 3, 40]) },
+            Next::Sleep => Status::Suspended { rung: false },
+            Next::Exit => Status::Gone,
+        };
+        self.conclude();
+        true
+    }
+
+    fn disturb(&mut self) {
+        let index = self.random.range(0, self.cases.len() - 1);
+        let case = &mut self.cases[index];
+        let unfinished = case.outbox.0.lock().unwrap().is_none();
+        if self.random.one_in(2) {
+            case.cancelled |= unfinished;
+            self.state.cancel(case.id, self.now_ns);
+        } else {
+            case.stopped |= unfinished;
+            self.state.stop(case.id, self.now_ns);
+        }
+        self.conclude();
+    }
+
+    fn run(mut self, tally: &mut Tally) {
+        let mut to_submit = self.random.range(1, 5);
+        let disturbed = self.random.one_in(3);
+        let close_after = self.random.one_in(10).then(|| self.random.range(1, 2000));
+        let mut steps = 0;
+        loop {
+            if to_submit > 0 && self.random.one_in(20) {
+                self.submit();
+                to_submit -= 1;
+            }
+            if disturbed && !self.cases.is_empty() && self.random.one_in(150) {
+                self.disturb();
+            }
+            let moved = self.step();
+            steps += 1;
+            assert!(steps < 2_000_000, "the jobs come to an end");
+            if close_after.is_some_and(|limit| steps > limit) {
+                self.cases
+                    .iter_mut()
+                    .for_each(|case| case.cancelled |= case.outbox.0.lock().unwrap().is_none());
+                break;
+            }
+            if !moved && to_submit == 0 {
+                assert!(self.state.is_idle(), "nothing waits while all threads are suspended");
+                break;
+            }
+        }
+        self.state.close(self.now_ns);
+        self.conclude();
+        while self.step() {}
+        assert!(self.threads.iter().all(|thread| matches!(thread, Status::Gone)), "every thread goes home");
+        tally.tasks += self.tasks;
+        self.cases.into_iter().for_each(|case| case.settle(tally));
+    }
+}
+
+impl Case {
+    fn settle(self, tally: &mut Tally) {
+        let outcome = self.outbox.0.lock().unwrap().take().expect("every job has a result");
+        match outcome {
+            Ok(report) => {
+                let [camera, continuation, shadow] = self.ledger.check_complete();
+                assert_eq!(
+                    [camera, continuation, shadow],
+                    [report.rays.camera, report.rays.continuation, report.rays.shadow]
+                );
+                assert_eq!(report.cpu.rays + report.gpu.rays, report.rays.total());
+                assert!(report.max_in_flight <= report.limits.in_flight);
+                assert!(report.streams <= report.limits.streams);
+                assert!((0.0..=1.0).contains(&report.tail_idle_share));
+                assert_eq!(report.tiles_spawned, self.ledger.tiles_spawned());
+                assert!(self.stopped || !report.stopped);
+                assert_eq!(report.stopped, report.tiles_spawned < report.tiles);
+                let traced = report
+                    .timeline
+                    .iter()
+                    .filter(|task| matches!(task.kind, TaskKind::Trace | TaskKind::Dispatch));
+                let traced: u64 = traced.map(|task| u64::from(task.rays)).sum();
+                assert_eq!(traced, report.rays.total(), "the timeline has every ray");
+                tally.stopped += usize::from(report.stopped);
+                tally.complete += usize::from(!report.stopped);
+                tally.lost += usize::from(report.events.iter().any(|event| event.contains("failed")));
+            }
+            Err(JobError::Cancelled) => {
+                assert!(self.cancelled, "only cancelled jobs are");
+                tally.cancelled += 1;
+            }
+            Err(JobError::Panicked(message)) => {
+                assert!(self.panics, "only scripted panics happen: {message}");
+                assert_eq!(message, "as the script says");
+                tally.panicked += 1;
+            }
+        }
+    }
+}
+
+fn simulate(seeds: std::ops::Range<u64>) {
+    let mut tally = Tally::default();
+    for seed in seeds {
+        let run = std::panic::AssertUnwindSafe(|| Simulation::new(seed).run(&mut tally));
+        if let Err(payload) = std::panic::catch_unwind(run) {
+            eprintln!("seed {seed} failed");
+            std::panic::resume_unwind(payload);
+        }
+    }
+    let Tally { complete, stopped, cancelled, panicked, lost, tasks } = tally;
+    println!(
+        "{tasks} tasks; jobs: {complete} complete ({lost} lost a device), {stopped} stopped, \
+         {cancelled} cancelled, {panicked} panicked"
+    );
+    let least = complete.min(stopped).min(cancelled).min(panicked).min(lost);
+    assert!(least > 100, "every ending is simulated often");
+}
+
+/// Two halves, to be run side by side.
+#[test]
+fn nothing_is_lost_in_any_interleaving() {
+    simulate(0..15_000);
+}
+
+#[test]
+fn nothing_is_lost_in_any_other_interleaving() {
+    simulate(15_000..30_000);
+}

@@ -1,0 +1,186 @@
+//! The service with real threads, and devices that live, dawdle or die.
+
+use super::super::{JobError, TaskKind, ThreadKind, Tracers, Unit};
+use super::ledger::{FakeDevice, Fate, Ledger, Script, mix};
+use super::{SCRIPT, SMALL, service};
+use std::sync::Arc;
+use std::time::Duration;
+
+fn device(ledger: &Arc<Ledger>, fate: Fate) -> Arc<FakeDevice> {
+    let (max_rays, delay) = (250, Duration::ZERO);
+    Arc::new(FakeDevice { ledger: Arc::clone(ledger), fate, max_rays, delay, dispatches: Default::default() })
+}
+
+fn tracers(ledger: &Arc<Ledger>, device: Arc<FakeDevice>, unit: Unit) -> Tracers {
+    Tracers { host: Arc::clone(ledger) as _, device: Some(device), unit }
+}
+
+#[test]
+fn every_ray_is_shaded_once_with_any_number_of_threads() {
+    for hosts in 1..=8 {
+        for unit in [Unit::Cpu, Unit::Gpu, Unit::Hybrid] {
+            let service = service(hosts, 2);
+            let ledger = Ledger::new(SCRIPT);
+            let tracers = tracers(&ledger, device(&ledger, Fate::Lives), unit);
+            let job = service.submit(Arc::clone(&ledger), tracers, SMALL).unwrap();
+            let report = job.wait().unwrap();
+            let [camera, continuation, shadow] = ledger.check_complete();
+            assert_eq!(
+                [report.rays.camera, report.rays.continuation, report.rays.shadow],
+                [camera, continuation, shadow]
+            );
+            assert!(report.max_in_flight <= 3000 && !report.stopped && report.events.is_empty());
+            match unit {
+                Unit::Cpu => assert_eq!(report.gpu.rays, 0),
+                Unit::Gpu => assert_eq!(report.cpu.rays, 0),
+                Unit::Hybrid => assert!(report.gpu.rays > 0),
+            }
+            assert_eq!(report.threads.len(), hosts + 2);
+        }
+    }
+}
+
+#[test]
+fn a_device_that_dies_costs_nothing_but_time() {
+    for fate in [Fate::Lost(0), Fate::Lost(3), Fate::Panics(0), Fate::Panics(5)] {
+        for unit in [Unit::Gpu, Unit::Hybrid] {
+            let service = service(2, 2);
+            let ledger = Ledger::new(SCRIPT);
+            let device = Arc::new(FakeDevice {
+                max_rays: 10_000,
+                delay: Duration::ZERO,
+                ..Arc::into_inner(device(&ledger, fate)).unwrap()
+            });
+            let job = service.submit(Arc::clone(&ledger), tracers(&ledger, device, unit), SMALL).unwrap();
+            let report = job.wait().unwrap();
+            ledger.check_complete();
+            assert_eq!(report.events.len(), 1, "one event: {:?}", report.events);
+            assert!(report.events[0].starts_with("a fake device failed ("), "{:?}", report.events);
+            assert!(report.cpu.rays > 0);
+        }
+    }
+}
+
+#[test]
+fn a_slow_device_is_helped() {
+    let service = service(2, 1);
+    let ledger = Ledger::new(SCRIPT);
+    let device = Arc::new(FakeDevice {
+        delay: Duration::from_millis(5),
+        ..Arc::into_inner(device(&ledger, Fate::Lives)).unwrap()
+    });
+    let tracers = tracers(&ledger, device, Unit::Hybrid);
+    let report = service.submit(Arc::clone(&ledger), tracers, SMALL).unwrap().wait().unwrap();
+    ledger.check_complete();
+    assert!(report.cpu.rays > report.gpu.rays && report.gpu.rays > 0);
+}
+
+#[test]
+fn without_a_device_or_its_threads_the_host_traces_and_says_so() {
+    let ledger = Ledger::new(SCRIPT);
+    let no_device = Tracers { unit: Unit::Gpu, ..Tracers::cpu(Arc::clone(&ledger) as _) };
+    let report = service(1, 1).submit(Arc::clone(&ledger), no_device, SMALL).unwrap().wait().unwrap();
+    assert_eq!(report.events, ["there is no GPU; host threads trace alone"]);
+    let ledger = Ledger::new(SCRIPT);
+    let tracers = tracers(&ledger, device(&ledger, Fate::Lives), Unit::Gpu);
+    let report = service(1, 0).submit(Arc::clone(&ledger), tracers, SMALL).unwrap().wait().unwrap();
+    assert_eq!(report.events, ["a fake device is not used: the service has no dispatch threads"]);
+    assert_eq!(report.gpu.rays, 0);
+    ledger.check_complete();
+}
+
+#[test]
+fn the_account_adds_up() {
+    let service = service(2, 2);
+    let ledger = Ledger::new(SCRIPT);
+    let tracers = tracers(&ledger, device(&ledger, Fate::Lives), Unit::Hybrid);
+    let job = service.submit(Arc::clone(&ledger), tracers, SMALL).unwrap();
+    let report = job.wait().unwrap();
+    assert_eq!(report.cpu.rays + report.gpu.rays, report.rays.total());
+    assert!(
+        report.gpu.bytes_copied > 0 && report.gpu.flagged > 0 && report.gpu.retraced == report.gpu.flagged
+    );
+    assert!((0.0..=1.0).contains(&report.tail_idle_share));
+    let seconds = |kind: TaskKind| -> f64 {
+        let tasks = report.timeline.iter().filter(|task| task.kind == kind);
+        tasks.map(|task| (task.end_ns - task.start_ns) as f64 * 1e-9).sum()
+    };
+    assert!((seconds(TaskKind::Trace) - report.cpu.busy_s).abs() < 1e-6);
+    assert!((seconds(TaskKind::Dispatch) - report.gpu.busy_s).abs() < 1e-6);
+    for (index, thread) in report.threads.iter().enumerate() {
+        assert!(thread.busy_s + thread.idle_s <= report.wall_s * 1.001, "{report:?}");
+        assert_eq!(thread.kind, if index < 2 { ThreadKind::Host } else { ThreadKind::Dispatch });
+        let mut tasks: Vec<_> = report.timeline.iter().filter(|task| task.thread as usize == index).collect();
+        tasks.sort_by_key(|task| task.start_ns);
+        assert!(tasks.windows(2).all(|pair| pair[0].end_ns <= pair[1].start_ns), "one task at a time");
+        assert!(tasks.iter().all(|task| task.end_ns as f64 * 1e-9 <= report.wall_s + 1e-9));
+    }
+    let spawned: u64 =
+        report.timeline.iter().filter(|t| t.kind == TaskKind::Spawn).map(|t| u64::from(t.rays)).sum();
+    assert!(spawned >= report.rays.camera && spawned <= report.rays.camera + report.rays.shadow);
+}
+
+#[test]
+fn streams_serve_the_next_frame() {
+    let service = service(2, 0);
+    let frame = || {
+        let ledger = Ledger::new(SCRIPT);
+        let tracers = Tracers::cpu(Arc::clone(&ledger) as _);
+        service.submit(Arc::clone(&ledger), tracers, SMALL).unwrap().wait().unwrap();
+        ledger.check_complete()
+    };
+    let first = frame();
+    assert_eq!([frame(), frame()], [first, first]);
+    service.free_streams();
+    assert_eq!(frame(), first);
+}
+
+#[test]
+fn many_owners_submit_cancel_and_drop_at_once() {
+    let service = service(3, 2);
+    let run = |owner: u64| {
+        let mut kept = 0;
+        for round in 0..40 {
+            let random = mix(owner << 32 | round);
+            let panic_at = random.is_multiple_of(7).then_some(random % 40);
+            let script = Script { seed: random, tiles: 12, panic_at, ..SCRIPT };
+            let ledger = Ledger::new(script);
+            let fate = [Fate::Lives, Fate::Lost(2), Fate::Panics(1)][random as usize / 8 % 3];
+            let unit = [Unit::Cpu, Unit::Gpu, Unit::Hybrid][random as usize / 32 % 3];
+            let device = FakeDevice { max_rays: 10_000, ..Arc::into_inner(device(&ledger, fate)).unwrap() };
+            let tracers = tracers(&ledger, Arc::new(device), unit);
+            let job = service.submit(Arc::clone(&ledger), tracers, SMALL).unwrap();
+            std::thread::sleep(Duration::from_micros(random / 64 % 300));
+            match random / 1024 % 6 {
+                0 => drop(job),
+                1 => {
+                    job.cancel();
+                    assert!(!matches!(job.wait(), Err(JobError::Panicked(_))) || panic_at.is_some());
+                }
+                2 => {
+                    job.stop();
+                    match job.wait() {
+                        Ok(_) => {
+                            ledger.check_complete();
+                        }
+                        Err(error) => assert!(panic_at.is_some(), "{error}"),
+                    }
+                }
+                _ => match job.wait() {
+                    Ok(report) => {
+                        assert!(!report.stopped);
+                        ledger.check_complete();
+                        kept += 1;
+                    }
+                    Err(error) => assert!(panic_at.is_some(), "{error}"),
+                },
+            }
+        }
+        kept
+    };
+    let kept: u32 = std::thread::scope(|scope| {
+        let owners: Vec<_> = (0..4).map(|owner| scope.spawn(move || run(owner))).collect();
+        owners.into_iter().map(|owner| owner.join().unwrap()).sum()
+    });
+    assert!(kept > 40);
+}

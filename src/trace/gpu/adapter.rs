@@ -1,0 +1,201 @@
+//! Which adapters there are, and which one is used.
+
+use super::GpuError;
+use std::fmt;
+
+/// What is asked of an adapter. The default takes the fastest hardware.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct AdapterChoice {
+    /// Part of its name, in any case; a software adapter may be named.
+    pub name: Option<String>,
+    /// Whether a software adapter (a Vulkan driver on the CPU) will do when there is no hardware.
+    pub allow_software: bool,
+}
+
+/// What kind of device an adapter is, fastest first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum AdapterKind {
+    /// A GPU with its own memory.
+    Discrete,
+    /// A GPU that shares the host's memory.
+    Integrated,
+    /// A GPU seen through a virtual machine.
+    Virtual,
+    /// The driver does not say.
+    Other,
+    /// The CPU in disguise.
+    Software,
+}
+
+impl fmt::Display for AdapterKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Discrete => "discrete GPU",
+            Self::Integrated => "integrated GPU",
+            Self::Virtual => "virtual GPU",
+            Self::Other => "other",
+            Self::Software => "software",
+        })
+    }
+}
+
+/// An adapter and its limits.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct AdapterInfo {
+    /// What the driver calls it.
+    pub name: String,
+    /// The interface it is reached through: Vulkan, Metal, Dx12.
+    pub backend: String,
+    /// What kind of device it is.
+    pub kind: AdapterKind,
+    /// Driver name and version.
+    pub driver: String,
+    /// The most bytes of one storage buffer that a kernel can see.
+    pub max_binding_bytes: u64,
+    /// The most bytes of one buffer.
+    pub max_buffer_bytes: u64,
+    /// The most workgroups of one dispatch.
+    pub max_workgroups: u32,
+    /// Least and greatest number of threads that run in step.
+    pub subgroup: (u32, u32),
+    /// Whether kernels can use memory that the host maps, so that streams need no copies.
+    pub shared_memory: bool,
+}
+
+impl AdapterInfo {
+    pub(super) fn of(adapter: &wgpu::Adapter) -> Self {
+        let info = adapter.get_info();
+        let limits = adapter.limits();
+        Self {
+            name: info.name,
+            backend: info.backend.to_string(),
+            kind: match info.device_type {
+                wgpu::DeviceType::DiscreteGpu => AdapterKind::Discrete,
+                wgpu::DeviceType::IntegratedGpu => AdapterKind::Integrated,
+                wgpu::DeviceType::VirtualGpu => AdapterKind::Virtual,
+                wgpu::DeviceType::Other => AdapterKind::Other,
+                wgpu::DeviceType::Cpu => AdapterKind::Software,
+            },
+            driver: [info.driver.as_str(), info.driver_info.as_str()].join(" ").trim().to_owned(),
+            max_binding_bytes: limits.max_storage_buffer_binding_size,
+            max_buffer_bytes: limits.max_buffer_size,
+            max_workgroups: limits.max_compute_workgroups_per_dimension,
+            subgroup: (info.subgroup_min_size, info.subgroup_max_size),
+            shared_memory: adapter.features().contains(wgpu::Features::MAPPABLE_PRIMARY_BUFFERS),
+        }
+    }
+}
+
+impl fmt::Display for AdapterInfo {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} ({}, {})", self.name, self.backend, self.kind)
+    }
+}
+
+/// All adapters of the machine, software ones too, in the drivers' order. Empty when there is no
+/// driver.
+pub fn adapters() -> Vec<AdapterInfo> {
+    enumerate().iter().map(AdapterInfo::of).collect()
+}
+
+/// The interfaces this build can use.
+pub(super) fn backends() -> wgpu::Backends {
+    wgpu::Instance::enabled_backend_features() & wgpu::Backends::PRIMARY
+}
+
+/// Asks the drivers. A machine without one answers with nothing; a driver that panics does too.
+pub(super) fn enumerate() -> Vec<wgpu::Adapter> {
+    if backends().is_empty() {
+        return Vec::new();
+    }
+    let ask = || {
+        let instance = wgpu::Instance::new(wgpu::InstanceDescriptor {
+            backends: backends(),
+            flags: wgpu::InstanceFlags::empty(),
+            ..wgpu::InstanceDescriptor::new_without_display_handle()
+        });
+        pollster::block_on(instance.enumerate_adapters(backends()))
+    };
+    std::panic::catch_unwind(ask).unwrap_or_default()
+}
+
+/// The index of the adapter that fits: the named one, else the fastest kind; the first of equals.
+pub(super) fn choose(found: &[AdapterInfo], choice: &AdapterChoice) -> Result<usize, GpuError> {
+    let list = || found.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
+    if found.is_empty() {
+        let names: Vec<_> = backends().iter_names().map(|(name, _)| name).collect();
+        return Err(GpuError::NoAdapter { backends: names.join(", ") });
+    }
+    let wanted = choice.name.as_deref().map(str::to_lowercase);
+    let fits = |info: &AdapterInfo| match &wanted {
+        Some(name) => info.name.to_lowercase().contains(name),
+        None => choice.allow_software || info.kind != AdapterKind::Software,
+    };
+    found.iter().enumerate().filter(|(_, info)| fits(info)).min_by_key(|(_, info)| info.kind).map_or_else(
+        || {
+            Err(match &choice.name {
+                Some(name) => GpuError::NoSuchAdapter { wanted: name.clone(), found: list() },
+                None => GpuError::OnlySoftware { found: list() },
+            })
+        },
+        |(index, _)| Ok(index),
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn adapter(name: &str, kind: AdapterKind) -> AdapterInfo {
+        AdapterInfo {
+            name: name.into(),
+            backend: "vulkan".into(),
+            kind,
+            driver: String::new(),
+            max_binding_bytes: 1 << 27,
+            max_buffer_bytes: 1 << 30,
+            max_workgroups: 65535,
+            subgroup: (8, 8),
+            shared_memory: false,
+        }
+    }
+
+    fn machine() -> Vec<AdapterInfo> {
+        vec![
+            adapter("llvmpipe (LLVM 15)", AdapterKind::Software),
+            adapter("Small Graphics", AdapterKind::Integrated),
+            adapter("Big GPU 9000", AdapterKind::Discrete),
+            adapter("Big GPU 9000", AdapterKind::Discrete),
+        ]
+    }
+
+    fn named(name: &str) -> AdapterChoice {
+        AdapterChoice { name: Some(name.into()), allow_software: false }
+    }
+
+    #[test]
+    fn the_fastest_hardware_comes_first_and_software_only_when_nothing_else_is_there() {
+        let software = AdapterChoice { name: None, allow_software: true };
+        assert_eq!(choose(&machine(), &AdapterChoice::default()), Ok(2));
+        assert_eq!(choose(&machine(), &software), Ok(2));
+        assert_eq!(choose(&machine()[..2], &software), Ok(1));
+        assert_eq!(choose(&machine()[..1], &software), Ok(0));
+    }
+
+    #[test]
+    fn names_are_matched_in_part_and_in_any_case_software_too() {
+        assert_eq!(choose(&machine(), &named("LLVMPIPE")), Ok(0));
+        assert_eq!(choose(&machine(), &named("graphics")), Ok(1));
+        assert_eq!(choose(&machine(), &named("gpu 9")), Ok(2));
+    }
+
+    #[test]
+    fn refusals_list_what_there_is() {
+        let error = choose(&machine()[..2], &named("Radeon")).expect_err("no such adapter").to_string();
+        assert!(error.contains("\"Radeon\"") && error.contains("Small Graphics (vulkan, integrated GPU)"));
+        assert!(error.contains("llvmpipe (LLVM 15) (vulkan, software)"));
+        let error = choose(&machine()[..1], &AdapterChoice::default()).expect_err("software only");
+        assert!(matches!(&error, GpuError::OnlySoftware { found } if found.contains("llvmpipe")));
+        assert!(matches!(choose(&[], &named("x")), Err(GpuError::NoAdapter { .. })));
+    }
+}

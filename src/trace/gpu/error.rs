@@ -1,0 +1,67 @@
+//! Why the GPU cannot be used. The caller goes on with the CPU.
+
+/// Why a GPU cannot be opened or cannot take a scene.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum GpuError {
+    /// No driver, or no device.
+    #[error("no GPU adapter: no usable {backends} driver or device found; install one or trace on the CPU")]
+    NoAdapter {
+        /// The interfaces that were asked.
+        backends: String,
+    },
+    /// Only software adapters, which are used when asked for.
+    #[error("no hardware GPU adapter, only software: {found}; ask for one by name to use it")]
+    OnlySoftware {
+        /// The adapters there are.
+        found: String,
+    },
+    /// No adapter has the wanted name.
+    #[error("no GPU adapter is called {wanted:?}; there is: {found}")]
+    NoSuchAdapter {
+        /// Part of the name that was asked for.
+        wanted: String,
+        /// The adapters there are.
+        found: String,
+    },
+    /// The adapter is there, but does not give a device.
+    #[error("the GPU {adapter} cannot be opened: {reason}")]
+    Open {
+        /// The adapter's name.
+        adapter: String,
+        /// What the driver said.
+        reason: String,
+    },
+    /// A buffer of the scene exceeds what the adapter can bind.
+    #[error("the scene's {what} need {required} bytes on the GPU, but {adapter} binds at most {available}")]
+    TooLarge {
+        /// Which buffer.
+        what: &'static str,
+        /// Its size in bytes.
+        required: u64,
+        /// The adapter's limit in bytes.
+        available: u64,
+        /// The adapter's name.
+        adapter: String,
+    },
+    /// The device has no room for the scene.
+    #[error("the scene needs {required} bytes on the GPU {adapter}, which does not give them: {reason}")]
+    OutOfMemory {
+        /// Bytes needed.
+        required: u64,
+        /// The adapter's name.
+        adapter: String,
+        /// What the driver said.
+        reason: String,
+    },
+    /// A kernel was refused.
+    #[error("the GPU {adapter} refuses a kernel: {reason}")]
+    Kernel {
+        /// The adapter's name.
+        adapter: String,
+        /// What the driver said.
+        reason: String,
+    },
+    /// The device was lost meanwhile.
+    #[error("the GPU was lost: {0}")]
+    Lost(String),
+}

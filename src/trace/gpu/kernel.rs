@@ -1,0 +1,182 @@
+//! The kernels' sources: what is shared, the constants, the kernel itself, one after the other.
+
+use super::layout;
+use crate::geom::{DIRECTION_RANGE, MAX_COORDINATE, MIN_COMPONENT, SLACK};
+use crate::stream::MISS;
+use std::fmt::Write as _;
+
+/// A kernel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Kernel {
+    /// Nearest hits.
+    TraceClosest,
+    /// Occlusion.
+    TraceAny,
+}
+
+const LAYOUT: &str = include_str!("../../../shaders/shared/layout.wgsl");
+const RAY: &str = include_str!("../../../shaders/shared/ray.wgsl");
+const TRIANGLE: &str = include_str!("../../../shaders/shared/triangle.wgsl");
+
+impl Kernel {
+    /// The name of its entry point, and of its file.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::TraceClosest => "trace_closest",
+            Self::TraceAny => "trace_any",
+        }
+    }
+
+    /// Bytes of one ray's answer.
+    pub fn answer_bytes(self) -> usize {
+        match self {
+            Self::TraceClosest => size_of::<layout::Candidates>(),
+            Self::TraceAny => size_of::<u32>(),
+        }
+    }
+
+    fn body(self) -> &'static str {
+        match self {
+            Self::TraceClosest => include_str!("../../../shaders/trace_closest.wgsl"),
+            Self::TraceAny => include_str!("../../../shaders/trace_any.wgsl"),
+        }
+    }
+
+    /// The whole source, with room for `stack` entries.
+    pub fn source(self, stack: usize) -> String {
+        [&constants(stack), LAYOUT, RAY, TRIANGLE, self.body()].join("\n")
+    }
+}
+
+/// The constants that host and device share, written once: in Rust.
+fn constants(stack: usize) -> String {
+    let mut text = String::new();
+    let integers = [
+        ("WORKGROUP_SIZE", layout::WORKGROUP_SIZE),
+        ("STACK_SIZE", stack.max(1) as u32),
+        ("LEAF", layout::LEAF),
+        ("MASKED", layout::MASKED),
+        ("LAST", layout::LAST),
+        ("MISS", MISS),
+        ("NOWHERE", layout::NOWHERE),
+        ("UNDECIDED", layout::UNDECIDED),
+        ("SIGN", (-0.0_f32).to_bits()),
+        ("EXPONENT", f32::INFINITY.to_bits()),
+        ("PLUS_INFINITY", f32::INFINITY.to_bits()),
+        ("MINUS_INFINITY", f32::NEG_INFINITY.to_bits()),
+    ];
+    for (name, value) in integers {
+        let _ = writeln!(text, "const {name}: u32 = {value}u;");
+    }
+    let floats = [
+        ("MAX_COORDINATE", MAX_COORDINATE),
+        ("DIRECTION_MIN", *DIRECTION_RANGE.start()),
+        ("DIRECTION_MAX", *DIRECTION_RANGE.end()),
+        ("MIN_COMPONENT", MIN_COMPONENT),
+        ("SLACK", SLACK),
+        ("LARGEST_FLOAT", f32::MAX),
+        ("MARGIN", layout::MARGIN),
+        ("EDGE_ROUNDING", layout::EDGE_ROUNDING),
+        ("T_ROUNDING", layout::T_ROUNDING),
+        ("TINY", layout::TINY),
+        ("LEAST_PAD", layout::LEAST_PAD),
+    ];
+    for (name, value) in floats {
+        // The shortest decimal that reads back as the same number.
+        let _ = writeln!(text, "const {name}: f32 = {value:e}f;");
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::stream::Ray;
+    use naga::front::wgsl;
+    use naga::valid::{Capabilities, ValidationFlags, Validator};
+    use std::mem::offset_of;
+
+    const ALL: [Kernel; 2] = [Kernel::TraceClosest, Kernel::TraceAny];
+
+    fn parse(kernel: Kernel) -> naga::Module {
+        let source = kernel.source(24);
+        wgsl::parse_str(&source).unwrap_or_else(|e| panic!("{}", e.emit_to_string(&source)))
+    }
+
+    #[test]
+    fn every_kernel_is_valid_without_any_optional_capability() {
+        for kernel in ALL {
+            let module = parse(kernel);
+            Validator::new(ValidationFlags::all(), Capabilities::empty())
+                .validate(&module)
+                .unwrap_or_else(|e| panic!("{}: {e:?}", kernel.name()));
+            let [entry] = module.entry_points.as_slice() else { panic!("one entry point a kernel") };
+            assert_eq!(entry.name, kernel.name());
+            assert_eq!(entry.workgroup_size, [layout::WORKGROUP_SIZE, 1, 1]);
+        }
+    }
+
+    /// Name, span, and the name and offset of every member.
+    type Layout = (&'static str, usize, Vec<(&'static str, usize)>);
+
+    macro_rules! layout_of {
+        ($type:ty: $($member:ident),+) => {
+            (stringify!($type).rsplit(' ').next().expect("a name"), size_of::<$type>(), vec![$((stringify!($member), offset_of!($type, $member))),+])
+        };
+    }
+
+    #[test]
+    fn structs_lie_in_memory_alike_on_both_sides() {
+        use layout::{Candidates, Node, Params, Triangle};
+        let expected: [Layout; 5] = [
+            layout_of!(Ray: origin, t_min, direction, t_max),
+            layout_of!(Node: left_min, left, left_max, spare_0, right_min, right, right_max, spare_1),
+            layout_of!(Triangle: v0, primitive, v1, flags, v2, extent),
+            layout_of!(Candidates: first, second, third, rest),
+            layout_of!(Params: count, scene_max_abs, zero, spare),
+        ];
+        for kernel in ALL {
+            let module = parse(kernel);
+            for (name, span, members) in &expected {
+                let found = module.types.iter().find(|(_, t)| t.name.as_deref() == Some(name));
+                let (handle, found) = found.unwrap_or_else(|| panic!("{name} in {}", kernel.name()));
+                let naga::TypeInner::Struct { members: found, span: found_span } = &found.inner else {
+                    panic!("{name} is a struct");
+                };
+                let found: Vec<_> =
+                    found.iter().map(|m| (m.name.as_deref().unwrap_or(""), m.offset as usize)).collect();
+                assert_eq!(&found, members, "{name}");
+                assert_eq!(*found_span as usize, *span, "{name}");
+                // Arrays of it step by its span.
+                for (_, t) in module.types.iter() {
+                    if let naga::TypeInner::Array { base, stride, .. } = t.inner
+                        && base == handle
+                    {
+                        assert_eq!(stride as usize, *span, "array of {name}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn constants_arrive_to_the_bit() {
+        let module = parse(Kernel::TraceClosest);
+        let value = |name: &str| {
+            let found = module.constants.iter().find(|(_, c)| c.name.as_deref() == Some(name));
+            let (_, constant) = found.unwrap_or_else(|| panic!("constant {name}"));
+            match module.global_expressions[constant.init] {
+                naga::Expression::Literal(naga::Literal::F32(x)) => x.to_bits(),
+                naga::Expression::Literal(naga::Literal::U32(x)) => x,
+                ref other => panic!("{name} is {other:?}"),
+            }
+        };
+        assert_eq!(value("SLACK"), SLACK.to_bits());
+        assert_eq!(value("MIN_COMPONENT"), MIN_COMPONENT.to_bits());
+        assert_eq!(value("DIRECTION_MIN"), DIRECTION_RANGE.start().to_bits());
+        assert_eq!(value("LARGEST_FLOAT"), f32::MAX.to_bits());
+        assert_eq!(value("TINY"), layout::TINY.to_bits());
+        assert_eq!(value("MISS"), MISS);
+        assert_eq!(value("STACK_SIZE"), 24);
+    }
+}

@@ -1,0 +1,94 @@
+//! The host's half of a dispatch: candidates become canonical answers.
+
+use super::layout::{Candidates, UNDECIDED};
+use crate::bvh::{Bvh, Filter};
+use crate::geom::CanonicalRay;
+use crate::stream::{DeviceReport, Hit, MISS, Ray, Tracer};
+use std::sync::Arc;
+
+/// What it takes to say which candidate is the hit.
+pub(super) struct Resolver {
+    pub bvh: Arc<Bvh>,
+    /// The say in hits of masked triangles.
+    pub filter: Option<Arc<dyn Filter>>,
+    /// Traces what the candidates leave open.
+    pub cpu: Arc<dyn Tracer>,
+}
+
+impl Resolver {
+    /// Writes every ray's canonical hit.
+    pub fn closest(&self, rays: &[Ray], candidates: &[Candidates], hits: &mut [Hit]) -> DeviceReport {
+        let mut report = DeviceReport::default();
+        let mut open = Vec::new();
+        for (index, (ray, found)) in rays.iter().zip(candidates).enumerate() {
+            let complete = found.rest == f32::MAX;
+            if found.first == MISS && complete {
+                hits[index] = Hit::NONE;
+                continue;
+            }
+            report.flagged += u64::from(found.second != MISS || !complete);
+            match self.nearest(ray, found) {
+                Some(nearest) if complete || nearest.t < found.rest => hits[index] = nearest,
+                _ => open.push(index),
+            }
+        }
+        report.retraced = open.len() as u64;
+        if !open.is_empty() {
+            let again: Vec<Ray> = open.iter().map(|&index| rays[index]).collect();
+            let mut answers = vec![Hit::NONE; again.len()];
+            self.cpu.closest(&again, &mut answers);
+            for (index, answer) in open.into_iter().zip(answers) {
+                hits[index] = answer;
+            }
+        }
+        report
+    }
+
+    /// Writes whether every ray is occluded.
+    pub fn occluded(&self, rays: &[Ray], candidates: &[u32], occluded: &mut [u32]) -> DeviceReport {
+        occluded.copy_from_slice(candidates);
+        let open: Vec<usize> = (0..rays.len()).filter(|&index| candidates[index] >= UNDECIDED).collect();
+        let count = open.len() as u64;
+        if !open.is_empty() {
+            let again: Vec<Ray> = open.iter().map(|&index| rays[index]).collect();
+            let mut answers = vec![0; again.len()];
+            self.cpu.occluded(&again, &mut answers);
+            for (index, answer) in open.into_iter().zip(answers) {
+                occluded[index] = answer;
+            }
+        }
+        DeviceReport { bytes_copied: 0, flagged: count, retraced: count }
+    }
+
+    /// The nearest canonical hit among the candidates, ties to the lowest primitive. `None` when one
+    /// is no primitive, as a broken device may answer.
+    fn nearest(&self, ray: &Ray, candidates: &Candidates) -> Option<Hit> {
+        let prepared =
+            CanonicalRay::new(ray.origin, ray.t_min, ray.direction, ray.t_max, self.bvh.scene_max_abs());
+        let mut best = Hit::NONE;
+        for primitive in [candidates.first, candidates.second, candidates.third] {
+            if primitive == MISS {
+                break;
+            }
+            if primitive as usize >= self.bvh.len() {
+                return None;
+            }
+            if let Some(hit) = self.test(&prepared, primitive)
+                && (hit.t < best.t || hit.t == best.t && hit.primitive < best.primitive)
+            {
+                best = hit;
+            }
+        }
+        Some(best)
+    }
+
+    fn test(&self, ray: &CanonicalRay, primitive: u32) -> Option<Hit> {
+        let [v0, v1, v2] = self.bvh.corners(primitive);
+        let hit = ray.triangle(v0, v1, v2)?;
+        let there = match &self.filter {
+            Some(filter) if self.bvh.is_masked(primitive) => filter.accepts(primitive, hit.u, hit.v),
+            _ => true,
+        };
+        there.then_some(Hit { t: hit.t, u: hit.u, v: hit.v, primitive })
+    }
+}

@@ -1,0 +1,137 @@
+//! The GPU tracer: whole ray streams through the kernels and back.
+
+use super::layout::Candidates;
+use super::pass::{Lane, Pass, max_rays};
+use super::resolve::Resolver;
+use super::scene::DeviceScene;
+use super::{Gpu, GpuError};
+use crate::bvh::{Bvh, Filter};
+use crate::stream::{DeviceError, DeviceReport, DeviceTracer, Hit, Queries, Ray, Tracer};
+use std::sync::Arc;
+
+/// More rays than this in one dispatch gain nothing on any device.
+const MAX_RAYS: usize = 1 << 20;
+
+/// Traces ray streams of one scene on a GPU. The answers are canonical: candidates of the device are
+/// evaluated again on the host, and rays that stay open go to the CPU tracer.
+pub struct GpuTracer {
+    gpu: Arc<Gpu>,
+    name: String,
+    scene: DeviceScene,
+    resolver: Resolver,
+    max_rays: usize,
+}
+
+impl GpuTracer {
+    /// Uploads a scene. `filter` has its say in hits of masked triangles; `cpu` traces the same scene
+    /// with the same filter, for rays whose answer the device leaves open.
+    ///
+    /// # Errors
+    /// When the scene exceeds what the adapter can bind, with both sizes, or the device refuses the
+    /// scene or is lost. The caller goes on with the CPU.
+    pub fn new(
+        gpu: Arc<Gpu>,
+        bvh: Arc<Bvh>,
+        filter: Option<Arc<dyn Filter>>,
+        cpu: Arc<dyn Tracer>,
+    ) -> Result<Self, GpuError> {
+        let scene = DeviceScene::new(&gpu, &bvh)?;
+        let name = gpu.info().name.clone();
+        let max_rays = max_rays(&gpu).min(MAX_RAYS);
+        Ok(Self { gpu, name, scene, resolver: Resolver { bvh, filter, cpu }, max_rays })
+    }
+
+    /// Bytes that the scene takes on the device.
+    pub fn scene_bytes(&self) -> u64 {
+        self.scene.bytes
+    }
+
+    /// One submission: both kinds of rays go out, their candidates come back.
+    fn dispatch(&self, rays: &[Ray], shadow_rays: &[Ray]) -> Result<(Vec<Candidates>, Vec<u32>), String> {
+        self.gpu.guard(|device, queue| {
+            let mut encoder = device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+            let mut send = |pass: &Pass, rays: &[Ray]| -> Option<Lane> {
+                if rays.is_empty() {
+                    return None;
+                }
+                let lane = pass.take(device, rays.len());
+                pass.send(queue, &lane, rays, self.resolver.bvh.scene_max_abs());
+                pass.encode(&mut encoder, &self.scene.group, &lane, rays.len());
+                Some(lane)
+            };
+            let (closest, any) = (&self.scene.closest, &self.scene.any);
+            let closest_lane = send(closest, rays);
+            let any_lane = send(any, shadow_rays);
+            let submission = queue.submit([encoder.finish()]);
+            let hits_pending = closest_lane.map(|lane| (closest.map(&lane, rays.len()), lane));
+            let occluded_pending = any_lane.map(|lane| (any.map(&lane, shadow_rays.len()), lane));
+            self.gpu.wait(&submission)?;
+            Ok((receive(closest, hits_pending)?, receive(any, occluded_pending)?))
+        })
+    }
+
+    /// Answers queries that fit one dispatch.
+    fn trace_at_once(
+        &self,
+        rays: &[Ray],
+        hits: &mut [Hit],
+        shadow_rays: &[Ray],
+        occluded: &mut [u32],
+    ) -> Result<DeviceReport, DeviceError> {
+        let (candidates, blocked) = self.dispatch(rays, shadow_rays).map_err(DeviceError::Lost)?;
+        let mut report = self.resolver.closest(rays, &candidates, hits);
+        report += self.resolver.occluded(shadow_rays, &blocked, occluded);
+        let copied = size_of_val(rays)
+            + size_of_val(shadow_rays)
+            + size_of_val(candidates.as_slice())
+            + size_of_val(blocked.as_slice());
+        report.bytes_copied = copied as u64;
+        Ok(report)
+    }
+}
+
+/// The answers of a lane, which is then free for another call.
+fn receive<T: bytemuck::AnyBitPattern + bytemuck::NoUninit>(
+    pass: &Pass,
+    pending: Option<(super::pass::Pending, Lane)>,
+) -> Result<Vec<T>, String> {
+    let Some((pending, lane)) = pending else { return Ok(Vec::new()) };
+    let answers = pass.receive(&lane, pending)?;
+    pass.give_back(lane);
+    Ok(answers)
+}
+
+impl DeviceTracer for GpuTracer {
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn max_rays(&self) -> usize {
+        self.max_rays
+    }
+
+    /// Takes more than [`DeviceTracer::max_rays`] too, in several dispatches.
+    ///
+    /// # Panics
+    /// If outputs are not as long as their rays.
+    fn trace(&self, queries: Queries<'_>) -> Result<DeviceReport, DeviceError> {
+        let Queries { rays, hits, shadow_rays, occluded } = queries;
+        assert_eq!(rays.len(), hits.len(), "one hit per ray");
+        assert_eq!(shadow_rays.len(), occluded.len(), "one answer per shadow ray");
+        if let Some(reason) = self.gpu.lost() {
+            return Err(DeviceError::Lost(reason.into()));
+        }
+        let mut report = DeviceReport::default();
+        let mut parts = rays.chunks(self.max_rays).zip(hits.chunks_mut(self.max_rays));
+        let mut shadow_parts = shadow_rays.chunks(self.max_rays).zip(occluded.chunks_mut(self.max_rays));
+        loop {
+            let (part, shadow_part) = (parts.next(), shadow_parts.next());
+            if part.is_none() && shadow_part.is_none() {
+                return Ok(report);
+            }
+            let (rays, hits) = part.unwrap_or_default();
+            let (shadow_rays, occluded) = shadow_part.unwrap_or_default();
+            report += self.trace_at_once(rays, hits, shadow_rays, occluded)?;
+        }
+    }
+}

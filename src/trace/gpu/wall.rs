@@ -1,0 +1,151 @@
+//! One device behind one wall: nothing that happens to wgpu behind it, an error, a loss, a panic,
+//! reaches the rest of the program as anything but an error value.
+
+use super::GpuError;
+use super::adapter::{AdapterChoice, AdapterInfo, choose, enumerate};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::{Arc, OnceLock};
+use std::time::{Duration, Instant};
+
+/// How long one submission may take. Generous: software adapters are slow.
+const PATIENCE: Duration = Duration::from_secs(10);
+
+/// How long a wait holds wgpu's locks, which other threads need to submit.
+const NAP: Duration = Duration::from_millis(50);
+
+/// Why the device is gone; set once.
+type Loss = Arc<OnceLock<String>>;
+
+/// A GPU: adapter, device and queue. Made once, shared by all scenes and threads. When the device
+/// is lost it stays lost; open another one.
+#[derive(Debug)]
+pub struct Gpu {
+    info: AdapterInfo,
+    device: wgpu::Device,
+    queue: wgpu::Queue,
+    loss: Loss,
+}
+
+impl Gpu {
+    /// Opens the adapter that fits the choice, with the adapter's own limits.
+    ///
+    /// # Errors
+    /// When there is none, or the driver refuses; the message lists the adapters there are.
+    pub fn open(choice: &AdapterChoice) -> Result<Self, GpuError> {
+        let found = enumerate();
+        let infos: Vec<AdapterInfo> = found.iter().map(AdapterInfo::of).collect();
+        let index = choose(&infos, choice)?;
+        let info = infos[index].clone();
+        let refused = |reason: String| GpuError::Open { adapter: info.to_string(), reason };
+        let request = || pollster::block_on(found[index].request_device(&descriptor(&found[index])));
+        let (device, queue) = catch_unwind(AssertUnwindSafe(request))
+            .map_err(|panic| refused(panic_text(panic.as_ref())))?
+            .map_err(|e| refused(e.to_string()))?;
+
+        let loss = Loss::default();
+        let (on_loss, on_error) = (loss.clone(), loss.clone());
+        device.set_device_lost_callback(move |reason, message| {
+            let _ = on_loss.set(format!("{message} ({reason:?})").trim().to_owned());
+        });
+        device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
+            let _ = on_error.set(error.to_string());
+        }));
+        Ok(Self { info, device, queue, loss })
+    }
+
+    /// The adapter in use.
+    pub fn info(&self) -> &AdapterInfo {
+        &self.info
+    }
+
+    /// Why the device was lost, if it was.
+    pub fn lost(&self) -> Option<&str> {
+        self.loss.get().map(String::as_str)
+    }
+
+    /// Destroys the device as a driver reset would. For tests and fault injection.
+    pub fn simulate_loss(&self) {
+        let _ = catch_unwind(AssertUnwindSafe(|| self.device.destroy()));
+    }
+
+    /// Runs `work` behind the wall. Any failure, in the answer, as an uncaptured error or as a
+    /// panic, loses the device for good.
+    pub(super) fn guard<T>(
+        &self,
+        work: impl FnOnce(&wgpu::Device, &wgpu::Queue) -> Result<T, String>,
+    ) -> Result<T, String> {
+        if let Some(reason) = self.lost() {
+            return Err(reason.to_owned());
+        }
+        let answer = catch_unwind(AssertUnwindSafe(|| work(&self.device, &self.queue)))
+            .unwrap_or_else(|panic| Err(panic_text(panic.as_ref())));
+        match (answer, self.lost()) {
+            (Ok(answer), None) => Ok(answer),
+            (_, Some(reason)) => Err(reason.to_owned()),
+            (Err(reason), None) => Err(self.loss.get_or_init(|| reason).clone()),
+        }
+    }
+
+    /// Like [`Gpu::guard`], for work that may be refused without the device being lost: errors that
+    /// wgpu reports meanwhile are the answer.
+    pub(super) fn attempt<T>(
+        &self,
+        work: impl FnOnce(&wgpu::Device, &wgpu::Queue) -> T,
+    ) -> Result<Result<T, String>, String> {
+        self.guard(|device, queue| {
+            let filters =
+                [wgpu::ErrorFilter::Internal, wgpu::ErrorFilter::OutOfMemory, wgpu::ErrorFilter::Validation];
+            let scopes = filters.map(|filter| device.push_error_scope(filter));
+            let done = work(device, queue);
+            // Scopes are popped in reverse; the first error of any is told.
+            let errors = scopes.into_iter().rev().map(|scope| pollster::block_on(scope.pop()));
+            let error = errors.fold(None, |first, next| first.or(next));
+            Ok(match error {
+                Some(error) => Err(error.to_string()),
+                None => Ok(done),
+            })
+        })
+    }
+
+    /// Waits for a submission, called within [`Gpu::guard`]. The watchdog: a submission that takes
+    /// too long counts as a loss, and the device is never waited for again.
+    pub(super) fn wait(&self, submission: &wgpu::SubmissionIndex) -> Result<(), String> {
+        let start = Instant::now();
+        loop {
+            let nap = wgpu::PollType::Wait { submission_index: Some(submission.clone()), timeout: Some(NAP) };
+            match self.device.poll(nap) {
+                Ok(_) => return Ok(()),
+                Err(wgpu::PollError::Timeout) if start.elapsed() < PATIENCE => {}
+                Err(wgpu::PollError::Timeout) => {
+                    // Dropping the queue would wait for it without end.
+                    std::mem::forget((self.device.clone(), self.queue.clone()));
+                    return Err(format!("a dispatch did not return within {} s", PATIENCE.as_secs()));
+                }
+                Err(error) => return Err(error.to_string()),
+            }
+        }
+    }
+}
+
+/// Asks for what the kernels use, as much of it as there is.
+fn descriptor(adapter: &wgpu::Adapter) -> wgpu::DeviceDescriptor<'static> {
+    let there = adapter.limits();
+    wgpu::DeviceDescriptor {
+        label: Some("raystream"),
+        required_features: wgpu::Features::empty(),
+        required_limits: wgpu::Limits {
+            max_storage_buffer_binding_size: there.max_storage_buffer_binding_size,
+            max_buffer_size: there.max_buffer_size,
+            max_compute_workgroups_per_dimension: there.max_compute_workgroups_per_dimension,
+            ..wgpu::Limits::downlevel_defaults()
+        },
+        memory_hints: wgpu::MemoryHints::Performance,
+        ..Default::default()
+    }
+}
+
+fn panic_text(panic: &(dyn std::any::Any + Send)) -> String {
+    let text = panic.downcast_ref::<String>().map(String::as_str);
+    let text = text.or_else(|| panic.downcast_ref::<&str>().copied());
+    format!("panic in the driver: {}", text.unwrap_or("without a message"))
+}

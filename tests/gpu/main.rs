@@ -1,0 +1,65 @@
+//! The GPU tracer against the definition, on any adapter there is: these tests fail without one.
+#![cfg(feature = "gpu")]
+
+mod exact;
+mod failure;
+#[path = "../tracing/meshes.rs"]
+mod meshes;
+#[path = "../tracing/rays.rs"]
+mod rays;
+
+use meshes::Mesh;
+use raystream::bvh::{Bvh, Filter};
+use raystream::stream::{DeviceReport, DeviceTracer, Hit, Queries, Ray};
+use raystream::trace::cpu::Oracle;
+use raystream::trace::gpu::{AdapterChoice, Gpu, GpuTracer};
+use std::sync::Arc;
+
+/// Lets light through in a pattern.
+struct Stripes;
+
+impl Filter for Stripes {
+    fn accepts(&self, _primitive: u32, u: f32, v: f32) -> bool {
+        (u * 8.0) as u32 % 2 == 0 && v < 0.6
+    }
+}
+
+/// Opens an adapter, a software one if there is no other.
+fn open() -> Arc<Gpu> {
+    let choice = AdapterChoice { name: None, allow_software: true };
+    Arc::new(Gpu::open(&choice).expect("tests need a GPU; a software adapter will do"))
+}
+
+/// The reference and the GPU tracer over a mesh; every fourth triangle is masked when asked.
+fn tracers(gpu: &Arc<Gpu>, mesh: &Mesh, masked: bool) -> (Oracle, GpuTracer) {
+    let bvh = Arc::new(Bvh::build(&mesh.positions, &mesh.triangles, |p| masked && p % 4 == 1));
+    let filter: Option<Arc<dyn Filter>> = Some(Arc::new(Stripes));
+    let oracle = Oracle::new(bvh.clone(), filter.clone());
+    let tracer = GpuTracer::new(gpu.clone(), bvh, filter, Arc::new(oracle.clone())).expect("the scene fits");
+    (oracle, tracer)
+}
+
+/// Garbage, which every answer has to overwrite.
+const STALE: Hit = Hit { t: -7.0, u: -7.0, v: -7.0, primitive: 12345 };
+
+fn trace(tracer: &GpuTracer, rays: &[Ray], shadow_rays: &[Ray]) -> (Vec<Hit>, Vec<u32>, DeviceReport) {
+    let mut hits = vec![STALE; rays.len()];
+    let mut occluded = vec![77; shadow_rays.len()];
+    let queries = Queries { rays, hits: &mut hits, shadow_rays, occluded: &mut occluded };
+    let report = tracer.trace(queries).expect("the device answers");
+    (hits, occluded, report)
+}
+
+fn bits(hit: &Hit) -> [u32; 4] {
+    [hit.t.to_bits(), hit.u.to_bits(), hit.v.to_bits(), hit.primitive]
+}
+
+/// Compares answers with the reference, bit for bit.
+fn compare(name: &str, oracle: &Oracle, rays: &[Ray], hits: &[Hit], occluded: &[u32]) {
+    for (ray, hit) in rays.iter().zip(hits) {
+        assert_eq!(bits(hit), bits(&oracle.closest_one(ray)), "{name}: {ray:?}");
+    }
+    for (ray, &occluded) in rays.iter().zip(occluded) {
+        assert_eq!(occluded, u32::from(oracle.occluded_one(ray)), "{name}: {ray:?}");
+    }
+}

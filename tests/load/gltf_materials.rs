@@ -1,0 +1,247 @@
+//! glTF materials and textures.
+
+use crate::document::Document;
+use crate::folder::{Folder, warns};
+use glam::{Vec2, Vec3};
+use raystream::scene::{
+    AlphaMode, Channel, ColourSpace, Material, Principled, Scene, Surface, TextureRef, Wrap,
+};
+use serde_json::{Value, json};
+
+fn scene(material: Value) -> Scene {
+    let mut document = Document::triangle();
+    document.material(material);
+    document.scene()
+}
+
+fn material(json: Value) -> Material {
+    let scene = scene(json);
+    assert!(scene.warnings.is_empty(), "{:?}", scene.warnings);
+    scene.materials[0].clone()
+}
+
+fn principled(json: Value) -> Principled {
+    match material(json).surface {
+        Surface::Principled(principled) => principled,
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn factors_and_their_defaults() {
+    let plain = principled(json!({}));
+    assert_eq!(
+        (plain.base_colour.factor, plain.metallic.factor, plain.roughness.factor),
+        (Vec3::ONE, 1.0, 1.0)
+    );
+    assert_eq!((plain.ior, plain.specular, plain.transmission.factor, plain.thin), (1.5, 1.0, 0.0, true));
+    let set = material(json!({ "name": "wall", "pbrMetallicRoughness": {
+        "baseColorFactor": [0.1, 0.2, 0.3, 0.4], "metallicFactor": 0.5, "roughnessFactor": 0.25 } }));
+    let Surface::Principled(p) = set.surface else { panic!("{set:?}") };
+    assert_eq!(
+        (p.base_colour.factor, p.metallic.factor, p.roughness.factor),
+        (Vec3::new(0.1, 0.2, 0.3), 0.5, 0.25)
+    );
+    assert_eq!((set.name.as_str(), set.alpha.mode), ("wall", AlphaMode::Opaque));
+    let held = scene(json!({ "pbrMetallicRoughness": {
+            "baseColorFactor": [2.0, 0.0, -1.0, 1.0], "metallicFactor": 7.0 } }));
+    let Surface::Principled(p) = held.materials[0].surface else { panic!("{held:?}") };
+    assert_eq!((p.base_colour.factor, p.metallic.factor), (Vec3::X, 1.0));
+    assert!(warns(&held, &["baseColorFactor", "2"]) && warns(&held, &["metallicFactor", "7"]));
+}
+
+#[test]
+fn extensions_of_the_surface() {
+    let extension = |name: &str, value: Value| principled(json!({ "extensions": { name: value } }));
+    assert_eq!(extension("KHR_materials_ior", json!({ "ior": 1.33 })).ior, 1.33);
+    let everywhere = extension("KHR_materials_ior", json!({ "ior": 0.0 }));
+    assert_eq!(everywhere.specular_colour * 0.04, Vec3::ONE, "reflects all at every angle");
+    let specular = extension(
+        "KHR_materials_specular",
+        json!({ "specularFactor": 0.5, "specularColorFactor": [1.0, 2.0, 3.0] }),
+    );
+    assert_eq!((specular.specular, specular.specular_colour), (0.5, Vec3::new(1.0, 2.0, 3.0)));
+    let coat = extension(
+        "KHR_materials_clearcoat",
+        json!({ "clearcoatFactor": 0.75, "clearcoatRoughnessFactor": 0.25 }),
+    );
+    assert_eq!((coat.clearcoat.factor, coat.clearcoat_roughness.factor), (0.75, 0.25));
+    let glass = |volume: Value| {
+        let transmission = json!({ "transmissionFactor": 0.9 });
+        principled(json!({ "extensions": {
+            "KHR_materials_transmission": transmission, "KHR_materials_volume": volume } }))
+    };
+    let wall = glass(json!({ "thicknessFactor": 0.0 }));
+    assert_eq!((wall.transmission.factor, wall.thin), (0.9, true));
+    assert!(!glass(json!({ "thicknessFactor": 0.1 })).thin);
+    let ink = scene(json!({ "extensions": { "KHR_materials_volume": {
+        "thicknessFactor": 1.0, "attenuationDistance": 1.0, "attenuationColor": [1.0, 0.5, 0.5] } } }));
+    assert!(warns(&ink, &["absorption"]));
+    let odd = scene(json!({ "extensions": { "KHR_materials_ior": { "ior": 0.5 } } }));
+    assert!(warns(&odd, &["ior is 0.5"]));
+}
+
+#[test]
+fn without_specular_reflection_or_light_of_its_own_a_surface_is_matte() {
+    let dull = json!({ "KHR_materials_specular": { "specularFactor": 0.0 } });
+    let pbr = json!({ "metallicFactor": 0.0, "baseColorFactor": [0.5, 0.5, 0.5, 1.0] });
+    let is_matte = |json: Value| matches!(material(json).surface, Surface::Matte { .. });
+    assert!(is_matte(json!({ "pbrMetallicRoughness": pbr, "extensions": dull })));
+    assert!(!is_matte(json!({ "pbrMetallicRoughness": pbr })));
+    assert!(!is_matte(json!({ "extensions": dull })), "metal");
+    let mut coated = dull.clone();
+    coated["KHR_materials_clearcoat"] = json!({ "clearcoatFactor": 1.0 });
+    assert!(!is_matte(json!({ "pbrMetallicRoughness": pbr, "extensions": coated })));
+    let unlit = scene(json!({ "extensions": { "KHR_materials_unlit": {} } }));
+    assert!(matches!(unlit.materials[0].surface, Surface::Matte { .. }) && warns(&unlit, &["unlit"]));
+}
+
+#[test]
+fn emission_is_factor_times_strength_and_one_sided_unless_doubled() {
+    let light = material(json!({ "emissiveFactor": [1.0, 0.5, 0.25], "doubleSided": true,
+        "extensions": { "KHR_materials_emissive_strength": { "emissiveStrength": 16.0 } } }));
+    let light = light.emission.expect("light");
+    assert_eq!((light.radiance.factor, light.two_sided), (Vec3::new(16.0, 8.0, 4.0), true));
+    let light = material(json!({ "emissiveFactor": [1.0, 1.0, 1.0] })).emission.expect("light");
+    assert_eq!((light.radiance.factor, light.two_sided), (Vec3::ONE, false));
+    assert_eq!(material(json!({ "emissiveFactor": [0.0, 0.0, 0.0] })).emission, None);
+}
+
+#[test]
+fn alpha_modes() {
+    let alpha = |mode: &str| {
+        let mut document = Document::triangle();
+        let texture = document.texture(1, &[[1, 2, 3, 4]]);
+        document.material(json!({ "alphaMode": mode, "alphaCutoff": 0.25, "pbrMetallicRoughness": {
+            "baseColorFactor": [1.0, 1.0, 1.0, 0.75], "baseColorTexture": { "index": texture } } }));
+        document.scene().materials[0].alpha
+    };
+    assert_eq!(alpha("OPAQUE").mode, AlphaMode::Opaque);
+    let mask = alpha("MASK");
+    assert_eq!((mask.mode, mask.value.factor), (AlphaMode::Mask { cutoff: 0.25 }, 0.75));
+    assert_eq!(mask.value.texture.expect("a texture").1, Channel::A);
+    assert_eq!(alpha("BLEND").mode, AlphaMode::Blend);
+    let faint = |mode: &str, alpha: f32| {
+        let colour = [1.0, 1.0, 1.0, alpha];
+        let mode = json!({ "alphaMode": mode, "pbrMetallicRoughness": { "baseColorFactor": colour } });
+        material(mode).alpha.mode
+    };
+    assert_eq!(faint("MASK", 0.25), AlphaMode::Mask { cutoff: 0.5 });
+    assert_eq!(faint("BLEND", 0.75), AlphaMode::Blend);
+    assert_eq!([faint("MASK", 0.5), faint("BLEND", 1.0)], [AlphaMode::Opaque; 2], "there everywhere");
+}
+
+#[test]
+fn every_texture_has_its_channel_and_colour_space() {
+    let mut document = Document::triangle();
+    let texture = document.texture(2, &[[10, 20, 30, 255], [1, 2, 3, 4]]);
+    let info = json!({ "index": texture });
+    document.material(json!({
+        "emissiveFactor": [1.0, 1.0, 1.0], "emissiveTexture": info, "occlusionTexture": info,
+        "normalTexture": { "index": texture, "scale": 0.5 },
+        "pbrMetallicRoughness": { "baseColorTexture": info, "metallicRoughnessTexture": info },
+        "extensions": {
+            "KHR_materials_transmission": { "transmissionFactor": 1.0, "transmissionTexture": info },
+            "KHR_materials_clearcoat": { "clearcoatFactor": 1.0, "clearcoatTexture": info,
+                "clearcoatRoughnessFactor": 1.0, "clearcoatRoughnessTexture": info }
+        }
+    }));
+    let scene = document.scene();
+    assert!(scene.warnings.is_empty(), "{:?}", scene.warnings);
+    let Surface::Principled(p) = scene.materials[0].surface else { panic!("principled") };
+    let space =
+        |texture: Option<TextureRef>| scene.textures[texture.expect("a texture").texture as usize].space;
+    let channels = [p.metallic, p.roughness, p.transmission, p.clearcoat, p.clearcoat_roughness]
+        .map(|scalar| (scalar.texture.expect("a texture").1, space(scalar.texture.map(|t| t.0))));
+    let linear = |channel| (channel, ColourSpace::Linear);
+    assert_eq!(channels, [Channel::B, Channel::G, Channel::R, Channel::R, Channel::G].map(linear));
+    let emission = scene.materials[0].emission.expect("light");
+    assert_eq!([space(p.base_colour.texture), space(emission.radiance.texture)], [ColourSpace::Srgb; 2]);
+    let normal = scene.materials[0].normal_map.expect("a normal map");
+    assert_eq!((space(Some(normal.texture)), normal.scale), (ColourSpace::Linear, 0.5));
+    assert_eq!(scene.textures.len(), 2, "one image in two colour spaces");
+    assert!(std::ptr::eq(&*scene.textures[0].texels, &*scene.textures[1].texels));
+    assert_eq!(*scene.textures[0].texels, [[10, 20, 30, 255], [1, 2, 3, 4]]);
+}
+
+#[test]
+fn samplers_wrap_and_transforms_are_kept() {
+    let mut document = Document::triangle();
+    let texture = document.texture(1, &[[1, 2, 3, 255]]);
+    document.add("samplers", json!({ "wrapS": 33071, "wrapT": 33648 }));
+    document.json["textures"][texture]["sampler"] = json!(0);
+    let other = document.add("textures", json!({ "source": 0 }));
+    let transform =
+        json!({ "KHR_texture_transform": { "offset": [0.5, 0.25], "rotation": 1.5, "scale": [2.0, 3.0] } });
+    document.material(json!({
+        "emissiveFactor": [1.0, 1.0, 1.0], "emissiveTexture": { "index": other },
+        "normalTexture": { "index": texture, "extensions": transform },
+        "pbrMetallicRoughness": { "baseColorTexture": { "index": texture, "extensions": transform } }
+    }));
+    let scene = document.scene();
+    let Surface::Principled(p) = scene.materials[0].surface else { panic!("principled") };
+    for used in
+        [p.base_colour.texture.expect("a texture"), scene.materials[0].normal_map.expect("a map").texture]
+    {
+        let texture = &scene.textures[used.texture as usize];
+        assert_eq!((texture.wrap_u, texture.wrap_v), (Wrap::Clamp, Wrap::Mirror));
+        assert_eq!(
+            (used.offset, used.rotation, used.scale),
+            (Vec2::new(0.5, 0.25), 1.5, Vec2::new(2.0, 3.0))
+        );
+    }
+    let plain = scene.materials[0].emission.expect("light").radiance.texture.expect("a texture");
+    assert_eq!(plain, TextureRef::plain(plain.texture));
+    assert_eq!(scene.textures[plain.texture as usize].wrap_u, Wrap::Repeat);
+}
+
+#[test]
+fn the_base_colour_says_which_texture_coordinates_count() {
+    let mut document = Document::triangle();
+    let first = document.floats("VEC2", &[0.1; 6]);
+    let second = document.floats("VEC2", &[0.2; 6]);
+    let attributes = &mut document.json["meshes"][0]["primitives"][0]["attributes"];
+    attributes["TEXCOORD_0"] = json!(first);
+    attributes["TEXCOORD_1"] = json!(second);
+    let texture = document.texture(1, &[[1, 2, 3, 255]]);
+    document.material(json!({ "name": "wall", "pbrMetallicRoughness": {
+        "baseColorTexture": { "index": texture, "texCoord": 1 } } }));
+    let scene = document.scene();
+    assert_eq!((scene.mesh.uvs[0], scene.warnings.len()), (Vec2::splat(0.2), 0));
+    document.json["materials"][0]["normalTexture"] = json!({ "index": texture });
+    assert!(warns(&document.scene(), &["\"wall\"", "TEXCOORD_1 and TEXCOORD_0"]));
+    document.json["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"]["texCoord"] = json!(2);
+    let scene = document.scene();
+    assert_eq!(scene.mesh.uvs[0], Vec2::splat(0.1));
+    assert!(warns(&scene, &["no TEXCOORD_2"]));
+}
+
+#[test]
+fn images_may_be_files_or_data_uris() {
+    let folder = Folder::new();
+    folder.image("blue sky.png", 1, &[[0, 0, 255, 255]]);
+    let mut document = Document::triangle();
+    document.add("images", json!({ "uri": "blue%20sky.png" }));
+    document.add("textures", json!({ "source": 0 }));
+    document.material(json!({ "pbrMetallicRoughness": { "baseColorTexture": { "index": 0 } } }));
+    folder.write("a.glb", document.glb());
+    assert_eq!(folder.scene("a.glb").textures[0].texels[0], [0, 0, 255, 255]);
+    // A 1 x 1 BMP, which the decoder tells by its first bytes.
+    let bmp = "data:image/bmp;base64,Qk06AAAAAAAAADYAAAAoAAAAAQAAAAEAAAAB\
+               ABgAAAAAAAQAAAAAAAAAAAAAAAAAAAAAAAAAAID/AA==";
+    document.json["images"][0]["uri"] = json!(bmp);
+    assert_eq!(document.scene().textures[0].texels[0], [255, 128, 0, 255]);
+}
+
+#[test]
+fn all_materials_are_kept_and_the_fallback_comes_last() {
+    let mut document = Document::triangle();
+    document.add("materials", json!({ "name": "unused" }));
+    document.material(json!({}));
+    let primitive = document.json["meshes"][0]["primitives"][0].clone();
+    let bare = json!({ "attributes": primitive["attributes"] });
+    document.json["meshes"][0]["primitives"] = json!([bare, primitive]);
+    let scene = document.scene();
+    let names: Vec<&str> = scene.materials.iter().map(|m| m.name.as_str()).collect();
+    assert_eq!((names, &scene.mesh.materials[..]), (vec!["unused", "material 1", "default"], &[2, 1][..]));
+}

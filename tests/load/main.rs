@@ -1,0 +1,12 @@
+//! The loaders on files that the tests write themselves.
+
+mod document;
+mod environment;
+mod folder;
+mod gltf;
+mod gltf_broken;
+mod gltf_materials;
+mod mangled;
+mod mtl;
+mod obj;
+mod ply;
