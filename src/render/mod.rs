@@ -1,8 +1,6 @@
 //! The integrators that plug into the scheduler, and what makes a scene ready for them.
 
 mod frame;
-#[cfg(test)]
-mod harness;
 mod path;
 mod stage;
 #[cfg(test)]

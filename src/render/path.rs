@@ -171,7 +171,11 @@ impl Path {
         let u = sampler.single(Dimension::Lobe.at(state.depth));
         let u2 = sampler.pair(Dimension::Direction.at(state.depth));
         let Some(sample) = bsdf.sample(at.frame.to_local(at.wo), u, u2) else { return };
-        let wi = at.frame.to_world(sample.wi).normalize();
+        let wi = if sample.specular {
+            at.smooth_direction(sample.wi)
+        } else {
+            at.frame.to_world(sample.wi).normalize()
+        };
         // A bent normal may scatter light into the surface; nothing comes from there.
         if !sample.specular && wi.dot(at.normal) <= 0.0 {
             return;
@@ -181,8 +185,7 @@ impl Path {
         let depth = state.depth + 1;
         if self.roulette_bounces.is_some_and(|bounces| depth > bounces) {
             let survival = (throughput.max_element() * index2).min(MAX_SURVIVAL);
-            // Written so that a NaN ends the path.
-            if !(sampler.single(Dimension::Roulette.at(state.depth)) < survival) {
+            if sampler.single(Dimension::Roulette.at(state.depth)) >= survival {
                 return;
             }
             throughput /= survival;

@@ -133,7 +133,7 @@ impl Whitted {
         let smooth = bsdf.smooth(at.frame.to_local(at.wo));
         let secondary = |way: Option<(Vec3, Vec3)>, branch: u32| {
             let (wi, weight) = way?;
-            let wi = at.frame.to_world(wi).normalize();
+            let wi = at.smooth_direction(wi);
             let throughput = throughput * weight;
             (throughput != Vec3::ZERO).then(|| Pending {
                 ray: Ray::new(at.origin(at.position, wi), wi),

@@ -31,7 +31,8 @@ pub fn scalar(scene: &Scene, scalar: &Scalar, uv: Vec2) -> f32 {
 
 /// A number that is a share: [`scalar`], within 0..=1.
 pub fn share(scene: &Scene, value: &Scalar, uv: Vec2) -> f32 {
-    scalar(scene, value, uv).max(0.0).min(1.0)
+    let value = scalar(scene, value, uv);
+    if value.is_nan() { 0.0 } else { value.clamp(0.0, 1.0) }
 }
 
 /// Radiance that a surface gives off towards the side that is its front or not.

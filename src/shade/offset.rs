@@ -34,3 +34,86 @@ pub fn normal(corners: &[Vec3; 3]) -> Option<Vec3> {
     let length = normal.length();
     (length > 0.0).then(|| normal / length)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geom::{CanonicalRay, Frame, Sampler, warp};
+
+    /// A triangle somewhere between 10⁻³ and 10⁴ in size, up to 10⁵ sizes from the origin, of any
+    /// aspect down to needles of 1 : 1000.
+    fn any_triangle(s: &Sampler) -> [Vec3; 3] {
+        let size = 10.0f32.powi((s.single(0) * 8.0) as i32 - 3);
+        let away = 10.0f32.powi((s.single(1) * 7.0) as i32 - 2);
+        let centre = warp::sphere(s.pair(2)) * (size * away);
+        let normal = if s.single(3) < 0.3 {
+            [Vec3::X, Vec3::Y, Vec3::Z][(s.single(4) * 3.0) as usize]
+        } else {
+            warp::sphere(s.pair(5))
+        };
+        let frame = Frame::from_normal(normal);
+        let thin = 30.0f32.powf(-s.single(6));
+        std::array::from_fn(|k| {
+            let [x, y] = s.pair(7 + k as u32);
+            centre + frame.to_world(Vec3::new(x - 0.5, (y - 0.5) * thin, 0.0)) * size
+        })
+    }
+
+    #[test]
+    fn rays_that_leave_a_triangle_do_not_hit_it() {
+        let (mut own, mut leaving) = (0, 0);
+        for i in 0..300_000 {
+            let s = Sampler::new(i, 0, 1);
+            let corners = any_triangle(&s);
+            let Some(normal) = normal(&corners) else { continue };
+            // A needle's plane is not known to the test at all; it has no area to speak of.
+            let longest = (corners[1] - corners[0]).length().max((corners[2] - corners[0]).length());
+            if longest * longest > 1000.0 * (corners[1] - corners[0]).cross(corners[2] - corners[0]).length()
+            {
+                continue;
+            }
+            let frame = Frame::from_normal(normal);
+            let [u, v] = warp::triangle(s.pair(10));
+            let position = corners[0] * (1.0 - u - v) + corners[1] * u + corners[2] * v;
+            // Half of the rays leave at a grazing angle.
+            let mut local = warp::cosine_hemisphere(s.pair(11));
+            if i % 2 == 0 {
+                local.z *= 1e-3;
+            }
+            let side = if i % 3 == 0 { -1.0 } else { 1.0 };
+            let wi = (frame.to_world(local) * side).normalize();
+            // Beyond a cosine of 10⁻⁴ the direction itself is not known to lie above the plane.
+            if wi.dot(normal) * side < 1e-4 {
+                continue;
+            }
+            let origin = position + normal * (side * distance(&corners));
+            let reach = corners.iter().fold(0.0f32, |m, c| m.max(c.abs().max_element()));
+            let ray = CanonicalRay::new(origin.into(), 0.0, wi.into(), f32::INFINITY, reach);
+            leaving += 1;
+            own += u32::from(ray.triangle(corners[0], corners[1], corners[2]).is_some());
+        }
+        assert!(leaving > 250_000);
+        assert_eq!(own, 0, "of {leaving} rays hit the triangle they leave");
+    }
+
+    #[test]
+    fn the_offset_is_small() {
+        // A metre-sized triangle a kilometre away: less than a millimetre. At home: microns.
+        let at = |x: f32| [Vec3::new(x, 0.0, 0.0), Vec3::new(x + 1.0, 0.0, 0.0), Vec3::new(x, 1.0, 0.0)];
+        assert!(distance(&at(1000.0)) < 1e-3);
+        assert!(distance(&at(0.0)) < 2e-6);
+        // It scales with the scene.
+        let tiny = at(0.0).map(|c| c * 1e-6);
+        assert!((distance(&tiny) / distance(&at(0.0)) / 1e-6 - 1.0).abs() < 1e-3);
+    }
+
+    #[test]
+    fn tiny_and_huge_triangles_have_normals() {
+        for scale in [1e-30, 1e-10, 1.0, 1e10] {
+            let n = normal(&[Vec3::ZERO, Vec3::X * scale, Vec3::Y * scale]).expect("not degenerate");
+            assert!((n - Vec3::Z).length() < 1e-6);
+        }
+        assert!(normal(&[Vec3::ZERO, Vec3::X, Vec3::X * 2.0]).is_none());
+        assert!(normal(&[Vec3::ONE; 3]).is_none());
+    }
+}

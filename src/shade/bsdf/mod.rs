@@ -11,6 +11,8 @@ mod ggx;
 mod matte;
 mod mirror;
 mod principled;
+#[cfg(test)]
+mod tests;
 
 pub use albedo::MIN_ROUGHNESS;
 pub use dielectric::Dielectric;
@@ -120,7 +122,8 @@ impl Bsdf {
                 transmittance: *transmittance,
             }),
             Surface::Principled(surface) => {
-                Self::Principled(Principled::new(scene, surface, interaction, smooth_below))
+                let Interaction { uv, outside, .. } = *interaction;
+                Self::Principled(Principled::new(scene, surface, uv, outside, smooth_below))
             }
         }
     }

@@ -16,8 +16,8 @@ use super::fresnel::{self, Schlick};
 use super::{Sample, Smooth, mirrored};
 use crate::geom::warp;
 use crate::scene::{self, Scene};
-use crate::shade::{Interaction, lookup};
-use glam::Vec3;
+use crate::shade::lookup;
+use glam::{Vec2, Vec3};
 use std::f32::consts::FRAC_1_PI;
 
 /// Reflectance of a clear coat (index 1.5) at normal incidence.
@@ -73,14 +73,15 @@ struct Lobes {
 }
 
 impl Principled {
-    /// The surface where a ray met it; facets smoother than `smooth_below` count as a mirror.
+    /// The surface at mesh coordinates `uv`, seen from the outside of its body or not; facets smoother
+    /// than `smooth_below` count as a mirror.
     pub fn new(
         scene: &Scene,
         surface: &scene::Principled,
-        interaction: &Interaction,
+        uv: Vec2,
+        outside: bool,
         smooth_below: f32,
     ) -> Self {
-        let uv = interaction.uv;
         let base = lookup::albedo(scene, &surface.base_colour, uv);
         let metallic = lookup::share(scene, &surface.metallic, uv);
         let transmission = lookup::share(scene, &surface.transmission, uv);
@@ -94,7 +95,7 @@ impl Principled {
         });
         let metal = facets.reflection(Schlick { f0: base, f90: 1.0 });
         let transparent = (1.0 - metallic) * transmission;
-        let boundary = match (surface.thin, interaction.outside) {
+        let boundary = match (surface.thin, outside) {
             (true, _) => Boundary::Thin,
             (false, true) => Boundary::Entering(ior),
             (false, false) => Boundary::Leaving(1.0 / ior, transparent),

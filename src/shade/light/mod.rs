@@ -4,6 +4,8 @@ mod alias;
 mod emitters;
 mod environment;
 mod punctual;
+#[cfg(test)]
+mod tests;
 
 pub use alias::AliasTable;
 pub use emitters::{EmitterSample, Emitters};

@@ -32,16 +32,7 @@ pub fn render<R: Renderer>(renderer: &R, batch: usize, tracer: &dyn Tracer) -> C
     for tile in 0..renderer.tiles() {
         let (mut rays, mut payloads) = (Vec::new(), Vec::new());
         let (mut shadow_rays, mut shadow_payloads) = (Vec::new(), Vec::new());
-        renderer.spawn(
-            tile,
-            &mut Output {
-                rays: &mut rays,
-                payloads: &mut payloads,
-                shadow_rays: &mut shadow_rays,
-                shadow_payloads: &mut shadow_payloads,
-            },
-        );
-        assert!(rays.len() <= renderer.tile_rays() && shadow_rays.len() <= renderer.tile_rays());
+        spawn(renderer, tile, &mut rays, &mut payloads);
         counts.camera += rays.len() as u64;
         while !rays.is_empty() {
             occlude(renderer, tracer, &mut shadow_rays, &mut shadow_payloads, &mut counts);
@@ -73,6 +64,16 @@ pub fn render<R: Renderer>(renderer: &R, batch: usize, tracer: &dyn Tracer) -> C
         occlude(renderer, tracer, &mut shadow_rays, &mut shadow_payloads, &mut counts);
     }
     counts
+}
+
+/// Spawns one tile of a renderer whose camera rays come without shadow rays.
+pub fn spawn<R: Renderer>(renderer: &R, tile: u64, rays: &mut Vec<Ray>, payloads: &mut Vec<R::Payload>) {
+    let (mut shadow_rays, mut shadow_payloads) = (Vec::new(), Vec::new());
+    renderer.spawn(
+        tile,
+        &mut Output { rays, payloads, shadow_rays: &mut shadow_rays, shadow_payloads: &mut shadow_payloads },
+    );
+    assert!(rays.len() <= renderer.tile_rays() && shadow_rays.is_empty());
 }
 
 fn occlude<R: Renderer>(

@@ -1,0 +1,6 @@
+//! The integrators, driven without a scheduler.
+
+pub mod harness;
+mod path;
+mod scenes;
+mod whitted;

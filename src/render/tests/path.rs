@@ -1,0 +1,280 @@
+//! The path tracer against known answers and against a plainer path tracer.
+
+use super::harness::{self, render};
+use super::scenes::*;
+use crate::geom::Sampler;
+use crate::render::{Path, ROULETTE_BOUNCES, Settings, SettingsError};
+use crate::scene::{CameraError, ColourSpace, Light, LightShape, Wrap};
+use crate::scene::{Colour, Environment, Material, NormalMap, Scalar, Scene, Surface, Texture, TextureRef};
+use crate::schedule::Renderer;
+use crate::shade::bsdf::MIN_ROUGHNESS;
+use crate::shade::{Bsdf, Interaction, lookup};
+use crate::stream::{Hit, Ray, Tracer};
+use glam::{Vec2, Vec3};
+use std::sync::Arc;
+
+const SETTINGS: Settings = Settings { width: 24, height: 24, spp: 64, max_bounces: 4, seed: 0 };
+
+fn path(scene: Scene, settings: Settings) -> Path {
+    Path::new(Arc::new(scene), &camera(), settings, Some(ROULETTE_BOUNCES)).expect("valid settings")
+}
+
+/// Renders a scene; the pixels.
+fn picture(scene: Scene, settings: Settings) -> Vec<Vec3> {
+    let tracer = harness::tracer(&scene);
+    let path = path(scene, settings);
+    render(&path, 8192, &tracer);
+    assert_eq!(path.film().dropped_splats(), 0);
+    path.film().resolve().into_iter().map(Vec3::from).collect()
+}
+
+fn mean(pixels: &[Vec3]) -> Vec3 {
+    pixels.iter().sum::<Vec3>() / pixels.len() as f32
+}
+
+#[test]
+fn white_bodies_vanish_in_a_white_furnace() {
+    let mut materials = vec![
+        ("matte", Material::matte("", Vec3::ONE)),
+        ("mirror", of(Surface::Mirror { reflectance: Colour::constant(Vec3::ONE) })),
+        ("glass", of(Surface::Dielectric { ior: 1.5, transmittance: Vec3::ONE })),
+        (
+            "solid",
+            principled(|s| {
+                s.transmission = Scalar::constant(1.0);
+                s.thin = false;
+                s.roughness = Scalar::constant(0.0);
+            }),
+        ),
+        (
+            "coat",
+            principled(|s| {
+                s.clearcoat = Scalar::constant(1.0);
+                s.clearcoat_roughness = Scalar::constant(0.2);
+                s.metallic = Scalar::constant(1.0);
+            }),
+        ),
+    ];
+    for roughness in [0.0, 0.1, 0.4, 1.0] {
+        materials.push(("plastic", principled(|s| s.roughness = Scalar::constant(roughness))));
+        materials.push((
+            "metal",
+            principled(|s| {
+                s.roughness = Scalar::constant(roughness);
+                s.metallic = Scalar::constant(1.0);
+            }),
+        ));
+        materials.push((
+            "pane",
+            principled(|s| {
+                s.roughness = Scalar::constant(roughness);
+                s.transmission = Scalar::constant(0.8);
+            }),
+        ));
+    }
+    for (name, material) in materials {
+        let surface = material.surface;
+        // Faces are flat: a bent normal loses the light that would come from below the face.
+        let pixels = picture(furnace(material, 2, false), Settings { max_bounces: 100, ..SETTINGS });
+        let off = (mean(&pixels) - Vec3::ONE).abs().max_element();
+        assert!(off < 4e-3, "{name}: {} from {surface:?}", mean(&pixels));
+        let worst = pixels.iter().fold(0.0f32, |w, p| w.max((*p - Vec3::ONE).abs().max_element()));
+        assert!(worst < 0.25, "{name}: a pixel is off by {worst}");
+    }
+}
+
+#[test]
+fn bounces_count_as_documented() {
+    // In a closed box whose walls shine with radiance 1 and reflect half, the k-th ray adds 2^−k, and
+    // max bounces n sees n + 2 rays.
+    for max_bounces in 0..4 {
+        let mut scene = Scene::default();
+        let walls = add_material(&mut scene, shining(1.0, 0.5));
+        add_cube(&mut scene, 10.0, walls);
+        let settings = Settings { max_bounces, spp: 256, ..SETTINGS };
+        let expected = 2.0 - 0.5f32.powi(max_bounces as i32 + 1);
+        let found = mean(&picture(scene, settings)).x;
+        assert!((found / expected - 1.0).abs() < 5e-3, "{max_bounces} bounces: {found}, not {expected}");
+    }
+}
+
+/// Radiance along a ray by sampling the BSDF alone: no light sampling, no weights, no roulette.
+fn plain(scene: &Scene, tracer: &dyn Tracer, mut ray: Ray, bounces: u32, sampler: &Sampler) -> Vec3 {
+    let (mut sum, mut throughput) = (Vec3::ZERO, Vec3::ONE);
+    for depth in 0..bounces + 2 {
+        let mut hits = [Hit::NONE];
+        tracer.closest(&[ray], &mut hits);
+        let hit = hits[0];
+        if hit.is_miss() {
+            let Environment::Constant(sky) = scene.environment else { unreachable!("the scenes' own") };
+            return sum + throughput * sky;
+        }
+        let material = &scene.materials[scene.mesh.materials[hit.primitive as usize] as usize];
+        let at = Interaction::new(scene, material, &ray, &hit);
+        sum += throughput * lookup::emission(scene, material.emission.as_ref(), at.uv, at.front);
+        let bsdf = Bsdf::new(scene, &material.surface, &at, MIN_ROUGHNESS);
+        let u = sampler.single(100 + 2 * depth);
+        let Some(sample) = bsdf.sample(at.frame.to_local(at.wo), u, sampler.pair(101 + 2 * depth)) else {
+            return sum;
+        };
+        let wi = at.frame.to_world(sample.wi);
+        throughput *= sample.weight;
+        ray = Ray::new(at.origin(at.position, wi), wi);
+    }
+    sum
+}
+
+#[test]
+fn light_sampling_changes_the_noise_and_not_the_mean() {
+    let scene = room();
+    let settings = Settings { spp: 256, max_bounces: 3, ..SETTINGS };
+    let tracer = harness::tracer(&scene);
+    let lens = camera().lens(settings.width, settings.height).expect("a view");
+    let mut expected = Vec3::ZERO;
+    let samples = 1024;
+    for y in 0..settings.height {
+        for x in 0..settings.width {
+            for s in 0..samples {
+                let sampler = Sampler::new(y * settings.width + x, s, 99);
+                let ray = Ray::new(lens.eye, lens.direction(x, y, sampler.pair(0)));
+                expected += plain(&scene, &tracer, ray, settings.max_bounces, &sampler);
+            }
+        }
+    }
+    expected /= (settings.width * settings.height * samples) as f32;
+    for roulette in [None, Some(0), Some(2)] {
+        let path = Path::new(Arc::new(scene.clone()), &camera(), settings, roulette).expect("valid");
+        render(&path, 8192, &tracer);
+        let pixels: Vec<Vec3> = path.film().resolve().into_iter().map(Vec3::from).collect();
+        let off = ((mean(&pixels) - expected) / expected).abs().max_element();
+        assert!(off < 0.01, "{} for {expected}, roulette {roulette:?}", mean(&pixels));
+    }
+}
+
+#[test]
+fn a_point_light_and_a_sun_light_a_wall_as_computed() {
+    let mut scene = Scene::default();
+    let wall = add_material(&mut scene, Material::matte("", Vec3::splat(0.5)));
+    add_quad(&mut scene, Vec3::new(-9.0, -9.0, 0.0), Vec3::X * 18.0, Vec3::Y * 18.0, wall);
+    let light = |shape| Light { name: String::new(), intensity: Vec3::splat(3.0), shape };
+    scene.lights.push(light(LightShape::Directional { direction: Vec3::new(0.0, -0.6, -0.8) }));
+    let settings = Settings { width: 1, height: 1, max_bounces: 0, ..SETTINGS };
+    let narrow = crate::scene::Camera { fov_degrees: 0.01, ..camera() };
+    let pixel = |scene: &Scene, spp: u32| {
+        let settings = Settings { spp, ..settings };
+        let path = Path::new(Arc::new(scene.clone()), &narrow, settings, None).expect("valid");
+        render(&path, 8192, &harness::tracer(scene));
+        path.film().resolve()[0][0]
+    };
+    let sun = 0.5 / std::f32::consts::PI * 3.0 * 0.8;
+    assert!((pixel(&scene, 1) / sun - 1.0).abs() < 1e-4);
+    scene.lights.push(light(LightShape::Point { position: Vec3::new(0.0, 0.0, 2.0) }));
+    let both = sun + 0.5 / std::f32::consts::PI * 3.0 / 4.0;
+    assert!((pixel(&scene, 4096) / both - 1.0).abs() < 5e-3);
+    // Something in between.
+    add_quad(&mut scene, Vec3::new(-0.5, 0.5, 1.0), Vec3::X, Vec3::Y * 0.5, wall);
+    let point = 0.5 / std::f32::consts::PI * 3.0 / 4.0;
+    assert!((pixel(&scene, 4096) / point - 1.0).abs() < 0.02, "the sun is hidden");
+}
+
+#[test]
+fn batches_and_order_do_not_change_a_byte() {
+    let scene = room();
+    let tracer = harness::tracer(&scene);
+    let settings = Settings { width: 150, height: 131, spp: 2, ..SETTINGS };
+    let picture = |batch: usize| {
+        let path = path(scene.clone(), settings);
+        let counts = render(&path, batch, &tracer);
+        (path.film().resolve(), counts)
+    };
+    let (whole, counts) = picture(8192);
+    assert_eq!(counts.camera, 150 * 131 * 2);
+    assert!(counts.shadow > counts.camera / 2 && counts.continuation > counts.camera);
+    assert_eq!((whole, counts), picture(77));
+}
+
+#[test]
+fn tiles_go_over_the_picture_once_for_each_sample() {
+    let settings = Settings { width: 300, height: 129, spp: 3, ..SETTINGS };
+    let path = path(furnace(Material::fallback(), 0, false), settings);
+    assert_eq!(path.tiles(), 3 * 2 * 3);
+    assert_eq!(path.tile_rays(), 128 * 128);
+    let (mut rays, mut payloads) = (Vec::new(), Vec::new());
+    for tile in 0..path.tiles() {
+        harness::spawn(&path, tile, &mut rays, &mut payloads);
+        assert!(rays.len() <= path.tile_rays());
+        rays.clear();
+        payloads.clear();
+        if (tile + 1) % 6 == 0 {
+            let done = (tile + 1) / 6;
+            assert!(path.film().sample_counts().iter().all(|&n| u64::from(n) == done));
+        }
+    }
+}
+
+#[test]
+fn low_polygons_with_smooth_or_mapped_normals_have_no_black_patches() {
+    for surface in [
+        Surface::Matte { reflectance: Colour::constant(Vec3::ONE) },
+        Surface::Mirror { reflectance: Colour::constant(Vec3::ONE) },
+        Surface::Dielectric { ior: 1.5, transmittance: Vec3::ONE },
+        principled(|s| s.roughness = Scalar::constant(0.3)).surface,
+    ] {
+        for mapped in [false, true] {
+            let mut scene = furnace(of(surface), 1, true);
+            scene.mesh.uvs = scene.mesh.positions.iter().map(|p| Vec2::new(p.x + p.z, p.y - p.z)).collect();
+            if mapped {
+                scene.textures.push(bumps());
+                let texture = TextureRef { scale: Vec2::splat(4.0), ..TextureRef::plain(0) };
+                scene.materials[0].normal_map = Some(NormalMap { texture, scale: 1.0 });
+            }
+            let pixels = picture(scene, Settings { max_bounces: 30, ..SETTINGS });
+            let darkest = pixels.iter().fold(f32::INFINITY, |d, p| d.min(p.min_element()));
+            let brightest = pixels.iter().fold(0.0f32, |d, p| d.max(p.max_element()));
+            assert!(darkest > 0.35, "{surface:?}, mapped {mapped}: a pixel of {darkest}");
+            assert!(brightest < 2.0, "{surface:?}, mapped {mapped}: a pixel of {brightest}");
+            assert!(mean(&pixels).min_element() > 0.9, "{surface:?}, mapped {mapped}: {}", mean(&pixels));
+        }
+    }
+}
+
+/// A normal map of steep bumps.
+fn bumps() -> Texture {
+    let texels = (0..64u32)
+        .map(|i| {
+            let (x, y) = (i % 8, i / 8);
+            [if x < 4 { 40 } else { 215 }, if y < 4 { 60 } else { 195 }, 200, 255]
+        })
+        .collect();
+    Texture {
+        name: "bumps".into(),
+        width: 8,
+        height: 8,
+        texels,
+        space: ColourSpace::Linear,
+        wrap_u: Wrap::Repeat,
+        wrap_v: Wrap::Repeat,
+    }
+}
+
+#[test]
+fn settings_out_of_range_are_refused_with_what_is_allowed() {
+    let error = |settings: Settings| {
+        let scene = Arc::new(furnace(Material::fallback(), 0, false));
+        Path::new(scene, &camera(), settings, None).expect_err("out of range").to_string()
+    };
+    assert_eq!(
+        error(Settings { width: 0, ..SETTINGS }),
+        "a picture of 0x24 pixels; each side must be at least 1 and the area at most 268435456 pixels"
+    );
+    assert!(error(Settings { width: 1 << 20, height: 1 << 20, ..SETTINGS }).contains("1048576x1048576"));
+    assert!(error(Settings { spp: 0, ..SETTINGS }).starts_with("0 samples per pixel; ask for 1 to 1048576"));
+    assert!(error(Settings { spp: u32::MAX, ..SETTINGS }).contains("4294967295"));
+    assert!(error(Settings { max_bounces: 5000, ..SETTINGS }).contains("at most 1024"));
+    let scene = Arc::new(furnace(Material::fallback(), 0, false));
+    let blind = crate::scene::Camera { target: camera().eye, ..camera() };
+    assert!(matches!(
+        Path::new(scene, &blind, SETTINGS, None),
+        Err(SettingsError::Camera(CameraError::View(..)))
+    ));
+}

@@ -1,0 +1,150 @@
+//! Small scenes with known answers.
+
+use crate::scene::{Camera, Emission, Environment, Material, Scene, Surface};
+use crate::scene::{Colour, Principled, Scalar};
+use glam::Vec3;
+
+/// Looks along −z at the origin from distance 4.
+pub fn camera() -> Camera {
+    Camera { eye: Vec3::new(0.0, 0.0, 4.0), target: Vec3::ZERO, up: Vec3::Y, fov_degrees: 40.0 }
+}
+
+/// Adds a material; returns its index.
+pub fn add_material(scene: &mut Scene, material: Material) -> u32 {
+    scene.materials.push(material);
+    scene.materials.len() as u32 - 1
+}
+
+/// A material with this surface.
+pub fn of(surface: Surface) -> Material {
+    Material { surface, ..Material::fallback() }
+}
+
+/// A metallic-roughness material.
+pub fn principled(edit: impl FnOnce(&mut Principled)) -> Material {
+    let mut surface = Principled::default();
+    edit(&mut surface);
+    of(Surface::Principled(surface))
+}
+
+/// A matte material that shines on both sides.
+pub fn shining(radiance: f32, albedo: f32) -> Material {
+    let radiance = Colour::constant(Vec3::splat(radiance));
+    Material {
+        emission: Some(Emission { radiance, two_sided: true }),
+        ..Material::matte("lamp", Vec3::splat(albedo))
+    }
+}
+
+/// Adds the parallelogram `corner + a·x + b·y`; its front is where `a × b` points.
+pub fn add_quad(scene: &mut Scene, corner: Vec3, a: Vec3, b: Vec3, material: u32) {
+    let base = scene.mesh.positions.len() as u32;
+    scene.mesh.positions.extend([corner, corner + a, corner + a + b, corner + b]);
+    scene.mesh.triangles.extend([[base, base + 1, base + 2], [base, base + 2, base + 3]]);
+    scene.mesh.materials.extend([material; 2]);
+}
+
+/// Adds the six faces of a cube around the origin, fronts outside.
+pub fn add_cube(scene: &mut Scene, half: f32, material: u32) {
+    for axis in 0..3 {
+        for side in [-1.0, 1.0] {
+            let mut n = Vec3::ZERO;
+            n[axis] = side;
+            let (mut a, mut b) = (Vec3::ZERO, Vec3::ZERO);
+            a[(axis + 1) % 3] = 2.0 * half;
+            b[(axis + 2) % 3] = 2.0 * half;
+            if side < 0.0 {
+                (a, b) = (b, a);
+            }
+            add_quad(scene, n * half - 0.5 * (a + b), a, b, material);
+        }
+    }
+}
+
+/// Adds a sphere around the origin: an octahedron, its faces split `levels` times, with vertex
+/// normals or without.
+pub fn add_sphere(scene: &mut Scene, radius: f32, levels: u32, smooth: bool, material: u32) {
+    let mut faces = Vec::new();
+    for (x, y, z) in octants() {
+        let (a, b, c) = (Vec3::X * x, Vec3::Y * y, Vec3::Z * z);
+        faces.push(if x * y * z > 0.0 { [a, b, c] } else { [a, c, b] });
+    }
+    for _ in 0..levels {
+        faces = faces
+            .into_iter()
+            .flat_map(|[a, b, c]| {
+                let (p, q, r) = ((a + b).normalize(), (b + c).normalize(), (c + a).normalize());
+                [[a, p, r], [p, b, q], [r, q, c], [p, q, r]]
+            })
+            .collect();
+    }
+    for face in faces {
+        let base = scene.mesh.positions.len() as u32;
+        scene.mesh.positions.extend(face.map(|p| p * radius));
+        if smooth {
+            scene.mesh.normals.resize(base as usize, Vec3::ZERO);
+            scene.mesh.normals.extend(face);
+        }
+        scene.mesh.triangles.push([base, base + 1, base + 2]);
+        scene.mesh.materials.push(material);
+    }
+}
+
+fn octants() -> impl Iterator<Item = (f32, f32, f32)> {
+    (0..8u32).map(|i| {
+        let sign = |bit: u32| if i >> bit & 1 == 0 { 1.0 } else { -1.0 };
+        (sign(0), sign(1), sign(2))
+    })
+}
+
+/// A sphere of one material in an even white environment.
+pub fn furnace(material: Material, levels: u32, smooth: bool) -> Scene {
+    let mut scene = Scene { environment: Environment::Constant(Vec3::ONE), ..Scene::default() };
+    let material = add_material(&mut scene, material);
+    add_sphere(&mut scene, 1.0, levels, smooth, material);
+    scene
+}
+
+/// A small room: matte walls, open to the viewer, a lamp, a dim sky, a rough metal cube and glass.
+pub fn room() -> Scene {
+    let mut scene =
+        Scene { environment: Environment::Constant(Vec3::new(0.1, 0.2, 0.3)), ..Scene::default() };
+    let walls = add_material(&mut scene, Material::matte("walls", Vec3::new(0.7, 0.5, 0.3)));
+    let lamp = add_material(&mut scene, shining(6.0, 0.0));
+    let metal = add_material(
+        &mut scene,
+        principled(|s| {
+            s.base_colour = Colour::constant(Vec3::new(0.9, 0.6, 0.4));
+            s.metallic = Scalar::constant(0.7);
+            s.roughness = Scalar::constant(0.4);
+            s.clearcoat = Scalar::constant(0.5);
+        }),
+    );
+    let (x, y, z) = (Vec3::X * 4.0, Vec3::Y * 4.0, Vec3::Z * 4.0);
+    let corner = Vec3::splat(-2.0);
+    add_quad(&mut scene, corner, x, y, walls);
+    add_quad(&mut scene, corner, z, x, walls);
+    add_quad(&mut scene, corner, y, z, walls);
+    add_quad(&mut scene, Vec3::new(-0.7, 1.5, -0.7), x * 0.35, z * 0.35, lamp);
+    add_cube(&mut scene, 0.6, metal);
+    scene
+}
+
+/// `count` parallel sheets across the z axis, a unit apart, the camera of [`camera`] between the
+/// middle two.
+pub fn sheets(count: u32, material: Material) -> Scene {
+    let mut scene = Scene { environment: Environment::Constant(Vec3::ONE), ..Scene::default() };
+    let material = add_material(&mut scene, material);
+    for i in 0..count {
+        let z = 4.5 + i as f32 - (count / 2) as f32;
+        let side = 1e4;
+        add_quad(
+            &mut scene,
+            Vec3::new(-side, -side, z),
+            Vec3::X * 2.0 * side,
+            Vec3::Y * 2.0 * side,
+            material,
+        );
+    }
+    scene
+}

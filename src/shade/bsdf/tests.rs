@@ -1,0 +1,285 @@
+//! What every BSDF promises: it samples what it evaluates, loses no light, and is reciprocal.
+
+use super::*;
+use crate::geom::{Sampler, warp};
+use crate::scene::{self, Colour, Scalar};
+use glam::Vec2;
+use std::f32::consts::{PI, TAU};
+
+fn principled(edit: impl FnOnce(&mut scene::Principled)) -> Bsdf {
+    seen_from(true, edit)
+}
+
+fn seen_from(outside: bool, edit: impl FnOnce(&mut scene::Principled)) -> Bsdf {
+    let mut surface = scene::Principled::default();
+    edit(&mut surface);
+    let smooth_below = MIN_ROUGHNESS;
+    Bsdf::Principled(Principled::new(&Scene::default(), &surface, Vec2::ZERO, outside, smooth_below))
+}
+
+fn rough(roughness: f32) -> impl FnOnce(&mut scene::Principled) {
+    move |s| s.roughness = Scalar::constant(roughness)
+}
+
+/// White surfaces that absorb nothing.
+fn lossless() -> Vec<(String, Bsdf)> {
+    lossless_of(&[0.0, 0.04, 0.1, 0.25, 0.5, 0.75, 1.0], &[0.0, 0.3, 1.0])
+}
+
+/// The same, of given roughnesses of the surface and of the coat.
+fn lossless_of(roughnesses: &[f32], coats: &[f32]) -> Vec<(String, Bsdf)> {
+    let mut all = vec![
+        ("matte".to_owned(), Bsdf::Matte(Matte { reflectance: Vec3::ONE })),
+        ("mirror".to_owned(), Bsdf::Mirror(Mirror { reflectance: Vec3::ONE })),
+    ];
+    for eta in [1.5, 1.0 / 1.5, 1.0, 2.4] {
+        let glass = Dielectric { eta, transmittance: Vec3::ONE };
+        all.push((format!("dielectric {eta}"), Bsdf::Dielectric(glass)));
+    }
+    for &roughness in roughnesses {
+        let mut add = |name: &str, outside: bool, edit: &dyn Fn(&mut scene::Principled)| {
+            let bsdf = seen_from(outside, |s| {
+                rough(roughness)(s);
+                edit(s);
+            });
+            all.push((format!("{name} of roughness {roughness}"), bsdf));
+        };
+        add("dielectric over white", true, &|_| {});
+        add("metal", true, &|s| s.metallic = Scalar::constant(1.0));
+        add("half metal", true, &|s| s.metallic = Scalar::constant(0.5));
+        add("strong index over white", true, &|s| s.ior = 2.4);
+        add("thin glass", true, &|s| s.transmission = Scalar::constant(1.0));
+        add("half thin glass", true, &|s| s.transmission = Scalar::constant(0.5));
+        for outside in [true, false] {
+            add("solid glass", outside, &|s| {
+                s.transmission = Scalar::constant(1.0);
+                s.thin = false;
+            });
+            add("half solid glass, coated", outside, &|s| {
+                s.transmission = Scalar::constant(0.5);
+                s.thin = false;
+                s.clearcoat = Scalar::constant(0.7);
+                s.clearcoat_roughness = Scalar::constant(coats[0]);
+            });
+        }
+        for &coat in coats {
+            add("coated metal", true, &|s| {
+                s.metallic = Scalar::constant(1.0);
+                s.clearcoat = Scalar::constant(1.0);
+                s.clearcoat_roughness = Scalar::constant(coat);
+            });
+            add("coated white", true, &|s| {
+                s.clearcoat = Scalar::constant(0.5);
+                s.clearcoat_roughness = Scalar::constant(coat);
+            });
+        }
+    }
+    all
+}
+
+/// Surfaces that scatter, coloured ones too.
+fn scattering() -> Vec<(String, Bsdf)> {
+    let mut all: Vec<(String, Bsdf)> = lossless().into_iter().filter(|(_, bsdf)| !bsdf.is_smooth()).collect();
+    all.push((
+        "painted".into(),
+        principled(|s| {
+            s.base_colour = Colour::constant(Vec3::new(0.8, 0.3, 0.1));
+            s.metallic = Scalar::constant(0.3);
+            s.roughness = Scalar::constant(0.35);
+            s.specular = 0.6;
+            s.specular_colour = Vec3::new(0.9, 1.0, 2.0);
+            s.clearcoat = Scalar::constant(0.8);
+            s.clearcoat_roughness = Scalar::constant(0.15);
+        }),
+    ));
+    all
+}
+
+fn direction(z: f32, phi: f32) -> Vec3 {
+    let r = (1.0 - z * z).max(0.0).sqrt();
+    Vec3::new(r * libm::cosf(phi), r * libm::sinf(phi), z)
+}
+
+/// Views from straight above to grazing.
+fn views() -> impl Iterator<Item = Vec3> {
+    [1.0, 0.8, 0.45, 0.2, 0.07].into_iter().map(|z| direction(z, 0.9))
+}
+
+/// The mean weight of samples: what a white environment returns. What passes into another medium
+/// counts as energy, without the squeeze of its solid angle.
+fn furnace(bsdf: &Bsdf, wo: Vec3, samples: u32) -> Vec3 {
+    let sum: Vec3 = (0..samples)
+        .filter_map(|i| {
+            let sampler = Sampler::new(17, i, 3);
+            let sample = bsdf.sample(wo, sampler.single(0), sampler.pair(1))?;
+            Some(sample.weight * sample.eta * sample.eta)
+        })
+        .sum();
+    sum / samples as f32
+}
+
+#[test]
+fn a_white_furnace_returns_all_light() {
+    for (name, bsdf) in lossless() {
+        for wo in views() {
+            let light = furnace(&bsdf, wo, 1 << 12);
+            let allowed = if wo.z < 0.1 { 0.02 } else { 0.01 };
+            assert!((light - Vec3::ONE).abs().max_element() < allowed, "{name} from {wo}: {light}");
+        }
+    }
+}
+
+#[test]
+fn coloured_surfaces_never_return_more_than_falls_on_them() {
+    for (name, bsdf) in scattering() {
+        for wo in views() {
+            let light = furnace(&bsdf, wo, 1 << 11);
+            assert!(light.max_element() < 1.02 && light.min_element() >= 0.0, "{name} from {wo}: {light}");
+        }
+    }
+}
+
+#[test]
+fn a_sample_weighs_what_evaluation_says() {
+    for (name, bsdf) in scattering() {
+        for wo in views() {
+            for i in 0..300 {
+                let sampler = Sampler::new(5, i, 1);
+                let Some(sample) = bsdf.sample(wo, sampler.single(0), sampler.pair(1)) else { continue };
+                assert!((sample.wi.length() - 1.0).abs() < 1e-4, "{name}");
+                if sample.specular {
+                    assert!(sample.pdf == f32::INFINITY);
+                    continue;
+                }
+                let (value, pdf) = bsdf.evaluate(wo, sample.wi);
+                assert!((pdf - sample.pdf).abs() <= 1e-3 * pdf, "{name}: {pdf} and {}", sample.pdf);
+                let off = (value - sample.weight * sample.pdf).abs().max_element();
+                assert!(off <= 1e-3 * value.max_element(), "{name}: {value} and {sample:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn without_a_coat_light_may_go_either_way() {
+    for (name, bsdf) in scattering().iter().filter(|(name, _)| !name.contains("coat") && name != "painted") {
+        for (i, wo) in views().enumerate() {
+            for k in 0..40 {
+                let wi = warp::cosine_hemisphere(Sampler::new(i as u32, k, 8).pair(0));
+                if wi.z < 0.02 {
+                    continue;
+                }
+                let there = bsdf.evaluate(wo, wi).0 / wi.z;
+                let back = bsdf.evaluate(wi, wo).0 / wo.z;
+                let off = (there - back).abs().max_element();
+                assert!(off <= 2e-3 * there.max_element(), "{name}: {there} and {back}");
+            }
+        }
+    }
+}
+
+/// Cells of a histogram over the upper hemisphere, even in z² (cosine-weighted) and φ.
+const RINGS: usize = 12;
+const SECTORS: usize = 16;
+
+/// The integral of the density over each cell, by fine midpoints.
+fn expected(bsdf: &Bsdf, wo: Vec3) -> Vec<f64> {
+    const FINE: usize = 24;
+    let mut cells = vec![0.0; RINGS * SECTORS];
+    for ring in 0..RINGS * FINE {
+        for sector in 0..SECTORS * FINE {
+            let z2 = (ring as f32 + 0.5) / (RINGS * FINE) as f32;
+            let z = z2.sqrt();
+            let phi = TAU * (sector as f32 + 0.5) / (SECTORS * FINE) as f32;
+            let (_, pdf) = bsdf.evaluate(wo, direction(z, phi));
+            // dω = dz dφ = d(z²) dφ / 2z.
+            let area = TAU / (2.0 * z * (RINGS * SECTORS * FINE * FINE) as f32);
+            cells[ring / FINE * SECTORS + sector / FINE] += f64::from(pdf * area);
+        }
+    }
+    cells
+}
+
+#[test]
+fn samples_are_distributed_as_their_density_says() {
+    let mut tested = 0;
+    // Rough enough for the quadrature above to resolve.
+    for (name, bsdf) in lossless_of(&[0.5, 0.75, 1.0], &[0.0, 0.6]).iter().filter(|(_, b)| !b.is_smooth()) {
+        for wo in [direction(0.95, 0.3), direction(0.5, 2.0), direction(0.15, 4.0)] {
+            let density = expected(bsdf, wo);
+            assert!(density.iter().sum::<f64>() < 1.005, "{name}: density integrates to more than 1");
+            let n = 1u32 << 15;
+            let mut counts = vec![0u32; density.len()];
+            for i in 0..n {
+                // Independent numbers: the statistic below is for those.
+                let sampler = Sampler::new(i, 0, 42);
+                if let Some(s) = bsdf.sample(wo, sampler.single(0), sampler.pair(1))
+                    && !s.specular
+                {
+                    let ring = ((s.wi.z * s.wi.z * RINGS as f32) as usize).min(RINGS - 1);
+                    let turn = libm::atan2f(s.wi.y, s.wi.x).rem_euclid(TAU) / TAU;
+                    counts[ring * SECTORS + ((turn * SECTORS as f32) as usize).min(SECTORS - 1)] += 1;
+                }
+            }
+            let (mut statistic, mut cells) = (0.0, 0.0);
+            for (&count, &share) in counts.iter().zip(&density) {
+                let mean = share * f64::from(n);
+                if mean > 5.0 {
+                    statistic += (f64::from(count) - mean).powi(2) / mean;
+                    cells += 1.0;
+                }
+            }
+            if cells == 0.0 {
+                // A lobe that is hardly ever chosen beside a smooth one.
+                continue;
+            }
+            tested += 1;
+            // Wilson and Hilferty: five standard deviations beyond the mean of chi-square.
+            let spread = 2.0 / (9.0 * cells);
+            let z = ((statistic / cells).cbrt() - (1.0 - spread)) / spread.sqrt();
+            assert!(z < 5.0, "{name} from {wo}: chi-square {statistic:.0} over {cells} cells");
+        }
+    }
+    assert!(tested > 100, "{tested}");
+}
+
+#[test]
+fn the_rarest_facets_are_sampled_as_dense_as_narrow_lobes_say() {
+    // Lobes too narrow for the histogram: the mean of 1 / density over a known solid angle around
+    // the mirrored direction is that solid angle.
+    for roughness in [0.1, 0.2, 0.3] {
+        let bsdf = principled(|s| {
+            rough(roughness)(s);
+            s.metallic = Scalar::constant(1.0);
+        });
+        for wo in [direction(0.9, 1.0), direction(0.4, 5.0)] {
+            let axis = mirrored(wo);
+            let cap = (roughness * roughness).min(0.3);
+            let n = 1 << 16;
+            let sum: f64 = (0..n)
+                .filter_map(|i| {
+                    let sampler = Sampler::new(2, i, 11);
+                    let s = bsdf.sample(wo, sampler.single(0), sampler.pair(1))?;
+                    (1.0 - s.wi.dot(axis) < 0.5 * cap * cap).then(|| 1.0 / f64::from(s.pdf))
+                })
+                .sum();
+            let area = f64::from(PI * cap * cap);
+            let found = sum / f64::from(n);
+            assert!((found / area - 1.0).abs() < 0.03, "roughness {roughness}: {found} for {area}");
+        }
+    }
+}
+
+#[test]
+fn smooth_directions_obey_snell_and_the_mirror() {
+    let wo = direction(0.6, 0.4);
+    let Smooth { reflection, transmission, eta } =
+        Bsdf::Dielectric(Dielectric { eta: 1.5, transmittance: Vec3::ONE }).smooth(wo);
+    let ((up, reflected), (down, passed)) = (reflection.expect("share"), transmission.expect("share"));
+    assert_eq!(eta, 1.5);
+    assert!((up - Vec3::new(-wo.x, -wo.y, wo.z)).length() < 1e-6);
+    assert!((down.truncate() * 1.5 + wo.truncate()).length() < 1e-6 && down.z < 0.0);
+    assert!((reflected + passed * 1.5 * 1.5 - Vec3::ONE).abs().max_element() < 1e-6);
+    let inside = Bsdf::Dielectric(Dielectric { eta: 1.0 / 1.5, transmittance: Vec3::ONE });
+    assert!(inside.smooth(direction(0.3, 0.0)).transmission.is_none(), "total reflection");
+}

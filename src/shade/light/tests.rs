@@ -1,0 +1,269 @@
+//! What light sampling promises: densities that are those of the samples, and the right irradiance.
+
+use super::*;
+use crate::geom::{Sampler, warp};
+use crate::scene::{
+    Channel, ColourSpace, Emission, Environment, EnvironmentMap, LightShape, Material, Texture, TextureRef,
+};
+use crate::scene::{Colour, Wrap};
+use std::f32::consts::PI;
+
+fn map(width: u32, height: u32, texel: impl Fn(u32, u32) -> Vec3) -> EnvironmentMap {
+    let texels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
+    EnvironmentMap {
+        width,
+        height,
+        texels: texels.map(|(x, y)| texel(x, y).to_array()).collect(),
+        rotation_degrees: 0.0,
+    }
+}
+
+/// Dim, with a sun, a black half and some noise.
+fn outdoor() -> EnvironmentMap {
+    map(32, 16, |x, y| match (x, y) {
+        (20, 3) => Vec3::splat(5000.0),
+        (_, 8..) => Vec3::ZERO,
+        _ => Vec3::new(0.3, 0.4, 0.5 + (x * 7 % 5) as f32),
+    })
+}
+
+#[test]
+fn the_image_lies_around_the_scene_as_documented() {
+    let image = map(8, 4, |x, y| Vec3::new(x as f32, y as f32, 0.0));
+    let at = |rotation_degrees: f32, direction: Vec3| {
+        let image = EnvironmentMap { rotation_degrees, ..image.clone() };
+        EnvironmentLight::new(&Environment::Map(image)).radiance(direction.normalize())
+    };
+    assert_eq!(at(0.0, Vec3::Y).y, 0.0, "row 0 looks up");
+    assert_eq!(at(0.0, Vec3::NEG_Y).y, 3.0);
+    assert!((at(0.0, Vec3::NEG_Z).x - 3.5).abs() < 1e-4, "the middle is ahead");
+    assert!((at(0.0, Vec3::X).x - 5.5).abs() < 1e-4, "columns go to the right");
+    assert!((at(90.0, Vec3::NEG_X).x - 3.5).abs() < 1e-4, "what was ahead is to the left");
+}
+
+#[test]
+fn the_environment_is_sampled_by_its_density() {
+    for environment in [
+        Environment::Map(outdoor()),
+        Environment::Map(EnvironmentMap { rotation_degrees: 77.0, ..outdoor() }),
+        Environment::Map(map(1, 1, |_, _| Vec3::ONE)),
+        Environment::Map(map(3, 2, |x, _| Vec3::splat(x as f32))),
+        Environment::Constant(Vec3::new(1.0, 2.0, 0.5)),
+    ] {
+        let light = EnvironmentLight::new(&environment);
+        let n = 1 << 16;
+        // The integral of the radiance, by uniform directions and by the light's own samples.
+        let (mut even, mut own, mut density) = (Vec3::ZERO, Vec3::ZERO, 0.0);
+        for i in 0..n {
+            let u2 = Sampler::new(3, i, 0).pair(0);
+            let direction = warp::sphere(u2);
+            even += light.radiance(direction) * (4.0 * PI / n as f32);
+            density += light.pdf(direction) * (4.0 * PI / n as f32);
+            let (wi, radiance, pdf) = light.sample(u2).expect("shines");
+            assert!((wi.length() - 1.0).abs() < 1e-5);
+            assert_eq!(pdf, light.pdf(wi));
+            assert_eq!(radiance, light.radiance(wi));
+            own += radiance / (pdf * n as f32);
+        }
+        assert!((density - 1.0).abs() < 0.02, "the density integrates to {density}");
+        let off = ((even - own) / even).abs().max_element();
+        assert!(off < 0.02, "{even} and {own}");
+        let mean = lookup_luminance(even) / (4.0 * PI);
+        assert!((mean / light.mean() - 1.0).abs() < 0.02, "{mean} and {}", light.mean());
+    }
+}
+
+fn lookup_luminance(colour: Vec3) -> f32 {
+    crate::shade::lookup::luminance(colour)
+}
+
+#[test]
+fn no_sample_of_the_environment_is_much_brighter_than_its_density() {
+    // The bilinear rim of the sun must not be sampled as if it were the dim texels it lies in. In the
+    // corner cell beside a bright texel the lookup reaches 16 times its mean.
+    let light = EnvironmentLight::new(&Environment::Map(outdoor()));
+    for i in 0..20_000 {
+        let (_, radiance, pdf) = light.sample(Sampler::new(1, i, 9).pair(0)).expect("shines");
+        assert!(lookup_luminance(radiance) / pdf < 20.0 * 4.0 * PI * light.mean());
+    }
+}
+
+#[test]
+fn a_black_environment_is_never_sampled() {
+    let scene = Scene { environment: Environment::Map(map(4, 2, |_, _| Vec3::ZERO)), ..Scene::default() };
+    let lights = Lights::new(&scene);
+    assert!((0..100).all(|i| {
+        let s = Sampler::new(0, i, 0);
+        lights.sample(&scene, Vec3::ZERO, s.single(0), s.pair(0)).is_none()
+    }));
+    assert_eq!(lights.pdf_environment(Vec3::Y), 0.0);
+}
+
+/// A square of side 2 at height `y`, its front facing down, of the given material.
+fn add_square(scene: &mut Scene, y: f32, material: Material) {
+    let base = scene.mesh.positions.len() as u32;
+    for (x, z) in [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
+        scene.mesh.positions.push(Vec3::new(x, y, z));
+        scene.mesh.uvs.push(glam::Vec2::new(0.5 + 0.5 * x, 0.5 + 0.5 * z));
+    }
+    scene.mesh.triangles.extend([[base, base + 1, base + 2], [base, base + 2, base + 3]]);
+    scene.mesh.materials.extend([scene.materials.len() as u32; 2]);
+    scene.materials.push(material);
+}
+
+fn shining(radiance: Colour, two_sided: bool) -> Material {
+    Material { emission: Some(Emission { radiance, two_sided }), ..Material::matte("lamp", Vec3::ZERO) }
+}
+
+fn everything() -> Scene {
+    let mut scene = Scene { environment: Environment::Map(outdoor()), ..Scene::default() };
+    add_square(&mut scene, 1.0, shining(Colour::constant(Vec3::new(3.0, 2.0, 1.0)), false));
+    add_square(&mut scene, -2.0, Material::fallback());
+    let checks = Texture {
+        name: "checks".into(),
+        width: 2,
+        height: 1,
+        texels: [[255, 255, 255, 255], [0, 0, 0, 255]].into(),
+        space: ColourSpace::Linear,
+        wrap_u: Wrap::Clamp,
+        wrap_v: Wrap::Clamp,
+    };
+    scene.textures.push(checks);
+    let texture = Some(TextureRef::plain(0));
+    add_square(&mut scene, -3.0, shining(Colour { factor: Vec3::splat(5.0), texture }, true));
+    scene.lights.push(Light {
+        name: String::new(),
+        intensity: Vec3::splat(2.0),
+        shape: LightShape::Point { position: Vec3::new(3.0, 3.0, 0.0) },
+    });
+    scene
+}
+
+/// Irradiance at `from` on a surface that faces up, without occlusion, by light sampling.
+fn irradiance(scene: &Scene, from: Vec3, samples: u32) -> Vec3 {
+    let lights = Lights::new(scene);
+    let sum: Vec3 = (0..samples)
+        .filter_map(|i| {
+            let s = Sampler::new(2, i, 5);
+            let light = lights.sample(scene, from, s.single(0), s.pair(1))?;
+            Some(light.radiance * (light.wi.y.max(0.0) / light.pdf))
+        })
+        .sum();
+    sum / samples as f32
+}
+
+#[test]
+fn emissive_triangles_give_the_irradiance_of_their_form_factor() {
+    let mut scene = Scene::default();
+    add_square(&mut scene, 1.0, shining(Colour::constant(Vec3::new(3.0, 2.0, 1.0)), false));
+    // A square of half side 1 at distance 1, seen from below its centre: four corner factors.
+    let corner = {
+        let side = 1.0 / 2.0f32.sqrt();
+        2.0 / (2.0 * PI) * side * libm::atanf(side)
+    };
+    let expected = Vec3::new(3.0, 2.0, 1.0) * (PI * 4.0 * corner);
+    let found = irradiance(&scene, Vec3::ZERO, 1 << 13);
+    assert!(((found - expected) / expected).abs().max_element() < 0.01, "{found} for {expected}");
+    // From above the back is dark.
+    assert_eq!(irradiance(&scene, Vec3::Y * 2.0, 512), Vec3::ZERO);
+}
+
+#[test]
+fn punctual_lights_obey_the_inverse_square_and_their_cone() {
+    let light = |shape| Light { name: String::new(), intensity: Vec3::new(8.0, 4.0, 2.0), shape };
+    let point = punctual::illuminate(&light(LightShape::Point { position: Vec3::Y * 2.0 }), Vec3::ZERO);
+    let point = point.expect("shines");
+    assert_eq!((point.wi, point.radiance), (Vec3::Y, Vec3::new(2.0, 1.0, 0.5)));
+    let spot = |x: f32| {
+        let shape = LightShape::Spot {
+            position: Vec3::new(x, 1.0, 0.0),
+            direction: Vec3::NEG_Y,
+            cos_inner: 0.9,
+            cos_outer: 0.6,
+        };
+        punctual::illuminate(&light(shape), Vec3::ZERO)
+    };
+    assert_eq!(spot(0.0).expect("in the middle").radiance.x, 8.0);
+    assert!(spot(2.0).is_none(), "outside of the cone");
+    let x = (1.0f32 / 0.75 / 0.75 - 1.0).sqrt();
+    let edge = spot(x).expect("half way between the angles").radiance.x;
+    assert!((edge - 8.0 * 0.75 * 0.75 * 0.25).abs() < 1e-4);
+    let sun = light(LightShape::Directional { direction: Vec3::NEG_Y });
+    let sun = punctual::illuminate(&sun, Vec3::splat(7.0)).expect("shines everywhere");
+    assert_eq!((sun.wi, sun.radiance, sun.target), (Vec3::Y, Vec3::new(8.0, 4.0, 2.0), None));
+}
+
+#[test]
+fn the_density_of_a_sample_is_that_of_finding_it() {
+    let scene = everything();
+    let lights = Lights::new(&scene);
+    let tracer = crate::trace::cpu::CpuTracer::new(
+        std::sync::Arc::new(crate::bvh::Bvh::build(&scene.mesh.positions, &scene.mesh.triangles, |_| false)),
+        None,
+        crate::trace::cpu::SimdLevel::detect(),
+    )
+    .expect("the detected level is available");
+    let (mut kinds, from) = ([0u32; 3], Vec3::new(0.2, 0.1, -0.3));
+    for i in 0..4000 {
+        let s = Sampler::new(6, i, 2);
+        let Some(light) = lights.sample(&scene, from, s.single(0), s.pair(1)) else { continue };
+        match (light.delta, light.target) {
+            (true, _) => kinds[0] += 1,
+            (false, None) => {
+                kinds[1] += 1;
+                assert_eq!(light.pdf, lights.pdf_environment(light.wi));
+            }
+            (false, Some(_)) => {
+                use crate::stream::{Hit, Tracer};
+                let mut hits = [Hit::NONE];
+                tracer.closest(&[Ray::new(from, light.wi)], &mut hits);
+                let hit = hits[0];
+                // The floor hides the textured lamp below it.
+                if hit.is_miss() || scene.mesh.materials[hit.primitive as usize] != 0 {
+                    continue;
+                }
+                kinds[2] += 1;
+                let found = lights.pdf_emitter(&scene, hit.primitive, hit.t * hit.t, light.wi.y);
+                assert!((found / light.pdf - 1.0).abs() < 1e-3, "{found} and {}", light.pdf);
+            }
+        }
+    }
+    assert!(kinds.iter().all(|&k| k > 100), "every kind gets its share: {kinds:?}");
+    assert_eq!(lights.pdf_emitter(&scene, 2, 1.0, 1.0), 0.0, "the floor is no emitter");
+}
+
+#[test]
+fn textured_emitters_count_where_they_shine() {
+    let scene = everything();
+    let lights = Lights::new(&scene);
+    assert_eq!(lights.emitters().len(), 4);
+    let below = Vec3::Y * -4.0;
+    let mut sides = [0u32; 2];
+    for i in 0..2000 {
+        let s = Sampler::new(6, i, 2);
+        if let Some(light) = lights.sample_surfaces(&scene, below, s.single(0), s.pair(1))
+            && let Some(target) = light.target
+            && target.y < -2.5
+        {
+            assert!(light.radiance.x > 0.0 && light.radiance.x <= 5.0);
+            sides[usize::from(target.x > 0.5)] += 1;
+        }
+    }
+    assert!(sides[0] > 200 && sides[1] == 0, "only the white half shines: {sides:?}");
+    assert_eq!(scene.textures[0].channel(Channel::R, glam::Vec2::new(0.9, 0.5)), 0.0);
+}
+
+#[test]
+fn thousands_of_emitters_are_as_quick_as_one() {
+    let mut scene = Scene::default();
+    for i in 0..3000 {
+        add_square(&mut scene, 1.0 + i as f32, shining(Colour::constant(Vec3::splat(i as f32)), true));
+    }
+    let lights = Lights::new(&scene);
+    // The first square is black: no power, no entry.
+    assert_eq!(lights.emitters().len(), 2 * 2999);
+    let expected = 2.0 * f64::from(PI) * 4.0 * (2999.0 * 3000.0 / 2.0);
+    assert!((lights.emitters().power() / expected - 1.0).abs() < 1e-5);
+    let total: f32 = (0..6000).map(|p| lights.pdf_emitter(&scene, p, 1.0, 1.0) * 2.0).sum();
+    assert!((total - 1.0).abs() < 1e-3, "chances add up to {total}");
+}
