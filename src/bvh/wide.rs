@@ -15,6 +15,8 @@ pub const WIDTH: usize = 8;
 pub struct Child(u32);
 
 impl Child {
+    /// The root of the tree.
+    pub const ROOT: Self = Self(0);
     /// No child.
     pub const NONE: Self = Self(u32::MAX);
     /// The most inner nodes, and the most blocks, that a tree may have.

@@ -9,7 +9,6 @@ pub mod warp;
 
 pub use aabb::Aabb;
 pub use canonical::{CanonicalHit, CanonicalRay, MAX_COORDINATE};
-#[cfg(feature = "gpu")]
 pub(crate) use canonical::{DIRECTION_RANGE, MIN_COMPONENT, SLACK};
 pub use frame::Frame;
 pub use sampler::Sampler;

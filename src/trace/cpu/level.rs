@@ -8,7 +8,7 @@ use std::str::FromStr;
 pub enum SimdLevel {
     /// Plain Rust, any processor.
     Scalar,
-    /// Eight lanes: x86-64 with AVX2 and FMA.
+    /// Eight lanes: x86-64 with AVX2, FMA and BMI.
     Avx2,
     /// Sixteen lanes: x86-64 with AVX-512 F, BW, DQ and VL.
     Avx512,
@@ -54,7 +54,14 @@ impl SimdLevel {
         match self {
             Self::Scalar => true,
             #[cfg(target_arch = "x86_64")]
-            Self::Avx2 => is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma"),
+            Self::Avx2 => {
+                is_x86_feature_detected!("avx2")
+                    && is_x86_feature_detected!("fma")
+                    && is_x86_feature_detected!("bmi1")
+                    && is_x86_feature_detected!("bmi2")
+                    && is_x86_feature_detected!("lzcnt")
+                    && is_x86_feature_detected!("popcnt")
+            }
             #[cfg(target_arch = "x86_64")]
             Self::Avx512 => {
                 Self::Avx2.is_available()

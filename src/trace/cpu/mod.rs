@@ -1,9 +1,14 @@
 //! The CPU tracer: dynamic ray streams over the eight-wide tree, and the scalar reference that every
 //! other tracer must equal bit for bit.
 
+mod lanes;
+mod leaf;
 mod level;
 mod oracle;
+mod setup;
+mod stream;
 mod tracer;
+mod triangle;
 
 pub use level::{SimdError, SimdLevel};
 pub use oracle::Oracle;

@@ -60,6 +60,14 @@ impl Oracle {
         self.test(&self.prepare(ray), primitive)
     }
 
+    pub(super) fn bvh(&self) -> &Bvh {
+        &self.bvh
+    }
+
+    pub(super) fn filter(&self) -> Option<&dyn Filter> {
+        self.filter.as_deref()
+    }
+
     fn prepare(&self, ray: &Ray) -> CanonicalRay {
         CanonicalRay::new(ray.origin, ray.t_min, ray.direction, ray.t_max, self.bvh.scene_max_abs())
     }

@@ -1,11 +1,26 @@
 //! The tracer that the engine uses.
+//!
+//! Unsafe code for calling functions that enable instructions. Invariant 1: a `CpuTracer` is made
+//! only for a level that the processor has.
+#![allow(unsafe_code)]
 
+use super::lanes::portable::Portable;
+use super::stream::{Answers, Scratch, trace};
 use super::{Oracle, SimdError, SimdLevel};
 use crate::bvh::{Bvh, Filter};
 use crate::stream::{Hit, Ray, Tracer};
+use std::cell::RefCell;
 use std::sync::Arc;
 
+thread_local! {
+    static SCRATCH: RefCell<Scratch> = RefCell::default();
+}
+
 /// Traces ray streams on the calling thread with the instruction set chosen when it was made.
+///
+/// The more rays a call brings, the faster: 16k to 64k are best. Rays that lie near each other in the
+/// slice should be alike; keep image and path order. Each thread that calls keeps a few megabytes of
+/// scratch memory.
 #[derive(Clone)]
 pub struct CpuTracer {
     oracle: Oracle,
@@ -35,14 +50,63 @@ impl CpuTracer {
     pub fn canonical_hit(&self, ray: &Ray, primitive: u32) -> Option<Hit> {
         self.oracle.canonical_hit(ray, primitive)
     }
+
+    fn dispatch<const ANY: bool>(&self, rays: &[Ray], answers: Answers) {
+        let (bvh, filter) = (self.oracle.bvh(), self.oracle.filter());
+        SCRATCH.with_borrow_mut(|scratch| match self.simd {
+            // SAFETY: invariant 1.
+            #[cfg(target_arch = "x86_64")]
+            SimdLevel::Avx512 => unsafe { x86::avx512::<ANY>(bvh, filter, rays, answers, scratch) },
+            // SAFETY: invariant 1.
+            #[cfg(target_arch = "x86_64")]
+            SimdLevel::Avx2 => unsafe { x86::avx2::<ANY>(bvh, filter, rays, answers, scratch) },
+            _ => trace::<_, _, ANY>((Portable, Portable), bvh, filter, rays, answers, scratch),
+        });
+    }
 }
 
 impl Tracer for CpuTracer {
     fn closest(&self, rays: &[Ray], hits: &mut [Hit]) {
-        self.oracle.closest(rays, hits);
+        assert_eq!(rays.len(), hits.len(), "one hit per ray");
+        hits.fill(Hit::NONE);
+        self.dispatch::<false>(rays, Answers::Hits(hits.as_mut_ptr()));
     }
 
     fn occluded(&self, rays: &[Ray], occluded: &mut [u32]) {
-        self.oracle.occluded(rays, occluded);
+        assert_eq!(rays.len(), occluded.len(), "one answer per ray");
+        occluded.fill(0);
+        self.dispatch::<true>(rays, Answers::Occluded(occluded.as_mut_ptr()));
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+mod x86 {
+    use super::super::lanes::{avx2::Avx2, avx512::Avx512};
+    use super::*;
+
+    #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
+    pub fn avx512<const ANY: bool>(
+        bvh: &Bvh,
+        filter: Option<&dyn Filter>,
+        rays: &[Ray],
+        answers: Answers,
+        scratch: &mut Scratch,
+    ) {
+        // SAFETY: this function enables the instructions, so whoever calls it has them.
+        let tokens = unsafe { (Avx512::new(), Avx2::new()) };
+        trace::<_, _, ANY>(tokens, bvh, filter, rays, answers, scratch);
+    }
+
+    #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
+    pub fn avx2<const ANY: bool>(
+        bvh: &Bvh,
+        filter: Option<&dyn Filter>,
+        rays: &[Ray],
+        answers: Answers,
+        scratch: &mut Scratch,
+    ) {
+        // SAFETY: this function enables the instructions, so whoever calls it has them.
+        let token = unsafe { Avx2::new() };
+        trace::<_, _, ANY>((token, token), bvh, filter, rays, answers, scratch);
     }
 }

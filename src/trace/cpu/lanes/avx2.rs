@@ -1,0 +1,189 @@
+//! Eight lanes on x86-64 with AVX2 and FMA.
+//!
+//! Unsafe code, because of instructions and pointers. Invariants:
+//! 1. A token exists only where the processor has AVX2 and FMA (its maker vouches for it).
+//! 2. Every pointer access is within what the caller of the method vouches for, as the trait states it.
+#![allow(unsafe_code)]
+
+use super::Lanes;
+use std::arch::x86_64::*;
+
+/// Proof that the processor has AVX2 and FMA.
+#[derive(Clone, Copy)]
+pub(in super::super) struct Avx2(());
+
+impl Avx2 {
+    /// A token.
+    ///
+    /// # Safety
+    /// The processor has AVX2 and FMA.
+    #[inline(always)]
+    pub(in super::super) unsafe fn new() -> Self {
+        Self(())
+    }
+}
+
+/// For every mask the lanes in it, in order.
+static LANES_OF: [[u8; 8]; 256] = {
+    let mut table = [[0; 8]; 256];
+    let mut mask = 0;
+    while mask < 256 {
+        let (mut lane, mut len) = (0, 0);
+        while lane < 8 {
+            if mask >> lane & 1 == 1 {
+                table[mask][len] = lane as u8;
+                len += 1;
+            }
+            lane += 1;
+        }
+        mask += 1;
+    }
+    table
+};
+
+/// Turns eight rows of eight into columns, or columns into rows.
+#[inline(always)]
+fn transpose(_: Avx2, r: [__m256; 8]) -> [__m256; 8] {
+    // SAFETY: invariant 1.
+    unsafe {
+        let pairs = |a, b| (_mm256_unpacklo_ps(a, b), _mm256_unpackhi_ps(a, b));
+        let quads = |a: (__m256, __m256), b: (__m256, __m256)| {
+            let (p, q) = (_mm256_castps_pd(a.0), _mm256_castps_pd(b.0));
+            let (s, t) = (_mm256_castps_pd(a.1), _mm256_castps_pd(b.1));
+            [
+                _mm256_castpd_ps(_mm256_unpacklo_pd(p, q)),
+                _mm256_castpd_ps(_mm256_unpackhi_pd(p, q)),
+                _mm256_castpd_ps(_mm256_unpacklo_pd(s, t)),
+                _mm256_castpd_ps(_mm256_unpackhi_pd(s, t)),
+            ]
+        };
+        let low = quads(pairs(r[0], r[1]), pairs(r[2], r[3]));
+        let high = quads(pairs(r[4], r[5]), pairs(r[6], r[7]));
+        [
+            _mm256_permute2f128_ps::<0x20>(low[0], high[0]),
+            _mm256_permute2f128_ps::<0x20>(low[1], high[1]),
+            _mm256_permute2f128_ps::<0x20>(low[2], high[2]),
+            _mm256_permute2f128_ps::<0x20>(low[3], high[3]),
+            _mm256_permute2f128_ps::<0x31>(low[0], high[0]),
+            _mm256_permute2f128_ps::<0x31>(low[1], high[1]),
+            _mm256_permute2f128_ps::<0x31>(low[2], high[2]),
+            _mm256_permute2f128_ps::<0x31>(low[3], high[3]),
+        ]
+    }
+}
+
+// SAFETY of every block below: invariant 1 for the instructions, 2 for the pointers.
+#[allow(clippy::undocumented_unsafe_blocks)]
+impl Lanes for Avx2 {
+    const LANES: usize = 8;
+    type F = __m256;
+    type I = __m256i;
+
+    #[inline(always)]
+    fn splat(self, x: f32) -> __m256 {
+        unsafe { _mm256_set1_ps(x) }
+    }
+    #[inline(always)]
+    fn add(self, a: __m256, b: __m256) -> __m256 {
+        unsafe { _mm256_add_ps(a, b) }
+    }
+    #[inline(always)]
+    fn sub(self, a: __m256, b: __m256) -> __m256 {
+        unsafe { _mm256_sub_ps(a, b) }
+    }
+    #[inline(always)]
+    fn mul(self, a: __m256, b: __m256) -> __m256 {
+        unsafe { _mm256_mul_ps(a, b) }
+    }
+    #[inline(always)]
+    fn div(self, a: __m256, b: __m256) -> __m256 {
+        unsafe { _mm256_div_ps(a, b) }
+    }
+    #[inline(always)]
+    fn fma(self, a: __m256, b: __m256, c: __m256) -> __m256 {
+        unsafe { _mm256_fmadd_ps(a, b, c) }
+    }
+    #[inline(always)]
+    fn fms(self, a: __m256, b: __m256, c: __m256) -> __m256 {
+        unsafe { _mm256_fmsub_ps(a, b, c) }
+    }
+    #[inline(always)]
+    fn min(self, a: __m256, b: __m256) -> __m256 {
+        unsafe { _mm256_min_ps(a, b) }
+    }
+    #[inline(always)]
+    fn max(self, a: __m256, b: __m256) -> __m256 {
+        unsafe { _mm256_max_ps(a, b) }
+    }
+    #[inline(always)]
+    fn abs(self, a: __m256) -> __m256 {
+        unsafe { _mm256_andnot_ps(_mm256_set1_ps(-0.0), a) }
+    }
+    #[inline(always)]
+    fn neg(self, a: __m256) -> __m256 {
+        unsafe { _mm256_xor_ps(_mm256_set1_ps(-0.0), a) }
+    }
+    #[inline(always)]
+    fn with_sign_of(self, a: __m256, b: __m256) -> __m256 {
+        unsafe { _mm256_or_ps(a, _mm256_and_ps(_mm256_set1_ps(-0.0), b)) }
+    }
+    #[inline(always)]
+    fn le(self, among: u32, a: __m256, b: __m256) -> u32 {
+        among & self.signs(unsafe { _mm256_cmp_ps::<_CMP_LE_OQ>(a, b) })
+    }
+    #[inline(always)]
+    fn eq(self, among: u32, a: __m256, b: __m256) -> u32 {
+        among & self.signs(unsafe { _mm256_cmp_ps::<_CMP_EQ_OQ>(a, b) })
+    }
+    #[inline(always)]
+    fn signs(self, a: __m256) -> u32 {
+        unsafe { _mm256_movemask_ps(a) as u32 }
+    }
+    #[inline(always)]
+    fn select(self, mask: u32, a: __m256, b: __m256) -> __m256 {
+        unsafe {
+            let bits = _mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128);
+            let lanes = _mm256_cmpeq_epi32(_mm256_and_si256(_mm256_set1_epi32(mask as i32), bits), bits);
+            _mm256_blendv_ps(b, a, _mm256_castsi256_ps(lanes))
+        }
+    }
+    #[inline(always)]
+    fn splat_id(self, id: u32) -> __m256i {
+        unsafe { _mm256_set1_epi32(id as i32) }
+    }
+    #[inline(always)]
+    unsafe fn load(self, from: *const f32) -> __m256 {
+        unsafe { _mm256_loadu_ps(from) }
+    }
+    #[inline(always)]
+    unsafe fn store(self, to: *mut f32, a: __m256) {
+        unsafe { _mm256_storeu_ps(to, a) }
+    }
+    #[inline(always)]
+    unsafe fn load_ids(self, from: *const u32) -> __m256i {
+        unsafe { _mm256_loadu_si256(from.cast()) }
+    }
+    #[inline(always)]
+    unsafe fn store_ids(self, to: *mut u32, ids: __m256i) {
+        unsafe { _mm256_storeu_si256(to.cast(), ids) }
+    }
+    #[inline(always)]
+    unsafe fn append(self, to: *mut u32, mask: u32, ids: __m256i) {
+        unsafe {
+            let order = LANES_OF.get_unchecked(mask as usize & 255).as_ptr();
+            let order = _mm256_cvtepu8_epi32(_mm_loadl_epi64(order.cast()));
+            _mm256_storeu_si256(to.cast(), _mm256_permutevar8x32_epi32(ids, order));
+        }
+    }
+    #[inline(always)]
+    unsafe fn rows(self, base: *const f32, ids: *const u32) -> [__m256; 8] {
+        let row = |i| unsafe { _mm256_loadu_ps(base.byte_add(*ids.add(i) as usize)) };
+        transpose(self, [row(0), row(1), row(2), row(3), row(4), row(5), row(6), row(7)])
+    }
+    #[inline(always)]
+    unsafe fn put_rows(self, to: *mut f32, columns: [__m256; 8]) {
+        for (i, row) in transpose(self, columns).into_iter().enumerate() {
+            unsafe { _mm256_storeu_ps(to.add(8 * i), row) };
+        }
+    }
+}

@@ -1,0 +1,171 @@
+//! Sixteen lanes on x86-64 with AVX-512 F, BW, DQ and VL.
+//!
+//! Unsafe code, because of instructions and pointers. Invariants:
+//! 1. A token exists only where the processor has AVX-512 F, BW, DQ and VL (its maker vouches for it).
+//! 2. Every pointer access is within what the caller of the method vouches for, as the trait states it.
+#![allow(unsafe_code)]
+
+use super::Lanes;
+use std::arch::x86_64::*;
+
+/// Proof that the processor has AVX-512 F, BW, DQ and VL.
+#[derive(Clone, Copy)]
+pub(in super::super) struct Avx512(());
+
+impl Avx512 {
+    /// A token.
+    ///
+    /// # Safety
+    /// The processor has AVX-512 F, BW, DQ and VL.
+    #[inline(always)]
+    pub(in super::super) unsafe fn new() -> Self {
+        Self(())
+    }
+}
+
+/// Turns four vectors, each with a row of four in every 128-bit part, into columns in the same parts.
+#[inline(always)]
+fn transpose_parts(_: Avx512, r: [__m512; 4]) -> [__m512; 4] {
+    // SAFETY: invariant 1.
+    unsafe {
+        let ab =
+            [_mm512_unpacklo_ps(r[0], r[1]), _mm512_unpackhi_ps(r[0], r[1])].map(|x| _mm512_castps_pd(x));
+        let cd =
+            [_mm512_unpacklo_ps(r[2], r[3]), _mm512_unpackhi_ps(r[2], r[3])].map(|x| _mm512_castps_pd(x));
+        [
+            _mm512_castpd_ps(_mm512_unpacklo_pd(ab[0], cd[0])),
+            _mm512_castpd_ps(_mm512_unpackhi_pd(ab[0], cd[0])),
+            _mm512_castpd_ps(_mm512_unpacklo_pd(ab[1], cd[1])),
+            _mm512_castpd_ps(_mm512_unpackhi_pd(ab[1], cd[1])),
+        ]
+    }
+}
+
+// SAFETY of every block below: invariant 1 for the instructions, 2 for the pointers.
+#[allow(clippy::undocumented_unsafe_blocks)]
+impl Lanes for Avx512 {
+    const LANES: usize = 16;
+    type F = __m512;
+    type I = __m512i;
+
+    #[inline(always)]
+    fn splat(self, x: f32) -> __m512 {
+        unsafe { _mm512_set1_ps(x) }
+    }
+    #[inline(always)]
+    fn add(self, a: __m512, b: __m512) -> __m512 {
+        unsafe { _mm512_add_ps(a, b) }
+    }
+    #[inline(always)]
+    fn sub(self, a: __m512, b: __m512) -> __m512 {
+        unsafe { _mm512_sub_ps(a, b) }
+    }
+    #[inline(always)]
+    fn mul(self, a: __m512, b: __m512) -> __m512 {
+        unsafe { _mm512_mul_ps(a, b) }
+    }
+    #[inline(always)]
+    fn div(self, a: __m512, b: __m512) -> __m512 {
+        unsafe { _mm512_div_ps(a, b) }
+    }
+    #[inline(always)]
+    fn fma(self, a: __m512, b: __m512, c: __m512) -> __m512 {
+        unsafe { _mm512_fmadd_ps(a, b, c) }
+    }
+    #[inline(always)]
+    fn fms(self, a: __m512, b: __m512, c: __m512) -> __m512 {
+        unsafe { _mm512_fmsub_ps(a, b, c) }
+    }
+    #[inline(always)]
+    fn min(self, a: __m512, b: __m512) -> __m512 {
+        unsafe { _mm512_min_ps(a, b) }
+    }
+    #[inline(always)]
+    fn max(self, a: __m512, b: __m512) -> __m512 {
+        unsafe { _mm512_max_ps(a, b) }
+    }
+    #[inline(always)]
+    fn abs(self, a: __m512) -> __m512 {
+        unsafe { _mm512_abs_ps(a) }
+    }
+    #[inline(always)]
+    fn neg(self, a: __m512) -> __m512 {
+        unsafe { _mm512_xor_ps(_mm512_set1_ps(-0.0), a) }
+    }
+    #[inline(always)]
+    fn with_sign_of(self, a: __m512, b: __m512) -> __m512 {
+        unsafe { _mm512_or_ps(a, _mm512_and_ps(_mm512_set1_ps(-0.0), b)) }
+    }
+    #[inline(always)]
+    fn le(self, among: u32, a: __m512, b: __m512) -> u32 {
+        unsafe { _mm512_mask_cmp_ps_mask::<_CMP_LE_OQ>(among as u16, a, b).into() }
+    }
+    #[inline(always)]
+    fn eq(self, among: u32, a: __m512, b: __m512) -> u32 {
+        unsafe { _mm512_mask_cmp_ps_mask::<_CMP_EQ_OQ>(among as u16, a, b).into() }
+    }
+    #[inline(always)]
+    fn signs(self, a: __m512) -> u32 {
+        unsafe { _mm512_movepi32_mask(_mm512_castps_si512(a)).into() }
+    }
+    #[inline(always)]
+    fn select(self, mask: u32, a: __m512, b: __m512) -> __m512 {
+        unsafe { _mm512_mask_blend_ps(mask as u16, b, a) }
+    }
+    #[inline(always)]
+    fn splat_id(self, id: u32) -> __m512i {
+        unsafe { _mm512_set1_epi32(id as i32) }
+    }
+    #[inline(always)]
+    unsafe fn load(self, from: *const f32) -> __m512 {
+        unsafe { _mm512_loadu_ps(from) }
+    }
+    #[inline(always)]
+    unsafe fn store(self, to: *mut f32, a: __m512) {
+        unsafe { _mm512_storeu_ps(to, a) }
+    }
+    #[inline(always)]
+    unsafe fn load_ids(self, from: *const u32) -> __m512i {
+        unsafe { _mm512_loadu_si512(from.cast()) }
+    }
+    #[inline(always)]
+    unsafe fn store_ids(self, to: *mut u32, ids: __m512i) {
+        unsafe { _mm512_storeu_si512(to.cast(), ids) }
+    }
+    #[inline(always)]
+    unsafe fn append(self, to: *mut u32, mask: u32, ids: __m512i) {
+        // To a register first: compressing straight to memory is slow on some processors.
+        unsafe { _mm512_storeu_si512(to.cast(), _mm512_maskz_compress_epi32(mask as u16, ids)) }
+    }
+    #[inline(always)]
+    unsafe fn rows(self, base: *const f32, ids: *const u32) -> [__m512; 8] {
+        unsafe {
+            let row = |i| _mm256_loadu_ps(base.byte_add(*ids.add(i) as usize));
+            // Rows `i` and `i + 4`: after the parts are transposed, one shuffle brings the lanes in order.
+            let pair = |i| _mm512_insertf32x8::<1>(_mm512_castps256_ps512(row(i)), row(i + 4));
+            let low = transpose_parts(self, [pair(0), pair(1), pair(2), pair(3)]);
+            let high = transpose_parts(self, [pair(8), pair(9), pair(10), pair(11)]);
+            let left = |i: usize| _mm512_shuffle_f32x4::<0b10_00_10_00>(low[i], high[i]);
+            let right = |i: usize| _mm512_shuffle_f32x4::<0b11_01_11_01>(low[i], high[i]);
+            [left(0), left(1), left(2), left(3), right(0), right(1), right(2), right(3)]
+        }
+    }
+    #[inline(always)]
+    unsafe fn put_rows(self, to: *mut f32, columns: [__m512; 8]) {
+        unsafe {
+            let [a, b, c, d, e, f, g, h] = columns;
+            // Part `k` of `left[i]` and `right[i]` is the halves of row `4 * k + i`.
+            let left = transpose_parts(self, [a, b, c, d]);
+            let right = transpose_parts(self, [e, f, g, h]);
+            for i in 0..4 {
+                let (l, r) = (left[i], right[i]);
+                let part = |k: usize, row: __m256| _mm256_storeu_ps(to.add(8 * (4 * k + i)), row);
+                let join = |x: __m128, y: __m128| _mm256_set_m128(y, x);
+                part(0, join(_mm512_extractf32x4_ps::<0>(l), _mm512_extractf32x4_ps::<0>(r)));
+                part(1, join(_mm512_extractf32x4_ps::<1>(l), _mm512_extractf32x4_ps::<1>(r)));
+                part(2, join(_mm512_extractf32x4_ps::<2>(l), _mm512_extractf32x4_ps::<2>(r)));
+                part(3, join(_mm512_extractf32x4_ps::<3>(l), _mm512_extractf32x4_ps::<3>(r)));
+            }
+        }
+    }
+}

@@ -1,0 +1,136 @@
+//! Eight lanes in plain Rust.
+//!
+//! Unsafe code, because lists and rows are reached by pointer. Invariant 1: every pointer access is
+//! within what the caller of the method vouches for, as the trait states it.
+#![allow(unsafe_code)]
+
+use super::Lanes;
+use std::array::from_fn;
+
+/// Eight lanes on any processor.
+#[derive(Clone, Copy)]
+pub(in super::super) struct Portable;
+
+const N: usize = 8;
+
+fn mask(test: impl Fn(usize) -> bool) -> u32 {
+    (0..N).fold(0, |mask, i| mask | u32::from(test(i)) << i)
+}
+
+impl Lanes for Portable {
+    const LANES: usize = N;
+    type F = [f32; N];
+    type I = [u32; N];
+
+    #[inline(always)]
+    fn splat(self, x: f32) -> Self::F {
+        [x; N]
+    }
+    #[inline(always)]
+    fn add(self, a: Self::F, b: Self::F) -> Self::F {
+        from_fn(|i| a[i] + b[i])
+    }
+    #[inline(always)]
+    fn sub(self, a: Self::F, b: Self::F) -> Self::F {
+        from_fn(|i| a[i] - b[i])
+    }
+    #[inline(always)]
+    fn mul(self, a: Self::F, b: Self::F) -> Self::F {
+        from_fn(|i| a[i] * b[i])
+    }
+    #[inline(always)]
+    fn div(self, a: Self::F, b: Self::F) -> Self::F {
+        from_fn(|i| a[i] / b[i])
+    }
+    #[inline(always)]
+    fn fma(self, a: Self::F, b: Self::F, c: Self::F) -> Self::F {
+        from_fn(|i| a[i].mul_add(b[i], c[i]))
+    }
+    #[inline(always)]
+    fn fms(self, a: Self::F, b: Self::F, c: Self::F) -> Self::F {
+        from_fn(|i| a[i].mul_add(b[i], -c[i]))
+    }
+    #[inline(always)]
+    fn min(self, a: Self::F, b: Self::F) -> Self::F {
+        from_fn(|i| a[i].min(b[i]))
+    }
+    #[inline(always)]
+    fn max(self, a: Self::F, b: Self::F) -> Self::F {
+        from_fn(|i| a[i].max(b[i]))
+    }
+    #[inline(always)]
+    fn abs(self, a: Self::F) -> Self::F {
+        a.map(f32::abs)
+    }
+    #[inline(always)]
+    fn neg(self, a: Self::F) -> Self::F {
+        a.map(|x| -x)
+    }
+    #[inline(always)]
+    fn with_sign_of(self, a: Self::F, b: Self::F) -> Self::F {
+        from_fn(|i| a[i].copysign(b[i]))
+    }
+    #[inline(always)]
+    fn le(self, among: u32, a: Self::F, b: Self::F) -> u32 {
+        among & mask(|i| a[i] <= b[i])
+    }
+    #[inline(always)]
+    fn eq(self, among: u32, a: Self::F, b: Self::F) -> u32 {
+        among & mask(|i| a[i] == b[i])
+    }
+    #[inline(always)]
+    fn signs(self, a: Self::F) -> u32 {
+        mask(|i| a[i].is_sign_negative())
+    }
+    #[inline(always)]
+    fn select(self, mask: u32, a: Self::F, b: Self::F) -> Self::F {
+        from_fn(|i| if mask >> i & 1 == 1 { a[i] } else { b[i] })
+    }
+    #[inline(always)]
+    fn splat_id(self, id: u32) -> Self::I {
+        [id; N]
+    }
+    #[inline(always)]
+    unsafe fn load(self, from: *const f32) -> Self::F {
+        // SAFETY: invariant 1.
+        unsafe { from.cast::<[f32; N]>().read_unaligned() }
+    }
+    #[inline(always)]
+    unsafe fn store(self, to: *mut f32, a: Self::F) {
+        // SAFETY: invariant 1.
+        unsafe { to.cast::<[f32; N]>().write_unaligned(a) }
+    }
+    #[inline(always)]
+    unsafe fn load_ids(self, from: *const u32) -> Self::I {
+        // SAFETY: invariant 1.
+        unsafe { from.cast::<[u32; N]>().read_unaligned() }
+    }
+    #[inline(always)]
+    unsafe fn store_ids(self, to: *mut u32, ids: Self::I) {
+        // SAFETY: invariant 1.
+        unsafe { to.cast::<[u32; N]>().write_unaligned(ids) }
+    }
+    #[inline(always)]
+    unsafe fn append(self, to: *mut u32, mask: u32, ids: Self::I) {
+        let mut len = 0;
+        for (i, id) in ids.into_iter().enumerate() {
+            // SAFETY: invariant 1; at most eight are written.
+            unsafe { to.add(len).write(id) };
+            len += (mask >> i & 1) as usize;
+        }
+    }
+    #[inline(always)]
+    unsafe fn rows(self, base: *const f32, ids: *const u32) -> [Self::F; 8] {
+        let rows: [[f32; 8]; N] =
+            // SAFETY: invariant 1.
+            from_fn(|i| unsafe { base.byte_add(*ids.add(i) as usize).cast::<[f32; 8]>().read_unaligned() });
+        from_fn(|column| rows.map(|row| row[column]))
+    }
+    #[inline(always)]
+    unsafe fn put_rows(self, to: *mut f32, columns: [Self::F; 8]) {
+        for i in 0..N {
+            // SAFETY: invariant 1.
+            unsafe { to.add(8 * i).cast::<[f32; 8]>().write_unaligned(columns.map(|column| column[i])) };
+        }
+    }
+}
