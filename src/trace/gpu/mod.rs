@@ -19,8 +19,11 @@ mod flatten;
 mod kernel;
 mod layout;
 mod pass;
+mod probe;
 mod resolve;
 mod scene;
+#[cfg(test)]
+mod tests;
 mod tracer;
 mod trusted;
 mod wall;
