@@ -16,6 +16,7 @@
 mod adapter;
 mod error;
 mod flatten;
+mod fused;
 mod kernel;
 mod layout;
 mod pass;

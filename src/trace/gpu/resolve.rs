@@ -6,7 +6,8 @@ use crate::geom::CanonicalRay;
 use crate::stream::{DeviceReport, Hit, MISS, Ray, Tracer};
 use std::sync::Arc;
 
-/// What it takes to say which candidate is the hit.
+/// What it takes to say which candidate is the hit. Its methods are inlined into the caller, which may
+/// be compiled for instructions that they like (`fused`).
 pub(super) struct Resolver {
     pub bvh: Arc<Bvh>,
     /// The say in hits of masked triangles.
@@ -17,6 +18,7 @@ pub(super) struct Resolver {
 
 impl Resolver {
     /// Writes every ray's canonical hit.
+    #[inline(always)]
     pub fn closest(&self, rays: &[Ray], candidates: &[Candidates], hits: &mut [Hit]) -> DeviceReport {
         let mut report = DeviceReport::default();
         let mut open = Vec::new();
@@ -43,6 +45,7 @@ impl Resolver {
     }
 
     /// Writes whether every ray is occluded.
+    #[inline(always)]
     pub fn occluded(&self, rays: &[Ray], candidates: &[u32], occluded: &mut [u32]) -> DeviceReport {
         let mut report = DeviceReport::default();
         let mut open = Vec::new();
@@ -72,6 +75,7 @@ impl Resolver {
 
     /// The nearest canonical hit among the candidates, ties to the lowest primitive. `None` when one
     /// is no primitive, as a broken device may answer.
+    #[inline(always)]
     fn nearest(&self, ray: &Ray, candidates: &Candidates) -> Option<Hit> {
         let prepared = self.prepare(ray);
         let mut best = Hit::NONE;
@@ -91,10 +95,12 @@ impl Resolver {
         Some(best)
     }
 
+    #[inline(always)]
     fn prepare(&self, ray: &Ray) -> CanonicalRay {
         CanonicalRay::new(ray.origin, ray.t_min, ray.direction, ray.t_max, self.bvh.scene_max_abs())
     }
 
+    #[inline(always)]
     fn test(&self, ray: &CanonicalRay, primitive: u32) -> Option<Hit> {
         let [v0, v1, v2] = self.bvh.corners(primitive);
         let hit = ray.triangle(v0, v1, v2)?;

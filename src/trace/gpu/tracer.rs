@@ -1,5 +1,6 @@
 //! The GPU tracer: whole ray streams through the kernels and back.
 
+use super::fused::fused;
 use super::kernel::Kernel;
 use super::layout::Candidates;
 use super::pass::{Lane, Pass, Pending, max_rays};
@@ -91,8 +92,11 @@ impl GpuTracer {
         occluded: &mut [u32],
     ) -> Result<DeviceReport, DeviceError> {
         let (candidates, blocked) = self.dispatch(rays, shadow_rays).map_err(DeviceError::Lost)?;
-        let mut report = self.resolver.closest(rays, &candidates, hits);
-        report += self.resolver.occluded(shadow_rays, &blocked, occluded);
+        let mut report = fused(|| {
+            let mut report = self.resolver.closest(rays, &candidates, hits);
+            report += self.resolver.occluded(shadow_rays, &blocked, occluded);
+            report
+        });
         let copied = size_of_val(rays)
             + size_of_val(shadow_rays)
             + size_of_val(candidates.as_slice())
