@@ -1,5 +1,5 @@
-// Whether anything is hit: 1, 0, or UNDECIDED where only triangles that rounding or alpha could take
-// away are in the way.
+// Whether anything is hit: OCCLUDED, MISS, or a primitive that is in the way unless rounding or alpha
+// takes it away, with the flag MORE when there are others. UNDECIDED when nothing can be said.
 
 @group(1) @binding(2) var<storage, read_write> answers: array<u32>;
 
@@ -12,11 +12,11 @@ fn trace_any(@builtin(global_invocation_id) id: vec3<u32>) {
     var ray: PreparedRay;
     let fitness = prepare(rays[slot], &ray);
     if fitness != CERTAIN {
-        answers[slot] = select(UNDECIDED, 0u, fitness == REFUSED);
+        answers[slot] = select(UNDECIDED, MISS, fitness == REFUSED);
         return;
     }
 
-    var answer = 0u;
+    var answer = MISS;
     var stack: array<u32, STACK_SIZE>;
     var height = 0u;
     var reference = 0u;
@@ -56,12 +56,12 @@ fn trace_any(@builtin(global_invocation_id) id: vec3<u32>) {
             let triangle = triangles[index];
             let verdict = judge(ray, triangle);
             if verdict.kind == CERTAIN {
-                answer = 1u;
+                answer = OCCLUDED;
                 height = 0u;
                 break;
             }
             if verdict.kind == UNCERTAIN {
-                answer = UNDECIDED;
+                answer = select(answer | MORE, triangle.primitive, answer == MISS);
             }
             if (triangle.flags & LAST) != 0u {
                 break;

@@ -3,7 +3,8 @@
 //! Every unit (scalar oracle, SIMD tracer, GPU after certification) answers as if it ran this code
 //! for every triangle of the scene and kept the nearest `t`, ties to the lowest primitive id. Each
 //! operation below is one IEEE-754 binary32 operation; `mul_add` is a fused multiply-add with one
-//! rounding. No unit may reorder, contract or approximate them.
+//! rounding. No unit may reorder, contract or approximate them. (All is inlined always: `mul_add` is one
+//! instruction only in callers compiled for it, else a call that gives the same bits more slowly.)
 //!
 //! # Why the answer does not depend on the BVH
 //! A triangle is hit at `t` clamped to the interval in which the ray is inside the triangle's *own*
@@ -83,6 +84,7 @@ impl CanonicalRay {
     /// is outside 1e-9..=1e9 (so a zero direction too), or `t_min` or `t_max` is NaN, or
     /// `t_min > t_max`. A negative `t_min` counts as 0. Such a ray comes back with `t_min = 0`,
     /// `t_max = -1`, a finite set-up, and is refused by every slab test.
+    #[inline(always)]
     pub fn new(origin: [f32; 3], t_min: f32, direction: [f32; 3], t_max: f32, scene_max_abs: f32) -> Self {
         let o = Vec3::from_array(origin);
         let d = Vec3::from_array(direction);
@@ -131,6 +133,7 @@ impl CanonicalRay {
 
     /// The interval of `t` in which the ray is inside the box, not cut to `t_min..t_max`; empty when
     /// the first exceeds the second.
+    #[inline(always)]
     pub fn slab(&self, min: Vec3, max: Vec3) -> (f32, f32) {
         let mut enter = f32::NEG_INFINITY;
         let mut leave = f32::INFINITY;
@@ -144,6 +147,7 @@ impl CanonicalRay {
     }
 
     /// Tests one triangle; `None` unless the hit lies in `t_min..=t_max`, ends included.
+    #[inline(always)]
     pub fn triangle(&self, v0: Vec3, v1: Vec3, v2: Vec3) -> Option<CanonicalHit> {
         let d = self.direction;
         let a = v0 - self.origin;
@@ -184,11 +188,13 @@ impl CanonicalRay {
 }
 
 /// Cross product, each component `fma(a, b, -(c·d))`: negating one argument negates the result exactly.
+#[inline(always)]
 fn cross(a: Vec3, b: Vec3) -> Vec3 {
     Vec3::new(a.y.mul_add(b.z, -(a.z * b.y)), a.z.mul_add(b.x, -(a.x * b.z)), a.x.mul_add(b.y, -(a.y * b.x)))
 }
 
 /// Dot product, `fma(x, x', fma(y, y', z·z'))`.
+#[inline(always)]
 fn dot(a: Vec3, b: Vec3) -> f32 {
     a.x.mul_add(b.x, a.y.mul_add(b.y, a.z * b.z))
 }

@@ -20,7 +20,7 @@ struct Stripes;
 
 impl Filter for Stripes {
     fn accepts(&self, _primitive: u32, u: f32, v: f32) -> bool {
-        (u * 8.0) as u32 % 2 == 0 && v < 0.6
+        ((u * 8.0) as u32).is_multiple_of(2) && v < 0.6
     }
 }
 

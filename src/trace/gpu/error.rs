@@ -31,6 +31,14 @@ pub enum GpuError {
         /// What the driver said.
         reason: String,
     },
+    /// The adapter's arithmetic is not what the kernels' error bounds assume.
+    #[error("the GPU {adapter} cannot be used: {reason}; trace on the CPU")]
+    Arithmetic {
+        /// The adapter's name.
+        adapter: String,
+        /// What it computed.
+        reason: String,
+    },
     /// A buffer of the scene exceeds what the adapter can bind.
     #[error("the scene's {what} need {required} bytes on the GPU, but {adapter} binds at most {available}")]
     TooLarge {

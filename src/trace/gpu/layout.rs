@@ -60,8 +60,14 @@ pub(super) const MASKED: u32 = 1;
 pub(super) const LAST: u32 = 2;
 /// A child reference to nothing: the traversal is over. Has the bit of a leaf.
 pub(super) const NOWHERE: u32 = u32::MAX;
-/// The answer of `trace_any` where rounding or alpha could change it.
-pub(super) const UNDECIDED: u32 = 2;
+/// An answer of `trace_any`: something is certainly in the way. The others are
+/// [`crate::stream::MISS`] and primitives.
+pub(super) const OCCLUDED: u32 = u32::MAX - 1;
+/// An answer of `trace_any`: nothing can be said.
+pub(super) const UNDECIDED: u32 = u32::MAX - 2;
+/// Bit of an answer of `trace_any` that is a primitive: there may be others in the way. Primitives
+/// have 30 bits.
+pub(super) const MORE: u32 = 1 << 30;
 
 /// The most triangles of a leaf.
 pub(super) const LEAF_TRIANGLES: usize = 2;

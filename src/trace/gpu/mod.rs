@@ -16,11 +16,15 @@
 mod adapter;
 mod error;
 mod flatten;
+mod fused;
 mod kernel;
 mod layout;
 mod pass;
+mod probe;
 mod resolve;
 mod scene;
+#[cfg(test)]
+mod tests;
 mod tracer;
 mod trusted;
 mod wall;

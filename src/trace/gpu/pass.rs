@@ -2,7 +2,6 @@
 
 use super::kernel::Kernel;
 use super::layout::{Params, WORKGROUP_SIZE};
-use super::scene::entry;
 use super::{Gpu, trusted};
 use crate::stream::Ray;
 use std::sync::mpsc::{Receiver, sync_channel};
@@ -41,11 +40,11 @@ pub(super) struct Pending {
 }
 
 impl Pass {
-    /// Compiles a kernel whose stack has `stack` entries; `scene` lays out group 0.
+    /// Compiles a kernel from its source; `scene` lays out group 0.
     pub fn new(
         device: &wgpu::Device,
         kernel: Kernel,
-        stack: usize,
+        source: String,
         scene: &wgpu::BindGroupLayout,
         layout: wgpu::BindGroupLayout,
     ) -> Self {
@@ -57,7 +56,7 @@ impl Pass {
         let pipeline = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
             label: Some(kernel.name()),
             layout: Some(&both),
-            module: &trusted::module(device, kernel, stack),
+            module: &trusted::module(device, kernel.name(), source),
             entry_point: Some(kernel.name()),
             compilation_options: wgpu::PipelineCompilationOptions::default(),
             cache: None,
@@ -156,11 +155,7 @@ impl Pass {
         let group = device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("lane"),
             layout: &self.layout,
-            entries: &[
-                entry(0, rays.as_entire_binding()),
-                entry(1, params.as_entire_binding()),
-                entry(2, answers.as_entire_binding()),
-            ],
+            entries: &[entry(0, &rays), entry(1, &params), entry(2, &answers)],
         });
         Lane { capacity, rays, params, answers, readback, group }
     }
@@ -168,6 +163,11 @@ impl Pass {
     fn idle(&self) -> std::sync::MutexGuard<'_, Vec<Lane>> {
         self.idle.lock().unwrap_or_else(PoisonError::into_inner)
     }
+}
+
+/// Binds a whole buffer.
+pub(super) fn entry(binding: u32, buffer: &wgpu::Buffer) -> wgpu::BindGroupEntry<'_> {
+    wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() }
 }
 
 /// The most rays of one pass on an adapter with these limits.

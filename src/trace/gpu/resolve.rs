@@ -1,12 +1,13 @@
 //! The host's half of a dispatch: candidates become canonical answers.
 
-use super::layout::{Candidates, UNDECIDED};
+use super::layout::{Candidates, MORE, OCCLUDED};
 use crate::bvh::{Bvh, Filter};
 use crate::geom::CanonicalRay;
 use crate::stream::{DeviceReport, Hit, MISS, Ray, Tracer};
 use std::sync::Arc;
 
-/// What it takes to say which candidate is the hit.
+/// What it takes to say which candidate is the hit. Its methods are inlined into the caller, which may
+/// be compiled for instructions that they like (`fused`).
 pub(super) struct Resolver {
     pub bvh: Arc<Bvh>,
     /// The say in hits of masked triangles.
@@ -17,6 +18,7 @@ pub(super) struct Resolver {
 
 impl Resolver {
     /// Writes every ray's canonical hit.
+    #[inline(always)]
     pub fn closest(&self, rays: &[Ray], candidates: &[Candidates], hits: &mut [Hit]) -> DeviceReport {
         let mut report = DeviceReport::default();
         let mut open = Vec::new();
@@ -33,38 +35,49 @@ impl Resolver {
             }
         }
         report.retraced = open.len() as u64;
-        if !open.is_empty() {
-            let again: Vec<Ray> = open.iter().map(|&index| rays[index]).collect();
-            let mut answers = vec![Hit::NONE; again.len()];
-            self.cpu.closest(&again, &mut answers);
-            for (index, answer) in open.into_iter().zip(answers) {
-                hits[index] = answer;
-            }
+        let again: Vec<Ray> = open.iter().map(|&index| rays[index]).collect();
+        let mut answers = vec![Hit::NONE; again.len()];
+        self.cpu.closest(&again, &mut answers);
+        for (index, answer) in open.into_iter().zip(answers) {
+            hits[index] = answer;
         }
         report
     }
 
     /// Writes whether every ray is occluded.
+    #[inline(always)]
     pub fn occluded(&self, rays: &[Ray], candidates: &[u32], occluded: &mut [u32]) -> DeviceReport {
-        occluded.copy_from_slice(candidates);
-        let open: Vec<usize> = (0..rays.len()).filter(|&index| candidates[index] >= UNDECIDED).collect();
-        let count = open.len() as u64;
-        if !open.is_empty() {
-            let again: Vec<Ray> = open.iter().map(|&index| rays[index]).collect();
-            let mut answers = vec![0; again.len()];
-            self.cpu.occluded(&again, &mut answers);
-            for (index, answer) in open.into_iter().zip(answers) {
-                occluded[index] = answer;
+        let mut report = DeviceReport::default();
+        let mut open = Vec::new();
+        for (index, (ray, &found)) in rays.iter().zip(candidates).enumerate() {
+            occluded[index] = (found == OCCLUDED).into();
+            if found == OCCLUDED || found == MISS {
+                continue;
+            }
+            report.flagged += 1;
+            let primitive = found & !MORE;
+            let known = (primitive as usize) < self.bvh.len();
+            if known && self.test(&self.prepare(ray), primitive).is_some() {
+                occluded[index] = 1;
+            } else if !known || found != primitive {
+                open.push(index);
             }
         }
-        DeviceReport { bytes_copied: 0, flagged: count, retraced: count }
+        report.retraced = open.len() as u64;
+        let again: Vec<Ray> = open.iter().map(|&index| rays[index]).collect();
+        let mut answers = vec![0; again.len()];
+        self.cpu.occluded(&again, &mut answers);
+        for (index, answer) in open.into_iter().zip(answers) {
+            occluded[index] = answer;
+        }
+        report
     }
 
     /// The nearest canonical hit among the candidates, ties to the lowest primitive. `None` when one
     /// is no primitive, as a broken device may answer.
+    #[inline(always)]
     fn nearest(&self, ray: &Ray, candidates: &Candidates) -> Option<Hit> {
-        let prepared =
-            CanonicalRay::new(ray.origin, ray.t_min, ray.direction, ray.t_max, self.bvh.scene_max_abs());
+        let prepared = self.prepare(ray);
         let mut best = Hit::NONE;
         for primitive in [candidates.first, candidates.second, candidates.third] {
             if primitive == MISS {
@@ -82,6 +95,12 @@ impl Resolver {
         Some(best)
     }
 
+    #[inline(always)]
+    fn prepare(&self, ray: &Ray) -> CanonicalRay {
+        CanonicalRay::new(ray.origin, ray.t_min, ray.direction, ray.t_max, self.bvh.scene_max_abs())
+    }
+
+    #[inline(always)]
     fn test(&self, ray: &CanonicalRay, primitive: u32) -> Option<Hit> {
         let [v0, v1, v2] = self.bvh.corners(primitive);
         let hit = ray.triangle(v0, v1, v2)?;

@@ -3,12 +3,15 @@
 use super::flatten::{Flat, flatten, node_count};
 use super::kernel::Kernel;
 use super::layout::{Node, Triangle};
-use super::pass::Pass;
+use super::pass::{Pass, entry};
 use super::{Gpu, GpuError};
 use crate::bvh::Bvh;
 
 /// Bytes uploaded at once: each piece passes through staging memory of its size.
 const UPLOAD_BYTES: usize = 16 << 20;
+
+/// Gives a kernel's source, with room for so many entries on the stack.
+pub(super) type Source<'a> = &'a dyn Fn(Kernel, usize) -> String;
 
 /// A scene on the device.
 #[derive(Debug)]
@@ -22,12 +25,12 @@ pub(super) struct DeviceScene {
 }
 
 impl DeviceScene {
-    /// Uploads a tree and compiles the kernels for it.
+    /// Uploads a tree and compiles the kernels for it from `source`.
     ///
     /// # Errors
     /// When a buffer exceeds what the adapter binds (told before anything is allocated), or the
     /// device refuses or is lost.
-    pub fn new(gpu: &Gpu, bvh: &Bvh) -> Result<Self, GpuError> {
+    pub fn new(gpu: &Gpu, bvh: &Bvh, source: Source<'_>) -> Result<Self, GpuError> {
         let node_bytes = check(gpu, "BVH nodes", node_count(bvh) * size_of::<Node>())?;
         let triangle_bytes = check(gpu, "triangles", bvh.len().max(1) * size_of::<Triangle>())?;
         let Flat { nodes, triangles, stack } = flatten(bvh);
@@ -35,7 +38,7 @@ impl DeviceScene {
 
         let made = gpu.attempt(|device, _| {
             let (group, call) = layouts(device);
-            let pass = |kernel| Pass::new(device, kernel, stack, &group, call.clone());
+            let pass = |kernel| Pass::new(device, kernel, source(kernel, stack), &group, call.clone());
             let (closest, any) = (pass(Kernel::TraceClosest), pass(Kernel::TraceAny));
             (group, closest, any)
         });
@@ -57,7 +60,7 @@ impl DeviceScene {
             let group = device.create_bind_group(&wgpu::BindGroupDescriptor {
                 label: Some("scene"),
                 layout: &layout,
-                entries: &[entry(0, nodes.as_entire_binding()), entry(1, triangles.as_entire_binding())],
+                entries: &[entry(0, &nodes), entry(1, &triangles)],
             });
             (nodes, triangles, group)
         });
@@ -68,11 +71,6 @@ impl DeviceScene {
         upload(gpu, &triangle_buffer, bytemuck::cast_slice(&triangles))?;
         Ok(Self { group, closest, any, bytes: node_bytes + triangle_bytes })
     }
-}
-
-/// A binding's entry.
-pub(super) fn entry(binding: u32, resource: wgpu::BindingResource<'_>) -> wgpu::BindGroupEntry<'_> {
-    wgpu::BindGroupEntry { binding, resource }
 }
 
 fn check(gpu: &Gpu, what: &'static str, required: usize) -> Result<u64, GpuError> {

@@ -1,9 +1,11 @@
 //! The GPU tracer: whole ray streams through the kernels and back.
 
+use super::fused::fused;
+use super::kernel::Kernel;
 use super::layout::Candidates;
-use super::pass::{Lane, Pass, max_rays};
+use super::pass::{Lane, Pass, Pending, max_rays};
 use super::resolve::Resolver;
-use super::scene::DeviceScene;
+use super::scene::{DeviceScene, Source};
 use super::{Gpu, GpuError};
 use crate::bvh::{Bvh, Filter};
 use crate::stream::{DeviceError, DeviceReport, DeviceTracer, Hit, Queries, Ray, Tracer};
@@ -35,7 +37,18 @@ impl GpuTracer {
         filter: Option<Arc<dyn Filter>>,
         cpu: Arc<dyn Tracer>,
     ) -> Result<Self, GpuError> {
-        let scene = DeviceScene::new(&gpu, &bvh)?;
+        Self::with_source(gpu, bvh, filter, cpu, &Kernel::source)
+    }
+
+    /// Like [`GpuTracer::new`], with kernels compiled from `source`.
+    pub(super) fn with_source(
+        gpu: Arc<Gpu>,
+        bvh: Arc<Bvh>,
+        filter: Option<Arc<dyn Filter>>,
+        cpu: Arc<dyn Tracer>,
+        source: Source<'_>,
+    ) -> Result<Self, GpuError> {
+        let scene = DeviceScene::new(&gpu, &bvh, source)?;
         let name = gpu.info().name.clone();
         let max_rays = max_rays(&gpu).min(MAX_RAYS);
         Ok(Self { gpu, name, scene, resolver: Resolver { bvh, filter, cpu }, max_rays })
@@ -79,8 +92,11 @@ impl GpuTracer {
         occluded: &mut [u32],
     ) -> Result<DeviceReport, DeviceError> {
         let (candidates, blocked) = self.dispatch(rays, shadow_rays).map_err(DeviceError::Lost)?;
-        let mut report = self.resolver.closest(rays, &candidates, hits);
-        report += self.resolver.occluded(shadow_rays, &blocked, occluded);
+        let mut report = fused(|| {
+            let mut report = self.resolver.closest(rays, &candidates, hits);
+            report += self.resolver.occluded(shadow_rays, &blocked, occluded);
+            report
+        });
         let copied = size_of_val(rays)
             + size_of_val(shadow_rays)
             + size_of_val(candidates.as_slice())
@@ -93,7 +109,7 @@ impl GpuTracer {
 /// The answers of a lane, which is then free for another call.
 fn receive<T: bytemuck::AnyBitPattern + bytemuck::NoUninit>(
     pass: &Pass,
-    pending: Option<(super::pass::Pending, Lane)>,
+    pending: Option<(Pending, Lane)>,
 ) -> Result<Vec<T>, String> {
     let Some((pending, lane)) = pending else { return Ok(Vec::new()) };
     let answers = pass.receive(&lane, pending)?;

@@ -1,7 +1,8 @@
 //! Shader modules without naga's run-time checks. Traversal loops pay for the checks on every turn.
 //!
 //! Invariants:
-//! 1. The source is this crate's own ([`Kernel`]); no text from outside reaches it.
+//! 1. The source is this crate's own (`Kernel::source`); no text from outside reaches it. Tests change
+//!    its arithmetic, not its indices or loops.
 //! 2. Every index is in range: a thread beyond `Params::count` returns at once and the caller binds
 //!    at least `first + count` rays and answers; references come from `flatten`, which makes them for
 //!    nodes and triangles that it lays out, and ends every leaf with a LAST triangle; the stack has
@@ -11,14 +12,10 @@
 //! 4. No integer is divided; no ray query, task or mesh shader is used.
 #![allow(unsafe_code)]
 
-use super::kernel::Kernel;
-
-/// Compiles a kernel whose stack holds `stack` entries, at least [`super::flatten::Flat::stack`].
-pub(super) fn module(device: &wgpu::Device, kernel: Kernel, stack: usize) -> wgpu::ShaderModule {
-    let descriptor = wgpu::ShaderModuleDescriptor {
-        label: Some(kernel.name()),
-        source: wgpu::ShaderSource::Wgsl(kernel.source(stack).into()),
-    };
+/// Compiles a kernel's source, made with room for [`super::flatten::Flat::stack`] entries at least.
+pub(super) fn module(device: &wgpu::Device, name: &str, source: String) -> wgpu::ShaderModule {
+    let descriptor =
+        wgpu::ShaderModuleDescriptor { label: Some(name), source: wgpu::ShaderSource::Wgsl(source.into()) };
     // SAFETY: invariants 1 to 4.
     unsafe { device.create_shader_module_trusted(descriptor, wgpu::ShaderRuntimeChecks::unchecked()) }
 }

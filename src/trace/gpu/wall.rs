@@ -1,13 +1,13 @@
 //! One device behind one wall: nothing that happens to wgpu behind it, an error, a loss, a panic,
 //! reaches the rest of the program as anything but an error value.
 
-use super::GpuError;
 use super::adapter::{AdapterChoice, AdapterInfo, choose, enumerate};
+use super::{GpuError, probe};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
-/// How long one submission may take. Generous: software adapters are slow.
+/// How long one submission may take unless told otherwise. Generous: software adapters are slow.
 const PATIENCE: Duration = Duration::from_secs(10);
 
 /// How long a wait holds wgpu's locks, which other threads need to submit.
@@ -20,10 +20,12 @@ type Loss = Arc<OnceLock<String>>;
 /// is lost it stays lost; open another one.
 #[derive(Debug)]
 pub struct Gpu {
-    info: AdapterInfo,
+    pub(super) info: AdapterInfo,
     device: wgpu::Device,
     queue: wgpu::Queue,
     loss: Loss,
+    /// How long one submission may take.
+    pub(super) patience: Duration,
 }
 
 impl Gpu {
@@ -50,7 +52,12 @@ impl Gpu {
         device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
             let _ = on_error.set(error.to_string());
         }));
-        Ok(Self { info, device, queue, loss })
+        let gpu = Self { info, device, queue, loss, patience: PATIENCE };
+        let refused = |reason: String| GpuError::Open { adapter: gpu.info.to_string(), reason };
+        let results = gpu.guard(|device, queue| probe::compute(&gpu, device, queue)).map_err(refused)?;
+        probe::judge(&results)
+            .map_err(|reason| GpuError::Arithmetic { adapter: gpu.info.to_string(), reason })?;
+        Ok(gpu)
     }
 
     /// The adapter in use.
@@ -112,14 +119,17 @@ impl Gpu {
     pub(super) fn wait(&self, submission: &wgpu::SubmissionIndex) -> Result<(), String> {
         let start = Instant::now();
         loop {
-            let nap = wgpu::PollType::Wait { submission_index: Some(submission.clone()), timeout: Some(NAP) };
+            let nap = wgpu::PollType::Wait {
+                submission_index: Some(submission.clone()),
+                timeout: Some(NAP.min(self.patience)),
+            };
             match self.device.poll(nap) {
                 Ok(_) => return Ok(()),
-                Err(wgpu::PollError::Timeout) if start.elapsed() < PATIENCE => {}
+                Err(wgpu::PollError::Timeout) if start.elapsed() < self.patience => {}
                 Err(wgpu::PollError::Timeout) => {
                     // Dropping the queue would wait for it without end.
                     std::mem::forget((self.device.clone(), self.queue.clone()));
-                    return Err(format!("a dispatch did not return within {} s", PATIENCE.as_secs()));
+                    return Err(format!("a dispatch did not return within {:?}", self.patience));
                 }
                 Err(error) => return Err(error.to_string()),
             }

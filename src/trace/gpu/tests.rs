@@ -1,0 +1,201 @@
+//! Tests that need a look behind the wall: arithmetic worse than the test machine's, limits smaller,
+//! patience shorter.
+
+use super::kernel::Kernel;
+use super::{AdapterChoice, Gpu, GpuError, GpuTracer};
+use crate::bvh::Bvh;
+use crate::geom::mix;
+use crate::stream::{DeviceError, DeviceTracer, Hit, Queries, Ray};
+use crate::trace::cpu::Oracle;
+use glam::Vec3;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+fn open() -> Gpu {
+    let choice = AdapterChoice { name: None, allow_software: true };
+    Gpu::open(&choice).expect("tests need a GPU; a software adapter will do")
+}
+
+/// In [-1, 1).
+fn signed(i: u32, k: u32) -> f32 {
+    (mix(i ^ mix(k)) >> 8) as f32 / (1 << 23) as f32 - 1.0
+}
+
+fn point(i: u32, k: u32) -> Vec3 {
+    Vec3::new(signed(i, k), signed(i, k + 1), signed(i, k + 2))
+}
+
+/// A bumpy grid, and under it the same grid a hair lower: edges, vertices and near ties everywhere.
+fn mesh() -> (Vec<Vec3>, Vec<[u32; 3]>) {
+    let n = 12;
+    let (mut positions, mut triangles) = (Vec::new(), Vec::new());
+    for layer in 0..2 {
+        let first = positions.len() as u32;
+        for i in 0..(n + 1) * (n + 1) {
+            let at = |k: u32| 2.0 * k as f32 / n as f32 - 1.0;
+            let height = 0.1 * signed(i, 1) - 1e-6 * layer as f32;
+            positions.push(Vec3::new(at(i % (n + 1)), at(i / (n + 1)), height));
+        }
+        for i in 0..n * n {
+            let corner = first + i / n * (n + 1) + i % n;
+            triangles.push([corner, corner + 1, corner + n + 1]);
+            triangles.push([corner + 1, corner + n + 2, corner + n + 1]);
+        }
+    }
+    (positions, triangles)
+}
+
+/// Rays at surfaces, edges and vertices, along axes, and with ends on the surface.
+fn rays(bvh: &Bvh, count: u32) -> Vec<Ray> {
+    (0..count)
+        .map(|i| {
+            let [a, b, c] = bvh.corners(mix(i) % bvh.len() as u32);
+            let (u, v) = (0.5 + 0.5 * signed(i, 5), 0.5 + 0.5 * signed(i, 6));
+            let origin = point(i, 7) * 3.0;
+            let target = match i % 8 {
+                0..3 => a + (b - a) * u * 0.5 + (c - a) * v * 0.5,
+                3 => a,
+                4 | 5 => a + (b - a) * u,
+                6 => a + (c - b) * v,
+                _ => return Ray::new(a - Vec3::Z * 3.0, Vec3::Z),
+            };
+            let mut ray = Ray::new(origin, target - origin);
+            if i % 5 == 0 {
+                ray.t_max = 1.0;
+            }
+            if i % 7 == 0 {
+                (ray.t_min, ray.t_max) = (1.0, 2.0);
+            }
+            ray
+        })
+        .collect()
+}
+
+/// How many answers of a GPU tracer made from `source` are not the reference's.
+fn wrong_answers(source: &dyn Fn(Kernel, usize) -> String) -> usize {
+    let (positions, triangles) = mesh();
+    let bvh = Arc::new(Bvh::build(&positions, &triangles, |_| false));
+    let oracle = Oracle::new(bvh.clone(), None);
+    let rays = rays(&bvh, 20_000);
+    let tracer = GpuTracer::with_source(Arc::new(open()), bvh, None, Arc::new(oracle.clone()), source);
+    let (mut hits, mut occluded) = (vec![Hit::NONE; rays.len()], vec![0; rays.len()]);
+    let queries = Queries { rays: &rays, hits: &mut hits, shadow_rays: &rays, occluded: &mut occluded };
+    tracer.expect("the scene fits").trace(queries).expect("the device answers");
+    let bits = |hit: &Hit| [hit.t.to_bits(), hit.u.to_bits(), hit.v.to_bits(), hit.primitive];
+    let answers = rays.iter().zip(hits.iter().zip(&occluded));
+    answers
+        .filter(|(ray, (hit, occluded))| {
+            let expected = oracle.closest_one(ray);
+            bits(hit) != bits(&expected) || (**occluded == 0) != expected.is_miss()
+        })
+        .count()
+}
+
+/// `source` with every `fma(a, b, c)` rounded twice.
+fn without_fma(source: &str) -> String {
+    let mut out = String::new();
+    let mut rest = source;
+    while let Some(at) = rest.find("fma(") {
+        let (before, call) = rest.split_at(at);
+        out += before;
+        let inside = &call["fma(".len()..];
+        if before.ends_with(|c: char| c.is_alphanumeric() || c == '_') {
+            (out, rest) = (out + "fma(", inside);
+            continue;
+        }
+        let (mut depth, mut start, mut parts, mut end) = (0, 0, Vec::new(), 0);
+        for (i, c) in inside.char_indices() {
+            match c {
+                '(' => depth += 1,
+                ')' if depth == 0 => {
+                    parts.push(without_fma(&inside[start..i]));
+                    end = i + 1;
+                    break;
+                }
+                ')' => depth -= 1,
+                ',' if depth == 0 => {
+                    parts.push(without_fma(&inside[start..i]));
+                    start = i + 1;
+                }
+                _ => {}
+            }
+        }
+        out += &format!("(({}) * ({}) + ({}))", parts[0], parts[1], parts[2]);
+        rest = &inside[end..];
+    }
+    out + rest
+}
+
+/// `source` with `from` replaced, which has to be there.
+fn replaced(source: &str, from: &str, to: &str) -> String {
+    assert!(source.contains(from), "no {from:?} in the kernel");
+    source.replace(from, to)
+}
+
+/// The arithmetic of a device that rounds every fma twice, whose reciprocals are 2 ulp off and whose
+/// quotients are, too.
+fn sloppy(kernel: Kernel, stack: usize) -> String {
+    let source = without_fma(&kernel.source(stack));
+    let source = replaced(&source, "1.0 / bitcast", "1.0000002 / bitcast");
+    replaced(&source, "dot_fma(normal, a) / facing", "dot_fma(normal, a) * 1.0000002 / facing")
+}
+
+/// A kernel that takes its own arithmetic for exact.
+fn trusting(source: &str) -> String {
+    let lines = source.lines().map(|line| match line.split_once(": f32 = ") {
+        Some((name @ ("const MARGIN" | "const T_ROUNDING" | "const TINY"), _)) => {
+            format!("{name}: f32 = 0.0;\n")
+        }
+        _ => format!("{line}\n"),
+    });
+    lines.collect()
+}
+
+#[test]
+fn sloppy_arithmetic_gives_the_same_bits() {
+    assert_eq!(wrong_answers(&sloppy), 0);
+}
+
+#[test]
+fn the_margins_are_what_keeps_sloppy_arithmetic_right() {
+    let wrong = wrong_answers(&|kernel, stack| trusting(&sloppy(kernel, stack)));
+    assert!(wrong > 20, "only {wrong} wrong answers without margins: the other test shows nothing");
+}
+
+#[test]
+fn a_scene_that_does_not_fit_is_refused_with_both_numbers() {
+    let (positions, triangles) = mesh();
+    let bvh = Arc::new(Bvh::build(&positions, &triangles, |_| false));
+    let oracle = Arc::new(Oracle::new(bvh.clone(), None));
+    let mut gpu = open();
+    gpu.info.max_binding_bytes = 20_000;
+    let error = GpuTracer::new(Arc::new(gpu), bvh.clone(), None, oracle).map(|_| ()).expect_err("too large");
+    let required = (bvh.len() * 48) as u64;
+    assert!(
+        matches!(error, GpuError::TooLarge { what: "triangles", required: r, available: 20_000, .. } if r == required),
+        "{error}"
+    );
+    assert!(error.to_string().contains(&required.to_string()), "{error}");
+}
+
+#[test]
+fn a_dispatch_that_takes_too_long_is_a_loss() {
+    let (positions, triangles) = mesh();
+    let bvh = Arc::new(Bvh::build(&positions, &triangles, |_| false));
+    let oracle = Arc::new(Oracle::new(bvh.clone(), None));
+    let mut gpu = open();
+    gpu.patience = Duration::from_micros(1);
+    // Uploads are waited for, too.
+    let tracer = match GpuTracer::new(Arc::new(gpu), bvh.clone(), None, oracle) {
+        Ok(tracer) => tracer,
+        Err(GpuError::Lost(reason)) => return assert!(reason.contains("did not return within"), "{reason}"),
+        Err(error) => panic!("{error}"),
+    };
+    let rays = rays(&bvh, 200_000);
+    let mut hits = vec![Hit::NONE; rays.len()];
+    let start = Instant::now();
+    let answer = tracer.trace(Queries { rays: &rays, hits: &mut hits, shadow_rays: &[], occluded: &mut [] });
+    let Err(DeviceError::Lost(reason)) = answer else { panic!("{answer:?}") };
+    assert!(reason.contains("did not return within"), "{reason}");
+    assert!(start.elapsed() < Duration::from_secs(5));
+}
