@@ -11,8 +11,8 @@ const MAX_ASPECT: f32 = 16.0;
 /// Two errors have to be covered (ε = 2⁻²⁴, C the largest coordinate, L the longest edge, h the
 /// triangle's least height). The interpolated position is off the plane by a few ε·C; adding the
 /// offset and rounding costs another ε·C. The test sees the corners relative to the origin, off by
-/// ε·L, which tilts its plane by ε·L/h and moves it by ε·L²/h at the origin. The factors are twice
-/// what a million random triangles and rays of any scale, place and shape need (see the tests).
+/// ε·L, which tilts its plane by ε·L/h and moves it by ε·L²/h at the origin. With half the factors a few
+/// in a million random triangles and rays, of any scale, place and shape, still fail (see the tests).
 pub fn distance(corners: &[Vec3; 3]) -> f32 {
     const EPSILON: f32 = f32::EPSILON * 0.5;
     let [a, b, c] = *corners;
