@@ -6,13 +6,17 @@ use super::layout::Candidates;
 use super::pass::{Lane, Pass, Pending, max_rays};
 use super::resolve::Resolver;
 use super::scene::{DeviceScene, Source};
-use super::{Gpu, GpuError};
+use super::{AdapterKind, Gpu, GpuError};
 use crate::bvh::{Bvh, Filter};
 use crate::stream::{DeviceError, DeviceReport, DeviceTracer, Hit, Queries, Ray, Tracer};
 use std::sync::Arc;
 
 /// More rays than this in one dispatch gain nothing on any device.
 const MAX_RAYS: usize = 1 << 20;
+
+/// The same for software adapters, which may take microseconds a ray and have to stay within the
+/// watchdog's patience.
+const MAX_RAYS_SOFTWARE: usize = 1 << 16;
 
 /// Traces ray streams of one scene on a GPU. The answers are canonical: candidates of the device are
 /// evaluated again on the host, and rays that stay open go to the CPU tracer.
@@ -50,7 +54,8 @@ impl GpuTracer {
     ) -> Result<Self, GpuError> {
         let scene = DeviceScene::new(&gpu, &bvh, source)?;
         let name = gpu.info().name.clone();
-        let max_rays = max_rays(&gpu).min(MAX_RAYS);
+        let most = if gpu.info().kind == AdapterKind::Software { MAX_RAYS_SOFTWARE } else { MAX_RAYS };
+        let max_rays = max_rays(&gpu).min(most);
         Ok(Self { gpu, name, scene, resolver: Resolver { bvh, filter, cpu }, max_rays })
     }
 

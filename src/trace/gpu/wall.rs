@@ -1,14 +1,17 @@
 //! One device behind one wall: nothing that happens to wgpu behind it, an error, a loss, a panic,
 //! reaches the rest of the program as anything but an error value.
 
-use super::adapter::{AdapterChoice, AdapterInfo, choose, enumerate};
+use super::adapter::{AdapterChoice, AdapterInfo, AdapterKind, choose, enumerate};
 use super::{GpuError, probe};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
-/// How long one submission may take unless told otherwise. Generous: software adapters are slow.
+/// How long one submission may take, with those of other threads that it waits for.
 const PATIENCE: Duration = Duration::from_secs(10);
+
+/// The same for software adapters, which share a busy machine's CPU.
+const PATIENCE_SOFTWARE: Duration = Duration::from_secs(60);
 
 /// How long a wait holds wgpu's locks, which other threads need to submit.
 const NAP: Duration = Duration::from_millis(50);
@@ -52,7 +55,9 @@ impl Gpu {
         device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
             let _ = on_error.set(error.to_string());
         }));
-        let gpu = Self { info, device, queue, loss, patience: PATIENCE };
+        let software = info.kind == AdapterKind::Software;
+        let patience = if software { PATIENCE_SOFTWARE } else { PATIENCE };
+        let gpu = Self { info, device, queue, loss, patience };
         let refused = |reason: String| GpuError::Open { adapter: gpu.info.to_string(), reason };
         let results = gpu.guard(|device, queue| probe::compute(&gpu, device, queue)).map_err(refused)?;
         probe::judge(&results)
