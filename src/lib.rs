@@ -25,4 +25,6 @@ pub mod render;
 
 pub mod film;
 
+pub mod bench;
+
 pub mod cli;

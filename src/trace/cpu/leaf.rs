@@ -3,9 +3,9 @@
 //! Unsafe code for rows and answers. The invariants are those of `stream`.
 #![allow(unsafe_code)]
 
-use super::lanes::Lanes;
+use super::lanes::{Lanes, load, spill, splat, splat_row};
 use super::stream::{Answers, Job, Row, lanes_of};
-use super::triangle::{Slabs, edges};
+use super::triangle::{Range, Slabs, test};
 use crate::bvh::{Block, MASKED};
 use crate::stream::{Hit, Ray};
 
@@ -58,33 +58,27 @@ unsafe fn rays_in_lanes<L: Lanes, const ANY: bool>(
         // SAFETY: invariant 1.
         let (rays, row) = unsafe { (l.rows(job.rays.cast(), ids), l.rows(job.rows.cast(), ids)) };
         let [ox, oy, oz, t_min, dx, dy, dz, _] = rays;
-        let (origin, direction) = ([ox, oy, oz], [dx, dy, dz]);
-        let [ix, iy, iz, sx, sy, sz, slack, mut limit] = row;
+        let [ix, iy, iz, sx, sy, sz, slack, limit] = row;
         let slabs = Slabs::new(l, [ix, iy, iz], [sx, sy, sz], slack);
-        let t_min = l.max(t_min, l.splat(0.0));
+        let mut range = Range { slabs: &slabs, octant, t_min: l.max(t_min, l.splat(0.0)), limit };
         if ANY {
             among = l.le(among, l.splat(0.0), limit);
         }
         for k in 0..count {
-            let triangle = block.vertices.map(|vertex| vertex.map(|axis| l.splat(axis[k])));
-            let edges = edges(l, &origin, &direction, &triangle);
-            let inside = edges.inside(l, among);
-            if inside == 0 {
+            let triangle = [
+                splat_row(l, &block.vertices[0], k),
+                splat_row(l, &block.vertices[1], k),
+                splat_row(l, &block.vertices[2], k),
+            ];
+            let Some(hits) = test(l, among, &[ox, oy, oz], [dx, dy, dz], &triangle, &range) else {
+                continue;
+            };
+            if hits.mask == 0 {
                 continue;
             }
-            let (hit, t, u, v) = edges.hit(l, inside, &direction, &triangle, &slabs, octant, t_min, limit);
-            if hit == 0 {
-                continue;
-            }
-            let (mut ts, mut us, mut vs) = ([0.0; 16], [0.0; 16], [0.0; 16]);
-            // SAFETY: sixteen numbers are enough for any lanes.
-            unsafe {
-                l.store(ts.as_mut_ptr(), t);
-                l.store(us.as_mut_ptr(), u);
-                l.store(vs.as_mut_ptr(), v);
-            }
+            let (ts, us, vs) = (spill(l, hits.t), spill(l, hits.u), spill(l, hits.v));
             let mut accepted = 0;
-            let mut left = hit;
+            let mut left = hits.mask;
             while left != 0 {
                 let lane = left.trailing_zeros() as usize & 15;
                 left &= left - 1;
@@ -99,7 +93,7 @@ unsafe fn rays_in_lanes<L: Lanes, const ANY: bool>(
                     break;
                 }
             } else {
-                limit = l.select(accepted, t, limit);
+                range.limit = l.select(accepted, hits.t, range.limit);
             }
         }
     }
@@ -117,11 +111,7 @@ unsafe fn triangles_in_lanes<L: Lanes, const ANY: bool>(
     len: usize,
 ) {
     let among = lanes_of::<L>(count);
-    // SAFETY: each array has eight numbers.
-    let triangle = block
-        .vertices
-        .each_ref()
-        .map(|vertex| vertex.each_ref().map(|axis| unsafe { l.load(axis.as_ptr()) }));
+    let triangle = [load(l, &block.vertices[0]), load(l, &block.vertices[1]), load(l, &block.vertices[2])];
     for i in 0..len {
         // SAFETY: invariants 1 and 2.
         let (id, ray, row) = unsafe {
@@ -131,29 +121,17 @@ unsafe fn triangles_in_lanes<L: Lanes, const ANY: bool>(
         if ANY && row.limit < 0.0 {
             continue;
         }
-        let (origin, direction) = (ray.origin.map(|x| l.splat(x)), ray.direction.map(|x| l.splat(x)));
-        let edges = edges(l, &origin, &direction, &triangle);
-        let inside = edges.inside(l, among);
-        if inside == 0 {
-            continue;
-        }
-        let splat = |xs: [f32; 3]| xs.map(|x| l.splat(x));
         let Row { inverse, shift, slack, limit } = *row;
-        let slabs = Slabs::new(l, splat(inverse), splat(shift), l.splat(slack));
-        let t_min = l.splat(ray.t_min.max(0.0));
-        let (hit, t, u, v) =
-            edges.hit(l, inside, &direction, &triangle, &slabs, octant, t_min, l.splat(limit));
-        if hit == 0 {
+        let slabs = Slabs::new(l, splat(l, inverse), splat(l, shift), l.splat(slack));
+        let (t_min, limit) = (l.splat(ray.t_min.max(0.0)), l.splat(limit));
+        let range = Range { slabs: &slabs, octant, t_min, limit };
+        let (origin, direction) = (splat(l, ray.origin), splat(l, ray.direction));
+        let Some(hits) = test(l, among, &origin, direction, &triangle, &range) else { continue };
+        if hits.mask == 0 {
             continue;
         }
-        let (mut ts, mut us, mut vs) = ([0.0; 16], [0.0; 16], [0.0; 16]);
-        // SAFETY: sixteen numbers are enough for any lanes.
-        unsafe {
-            l.store(ts.as_mut_ptr(), t);
-            l.store(us.as_mut_ptr(), u);
-            l.store(vs.as_mut_ptr(), v);
-        }
-        let mut left = hit;
+        let (ts, us, vs) = (spill(l, hits.t), spill(l, hits.u), spill(l, hits.v));
+        let mut left = hits.mask;
         while left != 0 {
             let lane = left.trailing_zeros() as usize & 7;
             left &= left - 1;

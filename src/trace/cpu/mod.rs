@@ -5,6 +5,7 @@ mod lanes;
 mod leaf;
 mod level;
 mod oracle;
+mod packet;
 mod setup;
 mod stream;
 mod tracer;

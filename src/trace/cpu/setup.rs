@@ -4,28 +4,32 @@
 //! `stream::PADDING` more, and each octant's arena for as many ids.
 #![allow(unsafe_code)]
 
-use super::lanes::Lanes;
+use super::lanes::{Lanes, each};
 use super::stream::{Job, OctantStack, PADDING, lanes_of};
 use crate::geom::{DIRECTION_RANGE, MAX_COORDINATE, MIN_COMPONENT, SLACK};
 use crate::stream::Ray;
 
 /// Bytes of a ray and of its row: ids count in them.
-const ROW_BYTES: usize = size_of::<Ray>();
+pub(super) const ROW_BYTES: usize = size_of::<Ray>();
+
+/// What is known of a sub-stream once its rows are prepared.
+pub(super) struct Rows {
+    /// Number of rays in each octant's list.
+    pub counts: [usize; 8],
+    /// Whether all rays that may hit something start at one point.
+    pub common_origin: bool,
+}
 
 /// Writes the rows of all rays, as [`crate::geom::CanonicalRay::new`] defines them, and puts the ids of
-/// those that may hit something at the bottom of their octant's arena, padded. Returns how many went
-/// to each octant.
+/// those that may hit something at the bottom of their octant's arena, padded.
 #[inline(always)]
-pub(super) fn prepare<W: Lanes>(
-    w: W,
-    job: &Job<'_>,
-    rays: &[Ray],
-    stacks: &mut [OctantStack; 8],
-) -> [usize; 8] {
+pub(super) fn prepare<W: Lanes>(w: W, job: &Job<'_>, rays: &[Ray], stacks: &mut [OctantStack; 8]) -> Rows {
     for stack in stacks.iter_mut() {
         stack.reserve(rays.len() + 2 * PADDING);
     }
     let mut counts = [0; 8];
+    let first = rays.first().map_or([0.0; 3], |ray| ray.origin);
+    let mut common_origin = true;
     let ids: [u32; PADDING] = std::array::from_fn(|i| (i * ROW_BYTES) as u32);
     for (i, some) in rays.chunks(W::LANES).enumerate() {
         let at = i * W::LANES;
@@ -40,7 +44,12 @@ pub(super) fn prepare<W: Lanes>(
         // SAFETY: `from` has a ray for each lane; invariant 1 for what is written.
         unsafe {
             let columns = w.rows(from.as_ptr().cast(), ids.as_ptr());
+            let mut at_first = among;
+            for axis in 0..3 {
+                at_first = w.eq(at_first, columns[axis], w.splat(first[axis]));
+            }
             let (columns, valid, signs) = rows(w, job.scene_max_abs, among, columns);
+            common_origin &= valid & !at_first == 0;
             w.put_rows(job.rows.add(at).cast(), columns);
             let first = (at * ROW_BYTES) as u32;
             let here = ids.map(|id| id + first);
@@ -59,7 +68,7 @@ pub(super) fn prepare<W: Lanes>(
         let first = stack.ids[0];
         stack.ids[count..count + PADDING].fill(first);
     }
-    counts
+    Rows { counts, common_origin }
 }
 
 /// Columns of rays to columns of rows; the lanes of rays that may hit something; the lanes whose
@@ -67,8 +76,8 @@ pub(super) fn prepare<W: Lanes>(
 #[inline(always)]
 fn rows<W: Lanes>(w: W, scene_max_abs: f32, among: u32, rays: [W::F; 8]) -> ([W::F; 8], u32, [u32; 3]) {
     let [ox, oy, oz, t_min, dx, dy, dz, t_max] = rays;
-    let [ax, ay, az] = [dx, dy, dz].map(|d| w.abs(d));
-    let [rx, ry, rz] = [ox, oy, oz].map(|o| w.abs(o));
+    let [ax, ay, az] = each([dx, dy, dz], |d| w.abs(d));
+    let [rx, ry, rz] = each([ox, oy, oz], |o| w.abs(o));
     let mut valid = w.le(among, t_min, t_max);
     for (size, most) in [
         (rx, MAX_COORDINATE),
@@ -89,5 +98,5 @@ fn rows<W: Lanes>(w: W, scene_max_abs: f32, among: u32, rays: [W::F; 8]) -> ([W:
     let (ix, iy, iz) = (inverse(ax, dx), inverse(ay, dy), inverse(az, dz));
     let shift = |o, inverse| w.neg(w.mul(o, inverse));
     let columns = [ix, iy, iz, shift(ox, ix), shift(oy, iy), shift(oz, iz), slack, t_max];
-    (columns, valid, [dx, dy, dz].map(|d| w.signs(d)))
+    (columns, valid, each([dx, dy, dz], |d| w.signs(d)))
 }

@@ -17,6 +17,8 @@
 #![allow(unsafe_code)]
 
 use super::lanes::{Lanes, prefetch};
+use super::packet::{self, Packet};
+use super::triangle::{Faces, Slabs};
 use super::{leaf, setup};
 use crate::bvh::{Block, Bvh, Child, Filter, WIDTH, WideNode};
 use crate::stream::{Hit, Ray};
@@ -41,10 +43,11 @@ pub(super) struct Row {
 
 /// A list of rays that are to visit a child.
 #[derive(Clone, Copy)]
-struct Entry {
-    child: Child,
-    start: u32,
-    len: u32,
+pub(super) struct Entry {
+    pub child: Child,
+    /// Where in the arena the list starts.
+    pub start: u32,
+    pub len: u32,
 }
 
 /// The pending visits of the rays of one octant.
@@ -76,13 +79,14 @@ impl OctantStack {
 #[derive(Default)]
 pub(super) struct Scratch {
     pub rows: Vec<Row>,
+    pub packets: Vec<Packet>,
     pub stacks: [OctantStack; 8],
 }
 
 /// A sub-stream in the works.
 pub(super) struct Job<'a> {
-    nodes: &'a [WideNode],
-    blocks: &'a [Block],
+    pub nodes: &'a [WideNode],
+    pub blocks: &'a [Block],
     pub filter: Option<&'a dyn Filter>,
     pub scene_max_abs: f32,
     /// The rays, as many as `rows` (invariant 1).
@@ -114,7 +118,7 @@ pub(super) fn trace<W: Lanes, E: Lanes, const ANY: bool>(
 ) {
     const { assert!(W::LANES <= PADDING && E::LANES == WIDTH) };
     let wide = bvh.wide();
-    let Scratch { rows, stacks } = scratch;
+    let Scratch { rows, packets, stacks } = scratch;
     // A visit takes one entry and leaves at most eight.
     let entries = (WIDTH - 1) * wide.depth() + WIDTH + 1;
     for stack in stacks.iter_mut() {
@@ -139,51 +143,79 @@ pub(super) fn trace<W: Lanes, E: Lanes, const ANY: bool>(
                 }
             },
         };
-        let counts = setup::prepare(w, &job, rays, stacks);
-        let mut active = [0; 8];
-        let mut len = 0;
-        for octant in (0..8).filter(|&octant| counts[octant] > 0) {
+        let prepared = setup::prepare(w, &job, rays, stacks);
+        let origin = packet::common_origin(&job, &prepared, stacks);
+        let mut counts = prepared.counts;
+        match origin.filter(|_| packet::form(w, &job, stacks, &mut counts, packets)) {
+            Some(origin) => {
+                let all = packets.as_mut_ptr();
+                traverse(&packet::Packets::<W, E, ANY> { w, e, job: &job, origin, all }, stacks, &counts);
+                packet::answer(&job, packets);
+            }
+            None => traverse(&Loose::<W, E, ANY> { w, e, job: &job }, stacks, &counts),
+        }
+    }
+}
+
+/// What lists hold and how they visit.
+pub(super) trait Visit {
+    /// Visits a node or block with the list of an entry.
+    fn visit(&self, octant: usize, stack: &mut OctantStack, at: Entry);
+}
+
+/// Visits the root with the lists at the bottom of the arenas, of `counts` lengths, and everything
+/// that this entails; the octants take turns.
+#[inline(always)]
+fn traverse(visitor: &impl Visit, stacks: &mut [OctantStack; 8], counts: &[usize; 8]) {
+    let mut active = [0; 8];
+    let mut len = 0;
+    for octant in 0..8 {
+        if counts[octant] > 0 {
             let root = Entry { child: Child::ROOT, start: 0, len: counts[octant] as u32 };
             stacks[octant].entries.push(root);
             active[len] = octant;
             len += 1;
         }
-        while len > 0 {
-            let mut turn = 0;
-            while turn < len {
-                let octant = active[turn];
-                match stacks[octant].entries.pop() {
-                    Some(entry) => {
-                        visit::<W, E, ANY>(w, e, &job, octant, &mut stacks[octant], entry);
-                        turn += 1;
-                    }
-                    None => {
-                        len -= 1;
-                        active[turn] = active[len];
-                    }
-                }
+    }
+    let mut turn = 0;
+    while len > 0 {
+        let octant = active[turn];
+        match stacks[octant].entries.pop() {
+            Some(entry) => {
+                visitor.visit(octant, &mut stacks[octant], entry);
+                turn += 1;
             }
+            None => {
+                len -= 1;
+                active[turn] = active[len];
+            }
+        }
+        if turn >= len {
+            turn = 0;
         }
     }
 }
 
-#[inline(always)]
-fn visit<W: Lanes, E: Lanes, const ANY: bool>(
+/// Loose rays: lists hold their ids.
+struct Loose<'a, W, E, const ANY: bool> {
     w: W,
     e: E,
-    job: &Job<'_>,
-    octant: usize,
-    stack: &mut OctantStack,
-    entry: Entry,
-) {
-    if !entry.child.is_block() {
-        return inner(w, job, octant, stack, entry);
-    }
-    // SAFETY: invariant 4, and 2 for the list.
-    unsafe {
-        let block = job.blocks.get_unchecked(entry.child.index());
-        let list = stack.ids.as_ptr().add(entry.start as usize);
-        leaf::visit::<W, E, ANY>(w, e, job, block, entry.child.triangles(), octant, list, entry.len as usize);
+    job: &'a Job<'a>,
+}
+
+impl<W: Lanes, E: Lanes, const ANY: bool> Visit for Loose<'_, W, E, ANY> {
+    #[inline(always)]
+    fn visit(&self, octant: usize, stack: &mut OctantStack, at: Entry) {
+        let Self { w, e, job } = *self;
+        if !at.child.is_block() {
+            return inner(w, job, octant, stack, at);
+        }
+        // SAFETY: invariant 4, and 2 for the list.
+        unsafe {
+            let block = job.blocks.get_unchecked(at.child.index());
+            let list = stack.ids.as_ptr().add(at.start as usize);
+            leaf::visit::<W, E, ANY>(w, e, job, block, at.child.triangles(), octant, list, at.len as usize);
+        }
     }
 }
 
@@ -200,60 +232,78 @@ fn inner<W: Lanes>(w: W, job: &Job<'_>, octant: usize, stack: &mut OctantStack, 
         let node = job.nodes.get_unchecked(entry.child.index());
         let ids = stack.ids.as_mut_ptr();
         let list = ids.add(entry.start as usize);
-        let face = |side: usize, axis: usize| node.faces[side ^ (octant >> axis & 1)][axis].as_ptr();
-        let near = [face(0, 0), face(0, 1), face(0, 2)];
-        let far = [face(1, 0), face(1, 1), face(1, 2)];
-        // The farthest child's list lowest: it is visited last.
-        let begin = |slot: usize| base + (WIDTH - 1 - (slot ^ octant)) * stride;
-        let mut ends: [*mut u32; WIDTH] = std::array::from_fn(|slot| ids.add(begin(slot)));
-        let zero = w.splat(0.0);
+        let faces = Faces::of(node, octant);
+        let mut ends: [*mut u32; WIDTH] =
+            std::array::from_fn(|slot| ids.add(begin_of(base, stride, octant, slot)));
         let mut at = 0;
         while at < len {
             let among = lanes_of::<W>(len - at);
             let [ix, iy, iz, sx, sy, sz, slack, limit] = w.rows(job.rows.cast(), list.add(at));
-            let [px, py, pz] = [ix, iy, iz].map(|inverse| w.mul(slack, w.abs(inverse)));
-            let (nx, ny, nz) = (w.sub(sx, px), w.sub(sy, py), w.sub(sz, pz));
-            let (fx, fy, fz) = (w.add(sx, px), w.add(sy, py), w.add(sz, pz));
+            let slabs = Slabs::new(w, [ix, iy, iz], [sx, sy, sz], slack);
             let chunk = w.load_ids(list.add(at));
             for (slot, end) in ends.iter_mut().enumerate() {
-                let plane = |faces: *const f32, inverse, constant| {
-                    w.fma(w.splat(*faces.add(slot)), inverse, constant)
-                };
-                let enter = w.max(plane(near[0], ix, nx), plane(near[1], iy, ny));
-                let enter = w.max(w.max(plane(near[2], iz, nz), enter), zero);
-                let leave = w.min(plane(far[0], ix, fx), plane(far[1], iy, fy));
-                let leave = w.min(w.min(plane(far[2], iz, fz), leave), limit);
-                let inside = w.le(among, enter, leave);
+                let inside = slabs.enters(w, among, &faces, slot, limit);
                 w.append(*end, inside, chunk);
                 *end = end.add(inside.count_ones() as usize);
             }
             at += W::LANES;
         }
-        // Without branches: which children are entered is hard to foresee.
         let padding = w.splat_id(*list);
-        let entries = stack.entries.as_mut_ptr();
-        let mut top = stack.entries.len();
-        for order in (0..WIDTH).rev() {
-            let slot = order ^ octant;
-            let (child, start) = (node.children[slot], begin(slot));
-            for k in (0..PADDING).step_by(W::LANES) {
-                w.store_ids(ends[slot].add(k), padding);
-            }
-            let len = ends[slot].offset_from_unsigned(ids.add(start));
-            entries.add(top).write(Entry { child, start: start as u32, len: len as u32 });
-            top += usize::from(len > 0);
-            let target = if child.is_block() {
-                job.blocks.as_ptr().wrapping_add(child.index()).cast::<u8>()
-            } else {
-                job.nodes.as_ptr().wrapping_add(child.index()).cast::<u8>()
-            };
-            let target = if len > 0 { target } else { std::ptr::from_ref(node).cast() };
-            for line in 0..4 {
-                prefetch(target.wrapping_add(64 * line));
+        for end in ends {
+            for part in 0..PADDING / W::LANES {
+                w.store_ids(end.add(part * W::LANES), padding);
             }
         }
-        stack.entries.set_len(top);
+        push(job, node, octant, stack, base, stride, &ends);
     }
+}
+
+/// Where the list of a slot starts: the farthest child's lowest, for it is visited last.
+#[inline(always)]
+pub(super) fn begin_of(base: usize, stride: usize, octant: usize, slot: usize) -> usize {
+    base + (WIDTH - 1 - (slot ^ octant)) * stride
+}
+
+/// Pushes an entry for each child of a node whose list has something in it, and asks for its memory.
+/// Without branches, for which children are entered is hard to foresee.
+///
+/// # Safety
+/// The lists start where [`begin_of`] says and end at `ends`; invariant 3 holds for the entries.
+#[inline(always)]
+pub(super) unsafe fn push(
+    job: &Job<'_>,
+    node: &WideNode,
+    octant: usize,
+    stack: &mut OctantStack,
+    base: usize,
+    stride: usize,
+    ends: &[*mut u32; WIDTH],
+) {
+    let ids = stack.ids.as_mut_ptr();
+    let entries = stack.entries.as_mut_ptr();
+    let mut top = stack.entries.len();
+    for order in (0..WIDTH).rev() {
+        let slot = order ^ octant;
+        let (child, start) = (node.children[slot], begin_of(base, stride, octant, slot));
+        // SAFETY: as the caller vouches.
+        let len = unsafe {
+            let len = ends[slot].offset_from_unsigned(ids.add(start));
+            entries.add(top).write(Entry { child, start: start as u32, len: len as u32 });
+            len
+        };
+        top += usize::from(len > 0);
+        let target = if child.is_block() {
+            job.blocks.as_ptr().wrapping_add(child.index()).cast::<u8>()
+        } else {
+            job.nodes.as_ptr().wrapping_add(child.index()).cast::<u8>()
+        };
+        let target = if len > 0 { target } else { std::ptr::from_ref(node).cast() };
+        for line in 0..4 {
+            prefetch(target.wrapping_add(64 * line));
+        }
+    }
+    // SAFETY: the entries up to `top` were written.
+    unsafe { stack.entries.set_len(top) };
 }
 
 /// The lanes that hold rays when `left` are left.

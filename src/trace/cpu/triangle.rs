@@ -1,9 +1,13 @@
 //! [`crate::geom::CanonicalRay::triangle`] in lanes: the same operations in the same order.
+//!
+//! Functions, not closures, throughout: only `inline(always)` makes sure that all of it ends up where
+//! the instructions are enabled.
 
-use super::lanes::Lanes;
+use super::lanes::{Lanes, each, zip};
+use crate::bvh::{WIDTH, WideNode};
 
 /// A vector of three in lanes.
-type Vector<L> = [<L as Lanes>::F; 3];
+pub(super) type Vector<L> = [<L as Lanes>::F; 3];
 
 /// The slab test's constants.
 pub(super) struct Slabs<L: Lanes> {
@@ -16,105 +20,231 @@ impl<L: Lanes> Slabs<L> {
     /// From what rows hold.
     #[inline(always)]
     pub fn new(l: L, inverse: Vector<L>, shift: Vector<L>, slack: L::F) -> Self {
-        let pad: Vector<L> = inverse.map(|inverse| l.mul(slack, l.abs(inverse)));
-        Self { inverse, near: zip(shift, pad, |s, p| l.sub(s, p)), far: zip(shift, pad, |s, p| l.add(s, p)) }
+        let pad = each(inverse, |inverse| l.mul(slack, l.abs(inverse)));
+        Self { inverse, near: minus(l, shift, pad), far: plus(l, shift, pad) }
+    }
+
+    /// When rays of an octant enter and leave a box.
+    #[inline(always)]
+    fn cross(&self, l: L, bounds: &Bounds<L>, octant: usize) -> (L::F, L::F) {
+        let (x, y, z) = (bounds.axis(octant, 0), bounds.axis(octant, 1), bounds.axis(octant, 2));
+        let enter = |i: usize, plane| l.fma(plane, self.inverse[i], self.near[i]);
+        let leave = |i: usize, plane| l.fma(plane, self.inverse[i], self.far[i]);
+        (
+            l.max(l.max(enter(0, x.0), enter(1, y.0)), enter(2, z.0)),
+            l.min(l.min(leave(0, x.1), leave(1, y.1)), leave(2, z.1)),
+        )
     }
 }
 
-/// Edge functions of rays and triangles, and what the rest of the test needs again.
-pub(super) struct Edges<L: Lanes> {
-    a: Vector<L>,
-    e0: Vector<L>,
-    e1: Vector<L>,
-    u: L::F,
-    v: L::F,
-    w: L::F,
+/// Pointers to the faces of a node's boxes across each axis, in the order in which rays of an octant
+/// meet them: eight slots each.
+#[derive(Clone, Copy)]
+pub(super) struct Faces<'a> {
+    pub near: [&'a [f32; WIDTH]; 3],
+    pub far: [&'a [f32; WIDTH]; 3],
 }
 
-/// The edge functions; lanes may differ in ray, triangle or both.
+impl<'a> Faces<'a> {
+    #[inline(always)]
+    pub fn of(node: &'a WideNode, octant: usize) -> Self {
+        let face = |side: usize, axis: usize| &node.faces[side ^ (octant >> axis & 1)][axis];
+        Self { near: [face(0, 0), face(0, 1), face(0, 2)], far: [face(1, 0), face(1, 1), face(1, 2)] }
+    }
+}
+
+impl<L: Lanes> Slabs<L> {
+    /// The lanes of `among` whose ray is in the box of a slot somewhere in `0..=limit`. Whether it is
+    /// there after `t_min` is left to triangles.
+    #[inline(always)]
+    pub fn enters(&self, l: L, among: u32, faces: &Faces<'_>, slot: usize, limit: L::F) -> u32 {
+        let Self { inverse, near, far } = *self;
+        let x = l.fma(l.splat(faces.near[0][slot]), inverse[0], near[0]);
+        let y = l.fma(l.splat(faces.near[1][slot]), inverse[1], near[1]);
+        let z = l.fma(l.splat(faces.near[2][slot]), inverse[2], near[2]);
+        let enter = l.max(l.max(x, y), l.max(z, l.splat(0.0)));
+        let x = l.fma(l.splat(faces.far[0][slot]), inverse[0], far[0]);
+        let y = l.fma(l.splat(faces.far[1][slot]), inverse[1], far[1]);
+        let z = l.fma(l.splat(faces.far[2][slot]), inverse[2], far[2]);
+        let leave = l.min(l.min(x, y), l.min(z, limit));
+        l.le(among, enter, leave)
+    }
+}
+
+/// The boxes of triangles.
+pub(super) struct Bounds<L: Lanes> {
+    pub low: Vector<L>,
+    pub high: Vector<L>,
+}
+
+impl<L: Lanes> Bounds<L> {
+    #[inline(always)]
+    pub fn of(l: L, triangle: &[Vector<L>; 3]) -> Self {
+        let [a, b, c] = *triangle;
+        Self {
+            low: zip(zip(a, b, |a, b| l.min(a, b)), c, |a, b| l.min(a, b)),
+            high: zip(zip(a, b, |a, b| l.max(a, b)), c, |a, b| l.max(a, b)),
+        }
+    }
+
+    /// The faces across an axis, in the order in which rays of an octant meet them.
+    #[inline(always)]
+    fn axis(&self, octant: usize, axis: usize) -> (L::F, L::F) {
+        if octant >> axis & 1 == 0 {
+            (self.low[axis], self.high[axis])
+        } else {
+            (self.high[axis], self.low[axis])
+        }
+    }
+}
+
+/// Triangles as seen from an origin.
+pub(super) struct Seen<L: Lanes> {
+    /// The vectors whose products with a direction are the weights u, v and w, not yet scaled.
+    pub edges: [Vector<L>; 3],
+    /// The normal, of twice the triangle's area in length.
+    pub normal: Vector<L>,
+    /// `dot(normal, a)`, with `a` from the origin to the first corner.
+    pub distance: L::F,
+}
+
+/// What of the edge functions does not need the direction; lanes may differ in origin, triangle or both.
 #[inline(always)]
-pub(super) fn edges<L: Lanes>(
-    l: L,
-    origin: &Vector<L>,
-    direction: &Vector<L>,
-    triangle: &[Vector<L>; 3],
-) -> Edges<L> {
-    let [a, b, c] = triangle.map(|vertex| zip(vertex, *origin, |x, o| l.sub(x, o)));
-    let minus = |a, b| zip(a, b, |a, b| l.sub(a, b));
-    let plus = |a, b| zip(a, b, |a, b| l.add(a, b));
-    let (e0, e1, e2) = (minus(c, a), minus(a, b), minus(b, c));
-    let u = dot(l, cross(l, e0, plus(c, a)), *direction);
-    let v = dot(l, cross(l, e1, plus(a, b)), *direction);
-    let w = dot(l, cross(l, e2, plus(b, c)), *direction);
-    Edges { a, e0, e1, u, v, w }
+fn edges<L: Lanes>(l: L, origin: &Vector<L>, triangle: &[Vector<L>; 3]) -> ([Vector<L>; 3], [Vector<L>; 3]) {
+    let (a, b, c) =
+        (minus(l, triangle[0], *origin), minus(l, triangle[1], *origin), minus(l, triangle[2], *origin));
+    let (e0, e1, e2) = (minus(l, c, a), minus(l, a, b), minus(l, b, c));
+    let u = cross(l, e0, plus(l, c, a));
+    let v = cross(l, e1, plus(l, a, b));
+    let w = cross(l, e2, plus(l, b, c));
+    ([u, v, w], [a, e0, e1])
 }
 
-impl<L: Lanes> Edges<L> {
-    /// The lanes whose ray passes through the triangle's inside or edge.
+impl<L: Lanes> Seen<L> {
+    /// All of it, for many directions.
+    #[inline(always)]
+    pub fn from(l: L, origin: &Vector<L>, triangle: &[Vector<L>; 3]) -> Self {
+        let (edges, [a, e0, e1]) = edges(l, origin, triangle);
+        let normal = cross(l, e1, e0);
+        Self { edges, normal, distance: dot(l, normal, a) }
+    }
+}
+
+/// Where a ray's line passes triangles.
+#[derive(Clone, Copy)]
+pub(super) struct Passing<L: Lanes> {
+    pub u: L::F,
+    pub v: L::F,
+    pub w: L::F,
+}
+
+impl<L: Lanes> Passing<L> {
+    #[inline(always)]
+    pub fn new(l: L, edges: &[Vector<L>; 3], direction: Vector<L>) -> Self {
+        Self {
+            u: dot(l, edges[0], direction),
+            v: dot(l, edges[1], direction),
+            w: dot(l, edges[2], direction),
+        }
+    }
+
+    /// The lanes in which it passes through the inside or an edge.
     #[inline(always)]
     pub fn inside(&self, l: L, among: u32) -> u32 {
-        let Self { u, v, w, .. } = *self;
+        let Self { u, v, w } = *self;
         let lowest = l.min(l.min(u, v), w);
         let highest = l.max(l.max(u, v), w);
         let zero = l.splat(0.0);
         l.le(among, zero, lowest) | l.le(among, highest, zero)
     }
+}
 
-    /// The rest of the test for the lanes of `inside`: those with a hit in `t_min..=limit`, and t, u, v.
-    /// All rays are of one octant.
-    #[allow(clippy::too_many_arguments)]
-    #[inline(always)]
-    pub fn hit(
-        &self,
-        l: L,
-        inside: u32,
-        direction: &Vector<L>,
-        triangle: &[Vector<L>; 3],
-        slabs: &Slabs<L>,
-        octant: usize,
-        t_min: L::F,
-        limit: L::F,
-    ) -> (u32, L::F, L::F, L::F) {
-        let zero = l.splat(0.0);
-        let normal = cross(l, self.e1, self.e0);
-        let facing = dot(l, normal, *direction);
-        // Finite over not zero: never NaN where the lane stays in.
-        let t = l.div(dot(l, normal, self.a), facing);
-        let [v0, v1, v2] = *triangle;
-        let low = zip(zip(v0, v1, |a, b| l.min(a, b)), v2, |a, b| l.min(a, b));
-        let high = zip(zip(v0, v1, |a, b| l.max(a, b)), v2, |a, b| l.max(a, b));
-        let crossing = |axis: usize, entering: bool| {
-            let lower = entering == (octant >> axis & 1 == 0);
-            let plane = if lower { low[axis] } else { high[axis] };
-            let constant = if entering { slabs.near[axis] } else { slabs.far[axis] };
-            l.fma(plane, slabs.inverse[axis], constant)
-        };
-        let enter = l.max(l.max(crossing(0, true), crossing(1, true)), crossing(2, true));
-        let leave = l.min(l.min(crossing(0, false), crossing(1, false)), crossing(2, false));
-        let t = l.add(l.min(l.max(t, enter), leave), zero);
-        let scale = l.div(l.splat(1.0), l.add(l.add(self.u, self.v), self.w));
-        let mut hit = inside & !l.eq(inside, facing, zero);
-        hit = l.le(hit, enter, leave);
-        hit = l.le(hit, t_min, t);
-        hit = l.le(hit, t, limit);
-        hit = l.le(hit, l.abs(scale), l.splat(f32::MAX));
-        let weight = |edge| l.add(l.min(l.mul(edge, scale), l.splat(1.0)), zero);
-        (hit, t, weight(self.u), weight(self.v))
+/// Hits, where the mask says so.
+pub(super) struct Hits<L: Lanes> {
+    pub mask: u32,
+    pub t: L::F,
+    pub u: L::F,
+    pub v: L::F,
+}
+
+/// What of a ray bounds its hits.
+pub(super) struct Range<'a, L: Lanes> {
+    pub slabs: &'a Slabs<L>,
+    /// Of all rays.
+    pub octant: usize,
+    pub t_min: L::F,
+    pub limit: L::F,
+}
+
+/// The rest of the test, for the lanes of `inside`: `distance` and `facing` are the products of the
+/// normal with the first corner and with the direction.
+#[inline(always)]
+pub(super) fn hits<L: Lanes>(
+    l: L,
+    inside: u32,
+    passing: &Passing<L>,
+    distance: L::F,
+    facing: L::F,
+    bounds: &Bounds<L>,
+    range: &Range<'_, L>,
+) -> Hits<L> {
+    let Passing { u, v, w } = *passing;
+    let zero = l.splat(0.0);
+    // Finite over not zero: never NaN where the lane stays in.
+    let t = l.div(distance, facing);
+    let (enter, leave) = range.slabs.cross(l, bounds, range.octant);
+    let t = l.add(l.min(l.max(t, enter), leave), zero);
+    let scale = l.div(l.splat(1.0), l.add(l.add(u, v), w));
+    let mut mask = inside & !l.eq(inside, facing, zero);
+    mask = l.le(mask, enter, leave);
+    mask = l.le(mask, range.t_min, t);
+    mask = l.le(mask, t, range.limit);
+    mask = l.le(mask, l.abs(scale), l.splat(f32::MAX));
+    let weight = |edge| l.add(l.min(l.mul(edge, scale), l.splat(1.0)), zero);
+    Hits { mask, t, u: weight(u), v: weight(v) }
+}
+
+/// The whole test of a triangle, or nothing where no line passes inside.
+#[inline(always)]
+pub(super) fn test<L: Lanes>(
+    l: L,
+    among: u32,
+    origin: &Vector<L>,
+    direction: Vector<L>,
+    triangle: &[Vector<L>; 3],
+    range: &Range<'_, L>,
+) -> Option<Hits<L>> {
+    let (edges, [a, e0, e1]) = edges(l, origin, triangle);
+    let passing = Passing::new(l, &edges, direction);
+    let inside = passing.inside(l, among);
+    if inside == 0 {
+        return None;
     }
+    let normal = cross(l, e1, e0);
+    let (distance, facing) = (dot(l, normal, a), dot(l, normal, direction));
+    Some(hits(l, inside, &passing, distance, facing, &Bounds::of(l, triangle), range))
 }
 
 #[inline(always)]
-fn zip<F: Copy>(a: [F; 3], b: [F; 3], f: impl Fn(F, F) -> F) -> [F; 3] {
-    [f(a[0], b[0]), f(a[1], b[1]), f(a[2], b[2])]
+fn plus<L: Lanes>(l: L, a: Vector<L>, b: Vector<L>) -> Vector<L> {
+    [l.add(a[0], b[0]), l.add(a[1], b[1]), l.add(a[2], b[2])]
+}
+
+#[inline(always)]
+fn minus<L: Lanes>(l: L, a: Vector<L>, b: Vector<L>) -> Vector<L> {
+    [l.sub(a[0], b[0]), l.sub(a[1], b[1]), l.sub(a[2], b[2])]
 }
 
 #[inline(always)]
 fn cross<L: Lanes>(l: L, a: Vector<L>, b: Vector<L>) -> Vector<L> {
-    let component = |i: usize, j: usize| l.fms(a[i], b[j], l.mul(a[j], b[i]));
-    [component(1, 2), component(2, 0), component(0, 1)]
+    [
+        l.fms(a[1], b[2], l.mul(a[2], b[1])),
+        l.fms(a[2], b[0], l.mul(a[0], b[2])),
+        l.fms(a[0], b[1], l.mul(a[1], b[0])),
+    ]
 }
 
 #[inline(always)]
-fn dot<L: Lanes>(l: L, a: Vector<L>, b: Vector<L>) -> L::F {
+pub(super) fn dot<L: Lanes>(l: L, a: Vector<L>, b: Vector<L>) -> L::F {
     l.fma(a[0], b[0], l.fma(a[1], b[1], l.mul(a[2], b[2])))
 }

@@ -41,24 +41,35 @@ static LANES_OF: [[u8; 8]; 256] = {
     table
 };
 
-/// Turns eight rows of eight into columns, or columns into rows.
+/// Turns four vectors, each with a row of four in either half, into columns in the same halves.
 #[inline(always)]
-fn transpose(_: Avx2, r: [__m256; 8]) -> [__m256; 8] {
+fn transpose_parts(_: Avx2, r: [__m256; 4]) -> [__m256; 4] {
     // SAFETY: invariant 1.
     unsafe {
-        let pairs = |a, b| (_mm256_unpacklo_ps(a, b), _mm256_unpackhi_ps(a, b));
-        let quads = |a: (__m256, __m256), b: (__m256, __m256)| {
-            let (p, q) = (_mm256_castps_pd(a.0), _mm256_castps_pd(b.0));
-            let (s, t) = (_mm256_castps_pd(a.1), _mm256_castps_pd(b.1));
-            [
-                _mm256_castpd_ps(_mm256_unpacklo_pd(p, q)),
-                _mm256_castpd_ps(_mm256_unpackhi_pd(p, q)),
-                _mm256_castpd_ps(_mm256_unpacklo_pd(s, t)),
-                _mm256_castpd_ps(_mm256_unpackhi_pd(s, t)),
-            ]
-        };
-        let low = quads(pairs(r[0], r[1]), pairs(r[2], r[3]));
-        let high = quads(pairs(r[4], r[5]), pairs(r[6], r[7]));
+        let ab = [
+            _mm256_castps_pd(_mm256_unpacklo_ps(r[0], r[1])),
+            _mm256_castps_pd(_mm256_unpackhi_ps(r[0], r[1])),
+        ];
+        let cd = [
+            _mm256_castps_pd(_mm256_unpacklo_ps(r[2], r[3])),
+            _mm256_castps_pd(_mm256_unpackhi_ps(r[2], r[3])),
+        ];
+        [
+            _mm256_castpd_ps(_mm256_unpacklo_pd(ab[0], cd[0])),
+            _mm256_castpd_ps(_mm256_unpackhi_pd(ab[0], cd[0])),
+            _mm256_castpd_ps(_mm256_unpacklo_pd(ab[1], cd[1])),
+            _mm256_castpd_ps(_mm256_unpackhi_pd(ab[1], cd[1])),
+        ]
+    }
+}
+
+/// Turns eight rows of eight into columns, or columns into rows.
+#[inline(always)]
+fn transpose(token: Avx2, r: [__m256; 8]) -> [__m256; 8] {
+    // SAFETY: invariant 1.
+    unsafe {
+        let low = transpose_parts(token, [r[0], r[1], r[2], r[3]]);
+        let high = transpose_parts(token, [r[4], r[5], r[6], r[7]]);
         [
             _mm256_permute2f128_ps::<0x20>(low[0], high[0]),
             _mm256_permute2f128_ps::<0x20>(low[1], high[1]),
@@ -148,6 +159,26 @@ impl Lanes for Avx2 {
         }
     }
     #[inline(always)]
+    fn lowest(self, a: __m256) -> f32 {
+        unsafe {
+            let a = _mm_min_ps(_mm256_castps256_ps128(a), _mm256_extractf128_ps::<1>(a));
+            let a = _mm_min_ps(a, _mm_movehl_ps(a, a));
+            _mm_cvtss_f32(_mm_min_ss(a, _mm_movehdup_ps(a)))
+        }
+    }
+    #[inline(always)]
+    fn highest(self, a: __m256) -> f32 {
+        unsafe {
+            let a = _mm_max_ps(_mm256_castps256_ps128(a), _mm256_extractf128_ps::<1>(a));
+            let a = _mm_max_ps(a, _mm_movehl_ps(a, a));
+            _mm_cvtss_f32(_mm_max_ss(a, _mm_movehdup_ps(a)))
+        }
+    }
+    #[inline(always)]
+    fn select_ids(self, mask: u32, a: __m256i, b: __m256i) -> __m256i {
+        unsafe { _mm256_castps_si256(self.select(mask, _mm256_castsi256_ps(a), _mm256_castsi256_ps(b))) }
+    }
+    #[inline(always)]
     fn splat_id(self, id: u32) -> __m256i {
         unsafe { _mm256_set1_epi32(id as i32) }
     }
@@ -177,8 +208,19 @@ impl Lanes for Avx2 {
     }
     #[inline(always)]
     unsafe fn rows(self, base: *const f32, ids: *const u32) -> [__m256; 8] {
-        let row = |i| unsafe { _mm256_loadu_ps(base.byte_add(*ids.add(i) as usize)) };
-        transpose(self, [row(0), row(1), row(2), row(3), row(4), row(5), row(6), row(7)])
+        unsafe {
+            let rows = [
+                _mm256_loadu_ps(base.byte_add(*ids as usize)),
+                _mm256_loadu_ps(base.byte_add(*ids.add(1) as usize)),
+                _mm256_loadu_ps(base.byte_add(*ids.add(2) as usize)),
+                _mm256_loadu_ps(base.byte_add(*ids.add(3) as usize)),
+                _mm256_loadu_ps(base.byte_add(*ids.add(4) as usize)),
+                _mm256_loadu_ps(base.byte_add(*ids.add(5) as usize)),
+                _mm256_loadu_ps(base.byte_add(*ids.add(6) as usize)),
+                _mm256_loadu_ps(base.byte_add(*ids.add(7) as usize)),
+            ];
+            transpose(self, rows)
+        }
     }
     #[inline(always)]
     unsafe fn put_rows(self, to: *mut f32, columns: [__m256; 8]) {

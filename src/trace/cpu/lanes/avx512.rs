@@ -28,16 +28,58 @@ impl Avx512 {
 fn transpose_parts(_: Avx512, r: [__m512; 4]) -> [__m512; 4] {
     // SAFETY: invariant 1.
     unsafe {
-        let ab =
-            [_mm512_unpacklo_ps(r[0], r[1]), _mm512_unpackhi_ps(r[0], r[1])].map(|x| _mm512_castps_pd(x));
-        let cd =
-            [_mm512_unpacklo_ps(r[2], r[3]), _mm512_unpackhi_ps(r[2], r[3])].map(|x| _mm512_castps_pd(x));
+        let ab = [
+            _mm512_castps_pd(_mm512_unpacklo_ps(r[0], r[1])),
+            _mm512_castps_pd(_mm512_unpackhi_ps(r[0], r[1])),
+        ];
+        let cd = [
+            _mm512_castps_pd(_mm512_unpacklo_ps(r[2], r[3])),
+            _mm512_castps_pd(_mm512_unpackhi_ps(r[2], r[3])),
+        ];
         [
             _mm512_castpd_ps(_mm512_unpacklo_pd(ab[0], cd[0])),
             _mm512_castpd_ps(_mm512_unpackhi_pd(ab[0], cd[0])),
             _mm512_castpd_ps(_mm512_unpacklo_pd(ab[1], cd[1])),
             _mm512_castpd_ps(_mm512_unpackhi_pd(ab[1], cd[1])),
         ]
+    }
+}
+
+/// Rows 0 to 3 of the eight that `ids` lead to, each with the row four further in the upper half: after
+/// the parts are transposed, one shuffle brings the lanes in order.
+///
+/// # Safety
+/// As for [`Lanes::rows`], with eight ids.
+#[inline(always)]
+unsafe fn quads(token: Avx512, base: *const f32, ids: *const u32) -> [__m512; 4] {
+    // SAFETY: as the caller vouches.
+    unsafe {
+        [
+            pair(token, base, *ids, *ids.add(4)),
+            pair(token, base, *ids.add(1), *ids.add(5)),
+            pair(token, base, *ids.add(2), *ids.add(6)),
+            pair(token, base, *ids.add(3), *ids.add(7)),
+        ]
+    }
+}
+
+#[inline(always)]
+unsafe fn pair(_: Avx512, base: *const f32, low: u32, high: u32) -> __m512 {
+    // SAFETY: invariants 1 and 2.
+    unsafe {
+        let low = _mm256_loadu_ps(base.byte_add(low as usize));
+        let high = _mm256_loadu_ps(base.byte_add(high as usize));
+        _mm512_insertf32x8::<1>(_mm512_castps256_ps512(low), high)
+    }
+}
+
+/// Writes part `PART` of two vectors, one after the other.
+#[inline(always)]
+unsafe fn put_halves<const PART: i32>(_: Avx512, to: *mut f32, left: __m512, right: __m512) {
+    // SAFETY: invariants 1 and 2.
+    unsafe {
+        _mm_storeu_ps(to, _mm512_extractf32x4_ps::<PART>(left));
+        _mm_storeu_ps(to.add(4), _mm512_extractf32x4_ps::<PART>(right));
     }
 }
 
@@ -113,6 +155,18 @@ impl Lanes for Avx512 {
         unsafe { _mm512_mask_blend_ps(mask as u16, b, a) }
     }
     #[inline(always)]
+    fn lowest(self, a: __m512) -> f32 {
+        unsafe { _mm512_reduce_min_ps(a) }
+    }
+    #[inline(always)]
+    fn highest(self, a: __m512) -> f32 {
+        unsafe { _mm512_reduce_max_ps(a) }
+    }
+    #[inline(always)]
+    fn select_ids(self, mask: u32, a: __m512i, b: __m512i) -> __m512i {
+        unsafe { _mm512_mask_blend_epi32(mask as u16, b, a) }
+    }
+    #[inline(always)]
     fn splat_id(self, id: u32) -> __m512i {
         unsafe { _mm512_set1_epi32(id as i32) }
     }
@@ -140,14 +194,18 @@ impl Lanes for Avx512 {
     #[inline(always)]
     unsafe fn rows(self, base: *const f32, ids: *const u32) -> [__m512; 8] {
         unsafe {
-            let row = |i| _mm256_loadu_ps(base.byte_add(*ids.add(i) as usize));
-            // Rows `i` and `i + 4`: after the parts are transposed, one shuffle brings the lanes in order.
-            let pair = |i| _mm512_insertf32x8::<1>(_mm512_castps256_ps512(row(i)), row(i + 4));
-            let low = transpose_parts(self, [pair(0), pair(1), pair(2), pair(3)]);
-            let high = transpose_parts(self, [pair(8), pair(9), pair(10), pair(11)]);
-            let left = |i: usize| _mm512_shuffle_f32x4::<0b10_00_10_00>(low[i], high[i]);
-            let right = |i: usize| _mm512_shuffle_f32x4::<0b11_01_11_01>(low[i], high[i]);
-            [left(0), left(1), left(2), left(3), right(0), right(1), right(2), right(3)]
+            let low = transpose_parts(self, quads(self, base, ids));
+            let high = transpose_parts(self, quads(self, base, ids.add(8)));
+            [
+                _mm512_shuffle_f32x4::<0b10_00_10_00>(low[0], high[0]),
+                _mm512_shuffle_f32x4::<0b10_00_10_00>(low[1], high[1]),
+                _mm512_shuffle_f32x4::<0b10_00_10_00>(low[2], high[2]),
+                _mm512_shuffle_f32x4::<0b10_00_10_00>(low[3], high[3]),
+                _mm512_shuffle_f32x4::<0b11_01_11_01>(low[0], high[0]),
+                _mm512_shuffle_f32x4::<0b11_01_11_01>(low[1], high[1]),
+                _mm512_shuffle_f32x4::<0b11_01_11_01>(low[2], high[2]),
+                _mm512_shuffle_f32x4::<0b11_01_11_01>(low[3], high[3]),
+            ]
         }
     }
     #[inline(always)]
@@ -159,12 +217,10 @@ impl Lanes for Avx512 {
             let right = transpose_parts(self, [e, f, g, h]);
             for i in 0..4 {
                 let (l, r) = (left[i], right[i]);
-                let part = |k: usize, row: __m256| _mm256_storeu_ps(to.add(8 * (4 * k + i)), row);
-                let join = |x: __m128, y: __m128| _mm256_set_m128(y, x);
-                part(0, join(_mm512_extractf32x4_ps::<0>(l), _mm512_extractf32x4_ps::<0>(r)));
-                part(1, join(_mm512_extractf32x4_ps::<1>(l), _mm512_extractf32x4_ps::<1>(r)));
-                part(2, join(_mm512_extractf32x4_ps::<2>(l), _mm512_extractf32x4_ps::<2>(r)));
-                part(3, join(_mm512_extractf32x4_ps::<3>(l), _mm512_extractf32x4_ps::<3>(r)));
+                put_halves::<0>(self, to.add(8 * i), l, r);
+                put_halves::<1>(self, to.add(8 * (4 + i)), l, r);
+                put_halves::<2>(self, to.add(8 * (8 + i)), l, r);
+                put_halves::<3>(self, to.add(8 * (12 + i)), l, r);
             }
         }
     }

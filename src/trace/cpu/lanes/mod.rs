@@ -55,6 +55,13 @@ pub(super) trait Lanes: Copy {
     /// `a` in the lanes of `mask`, `b` in the others.
     fn select(self, mask: u32, a: Self::F, b: Self::F) -> Self::F;
 
+    /// The least of all lanes.
+    fn lowest(self, a: Self::F) -> f32;
+    /// The greatest of all lanes.
+    fn highest(self, a: Self::F) -> f32;
+    /// `a` in the lanes of `mask`, `b` in the others.
+    fn select_ids(self, mask: u32, a: Self::I, b: Self::I) -> Self::I;
+
     /// Reads a number into each lane.
     ///
     /// # Safety
@@ -100,6 +107,54 @@ pub(super) trait Lanes: Copy {
     /// `to` is good for writing `8 * LANES` numbers.
     #[allow(unsafe_code)]
     unsafe fn put_rows(self, to: *mut f32, columns: [Self::F; 8]);
+}
+
+/// `f` of each of three. Unlike `map` of arrays it is sure to be inlined, and `f` with it.
+#[inline(always)]
+pub(super) fn each<A: Copy, B>(a: [A; 3], f: impl Fn(A) -> B) -> [B; 3] {
+    [f(a[0]), f(a[1]), f(a[2])]
+}
+
+/// `f` of each of three pairs, likewise.
+#[inline(always)]
+pub(super) fn zip<A: Copy, B: Copy, C>(a: [A; 3], b: [B; 3], f: impl Fn(A, B) -> C) -> [C; 3] {
+    [f(a[0], b[0]), f(a[1], b[1]), f(a[2], b[2])]
+}
+
+/// Three numbers, each in every lane.
+#[inline(always)]
+pub(super) fn splat<L: Lanes>(l: L, x: [f32; 3]) -> [L::F; 3] {
+    [l.splat(x[0]), l.splat(x[1]), l.splat(x[2])]
+}
+
+/// Row `row` of three columns, in every lane.
+#[inline(always)]
+pub(super) fn splat_row<L: Lanes>(l: L, columns: &[[f32; 8]; 3], row: usize) -> [L::F; 3] {
+    [l.splat(columns[0][row]), l.splat(columns[1][row]), l.splat(columns[2][row])]
+}
+
+/// Three columns of eight, row by row in eight lanes.
+#[inline(always)]
+pub(super) fn load<L: Lanes>(l: L, columns: &[[f32; 8]; 3]) -> [L::F; 3] {
+    const { assert!(L::LANES == 8) };
+    #[allow(unsafe_code)]
+    // SAFETY: each column has eight numbers, as many as there are lanes.
+    unsafe {
+        [l.load(columns[0].as_ptr()), l.load(columns[1].as_ptr()), l.load(columns[2].as_ptr())]
+    }
+}
+
+/// Numbers of lanes, for code that goes lane by lane.
+#[inline(always)]
+pub(super) fn spill<L: Lanes>(l: L, f: L::F) -> [f32; 16] {
+    const { assert!(L::LANES <= 16) };
+    let mut numbers = [0.0; 16];
+    #[allow(unsafe_code)]
+    // SAFETY: sixteen numbers are enough.
+    unsafe {
+        l.store(numbers.as_mut_ptr(), f);
+    }
+    numbers
 }
 
 /// Asks for the cache line at `address` soon; harmless for any address.
@@ -200,8 +255,14 @@ mod tests {
                 assert_eq!(out[..expected.len()], expected);
             }
             let mut out = [7u32; 16];
-            l.store_ids(out.as_mut_ptr(), l.splat_id(9));
-            assert_eq!(out[..L::LANES], [9; 16][..L::LANES]);
+            l.store_ids(out.as_mut_ptr(), l.select_ids(0xa6, l.splat_id(9), l.load_ids(ids.as_ptr())));
+            for lane in 0..L::LANES {
+                assert_eq!(out[lane], if 0xa6 >> lane & 1 == 1 { 9 } else { ids[lane] });
+            }
+            let numbers: Vec<f32> = ids.iter().map(|&id| id as f32 - 600.0).collect();
+            let f = l.load(numbers.as_ptr());
+            assert_eq!(l.lowest(f), numbers.iter().copied().fold(f32::INFINITY, f32::min));
+            assert_eq!(l.highest(f), numbers.iter().copied().fold(f32::NEG_INFINITY, f32::max));
         }
     }
 

@@ -87,6 +87,18 @@ impl Lanes for Portable {
         from_fn(|i| if mask >> i & 1 == 1 { a[i] } else { b[i] })
     }
     #[inline(always)]
+    fn lowest(self, a: Self::F) -> f32 {
+        a.into_iter().fold(f32::INFINITY, f32::min)
+    }
+    #[inline(always)]
+    fn highest(self, a: Self::F) -> f32 {
+        a.into_iter().fold(f32::NEG_INFINITY, f32::max)
+    }
+    #[inline(always)]
+    fn select_ids(self, mask: u32, a: Self::I, b: Self::I) -> Self::I {
+        from_fn(|i| if mask >> i & 1 == 1 { a[i] } else { b[i] })
+    }
+    #[inline(always)]
     fn splat_id(self, id: u32) -> Self::I {
         [id; N]
     }

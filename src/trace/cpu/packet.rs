@@ -1,0 +1,521 @@
+//! The traversal for pinhole cameras and the like: rays of one origin and about one direction stay
+//! together as packets of sixteen.
+//!
+//! What a common origin gives: edge functions are `dot(n, direction)` with `n` the same for all rays,
+//! computed once a visit; box planes meet a whole packet in an interval, computed from the packet's
+//! extreme reciprocal directions. Lists hold packets with a mask of the rays still in play, rays
+//! stay in place as columns, and hits are taken in lanes. Every lane still answers by the canonical
+//! operations; intervals only leave out what they prove to be missed (see [`Interval`]).
+//!
+//! Unsafe code, because lists, packets and nodes are reached without bounds checks. The invariants of
+//! `stream` hold, with entries of lists in the place of ids: every entry in a list names a packet of
+//! the sub-stream.
+#![allow(unsafe_code)]
+
+use super::lanes::{Lanes, load, spill, splat, splat_row};
+use super::setup::{ROW_BYTES, Rows};
+use super::stream::{Answers, Entry, Job, OctantStack, PADDING, Visit, begin_of, push};
+use super::triangle::{Bounds, Faces, Hits, Passing, Range, Seen, Slabs, Vector, dot, hits};
+use crate::bvh::{Block, MASKED, WIDTH};
+use crate::stream::{Hit, MISS};
+
+/// Rays in a packet.
+pub(super) const PACKET: usize = 16;
+
+/// Packets whose directions differ by more than this, relative to their size and on the mean, are
+/// better off as loose rays.
+const COHERENT: f32 = 0.1;
+
+/// Sixteen numbers, one a ray.
+#[derive(Clone, Copy)]
+#[repr(C, align(64))]
+struct Column([f32; PACKET]);
+
+impl Column {
+    const ZERO: Self = Self([0.0; PACKET]);
+
+    /// The numbers of the lanes from `at` on.
+    #[inline(always)]
+    fn get<L: Lanes>(&self, l: L, at: usize) -> L::F {
+        debug_assert!(at + L::LANES <= PACKET);
+        // SAFETY: as asserted; callers step through the packet by lanes.
+        unsafe { l.load(self.0.as_ptr().add(at)) }
+    }
+
+    #[inline(always)]
+    fn set<L: Lanes>(&mut self, l: L, at: usize, f: L::F) {
+        debug_assert!(at + L::LANES <= PACKET);
+        // SAFETY: as in `get`.
+        unsafe { l.store(self.0.as_mut_ptr().add(at), f) }
+    }
+}
+
+impl Column {
+    /// Least and greatest number.
+    #[inline(always)]
+    fn bounds<L: Lanes>(&self, l: L) -> (f32, f32) {
+        let (mut low, mut high) = (f32::INFINITY, f32::NEG_INFINITY);
+        for part in 0..PACKET / L::LANES {
+            let f = self.get(l, part * L::LANES);
+            (low, high) = (low.min(l.lowest(f)), high.max(l.highest(f)));
+        }
+        (low, high)
+    }
+}
+
+/// Up to sixteen rays of one octant and their hits so far.
+#[derive(Clone, Copy)]
+#[repr(C, align(64))]
+pub(super) struct Packet {
+    inverse: [Column; 3],
+    direction: [Column; 3],
+    t_min: Column,
+    /// Nearest hit so far, at first `t_max`; negative for lanes that are done or vacant.
+    limit: Column,
+    u: Column,
+    v: Column,
+    primitive: [u32; PACKET],
+    /// Ids of the rays, as in lists of loose rays.
+    ids: [u32; PACKET],
+    interval: Interval,
+}
+
+/// What all rays of a packet have in common.
+///
+/// With the axes mirrored so that all directions are positive, a ray enters a plane at distance `x`
+/// from the origin at `x * i - slack * i` and leaves it at `x * i + slack * i`, where `i` is its
+/// `|inverse|`, both up to rounding. All errors of these and of the interval's own products sum to
+/// less than 10 half ulps of the largest coordinate `m` times `i`, that is `2⁻²⁰ m i`, and `slack` is
+/// `2⁻¹⁹ m`. So twice the slack makes `(x - 2 slack) * low` a lower bound of all entries that are not
+/// negative, and `(x + 2 slack) * high` an upper bound of all leavings that are not negative.
+#[derive(Clone, Copy)]
+struct Interval {
+    /// Least `|inverse|`.
+    low: [f32; 3],
+    /// Greatest `|inverse|`.
+    high: [f32; 3],
+    /// Greatest `limit`.
+    limit: f32,
+}
+
+impl Packet {
+    const VACANT: Self = Self {
+        inverse: [Column::ZERO; 3],
+        direction: [Column::ZERO; 3],
+        t_min: Column::ZERO,
+        limit: Column([-1.0; PACKET]),
+        u: Column::ZERO,
+        v: Column::ZERO,
+        primitive: [MISS; PACKET],
+        ids: [0; PACKET],
+        interval: Interval { low: [0.0; 3], high: [0.0; 3], limit: -1.0 },
+    };
+
+    #[inline(always)]
+    fn highest_limit<L: Lanes>(&self, l: L) -> f32 {
+        let mut highest = -1.0f32;
+        for part in 0..PACKET / L::LANES {
+            highest = highest.max(l.highest(self.limit.get(l, part * L::LANES)));
+        }
+        highest
+    }
+}
+
+/// The origin of a sub-stream whose rays all start there, and what follows from it.
+#[derive(Clone, Copy)]
+pub(super) struct Origin {
+    point: [f32; 3],
+    slack: f32,
+}
+
+/// An entry of a list: a packet and the rays of it that are still in play.
+#[inline(always)]
+fn entry(packet: usize, mask: u32) -> u32 {
+    (packet as u32) << 16 | mask
+}
+
+/// Whether the rays whose rows are prepared start at one point; all those that may hit something.
+#[inline(always)]
+pub(super) fn common_origin(job: &Job<'_>, rows: &Rows, stacks: &[OctantStack; 8]) -> Option<Origin> {
+    let octant = rows.counts.iter().position(|&count| count > 0)?;
+    if !rows.common_origin {
+        return None;
+    }
+    let first = stacks[octant].ids[0] as usize / ROW_BYTES;
+    // SAFETY: ids are of rays of the sub-stream.
+    unsafe { Some(Origin { point: (*job.rays.add(first)).origin, slack: (*job.rows.add(first)).slack }) }
+}
+
+/// Makes packets of the lists at the bottom of the arenas and puts lists of packets in their place.
+/// Gives up, leaving the lists alone, when the packets are not coherent.
+#[inline(always)]
+pub(super) fn form<W: Lanes>(
+    w: W,
+    job: &Job<'_>,
+    stacks: &mut [OctantStack; 8],
+    counts: &mut [usize; 8],
+    packets: &mut Vec<Packet>,
+) -> bool {
+    packets.clear();
+    let mut spread = 0.0;
+    for (stack, &count) in stacks.iter().zip(counts.iter()) {
+        for ids in stack.ids[..count].chunks(PACKET) {
+            let mut packet = Packet::VACANT;
+            packet.ids = std::array::from_fn(|i| ids[i.min(ids.len() - 1)]);
+            for part in 0..PACKET / W::LANES {
+                let at = part * W::LANES;
+                // SAFETY: ids are of rays of the sub-stream.
+                let (ray, row) = unsafe {
+                    let ids = packet.ids.as_ptr().add(at);
+                    (w.rows(job.rays.cast(), ids), w.rows(job.rows.cast(), ids))
+                };
+                for axis in 0..3 {
+                    packet.inverse[axis].set(w, at, row[axis]);
+                    packet.direction[axis].set(w, at, ray[4 + axis]);
+                }
+                packet.t_min.set(w, at, w.max(ray[3], w.splat(0.0)));
+                packet.limit.set(w, at, row[7]);
+            }
+            packet.limit.0[ids.len()..].fill(-1.0);
+            let (mut widest, mut longest) = (0.0f32, 0.0f32);
+            for axis in 0..3 {
+                let (a, b) = packet.inverse[axis].bounds(w);
+                packet.interval.low[axis] = a.abs().min(b.abs());
+                packet.interval.high[axis] = a.abs().max(b.abs());
+                let (a, b) = packet.direction[axis].bounds(w);
+                widest = widest.max(b - a);
+                longest = longest.max(a.abs()).max(b.abs());
+            }
+            packet.interval.limit = packet.highest_limit(w);
+            spread += widest / longest;
+            packets.push(packet);
+        }
+    }
+    if spread > COHERENT * packets.len() as f32 {
+        return false;
+    }
+    let mut first = 0;
+    for (stack, count) in stacks.iter_mut().zip(counts) {
+        let rays = *count;
+        *count = rays.div_ceil(PACKET);
+        for i in 0..*count {
+            let lanes = (rays - i * PACKET).min(PACKET);
+            stack.ids[i] = entry(first + i, (1u32 << lanes) - 1);
+        }
+        first += *count;
+    }
+    true
+}
+
+/// Writes the answers of all packets.
+#[inline(always)]
+pub(super) fn answer(job: &Job<'_>, packets: &[Packet]) {
+    for packet in packets {
+        for lane in (0..PACKET).filter(|&lane| packet.primitive[lane] != MISS) {
+            let index = packet.ids[lane] as usize / ROW_BYTES;
+            // SAFETY: ids are of rays of the sub-stream, which have answers.
+            unsafe {
+                match job.answers {
+                    Answers::Hits(hits) => {
+                        *hits.add(index) = Hit {
+                            t: packet.limit.0[lane],
+                            u: packet.u.0[lane],
+                            v: packet.v.0[lane],
+                            primitive: packet.primitive[lane],
+                        };
+                    }
+                    Answers::Occluded(occluded) => *occluded.add(index) = 1,
+                }
+            }
+        }
+    }
+}
+
+/// Packets of one origin: lists hold entries as [`entry`] makes them.
+pub(super) struct Packets<'a, W, E, const ANY: bool> {
+    pub w: W,
+    pub e: E,
+    pub job: &'a Job<'a>,
+    pub origin: Origin,
+    /// All packets of the sub-stream.
+    pub all: *mut Packet,
+}
+
+impl<W: Lanes, E: Lanes, const ANY: bool> Visit for Packets<'_, W, E, ANY> {
+    #[inline(always)]
+    fn visit(&self, octant: usize, stack: &mut OctantStack, at: Entry) {
+        if !at.child.is_block() {
+            return self.inner(octant, stack, at);
+        }
+        // SAFETY: as the module says.
+        unsafe {
+            let block = self.job.blocks.get_unchecked(at.child.index());
+            let list = stack.ids.as_ptr().add(at.start as usize);
+            let list = std::slice::from_raw_parts(list, at.len as usize);
+            self.leaf(block, at.child.triangles(), octant, list);
+        }
+    }
+}
+
+impl<W: Lanes, E: Lanes, const ANY: bool> Packets<'_, W, E, ANY> {
+    /// Tests a list of packets against the boxes of a node.
+    #[inline(always)]
+    fn inner(&self, octant: usize, stack: &mut OctantStack, at: Entry) {
+        let Self { w, e, job, ref origin, all } = *self;
+        let (len, stride) = (at.len as usize, at.len as usize + PADDING);
+        let base = at.start as usize + stride;
+        stack.reserve(base + WIDTH * stride + PADDING);
+        // SAFETY: as the module says.
+        unsafe {
+            let node = job.nodes.get_unchecked(at.child.index());
+            let ids = stack.ids.as_mut_ptr();
+            let list = ids.add(at.start as usize);
+            let faces = Faces::of(node, octant);
+            let planes = Planes::new(e, origin, &faces, octant);
+            let mut ends: [*mut u32; WIDTH] =
+                std::array::from_fn(|slot| ids.add(begin_of(base, stride, octant, slot)));
+            for i in 0..len {
+                let some = *list.add(i);
+                let packet = &*all.add((some >> 16) as usize);
+                let mut children = planes.entered(e, &packet.interval);
+                if W::LANES == PACKET {
+                    let (slabs, limit) = (packet.slabs(w, 0, origin), packet.limit.get(w, 0));
+                    while children != 0 {
+                        let slot = children.trailing_zeros() as usize & 7;
+                        children &= children - 1;
+                        let inside = slabs.enters(w, some & 0xffff, &faces, slot, limit);
+                        *ends[slot] = entry((some >> 16) as usize, inside);
+                        ends[slot] = ends[slot].add(usize::from(inside != 0));
+                    }
+                } else {
+                    let low = (packet.slabs(w, 0, origin), packet.limit.get(w, 0));
+                    let high = (packet.slabs(w, 8, origin), packet.limit.get(w, 8));
+                    while children != 0 {
+                        let slot = children.trailing_zeros() as usize & 7;
+                        children &= children - 1;
+                        let inside = low.0.enters(w, some & 0xff, &faces, slot, low.1)
+                            | high.0.enters(w, some >> 8 & 0xff, &faces, slot, high.1) << 8;
+                        *ends[slot] = entry((some >> 16) as usize, inside);
+                        ends[slot] = ends[slot].add(usize::from(inside != 0));
+                    }
+                }
+            }
+            push(job, node, octant, stack, base, stride, &ends);
+        }
+    }
+
+    /// Tests a list of packets with the first `count` triangles of a block.
+    #[inline(always)]
+    fn leaf(&self, block: &Block, count: usize, octant: usize, list: &[u32]) {
+        let Self { w, e, job, ref origin, all } = *self;
+        let triangles = Triangles::new(e, origin, block);
+        for &some in list {
+            // SAFETY: entries name packets of the sub-stream.
+            let packet = unsafe { &mut *all.add((some >> 16) as usize) };
+            let mut taken = 0;
+            for part in 0..PACKET / W::LANES {
+                let at = part * W::LANES;
+                let mut among = (some & 0xffff) >> at & ((1 << W::LANES) - 1);
+                if among == 0 {
+                    continue;
+                }
+                let direction = packet.direction(w, at);
+                for k in 0..count {
+                    let passing = triangles.passing(w, k, direction);
+                    let inside = passing.inside(w, among);
+                    if inside == 0 {
+                        continue;
+                    }
+                    let slabs = packet.slabs(w, at, origin);
+                    let limit = packet.limit.get(w, at);
+                    let range = Range { slabs: &slabs, octant, t_min: packet.t_min.get(w, at), limit };
+                    let mut hits = triangles.hits(w, k, inside, &passing, direction, &range);
+                    packet.settle(w, job, at, block.ids[k], &mut hits);
+                    if hits.mask == 0 {
+                        continue;
+                    }
+                    taken |= hits.mask;
+                    packet.take::<W, ANY>(w, at, block.ids[k] & !MASKED, &hits);
+                    if ANY {
+                        among &= !hits.mask;
+                    }
+                }
+            }
+            if taken != 0 {
+                packet.interval.limit = packet.highest_limit(w);
+            }
+        }
+    }
+}
+
+impl Packet {
+    #[inline(always)]
+    fn direction<L: Lanes>(&self, l: L, at: usize) -> Vector<L> {
+        [self.direction[0].get(l, at), self.direction[1].get(l, at), self.direction[2].get(l, at)]
+    }
+
+    /// The slab test's constants, made anew from the reciprocal: that is faster than to read them.
+    #[inline(always)]
+    fn slabs<L: Lanes>(&self, l: L, at: usize, origin: &Origin) -> Slabs<L> {
+        let inverse = [self.inverse[0].get(l, at), self.inverse[1].get(l, at), self.inverse[2].get(l, at)];
+        let [x, y, z] = origin.point;
+        let shift =
+            [l.mul(l.splat(-x), inverse[0]), l.mul(l.splat(-y), inverse[1]), l.mul(l.splat(-z), inverse[2])];
+        Slabs::new(l, inverse, shift, l.splat(origin.slack))
+    }
+
+    /// Strikes out hits that lose a tie or that the filter refuses.
+    #[inline(always)]
+    fn settle<L: Lanes>(&self, l: L, job: &Job<'_>, at: usize, stored: u32, hits: &mut Hits<L>) {
+        // Among equals the lowest primitive wins.
+        let mut equal = l.eq(hits.mask, hits.t, self.limit.get(l, at));
+        while equal != 0 {
+            let lane = equal.trailing_zeros() as usize & 15;
+            equal &= equal - 1;
+            if self.primitive[at + lane] < stored & !MASKED {
+                hits.mask &= !(1 << lane);
+            }
+        }
+        if stored & MASKED != 0 && hits.mask != 0 {
+            let (us, vs) = (spill(l, hits.u), spill(l, hits.v));
+            hits.mask = filtered(job, stored & !MASKED, hits.mask, &us, &vs);
+        }
+    }
+
+    /// Writes hits.
+    #[inline(always)]
+    fn take<L: Lanes, const ANY: bool>(&mut self, l: L, at: usize, primitive: u32, hits: &Hits<L>) {
+        let &Hits { mask, t, u, v } = hits;
+        let limit = if ANY { l.splat(-1.0) } else { t };
+        self.limit.set(l, at, l.select(mask, limit, self.limit.get(l, at)));
+        if !ANY {
+            self.u.set(l, at, l.select(mask, u, self.u.get(l, at)));
+            self.v.set(l, at, l.select(mask, v, self.v.get(l, at)));
+        }
+        debug_assert!(at + L::LANES <= PACKET);
+        // SAFETY: as asserted; callers step through the packet by lanes.
+        unsafe {
+            let to = self.primitive.as_mut_ptr().add(at);
+            l.store_ids(to, l.select_ids(mask, l.splat_id(primitive), l.load_ids(to)));
+        }
+    }
+}
+
+/// The lanes of `hit` that the filter accepts.
+#[cold]
+#[inline(never)]
+fn filtered(job: &Job<'_>, primitive: u32, hit: u32, u: &[f32; PACKET], v: &[f32; PACKET]) -> u32 {
+    let Some(filter) = job.filter else { return hit };
+    (0..PACKET)
+        .filter(|&lane| hit >> lane & 1 == 1 && filter.accepts(primitive, u[lane], v[lane]))
+        .fold(0, |mask, lane| mask | 1 << lane)
+}
+
+/// Distances of a node's planes from the origin along the mirrored axes, widened: see [`Interval`].
+struct Planes<E: Lanes> {
+    near: Vector<E>,
+    far: Vector<E>,
+}
+
+impl<E: Lanes> Planes<E> {
+    #[inline(always)]
+    fn new(e: E, origin: &Origin, faces: &Faces<'_>, octant: usize) -> Self {
+        const { assert!(E::LANES == WIDTH) };
+        let [x, y, z] = origin.point;
+        let slack = 2.0 * origin.slack;
+        let plane = |face: &[f32; WIDTH], axis: usize, point: f32, slack: f32| {
+            // SAFETY: there are eight numbers, as many as lanes.
+            let (face, sign) = unsafe { (e.load(face.as_ptr()), 1.0 - 2.0 * (octant >> axis & 1) as f32) };
+            // A sign of one makes the product exact: this is `±(face - point) + slack`.
+            e.fma(e.sub(face, e.splat(point)), e.splat(sign), e.splat(slack))
+        };
+        Self {
+            near: [
+                plane(faces.near[0], 0, x, -slack),
+                plane(faces.near[1], 1, y, -slack),
+                plane(faces.near[2], 2, z, -slack),
+            ],
+            far: [
+                plane(faces.far[0], 0, x, slack),
+                plane(faces.far[1], 1, y, slack),
+                plane(faces.far[2], 2, z, slack),
+            ],
+        }
+    }
+
+    /// The slots whose box some ray of the interval may enter.
+    #[inline(always)]
+    fn entered(&self, e: E, interval: &Interval) -> u32 {
+        let Interval { low, high, limit } = *interval;
+        let x = e.mul(self.near[0], e.splat(low[0]));
+        let y = e.mul(self.near[1], e.splat(low[1]));
+        let z = e.mul(self.near[2], e.splat(low[2]));
+        let enter = e.max(e.max(x, y), e.max(z, e.splat(0.0)));
+        let x = e.mul(self.far[0], e.splat(high[0]));
+        let y = e.mul(self.far[1], e.splat(high[1]));
+        let z = e.mul(self.far[2], e.splat(high[2]));
+        let leave = e.min(e.min(x, y), e.min(z, e.splat(limit)));
+        e.le(0xff, enter, leave)
+    }
+}
+
+/// The eight triangles of a block as seen from the origin, as columns.
+#[repr(C, align(64))]
+struct Triangles {
+    edges: [[[f32; WIDTH]; 3]; 3],
+    normal: [[f32; WIDTH]; 3],
+    distance: [f32; WIDTH],
+    low: [[f32; WIDTH]; 3],
+    high: [[f32; WIDTH]; 3],
+}
+
+impl Triangles {
+    #[inline(always)]
+    fn new<E: Lanes>(e: E, origin: &Origin, block: &Block) -> Self {
+        let corners = [load(e, &block.vertices[0]), load(e, &block.vertices[1]), load(e, &block.vertices[2])];
+        let Seen { edges, normal, distance } = Seen::from(e, &splat(e, origin.point), &corners);
+        let Bounds { low, high } = Bounds::of(e, &corners);
+        Self {
+            edges: [keep(e, edges[0]), keep(e, edges[1]), keep(e, edges[2])],
+            normal: keep(e, normal),
+            distance: keep(e, [distance; 3])[0],
+            low: keep(e, low),
+            high: keep(e, high),
+        }
+    }
+
+    #[inline(always)]
+    fn passing<L: Lanes>(&self, l: L, k: usize, direction: Vector<L>) -> Passing<L> {
+        let [u, v, w] = &self.edges;
+        Passing::new(l, &[splat_row(l, u, k), splat_row(l, v, k), splat_row(l, w, k)], direction)
+    }
+
+    #[inline(always)]
+    fn hits<L: Lanes>(
+        &self,
+        l: L,
+        k: usize,
+        inside: u32,
+        passing: &Passing<L>,
+        direction: Vector<L>,
+        range: &Range<'_, L>,
+    ) -> Hits<L> {
+        let facing = dot(l, splat_row(l, &self.normal, k), direction);
+        let bounds = Bounds { low: splat_row(l, &self.low, k), high: splat_row(l, &self.high, k) };
+        hits(l, inside, passing, l.splat(self.distance[k]), facing, &bounds, range)
+    }
+}
+
+/// Three columns out of eight lanes.
+#[inline(always)]
+fn keep<E: Lanes>(e: E, [x, y, z]: Vector<E>) -> [[f32; WIDTH]; 3] {
+    const { assert!(E::LANES == WIDTH) };
+    let mut columns = [[0.0; WIDTH]; 3];
+    // SAFETY: each column has eight numbers, as many as there are lanes.
+    unsafe {
+        e.store(columns[0].as_mut_ptr(), x);
+        e.store(columns[1].as_mut_ptr(), y);
+        e.store(columns[2].as_mut_ptr(), z);
+    }
+    columns
+}
