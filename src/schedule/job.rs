@@ -57,8 +57,6 @@ pub(super) struct TypedJob<R: Renderer> {
     next_tile: u64,
     /// Where spawning ends: at all tiles, earlier when stopped.
     last_tile: u64,
-    /// Spawn tasks under way.
-    spawning: usize,
     /// Tasks under way.
     tasks: usize,
     ended: Option<JobError>,
@@ -89,7 +87,6 @@ impl<R: Renderer> TypedJob<R> {
             unit,
             next_tile: 0,
             last_tile: tiles,
-            spawning: 0,
             tasks: 0,
             ended: None,
             in_flight: 0,
@@ -138,7 +135,6 @@ impl<R: Renderer> TypedJob<R> {
             Rule::Spawn => {
                 let tile = self.next_tile;
                 self.next_tile += 1;
-                self.spawning += 1;
                 let output = self.lists.output();
                 let tile_rays = self.limits().tile_rays;
                 self.in_flight += tile_rays;
@@ -182,7 +178,6 @@ impl<R: Renderer> TypedJob<R> {
     fn put_back(&mut self, hold: Hold, done: Done<R::Payload, R::ShadowPayload>) -> u64 {
         match done {
             Done::Spawned { output, emitted } => {
-                self.spawning -= 1;
                 self.progress.tiles_spawned += 1;
                 self.progress.rays.camera += emitted.rays;
                 self.progress.rays.shadow += emitted.shadow_rays;
@@ -225,7 +220,6 @@ impl<R: Renderer> TypedJob<R> {
                 0
             }
             Done::Panicked(message) => {
-                self.spawning -= usize::from(hold.kind == TaskKind::Spawn);
                 self.abandon(JobError::Panicked(message));
                 hold.rays
             }
@@ -293,7 +287,7 @@ impl<R: Renderer> Job for TypedJob<R> {
     }
 
     fn all_spawned(&self) -> bool {
-        self.next_tile == self.last_tile && self.spawning == 0
+        self.progress.tiles_spawned == self.last_tile
     }
 
     fn is_over(&self) -> bool {

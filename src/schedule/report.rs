@@ -142,7 +142,7 @@ pub struct JobReport {
     /// The most paths that were in flight, a tile under way counted in full; at most
     /// `limits.in_flight`.
     pub max_in_flight: usize,
-    /// Streams that were made; at most `limits.streams`.
+    /// Streams the job had, those left by an earlier one included; at most `limits.streams`.
     pub streams: usize,
     /// The sizes used.
     pub limits: Limits,

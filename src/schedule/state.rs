@@ -344,6 +344,7 @@ impl State {
             let work = !self.closing && self.choose(kind).is_some();
             let lost = work && self.stirring[kind] == 0 && !self.sleepers[kind].is_empty();
             assert!(!lost, "while there is work and a thread asleep, one is on its way");
+            assert!(self.closing || self.stirring[kind] <= 1, "and only one");
         }
     }
 

@@ -6,9 +6,11 @@ use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Condvar, Mutex};
 use std::time::Duration;
 
-/// Holds its spawn tasks until the gate opens.
+/// Holds its threads until the gate opens: in spawn tasks, or in shading.
 pub struct Gated {
     tiles: u64,
+    tile_rays: usize,
+    holds_shading: bool,
     gate: Mutex<bool>,
     opened: Condvar,
     pub spawned: AtomicU64,
@@ -22,8 +24,21 @@ impl Gated {
     }
 
     pub fn with_tiles(tiles: u64) -> Arc<Self> {
-        let (gate, opened) = Default::default();
-        Arc::new(Self { tiles, gate, opened, spawned: Default::default(), shaded: Default::default() })
+        Self::make(tiles, 1, false)
+    }
+
+    /// One tile of so many rays.
+    pub fn in_shading(tile_rays: usize) -> Arc<Self> {
+        Self::make(1, tile_rays, true)
+    }
+
+    fn make(tiles: u64, tile_rays: usize, holds_shading: bool) -> Arc<Self> {
+        let ((gate, opened), (spawned, shaded)) = Default::default();
+        Arc::new(Self { tiles, tile_rays, holds_shading, gate, opened, spawned, shaded })
+    }
+
+    fn hold(&self) {
+        drop(self.opened.wait_while(self.gate.lock().unwrap(), |open| !*open).unwrap());
     }
 
     pub fn open(&self) {
@@ -41,7 +56,7 @@ impl Renderer for Gated {
     }
 
     fn tile_rays(&self) -> usize {
-        1
+        self.tile_rays
     }
 
     fn shadow_rays_per_ray(&self) -> usize {
@@ -50,12 +65,17 @@ impl Renderer for Gated {
 
     fn spawn(&self, _: u64, out: &mut Output<'_, u32, u32>) {
         self.spawned.fetch_add(1, Relaxed);
-        drop(self.opened.wait_while(self.gate.lock().unwrap(), |open| !*open).unwrap());
-        out.ray(Ray::default(), 0);
+        if !self.holds_shading {
+            self.hold();
+        }
+        (0..self.tile_rays).for_each(|_| out.ray(Ray::default(), 0));
     }
 
     fn shade(&self, batch: Batch<'_, u32>, _: &mut Output<'_, u32, u32>) {
         self.shaded.fetch_add(batch.rays.len() as u64, Relaxed);
+        if self.holds_shading {
+            self.hold();
+        }
     }
 
     fn shadow(&self, _: &[Ray], _: &[u32], _: &[u32]) {}

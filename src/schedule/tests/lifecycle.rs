@@ -42,6 +42,19 @@ fn a_cancelled_job_leaves_others_alone_and_lets_go_of_its_renderer() {
 }
 
 #[test]
+fn shading_ends_soon_after_a_cancel() {
+    let service = service(1, 0);
+    let gated = Gated::in_shading(1000);
+    let options = JobOptions { batch_rays: 10, ..JobOptions::default() };
+    let job = service.submit(Arc::clone(&gated), blind(), options).unwrap();
+    wait_until(|| gated.shaded.load(Relaxed) > 0);
+    job.cancel();
+    gated.open();
+    assert_eq!(outcome(job), Err(JobError::Cancelled));
+    assert_eq!(gated.shaded.load(Relaxed), 10, "one batch");
+}
+
+#[test]
 fn dropping_a_handle_cancels() {
     let service = service(1, 0);
     let gated = Gated::new();

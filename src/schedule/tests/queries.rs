@@ -30,7 +30,8 @@ fn queries_answer_each_ray_in_its_place() {
         let rays = (0..count).map(|i| Ray { origin: [i as f32, 7.0, 0.0], ..Ray::default() });
         let rays: Arc<[Ray]> = rays.collect();
         let tracers = Tracers::cpu(Arc::new(ByOrigin));
-        let options = JobOptions { threshold: Some(3000), ..JobOptions::default() };
+        // Several tiles in a stream, and batches that begin and end within tiles.
+        let options = JobOptions { threshold: Some(40_000), batch_rays: 5000, ..JobOptions::default() };
         let closest = service.closest(tracers.clone(), Arc::clone(&rays), options.clone()).unwrap();
         let occluded = service.occluded(tracers, rays, options).unwrap();
         let (hits, report) = closest.wait().unwrap();
