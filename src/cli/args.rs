@@ -23,8 +23,19 @@ pub enum Command {
     Trace(TraceArgs),
     /// Write a scene's triangles as NumPy arrays.
     Mesh(MeshArgs),
+    /// Measure speed beside its peers, in one run.
+    #[command(subcommand)]
+    Bench(BenchCommand),
     /// Say what this machine has: instruction sets, threads, GPU adapters.
     Info,
+}
+
+/// What to measure.
+#[derive(Debug, Subcommand)]
+pub enum BenchCommand {
+    /// Trace camera, bounce and shadow rays with the CPU tracer at each instruction set, its scalar reference, obvhs
+    /// and, where its library is given, Embree 4; on the same rays, in rounds that take turns.
+    Rays(BenchRaysArgs),
 }
 
 /// Which units trace rays.
@@ -56,6 +67,38 @@ pub struct UnitArgs {
     pub simd: String,
 }
 
+/// Where the camera stands.
+#[derive(Debug, Args)]
+pub struct CameraArgs {
+    /// Camera position [default: the scene's camera, else one that frames the scene].
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = vector)]
+    pub eye: Option<Vec3>,
+    /// Point the camera looks at.
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = vector)]
+    pub target: Option<Vec3>,
+    /// Direction that is up.
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = vector)]
+    pub up: Option<Vec3>,
+    /// Vertical field of view.
+    #[arg(long, value_name = "DEG", allow_hyphen_values = true)]
+    pub fov: Option<f32>,
+}
+
+impl CameraArgs {
+    /// The camera that the flags ask for, on top of the scene's own or one that frames it.
+    pub fn apply(&self, own: Option<Camera>, framed: impl FnOnce() -> Camera) -> Camera {
+        let base = own.unwrap_or_else(framed);
+        let eye = self.eye.unwrap_or(base.eye);
+        // A moved eye keeps looking at the same place.
+        Camera {
+            eye,
+            target: self.target.unwrap_or(base.target),
+            up: self.up.unwrap_or(base.up),
+            fov_degrees: self.fov.unwrap_or(base.fov_degrees),
+        }
+    }
+}
+
 /// `raystream render`.
 #[derive(Debug, Args)]
 pub struct RenderArgs {
@@ -82,18 +125,9 @@ pub struct RenderArgs {
     /// Never end a path early by chance.
     #[arg(long)]
     pub no_russian_roulette: bool,
-    /// Camera position [default: the scene's camera, else one that frames the scene].
-    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = vector)]
-    pub eye: Option<Vec3>,
-    /// Point the camera looks at.
-    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = vector)]
-    pub target: Option<Vec3>,
-    /// Direction that is up.
-    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = vector)]
-    pub up: Option<Vec3>,
-    /// Vertical field of view.
-    #[arg(long, value_name = "DEG", allow_hyphen_values = true)]
-    pub fov: Option<f32>,
+    /// From where.
+    #[command(flatten)]
+    pub camera: CameraArgs,
     /// Environment: an equirectangular .hdr or .exr file, or a constant R,G,B
     /// [default: the scene's; grey 1,1,1 if it has no light at all].
     #[arg(long, value_name = "FILE|R,G,B")]
@@ -140,6 +174,31 @@ pub struct TraceArgs {
     pub units: UnitArgs,
 }
 
+/// `raystream bench rays`.
+#[derive(Debug, Args)]
+pub struct BenchRaysArgs {
+    /// Scene file.
+    pub scene: PathBuf,
+    /// From where camera rays start.
+    #[command(flatten)]
+    pub camera: CameraArgs,
+    /// Camera rays.
+    #[arg(long, value_name = "WxH", default_value = "1024x1024", value_parser = size)]
+    pub size: (u32, u32),
+    /// Rounds; each unit is timed once a round.
+    #[arg(long, value_name = "N", default_value_t = 7, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    pub rounds: u32,
+    /// Numbers of threads to measure with, as in 1,2.
+    #[arg(long, value_name = "N,..", value_delimiter = ',', default_value = "1", value_parser = clap::value_parser!(u32).range(1..=1024))]
+    pub threads: Vec<u32>,
+    /// Embree 4's shared library (the wheel `embreex` carries one); without it that peer is left out.
+    #[arg(long, value_name = "FILE")]
+    pub embree: Option<PathBuf>,
+    /// Write the results as JSON.
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
 /// `raystream mesh`.
 #[derive(Debug, Args)]
 pub struct MeshArgs {
@@ -148,21 +207,6 @@ pub struct MeshArgs {
     /// Mesh: .npz with vertices float32 (v, 3), triangles uint32 (t, 3), material uint32 (t,).
     #[arg(short, long, value_name = "FILE")]
     pub output: PathBuf,
-}
-
-impl RenderArgs {
-    /// The camera that the flags ask for, on top of the scene's own or one that frames it.
-    pub fn camera(&self, own: Option<Camera>, framed: impl FnOnce() -> Camera) -> Camera {
-        let base = own.unwrap_or_else(framed);
-        let eye = self.eye.unwrap_or(base.eye);
-        // A moved eye keeps looking at the same place.
-        Camera {
-            eye,
-            target: self.target.unwrap_or(base.target),
-            up: self.up.unwrap_or(base.up),
-            fov_degrees: self.fov.unwrap_or(base.fov_degrees),
-        }
-    }
 }
 
 /// `WxH`, both at least 1 and at most 2²⁸ pixels together.
@@ -202,7 +246,7 @@ mod tests {
     fn negative_vectors_and_sizes_parse() {
         let cli = Cli::parse_from(["raystream", "render", "a.obj", "--eye", "-1,2,-3e2", "--size", "4x3"]);
         let Command::Render(render) = cli.command else { panic!("render") };
-        assert_eq!((render.eye, render.size), (Some(Vec3::new(-1.0, 2.0, -300.0)), (4, 3)));
+        assert_eq!((render.camera.eye, render.size), (Some(Vec3::new(-1.0, 2.0, -300.0)), (4, 3)));
         for bad in ["0x0", "4", "-1x3", "99999x99999", "x"] {
             assert!(size(bad).is_err(), "{bad}");
         }

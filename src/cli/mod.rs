@@ -2,6 +2,7 @@
 
 mod args;
 mod arrays;
+mod bench;
 mod info;
 mod interrupt;
 mod mesh;
@@ -12,7 +13,7 @@ mod stats;
 mod timeline;
 mod trace;
 
-use args::{Cli, Command};
+use args::{BenchCommand, Cli, Command};
 use clap::Parser;
 use std::process::ExitCode;
 
@@ -37,6 +38,7 @@ pub fn run() -> ExitCode {
         Command::Render(args) => render::run(args),
         Command::Trace(args) => trace::run(args),
         Command::Mesh(args) => mesh::run(args).map(|()| Outcome::Done),
+        Command::Bench(BenchCommand::Rays(args)) => bench::rays(args).map(|()| Outcome::Done),
         Command::Info => {
             info::run();
             Ok(Outcome::Done)

@@ -31,7 +31,8 @@ pub fn run(args: &RenderArgs) -> Result<Outcome> {
     let setup = Setup::new(&args.scene, &args.units, |scene| light(scene, args))?;
     let scene = &setup.stage.scene;
     let (width, height) = args.size;
-    let camera = args.camera(scene.camera, || Camera::framing(&scene.bounds(), width as f32 / height as f32));
+    let camera =
+        args.camera.apply(scene.camera, || Camera::framing(&scene.bounds(), width as f32 / height as f32));
     let settings = Settings { width, height, spp: args.spp, max_bounces: args.max_bounces, seed: args.seed };
 
     let started = Instant::now();

@@ -104,3 +104,22 @@ fn cpu_and_gpu_write_the_same_arrays() {
         assert!(bytes("cpu") == bytes("gpu") && bytes("cpu") == bytes("hybrid"));
     }
 }
+
+#[test]
+fn bench_rays_compares_every_instruction_set_with_its_peers() {
+    let folder = folder();
+    let scene = shipped("cornell.json");
+    let args =
+        ["bench", "rays", &scene, "--size", "64x64", "--rounds", "2", "--threads", "1,2", "--json", "b.json"];
+    run(folder.path(), &args, 0);
+    let sheet = json(&folder.path().join("b.json"));
+    let rows = sheet["rows"].as_array().expect("rows");
+    for kind in ["camera", "bounce", "shuffled-bounce", "soft-shadow", "occluded-bounce"] {
+        let speeds = rows.iter().filter(|row| row["kind"] == kind && row["simd"].is_string());
+        assert!(speeds.clone().count() >= 2, "{kind}: one thread and two");
+        for row in speeds {
+            assert!(row["mray_per_s"]["median"].as_f64() > Some(0.0), "{row}");
+        }
+    }
+    run(folder.path(), &["bench", "rays", &scene, "--size", "8x8", "--embree", "no-such-library.so"], 2);
+}
