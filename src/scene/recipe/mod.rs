@@ -76,7 +76,7 @@ pub struct Finish {
     /// A perfect mirror.
     #[serde(default)]
     pub mirror: bool,
-    /// Radiance given off on both sides.
+    /// Radiance given off by the front.
     pub emission: Option<Vec3>,
 }
 
@@ -205,7 +205,7 @@ impl Recipe {
             Some(radiance) => {
                 range("emission", radiance.max_element(), 0.0..=1e6)?;
                 range("emission", radiance.min_element(), 0.0..=1e6)?;
-                Some(Emission { radiance: Colour::constant(radiance), two_sided: true })
+                Some(Emission { radiance: Colour::constant(radiance), two_sided: false })
             }
         };
         Ok(Material { name: name.into(), surface, emission, normal_map: None, alpha: Alpha::default() })

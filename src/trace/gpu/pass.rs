@@ -6,6 +6,7 @@ use super::{Gpu, trusted};
 use crate::stream::Ray;
 use std::sync::mpsc::{Receiver, sync_channel};
 use std::sync::{Mutex, PoisonError};
+use std::time::Duration;
 
 /// A kernel made for a scene, and the lanes that no call is using.
 #[derive(Debug)]
@@ -16,6 +17,9 @@ pub(super) struct Pass {
     answer_bytes: usize,
     idle: Mutex<Vec<Lane>>,
 }
+
+/// How long another thread may take between seeing a submission done and telling whom it was for.
+const CALLBACK_PATIENCE: Duration = Duration::from_secs(10);
 
 /// Buffers of one call: its rays go in, its answers come out.
 ///
@@ -125,7 +129,8 @@ impl Pass {
         pending: Pending,
     ) -> Result<Vec<T>, String> {
         debug_assert_eq!(size_of::<T>(), self.answer_bytes);
-        match pending.mapped.try_recv() {
+        // The submission is done, but the callback runs on whichever thread polled first, perhaps not yet.
+        match pending.mapped.recv_timeout(CALLBACK_PATIENCE) {
             Ok(Ok(())) => {}
             Ok(Err(error)) => return Err(error.to_string()),
             Err(_) => return Err("the answers were not mapped".into()),
