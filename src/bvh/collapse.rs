@@ -12,7 +12,7 @@ use glam::Vec3;
 const NODE_COST: f32 = 1.0;
 
 /// Cost of testing a ray against a block of no triangles, and of each triangle.
-const BLOCK_COST: [f32; 2] = [0.5, 0.25];
+const BLOCK_COST: [f32; 2] = [0.6, 0.08];
 
 /// Subtrees at least this large are planned in parallel.
 const PARALLEL: usize = 1 << 12;
@@ -38,17 +38,19 @@ pub(super) fn collapse(
     let mut layout = Layout {
         binary,
         plans: &[],
-        wide: Wide { nodes: vec![WideNode::VACANT], blocks: Vec::new(), depth: 1 },
+        nodes: vec![WideNode::VACANT],
+        blocks: Vec::new(),
+        depth: 1,
         corners,
         masked,
     };
-    if binary.nodes.is_empty() {
-        return layout.wide;
+    if !binary.nodes.is_empty() {
+        plan(binary, &mut plans, 0);
+        layout.plans = &plans;
+        layout.fill();
     }
-    plan(binary, &mut plans, 0);
-    layout.plans = &plans;
-    layout.fill();
-    layout.wide
+    let Layout { nodes, blocks, depth, .. } = layout;
+    Wide { nodes: nodes.as_slice().into(), blocks: blocks.as_slice().into(), depth }
 }
 
 /// Plans the subtree whose root is node `at`; `plans` begins with its plan.
@@ -101,7 +103,9 @@ fn merge(left: &Plan, right: &Plan, area: f32, block_cost: Option<f32>) -> Plan 
 struct Layout<'a, C, M> {
     binary: &'a Binary,
     plans: &'a [Plan],
-    wide: Wide,
+    nodes: Vec<WideNode>,
+    blocks: Vec<Block>,
+    depth: usize,
     corners: C,
     masked: M,
 }
@@ -111,7 +115,7 @@ impl<C: Fn(u32) -> [Vec3; 3], M: Fn(u32) -> bool> Layout<'_, C, M> {
         // Wide node, the binary node that it expands, its depth.
         let mut stack = vec![(0, 0, 1)];
         while let Some((wide_at, at, depth)) = stack.pop() {
-            self.wide.depth = self.wide.depth.max(depth);
+            self.depth = self.depth.max(depth);
             let mut children = Vec::with_capacity(WIDTH);
             if self.plans[at].block {
                 children.push(at); // Only a root of few primitives.
@@ -123,16 +127,16 @@ impl<C: Fn(u32) -> [Vec3; 3], M: Fn(u32) -> bool> Layout<'_, C, M> {
             for (&child, slot) in children.iter().zip(slots) {
                 let binary = &self.binary.nodes[child];
                 let reference = if self.plans[child].block {
-                    self.wide.blocks.push(self.block(child));
-                    Child::block(self.wide.blocks.len() - 1, binary.count as usize)
+                    self.blocks.push(self.block(child));
+                    Child::block(self.blocks.len() - 1, binary.count as usize)
                 } else {
-                    self.wide.nodes.push(WideNode::VACANT);
-                    stack.push((self.wide.nodes.len() - 1, child, depth + 1));
-                    Child::node(self.wide.nodes.len() - 1)
+                    self.nodes.push(WideNode::VACANT);
+                    stack.push((self.nodes.len() - 1, child, depth + 1));
+                    Child::node(self.nodes.len() - 1)
                 };
                 node.set(slot, binary.bounds(), reference);
             }
-            self.wide.nodes[wide_at] = node;
+            self.nodes[wide_at] = node;
         }
     }
 

@@ -5,6 +5,7 @@ mod binary;
 mod block;
 mod collapse;
 mod filter;
+mod pages;
 mod sah;
 mod validate;
 mod wide;
@@ -108,8 +109,8 @@ impl Bvh {
     /// Bytes on the heap.
     pub fn bytes(&self) -> usize {
         size_of_val(self.binary.nodes.as_slice())
-            + size_of_val(self.wide.nodes.as_slice())
-            + size_of_val(self.wide.blocks.as_slice())
+            + size_of_val(self.wide.nodes())
+            + size_of_val(self.wide.blocks())
             + size_of_val(self.places.as_slice())
     }
 

@@ -1,6 +1,7 @@
 //! The eight-wide tree.
 
 use super::block::Block;
+use super::pages::Pages;
 use crate::geom::Aabb;
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
@@ -93,8 +94,8 @@ impl WideNode {
 /// The eight-wide tree: node 0 is the root, always there.
 #[derive(Clone, Debug)]
 pub struct Wide {
-    pub(super) nodes: Vec<WideNode>,
-    pub(super) blocks: Vec<Block>,
+    pub(super) nodes: Pages<WideNode>,
+    pub(super) blocks: Pages<Block>,
     pub(super) depth: usize,
 }
 

@@ -4,13 +4,13 @@
 #![allow(unsafe_code)]
 
 use super::lanes::{Lanes, load, spill, splat, splat_row};
-use super::stream::{Answers, Job, Row, lanes_of};
-use super::triangle::{Range, Slabs, test};
+use super::stream::{Answers, Job, ROW_BYTES, Row, lanes_of};
+use super::triangle::{Passing, Range, Slabs, test};
 use crate::bvh::{Block, MASKED};
-use crate::stream::{Hit, Ray};
+use crate::stream::Hit;
 
-/// Lists at least this long are tested many rays to a register, shorter ones eight triangles.
-const MANY: usize = 9;
+/// Lists longer than this are tested many rays to a register, shorter ones eight triangles.
+const MANY: usize = 8;
 
 /// Tests all rays of a list with the first `count` triangles of a block.
 ///
@@ -30,7 +30,7 @@ pub(super) unsafe fn visit<W: Lanes, E: Lanes, const ANY: bool>(
 ) {
     // SAFETY: as the caller vouches.
     unsafe {
-        if len >= MANY {
+        if len > MANY {
             rays_in_lanes::<W, ANY>(w, job, block, count, octant, list, len);
         } else {
             triangles_in_lanes::<E, ANY>(e, job, block, count, octant, list, len);
@@ -56,7 +56,8 @@ unsafe fn rays_in_lanes<L: Lanes, const ANY: bool>(
         let mut among = lanes_of::<L>(len - at);
         at += L::LANES;
         // SAFETY: invariant 1.
-        let (rays, row) = unsafe { (l.rows(job.rays.cast(), ids), l.rows(job.rows.cast(), ids)) };
+        let (rays, row) =
+            unsafe { (l.rows(job.rows.cast::<f32>().add(8), ids), l.rows(job.rows.cast(), ids)) };
         let [ox, oy, oz, t_min, dx, dy, dz, _] = rays;
         let [ix, iy, iz, sx, sy, sz, slack, limit] = row;
         let slabs = Slabs::new(l, [ix, iy, iz], [sx, sy, sz], slack);
@@ -112,16 +113,26 @@ unsafe fn triangles_in_lanes<L: Lanes, const ANY: bool>(
 ) {
     let among = lanes_of::<L>(count);
     let triangle = [load(l, &block.vertices[0]), load(l, &block.vertices[1]), load(l, &block.vertices[2])];
+    // First which rays pass any triangle, without a branch on the way, then the rest for those.
+    let (mut passing, mut some) = ([0; MANY], 0);
     for i in 0..len {
         // SAFETY: invariants 1 and 2.
-        let (id, ray, row) = unsafe {
+        let (id, row) = unsafe {
             let id = *list.add(i);
-            (id, &*job.rays.byte_add(id as usize), &*job.rows.byte_add(id as usize).cast_const())
+            (id, &*job.rows.byte_add(id as usize).cast_const())
         };
+        let (origin, direction) = (splat(l, row.ray.origin), splat(l, row.ray.direction));
+        let inside = Passing::of(l, &origin, direction, &triangle).inside(l, among);
+        passing[some & (MANY - 1)] = id;
+        some += usize::from(inside != 0);
+    }
+    for &id in &passing[..some] {
+        // SAFETY: invariant 1.
+        let row = unsafe { &*job.rows.byte_add(id as usize).cast_const() };
         if ANY && row.limit < 0.0 {
             continue;
         }
-        let Row { inverse, shift, slack, limit } = *row;
+        let Row { inverse, shift, slack, limit, ray } = *row;
         let slabs = Slabs::new(l, splat(l, inverse), splat(l, shift), l.splat(slack));
         let (t_min, limit) = (l.splat(ray.t_min.max(0.0)), l.splat(limit));
         let range = Range { slabs: &slabs, octant, t_min, limit };
@@ -155,7 +166,7 @@ impl Job<'_> {
         let primitive = stored & !MASKED;
         let refused =
             || stored & MASKED != 0 && self.filter.is_some_and(|filter| !filter.accepts(primitive, u, v));
-        let index = id as usize / size_of::<Ray>();
+        let index = id as usize / ROW_BYTES;
         // SAFETY: invariant 1.
         let row = unsafe { &mut *self.rows.add(index) };
         match self.answers {

@@ -13,8 +13,8 @@
 #![allow(unsafe_code)]
 
 use super::lanes::{Lanes, load, spill, splat, splat_row};
-use super::setup::{ROW_BYTES, Rows};
-use super::stream::{Answers, Entry, Job, OctantStack, PADDING, Visit, begin_of, push};
+use super::setup::Rows;
+use super::stream::{Answers, Entry, Job, OctantStack, PADDING, ROW_BYTES, Visit, begin_of, push};
 use super::triangle::{Bounds, Faces, Hits, Passing, Range, Seen, Slabs, Vector, dot, hits};
 use crate::bvh::{Block, MASKED, WIDTH};
 use crate::stream::{Hit, MISS};
@@ -143,7 +143,8 @@ pub(super) fn common_origin(job: &Job<'_>, rows: &Rows, stacks: &[OctantStack; 8
     }
     let first = stacks[octant].ids[0] as usize / ROW_BYTES;
     // SAFETY: ids are of rays of the sub-stream.
-    unsafe { Some(Origin { point: (*job.rays.add(first)).origin, slack: (*job.rows.add(first)).slack }) }
+    let row = unsafe { &*job.rows.add(first).cast_const() };
+    Some(Origin { point: row.ray.origin, slack: row.slack })
 }
 
 /// Makes packets of the lists at the bottom of the arenas and puts lists of packets in their place.
@@ -167,7 +168,7 @@ pub(super) fn form<W: Lanes>(
                 // SAFETY: ids are of rays of the sub-stream.
                 let (ray, row) = unsafe {
                     let ids = packet.ids.as_ptr().add(at);
-                    (w.rows(job.rays.cast(), ids), w.rows(job.rows.cast(), ids))
+                    (w.rows(job.rows.cast::<f32>().add(8), ids), w.rows(job.rows.cast(), ids))
                 };
                 for axis in 0..3 {
                     packet.inverse[axis].set(w, at, row[axis]);
@@ -300,7 +301,7 @@ impl<W: Lanes, E: Lanes, const ANY: bool> Packets<'_, W, E, ANY> {
                     }
                 }
             }
-            push(job, node, octant, stack, base, stride, &ends);
+            push(w, job, node, octant, stack, base, stride, &ends);
         }
     }
 

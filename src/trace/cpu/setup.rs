@@ -5,12 +5,9 @@
 #![allow(unsafe_code)]
 
 use super::lanes::{Lanes, each};
-use super::stream::{Job, OctantStack, PADDING, lanes_of};
+use super::stream::{Job, OctantStack, PADDING, ROW_BYTES, lanes_of};
 use crate::geom::{DIRECTION_RANGE, MAX_COORDINATE, MIN_COMPONENT, SLACK};
 use crate::stream::Ray;
-
-/// Bytes of a ray and of its row: ids count in them.
-pub(super) const ROW_BYTES: usize = size_of::<Ray>();
 
 /// What is known of a sub-stream once its rows are prepared.
 pub(super) struct Rows {
@@ -31,6 +28,7 @@ pub(super) fn prepare<W: Lanes>(w: W, job: &Job<'_>, rays: &[Ray], stacks: &mut 
     let first = rays.first().map_or([0.0; 3], |ray| ray.origin);
     let mut common_origin = true;
     let ids: [u32; PADDING] = std::array::from_fn(|i| (i * ROW_BYTES) as u32);
+    let ray_ids: [u32; PADDING] = std::array::from_fn(|i| (i * size_of::<Ray>()) as u32);
     for (i, some) in rays.chunks(W::LANES).enumerate() {
         let at = i * W::LANES;
         let among = lanes_of::<W>(some.len());
@@ -43,14 +41,17 @@ pub(super) fn prepare<W: Lanes>(w: W, job: &Job<'_>, rays: &[Ray], stacks: &mut 
         };
         // SAFETY: `from` has a ray for each lane; invariant 1 for what is written.
         unsafe {
-            let columns = w.rows(from.as_ptr().cast(), ids.as_ptr());
+            let columns = w.rows(from.as_ptr().cast(), ray_ids.as_ptr());
             let mut at_first = among;
             for axis in 0..3 {
                 at_first = w.eq(at_first, columns[axis], w.splat(first[axis]));
             }
             let (columns, valid, signs) = rows(w, job.scene_max_abs, among, columns);
             common_origin &= valid & !at_first == 0;
-            w.put_rows(job.rows.add(at).cast(), columns);
+            w.put_rows(job.rows.add(at).cast(), ROW_BYTES / 4, columns);
+            for (lane, ray) in some.iter().enumerate() {
+                (*job.rows.add(at + lane)).ray = *ray;
+            }
             let first = (at * ROW_BYTES) as u32;
             let here = ids.map(|id| id + first);
             let here = w.load_ids(here.as_ptr());

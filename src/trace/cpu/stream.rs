@@ -7,16 +7,16 @@
 //! octants take turns, which gives each prefetch the time of several visits to arrive.
 //!
 //! Unsafe code, because lists, rows and nodes are reached without bounds checks. Invariants:
-//! 1. Ids are byte offsets of 32-byte rows: `32 * i` for ray `i` of the sub-stream. Every id in a list,
-//!    padding included, is of a ray of the sub-stream, so `rows`, `rays`, and the answers hold it.
-//! 2. A list of `len` ids in an arena is followed by padding to at least `len + PADDING` readable ids.
+//! 1. Ids are byte offsets of rows: `ROW_BYTES * i` for ray `i` of the sub-stream. Every id in a list,
+//!    padding included, is of a ray of the sub-stream, so `rows` and the answers hold it.
+//! 2. A list in an arena is followed by padding at least up to the next multiple of `PADDING` ids.
 //! 3. Before a visit to a list of `len` the arena has room for eight lists of `len + PADDING` beyond
 //!    it, and the stack of entries for eight more.
 //! 4. Children of nodes are in range: `Bvh::build` made them, and slots of `Child::NONE` have inverted
 //!    boxes, so that their lists stay empty.
 #![allow(unsafe_code)]
 
-use super::lanes::{Lanes, prefetch};
+use super::lanes::{Lanes, prefetch, splat};
 use super::packet::{self, Packet};
 use super::triangle::{Faces, Slabs};
 use super::{leaf, setup};
@@ -29,17 +29,26 @@ pub(super) const PADDING: usize = 16;
 /// The most rays of a sub-stream: what its rows and lists take still fits a second-level cache.
 const SUB_STREAM: usize = 32 * 1024;
 
-/// What the box tests need of a ray: see [`crate::geom::CanonicalRay`], whose `near` and `far` are
-/// `shift ∓ slack * |inverse|`.
+/// Lists up to this long meet the boxes of a node one ray and eight boxes at a time.
+const FEW: usize = 4;
+
+/// A ray as traversal wants it, in one cache line: what the box tests need (see
+/// [`crate::geom::CanonicalRay`], whose `near` and `far` are `shift ∓ slack * |inverse|`), then the ray.
 #[derive(Clone, Copy, Default)]
-#[repr(C, align(32))]
+#[repr(C, align(64))]
 pub(super) struct Row {
     pub inverse: [f32; 3],
     pub shift: [f32; 3],
     pub slack: f32,
     /// Nearest hit so far, at first `t_max`; negative for a ray that is done.
     pub limit: f32,
+    pub ray: Ray,
 }
+
+/// Bytes of a row, in which ids count.
+pub(super) const ROW_BYTES: usize = 64;
+
+const _: () = assert!(size_of::<Row>() == ROW_BYTES);
 
 /// A list of rays that are to visit a child.
 #[derive(Clone, Copy)]
@@ -89,8 +98,7 @@ pub(super) struct Job<'a> {
     pub blocks: &'a [Block],
     pub filter: Option<&'a dyn Filter>,
     pub scene_max_abs: f32,
-    /// The rays, as many as `rows` (invariant 1).
-    pub rays: *const Ray,
+    /// A row for each ray (invariant 1).
     pub rows: *mut Row,
     pub answers: Answers,
 }
@@ -133,7 +141,6 @@ pub(super) fn trace<W: Lanes, E: Lanes, const ANY: bool>(
             blocks: wide.blocks(),
             filter,
             scene_max_abs: bvh.scene_max_abs(),
-            rays: rays.as_ptr(),
             rows: rows.as_mut_ptr(),
             // SAFETY: there are as many answers as rays.
             answers: unsafe {
@@ -208,7 +215,11 @@ impl<W: Lanes, E: Lanes, const ANY: bool> Visit for Loose<'_, W, E, ANY> {
     fn visit(&self, octant: usize, stack: &mut OctantStack, at: Entry) {
         let Self { w, e, job } = *self;
         if !at.child.is_block() {
-            return inner(w, job, octant, stack, at);
+            return if at.len as usize <= FEW {
+                inner_few(w, e, job, octant, stack, at)
+            } else {
+                inner(w, job, octant, stack, at)
+            };
         }
         // SAFETY: invariant 4, and 2 for the list.
         unsafe {
@@ -248,13 +259,60 @@ fn inner<W: Lanes>(w: W, job: &Job<'_>, octant: usize, stack: &mut OctantStack, 
             }
             at += W::LANES;
         }
-        let padding = w.splat_id(*list);
-        for end in ends {
-            for part in 0..PADDING / W::LANES {
-                w.store_ids(end.add(part * W::LANES), padding);
-            }
+        push(w, job, node, octant, stack, base, stride, &ends);
+    }
+}
+
+/// The same for a list of few rays, one after the other with all boxes in lanes.
+#[inline(always)]
+fn inner_few<W: Lanes, E: Lanes>(
+    w: W,
+    e: E,
+    job: &Job<'_>,
+    octant: usize,
+    stack: &mut OctantStack,
+    at: Entry,
+) {
+    const STRIDE: usize = FEW + PADDING;
+    let len = at.len as usize;
+    let mut base = at.start as usize + STRIDE;
+    stack.reserve(base + WIDTH * STRIDE + PADDING);
+    // SAFETY: as in `inner`.
+    unsafe {
+        let node = job.nodes.get_unchecked(at.child.index());
+        let ids = stack.ids.as_mut_ptr();
+        let list = ids.add(at.start as usize);
+        let faces = Faces::of(node, octant);
+        let (mut entered, mut any) = ([0; FEW], 0);
+        for (i, entered) in entered.iter_mut().enumerate().take(len) {
+            let row = &*job.rows.byte_add(*list.add(i) as usize).cast_const();
+            let Row { inverse, shift, slack, limit, .. } = *row;
+            let slabs = Slabs::new(e, splat(e, inverse), splat(e, shift), e.splat(slack));
+            *entered = slabs.enters_any(e, &faces, e.splat(limit));
+            any |= *entered;
         }
-        push(job, node, octant, stack, base, stride, &ends);
+        let padding = w.splat_id(*list);
+        let entries = stack.entries.as_mut_ptr();
+        let mut top = stack.entries.len();
+        let mut left = by_order(any, octant);
+        while left != 0 {
+            let order = left.ilog2();
+            left &= !(1 << order);
+            let slot = order as usize ^ octant;
+            let begin = ids.add(base);
+            pad(w, begin, padding);
+            let mut end = 0;
+            for (i, entered) in entered.iter().enumerate().take(len) {
+                *begin.add(end) = *list.add(i);
+                end += (entered >> slot & 1) as usize;
+            }
+            let child = node.children[slot];
+            entries.add(top).write(Entry { child, start: base as u32, len: end as u32 });
+            top += 1;
+            fetch(job, child);
+            base += STRIDE;
+        }
+        stack.entries.set_len(top);
     }
 }
 
@@ -264,13 +322,58 @@ pub(super) fn begin_of(base: usize, stride: usize, octant: usize, slot: usize) -
     base + (WIDTH - 1 - (slot ^ octant)) * stride
 }
 
-/// Pushes an entry for each child of a node whose list has something in it, and asks for its memory.
-/// Without branches, for which children are entered is hard to foresee.
+/// A mask of slots as a mask of places in the order of an octant: bit `i` goes to bit `i ^ octant`.
+#[inline(always)]
+fn by_order(mut slots: u32, octant: usize) -> u32 {
+    if octant & 1 != 0 {
+        slots = (slots & 0x55) << 1 | slots >> 1 & 0x55;
+    }
+    if octant & 2 != 0 {
+        slots = (slots & 0x33) << 2 | slots >> 2 & 0x33;
+    }
+    if octant & 4 != 0 {
+        slots = (slots & 0x0f) << 4 | slots >> 4 & 0x0f;
+    }
+    slots
+}
+
+/// Writes padding.
+///
+/// # Safety
+/// `to` is good for writing `PADDING` ids.
+#[inline(always)]
+unsafe fn pad<W: Lanes>(w: W, to: *mut u32, padding: W::I) {
+    for part in 0..PADDING / W::LANES {
+        // SAFETY: as the caller vouches.
+        unsafe { w.store_ids(to.add(part * W::LANES), padding) };
+    }
+}
+
+/// Asks for the memory of a child.
+#[inline(always)]
+fn fetch(job: &Job<'_>, child: Child) {
+    if child.is_block() {
+        let block = job.blocks.as_ptr().wrapping_add(child.index()).cast::<u8>();
+        for line in 0..5 {
+            prefetch(block.wrapping_add(64 * line));
+        }
+    } else {
+        let node = job.nodes.as_ptr().wrapping_add(child.index()).cast::<u8>();
+        for line in 0..4 {
+            prefetch(node.wrapping_add(64 * line));
+        }
+    }
+}
+
+/// Pushes an entry for each child of a node whose list has something in it, pads the list and asks for
+/// the child's memory.
 ///
 /// # Safety
 /// The lists start where [`begin_of`] says and end at `ends`; invariant 3 holds for the entries.
+#[allow(clippy::too_many_arguments)]
 #[inline(always)]
-pub(super) unsafe fn push(
+pub(super) unsafe fn push<W: Lanes>(
+    w: W,
     job: &Job<'_>,
     node: &WideNode,
     octant: usize,
@@ -280,27 +383,27 @@ pub(super) unsafe fn push(
     ends: &[*mut u32; WIDTH],
 ) {
     let ids = stack.ids.as_mut_ptr();
+    let mut filled = 0;
+    for (slot, &end) in ends.iter().enumerate() {
+        let start = ids.wrapping_add(begin_of(base, stride, octant, slot));
+        filled |= u32::from(end != start) << (slot ^ octant);
+    }
     let entries = stack.entries.as_mut_ptr();
     let mut top = stack.entries.len();
-    for order in (0..WIDTH).rev() {
-        let slot = order ^ octant;
+    while filled != 0 {
+        let order = filled.ilog2();
+        filled &= !(1 << order);
+        let slot = order as usize ^ octant;
         let (child, start) = (node.children[slot], begin_of(base, stride, octant, slot));
         // SAFETY: as the caller vouches.
-        let len = unsafe {
-            let len = ends[slot].offset_from_unsigned(ids.add(start));
+        unsafe {
+            let begin = ids.add(start);
+            let len = ends[slot].offset_from_unsigned(begin);
+            pad(w, ends[slot], w.splat_id(*begin));
             entries.add(top).write(Entry { child, start: start as u32, len: len as u32 });
-            len
-        };
-        top += usize::from(len > 0);
-        let target = if child.is_block() {
-            job.blocks.as_ptr().wrapping_add(child.index()).cast::<u8>()
-        } else {
-            job.nodes.as_ptr().wrapping_add(child.index()).cast::<u8>()
-        };
-        let target = if len > 0 { target } else { std::ptr::from_ref(node).cast() };
-        for line in 0..4 {
-            prefetch(target.wrapping_add(64 * line));
         }
+        top += 1;
+        fetch(job, child);
     }
     // SAFETY: the entries up to `top` were written.
     unsafe { stack.entries.set_len(top) };

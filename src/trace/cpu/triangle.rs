@@ -3,7 +3,7 @@
 //! Functions, not closures, throughout: only `inline(always)` makes sure that all of it ends up where
 //! the instructions are enabled.
 
-use super::lanes::{Lanes, each, zip};
+use super::lanes::{Lanes, each, load_one, zip};
 use crate::bvh::{WIDTH, WideNode};
 
 /// A vector of three in lanes.
@@ -68,6 +68,23 @@ impl<L: Lanes> Slabs<L> {
         let z = l.fma(l.splat(faces.far[2][slot]), inverse[2], far[2]);
         let leave = l.min(l.min(x, y), l.min(z, limit));
         l.le(among, enter, leave)
+    }
+}
+
+impl<E: Lanes> Slabs<E> {
+    /// The slots whose box a ray, the same in all lanes, enters.
+    #[inline(always)]
+    pub fn enters_any(&self, e: E, faces: &Faces<'_>, limit: E::F) -> u32 {
+        let Self { inverse, near, far } = *self;
+        let x = e.fma(load_one(e, faces.near[0]), inverse[0], near[0]);
+        let y = e.fma(load_one(e, faces.near[1]), inverse[1], near[1]);
+        let z = e.fma(load_one(e, faces.near[2]), inverse[2], near[2]);
+        let enter = e.max(e.max(x, y), e.max(z, e.splat(0.0)));
+        let x = e.fma(load_one(e, faces.far[0]), inverse[0], far[0]);
+        let y = e.fma(load_one(e, faces.far[1]), inverse[1], far[1]);
+        let z = e.fma(load_one(e, faces.far[2]), inverse[2], far[2]);
+        let leave = e.min(e.min(x, y), e.min(z, limit));
+        e.le(0xff, enter, leave)
     }
 }
 
@@ -146,6 +163,11 @@ impl<L: Lanes> Passing<L> {
             v: dot(l, edges[1], direction),
             w: dot(l, edges[2], direction),
         }
+    }
+
+    #[inline(always)]
+    pub fn of(l: L, origin: &Vector<L>, direction: Vector<L>, triangle: &[Vector<L>; 3]) -> Self {
+        Self::new(l, &edges(l, origin, triangle).0, direction)
     }
 
     /// The lanes in which it passes through the inside or an edge.

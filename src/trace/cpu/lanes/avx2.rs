@@ -223,9 +223,9 @@ impl Lanes for Avx2 {
         }
     }
     #[inline(always)]
-    unsafe fn put_rows(self, to: *mut f32, columns: [__m256; 8]) {
+    unsafe fn put_rows(self, to: *mut f32, stride: usize, columns: [__m256; 8]) {
         for (i, row) in transpose(self, columns).into_iter().enumerate() {
-            unsafe { _mm256_storeu_ps(to.add(8 * i), row) };
+            unsafe { _mm256_storeu_ps(to.add(stride * i), row) };
         }
     }
 }

@@ -209,7 +209,7 @@ impl Lanes for Avx512 {
         }
     }
     #[inline(always)]
-    unsafe fn put_rows(self, to: *mut f32, columns: [__m512; 8]) {
+    unsafe fn put_rows(self, to: *mut f32, stride: usize, columns: [__m512; 8]) {
         unsafe {
             let [a, b, c, d, e, f, g, h] = columns;
             // Part `k` of `left[i]` and `right[i]` is the halves of row `4 * k + i`.
@@ -217,10 +217,10 @@ impl Lanes for Avx512 {
             let right = transpose_parts(self, [e, f, g, h]);
             for i in 0..4 {
                 let (l, r) = (left[i], right[i]);
-                put_halves::<0>(self, to.add(8 * i), l, r);
-                put_halves::<1>(self, to.add(8 * (4 + i)), l, r);
-                put_halves::<2>(self, to.add(8 * (8 + i)), l, r);
-                put_halves::<3>(self, to.add(8 * (12 + i)), l, r);
+                put_halves::<0>(self, to.add(stride * i), l, r);
+                put_halves::<1>(self, to.add(stride * (4 + i)), l, r);
+                put_halves::<2>(self, to.add(stride * (8 + i)), l, r);
+                put_halves::<3>(self, to.add(stride * (12 + i)), l, r);
             }
         }
     }

@@ -101,12 +101,12 @@ pub(super) trait Lanes: Copy {
     /// `ids` is good for reading `LANES` ids, each of which leads to a readable row.
     #[allow(unsafe_code)]
     unsafe fn rows(self, base: *const f32, ids: *const u32) -> [Self::F; 8];
-    /// Writes `LANES` rows of eight numbers one after the other from eight columns.
+    /// Writes `LANES` rows of eight numbers, each `stride` numbers after the last, from eight columns.
     ///
     /// # Safety
-    /// `to` is good for writing `8 * LANES` numbers.
+    /// `to` is good for writing `stride * LANES` numbers.
     #[allow(unsafe_code)]
-    unsafe fn put_rows(self, to: *mut f32, columns: [Self::F; 8]);
+    unsafe fn put_rows(self, to: *mut f32, stride: usize, columns: [Self::F; 8]);
 }
 
 /// `f` of each of three. Unlike `map` of arrays it is sure to be inlined, and `f` with it.
@@ -136,11 +136,17 @@ pub(super) fn splat_row<L: Lanes>(l: L, columns: &[[f32; 8]; 3], row: usize) -> 
 /// Three columns of eight, row by row in eight lanes.
 #[inline(always)]
 pub(super) fn load<L: Lanes>(l: L, columns: &[[f32; 8]; 3]) -> [L::F; 3] {
+    [load_one(l, &columns[0]), load_one(l, &columns[1]), load_one(l, &columns[2])]
+}
+
+/// A column of eight.
+#[inline(always)]
+pub(super) fn load_one<L: Lanes>(l: L, column: &[f32; 8]) -> L::F {
     const { assert!(L::LANES == 8) };
     #[allow(unsafe_code)]
-    // SAFETY: each column has eight numbers, as many as there are lanes.
+    // SAFETY: there are eight numbers, as many as lanes.
     unsafe {
-        [l.load(columns[0].as_ptr()), l.load(columns[1].as_ptr()), l.load(columns[2].as_ptr())]
+        l.load(column.as_ptr())
     }
 }
 
@@ -241,11 +247,11 @@ mod tests {
                     );
                 }
             }
-            let mut back = vec![0.0f32; 8 * L::LANES];
-            l.put_rows(back.as_mut_ptr(), columns);
+            let mut back = vec![0.0f32; 12 * L::LANES];
+            l.put_rows(back.as_mut_ptr(), 12, columns);
             for lane in 0..L::LANES {
                 let from = ids[lane] as usize / 4;
-                assert_eq!(back[8 * lane..8 * lane + 8], rows[from..from + 8]);
+                assert_eq!(back[12 * lane..12 * lane + 8], rows[from..from + 8]);
             }
             for mask in (0..1u32 << L::LANES).step_by(if L::LANES == 8 { 1 } else { 37 }) {
                 let mut out = [7u32; 16];

@@ -139,10 +139,10 @@ impl Lanes for Portable {
         from_fn(|column| rows.map(|row| row[column]))
     }
     #[inline(always)]
-    unsafe fn put_rows(self, to: *mut f32, columns: [Self::F; 8]) {
+    unsafe fn put_rows(self, to: *mut f32, stride: usize, columns: [Self::F; 8]) {
         for i in 0..N {
             // SAFETY: invariant 1.
-            unsafe { to.add(8 * i).cast::<[f32; 8]>().write_unaligned(columns.map(|column| column[i])) };
+            unsafe { to.add(stride * i).cast::<[f32; 8]>().write_unaligned(columns.map(|column| column[i])) };
         }
     }
 }
