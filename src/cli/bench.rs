@@ -68,16 +68,16 @@ fn name(kind: Kind) -> String {
 
 fn print(report: &Report, workload: &Workload) {
     println!(
-        "{:<16} {:<22} {:>7} {:>9} {:>9} {:>9}  ratio to",
+        "{:<16} {:<30} {:>7} {:>9} {:>9} {:>9}  ratio to",
         "rays", "unit", "threads", "Mray/s", "best", "worst"
     );
     for row in &report.rows {
         let ratios: Vec<String> = row.ratio.iter().map(|(peer, r)| format!("{peer} {r:.2}")).collect();
         let speed = row.mray_per_s;
         println!(
-            "{:<16} {:<22} {:>7} {:>9.2} {:>9.2} {:>9.2}  {}",
+            "{:<16} {:<30} {:>7} {:>9.2} {:>9.2} {:>9.2}  {}",
             name(row.kind),
-            row.unit,
+            row.simd.map_or(row.unit.clone(), |simd| format!("{} {simd}", row.unit)),
             row.threads,
             speed.median,
             speed.best,
