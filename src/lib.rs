@@ -28,3 +28,8 @@ pub mod film;
 pub mod bench;
 
 pub mod cli;
+
+/// The README's example, compiled and run.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;
