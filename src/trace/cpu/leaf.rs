@@ -57,7 +57,7 @@ unsafe fn rays_in_lanes<L: Lanes, const ANY: bool>(
         at += L::LANES;
         // SAFETY: invariant 1.
         let (rays, row) =
-            unsafe { (l.rows(job.rows.cast::<f32>().add(8), ids), l.rows(job.rows.cast(), ids)) };
+            unsafe { (l.rows(job.rays.cast(), ids), l.rows(job.rows.cast(), ids)) };
         let [ox, oy, oz, t_min, dx, dy, dz, _] = rays;
         let [ix, iy, iz, sx, sy, sz, slack, limit] = row;
         let slabs = Slabs::new(l, [ix, iy, iz], [sx, sy, sz], slack);
@@ -117,22 +117,24 @@ unsafe fn triangles_in_lanes<L: Lanes, const ANY: bool>(
     let (mut passing, mut some) = ([0; MANY], 0);
     for i in 0..len {
         // SAFETY: invariants 1 and 2.
-        let (id, row) = unsafe {
+        let (id, ray) = unsafe {
             let id = *list.add(i);
-            (id, &*job.rows.byte_add(id as usize).cast_const())
+            (id, &*job.rays.byte_add(id as usize))
         };
-        let (origin, direction) = (splat(l, row.ray.origin), splat(l, row.ray.direction));
+        let (origin, direction) = (splat(l, ray.origin), splat(l, ray.direction));
         let inside = Passing::of(l, &origin, direction, &triangle).inside(l, among);
         passing[some & (MANY - 1)] = id;
         some += usize::from(inside != 0);
     }
     for &id in &passing[..some] {
         // SAFETY: invariant 1.
-        let row = unsafe { &*job.rows.byte_add(id as usize).cast_const() };
+        let (row, ray) = unsafe {
+            (&*job.rows.byte_add(id as usize).cast_const(), &*job.rays.byte_add(id as usize))
+        };
         if ANY && row.limit < 0.0 {
             continue;
         }
-        let Row { inverse, shift, slack, limit, ray } = *row;
+        let Row { inverse, shift, slack, limit } = *row;
         let slabs = Slabs::new(l, splat(l, inverse), splat(l, shift), l.splat(slack));
         let (t_min, limit) = (l.splat(ray.t_min.max(0.0)), l.splat(limit));
         let range = Range { slabs: &slabs, octant, t_min, limit };
@@ -181,7 +183,8 @@ impl Job<'_> {
             Answers::Hits(hits) if !ANY => {
                 // SAFETY: invariant 1.
                 let hit = unsafe { &mut *hits.add(index) };
-                let nearer = t < hit.t || t == hit.t && primitive < hit.primitive;
+                // The row says how near the hit is: only a tie must read it.
+                let nearer = t < row.limit || t == row.limit && primitive < hit.primitive;
                 if !nearer || refused() {
                     return false;
                 }

@@ -143,8 +143,8 @@ pub(super) fn common_origin(job: &Job<'_>, rows: &Rows, stacks: &[OctantStack; 8
     }
     let first = stacks[octant].ids[0] as usize / ROW_BYTES;
     // SAFETY: ids are of rays of the sub-stream.
-    let row = unsafe { &*job.rows.add(first).cast_const() };
-    Some(Origin { point: row.ray.origin, slack: row.slack })
+    let (ray, row) = unsafe { (&*job.rays.add(first), &*job.rows.add(first).cast_const()) };
+    Some(Origin { point: ray.origin, slack: row.slack })
 }
 
 /// Makes packets of the lists at the bottom of the arenas and puts lists of packets in their place.
@@ -168,7 +168,7 @@ pub(super) fn form<W: Lanes>(
                 // SAFETY: ids are of rays of the sub-stream.
                 let (ray, row) = unsafe {
                     let ids = packet.ids.as_ptr().add(at);
-                    (w.rows(job.rows.cast::<f32>().add(8), ids), w.rows(job.rows.cast(), ids))
+                    (w.rows(job.rays.cast(), ids), w.rows(job.rows.cast(), ids))
                 };
                 for axis in 0..3 {
                     packet.inverse[axis].set(w, at, row[axis]);

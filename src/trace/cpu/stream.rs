@@ -7,8 +7,8 @@
 //! octants take turns, which gives each prefetch the time of several visits to arrive.
 //!
 //! Unsafe code, because lists, rows and nodes are reached without bounds checks. Invariants:
-//! 1. Ids are byte offsets of rows: `ROW_BYTES * i` for ray `i` of the sub-stream. Every id in a list,
-//!    padding included, is of a ray of the sub-stream, so `rows` and the answers hold it.
+//! 1. Ids are byte offsets of rows and rays: `ROW_BYTES * i` for ray `i` of the sub-stream. Every id in
+//!    a list, padding included, is of a ray of the sub-stream, so rows, rays and answers hold it.
 //! 2. A list in an arena is followed by padding at least up to the next multiple of `PADDING` ids.
 //! 3. Before a visit to a list of `len` the arena has room for eight lists of `len + PADDING` beyond
 //!    it, and the stack of entries for eight more.
@@ -32,23 +32,23 @@ const SUB_STREAM: usize = 32 * 1024;
 /// Lists up to this long meet the boxes of a node one ray and eight boxes at a time.
 const FEW: usize = 4;
 
-/// A ray as traversal wants it, in one cache line: what the box tests need (see
-/// [`crate::geom::CanonicalRay`], whose `near` and `far` are `shift ∓ slack * |inverse|`), then the ray.
+/// What the box tests need of a ray (see [`crate::geom::CanonicalRay`], whose `near` and `far` are
+/// `shift ∓ slack * |inverse|`). As small as the ray itself, which stays where the caller has it: most
+/// visits are to inner nodes, and a cache line then serves two neighbours.
 #[derive(Clone, Copy, Default)]
-#[repr(C, align(64))]
+#[repr(C, align(32))]
 pub(super) struct Row {
     pub inverse: [f32; 3],
     pub shift: [f32; 3],
     pub slack: f32,
     /// Nearest hit so far, at first `t_max`; negative for a ray that is done.
     pub limit: f32,
-    pub ray: Ray,
 }
 
-/// Bytes of a row, in which ids count.
-pub(super) const ROW_BYTES: usize = 64;
+/// Bytes of a row and of a ray, in which ids count.
+pub(super) const ROW_BYTES: usize = 32;
 
-const _: () = assert!(size_of::<Row>() == ROW_BYTES);
+const _: () = assert!(size_of::<Row>() == ROW_BYTES && size_of::<Ray>() == ROW_BYTES);
 
 /// A list of rays that are to visit a child.
 #[derive(Clone, Copy)]
@@ -100,6 +100,8 @@ pub(super) struct Job<'a> {
     pub scene_max_abs: f32,
     /// A row for each ray (invariant 1).
     pub rows: *mut Row,
+    /// The rays themselves (invariant 1).
+    pub rays: *const Ray,
     pub answers: Answers,
 }
 
@@ -142,6 +144,7 @@ pub(super) fn trace<W: Lanes, E: Lanes, const ANY: bool>(
             filter,
             scene_max_abs: bvh.scene_max_abs(),
             rows: rows.as_mut_ptr(),
+            rays: rays.as_ptr(),
             // SAFETY: there are as many answers as rays.
             answers: unsafe {
                 match answers {
