@@ -4,43 +4,17 @@
 #![allow(unsafe_code)]
 
 use super::lanes::{Lanes, load, spill, splat, splat_row};
-use super::stream::{Answers, Job, ROW_BYTES, Row, lanes_of};
-use super::triangle::{Passing, Range, Slabs, test};
-use crate::bvh::{Block, MASKED};
-use crate::stream::Hit;
+use super::stream::{Answers, BATCH, Job, ROW_BYTES, Row, lanes_of};
+use super::triangle::{Passing, Range, Slabs, Vector, test};
+use crate::bvh::{Block, Child, MASKED};
+use crate::stream::{Hit, Ray};
 
-/// Lists longer than this are tested many rays to a register, shorter ones eight triangles.
-const MANY: usize = 8;
-
-/// Tests all rays of a list with the first `count` triangles of a block.
+/// Tests all rays of a list with the first `count` triangles of a block, many rays to a register.
 ///
 /// # Safety
 /// `list` is a list of `len` ids (invariants 1 and 2), and all its rays are of the octant.
-#[allow(clippy::too_many_arguments)]
 #[inline(always)]
-pub(super) unsafe fn visit<W: Lanes, E: Lanes, const ANY: bool>(
-    w: W,
-    e: E,
-    job: &Job<'_>,
-    block: &Block,
-    count: usize,
-    octant: usize,
-    list: *const u32,
-    len: usize,
-) {
-    // SAFETY: as the caller vouches.
-    unsafe {
-        if len > MANY {
-            rays_in_lanes::<W, ANY>(w, job, block, count, octant, list, len);
-        } else {
-            triangles_in_lanes::<E, ANY>(e, job, block, count, octant, list, len);
-        }
-    }
-}
-
-/// Many rays and one triangle at a time.
-#[inline(always)]
-unsafe fn rays_in_lanes<L: Lanes, const ANY: bool>(
+pub(super) unsafe fn many<L: Lanes, const ANY: bool>(
     l: L,
     job: &Job<'_>,
     block: &Block,
@@ -100,36 +74,35 @@ unsafe fn rays_in_lanes<L: Lanes, const ANY: bool>(
     }
 }
 
-/// One ray at a time and eight triangles.
+/// Tests the pairs of a batch, each a ray with the triangles of its block in lanes.
+///
+/// # Safety
+/// `ids` is a batch of `len` pairs (invariant 1 for the ids, 4 for the blocks), and all its rays are of
+/// the octant.
 #[inline(always)]
-unsafe fn triangles_in_lanes<L: Lanes, const ANY: bool>(
+pub(super) unsafe fn few<L: Lanes, const ANY: bool>(
     l: L,
     job: &Job<'_>,
-    block: &Block,
-    count: usize,
     octant: usize,
-    list: *const u32,
+    ids: *const u32,
     len: usize,
 ) {
-    let among = lanes_of::<L>(count);
-    let triangle = [load(l, &block.vertices[0]), load(l, &block.vertices[1]), load(l, &block.vertices[2])];
-    // First which rays pass any triangle, without a branch on the way, then the rest for those.
-    let (mut passing, mut some) = ([0; MANY], 0);
+    // First which pairs may meet, without a branch on the way, so that many are in the works at once;
+    // then the rest for those.
+    let (mut passing, mut some) = ([0u8; BATCH], 0);
     for i in 0..len {
-        // SAFETY: invariants 1 and 2.
-        let (id, ray) = unsafe {
-            let id = *list.add(i);
-            (id, &*job.rays.byte_add(id as usize))
-        };
-        let (origin, direction) = (splat(l, ray.origin), splat(l, ray.direction));
-        let inside = Passing::of(l, &origin, direction, &triangle).inside(l, among);
-        passing[some & (MANY - 1)] = id;
+        // SAFETY: as the caller vouches.
+        let (ray, block, among) = unsafe { pair::<L>(job, ids, i) };
+        let triangle = triangles(l, block);
+        let inside = Passing::of(l, &splat(l, ray.origin), splat(l, ray.direction), &triangle).inside(l, among);
+        passing[some % BATCH] = i as u8;
         some += usize::from(inside != 0);
     }
-    for &id in &passing[..some] {
-        // SAFETY: invariant 1.
-        let (row, ray) = unsafe {
-            (&*job.rows.byte_add(id as usize).cast_const(), &*job.rays.byte_add(id as usize))
+    for &i in &passing[..some] {
+        // SAFETY: as the caller vouches; invariant 1.
+        let ((ray, block, among), id, row) = unsafe {
+            let id = *ids.add(i as usize);
+            (pair::<L>(job, ids, i as usize), id, &*job.rows.byte_add(id as usize).cast_const())
         };
         if ANY && row.limit < 0.0 {
             continue;
@@ -139,7 +112,7 @@ unsafe fn triangles_in_lanes<L: Lanes, const ANY: bool>(
         let (t_min, limit) = (l.splat(ray.t_min.max(0.0)), l.splat(limit));
         let range = Range { slabs: &slabs, octant, t_min, limit };
         let (origin, direction) = (splat(l, ray.origin), splat(l, ray.direction));
-        let Some(hits) = test(l, among, &origin, direction, &triangle, &range) else { continue };
+        let Some(hits) = test(l, among, &origin, direction, &triangles(l, block), &range) else { continue };
         if hits.mask == 0 {
             continue;
         }
@@ -155,6 +128,26 @@ unsafe fn triangles_in_lanes<L: Lanes, const ANY: bool>(
             }
         }
     }
+}
+
+/// The ray, the block and the lanes with triangles of pair `i`.
+///
+/// # Safety
+/// As for [`few`], and `i` is less than `len`.
+#[inline(always)]
+unsafe fn pair<'a, L: Lanes>(job: &Job<'a>, ids: *const u32, i: usize) -> (&'a Ray, &'a Block, u32) {
+    // SAFETY: as the caller vouches.
+    unsafe {
+        let child: Child = bytemuck::cast(*ids.add(BATCH + i));
+        let ray = &*job.rays.byte_add(*ids.add(i) as usize);
+        (ray, job.blocks.get_unchecked(child.index()), lanes_of::<L>(child.triangles()))
+    }
+}
+
+/// All triangles of a block in lanes.
+#[inline(always)]
+fn triangles<L: Lanes>(l: L, block: &Block) -> [Vector<L>; 3] {
+    [load(l, &block.vertices[0]), load(l, &block.vertices[1]), load(l, &block.vertices[2])]
 }
 
 impl Job<'_> {

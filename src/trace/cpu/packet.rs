@@ -301,7 +301,7 @@ impl<W: Lanes, E: Lanes, const ANY: bool> Packets<'_, W, E, ANY> {
                     }
                 }
             }
-            push(w, job, node, octant, stack, base, stride, &ends);
+            push::<W, 0>(w, job, node, octant, stack, base, stride, &ends);
         }
     }
 

@@ -10,8 +10,8 @@
 //! 1. Ids are byte offsets of rows and rays: `ROW_BYTES * i` for ray `i` of the sub-stream. Every id in
 //!    a list, padding included, is of a ray of the sub-stream, so rows, rays and answers hold it.
 //! 2. A list in an arena is followed by padding at least up to the next multiple of `PADDING` ids.
-//! 3. Before a visit to a list of `len` the arena has room for eight lists of `len + PADDING` beyond
-//!    it, and the stack of entries for eight more.
+//! 3. Before a visit to a list of `len` the arena has room for eight lists of `len + PADDING` and a
+//!    batch beyond it, and the stack of entries for nine more.
 //! 4. Children of nodes are in range: `Bvh::build` made them, and slots of `Child::NONE` have inverted
 //!    boxes, so that their lists stay empty.
 #![allow(unsafe_code)]
@@ -32,6 +32,15 @@ const SUB_STREAM: usize = 32 * 1024;
 /// Lists up to this long meet the boxes of a node one ray and eight boxes at a time.
 const FEW: usize = 4;
 
+/// Lists up to this long do not visit a block by themselves: those for all blocks of a node make a
+/// batch of pairs, which costs one visit and lets the processor work on several pairs at once.
+const SHORT: usize = 8;
+
+/// Ids a batch takes, and as many children behind them.
+pub(super) const BATCH: usize = WIDTH * SHORT + PADDING;
+
+const _: () = assert!(FEW <= SHORT && SHORT <= PADDING);
+
 /// What the box tests need of a ray (see [`crate::geom::CanonicalRay`], whose `near` and `far` are
 /// `shift ∓ slack * |inverse|`). As small as the ray itself, which stays where the caller has it: most
 /// visits are to inner nodes, and a cache line then serves two neighbours.
@@ -50,7 +59,8 @@ pub(super) const ROW_BYTES: usize = 32;
 
 const _: () = assert!(size_of::<Row>() == ROW_BYTES && size_of::<Ray>() == ROW_BYTES);
 
-/// A list of rays that are to visit a child.
+/// A list of rays that are to visit a child; or, with [`Child::NONE`], a batch: `len` ids, and `BATCH`
+/// further on the block that each is to visit.
 #[derive(Clone, Copy)]
 pub(super) struct Entry {
     pub child: Child,
@@ -129,8 +139,8 @@ pub(super) fn trace<W: Lanes, E: Lanes, const ANY: bool>(
     const { assert!(W::LANES <= PADDING && E::LANES == WIDTH) };
     let wide = bvh.wide();
     let Scratch { rows, packets, stacks } = scratch;
-    // A visit takes one entry and leaves at most eight.
-    let entries = (WIDTH - 1) * wide.depth() + WIDTH + 1;
+    // A visit takes one entry, leaves at most eight and may write one more.
+    let entries = (WIDTH - 1) * wide.depth() + WIDTH + 2;
     for stack in stacks.iter_mut() {
         stack.entries.clear();
         stack.entries.reserve(entries);
@@ -226,9 +236,13 @@ impl<W: Lanes, E: Lanes, const ANY: bool> Visit for Loose<'_, W, E, ANY> {
         }
         // SAFETY: invariant 4, and 2 for the list.
         unsafe {
-            let block = job.blocks.get_unchecked(at.child.index());
             let list = stack.ids.as_ptr().add(at.start as usize);
-            leaf::visit::<W, E, ANY>(w, e, job, block, at.child.triangles(), octant, list, at.len as usize);
+            if at.child == Child::NONE {
+                leaf::few::<E, ANY>(e, job, octant, list, at.len as usize);
+            } else {
+                let block = job.blocks.get_unchecked(at.child.index());
+                leaf::many::<W, ANY>(w, job, block, at.child.triangles(), octant, list, at.len as usize);
+            }
         }
     }
 }
@@ -239,7 +253,7 @@ fn inner<W: Lanes>(w: W, job: &Job<'_>, octant: usize, stack: &mut OctantStack, 
     let len = entry.len as usize;
     let base = entry.start as usize + len + PADDING;
     let stride = len + PADDING;
-    stack.reserve(base + WIDTH * stride + PADDING);
+    stack.reserve(base + WIDTH * stride + 2 * BATCH);
     // SAFETY: invariant 4 for the node; 2 for reading the list; 3 for writing lists and entries;
     // 1 for the rows, since only ids of the list are written to lists.
     unsafe {
@@ -262,7 +276,7 @@ fn inner<W: Lanes>(w: W, job: &Job<'_>, octant: usize, stack: &mut OctantStack, 
             }
             at += W::LANES;
         }
-        push(w, job, node, octant, stack, base, stride, &ends);
+        push::<W, SHORT>(w, job, node, octant, stack, base, stride, &ends);
     }
 }
 
@@ -279,7 +293,8 @@ fn inner_few<W: Lanes, E: Lanes>(
     const STRIDE: usize = FEW + PADDING;
     let len = at.len as usize;
     let mut base = at.start as usize + STRIDE;
-    stack.reserve(base + WIDTH * STRIDE + PADDING);
+    let mut batch = Batch::at(base + WIDTH * STRIDE);
+    stack.reserve(base + WIDTH * STRIDE + 2 * BATCH);
     // SAFETY: as in `inner`.
     unsafe {
         let node = job.nodes.get_unchecked(at.child.index());
@@ -302,19 +317,22 @@ fn inner_few<W: Lanes, E: Lanes>(
             let order = left.ilog2();
             left &= !(1 << order);
             let slot = order as usize ^ octant;
-            let begin = ids.add(base);
+            let child = node.children[slot];
+            let whole = !child.is_block();
+            let begin = ids.add(if whole { base } else { batch.start + batch.len });
             pad(w, begin, padding);
             let mut end = 0;
             for (i, entered) in entered.iter().enumerate().take(len) {
                 *begin.add(end) = *list.add(i);
                 end += (entered >> slot & 1) as usize;
             }
-            let child = node.children[slot];
             entries.add(top).write(Entry { child, start: base as u32, len: end as u32 });
-            top += 1;
+            top += usize::from(whole);
+            base += if whole { STRIDE } else { 0 };
+            batch.name(w, ids, child, if whole { 0 } else { end });
             fetch(job, child);
-            base += STRIDE;
         }
+        top = batch.push(entries, top);
         stack.entries.set_len(top);
     }
 }
@@ -375,7 +393,7 @@ fn fetch(job: &Job<'_>, child: Child) {
 /// The lists start where [`begin_of`] says and end at `ends`; invariant 3 holds for the entries.
 #[allow(clippy::too_many_arguments)]
 #[inline(always)]
-pub(super) unsafe fn push<W: Lanes>(
+pub(super) unsafe fn push<W: Lanes, const SHORT: usize>(
     w: W,
     job: &Job<'_>,
     node: &WideNode,
@@ -393,6 +411,7 @@ pub(super) unsafe fn push<W: Lanes>(
     }
     let entries = stack.entries.as_mut_ptr();
     let mut top = stack.entries.len();
+    let mut batch = Batch::at(base + WIDTH * stride);
     while filled != 0 {
         let order = filled.ilog2();
         filled &= !(1 << order);
@@ -404,12 +423,74 @@ pub(super) unsafe fn push<W: Lanes>(
             let len = ends[slot].offset_from_unsigned(begin);
             pad(w, ends[slot], w.splat_id(*begin));
             entries.add(top).write(Entry { child, start: start as u32, len: len as u32 });
+            let whole = SHORT == 0 || !child.is_block() || len > SHORT;
+            top += usize::from(whole);
+            if SHORT > 0 {
+                batch.copy(w, ids, begin);
+                batch.name(w, ids, child, if whole { 0 } else { len });
+            }
         }
-        top += 1;
         fetch(job, child);
+    }
+    if SHORT > 0 {
+        // SAFETY: as the caller vouches.
+        top = unsafe { batch.push(entries, top) };
     }
     // SAFETY: the entries up to `top` were written.
     unsafe { stack.entries.set_len(top) };
+}
+
+/// A batch in the making.
+struct Batch {
+    start: usize,
+    len: usize,
+}
+
+impl Batch {
+    fn at(start: usize) -> Self {
+        Self { start, len: 0 }
+    }
+
+    /// Writes the first `SHORT` ids of a list behind the pairs.
+    ///
+    /// # Safety
+    /// Invariant 3 for the batch; `list` is a list.
+    #[inline(always)]
+    unsafe fn copy<W: Lanes>(&self, w: W, ids: *mut u32, list: *const u32) {
+        for part in 0..SHORT.div_ceil(W::LANES) {
+            // SAFETY: as the caller vouches.
+            unsafe {
+                let some = w.load_ids(list.add(part * W::LANES));
+                w.store_ids(ids.add(self.start + self.len + part * W::LANES), some);
+            }
+        }
+    }
+
+    /// Makes pairs of `len` ≤ `SHORT` ids behind the pairs and a child; no branch.
+    ///
+    /// # Safety
+    /// Invariant 3 for the batch.
+    #[inline(always)]
+    unsafe fn name<W: Lanes>(&mut self, w: W, ids: *mut u32, child: Child, len: usize) {
+        for part in 0..SHORT.div_ceil(W::LANES) {
+            let to = ids.wrapping_add(self.start + BATCH + self.len + part * W::LANES);
+            // SAFETY: as the caller vouches.
+            unsafe { w.store_ids(to, w.splat_id(bytemuck::cast(child))) };
+        }
+        self.len += len;
+    }
+
+    /// Pushes it, to be visited next, unless it is empty.
+    ///
+    /// # Safety
+    /// Invariant 3 for the entries.
+    #[inline(always)]
+    unsafe fn push(&self, entries: *mut Entry, top: usize) -> usize {
+        let entry = Entry { child: Child::NONE, start: self.start as u32, len: self.len as u32 };
+        // SAFETY: as the caller vouches.
+        unsafe { entries.add(top).write(entry) };
+        top + usize::from(self.len > 0)
+    }
 }
 
 /// The lanes that hold rays when `left` are left.
