@@ -5,7 +5,7 @@
 
 use super::lanes::{Lanes, load, spill, splat, splat_row};
 use super::stream::{Answers, BATCH, Job, ROW_BYTES, Row, lanes_of};
-use super::triangle::{Passing, Range, Slabs, Vector, test};
+use super::triangle::{Hits, Passing, Range, Slabs, Vector, test};
 use crate::bvh::{Block, Child, MASKED};
 use crate::stream::{Hit, Ray};
 
@@ -30,8 +30,7 @@ pub(super) unsafe fn many<L: Lanes, const ANY: bool>(
         let mut among = lanes_of::<L>(len - at);
         at += L::LANES;
         // SAFETY: invariant 1.
-        let (rays, row) =
-            unsafe { (l.rows(job.rays.cast(), ids), l.rows(job.rows.cast(), ids)) };
+        let (rays, row) = unsafe { (l.rows(job.rays.cast(), ids), l.rows(job.rows.cast(), ids)) };
         let [ox, oy, oz, t_min, dx, dy, dz, _] = rays;
         let [ix, iy, iz, sx, sy, sz, slack, limit] = row;
         let slabs = Slabs::new(l, [ix, iy, iz], [sx, sy, sz], slack);
@@ -39,6 +38,7 @@ pub(super) unsafe fn many<L: Lanes, const ANY: bool>(
         if ANY {
             among = l.le(among, l.splat(0.0), limit);
         }
+        let mut nearest = Nearest::none(l);
         for k in 0..count {
             let triangle = [
                 splat_row(l, &block.vertices[0], k),
@@ -51,27 +51,110 @@ pub(super) unsafe fn many<L: Lanes, const ANY: bool>(
             if hits.mask == 0 {
                 continue;
             }
-            let (ts, us, vs) = (spill(l, hits.t), spill(l, hits.u), spill(l, hits.v));
-            let mut accepted = 0;
-            let mut left = hits.mask;
-            while left != 0 {
-                let lane = left.trailing_zeros() as usize & 15;
-                left &= left - 1;
-                // SAFETY: invariant 1.
-                let taken =
-                    unsafe { job.offer::<ANY>(*ids.add(lane), block.ids[k], ts[lane], us[lane], vs[lane]) };
-                accepted |= u32::from(taken) << lane;
-            }
-            if ANY {
-                among &= !accepted;
-                if among == 0 {
-                    break;
-                }
+            let plain = block.ids[k] & MASKED == 0;
+            if ANY && plain {
+                nearest.changed |= hits.mask;
+                among &= !hits.mask;
+            } else if plain && l.eq(hits.mask, hits.t, range.limit) == 0 {
+                nearest.take(l, block.ids[k], &hits);
+                range.limit = l.select(hits.mask, hits.t, range.limit);
             } else {
-                range.limit = l.select(accepted, hits.t, range.limit);
+                // SAFETY: as the caller vouches.
+                let taken = unsafe { offer_each::<L, ANY>(l, job, ids, block.ids[k], &hits, &mut nearest) };
+                range.limit = l.select(taken, hits.t, range.limit);
+                among &= if ANY { !taken } else { !0 };
+            }
+            if ANY && among == 0 {
+                break;
+            }
+        }
+        // SAFETY: as the caller vouches.
+        unsafe { nearest.put::<ANY>(l, job, ids) };
+    }
+}
+
+/// The nearest hits of rays in lanes with a block, not yet put where answers go.
+struct Nearest<L: Lanes> {
+    /// Lanes that have one.
+    changed: u32,
+    t: L::F,
+    u: L::F,
+    v: L::F,
+    primitive: L::I,
+}
+
+impl<L: Lanes> Nearest<L> {
+    #[inline(always)]
+    fn none(l: L) -> Self {
+        let zero = l.splat(0.0);
+        Self { changed: 0, t: zero, u: zero, v: zero, primitive: l.splat_id(0) }
+    }
+
+    /// Takes hits that are nearer than all before.
+    #[inline(always)]
+    fn take(&mut self, l: L, primitive: u32, hits: &Hits<L>) {
+        self.changed |= hits.mask;
+        self.t = l.select(hits.mask, hits.t, self.t);
+        self.u = l.select(hits.mask, hits.u, self.u);
+        self.v = l.select(hits.mask, hits.v, self.v);
+        self.primitive = l.select_ids(hits.mask, l.splat_id(primitive), self.primitive);
+    }
+
+    /// Puts them to the answers of the rays of `ids`, and has none then.
+    ///
+    /// # Safety
+    /// Invariant 1 for `ids`, one for each lane.
+    #[inline(always)]
+    unsafe fn put<const ANY: bool>(&mut self, l: L, job: &Job<'_>, ids: *const u32) {
+        let mut left = std::mem::take(&mut self.changed);
+        if left == 0 {
+            return;
+        }
+        let (ts, us, vs) = (spill(l, self.t), spill(l, self.u), spill(l, self.v));
+        let mut primitives = [0; 16];
+        // SAFETY: sixteen are enough for any lanes.
+        unsafe { l.store_ids(primitives.as_mut_ptr(), self.primitive) };
+        while left != 0 {
+            let lane = left.trailing_zeros() as usize & 15;
+            left &= left - 1;
+            // SAFETY: as the caller vouches.
+            unsafe {
+                let id = *ids.add(lane);
+                job.put::<ANY>(
+                    id,
+                    Hit { t: ts[lane], u: us[lane], v: vs[lane], primitive: primitives[lane] },
+                );
             }
         }
     }
+}
+
+/// Offers hits one by one: those that need the filter's word, or that tie with the nearest so far. Says
+/// which were taken.
+///
+/// # Safety
+/// Invariant 1 for `ids`, one for each lane.
+#[inline(always)]
+unsafe fn offer_each<L: Lanes, const ANY: bool>(
+    l: L,
+    job: &Job<'_>,
+    ids: *const u32,
+    stored: u32,
+    hits: &Hits<L>,
+    nearest: &mut Nearest<L>,
+) -> u32 {
+    // SAFETY: as the caller vouches.
+    unsafe { nearest.put::<ANY>(l, job, ids) };
+    let (ts, us, vs) = (spill(l, hits.t), spill(l, hits.u), spill(l, hits.v));
+    let (mut taken, mut left) = (0, hits.mask);
+    while left != 0 {
+        let lane = left.trailing_zeros() as usize & 15;
+        left &= left - 1;
+        // SAFETY: as the caller vouches.
+        let accepted = unsafe { job.offer::<ANY>(*ids.add(lane), stored, ts[lane], us[lane], vs[lane]) };
+        taken |= u32::from(accepted) << lane;
+    }
+    taken
 }
 
 /// Tests the pairs of a batch, each a ray with the triangles of its block in lanes.
@@ -94,7 +177,8 @@ pub(super) unsafe fn few<L: Lanes, const ANY: bool>(
         // SAFETY: as the caller vouches.
         let (ray, block, among) = unsafe { pair::<L>(job, ids, i) };
         let triangle = triangles(l, block);
-        let inside = Passing::of(l, &splat(l, ray.origin), splat(l, ray.direction), &triangle).inside(l, among);
+        let inside =
+            Passing::of(l, &splat(l, ray.origin), splat(l, ray.direction), &triangle).inside(l, among);
         passing[some % BATCH] = i as u8;
         some += usize::from(inside != 0);
     }
@@ -162,30 +246,38 @@ impl Job<'_> {
         let refused =
             || stored & MASKED != 0 && self.filter.is_some_and(|filter| !filter.accepts(primitive, u, v));
         let index = id as usize / ROW_BYTES;
-        // SAFETY: invariant 1.
-        let row = unsafe { &mut *self.rows.add(index) };
-        match self.answers {
-            Answers::Occluded(occluded) if ANY => {
-                if refused() {
-                    return false;
-                }
-                row.limit = -1.0;
-                // SAFETY: invariant 1.
-                unsafe { *occluded.add(index) = 1 };
+        if let Answers::Hits(hits) = self.answers
+            && !ANY
+        {
+            // SAFETY: invariant 1.
+            let (row, hit) = unsafe { (&*self.rows.add(index).cast_const(), &*hits.add(index).cast_const()) };
+            // The row says how near the hit is: only a tie must read it.
+            if !(t < row.limit || t == row.limit && primitive < hit.primitive) {
+                return false;
             }
-            Answers::Hits(hits) if !ANY => {
-                // SAFETY: invariant 1.
-                let hit = unsafe { &mut *hits.add(index) };
-                // The row says how near the hit is: only a tie must read it.
-                let nearer = t < row.limit || t == row.limit && primitive < hit.primitive;
-                if !nearer || refused() {
-                    return false;
-                }
-                row.limit = t;
-                *hit = Hit { t, u, v, primitive };
-            }
-            _ => unreachable!("ANY says what the answers are"),
         }
+        if refused() {
+            return false;
+        }
+        // SAFETY: as the caller vouches.
+        unsafe { self.put::<ANY>(id, Hit { t, u, v, primitive }) };
         true
+    }
+
+    /// Makes a hit the answer of a ray so far.
+    ///
+    /// # Safety
+    /// Invariant 1 holds for `id`.
+    #[inline(always)]
+    unsafe fn put<const ANY: bool>(&self, id: u32, hit: Hit) {
+        let index = id as usize / ROW_BYTES;
+        // SAFETY: as the caller vouches.
+        unsafe {
+            (*self.rows.add(index)).limit = if ANY { -1.0 } else { hit.t };
+            match self.answers {
+                Answers::Occluded(occluded) => *occluded.add(index) = 1,
+                Answers::Hits(hits) => *hits.add(index) = hit,
+            }
+        }
     }
 }
