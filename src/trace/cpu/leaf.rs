@@ -3,8 +3,9 @@
 //! Unsafe code for rows and answers. The invariants are those of `stream`.
 #![allow(unsafe_code)]
 
+use super::alone::BLOCKS;
 use super::lanes::{Lanes, load, spill, splat, splat_row};
-use super::stream::{Answers, BATCH, Job, ROW_BYTES, Row, lanes_of};
+use super::stream::{Answers, Job, ROW_BYTES, Row, lanes_of};
 use super::triangle::{Hits, Passing, Range, Slabs, Vector, test};
 use crate::bvh::{Block, Child, MASKED};
 use crate::stream::{Hit, Ray};
@@ -157,36 +158,37 @@ unsafe fn offer_each<L: Lanes, const ANY: bool>(
     taken
 }
 
-/// Tests the pairs of a batch, each a ray with the triangles of its block in lanes.
+/// Tests pairs of rays and blocks, each a ray with all triangles of its block in lanes.
 ///
 /// # Safety
-/// `ids` is a batch of `len` pairs (invariant 1 for the ids, 4 for the blocks), and all its rays are of
-/// the octant.
+/// These are `len` ≤ [`BLOCKS`] pairs (invariant 1 for the ids, 4 for the blocks), and all rays are of the
+/// octant.
 #[inline(always)]
 pub(super) unsafe fn few<L: Lanes, const ANY: bool>(
     l: L,
     job: &Job<'_>,
     octant: usize,
     ids: *const u32,
+    children: *const u32,
     len: usize,
 ) {
     // First which pairs may meet, without a branch on the way, so that many are in the works at once;
     // then the rest for those.
-    let (mut passing, mut some) = ([0u8; BATCH], 0);
+    let (mut passing, mut some) = ([0; BLOCKS], 0);
     for i in 0..len {
         // SAFETY: as the caller vouches.
-        let (ray, block, among) = unsafe { pair::<L>(job, ids, i) };
+        let (ray, block, among) = unsafe { pair::<L>(job, ids, children, i) };
         let triangle = triangles(l, block);
         let inside =
             Passing::of(l, &splat(l, ray.origin), splat(l, ray.direction), &triangle).inside(l, among);
-        passing[some % BATCH] = i as u8;
+        passing[some] = i;
         some += usize::from(inside != 0);
     }
     for &i in &passing[..some] {
         // SAFETY: as the caller vouches; invariant 1.
         let ((ray, block, among), id, row) = unsafe {
-            let id = *ids.add(i as usize);
-            (pair::<L>(job, ids, i as usize), id, &*job.rows.byte_add(id as usize).cast_const())
+            let id = *ids.add(i);
+            (pair::<L>(job, ids, children, i), id, &*job.rows.byte_add(id as usize).cast_const())
         };
         if ANY && row.limit < 0.0 {
             continue;
@@ -219,10 +221,15 @@ pub(super) unsafe fn few<L: Lanes, const ANY: bool>(
 /// # Safety
 /// As for [`few`], and `i` is less than `len`.
 #[inline(always)]
-unsafe fn pair<'a, L: Lanes>(job: &Job<'a>, ids: *const u32, i: usize) -> (&'a Ray, &'a Block, u32) {
+unsafe fn pair<'a, L: Lanes>(
+    job: &Job<'a>,
+    ids: *const u32,
+    children: *const u32,
+    i: usize,
+) -> (&'a Ray, &'a Block, u32) {
     // SAFETY: as the caller vouches.
     unsafe {
-        let child: Child = bytemuck::cast(*ids.add(BATCH + i));
+        let child: Child = bytemuck::cast(*children.add(i));
         let ray = &*job.rays.byte_add(*ids.add(i) as usize);
         (ray, job.blocks.get_unchecked(child.index()), lanes_of::<L>(child.triangles()))
     }

@@ -1,6 +1,7 @@
 //! The CPU tracer: dynamic ray streams over the eight-wide tree, and the scalar reference that every
 //! other tracer must equal bit for bit.
 
+mod alone;
 mod lanes;
 mod leaf;
 mod level;

@@ -256,6 +256,12 @@ impl<W: Lanes, E: Lanes, const ANY: bool> Visit for Packets<'_, W, E, ANY> {
             self.leaf(block, at.child.triangles(), octant, list);
         }
     }
+
+    #[inline(always)]
+    fn step(&self, octant: usize, stack: &mut OctantStack) -> bool {
+        let entry = stack.entries.pop();
+        entry.inspect(|&entry| self.visit(octant, stack, entry)).is_some()
+    }
 }
 
 impl<W: Lanes, E: Lanes, const ANY: bool> Packets<'_, W, E, ANY> {
@@ -301,7 +307,7 @@ impl<W: Lanes, E: Lanes, const ANY: bool> Packets<'_, W, E, ANY> {
                     }
                 }
             }
-            push::<W, 0>(w, job, node, octant, stack, base, stride, &ends);
+            push::<W, false>(w, job, node, octant, stack, base, stride, &ends);
         }
     }
 

@@ -10,16 +10,17 @@
 //! 1. Ids are byte offsets of rows and rays: `ROW_BYTES * i` for ray `i` of the sub-stream. Every id in
 //!    a list, padding included, is of a ray of the sub-stream, so rows, rays and answers hold it.
 //! 2. A list in an arena is followed by padding at least up to the next multiple of `PADDING` ids.
-//! 3. Before a visit to a list of `len` the arena has room for eight lists of `len + PADDING` and a
-//!    batch beyond it, and the stack of entries for nine more.
+//! 3. Before a visit to a list of `len` the arena has room for eight lists of `len + PADDING` beyond
+//!    it, and the stack of entries for nine more.
 //! 4. Children of nodes are in range: `Bvh::build` made them, and slots of `Child::NONE` have inverted
 //!    boxes, so that their lists stay empty.
 #![allow(unsafe_code)]
 
-use super::lanes::{Lanes, prefetch, splat};
+use super::alone::{Pairs, SHORT};
+use super::lanes::{Lanes, prefetch};
 use super::packet::{self, Packet};
 use super::triangle::{Faces, Slabs};
-use super::{leaf, setup};
+use super::{alone, leaf, setup};
 use crate::bvh::{Block, Bvh, Child, Filter, WIDTH, WideNode};
 use crate::stream::{Hit, Ray};
 
@@ -29,18 +30,6 @@ pub(super) const PADDING: usize = 16;
 /// The most rays of a sub-stream: what its rows and lists take about fits a second-level cache. Twice
 /// and half as many make little difference to rays in image order; shuffled ones gain with size.
 const SUB_STREAM: usize = 64 * 1024;
-
-/// Lists up to this long meet the boxes of a node one ray and eight boxes at a time.
-const FEW: usize = 4;
-
-/// Lists up to this long do not visit a block by themselves: those for all blocks of a node make a
-/// batch of pairs, which costs one visit and lets the processor work on several pairs at once.
-const SHORT: usize = 8;
-
-/// Ids a batch takes, and as many children behind them.
-pub(super) const BATCH: usize = WIDTH * SHORT + PADDING;
-
-const _: () = assert!(FEW <= SHORT && SHORT <= PADDING);
 
 /// What the box tests need of a ray (see [`crate::geom::CanonicalRay`], whose `near` and `far` are
 /// `shift ∓ slack * |inverse|`). As small as the ray itself, which stays where the caller has it: most
@@ -60,8 +49,7 @@ pub(super) const ROW_BYTES: usize = 32;
 
 const _: () = assert!(size_of::<Row>() == ROW_BYTES && size_of::<Ray>() == ROW_BYTES);
 
-/// A list of rays that are to visit a child; or, with [`Child::NONE`], a batch: `len` ids, and `BATCH`
-/// further on the block that each is to visit.
+/// A list of rays that are to visit a child.
 #[derive(Clone, Copy)]
 pub(super) struct Entry {
     pub child: Child,
@@ -75,7 +63,9 @@ pub(super) struct Entry {
 pub(super) struct OctantStack {
     /// Lists, one above the other.
     pub ids: Vec<u32>,
-    entries: Vec<Entry>,
+    pub entries: Vec<Entry>,
+    /// Rays that go on alone, to nodes and to blocks.
+    pub pairs: [Pairs; 2],
 }
 
 impl OctantStack {
@@ -182,6 +172,9 @@ pub(super) fn trace<W: Lanes, E: Lanes, const ANY: bool>(
 pub(super) trait Visit {
     /// Visits a node or block with the list of an entry.
     fn visit(&self, octant: usize, stack: &mut OctantStack, at: Entry);
+
+    /// Makes the next visits of an octant; says whether there were any.
+    fn step(&self, octant: usize, stack: &mut OctantStack) -> bool;
 }
 
 /// Visits the root with the lists at the bottom of the arenas, of `counts` lengths, and everything
@@ -201,15 +194,11 @@ fn traverse(visitor: &impl Visit, stacks: &mut [OctantStack; 8], counts: &[usize
     let mut turn = 0;
     while len > 0 {
         let octant = active[turn];
-        match stacks[octant].entries.pop() {
-            Some(entry) => {
-                visitor.visit(octant, &mut stacks[octant], entry);
-                turn += 1;
-            }
-            None => {
-                len -= 1;
-                active[turn] = active[len];
-            }
+        if visitor.step(octant, &mut stacks[octant]) {
+            turn += 1;
+        } else {
+            len -= 1;
+            active[turn] = active[len];
         }
         if turn >= len {
             turn = 0;
@@ -227,24 +216,37 @@ struct Loose<'a, W, E, const ANY: bool> {
 impl<W: Lanes, E: Lanes, const ANY: bool> Visit for Loose<'_, W, E, ANY> {
     #[inline(always)]
     fn visit(&self, octant: usize, stack: &mut OctantStack, at: Entry) {
-        let Self { w, e, job } = *self;
+        let Self { w, job, .. } = *self;
         if !at.child.is_block() {
-            return if at.len as usize <= FEW {
-                inner_few(w, e, job, octant, stack, at)
-            } else {
-                inner(w, job, octant, stack, at)
-            };
+            return inner(w, job, octant, stack, at);
         }
         // SAFETY: invariant 4, and 2 for the list.
         unsafe {
+            let block = job.blocks.get_unchecked(at.child.index());
             let list = stack.ids.as_ptr().add(at.start as usize);
-            if at.child == Child::NONE {
-                leaf::few::<E, ANY>(e, job, octant, list, at.len as usize);
-            } else {
-                let block = job.blocks.get_unchecked(at.child.index());
-                leaf::many::<W, ANY>(w, job, block, at.child.triangles(), octant, list, at.len as usize);
-            }
+            leaf::many::<W, ANY>(w, job, block, at.child.triangles(), octant, list, at.len as usize);
         }
+    }
+
+    /// Rays that are alone go first: the lists below them wait for what they hit.
+    #[inline(always)]
+    fn step(&self, octant: usize, stack: &mut OctantStack) -> bool {
+        let Self { e, job, .. } = *self;
+        let [nodes, blocks] = &stack.pairs;
+        if blocks.len >= alone::BLOCKS || blocks.len > 0 && nodes.len == 0 {
+            let count = blocks.len.min(alone::BLOCKS);
+            let (ids, children) = blocks.at(blocks.len - count);
+            stack.pairs[1].len -= count;
+            // SAFETY: these are pairs.
+            unsafe { leaf::few::<E, ANY>(e, job, octant, ids, children, count) };
+        } else if nodes.len > 0 {
+            alone::visit(e, job, octant, stack);
+        } else if let Some(entry) = stack.entries.pop() {
+            self.visit(octant, stack, entry);
+        } else {
+            return false;
+        }
+        true
     }
 }
 
@@ -254,7 +256,7 @@ fn inner<W: Lanes>(w: W, job: &Job<'_>, octant: usize, stack: &mut OctantStack, 
     let len = entry.len as usize;
     let base = entry.start as usize + len + PADDING;
     let stride = len + PADDING;
-    stack.reserve(base + WIDTH * stride + 2 * BATCH);
+    stack.reserve(base + WIDTH * stride + PADDING);
     // SAFETY: invariant 4 for the node; 2 for reading the list; 3 for writing lists and entries;
     // 1 for the rows, since only ids of the list are written to lists.
     unsafe {
@@ -277,64 +279,7 @@ fn inner<W: Lanes>(w: W, job: &Job<'_>, octant: usize, stack: &mut OctantStack, 
             }
             at += W::LANES;
         }
-        push::<W, SHORT>(w, job, node, octant, stack, base, stride, &ends);
-    }
-}
-
-/// The same for a list of few rays, one after the other with all boxes in lanes.
-#[inline(always)]
-fn inner_few<W: Lanes, E: Lanes>(
-    w: W,
-    e: E,
-    job: &Job<'_>,
-    octant: usize,
-    stack: &mut OctantStack,
-    at: Entry,
-) {
-    const STRIDE: usize = FEW + PADDING;
-    let len = at.len as usize;
-    let mut base = at.start as usize + STRIDE;
-    let mut batch = Batch::at(base + WIDTH * STRIDE);
-    stack.reserve(base + WIDTH * STRIDE + 2 * BATCH);
-    // SAFETY: as in `inner`.
-    unsafe {
-        let node = job.nodes.get_unchecked(at.child.index());
-        let ids = stack.ids.as_mut_ptr();
-        let list = ids.add(at.start as usize);
-        let faces = Faces::of(node, octant);
-        let (mut entered, mut any) = ([0; FEW], 0);
-        for (i, entered) in entered.iter_mut().enumerate().take(len) {
-            let row = &*job.rows.byte_add(*list.add(i) as usize).cast_const();
-            let Row { inverse, shift, slack, limit, .. } = *row;
-            let slabs = Slabs::new(e, splat(e, inverse), splat(e, shift), e.splat(slack));
-            *entered = slabs.enters_any(e, &faces, e.splat(limit));
-            any |= *entered;
-        }
-        let padding = w.splat_id(*list);
-        let entries = stack.entries.as_mut_ptr();
-        let mut top = stack.entries.len();
-        let mut left = by_order(any, octant);
-        while left != 0 {
-            let order = left.ilog2();
-            left &= !(1 << order);
-            let slot = order as usize ^ octant;
-            let child = node.children[slot];
-            let whole = !child.is_block();
-            let begin = ids.add(if whole { base } else { batch.start + batch.len });
-            pad(w, begin, padding);
-            let mut end = 0;
-            for (i, entered) in entered.iter().enumerate().take(len) {
-                *begin.add(end) = *list.add(i);
-                end += (entered >> slot & 1) as usize;
-            }
-            entries.add(top).write(Entry { child, start: base as u32, len: end as u32 });
-            top += usize::from(whole);
-            base += if whole { STRIDE } else { 0 };
-            batch.name(w, ids, child, if whole { 0 } else { end });
-            fetch(job, child);
-        }
-        top = batch.push(entries, top);
-        stack.entries.set_len(top);
+        push::<W, true>(w, job, node, octant, stack, base, stride, &ends);
     }
 }
 
@@ -342,21 +287,6 @@ fn inner_few<W: Lanes, E: Lanes>(
 #[inline(always)]
 pub(super) fn begin_of(base: usize, stride: usize, octant: usize, slot: usize) -> usize {
     base + (WIDTH - 1 - (slot ^ octant)) * stride
-}
-
-/// A mask of slots as a mask of places in the order of an octant: bit `i` goes to bit `i ^ octant`.
-#[inline(always)]
-fn by_order(mut slots: u32, octant: usize) -> u32 {
-    if octant & 1 != 0 {
-        slots = (slots & 0x55) << 1 | slots >> 1 & 0x55;
-    }
-    if octant & 2 != 0 {
-        slots = (slots & 0x33) << 2 | slots >> 2 & 0x33;
-    }
-    if octant & 4 != 0 {
-        slots = (slots & 0x0f) << 4 | slots >> 4 & 0x0f;
-    }
-    slots
 }
 
 /// Writes padding.
@@ -373,7 +303,7 @@ unsafe fn pad<W: Lanes>(w: W, to: *mut u32, padding: W::I) {
 
 /// Asks for the memory of a child.
 #[inline(always)]
-fn fetch(job: &Job<'_>, child: Child) {
+pub(super) fn fetch(job: &Job<'_>, child: Child) {
     if child.is_block() {
         let block = job.blocks.as_ptr().wrapping_add(child.index()).cast::<u8>();
         for line in 0..5 {
@@ -388,13 +318,13 @@ fn fetch(job: &Job<'_>, child: Child) {
 }
 
 /// Pushes an entry for each child of a node whose list has something in it, pads the list and asks for
-/// the child's memory.
+/// the child's memory; the rays of short lists go on alone if `ALONE`.
 ///
 /// # Safety
 /// The lists start where [`begin_of`] says and end at `ends`; invariant 3 holds for the entries.
 #[allow(clippy::too_many_arguments)]
 #[inline(always)]
-pub(super) unsafe fn push<W: Lanes, const SHORT: usize>(
+pub(super) unsafe fn push<W: Lanes, const ALONE: bool>(
     w: W,
     job: &Job<'_>,
     node: &WideNode,
@@ -410,9 +340,11 @@ pub(super) unsafe fn push<W: Lanes, const SHORT: usize>(
         let start = ids.wrapping_add(begin_of(base, stride, octant, slot));
         filled |= u32::from(end != start) << (slot ^ octant);
     }
+    if ALONE {
+        stack.pairs.iter_mut().for_each(|pairs| pairs.reserve(WIDTH * PADDING));
+    }
     let entries = stack.entries.as_mut_ptr();
     let mut top = stack.entries.len();
-    let mut batch = Batch::at(base + WIDTH * stride);
     while filled != 0 {
         let order = filled.ilog2();
         filled &= !(1 << order);
@@ -424,74 +356,18 @@ pub(super) unsafe fn push<W: Lanes, const SHORT: usize>(
             let len = ends[slot].offset_from_unsigned(begin);
             pad(w, ends[slot], w.splat_id(*begin));
             entries.add(top).write(Entry { child, start: start as u32, len: len as u32 });
-            let whole = SHORT == 0 || !child.is_block() || len > SHORT;
-            top += usize::from(whole);
-            if SHORT > 0 {
-                batch.copy(w, ids, begin);
-                batch.name(w, ids, child, if whole { 0 } else { len });
+            let kind = usize::from(child.is_block());
+            // Both are written; what counts is which one moves on. No branch.
+            let alone = ALONE && len <= SHORT[kind];
+            top += usize::from(!alone);
+            if ALONE {
+                stack.pairs[kind].push_list(w, begin, child, if alone { len } else { 0 });
             }
         }
         fetch(job, child);
     }
-    if SHORT > 0 {
-        // SAFETY: as the caller vouches.
-        top = unsafe { batch.push(entries, top) };
-    }
     // SAFETY: the entries up to `top` were written.
     unsafe { stack.entries.set_len(top) };
-}
-
-/// A batch in the making.
-struct Batch {
-    start: usize,
-    len: usize,
-}
-
-impl Batch {
-    fn at(start: usize) -> Self {
-        Self { start, len: 0 }
-    }
-
-    /// Writes the first `SHORT` ids of a list behind the pairs.
-    ///
-    /// # Safety
-    /// Invariant 3 for the batch; `list` is a list.
-    #[inline(always)]
-    unsafe fn copy<W: Lanes>(&self, w: W, ids: *mut u32, list: *const u32) {
-        for part in 0..SHORT.div_ceil(W::LANES) {
-            // SAFETY: as the caller vouches.
-            unsafe {
-                let some = w.load_ids(list.add(part * W::LANES));
-                w.store_ids(ids.add(self.start + self.len + part * W::LANES), some);
-            }
-        }
-    }
-
-    /// Makes pairs of `len` ≤ `SHORT` ids behind the pairs and a child; no branch.
-    ///
-    /// # Safety
-    /// Invariant 3 for the batch.
-    #[inline(always)]
-    unsafe fn name<W: Lanes>(&mut self, w: W, ids: *mut u32, child: Child, len: usize) {
-        for part in 0..SHORT.div_ceil(W::LANES) {
-            let to = ids.wrapping_add(self.start + BATCH + self.len + part * W::LANES);
-            // SAFETY: as the caller vouches.
-            unsafe { w.store_ids(to, w.splat_id(bytemuck::cast(child))) };
-        }
-        self.len += len;
-    }
-
-    /// Pushes it, to be visited next, unless it is empty.
-    ///
-    /// # Safety
-    /// Invariant 3 for the entries.
-    #[inline(always)]
-    unsafe fn push(&self, entries: *mut Entry, top: usize) -> usize {
-        let entry = Entry { child: Child::NONE, start: self.start as u32, len: self.len as u32 };
-        // SAFETY: as the caller vouches.
-        unsafe { entries.add(top).write(entry) };
-        top + usize::from(self.len > 0)
-    }
 }
 
 /// The lanes that hold rays when `left` are left.

@@ -179,6 +179,10 @@ impl Lanes for Avx2 {
         unsafe { _mm256_castps_si256(self.select(mask, _mm256_castsi256_ps(a), _mm256_castsi256_ps(b))) }
     }
     #[inline(always)]
+    fn permute_ids(self, a: __m256i, order: __m256i) -> __m256i {
+        unsafe { _mm256_permutevar8x32_epi32(a, order) }
+    }
+    #[inline(always)]
     fn splat_id(self, id: u32) -> __m256i {
         unsafe { _mm256_set1_epi32(id as i32) }
     }

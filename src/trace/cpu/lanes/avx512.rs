@@ -167,6 +167,10 @@ impl Lanes for Avx512 {
         unsafe { _mm512_mask_blend_epi32(mask as u16, b, a) }
     }
     #[inline(always)]
+    fn permute_ids(self, a: __m512i, order: __m512i) -> __m512i {
+        unsafe { _mm512_permutexvar_epi32(order, a) }
+    }
+    #[inline(always)]
     fn splat_id(self, id: u32) -> __m512i {
         unsafe { _mm512_set1_epi32(id as i32) }
     }

@@ -22,6 +22,8 @@ pub(super) trait Lanes: Copy {
     /// u32 in each lane.
     type I: Copy;
 
+    /// The ids of the lanes that `order` names.
+    fn permute_ids(self, a: Self::I, order: Self::I) -> Self::I;
     /// The same number in each lane.
     fn splat(self, x: f32) -> Self::F;
     /// `a + b`.

@@ -99,6 +99,10 @@ impl Lanes for Portable {
         from_fn(|i| if mask >> i & 1 == 1 { a[i] } else { b[i] })
     }
     #[inline(always)]
+    fn permute_ids(self, a: Self::I, order: Self::I) -> Self::I {
+        from_fn(|i| a[order[i] as usize % N])
+    }
+    #[inline(always)]
     fn splat_id(self, id: u32) -> Self::I {
         [id; N]
     }

@@ -1,0 +1,158 @@
+//! Rays that go on alone: a list that has become so short that lanes would stay empty ends, and its
+//! rays become pairs of a ray and the child that it is to visit.
+//!
+//! Pairs of an octant lie on two stacks, one for nodes and one for blocks, and are taken several at
+//! a time. What is done with one depends on no branch, so the processor works on all of them at once
+//! and guesses nothing; that is what short lists cost most.
+//!
+//! Unsafe code for pairs, rows and nodes. The invariants are those of `stream`, and:
+//! 5. The children of pairs are in range, as those of nodes are, and their ids are of rays of the
+//!    sub-stream.
+//! 6. Both arrays of pairs hold `len` pairs and, after `reserve`, as many more as asked for.
+#![allow(unsafe_code)]
+
+use super::lanes::{Lanes, load_one, splat};
+use super::stream::{Job, OctantStack, PADDING, Row, fetch};
+use super::triangle::{Faces, Slabs};
+use crate::bvh::{Child, WIDTH};
+
+/// The longest lists that end at nodes and at blocks.
+pub(super) const SHORT: [usize; 2] = [6, 8];
+
+/// Pairs of nodes that are visited in one go.
+const NODES: usize = 8;
+
+/// Pairs of blocks that are visited in one go.
+pub(super) const BLOCKS: usize = 24;
+
+/// A stack of pairs.
+#[derive(Default)]
+pub(super) struct Pairs {
+    ids: Vec<u32>,
+    children: Vec<u32>,
+    pub len: usize,
+}
+
+impl Pairs {
+    /// Makes room for `more` pairs, and for what vectors write behind them.
+    #[inline(always)]
+    pub fn reserve(&mut self, more: usize) {
+        if self.ids.len() < self.len + more + PADDING {
+            self.grow(more);
+        }
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn grow(&mut self, more: usize) {
+        let len = (self.len + more + PADDING).next_power_of_two();
+        self.ids.resize(len, 0);
+        self.children.resize(len, 0);
+    }
+
+    /// Where the ids and the children of pair `at` and those above it lie.
+    #[inline(always)]
+    pub fn at(&self, at: usize) -> (*const u32, *const u32) {
+        (self.ids.as_ptr().wrapping_add(at), self.children.as_ptr().wrapping_add(at))
+    }
+
+    /// Pushes pairs of the first `len` ids of a list, at most `PADDING`, and one child.
+    ///
+    /// # Safety
+    /// Invariant 6 with room for `PADDING`; `list` is a list.
+    #[inline(always)]
+    pub unsafe fn push_list<W: Lanes>(&mut self, w: W, list: *const u32, child: Child, len: usize) {
+        for part in 0..PADDING / W::LANES {
+            let at = part * W::LANES;
+            // SAFETY: as the caller vouches.
+            unsafe {
+                w.store_ids(self.ids.as_mut_ptr().add(self.len + at), w.load_ids(list.add(at)));
+                w.store_ids(self.children.as_mut_ptr().add(self.len + at), w.splat_id(bytemuck::cast(child)));
+            }
+        }
+        self.len += len;
+    }
+
+    /// Pushes pairs of one id and the children of the lanes of a mask.
+    ///
+    /// # Safety
+    /// Invariant 6 with room for `PADDING`.
+    #[inline(always)]
+    unsafe fn push_children<E: Lanes>(&mut self, e: E, id: u32, mask: u32, children: E::I) {
+        // SAFETY: as the caller vouches.
+        unsafe {
+            e.store_ids(self.ids.as_mut_ptr().add(self.len), e.splat_id(id));
+            e.append(self.children.as_mut_ptr().add(self.len), mask, children);
+        }
+        self.len += mask.count_ones() as usize;
+    }
+}
+
+/// Visits the topmost pairs of nodes: tests each ray with the eight boxes of its node and pushes pairs
+/// for those it enters, the nearest last.
+#[inline(always)]
+pub(super) fn visit<E: Lanes>(e: E, job: &Job<'_>, octant: usize, stack: &mut OctantStack) {
+    let [nodes, blocks] = &mut stack.pairs;
+    let count = nodes.len.min(NODES);
+    nodes.len -= count;
+    nodes.reserve(NODES * WIDTH);
+    blocks.reserve(NODES * WIDTH);
+    let (nodes_before, blocks_before) = (nodes.len, blocks.len);
+    // Those taken, apart: their place is pushed over.
+    let (mut taken, mut at) = ([0; NODES], [0; NODES]);
+    let (ids, children) = nodes.at(nodes.len);
+    // SAFETY: invariants 5 and 6.
+    unsafe {
+        for i in 0..NODES {
+            (taken[i], at[i]) = (*ids.add(i), *children.add(i));
+        }
+        let order = e.load_ids(LANES_BY_ORDER[octant].as_ptr());
+        for i in 0..count {
+            let node = job.nodes.get_unchecked(bytemuck::cast::<u32, Child>(at[i]).index());
+            let row = &*job.rows.byte_add(taken[i] as usize).cast_const();
+            let Row { inverse, shift, slack, limit } = *row;
+            let slabs = Slabs::new(e, splat(e, inverse), splat(e, shift), e.splat(slack));
+            let entered = slabs.enters_any(e, &Faces::of(node, octant), e.splat(limit));
+            let bits: &[f32; WIDTH] = bytemuck::cast_ref(&node.children);
+            let leaves = e.signs(load_one(e, bits));
+            let children = e.permute_ids(e.load_ids(bits.as_ptr().cast()), order);
+            let to_order = &MASKS_BY_ORDER[octant];
+            let inner = to_order[(entered & !leaves) as usize].into();
+            nodes.push_children(e, taken[i], inner, children);
+            let leaves = to_order[(entered & leaves) as usize].into();
+            blocks.push_children(e, taken[i], leaves, children);
+        }
+    }
+    for (pairs, before) in [(nodes, nodes_before), (blocks, blocks_before)] {
+        for &child in &pairs.children[before..pairs.len] {
+            fetch(job, bytemuck::cast(child));
+        }
+    }
+}
+
+/// For each octant, the slot in each lane when the farthest child comes first.
+static LANES_BY_ORDER: [[u32; WIDTH]; 8] = {
+    let mut lanes = [[0; WIDTH]; 8];
+    let mut i = 0;
+    while i < 8 * WIDTH {
+        lanes[i / WIDTH][i % WIDTH] = (i % WIDTH ^ (WIDTH - 1) ^ i / WIDTH) as u32;
+        i += 1;
+    }
+    lanes
+};
+
+/// For each octant, masks of slots as masks of these lanes.
+static MASKS_BY_ORDER: [[u8; 256]; 8] = {
+    let mut masks = [[0; 256]; 8];
+    let mut i = 0;
+    while i < 8 * 256 {
+        let mut slot = 0;
+        while slot < WIDTH {
+            let lane = slot ^ (WIDTH - 1) ^ i / 256;
+            masks[i / 256][i % 256] |= ((i % 256 >> slot & 1) << lane) as u8;
+            slot += 1;
+        }
+        i += 1;
+    }
+    masks
+};
