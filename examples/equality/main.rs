@@ -1,12 +1,13 @@
 //! Traces millions of rays at every SIMD level, on one and two threads and in random splits, and asserts that
 //! not one bit differs; then explains each difference from Embree's robust mode by exact arithmetic.
 //!
-//! `cargo run --release --example equality -- SCENE [--size WxH] [--embree EMBREE.so]`; 1840x1360, the default,
-//! makes up to ten million rays of four kinds.
+//! `cargo run --release --example equality -- SCENE [--size WxH] [--eye X,Y,Z --target X,Y,Z] [--embree EMBREE.so]`;
+//! 1840x1360, the default, makes up to ten million rays of four kinds.
 
 mod exact;
 
 use anyhow::{Context, Result, bail};
+use glam::Vec3;
 use rayon::prelude::*;
 use raystream::bench::embree::{Embree, EmbreeRays, Mode};
 use raystream::bench::{Kind, Workload};
@@ -24,13 +25,15 @@ const EXPLAINED: usize = 40;
 struct Arguments {
     scene: PathBuf,
     size: (u32, u32),
+    eye: Option<Vec3>,
+    target: Option<Vec3>,
     embree: Option<PathBuf>,
 }
 
 fn arguments() -> Result<Arguments> {
     let mut arguments = std::env::args().skip(1);
     let scene = arguments.next().context("which scene?")?.into();
-    let mut parsed = Arguments { scene, size: (1840, 1360), embree: None };
+    let mut parsed = Arguments { scene, size: (1840, 1360), eye: None, target: None, embree: None };
     while let Some(flag) = arguments.next() {
         let value = arguments.next().with_context(|| format!("{flag} wants a value"))?;
         match flag.as_str() {
@@ -38,6 +41,8 @@ fn arguments() -> Result<Arguments> {
                 let (width, height) = value.split_once('x').context("--size WxH")?;
                 parsed.size = (width.parse()?, height.parse()?);
             }
+            "--eye" => parsed.eye = Some(vector(&value)?),
+            "--target" => parsed.target = Some(vector(&value)?),
             "--embree" => parsed.embree = Some(value.into()),
             _ => bail!("no such option: {flag}"),
         }
@@ -45,11 +50,18 @@ fn arguments() -> Result<Arguments> {
     Ok(parsed)
 }
 
+fn vector(text: &str) -> Result<Vec3> {
+    let numbers: Vec<f32> = text.split(',').map(str::parse).collect::<Result<_, _>>().context("X,Y,Z")?;
+    anyhow::ensure!(numbers.len() == 3, "write X,Y,Z, not {text}");
+    Ok(Vec3::from_slice(&numbers))
+}
+
 fn main() -> Result<()> {
-    let Arguments { scene, size: (width, height), embree } = arguments()?;
+    let Arguments { scene, size: (width, height), eye, target, embree } = arguments()?;
     let stage = Stage::new(Arc::new(load::load(&scene)?), &Units::cpu());
     let bounds = stage.scene.bounds();
-    let camera = stage.scene.camera.unwrap_or_else(|| Camera::framing(&bounds, width as f32 / height as f32));
+    let base = stage.scene.camera.unwrap_or_else(|| Camera::framing(&bounds, width as f32 / height as f32));
+    let camera = Camera { eye: eye.unwrap_or(base.eye), target: target.unwrap_or(base.target), ..base };
     let workload = Workload::new(&stage.bvh, &*stage.tracers.host, &camera, width, height)?;
     let kinds = [Kind::Camera, Kind::Bounce, Kind::ShuffledBounce, Kind::SoftShadow];
     let mut total = 0;
@@ -134,7 +146,7 @@ struct Verdicts {
 /// Lists the rays on which Embree's robust mode differs in hit, or in distance by more than a part in 10⁴.
 fn beside_embree(
     bvh: &Arc<Bvh>,
-    positions: &[glam::Vec3],
+    positions: &[Vec3],
     triangles: &[[u32; 3]],
     rays: &[Ray],
     kind: Kind,

@@ -187,18 +187,16 @@ fn pair_up<'a>(
 
 /// Partitions without branches, which would be a coin's toss.
 fn partition_short(references: &mut [Reference], is_left: &impl Fn(&Reference) -> bool) -> Sides {
-    let mut keys = [Bounds::EMPTY; 2];
     let mut middle = 0;
     for i in 0..references.len() {
         let reference = references[i];
-        let left = is_left(&reference);
         references[i] = references[middle];
         references[middle] = reference;
-        middle += usize::from(left);
-        let side = &mut keys[usize::from(!left)];
-        *side = side.with(reference.key());
+        middle += usize::from(is_left(&reference));
     }
-    Sides { middle, keys }
+    let (left, right) = references.split_at(middle);
+    let keys = |side: &[Reference]| side.iter().fold(Bounds::EMPTY, |keys, r| keys.with(r.key()));
+    Sides { middle, keys: [keys(left), keys(right)] }
 }
 
 #[cfg(test)]
