@@ -189,10 +189,9 @@ fn pair_up<'a>(
 fn partition_short(references: &mut [Reference], is_left: &impl Fn(&Reference) -> bool) -> Sides {
     let mut middle = 0;
     for i in 0..references.len() {
-        let reference = references[i];
-        references[i] = references[middle];
-        references[middle] = reference;
-        middle += usize::from(is_left(&reference));
+        let left = is_left(&references[i]);
+        references.swap(i, middle);
+        middle += usize::from(left);
     }
     let (left, right) = references.split_at(middle);
     let keys = |side: &[Reference]| side.iter().fold(Bounds::EMPTY, |keys, r| keys.with(r.key()));
