@@ -19,6 +19,8 @@ pub mod stream;
 pub mod schedule;
 pub mod trace;
 
+pub mod query;
+
 pub mod shade;
 
 pub mod render;

@@ -3,7 +3,7 @@
 //! Unsafe code, because of a foreign library. Invariants:
 //! 1. The types and constants below are those of Embree 4.0 to 4.4's headers; hits include the
 //!    instance-primitive id, so that the memory is enough with and without it.
-//! 2. A device and its scenes live no longer than the library and the buffers that they share.
+//! 2. A device and its scenes live no longer than the library, the ledger and the buffers that they share.
 //! 3. Rays and packets are aligned as Embree asks.
 #![allow(unsafe_code)]
 
@@ -14,6 +14,8 @@ use std::ffi::{c_char, c_int, c_uint, c_void};
 use std::mem::ManuallyDrop;
 use std::path::{Path, PathBuf};
 use std::ptr;
+use std::sync::atomic::{AtomicIsize, Ordering};
+use std::time::Instant;
 
 type Handle = *mut c_void;
 
@@ -71,6 +73,48 @@ impl Mode {
     }
 }
 
+/// How much care Embree takes when it builds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum Quality {
+    /// Morton codes, for scenes that change.
+    Low = 0,
+    /// Its default: binned surface area heuristic.
+    Medium = 1,
+    /// With spatial splits.
+    High = 2,
+}
+
+impl Quality {
+    /// All qualities.
+    pub const ALL: [Self; 3] = [Self::Low, Self::Medium, Self::High];
+
+    /// What reports call it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Low => "low",
+            Self::Medium => "medium",
+            Self::High => "high",
+        }
+    }
+}
+
+/// Bytes that a device has, as its memory monitor tells.
+#[derive(Default)]
+struct Ledger {
+    now: AtomicIsize,
+    most: AtomicIsize,
+}
+
+/// `RTCMemoryMonitorFunction`.
+extern "C" fn monitor(ledger: *mut c_void, bytes: isize, _post: bool) -> bool {
+    // SAFETY: invariant 2.
+    let ledger = unsafe { &*ledger.cast::<Ledger>().cast_const() };
+    let now = ledger.now.fetch_add(bytes, Ordering::Relaxed) + bytes;
+    ledger.most.fetch_max(now, Ordering::Relaxed);
+    true
+}
+
 /// `RTCRayHit`.
 #[derive(Clone, Copy, Debug, Default)]
 #[repr(C, align(16))]
@@ -126,6 +170,7 @@ struct Arguments {
 
 type One = unsafe extern "C" fn(Handle, *mut RayHit, *mut Arguments);
 type Sixteen = unsafe extern "C" fn(*const c_int, Handle, *mut RayHit16, *mut Arguments);
+type Monitor = extern "C" fn(*mut c_void, isize, bool) -> bool;
 type SetBuffer = unsafe extern "C" fn(Handle, c_uint, c_uint, c_uint, *const c_void, usize, usize, usize);
 
 macro_rules! functions {
@@ -145,6 +190,8 @@ functions! {
     new_device: unsafe extern "C" fn(*const c_char) -> Handle = b"rtcNewDevice\0",
     release_device: unsafe extern "C" fn(Handle) = b"rtcReleaseDevice\0",
     error: unsafe extern "C" fn(Handle) -> c_int = b"rtcGetDeviceError\0",
+    set_monitor: unsafe extern "C" fn(Handle, Monitor, *mut c_void) = b"rtcSetDeviceMemoryMonitorFunction\0",
+    set_quality: unsafe extern "C" fn(Handle, c_uint) = b"rtcSetSceneBuildQuality\0",
     new_scene: unsafe extern "C" fn(Handle) -> Handle = b"rtcNewScene\0",
     release_scene: unsafe extern "C" fn(Handle) = b"rtcReleaseScene\0",
     set_flags: unsafe extern "C" fn(Handle, c_uint) = b"rtcSetSceneFlags\0",
@@ -164,6 +211,7 @@ functions! {
 pub struct Embree {
     functions: Functions,
     device: Handle,
+    ledger: Box<Ledger>,
     /// Never unloaded: the threads that Embree started would lose their code.
     _library: ManuallyDrop<Library>,
 }
@@ -191,7 +239,10 @@ impl Embree {
             let code = unsafe { (functions.error)(ptr::null_mut()) };
             return Err(EmbreeError::Refused { action: "make a device", code });
         }
-        Ok(Self { functions, device, _library: ManuallyDrop::new(library) })
+        let ledger = Box::<Ledger>::default();
+        // SAFETY: invariants 1 and 2: the ledger lives until the device is released.
+        unsafe { (functions.set_monitor)(device, monitor, ptr::from_ref(&*ledger).cast_mut().cast()) };
+        Ok(Self { functions, device, ledger, _library: ManuallyDrop::new(library) })
     }
 
     /// Builds a scene of medium quality.
@@ -204,15 +255,33 @@ impl Embree {
         triangles: &[[u32; 3]],
         robust: bool,
     ) -> Result<EmbreeScene<'_>, EmbreeError> {
+        self.build(positions, triangles, robust, Quality::Medium)
+    }
+
+    /// Builds a scene.
+    ///
+    /// # Errors
+    /// When Embree reports one.
+    pub fn build(
+        &self,
+        positions: &[Vec3],
+        triangles: &[[u32; 3]],
+        robust: bool,
+        quality: Quality,
+    ) -> Result<EmbreeScene<'_>, EmbreeError> {
         let f = &self.functions;
         // Embree reads four floats for each vertex.
         let mut vertices: Vec<[f32; 3]> = positions.iter().map(|p| p.to_array()).collect();
         vertices.push([0.0; 3]);
         let indices = triangles.to_vec();
+        let bytes_before = self.ledger.now.load(Ordering::Relaxed);
+        self.ledger.most.store(bytes_before, Ordering::Relaxed);
+        let start = Instant::now();
         // SAFETY: invariants 1 and 2: the buffers move into the scene, where they stay as they are.
         let handle = unsafe {
             let scene = (f.new_scene)(self.device);
             (f.set_flags)(scene, if robust { FLAG_ROBUST } else { 0 });
+            (f.set_quality)(scene, quality as c_uint);
             let geometry = (f.new_geometry)(self.device, 0);
             let (v, i) = (vertices.as_ptr().cast(), indices.as_ptr().cast());
             (f.set_buffer)(geometry, 1, 0, FORMAT_FLOAT3, v, 0, 12, positions.len());
@@ -223,7 +292,17 @@ impl Embree {
             (f.commit_scene)(scene);
             scene
         };
-        let scene = EmbreeScene { embree: self, handle, robust, _vertices: vertices, _indices: indices };
+        let since = |bytes: &AtomicIsize| (bytes.load(Ordering::Relaxed) - bytes_before).max(0) as usize;
+        let scene = EmbreeScene {
+            embree: self,
+            handle,
+            robust,
+            build_s: start.elapsed().as_secs_f64(),
+            bytes: since(&self.ledger.now),
+            peak_bytes: since(&self.ledger.most),
+            _vertices: vertices,
+            _indices: indices,
+        };
         // SAFETY: the device lives.
         match unsafe { (f.error)(self.device) } {
             0 => Ok(scene),
@@ -244,6 +323,12 @@ pub struct EmbreeScene<'a> {
     embree: &'a Embree,
     handle: Handle,
     robust: bool,
+    /// Seconds that the build took.
+    pub build_s: f64,
+    /// Bytes that it left, by the device's memory monitor. Vertices and indices are not among them.
+    pub bytes: usize,
+    /// The most bytes that it had.
+    pub peak_bytes: usize,
     _vertices: Vec<[f32; 3]>,
     _indices: Vec<[u32; 3]>,
 }

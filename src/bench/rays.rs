@@ -398,7 +398,7 @@ mod tests {
     fn every_unit_gets_a_row_with_its_ratios() {
         let (positions, triangles) = crate::bench::meshes::terrain(20);
         let bvh = Arc::new(Bvh::build(&positions, &triangles, |_| false));
-        let camera = Camera::framing(&bvh.binary().bounds(), 1.0);
+        let camera = Camera::framing(&bvh.bounds(), 1.0);
         let tracer = Oracle::new(bvh.clone(), None);
         let workload = Workload::new(&bvh, &tracer, &camera, 64, 48).expect("a view");
         for kind in Kind::ALL {

@@ -69,7 +69,7 @@ impl Workload {
         }
         let mut hits = vec![Hit::NONE; rays.len()];
         tracer.closest(&rays, &mut hits);
-        let bounds = bvh.binary().bounds();
+        let bounds = bvh.bounds();
         let lift = 1e-4 * bounds.radius();
         let (mut bounce, mut shadow) = (Vec::new(), Vec::new());
         for (i, (ray, hit)) in rays.iter().zip(&hits).enumerate().filter(|(_, (_, hit))| !hit.is_miss()) {

@@ -1,5 +1,6 @@
 //! The binary tree.
 
+use super::sah::{Subtree, Tree};
 use crate::geom::Aabb;
 use bytemuck::{Pod, Zeroable};
 
@@ -33,18 +34,20 @@ impl BinaryNode {
 /// A binary tree with one primitive a leaf, in depth-first order. Empty when there are no primitives.
 #[derive(Clone, Debug, Default)]
 pub struct Binary {
-    pub(super) nodes: Vec<BinaryNode>,
+    nodes: Vec<BinaryNode>,
 }
 
 impl Binary {
+    pub(super) fn of(tree: &Tree) -> Self {
+        let Some(root) = tree.root() else { return Self::default() };
+        let mut nodes = vec![BinaryNode::default(); 2 * root.count as usize - 1];
+        fill(tree, root, &mut nodes, 0);
+        Self { nodes }
+    }
+
     /// All nodes, the root first.
     pub fn nodes(&self) -> &[BinaryNode] {
         &self.nodes
-    }
-
-    /// The box around everything.
-    pub fn bounds(&self) -> Aabb {
-        self.nodes.first().map_or(Aabb::EMPTY, BinaryNode::bounds)
     }
 
     /// The two children of an inner node.
@@ -64,4 +67,20 @@ impl Binary {
         }
         deepest
     }
+}
+
+/// Writes a subtree into `nodes`, whose first is node `at` of the tree.
+fn fill(tree: &Tree, of: Subtree, nodes: &mut [BinaryNode], at: u32) {
+    let bounds = tree.bounds(of);
+    let (root, below) = nodes.split_first_mut().expect("2 * count - 1 nodes");
+    *root = BinaryNode { min: bounds.min.into(), index: 0, max: bounds.max.into(), count: of.count };
+    if of.count == 1 {
+        root.index = tree.primitives(of).next().unwrap_or_default();
+        return;
+    }
+    let [left, right] = tree.children(of);
+    root.index = at + 2 * left.count;
+    let (left_nodes, right_nodes) = below.split_at_mut(2 * left.count as usize - 1);
+    fill(tree, left, left_nodes, at + 1);
+    fill(tree, right, right_nodes, at + 2 * left.count);
 }

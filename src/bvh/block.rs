@@ -32,14 +32,19 @@ impl Block {
     pub fn new(triangles: impl IntoIterator<Item = (u32, [Vec3; 3], bool)>) -> Self {
         let mut block = Self { vertices: Zeroable::zeroed(), ids: [VACANT; BLOCK_TRIANGLES] };
         for (row, (primitive, corners, masked)) in triangles.into_iter().enumerate() {
-            for (vertex, corner) in corners.iter().enumerate() {
-                for axis in 0..3 {
-                    block.vertices[vertex][axis][row] = corner[axis];
-                }
-            }
+            block.set_corners(row, corners);
             block.ids[row] = primitive | if masked { MASKED } else { 0 };
         }
         block
+    }
+
+    /// Moves the triangle in a row.
+    pub(super) fn set_corners(&mut self, row: usize, corners: [Vec3; 3]) {
+        for (vertex, corner) in self.vertices.iter_mut().zip(corners) {
+            for (axis, coordinate) in vertex.iter_mut().zip(corner.to_array()) {
+                axis[row] = coordinate;
+            }
+        }
     }
 
     /// Number of triangles.

@@ -1,194 +1,259 @@
-//! Binary tree → eight-wide tree: the cheapest of all ways to merge nodes and cut leaves, found by
-//! dynamic programming (Ylitie, Karras and Laine 2017, *Efficient Incoherent Ray Traversal on GPUs
-//! Through Compressed Wide BVHs*, section 3.1).
+//! Binary tree → eight-wide tree, as planned: the top one node after the other, the subtrees below it
+//! in parallel, each into its own stretch of memory.
 
-use super::binary::Binary;
 use super::block::{BLOCK_TRIANGLES, Block};
-use super::sah::half_area;
+use super::pages::Pages;
+use super::sah::{Subtree, Tree};
 use super::wide::{Child, WIDTH, Wide, WideNode};
+use super::{Place, Shape};
 use glam::Vec3;
+use rayon::prelude::*;
+use std::sync::atomic::{AtomicU32, Ordering};
 
-/// Cost of testing a ray against the boxes of a wide node.
-const NODE_COST: f32 = 1.0;
+/// Subtrees of at most this many primitives are laid out by one thread. Never depends on the number of
+/// threads, nor does then the layout.
+const PART: u32 = 1 << 14;
 
-/// Cost of testing a ray against a block of no triangles, and of each triangle.
-const BLOCK_COST: [f32; 2] = [0.6, 0.08];
-
-/// Subtrees at least this large are planned in parallel.
-const PARALLEL: usize = 1 << 12;
-
-/// The cheapest ways to hold one binary node's primitives.
-#[derive(Clone, Copy, Default)]
-struct Plan {
-    /// Expected cost when at most `i + 1` children of a wide node hold them.
-    cost: [f32; WIDTH - 1],
-    /// How many of `i + 1` children go to the left; 0: one child fewer is as good.
-    left: [u8; WIDTH],
-    /// Whether, as one child, they are a block and not an inner node.
-    block: bool,
-}
-
-/// Collapses a tree; `corners` and `masked` tell of primitives.
-pub(super) fn collapse(
-    binary: &Binary,
-    corners: impl Fn(u32) -> [Vec3; 3],
-    masked: impl Fn(u32) -> bool,
-) -> Wide {
-    let mut plans = vec![Plan::default(); binary.nodes.len()];
-    let mut layout = Layout {
-        binary,
-        plans: &[],
-        nodes: vec![WideNode::VACANT],
-        blocks: Vec::new(),
-        depth: 1,
-        corners,
-        masked,
+/// Collapses a tree; the second answer says where each triangle lies.
+pub(super) fn collapse(tree: &Tree, shape: &impl Shape) -> (Wide, Vec<Place>) {
+    let Some(root) = tree.root() else {
+        let mut nodes = Pages::zeroed(1);
+        nodes[0] = WideNode::VACANT;
+        return (Wide { nodes, blocks: Pages::zeroed(0), depth: 1 }, Vec::new());
     };
-    if !binary.nodes.is_empty() {
-        plan(binary, &mut plans, 0);
-        layout.plans = &plans;
-        layout.fill();
+    let top = Top::new(tree, root);
+    let sizes: Vec<Size> = top.parts.par_iter().map(|&(part, _)| Size::of(tree, part)).collect();
+    let mut starts = Vec::with_capacity(sizes.len());
+    let mut all = Size { nodes: top.nodes.len(), blocks: top.blocks.len(), depth: 0 };
+    for (size, &(_, depth)) in sizes.iter().zip(&top.parts) {
+        starts.push(all);
+        all.nodes += size.nodes;
+        all.blocks += size.blocks;
+        all.depth = all.depth.max(depth + size.depth - 1);
     }
-    let Layout { nodes, blocks, depth, .. } = layout;
-    Wide { nodes: nodes.as_slice().into(), blocks: blocks.as_slice().into(), depth }
-}
+    assert!(all.nodes.max(all.blocks) <= Child::LIMIT, "references to children have 28 bits");
+    let (mut nodes, mut blocks) = (Pages::zeroed(all.nodes), Pages::zeroed(all.blocks));
+    let places: Vec<AtomicU32> =
+        (0..root.count).into_par_iter().with_min_len(1 << 14).map(|_| AtomicU32::new(0)).collect();
+    let layout = Layout { tree, shape, places: &places };
 
-/// Plans the subtree whose root is node `at`; `plans` begins with its plan.
-fn plan(binary: &Binary, plans: &mut [Plan], at: usize) {
-    let node = &binary.nodes[at];
-    let area = half_area(&node.bounds());
-    let block_cost = area * (BLOCK_COST[0] + BLOCK_COST[1] * node.count as f32);
-    if node.is_leaf() {
-        plans[0] = Plan { cost: [block_cost; WIDTH - 1], left: [0; WIDTH], block: true };
-        return;
-    }
-    let [left_at, right_at] = binary.children(at);
-    let (root, below) = plans.split_first_mut().expect("a plan for the root");
-    let (left, right) = below.split_at_mut(right_at - left_at);
-    if node.count as usize >= PARALLEL {
-        rayon::join(|| plan(binary, left, left_at), || plan(binary, right, right_at));
-    } else {
-        plan(binary, left, left_at);
-        plan(binary, right, right_at);
-    }
-    *root = merge(&left[0], &right[0], area, (node.count as usize <= BLOCK_TRIANGLES).then_some(block_cost));
-}
-
-/// The plan of a node from those of its children.
-fn merge(left: &Plan, right: &Plan, area: f32, block_cost: Option<f32>) -> Plan {
-    let mut forest = [f32::INFINITY; WIDTH];
-    let mut plan = Plan::default();
-    for children in 2..=WIDTH {
-        for on_left in 1..children {
-            let cost = left.cost[on_left - 1] + right.cost[children - on_left - 1];
-            if cost < forest[children - 1] {
-                forest[children - 1] = cost;
-                plan.left[children - 1] = on_left as u8;
-            }
-        }
-    }
-    let inner_cost = area * NODE_COST + forest[WIDTH - 1];
-    plan.block = block_cost.is_some_and(|cost| cost <= inner_cost);
-    plan.cost[0] = if plan.block { block_cost.unwrap_or(inner_cost) } else { inner_cost };
-    for (i, &cost) in forest[..WIDTH - 1].iter().enumerate().skip(1) {
-        plan.cost[i] = cost.min(plan.cost[i - 1]);
-        if plan.cost[i - 1] <= cost {
-            plan.left[i] = 0;
-        }
-    }
-    plan
-}
-
-/// Lays the planned tree out in memory: children of one node side by side.
-struct Layout<'a, C, M> {
-    binary: &'a Binary,
-    plans: &'a [Plan],
-    nodes: Vec<WideNode>,
-    blocks: Vec<Block>,
-    depth: usize,
-    corners: C,
-    masked: M,
-}
-
-impl<C: Fn(u32) -> [Vec3; 3], M: Fn(u32) -> bool> Layout<'_, C, M> {
-    fn fill(&mut self) {
-        // Wide node, the binary node that it expands, its depth.
-        let mut stack = vec![(0, 0, 1)];
-        while let Some((wide_at, at, depth)) = stack.pop() {
-            self.depth = self.depth.max(depth);
-            let mut children = Vec::with_capacity(WIDTH);
-            if self.plans[at].block {
-                children.push(at); // Only a root of few primitives.
-            } else {
-                self.gather(at, WIDTH, &mut children);
-            }
-            let mut node = WideNode::VACANT;
-            let slots = self.slots(at, &children);
-            for (&child, slot) in children.iter().zip(slots) {
-                let binary = &self.binary.nodes[child];
-                let reference = if self.plans[child].block {
-                    self.blocks.push(self.block(child));
-                    Child::block(self.blocks.len() - 1, binary.count as usize)
-                } else {
-                    self.nodes.push(WideNode::VACANT);
-                    stack.push((self.nodes.len() - 1, child, depth + 1));
-                    Child::node(self.nodes.len() - 1)
-                };
-                node.set(slot, binary.bounds(), reference);
-            }
-            self.nodes[wide_at] = node;
-        }
-    }
-
-    /// The binary nodes that the plan makes of node `at` when it may have `room` children.
-    fn gather(&self, at: usize, mut room: usize, children: &mut Vec<usize>) {
-        let plan = &self.plans[at];
-        while room > 1 && plan.left[room - 1] == 0 {
-            room -= 1;
-        }
-        if room == 1 {
-            return children.push(at);
-        }
-        let on_left = plan.left[room - 1] as usize;
-        let [left, right] = self.binary.children(at);
-        self.gather(left, on_left, children);
-        self.gather(right, room - on_left, children);
-    }
-
-    fn block(&self, at: usize) -> Block {
-        let subtree = &self.binary.nodes[at..at + 2 * self.binary.nodes[at].count as usize - 1];
-        let mut primitives: Vec<u32> = subtree.iter().filter(|n| n.is_leaf()).map(|n| n.index).collect();
-        primitives.sort_unstable();
-        Block::new(primitives.into_iter().map(|p| (p, (self.corners)(p), (self.masked)(p))))
-    }
-
-    /// A slot for each child: greedily those that lie farthest in the direction of the slot's octant.
-    fn slots(&self, parent: usize, children: &[usize]) -> [usize; WIDTH] {
-        let centre = self.binary.nodes[parent].bounds().centre();
-        let offsets: Vec<Vec3> =
-            children.iter().map(|&c| self.binary.nodes[c].bounds().centre() - centre).collect();
-        let gain = |child: usize, slot: usize| {
-            (0..3)
-                .map(|axis| if slot >> axis & 1 == 1 { offsets[child][axis] } else { -offsets[child][axis] })
-                .sum()
+    let (top_nodes, mut nodes_left) = nodes.split_at_mut(top.nodes.len());
+    let (top_blocks, mut blocks_left) = blocks.split_at_mut(top.blocks.len());
+    for (node, (of, children)) in top_nodes.iter_mut().zip(&top.nodes) {
+        let reference = |child: &TopChild| match *child {
+            TopChild::Node(index) => Child::node(index),
+            TopChild::Block(index) => Child::block(index, top.blocks[index].count as usize),
+            TopChild::Part(index) => Child::node(starts[index].nodes),
         };
-        let mut slots = [usize::MAX; WIDTH];
-        let mut taken = [false; WIDTH];
-        for _ in children {
-            let mut best = (f32::NEG_INFINITY, 0, 0);
-            for child in (0..children.len()).filter(|&c| slots[c] == usize::MAX) {
-                for slot in (0..WIDTH).filter(|&s| !taken[s]) {
-                    let gain: f32 = gain(child, slot);
-                    if gain > best.0 {
-                        best = (gain, child, slot);
-                    }
+        *node = layout.node(*of, children.iter().map(|(child, place)| (*child, reference(place))));
+    }
+    for (index, (block, &of)) in top_blocks.iter_mut().zip(&top.blocks).enumerate() {
+        *block = layout.block(of, index);
+    }
+    let mut parts = Vec::with_capacity(sizes.len());
+    for ((&(part, _), size), start) in top.parts.iter().zip(&sizes).zip(starts) {
+        let (nodes, blocks);
+        (nodes, nodes_left) = nodes_left.split_at_mut(size.nodes);
+        (blocks, blocks_left) = blocks_left.split_at_mut(size.blocks);
+        parts.push((part, start, nodes, blocks));
+    }
+    parts.into_par_iter().for_each(|(part, start, nodes, blocks)| layout.part(part, start, nodes, blocks));
+    let depth = all.depth.max(top.depth);
+    let places = places.into_iter().map(|place| Place(place.into_inner())).collect();
+    (Wide { nodes, blocks, depth }, places)
+}
+
+/// The children that the plan gives the wide node of a subtree.
+fn children(tree: &Tree, of: Subtree) -> Few {
+    let mut few = Few { subtrees: [of; WIDTH], len: 0 };
+    let mut take = |subtree| {
+        few.subtrees[few.len] = subtree;
+        few.len += 1;
+    };
+    if tree.is_block(of) {
+        take(of); // Only a root of few primitives.
+    } else {
+        tree.gather(of, WIDTH, &mut take);
+    }
+    few
+}
+
+/// At most eight subtrees.
+struct Few {
+    subtrees: [Subtree; WIDTH],
+    len: usize,
+}
+
+impl std::ops::Deref for Few {
+    type Target = [Subtree];
+
+    fn deref(&self) -> &[Subtree] {
+        &self.subtrees[..self.len]
+    }
+}
+
+/// The wide nodes over more than [`PART`] primitives, and what lies directly below them.
+#[derive(Default)]
+struct Top {
+    nodes: Vec<(Subtree, Vec<(Subtree, TopChild)>)>,
+    blocks: Vec<Subtree>,
+    /// Subtrees to lay out in parallel, with the depth of their root.
+    parts: Vec<(Subtree, usize)>,
+    depth: usize,
+}
+
+/// An index into the list of its kind.
+enum TopChild {
+    Node(usize),
+    Block(usize),
+    Part(usize),
+}
+
+impl Top {
+    fn new(tree: &Tree, root: Subtree) -> Self {
+        let mut top = Self { nodes: vec![(root, Vec::new())], ..Self::default() };
+        let mut depths = vec![1];
+        let mut at = 0;
+        while at < top.nodes.len() {
+            let (of, depth) = (top.nodes[at].0, depths[at]);
+            top.depth = top.depth.max(depth);
+            for &child in children(tree, of).iter() {
+                let place = if tree.is_block(child) {
+                    top.blocks.push(child);
+                    TopChild::Block(top.blocks.len() - 1)
+                } else if child.count > PART {
+                    top.nodes.push((child, Vec::new()));
+                    depths.push(depth + 1);
+                    TopChild::Node(top.nodes.len() - 1)
+                } else {
+                    top.parts.push((child, depth + 1));
+                    TopChild::Part(top.parts.len() - 1)
+                };
+                top.nodes[at].1.push((child, place));
+            }
+            at += 1;
+        }
+        top
+    }
+}
+
+/// What a subtree takes, or where it starts.
+#[derive(Clone, Copy, Default)]
+struct Size {
+    nodes: usize,
+    blocks: usize,
+    /// Inner nodes on the longest way down.
+    depth: usize,
+}
+
+impl Size {
+    fn of(tree: &Tree, part: Subtree) -> Self {
+        let mut size = Self::default();
+        let mut stack = vec![(part, 1)];
+        while let Some((of, depth)) = stack.pop() {
+            size.nodes += 1;
+            size.depth = size.depth.max(depth);
+            for &child in children(tree, of).iter() {
+                if tree.is_block(child) {
+                    size.blocks += 1;
+                } else {
+                    stack.push((child, depth + 1));
                 }
             }
-            slots[best.1] = best.2;
-            taken[best.2] = true;
         }
-        slots
+        size
     }
+}
+
+/// Makes nodes and blocks.
+struct Layout<'a, S> {
+    tree: &'a Tree,
+    shape: &'a S,
+    places: &'a [AtomicU32],
+}
+
+impl<S: Shape> Layout<'_, S> {
+    /// Lays a subtree out, children of one node side by side; `start` is where its memory lies in the whole.
+    fn part(&self, part: Subtree, start: Size, nodes: &mut [WideNode], blocks: &mut [Block]) {
+        let (mut node_count, mut block_count) = (1, 0);
+        let mut stack = vec![(0, part)];
+        while let Some((at, of)) = stack.pop() {
+            let children = children(self.tree, of);
+            let references = children.iter().map(|&child| {
+                if self.tree.is_block(child) {
+                    let index = start.blocks + block_count;
+                    blocks[block_count] = self.block(child, index);
+                    block_count += 1;
+                    (child, Child::block(index, child.count as usize))
+                } else {
+                    stack.push((node_count, child));
+                    node_count += 1;
+                    (child, Child::node(start.nodes + node_count - 1))
+                }
+            });
+            nodes[at] = self.node(of, references);
+        }
+    }
+
+    fn node(&self, of: Subtree, children: impl Iterator<Item = (Subtree, Child)>) -> WideNode {
+        let mut references = [(Child::NONE, crate::geom::Aabb::EMPTY); WIDTH];
+        let mut len = 0;
+        for (child, reference) in children {
+            references[len] = (reference, self.tree.bounds(child));
+            len += 1;
+        }
+        let references = &references[..len];
+        let centre = self.tree.bounds(of).centre();
+        let mut node = WideNode::VACANT;
+        let slots = slots(references.iter().map(|(_, bounds)| bounds.centre() - centre));
+        for ((reference, bounds), slot) in references.iter().zip(slots) {
+            node.set(slot, *bounds, *reference);
+        }
+        node
+    }
+
+    fn block(&self, of: Subtree, index: usize) -> Block {
+        let mut primitives = [u32::MAX; BLOCK_TRIANGLES];
+        for (to, primitive) in primitives.iter_mut().zip(self.tree.primitives(of)) {
+            *to = primitive;
+        }
+        let primitives = &mut primitives[..of.count as usize];
+        primitives.sort_unstable();
+        for (row, &primitive) in primitives.iter().enumerate() {
+            self.places[primitive as usize].store((index * BLOCK_TRIANGLES + row) as u32, Ordering::Relaxed);
+        }
+        Block::new(primitives.iter().map(|&p| (p, self.shape.corners(p), self.shape.is_masked(p))))
+    }
+}
+
+/// A slot for each of at most eight children at these offsets from the middle: greedily those that lie
+/// farthest in the direction of the slot's octant.
+fn slots(offsets: impl Iterator<Item = Vec3>) -> [usize; WIDTH] {
+    let mut gains = [[f32::NEG_INFINITY; WIDTH]; WIDTH];
+    let mut children = 0;
+    for offset in offsets {
+        for (slot, gain) in gains[children].iter_mut().enumerate() {
+            let along = |axis: usize| if slot >> axis & 1 == 1 { offset[axis] } else { -offset[axis] };
+            *gain = along(0) + along(1) + along(2);
+        }
+        children += 1;
+    }
+    let mut slots = [0; WIDTH];
+    for _ in 0..children {
+        let mut best = (f32::NEG_INFINITY, 0, 0);
+        for (child, gains) in gains[..children].iter().enumerate() {
+            for (slot, &gain) in gains.iter().enumerate() {
+                if gain > best.0 {
+                    best = (gain, child, slot);
+                }
+            }
+        }
+        let (_, child, slot) = best;
+        slots[child] = slot;
+        gains[child] = [f32::NEG_INFINITY; WIDTH];
+        gains.iter_mut().for_each(|gains| gains[slot] = f32::NEG_INFINITY);
+    }
+    slots
 }
 
 #[cfg(test)]
@@ -196,14 +261,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_plan_costs_no_more_than_any_cut_of_a_small_tree() {
-        // Two pairs: one block of four must beat two blocks and an inner node when boxes coincide.
-        let same = Plan { cost: [1.0; 7], left: [0; 8], block: true };
-        let plan = merge(&same, &same, 1.0, Some(1.5));
-        assert!(plan.block && plan.cost[0] == 1.5);
-        // A dear block is split; two children then cost their sum.
-        let plan = merge(&same, &same, 1.0, Some(9.0));
-        assert!(!plan.block);
-        assert_eq!((plan.cost[0], plan.cost[1], plan.left[1]), (3.0, 2.0, 1));
+    fn every_child_has_a_slot_of_its_own_towards_its_corner() {
+        let corner = |i: usize| {
+            let along = |axis: usize| if i >> axis & 1 == 1 { 1.0 } else { -1.0 };
+            Vec3::new(along(0), along(1), along(2))
+        };
+        assert_eq!(slots((0..8).rev().map(corner)), [7, 6, 5, 4, 3, 2, 1, 0]);
+        let mut same = slots((0..8).map(|_| Vec3::ZERO));
+        same.sort_unstable();
+        assert_eq!(same, [0, 1, 2, 3, 4, 5, 6, 7]);
+        assert_eq!(slots([Vec3::new(1.0, 2.0, -3.0)].into_iter())[0], 3);
     }
 }

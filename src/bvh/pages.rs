@@ -6,8 +6,11 @@
 //! 2. All `len` elements are initialised, and their type has no destructor (`Copy`).
 #![allow(unsafe_code)]
 
+use bytemuck::Pod;
+use rayon::prelude::*;
 use std::alloc::{Layout, alloc, dealloc, handle_alloc_error};
-use std::ops::Deref;
+use std::mem::MaybeUninit;
+use std::ops::{Deref, DerefMut};
 use std::ptr::NonNull;
 
 /// Size of a huge page.
@@ -31,11 +34,15 @@ fn layout<T>(len: usize) -> Layout {
     layout.align_to(align).expect("a power of two").pad_to_align()
 }
 
-impl<T: Copy> From<&[T]> for Pages<T> {
-    fn from(from: &[T]) -> Self {
-        let layout = layout::<T>(from.len());
+/// Bytes that one thread clears at a time.
+const CLEAR: usize = 4 << 20;
+
+impl<T: Pod + Send> Pages<T> {
+    /// All zero; cleared on all threads, for the system hands out pages as they are first written to.
+    pub fn zeroed(len: usize) -> Self {
+        let layout = layout::<T>(len);
         if layout.size() == 0 {
-            return Self { start: NonNull::dangling(), len: from.len() };
+            return Self { start: NonNull::dangling(), len };
         }
         // SAFETY: the size is not 0.
         let memory = unsafe { alloc(layout) };
@@ -45,9 +52,15 @@ impl<T: Copy> From<&[T]> for Pages<T> {
             // SAFETY: the memory is ours and aligned to pages; that the advice may fail is no matter.
             unsafe { libc::madvise(memory.cast(), layout.size(), libc::MADV_HUGEPAGE) };
         }
-        // SAFETY: the allocation has room for all elements and overlaps nothing.
-        unsafe { start.copy_from_nonoverlapping(NonNull::from(from).cast(), from.len()) };
-        Self { start, len: from.len() }
+        let clear = |piece: &mut [MaybeUninit<u8>]| piece.fill(MaybeUninit::new(0));
+        // SAFETY: the memory is ours, and may be uninitialised in a slice of this type.
+        let bytes = unsafe { std::slice::from_raw_parts_mut(memory.cast(), layout.size()) };
+        if bytes.len() > CLEAR {
+            bytes.par_chunks_mut(CLEAR).for_each(clear);
+        } else {
+            clear(bytes);
+        }
+        Self { start, len }
     }
 }
 
@@ -70,9 +83,18 @@ impl<T: Copy> Deref for Pages<T> {
     }
 }
 
-impl<T: Copy> Clone for Pages<T> {
+impl<T: Copy> DerefMut for Pages<T> {
+    fn deref_mut(&mut self) -> &mut [T] {
+        // SAFETY: invariants 1 and 2.
+        unsafe { std::slice::from_raw_parts_mut(self.start.as_ptr(), self.len) }
+    }
+}
+
+impl<T: Pod + Send> Clone for Pages<T> {
     fn clone(&self) -> Self {
-        Self::from(&**self)
+        let mut copy = Self::zeroed(self.len);
+        copy.copy_from_slice(self);
+        copy
     }
 }
 
@@ -90,7 +112,9 @@ mod tests {
     fn slices_of_all_sizes_come_back_whole_and_aligned() {
         for len in [0, 1, 1000, 300_000, 600_000] {
             let numbers: Vec<u64> = (0..len).map(|i| i * i).collect();
-            let pages = Pages::from(numbers.as_slice());
+            let mut pages = Pages::zeroed(len as usize);
+            assert!(pages.iter().all(|&number| number == 0));
+            pages.copy_from_slice(&numbers);
             let copy = pages.clone();
             drop(pages);
             assert_eq!(*copy, *numbers);

@@ -59,7 +59,8 @@ impl Bvh {
 
     fn validate_binary(&self) -> Result<(), BvhError> {
         let tree = "binary";
-        let nodes = self.binary.nodes();
+        let binary = self.binary();
+        let nodes = binary.nodes();
         let mut found = vec![0; self.len()];
         for (node, parent) in nodes.iter().enumerate() {
             if parent.is_leaf() {
@@ -67,13 +68,13 @@ impl Bvh {
                 self.validate_triangle(tree, parent.index, &parent.bounds())?;
                 continue;
             }
-            for child in self.binary.children(node) {
+            for child in binary.children(node) {
                 if !parent.bounds().contains(&nodes[child].bounds()) {
                     return Err(BvhError::Box { tree, node, child });
                 }
             }
         }
-        let depth = self.binary.depth();
+        let depth = binary.depth();
         if depth > MAX_DEPTH {
             return Err(BvhError::Depth { tree, found: depth, allowed: MAX_DEPTH });
         }

@@ -84,6 +84,13 @@ impl WideNode {
         self.children[slot] = child;
     }
 
+    /// The box around all children; vacant slots are inverted and add nothing.
+    pub(super) fn all_bounds(&self) -> Aabb {
+        let lowest = self.faces[0].map(|axis| axis.into_iter().fold(f32::INFINITY, f32::min));
+        let highest = self.faces[1].map(|axis| axis.into_iter().fold(f32::NEG_INFINITY, f32::max));
+        Aabb { min: lowest.into(), max: highest.into() }
+    }
+
     /// The box of a slot.
     pub fn bounds(&self, slot: usize) -> Aabb {
         let corner = |side: usize| Vec3::from_array(self.faces[side].map(|axis| axis[slot]));

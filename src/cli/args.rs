@@ -36,6 +36,8 @@ pub enum BenchCommand {
     /// Trace camera, bounce and shadow rays with the CPU tracer at each instruction set, its scalar reference, obvhs
     /// and, where its library is given, Embree 4; on the same rays, in rounds that take turns.
     Rays(BenchRaysArgs),
+    /// Build the tree and, where its library is given, Embree 4's of each quality, in rounds that take turns.
+    Build(BenchBuildArgs),
 }
 
 /// Which units trace rays.
@@ -190,6 +192,25 @@ pub struct BenchRaysArgs {
     pub rounds: u32,
     /// Numbers of threads to measure with, as in 1,2.
     #[arg(long, value_name = "N,..", value_delimiter = ',', default_value = "1", value_parser = clap::value_parser!(u32).range(1..=1024))]
+    pub threads: Vec<u32>,
+    /// Embree 4's shared library (the wheel `embreex` carries one); without it that peer is left out.
+    #[arg(long, value_name = "FILE")]
+    pub embree: Option<PathBuf>,
+    /// Write the results as JSON.
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+/// `raystream bench build`.
+#[derive(Debug, Args)]
+pub struct BenchBuildArgs {
+    /// Scene file; or terrain:N, hills of 2 N² triangles, or fur:N, a ball with N hairs of 12 triangles.
+    pub scene: PathBuf,
+    /// Rounds; each builder builds once a round.
+    #[arg(long, value_name = "N", default_value_t = 7, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    pub rounds: u32,
+    /// Numbers of threads to measure with.
+    #[arg(long, value_name = "N,..", value_delimiter = ',', default_value = "1,2", value_parser = clap::value_parser!(u32).range(1..=1024))]
     pub threads: Vec<u32>,
     /// Embree 4's shared library (the wheel `embreex` carries one); without it that peer is left out.
     #[arg(long, value_name = "FILE")]

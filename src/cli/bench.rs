@@ -1,21 +1,23 @@
 //! `raystream bench`.
 
-use super::args::BenchRaysArgs;
+use super::args::{BenchBuildArgs, BenchRaysArgs};
 use super::stats::{self, SCHEMA};
-use crate::bench::rays::{Options, Report, Row, run};
-use crate::bench::{Kind, Workload};
+use crate::bench::rays::{Options, Report, run};
+use crate::bench::{Kind, Workload, build, meshes};
 use crate::render::{Stage, Units};
 use crate::scene::{Camera, load};
-use anyhow::Result;
+use anyhow::{Context, Result};
 use serde::Serialize;
+use std::path::Path;
 use std::sync::Arc;
 
 /// What `--json` writes.
 #[derive(Serialize)]
-struct Sheet<'a> {
+struct Sheet<'a, R> {
     schema: u32,
     machine: Machine,
-    rows: Vec<SceneRow<'a>>,
+    rows: Vec<SceneRow<'a, R>>,
+    #[serde(skip_serializing_if = "<[_]>::is_empty")]
     agreement: &'a [crate::bench::rays::Agreement],
 }
 
@@ -26,16 +28,15 @@ struct Machine {
 }
 
 #[derive(Serialize)]
-struct SceneRow<'a> {
+struct SceneRow<'a, R> {
     scene: &'a str,
     #[serde(flatten)]
-    row: &'a Row,
+    row: &'a R,
 }
 
 /// Measures the CPU tracer beside its peers.
 pub fn rays(args: &BenchRaysArgs) -> Result<()> {
     let units = Units::cpu();
-    let simd = units.simd();
     let stage = Stage::new(Arc::new(load::load(&args.scene)?), &units);
     let (width, height) = args.size;
     let bounds = stage.scene.bounds();
@@ -51,14 +52,76 @@ pub fn rays(args: &BenchRaysArgs) -> Result<()> {
     let mesh = &stage.scene.mesh;
     let report = run(&stage.bvh, &mesh.positions, &mesh.triangles, &workload, &options)?;
     print(&report, &workload);
-    if let Some(path) = &args.json {
-        let scene = args.scene.file_name().and_then(|name| name.to_str()).unwrap_or_default();
-        let threads = std::thread::available_parallelism().map_or(1, usize::from);
-        let rows = report.rows.iter().map(|row| SceneRow { scene, row }).collect();
-        let machine = Machine { threads, simd: simd.name() };
-        stats::write(path, &Sheet { schema: SCHEMA, machine, rows, agreement: &report.agreement })?;
+    match &args.json {
+        Some(path) => write(path, &args.scene, &report.rows, &report.agreement),
+        None => Ok(()),
     }
-    Ok(())
+}
+
+fn write<R: Serialize>(
+    path: &Path,
+    scene: &Path,
+    rows: &[R],
+    agreement: &[crate::bench::rays::Agreement],
+) -> Result<()> {
+    let scene = scene.file_name().and_then(|name| name.to_str()).unwrap_or_default();
+    let threads = std::thread::available_parallelism().map_or(1, usize::from);
+    let machine = Machine { threads, simd: Units::cpu().simd().name() };
+    let rows = rows.iter().map(|row| SceneRow { scene, row }).collect();
+    stats::write(path, &Sheet { schema: SCHEMA, machine, rows, agreement })
+}
+
+/// Measures the builder beside its peers.
+pub fn build(args: &BenchBuildArgs) -> Result<()> {
+    let (positions, triangles) = mesh(&args.scene)?;
+    let options = build::Options {
+        rounds: args.rounds as usize,
+        threads: args.threads.iter().map(|&n| n as usize).collect(),
+        embree: args.embree.clone(),
+    };
+    let rows = build::run(&positions, &triangles, &options)?;
+    println!("{} triangles", triangles.len());
+    println!(
+        "{:<24} {:>7} {:>9} {:>9} {:>9} {:>10} {:>10} {:>8}  ratio to medium",
+        "builder", "threads", "ms", "best", "worst", "B/triangle", "at most", "cost"
+    );
+    let number = |value: Option<f64>| value.map_or_else(String::new, |value| format!("{value:.1}"));
+    for row in &rows {
+        println!(
+            "{:<24} {:>7} {:>9.1} {:>9.1} {:>9.1} {:>10.1} {:>10} {:>8}  {}",
+            row.unit,
+            row.threads,
+            row.seconds.median * 1e3,
+            row.seconds.best * 1e3,
+            row.seconds.worst * 1e3,
+            row.bytes_per_triangle,
+            number(row.peak_bytes_per_triangle),
+            number(row.cost.map(f64::from)),
+            row.ratio.map_or_else(String::new, |ratio| format!("{ratio:.2}")),
+        );
+    }
+    match &args.json {
+        Some(path) => write(path, &args.scene, &rows, &[]),
+        None => Ok(()),
+    }
+}
+
+/// The triangles of a scene file or of a generated mesh.
+fn mesh(scene: &Path) -> Result<meshes::Mesh> {
+    if let Some((name, size)) = scene.to_str().and_then(|scene| scene.split_once(':')) {
+        let generate = match name {
+            "terrain" => Some((meshes::terrain as fn(u32) -> meshes::Mesh, 1 << 13)),
+            "fur" => Some((meshes::fur as fn(u32) -> meshes::Mesh, 1 << 22)),
+            _ => None,
+        };
+        if let Some((generate, most)) = generate {
+            let size: u32 = size.parse().with_context(|| format!("{name}:{size}: the size is a number"))?;
+            anyhow::ensure!((1..=most).contains(&size), "{name}:{size}: the size is from 1 to {most}");
+            return Ok(generate(size));
+        }
+    }
+    let mesh = load::load(scene)?.mesh;
+    Ok((mesh.positions, mesh.triangles))
 }
 
 /// The name that `--json` gives a kind.

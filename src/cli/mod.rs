@@ -39,6 +39,7 @@ pub fn run() -> ExitCode {
         Command::Trace(args) => trace::run(args),
         Command::Mesh(args) => mesh::run(args).map(|()| Outcome::Done),
         Command::Bench(BenchCommand::Rays(args)) => bench::rays(args).map(|()| Outcome::Done),
+        Command::Bench(BenchCommand::Build(args)) => bench::build(args).map(|()| Outcome::Done),
         Command::Info => {
             info::run();
             Ok(Outcome::Done)

@@ -45,6 +45,15 @@ impl Aabb {
         if self.is_empty() { 0.0 } else { 0.5 * (self.max - self.min).length() }
     }
 
+    /// Half the surface; 0 for an empty box.
+    pub fn half_area(&self) -> f32 {
+        if self.is_empty() {
+            return 0.0;
+        }
+        let size = self.max - self.min;
+        size.x * size.y + size.y * size.z + size.z * size.x
+    }
+
     /// Largest absolute coordinate of the box; 0 for an empty one.
     pub fn max_abs(&self) -> f32 {
         if self.is_empty() { 0.0 } else { self.min.abs().max(self.max.abs()).max_element() }

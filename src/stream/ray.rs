@@ -23,6 +23,11 @@ impl Ray {
     pub fn new(origin: glam::Vec3, direction: glam::Vec3) -> Self {
         Self { origin: origin.into(), t_min: 0.0, direction: direction.into(), t_max: f32::INFINITY }
     }
+
+    /// A ray from one point to another: `t` is 0 at the first and 1 at the second, both included.
+    pub fn between(from: glam::Vec3, to: glam::Vec3) -> Self {
+        Self { t_max: 1.0, ..Self::new(from, to - from) }
+    }
 }
 
 /// The value of [`Hit::primitive`] of a ray that hit nothing.

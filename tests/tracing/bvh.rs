@@ -2,7 +2,7 @@
 
 use crate::meshes::{self, Mesh, Random};
 use glam::Vec3;
-use raystream::bvh::{Bvh, MAX_DEPTH};
+use raystream::bvh::{Bvh, GeometryError, MAX_DEPTH};
 
 fn build(mesh: &Mesh) -> Bvh {
     let bvh = Bvh::build(&mesh.positions, &mesh.triangles, |p| p % 3 == 0);
@@ -81,4 +81,63 @@ fn the_tree_does_not_depend_on_the_number_of_threads() {
     assert_eq!(one.binary().nodes(), three.binary().nodes());
     assert_eq!(one.wide().nodes(), three.wide().nodes());
     assert_eq!(one.wide().blocks(), three.wide().blocks());
+}
+
+#[test]
+fn equal_triangles_and_an_endless_sliver_make_shallow_trees() {
+    let mut mesh = Mesh::default();
+    mesh.push([Vec3::ZERO, Vec3::X, Vec3::Y]);
+    mesh.triangles = vec![[0, 1, 2]; 100_000];
+    let bvh = build(&mesh);
+    assert!(bvh.binary().depth() <= 18 && bvh.wide().depth() <= 8, "{}", bvh.wide().depth());
+    // One sliver a billion long through ordinary triangles.
+    let mut mesh = meshes::soup(50_000, 0.05, 11);
+    mesh.push([Vec3::ZERO, Vec3::X * 1e9, Vec3::new(1e9, 1e-3, 0.0)]);
+    let bvh = build(&mesh);
+    assert!(bvh.wide().depth() <= 16, "{}", bvh.wide().depth());
+}
+
+#[test]
+#[should_panic(expected = "coordinates must be numbers of at most 1e11")]
+fn coordinates_beyond_the_stated_maximum_are_refused() {
+    build(&meshes::soup(10, 0.1, 12).scaled(1e30));
+}
+
+#[test]
+fn a_refitted_tree_is_valid_and_tight_and_knows_its_triangles() {
+    let before = meshes::soup(20_000, 0.03, 13);
+    let mut after = before.clone();
+    let mut random = Random::new(14);
+    after.positions.iter_mut().for_each(|p| *p = Vec3::new(p.y, 2.0 * p.x, -p.z) + 0.2 * random.point());
+    let mut bvh = build(&before);
+    let (nodes, bytes) = (bvh.wide().nodes().len(), bvh.bytes());
+    assert_eq!(bvh.refit(&after.positions, &after.triangles), Ok(()));
+    assert_eq!(bvh.validate(), Ok(()));
+    assert_eq!((bvh.wide().nodes().len(), bvh.bytes()), (nodes, bytes));
+    for primitive in 0..bvh.len() as u32 {
+        assert_eq!(bvh.corners(primitive), after.corners(primitive as usize));
+        assert_eq!(bvh.is_masked(primitive), primitive % 3 == 0);
+    }
+    assert_eq!(bvh.bounds(), build(&after).bounds());
+    // There and back again.
+    assert_eq!(bvh.refit(&before.positions, &before.triangles), Ok(()));
+    let fresh = build(&before);
+    assert_eq!(bvh.wide().nodes(), fresh.wide().nodes());
+    assert_eq!(bvh.wide().blocks(), fresh.wide().blocks());
+}
+
+#[test]
+fn a_refit_that_cannot_be_leaves_the_tree_as_it_was() {
+    let mesh = meshes::soup(100, 0.1, 15);
+    let mut bvh = build(&mesh);
+    let refused = bvh.refit(&mesh.positions, &mesh.triangles[1..]);
+    assert_eq!(refused, Err(GeometryError::Triangles { found: 99, expected: 100 }));
+    let refused = bvh.refit(&mesh.positions[1..], &mesh.triangles);
+    assert_eq!(refused, Err(GeometryError::Vertex { triangle: 99, vertex: 299, count: 299 }));
+    let mut broken = mesh.positions.clone();
+    broken[7].y = 2e11;
+    let refused = bvh.refit(&broken, &mesh.triangles);
+    assert_eq!(refused, Err(GeometryError::Position { vertex: 7, at: broken[7] }));
+    assert_eq!(bvh.corners(2), mesh.corners(2));
+    assert_eq!(Bvh::build(&[], &[], |_| false).refit(&[], &[]), Ok(()));
 }

@@ -1,12 +1,11 @@
 //! The scalar reference.
 
-use crate::bvh::{Bvh, Filter, MAX_DEPTH};
-use crate::geom::{CanonicalHit, CanonicalRay};
+use crate::bvh::{Bvh, Child, Filter, WIDTH};
+use crate::geom::{Aabb, CanonicalHit, CanonicalRay};
 use crate::stream::{Hit, Ray, Tracer};
-use glam::Vec3;
 use std::sync::Arc;
 
-/// The scalar reference: one ray at a time through the binary tree, with the canonical test as `geom`
+/// The scalar reference: one ray at a time through the tree, with the canonical test as `geom`
 /// states it. Every tracer gives the same bits.
 #[derive(Clone)]
 pub struct Oracle {
@@ -85,41 +84,35 @@ impl Oracle {
     /// Calls `visit` for hits of which none nearer than, or as near as, the nearest is left out.
     /// `visit` answers how far the search still has to look, or that it is over.
     fn traverse(&self, ray: &Ray, mut visit: impl FnMut(Hit) -> Option<f32>) {
-        let binary = self.bvh.binary();
-        let nodes = binary.nodes();
+        let wide = self.bvh.wide();
         let ray = self.prepare(ray);
         let mut limit = ray.t_max;
-        let enters = |node: usize, limit: f32| {
-            let (enter, leave) = ray.slab(Vec3::from(nodes[node].min), Vec3::from(nodes[node].max));
-            (enter <= leave && enter <= limit && leave >= ray.t_min).then_some(enter)
-        };
-        // Holds at most one node a level: the sibling of the one visited.
-        let mut stack = [(0usize, 0.0f32); MAX_DEPTH];
-        let mut len = 0;
-        if !nodes.is_empty() && enters(0, limit).is_some() {
-            len = 1;
-        }
-        while len > 0 {
-            len -= 1;
-            let (node, enter) = stack[len];
+        let mut stack = Vec::with_capacity(WIDTH * wide.depth());
+        stack.push((Child::ROOT, 0.0));
+        while let Some((at, enter)) = stack.pop() {
             if enter > limit {
                 continue;
             }
-            if nodes[node].is_leaf() {
-                let Some(hit) = self.test(&ray, nodes[node].index) else { continue };
-                let Some(new_limit) = visit(hit) else { return };
-                limit = limit.min(new_limit);
+            if at.is_block() {
+                let block = &wide.blocks()[at.index()];
+                for row in 0..at.triangles() {
+                    let Some(hit) = self.test(&ray, block.primitive(row)) else { continue };
+                    let Some(new_limit) = visit(hit) else { return };
+                    limit = limit.min(new_limit);
+                }
                 continue;
             }
-            let [left, right] = binary.children(node).map(|child| (child, enters(child, limit)));
-            // The nearer child goes on top.
-            let order = if left.1 <= right.1 { [right, left] } else { [left, right] };
-            for (child, enter) in order {
-                if let Some(enter) = enter {
-                    stack[len] = (child, enter);
-                    len += 1;
+            let node = &wide.nodes()[at.index()];
+            let first = stack.len();
+            for (slot, &child) in node.children.iter().enumerate() {
+                let Aabb { min, max } = node.bounds(slot);
+                let (enter, leave) = ray.slab(min, max);
+                if enter <= leave && enter <= limit && leave >= ray.t_min && child != Child::NONE {
+                    stack.push((child, enter));
                 }
             }
+            // The nearest child goes on top.
+            stack[first..].sort_unstable_by(|a, b| b.1.total_cmp(&a.1));
         }
     }
 }

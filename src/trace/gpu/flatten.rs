@@ -1,7 +1,7 @@
 //! The binary tree as the kernels read it.
 
 use super::layout::{LAST, LEAF, LEAF_TRIANGLES, MASKED, Node, Triangle};
-use crate::bvh::Bvh;
+use crate::bvh::{Binary, Bvh};
 use crate::geom::{Aabb, MAX_COORDINATE};
 use glam::Vec3;
 
@@ -31,22 +31,22 @@ struct Open {
 }
 
 /// Number of inner nodes that [`flatten`] makes; it makes a triangle of each of the tree's.
-pub(super) fn node_count(bvh: &Bvh) -> usize {
-    bvh.binary().nodes().iter().filter(|node| node.count as usize > LEAF_TRIANGLES).count().max(1)
+pub(super) fn node_count(binary: &Binary) -> usize {
+    binary.nodes().iter().filter(|node| node.count as usize > LEAF_TRIANGLES).count().max(1)
 }
 
 /// Lays the tree out. Subtrees of at most [`LEAF_TRIANGLES`] become leaves.
-pub(super) fn flatten(bvh: &Bvh) -> Flat {
+pub(super) fn flatten(bvh: &Bvh, binary: &Binary) -> Flat {
     let mut flat = Flat {
-        nodes: Vec::with_capacity(node_count(bvh)),
+        nodes: Vec::with_capacity(node_count(binary)),
         triangles: Vec::with_capacity(bvh.len()),
         stack: 0,
     };
-    let nodes = bvh.binary().nodes();
+    let nodes = binary.nodes();
     match nodes.first() {
         Some(root) if root.count as usize > LEAF_TRIANGLES => {}
         Some(_) => {
-            let root = flat.child(bvh, 0);
+            let root = flat.child(bvh, binary, 0);
             flat.nodes.push(join(root, ABSENT));
             return flat;
         }
@@ -64,8 +64,8 @@ pub(super) fn flatten(bvh: &Bvh) -> Flat {
             None => {}
         }
         flat.stack = flat.stack.max(above + 1);
-        let [left, right] = bvh.binary().children(index);
-        let node = join(flat.child(bvh, left), flat.child(bvh, right));
+        let [left, right] = binary.children(index);
+        let node = join(flat.child(bvh, binary, left), flat.child(bvh, binary, right));
         flat.nodes.push(node);
         for (index, is_right) in [(right, true), (left, false)] {
             if nodes[index].count as usize > LEAF_TRIANGLES {
@@ -78,8 +78,8 @@ pub(super) fn flatten(bvh: &Bvh) -> Flat {
 
 impl Flat {
     /// How a parent refers to a node of the binary tree; lays out its triangles if it is a leaf here.
-    fn child(&mut self, bvh: &Bvh, index: usize) -> Child {
-        let nodes = bvh.binary().nodes();
+    fn child(&mut self, bvh: &Bvh, binary: &Binary, index: usize) -> Child {
+        let nodes = binary.nodes();
         let node = &nodes[index];
         let count = node.count as usize;
         if count > LEAF_TRIANGLES {
@@ -176,8 +176,9 @@ mod tests {
     fn every_triangle_is_reached_once_and_the_stack_suffices() {
         for count in [0, 1, 2, 3, 50, 1000] {
             let bvh = build(count);
-            let flat = flatten(&bvh);
-            assert_eq!((flat.nodes.len(), flat.triangles.len()), (node_count(&bvh), bvh.len()));
+            let binary = bvh.binary();
+            let flat = flatten(&bvh, &binary);
+            assert_eq!((flat.nodes.len(), flat.triangles.len()), (node_count(&binary), bvh.len()));
             for right_first in [false, true] {
                 let (mut met, highest) = walk(&flat, right_first);
                 met.sort_unstable();
@@ -194,7 +195,8 @@ mod tests {
 
     #[test]
     fn boxes_hold_the_triangles_below() {
-        let flat = flatten(&build(300));
+        let bvh = build(300);
+        let flat = flatten(&bvh, &bvh.binary());
         let mut stack = vec![(0, Aabb { min: Vec3::NEG_INFINITY, max: Vec3::INFINITY })];
         while let Some((reference, bounds)) = stack.pop() {
             if reference & LEAF != 0 {

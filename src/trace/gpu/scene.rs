@@ -31,9 +31,10 @@ impl DeviceScene {
     /// When a buffer exceeds what the adapter binds (told before anything is allocated), or the
     /// device refuses or is lost.
     pub fn new(gpu: &Gpu, bvh: &Bvh, source: Source<'_>) -> Result<Self, GpuError> {
-        let node_bytes = check(gpu, "BVH nodes", node_count(bvh) * size_of::<Node>())?;
+        let binary = bvh.binary();
+        let node_bytes = check(gpu, "BVH nodes", node_count(&binary) * size_of::<Node>())?;
         let triangle_bytes = check(gpu, "triangles", bvh.len().max(1) * size_of::<Triangle>())?;
-        let Flat { nodes, triangles, stack } = flatten(bvh);
+        let Flat { nodes, triangles, stack } = flatten(bvh, &binary);
         let adapter = || gpu.info().to_string();
 
         let made = gpu.attempt(|device, _| {

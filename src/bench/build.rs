@@ -1,0 +1,172 @@
+//! `raystream bench build`: our tree's build beside Embree's qualities, on the same triangles, in one
+//! process, in rounds that take turns.
+
+use super::embree::{Embree, EmbreeError, Quality};
+use crate::bvh::Bvh;
+use glam::Vec3;
+use serde::Serialize;
+use std::path::PathBuf;
+use std::time::Instant;
+
+/// What to measure.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// Rounds; each builder builds once a round.
+    pub rounds: usize,
+    /// Numbers of threads.
+    pub threads: Vec<usize>,
+    /// Embree's shared library; without it its rows are missing.
+    pub embree: Option<PathBuf>,
+}
+
+/// Seconds over the rounds.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Seconds {
+    /// In the middle.
+    pub median: f64,
+    /// Of the fastest round.
+    pub best: f64,
+    /// Of the slowest round.
+    pub worst: f64,
+}
+
+/// One builder on so many threads.
+#[derive(Clone, Debug, Serialize)]
+pub struct Row {
+    /// Who built.
+    pub unit: String,
+    /// Number of threads.
+    pub threads: usize,
+    /// How long it took.
+    pub seconds: Seconds,
+    /// Bytes a triangle of what was built; its vertices are among them with us, and not with Embree's
+    /// default and robust trees of indexed triangles.
+    pub bytes_per_triangle: f64,
+    /// The most bytes a triangle while it was built, where the builder tells.
+    pub peak_bytes_per_triangle: Option<f64>,
+    /// Expected cost of a random line, of our trees only: see [`Bvh::cost`].
+    pub cost: Option<f32>,
+    /// Our median over Embree's of medium quality; below 1 we are faster.
+    pub ratio: Option<f64>,
+}
+
+/// What one build tells.
+struct Built {
+    seconds: f64,
+    bytes: usize,
+    peak_bytes: Option<usize>,
+    cost: Option<f32>,
+}
+
+/// A builder that takes part.
+type Unit<'a> = (String, Box<dyn FnMut() -> Result<Built, EmbreeError> + 'a>);
+
+/// Measures every builder.
+///
+/// # Errors
+/// When Embree was asked for and is not there, or refuses.
+pub fn run(positions: &[Vec3], triangles: &[[u32; 3]], options: &Options) -> Result<Vec<Row>, EmbreeError> {
+    let mut rows = Vec::new();
+    for &threads in &options.threads {
+        let pool =
+            rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads can be started");
+        let embree = options.embree.as_deref().map(|path| Embree::load(path, threads)).transpose()?;
+        let ours = || {
+            let start = Instant::now();
+            let bvh = pool.install(|| Bvh::build(positions, triangles, |_| false));
+            let seconds = start.elapsed().as_secs_f64();
+            Ok(Built { seconds, bytes: bvh.bytes(), peak_bytes: None, cost: Some(bvh.cost()) })
+        };
+        let mut bvh = pool.install(|| Bvh::build(positions, triangles, |_| false));
+        let pool = &pool;
+        let refit = move || {
+            let start = Instant::now();
+            let fits = pool.install(|| bvh.refit(positions, triangles));
+            let seconds = start.elapsed().as_secs_f64();
+            debug_assert_eq!(fits, Ok(()), "the triangles that it was built of");
+            Ok(Built { seconds, bytes: bvh.bytes(), peak_bytes: None, cost: Some(bvh.cost()) })
+        };
+        let mut units: Vec<Unit<'_>> =
+            vec![("raystream".to_owned(), Box::new(ours)), ("raystream, refit".to_owned(), Box::new(refit))];
+        for (quality, robust) in Quality::ALL.map(|q| (q, false)).into_iter().chain([(Quality::Medium, true)])
+        {
+            let Some(embree) = &embree else { continue };
+            let name = format!("embree {}{}", quality.name(), if robust { ", robust" } else { "" });
+            let theirs = move || {
+                let scene = embree.build(positions, triangles, robust, quality)?;
+                let (bytes, peak_bytes) = (scene.bytes, Some(scene.peak_bytes));
+                Ok(Built { seconds: scene.build_s, bytes, peak_bytes, cost: None })
+            };
+            units.push((name, Box::new(theirs)));
+        }
+        rows.extend(measure(units, triangles.len(), threads, options.rounds)?);
+    }
+    Ok(rows)
+}
+
+/// Times the builders in turns.
+fn measure(
+    mut units: Vec<Unit<'_>>,
+    triangles: usize,
+    threads: usize,
+    rounds: usize,
+) -> Result<Vec<Row>, EmbreeError> {
+    let mut seconds = vec![Vec::new(); units.len()];
+    let mut last = Vec::new();
+    for round in 0..=rounds {
+        last.clear();
+        for ((_, build), seconds) in units.iter_mut().zip(&mut seconds) {
+            let built = build()?;
+            // The first round starts threads.
+            if round > 0 {
+                seconds.push(built.seconds);
+            }
+            last.push(built);
+        }
+    }
+    let seconds: Vec<Seconds> = seconds.into_iter().map(summary).collect();
+    let medium = units.iter().position(|(name, _)| *name == format!("embree {}", Quality::Medium.name()));
+    let medium = medium.map(|i| seconds[i].median);
+    let per_triangle = |bytes: usize| bytes as f64 / triangles.max(1) as f64;
+    let row = |(((unit, _), built), seconds): ((Unit<'_>, Built), Seconds)| Row {
+        unit,
+        threads,
+        seconds,
+        bytes_per_triangle: per_triangle(built.bytes),
+        peak_bytes_per_triangle: built.peak_bytes.map(per_triangle),
+        cost: built.cost,
+        ratio: medium.map(|medium| seconds.median / medium),
+    };
+    Ok(units.into_iter().zip(last).zip(seconds).map(row).collect())
+}
+
+/// Median, best and worst.
+fn summary(mut seconds: Vec<f64>) -> Seconds {
+    seconds.sort_by(f64::total_cmp);
+    let at = |i: usize| seconds.get(i).copied().unwrap_or(f64::NAN);
+    Seconds {
+        median: 0.5 * (at(seconds.len() / 2) + at(seconds.len().saturating_sub(1) / 2)),
+        best: at(0),
+        worst: at(seconds.len().saturating_sub(1)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn without_embree_there_is_a_row_for_each_number_of_threads() {
+        let (positions, triangles) = crate::bench::meshes::terrain(20);
+        let options = Options { rounds: 3, threads: vec![1, 2], embree: None };
+        let rows = run(&positions, &triangles, &options).expect("no Embree asked for");
+        assert_eq!(rows.iter().map(|row| row.threads).collect::<Vec<_>>(), [1, 1, 2, 2]);
+        for row in &rows {
+            let Seconds { median, best, worst } = row.seconds;
+            assert!(0.0 < best && best <= median && median <= worst);
+            assert!(row.bytes_per_triangle > 40.0 && row.bytes_per_triangle < 200.0);
+            assert_eq!(row.cost, rows[0].cost);
+            assert_eq!(row.ratio, None);
+        }
+    }
+}

@@ -1,0 +1,75 @@
+//! Which triangles a tree can be built over.
+
+use crate::geom::MAX_COORDINATE;
+use glam::Vec3;
+use rayon::prelude::*;
+
+/// The most triangles of a tree: ids have 30 bits.
+const MOST_TRIANGLES: usize = (1 << 30) - 1;
+
+/// Elements that one thread checks at a time.
+const PIECE: usize = 1 << 14;
+
+/// Why there can be no tree over some triangles, or none of the old shape.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum GeometryError {
+    /// More than primitive ids can name.
+    #[error("{found} triangles; at most {most} can be numbered")]
+    TooMany {
+        /// Given.
+        found: usize,
+        /// How many there may be.
+        most: usize,
+    },
+    /// Another number of triangles.
+    #[error("the tree holds {expected} triangles, not {found}; build it anew")]
+    Triangles {
+        /// Given.
+        found: usize,
+        /// In the tree.
+        expected: usize,
+    },
+    /// A triangle names a vertex that is not there.
+    #[error("triangle {triangle} names vertex {vertex}, but there are {count} vertices")]
+    Vertex {
+        /// Triangle index.
+        triangle: usize,
+        /// The index it names.
+        vertex: u32,
+        /// How many there are.
+        count: usize,
+    },
+    /// A coordinate is NaN or too large.
+    #[error("vertex {vertex} is at {at}; coordinates must be numbers of at most {MAX_COORDINATE:e} in size")]
+    Position {
+        /// Vertex index.
+        vertex: usize,
+        /// Where it is said to be.
+        at: Vec3,
+    },
+}
+
+impl GeometryError {
+    /// Checks what [`super::Bvh::build`] asks of its arguments, on the current rayon pool.
+    ///
+    /// # Errors
+    /// The first thing that is wrong.
+    pub fn check(positions: &[Vec3], triangles: &[[u32; 3]]) -> Result<(), Self> {
+        let (found, most, count) = (triangles.len(), MOST_TRIANGLES, positions.len());
+        if found > most {
+            return Err(Self::TooMany { found, most });
+        }
+        let strays = |&vertex: &u32| vertex as usize >= count;
+        let stray = |corners: &[u32; 3]| corners.iter().any(strays);
+        if let Some(triangle) = triangles.par_iter().with_min_len(PIECE).position_first(stray) {
+            let vertex = triangles[triangle].into_iter().find(strays).unwrap_or_default();
+            return Err(Self::Vertex { triangle, vertex, count });
+        }
+        // NaN fails the comparison too.
+        let unsound = |p: &Vec3| !p.abs().cmple(Vec3::splat(MAX_COORDINATE)).all();
+        match positions.par_iter().with_min_len(PIECE).position_first(unsound) {
+            Some(vertex) => Err(Self::Position { vertex, at: positions[vertex] }),
+            None => Ok(()),
+        }
+    }
+}

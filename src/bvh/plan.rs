@@ -1,0 +1,139 @@
+//! How to make eight-wide nodes of a binary tree: the cheapest of all ways to merge nodes and cut
+//! leaves, found by dynamic programming (Ylitie, Karras and Laine 2017, *Efficient Incoherent Ray
+//! Traversal on GPUs Through Compressed Wide BVHs*, section 3.1).
+//!
+//! The builder plans on its way back up, so that costs live on its stack and only the choices, four
+//! bytes a node, go to memory.
+
+use super::block::BLOCK_TRIANGLES;
+use super::wide::{Child, WIDTH};
+use crate::geom::Aabb;
+
+/// Cost of testing a ray against the boxes of a wide node.
+pub(super) const NODE_COST: f32 = 1.0;
+
+/// Cost of testing a ray against a block of no triangles, and of each triangle. Cheaper blocks make more
+/// and emptier ones, which trace no faster.
+const BLOCK_COST: [f32; 2] = [1.0, 0.04];
+
+/// Cost of testing a ray that meets a box of half the surface `area` with a block of `count` triangles.
+pub(super) fn block_cost(area: f32, count: usize) -> f32 {
+    area * (BLOCK_COST[0] + BLOCK_COST[1] * count as f32)
+}
+
+/// Cost of testing a ray that meets a child's box with the child.
+pub(super) fn child_cost(bounds: &Aabb, child: Child) -> f32 {
+    let area = bounds.half_area();
+    if child.is_block() { block_cost(area, child.triangles()) } else { area * NODE_COST }
+}
+
+/// Expected costs of one binary node's primitives: entry `i` when at most `i + 1` children of a wide node hold them.
+/// The last entry is of no use.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Plan([f32; WIDTH]);
+
+/// What the cheapest plan does with a binary node.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(transparent)]
+pub(super) struct Choice(u32);
+
+impl Choice {
+    const BLOCK: u32 = 1 << 31;
+
+    /// Whether, as one child, the primitives are a block and not an inner node.
+    pub fn is_block(self) -> bool {
+        self.0 & Self::BLOCK != 0
+    }
+
+    /// How many of `children` ≥ 2 go to the left; 0: one child fewer is as good.
+    pub fn on_left(self, children: usize) -> usize {
+        (self.0 >> (3 * (children - 2)) & 7) as usize
+    }
+}
+
+impl Plan {
+    /// A leaf of one primitive.
+    #[inline]
+    pub fn leaf(area: f32) -> Self {
+        Self([block_cost(area, 1); WIDTH])
+    }
+
+    /// The plan of a node over `count` primitives from those of its children.
+    #[inline]
+    pub fn merge(left: &Self, right: &Self, area: f32, count: usize) -> (Self, Choice) {
+        // forest[c - 1]: cheapest with exactly c children; lanes are children.
+        let mut shifted = [f32::INFINITY; 2 * WIDTH];
+        shifted[WIDTH..].copy_from_slice(&right.0);
+        let (mut forest, mut on_left) = ([f32::INFINITY; WIDTH], [0u32; WIDTH]);
+        for i in 1..WIDTH {
+            let first = left.0[i - 1];
+            let others: &[f32; WIDTH] = shifted[WIDTH - i..2 * WIDTH - i].try_into().expect("eight");
+            for lane in 0..WIDTH {
+                let cost = first + others[lane];
+                let better = cost < forest[lane];
+                forest[lane] = if better { cost } else { forest[lane] };
+                on_left[lane] = if better { i as u32 } else { on_left[lane] };
+            }
+        }
+        let inner = area * NODE_COST + forest[WIDTH - 1];
+        let block = if count <= BLOCK_TRIANGLES { block_cost(area, count) } else { f32::INFINITY };
+        let mut choice = if block <= inner { Choice::BLOCK } else { 0 };
+        choice |= on_left[WIDTH - 1] << (3 * (WIDTH - 2));
+        let mut cost = block.min(inner);
+        forest[0] = cost;
+        for i in 1..WIDTH - 1 {
+            if forest[i] < cost {
+                cost = forest[i];
+                choice |= on_left[i] << (3 * (i - 1));
+            }
+            forest[i] = cost;
+        }
+        (Self(forest), Choice(choice))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_block_is_made_where_it_is_cheaper_than_its_parts() {
+        let leaf = Plan([1.0; WIDTH]);
+        // Half of a small box each: one block of two must beat two blocks and an inner node.
+        let (plan, choice) = Plan::merge(&leaf, &leaf, 1.0, 2);
+        assert!(choice.is_block());
+        assert_eq!(plan.0[0], block_cost(1.0, 2));
+        // A dear block is split; two children then cost their sum.
+        let (plan, choice) = Plan::merge(&leaf, &leaf, 20.0, 2);
+        assert!((plan.0[0] - block_cost(20.0, 2)).abs() < 1e-6 && choice.is_block());
+        assert_eq!((plan.0[1], choice.on_left(2)), (2.0, 1));
+        let (plan, choice) = Plan::merge(&leaf, &leaf, 20.0, 9);
+        assert!(!choice.is_block());
+        assert_eq!(plan.0[0], 22.0);
+    }
+
+    #[test]
+    fn the_plan_costs_what_the_best_of_all_splits_costs() {
+        let number = |i: u32| (crate::geom::mix(i) >> 20) as f32;
+        for seed in 0..500 {
+            // Costs that fall with the number of children, as plans do.
+            let falling = |salt: u32| {
+                let mut costs: [f32; WIDTH] = std::array::from_fn(|i| number(seed * 64 + salt + i as u32));
+                costs.sort_by(|a, b| b.total_cmp(a));
+                Plan(costs)
+            };
+            let (left, right) = (falling(0), falling(8));
+            let (plan, choice) = Plan::merge(&left, &right, number(seed + 7777), 9);
+            for children in 2..WIDTH {
+                let exact = (2..=children)
+                    .flat_map(|c| (1..c).map(move |i| left.0[i - 1] + right.0[c - i - 1]))
+                    .fold(plan.0[0], f32::min);
+                assert_eq!(plan.0[children - 1], exact);
+                if choice.on_left(children) != 0 {
+                    let i = choice.on_left(children);
+                    assert_eq!(exact, left.0[i - 1] + right.0[children - i - 1]);
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,196 @@
+//! Ray queries on a mesh of your own: vertices and indices in, hits out. No scene file, no service, no
+//! device; for those see [`crate::schedule::Service::closest`], which answers with the same bits.
+//!
+//! ```
+//! use glam::Vec3;
+//! use raystream::query::{Hit, Mesh, Ray};
+//!
+//! let square = [Vec3::ZERO, Vec3::X, Vec3::new(1.0, 1.0, 0.0), Vec3::Y];
+//! let mesh = Mesh::build(&square, &[[0, 1, 2], [0, 2, 3]])?;
+//! let down = Ray::new(Vec3::new(0.75, 0.5, 3.0), -Vec3::Z);
+//! let beside = Ray::new(Vec3::new(1.5, 0.5, 3.0), -Vec3::Z);
+//! assert_eq!(mesh.closest(&[down, beside]), [Hit { t: 3.0, u: 0.25, v: 0.5, primitive: 0 }, Hit::NONE]);
+//! assert_eq!(mesh.occluded(&[down, beside]), [true, false]);
+//! assert!(!mesh.sees(Vec3::new(0.5, 0.2, 1.0), Vec3::new(0.5, 0.2, -1.0)));
+//! # Ok::<(), raystream::query::GeometryError>(())
+//! ```
+//!
+//! # Speed
+//! Bring many rays at once: a slice is cut into streams of up to 32 thousand rays, which is where tracing
+//! whole streams pays. Rays beside each other in the slice should be alike; they need not be sorted.
+//!
+//! # Threads
+//! Everything runs on the rayon pool it is called in: inside `pool.install(|| ...)` on that pool, else
+//! on the global one. Threads of your own call [`Mesh::tracer`]'s, which stay on the calling thread.
+//! The answers do not depend on any of it.
+
+pub use crate::bvh::GeometryError;
+pub use crate::stream::{Hit, MISS, Ray};
+
+use crate::bvh::Bvh;
+use crate::stream::Tracer;
+use crate::trace::cpu::{CpuTracer, SimdLevel};
+use glam::Vec3;
+use rayon::prelude::*;
+use std::ops::RangeInclusive;
+use std::sync::Arc;
+
+/// Rays of a stream: no fewer, for threads to share work, and no more, for rays to fit the cache.
+const STREAM_RAYS: RangeInclusive<usize> = 1024..=32 * 1024;
+
+/// Triangles that rays can be sent through. Cheap to clone: clones share the tree until one is refitted.
+#[derive(Clone)]
+pub struct Mesh {
+    bvh: Arc<Bvh>,
+    tracer: CpuTracer,
+}
+
+impl Mesh {
+    /// Builds a tree over `triangles`, which index `positions`; row `i` of `triangles` is
+    /// [`Hit::primitive`] `i`. Both sides of a triangle are hit. Takes any triangles, degenerate ones too.
+    ///
+    /// # Errors
+    /// When an index is out of range, a coordinate is not finite or beyond
+    /// [`crate::geom::MAX_COORDINATE`], or there are 2³⁰ triangles or more.
+    pub fn build(positions: &[Vec3], triangles: &[[u32; 3]]) -> Result<Self, GeometryError> {
+        GeometryError::check(positions, triangles)?;
+        Ok(Self::of(Arc::new(Bvh::build(positions, triangles, |_| false))))
+    }
+
+    fn of(bvh: Arc<Bvh>) -> Self {
+        let tracer = CpuTracer::new(bvh.clone(), None, SimdLevel::detect());
+        Self { bvh, tracer: tracer.expect("a level that was detected is there") }
+    }
+
+    /// Moves the triangles, which must be as many as before: several times cheaper than building, with the
+    /// same answers; tracing slows down as neighbours part (see [`Bvh::refit`]). Others who hold a clone keep
+    /// the old place.
+    ///
+    /// # Errors
+    /// As for [`Mesh::build`], and when the number of triangles has changed. The mesh is then as it was.
+    pub fn refit(&mut self, positions: &[Vec3], triangles: &[[u32; 3]]) -> Result<(), GeometryError> {
+        // The tracer's share goes first, so that the tree is not copied when no one else has it.
+        let nothing = Arc::new(Bvh::build(&[], &[], |_| false));
+        let mut bvh = std::mem::replace(&mut self.bvh, nothing.clone());
+        *self = Self::of(nothing);
+        let refitted = match bvh.accepts(positions, triangles) {
+            Ok(()) => Arc::make_mut(&mut bvh).refit(positions, triangles),
+            Err(error) => Err(error),
+        };
+        *self = Self::of(bvh);
+        refitted
+    }
+
+    /// The nearest hit of every ray, or [`Hit::NONE`]. Ties go to the lowest primitive.
+    pub fn closest(&self, rays: &[Ray]) -> Vec<Hit> {
+        let mut hits = vec![Hit::NONE; rays.len()];
+        self.closest_into(rays, &mut hits);
+        hits
+    }
+
+    /// The same into memory of yours.
+    ///
+    /// # Panics
+    /// If the two lengths differ.
+    pub fn closest_into(&self, rays: &[Ray], hits: &mut [Hit]) {
+        assert_eq!(rays.len(), hits.len(), "one hit per ray");
+        let stream = stream_rays(rays.len());
+        let streams = rays.par_chunks(stream).zip(hits.par_chunks_mut(stream));
+        streams.for_each(|(rays, hits)| self.tracer.closest(rays, hits));
+    }
+
+    /// Whether each ray hits anything; faster than asking what.
+    pub fn occluded(&self, rays: &[Ray]) -> Vec<bool> {
+        let mut occluded = vec![0; rays.len()];
+        self.occluded_into(rays, &mut occluded);
+        occluded.into_iter().map(|occluded| occluded != 0).collect()
+    }
+
+    /// The same into memory of yours: 1 for occluded, else 0.
+    ///
+    /// # Panics
+    /// If the two lengths differ.
+    pub fn occluded_into(&self, rays: &[Ray], occluded: &mut [u32]) {
+        assert_eq!(rays.len(), occluded.len(), "one answer per ray");
+        let stream = stream_rays(rays.len());
+        let streams = rays.par_chunks(stream).zip(occluded.par_chunks_mut(stream));
+        streams.for_each(|(rays, occluded)| self.tracer.occluded(rays, occluded));
+    }
+
+    /// Whether nothing lies between two points, themselves included. For many pairs send
+    /// [`Ray::between`] through [`Mesh::occluded`].
+    pub fn sees(&self, from: Vec3, to: Vec3) -> bool {
+        !self.tracer.oracle().occluded_one(&Ray::between(from, to))
+    }
+
+    /// The tracer beneath, which stays on the calling thread.
+    pub fn tracer(&self) -> &CpuTracer {
+        &self.tracer
+    }
+
+    /// The tree: its box, size in bytes, and the corners of triangles.
+    pub fn bvh(&self) -> &Arc<Bvh> {
+        &self.bvh
+    }
+}
+
+/// Rays of a stream when there are so many: enough streams for every thread.
+fn stream_rays(rays: usize) -> usize {
+    rays.div_ceil(4 * rayon::current_num_threads()).clamp(*STREAM_RAYS.start(), *STREAM_RAYS.end())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bench::meshes;
+
+    fn rays(count: usize) -> Vec<Ray> {
+        let at = |i: u32| (crate::geom::mix(i) >> 8) as f32 / (1 << 24) as f32 * 80.0 - 40.0;
+        let ray = |i: u32| {
+            Ray::between(Vec3::new(at(3 * i), 30.0, at(3 * i + 1)), Vec3::new(at(3 * i + 2), -9.0, 0.0))
+        };
+        (0..count as u32).map(ray).collect()
+    }
+
+    #[test]
+    fn answers_are_those_of_the_oracle_on_any_pool() {
+        let (positions, triangles) = meshes::terrain(40);
+        let mesh = Mesh::build(&positions, &triangles).expect("sound");
+        let rays = rays(9000);
+        let hits: Vec<Hit> = rays.iter().map(|ray| mesh.tracer().oracle().closest_one(ray)).collect();
+        assert!(hits.iter().filter(|hit| !hit.is_miss()).count() > 4000);
+        for threads in [1, 3] {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
+            assert_eq!(pool.install(|| mesh.closest(&rays)), hits);
+            let occluded = pool.install(|| mesh.occluded(&rays));
+            assert!(occluded.iter().zip(&hits).all(|(&occluded, hit)| occluded != hit.is_miss()));
+        }
+        assert!(mesh.closest(&[]).is_empty() && mesh.occluded(&[]).is_empty());
+    }
+
+    #[test]
+    fn a_refit_moves_the_mesh_but_not_its_clones() {
+        let (mut positions, triangles) = meshes::terrain(20);
+        let mut mesh = Mesh::build(&positions, &triangles).expect("sound");
+        let before = mesh.clone();
+        let down = [Ray::new(Vec3::new(0.3, 90.0, 0.4), -Vec3::Y)];
+        let t = mesh.closest(&down)[0].t;
+        positions.iter_mut().for_each(|p| p.y += 1.0);
+        assert_eq!(mesh.refit(&positions, &triangles), Ok(()));
+        assert!((mesh.closest(&down)[0].t - (t - 1.0)).abs() < 1e-4);
+        assert_eq!(before.closest(&down)[0].t, t);
+        let moved = mesh.closest(&down);
+        assert!(mesh.refit(&positions[1..], &triangles).is_err());
+        assert!(mesh.refit(&positions, &triangles[1..]).is_err());
+        assert_eq!(mesh.closest(&down), moved);
+    }
+
+    #[test]
+    fn unsound_geometry_is_refused_by_name() {
+        let error =
+            |positions: &[Vec3]| Mesh::build(positions, &[[0, 1, 2]]).err().expect("unsound").to_string();
+        assert!(error(&[Vec3::ZERO; 2]).contains("triangle 0 names vertex 2"));
+        assert!(error(&[Vec3::ZERO, Vec3::splat(1e30), Vec3::X]).contains("vertex 1"));
+        assert!(error(&[Vec3::ZERO, Vec3::X, Vec3::NAN]).contains("vertex 2"));
+    }
+}
