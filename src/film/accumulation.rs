@@ -99,7 +99,7 @@ impl Film {
         let scale = (1u64 << self.fraction_bits) as f64;
         for (sum, value) in self.sums[pixel as usize].iter().zip(radiance.to_array()) {
             // The product is exact (a power of two), the rounding is the only error.
-            let fixed = libm::rint(f64::from(value.min(MAX_RADIANCE)) * scale) as i64;
+            let fixed = round(f64::from(value.min(MAX_RADIANCE)) * scale) as i64;
             if fixed != 0 {
                 sum.fetch_add(fixed, Relaxed);
             }
@@ -131,6 +131,13 @@ impl Film {
     }
 }
 
+/// The nearest integer to a number ≥ 0, ties to even.
+fn round(x: f64) -> f64 {
+    // From here on there is no fraction; below, adding it leaves none.
+    const WHOLE: f64 = (1u64 << 52) as f64;
+    if x < WHOLE { (x + WHOLE) - WHOLE } else { x }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -157,6 +164,18 @@ mod tests {
         film.splat(0, Vec3::new(0.5, 1e-30, f32::MAX));
         assert_eq!(film.dropped_splats(), 3);
         assert_eq!(film.resolve(), vec![[0.5, 0.0, MAX_RADIANCE]]);
+    }
+
+    #[test]
+    fn rounding_is_to_nearest_even() {
+        for (x, nearest) in [(0.5, 0.0), (1.5, 2.0), (2.5, 2.0), (0.499, 0.0), (2f64.powi(61), 2f64.powi(61))]
+        {
+            assert_eq!(round(x), nearest);
+        }
+        for i in 0..100_000u32 {
+            let x = f64::from(crate::geom::mix(i)) * 2.0f64.powi((i % 90) as i32 - 45);
+            assert_eq!(round(x), libm::rint(x), "{x}");
+        }
     }
 
     #[test]

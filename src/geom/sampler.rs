@@ -57,17 +57,18 @@ fn owen(x: u32, key: u32) -> u32 {
 }
 
 /// Second coordinate of the Sobol sequence, as 32 bits after the point.
-fn sobol_second(mut index: u32) -> u32 {
-    let mut direction = 1u32 << 31;
-    let mut y = 0;
-    while index != 0 {
-        if index & 1 != 0 {
-            y ^= direction;
-        }
-        index >>= 1;
-        direction ^= direction >> 1;
-    }
-    y
+///
+/// Its generator matrix is Pascal's triangle modulo 2: bit `i` after the point is the sum of the bits
+/// `k` of the index for which C(k, i) is odd, which are those whose number contains all bits of `i`
+/// (Lucas). Summing over supersets takes one step for each of the five bits of a bit's number.
+fn sobol_second(index: u32) -> u32 {
+    let mut y = index;
+    y ^= (y >> 1) & 0x5555_5555;
+    y ^= (y >> 2) & 0x3333_3333;
+    y ^= (y >> 4) & 0x0f0f_0f0f;
+    y ^= (y >> 8) & 0x00ff_00ff;
+    y ^= y >> 16;
+    y.reverse_bits()
 }
 
 /// The upper 24 bits as a float in [0, 1).
@@ -91,6 +92,22 @@ mod tests {
                 }
                 assert!(cells.iter().all(|&c| c == 1), "pixel {pixel}, {nx} × {ny}");
             }
+        }
+    }
+
+    #[test]
+    fn the_second_coordinate_follows_its_direction_numbers() {
+        for i in 0..4096u32 {
+            let index = mix(i);
+            let mut direction = 1u32 << 31;
+            let mut expected = 0;
+            for bit in 0..32 {
+                if (index >> bit) & 1 != 0 {
+                    expected ^= direction;
+                }
+                direction ^= direction >> 1;
+            }
+            assert_eq!(sobol_second(index), expected, "{index:#x}");
         }
     }
 

@@ -98,11 +98,11 @@ impl Path {
     fn shade_miss(&self, ray: &Ray, state: &PathState) {
         let lights = self.frame.lights();
         let direction = Vec3::from_array(ray.direction);
-        let radiance = lights.environment().radiance(direction);
+        let (radiance, found) = lights.sky(direction);
         if radiance == Vec3::ZERO {
             return;
         }
-        let weight = power_heuristic(state.pdf, lights.pdf_environment(direction));
+        let weight = power_heuristic(state.pdf, found);
         self.frame.film().splat(state.pixel, Vec3::from_array(state.throughput) * radiance * weight);
     }
 
@@ -120,7 +120,7 @@ impl Path {
         let emitted = lookup::emission(scene, material.emission.as_ref(), at.uv, at.front);
         if emitted != Vec3::ZERO {
             let cosine = at.normal.dot(at.wo);
-            let found = self.frame.lights().pdf_emitter(scene, hit.primitive, hit.t * hit.t, cosine);
+            let found = self.frame.lights().pdf_emitter(hit.primitive, hit.t * hit.t, cosine);
             let weight = power_heuristic(state.pdf, found);
             self.frame.film().splat(state.pixel, throughput * emitted * weight);
         }

@@ -94,7 +94,9 @@ impl Mesh {
 
     /// Corner positions of a triangle.
     pub fn corners(&self, primitive: u32) -> [Vec3; 3] {
-        self.triangles[primitive as usize].map(|i| self.positions[i as usize])
+        // Not `map`, which is not always inlined; shading asks for every hit.
+        let [a, b, c] = self.triangles[primitive as usize];
+        [self.positions[a as usize], self.positions[b as usize], self.positions[c as usize]]
     }
 
     /// Texture coordinates at barycentric (`u`, `v`); zero where the mesh has none.
@@ -102,7 +104,8 @@ impl Mesh {
         if self.uvs.is_empty() {
             return Vec2::ZERO;
         }
-        let [a, b, c] = self.triangles[primitive as usize].map(|i| self.uvs[i as usize]);
+        let [a, b, c] = self.triangles[primitive as usize];
+        let [a, b, c] = [self.uvs[a as usize], self.uvs[b as usize], self.uvs[c as usize]];
         a * (1.0 - u - v) + b * u + c * v
     }
 

@@ -33,6 +33,10 @@ struct Map {
     rows: Vec<f32>,
     /// Cumulated weight of the texels of each row, `width + 1` each, the last 1.
     columns: Vec<f32>,
+    /// [`guide`] of `rows`.
+    row_guide: Vec<u32>,
+    /// The guides of the rows of `columns`, `width` each.
+    column_guides: Vec<u32>,
 }
 
 impl EnvironmentLight {
@@ -67,20 +71,23 @@ impl EnvironmentLight {
         match &self.kind {
             Kind::Constant(radiance) => Some((warp::sphere(u2), *radiance, 0.25 * FRAC_1_PI)),
             Kind::Map(map) => {
-                let place = map.sample(u2);
-                let direction = map.direction(place);
+                let direction = map.direction(map.sample(u2));
                 // By the direction, as the integrators will ask: both then agree to the bit.
-                let pdf = map.pdf(direction);
-                (pdf > 0.0).then(|| (direction, map.lookup(map.place(direction)), pdf))
+                let (radiance, pdf) = self.look(direction);
+                (pdf > 0.0).then_some((direction, radiance, pdf))
             }
         }
     }
 
-    /// Density per solid angle with which [`EnvironmentLight::sample`] gives a unit direction.
-    pub fn pdf(&self, direction: Vec3) -> f32 {
+    /// [`EnvironmentLight::radiance`], and the density per solid angle with which
+    /// [`EnvironmentLight::sample`] gives a unit direction.
+    pub fn look(&self, direction: Vec3) -> (Vec3, f32) {
         match &self.kind {
-            Kind::Constant(_) => 0.25 * FRAC_1_PI,
-            Kind::Map(map) => map.pdf(direction),
+            Kind::Constant(radiance) => (*radiance, 0.25 * FRAC_1_PI),
+            Kind::Map(map) => {
+                let place = map.place(direction);
+                (map.lookup(place), map.pdf(direction, place))
+            }
         }
     }
 }
@@ -126,9 +133,12 @@ impl Map {
         if total <= 0.0 {
             return None;
         }
-        let rows = rows.iter().map(|&r| (r / total) as f32).collect();
+        let rows: Vec<f32> = rows.iter().map(|&r| (r / total) as f32).collect();
+        let row_guide = guide(&rows).collect();
+        let column_guides = columns.chunks_exact(width + 1).flat_map(guide).collect();
         let turn = image.rotation_degrees / 360.0;
-        Some((Self { image: image.clone(), turn, rows, columns }, (total / area) as f32))
+        let map = Self { image: image.clone(), turn, rows, columns, row_guide, column_guides };
+        Some((map, (total / area) as f32))
     }
 
     /// Direction → image coordinates, 0..1 from the left and from the top.
@@ -166,14 +176,15 @@ impl Map {
     }
 
     fn sample(&self, u2: [f32; 2]) -> [f32; 2] {
-        let (y, fy) = invert(&self.rows, u2[1]);
-        let (x, fx) = invert(self.row(y), u2[0]);
+        let width = self.image.width as usize;
+        let (y, fy) = invert(&self.rows, &self.row_guide, u2[1]);
+        let (x, fx) = invert(self.row(y), &self.column_guides[y * width..(y + 1) * width], u2[0]);
         [(x as f32 + fx) / self.image.width as f32, (y as f32 + fy) / self.image.height as f32]
     }
 
-    fn pdf(&self, direction: Vec3) -> f32 {
+    /// Density of a direction whose image coordinates are `place`.
+    fn pdf(&self, direction: Vec3, [u, v]: [f32; 2]) -> f32 {
         let (width, height) = (self.image.width as usize, self.image.height as usize);
-        let [u, v] = self.place(direction);
         let x = ((u * width as f32) as usize).min(width - 1);
         let y = ((v * height as f32) as usize).min(height - 1);
         let row = self.row(y);
@@ -187,11 +198,65 @@ impl Map {
     }
 }
 
+/// For each of as many even parts of 0..1 as a cumulated distribution has cells, the first cell that
+/// reaches beyond the part's start: an inversion that starts there takes a step or two (Chen and
+/// Asau 1974).
+fn guide(cumulated: &[f32]) -> impl Iterator<Item = u32> {
+    let cells = cumulated.len() - 1;
+    let mut cell = 0;
+    (0..cells).map(move |part| {
+        let start = part as f32 / cells as f32;
+        while cell + 1 < cells && cumulated[cell + 1] <= start {
+            cell += 1;
+        }
+        cell as u32
+    })
+}
+
 /// The cell of a cumulated distribution into which `u` falls, never one without weight, and the
 /// place in it, 0..1.
-fn invert(cumulated: &[f32], u: f32) -> (usize, f32) {
+fn invert(cumulated: &[f32], guide: &[u32], u: f32) -> (usize, f32) {
+    let cells = guide.len();
+    let mut cell = guide[((u * cells as f32) as usize).min(cells - 1)] as usize;
+    // Rounding may have chosen the next part.
+    while cell > 0 && cumulated[cell] > u {
+        cell -= 1;
+    }
     // The first edge beyond u ends the cell; u < 1 = last edge.
-    let cell = cumulated.partition_point(|&edge| edge <= u).clamp(1, cumulated.len() - 1) - 1;
+    while cell + 1 < cells && cumulated[cell + 1] <= u {
+        cell += 1;
+    }
     let (low, high) = (cumulated[cell], cumulated[cell + 1]);
     (cell, ((u - low) / (high - low)).clamp(0.0, 1.0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geom::Sampler;
+
+    #[test]
+    fn guided_inversion_finds_what_bisection_finds() {
+        for (seed, cells) in [(0, 1), (1, 2), (2, 7), (3, 1000)] {
+            let weight = |i: u32| {
+                let s = Sampler::new(i, seed, 5);
+                if s.single(0) < 0.4 { 0.0 } else { s.single(1).powi(20) }
+            };
+            let mut sum = 0.0;
+            let mut edges: Vec<f32> = std::iter::once(0.0)
+                .chain((0..cells).map(|i| {
+                    sum += weight(i);
+                    sum
+                }))
+                .collect();
+            edges.iter_mut().for_each(|e| *e /= sum.max(f32::MIN_POSITIVE));
+            edges[cells as usize] = 1.0;
+            let guide: Vec<u32> = guide(&edges).collect();
+            let places = (0..20_000).map(|i| Sampler::new(i, 9, 5).single(0));
+            for u in places.chain(edges.iter().copied().filter(|&e| e < 1.0)) {
+                let bisected = edges.partition_point(|&edge| edge <= u).clamp(1, edges.len() - 1) - 1;
+                assert_eq!(invert(&edges, &guide, u).0, bisected, "{u} of {cells}");
+            }
+        }
+    }
 }

@@ -164,14 +164,16 @@ impl Lights {
 
     /// Density per solid angle with which [`Lights::sample`] finds a point of a triangle, seen from a
     /// squared distance under a cosine to its normal; 0 when it is no emitter.
-    pub fn pdf_emitter(&self, scene: &Scene, primitive: u32, distance2: f32, cosine: f32) -> f32 {
-        self.chances[Kind::Emitter as usize] * self.emitters.pdf(scene, primitive, distance2, cosine)
+    pub fn pdf_emitter(&self, primitive: u32, distance2: f32, cosine: f32) -> f32 {
+        self.chances[Kind::Emitter as usize] * self.emitters.pdf(primitive, distance2, cosine)
     }
 
-    /// Density per solid angle with which [`Lights::sample`] finds a direction of the environment.
-    pub fn pdf_environment(&self, direction: Vec3) -> f32 {
+    /// Radiance of the environment along a unit direction that leaves the scene, and the density per
+    /// solid angle with which [`Lights::sample`] finds this direction.
+    pub fn sky(&self, direction: Vec3) -> (Vec3, f32) {
         let chance = self.chances[Kind::Environment as usize];
-        if chance > 0.0 { chance * self.environment.pdf(direction) } else { 0.0 }
+        let (radiance, pdf) = self.environment.look(direction);
+        (radiance, if chance > 0.0 { chance * pdf } else { 0.0 })
     }
 }
 
