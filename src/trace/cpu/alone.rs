@@ -135,7 +135,7 @@ static LANES_BY_ORDER: [[u32; WIDTH]; 8] = {
     let mut lanes = [[0; WIDTH]; 8];
     let mut i = 0;
     while i < 8 * WIDTH {
-        lanes[i / WIDTH][i % WIDTH] = (i % WIDTH ^ (WIDTH - 1) ^ i / WIDTH) as u32;
+        lanes[i / WIDTH][i % WIDTH] = ((i % WIDTH) ^ (WIDTH - 1) ^ (i / WIDTH)) as u32;
         i += 1;
     }
     lanes
@@ -148,8 +148,8 @@ static MASKS_BY_ORDER: [[u8; 256]; 8] = {
     while i < 8 * 256 {
         let mut slot = 0;
         while slot < WIDTH {
-            let lane = slot ^ (WIDTH - 1) ^ i / 256;
-            masks[i / 256][i % 256] |= ((i % 256 >> slot & 1) << lane) as u8;
+            let lane = slot ^ (WIDTH - 1) ^ (i / 256);
+            masks[i / 256][i % 256] |= ((((i % 256) >> slot) & 1) << lane) as u8;
             slot += 1;
         }
         i += 1;
