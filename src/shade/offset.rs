@@ -17,7 +17,7 @@ pub fn distance(corners: &[Vec3; 3]) -> f32 {
     const EPSILON: f32 = f32::EPSILON * 0.5;
     let [a, b, c] = *corners;
     let coordinate = a.abs().max(b.abs()).max(c.abs()).max_element();
-    let longest = (b - a).length().max((c - b).length()).max((a - c).length());
+    let longest = (b - a).length_squared().max((c - b).length_squared()).max((a - c).length_squared()).sqrt();
     let area = (b - a).cross(c - a).length();
     let aspect = if area > 0.0 { (longest * longest / area).min(MAX_ASPECT) } else { MAX_ASPECT };
     EPSILON * (8.0 * coordinate + 8.0 * aspect * longest)

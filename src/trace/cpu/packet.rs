@@ -259,8 +259,9 @@ impl<W: Lanes, E: Lanes, const ANY: bool> Visit for Packets<'_, W, E, ANY> {
 
     #[inline(always)]
     fn step(&self, octant: usize, stack: &mut OctantStack) -> bool {
-        let entry = stack.entries.pop();
-        entry.inspect(|&entry| self.visit(octant, stack, entry)).is_some()
+        let Some(entry) = stack.entries.pop() else { return false };
+        self.visit(octant, stack, entry);
+        true
     }
 }
 
