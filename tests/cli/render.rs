@@ -190,7 +190,7 @@ fn an_interrupted_frame_keeps_what_there_is() {
     let output = child.wait_with_output().expect("raystream ends");
     assert!(asked.elapsed() < Duration::from_secs(60));
     assert_eq!(output.status.code(), Some(1), "{}", String::from_utf8_lossy(&output.stderr));
-    assert!(String::from_utf8_lossy(&output.stdout).contains("stopped after"));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("degraded: stopped after"));
     let stats = json(&folder.path().join("s.json"));
     assert!(stats["rays"]["camera"].as_u64() > Some(0));
     let npy = std::fs::read(folder.path().join("a.npy")).expect("picture");
