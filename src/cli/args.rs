@@ -1,6 +1,8 @@
 //! The command line.
 
 use crate::scene::Camera;
+#[cfg(feature = "gpu")]
+use crate::trace::gpu::Fault;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use glam::Vec3;
 use std::path::PathBuf;
@@ -67,6 +69,11 @@ pub struct UnitArgs {
     /// Instruction set of the CPU tracer: auto, avx512, avx2, neon or scalar.
     #[arg(long, value_name = "LEVEL", default_value = "auto")]
     pub simd: String,
+    /// Have the GPU fail on purpose, at its Nth dispatch: gpu-lost@N, gpu-hang@N, gpu-corrupt@N (wrong hits); or
+    /// gpu-oom. The result is the same, the exit code 1.
+    #[cfg(feature = "gpu")]
+    #[arg(long, value_name = "FAULT")]
+    pub inject: Option<Fault>,
 }
 
 /// Where the camera stands.

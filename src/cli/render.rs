@@ -196,7 +196,7 @@ fn tell(args: &RenderArgs, stats: &RenderStats, report: &JobReport) {
         image.hash
     );
     for event in &stats.events {
-        println!("degraded: {event}");
+        eprintln!("degraded: {event}");
     }
     if stats.dropped_splats > 0 {
         println!("{} splats were not finite and were dropped", stats.dropped_splats);

@@ -34,7 +34,13 @@ impl Setup {
             TracerChoice::Gpu => Unit::Gpu,
             TracerChoice::Hybrid => Unit::Hybrid,
         });
-        let units = Units::open(&UnitChoice { unit, adapter: args.adapter.clone(), simd })?;
+        let units = Units::open(&UnitChoice {
+            unit,
+            adapter: args.adapter.clone(),
+            simd,
+            #[cfg(feature = "gpu")]
+            fault: args.inject,
+        })?;
 
         let started = Instant::now();
         let mut scene = load::load(path)?;

@@ -125,6 +125,8 @@ pub struct GpuStats {
     pub flagged: u64,
     /// Rays traced again by the CPU.
     pub retraced: u64,
+    /// Rays of a sample that the CPU traced again, to catch a device that answers wrongly.
+    pub checked: u64,
 }
 
 /// One thread's time.
@@ -184,6 +186,7 @@ impl Units {
         self.gpu.bytes_copied += report.gpu.bytes_copied;
         self.gpu.flagged += report.gpu.flagged;
         self.gpu.retraced += report.gpu.retraced;
+        self.gpu.checked += report.gpu.checked;
     }
 }
 

@@ -71,7 +71,7 @@ pub fn run(args: &TraceArgs) -> Result<Outcome> {
         args.repeat
     );
     for event in &stats.events {
-        println!("degraded: {event}");
+        eprintln!("degraded: {event}");
     }
     Ok(if stats.events.is_empty() { Outcome::Done } else { Outcome::Degraded })
 }

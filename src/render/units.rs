@@ -5,7 +5,7 @@ use crate::schedule::Unit;
 use crate::stream::{DeviceTracer, Tracer};
 use crate::trace::cpu::{SimdError, SimdLevel};
 #[cfg(feature = "gpu")]
-use crate::trace::gpu::{AdapterChoice, Gpu, GpuError, GpuTracer};
+use crate::trace::gpu::{AdapterChoice, Fault, Gpu, GpuError, GpuTracer};
 use std::sync::Arc;
 
 /// Who is asked to trace.
@@ -18,6 +18,9 @@ pub struct UnitChoice {
     pub adapter: Option<String>,
     /// The CPU tracer's instruction set.
     pub simd: SimdLevel,
+    /// What is to go wrong with the GPU on purpose.
+    #[cfg(feature = "gpu")]
+    pub fault: Option<Fault>,
 }
 
 /// The units that trace: the CPU, and the GPU if it was asked for and can be had.
@@ -45,6 +48,10 @@ pub enum UnitsError {
     /// No adapter has the name; the message lists those there are.
     #[error("{0}")]
     NoSuchAdapter(String),
+    /// A fault of a GPU where none traces.
+    #[cfg(feature = "gpu")]
+    #[error("a fault is to be injected, but no GPU traces; ask for one with --tracer gpu or hybrid")]
+    NothingToInject,
 }
 
 impl Units {
@@ -64,6 +71,10 @@ impl Units {
             Some(Unit::Cpu) => Gpus::Unwanted,
             _ => open_gpu(choice)?,
         };
+        #[cfg(feature = "gpu")]
+        if choice.fault.is_some() && !matches!(gpu, Gpus::Open(_)) {
+            return Err(UnitsError::NothingToInject);
+        }
         Ok(Self { simd, unit: choice.unit.unwrap_or(Unit::Hybrid), gpu })
     }
 
@@ -111,7 +122,10 @@ fn open_gpu(choice: &UnitChoice) -> Result<Gpus, UnitsError> {
     let asked = choice.unit.is_some() || choice.adapter.is_some();
     let adapter = AdapterChoice { name: choice.adapter.clone(), allow_software: asked };
     match Gpu::open(&adapter) {
-        Ok(gpu) => Ok(Gpus::Open(Arc::new(gpu))),
+        Ok(gpu) => Ok(Gpus::Open(Arc::new(match choice.fault {
+            Some(fault) => gpu.with_fault(fault),
+            None => gpu,
+        }))),
         Err(error @ GpuError::NoSuchAdapter { .. }) => Err(UnitsError::NoSuchAdapter(error.to_string())),
         Err(GpuError::NoAdapter { .. } | GpuError::OnlySoftware { .. }) if !asked => Ok(Gpus::Unwanted),
         Err(error) => Ok(Gpus::Refused(error.to_string())),

@@ -205,6 +205,7 @@ impl<R: Renderer> TypedJob<R> {
                 gpu.bytes_copied += report.bytes_copied;
                 gpu.flagged += report.flagged;
                 gpu.retraced += report.retraced;
+                gpu.checked += report.checked;
                 self.lists.put_back_dispatched(stream);
                 hold.rays
             }

@@ -65,6 +65,8 @@ pub struct UnitReport {
     pub flagged: u64,
     /// Rays traced again by the canonical test.
     pub retraced: u64,
+    /// Rays of the device traced again by the CPU as a check.
+    pub checked: u64,
 }
 
 /// What kind of thread.

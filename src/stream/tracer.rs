@@ -40,6 +40,8 @@ pub struct DeviceReport {
     pub flagged: u64,
     /// Rays traced again by the canonical CPU test.
     pub retraced: u64,
+    /// Rays traced again by the CPU to see whether the device can be trusted.
+    pub checked: u64,
 }
 
 impl std::ops::AddAssign for DeviceReport {
@@ -47,6 +49,7 @@ impl std::ops::AddAssign for DeviceReport {
         self.bytes_copied += other.bytes_copied;
         self.flagged += other.flagged;
         self.retraced += other.retraced;
+        self.checked += other.checked;
     }
 }
 

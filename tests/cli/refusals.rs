@@ -73,6 +73,9 @@ fn bad_arguments_are_refused() {
     ];
     if cfg!(feature = "gpu") {
         cases.push((vec!["--adapter", "no such thing"], "no such thing"));
+        cases.push((vec!["--tracer", "gpu", "--inject", "gpu-melt@1"], "gpu-corrupt@N"));
+        cases.push((vec!["--tracer", "gpu", "--inject", "gpu-lost@0"], "gpu-lost@0"));
+        cases.push((vec!["--tracer", "cpu", "--inject", "gpu-oom"], "no GPU traces"));
     }
     for (more, says) in cases {
         let mut args = vec!["render", "a.obj"];

@@ -86,6 +86,32 @@ fn units_agree_to_the_bit_for_both_integrators() {
     }
 }
 
+#[cfg(feature = "gpu")]
+#[test]
+fn a_frame_survives_every_fault_of_the_gpu() {
+    let folder = folder();
+    let scene = shipped("cornell.json");
+    let args = ["render", &scene, "--size", "48x40", "--spp", "4", "--stats", "s.json"];
+    run(folder.path(), &[&args[..], &["--tracer", "cpu"]].concat(), 0);
+    let expected = json(&folder.path().join("s.json"))["image"]["hash"].clone();
+    for (fault, says) in [
+        ("gpu-lost@1", "lost"),
+        ("gpu-hang@2", "did not return within"),
+        ("gpu-corrupt@1", "wrong answers"),
+        ("gpu-oom", "which does not give them"),
+    ] {
+        let output = raystream(folder.path(), &[&args[..], &["--tracer", "gpu", "--inject", fault]].concat());
+        let told = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(1), "{fault}: {told}");
+        let lines = told.lines().filter(|line| line.starts_with("degraded: ") && line.contains(says));
+        assert_eq!(lines.count(), 1, "{fault}: {told}");
+        let stats = json(&folder.path().join("s.json"));
+        assert_eq!(stats["image"]["hash"], expected, "{fault}");
+        let events = stats["events"].as_array().expect("events");
+        assert!(events.len() == 1 && events[0].as_str().expect("text").contains(says), "{events:?}");
+    }
+}
+
 #[test]
 fn statistics_and_timelines_are_complete() {
     let folder = folder();
@@ -164,7 +190,7 @@ fn an_interrupted_frame_keeps_what_there_is() {
     let output = child.wait_with_output().expect("raystream ends");
     assert!(asked.elapsed() < Duration::from_secs(60));
     assert_eq!(output.status.code(), Some(1), "{}", String::from_utf8_lossy(&output.stderr));
-    assert!(String::from_utf8_lossy(&output.stdout).contains("stopped after"));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("degraded: stopped after"));
     let stats = json(&folder.path().join("s.json"));
     assert!(stats["rays"]["camera"].as_u64() > Some(0));
     let npy = std::fs::read(folder.path().join("a.npy")).expect("picture");

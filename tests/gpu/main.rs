@@ -3,6 +3,7 @@
 
 mod exact;
 mod failure;
+mod faults;
 #[path = "../tracing/meshes.rs"]
 mod meshes;
 #[path = "../tracing/rays.rs"]

@@ -14,7 +14,9 @@
 //! nearest number.
 
 mod adapter;
+mod cross_check;
 mod error;
+mod fault;
 mod flatten;
 mod fused;
 mod kernel;
@@ -28,8 +30,10 @@ mod tests;
 mod tracer;
 mod trusted;
 mod wall;
+mod watchdog;
 
 pub use adapter::{AdapterChoice, AdapterInfo, AdapterKind, adapters};
 pub use error::GpuError;
+pub use fault::{Fault, NoSuchFault};
 pub use tracer::GpuTracer;
 pub use wall::Gpu;

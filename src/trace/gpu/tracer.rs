@@ -6,7 +6,7 @@ use super::layout::Candidates;
 use super::pass::{Lane, Pass, Pending, max_rays};
 use super::resolve::Resolver;
 use super::scene::{DeviceScene, Source};
-use super::{AdapterKind, Gpu, GpuError};
+use super::{AdapterKind, Fault, Gpu, GpuError, cross_check, fault};
 use crate::bvh::{Bvh, Filter};
 use crate::stream::{DeviceError, DeviceReport, DeviceTracer, Hit, Queries, Ray, Tracer};
 use std::sync::Arc;
@@ -65,7 +65,12 @@ impl GpuTracer {
     }
 
     /// One submission: both kinds of rays go out, their candidates come back.
-    fn dispatch(&self, rays: &[Ray], shadow_rays: &[Ray]) -> Result<(Vec<Candidates>, Vec<u32>), String> {
+    fn dispatch(
+        &self,
+        rays: &[Ray],
+        shadow_rays: &[Ray],
+        fault: Option<Fault>,
+    ) -> Result<(Vec<Candidates>, Vec<u32>), String> {
         self.gpu.guard(|device, queue| {
             let mut encoder = device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
             let mut send = |pass: &Pass, rays: &[Ray]| -> Option<Lane> {
@@ -80,10 +85,16 @@ impl GpuTracer {
             let (closest, any) = (&self.scene.closest, &self.scene.any);
             let closest_lane = send(closest, rays);
             let any_lane = send(any, shadow_rays);
+            if let Some(Fault::Hang(_)) = fault {
+                return Err(self.gpu.wait_in_vain());
+            }
             let submission = queue.submit([encoder.finish()]);
+            if let Some(Fault::Lost(_)) = fault {
+                device.destroy();
+            }
             let hits_pending = closest_lane.map(|lane| (closest.map(&lane, rays.len()), lane));
             let occluded_pending = any_lane.map(|lane| (any.map(&lane, shadow_rays.len()), lane));
-            self.gpu.wait(&submission)?;
+            self.gpu.watchdog.note(self.gpu.wait(&submission)?);
             Ok((receive(closest, hits_pending)?, receive(any, occluded_pending)?))
         })
     }
@@ -96,7 +107,12 @@ impl GpuTracer {
         shadow_rays: &[Ray],
         occluded: &mut [u32],
     ) -> Result<DeviceReport, DeviceError> {
-        let (candidates, blocked) = self.dispatch(rays, shadow_rays).map_err(DeviceError::Lost)?;
+        let (number, fault) = self.gpu.next_dispatch();
+        let (mut candidates, mut blocked) =
+            self.dispatch(rays, shadow_rays, fault).map_err(DeviceError::Lost)?;
+        if let Some(Fault::Corrupt(_)) = fault {
+            fault::corrupt(&mut candidates, &mut blocked);
+        }
         let mut report = fused(|| {
             let mut report = self.resolver.closest(rays, &candidates, hits);
             report += self.resolver.occluded(shadow_rays, &blocked, occluded);
@@ -107,6 +123,10 @@ impl GpuTracer {
             + size_of_val(candidates.as_slice())
             + size_of_val(blocked.as_slice());
         report.bytes_copied = copied as u64;
+        let cpu = &*self.resolver.cpu;
+        let checked = cross_check::closest(cpu, rays, hits, number)
+            .and_then(|n| Ok(n + cross_check::occluded(cpu, shadow_rays, occluded, number)?));
+        report.checked = checked.map_err(|reason| DeviceError::Lost(self.gpu.condemn(reason)))?;
         Ok(report)
     }
 }

@@ -1,17 +1,13 @@
 //! One device behind one wall: nothing that happens to wgpu behind it, an error, a loss, a panic,
 //! reaches the rest of the program as anything but an error value.
 
-use super::adapter::{AdapterChoice, AdapterInfo, AdapterKind, choose, enumerate};
-use super::{GpuError, probe};
+use super::adapter::{AdapterChoice, AdapterInfo, choose, enumerate};
+use super::watchdog::Watchdog;
+use super::{Fault, GpuError, probe};
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
-
-/// How long one submission may take, with those of other threads that it waits for.
-const PATIENCE: Duration = Duration::from_secs(10);
-
-/// The same for software adapters, which share a busy machine's CPU.
-const PATIENCE_SOFTWARE: Duration = Duration::from_secs(60);
 
 /// How long a wait holds wgpu's locks, which other threads need to submit.
 const NAP: Duration = Duration::from_millis(50);
@@ -27,8 +23,11 @@ pub struct Gpu {
     device: wgpu::Device,
     queue: wgpu::Queue,
     loss: Loss,
-    /// How long one submission may take.
-    pub(super) patience: Duration,
+    pub(super) watchdog: Watchdog,
+    /// What is to go wrong on purpose.
+    fault: Option<Fault>,
+    /// Dispatches so far.
+    dispatches: AtomicU64,
 }
 
 impl Gpu {
@@ -55,14 +54,18 @@ impl Gpu {
         device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
             let _ = on_error.set(error.to_string());
         }));
-        let software = info.kind == AdapterKind::Software;
-        let patience = if software { PATIENCE_SOFTWARE } else { PATIENCE };
-        let gpu = Self { info, device, queue, loss, patience };
+        let watchdog = Watchdog::of(info.kind);
+        let gpu = Self { info, device, queue, loss, watchdog, fault: None, dispatches: AtomicU64::new(0) };
         let refused = |reason: String| GpuError::Open { adapter: gpu.info.to_string(), reason };
         let results = gpu.guard(|device, queue| probe::compute(&gpu, device, queue)).map_err(refused)?;
         probe::judge(&results)
             .map_err(|reason| GpuError::Arithmetic { adapter: gpu.info.to_string(), reason })?;
         Ok(gpu)
+    }
+
+    /// Has something go wrong on purpose, once.
+    pub fn with_fault(self, fault: Fault) -> Self {
+        Self { fault: Some(fault), ..self }
     }
 
     /// The adapter in use.
@@ -119,24 +122,61 @@ impl Gpu {
         })
     }
 
-    /// Waits for a submission, called within [`Gpu::guard`]. The watchdog: a submission that takes
-    /// too long counts as a loss, and the device is never waited for again.
-    pub(super) fn wait(&self, submission: &wgpu::SubmissionIndex) -> Result<(), String> {
+    /// Numbers a dispatch, from 1, and says what is to go wrong with it.
+    pub(super) fn next_dispatch(&self) -> (u64, Option<Fault>) {
+        let number = self.dispatches.fetch_add(1, Ordering::Relaxed) + 1;
+        (number, self.fault.filter(|fault| fault.strikes(number)))
+    }
+
+    /// Whether scenes are to be refused for want of memory.
+    pub(super) fn has_no_memory(&self) -> bool {
+        self.fault == Some(Fault::OutOfMemory)
+    }
+
+    /// Gives up a device that answers, but wrongly; returns why it is lost.
+    pub(super) fn condemn(&self, reason: String) -> String {
+        self.loss.get_or_init(|| reason).clone()
+    }
+
+    /// Waits for a submission, called within [`Gpu::guard`]; returns how long it took. One that takes longer than
+    /// the watchdog allows counts as a loss, and the device is never waited for again.
+    pub(super) fn wait(&self, submission: &wgpu::SubmissionIndex) -> Result<Duration, String> {
+        self.watch(|nap| {
+            let wait =
+                wgpu::PollType::Wait { submission_index: Some(submission.clone()), timeout: Some(nap) };
+            match self.device.poll(wait) {
+                Ok(_) => Ok(true),
+                Err(wgpu::PollError::Timeout) => Ok(false),
+                Err(error) => Err(error.to_string()),
+            }
+        })
+    }
+
+    /// Waits for a dispatch that never returns.
+    pub(super) fn wait_in_vain(&self) -> String {
+        let never = |nap| {
+            std::thread::sleep(nap);
+            Ok(false)
+        };
+        self.watch(never).expect_err("it never returns")
+    }
+
+    /// Asks again and again whether something is done; returns how long that took.
+    fn watch(&self, mut done: impl FnMut(Duration) -> Result<bool, String>) -> Result<Duration, String> {
         let start = Instant::now();
         loop {
-            let nap = wgpu::PollType::Wait {
-                submission_index: Some(submission.clone()),
-                timeout: Some(NAP.min(self.patience)),
-            };
-            match self.device.poll(nap) {
-                Ok(_) => return Ok(()),
-                Err(wgpu::PollError::Timeout) if start.elapsed() < self.patience => {}
-                Err(wgpu::PollError::Timeout) => {
-                    // Dropping the queue would wait for it without end.
-                    std::mem::forget((self.device.clone(), self.queue.clone()));
-                    return Err(format!("a dispatch did not return within {:?}", self.patience));
-                }
-                Err(error) => return Err(error.to_string()),
+            if done(NAP.min(self.watchdog.limit()))? {
+                return Ok(start.elapsed());
+            }
+            // Another thread may have found out meanwhile.
+            if let Some(reason) = self.lost() {
+                return Err(reason.to_owned());
+            }
+            let limit = self.watchdog.limit();
+            if start.elapsed() >= limit {
+                // Dropping the queue would wait for it without end.
+                std::mem::forget((self.device.clone(), self.queue.clone()));
+                return Err(format!("a dispatch did not return within {limit:?}"));
             }
         }
     }

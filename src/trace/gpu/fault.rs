@@ -1,0 +1,83 @@
+//! Faults on purpose: what a device may do wrong, made to happen at a chosen dispatch, so that what is
+//! promised about failing devices can be tried out.
+
+use super::layout::{Candidates, OCCLUDED};
+use crate::stream::MISS;
+use std::str::FromStr;
+
+/// What is to go wrong, once. Dispatches are counted from 1, over all threads and scenes of a device.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Fault {
+    /// The device is gone while the dispatch is under way, as after a driver reset.
+    Lost(u64),
+    /// The dispatch never returns.
+    Hang(u64),
+    /// The dispatch returns wrong hits.
+    Corrupt(u64),
+    /// The device has no memory for the scene.
+    OutOfMemory,
+}
+
+/// Words that name no fault.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "there is no fault {0:?}; write gpu-lost@N, gpu-hang@N or gpu-corrupt@N, where N is the dispatch at which it \
+     happens, from 1; or gpu-oom"
+)]
+pub struct NoSuchFault(String);
+
+impl FromStr for Fault {
+    type Err = NoSuchFault;
+
+    fn from_str(text: &str) -> Result<Self, NoSuchFault> {
+        let no = || NoSuchFault(text.to_owned());
+        let Some((name, at)) = text.split_once('@') else {
+            return if text == "gpu-oom" { Ok(Self::OutOfMemory) } else { Err(no()) };
+        };
+        let at = at.parse().ok().filter(|&n: &u64| n > 0).ok_or_else(no)?;
+        match name {
+            "gpu-lost" => Ok(Self::Lost(at)),
+            "gpu-hang" => Ok(Self::Hang(at)),
+            "gpu-corrupt" => Ok(Self::Corrupt(at)),
+            _ => Err(no()),
+        }
+    }
+}
+
+impl Fault {
+    /// Whether it happens at the dispatch of this number.
+    pub(super) fn strikes(self, dispatch: u64) -> bool {
+        match self {
+            Self::Lost(at) | Self::Hang(at) | Self::Corrupt(at) => at == dispatch,
+            Self::OutOfMemory => false,
+        }
+    }
+}
+
+/// Answers as a broken device may give them, with nothing in them that looks wrong: every hit is a miss, and
+/// shadow rays find the opposite.
+pub(super) fn corrupt(candidates: &mut [Candidates], blocked: &mut [u32]) {
+    candidates.fill(Candidates { first: MISS, second: MISS, third: MISS, rest: f32::MAX });
+    for answer in blocked {
+        *answer = if *answer == MISS { OCCLUDED } else { MISS };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn words_name_faults() {
+        assert_eq!("gpu-lost@1".parse(), Ok(Fault::Lost(1)));
+        assert_eq!("gpu-hang@20".parse(), Ok(Fault::Hang(20)));
+        assert_eq!("gpu-corrupt@3".parse(), Ok(Fault::Corrupt(3)));
+        assert_eq!("gpu-oom".parse(), Ok(Fault::OutOfMemory));
+        for bad in
+            ["", "gpu", "gpu-oom@1", "gpu-lost", "gpu-lost@", "gpu-lost@0", "gpu-lost@-1", "gpu-melt@1"]
+        {
+            let error = bad.parse::<Fault>().expect_err(bad).to_string();
+            assert!(error.contains(&format!("{bad:?}")) && error.contains("gpu-corrupt@N"), "{error}");
+        }
+    }
+}
