@@ -85,7 +85,7 @@ impl Frame {
             });
         }
         let roulette = (!args.no_russian_roulette).then_some(ROULETTE_BOUNCES);
-        let path = Arc::new(PathTracer::new(scene, camera, settings, roulette)?);
+        let path = Arc::new(PathTracer::new(scene, camera, settings, roulette)?.with_simd(setup.simd));
         let job = setup.service.submit(path.clone(), tracers, options)?;
         Ok(Self { job, film: path.film().clone(), peak_loop_stack_bytes: Box::new(|| 0) })
     }

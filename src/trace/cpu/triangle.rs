@@ -3,8 +3,8 @@
 //! Functions, not closures, throughout: only `inline(always)` makes sure that all of it ends up where
 //! the instructions are enabled.
 
-use super::lanes::{Lanes, each, load_one, zip};
 use crate::bvh::{WIDTH, WideNode};
+use crate::lanes::{Lanes, each, load_one, zip};
 
 /// A vector of three in lanes.
 pub(super) type Vector<L> = [<L as Lanes>::F; 3];
