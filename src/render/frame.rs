@@ -2,6 +2,7 @@
 
 use crate::film::{Film, TooManySplats};
 use crate::geom::Sampler;
+use crate::lanes::{Int, Kernel, Lanes, Num, SimdLevel, Vector};
 use crate::scene::{Camera, CameraError, Lens, Scene};
 use crate::shade::Lights;
 use crate::stream::Ray;
@@ -99,6 +100,7 @@ pub struct Frame {
     film: Arc<Film>,
     columns: u32,
     rows: u32,
+    simd: SimdLevel,
 }
 
 impl Frame {
@@ -119,7 +121,18 @@ impl Frame {
         let film = Arc::new(Film::new(width, height, u64::from(spp) * splats(max_bounces))?);
         let lights = Lights::new(&scene);
         let (columns, rows) = (width.div_ceil(TILE), height.div_ceil(TILE));
-        Ok(Self { scene, lights, lens, settings, film, columns, rows })
+        Ok(Self { scene, lights, lens, settings, film, columns, rows, simd: SimdLevel::detect() })
+    }
+
+    /// The same, shaded with this instruction set, or with one lane at [`SimdLevel::Scalar`]: the same
+    /// picture.
+    pub fn with_simd(self, simd: SimdLevel) -> Self {
+        Self { simd, ..self }
+    }
+
+    /// The instruction set to shade with.
+    pub fn simd(&self) -> SimdLevel {
+        self.simd
     }
 
     /// The scene.
@@ -170,17 +183,67 @@ impl Frame {
         let (right, bottom) = ((left + TILE).min(width), (top + TILE).min(height));
         for block_y in (top..bottom).step_by(BLOCK as usize) {
             for block_x in (left..right).step_by(BLOCK as usize) {
-                for y in block_y..(block_y + BLOCK).min(bottom) {
-                    for x in block_x..(block_x + BLOCK).min(right) {
-                        let pixel = y * width + x;
-                        let place = self.sampler(pixel, sample).pair(CAMERA_DIMENSION);
-                        self.film.add_samples(pixel, 1);
-                        emit(Ray::new(self.lens.eye, self.lens.direction(x, y, place)), pixel, sample);
-                    }
-                }
+                let [width, height] = [(right - block_x).min(BLOCK), (bottom - block_y).min(BLOCK)];
+                let block = Block { frame: self, sample, corner: [block_x, block_y], size: [width, height] };
+                self.simd.run(BlockRays { block, emit: &mut emit });
             }
         }
     }
+}
+
+/// Some pixels of a tile.
+struct Block<'a> {
+    frame: &'a Frame,
+    sample: u32,
+    corner: [u32; 2],
+    /// At least 1, at most [`BLOCK`].
+    size: [u32; 2],
+}
+
+/// The camera rays of a block, row by row.
+struct BlockRays<'a, E> {
+    block: Block<'a>,
+    emit: &'a mut E,
+}
+
+impl<E: FnMut(Ray, u32, u32)> Kernel for BlockRays<'_, E> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, l: L) {
+        let Block { frame, sample, corner, size } = self.block;
+        let Settings { width, seed, .. } = frame.settings;
+        let count = size[0] * size[1];
+        for first in (0..count).step_by(L::LANES) {
+            let mut pixels = [[0; 16]; 2];
+            let lanes = (count - first).min(L::LANES as u32);
+            for lane in 0..lanes {
+                let place = first + lane;
+                pixels[0][lane as usize] = corner[0] + place % size[0];
+                pixels[1][lane as usize] = corner[1] + place / size[0];
+            }
+            let (x, y) = (Int::from_array(l, &pixels[0]), Int::from_array(l, &pixels[1]));
+            let pixel = y * width + x;
+            let sampler = Sampler::of(pixel, Int::splat(l, sample), seed);
+            let place = sampler.two(Int::splat(l, CAMERA_DIMENSION));
+            let direction = frame.lens.directions(x.to_num(), y.to_num(), place);
+            let eye = Vector::splat(l, frame.lens.eye);
+            let far = Num::splat(l, f32::INFINITY);
+            let rays = ray_rows(eye, direction, far);
+            let pixel = pixel.to_array();
+            for lane in 0..lanes as usize {
+                frame.film.add_samples(pixel[lane], 1);
+                (self.emit)(bytemuck::cast(rays[lane]), pixel[lane], sample);
+            }
+        }
+    }
+}
+
+/// Rays in lanes as they lie in memory, one for each lane.
+#[inline(always)]
+pub(super) fn ray_rows<L: Lanes>(origin: Vector<L>, direction: Vector<L>, t_max: Num<L>) -> [[f32; 8]; 16] {
+    let t_min = t_max.only(0);
+    Num::to_rows([origin.x, origin.y, origin.z, t_min, direction.x, direction.y, direction.z, t_max])
 }
 
 /// Sampler dimension of the place within a pixel; all greater ones are the integrator's.
