@@ -5,6 +5,7 @@ use crate::scene::Camera;
 use crate::trace::gpu::Fault;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use glam::Vec3;
+use std::ops::Range;
 use std::path::PathBuf;
 
 /// raystream: renders scenes and traces rays on CPU and GPU together.
@@ -108,6 +109,31 @@ impl CameraArgs {
     }
 }
 
+/// Pictures after each other.
+#[derive(Debug, Args)]
+pub struct FramesArgs {
+    /// Render frames A, A+1, ... up to but without B; -o then numbers them, as in out.%04d.png. Each frame is the
+    /// same whichever others are rendered.
+    #[arg(long, value_name = "A..B", value_parser = frame_range)]
+    pub frames: Option<Range<u32>>,
+    /// Frames in flight at a time: the next ones keep the threads busy while the last paths of one end. Each takes
+    /// memory for its rays and its film.
+    #[arg(long, value_name = "K", default_value_t = 3, requires = "frames", value_parser = clap::value_parser!(u32).range(1..=64))]
+    pub frames_in_flight: u32,
+    /// Turn the camera around the middle of the scene, by so much from one frame to the next.
+    #[arg(
+        long,
+        value_name = "DEG",
+        allow_hyphen_values = true,
+        requires = "frames",
+        conflicts_with = "camera_path"
+    )]
+    pub turntable: Option<f32>,
+    /// Move the camera through the key poses of a .json file.
+    #[arg(long, value_name = "FILE", requires = "frames", conflicts_with_all = ["eye", "target", "up", "fov"])]
+    pub camera_path: Option<PathBuf>,
+}
+
 /// `raystream render`.
 #[derive(Debug, Args)]
 pub struct RenderArgs {
@@ -137,6 +163,9 @@ pub struct RenderArgs {
     /// From where.
     #[command(flatten)]
     pub camera: CameraArgs,
+    /// Several frames.
+    #[command(flatten)]
+    pub animation: FramesArgs,
     /// Environment: an equirectangular .hdr or .exr file, or a constant R,G,B
     /// [default: the scene's; grey 1,1,1 if it has no light at all].
     #[arg(long, value_name = "FILE|R,G,B")]
@@ -248,6 +277,19 @@ fn size(text: &str) -> Result<(u32, u32), String> {
     Ok((w, h))
 }
 
+/// `A..B`, at least one frame.
+fn frame_range(text: &str) -> Result<Range<u32>, String> {
+    let (a, b) = text.split_once("..").ok_or("write FIRST..END, as in 0..20 for the frames 0 to 19")?;
+    let number = |s: &str| s.trim().parse::<u32>().map_err(|e| format!("{s:?}: {e}"));
+    let range = number(a)?..number(b)?;
+    if range.is_empty() {
+        return Err(
+            "there is no frame in it; the end is not rendered, so 0..20 are the frames 0 to 19".into()
+        );
+    }
+    Ok(range)
+}
+
 /// `X,Y,Z`, all finite.
 pub fn vector(text: &str) -> Result<Vec3, String> {
     let parts: Vec<f32> = text
@@ -277,6 +319,10 @@ mod tests {
         assert_eq!((render.camera.eye, render.size), (Some(Vec3::new(-1.0, 2.0, -300.0)), (4, 3)));
         for bad in ["0x0", "4", "-1x3", "99999x99999", "x"] {
             assert!(size(bad).is_err(), "{bad}");
+        }
+        assert_eq!(frame_range("3..7"), Ok(3..7));
+        for bad in ["3", "3..3", "7..3", "a..b", "-1..3", "3..=7"] {
+            assert!(frame_range(bad).is_err(), "{bad}");
         }
         for bad in ["1,2", "1,2,nan", "a,b,c", "1,2,3,4", ""] {
             assert!(vector(bad).is_err(), "{bad}");

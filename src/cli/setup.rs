@@ -3,7 +3,7 @@
 use super::args::{TracerChoice, UnitArgs};
 use crate::render::{Stage, UnitChoice, Units};
 use crate::scene::{Scene, load};
-use crate::schedule::{Service, ServiceOptions, Unit};
+use crate::schedule::{Service, ServiceOptions, Sharing, Unit};
 use crate::trace::cpu::SimdLevel;
 use anyhow::Result;
 use std::path::Path;
@@ -25,8 +25,14 @@ pub struct Setup {
 }
 
 impl Setup {
-    /// Reads a scene (`prepare` may change it before it is built), builds it, and starts the threads.
-    pub fn new(path: &Path, args: &UnitArgs, prepare: impl FnOnce(&mut Scene) -> Result<()>) -> Result<Self> {
+    /// Reads a scene (`prepare` may change it before it is built), builds it, and starts the threads, for so many
+    /// jobs at a time, of which the oldest goes first.
+    pub fn new(
+        path: &Path,
+        args: &UnitArgs,
+        max_jobs: usize,
+        prepare: impl FnOnce(&mut Scene) -> Result<()>,
+    ) -> Result<Self> {
         // Cheap refusals first: nobody wants to wait for a scene to learn of a mistyped name.
         let simd = SimdLevel::choose(&args.simd)?;
         let unit = args.tracer.map(|choice| match choice {
@@ -63,7 +69,8 @@ impl Setup {
             None => std::thread::available_parallelism().map_or(1, usize::from),
         };
         let dispatch_threads = if stage.tracers.device.is_some() { 4 } else { 0 };
-        let service = Service::new(ServiceOptions { host_threads, dispatch_threads, ..Default::default() })?;
+        let sharing = Sharing::FirstIn;
+        let service = Service::new(ServiceOptions { host_threads, dispatch_threads, max_jobs, sharing })?;
         Ok(Self { stage, service, simd, load_s, build_s })
     }
 }

@@ -48,6 +48,62 @@ pub struct RenderStats {
     pub events: Vec<String>,
 }
 
+/// Statistics of `raystream render --frames`.
+#[derive(Debug, Serialize)]
+pub struct FramesStats {
+    /// [`SCHEMA`].
+    pub schema: u32,
+    /// What was rendered.
+    pub scene: SceneStats,
+    /// Columns.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Samples per pixel.
+    pub spp: u32,
+    /// The frames that were finished, in order.
+    pub frames: Vec<FrameStats>,
+    /// The most frames in flight.
+    pub frames_in_flight: usize,
+    /// From the first camera ray of the first frame to the last splat of the last.
+    pub seconds: f64,
+    /// Rays traced, by kind.
+    pub rays: RayCounts,
+    /// All rays per microsecond of `seconds`.
+    pub mray_per_s: f64,
+    /// Camera rays per microsecond of `seconds`.
+    pub mpath_per_s: f64,
+    /// Who traced.
+    pub units: Units,
+    /// One entry a thread, over all frames.
+    pub threads: Vec<ThreadStats>,
+    /// Share of the host threads' time in `seconds` that they had a task.
+    pub busy_share: f64,
+    /// Splats that were not finite and therefore dropped.
+    pub dropped_splats: u64,
+    /// Highest memory use of the process so far; null where the system does not tell.
+    pub peak_memory_bytes: Option<u64>,
+    /// Most rays of one frame in flight at once.
+    pub peak_rays_in_flight: u64,
+    /// The GPU adapter, null when none was used.
+    pub adapter: Option<String>,
+    /// The instruction set of the CPU tracer.
+    pub simd: String,
+    /// What went wrong on the way, one sentence each.
+    pub events: Vec<String>,
+}
+
+/// One of several frames.
+#[derive(Debug, Serialize)]
+pub struct FrameStats {
+    /// Its number.
+    pub frame: u32,
+    /// [`crate::film::Image::hash`].
+    pub hash: String,
+    /// From its first camera ray to its last splat; frames in flight overlap.
+    pub seconds: f64,
+}
+
 /// Size of a scene.
 #[derive(Debug, Serialize)]
 pub struct SceneStats {

@@ -13,7 +13,7 @@ use std::sync::Arc;
 /// Traces rays from a file.
 pub fn run(args: &TraceArgs) -> Result<Outcome> {
     let rays: Arc<[_]> = read_rays(&args.rays)?.into();
-    let setup = Setup::new(&args.scene, &args.units, |_| Ok(()))?;
+    let setup = Setup::new(&args.scene, &args.units, 1, |_| Ok(()))?;
     let mut rates = Vec::new();
     let mut units = Units::default();
     let mut events: Vec<String> = setup.stage.degraded.iter().cloned().collect();

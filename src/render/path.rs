@@ -1,5 +1,6 @@
 //! Path tracing: a hit shader only.
 
+use super::Integrator;
 use super::frame::{CAMERA_DIMENSION, Frame, Settings, SettingsError};
 use crate::film::Film;
 use crate::geom::Sampler;
@@ -210,6 +211,16 @@ impl Path {
 fn power_heuristic(pdf: f32, other: f32) -> f32 {
     let ratio = other / pdf;
     1.0 / (1.0 + ratio * ratio)
+}
+
+impl Integrator for Path {
+    fn frame(&self) -> &Frame {
+        &self.frame
+    }
+
+    fn on(&self, frame: Frame) -> Self {
+        Self { frame, roulette_bounces: self.roulette_bounces }
+    }
 }
 
 impl Renderer for Path {

@@ -103,6 +103,7 @@ impl<R: Renderer> TypedJob<R> {
                 cpu: Default::default(),
                 gpu: Default::default(),
                 threads: Vec::new(),
+                begin_ns: 0,
                 wall_s: 0.0,
                 waited_s: 0.0,
                 tail_idle_share: 0.0,
@@ -119,6 +120,16 @@ impl<R: Renderer> TypedJob<R> {
 
     fn limits(&self) -> &Limits {
         &self.place.limits
+    }
+
+    /// Paths that have not ended or not begun; never grows.
+    fn left(&self) -> u64 {
+        let tile_rays = self.limits().tile_rays as u64;
+        (self.last_tile - self.next_tile).saturating_mul(tile_rays).saturating_add(self.in_flight as u64)
+    }
+
+    fn threshold(&self) -> usize {
+        policy::threshold(self.left(), self.place.hosts, self.has_device(), self.limits())
     }
 
     fn paths<State>(&self, stream: &RayStream<State, R::Payload, R::ShadowPayload>) -> usize {
@@ -148,7 +159,10 @@ impl<R: Renderer> TypedJob<R> {
                 let held = paths(rays, shadow_rays, self.limits().shadow_rays_per_path);
                 let paths = self.paths(&output) + held;
                 let rays = (rays + shadow_rays) as u64;
-                (Task::Shade { input, output }, Hold { kind: TaskKind::Shade, paths, rays })
+                (
+                    Task::Shade { input, output, threshold: self.threshold() },
+                    Hold { kind: TaskKind::Shade, paths, rays },
+                )
             }
             Rule::Trace | Rule::Flush => {
                 let waiting = (self.last_tile - self.next_tile)
@@ -182,7 +196,7 @@ impl<R: Renderer> TypedJob<R> {
                 self.progress.rays.camera += emitted.rays;
                 self.progress.rays.shadow += emitted.shadow_rays;
                 self.account(hold, self.paths(&output));
-                self.lists.park(output);
+                self.lists.park(output, self.threshold());
                 emitted.rays + emitted.shadow_rays
             }
             Done::Shaded { input, output, emitted } => {
@@ -190,7 +204,7 @@ impl<R: Renderer> TypedJob<R> {
                 self.progress.rays.shadow += emitted.shadow_rays;
                 let rays_left = input.rays_left();
                 self.account(hold, self.paths(&output) + rays_left);
-                self.lists.park(output);
+                self.lists.park(output, self.threshold());
                 self.lists.put_back_shaded(input);
                 hold.rays - rays_left as u64
             }
@@ -309,6 +323,7 @@ impl<R: Renderer> Job for TypedJob<R> {
             record.start_ns -= begin_ns;
             record.end_ns -= begin_ns;
         }
+        report.begin_ns = begin_ns;
         report.tiles_spawned = self.progress.tiles_spawned;
         report.rays = self.progress.rays;
         report.streams = self.lists.made();

@@ -86,11 +86,11 @@ impl<P, S> Lists<P, S> {
         empty.fill()
     }
 
-    /// Takes back an output stream: to EMPTY, NEEDMORE or TRACE by the paths in it.
-    pub fn park(&mut self, stream: RayStream<Filling, P, S>) {
+    /// Takes back an output stream: to EMPTY, NEEDMORE or, with at least `threshold` paths in it, TRACE.
+    pub fn park(&mut self, stream: RayStream<Filling, P, S>, threshold: usize) {
         match paths(stream.rays(), stream.shadow_rays(), self.limits.shadow_rays_per_path) {
             0 => self.empty.push(stream.unfill()),
-            paths if paths < self.limits.threshold => self.need_more.push(stream),
+            paths if paths < threshold => self.need_more.push(stream),
             _ => self.trace.push_back(stream.seal()),
         }
     }

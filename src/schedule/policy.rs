@@ -178,6 +178,21 @@ fn pick(views: &[View], sharing: Sharing, rule: impl Fn(&View) -> Option<Rule>) 
     choice.map(|(_, choice)| choice)
 }
 
+/// Streams for each host thread into which what is left of a job is divided at its tail.
+pub(super) const TAIL_STREAMS: usize = 4;
+
+/// Paths from which a stream counts as full when `left` paths of its job have not ended or not begun: the
+/// limit, and at the tail as few as give every host thread [`TAIL_STREAMS`] streams. One thread shades
+/// a stream, so the last ones had better be small. Never grows while a job goes on. A device is not
+/// served with small streams.
+pub fn threshold(left: u64, host_threads: usize, device_is_fed: bool, limits: &Limits) -> usize {
+    if device_is_fed {
+        return limits.threshold;
+    }
+    let share = left.div_ceil((TAIL_STREAMS * host_threads) as u64);
+    share.max(limits.chunk_rays as u64).min(limits.threshold as u64) as usize
+}
+
 /// How many rays a host thread takes at once when `waiting` rays of its job wait to be traced or
 /// spawned. While a device is fed, RA's small chunks, lest a host thread be away for long when the
 /// device needs it. Without one, as much as leaves every thread two more chunks of the same size:
@@ -291,6 +306,20 @@ mod tests {
         assert_eq!(first(1), Some(1));
         assert_eq!(first(0), Some(0));
         assert_eq!(rule(View { tasks: 1, ..small }, BUSY), Some(Rule::Flush));
+    }
+
+    #[test]
+    fn streams_are_large_until_the_tail() {
+        let limits = Limits::for_tests();
+        let full = |left| threshold(left, 2, false, &limits);
+        assert_eq!((full(u64::MAX), full(0)), (limits.threshold, limits.chunk_rays));
+        assert_eq!(full(8 * 3000 - 1), 3000);
+        assert_eq!(threshold(0, 2, true, &limits), limits.threshold);
+        // Those that were full earlier are so now: what is left makes no more than these.
+        for left in (1..300_000).step_by(37) {
+            assert!(full(left) <= full(left + 37));
+            assert!(left / full(left) as u64 <= (limits.in_flight / limits.threshold).max(8) as u64 + 4);
+        }
     }
 
     #[test]
