@@ -8,10 +8,12 @@ mod level;
 mod oracle;
 mod packet;
 mod setup;
+mod single;
 mod stream;
 mod tracer;
 mod triangle;
 
 pub use level::{SimdError, SimdLevel};
 pub use oracle::Oracle;
+pub use single::SingleRayTracer;
 pub use tracer::CpuTracer;
