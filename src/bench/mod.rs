@@ -2,8 +2,11 @@
 
 pub mod build;
 pub mod embree;
+pub mod frame;
 pub mod meshes;
 pub mod rays;
+mod spread;
 mod workload;
 
+pub use spread::Spread;
 pub use workload::{Kind, Workload};

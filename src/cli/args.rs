@@ -41,6 +41,9 @@ pub enum BenchCommand {
     Rays(BenchRaysArgs),
     /// Build the tree and, where its library is given, Embree 4's of each quality, in rounds that take turns.
     Build(BenchBuildArgs),
+    /// Render the same frame as Ray Accelerator's Table 1 does: a plain single-ray renderer; the scheduler ray by ray;
+    /// with streams; with SIMD shading; with the GPU. In rounds that take turns; all pictures must be the same.
+    Frame(BenchFrameArgs),
 }
 
 /// Which units trace rays.
@@ -134,6 +137,18 @@ pub struct FramesArgs {
     pub camera_path: Option<PathBuf>,
 }
 
+/// What lights the scene besides its own lights.
+#[derive(Debug, Args)]
+pub struct LightArgs {
+    /// Environment: an equirectangular .hdr or .exr file, or a constant R,G,B
+    /// [default: the scene's; grey 1,1,1 if it has no light at all].
+    #[arg(long, value_name = "FILE|R,G,B")]
+    pub env: Option<String>,
+    /// Turn the environment map around the vertical.
+    #[arg(long, value_name = "DEG", allow_hyphen_values = true, default_value_t = 0.0)]
+    pub env_rotation: f32,
+}
+
 /// `raystream render`.
 #[derive(Debug, Args)]
 pub struct RenderArgs {
@@ -166,13 +181,9 @@ pub struct RenderArgs {
     /// Several frames.
     #[command(flatten)]
     pub animation: FramesArgs,
-    /// Environment: an equirectangular .hdr or .exr file, or a constant R,G,B
-    /// [default: the scene's; grey 1,1,1 if it has no light at all].
-    #[arg(long, value_name = "FILE|R,G,B")]
-    pub env: Option<String>,
-    /// Turn the environment map around the vertical.
-    #[arg(long, value_name = "DEG", allow_hyphen_values = true, default_value_t = 0.0)]
-    pub env_rotation: f32,
+    /// By which light.
+    #[command(flatten)]
+    pub light: LightArgs,
     /// Brighten a .png by this many stops.
     #[arg(long, value_name = "STOPS", allow_hyphen_values = true, default_value_t = 0.0)]
     pub exposure: f32,
@@ -254,6 +265,40 @@ pub struct BenchBuildArgs {
     /// Write the results as JSON.
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
+}
+
+/// `raystream bench frame`.
+#[derive(Debug, Args)]
+pub struct BenchFrameArgs {
+    /// Scene file.
+    pub scene: PathBuf,
+    /// Picture size in pixels.
+    #[arg(long, value_name = "WxH", default_value = "1280x1024", value_parser = size)]
+    pub size: (u32, u32),
+    /// Samples per pixel.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
+    pub spp: u32,
+    /// Most bounces; paths end by depth alone.
+    #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(0..=1000))]
+    pub max_bounces: u32,
+    /// Seed of all random numbers.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub seed: u64,
+    /// Rounds; each configuration renders the frame once a round.
+    #[arg(long, value_name = "N", default_value_t = 7, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    pub repeats: u32,
+    /// From where.
+    #[command(flatten)]
+    pub camera: CameraArgs,
+    /// By which light.
+    #[command(flatten)]
+    pub light: LightArgs,
+    /// Write the results as JSON.
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+    /// Who traces.
+    #[command(flatten)]
+    pub units: UnitArgs,
 }
 
 /// `raystream mesh`.

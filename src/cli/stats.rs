@@ -1,6 +1,7 @@
 //! The JSON that `--stats` writes. The schema is stable: fields are added, never changed; `schema` counts
 //! incompatible versions.
 
+use crate::bench::Spread;
 use crate::schedule::{self, JobReport, ThreadKind, ThreadReport};
 use anyhow::{Context, Result};
 use serde::Serialize;
@@ -257,26 +258,6 @@ impl ThreadStats {
     }
 }
 
-/// Repeated measurements of a rate.
-#[derive(Clone, Copy, Debug, Serialize)]
-pub struct Spread {
-    /// The middle one (the mean of two middle ones).
-    pub median: f64,
-    /// The highest.
-    pub best: f64,
-    /// The lowest.
-    pub worst: f64,
-}
-
-impl Spread {
-    /// Of at least one value.
-    pub fn of(mut values: Vec<f64>) -> Self {
-        values.sort_by(f64::total_cmp);
-        let n = values.len();
-        Self { median: 0.5 * (values[(n - 1) / 2] + values[n / 2]), best: values[n - 1], worst: values[0] }
-    }
-}
-
 /// Writes statistics; the file appears whole or not at all.
 pub fn write(path: &Path, stats: &impl Serialize) -> Result<()> {
     let text = serde_json::to_vec_pretty(stats).context("statistics cannot be written as JSON")?;
@@ -290,15 +271,4 @@ pub fn peak_memory_bytes() -> Option<u64> {
     let line = status.lines().find_map(|l| l.strip_prefix("VmHWM:"))?;
     let kib: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
     Some(kib * 1024)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn spreads_order_their_values() {
-        let s = Spread::of(vec![3.0, 1.0, 2.0, 10.0]);
-        assert_eq!((s.median, s.best, s.worst), (2.5, 10.0, 1.0));
-    }
 }

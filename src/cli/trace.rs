@@ -4,7 +4,8 @@ use super::Outcome;
 use super::args::TraceArgs;
 use super::arrays::{Array, read_rays, write_npz};
 use super::setup::Setup;
-use super::stats::{self, SCHEMA, Spread, TraceStats, Units};
+use super::stats::{self, SCHEMA, TraceStats, Units};
+use crate::bench::Spread;
 use crate::schedule::{JobOptions, JobReport};
 use crate::stream::Hit;
 use anyhow::{Context, Result};
@@ -53,7 +54,7 @@ pub fn run(args: &TraceArgs) -> Result<Outcome> {
         rays: rays.len(),
         hits: answer.hits(),
         build_s: setup.build_s,
-        mray_per_s: Spread::of(rates),
+        mray_per_s: Spread::of_rates(rates),
         units,
         adapter: setup.stage.adapter.clone(),
         simd: setup.simd.name().into(),

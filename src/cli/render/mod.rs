@@ -5,16 +5,15 @@ mod still;
 mod tally;
 
 use super::Outcome;
-use super::args::{RenderArgs, vector};
+use super::args::RenderArgs;
 use super::setup::Setup;
 use super::timeline;
 use crate::film::Format;
 use crate::render::{Integrator, Path as PathTracer, ROULETTE_BOUNCES, Settings, Whitted};
-use crate::scene::{Camera, Environment, Scene, load};
+use crate::scene::Camera;
 use crate::schedule::{JobHandle, JobOptions, LimitsError};
 use anyhow::{Context, Result, bail};
 use frames::Course;
-use glam::Vec3;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -32,7 +31,7 @@ pub fn run(args: &RenderArgs) -> Result<Outcome> {
     }
     let course = Course::new(args)?;
     let max_jobs = course.as_ref().map_or(1, |_| args.animation.frames_in_flight as usize);
-    let setup = Setup::new(&args.scene, &args.units, max_jobs, |scene| light(scene, args))?;
+    let setup = Setup::new(&args.scene, &args.units, max_jobs, |scene| args.light.hang(scene))?;
     let scene = setup.stage.scene.clone();
     let (width, height) = args.size;
     let aspect = width as f32 / height as f32;
@@ -68,36 +67,6 @@ fn submit<I: Integrator>(
 ) -> Result<JobHandle, LimitsError> {
     let options = JobOptions { timeline: args.timeline.is_some(), ..JobOptions::default() };
     setup.service.submit(Arc::clone(integrator), setup.stage.tracers.clone(), options)
-}
-
-/// Hangs the environment that the flags ask for, or a white one where there would be no light at all.
-fn light(scene: &mut Scene, args: &RenderArgs) -> Result<()> {
-    match &args.env {
-        Some(text) => {
-            scene.environment = match vector(text) {
-                Ok(radiance) if radiance.cmpge(Vec3::ZERO).all() => Environment::Constant(radiance),
-                Ok(radiance) => bail!("--env {radiance}: radiance is not negative"),
-                Err(_) => {
-                    let mut map = load::environment(Path::new(text))?;
-                    map.rotation_degrees = args.env_rotation;
-                    Environment::Map(map)
-                }
-            };
-        }
-        None if is_dark(scene) => {
-            log::warn!("the scene has no light; lit by a white environment (choose one with --env)");
-            scene.environment = Environment::Constant(Vec3::ONE);
-        }
-        None => {}
-    }
-    Ok(())
-}
-
-fn is_dark(scene: &Scene) -> bool {
-    let emits = |material: &u32| scene.materials[*material as usize].emission.is_some();
-    matches!(scene.environment, Environment::Constant(Vec3::ZERO))
-        && scene.lights.is_empty()
-        && !scene.mesh.materials.iter().any(emits)
 }
 
 /// Refuses outputs that cannot be written before minutes are spent.
