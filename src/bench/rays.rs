@@ -5,7 +5,7 @@ use super::embree::{Embree, EmbreeError, EmbreeRays, EmbreeScene, Mode};
 use super::{Kind, Spread, Workload};
 use crate::bvh::Bvh;
 use crate::stream::{Hit, Ray, Tracer};
-use crate::trace::cpu::{CpuTracer, Oracle, SimdLevel};
+use crate::trace::cpu::{CpuTracer, Oracle, SimdLevel, SingleRayTracer};
 use glam::{Vec3, Vec3A};
 use obvhs::cwbvh::CwBvh;
 use obvhs::triangle::Triangle;
@@ -183,8 +183,7 @@ fn our_units<'a>(
     options: &Options,
 ) -> Vec<Unit<'a>> {
     let stream = options.stream_rays;
-    let unit = |&level: &SimdLevel| {
-        let tracer = CpuTracer::new(bvh.clone(), None, level).ok()?;
+    let unit = |name: &str, level: SimdLevel, tracer: Box<dyn Tracer>| {
         let (mut hits, mut occluded) = (vec![Hit::NONE; rays.len()], vec![0; rays.len()]);
         let round = move || {
             clock.seconds(|| {
@@ -197,15 +196,19 @@ fn our_units<'a>(
                 }
             })
         };
-        Some(Unit {
-            name: "raystream".to_owned(),
-            simd: Some(level.name()),
-            robust: true,
-            rays: rays.len(),
-            round: Box::new(round),
-        })
+        let (name, simd) = (name.to_owned(), Some(level.name()));
+        Unit { name, simd, robust: true, rays: rays.len(), round: Box::new(round) }
     };
-    options.levels.iter().filter_map(unit).collect()
+    let mut units = Vec::new();
+    for &level in &options.levels {
+        if let Ok(tracer) = CpuTracer::new(bvh.clone(), None, level) {
+            units.push(unit("raystream", level, Box::new(tracer)));
+        }
+        if let Ok(tracer) = SingleRayTracer::new(bvh.clone(), None, level) {
+            units.push(unit("raystream single", level, Box::new(tracer)));
+        }
+    }
+    units
 }
 
 fn embree_units<'a>(
@@ -384,7 +387,7 @@ mod tests {
         }
         let options = Options { rounds: 2, threads: vec![1, 2], ..Options::default() };
         let report = run(&bvh, &positions, &triangles, &workload, &options).expect("no Embree asked for");
-        assert_eq!(report.rows.len(), 2 * 5 * (SimdLevel::available().len() + 2));
+        assert_eq!(report.rows.len(), 2 * 5 * (2 * SimdLevel::available().len() + 2));
         for row in &report.rows {
             let Spread { median, best, worst } = row.mray_per_s;
             assert!(0.0 < worst && worst <= median && median <= best);

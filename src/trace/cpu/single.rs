@@ -129,12 +129,18 @@ unsafe fn one<E: Lanes, const ANY: bool>(e: E, tree: Tree<'_>, ray: &Ray, stack:
             let node = unsafe { nodes.get_unchecked(child.index()) };
             let (enter, leave) = slabs.cross_each(e, &Faces::of(node, octant), e.splat(best.t));
             let mut entered = e.le(0xff, enter, leave);
-            let enter = spill(e, enter);
+            if entered.is_power_of_two() {
+                child = node.children[entered.trailing_zeros() as usize & 7];
+                continue;
+            }
+            let mut enters = [0.0; WIDTH];
+            // SAFETY: there are as many numbers as lanes, which `cross_each` asserts.
+            unsafe { e.store(enters.as_mut_ptr(), enter) };
             let first = top;
             while entered != 0 {
                 let slot = entered.trailing_zeros() as usize & 7;
                 entered &= entered - 1;
-                let entry = Entry { child: node.children[slot], enter: enter[slot] };
+                let entry = Entry { child: node.children[slot], enter: enters[slot] };
                 let mut at = top;
                 top += 1;
                 // SAFETY: invariant 3.
