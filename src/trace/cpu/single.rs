@@ -134,7 +134,7 @@ unsafe fn one<E: Lanes, const ANY: bool>(e: E, tree: Tree<'_>, ray: &Ray, stack:
                 continue;
             }
             let mut enters = [0.0; WIDTH];
-            // SAFETY: there are as many numbers as lanes, which `cross_each` asserts.
+            // SAFETY: there are as many numbers as lanes, as `cross_each` has asserted.
             unsafe { e.store(enters.as_mut_ptr(), enter) };
             let first = top;
             while entered != 0 {
