@@ -6,7 +6,7 @@ use crate::film::Image;
 use crate::render::{Path, RayByRay, Settings, SettingsError, Stage, render_single_rays};
 use crate::scene::Camera;
 use crate::schedule::{
-    JobError, JobOptions, JobReport, LimitsError, RayCounts, Renderer, Service, Tracers, Unit,
+    JobError, JobOptions, JobReport, LimitsError, Policy, RayCounts, Renderer, Service, Tracers, Unit,
 };
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -60,6 +60,8 @@ pub struct Options {
     pub camera: Camera,
     /// Rounds; each configuration renders the frame once a round.
     pub repeats: usize,
+    /// How the scheduler's configurations share out work; RA's way for the units by default.
+    pub policy: Option<Policy>,
 }
 
 /// One configuration's speed.
@@ -164,6 +166,32 @@ impl Bench<'_> {
         self.measure(contenders.collect())
     }
 
+    /// Measures the policies: with a device all of them and each unit alone, else the orders of rules that
+    /// differ without one.
+    ///
+    /// # Errors
+    /// When a frame cannot be rendered.
+    pub fn policies(&self) -> Result<Report, FrameError> {
+        let mut plans = Vec::new();
+        if self.stage.tracers.device.is_some() {
+            plans.extend(Policy::ALL.map(|policy| (policy.name(), Unit::Hybrid, policy)));
+            plans.push(("gpu alone", Unit::Gpu, Policy::RayAccelerator));
+        }
+        plans.push(("cpu, shade-first", Unit::Cpu, Policy::ShadeFirst));
+        plans.push(("cpu, ra", Unit::Cpu, Policy::RayAccelerator));
+        let contenders = plans.into_iter().map(|(name, unit, policy)| Contender {
+            name,
+            unit: self.unit_name(unit != Unit::Cpu),
+            frame: Box::new(move || {
+                let path = self.path(Shading::Lanes)?;
+                let tracers = Tracers { unit, ..self.stage.tracers.clone() };
+                let options = JobOptions { policy: Some(policy), ..JobOptions::default() };
+                self.frame(name, &path, path.clone(), tracers, options)
+            }),
+        });
+        self.measure(contenders.collect())
+    }
+
     fn unit_name(&self, device: bool) -> String {
         match &self.stage.adapter {
             Some(adapter) if device => adapter.clone(),
@@ -181,7 +209,7 @@ impl Bench<'_> {
     fn configuration(&self, configuration: Configuration) -> Result<Rendered, FrameError> {
         let cpu = Tracers::cpu(self.stage.tracers.host.clone());
         let name = configuration.name();
-        let options = JobOptions::default();
+        let options = JobOptions { policy: self.options.policy, ..JobOptions::default() };
         match configuration {
             Configuration::SingleRay => {
                 let path = self.path(Shading::OneLane)?;

@@ -5,6 +5,7 @@ pub mod embree;
 pub mod frame;
 pub mod meshes;
 pub mod rays;
+pub mod schedule;
 mod spread;
 mod workload;
 

@@ -44,6 +44,9 @@ pub enum BenchCommand {
     /// Render the same frame as Ray Accelerator's Table 1 does: a plain single-ray renderer; the scheduler ray by ray;
     /// with streams; with SIMD shading; with the GPU. In rounds that take turns; all pictures must be the same.
     Frame(BenchFrameArgs),
+    /// Schedule tasks of one ray that do nothing, or sleep for a known time, on any number of threads: what the
+    /// scheduler costs a task, and how much it is contended for.
+    Schedule(BenchScheduleArgs),
 }
 
 /// Which units trace rays.
@@ -57,12 +60,32 @@ pub enum TracerChoice {
     Hybrid,
 }
 
+/// How work goes to units and threads.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum PolicyChoice {
+    /// Ray Accelerator's rules: camera rays first; the GPU has every full stream while it can take one.
+    Ra,
+    /// Shade what has been traced before anything else.
+    ShadeFirst,
+    /// MoonRay's rule: streams stay on the CPU when they are small or enough threads wait for the GPU.
+    Moonray,
+    /// By measured rays per second, so that both units end together.
+    Measured,
+    /// The CPU alone.
+    CpuOnly,
+    /// The GPU alone; the CPU shades.
+    GpuOnly,
+}
+
 /// Options of everything that traces.
 #[derive(Debug, Args)]
 pub struct UnitArgs {
     /// Which units trace rays [default: hybrid with a hardware GPU, else cpu].
     #[arg(long, value_enum, value_name = "UNITS")]
     pub tracer: Option<TracerChoice>,
+    /// How work goes to units and threads [default: ra with a GPU, else shade-first]. The result is the same.
+    #[arg(long, value_enum, value_name = "NAME")]
+    pub policy: Option<PolicyChoice>,
     /// Use the GPU adapter whose name contains NAME (`raystream info` lists them); a software adapter is
     /// used only when it is named or `--tracer` asks for the GPU and there is no other.
     #[arg(long, value_name = "NAME")]
@@ -293,12 +316,35 @@ pub struct BenchFrameArgs {
     /// By which light.
     #[command(flatten)]
     pub light: LightArgs,
+    /// Measure scheduling policies side by side instead: with a GPU each policy and each unit alone.
+    #[arg(long, conflicts_with = "policy")]
+    pub policies: bool,
     /// Write the results as JSON.
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
     /// Who traces.
     #[command(flatten)]
     pub units: UnitArgs,
+}
+
+/// `raystream bench schedule`.
+#[derive(Debug, Args)]
+pub struct BenchScheduleArgs {
+    /// Numbers of host threads to measure with.
+    #[arg(long, value_name = "N,..", value_delimiter = ',', default_value = "1,2,4,8,16,32,64", value_parser = clap::value_parser!(u32).range(1..=1024))]
+    pub threads: Vec<u32>,
+    /// What tasks take, in microseconds; they sleep.
+    #[arg(long, value_name = "US,..", value_delimiter = ',', default_value = "0,1000", value_parser = clap::value_parser!(u64).range(0..=1_000_000))]
+    pub load_us: Vec<u64>,
+    /// Tasks of a job, fewer where they would sleep for more than about a second.
+    #[arg(long, value_name = "N", default_value_t = 200_000, value_parser = clap::value_parser!(u64).range(1..=100_000_000))]
+    pub tasks: u64,
+    /// Rounds; each job runs once a round.
+    #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    pub rounds: u32,
+    /// Write the results as JSON.
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
 }
 
 /// `raystream mesh`.

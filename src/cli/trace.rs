@@ -28,12 +28,13 @@ pub fn run(args: &TraceArgs) -> Result<Outcome> {
         }
     };
     let tracers = || setup.stage.tracers.clone();
+    let options = || JobOptions { policy: setup.policy, ..JobOptions::default() };
     let mut answer = Answer::Closest(Vec::new());
     for _ in 0..args.repeat {
         if args.any_hit {
             let (occluded, report) = setup
                 .service
-                .occluded(tracers(), rays.clone(), JobOptions::default())?
+                .occluded(tracers(), rays.clone(), options())?
                 .wait()
                 .context("tracing failed")?;
             note(&report);
@@ -41,7 +42,7 @@ pub fn run(args: &TraceArgs) -> Result<Outcome> {
         } else {
             let (hits, report) = setup
                 .service
-                .closest(tracers(), rays.clone(), JobOptions::default())?
+                .closest(tracers(), rays.clone(), options())?
                 .wait()
                 .context("tracing failed")?;
             note(&report);

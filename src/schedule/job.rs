@@ -1,6 +1,7 @@
 //! One job under the scheduler's lock: its lists and its account, without its types.
 
 use super::lists::Lists;
+use super::policy::Pace;
 use super::pool::Pool;
 use super::report::{JobReport, Progress, TaskKind, TaskRecord, ThreadReport};
 use super::task::{Desk, Done, Task, Workplace};
@@ -128,6 +129,13 @@ impl<R: Renderer> TypedJob<R> {
         (self.last_tile - self.next_tile).saturating_mul(tile_rays).saturating_add(self.in_flight as u64)
     }
 
+    /// Rays that wait to be traced or spawned.
+    fn waiting_rays(&self) -> u64 {
+        (self.last_tile - self.next_tile)
+            .saturating_mul(self.limits().tile_rays as u64)
+            .saturating_add(self.lists.rays_to_trace() as u64)
+    }
+
     fn threshold(&self) -> usize {
         policy::threshold(self.left(), self.place.hosts, self.has_device(), self.limits())
     }
@@ -165,10 +173,12 @@ impl<R: Renderer> TypedJob<R> {
                 )
             }
             Rule::Trace | Rule::Flush => {
-                let waiting = (self.last_tile - self.next_tile)
-                    .saturating_mul(self.limits().tile_rays as u64)
-                    .saturating_add(self.lists.rays_to_trace() as u64);
-                let most = policy::chunk_rays(waiting, self.place.hosts, self.has_device(), self.limits());
+                let most = policy::chunk_rays(
+                    self.waiting_rays(),
+                    self.place.hosts,
+                    self.has_device(),
+                    self.limits(),
+                );
                 let chunk = self.lists.next_chunk(most);
                 let rays = chunk.len() as u64;
                 (Task::Trace(chunk), Hold { kind: TaskKind::Trace, paths: 0, rays })
@@ -251,11 +261,16 @@ impl<R: Renderer> Job for TypedJob<R> {
             tiles_left: self.last_tile - self.next_tile,
             tile_fits: self.in_flight + self.limits().tile_rays <= self.limits().in_flight,
             need_more: self.lists.need_more(),
+            need_more_rays: self.lists.need_more_rays(),
             trace: self.lists.trace(),
+            trace_rays: self.lists.trace_rays(),
+            waiting_rays: self.waiting_rays(),
             slot: self.lists.slot(),
             shade: self.lists.shade(),
             tasks: self.tasks,
             served: 0,
+            cpu: Pace { rays: self.progress.cpu_rays, ns: self.trace_ns },
+            gpu: Pace { rays: self.progress.gpu_rays, ns: self.dispatch_ns },
         }
     }
 

@@ -37,7 +37,7 @@ pub fn run(args: &BenchBuildArgs) -> Result<()> {
         );
     }
     match &args.json {
-        Some(path) => write(path, &args.scene, &rows, &[]),
+        Some(path) => write(path, Some(&args.scene), &rows, &[]),
         None => Ok(()),
     }
 }

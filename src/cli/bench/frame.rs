@@ -9,7 +9,7 @@ use crate::render::Settings;
 use crate::scene::Camera;
 use anyhow::Result;
 
-/// Measures RA's ladder.
+/// Measures RA's ladder, or policies.
 pub fn run(args: &BenchFrameArgs) -> Result<Outcome> {
     let setup = Setup::new(&args.scene, &args.units, 1, |scene| args.light.hang(scene))?;
     let (width, height) = args.size;
@@ -19,15 +19,16 @@ pub fn run(args: &BenchFrameArgs) -> Result<Outcome> {
         settings: Settings { width, height, spp: args.spp, max_bounces: args.max_bounces, seed: args.seed },
         camera: args.camera.apply(scene.camera, framed),
         repeats: args.repeats as usize,
+        policy: setup.policy,
     };
     let bench = Bench { stage: &setup.stage, service: &setup.service, simd: setup.simd.name(), options };
-    let report = bench.ladder()?;
+    let report = if args.policies { bench.policies()? } else { bench.ladder()? };
     print(args, &report);
-    if setup.stage.tracers.device.is_none() {
+    if setup.stage.tracers.device.is_none() && !args.policies {
         eprintln!("RA HYBRID is left out: no hardware GPU is in use (name an adapter with --adapter)");
     }
     if let Some(path) = &args.json {
-        write(path, &args.scene, &report.rows, &[])?;
+        write(path, Some(&args.scene), &report.rows, &[])?;
     }
     let whole = report.differing.is_empty() && report.rows.iter().all(|row| row.events.is_empty());
     Ok(if whole { Outcome::Done } else { Outcome::Degraded })
@@ -45,12 +46,12 @@ fn print(args: &BenchFrameArgs, report: &Report) {
         report.rays.shadow
     );
     println!(
-        "{:<14} {:>7} {:>9} {:>9} {:>9} {:>9} {:>6}  unit",
+        "{:<17} {:>7} {:>9} {:>9} {:>9} {:>9} {:>6}  unit",
         "configuration", "threads", "Mray/s", "best", "worst", "ms", "ratio"
     );
     for row in &report.rows {
         println!(
-            "{:<14} {:>7} {:>9.3} {:>9.3} {:>9.3} {:>9.1} {:>6.3}  {}",
+            "{:<17} {:>7} {:>9.3} {:>9.3} {:>9.3} {:>9.1} {:>6.3}  {}",
             row.configuration,
             row.threads,
             row.mray_per_s.median,

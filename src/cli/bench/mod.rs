@@ -3,6 +3,7 @@
 mod build;
 mod frame;
 mod rays;
+mod schedule;
 
 use super::Outcome;
 use super::args::BenchCommand;
@@ -18,6 +19,7 @@ pub fn run(command: &BenchCommand) -> Result<Outcome> {
         BenchCommand::Rays(args) => rays::run(args).map(|()| Outcome::Done),
         BenchCommand::Build(args) => build::run(args).map(|()| Outcome::Done),
         BenchCommand::Frame(args) => frame::run(args),
+        BenchCommand::Schedule(args) => schedule::run(args).map(|()| Outcome::Done),
     }
 }
 
@@ -39,18 +41,19 @@ struct Machine {
 
 #[derive(Serialize)]
 struct SceneRow<'a, R> {
-    scene: &'a str,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    scene: Option<&'a str>,
     #[serde(flatten)]
     row: &'a R,
 }
 
 fn write<R: Serialize>(
     path: &Path,
-    scene: &Path,
+    scene: Option<&Path>,
     rows: &[R],
     agreement: &[crate::bench::rays::Agreement],
 ) -> Result<()> {
-    let scene = scene.file_name().and_then(|name| name.to_str()).unwrap_or_default();
+    let scene = scene.map(|path| path.file_name().and_then(|name| name.to_str()).unwrap_or_default());
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
     let machine = Machine { threads, simd: Units::cpu().simd().name() };
     let rows = rows.iter().map(|row| SceneRow { scene, row }).collect();

@@ -28,7 +28,7 @@ pub fn run(args: &BenchRaysArgs) -> Result<()> {
     let report = measure(&stage.bvh, &mesh.positions, &mesh.triangles, &workload, &options)?;
     print(&report, &workload);
     match &args.json {
-        Some(path) => write(path, &args.scene, &report.rows, &report.agreement),
+        Some(path) => write(path, Some(&args.scene), &report.rows, &report.agreement),
         None => Ok(()),
     }
 }

@@ -65,7 +65,8 @@ fn submit<I: Integrator>(
     args: &RenderArgs,
     integrator: &Arc<I>,
 ) -> Result<JobHandle, LimitsError> {
-    let options = JobOptions { timeline: args.timeline.is_some(), ..JobOptions::default() };
+    let (policy, timeline) = (setup.policy, args.timeline.is_some());
+    let options = JobOptions { policy, timeline, ..JobOptions::default() };
     setup.service.submit(Arc::clone(integrator), setup.stage.tracers.clone(), options)
 }
 
