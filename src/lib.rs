@@ -10,6 +10,8 @@
 //!
 //! `src/ARCHITECTURE.md` is the map of the house.
 
+pub mod lanes;
+
 pub mod geom;
 pub mod scene;
 

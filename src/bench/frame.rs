@@ -3,6 +3,7 @@
 
 use super::Spread;
 use crate::film::Image;
+use crate::lanes::SimdLevel;
 use crate::render::{Path, RayByRay, Settings, SettingsError, Stage, render_single_rays};
 use crate::scene::Camera;
 use crate::schedule::{
@@ -126,7 +127,7 @@ pub struct Bench<'a> {
     /// The threads.
     pub service: &'a Service,
     /// Instruction set of the CPU tracer.
-    pub simd: &'static str,
+    pub simd: SimdLevel,
     /// The frame.
     pub options: Options,
 }
@@ -199,11 +200,14 @@ impl Bench<'_> {
         }
     }
 
-    /// The integrator of the frame. The one place where the width of shading is chosen.
-    fn path(&self, _shading: Shading) -> Result<Arc<Path>, FrameError> {
+    /// The integrator of the frame. RA's paths end by depth alone.
+    fn path(&self, shading: Shading) -> Result<Arc<Path>, FrameError> {
         let Options { settings, camera, .. } = self.options;
-        // RA's paths end by depth alone.
-        Ok(Arc::new(Path::new(self.stage.scene.clone(), &camera, settings, None)?))
+        let path = Path::new(self.stage.scene.clone(), &camera, settings, None)?.with_simd(self.simd);
+        Ok(Arc::new(match shading {
+            Shading::OneLane => path.in_one_lane(),
+            Shading::Lanes => path,
+        }))
     }
 
     fn configuration(&self, configuration: Configuration) -> Result<Rendered, FrameError> {
@@ -290,7 +294,7 @@ impl Bench<'_> {
                 configuration: contender.name,
                 unit: contender.unit.clone(),
                 threads: self.service.host_threads(),
-                simd: self.simd,
+                simd: self.simd.name(),
                 mray_per_s,
                 seconds: Spread::of_times(seconds),
                 ratio: BTreeMap::from([(against, mray_per_s.median / reference)]),

@@ -1,5 +1,6 @@
 //! The film: radiance added in fixed point.
 
+use crate::lanes::{Int, Lanes, Vector};
 use std::sync::atomic::{AtomicI64, AtomicU32, AtomicU64, Ordering::Relaxed};
 
 /// Splats brighter than this are clamped to it, per channel.
@@ -112,6 +113,19 @@ impl Film {
             if fixed != 0 {
                 sum.fetch_add(fixed, Relaxed);
             }
+        }
+    }
+
+    /// [`Film::splat`] of each lane of a mask.
+    #[inline(always)]
+    pub fn splat_lanes<L: Lanes>(&self, lanes: u32, pixel: Int<L>, radiance: Vector<L>) {
+        if lanes == 0 {
+            return;
+        }
+        let pixel = pixel.to_array();
+        let [r, g, b] = [radiance.x.to_array(), radiance.y.to_array(), radiance.z.to_array()];
+        for lane in (0..L::LANES).filter(|lane| lanes >> lane & 1 == 1) {
+            self.splat(pixel[lane], glam::Vec3::new(r[lane], g[lane], b[lane]));
         }
     }
 

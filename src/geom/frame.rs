@@ -1,40 +1,72 @@
 //! Orthonormal frames.
 
+use crate::lanes::{Lanes, One, Vector};
 use glam::Vec3;
 
-/// A right-handed orthonormal frame; the normal is its z axis.
+/// A right-handed orthonormal frame in each lane; the normal is its z axis.
 #[derive(Clone, Copy, Debug)]
-pub struct Frame {
+pub struct Frame<L: Lanes = One> {
     /// x axis.
-    pub tangent: Vec3,
+    pub tangent: Vector<L>,
     /// y axis.
-    pub bitangent: Vec3,
+    pub bitangent: Vector<L>,
     /// z axis.
-    pub normal: Vec3,
+    pub normal: Vector<L>,
 }
 
-impl Frame {
+impl<L: Lanes> Frame<L> {
     /// A frame around a unit `normal`, without a branch at the poles (Duff et al. 2017,
     /// *Building an Orthonormal Basis, Revisited*).
-    pub fn from_normal(normal: Vec3) -> Self {
-        let sign = 1.0_f32.copysign(normal.z);
-        let a = -1.0 / (sign + normal.z);
-        let b = normal.x * normal.y * a;
+    #[inline(always)]
+    pub fn around(normal: Vector<L>) -> Self {
+        let Vector { x, y, z } = normal;
+        let sign = z.signum();
+        let a = -1.0 / (sign + z);
+        let b = x * y * a;
         Self {
-            tangent: Vec3::new(1.0 + sign * normal.x * normal.x * a, sign * b, -sign * normal.x),
-            bitangent: Vec3::new(b, sign + normal.y * normal.y * a, -normal.y),
+            tangent: Vector::new(1.0 + sign * x * x * a, sign * b, -sign * x),
+            bitangent: Vector::new(b, sign + y * y * a, -y),
             normal,
         }
     }
 
+    /// World directions → frame coordinates.
+    #[inline(always)]
+    pub fn local(&self, v: Vector<L>) -> Vector<L> {
+        Vector::new(v.dot(self.tangent), v.dot(self.bitangent), v.dot(self.normal))
+    }
+
+    /// Frame coordinates → world directions.
+    #[inline(always)]
+    pub fn world(&self, v: Vector<L>) -> Vector<L> {
+        self.tangent * v.x + self.bitangent * v.y + self.normal * v.z
+    }
+
+    /// `a` in the lanes of `mask`, `b` in the others.
+    #[inline(always)]
+    pub fn select(mask: u32, a: Self, b: Self) -> Self {
+        Self {
+            tangent: Vector::select(mask, a.tangent, b.tangent),
+            bitangent: Vector::select(mask, a.bitangent, b.bitangent),
+            normal: Vector::select(mask, a.normal, b.normal),
+        }
+    }
+}
+
+impl Frame<One> {
+    /// [`Frame::around`] one normal.
+    pub fn from_normal(normal: Vec3) -> Self {
+        Self::around(normal.into())
+    }
+
     /// World direction → frame coordinates.
     pub fn to_local(&self, v: Vec3) -> Vec3 {
-        Vec3::new(v.dot(self.tangent), v.dot(self.bitangent), v.dot(self.normal))
+        self.local(v.into()).into()
     }
 
     /// Frame coordinates → world direction.
     pub fn to_world(&self, v: Vec3) -> Vec3 {
-        self.tangent * v.x + self.bitangent * v.y + self.normal * v.z
+        self.world(v.into()).into()
     }
 }
 
@@ -49,9 +81,10 @@ mod tests {
             let r = (1.0 - z * z).max(0.0).sqrt();
             let n = Vec3::new(r * libm::cosf(i as f32), r * libm::sinf(i as f32), z).normalize();
             let f = Frame::from_normal(n);
-            assert!(f.tangent.dot(f.bitangent).abs() < 1e-5);
-            assert!(f.tangent.dot(n).abs() < 1e-5 && f.bitangent.dot(n).abs() < 1e-5);
-            assert!((f.tangent.cross(f.bitangent) - n).length() < 1e-5);
+            let [tangent, bitangent] = [f.tangent, f.bitangent].map(Vec3::from);
+            assert!(tangent.dot(bitangent).abs() < 1e-5);
+            assert!(tangent.dot(n).abs() < 1e-5 && bitangent.dot(n).abs() < 1e-5);
+            assert!((tangent.cross(bitangent) - n).length() < 1e-5);
             assert!((f.to_world(f.to_local(Vec3::ONE)) - Vec3::ONE).length() < 1e-5);
         }
     }

@@ -1,79 +1,106 @@
 //! The counter-based sampler: every random number is a pure function of
 //! (pixel, sample, dimension, seed), so no order of work can change one.
 
+use crate::lanes::{Int, Lanes, Num, One};
+
 /// Owen-scrambled Sobol points in padded pairs of dimensions (Burley 2020, *Practical Hash-based
 /// Owen Scrambling*): each pair of dimensions is a (0,2)-sequence over the samples of a pixel, its
-/// order shuffled anew for every pixel and pair.
+/// order shuffled anew for every pixel and pair. Each lane has a sample of its own.
 #[derive(Clone, Copy, Debug)]
-pub struct Sampler {
-    key: u32,
-    sample: u32,
+pub struct Sampler<L: Lanes = One> {
+    key: Int<L>,
+    /// The sample's number, its bits reversed.
+    sample: Int<L>,
 }
 
-impl Sampler {
-    /// The sampler of one sample of one pixel.
-    pub fn new(pixel: u32, sample: u32, seed: u64) -> Self {
+impl<L: Lanes> Sampler<L> {
+    /// The samplers of one sample of one pixel in each lane.
+    #[inline(always)]
+    pub fn of(pixel: Int<L>, sample: Int<L>, seed: u64) -> Self {
         let seed = mix((seed as u32) ^ mix((seed >> 32) as u32 ^ 0x6a09_e667));
-        Self { key: mix(pixel ^ seed), sample }
+        Self { key: mix_lanes(pixel ^ seed), sample: sample.reverse_bits() }
     }
 
     /// Two numbers in [0, 1), stratified together over the samples of the pixel. `dimension` names
     /// the pair; different pairs are independent.
-    pub fn pair(&self, dimension: u32) -> [f32; 2] {
-        let key = mix(self.key ^ mix(dimension ^ 0xbb67_ae85));
-        let index = owen(self.sample, key);
-        let x = index.reverse_bits();
-        let y = sobol_second(index);
-        [unit(owen(x, mix(key ^ 0x3c6e_f372))), unit(owen(y, mix(key ^ 0xa54f_f53a)))]
+    #[inline(always)]
+    pub fn two(&self, dimension: Int<L>) -> [Num<L>; 2] {
+        let key = mix_lanes(self.key ^ mix_lanes(dimension ^ 0xbb67_ae85));
+        // Reversed numbers: the first Sobol coordinate is the reversed index.
+        let index = scramble(self.sample, key).reverse_bits();
+        [
+            unit(scramble(index, mix_lanes(key ^ 0x3c6e_f372)).reverse_bits()),
+            unit(scramble(sobol_second(index), mix_lanes(key ^ 0xa54f_f53a)).reverse_bits()),
+        ]
     }
 
     /// One number in [0, 1), stratified over the samples of the pixel.
+    #[inline(always)]
+    pub fn one(&self, dimension: Int<L>) -> Num<L> {
+        let key = mix_lanes(self.key ^ mix_lanes(dimension ^ 0x510e_527f));
+        let index = scramble(self.sample, key).reverse_bits();
+        unit(scramble(index, mix_lanes(key ^ 0x9b05_688c)).reverse_bits())
+    }
+}
+
+impl Sampler<One> {
+    /// The sampler of one sample of one pixel.
+    pub fn new(pixel: u32, sample: u32, seed: u64) -> Self {
+        Self::of(pixel.into(), sample.into(), seed)
+    }
+
+    /// [`Sampler::two`] of one lane.
+    pub fn pair(&self, dimension: u32) -> [f32; 2] {
+        let [x, y] = self.two(dimension.into());
+        [x.get(), y.get()]
+    }
+
+    /// [`Sampler::one`] of one lane.
     pub fn single(&self, dimension: u32) -> f32 {
-        let key = mix(self.key ^ mix(dimension ^ 0x510e_527f));
-        let index = owen(self.sample, key);
-        unit(owen(index.reverse_bits(), mix(key ^ 0x9b05_688c)))
+        self.one(dimension.into()).get()
     }
 }
 
 /// A full-avalanche permutation of 32 bits (Wellons' lowbias32).
-pub(crate) fn mix(mut x: u32) -> u32 {
-    x ^= x >> 16;
-    x = x.wrapping_mul(0x7feb_352d);
-    x ^= x >> 15;
-    x = x.wrapping_mul(0x846c_a68b);
+pub(crate) fn mix(x: u32) -> u32 {
+    mix_lanes(Int::from(x)).get()
+}
+
+#[inline(always)]
+fn mix_lanes<L: Lanes>(x: Int<L>) -> Int<L> {
+    let x = (x ^ (x >> 16)) * 0x7feb_352d;
+    let x = (x ^ (x >> 15)) * 0x846c_a68b;
     x ^ (x >> 16)
 }
 
-/// Nested uniform (Owen) scrambling of the bits of `x`, most significant first (Burley 2020, with
-/// Vegdahl's constants).
-fn owen(x: u32, key: u32) -> u32 {
-    let mut x = x.reverse_bits();
-    x ^= x.wrapping_mul(0x3d20_adea);
-    x = x.wrapping_add(key);
-    x = x.wrapping_mul((key >> 16) | 1);
-    x ^= x.wrapping_mul(0x0552_6c56);
-    x ^= x.wrapping_mul(0x53a2_2864);
-    x.reverse_bits()
+/// Nested uniform (Owen) scrambling of numbers whose bits are reversed, most significant last (Burley
+/// 2020, with Vegdahl's constants).
+#[inline(always)]
+fn scramble<L: Lanes>(x: Int<L>, key: Int<L>) -> Int<L> {
+    let x = (x ^ (x * 0x3d20_adea)) + key;
+    let x = x * ((key >> 16) | 1);
+    let x = x ^ (x * 0x0552_6c56);
+    x ^ (x * 0x53a2_2864)
 }
 
-/// Second coordinate of the Sobol sequence, as 32 bits after the point.
+/// Second coordinate of the Sobol sequence, as 32 bits before the point, the first one lowest.
 ///
 /// Its generator matrix is Pascal's triangle modulo 2: bit `i` after the point is the sum of the bits
 /// `k` of the index for which C(k, i) is odd, which are those whose number contains all bits of `i`
 /// (Lucas). Summing over supersets takes one step for each of the five bits of a bit's number.
-fn sobol_second(index: u32) -> u32 {
-    let mut y = index;
-    y ^= (y >> 1) & 0x5555_5555;
-    y ^= (y >> 2) & 0x3333_3333;
-    y ^= (y >> 4) & 0x0f0f_0f0f;
-    y ^= (y >> 8) & 0x00ff_00ff;
-    y ^= y >> 16;
-    y.reverse_bits()
+#[inline(always)]
+fn sobol_second<L: Lanes>(index: Int<L>) -> Int<L> {
+    let y = index ^ ((index >> 1) & 0x5555_5555);
+    let y = y ^ ((y >> 2) & 0x3333_3333);
+    let y = y ^ ((y >> 4) & 0x0f0f_0f0f);
+    let y = y ^ ((y >> 8) & 0x00ff_00ff);
+    y ^ (y >> 16)
 }
 
 /// The upper 24 bits as a float in [0, 1).
-fn unit(x: u32) -> f32 {
-    (x >> 8) as f32 * (1.0 / (1 << 24) as f32)
+#[inline(always)]
+fn unit<L: Lanes>(x: Int<L>) -> Num<L> {
+    (x >> 8).to_num() * (1.0 / (1 << 24) as f32)
 }
 
 #[cfg(test)]
@@ -107,7 +134,7 @@ mod tests {
                 }
                 direction ^= direction >> 1;
             }
-            assert_eq!(sobol_second(index), expected, "{index:#x}");
+            assert_eq!(sobol_second(index.into()).get().reverse_bits(), expected, "{index:#x}");
         }
     }
 

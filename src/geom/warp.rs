@@ -1,44 +1,79 @@
 //! Warps from the unit square to the shapes that are sampled, each with its density.
 
+use crate::lanes::{Lanes, Num, Vector, trigonometry};
 use glam::Vec3;
-use std::f32::consts::{FRAC_1_PI, PI, TAU};
+use std::f32::consts::{FRAC_1_PI, FRAC_PI_4};
+
+/// The same for a point in each lane.
+pub mod lanes {
+    use super::*;
+
+    /// [`super::disk`].
+    #[inline(always)]
+    pub fn disk<L: Lanes>([u, v]: [Num<L>; 2]) -> [Num<L>; 2] {
+        let (x, y) = (2.0 * u - 1.0, 2.0 * v - 1.0);
+        let wide = x.abs().gt(y.abs());
+        let (r, other) = (Num::select(wide, x, y), Num::select(wide, y, x));
+        let share = Num::select(r.is_zero(), r, other / r);
+        let (sine, cosine) = trigonometry::small_sin_cos(share * FRAC_PI_4);
+        [r * Num::select(wide, cosine, sine), r * Num::select(wide, sine, cosine)]
+    }
+
+    /// [`super::cosine_hemisphere`].
+    #[inline(always)]
+    pub fn cosine_hemisphere<L: Lanes>(u: [Num<L>; 2]) -> Vector<L> {
+        let [x, y] = disk(u);
+        Vector::new(x, y, (1.0 - x * x - y * y).clamp(0.0, 1.0).sqrt())
+    }
+
+    /// [`super::cosine_hemisphere_pdf`].
+    #[inline(always)]
+    pub fn cosine_hemisphere_pdf<L: Lanes>(z: Num<L>) -> Num<L> {
+        z.clamp(0.0, 1.0) * FRAC_1_PI
+    }
+
+    /// [`super::sphere`].
+    #[inline(always)]
+    pub fn sphere<L: Lanes>([u, v]: [Num<L>; 2]) -> Vector<L> {
+        let z = 1.0 - 2.0 * u;
+        let r = (1.0 - z * z).clamp(0.0, 1.0).sqrt();
+        let (sine, cosine) = trigonometry::sin_cos_turns(v);
+        Vector::new(r * cosine, r * sine, z)
+    }
+
+    /// [`super::triangle`].
+    #[inline(always)]
+    pub fn triangle<L: Lanes>([x, y]: [Num<L>; 2]) -> [Num<L>; 2] {
+        let upper = y.gt(x);
+        let (half_x, half_y) = (0.5 * x, 0.5 * y);
+        [Num::select(upper, half_x, x - half_y), Num::select(upper, y - half_x, half_y)]
+    }
+}
 
 /// Uniform point on the unit disk (Shirley and Chiu's concentric map).
 pub fn disk(u: [f32; 2]) -> [f32; 2] {
-    let x = 2.0 * u[0] - 1.0;
-    let y = 2.0 * u[1] - 1.0;
-    if x == 0.0 && y == 0.0 {
-        return [0.0, 0.0];
-    }
-    let (r, theta) =
-        if x.abs() > y.abs() { (x, PI / 4.0 * (y / x)) } else { (y, PI / 2.0 - PI / 4.0 * (x / y)) };
-    [r * libm::cosf(theta), r * libm::sinf(theta)]
+    lanes::disk(u.map(Num::from)).map(Num::get)
 }
 
 /// Cosine-weighted direction on the upper hemisphere; density [`cosine_hemisphere_pdf`].
 pub fn cosine_hemisphere(u: [f32; 2]) -> Vec3 {
-    let [x, y] = disk(u);
-    Vec3::new(x, y, (1.0 - x * x - y * y).max(0.0).sqrt())
+    lanes::cosine_hemisphere(u.map(Num::from)).into()
 }
 
 /// Density per solid angle of [`cosine_hemisphere`] for a direction with cosine `z`.
 pub fn cosine_hemisphere_pdf(z: f32) -> f32 {
-    z.max(0.0) * FRAC_1_PI
+    lanes::cosine_hemisphere_pdf(Num::from(z)).get()
 }
 
 /// Uniform direction on the sphere; density 1/4π.
 pub fn sphere(u: [f32; 2]) -> Vec3 {
-    let z = 1.0 - 2.0 * u[0];
-    let r = (1.0 - z * z).max(0.0).sqrt();
-    let phi = TAU * u[1];
-    Vec3::new(r * libm::cosf(phi), r * libm::sinf(phi), z)
+    lanes::sphere(u.map(Num::from)).into()
 }
 
-/// Uniform barycentric weights (of the second and third vertex) on a triangle; density 1/area.
+/// Uniform barycentric weights (of the second and third vertex) on a triangle; density 1/area
+/// (Heitz 2019, *A Low-Distortion Map Between Triangle and Square*).
 pub fn triangle(u: [f32; 2]) -> [f32; 2] {
-    // Heitz 2019, A Low-Distortion Map Between Triangle and Square.
-    let (x, y) = (u[0], u[1]);
-    if y > x { [0.5 * x, y - 0.5 * x] } else { [x - 0.5 * y, 0.5 * y] }
+    lanes::triangle(u.map(Num::from)).map(Num::get)
 }
 
 #[cfg(test)]

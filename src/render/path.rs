@@ -4,11 +4,12 @@ use super::Integrator;
 use super::frame::{CAMERA_DIMENSION, Frame, Settings, SettingsError};
 use crate::film::Film;
 use crate::geom::Sampler;
+use crate::lanes::{Int, Kernel, Lanes, Num, SimdLevel, Vector};
 use crate::scene::{Camera, Material, Scene};
 use crate::schedule::{Batch, Output, Renderer};
 use crate::shade::bsdf::MIN_ROUGHNESS;
-use crate::shade::{Bsdf, Interaction, lookup, sort};
-use crate::stream::{Hit, Ray};
+use crate::shade::{Bsdf, Hits, Interaction, lookup, sort};
+use crate::stream::Ray;
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 use std::sync::Arc;
@@ -29,6 +30,8 @@ const MAX_SURVIVAL: f32 = 0.95;
 pub struct Path {
     frame: Frame,
     roulette_bounces: Option<u32>,
+    simd: SimdLevel,
+    one_lane: bool,
 }
 
 /// The state of a path.
@@ -67,8 +70,9 @@ enum Dimension {
 impl Dimension {
     const COUNT: u32 = 5;
 
-    fn at(self, depth: u32) -> u32 {
-        CAMERA_DIMENSION + 1 + depth * Self::COUNT + self as u32
+    #[inline(always)]
+    fn at<L: Lanes>(self, depth: Int<L>) -> Int<L> {
+        depth * Self::COUNT + (CAMERA_DIMENSION + 1 + self as u32)
     }
 }
 
@@ -87,128 +91,30 @@ impl Path {
         // At each depth one splat of emission and one of a light sample.
         let splats = |max_bounces: u32| 2 * (u64::from(max_bounces) + 2);
         let frame = Frame::new(scene, camera, settings, MAX_BOUNCES, splats)?;
-        Ok(Self { frame, roulette_bounces })
+        Ok(Self { frame, roulette_bounces, simd: SimdLevel::detect(), one_lane: false })
+    }
+
+    /// The same, shaded with this instruction set, or with one lane at [`SimdLevel::Scalar`]: the same
+    /// picture.
+    pub fn with_simd(self, simd: SimdLevel) -> Self {
+        Self { simd, ..self }
+    }
+
+    /// The same, shaded ray by ray however many lanes there are: what lanes are measured against.
+    pub fn in_one_lane(self) -> Self {
+        Self { one_lane: true, ..self }
     }
 
     /// Where radiance is added up.
     pub fn film(&self) -> &Arc<Film> {
         self.frame.film()
     }
-
-    /// A ray that left the scene sees the environment.
-    fn shade_miss(&self, ray: &Ray, state: &PathState) {
-        let lights = self.frame.lights();
-        let direction = Vec3::from_array(ray.direction);
-        let (radiance, found) = lights.sky(direction);
-        if radiance == Vec3::ZERO {
-            return;
-        }
-        let weight = power_heuristic(state.pdf, found);
-        self.frame.film().splat(state.pixel, Vec3::from_array(state.throughput) * radiance * weight);
-    }
-
-    fn shade_hit(
-        &self,
-        material: &Material,
-        ray: &Ray,
-        hit: &Hit,
-        state: &PathState,
-        out: &mut Output<'_, PathState, Contribution>,
-    ) {
-        let scene = self.frame.scene();
-        let at = Interaction::new(scene, material, ray, hit);
-        let throughput = Vec3::from_array(state.throughput);
-        let emitted = lookup::emission(scene, material.emission.as_ref(), at.uv, at.front);
-        if emitted != Vec3::ZERO {
-            let cosine = at.normal.dot(at.wo);
-            let found = self.frame.lights().pdf_emitter(hit.primitive, hit.t * hit.t, cosine);
-            let weight = power_heuristic(state.pdf, found);
-            self.frame.film().splat(state.pixel, throughput * emitted * weight);
-        }
-        if state.depth > self.frame.settings().max_bounces {
-            return;
-        }
-        let bsdf = Bsdf::new(scene, &material.surface, &at, MIN_ROUGHNESS);
-        let sampler = self.frame.sampler(state.pixel, state.sample);
-        self.sample_light(&at, &bsdf, state, &sampler, out);
-        self.sample_bsdf(&at, &bsdf, state, &sampler, out);
-    }
-
-    fn sample_light(
-        &self,
-        at: &Interaction,
-        bsdf: &Bsdf,
-        state: &PathState,
-        sampler: &Sampler,
-        out: &mut Output<'_, PathState, Contribution>,
-    ) {
-        if bsdf.is_smooth() {
-            return;
-        }
-        let u = sampler.single(Dimension::Light.at(state.depth));
-        let u2 = sampler.pair(Dimension::LightPoint.at(state.depth));
-        let Some(light) = self.frame.lights().sample(self.frame.scene(), at.raised, u, u2) else { return };
-        if light.wi.dot(at.normal) <= 0.0 {
-            return;
-        }
-        let (wo, wi) = (at.frame.to_local(at.wo), at.frame.to_local(light.wi));
-        let (value, pdf) = bsdf.evaluate(wo, wi);
-        if value == Vec3::ZERO {
-            return;
-        }
-        let weight = if light.delta { 1.0 } else { power_heuristic(light.pdf, pdf) };
-        let radiance = Vec3::from_array(state.throughput) * value * light.radiance * (weight / light.pdf);
-        out.shadow(light.ray(at), Contribution { radiance: radiance.into(), pixel: state.pixel });
-    }
-
-    fn sample_bsdf(
-        &self,
-        at: &Interaction,
-        bsdf: &Bsdf,
-        state: &PathState,
-        sampler: &Sampler,
-        out: &mut Output<'_, PathState, Contribution>,
-    ) {
-        let u = sampler.single(Dimension::Lobe.at(state.depth));
-        let u2 = sampler.pair(Dimension::Direction.at(state.depth));
-        let Some(sample) = bsdf.sample(at.frame.to_local(at.wo), u, u2) else { return };
-        let wi = if sample.specular {
-            at.smooth_direction(sample.wi)
-        } else {
-            at.frame.to_world(sample.wi).normalize()
-        };
-        // A bent normal may scatter light into the surface; nothing comes from there.
-        if !sample.specular && wi.dot(at.normal) <= 0.0 {
-            return;
-        }
-        let mut throughput = Vec3::from_array(state.throughput) * sample.weight;
-        let index2 = state.index2 * sample.eta * sample.eta;
-        let depth = state.depth + 1;
-        if self.roulette_bounces.is_some_and(|bounces| depth > bounces) {
-            let survival = (throughput.max_element() * index2).min(MAX_SURVIVAL);
-            if sampler.single(Dimension::Roulette.at(state.depth)) >= survival {
-                return;
-            }
-            throughput /= survival;
-        }
-        if throughput == Vec3::ZERO {
-            return;
-        }
-        let from = if sample.specular { at.position } else { at.raised };
-        let next = PathState {
-            throughput: throughput.into(),
-            index2,
-            depth,
-            pdf: if sample.specular { f32::INFINITY } else { sample.pdf },
-            ..*state
-        };
-        out.ray(Ray::new(at.origin(from, wi), wi), next);
-    }
 }
 
 /// Weight of a sample of density `pdf` beside another technique of density `other` (Veach's power
 /// heuristic, exponent 2). An infinite density has weight 1.
-fn power_heuristic(pdf: f32, other: f32) -> f32 {
+#[inline(always)]
+fn power_heuristic<L: Lanes>(pdf: Num<L>, other: Num<L>) -> Num<L> {
     let ratio = other / pdf;
     1.0 / (1.0 + ratio * ratio)
 }
@@ -219,7 +125,215 @@ impl Integrator for Path {
     }
 
     fn on(&self, frame: Frame) -> Self {
-        Self { frame, roulette_bounces: self.roulette_bounces }
+        let Self { roulette_bounces, simd, one_lane, .. } = *self;
+        Self { frame, roulette_bounces, simd, one_lane }
+    }
+}
+
+/// [`PathState`] in lanes.
+#[derive(Clone, Copy)]
+struct States<L: Lanes> {
+    throughput: Vector<L>,
+    index2: Num<L>,
+    pixel: Int<L>,
+    sample: Int<L>,
+    depth: Int<L>,
+    pdf: Num<L>,
+}
+
+impl<L: Lanes> States<L> {
+    #[inline(always)]
+    fn of(payloads: &[PathState], ids: Int<L>) -> Self {
+        let [r, g, b, index2, pixel, sample, depth, pdf] = ids.rows(bytemuck::cast_slice(payloads));
+        Self {
+            throughput: Vector::new(r.to_num_bits(), g.to_num_bits(), b.to_num_bits()),
+            index2: index2.to_num_bits(),
+            pixel,
+            sample,
+            depth,
+            pdf: pdf.to_num_bits(),
+        }
+    }
+
+    /// As rows, one for each lane.
+    #[inline(always)]
+    fn to_rows(self) -> [[f32; 8]; 16] {
+        let [x, y, z] = [self.throughput.x, self.throughput.y, self.throughput.z];
+        let [pixel, sample, depth] =
+            [self.pixel.to_num_bits(), self.sample.to_num_bits(), self.depth.to_num_bits()];
+        Num::to_rows([x, y, z, self.index2, pixel, sample, depth, self.pdf])
+    }
+}
+
+/// Rays in lanes as rows, one for each lane.
+#[inline(always)]
+fn ray_rows<L: Lanes>(origin: Vector<L>, direction: Vector<L>, t_max: Num<L>) -> [[f32; 8]; 16] {
+    let t_min = t_max.only(0);
+    Num::to_rows([origin.x, origin.y, origin.z, t_min, direction.x, direction.y, direction.z, t_max])
+}
+
+/// The lanes of a mask.
+fn lanes_of(mut mask: u32) -> impl Iterator<Item = usize> {
+    std::iter::from_fn(move || {
+        let lane = mask.trailing_zeros() as usize;
+        mask &= mask.wrapping_sub(1);
+        (lane < 32).then_some(lane)
+    })
+}
+
+/// A batch being shaded.
+struct Shading<'a, 'o> {
+    path: &'a Path,
+    batch: Batch<'a, PathState>,
+    out: &'a mut Output<'o, PathState, Contribution>,
+}
+
+impl Kernel for Shading<'_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(mut self, l: L) {
+        let scene = self.path.frame.scene();
+        for run in sort(self.batch.hits, &scene.mesh.materials).runs() {
+            for rays in run.rays.chunks(L::LANES) {
+                // Lanes that are left over repeat the first ray and count for nothing.
+                let mut ids = [rays[0]; 16];
+                ids[..rays.len()].copy_from_slice(rays);
+                let (ids, lanes) = (Int::from_array(l, &ids), L::ALL >> (L::LANES - rays.len()));
+                match run.material {
+                    None => self.miss(ids, lanes),
+                    Some(material) => self.hit(&scene.materials[material as usize], ids, lanes),
+                }
+            }
+        }
+    }
+}
+
+impl Shading<'_, '_> {
+    #[inline(always)]
+    fn directions<L: Lanes>(&self, ids: Int<L>) -> Vector<L> {
+        let [_, _, _, _, x, y, z, _] = ids.rows_of(bytemuck::cast_slice(self.batch.rays));
+        Vector::new(x, y, z)
+    }
+
+    /// Rays that left the scene see the environment.
+    #[inline(always)]
+    fn miss<L: Lanes>(&self, ids: Int<L>, lanes: u32) {
+        let frame = &self.path.frame;
+        let state = States::of(self.batch.payloads, ids);
+        let (radiance, found) = frame.lights().sky(self.directions(ids));
+        let weight = power_heuristic(state.pdf, found);
+        frame.film().splat_lanes(
+            lanes & !radiance.is_zero(),
+            state.pixel,
+            state.throughput * radiance * weight,
+        );
+    }
+
+    /// The hit shader: what shines, then one sample of a light and one of the BSDF.
+    #[inline(always)]
+    fn hit<L: Lanes>(&mut self, material: &Material, ids: Int<L>, lanes: u32) {
+        let frame = &self.path.frame;
+        let scene = frame.scene();
+        let state = States::of(self.batch.payloads, ids);
+        let [t, u, v, primitive] = ids.rows_of(bytemuck::cast_slice(self.batch.hits));
+        let hits = Hits { t, u, v, primitive: primitive.to_bits() };
+        let at = Interaction::new(scene, material, self.directions(ids), &hits);
+        if let Some(emission) = &material.emission {
+            let emitted = lookup::emission(scene, emission, at.uv, at.front);
+            let shines = lanes & !emitted.is_zero();
+            if shines != 0 {
+                let cosine = at.normal.dot(at.wo);
+                let found = frame.lights().pdf_emitter(hits.primitive, t * t, cosine);
+                let weight = power_heuristic(state.pdf, found);
+                frame.film().splat_lanes(shines, state.pixel, state.throughput * emitted * weight);
+            }
+        }
+        let lanes = lanes & state.depth.below(frame.settings().max_bounces + 1);
+        if lanes == 0 {
+            return;
+        }
+        let bsdf = Bsdf::new(scene, &material.surface, &at, MIN_ROUGHNESS);
+        let sampler = Sampler::of(state.pixel, state.sample, frame.settings().seed);
+        if !bsdf.is_smooth() {
+            self.sample_light(&at, &bsdf, &state, &sampler, lanes);
+        }
+        self.sample_bsdf(&at, &bsdf, &state, &sampler, lanes);
+    }
+
+    #[inline(always)]
+    fn sample_light<L: Lanes>(
+        &mut self,
+        at: &Interaction<L>,
+        bsdf: &Bsdf<L>,
+        state: &States<L>,
+        sampler: &Sampler<L>,
+        lanes: u32,
+    ) {
+        let frame = &self.path.frame;
+        let u = sampler.one(Dimension::Light.at(state.depth));
+        let u2 = sampler.two(Dimension::LightPoint.at(state.depth));
+        let light = frame.lights().sample(frame.scene(), at.raised, u, u2);
+        let lanes = lanes & light.valid & light.wi.dot(at.normal).above(0.0);
+        if lanes == 0 {
+            return;
+        }
+        let (value, pdf) = bsdf.evaluate(at.frame.local(at.wo), at.frame.local(light.wi));
+        let weight = power_heuristic(light.pdf, pdf);
+        let weight = Num::select(light.delta, Num::splat(u.lanes(), 1.0), weight);
+        let radiance = state.throughput * value * light.radiance * (weight / light.pdf);
+        let (origin, direction, t_max) = light.rays(at);
+        let rays = ray_rows(origin, direction, t_max);
+        let pixel = state.pixel.to_num_bits();
+        let zero = pixel.only(0);
+        let rows = Num::to_rows([radiance.x, radiance.y, radiance.z, pixel, zero, zero, zero, zero]);
+        for lane in lanes_of(lanes & !value.is_zero()) {
+            let [r, g, b, pixel, ..] = rows[lane];
+            let payload = Contribution { radiance: [r, g, b], pixel: pixel.to_bits() };
+            self.out.shadow(bytemuck::cast(rays[lane]), payload);
+        }
+    }
+
+    #[inline(always)]
+    fn sample_bsdf<L: Lanes>(
+        &mut self,
+        at: &Interaction<L>,
+        bsdf: &Bsdf<L>,
+        state: &States<L>,
+        sampler: &Sampler<L>,
+        lanes: u32,
+    ) {
+        let u = sampler.one(Dimension::Lobe.at(state.depth));
+        let u2 = sampler.two(Dimension::Direction.at(state.depth));
+        let sample = bsdf.sample(at.frame.local(at.wo), u, u2);
+        let specular = sample.specular;
+        let mut wi = at.frame.world(sample.wi).normalize();
+        if specular != 0 {
+            wi = Vector::select(specular, at.smooth_direction(sample.wi), wi);
+        }
+        // A bent normal may scatter light into the surface; nothing comes from there.
+        let mut lanes = lanes & sample.valid & (specular | wi.dot(at.normal).above(0.0));
+        let mut throughput = state.throughput * sample.weight;
+        let index2 = state.index2 * sample.eta * sample.eta;
+        let depth = state.depth + 1;
+        if let Some(bounces) = self.path.roulette_bounces {
+            let played = !depth.below(bounces.saturating_add(1)) & lanes;
+            if played != 0 {
+                let survival = (throughput.max_element() * index2).clamp(0.0, MAX_SURVIVAL);
+                let dies = !sampler.one(Dimension::Roulette.at(state.depth)).lt(survival);
+                lanes &= !(played & dies);
+                throughput = Vector::select(played, throughput / survival, throughput);
+            }
+        }
+        lanes &= !throughput.is_zero();
+        let from = Vector::select(specular, at.position, at.raised);
+        let far = Num::splat(u.lanes(), f32::INFINITY);
+        let next =
+            States { throughput, index2, depth, pdf: Num::select(specular, far, sample.pdf), ..*state };
+        let (rays, states) = (ray_rows(at.origin(from, wi), wi, far), next.to_rows());
+        for lane in lanes_of(lanes) {
+            self.out.ray(bytemuck::cast(rays[lane]), bytemuck::cast(states[lane]));
+        }
     }
 }
 
@@ -248,19 +362,8 @@ impl Renderer for Path {
     }
 
     fn shade(&self, batch: Batch<'_, PathState>, out: &mut Output<'_, PathState, Contribution>) {
-        let scene = self.frame.scene();
-        for run in sort(batch.hits, &scene.mesh.materials).runs() {
-            let rays = run.rays.iter().map(|&i| i as usize);
-            match run.material {
-                None => rays.for_each(|i| self.shade_miss(&batch.rays[i], &batch.payloads[i])),
-                Some(material) => {
-                    let material = &scene.materials[material as usize];
-                    rays.for_each(|i| {
-                        self.shade_hit(material, &batch.rays[i], &batch.hits[i], &batch.payloads[i], out);
-                    });
-                }
-            }
-        }
+        let shading = Shading { path: self, batch, out };
+        if self.one_lane { SimdLevel::run_one(shading) } else { self.simd.run(shading) }
     }
 
     fn shadow(&self, _rays: &[Ray], payloads: &[Contribution], occluded: &[u32]) {

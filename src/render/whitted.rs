@@ -6,7 +6,8 @@ use crate::film::Film;
 use crate::scene::{Camera, Material, Scene};
 use crate::schedule::{Batch, Output, Renderer};
 use crate::shade::loop_stack::{EMPTY, LoopStack, LoopStackUse, Session};
-use crate::shade::{Bsdf, Interaction, LightSample, lookup, sort};
+use crate::shade::single::{self, Bsdf, Interaction, LightSample};
+use crate::shade::sort;
 use crate::stream::{Hit, Ray};
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
@@ -100,7 +101,7 @@ impl Whitted {
     }
 
     fn shade_miss(&self, ray: &Ray, state: &WhittedState) {
-        let radiance = self.frame.lights().environment().radiance(Vec3::from_array(ray.direction));
+        let (radiance, _) = single::sky(self.frame.lights(), Vec3::from_array(ray.direction));
         if radiance != Vec3::ZERO {
             self.frame.film().splat(state.pixel, Vec3::from_array(state.throughput) * radiance);
         }
@@ -120,7 +121,7 @@ impl Whitted {
         let scene = self.frame.scene();
         let at = Interaction::new(scene, material, ray, hit);
         let throughput = Vec3::from_array(state.throughput);
-        let emitted = lookup::emission(scene, material.emission.as_ref(), at.uv, at.front);
+        let emitted = single::emission(scene, material.emission.as_ref(), at.uv, at.front);
         if emitted != Vec3::ZERO {
             self.frame.film().splat(state.pixel, throughput * emitted);
         }
@@ -161,16 +162,16 @@ impl Whitted {
         let sampler = self.frame.sampler(state.pixel, state.sample);
         let dimension = CAMERA_DIMENSION + 1 + 2 * state.branch;
         let (u, u2) = (sampler.single(dimension), sampler.pair(dimension));
-        if let Some(light) = lights.sample_surfaces(self.frame.scene(), at.raised, u, u2) {
+        if let Some(light) = LightSample::surface(lights, self.frame.scene(), at.raised, u, u2) {
             self.shadow_ray(at, bsdf, &light, state, out);
         }
-        if lights.punctual().len() <= ALL_PUNCTUAL {
-            for index in 0..lights.punctual().len() {
-                if let Some(light) = lights.illuminate(index, at.raised) {
+        if lights.punctual() <= ALL_PUNCTUAL {
+            for index in 0..lights.punctual() {
+                if let Some(light) = LightSample::of_light(lights, index, at.raised) {
                     self.shadow_ray(at, bsdf, &light, state, out);
                 }
             }
-        } else if let Some(light) = lights.sample_punctual(at.raised, sampler.single(dimension + 1)) {
+        } else if let Some(light) = LightSample::punctual(lights, at.raised, sampler.single(dimension + 1)) {
             self.shadow_ray(at, bsdf, &light, state, out);
         }
     }

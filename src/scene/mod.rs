@@ -17,9 +17,11 @@ pub use environment::{Environment, EnvironmentMap};
 pub use light::{Light, LightShape};
 pub use material::{Alpha, AlphaMode, Colour, Emission, Material, NormalMap, Principled, Scalar, Surface};
 pub use mesh::{MAX_TRIANGLES, Mesh, MeshError};
+pub(crate) use texture::taps;
 pub use texture::{Channel, ColourSpace, Texture, TextureRef, Wrap};
 
 use crate::geom::Aabb;
+use crate::lanes::Num;
 
 /// A scene, ready to be built and shaded.
 ///
@@ -64,8 +66,8 @@ impl Scene {
         let material = &self.materials[self.mesh.materials[primitive as usize] as usize];
         let alpha = || {
             let texel = material.alpha.value.texture.map_or(1.0, |(texture, channel)| {
-                self.textures[texture.texture as usize]
-                    .channel(channel, texture.apply(self.mesh.uv_at(primitive, u, v)))
+                let uv = self.mesh.uv_at(primitive, u, v).to_array().map(Num::from);
+                self.textures[texture.texture as usize].channel(channel, texture.place(uv)).get()
             });
             material.alpha.value.factor * texel
         };

@@ -1,5 +1,6 @@
 //! Textures and their one filter.
 
+use crate::lanes::{Int, Lanes, Num};
 use glam::{Vec2, Vec4};
 
 /// How stored values relate to light.
@@ -77,73 +78,93 @@ impl TextureRef {
     }
 
     /// Mesh coordinates → texture coordinates.
-    pub fn apply(&self, uv: Vec2) -> Vec2 {
-        let p = uv * self.scale;
+    #[inline(always)]
+    pub fn place<L: Lanes>(&self, [u, v]: [Num<L>; 2]) -> [Num<L>; 2] {
+        let (x, y) = (u * self.scale.x, v * self.scale.y);
         if self.rotation == 0.0 {
-            return p + self.offset;
+            return [x + self.offset.x, y + self.offset.y];
         }
         let (s, c) = (libm::sinf(self.rotation), libm::cosf(self.rotation));
-        Vec2::new(c * p.x + s * p.y, c * p.y - s * p.x) + self.offset
+        [c * x + s * y + self.offset.x, c * y - s * x + self.offset.y]
     }
 }
 
 impl Texture {
     /// Bilinear lookup, linear values; (0, 0) is the outer corner of the first texel of the first row.
     /// Coordinates that are not finite count as 0.
-    pub fn sample(&self, uv: Vec2) -> Vec4 {
-        let (x0, x1, fx) = taps(uv.x, self.width, self.wrap_u);
-        let (y0, y1, fy) = taps(uv.y, self.height, self.wrap_v);
-        let row = |y: u32| self.texel(x0, y) * (1.0 - fx) + self.texel(x1, y) * fx;
-        row(y0) * (1.0 - fy) + row(y1) * fy
+    #[inline(always)]
+    pub fn look_up<L: Lanes>(&self, [u, v]: [Num<L>; 2]) -> [Num<L>; 4] {
+        let (x, fx) = taps(u, self.width, self.wrap_u);
+        let (y, fy) = taps(v, self.height, self.wrap_v);
+        let [above, below] = [y[0] * self.width, y[1] * self.width];
+        let (a, b) = (self.texel(above + x[0]), self.texel(above + x[1]));
+        let (c, d) = (self.texel(below + x[0]), self.texel(below + x[1]));
+        let mut filtered = a;
+        for k in 0..4 {
+            filtered[k] = a[k].lerp(b[k], fx).lerp(c[k].lerp(d[k], fx), fy);
+        }
+        filtered
     }
 
-    /// One channel of [`Texture::sample`].
-    pub fn channel(&self, channel: Channel, uv: Vec2) -> f32 {
-        let texel = self.sample(uv);
+    /// One channel of [`Texture::look_up`].
+    #[inline(always)]
+    pub fn channel<L: Lanes>(&self, channel: Channel, place: [Num<L>; 2]) -> Num<L> {
+        let [r, g, b, a] = self.look_up(place);
         match channel {
-            Channel::R => texel.x,
-            Channel::G => texel.y,
-            Channel::B => texel.z,
-            Channel::A => texel.w,
-            Channel::Luminance => (texel.x + texel.y + texel.z) * (1.0 / 3.0),
+            Channel::R => r,
+            Channel::G => g,
+            Channel::B => b,
+            Channel::A => a,
+            Channel::Luminance => (r + g + b) * (1.0 / 3.0),
         }
     }
 
-    fn texel(&self, x: u32, y: u32) -> Vec4 {
-        let [r, g, b, a] = self.texels[y as usize * self.width as usize + x as usize];
-        let linear = |v: u8| f32::from(v) * (1.0 / 255.0);
+    /// [`Texture::look_up`] at one place.
+    pub fn sample(&self, uv: Vec2) -> Vec4 {
+        self.look_up(uv.to_array().map(Num::from)).map(Num::get).into()
+    }
+
+    #[inline(always)]
+    fn texel<L: Lanes>(&self, index: Int<L>) -> [Num<L>; 4] {
+        // Behind the counters of an `Arc` texels are aligned like words.
+        let [texel] = index.rows::<1>(bytemuck::cast_slice(&self.texels));
+        let (r, g, b) = (texel & 0xff, (texel >> 8) & 0xff, (texel >> 16) & 0xff);
+        const SCALE: f32 = 1.0 / 255.0;
+        let alpha = (texel >> 24).to_num() * SCALE;
         match self.space {
-            ColourSpace::Linear => Vec4::new(linear(r), linear(g), linear(b), linear(a)),
+            ColourSpace::Linear => [r.to_num() * SCALE, g.to_num() * SCALE, b.to_num() * SCALE, alpha],
             ColourSpace::Srgb => {
                 let table = srgb_table();
-                Vec4::new(table[r as usize], table[g as usize], table[b as usize], linear(a))
+                [r.of(table), g.of(table), b.of(table), alpha]
             }
         }
     }
 }
 
 /// The two texels around a coordinate and the weight of the second.
-fn taps(coordinate: f32, size: u32, wrap: Wrap) -> (u32, u32, f32) {
-    let n = f64::from(size);
-    let c = if coordinate.is_finite() { f64::from(coordinate) } else { 0.0 };
-    let p = match wrap {
-        Wrap::Repeat => (c - libm::floor(c)) * n,
+#[inline(always)]
+pub(crate) fn taps<L: Lanes>(coordinate: Num<L>, size: u32, wrap: Wrap) -> ([Int<L>; 2], Num<L>) {
+    let c = coordinate.only(coordinate.is_finite());
+    let share = match wrap {
+        Wrap::Repeat => c - c.floor(),
         Wrap::Mirror => {
-            let m = c - 2.0 * libm::floor(c * 0.5);
-            (if m > 1.0 { 2.0 - m } else { m }) * n
+            let m = c - 2.0 * (c * 0.5).floor();
+            Num::select(m.above(1.0), 2.0 - m, m)
         }
-        Wrap::Clamp => c.clamp(0.0, 1.0) * n,
-    } - 0.5;
-    let low = libm::floor(p);
-    let at = |i: i64| -> u32 {
-        let last = i64::from(size) - 1;
-        (match wrap {
-            Wrap::Repeat => i.rem_euclid(i64::from(size)),
-            // Beyond either edge a mirrored image shows the edge texel again.
-            Wrap::Mirror | Wrap::Clamp => i.clamp(0, last),
-        }) as u32
+        Wrap::Clamp => c.clamp(0.0, 1.0),
     };
-    (at(low as i64), at(low as i64 + 1), (p - low) as f32)
+    let place = share * size as f32 - 0.5;
+    let low = place.floor();
+    let next = (low + 1.0).clamp(0.0, size as f32).to_int();
+    let l = c.lanes();
+    // Beyond either edge a mirrored image shows the edge texel again.
+    let (before, after) = match wrap {
+        Wrap::Repeat => (size - 1, 0),
+        Wrap::Mirror | Wrap::Clamp => (0, size - 1),
+    };
+    let first = Int::select(next.is(0), Int::splat(l, before), next + u32::MAX);
+    let second = Int::select(next.is(size), Int::splat(l, after), next);
+    ([first, second], place - low)
 }
 
 fn srgb_table() -> &'static [f32; 256] {

@@ -1,90 +1,134 @@
-//! Where a ray met a surface.
+//! Where rays met surfaces.
 
 use super::offset;
 use crate::geom::Frame;
+use crate::lanes::{Int, Lanes, Num, Vector};
 use crate::scene::{Material, NormalMap, Scene, Surface};
-use crate::stream::{Hit, Ray};
-use glam::{Vec2, Vec3};
 
 /// Least cosine between the shading normal and `wo`.
 const MIN_COSINE: f32 = 1e-3;
 
-/// A point on a surface, seen from `wo`. Normals lie on `wo`'s side of the triangle, so BSDFs find
-/// `wo` in the upper hemisphere of [`Interaction::frame`], always.
+/// Points on surfaces of one material, each seen from its `wo`. Normals lie on `wo`'s side of the
+/// triangle, so BSDFs find `wo` in the upper hemisphere of [`Interaction::frame`], always.
 #[derive(Clone, Copy, Debug)]
-pub struct Interaction {
+pub struct Interaction<L: Lanes> {
     /// The point, on the triangle, from the hit's barycentrics.
-    pub position: Vec3,
+    pub position: Vector<L>,
     /// Unit direction back along the ray.
-    pub wo: Vec3,
+    pub wo: Vector<L>,
     /// Unit normal of the triangle.
-    pub normal: Vec3,
+    pub normal: Vector<L>,
     /// Shading frame: the interpolated and mapped normal, bent as little as keeps `wo` above it and,
     /// for surfaces with a mirror-like share, the mirrored `wo` above the triangle.
-    pub frame: Frame,
+    pub frame: Frame<L>,
     /// Mesh texture coordinates.
-    pub uv: Vec2,
-    /// Whether `wo` is on the side from which the triangle runs counter-clockwise.
-    pub front: bool,
-    /// Whether `wo` is outside of the body: the side that the vertex normals, if there are any,
+    pub uv: [Num<L>; 2],
+    /// Lanes whose `wo` is on the side from which the triangle runs counter-clockwise.
+    pub front: u32,
+    /// Lanes whose `wo` is outside of the body: the side that the vertex normals, if there are any,
     /// point to; else the front.
-    pub outside: bool,
+    pub outside: u32,
     /// Where scattered (not mirrored or refracted) rays leave: `position`, raised to the surface
     /// that the vertex normals suggest, so that a smooth body of few triangles casts no shadow of
     /// its edges on itself (Hanika 2021, *Hacking the Shadow Terminator*).
-    pub raised: Vec3,
+    pub raised: Vector<L>,
     /// Distance that rays start off the triangle.
-    offset: f32,
+    offset: Num<L>,
 }
 
-impl Interaction {
-    /// The interaction of a ray with the triangle it hit, whose material is `material`.
-    pub fn new(scene: &Scene, material: &Material, ray: &Ray, hit: &Hit) -> Self {
-        let corners = scene.mesh.corners(hit.primitive);
-        let weights = [1.0 - hit.u - hit.v, hit.u, hit.v];
-        let blend = |of: [Vec3; 3]| of[0] * weights[0] + of[1] * weights[1] + of[2] * weights[2];
-        let position = blend(corners);
-        let wo = -Vec3::from_array(ray.direction).normalize();
-        let winding = offset::normal(&corners).unwrap_or(wo);
-        let front = wo.dot(winding) >= 0.0;
-        let normal = if front { winding } else { -winding };
+/// Hits in lanes, as [`crate::stream::Hit`] has one; none is a miss.
+#[derive(Clone, Copy, Debug)]
+pub struct Hits<L: Lanes> {
+    /// Ray parameter.
+    pub t: Num<L>,
+    /// Barycentric weight of the triangle's second vertex.
+    pub u: Num<L>,
+    /// Barycentric weight of the triangle's third vertex.
+    pub v: Num<L>,
+    /// Index of the triangle.
+    pub primitive: Int<L>,
+}
 
-        let indices = scene.mesh.triangles[hit.primitive as usize];
-        let vertex_normals = (!scene.mesh.normals.is_empty())
-            .then(|| indices.map(|i| scene.mesh.normals[i as usize]))
-            .filter(|normals| normals.iter().all(|n| *n != Vec3::ZERO));
-        let smooth = vertex_normals.and_then(|normals| blend(normals).try_normalize());
-        // The side that counts as outside, and the smooth normal on it.
-        let outward = smooth.unwrap_or(winding);
-        let outside = wo.dot(winding) * outward.dot(winding) >= 0.0;
-        let uv = scene.mesh.uv_at(hit.primitive, hit.u, hit.v);
+/// The weights of a triangle's corners.
+type Weights<L> = [Num<L>; 3];
 
-        let mapped = material.normal_map.as_ref().and_then(|map| {
-            let frame = tangent_frame(scene, indices, &corners, weights, outward)?;
-            Some(map_normal(scene, map, uv, &frame))
-        });
-        let mut shading = mapped.unwrap_or(outward);
-        if shading.dot(normal) < 0.0 {
-            shading = -shading;
+#[inline(always)]
+fn blend<L: Lanes>(of: &[Vector<L>; 3], weights: &Weights<L>) -> Vector<L> {
+    of[0] * weights[0] + of[1] * weights[1] + of[2] * weights[2]
+}
+
+/// Rows `indices` of a table of vectors of three.
+#[inline(always)]
+fn vectors<L: Lanes>(table: &[glam::Vec3], indices: &[Int<L>; 3]) -> [Vector<L>; 3] {
+    let table: &[f32] = bytemuck::cast_slice(table);
+    let [a, b, c] = *indices;
+    [
+        Vector::from_columns(a.rows_of(table)),
+        Vector::from_columns(b.rows_of(table)),
+        Vector::from_columns(c.rows_of(table)),
+    ]
+}
+
+impl<L: Lanes> Interaction<L> {
+    /// The interactions of rays with the triangles they hit, whose material is `material`.
+    #[inline(always)]
+    pub fn new(scene: &Scene, material: &Material, direction: Vector<L>, hits: &Hits<L>) -> Self {
+        let l = direction.lanes();
+        let mesh = &scene.mesh;
+        let indices = hits.primitive.rows::<3>(bytemuck::cast_slice(&mesh.triangles));
+        let corners = vectors(&mesh.positions, &indices);
+        let weights = [1.0 - hits.u - hits.v, hits.u, hits.v];
+        let position = blend(&corners, &weights);
+        let wo = -direction.normalize();
+        let (winding, _) = offset::normal(&corners, wo);
+        let front = wo.dot(winding).ge(Num::splat(l, 0.0));
+        let normal = Vector::select(front, winding, -winding);
+
+        let (mut smooth, mut vertex_normals, mut outward) = (0, corners, winding);
+        if !mesh.normals.is_empty() {
+            vertex_normals = vectors(&mesh.normals, &indices);
+            let [a, b, c] = vertex_normals;
+            (outward, smooth) = blend(&vertex_normals, &weights).normalize_or(winding);
+            smooth &= !(a.is_zero() | b.is_zero() | c.is_zero());
+            outward = Vector::select(smooth, outward, winding);
         }
-        if smooth.is_some() || mapped.is_some() {
+        let outside = (wo.dot(winding) * outward.dot(winding)).ge(Num::splat(l, 0.0));
+        let mut uv = [Num::splat(l, 0.0); 2];
+        let mut corner_uvs = [uv; 3];
+        if !mesh.uvs.is_empty() {
+            let table: &[f32] = bytemuck::cast_slice(&mesh.uvs);
+            let [a, b, c] = indices;
+            corner_uvs = [a.rows_of(table), b.rows_of(table), c.rows_of(table)];
+            for (k, uv) in uv.iter_mut().enumerate() {
+                let [a, b, c] = [corner_uvs[0][k], corner_uvs[1][k], corner_uvs[2][k]];
+                *uv = a * weights[0] + b * weights[1] + c * weights[2];
+            }
+        }
+
+        let (mut shading, mut bent) = (outward, smooth);
+        if let Some(map) = &material.normal_map {
+            let (frame, there) = tangent_frame(scene, &indices, &corners, &corner_uvs, &weights, outward);
+            shading = Vector::select(there, map_normal(scene, map, uv, &frame), outward);
+            bent |= there;
+        }
+        shading = Vector::select(shading.dot(normal).below(0.0), -shading, shading);
+        if bent != 0 {
             let matte = matches!(material.surface, Surface::Matte { .. });
-            shading = bend(shading, normal, wo, matte);
+            shading = Vector::select(bent, bend(shading, normal, wo, matte), normal);
         } else {
             shading = normal;
         }
-        let raised = match vertex_normals {
-            Some(normals) if smooth.is_some() => {
-                let side = if outward.dot(normal) < 0.0 { -1.0 } else { 1.0 };
-                raise(position, &corners, &normals, weights, side)
-            }
-            _ => position,
+        let raised = if smooth == 0 {
+            position
+        } else {
+            let side = outward.dot(normal).signum();
+            Vector::select(smooth, raise(position, &corners, &vertex_normals, &weights, side), position)
         };
         Self {
             position,
             wo,
             normal,
-            frame: Frame::from_normal(shading),
+            frame: Frame::around(shading),
             uv,
             front,
             outside,
@@ -93,112 +137,133 @@ impl Interaction {
         }
     }
 
-    /// The world direction of a mirrored or refracted ray that goes to `local` in the shading frame. A
-    /// bent normal may send it to the other side of the triangle than of the normal; it is then laid
+    /// The world directions of mirrored or refracted rays that go to `local` in the shading frame. A
+    /// bent normal may send one to the other side of the triangle than of the normal; it is then laid
     /// along the triangle, on the side where it belongs: it would otherwise count as having crossed
     /// a surface that it did not cross.
-    pub fn smooth_direction(&self, local: Vec3) -> Vec3 {
-        let wi = self.frame.to_world(local).normalize();
-        let height = wi.dot(self.normal) * local.z.signum();
-        if height >= MIN_COSINE {
-            return wi;
-        }
-        let lift = (MIN_COSINE - height) * local.z.signum();
-        (wi + self.normal * lift).try_normalize().unwrap_or(wi)
+    #[inline(always)]
+    pub fn smooth_direction(&self, local: Vector<L>) -> Vector<L> {
+        let wi = self.frame.world(local).normalize();
+        let side = local.z.signum();
+        let height = wi.dot(self.normal) * side;
+        let lift = (MIN_COSINE - height) * side;
+        let (lifted, _) = (wi + self.normal * lift).normalize_or(wi);
+        Vector::select(height.below(MIN_COSINE), lifted, wi)
     }
 
-    /// The start of a ray from `point` ([`Interaction::position`] or [`Interaction::raised`]) towards
+    /// The start of rays from `point` ([`Interaction::position`] or [`Interaction::raised`]) towards
     /// `wi`, off the triangle on the side that `wi` points to.
-    pub fn origin(&self, point: Vec3, wi: Vec3) -> Vec3 {
-        let side = if wi.dot(self.normal) < 0.0 { -self.offset } else { self.offset };
-        point + self.normal * side
+    #[inline(always)]
+    pub fn origin(&self, point: Vector<L>, wi: Vector<L>) -> Vector<L> {
+        let below = wi.dot(self.normal).below(0.0);
+        point + self.normal * Num::select(below, -self.offset, self.offset)
     }
 }
 
-/// Turns a shading normal that lies on the triangle's side of `wo` so that `wo` is above it and,
-/// unless the surface is matte, `wo` mirrored at it stays above the triangle.
-fn bend(shading: Vec3, normal: Vec3, wo: Vec3, matte: bool) -> Vec3 {
+/// Turns shading normals that lie on the triangle's side of `wo` so that `wo` is above them and,
+/// unless the surface is matte, `wo` mirrored at them stays above the triangle.
+#[inline(always)]
+fn bend<L: Lanes>(shading: Vector<L>, normal: Vector<L>, wo: Vector<L>, matte: bool) -> Vector<L> {
     let cosine = shading.dot(wo);
     if matte {
-        return if cosine >= MIN_COSINE {
-            shading
-        } else {
-            (shading + wo * (MIN_COSINE - cosine)).normalize()
-        };
+        let turned = (shading + wo * (MIN_COSINE - cosine)).normalize();
+        return Vector::select(cosine.below(MIN_COSINE), turned, shading);
     }
     let mirrored = shading * (2.0 * cosine) - wo;
     let height = mirrored.dot(normal);
     let least = (0.5 * wo.dot(normal)).clamp(0.0, 0.01);
-    if height >= least && cosine >= 0.0 {
-        return shading;
-    }
+    let good = height.ge(least) & cosine.ge(Num::splat(wo.lanes(), 0.0));
     // The half vector of `wo` and the mirrored direction lifted to the least height.
-    let lifted = (mirrored + normal * (least - height)).try_normalize().unwrap_or(normal);
-    (wo + lifted).try_normalize().unwrap_or(normal)
+    let (lifted, _) = (mirrored + normal * (least - height)).normalize_or(normal);
+    let (half, _) = (wo + lifted).normalize_or(normal);
+    Vector::select(good, shading, half)
 }
 
-/// The tangent frame of a normal map around the unit normal `outward`: from the mesh's tangents,
-/// else from its texture coordinates; `None` where these give no direction.
-fn tangent_frame(
+/// The tangent frames of a normal map around the unit normals `outward`: from the mesh's tangents,
+/// else from its texture coordinates; and the lanes in which these give a direction.
+#[inline(always)]
+fn tangent_frame<L: Lanes>(
     scene: &Scene,
-    indices: [u32; 3],
-    corners: &[Vec3; 3],
-    weights: [f32; 3],
-    outward: Vec3,
-) -> Option<Frame> {
-    let across = |tangent: Vec3, handedness: f32| {
-        let tangent = (tangent - outward * tangent.dot(outward)).try_normalize()?;
-        let bitangent = outward.cross(tangent) * handedness;
-        Some(Frame { tangent, bitangent, normal: outward })
-    };
+    indices: &[Int<L>; 3],
+    corners: &[Vector<L>; 3],
+    uvs: &[[Num<L>; 2]; 3],
+    weights: &Weights<L>,
+    outward: Vector<L>,
+) -> (Frame<L>, u32) {
+    let l = outward.lanes();
+    let one = Num::splat(l, 1.0);
+    let (mut along, mut handedness, mut there) = (outward, one, 0);
+    if !scene.mesh.uvs.is_empty() {
+        let [a, b, c] = *uvs;
+        let (d1, d2) = ([b[0] - a[0], b[1] - a[1]], [c[0] - a[0], c[1] - a[1]]);
+        let determinant = d1[0] * d2[1] - d1[1] * d2[0];
+        let sign = determinant.signum();
+        let (e1, e2) = (corners[1] - corners[0], corners[2] - corners[0]);
+        let along_u = (e1 * d2[1] - e2 * d1[1]) * sign;
+        // v grows downwards in the image, the map's y upwards.
+        let up = (e1 * d2[0] - e2 * d1[0]) * sign;
+        let left = outward.cross(along_u).dot(up).below(0.0);
+        (along, there) = (along_u - outward * along_u.dot(outward)).normalize_or(outward);
+        there &= determinant.is_finite() & !determinant.is_zero();
+        handedness = Num::select(left, -one, one);
+    }
     if !scene.mesh.tangents.is_empty() {
-        let of = indices.map(|i| scene.mesh.tangents[i as usize]);
-        let tangent = (0..3).map(|k| of[k].truncate() * weights[k]).sum();
-        if let Some(frame) = across(tangent, if of[0].w < 0.0 { -1.0 } else { 1.0 }) {
-            return Some(frame);
-        }
+        let table: &[f32] = bytemuck::cast_slice(&scene.mesh.tangents);
+        let [a, b, c] = *indices;
+        let [a, b, c] = [a.rows_of::<4>(table), b.rows_of::<4>(table), c.rows_of::<4>(table)];
+        let of =
+            [Vector::new(a[0], a[1], a[2]), Vector::new(b[0], b[1], b[2]), Vector::new(c[0], c[1], c[2])];
+        let tangent = blend(&of, weights);
+        let (given, is_given) = (tangent - outward * tangent.dot(outward)).normalize_or(outward);
+        along = Vector::select(is_given, given, along);
+        handedness = Num::select(is_given, Num::select(a[3].below(0.0), -one, one), handedness);
+        there |= is_given;
     }
-    if scene.mesh.uvs.is_empty() {
-        return None;
-    }
-    let [a, b, c] = indices.map(|i| scene.mesh.uvs[i as usize]);
-    let (d1, d2) = (b - a, c - a);
-    let determinant = d1.perp_dot(d2);
-    if determinant == 0.0 || !determinant.is_finite() {
-        return None;
-    }
-    let sign = determinant.signum();
-    let (e1, e2) = (corners[1] - corners[0], corners[2] - corners[0]);
-    let along_u = (e1 * d2.y - e2 * d1.y) * sign;
-    // v grows downwards in the image, the map's y upwards.
-    let up = (e1 * d2.x - e2 * d1.x) * sign;
-    let handedness = if outward.cross(along_u).dot(up) < 0.0 { -1.0 } else { 1.0 };
-    across(along_u, handedness)
+    (Frame { tangent: along, bitangent: outward.cross(along) * handedness, normal: outward }, there)
 }
 
-fn map_normal(scene: &Scene, map: &NormalMap, uv: Vec2, frame: &Frame) -> Vec3 {
-    let texture = &scene.textures[map.texture.texture as usize];
-    let texel = texture.sample(map.texture.apply(uv)).truncate() * 2.0 - 1.0;
-    let local = Vec3::new(texel.x * map.scale, texel.y * map.scale, texel.z.max(0.0));
-    frame.to_world(local).try_normalize().unwrap_or(frame.normal)
+#[inline(always)]
+fn map_normal<L: Lanes>(scene: &Scene, map: &NormalMap, uv: [Num<L>; 2], frame: &Frame<L>) -> Vector<L> {
+    let [x, y, z, _] = scene.textures[map.texture.texture as usize].look_up(map.texture.place(uv));
+    let (x, y, z) = (x * 2.0 - 1.0, y * 2.0 - 1.0, z * 2.0 - 1.0);
+    let local = Vector::new(x * map.scale, y * map.scale, z.clamp(0.0, 1.0));
+    frame.world(local).normalize_or(frame.normal).0
 }
 
-/// The point of the surface that the vertex normals suggest above `position`: the mean of its
+/// The points of the surface that the vertex normals suggest above `position`: the mean of its
 /// projections onto the planes of those vertices under which it lies. `side` turns the normals.
-fn raise(position: Vec3, corners: &[Vec3; 3], normals: &[Vec3; 3], weights: [f32; 3], side: f32) -> Vec3 {
-    (0..3).fold(position, |raised, k| {
+#[inline(always)]
+fn raise<L: Lanes>(
+    position: Vector<L>,
+    corners: &[Vector<L>; 3],
+    normals: &[Vector<L>; 3],
+    weights: &Weights<L>,
+    side: Num<L>,
+) -> Vector<L> {
+    let mut raised = position;
+    for k in 0..3 {
         let normal = normals[k] * side;
-        let under = (position - corners[k]).dot(normal).min(0.0);
-        raised - normal * (under * weights[k])
-    })
+        let under = (position - corners[k]).dot(normal).min(Num::splat(position.lanes(), 0.0));
+        raised = raised - normal * (under * weights[k]);
+    }
+    raised
 }
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use crate::geom::{Sampler, warp};
-    use crate::scene::{Colour, ColourSpace, Texture, TextureRef, Wrap};
-    use glam::Vec4;
+    use crate::scene::{Colour, ColourSpace, Material, NormalMap, Scene, Surface, Texture, TextureRef, Wrap};
+    use crate::shade::single::Interaction;
+    use crate::stream::{Hit, Ray};
+    use glam::{Vec2, Vec3, Vec4};
+
+    fn bend(shading: Vec3, normal: Vec3, wo: Vec3, matte: bool) -> Vec3 {
+        super::bend(shading.into(), normal.into(), wo.into(), matte).into()
+    }
+
+    fn shading(at: &Interaction) -> Vec3 {
+        at.frame.normal.into()
+    }
 
     /// One triangle in the xy plane, its front towards +z, u to the right, v downwards.
     fn triangle() -> Scene {
@@ -221,12 +286,12 @@ mod tests {
     fn a_hit_knows_its_place_and_side() {
         let above = seen(&triangle(), Vec3::new(0.3, 0.0, 1.0));
         assert_eq!((above.position, above.uv), (Vec3::new(0.25, 0.5, 0.0), Vec2::new(0.25, 0.5)));
-        assert_eq!((above.normal, above.frame.normal, above.raised), (Vec3::Z, Vec3::Z, above.position));
+        assert_eq!((above.normal, shading(&above), above.raised), (Vec3::Z, Vec3::Z, above.position));
         assert!(above.front && above.outside && (above.wo.length() - 1.0).abs() < 1e-6);
         assert!(above.origin(above.position, Vec3::Z).z > 0.0);
         assert!(above.origin(above.position, Vec3::NEG_Z).z < 0.0);
         let below = seen(&triangle(), Vec3::NEG_Z);
-        assert_eq!((below.normal, below.frame.normal), (Vec3::NEG_Z, Vec3::NEG_Z));
+        assert_eq!((below.normal, shading(&below)), (Vec3::NEG_Z, Vec3::NEG_Z));
         assert!(!below.front && !below.outside);
     }
 
@@ -236,10 +301,10 @@ mod tests {
         scene.mesh.normals = vec![Vec3::new(0.1, 0.0, -1.0).normalize(); 3];
         let above = seen(&scene, Vec3::Z);
         assert!(above.front && !above.outside);
-        assert!(above.frame.normal.z > 0.9, "on the side of wo all the same");
+        assert!(shading(&above).z > 0.9, "on the side of wo all the same");
         // A vertex without a normal: the triangle is flat.
         scene.mesh.normals[1] = Vec3::ZERO;
-        assert_eq!(seen(&scene, Vec3::Z).frame.normal, Vec3::Z);
+        assert_eq!(shading(&seen(&scene, Vec3::Z)), Vec3::Z);
     }
 
     #[test]
@@ -294,17 +359,17 @@ mod tests {
 
     #[test]
     fn normal_maps_have_x_along_u_and_y_up_in_the_image() {
-        let right = seen(&mapped([200, 128, 200, 255]), Vec3::Z).frame.normal;
+        let right = shading(&seen(&mapped([200, 128, 200, 255]), Vec3::Z));
         assert!(right.x > 0.4 && right.y.abs() < 0.01, "{right}");
-        let up = seen(&mapped([128, 200, 200, 255]), Vec3::Z).frame.normal;
+        let up = shading(&seen(&mapped([128, 200, 200, 255]), Vec3::Z));
         assert!(up.y > 0.4 && up.x.abs() < 0.01, "{up}");
         // The same bump, seen from behind.
-        let behind = seen(&mapped([200, 128, 200, 255]), Vec3::NEG_Z).frame.normal;
+        let behind = shading(&seen(&mapped([200, 128, 200, 255]), Vec3::NEG_Z));
         assert!((behind + right).length() < 1e-5);
         // A mirrored image: u to the left, so is x.
         let mut scene = mapped([200, 200, 200, 255]);
         scene.mesh.uvs.iter_mut().for_each(|uv| uv.x = -uv.x);
-        let mirrored = seen(&scene, Vec3::Z).frame.normal;
+        let mirrored = shading(&seen(&scene, Vec3::Z));
         assert!(mirrored.x < -0.4 && mirrored.y > 0.4, "{mirrored}");
     }
 
@@ -312,12 +377,12 @@ mod tests {
     fn the_meshs_tangents_come_first() {
         let mut scene = mapped([200, 200, 200, 255]);
         scene.mesh.tangents = vec![Vec4::new(0.0, 1.0, 0.0, -1.0); 3];
-        let normal = seen(&scene, Vec3::Z).frame.normal;
+        let normal = shading(&seen(&scene, Vec3::Z));
         // Bitangent = (z × y) · −1 = +x.
         assert!(normal.x > 0.4 && normal.y > 0.4, "{normal}");
         scene.mesh.tangents = vec![Vec4::ZERO; 3];
         scene.mesh.uvs = vec![Vec2::ZERO; 3];
-        assert_eq!(seen(&scene, Vec3::Z).frame.normal, Vec3::Z, "no direction at all: not mapped");
+        assert_eq!(shading(&seen(&scene, Vec3::Z)), Vec3::Z, "no direction at all: not mapped");
     }
 
     #[test]

@@ -1,46 +1,51 @@
-//! Material inputs at a point: factor times texture.
+//! Material inputs at points: factor times texture.
 
+use crate::lanes::{Lanes, Num, Vector};
 use crate::scene::{Colour, Emission, Scalar, Scene};
-use glam::{Vec2, Vec3};
+use glam::Vec3;
 
-/// A colour at mesh coordinates `uv`, linear Rec. 709.
-pub fn colour(scene: &Scene, colour: &Colour, uv: Vec2) -> Vec3 {
+/// Colours at mesh coordinates `uv`, linear Rec. 709.
+#[inline(always)]
+pub fn colour<L: Lanes>(scene: &Scene, colour: &Colour, uv: [Num<L>; 2]) -> Vector<L> {
+    let factor = Vector::splat(uv[0].lanes(), colour.factor);
     match &colour.texture {
-        None => colour.factor,
+        None => factor,
         Some(texture) => {
-            colour.factor * scene.textures[texture.texture as usize].sample(texture.apply(uv)).truncate()
+            let [r, g, b, _] = scene.textures[texture.texture as usize].look_up(texture.place(uv));
+            factor * Vector::new(r, g, b)
         }
     }
 }
 
-/// A colour that is a share of light: [`colour`], each channel within 0..=1.
-pub fn albedo(scene: &Scene, value: &Colour, uv: Vec2) -> Vec3 {
-    // The order of min and max turns NaN into 0.
-    colour(scene, value, uv).max(Vec3::ZERO).min(Vec3::ONE)
+/// Colours that are shares of light: [`colour`], each channel within 0..=1, NaN 0.
+#[inline(always)]
+pub fn albedo<L: Lanes>(scene: &Scene, value: &Colour, uv: [Num<L>; 2]) -> Vector<L> {
+    colour(scene, value, uv).clamp(0.0, 1.0)
 }
 
-/// A number at mesh coordinates `uv`.
-pub fn scalar(scene: &Scene, scalar: &Scalar, uv: Vec2) -> f32 {
+/// Numbers at mesh coordinates `uv`.
+#[inline(always)]
+pub fn scalar<L: Lanes>(scene: &Scene, scalar: &Scalar, uv: [Num<L>; 2]) -> Num<L> {
+    let factor = Num::splat(uv[0].lanes(), scalar.factor);
     match &scalar.texture {
-        None => scalar.factor,
+        None => factor,
         Some((texture, channel)) => {
-            scalar.factor * scene.textures[texture.texture as usize].channel(*channel, texture.apply(uv))
+            factor * scene.textures[texture.texture as usize].channel(*channel, texture.place(uv))
         }
     }
 }
 
-/// A number that is a share: [`scalar`], within 0..=1.
-pub fn share(scene: &Scene, value: &Scalar, uv: Vec2) -> f32 {
-    let value = scalar(scene, value, uv);
-    if value.is_nan() { 0.0 } else { value.clamp(0.0, 1.0) }
+/// Numbers that are shares: [`scalar`], within 0..=1, NaN 0.
+#[inline(always)]
+pub fn share<L: Lanes>(scene: &Scene, value: &Scalar, uv: [Num<L>; 2]) -> Num<L> {
+    scalar(scene, value, uv).clamp(0.0, 1.0)
 }
 
-/// Radiance that a surface gives off towards the side that is its front or not.
-pub fn emission(scene: &Scene, emission: Option<&Emission>, uv: Vec2, front: bool) -> Vec3 {
-    match emission {
-        Some(e) if front || e.two_sided => colour(scene, &e.radiance, uv).max(Vec3::ZERO),
-        _ => Vec3::ZERO,
-    }
+/// Radiance that a surface gives off towards the side that is its front in the lanes of `front`.
+#[inline(always)]
+pub fn emission<L: Lanes>(scene: &Scene, emission: &Emission, uv: [Num<L>; 2], front: u32) -> Vector<L> {
+    let radiance = colour(scene, &emission.radiance, uv).clamp(0.0, f32::INFINITY);
+    if emission.two_sided { radiance } else { radiance.only(front) }
 }
 
 /// Luminance of a linear Rec. 709 colour.

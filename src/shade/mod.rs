@@ -1,7 +1,8 @@
 //! Hits → radiance: the batch sort, surface interaction, BSDFs, lights, and the loop stack.
 //!
 //! Integrators shade a batch run by run ([`sort()`]): all rays of a run hit the same material, so what
-//! depends on the material alone is done once, and the rest can move to SIMD lanes.
+//! depends on the material alone is done once, and the rest goes in SIMD lanes ([`crate::lanes`]), 8 or 16
+//! rays at a time (RA section 4). [`single`] is the same for one ray.
 
 pub mod bsdf;
 mod interaction;
@@ -9,10 +10,11 @@ pub mod light;
 pub mod lookup;
 pub mod loop_stack;
 pub mod offset;
+pub mod single;
 mod sort;
 
 pub use bsdf::Bsdf;
-pub use interaction::Interaction;
+pub use interaction::{Hits, Interaction};
 pub use light::{LightSample, Lights};
 pub use loop_stack::LoopStack;
 pub use sort::{Run, Sorted, sort};

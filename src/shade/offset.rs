@@ -1,6 +1,6 @@
 //! Ray origins that do not hit the surface they leave.
 
-use glam::Vec3;
+use crate::lanes::{Lanes, Num, Vector};
 
 /// Most that a sliver's aspect ratio raises the offset; thinner ones cover no area worth more.
 const MAX_ASPECT: f32 = 16.0;
@@ -13,31 +13,47 @@ const MAX_ASPECT: f32 = 16.0;
 /// offset and rounding costs another ε·C. The test sees the corners relative to the origin, off by
 /// ε·L, which tilts its plane by ε·L/h and moves it by ε·L²/h at the origin. With half the factors a few
 /// in a million random triangles and rays, of any scale, place and shape, still fail (see the tests).
-pub fn distance(corners: &[Vec3; 3]) -> f32 {
+#[inline(always)]
+pub fn distance<L: Lanes>(corners: &[Vector<L>; 3]) -> Num<L> {
     const EPSILON: f32 = f32::EPSILON * 0.5;
     let [a, b, c] = *corners;
     let coordinate = a.abs().max(b.abs()).max(c.abs()).max_element();
-    let longest = (b - a).length_squared().max((c - b).length_squared()).max((a - c).length_squared()).sqrt();
-    let area = (b - a).cross(c - a).length();
-    let aspect = if area > 0.0 { (longest * longest / area).min(MAX_ASPECT) } else { MAX_ASPECT };
+    let (ab, bc, ca) = (b - a, c - b, a - c);
+    let longest = ab.length_squared().max(bc.length_squared()).max(ca.length_squared()).sqrt();
+    let area = ab.cross(c - a).length();
+    // Where there is no area the ratio is infinite or NaN.
+    let aspect = (longest * longest / area).min(Num::splat(a.lanes(), MAX_ASPECT));
     EPSILON * (8.0 * coordinate + 8.0 * aspect * longest)
 }
 
 /// Unit normal of a triangle, counter-clockwise seen from its side; robust for tiny and huge
-/// triangles. `None` when the corners lie on a line.
-pub fn normal(corners: &[Vec3; 3]) -> Option<Vec3> {
+/// triangles. `otherwise` when the corners lie on a line. Also gives the lanes in which they do not.
+#[inline(always)]
+pub fn normal<L: Lanes>(corners: &[Vector<L>; 3], otherwise: Vector<L>) -> (Vector<L>, u32) {
     let [a, b, c] = *corners;
     let (e1, e2) = (b - a, c - a);
     let scale = e1.abs().max(e2.abs()).max_element();
     // Scaled so that the product's square cannot underflow or overflow.
     let normal = (e1 / scale).cross(e2 / scale);
     let length = normal.length();
-    (length > 0.0).then(|| normal / length)
+    let there = length.above(0.0);
+    (Vector::select(there, normal / length, otherwise), there)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use glam::Vec3;
+
+    fn distance(corners: &[Vec3; 3]) -> f32 {
+        super::distance(&corners.map(Vector::from)).get()
+    }
+
+    fn normal(corners: &[Vec3; 3]) -> Option<Vec3> {
+        let (normal, there) = super::normal(&corners.map(Vector::from), Vec3::ZERO.into());
+        (there != 0).then(|| normal.into())
+    }
+
     use crate::geom::{CanonicalRay, Frame, Sampler, warp};
 
     /// A triangle somewhere between 10⁻³ and 10⁴ in size, up to 10⁵ sizes from the origin, of any

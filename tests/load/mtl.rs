@@ -2,6 +2,7 @@
 
 use crate::folder::{Folder, assert_holds, warns};
 use glam::{Vec2, Vec3};
+use raystream::lanes::Num;
 use raystream::scene::{AlphaMode, Channel, ColourSpace, Material, Principled, Scene, Surface, Wrap};
 
 const OBJ: &str = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl m\nf 1 2 3\n";
@@ -175,7 +176,7 @@ fn textures_keep_their_options() {
     assert_eq!((scene.textures[0].wrap_u, scene.textures[0].space), (Wrap::Clamp, ColourSpace::Srgb));
     assert_eq!((scene.textures[0].height, scene.textures[0].texels[0]), (2, red), "first row first");
     // (0.5, 0.125) in the file, v up, is (1.25, 1) in the image: its top edge; v = 0.875 in the mesh.
-    let there = texture.apply(Vec2::new(0.5, 1.0 - 0.125));
+    let there: Vec2 = texture.place([0.5, 1.0 - 0.125].map(Num::from)).map(Num::get).into();
     assert!((there - Vec2::new(1.25, 0.0)).length() < 1e-6, "{there}");
     assert!(scene.warnings.is_empty(), "{:?}", scene.warnings);
     let scene = in_folder(&folder, "map_Kd -mm 0.5 2 -t 1 1 1 two rows.png\nmap_Ks two rows.png");

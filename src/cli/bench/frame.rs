@@ -21,7 +21,7 @@ pub fn run(args: &BenchFrameArgs) -> Result<Outcome> {
         repeats: args.repeats as usize,
         policy: setup.policy,
     };
-    let bench = Bench { stage: &setup.stage, service: &setup.service, simd: setup.simd.name(), options };
+    let bench = Bench { stage: &setup.stage, service: &setup.service, simd: setup.simd, options };
     let report = if args.policies { bench.policies()? } else { bench.ladder()? };
     print(args, &report);
     if setup.stage.tracers.device.is_none() && !args.policies {

@@ -41,7 +41,8 @@ pub fn run(args: &RenderArgs) -> Result<Outcome> {
         "whitted" => expose(args, &setup, course, &camera, Whitted::new(scene, &camera, settings)?),
         _ => {
             let roulette = (!args.no_russian_roulette).then_some(ROULETTE_BOUNCES);
-            expose(args, &setup, course, &camera, PathTracer::new(scene, &camera, settings, roulette)?)
+            let path = PathTracer::new(scene, &camera, settings, roulette)?.with_simd(setup.simd);
+            expose(args, &setup, course, &camera, path)
         }
     }
 }

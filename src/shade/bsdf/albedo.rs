@@ -3,7 +3,7 @@
 
 use super::fresnel::{Schlick, schlick_weight};
 use super::ggx::Ggx;
-use glam::Vec3;
+use crate::lanes::{Int, Lanes, Num, One, Vector};
 use std::sync::OnceLock;
 
 /// Nodes over the cosine, and over the roughness.
@@ -20,145 +20,174 @@ pub const MIN_ROUGHNESS: f32 = 0.03;
 
 /// What GGX facets of one roughness reflect towards one cosine, or on average, in a single bounce:
 /// two numbers that give the share for any Schlick Fresnel term.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Reflectance {
+#[derive(Clone, Copy, Debug)]
+pub struct Reflectance<L: Lanes> {
     /// What perfectly reflecting facets lose to masking: 1 − share. Kept instead of the share since
     /// it is what smooth surfaces have little of.
-    pub deficit: f32,
+    pub deficit: Num<L>,
     /// The share when facets reflect Schlick's (1 − cosine)⁵.
-    pub grazing: f32,
+    pub grazing: Num<L>,
 }
 
-impl Reflectance {
+impl<L: Lanes> Reflectance<L> {
     /// The share that facets with this Fresnel term reflect in a single bounce.
-    pub fn single(&self, fresnel: &Schlick) -> Vec3 {
-        fresnel.f0 * (1.0 - self.deficit - self.grazing).max(0.0) + Vec3::splat(fresnel.f90 * self.grazing)
+    #[inline(always)]
+    pub fn single(&self, fresnel: &Schlick<L>) -> Vector<L> {
+        let normal = (1.0 - self.deficit - self.grazing).clamp(0.0, 1.0);
+        fresnel.f0 * normal + Vector::grey(fresnel.f90 * self.grazing)
     }
 
-    fn lerp(self, other: Self, share: f32) -> Self {
+    /// `a` in the lanes of `mask`, `b` in the others.
+    #[inline(always)]
+    pub fn select(mask: u32, a: Self, b: Self) -> Self {
         Self {
-            deficit: self.deficit + (other.deficit - self.deficit) * share,
-            grazing: self.grazing + (other.grazing - self.grazing) * share,
+            deficit: Num::select(mask, a.deficit, b.deficit),
+            grazing: Num::select(mask, a.grazing, b.grazing),
+        }
+    }
+
+    #[inline(always)]
+    fn lerp(self, other: Self, share: Num<L>) -> Self {
+        Self {
+            deficit: self.deficit.lerp(other.deficit, share),
+            grazing: self.grazing.lerp(other.grazing, share),
         }
     }
 }
 
-/// The reflectances of one roughness: a place between two rows of the table.
+/// The reflectances of one roughness in each lane: a place between two rows of the table.
 #[derive(Clone, Copy, Debug)]
-pub struct Albedo {
-    rows: [&'static Row; 2],
-    share: f32,
-    roughness: f32,
+pub struct Albedo<L: Lanes> {
+    /// The lower row.
+    row: Int<L>,
+    share: Num<L>,
+    roughness: Num<L>,
 }
 
-/// Like the table, a row holds `grazing` less that of a mirror, (1 − z)⁵, which is too curved to
-/// interpolate.
-#[derive(Debug)]
-struct Row {
-    nodes: [Reflectance; NODES],
-    mean: Reflectance,
-}
+/// The table: rows of [`ENTRIES`] entries, each a deficit and a share at grazing angles. A row has an
+/// entry for each node and one for the mean. It holds `grazing` less that of a mirror, (1 − z)⁵,
+/// which is too curved to interpolate.
+type Table = Vec<f32>;
 
-impl Albedo {
-    /// For a roughness of at least [`MIN_ROUGHNESS`].
-    pub fn new(roughness: f32) -> Self {
-        let place = (roughness - MIN_ROUGHNESS) / (1.0 - MIN_ROUGHNESS) * (NODES - 1) as f32;
-        let low = (place.max(0.0) as usize).min(NODES - 2);
-        let table = table();
-        Self { rows: [&table[low], &table[low + 1]], share: (place - low as f32).clamp(0.0, 1.0), roughness }
+const ENTRIES: usize = NODES + 1;
+
+impl<L: Lanes> Albedo<L> {
+    /// For roughnesses of at least [`MIN_ROUGHNESS`].
+    #[inline(always)]
+    pub fn new(roughness: Num<L>) -> Self {
+        let place = (roughness - MIN_ROUGHNESS) * ((NODES - 1) as f32 / (1.0 - MIN_ROUGHNESS));
+        let row = place.clamp(0.0, (NODES - 2) as f32).floor();
+        Self { row: row.to_int(), share: (place - row).clamp(0.0, 1.0), roughness }
     }
 
-    /// Towards a direction with cosine `z`.
-    pub fn at(&self, z: f32) -> Reflectance {
+    /// Towards directions with cosine `z`.
+    #[inline(always)]
+    pub fn at(&self, z: Num<L>) -> Reflectance<L> {
         let z = z.clamp(0.0, 1.0);
         let place = z * (1.0 + self.roughness) / (z + self.roughness) * (NODES - 1) as f32;
-        let low = (place as usize).min(NODES - 2);
-        let share = place - low as f32;
-        let [a, b] = self.rows.map(|row| row.nodes[low].lerp(row.nodes[low + 1], share));
-        let Reflectance { deficit, grazing } = a.lerp(b, self.share);
-        Reflectance { deficit, grazing: (grazing + schlick_weight(z)).max(0.0) }
+        let node = place.clamp(0.0, (NODES - 2) as f32).floor();
+        let Reflectance { deficit, grazing } = self.between_rows(node.to_int(), place - node);
+        Reflectance { deficit, grazing: (grazing + schlick_weight(z)).clamp(0.0, 1.0) }
     }
 
     /// Cosine-weighted over the hemisphere.
-    pub fn mean(&self) -> Reflectance {
-        let Reflectance { deficit, grazing } = self.rows[0].mean.lerp(self.rows[1].mean, self.share);
+    #[inline(always)]
+    pub fn mean(&self) -> Reflectance<L> {
+        let node = Int::splat(self.share.lanes(), NODES as u32);
+        let [a, b] = [entry(self.row, node), entry(self.row + 1, node)];
+        let Reflectance { deficit, grazing } = a.lerp(b, self.share);
         Reflectance { deficit, grazing: grazing + 1.0 / 21.0 }
+    }
+
+    #[inline(always)]
+    fn between_rows(&self, node: Int<L>, share: Num<L>) -> Reflectance<L> {
+        let [a, b] = [entry(self.row, node), entry(self.row, node + 1)];
+        let [c, d] = [entry(self.row + 1, node), entry(self.row + 1, node + 1)];
+        a.lerp(b, share).lerp(c.lerp(d, share), self.share)
     }
 }
 
-fn table() -> &'static [Row; NODES] {
-    static TABLE: OnceLock<Box<[Row; NODES]>> = OnceLock::new();
+#[inline(always)]
+fn entry<L: Lanes>(row: Int<L>, node: Int<L>) -> Reflectance<L> {
+    let [deficit, grazing] = (row * ENTRIES as u32 + node).rows_of(table());
+    Reflectance { deficit, grazing }
+}
+
+fn table() -> &'static Table {
+    static TABLE: OnceLock<Table> = OnceLock::new();
     TABLE.get_or_init(|| {
-        Box::new(std::array::from_fn(|i| {
-            let share = i as f32 / (NODES - 1) as f32;
-            let roughness = MIN_ROUGHNESS + (1.0 - MIN_ROUGHNESS) * share;
-            row(roughness)
-        }))
+        let roughness = |i: usize| MIN_ROUGHNESS + (1.0 - MIN_ROUGHNESS) * (i as f32 / (NODES - 1) as f32);
+        (0..NODES).flat_map(|i| row(roughness(i))).flatten().collect()
     })
 }
 
 /// Nodes stand evenly in `z (1 + r) / (z + r)`, r the roughness: smooth surfaces change near grazing,
 /// and rows of different roughness are alike in this measure.
-fn row(roughness: f32) -> Row {
-    let ggx = Ggx { alpha: roughness * roughness };
+fn row(roughness: f32) -> [[f32; 2]; ENTRIES] {
+    let ggx = Ggx::<One> { alpha: (roughness * roughness).into() };
     let cosine = |place: f32| {
         let even = place / (NODES - 1) as f32;
         roughness * even / (1.0 + roughness - even)
     };
-    let nodes: [Reflectance; NODES] = std::array::from_fn(|i| {
+    let mut entries = [[0.0; 2]; ENTRIES];
+    for (i, entry) in entries[..NODES].iter_mut().enumerate() {
         let z = cosine(i as f32).max(1e-5);
-        let Reflectance { deficit, grazing } = measure(ggx, z);
-        Reflectance { deficit, grazing: grazing - schlick_weight(z) }
-    });
+        let [deficit, grazing] = measure(&ggx, z);
+        *entry = [deficit, grazing - schlick_weight(Num::from(z)).get()];
+    }
     // The mean of the interpolated function, so that what is missing and what is given back agree.
-    let mut mean = Reflectance::default();
+    let mut mean = [0.0; 2];
     let mut total = 0.0;
     for low in 0..NODES - 1 {
         for step in 0..STEPS {
             let share = (step as f32 + 0.5) / STEPS as f32;
-            let at = nodes[low].lerp(nodes[low + 1], share);
             let edge = |step: usize| cosine(low as f32 + step as f32 / STEPS as f32);
             let weight = edge(step + 1).powi(2) - edge(step).powi(2);
-            mean.deficit += at.deficit * weight;
-            mean.grazing += at.grazing * weight;
+            for (k, mean) in mean.iter_mut().enumerate() {
+                *mean += (entries[low][k] + (entries[low + 1][k] - entries[low][k]) * share) * weight;
+            }
             total += weight;
         }
     }
-    Row { nodes, mean: Reflectance { deficit: mean.deficit / total, grazing: mean.grazing / total } }
+    entries[NODES] = mean.map(|sum| sum / total);
+    entries
 }
 
-/// The reflectance towards a cosine, from a fixed set of facets.
-fn measure(ggx: Ggx, z: f32) -> Reflectance {
-    let wo = Vec3::new((1.0 - z * z).max(0.0).sqrt(), 0.0, z);
-    let mut sum = Reflectance::default();
+/// The deficit and the share at grazing angles towards a cosine, from a fixed set of facets.
+fn measure(ggx: &Ggx<One>, z: f32) -> [f32; 2] {
+    let wo = Vector::from(glam::Vec3::new((1.0 - z * z).max(0.0).sqrt(), 0.0, z));
+    let mut sum = [0.0; 2];
     for i in 0..FACETS {
         // Hammersley's points.
         let u2 = [(i as f32 + 0.5) / FACETS as f32, (i.reverse_bits() >> 8) as f32 / (1 << 24) as f32];
-        let facet = ggx.sample(wo, u2);
+        let facet = ggx.sample(wo, u2.map(Num::from));
         let cosine = wo.dot(facet);
         let wi = facet * (2.0 * cosine) - wo;
-        let deficit = if wi.z > 0.0 { ggx.masked(wo, wi) } else { 1.0 };
-        sum.deficit += deficit;
-        sum.grazing += (1.0 - deficit) * schlick_weight(cosine);
+        let deficit = if wi.z.get() > 0.0 { ggx.masked(wo, wi).get() } else { 1.0 };
+        sum[0] += deficit;
+        sum[1] += (1.0 - deficit) * schlick_weight(cosine).get();
     }
-    let n = FACETS as f32;
-    Reflectance { deficit: sum.deficit / n, grazing: sum.grazing / n }
+    sum.map(|sum| sum / FACETS as f32)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
+    fn numbers(of: Reflectance<One>) -> [f32; 2] {
+        [of.deficit.get(), of.grazing.get()]
+    }
+
     #[test]
     fn the_table_agrees_with_direct_measurement_between_its_nodes() {
         for i in 0..40 {
             let roughness = 0.05 + 0.95 * (i as f32 + 0.37) / 40.0;
-            let albedo = Albedo::new(roughness);
+            let albedo = Albedo::new(Num::from(roughness));
             for k in 0..40 {
                 let z = ((k as f32 + 0.61) / 40.0).powi(2);
-                let table = albedo.at(z);
-                let direct = measure(Ggx { alpha: roughness * roughness }, z);
-                let off = (table.deficit - direct.deficit).abs().max((table.grazing - direct.grazing).abs());
+                let table = numbers(albedo.at(z.into()));
+                let direct = measure(&Ggx { alpha: (roughness * roughness).into() }, z);
+                let off = (table[0] - direct[0]).abs().max((table[1] - direct[1]).abs());
                 let allowed = if z < 0.01 { 6e-3 } else { 4e-3 };
                 assert!(off < allowed, "roughness {roughness}, cosine {z}: {table:?}, measured {direct:?}");
             }
@@ -169,13 +198,13 @@ mod tests {
     fn rougher_surfaces_lose_more_and_nothing_is_negative() {
         let mut last = 0.0;
         for i in 0..=20 {
-            let albedo = Albedo::new(MIN_ROUGHNESS + (1.0 - MIN_ROUGHNESS) * i as f32 / 20.0);
-            let mean = albedo.mean().deficit;
+            let albedo = Albedo::new(Num::from(MIN_ROUGHNESS + (1.0 - MIN_ROUGHNESS) * i as f32 / 20.0));
+            let [mean, _] = numbers(albedo.mean());
             assert!(mean >= last && mean < 0.6, "{mean}");
             last = mean;
             for k in 0..=10 {
-                let at = albedo.at(k as f32 / 10.0);
-                assert!(at.deficit >= 0.0 && at.grazing >= 0.0 && at.deficit + at.grazing <= 1.0);
+                let [deficit, grazing] = numbers(albedo.at((k as f32 / 10.0).into()));
+                assert!(deficit >= 0.0 && grazing >= 0.0 && deficit + grazing <= 1.0);
             }
         }
         assert!(last > 0.5, "GGX of roughness 1 loses more than half");

@@ -1,30 +1,30 @@
 //! A smooth boundary between two transparent media.
 
 use super::{Smooth, fresnel, mirrored};
-use glam::Vec3;
+use crate::lanes::{Lanes, Num, Vector};
 
 /// Reflects and refracts as Fresnel's equations say.
 ///
 /// Radiance that crosses is scaled by the square of the indices' ratio, (near / far)², since it is
 /// squeezed into another solid angle; along a path that leaves the medium again the factors cancel.
 #[derive(Clone, Copy, Debug)]
-pub struct Dielectric {
+pub struct Dielectric<L: Lanes> {
     /// Index of the far side relative to `wo`'s side.
-    pub eta: f32,
+    pub eta: Num<L>,
     /// Share of the crossing light that passes.
-    pub transmittance: Vec3,
+    pub transmittance: Vector<L>,
 }
 
-impl Dielectric {
+impl<L: Lanes> Dielectric<L> {
     /// See [`super::Bsdf::smooth`].
-    pub fn smooth(&self, wo: Vec3) -> Smooth {
+    #[inline(always)]
+    pub fn smooth(&self, wo: Vector<L>) -> Smooth<L> {
         let (share, cosine) = fresnel::dielectric(wo.z, self.eta);
         Smooth {
-            reflection: (share > 0.0).then(|| (mirrored(wo), Vec3::splat(share))),
-            transmission: (share < 1.0).then(|| {
-                let wi = Vec3::new(-wo.x / self.eta, -wo.y / self.eta, -cosine).normalize();
-                (wi, self.transmittance * ((1.0 - share) / (self.eta * self.eta)))
-            }),
+            reflected: mirrored(wo),
+            reflection: Vector::grey(share),
+            transmitted: fresnel::refracted(wo, self.eta, cosine),
+            transmission: self.transmittance * ((1.0 - share) / (self.eta * self.eta)),
             eta: self.eta,
         }
     }

@@ -3,14 +3,18 @@
 use super::albedo::{Albedo, MIN_ROUGHNESS, Reflectance};
 use super::fresnel::{Schlick, schlick_weight};
 use super::ggx::Ggx;
-use glam::Vec3;
+use crate::lanes::{Lanes, Num, Vector};
 use std::f32::consts::FRAC_1_PI;
 
-/// Facets of one roughness, whatever their Fresnel term.
+/// Facets of one roughness in each lane, whatever their Fresnel term.
 #[derive(Clone, Copy, Debug)]
-pub struct Facets {
-    /// `None` for a mirror.
-    rough: Option<(Ggx, Albedo)>,
+pub struct Facets<L: Lanes> {
+    /// Lanes that are not a mirror; of the others the fields below say nothing.
+    pub rough: u32,
+    /// The distribution.
+    pub ggx: Ggx<L>,
+    albedo: Albedo<L>,
+    mean: Reflectance<L>,
 }
 
 /// A Fresnel term on facets, with the strength of the further bounces: Kulla and Conty's lobe (2017,
@@ -18,68 +22,69 @@ pub struct Facets {
 /// (π (1 − E_mean))` with E the single-bounce share of perfect facets. It is reciprocal and, where
 /// nothing is absorbed, exactly what the single bounce lost.
 #[derive(Clone, Copy, Debug)]
-pub struct Reflection {
+pub struct Reflection<L: Lanes> {
     /// At a facet.
-    pub fresnel: Schlick,
+    pub fresnel: Schlick<L>,
     /// Share of the masked light that comes out after further bounces.
-    pub strength: Vec3,
+    pub strength: Vector<L>,
 }
 
-impl Facets {
+impl<L: Lanes> Facets<L> {
     /// Facets of a perceptual roughness; below `smooth_below` (at least [`MIN_ROUGHNESS`]) a mirror.
-    pub fn new(roughness: f32, smooth_below: f32) -> Self {
-        let rough = (roughness >= smooth_below.max(MIN_ROUGHNESS))
-            .then(|| (Ggx { alpha: roughness * roughness }, Albedo::new(roughness)));
-        Self { rough }
-    }
-
-    /// The distribution, `None` for a mirror.
-    pub fn ggx(&self) -> Option<&Ggx> {
-        self.rough.as_ref().map(|(ggx, _)| ggx)
+    #[inline(always)]
+    pub fn new(roughness: Num<L>, smooth_below: f32) -> Self {
+        let rough = roughness.ge(Num::splat(roughness.lanes(), smooth_below.max(MIN_ROUGHNESS)));
+        let roughness = roughness.clamp(MIN_ROUGHNESS, 1.0);
+        let albedo = Albedo::new(roughness);
+        let smooth = Num::splat(roughness.lanes(), 1.0 / 21.0);
+        let mirror = Reflectance { deficit: smooth.only(0), grazing: smooth };
+        let mean = Reflectance::select(rough, albedo.mean(), mirror);
+        Self { rough, ggx: Ggx { alpha: roughness * roughness }, albedo, mean }
     }
 
     /// Single-bounce reflectance towards a cosine.
-    pub fn at(&self, z: f32) -> Reflectance {
-        match &self.rough {
-            Some((_, albedo)) => albedo.at(z),
-            None => Reflectance { deficit: 0.0, grazing: schlick_weight(z) },
-        }
+    #[inline(always)]
+    pub fn at(&self, z: Num<L>) -> Reflectance<L> {
+        let mirror = Reflectance { deficit: z.only(0), grazing: schlick_weight(z) };
+        if self.rough == 0 { mirror } else { Reflectance::select(self.rough, self.albedo.at(z), mirror) }
     }
 
     /// Cosine-weighted mean of [`Facets::at`].
-    pub fn mean(&self) -> Reflectance {
-        match &self.rough {
-            Some((_, albedo)) => albedo.mean(),
-            None => Reflectance { deficit: 0.0, grazing: 1.0 / 21.0 },
-        }
+    #[inline(always)]
+    pub fn mean(&self) -> Reflectance<L> {
+        self.mean
     }
 
     /// A Fresnel term on these facets.
-    pub fn reflection(&self, fresnel: Schlick) -> Reflection {
-        let lost = self.mean().deficit;
+    #[inline(always)]
+    pub fn reflection(&self, fresnel: Schlick<L>) -> Reflection<L> {
+        let lost = self.mean.deficit;
         let average = fresnel.average();
         // Light that bounces on is reflected twice at least, and at every bounce a share 1 − lost of
         // it leaves: average² (1 − lost) Σ (average · lost)ⁿ.
-        let strength = average * average * (1.0 - lost) / (Vec3::ONE - average * lost);
+        let one = Vector::grey(Num::splat(lost.lanes(), 1.0));
+        let strength = (average * average * (1.0 - lost)).over(one - average * lost);
         Reflection { fresnel, strength }
     }
 
-    /// The lobe of further bounces × cosine of `wi`, without its strength.
-    pub fn bounces(&self, wo_z: f32, wi_z: f32) -> f32 {
-        let Some((_, albedo)) = &self.rough else { return 0.0 };
-        let lost = albedo.mean().deficit;
-        albedo.at(wo_z).deficit * albedo.at(wi_z).deficit / lost * FRAC_1_PI * wi_z
+    /// The lobe of further bounces × cosine of `wi`, without its strength, from the reflectances
+    /// towards both directions.
+    #[inline(always)]
+    pub fn bounces(&self, near: &Reflectance<L>, far: &Reflectance<L>, wi_z: Num<L>) -> Num<L> {
+        (near.deficit * far.deficit / self.mean.deficit * (wi_z * FRAC_1_PI)).only(self.rough)
     }
 }
 
-impl Reflection {
+impl<L: Lanes> Reflection<L> {
     /// The share of light that leaves towards all directions, all bounces.
-    pub fn share(&self, at: &Reflectance) -> Vec3 {
+    #[inline(always)]
+    pub fn share(&self, at: &Reflectance<L>) -> Vector<L> {
         at.single(&self.fresnel) + self.strength * at.deficit
     }
 
     /// A mixture, `share` of it `other`.
-    pub fn mix(&self, other: &Self, share: f32) -> Self {
+    #[inline(always)]
+    pub fn mix(&self, other: &Self, share: Num<L>) -> Self {
         Self {
             fresnel: self.fresnel.mix(&other.fresnel, share),
             strength: self.strength.lerp(other.strength, share),
@@ -87,7 +92,8 @@ impl Reflection {
     }
 
     /// Dimmed.
-    pub fn scaled(&self, scale: f32) -> Self {
+    #[inline(always)]
+    pub fn scaled(&self, scale: Num<L>) -> Self {
         let Schlick { f0, f90 } = self.fresnel;
         Self { fresnel: Schlick { f0: f0 * scale, f90: f90 * scale }, strength: self.strength * scale }
     }

@@ -1,57 +1,69 @@
 //! How much light a boundary reflects.
 
-use glam::Vec3;
+use crate::lanes::{Lanes, Num, Vector};
 
 /// Share of unpolarised light that a smooth boundary reflects. `cosine` is that of the incident
 /// direction, ≥ 0; `eta` the index on the far side relative to the near side. Returns the share
 /// (1 on total internal reflection) and the cosine of the refracted direction (0 then).
-pub fn dielectric(cosine: f32, eta: f32) -> (f32, f32) {
-    if eta == 1.0 {
-        return (0.0, cosine);
-    }
-    let sine2 = (1.0 - cosine * cosine).max(0.0) / (eta * eta);
-    if sine2 >= 1.0 {
-        return (1.0, 0.0);
-    }
-    let refracted = (1.0 - sine2).sqrt();
+#[inline(always)]
+pub fn dielectric<L: Lanes>(cosine: Num<L>, eta: Num<L>) -> (Num<L>, Num<L>) {
+    let one = Num::splat(eta.lanes(), 1.0);
+    let sine2 = (1.0 - cosine * cosine).clamp(0.0, 1.0) / (eta * eta);
+    let refracted = (1.0 - sine2).clamp(0.0, 1.0).sqrt();
     let parallel = (eta * cosine - refracted) / (eta * cosine + refracted);
     let perpendicular = (cosine - eta * refracted) / (cosine + eta * refracted);
-    (0.5 * (parallel * parallel + perpendicular * perpendicular), refracted)
+    let share = 0.5 * (parallel * parallel + perpendicular * perpendicular);
+    let total = sine2.ge(one);
+    let same = eta.same(one);
+    let share = Num::select(total, one, share);
+    let refracted = refracted.only(!total);
+    (share.only(!same), Num::select(same, cosine, refracted))
+}
+
+/// The directions of refracted light whose cosine below the surface is `cosine`.
+#[inline(always)]
+pub fn refracted<L: Lanes>(wo: Vector<L>, eta: Num<L>, cosine: Num<L>) -> Vector<L> {
+    Vector::new(-wo.x / eta, -wo.y / eta, -cosine).normalize()
 }
 
 /// Schlick's approximation: from `f0` at normal incidence to `f90` at grazing.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Schlick {
+#[derive(Clone, Copy, Debug)]
+pub struct Schlick<L: Lanes> {
     /// At normal incidence, per channel.
-    pub f0: Vec3,
+    pub f0: Vector<L>,
     /// At grazing incidence.
-    pub f90: f32,
+    pub f90: Num<L>,
 }
 
-impl Schlick {
+impl<L: Lanes> Schlick<L> {
     /// The reflected share at a cosine.
-    pub fn at(&self, cosine: f32) -> Vec3 {
+    #[inline(always)]
+    pub fn at(&self, cosine: Num<L>) -> Vector<L> {
         self.blend(schlick_weight(cosine))
     }
 
     /// The cosine-weighted mean over the hemisphere.
-    pub fn average(&self) -> Vec3 {
-        self.blend(1.0 / 21.0)
+    #[inline(always)]
+    pub fn average(&self) -> Vector<L> {
+        self.blend(Num::splat(self.f90.lanes(), 1.0 / 21.0))
     }
 
     /// The share with weight `s` of `f90`.
-    fn blend(&self, s: f32) -> Vec3 {
-        self.f0 * (1.0 - s) + Vec3::splat(self.f90 * s)
+    #[inline(always)]
+    fn blend(&self, s: Num<L>) -> Vector<L> {
+        self.f0 * (1.0 - s) + Vector::grey(self.f90 * s)
     }
 
     /// A mixture, `share` of it `other`.
-    pub fn mix(&self, other: &Self, share: f32) -> Self {
-        Self { f0: self.f0.lerp(other.f0, share), f90: self.f90 + (other.f90 - self.f90) * share }
+    #[inline(always)]
+    pub fn mix(&self, other: &Self, share: Num<L>) -> Self {
+        Self { f0: self.f0.lerp(other.f0, share), f90: self.f90.lerp(other.f90, share) }
     }
 }
 
 /// Weight of `f90` at a cosine: (1 − cosine)⁵.
-pub fn schlick_weight(cosine: f32) -> f32 {
+#[inline(always)]
+pub fn schlick_weight<L: Lanes>(cosine: Num<L>) -> Num<L> {
     let m = (1.0 - cosine).clamp(0.0, 1.0);
     let m2 = m * m;
     m2 * m2 * m
@@ -60,6 +72,12 @@ pub fn schlick_weight(cosine: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use glam::Vec3;
+
+    fn dielectric(cosine: f32, eta: f32) -> (f32, f32) {
+        let (share, refracted) = super::dielectric(Num::from(cosine), Num::from(eta));
+        (share.get(), refracted.get())
+    }
 
     #[test]
     fn the_dielectric_share_has_its_known_values() {
@@ -85,14 +103,14 @@ mod tests {
 
     #[test]
     fn schlicks_average_is_its_integral() {
-        let f = Schlick { f0: Vec3::new(0.04, 0.5, 1.0), f90: 1.0 };
+        let f = Schlick { f0: Vec3::new(0.04, 0.5, 1.0).into(), f90: 1.0.into() };
         let n = 10_000;
         let sum: Vec3 = (0..n)
             .map(|i| {
                 let mu = (i as f32 + 0.5) / n as f32;
-                f.at(mu) * (2.0 * mu / n as f32)
+                Vec3::from(f.at(mu.into())) * (2.0 * mu / n as f32)
             })
             .sum();
-        assert!((sum - f.average()).abs().max_element() < 1e-4);
+        assert!((sum - Vec3::from(f.average())).abs().max_element() < 1e-4);
     }
 }

@@ -1,65 +1,66 @@
 //! The GGX distribution of microfacets and its sampling.
 
-use glam::Vec3;
-use std::f32::consts::{PI, TAU};
+use crate::lanes::{Lanes, Num, Vector, trigonometry};
+use std::f32::consts::PI;
 
 /// Microfacets distributed after Trowbridge and Reitz (GGX), isotropic, with Smith's
 /// height-correlated masking.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Ggx {
+#[derive(Clone, Copy, Debug)]
+pub struct Ggx<L: Lanes> {
     /// Width of the distribution, > 0.
-    pub alpha: f32,
+    pub alpha: Num<L>,
 }
 
-impl Ggx {
-    /// Density of facet normals at a unit direction of the upper hemisphere.
-    pub fn density(&self, normal: Vec3) -> f32 {
+impl<L: Lanes> Ggx<L> {
+    /// Density of facet normals at unit directions of the upper hemisphere.
+    #[inline(always)]
+    pub fn density(&self, normal: Vector<L>) -> Num<L> {
         let cos2 = normal.z * normal.z;
         let sin2 = normal.x * normal.x + normal.y * normal.y;
         let alpha2 = self.alpha * self.alpha;
         // cos² + sin² / α² is accurate for the narrowest lobes, where 1 − cos² is not.
         let stretch = cos2 + sin2 / alpha2;
-        1.0 / (PI * alpha2 * stretch * stretch)
+        1.0 / (alpha2 * stretch * stretch * PI)
     }
 
-    /// Smith's Λ for a direction with cosine `z` > 0.
-    fn lambda(&self, z: f32) -> f32 {
-        let tan2 = ((1.0 - z * z) / (z * z)).max(0.0);
+    /// Smith's Λ for directions with cosine `z` > 0.
+    #[inline(always)]
+    fn lambda(&self, z: Num<L>) -> Num<L> {
+        let z2 = z * z;
+        let tan2 = ((1.0 - z2) / z2).clamp(0.0, f32::INFINITY);
         0.5 * ((1.0 + self.alpha * self.alpha * tan2).sqrt() - 1.0)
     }
 
-    /// Share of facets visible from a direction with cosine `z` > 0.
-    fn visible(&self, z: f32) -> f32 {
-        1.0 / (1.0 + self.lambda(z))
-    }
-
     /// BRDF × cosine of perfectly reflecting facets, and the density of [`Ggx::sample`], for
-    /// directions of the upper hemisphere.
-    pub fn evaluate(&self, wo: Vec3, wi: Vec3) -> (f32, f32) {
-        let Some(half) = (wo + wi).try_normalize() else { return (0.0, 0.0) };
+    /// directions of the upper hemisphere whose unit half vector is `half`.
+    #[inline(always)]
+    pub fn evaluate(&self, wo: Vector<L>, wi: Vector<L>, half: Vector<L>) -> (Num<L>, Num<L>) {
         let common = self.density(half) / (4.0 * wo.z);
         let (near, far) = (self.lambda(wo.z), self.lambda(wi.z));
-        (common / (1.0 + near + far), common * self.visible(wo.z))
+        (common / (1.0 + near + far), common / (1.0 + near))
     }
 
-    /// What an unmasked reflection from `wo` to `wi` loses to masking on the way out, 0..=1, given
-    /// that it was visible from `wo`.
-    pub fn masked(&self, wo: Vec3, wi: Vec3) -> f32 {
+    /// What unmasked reflections from `wo` to `wi` lose to masking on the way out, 0..=1, given
+    /// that they were visible from `wo`.
+    #[inline(always)]
+    pub fn masked(&self, wo: Vector<L>, wi: Vector<L>) -> Num<L> {
         let (near, far) = (self.lambda(wo.z), self.lambda(wi.z));
         far / (1.0 + near + far)
     }
 
-    /// A facet normal, distributed as those visible from `wo` (Dupuy and Benyoub 2023, *Sampling
-    /// Visible GGX Normals with Spherical Caps*). Mirroring `wo` at it gives `wi` with the density
+    /// Facet normals, distributed as those visible from `wo` (Dupuy and Benyoub 2023, *Sampling
+    /// Visible GGX Normals with Spherical Caps*). Mirroring `wo` at one gives `wi` with the density
     /// of [`Ggx::evaluate`]; it may lie below the surface and then counts as none.
-    pub fn sample(&self, wo: Vec3, u2: [f32; 2]) -> Vec3 {
-        let stretched = Vec3::new(wo.x * self.alpha, wo.y * self.alpha, wo.z).normalize();
-        let phi = TAU * u2[0];
+    #[inline(always)]
+    pub fn sample(&self, wo: Vector<L>, u2: [Num<L>; 2]) -> Vector<L> {
+        let stretched = Vector::new(wo.x * self.alpha, wo.y * self.alpha, wo.z).normalize();
+        let (sine, cosine) = trigonometry::sin_cos_turns(u2[0]);
         let z = (1.0 - u2[1]) * (1.0 + stretched.z) - stretched.z;
-        let r = (1.0 - z * z).max(0.0).sqrt();
-        let half = Vec3::new(r * libm::cosf(phi), r * libm::sinf(phi), z) + stretched;
-        Vec3::new(half.x * self.alpha, half.y * self.alpha, half.z.max(0.0))
-            .try_normalize()
-            .unwrap_or(Vec3::Z)
+        let r = (1.0 - z * z).clamp(0.0, 1.0).sqrt();
+        let half = Vector::new(r * cosine, r * sine, z) + stretched;
+        let (zero, one) = (self.alpha.only(0), Num::splat(wo.lanes(), 1.0));
+        Vector::new(half.x * self.alpha, half.y * self.alpha, half.z.max(zero))
+            .normalize_or(Vector::new(zero, zero, one))
+            .0
     }
 }

@@ -1,27 +1,36 @@
 //! Lambertian reflection.
 
 use super::Sample;
-use crate::geom::warp;
-use glam::Vec3;
+use crate::geom::warp::lanes as warp;
+use crate::lanes::{Lanes, Num, Vector};
 use std::f32::consts::FRAC_1_PI;
 
 /// Reflects `reflectance` of the light evenly over the hemisphere of `wo`.
 #[derive(Clone, Copy, Debug)]
-pub struct Matte {
+pub struct Matte<L: Lanes> {
     /// Albedo.
-    pub reflectance: Vec3,
+    pub reflectance: Vector<L>,
 }
 
-impl Matte {
+impl<L: Lanes> Matte<L> {
     /// See [`super::Bsdf::evaluate`].
-    pub fn evaluate(&self, wi: Vec3) -> (Vec3, f32) {
+    #[inline(always)]
+    pub fn evaluate(&self, wi: Vector<L>) -> (Vector<L>, Num<L>) {
         let pdf = warp::cosine_hemisphere_pdf(wi.z);
-        (self.reflectance * (FRAC_1_PI * wi.z.max(0.0)), pdf)
+        (self.reflectance * (wi.z.clamp(0.0, 1.0) * FRAC_1_PI), pdf)
     }
 
     /// See [`super::Bsdf::sample`].
-    pub fn sample(&self, u2: [f32; 2]) -> Option<Sample> {
+    #[inline(always)]
+    pub fn sample(&self, u2: [Num<L>; 2]) -> Sample<L> {
         let wi = warp::cosine_hemisphere(u2);
-        (wi.z > 0.0).then(|| Sample::scattered(wi, self.reflectance, warp::cosine_hemisphere_pdf(wi.z)))
+        Sample {
+            valid: wi.z.above(0.0),
+            wi,
+            weight: self.reflectance,
+            pdf: warp::cosine_hemisphere_pdf(wi.z),
+            specular: 0,
+            eta: Num::splat(wi.lanes(), 1.0),
+        }
     }
 }

@@ -1,18 +1,26 @@
 //! Perfect reflection.
 
 use super::{Smooth, mirrored};
-use glam::Vec3;
+use crate::lanes::{Lanes, Num, Vector};
 
 /// Reflects `reflectance` of the light like a mirror.
 #[derive(Clone, Copy, Debug)]
-pub struct Mirror {
+pub struct Mirror<L: Lanes> {
     /// Share of light reflected.
-    pub reflectance: Vec3,
+    pub reflectance: Vector<L>,
 }
 
-impl Mirror {
+impl<L: Lanes> Mirror<L> {
     /// See [`super::Bsdf::smooth`].
-    pub fn smooth(&self, wo: Vec3) -> Smooth {
-        Smooth { reflection: Some((mirrored(wo), self.reflectance)), transmission: None, eta: 1.0 }
+    #[inline(always)]
+    pub fn smooth(&self, wo: Vector<L>) -> Smooth<L> {
+        let none = (-wo).only(0);
+        Smooth {
+            reflected: mirrored(wo),
+            reflection: self.reflectance,
+            transmitted: none,
+            transmission: none,
+            eta: Num::splat(wo.lanes(), 1.0),
+        }
     }
 }

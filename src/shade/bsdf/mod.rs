@@ -21,138 +21,167 @@ pub use mirror::Mirror;
 pub use principled::Principled;
 
 use super::{Interaction, lookup};
+use crate::lanes::{Lanes, Num, Vector};
 use crate::scene::{Scene, Surface};
-use glam::Vec3;
 
-/// The scattering at a point.
+/// The scattering at points of one surface.
 #[derive(Clone, Copy, Debug)]
-pub enum Bsdf {
+pub enum Bsdf<L: Lanes> {
     /// Lambertian.
-    Matte(Matte),
+    Matte(Matte<L>),
     /// A mirror.
-    Mirror(Mirror),
+    Mirror(Mirror<L>),
     /// A smooth boundary.
-    Dielectric(Dielectric),
+    Dielectric(Dielectric<L>),
     /// Metallic-roughness.
-    Principled(Principled),
+    Principled(Principled<L>),
 }
 
-/// A sampled direction.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Sample {
+/// Sampled directions.
+#[derive(Clone, Copy, Debug)]
+pub struct Sample<L: Lanes> {
+    /// Lanes that have one; of the others nothing below counts.
+    pub valid: u32,
     /// Where the light comes from.
-    pub wi: Vec3,
+    pub wi: Vector<L>,
     /// BSDF × |cosine| / density, all in one: what the radiance from `wi` counts.
-    pub weight: Vec3,
+    pub weight: Vector<L>,
     /// Density per solid angle with which [`Bsdf::sample`] gives `wi`; +∞ where `specular`.
-    pub pdf: f32,
-    /// Whether `wi` is one of finitely many possible directions, which light sampling never finds.
-    pub specular: bool,
+    pub pdf: Num<L>,
+    /// Lanes whose `wi` is one of finitely many possible directions, which light sampling never finds.
+    pub specular: u32,
     /// Index of refraction of the medium that `wi` points into relative to that of `wo`. `weight`
     /// holds 1 / eta² (see [`Dielectric`]); a roulette that wants energies takes it out again.
-    pub eta: f32,
+    pub eta: Num<L>,
 }
 
-impl Sample {
-    fn scattered(wi: Vec3, weight: Vec3, pdf: f32) -> Self {
-        Self { wi, weight, pdf, specular: false, eta: 1.0 }
+impl<L: Lanes> Sample<L> {
+    #[inline(always)]
+    fn select(mask: u32, a: Self, b: Self) -> Self {
+        Self {
+            valid: (a.valid & mask) | (b.valid & !mask),
+            wi: Vector::select(mask, a.wi, b.wi),
+            weight: Vector::select(mask, a.weight, b.weight),
+            pdf: Num::select(mask, a.pdf, b.pdf),
+            specular: (a.specular & mask) | (b.specular & !mask),
+            eta: Num::select(mask, a.eta, b.eta),
+        }
     }
 }
 
-/// The directions that a BSDF reflects and refracts into without any spread, each with what its
-/// radiance counts.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Smooth {
+/// The directions that a BSDF reflects and refracts into without any spread, and what the radiance
+/// from there counts: 0 where nothing goes this way.
+#[derive(Clone, Copy, Debug)]
+pub struct Smooth<L: Lanes> {
     /// Mirrored direction.
-    pub reflection: Option<(Vec3, Vec3)>,
+    pub reflected: Vector<L>,
+    /// Its weight.
+    pub reflection: Vector<L>,
     /// Refracted direction, or straight on through a thin wall.
-    pub transmission: Option<(Vec3, Vec3)>,
+    pub transmitted: Vector<L>,
+    /// Its weight.
+    pub transmission: Vector<L>,
     /// As [`Sample::eta`], of the transmission.
-    pub eta: f32,
+    pub eta: Num<L>,
 }
 
-impl Smooth {
-    fn shares(&self) -> [f32; 2] {
-        let reflection = self.reflection.map_or(0.0, |(_, weight)| weight.max_element());
-        let transmission = self.transmission.map_or(0.0, |(_, weight)| weight.max_element());
-        [reflection, transmission * self.eta * self.eta]
+impl<L: Lanes> Smooth<L> {
+    /// No such directions.
+    #[inline(always)]
+    fn none(wo: Vector<L>) -> Self {
+        let none = wo.only(0);
+        let eta = Num::splat(wo.lanes(), 1.0);
+        Self { reflected: wo, reflection: none, transmitted: wo, transmission: none, eta }
+    }
+
+    #[inline(always)]
+    fn shares(&self) -> [Num<L>; 2] {
+        [self.reflection.max_element(), self.transmission.max_element() * self.eta * self.eta]
     }
 
     /// Share of an even environment that comes this way (its brightest channel).
-    fn energy(&self) -> f32 {
-        self.shares().iter().sum()
+    #[inline(always)]
+    fn energy(&self) -> Num<L> {
+        let [reflection, transmission] = self.shares();
+        reflection + transmission
     }
 
     /// Chooses one of the two by `u`; the choice of this sampling itself had the chance `chance`.
-    fn sample(&self, u: f32, chance: f32) -> Option<Sample> {
+    #[inline(always)]
+    fn sample(&self, u: Num<L>, chance: Num<L>) -> Sample<L> {
         let [reflection, transmission] = self.shares();
         let sum = reflection + transmission;
-        let first = u * sum < reflection;
-        let (wi, weight) = if first { self.reflection? } else { self.transmission? };
-        let share = if first { reflection } else { transmission } / sum;
-        let eta = if first { 1.0 } else { self.eta };
-        (share > 0.0).then(|| Sample {
-            wi,
-            weight: weight / (share * chance),
-            pdf: f32::INFINITY,
-            specular: true,
-            eta,
-        })
+        let first = (u * sum).lt(reflection);
+        let share = Num::select(first, reflection, transmission) / sum;
+        let one = Num::splat(u.lanes(), 1.0);
+        Sample {
+            valid: share.above(0.0),
+            wi: Vector::select(first, self.reflected, self.transmitted),
+            weight: Vector::select(first, self.reflection, self.transmission) / (share * chance),
+            pdf: one * f32::INFINITY,
+            specular: L::ALL,
+            eta: Num::select(first, one, self.eta),
+        }
     }
 }
 
 /// `wo` mirrored at the normal.
-fn mirrored(wo: Vec3) -> Vec3 {
-    Vec3::new(-wo.x, -wo.y, wo.z)
+#[inline(always)]
+fn mirrored<L: Lanes>(wo: Vector<L>) -> Vector<L> {
+    Vector::new(-wo.x, -wo.y, wo.z)
 }
 
-impl Bsdf {
-    /// The scattering of `surface` where a ray met it. Rough reflections whose perceptual roughness
+impl<L: Lanes> Bsdf<L> {
+    /// The scattering of `surface` where rays met it. Rough reflections whose perceptual roughness
     /// is below `smooth_below` (at least [`MIN_ROUGHNESS`]) become perfectly smooth.
-    pub fn new(scene: &Scene, surface: &Surface, interaction: &Interaction, smooth_below: f32) -> Self {
+    #[inline(always)]
+    pub fn new(scene: &Scene, surface: &Surface, at: &Interaction<L>, smooth_below: f32) -> Self {
+        let l = at.wo.lanes();
         match surface {
             Surface::Matte { reflectance } => {
-                Self::Matte(Matte { reflectance: lookup::albedo(scene, reflectance, interaction.uv) })
+                Self::Matte(Matte { reflectance: lookup::albedo(scene, reflectance, at.uv) })
             }
             Surface::Mirror { reflectance } => {
-                Self::Mirror(Mirror { reflectance: lookup::albedo(scene, reflectance, interaction.uv) })
+                Self::Mirror(Mirror { reflectance: lookup::albedo(scene, reflectance, at.uv) })
             }
             Surface::Dielectric { ior, transmittance } => Self::Dielectric(Dielectric {
-                eta: if interaction.outside { *ior } else { 1.0 / ior },
-                transmittance: *transmittance,
+                eta: Num::select(at.outside, Num::splat(l, *ior), Num::splat(l, 1.0 / ior)),
+                transmittance: Vector::splat(l, *transmittance),
             }),
             Surface::Principled(surface) => {
-                let Interaction { uv, outside, .. } = *interaction;
-                Self::Principled(Principled::new(scene, surface, uv, outside, smooth_below))
+                Self::Principled(Principled::new(scene, surface, at.uv, at.outside, smooth_below))
             }
         }
     }
 
     /// BSDF × |cosine of `wi`| without its smooth part, and the density per solid angle with which
     /// [`Bsdf::sample`] gives `wi`. Both are 0 where light cannot go.
-    pub fn evaluate(&self, wo: Vec3, wi: Vec3) -> (Vec3, f32) {
+    #[inline(always)]
+    pub fn evaluate(&self, wo: Vector<L>, wi: Vector<L>) -> (Vector<L>, Num<L>) {
         match self {
             Self::Matte(matte) => matte.evaluate(wi),
-            Self::Mirror(_) | Self::Dielectric(_) => (Vec3::ZERO, 0.0),
+            Self::Mirror(_) | Self::Dielectric(_) => (wo.only(0), wo.z.only(0)),
             Self::Principled(principled) => principled.evaluate(wo, wi),
         }
     }
 
-    /// Samples a direction about as the BSDF × cosine is distributed: `u` chooses among lobes, `u2`
-    /// the direction. `None` when no light comes that way.
-    pub fn sample(&self, wo: Vec3, u: f32, u2: [f32; 2]) -> Option<Sample> {
+    /// Samples directions about as the BSDF × cosine is distributed: `u` chooses among lobes, `u2`
+    /// the direction.
+    #[inline(always)]
+    pub fn sample(&self, wo: Vector<L>, u: Num<L>, u2: [Num<L>; 2]) -> Sample<L> {
         match self {
             Self::Matte(matte) => matte.sample(u2),
-            Self::Mirror(mirror) => mirror.smooth(wo).sample(u, 1.0),
-            Self::Dielectric(dielectric) => dielectric.smooth(wo).sample(u, 1.0),
+            Self::Mirror(mirror) => mirror.smooth(wo).sample(u, Num::splat(wo.lanes(), 1.0)),
+            Self::Dielectric(dielectric) => dielectric.smooth(wo).sample(u, Num::splat(wo.lanes(), 1.0)),
             Self::Principled(principled) => principled.sample(wo, u, u2),
         }
     }
 
     /// The smooth part: what [`Bsdf::evaluate`] leaves out.
-    pub fn smooth(&self, wo: Vec3) -> Smooth {
+    #[inline(always)]
+    pub fn smooth(&self, wo: Vector<L>) -> Smooth<L> {
         match self {
-            Self::Matte(_) => Smooth::default(),
+            Self::Matte(_) => Smooth::none(wo),
             Self::Mirror(mirror) => mirror.smooth(wo),
             Self::Dielectric(dielectric) => dielectric.smooth(wo),
             Self::Principled(principled) => principled.smooth(wo),
@@ -160,6 +189,7 @@ impl Bsdf {
     }
 
     /// Whether there is nothing but a smooth part, so that light sampling is in vain.
+    #[inline(always)]
     pub fn is_smooth(&self) -> bool {
         matches!(self, Self::Mirror(_) | Self::Dielectric(_))
     }

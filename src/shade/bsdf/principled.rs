@@ -11,257 +11,295 @@
 //! So a white surface returns all light that falls on it, at every roughness. All is reciprocal but
 //! the coat's factor, which depends on `wo` alone, as layering by albedo has it.
 
+use super::albedo::Reflectance;
 use super::facets::{Facets, Reflection};
 use super::fresnel::{self, Schlick};
 use super::{Sample, Smooth, mirrored};
-use crate::geom::warp;
+use crate::geom::warp::lanes as warp;
+use crate::lanes::{Lanes, Num, Vector};
 use crate::scene::{self, Scene};
 use crate::shade::lookup;
-use glam::{Vec2, Vec3};
 use std::f32::consts::FRAC_1_PI;
 
 /// Reflectance of a clear coat (index 1.5) at normal incidence.
 const COAT_F0: f32 = 0.04;
 
-/// A Principled surface at a point.
+/// Principled surfaces at points.
 #[derive(Clone, Copy, Debug)]
-pub struct Principled {
-    facets: Facets,
+pub struct Principled<L: Lanes> {
+    facets: Facets<L>,
     /// Metal and dielectric mixed.
-    reflection: Reflection,
+    reflection: Reflection<L>,
     /// The dielectric alone: what the base does not get.
-    layer: Reflection,
+    layer: Reflection<L>,
     /// Diffuse albedo times the share of the surface that is diffuse.
-    diffuse: Vec3,
-    /// Tint times the share of the surface that is transparent.
-    transparent: Vec3,
-    boundary: Boundary,
-    coat: Option<Coat>,
+    diffuse: Vector<L>,
+    transparency: Option<Transparency<L>>,
+    coat: Option<Coat<L>>,
 }
 
 /// How the transparent share lets light through.
 #[derive(Clone, Copy, Debug)]
-enum Boundary {
-    /// Straight, through a thin wall.
-    Thin,
-    /// Into a body of this relative index.
-    Entering(f32),
-    /// Out of a body, into a medium of this relative index; the share of the surface that does so.
-    Leaving(f32, f32),
+struct Transparency<L: Lanes> {
+    /// Share of the surface that is transparent.
+    share: Num<L>,
+    /// The same, tinted.
+    tint: Vector<L>,
+    /// Straight, through a thin wall; else through the boundary of a body.
+    thin: bool,
+    /// Lanes that look at the boundary from inside of the body. There its transparent share is a boundary
+    /// of its own and has no outer reflection.
+    leaving: u32,
+    /// Index of the far side relative to the near side.
+    eta: Num<L>,
 }
 
 #[derive(Clone, Copy, Debug)]
-struct Coat {
+struct Coat<L: Lanes> {
     /// Share of the surface that is coated.
-    share: f32,
-    facets: Facets,
-    reflection: Reflection,
+    share: Num<L>,
+    facets: Facets<L>,
+    reflection: Reflection<L>,
 }
 
 /// What each lobe sends towards `wo` from an even environment, and what lies between.
-struct Lobes {
+struct Lobes<L: Lanes> {
+    /// Of the facets towards `wo`, and of the coat's.
+    near: Reflectance<L>,
+    near_coat: Option<Reflectance<L>>,
     /// The coat's own reflection, single bounce.
-    coat: f32,
+    coat: Num<L>,
     /// What passes the coat.
-    under: f32,
+    under: Num<L>,
     /// Metal and dielectric reflection, single bounce.
-    facets: Vec3,
+    facets: Vector<L>,
     /// The diffuse base and all further bounces.
-    scattered: Vec3,
+    scattered: Vector<L>,
+    /// What passes the layer towards `wo`.
+    passed: Vector<L>,
     /// Density of the layer's pass to the diffuse base, per channel.
-    pass: Vec3,
+    pass: Vector<L>,
 }
 
-impl Principled {
-    /// The surface at mesh coordinates `uv`, seen from the outside of its body or not; facets smoother
-    /// than `smooth_below` count as a mirror.
+#[inline(always)]
+fn white<L: Lanes>(l: L) -> Vector<L> {
+    Vector::grey(Num::splat(l, 1.0))
+}
+
+impl<L: Lanes> Principled<L> {
+    /// The surface at mesh coordinates `uv`, seen from the outside of its body in the lanes of `outside`;
+    /// facets smoother than `smooth_below` count as a mirror.
+    #[inline(always)]
     pub fn new(
         scene: &Scene,
         surface: &scene::Principled,
-        uv: Vec2,
-        outside: bool,
+        uv: [Num<L>; 2],
+        outside: u32,
         smooth_below: f32,
     ) -> Self {
+        let l = uv[0].lanes();
+        let one = Num::splat(l, 1.0);
         let base = lookup::albedo(scene, &surface.base_colour, uv);
         let metallic = lookup::share(scene, &surface.metallic, uv);
-        let transmission = lookup::share(scene, &surface.transmission, uv);
         let facets = Facets::new(lookup::share(scene, &surface.roughness, uv), smooth_below);
         let ior = surface.ior.max(1.0);
-        let f0 = ((ior - 1.0) / (ior + 1.0)).powi(2);
+        let f0 = (ior - 1.0) / (ior + 1.0);
         let specular = surface.specular.clamp(0.0, 1.0);
-        let layer = facets.reflection(Schlick {
-            f0: (surface.specular_colour * f0).max(Vec3::ZERO).min(Vec3::ONE) * specular,
-            f90: specular,
-        });
-        let metal = facets.reflection(Schlick { f0: base, f90: 1.0 });
-        let transparent = (1.0 - metallic) * transmission;
-        let boundary = match (surface.thin, outside) {
-            (true, _) => Boundary::Thin,
-            (false, true) => Boundary::Entering(ior),
-            (false, false) => Boundary::Leaving(1.0 / ior, transparent),
-        };
-        // Inside a body its transparent share is a boundary of its own and has no outer reflection.
-        let outer =
-            if matches!(boundary, Boundary::Leaving(..)) { layer.scaled(1.0 - transmission) } else { layer };
-        let coat = lookup::share(scene, &surface.clearcoat, uv);
-        let coat = (coat > 0.0).then(|| {
+        let f0 = (surface.specular_colour * (f0 * f0)).max(glam::Vec3::ZERO).min(glam::Vec3::ONE) * specular;
+        let layer = facets.reflection(Schlick { f0: Vector::splat(l, f0), f90: Num::splat(l, specular) });
+        let metal = facets.reflection(Schlick { f0: base, f90: one });
+        let (mut outer, mut opaque, mut transparency) = (layer, one - metallic, None);
+        if surface.transmission.factor != 0.0 {
+            let transmission = lookup::share(scene, &surface.transmission, uv);
+            let share = (one - metallic) * transmission;
+            let leaving = if surface.thin { 0 } else { L::ALL & !outside };
+            outer = layer.scaled(Num::select(leaving, one - transmission, one));
+            opaque = opaque * (one - transmission);
+            transparency = Some(Transparency {
+                share,
+                tint: base * share,
+                thin: surface.thin,
+                leaving,
+                eta: Num::select(leaving, Num::splat(l, 1.0 / ior), Num::splat(l, ior)),
+            });
+        }
+        let mut coat = None;
+        if surface.clearcoat.factor != 0.0 {
+            let share = lookup::share(scene, &surface.clearcoat, uv);
             let facets = Facets::new(lookup::share(scene, &surface.clearcoat_roughness, uv), smooth_below);
-            let reflection = facets.reflection(Schlick { f0: Vec3::splat(COAT_F0), f90: 1.0 });
-            Coat { share: coat, facets, reflection }
-        });
+            let reflection = facets.reflection(Schlick { f0: white(l) * COAT_F0, f90: one });
+            coat = Some(Coat { share, facets, reflection });
+        }
         Self {
             facets,
             reflection: outer.mix(&metal, metallic),
             layer,
-            diffuse: base * ((1.0 - metallic) * (1.0 - transmission)),
-            transparent: base * transparent,
-            boundary,
+            diffuse: base * opaque,
+            transparency,
             coat,
         }
     }
 
-    fn lobes(&self, wo: Vec3) -> Lobes {
-        let at = self.facets.at(wo.z);
-        let passed = Vec3::ONE - self.layer.share(&at);
-        let mean = Vec3::ONE - self.layer.share(&self.facets.mean());
-        let (mut coat, mut under) = (0.0, 1.0);
-        let mut further = 0.0;
+    #[inline(always)]
+    fn lobes(&self, wo: Vector<L>) -> Lobes<L> {
+        let l = wo.lanes();
+        let near = self.facets.at(wo.z);
+        let passed = white(l) - self.layer.share(&near);
+        let mean = white(l) - self.layer.share(&self.facets.mean());
+        let (mut coat, mut under, mut further) = (wo.z.only(0), Num::splat(l, 1.0), wo.z.only(0));
+        let mut near_coat = None;
         if let Some(c) = &self.coat {
             let at = c.facets.at(wo.z);
             coat = c.share * at.single(&c.reflection.fresnel).x;
             further = c.share * c.reflection.strength.x * at.deficit;
             under = 1.0 - coat - further;
+            near_coat = Some(at);
         }
         Lobes {
             coat,
             under,
-            facets: at.single(&self.reflection.fresnel) * under,
-            scattered: (self.diffuse * passed + self.reflection.strength * at.deficit) * under
-                + Vec3::splat(further),
-            pass: passed / mean.max(Vec3::splat(f32::MIN_POSITIVE)),
+            facets: near.single(&self.reflection.fresnel) * under,
+            scattered: (self.diffuse * passed + self.reflection.strength * near.deficit) * under
+                + Vector::grey(further),
+            passed,
+            pass: passed.over(mean.clamp(f32::MIN_POSITIVE, 1.0)),
+            near,
+            near_coat,
         }
     }
 
     /// See [`super::Bsdf::smooth`].
-    pub fn smooth(&self, wo: Vec3) -> Smooth {
+    #[inline(always)]
+    pub fn smooth(&self, wo: Vector<L>) -> Smooth<L> {
         self.smooth_of(wo, &self.lobes(wo))
     }
 
-    fn smooth_of(&self, wo: Vec3, lobes: &Lobes) -> Smooth {
-        let mut reflected = Vec3::ZERO;
-        if self.facets.ggx().is_none() {
-            reflected += lobes.facets;
+    #[inline(always)]
+    fn smooth_of(&self, wo: Vector<L>, lobes: &Lobes<L>) -> Smooth<L> {
+        let none = (-wo).only(0);
+        let mut reflection = lobes.facets.only(!self.facets.rough);
+        if let Some(coat) = &self.coat {
+            reflection += Vector::grey(lobes.coat).only(!coat.facets.rough);
         }
-        if self.coat.as_ref().is_some_and(|c| c.facets.ggx().is_none()) {
-            reflected += Vec3::splat(lobes.coat);
-        }
-        let mut transmission = None;
-        let mut eta = 1.0;
-        if self.transparent != Vec3::ZERO {
-            let passed = (Vec3::ONE - self.layer.share(&self.facets.at(wo.z))) * lobes.under;
-            match self.boundary {
-                Boundary::Thin => transmission = Some((-wo, self.transparent * passed)),
-                Boundary::Entering(index) => {
-                    let (_, cosine) = fresnel::dielectric(wo.z, index);
-                    eta = index;
-                    transmission =
-                        Some((refracted(wo, index, cosine), self.transparent * passed / (index * index)));
-                }
-                Boundary::Leaving(index, share) => {
-                    let (mirrored, cosine) = fresnel::dielectric(wo.z, index);
-                    eta = index;
-                    reflected += Vec3::splat(mirrored * share * lobes.under);
-                    if mirrored < 1.0 {
-                        let weight = self.transparent * ((1.0 - mirrored) * lobes.under / (index * index));
-                        transmission = Some((refracted(wo, index, cosine), weight));
-                    }
-                }
+        let (mut transmitted, mut transmission) = (none, none);
+        let mut eta = Num::splat(wo.lanes(), 1.0);
+        if let Some(through) = &self.transparency {
+            let passed = lobes.passed * lobes.under;
+            if through.thin {
+                (transmitted, transmission) = (-wo, through.tint * passed);
+            } else {
+                eta = through.eta;
+                let (mirrored, cosine) = fresnel::dielectric(wo.z, eta);
+                let inner = (mirrored * through.share * lobes.under).only(through.leaving);
+                reflection += Vector::grey(inner);
+                let leaving = Vector::grey((1.0 - mirrored) * lobes.under);
+                let passed = Vector::select(through.leaving, leaving, passed);
+                transmission = through.tint * passed / (eta * eta);
+                transmitted = fresnel::refracted(wo, eta, cosine);
             }
         }
-        let reflection = (reflected != Vec3::ZERO).then(|| (mirrored(wo), reflected));
-        Smooth { reflection, transmission, eta }
+        Smooth { reflected: mirrored(wo), reflection, transmitted, transmission, eta }
     }
 
     /// Chances of sampling the coat's facets, the facets, and the cosine, and of all smooth ones.
-    fn chances(&self, lobes: &Lobes, smooth: &Smooth) -> [f32; 4] {
-        let of = |rough: bool, share: f32| if rough { share } else { 0.0 };
-        let chances = [
-            of(self.coat.as_ref().is_some_and(|c| c.facets.ggx().is_some()), lobes.coat),
-            of(self.facets.ggx().is_some(), mean(lobes.facets)),
-            mean(lobes.scattered),
-            smooth.energy(),
-        ];
-        let sum: f32 = chances.iter().sum();
-        if sum > 0.0 { chances.map(|c| c / sum) } else { [0.0; 4] }
+    #[inline(always)]
+    fn chances(&self, lobes: &Lobes<L>, smooth: &Smooth<L>) -> [Num<L>; 4] {
+        let rough_coat = match &self.coat {
+            Some(coat) => lobes.coat.only(coat.facets.rough),
+            None => lobes.coat,
+        };
+        let facets = mean(lobes.facets).only(self.facets.rough);
+        let (scattered, mirrors) = (mean(lobes.scattered), smooth.energy());
+        let sum = rough_coat + facets + scattered + mirrors;
+        let scale = (1.0 / sum).only(sum.above(0.0));
+        [rough_coat * scale, facets * scale, scattered * scale, mirrors * scale]
     }
 
     /// See [`super::Bsdf::evaluate`].
-    pub fn evaluate(&self, wo: Vec3, wi: Vec3) -> (Vec3, f32) {
-        if wi.z <= 0.0 {
-            return (Vec3::ZERO, 0.0);
-        }
+    #[inline(always)]
+    pub fn evaluate(&self, wo: Vector<L>, wi: Vector<L>) -> (Vector<L>, Num<L>) {
         let lobes = self.lobes(wo);
         let chances = self.chances(&lobes, &self.smooth_of(wo, &lobes));
         self.evaluate_lobes(wo, wi, &lobes, &chances)
     }
 
-    fn evaluate_lobes(&self, wo: Vec3, wi: Vec3, lobes: &Lobes, chances: &[f32; 4]) -> (Vec3, f32) {
-        let at = self.facets.at(wi.z);
-        let passed = lobes.pass * (Vec3::ONE - self.layer.share(&at));
-        let mut value = self.diffuse * passed * (FRAC_1_PI * wi.z)
-            + self.reflection.strength * self.facets.bounces(wo.z, wi.z);
+    #[inline(always)]
+    fn evaluate_lobes(
+        &self,
+        wo: Vector<L>,
+        wi: Vector<L>,
+        lobes: &Lobes<L>,
+        chances: &[Num<L>; 4],
+    ) -> (Vector<L>, Num<L>) {
+        let l = wo.lanes();
+        let far = self.facets.at(wi.z);
+        let passed = lobes.pass * (white(l) - self.layer.share(&far));
+        let mut value = self.diffuse * passed * (wi.z * FRAC_1_PI)
+            + self.reflection.strength * self.facets.bounces(&lobes.near, &far, wi.z);
         let mut pdf = chances[2] * warp::cosine_hemisphere_pdf(wi.z);
-        let facet_cosine = (wo + wi).try_normalize().map_or(1.0, |half| half.dot(wo));
-        if let Some(ggx) = self.facets.ggx() {
-            let (perfect, density) = ggx.evaluate(wo, wi);
-            value += self.reflection.fresnel.at(facet_cosine) * perfect;
-            pdf += chances[1] * density;
+        let (half, there) = (wo + wi).normalize_or(wo);
+        let facet_cosine = half.dot(wo);
+        let rough = self.facets.rough & there;
+        if rough != 0 {
+            let (perfect, density) = self.facets.ggx.evaluate(wo, wi, half);
+            value += (self.reflection.fresnel.at(facet_cosine) * perfect).only(rough);
+            pdf += (chances[1] * density).only(rough);
         }
-        value *= lobes.under;
-        if let Some(coat) = &self.coat
-            && let Some(ggx) = coat.facets.ggx()
-        {
-            let (perfect, density) = ggx.evaluate(wo, wi);
-            let bounces = coat.reflection.strength * coat.facets.bounces(wo.z, wi.z);
-            value += (coat.reflection.fresnel.at(facet_cosine) * perfect + bounces) * coat.share;
-            pdf += chances[0] * density;
+        value = value * lobes.under;
+        if let (Some(coat), Some(near)) = (&self.coat, &lobes.near_coat) {
+            let rough = coat.facets.rough & there;
+            if rough != 0 {
+                let (perfect, density) = coat.facets.ggx.evaluate(wo, wi, half);
+                let far = coat.facets.at(wi.z);
+                let bounces = coat.reflection.strength * coat.facets.bounces(near, &far, wi.z);
+                let light = (coat.reflection.fresnel.at(facet_cosine) * perfect + bounces) * coat.share;
+                value += light.only(rough);
+                pdf += (chances[0] * density).only(rough);
+            }
         }
-        (value, pdf)
+        let above = wi.z.above(0.0);
+        (value.only(above), pdf.only(above))
     }
 
     /// See [`super::Bsdf::sample`].
-    pub fn sample(&self, wo: Vec3, u: f32, u2: [f32; 2]) -> Option<Sample> {
+    #[inline(always)]
+    pub fn sample(&self, wo: Vector<L>, u: Num<L>, u2: [Num<L>; 2]) -> Sample<L> {
         let lobes = self.lobes(wo);
         let smooth = self.smooth_of(wo, &lobes);
         let chances = self.chances(&lobes, &smooth);
         let [coat, facets, scattered, mirrors] = chances;
-        let facet = |ggx: &super::ggx::Ggx| {
-            let normal = ggx.sample(wo, u2);
-            normal * (2.0 * wo.dot(normal)) - wo
-        };
-        let wi = if u < coat {
-            facet(self.coat.as_ref()?.facets.ggx()?)
-        } else if u < coat + facets {
-            facet(self.facets.ggx()?)
-        } else if u < coat + facets + scattered {
-            warp::cosine_hemisphere(u2)
-        } else {
-            let rest = ((u - (coat + facets + scattered)) / mirrors).clamp(0.0, 1.0);
-            return smooth.sample(rest, mirrors);
-        };
-        if wi.z <= 0.0 {
-            return None;
+        let (first, second) = (u.lt(coat), u.lt(coat + facets));
+        let rough = coat + facets + scattered;
+        let scatters = u.lt(rough);
+        let mut wi = warp::cosine_hemisphere(u2);
+        if second != 0 {
+            let normal = self.facets.ggx.sample(wo, u2);
+            wi = Vector::select(second, normal * (2.0 * wo.dot(normal)) - wo, wi);
+        }
+        if first != 0
+            && let Some(coat) = &self.coat
+        {
+            let normal = coat.facets.ggx.sample(wo, u2);
+            wi = Vector::select(first, normal * (2.0 * wo.dot(normal)) - wo, wi);
         }
         let (value, pdf) = self.evaluate_lobes(wo, wi, &lobes, &chances);
-        (pdf > 0.0).then(|| Sample::scattered(wi, value / pdf, pdf))
+        let mut sample = Sample {
+            valid: wi.z.above(0.0) & pdf.above(0.0),
+            wi,
+            weight: value / pdf,
+            pdf,
+            specular: 0,
+            eta: Num::splat(wo.lanes(), 1.0),
+        };
+        if scatters != L::ALL {
+            let rest = ((u - rough) / mirrors).clamp(0.0, 1.0);
+            sample = Sample::select(scatters, sample, smooth.sample(rest, mirrors));
+        }
+        sample
     }
 }
 
-fn mean(colour: Vec3) -> f32 {
+#[inline(always)]
+fn mean<L: Lanes>(colour: Vector<L>) -> Num<L> {
     colour.element_sum() * (1.0 / 3.0)
-}
-
-/// The direction of refracted light whose cosine below the surface is `cosine`.
-fn refracted(wo: Vec3, eta: f32, cosine: f32) -> Vec3 {
-    Vec3::new(-wo.x / eta, -wo.y / eta, -cosine).normalize()
 }

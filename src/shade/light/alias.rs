@@ -1,5 +1,8 @@
 //! Choosing among many by weight, in constant time.
 
+use crate::lanes::{Int, Lanes, Num};
+use bytemuck::{Pod, Zeroable};
+
 /// An alias table (Walker 1974, built after Vose 1991).
 #[derive(Clone, Debug, Default)]
 pub struct AliasTable {
@@ -7,7 +10,8 @@ pub struct AliasTable {
     total: f64,
 }
 
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[repr(C)]
 struct Entry {
     /// Chance to stay when this entry is drawn.
     keep: f32,
@@ -63,13 +67,18 @@ impl AliasTable {
         self.total
     }
 
-    /// Chooses by `u` in [0, 1); `None` when empty. Returns the index and its chance.
-    pub fn choose(&self, u: f32) -> Option<(u32, f32)> {
+    /// Chooses by `u` in [0, 1); `None` when empty. Returns the indices and their chances.
+    #[inline(always)]
+    pub fn choose<L: Lanes>(&self, u: Num<L>) -> Option<(Int<L>, Num<L>)> {
+        let last = self.entries.len().checked_sub(1)?;
+        let table: &[u32] = bytemuck::cast_slice(&self.entries);
         let place = u * self.entries.len() as f32;
-        let index = (place as usize).min(self.entries.len().checked_sub(1)?);
-        let entry = self.entries[index];
-        let chosen = if place - (index as f32) < entry.keep { index as u32 } else { entry.other };
-        Some((chosen, self.entries[chosen as usize].chance))
+        let index = place.to_int().at_most(last as u32);
+        let [keep, other, _] = index.rows(table);
+        let stays = (place - index.to_num()).lt(keep.to_num_bits());
+        let chosen = Int::select(stays, index, other);
+        let [_, _, chance] = chosen.rows(table);
+        Some((chosen, chance.to_num_bits()))
     }
 
     /// The chance of being chosen.
@@ -90,9 +99,9 @@ mod tests {
         let n = 1 << 20;
         let mut counts = vec![0u32; weights.len()];
         for i in 0..n {
-            let (index, chance) = table.choose((i as f32 + 0.5) / n as f32).expect("not empty");
-            assert_eq!(chance, table.chance(index));
-            counts[index as usize] += 1;
+            let (index, chance) = table.choose(Num::from((i as f32 + 0.5) / n as f32)).expect("not empty");
+            assert_eq!(chance.get(), table.chance(index.get()));
+            counts[index.get() as usize] += 1;
         }
         for (i, &w) in weights.iter().enumerate() {
             let expected = w / total;
@@ -104,7 +113,7 @@ mod tests {
 
     #[test]
     fn nothing_is_chosen_from_nothing() {
-        assert!(AliasTable::new(&[]).choose(0.3).is_none());
-        assert!(AliasTable::new(&[0.0, 0.0]).choose(0.3).is_none());
+        assert!(AliasTable::new(&[]).choose(Num::from(0.3)).is_none());
+        assert!(AliasTable::new(&[0.0, 0.0]).choose(Num::from(0.3)).is_none());
     }
 }

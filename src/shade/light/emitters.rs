@@ -1,11 +1,13 @@
 //! Triangles that shine.
 
 use super::AliasTable;
-use crate::geom::warp;
+use crate::geom::warp::lanes as warp;
+use crate::lanes::{Int, Lanes, Num, Vector};
 use crate::scene::{Emission, Scene};
 use crate::shade::lookup::{self, luminance};
 use crate::shade::offset;
-use glam::{Vec2, Vec3};
+use bytemuck::{Pod, Zeroable};
+use glam::Vec3;
 use std::f32::consts::PI;
 
 /// Barycentric points at which a textured emission is looked up to estimate a triangle's power.
@@ -15,62 +17,79 @@ const PROBES: [[f32; 2]; 7] =
 /// All emissive triangles, chosen by power.
 #[derive(Clone, Debug, Default)]
 pub struct Emitters {
-    emitters: Vec<Emitter>,
+    records: Vec<Record>,
+    /// What those in `records` give off, for those whose emission is a texture's.
+    emissions: Vec<Emission>,
     table: AliasTable,
-    /// For each triangle of the scene its place in `emitters`, or [`NONE`]; empty when no triangle
+    /// For each triangle of the scene its place in `records`, or [`NONE`]; empty when no triangle
     /// shines.
     places: Vec<u32>,
 }
 
 /// A triangle that shines, with all that sampling it needs.
-#[derive(Clone, Copy, Debug)]
-struct Emitter {
-    primitive: u32,
-    corners: [Vec3; 3],
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[repr(C)]
+struct Record {
+    corners: [[f32; 3]; 3],
     /// Unit normal, zero for a triangle without area.
-    normal: Vec3,
+    normal: [f32; 3],
     area: f32,
     /// Distance off the triangle at which rays to it end.
     offset: f32,
-    emission: Emission,
+    /// Of the front; before its texture, if there is one.
+    radiance: [f32; 3],
+    /// [`TWO_SIDED`] and [`TEXTURED`].
+    flags: u32,
+    primitive: u32,
+    /// Of being chosen.
+    chance: f32,
 }
 
+/// Words of a [`Record`].
+const WORDS: usize = size_of::<Record>() / 4;
+
+const TWO_SIDED: u32 = 1;
+const TEXTURED: u32 = 2;
 const NONE: u32 = u32::MAX;
 
-/// A sampled point of an emissive triangle.
+/// Sampled points of emissive triangles.
 #[derive(Clone, Copy, Debug)]
-pub struct EmitterSample {
+pub struct EmitterSample<L: Lanes> {
+    /// Lanes that have one; of the others nothing below counts.
+    pub valid: u32,
     /// The point, a little off the triangle towards whoever asked.
-    pub position: Vec3,
+    pub position: Vector<L>,
     /// Radiance towards them.
-    pub radiance: Vec3,
+    pub radiance: Vector<L>,
     /// Density per solid angle, seen from them.
-    pub pdf: f32,
+    pub pdf: Num<L>,
 }
 
 impl Emitters {
     /// The emissive triangles of a scene.
     pub fn new(scene: &Scene) -> Self {
-        let mut emitters = Vec::new();
-        let mut weights = Vec::new();
+        let (mut records, mut emissions, mut weights) = (Vec::new(), Vec::new(), Vec::new());
         for (primitive, &material) in scene.mesh.materials.iter().enumerate() {
             if let Some(emission) = scene.materials[material as usize].emission {
-                let emitter = Emitter::new(scene, primitive as u32, emission);
-                let power = f64::from(emitter.power(scene));
+                let record = Record::new(scene, primitive as u32, &emission);
+                let power = f64::from(power(scene, &record, &emission));
                 if power > 0.0 && power.is_finite() {
-                    emitters.push(emitter);
+                    records.push(record);
+                    emissions.push(emission);
                     weights.push(power);
                 }
             }
         }
+        let table = AliasTable::new(&weights);
         let mut places = Vec::new();
-        if !emitters.is_empty() {
+        if !records.is_empty() {
             places.resize(scene.mesh.triangles.len(), NONE);
-            for (place, emitter) in emitters.iter().enumerate() {
-                places[emitter.primitive as usize] = place as u32;
+            for (place, record) in records.iter_mut().enumerate() {
+                places[record.primitive as usize] = place as u32;
+                record.chance = table.chance(place as u32);
             }
         }
-        Self { emitters, table: AliasTable::new(&weights), places }
+        Self { records, emissions, table, places }
     }
 
     /// Luminous power of all of them.
@@ -80,91 +99,128 @@ impl Emitters {
 
     /// How many there are.
     pub fn len(&self) -> usize {
-        self.emitters.len()
+        self.records.len()
     }
 
     /// Whether there are none.
     pub fn is_empty(&self) -> bool {
-        self.emitters.is_empty()
+        self.records.is_empty()
     }
 
-    /// Samples a point on one of them, seen from `from`: `u` chooses the triangle, `u2` the point.
-    /// `None` when it does not shine this way.
-    pub fn sample(&self, scene: &Scene, from: Vec3, u: f32, u2: [f32; 2]) -> Option<EmitterSample> {
+    /// Samples points on some of them, seen from `from`: `u` chooses the triangle, `u2` the point.
+    /// `None` when there are none.
+    #[inline(always)]
+    pub fn sample<L: Lanes>(
+        &self,
+        scene: &Scene,
+        from: Vector<L>,
+        u: Num<L>,
+        u2: [Num<L>; 2],
+    ) -> Option<EmitterSample<L>> {
         let (place, chance) = self.table.choose(u)?;
-        let emitter = &self.emitters[place as usize];
-        let corners = &emitter.corners;
+        let record: [Int<L>; WORDS] = place.rows(bytemuck::cast_slice(&self.records));
         let [v, w] = warp::triangle(u2);
-        let on = corners[0] * (1.0 - v - w) + corners[1] * v + corners[2] * w;
+        let on = vector(&record, 0) * (1.0 - v - w) + vector(&record, 3) * v + vector(&record, 6) * w;
+        let normal = vector(&record, 9);
+        let (area, offset) = (record[12].to_num_bits(), record[13].to_num_bits());
         let away = from - on;
-        let cosine = emitter.normal.dot(away);
-        if cosine == 0.0 {
-            return None;
-        }
-        let radiance = emitter.radiance(scene, [v, w], cosine > 0.0);
-        if radiance == Vec3::ZERO {
-            return None;
+        let cosine = normal.dot(away);
+        let front = cosine.above(0.0);
+        let flags = record[17];
+        let mut radiance = vector(&record, 14).only(front | (flags & TWO_SIDED).is(TWO_SIDED));
+        let textured = (flags & TEXTURED).is(TEXTURED);
+        if textured != 0 {
+            radiance =
+                Vector::select(textured, self.textured(scene, textured, place, [v, w], front), radiance);
         }
         let distance2 = away.length_squared();
-        let pdf = emitter.pdf(chance, distance2, cosine / distance2.sqrt());
-        let position = on + emitter.normal * emitter.offset.copysign(cosine);
-        (pdf > 0.0 && pdf.is_finite()).then_some(EmitterSample { position, radiance, pdf })
+        let pdf = chance * distance2 / ((cosine / distance2.sqrt()).abs() * area);
+        let valid = !radiance.is_zero() & !cosine.is_zero() & pdf.above(0.0) & pdf.is_finite();
+        Some(EmitterSample { valid, position: on + normal * offset.copysign(cosine), radiance, pdf })
+    }
+
+    /// Radiance of textured emitters at points given by the weights of the second and third corner, lane
+    /// by lane: they are few.
+    fn textured<L: Lanes>(
+        &self,
+        scene: &Scene,
+        lanes: u32,
+        place: Int<L>,
+        [v, w]: [Num<L>; 2],
+        front: u32,
+    ) -> Vector<L> {
+        let l = v.lanes();
+        let (place, v, w) = (place.to_array(), v.to_array(), w.to_array());
+        let mut radiance = [[0.0; 16]; 3];
+        for lane in (0..L::LANES).filter(|lane| lanes >> lane & 1 == 1) {
+            let place = place[lane] as usize;
+            let at = [v[lane], w[lane]];
+            let primitive = self.records[place].primitive;
+            let light = radiance_at(scene, &self.emissions[place], primitive, at, front >> lane & 1 == 1);
+            for (channel, light) in radiance.iter_mut().zip(light.to_array()) {
+                channel[lane] = light;
+            }
+        }
+        let [r, g, b] = &radiance;
+        Vector::new(Num::from_array(l, r), Num::from_array(l, g), Num::from_array(l, b))
     }
 
     /// Density per solid angle with which [`Emitters::sample`] finds a point of a triangle, seen from
     /// a squared distance and under a cosine to its normal; 0 when it is not an emitter.
-    pub fn pdf(&self, primitive: u32, distance2: f32, cosine: f32) -> f32 {
-        match self.places.get(primitive as usize) {
-            None | Some(&NONE) => 0.0,
-            Some(&place) => self.emitters[place as usize].pdf(self.table.chance(place), distance2, cosine),
+    #[inline(always)]
+    pub fn pdf<L: Lanes>(&self, primitive: Int<L>, distance2: Num<L>, cosine: Num<L>) -> Num<L> {
+        if self.places.is_empty() {
+            return cosine.only(0);
         }
+        let [place] = primitive.rows(&self.places);
+        let there = !place.is(NONE);
+        let record: [Int<L>; WORDS] =
+            place.at_most(self.records.len() as u32 - 1).rows(bytemuck::cast_slice(&self.records));
+        let (area, chance) = (record[12].to_num_bits(), record[19].to_num_bits());
+        (chance * distance2 / (cosine.abs() * area)).only(there)
     }
 }
 
-impl Emitter {
-    fn new(scene: &Scene, primitive: u32, emission: Emission) -> Self {
+impl Record {
+    fn new(scene: &Scene, primitive: u32, emission: &Emission) -> Self {
         let corners = scene.mesh.corners(primitive);
+        let lanes = corners.map(Vector::from);
+        let normal: Vec3 = offset::normal(&lanes, Vec3::ZERO.into()).0.into();
+        let textured = if emission.radiance.texture.is_some() { TEXTURED } else { 0 };
         Self {
+            corners: corners.map(|corner| corner.to_array()),
+            normal: normal.to_array(),
+            area: 0.5 * (corners[1] - corners[0]).cross(corners[2] - corners[0]).length(),
+            offset: offset::distance(&lanes).get(),
+            radiance: emission.radiance.factor.max(Vec3::ZERO).to_array(),
+            flags: textured | if emission.two_sided { TWO_SIDED } else { 0 },
             primitive,
-            corners,
-            normal: offset::normal(&corners).unwrap_or(Vec3::ZERO),
-            area: area(&corners),
-            offset: offset::distance(&corners),
-            emission,
+            chance: 0.0,
         }
-    }
-
-    /// Radiance at a point, given by the weights of the second and third corner.
-    fn radiance(&self, scene: &Scene, [v, w]: [f32; 2], front: bool) -> Vec3 {
-        let uv = match self.emission.radiance.texture {
-            None => Vec2::ZERO,
-            Some(_) => scene.mesh.uv_at(self.primitive, v, w),
-        };
-        lookup::emission(scene, Some(&self.emission), uv, front)
-    }
-
-    /// Density per solid angle of an even choice of points, chosen by itself with `chance`.
-    fn pdf(&self, chance: f32, distance2: f32, cosine: f32) -> f32 {
-        chance * distance2 / (cosine.abs() * self.area)
-    }
-
-    /// Luminous power: exact for an even emission, an estimate for a textured one.
-    fn power(&self, scene: &Scene) -> f32 {
-        let Emission { radiance, two_sided } = &self.emission;
-        let brightness = match radiance.texture {
-            None => luminance(radiance.factor),
-            Some(_) => {
-                let probes = PROBES.map(|[u, v]| {
-                    luminance(lookup::colour(scene, radiance, scene.mesh.uv_at(self.primitive, u, v)))
-                });
-                probes.iter().sum::<f32>() / PROBES.len() as f32
-            }
-        };
-        let sides = if *two_sided { 2.0 } else { 1.0 };
-        sides * PI * brightness.max(0.0) * self.area
     }
 }
 
-fn area(corners: &[Vec3; 3]) -> f32 {
-    0.5 * (corners[1] - corners[0]).cross(corners[2] - corners[0]).length()
+/// Three numbers of records, from word `at` on.
+#[inline(always)]
+fn vector<L: Lanes>(record: &[Int<L>; WORDS], at: usize) -> Vector<L> {
+    Vector::new(record[at].to_num_bits(), record[at + 1].to_num_bits(), record[at + 2].to_num_bits())
+}
+
+/// Radiance at a point of a triangle, given by the weights of the second and third corner.
+fn radiance_at(scene: &Scene, emission: &Emission, primitive: u32, [v, w]: [f32; 2], front: bool) -> Vec3 {
+    let uv = scene.mesh.uv_at(primitive, v, w).to_array();
+    lookup::emission(scene, emission, uv.map(Num::from), front.into()).into()
+}
+
+/// Luminous power: exact for an even emission, an estimate for a textured one.
+fn power(scene: &Scene, record: &Record, emission: &Emission) -> f32 {
+    let brightness = match emission.radiance.texture {
+        None => luminance(emission.radiance.factor),
+        Some(_) => {
+            let probes = PROBES.map(|at| luminance(radiance_at(scene, emission, record.primitive, at, true)));
+            probes.iter().sum::<f32>() / PROBES.len() as f32
+        }
+    };
+    let sides = if emission.two_sided { 2.0 } else { 1.0 };
+    sides * PI * brightness.max(0.0) * record.area
 }

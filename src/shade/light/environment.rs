@@ -1,10 +1,11 @@
 //! The environment as a light.
 
-use crate::geom::warp;
-use crate::scene::{Environment, EnvironmentMap};
+use crate::geom::warp::lanes as warp;
+use crate::lanes::{Lanes, Num, Vector, trigonometry};
+use crate::scene::{Environment, EnvironmentMap, Wrap, taps};
 use crate::shade::lookup::luminance;
 use glam::Vec3;
-use std::f32::consts::{FRAC_1_PI, PI, TAU};
+use std::f32::consts::{FRAC_1_PI, PI};
 
 /// The environment, ready to be looked up and sampled by its brightness.
 ///
@@ -58,37 +59,31 @@ impl EnvironmentLight {
         self.mean
     }
 
-    /// Radiance that arrives along a ray of unit `direction` that leaves the scene.
-    pub fn radiance(&self, direction: Vec3) -> Vec3 {
+    /// Radiance that arrives along rays of unit `direction` that leave the scene, and the density per
+    /// solid angle with which [`EnvironmentLight::sample`] gives these directions.
+    #[inline(always)]
+    pub fn look<L: Lanes>(&self, direction: Vector<L>) -> (Vector<L>, Num<L>) {
+        let l = direction.lanes();
         match &self.kind {
-            Kind::Constant(radiance) => *radiance,
-            Kind::Map(map) => map.lookup(map.place(direction)),
-        }
-    }
-
-    /// Samples a unit direction; returns it with its radiance and density per solid angle.
-    pub fn sample(&self, u2: [f32; 2]) -> Option<(Vec3, Vec3, f32)> {
-        match &self.kind {
-            Kind::Constant(radiance) => Some((warp::sphere(u2), *radiance, 0.25 * FRAC_1_PI)),
-            Kind::Map(map) => {
-                let direction = map.direction(map.sample(u2));
-                // By the direction, as the integrators will ask: both then agree to the bit.
-                let (radiance, pdf) = self.look(direction);
-                (pdf > 0.0).then_some((direction, radiance, pdf))
-            }
-        }
-    }
-
-    /// [`EnvironmentLight::radiance`], and the density per solid angle with which
-    /// [`EnvironmentLight::sample`] gives a unit direction.
-    pub fn look(&self, direction: Vec3) -> (Vec3, f32) {
-        match &self.kind {
-            Kind::Constant(radiance) => (*radiance, 0.25 * FRAC_1_PI),
+            Kind::Constant(radiance) => (Vector::splat(l, *radiance), Num::splat(l, 0.25 * FRAC_1_PI)),
             Kind::Map(map) => {
                 let place = map.place(direction);
                 (map.lookup(place), map.pdf(direction, place))
             }
         }
+    }
+
+    /// Samples unit directions; returns them with their radiance and density per solid angle, which is
+    /// not above 0 where there is none.
+    #[inline(always)]
+    pub fn sample<L: Lanes>(&self, u2: [Num<L>; 2]) -> (Vector<L>, Vector<L>, Num<L>) {
+        let direction = match &self.kind {
+            Kind::Constant(_) => warp::sphere(u2),
+            Kind::Map(map) => map.direction(map.sample(u2)),
+        };
+        // By the direction, as the integrators will ask: both then agree to the bit.
+        let (radiance, pdf) = self.look(direction);
+        (direction, radiance, pdf)
     }
 }
 
@@ -141,33 +136,35 @@ impl Map {
         Some((map, (total / area) as f32))
     }
 
-    /// Direction → image coordinates, 0..1 from the left and from the top.
-    fn place(&self, direction: Vec3) -> [f32; 2] {
-        let around = libm::atan2f(direction.x, -direction.z) / TAU + 0.5 + self.turn;
+    /// Directions → image coordinates, 0..1 from the left and from the top.
+    #[inline(always)]
+    fn place<L: Lanes>(&self, direction: Vector<L>) -> [Num<L>; 2] {
+        let around = trigonometry::atan2_turns(direction.x, -direction.z) + (0.5 + self.turn);
         let across = (direction.x * direction.x + direction.z * direction.z).sqrt();
-        [around - around.floor(), libm::atan2f(across, direction.y) * FRAC_1_PI]
+        let down = trigonometry::atan2_turns(across, direction.y) * 2.0;
+        [around - around.floor(), down.clamp(0.0, 1.0)]
     }
 
-    /// Image coordinates → direction.
-    fn direction(&self, place: [f32; 2]) -> Vec3 {
-        let phi = TAU * (place[0] - 0.5 - self.turn);
-        let theta = PI * place[1];
-        let sine = libm::sinf(theta);
-        Vec3::new(sine * libm::sinf(phi), libm::cosf(theta), -sine * libm::cosf(phi))
+    /// Image coordinates → directions.
+    #[inline(always)]
+    fn direction<L: Lanes>(&self, place: [Num<L>; 2]) -> Vector<L> {
+        let turns = place[0] - (0.5 + self.turn);
+        let (across, ahead) = trigonometry::sin_cos_turns(turns - turns.floor());
+        let (sine, cosine) = trigonometry::sin_cos_turns(place[1] * 0.5);
+        Vector::new(sine * across, cosine, -sine * ahead)
     }
 
-    fn lookup(&self, place: [f32; 2]) -> Vec3 {
-        let (width, height) = (self.image.width as i32, self.image.height as i32);
-        let x = place[0] * width as f32 - 0.5;
-        let y = place[1] * height as f32 - 0.5;
-        let (left, top) = (x.floor(), y.floor());
-        let (fx, fy) = (x - left, y - top);
-        let texel = |dx: i32, dy: i32| {
-            let column = (left as i32 + dx).rem_euclid(width);
-            let row = (top as i32 + dy).clamp(0, height - 1);
-            Vec3::from_array(self.image.texels[(row * width + column) as usize])
-        };
-        texel(0, 0).lerp(texel(1, 0), fx).lerp(texel(0, 1).lerp(texel(1, 1), fx), fy)
+    #[inline(always)]
+    fn lookup<L: Lanes>(&self, [u, v]: [Num<L>; 2]) -> Vector<L> {
+        let (x, fx) = taps(u, self.image.width, Wrap::Repeat);
+        let (y, fy) = taps(v, self.image.height, Wrap::Clamp);
+        let texels: &[f32] = bytemuck::cast_slice(&self.image.texels);
+        let [above, below] = [y[0] * self.image.width, y[1] * self.image.width];
+        let a = Vector::from_columns((above + x[0]).rows_of(texels));
+        let b = Vector::from_columns((above + x[1]).rows_of(texels));
+        let c = Vector::from_columns((below + x[0]).rows_of(texels));
+        let d = Vector::from_columns((below + x[1]).rows_of(texels));
+        a.lerp(b, fx).lerp(c.lerp(d, fx), fy)
     }
 
     fn row(&self, y: usize) -> &[f32] {
@@ -175,26 +172,34 @@ impl Map {
         &self.columns[y * stride..(y + 1) * stride]
     }
 
-    fn sample(&self, u2: [f32; 2]) -> [f32; 2] {
+    /// Image coordinates by brightness, lane by lane: each inverts tables of its own.
+    fn sample<L: Lanes>(&self, [u, v]: [Num<L>; 2]) -> [Num<L>; 2] {
+        let (l, u, v) = (u.lanes(), u.to_array(), v.to_array());
         let width = self.image.width as usize;
-        let (y, fy) = invert(&self.rows, &self.row_guide, u2[1]);
-        let (x, fx) = invert(self.row(y), &self.column_guides[y * width..(y + 1) * width], u2[0]);
-        [(x as f32 + fx) / self.image.width as f32, (y as f32 + fy) / self.image.height as f32]
+        let mut places = [[0.0; 16]; 2];
+        for lane in 0..L::LANES {
+            let (y, fy) = invert(&self.rows, &self.row_guide, v[lane]);
+            let guide = &self.column_guides[y * width..(y + 1) * width];
+            let (x, fx) = invert(self.row(y), guide, u[lane]);
+            places[0][lane] = (x as f32 + fx) / self.image.width as f32;
+            places[1][lane] = (y as f32 + fy) / self.image.height as f32;
+        }
+        [Num::from_array(l, &places[0]), Num::from_array(l, &places[1])]
     }
 
-    /// Density of a direction whose image coordinates are `place`.
-    fn pdf(&self, direction: Vec3, [u, v]: [f32; 2]) -> f32 {
-        let (width, height) = (self.image.width as usize, self.image.height as usize);
-        let x = ((u * width as f32) as usize).min(width - 1);
-        let y = ((v * height as f32) as usize).min(height - 1);
-        let row = self.row(y);
-        let chance = (self.rows[y + 1] - self.rows[y]) * (row[x + 1] - row[x]);
+    /// Density of directions whose image coordinates are `place`.
+    #[inline(always)]
+    fn pdf<L: Lanes>(&self, direction: Vector<L>, [u, v]: [Num<L>; 2]) -> Num<L> {
+        let EnvironmentMap { width, height, .. } = self.image;
+        let x = (u * width as f32).to_int().at_most(width - 1);
+        let y = (v * height as f32).to_int().at_most(height - 1);
+        let cell = y * (width + 1) + x;
+        let chance = ((y + 1).of(&self.rows) - y.of(&self.rows))
+            * ((cell + 1).of(&self.columns) - cell.of(&self.columns));
         // Density per image area; a piece du dv of the image covers 2π² sin θ du dv.
         let sine = (direction.x * direction.x + direction.z * direction.z).sqrt();
-        if sine <= 0.0 {
-            return 0.0;
-        }
-        chance * (width * height) as f32 / (2.0 * PI * PI * sine)
+        let density = chance * (width as f32 * height as f32) / (sine * (2.0 * PI * PI));
+        density.only(sine.above(0.0))
     }
 }
 

@@ -12,9 +12,8 @@ pub use emitters::{EmitterSample, Emitters};
 pub use environment::EnvironmentLight;
 
 use super::Interaction;
-use crate::scene::{Light, Scene};
-use crate::stream::Ray;
-use glam::Vec3;
+use crate::lanes::{Int, Lanes, Num, Vector};
+use crate::scene::Scene;
 
 /// How far short of its end a shadow ray stops, as a share of its length: what rounding may move
 /// the far end's own surface by.
@@ -28,34 +27,30 @@ const SHORT: f32 = 1.0 / (1u32 << 13) as f32;
 #[derive(Clone, Debug)]
 pub struct Lights {
     emitters: Emitters,
-    punctual: Vec<Light>,
+    punctual: Vec<punctual::Record>,
     punctual_table: AliasTable,
     environment: EnvironmentLight,
-    /// Chance of each [`Kind`].
+    /// Chances of emissive triangles, of the environment and of punctual lights.
     chances: [f32; 3],
 }
 
-/// The kinds of light.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Kind {
-    Emitter = 0,
-    Environment = 1,
-    Punctual = 2,
-}
-
-/// Light that arrives at a point from one direction, unless something is between.
+/// Light that arrives at points from one direction each, unless something is between.
 #[derive(Clone, Copy, Debug)]
-pub struct LightSample {
+pub struct LightSample<L: Lanes> {
+    /// Lanes that some light reaches; of the others nothing below counts.
+    pub valid: u32,
     /// Unit direction the light comes from.
-    pub wi: Vec3,
-    /// Where the light is; `None` for infinitely far away.
-    pub target: Option<Vec3>,
+    pub wi: Vector<L>,
+    /// Where the light is, in the lanes of `near`.
+    pub target: Vector<L>,
+    /// Lanes whose light is not infinitely far away.
+    pub near: u32,
     /// Radiance; irradiance on a facing surface where `delta`.
-    pub radiance: Vec3,
+    pub radiance: Vector<L>,
     /// Density per solid angle; the chance of choosing the light where `delta`.
-    pub pdf: f32,
-    /// Whether no other way of sampling can find this light.
-    pub delta: bool,
+    pub pdf: Num<L>,
+    /// Lanes whose light no other way of sampling can find.
+    pub delta: u32,
 }
 
 impl Lights {
@@ -75,12 +70,13 @@ impl Lights {
         let present = powers.iter().filter(|&&p| p > 0.0).count() as f64;
         let chances =
             powers.map(|power| if power > 0.0 { (0.5 / present + 0.5 * power / total) as f32 } else { 0.0 });
-        Self { emitters, punctual: scene.lights.clone(), punctual_table, environment, chances }
+        let punctual = scene.lights.iter().map(punctual::Record::from).collect();
+        Self { emitters, punctual, punctual_table, environment, chances }
     }
 
-    /// The punctual lights.
-    pub fn punctual(&self) -> &[Light] {
-        &self.punctual
+    /// How many punctual lights there are.
+    pub fn punctual(&self) -> usize {
+        self.punctual.len()
     }
 
     /// The emissive triangles.
@@ -93,102 +89,144 @@ impl Lights {
         &self.environment
     }
 
-    /// Samples one light of all: `u` chooses it, `u2` a point or direction of it. `None` when no
-    /// light comes this way.
-    pub fn sample(&self, scene: &Scene, from: Vec3, u: f32, u2: [f32; 2]) -> Option<LightSample> {
+    /// Samples one light of all: `u` chooses it, `u2` a point or direction of it.
+    #[inline(always)]
+    pub fn sample<L: Lanes>(
+        &self,
+        scene: &Scene,
+        from: Vector<L>,
+        u: Num<L>,
+        u2: [Num<L>; 2],
+    ) -> LightSample<L> {
         self.sample_kinds(scene, from, u, u2, &self.chances)
     }
 
     /// As [`Lights::sample`], without the punctual lights.
-    pub fn sample_surfaces(&self, scene: &Scene, from: Vec3, u: f32, u2: [f32; 2]) -> Option<LightSample> {
+    #[inline(always)]
+    pub fn sample_surfaces<L: Lanes>(
+        &self,
+        scene: &Scene,
+        from: Vector<L>,
+        u: Num<L>,
+        u2: [Num<L>; 2],
+    ) -> LightSample<L> {
         let [emitter, sky, _] = self.chances;
         let sum = emitter + sky;
         if sum <= 0.0 {
-            return None;
+            return LightSample::none(from);
         }
         self.sample_kinds(scene, from, u, u2, &[emitter / sum, sky / sum, 0.0])
     }
 
     /// Samples one punctual light by power.
-    pub fn sample_punctual(&self, from: Vec3, u: f32) -> Option<LightSample> {
-        let (index, chance) = self.punctual_table.choose(u)?;
-        let sample = punctual::illuminate(&self.punctual[index as usize], from)?;
-        Some(LightSample { pdf: chance, ..sample })
+    #[inline(always)]
+    pub fn sample_punctual<L: Lanes>(&self, from: Vector<L>, u: Num<L>) -> LightSample<L> {
+        match self.punctual_table.choose(u) {
+            None => LightSample::none(from),
+            Some((index, chance)) => {
+                LightSample { pdf: chance, ..punctual::illuminate(&self.punctual, index, from) }
+            }
+        }
     }
 
-    /// The light of punctual light `index` at a point.
-    pub fn illuminate(&self, index: usize, from: Vec3) -> Option<LightSample> {
-        punctual::illuminate(&self.punctual[index], from)
+    /// The light of punctual light `index` at points.
+    #[inline(always)]
+    pub fn illuminate<L: Lanes>(&self, index: usize, from: Vector<L>) -> LightSample<L> {
+        punctual::illuminate(&self.punctual, Int::splat(from.lanes(), index as u32), from)
     }
 
-    fn sample_kinds(
+    #[inline(always)]
+    fn sample_kinds<L: Lanes>(
         &self,
         scene: &Scene,
-        from: Vec3,
-        u: f32,
-        u2: [f32; 2],
+        from: Vector<L>,
+        u: Num<L>,
+        u2: [Num<L>; 2],
         chances: &[f32; 3],
-    ) -> Option<LightSample> {
-        let [emitter, sky, _] = *chances;
-        let (kind, low) = if u < emitter {
-            (Kind::Emitter, 0.0)
-        } else if u < emitter + sky {
-            (Kind::Environment, emitter)
-        } else {
-            (Kind::Punctual, emitter + sky)
-        };
-        let chance = chances[kind as usize];
+    ) -> LightSample<L> {
+        let l = from.lanes();
+        let [emitter, sky, point] = *chances;
+        let emits = u.below(emitter);
+        let shines = u.below(emitter + sky) & !emits;
+        let points = L::ALL & !(emits | shines);
+        let low = Num::select(emits, Num::splat(l, 0.0), Num::splat(l, emitter));
+        let low = Num::select(points, Num::splat(l, emitter + sky), low);
+        let chance = Num::select(emits, Num::splat(l, emitter), Num::splat(l, sky));
+        let chance = Num::select(points, Num::splat(l, point), chance);
         // Below 1 even after rounding.
         let u = ((u - low) / chance).clamp(0.0, 1.0 - f32::EPSILON);
-        let mut sample = match kind {
-            Kind::Emitter => {
-                let on = self.emitters.sample(scene, from, u, u2)?;
-                let wi = (on.position - from).try_normalize()?;
-                LightSample {
-                    wi,
-                    target: Some(on.position),
-                    radiance: on.radiance,
-                    pdf: on.pdf,
-                    delta: false,
-                }
-            }
-            Kind::Environment => {
-                let (wi, radiance, pdf) = self.environment.sample(u2)?;
-                LightSample { wi, target: None, radiance, pdf, delta: false }
-            }
-            Kind::Punctual => self.sample_punctual(from, u)?,
-        };
+        let mut sample = LightSample::none(from);
+        if emits != 0
+            && let Some(on) = self.emitters.sample(scene, from, u, u2)
+        {
+            let (wi, there) = (on.position - from).normalize_or(sample.wi);
+            sample = LightSample {
+                valid: on.valid & there & emits,
+                wi,
+                target: on.position,
+                near: emits,
+                radiance: on.radiance,
+                pdf: on.pdf,
+                delta: 0,
+            };
+        }
+        if shines != 0 {
+            let (wi, radiance, pdf) = self.environment.sample(u2);
+            sample.valid |= pdf.above(0.0) & shines;
+            sample.wi = Vector::select(shines, wi, sample.wi);
+            sample.radiance = Vector::select(shines, radiance, sample.radiance);
+            sample.pdf = Num::select(shines, pdf, sample.pdf);
+        }
+        if points != 0 && point > 0.0 {
+            let light = self.sample_punctual(from, u);
+            sample = LightSample {
+                valid: (sample.valid & !points) | (light.valid & points),
+                wi: Vector::select(points, light.wi, sample.wi),
+                target: Vector::select(points, light.target, sample.target),
+                near: (sample.near & !points) | (light.near & points),
+                radiance: Vector::select(points, light.radiance, sample.radiance),
+                pdf: Num::select(points, light.pdf, sample.pdf),
+                delta: points,
+            };
+        }
         sample.pdf *= chance;
-        Some(sample)
+        sample
     }
 
     /// Density per solid angle with which [`Lights::sample`] finds a point of a triangle, seen from a
     /// squared distance under a cosine to its normal; 0 when it is no emitter.
-    pub fn pdf_emitter(&self, primitive: u32, distance2: f32, cosine: f32) -> f32 {
-        self.chances[Kind::Emitter as usize] * self.emitters.pdf(primitive, distance2, cosine)
+    #[inline(always)]
+    pub fn pdf_emitter<L: Lanes>(&self, primitive: Int<L>, distance2: Num<L>, cosine: Num<L>) -> Num<L> {
+        self.emitters.pdf(primitive, distance2, cosine) * self.chances[0]
     }
 
-    /// Radiance of the environment along a unit direction that leaves the scene, and the density per
-    /// solid angle with which [`Lights::sample`] finds this direction.
-    pub fn sky(&self, direction: Vec3) -> (Vec3, f32) {
-        let chance = self.chances[Kind::Environment as usize];
+    /// Radiance of the environment along unit directions that leave the scene, and the density per
+    /// solid angle with which [`Lights::sample`] finds these directions.
+    #[inline(always)]
+    pub fn sky<L: Lanes>(&self, direction: Vector<L>) -> (Vector<L>, Num<L>) {
+        let [_, chance, _] = self.chances;
         let (radiance, pdf) = self.environment.look(direction);
-        (radiance, if chance > 0.0 { chance * pdf } else { 0.0 })
+        (radiance, if chance > 0.0 { pdf * chance } else { pdf.only(0) })
     }
 }
 
-impl LightSample {
-    /// The shadow ray from a surface to this light.
-    pub fn ray(&self, at: &Interaction) -> Ray {
+impl<L: Lanes> LightSample<L> {
+    #[inline(always)]
+    fn none(from: Vector<L>) -> Self {
+        let zero = from.only(0);
+        let pdf = Num::splat(from.lanes(), 1.0);
+        Self { valid: 0, wi: zero, target: zero, near: 0, radiance: zero, pdf, delta: 0 }
+    }
+
+    /// The shadow rays from surfaces to these lights: where they start, their unit direction, and how
+    /// far they go.
+    #[inline(always)]
+    pub fn rays(&self, at: &Interaction<L>) -> (Vector<L>, Vector<L>, Num<L>) {
         let origin = at.origin(at.raised, self.wi);
-        match self.target {
-            None => Ray::new(origin, self.wi),
-            Some(target) => {
-                let towards = target - origin;
-                let length = towards.length();
-                let ray = Ray::new(origin, towards / length);
-                Ray { t_max: length * (1.0 - SHORT), ..ray }
-            }
-        }
+        let towards = self.target - origin;
+        let length = towards.length();
+        let direction = Vector::select(self.near, towards / length, self.wi);
+        let far = Num::splat(length.lanes(), f32::INFINITY);
+        (origin, direction, Num::select(self.near, length * (1.0 - SHORT), far))
     }
 }

@@ -1,12 +1,25 @@
 //! What light sampling promises: densities that are those of the samples, and the right irradiance.
 
-use super::*;
+use super::{EnvironmentLight, Lights};
 use crate::geom::{Sampler, warp};
+use crate::lanes::{Int, Num, Vector};
 use crate::scene::{
-    Channel, ColourSpace, Emission, Environment, EnvironmentMap, LightShape, Material, Texture, TextureRef,
+    Channel, Colour, ColourSpace, Emission, Environment, EnvironmentMap, Light, LightShape, Material, Scene,
+    Texture, TextureRef, Wrap,
 };
-use crate::scene::{Colour, Wrap};
+use crate::shade::single::{self, LightSample};
+use crate::stream::Ray;
+use glam::Vec3;
 use std::f32::consts::PI;
+
+fn look(light: &EnvironmentLight, direction: Vec3) -> (Vec3, f32) {
+    let (radiance, pdf) = light.look(Vector::from(direction));
+    (radiance.into(), pdf.get())
+}
+
+fn pdf_emitter(lights: &Lights, primitive: u32, distance2: f32, cosine: f32) -> f32 {
+    lights.pdf_emitter(Int::from(primitive), distance2.into(), cosine.into()).get()
+}
 
 fn map(width: u32, height: u32, texel: impl Fn(u32, u32) -> Vec3) -> EnvironmentMap {
     let texels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
@@ -32,7 +45,7 @@ fn the_image_lies_around_the_scene_as_documented() {
     let image = map(8, 4, |x, y| Vec3::new(x as f32, y as f32, 0.0));
     let at = |rotation_degrees: f32, direction: Vec3| {
         let image = EnvironmentMap { rotation_degrees, ..image.clone() };
-        EnvironmentLight::new(&Environment::Map(image)).radiance(direction.normalize())
+        look(&EnvironmentLight::new(&Environment::Map(image)), direction.normalize()).0
     };
     assert_eq!(at(0.0, Vec3::Y).y, 0.0, "row 0 looks up");
     assert_eq!(at(0.0, Vec3::NEG_Y).y, 3.0);
@@ -57,12 +70,13 @@ fn the_environment_is_sampled_by_its_density() {
         for i in 0..n {
             let u2 = Sampler::new(3, i, 0).pair(0);
             let direction = warp::sphere(u2);
-            even += light.radiance(direction) * (4.0 * PI / n as f32);
-            density += light.look(direction).1 * (4.0 * PI / n as f32);
-            let (wi, radiance, pdf) = light.sample(u2).expect("shines");
+            even += look(&light, direction).0 * (4.0 * PI / n as f32);
+            density += look(&light, direction).1 * (4.0 * PI / n as f32);
+            let (wi, radiance, pdf) = light.sample(u2.map(Num::from));
+            let (wi, radiance, pdf) = (Vec3::from(wi), Vec3::from(radiance), pdf.get());
+            assert!(pdf > 0.0);
             assert!((wi.length() - 1.0).abs() < 1e-5);
-            assert_eq!((radiance, pdf), light.look(wi));
-            assert_eq!(radiance, light.radiance(wi));
+            assert_eq!((radiance, pdf), look(&light, wi));
             own += radiance / (pdf * n as f32);
         }
         assert!((density - 1.0).abs() < 0.02, "the density integrates to {density}");
@@ -83,8 +97,9 @@ fn no_sample_of_the_environment_is_much_brighter_than_its_density() {
     // corner cell beside a bright texel the lookup reaches 16 times its mean.
     let light = EnvironmentLight::new(&Environment::Map(outdoor()));
     for i in 0..20_000 {
-        let (_, radiance, pdf) = light.sample(Sampler::new(1, i, 9).pair(0)).expect("shines");
-        assert!(lookup_luminance(radiance) / pdf < 20.0 * 4.0 * PI * light.mean());
+        let (_, radiance, pdf) = light.sample(Sampler::new(1, i, 9).pair(0).map(Num::from));
+        let pdf = pdf.get();
+        assert!(pdf > 0.0 && lookup_luminance(radiance.into()) / pdf < 20.0 * 4.0 * PI * light.mean());
     }
 }
 
@@ -94,9 +109,9 @@ fn a_black_environment_is_never_sampled() {
     let lights = Lights::new(&scene);
     assert!((0..100).all(|i| {
         let s = Sampler::new(0, i, 0);
-        lights.sample(&scene, Vec3::ZERO, s.single(0), s.pair(0)).is_none()
+        LightSample::any(&lights, &scene, Vec3::ZERO, s.single(0), s.pair(0)).is_none()
     }));
-    assert_eq!(lights.sky(Vec3::Y).1, 0.0);
+    assert_eq!(single::sky(&lights, Vec3::Y).1, 0.0);
 }
 
 /// A square of side 2 at height `y`, its front facing down, of the given material.
@@ -145,7 +160,7 @@ fn irradiance(scene: &Scene, from: Vec3, samples: u32) -> Vec3 {
     let sum: Vec3 = (0..samples)
         .filter_map(|i| {
             let s = Sampler::new(2, i, 5);
-            let light = lights.sample(scene, from, s.single(0), s.pair(1))?;
+            let light = LightSample::any(&lights, scene, from, s.single(0), s.pair(1))?;
             Some(light.radiance * (light.wi.y.max(0.0) / light.pdf))
         })
         .sum();
@@ -170,9 +185,13 @@ fn emissive_triangles_give_the_irradiance_of_their_form_factor() {
 
 #[test]
 fn punctual_lights_obey_the_inverse_square_and_their_cone() {
-    let light = |shape| Light { name: String::new(), intensity: Vec3::new(8.0, 4.0, 2.0), shape };
-    let point = punctual::illuminate(&light(LightShape::Point { position: Vec3::Y * 2.0 }), Vec3::ZERO);
-    let point = point.expect("shines");
+    let lit = |shape| {
+        let intensity = Vec3::new(8.0, 4.0, 2.0);
+        let light = Light { name: String::new(), intensity, shape };
+        Lights::new(&Scene { lights: vec![light], ..Scene::default() })
+    };
+    let at = |shape, from| LightSample::of_light(&lit(shape), 0, from);
+    let point = at(LightShape::Point { position: Vec3::Y * 2.0 }, Vec3::ZERO).expect("shines");
     assert_eq!((point.wi, point.radiance), (Vec3::Y, Vec3::new(2.0, 1.0, 0.5)));
     let spot = |x: f32| {
         let shape = LightShape::Spot {
@@ -181,15 +200,15 @@ fn punctual_lights_obey_the_inverse_square_and_their_cone() {
             cos_inner: 0.9,
             cos_outer: 0.6,
         };
-        punctual::illuminate(&light(shape), Vec3::ZERO)
+        at(shape, Vec3::ZERO)
     };
     assert_eq!(spot(0.0).expect("in the middle").radiance.x, 8.0);
     assert!(spot(2.0).is_none(), "outside of the cone");
     let x = (1.0f32 / 0.75 / 0.75 - 1.0).sqrt();
     let edge = spot(x).expect("half way between the angles").radiance.x;
     assert!((edge - 8.0 * 0.75 * 0.75 * 0.25).abs() < 1e-4);
-    let sun = light(LightShape::Directional { direction: Vec3::NEG_Y });
-    let sun = punctual::illuminate(&sun, Vec3::splat(7.0)).expect("shines everywhere");
+    let sun = at(LightShape::Directional { direction: Vec3::NEG_Y }, Vec3::splat(7.0));
+    let sun = sun.expect("shines everywhere");
     assert_eq!((sun.wi, sun.radiance, sun.target), (Vec3::Y, Vec3::new(8.0, 4.0, 2.0), None));
 }
 
@@ -206,12 +225,12 @@ fn the_density_of_a_sample_is_that_of_finding_it() {
     let (mut kinds, from) = ([0u32; 3], Vec3::new(0.2, 0.1, -0.3));
     for i in 0..4000 {
         let s = Sampler::new(6, i, 2);
-        let Some(light) = lights.sample(&scene, from, s.single(0), s.pair(1)) else { continue };
+        let Some(light) = LightSample::any(&lights, &scene, from, s.single(0), s.pair(1)) else { continue };
         match (light.delta, light.target) {
             (true, _) => kinds[0] += 1,
             (false, None) => {
                 kinds[1] += 1;
-                assert_eq!(light.pdf, lights.sky(light.wi).1);
+                assert_eq!(light.pdf, single::sky(&lights, light.wi).1);
             }
             (false, Some(_)) => {
                 use crate::stream::{Hit, Tracer};
@@ -223,13 +242,13 @@ fn the_density_of_a_sample_is_that_of_finding_it() {
                     continue;
                 }
                 kinds[2] += 1;
-                let found = lights.pdf_emitter(hit.primitive, hit.t * hit.t, light.wi.y);
+                let found = pdf_emitter(&lights, hit.primitive, hit.t * hit.t, light.wi.y);
                 assert!((found / light.pdf - 1.0).abs() < 1e-3, "{found} and {}", light.pdf);
             }
         }
     }
     assert!(kinds.iter().all(|&k| k > 100), "every kind gets its share: {kinds:?}");
-    assert_eq!(lights.pdf_emitter(2, 1.0, 1.0), 0.0, "the floor is no emitter");
+    assert_eq!(pdf_emitter(&lights, 2, 1.0, 1.0), 0.0, "the floor is no emitter");
 }
 
 #[test]
@@ -241,7 +260,7 @@ fn textured_emitters_count_where_they_shine() {
     let mut sides = [0u32; 2];
     for i in 0..2000 {
         let s = Sampler::new(6, i, 2);
-        if let Some(light) = lights.sample_surfaces(&scene, below, s.single(0), s.pair(1))
+        if let Some(light) = LightSample::surface(&lights, &scene, below, s.single(0), s.pair(1))
             && let Some(target) = light.target
             && target.y < -2.5
         {
@@ -250,7 +269,7 @@ fn textured_emitters_count_where_they_shine() {
         }
     }
     assert!(sides[0] > 200 && sides[1] == 0, "only the white half shines: {sides:?}");
-    assert_eq!(scene.textures[0].channel(Channel::R, glam::Vec2::new(0.9, 0.5)), 0.0);
+    assert_eq!(scene.textures[0].channel(Channel::R, [0.9, 0.5].map(Num::from)).get(), 0.0);
 }
 
 #[test]
@@ -264,6 +283,6 @@ fn thousands_of_emitters_are_as_quick_as_one() {
     assert_eq!(lights.emitters().len(), 2 * 2999);
     let expected = 2.0 * f64::from(PI) * 4.0 * (2999.0 * 3000.0 / 2.0);
     assert!((lights.emitters().power() / expected - 1.0).abs() < 1e-5);
-    let total: f32 = (0..6000).map(|p| lights.pdf_emitter(p, 1.0, 1.0) * 2.0).sum();
+    let total: f32 = (0..6000).map(|p| pdf_emitter(&lights, p, 1.0, 1.0) * 2.0).sum();
     assert!((total - 1.0).abs() < 1e-3, "chances add up to {total}");
 }

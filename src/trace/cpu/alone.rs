@@ -11,10 +11,10 @@
 //! 6. Both arrays of pairs hold `len` pairs and, after `reserve`, as many more as asked for.
 #![allow(unsafe_code)]
 
-use super::lanes::{Lanes, load_one, splat};
 use super::stream::{Job, OctantStack, PADDING, Row, fetch};
 use super::triangle::{Faces, Slabs};
 use crate::bvh::{Child, WIDTH};
+use crate::lanes::{Lanes, load_one, splat};
 
 /// The longest lists that end at nodes and at blocks.
 pub(super) const SHORT: [usize; 2] = [6, 8];

@@ -4,10 +4,10 @@
 #![allow(unsafe_code)]
 
 use super::alone::BLOCKS;
-use super::lanes::{Lanes, load, spill, splat, splat_row};
 use super::stream::{Answers, Job, ROW_BYTES, Row, lanes_of};
 use super::triangle::{Hits, Passing, Range, Slabs, Vector, test};
 use crate::bvh::{Block, Child, MASKED};
+use crate::lanes::{Lanes, load, spill, splat, splat_row};
 use crate::stream::{Hit, Ray};
 
 /// Tests all rays of a list with the first `count` triangles of a block, many rays to a register.

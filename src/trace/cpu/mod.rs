@@ -2,9 +2,7 @@
 //! other tracer must equal bit for bit.
 
 mod alone;
-mod lanes;
 mod leaf;
-mod level;
 mod oracle;
 mod packet;
 mod setup;
@@ -13,7 +11,7 @@ mod stream;
 mod tracer;
 mod triangle;
 
-pub use level::{SimdError, SimdLevel};
+pub use crate::lanes::{SimdError, SimdLevel};
 pub use oracle::Oracle;
 pub use single::SingleRayTracer;
 pub use tracer::CpuTracer;

@@ -12,11 +12,11 @@
 //! the sub-stream.
 #![allow(unsafe_code)]
 
-use super::lanes::{Lanes, load, spill, splat, splat_row};
 use super::setup::Rows;
 use super::stream::{Answers, Entry, Job, OctantStack, PADDING, ROW_BYTES, Visit, begin_of, push};
 use super::triangle::{Bounds, Faces, Hits, Passing, Range, Seen, Slabs, Vector, dot, hits};
 use crate::bvh::{Block, MASKED, WIDTH};
+use crate::lanes::{Lanes, load, spill, splat, splat_row};
 use crate::stream::{Hit, MISS};
 
 /// Rays in a packet.

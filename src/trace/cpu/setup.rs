@@ -4,9 +4,9 @@
 //! `stream::PADDING` more, and each octant's arena for as many ids.
 #![allow(unsafe_code)]
 
-use super::lanes::{Lanes, each};
 use super::stream::{Job, OctantStack, PADDING, ROW_BYTES, lanes_of};
 use crate::geom::{DIRECTION_RANGE, MAX_COORDINATE, MIN_COMPONENT, SLACK};
+use crate::lanes::{Lanes, each};
 use crate::stream::Ray;
 
 /// What is known of a sub-stream once its rows are prepared.

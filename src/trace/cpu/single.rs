@@ -10,14 +10,13 @@
 //!    visit takes one entry and leaves at most eight.
 #![allow(unsafe_code)]
 
-use super::lanes::portable::Portable;
-use super::lanes::{Lanes, spill, splat};
 use super::leaf::triangles;
 use super::stream::lanes_of;
 use super::triangle::{Faces, Range, Slabs, test};
 use super::{SimdError, SimdLevel};
 use crate::bvh::{Bvh, Child, Filter, MASKED, WIDTH};
 use crate::geom::CanonicalRay;
+use crate::lanes::{Lanes, Plain, spill, splat};
 use crate::stream::{Hit, Ray, Tracer};
 use std::cell::RefCell;
 use std::sync::Arc;
@@ -73,7 +72,7 @@ impl SingleRayTracer {
                 #[cfg(target_arch = "x86_64")]
                 SimdLevel::Avx2 => unsafe { x86::avx2::<ANY>(tree, rays, stack, answer) },
                 // SAFETY: invariant 3.
-                _ => unsafe { trace::<_, ANY>(Portable, tree, rays, stack, answer) },
+                _ => unsafe { trace::<_, ANY>(Plain::<8>, tree, rays, stack, answer) },
             }
         });
     }
@@ -196,8 +195,8 @@ unsafe fn one<E: Lanes, const ANY: bool>(e: E, tree: Tree<'_>, ray: &Ray, stack:
 
 #[cfg(target_arch = "x86_64")]
 mod x86 {
-    use super::super::lanes::avx2::Avx2;
     use super::*;
+    use crate::lanes::Avx2;
 
     /// # Safety
     /// Invariant 3.

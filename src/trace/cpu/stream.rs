@@ -17,11 +17,11 @@
 #![allow(unsafe_code)]
 
 use super::alone::{Pairs, SHORT};
-use super::lanes::{Lanes, prefetch};
 use super::packet::{self, Packet};
 use super::triangle::{Faces, Slabs};
 use super::{alone, leaf, setup};
 use crate::bvh::{Block, Bvh, Child, Filter, WIDTH, WideNode};
+use crate::lanes::{Lanes, prefetch};
 use crate::stream::{Hit, Ray};
 
 /// Ids of padding behind every list: as many as the widest lanes.

@@ -4,10 +4,10 @@
 //! only for a level that the processor has.
 #![allow(unsafe_code)]
 
-use super::lanes::portable::Portable;
 use super::stream::{Answers, Scratch, trace};
 use super::{Oracle, SimdError, SimdLevel};
 use crate::bvh::{Bvh, Filter};
+use crate::lanes::Plain;
 use crate::stream::{Hit, Ray, Tracer};
 use std::cell::RefCell;
 use std::sync::Arc;
@@ -60,7 +60,7 @@ impl CpuTracer {
             // SAFETY: invariant 1.
             #[cfg(target_arch = "x86_64")]
             SimdLevel::Avx2 => unsafe { x86::avx2::<ANY>(bvh, filter, rays, answers, scratch) },
-            _ => trace::<_, _, ANY>((Portable, Portable), bvh, filter, rays, answers, scratch),
+            _ => trace::<_, _, ANY>((Plain::<8>, Plain::<8>), bvh, filter, rays, answers, scratch),
         });
     }
 }
@@ -81,8 +81,8 @@ impl Tracer for CpuTracer {
 
 #[cfg(target_arch = "x86_64")]
 mod x86 {
-    use super::super::lanes::{avx2::Avx2, avx512::Avx512};
     use super::*;
+    use crate::lanes::{Avx2, Avx512};
 
     #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
     pub fn avx512<const ANY: bool>(

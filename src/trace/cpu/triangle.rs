@@ -3,9 +3,9 @@
 //! Functions, not closures, throughout: only `inline(always)` makes sure that all of it ends up where
 //! the instructions are enabled.
 
-use super::lanes::{Lanes, each, load_one, splat, zip};
 use crate::bvh::{WIDTH, WideNode};
 use crate::geom::CanonicalRay;
+use crate::lanes::{Lanes, each, load_one, splat, zip};
 
 /// A vector of three in lanes.
 pub(super) type Vector<L> = [<L as Lanes>::F; 3];

@@ -9,8 +9,8 @@ use super::Lanes;
 use std::arch::x86_64::*;
 
 /// Proof that the processor has AVX-512 F, BW, DQ and VL.
-#[derive(Clone, Copy)]
-pub(in super::super) struct Avx512(());
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Avx512(());
 
 impl Avx512 {
     /// A token.
@@ -18,7 +18,7 @@ impl Avx512 {
     /// # Safety
     /// The processor has AVX-512 F, BW, DQ and VL.
     #[inline(always)]
-    pub(in super::super) unsafe fn new() -> Self {
+    pub(crate) unsafe fn new() -> Self {
         Self(())
     }
 }
@@ -127,6 +127,14 @@ impl Lanes for Avx512 {
         unsafe { _mm512_max_ps(a, b) }
     }
     #[inline(always)]
+    fn sqrt(self, a: __m512) -> __m512 {
+        unsafe { _mm512_sqrt_ps(a) }
+    }
+    #[inline(always)]
+    fn floor(self, a: __m512) -> __m512 {
+        unsafe { _mm512_roundscale_ps::<{ _MM_FROUND_TO_NEG_INF | _MM_FROUND_NO_EXC }>(a) }
+    }
+    #[inline(always)]
     fn abs(self, a: __m512) -> __m512 {
         unsafe { _mm512_abs_ps(a) }
     }
@@ -145,6 +153,10 @@ impl Lanes for Avx512 {
     #[inline(always)]
     fn eq(self, among: u32, a: __m512, b: __m512) -> u32 {
         unsafe { _mm512_mask_cmp_ps_mask::<_CMP_EQ_OQ>(among as u16, a, b).into() }
+    }
+    #[inline(always)]
+    fn lt(self, among: u32, a: __m512, b: __m512) -> u32 {
+        unsafe { _mm512_mask_cmp_ps_mask::<_CMP_LT_OQ>(among as u16, a, b).into() }
     }
     #[inline(always)]
     fn signs(self, a: __m512) -> u32 {
@@ -173,6 +185,76 @@ impl Lanes for Avx512 {
     #[inline(always)]
     fn splat_id(self, id: u32) -> __m512i {
         unsafe { _mm512_set1_epi32(id as i32) }
+    }
+    #[inline(always)]
+    fn add_ids(self, a: __m512i, b: __m512i) -> __m512i {
+        unsafe { _mm512_add_epi32(a, b) }
+    }
+    #[inline(always)]
+    fn mul_ids(self, a: __m512i, b: __m512i) -> __m512i {
+        unsafe { _mm512_mullo_epi32(a, b) }
+    }
+    #[inline(always)]
+    fn and_ids(self, a: __m512i, b: __m512i) -> __m512i {
+        unsafe { _mm512_and_si512(a, b) }
+    }
+    #[inline(always)]
+    fn or_ids(self, a: __m512i, b: __m512i) -> __m512i {
+        unsafe { _mm512_or_si512(a, b) }
+    }
+    #[inline(always)]
+    fn xor_ids(self, a: __m512i, b: __m512i) -> __m512i {
+        unsafe { _mm512_xor_si512(a, b) }
+    }
+    #[inline(always)]
+    fn shl_ids(self, a: __m512i, count: u32) -> __m512i {
+        unsafe { _mm512_sllv_epi32(a, _mm512_set1_epi32(count as i32)) }
+    }
+    #[inline(always)]
+    fn shr_ids(self, a: __m512i, count: u32) -> __m512i {
+        unsafe { _mm512_srlv_epi32(a, _mm512_set1_epi32(count as i32)) }
+    }
+    #[inline(always)]
+    fn reverse_ids(self, a: __m512i) -> __m512i {
+        unsafe {
+            // Each half of a byte by a table, both put back the other way round, then the bytes.
+            let table =
+                _mm512_broadcast_i32x4(_mm_setr_epi8(0, 8, 4, 12, 2, 10, 6, 14, 1, 9, 5, 13, 3, 11, 7, 15));
+            let bytes =
+                _mm512_broadcast_i32x4(_mm_setr_epi8(3, 2, 1, 0, 7, 6, 5, 4, 11, 10, 9, 8, 15, 14, 13, 12));
+            let half = _mm512_set1_epi8(15);
+            let low = _mm512_shuffle_epi8(table, _mm512_and_si512(a, half));
+            let high = _mm512_shuffle_epi8(table, _mm512_and_si512(_mm512_srli_epi32::<4>(a), half));
+            _mm512_shuffle_epi8(_mm512_or_si512(_mm512_slli_epi32::<4>(low), high), bytes)
+        }
+    }
+    #[inline(always)]
+    fn lt_ids(self, among: u32, a: __m512i, b: __m512i) -> u32 {
+        unsafe { _mm512_mask_cmplt_epu32_mask(among as u16, a, b).into() }
+    }
+    #[inline(always)]
+    fn eq_ids(self, among: u32, a: __m512i, b: __m512i) -> u32 {
+        unsafe { _mm512_mask_cmpeq_epi32_mask(among as u16, a, b).into() }
+    }
+    #[inline(always)]
+    fn to_ids(self, a: __m512) -> __m512i {
+        unsafe { _mm512_cvttps_epi32(a) }
+    }
+    #[inline(always)]
+    fn from_ids(self, a: __m512i) -> __m512 {
+        unsafe { _mm512_cvtepi32_ps(a) }
+    }
+    #[inline(always)]
+    fn bits(self, a: __m512) -> __m512i {
+        unsafe { _mm512_castps_si512(a) }
+    }
+    #[inline(always)]
+    fn of_bits(self, a: __m512i) -> __m512 {
+        unsafe { _mm512_castsi512_ps(a) }
+    }
+    #[inline(always)]
+    unsafe fn gather(self, from: *const u32, ids: __m512i) -> __m512i {
+        unsafe { _mm512_i32gather_epi32::<4>(ids, from.cast()) }
     }
     #[inline(always)]
     unsafe fn load(self, from: *const f32) -> __m512 {

@@ -1,4 +1,4 @@
-//! Eight lanes in plain Rust.
+//! Any number of lanes in plain Rust.
 //!
 //! Unsafe code, because lists and rows are reached by pointer. Invariant 1: every pointer access is
 //! within what the caller of the method vouches for, as the trait states it.
@@ -7,17 +7,18 @@
 use super::Lanes;
 use std::array::from_fn;
 
-/// Eight lanes on any processor.
-#[derive(Clone, Copy)]
-pub(in super::super) struct Portable;
+/// `N` lanes on any processor.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Plain<const N: usize>;
 
-const N: usize = 8;
+/// One lane: the same code for a single ray.
+pub type One = Plain<1>;
 
-fn mask(test: impl Fn(usize) -> bool) -> u32 {
+fn mask<const N: usize>(test: impl Fn(usize) -> bool) -> u32 {
     (0..N).fold(0, |mask, i| mask | u32::from(test(i)) << i)
 }
 
-impl Lanes for Portable {
+impl<const N: usize> Lanes for Plain<N> {
     const LANES: usize = N;
     type F = [f32; N];
     type I = [u32; N];
@@ -52,11 +53,19 @@ impl Lanes for Portable {
     }
     #[inline(always)]
     fn min(self, a: Self::F, b: Self::F) -> Self::F {
-        from_fn(|i| a[i].min(b[i]))
+        from_fn(|i| if a[i] < b[i] { a[i] } else { b[i] })
     }
     #[inline(always)]
     fn max(self, a: Self::F, b: Self::F) -> Self::F {
-        from_fn(|i| a[i].max(b[i]))
+        from_fn(|i| if a[i] > b[i] { a[i] } else { b[i] })
+    }
+    #[inline(always)]
+    fn sqrt(self, a: Self::F) -> Self::F {
+        a.map(f32::sqrt)
+    }
+    #[inline(always)]
+    fn floor(self, a: Self::F) -> Self::F {
+        a.map(f32::floor)
     }
     #[inline(always)]
     fn abs(self, a: Self::F) -> Self::F {
@@ -72,15 +81,19 @@ impl Lanes for Portable {
     }
     #[inline(always)]
     fn le(self, among: u32, a: Self::F, b: Self::F) -> u32 {
-        among & mask(|i| a[i] <= b[i])
+        among & mask::<N>(|i| a[i] <= b[i])
     }
     #[inline(always)]
     fn eq(self, among: u32, a: Self::F, b: Self::F) -> u32 {
-        among & mask(|i| a[i] == b[i])
+        among & mask::<N>(|i| a[i] == b[i])
+    }
+    #[inline(always)]
+    fn lt(self, among: u32, a: Self::F, b: Self::F) -> u32 {
+        among & mask::<N>(|i| a[i] < b[i])
     }
     #[inline(always)]
     fn signs(self, a: Self::F) -> u32 {
-        mask(|i| a[i].is_sign_negative())
+        mask::<N>(|i| a[i].is_sign_negative())
     }
     #[inline(always)]
     fn select(self, mask: u32, a: Self::F, b: Self::F) -> Self::F {
@@ -107,6 +120,67 @@ impl Lanes for Portable {
         [id; N]
     }
     #[inline(always)]
+    fn add_ids(self, a: Self::I, b: Self::I) -> Self::I {
+        from_fn(|i| a[i].wrapping_add(b[i]))
+    }
+    #[inline(always)]
+    fn mul_ids(self, a: Self::I, b: Self::I) -> Self::I {
+        from_fn(|i| a[i].wrapping_mul(b[i]))
+    }
+    #[inline(always)]
+    fn and_ids(self, a: Self::I, b: Self::I) -> Self::I {
+        from_fn(|i| a[i] & b[i])
+    }
+    #[inline(always)]
+    fn or_ids(self, a: Self::I, b: Self::I) -> Self::I {
+        from_fn(|i| a[i] | b[i])
+    }
+    #[inline(always)]
+    fn xor_ids(self, a: Self::I, b: Self::I) -> Self::I {
+        from_fn(|i| a[i] ^ b[i])
+    }
+    #[inline(always)]
+    fn shl_ids(self, a: Self::I, count: u32) -> Self::I {
+        a.map(|x| x << count)
+    }
+    #[inline(always)]
+    fn shr_ids(self, a: Self::I, count: u32) -> Self::I {
+        a.map(|x| x >> count)
+    }
+    #[inline(always)]
+    fn reverse_ids(self, a: Self::I) -> Self::I {
+        a.map(u32::reverse_bits)
+    }
+    #[inline(always)]
+    fn lt_ids(self, among: u32, a: Self::I, b: Self::I) -> u32 {
+        among & mask::<N>(|i| a[i] < b[i])
+    }
+    #[inline(always)]
+    fn eq_ids(self, among: u32, a: Self::I, b: Self::I) -> u32 {
+        among & mask::<N>(|i| a[i] == b[i])
+    }
+    #[inline(always)]
+    fn to_ids(self, a: Self::F) -> Self::I {
+        a.map(|x| x as u32)
+    }
+    #[inline(always)]
+    fn from_ids(self, a: Self::I) -> Self::F {
+        a.map(|x| x as f32)
+    }
+    #[inline(always)]
+    fn bits(self, a: Self::F) -> Self::I {
+        a.map(f32::to_bits)
+    }
+    #[inline(always)]
+    fn of_bits(self, a: Self::I) -> Self::F {
+        a.map(f32::from_bits)
+    }
+    #[inline(always)]
+    unsafe fn gather(self, from: *const u32, ids: Self::I) -> Self::I {
+        // SAFETY: invariant 1.
+        from_fn(|i| unsafe { from.add(ids[i] as usize).read_unaligned() })
+    }
+    #[inline(always)]
     unsafe fn load(self, from: *const f32) -> Self::F {
         // SAFETY: invariant 1.
         unsafe { from.cast::<[f32; N]>().read_unaligned() }
@@ -130,7 +204,7 @@ impl Lanes for Portable {
     unsafe fn append(self, to: *mut u32, mask: u32, ids: Self::I) {
         let mut len = 0;
         for (i, id) in ids.into_iter().enumerate() {
-            // SAFETY: invariant 1; at most eight are written.
+            // SAFETY: invariant 1; no more are written than there are lanes.
             unsafe { to.add(len).write(id) };
             len += (mask >> i & 1) as usize;
         }

@@ -1,22 +1,42 @@
-//! The small instruction set that the kernels are written in: vectors of f32, masks as integers, rows
-//! gathered and transposed, lists appended to. One file implements it for each real instruction set.
+//! The small instruction set that tracing and shading are written in: vectors of f32 and u32, masks as
+//! integers, rows gathered and transposed, lists appended to. One file implements it for each real
+//! instruction set; [`Num`], [`Int`] and [`Vector`] make it read like arithmetic.
 //!
 //! Every arithmetic operation is the IEEE-754 binary32 one, lane by lane, so all give the same bits.
 //! Implementations are tokens: to hold one is to know that the processor has the instructions. All
-//! methods are `inline(always)`: they must end up inside a function that enables the instructions.
+//! methods are `inline(always)`: they must end up inside a function that enables the instructions,
+//! which [`SimdLevel::run`] is for. Closures in such code do not reliably end up there; loops do.
 
 #[cfg(target_arch = "x86_64")]
-pub(super) mod avx2;
+mod avx2;
 #[cfg(target_arch = "x86_64")]
-pub(super) mod avx512;
-pub(super) mod portable;
+mod avx512;
+mod int;
+mod level;
+mod num;
+mod plain;
+pub mod trigonometry;
+mod vector;
+
+#[cfg(target_arch = "x86_64")]
+pub(crate) use avx2::Avx2;
+#[cfg(target_arch = "x86_64")]
+pub(crate) use avx512::Avx512;
+pub use int::Int;
+pub use level::{Kernel, SimdError, SimdLevel};
+pub use num::Num;
+pub use plain::{One, Plain};
+pub use vector::Vector;
 
 /// A vector of [`Lanes::LANES`] numbers and what can be done with it.
 ///
-/// Masks have one bit a lane, lane 0 lowest; bits beyond the lanes are 0.
-pub(super) trait Lanes: Copy {
-    /// Number of lanes: 8 or 16.
+/// Masks have one bit a lane, lane 0 lowest; bits beyond the lanes are 0 in those that methods return
+/// and do not count in those that they take.
+pub trait Lanes: Copy {
+    /// Number of lanes, at most 16.
     const LANES: usize;
+    /// The mask of all lanes.
+    const ALL: u32 = u32::MAX >> (32 - Self::LANES);
     /// f32 in each lane.
     type F: Copy;
     /// u32 in each lane.
@@ -38,10 +58,14 @@ pub(super) trait Lanes: Copy {
     fn fma(self, a: Self::F, b: Self::F, c: Self::F) -> Self::F;
     /// `a * b - c`, rounded once.
     fn fms(self, a: Self::F, b: Self::F, c: Self::F) -> Self::F;
-    /// The lesser; either zero for two zeros; `b` or the number where one is NaN.
+    /// The lesser: `a` if `a < b`, else `b`.
     fn min(self, a: Self::F, b: Self::F) -> Self::F;
-    /// The greater; either zero for two zeros; `b` or the number where one is NaN.
+    /// The greater: `a` if `a > b`, else `b`.
     fn max(self, a: Self::F, b: Self::F) -> Self::F;
+    /// The square root.
+    fn sqrt(self, a: Self::F) -> Self::F;
+    /// The greatest whole number that is not greater.
+    fn floor(self, a: Self::F) -> Self::F;
     /// `|a|`.
     fn abs(self, a: Self::F) -> Self::F;
     /// `-a`.
@@ -52,6 +76,8 @@ pub(super) trait Lanes: Copy {
     fn le(self, among: u32, a: Self::F, b: Self::F) -> u32;
     /// Lanes of `among` in which `a == b`.
     fn eq(self, among: u32, a: Self::F, b: Self::F) -> u32;
+    /// Lanes of `among` in which `a < b`.
+    fn lt(self, among: u32, a: Self::F, b: Self::F) -> u32;
     /// Lanes whose sign bit is set.
     fn signs(self, a: Self::F) -> u32;
     /// `a` in the lanes of `mask`, `b` in the others.
@@ -63,6 +89,41 @@ pub(super) trait Lanes: Copy {
     fn highest(self, a: Self::F) -> f32;
     /// `a` in the lanes of `mask`, `b` in the others.
     fn select_ids(self, mask: u32, a: Self::I, b: Self::I) -> Self::I;
+
+    /// `a + b`, wrapping.
+    fn add_ids(self, a: Self::I, b: Self::I) -> Self::I;
+    /// `a * b`, wrapping.
+    fn mul_ids(self, a: Self::I, b: Self::I) -> Self::I;
+    /// `a & b`.
+    fn and_ids(self, a: Self::I, b: Self::I) -> Self::I;
+    /// `a | b`.
+    fn or_ids(self, a: Self::I, b: Self::I) -> Self::I;
+    /// `a ^ b`.
+    fn xor_ids(self, a: Self::I, b: Self::I) -> Self::I;
+    /// `a << count`, `count` below 32.
+    fn shl_ids(self, a: Self::I, count: u32) -> Self::I;
+    /// `a >> count`, `count` below 32.
+    fn shr_ids(self, a: Self::I, count: u32) -> Self::I;
+    /// The bits in reverse order.
+    fn reverse_ids(self, a: Self::I) -> Self::I;
+    /// Lanes of `among` in which `a < b`.
+    fn lt_ids(self, among: u32, a: Self::I, b: Self::I) -> u32;
+    /// Lanes of `among` in which `a == b`.
+    fn eq_ids(self, among: u32, a: Self::I, b: Self::I) -> u32;
+    /// The whole part of a number of 0 to 2³¹ − 1.
+    fn to_ids(self, a: Self::F) -> Self::I;
+    /// The nearest number to an id below 2³¹.
+    fn from_ids(self, a: Self::I) -> Self::F;
+    /// The bits of a number.
+    fn bits(self, a: Self::F) -> Self::I;
+    /// The number of these bits.
+    fn of_bits(self, a: Self::I) -> Self::F;
+    /// Reads the words at places `ids`, each below 2³¹.
+    ///
+    /// # Safety
+    /// At each place after `from` is a readable word.
+    #[allow(unsafe_code)]
+    unsafe fn gather(self, from: *const u32, ids: Self::I) -> Self::I;
 
     /// Reads a number into each lane.
     ///
@@ -113,37 +174,37 @@ pub(super) trait Lanes: Copy {
 
 /// `f` of each of three. Unlike `map` of arrays it is sure to be inlined, and `f` with it.
 #[inline(always)]
-pub(super) fn each<A: Copy, B>(a: [A; 3], f: impl Fn(A) -> B) -> [B; 3] {
+pub(crate) fn each<A: Copy, B>(a: [A; 3], f: impl Fn(A) -> B) -> [B; 3] {
     [f(a[0]), f(a[1]), f(a[2])]
 }
 
 /// `f` of each of three pairs, likewise.
 #[inline(always)]
-pub(super) fn zip<A: Copy, B: Copy, C>(a: [A; 3], b: [B; 3], f: impl Fn(A, B) -> C) -> [C; 3] {
+pub(crate) fn zip<A: Copy, B: Copy, C>(a: [A; 3], b: [B; 3], f: impl Fn(A, B) -> C) -> [C; 3] {
     [f(a[0], b[0]), f(a[1], b[1]), f(a[2], b[2])]
 }
 
 /// Three numbers, each in every lane.
 #[inline(always)]
-pub(super) fn splat<L: Lanes>(l: L, x: [f32; 3]) -> [L::F; 3] {
+pub(crate) fn splat<L: Lanes>(l: L, x: [f32; 3]) -> [L::F; 3] {
     [l.splat(x[0]), l.splat(x[1]), l.splat(x[2])]
 }
 
 /// Row `row` of three columns, in every lane.
 #[inline(always)]
-pub(super) fn splat_row<L: Lanes>(l: L, columns: &[[f32; 8]; 3], row: usize) -> [L::F; 3] {
+pub(crate) fn splat_row<L: Lanes>(l: L, columns: &[[f32; 8]; 3], row: usize) -> [L::F; 3] {
     [l.splat(columns[0][row]), l.splat(columns[1][row]), l.splat(columns[2][row])]
 }
 
 /// Three columns of eight, row by row in eight lanes.
 #[inline(always)]
-pub(super) fn load<L: Lanes>(l: L, columns: &[[f32; 8]; 3]) -> [L::F; 3] {
+pub(crate) fn load<L: Lanes>(l: L, columns: &[[f32; 8]; 3]) -> [L::F; 3] {
     [load_one(l, &columns[0]), load_one(l, &columns[1]), load_one(l, &columns[2])]
 }
 
 /// A column of eight.
 #[inline(always)]
-pub(super) fn load_one<L: Lanes>(l: L, column: &[f32; 8]) -> L::F {
+pub(crate) fn load_one<L: Lanes>(l: L, column: &[f32; 8]) -> L::F {
     const { assert!(L::LANES == 8) };
     #[allow(unsafe_code)]
     // SAFETY: there are eight numbers, as many as lanes.
@@ -154,7 +215,7 @@ pub(super) fn load_one<L: Lanes>(l: L, column: &[f32; 8]) -> L::F {
 
 /// Numbers of lanes, for code that goes lane by lane.
 #[inline(always)]
-pub(super) fn spill<L: Lanes>(l: L, f: L::F) -> [f32; 16] {
+pub(crate) fn spill<L: Lanes>(l: L, f: L::F) -> [f32; 16] {
     const { assert!(L::LANES <= 16) };
     let mut numbers = [0.0; 16];
     #[allow(unsafe_code)]
@@ -167,7 +228,7 @@ pub(super) fn spill<L: Lanes>(l: L, f: L::F) -> [f32; 16] {
 
 /// Asks for the cache line at `address` soon; harmless for any address.
 #[inline(always)]
-pub(super) fn prefetch<T>(address: *const T) {
+pub(crate) fn prefetch<T>(address: *const T) {
     #[cfg(target_arch = "x86_64")]
     #[allow(unsafe_code)]
     // SAFETY: a prefetch reads nothing, faults never, and x86-64 always has it.
@@ -214,10 +275,35 @@ mod tests {
             {
                 keep(f);
             }
-            let all = (1u32 << L::LANES) - 1;
+            for f in [l.sqrt(a), l.floor(l.mul(a, l.splat(9.0)))] {
+                keep(f);
+            }
+            let all = L::ALL;
             let mask = l.le(all, a, b);
             keep(l.select(mask, a, b));
-            for mask in [mask, l.le(0x5a5a & all, a, b), l.eq(all, a, a), l.eq(all, a, b), l.signs(c)] {
+            let (i, k) = (l.bits(a), l.bits(b));
+            for id in [
+                l.add_ids(i, k),
+                l.mul_ids(i, k),
+                l.and_ids(i, k),
+                l.or_ids(i, k),
+                l.xor_ids(i, k),
+                l.shl_ids(i, 7),
+                l.shr_ids(i, 11),
+                l.reverse_ids(i),
+                l.to_ids(l.min(l.abs(b), l.splat(1e9))),
+                l.select_ids(l.lt_ids(L::ALL, i, k), i, k),
+                l.select_ids(l.eq_ids(L::ALL, i, l.and_ids(i, k)), i, k),
+            ] {
+                let mut out = [0u32; 16];
+                // SAFETY: sixteen ids are enough for any lanes.
+                unsafe { l.store_ids(out.as_mut_ptr(), id) };
+                results.push((at, out[..L::LANES].to_vec()));
+            }
+            let some = 0x5a5a >> (at % 8) & all;
+            for mask in
+                [mask, l.le(some, a, b), l.lt(all, a, b), l.eq(all, a, a), l.eq(all, a, b), l.signs(c)]
+            {
                 let lanes = (0..L::LANES).map(|i| mask >> i & 1).collect();
                 results.push((at, lanes));
                 assert_eq!(mask & !all, 0);
@@ -249,13 +335,19 @@ mod tests {
                     );
                 }
             }
+            let gathered = l.gather(rows.as_ptr().cast(), l.shr_ids(l.load_ids(ids.as_ptr()), 2));
+            let mut out = [0u32; 16];
+            l.store_ids(out.as_mut_ptr(), gathered);
+            for lane in 0..L::LANES {
+                assert_eq!(out[lane], rows[ids[lane] as usize / 4].to_bits());
+            }
             let mut back = vec![0.0f32; 12 * L::LANES];
             l.put_rows(back.as_mut_ptr(), 12, columns);
             for lane in 0..L::LANES {
                 let from = ids[lane] as usize / 4;
                 assert_eq!(back[12 * lane..12 * lane + 8], rows[from..from + 8]);
             }
-            for mask in (0..1u32 << L::LANES).step_by(if L::LANES == 8 { 1 } else { 37 }) {
+            for mask in (0..1u32 << L::LANES).step_by(if L::LANES <= 8 { 1 } else { 37 }) {
                 let mut out = [7u32; 16];
                 l.append(out.as_mut_ptr(), mask, l.load_ids(ids.as_ptr()));
                 let expected: Vec<u32> =
@@ -283,20 +375,21 @@ mod tests {
 
     #[test]
     fn all_instruction_sets_compute_the_same_and_move_data_right() {
-        let reference = everything(portable::Portable);
-        memory(portable::Portable);
+        let reference = everything(Plain::<8>);
+        memory(Plain::<8>);
+        assert_eq!(everything(One::default()), reference);
+        memory(One::default());
         #[cfg(target_arch = "x86_64")]
         #[allow(unsafe_code)]
         // SAFETY: each token is made only when the processor has its instructions.
         unsafe {
-            use super::super::SimdLevel;
             if SimdLevel::Avx2.is_available() {
-                let token = avx2::Avx2::new();
+                let token = Avx2::new();
                 assert_eq!(everything(token), reference);
                 memory(token);
             }
             if SimdLevel::Avx512.is_available() {
-                let token = avx512::Avx512::new();
+                let token = Avx512::new();
                 assert_eq!(everything(token), reference);
                 memory(token);
             }

@@ -1,17 +1,30 @@
-//! Instruction set levels.
+//! Instruction set levels, and how code comes to run with one.
+//!
+//! Unsafe code for calling functions that enable instructions. Invariant 1: such a function is called
+//! only after the processor was asked whether it has them.
+#![allow(unsafe_code)]
 
+use super::{Lanes, One};
 use std::fmt;
 use std::str::FromStr;
 
-/// An instruction set that the tracer's kernels are written for. All give the same bits.
+/// An instruction set that tracing and shading are written for. All give the same bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum SimdLevel {
-    /// Plain Rust, any processor.
+    /// Plain Rust, any processor: eight lanes for tracing, one for shading.
     Scalar,
     /// Eight lanes: x86-64 with AVX2, FMA and BMI.
     Avx2,
     /// Sixteen lanes: x86-64 with AVX-512 F, BW, DQ and VL.
     Avx512,
+}
+
+/// What can be done at any level.
+pub trait Kernel {
+    /// What comes out.
+    type Output;
+    /// Does it. To be `inline(always)`, like all that it calls and that handles lanes.
+    fn run<L: Lanes>(self, l: L) -> Self::Output;
 }
 
 /// A level that cannot be had.
@@ -91,6 +104,35 @@ impl SimdLevel {
         if self.is_available() { Ok(self) } else { Err(SimdError::Unavailable { level: self }) }
     }
 
+    /// Runs a kernel with the widest lanes of this level; with one lane at [`SimdLevel::Scalar`].
+    ///
+    /// # Panics
+    /// When the processor lacks the level: see [`SimdLevel::require`].
+    pub fn run<K: Kernel>(self, kernel: K) -> K::Output {
+        assert!(self.is_available(), "this processor has no {self}");
+        match self {
+            Self::Scalar => kernel.run(One::default()),
+            #[cfg(target_arch = "x86_64")]
+            // SAFETY: invariant 1.
+            Self::Avx2 => unsafe { x86::avx2(kernel) },
+            #[cfg(target_arch = "x86_64")]
+            // SAFETY: invariant 1.
+            Self::Avx512 => unsafe { x86::avx512(kernel) },
+            #[cfg(not(target_arch = "x86_64"))]
+            Self::Avx2 | Self::Avx512 => unreachable!("not available"),
+        }
+    }
+
+    /// Runs a kernel with one lane and the best instructions for that: what more lanes are measured against.
+    pub fn run_one<K: Kernel>(kernel: K) -> K::Output {
+        #[cfg(target_arch = "x86_64")]
+        if Self::Avx2.is_available() {
+            // SAFETY: invariant 1.
+            return unsafe { x86::one(kernel) };
+        }
+        kernel.run(One::default())
+    }
+
     /// The name that arguments and reports use.
     pub fn name(self) -> &'static str {
         match self {
@@ -98,6 +140,29 @@ impl SimdLevel {
             Self::Avx2 => "avx2",
             Self::Avx512 => "avx512",
         }
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+mod x86 {
+    use super::super::{Avx2, Avx512, One};
+    use super::Kernel;
+
+    #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
+    pub fn avx512<K: Kernel>(kernel: K) -> K::Output {
+        // SAFETY: this function enables the instructions, so whoever calls it has them.
+        kernel.run(unsafe { Avx512::new() })
+    }
+
+    #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
+    pub fn one<K: Kernel>(kernel: K) -> K::Output {
+        kernel.run(One::default())
+    }
+
+    #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
+    pub fn avx2<K: Kernel>(kernel: K) -> K::Output {
+        // SAFETY: this function enables the instructions, so whoever calls it has them.
+        kernel.run(unsafe { Avx2::new() })
     }
 }
 

@@ -9,8 +9,8 @@ use super::Lanes;
 use std::arch::x86_64::*;
 
 /// Proof that the processor has AVX2 and FMA.
-#[derive(Clone, Copy)]
-pub(in super::super) struct Avx2(());
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Avx2(());
 
 impl Avx2 {
     /// A token.
@@ -18,7 +18,7 @@ impl Avx2 {
     /// # Safety
     /// The processor has AVX2 and FMA.
     #[inline(always)]
-    pub(in super::super) unsafe fn new() -> Self {
+    pub(crate) unsafe fn new() -> Self {
         Self(())
     }
 }
@@ -127,6 +127,14 @@ impl Lanes for Avx2 {
         unsafe { _mm256_max_ps(a, b) }
     }
     #[inline(always)]
+    fn sqrt(self, a: __m256) -> __m256 {
+        unsafe { _mm256_sqrt_ps(a) }
+    }
+    #[inline(always)]
+    fn floor(self, a: __m256) -> __m256 {
+        unsafe { _mm256_floor_ps(a) }
+    }
+    #[inline(always)]
     fn abs(self, a: __m256) -> __m256 {
         unsafe { _mm256_andnot_ps(_mm256_set1_ps(-0.0), a) }
     }
@@ -145,6 +153,10 @@ impl Lanes for Avx2 {
     #[inline(always)]
     fn eq(self, among: u32, a: __m256, b: __m256) -> u32 {
         among & self.signs(unsafe { _mm256_cmp_ps::<_CMP_EQ_OQ>(a, b) })
+    }
+    #[inline(always)]
+    fn lt(self, among: u32, a: __m256, b: __m256) -> u32 {
+        among & self.signs(unsafe { _mm256_cmp_ps::<_CMP_LT_OQ>(a, b) })
     }
     #[inline(always)]
     fn signs(self, a: __m256) -> u32 {
@@ -185,6 +197,83 @@ impl Lanes for Avx2 {
     #[inline(always)]
     fn splat_id(self, id: u32) -> __m256i {
         unsafe { _mm256_set1_epi32(id as i32) }
+    }
+    #[inline(always)]
+    fn add_ids(self, a: __m256i, b: __m256i) -> __m256i {
+        unsafe { _mm256_add_epi32(a, b) }
+    }
+    #[inline(always)]
+    fn mul_ids(self, a: __m256i, b: __m256i) -> __m256i {
+        unsafe { _mm256_mullo_epi32(a, b) }
+    }
+    #[inline(always)]
+    fn and_ids(self, a: __m256i, b: __m256i) -> __m256i {
+        unsafe { _mm256_and_si256(a, b) }
+    }
+    #[inline(always)]
+    fn or_ids(self, a: __m256i, b: __m256i) -> __m256i {
+        unsafe { _mm256_or_si256(a, b) }
+    }
+    #[inline(always)]
+    fn xor_ids(self, a: __m256i, b: __m256i) -> __m256i {
+        unsafe { _mm256_xor_si256(a, b) }
+    }
+    #[inline(always)]
+    fn shl_ids(self, a: __m256i, count: u32) -> __m256i {
+        unsafe { _mm256_sllv_epi32(a, _mm256_set1_epi32(count as i32)) }
+    }
+    #[inline(always)]
+    fn shr_ids(self, a: __m256i, count: u32) -> __m256i {
+        unsafe { _mm256_srlv_epi32(a, _mm256_set1_epi32(count as i32)) }
+    }
+    #[inline(always)]
+    fn reverse_ids(self, a: __m256i) -> __m256i {
+        unsafe {
+            // Each half of a byte by a table, both put back the other way round, then the bytes.
+            let table = _mm256_broadcastsi128_si256(_mm_setr_epi8(
+                0, 8, 4, 12, 2, 10, 6, 14, 1, 9, 5, 13, 3, 11, 7, 15,
+            ));
+            let bytes = _mm256_broadcastsi128_si256(_mm_setr_epi8(
+                3, 2, 1, 0, 7, 6, 5, 4, 11, 10, 9, 8, 15, 14, 13, 12,
+            ));
+            let half = _mm256_set1_epi8(15);
+            let low = _mm256_shuffle_epi8(table, _mm256_and_si256(a, half));
+            let high = _mm256_shuffle_epi8(table, _mm256_and_si256(_mm256_srli_epi32::<4>(a), half));
+            _mm256_shuffle_epi8(_mm256_or_si256(_mm256_slli_epi32::<4>(low), high), bytes)
+        }
+    }
+    #[inline(always)]
+    fn lt_ids(self, among: u32, a: __m256i, b: __m256i) -> u32 {
+        unsafe {
+            // Signed comparison with the sign bits turned over.
+            let turn = _mm256_set1_epi32(i32::MIN);
+            let lt = _mm256_cmpgt_epi32(_mm256_xor_si256(b, turn), _mm256_xor_si256(a, turn));
+            among & self.signs(_mm256_castsi256_ps(lt))
+        }
+    }
+    #[inline(always)]
+    fn eq_ids(self, among: u32, a: __m256i, b: __m256i) -> u32 {
+        among & self.signs(unsafe { _mm256_castsi256_ps(_mm256_cmpeq_epi32(a, b)) })
+    }
+    #[inline(always)]
+    fn to_ids(self, a: __m256) -> __m256i {
+        unsafe { _mm256_cvttps_epi32(a) }
+    }
+    #[inline(always)]
+    fn from_ids(self, a: __m256i) -> __m256 {
+        unsafe { _mm256_cvtepi32_ps(a) }
+    }
+    #[inline(always)]
+    fn bits(self, a: __m256) -> __m256i {
+        unsafe { _mm256_castps_si256(a) }
+    }
+    #[inline(always)]
+    fn of_bits(self, a: __m256i) -> __m256 {
+        unsafe { _mm256_castsi256_ps(a) }
+    }
+    #[inline(always)]
+    unsafe fn gather(self, from: *const u32, ids: __m256i) -> __m256i {
+        unsafe { _mm256_i32gather_epi32::<4>(from.cast(), ids) }
     }
     #[inline(always)]
     unsafe fn load(self, from: *const f32) -> __m256 {

@@ -1,0 +1,207 @@
+//! Whole numbers in lanes: indices, and the bits of the sampler.
+//!
+//! Unsafe code, because arrays are read and written by pointer. Invariants:
+//! 1. Every array has at least as many elements as there are lanes.
+//! 2. Gathers are checked against the slice before anything is read.
+#![allow(unsafe_code)]
+
+use super::{Lanes, Num, One};
+use std::ops::{Add, BitAnd, BitOr, BitXor, Mul, Shl, Shr};
+
+/// A u32 in each lane. Arithmetic wraps.
+#[derive(Clone, Copy)]
+pub struct Int<L: Lanes> {
+    pub(super) l: L,
+    pub(super) i: L::I,
+}
+
+impl<L: Lanes> Int<L> {
+    /// The same number in each lane.
+    #[inline(always)]
+    pub fn splat(l: L, x: u32) -> Self {
+        Self { l, i: l.splat_id(x) }
+    }
+
+    /// A number for each lane; those beyond the lanes do not count.
+    #[inline(always)]
+    pub fn from_array(l: L, numbers: &[u32; 16]) -> Self {
+        const { assert!(L::LANES <= 16) };
+        // SAFETY: invariant 1.
+        Self { l, i: unsafe { l.load_ids(numbers.as_ptr()) } }
+    }
+
+    /// Each lane's number, the rest 0: for code that goes lane by lane.
+    #[inline(always)]
+    pub fn to_array(self) -> [u32; 16] {
+        const { assert!(L::LANES <= 16) };
+        let mut numbers = [0; 16];
+        // SAFETY: invariant 1.
+        unsafe { self.l.store_ids(numbers.as_mut_ptr(), self.i) };
+        numbers
+    }
+
+    /// The token.
+    #[inline(always)]
+    pub fn lanes(self) -> L {
+        self.l
+    }
+
+    /// `a` in the lanes of `mask`, `b` in the others.
+    #[inline(always)]
+    pub fn select(mask: u32, a: Self, b: Self) -> Self {
+        Self { l: a.l, i: a.l.select_ids(mask, a.i, b.i) }
+    }
+
+    /// Lanes in which this is less.
+    #[inline(always)]
+    pub fn lt(self, other: Self) -> u32 {
+        self.l.lt_ids(L::ALL, self.i, other.i)
+    }
+
+    /// Lanes in which this is less than `x`.
+    #[inline(always)]
+    pub fn below(self, x: u32) -> u32 {
+        self.lt(Self::splat(self.l, x))
+    }
+
+    /// Lanes in which this is `x`.
+    #[inline(always)]
+    pub fn is(self, x: u32) -> u32 {
+        self.l.eq_ids(L::ALL, self.i, self.l.splat_id(x))
+    }
+
+    /// The lesser of this and `x`.
+    #[inline(always)]
+    pub fn at_most(self, x: u32) -> Self {
+        let x = Self::splat(self.l, x);
+        Self::select(self.lt(x), self, x)
+    }
+
+    /// The nearest f32 of numbers below 2³¹.
+    #[inline(always)]
+    pub fn to_num(self) -> Num<L> {
+        Num { l: self.l, f: self.l.from_ids(self.i) }
+    }
+
+    /// The number of these bits.
+    #[inline(always)]
+    pub fn to_num_bits(self) -> Num<L> {
+        Num { l: self.l, f: self.l.of_bits(self.i) }
+    }
+
+    /// The bits in reverse order.
+    #[inline(always)]
+    pub fn reverse_bits(self) -> Self {
+        Self { i: self.l.reverse_ids(self.i), ..self }
+    }
+
+    /// Row `self` of a table of rows of `N` words.
+    ///
+    /// # Panics
+    /// When a lane's row is not there, or the table has 2³⁰ words or more.
+    #[inline(always)]
+    pub fn rows<const N: usize>(self, table: &[u32]) -> [Self; N] {
+        assert!(table.len() < 1 << 30, "byte places are 32 bits");
+        let rows = (table.len() / N) as u32;
+        assert!(self.below(rows) == L::ALL, "row {self:?} of {rows}");
+        if N == 8 {
+            // Whole rows are read at once and turned into columns.
+            let bytes = Self { i: self.l.shl_ids(self.i, 5), ..self }.to_array();
+            // SAFETY: invariant 2; a row has 32 bytes, the table less than 2³².
+            let turned = unsafe { self.l.rows(table.as_ptr().cast(), bytes.as_ptr()) };
+            let mut columns = [self; N];
+            for (column, f) in columns.iter_mut().zip(turned) {
+                column.i = self.l.bits(f);
+            }
+            return columns;
+        }
+        let place = if N == 1 { self.i } else { self.l.mul_ids(self.i, self.l.splat_id(N as u32)) };
+        let mut columns = [self; N];
+        for (k, column) in columns.iter_mut().enumerate() {
+            // SAFETY: invariant 2: k < N, and place + N is at most the table's length.
+            column.i = unsafe { self.l.gather(table.as_ptr().add(k), place) };
+        }
+        columns
+    }
+
+    /// Row `self` of a table of rows of `N` numbers; panics like [`Int::rows`].
+    #[inline(always)]
+    pub fn rows_of<const N: usize>(self, table: &[f32]) -> [Num<L>; N] {
+        let words = self.rows::<N>(bytemuck::cast_slice(table));
+        let mut columns = [words[0].to_num_bits(); N];
+        for (column, word) in columns.iter_mut().zip(words) {
+            *column = word.to_num_bits();
+        }
+        columns
+    }
+
+    /// Number `self` of a table; panics like [`Int::rows`].
+    #[inline(always)]
+    pub fn of(self, table: &[f32]) -> Num<L> {
+        self.rows::<1>(bytemuck::cast_slice(table))[0].to_num_bits()
+    }
+}
+
+impl Int<One> {
+    /// The number of the one lane.
+    #[inline(always)]
+    pub fn get(self) -> u32 {
+        self.i[0]
+    }
+}
+
+impl From<u32> for Int<One> {
+    #[inline(always)]
+    fn from(x: u32) -> Self {
+        Self::splat(One::default(), x)
+    }
+}
+
+impl<L: Lanes> std::fmt::Debug for Int<L> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        self.to_array()[..L::LANES].fmt(f)
+    }
+}
+
+macro_rules! arithmetic {
+    ($($trait:ident $method:ident $of:ident;)*) => {$(
+        impl<L: Lanes> $trait for Int<L> {
+            type Output = Self;
+            #[inline(always)]
+            fn $method(self, other: Self) -> Self {
+                Self { l: self.l, i: self.l.$of(self.i, other.i) }
+            }
+        }
+        impl<L: Lanes> $trait<u32> for Int<L> {
+            type Output = Self;
+            #[inline(always)]
+            fn $method(self, other: u32) -> Self {
+                Self { l: self.l, i: self.l.$of(self.i, self.l.splat_id(other)) }
+            }
+        }
+    )*};
+}
+
+arithmetic! {
+    Add add add_ids;
+    Mul mul mul_ids;
+    BitAnd bitand and_ids;
+    BitOr bitor or_ids;
+    BitXor bitxor xor_ids;
+}
+
+impl<L: Lanes> Shl<u32> for Int<L> {
+    type Output = Self;
+    #[inline(always)]
+    fn shl(self, count: u32) -> Self {
+        Self { i: self.l.shl_ids(self.i, count), ..self }
+    }
+}
+
+impl<L: Lanes> Shr<u32> for Int<L> {
+    type Output = Self;
+    #[inline(always)]
+    fn shr(self, count: u32) -> Self {
+        Self { i: self.l.shr_ids(self.i, count), ..self }
+    }
+}

@@ -1,0 +1,261 @@
+//! Numbers in lanes that read like numbers.
+//!
+//! Unsafe code, because arrays are read and written by pointer. Invariant 1: every array has at least
+//! as many elements as there are lanes.
+#![allow(unsafe_code)]
+
+use super::{Int, Lanes, One};
+use std::ops::{Add, AddAssign, Div, DivAssign, Mul, MulAssign, Neg, Sub, SubAssign};
+
+/// An f32 in each lane. Arithmetic is lane by lane; comparisons give masks.
+#[derive(Clone, Copy)]
+pub struct Num<L: Lanes> {
+    pub(super) l: L,
+    pub(super) f: L::F,
+}
+
+impl<L: Lanes> Num<L> {
+    /// The same number in each lane.
+    #[inline(always)]
+    pub fn splat(l: L, x: f32) -> Self {
+        Self { l, f: l.splat(x) }
+    }
+
+    /// A number for each lane; those beyond the lanes do not count.
+    #[inline(always)]
+    pub fn from_array(l: L, numbers: &[f32; 16]) -> Self {
+        const { assert!(L::LANES <= 16) };
+        // SAFETY: invariant 1.
+        Self { l, f: unsafe { l.load(numbers.as_ptr()) } }
+    }
+
+    /// Each lane's number, the rest 0: for code that goes lane by lane.
+    #[inline(always)]
+    pub fn to_array(self) -> [f32; 16] {
+        super::spill(self.l, self.f)
+    }
+
+    /// Eight columns as rows, one for each lane; those beyond the lanes are 0.
+    #[inline(always)]
+    pub fn to_rows(columns: [Self; 8]) -> [[f32; 8]; 16] {
+        const { assert!(L::LANES <= 16) };
+        let [a, b, c, d, e, f, g, h] = columns;
+        let mut rows = [[0.0; 8]; 16];
+        let columns = [a.f, b.f, c.f, d.f, e.f, f.f, g.f, h.f];
+        // SAFETY: invariant 1, eight numbers a row.
+        unsafe { a.l.put_rows(rows.as_mut_ptr().cast(), 8, columns) };
+        rows
+    }
+
+    /// The token.
+    #[inline(always)]
+    pub fn lanes(self) -> L {
+        self.l
+    }
+
+    /// `a` in the lanes of `mask`, `b` in the others.
+    #[inline(always)]
+    pub fn select(mask: u32, a: Self, b: Self) -> Self {
+        Self { l: a.l, f: a.l.select(mask, a.f, b.f) }
+    }
+
+    /// This in the lanes of `mask`, 0 in the others.
+    #[inline(always)]
+    pub fn only(self, mask: u32) -> Self {
+        Self::select(mask, self, Self::splat(self.l, 0.0))
+    }
+
+    /// Square root.
+    #[inline(always)]
+    pub fn sqrt(self) -> Self {
+        Self { f: self.l.sqrt(self.f), ..self }
+    }
+
+    /// The greatest whole number that is not greater.
+    #[inline(always)]
+    pub fn floor(self) -> Self {
+        Self { f: self.l.floor(self.f), ..self }
+    }
+
+    /// Magnitude.
+    #[inline(always)]
+    pub fn abs(self) -> Self {
+        Self { f: self.l.abs(self.f), ..self }
+    }
+
+    /// The lesser, `other` where this is NaN.
+    #[inline(always)]
+    pub fn min(self, other: Self) -> Self {
+        Self { f: self.l.min(self.f, other.f), ..self }
+    }
+
+    /// The greater, `other` where this is NaN.
+    #[inline(always)]
+    pub fn max(self, other: Self) -> Self {
+        Self { f: self.l.max(self.f, other.f), ..self }
+    }
+
+    /// This, at least `low` and at most `high`; `low` for NaN.
+    #[inline(always)]
+    pub fn clamp(self, low: f32, high: f32) -> Self {
+        self.max(Self::splat(self.l, low)).min(Self::splat(self.l, high))
+    }
+
+    /// The magnitude of this with the sign of `other`.
+    #[inline(always)]
+    pub fn copysign(self, other: Self) -> Self {
+        Self { f: self.l.with_sign_of(self.l.abs(self.f), other.f), ..self }
+    }
+
+    /// 1 with this sign.
+    #[inline(always)]
+    pub fn signum(self) -> Self {
+        Self::splat(self.l, 1.0).copysign(self)
+    }
+
+    /// This times itself.
+    #[inline(always)]
+    pub fn squared(self) -> Self {
+        self * self
+    }
+
+    /// Lanes in which this is less.
+    #[inline(always)]
+    pub fn lt(self, other: Self) -> u32 {
+        self.l.lt(L::ALL, self.f, other.f)
+    }
+
+    /// Lanes in which this is less or the same.
+    #[inline(always)]
+    pub fn le(self, other: Self) -> u32 {
+        self.l.le(L::ALL, self.f, other.f)
+    }
+
+    /// Lanes in which this is greater.
+    #[inline(always)]
+    pub fn gt(self, other: Self) -> u32 {
+        other.lt(self)
+    }
+
+    /// Lanes in which this is greater or the same.
+    #[inline(always)]
+    pub fn ge(self, other: Self) -> u32 {
+        other.le(self)
+    }
+
+    /// Lanes in which both are the same.
+    #[inline(always)]
+    pub fn same(self, other: Self) -> u32 {
+        self.l.eq(L::ALL, self.f, other.f)
+    }
+
+    /// Lanes in which this is greater than `x`.
+    #[inline(always)]
+    pub fn above(self, x: f32) -> u32 {
+        self.gt(Self::splat(self.l, x))
+    }
+
+    /// Lanes in which this is less than `x`.
+    #[inline(always)]
+    pub fn below(self, x: f32) -> u32 {
+        self.lt(Self::splat(self.l, x))
+    }
+
+    /// Lanes in which this is 0.
+    #[inline(always)]
+    pub fn is_zero(self) -> u32 {
+        self.same(Self::splat(self.l, 0.0))
+    }
+
+    /// Lanes in which this is neither infinite nor NaN.
+    #[inline(always)]
+    pub fn is_finite(self) -> u32 {
+        self.abs().below(f32::INFINITY)
+    }
+
+    /// The whole part of numbers of 0 to 2³¹ − 1.
+    #[inline(always)]
+    pub fn to_int(self) -> Int<L> {
+        Int { l: self.l, i: self.l.to_ids(self.f) }
+    }
+
+    /// The bits.
+    #[inline(always)]
+    pub fn to_bits(self) -> Int<L> {
+        Int { l: self.l, i: self.l.bits(self.f) }
+    }
+
+    /// From this to `other`, by `share`.
+    #[inline(always)]
+    pub fn lerp(self, other: Self, share: Self) -> Self {
+        self + (other - self) * share
+    }
+}
+
+impl Num<One> {
+    /// The number of the one lane.
+    #[inline(always)]
+    pub fn get(self) -> f32 {
+        self.f[0]
+    }
+}
+
+impl From<f32> for Num<One> {
+    #[inline(always)]
+    fn from(x: f32) -> Self {
+        Self::splat(One::default(), x)
+    }
+}
+
+impl<L: Lanes> std::fmt::Debug for Num<L> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        self.to_array()[..L::LANES].fmt(f)
+    }
+}
+
+macro_rules! arithmetic {
+    ($($trait:ident $method:ident $assign_trait:ident $assign:ident;)*) => {$(
+        impl<L: Lanes> $trait for Num<L> {
+            type Output = Self;
+            #[inline(always)]
+            fn $method(self, other: Self) -> Self {
+                Self { l: self.l, f: self.l.$method(self.f, other.f) }
+            }
+        }
+        impl<L: Lanes> $trait<f32> for Num<L> {
+            type Output = Self;
+            #[inline(always)]
+            fn $method(self, other: f32) -> Self {
+                Self { l: self.l, f: self.l.$method(self.f, self.l.splat(other)) }
+            }
+        }
+        impl<L: Lanes> $trait<Num<L>> for f32 {
+            type Output = Num<L>;
+            #[inline(always)]
+            fn $method(self, other: Num<L>) -> Num<L> {
+                Num { l: other.l, f: other.l.$method(other.l.splat(self), other.f) }
+            }
+        }
+        impl<L: Lanes> $assign_trait for Num<L> {
+            #[inline(always)]
+            fn $assign(&mut self, other: Self) {
+                self.f = self.l.$method(self.f, other.f);
+            }
+        }
+    )*};
+}
+
+arithmetic! {
+    Add add AddAssign add_assign;
+    Sub sub SubAssign sub_assign;
+    Mul mul MulAssign mul_assign;
+    Div div DivAssign div_assign;
+}
+
+impl<L: Lanes> Neg for Num<L> {
+    type Output = Self;
+    #[inline(always)]
+    fn neg(self) -> Self {
+        Self { f: self.l.neg(self.f), ..self }
+    }
+}

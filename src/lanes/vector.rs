@@ -1,0 +1,231 @@
+//! Vectors of three in lanes.
+
+use super::{Lanes, Num, One};
+use glam::Vec3;
+use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub};
+
+/// A vector of three, or a colour, in each lane.
+#[derive(Clone, Copy, Debug)]
+pub struct Vector<L: Lanes> {
+    /// x, or red.
+    pub x: Num<L>,
+    /// y, or green.
+    pub y: Num<L>,
+    /// z, or blue.
+    pub z: Num<L>,
+}
+
+impl<L: Lanes> Vector<L> {
+    /// A vector of its components.
+    #[inline(always)]
+    pub fn new(x: Num<L>, y: Num<L>, z: Num<L>) -> Self {
+        Self { x, y, z }
+    }
+
+    /// The same vector in each lane.
+    #[inline(always)]
+    pub fn splat(l: L, v: Vec3) -> Self {
+        Self { x: Num::splat(l, v.x), y: Num::splat(l, v.y), z: Num::splat(l, v.z) }
+    }
+
+    /// Three times the same number.
+    #[inline(always)]
+    pub fn grey(x: Num<L>) -> Self {
+        Self { x, y: x, z: x }
+    }
+
+    /// From its columns.
+    #[inline(always)]
+    pub fn from_columns([x, y, z]: [Num<L>; 3]) -> Self {
+        Self { x, y, z }
+    }
+
+    /// `a` in the lanes of `mask`, `b` in the others.
+    #[inline(always)]
+    pub fn select(mask: u32, a: Self, b: Self) -> Self {
+        Self {
+            x: Num::select(mask, a.x, b.x),
+            y: Num::select(mask, a.y, b.y),
+            z: Num::select(mask, a.z, b.z),
+        }
+    }
+
+    /// This in the lanes of `mask`, 0 in the others.
+    #[inline(always)]
+    pub fn only(self, mask: u32) -> Self {
+        Self { x: self.x.only(mask), y: self.y.only(mask), z: self.z.only(mask) }
+    }
+
+    /// Scalar product.
+    #[inline(always)]
+    pub fn dot(self, other: Self) -> Num<L> {
+        self.x * other.x + self.y * other.y + self.z * other.z
+    }
+
+    /// Vector product.
+    #[inline(always)]
+    pub fn cross(self, other: Self) -> Self {
+        Self {
+            x: self.y * other.z - other.y * self.z,
+            y: self.z * other.x - other.z * self.x,
+            z: self.x * other.y - other.x * self.y,
+        }
+    }
+
+    /// Squared length.
+    #[inline(always)]
+    pub fn length_squared(self) -> Num<L> {
+        self.dot(self)
+    }
+
+    /// Length.
+    #[inline(always)]
+    pub fn length(self) -> Num<L> {
+        self.length_squared().sqrt()
+    }
+
+    /// The unit vector that goes this way, of a vector that is neither zero nor huge.
+    #[inline(always)]
+    pub fn normalize(self) -> Self {
+        self * (1.0 / self.length())
+    }
+
+    /// The unit vector that goes this way, and the lanes in which there is one; `other` elsewhere.
+    #[inline(always)]
+    pub fn normalize_or(self, other: Self) -> (Self, u32) {
+        let scale = 1.0 / self.length();
+        let there = scale.is_finite() & scale.above(0.0);
+        (Self::select(there, self * scale, other), there)
+    }
+
+    /// Magnitudes.
+    #[inline(always)]
+    pub fn abs(self) -> Self {
+        Self { x: self.x.abs(), y: self.y.abs(), z: self.z.abs() }
+    }
+
+    /// The greater of each component.
+    #[inline(always)]
+    pub fn max(self, other: Self) -> Self {
+        Self { x: self.x.max(other.x), y: self.y.max(other.y), z: self.z.max(other.z) }
+    }
+
+    /// Each component, at least `low` and at most `high`; `low` for NaN.
+    #[inline(always)]
+    pub fn clamp(self, low: f32, high: f32) -> Self {
+        Self { x: self.x.clamp(low, high), y: self.y.clamp(low, high), z: self.z.clamp(low, high) }
+    }
+
+    /// The greatest component.
+    #[inline(always)]
+    pub fn max_element(self) -> Num<L> {
+        self.x.max(self.y).max(self.z)
+    }
+
+    /// Sum of the components.
+    #[inline(always)]
+    pub fn element_sum(self) -> Num<L> {
+        self.x + self.y + self.z
+    }
+
+    /// Lanes in which all components are 0.
+    #[inline(always)]
+    pub fn is_zero(self) -> u32 {
+        self.x.is_zero() & self.y.is_zero() & self.z.is_zero()
+    }
+
+    /// From this to `other`, by `share`.
+    #[inline(always)]
+    pub fn lerp(self, other: Self, share: Num<L>) -> Self {
+        self + (other - self) * share
+    }
+
+    /// Component by component.
+    #[inline(always)]
+    pub fn over(self, other: Self) -> Self {
+        Self { x: self.x / other.x, y: self.y / other.y, z: self.z / other.z }
+    }
+
+    /// The token.
+    #[inline(always)]
+    pub fn lanes(self) -> L {
+        self.x.lanes()
+    }
+}
+
+impl From<Vec3> for Vector<One> {
+    #[inline(always)]
+    fn from(v: Vec3) -> Self {
+        Self::splat(One::default(), v)
+    }
+}
+
+impl From<Vector<One>> for Vec3 {
+    #[inline(always)]
+    fn from(v: Vector<One>) -> Self {
+        Self::new(v.x.get(), v.y.get(), v.z.get())
+    }
+}
+
+impl<L: Lanes> Add for Vector<L> {
+    type Output = Self;
+    #[inline(always)]
+    fn add(self, other: Self) -> Self {
+        Self { x: self.x + other.x, y: self.y + other.y, z: self.z + other.z }
+    }
+}
+
+impl<L: Lanes> AddAssign for Vector<L> {
+    #[inline(always)]
+    fn add_assign(&mut self, other: Self) {
+        *self = *self + other;
+    }
+}
+
+impl<L: Lanes> Sub for Vector<L> {
+    type Output = Self;
+    #[inline(always)]
+    fn sub(self, other: Self) -> Self {
+        Self { x: self.x - other.x, y: self.y - other.y, z: self.z - other.z }
+    }
+}
+
+impl<L: Lanes> Mul for Vector<L> {
+    type Output = Self;
+    #[inline(always)]
+    fn mul(self, other: Self) -> Self {
+        Self { x: self.x * other.x, y: self.y * other.y, z: self.z * other.z }
+    }
+}
+
+impl<L: Lanes> Mul<Num<L>> for Vector<L> {
+    type Output = Self;
+    #[inline(always)]
+    fn mul(self, scale: Num<L>) -> Self {
+        Self { x: self.x * scale, y: self.y * scale, z: self.z * scale }
+    }
+}
+
+impl<L: Lanes> Mul<f32> for Vector<L> {
+    type Output = Self;
+    #[inline(always)]
+    fn mul(self, scale: f32) -> Self {
+        Self { x: self.x * scale, y: self.y * scale, z: self.z * scale }
+    }
+}
+
+impl<L: Lanes> Div<Num<L>> for Vector<L> {
+    type Output = Self;
+    #[inline(always)]
+    fn div(self, by: Num<L>) -> Self {
+        Self { x: self.x / by, y: self.y / by, z: self.z / by }
+    }
+}
+
+impl<L: Lanes> Neg for Vector<L> {
+    type Output = Self;
+    #[inline(always)]
+    fn neg(self) -> Self {
+        Self { x: -self.x, y: -self.y, z: -self.z }
+    }
+}

@@ -1,0 +1,212 @@
+//! One ray at a time: shading with one lane, in plain numbers. The same operations as in many lanes, and
+//! so the same bits.
+
+use super::{bsdf, light, lookup};
+use crate::geom::Frame;
+use crate::lanes::{Lanes, Num, One, Vector};
+use crate::scene::{Emission, Material, Scene, Surface};
+use crate::shade::Lights;
+use crate::stream::{Hit, Ray};
+use glam::{Vec2, Vec3};
+
+/// [`super::Interaction`] of one ray.
+#[derive(Clone, Copy, Debug)]
+pub struct Interaction {
+    /// The point, on the triangle.
+    pub position: Vec3,
+    /// Unit direction back along the ray.
+    pub wo: Vec3,
+    /// Unit normal of the triangle, on `wo`'s side.
+    pub normal: Vec3,
+    /// Shading frame.
+    pub frame: Frame,
+    /// Mesh texture coordinates.
+    pub uv: Vec2,
+    /// Whether `wo` is on the side from which the triangle runs counter-clockwise.
+    pub front: bool,
+    /// Whether `wo` is outside of the body.
+    pub outside: bool,
+    /// Where scattered rays leave.
+    pub raised: Vec3,
+    lane: super::Interaction<One>,
+}
+
+impl Interaction {
+    /// The interaction of a ray with the triangle it hit, whose material is `material`.
+    pub fn new(scene: &Scene, material: &Material, ray: &Ray, hit: &Hit) -> Self {
+        let direction = Vec3::from_array(ray.direction).into();
+        let lane = super::Interaction::new(scene, material, direction, &(*hit).into());
+        Self {
+            position: lane.position.into(),
+            wo: lane.wo.into(),
+            normal: lane.normal.into(),
+            frame: lane.frame,
+            uv: lane.uv.map(Num::get).into(),
+            front: lane.front != 0,
+            outside: lane.outside != 0,
+            raised: lane.raised.into(),
+            lane,
+        }
+    }
+
+    /// [`super::Interaction::smooth_direction`].
+    pub fn smooth_direction(&self, local: Vec3) -> Vec3 {
+        self.lane.smooth_direction(local.into()).into()
+    }
+
+    /// [`super::Interaction::origin`].
+    pub fn origin(&self, point: Vec3, wi: Vec3) -> Vec3 {
+        self.lane.origin(point.into(), wi.into()).into()
+    }
+}
+
+impl From<Hit> for super::Hits<One> {
+    fn from(hit: Hit) -> Self {
+        Self { t: hit.t.into(), u: hit.u.into(), v: hit.v.into(), primitive: hit.primitive.into() }
+    }
+}
+
+/// [`bsdf::Bsdf`] at one point.
+#[derive(Clone, Copy, Debug)]
+pub struct Bsdf(pub(super) bsdf::Bsdf<One>);
+
+/// [`bsdf::Sample`] of one direction.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sample {
+    /// Where the light comes from.
+    pub wi: Vec3,
+    /// BSDF × |cosine| / density.
+    pub weight: Vec3,
+    /// Density per solid angle; +∞ where `specular`.
+    pub pdf: f32,
+    /// Whether `wi` is one of finitely many possible directions.
+    pub specular: bool,
+    /// Index of refraction of the medium that `wi` points into relative to that of `wo`.
+    pub eta: f32,
+}
+
+/// [`bsdf::Smooth`] directions, each with what its radiance counts.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Smooth {
+    /// Mirrored direction.
+    pub reflection: Option<(Vec3, Vec3)>,
+    /// Refracted direction, or straight on through a thin wall.
+    pub transmission: Option<(Vec3, Vec3)>,
+    /// As [`Sample::eta`], of the transmission.
+    pub eta: f32,
+}
+
+impl Bsdf {
+    /// The scattering of `surface` where a ray met it: [`bsdf::Bsdf::new`].
+    pub fn new(scene: &Scene, surface: &Surface, at: &Interaction, smooth_below: f32) -> Self {
+        Self(bsdf::Bsdf::new(scene, surface, &at.lane, smooth_below))
+    }
+
+    /// [`bsdf::Bsdf::evaluate`].
+    pub fn evaluate(&self, wo: Vec3, wi: Vec3) -> (Vec3, f32) {
+        let (value, pdf) = self.0.evaluate(wo.into(), wi.into());
+        (value.into(), pdf.get())
+    }
+
+    /// [`bsdf::Bsdf::sample`]; `None` when no light comes that way.
+    pub fn sample(&self, wo: Vec3, u: f32, u2: [f32; 2]) -> Option<Sample> {
+        let sample = self.0.sample(wo.into(), u.into(), u2.map(Num::from));
+        (sample.valid & One::ALL != 0).then(|| Sample {
+            wi: sample.wi.into(),
+            weight: sample.weight.into(),
+            pdf: sample.pdf.get(),
+            specular: sample.specular != 0,
+            eta: sample.eta.get(),
+        })
+    }
+
+    /// [`bsdf::Bsdf::smooth`].
+    pub fn smooth(&self, wo: Vec3) -> Smooth {
+        let smooth = self.0.smooth(wo.into());
+        let there = |way: Vector<One>, weight: Vector<One>| {
+            let weight = Vec3::from(weight);
+            (weight != Vec3::ZERO).then(|| (way.into(), weight))
+        };
+        Smooth {
+            reflection: there(smooth.reflected, smooth.reflection),
+            transmission: there(smooth.transmitted, smooth.transmission),
+            eta: smooth.eta.get(),
+        }
+    }
+
+    /// Whether there is nothing but a smooth part, so that light sampling is in vain.
+    pub fn is_smooth(&self) -> bool {
+        self.0.is_smooth()
+    }
+}
+
+/// Radiance that a surface gives off towards the side that is its front or not.
+pub fn emission(scene: &Scene, emission: Option<&Emission>, uv: Vec2, front: bool) -> Vec3 {
+    match emission {
+        None => Vec3::ZERO,
+        Some(emission) => {
+            lookup::emission(scene, emission, uv.to_array().map(Num::from), front.into()).into()
+        }
+    }
+}
+
+/// [`light::LightSample`] at one point.
+#[derive(Clone, Copy, Debug)]
+pub struct LightSample {
+    /// Unit direction the light comes from.
+    pub wi: Vec3,
+    /// Where the light is; `None` for infinitely far away.
+    pub target: Option<Vec3>,
+    /// Radiance; irradiance on a facing surface where `delta`.
+    pub radiance: Vec3,
+    /// Density per solid angle; the chance of choosing the light where `delta`.
+    pub pdf: f32,
+    /// Whether no other way of sampling can find this light.
+    pub delta: bool,
+    lane: light::LightSample<One>,
+}
+
+impl LightSample {
+    fn of(lane: light::LightSample<One>) -> Option<Self> {
+        (lane.valid & One::ALL != 0).then(|| Self {
+            wi: lane.wi.into(),
+            target: (lane.near & One::ALL != 0).then(|| lane.target.into()),
+            radiance: lane.radiance.into(),
+            pdf: lane.pdf.get(),
+            delta: lane.delta & One::ALL != 0,
+            lane,
+        })
+    }
+
+    /// [`Lights::sample`]; `None` when no light comes this way.
+    pub fn any(lights: &Lights, scene: &Scene, from: Vec3, u: f32, u2: [f32; 2]) -> Option<Self> {
+        Self::of(lights.sample(scene, from.into(), u.into(), u2.map(Num::from)))
+    }
+
+    /// [`Lights::sample_surfaces`].
+    pub fn surface(lights: &Lights, scene: &Scene, from: Vec3, u: f32, u2: [f32; 2]) -> Option<Self> {
+        Self::of(lights.sample_surfaces(scene, from.into(), u.into(), u2.map(Num::from)))
+    }
+
+    /// [`Lights::sample_punctual`].
+    pub fn punctual(lights: &Lights, from: Vec3, u: f32) -> Option<Self> {
+        Self::of(lights.sample_punctual(from.into(), u.into()))
+    }
+
+    /// [`Lights::illuminate`].
+    pub fn of_light(lights: &Lights, index: usize, from: Vec3) -> Option<Self> {
+        Self::of(lights.illuminate(index, from.into()))
+    }
+
+    /// The shadow ray from a surface to this light.
+    pub fn ray(&self, at: &Interaction) -> Ray {
+        let (origin, direction, t_max) = self.lane.rays(&at.lane);
+        Ray { t_max: t_max.get(), ..Ray::new(origin.into(), direction.into()) }
+    }
+}
+
+/// Radiance of the environment along a unit direction, and its density: [`Lights::sky`].
+pub fn sky(lights: &Lights, direction: Vec3) -> (Vec3, f32) {
+    let (radiance, pdf) = lights.sky(Vector::from(direction));
+    (radiance.into(), pdf.get())
+}
