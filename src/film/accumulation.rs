@@ -65,8 +65,12 @@ impl Film {
         let splat_bits = splats.max(1).next_power_of_two().trailing_zeros();
         let fraction_bits = (62 - MAX_RADIANCE_BITS - splat_bits).min(MAX_FRACTION_BITS);
         assert!(fraction_bits >= MIN_FRACTION_BITS && MAX_RADIANCE_BITS + splat_bits + fraction_bits <= 62);
+        Ok(Self::black(width, height, fraction_bits))
+    }
+
+    fn black(width: u32, height: u32, fraction_bits: u32) -> Self {
         let pixels = width as usize * height as usize;
-        Ok(Self {
+        Self {
             width,
             height,
             fraction_bits,
@@ -74,7 +78,12 @@ impl Film {
             samples: std::iter::repeat_with(Default::default).take(pixels).collect(),
             stripes: Stripes::new(pixels),
             dropped: AtomicU64::new(0),
-        })
+        }
+    }
+
+    /// A black film of the same size and precision.
+    pub fn blank(&self) -> Self {
+        Self::black(self.width, self.height, self.fraction_bits)
     }
 
     /// Columns.

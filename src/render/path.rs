@@ -1,5 +1,6 @@
 //! Path tracing: a hit shader only.
 
+use super::Integrator;
 use super::frame::{CAMERA_DIMENSION, Frame, Settings, SettingsError, ray_rows};
 use crate::film::Film;
 use crate::geom::Sampler;
@@ -108,6 +109,16 @@ impl Path {
 fn power_heuristic<L: Lanes>(pdf: Num<L>, other: Num<L>) -> Num<L> {
     let ratio = other / pdf;
     1.0 / (1.0 + ratio * ratio)
+}
+
+impl Integrator for Path {
+    fn frame(&self) -> &Frame {
+        &self.frame
+    }
+
+    fn on(&self, frame: Frame) -> Self {
+        Self { frame, roulette_bounces: self.roulette_bounces }
+    }
 }
 
 /// [`PathState`] in lanes.

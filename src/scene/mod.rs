@@ -2,6 +2,7 @@
 //! camera. `scene::load` reads it from files. Knows neither streams nor the BVH.
 
 mod camera;
+mod camera_path;
 mod environment;
 mod light;
 pub mod load;
@@ -11,6 +12,7 @@ pub mod recipe;
 mod texture;
 
 pub use camera::{Camera, CameraError, Lens};
+pub use camera_path::{CameraPath, CameraPathError};
 pub use environment::{Environment, EnvironmentMap};
 pub use light::{Light, LightShape};
 pub use material::{Alpha, AlphaMode, Colour, Emission, Material, NormalMap, Principled, Scalar, Surface};

@@ -237,7 +237,7 @@ unsafe fn pair<'a, L: Lanes>(
 
 /// All triangles of a block in lanes.
 #[inline(always)]
-fn triangles<L: Lanes>(l: L, block: &Block) -> [Vector<L>; 3] {
+pub(super) fn triangles<L: Lanes>(l: L, block: &Block) -> [Vector<L>; 3] {
     [load(l, &block.vertices[0]), load(l, &block.vertices[1]), load(l, &block.vertices[2])]
 }
 

@@ -6,10 +6,12 @@ mod leaf;
 mod oracle;
 mod packet;
 mod setup;
+mod single;
 mod stream;
 mod tracer;
 mod triangle;
 
 pub use crate::lanes::{SimdError, SimdLevel};
 pub use oracle::Oracle;
+pub use single::SingleRayTracer;
 pub use tracer::CpuTracer;
