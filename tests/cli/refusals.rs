@@ -50,6 +50,8 @@ fn bad_arguments_are_refused() {
     let folder = folder();
     std::fs::write(folder.path().join("a.obj"), SQUARE).expect("scene");
     std::fs::create_dir(folder.path().join("folder.png")).expect("folder");
+    let blind = r#"{ "keys": [{ "frame": 0, "eye": [0, 0, 0], "target": [0, 0, 0], "fov_degrees": 9 }] }"#;
+    std::fs::write(folder.path().join("blind.json"), blind).expect("file");
     let mut cases = vec![
         (vec!["--size", "0x0"], "at least 1"),
         (vec!["--size", "100000x100000"], "at most"),
@@ -70,6 +72,12 @@ fn bad_arguments_are_refused() {
         (vec!["-o", "folder.png"], "folder.png"),
         (vec!["--timeline", "t.txt"], ".json or .svg"),
         (vec!["--stats", "none/s.json"], "none/s.json"),
+        (vec!["--frames", "5..5"], "no frame"),
+        (vec!["--frames", "0..5", "-o", "a.%d.png"], "nothing would move"),
+        (vec!["--frames", "0..5", "--turntable", "9"], "out.%04d.png"),
+        (vec!["--turntable", "9"], "--frames"),
+        (vec!["--frames", "0..5", "--camera-path", "p.json", "-o", "a.%d.png"], "p.json"),
+        (vec!["--frames", "0..5", "--camera-path", "blind.json", "-o", "a.%d.png"], "keys[0]"),
     ];
     if cfg!(feature = "gpu") {
         cases.push((vec!["--adapter", "no such thing"], "no such thing"));
