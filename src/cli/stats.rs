@@ -2,6 +2,7 @@
 //! incompatible versions.
 
 use crate::bench::Spread;
+use crate::render::NoiseReport;
 use crate::schedule::{self, JobReport, ThreadKind, ThreadReport};
 use anyhow::{Context, Result};
 use serde::Serialize;
@@ -31,6 +32,10 @@ pub struct RenderStats {
     pub units: Units,
     /// One entry a thread.
     pub threads: Vec<ThreadStats>,
+    /// Complete passes over the picture.
+    pub passes: u64,
+    /// With `--noise`: how noisy the picture is; else null.
+    pub noise: Option<NoiseStats>,
     /// Share of host threads' time that was idle after the last camera rays were spawned.
     pub tail_idle_share: f64,
     /// Splats that were not finite and therefore dropped.
@@ -123,8 +128,31 @@ pub struct ImageStats {
     pub height: u32,
     /// Samples per pixel asked for.
     pub spp: u32,
+    /// Samples per pixel taken, on average.
+    pub mean_spp: f64,
     /// [`crate::film::Image::hash`].
     pub hash: String,
+}
+
+/// Relative standard errors of a picture's pixels, by blocks of 32 × 32; null where too little is known.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct NoiseStats {
+    /// Of the worst block.
+    pub worst: f64,
+    /// Root mean square over all blocks.
+    pub mean: f64,
+    /// Blocks that got no more samples because they were good enough.
+    pub resting_blocks: usize,
+    /// All blocks.
+    pub blocks: usize,
+}
+
+impl NoiseStats {
+    /// As the renderer reports it.
+    pub fn of(report: NoiseReport) -> Self {
+        let NoiseReport { worst, mean, resting, blocks } = report;
+        Self { worst, mean, resting_blocks: resting, blocks }
+    }
 }
 
 /// Wall-clock seconds by stage.
@@ -227,13 +255,6 @@ impl From<schedule::RayCounts> for RayCounts {
 }
 
 impl Units {
-    /// The units of one job.
-    pub fn of(report: &JobReport) -> Self {
-        let mut units = Self::default();
-        units.add(report);
-        units
-    }
-
     /// Adds the units of one more job.
     pub fn add(&mut self, report: &JobReport) {
         self.cpu.rays += report.cpu.rays;

@@ -2,6 +2,7 @@
 
 use super::stripe::{Stripe, Stripes};
 use crate::lanes::{Int, Lanes, Vector};
+use std::io::Write;
 use std::sync::atomic::{AtomicI64, AtomicU32, AtomicU64, Ordering::Relaxed};
 
 /// Splats brighter than this are clamped to it, per channel.
@@ -74,8 +75,9 @@ impl Film {
             width,
             height,
             fraction_bits,
-            sums: std::iter::repeat_with(Default::default).take(pixels).collect(),
-            samples: std::iter::repeat_with(Default::default).take(pixels).collect(),
+            // Memory that nobody has touched costs nothing.
+            sums: bytemuck::zeroed_vec(pixels),
+            samples: bytemuck::zeroed_vec(pixels),
             stripes: Stripes::new(pixels),
             dropped: AtomicU64::new(0),
         }
@@ -151,6 +153,64 @@ impl Film {
         Some(radiance.to_array().map(|value| round(f64::from(value.min(MAX_RADIANCE)) * scale) as i64))
     }
 
+    /// Adds all that another film of the same size and precision has received.
+    ///
+    /// # Panics
+    /// If it is of another size or precision.
+    pub fn add(&self, other: &Self) {
+        let kind = |film: &Self| (film.width, film.height, film.fraction_bits);
+        assert_eq!(kind(self), kind(other), "films of one kind can be added");
+        for (pixel, (sums, more)) in self.sums.iter().zip(&other.sums).enumerate() {
+            let _stripe = self.stripes.lock(pixel as u32);
+            add(sums, more.each_ref().map(|sum| sum.load(Relaxed)));
+        }
+        for (count, more) in self.samples.iter().zip(&other.samples) {
+            count.fetch_add(more.load(Relaxed), Relaxed);
+        }
+        self.dropped.fetch_add(other.dropped_splats(), Relaxed);
+    }
+
+    /// A pixel's mean luminance (Rec. 709) and over how many samples; 0 if there is none.
+    pub fn luminance(&self, pixel: usize) -> (f64, u32) {
+        let samples = self.samples[pixel].load(Relaxed);
+        let [r, g, b] = self.sums[pixel].each_ref().map(|sum| sum.load(Relaxed) as f64);
+        let unit = 1.0 / ((1u64 << self.fraction_bits) as f64 * f64::from(samples.max(1)));
+        ((0.2126 * r + 0.7152 * g + 0.0722 * b) * unit, samples)
+    }
+
+    /// Writes all that has been received, as integers.
+    ///
+    /// # Errors
+    /// When the file system refuses.
+    pub fn save(&self, to: &mut impl Write) -> std::io::Result<()> {
+        to.write_all(&self.fraction_bits.to_le_bytes())?;
+        to.write_all(&self.dropped_splats().to_le_bytes())?;
+        for sum in self.sums.as_flattened() {
+            to.write_all(&sum.load(Relaxed).to_le_bytes())?;
+        }
+        for count in &self.samples {
+            to.write_all(&count.load(Relaxed).to_le_bytes())?;
+        }
+        Ok(())
+    }
+
+    /// A film of the same size and precision with what another has written by [`Film::save`]; none if it
+    /// was of another precision, or longer.
+    pub fn restored(&self, from: &mut &[u8]) -> Option<Self> {
+        let film = self.blank();
+        if u32::from_le_bytes(*take(from)?) != self.fraction_bits {
+            return None;
+        }
+        film.dropped.store(u64::from_le_bytes(*take(from)?), Relaxed);
+        for sum in film.sums.as_flattened() {
+            sum.store(i64::from_le_bytes(*take(from)?), Relaxed);
+        }
+        for count in &film.samples {
+            count.store(u32::from_le_bytes(*take(from)?), Relaxed);
+        }
+        Some(film)
+    }
+
     /// Splats dropped so far because they were not radiance.
     pub fn dropped_splats(&self) -> u64 {
         self.dropped.load(Relaxed)
@@ -182,6 +242,13 @@ fn add(sums: &[AtomicI64; 3], fixed: [i64; 3]) {
     for (sum, fixed) in sums.iter().zip(fixed) {
         sum.store(sum.load(Relaxed) + fixed, Relaxed);
     }
+}
+
+/// The next bytes, if there are so many.
+pub(crate) fn take<'a, const N: usize>(from: &mut &'a [u8]) -> Option<&'a [u8; N]> {
+    let (bytes, rest) = from.split_first_chunk()?;
+    *from = rest;
+    Some(bytes)
 }
 
 /// The nearest integer to a number ≥ 0, ties to even.
@@ -246,6 +313,33 @@ mod tests {
             Film::new(1, 1, Film::MAX_SPLATS + 1).err(),
             Some(TooManySplats { splats: Film::MAX_SPLATS + 1 })
         );
+    }
+
+    #[test]
+    fn parts_add_up_and_survive_being_saved() {
+        let whole = Film::new(3, 2, 16).expect("fits");
+        let parts = [whole.blank(), whole.blank()];
+        for i in 0..40u32 {
+            let (pixel, radiance) = (i % 6, Vec3::new(i as f32, 0.1 * i as f32, 1.0 / (i as f32)));
+            for film in [&whole, &parts[usize::from(i > 11)]] {
+                film.splat(pixel, radiance);
+                film.add_samples(pixel, 1);
+            }
+        }
+        parts[0].add(&parts[1]);
+        let mut saved = Vec::new();
+        parts[0].save(&mut saved).expect("memory");
+        let restored = whole.restored(&mut &saved[..]).expect("the same kind");
+        for film in [&parts[0], &restored] {
+            assert_eq!(film.resolve(), whole.resolve());
+            assert_eq!((film.sample_counts(), film.dropped_splats()), (whole.sample_counts(), 1));
+        }
+        assert!(whole.restored(&mut &saved[..saved.len() - 1]).is_none(), "cut");
+        assert!(Film::new(3, 2, 1 << 20).expect("fits").restored(&mut &saved[..]).is_none(), "less precise");
+        let (luminance, samples) = whole.luminance(1);
+        let [r, g, b] = whole.resolve()[1].map(f64::from);
+        assert_eq!(samples, 7);
+        assert!((luminance - (0.2126 * r + 0.7152 * g + 0.0722 * b)).abs() < 1e-4);
     }
 
     #[test]

@@ -1,9 +1,11 @@
 //! The integrators that plug into the scheduler, and what makes a scene ready for them.
 
+mod checkpoint;
 mod frame;
 mod integrator;
 mod pass;
 mod path;
+mod progressive;
 mod ray_by_ray;
 mod sequence;
 mod single_ray;
@@ -13,10 +15,12 @@ mod tests;
 mod units;
 mod whitted;
 
+pub use checkpoint::{CheckpointError, Identity};
 pub use frame::{Frame, Settings, SettingsError};
 pub use integrator::Integrator;
 pub use pass::{BLOCK, Blocks, Pass};
 pub use path::{Contribution, Path, PathState, ROULETTE_BOUNCES};
+pub use progressive::{NoiseReport, PASSES_IN_FLIGHT, PassOptions, Progressive};
 pub use ray_by_ray::RayByRay;
 pub use sequence::Sequence;
 pub use single_ray::render_single_rays;

@@ -3,6 +3,7 @@
 
 mod camera;
 mod camera_path;
+mod content;
 mod environment;
 mod light;
 pub mod load;

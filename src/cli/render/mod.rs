@@ -1,5 +1,6 @@
 //! `raystream render`.
 
+mod checkpoint;
 mod frames;
 mod still;
 mod tally;
@@ -9,7 +10,7 @@ use super::args::RenderArgs;
 use super::setup::Setup;
 use super::timeline;
 use crate::film::Format;
-use crate::render::{Integrator, Path as PathTracer, ROULETTE_BOUNCES, Settings, Whitted};
+use crate::render::{Integrator, PASSES_IN_FLIGHT, Path as PathTracer, ROULETTE_BOUNCES, Settings, Whitted};
 use crate::scene::Camera;
 use crate::schedule::{JobHandle, JobOptions, LimitsError};
 use anyhow::{Context, Result, bail};
@@ -21,8 +22,10 @@ use std::sync::Arc;
 pub fn run(args: &RenderArgs) -> Result<Outcome> {
     Format::of(&args.output)?;
     check_folders(
-        &[Some(&args.output), args.stats.as_ref(), args.timeline.as_ref()].map(|p| p.map(|p| &**p)),
+        &[Some(&args.output), args.stats.as_ref(), args.timeline.as_ref(), args.progress.checkpoint.as_ref()]
+            .map(|p| p.map(|p| &**p)),
     )?;
+    checkpoint::check(&args.progress)?;
     if let Some(path) = &args.timeline {
         timeline::Format::of(path)?;
     }
@@ -30,13 +33,14 @@ pub fn run(args: &RenderArgs) -> Result<Outcome> {
         bail!("there is no integrator {:?}; choose path or whitted", args.integrator);
     }
     let course = Course::new(args)?;
-    let max_jobs = course.as_ref().map_or(1, |_| args.animation.frames_in_flight as usize);
+    let max_jobs = course.as_ref().map_or(PASSES_IN_FLIGHT, |_| args.animation.frames_in_flight as usize);
     let setup = Setup::new(&args.scene, &args.units, max_jobs, |scene| args.light.hang(scene))?;
     let scene = setup.stage.scene.clone();
     let (width, height) = args.size;
     let aspect = width as f32 / height as f32;
     let camera = args.camera.apply(scene.camera, || Camera::framing(&scene.bounds(), aspect));
-    let settings = Settings { width, height, spp: args.spp, max_bounces: args.max_bounces, seed: args.seed };
+    let spp = args.progress.samples();
+    let settings = Settings { width, height, spp, max_bounces: args.max_bounces, seed: args.seed };
     match args.integrator.as_str() {
         "whitted" => expose(args, &setup, course, &camera, Whitted::new(scene, &camera, settings)?),
         _ => {
@@ -56,7 +60,7 @@ fn expose(
 ) -> Result<Outcome> {
     match course {
         Some(course) => frames::run(args, setup, &course, camera, &integrator),
-        None => still::run(args, setup, integrator),
+        None => still::run(args, setup, camera, integrator),
     }
 }
 

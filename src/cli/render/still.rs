@@ -1,70 +1,133 @@
 //! One picture.
 
+use super::checkpoint::Checkpoint;
 use super::submit;
+use super::tally::Tally;
 use crate::cli::args::RenderArgs;
 use crate::cli::progress::{BEAT, Bar};
 use crate::cli::setup::Setup;
-use crate::cli::stats::{self, ImageStats, RenderStats, SCHEMA, SceneStats, Seconds};
+use crate::cli::stats::{self, ImageStats, NoiseStats, RenderStats, SCHEMA, SceneStats, Seconds};
 use crate::cli::{Outcome, interrupt, timeline};
-use crate::film::{Image, write_image};
-use crate::render::Integrator;
-use crate::schedule::JobReport;
+use crate::film::{Film, Image, write_image};
+use crate::render::{Integrator, PassOptions, Progressive};
+use crate::scene::Camera;
 use anyhow::{Context, Result};
 use std::sync::Arc;
 use std::time::Instant;
 
-/// Renders the integrator's frame.
-pub fn run<I: Integrator>(args: &RenderArgs, setup: &Setup, integrator: I) -> Result<Outcome> {
-    let integrator = Arc::new(integrator);
+/// Renders the integrator's frame, in passes if anything is to be seen or kept meanwhile.
+pub fn run<I: Integrator>(
+    args: &RenderArgs,
+    setup: &Setup,
+    camera: &Camera,
+    integrator: I,
+) -> Result<Outcome> {
+    let interval = args.progress.interval();
+    // Two passes are in flight between two saves.
+    let options = PassOptions { noise: args.progress.noise, pass_time: interval.map(|time| time / 2) };
+    let checkpoint = Checkpoint::of(args, setup, camera, &integrator);
+    let mut bar = Bar::new(integrator.frame().tiles());
+    let mut frame = match &checkpoint {
+        Some(checkpoint) => checkpoint.begin(integrator, options)?,
+        None => Progressive::new(integrator, options),
+    };
+    let mut tally = Tally::default();
     let started = Instant::now();
-    let job = submit(setup, args, &integrator)?;
+    let (mut saved, mut end) = (started, End::Complete);
     interrupt::listen();
-    let bar = Bar::new(job.progress().tiles);
-    while !job.wait_for(BEAT) {
-        if interrupt::asked() {
-            job.stop();
+    loop {
+        if end == End::Complete {
+            let over = args.progress.seconds.is_some_and(|time| started.elapsed() >= time);
+            end = if interrupt::asked() {
+                End::Interrupted
+            } else if over {
+                End::Time
+            } else {
+                End::Complete
+            };
+            if end != End::Complete {
+                frame.stop();
+            }
         }
-        bar.show([job.progress()].into_iter());
+        frame.begin(|pass| submit(setup, args, pass))?;
+        if !frame.wait_for(BEAT) {
+            bar.show(frame.progress());
+            continue;
+        }
+        let Some(report) = frame.finish_pass().context("the frame failed")? else { break };
+        bar.finish_job(report.tiles_spawned, report.rays.total());
+        tally.add(&report);
+        if interval.is_some_and(|time| saved.elapsed() >= time) {
+            save(args, checkpoint.as_ref(), &frame)?;
+            saved = Instant::now();
+        }
     }
     drop(bar);
-    let report = job.wait().context("the frame failed")?;
     let render_s = started.elapsed().as_secs_f64();
 
-    let film = integrator.frame().film();
-    let image = Image { width: film.width(), height: film.height(), pixels: film.resolve() };
     let started = Instant::now();
-    write_image(&args.output, &image, args.exposure)?;
+    let (image, film) = save(args, checkpoint.as_ref(), &frame)?;
     let seconds = Seconds {
         load: setup.load_s,
         build: setup.build_s,
         render: render_s,
         write: started.elapsed().as_secs_f64(),
     };
-    let stats = summarise(setup, &*integrator, &image, seconds, &report);
+    let stats = summarise(setup, &frame, &film, &image, seconds, &mut tally, end);
     if let Some(path) = &args.stats {
         stats::write(path, &stats)?;
     }
     if let Some(path) = &args.timeline {
-        timeline::write(path, &report.threads, &report.timeline)?;
+        timeline::write(path, &tally.threads, &tally.timeline)?;
     }
-    tell(args, &stats, &report);
+    tell(args, &stats);
     Ok(if stats.events.is_empty() { Outcome::Done } else { Outcome::Degraded })
 }
 
-fn summarise(
+/// Why no more samples are taken.
+#[derive(Clone, Copy, PartialEq)]
+enum End {
+    /// There are enough.
+    Complete,
+    /// `--seconds` are over.
+    Time,
+    /// Ctrl-C.
+    Interrupted,
+}
+
+/// Writes the picture and the checkpoint.
+fn save<I: Integrator>(
+    args: &RenderArgs,
+    checkpoint: Option<&Checkpoint>,
+    frame: &Progressive<I>,
+) -> Result<(Image, Arc<Film>)> {
+    let film = frame.picture();
+    let image = Image { width: film.width(), height: film.height(), pixels: film.resolve() };
+    write_image(&args.output, &image, args.exposure)?;
+    if let Some(checkpoint) = checkpoint {
+        checkpoint.write(frame)?;
+    }
+    Ok((image, film))
+}
+
+fn summarise<I: Integrator>(
     setup: &Setup,
-    integrator: &impl Integrator,
+    frame: &Progressive<I>,
+    film: &Film,
     image: &Image,
     seconds: Seconds,
-    report: &JobReport,
+    tally: &mut Tally,
+    end: End,
 ) -> RenderStats {
-    let frame = integrator.frame();
+    let settings = frame.integrator().frame().settings();
     let micros = seconds.render * 1e6;
     let scene = &setup.stage.scene;
+    let counts = film.sample_counts();
+    let samples = counts.iter().map(|&count| u64::from(count)).sum::<u64>() as f64 / counts.len() as f64;
     let mut events: Vec<String> = setup.stage.degraded.iter().cloned().collect();
-    events.extend(report.events.iter().cloned());
-    if report.stopped {
-        events.push(format!("stopped after {} of {} tiles", report.tiles_spawned, report.tiles));
+    events.append(&mut tally.events);
+    if end == End::Interrupted {
+        events.push(format!("stopped after {samples:.1} of {} samples per pixel", settings.spp));
     }
     RenderStats {
         schema: SCHEMA,
@@ -72,36 +135,34 @@ fn summarise(
         image: ImageStats {
             width: image.width,
             height: image.height,
-            spp: frame.settings().spp,
+            spp: settings.spp,
+            mean_spp: samples,
             hash: image.hash(),
         },
         seconds,
-        rays: report.rays.into(),
-        mray_per_s: report.rays.total() as f64 / micros,
-        mpath_per_s: report.rays.camera as f64 / micros,
-        units: stats::Units::of(report),
-        threads: report.threads.iter().map(stats::ThreadStats::of).collect(),
-        tail_idle_share: report.tail_idle_share,
-        dropped_splats: frame.film().dropped_splats(),
+        rays: tally.rays.into(),
+        mray_per_s: tally.rays.total() as f64 / micros,
+        mpath_per_s: tally.rays.camera as f64 / micros,
+        units: std::mem::take(&mut tally.units),
+        threads: tally.thread_stats(),
+        passes: frame.passes(),
+        noise: frame.noise().map(NoiseStats::of),
+        tail_idle_share: tally.tail_idle_share,
+        dropped_splats: film.dropped_splats(),
         peak_memory_bytes: stats::peak_memory_bytes(),
-        peak_rays_in_flight: report.max_in_flight as u64,
-        peak_loop_stack_bytes: integrator.loop_stack_bytes() as u64,
+        peak_rays_in_flight: tally.peak_rays_in_flight as u64,
+        peak_loop_stack_bytes: frame.loop_stack_bytes() as u64,
         adapter: setup.stage.adapter.clone(),
         simd: setup.simd.name().into(),
         events,
     }
 }
 
-fn tell(args: &RenderArgs, stats: &RenderStats, report: &JobReport) {
+fn tell(args: &RenderArgs, stats: &RenderStats) {
     let image = &stats.image;
-    let samples = match report.stopped {
-        // Tiles run over the picture once for each sample.
-        true => format!(
-            "about {:.1} of {}",
-            image.spp as f64 * report.tiles_spawned as f64 / report.tiles as f64,
-            image.spp
-        ),
-        false => image.spp.to_string(),
+    let samples = match image.mean_spp {
+        all if all == f64::from(image.spp) => image.spp.to_string(),
+        some => format!("{some:.1}"),
     };
     let who = match &stats.adapter {
         Some(adapter) => format!("the CPU ({}) and {adapter}", stats.simd),
@@ -117,6 +178,15 @@ fn tell(args: &RenderArgs, stats: &RenderStats, report: &JobReport) {
         stats.mpath_per_s,
         image.hash
     );
+    if let Some(noise) = &stats.noise {
+        println!(
+            "relative standard error {:.2} %, of the worst block {:.2} %; {} of {} blocks needed no more",
+            100.0 * noise.mean,
+            100.0 * noise.worst,
+            noise.resting_blocks,
+            noise.blocks
+        );
+    }
     for event in &stats.events {
         eprintln!("degraded: {event}");
     }

@@ -2,6 +2,7 @@
 
 pub mod harness;
 mod path;
+mod progressive;
 mod scenes;
 mod single_ray;
 mod whitted;

@@ -1,0 +1,280 @@
+//! A frame in passes: a running picture, an end that noise decides, and a state that can be kept.
+
+use super::{Integrator, Pass, Sequence};
+use crate::film::{Film, Noise};
+use crate::schedule::{JobError, JobHandle, JobReport, LimitsError, Progress};
+use std::collections::VecDeque;
+use std::ops::Range;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// Passes in flight: what the last paths of one leave idle the camera rays of the next take up.
+pub const PASSES_IN_FLIGHT: usize = 2;
+
+/// Fewest samples of a pass whose noise is looked at.
+const PASS_SAMPLES: u32 = 8;
+
+/// A block rests after this many samples at the earliest: fewer may all have missed what matters.
+const LEAST_SAMPLES: u32 = 32;
+
+/// A block darker than this part of the picture's mean need be no better than one as dark as that.
+const DARK: f64 = 0.05;
+
+/// How a frame is divided into passes.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PassOptions {
+    /// Relative standard error at which a block of [`super::BLOCK`]² pixels gets no more samples: that of a
+    /// pixel's luminance, root mean square over the block, by the block's mean. The frame ends when all
+    /// blocks rest, or have all samples.
+    pub noise: Option<f32>,
+    /// About how long a pass should take; without it, and without `noise`, one pass takes all samples. Does
+    /// not change the picture.
+    pub pass_time: Option<Duration>,
+}
+
+/// A frame that is rendered in passes, each on a film of its own that is added to the whole when the
+/// pass is complete; so what there is between two passes does not depend on scheduling, nor on when it is
+/// looked at.
+///
+/// # Adaptive sampling that keeps promise 1
+/// With [`PassOptions::noise`] the size of passes is fixed, and where pass `n` takes samples is decided
+/// from the exact sums of the passes up to `n − `[`PASSES_IN_FLIGHT`], whether others have ended by then or not.
+pub struct Progressive<I: Integrator> {
+    integrator: Arc<I>,
+    options: PassOptions,
+    state: State,
+    under_way: Sequence<Arc<I>>,
+    /// Passes that a kept state had under way, to be begun again.
+    resumed: VecDeque<Pass>,
+    /// What passes that were stopped have brought: only for the eye, never kept.
+    partial: Vec<Arc<Film>>,
+    stopped: bool,
+    pace: Pace,
+    loop_stack_bytes: usize,
+}
+
+/// What is known between two passes.
+pub(super) struct State {
+    /// The sum of all complete passes.
+    pub film: Arc<Film>,
+    pub noise: Option<Noise>,
+    /// Blocks that get more samples.
+    pub blocks: Arc<[u32]>,
+    /// Samples of these that no pass has been given.
+    pub todo: Range<u32>,
+    /// Passes begun and not complete, the oldest first.
+    pub begun: Vec<Pass>,
+    /// Complete passes.
+    pub passes: u64,
+}
+
+/// How fast passes are.
+struct Pace {
+    since: Instant,
+    samples: u32,
+}
+
+/// How noisy a picture is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct NoiseReport {
+    /// The relative standard error of the worst block.
+    pub worst: f64,
+    /// The root mean square over all blocks.
+    pub mean: f64,
+    /// Blocks that get no more samples.
+    pub resting: usize,
+    /// All blocks.
+    pub blocks: usize,
+}
+
+impl<I: Integrator> Progressive<I> {
+    /// The integrator's frame from the start.
+    pub fn new(integrator: I, options: PassOptions) -> Self {
+        let frame = integrator.frame();
+        let state = State {
+            film: Arc::clone(frame.film()),
+            noise: options.noise.map(|_| Noise::new(frame.film())),
+            blocks: frame.blocks().in_order(),
+            todo: 0..frame.settings().spp,
+            begun: Vec::new(),
+            passes: 0,
+        };
+        Self::with_state(integrator, options, state)
+    }
+
+    pub(super) fn with_state(integrator: I, options: PassOptions, mut state: State) -> Self {
+        Self {
+            integrator: Arc::new(integrator),
+            options,
+            resumed: std::mem::take(&mut state.begun).into(),
+            state,
+            under_way: Sequence::new(PASSES_IN_FLIGHT),
+            partial: Vec::new(),
+            stopped: false,
+            loop_stack_bytes: 0,
+            pace: Pace { since: Instant::now(), samples: 0 },
+        }
+    }
+
+    /// Begins passes while there is room and need for them; `submit` gives one to a service that has room
+    /// for [`PASSES_IN_FLIGHT`] jobs.
+    ///
+    /// # Errors
+    /// What `submit` says.
+    pub fn begin(
+        &mut self,
+        mut submit: impl FnMut(&Arc<I>) -> Result<JobHandle, LimitsError>,
+    ) -> Result<(), LimitsError> {
+        while self.under_way.has_room()
+            && !self.stopped
+            && let Some(pass) = self.next_pass()
+        {
+            let exposure = Arc::new(self.integrator.expose(pass.clone()));
+            self.under_way.push(submit(&exposure)?, exposure);
+            self.state.begun.push(pass);
+        }
+        Ok(())
+    }
+
+    fn next_pass(&mut self) -> Option<Pass> {
+        if let Some(pass) = self.resumed.pop_front() {
+            return Some(pass);
+        }
+        let State { blocks, todo, .. } = &mut self.state;
+        if todo.start >= todo.end || blocks.is_empty() {
+            return None;
+        }
+        let samples = match self.options {
+            // Powers of two that divide what is before them: such passes are stratified in themselves.
+            PassOptions { noise: Some(_), .. } => PASS_SAMPLES.max(1 << (todo.start / 8).max(1).ilog2()),
+            PassOptions { pass_time: Some(_), .. } => self.pace.samples.max(1),
+            _ => u32::MAX,
+        };
+        let end = todo.start.saturating_add(samples).min(todo.end);
+        let pass = Pass::new(Arc::clone(blocks), todo.start..end);
+        todo.start = end;
+        Some(pass)
+    }
+
+    /// Waits at most that long for the oldest pass; returns whether it has ended, or there is none.
+    pub fn wait_for(&self, patience: Duration) -> bool {
+        self.under_way.wait_for(patience)
+    }
+
+    /// How far the passes under way are.
+    pub fn progress(&self) -> impl Iterator<Item = Progress> {
+        self.under_way.progress()
+    }
+
+    /// Waits for the oldest pass and adds what it brought; none if there is none. A pass that was stopped
+    /// counts for [`Progressive::picture`] only, and so do those after it.
+    ///
+    /// # Errors
+    /// When the job failed.
+    pub fn finish_pass(&mut self) -> Result<Option<JobReport>, JobError> {
+        let Some((exposure, report)) = self.under_way.pop() else { return Ok(None) };
+        let report = report?;
+        self.loop_stack_bytes = self.loop_stack_bytes.max(exposure.loop_stack_bytes());
+        let film = exposure.frame().film();
+        if report.stopped || !self.partial.is_empty() {
+            self.partial.push(Arc::clone(film));
+            return Ok(Some(report));
+        }
+        let pass = self.state.begun.remove(0);
+        if let Some(noise) = &mut self.state.noise {
+            noise.learn(&self.state.film, film);
+        }
+        if self.state.passes == 0 {
+            self.state.film = Arc::clone(film);
+        } else {
+            self.state.film.add(film);
+        }
+        self.state.passes += 1;
+        if let Some(target) = self.options.noise {
+            self.rest(f64::from(target), pass.samples().end);
+        }
+        if let Some(time) = self.options.pass_time {
+            let took = self.pace.since.elapsed().as_secs_f64() / f64::from(pass.samples().len() as u32);
+            let samples = (time.as_secs_f64() / took.max(1e-9)) as u32;
+            self.pace =
+                Pace { since: Instant::now(), samples: samples.clamp(1, 4 * self.pace.samples.max(1)) };
+        }
+        Ok(Some(report))
+    }
+
+    /// Lets blocks rest that are good enough; `samples` have been taken of those that do not rest yet.
+    fn rest(&mut self, target: f64, samples: u32) {
+        if samples >= LEAST_SAMPLES {
+            let errors = self.errors();
+            let needy = self.state.blocks.iter().copied().filter(|&block| errors[block as usize] > target);
+            self.state.blocks = needy.collect();
+        }
+    }
+
+    /// The relative standard error of each block.
+    fn errors(&self) -> Vec<f64> {
+        let Some(noise) = &self.state.noise else { return Vec::new() };
+        let blocks = self.integrator.frame().blocks();
+        let measured = (0..blocks.count() as u32).map(|block| {
+            let (columns, rows) = blocks.pixels(block);
+            noise.measure(&self.state.film, columns, rows)
+        });
+        let measured: Vec<_> = measured.collect();
+        let mean = measured.iter().map(|(_, mean)| mean).sum::<f64>() / measured.len() as f64;
+        let relative =
+            |&(error, of): &(f64, f64)| if error == 0.0 { 0.0 } else { error / of.max(DARK * mean) };
+        measured.iter().map(relative).collect()
+    }
+
+    /// How noisy the sum of all complete passes is; none unless [`PassOptions::noise`] asks.
+    pub fn noise(&self) -> Option<NoiseReport> {
+        let errors = self.errors();
+        let mean = errors.iter().map(|error| error * error).sum::<f64>() / errors.len() as f64;
+        let worst =
+            errors.iter().copied().fold(None, |worst: Option<f64>, e| Some(worst.map_or(e, |w| w.max(e))))?;
+        let resting = errors.len() - self.state.blocks.len();
+        Some(NoiseReport { worst, mean: libm::sqrt(mean), resting, blocks: errors.len() })
+    }
+
+    /// Ends the frame early: no more camera rays; what is in flight is finished. [`Progressive::finish_pass`]
+    /// still returns the passes under way.
+    pub fn stop(&mut self) {
+        self.stopped = true;
+        self.under_way.stop();
+    }
+
+    /// The frame's integrator.
+    pub fn integrator(&self) -> &I {
+        &self.integrator
+    }
+
+    /// Complete passes.
+    pub fn passes(&self) -> u64 {
+        self.state.passes
+    }
+
+    /// The most bytes that a pass has allocated for loop stacks.
+    pub fn loop_stack_bytes(&self) -> usize {
+        self.loop_stack_bytes
+    }
+
+    /// What is there to be seen: all complete passes, and what stopped ones have brought.
+    pub fn picture(&self) -> Arc<Film> {
+        if self.partial.is_empty() {
+            return Arc::clone(&self.state.film);
+        }
+        let film = self.state.film.blank();
+        film.add(&self.state.film);
+        self.partial.iter().for_each(|partial| film.add(partial));
+        Arc::new(film)
+    }
+
+    pub(super) fn state(&self) -> &State {
+        &self.state
+    }
+
+    /// Passes that are not complete, the oldest first.
+    pub(super) fn incomplete(&self) -> impl Iterator<Item = &Pass> {
+        self.state.begun.iter().chain(&self.resumed)
+    }
+}

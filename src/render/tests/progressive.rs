@@ -1,0 +1,164 @@
+//! Passes, noise and checkpoints: the same picture whatever happens in between.
+
+use super::harness::tracer;
+use super::scenes::{camera, room};
+use crate::film::Film;
+use crate::render::{CheckpointError, Identity, PASSES_IN_FLIGHT, PassOptions, Path, Progressive, Settings};
+use crate::scene::Camera;
+use crate::schedule::{JobHandle, JobOptions, LimitsError, Service, ServiceOptions, Sharing, Tracers};
+use std::sync::Arc;
+use std::time::Duration;
+
+/// A few threads and a scene for them.
+struct Studio {
+    service: Service,
+    tracers: Tracers,
+    scene: Arc<crate::scene::Scene>,
+    camera: Camera,
+}
+
+impl Studio {
+    fn new(host_threads: usize) -> Self {
+        let scene = Arc::new(room());
+        let options = ServiceOptions {
+            host_threads,
+            dispatch_threads: 0,
+            max_jobs: PASSES_IN_FLIGHT,
+            sharing: Sharing::FirstIn,
+        };
+        Self {
+            service: Service::new(options).expect("threads"),
+            tracers: Tracers::cpu(Arc::new(tracer(&scene))),
+            camera: camera(),
+            scene,
+        }
+    }
+
+    fn path(&self, spp: u32) -> Path {
+        let settings = Settings { width: 100, height: 70, spp, max_bounces: 3, seed: 1 };
+        Path::new(Arc::clone(&self.scene), &self.camera, settings, Some(3)).expect("settings")
+    }
+
+    fn submit(&self, pass: &Arc<Path>) -> Result<JobHandle, LimitsError> {
+        self.service.submit(Arc::clone(pass), self.tracers.clone(), JobOptions::default())
+    }
+
+    /// One more pass; false when there is none.
+    fn step(&self, frame: &mut Progressive<Path>) -> bool {
+        frame.begin(|pass| self.submit(pass)).expect("limits");
+        frame.finish_pass().expect("no panic").is_some()
+    }
+
+    fn finish(&self, mut frame: Progressive<Path>) -> (Arc<Film>, u64) {
+        while self.step(&mut frame) {}
+        (frame.picture(), frame.passes())
+    }
+}
+
+fn identity(seed: u64) -> Identity {
+    [("seed".to_owned(), seed.to_string()), ("scene".to_owned(), "a room".to_owned())].into()
+}
+
+const NOISY: PassOptions = PassOptions { noise: Some(0.04), pass_time: None };
+const SLOW: PassOptions = PassOptions { noise: None, pass_time: Some(Duration::from_millis(3)) };
+
+#[test]
+fn passes_make_the_same_picture_as_one_job() {
+    let studio = Studio::new(2);
+    let (whole, one) = studio.finish(Progressive::new(studio.path(12), PassOptions::default()));
+    let (sum, several) = studio.finish(Progressive::new(studio.path(12), SLOW));
+    assert!(one == 1 && several > 1, "{several} passes");
+    assert_eq!(whole.resolve(), sum.resolve());
+    assert_eq!(whole.sample_counts(), vec![12; 7000]);
+}
+
+#[test]
+fn samples_go_where_noise_is_whatever_the_threads() {
+    let pictures = [1, 2, 5].map(|threads| {
+        let studio = Studio::new(threads);
+        let mut frame = Progressive::new(studio.path(200), NOISY);
+        while studio.step(&mut frame) {}
+        let noise = frame.noise().expect("asked for");
+        assert!(noise.resting > 0 && noise.mean < noise.worst, "{noise:?}");
+        let film = frame.picture();
+        (film.resolve(), film.sample_counts())
+    });
+    assert!(pictures[0] == pictures[1] && pictures[0] == pictures[2]);
+    let counts = &pictures[0].1;
+    let (least, most) = (counts.iter().min(), counts.iter().max());
+    assert!(least >= Some(&32) && least < most, "{least:?} to {most:?} samples");
+}
+
+#[test]
+fn a_resumed_frame_ends_as_if_nothing_had_happened() {
+    let studio = Studio::new(2);
+    for (options, spp) in [(NOISY, 128), (SLOW, 40)] {
+        let (expected, passes) = studio.finish(Progressive::new(studio.path(spp), options));
+        for interrupted_after in 0..passes.min(9) {
+            let mut frame = Progressive::new(studio.path(spp), options);
+            let mut saved = Vec::new();
+            for _ in 0..interrupted_after {
+                studio.step(&mut frame);
+            }
+            frame.save(&identity(1), &mut saved).expect("memory");
+            drop(frame);
+            let frame = Progressive::resume(studio.path(spp), options, &identity(1), &saved).expect("whole");
+            // Saved again before anything has begun.
+            saved.clear();
+            frame.save(&identity(1), &mut saved).expect("memory");
+            let frame = Progressive::resume(studio.path(spp), options, &identity(1), &saved).expect("whole");
+            let (film, _) = studio.finish(frame);
+            assert_eq!(film.resolve(), expected.resolve(), "after {interrupted_after} passes");
+            assert_eq!(film.sample_counts(), expected.sample_counts());
+        }
+    }
+}
+
+#[test]
+fn a_stopped_frame_shows_all_and_keeps_what_is_complete() {
+    let studio = Studio::new(2);
+    let slow = PassOptions { noise: None, pass_time: Some(Duration::from_millis(40)) };
+    let mut frame = Progressive::new(studio.path(5000), slow);
+    for _ in 0..4 {
+        studio.step(&mut frame);
+    }
+    frame.begin(|pass| studio.submit(pass)).expect("limits");
+    frame.stop();
+    while frame.finish_pass().expect("no panic").is_some() {}
+    let mut saved = Vec::new();
+    frame.save(&identity(1), &mut saved).expect("memory");
+    let resumed = Progressive::resume(studio.path(5000), slow, &identity(1), &saved).expect("whole");
+    let (kept, shown) = (resumed.picture().sample_counts(), frame.picture().sample_counts());
+    assert!(kept.iter().all(|&count| count == kept[0] && count > 0), "whole passes");
+    assert!(kept.iter().zip(&shown).all(|(kept, shown)| kept <= shown));
+    let mut resumed = resumed;
+    studio.step(&mut resumed);
+    assert!(resumed.picture().sample_counts()[0] > kept[0], "it goes on");
+}
+
+#[test]
+fn what_is_no_checkpoint_of_the_frame_is_refused() {
+    let studio = Studio::new(1);
+    let mut frame = Progressive::new(studio.path(64), NOISY);
+    studio.step(&mut frame);
+    let mut saved = Vec::new();
+    frame.save(&identity(1), &mut saved).expect("memory");
+    let resume =
+        |saved: &[u8], seed: u64| Progressive::resume(studio.path(64), NOISY, &identity(seed), saved).err();
+    assert_eq!(resume(&saved, 1), None);
+    let mismatch = resume(&saved, 2).expect("another seed").to_string();
+    assert!(mismatch.contains("seed was 1, now it is 2"), "{mismatch}");
+    for length in (0..saved.len()).step_by(997) {
+        assert!(resume(&saved[..length], 1).is_some(), "cut after {length} bytes");
+    }
+    for place in (0..saved.len()).step_by(1009) {
+        let mut damaged = saved.clone();
+        damaged[place] ^= 4;
+        assert!(resume(&damaged, 1).is_some(), "byte {place} changed");
+    }
+    assert_eq!(resume(b"PNG", 1), Some(CheckpointError::Foreign));
+    // A right sum over wrong contents: no panic.
+    saved.truncate(saved.len() - 8 - 100);
+    saved.extend(xxhash_rust::xxh3::xxh3_64(&saved).to_le_bytes());
+    assert_eq!(resume(&saved, 1), Some(CheckpointError::Damaged));
+}
