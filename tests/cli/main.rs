@@ -1,6 +1,7 @@
 //! The command line as a user meets it: pictures, arrays, statistics, refusals.
 
 mod frames;
+mod progressive;
 mod refusals;
 mod render;
 mod trace;

@@ -1,0 +1,175 @@
+use super::{folder, json, raystream, run, shipped};
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+const SMALL: [&str; 6] = ["--size", "96x80", "--tracer", "cpu", "--stats", "s.json"];
+
+fn render(folder: &Path, more: &[&str]) -> serde_json::Value {
+    let scene = shipped("cornell.json");
+    run(folder, &[&["render", &scene][..], &SMALL, more].concat(), 0);
+    json(&folder.join("s.json"))
+}
+
+fn start(folder: &Path, more: &[&str]) -> Child {
+    Command::new(env!("CARGO_BIN_EXE_raystream"))
+        .current_dir(folder)
+        .args([&["render", &shipped("cornell.json")][..], &SMALL, more].concat())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .expect("raystream starts")
+}
+
+/// Waits until the process has written this file, or written it anew; false if it ends before.
+fn wait_for(child: &mut Child, file: &Path) -> bool {
+    let written = || std::fs::metadata(file).and_then(|data| data.modified()).ok();
+    let (before, began) = (written(), Instant::now());
+    while written() == before {
+        if child.try_wait().expect("a child").is_some() {
+            return false;
+        }
+        assert!(began.elapsed() < Duration::from_secs(120), "{} is not written", file.display());
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    true
+}
+
+/// Kills a render again and again, each time soon after it has kept something, until one comes to its end.
+fn kill_and_resume(folder: &Path, more: &[&str]) -> (serde_json::Value, u32) {
+    let kept = ["--checkpoint", "c.ray", "--resume", "--save-every", "0.05"];
+    let mut kills = 0;
+    loop {
+        let mut child = start(folder, &[more, &kept].concat());
+        if kills < 4 && wait_for(&mut child, &folder.join("c.ray")) {
+            std::thread::sleep(Duration::from_millis(7 * u64::from(kills)));
+            // SIGKILL on Unix: nothing of the process runs after it.
+            child.kill().expect("a child");
+            child.wait().expect("a child");
+            kills += 1;
+        } else {
+            assert!(child.wait().expect("a child").success());
+            return (json(&folder.join("s.json")), kills);
+        }
+    }
+}
+
+#[test]
+fn a_killed_frame_goes_on_to_the_same_picture() {
+    for more in [["--spp", "600", "--threads", "2"], ["--noise", "0.01", "--spp", "300"]] {
+        let folder = folder();
+        let folder = folder.path();
+        let expected = render(folder, &more);
+        let (resumed, kills) = kill_and_resume(folder, &more);
+        assert!(kills > 0, "it was killed at least once");
+        assert_eq!(resumed["image"]["hash"], expected["image"]["hash"], "{more:?}, killed {kills} times");
+        assert_eq!(resumed["image"]["mean_spp"], expected["image"]["mean_spp"]);
+        let camera = |stats: &serde_json::Value| stats["rays"]["camera"].as_u64();
+        assert!(camera(&resumed) < camera(&expected), "the last process has not done all over again");
+        let strangers = std::fs::read_dir(folder).expect("folder").filter(|entry| {
+            let name = entry.as_ref().expect("entry").file_name();
+            !["c.ray", "s.json", "out.png"].contains(&name.to_str().expect("UTF-8"))
+        });
+        // A process that is killed while it writes leaves its temporary file, which nobody takes for the real one.
+        assert!(strangers.count() <= kills as usize);
+        // What is done is done.
+        let again = render(folder, &[&more[..], &["--checkpoint", "c.ray", "--resume"]].concat());
+        assert_eq!(
+            (&again["image"]["hash"], &again["rays"]["camera"]),
+            (&expected["image"]["hash"], &0.into())
+        );
+    }
+}
+
+#[test]
+fn checkpoints_of_other_pictures_are_refused() {
+    let folder = folder();
+    let folder = folder.path();
+    let kept = ["--spp", "2", "--checkpoint", "c.ray"];
+    render(folder, &kept);
+    let refuse = |more: &[&str], says: &str| {
+        let scene = shipped("cornell.json");
+        let text = run(folder, &[&["render", &scene][..], &SMALL, more].concat(), 2);
+        assert!(text.contains(says) && text.contains("c.ray"), "{more:?} does not say {says:?} but {text}");
+    };
+    refuse(&kept, "--resume");
+    refuse(&[&kept[..], &["--resume", "--seed", "3"]].concat(), "--seed was 0, now it is 3");
+    refuse(&[&kept[..], &["--resume", "--env", "1,0,0"]].concat(), "the scene was");
+    refuse(&[&kept[..], &["--resume", "--fov", "20"]].concat(), "the camera was");
+    let whole = std::fs::read(folder.join("c.ray")).expect("checkpoint");
+    for (bytes, says) in [
+        (&whole[..whole.len() / 2], "damaged"),
+        (b"raystream checkpoint\x09\0\0\0", "version 9"),
+        (b"something else", "not a checkpoint"),
+        (b"", "not a checkpoint"),
+    ] {
+        std::fs::write(folder.join("c.ray"), bytes).expect("file");
+        refuse(&[&kept[..], &["--resume"]].concat(), says);
+        assert_eq!(std::fs::read(folder.join("c.ray")).expect("file"), bytes, "it is left as it was");
+    }
+}
+
+#[test]
+fn a_picture_is_there_before_the_frame_is_done() {
+    let folder = folder();
+    let folder = folder.path();
+    let mut child = start(folder, &["--spp", "1000000", "--save-every", "0.2", "-o", "a.npy"]);
+    let picture = || {
+        let bytes = std::fs::read(folder.join("a.npy")).expect("picture");
+        npyz::NpyFile::new(&bytes[..]).expect("whole").into_vec::<f32>().expect("data")
+    };
+    assert!(wait_for(&mut child, &folder.join("a.npy")), "it renders on");
+    let first = picture();
+    assert!(wait_for(&mut child, &folder.join("a.npy")), "and on");
+    let second = picture();
+    child.kill().expect("a child");
+    child.wait().expect("a child");
+    assert_ne!(first, second);
+    let mean = |picture: &[f32]| picture.iter().sum::<f32>() / picture.len() as f32;
+    assert!((mean(&first) / mean(&second) - 1.0).abs() < 0.1, "{} and {}", mean(&first), mean(&second));
+}
+
+#[test]
+fn a_frame_ends_when_it_is_asked_to() {
+    let folder = folder();
+    let folder = folder.path();
+    let began = Instant::now();
+    let timed = render(folder, &["--seconds", "1.5"]);
+    assert!(began.elapsed() < Duration::from_secs(60));
+    let samples = timed["image"]["mean_spp"].as_f64().expect("number");
+    assert!(samples > 0.0 && samples < 65536.0, "{samples}");
+    assert!(timed["seconds"]["render"].as_f64() >= Some(1.5));
+    assert_eq!(timed["events"].as_array().map(Vec::len), Some(0), "as asked");
+
+    let noise = |stats: &serde_json::Value, of: &str| stats["noise"][of].as_f64().expect("number");
+    let rough = render(folder, &["--noise", "0.1"]);
+    let fine = render(folder, &["--noise", "0.03"]);
+    for (stats, target) in [(&rough, 0.1), (&fine, 0.03)] {
+        assert!(noise(stats, "mean") < target, "{stats}");
+        assert_eq!(stats["noise"]["resting_blocks"], stats["noise"]["blocks"], "{stats}");
+    }
+    assert!(noise(&fine, "worst") < noise(&rough, "worst"));
+    let counts = |stats: &serde_json::Value| stats["image"]["mean_spp"].as_f64();
+    assert!(counts(&rough) < counts(&fine) && counts(&rough) >= Some(32.0));
+}
+
+#[test]
+fn ends_that_make_no_sense_are_refused() {
+    let folder = folder();
+    for (more, says) in [
+        (&["--noise", "0"][..], "between 0 and 1"),
+        (&["--noise", "nan"], "between 0 and 1"),
+        (&["--seconds", "0"], "more than no time"),
+        (&["--seconds", "-3"], "seconds"),
+        (&["--save-every", "inf"], "seconds"),
+        (&["--resume"], "--checkpoint"),
+        (&["--checkpoint", "none/c.ray"], "none/c.ray"),
+        (&["--frames", "0..2", "--turntable", "3", "-o", "a.%d.png", "--noise", "0.1"], "--noise"),
+    ] {
+        let scene = shipped("cornell.json");
+        let output = raystream(folder.path(), &[&["render", &scene][..], more].concat());
+        let text = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(2), "{more:?}: {text}");
+        assert!(text.contains(says), "{more:?} does not say {says:?} but {text}");
+    }
+}
