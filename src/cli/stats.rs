@@ -42,7 +42,9 @@ pub struct RenderStats {
     pub dropped_splats: u64,
     /// Highest memory use of the process so far; null where the system does not tell.
     pub peak_memory_bytes: Option<u64>,
-    /// Most rays in flight at once.
+    /// What the memory is for.
+    pub memory: MemoryStats,
+    /// Most rays of one pass in flight at once.
     pub peak_rays_in_flight: u64,
     /// Memory that loop stacks have allocated (0 for integrators without loop shaders).
     pub peak_loop_stack_bytes: u64,
@@ -89,6 +91,8 @@ pub struct FramesStats {
     pub dropped_splats: u64,
     /// Highest memory use of the process so far; null where the system does not tell.
     pub peak_memory_bytes: Option<u64>,
+    /// What the memory is for.
+    pub memory: MemoryStats,
     /// Most rays of one frame in flight at once.
     pub peak_rays_in_flight: u64,
     /// The GPU adapter, null when none was used.
@@ -152,6 +156,35 @@ impl NoiseStats {
     pub fn of(report: NoiseReport) -> Self {
         let NoiseReport { worst, mean, resting, blocks } = report;
         Self { worst, mean, resting_blocks: resting, blocks }
+    }
+}
+
+/// What takes memory.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct MemoryStats {
+    /// The tree, with the triangles as it holds them.
+    pub tree_bytes: usize,
+    /// The same for each triangle of the scene.
+    pub tree_bytes_per_triangle: f64,
+    /// Ray streams of the job that had most, with payloads and answers.
+    pub stream_bytes: usize,
+    /// The same for each ray that was in flight at its peak.
+    pub stream_bytes_per_ray: f64,
+    /// Highest memory use of the process by triangles of the scene: everything, textures and files read included.
+    pub peak_bytes_per_triangle: Option<f64>,
+}
+
+impl MemoryStats {
+    /// For a tree over so many triangles, and ray streams that held at most so many rays.
+    pub fn of(tree_bytes: usize, triangles: usize, stream_bytes: usize, rays: usize) -> Self {
+        let triangles = triangles as f64;
+        Self {
+            tree_bytes,
+            tree_bytes_per_triangle: tree_bytes as f64 / triangles,
+            stream_bytes,
+            stream_bytes_per_ray: stream_bytes as f64 / (rays as f64).max(1.0),
+            peak_bytes_per_triangle: peak_memory_bytes().map(|peak| peak as f64 / triangles),
+        }
     }
 }
 

@@ -243,6 +243,12 @@ impl<I: Integrator> Progressive<I> {
         self.under_way.stop();
     }
 
+    /// Whether all samples have been taken that are wanted.
+    pub fn is_complete(&self) -> bool {
+        let State { blocks, todo, .. } = &self.state;
+        self.incomplete().next().is_none() && (todo.start >= todo.end || blocks.is_empty())
+    }
+
     /// The frame's integrator.
     pub fn integrator(&self) -> &I {
         &self.integrator

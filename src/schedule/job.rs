@@ -110,6 +110,7 @@ impl<R: Renderer> TypedJob<R> {
                 tail_idle_share: 0.0,
                 max_in_flight: 0,
                 streams: 0,
+                stream_bytes: limits.stream.bytes::<R::Payload, R::ShadowPayload>(),
                 limits,
                 events,
                 timeline: Vec::new(),

@@ -148,6 +148,9 @@ pub struct JobReport {
     pub max_in_flight: usize,
     /// Streams the job had, those left by an earlier one included; at most `limits.streams`.
     pub streams: usize,
+    /// Bytes of a stream that is full to its capacity, payloads and answers included. Streams are made as
+    /// they are needed, so the job's rays took at most `streams` times that.
+    pub stream_bytes: usize,
     /// The sizes used.
     pub limits: Limits,
     /// What a user should know: a lost device, for instance.

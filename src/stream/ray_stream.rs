@@ -51,6 +51,14 @@ pub struct Capacity {
     pub shadow_rays: usize,
 }
 
+impl Capacity {
+    /// Bytes of a stream that holds so much, with these payloads.
+    pub fn bytes<P, S>(self) -> usize {
+        self.rays * (size_of::<Ray>() + size_of::<Hit>() + size_of::<P>())
+            + self.shadow_rays * (size_of::<Ray>() + size_of::<u32>() + size_of::<S>())
+    }
+}
+
 /// Rays with their payloads and hits; beside them the shadow rays of the paths they continue, with
 /// payloads and answers of their own. `State` is one of [`Empty`], [`Filling`], [`Full`],
 /// [`Tracing`], [`Traced`].

@@ -11,6 +11,7 @@ use crate::film::{Image, write_image};
 use crate::render::{Integrator, Sequence};
 use crate::scene::{Camera, CameraPath};
 use anyhow::{Context, Result, bail};
+use glam::Vec3;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -23,7 +24,8 @@ pub struct Course {
 }
 
 enum Motion {
-    Turntable { degrees: f32 },
+    /// So many degrees a frame around the middle of the scene.
+    Turntable(f32),
     Path(CameraPath),
 }
 
@@ -41,7 +43,7 @@ impl Course {
         let names = Names::new(&args.output)?;
         let motion = match (args.animation.turntable, &args.animation.camera_path) {
             (Some(degrees), _) if !degrees.is_finite() => bail!("--turntable {degrees}: give a finite angle"),
-            (Some(degrees), _) => Motion::Turntable { degrees },
+            (Some(degrees), _) => Motion::Turntable(degrees),
             (None, Some(path)) => {
                 let text = std::fs::read_to_string(path)
                     .with_context(|| format!("{}: cannot be read", path.display()))?;
@@ -55,12 +57,12 @@ impl Course {
         Ok(Some(Self { frames, motion, names }))
     }
 
-    /// The camera of a frame, where `own` is that of a still picture.
-    fn camera(&self, frame: u32, own: &Camera, setup: &Setup) -> Camera {
+    /// The camera of a frame, where `own` is that of a still picture and `centre` the middle of the scene.
+    fn camera(&self, frame: u32, own: &Camera, centre: Vec3) -> Camera {
         match &self.motion {
-            Motion::Turntable { degrees } => {
+            Motion::Turntable(degrees) => {
                 let degrees = (f64::from(*degrees) * f64::from(frame)) % 360.0;
-                own.turned(setup.stage.scene.bounds().centre(), degrees as f32)
+                own.turned(centre, degrees as f32)
             }
             Motion::Path(path) => path.at(f64::from(frame)),
         }
@@ -103,6 +105,7 @@ pub fn run<I: Integrator>(
     integrator: &I,
 ) -> Result<Outcome> {
     let in_flight = args.animation.frames_in_flight as usize;
+    let centre = setup.stage.scene.bounds().centre();
     let mut sequence = Sequence::new(in_flight);
     let mut todo = course.frames.clone();
     let (mut tally, mut done, mut dropped_splats) = (Tally::default(), Vec::new(), 0);
@@ -113,7 +116,7 @@ pub fn run<I: Integrator>(
         while sequence.has_room()
             && let Some(frame) = todo.next()
         {
-            let shot = integrator.seen_by(&course.camera(frame, own, setup));
+            let shot = integrator.seen_by(&course.camera(frame, own, centre));
             let shot = Arc::new(shot.with_context(|| format!("frame {frame}"))?);
             sequence.push(submit(setup, args, &shot)?, (frame, shot));
         }
@@ -157,6 +160,7 @@ pub fn run<I: Integrator>(
         busy_share: tally.busy_share(),
         dropped_splats,
         peak_memory_bytes: stats::peak_memory_bytes(),
+        memory: tally.memory(setup),
         peak_rays_in_flight: tally.peak_rays_in_flight as u64,
         adapter: setup.stage.adapter.clone(),
         simd: setup.simd.name().into(),

@@ -126,7 +126,7 @@ fn summarise<I: Integrator>(
     let samples = counts.iter().map(|&count| u64::from(count)).sum::<u64>() as f64 / counts.len() as f64;
     let mut events: Vec<String> = setup.stage.degraded.iter().cloned().collect();
     events.append(&mut tally.events);
-    if end == End::Interrupted {
+    if end == End::Interrupted && !frame.is_complete() {
         events.push(format!("stopped after {samples:.1} of {} samples per pixel", settings.spp));
     }
     RenderStats {
@@ -150,6 +150,7 @@ fn summarise<I: Integrator>(
         tail_idle_share: tally.tail_idle_share,
         dropped_splats: film.dropped_splats(),
         peak_memory_bytes: stats::peak_memory_bytes(),
+        memory: tally.memory(setup),
         peak_rays_in_flight: tally.peak_rays_in_flight as u64,
         peak_loop_stack_bytes: frame.loop_stack_bytes() as u64,
         adapter: setup.stage.adapter.clone(),

@@ -1,6 +1,7 @@
 //! What the jobs of a command did together.
 
-use crate::cli::stats::{ThreadStats, Units};
+use crate::cli::setup::Setup;
+use crate::cli::stats::{MemoryStats, ThreadStats, Units};
 use crate::schedule::{JobReport, RayCounts, TaskRecord, ThreadKind, ThreadReport};
 
 /// Adds up jobs that ran after or beside each other in one service.
@@ -11,6 +12,8 @@ pub struct Tally {
     pub events: Vec<String>,
     /// The most paths of one job.
     pub peak_rays_in_flight: usize,
+    /// The most bytes of one job's ray streams.
+    pub stream_bytes: usize,
     /// Of the job that ended last.
     pub tail_idle_share: f64,
     /// All tasks, one job after the other, in nanoseconds since the first job began.
@@ -36,6 +39,7 @@ impl Tally {
             }
         }
         self.peak_rays_in_flight = self.peak_rays_in_flight.max(report.max_in_flight);
+        self.stream_bytes = self.stream_bytes.max(report.streams * report.stream_bytes);
         self.tail_idle_share = report.tail_idle_share;
         self.timeline.extend(report.timeline.iter().map(|task| {
             let mut task = *task;
@@ -50,6 +54,12 @@ impl Tally {
                 sum.busy_s += thread.busy_s;
             }
         }
+    }
+
+    /// What takes memory, beside the tree that all jobs share.
+    pub fn memory(&self, setup: &Setup) -> MemoryStats {
+        let (tree_bytes, triangles) = (setup.stage.bvh.bytes(), setup.stage.scene.mesh.triangles.len());
+        MemoryStats::of(tree_bytes, triangles, self.stream_bytes, self.peak_rays_in_flight)
     }
 
     /// Seconds from the first job's first turn to the last job's end.
