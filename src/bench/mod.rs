@@ -7,6 +7,7 @@ pub mod meshes;
 pub mod rays;
 pub mod schedule;
 mod spread;
+pub mod tables;
 mod workload;
 
 pub use spread::Spread;
