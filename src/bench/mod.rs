@@ -2,6 +2,7 @@
 
 pub mod build;
 pub mod embree;
+pub mod energy;
 pub mod frame;
 pub mod meshes;
 pub mod rays;

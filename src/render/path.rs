@@ -366,6 +366,10 @@ impl Renderer for Path {
         if self.one_lane { SimdLevel::run_one(shading) } else { self.simd.run(shading) }
     }
 
+    fn depth(&self, state: &PathState) -> u32 {
+        state.depth
+    }
+
     fn shadow(&self, _rays: &[Ray], payloads: &[Contribution], occluded: &[u32]) {
         for (payload, &occluded) in payloads.iter().zip(occluded) {
             if occluded == 0 {

@@ -1,6 +1,7 @@
 //! One picture.
 
 use super::submit;
+use crate::bench::energy::Meters;
 use crate::cli::args::RenderArgs;
 use crate::cli::progress::{BEAT, Bar};
 use crate::cli::setup::Setup;
@@ -10,12 +11,14 @@ use crate::film::{Image, write_image};
 use crate::render::Integrator;
 use crate::schedule::JobReport;
 use anyhow::{Context, Result};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Instant;
 
 /// Renders the integrator's frame.
 pub fn run<I: Integrator>(args: &RenderArgs, setup: &Setup, integrator: I) -> Result<Outcome> {
     let integrator = Arc::new(integrator);
+    let meters = Meters::start();
     let started = Instant::now();
     let job = submit(setup, args, &integrator)?;
     interrupt::listen();
@@ -29,6 +32,7 @@ pub fn run<I: Integrator>(args: &RenderArgs, setup: &Setup, integrator: I) -> Re
     drop(bar);
     let report = job.wait().context("the frame failed")?;
     let render_s = started.elapsed().as_secs_f64();
+    let joules = meters.joules();
 
     let film = integrator.frame().film();
     let image = Image { width: film.width(), height: film.height(), pixels: film.resolve() };
@@ -40,12 +44,12 @@ pub fn run<I: Integrator>(args: &RenderArgs, setup: &Setup, integrator: I) -> Re
         render: render_s,
         write: started.elapsed().as_secs_f64(),
     };
-    let stats = summarise(setup, &*integrator, &image, seconds, &report);
+    let stats = summarise(setup, &*integrator, &image, seconds, &report, joules);
     if let Some(path) = &args.stats {
         stats::write(path, &stats)?;
     }
     if let Some(path) = &args.timeline {
-        timeline::write(path, &report.threads, &report.timeline)?;
+        timeline::write(path, &report.threads, &report.timeline, true)?;
     }
     tell(args, &stats, &report);
     Ok(if stats.events.is_empty() { Outcome::Done } else { Outcome::Degraded })
@@ -57,6 +61,7 @@ fn summarise(
     image: &Image,
     seconds: Seconds,
     report: &JobReport,
+    joules: BTreeMap<String, f64>,
 ) -> RenderStats {
     let frame = integrator.frame();
     let micros = seconds.render * 1e6;
@@ -80,14 +85,17 @@ fn summarise(
         mray_per_s: report.rays.total() as f64 / micros,
         mpath_per_s: report.rays.camera as f64 / micros,
         units: stats::Units::of(report),
+        depths: stats::DepthStats::of(report, seconds.render),
         threads: report.threads.iter().map(stats::ThreadStats::of).collect(),
         tail_idle_share: report.tail_idle_share,
+        tail_s: report.tail_s,
         dropped_splats: frame.film().dropped_splats(),
         peak_memory_bytes: stats::peak_memory_bytes(),
         peak_rays_in_flight: report.max_in_flight as u64,
         peak_loop_stack_bytes: integrator.loop_stack_bytes() as u64,
         adapter: setup.stage.adapter.clone(),
         simd: setup.simd.name().into(),
+        joules,
         events,
     }
 }
@@ -117,10 +125,35 @@ fn tell(args: &RenderArgs, stats: &RenderStats, report: &JobReport) {
         stats.mpath_per_s,
         image.hash
     );
+    tell_threads(stats);
     for event in &stats.events {
         eprintln!("degraded: {event}");
     }
     if stats.dropped_splats > 0 {
         println!("{} splats were not finite and were dropped", stats.dropped_splats);
+    }
+}
+
+/// Where the threads' time went, and rays by unit and depth.
+fn tell_threads(stats: &RenderStats) {
+    let percent = |seconds: f64| 100.0 * seconds / stats.seconds.render.max(f64::MIN_POSITIVE);
+    for (i, thread) in stats.threads.iter().enumerate() {
+        log::info!(
+            "{} {i}: {:.1} % busy, {:.1} % idle, {:.1} % of it in the tail",
+            thread.kind,
+            percent(thread.busy_s),
+            percent(thread.idle_s),
+            percent(thread.tail_idle_s)
+        );
+    }
+    let depths: Vec<String> = stats.depths.iter().map(|depth| format!("{:.2}", depth.mray_per_s)).collect();
+    log::info!("Mray/s by depth but for shadow rays: {}", depths.join(", "));
+    for (unit, rays, rate) in [
+        ("a CPU thread", stats.units.cpu.rays, stats.units.cpu.mray_per_s),
+        ("a dispatch to the GPU", stats.units.gpu.rays, stats.units.gpu.mray_per_s),
+    ] {
+        if rays > 0 {
+            log::info!("{unit} traces {rate:.2} Mray/s; {rays} rays in all");
+        }
     }
 }

@@ -48,6 +48,7 @@ impl Tally {
         } else {
             for (sum, thread) in self.threads.iter_mut().zip(&report.threads) {
                 sum.busy_s += thread.busy_s;
+                sum.tail_idle_s = thread.tail_idle_s;
             }
         }
     }
