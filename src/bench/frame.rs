@@ -209,11 +209,11 @@ impl Bench<'_> {
     /// The integrator of the frame. RA's paths end by depth alone.
     fn path(&self, shading: Shading) -> Result<Arc<Path>, FrameError> {
         let Options { settings, camera, .. } = self.options;
-        let path = Path::new(self.stage.scene.clone(), &camera, settings, None)?.with_simd(self.simd);
-        Ok(Arc::new(match shading {
-            Shading::OneLane => path.in_one_lane(),
-            Shading::Lanes => path,
-        }))
+        let simd = match shading {
+            Shading::OneLane => SimdLevel::Scalar,
+            Shading::Lanes => self.simd,
+        };
+        Ok(Arc::new(Path::new(self.stage.scene.clone(), &camera, settings, None)?.with_simd(simd)))
     }
 
     fn configuration(&self, configuration: Configuration) -> Result<Rendered, FrameError> {

@@ -3,6 +3,7 @@
 use super::{Blocks, Pass};
 use crate::film::{Film, TooManySplats};
 use crate::geom::Sampler;
+use crate::lanes::{Int, Kernel, Lanes, Num, SimdLevel, Vector};
 use crate::scene::{Camera, CameraError, Lens, Scene};
 use crate::shade::Lights;
 use crate::stream::Ray;
@@ -97,6 +98,7 @@ pub struct Frame {
     settings: Settings,
     film: Arc<Film>,
     pass: Pass,
+    simd: SimdLevel,
 }
 
 impl Frame {
@@ -118,7 +120,7 @@ impl Frame {
         let film = Arc::new(Film::new(width, height, u64::from(spp) * splats(max_bounces))?);
         let lights = Arc::new(Lights::new(&scene));
         let pass = Pass::new(Blocks::new(width, height).in_order(), 0..spp);
-        Ok(Self { scene, lights, lens, settings, film, pass })
+        Ok(Self { scene, lights, lens, settings, film, pass, simd: SimdLevel::detect() })
     }
 
     /// The same for another camera, on a film of its own.
@@ -139,7 +141,19 @@ impl Frame {
             settings: self.settings,
             film: Arc::new(self.film.blank()),
             pass,
+            simd: self.simd,
         }
+    }
+
+    /// The same, shaded with this instruction set, or with one lane at [`SimdLevel::Scalar`]: the same
+    /// picture.
+    pub fn with_simd(self, simd: SimdLevel) -> Self {
+        Self { simd, ..self }
+    }
+
+    /// The instruction set to shade with.
+    pub fn simd(&self) -> SimdLevel {
+        self.simd
     }
 
     /// The scene.
@@ -186,25 +200,74 @@ impl Frame {
     /// them on the film. Tiles go over the picture once for each sample, so a frame that stops early
     /// is evenly done. Pixels are filtered by their box; dimension 0 of the sampler is the place in it.
     pub fn camera_rays(&self, tile: u64, mut emit: impl FnMut(Ray, u32, u32)) {
-        let width = self.settings.width;
         let blocks = self.blocks();
         let (places, sample) = self.pass.tile(tile);
         for &block in places {
             let (columns, rows) = blocks.pixels(block);
             for top in rows.clone().step_by(PATCH as usize) {
                 for left in columns.clone().step_by(PATCH as usize) {
-                    for y in top..(top + PATCH).min(rows.end) {
-                        for x in left..(left + PATCH).min(columns.end) {
-                            let pixel = y * width + x;
-                            let place = self.sampler(pixel, sample).pair(CAMERA_DIMENSION);
-                            self.film.add_samples(pixel, 1);
-                            emit(Ray::new(self.lens.eye, self.lens.direction(x, y, place)), pixel, sample);
-                        }
-                    }
+                    let size = [(columns.end - left).min(PATCH), (rows.end - top).min(PATCH)];
+                    let patch = Patch { frame: self, sample, corner: [left, top], size };
+                    self.simd.run(PatchRays { patch, emit: &mut emit });
                 }
             }
         }
     }
+}
+
+/// Some pixels of a block.
+struct Patch<'a> {
+    frame: &'a Frame,
+    sample: u32,
+    corner: [u32; 2],
+    /// At least 1, at most [`PATCH`].
+    size: [u32; 2],
+}
+
+/// The camera rays of a patch, row by row.
+struct PatchRays<'a, E> {
+    patch: Patch<'a>,
+    emit: &'a mut E,
+}
+
+impl<E: FnMut(Ray, u32, u32)> Kernel for PatchRays<'_, E> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, l: L) {
+        let Patch { frame, sample, corner, size } = self.patch;
+        let Settings { width, seed, .. } = frame.settings;
+        let count = size[0] * size[1];
+        for first in (0..count).step_by(L::LANES) {
+            let mut pixels = [[0; 16]; 2];
+            let lanes = (count - first).min(L::LANES as u32);
+            for lane in 0..lanes {
+                let place = first + lane;
+                pixels[0][lane as usize] = corner[0] + place % size[0];
+                pixels[1][lane as usize] = corner[1] + place / size[0];
+            }
+            let (x, y) = (Int::from_array(l, &pixels[0]), Int::from_array(l, &pixels[1]));
+            let pixel = y * width + x;
+            let sampler = Sampler::of(pixel, Int::splat(l, sample), seed);
+            let place = sampler.two(Int::splat(l, CAMERA_DIMENSION));
+            let direction = frame.lens.directions(x.to_num(), y.to_num(), place);
+            let eye = Vector::splat(l, frame.lens.eye);
+            let far = Num::splat(l, f32::INFINITY);
+            let rays = ray_rows(eye, direction, far);
+            let pixel = pixel.to_array();
+            for lane in 0..lanes as usize {
+                frame.film.add_samples(pixel[lane], 1);
+                (self.emit)(bytemuck::cast(rays[lane]), pixel[lane], sample);
+            }
+        }
+    }
+}
+
+/// Rays in lanes as they lie in memory, one for each lane.
+#[inline(always)]
+pub(super) fn ray_rows<L: Lanes>(origin: Vector<L>, direction: Vector<L>, t_max: Num<L>) -> [[f32; 8]; 16] {
+    let t_min = t_max.only(0);
+    Num::to_rows([origin.x, origin.y, origin.z, t_min, direction.x, direction.y, direction.z, t_max])
 }
 
 /// Sampler dimension of the place within a pixel; all greater ones are the integrator's.

@@ -1,7 +1,7 @@
 //! Path tracing: a hit shader only.
 
 use super::Integrator;
-use super::frame::{CAMERA_DIMENSION, Frame, Settings, SettingsError};
+use super::frame::{CAMERA_DIMENSION, Frame, Settings, SettingsError, ray_rows};
 use crate::film::Film;
 use crate::geom::Sampler;
 use crate::lanes::{Int, Kernel, Lanes, Num, SimdLevel, Vector};
@@ -30,8 +30,6 @@ const MAX_SURVIVAL: f32 = 0.95;
 pub struct Path {
     frame: Frame,
     roulette_bounces: Option<u32>,
-    simd: SimdLevel,
-    one_lane: bool,
 }
 
 /// The state of a path.
@@ -91,18 +89,12 @@ impl Path {
         // At each depth one splat of emission and one of a light sample.
         let splats = |max_bounces: u32| 2 * (u64::from(max_bounces) + 2);
         let frame = Frame::new(scene, camera, settings, MAX_BOUNCES, splats)?;
-        Ok(Self { frame, roulette_bounces, simd: SimdLevel::detect(), one_lane: false })
+        Ok(Self { frame, roulette_bounces })
     }
 
-    /// The same, shaded with this instruction set, or with one lane at [`SimdLevel::Scalar`]: the same
-    /// picture.
+    /// The same, shaded with this instruction set: see [`Frame::with_simd`].
     pub fn with_simd(self, simd: SimdLevel) -> Self {
-        Self { simd, ..self }
-    }
-
-    /// The same, shaded ray by ray however many lanes there are: what lanes are measured against.
-    pub fn in_one_lane(self) -> Self {
-        Self { one_lane: true, ..self }
+        Self { frame: self.frame.with_simd(simd), ..self }
     }
 
     /// Where radiance is added up.
@@ -125,8 +117,7 @@ impl Integrator for Path {
     }
 
     fn on(&self, frame: Frame) -> Self {
-        let Self { roulette_bounces, simd, one_lane, .. } = *self;
-        Self { frame, roulette_bounces, simd, one_lane }
+        Self { frame, roulette_bounces: self.roulette_bounces }
     }
 }
 
@@ -163,13 +154,6 @@ impl<L: Lanes> States<L> {
             [self.pixel.to_num_bits(), self.sample.to_num_bits(), self.depth.to_num_bits()];
         Num::to_rows([x, y, z, self.index2, pixel, sample, depth, self.pdf])
     }
-}
-
-/// Rays in lanes as rows, one for each lane.
-#[inline(always)]
-fn ray_rows<L: Lanes>(origin: Vector<L>, direction: Vector<L>, t_max: Num<L>) -> [[f32; 8]; 16] {
-    let t_min = t_max.only(0);
-    Num::to_rows([origin.x, origin.y, origin.z, t_min, direction.x, direction.y, direction.z, t_max])
 }
 
 /// The lanes of a mask.
@@ -362,8 +346,7 @@ impl Renderer for Path {
     }
 
     fn shade(&self, batch: Batch<'_, PathState>, out: &mut Output<'_, PathState, Contribution>) {
-        let shading = Shading { path: self, batch, out };
-        if self.one_lane { SimdLevel::run_one(shading) } else { self.simd.run(shading) }
+        self.frame.simd().run(Shading { path: self, batch, out });
     }
 
     fn depth(&self, state: &PathState) -> u32 {
