@@ -2,6 +2,7 @@
 //! configurations that each add one thing to the one before, in one process, in rounds that take turns.
 
 use super::Spread;
+use super::energy::Meters;
 use crate::film::Image;
 use crate::lanes::SimdLevel;
 use crate::render::{Path, RayByRay, Settings, SettingsError, Stage, render_single_rays};
@@ -82,6 +83,11 @@ pub struct Row {
     pub seconds: Spread,
     /// Ratio of medians of `mray_per_s` against the first row's, by its name.
     pub ratio: BTreeMap<&'static str, f64>,
+    /// Energy of a frame by meter, its film's making and hashing included, joules: the mean over the
+    /// rounds; absent where there is none that may
+    /// be read.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub joules: BTreeMap<String, f64>,
     /// Of the picture, the same in every round.
     pub hash: String,
     /// What went wrong on the way, one sentence each.
@@ -263,10 +269,12 @@ impl Bench<'_> {
     fn measure(&self, mut contenders: Vec<Contender<'_>>) -> Result<Report, FrameError> {
         let mut seconds = vec![Vec::new(); contenders.len()];
         let mut events = vec![Vec::new(); contenders.len()];
+        let mut joules = vec![BTreeMap::new(); contenders.len()];
         let mut first: Option<(String, RayCounts)> = None;
         let mut differing = Vec::new();
         for round in 0..=self.options.repeats {
             for (i, contender) in contenders.iter_mut().enumerate() {
+                let meters = Meters::start();
                 let frame = (contender.frame)()?;
                 let (hash, rays) = first.get_or_insert_with(|| (frame.hash.clone(), frame.rays));
                 if (&frame.hash, &frame.rays) != (hash, rays) {
@@ -280,12 +288,16 @@ impl Bench<'_> {
                 // The first round warms caches and makes streams.
                 if round > 0 {
                     seconds[i].push(frame.seconds);
+                    for (meter, spent) in meters.joules() {
+                        *joules[i].entry(meter).or_insert(0.0) += spent / self.options.repeats as f64;
+                    }
                 }
             }
         }
         let (hash, rays) = first.expect("there is a round and a configuration");
         let mut rows: Vec<Row> = Vec::new();
-        for ((contender, seconds), events) in contenders.iter().zip(seconds).zip(events) {
+        for (((contender, seconds), events), joules) in contenders.iter().zip(seconds).zip(events).zip(joules)
+        {
             let rates = seconds.iter().map(|seconds| rays.total() as f64 / (seconds * 1e6)).collect();
             let mray_per_s = Spread::of_rates(rates);
             let reference = rows.first().map_or(mray_per_s.median, |row| row.mray_per_s.median);
@@ -298,6 +310,7 @@ impl Bench<'_> {
                 mray_per_s,
                 seconds: Spread::of_times(seconds),
                 ratio: BTreeMap::from([(against, mray_per_s.median / reference)]),
+                joules,
                 hash: hash.clone(),
                 events,
             });

@@ -2,11 +2,13 @@
 
 pub mod build;
 pub mod embree;
+pub mod energy;
 pub mod frame;
 pub mod meshes;
 pub mod rays;
 pub mod schedule;
 mod spread;
+pub mod tables;
 mod workload;
 
 pub use spread::Spread;

@@ -48,6 +48,9 @@ pub enum BenchCommand {
     /// Schedule tasks of one ray that do nothing, or sleep for a known time, on any number of threads: what the
     /// scheduler costs a task, and how much it is contended for.
     Schedule(BenchScheduleArgs),
+    /// Measure the tables of Interactive Rendering with Coherent Ray Tracing: a triangle test by kernel, what packets
+    /// cost in visits, reflections and shadows, and time against the number of triangles.
+    Tables(BenchTablesArgs),
 }
 
 /// Which units trace rays.
@@ -383,6 +386,34 @@ pub struct BenchScheduleArgs {
     /// Write the results as JSON.
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
+}
+
+/// `raystream bench tables`.
+#[derive(Debug, Args)]
+pub struct BenchTablesArgs {
+    /// Scene file.
+    pub scene: PathBuf,
+    /// Edge of the pictures, rays.
+    #[arg(long, value_name = "N", default_value_t = 1024, value_parser = clap::value_parser!(u32).range(8..=8192))]
+    pub resolution: u32,
+    /// Most bounces of reflections.
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=16))]
+    pub max_bounces: u32,
+    /// Triangles of the largest hills.
+    #[arg(long, value_name = "N", default_value_t = 8_000_000, value_parser = clap::value_parser!(u64).range(1000..=8_000_000))]
+    pub most_triangles: u64,
+    /// Rounds.
+    #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    pub rounds: u32,
+    /// From where.
+    #[command(flatten)]
+    pub camera: CameraArgs,
+    /// Write the results as JSON.
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+    /// Who traces.
+    #[command(flatten)]
+    pub units: UnitArgs,
 }
 
 /// `raystream mesh`.

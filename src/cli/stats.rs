@@ -3,9 +3,10 @@
 
 use crate::bench::Spread;
 use crate::render::NoiseReport;
-use crate::schedule::{self, JobReport, ThreadKind, ThreadReport};
+use crate::schedule::{self, Depths, JobReport, ThreadKind, ThreadReport};
 use anyhow::{Context, Result};
 use serde::Serialize;
+use std::collections::BTreeMap;
 use std::path::Path;
 
 /// Version of the schema.
@@ -30,6 +31,8 @@ pub struct RenderStats {
     pub mpath_per_s: f64,
     /// Who traced.
     pub units: Units,
+    /// Rays but for shadow rays by depth, from 0 on.
+    pub depths: Vec<DepthStats>,
     /// One entry a thread.
     pub threads: Vec<ThreadStats>,
     /// Complete passes over the picture.
@@ -38,6 +41,8 @@ pub struct RenderStats {
     pub noise: Option<NoiseStats>,
     /// Share of host threads' time that was idle after the last camera rays were spawned.
     pub tail_idle_share: f64,
+    /// Seconds from then to the end.
+    pub tail_s: f64,
     /// Splats that were not finite and therefore dropped.
     pub dropped_splats: u64,
     /// Highest memory use of the process so far; null where the system does not tell.
@@ -52,6 +57,9 @@ pub struct RenderStats {
     pub adapter: Option<String>,
     /// The instruction set of the CPU tracer.
     pub simd: String,
+    /// Energy of the frame by meter, joules; absent where there is none that may be read.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub joules: BTreeMap<String, f64>,
     /// What went wrong on the way, one sentence each.
     pub events: Vec<String>,
 }
@@ -228,6 +236,8 @@ pub struct UnitStats {
     pub rays: u64,
     /// Thread seconds spent tracing.
     pub busy_s: f64,
+    /// Rays per microsecond of `busy_s`: what one thread does.
+    pub mray_per_s: f64,
 }
 
 /// The GPU's share.
@@ -237,6 +247,8 @@ pub struct GpuStats {
     pub rays: u64,
     /// Seconds of dispatch threads spent waiting for it.
     pub busy_s: f64,
+    /// Rays per microsecond of `busy_s`; dispatches may overlap.
+    pub mray_per_s: f64,
     /// Copied between host and device memory, both ways.
     pub bytes_copied: u64,
     /// Rays whose answer a rounding error could have changed.
@@ -245,6 +257,17 @@ pub struct GpuStats {
     pub retraced: u64,
     /// Rays of a sample that the CPU traced again, to catch a device that answers wrongly.
     pub checked: u64,
+}
+
+/// Rays of one depth.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct DepthStats {
+    /// Rays before these on their paths; the last entry of very deep frames stands for all beyond.
+    pub depth: usize,
+    /// Rays traced.
+    pub rays: u64,
+    /// Rays per microsecond of `seconds.render`.
+    pub mray_per_s: f64,
 }
 
 /// One thread's time.
@@ -256,6 +279,8 @@ pub struct ThreadStats {
     pub busy_s: f64,
     /// Seconds without.
     pub idle_s: f64,
+    /// Seconds of these after the last camera rays were spawned.
+    pub tail_idle_s: f64,
 }
 
 /// Statistics of `raystream trace`.
@@ -298,6 +323,21 @@ impl Units {
         self.gpu.flagged += report.gpu.flagged;
         self.gpu.retraced += report.gpu.retraced;
         self.gpu.checked += report.gpu.checked;
+        self.cpu.mray_per_s = rate(self.cpu.rays, self.cpu.busy_s);
+        self.gpu.mray_per_s = rate(self.gpu.rays, self.gpu.busy_s);
+    }
+}
+
+/// Rays per microsecond; 0 of no time.
+fn rate(rays: u64, seconds: f64) -> f64 {
+    if seconds > 0.0 { rays as f64 / (seconds * 1e6) } else { 0.0 }
+}
+
+impl DepthStats {
+    /// Of jobs that took so long together.
+    pub fn of(depths: &Depths, seconds: f64) -> Vec<Self> {
+        let depth = |(depth, &rays): (usize, &u64)| Self { depth, rays, mray_per_s: rate(rays, seconds) };
+        depths.used().iter().enumerate().map(depth).collect()
     }
 }
 
@@ -308,7 +348,7 @@ impl ThreadStats {
             ThreadKind::Host => "host",
             ThreadKind::Dispatch => "dispatch",
         };
-        Self { kind, busy_s: thread.busy_s, idle_s: thread.idle_s }
+        Self { kind, busy_s: thread.busy_s, idle_s: thread.idle_s, tail_idle_s: thread.tail_idle_s }
     }
 }
 

@@ -1,7 +1,7 @@
 //! Timelines of a frame's tasks: Chrome trace JSON (opens in Perfetto) and SVG like RA's Figure 7.
 
 use crate::film::write_whole;
-use crate::schedule::{TaskKind, TaskRecord, ThreadKind, ThreadReport};
+use crate::schedule::{Lengths, TaskKind, TaskRecord, ThreadKind, ThreadReport};
 use anyhow::{Result, bail};
 use serde_json::json;
 use std::fmt::Write as _;
@@ -28,12 +28,13 @@ impl Format {
     }
 }
 
-/// Writes the tasks of these threads.
-pub fn write(path: &Path, threads: &[ThreadReport], tasks: &[TaskRecord]) -> Result<()> {
+/// Writes the tasks of these threads, with the lengths of the lists if they are all one job's.
+pub fn write(path: &Path, threads: &[ThreadReport], tasks: &[TaskRecord], one_job: bool) -> Result<()> {
     let names = thread_names(threads);
+    let lists = if one_job { tasks } else { &[] };
     let text = match Format::of(path)? {
-        Format::Json => chrome(&names, tasks),
-        Format::Svg => svg(&names, tasks),
+        Format::Json => chrome(&names, tasks, lists),
+        Format::Svg => svg(&names, tasks, lists),
     };
     write_whole(path, |file| file.write_all(text.as_bytes()))?;
     Ok(())
@@ -66,7 +67,7 @@ fn thread_names(threads: &[ThreadReport]) -> Vec<String> {
         .collect()
 }
 
-fn chrome(names: &[String], tasks: &[TaskRecord]) -> String {
+fn chrome(names: &[String], tasks: &[TaskRecord], lists: &[TaskRecord]) -> String {
     let names = names.iter().enumerate().map(|(thread, name)| {
         json!({ "name": "thread_name", "ph": "M", "pid": 1, "tid": thread, "args": { "name": name } })
     });
@@ -75,7 +76,15 @@ fn chrome(names: &[String], tasks: &[TaskRecord]) -> String {
             "ts": task.start_ns as f64 / 1e3, "dur": (task.end_ns - task.start_ns) as f64 / 1e3,
             "args": { "rays": task.rays } })
     });
-    let events: Vec<_> = names.chain(tasks).collect();
+    let counter = |name: &str, task: &TaskRecord, args: serde_json::Value| json!({ "name": name, "ph": "C", "pid": 1, "ts": task.end_ns as f64 / 1e3, "args": args });
+    let lists = lists.iter().flat_map(|task| {
+        let Lengths { need_more, trace, shade, in_flight } = task.lists;
+        [
+            counter("streams", task, json!({ "NEEDMORE": need_more, "TRACE": trace, "SHADE": shade })),
+            counter("paths in flight", task, json!({ "paths": in_flight })),
+        ]
+    });
+    let events: Vec<_> = names.chain(tasks).chain(lists).collect();
     json!({ "displayTimeUnit": "ms", "traceEvents": events }).to_string()
 }
 
@@ -83,9 +92,13 @@ const WIDTH: f64 = 1400.0;
 const MARGIN: f64 = 76.0;
 const LANE: f64 = 26.0;
 
-fn svg(names: &[String], tasks: &[TaskRecord]) -> String {
+/// Height of the curve of paths in flight.
+const CURVE: f64 = 60.0;
+
+fn svg(names: &[String], tasks: &[TaskRecord], lists: &[TaskRecord]) -> String {
     let end_ns = tasks.iter().map(|t| t.end_ns).max().unwrap_or(1).max(1);
-    let height = LANE * names.len() as f64 + 46.0;
+    let lanes = LANE * names.len() as f64;
+    let height = lanes + if lists.is_empty() { 0.0 } else { CURVE + 8.0 } + 46.0;
     let mut out = format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {} {height}\" font-family=\"sans-serif\" font-size=\"11\">\n\
          <rect width=\"100%\" height=\"100%\" fill=\"white\"/>\n",
@@ -116,6 +129,9 @@ fn svg(names: &[String], tasks: &[TaskRecord]) -> String {
             (task.end_ns - task.start_ns) as f64 / 1e6
         );
     }
+    if !lists.is_empty() {
+        curve(&mut out, lists, lanes + 4.0, end_ns);
+    }
     let y = height - 14.0;
     let kinds = [TaskKind::Spawn, TaskKind::Trace, TaskKind::Dispatch, TaskKind::Shade];
     for (i, kind) in kinds.into_iter().enumerate() {
@@ -136,6 +152,30 @@ fn svg(names: &[String], tasks: &[TaskRecord]) -> String {
         end_ns as f64 / 1e6
     );
     out
+}
+
+/// Draws how many paths are in flight over time.
+fn curve(out: &mut String, tasks: &[TaskRecord], top: f64, end_ns: u64) {
+    let most = tasks.iter().map(|task| task.lists.in_flight).max().unwrap_or(0).max(1);
+    let bottom = top + CURVE;
+    let _ = write!(out, "<path fill=\"#b9c3d0\" d=\"M{MARGIN} {bottom:.1}");
+    let mut last_x = f64::NEG_INFINITY;
+    for task in tasks {
+        let x = MARGIN + WIDTH * task.end_ns as f64 / end_ns as f64;
+        // No finer than can be seen.
+        if x - last_x >= 0.5 {
+            let y = bottom - CURVE * f64::from(task.lists.in_flight) / f64::from(most);
+            let _ = write!(out, "L{x:.1} {y:.1}");
+            last_x = x;
+        }
+    }
+    let _ = writeln!(
+        out,
+        "L{:.1} {bottom:.1}Z\"/>\n<text x=\"4\" y=\"{:.1}\">in flight</text>\n<text x=\"4\" y=\"{:.1}\">{most}</text>",
+        MARGIN + WIDTH,
+        top + 30.0,
+        top + 12.0
+    );
 }
 
 /// Tasks that follow each other on a thread within a thousandth of the picture are drawn as one, so that a

@@ -123,6 +123,16 @@ impl SimdLevel {
         }
     }
 
+    /// Runs a kernel with one lane and the best instructions for that: what more lanes are measured against.
+    pub fn run_one<K: Kernel>(kernel: K) -> K::Output {
+        #[cfg(target_arch = "x86_64")]
+        if Self::Avx2.is_available() {
+            // SAFETY: invariant 1.
+            return unsafe { x86::one(kernel) };
+        }
+        kernel.run(One::default())
+    }
+
     /// The name that arguments and reports use.
     pub fn name(self) -> &'static str {
         match self {
@@ -135,13 +145,18 @@ impl SimdLevel {
 
 #[cfg(target_arch = "x86_64")]
 mod x86 {
-    use super::super::{Avx2, Avx512};
+    use super::super::{Avx2, Avx512, One};
     use super::Kernel;
 
     #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
     pub fn avx512<K: Kernel>(kernel: K) -> K::Output {
         // SAFETY: this function enables the instructions, so whoever calls it has them.
         kernel.run(unsafe { Avx512::new() })
+    }
+
+    #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
+    pub fn one<K: Kernel>(kernel: K) -> K::Output {
+        kernel.run(One::default())
     }
 
     #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]

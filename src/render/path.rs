@@ -349,6 +349,10 @@ impl Renderer for Path {
         self.frame.simd().run(Shading { path: self, batch, out });
     }
 
+    fn depth(&self, state: &PathState) -> u32 {
+        state.depth
+    }
+
     fn shadow(&self, _rays: &[Ray], payloads: &[Contribution], occluded: &[u32]) {
         for (payload, &occluded) in payloads.iter().zip(occluded) {
             if occluded == 0 {

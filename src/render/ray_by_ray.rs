@@ -36,6 +36,10 @@ impl<R: Renderer> Renderer for RayByRay<R> {
         }
     }
 
+    fn depth(&self, payload: &R::Payload) -> u32 {
+        self.0.depth(payload)
+    }
+
     fn shadow(&self, rays: &[Ray], payloads: &[R::ShadowPayload], occluded: &[u32]) {
         self.0.shadow(rays, payloads, occluded);
     }

@@ -271,6 +271,10 @@ impl Renderer for Whitted {
         }
     }
 
+    fn depth(&self, state: &WhittedState) -> u32 {
+        state.depth
+    }
+
     fn shadow(&self, _rays: &[Ray], payloads: &[DirectLight], occluded: &[u32]) {
         for (payload, &occluded) in payloads.iter().zip(occluded) {
             if occluded == 0 {

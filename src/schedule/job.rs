@@ -3,7 +3,7 @@
 use super::lists::Lists;
 use super::policy::Pace;
 use super::pool::Pool;
-use super::report::{JobReport, Progress, TaskKind, TaskRecord, ThreadReport};
+use super::report::{JobReport, Lengths, Progress, TaskKind, TaskRecord, ThreadReport};
 use super::task::{Desk, Done, Task, Workplace};
 use super::{JobError, JobOptions, Limits, Policy, Renderer, Rule, Unit, UnitReport, View, policy};
 use crate::stream::{Empty, RayStream, Untraced, paths};
@@ -101,6 +101,7 @@ impl<R: Renderer> TypedJob<R> {
                 tiles,
                 tiles_spawned: 0,
                 rays: Default::default(),
+                depths: Default::default(),
                 cpu: Default::default(),
                 gpu: Default::default(),
                 threads: Vec::new(),
@@ -108,6 +109,7 @@ impl<R: Renderer> TypedJob<R> {
                 wall_s: 0.0,
                 waited_s: 0.0,
                 tail_idle_share: 0.0,
+                tail_s: 0.0,
                 max_in_flight: 0,
                 streams: 0,
                 stream_bytes: limits.stream.bytes::<R::Payload, R::ShadowPayload>(),
@@ -128,6 +130,16 @@ impl<R: Renderer> TypedJob<R> {
     fn left(&self) -> u64 {
         let tile_rays = self.limits().tile_rays as u64;
         (self.last_tile - self.next_tile).saturating_mul(tile_rays).saturating_add(self.in_flight as u64)
+    }
+
+    fn lengths(&self) -> Lengths {
+        let short = |len: usize| len.min(u16::MAX.into()) as u16;
+        Lengths {
+            need_more: short(self.lists.need_more()),
+            trace: short(self.lists.trace()),
+            shade: short(self.lists.shade()),
+            in_flight: self.in_flight as u32,
+        }
     }
 
     /// Rays that wait to be traced or spawned.
@@ -210,7 +222,8 @@ impl<R: Renderer> TypedJob<R> {
                 self.lists.park(output, self.threshold());
                 emitted.rays + emitted.shadow_rays
             }
-            Done::Shaded { input, output, emitted } => {
+            Done::Shaded { input, output, emitted, depths } => {
+                self.report.depths += depths;
                 self.progress.rays.continuation += emitted.rays;
                 self.progress.rays.shadow += emitted.shadow_rays;
                 let rays_left = input.rays_left();
@@ -303,7 +316,8 @@ impl<R: Renderer> Job for TypedJob<R> {
         let rays = self.put_back(hold, done);
         if self.keep_timeline {
             let (thread, rays) = (thread as u32, rays.min(u64::from(u32::MAX)) as u32);
-            self.report.timeline.push(TaskRecord { thread, kind: hold.kind, rays, start_ns, end_ns });
+            let lists = self.lengths();
+            self.report.timeline.push(TaskRecord { thread, kind: hold.kind, rays, start_ns, end_ns, lists });
         }
     }
 
@@ -358,6 +372,7 @@ impl<R: Renderer> Job for TypedJob<R> {
                 kind: super::state::kind(thread, self.place.hosts),
                 busy_s: ns as f64 * 1e-9,
                 idle_s: 0.0,
+                tail_idle_s: 0.0,
             })
             .collect();
         Ok(report)

@@ -29,6 +29,7 @@ pub use policy::{Choice, Load, Pace, Policy, Rule, Sharing, Unit, View};
 pub use queries::{QueryError, QueryHandle};
 pub use renderer::{Batch, Output, Renderer};
 pub use report::{
-    JobReport, Progress, RayCounts, TaskKind, TaskRecord, ThreadKind, ThreadReport, UnitReport,
+    DEPTHS, Depths, JobReport, Lengths, Progress, RayCounts, TaskKind, TaskRecord, ThreadKind, ThreadReport,
+    UnitReport,
 };
 pub use service::{Service, ServiceError};

@@ -33,6 +33,11 @@ pub trait Renderer: Send + Sync + 'static {
         out: &mut Output<'_, Self::Payload, Self::ShadowPayload>,
     );
 
+    /// How many rays came before this one on its path; for the report alone.
+    fn depth(&self, _payload: &Self::Payload) -> u32 {
+        0
+    }
+
     /// Receives traced shadow rays: `occluded[i]` is 1 when something lies between the ends of
     /// `rays[i]`, else 0. Called for all shadow rays of a stream before any of its rays is shaded.
     fn shadow(&self, rays: &[Ray], payloads: &[Self::ShadowPayload], occluded: &[u32]);

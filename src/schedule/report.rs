@@ -52,6 +52,46 @@ impl RayCounts {
     }
 }
 
+/// Depths that are counted apart; the last stands for all beyond.
+pub const DEPTHS: usize = 64;
+
+/// Rays whose nearest hit was shaded, by depth ([`super::Renderer::depth`]).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Depths(pub [u64; DEPTHS]);
+
+impl Default for Depths {
+    fn default() -> Self {
+        Self([0; DEPTHS])
+    }
+}
+
+impl Depths {
+    /// Counts one ray after the other; those of one depth mostly follow each other.
+    pub(super) fn count(&mut self, depths: impl Iterator<Item = u32>) {
+        let (mut last, mut run) = (0, 0);
+        for depth in depths {
+            if depth != last {
+                self.0[(last as usize).min(DEPTHS - 1)] += std::mem::take(&mut run);
+                last = depth;
+            }
+            run += 1;
+        }
+        self.0[(last as usize).min(DEPTHS - 1)] += run;
+    }
+
+    /// Down to the deepest ray.
+    pub fn used(&self) -> &[u64] {
+        let len = self.0.iter().rposition(|&rays| rays > 0).map_or(0, |deepest| deepest + 1);
+        &self.0[..len]
+    }
+}
+
+impl std::ops::AddAssign for Depths {
+    fn add_assign(&mut self, other: Self) {
+        self.0.iter_mut().zip(other.0).for_each(|(sum, rays)| *sum += rays);
+    }
+}
+
 /// What a unit did.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct UnitReport {
@@ -88,6 +128,8 @@ pub struct ThreadReport {
     /// Seconds suspended while the job ran. What is left of the job's time is other jobs' and the
     /// scheduler's own.
     pub idle_s: f64,
+    /// Seconds of these after the last tile had been spawned.
+    pub tail_idle_s: f64,
 }
 
 /// What kind of task.
@@ -116,6 +158,21 @@ pub struct TaskRecord {
     pub start_ns: u64,
     /// When it ended, in nanoseconds since the job began.
     pub end_ns: u64,
+    /// The job's lists then.
+    pub lists: Lengths,
+}
+
+/// How many streams are in a job's lists.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Lengths {
+    /// In NEEDMORE.
+    pub need_more: u16,
+    /// In TRACE.
+    pub trace: u16,
+    /// In SHADE.
+    pub shade: u16,
+    /// Paths in flight, wherever they are.
+    pub in_flight: u32,
 }
 
 /// What a job did. Only the counts of rays by kind are the same in every run.
@@ -129,6 +186,8 @@ pub struct JobReport {
     pub tiles_spawned: u64,
     /// Rays emitted, and so traced.
     pub rays: RayCounts,
+    /// Rays but for shadow rays, by depth.
+    pub depths: Depths,
     /// The host threads as a unit.
     pub cpu: UnitReport,
     /// The device.
@@ -143,6 +202,8 @@ pub struct JobReport {
     pub waited_s: f64,
     /// Share of the host threads' time that was idle after the last tile had been spawned, 0 to 1.
     pub tail_idle_share: f64,
+    /// Seconds from then to the end.
+    pub tail_s: f64,
     /// The most paths that were in flight, a tile under way counted in full; at most
     /// `limits.in_flight`.
     pub max_in_flight: usize,
@@ -157,4 +218,19 @@ pub struct JobReport {
     pub events: Vec<String>,
     /// Every task in the order in which they ended, when asked for.
     pub timeline: Vec<TaskRecord>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn depths_are_counted_whatever_their_order() {
+        let mut depths = Depths::default();
+        assert!(depths.used().is_empty());
+        depths.count([0, 0, 2, 2, 2, 1, 0, 999].into_iter());
+        depths.count(std::iter::empty());
+        assert_eq!(depths.used()[..3], [3, 1, 3]);
+        assert_eq!((depths.used().len(), depths.0[DEPTHS - 1]), (DEPTHS, 1));
+    }
 }

@@ -59,8 +59,9 @@ struct Admitted {
     /// When its turn came, and each thread's idle time up to then.
     begin_ns: u64,
     idle_ns: Vec<u64>,
-    /// When its last tile was spawned, and the host threads' idle time up to then.
-    tail: Option<(u64, u64)>,
+    /// When its last tile was spawned, and each thread's idle time up to then.
+    tail_ns: Option<u64>,
+    tail_idle_ns: Vec<u64>,
 }
 
 #[derive(Clone, Default)]
@@ -131,8 +132,16 @@ impl State {
         assert!(!self.closing, "a closed service takes no jobs");
         let id = JobId(self.next_id);
         self.next_id += 1;
-        let (idle_ns, tail) = (Vec::with_capacity(self.threads.len()), None);
-        let job = Admitted { id, submission, submitted_ns: now_ns, begin_ns: now_ns, idle_ns, tail };
+        let idle_ns = Vec::with_capacity(self.threads.len());
+        let job = Admitted {
+            id,
+            submission,
+            submitted_ns: now_ns,
+            begin_ns: now_ns,
+            tail_idle_ns: idle_ns.clone(),
+            idle_ns,
+            tail_ns: None,
+        };
         self.waiting.push_back(job);
         self.admit(now_ns);
         self.ring(now_ns);
@@ -280,8 +289,9 @@ impl State {
     fn settle(&mut self, index: usize, now_ns: u64) {
         self.look(index);
         let job = &mut self.jobs[index];
-        if job.tail.is_none() && job.submission.job.all_spawned() {
-            job.tail = Some((now_ns, idle_ns(&self.threads[..self.hosts], now_ns)));
+        if job.tail_ns.is_none() && job.submission.job.all_spawned() {
+            job.tail_ns = Some(now_ns);
+            job.tail_idle_ns.extend(self.threads.iter().map(|thread| thread.idle_ns(now_ns)));
         }
         self.end_if_over(index, now_ns);
         self.admit(now_ns);
@@ -315,17 +325,21 @@ impl State {
     }
 
     fn end(&mut self, job: Admitted, now_ns: u64) {
-        let Admitted { mut submission, submitted_ns, begin_ns, idle_ns: idle_before, tail, .. } = job;
+        let Admitted { mut submission, submitted_ns, begin_ns, idle_ns, tail_ns, tail_idle_ns, .. } = job;
         let outcome = submission.job.outcome(begin_ns).map(|mut report| {
             report.wall_s = (now_ns - begin_ns) as f64 * 1e-9;
             report.waited_s = (begin_ns - submitted_ns) as f64 * 1e-9;
-            for ((report, thread), before_ns) in report.threads.iter_mut().zip(&self.threads).zip(idle_before)
-            {
-                report.idle_s = (thread.idle_ns(now_ns) - before_ns) as f64 * 1e-9;
+            let idle_s = |thread: usize, before: &[u64]| {
+                before.get(thread).map_or(0.0, |ns| (self.threads[thread].idle_ns(now_ns) - ns) as f64 * 1e-9)
+            };
+            for (thread, report) in report.threads.iter_mut().enumerate() {
+                report.idle_s = idle_s(thread, &idle_ns);
+                report.tail_idle_s = idle_s(thread, &tail_idle_ns);
             }
-            if let Some((tail_ns, before_ns)) = tail.filter(|&(tail_ns, _)| tail_ns < now_ns) {
-                let idle_ns = idle_ns(&self.threads[..self.hosts], now_ns) - before_ns;
-                report.tail_idle_share = idle_ns as f64 / ((now_ns - tail_ns) as f64 * self.hosts as f64);
+            if let Some(tail_ns) = tail_ns.filter(|&tail_ns| tail_ns < now_ns) {
+                report.tail_s = (now_ns - tail_ns) as f64 * 1e-9;
+                let idle_s: f64 = report.threads[..self.hosts].iter().map(|thread| thread.tail_idle_s).sum();
+                report.tail_idle_share = (idle_s / (report.tail_s * self.hosts as f64)).min(1.0);
             }
             report
         });
@@ -366,8 +380,4 @@ impl Thread {
     fn idle_ns(&self, now_ns: u64) -> u64 {
         self.idle_ns + self.asleep_ns.map_or(0, |since_ns| now_ns - since_ns)
     }
-}
-
-fn idle_ns(threads: &[Thread], now_ns: u64) -> u64 {
-    threads.iter().map(|thread| thread.idle_ns(now_ns)).sum()
 }

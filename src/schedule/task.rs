@@ -1,6 +1,6 @@
 //! What a thread does between two visits to the lists: no lock is held here.
 
-use super::{Batch, Limits, Output, Renderer, Tracers};
+use super::{Batch, Depths, Limits, Output, Renderer, Tracers};
 use crate::stream::{
     Chunk, DeviceReport, Filling, Full, RayStream, Scratch, Traced, TracedChunk, TracedRays, Untraced,
     panic_message, paths,
@@ -35,6 +35,7 @@ pub(super) enum Done<P, S> {
         input: RayStream<Traced, P, S>,
         output: RayStream<Filling, P, S>,
         emitted: Emitted,
+        depths: Depths,
     },
     Traced(TracedChunk),
     Dispatched {
@@ -131,12 +132,13 @@ impl<R: Renderer> Workplace<R> {
             let (rays, payloads) = (&shadows.rays[piece.clone()], &shadows.payloads[piece.clone()]);
             self.renderer.shadow(rays, payloads, &shadows.occluded[piece]);
         }
-        let mut emitted = Emitted::default();
+        let (mut emitted, mut depths) = (Emitted::default(), Depths::default());
         while !self.abandoned.load(Ordering::Relaxed) {
             let TracedRays { rays, hits, payloads } = input.next_batch(limits.batch_rays.min(threshold));
             if rays.is_empty() {
                 break;
             }
+            depths.count(payloads.iter().map(|payload| self.renderer.depth(payload)));
             let batch = Batch { rays, hits, payloads };
             let most_shadows = rays.len() * limits.shadow_rays_per_ray;
             let more =
@@ -148,7 +150,7 @@ impl<R: Renderer> Workplace<R> {
                 break;
             }
         }
-        Done::Shaded { input, output, emitted }
+        Done::Shaded { input, output, emitted, depths }
     }
 
     /// Lets the renderer emit rays and holds it to its promises.

@@ -1,5 +1,6 @@
 //! The command line as a user meets it: pictures, arrays, statistics, refusals.
 
+mod bench;
 mod frames;
 mod progressive;
 mod refusals;

@@ -4,6 +4,7 @@ mod build;
 mod frame;
 mod rays;
 mod schedule;
+mod tables;
 
 use super::Outcome;
 use super::args::BenchCommand;
@@ -20,6 +21,7 @@ pub fn run(command: &BenchCommand) -> Result<Outcome> {
         BenchCommand::Build(args) => build::run(args).map(|()| Outcome::Done),
         BenchCommand::Frame(args) => frame::run(args),
         BenchCommand::Schedule(args) => schedule::run(args).map(|()| Outcome::Done),
+        BenchCommand::Tables(args) => tables::run(args).map(|()| Outcome::Done),
     }
 }
 

@@ -170,7 +170,7 @@ pub fn run<I: Integrator>(
         stats::write(path, &stats)?;
     }
     if let Some(path) = &args.timeline {
-        timeline::write(path, &tally.threads, &tally.timeline)?;
+        timeline::write(path, &tally.threads, &tally.timeline, false)?;
     }
     tell(course, &stats);
     Ok(if stats.events.is_empty() { Outcome::Done } else { Outcome::Degraded })

@@ -3,6 +3,7 @@
 use super::checkpoint::Checkpoint;
 use super::submit;
 use super::tally::Tally;
+use crate::bench::energy::Meters;
 use crate::cli::args::RenderArgs;
 use crate::cli::progress::{BEAT, Bar};
 use crate::cli::setup::Setup;
@@ -12,6 +13,7 @@ use crate::film::{Film, Image, write_image};
 use crate::render::{Integrator, PassOptions, Progressive};
 use crate::scene::Camera;
 use anyhow::{Context, Result};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -32,6 +34,7 @@ pub fn run<I: Integrator>(
         None => Progressive::new(integrator, options),
     };
     let mut tally = Tally::default();
+    let meters = Meters::start();
     let started = Instant::now();
     let (mut saved, mut end) = (started, End::Complete);
     interrupt::listen();
@@ -64,6 +67,7 @@ pub fn run<I: Integrator>(
     }
     drop(bar);
     let render_s = started.elapsed().as_secs_f64();
+    let joules = meters.joules();
 
     let started = Instant::now();
     let (image, film) = save(args, checkpoint.as_ref(), &frame)?;
@@ -73,12 +77,12 @@ pub fn run<I: Integrator>(
         render: render_s,
         write: started.elapsed().as_secs_f64(),
     };
-    let stats = summarise(setup, &frame, &film, &image, seconds, &mut tally, end);
+    let stats = summarise(setup, &frame, &film, &image, seconds, &mut tally, end, joules);
     if let Some(path) = &args.stats {
         stats::write(path, &stats)?;
     }
     if let Some(path) = &args.timeline {
-        timeline::write(path, &tally.threads, &tally.timeline)?;
+        timeline::write(path, &tally.threads, &tally.timeline, tally.jobs == 1)?;
     }
     tell(args, &stats);
     Ok(if stats.events.is_empty() { Outcome::Done } else { Outcome::Degraded })
@@ -118,6 +122,7 @@ fn summarise<I: Integrator>(
     seconds: Seconds,
     tally: &mut Tally,
     end: End,
+    joules: BTreeMap<String, f64>,
 ) -> RenderStats {
     let settings = frame.integrator().frame().settings();
     let micros = seconds.render * 1e6;
@@ -144,10 +149,12 @@ fn summarise<I: Integrator>(
         mray_per_s: tally.rays.total() as f64 / micros,
         mpath_per_s: tally.rays.camera as f64 / micros,
         units: std::mem::take(&mut tally.units),
+        depths: stats::DepthStats::of(&tally.depths, seconds.render),
         threads: tally.thread_stats(),
         passes: frame.passes(),
         noise: frame.noise().map(NoiseStats::of),
         tail_idle_share: tally.tail_idle_share,
+        tail_s: tally.tail_s,
         dropped_splats: film.dropped_splats(),
         peak_memory_bytes: stats::peak_memory_bytes(),
         memory: tally.memory(setup),
@@ -155,6 +162,7 @@ fn summarise<I: Integrator>(
         peak_loop_stack_bytes: frame.loop_stack_bytes() as u64,
         adapter: setup.stage.adapter.clone(),
         simd: setup.simd.name().into(),
+        joules,
         events,
     }
 }
@@ -188,10 +196,35 @@ fn tell(args: &RenderArgs, stats: &RenderStats) {
             noise.blocks
         );
     }
+    tell_threads(stats);
     for event in &stats.events {
         eprintln!("degraded: {event}");
     }
     if stats.dropped_splats > 0 {
         println!("{} splats were not finite and were dropped", stats.dropped_splats);
+    }
+}
+
+/// Where the threads' time went, and rays by unit and depth.
+fn tell_threads(stats: &RenderStats) {
+    let percent = |seconds: f64| 100.0 * seconds / stats.seconds.render.max(f64::MIN_POSITIVE);
+    for (i, thread) in stats.threads.iter().enumerate() {
+        log::info!(
+            "{} {i}: {:.1} % busy, {:.1} % idle, {:.1} % of it in the tail",
+            thread.kind,
+            percent(thread.busy_s),
+            percent(thread.idle_s),
+            percent(thread.tail_idle_s)
+        );
+    }
+    let depths: Vec<String> = stats.depths.iter().map(|depth| format!("{:.2}", depth.mray_per_s)).collect();
+    log::info!("Mray/s by depth but for shadow rays: {}", depths.join(", "));
+    for (unit, rays, rate) in [
+        ("a CPU thread", stats.units.cpu.rays, stats.units.cpu.mray_per_s),
+        ("a dispatch to the GPU", stats.units.gpu.rays, stats.units.gpu.mray_per_s),
+    ] {
+        if rays > 0 {
+            log::info!("{unit} traces {rate:.2} Mray/s; {rays} rays in all");
+        }
     }
 }

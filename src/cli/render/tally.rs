@@ -2,7 +2,7 @@
 
 use crate::cli::setup::Setup;
 use crate::cli::stats::{MemoryStats, ThreadStats, Units};
-use crate::schedule::{JobReport, RayCounts, TaskRecord, ThreadKind, ThreadReport};
+use crate::schedule::{Depths, JobReport, RayCounts, TaskRecord, ThreadKind, ThreadReport};
 
 /// Adds up jobs that ran after or beside each other in one service.
 #[derive(Default)]
@@ -14,8 +14,14 @@ pub struct Tally {
     pub peak_rays_in_flight: usize,
     /// The most bytes of one job's ray streams.
     pub stream_bytes: usize,
+    /// Rays traced by depth.
+    pub depths: Depths,
     /// Of the job that ended last.
     pub tail_idle_share: f64,
+    /// The same, in seconds.
+    pub tail_s: f64,
+    /// How many there were.
+    pub jobs: usize,
     /// All tasks, one job after the other, in nanoseconds since the first job began.
     pub timeline: Vec<TaskRecord>,
     /// Each thread's time with tasks.
@@ -40,7 +46,10 @@ impl Tally {
         }
         self.peak_rays_in_flight = self.peak_rays_in_flight.max(report.max_in_flight);
         self.stream_bytes = self.stream_bytes.max(report.streams * report.stream_bytes);
+        self.depths += report.depths;
         self.tail_idle_share = report.tail_idle_share;
+        self.tail_s = report.tail_s;
+        self.jobs += 1;
         self.timeline.extend(report.timeline.iter().map(|task| {
             let mut task = *task;
             task.start_ns += report.begin_ns - begin_ns;
@@ -52,6 +61,7 @@ impl Tally {
         } else {
             for (sum, thread) in self.threads.iter_mut().zip(&report.threads) {
                 sum.busy_s += thread.busy_s;
+                sum.tail_idle_s = thread.tail_idle_s;
             }
         }
     }

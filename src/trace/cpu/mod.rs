@@ -2,6 +2,7 @@
 //! other tracer must equal bit for bit.
 
 mod alone;
+mod kernel;
 mod leaf;
 mod oracle;
 mod packet;
@@ -12,6 +13,7 @@ mod tracer;
 mod triangle;
 
 pub use crate::lanes::{SimdError, SimdLevel};
+pub use kernel::{InLanes, count_hits};
 pub use oracle::Oracle;
 pub use single::SingleRayTracer;
 pub use tracer::CpuTracer;

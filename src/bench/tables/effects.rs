@@ -1,0 +1,144 @@
+//! RTRT's section 6.2: what reflections and shadows of three lights cost beside camera rays alone, in a
+//! Whitted ray tracer.
+
+use crate::bench::Spread;
+use crate::render::{Settings, SettingsError, Stage, Whitted};
+use crate::scene::{Camera, Environment, Light, LightShape, Scene};
+use crate::schedule::{JobError, JobOptions, LimitsError, RayCounts, Service};
+use glam::Vec3;
+use serde::Serialize;
+use std::sync::Arc;
+
+/// One frame.
+#[derive(Clone, Debug, Serialize)]
+pub struct Row {
+    /// What is followed.
+    pub configuration: &'static str,
+    /// Rays from the camera.
+    pub camera: u64,
+    /// Reflected and refracted rays.
+    pub continuation: u64,
+    /// Shadow rays.
+    pub shadow: u64,
+    /// Of the whole frame.
+    pub seconds: Spread,
+    /// Rays per microsecond.
+    pub mray_per_s: Spread,
+    /// How many times as long as camera rays alone.
+    pub times_as_long: f64,
+}
+
+/// Why a frame could not be rendered.
+#[derive(Debug, thiserror::Error)]
+pub enum EffectsError {
+    /// A setting is out of range.
+    #[error(transparent)]
+    Settings(#[from] SettingsError),
+    /// Sizes do not fit each other.
+    #[error(transparent)]
+    Limits(#[from] LimitsError),
+    /// A frame failed.
+    #[error(transparent)]
+    Job(#[from] JobError),
+}
+
+/// Frames in turns: camera rays alone, then reflections, three lights, and both.
+///
+/// # Errors
+/// When a frame cannot be rendered.
+pub fn run(
+    stage: &Stage,
+    service: &Service,
+    camera: &Camera,
+    settings: Settings,
+    rounds: usize,
+) -> Result<Vec<Row>, EffectsError> {
+    let dark = Arc::new(without_light(&stage.scene));
+    let lit = Arc::new(with_three_lights((*dark).clone()));
+    let bounces = settings.max_bounces;
+    let frames = [
+        ("camera rays", &dark, 0),
+        ("reflections", &dark, bounces),
+        ("three lights", &lit, 0),
+        ("reflections, three lights", &lit, bounces),
+    ];
+    let mut seconds = vec![Vec::new(); frames.len()];
+    let mut rays = vec![RayCounts::default(); frames.len()];
+    for round in 0..=rounds {
+        for (i, &(_, scene, max_bounces)) in frames.iter().enumerate() {
+            let settings = Settings { max_bounces, ..settings };
+            let whitted = Arc::new(Whitted::new(scene.clone(), camera, settings)?);
+            let job = service.submit(whitted, stage.tracers.clone(), JobOptions::default())?;
+            let report = job.wait()?;
+            rays[i] = report.rays;
+            // The first round makes streams.
+            if round > 0 {
+                seconds[i].push(report.wall_s);
+            }
+        }
+    }
+    let mut rows: Vec<Row> = Vec::new();
+    for ((&(configuration, ..), seconds), rays) in frames.iter().zip(seconds).zip(rays) {
+        let rates = seconds.iter().map(|seconds| rays.total() as f64 / (seconds * 1e6)).collect();
+        let seconds = Spread::of_times(seconds);
+        let first = rows.first().map_or(seconds.median, |row| row.seconds.median);
+        rows.push(Row {
+            configuration,
+            camera: rays.camera,
+            continuation: rays.continuation,
+            shadow: rays.shadow,
+            seconds,
+            mray_per_s: Spread::of_rates(rates),
+            times_as_long: seconds.median / first,
+        });
+    }
+    Ok(rows)
+}
+
+/// The same scene where nothing shines: no shadow ray has a reason.
+fn without_light(scene: &Scene) -> Scene {
+    let mut scene = scene.clone();
+    scene.lights.clear();
+    scene.environment = Environment::Constant(Vec3::ZERO);
+    scene.materials.iter_mut().for_each(|material| material.emission = None);
+    scene
+}
+
+/// With three lights under the top of the scene.
+fn with_three_lights(mut scene: Scene) -> Scene {
+    let bounds = scene.bounds();
+    let size = bounds.max - bounds.min;
+    let light = |x, z| Light {
+        name: String::new(),
+        intensity: Vec3::splat(bounds.radius() * bounds.radius()),
+        shape: LightShape::Point { position: bounds.centre() + size * Vec3::new(x, 0.4, z) },
+    };
+    scene.lights.extend([light(-0.3, -0.2), light(0.3, -0.2), light(0.0, 0.3)]);
+    scene
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::render::Units;
+    use crate::scene::load;
+    use crate::schedule::ServiceOptions;
+    use std::path::Path;
+
+    #[test]
+    fn each_effect_has_its_rays() {
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/showcase.json");
+        let scene = Arc::new(load::load(&file).expect("our own scene"));
+        let camera = scene.camera.expect("it has a camera");
+        let stage = Stage::new(scene, &Units::cpu());
+        let service = Service::new(ServiceOptions::default()).expect("threads can be started");
+        let settings = Settings { width: 64, height: 48, spp: 1, max_bounces: 4, seed: 0 };
+        let rows = run(&stage, &service, &camera, settings, 1).expect("a frame");
+        let [camera, reflections, lights, both] = &rows[..] else { panic!("four frames") };
+        assert!(rows.iter().all(|row| row.camera == 64 * 48));
+        assert_eq!((camera.continuation, camera.shadow), (0, 0));
+        assert!(reflections.continuation > 100 && reflections.shadow == 0);
+        assert!(lights.shadow > 3 * 100 && lights.continuation == 0);
+        assert!(both.continuation == reflections.continuation && both.shadow > lights.shadow);
+    }
+}

@@ -1,0 +1,97 @@
+//! `raystream bench tables`.
+
+use super::super::args::BenchTablesArgs;
+use super::super::setup::Setup;
+use super::write;
+use crate::bench::tables::{complexity, effects, kernels, packets};
+use crate::render::Settings;
+use crate::scene::Camera;
+use anyhow::Result;
+use serde::Serialize;
+
+/// A row of any table.
+#[derive(Serialize)]
+#[serde(untagged)]
+enum Row {
+    Kernel(kernels::Row),
+    Packet(packets::Row),
+    Complexity(complexity::Row),
+    Effect(effects::Row),
+}
+
+/// Measures RTRT's tables.
+pub fn run(args: &BenchTablesArgs) -> Result<()> {
+    let setup = Setup::new(&args.scene, &args.units, 1, |_| Ok(()))?;
+    let stage = &setup.stage;
+    let camera = args.camera.apply(stage.scene.camera, || Camera::framing(&stage.scene.bounds(), 1.0));
+    let rounds = args.rounds as usize;
+    let mut rows = Vec::new();
+
+    println!("a ray/triangle test by kernel, ns (RTRT, Table 1)");
+    println!("{:<40} {:>8} {:>8} {:>8}", "kernel", "least", "most", "speedup");
+    for row in kernels::run(rounds) {
+        println!(
+            "{:<40} {:>8.2} {:>8.2} {:>8.2}",
+            row.kernel, row.least_ns.median, row.most_ns.median, row.speedup
+        );
+        rows.push(Row::Kernel(row));
+    }
+
+    println!("\nvisits that packets of camera rays add (RTRT, Table 2)");
+    println!(
+        "{:<8} {:>10} {:>10} {:>10} {:>9} {:>9}",
+        "packet", "resolution", "nodes/ray", "blocks/ray", "nodes", "blocks"
+    );
+    for row in packets::run(&stage.bvh, &camera, args.resolution)? {
+        println!(
+            "{:<8} {:>10} {:>10.1} {:>10.1} {:>8.1}% {:>8.1}%",
+            format!("{0}x{0}", row.packet),
+            row.resolution,
+            row.nodes_per_ray,
+            row.blocks_per_ray,
+            row.node_overhead * 100.0,
+            row.block_overhead * 100.0
+        );
+        rows.push(Row::Packet(row));
+    }
+
+    println!("\nreflections and shadows of three lights, Whitted (RTRT, section 6.2)");
+    println!(
+        "{:<26} {:>9} {:>9} {:>9} {:>9} {:>9} {:>8}",
+        "frame", "camera", "reflected", "shadow", "ms", "Mray/s", "times"
+    );
+    let (width, height) = (args.resolution, args.resolution);
+    let settings = Settings { width, height, spp: 1, max_bounces: args.max_bounces, seed: 0 };
+    for row in effects::run(stage, &setup.service, &camera, settings, rounds)? {
+        println!(
+            "{:<26} {:>9} {:>9} {:>9} {:>9.1} {:>9.2} {:>8.2}",
+            row.configuration,
+            row.camera,
+            row.continuation,
+            row.shadow,
+            row.seconds.median * 1e3,
+            row.mray_per_s.median,
+            row.times_as_long
+        );
+        rows.push(Row::Effect(row));
+    }
+
+    println!("\nhills of more and more triangles, one thread (RTRT, Figure 5)");
+    println!("{:>10} {:>10} {:>14} {:>14}", "triangles", "build ms", "camera Mray/s", "bounce Mray/s");
+    let cells = complexity::CELLS.iter().copied();
+    let cells: Vec<u32> = cells.filter(|&n| u64::from(n) * u64::from(n) * 2 <= args.most_triangles).collect();
+    for row in complexity::run(&cells, args.resolution, rounds)? {
+        println!(
+            "{:>10} {:>10.1} {:>14.2} {:>14.2}",
+            row.triangles,
+            row.build_s * 1e3,
+            row.camera_mray_per_s.median,
+            row.bounce_mray_per_s.median
+        );
+        rows.push(Row::Complexity(row));
+    }
+    match &args.json {
+        Some(path) => write(path, Some(&args.scene), &rows, &[]),
+        None => Ok(()),
+    }
+}

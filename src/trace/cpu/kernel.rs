@@ -1,0 +1,170 @@
+//! The triangle test by itself, as the tracer runs it, for those who want to know what it costs.
+//!
+//! Unsafe code for loading lanes. Invariant 1: every column has [`MOST`] numbers behind what is loaded
+//! from it, as many as the widest lanes.
+#![allow(unsafe_code)]
+
+use super::triangle::{Range, Slabs, Vector, test};
+use crate::geom::{CanonicalRay, SLACK};
+use crate::lanes::{Kernel, Lanes, SimdLevel};
+use crate::stream::Ray;
+use glam::Vec3;
+
+/// The most lanes.
+const MOST: usize = 16;
+
+/// What lies in the lanes of a test.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum InLanes {
+    /// Several rays, and one triangle.
+    Rays,
+    /// Several triangles, and one ray.
+    Triangles,
+}
+
+/// Tests all rays with all triangles, in the lanes of a level or in a single one. All rays must go where
+/// x, y and z grow. Returns the number of hits.
+pub fn count_hits(level: Option<SimdLevel>, in_lanes: InLanes, rays: &[Ray], triangles: &[[Vec3; 3]]) -> u64 {
+    let work = Work { in_lanes, rays: RayColumns::new(rays), triangles: TriangleColumns::new(triangles) };
+    match level {
+        Some(level) => level.run(work),
+        None => SimdLevel::run_one(work),
+    }
+}
+
+/// Numbers, one for each ray or triangle, and zeros behind them.
+struct Column(Vec<f32>);
+
+impl Column {
+    fn new(numbers: impl Iterator<Item = f32>) -> Self {
+        let mut column: Vec<f32> = numbers.collect();
+        column.resize(column.len() + MOST, 0.0);
+        Self(column)
+    }
+
+    #[inline(always)]
+    fn load<L: Lanes>(&self, l: L, at: usize) -> L::F {
+        assert!(at + MOST <= self.0.len());
+        // SAFETY: invariant 1.
+        unsafe { l.load(self.0.as_ptr().add(at)) }
+    }
+}
+
+fn columns(points: &[Vec3]) -> [Column; 3] {
+    [0, 1, 2].map(|axis| Column::new(points.iter().map(|point| point[axis])))
+}
+
+#[inline(always)]
+fn load<L: Lanes>(l: L, columns: &[Column; 3], at: usize) -> Vector<L> {
+    [columns[0].load(l, at), columns[1].load(l, at), columns[2].load(l, at)]
+}
+
+#[inline(always)]
+fn splat<L: Lanes>(l: L, columns: &[Column; 3], at: usize) -> Vector<L> {
+    [l.splat(columns[0].0[at]), l.splat(columns[1].0[at]), l.splat(columns[2].0[at])]
+}
+
+struct RayColumns {
+    len: usize,
+    origin: [Column; 3],
+    direction: [Column; 3],
+    inverse: [Column; 3],
+    shift: [Column; 3],
+}
+
+impl RayColumns {
+    fn new(rays: &[Ray]) -> Self {
+        let prepared = rays.iter().map(|r| CanonicalRay::new(r.origin, r.t_min, r.direction, r.t_max, 1.0));
+        let prepared: Vec<CanonicalRay> = prepared.collect();
+        let column =
+            |of: &dyn Fn(&CanonicalRay) -> Vec3| columns(&prepared.iter().map(of).collect::<Vec<_>>());
+        assert!(prepared.iter().all(|ray| ray.inverse.cmpge(Vec3::ZERO).all()), "all of one octant");
+        Self {
+            len: rays.len(),
+            origin: column(&|ray| ray.origin),
+            direction: column(&|ray| ray.direction),
+            inverse: column(&|ray| ray.inverse),
+            shift: column(&|ray| -(ray.origin * ray.inverse)),
+        }
+    }
+}
+
+struct TriangleColumns {
+    len: usize,
+    corners: [[Column; 3]; 3],
+}
+
+impl TriangleColumns {
+    fn new(triangles: &[[Vec3; 3]]) -> Self {
+        let corner = |i: usize| columns(&triangles.iter().map(|corners| corners[i]).collect::<Vec<_>>());
+        Self { len: triangles.len(), corners: [corner(0), corner(1), corner(2)] }
+    }
+}
+
+struct Work {
+    in_lanes: InLanes,
+    rays: RayColumns,
+    triangles: TriangleColumns,
+}
+
+impl Kernel for Work {
+    type Output = u64;
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, l: L) -> u64 {
+        match self.in_lanes {
+            InLanes::Rays => self.rays_in_lanes(l),
+            InLanes::Triangles => self.triangles_in_lanes(l),
+        }
+    }
+}
+
+/// The lanes in use when so many numbers are left.
+#[inline(always)]
+fn among<L: Lanes>(left: usize) -> u32 {
+    L::ALL >> (L::LANES - left.min(L::LANES))
+}
+
+impl Work {
+    #[inline(always)]
+    fn rays_in_lanes<L: Lanes>(&self, l: L) -> u64 {
+        let Self { rays, triangles, .. } = self;
+        let mut hits = 0;
+        for at in (0..rays.len).step_by(L::LANES) {
+            let slabs = Slabs::new(l, load(l, &rays.inverse, at), load(l, &rays.shift, at), l.splat(SLACK));
+            let (t_min, limit) = (l.splat(0.0), l.splat(f32::INFINITY));
+            let range = Range { slabs: &slabs, octant: 0, t_min, limit };
+            let (origin, direction) = (load(l, &rays.origin, at), load(l, &rays.direction, at));
+            for i in 0..triangles.len {
+                let [a, b, c] = &triangles.corners;
+                let triangle = [splat(l, a, i), splat(l, b, i), splat(l, c, i)];
+                if let Some(found) = test(l, among::<L>(rays.len - at), &origin, direction, &triangle, &range)
+                {
+                    hits += u64::from(found.mask.count_ones());
+                }
+            }
+        }
+        hits
+    }
+
+    #[inline(always)]
+    fn triangles_in_lanes<L: Lanes>(&self, l: L) -> u64 {
+        let Self { rays, triangles, .. } = self;
+        let mut hits = 0;
+        for i in 0..rays.len {
+            let slabs = Slabs::new(l, splat(l, &rays.inverse, i), splat(l, &rays.shift, i), l.splat(SLACK));
+            let (t_min, limit) = (l.splat(0.0), l.splat(f32::INFINITY));
+            let range = Range { slabs: &slabs, octant: 0, t_min, limit };
+            let (origin, direction) = (splat(l, &rays.origin, i), splat(l, &rays.direction, i));
+            for at in (0..triangles.len).step_by(L::LANES) {
+                let [a, b, c] = &triangles.corners;
+                let triangle = [load(l, a, at), load(l, b, at), load(l, c, at)];
+                let among = among::<L>(triangles.len - at);
+                if let Some(found) = test(l, among, &origin, direction, &triangle, &range) {
+                    hits += u64::from(found.mask.count_ones());
+                }
+            }
+        }
+        hits
+    }
+}

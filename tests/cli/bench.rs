@@ -1,0 +1,53 @@
+use super::{folder, json, run, shipped};
+
+#[test]
+fn the_ladder_has_one_picture_and_a_ratio_for_each_configuration() {
+    let folder = folder();
+    let scene = shipped("cornell.json");
+    let args =
+        ["--size", "96x64", "--max-bounces", "2", "--repeats", "2", "--threads", "2", "--json", "b.json"];
+    let text =
+        run(folder.path(), &[&["bench", "frame", &scene][..], &args, &["--tracer", "cpu"]].concat(), 0);
+    assert!(text.contains("all 12 pictures have the hash"), "{text}");
+    let report = json(&folder.path().join("b.json"));
+    let rows = report["rows"].as_array().expect("rows");
+    let names: Vec<_> = rows.iter().map(|row| row["configuration"].as_str().expect("a name")).collect();
+    assert_eq!(names, ["SINGLERAY", "RA SINGLERAY", "RA PACKET", "RA SIMD"]);
+    for row in rows {
+        assert_eq!((row["scene"].as_str(), row["threads"].as_u64()), (Some("cornell.json"), Some(2)));
+        assert_eq!((row["unit"].as_str(), &row["hash"]), (Some("cpu"), &rows[0]["hash"]));
+        assert!(row["ratio"]["SINGLERAY"].as_f64() > Some(0.0));
+        let median = row["mray_per_s"]["median"].as_f64();
+        assert!(
+            row["mray_per_s"]["worst"].as_f64() <= median && median <= row["mray_per_s"]["best"].as_f64()
+        );
+    }
+    let all = [&["bench", "frame", &scene][..], &args, &["--tracer", "cpu", "--policies"]].concat();
+    assert!(run(folder.path(), &all, 0).contains("all 6 pictures have the hash"));
+}
+
+#[test]
+fn every_policy_gives_the_same_picture() {
+    let folder = folder();
+    let scene = shipped("cornell.json");
+    let mut hashes = Vec::new();
+    for policy in ["ra", "shade-first", "moonray", "measured", "cpu-only"] {
+        let size = ["--size", "80x60", "--spp", "2", "--stats", "s.json"];
+        run(folder.path(), &[&["render", &scene, "--policy", policy][..], &size].concat(), 0);
+        hashes.push(json(&folder.path().join("s.json"))["image"]["hash"].clone());
+    }
+    assert!(hashes.iter().all(|hash| *hash == hashes[0]), "{hashes:?}");
+    let text = run(folder.path(), &["render", &scene, "--policy", "cpu-only", "--tracer", "gpu"], 2);
+    assert!(text.contains("leave one of the two out"), "{text}");
+}
+
+#[test]
+fn scheduling_is_measured_with_more_threads_than_cores() {
+    let folder = folder();
+    let args = ["--threads", "1,16", "--tasks", "2000", "--rounds", "2", "--load-us", "0,500"];
+    run(folder.path(), &[&["bench", "schedule", "--json", "b.json"][..], &args].concat(), 0);
+    let report = json(&folder.path().join("b.json"));
+    let rows = report["rows"].as_array().expect("rows");
+    assert_eq!(rows.len(), 2 * 3);
+    assert!(rows.iter().all(|row| row["overhead_ns"]["median"].as_f64() > Some(0.0)));
+}
