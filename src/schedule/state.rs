@@ -132,14 +132,15 @@ impl State {
         assert!(!self.closing, "a closed service takes no jobs");
         let id = JobId(self.next_id);
         self.next_id += 1;
-        let idle_ns = Vec::with_capacity(self.threads.len());
+        // With room for all threads: nothing is allocated while a frame is under way.
+        let of_threads = || Vec::with_capacity(self.threads.len());
         let job = Admitted {
             id,
             submission,
             submitted_ns: now_ns,
             begin_ns: now_ns,
-            tail_idle_ns: idle_ns.clone(),
-            idle_ns,
+            idle_ns: of_threads(),
+            tail_idle_ns: of_threads(),
             tail_ns: None,
         };
         self.waiting.push_back(job);
