@@ -175,7 +175,8 @@ impl<const N: usize> Lanes for Plain<N> {
     fn of_bits(self, a: Self::I) -> Self::F {
         a.map(f32::from_bits)
     }
-    #[inline(never)]
+    // Not apart: only where it is called are the instructions of the caller to be had.
+    #[inline(always)]
     fn apart<P: Piece<Self>>(self, piece: P) -> P::Output {
         piece.run(self)
     }

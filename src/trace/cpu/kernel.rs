@@ -22,14 +22,11 @@ pub enum InLanes {
     Triangles,
 }
 
-/// Tests all rays with all triangles, in the lanes of a level or in a single one. All rays must go where
-/// x, y and z grow. Returns the number of hits.
-pub fn count_hits(level: Option<SimdLevel>, in_lanes: InLanes, rays: &[Ray], triangles: &[[Vec3; 3]]) -> u64 {
+/// Tests all rays with all triangles in the lanes of a level, which is one at [`SimdLevel::Scalar`]. All rays
+/// must go where x, y and z grow. Returns the number of hits.
+pub fn count_hits(level: SimdLevel, in_lanes: InLanes, rays: &[Ray], triangles: &[[Vec3; 3]]) -> u64 {
     let work = Work { in_lanes, rays: RayColumns::new(rays), triangles: TriangleColumns::new(triangles) };
-    match level {
-        Some(level) => level.run(work),
-        None => SimdLevel::run_one(work),
-    }
+    level.run(work)
 }
 
 /// Numbers, one for each ray or triangle, and zeros behind them.
