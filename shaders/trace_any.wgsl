@@ -26,7 +26,7 @@ fn trace_any(@builtin(global_invocation_id) id: vec3<u32>) {
             if (reference & LEAF) != 0u {
                 break;
             }
-            let node = nodes[reference];
+            let node = node_at(reference);
             let left = outer(ray, node.left_min, node.left_max);
             let right = outer(ray, node.right_min, node.right_max);
             let hit_left = left.enter <= min(left.leave, ray.t_max) && left.leave >= ray.t_min;
@@ -53,7 +53,7 @@ fn trace_any(@builtin(global_invocation_id) id: vec3<u32>) {
         // Through the leaf.
         var index = reference & ~LEAF;
         loop {
-            let triangle = triangles[index];
+            let triangle = triangle_at(index);
             let verdict = judge(ray, triangle);
             if verdict.kind == CERTAIN {
                 answer = OCCLUDED;

@@ -52,8 +52,8 @@ struct Params {
     spare: u32,
 }
 
-@group(0) @binding(0) var<storage, read> nodes: array<Node>;
-@group(0) @binding(1) var<storage, read> triangles: array<Triangle>;
+// Group 0 binds nodes and triangles, in pages: `trace/gpu/pages.rs` declares them and the functions `node_at`
+// and `triangle_at`.
 @group(1) @binding(0) var<storage, read> rays: array<Ray>;
 @group(1) @binding(1) var<uniform> params: Params;
 // Binding 2 of group 1 takes the answers of each kernel.

@@ -1,6 +1,7 @@
 //! The kernels' sources: what is shared, the constants, the kernel itself, one after the other.
 
 use super::layout;
+use super::pages::ScenePages;
 use crate::geom::{DIRECTION_RANGE, MAX_COORDINATE, MIN_COMPONENT, SLACK};
 use crate::stream::MISS;
 use std::fmt::Write as _;
@@ -42,10 +43,18 @@ impl Kernel {
         }
     }
 
-    /// The whole source, with room for `stack` entries.
-    pub fn source(self, stack: usize) -> String {
-        [&constants(stack), LAYOUT, RAY, TRIANGLE, self.body()].join("\n")
+    /// The whole source for scenes of a shape.
+    pub fn source(self, shape: &Shape) -> String {
+        [&constants(shape.stack), LAYOUT, &shape.pages.source(), RAY, TRIANGLE, self.body()].join("\n")
     }
+}
+
+/// What of a scene shapes its kernels.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Shape {
+    /// Room for so many entries on a traversal's stack.
+    pub stack: usize,
+    pub pages: ScenePages,
 }
 
 /// The constants that host and device share, written once: in Rust.
@@ -94,6 +103,7 @@ fn constants(stack: usize) -> String {
 mod tests {
     use super::*;
     use crate::stream::Ray;
+    use crate::trace::gpu::pages::Pages;
     use naga::front::wgsl;
     use naga::valid::{Capabilities, ValidationFlags, Validator};
     use std::mem::offset_of;
@@ -101,14 +111,20 @@ mod tests {
     const ALL: [Kernel; 2] = [Kernel::TraceClosest, Kernel::TraceAny];
 
     fn parse(kernel: Kernel) -> naga::Module {
-        let source = kernel.source(24);
+        parse_paged(kernel, ScenePages::ONE)
+    }
+
+    fn parse_paged(kernel: Kernel, pages: ScenePages) -> naga::Module {
+        let source = kernel.source(&Shape { stack: 24, pages });
         wgsl::parse_str(&source).unwrap_or_else(|e| panic!("{}", e.emit_to_string(&source)))
     }
 
     #[test]
     fn every_kernel_is_valid_without_any_optional_capability() {
-        for kernel in ALL {
-            let module = parse(kernel);
+        let (two, three) = (Pages { bits: 4, count: 2 }, Pages { bits: 5, count: 3 });
+        let paged = [ScenePages::ONE, ScenePages { nodes: two, triangles: three }];
+        for (kernel, pages) in ALL.into_iter().flat_map(|kernel| paged.map(|pages| (kernel, pages))) {
+            let module = parse_paged(kernel, pages);
             Validator::new(ValidationFlags::all(), Capabilities::empty())
                 .validate(&module)
                 .unwrap_or_else(|e| panic!("{}: {e:?}", kernel.name()));

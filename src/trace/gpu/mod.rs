@@ -21,6 +21,7 @@ mod flatten;
 mod fused;
 mod kernel;
 mod layout;
+mod pages;
 mod pass;
 mod probe;
 mod resolve;

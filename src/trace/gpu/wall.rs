@@ -191,6 +191,9 @@ fn descriptor(adapter: &wgpu::Adapter) -> wgpu::DeviceDescriptor<'static> {
         required_limits: wgpu::Limits {
             max_storage_buffer_binding_size: there.max_storage_buffer_binding_size,
             max_buffer_size: there.max_buffer_size,
+            max_storage_buffers_per_shader_stage: there.max_storage_buffers_per_shader_stage,
+            max_buffers_and_acceleration_structures_per_shader_stage: there
+                .max_buffers_and_acceleration_structures_per_shader_stage,
             max_compute_workgroups_per_dimension: there.max_compute_workgroups_per_dimension,
             ..wgpu::Limits::downlevel_defaults()
         },
