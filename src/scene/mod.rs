@@ -3,6 +3,7 @@
 
 mod camera;
 mod environment;
+mod instance;
 mod light;
 pub mod load;
 mod material;
@@ -12,6 +13,7 @@ mod texture;
 
 pub use camera::{Camera, CameraError, Lens};
 pub use environment::{Environment, EnvironmentMap};
+pub use instance::{Instance, Shape};
 pub use light::{Light, LightShape};
 pub use material::{Alpha, AlphaMode, Colour, Emission, Material, NormalMap, Principled, Scalar, Surface};
 pub use mesh::{MAX_TRIANGLES, Mesh, MeshError};
@@ -30,6 +32,8 @@ use crate::lanes::Num;
 pub struct Scene {
     /// All triangles, instances flattened, in file order.
     pub mesh: Mesh,
+    /// Geometry that the mesh has several moved copies of.
+    pub shapes: Vec<Shape>,
     /// Materials that [`Mesh::materials`] names.
     pub materials: Vec<Material>,
     /// Textures that materials name.

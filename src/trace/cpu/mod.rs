@@ -3,9 +3,11 @@
 
 mod alone;
 mod leaf;
+mod members;
 mod oracle;
 mod packet;
 mod setup;
+mod space;
 mod stream;
 mod tracer;
 mod triangle;

@@ -18,6 +18,7 @@ pub(super) enum Kernel {
 const LAYOUT: &str = include_str!("../../../shaders/shared/layout.wgsl");
 const RAY: &str = include_str!("../../../shaders/shared/ray.wgsl");
 const TRIANGLE: &str = include_str!("../../../shaders/shared/triangle.wgsl");
+const PLACEMENT: &str = include_str!("../../../shaders/shared/placement.wgsl");
 
 impl Kernel {
     /// The name of its entry point, and of its file.
@@ -45,7 +46,7 @@ impl Kernel {
 
     /// The whole source for scenes of a shape.
     pub fn source(self, shape: &Shape) -> String {
-        [&constants(shape.stack), LAYOUT, &shape.pages.source(), RAY, TRIANGLE, self.body()].join("\n")
+        [&constants(shape), LAYOUT, &shape.pages.source(), RAY, TRIANGLE, PLACEMENT, self.body()].join("\n")
     }
 }
 
@@ -54,15 +55,17 @@ impl Kernel {
 pub(super) struct Shape {
     /// Room for so many entries on a traversal's stack.
     pub stack: usize,
+    /// Whether it is a tree of placed trees.
+    pub members: bool,
     pub pages: ScenePages,
 }
 
 /// The constants that host and device share, written once: in Rust.
-fn constants(stack: usize) -> String {
-    let mut text = String::new();
+fn constants(shape: &Shape) -> String {
+    let mut text = format!("const MEMBERS: bool = {};\n", shape.members);
     let integers = [
         ("WORKGROUP_SIZE", layout::WORKGROUP_SIZE),
-        ("STACK_SIZE", stack.max(1) as u32),
+        ("STACK_SIZE", shape.stack.max(1) as u32),
         ("LEAF", layout::LEAF),
         ("MASKED", layout::MASKED),
         ("LAST", layout::LAST),
@@ -91,6 +94,7 @@ fn constants(stack: usize) -> String {
         ("T_ROUNDING", layout::T_ROUNDING),
         ("TINY", layout::TINY),
         ("LEAST_PAD", layout::LEAST_PAD),
+        ("EXTENT_MARGIN", layout::EXTENT_MARGIN),
     ];
     for (name, value) in floats {
         // The shortest decimal that reads back as the same number.
@@ -115,7 +119,7 @@ mod tests {
     }
 
     fn parse_paged(kernel: Kernel, pages: ScenePages) -> naga::Module {
-        let source = kernel.source(&Shape { stack: 24, pages });
+        let source = kernel.source(&Shape { stack: 24, members: true, pages });
         wgsl::parse_str(&source).unwrap_or_else(|e| panic!("{}", e.emit_to_string(&source)))
     }
 
@@ -145,11 +149,12 @@ mod tests {
 
     #[test]
     fn structs_lie_in_memory_alike_on_both_sides() {
-        use layout::{Candidates, Node, Params, Triangle};
-        let expected: [Layout; 5] = [
+        use layout::{Candidates, Member, Node, Params, Triangle};
+        let expected: [Layout; 6] = [
             layout_of!(Ray: origin, t_min, direction, t_max),
             layout_of!(Node: left_min, left, left_max, spare_0, right_min, right, right_max, spare_1),
             layout_of!(Triangle: v0, primitive, v1, flags, v2, extent),
+            layout_of!(Member: x, root, y, first, z, spare_0, shift, spare_1),
             layout_of!(Candidates: first, second, third, rest),
             layout_of!(Params: count, scene_max_abs, zero, spare),
         ];

@@ -4,8 +4,8 @@
 use super::{Gpu, GpuError};
 use std::fmt::Write as _;
 
-/// Bindings of storage that a kernel needs for its call: rays and answers.
-const CALL_BINDINGS: u64 = 2;
+/// Bindings of storage that a kernel needs beside nodes and triangles: members, rays and answers.
+const OTHER_BINDINGS: u64 = 3;
 
 /// How the records of one kind lie in pages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -82,7 +82,7 @@ impl ScenePages {
     pub fn new(gpu: &Gpu, nodes: (usize, usize), triangles: (usize, usize)) -> Result<Self, GpuError> {
         let info = gpu.info();
         let one = info.max_binding_bytes.min(info.max_buffer_bytes);
-        let bindings = u64::from(info.max_storage_bindings).saturating_sub(CALL_BINDINGS);
+        let bindings = u64::from(info.max_storage_bindings).saturating_sub(OTHER_BINDINGS);
         let required = (nodes.0 * nodes.1 + triangles.0 * triangles.1) as u64;
         let pages = Pages::of(nodes.0, nodes.1, one).zip(Pages::of(triangles.0, triangles.1, one));
         match pages {
@@ -97,9 +97,9 @@ impl ScenePages {
         }
     }
 
-    /// Bindings of group 0.
+    /// Bindings of group 0: nodes, triangles, members.
     pub fn bindings(self) -> u32 {
-        self.nodes.count + self.triangles.count
+        self.nodes.count + self.triangles.count + 1
     }
 
     /// The declarations that kernels read nodes and triangles through.
@@ -107,6 +107,8 @@ impl ScenePages {
         let mut text = String::from("// Nodes and triangles, in as many bindings as they need.\n");
         self.nodes.declare(&mut text, 0, "nodes", "Node", "node_at");
         self.triangles.declare(&mut text, self.nodes.count, "triangles", "Triangle", "triangle_at");
+        let members = self.bindings() - 1;
+        let _ = writeln!(text, "@group(0) @binding({members}) var<storage, read> members: array<Member>;");
         text
     }
 }

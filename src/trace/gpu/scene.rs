@@ -1,8 +1,8 @@
 //! A scene on the device: its buffers, and the kernels made for its tree.
 
-use super::flatten::{Flat, flatten, node_count};
+use super::flatten::{Flat, Trees};
 use super::kernel::{Kernel, Shape};
-use super::layout::{Node, Triangle};
+use super::layout::{Member, Node, Triangle};
 use super::pages::ScenePages;
 use super::pass::{Pass, entry};
 use super::{Gpu, GpuError};
@@ -32,14 +32,14 @@ impl DeviceScene {
     /// When the scene exceeds what the adapter binds (told before anything is allocated), or the
     /// device refuses or is lost.
     pub fn new(gpu: &Gpu, bvh: &Bvh, source: Source<'_>) -> Result<Self, GpuError> {
-        let binary = bvh.binary();
-        let node_size = (node_count(&binary), size_of::<Node>());
-        let pages = ScenePages::new(gpu, node_size, (bvh.len(), size_of::<Triangle>()))?;
-        let Flat { nodes, triangles, stack } = flatten(bvh, &binary);
-        drop(binary);
+        let trees = Trees::of(bvh);
+        let node_size = (trees.nodes(), size_of::<Node>());
+        let pages = ScenePages::new(gpu, node_size, (trees.triangles(), size_of::<Triangle>()))?;
+        let Flat { nodes, triangles, members, stack } = trees.flatten();
+        drop(trees);
         let adapter = || gpu.info().to_string();
 
-        let shape = Shape { stack, pages };
+        let shape = Shape { stack, members: !members.is_empty(), pages };
         let made = gpu.attempt(|device, _| {
             let (group, call) = layouts(device, pages.bindings());
             let pass = |kernel| Pass::new(device, kernel, source(kernel, &shape), &group, call.clone());
@@ -53,9 +53,10 @@ impl DeviceScene {
         let node_pages = pages.nodes.split(&nodes).map(|page| ("nodes", bytemuck::cast_slice(page)));
         let triangle_pages =
             pages.triangles.split(&triangles).map(|page| ("triangles", bytemuck::cast_slice(page)));
-        let contents: Vec<(&str, &[u8])> = node_pages.chain(triangle_pages).collect();
+        let member_page = ("members", bytemuck::cast_slice(&members));
+        let contents: Vec<(&str, &[u8])> = node_pages.chain(triangle_pages).chain([member_page]).collect();
         // A binding may not be empty.
-        let size = |page: &[u8]| page.len().max(size_of::<Triangle>()) as u64;
+        let size = |page: &[u8]| page.len().max(size_of::<Member>()) as u64;
         let bytes = contents.iter().map(|(_, page)| size(page)).sum();
         let made = gpu.attempt(|device, _| {
             let buffer = |&(label, page): &(&str, &[u8])| {
