@@ -10,6 +10,7 @@ mod faults;
 mod meshes;
 #[path = "../tracing/rays.rs"]
 mod rays;
+mod soak;
 
 use meshes::Mesh;
 use raystream::bvh::{Bvh, Filter};

@@ -26,6 +26,7 @@ mod pass;
 mod probe;
 mod resolve;
 mod scene;
+mod succession;
 #[cfg(test)]
 mod tests;
 mod tracer;

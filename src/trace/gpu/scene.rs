@@ -12,7 +12,7 @@ use crate::bvh::Bvh;
 const UPLOAD_BYTES: usize = 16 << 20;
 
 /// Gives a kernel's source for a shape of scene.
-pub(super) type Source<'a> = &'a dyn Fn(Kernel, &Shape) -> String;
+pub(super) type Source = fn(Kernel, &Shape) -> String;
 
 /// A scene on the device.
 #[derive(Debug)]
@@ -31,7 +31,7 @@ impl DeviceScene {
     /// # Errors
     /// When the scene exceeds what the adapter binds (told before anything is allocated), or the
     /// device refuses or is lost.
-    pub fn new(gpu: &Gpu, bvh: &Bvh, source: Source<'_>) -> Result<Self, GpuError> {
+    pub fn new(gpu: &Gpu, bvh: &Bvh, source: Source) -> Result<Self, GpuError> {
         let trees = Trees::of(bvh);
         let node_size = (trees.nodes(), size_of::<Node>());
         let pages = ScenePages::new(gpu, node_size, (trees.triangles(), size_of::<Triangle>()))?;
@@ -40,9 +40,11 @@ impl DeviceScene {
         let adapter = || gpu.info().to_string();
 
         let shape = Shape { stack, members: !members.is_empty(), pages };
+        let shared = gpu.info().shared_memory;
         let made = gpu.attempt(|device, _| {
             let (group, call) = layouts(device, pages.bindings());
-            let pass = |kernel| Pass::new(device, kernel, source(kernel, &shape), &group, call.clone());
+            let pass =
+                |kernel| Pass::new(device, kernel, source(kernel, &shape), &group, call.clone(), shared);
             let (closest, any) = (pass(Kernel::TraceClosest), pass(Kernel::TraceAny));
             (group, closest, any)
         });

@@ -2,6 +2,8 @@
 //! patience shorter.
 
 use super::kernel::{Kernel, Shape};
+use super::scene::Source;
+use super::succession::MOST;
 use super::watchdog::Watchdog;
 use super::{AdapterChoice, Gpu, GpuError, GpuTracer};
 use crate::bvh::Bvh;
@@ -10,6 +12,7 @@ use crate::stream::{DeviceError, DeviceTracer, Hit, Queries, Ray};
 use crate::trace::cpu::Oracle;
 use glam::Vec3;
 use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
 fn open() -> Gpu {
@@ -73,7 +76,7 @@ fn rays(bvh: &Bvh, count: u32) -> Vec<Ray> {
 }
 
 /// How many answers of a GPU tracer made from `source` are not the reference's.
-fn wrong_answers(source: &dyn Fn(Kernel, &Shape) -> String) -> usize {
+fn wrong_answers(source: Source) -> usize {
     let (positions, triangles) = mesh();
     let bvh = Arc::new(Bvh::build(&positions, &triangles, |_| false));
     let oracle = Oracle::new(bvh.clone(), None);
@@ -158,12 +161,12 @@ fn trusting(source: &str) -> String {
 
 #[test]
 fn sloppy_arithmetic_gives_the_same_bits() {
-    assert_eq!(wrong_answers(&sloppy), 0);
+    assert_eq!(wrong_answers(sloppy), 0);
 }
 
 #[test]
 fn the_margins_are_what_keeps_sloppy_arithmetic_right() {
-    let wrong = wrong_answers(&|kernel, shape| trusting(&sloppy(kernel, shape)));
+    let wrong = wrong_answers(|kernel, shape| trusting(&sloppy(kernel, shape)));
     assert!(wrong > 20, "only {wrong} wrong answers without margins: the other test shows nothing");
 }
 
@@ -226,4 +229,25 @@ fn a_dispatch_that_takes_too_long_is_a_loss() {
     let Err(DeviceError::Lost(reason)) = answer else { panic!("{answer:?}") };
     assert!(reason.contains("did not return within"), "{reason}");
     assert!(start.elapsed() < Duration::from_secs(5));
+}
+
+#[test]
+fn lost_devices_have_successors_a_bounded_number_of_times_and_liars_have_none() {
+    let never = AtomicBool::new(false);
+    let mut gpu = Arc::new(open());
+    let mut count = 0;
+    loop {
+        gpu.simulate_loss();
+        let Some(next) = gpu.successor(&never) else { break };
+        let again = gpu.successor(&never).expect("as before");
+        assert!(Arc::ptr_eq(&next, &again), "one successor for all who ask");
+        count += 1;
+        assert_eq!((next.lost(), next.succession.number()), (None, count));
+        gpu = next;
+    }
+    assert_eq!(count, MOST);
+    let liar = Arc::new(open());
+    liar.condemn("wrong answers".into());
+    assert!(liar.successor(&never).is_none());
+    assert!(Arc::new(open()).successor(&AtomicBool::new(true)).is_none(), "nobody wants it");
 }
