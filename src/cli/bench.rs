@@ -4,9 +4,11 @@ use super::args::{BenchBuildArgs, BenchRaysArgs};
 use super::stats::{self, SCHEMA};
 use crate::bench::rays::{Options, Report, run};
 use crate::bench::{Kind, Workload, build, meshes};
-use crate::render::{Stage, Units};
+use crate::render::{Stage, UnitChoice, Units};
 use crate::scene::{Camera, load};
-use anyhow::{Context, Result};
+use crate::schedule::Unit;
+use crate::trace::cpu::SimdLevel;
+use anyhow::{Context, Result, bail};
 use serde::Serialize;
 use std::path::Path;
 use std::sync::Arc;
@@ -34,10 +36,22 @@ struct SceneRow<'a, R> {
     row: &'a R,
 }
 
-/// Measures the CPU tracer beside its peers.
+/// Measures the CPU tracer beside its peers, and a GPU if one is named.
 pub fn rays(args: &BenchRaysArgs) -> Result<()> {
-    let units = Units::cpu();
+    let units = match &args.adapter {
+        None => Units::cpu(),
+        adapter => Units::open(&UnitChoice {
+            unit: Some(Unit::Hybrid),
+            adapter: adapter.clone(),
+            simd: SimdLevel::detect(),
+            #[cfg(feature = "gpu")]
+            fault: None,
+        })?,
+    };
     let stage = Stage::new(Arc::new(load::load(&args.scene)?), &units);
+    if let Some(reason) = &stage.degraded {
+        bail!("{reason}");
+    }
     let (width, height) = args.size;
     let bounds = stage.scene.bounds();
     let framed = || Camera::framing(&bounds, width as f32 / height as f32);
@@ -50,7 +64,8 @@ pub fn rays(args: &BenchRaysArgs) -> Result<()> {
         ..Options::default()
     };
     let mesh = &stage.scene.mesh;
-    let report = run(&stage.bvh, &mesh.positions, &mesh.triangles, &workload, &options)?;
+    let device = stage.tracers.device.as_deref();
+    let report = run(&stage.bvh, &mesh.positions, &mesh.triangles, &workload, device, &options)?;
     print(&report, &workload);
     match &args.json {
         Some(path) => write(path, &args.scene, &report.rows, &report.agreement),
