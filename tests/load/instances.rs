@@ -2,8 +2,12 @@
 
 use crate::document::Document;
 use raystream::bvh::{Bvh, Member};
-use raystream::render::build_tree;
+use raystream::film::Image;
+use raystream::render::{Path, Settings, Stage, Units, WORTH_SAVING, build_tree};
+use raystream::scene::{Camera, Environment, Scene};
+use raystream::schedule::{JobOptions, Service, ServiceOptions};
 use serde_json::json;
+use std::sync::Arc;
 
 /// Two triangles in mesh 0, shared by mesh 1, which has another material; a third mesh of its own.
 fn document() -> Document {
@@ -68,4 +72,46 @@ fn a_scene_s_tree_has_its_triangles_whatever_stays_shared() {
             assert_eq!(tree.is_masked(primitive), flat.is_masked(primitive));
         }
     }
+}
+
+/// Hills of `2 cells²` triangles, shown by three nodes.
+fn hills(cells: u32) -> Document {
+    let mut document = Document::new();
+    let at = |i: u32| [(i % (cells + 1)) as f32, (i * 7 % 5) as f32, (i / (cells + 1)) as f32];
+    let positions: Vec<f32> = (0..(cells + 1) * (cells + 1)).flat_map(at).collect();
+    let positions = document.floats("VEC3", &positions);
+    let quad = |i: u32| {
+        let corner = i / cells * (cells + 1) + i % cells;
+        [corner, corner + cells + 1, corner + 1, corner + 1, corner + cells + 1, corner + cells + 2]
+    };
+    let indices: Vec<u8> = (0..cells * cells).flat_map(quad).flat_map(u32::to_le_bytes).collect();
+    let indices = document.accessor("SCALAR", 5125, indices.len() / 4, &indices);
+    document.mesh(json!({ "attributes": { "POSITION": positions }, "indices": indices }));
+    for turn in [0.0, 0.3, -0.6] {
+        let rotation = [0.1, turn, 0.0, 0.7];
+        document.node(json!({ "mesh": 0, "rotation": rotation, "translation": [100.0 * turn, 1.1, 0.0] }));
+    }
+    document
+}
+
+#[test]
+fn a_picture_does_not_depend_on_what_is_shared() {
+    let mut scene = hills(200).scene();
+    scene.environment = Environment::Constant([1.0, 0.8, 0.6].into());
+    assert!(scene.shapes[0].triangles.len() * 2 >= WORTH_SAVING);
+    let written_out = Scene { shapes: Vec::new(), ..scene.clone() };
+    let service = Service::new(ServiceOptions { host_threads: 2, ..Default::default() }).expect("threads");
+    let [shared, alone] = [scene, written_out].map(|scene| {
+        let camera = Camera::framing(&scene.bounds(), 1.0);
+        let stage = Stage::new(Arc::new(scene), &Units::cpu());
+        let settings = Settings { width: 32, height: 32, spp: 4, max_bounces: 3, seed: 1 };
+        let path = Arc::new(Path::new(stage.scene.clone(), &camera, settings, None).expect("settings"));
+        let job = service.submit(path.clone(), stage.tracers.clone(), JobOptions::default()).expect("job");
+        job.wait().expect("frame");
+        let image = Image { width: 32, height: 32, pixels: path.film().resolve() };
+        (image.hash(), stage.bvh.members().len(), stage.bvh.bytes())
+    });
+    assert_eq!((shared.1, alone.1), (3, 0));
+    assert!(shared.2 * 2 < alone.2);
+    assert_eq!(shared.0, alone.0);
 }

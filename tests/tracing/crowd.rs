@@ -63,7 +63,10 @@ pub fn crowd(shapes: &[Mesh], count: usize, scale: f32, seed: u64) -> Crowd {
         for triangle in 0..shapes[which].triangles.len() {
             mesh.push(shapes[which].corners(triangle).map(|corner| last.point(corner)));
         }
-        assert!(first % 4 == 0 && mesh.triangles.len() % 4 == 0, "the mask is by primitive");
+        assert!(
+            first.is_multiple_of(4) && mesh.triangles.len().is_multiple_of(4),
+            "the mask is by primitive"
+        );
         members.push(Member::placed(trees[which].clone(), last, first));
     }
     let numbering = Numbering::of(ranges);
