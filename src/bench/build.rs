@@ -1,6 +1,7 @@
 //! `raystream bench build`: our tree's build beside Embree's qualities, on the same triangles, in one
 //! process, in rounds that take turns.
 
+use super::Spread;
 use super::embree::{Embree, EmbreeError, Quality};
 use crate::bvh::Bvh;
 use glam::Vec3;
@@ -19,17 +20,6 @@ pub struct Options {
     pub embree: Option<PathBuf>,
 }
 
-/// Seconds over the rounds.
-#[derive(Clone, Copy, Debug, Serialize)]
-pub struct Seconds {
-    /// In the middle.
-    pub median: f64,
-    /// Of the fastest round.
-    pub best: f64,
-    /// Of the slowest round.
-    pub worst: f64,
-}
-
 /// One builder on so many threads.
 #[derive(Clone, Debug, Serialize)]
 pub struct Row {
@@ -37,8 +27,8 @@ pub struct Row {
     pub unit: String,
     /// Number of threads.
     pub threads: usize,
-    /// How long it took.
-    pub seconds: Seconds,
+    /// How long it took, over the rounds.
+    pub seconds: Spread,
     /// Bytes a triangle of what was built; its vertices are among them with us, and not with Embree's
     /// default and robust trees of indexed triangles.
     pub bytes_per_triangle: f64,
@@ -124,11 +114,11 @@ fn measure(
             last.push(built);
         }
     }
-    let seconds: Vec<Seconds> = seconds.into_iter().map(summary).collect();
+    let seconds: Vec<Spread> = seconds.into_iter().map(Spread::of_times).collect();
     let medium = units.iter().position(|(name, _)| *name == format!("embree {}", Quality::Medium.name()));
     let medium = medium.map(|i| seconds[i].median);
     let per_triangle = |bytes: usize| bytes as f64 / triangles.max(1) as f64;
-    let row = |(((unit, _), built), seconds): ((Unit<'_>, Built), Seconds)| Row {
+    let row = |(((unit, _), built), seconds): ((Unit<'_>, Built), Spread)| Row {
         unit,
         threads,
         seconds,
@@ -138,17 +128,6 @@ fn measure(
         ratio: medium.map(|medium| seconds.median / medium),
     };
     Ok(units.into_iter().zip(last).zip(seconds).map(row).collect())
-}
-
-/// Median, best and worst.
-fn summary(mut seconds: Vec<f64>) -> Seconds {
-    seconds.sort_by(f64::total_cmp);
-    let at = |i: usize| seconds.get(i).copied().unwrap_or(f64::NAN);
-    Seconds {
-        median: 0.5 * (at(seconds.len() / 2) + at(seconds.len().saturating_sub(1) / 2)),
-        best: at(0),
-        worst: at(seconds.len().saturating_sub(1)),
-    }
 }
 
 #[cfg(test)]
@@ -162,7 +141,7 @@ mod tests {
         let rows = run(&positions, &triangles, &options).expect("no Embree asked for");
         assert_eq!(rows.iter().map(|row| row.threads).collect::<Vec<_>>(), [1, 1, 2, 2]);
         for row in &rows {
-            let Seconds { median, best, worst } = row.seconds;
+            let Spread { median, best, worst } = row.seconds;
             assert!(0.0 < best && best <= median && median <= worst);
             assert!(row.bytes_per_triangle > 40.0 && row.bytes_per_triangle < 200.0);
             assert_eq!(row.cost, rows[0].cost);

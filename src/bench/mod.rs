@@ -2,8 +2,12 @@
 
 pub mod build;
 pub mod embree;
+pub mod frame;
 pub mod meshes;
 pub mod rays;
+pub mod schedule;
+mod spread;
 mod workload;
 
+pub use spread::Spread;
 pub use workload::{Kind, Workload};

@@ -2,10 +2,10 @@
 //! Embree, and a device, on the same rays, in one process, in rounds that take turns.
 
 use super::embree::{Embree, EmbreeError, EmbreeRays, EmbreeScene, Mode};
-use super::{Kind, Workload};
+use super::{Kind, Spread, Workload};
 use crate::bvh::Bvh;
 use crate::stream::{DeviceError, DeviceTracer, Hit, Queries, Ray, Tracer};
-use crate::trace::cpu::{CpuTracer, Oracle, SimdLevel};
+use crate::trace::cpu::{CpuTracer, Oracle, SimdLevel, SingleRayTracer};
 use glam::{Vec3, Vec3A};
 use obvhs::cwbvh::CwBvh;
 use obvhs::triangle::Triangle;
@@ -53,17 +53,6 @@ impl Default for Options {
     }
 }
 
-/// Millions of rays per second over the rounds.
-#[derive(Clone, Copy, Debug, Serialize)]
-pub struct Speed {
-    /// In the middle.
-    pub median: f64,
-    /// Of the fastest round.
-    pub best: f64,
-    /// Of the slowest round.
-    pub worst: f64,
-}
-
 /// One unit's speed on one kind of ray.
 #[derive(Clone, Debug, Serialize)]
 pub struct Row {
@@ -75,8 +64,8 @@ pub struct Row {
     pub threads: usize,
     /// Our SIMD level, if it is ours.
     pub simd: Option<&'static str>,
-    /// How fast.
-    pub mray_per_s: Speed,
+    /// How fast: millions of rays per second over the rounds.
+    pub mray_per_s: Spread,
     /// Ratio of medians against each of: `embree` (its best mode), `embree_robust` (its best robust
     /// mode), `obvhs`, `scalar`, and, where a device takes part, `cpu` (our tracer's best level).
     pub ratio: BTreeMap<&'static str, f64>,
@@ -210,8 +199,7 @@ fn our_units<'a>(
     options: &Options,
 ) -> Vec<Unit<'a>> {
     let stream = options.stream_rays;
-    let unit = |&level: &SimdLevel| {
-        let tracer = CpuTracer::new(bvh.clone(), None, level).ok()?;
+    let unit = |name: &str, level: SimdLevel, tracer: Box<dyn Tracer>| {
         let (mut hits, mut occluded) = (vec![Hit::NONE; rays.len()], vec![0; rays.len()]);
         let round = move || {
             clock.seconds(|| {
@@ -224,15 +212,19 @@ fn our_units<'a>(
                 }
             })
         };
-        Some(Unit {
-            name: "raystream".to_owned(),
-            simd: Some(level.name()),
-            robust: true,
-            rays: rays.len(),
-            round: Box::new(round),
-        })
+        let (name, simd) = (name.to_owned(), Some(level.name()));
+        Unit { name, simd, robust: true, rays: rays.len(), round: Box::new(round) }
     };
-    options.levels.iter().filter_map(unit).collect()
+    let mut units = Vec::new();
+    for &level in &options.levels {
+        if let Ok(tracer) = CpuTracer::new(bvh.clone(), None, level) {
+            units.push(unit("raystream", level, Box::new(tracer)));
+        }
+        if let Ok(tracer) = SingleRayTracer::new(bvh.clone(), None, level) {
+            units.push(unit("raystream single", level, Box::new(tracer)));
+        }
+    }
+    units
 }
 
 /// A device, whole streams at a time: from rays in host memory to canonical hits there.
@@ -364,7 +356,7 @@ fn measure(mut units: Vec<Unit<'_>>, kind: Kind, threads: usize, rounds: usize) 
             }
         }
     }
-    let speeds: Vec<Speed> = speeds.into_iter().map(summary).collect();
+    let speeds: Vec<Spread> = speeds.into_iter().map(Spread::of_rates).collect();
     let best = |among: &dyn Fn(&Unit<'_>) -> bool| {
         let medians = units.iter().zip(&speeds).filter(|(unit, _)| among(unit)).map(|(_, s)| s.median);
         medians.max_by(f64::total_cmp)
@@ -376,7 +368,7 @@ fn measure(mut units: Vec<Unit<'_>>, kind: Kind, threads: usize, rounds: usize) 
         ("scalar", best(&|u| u.name == "scalar")),
         ("cpu", best(&|u| u.name == "raystream").filter(|_| units.iter().any(|u| u.name.starts_with("gpu")))),
     ];
-    let row = |(unit, speed): (&Unit<'_>, &Speed)| Row {
+    let row = |(unit, speed): (&Unit<'_>, &Spread)| Row {
         kind,
         unit: unit.name.clone(),
         threads,
@@ -385,17 +377,6 @@ fn measure(mut units: Vec<Unit<'_>>, kind: Kind, threads: usize, rounds: usize) 
         ratio: peers.iter().filter_map(|&(peer, median)| Some((peer, speed.median / median?))).collect(),
     };
     units.iter().zip(&speeds).map(row).collect()
-}
-
-/// Median, best and worst.
-fn summary(mut speeds: Vec<f64>) -> Speed {
-    speeds.sort_by(f64::total_cmp);
-    let at = |i: usize| speeds.get(i).copied().unwrap_or(f64::NAN);
-    Speed {
-        median: 0.5 * (at(speeds.len() / 2) + at(speeds.len().saturating_sub(1) / 2)),
-        best: at(speeds.len().saturating_sub(1)),
-        worst: at(0),
-    }
 }
 
 fn compare(bvh: &Arc<Bvh>, robust: &EmbreeScene<'_>, workload: &Workload, kind: Kind) -> Agreement {
@@ -457,21 +438,14 @@ mod tests {
         let options = Options { rounds: 2, threads: vec![1, 2], ..Options::default() };
         let report =
             run(&bvh, &positions, &triangles, &workload, None, &options).expect("no Embree asked for");
-        assert_eq!(report.rows.len(), 2 * 5 * (SimdLevel::available().len() + 2));
+        assert_eq!(report.rows.len(), 2 * 5 * (2 * SimdLevel::available().len() + 2));
         for row in &report.rows {
-            let Speed { median, best, worst } = row.mray_per_s;
+            let Spread { median, best, worst } = row.mray_per_s;
             assert!(0.0 < worst && worst <= median && median <= best);
             assert!(row.ratio["scalar"] > 0.0 && !row.ratio.contains_key("embree"));
         }
         let missing = Options { embree: Some("nowhere.so".into()), ..options };
         let error = run(&bvh, &positions, &triangles, &workload, None, &missing).expect_err("no such file");
         assert!(error.to_string().starts_with("nowhere.so: cannot use this"));
-    }
-
-    #[test]
-    fn the_median_is_in_the_middle() {
-        let speed = summary(vec![3.0, 1.0, 2.0]);
-        assert_eq!((speed.worst, speed.median, speed.best), (1.0, 2.0, 3.0));
-        assert_eq!(summary(vec![4.0, 1.0, 2.0, 3.0]).median, 2.5);
     }
 }

@@ -5,6 +5,7 @@ use crate::scene::Camera;
 use crate::trace::gpu::Fault;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use glam::Vec3;
+use std::ops::Range;
 use std::path::PathBuf;
 
 /// raystream: renders scenes and traces rays on CPU and GPU together.
@@ -40,6 +41,12 @@ pub enum BenchCommand {
     Rays(BenchRaysArgs),
     /// Build the tree and, where its library is given, Embree 4's of each quality, in rounds that take turns.
     Build(BenchBuildArgs),
+    /// Render the same frame as Ray Accelerator's Table 1 does: a plain single-ray renderer; the scheduler ray by ray;
+    /// with streams; with SIMD shading; with the GPU. In rounds that take turns; all pictures must be the same.
+    Frame(BenchFrameArgs),
+    /// Schedule tasks of one ray that do nothing, or sleep for a known time, on any number of threads: what the
+    /// scheduler costs a task, and how much it is contended for.
+    Schedule(BenchScheduleArgs),
 }
 
 /// Which units trace rays.
@@ -53,12 +60,32 @@ pub enum TracerChoice {
     Hybrid,
 }
 
+/// How work goes to units and threads.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum PolicyChoice {
+    /// Ray Accelerator's rules: camera rays first; the GPU has every full stream while it can take one.
+    Ra,
+    /// Shade what has been traced before anything else.
+    ShadeFirst,
+    /// MoonRay's rule: streams stay on the CPU when they are small or enough threads wait for the GPU.
+    Moonray,
+    /// By measured rays per second, so that both units end together.
+    Measured,
+    /// The CPU alone.
+    CpuOnly,
+    /// The GPU alone; the CPU shades.
+    GpuOnly,
+}
+
 /// Options of everything that traces.
 #[derive(Debug, Args)]
 pub struct UnitArgs {
     /// Which units trace rays [default: hybrid with a hardware GPU, else cpu].
     #[arg(long, value_enum, value_name = "UNITS")]
     pub tracer: Option<TracerChoice>,
+    /// How work goes to units and threads [default: ra with a GPU, else shade-first]. The result is the same.
+    #[arg(long, value_enum, value_name = "NAME")]
+    pub policy: Option<PolicyChoice>,
     /// Use the GPU adapter whose name contains NAME (`raystream info` lists them); a software adapter is
     /// used only when it is named or `--tracer` asks for the GPU and there is no other.
     #[arg(long, value_name = "NAME")]
@@ -108,6 +135,43 @@ impl CameraArgs {
     }
 }
 
+/// Pictures after each other.
+#[derive(Debug, Args)]
+pub struct FramesArgs {
+    /// Render frames A, A+1, ... up to but without B; -o then numbers them, as in out.%04d.png. Each frame is the
+    /// same whichever others are rendered.
+    #[arg(long, value_name = "A..B", value_parser = frame_range)]
+    pub frames: Option<Range<u32>>,
+    /// Frames in flight at a time: the next ones keep the threads busy while the last paths of one end. Each takes
+    /// memory for its rays and its film.
+    #[arg(long, value_name = "K", default_value_t = 3, requires = "frames", value_parser = clap::value_parser!(u32).range(1..=64))]
+    pub frames_in_flight: u32,
+    /// Turn the camera around the middle of the scene, by so much from one frame to the next.
+    #[arg(
+        long,
+        value_name = "DEG",
+        allow_hyphen_values = true,
+        requires = "frames",
+        conflicts_with = "camera_path"
+    )]
+    pub turntable: Option<f32>,
+    /// Move the camera through the key poses of a .json file.
+    #[arg(long, value_name = "FILE", requires = "frames", conflicts_with_all = ["eye", "target", "up", "fov"])]
+    pub camera_path: Option<PathBuf>,
+}
+
+/// What lights the scene besides its own lights.
+#[derive(Debug, Args)]
+pub struct LightArgs {
+    /// Environment: an equirectangular .hdr or .exr file, or a constant R,G,B
+    /// [default: the scene's; grey 1,1,1 if it has no light at all].
+    #[arg(long, value_name = "FILE|R,G,B")]
+    pub env: Option<String>,
+    /// Turn the environment map around the vertical.
+    #[arg(long, value_name = "DEG", allow_hyphen_values = true, default_value_t = 0.0)]
+    pub env_rotation: f32,
+}
+
 /// `raystream render`.
 #[derive(Debug, Args)]
 pub struct RenderArgs {
@@ -137,13 +201,12 @@ pub struct RenderArgs {
     /// From where.
     #[command(flatten)]
     pub camera: CameraArgs,
-    /// Environment: an equirectangular .hdr or .exr file, or a constant R,G,B
-    /// [default: the scene's; grey 1,1,1 if it has no light at all].
-    #[arg(long, value_name = "FILE|R,G,B")]
-    pub env: Option<String>,
-    /// Turn the environment map around the vertical.
-    #[arg(long, value_name = "DEG", allow_hyphen_values = true, default_value_t = 0.0)]
-    pub env_rotation: f32,
+    /// Several frames.
+    #[command(flatten)]
+    pub animation: FramesArgs,
+    /// By which light.
+    #[command(flatten)]
+    pub light: LightArgs,
     /// Brighten a .png by this many stops.
     #[arg(long, value_name = "STOPS", allow_hyphen_values = true, default_value_t = 0.0)]
     pub exposure: f32,
@@ -231,6 +294,63 @@ pub struct BenchBuildArgs {
     pub json: Option<PathBuf>,
 }
 
+/// `raystream bench frame`.
+#[derive(Debug, Args)]
+pub struct BenchFrameArgs {
+    /// Scene file.
+    pub scene: PathBuf,
+    /// Picture size in pixels.
+    #[arg(long, value_name = "WxH", default_value = "1280x1024", value_parser = size)]
+    pub size: (u32, u32),
+    /// Samples per pixel.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
+    pub spp: u32,
+    /// Most bounces; paths end by depth alone.
+    #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(0..=1000))]
+    pub max_bounces: u32,
+    /// Seed of all random numbers.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub seed: u64,
+    /// Rounds; each configuration renders the frame once a round.
+    #[arg(long, value_name = "N", default_value_t = 7, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    pub repeats: u32,
+    /// From where.
+    #[command(flatten)]
+    pub camera: CameraArgs,
+    /// By which light.
+    #[command(flatten)]
+    pub light: LightArgs,
+    /// Measure scheduling policies side by side instead: with a GPU each policy and each unit alone.
+    #[arg(long, conflicts_with = "policy")]
+    pub policies: bool,
+    /// Write the results as JSON.
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+    /// Who traces.
+    #[command(flatten)]
+    pub units: UnitArgs,
+}
+
+/// `raystream bench schedule`.
+#[derive(Debug, Args)]
+pub struct BenchScheduleArgs {
+    /// Numbers of host threads to measure with.
+    #[arg(long, value_name = "N,..", value_delimiter = ',', default_value = "1,2,4,8,16,32,64", value_parser = clap::value_parser!(u32).range(1..=1024))]
+    pub threads: Vec<u32>,
+    /// What tasks take, in microseconds; they sleep.
+    #[arg(long, value_name = "US,..", value_delimiter = ',', default_value = "0,1000", value_parser = clap::value_parser!(u64).range(0..=1_000_000))]
+    pub load_us: Vec<u64>,
+    /// Tasks of a job, fewer where they would sleep for more than about a second.
+    #[arg(long, value_name = "N", default_value_t = 200_000, value_parser = clap::value_parser!(u64).range(1..=100_000_000))]
+    pub tasks: u64,
+    /// Rounds; each job runs once a round.
+    #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    pub rounds: u32,
+    /// Write the results as JSON.
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
 /// `raystream mesh`.
 #[derive(Debug, Args)]
 pub struct MeshArgs {
@@ -250,6 +370,19 @@ fn size(text: &str) -> Result<(u32, u32), String> {
         return Err("width and height must be at least 1 and have at most 268435456 pixels together".into());
     }
     Ok((w, h))
+}
+
+/// `A..B`, at least one frame.
+fn frame_range(text: &str) -> Result<Range<u32>, String> {
+    let (a, b) = text.split_once("..").ok_or("write FIRST..END, as in 0..20 for the frames 0 to 19")?;
+    let number = |s: &str| s.trim().parse::<u32>().map_err(|e| format!("{s:?}: {e}"));
+    let range = number(a)?..number(b)?;
+    if range.is_empty() {
+        return Err(
+            "there is no frame in it; the end is not rendered, so 0..20 are the frames 0 to 19".into()
+        );
+    }
+    Ok(range)
 }
 
 /// `X,Y,Z`, all finite.
@@ -281,6 +414,10 @@ mod tests {
         assert_eq!((render.camera.eye, render.size), (Some(Vec3::new(-1.0, 2.0, -300.0)), (4, 3)));
         for bad in ["0x0", "4", "-1x3", "99999x99999", "x"] {
             assert!(size(bad).is_err(), "{bad}");
+        }
+        assert_eq!(frame_range("3..7"), Ok(3..7));
+        for bad in ["3", "3..3", "7..3", "a..b", "-1..3", "3..=7"] {
+            assert!(frame_range(bad).is_err(), "{bad}");
         }
         for bad in ["1,2", "1,2,nan", "a,b,c", "1,2,3,4", ""] {
             assert!(vector(bad).is_err(), "{bad}");

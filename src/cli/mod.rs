@@ -5,6 +5,7 @@ mod arrays;
 mod bench;
 mod info;
 mod interrupt;
+mod light;
 mod mesh;
 mod progress;
 mod render;
@@ -13,7 +14,7 @@ mod stats;
 mod timeline;
 mod trace;
 
-use args::{BenchCommand, Cli, Command};
+use args::{Cli, Command};
 use clap::Parser;
 use std::process::ExitCode;
 
@@ -38,8 +39,7 @@ pub fn run() -> ExitCode {
         Command::Render(args) => render::run(args),
         Command::Trace(args) => trace::run(args),
         Command::Mesh(args) => mesh::run(args).map(|()| Outcome::Done),
-        Command::Bench(BenchCommand::Rays(args)) => bench::rays(args).map(|()| Outcome::Done),
-        Command::Bench(BenchCommand::Build(args)) => bench::build(args).map(|()| Outcome::Done),
+        Command::Bench(command) => bench::run(command),
         Command::Info => {
             info::run();
             Ok(Outcome::Done)

@@ -1,26 +1,52 @@
 //! The progress bar.
 
-use super::interrupt;
-use crate::schedule::JobHandle;
+use crate::schedule::Progress;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::time::{Duration, Instant};
 
-/// Shows a job's progress on stderr until it is over (quiet when stderr is not a terminal), and stops the job
-/// when Ctrl-C asks for it.
-pub fn watch(job: &JobHandle) {
-    let bar = ProgressBar::new(job.progress().tiles);
-    let style = ProgressStyle::with_template("{wide_bar} {percent:>3} %  {msg}  {eta} left")
-        .expect("the template is valid");
-    bar.set_style(style);
-    let started = Instant::now();
-    while !job.wait_for(Duration::from_millis(100)) {
-        if interrupt::asked() {
-            job.stop();
-        }
-        let progress = job.progress();
-        bar.set_position(progress.tiles_done());
-        let micros = started.elapsed().as_secs_f64() * 1e6;
-        bar.set_message(format!("{:.1} Mray/s", progress.rays_traced() as f64 / micros));
+/// How often the bar moves and Ctrl-C is looked for.
+pub const BEAT: Duration = Duration::from_millis(100);
+
+/// Shows on stderr how far a command is; quiet when stderr is not a terminal.
+pub struct Bar {
+    bar: ProgressBar,
+    began: Instant,
+    /// Tiles and rays of jobs that are over.
+    tiles_before: u64,
+    rays_before: u64,
+}
+
+impl Bar {
+    /// For so many tiles.
+    pub fn new(tiles: u64) -> Self {
+        let bar = ProgressBar::new(tiles);
+        let style = ProgressStyle::with_template("{wide_bar} {percent:>3} %  {msg}  {eta} left")
+            .expect("the template is valid");
+        bar.set_style(style);
+        Self { bar, began: Instant::now(), tiles_before: 0, rays_before: 0 }
     }
-    bar.finish_and_clear();
+
+    /// Counts a job that is over.
+    pub fn finish_job(&mut self, tiles: u64, rays: u64) {
+        self.tiles_before += tiles;
+        self.rays_before += rays;
+    }
+
+    /// Shows how far the jobs under way are.
+    pub fn show(&self, jobs: impl Iterator<Item = Progress>) {
+        let (mut tiles, mut rays) = (self.tiles_before, self.rays_before);
+        for job in jobs {
+            tiles += job.tiles_done();
+            rays += job.rays_traced();
+        }
+        self.bar.set_position(tiles);
+        let micros = self.began.elapsed().as_secs_f64() * 1e6;
+        self.bar.set_message(format!("{:.1} Mray/s", rays as f64 / micros));
+    }
+}
+
+impl Drop for Bar {
+    fn drop(&mut self) {
+        self.bar.finish_and_clear();
+    }
 }

@@ -1,11 +1,11 @@
 //! What the commands that trace have in common: a loaded scene, its stage and the service.
 
-use super::args::{TracerChoice, UnitArgs};
+use super::args::{PolicyChoice, TracerChoice, UnitArgs};
 use crate::render::{Stage, UnitChoice, Units};
 use crate::scene::{Scene, load};
-use crate::schedule::{Service, ServiceOptions, Unit};
+use crate::schedule::{Policy, Service, ServiceOptions, Sharing, Unit};
 use crate::trace::cpu::SimdLevel;
-use anyhow::Result;
+use anyhow::{Result, ensure};
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
@@ -18,6 +18,8 @@ pub struct Setup {
     pub service: Service,
     /// The CPU tracer's instruction set.
     pub simd: SimdLevel,
+    /// The policy that was asked for.
+    pub policy: Option<Policy>,
     /// Seconds spent reading files.
     pub load_s: f64,
     /// Seconds spent building the tree and uploading it.
@@ -25,15 +27,17 @@ pub struct Setup {
 }
 
 impl Setup {
-    /// Reads a scene (`prepare` may change it before it is built), builds it, and starts the threads.
-    pub fn new(path: &Path, args: &UnitArgs, prepare: impl FnOnce(&mut Scene) -> Result<()>) -> Result<Self> {
+    /// Reads a scene (`prepare` may change it before it is built), builds it, and starts the threads, for so many
+    /// jobs at a time, of which the oldest goes first.
+    pub fn new(
+        path: &Path,
+        args: &UnitArgs,
+        max_jobs: usize,
+        prepare: impl FnOnce(&mut Scene) -> Result<()>,
+    ) -> Result<Self> {
         // Cheap refusals first: nobody wants to wait for a scene to learn of a mistyped name.
         let simd = SimdLevel::choose(&args.simd)?;
-        let unit = args.tracer.map(|choice| match choice {
-            TracerChoice::Cpu => Unit::Cpu,
-            TracerChoice::Gpu => Unit::Gpu,
-            TracerChoice::Hybrid => Unit::Hybrid,
-        });
+        let (unit, policy) = units_and_policy(args)?;
         let units = Units::open(&UnitChoice {
             unit,
             adapter: args.adapter.clone(),
@@ -63,7 +67,32 @@ impl Setup {
             None => std::thread::available_parallelism().map_or(1, usize::from),
         };
         let dispatch_threads = if stage.tracers.device.is_some() { 4 } else { 0 };
-        let service = Service::new(ServiceOptions { host_threads, dispatch_threads, ..Default::default() })?;
-        Ok(Self { stage, service, simd, load_s, build_s })
+        let sharing = Sharing::FirstIn;
+        let service = Service::new(ServiceOptions { host_threads, dispatch_threads, max_jobs, sharing })?;
+        Ok(Self { stage, service, simd, policy, load_s, build_s })
     }
+}
+
+/// Who traces, and by which policy; a policy of one unit says who.
+fn units_and_policy(args: &UnitArgs) -> Result<(Option<Unit>, Option<Policy>)> {
+    let asked = args.tracer.map(|choice| match choice {
+        TracerChoice::Cpu => Unit::Cpu,
+        TracerChoice::Gpu => Unit::Gpu,
+        TracerChoice::Hybrid => Unit::Hybrid,
+    });
+    let (alone, policy) = match args.policy {
+        None => (None, None),
+        Some(PolicyChoice::Ra) => (None, Some(Policy::RayAccelerator)),
+        Some(PolicyChoice::ShadeFirst) => (None, Some(Policy::ShadeFirst)),
+        Some(PolicyChoice::Moonray) => (None, Some(Policy::MoonRay)),
+        Some(PolicyChoice::Measured) => (None, Some(Policy::MeasuredRate)),
+        Some(PolicyChoice::CpuOnly) => (Some(Unit::Cpu), None),
+        Some(PolicyChoice::GpuOnly) => (Some(Unit::Gpu), None),
+    };
+    ensure!(
+        alone.is_none() || asked.is_none() || alone == asked,
+        "--policy {} is for one unit and --tracer asks for other units; leave one of the two out",
+        if alone == Some(Unit::Cpu) { "cpu-only" } else { "gpu-only" }
+    );
+    Ok((alone.or(asked), policy))
 }

@@ -1,6 +1,7 @@
 //! The JSON that `--stats` writes. The schema is stable: fields are added, never changed; `schema` counts
 //! incompatible versions.
 
+use crate::bench::Spread;
 use crate::schedule::{self, JobReport, ThreadKind, ThreadReport};
 use anyhow::{Context, Result};
 use serde::Serialize;
@@ -46,6 +47,62 @@ pub struct RenderStats {
     pub simd: String,
     /// What went wrong on the way, one sentence each.
     pub events: Vec<String>,
+}
+
+/// Statistics of `raystream render --frames`.
+#[derive(Debug, Serialize)]
+pub struct FramesStats {
+    /// [`SCHEMA`].
+    pub schema: u32,
+    /// What was rendered.
+    pub scene: SceneStats,
+    /// Columns.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Samples per pixel.
+    pub spp: u32,
+    /// The frames that were finished, in order.
+    pub frames: Vec<FrameStats>,
+    /// The most frames in flight.
+    pub frames_in_flight: usize,
+    /// From the first camera ray of the first frame to the last splat of the last.
+    pub seconds: f64,
+    /// Rays traced, by kind.
+    pub rays: RayCounts,
+    /// All rays per microsecond of `seconds`.
+    pub mray_per_s: f64,
+    /// Camera rays per microsecond of `seconds`.
+    pub mpath_per_s: f64,
+    /// Who traced.
+    pub units: Units,
+    /// One entry a thread, over all frames.
+    pub threads: Vec<ThreadStats>,
+    /// Share of the host threads' time in `seconds` that they had a task.
+    pub busy_share: f64,
+    /// Splats that were not finite and therefore dropped.
+    pub dropped_splats: u64,
+    /// Highest memory use of the process so far; null where the system does not tell.
+    pub peak_memory_bytes: Option<u64>,
+    /// Most rays of one frame in flight at once.
+    pub peak_rays_in_flight: u64,
+    /// The GPU adapter, null when none was used.
+    pub adapter: Option<String>,
+    /// The instruction set of the CPU tracer.
+    pub simd: String,
+    /// What went wrong on the way, one sentence each.
+    pub events: Vec<String>,
+}
+
+/// One of several frames.
+#[derive(Debug, Serialize)]
+pub struct FrameStats {
+    /// Its number.
+    pub frame: u32,
+    /// [`crate::film::Image::hash`].
+    pub hash: String,
+    /// From its first camera ray to its last splat; frames in flight overlap.
+    pub seconds: f64,
 }
 
 /// Size of a scene.
@@ -207,26 +264,6 @@ impl ThreadStats {
     }
 }
 
-/// Repeated measurements of a rate.
-#[derive(Clone, Copy, Debug, Serialize)]
-pub struct Spread {
-    /// The middle one (the mean of two middle ones).
-    pub median: f64,
-    /// The highest.
-    pub best: f64,
-    /// The lowest.
-    pub worst: f64,
-}
-
-impl Spread {
-    /// Of at least one value.
-    pub fn of(mut values: Vec<f64>) -> Self {
-        values.sort_by(f64::total_cmp);
-        let n = values.len();
-        Self { median: 0.5 * (values[(n - 1) / 2] + values[n / 2]), best: values[n - 1], worst: values[0] }
-    }
-}
-
 /// Writes statistics; the file appears whole or not at all.
 pub fn write(path: &Path, stats: &impl Serialize) -> Result<()> {
     let text = serde_json::to_vec_pretty(stats).context("statistics cannot be written as JSON")?;
@@ -240,15 +277,4 @@ pub fn peak_memory_bytes() -> Option<u64> {
     let line = status.lines().find_map(|l| l.strip_prefix("VmHWM:"))?;
     let kib: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
     Some(kib * 1024)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn spreads_order_their_values() {
-        let s = Spread::of(vec![3.0, 1.0, 2.0, 10.0]);
-        assert_eq!((s.median, s.best, s.worst), (2.5, 10.0, 1.0));
-    }
 }

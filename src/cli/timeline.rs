@@ -1,7 +1,7 @@
 //! Timelines of a frame's tasks: Chrome trace JSON (opens in Perfetto) and SVG like RA's Figure 7.
 
 use crate::film::write_whole;
-use crate::schedule::{JobReport, TaskKind, TaskRecord, ThreadKind};
+use crate::schedule::{TaskKind, TaskRecord, ThreadKind, ThreadReport};
 use anyhow::{Result, bail};
 use serde_json::json;
 use std::fmt::Write as _;
@@ -28,11 +28,12 @@ impl Format {
     }
 }
 
-/// Writes the timeline of a job that kept one.
-pub fn write(path: &Path, report: &JobReport) -> Result<()> {
+/// Writes the tasks of these threads.
+pub fn write(path: &Path, threads: &[ThreadReport], tasks: &[TaskRecord]) -> Result<()> {
+    let names = thread_names(threads);
     let text = match Format::of(path)? {
-        Format::Json => chrome(report),
-        Format::Svg => svg(report),
+        Format::Json => chrome(&names, tasks),
+        Format::Svg => svg(&names, tasks),
     };
     write_whole(path, |file| file.write_all(text.as_bytes()))?;
     Ok(())
@@ -58,18 +59,18 @@ fn colour(kind: TaskKind) -> &'static str {
 }
 
 /// Threads by the name of their kind and their number within it.
-fn thread_names(report: &JobReport) -> Vec<String> {
-    let hosts = report.threads.iter().filter(|t| t.kind == ThreadKind::Host).count();
-    (0..report.threads.len())
+fn thread_names(threads: &[ThreadReport]) -> Vec<String> {
+    let hosts = threads.iter().filter(|t| t.kind == ThreadKind::Host).count();
+    (0..threads.len())
         .map(|i| if i < hosts { format!("host {i}") } else { format!("dispatch {}", i - hosts) })
         .collect()
 }
 
-fn chrome(report: &JobReport) -> String {
-    let names = thread_names(report).into_iter().enumerate().map(|(thread, name)| {
+fn chrome(names: &[String], tasks: &[TaskRecord]) -> String {
+    let names = names.iter().enumerate().map(|(thread, name)| {
         json!({ "name": "thread_name", "ph": "M", "pid": 1, "tid": thread, "args": { "name": name } })
     });
-    let tasks = report.timeline.iter().map(|task| {
+    let tasks = tasks.iter().map(|task| {
         json!({ "name": name(task.kind), "cat": "task", "ph": "X", "pid": 1, "tid": task.thread,
             "ts": task.start_ns as f64 / 1e3, "dur": (task.end_ns - task.start_ns) as f64 / 1e3,
             "args": { "rays": task.rays } })
@@ -82,9 +83,8 @@ const WIDTH: f64 = 1400.0;
 const MARGIN: f64 = 76.0;
 const LANE: f64 = 26.0;
 
-fn svg(report: &JobReport) -> String {
-    let end_ns = report.timeline.iter().map(|t| t.end_ns).max().unwrap_or(1).max(1);
-    let names = thread_names(report);
+fn svg(names: &[String], tasks: &[TaskRecord]) -> String {
+    let end_ns = tasks.iter().map(|t| t.end_ns).max().unwrap_or(1).max(1);
     let height = LANE * names.len() as f64 + 46.0;
     let mut out = format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {} {height}\" font-family=\"sans-serif\" font-size=\"11\">\n\
@@ -101,7 +101,7 @@ fn svg(report: &JobReport) -> String {
             LANE - 4.0
         );
     }
-    for task in merged(&report.timeline, end_ns) {
+    for task in merged(tasks, end_ns) {
         let x = |ns: u64| MARGIN + WIDTH * ns as f64 / end_ns as f64;
         let (start, end) = (x(task.start_ns), x(task.end_ns));
         let y = LANE * f64::from(task.thread) + 2.0;

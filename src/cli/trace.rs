@@ -4,7 +4,8 @@ use super::Outcome;
 use super::args::TraceArgs;
 use super::arrays::{Array, read_rays, write_npz};
 use super::setup::Setup;
-use super::stats::{self, SCHEMA, Spread, TraceStats, Units};
+use super::stats::{self, SCHEMA, TraceStats, Units};
+use crate::bench::Spread;
 use crate::schedule::{JobOptions, JobReport};
 use crate::stream::Hit;
 use anyhow::{Context, Result};
@@ -13,7 +14,7 @@ use std::sync::Arc;
 /// Traces rays from a file.
 pub fn run(args: &TraceArgs) -> Result<Outcome> {
     let rays: Arc<[_]> = read_rays(&args.rays)?.into();
-    let setup = Setup::new(&args.scene, &args.units, |_| Ok(()))?;
+    let setup = Setup::new(&args.scene, &args.units, 1, |_| Ok(()))?;
     let mut rates = Vec::new();
     let mut units = Units::default();
     let mut events: Vec<String> = setup.stage.degraded.iter().cloned().collect();
@@ -27,12 +28,13 @@ pub fn run(args: &TraceArgs) -> Result<Outcome> {
         }
     };
     let tracers = || setup.stage.tracers.clone();
+    let options = || JobOptions { policy: setup.policy, ..JobOptions::default() };
     let mut answer = Answer::Closest(Vec::new());
     for _ in 0..args.repeat {
         if args.any_hit {
             let (occluded, report) = setup
                 .service
-                .occluded(tracers(), rays.clone(), JobOptions::default())?
+                .occluded(tracers(), rays.clone(), options())?
                 .wait()
                 .context("tracing failed")?;
             note(&report);
@@ -40,7 +42,7 @@ pub fn run(args: &TraceArgs) -> Result<Outcome> {
         } else {
             let (hits, report) = setup
                 .service
-                .closest(tracers(), rays.clone(), JobOptions::default())?
+                .closest(tracers(), rays.clone(), options())?
                 .wait()
                 .context("tracing failed")?;
             note(&report);
@@ -53,7 +55,7 @@ pub fn run(args: &TraceArgs) -> Result<Outcome> {
         rays: rays.len(),
         hits: answer.hits(),
         build_s: setup.build_s,
-        mray_per_s: Spread::of(rates),
+        mray_per_s: Spread::of_rates(rates),
         units,
         adapter: setup.stage.adapter.clone(),
         simd: setup.simd.name().into(),

@@ -1,5 +1,6 @@
 //! The film: radiance added in fixed point.
 
+use super::stripe::{Stripe, Stripes};
 use crate::lanes::{Int, Lanes, Vector};
 use std::sync::atomic::{AtomicI64, AtomicU32, AtomicU64, Ordering::Relaxed};
 
@@ -33,6 +34,8 @@ pub struct Film {
     fraction_bits: u32,
     sums: Vec<[AtomicI64; 3]>,
     samples: Vec<AtomicU32>,
+    /// Guard `sums`.
+    stripes: Stripes,
     dropped: AtomicU64,
 }
 
@@ -62,15 +65,25 @@ impl Film {
         let splat_bits = splats.max(1).next_power_of_two().trailing_zeros();
         let fraction_bits = (62 - MAX_RADIANCE_BITS - splat_bits).min(MAX_FRACTION_BITS);
         assert!(fraction_bits >= MIN_FRACTION_BITS && MAX_RADIANCE_BITS + splat_bits + fraction_bits <= 62);
+        Ok(Self::black(width, height, fraction_bits))
+    }
+
+    fn black(width: u32, height: u32, fraction_bits: u32) -> Self {
         let pixels = width as usize * height as usize;
-        Ok(Self {
+        Self {
             width,
             height,
             fraction_bits,
             sums: std::iter::repeat_with(Default::default).take(pixels).collect(),
             samples: std::iter::repeat_with(Default::default).take(pixels).collect(),
+            stripes: Stripes::new(pixels),
             dropped: AtomicU64::new(0),
-        })
+        }
+    }
+
+    /// A black film of the same size and precision.
+    pub fn blank(&self) -> Self {
+        Self::black(self.width, self.height, self.fraction_bits)
     }
 
     /// Columns.
@@ -92,32 +105,50 @@ impl Film {
     /// Adds radiance to a pixel, clamped to [`MAX_RADIANCE`]. A splat with a negative channel or one
     /// that is not finite is dropped and counted.
     pub fn splat(&self, pixel: u32, radiance: glam::Vec3) {
-        let valid = radiance.is_finite() && radiance.cmpge(glam::Vec3::ZERO).all();
-        if !valid {
-            self.dropped.fetch_add(1, Relaxed);
-            return;
+        let sums = &self.sums[pixel as usize];
+        if let Some(fixed) = self.fixed(radiance) {
+            let _stripe = self.stripes.lock(pixel);
+            add(sums, fixed);
         }
-        let scale = (1u64 << self.fraction_bits) as f64;
-        for (sum, value) in self.sums[pixel as usize].iter().zip(radiance.to_array()) {
-            // The product is exact (a power of two), the rounding is the only error.
-            let fixed = round(f64::from(value.min(MAX_RADIANCE)) * scale) as i64;
-            if fixed != 0 {
-                sum.fetch_add(fixed, Relaxed);
+    }
+
+    /// [`Film::splat`] of each lane of a mask. Neighbouring lanes often meet the same stripe, which is
+    /// locked once for all of them.
+    #[inline(always)]
+    pub fn splat_lanes<L: Lanes>(&self, lanes: u32, pixel: Int<L>, radiance: Vector<L>) {
+        if lanes != 0 {
+            let radiance = [radiance.x.to_array(), radiance.y.to_array(), radiance.z.to_array()];
+            self.splat_all(lanes, &pixel.to_array(), &radiance);
+        }
+    }
+
+    fn splat_all(&self, mut lanes: u32, pixel: &[u32; 16], [r, g, b]: &[[f32; 16]; 3]) {
+        let mut stripe = None;
+        while lanes != 0 {
+            let lane = lanes.trailing_zeros() as usize;
+            lanes &= lanes - 1;
+            let sums = &self.sums[pixel[lane] as usize];
+            if let Some(fixed) = self.fixed(glam::Vec3::new(r[lane], g[lane], b[lane])) {
+                if !stripe.as_ref().is_some_and(|stripe: &Stripe<'_>| stripe.has(pixel[lane])) {
+                    // The last one is let go of first: whoever holds two could wait for ever.
+                    drop(stripe.take());
+                    stripe = Some(self.stripes.lock(pixel[lane]));
+                }
+                add(sums, fixed);
             }
         }
     }
 
-    /// [`Film::splat`] of each lane of a mask.
-    #[inline(always)]
-    pub fn splat_lanes<L: Lanes>(&self, lanes: u32, pixel: Int<L>, radiance: Vector<L>) {
-        if lanes == 0 {
-            return;
+    /// Radiance in fixed point; `None`, and counted, if it is none.
+    fn fixed(&self, radiance: glam::Vec3) -> Option<[i64; 3]> {
+        let valid = radiance.is_finite() && radiance.cmpge(glam::Vec3::ZERO).all();
+        if !valid {
+            self.dropped.fetch_add(1, Relaxed);
+            return None;
         }
-        let pixel = pixel.to_array();
-        let [r, g, b] = [radiance.x.to_array(), radiance.y.to_array(), radiance.z.to_array()];
-        for lane in (0..L::LANES).filter(|lane| lanes >> lane & 1 == 1) {
-            self.splat(pixel[lane], glam::Vec3::new(r[lane], g[lane], b[lane]));
-        }
+        let scale = (1u64 << self.fraction_bits) as f64;
+        // The product is exact (a power of two), the rounding is the only error.
+        Some(radiance.to_array().map(|value| round(f64::from(value.min(MAX_RADIANCE)) * scale) as i64))
     }
 
     /// Splats dropped so far because they were not radiance.
@@ -142,6 +173,14 @@ impl Film {
                 n => sums.each_ref().map(|sum| (sum.load(Relaxed) as f64 * unit / f64::from(n)) as f32),
             })
             .collect()
+    }
+}
+
+/// Adds to sums whose stripe is locked: no thread comes between, so reading and writing need not be one
+/// operation, which is several times cheaper.
+fn add(sums: &[AtomicI64; 3], fixed: [i64; 3]) {
+    for (sum, fixed) in sums.iter().zip(fixed) {
+        sum.store(sum.load(Relaxed) + fixed, Relaxed);
     }
 }
 

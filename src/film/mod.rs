@@ -2,6 +2,7 @@
 
 mod accumulation;
 mod image;
+mod stripe;
 mod write;
 
 pub use accumulation::{Film, MAX_RADIANCE, TooManySplats};

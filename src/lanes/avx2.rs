@@ -5,7 +5,7 @@
 //! 2. Every pointer access is within what the caller of the method vouches for, as the trait states it.
 #![allow(unsafe_code)]
 
-use super::Lanes;
+use super::{Lanes, Piece};
 use std::arch::x86_64::*;
 
 /// Proof that the processor has AVX2 and FMA.
@@ -270,6 +270,15 @@ impl Lanes for Avx2 {
     #[inline(always)]
     fn of_bits(self, a: __m256i) -> __m256 {
         unsafe { _mm256_castsi256_ps(a) }
+    }
+    #[inline(always)]
+    fn apart<P: Piece<Self>>(self, piece: P) -> P::Output {
+        #[inline(never)]
+        #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
+        fn run<P: Piece<Avx2>>(l: Avx2, piece: P) -> P::Output {
+            piece.run(l)
+        }
+        unsafe { run(self, piece) }
     }
     #[inline(always)]
     unsafe fn gather(self, from: *const u32, ids: __m256i) -> __m256i {

@@ -5,7 +5,7 @@
 //! 2. Every pointer access is within what the caller of the method vouches for, as the trait states it.
 #![allow(unsafe_code)]
 
-use super::Lanes;
+use super::{Lanes, Piece};
 use std::arch::x86_64::*;
 
 /// Proof that the processor has AVX-512 F, BW, DQ and VL.
@@ -251,6 +251,15 @@ impl Lanes for Avx512 {
     #[inline(always)]
     fn of_bits(self, a: __m512i) -> __m512 {
         unsafe { _mm512_castsi512_ps(a) }
+    }
+    #[inline(always)]
+    fn apart<P: Piece<Self>>(self, piece: P) -> P::Output {
+        #[inline(never)]
+        #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
+        fn run<P: Piece<Avx512>>(l: Avx512, piece: P) -> P::Output {
+            piece.run(l)
+        }
+        unsafe { run(self, piece) }
     }
     #[inline(always)]
     unsafe fn gather(self, from: *const u32, ids: __m512i) -> __m512i {

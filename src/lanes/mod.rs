@@ -118,6 +118,9 @@ pub trait Lanes: Copy {
     fn bits(self, a: Self::F) -> Self::I;
     /// The number of these bits.
     fn of_bits(self, a: Self::I) -> Self::F;
+    /// Does a piece of work in a function of its own that enables the instructions: for large pieces
+    /// that are needed in many places.
+    fn apart<P: Piece<Self>>(self, piece: P) -> P::Output;
     /// Reads the words at places `ids`, each below 2³¹.
     ///
     /// # Safety
@@ -170,6 +173,14 @@ pub trait Lanes: Copy {
     /// `to` is good for writing `stride * LANES` numbers.
     #[allow(unsafe_code)]
     unsafe fn put_rows(self, to: *mut f32, stride: usize, columns: [Self::F; 8]);
+}
+
+/// A piece of work on lanes, with all that it needs.
+pub trait Piece<L: Lanes> {
+    /// What comes out.
+    type Output;
+    /// Does it. To be `inline(always)`, like all that it calls and that handles lanes.
+    fn run(self, l: L) -> Self::Output;
 }
 
 /// `f` of each of three. Unlike `map` of arrays it is sure to be inlined, and `f` with it.

@@ -4,7 +4,7 @@
 //! within what the caller of the method vouches for, as the trait states it.
 #![allow(unsafe_code)]
 
-use super::Lanes;
+use super::{Lanes, Piece};
 use std::array::from_fn;
 
 /// `N` lanes on any processor.
@@ -174,6 +174,10 @@ impl<const N: usize> Lanes for Plain<N> {
     #[inline(always)]
     fn of_bits(self, a: Self::I) -> Self::F {
         a.map(f32::from_bits)
+    }
+    #[inline(never)]
+    fn apart<P: Piece<Self>>(self, piece: P) -> P::Output {
+        piece.run(self)
     }
     #[inline(always)]
     unsafe fn gather(self, from: *const u32, ids: Self::I) -> Self::I {

@@ -1,17 +1,16 @@
 //! What all integrators of a frame share.
 
+use super::{Blocks, Pass};
 use crate::film::{Film, TooManySplats};
 use crate::geom::Sampler;
+use crate::lanes::{Int, Kernel, Lanes, Num, SimdLevel, Vector};
 use crate::scene::{Camera, CameraError, Lens, Scene};
 use crate::shade::Lights;
 use crate::stream::Ray;
 use std::sync::Arc;
 
-/// Side of a tile, pixels.
-pub const TILE: u32 = 128;
-
-/// Side of the blocks of pixels within a tile whose camera rays follow each other.
-const BLOCK: u32 = 8;
+/// Side of the patches of pixels within a block whose camera rays follow each other.
+const PATCH: u32 = 8;
 
 /// What a picture is made with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -89,20 +88,22 @@ impl Settings {
     }
 }
 
-/// A scene, seen by a camera, with the film it falls on: what an integrator works with.
+/// A scene, seen by a camera, with the film it falls on: what an integrator works with. Frames made
+/// from it share the scene and its lights.
 #[derive(Debug)]
 pub struct Frame {
     scene: Arc<Scene>,
-    lights: Lights,
+    lights: Arc<Lights>,
     lens: Lens,
     settings: Settings,
     film: Arc<Film>,
-    columns: u32,
-    rows: u32,
+    pass: Pass,
+    simd: SimdLevel,
 }
 
 impl Frame {
-    /// A frame whose integrator adds at most `splats` splats per sample and allows `limit` bounces.
+    /// A frame whose integrator adds at most `splats` splats per sample and allows `limit` bounces; its
+    /// pass takes all samples.
     ///
     /// # Errors
     /// When a setting is out of range.
@@ -117,9 +118,42 @@ impl Frame {
         let Settings { width, height, spp, max_bounces, .. } = settings;
         let lens = camera.lens(width, height)?;
         let film = Arc::new(Film::new(width, height, u64::from(spp) * splats(max_bounces))?);
-        let lights = Lights::new(&scene);
-        let (columns, rows) = (width.div_ceil(TILE), height.div_ceil(TILE));
-        Ok(Self { scene, lights, lens, settings, film, columns, rows })
+        let lights = Arc::new(Lights::new(&scene));
+        let pass = Pass::new(Blocks::new(width, height).in_order(), 0..spp);
+        Ok(Self { scene, lights, lens, settings, film, pass, simd: SimdLevel::detect() })
+    }
+
+    /// The same for another camera, on a film of its own.
+    ///
+    /// # Errors
+    /// When the camera gives no view.
+    pub fn seen_by(&self, camera: &Camera) -> Result<Self, CameraError> {
+        let lens = camera.lens(self.settings.width, self.settings.height)?;
+        Ok(Self { lens, ..self.expose(self.pass.clone()) })
+    }
+
+    /// Another pass over the same frame, on a film of its own that can be added to this frame's.
+    pub fn expose(&self, pass: Pass) -> Self {
+        Self {
+            scene: Arc::clone(&self.scene),
+            lights: Arc::clone(&self.lights),
+            lens: self.lens,
+            settings: self.settings,
+            film: Arc::new(self.film.blank()),
+            pass,
+            simd: self.simd,
+        }
+    }
+
+    /// The same, shaded with this instruction set, or with one lane at [`SimdLevel::Scalar`]: the same
+    /// picture.
+    pub fn with_simd(self, simd: SimdLevel) -> Self {
+        Self { simd, ..self }
+    }
+
+    /// The instruction set to shade with.
+    pub fn simd(&self) -> SimdLevel {
+        self.simd
     }
 
     /// The scene.
@@ -142,15 +176,19 @@ impl Frame {
         &self.film
     }
 
-    /// Tiles of all sample passes: the whole picture once for each sample.
+    /// The blocks of the picture.
+    pub fn blocks(&self) -> Blocks {
+        Blocks::new(self.settings.width, self.settings.height)
+    }
+
+    /// Tiles of the pass: the places where it takes samples, once for each sample.
     pub fn tiles(&self) -> u64 {
-        u64::from(self.columns) * u64::from(self.rows) * u64::from(self.settings.spp)
+        self.pass.tiles()
     }
 
     /// The most camera rays of a tile.
     pub fn tile_rays(&self) -> usize {
-        let Settings { width, height, .. } = self.settings;
-        width.min(TILE) as usize * height.min(TILE) as usize
+        self.pass.tile_rays(self.blocks())
     }
 
     /// The sampler of a sample of a pixel.
@@ -162,25 +200,74 @@ impl Frame {
     /// them on the film. Tiles go over the picture once for each sample, so a frame that stops early
     /// is evenly done. Pixels are filtered by their box; dimension 0 of the sampler is the place in it.
     pub fn camera_rays(&self, tile: u64, mut emit: impl FnMut(Ray, u32, u32)) {
-        let Settings { width, height, .. } = self.settings;
-        let per_pass = u64::from(self.columns) * u64::from(self.rows);
-        let sample = (tile / per_pass) as u32;
-        let place = (tile % per_pass) as u32;
-        let (left, top) = (place % self.columns * TILE, place / self.columns * TILE);
-        let (right, bottom) = ((left + TILE).min(width), (top + TILE).min(height));
-        for block_y in (top..bottom).step_by(BLOCK as usize) {
-            for block_x in (left..right).step_by(BLOCK as usize) {
-                for y in block_y..(block_y + BLOCK).min(bottom) {
-                    for x in block_x..(block_x + BLOCK).min(right) {
-                        let pixel = y * width + x;
-                        let place = self.sampler(pixel, sample).pair(CAMERA_DIMENSION);
-                        self.film.add_samples(pixel, 1);
-                        emit(Ray::new(self.lens.eye, self.lens.direction(x, y, place)), pixel, sample);
-                    }
+        let blocks = self.blocks();
+        let (places, sample) = self.pass.tile(tile);
+        for &block in places {
+            let (columns, rows) = blocks.pixels(block);
+            for top in rows.clone().step_by(PATCH as usize) {
+                for left in columns.clone().step_by(PATCH as usize) {
+                    let size = [(columns.end - left).min(PATCH), (rows.end - top).min(PATCH)];
+                    let patch = Patch { frame: self, sample, corner: [left, top], size };
+                    self.simd.run(PatchRays { patch, emit: &mut emit });
                 }
             }
         }
     }
+}
+
+/// Some pixels of a block.
+struct Patch<'a> {
+    frame: &'a Frame,
+    sample: u32,
+    corner: [u32; 2],
+    /// At least 1, at most [`PATCH`].
+    size: [u32; 2],
+}
+
+/// The camera rays of a patch, row by row.
+struct PatchRays<'a, E> {
+    patch: Patch<'a>,
+    emit: &'a mut E,
+}
+
+impl<E: FnMut(Ray, u32, u32)> Kernel for PatchRays<'_, E> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, l: L) {
+        let Patch { frame, sample, corner, size } = self.patch;
+        let Settings { width, seed, .. } = frame.settings;
+        let count = size[0] * size[1];
+        for first in (0..count).step_by(L::LANES) {
+            let mut pixels = [[0; 16]; 2];
+            let lanes = (count - first).min(L::LANES as u32);
+            for lane in 0..lanes {
+                let place = first + lane;
+                pixels[0][lane as usize] = corner[0] + place % size[0];
+                pixels[1][lane as usize] = corner[1] + place / size[0];
+            }
+            let (x, y) = (Int::from_array(l, &pixels[0]), Int::from_array(l, &pixels[1]));
+            let pixel = y * width + x;
+            let sampler = Sampler::of(pixel, Int::splat(l, sample), seed);
+            let place = sampler.two(Int::splat(l, CAMERA_DIMENSION));
+            let direction = frame.lens.directions(x.to_num(), y.to_num(), place);
+            let eye = Vector::splat(l, frame.lens.eye);
+            let far = Num::splat(l, f32::INFINITY);
+            let rays = ray_rows(eye, direction, far);
+            let pixel = pixel.to_array();
+            for lane in 0..lanes as usize {
+                frame.film.add_samples(pixel[lane], 1);
+                (self.emit)(bytemuck::cast(rays[lane]), pixel[lane], sample);
+            }
+        }
+    }
+}
+
+/// Rays in lanes as they lie in memory, one for each lane.
+#[inline(always)]
+pub(super) fn ray_rows<L: Lanes>(origin: Vector<L>, direction: Vector<L>, t_max: Num<L>) -> [[f32; 8]; 16] {
+    let t_min = t_max.only(0);
+    Num::to_rows([origin.x, origin.y, origin.z, t_min, direction.x, direction.y, direction.z, t_max])
 }
 
 /// Sampler dimension of the place within a pixel; all greater ones are the integrator's.

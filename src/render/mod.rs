@@ -1,7 +1,12 @@
 //! The integrators that plug into the scheduler, and what makes a scene ready for them.
 
 mod frame;
+mod integrator;
+mod pass;
 mod path;
+mod ray_by_ray;
+mod sequence;
+mod single_ray;
 mod stage;
 #[cfg(test)]
 mod tests;
@@ -9,8 +14,13 @@ mod tree;
 mod units;
 mod whitted;
 
-pub use frame::{Frame, Settings, SettingsError, TILE};
+pub use frame::{Frame, Settings, SettingsError};
+pub use integrator::Integrator;
+pub use pass::{BLOCK, Blocks, Pass};
 pub use path::{Contribution, Path, PathState, ROULETTE_BOUNCES};
+pub use ray_by_ray::RayByRay;
+pub use sequence::Sequence;
+pub use single_ray::render_single_rays;
 pub use stage::Stage;
 pub use tree::{WORTH_SAVING, build as build_tree};
 pub use units::{UnitChoice, Units, UnitsError};

@@ -1,6 +1,7 @@
 //! Path tracing: a hit shader only.
 
-use super::frame::{CAMERA_DIMENSION, Frame, Settings, SettingsError};
+use super::Integrator;
+use super::frame::{CAMERA_DIMENSION, Frame, Settings, SettingsError, ray_rows};
 use crate::film::Film;
 use crate::geom::Sampler;
 use crate::lanes::{Int, Kernel, Lanes, Num, SimdLevel, Vector};
@@ -29,7 +30,6 @@ const MAX_SURVIVAL: f32 = 0.95;
 pub struct Path {
     frame: Frame,
     roulette_bounces: Option<u32>,
-    simd: SimdLevel,
 }
 
 /// The state of a path.
@@ -89,13 +89,12 @@ impl Path {
         // At each depth one splat of emission and one of a light sample.
         let splats = |max_bounces: u32| 2 * (u64::from(max_bounces) + 2);
         let frame = Frame::new(scene, camera, settings, MAX_BOUNCES, splats)?;
-        Ok(Self { frame, roulette_bounces, simd: SimdLevel::detect() })
+        Ok(Self { frame, roulette_bounces })
     }
 
-    /// The same, shaded with this instruction set, or with one lane at [`SimdLevel::Scalar`]: the same
-    /// picture.
+    /// The same, shaded with this instruction set: see [`Frame::with_simd`].
     pub fn with_simd(self, simd: SimdLevel) -> Self {
-        Self { simd, ..self }
+        Self { frame: self.frame.with_simd(simd), ..self }
     }
 
     /// Where radiance is added up.
@@ -110,6 +109,16 @@ impl Path {
 fn power_heuristic<L: Lanes>(pdf: Num<L>, other: Num<L>) -> Num<L> {
     let ratio = other / pdf;
     1.0 / (1.0 + ratio * ratio)
+}
+
+impl Integrator for Path {
+    fn frame(&self) -> &Frame {
+        &self.frame
+    }
+
+    fn on(&self, frame: Frame) -> Self {
+        Self { frame, roulette_bounces: self.roulette_bounces }
+    }
 }
 
 /// [`PathState`] in lanes.
@@ -145,13 +154,6 @@ impl<L: Lanes> States<L> {
             [self.pixel.to_num_bits(), self.sample.to_num_bits(), self.depth.to_num_bits()];
         Num::to_rows([x, y, z, self.index2, pixel, sample, depth, self.pdf])
     }
-}
-
-/// Rays in lanes as rows, one for each lane.
-#[inline(always)]
-fn ray_rows<L: Lanes>(origin: Vector<L>, direction: Vector<L>, t_max: Num<L>) -> [[f32; 8]; 16] {
-    let t_min = t_max.only(0);
-    Num::to_rows([origin.x, origin.y, origin.z, t_min, direction.x, direction.y, direction.z, t_max])
 }
 
 /// The lanes of a mask.
@@ -344,7 +346,7 @@ impl Renderer for Path {
     }
 
     fn shade(&self, batch: Batch<'_, PathState>, out: &mut Output<'_, PathState, Contribution>) {
-        self.simd.run(Shading { path: self, batch, out });
+        self.frame.simd().run(Shading { path: self, batch, out });
     }
 
     fn shadow(&self, _rays: &[Ray], payloads: &[Contribution], occluded: &[u32]) {

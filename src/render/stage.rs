@@ -5,7 +5,7 @@ use crate::bvh::{Bvh, Filter};
 use crate::scene::{AlphaMode, Scene};
 use crate::schedule::Tracers;
 use crate::stream::Tracer;
-use crate::trace::cpu::CpuTracer;
+use crate::trace::cpu::{CpuTracer, SingleRayTracer};
 use std::sync::Arc;
 
 impl Filter for Scene {
@@ -22,6 +22,8 @@ pub struct Stage {
     pub bvh: Arc<Bvh>,
     /// The units that trace it.
     pub tracers: Tracers,
+    /// The CPU's tracer for those who have but one ray at a time.
+    pub single_ray: Arc<SingleRayTracer>,
     /// The GPU adapter in use.
     pub adapter: Option<String>,
     /// Why the GPU does not help although it was asked to; the CPU does its work.
@@ -37,6 +39,8 @@ impl Stage {
         let filter = is_masked.then(|| scene.clone() as Arc<dyn Filter>);
         let host = CpuTracer::new(bvh.clone(), filter.clone(), units.simd());
         let host: Arc<dyn Tracer> = Arc::new(host.expect("the units have checked the instruction set"));
+        let single_ray = SingleRayTracer::new(bvh.clone(), filter.clone(), units.simd());
+        let single_ray = Arc::new(single_ray.expect("the units have checked the instruction set"));
         let (device, degraded) = match units.device(&bvh, filter, &host) {
             Ok(device) => (device, None),
             Err(reason) => (None, Some(reason)),
@@ -45,6 +49,6 @@ impl Stage {
             Some(device) => (Tracers { host, device: Some(device), unit: units.unit() }, units.adapter()),
             None => (Tracers::cpu(host), None),
         };
-        Self { scene, bvh, tracers, adapter, degraded }
+        Self { scene, bvh, tracers, single_ray, adapter, degraded }
     }
 }

@@ -1,5 +1,6 @@
 //! Whitted ray tracing: a hit shader and a loop shader (RA section 3.3).
 
+use super::Integrator;
 use super::frame::{CAMERA_DIMENSION, Frame, Settings, SettingsError};
 use crate::film::Film;
 use crate::scene::{Camera, Material, Scene};
@@ -199,6 +200,20 @@ impl Pending {
     fn resume(&self, path: &WhittedState, out: &mut Rays<'_>) {
         let Self { ray, throughput, depth, branch } = *self;
         out.ray(ray, WhittedState { throughput, depth, branch, ..*path });
+    }
+}
+
+impl Integrator for Whitted {
+    fn frame(&self) -> &Frame {
+        &self.frame
+    }
+
+    fn on(&self, frame: Frame) -> Self {
+        Self { frame, stack: LoopStack::new() }
+    }
+
+    fn loop_stack_bytes(&self) -> usize {
+        self.stack.usage().allocated_bytes
     }
 }
 

@@ -1,6 +1,7 @@
 //! The pinhole camera.
 
 use crate::geom::Aabb;
+use crate::lanes::{Lanes, Num, Vector};
 use glam::Vec3;
 
 /// A pinhole camera.
@@ -83,10 +84,19 @@ pub struct Lens {
 }
 
 impl Lens {
-    /// The unit direction through a point of the picture: pixel (`x`, `y`), (0, 0) top left, and the
-    /// place in it, 0..1 on both axes.
+    /// The unit directions through points of the picture: pixels (`x`, `y`), (0, 0) top left, and the
+    /// places in them, 0..1 on both axes.
+    #[inline(always)]
+    pub fn directions<L: Lanes>(&self, x: Num<L>, y: Num<L>, place: [Num<L>; 2]) -> Vector<L> {
+        let l = x.lanes();
+        let across = Vector::splat(l, self.step_x) * (x + place[0]);
+        let down = Vector::splat(l, self.step_y) * (y + place[1]);
+        (Vector::splat(l, self.corner) + across + down).normalize()
+    }
+
+    /// [`Lens::directions`] of one point.
     pub fn direction(&self, x: u32, y: u32, place: [f32; 2]) -> Vec3 {
-        (self.corner + self.step_x * (x as f32 + place[0]) + self.step_y * (y as f32 + place[1])).normalize()
+        self.directions(Num::from(x as f32), Num::from(y as f32), place.map(Num::from)).into()
     }
 }
 

@@ -2,6 +2,7 @@
 //! camera. `scene::load` reads it from files. Knows neither streams nor the BVH.
 
 mod camera;
+mod camera_path;
 mod environment;
 mod instance;
 mod light;
@@ -12,6 +13,7 @@ pub mod recipe;
 mod texture;
 
 pub use camera::{Camera, CameraError, Lens};
+pub use camera_path::{CameraPath, CameraPathError};
 pub use environment::{Environment, EnvironmentMap};
 pub use instance::{Instance, Shape};
 pub use light::{Light, LightShape};

@@ -1,6 +1,6 @@
 //! Textures and their one filter.
 
-use crate::lanes::{Int, Lanes, Num};
+use crate::lanes::{Int, Lanes, Num, Piece};
 use glam::{Vec2, Vec4};
 
 /// How stored values relate to light.
@@ -93,17 +93,8 @@ impl Texture {
     /// Bilinear lookup, linear values; (0, 0) is the outer corner of the first texel of the first row.
     /// Coordinates that are not finite count as 0.
     #[inline(always)]
-    pub fn look_up<L: Lanes>(&self, [u, v]: [Num<L>; 2]) -> [Num<L>; 4] {
-        let (x, fx) = taps(u, self.width, self.wrap_u);
-        let (y, fy) = taps(v, self.height, self.wrap_v);
-        let [above, below] = [y[0] * self.width, y[1] * self.width];
-        let (a, b) = (self.texel(above + x[0]), self.texel(above + x[1]));
-        let (c, d) = (self.texel(below + x[0]), self.texel(below + x[1]));
-        let mut filtered = a;
-        for k in 0..4 {
-            filtered[k] = a[k].lerp(b[k], fx).lerp(c[k].lerp(d[k], fx), fy);
-        }
-        filtered
+    pub fn look_up<L: Lanes>(&self, place: [Num<L>; 2]) -> [Num<L>; 4] {
+        place[0].lanes().apart(LookUp { texture: self, place })
     }
 
     /// One channel of [`Texture::look_up`].
@@ -125,6 +116,20 @@ impl Texture {
     }
 
     #[inline(always)]
+    fn filter<L: Lanes>(&self, [u, v]: [Num<L>; 2]) -> [Num<L>; 4] {
+        let (x, fx) = taps(u, self.width, self.wrap_u);
+        let (y, fy) = taps(v, self.height, self.wrap_v);
+        let [above, below] = [y[0] * self.width, y[1] * self.width];
+        let (a, b) = (self.texel(above + x[0]), self.texel(above + x[1]));
+        let (c, d) = (self.texel(below + x[0]), self.texel(below + x[1]));
+        let mut filtered = a;
+        for k in 0..4 {
+            filtered[k] = a[k].lerp(b[k], fx).lerp(c[k].lerp(d[k], fx), fy);
+        }
+        filtered
+    }
+
+    #[inline(always)]
     fn texel<L: Lanes>(&self, index: Int<L>) -> [Num<L>; 4] {
         // Behind the counters of an `Arc` texels are aligned like words.
         let [texel] = index.rows::<1>(bytemuck::cast_slice(&self.texels));
@@ -138,6 +143,21 @@ impl Texture {
                 [r.of(table), g.of(table), b.of(table), alpha]
             }
         }
+    }
+}
+
+/// A lookup, done apart: materials have many.
+struct LookUp<'a, L: Lanes> {
+    texture: &'a Texture,
+    place: [Num<L>; 2],
+}
+
+impl<L: Lanes> Piece<L> for LookUp<'_, L> {
+    type Output = [Num<L>; 4];
+
+    #[inline(always)]
+    fn run(self, _: L) -> [Num<L>; 4] {
+        self.texture.filter(self.place)
     }
 }
 

@@ -1,6 +1,7 @@
 //! One job under the scheduler's lock: its lists and its account, without its types.
 
 use super::lists::Lists;
+use super::policy::Pace;
 use super::pool::Pool;
 use super::report::{JobReport, Progress, TaskKind, TaskRecord, ThreadReport};
 use super::task::{Desk, Done, Task, Workplace};
@@ -103,6 +104,7 @@ impl<R: Renderer> TypedJob<R> {
                 cpu: Default::default(),
                 gpu: Default::default(),
                 threads: Vec::new(),
+                begin_ns: 0,
                 wall_s: 0.0,
                 waited_s: 0.0,
                 tail_idle_share: 0.0,
@@ -119,6 +121,23 @@ impl<R: Renderer> TypedJob<R> {
 
     fn limits(&self) -> &Limits {
         &self.place.limits
+    }
+
+    /// Paths that have not ended or not begun; never grows.
+    fn left(&self) -> u64 {
+        let tile_rays = self.limits().tile_rays as u64;
+        (self.last_tile - self.next_tile).saturating_mul(tile_rays).saturating_add(self.in_flight as u64)
+    }
+
+    /// Rays that wait to be traced or spawned.
+    fn waiting_rays(&self) -> u64 {
+        (self.last_tile - self.next_tile)
+            .saturating_mul(self.limits().tile_rays as u64)
+            .saturating_add(self.lists.rays_to_trace() as u64)
+    }
+
+    fn threshold(&self) -> usize {
+        policy::threshold(self.left(), self.place.hosts, self.has_device(), self.limits())
     }
 
     fn paths<State>(&self, stream: &RayStream<State, R::Payload, R::ShadowPayload>) -> usize {
@@ -148,13 +167,18 @@ impl<R: Renderer> TypedJob<R> {
                 let held = paths(rays, shadow_rays, self.limits().shadow_rays_per_path);
                 let paths = self.paths(&output) + held;
                 let rays = (rays + shadow_rays) as u64;
-                (Task::Shade { input, output }, Hold { kind: TaskKind::Shade, paths, rays })
+                (
+                    Task::Shade { input, output, threshold: self.threshold() },
+                    Hold { kind: TaskKind::Shade, paths, rays },
+                )
             }
             Rule::Trace | Rule::Flush => {
-                let waiting = (self.last_tile - self.next_tile)
-                    .saturating_mul(self.limits().tile_rays as u64)
-                    .saturating_add(self.lists.rays_to_trace() as u64);
-                let most = policy::chunk_rays(waiting, self.place.hosts, self.has_device(), self.limits());
+                let most = policy::chunk_rays(
+                    self.waiting_rays(),
+                    self.place.hosts,
+                    self.has_device(),
+                    self.limits(),
+                );
                 let chunk = self.lists.next_chunk(most);
                 let rays = chunk.len() as u64;
                 (Task::Trace(chunk), Hold { kind: TaskKind::Trace, paths: 0, rays })
@@ -182,7 +206,7 @@ impl<R: Renderer> TypedJob<R> {
                 self.progress.rays.camera += emitted.rays;
                 self.progress.rays.shadow += emitted.shadow_rays;
                 self.account(hold, self.paths(&output));
-                self.lists.park(output);
+                self.lists.park(output, self.threshold());
                 emitted.rays + emitted.shadow_rays
             }
             Done::Shaded { input, output, emitted } => {
@@ -190,7 +214,7 @@ impl<R: Renderer> TypedJob<R> {
                 self.progress.rays.shadow += emitted.shadow_rays;
                 let rays_left = input.rays_left();
                 self.account(hold, self.paths(&output) + rays_left);
-                self.lists.park(output);
+                self.lists.park(output, self.threshold());
                 self.lists.put_back_shaded(input);
                 hold.rays - rays_left as u64
             }
@@ -239,11 +263,16 @@ impl<R: Renderer> Job for TypedJob<R> {
             tiles_left: self.last_tile - self.next_tile,
             tile_fits: self.in_flight + self.limits().tile_rays <= self.limits().in_flight,
             need_more: self.lists.need_more(),
+            need_more_rays: self.lists.need_more_rays(),
             trace: self.lists.trace(),
+            trace_rays: self.lists.trace_rays(),
+            waiting_rays: self.waiting_rays(),
             slot: self.lists.slot(),
             shade: self.lists.shade(),
             tasks: self.tasks,
             served: 0,
+            cpu: Pace { rays: self.progress.cpu_rays, ns: self.trace_ns },
+            gpu: Pace { rays: self.progress.gpu_rays, ns: self.dispatch_ns },
         }
     }
 
@@ -311,6 +340,7 @@ impl<R: Renderer> Job for TypedJob<R> {
             record.start_ns -= begin_ns;
             record.end_ns -= begin_ns;
         }
+        report.begin_ns = begin_ns;
         report.tiles_spawned = self.progress.tiles_spawned;
         report.rays = self.progress.rays;
         report.streams = self.lists.made();

@@ -1,7 +1,7 @@
 //! Every size in the scheduler, derived in one place and asserted against the others (RA section 4:
 //! N 256k, 42 streams of 27k rays, threshold 11k, chunks of 1024, batches of 8192, tiles of 16k).
 
-use super::JobOptions;
+use super::{JobOptions, policy};
 use crate::stream::Capacity;
 
 /// RA's N: paths in flight that keep both units of a laptop busy.
@@ -124,7 +124,7 @@ impl Limits {
             shadow_rays: shadow_rays_per_path * (threshold - 1)
                 + tile_rays.max(batch_rays * shadow_rays_per_ray),
         };
-        let full = in_flight / threshold;
+        let full = (in_flight / threshold).max(policy::TAIL_STREAMS * host_threads);
         let flushed = host_threads + dispatch_threads;
         let (begun, outputs) = (host_threads, host_threads);
         let limits = Self {
@@ -179,8 +179,8 @@ mod tests {
         assert_eq!((limits.in_flight, limits.threshold), (256 * 1024, 11 * 1024));
         assert_eq!((limits.batch_rays, limits.chunk_rays), (8192, 1024));
         assert_eq!(limits.stream.rays, 27 * 1024 - 1);
-        // RA has 42; the bound proved here allows for seven more small streams.
-        assert_eq!(limits.streams, 23 + (7 + 4) + 7 + 7);
+        // RA has 42; the bound proved here allows for small streams, and for smaller ones at the tail.
+        assert_eq!(limits.streams, 28 + (7 + 4) + 7 + 7);
     }
 
     #[test]

@@ -12,6 +12,8 @@ pub(super) struct Lists<P, S> {
     need_more: Vec<RayStream<Filling, P, S>>,
     /// The device takes the oldest, host threads the newest.
     trace: VecDeque<RayStream<Full, P, S>>,
+    /// Rays and shadow rays in TRACE.
+    trace_rays: usize,
     /// The stream whose chunks are being handed out to host threads.
     slot: Option<RayStream<Tracing, P, S>>,
     /// Streams whose chunks have all been handed out; each has a chunk with a host thread.
@@ -35,6 +37,7 @@ impl<P, S> Lists<P, S> {
             empty,
             need_more: Vec::with_capacity(limits.streams),
             trace: VecDeque::with_capacity(limits.streams),
+            trace_rays: 0,
             slot: None,
             handed_out: Vec::with_capacity(limits.streams),
             shade: Vec::with_capacity(limits.streams),
@@ -63,10 +66,20 @@ impl<P, S> Lists<P, S> {
         self.made
     }
 
-    /// Rays and shadow rays that host threads could be tracing.
+    /// Rays and shadow rays in TRACE.
+    pub fn trace_rays(&self) -> usize {
+        self.trace_rays
+    }
+
+    /// Rays and shadow rays in TRACE and in the slot.
     pub fn rays_to_trace(&self) -> usize {
-        let full: usize = self.trace.iter().map(|stream| stream.rays() + stream.shadow_rays()).sum();
-        full + self.slot.as_ref().map_or(0, RayStream::left)
+        self.trace_rays + self.slot.as_ref().map_or(0, RayStream::left)
+    }
+
+    /// Rays and shadow rays in the fullest stream of NEEDMORE.
+    pub fn need_more_rays(&self) -> usize {
+        let sizes = self.need_more.iter().map(weight);
+        sizes.max().unwrap_or(0)
     }
 
     /// A stream with room for one more tile or batch: from NEEDMORE if there is one (the fullest, so
@@ -86,12 +99,15 @@ impl<P, S> Lists<P, S> {
         empty.fill()
     }
 
-    /// Takes back an output stream: to EMPTY, NEEDMORE or TRACE by the paths in it.
-    pub fn park(&mut self, stream: RayStream<Filling, P, S>) {
+    /// Takes back an output stream: to EMPTY, NEEDMORE or, with at least `threshold` paths in it, TRACE.
+    pub fn park(&mut self, stream: RayStream<Filling, P, S>, threshold: usize) {
         match paths(stream.rays(), stream.shadow_rays(), self.limits.shadow_rays_per_path) {
             0 => self.empty.push(stream.unfill()),
-            paths if paths < self.limits.threshold => self.need_more.push(stream),
-            _ => self.trace.push_back(stream.seal()),
+            paths if paths < threshold => self.need_more.push(stream),
+            _ => {
+                self.trace_rays += weight(&stream);
+                self.trace.push_back(stream.seal());
+            }
         }
     }
 
@@ -120,6 +136,7 @@ impl<P, S> Lists<P, S> {
     pub fn next_chunk(&mut self, most: usize) -> Chunk {
         let mut slot = self.slot.take().unwrap_or_else(|| {
             let newest = self.trace.pop_back();
+            self.trace_rays -= newest.as_ref().map_or(0, weight);
             newest.or_else(|| self.flush()).expect("there is a stream to trace").open()
         });
         // Equal parts: a crumb at the end would not be worth a task.
@@ -153,6 +170,7 @@ impl<P, S> Lists<P, S> {
     /// If both are empty.
     pub fn next_to_dispatch(&mut self) -> RayStream<Full, P, S> {
         let oldest = self.trace.pop_front();
+        self.trace_rays -= oldest.as_ref().map_or(0, weight);
         oldest.or_else(|| self.flush()).expect("there is a stream to dispatch")
     }
 
@@ -163,6 +181,7 @@ impl<P, S> Lists<P, S> {
 
     /// Takes back a stream that the device has not traced.
     pub fn put_back_untraced(&mut self, stream: RayStream<Full, P, S>) {
+        self.trace_rays += weight(&stream);
         self.trace.push_front(stream);
     }
 
@@ -171,7 +190,7 @@ impl<P, S> Lists<P, S> {
     }
 
     fn take_fullest(&mut self) -> Option<RayStream<Filling, P, S>> {
-        let sizes = self.need_more.iter().map(|stream| stream.rays() + stream.shadow_rays());
+        let sizes = self.need_more.iter().map(weight);
         let (index, _) = sizes.enumerate().max_by_key(|&(_, size)| size)?;
         Some(self.need_more.swap_remove(index))
     }
@@ -196,6 +215,12 @@ impl<P, S> Lists<P, S> {
         sizes.extend(self.slot.iter().chain(&self.handed_out).map(|s| weigh(s.rays(), s.shadow_rays())));
         let traced = self.shade.iter().chain(&self.begun);
         sizes.extend(traced.map(|s| weigh(s.rays_left(), s.shadow_rays_left())));
+        assert_eq!(self.trace_rays, self.trace.iter().map(weight).sum::<usize>(), "TRACE is counted");
         (sizes.len(), sizes.iter().sum())
     }
+}
+
+/// Rays and shadow rays of a stream.
+fn weight<State, P, S>(stream: &RayStream<State, P, S>) -> usize {
+    stream.rays() + stream.shadow_rays()
 }

@@ -25,7 +25,7 @@ mod tests;
 pub use handle::{JobError, JobHandle};
 pub use limits::{Limits, LimitsError};
 pub use options::{JobOptions, ServiceOptions, Tracers};
-pub use policy::{Choice, Load, Policy, Rule, Sharing, Unit, View};
+pub use policy::{Choice, Load, Pace, Policy, Rule, Sharing, Unit, View};
 pub use queries::{QueryError, QueryHandle};
 pub use renderer::{Batch, Output, Renderer};
 pub use report::{

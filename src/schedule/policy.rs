@@ -29,19 +29,36 @@ pub enum Rule {
     Dispatch,
 }
 
-/// The order in which a job's rules are tried. Siblings to measure against each other; the picture is
-/// the same under all of them, and so is the proof in the README: it rests on what each rule
-/// requires, not on their order.
+/// How work goes to units: the order in which a job's rules are tried, and who gets a full stream that
+/// either unit could trace. Siblings to measure against each other; the picture is the same under all of
+/// them, and so is the proof in the README: it rests on what each rule requires, not on their order.
+/// ([`Unit::Cpu`] and [`Unit::Gpu`] leave nothing to share out.)
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Policy {
-    /// RA's rules as numbered: camera rays first, so that long chains of rays start early.
+    /// RA's rules as numbered: camera rays first, so that long chains of rays start early; the device has
+    /// every full stream while a dispatch thread is idle.
     RayAccelerator,
     /// RA's variant without a GPU (section 5): shade at once what has been traced, while it is in the
     /// cache; camera rays only when there is no full stream to trace.
     ShadeFirst,
+    /// MoonRay's XPU mode: what a thread has gathered it brings to the device at once, unless
+    /// [`MOONRAY_WAITING`] threads wait there already or the rays are no more than [`MOONRAY_SMALL`].
+    MoonRay,
+    /// Units get streams by how fast they have been so far, so that both end together: the device none
+    /// that host threads would be through with earlier, and they none that the device would.
+    MeasuredRate,
 }
 
+/// Threads that may wait for a device that serves another.
+pub const MOONRAY_WAITING: usize = 3;
+
+/// Rays too few to bring to a device.
+pub const MOONRAY_SMALL: usize = 1024;
+
 impl Policy {
+    /// All policies.
+    pub const ALL: [Self; 4] = [Self::RayAccelerator, Self::ShadeFirst, Self::MoonRay, Self::MeasuredRate];
+
     /// What RA does with that unit.
     pub fn of(unit: Unit) -> Self {
         match unit {
@@ -50,11 +67,68 @@ impl Policy {
         }
     }
 
+    /// The name that arguments and reports use.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::RayAccelerator => "ra",
+            Self::ShadeFirst => "shade-first",
+            Self::MoonRay => "moonray",
+            Self::MeasuredRate => "measured",
+        }
+    }
+
     fn order(self) -> [Rule; 4] {
         match self {
-            Self::RayAccelerator => [Rule::Spawn, Rule::Shade, Rule::Trace, Rule::Flush],
-            Self::ShadeFirst => [Rule::Shade, Rule::Trace, Rule::Spawn, Rule::Flush],
+            Self::RayAccelerator | Self::MeasuredRate => [Rule::Spawn, Rule::Shade, Rule::Trace, Rule::Flush],
+            Self::ShadeFirst | Self::MoonRay => [Rule::Shade, Rule::Trace, Rule::Spawn, Rule::Flush],
         }
+    }
+
+    /// Whether host threads may open a full stream. While they may not, the device may, and it has a
+    /// dispatch thread that is idle or comes back: so nobody waits in vain.
+    fn hosts_open(self, view: &View, load: Load) -> bool {
+        match self {
+            Self::RayAccelerator | Self::ShadeFirst => load.idle_dispatchers == 0,
+            Self::MoonRay => !self.device_opens(view, load),
+            Self::MeasuredRate => {
+                !self.device_opens(view, load) || (load.idle_dispatchers == 0 && view.hosts_are_sooner(load))
+            }
+        }
+    }
+
+    /// Whether an idle dispatch thread may take a full stream.
+    fn device_opens(self, view: &View, load: Load) -> bool {
+        match self {
+            Self::RayAccelerator | Self::ShadeFirst => true,
+            // One is served, the others wait.
+            Self::MoonRay => {
+                let busy = load.dispatchers - load.idle_dispatchers;
+                load.idle_dispatchers > 0 && busy.saturating_sub(1) < MOONRAY_WAITING
+            }
+            Self::MeasuredRate => view.device_is_back_in_time(load),
+        }
+    }
+
+    /// Whether streams of NEEDMORE may go to the device when nothing else is to come.
+    fn device_flushes(self, view: &View, load: Load) -> bool {
+        self == Self::MoonRay && view.need_more_rays > MOONRAY_SMALL && self.device_opens(view, load)
+    }
+}
+
+/// How fast a unit has traced a job's rays so far.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Pace {
+    /// Rays and shadow rays traced.
+    pub rays: u64,
+    /// What its threads needed for them, added up.
+    pub ns: u64,
+}
+
+impl Pace {
+    /// What one thread would need for so many rays; not known before there are any.
+    pub fn ns_for(self, rays: u64) -> Option<u64> {
+        let ns = u128::from(self.ns) * u128::from(rays) / u128::from(self.rays.max(1));
+        (self.rays > 0).then(|| ns.min(u128::from(u64::MAX)) as u64)
     }
 }
 
@@ -84,8 +158,14 @@ pub struct View {
     pub tile_fits: bool,
     /// Streams in NEEDMORE.
     pub need_more: usize,
+    /// Rays and shadow rays in the fullest of them.
+    pub need_more_rays: usize,
     /// Streams in TRACE.
     pub trace: usize,
+    /// Rays and shadow rays in them.
+    pub trace_rays: usize,
+    /// Rays that wait to be traced (in TRACE and in the slot), and those of tiles not yet spawned.
+    pub waiting_rays: u64,
     /// Whether the stream in the job slot has rays to hand out.
     pub slot: bool,
     /// Streams in SHADE.
@@ -94,11 +174,19 @@ pub struct View {
     pub tasks: usize,
     /// Rays that have been given to threads so far, counted at each task.
     pub served: u64,
+    /// How fast host threads trace.
+    pub cpu: Pace,
+    /// How fast dispatch threads have streams traced; several may be with the device at a time.
+    pub gpu: Pace,
 }
 
 /// What the policy sees of the threads.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Load {
+    /// Host threads.
+    pub hosts: usize,
+    /// Dispatch threads.
+    pub dispatchers: usize,
     /// Dispatch threads without a task.
     pub idle_dispatchers: usize,
 }
@@ -115,28 +203,29 @@ pub struct Choice {
 impl View {
     /// Whether the rule's condition holds. That of `Flush` includes that there is nothing to shade
     /// and nothing in the slot; the bound on small streams rests on it.
-    fn allows(&self, rule: Rule, load: Load) -> bool {
+    pub(super) fn allows(&self, rule: Rule, load: Load) -> bool {
         match rule {
             Rule::Spawn => self.tiles_left > 0 && self.tile_fits,
             Rule::Shade => self.shade > 0,
             Rule::Trace => match self.unit {
                 Unit::Cpu => self.slot || self.trace > 0,
-                Unit::Hybrid => self.slot || (self.trace > 0 && load.idle_dispatchers == 0),
+                Unit::Hybrid => self.slot || (self.trace > 0 && self.policy.hosts_open(self, load)),
                 Unit::Gpu => false,
             },
             Rule::Flush => {
-                self.need_more > 0
-                    && self.shade == 0
-                    && !self.slot
+                self.is_short_of_work()
                     && match self.unit {
                         Unit::Cpu => self.trace == 0,
-                        Unit::Hybrid => true,
+                        Unit::Hybrid => !self.policy.device_flushes(self, load),
                         Unit::Gpu => false,
                     }
             }
             Rule::Dispatch => match self.unit {
                 Unit::Cpu => false,
-                Unit::Hybrid => self.trace > 0,
+                Unit::Hybrid => {
+                    (self.trace > 0 && self.policy.device_opens(self, load))
+                        || (self.nothing_is_to_come(load) && self.policy.device_flushes(self, load))
+                }
                 // Nobody else would trace the last small streams: take them when no more will come.
                 Unit::Gpu => {
                     self.trace > 0
@@ -144,6 +233,40 @@ impl View {
                 }
             },
         }
+    }
+
+    /// There are small streams, nothing to shade and nothing in the slot.
+    fn is_short_of_work(&self) -> bool {
+        self.need_more > 0 && self.shade == 0 && !self.slot
+    }
+
+    /// There are small streams and nothing else, nor a tile to spawn.
+    fn nothing_is_to_come(&self, load: Load) -> bool {
+        self.is_short_of_work() && self.trace == 0 && !self.allows(Rule::Spawn, load)
+    }
+
+    /// Rays of a stream of TRACE, on the average.
+    fn stream_rays(&self) -> u64 {
+        self.trace_rays as u64 / self.trace.max(1) as u64
+    }
+
+    /// Whether the device would have traced a stream before host threads were through with all that
+    /// waits; assumed until both have been seen at work.
+    fn device_is_back_in_time(&self, load: Load) -> bool {
+        let device_ns = self.gpu.ns_for(self.stream_rays());
+        let hosts_ns = self.cpu.ns_for(self.waiting_rays).map(|ns| ns / load.hosts.max(1) as u64);
+        device_ns.zip(hosts_ns).is_none_or(|(device, hosts)| device <= hosts)
+    }
+
+    /// Whether host threads would have traced a stream before the device came round to it, all of its
+    /// dispatch threads being busy; assumed until both have been seen at work.
+    fn hosts_are_sooner(&self, load: Load) -> bool {
+        let dispatchers = load.dispatchers.max(1) as u64;
+        let hosts_ns = self.cpu.ns_for(self.stream_rays()).map(|ns| ns / load.hosts.max(1) as u64);
+        // Those of TRACE and, half done on the average, those that are with the device.
+        let ahead = self.trace_rays as u64 + dispatchers * self.stream_rays() / 2;
+        let device_ns = self.gpu.ns_for(ahead).map(|ns| ns / dispatchers);
+        device_ns.zip(hosts_ns).is_none_or(|(device, hosts)| hosts <= device)
     }
 
     fn host_rule(&self, load: Load, flush: bool) -> Option<Rule> {
@@ -178,6 +301,21 @@ fn pick(views: &[View], sharing: Sharing, rule: impl Fn(&View) -> Option<Rule>) 
     choice.map(|(_, choice)| choice)
 }
 
+/// Streams for each host thread into which what is left of a job is divided at its tail.
+pub(super) const TAIL_STREAMS: usize = 4;
+
+/// Paths from which a stream counts as full when `left` paths of its job have not ended or not begun: the
+/// limit, and at the tail as few as give every host thread [`TAIL_STREAMS`] streams. One thread shades
+/// a stream, so the last ones had better be small. Never grows while a job goes on. A device is not
+/// served with small streams.
+pub fn threshold(left: u64, host_threads: usize, device_is_fed: bool, limits: &Limits) -> usize {
+    if device_is_fed {
+        return limits.threshold;
+    }
+    let share = left.div_ceil((TAIL_STREAMS * host_threads) as u64);
+    share.max(limits.chunk_rays as u64).min(limits.threshold as u64) as usize
+}
+
 /// How many rays a host thread takes at once when `waiting` rays of its job wait to be traced or
 /// spawned. While a device is fed, RA's small chunks, lest a host thread be away for long when the
 /// device needs it. Without one, as much as leaves every thread two more chunks of the same size:
@@ -189,119 +327,4 @@ pub fn chunk_rays(waiting: u64, host_threads: usize, device_is_fed: bool, limits
     let share = waiting / (2 * host_threads as u64);
     let share = share.clamp(limits.chunk_rays as u64, limits.chunk_rays_most as u64) as usize;
     share.next_multiple_of(limits.chunk_rays).min(limits.chunk_rays_most)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    const IDLE: View = View {
-        unit: Unit::Hybrid,
-        policy: Policy::RayAccelerator,
-        ended: false,
-        tiles_left: 0,
-        tile_fits: true,
-        need_more: 0,
-        trace: 0,
-        slot: false,
-        shade: 0,
-        tasks: 0,
-        served: 0,
-    };
-    const ALL: View = View { tiles_left: 1, need_more: 1, trace: 1, slot: true, shade: 1, ..IDLE };
-    const BUSY: Load = Load { idle_dispatchers: 0 };
-    const HUNGRY: Load = Load { idle_dispatchers: 1 };
-
-    fn rule(view: View, load: Load) -> Option<Rule> {
-        choose(&[view], load, Sharing::Fair).map(|choice| choice.rule)
-    }
-
-    #[test]
-    fn rules_come_in_the_order_of_the_paper() {
-        assert_eq!(rule(ALL, BUSY), Some(Rule::Spawn));
-        assert_eq!(rule(View { tile_fits: false, ..ALL }, BUSY), Some(Rule::Shade));
-        let traced = View { tiles_left: 0, shade: 0, ..ALL };
-        assert_eq!(rule(traced, BUSY), Some(Rule::Trace));
-        let small = View { slot: false, trace: 0, ..traced };
-        assert_eq!(rule(small, BUSY), Some(Rule::Flush));
-        assert_eq!(rule(IDLE, BUSY), None);
-        assert_eq!(rule(View { ended: true, ..ALL }, BUSY), None);
-    }
-
-    #[test]
-    fn host_threads_leave_full_streams_to_a_hungry_device() {
-        let full = View { trace: 1, ..IDLE };
-        assert_eq!(rule(full, HUNGRY), None);
-        assert_eq!(rule(full, BUSY), Some(Rule::Trace));
-        // What one host thread has opened others help to finish.
-        assert_eq!(rule(View { slot: true, ..IDLE }, HUNGRY), Some(Rule::Trace));
-        assert_eq!(rule(View { need_more: 1, ..full }, HUNGRY), Some(Rule::Flush));
-    }
-
-    #[test]
-    fn the_device_alone_traces_unless_lost() {
-        let view = View { unit: Unit::Gpu, trace: 1, need_more: 1, ..IDLE };
-        assert_eq!(rule(view, BUSY), None);
-        assert_eq!(rule(View { unit: Unit::Cpu, ..view }, BUSY), Some(Rule::Trace));
-        let dispatch = |view| choose_dispatch(&[view], HUNGRY, Sharing::Fair).is_some();
-        let small = View { trace: 0, ..view };
-        assert!(dispatch(view) && dispatch(small));
-        assert!(!dispatch(View { tiles_left: 1, ..small }) && !dispatch(View { shade: 1, ..small }));
-        assert!(!dispatch(View { unit: Unit::Hybrid, ..small }), "a host thread flushes it");
-        assert!(!dispatch(View { unit: Unit::Cpu, ..view }));
-    }
-
-    #[test]
-    fn small_streams_are_flushed_only_when_nothing_else_is_there() {
-        // The README's bound on small streams rests on this, whatever the order of rules.
-        for unit in [Unit::Cpu, Unit::Hybrid] {
-            let small = View { unit, need_more: 1, ..IDLE };
-            assert!(small.allows(Rule::Flush, BUSY));
-            assert!(!View { shade: 1, ..small }.allows(Rule::Flush, BUSY));
-            assert!(!View { slot: true, ..small }.allows(Rule::Flush, BUSY));
-            let full = View { trace: 1, ..small };
-            assert_eq!(full.allows(Rule::Flush, BUSY), unit == Unit::Hybrid);
-        }
-    }
-
-    #[test]
-    fn without_a_device_shading_follows_tracing() {
-        let view = View { unit: Unit::Cpu, policy: Policy::of(Unit::Cpu), ..ALL };
-        assert_eq!(rule(view, BUSY), Some(Rule::Shade));
-        assert_eq!(rule(View { shade: 0, ..view }, BUSY), Some(Rule::Trace));
-        assert_eq!(rule(View { shade: 0, slot: false, trace: 0, ..view }, BUSY), Some(Rule::Spawn));
-    }
-
-    #[test]
-    fn the_job_served_least_is_next() {
-        let views = [View { served: 5, ..ALL }, View { served: 3, ..ALL }, View { served: 3, ..ALL }];
-        assert_eq!(choose(&views, BUSY, Sharing::Fair).map(|c| c.job), Some(1));
-        assert_eq!(choose(&views, BUSY, Sharing::FirstIn).map(|c| c.job), Some(0));
-        assert_eq!(choose_dispatch(&views, BUSY, Sharing::Fair).map(|c| c.job), Some(1));
-    }
-
-    #[test]
-    fn a_small_stream_waits_only_while_it_may_grow() {
-        let small = View { need_more: 1, ..IDLE };
-        let other = View { served: 9, ..ALL };
-        let first = |tasks| {
-            let choice = choose(&[View { tasks, ..small }, other], BUSY, Sharing::Fair);
-            choice.map(|choice| choice.job)
-        };
-        assert_eq!(first(1), Some(1));
-        assert_eq!(first(0), Some(0));
-        assert_eq!(rule(View { tasks: 1, ..small }, BUSY), Some(Rule::Flush));
-    }
-
-    #[test]
-    fn chunks_are_large_until_the_tail() {
-        let limits = Limits::for_tests();
-        let chunk = |waiting| chunk_rays(waiting, 4, false, &limits);
-        assert_eq!(chunk(u64::MAX), limits.chunk_rays_most);
-        assert_eq!(chunk(0), limits.chunk_rays);
-        assert_eq!(chunk(8 * 3 * limits.chunk_rays as u64 - 1), 3 * limits.chunk_rays);
-        assert_eq!(chunk_rays(u64::MAX, 4, true, &limits), limits.chunk_rays);
-        let sizes: Vec<_> = (0..100_000).step_by(997).map(chunk).collect();
-        assert!(sizes.is_sorted() && sizes.iter().all(|size| size % limits.chunk_rays == 0));
-    }
 }

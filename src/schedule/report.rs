@@ -139,6 +139,8 @@ pub struct JobReport {
     pub gpu: UnitReport,
     /// Host threads, then dispatch threads.
     pub threads: Vec<ThreadReport>,
+    /// When its first turn came, in nanoseconds since the service began.
+    pub begin_ns: u64,
     /// Seconds from the job's first turn to its end.
     pub wall_s: f64,
     /// Seconds the job waited for its turn.

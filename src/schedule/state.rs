@@ -240,7 +240,8 @@ impl State {
     }
 
     fn load(&self) -> Load {
-        Load { idle_dispatchers: self.threads.len() - self.hosts - self.dispatching }
+        let dispatchers = self.threads.len() - self.hosts;
+        Load { hosts: self.hosts, dispatchers, idle_dispatchers: dispatchers - self.dispatching }
     }
 
     fn choose(&self, kind: usize) -> Option<Choice> {

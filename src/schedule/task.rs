@@ -11,8 +11,16 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 /// A task and the streams that go with it.
 pub(super) enum Task<P, S> {
-    Spawn { tile: u64, output: RayStream<Filling, P, S> },
-    Shade { input: RayStream<Traced, P, S>, output: RayStream<Filling, P, S> },
+    Spawn {
+        tile: u64,
+        output: RayStream<Filling, P, S>,
+    },
+    /// Ends when `threshold` paths are in the output.
+    Shade {
+        input: RayStream<Traced, P, S>,
+        output: RayStream<Filling, P, S>,
+        threshold: usize,
+    },
     Trace(Chunk),
     Dispatch(RayStream<Full, P, S>),
 }
@@ -82,7 +90,7 @@ impl<R: Renderer> Work for Workplace<R> {
         };
         let done = catch_unwind(AssertUnwindSafe(|| match task {
             Task::Spawn { tile, output } => self.spawn(tile, output),
-            Task::Shade { input, output } => self.shade(input, output),
+            Task::Shade { input, output, threshold } => self.shade(input, output, threshold),
             Task::Trace(chunk) => Done::Traced(chunk.trace(&*self.tracers.host, scratch)),
             Task::Dispatch(stream) => self.dispatch(stream),
         }));
@@ -114,6 +122,7 @@ impl<R: Renderer> Workplace<R> {
         &self,
         mut input: RayStream<Traced, R::Payload, R::ShadowPayload>,
         mut output: RayStream<Filling, R::Payload, R::ShadowPayload>,
+        threshold: usize,
     ) -> Done<R::Payload, R::ShadowPayload> {
         let limits = &self.limits;
         let shadows = input.take_shadows();
@@ -123,11 +132,8 @@ impl<R: Renderer> Workplace<R> {
             self.renderer.shadow(rays, payloads, &shadows.occluded[piece]);
         }
         let mut emitted = Emitted::default();
-        // A stream that has become full goes to be traced before more is shaded (RA section 3).
-        while !self.abandoned.load(Ordering::Relaxed)
-            && paths(output.rays(), output.shadow_rays(), limits.shadow_rays_per_path) < limits.threshold
-        {
-            let TracedRays { rays, hits, payloads } = input.next_batch(limits.batch_rays);
+        while !self.abandoned.load(Ordering::Relaxed) {
+            let TracedRays { rays, hits, payloads } = input.next_batch(limits.batch_rays.min(threshold));
             if rays.is_empty() {
                 break;
             }
@@ -137,6 +143,10 @@ impl<R: Renderer> Workplace<R> {
                 self.emit(&mut output, rays.len(), most_shadows, |out| self.renderer.shade(batch, out));
             emitted.rays += more.rays;
             emitted.shadow_rays += more.shadow_rays;
+            // A stream that has become full goes to be traced before more is shaded (RA section 3).
+            if paths(output.rays(), output.shadow_rays(), limits.shadow_rays_per_path) >= threshold {
+                break;
+            }
         }
         Done::Shaded { input, output, emitted }
     }

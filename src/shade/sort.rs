@@ -1,13 +1,34 @@
 //! The batch sort (RA section 3.1): misses first, then hits by material.
 
 use crate::stream::Hit;
+use std::cell::Cell;
+
+thread_local! {
+    /// Storage of the last batch that the thread sorted: batch after batch nothing is allocated.
+    static SPARE: Cell<Storage> = const { Cell::new(Storage::NONE) };
+}
 
 /// A batch in shading order.
 #[derive(Debug)]
-pub struct Sorted {
+pub struct Sorted(Storage);
+
+#[derive(Debug)]
+struct Storage {
+    keys: Vec<u32>,
     order: Vec<u32>,
+    scratch: Vec<u32>,
     /// (key, start in `order`), one for each run; keys ascend.
     runs: Vec<(u32, u32)>,
+}
+
+impl Storage {
+    const NONE: Self = Self { keys: Vec::new(), order: Vec::new(), scratch: Vec::new(), runs: Vec::new() };
+}
+
+impl Default for Storage {
+    fn default() -> Self {
+        Self::NONE
+    }
 }
 
 /// Rays of a batch that share an outcome.
@@ -23,15 +44,14 @@ pub struct Run<'a> {
 /// within a run is that of the batch. Linear time: a radix sort by bytes that skips the bytes in
 /// which all keys agree.
 pub fn sort(hits: &[Hit], materials: &[u32]) -> Sorted {
+    let Storage { mut keys, mut order, mut scratch, mut runs } = SPARE.take();
     // Key 0 is a miss, key m + 1 is material m.
-    let keys: Vec<u32> = hits
-        .iter()
-        .map(|hit| if hit.is_miss() { 0 } else { materials[hit.primitive as usize] + 1 })
-        .collect();
-    let mut order: Vec<u32> = (0..hits.len() as u32).collect();
+    keys.clear();
+    keys.extend(hits.iter().map(|hit| if hit.is_miss() { 0 } else { materials[hit.primitive as usize] + 1 }));
+    order.clear();
+    order.extend(0..hits.len() as u32);
     let first = keys.first().copied().unwrap_or(0);
     let varying = keys.iter().fold(0, |bits, &key| bits | (key ^ first));
-    let mut scratch = Vec::new();
     for shift in [0, 8, 16, 24] {
         if (varying >> shift) & 0xff == 0 {
             continue;
@@ -51,23 +71,30 @@ pub fn sort(hits: &[Hit], materials: &[u32]) -> Sorted {
         }
         std::mem::swap(&mut order, &mut scratch);
     }
-    let mut runs: Vec<(u32, u32)> = Vec::new();
+    runs.clear();
     for (place, &ray) in order.iter().enumerate() {
         let key = keys[ray as usize];
         if runs.last().is_none_or(|&(last, _)| last != key) {
             runs.push((key, place as u32));
         }
     }
-    Sorted { order, runs }
+    Sorted(Storage { keys, order, scratch, runs })
 }
 
 impl Sorted {
     /// The runs: misses first if there are any, then materials in ascending order.
     pub fn runs(&self) -> impl Iterator<Item = Run<'_>> {
-        self.runs.iter().enumerate().map(|(i, &(key, start))| {
-            let end = self.runs.get(i + 1).map_or(self.order.len(), |next| next.1 as usize);
-            Run { material: key.checked_sub(1), rays: &self.order[start as usize..end] }
+        let Storage { order, runs, .. } = &self.0;
+        runs.iter().enumerate().map(|(i, &(key, start))| {
+            let end = runs.get(i + 1).map_or(order.len(), |next| next.1 as usize);
+            Run { material: key.checked_sub(1), rays: &order[start as usize..end] }
         })
+    }
+}
+
+impl Drop for Sorted {
+    fn drop(&mut self) {
+        SPARE.set(std::mem::take(&mut self.0));
     }
 }
 

@@ -5,7 +5,7 @@ use glam::Vec3;
 use raystream::bvh::{Bvh, Filter};
 use raystream::geom::CanonicalRay;
 use raystream::stream::{Hit, Ray, Tracer};
-use raystream::trace::cpu::{CpuTracer, Oracle, SimdLevel};
+use raystream::trace::cpu::{CpuTracer, Oracle, SimdLevel, SingleRayTracer};
 use std::sync::Arc;
 
 /// Lets light through in a pattern.
@@ -66,6 +66,8 @@ pub fn check_tree(name: &str, mesh: &Mesh, bvh: Arc<Bvh>, rays: &[Ray], filter: 
     for level in SimdLevel::available() {
         let tracer = CpuTracer::new(bvh.clone(), filter.clone(), level).expect("available");
         tracers.push((level.to_string(), Box::new(tracer)));
+        let tracer = SingleRayTracer::new(bvh.clone(), filter.clone(), level).expect("available");
+        tracers.push((format!("single rays, {level}"), Box::new(tracer)));
     }
     for (label, tracer) in &tracers {
         // The whole, and split at places that leave ragged ends.
@@ -168,12 +170,15 @@ fn an_empty_scene_is_missed() {
     let bvh = Arc::new(Bvh::build(&[], &[], |_| false));
     assert_eq!(bvh.validate(), Ok(()));
     for level in SimdLevel::available() {
-        let tracer = CpuTracer::new(bvh.clone(), None, level).expect("available");
-        let rays = vec![Ray::new(Vec3::ZERO, Vec3::X); 100];
-        let (mut hits, mut occluded) = (vec![Hit { primitive: 3, ..Hit::NONE }; 100], vec![7; 100]);
-        tracer.closest(&rays, &mut hits);
-        tracer.occluded(&rays, &mut occluded);
-        assert!(hits.iter().all(Hit::is_miss) && occluded.iter().all(|&o| o == 0));
-        tracer.closest(&[], &mut []);
+        let streams = CpuTracer::new(bvh.clone(), None, level).expect("available");
+        let single = SingleRayTracer::new(bvh.clone(), None, level).expect("available");
+        for tracer in [&streams as &dyn Tracer, &single] {
+            let rays = vec![Ray::new(Vec3::ZERO, Vec3::X); 100];
+            let (mut hits, mut occluded) = (vec![Hit { primitive: 3, ..Hit::NONE }; 100], vec![7; 100]);
+            tracer.closest(&rays, &mut hits);
+            tracer.occluded(&rays, &mut occluded);
+            assert!(hits.iter().all(Hit::is_miss) && occluded.iter().all(|&o| o == 0));
+            tracer.closest(&[], &mut []);
+        }
     }
 }

@@ -3,4 +3,5 @@
 pub mod harness;
 mod path;
 mod scenes;
+mod single_ray;
 mod whitted;

@@ -200,7 +200,7 @@ fn batches_and_order_do_not_change_a_byte() {
 fn tiles_go_over_the_picture_once_for_each_sample() {
     let settings = Settings { width: 300, height: 129, spp: 3, ..SETTINGS };
     let path = path(furnace(Material::fallback(), 0, false), settings);
-    assert_eq!(path.tiles(), 3 * 2 * 3);
+    assert_eq!(path.tiles(), 4 * 3, "50 blocks, 16 a tile");
     assert_eq!(path.tile_rays(), 128 * 128);
     let (mut rays, mut payloads) = (Vec::new(), Vec::new());
     for tile in 0..path.tiles() {
@@ -208,8 +208,8 @@ fn tiles_go_over_the_picture_once_for_each_sample() {
         assert!(rays.len() <= path.tile_rays());
         rays.clear();
         payloads.clear();
-        if (tile + 1) % 6 == 0 {
-            let done = (tile + 1) / 6;
+        if (tile + 1) % 4 == 0 {
+            let done = (tile + 1) / 4;
             assert!(path.film().sample_counts().iter().all(|&n| u64::from(n) == done));
         }
     }

@@ -3,6 +3,7 @@
 mod gated;
 mod ledger;
 mod lifecycle;
+mod policy;
 mod queries;
 mod simulator;
 mod threads;

@@ -144,7 +144,7 @@ impl Simulation {
             batch_rays: random.range(1, 16),
             chunk_rays,
             chunk_rays_most: chunk_rays + random.range(0, 60),
-            policy: random.pick(&[None, Some(Policy::RayAccelerator), Some(Policy::ShadeFirst)]),
+            policy: (!random.one_in(5)).then(|| random.pick(&Policy::ALL)),
             timeline: true,
         };
         let outbox = Arc::new(Outbox::default());

@@ -7,6 +7,7 @@ mod members;
 mod oracle;
 mod packet;
 mod setup;
+mod single;
 mod space;
 mod stream;
 mod tracer;
@@ -14,4 +15,5 @@ mod triangle;
 
 pub use crate::lanes::{SimdError, SimdLevel};
 pub use oracle::Oracle;
+pub use single::SingleRayTracer;
 pub use tracer::CpuTracer;

@@ -5,7 +5,8 @@
 
 use super::space::Boxes;
 use crate::bvh::WIDTH;
-use crate::lanes::{Lanes, each, load_one, zip};
+use crate::geom::CanonicalRay;
+use crate::lanes::{Lanes, each, load_one, splat, zip};
 
 /// A vector of three in lanes.
 pub(super) type Vector<L> = [<L as Lanes>::F; 3];
@@ -23,6 +24,17 @@ impl<L: Lanes> Slabs<L> {
     pub fn new(l: L, inverse: Vector<L>, shift: Vector<L>, slack: L::F) -> Self {
         let pad = each(inverse, |inverse| l.mul(slack, l.abs(inverse)));
         Self { inverse, near: minus(l, shift, pad), far: plus(l, shift, pad) }
+    }
+
+    /// Of one ray, in all lanes.
+    #[inline(always)]
+    pub fn of(l: L, ray: &CanonicalRay) -> Self {
+        let CanonicalRay { inverse, near, far, .. } = ray;
+        Self {
+            inverse: splat(l, inverse.to_array()),
+            near: splat(l, near.to_array()),
+            far: splat(l, far.to_array()),
+        }
     }
 
     /// When rays of an octant enter and leave a box.
@@ -76,6 +88,14 @@ impl<E: Lanes> Slabs<E> {
     /// The slots whose box a ray, the same in all lanes, enters.
     #[inline(always)]
     pub fn enters_any(&self, e: E, faces: &Faces<'_>, limit: E::F) -> u32 {
+        let (enter, leave) = self.cross_each(e, faces, limit);
+        e.le(0xff, enter, leave)
+    }
+
+    /// When a ray, the same in all lanes, enters and leaves the box of each slot: not before 0, not after
+    /// `limit`.
+    #[inline(always)]
+    pub fn cross_each(&self, e: E, faces: &Faces<'_>, limit: E::F) -> (E::F, E::F) {
         let Self { inverse, near, far } = *self;
         let x = e.fma(load_one(e, faces.near[0]), inverse[0], near[0]);
         let y = e.fma(load_one(e, faces.near[1]), inverse[1], near[1]);
@@ -85,7 +105,7 @@ impl<E: Lanes> Slabs<E> {
         let y = e.fma(load_one(e, faces.far[1]), inverse[1], far[1]);
         let z = e.fma(load_one(e, faces.far[2]), inverse[2], far[2]);
         let leave = e.min(e.min(x, y), e.min(z, limit));
-        e.le(0xff, enter, leave)
+        (enter, leave)
     }
 }
 

@@ -1,0 +1,320 @@
+//! `raystream bench frame`: RA's ladder (RA section 5, Table 1). The same frame is path traced by
+//! configurations that each add one thing to the one before, in one process, in rounds that take turns.
+
+use super::Spread;
+use crate::film::Image;
+use crate::lanes::SimdLevel;
+use crate::render::{Path, RayByRay, Settings, SettingsError, Stage, render_single_rays};
+use crate::scene::Camera;
+use crate::schedule::{
+    JobError, JobOptions, JobReport, LimitsError, Policy, RayCounts, Renderer, Service, Tracers, Unit,
+};
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::time::Instant;
+
+/// Who renders the frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub enum Configuration {
+    /// A plain renderer: each thread follows one path after the other. No streams, no scheduler; the same
+    /// shaders.
+    #[serde(rename = "SINGLERAY")]
+    SingleRay,
+    /// Streams and scheduler, tracing and shading ray by ray: what the scheduler costs.
+    #[serde(rename = "RA SINGLERAY")]
+    RaSingleRay,
+    /// Traces streams, shades sorted batches in one lane.
+    #[serde(rename = "RA PACKET")]
+    RaPacket,
+    /// Shades in SIMD lanes too.
+    #[serde(rename = "RA SIMD")]
+    RaSimd,
+    /// With the GPU, helped by the CPU.
+    #[serde(rename = "RA HYBRID")]
+    RaHybrid,
+}
+
+impl Configuration {
+    /// All of them, each with one thing more than the one before.
+    pub const ALL: [Self; 5] =
+        [Self::SingleRay, Self::RaSingleRay, Self::RaPacket, Self::RaSimd, Self::RaHybrid];
+
+    /// RA's name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::SingleRay => "SINGLERAY",
+            Self::RaSingleRay => "RA SINGLERAY",
+            Self::RaPacket => "RA PACKET",
+            Self::RaSimd => "RA SIMD",
+            Self::RaHybrid => "RA HYBRID",
+        }
+    }
+}
+
+/// What is rendered, and how often.
+#[derive(Clone, Copy, Debug)]
+pub struct Options {
+    /// Size, samples, depth and seed of the frame.
+    pub settings: Settings,
+    /// From where.
+    pub camera: Camera,
+    /// Rounds; each configuration renders the frame once a round.
+    pub repeats: usize,
+    /// How the scheduler's configurations share out work; RA's way for the units by default.
+    pub policy: Option<Policy>,
+}
+
+/// One configuration's speed.
+#[derive(Clone, Debug, Serialize)]
+pub struct Row {
+    /// Its name.
+    pub configuration: &'static str,
+    /// Who traced: `cpu`, or the adapter.
+    pub unit: String,
+    /// Host threads.
+    pub threads: usize,
+    /// Instruction set of the CPU tracer.
+    pub simd: &'static str,
+    /// Rays traced per microsecond of the whole frame: tracing, shading, scheduling, film.
+    pub mray_per_s: Spread,
+    /// Of the whole frame.
+    pub seconds: Spread,
+    /// Ratio of medians of `mray_per_s` against the first row's, by its name.
+    pub ratio: BTreeMap<&'static str, f64>,
+    /// Of the picture, the same in every round.
+    pub hash: String,
+    /// What went wrong on the way, one sentence each.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub events: Vec<String>,
+}
+
+/// All configurations' results.
+#[derive(Clone, Debug)]
+pub struct Report {
+    /// Rays of the frame.
+    pub rays: RayCounts,
+    /// In the order in which they were asked for.
+    pub rows: Vec<Row>,
+    /// Pictures that are not the first one, by configuration and hash; none if promise 1 holds.
+    pub differing: Vec<(&'static str, String)>,
+}
+
+/// Why a frame could not be measured.
+#[derive(Debug, thiserror::Error)]
+pub enum FrameError {
+    /// A setting is out of range.
+    #[error(transparent)]
+    Settings(#[from] SettingsError),
+    /// Sizes do not fit each other.
+    #[error(transparent)]
+    Limits(#[from] LimitsError),
+    /// A frame failed.
+    #[error("{configuration} failed: {error}")]
+    Job {
+        /// Whose frame.
+        configuration: &'static str,
+        /// Why.
+        error: JobError,
+    },
+}
+
+/// A scene with who may render it.
+#[derive(Clone, Copy)]
+pub struct Bench<'a> {
+    /// The scene, its tree, its tracers.
+    pub stage: &'a Stage,
+    /// The threads.
+    pub service: &'a Service,
+    /// Instruction set of the CPU tracer.
+    pub simd: SimdLevel,
+    /// The frame.
+    pub options: Options,
+}
+
+/// A frame that has been rendered.
+struct Rendered {
+    seconds: f64,
+    rays: RayCounts,
+    hash: String,
+    events: Vec<String>,
+}
+
+/// How many rays shaders work on at once.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Shading {
+    OneLane,
+    Lanes,
+}
+
+impl Bench<'_> {
+    /// The configurations that can be had here: all, but RA HYBRID only with an adapter.
+    pub fn configurations(&self) -> Vec<Configuration> {
+        let has_device = self.stage.tracers.device.is_some();
+        Configuration::ALL.into_iter().filter(|&c| has_device || c != Configuration::RaHybrid).collect()
+    }
+
+    /// Measures RA's ladder.
+    ///
+    /// # Errors
+    /// When a frame cannot be rendered.
+    pub fn ladder(&self) -> Result<Report, FrameError> {
+        let contenders = self.configurations().into_iter().map(|configuration| Contender {
+            name: configuration.name(),
+            unit: self.unit_name(configuration == Configuration::RaHybrid),
+            frame: Box::new(move || self.configuration(configuration)),
+        });
+        self.measure(contenders.collect())
+    }
+
+    /// Measures the policies: with a device all of them and each unit alone, else the orders of rules that
+    /// differ without one.
+    ///
+    /// # Errors
+    /// When a frame cannot be rendered.
+    pub fn policies(&self) -> Result<Report, FrameError> {
+        let mut plans = Vec::new();
+        if self.stage.tracers.device.is_some() {
+            plans.extend(Policy::ALL.map(|policy| (policy.name(), Unit::Hybrid, policy)));
+            plans.push(("gpu alone", Unit::Gpu, Policy::RayAccelerator));
+        }
+        plans.push(("cpu, shade-first", Unit::Cpu, Policy::ShadeFirst));
+        plans.push(("cpu, ra", Unit::Cpu, Policy::RayAccelerator));
+        let contenders = plans.into_iter().map(|(name, unit, policy)| Contender {
+            name,
+            unit: self.unit_name(unit != Unit::Cpu),
+            frame: Box::new(move || {
+                let path = self.path(Shading::Lanes)?;
+                let tracers = Tracers { unit, ..self.stage.tracers.clone() };
+                let options = JobOptions { policy: Some(policy), ..JobOptions::default() };
+                self.frame(name, &path, path.clone(), tracers, options)
+            }),
+        });
+        self.measure(contenders.collect())
+    }
+
+    fn unit_name(&self, device: bool) -> String {
+        match &self.stage.adapter {
+            Some(adapter) if device => adapter.clone(),
+            _ => "cpu".to_owned(),
+        }
+    }
+
+    /// The integrator of the frame. RA's paths end by depth alone.
+    fn path(&self, shading: Shading) -> Result<Arc<Path>, FrameError> {
+        let Options { settings, camera, .. } = self.options;
+        let simd = match shading {
+            Shading::OneLane => SimdLevel::Scalar,
+            Shading::Lanes => self.simd,
+        };
+        Ok(Arc::new(Path::new(self.stage.scene.clone(), &camera, settings, None)?.with_simd(simd)))
+    }
+
+    fn configuration(&self, configuration: Configuration) -> Result<Rendered, FrameError> {
+        let cpu = Tracers::cpu(self.stage.tracers.host.clone());
+        let name = configuration.name();
+        let options = JobOptions { policy: self.options.policy, ..JobOptions::default() };
+        match configuration {
+            Configuration::SingleRay => {
+                let path = self.path(Shading::OneLane)?;
+                let started = Instant::now();
+                let rays = render_single_rays(&*path, &*self.stage.single_ray, self.service.host_threads());
+                Ok(rendered(started.elapsed().as_secs_f64(), &path, rays, Vec::new()))
+            }
+            Configuration::RaSingleRay => {
+                let path = self.path(Shading::OneLane)?;
+                let tracers = Tracers::cpu(self.stage.single_ray.clone());
+                self.frame(name, &path, Arc::new(RayByRay(path.clone())), tracers, options)
+            }
+            Configuration::RaPacket => {
+                let path = self.path(Shading::OneLane)?;
+                self.frame(name, &path, path.clone(), cpu, options)
+            }
+            Configuration::RaSimd => {
+                let path = self.path(Shading::Lanes)?;
+                self.frame(name, &path, path.clone(), cpu, options)
+            }
+            Configuration::RaHybrid => {
+                let path = self.path(Shading::Lanes)?;
+                let tracers = Tracers { unit: Unit::Hybrid, ..self.stage.tracers.clone() };
+                self.frame(name, &path, path.clone(), tracers, options)
+            }
+        }
+    }
+
+    /// Renders a frame with the scheduler.
+    fn frame<R: Renderer>(
+        &self,
+        configuration: &'static str,
+        path: &Path,
+        renderer: Arc<R>,
+        tracers: Tracers,
+        options: JobOptions,
+    ) -> Result<Rendered, FrameError> {
+        let started = Instant::now();
+        let outcome = self.service.submit(renderer, tracers, options)?.wait();
+        let seconds = started.elapsed().as_secs_f64();
+        let JobReport { rays, events, .. } =
+            outcome.map_err(|error| FrameError::Job { configuration, error })?;
+        Ok(rendered(seconds, path, rays, events))
+    }
+
+    /// Has the contenders render the frame in turns.
+    fn measure(&self, mut contenders: Vec<Contender<'_>>) -> Result<Report, FrameError> {
+        let mut seconds = vec![Vec::new(); contenders.len()];
+        let mut events = vec![Vec::new(); contenders.len()];
+        let mut first: Option<(String, RayCounts)> = None;
+        let mut differing = Vec::new();
+        for round in 0..=self.options.repeats {
+            for (i, contender) in contenders.iter_mut().enumerate() {
+                let frame = (contender.frame)()?;
+                let (hash, rays) = first.get_or_insert_with(|| (frame.hash.clone(), frame.rays));
+                if (&frame.hash, &frame.rays) != (hash, rays) {
+                    differing.push((contender.name, frame.hash));
+                }
+                for event in frame.events {
+                    if !events[i].contains(&event) {
+                        events[i].push(event);
+                    }
+                }
+                // The first round warms caches and makes streams.
+                if round > 0 {
+                    seconds[i].push(frame.seconds);
+                }
+            }
+        }
+        let (hash, rays) = first.expect("there is a round and a configuration");
+        let mut rows: Vec<Row> = Vec::new();
+        for ((contender, seconds), events) in contenders.iter().zip(seconds).zip(events) {
+            let rates = seconds.iter().map(|seconds| rays.total() as f64 / (seconds * 1e6)).collect();
+            let mray_per_s = Spread::of_rates(rates);
+            let reference = rows.first().map_or(mray_per_s.median, |row| row.mray_per_s.median);
+            let against = rows.first().map_or(contender.name, |row| row.configuration);
+            rows.push(Row {
+                configuration: contender.name,
+                unit: contender.unit.clone(),
+                threads: self.service.host_threads(),
+                simd: self.simd.name(),
+                mray_per_s,
+                seconds: Spread::of_times(seconds),
+                ratio: BTreeMap::from([(against, mray_per_s.median / reference)]),
+                hash: hash.clone(),
+                events,
+            });
+        }
+        Ok(Report { rays, rows, differing })
+    }
+}
+
+/// Who takes part.
+struct Contender<'a> {
+    name: &'static str,
+    unit: String,
+    frame: Box<dyn FnMut() -> Result<Rendered, FrameError> + 'a>,
+}
+
+fn rendered(seconds: f64, path: &Path, rays: RayCounts, events: Vec<String>) -> Rendered {
+    let film = path.film();
+    let image = Image { width: film.width(), height: film.height(), pixels: film.resolve() };
+    Rendered { seconds, rays, hash: image.hash(), events }
+}

@@ -1,0 +1,75 @@
+//! `raystream bench frame`.
+
+use super::super::Outcome;
+use super::super::args::BenchFrameArgs;
+use super::super::setup::Setup;
+use super::write;
+use crate::bench::frame::{Bench, Options, Report};
+use crate::render::Settings;
+use crate::scene::Camera;
+use anyhow::Result;
+
+/// Measures RA's ladder, or policies.
+pub fn run(args: &BenchFrameArgs) -> Result<Outcome> {
+    let setup = Setup::new(&args.scene, &args.units, 1, |scene| args.light.hang(scene))?;
+    let (width, height) = args.size;
+    let scene = &setup.stage.scene;
+    let framed = || Camera::framing(&scene.bounds(), width as f32 / height as f32);
+    let options = Options {
+        settings: Settings { width, height, spp: args.spp, max_bounces: args.max_bounces, seed: args.seed },
+        camera: args.camera.apply(scene.camera, framed),
+        repeats: args.repeats as usize,
+        policy: setup.policy,
+    };
+    let bench = Bench { stage: &setup.stage, service: &setup.service, simd: setup.simd, options };
+    let report = if args.policies { bench.policies()? } else { bench.ladder()? };
+    print(args, &report);
+    if setup.stage.tracers.device.is_none() && !args.policies {
+        eprintln!("RA HYBRID is left out: no hardware GPU is in use (name an adapter with --adapter)");
+    }
+    if let Some(path) = &args.json {
+        write(path, Some(&args.scene), &report.rows, &[])?;
+    }
+    let whole = report.differing.is_empty() && report.rows.iter().all(|row| row.events.is_empty());
+    Ok(if whole { Outcome::Done } else { Outcome::Degraded })
+}
+
+fn print(args: &BenchFrameArgs, report: &Report) {
+    let (width, height) = args.size;
+    println!(
+        "{width}x{height}, {} spp, at most {} bounces: {} rays ({} camera, {} continuation, {} shadow)",
+        args.spp,
+        args.max_bounces,
+        report.rays.total(),
+        report.rays.camera,
+        report.rays.continuation,
+        report.rays.shadow
+    );
+    println!(
+        "{:<17} {:>7} {:>9} {:>9} {:>9} {:>9} {:>6}  unit",
+        "configuration", "threads", "Mray/s", "best", "worst", "ms", "ratio"
+    );
+    for row in &report.rows {
+        println!(
+            "{:<17} {:>7} {:>9.3} {:>9.3} {:>9.3} {:>9.1} {:>6.3}  {}",
+            row.configuration,
+            row.threads,
+            row.mray_per_s.median,
+            row.mray_per_s.best,
+            row.mray_per_s.worst,
+            row.seconds.median * 1e3,
+            row.ratio.values().next().copied().unwrap_or(1.0),
+            row.unit
+        );
+        for event in &row.events {
+            eprintln!("degraded: {}: {event}", row.configuration);
+        }
+    }
+    let hash = report.rows.first().map_or("", |row| &row.hash);
+    if report.differing.is_empty() {
+        println!("all {} pictures have the hash {hash}", report.rows.len() * (args.repeats as usize + 1));
+    }
+    for (configuration, other) in &report.differing {
+        eprintln!("the pictures differ: {configuration} has the hash {other}, the first one {hash}");
+    }
+}

@@ -1,0 +1,61 @@
+//! `raystream bench`.
+
+mod build;
+mod frame;
+mod rays;
+mod schedule;
+
+use super::Outcome;
+use super::args::BenchCommand;
+use super::stats::{self, SCHEMA};
+use crate::render::Units;
+use anyhow::Result;
+use serde::Serialize;
+use std::path::Path;
+
+/// Measures what is asked for.
+pub fn run(command: &BenchCommand) -> Result<Outcome> {
+    match command {
+        BenchCommand::Rays(args) => rays::run(args).map(|()| Outcome::Done),
+        BenchCommand::Build(args) => build::run(args).map(|()| Outcome::Done),
+        BenchCommand::Frame(args) => frame::run(args),
+        BenchCommand::Schedule(args) => schedule::run(args).map(|()| Outcome::Done),
+    }
+}
+
+/// What `--json` writes.
+#[derive(Serialize)]
+struct Sheet<'a, R> {
+    schema: u32,
+    machine: Machine,
+    rows: Vec<SceneRow<'a, R>>,
+    #[serde(skip_serializing_if = "<[_]>::is_empty")]
+    agreement: &'a [crate::bench::rays::Agreement],
+}
+
+#[derive(Serialize)]
+struct Machine {
+    threads: usize,
+    simd: &'static str,
+}
+
+#[derive(Serialize)]
+struct SceneRow<'a, R> {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    scene: Option<&'a str>,
+    #[serde(flatten)]
+    row: &'a R,
+}
+
+fn write<R: Serialize>(
+    path: &Path,
+    scene: Option<&Path>,
+    rows: &[R],
+    agreement: &[crate::bench::rays::Agreement],
+) -> Result<()> {
+    let scene = scene.map(|path| path.file_name().and_then(|name| name.to_str()).unwrap_or_default());
+    let threads = std::thread::available_parallelism().map_or(1, usize::from);
+    let machine = Machine { threads, simd: Units::cpu().simd().name() };
+    let rows = rows.iter().map(|row| SceneRow { scene, row }).collect();
+    stats::write(path, &Sheet { schema: SCHEMA, machine, rows, agreement })
+}

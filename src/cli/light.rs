@@ -1,0 +1,39 @@
+//! What lights a scene besides its own lights.
+
+use super::args::{LightArgs, vector};
+use crate::scene::{Environment, Scene, load};
+use anyhow::{Result, bail};
+use glam::Vec3;
+use std::path::Path;
+
+impl LightArgs {
+    /// Hangs the environment that the flags ask for, or a white one where there would be no light at all.
+    pub fn hang(&self, scene: &mut Scene) -> Result<()> {
+        match &self.env {
+            Some(text) => {
+                scene.environment = match vector(text) {
+                    Ok(radiance) if radiance.cmpge(Vec3::ZERO).all() => Environment::Constant(radiance),
+                    Ok(radiance) => bail!("--env {radiance}: radiance is not negative"),
+                    Err(_) => {
+                        let mut map = load::environment(Path::new(text))?;
+                        map.rotation_degrees = self.env_rotation;
+                        Environment::Map(map)
+                    }
+                };
+            }
+            None if is_dark(scene) => {
+                log::warn!("the scene has no light; lit by a white environment (choose one with --env)");
+                scene.environment = Environment::Constant(Vec3::ONE);
+            }
+            None => {}
+        }
+        Ok(())
+    }
+}
+
+fn is_dark(scene: &Scene) -> bool {
+    let emits = |material: &u32| scene.materials[*material as usize].emission.is_some();
+    matches!(scene.environment, Environment::Constant(Vec3::ZERO))
+        && scene.lights.is_empty()
+        && !scene.mesh.materials.iter().any(emits)
+}

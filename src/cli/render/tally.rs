@@ -1,0 +1,76 @@
+//! What the jobs of a command did together.
+
+use crate::cli::stats::{ThreadStats, Units};
+use crate::schedule::{JobReport, RayCounts, TaskRecord, ThreadKind, ThreadReport};
+
+/// Adds up jobs that ran after or beside each other in one service.
+#[derive(Default)]
+pub struct Tally {
+    pub rays: RayCounts,
+    pub units: Units,
+    pub events: Vec<String>,
+    /// The most paths of one job.
+    pub peak_rays_in_flight: usize,
+    /// Of the job that ended last.
+    pub tail_idle_share: f64,
+    /// All tasks, one job after the other, in nanoseconds since the first job began.
+    pub timeline: Vec<TaskRecord>,
+    /// Each thread's time with tasks.
+    pub threads: Vec<ThreadReport>,
+    begin_ns: Option<u64>,
+    end_ns: u64,
+}
+
+impl Tally {
+    /// Adds a job; jobs are added in the order in which they began.
+    pub fn add(&mut self, report: &JobReport) {
+        let begin_ns = *self.begin_ns.get_or_insert(report.begin_ns);
+        self.end_ns = self.end_ns.max(report.begin_ns + (report.wall_s * 1e9) as u64);
+        self.rays.camera += report.rays.camera;
+        self.rays.continuation += report.rays.continuation;
+        self.rays.shadow += report.rays.shadow;
+        self.units.add(report);
+        for event in &report.events {
+            if !self.events.contains(event) {
+                self.events.push(event.clone());
+            }
+        }
+        self.peak_rays_in_flight = self.peak_rays_in_flight.max(report.max_in_flight);
+        self.tail_idle_share = report.tail_idle_share;
+        self.timeline.extend(report.timeline.iter().map(|task| {
+            let mut task = *task;
+            task.start_ns += report.begin_ns - begin_ns;
+            task.end_ns += report.begin_ns - begin_ns;
+            task
+        }));
+        if self.threads.is_empty() {
+            self.threads.clone_from(&report.threads);
+        } else {
+            for (sum, thread) in self.threads.iter_mut().zip(&report.threads) {
+                sum.busy_s += thread.busy_s;
+            }
+        }
+    }
+
+    /// Seconds from the first job's first turn to the last job's end.
+    pub fn wall_s(&self) -> f64 {
+        (self.end_ns - self.begin_ns.unwrap_or(self.end_ns)) as f64 * 1e-9
+    }
+
+    /// Each thread's time with a task of any job, and without.
+    pub fn thread_stats(&self) -> Vec<ThreadStats> {
+        let wall_s = self.wall_s();
+        let idle_s = |thread: &ThreadReport| (wall_s - thread.busy_s).max(0.0);
+        self.threads
+            .iter()
+            .map(|thread| ThreadStats { idle_s: idle_s(thread), ..ThreadStats::of(thread) })
+            .collect()
+    }
+
+    /// Share of the host threads' time that they had a task.
+    pub fn busy_share(&self) -> f64 {
+        let hosts = || self.threads.iter().filter(|thread| thread.kind == ThreadKind::Host);
+        let busy_s: f64 = hosts().map(|thread| thread.busy_s).sum();
+        busy_s / (hosts().count() as f64 * self.wall_s()).max(f64::MIN_POSITIVE)
+    }
+}

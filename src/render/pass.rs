@@ -1,0 +1,138 @@
+//! Which of a frame's samples a job takes.
+
+use std::ops::Range;
+use std::sync::Arc;
+
+/// Side of a block, pixels.
+pub const BLOCK: u32 = 32;
+
+/// Blocks whose camera rays are spawned together: RA's tiles of 128² pixels.
+const TILE_BLOCKS: usize = 16;
+
+/// A picture divided into blocks of [`BLOCK`]² pixels, fewer at its right and lower edges: the places
+/// about which it is decided whether more samples are needed. Numbered row by row.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Blocks {
+    width: u32,
+    height: u32,
+}
+
+impl Blocks {
+    /// Of a picture of `width` × `height` pixels.
+    pub fn new(width: u32, height: u32) -> Self {
+        Self { width, height }
+    }
+
+    /// How many there are.
+    pub fn count(self) -> usize {
+        self.columns() as usize * self.height.div_ceil(BLOCK) as usize
+    }
+
+    fn columns(self) -> u32 {
+        self.width.div_ceil(BLOCK)
+    }
+
+    /// Columns and rows of a block's pixels.
+    pub fn pixels(self, block: u32) -> (Range<u32>, Range<u32>) {
+        let (left, top) = (block % self.columns() * BLOCK, block / self.columns() * BLOCK);
+        (left..(left + BLOCK).min(self.width), top..(top + BLOCK).min(self.height))
+    }
+
+    /// All blocks, those of a square of 4 × 4 after each other: camera rays that start together go alike.
+    pub fn in_order(self) -> Arc<[u32]> {
+        let mut blocks: Vec<u32> = (0..self.count() as u32).collect();
+        blocks.sort_by_key(|block| {
+            let (x, y) = (block % self.columns(), block / self.columns());
+            (y / 4, x / 4, y, x)
+        });
+        blocks.into()
+    }
+}
+
+/// The samples of a frame that one job takes: the same ones in each of some blocks.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Pass {
+    blocks: Arc<[u32]>,
+    samples: Range<u32>,
+}
+
+impl Pass {
+    /// Takes `samples` in each pixel of `blocks`.
+    pub fn new(blocks: Arc<[u32]>, samples: Range<u32>) -> Self {
+        Self { blocks, samples }
+    }
+
+    /// Where samples are taken.
+    pub fn blocks(&self) -> &[u32] {
+        &self.blocks
+    }
+
+    /// Which samples of a pixel.
+    pub fn samples(&self) -> Range<u32> {
+        self.samples.clone()
+    }
+
+    /// Tiles over all blocks, once for each sample.
+    pub(super) fn tiles(&self) -> u64 {
+        self.tiles_per_sample() as u64 * self.samples.len() as u64
+    }
+
+    fn tiles_per_sample(&self) -> usize {
+        self.blocks.len().div_ceil(TILE_BLOCKS)
+    }
+
+    /// A tile's blocks and the sample that it takes.
+    pub(super) fn tile(&self, tile: u64) -> (&[u32], u32) {
+        let per_sample = self.tiles_per_sample() as u64;
+        let start = (tile % per_sample) as usize * TILE_BLOCKS;
+        let end = (start + TILE_BLOCKS).min(self.blocks.len());
+        (&self.blocks[start..end], self.samples.start + (tile / per_sample) as u32)
+    }
+
+    /// The most pixels of a tile; at least 1.
+    pub(super) fn tile_rays(&self, blocks: Blocks) -> usize {
+        let pixels = |&block: &u32| {
+            let (columns, rows) = blocks.pixels(block);
+            columns.len() * rows.len()
+        };
+        let tiles = self.blocks.chunks(TILE_BLOCKS).map(|tile| tile.iter().map(pixels).sum());
+        tiles.max().unwrap_or(1)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_pass_takes_each_sample_of_each_pixel_once() {
+        for (width, height) in [(1, 1), (33, 31), (300, 200), (128, 128)] {
+            let blocks = Blocks::new(width, height);
+            let pass = Pass::new(blocks.in_order(), 5..8);
+            let mut taken = vec![0; (width * height) as usize];
+            let most = pass.tile_rays(blocks);
+            for tile in 0..pass.tiles() {
+                let (places, sample) = pass.tile(tile);
+                let mut rays = 0;
+                for &block in places {
+                    let (columns, rows) = blocks.pixels(block);
+                    for (x, y) in rows.flat_map(|y| columns.clone().map(move |x| (x, y))) {
+                        taken[(y * width + x) as usize] += 1 << (4 * (sample - 5));
+                        rays += 1;
+                    }
+                }
+                assert!(rays <= most && most <= 128 * 128, "{rays} of at most {most}");
+            }
+            assert!(taken.iter().all(|&count| count == 0x111), "{width}x{height}");
+        }
+    }
+
+    #[test]
+    fn nothing_is_taken_where_nothing_is_wanted() {
+        let blocks = Blocks::new(64, 64);
+        assert_eq!(Pass::new([].into(), 0..9).tiles(), 0);
+        assert_eq!(Pass::new(blocks.in_order(), 4..4).tiles(), 0);
+        let pass = Pass::new([2].into(), 4..5);
+        assert_eq!((pass.tiles(), pass.tile(0), pass.tile_rays(blocks)), (1, (&[2][..], 4), 1024));
+    }
+}

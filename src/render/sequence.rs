@@ -1,0 +1,91 @@
+//! Several frames, or passes of one, in flight.
+
+use crate::schedule::{JobError, JobHandle, JobReport, Progress};
+use std::collections::VecDeque;
+use std::time::Duration;
+
+/// Jobs in flight whose results are wanted in the order in which they were begun (RA section 6, "several
+/// frames in flight"): while the last paths of one frame end, the camera rays of the next keep the threads
+/// busy. What belongs to a job, its integrator for instance, travels with it.
+///
+/// Memory is bounded by the number in flight: each job has streams and a film of its own. Use it with a
+/// service of at least as many `max_jobs` that shares by [`crate::schedule::Sharing::FirstIn`], so that
+/// earlier frames get all threads they can use.
+///
+/// ```
+/// use raystream::render::{Integrator, Path, Sequence, Settings, Stage, Units};
+/// use raystream::scene::{Camera, Environment, Scene, recipe::Recipe};
+/// use raystream::schedule::{JobOptions, Service, ServiceOptions, Sharing};
+/// use std::sync::Arc;
+///
+/// let recipe = Recipe::parse(r#"{ "environment": [1, 1, 1], "materials": { "grey": { "colour": [0.5, 0.5, 0.5] } },
+///     "shapes": [ { "shape": "sphere", "centre": [0, 0, 0], "radius": 1, "cells": 8, "material": "grey" } ] }"#)?;
+/// let stage = Stage::new(Arc::new(recipe.build()?), &Units::cpu());
+/// let options = ServiceOptions { host_threads: 2, max_jobs: 3, sharing: Sharing::FirstIn, ..Default::default() };
+/// let service = Service::new(options)?;
+/// let camera = Camera::framing(&stage.scene.bounds(), 1.0);
+/// let settings = Settings { width: 32, height: 32, spp: 1, max_bounces: 2, seed: 0 };
+/// let still = Path::new(stage.scene.clone(), &camera, settings, None)?;
+///
+/// let mut cameras = (0..5).map(|frame| Camera { fov_degrees: 20.0 + frame as f32, ..camera });
+/// let mut sequence = Sequence::new(3);
+/// let mut pictures = Vec::new();
+/// loop {
+///     while sequence.has_room() && let Some(camera) = cameras.next() {
+///         let frame = Arc::new(still.seen_by(&camera)?);
+///         sequence.push(service.submit(frame.clone(), stage.tracers.clone(), JobOptions::default())?, frame);
+///     }
+///     let Some((frame, report)) = sequence.pop() else { break };
+///     report?;
+///     pictures.push(frame.film().resolve());
+/// }
+/// assert_eq!(pictures.len(), 5);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Default)]
+pub struct Sequence<T> {
+    under_way: VecDeque<(JobHandle, T)>,
+    in_flight: usize,
+}
+
+impl<T> Sequence<T> {
+    /// Keeps at most `in_flight` jobs, at least one, in flight.
+    pub fn new(in_flight: usize) -> Self {
+        Self { under_way: VecDeque::new(), in_flight: in_flight.max(1) }
+    }
+
+    /// Whether one more job may be begun.
+    pub fn has_room(&self) -> bool {
+        self.under_way.len() < self.in_flight
+    }
+
+    /// Takes in a job that has been submitted, with what belongs to it.
+    ///
+    /// # Panics
+    /// Unless [`Sequence::has_room`].
+    pub fn push(&mut self, job: JobHandle, what: T) {
+        assert!(self.has_room(), "at most {} jobs are in flight", self.in_flight);
+        self.under_way.push_back((job, what));
+    }
+
+    /// Waits at most that long for the oldest job; returns whether it has ended, or there is none.
+    pub fn wait_for(&self, patience: Duration) -> bool {
+        self.under_way.front().is_none_or(|(job, _)| job.wait_for(patience))
+    }
+
+    /// Waits for the oldest job and takes it out; none if there is none.
+    pub fn pop(&mut self) -> Option<(T, Result<JobReport, JobError>)> {
+        let (job, what) = self.under_way.pop_front()?;
+        Some((what, job.wait()))
+    }
+
+    /// Has all jobs spawn no more tiles and finish what is in flight.
+    pub fn stop(&self) {
+        self.under_way.iter().for_each(|(job, _)| job.stop());
+    }
+
+    /// How far each job is, the oldest first.
+    pub fn progress(&self) -> impl Iterator<Item = Progress> {
+        self.under_way.iter().map(|(job, _)| job.progress())
+    }
+}
