@@ -20,13 +20,20 @@ fn trace_any(@builtin(global_invocation_id) id: vec3<u32>) {
     var stack: array<u32, STACK_SIZE>;
     var height = 0u;
     var reference = 0u;
+    // The member whose tree is gone through, and how much of the stack is above that.
+    var inside = false;
+    var member: Member;
+    var bottom = 0u;
     loop {
         // Down to a leaf.
         loop {
             if (reference & LEAF) != 0u {
                 break;
             }
-            let node = nodes[reference];
+            var node = node_at(reference);
+            if MEMBERS && inside {
+                node = moved_node(member, node);
+            }
             let left = outer(ray, node.left_min, node.left_max);
             let right = outer(ray, node.right_min, node.right_max);
             let hit_left = left.enter <= min(left.leave, ray.t_max) && left.leave >= ray.t_min;
@@ -41,6 +48,7 @@ fn trace_any(@builtin(global_invocation_id) id: vec3<u32>) {
             } else {
                 reference = NOWHERE;
                 if height > 0u {
+                    inside = inside && height > bottom;
                     height -= 1u;
                     reference = stack[height];
                 }
@@ -50,10 +58,21 @@ fn trace_any(@builtin(global_invocation_id) id: vec3<u32>) {
             break;
         }
 
+        if MEMBERS && !inside {
+            member = members[reference & ~LEAF];
+            inside = true;
+            bottom = height;
+            reference = member.root;
+            continue;
+        }
+
         // Through the leaf.
         var index = reference & ~LEAF;
         loop {
-            let triangle = triangles[index];
+            var triangle = triangle_at(index);
+            if MEMBERS {
+                triangle = moved_triangle(member, triangle);
+            }
             let verdict = judge(ray, triangle);
             if verdict.kind == CERTAIN {
                 answer = OCCLUDED;
@@ -70,6 +89,7 @@ fn trace_any(@builtin(global_invocation_id) id: vec3<u32>) {
         }
         reference = NOWHERE;
         if height > 0u {
+            inside = inside && height > bottom;
             height -= 1u;
             reference = stack[height];
         }

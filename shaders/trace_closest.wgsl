@@ -29,13 +29,20 @@ fn trace_closest(@builtin(global_invocation_id) id: vec3<u32>) {
     var enters: array<f32, STACK_SIZE>;
     var height = 0u;
     var reference = 0u;
+    // The member whose tree is gone through, and how much of the stack is above that.
+    var inside = false;
+    var member: Member;
+    var bottom = 0u;
     loop {
         // Down to a leaf.
         loop {
             if (reference & LEAF) != 0u {
                 break;
             }
-            let node = nodes[reference];
+            var node = node_at(reference);
+            if MEMBERS && inside {
+                node = moved_node(member, node);
+            }
             let left = outer(ray, node.left_min, node.left_max);
             let right = outer(ray, node.right_min, node.right_max);
             let hit_left = left.enter <= min(left.leave, limit) && left.leave >= ray.t_min;
@@ -54,6 +61,7 @@ fn trace_closest(@builtin(global_invocation_id) id: vec3<u32>) {
                     if height == 0u {
                         break;
                     }
+                    inside = inside && height > bottom;
                     height -= 1u;
                     if enters[height] <= limit {
                         reference = stack[height];
@@ -66,10 +74,21 @@ fn trace_closest(@builtin(global_invocation_id) id: vec3<u32>) {
             break;
         }
 
+        if MEMBERS && !inside {
+            member = members[reference & ~LEAF];
+            inside = true;
+            bottom = height;
+            reference = member.root;
+            continue;
+        }
+
         // Through the leaf.
         var index = reference & ~LEAF;
         loop {
-            let triangle = triangles[index];
+            var triangle = triangle_at(index);
+            if MEMBERS {
+                triangle = moved_triangle(member, triangle);
+            }
             let verdict = judge(ray, triangle);
             if verdict.kind != REFUSED && verdict.low <= limit {
                 if verdict.kind == CERTAIN {
@@ -94,6 +113,7 @@ fn trace_closest(@builtin(global_invocation_id) id: vec3<u32>) {
             if height == 0u {
                 break;
             }
+            inside = inside && height > bottom;
             height -= 1u;
             if enters[height] <= limit {
                 reference = stack[height];

@@ -32,6 +32,19 @@ struct Triangle {
     extent: f32,
 }
 
+// A tree placed in the world: the columns of the matrix that moves it there, its root, as a child reference, and what
+// is added to its primitives.
+struct Member {
+    x: vec3<f32>,
+    root: u32,
+    y: vec3<f32>,
+    first: u32,
+    z: vec3<f32>,
+    spare_0: u32,
+    shift: vec3<f32>,
+    spare_1: u32,
+}
+
 // What may be the nearest hit of a ray: the canonical one is among up to three primitives in order
 // of distance (MISS where there are fewer), unless what was left out may be as near: that is not
 // nearer than `rest` (LARGEST_FLOAT when nothing was left out).
@@ -52,8 +65,8 @@ struct Params {
     spare: u32,
 }
 
-@group(0) @binding(0) var<storage, read> nodes: array<Node>;
-@group(0) @binding(1) var<storage, read> triangles: array<Triangle>;
+// Group 0 binds nodes and triangles, in pages, and members: `trace/gpu/pages.rs` declares them and the functions
+// `node_at` and `triangle_at`. If MEMBERS, leaves above the members' trees are members, by index.
 @group(1) @binding(0) var<storage, read> rays: array<Ray>;
 @group(1) @binding(1) var<uniform> params: Params;
 // Binding 2 of group 1 takes the answers of each kernel.

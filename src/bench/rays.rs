@@ -1,10 +1,10 @@
 //! `raystream bench rays`: our tracer at each SIMD level beside the scalar reference, obvhs and
-//! Embree, on the same rays, in one process, in rounds that take turns.
+//! Embree, and a device, on the same rays, in one process, in rounds that take turns.
 
 use super::embree::{Embree, EmbreeError, EmbreeRays, EmbreeScene, Mode};
 use super::{Kind, Spread, Workload};
 use crate::bvh::Bvh;
-use crate::stream::{Hit, Ray, Tracer};
+use crate::stream::{DeviceError, DeviceTracer, Hit, Queries, Ray, Tracer};
 use crate::trace::cpu::{CpuTracer, Oracle, SimdLevel, SingleRayTracer};
 use glam::{Vec3, Vec3A};
 use obvhs::cwbvh::CwBvh;
@@ -67,7 +67,7 @@ pub struct Row {
     /// How fast: millions of rays per second over the rounds.
     pub mray_per_s: Spread,
     /// Ratio of medians against each of: `embree` (its best mode), `embree_robust` (its best robust
-    /// mode), `obvhs`, `scalar`.
+    /// mode), `obvhs`, `scalar`, and, where a device takes part, `cpu` (our tracer's best level).
     pub ratio: BTreeMap<&'static str, f64>,
 }
 
@@ -106,17 +106,30 @@ struct Unit<'a> {
     round: Box<dyn FnMut() -> f64 + 'a>,
 }
 
-/// Measures every unit on every kind of ray. `bvh` must have been built from these triangles.
+/// Why there are no results.
+#[derive(Debug, thiserror::Error)]
+pub enum BenchError {
+    /// Embree was asked for and is not there.
+    #[error(transparent)]
+    Embree(#[from] EmbreeError),
+    /// The device is lost.
+    #[error(transparent)]
+    Device(#[from] DeviceError),
+}
+
+/// Measures every unit on every kind of ray. `bvh` must have been built from these triangles, and `device`, if any, traces
+/// them.
 ///
 /// # Errors
-/// When Embree was asked for and is not there.
+/// When Embree was asked for and is not there, or the device is lost.
 pub fn run(
     bvh: &Arc<Bvh>,
     positions: &[Vec3],
     triangles: &[[u32; 3]],
     workload: &Workload,
+    device: Option<&dyn DeviceTracer>,
     options: &Options,
-) -> Result<Report, EmbreeError> {
+) -> Result<Report, BenchError> {
     let mut report = Report::default();
     let threads = options.threads.iter().copied().max().unwrap_or(1);
     let embree = options.embree.as_deref().map(|path| Embree::load(path, threads)).transpose()?;
@@ -134,6 +147,9 @@ pub fn run(
         for &kind in &options.kinds {
             let rays = workload.rays(kind);
             let mut units = our_units(bvh, rays, kind, clock, options);
+            if let Some(device) = device {
+                units.push(device_unit(device, rays, kind, clock)?);
+            }
             units.extend(embree_units(&scenes, rays, kind, clock, options.stream_rays));
             let few: Vec<Ray> = rays.chunks(1024).step_by(8).flatten().copied().collect();
             if let Some(obvhs) = &obvhs {
@@ -209,6 +225,39 @@ fn our_units<'a>(
         }
     }
     units
+}
+
+/// A device, whole streams at a time: from rays in host memory to canonical hits there.
+fn device_unit<'a>(
+    device: &'a dyn DeviceTracer,
+    rays: &'a [Ray],
+    kind: Kind,
+    clock: Clock<'a>,
+) -> Result<Unit<'a>, DeviceError> {
+    let (mut hits, mut occluded) = (vec![Hit::NONE; rays.len()], vec![0; rays.len()]);
+    let most = device.max_rays();
+    let mut trace = move || -> Result<(), DeviceError> {
+        let none: &[Ray] = &[];
+        if kind.is_any_hit() {
+            let streams = rays.par_chunks(most).zip(occluded.par_chunks_mut(most));
+            return streams.try_for_each(|(shadow_rays, occluded)| {
+                device.trace(Queries { rays: none, hits: &mut [], shadow_rays, occluded }).map(drop)
+            });
+        }
+        let streams = rays.par_chunks(most).zip(hits.par_chunks_mut(most));
+        streams.try_for_each(|(rays, hits)| {
+            device.trace(Queries { rays, hits, shadow_rays: none, occluded: &mut [] }).map(drop)
+        })
+    };
+    // A loss shows before anything is timed; one that comes later makes the round endless, that is, its speed 0.
+    trace()?;
+    let round = move || {
+        let mut lost = false;
+        let seconds = clock.seconds(|| lost = trace().is_err());
+        if lost { f64::INFINITY } else { seconds }
+    };
+    let name = format!("gpu: {}", device.name());
+    Ok(Unit { name, simd: None, robust: true, rays: rays.len(), round: Box::new(round) })
 }
 
 fn embree_units<'a>(
@@ -317,6 +366,7 @@ fn measure(mut units: Vec<Unit<'_>>, kind: Kind, threads: usize, rounds: usize) 
         ("embree_robust", best(&|u| u.name.starts_with("embree") && u.robust)),
         ("obvhs", best(&|u| u.name == "obvhs")),
         ("scalar", best(&|u| u.name == "scalar")),
+        ("cpu", best(&|u| u.name == "raystream").filter(|_| units.iter().any(|u| u.name.starts_with("gpu")))),
     ];
     let row = |(unit, speed): (&Unit<'_>, &Spread)| Row {
         kind,
@@ -386,7 +436,8 @@ mod tests {
             assert!(workload.rays(kind).len() > 100, "{kind:?}");
         }
         let options = Options { rounds: 2, threads: vec![1, 2], ..Options::default() };
-        let report = run(&bvh, &positions, &triangles, &workload, &options).expect("no Embree asked for");
+        let report =
+            run(&bvh, &positions, &triangles, &workload, None, &options).expect("no Embree asked for");
         assert_eq!(report.rows.len(), 2 * 5 * (2 * SimdLevel::available().len() + 2));
         for row in &report.rows {
             let Spread { median, best, worst } = row.mray_per_s;
@@ -394,7 +445,7 @@ mod tests {
             assert!(row.ratio["scalar"] > 0.0 && !row.ratio.contains_key("embree"));
         }
         let missing = Options { embree: Some("nowhere.so".into()), ..options };
-        let error = run(&bvh, &positions, &triangles, &workload, &missing).expect_err("no such file");
+        let error = run(&bvh, &positions, &triangles, &workload, None, &missing).expect_err("no such file");
         assert!(error.to_string().starts_with("nowhere.so: cannot use this"));
     }
 }

@@ -11,7 +11,7 @@ use bytemuck::{Pod, Zeroable};
 pub struct BinaryNode {
     /// Lowest corner of the box around the primitives below.
     pub min: [f32; 3],
-    /// Index of the right child; of the primitive for a leaf.
+    /// Index of the right child; of the primitive, or of the member, for a leaf.
     pub index: u32,
     /// Highest corner of the box.
     pub max: [f32; 3],
@@ -38,10 +38,12 @@ pub struct Binary {
 }
 
 impl Binary {
-    pub(super) fn of(tree: &Tree) -> Self {
+    /// `index` gives the index of a leaf for a reference of the tree.
+    pub(super) fn of(tree: &Tree, index: impl Fn(u32) -> u32) -> Self {
         let Some(root) = tree.root() else { return Self::default() };
         let mut nodes = vec![BinaryNode::default(); 2 * root.count as usize - 1];
         fill(tree, root, &mut nodes, 0);
+        nodes.iter_mut().filter(|node| node.is_leaf()).for_each(|leaf| leaf.index = index(leaf.index));
         Self { nodes }
     }
 

@@ -29,6 +29,9 @@ pub enum GeometryError {
         /// In the tree.
         expected: usize,
     },
+    /// The tree is put together of others.
+    #[error("a tree of placed trees cannot be refitted; build it anew")]
+    Assembled,
     /// A triangle names a vertex that is not there.
     #[error("triangle {triangle} names vertex {vertex}, but there are {count} vertices")]
     Vertex {

@@ -1,11 +1,13 @@
 //! Triangles → [`Bvh`]: the eight-wide tree with blocks of triangles that the CPU traces, made of a
 //! binary tree built by the surface area heuristic. Knows no scene and no ray.
 
+mod assembly;
 mod binary;
 mod block;
 mod collapse;
 mod filter;
 mod geometry;
+mod numbering;
 mod pages;
 mod plan;
 mod reference;
@@ -14,17 +16,21 @@ mod sah;
 mod validate;
 mod wide;
 
+pub use assembly::Member;
 pub use binary::{Binary, BinaryNode};
 pub use block::{BLOCK_TRIANGLES, Block, MASKED};
 pub use filter::Filter;
 pub use geometry::GeometryError;
+pub use numbering::Numbering;
 pub use sah::MAX_DEPTH;
 pub use validate::BvhError;
 pub use wide::{Child, WIDTH, Wide, WideNode};
 
 use crate::geom::Aabb;
+use assembly::Assembly;
 use glam::Vec3;
 use sah::Tree;
+use std::sync::Arc;
 
 /// Where a triangle lies: block index in the upper bits, row in the lower three.
 #[derive(Clone, Copy, Debug, Default)]
@@ -57,7 +63,8 @@ impl<M: Fn(u32) -> bool + Sync> Shape for Indexed<'_, M> {
     }
 }
 
-/// A bounding volume hierarchy over the triangles of a scene, with all that tracers need of them.
+/// A bounding volume hierarchy over the triangles of a scene, with all that tracers need of them: a tree of
+/// triangles, or a tree of such trees ([`Bvh::assemble`]).
 ///
 /// Holds 70 to 80 bytes a triangle. While it is built it needs 64 bytes a triangle more, and nothing
 /// that grows faster. Boxes are exact: each is the smallest around its triangles.
@@ -66,6 +73,8 @@ pub struct Bvh {
     wide: Wide,
     places: Vec<Place>,
     bounds: Aabb,
+    numbering: Numbering,
+    assembly: Option<Assembly>,
 }
 
 impl Bvh {
@@ -85,13 +94,33 @@ impl Bvh {
         let tree = Tree::build(triangles.len(), |primitive| shape.corners(primitive));
         let (wide, places) = collapse::collapse(&tree, &shape);
         let bounds = tree.root().map_or(Aabb::EMPTY, |root| tree.bounds(root));
-        Self { wide, places, bounds }
+        Self { wide, places, bounds, numbering: Numbering::default(), assembly: None }
     }
 
-    /// The binary tree, one primitive a leaf. Built anew at each call, for it would take as much memory
+    /// The tree with other primitive ids.
+    ///
+    /// # Panics
+    /// If it is an assembly.
+    pub fn numbered(mut self, numbering: Numbering) -> Self {
+        assert!(self.assembly.is_none(), "the ids of an assembly are its members'");
+        for block in self.wide.blocks.iter_mut() {
+            for row in 0..block.len() {
+                let place = self.numbering.place(block.primitive(row)) as u32;
+                block.ids[row] = numbering.primitive(place) | block.ids[row] & MASKED;
+            }
+        }
+        Self { numbering, ..self }
+    }
+
+    /// The binary tree, one primitive a leaf, or one member if there are members. Built anew at each call, for it would take as much memory
     /// as all the rest.
     pub fn binary(&self) -> Binary {
-        Binary::of(&Tree::build(self.len(), |primitive| self.corners(primitive)))
+        let corners = |place: u32| match self.members().get(place as usize) {
+            Some(Member { bounds, .. }) => [bounds.min, bounds.max, bounds.min],
+            None => self.corners(self.numbering.primitive(place)),
+        };
+        let count = if self.assembly.is_some() { self.members().len() } else { self.len() };
+        Binary::of(&Tree::build(count, corners), |place| self.numbering.primitive(place))
     }
 
     /// The box around all triangles.
@@ -109,7 +138,11 @@ impl Bvh {
     pub fn cost(&self) -> f32 {
         let node_cost = |node: &WideNode| -> f32 {
             let slots = (0..WIDTH).filter(|&slot| node.children[slot] != Child::NONE);
-            slots.map(|slot| plan::child_cost(&node.bounds(slot), node.children[slot])).sum()
+            let child_cost = |bounds: Aabb, child: Child| match self.members().get(child.index()) {
+                Some(member) if child.is_block() => bounds.half_area() * member.tree.cost(),
+                _ => plan::child_cost(&bounds, child),
+            };
+            slots.map(|slot| child_cost(node.bounds(slot), node.children[slot])).sum()
         };
         let below: f32 = self.wide.nodes().iter().map(node_cost).sum();
         if self.is_empty() { 0.0 } else { plan::NODE_COST + below / self.bounds.half_area() }
@@ -117,12 +150,12 @@ impl Bvh {
 
     /// Number of triangles.
     pub fn len(&self) -> usize {
-        self.places.len()
+        self.assembly.as_ref().map_or(self.places.len(), |assembly| assembly.triangles)
     }
 
     /// Whether there are no triangles.
     pub fn is_empty(&self) -> bool {
-        self.places.is_empty()
+        self.len() == 0
     }
 
     /// Largest absolute coordinate of all triangles, which [`crate::geom::CanonicalRay::new`] wants.
@@ -135,8 +168,13 @@ impl Bvh {
     /// # Panics
     /// If there is no such primitive.
     pub fn corners(&self, primitive: u32) -> [Vec3; 3] {
-        let (block, row) = self.place(primitive);
-        block.corners(row)
+        let Some(assembly) = &self.assembly else {
+            let (block, row) = self.place(primitive);
+            return block.corners(row);
+        };
+        let owner = assembly.owner(primitive);
+        let corners = owner.tree.corners(primitive - owner.first);
+        owner.placement.map_or(corners, |placement| corners.map(|corner| placement.point(corner)))
     }
 
     /// Whether the filter has a say in hits of this triangle.
@@ -144,17 +182,27 @@ impl Bvh {
     /// # Panics
     /// If there is no such primitive.
     pub fn is_masked(&self, primitive: u32) -> bool {
-        let (block, row) = self.place(primitive);
-        block.is_masked(row)
+        let Some(assembly) = &self.assembly else {
+            let (block, row) = self.place(primitive);
+            return block.is_masked(row);
+        };
+        let owner = assembly.owner(primitive);
+        owner.tree.is_masked(primitive - owner.first)
     }
 
-    /// Bytes on the heap.
+    /// Bytes on the heap; a tree that several members share counts once.
     pub fn bytes(&self) -> usize {
-        size_of_val(self.wide.nodes()) + size_of_val(self.wide.blocks()) + size_of_val(self.places.as_slice())
+        let own = size_of_val(self.wide.nodes())
+            + size_of_val(self.wide.blocks())
+            + size_of_val(self.places.as_slice());
+        let mut trees: Vec<_> = self.members().iter().map(|member| &member.tree).collect();
+        trees.sort_unstable_by_key(|tree| Arc::as_ptr(tree));
+        trees.dedup_by_key(|tree| Arc::as_ptr(tree));
+        own + trees.into_iter().map(|tree| tree.bytes()).sum::<usize>()
     }
 
     fn place(&self, primitive: u32) -> (&Block, usize) {
-        let place = self.places[primitive as usize].0 as usize;
+        let place = self.places[self.numbering.place(primitive)].0 as usize;
         (&self.wide.blocks[place / BLOCK_TRIANGLES], place % BLOCK_TRIANGLES)
     }
 }

@@ -11,6 +11,9 @@ impl Bvh {
     /// # Errors
     /// Why not.
     pub fn accepts(&self, positions: &[Vec3], triangles: &[[u32; 3]]) -> Result<(), GeometryError> {
+        if self.assembly.is_some() {
+            return Err(GeometryError::Assembled);
+        }
         if triangles.len() != self.len() {
             return Err(GeometryError::Triangles { found: triangles.len(), expected: self.len() });
         }
@@ -26,14 +29,15 @@ impl Bvh {
     /// When the arguments do not fit; the tree is then as it was.
     pub fn refit(&mut self, positions: &[Vec3], triangles: &[[u32; 3]]) -> Result<(), GeometryError> {
         self.accepts(positions, triangles)?;
-        let blocks = &mut self.wide.blocks;
+        let (blocks, numbering) = (&mut self.wide.blocks, &self.numbering);
         let bounds: Vec<Aabb> = blocks
             .par_iter_mut()
             .with_min_len(1 << 8)
             .map(|block| {
                 let mut bounds = Aabb::EMPTY;
                 for row in 0..block.len() {
-                    let corners = triangles[block.primitive(row) as usize].map(|i| positions[i as usize]);
+                    let place = numbering.place(block.primitive(row));
+                    let corners = triangles[place].map(|i| positions[i as usize]);
                     block.set_corners(row, corners);
                     bounds = bounds.union(Aabb::around(corners));
                 }

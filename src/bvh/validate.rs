@@ -53,8 +53,40 @@ impl Bvh {
     /// # Errors
     /// The first promise found broken.
     pub fn validate(&self) -> Result<(), BvhError> {
+        if self.assembly.is_some() {
+            return self.validate_members();
+        }
         self.validate_binary()?;
         self.validate_wide()
+    }
+
+    /// Members' trees, and that the boxes above hold every moved triangle.
+    fn validate_members(&self) -> Result<(), BvhError> {
+        let tree = "top";
+        let everything = Aabb { min: glam::Vec3::NEG_INFINITY, max: glam::Vec3::INFINITY };
+        let mut found = vec![0; self.members().len()];
+        let mut stack = vec![(0, everything)];
+        while let Some((node, outer)) = stack.pop() {
+            let inner = &self.wide.nodes()[node];
+            for slot in (0..WIDTH).filter(|&slot| inner.children[slot] != Child::NONE) {
+                let (child, bounds) = (inner.children[slot], inner.bounds(slot));
+                if !outer.contains(&bounds) {
+                    return Err(BvhError::Box { tree, node, child: slot });
+                }
+                if !child.is_block() {
+                    stack.push((child.index(), bounds));
+                    continue;
+                }
+                found[child.index()] += 1;
+                let member = &self.members()[child.index()];
+                for place in 0..member.tree.len() as u32 {
+                    let primitive = member.first + member.tree.numbering.primitive(place);
+                    self.validate_triangle(tree, primitive, &bounds)?;
+                }
+            }
+        }
+        self.members().iter().try_for_each(|member| member.tree.validate())?;
+        once_each(tree, &found)
     }
 
     fn validate_binary(&self) -> Result<(), BvhError> {
@@ -64,7 +96,7 @@ impl Bvh {
         let mut found = vec![0; self.len()];
         for (node, parent) in nodes.iter().enumerate() {
             if parent.is_leaf() {
-                found[parent.index as usize] += 1;
+                found[self.numbering.place(parent.index)] += 1;
                 self.validate_triangle(tree, parent.index, &parent.bounds())?;
                 continue;
             }
@@ -102,7 +134,7 @@ impl Bvh {
                 let block = &self.wide.blocks()[child.index()];
                 assert_eq!(block.len(), child.triangles(), "block {}", child.index());
                 for row in 0..child.triangles() {
-                    found[block.primitive(row) as usize] += 1;
+                    found[self.numbering.place(block.primitive(row))] += 1;
                     self.validate_triangle(tree, block.primitive(row), &bounds)?;
                 }
             }

@@ -24,9 +24,10 @@ fn print_adapters() {
         println!("adapter:      {adapter}");
         println!("  driver:         {}", adapter.driver);
         println!(
-            "  storage buffer: {} MiB bound, {} MiB in all",
+            "  storage buffer: {} MiB bound, {} MiB in all, {} to a kernel",
             adapter.max_binding_bytes >> 20,
-            adapter.max_buffer_bytes >> 20
+            adapter.max_buffer_bytes >> 20,
+            adapter.max_storage_bindings
         );
         println!("  subgroup:       {} to {} threads", adapter.subgroup.0, adapter.subgroup.1);
         println!("  shared memory:  {}", if adapter.shared_memory { "yes" } else { "no" });

@@ -257,6 +257,10 @@ pub struct GpuStats {
     pub retraced: u64,
     /// Rays of a sample that the CPU traced again, to catch a device that answers wrongly.
     pub checked: u64,
+    /// Of `busy_s`, seconds between streams being full and being submitted.
+    pub sending_s: f64,
+    /// Of `busy_s`, seconds between being submitted and answers being readable.
+    pub waiting_s: f64,
 }
 
 /// Rays of one depth.
@@ -323,6 +327,8 @@ impl Units {
         self.gpu.flagged += report.gpu.flagged;
         self.gpu.retraced += report.gpu.retraced;
         self.gpu.checked += report.gpu.checked;
+        self.gpu.sending_s += report.gpu.sending_s;
+        self.gpu.waiting_s += report.gpu.waiting_s;
         self.cpu.mray_per_s = rate(self.cpu.rays, self.cpu.busy_s);
         self.gpu.mray_per_s = rate(self.gpu.rays, self.gpu.busy_s);
     }

@@ -4,6 +4,7 @@
 mod aabb;
 mod canonical;
 mod frame;
+mod placement;
 mod sampler;
 pub mod warp;
 
@@ -11,5 +12,6 @@ pub use aabb::Aabb;
 pub use canonical::{CanonicalHit, CanonicalRay, MAX_COORDINATE};
 pub(crate) use canonical::{DIRECTION_RANGE, MIN_COMPONENT, SLACK};
 pub use frame::Frame;
+pub use placement::Placement;
 pub use sampler::Sampler;
 pub(crate) use sampler::mix;

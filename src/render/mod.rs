@@ -12,6 +12,7 @@ mod single_ray;
 mod stage;
 #[cfg(test)]
 mod tests;
+mod tree;
 mod units;
 mod whitted;
 
@@ -25,5 +26,6 @@ pub use ray_by_ray::RayByRay;
 pub use sequence::Sequence;
 pub use single_ray::render_single_rays;
 pub use stage::Stage;
+pub use tree::{WORTH_SAVING, build as build_tree};
 pub use units::{UnitChoice, Units, UnitsError};
 pub use whitted::{DirectLight, WHITTED_BOUNCES, Whitted, WhittedState};

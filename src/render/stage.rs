@@ -1,6 +1,6 @@
 //! A scene made ready: its tree and the units that trace it.
 
-use super::Units;
+use super::{Units, tree};
 use crate::bvh::{Bvh, Filter};
 use crate::scene::{AlphaMode, Scene};
 use crate::schedule::Tracers;
@@ -34,10 +34,9 @@ impl Stage {
     /// Builds the tree and the tracers. A GPU that cannot take the scene is no error: the CPU does its
     /// work, and [`Stage::degraded`] says why.
     pub fn new(scene: Arc<Scene>, units: &Units) -> Self {
-        let masked: Vec<bool> = scene.materials.iter().map(|m| m.alpha.mode != AlphaMode::Opaque).collect();
-        let is_masked = |primitive: u32| masked[scene.mesh.materials[primitive as usize] as usize];
-        let bvh = Arc::new(Bvh::build(&scene.mesh.positions, &scene.mesh.triangles, is_masked));
-        let filter = masked.contains(&true).then(|| scene.clone() as Arc<dyn Filter>);
+        let is_masked = scene.materials.iter().any(|m| m.alpha.mode != AlphaMode::Opaque);
+        let bvh = Arc::new(tree::build(&scene, tree::WORTH_SAVING));
+        let filter = is_masked.then(|| scene.clone() as Arc<dyn Filter>);
         let host = CpuTracer::new(bvh.clone(), filter.clone(), units.simd());
         let host: Arc<dyn Tracer> = Arc::new(host.expect("the units have checked the instruction set"));
         let single_ray = SingleRayTracer::new(bvh.clone(), filter.clone(), units.simd());

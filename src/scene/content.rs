@@ -8,7 +8,8 @@ impl Scene {
     /// XXH3 (64 bits) of all that a picture of the scene depends on, as hexadecimal digits: scenes with
     /// the same hash look, in practice, the same from every camera.
     pub fn content_hash(&self) -> String {
-        let Self { mesh, materials, textures, lights, environment, camera: _, warnings: _ } = self;
+        // What is shown several times is in the mesh as well.
+        let Self { mesh, materials, textures, lights, environment, camera: _, warnings: _, shapes: _ } = self;
         let mut hash = Hash(Xxh3::new());
         let Mesh { positions, normals, uvs, tangents, triangles, materials: by_triangle } = mesh;
         hash.column(positions);

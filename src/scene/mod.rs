@@ -5,6 +5,7 @@ mod camera;
 mod camera_path;
 mod content;
 mod environment;
+mod instance;
 mod light;
 pub mod load;
 mod material;
@@ -15,6 +16,7 @@ mod texture;
 pub use camera::{Camera, CameraError, Lens};
 pub use camera_path::{CameraPath, CameraPathError};
 pub use environment::{Environment, EnvironmentMap};
+pub use instance::{Instance, Shape};
 pub use light::{Light, LightShape};
 pub use material::{Alpha, AlphaMode, Colour, Emission, Material, NormalMap, Principled, Scalar, Surface};
 pub use mesh::{MAX_TRIANGLES, Mesh, MeshError};
@@ -33,6 +35,8 @@ use crate::lanes::Num;
 pub struct Scene {
     /// All triangles, instances flattened, in file order.
     pub mesh: Mesh,
+    /// Geometry that the mesh has several moved copies of.
+    pub shapes: Vec<Shape>,
     /// Materials that [`Mesh::materials`] names.
     pub materials: Vec<Material>,
     /// Textures that materials name.

@@ -244,6 +244,8 @@ impl<R: Renderer> TypedJob<R> {
                 gpu.flagged += report.flagged;
                 gpu.retraced += report.retraced;
                 gpu.checked += report.checked;
+                gpu.sending_s += report.sending_ns as f64 * 1e-9;
+                gpu.waiting_s += report.waiting_ns as f64 * 1e-9;
                 self.lists.put_back_dispatched(stream);
                 hold.rays
             }

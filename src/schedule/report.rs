@@ -107,6 +107,10 @@ pub struct UnitReport {
     pub retraced: u64,
     /// Rays of the device traced again by the CPU as a check.
     pub checked: u64,
+    /// Of `busy_s`, seconds until streams were submitted to the device.
+    pub sending_s: f64,
+    /// Of `busy_s`, seconds from there until answers could be read.
+    pub waiting_s: f64,
 }
 
 /// What kind of thread.

@@ -42,6 +42,10 @@ pub struct DeviceReport {
     pub retraced: u64,
     /// Rays traced again by the CPU to see whether the device can be trusted.
     pub checked: u64,
+    /// Nanoseconds from full streams to submitted work.
+    pub sending_ns: u64,
+    /// Nanoseconds from submitted work to readable answers.
+    pub waiting_ns: u64,
 }
 
 impl std::ops::AddAssign for DeviceReport {
@@ -50,6 +54,8 @@ impl std::ops::AddAssign for DeviceReport {
         self.flagged += other.flagged;
         self.retraced += other.retraced;
         self.checked += other.checked;
+        self.sending_ns += other.sending_ns;
+        self.waiting_ns += other.waiting_ns;
     }
 }
 

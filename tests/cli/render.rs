@@ -137,6 +137,8 @@ fn statistics_and_timelines_are_complete() {
         "/mpath_per_s",
         "/units/cpu/busy_s",
         "/units/gpu/bytes_copied",
+        "/units/gpu/sending_s",
+        "/units/gpu/waiting_s",
         "/units/gpu/flagged",
         "/units/gpu/retraced",
         "/threads/0/idle_s",

@@ -1,6 +1,8 @@
 //! The GPU tracer against the definition, on any adapter there is: these tests fail without one.
 #![cfg(feature = "gpu")]
 
+#[path = "../tracing/crowd.rs"]
+mod crowd;
 mod exact;
 mod failure;
 mod faults;
@@ -8,6 +10,7 @@ mod faults;
 mod meshes;
 #[path = "../tracing/rays.rs"]
 mod rays;
+mod soak;
 
 use meshes::Mesh;
 use raystream::bvh::{Bvh, Filter};
@@ -33,7 +36,12 @@ fn open() -> Arc<Gpu> {
 
 /// The reference and the GPU tracer over a mesh; every fourth triangle is masked when asked.
 fn tracers(gpu: &Arc<Gpu>, mesh: &Mesh, masked: bool) -> (Oracle, GpuTracer) {
-    let bvh = Arc::new(Bvh::build(&mesh.positions, &mesh.triangles, |p| masked && p % 4 == 1));
+    let bvh = Bvh::build(&mesh.positions, &mesh.triangles, |p| masked && p % 4 == 1);
+    tracers_of(gpu, Arc::new(bvh))
+}
+
+/// The same over a tree.
+fn tracers_of(gpu: &Arc<Gpu>, bvh: Arc<Bvh>) -> (Oracle, GpuTracer) {
     let filter: Option<Arc<dyn Filter>> = Some(Arc::new(Stripes));
     let oracle = Oracle::new(bvh.clone(), filter.clone());
     let tracer = GpuTracer::new(gpu.clone(), bvh, filter, Arc::new(oracle.clone())).expect("the scene fits");

@@ -6,6 +6,7 @@ mod folder;
 mod gltf;
 mod gltf_broken;
 mod gltf_materials;
+mod instances;
 mod mangled;
 mod mtl;
 mod obj;

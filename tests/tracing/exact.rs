@@ -9,7 +9,7 @@ use raystream::trace::cpu::{CpuTracer, Oracle, SimdLevel, SingleRayTracer};
 use std::sync::Arc;
 
 /// Lets light through in a pattern.
-struct Stripes;
+pub struct Stripes;
 
 impl Filter for Stripes {
     fn accepts(&self, primitive: u32, u: f32, v: f32) -> bool {
@@ -47,6 +47,11 @@ fn bits(hit: &Hit) -> [u32; 4] {
 /// Traces `rays` with every tracer and compares all answers with the definition.
 fn check(name: &str, mesh: &Mesh, rays: &[Ray], filter: Option<Arc<dyn Filter>>) {
     let bvh = Arc::new(Bvh::build(&mesh.positions, &mesh.triangles, is_masked));
+    check_tree(name, mesh, bvh, rays, filter);
+}
+
+/// The same with this tree over the triangles.
+pub fn check_tree(name: &str, mesh: &Mesh, bvh: Arc<Bvh>, rays: &[Ray], filter: Option<Arc<dyn Filter>>) {
     let expected: Vec<Hit> = rays.iter().map(|r| by_definition(mesh, r, filter.as_deref())).collect();
     let hit_count = expected.iter().filter(|h| !h.is_miss()).count();
     assert!(hit_count * 10 > rays.len(), "{name}: only {hit_count} hits");

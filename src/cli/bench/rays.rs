@@ -4,15 +4,29 @@ use super::super::args::BenchRaysArgs;
 use super::write;
 use crate::bench::rays::{Options, Report, run as measure};
 use crate::bench::{Kind, Workload};
-use crate::render::{Stage, Units};
+use crate::render::{Stage, UnitChoice, Units};
 use crate::scene::{Camera, load};
-use anyhow::Result;
+use crate::schedule::Unit;
+use crate::trace::cpu::SimdLevel;
+use anyhow::{Result, bail};
 use std::sync::Arc;
 
-/// Measures the CPU tracer beside its peers.
+/// Measures the CPU tracer beside its peers, and a GPU if one is named.
 pub fn run(args: &BenchRaysArgs) -> Result<()> {
-    let units = Units::cpu();
+    let units = match &args.adapter {
+        None => Units::cpu(),
+        adapter => Units::open(&UnitChoice {
+            unit: Some(Unit::Hybrid),
+            adapter: adapter.clone(),
+            simd: SimdLevel::detect(),
+            #[cfg(feature = "gpu")]
+            fault: None,
+        })?,
+    };
     let stage = Stage::new(Arc::new(load::load(&args.scene)?), &units);
+    if let Some(reason) = &stage.degraded {
+        bail!("{reason}");
+    }
     let (width, height) = args.size;
     let bounds = stage.scene.bounds();
     let framed = || Camera::framing(&bounds, width as f32 / height as f32);
@@ -25,7 +39,8 @@ pub fn run(args: &BenchRaysArgs) -> Result<()> {
         ..Options::default()
     };
     let mesh = &stage.scene.mesh;
-    let report = measure(&stage.bvh, &mesh.positions, &mesh.triangles, &workload, &options)?;
+    let device = stage.tracers.device.as_deref();
+    let report = measure(&stage.bvh, &mesh.positions, &mesh.triangles, &workload, device, &options)?;
     print(&report, &workload);
     match &args.json {
         Some(path) => write(path, Some(&args.scene), &report.rows, &report.agreement),

@@ -298,6 +298,12 @@ impl DeviceTracer for FakeDevice {
         }
         self.ledger.trace(rays, hits);
         self.ledger.trace_shadows(shadow_rays, occluded);
-        Ok(DeviceReport { bytes_copied: 48 * rays.len() as u64, flagged: 1, retraced: 1, checked: 1 })
+        Ok(DeviceReport {
+            bytes_copied: 48 * rays.len() as u64,
+            flagged: 1,
+            retraced: 1,
+            checked: 1,
+            ..DeviceReport::default()
+        })
     }
 }

@@ -11,6 +11,7 @@
 //! 6. Both arrays of pairs hold `len` pairs and, after `reserve`, as many more as asked for.
 #![allow(unsafe_code)]
 
+use super::space::Space;
 use super::stream::{Job, OctantStack, PADDING, Row, fetch};
 use super::triangle::{Faces, Slabs};
 use crate::bvh::{Child, WIDTH};
@@ -91,7 +92,14 @@ impl Pairs {
 /// Visits the topmost pairs of nodes: tests each ray with the eight boxes of its node and pushes pairs
 /// for those it enters, the nearest last.
 #[inline(always)]
-pub(super) fn visit<E: Lanes>(e: E, job: &Job<'_>, octant: usize, stack: &mut OctantStack) {
+pub(super) fn visit<E: Lanes, S: Space>(
+    e: E,
+    space: S,
+    job: &Job<'_>,
+    octant: usize,
+    stack: &mut OctantStack,
+) {
+    let by = space.order(octant);
     let [nodes, blocks] = &mut stack.pairs;
     let count = nodes.len.min(NODES);
     nodes.len -= count;
@@ -106,17 +114,19 @@ pub(super) fn visit<E: Lanes>(e: E, job: &Job<'_>, octant: usize, stack: &mut Oc
         for i in 0..NODES {
             (taken[i], at[i]) = (*ids.add(i), *children.add(i));
         }
-        let order = e.load_ids(LANES_BY_ORDER[octant].as_ptr());
+        let order = e.load_ids(LANES_BY_ORDER[by].as_ptr());
         for i in 0..count {
             let node = job.nodes.get_unchecked(bytemuck::cast::<u32, Child>(at[i]).index());
             let row = &*job.rows.byte_add(taken[i] as usize).cast_const();
             let Row { inverse, shift, slack, limit } = *row;
             let slabs = Slabs::new(e, splat(e, inverse), splat(e, shift), e.splat(slack));
-            let entered = slabs.enters_any(e, &Faces::of(node, octant), e.splat(limit));
+            let mut room = [[[0.0; WIDTH]; 3]; 2];
+            let faces = Faces::of(space.boxes(e, node, &mut room), octant);
+            let entered = slabs.enters_any(e, &faces, e.splat(limit));
             let bits: &[f32; WIDTH] = bytemuck::cast_ref(&node.children);
             let leaves = e.signs(load_one(e, bits));
             let children = e.permute_ids(e.load_ids(bits.as_ptr().cast()), order);
-            let to_order = &MASKS_BY_ORDER[octant];
+            let to_order = &MASKS_BY_ORDER[by];
             let inner = to_order[(entered & !leaves) as usize].into();
             nodes.push_children(e, taken[i], inner, children);
             let leaves = to_order[(entered & leaves) as usize].into();

@@ -4,26 +4,31 @@
 #![allow(unsafe_code)]
 
 use super::alone::BLOCKS;
+use super::space::{Space, triangle};
 use super::stream::{Answers, Job, ROW_BYTES, Row, lanes_of};
-use super::triangle::{Hits, Passing, Range, Slabs, Vector, test};
-use crate::bvh::{Block, Child, MASKED};
-use crate::lanes::{Lanes, load, spill, splat, splat_row};
+use super::triangle::{Hits, Passing, Range, Slabs, test};
+use crate::bvh::{Block, Child, MASKED, WIDTH};
+use crate::lanes::{Lanes, spill, splat};
 use crate::stream::{Hit, Ray};
 
-/// Tests all rays of a list with the first `count` triangles of a block, many rays to a register.
+/// Tests all rays of a list with the triangles of a block, of which there are `count`, many rays to a register.
 ///
 /// # Safety
 /// `list` is a list of `len` ids (invariants 1 and 2), and all its rays are of the octant.
 #[inline(always)]
-pub(super) unsafe fn many<L: Lanes, const ANY: bool>(
+#[allow(clippy::too_many_arguments)]
+pub(super) unsafe fn many<L: Lanes, E: Lanes, S: Space, const ANY: bool>(
     l: L,
+    e: E,
+    space: S,
     job: &Job<'_>,
-    block: &Block,
-    count: usize,
+    (block, count): (&Block, usize),
     octant: usize,
     list: *const u32,
     len: usize,
 ) {
+    let mut room = [[[0.0; WIDTH]; 3]; 3];
+    let corners = space.corners(e, block, &mut room);
     let mut at = 0;
     while at < len {
         // SAFETY: invariant 2.
@@ -41,27 +46,23 @@ pub(super) unsafe fn many<L: Lanes, const ANY: bool>(
         }
         let mut nearest = Nearest::none(l);
         for k in 0..count {
-            let triangle = [
-                splat_row(l, &block.vertices[0], k),
-                splat_row(l, &block.vertices[1], k),
-                splat_row(l, &block.vertices[2], k),
-            ];
+            let (triangle, id) = (triangle(l, corners, k), space.id(block.ids[k]));
             let Some(hits) = test(l, among, &[ox, oy, oz], [dx, dy, dz], &triangle, &range) else {
                 continue;
             };
             if hits.mask == 0 {
                 continue;
             }
-            let plain = block.ids[k] & MASKED == 0;
+            let plain = id & MASKED == 0;
             if ANY && plain {
                 nearest.changed |= hits.mask;
                 among &= !hits.mask;
             } else if plain && l.eq(hits.mask, hits.t, range.limit) == 0 {
-                nearest.take(l, block.ids[k], &hits);
+                nearest.take(l, id, &hits);
                 range.limit = l.select(hits.mask, hits.t, range.limit);
             } else {
                 // SAFETY: as the caller vouches.
-                let taken = unsafe { offer_each::<L, ANY>(l, job, ids, block.ids[k], &hits, &mut nearest) };
+                let taken = unsafe { offer_each::<L, ANY>(l, job, ids, id, &hits, &mut nearest) };
                 range.limit = l.select(taken, hits.t, range.limit);
                 among &= if ANY { !taken } else { !0 };
             }
@@ -164,8 +165,9 @@ unsafe fn offer_each<L: Lanes, const ANY: bool>(
 /// These are `len` ≤ [`BLOCKS`] pairs (invariant 1 for the ids, 4 for the blocks), and all rays are of the
 /// octant.
 #[inline(always)]
-pub(super) unsafe fn few<L: Lanes, const ANY: bool>(
+pub(super) unsafe fn few<L: Lanes, S: Space, const ANY: bool>(
     l: L,
+    space: S,
     job: &Job<'_>,
     octant: usize,
     ids: *const u32,
@@ -178,7 +180,7 @@ pub(super) unsafe fn few<L: Lanes, const ANY: bool>(
     for i in 0..len {
         // SAFETY: as the caller vouches.
         let (ray, block, among) = unsafe { pair::<L>(job, ids, children, i) };
-        let triangle = triangles(l, block);
+        let triangle = space.triangles(l, block);
         let inside =
             Passing::of(l, &splat(l, ray.origin), splat(l, ray.direction), &triangle).inside(l, among);
         passing[some] = i;
@@ -198,7 +200,9 @@ pub(super) unsafe fn few<L: Lanes, const ANY: bool>(
         let (t_min, limit) = (l.splat(ray.t_min.max(0.0)), l.splat(limit));
         let range = Range { slabs: &slabs, octant, t_min, limit };
         let (origin, direction) = (splat(l, ray.origin), splat(l, ray.direction));
-        let Some(hits) = test(l, among, &origin, direction, &triangles(l, block), &range) else { continue };
+        let Some(hits) = test(l, among, &origin, direction, &space.triangles(l, block), &range) else {
+            continue;
+        };
         if hits.mask == 0 {
             continue;
         }
@@ -208,7 +212,8 @@ pub(super) unsafe fn few<L: Lanes, const ANY: bool>(
             let lane = left.trailing_zeros() as usize & 7;
             left &= left - 1;
             // SAFETY: invariant 1.
-            let taken = unsafe { job.offer::<ANY>(id, block.ids[lane], ts[lane], us[lane], vs[lane]) };
+            let taken =
+                unsafe { job.offer::<ANY>(id, space.id(block.ids[lane]), ts[lane], us[lane], vs[lane]) };
             if ANY && taken {
                 break;
             }
@@ -233,12 +238,6 @@ unsafe fn pair<'a, L: Lanes>(
         let ray = &*job.rays.byte_add(*ids.add(i) as usize);
         (ray, job.blocks.get_unchecked(child.index()), lanes_of::<L>(child.triangles()))
     }
-}
-
-/// All triangles of a block in lanes.
-#[inline(always)]
-pub(super) fn triangles<L: Lanes>(l: L, block: &Block) -> [Vector<L>; 3] {
-    [load(l, &block.vertices[0]), load(l, &block.vertices[1]), load(l, &block.vertices[2])]
 }
 
 impl Job<'_> {

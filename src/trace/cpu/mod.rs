@@ -4,10 +4,12 @@
 mod alone;
 mod kernel;
 mod leaf;
+mod members;
 mod oracle;
 mod packet;
 mod setup;
 mod single;
+mod space;
 mod stream;
 mod tracer;
 mod triangle;

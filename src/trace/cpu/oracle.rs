@@ -1,6 +1,6 @@
 //! The scalar reference.
 
-use crate::bvh::{Bvh, Child, Filter, WIDTH};
+use crate::bvh::{Bvh, Child, Filter, Member, WIDTH};
 use crate::geom::{Aabb, CanonicalHit, CanonicalRay};
 use crate::stream::{Hit, Ray, Tracer};
 use std::sync::Arc;
@@ -84,35 +84,45 @@ impl Oracle {
     /// Calls `visit` for hits of which none nearer than, or as near as, the nearest is left out.
     /// `visit` answers how far the search still has to look, or that it is over.
     fn traverse(&self, ray: &Ray, mut visit: impl FnMut(Hit) -> Option<f32>) {
-        let wide = self.bvh.wide();
+        let members = self.bvh.members();
         let ray = self.prepare(ray);
         let mut limit = ray.t_max;
-        let mut stack = Vec::with_capacity(WIDTH * wide.depth());
-        stack.push((Child::ROOT, 0.0));
-        while let Some((at, enter)) = stack.pop() {
+        let mut stack: Vec<(Option<&Member>, Child, f32)> =
+            Vec::with_capacity(WIDTH * self.bvh.wide().depth());
+        stack.push((None, Child::ROOT, 0.0));
+        while let Some((member, at, enter)) = stack.pop() {
             if enter > limit {
                 continue;
             }
+            if at.is_block() && member.is_none() && !members.is_empty() {
+                stack.push((Some(&members[at.index()]), Child::ROOT, enter));
+                continue;
+            }
+            let (wide, first, placement) = match member {
+                Some(member) => (member.tree.wide(), member.first, member.placement),
+                None => (self.bvh.wide(), 0, None),
+            };
             if at.is_block() {
                 let block = &wide.blocks()[at.index()];
                 for row in 0..at.triangles() {
-                    let Some(hit) = self.test(&ray, block.primitive(row)) else { continue };
+                    let Some(hit) = self.test(&ray, first + block.primitive(row)) else { continue };
                     let Some(new_limit) = visit(hit) else { return };
                     limit = limit.min(new_limit);
                 }
                 continue;
             }
             let node = &wide.nodes()[at.index()];
-            let first = stack.len();
+            let below = stack.len();
             for (slot, &child) in node.children.iter().enumerate() {
-                let Aabb { min, max } = node.bounds(slot);
+                let bounds = node.bounds(slot);
+                let Aabb { min, max } = placement.map_or(bounds, |placement| placement.bounds(&bounds));
                 let (enter, leave) = ray.slab(min, max);
                 if enter <= leave && enter <= limit && leave >= ray.t_min && child != Child::NONE {
-                    stack.push((child, enter));
+                    stack.push((member, child, enter));
                 }
             }
             // The nearest child goes on top.
-            stack[first..].sort_unstable_by(|a, b| b.1.total_cmp(&a.1));
+            stack[below..].sort_unstable_by(|a, b| b.2.total_cmp(&a.2));
         }
     }
 }

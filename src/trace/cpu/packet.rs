@@ -278,7 +278,7 @@ impl<W: Lanes, E: Lanes, const ANY: bool> Packets<'_, W, E, ANY> {
             let node = job.nodes.get_unchecked(at.child.index());
             let ids = stack.ids.as_mut_ptr();
             let list = ids.add(at.start as usize);
-            let faces = Faces::of(node, octant);
+            let faces = Faces::of(&node.faces, octant);
             let planes = Planes::new(e, origin, &faces, octant);
             let mut ends: [*mut u32; WIDTH] =
                 std::array::from_fn(|slot| ids.add(begin_of(base, stride, octant, slot)));
@@ -516,7 +516,7 @@ impl Triangles {
 
 /// Three columns out of eight lanes.
 #[inline(always)]
-fn keep<E: Lanes>(e: E, [x, y, z]: Vector<E>) -> [[f32; WIDTH]; 3] {
+pub(super) fn keep<E: Lanes>(e: E, [x, y, z]: Vector<E>) -> [[f32; WIDTH]; 3] {
     const { assert!(E::LANES == WIDTH) };
     let mut columns = [[0.0; WIDTH]; 3];
     // SAFETY: each column has eight numbers, as many as there are lanes.

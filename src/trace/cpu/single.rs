@@ -7,14 +7,14 @@
 //! 2. Children of nodes are in range: `Bvh::build` made them, and slots of `Child::NONE` have inverted
 //!    boxes, which no ray enters.
 //! 3. The stack has room for eight entries for each inner node on the longest way down, and one more: a
-//!    visit takes one entry and leaves at most eight.
+//!    visit takes one entry and leaves at most eight. Over members there is as much again for the deepest.
 #![allow(unsafe_code)]
 
-use super::leaf::triangles;
+use super::space::{Own, Space, World};
 use super::stream::lanes_of;
-use super::triangle::{Faces, Range, Slabs, test};
+use super::triangle::{Faces, Range, Slabs, Vector, test};
 use super::{SimdError, SimdLevel};
-use crate::bvh::{Bvh, Child, Filter, MASKED, WIDTH};
+use crate::bvh::{Block, Bvh, Child, Filter, MASKED, WIDTH, Wide};
 use crate::geom::CanonicalRay;
 use crate::lanes::{Lanes, Plain, spill, splat};
 use crate::stream::{Hit, Ray, Tracer};
@@ -60,7 +60,9 @@ impl SingleRayTracer {
     fn dispatch<const ANY: bool>(&self, rays: &[Ray], answer: impl FnMut(usize, Hit)) {
         let tree = Tree { bvh: &self.bvh, filter: self.filter.as_deref() };
         STACK.with_borrow_mut(|stack| {
-            let most = WIDTH * self.bvh.wide().depth() + 1;
+            let room = |bvh: &Bvh| WIDTH * bvh.wide().depth() + 1;
+            let below = self.bvh.members().iter().map(|member| room(&member.tree)).max();
+            let most = room(&self.bvh) + below.unwrap_or(0);
             if stack.len() < most {
                 stack.resize(most, Entry { child: Child::ROOT, enter: 0.0 });
             }
@@ -108,25 +110,93 @@ unsafe fn trace<E: Lanes, const ANY: bool>(
     }
 }
 
+/// A ray on its way.
+struct Query<'a, E: Lanes> {
+    tree: Tree<'a>,
+    slabs: Slabs<E>,
+    octant: usize,
+    origin: Vector<E>,
+    direction: Vector<E>,
+    t_min: E::F,
+}
+
 /// # Safety
 /// Invariant 3.
 #[inline(always)]
 unsafe fn one<E: Lanes, const ANY: bool>(e: E, tree: Tree<'_>, ray: &Ray, stack: &mut [Entry]) -> Hit {
-    let Tree { bvh, filter } = tree;
-    let (nodes, blocks) = (bvh.wide().nodes(), bvh.wide().blocks());
-    let ray = CanonicalRay::new(ray.origin, ray.t_min, ray.direction, ray.t_max, bvh.scene_max_abs());
-    let slabs = Slabs::of(e, &ray);
-    let octant = (0..3).map(|axis| usize::from(ray.inverse[axis].is_sign_negative()) << axis).sum::<usize>();
-    let (origin, direction) = (splat(e, ray.origin.to_array()), splat(e, ray.direction.to_array()));
-    let t_min = e.splat(ray.t_min);
+    let wide = tree.bvh.wide();
+    let ray = CanonicalRay::new(ray.origin, ray.t_min, ray.direction, ray.t_max, tree.bvh.scene_max_abs());
+    let query = Query {
+        tree,
+        slabs: Slabs::of(e, &ray),
+        octant: (0..3).map(|axis| usize::from(ray.inverse[axis].is_sign_negative()) << axis).sum(),
+        origin: splat(e, ray.origin.to_array()),
+        direction: splat(e, ray.direction.to_array()),
+        t_min: e.splat(ray.t_min),
+    };
     let mut best = Hit { t: ray.t_max, ..Hit::NONE };
+    // SAFETY: as the caller vouches.
+    unsafe {
+        if tree.bvh.members().is_empty() {
+            let triangles = Triangles { space: World, blocks: wide.blocks() };
+            walk::<E, _, _, ANY>(e, World, wide, &triangles, &query, stack, &mut best);
+        } else {
+            walk::<E, _, _, ANY>(e, World, wide, &Members, &query, stack, &mut best);
+        }
+    }
+    if best.is_miss() { Hit::NONE } else { best }
+}
+
+/// What the leaves of a tree are.
+trait Leaves {
+    /// Visits one: takes nearer hits, says whether the search is over.
+    ///
+    /// # Safety
+    /// Invariants 2 for the child and 3 for the stack, which nothing is on.
+    unsafe fn visit<E: Lanes, const ANY: bool>(
+        &self,
+        e: E,
+        child: Child,
+        query: &Query<'_, E>,
+        stack: &mut [Entry],
+        best: &mut Hit,
+    ) -> bool;
+}
+
+/// Blocks of triangles.
+struct Triangles<'a, S> {
+    space: S,
+    blocks: &'a [Block],
+}
+
+/// The members of a tree of placed trees.
+struct Members;
+
+/// Goes down a tree, nearest children first; says whether the search is over.
+///
+/// # Safety
+/// Invariants 2 and 3, and what `leaves` asks of the stack above.
+#[inline(always)]
+unsafe fn walk<E: Lanes, S: Space, V: Leaves, const ANY: bool>(
+    e: E,
+    space: S,
+    wide: &Wide,
+    leaves: &V,
+    query: &Query<'_, E>,
+    stack: &mut [Entry],
+    best: &mut Hit,
+) -> bool {
+    let nodes = wide.nodes();
+    let (stack, rest) = stack.split_at_mut(WIDTH * wide.depth() + 1);
     let (stack, mut top) = (stack.as_mut_ptr(), 0);
     let mut child = Child::ROOT;
     loop {
         if !child.is_block() {
             // SAFETY: invariant 2.
             let node = unsafe { nodes.get_unchecked(child.index()) };
-            let (enter, leave) = slabs.cross_each(e, &Faces::of(node, octant), e.splat(best.t));
+            let mut room = [[[0.0; WIDTH]; 3]; 2];
+            let faces = Faces::of(space.boxes(e, node, &mut room), query.octant);
+            let (enter, leave) = query.slabs.cross_each(e, &faces, e.splat(best.t));
             let mut entered = e.le(0xff, enter, leave);
             if entered.is_power_of_two() {
                 child = node.children[entered.trailing_zeros() as usize & 7];
@@ -152,36 +222,13 @@ unsafe fn one<E: Lanes, const ANY: bool>(e: E, tree: Tree<'_>, ray: &Ray, stack:
                     *stack.add(at) = entry;
                 }
             }
-        } else {
-            // SAFETY: invariant 2.
-            let block = unsafe { blocks.get_unchecked(child.index()) };
-            let range = Range { slabs: &slabs, octant, t_min, limit: e.splat(best.t) };
-            let among = lanes_of::<E>(child.triangles());
-            if let Some(hits) = test(e, among, &origin, direction, &triangles(e, block), &range)
-                && hits.mask != 0
-            {
-                let (ts, us, vs) = (spill(e, hits.t), spill(e, hits.u), spill(e, hits.v));
-                let mut left = hits.mask;
-                while left != 0 {
-                    let lane = left.trailing_zeros() as usize & 7;
-                    left &= left - 1;
-                    let (t, u, v, stored) = (ts[lane], us[lane], vs[lane], block.ids[lane]);
-                    let primitive = stored & !MASKED;
-                    let nearer = t < best.t || t == best.t && primitive < best.primitive;
-                    let refused =
-                        || stored & MASKED != 0 && filter.is_some_and(|f| !f.accepts(primitive, u, v));
-                    if nearer && !refused() {
-                        best = Hit { t, u, v, primitive };
-                        if ANY {
-                            return best;
-                        }
-                    }
-                }
-            }
+        // SAFETY: as the caller vouches.
+        } else if unsafe { leaves.visit::<E, ANY>(e, child, query, rest, best) } {
+            return true;
         }
         child = loop {
             if top == 0 {
-                return if best.is_miss() { Hit::NONE } else { best };
+                return false;
             }
             top -= 1;
             // SAFETY: invariant 3; it was written.
@@ -190,6 +237,78 @@ unsafe fn one<E: Lanes, const ANY: bool>(e: E, tree: Tree<'_>, ray: &Ray, stack:
                 break entry.child;
             }
         };
+    }
+}
+
+impl<S: Space> Leaves for Triangles<'_, S> {
+    #[inline(always)]
+    unsafe fn visit<E: Lanes, const ANY: bool>(
+        &self,
+        e: E,
+        child: Child,
+        query: &Query<'_, E>,
+        _: &mut [Entry],
+        best: &mut Hit,
+    ) -> bool {
+        let Query { slabs, octant, t_min, .. } = query;
+        // SAFETY: invariant 2.
+        let block = unsafe { self.blocks.get_unchecked(child.index()) };
+        let range = Range { slabs, octant: *octant, t_min: *t_min, limit: e.splat(best.t) };
+        let among = lanes_of::<E>(child.triangles());
+        let triangles = self.space.triangles(e, block);
+        let Some(hits) = test(e, among, &query.origin, query.direction, &triangles, &range) else {
+            return false;
+        };
+        if hits.mask == 0 {
+            return false;
+        }
+        let (ts, us, vs) = (spill(e, hits.t), spill(e, hits.u), spill(e, hits.v));
+        let mut left = hits.mask;
+        while left != 0 {
+            let lane = left.trailing_zeros() as usize & 7;
+            left &= left - 1;
+            let (t, u, v, stored) = (ts[lane], us[lane], vs[lane], self.space.id(block.ids[lane]));
+            let primitive = stored & !MASKED;
+            let nearer = t < best.t || t == best.t && primitive < best.primitive;
+            let refused =
+                || stored & MASKED != 0 && query.tree.filter.is_some_and(|f| !f.accepts(primitive, u, v));
+            if nearer && !refused() {
+                *best = Hit { t, u, v, primitive };
+                if ANY {
+                    return true;
+                }
+            }
+        }
+        false
+    }
+}
+
+impl Leaves for Members {
+    #[inline(always)]
+    unsafe fn visit<E: Lanes, const ANY: bool>(
+        &self,
+        e: E,
+        child: Child,
+        query: &Query<'_, E>,
+        stack: &mut [Entry],
+        best: &mut Hit,
+    ) -> bool {
+        let member = &query.tree.bvh.members()[child.index()];
+        let wide = member.tree.wide();
+        // SAFETY: as the caller vouches.
+        unsafe {
+            match &member.placement {
+                None => {
+                    let triangles = Triangles { space: World, blocks: wide.blocks() };
+                    walk::<E, _, _, ANY>(e, World, wide, &triangles, query, stack, best)
+                }
+                Some(placement) => {
+                    let own = Own::new(placement, member.first, query.octant);
+                    let triangles = Triangles { space: own, blocks: wide.blocks() };
+                    walk::<E, _, _, ANY>(e, own, wide, &triangles, query, stack, best)
+                }
+            }
+        }
     }
 }
 

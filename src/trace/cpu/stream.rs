@@ -18,8 +18,9 @@
 
 use super::alone::{Pairs, SHORT};
 use super::packet::{self, Packet};
+use super::space::{Space, World};
 use super::triangle::{Faces, Slabs};
-use super::{alone, leaf, setup};
+use super::{alone, leaf, members, setup};
 use crate::bvh::{Block, Bvh, Child, Filter, WIDTH, WideNode};
 use crate::lanes::{Lanes, prefetch};
 use crate::stream::{Hit, Ray};
@@ -91,9 +92,12 @@ pub(super) struct Scratch {
     pub rows: Vec<Row>,
     pub packets: Vec<Packet>,
     pub stacks: [OctantStack; 8],
+    /// For the members of a tree of trees.
+    pub below: OctantStack,
 }
 
 /// A sub-stream in the works.
+#[derive(Clone, Copy)]
 pub(super) struct Job<'a> {
     pub nodes: &'a [WideNode],
     pub blocks: &'a [Block],
@@ -115,11 +119,12 @@ pub(super) enum Answers {
     Occluded(*mut u32),
 }
 
-/// Traces `rays` and writes `answers`, which are as many and hold misses. `ANY` says which they are.
+/// Traces `rays` and writes `answers`, which are as many and hold misses. `ANY` says which they are, `MEMBERS` whether
+/// the tree has members.
 ///
 /// `rays_in_lanes` tests several rays at once, `children_in_lanes` one ray with eight triangles.
 #[inline(always)]
-pub(super) fn trace<W: Lanes, E: Lanes, const ANY: bool>(
+pub(super) fn trace<W: Lanes, E: Lanes, const ANY: bool, const MEMBERS: bool>(
     (w, e): (W, E),
     bvh: &Bvh,
     filter: Option<&dyn Filter>,
@@ -129,12 +134,10 @@ pub(super) fn trace<W: Lanes, E: Lanes, const ANY: bool>(
 ) {
     const { assert!(W::LANES <= PADDING && E::LANES == WIDTH) };
     let wide = bvh.wide();
-    let Scratch { rows, packets, stacks } = scratch;
-    // A visit takes one entry, leaves at most eight and may write one more.
-    let entries = (WIDTH - 1) * wide.depth() + WIDTH + 2;
+    let Scratch { rows, packets, stacks, below } = scratch;
     for stack in stacks.iter_mut() {
         stack.entries.clear();
-        stack.entries.reserve(entries);
+        stack.entries.reserve(entries_of(wide.depth()));
     }
     for (i, rays) in rays.chunks(SUB_STREAM).enumerate() {
         let first = i * SUB_STREAM;
@@ -155,6 +158,10 @@ pub(super) fn trace<W: Lanes, E: Lanes, const ANY: bool>(
             },
         };
         let prepared = setup::prepare(w, &job, rays, stacks);
+        if MEMBERS {
+            members::traverse::<W, E, ANY>((w, e), &job, bvh.members(), stacks, &prepared.counts, below);
+            continue;
+        }
         let origin = packet::common_origin(&job, &prepared, stacks);
         let mut counts = prepared.counts;
         match origin.filter(|_| packet::form(w, &job, stacks, &mut counts, packets)) {
@@ -163,9 +170,15 @@ pub(super) fn trace<W: Lanes, E: Lanes, const ANY: bool>(
                 traverse(&packet::Packets::<W, E, ANY> { w, e, job: &job, origin, all }, stacks, &counts);
                 packet::answer(&job, packets);
             }
-            None => traverse(&Loose::<W, E, ANY> { w, e, job: &job }, stacks, &counts),
+            None => traverse(&Loose::<W, E, _, ANY> { w, e, space: World, job: &job }, stacks, &counts),
         }
     }
+}
+
+/// Room for entries on the way down a tree: a visit takes one, leaves at most eight and may write one more.
+#[inline(always)]
+pub(super) fn entries_of(depth: usize) -> usize {
+    (WIDTH - 1) * depth + WIDTH + 2
 }
 
 /// What lists hold and how they visit.
@@ -207,40 +220,42 @@ fn traverse(visitor: &impl Visit, stacks: &mut [OctantStack; 8], counts: &[usize
 }
 
 /// Loose rays: lists hold their ids.
-struct Loose<'a, W, E, const ANY: bool> {
-    w: W,
-    e: E,
-    job: &'a Job<'a>,
+pub(super) struct Loose<'a, W, E, S, const ANY: bool> {
+    pub w: W,
+    pub e: E,
+    pub space: S,
+    pub job: &'a Job<'a>,
 }
 
-impl<W: Lanes, E: Lanes, const ANY: bool> Visit for Loose<'_, W, E, ANY> {
+impl<W: Lanes, E: Lanes, S: Space, const ANY: bool> Visit for Loose<'_, W, E, S, ANY> {
     #[inline(always)]
     fn visit(&self, octant: usize, stack: &mut OctantStack, at: Entry) {
-        let Self { w, job, .. } = *self;
+        let Self { w, e, space, job } = *self;
         if !at.child.is_block() {
-            return inner(w, job, octant, stack, at);
+            return inner::<_, _, _, true>(w, e, space, job, octant, stack, at);
         }
         // SAFETY: invariant 4, and 2 for the list.
         unsafe {
             let block = job.blocks.get_unchecked(at.child.index());
             let list = stack.ids.as_ptr().add(at.start as usize);
-            leaf::many::<W, ANY>(w, job, block, at.child.triangles(), octant, list, at.len as usize);
+            let block = (block, at.child.triangles());
+            leaf::many::<W, E, S, ANY>(w, e, space, job, block, octant, list, at.len as usize);
         }
     }
 
     /// Rays that are alone go first: the lists below them wait for what they hit.
     #[inline(always)]
     fn step(&self, octant: usize, stack: &mut OctantStack) -> bool {
-        let Self { e, job, .. } = *self;
+        let Self { e, space, job, .. } = *self;
         let [nodes, blocks] = &stack.pairs;
         if blocks.len >= alone::BLOCKS || blocks.len > 0 && nodes.len == 0 {
             let count = blocks.len.min(alone::BLOCKS);
             let (ids, children) = blocks.at(blocks.len - count);
             stack.pairs[1].len -= count;
             // SAFETY: these are pairs.
-            unsafe { leaf::few::<E, ANY>(e, job, octant, ids, children, count) };
+            unsafe { leaf::few::<E, S, ANY>(e, space, job, octant, ids, children, count) };
         } else if nodes.len > 0 {
-            alone::visit(e, job, octant, stack);
+            alone::visit(e, space, job, octant, stack);
         } else if let Some(entry) = stack.entries.pop() {
             self.visit(octant, stack, entry);
         } else {
@@ -250,9 +265,19 @@ impl<W: Lanes, E: Lanes, const ANY: bool> Visit for Loose<'_, W, E, ANY> {
     }
 }
 
-/// Tests a list against the boxes of a node and pushes a list for each child that some ray enters.
+/// Tests a list against the boxes of a node and pushes a list for each child that some ray enters; the rays of
+/// short lists go on alone if `ALONE`.
 #[inline(always)]
-fn inner<W: Lanes>(w: W, job: &Job<'_>, octant: usize, stack: &mut OctantStack, entry: Entry) {
+pub(super) fn inner<W: Lanes, E: Lanes, S: Space, const ALONE: bool>(
+    w: W,
+    e: E,
+    space: S,
+    job: &Job<'_>,
+    octant: usize,
+    stack: &mut OctantStack,
+    entry: Entry,
+) {
+    let order = space.order(octant);
     let len = entry.len as usize;
     let base = entry.start as usize + len + PADDING;
     let stride = len + PADDING;
@@ -263,9 +288,10 @@ fn inner<W: Lanes>(w: W, job: &Job<'_>, octant: usize, stack: &mut OctantStack, 
         let node = job.nodes.get_unchecked(entry.child.index());
         let ids = stack.ids.as_mut_ptr();
         let list = ids.add(entry.start as usize);
-        let faces = Faces::of(node, octant);
+        let mut room = [[[0.0; WIDTH]; 3]; 2];
+        let faces = Faces::of(space.boxes(e, node, &mut room), octant);
         let mut ends: [*mut u32; WIDTH] =
-            std::array::from_fn(|slot| ids.add(begin_of(base, stride, octant, slot)));
+            std::array::from_fn(|slot| ids.add(begin_of(base, stride, order, slot)));
         let mut at = 0;
         while at < len {
             let among = lanes_of::<W>(len - at);
@@ -279,7 +305,7 @@ fn inner<W: Lanes>(w: W, job: &Job<'_>, octant: usize, stack: &mut OctantStack, 
             }
             at += W::LANES;
         }
-        push::<W, true>(w, job, node, octant, stack, base, stride, &ends);
+        push::<W, ALONE>(w, job, node, order, stack, base, stride, &ends);
     }
 }
 

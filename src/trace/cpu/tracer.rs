@@ -52,15 +52,23 @@ impl CpuTracer {
     }
 
     fn dispatch<const ANY: bool>(&self, rays: &[Ray], answers: Answers) {
+        if self.oracle.bvh().members().is_empty() {
+            self.dispatch_to::<ANY, false>(rays, answers);
+        } else {
+            self.dispatch_to::<ANY, true>(rays, answers);
+        }
+    }
+
+    fn dispatch_to<const ANY: bool, const MEMBERS: bool>(&self, rays: &[Ray], answers: Answers) {
         let (bvh, filter) = (self.oracle.bvh(), self.oracle.filter());
         SCRATCH.with_borrow_mut(|scratch| match self.simd {
             // SAFETY: invariant 1.
             #[cfg(target_arch = "x86_64")]
-            SimdLevel::Avx512 => unsafe { x86::avx512::<ANY>(bvh, filter, rays, answers, scratch) },
+            SimdLevel::Avx512 => unsafe { x86::avx512::<ANY, MEMBERS>(bvh, filter, rays, answers, scratch) },
             // SAFETY: invariant 1.
             #[cfg(target_arch = "x86_64")]
-            SimdLevel::Avx2 => unsafe { x86::avx2::<ANY>(bvh, filter, rays, answers, scratch) },
-            _ => trace::<_, _, ANY>((Plain::<8>, Plain::<8>), bvh, filter, rays, answers, scratch),
+            SimdLevel::Avx2 => unsafe { x86::avx2::<ANY, MEMBERS>(bvh, filter, rays, answers, scratch) },
+            _ => trace::<_, _, ANY, MEMBERS>((Plain::<8>, Plain::<8>), bvh, filter, rays, answers, scratch),
         });
     }
 }
@@ -85,7 +93,7 @@ mod x86 {
     use crate::lanes::{Avx2, Avx512};
 
     #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
-    pub fn avx512<const ANY: bool>(
+    pub fn avx512<const ANY: bool, const MEMBERS: bool>(
         bvh: &Bvh,
         filter: Option<&dyn Filter>,
         rays: &[Ray],
@@ -94,11 +102,11 @@ mod x86 {
     ) {
         // SAFETY: this function enables the instructions, so whoever calls it has them.
         let tokens = unsafe { (Avx512::new(), Avx2::new()) };
-        trace::<_, _, ANY>(tokens, bvh, filter, rays, answers, scratch);
+        trace::<_, _, ANY, MEMBERS>(tokens, bvh, filter, rays, answers, scratch);
     }
 
     #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
-    pub fn avx2<const ANY: bool>(
+    pub fn avx2<const ANY: bool, const MEMBERS: bool>(
         bvh: &Bvh,
         filter: Option<&dyn Filter>,
         rays: &[Ray],
@@ -107,6 +115,6 @@ mod x86 {
     ) {
         // SAFETY: this function enables the instructions, so whoever calls it has them.
         let token = unsafe { Avx2::new() };
-        trace::<_, _, ANY>((token, token), bvh, filter, rays, answers, scratch);
+        trace::<_, _, ANY, MEMBERS>((token, token), bvh, filter, rays, answers, scratch);
     }
 }

@@ -3,7 +3,8 @@
 //! Functions, not closures, throughout: only `inline(always)` makes sure that all of it ends up where
 //! the instructions are enabled.
 
-use crate::bvh::{WIDTH, WideNode};
+use super::space::Boxes;
+use crate::bvh::WIDTH;
 use crate::geom::CanonicalRay;
 use crate::lanes::{Lanes, each, load_one, splat, zip};
 
@@ -59,8 +60,8 @@ pub(super) struct Faces<'a> {
 
 impl<'a> Faces<'a> {
     #[inline(always)]
-    pub fn of(node: &'a WideNode, octant: usize) -> Self {
-        let face = |side: usize, axis: usize| &node.faces[side ^ (octant >> axis & 1)][axis];
+    pub fn of(boxes: &'a Boxes, octant: usize) -> Self {
+        let face = |side: usize, axis: usize| &boxes[side ^ (octant >> axis & 1)][axis];
         Self { near: [face(0, 0), face(0, 1), face(0, 2)], far: [face(1, 0), face(1, 1), face(1, 2)] }
     }
 }

@@ -54,11 +54,14 @@ pub struct AdapterInfo {
     pub max_binding_bytes: u64,
     /// The most bytes of one buffer.
     pub max_buffer_bytes: u64,
+    /// The most storage buffers that a kernel can see.
+    pub max_storage_bindings: u32,
     /// The most workgroups of one dispatch.
     pub max_workgroups: u32,
     /// Least and greatest number of threads that run in step.
     pub subgroup: (u32, u32),
-    /// Whether kernels can use memory that the host maps, so that streams need no copies.
+    /// Whether kernels use memory that the host maps: rays are written where kernels read them, and answers are read
+    /// where kernels write them.
     pub shared_memory: bool,
 }
 
@@ -79,9 +82,17 @@ impl AdapterInfo {
             driver: [info.driver.as_str(), info.driver_info.as_str()].join(" ").trim().to_owned(),
             max_binding_bytes: limits.max_storage_buffer_binding_size,
             max_buffer_bytes: limits.max_buffer_size,
+            max_storage_bindings: limits
+                .max_storage_buffers_per_shader_stage
+                // These count uniforms, too; kernels have one.
+                .min(limits.max_buffers_and_acceleration_structures_per_shader_stage.saturating_sub(1)),
             max_workgroups: limits.max_compute_workgroups_per_dimension,
             subgroup: (info.subgroup_min_size, info.subgroup_max_size),
-            shared_memory: adapter.features().contains(wgpu::Features::MAPPABLE_PRIMARY_BUFFERS),
+            // Discrete devices may offer it, too, but would read each ray across the bus.
+            shared_memory: matches!(
+                info.device_type,
+                wgpu::DeviceType::IntegratedGpu | wgpu::DeviceType::Cpu
+            ) && adapter.features().contains(wgpu::Features::MAPPABLE_PRIMARY_BUFFERS),
         }
     }
 }
@@ -154,6 +165,7 @@ mod tests {
             driver: String::new(),
             max_binding_bytes: 1 << 27,
             max_buffer_bytes: 1 << 30,
+            max_storage_bindings: 32,
             max_workgroups: 65535,
             subgroup: (8, 8),
             shared_memory: false,

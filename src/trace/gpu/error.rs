@@ -39,14 +39,14 @@ pub enum GpuError {
         /// What it computed.
         reason: String,
     },
-    /// A buffer of the scene exceeds what the adapter can bind.
-    #[error("the scene's {what} need {required} bytes on the GPU, but {adapter} binds at most {available}")]
+    /// The scene exceeds what the adapter can bind, all bindings together.
+    #[error(
+        "the scene needs {required} bytes on the GPU, but {adapter} binds at most {available}; trace on the CPU"
+    )]
     TooLarge {
-        /// Which buffer.
-        what: &'static str,
-        /// Its size in bytes.
+        /// Its nodes and triangles in bytes.
         required: u64,
-        /// The adapter's limit in bytes.
+        /// What the adapter's bindings take in bytes.
         available: u64,
         /// The adapter's name.
         adapter: String,

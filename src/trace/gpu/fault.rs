@@ -56,11 +56,10 @@ impl Fault {
 
 /// Answers as a broken device may give them, with nothing in them that looks wrong: every hit is a miss, and
 /// shadow rays find the opposite.
-pub(super) fn corrupt(candidates: &mut [Candidates], blocked: &mut [u32]) {
-    candidates.fill(Candidates { first: MISS, second: MISS, third: MISS, rest: f32::MAX });
-    for answer in blocked {
-        *answer = if *answer == MISS { OCCLUDED } else { MISS };
-    }
+pub(super) fn corrupted(candidates: &[Candidates], blocked: &[u32]) -> (Vec<Candidates>, Vec<u32>) {
+    let miss = Candidates { first: MISS, second: MISS, third: MISS, rest: f32::MAX };
+    let opposite = |&answer: &u32| if answer == MISS { OCCLUDED } else { MISS };
+    (vec![miss; candidates.len()], blocked.iter().map(opposite).collect())
 }
 
 #[cfg(test)]

@@ -1,15 +1,25 @@
-//! The binary tree as the kernels read it.
+//! The binary trees as the kernels read them.
 
-use super::layout::{LAST, LEAF, LEAF_TRIANGLES, MASKED, Node, Triangle};
+use super::layout::{EXTENT_MARGIN, LAST, LEAF, LEAF_TRIANGLES, MASKED, Member, Node, Triangle};
 use crate::bvh::{Binary, Bvh};
-use crate::geom::{Aabb, MAX_COORDINATE};
+use crate::geom::{Aabb, MAX_COORDINATE, Placement};
 use glam::Vec3;
+use std::sync::Arc;
 
-/// Nodes in depth-first order, the root first; triangles in leaf order.
+/// A scene's trees: one of triangles; or one over members, and theirs.
+pub(super) struct Trees<'a> {
+    bvh: &'a Bvh,
+    top: Binary,
+    /// The trees of members, each once.
+    below: Vec<(&'a Arc<Bvh>, Binary)>,
+}
+
+/// Nodes in depth-first order, the root first; triangles in leaf order. Members' trees follow each other.
 #[derive(Debug, Default)]
 pub(super) struct Flat {
     pub nodes: Vec<Node>,
     pub triangles: Vec<Triangle>,
+    pub members: Vec<Member>,
     /// The most entries a traversal has on its stack.
     pub stack: usize,
 }
@@ -30,68 +40,136 @@ struct Open {
     above: usize,
 }
 
-/// Number of inner nodes that [`flatten`] makes; it makes a triangle of each of the tree's.
-pub(super) fn node_count(binary: &Binary) -> usize {
-    binary.nodes().iter().filter(|node| node.count as usize > LEAF_TRIANGLES).count().max(1)
+/// Number of inner nodes when subtrees of at most `most` become leaves.
+fn inner_nodes(binary: &Binary, most: usize) -> usize {
+    binary.nodes().iter().filter(|node| node.count as usize > most).count()
 }
 
-/// Lays the tree out. Subtrees of at most [`LEAF_TRIANGLES`] become leaves.
-pub(super) fn flatten(bvh: &Bvh, binary: &Binary) -> Flat {
-    let mut flat = Flat {
-        nodes: Vec::with_capacity(node_count(binary)),
-        triangles: Vec::with_capacity(bvh.len()),
-        stack: 0,
-    };
-    let nodes = binary.nodes();
-    match nodes.first() {
-        Some(root) if root.count as usize > LEAF_TRIANGLES => {}
-        Some(_) => {
-            let root = flat.child(bvh, binary, 0);
-            flat.nodes.push(join(root, ABSENT));
-            return flat;
-        }
-        None => {
-            flat.nodes.push(join(ABSENT, ABSENT));
-            return flat;
+impl<'a> Trees<'a> {
+    pub fn of(bvh: &'a Bvh) -> Self {
+        let mut trees: Vec<&Arc<Bvh>> = bvh.members().iter().map(|member| &member.tree).collect();
+        trees.sort_unstable_by_key(|tree| Arc::as_ptr(tree));
+        trees.dedup_by_key(|tree| Arc::as_ptr(tree));
+        let below = trees.into_iter().map(|tree| (tree, tree.binary())).collect();
+        Self { bvh, top: bvh.binary(), below }
+    }
+
+    /// The most that the top makes a leaf of.
+    fn top_leaf(&self) -> usize {
+        if self.below.is_empty() { LEAF_TRIANGLES } else { 1 }
+    }
+
+    /// Number of nodes that [`Trees::flatten`] makes.
+    pub fn nodes(&self) -> usize {
+        let below = self.below.iter().map(|(_, binary)| inner_nodes(binary, LEAF_TRIANGLES));
+        inner_nodes(&self.top, self.top_leaf()).max(1) + below.sum::<usize>()
+    }
+
+    /// Number of triangles that it makes.
+    pub fn triangles(&self) -> usize {
+        match self.below[..] {
+            [] => self.bvh.len(),
+            ref below => below.iter().map(|(tree, _)| tree.len()).sum(),
         }
     }
-    let mut open = vec![Open { index: 0, parent: None, above: 0 }];
-    while let Some(Open { index, parent, above }) = open.pop() {
-        let place = flat.nodes.len();
-        match parent {
-            Some((parent, true)) => flat.nodes[parent].right = place as u32,
-            Some((parent, false)) => flat.nodes[parent].left = place as u32,
-            None => {}
-        }
-        flat.stack = flat.stack.max(above + 1);
-        let [left, right] = binary.children(index);
-        let node = join(flat.child(bvh, binary, left), flat.child(bvh, binary, right));
-        flat.nodes.push(node);
-        for (index, is_right) in [(right, true), (left, false)] {
-            if nodes[index].count as usize > LEAF_TRIANGLES {
-                open.push(Open { index, parent: Some((place, is_right)), above: above + 1 });
+
+    /// Lays the trees out. Subtrees of at most [`LEAF_TRIANGLES`] become leaves, and so does each member above.
+    pub fn flatten(&self) -> Flat {
+        let mut flat = Flat {
+            nodes: Vec::with_capacity(self.nodes()),
+            triangles: Vec::with_capacity(self.triangles()),
+            ..Flat::default()
+        };
+        let member = |_: &mut Flat, index: usize| LEAF | self.top.nodes()[index].index;
+        let root = match self.below[..] {
+            [] => flat.lay(&self.top, LEAF_TRIANGLES, triangle_leaf(self.bvh, &self.top)),
+            _ => flat.lay(&self.top, 1, member),
+        };
+        // The root is a node, even if it has fewer children than two.
+        match root {
+            Some((reference, bounds)) if reference & LEAF != 0 => {
+                flat.nodes.push(join((reference, bounds), ABSENT));
             }
+            Some(_) => {}
+            None => flat.nodes.push(join(ABSENT, ABSENT)),
         }
+        let above = flat.stack;
+        let roots: Vec<u32> = self
+            .below
+            .iter()
+            .map(|(tree, binary)| {
+                let root = flat.lay(binary, LEAF_TRIANGLES, triangle_leaf(tree, binary));
+                root.expect("members have triangles").0
+            })
+            .collect();
+        if !roots.is_empty() {
+            flat.stack += above;
+        }
+        flat.members.extend(self.bvh.members().iter().map(|member| {
+            let at = self.below.iter().position(|(tree, _)| Arc::ptr_eq(tree, &member.tree));
+            let rows = member.placement.unwrap_or(Placement::HERE).rows;
+            let column = |i: usize| rows.map(|row| row[i]);
+            Member {
+                x: column(0),
+                root: roots[at.expect("one of them")],
+                y: column(1),
+                first: member.first,
+                z: column(2),
+                spare_0: 0,
+                shift: column(3),
+                spare_1: 0,
+            }
+        }));
+        flat
     }
-    flat
+}
+
+/// Lays out the triangles of a subtree of a tree.
+fn triangle_leaf(bvh: &Bvh, binary: &Binary) -> impl Fn(&mut Flat, usize) -> u32 {
+    |flat, index| {
+        let first = flat.triangles.len() as u32;
+        let nodes = binary.nodes();
+        let below = &nodes[index..index + 2 * nodes[index].count as usize - 1];
+        flat.triangles.extend(below.iter().filter(|node| node.is_leaf()).map(|leaf| record(bvh, leaf.index)));
+        if let Some(last) = flat.triangles.last_mut() {
+            last.flags |= LAST;
+        }
+        LEAF | first
+    }
 }
 
 impl Flat {
-    /// How a parent refers to a node of the binary tree; lays out its triangles if it is a leaf here.
-    fn child(&mut self, bvh: &Bvh, binary: &Binary, index: usize) -> Child {
+    /// Lays a tree out behind what there is; `leaf` lays out a subtree of at most `most` and gives the reference. The
+    /// answer is the root as a parent would refer to it.
+    fn lay(&mut self, binary: &Binary, most: usize, leaf: impl Fn(&mut Self, usize) -> u32) -> Option<Child> {
         let nodes = binary.nodes();
-        let node = &nodes[index];
-        let count = node.count as usize;
-        if count > LEAF_TRIANGLES {
-            return (0, node.bounds());
+        let root = nodes.first()?;
+        if root.count as usize <= most {
+            return Some((leaf(self, 0), root.bounds()));
         }
-        let first = self.triangles.len() as u32;
-        let below = nodes[index..index + 2 * count - 1].iter().filter(|node| node.is_leaf());
-        self.triangles.extend(below.map(|leaf| record(bvh, leaf.index)));
-        if let Some(last) = self.triangles.last_mut() {
-            last.flags |= LAST;
+        let start = self.nodes.len();
+        let mut open = vec![Open { index: 0, parent: None, above: 0 }];
+        while let Some(Open { index, parent, above }) = open.pop() {
+            let place = self.nodes.len();
+            match parent {
+                Some((parent, true)) => self.nodes[parent].right = place as u32,
+                Some((parent, false)) => self.nodes[parent].left = place as u32,
+                None => {}
+            }
+            self.stack = self.stack.max(above + 1);
+            let children = binary.children(index).map(|child| {
+                let inner = nodes[child].count as usize > most;
+                (if inner { 0 } else { leaf(self, child) }, nodes[child].bounds())
+            });
+            self.nodes.push(join(children[0], children[1]));
+            let [left, right] = binary.children(index);
+            for (index, is_right) in [(right, true), (left, false)] {
+                if nodes[index].count as usize > most {
+                    open.push(Open { index, parent: Some((place, is_right)), above: above + 1 });
+                }
+            }
         }
-        (LEAF | first, node.bounds())
+        Some((start as u32, root.bounds()))
     }
 }
 
@@ -117,8 +195,7 @@ fn record(bvh: &Bvh, primitive: u32) -> Triangle {
         v1: v1.into(),
         flags: if bvh.is_masked(primitive) { MASKED } else { 0 },
         v2: v2.into(),
-        // Rounded up past the subtraction's own error.
-        extent: longest * (1.0 + 4.0 * f32::EPSILON),
+        extent: longest * EXTENT_MARGIN,
     }
 }
 
@@ -176,9 +253,9 @@ mod tests {
     fn every_triangle_is_reached_once_and_the_stack_suffices() {
         for count in [0, 1, 2, 3, 50, 1000] {
             let bvh = build(count);
-            let binary = bvh.binary();
-            let flat = flatten(&bvh, &binary);
-            assert_eq!((flat.nodes.len(), flat.triangles.len()), (node_count(&binary), bvh.len()));
+            let trees = Trees::of(&bvh);
+            let flat = trees.flatten();
+            assert_eq!((flat.nodes.len(), flat.triangles.len()), (trees.nodes(), bvh.len()));
             for right_first in [false, true] {
                 let (mut met, highest) = walk(&flat, right_first);
                 met.sort_unstable();
@@ -196,7 +273,7 @@ mod tests {
     #[test]
     fn boxes_hold_the_triangles_below() {
         let bvh = build(300);
-        let flat = flatten(&bvh, &bvh.binary());
+        let flat = Trees::of(&bvh).flatten();
         let mut stack = vec![(0, Aabb { min: Vec3::NEG_INFINITY, max: Vec3::INFINITY })];
         while let Some((reference, bounds)) = stack.pop() {
             if reference & LEAF != 0 {

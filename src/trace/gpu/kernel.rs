@@ -1,6 +1,7 @@
 //! The kernels' sources: what is shared, the constants, the kernel itself, one after the other.
 
 use super::layout;
+use super::pages::ScenePages;
 use crate::geom::{DIRECTION_RANGE, MAX_COORDINATE, MIN_COMPONENT, SLACK};
 use crate::stream::MISS;
 use std::fmt::Write as _;
@@ -17,6 +18,7 @@ pub(super) enum Kernel {
 const LAYOUT: &str = include_str!("../../../shaders/shared/layout.wgsl");
 const RAY: &str = include_str!("../../../shaders/shared/ray.wgsl");
 const TRIANGLE: &str = include_str!("../../../shaders/shared/triangle.wgsl");
+const PLACEMENT: &str = include_str!("../../../shaders/shared/placement.wgsl");
 
 impl Kernel {
     /// The name of its entry point, and of its file.
@@ -42,18 +44,28 @@ impl Kernel {
         }
     }
 
-    /// The whole source, with room for `stack` entries.
-    pub fn source(self, stack: usize) -> String {
-        [&constants(stack), LAYOUT, RAY, TRIANGLE, self.body()].join("\n")
+    /// The whole source for scenes of a shape.
+    pub fn source(self, shape: &Shape) -> String {
+        [&constants(shape), LAYOUT, &shape.pages.source(), RAY, TRIANGLE, PLACEMENT, self.body()].join("\n")
     }
 }
 
+/// What of a scene shapes its kernels.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Shape {
+    /// Room for so many entries on a traversal's stack.
+    pub stack: usize,
+    /// Whether it is a tree of placed trees.
+    pub members: bool,
+    pub pages: ScenePages,
+}
+
 /// The constants that host and device share, written once: in Rust.
-fn constants(stack: usize) -> String {
-    let mut text = String::new();
+fn constants(shape: &Shape) -> String {
+    let mut text = format!("const MEMBERS: bool = {};\n", shape.members);
     let integers = [
         ("WORKGROUP_SIZE", layout::WORKGROUP_SIZE),
-        ("STACK_SIZE", stack.max(1) as u32),
+        ("STACK_SIZE", shape.stack.max(1) as u32),
         ("LEAF", layout::LEAF),
         ("MASKED", layout::MASKED),
         ("LAST", layout::LAST),
@@ -82,6 +94,7 @@ fn constants(stack: usize) -> String {
         ("T_ROUNDING", layout::T_ROUNDING),
         ("TINY", layout::TINY),
         ("LEAST_PAD", layout::LEAST_PAD),
+        ("EXTENT_MARGIN", layout::EXTENT_MARGIN),
     ];
     for (name, value) in floats {
         // The shortest decimal that reads back as the same number.
@@ -94,6 +107,7 @@ fn constants(stack: usize) -> String {
 mod tests {
     use super::*;
     use crate::stream::Ray;
+    use crate::trace::gpu::pages::Pages;
     use naga::front::wgsl;
     use naga::valid::{Capabilities, ValidationFlags, Validator};
     use std::mem::offset_of;
@@ -101,14 +115,20 @@ mod tests {
     const ALL: [Kernel; 2] = [Kernel::TraceClosest, Kernel::TraceAny];
 
     fn parse(kernel: Kernel) -> naga::Module {
-        let source = kernel.source(24);
+        parse_paged(kernel, ScenePages::ONE)
+    }
+
+    fn parse_paged(kernel: Kernel, pages: ScenePages) -> naga::Module {
+        let source = kernel.source(&Shape { stack: 24, members: true, pages });
         wgsl::parse_str(&source).unwrap_or_else(|e| panic!("{}", e.emit_to_string(&source)))
     }
 
     #[test]
     fn every_kernel_is_valid_without_any_optional_capability() {
-        for kernel in ALL {
-            let module = parse(kernel);
+        let (two, three) = (Pages { bits: 4, count: 2 }, Pages { bits: 5, count: 3 });
+        let paged = [ScenePages::ONE, ScenePages { nodes: two, triangles: three }];
+        for (kernel, pages) in ALL.into_iter().flat_map(|kernel| paged.map(|pages| (kernel, pages))) {
+            let module = parse_paged(kernel, pages);
             Validator::new(ValidationFlags::all(), Capabilities::empty())
                 .validate(&module)
                 .unwrap_or_else(|e| panic!("{}: {e:?}", kernel.name()));
@@ -129,11 +149,12 @@ mod tests {
 
     #[test]
     fn structs_lie_in_memory_alike_on_both_sides() {
-        use layout::{Candidates, Node, Params, Triangle};
-        let expected: [Layout; 5] = [
+        use layout::{Candidates, Member, Node, Params, Triangle};
+        let expected: [Layout; 6] = [
             layout_of!(Ray: origin, t_min, direction, t_max),
             layout_of!(Node: left_min, left, left_max, spare_0, right_min, right, right_max, spare_1),
             layout_of!(Triangle: v0, primitive, v1, flags, v2, extent),
+            layout_of!(Member: x, root, y, first, z, spare_0, shift, spare_1),
             layout_of!(Candidates: first, second, third, rest),
             layout_of!(Params: count, scene_max_abs, zero, spare),
         ];

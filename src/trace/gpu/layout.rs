@@ -30,6 +30,21 @@ pub(super) struct Triangle {
     pub extent: f32,
 }
 
+/// A tree placed in the world.
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub(super) struct Member {
+    pub x: [f32; 3],
+    /// A child reference.
+    pub root: u32,
+    pub y: [f32; 3],
+    pub first: u32,
+    pub z: [f32; 3],
+    pub spare_0: u32,
+    pub shift: [f32; 3],
+    pub spare_1: u32,
+}
+
 /// Where the canonical nearest hit of a ray may be: `kept`, in order of distance, [`crate::stream::MISS`]
 /// where there are fewer; or what was left out, which is not nearer than `rest`.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
@@ -52,7 +67,7 @@ pub(super) struct Params {
     pub spare: u32,
 }
 
-/// Bit of a child reference: a leaf, the other bits are its first triangle.
+/// Bit of a child reference: a leaf, the other bits are its first triangle, or the member above members' trees.
 pub(super) const LEAF: u32 = 1 << 31;
 /// Bit of [`Triangle::flags`]: alpha decides whether the triangle is there.
 pub(super) const MASKED: u32 = 1;
@@ -68,6 +83,9 @@ pub(super) const UNDECIDED: u32 = u32::MAX - 2;
 /// Bit of an answer of `trace_any` that is a primitive: there may be others in the way. Primitives
 /// have 30 bits.
 pub(super) const MORE: u32 = 1 << 30;
+
+/// What [`Triangle::extent`] is rounded up by, past the subtraction's own error.
+pub(super) const EXTENT_MARGIN: f32 = 1.0 + 4.0 * f32::EPSILON;
 
 /// The most triangles of a leaf.
 pub(super) const LEAF_TRIANGLES: usize = 2;

@@ -21,10 +21,12 @@ mod flatten;
 mod fused;
 mod kernel;
 mod layout;
+mod pages;
 mod pass;
 mod probe;
 mod resolve;
 mod scene;
+mod succession;
 #[cfg(test)]
 mod tests;
 mod tracer;

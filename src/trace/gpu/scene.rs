@@ -1,8 +1,9 @@
 //! A scene on the device: its buffers, and the kernels made for its tree.
 
-use super::flatten::{Flat, flatten, node_count};
-use super::kernel::Kernel;
-use super::layout::{Node, Triangle};
+use super::flatten::{Flat, Trees};
+use super::kernel::{Kernel, Shape};
+use super::layout::{Member, Node, Triangle};
+use super::pages::ScenePages;
 use super::pass::{Pass, entry};
 use super::{Gpu, GpuError};
 use crate::bvh::Bvh;
@@ -10,13 +11,13 @@ use crate::bvh::Bvh;
 /// Bytes uploaded at once: each piece passes through staging memory of its size.
 const UPLOAD_BYTES: usize = 16 << 20;
 
-/// Gives a kernel's source, with room for so many entries on the stack.
-pub(super) type Source<'a> = &'a dyn Fn(Kernel, usize) -> String;
+/// Gives a kernel's source for a shape of scene.
+pub(super) type Source = fn(Kernel, &Shape) -> String;
 
 /// A scene on the device.
 #[derive(Debug)]
 pub(super) struct DeviceScene {
-    /// Binds nodes and triangles: group 0.
+    /// Binds the pages of nodes and triangles: group 0.
     pub group: wgpu::BindGroup,
     pub closest: Pass,
     pub any: Pass,
@@ -28,18 +29,22 @@ impl DeviceScene {
     /// Uploads a tree and compiles the kernels for it from `source`.
     ///
     /// # Errors
-    /// When a buffer exceeds what the adapter binds (told before anything is allocated), or the
+    /// When the scene exceeds what the adapter binds (told before anything is allocated), or the
     /// device refuses or is lost.
-    pub fn new(gpu: &Gpu, bvh: &Bvh, source: Source<'_>) -> Result<Self, GpuError> {
-        let binary = bvh.binary();
-        let node_bytes = check(gpu, "BVH nodes", node_count(&binary) * size_of::<Node>())?;
-        let triangle_bytes = check(gpu, "triangles", bvh.len().max(1) * size_of::<Triangle>())?;
-        let Flat { nodes, triangles, stack } = flatten(bvh, &binary);
+    pub fn new(gpu: &Gpu, bvh: &Bvh, source: Source) -> Result<Self, GpuError> {
+        let trees = Trees::of(bvh);
+        let node_size = (trees.nodes(), size_of::<Node>());
+        let pages = ScenePages::new(gpu, node_size, (trees.triangles(), size_of::<Triangle>()))?;
+        let Flat { nodes, triangles, members, stack } = trees.flatten();
+        drop(trees);
         let adapter = || gpu.info().to_string();
 
+        let shape = Shape { stack, members: !members.is_empty(), pages };
+        let shared = gpu.info().shared_memory;
         let made = gpu.attempt(|device, _| {
-            let (group, call) = layouts(device);
-            let pass = |kernel| Pass::new(device, kernel, source(kernel, stack), &group, call.clone());
+            let (group, call) = layouts(device, pages.bindings());
+            let pass =
+                |kernel| Pass::new(device, kernel, source(kernel, &shape), &group, call.clone(), shared);
             let (closest, any) = (pass(Kernel::TraceClosest), pass(Kernel::TraceAny));
             (group, closest, any)
         });
@@ -47,45 +52,48 @@ impl DeviceScene {
             .map_err(GpuError::Lost)?
             .map_err(|reason| GpuError::Kernel { adapter: adapter(), reason })?;
 
+        let node_pages = pages.nodes.split(&nodes).map(|page| ("nodes", bytemuck::cast_slice(page)));
+        let triangle_pages =
+            pages.triangles.split(&triangles).map(|page| ("triangles", bytemuck::cast_slice(page)));
+        let member_page = ("members", bytemuck::cast_slice(&members));
+        let contents: Vec<(&str, &[u8])> = node_pages.chain(triangle_pages).chain([member_page]).collect();
+        // A binding may not be empty.
+        let size = |page: &[u8]| page.len().max(size_of::<Member>()) as u64;
+        let bytes = contents.iter().map(|(_, page)| size(page)).sum();
         let made = gpu.attempt(|device, _| {
-            let buffer = |label, size| {
+            let buffer = |&(label, page): &(&str, &[u8])| {
                 device.create_buffer(&wgpu::BufferDescriptor {
                     label: Some(label),
-                    size,
+                    // More than any device has, when it is to refuse.
+                    size: if gpu.has_no_memory() { 1 << 62 } else { size(page) },
                     usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST,
                     mapped_at_creation: false,
                 })
             };
-            // More than any device has, when it is to refuse.
-            let nodes = buffer("nodes", if gpu.has_no_memory() { 1 << 62 } else { node_bytes });
-            let triangles = buffer("triangles", triangle_bytes);
+            let buffers: Vec<wgpu::Buffer> = contents.iter().map(buffer).collect();
+            let entries: Vec<_> =
+                (0..).zip(&buffers).map(|(binding, buffer)| entry(binding, buffer)).collect();
             let group = device.create_bind_group(&wgpu::BindGroupDescriptor {
                 label: Some("scene"),
                 layout: &layout,
-                entries: &[entry(0, &nodes), entry(1, &triangles)],
+                entries: &entries,
             });
-            (nodes, triangles, group)
+            (buffers, group)
         });
-        let (node_buffer, triangle_buffer, group) = made.map_err(GpuError::Lost)?.map_err(|reason| {
-            GpuError::OutOfMemory { required: node_bytes + triangle_bytes, adapter: adapter(), reason }
+        let (buffers, group) = made.map_err(GpuError::Lost)?.map_err(|reason| GpuError::OutOfMemory {
+            required: bytes,
+            adapter: adapter(),
+            reason,
         })?;
-        upload(gpu, &node_buffer, bytemuck::cast_slice(&nodes))?;
-        upload(gpu, &triangle_buffer, bytemuck::cast_slice(&triangles))?;
-        Ok(Self { group, closest, any, bytes: node_bytes + triangle_bytes })
+        for (buffer, (_, page)) in buffers.iter().zip(&contents) {
+            upload(gpu, buffer, page)?;
+        }
+        Ok(Self { group, closest, any, bytes })
     }
 }
 
-fn check(gpu: &Gpu, what: &'static str, required: usize) -> Result<u64, GpuError> {
-    let (required, available) =
-        (required as u64, gpu.info().max_binding_bytes.min(gpu.info().max_buffer_bytes));
-    if required > available {
-        return Err(GpuError::TooLarge { what, required, available, adapter: gpu.info().to_string() });
-    }
-    Ok(required)
-}
-
-/// Group 0: nodes, triangles. Group 1: rays, params, answers.
-fn layouts(device: &wgpu::Device) -> (wgpu::BindGroupLayout, wgpu::BindGroupLayout) {
+/// Group 0: the scene's pages. Group 1: rays, params, answers.
+fn layouts(device: &wgpu::Device, pages: u32) -> (wgpu::BindGroupLayout, wgpu::BindGroupLayout) {
     use wgpu::BufferBindingType::{Storage, Uniform};
     let layout = |label, types: &[wgpu::BufferBindingType]| {
         let entries: Vec<_> = (0..)
@@ -103,7 +111,7 @@ fn layouts(device: &wgpu::Device) -> (wgpu::BindGroupLayout, wgpu::BindGroupLayo
         })
     };
     let (input, output) = (Storage { read_only: true }, Storage { read_only: false });
-    (layout("scene", &[input, input]), layout("call", &[input, Uniform, output]))
+    (layout("scene", &vec![input; pages as usize]), layout("call", &[input, Uniform, output]))
 }
 
 /// Writes a buffer piece by piece, waiting for each, so that staging memory stays small.

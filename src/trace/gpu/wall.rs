@@ -2,6 +2,7 @@
 //! reaches the rest of the program as anything but an error value.
 
 use super::adapter::{AdapterChoice, AdapterInfo, choose, enumerate};
+use super::succession::Succession;
 use super::watchdog::Watchdog;
 use super::{Fault, GpuError, probe};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -16,7 +17,7 @@ const NAP: Duration = Duration::from_millis(50);
 type Loss = Arc<OnceLock<String>>;
 
 /// A GPU: adapter, device and queue. Made once, shared by all scenes and threads. When the device
-/// is lost it stays lost; open another one.
+/// is lost it stays lost; tracers go on with another that is opened in its place, a bounded number of times.
 #[derive(Debug)]
 pub struct Gpu {
     pub(super) info: AdapterInfo,
@@ -24,6 +25,13 @@ pub struct Gpu {
     queue: wgpu::Queue,
     loss: Loss,
     pub(super) watchdog: Watchdog,
+    history: Arc<History>,
+    pub(super) succession: Succession,
+}
+
+/// What a device and those that take its place have in common.
+#[derive(Debug, Default)]
+struct History {
     /// What is to go wrong on purpose.
     fault: Option<Fault>,
     /// Dispatches so far.
@@ -41,7 +49,7 @@ impl Gpu {
         let index = choose(&infos, choice)?;
         let info = infos[index].clone();
         let refused = |reason: String| GpuError::Open { adapter: info.to_string(), reason };
-        let request = || pollster::block_on(found[index].request_device(&descriptor(&found[index])));
+        let request = || pollster::block_on(found[index].request_device(&descriptor(&found[index], &info)));
         let (device, queue) = catch_unwind(AssertUnwindSafe(request))
             .map_err(|panic| refused(panic_text(panic.as_ref())))?
             .map_err(|e| refused(e.to_string()))?;
@@ -55,7 +63,8 @@ impl Gpu {
             let _ = on_error.set(error.to_string());
         }));
         let watchdog = Watchdog::of(info.kind);
-        let gpu = Self { info, device, queue, loss, watchdog, fault: None, dispatches: AtomicU64::new(0) };
+        let (history, succession) = (Arc::default(), Succession::default());
+        let gpu = Self { info, device, queue, loss, watchdog, history, succession };
         let refused = |reason: String| GpuError::Open { adapter: gpu.info.to_string(), reason };
         let results = gpu.guard(|device, queue| probe::compute(&gpu, device, queue)).map_err(refused)?;
         probe::judge(&results)
@@ -65,7 +74,12 @@ impl Gpu {
 
     /// Has something go wrong on purpose, once.
     pub fn with_fault(self, fault: Fault) -> Self {
-        Self { fault: Some(fault), ..self }
+        Self { history: Arc::new(History { fault: Some(fault), ..History::default() }), ..self }
+    }
+
+    /// This device, freshly opened, in the place of another.
+    pub(super) fn in_place_of(self, lost: &Self, succession: Succession) -> Self {
+        Self { history: lost.history.clone(), succession, ..self }
     }
 
     /// The adapter in use.
@@ -124,17 +138,18 @@ impl Gpu {
 
     /// Numbers a dispatch, from 1, and says what is to go wrong with it.
     pub(super) fn next_dispatch(&self) -> (u64, Option<Fault>) {
-        let number = self.dispatches.fetch_add(1, Ordering::Relaxed) + 1;
-        (number, self.fault.filter(|fault| fault.strikes(number)))
+        let number = self.history.dispatches.fetch_add(1, Ordering::Relaxed) + 1;
+        (number, self.history.fault.filter(|fault| fault.strikes(number)))
     }
 
     /// Whether scenes are to be refused for want of memory.
     pub(super) fn has_no_memory(&self) -> bool {
-        self.fault == Some(Fault::OutOfMemory)
+        self.history.fault == Some(Fault::OutOfMemory)
     }
 
-    /// Gives up a device that answers, but wrongly; returns why it is lost.
+    /// Gives up a device that answers, but wrongly, and its adapter with it; returns why it is lost.
     pub(super) fn condemn(&self, reason: String) -> String {
+        self.succession.end();
         self.loss.get_or_init(|| reason).clone()
     }
 
@@ -183,14 +198,19 @@ impl Gpu {
 }
 
 /// Asks for what the kernels use, as much of it as there is.
-fn descriptor(adapter: &wgpu::Adapter) -> wgpu::DeviceDescriptor<'static> {
+fn descriptor(adapter: &wgpu::Adapter, info: &AdapterInfo) -> wgpu::DeviceDescriptor<'static> {
     let there = adapter.limits();
+    let mapped =
+        if info.shared_memory { wgpu::Features::MAPPABLE_PRIMARY_BUFFERS } else { wgpu::Features::empty() };
     wgpu::DeviceDescriptor {
         label: Some("raystream"),
-        required_features: wgpu::Features::empty(),
+        required_features: mapped,
         required_limits: wgpu::Limits {
             max_storage_buffer_binding_size: there.max_storage_buffer_binding_size,
             max_buffer_size: there.max_buffer_size,
+            max_storage_buffers_per_shader_stage: there.max_storage_buffers_per_shader_stage,
+            max_buffers_and_acceleration_structures_per_shader_stage: there
+                .max_buffers_and_acceleration_structures_per_shader_stage,
             max_compute_workgroups_per_dimension: there.max_compute_workgroups_per_dimension,
             ..wgpu::Limits::downlevel_defaults()
         },

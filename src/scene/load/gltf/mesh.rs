@@ -3,9 +3,10 @@
 use super::super::LoadError;
 use super::Context;
 use super::accessor;
+use super::instance::Uses;
 use super::material::Converted;
-use crate::geom::MAX_COORDINATE;
-use crate::scene::{MAX_TRIANGLES, Mesh, MeshError};
+use crate::geom::{MAX_COORDINATE, Placement};
+use crate::scene::{AlphaMode, Instance, MAX_TRIANGLES, Mesh, MeshError, Shape};
 use ::gltf::mesh::Mode;
 use ::gltf::{Accessor, Primitive, Semantic};
 use glam::{DMat3, DMat4, DVec3, Vec2, Vec3, Vec4};
@@ -15,6 +16,7 @@ use std::collections::BTreeMap;
 pub(super) struct Flattened<'a> {
     materials: &'a [Converted],
     mesh: Mesh,
+    uses: Uses<'a>,
     uses_fallback: bool,
 }
 
@@ -30,6 +32,8 @@ struct Attributes<'a> {
 /// How a node moves vertices.
 struct Motion {
     matrix: DMat4,
+    /// The same for positions, as instances are placed.
+    placement: Placement,
     /// Inverse transpose of the linear part, but for a positive factor.
     normals: DMat3,
     /// Whether it turns the inside out.
@@ -44,17 +48,20 @@ impl Motion {
         let sign = if mirrors { -1.0 } else { 1.0 };
         // The cofactors: defined where the inverse is not, too.
         let normals = DMat3::from_cols(y.cross(z), z.cross(x), x.cross(y)) * sign;
-        Self { matrix: *matrix, normals, mirrors }
+        Self { matrix: *matrix, placement: Placement::new(matrix), normals, mirrors }
     }
 }
 
 impl<'a> Flattened<'a> {
     pub(super) fn new(materials: &'a [Converted]) -> Self {
-        Self { materials, mesh: Mesh::default(), uses_fallback: false }
+        Self { materials, mesh: Mesh::default(), uses: Uses::default(), uses_fallback: false }
     }
 
-    /// The mesh, and whether any triangle has no material of the file.
-    pub(super) fn finish(mut self) -> (Mesh, bool) {
+    /// The mesh, what it has several copies of, and whether any triangle has no material of the file.
+    ///
+    /// # Errors
+    /// When an accessor cannot be read.
+    pub(super) fn finish(mut self, context: &Context) -> Result<(Mesh, Vec<Shape>, bool), LoadError> {
         let mesh = &mut self.mesh;
         let count = mesh.positions.len();
         // An attribute that no vertex has stays empty.
@@ -67,7 +74,7 @@ impl<'a> Flattened<'a> {
         if !mesh.tangents.is_empty() {
             pad(&mut mesh.tangents, count);
         }
-        (self.mesh, self.uses_fallback)
+        Ok((self.mesh, self.uses.shapes(context)?, self.uses_fallback))
     }
 
     /// Adds one instance of a mesh.
@@ -77,7 +84,7 @@ impl<'a> Flattened<'a> {
     pub(super) fn append(
         &mut self,
         context: &mut Context,
-        mesh: &::gltf::Mesh,
+        mesh: &::gltf::Mesh<'a>,
         matrix: &DMat4,
     ) -> Result<(), LoadError> {
         let motion = Motion::new(matrix);
@@ -100,7 +107,7 @@ impl<'a> Flattened<'a> {
     fn primitive(
         &mut self,
         context: &mut Context,
-        primitive: &Primitive,
+        primitive: &Primitive<'a>,
         motion: &Motion,
         bases: &mut BTreeMap<[Option<usize>; 4], u32>,
     ) -> Result<(), String> {
@@ -111,17 +118,11 @@ impl<'a> Flattened<'a> {
             Some(&base) => base,
             None => *bases.entry(attributes.key()).or_insert(self.vertices(context, &attributes, motion)?),
         };
-        let indices = match primitive.indices() {
-            None => (0..count as u32).collect(),
-            Some(accessor) => accessor::indices(context.buffers, &accessor)
-                .map_err(|problem| format!("indices (accessors[{}]): {problem}", accessor.index()))?,
-        };
-        if let Some((place, index)) = indices.iter().enumerate().find(|&(_, &i)| i as usize >= count) {
-            return Err(format!("index {place} names vertex {index}, but there are {count}"));
-        }
+        let indices = indices(context, primitive, count)?;
         if primitive.mode() == Mode::Triangles && indices.len() % 3 != 0 {
             context.warnings.add("A mesh has indices left over after its last triangle; they are ignored.");
         }
+        let masked = material.is_some_and(|m| self.materials[m].material.alpha.mode != AlphaMode::Opaque);
         let material = material.unwrap_or_else(|| {
             self.uses_fallback = true;
             self.materials.len()
@@ -132,6 +133,8 @@ impl<'a> Flattened<'a> {
             // Before instances of a small file fill the memory.
             return Err(MeshError::TooMany { found, max: MAX_TRIANGLES }.to_string());
         }
+        let instance = Instance { placement: motion.placement, first: self.mesh.triangles.len() as u32 };
+        self.uses.add(primitive, motion.mirrors, masked, instance);
         for [a, b, c] in triangles {
             let [b, c] = if motion.mirrors { [c, b] } else { [b, c] };
             self.mesh.triangles.push([base + a, base + b, base + c]);
@@ -188,7 +191,7 @@ impl<'a> Flattened<'a> {
             return Err(format!("the scene has more than {} vertices, more than can be numbered", u32::MAX));
         }
         for (i, position) in positions.iter().enumerate() {
-            let moved = motion.matrix.transform_point3(DVec3::from_array(position.map(f64::from))).as_vec3();
+            let moved = motion.placement.point(Vec3::from(*position));
             // NaN fails the comparison too.
             if !moved.abs().cmple(Vec3::splat(MAX_COORDINATE)).all() {
                 let [x, y, z] = position;
@@ -239,6 +242,19 @@ fn fetch<const N: usize>(
         .map_err(|problem| format!("{name} (accessors[{}]): {problem}", accessor.index()))
 }
 
+/// The indices of a primitive of `count` vertices.
+pub(super) fn indices(context: &Context, primitive: &Primitive, count: usize) -> Result<Vec<u32>, String> {
+    let indices = match primitive.indices() {
+        None => (0..count as u32).collect(),
+        Some(accessor) => accessor::indices(context.buffers, &accessor)
+            .map_err(|problem| format!("indices (accessors[{}]): {problem}", accessor.index()))?,
+    };
+    match indices.iter().enumerate().find(|&(_, &i)| i as usize >= count) {
+        Some((place, index)) => Err(format!("index {place} names vertex {index}, but there are {count}")),
+        None => Ok(indices),
+    }
+}
+
 /// The unit vector, or zero where there is none.
 fn unit(v: DVec3) -> Vec3 {
     v.try_normalize().unwrap_or(DVec3::ZERO).as_vec3()
@@ -250,7 +266,7 @@ fn pad<T: Default + Clone>(list: &mut Vec<T>, count: usize) {
 }
 
 /// The triangles of a run of vertices, in glTF's order.
-fn triangles(mode: Mode, indices: &[u32]) -> Vec<[u32; 3]> {
+pub(super) fn triangles(mode: Mode, indices: &[u32]) -> Vec<[u32; 3]> {
     match mode {
         Mode::TriangleStrip => {
             let odd =

@@ -5,6 +5,7 @@
 mod accessor;
 mod buffers;
 mod container;
+mod instance;
 mod material;
 mod mesh;
 mod node;
@@ -71,6 +72,7 @@ pub(super) fn load(path: &Path) -> Result<Scene, LoadError> {
     }
     Ok(Scene {
         mesh: world.mesh,
+        shapes: world.shapes,
         materials,
         textures: textures.into_list(),
         lights: world.lights,

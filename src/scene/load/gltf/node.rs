@@ -4,7 +4,7 @@ use super::super::LoadError;
 use super::Context;
 use super::material::Converted;
 use super::mesh::Flattened;
-use crate::scene::{Camera, Light, LightShape, Mesh};
+use crate::scene::{Camera, Light, LightShape, Mesh, Shape};
 use ::gltf::camera::Projection;
 use ::gltf::khr_lights_punctual::Kind;
 use ::gltf::scene::Transform;
@@ -14,6 +14,7 @@ use glam::{DMat4, DQuat, DVec3, Vec3};
 /// What the nodes of a scene hold, in world space.
 pub(super) struct World {
     pub(super) mesh: Mesh,
+    pub(super) shapes: Vec<Shape>,
     pub(super) lights: Vec<Light>,
     pub(super) camera: Option<Camera>,
     /// Whether triangles without a material name the one after the last.
@@ -24,7 +25,7 @@ pub(super) struct World {
 ///
 /// # Errors
 /// When the nodes do not form trees, or a mesh is wrong.
-pub(super) fn flatten(context: &mut Context, materials: &[Converted]) -> Result<World, LoadError> {
+pub(super) fn flatten<'a>(context: &mut Context<'a>, materials: &[Converted]) -> Result<World, LoadError> {
     let document = context.document;
     let mut flattened = Flattened::new(materials);
     let mut lights = Vec::new();
@@ -57,8 +58,8 @@ pub(super) fn flatten(context: &mut Context, materials: &[Converted]) -> Result<
         let children: Vec<Node> = node.children().collect();
         pending.extend(children.into_iter().rev().map(|child| (child, matrix)));
     }
-    let (mesh, uses_fallback) = flattened.finish();
-    Ok(World { mesh, lights, camera, uses_fallback })
+    let (mesh, shapes, uses_fallback) = flattened.finish(context)?;
+    Ok(World { mesh, shapes, lights, camera, uses_fallback })
 }
 
 /// Where to begin: a document without scenes shows all its nodes.

@@ -1,0 +1,136 @@
+//! Two levels: a tree whose leaves are trees, each placed in the world, so that geometry shown many times is there
+//! once.
+
+use super::pages::Pages;
+use super::{Bvh, Child, Wide, WideNode};
+use crate::geom::{Aabb, Placement};
+use rayon::prelude::*;
+use std::sync::Arc;
+
+/// A tree placed in the world.
+#[derive(Clone, Debug)]
+pub struct Member {
+    /// The tree, in its own space.
+    pub tree: Arc<Bvh>,
+    /// Moves its corners into the world; `None` for a tree that is there already.
+    pub placement: Option<Placement>,
+    /// What is added to its primitive ids.
+    pub first: u32,
+    /// The smallest box around its moved triangles.
+    pub bounds: Aabb,
+}
+
+impl Member {
+    /// A tree, moved by `placement`, whose primitives are `first` and the following.
+    pub fn placed(tree: Arc<Bvh>, placement: Placement, first: u32) -> Self {
+        let blocks = tree.wide.blocks.par_iter().with_min_len(1 << 8);
+        let bounds = blocks
+            .map(|block| {
+                let corners = (0..block.len()).flat_map(|row| block.corners(row));
+                Aabb::around(corners.map(|corner| placement.point(corner)))
+            })
+            .reduce(|| Aabb::EMPTY, Aabb::union);
+        Self { tree, placement: Some(placement), first, bounds }
+    }
+
+    /// A tree that stands in the world, with its own primitive ids.
+    pub fn here(tree: Arc<Bvh>) -> Self {
+        Self { bounds: tree.bounds, tree, placement: None, first: 0 }
+    }
+}
+
+/// The members of a two-level tree. Empty for a tree of triangles.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Assembly {
+    pub members: Vec<Member>,
+    /// Who has the primitives from an id on.
+    spans: Vec<(u32, u32)>,
+    pub triangles: usize,
+}
+
+impl Assembly {
+    /// The member that has a primitive.
+    pub fn owner(&self, primitive: u32) -> &Member {
+        let span = self.spans.partition_point(|&(first, _)| first <= primitive) - 1;
+        &self.members[self.spans[span].1 as usize]
+    }
+}
+
+impl Bvh {
+    /// Puts trees together: a tree over them. Every primitive id is of one member, and all together are
+    /// consecutive from 0. The trees must be of triangles.
+    ///
+    /// # Panics
+    /// If ids are missing or given twice, or a member is itself an assembly.
+    pub fn assemble(members: Vec<Member>) -> Self {
+        let members: Vec<Member> = members.into_iter().filter(|member| !member.tree.is_empty()).collect();
+        let corners: Vec<_> = members.iter().flat_map(|m| [m.bounds.min, m.bounds.max]).collect();
+        // A triangle with the box of each member.
+        let boxes: Vec<_> = (0..members.len() as u32).map(|i| [2 * i, 2 * i + 1, 2 * i]).collect();
+        let over = Self::build(&corners, &boxes, |_| false);
+        let assembly = Assembly::new(members);
+        Self { wide: assembly.top(&over), places: Vec::new(), assembly: Some(assembly), ..over }
+    }
+
+    /// The trees that this one is put together of; none when it is a tree of triangles. The leaves of
+    /// [`Bvh::wide`] are then members: a child that is a block is one, by index.
+    pub fn members(&self) -> &[Member] {
+        self.assembly.as_ref().map_or(&[], |assembly| &assembly.members)
+    }
+}
+
+impl Assembly {
+    fn new(members: Vec<Member>) -> Self {
+        let mut spans: Vec<(u32, u32)> = Vec::new();
+        for (index, member) in (0..).zip(&members) {
+            assert!(member.tree.members().is_empty(), "two levels, not more");
+            let runs = member.tree.numbering.starts();
+            spans.extend(runs.map(|start| (member.first + start, index)));
+        }
+        spans.sort_unstable();
+        let triangles = members.iter().map(|member| member.tree.len()).sum();
+        let assembly = Self { members, spans, triangles };
+        assembly.check_ids();
+        assembly
+    }
+
+    /// Panics unless every id up to the number of triangles has one owner.
+    fn check_ids(&self) {
+        let mut next = 0;
+        for (at, &(first, member)) in self.spans.iter().enumerate() {
+            let member = &self.members[member as usize];
+            assert_eq!(first, next, "primitive ids follow each other");
+            let until = self.spans.get(at + 1).map_or(self.triangles as u32, |&(next, _)| next);
+            let count = until.saturating_sub(first);
+            let place = member.tree.numbering.place(first - member.first);
+            let last = member.tree.numbering.place((first + count).max(1) - 1 - member.first);
+            let whole = count > 0 && last + 1 == place + count as usize && last < member.tree.len();
+            assert!(whole, "primitive ids follow each other");
+            next = until;
+        }
+    }
+
+    /// The tree over members: that over their boxes, each block turned into a node.
+    fn top(&self, over: &Bvh) -> Wide {
+        let inner = over.wide.nodes.len();
+        let mut nodes = Pages::zeroed(inner + over.wide.blocks.len());
+        let (inner_nodes, block_nodes) = nodes.split_at_mut(inner);
+        for (to, node) in inner_nodes.iter_mut().zip(over.wide.nodes.iter()) {
+            *to = *node;
+            for child in to.children.iter_mut().filter(|child| **child != Child::NONE && child.is_block()) {
+                *child = Child::node(inner + child.index());
+            }
+        }
+        for (to, block) in block_nodes.iter_mut().zip(over.wide.blocks.iter()) {
+            let members: Vec<u32> = (0..block.len()).map(|row| block.primitive(row)).collect();
+            let boxes: Vec<Aabb> = members.iter().map(|&m| self.members[m as usize].bounds).collect();
+            let centre = boxes.iter().copied().fold(Aabb::EMPTY, Aabb::union).centre();
+            *to = WideNode::VACANT;
+            let slots = super::collapse::slots(boxes.iter().map(|bounds| bounds.centre() - centre));
+            for ((member, bounds), slot) in members.iter().zip(&boxes).zip(slots) {
+                to.set(slot, *bounds, Child::block(*member as usize, 1));
+            }
+        }
+        Wide { nodes, blocks: Pages::zeroed(0), depth: over.wide.depth + 1 }
+    }
+}

@@ -1,0 +1,65 @@
+//! The traversal of a tree of placed trees: lists of rays go down the tree over members as down any other, and each
+//! list that reaches a member goes through that member's tree to the end.
+//!
+//! Unsafe code for lists. The invariants are those of `stream`; a block child of a node above is a member's index,
+//! which `Bvh::assemble` made.
+#![allow(unsafe_code)]
+
+use super::space::{Own, Space, World};
+use super::stream::{Entry, Job, Loose, OctantStack, PADDING, Visit, entries_of, inner};
+use crate::bvh::{Child, Member};
+use crate::lanes::Lanes;
+
+/// Visits everything with the lists at the bottom of the arenas, of `counts` lengths. `below` is empty before and
+/// after.
+#[inline(always)]
+pub(super) fn traverse<W: Lanes, E: Lanes, const ANY: bool>(
+    (w, e): (W, E),
+    top: &Job<'_>,
+    members: &[Member],
+    stacks: &mut [OctantStack; 8],
+    counts: &[usize; 8],
+    below: &mut OctantStack,
+) {
+    let deepest = members.iter().map(|member| member.tree.wide().depth()).max().unwrap_or(0);
+    below.entries.reserve(entries_of(deepest));
+    for octant in (0..8).filter(|&octant| counts[octant] > 0) {
+        let stack = &mut stacks[octant];
+        stack.entries.push(Entry { child: Child::ROOT, start: 0, len: counts[octant] as u32 });
+        while let Some(entry) = stack.entries.pop() {
+            if !entry.child.is_block() {
+                inner::<_, _, _, false>(w, e, World, top, octant, stack, entry);
+                continue;
+            }
+            let member = &members[entry.child.index()];
+            let wide = member.tree.wide();
+            let job = Job { nodes: wide.nodes(), blocks: wide.blocks(), ..*top };
+            let len = entry.len as usize;
+            below.reserve(len + 2 * PADDING);
+            let start = entry.start as usize;
+            below.ids[..len + PADDING].copy_from_slice(&stack.ids[start..start + len + PADDING]);
+            below.entries.push(Entry { child: Child::ROOT, start: 0, len: entry.len });
+            match &member.placement {
+                None => through::<_, _, _, ANY>(w, e, World, &job, octant, below),
+                Some(placement) => {
+                    let own = Own::new(placement, member.first, octant);
+                    through::<_, _, _, ANY>(w, e, own, &job, octant, below);
+                }
+            }
+        }
+    }
+}
+
+/// Makes all visits that are pending.
+#[inline(always)]
+fn through<W: Lanes, E: Lanes, S: Space, const ANY: bool>(
+    w: W,
+    e: E,
+    space: S,
+    job: &Job<'_>,
+    octant: usize,
+    stack: &mut OctantStack,
+) {
+    let loose = Loose::<W, E, S, ANY> { w, e, space, job };
+    while loose.step(octant, stack) {}
+}

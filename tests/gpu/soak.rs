@@ -1,0 +1,102 @@
+//! A long run in miniature: small frames, one after the other, while devices fail at random points. Every picture is the
+//! CPU's, lost devices are replaced, memory stays flat, nothing hangs.
+
+use raystream::film::Image;
+use raystream::render::{Path, Settings, Stage, UnitChoice, Units};
+use raystream::scene::{Camera, load};
+use raystream::schedule::{JobOptions, Service, ServiceOptions, Unit};
+use raystream::trace::cpu::SimdLevel;
+use raystream::trace::gpu::Fault;
+use std::path::Path as FilePath;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// Frames that are rendered with the same stage; after them the machine is opened anew.
+const FRAMES_A_STAGE: usize = 5;
+
+/// What a run has seen.
+#[derive(Debug, Default)]
+struct Seen {
+    frames: usize,
+    losses: usize,
+    /// Frames to which a device contributed after a loss of an earlier one.
+    with_a_replacement: usize,
+}
+
+/// Renders `frames` frames with a device that fails somewhere among each few.
+fn soak(frames: usize, seed: u32) -> Seen {
+    let file = FilePath::new(env!("CARGO_MANIFEST_DIR")).join("scenes/cornell.json");
+    let scene = Arc::new(load::load(&file).expect("scene"));
+    let camera = scene.camera.unwrap_or_else(|| Camera::framing(&scene.bounds(), 1.0));
+    let options = ServiceOptions { host_threads: 2, dispatch_threads: 2, ..Default::default() };
+    let service = Service::new(options).expect("threads");
+    let mut random = crate::meshes::Random::new(u64::from(seed));
+    let render = |stage: &Stage| {
+        let settings = Settings { width: 24, height: 24, spp: 4, max_bounces: 3, seed: 5 };
+        let path = Arc::new(Path::new(scene.clone(), &camera, settings, None).expect("settings"));
+        let job = service.submit(path.clone(), stage.tracers.clone(), JobOptions::default()).expect("job");
+        let report = job.wait().expect("frame");
+        let image = Image { width: 24, height: 24, pixels: path.film().resolve() };
+        (image.hash(), report)
+    };
+    let choice =
+        |unit, fault| UnitChoice { unit: Some(unit), adapter: None, simd: SimdLevel::detect(), fault };
+    let cpu = Units::open(&choice(Unit::Cpu, None)).expect("the CPU");
+    let (expected, _) = render(&Stage::new(scene.clone(), &cpu));
+
+    let mut seen = Seen::default();
+    while seen.frames < frames {
+        let at = 1 + u64::from(random.below(6));
+        let fault = match random.below(8) {
+            0 => Fault::Corrupt(at),
+            1 => Fault::OutOfMemory,
+            _ => Fault::Lost(at),
+        };
+        let unit = if random.below(2) == 0 { Unit::Gpu } else { Unit::Hybrid };
+        let units = Units::open(&choice(unit, Some(fault))).expect("units");
+        let stage = Stage::new(scene.clone(), &units);
+        let mut lost = false;
+        for _ in 0..FRAMES_A_STAGE {
+            let (hash, report) = render(&stage);
+            assert_eq!(hash, expected, "frame {}, {fault:?}", seen.frames);
+            seen.frames += 1;
+            let failed = !report.events.is_empty();
+            seen.losses += usize::from(failed && !lost);
+            seen.with_a_replacement += usize::from(lost && !failed && stage.tracers.device.is_some());
+            lost |= failed;
+            if failed && random.below(2) == 0 {
+                // Sometimes the next frame waits for the other device, sometimes it has to do without.
+                std::thread::sleep(Duration::from_millis(400));
+            }
+        }
+    }
+    seen
+}
+
+/// Memory in use, where the system tells.
+fn resident_bytes() -> Option<usize> {
+    let pages = std::fs::read_to_string("/proc/self/statm").ok()?;
+    Some(pages.split(' ').nth(1)?.parse::<usize>().ok()? * 4096)
+}
+
+#[test]
+fn some_frames_with_failing_devices() {
+    let seen = soak(30, 1);
+    assert!(seen.losses >= 2, "{seen:?}");
+}
+
+/// Five hundred frames: `cargo test --release --test gpu soak -- --ignored --nocapture`.
+#[test]
+#[ignore = "takes minutes"]
+fn five_hundred_frames_with_failing_devices_and_flat_memory() {
+    let start = Instant::now();
+    let warm = soak(100, 2);
+    let before = resident_bytes();
+    let seen = soak(400, 3);
+    let after = resident_bytes();
+    println!("{warm:?}, then {seen:?}, {:.0} s; {before:?} → {after:?} bytes", start.elapsed().as_secs_f32());
+    assert!(seen.losses >= 30 && seen.with_a_replacement >= 30, "{seen:?}");
+    if let (Some(before), Some(after)) = (before, after) {
+        assert!(after < before + (64 << 20), "{before} bytes before, {after} after");
+    }
+}
