@@ -260,7 +260,7 @@ impl Lanes for Avx2 {
         unsafe { _mm256_cvttps_epi32(a) }
     }
     #[inline(always)]
-    fn from_ids(self, a: __m256i) -> __m256 {
+    fn of_ids(self, a: __m256i) -> __m256 {
         unsafe { _mm256_cvtepi32_ps(a) }
     }
     #[inline(always)]

@@ -241,7 +241,7 @@ impl Lanes for Avx512 {
         unsafe { _mm512_cvttps_epi32(a) }
     }
     #[inline(always)]
-    fn from_ids(self, a: __m512i) -> __m512 {
+    fn of_ids(self, a: __m512i) -> __m512 {
         unsafe { _mm512_cvtepi32_ps(a) }
     }
     #[inline(always)]

@@ -80,7 +80,7 @@ impl<L: Lanes> Int<L> {
     /// The nearest f32 of numbers below 2³¹.
     #[inline(always)]
     pub fn to_num(self) -> Num<L> {
-        Num { l: self.l, f: self.l.from_ids(self.i) }
+        Num { l: self.l, f: self.l.of_ids(self.i) }
     }
 
     /// The number of these bits.

@@ -113,7 +113,7 @@ pub trait Lanes: Copy {
     /// The whole part of a number of 0 to 2³¹ − 1.
     fn to_ids(self, a: Self::F) -> Self::I;
     /// The nearest number to an id below 2³¹.
-    fn from_ids(self, a: Self::I) -> Self::F;
+    fn of_ids(self, a: Self::I) -> Self::F;
     /// The bits of a number.
     fn bits(self, a: Self::F) -> Self::I;
     /// The number of these bits.

@@ -164,7 +164,7 @@ impl<const N: usize> Lanes for Plain<N> {
         a.map(|x| x as u32)
     }
     #[inline(always)]
-    fn from_ids(self, a: Self::I) -> Self::F {
+    fn of_ids(self, a: Self::I) -> Self::F {
         a.map(|x| x as f32)
     }
     #[inline(always)]

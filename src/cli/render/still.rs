@@ -13,7 +13,6 @@ use crate::film::{Film, Image, write_image};
 use crate::render::{Integrator, PassOptions, Progressive};
 use crate::scene::Camera;
 use anyhow::{Context, Result};
-use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -67,7 +66,7 @@ pub fn run<I: Integrator>(
     }
     drop(bar);
     let render_s = started.elapsed().as_secs_f64();
-    let joules = meters.joules();
+    tally.joules = meters.joules();
 
     let started = Instant::now();
     let (image, film) = save(args, checkpoint.as_ref(), &frame)?;
@@ -77,7 +76,7 @@ pub fn run<I: Integrator>(
         render: render_s,
         write: started.elapsed().as_secs_f64(),
     };
-    let stats = summarise(setup, &frame, &film, &image, seconds, &mut tally, end, joules);
+    let stats = summarise(setup, &frame, &film, &image, seconds, &mut tally, end);
     if let Some(path) = &args.stats {
         stats::write(path, &stats)?;
     }
@@ -122,7 +121,6 @@ fn summarise<I: Integrator>(
     seconds: Seconds,
     tally: &mut Tally,
     end: End,
-    joules: BTreeMap<String, f64>,
 ) -> RenderStats {
     let settings = frame.integrator().frame().settings();
     let micros = seconds.render * 1e6;
@@ -162,7 +160,7 @@ fn summarise<I: Integrator>(
         peak_loop_stack_bytes: frame.loop_stack_bytes() as u64,
         adapter: setup.stage.adapter.clone(),
         simd: setup.simd.name().into(),
-        joules,
+        joules: std::mem::take(&mut tally.joules),
         events,
     }
 }

@@ -3,6 +3,7 @@
 use crate::cli::setup::Setup;
 use crate::cli::stats::{MemoryStats, ThreadStats, Units};
 use crate::schedule::{Depths, JobReport, RayCounts, TaskRecord, ThreadKind, ThreadReport};
+use std::collections::BTreeMap;
 
 /// Adds up jobs that ran after or beside each other in one service.
 #[derive(Default)]
@@ -10,6 +11,8 @@ pub struct Tally {
     pub rays: RayCounts,
     pub units: Units,
     pub events: Vec<String>,
+    /// Energy by meter, as far as the command has read them.
+    pub joules: BTreeMap<String, f64>,
     /// The most paths of one job.
     pub peak_rays_in_flight: usize,
     /// The most bytes of one job's ray streams.

@@ -114,7 +114,7 @@ impl<L: Lanes> Principled<L> {
             let share = (one - metallic) * transmission;
             let leaving = if surface.thin { 0 } else { L::ALL & !outside };
             outer = layer.scaled(Num::select(leaving, one - transmission, one));
-            opaque = opaque * (one - transmission);
+            opaque *= one - transmission;
             transparency = Some(Transparency {
                 share,
                 tint: base * share,
