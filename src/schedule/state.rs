@@ -132,15 +132,15 @@ impl State {
         assert!(!self.closing, "a closed service takes no jobs");
         let id = JobId(self.next_id);
         self.next_id += 1;
-        let idle_ns = Vec::with_capacity(self.threads.len());
+        let threads = self.threads.len();
         let job = Admitted {
             id,
             submission,
             submitted_ns: now_ns,
             begin_ns: now_ns,
-            tail_idle_ns: idle_ns.clone(),
-            idle_ns,
+            idle_ns: Vec::with_capacity(threads),
             tail_ns: None,
+            tail_idle_ns: Vec::with_capacity(threads),
         };
         self.waiting.push_back(job);
         self.admit(now_ns);
