@@ -53,7 +53,7 @@ impl RayCounts {
 }
 
 /// Depths that are counted apart; the last stands for all beyond.
-pub const DEPTHS: usize = 64;
+pub const DEPTHS: usize = 16;
 
 /// Rays whose nearest hit was shaded, by depth ([`super::Renderer::depth`]).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -133,15 +133,15 @@ impl State {
         let id = JobId(self.next_id);
         self.next_id += 1;
         // With room for all threads: nothing is allocated while a frame is under way.
-        let of_threads = || Vec::with_capacity(self.threads.len());
+        let threads = self.threads.len();
         let job = Admitted {
             id,
             submission,
             submitted_ns: now_ns,
             begin_ns: now_ns,
-            idle_ns: of_threads(),
-            tail_idle_ns: of_threads(),
+            idle_ns: Vec::with_capacity(threads),
             tail_ns: None,
+            tail_idle_ns: Vec::with_capacity(threads),
         };
         self.waiting.push_back(job);
         self.admit(now_ns);
