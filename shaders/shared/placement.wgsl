@@ -1,5 +1,6 @@
 // The canonical motion of a member's geometry into the world (`geom::Placement`): every product and every sum is
-// rounded once, in the same order, so corners and boxes are the host's to the bit.
+// rounded once, in the same order, so corners and boxes are the host's to the bit. (A device that flushes tiny products
+// to zero moves them by less than the smallest normal number, which TINY and the slabs' pads cover: see `prepare`.)
 
 fn moved(member: Member, p: vec3<f32>) -> vec3<f32> {
     let x = rounded(member.x * p.x);

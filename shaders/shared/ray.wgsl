@@ -77,7 +77,9 @@ fn prepare(ray: Ray, prepared: ptr<function, PreparedRay>) -> u32 {
     let size = max(abs(ray.direction), vec3<f32>(length * MIN_COMPONENT));
     let inverse = 1.0 / bitcast<vec3<f32>>(bitcast<vec3<u32>>(size) | sign);
     let pad = (2.0 * SLACK * max(params.scene_max_abs, reach)) * abs(inverse);
-    if smallest(pad) < LEAST_PAD {
+    // Where products of a placement are flushed to zero, moved planes are off by up to the smallest normal number.
+    let drowned = MEMBERS && SLACK * max(params.scene_max_abs, reach) < LEAST_PAD;
+    if drowned || smallest(pad) < LEAST_PAD {
         return UNCERTAIN;
     }
     let shift = -(ray.origin * inverse);

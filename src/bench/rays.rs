@@ -117,8 +117,8 @@ pub enum BenchError {
     Device(#[from] DeviceError),
 }
 
-/// Measures every unit on every kind of ray. `bvh` must have been built from these triangles, and `device`, if any, traces
-/// them.
+/// Measures every unit on every kind of ray. `bvh` must have been built from these triangles; `device`, if any,
+/// traces them.
 ///
 /// # Errors
 /// When Embree was asked for and is not there, or the device is lost.

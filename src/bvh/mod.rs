@@ -112,8 +112,8 @@ impl Bvh {
         Self { numbering, ..self }
     }
 
-    /// The binary tree, one primitive a leaf, or one member if there are members. Built anew at each call, for it would take as much memory
-    /// as all the rest.
+    /// The binary tree, one primitive a leaf, or one member if there are members. Built anew at each call,
+    /// for it would take as much memory as all the rest.
     pub fn binary(&self) -> Binary {
         let corners = |place: u32| match self.members().get(place as usize) {
             Some(Member { bounds, .. }) => [bounds.min, bounds.max, bounds.min],

@@ -316,8 +316,8 @@ pub struct BenchRaysArgs {
     /// Numbers of threads to measure with, as in 1,2.
     #[arg(long, value_name = "N,..", value_delimiter = ',', default_value = "1", value_parser = clap::value_parser!(u32).range(1..=1024))]
     pub threads: Vec<u32>,
-    /// Measure the GPU adapter whose name contains NAME, too (`raystream info` lists them). It has all threads of its driver
-    /// whatever --threads says.
+    /// Measure the GPU adapter whose name contains NAME, too (`raystream info` lists them). A software adapter has
+    /// all threads of its driver, whatever --threads says.
     #[arg(long, value_name = "NAME")]
     pub adapter: Option<String>,
     /// Embree 4's shared library (the wheel `embreex` carries one); without it that peer is left out.

@@ -4,6 +4,7 @@ use super::layout::{EXTENT_MARGIN, LAST, LEAF, LEAF_TRIANGLES, MASKED, Member, N
 use crate::bvh::{Binary, Bvh};
 use crate::geom::{Aabb, MAX_COORDINATE, Placement};
 use glam::Vec3;
+use std::collections::HashMap;
 use std::sync::Arc;
 
 /// A scene's trees: one of triangles; or one over members, and theirs.
@@ -11,7 +12,9 @@ pub(super) struct Trees<'a> {
     bvh: &'a Bvh,
     top: Binary,
     /// The trees of members, each once.
-    below: Vec<(&'a Arc<Bvh>, Binary)>,
+    below: Vec<(&'a Bvh, Binary)>,
+    /// Which of them each member has.
+    trees: Vec<usize>,
 }
 
 /// Nodes in depth-first order, the root first; triangles in leaf order. Members' trees follow each other.
@@ -47,11 +50,15 @@ fn inner_nodes(binary: &Binary, most: usize) -> usize {
 
 impl<'a> Trees<'a> {
     pub fn of(bvh: &'a Bvh) -> Self {
-        let mut trees: Vec<&Arc<Bvh>> = bvh.members().iter().map(|member| &member.tree).collect();
-        trees.sort_unstable_by_key(|tree| Arc::as_ptr(tree));
-        trees.dedup_by_key(|tree| Arc::as_ptr(tree));
-        let below = trees.into_iter().map(|tree| (tree, tree.binary())).collect();
-        Self { bvh, top: bvh.binary(), below }
+        let (mut below, mut trees, mut places) = (Vec::new(), Vec::new(), HashMap::new());
+        for member in bvh.members() {
+            let place = places.entry(Arc::as_ptr(&member.tree)).or_insert_with(|| {
+                below.push((&*member.tree, member.tree.binary()));
+                below.len() - 1
+            });
+            trees.push(*place);
+        }
+        Self { bvh, top: bvh.binary(), below, trees }
     }
 
     /// The most that the top makes a leaf of.
@@ -105,13 +112,12 @@ impl<'a> Trees<'a> {
         if !roots.is_empty() {
             flat.stack += above;
         }
-        flat.members.extend(self.bvh.members().iter().map(|member| {
-            let at = self.below.iter().position(|(tree, _)| Arc::ptr_eq(tree, &member.tree));
+        flat.members.extend(self.bvh.members().iter().zip(&self.trees).map(|(member, &tree)| {
             let rows = member.placement.unwrap_or(Placement::HERE).rows;
             let column = |i: usize| rows.map(|row| row[i]);
             Member {
                 x: column(0),
-                root: roots[at.expect("one of them")],
+                root: roots[tree],
                 y: column(1),
                 first: member.first,
                 z: column(2),

@@ -1,12 +1,13 @@
-//! What comes after a loss: another device of the same adapter, opened by whoever needs it first and shared by all. A device
-//! never comes back to life, so each generation stays behind its own wall, and their number is bounded.
+//! What comes after a loss: another device of the same adapter, opened by whoever needs it first and shared by
+//! all. A device never comes back to life, so each stays behind its own wall, and their number is bounded.
 
 use super::{AdapterChoice, Gpu};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
-/// How many devices may be opened in the place of the first, tries that fail included. An adapter that loses more is of no use.
+/// How many devices may be opened in the place of the first, tries that fail included. An adapter that loses more
+/// is of no use.
 pub(super) const MOST: u32 = 8;
 
 /// How long a driver is given to recover before it is asked again.
@@ -47,8 +48,8 @@ impl Gpu {
         gpu
     }
 
-    /// The device in the place of this lost one; opens it if nobody has yet. `None` when no other may follow, none can be had,
-    /// or `over` says that nobody wants it any more.
+    /// The device in the place of this lost one; opens it if nobody has yet. `None` when no other may follow, none
+    /// can be had, or `over` says that nobody wants it any more.
     pub(super) fn successor(&self, over: &AtomicBool) -> Option<Arc<Self>> {
         let Succession { number, ended, next } = &self.succession;
         if ended.load(Ordering::Relaxed) || over.load(Ordering::Relaxed) {

@@ -24,8 +24,8 @@ const MAX_RAYS_SOFTWARE: usize = 1 << 16;
 /// Traces ray streams of one scene on a GPU. The answers are canonical: candidates of the device are
 /// evaluated again on the host, and rays that stay open go to the CPU tracer.
 ///
-/// When the device is lost, calls fail at once while another is opened and given the scene in the background; after that
-/// calls are answered again.
+/// When the device is lost, calls fail at once while another is opened and given the scene in the background;
+/// after that calls are answered again.
 pub struct GpuTracer {
     name: String,
     shared: Arc<Shared>,
@@ -83,8 +83,8 @@ impl Shared {
 }
 
 impl GpuTracer {
-    /// Uploads a scene, to another device if this one is lost. `filter` has its say in hits of masked triangles; `cpu` traces the same scene
-    /// with the same filter, for rays whose answer the device leaves open.
+    /// Uploads a scene, to another device if this one is lost. `filter` has its say in hits of masked triangles;
+    /// `cpu` traces the same scene with the same filter, for rays whose answer the device leaves open.
     ///
     /// # Errors
     /// When the scene exceeds what the adapter can bind, with both sizes, or the device refuses the
