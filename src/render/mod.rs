@@ -7,11 +7,14 @@ mod pass;
 mod path;
 mod progressive;
 mod ray_by_ray;
+pub mod recursion;
+mod recursive_whitted;
 mod sequence;
 mod single_ray;
 mod stage;
 #[cfg(test)]
 mod tests;
+mod tree;
 mod units;
 mod whitted;
 
@@ -22,6 +25,7 @@ pub use pass::{BLOCK, Blocks, Pass};
 pub use path::{Contribution, Path, PathState, ROULETTE_BOUNCES};
 pub use progressive::{NoiseReport, PASSES_IN_FLIGHT, PassOptions, Progressive};
 pub use ray_by_ray::RayByRay;
+pub use recursive_whitted::RecursiveWhitted;
 pub use sequence::Sequence;
 pub use single_ray::render_single_rays;
 pub use stage::Stage;

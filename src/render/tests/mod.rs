@@ -3,6 +3,7 @@
 pub mod harness;
 mod path;
 mod progressive;
+mod recursion;
 mod scenes;
 mod single_ray;
 mod whitted;
