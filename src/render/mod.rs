@@ -1,5 +1,6 @@
 //! The integrators that plug into the scheduler, and what makes a scene ready for them.
 
+mod ambient_occlusion;
 mod checkpoint;
 mod frame;
 mod integrator;
@@ -18,6 +19,7 @@ mod tree;
 mod units;
 mod whitted;
 
+pub use ambient_occlusion::{AmbientOcclusion, SampleState};
 pub use checkpoint::{CheckpointError, Identity};
 pub use frame::{Frame, Settings, SettingsError};
 pub use integrator::Integrator;

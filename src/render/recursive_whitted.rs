@@ -3,7 +3,7 @@
 use super::recursion::{Cx, Shader};
 use super::tree::{MAX_BOUNCES, Node, SHADOW_RAYS, splats};
 use crate::shade::single;
-use crate::stream::Ray;
+use crate::stream::{Hit, Ray};
 use glam::Vec3;
 
 /// Whitted's algorithm (1980), as he might have written it. [`super::Whitted`] is the same by hand, as a hit
@@ -11,10 +11,9 @@ use glam::Vec3;
 #[derive(Clone, Copy, Debug, Default)]
 pub struct RecursiveWhitted;
 
-/// A ray of the tree.
+/// What a ray of the tree is.
 #[derive(Clone, Copy, Debug)]
 pub struct Branch {
-    ray: Ray,
     throughput: Vec3,
     depth: u32,
     /// Place in the tree, as [`Node::direct_light`] has it.
@@ -31,13 +30,13 @@ impl Shader for RecursiveWhitted {
         splats(max_bounces)
     }
 
-    fn camera(&self, ray: Ray) -> Branch {
-        Branch { ray, throughput: Vec3::ONE, depth: 0, number: 1 }
+    fn camera(&self) -> Branch {
+        Branch { throughput: Vec3::ONE, depth: 0, number: 1 }
     }
 
-    async fn shade(&self, cx: Cx<'_, Self>, branch: Branch) {
-        let Branch { ray, throughput, depth, number } = branch;
-        let Some(hit) = cx.trace(ray).await else {
+    async fn shade(&self, cx: Cx<'_, Self>, ray: Ray, hit: Option<Hit>, branch: Branch) {
+        let Branch { throughput, depth, number } = branch;
+        let Some(hit) = hit else {
             cx.add(throughput * single::sky(cx.lights(), Vec3::from_array(ray.direction)).0);
             return;
         };
@@ -57,12 +56,13 @@ impl Shader for RecursiveWhitted {
                 ways = [smooth.reflection, smooth.transmission].map(|way| node.secondary(way, throughput));
             }
         }
-        for (ray, radiance) in lights.into_iter().flatten() {
+        // By reference: what is moved into an iterator is kept twice beyond an await.
+        for &(ray, radiance) in lights.iter().flatten() {
             cx.add_unless_occluded(ray, radiance).await;
         }
-        for (side, way) in (0..).zip(ways) {
-            if let Some((ray, throughput)) = way {
-                cx.call(Branch { ray, throughput, depth: depth + 1, number: 2 * number + side }).await;
+        for (side, way) in (0..).zip(&ways) {
+            if let &Some((ray, throughput)) = way {
+                cx.call(ray, Branch { throughput, depth: depth + 1, number: 2 * number + side }).await;
             }
         }
     }

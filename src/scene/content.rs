@@ -8,7 +8,8 @@ impl Scene {
     /// XXH3 (64 bits) of all that a picture of the scene depends on, as hexadecimal digits: scenes with
     /// the same hash look, in practice, the same from every camera.
     pub fn content_hash(&self) -> String {
-        let Self { mesh, materials, textures, lights, environment, camera: _, warnings: _ } = self;
+        let Self { mesh, materials, textures, procedurals, lights, environment, camera: _, warnings: _ } =
+            self;
         let mut hash = Hash(Xxh3::new());
         let Mesh { positions, normals, uvs, tangents, triangles, materials: by_triangle } = mesh;
         hash.column(positions);
@@ -23,6 +24,8 @@ impl Scene {
             hash.text(&(width, height, space, wrap_u, wrap_v));
             hash.column(texels);
         }
+        // Code cannot be hashed; its name and parameters can.
+        hash.text(procedurals);
         hash.text(lights);
         match environment {
             Environment::Constant(radiance) => hash.text(radiance),

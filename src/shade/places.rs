@@ -133,6 +133,11 @@ impl<B> Hand<'_, B> {
         self.free.pop().expect("refilled above")
     }
 
+    /// The place that is taken after so many others, unless some are given back meanwhile; if known.
+    pub fn upcoming(&self, others: usize) -> Option<u32> {
+        self.free.iter().rev().nth(others).copied()
+    }
+
     /// Gives a place back.
     pub fn give_back(&mut self, place: u32) {
         self.free.push(place);

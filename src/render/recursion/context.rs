@@ -17,7 +17,7 @@ use std::task::{Context, Poll};
 /// The answers to what was sent out together.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Answered {
-    pub hit: Hit,
+    pub hit: Option<Hit>,
     /// One bit for each question, set when it is occluded.
     pub occluded: u32,
 }
@@ -112,15 +112,16 @@ impl<'a, S: Shader> Cx<'a, S> {
     }
 
     /// Adds radiance to the pixel unless something lies on a shadow ray. The call does not wait for the
-    /// ray, only, if need be, for room to send it: after [`Shader::SHADOW_RAYS`] of them for the next turn.
+    /// ray; only, if need be, for room to send it: each turn, the time from one ray of the path to the next,
+    /// has room for [`Shader::SHADOW_RAYS`].
     pub fn add_unless_occluded(self, ray: Ray, radiance: Vec3) -> impl Future<Output = ()> + Send + use<S> {
         const { assert!(S::SHADOW_RAYS > 0, "Shader::SHADOW_RAYS leaves no room for shadow rays") };
         LightRay { ray, radiance }
     }
 
-    /// Calls the shader and waits for what it returns: recursion.
-    pub fn call(self, args: S::Args) -> impl Future<Output = S::Value> + Send + use<S> {
-        Callee::<S> { args: Some(args) }
+    /// Sends a ray, calls the shader with its hit, and waits for what it returns: recursion.
+    pub fn call(self, ray: Ray, args: S::Args) -> impl Future<Output = S::Value> + Send + use<S> {
+        Callee::<S> { ray, stage: Stage::Called(args) }
     }
 }
 
@@ -139,7 +140,7 @@ impl<const N: usize> Future for Rays<N> {
             if self.sent {
                 let Answered { hit, occluded } = exchange.answered.get();
                 let bits = std::array::from_fn(|question| occluded >> question & 1 != 0);
-                return Poll::Ready(((!hit.is_miss()).then_some(hit), bits));
+                return Poll::Ready((hit, bits));
             }
             if exchange.make_room(N) {
                 for (question, &ray) in self.shadows.iter().enumerate() {
@@ -178,7 +179,16 @@ impl Future for LightRay {
 
 /// A call of the shader by itself.
 struct Callee<S: Shader> {
-    args: Option<S::Args>,
+    ray: Ray,
+    stage: Stage<S::Args>,
+}
+
+enum Stage<A> {
+    Called(A),
+    /// The ray is on its way.
+    Sent(A),
+    /// The callee is above its caller.
+    Begun,
 }
 
 // The arguments are moved out, never pinned.
@@ -188,17 +198,21 @@ impl<S: Shader> Future for Callee<S> {
     type Output = S::Value;
 
     fn poll(mut self: Pin<&mut Self>, _: &mut Context<'_>) -> Poll<S::Value> {
-        Exchange::call(|exchange, _| {
-            exchange.parcel::<S::Args, S::Value, _>(|parcel| match self.args.take() {
-                Some(args) => {
-                    parcel.args = Some(args);
-                    exchange.wish(Wish::Call);
-                    Poll::Pending
-                }
-                None => {
-                    Poll::Ready(parcel.value.take().expect("a call is resumed when its callee has returned"))
-                }
-            })
+        Exchange::call(|exchange, _| match std::mem::replace(&mut self.stage, Stage::Begun) {
+            Stage::Called(args) => {
+                exchange.wish(Wish::Rays(self.ray));
+                self.stage = Stage::Sent(args);
+                Poll::Pending
+            }
+            Stage::Sent(args) => {
+                exchange.wish(Wish::Call);
+                exchange.parcel::<S::Args, S::Value, _>(|parcel| parcel.args = Some(args));
+                Poll::Pending
+            }
+            Stage::Begun => {
+                let value = exchange.parcel::<S::Args, S::Value, _>(|parcel| parcel.value.take());
+                Poll::Ready(value.expect("a call is resumed when its callee has returned"))
+            }
         })
     }
 }

@@ -2,7 +2,7 @@
 //! thread polls one call at a time; so calls need not carry a way back to the engine with them.
 
 use super::Answered;
-use crate::stream::{Hit, Ray};
+use crate::stream::Ray;
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 use std::any::Any;
@@ -26,7 +26,7 @@ pub(super) enum Wish {
     Rays(Ray),
     /// Another turn, with room for shadow rays.
     Turn,
-    /// What the call whose arguments are in the parcel returns.
+    /// What a call returns that is given the ray just traced and the arguments in the parcel.
     Call,
 }
 
@@ -72,7 +72,7 @@ impl Exchange {
             place: Cell::new(0),
             room: Cell::new(0),
             wish: Cell::new(None),
-            answered: Cell::new(Answered { hit: Hit::NONE, occluded: 0 }),
+            answered: Cell::new(Answered { hit: None, occluded: 0 }),
             shadows: RefCell::new(Vec::new()),
             parcel: RefCell::new(None),
         }

@@ -7,10 +7,10 @@
 //! compiled to a state machine that keeps exactly what is needed beyond each `await`.
 //!
 //! # A first shader
-//! A [`Shader`] is a recursive function. It asks its context [`Cx`] for the nearest hit of a ray
-//! ([`Cx::trace`]), for shadow rays ([`Cx::occluded`]), and for itself ([`Cx::call`]), as often as it likes,
-//! in loops and branches, and looks at each answer before it asks on. Here, mirrors that go on to reflect as
-//! long as it shows, and a sun:
+//! A [`Shader`] is a recursive function: given a ray and its hit, what comes along the ray? It asks its context
+//! [`Cx`] for other rays ([`Cx::call`] sends one and calls the shader with its hit; [`Cx::trace`] gives the
+//! bare hit) and for shadow rays ([`Cx::occluded`]), as often as it likes, in loops and branches, and looks at each
+//! answer before it asks on. Here, mirrors that go on to reflect as long as it shows, and a sun:
 //!
 //! ```
 //! use glam::Vec3;
@@ -18,39 +18,40 @@
 //! use raystream::render::{Settings, Stage, Units};
 //! use raystream::scene::{Camera, recipe::Recipe};
 //! use raystream::schedule::{JobOptions, Service, ServiceOptions};
-//! use raystream::stream::Ray;
+//! use raystream::stream::{Hit, Ray};
 //! use std::sync::Arc;
 //!
 //! struct Mirrors {
 //!     sun: Vec3,
 //! }
 //!
-//! /// A ray, what it counts for the pixel, and how often it has been reflected.
-//! type Look = (Ray, f32, u32);
+//! /// What a ray counts for the pixel, and how often it has been reflected.
+//! type Share = (f32, u32);
 //!
 //! impl Shader for Mirrors {
-//!     type Args = Look;             // what a call is given,
+//!     type Args = Share;            // what a call is given besides the ray and the hit,
 //!     type Value = Vec3;            // what it returns,
 //!     const SHADOW_RAYS: usize = 1; // and how many shadow rays it sends at once.
 //!
-//!     fn camera(&self, ray: Ray) -> Look {
-//!         (ray, 1.0, 0)
+//!     fn camera(&self) -> Share {
+//!         (1.0, 0)
 //!     }
 //!
-//!     async fn shade(&self, cx: Cx<'_, Self>, (ray, share, depth): Look) -> Vec3 {
-//!         let Some(hit) = cx.trace(ray).await else {
+//!     async fn shade(&self, cx: Cx<'_, Self>, ray: Ray, hit: Option<Hit>, (share, depth): Share) -> Vec3 {
+//!         let Some(hit) = hit else {
 //!             return Vec3::new(0.4, 0.6, 0.9); // the sky
 //!         };
 //!         let (_material, at) = cx.surface(&ray, &hit);
+//!         let towards = |direction| Ray::new(at.origin(at.position, direction), direction);
 //!         let mut light = Vec3::splat(0.05);
 //!         let facing = at.normal.dot(self.sun);
-//!         if facing > 0.0 && !cx.occluded(Ray::new(at.origin(at.position, self.sun), self.sun)).await {
+//!         if facing > 0.0 && !cx.occluded(towards(self.sun)).await {
 //!             light += Vec3::splat(0.5 * facing);
 //!         }
 //!         let share = 0.6 * share;
 //!         if share > 0.05 && depth < cx.settings().max_bounces {
-//!             let away = 2.0 * at.normal.dot(at.wo) * at.normal - at.wo;
-//!             light += 0.6 * cx.call((Ray::new(at.origin(at.position, away), away), share, depth + 1)).await;
+//!             let mirrored = 2.0 * at.normal.dot(at.wo) * at.normal - at.wo;
+//!             light += 0.6 * cx.call(towards(mirrored), (share, depth + 1)).await;
 //!         }
 //!         light
 //!     }
@@ -85,13 +86,14 @@
 //! [`super::RecursiveWhitted`] does so, and makes the same bytes as the hand-written [`super::Whitted`].
 //!
 //! # How it runs
-//! Each call has a *place* in an arena of recycled buckets ([`crate::shade::places`]), where its future, the
-//! state machine, stays from its first turn to its last. The ray that a call awaits carries the place's number
-//! as its payload, so it travels through the streams like any ray. When a batch comes back, the engine sorts
-//! it by material and gives each ray's call a turn, with the hit. A call that calls goes on top of its
-//! caller: the callee's turn begins at once, and when it returns, the caller's goes on. So a path has one ray in
-//! flight, and its calls are RA's stack of loop entries. There is no executor and no waker: the scheduler's
-//! batches say whose turn it is.
+//! A camera ray travels alone. When it is back, the first call begins, and has a turn: it runs until it awaits
+//! an answer or returns. A call that awaits has a *place* in an arena of recycled buckets
+//! ([`crate::shade::places`]), where its future, the state machine, stays until it returns. The ray that it
+//! awaits carries the place's number as its payload, through the streams like any ray. When a batch comes
+//! back, the engine sorts it by material and gives each path a turn: a ray sent by [`Cx::call`] begins a call
+//! on top of its caller, which goes on when the callee has returned. So a path has one ray in flight, and
+//! its calls are RA's stack of loop entries: a call that awaits nothing needs no more memory than a hit
+//! shader. There is no executor and no waker: the scheduler's batches say whose turn it is.
 //!
 //! Shadow rays travel in the stream of the ray that is sent with them and are answered before it is shaded
 //! (RA section 3.2). A call that asks for nothing but shadow rays sends a ray that hits nothing along, which
@@ -127,7 +129,7 @@ pub use context::Cx;
 pub use exchange::ShadowState;
 pub use renderer::Recursion;
 
-use crate::stream::Ray;
+use crate::stream::{Hit, Ray};
 use context::Answered;
 use glam::Vec3;
 use std::future::Future;
@@ -159,10 +161,17 @@ pub trait Shader: Send + Sync + Sized + 'static {
     }
 
     /// What the call for a camera ray is given.
-    fn camera(&self, ray: Ray) -> Self::Args;
+    fn camera(&self) -> Self::Args;
 
-    /// A call. Write it as `async fn shade(&self, cx: Cx<'_, Self>, args: …) -> …`.
-    fn shade(&self, cx: Cx<'_, Self>, args: Self::Args) -> impl Future<Output = Self::Value> + Send;
+    /// A call: what comes along a ray, seen from its origin, when `hit` is what the ray met, if anything.
+    /// Write it as an `async fn`.
+    fn shade(
+        &self,
+        cx: Cx<'_, Self>,
+        ray: Ray,
+        hit: Option<Hit>,
+        args: Self::Args,
+    ) -> impl Future<Output = Self::Value> + Send;
 }
 
 /// What the first call of a path may return.

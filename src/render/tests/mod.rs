@@ -1,5 +1,6 @@
 //! The integrators, driven without a scheduler.
 
+mod ambient_occlusion;
 pub mod harness;
 mod path;
 mod progressive;
