@@ -233,7 +233,7 @@ pub struct RenderArgs {
     /// Picture to write: .png (sRGB), .exr, .hdr or .npy (linear radiance).
     #[arg(short, long, value_name = "FILE", default_value = "out.png")]
     pub output: PathBuf,
-    /// Integrator: path or whitted.
+    /// Integrator.
     #[arg(long, value_name = "NAME", default_value = "path")]
     pub integrator: String,
     /// Picture size in pixels.

@@ -8,14 +8,17 @@ mod interrupt;
 mod light;
 mod mesh;
 mod progress;
+mod registry;
 mod render;
 mod setup;
 mod stats;
 mod timeline;
 mod trace;
 
+pub use registry::{Brief, Registry};
+
 use args::{Cli, Command};
-use clap::Parser;
+use clap::{CommandFactory, FromArgMatches};
 use std::process::ExitCode;
 
 /// How a command ended.
@@ -28,6 +31,11 @@ enum Outcome {
 
 /// Runs the command line of this process; exit code 2 when it could not run.
 pub fn run() -> ExitCode {
+    run_with(Registry::built_in())
+}
+
+/// The same with integrators of your own ([`Registry::with`]).
+pub fn run_with(registry: Registry) -> ExitCode {
     env_logger::Builder::from_env(
         env_logger::Env::default()
             .default_filter_or("warn,raystream=info,wgpu=off,wgpu_core=off,wgpu_hal=off,naga=off"),
@@ -35,8 +43,10 @@ pub fn run() -> ExitCode {
     .format_timestamp(None)
     .format_target(false)
     .init();
-    let outcome = match &Cli::parse().command {
-        Command::Render(args) => render::run(args),
+    let matches = registry.offer(Cli::command()).get_matches();
+    let cli = Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
+    let outcome = match &cli.command {
+        Command::Render(args) => render::run(args, &registry),
         Command::Trace(args) => trace::run(args),
         Command::Mesh(args) => mesh::run(args).map(|()| Outcome::Done),
         Command::Bench(command) => bench::run(command),

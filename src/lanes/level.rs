@@ -137,6 +137,15 @@ impl SimdLevel {
         kernel.run(One::default())
     }
 
+    /// The level whose kernels have so many lanes.
+    pub(crate) fn of_lanes(lanes: usize) -> Self {
+        match lanes {
+            16 => Self::Avx512,
+            8 => Self::Avx2,
+            _ => Self::Scalar,
+        }
+    }
+
     /// The name that arguments and reports use.
     pub fn name(self) -> &'static str {
         match self {

@@ -1,12 +1,16 @@
 //! The integrators that plug into the scheduler, and what makes a scene ready for them.
 
+mod ambient_occlusion;
 mod checkpoint;
 mod frame;
 mod integrator;
+mod node;
 mod pass;
 mod path;
 mod progressive;
 mod ray_by_ray;
+pub mod recursion;
+mod recursive_whitted;
 mod sequence;
 mod single_ray;
 mod stage;
@@ -16,6 +20,7 @@ mod tree;
 mod units;
 mod whitted;
 
+pub use ambient_occlusion::{AmbientOcclusion, SampleState};
 pub use checkpoint::{CheckpointError, Identity};
 pub use frame::{Frame, Settings, SettingsError};
 pub use integrator::Integrator;
@@ -23,6 +28,7 @@ pub use pass::{BLOCK, Blocks, Pass};
 pub use path::{Contribution, Path, PathState, ROULETTE_BOUNCES};
 pub use progressive::{NoiseReport, PASSES_IN_FLIGHT, PassOptions, Progressive};
 pub use ray_by_ray::RayByRay;
+pub use recursive_whitted::RecursiveWhitted;
 pub use sequence::Sequence;
 pub use single_ray::render_single_rays;
 pub use stage::Stage;

@@ -1,13 +1,13 @@
 //! Whitted ray tracing: a hit shader and a loop shader (RA section 3.3).
 
 use super::Integrator;
-use super::frame::{CAMERA_DIMENSION, Frame, Settings, SettingsError};
+use super::frame::{Frame, Settings, SettingsError};
+use super::node::{MAX_BOUNCES, Node, SHADOW_RAYS, splats};
 use crate::film::Film;
 use crate::scene::{Camera, Material, Scene};
 use crate::schedule::{Batch, Output, Renderer};
-use crate::shade::loop_stack::{EMPTY, LoopStack, LoopStackUse, Session};
-use crate::shade::single::{self, Bsdf, Interaction, LightSample};
-use crate::shade::sort;
+use crate::shade::loop_stack::{EMPTY, LoopStack, Session};
+use crate::shade::{ArenaUse, single, sort};
 use crate::stream::{Hit, Ray};
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
@@ -15,20 +15,6 @@ use std::sync::Arc;
 
 /// Bounces, unless chosen otherwise.
 pub const WHITTED_BOUNCES: u32 = 8;
-
-/// The most bounces: beyond, the tree of rays of one sample outgrows the film's exact sums.
-const MAX_BOUNCES: u32 = 16;
-
-/// Scenes with at most this many punctual lights have them all sampled at every hit, others one.
-const ALL_PUNCTUAL: usize = 3;
-
-/// The most shadow rays of a hit: the punctual lights' and one to an emissive triangle or the
-/// environment.
-const SHADOW_RAYS: usize = ALL_PUNCTUAL + 1;
-
-/// Glossy reflections of a lesser perceptual roughness are followed like a mirror; rougher ones show
-/// direct light only.
-const MIRROR_ROUGHNESS: f32 = 0.25;
 
 /// Whitted's algorithm (1980): direct light at every hit, perfect reflection and refraction followed
 /// at every hit that has them, down to depth `max_bounces`; no other indirect light.
@@ -84,8 +70,6 @@ impl Whitted {
     /// # Errors
     /// When a setting is out of range.
     pub fn new(scene: Arc<Scene>, camera: &Camera, settings: Settings) -> Result<Self, SettingsError> {
-        // Every node of the tree of rays adds what it sees and its direct light.
-        let splats = |max_bounces: u32| (SHADOW_RAYS as u64 + 1) << (max_bounces + 1);
         let frame = Frame::new(scene, camera, settings, MAX_BOUNCES, splats)?;
         Ok(Self { frame, stack: LoopStack::new() })
     }
@@ -96,7 +80,7 @@ impl Whitted {
     }
 
     /// What the loop stack has used.
-    pub fn loop_stack(&self) -> LoopStackUse {
+    pub fn loop_stack(&self) -> ArenaUse {
         self.stack.usage()
     }
 
@@ -118,31 +102,22 @@ impl Whitted {
         session: &mut Session<'_, Pending>,
         out: &mut Rays<'_>,
     ) -> bool {
-        let scene = self.frame.scene();
-        let at = Interaction::new(scene, material, ray, hit);
+        let node = Node::new(&self.frame, material, ray, hit);
         let throughput = Vec3::from_array(state.throughput);
-        let emitted = single::emission(scene, material.emission.as_ref(), at.uv, at.front);
-        if emitted != Vec3::ZERO {
-            self.frame.film().splat(state.pixel, throughput * emitted);
+        if node.emitted != Vec3::ZERO {
+            self.frame.film().splat(state.pixel, throughput * node.emitted);
         }
-        let bsdf = Bsdf::new(scene, &material.surface, &at, MIRROR_ROUGHNESS);
-        if !bsdf.is_smooth() {
-            self.direct_light(&at, &bsdf, state, out);
-        }
+        let sampler = self.frame.sampler(state.pixel, state.sample);
+        node.direct_light(&sampler, state.branch, throughput, |ray, radiance| {
+            out.shadow(ray, DirectLight { radiance: radiance.into(), pixel: state.pixel });
+        });
         if state.depth >= self.frame.settings().max_bounces {
             return true;
         }
-        let smooth = bsdf.smooth(at.frame.to_local(at.wo));
+        let smooth = node.smooth();
         let secondary = |way: Option<(Vec3, Vec3)>, branch: u32| {
-            let (wi, weight) = way?;
-            let wi = at.smooth_direction(wi);
-            let throughput = throughput * weight;
-            (throughput != Vec3::ZERO).then(|| Pending {
-                ray: Ray::new(at.origin(at.position, wi), wi),
-                throughput: throughput.into(),
-                depth: state.depth + 1,
-                branch,
-            })
+            let (ray, throughput) = node.secondary(way, throughput)?;
+            Some(Pending { ray, throughput: throughput.into(), depth: state.depth + 1, branch })
         };
         let reflection = secondary(smooth.reflection, 2 * state.branch);
         let refraction = secondary(smooth.transmission, 2 * state.branch + 1);
@@ -155,43 +130,6 @@ impl Whitted {
             (None, None) => return true,
         }
         false
-    }
-
-    fn direct_light(&self, at: &Interaction, bsdf: &Bsdf, state: &WhittedState, out: &mut Rays<'_>) {
-        let lights = self.frame.lights();
-        let sampler = self.frame.sampler(state.pixel, state.sample);
-        let dimension = CAMERA_DIMENSION + 1 + 2 * state.branch;
-        let (u, u2) = (sampler.single(dimension), sampler.pair(dimension));
-        if let Some(light) = LightSample::surface(lights, self.frame.scene(), at.raised, u, u2) {
-            self.shadow_ray(at, bsdf, &light, state, out);
-        }
-        if lights.punctual() <= ALL_PUNCTUAL {
-            for index in 0..lights.punctual() {
-                if let Some(light) = LightSample::of_light(lights, index, at.raised) {
-                    self.shadow_ray(at, bsdf, &light, state, out);
-                }
-            }
-        } else if let Some(light) = LightSample::punctual(lights, at.raised, sampler.single(dimension + 1)) {
-            self.shadow_ray(at, bsdf, &light, state, out);
-        }
-    }
-
-    fn shadow_ray(
-        &self,
-        at: &Interaction,
-        bsdf: &Bsdf,
-        light: &LightSample,
-        state: &WhittedState,
-        out: &mut Rays<'_>,
-    ) {
-        if light.wi.dot(at.normal) <= 0.0 {
-            return;
-        }
-        let (value, _) = bsdf.evaluate(at.frame.to_local(at.wo), at.frame.to_local(light.wi));
-        if value != Vec3::ZERO {
-            let radiance = Vec3::from_array(state.throughput) * value * light.radiance / light.pdf;
-            out.shadow(light.ray(at), DirectLight { radiance: radiance.into(), pixel: state.pixel });
-        }
     }
 }
 
@@ -231,6 +169,11 @@ impl Renderer for Whitted {
 
     fn shadow_rays_per_ray(&self) -> usize {
         SHADOW_RAYS
+    }
+
+    fn most_in_flight(&self) -> usize {
+        // One entry for each depth that a hit can have.
+        LoopStack::<Pending>::most_paths(self.frame.settings().max_bounces as usize)
     }
 
     fn spawn(&self, tile: u64, out: &mut Rays<'_>) {

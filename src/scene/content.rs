@@ -9,7 +9,17 @@ impl Scene {
     /// the same hash look, in practice, the same from every camera.
     pub fn content_hash(&self) -> String {
         // What is shown several times is in the mesh as well.
-        let Self { mesh, materials, textures, lights, environment, camera: _, warnings: _, shapes: _ } = self;
+        let Self {
+            mesh,
+            materials,
+            textures,
+            procedurals,
+            lights,
+            environment,
+            shapes: _,
+            camera: _,
+            warnings: _,
+        } = self;
         let mut hash = Hash(Xxh3::new());
         let Mesh { positions, normals, uvs, tangents, triangles, materials: by_triangle } = mesh;
         hash.column(positions);
@@ -24,6 +34,8 @@ impl Scene {
             hash.text(&(width, height, space, wrap_u, wrap_v));
             hash.column(texels);
         }
+        // Code cannot be hashed; its name and parameters can.
+        hash.text(procedurals);
         hash.text(lights);
         match environment {
             Environment::Constant(radiance) => hash.text(radiance),

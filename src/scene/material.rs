@@ -57,6 +57,8 @@ pub enum Surface {
     },
     /// glTF's metallic-roughness surface.
     Principled(Principled),
+    /// One of [`super::Scene::procedurals`].
+    Procedural(u32),
 }
 
 /// glTF 2.0 metallic-roughness (GGX) with the extensions of the design's section 4.

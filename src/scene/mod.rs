@@ -10,6 +10,7 @@ mod light;
 pub mod load;
 mod material;
 mod mesh;
+mod procedural;
 pub mod recipe;
 mod texture;
 
@@ -20,6 +21,7 @@ pub use instance::{Instance, Shape};
 pub use light::{Light, LightShape};
 pub use material::{Alpha, AlphaMode, Colour, Emission, Material, NormalMap, Principled, Scalar, Surface};
 pub use mesh::{MAX_TRIANGLES, Mesh, MeshError};
+pub use procedural::{Finish, Points, Procedural, ProceduralSurface};
 pub(crate) use texture::taps;
 pub use texture::{Channel, ColourSpace, Texture, TextureRef, Wrap};
 
@@ -41,6 +43,8 @@ pub struct Scene {
     pub materials: Vec<Material>,
     /// Textures that materials name.
     pub textures: Vec<Texture>,
+    /// Surfaces that code computes.
+    pub procedurals: Vec<ProceduralSurface>,
     /// Point, spot and directional lights. Emissive triangles are not listed here.
     pub lights: Vec<Light>,
     /// What a ray sees that leaves the scene.

@@ -46,6 +46,8 @@ pub(super) struct Demand {
     pub tiles: u64,
     pub tile_rays: usize,
     pub shadow_rays_per_ray: usize,
+    /// The most paths that the renderer has memory for.
+    pub most_in_flight: usize,
     pub host_threads: usize,
     /// 0 for a job without a device.
     pub dispatch_threads: usize,
@@ -84,7 +86,8 @@ pub enum LimitsError {
 
 impl Limits {
     pub(super) fn derive(options: &JobOptions, demand: Demand) -> Result<Self, LimitsError> {
-        let Demand { tiles, tile_rays, shadow_rays_per_ray, host_threads, dispatch_threads } = demand;
+        let Demand { tiles, tile_rays, shadow_rays_per_ray, most_in_flight, host_threads, dispatch_threads } =
+            demand;
         let shadow_rays_per_path = shadow_rays_per_ray.max(1);
         let threshold = options.threshold.unwrap_or_else(|| {
             if dispatch_threads > 0 {
@@ -98,6 +101,8 @@ impl Limits {
         let in_flight = options.in_flight.unwrap_or_else(|| {
             IN_FLIGHT.max(threshold.saturating_mul(host_threads)).max(tile_rays).min(MOST)
         });
+        // Beyond, spawning waits.
+        let in_flight = in_flight.min(most_in_flight);
         for (what, value) in [
             ("the number of rays in flight", in_flight),
             ("the threshold of full streams", threshold),
@@ -162,6 +167,7 @@ impl Limits {
             tiles: 1000,
             tile_rays: 16 * 1024,
             shadow_rays_per_ray: 1,
+            most_in_flight: usize::MAX,
             host_threads: 7,
             dispatch_threads: 4,
         };
@@ -183,15 +189,20 @@ mod tests {
         assert_eq!(limits.streams, 28 + (7 + 4) + 7 + 7);
     }
 
-    #[test]
-    fn small_jobs_have_small_streams() {
-        let demand = Demand {
+    fn small() -> Demand {
+        Demand {
             tiles: 4,
             tile_rays: 16 * 1024,
             shadow_rays_per_ray: 0,
+            most_in_flight: usize::MAX,
             host_threads: 4,
             dispatch_threads: 0,
-        };
+        }
+    }
+
+    #[test]
+    fn small_jobs_have_small_streams() {
+        let demand = small();
         let limits = Limits::derive(&JobOptions::default(), demand).unwrap();
         assert_eq!(limits.threshold, 4096);
         assert_eq!(limits.stream.shadow_rays, 4095 + 16 * 1024);
@@ -200,9 +211,24 @@ mod tests {
     }
 
     #[test]
+    fn no_more_paths_are_in_flight_than_the_renderer_has_memory_for() {
+        let demand = Demand { most_in_flight: 20_000, ..small() };
+        let limits = Limits::derive(&JobOptions::default(), demand).unwrap();
+        assert_eq!(limits.in_flight, 20_000);
+        let options = JobOptions { in_flight: Some(17_000), ..JobOptions::default() };
+        assert_eq!(Limits::derive(&options, demand).unwrap().in_flight, 17_000);
+    }
+
+    #[test]
     fn absurd_sizes_are_refused() {
-        let demand =
-            Demand { tiles: 1, tile_rays: 100, shadow_rays_per_ray: 1, host_threads: 1, dispatch_threads: 1 };
+        let demand = Demand {
+            tiles: 1,
+            tile_rays: 100,
+            shadow_rays_per_ray: 1,
+            most_in_flight: usize::MAX,
+            host_threads: 1,
+            dispatch_threads: 1,
+        };
         let refused = |options: JobOptions, demand| Limits::derive(&options, demand).unwrap_err();
         let few = JobOptions { in_flight: Some(99), ..JobOptions::default() };
         assert_eq!(refused(few, demand), LimitsError::TileBeyondInFlight { tile_rays: 100, in_flight: 99 });
@@ -216,6 +242,9 @@ mod tests {
         ] {
             assert!(matches!(refused(options, demand), LimitsError::OutOfRange { .. }));
         }
+        let poor = Demand { most_in_flight: 99, ..demand };
+        let error = LimitsError::TileBeyondInFlight { tile_rays: 100, in_flight: 99 };
+        assert_eq!(refused(JobOptions::default(), poor), error);
         let huge = Demand { tile_rays: usize::MAX, ..demand };
         assert!(matches!(refused(JobOptions::default(), huge), LimitsError::OutOfRange { .. }));
         let none = Demand { tile_rays: 0, ..demand };

@@ -21,6 +21,12 @@ pub trait Renderer: Send + Sync + 'static {
     /// The most shadow rays that [`Renderer::shade`] emits per ray of its batch.
     fn shadow_rays_per_ray(&self) -> usize;
 
+    /// The most paths in flight that there is memory for (loop stacks, say); spawning waits until there are
+    /// fewer. At least [`Renderer::tile_rays`], or the job is refused.
+    fn most_in_flight(&self) -> usize {
+        usize::MAX
+    }
+
     /// Emits the camera rays of one tile.
     fn spawn(&self, tile: u64, out: &mut Output<'_, Self::Payload, Self::ShadowPayload>);
 

@@ -179,6 +179,7 @@ pub(super) fn prepare<R: Renderer>(
         tiles,
         tile_rays: renderer.tile_rays(),
         shadow_rays_per_ray: renderer.shadow_rays_per_ray(),
+        most_in_flight: renderer.most_in_flight(),
         host_threads: hosts,
         dispatch_threads: if unit == Unit::Cpu { 0 } else { dispatchers },
     };

@@ -6,126 +6,68 @@
 //! [`Session`] each.
 //!
 //! # Memory
-//! Entries live in buckets of [`BUCKET`] entries that are allocated when first needed and recycled
-//! entry by entry. A shader that pushes at most `k` entries at a hit of depth `d < depth_limit`, and
+//! Entries live in the recycled buckets of [`super::places`]. A shader that pushes at most `k` entries at a hit of depth `d < depth_limit`, and
 //! whose entries resume at greater depths than their hits, has at most `k · depth_limit` entries per
 //! camera path: from bottom to top of one stack the hits' depths never fall and no hit occurs twice.
 //! So at most `k · depth_limit · rays in flight` entries are live, however many rays the recursion
-//! visits, and allocated are at most the peak of those plus [`HOARD`] and one bucket per session.
+//! visits, and allocated are at most the peak of those plus [`super::places::HOARD`] and one bucket per
+//! session. The renderer tells the scheduler how many paths it has memory for
+//! ([`crate::schedule::Renderer::most_in_flight`]); beyond, spawning waits, and nothing is dropped.
 //!
 //! # Why there is no `unsafe`
 //! An entry is stored as relaxed atomic words, which cost what plain moves do. The thread that pops
 //! it received the head through the scheduler's lists, whose locks order the push before the pop, so
 //! the words read are the words written.
 
+use super::places::{ArenaUse, BUCKET, Hand, NOWHERE, Places};
 use bytemuck::Pod;
 use std::marker::PhantomData;
-use std::sync::atomic::{AtomicU32, AtomicUsize, Ordering::Relaxed};
-use std::sync::{Mutex, OnceLock, PoisonError};
-
-/// Entries in a bucket.
-pub const BUCKET: usize = 1024;
-
-/// The most free entries that a session keeps for itself.
-pub const HOARD: usize = 2 * BUCKET;
-
-/// Buckets in a row of the two-level directory, and rows.
-const FAN: usize = 512;
+use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 /// The head of an empty stack.
-pub const EMPTY: u32 = u32::MAX;
+pub const EMPTY: u32 = NOWHERE;
 
-type Bucket = OnceLock<Box<[AtomicU32]>>;
+type Bucket = Box<[AtomicU32]>;
 
 /// Stacks of entries of type `T`, any number of them, in one recycled store.
 #[derive(Debug)]
 pub struct LoopStack<T> {
-    rows: Vec<OnceLock<Box<[Bucket]>>>,
-    free: Mutex<Free>,
-    live: AtomicUsize,
-    peak: AtomicUsize,
+    places: Places<Bucket>,
     entry: PhantomData<fn(T) -> T>,
 }
 
-#[derive(Debug, Default)]
-struct Free {
-    entries: Vec<u32>,
-    buckets: usize,
-}
-
-/// What a [`LoopStack`] has used.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct LoopStackUse {
-    /// Entries on stacks now.
-    pub live_entries: usize,
-    /// The most that were on stacks at once, counted whenever a session ends.
-    pub peak_entries: usize,
-    /// Bytes allocated for entries; never shrinks.
-    pub allocated_bytes: usize,
-}
-
 impl<T: Pod> LoopStack<T> {
-    /// The most entries that can be live: 2²⁸.
-    pub const MAX_ENTRIES: usize = FAN * FAN * BUCKET;
-
     /// Words per entry: its own and the link to the entry below.
     const STRIDE: usize = size_of::<T>() / 4 + 1;
+
+    /// The most paths in flight whose stacks are sure to fit, with so many entries on each.
+    pub const fn most_paths(entries_each: usize) -> usize {
+        Places::<Bucket>::most_paths(entries_each)
+    }
 
     /// A store without entries.
     pub fn new() -> Self {
         const { assert!(size_of::<T>().is_multiple_of(4) && align_of::<T>() <= 4) };
-        Self {
-            rows: std::iter::repeat_with(OnceLock::new).take(FAN).collect(),
-            free: Mutex::default(),
-            live: AtomicUsize::new(0),
-            peak: AtomicUsize::new(0),
-            entry: PhantomData,
-        }
+        Self { places: Places::new(), entry: PhantomData }
     }
 
     /// A thread's access, for as long as it shades a batch.
     pub fn session(&self) -> Session<'_, T> {
-        Session { stack: self, free: Vec::new(), balance: 0 }
+        Session { stack: self, hand: self.places.hand() }
     }
 
     /// What has been used so far.
-    pub fn usage(&self) -> LoopStackUse {
-        let buckets = self.free.lock().unwrap_or_else(PoisonError::into_inner).buckets;
-        LoopStackUse {
-            live_entries: self.live.load(Relaxed),
-            peak_entries: self.peak.load(Relaxed),
-            allocated_bytes: buckets * BUCKET * Self::STRIDE * 4,
-        }
+    pub fn usage(&self) -> ArenaUse {
+        self.places.usage(4 * Self::STRIDE)
     }
 
     fn words(&self, entry: u32) -> &[AtomicU32] {
-        let (bucket, place) = (entry as usize / BUCKET, entry as usize % BUCKET);
-        let row = self.rows[bucket / FAN].get().expect("an entry's row was made before the entry");
-        let bucket = row[bucket % FAN].get().expect("an entry's bucket was made before the entry");
-        &bucket[place * Self::STRIDE..(place + 1) * Self::STRIDE]
+        let (bucket, number) = self.places.at(entry);
+        &bucket[number * Self::STRIDE..(number + 1) * Self::STRIDE]
     }
 
-    /// Moves free entries to a session's own, making a bucket when there are none.
-    fn refill(&self, own: &mut Vec<u32>) {
-        let mut free = self.free.lock().unwrap_or_else(PoisonError::into_inner);
-        if free.entries.is_empty() {
-            let bucket = free.buckets;
-            assert!(
-                bucket < FAN * FAN,
-                "more than {} loop entries are live: lower the number of rays in flight or the depth limit",
-                Self::MAX_ENTRIES
-            );
-            let row = self.rows[bucket / FAN]
-                .get_or_init(|| std::iter::repeat_with(OnceLock::new).take(FAN).collect());
-            row[bucket % FAN].get_or_init(|| {
-                std::iter::repeat_with(AtomicU32::default).take(BUCKET * Self::STRIDE).collect()
-            });
-            free.buckets += 1;
-            let first = (bucket * BUCKET) as u32;
-            free.entries.extend((first..first + BUCKET as u32).rev());
-        }
-        let keep = free.entries.len().saturating_sub(BUCKET);
-        own.extend(free.entries.drain(keep..));
+    fn bucket() -> Bucket {
+        std::iter::repeat_with(AtomicU32::default).take(BUCKET * Self::STRIDE).collect()
     }
 }
 
@@ -139,24 +81,18 @@ impl<T: Pod> Default for LoopStack<T> {
 #[derive(Debug)]
 pub struct Session<'a, T: Pod> {
     stack: &'a LoopStack<T>,
-    free: Vec<u32>,
-    /// Pushes less pops since the stack's counters were last told.
-    balance: isize,
+    hand: Hand<'a, Bucket>,
 }
 
 impl<T: Pod> Session<'_, T> {
     /// Puts `entry` on the stack whose head is `head`; returns the new head.
     pub fn push(&mut self, head: u32, entry: &T) -> u32 {
-        if self.free.is_empty() {
-            self.stack.refill(&mut self.free);
-        }
-        let index = self.free.pop().expect("refilled above");
+        let index = self.hand.take(LoopStack::<T>::bucket);
         let (link, words) = self.stack.words(index).split_first().expect("an entry has at least its link");
         link.store(head, Relaxed);
         for (word, bytes) in words.iter().zip(bytemuck::bytes_of(entry).chunks_exact(4)) {
             word.store(u32::from_ne_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]), Relaxed);
         }
-        self.balance += 1;
         index
     }
 
@@ -172,30 +108,8 @@ impl<T: Pod> Session<'_, T> {
             bytes.copy_from_slice(&word.load(Relaxed).to_ne_bytes());
         }
         let below = link.load(Relaxed);
-        self.free.push(head);
-        if self.free.len() > HOARD {
-            let mut free = self.stack.free.lock().unwrap_or_else(PoisonError::into_inner);
-            free.entries.extend(self.free.drain(BUCKET..));
-        }
-        self.balance -= 1;
+        self.hand.give_back(head);
         Some((entry, below))
-    }
-}
-
-impl<T: Pod> Drop for Session<'_, T> {
-    fn drop(&mut self) {
-        if !self.free.is_empty() {
-            let mut free = self.stack.free.lock().unwrap_or_else(PoisonError::into_inner);
-            free.entries.append(&mut self.free);
-        }
-        if self.balance != 0 {
-            // Wraps back when another session's pops are counted before this one's pushes.
-            let before = self.stack.live.fetch_add(self.balance as usize, Relaxed);
-            let live = before.wrapping_add(self.balance as usize);
-            if live as isize > 0 {
-                self.stack.peak.fetch_max(live, Relaxed);
-            }
-        }
     }
 }
 

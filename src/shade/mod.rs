@@ -10,6 +10,7 @@ pub mod light;
 pub mod lookup;
 pub mod loop_stack;
 pub mod offset;
+pub mod places;
 pub mod single;
 mod sort;
 
@@ -17,4 +18,5 @@ pub use bsdf::Bsdf;
 pub use interaction::{Hits, Interaction};
 pub use light::{LightSample, Lights};
 pub use loop_stack::LoopStack;
+pub use places::ArenaUse;
 pub use sort::{Run, Sorted, sort};

@@ -64,7 +64,7 @@ fn bad_arguments_are_refused() {
         (vec!["--up", "0,0,0"], "up vector"),
         (vec!["--env", "sky.hdr"], "sky.hdr"),
         (vec!["--env=-1,0,0"], "not negative"),
-        (vec!["--integrator", "radiosity"], "path or whitted"),
+        (vec!["--integrator", "radiosity"], "path, whitted, recursive-whitted, ambient-occlusion"),
         (vec!["--simd", "mmx"], "mmx"),
         (vec!["--threads", "0"], "0"),
         (vec!["-o", "out.gif"], ".png, .exr, .hdr or .npy"),

@@ -33,7 +33,7 @@ fn cornell_is_the_same_bytes_on_any_threads_instruction_set_and_format() {
 
 #[cfg(feature = "gpu")]
 #[test]
-fn units_agree_to_the_bit_for_both_integrators() {
+fn units_agree_to_the_bit_for_all_integrators() {
     let folder = folder();
     let recipe = r#"{
         "camera": { "eye": [0, 2, 5], "target": [0, 0.6, 0], "fov_degrees": 40 },
@@ -49,7 +49,7 @@ fn units_agree_to_the_bit_for_both_integrators() {
             { "shape": "knot", "centre": [0, 1.2, -1.5], "radius": 0.6, "tube": 0.15, "p": 2, "q": 3, "cells": [200, 12], "material": "gold" },
             { "shape": "quad", "corner": [-1, 4, 1], "u": [0, 0, -2], "v": [2, 0, 0], "material": "lamp" } ] }"#;
     std::fs::write(folder.path().join("scene.json"), recipe).expect("recipe");
-    for integrator in ["path", "whitted"] {
+    for integrator in ["path", "whitted", "recursive-whitted", "ambient-occlusion"] {
         let mut hashes = Vec::new();
         for tracer in ["cpu", "gpu", "hybrid"] {
             let args = [

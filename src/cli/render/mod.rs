@@ -9,8 +9,9 @@ use super::Outcome;
 use super::args::RenderArgs;
 use super::setup::Setup;
 use super::timeline;
+use crate::cli::registry::{Brief, Registry};
 use crate::film::Format;
-use crate::render::{Integrator, PASSES_IN_FLIGHT, Path as PathTracer, ROULETTE_BOUNCES, Settings, Whitted};
+use crate::render::{Integrator, PASSES_IN_FLIGHT, ROULETTE_BOUNCES, Settings};
 use crate::scene::Camera;
 use crate::schedule::{JobHandle, JobOptions, LimitsError};
 use anyhow::{Context, Result, bail};
@@ -19,7 +20,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 /// Renders a scene to a picture, or to several.
-pub fn run(args: &RenderArgs) -> Result<Outcome> {
+pub fn run(args: &RenderArgs, registry: &Registry) -> Result<Outcome> {
     Format::of(&args.output)?;
     check_folders(
         &[Some(&args.output), args.stats.as_ref(), args.timeline.as_ref(), args.progress.checkpoint.as_ref()]
@@ -28,9 +29,6 @@ pub fn run(args: &RenderArgs) -> Result<Outcome> {
     checkpoint::check(&args.progress)?;
     if let Some(path) = &args.timeline {
         timeline::Format::of(path)?;
-    }
-    if !matches!(args.integrator.as_str(), "path" | "whitted") {
-        bail!("there is no integrator {:?}; choose path or whitted", args.integrator);
     }
     let course = Course::new(args)?;
     let max_jobs = course.as_ref().map_or(PASSES_IN_FLIGHT, |_| args.animation.frames_in_flight as usize);
@@ -41,26 +39,27 @@ pub fn run(args: &RenderArgs) -> Result<Outcome> {
     let camera = args.camera.apply(scene.camera, || Camera::framing(&scene.bounds(), aspect));
     let spp = args.progress.samples();
     let settings = Settings { width, height, spp, max_bounces: args.max_bounces, seed: args.seed };
-    match args.integrator.as_str() {
-        "whitted" => expose(args, &setup, course, &camera, Whitted::new(scene, &camera, settings)?),
-        _ => {
-            let roulette = (!args.no_russian_roulette).then_some(ROULETTE_BOUNCES);
-            let path = PathTracer::new(scene, &camera, settings, roulette)?.with_simd(setup.simd);
-            expose(args, &setup, course, &camera, path)
-        }
-    }
+    let roulette_bounces = (!args.no_russian_roulette).then_some(ROULETTE_BOUNCES);
+    let brief = Brief { scene, camera, settings, roulette_bounces, simd: setup.simd };
+    registry.run(&args.integrator, brief, Order { args, setup: &setup, course, camera })
 }
 
-fn expose(
-    args: &RenderArgs,
-    setup: &Setup,
+/// What is to be done with an integrator, of whatever type it is.
+pub struct Order<'a> {
+    args: &'a RenderArgs,
+    setup: &'a Setup,
     course: Option<Course>,
-    camera: &Camera,
-    integrator: impl Integrator,
-) -> Result<Outcome> {
-    match course {
-        Some(course) => frames::run(args, setup, &course, camera, &integrator),
-        None => still::run(args, setup, camera, integrator),
+    camera: Camera,
+}
+
+impl Order<'_> {
+    /// Renders the picture, or the pictures.
+    pub fn carry_out(self, integrator: impl Integrator) -> Result<Outcome> {
+        let Self { args, setup, course, camera } = self;
+        match course {
+            Some(course) => frames::run(args, setup, &course, &camera, &integrator),
+            None => still::run(args, setup, &camera, integrator),
+        }
     }
 }
 

@@ -1,8 +1,10 @@
 //! The integrators, driven without a scheduler.
 
+mod ambient_occlusion;
 pub mod harness;
 mod path;
 mod progressive;
+mod recursion;
 mod scenes;
 mod single_ray;
 mod whitted;

@@ -22,7 +22,7 @@ pub use principled::Principled;
 
 use super::{Interaction, lookup};
 use crate::lanes::{Lanes, Num, Vector};
-use crate::scene::{Scene, Surface};
+use crate::scene::{Points, Scene, Surface};
 
 /// The scattering at points of one surface.
 #[derive(Clone, Copy, Debug)]
@@ -150,6 +150,11 @@ impl<L: Lanes> Bsdf<L> {
             }),
             Surface::Principled(surface) => {
                 Self::Principled(Principled::new(scene, surface, at.uv, at.outside, smooth_below))
+            }
+            Surface::Procedural(index) => {
+                let points = Points { position: at.position, normal: at.frame.normal, uv: at.uv };
+                let finish = scene.procedurals[*index as usize].finish(&points);
+                Self::Principled(Principled::finished(&finish, smooth_below))
             }
         }
     }

@@ -17,11 +17,11 @@ use super::fresnel::{self, Schlick};
 use super::{Sample, Smooth, mirrored};
 use crate::geom::warp::lanes as warp;
 use crate::lanes::{Lanes, Num, Vector};
-use crate::scene::{self, Scene};
+use crate::scene::{self, Finish, Scene};
 use crate::shade::lookup;
 use std::f32::consts::FRAC_1_PI;
 
-/// Reflectance of a clear coat (index 1.5) at normal incidence.
+/// Reflectance of a clear coat, and of a computed surface (index 1.5), at normal incidence.
 const COAT_F0: f32 = 0.04;
 
 /// Principled surfaces at points.
@@ -60,6 +60,16 @@ struct Coat<L: Lanes> {
     share: Num<L>,
     facets: Facets<L>,
     reflection: Reflection<L>,
+}
+
+impl<L: Lanes> Coat<L> {
+    #[inline(always)]
+    fn new(share: Num<L>, roughness: Num<L>, smooth_below: f32) -> Self {
+        let facets = Facets::new(roughness, smooth_below);
+        let one = Num::splat(share.lanes(), 1.0);
+        let reflection = facets.reflection(Schlick { f0: Vector::grey(one) * COAT_F0, f90: one });
+        Self { share, facets, reflection }
+    }
 }
 
 /// What each lobe sends towards `wo` from an even environment, and what lies between.
@@ -126,9 +136,8 @@ impl<L: Lanes> Principled<L> {
         let mut coat = None;
         if surface.clearcoat.factor != 0.0 {
             let share = lookup::share(scene, &surface.clearcoat, uv);
-            let facets = Facets::new(lookup::share(scene, &surface.clearcoat_roughness, uv), smooth_below);
-            let reflection = facets.reflection(Schlick { f0: white(l) * COAT_F0, f90: one });
-            coat = Some(Coat { share, facets, reflection });
+            let roughness = lookup::share(scene, &surface.clearcoat_roughness, uv);
+            coat = Some(Coat::new(share, roughness, smooth_below));
         }
         Self {
             facets,
@@ -137,6 +146,26 @@ impl<L: Lanes> Principled<L> {
             diffuse: base * opaque,
             transparency,
             coat,
+        }
+    }
+
+    /// The surface with a finish that has been computed.
+    #[inline(always)]
+    pub fn finished(finish: &Finish<L>, smooth_below: f32) -> Self {
+        let l = finish.colour.lanes();
+        let one = Num::splat(l, 1.0);
+        let base = finish.colour.clamp(0.0, 1.0);
+        let metallic = finish.metallic.clamp(0.0, 1.0);
+        let facets = Facets::new(finish.roughness.clamp(0.0, 1.0), smooth_below);
+        let layer = facets.reflection(Schlick { f0: white(l) * COAT_F0, f90: one });
+        let metal = facets.reflection(Schlick { f0: base, f90: one });
+        Self {
+            facets,
+            reflection: layer.mix(&metal, metallic),
+            layer,
+            diffuse: base * (one - metallic),
+            transparency: None,
+            coat: Some(Coat::new(finish.clearcoat.clamp(0.0, 1.0), one.only(0), smooth_below)),
         }
     }
 

@@ -1,0 +1,137 @@
+//! A shader as a renderer.
+
+use super::Shader;
+use super::calls::{CallState, Desk, Engine, engine};
+use super::exchange::ShadowState;
+use crate::film::Film;
+use crate::render::{Frame, Integrator, Settings, SettingsError};
+use crate::scene::{Camera, Scene};
+use crate::schedule::{Batch, Output, Renderer};
+use crate::shade::ArenaUse;
+use crate::shade::places::Places;
+use crate::stream::Ray;
+use self_cell::self_cell;
+use std::any::Any;
+use std::marker::PhantomData;
+use std::sync::Arc;
+
+/// The most memory that calls may take, unless one tile needs more.
+const MOST_BYTES: usize = 1 << 30;
+
+type AnyDesk = Box<dyn Any + Send + Sync>;
+type BoxedEngine<'a> = Box<dyn Engine + 'a>;
+
+self_cell! {
+    /// An engine and what its calls borrow: the shader and the frame.
+    struct Running {
+        owner: AnyDesk,
+        #[not_covariant]
+        dependent: BoxedEngine,
+    }
+}
+
+/// Runs a [`Shader`] for one frame.
+pub struct Recursion<S> {
+    running: Running,
+    most_in_flight: usize,
+    shader: PhantomData<fn(S)>,
+}
+
+impl<S: Shader> Recursion<S> {
+    /// A shader at work on a frame.
+    ///
+    /// # Errors
+    /// When a setting is out of range.
+    pub fn new(
+        shader: S,
+        scene: Arc<Scene>,
+        camera: &Camera,
+        settings: Settings,
+    ) -> Result<Self, SettingsError> {
+        let splats = |max_bounces| shader.splats(max_bounces);
+        let frame = Frame::new(scene, camera, settings, S::MAX_BOUNCES, splats)?;
+        Ok(Self::at(Arc::new(shader), frame))
+    }
+
+    fn at(shader: Arc<S>, frame: Frame) -> Self {
+        let tile_rays = frame.tile_rays();
+        let most_calls = shader.most_calls(frame.settings().max_bounces);
+        let desk: AnyDesk = Box::new(Desk { shader, frame });
+        let running = Running::new(desk, |desk| engine(known::<S>(desk)));
+        let call_bytes = running.with_dependent(|_, engine| engine.call_bytes());
+        let most_in_flight =
+            (MOST_BYTES / (call_bytes * most_calls)).min(Places::<()>::most_paths(most_calls)).max(tile_rays);
+        Self { running, most_in_flight, shader: PhantomData }
+    }
+
+    /// Where radiance is added up.
+    pub fn film(&self) -> &Arc<Film> {
+        self.frame().film()
+    }
+
+    /// What the calls have used of their arena.
+    pub fn calls(&self) -> ArenaUse {
+        self.engine(|engine| engine.usage())
+    }
+
+    /// Bytes that a call takes: its state between two rays and its place.
+    pub fn call_bytes(&self) -> usize {
+        self.engine(|engine| engine.call_bytes())
+    }
+
+    fn engine<T>(&self, work: impl FnOnce(&dyn Engine) -> T) -> T {
+        self.running.with_dependent(|_, engine| work(&**engine))
+    }
+}
+
+/// The desk of a shader of this type.
+fn known<S: Shader>(desk: &AnyDesk) -> &Desk<S> {
+    desk.downcast_ref().expect("a recursion's desk is of its shader's type")
+}
+
+impl<S: Shader> Integrator for Recursion<S> {
+    fn frame(&self) -> &Frame {
+        &known::<S>(self.running.borrow_owner()).frame
+    }
+
+    fn on(&self, frame: Frame) -> Self {
+        Self::at(Arc::clone(&known::<S>(self.running.borrow_owner()).shader), frame)
+    }
+
+    fn loop_stack_bytes(&self) -> usize {
+        self.calls().allocated_bytes
+    }
+}
+
+impl<S: Shader> Renderer for Recursion<S> {
+    type Payload = CallState;
+    type ShadowPayload = ShadowState;
+
+    fn tiles(&self) -> u64 {
+        self.frame().tiles()
+    }
+
+    fn tile_rays(&self) -> usize {
+        self.frame().tile_rays()
+    }
+
+    fn shadow_rays_per_ray(&self) -> usize {
+        S::SHADOW_RAYS
+    }
+
+    fn most_in_flight(&self) -> usize {
+        self.most_in_flight
+    }
+
+    fn spawn(&self, tile: u64, out: &mut Output<'_, CallState, ShadowState>) {
+        self.engine(|engine| engine.spawn(tile, out));
+    }
+
+    fn shade(&self, batch: Batch<'_, CallState>, out: &mut Output<'_, CallState, ShadowState>) {
+        self.engine(|engine| engine.shade(batch, out));
+    }
+
+    fn shadow(&self, _rays: &[Ray], payloads: &[ShadowState], occluded: &[u32]) {
+        self.engine(|engine| engine.shadow(payloads, occluded));
+    }
+}

@@ -1,0 +1,69 @@
+//! Whitted ray tracing as one recursive function: the same picture as [`super::Whitted`], to the bit.
+
+use super::node::{MAX_BOUNCES, Node, SHADOW_RAYS, splats};
+use super::recursion::{Cx, Shader};
+use crate::shade::single;
+use crate::stream::{Hit, Ray};
+use glam::Vec3;
+
+/// Whitted's algorithm (1980), as he might have written it. [`super::Whitted`] is the same by hand, as a hit
+/// shader, a loop shader and their states.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct RecursiveWhitted;
+
+/// What a ray of the tree is.
+#[derive(Clone, Copy, Debug)]
+pub struct Branch {
+    throughput: Vec3,
+    depth: u32,
+    /// Place in the tree, as [`Node::direct_light`] has it.
+    number: u32,
+}
+
+impl Shader for RecursiveWhitted {
+    type Args = Branch;
+    type Value = ();
+    const SHADOW_RAYS: usize = SHADOW_RAYS;
+    const MAX_BOUNCES: u32 = MAX_BOUNCES;
+
+    fn splats(&self, max_bounces: u32) -> u64 {
+        splats(max_bounces)
+    }
+
+    fn camera(&self) -> Branch {
+        Branch { throughput: Vec3::ONE, depth: 0, number: 1 }
+    }
+
+    async fn shade(&self, cx: Cx<'_, Self>, ray: Ray, hit: Option<Hit>, branch: Branch) {
+        let Branch { throughput, depth, number } = branch;
+        let Some(hit) = hit else {
+            cx.add(throughput * single::sky(cx.lights(), Vec3::from_array(ray.direction)).0);
+            return;
+        };
+        let mut lights = [None; SHADOW_RAYS];
+        let mut ways = [None; 2];
+        {
+            let scene = cx.scene();
+            let material = scene.mesh.materials[hit.primitive as usize];
+            let node = Node::new(cx.frame(), &scene.materials[material as usize], &ray, &hit);
+            cx.add(throughput * node.emitted);
+            let mut free = lights.iter_mut();
+            node.direct_light(&cx.sampler(), number, throughput, |ray, radiance| {
+                *free.next().expect("at most so many shadow rays") = Some((ray, radiance));
+            });
+            if depth < cx.settings().max_bounces {
+                let smooth = node.smooth();
+                ways = [smooth.reflection, smooth.transmission].map(|way| node.secondary(way, throughput));
+            }
+        }
+        // By reference: what is moved into an iterator is kept twice beyond an await.
+        for &(ray, radiance) in lights.iter().flatten() {
+            cx.add_unless_occluded(ray, radiance).await;
+        }
+        for (side, way) in (0..).zip(&ways) {
+            if let &Some((ray, throughput)) = way {
+                cx.call(ray, Branch { throughput, depth: depth + 1, number: 2 * number + side }).await;
+            }
+        }
+    }
+}
