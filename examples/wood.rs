@@ -61,7 +61,7 @@ fn turbulence<L: Lanes>(p: Vector<L>, octaves: u32) -> Num<L> {
     let mut sum = p.x.only(0);
     let (mut size, mut strength) = (1.0, 1.0);
     for _ in 0..octaves {
-        sum = sum + (noise(p * size) - 0.5) * strength;
+        sum += (noise(p * size) - 0.5) * strength;
         size *= 2.03;
         strength *= 0.5;
     }
