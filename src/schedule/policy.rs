@@ -305,7 +305,7 @@ fn pick(views: &[View], sharing: Sharing, rule: impl Fn(&View) -> Option<Rule>) 
 pub(super) const TAIL_STREAMS: usize = 4;
 
 /// Paths from which a stream counts as full when `left` paths of its job have not ended or not begun: the
-/// limit, and at the tail as few as give every host thread [`TAIL_STREAMS`] streams. One thread shades
+/// limit, and at the tail as few as give every host thread `TAIL_STREAMS` streams. One thread shades
 /// a stream, so the last ones had better be small. Never grows while a job goes on. A device is not
 /// served with small streams.
 pub fn threshold(left: u64, host_threads: usize, device_is_fed: bool, limits: &Limits) -> usize {
