@@ -3,7 +3,7 @@
 
 use super::fresnel::{Schlick, schlick_weight};
 use super::ggx::Ggx;
-use crate::lanes::{Int, Lanes, Num, One, Vector};
+use crate::lanes::{Int, Kernel, Lanes, Num, SimdLevel, Vector};
 use std::sync::OnceLock;
 
 /// Nodes over the cosine, and over the roughness.
@@ -124,7 +124,6 @@ fn table() -> &'static Table {
 /// Nodes stand evenly in `z (1 + r) / (z + r)`, r the roughness: smooth surfaces change near grazing,
 /// and rows of different roughness are alike in this measure.
 fn row(roughness: f32) -> [[f32; 2]; ENTRIES] {
-    let ggx = Ggx::<One> { alpha: (roughness * roughness).into() };
     let cosine = |place: f32| {
         let even = place / (NODES - 1) as f32;
         roughness * even / (1.0 + roughness - even)
@@ -132,7 +131,7 @@ fn row(roughness: f32) -> [[f32; 2]; ENTRIES] {
     let mut entries = [[0.0; 2]; ENTRIES];
     for (i, entry) in entries[..NODES].iter_mut().enumerate() {
         let z = cosine(i as f32).max(1e-5);
-        let [deficit, grazing] = measure(&ggx, z);
+        let [deficit, grazing] = measure(roughness * roughness, z);
         *entry = [deficit, grazing - schlick_weight(Num::from(z)).get()];
     }
     // The mean of the interpolated function, so that what is missing and what is given back agree.
@@ -154,25 +153,51 @@ fn row(roughness: f32) -> [[f32; 2]; ENTRIES] {
 }
 
 /// The deficit and the share at grazing angles towards a cosine, from a fixed set of facets.
-fn measure(ggx: &Ggx<One>, z: f32) -> [f32; 2] {
-    let wo = Vector::from(glam::Vec3::new((1.0 - z * z).max(0.0).sqrt(), 0.0, z));
-    let mut sum = [0.0; 2];
-    for i in 0..FACETS {
-        // Hammersley's points.
-        let u2 = [(i as f32 + 0.5) / FACETS as f32, (i.reverse_bits() >> 8) as f32 / (1 << 24) as f32];
-        let facet = ggx.sample(wo, u2.map(Num::from));
-        let cosine = wo.dot(facet);
-        let wi = facet * (2.0 * cosine) - wo;
-        let deficit = if wi.z.get() > 0.0 { ggx.masked(wo, wi).get() } else { 1.0 };
-        sum[0] += deficit;
-        sum[1] += (1.0 - deficit) * schlick_weight(cosine).get();
+fn measure(alpha: f32, z: f32) -> [f32; 2] {
+    SimdLevel::detect().run(Measurement { alpha, z })
+}
+
+struct Measurement {
+    alpha: f32,
+    z: f32,
+}
+
+impl Kernel for Measurement {
+    type Output = [f32; 2];
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, l: L) -> [f32; 2] {
+        let ggx = Ggx { alpha: Num::splat(l, self.alpha) };
+        let wo = glam::Vec3::new((1.0 - self.z * self.z).max(0.0).sqrt(), 0.0, self.z);
+        let wo = Vector::splat(l, wo);
+        let mut sum = [0.0; 2];
+        let lane_numbers: [u32; 16] = std::array::from_fn(|lane| lane as u32);
+        for first in (0..FACETS).step_by(L::LANES) {
+            // Hammersley's points.
+            let i = Int::from_array(l, &lane_numbers) + first;
+            let u = (i.to_num() + 0.5) * (1.0 / FACETS as f32);
+            let v = (i.reverse_bits() >> 8).to_num() * (1.0 / (1 << 24) as f32);
+            let facet = ggx.sample(wo, [u, v]);
+            let cosine = wo.dot(facet);
+            let wi = facet * (2.0 * cosine) - wo;
+            let one = Num::splat(l, 1.0);
+            let deficit = Num::select(wi.z.above(0.0), ggx.masked(wo, wi), one);
+            let grazing = (one - deficit) * schlick_weight(cosine);
+            // One after the other, so that any number of lanes gives the same sums.
+            let (deficit, grazing) = (deficit.to_array(), grazing.to_array());
+            for (deficit, grazing) in deficit.iter().zip(&grazing).take(L::LANES) {
+                sum[0] += deficit;
+                sum[1] += grazing;
+            }
+        }
+        [sum[0] / FACETS as f32, sum[1] / FACETS as f32]
     }
-    sum.map(|sum| sum / FACETS as f32)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::lanes::One;
 
     fn numbers(of: Reflectance<One>) -> [f32; 2] {
         [of.deficit.get(), of.grazing.get()]
@@ -186,7 +211,7 @@ mod tests {
             for k in 0..40 {
                 let z = ((k as f32 + 0.61) / 40.0).powi(2);
                 let table = numbers(albedo.at(z.into()));
-                let direct = measure(&Ggx { alpha: (roughness * roughness).into() }, z);
+                let direct = measure(roughness * roughness, z);
                 let off = (table[0] - direct[0]).abs().max((table[1] - direct[1]).abs());
                 let allowed = if z < 0.01 { 6e-3 } else { 4e-3 };
                 assert!(off < allowed, "roughness {roughness}, cosine {z}: {table:?}, measured {direct:?}");
