@@ -1,5 +1,6 @@
 //! Speed beside its peers: what `raystream bench` measures.
 
+pub mod adaptive;
 pub mod build;
 pub mod embree;
 pub mod energy;
@@ -9,6 +10,7 @@ pub mod rays;
 pub mod schedule;
 mod spread;
 pub mod tables;
+pub mod tail;
 mod workload;
 
 pub use spread::Spread;

@@ -82,7 +82,7 @@ impl Checkpoint {
             frame.save(&self.identity, &mut *file)?;
             // A name must not survive a power cut without what it names.
             file.flush()?;
-            file.get_ref().as_file().sync_all()
+            file.get_ref().sync_all()
         })?;
         Ok(())
     }
