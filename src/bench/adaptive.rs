@@ -181,10 +181,8 @@ impl Bench<'_> {
 
 impl Measured {
     fn add(&mut self, seconds: f64, film: &Film, truth: &Film) {
-        let counts = film.sample_counts();
-        let samples: u64 = counts.iter().map(|&count| u64::from(count)).sum();
         self.seconds.push(seconds);
-        self.mean_spp.push(samples as f64 / counts.len() as f64);
+        self.mean_spp.push(film.mean_samples());
         let blocks = Blocks::new(film.width(), film.height());
         self.errors.push(Errors::of(&film.resolve(), &truth.resolve(), blocks));
     }

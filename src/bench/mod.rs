@@ -3,9 +3,9 @@
 pub mod adaptive;
 pub mod build;
 pub mod embree;
-pub mod energy;
 pub mod frame;
 pub mod meshes;
+pub mod meters;
 pub mod rays;
 pub mod schedule;
 mod spread;

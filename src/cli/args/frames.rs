@@ -27,6 +27,16 @@ pub struct FramesArgs {
     /// Move the camera through the key poses of a .json file.
     #[arg(long, value_name = "FILE", requires = "frames", conflicts_with_all = ["eye", "target", "up", "fov"])]
     pub camera_path: Option<PathBuf>,
+    /// Frames a second, where the camera moves as the scene's glTF animation says: frame 0 is its beginning.
+    #[arg(
+        long,
+        value_name = "N",
+        default_value_t = 24.0,
+        requires = "frames",
+        conflicts_with_all = ["turntable", "camera_path"],
+        value_parser = rate
+    )]
+    pub fps: f64,
 }
 
 /// `A..B`, at least one frame.
@@ -40,6 +50,14 @@ fn frame_range(text: &str) -> Result<Range<u32>, String> {
         );
     }
     Ok(range)
+}
+
+/// Frames a second.
+fn rate(text: &str) -> Result<f64, String> {
+    match text.trim().parse::<f64>() {
+        Ok(fps) if fps.is_normal() && fps > 0.0 => Ok(fps),
+        _ => Err("write how many frames a second has, as in 24 or 29.97".into()),
+    }
 }
 
 #[cfg(test)]

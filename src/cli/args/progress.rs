@@ -11,29 +11,18 @@ pub struct ProgressArgs {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
     pub spp: Option<u32>,
     /// End after so much time of rendering.
-    #[arg(
-        long,
-        value_name = "SECONDS",
-        value_parser = duration,
-        allow_hyphen_values = true,
-        conflicts_with = "frames"
-    )]
+    #[arg(long, value_name = "SECONDS", value_parser = duration, allow_hyphen_values = true)]
     pub seconds: Option<Duration>,
     /// Take samples where they are needed: until the relative standard error of pixels is at most X, as 0.05, in each
     /// block of 32x32.
-    #[arg(long, value_name = "X", value_parser = noise, conflicts_with = "frames")]
+    #[arg(long, value_name = "X", value_parser = noise)]
     pub noise: Option<f32>,
     /// Write the picture so far (and the checkpoint) every so often [default: 10 with --checkpoint].
-    #[arg(
-        long,
-        value_name = "SECONDS",
-        value_parser = duration,
-        allow_hyphen_values = true,
-        conflicts_with = "frames"
-    )]
+    #[arg(long, value_name = "SECONDS", value_parser = duration, allow_hyphen_values = true)]
     pub save_every: Option<Duration>,
-    /// Keep what has been rendered in a file, from which --resume goes on whatever happened to this process.
-    #[arg(long, value_name = "FILE", conflicts_with = "frames")]
+    /// Keep what has been rendered in a file, from which --resume goes on whatever happened to this process; of several
+    /// frames, which are done.
+    #[arg(long, value_name = "FILE")]
     pub checkpoint: Option<PathBuf>,
     /// Go on from the checkpoint if there is one.
     #[arg(long, requires = "checkpoint")]

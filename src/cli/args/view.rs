@@ -22,6 +22,12 @@ pub struct CameraArgs {
 }
 
 impl CameraArgs {
+    /// Whether nothing is asked for.
+    pub fn is_silent(&self) -> bool {
+        let Self { eye, target, up, fov } = self;
+        eye.is_none() && target.is_none() && up.is_none() && fov.is_none()
+    }
+
     /// The camera that the flags ask for, on top of the scene's own or one that frames it.
     pub fn apply(&self, own: Option<Camera>, framed: impl FnOnce() -> Camera) -> Camera {
         let base = own.unwrap_or_else(framed);
