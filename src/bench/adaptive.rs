@@ -48,7 +48,7 @@ pub struct Row {
     pub rmse: Spread,
     /// The same of relative differences; channels darker than a tenth of the picture's mean count as that bright.
     pub relative_rmse: Spread,
-    /// The root mean square relative error of the worst block of 32 × 32 pixels.
+    /// The root mean square relative error of the worst block of 16 × 16 pixels.
     pub worst_block: Spread,
     /// Times as much of an error that even samples have at equal time: squared errors fall as time grows, so
     /// what is compared is their product. More than 1 is better.
@@ -221,8 +221,8 @@ mod tests {
 
     #[test]
     fn errors_are_relative_to_what_is_there() {
-        let blocks = Blocks::new(64, 32);
-        let truth = vec![[2.0; 3]; 64 * 32];
+        let blocks = Blocks::new(32, 16);
+        let truth = vec![[2.0; 3]; 32 * 16];
         let mut picture = truth.clone();
         assert_eq!(Errors::of(&picture, &truth, blocks).absolute, 0.0);
         // A whole block of two is off by a tenth.

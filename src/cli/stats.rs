@@ -154,7 +154,7 @@ pub struct ImageStats {
     pub hash: String,
 }
 
-/// Relative standard errors of a picture's pixels, by blocks of 32 × 32; null where too little is known.
+/// Relative standard errors of a picture's pixels, by blocks of 16 × 16; null where too little is known.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct NoiseStats {
     /// Of the worst block.

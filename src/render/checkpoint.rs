@@ -17,7 +17,7 @@ pub type Identity = BTreeMap<String, String>;
 const MAGIC: &[u8; 20] = b"raystream checkpoint";
 
 /// Counts incompatible formats.
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 
 /// The part of a checkpoint that is text.
 #[derive(Serialize, Deserialize)]

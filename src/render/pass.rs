@@ -3,11 +3,12 @@
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Side of a block, pixels.
-pub const BLOCK: u32 = 32;
+/// Side of a block, pixels. Small, so that samples go where they are needed; a few hundred pixels still tell how
+/// noisy they are.
+pub const BLOCK: u32 = 16;
 
 /// Blocks whose camera rays are spawned together: RA's tiles of 128² pixels.
-const TILE_BLOCKS: usize = 16;
+const TILE_BLOCKS: usize = 64;
 
 /// A picture divided into blocks of [`BLOCK`]² pixels, fewer at its right and lower edges: the places
 /// about which it is decided whether more samples are needed. Numbered row by row.
@@ -44,12 +45,20 @@ impl Blocks {
         rows.flat_map(move |y| columns.clone().map(move |x| y as usize * self.width as usize + x as usize))
     }
 
-    /// All blocks, those of a square of 4 × 4 after each other: camera rays that start together go alike.
+    /// A block and those around it, fewer at the edges of the picture.
+    pub fn around(self, block: u32) -> impl Iterator<Item = u32> {
+        let (columns, rows) = (self.columns(), self.count() as u32 / self.columns());
+        let (x, y) = (block % columns, block / columns);
+        let row = move |y| (x.saturating_sub(1)..=(x + 1).min(columns - 1)).map(move |x| y * columns + x);
+        (y.saturating_sub(1)..=(y + 1).min(rows - 1)).flat_map(row)
+    }
+
+    /// All blocks, those of a square of 8 × 8 after each other: camera rays that start together go alike.
     pub fn in_order(self) -> Arc<[u32]> {
         let mut blocks: Vec<u32> = (0..self.count() as u32).collect();
         blocks.sort_by_key(|block| {
             let (x, y) = (block % self.columns(), block / self.columns());
-            (y / 4, x / 4, y, x)
+            (y / 8, x / 8, y, x)
         });
         blocks.into()
     }
@@ -134,11 +143,21 @@ mod tests {
     }
 
     #[test]
+    fn blocks_have_neighbours_up_to_the_edges() {
+        let blocks = Blocks::new(3 * BLOCK, 2 * BLOCK + 1);
+        let around = |block| blocks.around(block).collect::<Vec<_>>();
+        assert_eq!(around(4), [0, 1, 2, 3, 4, 5, 6, 7, 8]);
+        assert_eq!(around(0), [0, 1, 3, 4]);
+        assert_eq!(around(8), [4, 5, 7, 8]);
+        assert_eq!(Blocks::new(1, 1).around(0).collect::<Vec<_>>(), [0]);
+    }
+
+    #[test]
     fn nothing_is_taken_where_nothing_is_wanted() {
         let blocks = Blocks::new(64, 64);
         assert_eq!(Pass::new([].into(), 0..9).tiles(), 0);
         assert_eq!(Pass::new(blocks.in_order(), 4..4).tiles(), 0);
         let pass = Pass::new([2].into(), 4..5);
-        assert_eq!((pass.tiles(), pass.tile(0), pass.tile_rays(blocks)), (1, (&[2][..], 4), 1024));
+        assert_eq!((pass.tiles(), pass.tile(0), pass.tile_rays(blocks)), (1, (&[2][..], 4), 256));
     }
 }

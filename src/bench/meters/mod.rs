@@ -1,7 +1,7 @@
 //! What the machine tells of its own energy and clocks, where it lets itself be read: RAPL, NVML, Linux's clocks.
 
 mod clock;
-#[cfg(feature = "gpu")]
+#[cfg(feature = "nvml")]
 mod nvml;
 mod rapl;
 mod recorder;
@@ -13,7 +13,7 @@ use std::collections::BTreeMap;
 /// A machine's energy meters, read when they were started.
 pub struct Meters {
     processors: rapl::Meters,
-    #[cfg(feature = "gpu")]
+    #[cfg(feature = "nvml")]
     devices: nvml::Devices,
 }
 
@@ -22,7 +22,7 @@ impl Meters {
     pub fn start() -> Self {
         Self {
             processors: rapl::Meters::start(),
-            #[cfg(feature = "gpu")]
+            #[cfg(feature = "nvml")]
             devices: nvml::Devices::start(),
         }
     }
@@ -30,9 +30,9 @@ impl Meters {
     /// Joules since the start by meter: `package-0` is a whole processor, `package-0/dram` a part of
     /// what is measured, `gpu 0 (NAME)` a GPU with its memory. Empty without meters.
     pub fn joules(&self) -> BTreeMap<String, f64> {
-        #[allow(unused_mut, reason = "there are GPUs to be read only in a build with a GPU tracer")]
+        #[allow(unused_mut, reason = "there are GPUs to be read only in a build with NVML")]
         let mut joules = self.processors.joules();
-        #[cfg(feature = "gpu")]
+        #[cfg(feature = "nvml")]
         joules.extend(self.devices.joules());
         joules
     }

@@ -1,7 +1,7 @@
 //! Clocks and power over time (RA, Figure 5).
 
 use super::clock::Clock;
-#[cfg(feature = "gpu")]
+#[cfg(feature = "nvml")]
 use super::nvml::Devices;
 use super::rapl;
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
@@ -32,21 +32,20 @@ pub struct Recorder {
 }
 
 impl Recorder {
-    /// Starts to read what this machine tells; none where it gives no thread.
+    /// Reads for the first time, and goes on on its own; none where the system gives no thread.
     pub fn start() -> Option<Self> {
         let (stop, stopped) = channel();
+        let mut gauges = Gauges::find();
+        let mut series = gauges.series();
+        gauges.read(Instant::now(), &mut series);
         let record = move || {
-            let mut gauges = Gauges::find();
-            let mut series = gauges.series();
-            loop {
+            let mut pause = PERIOD;
+            while !series.is_empty() && stopped.recv_timeout(pause) == Err(RecvTimeoutError::Timeout) {
                 let now = Instant::now();
                 gauges.read(now, &mut series);
-                let pause = PERIOD.max(now.elapsed() * SHARE);
-                let asked = stopped.recv_timeout(pause) != Err(RecvTimeoutError::Timeout);
-                if asked || series.is_empty() {
-                    return series;
-                }
+                pause = PERIOD.max(now.elapsed() * SHARE);
             }
+            series
         };
         let thread = std::thread::Builder::new().name("recorder".into()).spawn(record).ok()?;
         Some(Self { stop, thread })
@@ -65,7 +64,7 @@ impl Recorder {
 struct Gauges {
     clock: Option<Clock>,
     processors: Vec<rapl::Power>,
-    #[cfg(feature = "gpu")]
+    #[cfg(feature = "nvml")]
     devices: Devices,
 }
 
@@ -74,7 +73,7 @@ impl Gauges {
         Self {
             clock: Clock::find(),
             processors: rapl::Meters::start().into_power(),
-            #[cfg(feature = "gpu")]
+            #[cfg(feature = "nvml")]
             devices: Devices::start(),
         }
     }
@@ -84,9 +83,9 @@ impl Gauges {
         let series = |name: &str, unit| Series { name: name.to_owned(), unit, points: Vec::new() };
         let clock = self.clock.iter().map(|_| series("cpu clock", "MHz"));
         let processors = self.processors.iter().map(|meter| series(&format!("{} power", meter.name()), "W"));
-        #[allow(unused_mut, reason = "there are GPUs to be read only in a build with a GPU tracer")]
+        #[allow(unused_mut, reason = "there are GPUs to be read only in a build with NVML")]
         let mut all: Vec<Series> = clock.chain(processors).collect();
-        #[cfg(feature = "gpu")]
+        #[cfg(feature = "nvml")]
         for name in self.devices.names() {
             all.extend([series(&format!("{name} clock"), "MHz"), series(&format!("{name} power"), "W")]);
         }
@@ -97,7 +96,7 @@ impl Gauges {
         let clock = self.clock.iter().map(Clock::mhz);
         let processors = self.processors.iter_mut().map(|meter| meter.watts(now));
         let numbers = clock.chain(processors);
-        #[cfg(feature = "gpu")]
+        #[cfg(feature = "nvml")]
         let numbers = {
             let devices = &self.devices;
             let of = |index| [devices.mhz(index), devices.watts(index)];

@@ -13,8 +13,8 @@ pub struct ProgressArgs {
     /// End after so much time of rendering.
     #[arg(long, value_name = "SECONDS", value_parser = duration, allow_hyphen_values = true)]
     pub seconds: Option<Duration>,
-    /// Take samples where they are needed: until the relative standard error of pixels is at most X, as 0.05, in each
-    /// block of 32x32.
+    /// Take samples where they are needed, until the relative standard error of pixels is X, as 0.05: root mean square
+    /// over the picture.
     #[arg(long, value_name = "X", value_parser = noise)]
     pub noise: Option<f32>,
     /// Write the picture so far (and the checkpoint) every so often [default: 10 with --checkpoint].

@@ -3,8 +3,8 @@
 use crate::bench::meters::Series;
 use crate::cli::setup::Setup;
 use crate::cli::stats::{MemoryStats, ThreadStats, Units};
-use crate::schedule::{Depths, JobReport, RayCounts, TaskRecord, ThreadKind, ThreadReport};
 use crate::cli::timeline::{Curve, Timeline, thread_names};
+use crate::schedule::{Depths, JobReport, RayCounts, TaskRecord, ThreadKind, ThreadReport};
 use std::collections::BTreeMap;
 use std::time::Instant;
 
@@ -91,9 +91,11 @@ impl Tally {
         let began = setup.service.began();
         let curve = |series: Series| {
             let since = |at: Instant| at.saturating_duration_since(began).as_nanos() as u64;
-            let points = series.points.into_iter().map(|(at, number)| (since(at), number));
-            let during = points.filter(|(at_ns, _)| (begin_ns..=self.end_ns).contains(at_ns));
-            let points = during.map(|(at_ns, number)| (at_ns - begin_ns, number)).collect();
+            let points: Vec<_> = series.points.iter().map(|&(at, number)| (since(at), number)).collect();
+            // What was read last before still holds at the beginning.
+            let first = points.iter().rposition(|point| point.0 <= begin_ns).unwrap_or(0);
+            let during = points[first..].iter().take_while(|point| point.0 <= self.end_ns);
+            let points = during.map(|&(at_ns, number)| (at_ns.saturating_sub(begin_ns), number)).collect();
             Curve { name: series.name, unit: series.unit, points }
         };
         Timeline {
