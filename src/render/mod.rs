@@ -21,7 +21,7 @@ mod units;
 mod whitted;
 
 pub use ambient_occlusion::{AmbientOcclusion, SampleState};
-pub use checkpoint::{CheckpointError, Identity};
+pub use checkpoint::{CheckpointError, Identity, compare};
 pub use frame::{Frame, Settings, SettingsError};
 pub use integrator::Integrator;
 pub use pass::{BLOCK, Blocks, Pass};
