@@ -6,7 +6,7 @@
 #![allow(unsafe_code)]
 
 use super::order::LANES_OF;
-use super::{Lanes, Piece};
+use super::{Lanes, Piece, nearest, spill};
 use std::arch::aarch64::*;
 
 /// Eight lanes of NEON.
@@ -48,6 +48,16 @@ fn ids(f: F) -> I {
 fn numbers(i: I) -> F {
     // SAFETY: invariant 1.
     unsafe { [vreinterpretq_f32_u32(i[0]), vreinterpretq_f32_u32(i[1])] }
+}
+
+/// The lanes of a mask, in order.
+#[inline(always)]
+fn order_of(mask: u32) -> I {
+    // SAFETY: invariant 1; there are 256 masks.
+    unsafe {
+        let order = vmovl_u8(vld1_u8(LANES_OF.get_unchecked(mask as usize & 255).as_ptr()));
+        [vmovl_u16(vget_low_u16(order)), vmovl_high_u16(order)]
+    }
 }
 
 /// Turns four rows of four into columns, or columns into rows.
@@ -165,6 +175,14 @@ impl Lanes for Neon {
             let lanes = lanes(mask);
             [vbslq_f32(lanes[0], a[0], b[0]), vbslq_f32(lanes[1], a[1], b[1])]
         }
+    }
+    #[inline(always)]
+    fn pack(self, mask: u32, a: F) -> F {
+        numbers(self.permute_ids(ids(a), order_of(mask)))
+    }
+    #[inline(always)]
+    fn to_fixed(self, a: F, scale: f64) -> [i64; 16] {
+        spill(self, a).map(|x| nearest(f64::from(x) * scale))
     }
     #[inline(always)]
     fn lowest(self, a: F) -> f32 {
@@ -305,11 +323,7 @@ impl Lanes for Neon {
     }
     #[inline(always)]
     unsafe fn append(self, to: *mut u32, mask: u32, ids: I) {
-        unsafe {
-            let order = vmovl_u8(vld1_u8(LANES_OF.get_unchecked(mask as usize & 255).as_ptr()));
-            let order = [vmovl_u16(vget_low_u16(order)), vmovl_high_u16(order)];
-            self.store_ids(to, self.permute_ids(ids, order));
-        }
+        unsafe { self.store_ids(to, self.permute_ids(ids, order_of(mask))) }
     }
     #[inline(always)]
     unsafe fn rows(self, base: *const f32, ids: *const u32) -> [F; 8] {
@@ -327,14 +341,14 @@ impl Lanes for Neon {
         }
     }
     #[inline(always)]
-    unsafe fn put_rows(self, to: *mut f32, stride: usize, columns: [F; 8]) {
+    unsafe fn put_rows(self, to: *mut f32, columns: [F; 8]) {
         unsafe {
             let [a, b, c, d, e, f, g, h] = columns;
             for half in 0..2 {
                 let left = transpose([a[half], b[half], c[half], d[half]]);
                 let right = transpose([e[half], f[half], g[half], h[half]]);
                 for i in 0..4 {
-                    self.store(to.add(stride * (4 * half + i)), [left[i], right[i]]);
+                    self.store(to.add(8 * (4 * half + i)), [left[i], right[i]]);
                 }
             }
         }

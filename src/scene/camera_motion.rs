@@ -78,7 +78,9 @@ impl Tracked for DQuat {
     }
 
     fn sum(terms: [(f64, Self); 4]) -> Self {
-        let sum = terms.into_iter().fold(DQuat::from_xyzw(0.0, 0.0, 0.0, 0.0), |sum, (weight, value)| sum + value * weight);
+        let sum = terms
+            .into_iter()
+            .fold(DQuat::from_xyzw(0.0, 0.0, 0.0, 0.0), |sum, (weight, value)| sum + value * weight);
         unit_turn(sum)
     }
 }
@@ -219,7 +221,8 @@ mod tests {
 
     #[test]
     fn what_is_no_track_is_none() {
-        let track = |times: Vec<f64>, n| Track::new(times, keys(vec![[DVec3::ONE; 3]; n]), Interpolation::Step);
+        let track =
+            |times: Vec<f64>, n| Track::new(times, keys(vec![[DVec3::ONE; 3]; n]), Interpolation::Step);
         assert!(track(vec![0.0, 1.0], 2).is_some());
         for times in [vec![], vec![0.0, 0.0], vec![1.0, 0.0], vec![0.0, f64::NAN]] {
             assert!(track(times.clone(), times.len()).is_none(), "{times:?}");

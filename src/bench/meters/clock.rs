@@ -31,10 +31,16 @@ impl Clock {
     /// The mean of all cores.
     pub fn mhz(&self) -> Option<f64> {
         match &self.0 {
-            Source::Cpufreq(files) => mean(files.iter().map(|file| Some(1e-3 * number(&read_to_string(file).ok()?)?))),
+            Source::Cpufreq(files) => {
+                mean(files.iter().map(|file| Some(1e-3 * number(&read_to_string(file).ok()?)?)))
+            }
             Source::Cpuinfo(file) => {
                 let text = read_to_string(file).ok()?;
-                mean(text.lines().filter(|line| line.starts_with("cpu MHz")).map(|line| number(line.split_once(':')?.1)))
+                mean(
+                    text.lines()
+                        .filter(|line| line.starts_with("cpu MHz"))
+                        .map(|line| number(line.split_once(':')?.1)),
+                )
             }
         }
     }
@@ -59,7 +65,11 @@ mod tests {
         let folder = tempfile::tempdir().expect("a folder");
         let (cores, cpuinfo) = (folder.path().join("cpu"), folder.path().join("cpuinfo"));
         assert!(Clock::find_in(&cores, &cpuinfo).is_none());
-        std::fs::write(&cpuinfo, "processor\t: 0\ncpu MHz\t\t: 2000.5\nprocessor\t: 1\ncpu MHz\t\t: 3000.5\n").unwrap();
+        std::fs::write(
+            &cpuinfo,
+            "processor\t: 0\ncpu MHz\t\t: 2000.5\nprocessor\t: 1\ncpu MHz\t\t: 3000.5\n",
+        )
+        .unwrap();
         assert_eq!(Clock::find_in(&cores, &cpuinfo).and_then(|clock| clock.mhz()), Some(2500.5));
         for (core, khz) in [("cpu0", "2400000\n"), ("cpu1", "2600000\n")] {
             let core = cores.join(core).join("cpufreq");

@@ -63,10 +63,13 @@ impl Course {
         let FramesArgs { frames, turntable, camera_path, fps, .. } = &args.animation;
         let Some(frames) = frames.clone() else { return Ok(None) };
         let motion = match (turntable, camera_path, &scene.camera_motion) {
-            (Some(degrees), ..) => Motion::Turntable { degrees: *degrees, own, centre: scene.bounds().centre() },
+            (Some(degrees), ..) => {
+                Motion::Turntable { degrees: *degrees, own, centre: scene.bounds().centre() }
+            }
             (None, Some(path), _) => {
                 let name = path.display();
-                let text = std::fs::read_to_string(path).with_context(|| format!("{name}: cannot be read"))?;
+                let text =
+                    std::fs::read_to_string(path).with_context(|| format!("{name}: cannot be read"))?;
                 Motion::Path(CameraPath::parse(&text).with_context(|| name.to_string())?)
             }
             (None, None, Some(motion)) => {

@@ -49,7 +49,13 @@ pub fn run<I: Integrator>(
             && let Some(frame) = todo.next()
         {
             if let Some(hash) = logbook.as_ref().and_then(|logbook| logbook.hash(course, frame)) {
-                done.push(FrameStats { frame, hash: hash.to_owned(), seconds: None, mean_spp: None, noise: None });
+                done.push(FrameStats {
+                    frame,
+                    hash: hash.to_owned(),
+                    seconds: None,
+                    mean_spp: None,
+                    noise: None,
+                });
                 continue;
             }
             let shot = integrator.seen_by(&course.camera(frame)).with_context(|| format!("frame {frame}"))?;

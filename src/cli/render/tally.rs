@@ -3,8 +3,8 @@
 use crate::bench::meters::Series;
 use crate::cli::setup::Setup;
 use crate::cli::stats::{MemoryStats, ThreadStats, Units};
-use crate::schedule::{Depths, JobReport, RayCounts, TaskRecord, ThreadKind, ThreadReport};
 use crate::cli::timeline::{Curve, Timeline, thread_names};
+use crate::schedule::{Depths, JobReport, RayCounts, TaskRecord, ThreadKind, ThreadReport};
 use std::collections::BTreeMap;
 use std::time::Instant;
 

@@ -17,12 +17,17 @@ pub fn text(timeline: &Timeline) -> String {
     let lists = timeline.lists().iter().flat_map(|task| {
         let Lengths { need_more, trace, shade, in_flight } = task.lists;
         [
-            counter("streams", task.end_ns, &json!({ "NEEDMORE": need_more, "TRACE": trace, "SHADE": shade })),
+            counter(
+                "streams",
+                task.end_ns,
+                &json!({ "NEEDMORE": need_more, "TRACE": trace, "SHADE": shade }),
+            ),
             counter("paths in flight", task.end_ns, &json!({ "paths": in_flight })),
         ]
     });
     let curves = timeline.curves.iter().flat_map(|curve| {
-        let point = |&(at_ns, number): &(u64, f64)| counter(&curve.name, at_ns, &json!({ curve.unit: number }));
+        let point =
+            |&(at_ns, number): &(u64, f64)| counter(&curve.name, at_ns, &json!({ curve.unit: number }));
         curve.points.iter().map(point)
     });
     let events: Vec<Value> = names.chain(tasks).chain(lists).chain(curves).collect();

@@ -34,7 +34,9 @@ pub(super) fn camera_motion(
         let joint = chain.iter().position(|node| node.index() == target.node().index());
         let joint = &mut joints[joint.expect("the channel moves a node of the chain")];
         match target.property() {
-            Property::Translation => joint.translation = track(context, &animation, &channel, DVec3::from_array)?,
+            Property::Translation => {
+                joint.translation = track(context, &animation, &channel, DVec3::from_array)?
+            }
             Property::Scale => joint.scale = track(context, &animation, &channel, DVec3::from_array)?,
             Property::Rotation => joint.rotation = track(context, &animation, &channel, DQuat::from_array)?,
             Property::MorphTargetWeights => {}
@@ -45,7 +47,8 @@ pub(super) fn camera_motion(
 
 /// Says what of the file's animations stands still: all but what moves the camera.
 pub(super) fn warn_of_others(context: &mut Context, chain: &[Node]) {
-    let in_chain = |channel: &Channel| chain.iter().any(|node| node.index() == channel.target().node().index());
+    let in_chain =
+        |channel: &Channel| chain.iter().any(|node| node.index() == channel.target().node().index());
     if context.document.animations().any(|animation| !animation.channels().all(|c| in_chain(&c))) {
         context.warnings.add("Animations move nothing but the camera; the rest stands still.");
     }
@@ -69,8 +72,10 @@ fn track<T: Tracked, const N: usize>(
     let sampler = channel.sampler();
     let place = format!("animations[{}].channels[{}]", animation.index(), channel.index());
     let wrong = |problem: String| context.error(place.clone(), problem);
-    let times = vectors::<1>(context.buffers, &sampler.input()).map_err(|e| wrong(format!("its input {e}")))?;
-    let values = vectors::<N>(context.buffers, &sampler.output()).map_err(|e| wrong(format!("its output {e}")))?;
+    let times =
+        vectors::<1>(context.buffers, &sampler.input()).map_err(|e| wrong(format!("its input {e}")))?;
+    let values =
+        vectors::<N>(context.buffers, &sampler.output()).map_err(|e| wrong(format!("its output {e}")))?;
     let finite = values.as_flattened().iter().all(|number| number.is_finite());
     let values: Vec<T> = values.into_iter().map(|v| value(v.map(f64::from))).collect();
     let (interpolation, width) = match sampler.interpolation() {
