@@ -65,7 +65,7 @@ impl<'a> Node<'a> {
         };
         let dimension = CAMERA_DIMENSION + 1 + 2 * branch;
         let (u, u2) = (sampler.single(dimension), sampler.pair(dimension));
-        add(LightSample::surface(lights, scene, from, u, u2));
+        add(LightSample::surface(lights, scene, &self.at.receiver(), u, u2));
         if lights.punctual() <= ALL_PUNCTUAL {
             (0..lights.punctual()).for_each(|index| add(LightSample::of_light(lights, index, from)));
         } else {
