@@ -2,7 +2,7 @@
 //! configurations that each add one thing to the one before, in one process, in rounds that take turns.
 
 use super::Spread;
-use super::energy::Meters;
+use super::meters::Meters;
 use crate::film::Image;
 use crate::lanes::SimdLevel;
 use crate::render::{Path, RayByRay, Settings, SettingsError, Stage, render_single_rays};

@@ -255,6 +255,11 @@ impl Film {
         self.samples.iter().map(|n| n.load(Relaxed)).collect()
     }
 
+    /// Samples taken of a pixel on average.
+    pub fn mean_samples(&self) -> f64 {
+        self.samples.iter().map(|n| f64::from(n.load(Relaxed))).sum::<f64>() / self.samples.len() as f64
+    }
+
     /// The mean radiance of each pixel over its own samples, row major, first row on top; 0 where
     /// there is no sample yet.
     pub fn resolve(&self) -> Vec<[f32; 3]> {

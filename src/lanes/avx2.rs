@@ -5,6 +5,7 @@
 //! 2. Every pointer access is within what the caller of the method vouches for, as the trait states it.
 #![allow(unsafe_code)]
 
+use super::order::LANES_OF;
 use super::{Lanes, Piece, nearest, spill};
 use std::arch::x86_64::*;
 
@@ -22,24 +23,6 @@ impl Avx2 {
         Self(())
     }
 }
-
-/// For every mask the lanes in it, in order.
-static LANES_OF: [[u8; 8]; 256] = {
-    let mut table = [[0; 8]; 256];
-    let mut mask = 0;
-    while mask < 256 {
-        let (mut lane, mut len) = (0, 0);
-        while lane < 8 {
-            if mask >> lane & 1 == 1 {
-                table[mask][len] = lane as u8;
-                len += 1;
-            }
-            lane += 1;
-        }
-        mask += 1;
-    }
-    table
-};
 
 /// The lanes of a mask, in order.
 #[inline(always)]

@@ -13,7 +13,11 @@ mod avx2;
 mod avx512;
 mod int;
 mod level;
+#[cfg(target_arch = "aarch64")]
+mod neon;
 mod num;
+#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
+mod order;
 mod plain;
 pub mod trigonometry;
 mod vector;
@@ -24,6 +28,8 @@ pub(crate) use avx2::Avx2;
 pub(crate) use avx512::Avx512;
 pub use int::Int;
 pub use level::{Kernel, SimdError, SimdLevel};
+#[cfg(target_arch = "aarch64")]
+pub(crate) use neon::Neon;
 pub use num::Num;
 pub use plain::{One, Plain};
 pub use vector::Vector;
@@ -259,7 +265,13 @@ pub(crate) fn prefetch<T>(address: *const T) {
     unsafe {
         std::arch::x86_64::_mm_prefetch::<{ std::arch::x86_64::_MM_HINT_T0 }>(address.cast());
     }
-    #[cfg(not(target_arch = "x86_64"))]
+    #[cfg(target_arch = "aarch64")]
+    #[allow(unsafe_code)]
+    // SAFETY: likewise.
+    unsafe {
+        std::arch::asm!("prfm pldl1keep, [{}]", in(reg) address, options(nostack, preserves_flags, readonly));
+    }
+    #[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
     let _ = address;
 }
 
@@ -405,6 +417,11 @@ mod tests {
         memory(Plain::<8>);
         assert_eq!(everything(One::default()), reference);
         memory(One::default());
+        #[cfg(target_arch = "aarch64")]
+        {
+            assert_eq!(everything(Neon), reference);
+            memory(Neon);
+        }
         #[cfg(target_arch = "x86_64")]
         #[allow(unsafe_code)]
         // SAFETY: each token is made only when the processor has its instructions.

@@ -22,7 +22,7 @@ mod units;
 mod whitted;
 
 pub use ambient_occlusion::{AmbientOcclusion, SampleState};
-pub use checkpoint::{CheckpointError, Identity};
+pub use checkpoint::{CheckpointError, Identity, compare};
 pub use contribution::Contribution;
 pub use frame::{Frame, Settings, SettingsError};
 pub use integrator::Integrator;

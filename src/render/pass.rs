@@ -42,6 +42,12 @@ impl Blocks {
         (left..(left + BLOCK).min(self.width), top..(top + BLOCK).min(self.height))
     }
 
+    /// A block's pixels as they lie in a picture, row by row.
+    pub fn indices(self, block: u32) -> impl Iterator<Item = usize> {
+        let (columns, rows) = self.pixels(block);
+        rows.flat_map(move |y| columns.clone().map(move |x| y as usize * self.width as usize + x as usize))
+    }
+
     /// All blocks, those of a square of 4 × 4 after each other: camera rays that start together go alike.
     pub fn in_order(self) -> Arc<[u32]> {
         let mut blocks: Vec<u32> = (0..self.count() as u32).collect();
