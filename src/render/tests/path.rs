@@ -6,8 +6,8 @@ use crate::geom::Sampler;
 use crate::lanes::SimdLevel;
 use crate::render::{Path, ROULETTE_BOUNCES, Settings, SettingsError};
 use crate::scene::{
-    CameraError, Colour, Environment, Light, LightShape, Material, NormalMap, Scalar, Scene,
-    Surface, Texture, TextureRef, Wrap,
+    CameraError, Colour, Environment, Light, LightShape, Material, NormalMap, Scalar, Scene, Surface,
+    TextureRef,
 };
 use crate::schedule::Renderer;
 use crate::shade::bsdf::MIN_ROUGHNESS;
