@@ -320,6 +320,9 @@ pub struct BenchRaysArgs {
     /// all threads of its driver, whatever --threads says.
     #[arg(long, value_name = "NAME")]
     pub adapter: Option<String>,
+    /// Measure each kind of kernel of the adapter, and leave out slow peers.
+    #[arg(long, requires = "adapter")]
+    pub kernels: bool,
     /// Embree 4's shared library (the wheel `embreex` carries one); without it that peer is left out.
     #[arg(long, value_name = "FILE")]
     pub embree: Option<PathBuf>,
