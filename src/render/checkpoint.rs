@@ -121,7 +121,11 @@ fn header(rest: &mut &[u8]) -> Option<Header> {
     serde_json::from_slice(header).ok()
 }
 
-fn compare(was: &Identity, is: &Identity) -> Result<(), CheckpointError> {
+/// Looks for what differs between two pictures.
+///
+/// # Errors
+/// [`CheckpointError::Mismatch`] names the first thing that does.
+pub fn compare(was: &Identity, is: &Identity) -> Result<(), CheckpointError> {
     let nothing = || "not given".to_owned();
     for what in was.keys().chain(is.keys()) {
         let (was, is) = (was.get(what), is.get(what));

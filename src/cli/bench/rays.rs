@@ -33,10 +33,10 @@ pub fn run(args: &BenchRaysArgs) -> Result<()> {
     let camera = args.camera.apply(stage.scene.camera, framed);
     let workload = Workload::new(&stage.bvh, &*stage.tracers.host, &camera, width, height)?;
     let options = Options {
-        rounds: args.rounds as usize,
-        threads: args.threads.iter().map(|&n| n as usize).collect(),
+        rounds: args.peers.rounds as usize,
+        threads: args.peers.threads.iter().map(|&n| n as usize).collect(),
         levels: if args.kernels { vec![SimdLevel::detect()] } else { SimdLevel::available() },
-        embree: args.embree.clone(),
+        embree: args.peers.embree.clone(),
         slow_units: !args.kernels,
         ..Options::default()
     };
@@ -47,7 +47,7 @@ pub fn run(args: &BenchRaysArgs) -> Result<()> {
     };
     let report = measure(&stage.bvh, &mesh.positions, &mesh.triangles, &workload, &devices, &options)?;
     print(&report, &workload);
-    match &args.json {
+    match &args.peers.json {
         Some(path) => write(path, Some(&args.scene), &report.rows, &report.agreement),
         None => Ok(()),
     }
