@@ -5,6 +5,7 @@ use crate::geom::Sampler;
 use crate::lanes::{Int, Lanes, Num, One, Vector};
 use crate::scene::Material;
 use crate::shade::bsdf::Smooth;
+use crate::shade::light::Receiver;
 use crate::shade::{Bsdf, Hits, Interaction, LightSample, lookup};
 use crate::stream::Ray;
 use glam::Vec3;
@@ -81,7 +82,7 @@ impl<'a, L: Lanes> Node<'a, L> {
         let dimension = branch * 2 + (CAMERA_DIMENSION + 1);
         let light: LightSample<L> = if light == 0 {
             let (u, u2) = (sampler.one(dimension), sampler.two(dimension));
-            lights.sample_surfaces(self.frame.scene(), at.raised, u, u2)
+            lights.sample_surfaces(self.frame.scene(), &Receiver::of(at), u, u2)
         } else if lights.punctual() <= ALL_PUNCTUAL {
             lights.illuminate(light - 1, at.raised)
         } else {

@@ -4,10 +4,11 @@ use super::frame::{CAMERA_DIMENSION, Frame, Settings, SettingsError, ray_rows};
 use super::{Contribution, Integrator};
 use crate::film::Film;
 use crate::geom::Sampler;
-use crate::lanes::{Int, Kernel, Lanes, Num, SimdLevel, Vector};
+use crate::lanes::{Int, Kernel, Lanes, Num, Plain, SimdLevel, Vector};
 use crate::scene::{Camera, Material, Scene};
 use crate::schedule::{Batch, Output, Renderer};
 use crate::shade::bsdf::MIN_ROUGHNESS;
+use crate::shade::light::Receiver;
 use crate::shade::{Bsdf, Hits, Interaction, lookup, sort};
 use crate::stream::Ray;
 use bytemuck::{Pod, Zeroable};
@@ -18,6 +19,11 @@ pub const ROULETTE_BOUNCES: u32 = 3;
 
 /// The most bounces.
 const MAX_BOUNCES: u32 = 1 << 10;
+
+/// Bits of [`PathState::depth`] that count rays; depths go one beyond the last bounce.
+const DEPTH_BITS: u32 = 12;
+const DEPTH: u32 = (1 << DEPTH_BITS) - 1;
+const _: () = assert!(MAX_BOUNCES < DEPTH && DEPTH_BITS + Receiver::<Plain<8>>::FACING_BITS <= 32);
 
 /// Greatest chance of surviving a roulette.
 const MAX_SURVIVAL: f32 = 0.95;
@@ -41,6 +47,8 @@ pub struct PathState {
     index2: f32,
     pixel: u32,
     sample: u32,
+    /// Rays before this one in the lowest [`DEPTH_BITS`]; above them which way the surface faces that it
+    /// leaves ([`Receiver::facing`]).
     depth: u32,
     /// Density per solid angle of the ray's direction; +∞ when no light sample could have found it.
     pdf: f32,
@@ -126,6 +134,7 @@ struct States<L: Lanes> {
     pixel: Int<L>,
     sample: Int<L>,
     depth: Int<L>,
+    facing: Int<L>,
     pdf: Num<L>,
 }
 
@@ -138,7 +147,8 @@ impl<L: Lanes> States<L> {
             index2: index2.to_num_bits(),
             pixel,
             sample,
-            depth,
+            depth: depth & DEPTH,
+            facing: depth >> DEPTH_BITS,
             pdf: pdf.to_num_bits(),
         }
     }
@@ -147,8 +157,9 @@ impl<L: Lanes> States<L> {
     #[inline(always)]
     fn rows(self, lanes: u32) -> [[f32; 8]; 16] {
         let [x, y, z] = [self.throughput.x, self.throughput.y, self.throughput.z];
+        let depth = self.depth + (self.facing << DEPTH_BITS);
         let [pixel, sample, depth] =
-            [self.pixel.to_num_bits(), self.sample.to_num_bits(), self.depth.to_num_bits()];
+            [self.pixel.to_num_bits(), self.sample.to_num_bits(), depth.to_num_bits()];
         Num::packed_rows(lanes, [x, y, z, self.index2, pixel, sample, depth, self.pdf])
     }
 }
@@ -182,10 +193,11 @@ impl Kernel for Shading<'_, '_> {
 }
 
 impl Shading<'_, '_> {
+    /// Origins and directions.
     #[inline(always)]
-    fn directions<L: Lanes>(&self, ids: Int<L>) -> Vector<L> {
-        let [_, _, _, _, x, y, z, _] = ids.rows_of(bytemuck::cast_slice(self.batch.rays));
-        Vector::new(x, y, z)
+    fn rays<L: Lanes>(&self, ids: Int<L>) -> (Vector<L>, Vector<L>) {
+        let [a, b, c, _, x, y, z, _] = ids.rows_of(bytemuck::cast_slice(self.batch.rays));
+        (Vector::new(a, b, c), Vector::new(x, y, z))
     }
 
     /// Rays that left the scene see the environment.
@@ -195,7 +207,7 @@ impl Shading<'_, '_> {
         let state = States::of(self.batch.payloads, ids);
         let mut direction = state.throughput.only(0);
         if !frame.lights().environment().is_even() {
-            direction = self.directions(ids);
+            direction = self.rays(ids).1;
         }
         let (radiance, found) = frame.lights().sky(direction);
         let weight = power_heuristic(state.pdf, found);
@@ -214,13 +226,15 @@ impl Shading<'_, '_> {
         let state = States::of(self.batch.payloads, ids);
         let [t, u, v, primitive] = ids.rows_of(bytemuck::cast_slice(self.batch.hits));
         let hits = Hits { t, u, v, primitive: primitive.to_bits() };
-        let at = Interaction::new(scene, material, self.directions(ids), &hits);
+        let (origin, direction) = self.rays(ids);
+        let at = Interaction::new(scene, material, direction, &hits);
         if let Some(emission) = &material.emission {
             let emitted = lookup::emission(scene, emission, at.uv, at.front);
             let shines = lanes & !emitted.is_zero();
             if shines != 0 {
                 let cosine = at.normal.dot(at.wo);
-                let found = frame.lights().pdf_emitter(hits.primitive, t * t, cosine);
+                let lit = Receiver { position: origin, facing: state.facing };
+                let found = frame.lights().pdf_emitter(&lit, hits.primitive, t * t, cosine);
                 let weight = power_heuristic(state.pdf, found);
                 frame.film().splat_lanes(shines, state.pixel, state.throughput * emitted * weight);
             }
@@ -231,9 +245,11 @@ impl Shading<'_, '_> {
         }
         let bsdf = Bsdf::new(scene, &material.surface, &at, MIN_ROUGHNESS);
         let sampler = Sampler::of(state.pixel, state.sample, frame.settings().seed);
+        let receiver = Receiver::of(&at);
         if !bsdf.is_smooth() {
-            self.sample_light(&at, &bsdf, &state, &sampler, lanes);
+            self.sample_light(&at, &receiver, &bsdf, &state, &sampler, lanes);
         }
+        let state = States { facing: receiver.facing, ..state };
         self.sample_bsdf(&at, &bsdf, &state, &sampler, lanes);
     }
 
@@ -241,6 +257,7 @@ impl Shading<'_, '_> {
     fn sample_light<L: Lanes>(
         &mut self,
         at: &Interaction<L>,
+        receiver: &Receiver<L>,
         bsdf: &Bsdf<L>,
         state: &States<L>,
         sampler: &Sampler<L>,
@@ -252,7 +269,7 @@ impl Shading<'_, '_> {
             u = sampler.one(Dimension::Light.at(state.depth));
         }
         let u2 = sampler.two(Dimension::LightPoint.at(state.depth));
-        let light = frame.lights().sample(frame.scene(), at.raised, u, u2);
+        let light = frame.lights().sample(frame.scene(), receiver, u, u2);
         let lanes = lanes & light.valid & light.wi.dot(at.normal).above(0.0);
         if lanes == 0 {
             return;
@@ -345,7 +362,7 @@ impl Renderer for Path {
     }
 
     fn depth(&self, state: &PathState) -> u32 {
-        state.depth
+        state.depth & DEPTH
     }
 
     fn shadow(&self, _rays: &[Ray], payloads: &[Contribution], occluded: &[u32]) {
