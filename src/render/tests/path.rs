@@ -197,20 +197,23 @@ fn batches_and_order_do_not_change_a_byte() {
 }
 
 #[test]
-fn tiles_go_over_the_picture_once_for_each_sample() {
-    let settings = Settings { width: 300, height: 129, spp: 3, ..SETTINGS };
-    let path = path(furnace(Material::fallback(), 0, false), settings);
-    assert_eq!(path.tiles(), 4 * 3, "50 blocks, 16 a tile");
-    assert_eq!(path.tile_rays(), 128 * 128);
-    let (mut rays, mut payloads) = (Vec::new(), Vec::new());
-    for tile in 0..path.tiles() {
-        harness::spawn(&path, tile, &mut rays, &mut payloads);
-        assert!(rays.len() <= path.tile_rays());
-        rays.clear();
-        payloads.clear();
-        if (tile + 1) % 4 == 0 {
-            let done = (tile + 1) / 4;
-            assert!(path.film().sample_counts().iter().all(|&n| u64::from(n) == done));
+fn tiles_go_over_the_picture_once_for_every_few_samples() {
+    // 50 blocks; 5 of 3 samples a tile, or 1 of 14 samples.
+    for (spp, tiles, together, tile_rays) in [(3, 10, 3, 15 * 1024), (28, 50, 14, 14 * 1024)] {
+        let settings = Settings { width: 300, height: 129, spp, ..SETTINGS };
+        let path = path(furnace(Material::fallback(), 0, false), settings);
+        assert_eq!(path.tiles(), tiles * u64::from(spp / together));
+        assert_eq!(path.tile_rays(), tile_rays);
+        let (mut rays, mut payloads) = (Vec::new(), Vec::new());
+        for tile in 0..path.tiles() {
+            harness::spawn(&path, tile, &mut rays, &mut payloads);
+            assert!(rays.len() <= path.tile_rays());
+            rays.clear();
+            payloads.clear();
+            if (tile + 1) % tiles == 0 {
+                let done = (tile + 1) / tiles * u64::from(together);
+                assert!(path.film().sample_counts().iter().all(|&n| u64::from(n) == done));
+            }
         }
     }
 }
