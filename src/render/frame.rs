@@ -182,7 +182,7 @@ impl Frame {
         Blocks::new(self.settings.width, self.settings.height)
     }
 
-    /// Tiles of the pass: the places where it takes samples, once for each sample.
+    /// Tiles of the pass: the places where it takes samples, once for every few samples.
     pub fn tiles(&self) -> u64 {
         self.pass.tiles()
     }

@@ -205,7 +205,11 @@ impl Shading<'_, '_> {
     fn miss<L: Lanes>(&self, ids: Int<L>, lanes: u32) {
         let frame = &self.path.frame;
         let state = States::of(self.batch.payloads, ids);
-        let (radiance, found) = frame.lights().sky(self.rays(ids).1);
+        let mut direction = state.throughput.only(0);
+        if !frame.lights().environment().is_even() {
+            direction = self.rays(ids).1;
+        }
+        let (radiance, found) = frame.lights().sky(direction);
         let weight = power_heuristic(state.pdf, found);
         frame.film().splat_lanes(
             lanes & !radiance.is_zero(),

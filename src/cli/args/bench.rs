@@ -63,6 +63,9 @@ pub struct BenchRaysArgs {
     /// all threads of its driver, whatever --threads says.
     #[arg(long, value_name = "NAME")]
     pub adapter: Option<String>,
+    /// Measure each kind of kernel of the adapter, and leave out slow peers.
+    #[arg(long, requires = "adapter")]
+    pub kernels: bool,
     /// Beside whom.
     #[command(flatten)]
     pub peers: PeerArgs,
