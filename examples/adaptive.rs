@@ -49,7 +49,7 @@ impl Adaptive {
             for i in 0..SOME {
                 let dimension = 1 + number * DIMENSIONS + 2 * (round * SOME as u32 + i as u32);
                 let (u, u2) = (cx.sampler().single(dimension), cx.sampler().pair(dimension + 1));
-                let Some(light) = LightSample::any(cx.lights(), cx.scene(), at.raised, u, u2) else {
+                let Some(light) = LightSample::any(cx.lights(), cx.scene(), &at.receiver(), u, u2) else {
                     continue;
                 };
                 if light.wi.dot(at.normal) > 0.0 {

@@ -1,5 +1,5 @@
 //! `raystream bench rays`: our tracer at each SIMD level beside the scalar reference, obvhs and
-//! Embree, and a device, on the same rays, in one process, in rounds that take turns.
+//! Embree, and devices, on the same rays, in one process, in rounds that take turns.
 
 use super::embree::{Embree, EmbreeError, EmbreeRays, EmbreeScene, Mode};
 use super::{Kind, Spread, Workload};
@@ -117,17 +117,17 @@ pub enum BenchError {
     Device(#[from] DeviceError),
 }
 
-/// Measures every unit on every kind of ray. `bvh` must have been built from these triangles; `device`, if any,
-/// traces them.
+/// Measures every unit on every kind of ray. `bvh` must have been built from these triangles; `devices`
+/// trace them.
 ///
 /// # Errors
-/// When Embree was asked for and is not there, or the device is lost.
+/// When Embree was asked for and is not there, or a device is lost.
 pub fn run(
     bvh: &Arc<Bvh>,
     positions: &[Vec3],
     triangles: &[[u32; 3]],
     workload: &Workload,
-    device: Option<&dyn DeviceTracer>,
+    devices: &[Arc<dyn DeviceTracer>],
     options: &Options,
 ) -> Result<Report, BenchError> {
     let mut report = Report::default();
@@ -147,8 +147,8 @@ pub fn run(
         for &kind in &options.kinds {
             let rays = workload.rays(kind);
             let mut units = our_units(bvh, rays, kind, clock, options);
-            if let Some(device) = device {
-                units.push(device_unit(device, rays, kind, clock)?);
+            for device in devices {
+                units.push(device_unit(&**device, rays, kind, clock)?);
             }
             units.extend(embree_units(&scenes, rays, kind, clock, options.stream_rays));
             let few: Vec<Ray> = rays.chunks(1024).step_by(8).flatten().copied().collect();
@@ -450,7 +450,7 @@ mod tests {
         }
         let options = Options { rounds: 2, threads: vec![1, 2], ..Options::default() };
         let report =
-            run(&bvh, &positions, &triangles, &workload, None, &options).expect("no Embree asked for");
+            run(&bvh, &positions, &triangles, &workload, &[], &options).expect("no Embree asked for");
         assert_eq!(report.rows.len(), 2 * 5 * (2 * SimdLevel::available().len() + 2));
         for row in &report.rows {
             let Spread { median, best, worst } = row.mray_per_s;
@@ -458,7 +458,7 @@ mod tests {
             assert!(row.ratio["scalar"] > 0.0 && !row.ratio.contains_key("embree"));
         }
         let missing = Options { embree: Some("nowhere.so".into()), ..options };
-        let error = run(&bvh, &positions, &triangles, &workload, None, &missing).expect_err("no such file");
+        let error = run(&bvh, &positions, &triangles, &workload, &[], &missing).expect_err("no such file");
         assert!(error.to_string().starts_with("nowhere.so: cannot use this"));
     }
 }

@@ -107,6 +107,9 @@ pub struct FramesStats {
     pub adapter: Option<String>,
     /// The instruction set of the CPU tracer.
     pub simd: String,
+    /// Energy of all frames by meter, joules; absent where there is none that may be read.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub joules: BTreeMap<String, f64>,
     /// What went wrong on the way, one sentence each.
     pub events: Vec<String>,
 }
@@ -118,8 +121,13 @@ pub struct FrameStats {
     pub frame: u32,
     /// [`crate::film::Image::hash`].
     pub hash: String,
-    /// From its first camera ray to its last splat; frames in flight overlap.
-    pub seconds: f64,
+    /// From its first camera ray to its last splat; frames in flight overlap. Null, as all that follows, if it was done
+    /// before this run.
+    pub seconds: Option<f64>,
+    /// Samples per pixel taken, on average.
+    pub mean_spp: Option<f64>,
+    /// With `--noise`: how noisy it is; else null.
+    pub noise: Option<NoiseStats>,
 }
 
 /// Size of a scene.
@@ -146,7 +154,7 @@ pub struct ImageStats {
     pub hash: String,
 }
 
-/// Relative standard errors of a picture's pixels, by blocks of 32 × 32; null where too little is known.
+/// Relative standard errors of a picture's pixels, by blocks of 16 × 16; null where too little is known.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct NoiseStats {
     /// Of the worst block.

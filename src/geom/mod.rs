@@ -4,6 +4,7 @@
 mod aabb;
 mod canonical;
 mod frame;
+pub mod octahedral;
 mod placement;
 mod sampler;
 pub mod warp;

@@ -1,17 +1,17 @@
 //! Path tracing: a hit shader only.
 
-use super::Integrator;
 use super::frame::{CAMERA_DIMENSION, Frame, Settings, SettingsError, ray_rows};
+use super::{Contribution, Integrator};
 use crate::film::Film;
 use crate::geom::Sampler;
-use crate::lanes::{Int, Kernel, Lanes, Num, SimdLevel, Vector};
+use crate::lanes::{Int, Kernel, Lanes, Num, Plain, SimdLevel, Vector};
 use crate::scene::{Camera, Material, Scene};
 use crate::schedule::{Batch, Output, Renderer};
 use crate::shade::bsdf::MIN_ROUGHNESS;
+use crate::shade::light::Receiver;
 use crate::shade::{Bsdf, Hits, Interaction, lookup, sort};
 use crate::stream::Ray;
 use bytemuck::{Pod, Zeroable};
-use glam::Vec3;
 use std::sync::Arc;
 
 /// Bounces after which Russian roulette may end a path, unless chosen otherwise.
@@ -19,6 +19,11 @@ pub const ROULETTE_BOUNCES: u32 = 3;
 
 /// The most bounces.
 const MAX_BOUNCES: u32 = 1 << 10;
+
+/// Bits of [`PathState::depth`] that count rays; depths go one beyond the last bounce.
+const DEPTH_BITS: u32 = 12;
+const DEPTH: u32 = (1 << DEPTH_BITS) - 1;
+const _: () = assert!(MAX_BOUNCES < DEPTH && DEPTH_BITS + Receiver::<Plain<8>>::FACING_BITS <= 32);
 
 /// Greatest chance of surviving a roulette.
 const MAX_SURVIVAL: f32 = 0.95;
@@ -42,17 +47,17 @@ pub struct PathState {
     index2: f32,
     pixel: u32,
     sample: u32,
+    /// Rays before this one in the lowest [`DEPTH_BITS`]; above them which way the surface faces that it
+    /// leaves ([`Receiver::facing`]).
     depth: u32,
     /// Density per solid angle of the ray's direction; +∞ when no light sample could have found it.
     pdf: f32,
 }
 
-/// What an unoccluded shadow ray adds.
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-#[repr(C)]
-pub struct Contribution {
-    radiance: [f32; 3],
-    pixel: u32,
+impl PathState {
+    /// Of a camera ray, but for its pixel and sample.
+    const START: Self =
+        Self { throughput: [1.0; 3], index2: 1.0, pixel: 0, sample: 0, depth: 0, pdf: f32::INFINITY };
 }
 
 /// Sampler dimensions that each depth uses, from [`Dimension::at`] on.
@@ -129,6 +134,7 @@ struct States<L: Lanes> {
     pixel: Int<L>,
     sample: Int<L>,
     depth: Int<L>,
+    facing: Int<L>,
     pdf: Num<L>,
 }
 
@@ -141,28 +147,21 @@ impl<L: Lanes> States<L> {
             index2: index2.to_num_bits(),
             pixel,
             sample,
-            depth,
+            depth: depth & DEPTH,
+            facing: depth >> DEPTH_BITS,
             pdf: pdf.to_num_bits(),
         }
     }
 
-    /// As rows, one for each lane.
+    /// As they lie in memory: those of the lanes of a mask, one after the other.
     #[inline(always)]
-    fn to_rows(self) -> [[f32; 8]; 16] {
+    fn rows(self, lanes: u32) -> [[f32; 8]; 16] {
         let [x, y, z] = [self.throughput.x, self.throughput.y, self.throughput.z];
+        let depth = self.depth + (self.facing << DEPTH_BITS);
         let [pixel, sample, depth] =
-            [self.pixel.to_num_bits(), self.sample.to_num_bits(), self.depth.to_num_bits()];
-        Num::to_rows([x, y, z, self.index2, pixel, sample, depth, self.pdf])
+            [self.pixel.to_num_bits(), self.sample.to_num_bits(), depth.to_num_bits()];
+        Num::packed_rows(lanes, [x, y, z, self.index2, pixel, sample, depth, self.pdf])
     }
-}
-
-/// The lanes of a mask.
-fn lanes_of(mut mask: u32) -> impl Iterator<Item = usize> {
-    std::iter::from_fn(move || {
-        let lane = mask.trailing_zeros() as usize;
-        mask &= mask.wrapping_sub(1);
-        (lane < 32).then_some(lane)
-    })
 }
 
 /// A batch being shaded.
@@ -178,7 +177,7 @@ impl Kernel for Shading<'_, '_> {
     #[inline(always)]
     fn run<L: Lanes>(mut self, l: L) {
         let scene = self.path.frame.scene();
-        for run in sort(self.batch.hits, &scene.mesh.materials).runs() {
+        for run in sort(l, self.batch.hits, &scene.mesh.materials).runs() {
             for rays in run.rays.chunks(L::LANES) {
                 // Lanes that are left over repeat the first ray and count for nothing.
                 let mut ids = [rays[0]; 16];
@@ -194,10 +193,11 @@ impl Kernel for Shading<'_, '_> {
 }
 
 impl Shading<'_, '_> {
+    /// Origins and directions.
     #[inline(always)]
-    fn directions<L: Lanes>(&self, ids: Int<L>) -> Vector<L> {
-        let [_, _, _, _, x, y, z, _] = ids.rows_of(bytemuck::cast_slice(self.batch.rays));
-        Vector::new(x, y, z)
+    fn rays<L: Lanes>(&self, ids: Int<L>) -> (Vector<L>, Vector<L>) {
+        let [a, b, c, _, x, y, z, _] = ids.rows_of(bytemuck::cast_slice(self.batch.rays));
+        (Vector::new(a, b, c), Vector::new(x, y, z))
     }
 
     /// Rays that left the scene see the environment.
@@ -205,7 +205,11 @@ impl Shading<'_, '_> {
     fn miss<L: Lanes>(&self, ids: Int<L>, lanes: u32) {
         let frame = &self.path.frame;
         let state = States::of(self.batch.payloads, ids);
-        let (radiance, found) = frame.lights().sky(self.directions(ids));
+        let mut direction = state.throughput.only(0);
+        if !frame.lights().environment().is_even() {
+            direction = self.rays(ids).1;
+        }
+        let (radiance, found) = frame.lights().sky(direction);
         let weight = power_heuristic(state.pdf, found);
         frame.film().splat_lanes(
             lanes & !radiance.is_zero(),
@@ -222,13 +226,15 @@ impl Shading<'_, '_> {
         let state = States::of(self.batch.payloads, ids);
         let [t, u, v, primitive] = ids.rows_of(bytemuck::cast_slice(self.batch.hits));
         let hits = Hits { t, u, v, primitive: primitive.to_bits() };
-        let at = Interaction::new(scene, material, self.directions(ids), &hits);
+        let (origin, direction) = self.rays(ids);
+        let at = Interaction::new(scene, material, direction, &hits);
         if let Some(emission) = &material.emission {
             let emitted = lookup::emission(scene, emission, at.uv, at.front);
             let shines = lanes & !emitted.is_zero();
             if shines != 0 {
                 let cosine = at.normal.dot(at.wo);
-                let found = frame.lights().pdf_emitter(hits.primitive, t * t, cosine);
+                let lit = Receiver { position: origin, facing: state.facing };
+                let found = frame.lights().pdf_emitter(&lit, hits.primitive, t * t, cosine);
                 let weight = power_heuristic(state.pdf, found);
                 frame.film().splat_lanes(shines, state.pixel, state.throughput * emitted * weight);
             }
@@ -239,9 +245,11 @@ impl Shading<'_, '_> {
         }
         let bsdf = Bsdf::new(scene, &material.surface, &at, MIN_ROUGHNESS);
         let sampler = Sampler::of(state.pixel, state.sample, frame.settings().seed);
+        let receiver = Receiver::of(&at);
         if !bsdf.is_smooth() {
-            self.sample_light(&at, &bsdf, &state, &sampler, lanes);
+            self.sample_light(&at, &receiver, &bsdf, &state, &sampler, lanes);
         }
+        let state = States { facing: receiver.facing, ..state };
         self.sample_bsdf(&at, &bsdf, &state, &sampler, lanes);
     }
 
@@ -249,15 +257,19 @@ impl Shading<'_, '_> {
     fn sample_light<L: Lanes>(
         &mut self,
         at: &Interaction<L>,
+        receiver: &Receiver<L>,
         bsdf: &Bsdf<L>,
         state: &States<L>,
         sampler: &Sampler<L>,
         lanes: u32,
     ) {
         let frame = &self.path.frame;
-        let u = sampler.one(Dimension::Light.at(state.depth));
+        let mut u = at.position.x.only(0);
+        if frame.lights().is_choice() {
+            u = sampler.one(Dimension::Light.at(state.depth));
+        }
         let u2 = sampler.two(Dimension::LightPoint.at(state.depth));
-        let light = frame.lights().sample(frame.scene(), at.raised, u, u2);
+        let light = frame.lights().sample(frame.scene(), receiver, u, u2);
         let lanes = lanes & light.valid & light.wi.dot(at.normal).above(0.0);
         if lanes == 0 {
             return;
@@ -267,15 +279,11 @@ impl Shading<'_, '_> {
         let weight = Num::select(light.delta, Num::splat(u.lanes(), 1.0), weight);
         let radiance = state.throughput * value * light.radiance * (weight / light.pdf);
         let (origin, direction, t_max) = light.rays(at);
-        let rays = ray_rows(origin, direction, t_max);
-        let pixel = state.pixel.to_num_bits();
-        let zero = pixel.only(0);
-        let rows = Num::to_rows([radiance.x, radiance.y, radiance.z, pixel, zero, zero, zero, zero]);
-        for lane in lanes_of(lanes & !value.is_zero()) {
-            let [r, g, b, pixel, ..] = rows[lane];
-            let payload = Contribution { radiance: [r, g, b], pixel: pixel.to_bits() };
-            self.out.shadow(bytemuck::cast(rays[lane]), payload);
-        }
+        let lanes = lanes & !value.is_zero();
+        let rays = ray_rows(lanes, origin, direction, t_max);
+        let payloads = Contribution::rows(lanes, radiance, state.pixel);
+        let count = lanes.count_ones() as usize;
+        self.out.shadows(bytemuck::cast_slice(&rays[..count]), &payloads[..count]);
     }
 
     #[inline(always)]
@@ -287,7 +295,10 @@ impl Shading<'_, '_> {
         sampler: &Sampler<L>,
         lanes: u32,
     ) {
-        let u = sampler.one(Dimension::Lobe.at(state.depth));
+        let mut u = at.position.x.only(0);
+        if bsdf.is_choice() {
+            u = sampler.one(Dimension::Lobe.at(state.depth));
+        }
         let u2 = sampler.two(Dimension::Direction.at(state.depth));
         let sample = bsdf.sample(at.frame.local(at.wo), u, u2);
         let specular = sample.specular;
@@ -314,10 +325,9 @@ impl Shading<'_, '_> {
         let far = Num::splat(u.lanes(), f32::INFINITY);
         let next =
             States { throughput, index2, depth, pdf: Num::select(specular, far, sample.pdf), ..*state };
-        let (rays, states) = (ray_rows(at.origin(from, wi), wi, far), next.to_rows());
-        for lane in lanes_of(lanes) {
-            self.out.ray(bytemuck::cast(rays[lane]), bytemuck::cast(states[lane]));
-        }
+        let (rays, states) = (ray_rows(lanes, at.origin(from, wi), wi, far), next.rows(lanes));
+        let count = lanes.count_ones() as usize;
+        self.out.rays(bytemuck::cast_slice(&rays[..count]), bytemuck::cast_slice(&states[..count]));
     }
 }
 
@@ -338,10 +348,12 @@ impl Renderer for Path {
     }
 
     fn spawn(&self, tile: u64, out: &mut Output<'_, PathState, Contribution>) {
-        self.frame.camera_rays(tile, |ray, pixel, sample| {
-            let state =
-                PathState { throughput: [1.0; 3], index2: 1.0, pixel, sample, depth: 0, pdf: f32::INFINITY };
-            out.ray(ray, state);
+        self.frame.camera_rays(tile, |rays, pixels, samples| {
+            let mut states = [PathState::START; 16];
+            for ((state, &pixel), &sample) in states.iter_mut().zip(pixels).zip(samples) {
+                (state.pixel, state.sample) = (pixel, sample);
+            }
+            out.rays(rays, &states[..rays.len()]);
         });
     }
 
@@ -350,14 +362,10 @@ impl Renderer for Path {
     }
 
     fn depth(&self, state: &PathState) -> u32 {
-        state.depth
+        state.depth & DEPTH
     }
 
     fn shadow(&self, _rays: &[Ray], payloads: &[Contribution], occluded: &[u32]) {
-        for (payload, &occluded) in payloads.iter().zip(occluded) {
-            if occluded == 0 {
-                self.frame.film().splat(payload.pixel, Vec3::from_array(payload.radiance));
-            }
-        }
+        self.frame.add_unoccluded(payloads, occluded);
     }
 }

@@ -7,7 +7,7 @@ use crate::stream::{DeviceTracer, Tracer};
 use crate::trace::cpu::CpuTracer;
 use crate::trace::cpu::{SimdError, SimdLevel};
 #[cfg(feature = "gpu")]
-use crate::trace::gpu::{AdapterChoice, Fault, Gpu, GpuError, GpuTracer};
+use crate::trace::gpu::{AdapterChoice, Fault, Gpu, GpuError, GpuTracer, Variant};
 #[cfg(feature = "gpu")]
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -121,6 +121,29 @@ impl Units {
                 Ok(tracer) => Ok(Some(Arc::new(tracer))),
                 Err(error) => Err(error.to_string()),
             },
+        }
+    }
+
+    /// The GPU's tracers of a tree with each kind of kernel, for comparison; none where there is no GPU.
+    #[cfg_attr(not(feature = "gpu"), expect(unused_variables, reason = "only the GPU needs them"))]
+    pub(super) fn variants(
+        &self,
+        bvh: &Arc<Bvh>,
+        filter: Option<Arc<dyn Filter>>,
+        host: &Arc<dyn Tracer>,
+    ) -> Result<Vec<Arc<dyn DeviceTracer>>, String> {
+        match &self.gpu {
+            Gpus::Unwanted | Gpus::Refused(_) => Ok(Vec::new()),
+            #[cfg(feature = "gpu")]
+            Gpus::Open(gpu) => {
+                let tracer = |variant| {
+                    GpuTracer::with_variant(gpu.clone(), bvh.clone(), filter.clone(), host.clone(), variant)
+                };
+                let tracers = Variant::ALL.into_iter().map(tracer);
+                let tracers =
+                    tracers.map(|tracer| tracer.map(|tracer| Arc::new(tracer) as Arc<dyn DeviceTracer>));
+                tracers.collect::<Result<_, _>>().map_err(|error| error.to_string())
+            }
         }
     }
 }

@@ -35,6 +35,8 @@ pub struct Limits {
     pub shadow_rays_per_path: usize,
     /// What a stream holds at most. One below the threshold has room for one more tile or batch.
     pub stream: Capacity,
+    /// Whether the threshold sinks at the tail.
+    pub shrink_streams: bool,
     /// The most streams the job ever has; with these no thread waits for a stream in vain
     /// (README, "Why there is always an output stream").
     pub streams: usize,
@@ -150,6 +152,7 @@ impl Limits {
             chunk_rays_most: options.chunk_rays_most,
             shadow_rays_per_ray,
             shadow_rays_per_path,
+            shrink_streams: options.shrink_streams,
             stream,
             streams: full + flushed + begun + outputs,
         };

@@ -39,6 +39,9 @@ pub struct JobOptions {
     pub chunk_rays: usize,
     /// Most rays a host thread traces at once.
     pub chunk_rays_most: usize,
+    /// Whether streams become full earlier at the tail, so that the last ones keep all host threads busy; only to
+    /// measure what that brings.
+    pub shrink_streams: bool,
     /// The order of rules. Default: RA's for the unit, [`Policy::of`].
     pub policy: Option<Policy>,
     /// Whether the report holds a record of every task.
@@ -53,6 +56,7 @@ impl Default for JobOptions {
             batch_rays: 8192,
             chunk_rays: 1024,
             chunk_rays_most: 64 * 1024,
+            shrink_streams: true,
             policy: None,
             timeline: false,
         }

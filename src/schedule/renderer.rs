@@ -76,9 +76,35 @@ impl<P, S> Output<'_, P, S> {
         self.payloads.push(payload);
     }
 
+    /// Emits rays, each with its payload.
+    ///
+    /// # Panics
+    /// Unless there are as many of both.
+    pub fn rays(&mut self, rays: &[Ray], payloads: &[P])
+    where
+        P: Copy,
+    {
+        assert_eq!(rays.len(), payloads.len(), "every ray has a payload");
+        self.rays.extend_from_slice(rays);
+        self.payloads.extend_from_slice(payloads);
+    }
+
     /// Emits a ray of which only occlusion matters; it comes back in [`Renderer::shadow`].
     pub fn shadow(&mut self, ray: Ray, payload: S) {
         self.shadow_rays.push(ray);
         self.shadow_payloads.push(payload);
+    }
+
+    /// Emits rays of which only occlusion matters, each with its payload.
+    ///
+    /// # Panics
+    /// Unless there are as many of both.
+    pub fn shadows(&mut self, rays: &[Ray], payloads: &[S])
+    where
+        S: Copy,
+    {
+        assert_eq!(rays.len(), payloads.len(), "every ray has a payload");
+        self.shadow_rays.extend_from_slice(rays);
+        self.shadow_payloads.extend_from_slice(payloads);
     }
 }

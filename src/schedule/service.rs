@@ -126,6 +126,11 @@ impl Service {
         self.inner.hosts
     }
 
+    /// The moment from which [`super::JobReport::begin_ns`] counts.
+    pub fn began(&self) -> Instant {
+        self.inner.epoch
+    }
+
     /// Frees the storage of streams that is kept for the next job.
     pub fn free_streams(&self) {
         self.inner.pool.clear();

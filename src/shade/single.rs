@@ -54,11 +54,19 @@ impl Interaction {
         self.lane.smooth_direction(local.into()).into()
     }
 
+    /// The point that is lit.
+    pub fn receiver(&self) -> Receiver {
+        Receiver::of(&self.lane)
+    }
+
     /// [`super::Interaction::origin`].
     pub fn origin(&self, point: Vec3, wi: Vec3) -> Vec3 {
         self.lane.origin(point.into(), wi.into()).into()
     }
 }
+
+/// [`light::Receiver`] of one ray.
+pub type Receiver = light::Receiver<One>;
 
 impl From<Hit> for super::Hits<One> {
     fn from(hit: Hit) -> Self {
@@ -179,13 +187,13 @@ impl LightSample {
     }
 
     /// [`Lights::sample`]; `None` when no light comes this way.
-    pub fn any(lights: &Lights, scene: &Scene, from: Vec3, u: f32, u2: [f32; 2]) -> Option<Self> {
-        Self::of(lights.sample(scene, from.into(), u.into(), u2.map(Num::from)))
+    pub fn any(lights: &Lights, scene: &Scene, to: &Receiver, u: f32, u2: [f32; 2]) -> Option<Self> {
+        Self::of(lights.sample(scene, to, u.into(), u2.map(Num::from)))
     }
 
     /// [`Lights::sample_surfaces`].
-    pub fn surface(lights: &Lights, scene: &Scene, from: Vec3, u: f32, u2: [f32; 2]) -> Option<Self> {
-        Self::of(lights.sample_surfaces(scene, from.into(), u.into(), u2.map(Num::from)))
+    pub fn surface(lights: &Lights, scene: &Scene, to: &Receiver, u: f32, u2: [f32; 2]) -> Option<Self> {
+        Self::of(lights.sample_surfaces(scene, to, u.into(), u2.map(Num::from)))
     }
 
     /// [`Lights::sample_punctual`].

@@ -171,6 +171,12 @@ fn statistics_and_timelines_are_complete() {
     assert_eq!(stats["rays"]["camera"], 64 * 64 * 2);
     assert_eq!(stats["dropped_splats"], 0);
     let events = json(&folder.path().join("t.json"))["traceEvents"].as_array().expect("events").clone();
+    let clocks = std::fs::read_to_string("/proc/cpuinfo").is_ok_and(|text| text.contains("cpu MHz"));
+    if clocks {
+        let clock =
+            events.iter().find(|e| e["name"] == "cpu clock").expect("the clock is read at least once");
+        assert!(clock["ph"] == "C" && clock["args"]["MHz"].as_f64() > Some(1.0), "{clock}");
+    }
     let traced: u64 = events
         .iter()
         .filter(|e| e["name"] == "trace" || e["name"] == "dispatch")

@@ -46,18 +46,19 @@ fn print(args: &BenchFrameArgs, report: &Report) {
         report.rays.shadow
     );
     println!(
-        "{:<17} {:>7} {:>9} {:>9} {:>9} {:>9} {:>6}  unit",
-        "configuration", "threads", "Mray/s", "best", "worst", "ms", "ratio"
+        "{:<17} {:>7} {:>9} {:>9} {:>9} {:>9} {:>9} {:>6}  unit",
+        "configuration", "threads", "Mray/s", "best", "worst", "ms", "shade ns", "ratio"
     );
     for row in &report.rows {
         println!(
-            "{:<17} {:>7} {:>9.3} {:>9.3} {:>9.3} {:>9.1} {:>6.3}  {}",
+            "{:<17} {:>7} {:>9.3} {:>9.3} {:>9.3} {:>9.1} {:>9} {:>6.3}  {}",
             row.configuration,
             row.threads,
             row.mray_per_s.median,
             row.mray_per_s.best,
             row.mray_per_s.worst,
             row.seconds.median * 1e3,
+            row.shade_ns_per_ray.as_ref().map_or(String::new(), |ns| format!("{:.2}", ns.median)),
             row.ratio.values().next().copied().unwrap_or(1.0),
             row.unit
         );

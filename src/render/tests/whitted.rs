@@ -2,8 +2,9 @@
 
 use super::harness::{self, render};
 use super::scenes::*;
+use crate::lanes::SimdLevel;
 use crate::render::{Settings, Whitted};
-use crate::scene::{Colour, Light, LightShape, Material, Scalar, Scene, Surface};
+use crate::scene::{Colour, Environment, Light, LightShape, Material, Scalar, Scene, Surface};
 use glam::Vec3;
 use std::sync::Arc;
 
@@ -118,13 +119,22 @@ fn glossy_metal_is_followed_like_a_mirror_only_when_smooth() {
 }
 
 #[test]
-fn batches_do_not_change_a_byte() {
-    let scene = sheets(12, pane());
-    let tracer = harness::tracer(&scene);
-    let picture = |batch: usize| {
-        let whitted = whitted(&scene, Settings { max_bounces: 5, ..SETTINGS });
-        render(&whitted, batch, &tracer);
-        whitted.film().resolve()
-    };
-    assert_eq!(picture(8192), picture(13));
+fn every_instruction_set_and_every_batch_size_shades_the_same_picture() {
+    let mut panes = sheets(12, pane());
+    panes.environment = Environment::Constant(Vec3::new(0.5, 0.7, 1.0));
+    for scene in [one_of_everything(), panes] {
+        let tracer = harness::tracer(&scene);
+        let picture = |simd: SimdLevel, batch: usize| {
+            let whitted = whitted(&scene, Settings { max_bounces: 5, spp: 4, ..SETTINGS }).with_simd(simd);
+            render(&whitted, batch, &tracer);
+            whitted.film().resolve()
+        };
+        let expected = picture(SimdLevel::Scalar, 8192);
+        assert!(expected.iter().flatten().sum::<f32>() > 10.0);
+        for level in SimdLevel::available() {
+            for batch in [8192, 13, 1] {
+                assert!(picture(level, batch) == expected, "{level}, batches of {batch}");
+            }
+        }
+    }
 }

@@ -81,9 +81,11 @@ impl AliasTable {
         Some((chosen, chance.to_num_bits()))
     }
 
-    /// The chance of being chosen.
-    pub fn chance(&self, index: u32) -> f32 {
-        self.entries[index as usize].chance
+    /// The chances of being chosen.
+    #[inline(always)]
+    pub fn chance<L: Lanes>(&self, index: Int<L>) -> Num<L> {
+        let [_, _, chance] = index.rows(bytemuck::cast_slice(&self.entries));
+        chance.to_num_bits()
     }
 }
 
@@ -100,13 +102,13 @@ mod tests {
         let mut counts = vec![0u32; weights.len()];
         for i in 0..n {
             let (index, chance) = table.choose(Num::from((i as f32 + 0.5) / n as f32)).expect("not empty");
-            assert_eq!(chance.get(), table.chance(index.get()));
+            assert_eq!(chance.get(), table.chance(index).get());
             counts[index.get() as usize] += 1;
         }
         for (i, &w) in weights.iter().enumerate() {
             let expected = w / total;
             assert!((f64::from(counts[i]) / f64::from(n) - expected).abs() < 1e-5, "{i}");
-            assert!((f64::from(table.chance(i as u32)) - expected).abs() < 1e-6);
+            assert!((f64::from(table.chance(Int::from(i as u32)).get()) - expected).abs() < 1e-6);
         }
         assert_eq!((counts[0], counts[3]), (0, 0), "no weight, no chance");
     }

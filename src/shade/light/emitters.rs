@@ -1,6 +1,6 @@
 //! Triangles that shine.
 
-use super::AliasTable;
+use super::{AliasTable, LightBounds, LightTree, Receiver};
 use crate::geom::warp::lanes as warp;
 use crate::lanes::{Int, Lanes, Num, Vector};
 use crate::scene::{Emission, Scene};
@@ -8,19 +8,21 @@ use crate::shade::lookup::{self, luminance};
 use crate::shade::offset;
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
-use std::f32::consts::PI;
+use std::f32::consts::{FRAC_PI_2, PI};
 
 /// Barycentric points at which a textured emission is looked up to estimate a triangle's power.
 const PROBES: [[f32; 2]; 7] =
     [[0.333, 0.333], [0.6, 0.2], [0.2, 0.6], [0.2, 0.2], [0.9, 0.05], [0.05, 0.9], [0.05, 0.05]];
 
-/// All emissive triangles, chosen by power.
+/// All emissive triangles: few are chosen by power, many by what they may give to the receiver.
 #[derive(Clone, Debug, Default)]
 pub struct Emitters {
     records: Vec<Record>,
     /// What those in `records` give off, for those whose emission is a texture's.
     emissions: Vec<Emission>,
     table: AliasTable,
+    /// Chooses instead of the table when there are more than [`FEW`].
+    tree: Option<LightTree>,
     /// For each triangle of the scene its place in `records`, or [`NONE`]; empty when no triangle
     /// shines.
     places: Vec<u32>,
@@ -41,9 +43,11 @@ struct Record {
     /// [`TWO_SIDED`] and [`TEXTURED`].
     flags: u32,
     primitive: u32,
-    /// Of being chosen.
-    chance: f32,
 }
+
+/// As many are as well chosen by power alone: with the eight of a kitchen the tree takes 1.5 % of the noise and costs
+/// 4 % of the time.
+const FEW: usize = 16;
 
 /// Words of a [`Record`].
 const WORDS: usize = size_of::<Record>() / 4;
@@ -81,15 +85,18 @@ impl Emitters {
             }
         }
         let table = AliasTable::new(&weights);
+        let tree = (records.len() > FEW).then(|| {
+            let lights: Vec<_> = records.iter().zip(&weights).map(|(r, &w)| r.bounds(w as f32)).collect();
+            LightTree::new(&lights)
+        });
         let mut places = Vec::new();
         if !records.is_empty() {
             places.resize(scene.mesh.triangles.len(), NONE);
-            for (place, record) in records.iter_mut().enumerate() {
+            for (place, record) in records.iter().enumerate() {
                 places[record.primitive as usize] = place as u32;
-                record.chance = table.chance(place as u32);
             }
         }
-        Self { records, emissions, table, places }
+        Self { records, emissions, table, tree, places }
     }
 
     /// Luminous power of all of them.
@@ -107,23 +114,23 @@ impl Emitters {
         self.records.is_empty()
     }
 
-    /// Samples points on some of them, seen from `from`: `u` chooses the triangle, `u2` the point.
+    /// Samples points on some of them for receivers: `u` chooses the triangle, `u2` the point.
     /// `None` when there are none.
     #[inline(always)]
     pub fn sample<L: Lanes>(
         &self,
         scene: &Scene,
-        from: Vector<L>,
+        to: &Receiver<L>,
         u: Num<L>,
         u2: [Num<L>; 2],
     ) -> Option<EmitterSample<L>> {
-        let (place, chance) = self.table.choose(u)?;
+        let (place, chance) = self.choose(to, u)?;
         let record: [Int<L>; WORDS] = place.rows(bytemuck::cast_slice(&self.records));
         let [v, w] = warp::triangle(u2);
         let on = vector(&record, 0) * (1.0 - v - w) + vector(&record, 3) * v + vector(&record, 6) * w;
         let normal = vector(&record, 9);
         let (area, offset) = (record[12].to_num_bits(), record[13].to_num_bits());
-        let away = from - on;
+        let away = to.position - on;
         let cosine = normal.dot(away);
         let front = cosine.above(0.0);
         let flags = record[17];
@@ -137,6 +144,25 @@ impl Emitters {
         let pdf = chance * distance2 / ((cosine / distance2.sqrt()).abs() * area);
         let valid = !radiance.is_zero() & !cosine.is_zero() & pdf.above(0.0) & pdf.is_finite();
         Some(EmitterSample { valid, position: on + normal * offset.copysign(cosine), radiance, pdf })
+    }
+
+    /// Chooses emitters for receivers by `u`: their places among the emitters, and their chances. `None`
+    /// when there are none.
+    #[inline(always)]
+    pub(super) fn choose<L: Lanes>(&self, to: &Receiver<L>, u: Num<L>) -> Option<(Int<L>, Num<L>)> {
+        match &self.tree {
+            Some(tree) => Some(tree.choose(to, u)),
+            None => self.table.choose(u),
+        }
+    }
+
+    /// The chances with which [`Emitters::choose`] gives these.
+    #[inline(always)]
+    pub(super) fn chance<L: Lanes>(&self, to: &Receiver<L>, place: Int<L>) -> Num<L> {
+        match &self.tree {
+            Some(tree) => tree.chance(to, place),
+            None => self.table.chance(place),
+        }
     }
 
     /// Radiance of textured emitters at points given by the weights of the second and third corner, lane
@@ -165,19 +191,25 @@ impl Emitters {
         Vector::new(Num::from_array(l, r), Num::from_array(l, g), Num::from_array(l, b))
     }
 
-    /// Density per solid angle with which [`Emitters::sample`] finds a point of a triangle, seen from
-    /// a squared distance and under a cosine to its normal; 0 when it is not an emitter.
+    /// Density per solid angle with which [`Emitters::sample`] finds a point of a triangle for a receiver,
+    /// seen from a squared distance and under a cosine to its normal; 0 when it is not an emitter.
     #[inline(always)]
-    pub fn pdf<L: Lanes>(&self, primitive: Int<L>, distance2: Num<L>, cosine: Num<L>) -> Num<L> {
+    pub fn pdf<L: Lanes>(
+        &self,
+        to: &Receiver<L>,
+        primitive: Int<L>,
+        distance2: Num<L>,
+        cosine: Num<L>,
+    ) -> Num<L> {
         if self.places.is_empty() {
             return cosine.only(0);
         }
         let [place] = primitive.rows(&self.places);
         let there = !place.is(NONE);
-        let record: [Int<L>; WORDS] =
-            place.at_most(self.records.len() as u32 - 1).rows(bytemuck::cast_slice(&self.records));
-        let (area, chance) = (record[12].to_num_bits(), record[19].to_num_bits());
-        (chance * distance2 / (cosine.abs() * area)).only(there)
+        let place = place.at_most(self.records.len() as u32 - 1);
+        let record: [Int<L>; WORDS] = place.rows(bytemuck::cast_slice(&self.records));
+        let area = record[12].to_num_bits();
+        (self.chance(to, place) * distance2 / (cosine.abs() * area)).only(there)
     }
 }
 
@@ -195,7 +227,19 @@ impl Record {
             radiance: emission.radiance.factor.max(Vec3::ZERO).to_array(),
             flags: textured | if emission.two_sided { TWO_SIDED } else { 0 },
             primitive,
-            chance: 0.0,
+        }
+    }
+
+    fn bounds(&self, power: f32) -> LightBounds {
+        let [a, b, c] = self.corners.map(Vec3::from_array);
+        LightBounds {
+            low: a.min(b).min(c),
+            high: a.max(b).max(c),
+            axis: Vec3::from_array(self.normal),
+            spread: 0.0,
+            reach: FRAC_PI_2,
+            power,
+            two_sided: self.flags & TWO_SIDED != 0,
         }
     }
 }

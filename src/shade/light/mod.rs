@@ -1,15 +1,22 @@
-//! Light sources: emissive triangles, punctual lights and the environment, sampled by power.
+//! Light sources: emissive triangles, punctual lights and the environment, sampled by power and, where
+//! there are many, by what they may give to a point.
 
 mod alias;
+mod bounds;
 mod emitters;
 mod environment;
 mod punctual;
+mod receiver;
 #[cfg(test)]
 mod tests;
+mod tree;
 
 pub use alias::AliasTable;
+pub use bounds::LightBounds;
 pub use emitters::{EmitterSample, Emitters};
 pub use environment::EnvironmentLight;
+pub use receiver::Receiver;
+pub use tree::LightTree;
 
 use super::Interaction;
 use crate::lanes::{Int, Lanes, Num, Vector};
@@ -23,7 +30,7 @@ const SHORT: f32 = 1.0 / (1u32 << 13) as f32;
 ///
 /// A light is chosen in two steps: first one of the three kinds, half evenly among those that are
 /// there and half by power, so that none starves however its power was misjudged (an environment
-/// outside of a closed room); then within the kind by power.
+/// outside of a closed room); then within the kind: emissive triangles by a [`LightTree`], the others by power.
 #[derive(Clone, Debug)]
 pub struct Lights {
     emitters: Emitters,
@@ -89,16 +96,21 @@ impl Lights {
         &self.environment
     }
 
+    /// Whether there is more than the environment, so that [`Lights::sample`] looks at its `u`.
+    pub fn is_choice(&self) -> bool {
+        self.chances[1] < 1.0
+    }
+
     /// Samples one light of all: `u` chooses it, `u2` a point or direction of it.
     #[inline(always)]
     pub fn sample<L: Lanes>(
         &self,
         scene: &Scene,
-        from: Vector<L>,
+        to: &Receiver<L>,
         u: Num<L>,
         u2: [Num<L>; 2],
     ) -> LightSample<L> {
-        self.sample_kinds(scene, from, u, u2, &self.chances)
+        self.sample_kinds(scene, to, u, u2, &self.chances)
     }
 
     /// As [`Lights::sample`], without the punctual lights.
@@ -106,16 +118,16 @@ impl Lights {
     pub fn sample_surfaces<L: Lanes>(
         &self,
         scene: &Scene,
-        from: Vector<L>,
+        to: &Receiver<L>,
         u: Num<L>,
         u2: [Num<L>; 2],
     ) -> LightSample<L> {
         let [emitter, sky, _] = self.chances;
         let sum = emitter + sky;
         if sum <= 0.0 {
-            return LightSample::none(from);
+            return LightSample::none(to.position);
         }
-        self.sample_kinds(scene, from, u, u2, &[emitter / sum, sky / sum, 0.0])
+        self.sample_kinds(scene, to, u, u2, &[emitter / sum, sky / sum, 0.0])
     }
 
     /// Samples one punctual light by power.
@@ -139,11 +151,12 @@ impl Lights {
     fn sample_kinds<L: Lanes>(
         &self,
         scene: &Scene,
-        from: Vector<L>,
+        to: &Receiver<L>,
         u: Num<L>,
         u2: [Num<L>; 2],
         chances: &[f32; 3],
     ) -> LightSample<L> {
+        let from = to.position;
         let l = from.lanes();
         let [emitter, sky, point] = *chances;
         let emits = u.below(emitter);
@@ -157,7 +170,7 @@ impl Lights {
         let u = ((u - low) / chance).clamp(0.0, 1.0 - f32::EPSILON);
         let mut sample = LightSample::none(from);
         if emits != 0
-            && let Some(on) = self.emitters.sample(scene, from, u, u2)
+            && let Some(on) = self.emitters.sample(scene, to, u, u2)
         {
             let (wi, there) = (on.position - from).normalize_or(sample.wi);
             sample = LightSample {
@@ -193,11 +206,17 @@ impl Lights {
         sample
     }
 
-    /// Density per solid angle with which [`Lights::sample`] finds a point of a triangle, seen from a
-    /// squared distance under a cosine to its normal; 0 when it is no emitter.
+    /// Density per solid angle with which [`Lights::sample`] finds a point of a triangle for a receiver,
+    /// seen from a squared distance under a cosine to its normal; 0 when it is no emitter.
     #[inline(always)]
-    pub fn pdf_emitter<L: Lanes>(&self, primitive: Int<L>, distance2: Num<L>, cosine: Num<L>) -> Num<L> {
-        self.emitters.pdf(primitive, distance2, cosine) * self.chances[0]
+    pub fn pdf_emitter<L: Lanes>(
+        &self,
+        to: &Receiver<L>,
+        primitive: Int<L>,
+        distance2: Num<L>,
+        cosine: Num<L>,
+    ) -> Num<L> {
+        self.emitters.pdf(to, primitive, distance2, cosine) * self.chances[0]
     }
 
     /// Radiance of the environment along unit directions that leave the scene, and the density per
@@ -225,7 +244,7 @@ impl<L: Lanes> LightSample<L> {
         let origin = at.origin(at.raised, self.wi);
         let towards = self.target - origin;
         let length = towards.length();
-        let direction = Vector::select(self.near, towards / length, self.wi);
+        let direction = Vector::select(self.near, towards * (1.0 / length), self.wi);
         let far = Num::splat(length.lanes(), f32::INFINITY);
         (origin, direction, Num::select(self.near, length * (1.0 - SHORT), far))
     }

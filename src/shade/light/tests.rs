@@ -1,8 +1,8 @@
 //! What light sampling promises: densities that are those of the samples, and the right irradiance.
 
-use super::{EnvironmentLight, Lights};
+use super::{EnvironmentLight, Lights, Receiver};
 use crate::geom::{Sampler, warp};
-use crate::lanes::{Int, Num, Vector};
+use crate::lanes::{Int, Num, One, Vector};
 use crate::scene::{
     Channel, Colour, ColourSpace, Emission, Environment, EnvironmentMap, Light, LightShape, Material, Scene,
     Texture, TextureRef, Wrap,
@@ -17,8 +17,12 @@ fn look(light: &EnvironmentLight, direction: Vec3) -> (Vec3, f32) {
     (radiance.into(), pdf.get())
 }
 
-fn pdf_emitter(lights: &Lights, primitive: u32, distance2: f32, cosine: f32) -> f32 {
-    lights.pdf_emitter(Int::from(primitive), distance2.into(), cosine.into()).get()
+fn receiver(from: Vec3, normal: Vec3) -> Receiver<One> {
+    Receiver::new(from.into(), normal.into())
+}
+
+fn pdf_emitter(lights: &Lights, to: &Receiver<One>, primitive: u32, distance2: f32, cosine: f32) -> f32 {
+    lights.pdf_emitter(to, Int::from(primitive), distance2.into(), cosine.into()).get()
 }
 
 fn map(width: u32, height: u32, texel: impl Fn(u32, u32) -> Vec3) -> EnvironmentMap {
@@ -109,7 +113,7 @@ fn a_black_environment_is_never_sampled() {
     let lights = Lights::new(&scene);
     assert!((0..100).all(|i| {
         let s = Sampler::new(0, i, 0);
-        LightSample::any(&lights, &scene, Vec3::ZERO, s.single(0), s.pair(0)).is_none()
+        LightSample::any(&lights, &scene, &receiver(Vec3::ZERO, Vec3::Y), s.single(0), s.pair(0)).is_none()
     }));
     assert_eq!(single::sky(&lights, Vec3::Y).1, 0.0);
 }
@@ -160,7 +164,7 @@ fn irradiance(scene: &Scene, from: Vec3, samples: u32) -> Vec3 {
     let sum: Vec3 = (0..samples)
         .filter_map(|i| {
             let s = Sampler::new(2, i, 5);
-            let light = LightSample::any(&lights, scene, from, s.single(0), s.pair(1))?;
+            let light = LightSample::any(&lights, scene, &receiver(from, Vec3::Y), s.single(0), s.pair(1))?;
             Some(light.radiance * (light.wi.y.max(0.0) / light.pdf))
         })
         .sum();
@@ -223,9 +227,10 @@ fn the_density_of_a_sample_is_that_of_finding_it() {
     )
     .expect("the detected level is available");
     let (mut kinds, from) = ([0u32; 3], Vec3::new(0.2, 0.1, -0.3));
+    let lit = receiver(from, Vec3::Y);
     for i in 0..4000 {
         let s = Sampler::new(6, i, 2);
-        let Some(light) = LightSample::any(&lights, &scene, from, s.single(0), s.pair(1)) else { continue };
+        let Some(light) = LightSample::any(&lights, &scene, &lit, s.single(0), s.pair(1)) else { continue };
         match (light.delta, light.target) {
             (true, _) => kinds[0] += 1,
             (false, None) => {
@@ -242,13 +247,13 @@ fn the_density_of_a_sample_is_that_of_finding_it() {
                     continue;
                 }
                 kinds[2] += 1;
-                let found = pdf_emitter(&lights, hit.primitive, hit.t * hit.t, light.wi.y);
+                let found = pdf_emitter(&lights, &lit, hit.primitive, hit.t * hit.t, light.wi.y);
                 assert!((found / light.pdf - 1.0).abs() < 1e-3, "{found} and {}", light.pdf);
             }
         }
     }
     assert!(kinds.iter().all(|&k| k > 100), "every kind gets its share: {kinds:?}");
-    assert_eq!(pdf_emitter(&lights, 2, 1.0, 1.0), 0.0, "the floor is no emitter");
+    assert_eq!(pdf_emitter(&lights, &lit, 2, 1.0, 1.0), 0.0, "the floor is no emitter");
 }
 
 #[test]
@@ -256,11 +261,11 @@ fn textured_emitters_count_where_they_shine() {
     let scene = everything();
     let lights = Lights::new(&scene);
     assert_eq!(lights.emitters().len(), 4);
-    let below = Vec3::Y * -4.0;
+    let below = receiver(Vec3::Y * -4.0, Vec3::Y);
     let mut sides = [0u32; 2];
     for i in 0..2000 {
         let s = Sampler::new(6, i, 2);
-        if let Some(light) = LightSample::surface(&lights, &scene, below, s.single(0), s.pair(1))
+        if let Some(light) = LightSample::surface(&lights, &scene, &below, s.single(0), s.pair(1))
             && let Some(target) = light.target
             && target.y < -2.5
         {
@@ -272,8 +277,86 @@ fn textured_emitters_count_where_they_shine() {
     assert_eq!(scene.textures[0].channel(Channel::R, [0.9, 0.5].map(Num::from)).get(), 0.0);
 }
 
+/// Squares of all brightnesses and places, some shining up, some down, some both ways.
+fn thousands() -> Scene {
+    let mut scene = Scene::default();
+    for i in 0..700 {
+        let s = Sampler::new(i, 0, 77);
+        let brightness = Vec3::splat(libm::powf(10.0, 3.0 * s.single(0)));
+        add_square(&mut scene, 0.0, shining(Colour::constant(brightness), i % 3 == 0));
+        let place = Vec3::from(std::array::from_fn(|k| s.single(1 + k as u32) * 40.0 - 20.0));
+        let turn = glam::Quat::from_axis_angle(warp::sphere(s.pair(5)), 3.0 * s.single(6));
+        let corners = scene.mesh.positions.len() - 4;
+        for corner in &mut scene.mesh.positions[corners..] {
+            *corner = place + turn * (*corner * (0.1 + s.single(7)));
+        }
+    }
+    scene
+}
+
 #[test]
-fn thousands_of_emitters_are_as_quick_as_one() {
+fn lights_are_chosen_with_the_chances_that_are_stated() {
+    let scene = thousands();
+    let lights = Lights::new(&scene);
+    let emitters = lights.emitters();
+    assert_eq!(emitters.len(), 1400);
+    for (from, normal) in [(Vec3::ZERO, Vec3::Y), (Vec3::splat(19.0), Vec3::NEG_X), (Vec3::X * 60.0, Vec3::Z)]
+    {
+        let to = receiver(from, normal);
+        let stated: Vec<f32> = (0..1400).map(|p| emitters.chance(&to, Int::from(p)).get()).collect();
+        let sum: f32 = stated.iter().sum();
+        assert!((sum - 1.0).abs() < 1e-4, "chances add up to {sum}");
+        let n = 1 << 18;
+        let mut counts = vec![0u32; 1400];
+        for i in 0..n {
+            let u = (i as f32 + 0.5) / n as f32;
+            let (place, chance) = emitters.choose(&to, Num::from(u)).expect("there are emitters");
+            assert_eq!(chance.get(), stated[place.get() as usize]);
+            counts[place.get() as usize] += 1;
+        }
+        // The samples are even, so counts are off by rounding alone.
+        for (&count, &stated) in counts.iter().zip(&stated) {
+            assert!((count as f32 - stated * n as f32).abs() < 2.0 + 1e-3 * count as f32, "{count} {stated}");
+        }
+    }
+}
+
+#[test]
+fn no_light_that_arrives_is_left_out() {
+    // All light at a point on a wall, by the tree and by the sum over all emitters.
+    let scene = thousands();
+    for (k, normal) in [Vec3::Y, Vec3::NEG_X, Vec3::new(0.6, 0.0, 0.8)].into_iter().enumerate() {
+        let from = Vec3::splat(k as f32 - 1.0);
+        let n = 1 << 15;
+        let lights = Lights::new(&scene);
+        let to = receiver(from, normal);
+        let mut by_tree = 0.0;
+        for i in 0..n {
+            let s = Sampler::new(i, 2, 5);
+            if let Some(light) = LightSample::any(&lights, &scene, &to, s.single(0), s.pair(1)) {
+                by_tree += light.radiance.x * light.wi.dot(normal).max(0.0) / light.pdf / n as f32;
+            }
+        }
+        let mut all = 0.0;
+        for (primitive, &material) in scene.mesh.materials.iter().enumerate() {
+            let [a, b, c] = scene.mesh.corners(primitive as u32);
+            let emission = scene.materials[material as usize].emission.expect("all shine");
+            let area = (b - a).cross(c - a) * 0.5;
+            for i in 0..64 {
+                let [v, w] = warp::triangle(Sampler::new(primitive as u32, i, 9).pair(0));
+                let away = from - (a * (1.0 - v - w) + b * v + c * w);
+                let cosine = area.dot(away.normalize());
+                let cosine = if emission.two_sided { cosine.abs() } else { cosine.max(0.0) };
+                let incidence = (-away.normalize()).dot(normal).max(0.0);
+                all += emission.radiance.factor.x * cosine * incidence / away.length_squared() / 64.0;
+            }
+        }
+        assert!((by_tree / all - 1.0).abs() < 0.02, "{by_tree} and {all}");
+    }
+}
+
+#[test]
+fn thousands_of_emitters_each_have_their_power() {
     let mut scene = Scene::default();
     for i in 0..3000 {
         add_square(&mut scene, 1.0 + i as f32, shining(Colour::constant(Vec3::splat(i as f32)), true));
@@ -283,6 +366,7 @@ fn thousands_of_emitters_are_as_quick_as_one() {
     assert_eq!(lights.emitters().len(), 2 * 2999);
     let expected = 2.0 * f64::from(PI) * 4.0 * (2999.0 * 3000.0 / 2.0);
     assert!((lights.emitters().power() / expected - 1.0).abs() < 1e-5);
-    let total: f32 = (0..6000).map(|p| pdf_emitter(&lights, p, 1.0, 1.0) * 2.0).sum();
+    let to = receiver(Vec3::ZERO, Vec3::Y);
+    let total: f32 = (0..6000).map(|p| pdf_emitter(&lights, &to, p, 1.0, 1.0) * 2.0).sum();
     assert!((total - 1.0).abs() < 1e-3, "chances add up to {total}");
 }

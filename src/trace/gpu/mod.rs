@@ -41,5 +41,7 @@ mod watchdog;
 pub use adapter::{AdapterChoice, AdapterInfo, AdapterKind, adapters};
 pub use error::GpuError;
 pub use fault::{Fault, NoSuchFault};
+pub use flatten::Variant;
+pub use kernel::TreeKind;
 pub use tracer::GpuTracer;
 pub use wall::Gpu;

@@ -1,6 +1,7 @@
 //! The GPU tracer: whole ray streams through the kernels and back.
 
 use super::berth::Berth as Lent;
+use super::flatten::Variant;
 use super::fused::fused;
 use super::kernel::Kernel;
 use super::pass::{Call, max_rays};
@@ -39,6 +40,7 @@ pub struct GpuTracer {
 /// What the tracer and its worker both see.
 struct Shared {
     live: Mutex<Arc<Live>>,
+    variant: Variant,
     source: Source,
     resolver: Resolver,
     /// No device comes any more: none is to be had, or nobody wants one.
@@ -53,8 +55,8 @@ struct Live {
 }
 
 impl Live {
-    fn new(gpu: Arc<Gpu>, bvh: &Bvh, source: Source) -> Result<Self, GpuError> {
-        let scene = DeviceScene::new(&gpu, bvh, source)?;
+    fn new(gpu: Arc<Gpu>, bvh: &Bvh, variant: Variant, source: Source) -> Result<Self, GpuError> {
+        let scene = DeviceScene::new(&gpu, bvh, variant, source)?;
         let most = if gpu.info().kind == AdapterKind::Software { MAX_RAYS_SOFTWARE } else { MAX_RAYS };
         let max_rays = max_rays(&gpu).min(most);
         Ok(Self { gpu, scene, max_rays })
@@ -70,7 +72,7 @@ impl Shared {
     fn replace(&self, lost: &Arc<Gpu>) {
         let mut gpu = lost.clone();
         while let Some(next) = gpu.successor(&self.over) {
-            match Live::new(next.clone(), &self.resolver.bvh, self.source) {
+            match Live::new(next.clone(), &self.resolver.bvh, self.variant, self.source) {
                 Ok(live) => {
                     let mut place = self.live.lock().unwrap_or_else(PoisonError::into_inner);
                     let lost = std::mem::replace(&mut *place, Arc::new(live));
@@ -98,22 +100,39 @@ impl GpuTracer {
         filter: Option<Arc<dyn Filter>>,
         cpu: Arc<dyn Tracer>,
     ) -> Result<Self, GpuError> {
-        Self::with_source(gpu, bvh, filter, cpu, Kernel::source)
+        Self::with_source(gpu, bvh, filter, cpu, Variant::default(), Kernel::source)
     }
 
-    /// Like [`GpuTracer::new`], with kernels compiled from `source`.
+    /// Like [`GpuTracer::new`], with the scene laid out in another way.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn with_variant(
+        gpu: Arc<Gpu>,
+        bvh: Arc<Bvh>,
+        filter: Option<Arc<dyn Filter>>,
+        cpu: Arc<dyn Tracer>,
+        variant: Variant,
+    ) -> Result<Self, GpuError> {
+        let mut tracer = Self::with_source(gpu, bvh, filter, cpu, variant, Kernel::source)?;
+        tracer.name = format!("{}, {variant}", tracer.name);
+        Ok(tracer)
+    }
+
+    /// Like [`GpuTracer::with_variant`], with kernels compiled from `source`.
     pub(super) fn with_source(
         gpu: Arc<Gpu>,
         bvh: Arc<Bvh>,
         filter: Option<Arc<dyn Filter>>,
         cpu: Arc<dyn Tracer>,
+        variant: Variant,
         source: Source,
     ) -> Result<Self, GpuError> {
         let gpu = gpu.latest();
-        let live = Mutex::new(Arc::new(Live::new(gpu, &bvh, source)?));
+        let live = Mutex::new(Arc::new(Live::new(gpu, &bvh, variant, source)?));
         let name = live.lock().unwrap_or_else(PoisonError::into_inner).gpu.info().name.clone();
         let resolver = Resolver { bvh, filter, cpu };
-        let shared = Arc::new(Shared { live, source, resolver, over: AtomicBool::new(false) });
+        let shared = Arc::new(Shared { live, variant, source, resolver, over: AtomicBool::new(false) });
         Ok(Self { name, shared, worker: Mutex::default() })
     }
 

@@ -1,0 +1,149 @@
+//! Where lights are and whither they shine, bounded: what a light tree is built of.
+
+use glam::Vec3;
+use std::f32::consts::{FRAC_PI_2, PI};
+
+/// Bounds of one light or of several (Conty Estevez and Kulla 2018, *Importance Sampling of Many Lights
+/// with Adaptive Tree Splitting*). All their normals are within `spread` of the axis; all their light leaves
+/// within `reach` of a normal.
+#[derive(Clone, Copy, Debug)]
+pub struct LightBounds {
+    /// Least corner of the box around them.
+    pub low: Vec3,
+    /// Greatest corner.
+    pub high: Vec3,
+    /// Unit axis of the cone of normals.
+    pub axis: Vec3,
+    /// Radians, 0 to π.
+    pub spread: f32,
+    /// Radians, 0 to π / 2.
+    pub reach: f32,
+    /// Luminous power, > 0.
+    pub power: f32,
+    /// Whether some shine to both sides of their normal.
+    pub two_sided: bool,
+}
+
+impl LightBounds {
+    /// Bounds of both.
+    pub fn union(&self, other: &Self) -> Self {
+        let two_sided = self.two_sided || other.two_sided;
+        let (axis, spread) = self.cone_with(other);
+        Self {
+            low: self.low.min(other.low),
+            high: self.high.max(other.high),
+            axis,
+            spread,
+            reach: self.reach.max(other.reach),
+            power: self.power + other.power,
+            two_sided,
+        }
+    }
+
+    /// Axis and spread of the least cone around both cones.
+    fn cone_with(&self, other: &Self) -> (Vec3, f32) {
+        let mut cosine = self.axis.dot(other.axis).clamp(-1.0, 1.0);
+        let mut towards = other.axis;
+        if self.two_sided && other.two_sided && cosine < 0.0 {
+            // Either axis will do for what shines to both sides.
+            (cosine, towards) = (-cosine, -towards);
+        }
+        let between = libm::acosf(cosine);
+        if (between + other.spread).min(PI) <= self.spread {
+            return (self.axis, self.spread);
+        }
+        if (between + self.spread).min(PI) <= other.spread {
+            return (other.axis, other.spread);
+        }
+        let spread = 0.5 * (self.spread + between + other.spread);
+        let turn = spread - self.spread;
+        let Some(aside) = (towards - self.axis * cosine).try_normalize() else {
+            // The same axis, or opposite ones, between which none is better than another.
+            return (self.axis, if cosine > 0.0 { self.spread.max(other.spread) } else { PI });
+        };
+        if spread >= PI {
+            return (self.axis, PI);
+        }
+        let axis = self.axis * libm::cosf(turn) + aside * libm::sinf(turn);
+        (axis.try_normalize().unwrap_or(self.axis), spread)
+    }
+
+    /// The middle of the box.
+    pub fn centre(&self) -> Vec3 {
+        (self.low + self.high) * 0.5
+    }
+
+    /// Radius of the ball around the box.
+    pub fn radius(&self) -> f32 {
+        (self.high - self.low).length() * 0.5
+    }
+
+    /// How much light goes astray when these are one node: power × solid angle × surface.
+    pub fn cost(&self) -> f32 {
+        let size = self.high - self.low;
+        let surface = 2.0 * (size.x * size.y + size.y * size.z + size.z * size.x);
+        self.power * self.solid_angle() * surface
+    }
+
+    /// Measure of the directions in which light leaves, weighted by the cosine beyond the spread.
+    fn solid_angle(&self) -> f32 {
+        let (sine, cosine) = (libm::sinf(self.spread), libm::cosf(self.spread));
+        let outer = (self.spread + self.reach).min(PI);
+        let inner = 2.0 * PI * (1.0 - cosine);
+        let rim =
+            2.0 * outer * sine - libm::cosf(self.spread - 2.0 * outer) - 2.0 * self.spread * sine + cosine;
+        inner + FRAC_PI_2 * rim
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geom::{Sampler, warp};
+
+    fn any(s: &Sampler, at: u32) -> LightBounds {
+        let corner = Vec3::from(std::array::from_fn(|k| s.single(at + k as u32)));
+        let [u, v] = s.pair(at + 4);
+        LightBounds {
+            low: corner,
+            high: corner + Vec3::splat(v),
+            axis: warp::sphere(s.pair(at + 5)),
+            spread: u * u * PI,
+            reach: FRAC_PI_2,
+            power: 1.0 + u,
+            two_sided: s.single(at + 6) < 0.3,
+        }
+    }
+
+    #[test]
+    fn a_union_holds_the_boxes_and_the_cones_of_both() {
+        let mut narrow = 0;
+        for i in 0..4000 {
+            let s = Sampler::new(i, 0, 8);
+            let (a, b) = (any(&s, 0), any(&s, 10));
+            let both = a.union(&b);
+            narrow += u32::from(both.spread < PI);
+            assert!((both.axis.length() - 1.0).abs() < 1e-5);
+            for part in [&a, &b] {
+                assert!(both.low.cmple(part.low).all() && both.high.cmpge(part.high).all());
+                let mut apart = part.axis.dot(both.axis).clamp(-1.0, 1.0);
+                if a.two_sided && b.two_sided {
+                    apart = apart.abs();
+                }
+                assert!(libm::acosf(apart) + part.spread <= both.spread + 2e-3 || both.spread >= PI, "{i}");
+            }
+        }
+        assert!(narrow > 1000, "most cones stay cones: {narrow}");
+    }
+
+    #[test]
+    fn solid_angles_are_those_of_lamps_known() {
+        let lamp = |spread, reach| {
+            let zero = Vec3::ZERO;
+            LightBounds { low: zero, high: zero, axis: Vec3::Y, spread, reach, power: 1.0, two_sided: false }
+        };
+        // A ball shines everywhere; a flat lamp into its hemisphere, weighted by the cosine.
+        assert!((lamp(PI, FRAC_PI_2).solid_angle() - 4.0 * PI).abs() < 1e-4);
+        assert!((lamp(0.0, FRAC_PI_2).solid_angle() - PI).abs() < 1e-4);
+    }
+}

@@ -1,0 +1,339 @@
+//! Choosing among many lights by what each may give to a point.
+
+use super::{LightBounds, Receiver};
+use crate::geom::octahedral;
+use crate::lanes::{Int, Lanes, Num, Piece, Vector};
+use bytemuck::{Pod, Zeroable};
+use glam::Vec3;
+
+/// A binary tree of bounded lights (Conty Estevez and Kulla 2018, with the bounds of pbrt-v4). From the
+/// root on the side is chosen by how much light its bounds may send to the receiver at most: by distance, the
+/// angle off their axis, the angle of incidence. What cannot be reached has no chance.
+#[derive(Clone, Debug)]
+pub struct LightTree {
+    /// The two sides of each fork, side by side; the root's are the first.
+    sides: Vec<Side>,
+    /// The way to each light: bit `n` says which side the fork at depth `n` takes.
+    ways: Vec<u32>,
+}
+
+/// One side of a fork.
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[repr(C)]
+struct Side {
+    centre: [f32; 3],
+    radius: f32,
+    /// Octahedral, 16 bits each.
+    axis: u32,
+    power: f32,
+    /// Cosine of the spread, rounded down, in the lower half; of the reach in the upper.
+    cosines: u32,
+    /// The fork that follows; or, with [`LEAF`], the light. [`TWO_SIDED`].
+    next: u32,
+}
+
+/// Words of a [`Side`]; two are a fork.
+const WORDS: usize = size_of::<Side>() / 4;
+const _: () = assert!(WORDS == 8, "rows of eight are read at once");
+
+const LEAF: u32 = 1 << 31;
+const TWO_SIDED: u32 = 1 << 30;
+const INDEX: u32 = TWO_SIDED - 1;
+
+/// The most forks on the way to a light: as many as a word has bits.
+const MAX_DEPTH: u32 = 32;
+
+/// Planes tried for each axis.
+const BINS: usize = 12;
+
+/// What rounding may take from a cosine to the receiver's normal, which has ten bits a coordinate, and to
+/// the axis.
+const NORMAL_SLACK: f32 = 0.006;
+const AXIS_SLACK: f32 = 1e-3;
+
+impl LightTree {
+    /// A tree of at least two lights.
+    pub fn new(lights: &[LightBounds]) -> Self {
+        assert!((2..INDEX as usize / 2).contains(&lights.len()), "{} lights", lights.len());
+        let mut order: Vec<u32> = (0..lights.len() as u32).collect();
+        let mut tree = Self { sides: Vec::with_capacity(2 * lights.len()), ways: vec![0; lights.len()] };
+        tree.fork(lights, &mut order, 0, 0);
+        tree
+    }
+
+    /// Appends the fork of these lights and all that follows; returns its index and their bounds.
+    fn fork(
+        &mut self,
+        lights: &[LightBounds],
+        order: &mut [u32],
+        depth: u32,
+        way: u32,
+    ) -> (u32, LightBounds) {
+        let first = self.sides.len();
+        self.sides.extend([Side::zeroed(); 2]);
+        let middle = split(lights, order, depth);
+        let (left, right) = order.split_at_mut(middle);
+        let mut bounds = [lights[left[0] as usize], lights[right[0] as usize]];
+        for (k, part) in [left, right].into_iter().enumerate() {
+            let way = way | (k as u32) << depth;
+            let next = match *part {
+                [light] => {
+                    self.ways[light as usize] = way;
+                    LEAF | light
+                }
+                _ => {
+                    let (fork, around) = self.fork(lights, part, depth + 1, way);
+                    bounds[k] = around;
+                    fork
+                }
+            };
+            self.sides[first + k] = Side::new(&bounds[k], next);
+        }
+        (first as u32 / 2, bounds[0].union(&bounds[1]))
+    }
+
+    /// Chooses a light for each receiver by `u` in [0, 1). Returns the lights and their chances: 0 where
+    /// no light reaches the receiver.
+    #[inline(always)]
+    pub fn choose<L: Lanes>(&self, receiver: &Receiver<L>, u: Num<L>) -> (Int<L>, Num<L>) {
+        u.lanes().apart(Choose { tree: self, receiver: *receiver, u })
+    }
+
+    /// The chance with which [`LightTree::choose`] gives these lights to these receivers.
+    #[inline(always)]
+    pub fn chance<L: Lanes>(&self, receiver: &Receiver<L>, light: Int<L>) -> Num<L> {
+        light.lanes().apart(Chance { tree: self, receiver: *receiver, light })
+    }
+
+    /// Weighs the sides of forks.
+    #[inline(always)]
+    fn weigh<L: Lanes>(&self, fork: Int<L>, receiver: &Receiver<L>, normal: Vector<L>) -> Fork<L> {
+        let table: &[u32] = bytemuck::cast_slice(&self.sides);
+        let left: [Int<L>; WORDS] = (fork << 1).rows(table);
+        let right: [Int<L>; WORDS] = ((fork << 1) + 1).rows(table);
+        let (a, b) =
+            (importance(&left, receiver.position, normal), importance(&right, receiver.position, normal));
+        let sum = a + b;
+        let there = sum.above(0.0);
+        Fork {
+            chances: [(a / sum).only(there), (b / sum).only(there)],
+            next: [left[WORDS - 1], right[WORDS - 1]],
+        }
+    }
+}
+
+/// A fork weighed for a receiver.
+struct Fork<L: Lanes> {
+    chances: [Num<L>; 2],
+    next: [Int<L>; 2],
+}
+
+/// Whether lanes have arrived at a light.
+#[inline(always)]
+fn is_leaf<L: Lanes>(next: Int<L>) -> u32 {
+    (next & LEAF).is(LEAF)
+}
+
+struct Choose<'a, L: Lanes> {
+    tree: &'a LightTree,
+    receiver: Receiver<L>,
+    u: Num<L>,
+}
+
+impl<L: Lanes> Piece<L> for Choose<'_, L> {
+    type Output = (Int<L>, Num<L>);
+
+    #[inline(always)]
+    fn run(self, l: L) -> Self::Output {
+        let normal = self.receiver.normal();
+        let (mut u, mut chance) = (self.u, Num::splat(l, 1.0));
+        let mut at = Int::splat(l, 0);
+        loop {
+            let going = L::ALL & !is_leaf(at);
+            if going == 0 {
+                return (at & INDEX, chance);
+            }
+            // Lanes that have arrived look at the root again.
+            let fork = Int::select(going, at & INDEX, Int::splat(l, 0));
+            let Fork { chances: [first, second], next } = self.tree.weigh(fork, &self.receiver, normal);
+            let left = u.lt(first);
+            let taken = Num::select(left, first, second);
+            let rest = Num::select(left, u, u - first) / taken;
+            u = Num::select(going, rest.clamp(0.0, 1.0 - f32::EPSILON), u);
+            chance = Num::select(going, chance * taken, chance);
+            at = Int::select(going, Int::select(left, next[0], next[1]), at);
+        }
+    }
+}
+
+struct Chance<'a, L: Lanes> {
+    tree: &'a LightTree,
+    receiver: Receiver<L>,
+    light: Int<L>,
+}
+
+impl<L: Lanes> Piece<L> for Chance<'_, L> {
+    type Output = Num<L>;
+
+    #[inline(always)]
+    fn run(self, l: L) -> Num<L> {
+        let normal = self.receiver.normal();
+        let [mut way] = self.light.rows(&self.tree.ways);
+        let mut chance = Num::splat(l, 1.0);
+        let mut at = Int::splat(l, 0);
+        loop {
+            let going = L::ALL & !is_leaf(at);
+            if going == 0 {
+                return chance;
+            }
+            let fork = Int::select(going, at & INDEX, Int::splat(l, 0));
+            let Fork { chances: [first, second], next } = self.tree.weigh(fork, &self.receiver, normal);
+            let left = (way & 1).is(0);
+            chance = Num::select(going, chance * Num::select(left, first, second), chance);
+            at = Int::select(going, Int::select(left, next[0], next[1]), at);
+            way = way >> 1;
+        }
+    }
+}
+
+/// An angle of 0 to π.
+#[derive(Clone, Copy)]
+struct Angle<L: Lanes> {
+    cosine: Num<L>,
+    sine: Num<L>,
+}
+
+impl<L: Lanes> Angle<L> {
+    #[inline(always)]
+    fn of_cosine(cosine: Num<L>) -> Self {
+        let cosine = cosine.clamp(-1.0, 1.0);
+        Self { cosine, sine: (1.0 - cosine * cosine).sqrt() }
+    }
+
+    /// This less `other`, at least 0.
+    #[inline(always)]
+    fn less(self, other: Self) -> Self {
+        let none = self.cosine.gt(other.cosine);
+        let cosine = self.cosine * other.cosine + self.sine * other.sine;
+        Self {
+            cosine: Num::select(none, Num::splat(cosine.lanes(), 1.0), cosine),
+            sine: (self.sine * other.cosine - self.cosine * other.sine).only(!none),
+        }
+    }
+}
+
+/// The most light, up to a factor, that what is in the bounds may send to receivers.
+#[inline(always)]
+fn importance<L: Lanes>(side: &[Int<L>; WORDS], position: Vector<L>, normal: Vector<L>) -> Num<L> {
+    let l = position.lanes();
+    let centre = Vector::new(side[0].to_num_bits(), side[1].to_num_bits(), side[2].to_num_bits());
+    let (radius, power) = (side[3].to_num_bits(), side[5].to_num_bits());
+    let to = centre - position;
+    let (distance2, radius2) = (to.length_squared(), radius * radius);
+    let inside = distance2.le(radius2);
+    let inverse = 1.0 / distance2.sqrt();
+    let wi = to * inverse;
+    // Half the angle under which the bounds are seen.
+    let sine = (radius * inverse).clamp(0.0, 1.0);
+    let extent = Angle { cosine: (1.0 - sine * sine).sqrt(), sine };
+    let incidence = Angle::of_cosine(normal.dot(wi)).less(extent).cosine + NORMAL_SLACK;
+
+    const SCALE: f32 = 2.0 / 65535.0;
+    let spread = Angle::of_cosine((side[6] & 0xffff).to_num() * SCALE - 1.0);
+    let reach = (side[6] >> 16).to_num() * SCALE - 1.0;
+    let axis = octahedral::decode::<L, 16>(side[4]);
+    let off = -axis.dot(wi);
+    let off = Num::select((side[7] & TWO_SIDED).is(TWO_SIDED), off.abs(), off);
+    let emission = Angle::of_cosine(off).less(spread).less(extent).cosine + AXIS_SLACK;
+    let reached = incidence.above(0.0) & emission.gt(reach);
+    let share = (incidence * emission.clamp(AXIS_SLACK, f32::INFINITY)).only(reached);
+    power * Num::select(inside, Num::splat(l, 1.0), share) / distance2.max(radius2)
+}
+
+impl Side {
+    fn new(bounds: &LightBounds, next: u32) -> Self {
+        let cosine = |angle: f32| ((libm::cosf(angle) * 0.5 + 0.5) * 65535.0).floor() as u32;
+        Self {
+            centre: bounds.centre().to_array(),
+            // Never a point: what is at a distance of 0 is inside.
+            radius: (bounds.radius() * (1.0 + 1e-5)).max(1e-15),
+            axis: octahedral::encode::<_, 16>(bounds.axis.into()).get(),
+            power: bounds.power,
+            cosines: cosine(bounds.spread) | cosine(bounds.reach) << 16,
+            next: next | if bounds.two_sided { TWO_SIDED } else { 0 },
+        }
+    }
+}
+
+/// Sorts lights into two sides; returns where the second begins. By the least cost of a plane across the
+/// longest axis; in halves where that would grow the tree too deep or all are in one place.
+fn split(lights: &[LightBounds], order: &mut [u32], depth: u32) -> usize {
+    let centre = |light: u32| lights[light as usize].centre();
+    let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+    for &light in order.iter() {
+        (low, high) = (low.min(centre(light)), high.max(centre(light)));
+    }
+    let size = high - low;
+    let half = order.len() / 2;
+    let levels = order.len().next_power_of_two().trailing_zeros();
+    let longest = size.max_position();
+    if depth + levels + 1 < MAX_DEPTH && size[longest] > 0.0 {
+        let mut best = (f32::INFINITY, 0, 0);
+        for axis in (0..3).filter(|&axis| size[axis] > 0.0) {
+            if let Some((cost, bin)) = cheapest(lights, order, low[axis], size[axis], axis) {
+                // Thin nodes are worse than their surface says.
+                let cost = cost * size[longest] / size[axis];
+                if cost < best.0 {
+                    best = (cost, axis, bin);
+                }
+            }
+        }
+        let (_, axis, last) = best;
+        let is_left = |&light: &u32| bin(centre(light)[axis], low[axis], size[axis]) <= last;
+        let (left, right): (Vec<u32>, Vec<u32>) = order.iter().partition(|light| is_left(light));
+        if !left.is_empty() && !right.is_empty() {
+            let middle = left.len();
+            order[..middle].copy_from_slice(&left);
+            order[middle..].copy_from_slice(&right);
+            return middle;
+        }
+    }
+    order.sort_by(|&a, &b| centre(a)[longest].total_cmp(&centre(b)[longest]).then(a.cmp(&b)));
+    half
+}
+
+fn bin(x: f32, low: f32, size: f32) -> usize {
+    (((x - low) / size * BINS as f32) as usize).min(BINS - 1)
+}
+
+/// The last bin before the cheapest plane across an axis, and the cost of both sides.
+fn cheapest(lights: &[LightBounds], order: &[u32], low: f32, size: f32, axis: usize) -> Option<(f32, usize)> {
+    let mut bins: [Option<LightBounds>; BINS] = [None; BINS];
+    for &light in order {
+        let light = &lights[light as usize];
+        let bin = &mut bins[bin(light.centre()[axis], low, size)];
+        *bin = join(*bin, Some(*light));
+    }
+    let mut behind = [None; BINS];
+    for k in (0..BINS - 1).rev() {
+        behind[k] = join(behind[k + 1], bins[k + 1]);
+    }
+    let (mut before, mut best) = (None, None);
+    for k in 0..BINS - 1 {
+        before = join(before, bins[k]);
+        if let (Some(before), Some(behind)) = (&before, &behind[k]) {
+            let cost = LightBounds::cost(before) + behind.cost();
+            if best.is_none_or(|(least, _)| cost < least) {
+                best = Some((cost, k));
+            }
+        }
+    }
+    best
+}
+
+fn join(a: Option<LightBounds>, b: Option<LightBounds>) -> Option<LightBounds> {
+    match (a, b) {
+        (Some(a), Some(b)) => Some(a.union(&b)),
+        (a, b) => a.or(b),
+    }
+}
