@@ -172,6 +172,19 @@ impl Appender<'_> {
         *self.len += 1;
     }
 
+    /// Appends rays.
+    ///
+    /// # Panics
+    /// If there is no room.
+    pub fn extend_from_slice(&mut self, rays: &[Ray]) {
+        let (room, end) = (self.slots.len(), *self.len + rays.len());
+        match self.slots.get_mut(*self.len..end) {
+            Some(slots) => slots.copy_from_slice(rays),
+            None => no_room(room),
+        }
+        *self.len = end;
+    }
+
     /// How many rays there are.
     pub fn len(&self) -> usize {
         *self.len
