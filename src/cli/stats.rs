@@ -3,7 +3,7 @@
 
 use crate::bench::Spread;
 use crate::render::NoiseReport;
-use crate::schedule::{self, Depths, JobReport, ThreadKind, ThreadReport};
+use crate::schedule::{self, Depths, DeviceWaits, JobReport, Latency, ThreadKind, ThreadReport};
 use anyhow::{Context, Result};
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -235,6 +235,8 @@ pub struct Units {
     pub cpu: UnitStats,
     /// The GPU.
     pub gpu: GpuStats,
+    #[serde(skip)]
+    device_waits: DeviceWaits,
 }
 
 /// The CPU's share.
@@ -269,6 +271,25 @@ pub struct GpuStats {
     pub sending_s: f64,
     /// Of `busy_s`, seconds between being submitted and answers being readable.
     pub waiting_s: f64,
+    /// From a stream being full to its being submitted; null without streams.
+    pub full_to_dispatched_s: Option<LatencyStats>,
+    /// From being submitted to answers being readable; null without streams.
+    pub dispatched_to_readable_s: Option<LatencyStats>,
+}
+
+/// Times of one kind, to a sixteenth.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct LatencyStats {
+    /// Half were shorter.
+    pub median: f64,
+    /// Nineteen of twenty were shorter.
+    pub p95: f64,
+}
+
+impl LatencyStats {
+    fn of(latency: &Latency) -> Option<Self> {
+        Some(Self { median: latency.quantile_s(0.5)?, p95: latency.quantile_s(0.95)? })
+    }
 }
 
 /// Rays of one depth.
@@ -337,6 +358,9 @@ impl Units {
         self.gpu.checked += report.gpu.checked;
         self.gpu.sending_s += report.gpu.sending_s;
         self.gpu.waiting_s += report.gpu.waiting_s;
+        self.device_waits += report.device_waits;
+        self.gpu.full_to_dispatched_s = LatencyStats::of(&self.device_waits.full_to_dispatched);
+        self.gpu.dispatched_to_readable_s = LatencyStats::of(&self.device_waits.dispatched_to_readable);
         self.cpu.mray_per_s = rate(self.cpu.rays, self.cpu.busy_s);
         self.gpu.mray_per_s = rate(self.gpu.rays, self.gpu.busy_s);
     }

@@ -35,5 +35,7 @@ pub use sequence::Sequence;
 pub use single_ray::render_single_rays;
 pub use stage::Stage;
 pub use tree::{WORTH_SAVING, build as build_tree};
+#[cfg(feature = "gpu")]
+pub use units::calibration_host;
 pub use units::{UnitChoice, Units, UnitsError};
 pub use whitted::{WHITTED_BOUNCES, Whitted, WhittedState};

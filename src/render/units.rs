@@ -3,9 +3,13 @@
 use crate::bvh::{Bvh, Filter};
 use crate::schedule::Unit;
 use crate::stream::{DeviceTracer, Tracer};
+#[cfg(feature = "gpu")]
+use crate::trace::cpu::CpuTracer;
 use crate::trace::cpu::{SimdError, SimdLevel};
 #[cfg(feature = "gpu")]
 use crate::trace::gpu::{AdapterChoice, Fault, Gpu, GpuError, GpuTracer, Variant};
+#[cfg(feature = "gpu")]
+use std::path::PathBuf;
 use std::sync::Arc;
 
 /// Who is asked to trace.
@@ -18,6 +22,10 @@ pub struct UnitChoice {
     pub adapter: Option<String>,
     /// The CPU tracer's instruction set.
     pub simd: SimdLevel,
+    /// Where measurements of the GPU are kept ([`Gpu::calibrate`]). None: nothing is measured, and streams have RA's
+    /// sizes. The picture is the same.
+    #[cfg(feature = "gpu")]
+    pub cache: Option<PathBuf>,
     /// What is to go wrong with the GPU on purpose.
     #[cfg(feature = "gpu")]
     pub fault: Option<Fault>,
@@ -144,7 +152,11 @@ impl Units {
 fn open_gpu(choice: &UnitChoice) -> Result<Gpus, UnitsError> {
     let asked = choice.unit.is_some() || choice.adapter.is_some();
     let adapter = AdapterChoice { name: choice.adapter.clone(), allow_software: asked };
-    match Gpu::open(&adapter) {
+    let measured = |gpu: Gpu| match &choice.cache {
+        Some(folder) => gpu.calibrate(folder, |bvh| calibration_host(bvh, choice.simd)),
+        None => gpu,
+    };
+    match Gpu::open(&adapter).map(measured) {
         Ok(gpu) => Ok(Gpus::Open(Arc::new(match choice.fault {
             Some(fault) => gpu.with_fault(fault),
             None => gpu,
@@ -153,6 +165,12 @@ fn open_gpu(choice: &UnitChoice) -> Result<Gpus, UnitsError> {
         Err(GpuError::NoAdapter { .. } | GpuError::OnlySoftware { .. }) if !asked => Ok(Gpus::Unwanted),
         Err(error) => Ok(Gpus::Refused(error.to_string())),
     }
+}
+
+/// Traces on the host what a GPU is measured with.
+#[cfg(feature = "gpu")]
+pub fn calibration_host(bvh: Arc<Bvh>, simd: SimdLevel) -> Arc<dyn Tracer> {
+    Arc::new(CpuTracer::new(bvh, None, simd).expect("the instruction set has been checked"))
 }
 
 #[cfg(not(feature = "gpu"))]

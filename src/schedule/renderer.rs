@@ -1,6 +1,6 @@
 //! What the scheduler asks of a renderer (RA section 3.1): spawn camera rays, shade batches.
 
-use crate::stream::{Hit, Ray};
+use crate::stream::{Appender, Hit, Ray};
 use bytemuck::Pod;
 
 /// A job's own half: it creates rays and says what their hits mean. The scheduler calls it from many
@@ -63,9 +63,9 @@ pub struct Batch<'a, P> {
 /// Where a renderer emits rays.
 #[derive(Debug)]
 pub struct Output<'a, P, S> {
-    pub(crate) rays: &'a mut Vec<Ray>,
+    pub(crate) rays: Appender<'a>,
     pub(crate) payloads: &'a mut Vec<P>,
-    pub(crate) shadow_rays: &'a mut Vec<Ray>,
+    pub(crate) shadow_rays: Appender<'a>,
     pub(crate) shadow_payloads: &'a mut Vec<S>,
 }
 

@@ -39,8 +39,13 @@ fn soak(frames: usize, seed: u32) -> Seen {
         let image = Image { width: 24, height: 24, pixels: path.film().resolve() };
         (image.hash(), report)
     };
-    let choice =
-        |unit, fault| UnitChoice { unit: Some(unit), adapter: None, simd: SimdLevel::detect(), fault };
+    let choice = |unit, fault| UnitChoice {
+        unit: Some(unit),
+        adapter: None,
+        simd: SimdLevel::detect(),
+        cache: None,
+        fault,
+    };
     let cpu = Units::open(&choice(Unit::Cpu, None)).expect("the CPU");
     let (expected, _) = render(&Stage::new(scene.clone(), &cpu));
 

@@ -20,6 +20,8 @@ pub fn run(args: &BenchRaysArgs) -> Result<()> {
             adapter: adapter.clone(),
             simd: SimdLevel::detect(),
             #[cfg(feature = "gpu")]
+            cache: None,
+            #[cfg(feature = "gpu")]
             fault: None,
         })?,
     };

@@ -14,11 +14,15 @@
 //! nearest number.
 
 mod adapter;
+mod berth;
+mod calibration;
 mod cross_check;
 mod error;
 mod fault;
 mod flatten;
 mod fused;
+#[cfg_attr(not(any(target_os = "linux", target_os = "android", windows)), path = "no_host_memory.rs")]
+mod host_memory;
 mod kernel;
 mod layout;
 mod pages;
