@@ -102,8 +102,8 @@ impl<const N: usize> Lanes for Plain<N> {
     #[inline(always)]
     fn pack(self, mask: u32, a: Self::F) -> Self::F {
         let (mut packed, mut len) = (a, 0);
-        for i in 0..N {
-            packed[len] = a[i];
+        for (i, x) in a.into_iter().enumerate() {
+            packed[len] = x;
             len += (mask >> i & 1) as usize;
         }
         packed

@@ -107,6 +107,7 @@ impl Block {
         let info = vk::BufferCreateInfo::default().size(size).usage(usage);
         // SAFETY: invariant 4, here and below; what has been made is destroyed again where the next step fails.
         let buffer = unsafe { raw.create_buffer(&info, None) }.ok()?;
+        // SAFETY: all are of one device, as the caller vouches.
         let made = unsafe { Self::allocate(hal, device, &raw, buffer) };
         if made.is_none() {
             // SAFETY: nobody has it.
