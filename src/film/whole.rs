@@ -70,27 +70,19 @@ fn nameless(_: &Path) -> Option<File> {
 fn publish(file: &File, path: &Path) -> io::Result<()> {
     use rustix::fs::{AtFlags, CWD, linkat};
     use std::os::fd::AsRawFd;
+    // One writer at a time, for they share the name beside; where a folder cannot be locked they had better not meet.
+    let turn = File::open(folder(path))?;
+    turn.lock().ok();
     let mut beside = std::ffi::OsString::from(".raystream-");
     beside.push(path.file_name().ok_or(io::ErrorKind::InvalidFilename)?);
     let beside = folder(path).join(beside);
-    let nameless = format!("/proc/self/fd/{}", file.as_raw_fd());
+    // Left by a process that was killed.
+    ignore_missing(std::fs::remove_file(&beside))?;
     // A name cannot be linked over another one, but renamed over it.
-    loop {
-        match linkat(CWD, &*nameless, CWD, &beside, AtFlags::SYMLINK_FOLLOW).map_err(io::Error::from) {
-            Ok(()) => {}
-            // Left by a process that was killed, or of one that writes the same file now and will try again.
-            Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {
-                ignore_missing(std::fs::remove_file(&beside))?;
-                continue;
-            }
-            Err(error) => return Err(error),
-        }
-        match std::fs::rename(&beside, path) {
-            Err(error) if error.kind() == io::ErrorKind::NotFound => {}
-            // Two names of one file are not renamed over each other, so there may be one left, too.
-            renamed => return renamed.and(ignore_missing(std::fs::remove_file(&beside))),
-        }
-    }
+    linkat(CWD, &*format!("/proc/self/fd/{}", file.as_raw_fd()), CWD, &beside, AtFlags::SYMLINK_FOLLOW)?;
+    std::fs::rename(&beside, path).inspect_err(|_| {
+        std::fs::remove_file(&beside).ok();
+    })
 }
 
 #[cfg(target_os = "linux")]

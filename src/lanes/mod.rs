@@ -91,7 +91,7 @@ pub trait Lanes: Copy {
 
     /// The lanes of `mask`, in order, in the first lanes; what is in the others is unspecified.
     fn pack(self, mask: u32, a: Self::F) -> Self::F;
-    /// [`nearest`] to `a * scale`, of numbers ≥ 0 whose product is below 2⁶³; the lanes beyond are unspecified.
+    /// The integers nearest to `a * scale`, of numbers ≥ 0 whose product is below 2⁶³; the lanes beyond are unspecified.
     fn to_fixed(self, a: Self::F, scale: f64) -> [i64; 16];
 
     /// The least of all lanes.

@@ -74,7 +74,7 @@ fn wrong_answers_to_either_kind_of_ray_end_the_device() {
         let report = answer.expect("the first dispatch is sound");
         compare("before", &oracle, pick(closest), &hits, &[]);
         compare("before", &oracle, pick(any), &[], &occluded);
-        let checked = |count: usize| count.div_ceil(256).max(16).min(count) as u64;
+        let checked = |count: usize| count.div_ceil(256).max(256).min(count) as u64;
         assert_eq!(report.checked, checked(closest) + checked(any));
         let (_, _, answer) = ask();
         let Err(DeviceError::Lost(reason)) = answer else { panic!("{closest} {any}: {answer:?}") };
