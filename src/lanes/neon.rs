@@ -1,5 +1,10 @@
 //! Eight lanes on 64-bit ARM: two NEON registers side by side, as the trees are eight wide.
 //!
+//! Without such a processor, QEMU runs the tests (with gcc-aarch64-linux-gnu and qemu-user of Debian):
+//! `CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_LINKER=aarch64-linux-gnu-gcc
+//! CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_RUNNER="qemu-aarch64 -L /usr/aarch64-linux-gnu"
+//! cargo test --release --no-default-features --target aarch64-unknown-linux-gnu --test tracing`.
+//!
 //! Unsafe code, because of instructions and pointers. Invariants:
 //! 1. Every 64-bit ARM processor has NEON, so the token needs no proof.
 //! 2. Every pointer access is within what the caller of the method vouches for, as the trait states it.
