@@ -51,7 +51,7 @@ fn soak(frames: usize, seed: u32) -> Seen {
 
     let mut seen = Seen::default();
     while seen.frames < frames {
-        let at = 1 + u64::from(random.below(6));
+        let at = 1 + u64::from(random.below(4));
         let fault = match random.below(8) {
             0 => Fault::Corrupt(at),
             1 => Fault::OutOfMemory,
@@ -100,7 +100,7 @@ fn five_hundred_frames_with_failing_devices_and_flat_memory() {
     let seen = soak(400, 3);
     let after = resident_bytes();
     println!("{warm:?}, then {seen:?}, {:.0} s; {before:?} → {after:?} bytes", start.elapsed().as_secs_f32());
-    assert!(seen.losses >= 30 && seen.with_a_replacement >= 30, "{seen:?}");
+    assert!(seen.losses >= 20 && seen.with_a_replacement >= 20, "{seen:?}");
     if let (Some(before), Some(after)) = (before, after) {
         assert!(after < before + (64 << 20), "{before} bytes before, {after} after");
     }
