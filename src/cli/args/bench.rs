@@ -81,6 +81,23 @@ pub struct BenchBuildArgs {
     pub peers: PeerArgs,
 }
 
+/// What benches of whole frames have in common.
+#[derive(Debug, Args)]
+pub struct ShotArgs {
+    /// From where.
+    #[command(flatten)]
+    pub camera: CameraArgs,
+    /// By which light.
+    #[command(flatten)]
+    pub light: LightArgs,
+    /// Write the results as JSON.
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+    /// Who traces.
+    #[command(flatten)]
+    pub units: UnitArgs,
+}
+
 /// `raystream bench frame`.
 #[derive(Debug, Args)]
 pub struct BenchFrameArgs {
@@ -101,21 +118,12 @@ pub struct BenchFrameArgs {
     /// Rounds; each configuration renders the frame once a round.
     #[arg(long, value_name = "N", default_value_t = 7, value_parser = clap::value_parser!(u32).range(1..=10_000))]
     pub repeats: u32,
-    /// From where.
-    #[command(flatten)]
-    pub camera: CameraArgs,
-    /// By which light.
-    #[command(flatten)]
-    pub light: LightArgs,
     /// Measure scheduling policies side by side instead: with a GPU each policy and each unit alone.
     #[arg(long, conflicts_with = "policy")]
     pub policies: bool,
-    /// Write the results as JSON.
-    #[arg(long, value_name = "FILE")]
-    pub json: Option<PathBuf>,
-    /// Who traces.
+    /// From where, by which light, by whom.
     #[command(flatten)]
-    pub units: UnitArgs,
+    pub shot: ShotArgs,
 }
 
 /// `raystream bench schedule`.
@@ -186,18 +194,9 @@ pub struct BenchTailArgs {
     /// Rounds.
     #[arg(long, value_name = "N", default_value_t = 7, value_parser = clap::value_parser!(u32).range(1..=10_000))]
     pub rounds: u32,
-    /// From where.
+    /// From where, by which light, by whom.
     #[command(flatten)]
-    pub camera: CameraArgs,
-    /// By which light.
-    #[command(flatten)]
-    pub light: LightArgs,
-    /// Write the results as JSON.
-    #[arg(long, value_name = "FILE")]
-    pub json: Option<PathBuf>,
-    /// Who traces.
-    #[command(flatten)]
-    pub units: UnitArgs,
+    pub shot: ShotArgs,
 }
 
 /// `raystream bench adaptive`.
@@ -220,16 +219,7 @@ pub struct BenchAdaptiveArgs {
     /// Rounds, each with a seed of its own.
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=10_000))]
     pub rounds: u32,
-    /// From where.
+    /// From where, by which light, by whom.
     #[command(flatten)]
-    pub camera: CameraArgs,
-    /// By which light.
-    #[command(flatten)]
-    pub light: LightArgs,
-    /// Write the results as JSON.
-    #[arg(long, value_name = "FILE")]
-    pub json: Option<PathBuf>,
-    /// Who traces.
-    #[command(flatten)]
-    pub units: UnitArgs,
+    pub shot: ShotArgs,
 }

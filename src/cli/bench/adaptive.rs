@@ -10,13 +10,14 @@ use anyhow::Result;
 
 /// Measures adaptive against even samples.
 pub fn run(args: &BenchAdaptiveArgs) -> Result<()> {
-    let setup = Setup::new(&args.scene, &args.units, PASSES_IN_FLIGHT, |scene| args.light.hang(scene))?;
+    let setup =
+        Setup::new(&args.scene, &args.shot.units, PASSES_IN_FLIGHT, |scene| args.shot.light.hang(scene))?;
     let (width, height) = args.size;
     let scene = &setup.stage.scene;
     let framed = || Camera::framing(&scene.bounds(), width as f32 / height as f32);
     let options = Options {
         settings: Settings { width, height, spp: 1 << 16, max_bounces: args.max_bounces, seed: 0 },
-        camera: args.camera.apply(scene.camera, framed),
+        camera: args.shot.camera.apply(scene.camera, framed),
         targets: args.noise.clone(),
         reference_spp: args.reference_spp,
         rounds: args.rounds as usize,
@@ -46,7 +47,7 @@ pub fn run(args: &BenchAdaptiveArgs) -> Result<()> {
             row.efficiency.worst_block
         );
     }
-    match &args.json {
+    match &args.shot.json {
         Some(path) => write(path, Some(&args.scene), &rows, &[]),
         None => Ok(()),
     }

@@ -11,13 +11,14 @@ use anyhow::Result;
 /// Measures how long threads wait for work.
 pub fn run(args: &BenchTailArgs) -> Result<()> {
     let frames_in_flight = args.frames_in_flight as usize;
-    let setup = Setup::new(&args.scene, &args.units, frames_in_flight, |scene| args.light.hang(scene))?;
+    let setup =
+        Setup::new(&args.scene, &args.shot.units, frames_in_flight, |scene| args.shot.light.hang(scene))?;
     let (width, height) = args.size;
     let scene = &setup.stage.scene;
     let framed = || Camera::framing(&scene.bounds(), width as f32 / height as f32);
     let options = Options {
         settings: Settings { width, height, spp: args.spp, max_bounces: args.max_bounces, seed: 0 },
-        camera: args.camera.apply(scene.camera, framed),
+        camera: args.shot.camera.apply(scene.camera, framed),
         frames_in_flight,
         rounds: args.rounds as usize,
         policy: setup.policy,
@@ -40,7 +41,7 @@ pub fn run(args: &BenchTailArgs) -> Result<()> {
             row.busy_share.median
         );
     }
-    match &args.json {
+    match &args.shot.json {
         Some(path) => write(path, Some(&args.scene), &rows, &[]),
         None => Ok(()),
     }
