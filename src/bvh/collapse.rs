@@ -2,6 +2,7 @@
 //! in parallel, each into its own stretch of memory.
 
 use super::block::{BLOCK_TRIANGLES, Block};
+use super::odds::Odds;
 use super::pages::Pages;
 use super::sah::{Subtree, Tree};
 use super::wide::{Child, WIDTH, Wide, WideNode};
@@ -51,16 +52,39 @@ pub(super) fn collapse(tree: &Tree, shape: &impl Shape) -> (Wide, Vec<Place>) {
         *block = layout.block(of, index);
     }
     let mut parts = Vec::with_capacity(sizes.len());
-    for ((&(part, _), size), start) in top.parts.iter().zip(&sizes).zip(starts) {
+    for ((&(part, _), size), start) in top.parts.iter().zip(&sizes).zip(starts.iter().copied()) {
         let (nodes, blocks);
         (nodes, nodes_left) = nodes_left.split_at_mut(size.nodes);
         (blocks, blocks_left) = blocks_left.split_at_mut(size.blocks);
         parts.push((part, start, nodes, blocks));
     }
-    parts.into_par_iter().for_each(|(part, start, nodes, blocks)| layout.part(part, start, nodes, blocks));
+    let odds: Vec<Odds> = parts
+        .into_par_iter()
+        .map(|(part, start, nodes, blocks)| {
+            layout.part(part, start, nodes, blocks);
+            order(nodes, blocks, start, &|_| unreachable!("a part ends in blocks"))
+        })
+        .collect();
+    let (top_nodes, _) = nodes.split_at_mut(top.nodes.len());
+    order(top_nodes, &blocks, Size::default(), &|node| {
+        odds[starts.partition_point(|start| start.nodes < node)]
+    });
     let depth = all.depth.max(top.depth);
     let places = places.into_iter().map(|place| Place(place.into_inner())).collect();
     (Wide { nodes, blocks, depth }, places)
+}
+
+/// Puts the children of nodes in order for any hit, from the last node, which no other is above, to the first, whose
+/// odds it answers. Nodes and blocks `start` where their subtrees do in the whole; `below` knows other nodes.
+fn order(nodes: &mut [WideNode], blocks: &[Block], start: Size, below: &impl Fn(usize) -> Odds) -> Odds {
+    let mut odds = vec![Odds::default(); nodes.len()];
+    for at in (0..nodes.len()).rev() {
+        odds[at] = Odds::order(&mut nodes[at], |child| match child.index() {
+            index if child.is_block() => Odds::of_block(&blocks[index - start.blocks], child.triangles()),
+            index => odds.get(index - start.nodes).copied().unwrap_or_else(|| below(index)),
+        });
+    }
+    odds.first().copied().unwrap_or_default()
 }
 
 /// The children that the plan gives the wide node of a subtree.

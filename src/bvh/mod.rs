@@ -8,6 +8,7 @@ mod collapse;
 mod filter;
 mod geometry;
 mod numbering;
+mod odds;
 mod pages;
 mod plan;
 mod reference;

@@ -34,6 +34,14 @@ pub enum BvhError {
         /// In how many leaves it is.
         found: u32,
     },
+    /// A node's turns are not those of eight slots.
+    #[error("{tree} node {node}: the turns of its slots are no order")]
+    Order {
+        /// Which of the trees.
+        tree: &'static str,
+        /// The node.
+        node: usize,
+    },
     /// A tree is too deep for the traversal stacks.
     #[error("the {tree} tree is {found} nodes deep, allowed are {allowed}")]
     Depth {
@@ -48,7 +56,7 @@ pub enum BvhError {
 
 impl Bvh {
     /// Checks that both trees hold every triangle in exactly one leaf, that every box lies inside its
-    /// parent's and around its triangles, and that the depth is bounded.
+    /// parent's and around its triangles, that turns are orders, and that the depth is bounded.
     ///
     /// # Errors
     /// The first promise found broken.
@@ -122,6 +130,9 @@ impl Bvh {
         while let Some((node, outer, depth)) = stack.pop() {
             deepest = deepest.max(depth);
             let inner = &self.wide.nodes()[node];
+            if (0..WIDTH).any(|slot| inner.slots.get(inner.turns[slot] as usize) != Some(&(slot as u8))) {
+                return Err(BvhError::Order { tree, node });
+            }
             for slot in (0..WIDTH).filter(|&slot| inner.children[slot] != Child::NONE) {
                 let (child, bounds) = (inner.children[slot], inner.bounds(slot));
                 if !outer.contains(&bounds) {

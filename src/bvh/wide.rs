@@ -62,7 +62,11 @@ pub struct WideNode {
     pub faces: [[[f32; WIDTH]; 3]; 2],
     /// What is in the slots.
     pub children: [Child; WIDTH],
-    reserved: [u32; 8],
+    /// The slots in the order in which any hit is found soonest, wherever rays come from: the turn of each slot.
+    pub turns: [u8; WIDTH],
+    /// The slot of each turn.
+    pub slots: [u8; WIDTH],
+    reserved: [u32; 4],
 }
 
 const _: () = assert!(size_of::<WideNode>() == 256);
@@ -72,7 +76,9 @@ impl WideNode {
     pub const VACANT: Self = Self {
         faces: [[[f32::INFINITY; WIDTH]; 3], [[f32::NEG_INFINITY; WIDTH]; 3]],
         children: [Child::NONE; WIDTH],
-        reserved: [0; 8],
+        turns: [0, 1, 2, 3, 4, 5, 6, 7],
+        slots: [0, 1, 2, 3, 4, 5, 6, 7],
+        reserved: [0; 4],
     };
 
     /// Puts a child into a slot.

@@ -11,7 +11,8 @@ use crate::bvh::{Block, Child, MASKED, WIDTH};
 use crate::lanes::{Lanes, spill, splat};
 use crate::stream::{Hit, Ray};
 
-/// Tests all rays of a list with the triangles of a block, of which there are `count`, many rays to a register.
+/// Tests all rays of a list with the triangles of a block, of which there are `count`, many rays to a register. Answers
+/// for any hit how many rays are done by it.
 ///
 /// # Safety
 /// `list` is a list of `len` ids (invariants 1 and 2), and all its rays are of the octant.
@@ -26,10 +27,10 @@ pub(super) unsafe fn many<L: Lanes, E: Lanes, S: Space, const ANY: bool>(
     octant: usize,
     list: *const u32,
     len: usize,
-) {
+) -> u32 {
     let mut room = [[[0.0; WIDTH]; 3]; 3];
     let corners = space.corners(e, block, &mut room);
-    let mut at = 0;
+    let (mut at, mut done) = (0, 0);
     while at < len {
         // SAFETY: invariant 2.
         let ids = unsafe { list.add(at) };
@@ -43,6 +44,7 @@ pub(super) unsafe fn many<L: Lanes, E: Lanes, S: Space, const ANY: bool>(
         let mut range = Range { slabs: &slabs, octant, t_min: l.max(t_min, l.splat(0.0)), limit };
         if ANY {
             among = l.le(among, l.splat(0.0), limit);
+            done += among.count_ones();
         }
         let mut nearest = Nearest::none(l);
         for k in 0..count {
@@ -70,9 +72,13 @@ pub(super) unsafe fn many<L: Lanes, E: Lanes, S: Space, const ANY: bool>(
                 break;
             }
         }
+        if ANY {
+            done -= among.count_ones();
+        }
         // SAFETY: as the caller vouches.
         unsafe { nearest.put::<ANY>(l, job, ids) };
     }
+    done
 }
 
 /// The nearest hits of rays in lanes with a block, not yet put where answers go.
@@ -159,7 +165,8 @@ unsafe fn offer_each<L: Lanes, const ANY: bool>(
     taken
 }
 
-/// Tests pairs of rays and blocks, each a ray with all triangles of its block in lanes.
+/// Tests pairs of rays and blocks, each a ray with all triangles of its block in lanes. Answers for any hit how many rays
+/// are done by it.
 ///
 /// # Safety
 /// These are `len` ≤ [`BLOCKS`] pairs (invariant 1 for the ids, 4 for the blocks), and all rays are of the
@@ -173,7 +180,7 @@ pub(super) unsafe fn few<L: Lanes, S: Space, const ANY: bool>(
     ids: *const u32,
     children: *const u32,
     len: usize,
-) {
+) -> u32 {
     // First which pairs may meet, without a branch on the way, so that many are in the works at once;
     // then the rest for those.
     let (mut passing, mut some) = ([0; BLOCKS], 0);
@@ -186,6 +193,7 @@ pub(super) unsafe fn few<L: Lanes, S: Space, const ANY: bool>(
         passing[some] = i;
         some += usize::from(inside != 0);
     }
+    let mut done = 0;
     for &i in &passing[..some] {
         // SAFETY: as the caller vouches; invariant 1.
         let ((ray, block, among), id, row) = unsafe {
@@ -215,10 +223,12 @@ pub(super) unsafe fn few<L: Lanes, S: Space, const ANY: bool>(
             let taken =
                 unsafe { job.offer::<ANY>(id, space.id(block.ids[lane]), ts[lane], us[lane], vs[lane]) };
             if ANY && taken {
+                done += 1;
                 break;
             }
         }
     }
+    done
 }
 
 /// The ray, the block and the lanes with triangles of pair `i`.

@@ -6,7 +6,7 @@
 #![allow(unsafe_code)]
 
 use super::space::{Own, Space, World};
-use super::stream::{Entry, Job, Loose, OctantStack, PADDING, Visit, entries_of, inner};
+use super::stream::{Entry, FrontToBack, Job, Loose, OctantStack, PADDING, Visit, entries_of, inner};
 use crate::bvh::{Child, Member};
 use crate::lanes::Lanes;
 
@@ -25,10 +25,15 @@ pub(super) fn traverse<W: Lanes, E: Lanes, const ANY: bool>(
     below.entries.reserve(entries_of(deepest));
     for octant in (0..8).filter(|&octant| counts[octant] > 0) {
         let stack = &mut stacks[octant];
-        stack.entries.push(Entry { child: Child::ROOT, start: 0, len: counts[octant] as u32 });
+        stack.entries.push(Entry {
+            child: Child::ROOT,
+            start: 0,
+            len: counts[octant] as u32,
+            mark: stack.done,
+        });
         while let Some(entry) = stack.entries.pop() {
             if !entry.child.is_block() {
-                inner::<_, _, _, false>(w, e, World, top, octant, stack, entry);
+                inner::<_, _, _, _, false>(w, e, World, top, FrontToBack(octant), octant, stack, entry);
                 continue;
             }
             let member = &members[entry.child.index()];
@@ -38,7 +43,8 @@ pub(super) fn traverse<W: Lanes, E: Lanes, const ANY: bool>(
             below.reserve(len + 2 * PADDING);
             let start = entry.start as usize;
             below.ids[..len + PADDING].copy_from_slice(&stack.ids[start..start + len + PADDING]);
-            below.entries.push(Entry { child: Child::ROOT, start: 0, len: entry.len });
+            below.done = stack.done;
+            below.entries.push(Entry { child: Child::ROOT, start: 0, ..entry });
             match &member.placement {
                 None => through::<_, _, _, ANY>(w, e, World, &job, octant, below),
                 Some(placement) => {
@@ -46,6 +52,7 @@ pub(super) fn traverse<W: Lanes, E: Lanes, const ANY: bool>(
                     through::<_, _, _, ANY>(w, e, own, &job, octant, below);
                 }
             }
+            stack.done = below.done;
         }
     }
 }

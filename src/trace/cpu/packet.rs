@@ -13,7 +13,10 @@
 #![allow(unsafe_code)]
 
 use super::setup::Rows;
-use super::stream::{Answers, Entry, Job, OctantStack, PADDING, ROW_BYTES, Visit, begin_of, push};
+use super::stream::{
+    Answers, Entry, FrontToBack, Job, LikelyFirst, OctantStack, Order, PADDING, ROW_BYTES, Visit, begin_of,
+    push,
+};
 use super::triangle::{Bounds, Faces, Hits, Passing, Range, Seen, Slabs, Vector, dot, hits};
 use crate::bvh::{Block, MASKED, WIDTH};
 use crate::lanes::{Lanes, load, spill, splat, splat_row};
@@ -246,7 +249,13 @@ impl<W: Lanes, E: Lanes, const ANY: bool> Visit for Packets<'_, W, E, ANY> {
     #[inline(always)]
     fn visit(&self, octant: usize, stack: &mut OctantStack, at: Entry) {
         if !at.child.is_block() {
-            return self.inner(octant, stack, at);
+            // SAFETY: as the module says.
+            let node = unsafe { self.job.nodes.get_unchecked(at.child.index()) };
+            return if ANY {
+                self.inner(LikelyFirst(node), octant, stack, at)
+            } else {
+                self.inner(FrontToBack(octant), octant, stack, at)
+            };
         }
         // SAFETY: as the module says.
         unsafe {
@@ -268,7 +277,7 @@ impl<W: Lanes, E: Lanes, const ANY: bool> Visit for Packets<'_, W, E, ANY> {
 impl<W: Lanes, E: Lanes, const ANY: bool> Packets<'_, W, E, ANY> {
     /// Tests a list of packets against the boxes of a node.
     #[inline(always)]
-    fn inner(&self, octant: usize, stack: &mut OctantStack, at: Entry) {
+    fn inner<O: Order>(&self, order: O, octant: usize, stack: &mut OctantStack, at: Entry) {
         let Self { w, e, job, ref origin, all } = *self;
         let (len, stride) = (at.len as usize, at.len as usize + PADDING);
         let base = at.start as usize + stride;
@@ -281,7 +290,7 @@ impl<W: Lanes, E: Lanes, const ANY: bool> Packets<'_, W, E, ANY> {
             let faces = Faces::of(&node.faces, octant);
             let planes = Planes::new(e, origin, &faces, octant);
             let mut ends: [*mut u32; WIDTH] =
-                std::array::from_fn(|slot| ids.add(begin_of(base, stride, octant, slot)));
+                std::array::from_fn(|slot| ids.add(begin_of(base, stride, order, slot)));
             for i in 0..len {
                 let some = *list.add(i);
                 let packet = &*all.add((some >> 16) as usize);
@@ -308,7 +317,7 @@ impl<W: Lanes, E: Lanes, const ANY: bool> Packets<'_, W, E, ANY> {
                     }
                 }
             }
-            push::<W, false>(w, job, node, octant, stack, base, stride, &ends);
+            push::<W, O, false>(w, job, node, order, stack, base, stride, &ends);
         }
     }
 

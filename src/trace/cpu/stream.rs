@@ -13,7 +13,7 @@
 //! 3. Before a visit to a list of `len` the arena has room for eight lists of `len + PADDING` beyond
 //!    it, and the stack of entries for nine more.
 //! 4. Children of nodes are in range: `Bvh::build` made them, and slots of `Child::NONE` have inverted
-//!    boxes, so that their lists stay empty.
+//!    boxes, so that their lists stay empty. Turns of slots are less than eight and all different.
 #![allow(unsafe_code)]
 
 use super::alone::{Pairs, SHORT};
@@ -57,6 +57,8 @@ pub(super) struct Entry {
     /// Where in the arena the list starts.
     pub start: u32,
     pub len: u32,
+    /// What [`OctantStack::done`] was when the list was made.
+    pub mark: u32,
 }
 
 /// The pending visits of the rays of one octant.
@@ -67,6 +69,8 @@ pub(super) struct OctantStack {
     pub entries: Vec<Entry>,
     /// Rays that go on alone, to nodes and to blocks.
     pub pairs: [Pairs; 2],
+    /// How many rays have been found occluded, of all sub-streams.
+    pub done: u32,
 }
 
 impl OctantStack {
@@ -164,13 +168,14 @@ pub(super) fn trace<W: Lanes, E: Lanes, const ANY: bool, const MEMBERS: bool>(
         }
         let origin = packet::common_origin(&job, &prepared, stacks);
         let mut counts = prepared.counts;
-        match origin.filter(|_| packet::form(w, &job, stacks, &mut counts, packets)) {
-            Some(origin) => {
-                let all = packets.as_mut_ptr();
-                traverse(&packet::Packets::<W, E, ANY> { w, e, job: &job, origin, all }, stacks, &counts);
-                packet::answer(&job, packets);
-            }
-            None => traverse(&Loose::<W, E, _, ANY> { w, e, space: World, job: &job }, stacks, &counts),
+        if let Some(origin) = origin
+            && packet::form(w, &job, stacks, &mut counts, packets)
+        {
+            let all = packets.as_mut_ptr();
+            traverse(&packet::Packets::<W, E, ANY> { w, e, job: &job, origin, all }, stacks, &counts);
+            packet::answer(&job, packets);
+        } else {
+            traverse(&Loose::<W, E, _, ANY> { w, e, space: World, job: &job }, stacks, &counts);
         }
     }
 }
@@ -198,7 +203,8 @@ fn traverse(visitor: &impl Visit, stacks: &mut [OctantStack; 8], counts: &[usize
     let mut len = 0;
     for octant in 0..8 {
         if counts[octant] > 0 {
-            let root = Entry { child: Child::ROOT, start: 0, len: counts[octant] as u32 };
+            let root =
+                Entry { child: Child::ROOT, start: 0, len: counts[octant] as u32, mark: stacks[octant].done };
             stacks[octant].entries.push(root);
             active[len] = octant;
             len += 1;
@@ -229,17 +235,32 @@ pub(super) struct Loose<'a, W, E, S, const ANY: bool> {
 
 impl<W: Lanes, E: Lanes, S: Space, const ANY: bool> Visit for Loose<'_, W, E, S, ANY> {
     #[inline(always)]
-    fn visit(&self, octant: usize, stack: &mut OctantStack, at: Entry) {
+    fn visit(&self, octant: usize, stack: &mut OctantStack, mut at: Entry) {
         let Self { w, e, space, job } = *self;
+        if ANY && stack.done.wrapping_sub(at.mark) > at.len / DONE {
+            // SAFETY: invariant 2.
+            at.len = unsafe { keep_open(job, stack.ids.as_mut_ptr().add(at.start as usize), at.len) };
+            if at.len == 0 {
+                return;
+            }
+        }
         if !at.child.is_block() {
-            return inner::<_, _, _, true>(w, e, space, job, octant, stack, at);
+            // SAFETY: invariant 4.
+            let node = unsafe { job.nodes.get_unchecked(at.child.index()) };
+            return if ANY {
+                inner::<_, _, _, _, true>(w, e, space, job, LikelyFirst(node), octant, stack, at)
+            } else {
+                let order = FrontToBack(space.order(octant));
+                inner::<_, _, _, _, true>(w, e, space, job, order, octant, stack, at)
+            };
         }
         // SAFETY: invariant 4, and 2 for the list.
         unsafe {
             let block = job.blocks.get_unchecked(at.child.index());
             let list = stack.ids.as_ptr().add(at.start as usize);
             let block = (block, at.child.triangles());
-            leaf::many::<W, E, S, ANY>(w, e, space, job, block, octant, list, at.len as usize);
+            let done = leaf::many::<W, E, S, ANY>(w, e, space, job, block, octant, list, at.len as usize);
+            stack.done = stack.done.wrapping_add(done);
         }
     }
 
@@ -253,7 +274,8 @@ impl<W: Lanes, E: Lanes, S: Space, const ANY: bool> Visit for Loose<'_, W, E, S,
             let (ids, children) = blocks.at(blocks.len - count);
             stack.pairs[1].len -= count;
             // SAFETY: these are pairs.
-            unsafe { leaf::few::<E, S, ANY>(e, space, job, octant, ids, children, count) };
+            let done = unsafe { leaf::few::<E, S, ANY>(e, space, job, octant, ids, children, count) };
+            stack.done = stack.done.wrapping_add(done);
         } else if nodes.len > 0 {
             alone::visit(e, space, job, octant, stack);
         } else if let Some(entry) = stack.entries.pop() {
@@ -265,19 +287,82 @@ impl<W: Lanes, E: Lanes, S: Space, const ANY: bool> Visit for Loose<'_, W, E, S,
     }
 }
 
+/// A list is closed up when more rays than one in so many of it may be done.
+const DONE: u32 = 8;
+
+/// Closes the gaps that rays leave in a list which are done since it was made; how many are left. What then lies behind
+/// them are ids that were in it, which do for padding.
+///
+/// # Safety
+/// `list` is a list of `len` ids (invariants 1 and 2).
+#[inline(always)]
+unsafe fn keep_open(job: &Job<'_>, list: *mut u32, len: u32) -> u32 {
+    let mut open = 0;
+    for i in 0..len as usize {
+        // SAFETY: as the caller vouches.
+        unsafe {
+            let id = *list.add(i);
+            *list.add(open) = id;
+            open += usize::from((*job.rows.byte_add(id as usize)).limit >= 0.0);
+        }
+    }
+    open as u32
+}
+
+/// In which order the children of a node are visited.
+pub(super) trait Order: Copy {
+    /// The turn of a slot.
+    fn turn(self, slot: usize) -> usize;
+    /// The slot whose turn it is.
+    fn slot(self, turn: usize) -> usize;
+}
+
+/// For nearest hits: about as rays of an octant meet them.
+#[derive(Clone, Copy)]
+pub(super) struct FrontToBack(pub usize);
+
+impl Order for FrontToBack {
+    #[inline(always)]
+    fn turn(self, slot: usize) -> usize {
+        slot ^ self.0
+    }
+
+    #[inline(always)]
+    fn slot(self, turn: usize) -> usize {
+        turn ^ self.0
+    }
+}
+
+/// For any hit: where it is found soonest.
+#[derive(Clone, Copy)]
+pub(super) struct LikelyFirst<'a>(pub &'a WideNode);
+
+impl Order for LikelyFirst<'_> {
+    #[inline(always)]
+    fn turn(self, slot: usize) -> usize {
+        self.0.turns[slot].into()
+    }
+
+    #[inline(always)]
+    fn slot(self, turn: usize) -> usize {
+        self.0.slots[turn].into()
+    }
+}
+
 /// Tests a list against the boxes of a node and pushes a list for each child that some ray enters; the rays of
 /// short lists go on alone if `ALONE`.
 #[inline(always)]
-pub(super) fn inner<W: Lanes, E: Lanes, S: Space, const ALONE: bool>(
+#[allow(clippy::too_many_arguments)]
+pub(super) fn inner<W: Lanes, E: Lanes, S: Space, O: Order, const ALONE: bool>(
     w: W,
     e: E,
     space: S,
     job: &Job<'_>,
+    order: O,
     octant: usize,
     stack: &mut OctantStack,
     entry: Entry,
 ) {
-    let order = space.order(octant);
     let len = entry.len as usize;
     let base = entry.start as usize + len + PADDING;
     let stride = len + PADDING;
@@ -305,14 +390,14 @@ pub(super) fn inner<W: Lanes, E: Lanes, S: Space, const ALONE: bool>(
             }
             at += W::LANES;
         }
-        push::<W, ALONE>(w, job, node, order, stack, base, stride, &ends);
+        push::<W, O, ALONE>(w, job, node, order, stack, base, stride, &ends);
     }
 }
 
-/// Where the list of a slot starts: the farthest child's lowest, for it is visited last.
+/// Where the list of a slot starts: the lowest is that of the child that is visited last.
 #[inline(always)]
-pub(super) fn begin_of(base: usize, stride: usize, octant: usize, slot: usize) -> usize {
-    base + (WIDTH - 1 - (slot ^ octant)) * stride
+pub(super) fn begin_of(base: usize, stride: usize, order: impl Order, slot: usize) -> usize {
+    base + (WIDTH - 1 - order.turn(slot)) * stride
 }
 
 /// Writes padding.
@@ -350,11 +435,11 @@ pub(super) fn fetch(job: &Job<'_>, child: Child) {
 /// The lists start where [`begin_of`] says and end at `ends`; invariant 3 holds for the entries.
 #[allow(clippy::too_many_arguments)]
 #[inline(always)]
-pub(super) unsafe fn push<W: Lanes, const ALONE: bool>(
+pub(super) unsafe fn push<W: Lanes, O: Order, const ALONE: bool>(
     w: W,
     job: &Job<'_>,
     node: &WideNode,
-    octant: usize,
+    order: O,
     stack: &mut OctantStack,
     base: usize,
     stride: usize,
@@ -363,8 +448,8 @@ pub(super) unsafe fn push<W: Lanes, const ALONE: bool>(
     let ids = stack.ids.as_mut_ptr();
     let mut filled = 0;
     for (slot, &end) in ends.iter().enumerate() {
-        let start = ids.wrapping_add(begin_of(base, stride, octant, slot));
-        filled |= u32::from(end != start) << (slot ^ octant);
+        let start = ids.wrapping_add(begin_of(base, stride, order, slot));
+        filled |= u32::from(end != start) << order.turn(slot);
     }
     if ALONE {
         stack.pairs.iter_mut().for_each(|pairs| pairs.reserve(WIDTH * PADDING));
@@ -372,16 +457,16 @@ pub(super) unsafe fn push<W: Lanes, const ALONE: bool>(
     let entries = stack.entries.as_mut_ptr();
     let mut top = stack.entries.len();
     while filled != 0 {
-        let order = filled.ilog2();
-        filled &= !(1 << order);
-        let slot = order as usize ^ octant;
-        let (child, start) = (node.children[slot], begin_of(base, stride, octant, slot));
+        let turn = filled.ilog2();
+        filled &= !(1 << turn);
+        let slot = order.slot(turn as usize & (WIDTH - 1)) & (WIDTH - 1);
+        let (child, start) = (node.children[slot], begin_of(base, stride, order, slot));
         // SAFETY: as the caller vouches.
         unsafe {
             let begin = ids.add(start);
             let len = ends[slot].offset_from_unsigned(begin);
             pad(w, ends[slot], w.splat_id(*begin));
-            entries.add(top).write(Entry { child, start: start as u32, len: len as u32 });
+            entries.add(top).write(Entry { child, start: start as u32, len: len as u32, mark: stack.done });
             let kind = usize::from(child.is_block());
             // Both are written; what counts is which one moves on. No branch.
             let alone = ALONE && len <= SHORT[kind];
