@@ -2,7 +2,7 @@
 //! not one bit differs; then explains each difference from Embree's robust mode by exact arithmetic.
 //!
 //! `cargo run --release --example equality -- SCENE [--size WxH] [--eye X,Y,Z --target X,Y,Z] [--embree EMBREE.so]`;
-//! 1840x1360, the default, makes up to ten million rays of four kinds.
+//! SCENE may be terrain:N or fur:N, as for `raystream bench`; 1840x1360, the default, makes up to ten million rays of four kinds.
 
 mod exact;
 
@@ -10,10 +10,10 @@ use anyhow::{Context, Result, bail};
 use glam::Vec3;
 use rayon::prelude::*;
 use raystream::bench::embree::{Embree, EmbreeRays, Mode};
-use raystream::bench::{Kind, Workload};
+use raystream::bench::{Kind, Workload, meshes};
 use raystream::bvh::Bvh;
 use raystream::render::{Stage, Units};
-use raystream::scene::{Camera, load};
+use raystream::scene::Camera;
 use raystream::stream::{Hit, Ray, Tracer};
 use raystream::trace::cpu::{CpuTracer, SimdLevel};
 use std::path::{Path, PathBuf};
@@ -58,7 +58,7 @@ fn vector(text: &str) -> Result<Vec3> {
 
 fn main() -> Result<()> {
     let Arguments { scene, size: (width, height), eye, target, embree } = arguments()?;
-    let stage = Stage::new(Arc::new(load::load(&scene)?), &Units::cpu());
+    let stage = Stage::new(Arc::new(meshes::scene(&scene)?), &Units::cpu());
     let bounds = stage.scene.bounds();
     let base = stage.scene.camera.unwrap_or_else(|| Camera::framing(&bounds, width as f32 / height as f32));
     let camera = Camera { eye: eye.unwrap_or(base.eye), target: target.unwrap_or(base.target), ..base };

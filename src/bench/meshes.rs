@@ -1,10 +1,51 @@
 //! Meshes of any size, made by formula, for benchmarks without files.
 
 use crate::geom::mix;
+use crate::scene::load::{LoadError, load};
+use crate::scene::{self, Material, Scene};
 use glam::Vec3;
+use std::path::Path;
 
 /// A mesh: positions and triangles.
 pub type Mesh = (Vec<Vec3>, Vec<[u32; 3]>);
+
+/// Why there is no scene to measure.
+#[derive(Debug, thiserror::Error)]
+pub enum SourceError {
+    /// A generated mesh of no size, or too large.
+    #[error("{name}:{size}: the size is a number from 1 to {most}")]
+    Size {
+        /// Which mesh.
+        name: &'static str,
+        /// What was asked for.
+        size: String,
+        /// The largest.
+        most: u32,
+    },
+    /// The file cannot be loaded.
+    #[error(transparent)]
+    Load(#[from] LoadError),
+}
+
+/// What a benchmark measures: a scene file, or `terrain:N` or `fur:N`, [`terrain`] and [`fur`] of one material.
+///
+/// # Errors
+/// When the file cannot be loaded, or the size is out of range.
+pub fn scene(source: &Path) -> Result<Scene, SourceError> {
+    let generators = [("terrain", terrain as fn(u32) -> Mesh, 1 << 13), ("fur", fur, 1 << 22)];
+    let asked = source.to_str().and_then(|source| source.split_once(':'));
+    for (name, generate, most) in generators {
+        let Some((_, size)) = asked.filter(|(asked, _)| *asked == name) else { continue };
+        let Some(count) = size.parse().ok().filter(|count| (1..=most).contains(count)) else {
+            return Err(SourceError::Size { name, size: size.to_owned(), most });
+        };
+        let (positions, triangles) = generate(count);
+        let materials = vec![0; triangles.len()];
+        let mesh = scene::Mesh { positions, triangles, materials, ..scene::Mesh::default() };
+        return Ok(Scene { mesh, materials: vec![Material::fallback()], ..Scene::default() });
+    }
+    Ok(load(source)?)
+}
 
 /// A number in -1..1 from two others.
 fn noise(a: u32, b: u32) -> f32 {
@@ -83,6 +124,22 @@ pub fn fur(hairs: u32) -> Mesh {
 
 #[cfg(test)]
 mod tests {
+    #[test]
+    fn generated_scenes_are_whole_and_sizes_out_of_range_are_refused_by_name() {
+        for (source, triangles) in [("terrain:5", 50), ("fur:3", 36)] {
+            let scene = super::scene(source.as_ref()).expect("a size in range");
+            assert_eq!((scene.mesh.triangles.len(), scene.materials.len()), (triangles, 1));
+            assert_eq!(scene.mesh.validate(scene.materials.len()), Ok(()));
+        }
+        for (source, says) in [
+            ("terrain:0", "terrain:0: the size is a number from 1 to 8192"),
+            ("terrain:8193", "terrain:8193: the size is a number from 1 to 8192"),
+            ("fur:many", "fur:many: the size is a number from 1 to 4194304"),
+        ] {
+            assert_eq!(super::scene(source.as_ref()).expect_err("no size").to_string(), says);
+        }
+    }
+
     #[test]
     fn meshes_have_the_sizes_they_promise_and_indices_in_range() {
         for ((positions, triangles), count) in [(super::terrain(30), 1800), (super::fur(100), 1200)] {

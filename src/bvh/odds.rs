@@ -21,14 +21,17 @@ const BLOCK_COST: [f32; 2] = [1.0, 0.3];
 impl Odds {
     /// Those of a block.
     pub fn of_block(block: &Block, triangles: usize) -> Self {
-        let mut area = 0.0;
         let [a, b, c] = &block.vertices;
+        // Vacant rows have no area.
+        let mut squares = [0.0; BLOCK_TRIANGLES];
         for row in 0..BLOCK_TRIANGLES {
-            // Vacant rows have no area.
-            let [e, f] = [b, c].map(|to| [0, 1, 2].map(|axis| to[axis][row] - a[axis][row]));
-            let normal = [e[1] * f[2] - e[2] * f[1], e[2] * f[0] - e[0] * f[2], e[0] * f[1] - e[1] * f[0]];
-            area += 0.5 * (normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]).sqrt();
+            let (ex, fx) = (b[0][row] - a[0][row], c[0][row] - a[0][row]);
+            let (ey, fy) = (b[1][row] - a[1][row], c[1][row] - a[1][row]);
+            let (ez, fz) = (b[2][row] - a[2][row], c[2][row] - a[2][row]);
+            let (x, y, z) = (ey * fz - ez * fy, ez * fx - ex * fz, ex * fy - ey * fx);
+            squares[row] = x * x + y * y + z * z;
         }
+        let area = 0.5 * squares.map(f32::sqrt).iter().sum::<f32>();
         Self { area, cost: BLOCK_COST[0] + BLOCK_COST[1] * triangles as f32 }
     }
 
@@ -45,7 +48,7 @@ impl Odds {
     pub fn order(node: &mut WideNode, of: impl Fn(Child) -> Self) -> Self {
         let mut all = Self { area: 0.0, cost: 0.0 };
         let mut bounds = Aabb::EMPTY;
-        let mut weights = [-1.0; WIDTH];
+        let mut weights = [-1.0f32; WIDTH];
         for slot in (0..WIDTH).filter(|&slot| node.children[slot] != Child::NONE) {
             let (child, odds) = (node.bounds(slot), of(node.children[slot]));
             let half = child.half_area();
@@ -54,12 +57,15 @@ impl Odds {
             all.cost += half * odds.cost;
             bounds = bounds.union(child);
         }
-        for (slot, weight) in weights.iter().enumerate() {
-            // Vacant slots come last.
-            let before = |(other, more): &(usize, &f32)| more.total_cmp(weight).then(slot.cmp(other)).is_gt();
-            let turn = weights.iter().enumerate().filter(before).count();
+        // Bits of numbers of one sign are in their order, and those of vacant slots come last; the lowest bits tell equals apart.
+        let mut keys = [0i32; WIDTH];
+        for slot in 0..WIDTH {
+            keys[slot] = weights[slot].to_bits().cast_signed() & !7 | (WIDTH - 1 - slot) as i32;
+        }
+        for slot in 0..WIDTH {
+            let turn: u32 = keys.iter().map(|&other| u32::from(other > keys[slot])).sum();
             node.turns[slot] = turn as u8;
-            node.slots[turn] = slot as u8;
+            node.slots[turn as usize] = slot as u8;
         }
         all.cost = 1.0 + all.cost / bounds.half_area().max(f32::MIN_POSITIVE);
         all

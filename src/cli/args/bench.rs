@@ -51,7 +51,7 @@ pub struct PeerArgs {
 /// `raystream bench rays`.
 #[derive(Debug, Args)]
 pub struct BenchRaysArgs {
-    /// Scene file.
+    /// Scene file; or terrain:N, hills of 2 N² triangles, or fur:N, a ball with N hairs of 12 triangles.
     pub scene: PathBuf,
     /// From where camera rays start.
     #[command(flatten)]

@@ -3,13 +3,12 @@
 use super::super::args::BenchBuildArgs;
 use super::write;
 use crate::bench::{build, meshes};
-use crate::scene::load;
-use anyhow::{Context, Result};
-use std::path::Path;
+use crate::scene::Mesh;
+use anyhow::Result;
 
 /// Measures the builder beside its peers.
 pub fn run(args: &BenchBuildArgs) -> Result<()> {
-    let (positions, triangles) = mesh(&args.scene)?;
+    let Mesh { positions, triangles, .. } = meshes::scene(&args.scene)?.mesh;
     let options = build::Options {
         rounds: args.peers.rounds as usize,
         threads: args.peers.threads.iter().map(|&n| n as usize).collect(),
@@ -40,22 +39,4 @@ pub fn run(args: &BenchBuildArgs) -> Result<()> {
         Some(path) => write(path, Some(&args.scene), &rows, &[]),
         None => Ok(()),
     }
-}
-
-/// The triangles of a scene file or of a generated mesh.
-fn mesh(scene: &Path) -> Result<meshes::Mesh> {
-    if let Some((name, size)) = scene.to_str().and_then(|scene| scene.split_once(':')) {
-        let generate = match name {
-            "terrain" => Some((meshes::terrain as fn(u32) -> meshes::Mesh, 1 << 13)),
-            "fur" => Some((meshes::fur as fn(u32) -> meshes::Mesh, 1 << 22)),
-            _ => None,
-        };
-        if let Some((generate, most)) = generate {
-            let size: u32 = size.parse().with_context(|| format!("{name}:{size}: the size is a number"))?;
-            anyhow::ensure!((1..=most).contains(&size), "{name}:{size}: the size is from 1 to {most}");
-            return Ok(generate(size));
-        }
-    }
-    let mesh = load::load(scene)?.mesh;
-    Ok((mesh.positions, mesh.triangles))
 }

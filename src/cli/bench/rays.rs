@@ -3,9 +3,9 @@
 use super::super::args::BenchRaysArgs;
 use super::write;
 use crate::bench::rays::{Options, Report, run as measure};
-use crate::bench::{Kind, Workload};
+use crate::bench::{Kind, Workload, meshes};
 use crate::render::{Stage, UnitChoice, Units};
-use crate::scene::{Camera, load};
+use crate::scene::Camera;
 use crate::schedule::Unit;
 use crate::trace::cpu::SimdLevel;
 use anyhow::{Result, bail};
@@ -25,7 +25,7 @@ pub fn run(args: &BenchRaysArgs) -> Result<()> {
             fault: None,
         })?,
     };
-    let stage = Stage::new(Arc::new(load::load(&args.scene)?), &units);
+    let stage = Stage::new(Arc::new(meshes::scene(&args.scene)?), &units);
     if let Some(reason) = &stage.degraded {
         bail!("{reason}");
     }
