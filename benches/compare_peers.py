@@ -5,9 +5,11 @@
     .venv/bin/python benches/compare_peers.py --threads 2 cornell terrain.glb sponza.obj
 
 All surfaces are matte with albedo 0.8 under a white sky ("clay"), so that all programs compute the same
-picture, which is checked; `cornell` is the Cornell box of `scenes/`, with its own colours and lamp. Nobody
-plays Russian roulette, denoises, clamps or adapts samples. Only rendering is timed: every program has the scene
-and its tree before. Mitsuba's LLVM variants want Debian's libllvm19 (15 fails on processors with AVX-512).
+picture, which is checked; `cornell` is the Cornell box of `scenes/`, with its own colours and lamp, `materials` are balls
+of glass, rough and polished metal, gloss and coat under a lamp (not for Mitsuba's scalar variants, to which
+glTF's surface must be taught). Nobody plays Russian roulette, denoises, clamps or adapts samples. Only rendering is
+timed: every program has the scene and its tree before. Mitsuba's LLVM variants want Debian's libllvm19 (15
+fails on processors with AVX-512).
 Prints medians of Mpaths/s, where a path is a camera ray.
 """
 
@@ -25,23 +27,19 @@ import time
 
 import numpy as np
 
+import agree_with_mitsuba
+from agree_with_mitsuba import FLOOR, LAMP, WALL, sphere, write_obj, write_ply
+
 SKY = [1.0, 1.0, 1.0]
 ALBEDO = [0.8, 0.8, 0.8]
-
-
-@dataclasses.dataclass
-class Shape:
-    points: np.ndarray
-    faces: np.ndarray
-    colour: list
-    emission: list | None = None
 
 
 @dataclasses.dataclass
 class Scene:
     """What every program renders."""
 
-    shapes: list
+    parts: list
+    """Points and faces, and a material as in `agree_with_mitsuba.SCENES`."""
     eye: list
     target: list
     fov: float
@@ -56,37 +54,42 @@ def clay(args, path, folder):
     arrays = folder / "mesh.npz"
     subprocess.run([args.raystream, "mesh", path, "-o", arrays], check=True, capture_output=True)
     with np.load(arrays) as mesh:
-        shape = Shape(mesh["vertices"], mesh["triangles"], ALBEDO)
-    file = write_ply(folder / "mesh.ply", shape)
-    low, high = shape.points.min(axis=0).astype(float), shape.points.max(axis=0).astype(float)
+        points, faces = mesh["vertices"], mesh["triangles"]
+    file = write_ply(folder / "mesh.ply", points, faces)
+    low, high = points.min(axis=0).astype(float), points.max(axis=0).astype(float)
     centre, reach = (low + high) / 2, float(np.linalg.norm(high - low))
     eye = centre + reach * np.array(args.view)
     text = lambda vector: ",".join(f"{x:.9g}" for x in vector)
     words = [f"--eye={text(eye)}", f"--target={text(centre)}", "--fov=40", f"--env={text(SKY)}"]
-    return Scene([shape], list(eye), list(centre), 40, reach, SKY, file, words)
+    return Scene([((points, faces), {"matte": ALBEDO})], list(eye), list(centre), 40, reach, SKY, file, words)
 
 
 def cornell():
     path = pathlib.Path(__file__).parent.parent / "scenes/cornell.json"
     recipe = json.loads(path.read_text())
-    camera, shapes = recipe["camera"], []
+    camera, parts = recipe["camera"], []
     for shape in recipe["shapes"]:
         fan = [[0, k, k + 1] for k in range(1, len(shape["points"]) - 1)]
         material = recipe["materials"][shape["material"]]
-        shapes.append(Shape(np.array(shape["points"]), np.array(fan), material["colour"], material.get("emission")))
-    return Scene(shapes, camera["eye"], camera["target"], camera["fov_degrees"], 1000, None, path, [])
+        lamp = {"lamp": material["emission"]} if "emission" in material else {}
+        parts.append(((np.array(shape["points"]), np.array(fan)), {"matte": material["colour"], **lamp}))
+    return Scene(parts, camera["eye"], camera["target"], camera["fov_degrees"], 1000, None, path, [])
 
 
-def write_ply(path, shape):
-    faces = np.empty(len(shape.faces), dtype=[("n", "u1"), ("i", "<u4", 3)])
-    faces["n"], faces["i"] = 3, shape.faces
-    header = (
-        f"ply\nformat binary_little_endian 1.0\nelement vertex {len(shape.points)}\n"
-        "property float x\nproperty float y\nproperty float z\n"
-        f"element face {len(shape.faces)}\nproperty list uchar uint vertex_indices\nend_header\n"
-    )
-    path.write_bytes(header.encode() + np.asarray(shape.points, "<f4").tobytes() + faces.tobytes())
-    return str(path)
+def materials(folder):
+    kinds = [
+        {"glass": 1.5},
+        {"metal": (0.9, 0.6, 0.3), "roughness": 0.5},
+        {"coat": (0.7, 0.2, 0.1), "roughness": 0.7},
+        {"gloss": (0.2, 0.3, 0.8), "roughness": 0.5},
+        {"mirror": (0.9, 0.8, 0.7)},
+    ]
+    places = [(-1.7, 0.6, -0.6), (-0.5, 0.6, -1.2), (0.9, 0.6, -1.0), (-0.6, 0.6, 0.6), (0.8, 0.6, 0.4)]
+    parts = [FLOOR, WALL, LAMP, *((sphere(place, 0.6, 5), kind) for place, kind in zip(places, kinds))]
+    file = write_obj(folder, {"parts": parts})
+    eye, target = [0, 2.2, 5.2], [0, 0.7, 0]
+    words = [f"--eye={','.join(map(str, eye))}", f"--target={','.join(map(str, target))}", "--fov=40"]
+    return Scene(parts, eye, target, 40, 10, None, file, words)
 
 
 # Each program is a generator: primed, it takes a seed and gives seconds and the mean radiance.
@@ -121,12 +124,13 @@ def mitsuba(args, scene, folder, variant):
     sensor |= {"near_clip": scene.reach * 1e-4, "far_clip": scene.reach * 1e2}
     integrator = {"type": "path", "max_depth": args.bounces + 2, "rr_depth": 10_000}
     whole = {"type": "scene", "integrator": integrator, "sensor": sensor}
-    for i, shape in enumerate(scene.shapes):
-        ply = write_ply(folder / f"{i}.ply", shape)
-        bsdf = {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": rgb(shape.colour)}}
-        whole[f"shape{i}"] = {"type": "ply", "filename": ply, "face_normals": True, "bsdf": bsdf}
-        if shape.emission:
-            whole[f"shape{i}"]["emitter"] = {"type": "area", "radiance": rgb(shape.emission)}
+    if variant.startswith("llvm"):
+        agree_with_mitsuba.define_gltf(mi)
+    for i, ((points, faces), material) in enumerate(scene.parts):
+        ply, bsdf = write_ply(folder / f"{i}.ply", points, faces), agree_with_mitsuba.bsdf(material)
+        whole[f"part{i}"] = {"type": "ply", "filename": ply, "face_normals": True, "bsdf": bsdf}
+        if "lamp" in material:
+            whole[f"part{i}"]["emitter"] = {"type": "area", "radiance": rgb(material["lamp"])}
     if scene.sky:
         whole["sky"] = {"type": "constant", "radiance": rgb(scene.sky)}
     whole = mi.load_dict(whole)
@@ -158,42 +162,54 @@ def cycles_process(pipe, args, scene, folder):
     cycles.samples = args.spp
     cycles.use_adaptive_sampling = cycles.use_denoising = False
     cycles.pixel_filter_type = "BOX"
-    cycles.max_bounces = cycles.diffuse_bounces = cycles.min_light_bounces = args.bounces
+    for kind in ("max", "diffuse", "glossy", "transmission", "min_light"):
+        setattr(cycles, f"{kind}_bounces", args.bounces)
     cycles.sample_clamp_direct = cycles.sample_clamp_indirect = 0
-    cycles.light_sampling_threshold = 0
+    cycles.light_sampling_threshold = cycles.blur_glossy = 0
 
-    def material(shape):
+    def surface(material):
         made = bpy.data.materials.new("surface")
         made.use_nodes = True
         nodes, links = made.node_tree.nodes, made.node_tree.links
         nodes.clear()
-        surface = nodes.new("ShaderNodeBsdfDiffuse")
-        surface.inputs["Color"].default_value = [*shape.colour, 1]
-        out = nodes.new("ShaderNodeOutputMaterial")
-        if shape.emission:
+        if "matte" in material:
+            bsdf = nodes.new("ShaderNodeBsdfDiffuse")
+            bsdf.inputs["Color"].default_value = [*material["matte"], 1]
+        else:
+            bsdf = nodes.new("ShaderNodeBsdfPrincipled")
+            kind = next(kind for kind in ("glass", "mirror", "metal", "coat", "gloss") if kind in material)
+            colour = [1, 1, 1] if kind == "glass" else material[kind]
+            bsdf.inputs["Base Color"].default_value = [*colour, 1]
+            bsdf.inputs["IOR"].default_value = material.get("glass", 1.5)
+            bsdf.inputs["Roughness"].default_value = material.get("roughness", 0)
+            bsdf.inputs["Metallic"].default_value = float(kind in ("metal", "mirror"))
+            bsdf.inputs["Transmission Weight"].default_value = float(kind == "glass")
+            bsdf.inputs["Coat Weight"].default_value = float(kind == "coat")
+            bsdf.inputs["Coat Roughness"].default_value = 0
+        if "lamp" in material:
             lamp, both = nodes.new("ShaderNodeEmission"), nodes.new("ShaderNodeAddShader")
             # Its colour ends at 1, its strength does not.
-            strength = max(shape.emission)
-            lamp.inputs["Color"].default_value = [*(value / strength for value in shape.emission), 1]
+            strength = max(material["lamp"])
+            lamp.inputs["Color"].default_value = [*(value / strength for value in material["lamp"]), 1]
             lamp.inputs["Strength"].default_value = strength
-            links.new(surface.outputs[0], both.inputs[0])
+            links.new(bsdf.outputs[0], both.inputs[0])
             links.new(lamp.outputs[0], both.inputs[1])
-            surface = both
-        links.new(surface.outputs[0], out.inputs["Surface"])
+            bsdf = both
+        links.new(bsdf.outputs[0], nodes.new("ShaderNodeOutputMaterial").inputs["Surface"])
         return made
 
-    for shape in scene.shapes:
+    for (points, faces), material in scene.parts:
         mesh = bpy.data.meshes.new("mesh")
-        mesh.vertices.add(len(shape.points))
-        mesh.vertices.foreach_set("co", np.asarray(shape.points, np.float32).ravel())
-        mesh.loops.add(3 * len(shape.faces))
-        mesh.loops.foreach_set("vertex_index", np.asarray(shape.faces, np.int32).ravel())
-        mesh.polygons.add(len(shape.faces))
-        mesh.polygons.foreach_set("loop_start", np.arange(0, 3 * len(shape.faces), 3, dtype=np.int32))
+        mesh.vertices.add(len(points))
+        mesh.vertices.foreach_set("co", np.asarray(points, np.float32).ravel())
+        mesh.loops.add(3 * len(faces))
+        mesh.loops.foreach_set("vertex_index", np.asarray(faces, np.int32).ravel())
+        mesh.polygons.add(len(faces))
+        mesh.polygons.foreach_set("loop_start", np.arange(0, 3 * len(faces), 3, dtype=np.int32))
         mesh.update(calc_edges=True)
         mesh.shade_flat()
-        mesh.materials.append(material(shape))
-        stage.collection.objects.link(bpy.data.objects.new("shape", mesh))
+        mesh.materials.append(surface(material))
+        stage.collection.objects.link(bpy.data.objects.new("part", mesh))
 
     world = bpy.data.worlds.new("sky")
     world.use_nodes = True
@@ -249,7 +265,8 @@ def compare(args, name):
     """Prints a row for each program; returns whether their pictures agree."""
     with tempfile.TemporaryDirectory() as folder:
         folder = pathlib.Path(folder)
-        scene = cornell() if name == "cornell" else clay(args, name, folder)
+        made = {"cornell": cornell, "materials": lambda: materials(folder)}
+        scene = made[name]() if name in made else clay(args, name, folder)
         programs = {"raystream": raystream(args, scene, folder)}
         for peer in args.peers.split(","):
             programs[peer] = cycles(args, scene, folder) if peer == "cycles" else mitsuba(args, scene, folder, peer)
@@ -275,7 +292,7 @@ def compare(args, name):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("scenes", nargs="+", help="scene files, or `cornell`")
+    parser.add_argument("scenes", nargs="+", help="scene files, `cornell` or `materials`")
     parser.add_argument("--raystream", default="target/release/raystream")
     parser.add_argument("--peers", default="llvm_ad_rgb,scalar_rgb,cycles", help="variants of Mitsuba, and cycles")
     parser.add_argument("--threads", type=int, default=2)
