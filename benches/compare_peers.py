@@ -4,8 +4,9 @@
     python3 -m venv .venv && .venv/bin/pip install mitsuba==3.9.1 bpy==5.0.1 numpy
     .venv/bin/python benches/compare_peers.py --threads 2 cornell terrain.glb sponza.obj
 
-All surfaces are matte with albedo 0.8 under a white sky ("clay"), so that all programs compute the same
-picture, which is checked; `cornell` is the Cornell box of `scenes/`, with its own colours and lamp, `materials` are balls
+All surfaces are matte with albedo 0.8 ("clay"), lit by the scene's lamps or, if it has none, a white sky, so that all
+programs compute the same picture, which is checked. SCENE@EYE@TARGET@FOV (x,y,z, degrees) says from where; else it is
+seen from outside. `cornell` is the Cornell box of `scenes/`, with its own colours and lamp, `materials` are balls
 of glass, rough and polished metal, gloss and coat under a lamp (not for Mitsuba's scalar variants, to which
 glTF's surface must be taught). Nobody plays Russian roulette, denoises, clamps or adapts samples. Only rendering is
 timed: every program has the scene and its tree before. Mitsuba's LLVM variants want Debian's libllvm19 (15
@@ -50,18 +51,32 @@ class Scene:
     words: list
 
 
-def clay(args, path, folder):
+def clay(args, name, folder):
+    path, *view = name.split("@")
     arrays = folder / "mesh.npz"
     subprocess.run([args.raystream, "mesh", path, "-o", arrays], check=True, capture_output=True)
     with np.load(arrays) as mesh:
-        points, faces = mesh["vertices"], mesh["triangles"]
-    file = write_ply(folder / "mesh.ply", points, faces)
+        points, faces, material, emission = (mesh[k] for k in ("vertices", "triangles", "material", "emission"))
+    parts, lamps = [], [m for m in np.unique(material) if emission[m].any()]
+    for lamp in [None, *lamps]:
+        shown = faces[~np.isin(material, lamps) if lamp is None else material == lamp]
+        used, local = np.unique(shown, return_inverse=True)
+        shines = {} if lamp is None else {"lamp": emission[lamp].tolist()}
+        parts.append(((points[used], local.reshape(-1, 3)), {"matte": ALBEDO, **shines}))
+    file = write_obj(folder, {"parts": parts})
     low, high = points.min(axis=0).astype(float), points.max(axis=0).astype(float)
-    centre, reach = (low + high) / 2, float(np.linalg.norm(high - low))
-    eye = centre + reach * np.array(args.view)
+    reach = float(np.linalg.norm(high - low))
+    if view:
+        eye, target = ([float(x) for x in words.split(",")] for words in view[:2])
+        fov = float(view[2])
+    else:
+        target = (low + high) / 2
+        eye, fov = target + reach * np.array([0.35, 0.4, 0.6]), 40
     text = lambda vector: ",".join(f"{x:.9g}" for x in vector)
-    words = [f"--eye={text(eye)}", f"--target={text(centre)}", "--fov=40", f"--env={text(SKY)}"]
-    return Scene([((points, faces), {"matte": ALBEDO})], list(eye), list(centre), 40, reach, SKY, file, words)
+    words = [f"--eye={text(eye)}", f"--target={text(target)}", f"--fov={fov}"]
+    sky = None if lamps else SKY
+    words += [f"--env={text(sky)}"] if sky else []
+    return Scene(parts, list(eye), list(target), fov, reach, sky, file, words)
 
 
 def cornell():
@@ -285,7 +300,7 @@ def compare(args, name):
     for peer, values in speeds.items():
         median = statistics.median(values)
         spread = f"{min(values):.2f}-{max(values):.2f}"
-        row = f"{pathlib.Path(name).stem:<20}{peer:<14}{median:>9.2f}{spread:>14}{means[peer]:>12.4f}{best / median:>8.2f}x"
+        row = f"{pathlib.Path(name.split('@')[0]).stem:<20}{peer:<14}{median:>9.2f}{spread:>14}{means[peer]:>12.4f}{best / median:>8.2f}x"
         print(row, flush=True)
     return all(abs(mean / means["raystream"] - 1) < 0.02 for mean in means.values())
 
@@ -300,8 +315,6 @@ def main():
     parser.add_argument("--spp", type=int, default=16)
     parser.add_argument("--bounces", type=int, default=3)
     parser.add_argument("--rounds", type=int, default=5)
-    view = lambda s: tuple(map(float, s.split(",")))
-    parser.add_argument("--view", type=view, default=(0.35, 0.4, 0.6), help="the eye, in diagonals from the middle")
     args = parser.parse_args()
     args.raystream = str(pathlib.Path(args.raystream).resolve())
     print(f"{'scene':<20}{'program':<14}{'Mpaths/s':>9}{'spread':>14}{'radiance':>12}{'ours':>9}")
