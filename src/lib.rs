@@ -10,6 +10,7 @@
 //!
 //! `src/ARCHITECTURE.md` is the map of the house.
 
+pub mod files;
 pub mod lanes;
 
 pub mod geom;

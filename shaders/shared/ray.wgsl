@@ -13,6 +13,8 @@ const CERTAIN: u32 = 2u;
 struct PreparedRay {
     origin: vec3<f32>,
     direction: vec3<f32>,
+    // The direction, no component of which is 0: what slabs are tested with.
+    slanted: vec3<f32>,
     inverse: vec3<f32>,
     shift: vec3<f32>,
     near: vec3<f32>,
@@ -77,11 +79,13 @@ fn prepare(ray: Ray, prepared: ptr<function, PreparedRay>) -> u32 {
 
     let sign = bitcast<vec3<u32>>(ray.direction) & vec3<u32>(SIGN);
     let size = max(abs(ray.direction), vec3<f32>(length * MIN_COMPONENT));
-    let inverse = 1.0 / bitcast<vec3<f32>>(bitcast<vec3<u32>>(size) | sign);
+    let slanted = bitcast<vec3<f32>>(bitcast<vec3<u32>>(size) | sign);
+    let inverse = 1.0 / slanted;
     let pad = (2.0 * SLACK * max(params.scene_max_abs, reach)) * abs(inverse);
     // Where products of a placement are flushed to zero, moved planes are off by up to the smallest normal number.
     let drowned = MEMBERS && SLACK * max(params.scene_max_abs, reach) < LEAST_PAD;
-    if drowned || smallest(pad) < LEAST_PAD {
+    let too_far = BY_QUERY && reach > QUERY_REACH * params.scene_max_abs;
+    if drowned || too_far || smallest(pad) < LEAST_PAD {
         return UNCERTAIN;
     }
     let shift = -(ray.origin * inverse);
@@ -89,6 +93,7 @@ fn prepare(ray: Ray, prepared: ptr<function, PreparedRay>) -> u32 {
 
     (*prepared).origin = ray.origin;
     (*prepared).direction = ray.direction;
+    (*prepared).slanted = slanted;
     (*prepared).inverse = inverse;
     (*prepared).shift = shift;
     (*prepared).near = shift - pad;

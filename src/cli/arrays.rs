@@ -1,6 +1,6 @@
 //! NumPy files in and out.
 
-use crate::film::write_whole;
+use crate::files::write_whole;
 use crate::stream::Ray;
 use anyhow::{Context, Result, bail, ensure};
 use npyz::WriterBuilder;

@@ -37,11 +37,18 @@ fn print_adapters() {
         );
         println!("  subgroup:       {} to {} threads", adapter.subgroup.0, adapter.subgroup.1);
         println!("  shared memory:  {}", if adapter.shared_memory { "yes" } else { "no" });
+        println!(
+            "  ray queries:    {}",
+            match adapter.max_query_boxes {
+                0 => "none".to_owned(),
+                boxes => format!("up to {boxes} boxes"),
+            }
+        );
         println!("  streams:        {}", sizing(&adapter));
     }
 }
 
-/// What sizes an adapter likes, measured unless that has been done before.
+/// What sizes and kernels an adapter likes, measured unless that has been done before.
 #[cfg(feature = "gpu")]
 fn sizing(adapter: &AdapterInfo) -> String {
     let choice = AdapterChoice { name: Some(adapter.name.clone()), allow_software: true };
@@ -54,7 +61,8 @@ fn sizing(adapter: &AdapterInfo) -> String {
     match gpu.sizing() {
         None => "not measured; the paper's sizes are used".into(),
         Some(Sizing { threshold, least, in_flight }) => format!(
-            "full at {threshold} rays, {in_flight} in flight; fewer than {least} rays are for host threads"
+            "full at {threshold} rays, {in_flight} in flight; fewer than {least} rays are for host threads; kernels: {}",
+            gpu.variant()
         ),
     }
 }

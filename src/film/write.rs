@@ -1,6 +1,7 @@
 //! Pictures → files.
 
-use super::{Image, write_whole};
+use super::Image;
+use crate::files::{Unwritten, write_whole};
 use image::{ExtendedColorType, ImageEncoder, ImageFormat};
 use std::io::{Seek, Write};
 use std::path::{Path, PathBuf};
@@ -15,13 +16,8 @@ pub enum WriteError {
         path: PathBuf,
     },
     /// The file system or the encoder refused.
-    #[error("{path}: cannot be written: {source}")]
-    Io {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        source: std::io::Error,
-    },
+    #[error(transparent)]
+    Unwritten(#[from] Unwritten),
 }
 
 /// File formats of pictures.
@@ -61,7 +57,7 @@ impl Format {
 /// When the format is unknown, or the file cannot be written; then no file is left or changed.
 pub fn write_image(path: &Path, image: &Image, exposure: f32) -> Result<(), WriteError> {
     let format = Format::of(path)?;
-    write_whole(path, |file| {
+    Ok(write_whole(path, |file| {
         let bytes: &[u8] = bytemuck::cast_slice(&image.pixels);
         let encoded = match format {
             Format::Png => image::codecs::png::PngEncoder::new(file).write_image(
@@ -90,7 +86,7 @@ pub fn write_image(path: &Path, image: &Image, exposure: f32) -> Result<(), Writ
             image::ImageError::IoError(e) => e,
             e => std::io::Error::other(e),
         })
-    })
+    })?)
 }
 
 fn write_npy(file: impl Write + Seek, image: &Image) -> std::io::Result<()> {
@@ -163,7 +159,7 @@ mod tests {
     fn what_cannot_be_written_is_refused() {
         let folder = tempfile::tempdir().expect("folder");
         let missing = folder.path().join("none/a.png");
-        assert!(matches!(write_image(&missing, &picture(), 0.0), Err(WriteError::Io { .. })));
+        assert!(matches!(write_image(&missing, &picture(), 0.0), Err(WriteError::Unwritten(_))));
         assert!(matches!(write_image(Path::new("a.gif"), &picture(), 0.0), Err(WriteError::Format { .. })));
     }
 }

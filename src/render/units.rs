@@ -7,7 +7,7 @@ use crate::stream::{DeviceTracer, Tracer};
 use crate::trace::cpu::CpuTracer;
 use crate::trace::cpu::{SimdError, SimdLevel};
 #[cfg(feature = "gpu")]
-use crate::trace::gpu::{AdapterChoice, Fault, Gpu, GpuError, GpuTracer, Variant};
+use crate::trace::gpu::{AdapterChoice, Fault, Gpu, GpuError, GpuTracer};
 #[cfg(feature = "gpu")]
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -139,7 +139,7 @@ impl Units {
                 let tracer = |variant| {
                     GpuTracer::with_variant(gpu.clone(), bvh.clone(), filter.clone(), host.clone(), variant)
                 };
-                let tracers = Variant::ALL.into_iter().map(tracer);
+                let tracers = gpu.info().variants().map(tracer);
                 let tracers =
                     tracers.map(|tracer| tracer.map(|tracer| Arc::new(tracer) as Arc<dyn DeviceTracer>));
                 tracers.collect::<Result<_, _>>().map_err(|error| error.to_string())

@@ -16,7 +16,7 @@ use meshes::Mesh;
 use raystream::bvh::{Bvh, Filter};
 use raystream::stream::{DeviceReport, DeviceTracer, Hit, Queries, Ray};
 use raystream::trace::cpu::Oracle;
-use raystream::trace::gpu::{AdapterChoice, Gpu, GpuTracer};
+use raystream::trace::gpu::{AdapterChoice, Gpu, GpuTracer, Variant};
 use std::sync::Arc;
 
 /// Lets light through in a pattern.
@@ -42,9 +42,15 @@ fn tracers(gpu: &Arc<Gpu>, mesh: &Mesh, masked: bool) -> (Oracle, GpuTracer) {
 
 /// The same over a tree.
 fn tracers_of(gpu: &Arc<Gpu>, bvh: Arc<Bvh>) -> (Oracle, GpuTracer) {
+    tracers_with(gpu, bvh, Variant::default())
+}
+
+/// The same with other kernels.
+fn tracers_with(gpu: &Arc<Gpu>, bvh: Arc<Bvh>, variant: Variant) -> (Oracle, GpuTracer) {
     let filter: Option<Arc<dyn Filter>> = Some(Arc::new(Stripes));
     let oracle = Oracle::new(bvh.clone(), filter.clone());
-    let tracer = GpuTracer::new(gpu.clone(), bvh, filter, Arc::new(oracle.clone())).expect("the scene fits");
+    let cpu = Arc::new(oracle.clone());
+    let tracer = GpuTracer::with_variant(gpu.clone(), bvh, filter, cpu, variant).expect("the scene fits");
     (oracle, tracer)
 }
 

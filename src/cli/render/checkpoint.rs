@@ -2,7 +2,7 @@
 
 use crate::cli::args::{ProgressArgs, RenderArgs};
 use crate::cli::setup::Setup;
-use crate::film::write_whole;
+use crate::files::write_whole;
 use crate::render::{Identity, Integrator, PassOptions, Progressive, Settings};
 use crate::scene::Camera;
 use anyhow::{Context, Result, bail};

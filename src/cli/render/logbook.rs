@@ -4,7 +4,7 @@ use super::checkpoint::identity;
 use super::course::Course;
 use crate::cli::args::RenderArgs;
 use crate::cli::setup::Setup;
-use crate::film::write_whole;
+use crate::files::write_whole;
 use crate::render::{Identity, Settings, compare};
 use anyhow::{Context, Result};
 use serde::{Deserialize, Serialize};

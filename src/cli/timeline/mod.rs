@@ -4,7 +4,7 @@
 mod chrome;
 mod svg;
 
-use crate::film::write_whole;
+use crate::files::write_whole;
 use crate::schedule::{TaskKind, TaskRecord, ThreadKind, ThreadReport};
 use anyhow::{Result, bail};
 use std::io::Write as _;

@@ -1,6 +1,6 @@
 //! Which adapters there are, and which one is used.
 
-use super::GpuError;
+use super::{GpuError, TreeKind, Variant, device_tree};
 use std::fmt;
 
 /// What is asked of an adapter. The default takes the fastest hardware.
@@ -63,6 +63,8 @@ pub struct AdapterInfo {
     /// Whether host and kernels share memory: rays are written where kernels read them, and answers are read where
     /// kernels write them.
     pub shared_memory: bool,
+    /// The most boxes of a hardware ray query; 0 where there are no such queries.
+    pub max_query_boxes: u32,
 }
 
 impl AdapterInfo {
@@ -93,7 +95,19 @@ impl AdapterInfo {
                 info.device_type,
                 wgpu::DeviceType::IntegratedGpu | wgpu::DeviceType::Cpu
             ) && info.backend == wgpu::Backend::Vulkan,
+            max_query_boxes: device_tree::most_boxes(adapter),
         }
+    }
+
+    /// How scenes may be laid out on it, the usual way first.
+    pub fn variants(&self) -> impl Iterator<Item = Variant> + use<> {
+        let has_queries = self.max_query_boxes > 0;
+        Variant::ALL.into_iter().filter(move |variant| has_queries || variant.tree != TreeKind::Device)
+    }
+
+    /// The most boxes of a hardware ray query, which have to lie in one buffer.
+    pub(super) fn max_boxes(&self) -> u64 {
+        u64::from(self.max_query_boxes).min(self.max_buffer_bytes / device_tree::BOX_BYTES)
     }
 }
 
@@ -169,6 +183,7 @@ mod tests {
             max_workgroups: 65535,
             subgroup: (8, 8),
             shared_memory: false,
+            max_query_boxes: 0,
         }
     }
 

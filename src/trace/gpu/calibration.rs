@@ -1,41 +1,45 @@
-//! What sizes a device likes, found out by measuring it, once for an adapter and its driver.
+//! What a device likes, found out by measuring it, once for an adapter and its driver.
 //!
 //! A dispatch costs something however few rays it has; streams are so large that this is an eighth of the work
 //! ([`Measured::sizing`]). What is measured is no scene of the user's: the same hills and rays on every machine, so that it can be
-//! kept. No size changes a picture.
+//! kept. Everything is measured in turns, round after round, and of each the fastest counts: whatever else the machine does can
+//! only add to a time.
 
-use super::{AdapterInfo, Gpu, GpuTracer};
+use super::likes::{self, Likes};
+use super::{Gpu, GpuTracer, Variant};
 use crate::bvh::Bvh;
 use crate::geom::mix;
 use crate::stream::{Capacity, Empty, Hit, Ray, RayStream, Sizing, Tracer};
 use glam::Vec3;
-use serde::{Deserialize, Serialize};
-use std::io::Write as _;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
-
-/// Counts changes of what is measured or kept; files of another version are not read.
-const VERSION: u32 = 1;
 
 /// A dispatch's fixed cost is at most one part in so many of its time.
 const PARTS: f64 = 8.0;
 
 /// Streams are kept within these.
-const RAYS: std::ops::RangeInclusive<usize> = 1024..=1 << 18;
+pub(super) const RAYS: std::ops::RangeInclusive<usize> = 1024..=1 << 18;
 
 /// Rays of the smallest dispatch measured.
 const FEW: usize = 64;
 
 /// Larger dispatches are not tried when one took so long.
-const LONG: Duration = Duration::from_millis(4);
+const LONG: Duration = Duration::from_millis(2);
+
+/// Rays that the host traces for comparison.
+const HOST_RAYS: usize = 2048;
 
 /// Numbers of streams in flight that are tried, and how many streams are traced for each.
-const IN_FLIGHT: [usize; 3] = [1, 2, 4];
-const STREAMS: usize = 8;
+pub(super) const IN_FLIGHT: [usize; 3] = [1, 2, 4];
+const STREAMS: usize = 4;
 
-/// More streams in flight have to gain so much.
-const GAIN: f64 = 1.05;
+/// Other kernels than the usual ones, and more streams in flight, have to gain so much.
+const GAIN: f64 = 1.1;
+
+/// There are at least so many rounds of each measurement, and more while its time lasts.
+const ROUNDS: usize = 2;
+const TIME: Duration = Duration::from_millis(25);
 
 /// What was measured.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -57,90 +61,44 @@ impl Measured {
         // Where the device catches up with a host thread; a slower one never does.
         let ahead = self.host_ray_ns - self.ray_ns;
         let least = if ahead > 0.0 { within(self.dispatch_ns / ahead).min(threshold) } else { threshold };
-        let mut best = 0;
-        for more in 1..IN_FLIGHT.len() {
-            if self.seconds[more] * GAIN < self.seconds[best] {
-                best = more;
-            }
-        }
-        Sizing { threshold, least, in_flight: IN_FLIGHT[best] }
+        Sizing { threshold, least, in_flight: IN_FLIGHT[best(&self.seconds)] }
     }
 }
 
-/// A file of the cache.
-#[derive(Debug, PartialEq, Serialize, Deserialize)]
-struct Entry {
-    version: u32,
-    adapter: String,
-    driver: String,
-    host_threads: usize,
-    threshold: usize,
-    least: usize,
-    in_flight: usize,
-}
-
-impl Entry {
-    fn of(info: &AdapterInfo, sizing: Sizing) -> Self {
-        let Sizing { threshold, least, in_flight } = sizing;
-        let host_threads = std::thread::available_parallelism().map_or(1, usize::from);
-        let (adapter, driver) = (info.to_string(), info.driver.clone());
-        Self { version: VERSION, adapter, driver, host_threads, threshold, least, in_flight }
-    }
-
-    /// What was measured, if it was this adapter and makes sense.
-    fn sizing(&self, info: &AdapterInfo) -> Option<Sizing> {
-        let &Self { threshold, least, in_flight, .. } = self;
-        let sizing = Sizing { threshold, least, in_flight };
-        let sound =
-            RAYS.contains(&threshold) && (1..=threshold).contains(&least) && IN_FLIGHT.contains(&in_flight);
-        (sound && *self == Self::of(info, sizing)).then_some(sizing)
-    }
-}
-
-fn file(folder: &Path, info: &AdapterInfo) -> PathBuf {
-    let key = format!("{info}\n{}", info.driver);
-    folder.join(format!("gpu-{:016x}.json", xxhash_rust::xxh3::xxh3_64(key.as_bytes())))
-}
-
-/// A file that is not there, cannot be read or holds something else counts as none.
-fn load(folder: &Path, info: &AdapterInfo) -> Option<Sizing> {
-    let bytes = std::fs::read(file(folder, info)).ok()?;
-    serde_json::from_slice::<Entry>(&bytes).ok()?.sizing(info)
-}
-
-/// The file appears whole or not at all.
-fn store(folder: &Path, info: &AdapterInfo, sizing: Sizing) -> std::io::Result<()> {
-    std::fs::create_dir_all(folder)?;
-    let mut new = tempfile::NamedTempFile::new_in(folder)?;
-    new.write_all(&serde_json::to_vec_pretty(&Entry::of(info, sizing))?)?;
-    new.persist(file(folder, info))?;
-    Ok(())
+/// The index of the shortest time, if it is shorter than all before it by [`GAIN`].
+fn best(times: &[f64]) -> usize {
+    (1..times.len()).fold(0, |best, at| if times[at] * GAIN < times[best] { at } else { best })
 }
 
 impl Gpu {
-    /// Measures what sizes the device likes, which takes less than a tenth of a second, or reads from `folder` what was
-    /// measured before; `host` makes a tracer of the host's. Tracers made from now on say so
-    /// ([`crate::stream::DeviceTracer::sizing`]). If the device fails meanwhile nothing is known.
+    /// Measures what kernels and sizes the device likes, or reads from `folder` what was measured before; `host` makes a tracer of
+    /// the host's. Tracers made from now on go by it ([`crate::stream::DeviceTracer::sizing`]). If the device fails
+    /// meanwhile nothing is known.
     pub fn calibrate(mut self, folder: &Path, host: impl FnOnce(Arc<Bvh>) -> Arc<dyn Tracer>) -> Self {
-        self.sizing = load(folder, self.info());
-        if self.sizing.is_some() {
+        self.likes = likes::load(folder, self.info());
+        if self.likes.is_some() {
             return self;
         }
         let gpu = Arc::new(self);
-        let sizing = measure(&gpu, host).map(|measured| measured.sizing());
-        if let Some(sizing) = sizing
-            && let Err(error) = store(folder, gpu.info(), sizing)
+        let measured = measure(&gpu, host);
+        if let Some(likes) = measured
+            && let Err(error) = likes::store(folder, gpu.info(), likes)
         {
-            log::debug!("what was measured of the GPU cannot be kept in {}: {error}", folder.display());
+            log::debug!("what was measured of the GPU is not kept: {error}");
         }
         let mut gpu = Arc::into_inner(gpu).expect("what was made of it has been dropped");
-        gpu.sizing = sizing;
+        gpu.likes = measured;
         gpu
     }
 
     /// The sizes that the device likes, if it has been measured.
     pub fn sizing(&self) -> Option<Sizing> {
-        self.sizing
+        self.likes.map(|likes| likes.sizing)
+    }
+
+    /// The kernels that it likes, the usual ones if it has not been measured.
+    pub fn variant(&self) -> Variant {
+        self.likes.map(|likes| likes.variant).unwrap_or_default()
     }
 }
 
@@ -185,64 +143,98 @@ fn trace(tracer: &GpuTracer, stream: Stream, room: usize, rays: &[Ray]) -> Optio
     Some((stream.discard(), start.elapsed()))
 }
 
+/// Runs rounds of a measurement, each of which gives the same times in the same order; the least of each, in seconds.
+fn rounds(mut round: impl FnMut() -> Option<Vec<Duration>>) -> Option<Vec<f64>> {
+    let start = Instant::now();
+    let mut least = round()?;
+    let mut count = 1;
+    while count < ROUNDS || start.elapsed() < TIME {
+        for (least, time) in least.iter_mut().zip(round()?) {
+            *least = time.min(*least);
+        }
+        count += 1;
+    }
+    Some(least.iter().map(Duration::as_secs_f64).collect())
+}
+
 /// None if the device fails.
-fn measure(gpu: &Arc<Gpu>, host: impl FnOnce(Arc<Bvh>) -> Arc<dyn Tracer>) -> Option<Measured> {
+fn measure(gpu: &Arc<Gpu>, host: impl FnOnce(Arc<Bvh>) -> Arc<dyn Tracer>) -> Option<Likes> {
     let bvh = Arc::new(scene());
     let host = host(bvh.clone());
-    let tracer = GpuTracer::new(gpu.clone(), bvh, None, host.clone()).ok()?;
+    // Pairs are for the better on every device; the usual kernels come first.
+    let variants: Vec<Variant> = gpu.info().variants().filter(|variant| variant.pairs).collect();
+    let tracer = |&variant| GpuTracer::with_variant(gpu.clone(), bvh.clone(), None, host.clone(), variant);
+    let tracers: Vec<GpuTracer> = variants.iter().map(tracer).collect::<Result<_, _>>().ok()?;
     let rays = rays(*RAYS.end());
-    let ns = |duration: Duration| duration.as_nanos() as f64;
 
-    // The first is slow; of the others the fastest was disturbed least.
+    // The first time is slow: memory is made and touched.
     let mut stream = Stream::new();
-    let mut few = Duration::MAX;
-    for _ in 0..6 {
-        let (empty, took) = trace(&tracer, stream, rays.len(), &rays[..FEW])?;
-        (stream, few) = (empty, few.min(took));
+    for tracer in &tracers {
+        stream = trace(tracer, stream, rays.len(), &rays[..FEW])?.0;
     }
-    let (mut count, mut many) = (FEW, few);
-    while many < LONG && count < rays.len() {
+    let (mut count, mut took) = (FEW, Duration::ZERO);
+    while took < LONG && count < rays.len() {
         count = (count * 4).min(rays.len());
-        let (empty, took) = trace(&tracer, stream, rays.len(), &rays[..count])?;
-        (stream, many) = (empty, took);
+        (stream, took) = trace(&tracers[0], stream, rays.len(), &rays[..count])?;
     }
-    let ray_ns = (ns(many.saturating_sub(few)) / (count - FEW) as f64).max(1e-3);
-    let dispatch_ns = (ns(few) - FEW as f64 * ray_ns).max(0.0);
-
-    let host_rays = &rays[..4096];
-    let mut hits = vec![Hit::NONE; host_rays.len()];
-    let start = Instant::now();
-    host.closest(host_rays, &mut hits);
-    let host_ray_ns = ns(start.elapsed()) / host_rays.len() as f64;
-
-    let measured = Measured { dispatch_ns, ray_ns, host_ray_ns, seconds: [1.0; IN_FLIGHT.len()] };
-    let of_one = &rays[..measured.sizing().threshold.min(count)];
-    let mut streams: Vec<Stream> = vec![stream];
-    streams.resize_with(*IN_FLIGHT.iter().max()?, Stream::new);
-    for stream in &mut streams {
-        // Memory is made and touched before it counts.
-        let taken = std::mem::replace(stream, Stream::new());
-        *stream = trace(&tracer, taken, rays.len(), of_one)?.0;
-    }
-    let mut seconds = [0.0; IN_FLIGHT.len()];
-    for (seconds, in_flight) in seconds.iter_mut().zip(IN_FLIGHT) {
-        let start = Instant::now();
-        let taken: Vec<Stream> = streams.drain(..in_flight).collect();
-        let work = |mut stream: Stream| {
-            for _ in 0..STREAMS / in_flight {
-                stream = trace(&tracer, stream, rays.len(), of_one)?.0;
-            }
-            Some(stream)
+    let mut hits = vec![Hit::NONE; HOST_RAYS];
+    let mut pool = vec![stream];
+    let times = rounds(|| {
+        let mut times = Vec::new();
+        let mut of = |tracer, count: usize| {
+            let (stream, took) = trace(tracer, pool.pop()?, rays.len(), &rays[..count])?;
+            pool.push(stream);
+            times.push(took);
+            Some(())
         };
-        let back: Option<Vec<Stream>> = std::thread::scope(|scope| {
-            let work = &work;
-            let threads: Vec<_> = taken.into_iter().map(|stream| scope.spawn(move || work(stream))).collect();
-            threads.into_iter().map(|thread| thread.join().ok().flatten()).collect()
-        });
-        *seconds = start.elapsed().as_secs_f64();
-        streams.extend(back?);
+        for tracer in &tracers {
+            of(tracer, count)?;
+        }
+        for tracer in &tracers {
+            of(tracer, FEW)?;
+        }
+        let start = Instant::now();
+        host.closest(&rays[..HOST_RAYS], &mut hits);
+        times.push(start.elapsed());
+        Some(times)
+    })?;
+    let chosen = best(&times[..tracers.len()]);
+    let (many, few) = (times[chosen], times[tracers.len() + chosen]);
+    let ray_ns = (1e9 * (many - few) / (count - FEW) as f64).max(1e-3);
+    let dispatch_ns = (1e9 * few - FEW as f64 * ray_ns).max(0.0);
+    let host_ray_ns = 1e9 * times[2 * tracers.len()] / HOST_RAYS as f64;
+    let mut measured = Measured { dispatch_ns, ray_ns, host_ray_ns, seconds: [1.0; IN_FLIGHT.len()] };
+
+    let (tracer, of_one) = (&tracers[chosen], &rays[..measured.sizing().threshold.min(count)]);
+    pool.resize_with(*IN_FLIGHT.iter().max()?, Stream::new);
+    for stream in &mut pool {
+        let taken = std::mem::replace(stream, Stream::new());
+        *stream = trace(tracer, taken, rays.len(), of_one)?.0;
     }
-    Some(Measured { seconds, ..measured })
+    let times =
+        rounds(|| IN_FLIGHT.iter().map(|&streams| at_once(tracer, &mut pool, streams, of_one)).collect())?;
+    measured.seconds.copy_from_slice(&times);
+    Some(Likes { sizing: measured.sizing(), variant: variants[chosen] })
+}
+
+/// How long [`STREAMS`] streams of these rays take when so many are in flight.
+fn at_once(tracer: &GpuTracer, pool: &mut Vec<Stream>, in_flight: usize, rays: &[Ray]) -> Option<Duration> {
+    let taken: Vec<Stream> = pool.drain(..in_flight).collect();
+    let work = |mut stream: Stream| {
+        for _ in 0..STREAMS / in_flight {
+            stream = trace(tracer, stream, *RAYS.end(), rays)?.0;
+        }
+        Some(stream)
+    };
+    let start = Instant::now();
+    let back: Option<Vec<Stream>> = std::thread::scope(|scope| {
+        let work = &work;
+        let threads: Vec<_> = taken.into_iter().map(|stream| scope.spawn(move || work(stream))).collect();
+        threads.into_iter().map(|thread| thread.join().ok().flatten()).collect()
+    });
+    let took = start.elapsed();
+    pool.extend(back?);
+    Some(took)
 }
 
 #[cfg(test)]
@@ -267,6 +259,20 @@ mod tests {
         assert_eq!(free.sizing().threshold, 1024);
     }
 
+    #[test]
+    fn of_all_rounds_the_least_times_count() {
+        let mut count = 0;
+        // In each round another is undisturbed.
+        let times = rounds(|| {
+            count += 1;
+            let undisturbed = |at| Duration::from_millis(if at == count % 2 { 5 } else { 90 });
+            Some((0..2).map(undisturbed).collect())
+        });
+        assert!(count >= ROUNDS);
+        assert_eq!(times, Some(vec![0.005; 2]));
+        assert_eq!(rounds(|| None), None);
+    }
+
     fn gpu() -> Gpu {
         let choice = AdapterChoice { name: None, allow_software: true };
         Gpu::open(&choice).expect("tests need a GPU; a software adapter will do")
@@ -277,46 +283,23 @@ mod tests {
     }
 
     #[test]
-    fn what_is_measured_is_kept_and_files_that_say_something_else_are_not_believed() {
+    fn a_device_is_measured_once() {
         let folder = tempfile::tempdir().expect("a folder");
-        let cache = folder.path().join("not/yet/there");
-        let gpu = gpu().calibrate(&cache, host);
-        let sizing = gpu.sizing().expect("the device answers");
+        let gpu = gpu().calibrate(folder.path(), host);
+        let sizing = gpu.sizing().unwrap_or_else(|| panic!("the device answers: {:?}", gpu.lost()));
         assert!(RAYS.contains(&sizing.threshold) && sizing.least <= sizing.threshold, "{sizing:?}");
-        let info = gpu.info().clone();
-        assert_eq!(load(&cache, &info), Some(sizing));
-
-        // What is kept is believed, without a measurement.
-        let other = Sizing { threshold: 77 * 1024, least: 2048, in_flight: 4 };
-        store(&cache, &info, other).expect("the folder is there");
+        let variant = gpu.variant();
+        assert_eq!(likes::load(folder.path(), gpu.info()), Some(Likes { sizing, variant }));
         let never = |_| -> Arc<dyn Tracer> { panic!("measured again") };
-        assert_eq!(gpu.calibrate(&cache, never).sizing(), Some(other));
-        assert_eq!(std::fs::read_dir(&cache).expect("a folder").count(), 1, "no crumbs");
-
-        // Another driver, rubbish, sizes out of range, half a file.
-        let path = file(&cache, &info);
-        let text = std::fs::read_to_string(&path).expect("a file");
-        assert_eq!(load(&cache, &AdapterInfo { driver: "newer".into(), ..info.clone() }), None);
-        for wrong in [
-            String::new(),
-            "rubbish".into(),
-            text[..text.len() / 2].into(),
-            text.replace("78848", "99999999"),
-            text.replace("78848", "0"),
-            text.replace("\"in_flight\": 4", "\"in_flight\": 40"),
-            text.replace("\"version\": 1", "\"version\": 2"),
-            text.replace(&info.driver, "another"),
-        ] {
-            assert_ne!(wrong, text);
-            std::fs::write(&path, wrong).expect("written");
-            assert_eq!(load(&cache, &info), None);
-        }
+        let again = gpu.calibrate(folder.path(), never);
+        assert_eq!((again.sizing(), again.variant()), (Some(sizing), variant));
     }
 
     #[test]
     fn a_cache_that_cannot_be_written_is_done_without() {
         let file = tempfile::NamedTempFile::new().expect("a file");
         // A file is no folder.
-        assert!(gpu().calibrate(file.path(), host).sizing().is_some());
+        let gpu = gpu().calibrate(file.path(), host);
+        assert!(gpu.sizing().is_some(), "{:?}", gpu.lost());
     }
 }

@@ -1,5 +1,6 @@
 //! The kernels' sources: what is shared, the constants, the kernel itself, one after the other.
 
+use super::flatten::QUERY_REACH;
 use super::layout;
 use super::pages::ScenePages;
 use crate::geom::{DIRECTION_RANGE, MAX_COORDINATE, MIN_COMPONENT, SLACK};
@@ -21,6 +22,9 @@ const TRIANGLE: &str = include_str!("../../../shaders/shared/triangle.wgsl");
 const PLACEMENT: &str = include_str!("../../../shaders/shared/placement.wgsl");
 const LEAF: &str = include_str!("../../../shaders/shared/leaf.wgsl");
 const TRAVERSE: &str = include_str!("../../../shaders/shared/traverse.wgsl");
+const BINARY: &str = include_str!("../../../shaders/shared/binary.wgsl");
+const WIDE: &str = include_str!("../../../shaders/shared/wide.wgsl");
+const QUERY: &str = include_str!("../../../shaders/shared/query.wgsl");
 
 impl Kernel {
     /// The name of its entry point, and of its file.
@@ -49,8 +53,13 @@ impl Kernel {
     /// The whole source for scenes of a shape.
     pub fn source(self, shape: &Shape) -> String {
         let (constants, pages) = (constants(shape), shape.pages.source(shape.tree));
-        let tree = shape.tree.source();
-        [&constants, LAYOUT, &pages, RAY, TRIANGLE, PLACEMENT, LEAF, tree, TRAVERSE, self.body()].join("\n")
+        let (enabled, way, traverse) = match shape.tree {
+            TreeKind::Binary => ("", BINARY, TRAVERSE),
+            TreeKind::Wide => ("", WIDE, TRAVERSE),
+            TreeKind::Device => ("enable wgpu_ray_query;", "", QUERY),
+        };
+        let common = [LAYOUT, &pages, RAY, TRIANGLE, PLACEMENT, LEAF];
+        [&[enabled, &constants], &common[..], &[way, traverse, self.body()]].concat().join("\n")
     }
 }
 
@@ -61,23 +70,8 @@ pub enum TreeKind {
     Binary,
     /// Eight children a node, their boxes in bytes.
     Wide,
-}
-
-impl TreeKind {
-    fn source(self) -> &'static str {
-        match self {
-            Self::Binary => include_str!("../../../shaders/shared/binary.wgsl"),
-            Self::Wide => include_str!("../../../shaders/shared/wide.wgsl"),
-        }
-    }
-
-    /// The name of a node's struct.
-    pub(super) fn node(self) -> &'static str {
-        match self {
-            Self::Binary => "BinaryNode",
-            Self::Wide => "WideNode",
-        }
-    }
+    /// The device's own over boxes, for devices with ray queries.
+    Device,
 }
 
 /// What of a scene shapes its kernels.
@@ -89,15 +83,19 @@ pub(super) struct Shape {
     pub tree: TreeKind,
     /// Whether it is a tree of placed trees.
     pub members: bool,
+    /// Of a device's own tree: alpha decides about pairs from here on.
+    pub first_masked: u32,
     pub pages: ScenePages,
 }
 
 /// The constants that host and device share, written once: in Rust.
 fn constants(shape: &Shape) -> String {
-    let mut text = format!("const MEMBERS: bool = {};\n", shape.members);
+    let by_query = shape.tree == TreeKind::Device;
+    let mut text = format!("const MEMBERS: bool = {};\nconst BY_QUERY: bool = {by_query};\n", shape.members);
     let integers = [
         ("WORKGROUP_SIZE", layout::WORKGROUP_SIZE),
         ("STACK_SIZE", shape.stack.max(1) as u32),
+        ("FIRST_MASKED", shape.first_masked),
         ("LEAF", layout::LEAF),
         ("MASKED", layout::MASKED),
         ("PAIRS_SHIFT", layout::PAIRS_SHIFT),
@@ -128,6 +126,7 @@ fn constants(shape: &Shape) -> String {
         ("T_ROUNDING", layout::T_ROUNDING),
         ("TINY", layout::TINY),
         ("LEAST_PAD", layout::LEAST_PAD),
+        ("QUERY_REACH", QUERY_REACH),
     ];
     for (name, value) in floats {
         // The shortest decimal that reads back as the same number.
@@ -147,25 +146,28 @@ mod tests {
 
     const ALL: [Kernel; 2] = [Kernel::TraceClosest, Kernel::TraceAny];
 
-    const TREES: [TreeKind; 2] = [TreeKind::Binary, TreeKind::Wide];
+    const TREES: [TreeKind; 3] = [TreeKind::Binary, TreeKind::Wide, TreeKind::Device];
 
     fn parse(kernel: Kernel, tree: TreeKind) -> naga::Module {
         parse_paged(kernel, tree, ScenePages::ONE)
     }
 
     fn parse_paged(kernel: Kernel, tree: TreeKind, pages: ScenePages) -> naga::Module {
-        let source = kernel.source(&Shape { stack: 24, tree, members: true, pages });
+        let members = tree != TreeKind::Device;
+        let source = kernel.source(&Shape { stack: 24, tree, members, first_masked: 7, pages });
         wgsl::parse_str(&source).unwrap_or_else(|e| panic!("{}", e.emit_to_string(&source)))
     }
 
     #[test]
-    fn every_kernel_is_valid_without_any_optional_capability() {
+    fn every_kernel_is_valid_without_any_optional_capability_but_ray_queries() {
         let (two, three) = (Pages { bits: 4, count: 2 }, Pages { bits: 5, count: 3 });
         let paged = [ScenePages::ONE, ScenePages { nodes: two, pairs: three, identities: two }];
         let kernels = ALL.into_iter().flat_map(|kernel| TREES.map(|tree| (kernel, tree)));
         for ((kernel, tree), pages) in kernels.flat_map(|kernel| paged.map(|pages| (kernel, pages))) {
             let module = parse_paged(kernel, tree, pages);
-            Validator::new(ValidationFlags::all(), Capabilities::empty())
+            let queries =
+                if tree == TreeKind::Device { Capabilities::RAY_QUERY } else { Capabilities::empty() };
+            Validator::new(ValidationFlags::all(), queries)
                 .validate(&module)
                 .unwrap_or_else(|e| panic!("{}: {e:?}", kernel.name()));
             let [entry] = module.entry_points.as_slice() else { panic!("one entry point a kernel") };

@@ -1,13 +1,13 @@
 //! Records in pages: a scene may have more nodes or pairs than one binding takes, so they lie in as many
 //! buffers as it needs, each of a power of two records but for the last.
 
-use super::flatten::Flat;
+use super::flatten::{Flat, Nodes};
 use super::kernel::TreeKind;
 use super::layout::{Identities, Pair};
 use super::{Gpu, GpuError};
 use std::fmt::Write as _;
 
-/// Bindings of storage that a kernel needs beside nodes, pairs and identities: members, rays and answers.
+/// Bindings that a kernel needs beside nodes, pairs and identities: members or the device's own tree, rays and answers.
 const OTHER_BINDINGS: u64 = 3;
 
 /// How the records of one kind lie in pages.
@@ -23,6 +23,9 @@ impl Pages {
     /// All records in one page.
     #[cfg(test)]
     pub const ONE: Self = Self { bits: 31, count: 1 };
+
+    /// No records to bind.
+    const NONE: Self = Self { bits: 31, count: 0 };
 
     /// The fewest pages that take `records` when a binding takes `available` bytes; `None` when not even one
     /// record fits.
@@ -98,6 +101,11 @@ impl ScenePages {
         ];
         let required = sizes.iter().map(|(records, bytes)| (records * bytes) as u64).sum();
         let [nodes, pairs, identities] = sizes.map(|(records, bytes)| Pages::of(records, bytes, one));
+        let nodes = match &flat.nodes {
+            // The device reads them once, when it makes its tree.
+            Nodes::Device(boxes) => (boxes.len() as u64 <= info.max_boxes()).then_some(Pages::NONE),
+            Nodes::Binary(_) | Nodes::Wide(_) => nodes,
+        };
         match (nodes, pairs, identities) {
             (Some(nodes), Some(pairs), Some(identities))
                 if u64::from(nodes.count + pairs.count + identities.count) <= bindings =>
@@ -112,7 +120,7 @@ impl ScenePages {
         }
     }
 
-    /// Bindings of group 0: nodes, pairs, identities, members.
+    /// Bindings of group 0: nodes, pairs, identities; members or the device's own tree.
     pub fn bindings(self) -> u32 {
         self.nodes.count + self.pairs.count + self.identities.count + 1
     }
@@ -121,9 +129,15 @@ impl ScenePages {
     pub fn source(self, tree: TreeKind) -> String {
         let Self { nodes, pairs, identities } = self;
         let mut text = String::from("// Nodes, pairs and identities, in as many bindings as they need.\n");
-        let node = tree.node();
-        nodes.declare(&mut text, 0, "nodes", node);
-        nodes.read(&mut text, "nodes", "node_at(index: u32)", node, "");
+        let node = match tree {
+            TreeKind::Binary => Some("BinaryNode"),
+            TreeKind::Wide => Some("WideNode"),
+            TreeKind::Device => None,
+        };
+        if let Some(node) = node {
+            nodes.declare(&mut text, 0, "nodes", node);
+            nodes.read(&mut text, "nodes", "node_at(index: u32)", node, "");
+        }
         if tree == TreeKind::Wide {
             nodes.read(&mut text, "nodes", "child_at(index: u32, slot: u32)", "u32", ".children[slot]");
         }
@@ -131,8 +145,12 @@ impl ScenePages {
         pairs.read(&mut text, "pairs", "pair_at(index: u32)", "Pair", "");
         identities.declare(&mut text, nodes.count + pairs.count, "identities", "vec2<u32>");
         identities.read(&mut text, "identities", "identity_at(index: u32)", "vec2<u32>", "");
-        let members = self.bindings() - 1;
-        let _ = writeln!(text, "@group(0) @binding({members}) var<storage, read> members: array<Member>;");
+        let last = self.bindings() - 1;
+        let variable = match tree {
+            TreeKind::Device => "var boxes: acceleration_structure",
+            TreeKind::Binary | TreeKind::Wide => "var<storage, read> members: array<Member>",
+        };
+        let _ = writeln!(text, "@group(0) @binding({last}) {variable};");
         text
     }
 }

@@ -145,7 +145,7 @@ fn replaced(source: &str, from: &str, to: &str) -> String {
 /// quotients are, too.
 fn sloppy(kernel: Kernel, shape: &Shape) -> String {
     let source = without_fma(&kernel.source(shape));
-    let source = replaced(&source, "1.0 / bitcast", "1.0000002 / bitcast");
+    let source = replaced(&source, "1.0 / slanted", "1.0000002 / slanted");
     replaced(&source, "dot_fma(normal, a) / facing", "dot_fma(normal, a) * 1.0000002 / facing")
 }
 
@@ -162,14 +162,14 @@ fn trusting(source: &str) -> String {
 
 #[test]
 fn sloppy_arithmetic_gives_the_same_bits() {
-    for variant in Variant::ALL {
+    for variant in open().info().variants() {
         assert_eq!(wrong_answers(variant, sloppy), 0, "{variant}");
     }
 }
 
 #[test]
 fn the_margins_are_what_keeps_sloppy_arithmetic_right() {
-    for variant in Variant::ALL {
+    for variant in open().info().variants() {
         let wrong = wrong_answers(variant, |kernel, shape| trusting(&sloppy(kernel, shape)));
         assert!(
             wrong > 20,

@@ -88,7 +88,7 @@ impl Shared {
 }
 
 impl GpuTracer {
-    /// Uploads a scene, to another device if this one is lost. `filter` has its say in hits of masked triangles;
+    /// Uploads a scene, laid out as the device likes it, to another device if this one is lost. `filter` has its say in hits of masked triangles;
     /// `cpu` traces the same scene with the same filter, for rays whose answer the device leaves open.
     ///
     /// # Errors
@@ -100,7 +100,16 @@ impl GpuTracer {
         filter: Option<Arc<dyn Filter>>,
         cpu: Arc<dyn Tracer>,
     ) -> Result<Self, GpuError> {
-        Self::with_source(gpu, bvh, filter, cpu, Variant::default(), Kernel::source)
+        let tracer = |variant| {
+            let (gpu, bvh, filter, cpu) = (gpu.clone(), bvh.clone(), filter.clone(), cpu.clone());
+            Self::with_source(gpu, bvh, filter, cpu, variant, Kernel::source)
+        };
+        let (liked, usual) = (gpu.variant(), Variant::default());
+        match tracer(liked) {
+            // The usual way takes the least memory.
+            Err(GpuError::TooLarge { .. } | GpuError::OutOfMemory { .. }) if liked != usual => tracer(usual),
+            answer => answer,
+        }
     }
 
     /// Like [`GpuTracer::new`], with the scene laid out in another way.

@@ -10,14 +10,18 @@
 //!    visited; the stack has an entry for every inner node on any way from the root, through a member to a
 //!    leaf, the most that a traversal pushes.
 //! 3. Every loop ends: each turn of a traversal goes down an edge of a finite tree or takes something
-//!    off the stack, and each edge is gone down at most once; a leaf has at most eight pairs of two.
-//! 4. No integer is divided; no ray query, task or mesh shader is used.
+//!    off the stack, and each edge is gone down at most once; a leaf has at most eight pairs of two. A ray query
+//!    reports each of finitely many boxes at most once.
+//! 4. No integer is divided; no task or mesh shader is used.
+//! 5. A ray query is initialised once, before anything else, with finite numbers (those that `prepare` lets pass); its
+//!    candidate is looked at, and an intersection generated, only after it has said that there is one, which is a box,
+//!    for there is nothing else. It is not asked again when it has said that there is none.
 #![allow(unsafe_code)]
 
 /// Compiles a kernel's source, made with room for [`super::flatten::Flat::stack`] entries at least.
 pub(super) fn module(device: &wgpu::Device, name: &str, source: String) -> wgpu::ShaderModule {
     let descriptor =
         wgpu::ShaderModuleDescriptor { label: Some(name), source: wgpu::ShaderSource::Wgsl(source.into()) };
-    // SAFETY: invariants 1 to 4.
+    // SAFETY: invariants 1 to 5.
     unsafe { device.create_shader_module_trusted(descriptor, wgpu::ShaderRuntimeChecks::unchecked()) }
 }

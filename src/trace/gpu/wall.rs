@@ -3,17 +3,18 @@
 
 use super::adapter::{AdapterChoice, AdapterInfo, choose, enumerate};
 use super::host_memory::HostMemory;
+use super::likes::Likes;
 use super::succession::Succession;
 use super::watchdog::Watchdog;
-use super::{Fault, GpuError, probe};
-use crate::stream::Sizing;
+use super::{Fault, GpuError, device_tree, probe};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
-/// How long a wait goes on before it looks whether the device is lost. Other threads submit meanwhile.
-const NAP: Duration = Duration::from_millis(50);
+/// How long a wait goes on before it looks whether the device is lost. Longer than dispatches take: wgpu 30 panics
+/// ("If the queue is empty ...") when a wait has timed out and another thread sees the submission done just then.
+const NAP: Duration = Duration::from_secs(2);
 
 /// Why the device is gone; set once.
 type Loss = Arc<OnceLock<String>>;
@@ -31,8 +32,8 @@ pub struct Gpu {
     pub(super) succession: Succession,
     /// Whether streams may lie in memory of the device's lending.
     pub(super) lends: bool,
-    /// What sizes it likes, if that has been measured.
-    pub(super) sizing: Option<Sizing>,
+    /// What it likes, if that has been measured.
+    pub(super) likes: Option<Likes>,
 }
 
 /// What a device and those that take its place have in common.
@@ -71,7 +72,7 @@ impl Gpu {
         let watchdog = Watchdog::of(info.kind);
         let (history, succession) = (Arc::default(), Succession::default());
         let mut gpu =
-            Self { info, device, queue, loss, watchdog, history, succession, lends: false, sizing: None };
+            Self { info, device, queue, loss, watchdog, history, succession, lends: false, likes: None };
         let refused = |reason: String| GpuError::Open { adapter: gpu.info.to_string(), reason };
         let results = gpu.guard(|device, queue| probe::compute(&gpu, device, queue)).map_err(refused)?;
         probe::judge(&results)
@@ -93,7 +94,7 @@ impl Gpu {
 
     /// This device, freshly opened, in the place of another.
     pub(super) fn in_place_of(self, lost: &Self, succession: Succession) -> Self {
-        Self { history: lost.history.clone(), succession, sizing: lost.sizing, ..self }
+        Self { history: lost.history.clone(), succession, likes: lost.likes, ..self }
     }
 
     /// The adapter in use.
@@ -214,7 +215,7 @@ impl Gpu {
 /// Asks for what the kernels use, as much of it as there is.
 fn descriptor(adapter: &wgpu::Adapter) -> wgpu::DeviceDescriptor<'static> {
     let there = adapter.limits();
-    wgpu::DeviceDescriptor {
+    let asked = wgpu::DeviceDescriptor {
         label: Some("raystream"),
         required_limits: wgpu::Limits {
             max_storage_buffer_binding_size: there.max_storage_buffer_binding_size,
@@ -227,6 +228,10 @@ fn descriptor(adapter: &wgpu::Adapter) -> wgpu::DeviceDescriptor<'static> {
         },
         memory_hints: wgpu::MemoryHints::Performance,
         ..Default::default()
+    };
+    match device_tree::most_boxes(adapter) {
+        0 => asked,
+        boxes => device_tree::with_queries(asked, boxes),
     }
 }
 

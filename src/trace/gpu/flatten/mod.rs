@@ -1,6 +1,7 @@
 //! A scene's trees as the kernels read them.
 
 mod binary;
+mod boxes;
 mod pairs;
 mod wide;
 
@@ -9,6 +10,8 @@ use super::layout::{BinaryNode, Identities, LEAF, Member, Pair, WideNode};
 use super::pages::Pages;
 use crate::bvh::{Binary, Bvh};
 use crate::geom::Placement;
+use boxes::Box;
+pub(super) use boxes::REACH as QUERY_REACH;
 use pairs::Triangle;
 use std::collections::HashMap;
 use std::fmt;
@@ -25,11 +28,12 @@ pub struct Variant {
 
 impl Variant {
     /// All there are.
-    pub const ALL: [Self; 4] = [
+    pub const ALL: [Self; 5] = [
         Self { tree: TreeKind::Wide, pairs: true },
         Self { tree: TreeKind::Wide, pairs: false },
         Self { tree: TreeKind::Binary, pairs: true },
         Self { tree: TreeKind::Binary, pairs: false },
+        Self { tree: TreeKind::Device, pairs: true },
     ];
 }
 
@@ -38,6 +42,7 @@ impl fmt::Display for Variant {
         let tree = match self.tree {
             TreeKind::Binary => "binary",
             TreeKind::Wide => "wide",
+            TreeKind::Device => "ray query",
         };
         write!(f, "{tree}, {}", if self.pairs { "pairs" } else { "no pairs" })
     }
@@ -54,6 +59,8 @@ impl Default for Variant {
 pub(super) enum Nodes {
     Binary(Vec<BinaryNode>),
     Wide(Vec<WideNode>),
+    /// The device makes its own over these.
+    Device(Vec<Box>),
 }
 
 impl Nodes {
@@ -61,6 +68,7 @@ impl Nodes {
         match self {
             Self::Binary(nodes) => nodes.len(),
             Self::Wide(nodes) => nodes.len(),
+            Self::Device(boxes) => boxes.len(),
         }
     }
 
@@ -68,6 +76,7 @@ impl Nodes {
         match self {
             Self::Binary(_) => size_of::<BinaryNode>(),
             Self::Wide(_) => size_of::<WideNode>(),
+            Self::Device(_) => size_of::<Box>(),
         }
     }
 
@@ -76,6 +85,7 @@ impl Nodes {
         match self {
             Self::Binary(nodes) => pages.split(nodes).map(bytemuck::cast_slice).collect(),
             Self::Wide(nodes) => pages.split(nodes).map(bytemuck::cast_slice).collect(),
+            Self::Device(boxes) => pages.split(boxes).map(bytemuck::cast_slice).collect(),
         }
     }
 }
@@ -89,6 +99,8 @@ pub(super) struct Flat {
     pub members: Vec<Member>,
     /// The most entries a traversal has on its stack.
     pub stack: usize,
+    /// Of a device's own tree: alpha decides about pairs from here on.
+    pub first_masked: u32,
 }
 
 impl Flat {
@@ -97,10 +109,11 @@ impl Flat {
         let nodes = match variant.tree {
             TreeKind::Binary => Nodes::Binary(Vec::new()),
             TreeKind::Wide => Nodes::Wide(Vec::new()),
+            TreeKind::Device => Nodes::Device(Vec::new()),
         };
-        let mut flat =
-            Self { nodes, pairs: Vec::new(), identities: Vec::new(), members: Vec::new(), stack: 0 };
-        if bvh.members().is_empty() {
+        let (pairs, identities, members) = (Vec::new(), Vec::new(), Vec::new());
+        let mut flat = Self { nodes, pairs, identities, members, stack: 0, first_masked: 0 };
+        if bvh.members().is_empty() || variant.tree == TreeKind::Device {
             flat.stack = flat.lay(bvh, variant).1;
             return flat;
         }
@@ -141,6 +154,10 @@ impl Flat {
                 binary::lay(&tree, binary::LEAF_TRIANGLES, nodes, leaf)
             }
             Nodes::Wide(nodes) => wide::lay(bvh.wide(), variant.pairs, nodes, pairs, identities),
+            Nodes::Device(all) => {
+                self.first_masked = boxes::lay(bvh, variant.pairs, all, pairs, identities);
+                (0, 0)
+            }
         }
     }
 
@@ -152,6 +169,7 @@ impl Flat {
                 binary::lay(&tree, 1, nodes, |index| LEAF | tree.nodes()[index].index).1
             }
             Nodes::Wide(nodes) => wide::lay_top(bvh.wide(), nodes),
+            Nodes::Device(_) => unreachable!("all triangles are written out"),
         }
     }
 }
@@ -217,6 +235,7 @@ mod tests {
                 let used = (0..8).filter(|slot| n.shape >> (24 + slot) & 1 == 1);
                 used.map(|slot| (n.children[slot], bounds(slot))).collect()
             }
+            Nodes::Device(_) => panic!("no nodes"),
         }
     }
 
@@ -237,9 +256,14 @@ mod tests {
         turned.collect()
     }
 
+    /// Those whose trees are ours.
+    fn trees() -> impl Iterator<Item = Variant> {
+        Variant::ALL.into_iter().filter(|variant| variant.tree != TreeKind::Device)
+    }
+
     #[test]
     fn every_triangle_is_reached_once_within_its_boxes_and_the_stack_suffices() {
-        for variant in Variant::ALL {
+        for variant in trees() {
             for (quads, loose) in [(0, 0), (0, 1), (1, 0), (0, 3), (9, 50), (300, 1000)] {
                 let bvh = build(quads, loose);
                 let flat = Flat::of(&bvh, variant);
@@ -289,11 +313,55 @@ mod tests {
             crate::bvh::Member::placed(tree.clone(), placement, i * count)
         });
         let bvh = Bvh::assemble(placed.collect());
-        for variant in Variant::ALL {
+        for variant in trees() {
             let (flat, alone) = (Flat::of(&bvh, variant), Flat::of(&tree, variant));
             assert_eq!((flat.members.len(), flat.pairs.len()), (3, alone.pairs.len()));
             assert!(flat.stack > alone.stack && flat.members.iter().all(|m| m.root == flat.members[0].root));
             assert_eq!(flat.members.iter().map(|m| m.first).collect::<Vec<_>>(), [0, count, 2 * count]);
         }
+    }
+
+    /// What [`boxes`] promises of the boxes of a tree that the device makes.
+    fn check_boxes(bvh: &Bvh) {
+        let flat = Flat::of(bvh, Variant { tree: TreeKind::Device, pairs: true });
+        let Nodes::Device(boxes) = &flat.nodes else { panic!("no boxes") };
+        assert!(!boxes.is_empty() && boxes.len() == flat.pairs.len());
+        let margin = bvh.scene_max_abs() * boxes::MARGIN;
+        let mut met = Vec::new();
+        for (index, bounds) in boxes.iter().enumerate() {
+            let is_masked = index as u32 >= flat.first_masked;
+            let there = triangles(&flat, LEAF | index as u32);
+            assert_eq!(
+                is_masked && !bvh.is_empty(),
+                there.iter().any(|&(primitive, _)| bvh.is_masked(primitive))
+            );
+            for (primitive, corners) in there {
+                assert_eq!(corners, bvh.corners(primitive));
+                let inside = Aabb { min: bounds.min.into(), max: bounds.max.into() };
+                for corner in corners {
+                    // As far as the largest coordinate's rounding tells.
+                    let far = margin - bvh.scene_max_abs() * f32::EPSILON;
+                    let around = Aabb { min: corner - Vec3::splat(far), max: corner + Vec3::splat(far) };
+                    assert!(inside.contains(&around), "{inside:?}, {corner:?}");
+                }
+                met.push(primitive);
+            }
+        }
+        met.sort_unstable();
+        assert_eq!(met, (0..bvh.len() as u32).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn boxes_for_the_devices_tree_hold_every_triangle_once_and_their_margin() {
+        for (quads, loose) in [(0, 0), (0, 1), (1, 0), (9, 50), (300, 1000)] {
+            check_boxes(&build(quads, loose));
+        }
+        let tree = Arc::new(build(20, 30));
+        let placed = (0..3).map(|i| {
+            let mut placement = Placement::HERE;
+            placement.rows[0][3] = 100.0 * i as f32;
+            crate::bvh::Member::placed(tree.clone(), placement, i * tree.len() as u32)
+        });
+        check_boxes(&Bvh::assemble(placed.collect()));
     }
 }

@@ -42,6 +42,17 @@ impl Laid {
         let Pair { a, b, c, d_x, d_y, d_z } = self.pair;
         Aabb::around([a, b, c, [d_x, d_y, d_z]].map(Vec3::from))
     }
+
+    /// Whether alpha decides about some of it.
+    pub fn is_masked(&self) -> bool {
+        self.is_masked
+    }
+
+    /// Lays it out behind what there is.
+    pub fn push(&self, pairs: &mut Vec<Pair>, identities: &mut Vec<Identities>) {
+        pairs.push(self.pair);
+        identities.push(self.identities);
+    }
 }
 
 /// The triangles of a leaf, in pairs if asked.
@@ -74,8 +85,7 @@ pub fn of(triangles: &[Triangle], in_pairs: bool) -> Vec<Laid> {
 pub fn lay(leaf: &[Laid], pairs: &mut Vec<Pair>, identities: &mut Vec<Identities>) -> u32 {
     assert!((1..=LEAF_TRIANGLES).contains(&leaf.len()));
     let first = pairs.len();
-    pairs.extend(leaf.iter().map(|laid| laid.pair));
-    identities.extend(leaf.iter().map(|laid| laid.identities));
+    leaf.iter().for_each(|laid| laid.push(pairs, identities));
     let masked = if leaf.iter().any(|laid| laid.is_masked) { MASKED } else { 0 };
     LEAF | ((leaf.len() - 1) as u32) << PAIRS_SHIFT | masked | first as u32 & PAIR_INDEX
 }

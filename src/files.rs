@@ -1,10 +1,19 @@
 //! Files that appear whole or not at all.
 
-use super::WriteError;
 use std::fs::File;
 use std::io::{self, BufWriter};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use tempfile::TempPath;
+
+/// Why a file could not be written.
+#[derive(Debug, thiserror::Error)]
+#[error("{path}: cannot be written: {source}")]
+pub struct Unwritten {
+    /// The file.
+    pub path: PathBuf,
+    /// What the file system or the encoder said.
+    pub source: io::Error,
+}
 
 /// Writes a file of which nobody ever sees half.
 ///
@@ -18,7 +27,7 @@ use tempfile::TempPath;
 pub fn write_whole(
     path: &Path,
     encode: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
-) -> Result<(), WriteError> {
+) -> Result<(), Unwritten> {
     let write = || {
         let (file, name) = create(folder(path))?;
         if let Ok(replaced) = std::fs::metadata(path) {
@@ -32,7 +41,7 @@ pub fn write_whole(
             None => publish(&file, path),
         }
     };
-    write().map_err(|source| WriteError::Io { path: path.into(), source })
+    write().map_err(|source| Unwritten { path: path.into(), source })
 }
 
 fn folder(path: &Path) -> &Path {
