@@ -152,6 +152,12 @@ impl Frame {
         Self { simd, ..self }
     }
 
+    /// The same for an integrator that follows BSDFs' directions too: see [`Lights::beside_bsdfs`].
+    pub fn beside_bsdfs(self) -> Self {
+        let lights = Arc::new(Lights::clone(&self.lights).beside_bsdfs());
+        Self { lights, ..self }
+    }
+
     /// The instruction set to shade with.
     pub fn simd(&self) -> SimdLevel {
         self.simd

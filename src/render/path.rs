@@ -93,7 +93,7 @@ impl Path {
     ) -> Result<Self, SettingsError> {
         // At each depth one splat of emission and one of a light sample.
         let splats = |max_bounces: u32| 2 * (u64::from(max_bounces) + 2);
-        let frame = Frame::new(scene, camera, settings, MAX_BOUNCES, splats)?;
+        let frame = Frame::new(scene, camera, settings, MAX_BOUNCES, splats)?.beside_bsdfs();
         Ok(Self { frame, roulette_bounces })
     }
 
@@ -244,7 +244,7 @@ impl Shading<'_, '_> {
         let bsdf = Bsdf::new(scene, &material.surface, &at, MIN_ROUGHNESS);
         let sampler = Sampler::of(state.pixel, state.sample, frame.settings().seed);
         let receiver = Receiver::of(&at);
-        if !bsdf.is_smooth() {
+        if !bsdf.is_smooth() && frame.lights().are_sampled() {
             self.sample_light(&at, &receiver, &bsdf, &state, &sampler, lanes);
         }
         let state = States { facing: receiver.facing, ..state };
