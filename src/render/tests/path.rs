@@ -222,8 +222,8 @@ fn batches_and_order_do_not_change_a_byte() {
 
 #[test]
 fn tiles_go_over_the_picture_once_for_every_few_samples() {
-    // 171 blocks; 21 of 3 samples a tile, or 4 of 14 samples.
-    for (spp, tiles, together, tile_rays) in [(3, 9, 3, 63 * 256), (28, 43, 14, 56 * 256)] {
+    // 171 blocks; 5 of 3 samples a tile, or 1 of 14 samples.
+    for (spp, tiles, together, tile_rays) in [(3, 35, 3, 15 * 256), (28, 171, 14, 14 * 256)] {
         let settings = Settings { width: 300, height: 129, spp, ..SETTINGS };
         let path = path(furnace(Material::fallback(), 0, false), settings);
         assert_eq!(path.tiles(), tiles * u64::from(spp / together));
