@@ -136,17 +136,17 @@ impl Film {
         let pixels = pixel.to_array();
         let first = pixels[valid.trailing_zeros() as usize];
         if valid & !pixel.is(first) == 0 {
-            self.add_lanes(first, valid, &fixed);
+            self.add_lanes::<L>(first, valid, &fixed);
         } else {
-            self.add_each(&pixels, valid, &fixed);
+            self.add_each::<L>(&pixels, valid, &fixed);
         }
     }
 
     /// Adds the lanes of a mask to one pixel.
-    fn add_lanes(&self, pixel: u32, lanes: u32, fixed: &[[i64; 16]; 3]) {
-        let sums = fixed.map(|fixed| {
+    fn add_lanes<L: Lanes>(&self, pixel: u32, lanes: u32, fixed: &[L::Array<i64>; 3]) {
+        let sums = fixed.each_ref().map(|fixed| {
             let mut sum = 0;
-            for (lane, fixed) in fixed.into_iter().enumerate() {
+            for (lane, fixed) in fixed.as_ref().iter().enumerate() {
                 sum += fixed & -i64::from(lanes >> lane & 1);
             }
             sum
@@ -156,10 +156,10 @@ impl Film {
     }
 
     /// Adds each lane of a mask to its pixel.
-    fn add_each(&self, pixels: &[u32; 16], mut lanes: u32, [r, g, b]: &[[i64; 16]; 3]) {
+    fn add_each<L: Lanes>(&self, pixels: &L::Array<u32>, mut lanes: u32, [r, g, b]: &[L::Array<i64>; 3]) {
         let mut stripe = None;
         while lanes != 0 {
-            let lane = lanes.trailing_zeros() as usize & 15;
+            let lane = lanes.trailing_zeros() as usize % L::LANES;
             lanes &= lanes - 1;
             let pixel = pixels[lane];
             if !stripe.as_ref().is_some_and(|stripe: &Stripe<'_>| stripe.has(pixel)) {
@@ -329,7 +329,7 @@ mod tests {
         fn run<L: Lanes>(self, l: L) {
             for i in (0..4096u32).step_by(16) {
                 for part in (0..16).step_by(L::LANES) {
-                    let (mut pixels, mut radiance) = ([0; 16], [0.0; 16]);
+                    let (mut pixels, mut radiance) = (L::array(0), L::array(0.0));
                     for lane in 0..L::LANES as u32 {
                         let n = i + part as u32 + lane;
                         pixels[lane as usize] =

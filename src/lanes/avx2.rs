@@ -82,6 +82,12 @@ impl Lanes for Avx2 {
     const LANES: usize = 8;
     type F = __m256;
     type I = __m256i;
+    type Array<T: Copy> = [T; 8];
+
+    #[inline(always)]
+    fn array<T: Copy>(value: T) -> [T; 8] {
+        [value; 8]
+    }
 
     #[inline(always)]
     fn splat(self, x: f32) -> __m256 {
@@ -168,9 +174,9 @@ impl Lanes for Avx2 {
         unsafe { _mm256_permutevar8x32_ps(a, order_of(self, mask)) }
     }
     #[inline(always)]
-    fn to_fixed(self, a: __m256, scale: f64) -> [i64; 16] {
-        let mut fixed = [0; 16];
-        for (fixed, x) in fixed.iter_mut().zip(spill(self, a)).take(Self::LANES) {
+    fn to_fixed(self, a: __m256, scale: f64) -> [i64; 8] {
+        let mut fixed = [0; 8];
+        for (fixed, x) in fixed.iter_mut().zip(spill(self, a)) {
             *fixed = nearest(f64::from(x) * scale);
         }
         fixed

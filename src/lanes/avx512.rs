@@ -86,6 +86,12 @@ impl Lanes for Avx512 {
     const LANES: usize = 16;
     type F = __m512;
     type I = __m512i;
+    type Array<T: Copy> = [T; 16];
+
+    #[inline(always)]
+    fn array<T: Copy>(value: T) -> [T; 16] {
+        [value; 16]
+    }
 
     #[inline(always)]
     fn splat(self, x: f32) -> __m512 {

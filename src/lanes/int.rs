@@ -22,21 +22,40 @@ impl<L: Lanes> Int<L> {
         Self { l, i: l.splat_id(x) }
     }
 
-    /// A number for each lane; those beyond the lanes do not count.
+    /// A number for each lane.
     #[inline(always)]
-    pub fn from_array(l: L, numbers: &[u32; 16]) -> Self {
-        const { assert!(L::LANES <= 16) };
-        // SAFETY: invariant 1.
-        Self { l, i: unsafe { l.load_ids(numbers.as_ptr()) } }
+    pub fn from_array(l: L, numbers: &L::Array<u32>) -> Self {
+        Self::load(l, numbers.as_ref())
     }
 
-    /// Each lane's number, the rest 0: for code that goes lane by lane.
+    /// The number of each lane.
     #[inline(always)]
-    pub fn to_array(self) -> [u32; 16] {
-        const { assert!(L::LANES <= 16) };
-        let mut numbers = [0; 16];
-        // SAFETY: invariant 1.
-        unsafe { self.l.store_ids(numbers.as_mut_ptr(), self.i) };
+    pub fn iota(l: L) -> Self {
+        let mut numbers = L::array(0);
+        for lane in 0..L::LANES {
+            numbers[lane] = lane as u32;
+        }
+        Self::from_array(l, &numbers)
+    }
+
+    /// The numbers of a slice, and its lanes. Lanes that are left over have `beyond`.
+    #[inline(always)]
+    pub fn some(l: L, from: &[u32], beyond: u32) -> (Self, u32) {
+        if from.len() >= L::LANES {
+            return (Self::load(l, from), L::ALL);
+        }
+        let mut numbers = L::array(beyond);
+        for (number, &some) in numbers.as_mut().iter_mut().zip(from) {
+            *number = some;
+        }
+        (Self::from_array(l, &numbers), L::ALL & !(L::ALL << from.len()))
+    }
+
+    /// Each lane's number: for code that goes lane by lane.
+    #[inline(always)]
+    pub fn to_array(self) -> L::Array<u32> {
+        let mut numbers = L::array(0);
+        self.store(numbers.as_mut());
         numbers
     }
 
@@ -143,7 +162,7 @@ impl<L: Lanes> Int<L> {
             // Whole rows are read at once and turned into columns.
             let bytes = Self { i: self.l.shl_ids(self.i, 5), ..self }.to_array();
             // SAFETY: invariant 2; a row has 32 bytes, the table less than 2³².
-            let turned = unsafe { self.l.rows(table.as_ptr().cast(), bytes.as_ptr()) };
+            let turned = unsafe { self.l.rows(table.as_ptr().cast(), bytes.as_ref().as_ptr()) };
             let mut columns = [self; N];
             for (column, f) in columns.iter_mut().zip(turned) {
                 column.i = self.l.bits(f);
@@ -194,7 +213,7 @@ impl From<u32> for Int<One> {
 
 impl<L: Lanes> std::fmt::Debug for Int<L> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        self.to_array()[..L::LANES].fmt(f)
+        self.to_array().as_ref().fmt(f)
     }
 }
 

@@ -35,6 +35,8 @@ pub use num::Num;
 pub use plain::{One, Plain};
 pub use vector::Vector;
 
+use std::ops::{Index, IndexMut};
+
 /// A vector of [`Lanes::LANES`] numbers and what can be done with it.
 ///
 /// Masks have one bit a lane, lane 0 lowest; bits beyond the lanes are 0 in those that methods return
@@ -48,6 +50,11 @@ pub trait Lanes: Copy {
     type F: Copy;
     /// u32 in each lane.
     type I: Copy;
+    /// As many of anything as there are lanes.
+    type Array<T: Copy>: Copy + AsRef<[T]> + AsMut<[T]> + Index<usize, Output = T> + IndexMut<usize>;
+
+    /// The same in each place.
+    fn array<T: Copy>(value: T) -> Self::Array<T>;
 
     /// The ids of the lanes that `order` names.
     fn permute_ids(self, a: Self::I, order: Self::I) -> Self::I;
@@ -92,8 +99,8 @@ pub trait Lanes: Copy {
 
     /// The lanes of `mask`, in order, in the first lanes; what is in the others is unspecified.
     fn pack(self, mask: u32, a: Self::F) -> Self::F;
-    /// The integers nearest to `a * scale`, of numbers ≥ 0 whose product is below 2⁶³; the lanes beyond are unspecified.
-    fn to_fixed(self, a: Self::F, scale: f64) -> [i64; 16];
+    /// The integers nearest to `a * scale`, of numbers ≥ 0 whose product is below 2⁶³.
+    fn to_fixed(self, a: Self::F, scale: f64) -> Self::Array<i64>;
 
     /// The least of all lanes.
     fn lowest(self, a: Self::F) -> f32;
@@ -405,6 +412,20 @@ mod tests {
         }
     }
 
+    /// Slices shorter and longer than the lanes.
+    fn slices<L: Lanes>(l: L) {
+        let numbers: Vec<u32> = (0..20).map(|i| i * i).collect();
+        for len in 1..=20 {
+            let (some, lanes) = Int::some(l, &numbers[..len], 7);
+            assert_eq!(lanes.count_ones() as usize, len.min(L::LANES));
+            for (lane, &number) in numbers.iter().enumerate().take(L::LANES) {
+                assert_eq!(lanes >> lane & 1 == 1, lane < len);
+                assert_eq!(some.to_array()[lane], if lane < len { number } else { 7 });
+                assert_eq!(Int::iota(l).to_array()[lane], lane as u32);
+            }
+        }
+    }
+
     trait Width: Lanes {
         fn lanes(self) -> usize {
             Self::LANES
@@ -416,12 +437,15 @@ mod tests {
     fn all_instruction_sets_compute_the_same_and_move_data_right() {
         let reference = everything(Plain::<8>);
         memory(Plain::<8>);
+        slices(Plain::<8>);
         assert_eq!(everything(One::default()), reference);
         memory(One::default());
+        slices(One::default());
         #[cfg(target_arch = "aarch64")]
         {
             assert_eq!(everything(Neon), reference);
             memory(Neon);
+            slices(Neon);
         }
         #[cfg(target_arch = "x86_64")]
         #[allow(unsafe_code)]
@@ -431,11 +455,13 @@ mod tests {
                 let token = Avx2::new();
                 assert_eq!(everything(token), reference);
                 memory(token);
+                slices(token);
             }
             if SimdLevel::Avx512.is_available() {
                 let token = Avx512::new();
                 assert_eq!(everything(token), reference);
                 memory(token);
+                slices(token);
             }
         }
     }

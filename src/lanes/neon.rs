@@ -89,6 +89,12 @@ impl Lanes for Neon {
     const LANES: usize = 8;
     type F = F;
     type I = I;
+    type Array<T: Copy> = [T; 8];
+
+    #[inline(always)]
+    fn array<T: Copy>(value: T) -> [T; 8] {
+        [value; 8]
+    }
 
     #[inline(always)]
     fn splat(self, x: f32) -> F {
@@ -186,8 +192,12 @@ impl Lanes for Neon {
         numbers(self.permute_ids(ids(a), order_of(mask)))
     }
     #[inline(always)]
-    fn to_fixed(self, a: F, scale: f64) -> [i64; 16] {
-        spill(self, a).map(|x| nearest(f64::from(x) * scale))
+    fn to_fixed(self, a: F, scale: f64) -> [i64; 8] {
+        let mut fixed = [0; 8];
+        for (fixed, x) in fixed.iter_mut().zip(spill(self, a)) {
+            *fixed = nearest(f64::from(x) * scale);
+        }
+        fixed
     }
     #[inline(always)]
     fn lowest(self, a: F) -> f32 {

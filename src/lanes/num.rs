@@ -21,33 +21,44 @@ impl<L: Lanes> Num<L> {
         Self { l, f: l.splat(x) }
     }
 
-    /// A number for each lane; those beyond the lanes do not count.
+    /// A number for each lane.
     #[inline(always)]
-    pub fn from_array(l: L, numbers: &[f32; 16]) -> Self {
-        const { assert!(L::LANES <= 16) };
-        // SAFETY: invariant 1.
-        Self { l, f: unsafe { l.load(numbers.as_ptr()) } }
+    pub fn from_array(l: L, numbers: &L::Array<f32>) -> Self {
+        Self::load(l, numbers.as_ref())
     }
 
-    /// Each lane's number, the rest 0: for code that goes lane by lane.
+    /// The numbers at the start of a slice.
+    ///
+    /// # Panics
+    /// When there are fewer than lanes.
     #[inline(always)]
-    pub fn to_array(self) -> [f32; 16] {
-        super::spill(self.l, self.f)
+    pub fn load(l: L, from: &[f32]) -> Self {
+        assert!(from.len() >= L::LANES, "a number for each lane");
+        // SAFETY: invariant 1.
+        Self { l, f: unsafe { l.load(from.as_ptr()) } }
+    }
+
+    /// Each lane's number: for code that goes lane by lane.
+    #[inline(always)]
+    pub fn to_array(self) -> L::Array<f32> {
+        let mut numbers = L::array(0.0);
+        // SAFETY: invariant 1.
+        unsafe { self.l.store(numbers.as_mut().as_mut_ptr(), self.f) };
+        numbers
     }
 
     /// Eight columns as rows, one for each lane of `mask`, in order; what follows them is unspecified.
     #[inline(always)]
-    pub fn packed_rows(mask: u32, columns: [Self; 8]) -> [[f32; 8]; 16] {
-        const { assert!(L::LANES <= 16) };
+    pub fn packed_rows(mask: u32, columns: [Self; 8]) -> L::Array<[f32; 8]> {
         let [a, b, c, d, e, f, g, h] = columns;
         let ([a, b, c, d], [e, f, g, h]) = (
             [a.pack(mask), b.pack(mask), c.pack(mask), d.pack(mask)],
             [e.pack(mask), f.pack(mask), g.pack(mask), h.pack(mask)],
         );
-        let mut rows = [[0.0; 8]; 16];
+        let mut rows = L::array([0.0; 8]);
         let columns = [a.f, b.f, c.f, d.f, e.f, f.f, g.f, h.f];
         // SAFETY: invariant 1, eight numbers a row.
-        unsafe { a.l.put_rows(rows.as_mut_ptr().cast(), columns) };
+        unsafe { a.l.put_rows(rows.as_mut().as_mut_ptr().cast(), columns) };
         rows
     }
 
@@ -59,7 +70,7 @@ impl<L: Lanes> Num<L> {
 
     /// The nearest integers to this times `scale`, ties to even, of numbers ≥ 0 whose product is below 2⁶³.
     #[inline(always)]
-    pub fn to_fixed(self, scale: f64) -> [i64; 16] {
+    pub fn to_fixed(self, scale: f64) -> L::Array<i64> {
         self.l.to_fixed(self.f, scale)
     }
 
@@ -225,7 +236,7 @@ impl From<f32> for Num<One> {
 
 impl<L: Lanes> std::fmt::Debug for Num<L> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        self.to_array()[..L::LANES].fmt(f)
+        self.to_array().as_ref().fmt(f)
     }
 }
 

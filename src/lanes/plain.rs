@@ -22,6 +22,12 @@ impl<const N: usize> Lanes for Plain<N> {
     const LANES: usize = N;
     type F = [f32; N];
     type I = [u32; N];
+    type Array<T: Copy> = [T; N];
+
+    #[inline(always)]
+    fn array<T: Copy>(value: T) -> [T; N] {
+        [value; N]
+    }
 
     #[inline(always)]
     fn splat(self, x: f32) -> Self::F {
@@ -109,12 +115,8 @@ impl<const N: usize> Lanes for Plain<N> {
         packed
     }
     #[inline(always)]
-    fn to_fixed(self, a: Self::F, scale: f64) -> [i64; 16] {
-        let mut fixed = [0; 16];
-        for i in 0..N {
-            fixed[i] = nearest(f64::from(a[i]) * scale);
-        }
-        fixed
+    fn to_fixed(self, a: Self::F, scale: f64) -> [i64; N] {
+        a.map(|x| nearest(f64::from(x) * scale))
     }
     #[inline(always)]
     fn lowest(self, a: Self::F) -> f32 {

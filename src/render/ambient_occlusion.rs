@@ -90,9 +90,7 @@ impl Kernel for Shading<'_, '_> {
         for run in sort(l, self.batch.hits, &scene.mesh.materials).runs() {
             for rays in run.rays.chunks(L::LANES) {
                 // Lanes that are left over repeat the first ray and count for nothing.
-                let mut ids = [rays[0]; 16];
-                ids[..rays.len()].copy_from_slice(rays);
-                let (ids, lanes) = (Int::from_array(l, &ids), L::ALL >> (L::LANES - rays.len()));
+                let (ids, lanes) = Int::some(l, rays, rays[0]);
                 let [pixel, sample] = ids.rows(bytemuck::cast_slice(self.batch.payloads));
                 match run.material {
                     None => frame.film().splat_lanes(lanes, pixel, Vector::splat(l, Vec3::ONE)),
@@ -127,9 +125,9 @@ impl Shading<'_, '_> {
         // A bent normal may point a direction into the surface, where nothing is open.
         let lanes = lanes & to.dot(at.normal).above(0.0);
         let rays = ray_rows(lanes, at.origin(at.raised, to), to, Num::splat(l, *reach));
-        let mut pixels = [0; 16];
-        let count = pixel.append(lanes, &mut pixels);
-        self.out.shadows(bytemuck::cast_slice(&rays[..count]), &pixels[..count]);
+        let mut pixels = L::array(0);
+        let count = pixel.append(lanes, pixels.as_mut());
+        self.out.shadow_row(count, bytemuck::cast_slice(rays.as_ref()), pixels.as_ref());
     }
 }
 
@@ -146,11 +144,9 @@ impl Kernel for Answered<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self, l: L) {
         for (some, occluded) in self.pixels.chunks(L::LANES).zip(self.occluded.chunks(L::LANES)) {
-            let (mut pixels, mut taken) = ([0; 16], [1; 16]);
-            pixels[..some.len()].copy_from_slice(some);
-            taken[..some.len()].copy_from_slice(occluded);
-            let open = Int::from_array(l, &taken).is(0);
-            self.film.splat_lanes(open, Int::from_array(l, &pixels), Vector::splat(l, Vec3::ONE));
+            let (pixels, _) = Int::some(l, some, 0);
+            let (taken, _) = Int::some(l, occluded, 1);
+            self.film.splat_lanes(taken.is(0), pixels, Vector::splat(l, Vec3::ONE));
         }
     }
 }
@@ -173,9 +169,8 @@ impl Renderer for AmbientOcclusion {
 
     fn spawn(&self, tile: u64, out: &mut Output<'_, SampleState, u32>) {
         self.frame.camera_rays(tile, |rays, pixels, samples| {
-            for ((&ray, &pixel), &sample) in rays.iter().zip(pixels).zip(samples) {
-                out.ray(ray, SampleState { pixel, sample });
-            }
+            let of = |(&pixel, &sample)| SampleState { pixel, sample };
+            out.rays(rays, pixels.iter().zip(samples).map(of));
         });
     }
 

@@ -18,12 +18,12 @@ pub struct Contribution {
 impl Contribution {
     /// Those of the lanes of a mask, one after the other.
     #[inline(always)]
-    pub(super) fn rows<L: Lanes>(lanes: u32, radiance: Vector<L>, pixel: Int<L>) -> [Self; 16] {
-        let mut rows = [Self::zeroed(); 16];
+    pub(super) fn rows<L: Lanes>(lanes: u32, radiance: Vector<L>, pixel: Int<L>) -> L::Array<Self> {
+        let mut rows = L::array(Self::zeroed());
         let (x, y, z) = (radiance.x.pack(lanes), radiance.y.pack(lanes), radiance.z.pack(lanes));
         let columns = [x.to_array(), y.to_array(), z.to_array()];
         let pixels = pixel.to_num_bits().pack(lanes).to_bits().to_array();
-        for (lane, row) in rows.iter_mut().enumerate().take(L::LANES) {
+        for (lane, row) in rows.as_mut().iter_mut().enumerate() {
             row.radiance = [columns[0][lane], columns[1][lane], columns[2][lane]];
             row.pixel = pixels[lane];
         }
@@ -43,15 +43,9 @@ impl Kernel for Answered<'_> {
 
     #[inline(always)]
     fn run<L: Lanes>(self, l: L) {
-        let mut places = [0; 16];
-        for (lane, place) in places.iter_mut().enumerate() {
-            *place = lane as u32;
-        }
-        let places = Int::from_array(l, &places);
+        let places = Int::iota(l);
         for (payloads, some) in self.payloads.chunks(L::LANES).zip(self.occluded.chunks(L::LANES)) {
-            let mut occluded = [1; 16];
-            occluded[..some.len()].copy_from_slice(some);
-            let open = Int::from_array(l, &occluded).is(0);
+            let open = Int::some(l, some, 1).0.is(0);
             let [x, y, z, pixel] =
                 places.at_most(payloads.len() as u32 - 1).rows(bytemuck::cast_slice(payloads));
             let radiance = Vector::new(x.to_num_bits(), y.to_num_bits(), z.to_num_bits());

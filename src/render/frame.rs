@@ -152,6 +152,12 @@ impl Frame {
         Self { simd, ..self }
     }
 
+    /// The same for an integrator that follows BSDFs' directions too: see [`Lights::beside_bsdfs`].
+    pub fn beside_bsdfs(self) -> Self {
+        let lights = Arc::new(Lights::clone(&self.lights).beside_bsdfs());
+        Self { lights, ..self }
+    }
+
     /// The instruction set to shade with.
     pub fn simd(&self) -> SimdLevel {
         self.simd
@@ -241,7 +247,7 @@ impl<E: FnMut(&[Ray], &[u32], &[u32])> Kernel for PatchRays<'_, E> {
         let (mut x, mut y, mut sample) = (left, top, samples.start);
         let mut todo = size[0] * size[1] * samples.len() as u32;
         while todo > 0 {
-            let (mut xs, mut ys, mut taken) = ([0; 16], [0; 16], [0; 16]);
+            let (mut xs, mut ys, mut taken) = (L::array(0), L::array(0), L::array(0));
             let lanes = todo.min(L::LANES as u32);
             todo -= lanes;
             for lane in 0..lanes as usize {
@@ -265,7 +271,9 @@ impl<E: FnMut(&[Ray], &[u32], &[u32])> Kernel for PatchRays<'_, E> {
             let far = Num::splat(l, f32::INFINITY);
             let rays = ray_rows(L::ALL, eye, direction, far);
             let lanes = lanes as usize;
-            (self.emit)(bytemuck::cast_slice(&rays[..lanes]), &pixel.to_array()[..lanes], &taken[..lanes]);
+            let pixels = pixel.to_array();
+            let (rays, pixels) = (&rays.as_ref()[..lanes], &pixels.as_ref()[..lanes]);
+            (self.emit)(bytemuck::cast_slice(rays), pixels, &taken.as_ref()[..lanes]);
         }
     }
 }
@@ -277,7 +285,7 @@ pub(super) fn ray_rows<L: Lanes>(
     origin: Vector<L>,
     direction: Vector<L>,
     t_max: Num<L>,
-) -> [[f32; 8]; 16] {
+) -> L::Array<[f32; 8]> {
     let t_min = t_max.only(0);
     let (o, d) = (origin, direction);
     Num::packed_rows(lanes, [o.x, o.y, o.z, t_min, d.x, d.y, d.z, t_max])

@@ -93,7 +93,7 @@ impl Path {
     ) -> Result<Self, SettingsError> {
         // At each depth one splat of emission and one of a light sample.
         let splats = |max_bounces: u32| 2 * (u64::from(max_bounces) + 2);
-        let frame = Frame::new(scene, camera, settings, MAX_BOUNCES, splats)?;
+        let frame = Frame::new(scene, camera, settings, MAX_BOUNCES, splats)?.beside_bsdfs();
         Ok(Self { frame, roulette_bounces })
     }
 
@@ -155,7 +155,7 @@ impl<L: Lanes> States<L> {
 
     /// As they lie in memory: those of the lanes of a mask, one after the other.
     #[inline(always)]
-    fn rows(self, lanes: u32) -> [[f32; 8]; 16] {
+    fn rows(self, lanes: u32) -> L::Array<[f32; 8]> {
         let [x, y, z] = [self.throughput.x, self.throughput.y, self.throughput.z];
         let depth = self.depth + (self.facing << DEPTH_BITS);
         let [pixel, sample, depth] =
@@ -180,9 +180,7 @@ impl Kernel for Shading<'_, '_> {
         for run in sort(l, self.batch.hits, &scene.mesh.materials).runs() {
             for rays in run.rays.chunks(L::LANES) {
                 // Lanes that are left over repeat the first ray and count for nothing.
-                let mut ids = [rays[0]; 16];
-                ids[..rays.len()].copy_from_slice(rays);
-                let (ids, lanes) = (Int::from_array(l, &ids), L::ALL >> (L::LANES - rays.len()));
+                let (ids, lanes) = Int::some(l, rays, rays[0]);
                 match run.material {
                     None => self.miss(ids, lanes),
                     Some(material) => self.hit(&scene.materials[material as usize], ids, lanes),
@@ -249,7 +247,7 @@ impl Shading<'_, '_> {
         let bsdf = Bsdf::new(scene, &material.surface, &at, MIN_ROUGHNESS);
         let sampler = Sampler::of(state.pixel, state.sample, frame.settings().seed);
         let receiver = Receiver::of(&at);
-        if !bsdf.is_smooth() {
+        if !bsdf.is_smooth() && frame.lights().are_sampled() {
             self.sample_light(&at, &receiver, &bsdf, &state, &sampler, lanes);
         }
         let state = States { facing: receiver.facing, ..state };
@@ -286,7 +284,7 @@ impl Shading<'_, '_> {
         let rays = ray_rows(lanes, origin, direction, t_max);
         let payloads = Contribution::rows(lanes, radiance, state.pixel);
         let count = lanes.count_ones() as usize;
-        self.out.shadows(bytemuck::cast_slice(&rays[..count]), &payloads[..count]);
+        self.out.shadow_row(count, bytemuck::cast_slice(rays.as_ref()), payloads.as_ref());
     }
 
     #[inline(always)]
@@ -330,7 +328,8 @@ impl Shading<'_, '_> {
             States { throughput, index2, depth, pdf: Num::select(specular, far, sample.pdf), ..*state };
         let (rays, states) = (ray_rows(lanes, at.origin(from, wi), wi, far), next.rows(lanes));
         let count = lanes.count_ones() as usize;
-        self.out.rays(bytemuck::cast_slice(&rays[..count]), bytemuck::cast_slice(&states[..count]));
+        let (rays, states) = (bytemuck::cast_slice(rays.as_ref()), bytemuck::cast_slice(states.as_ref()));
+        self.out.ray_row(count, rays, states);
     }
 }
 
@@ -352,11 +351,8 @@ impl Renderer for Path {
 
     fn spawn(&self, tile: u64, out: &mut Output<'_, PathState, Contribution>) {
         self.frame.camera_rays(tile, |rays, pixels, samples| {
-            let mut states = [PathState::START; 16];
-            for ((state, &pixel), &sample) in states.iter_mut().zip(pixels).zip(samples) {
-                (state.pixel, state.sample) = (pixel, sample);
-            }
-            out.rays(rays, &states[..rays.len()]);
+            let of = |(&pixel, &sample)| PathState { pixel, sample, ..PathState::START };
+            out.rays(rays, pixels.iter().zip(samples).map(of));
         });
     }
 

@@ -104,7 +104,7 @@ impl<L: Lanes> States<L> {
 
     /// As they lie in memory: those of the lanes of a mask, one after the other.
     #[inline(always)]
-    fn rows(self, lanes: u32) -> [[f32; 8]; 16] {
+    fn rows(self, lanes: u32) -> L::Array<[f32; 8]> {
         let [x, y, z] = [self.throughput.x, self.throughput.y, self.throughput.z];
         let [pixel, sample] = [self.pixel.to_num_bits(), self.sample.to_num_bits()];
         let [depth, branch] = [self.depth.to_num_bits(), self.branch.to_num_bits()];
@@ -131,16 +131,14 @@ impl Kernel for Shading<'_, '_> {
         for run in sort(l, self.batch.hits, &scene.mesh.materials).runs() {
             for rays in run.rays.chunks(L::LANES) {
                 // Lanes that are left over repeat the first ray and count for nothing.
-                let mut ids = [rays[0]; 16];
-                ids[..rays.len()].copy_from_slice(rays);
-                let (ids, lanes) = (Int::from_array(l, &ids), L::ALL >> (L::LANES - rays.len()));
+                let (ids, lanes) = Int::some(l, rays, rays[0]);
                 let goes_on = match run.material {
                     None => self.miss(ids, lanes),
                     Some(material) => self.hit(&scene.materials[material as usize], ids, lanes),
                 };
-                let mut ended = [0; 16];
-                let count = ids.append(lanes & !goes_on, &mut ended);
-                self.ended.extend_from_slice(&ended[..count]);
+                let mut ended = L::array(0);
+                let count = ids.append(lanes & !goes_on, ended.as_mut());
+                self.ended.extend_from_slice(&ended.as_ref()[..count]);
             }
         }
         self.take_up();
@@ -181,7 +179,7 @@ impl Shading<'_, '_> {
             let rays = ray_rows(lanes, sent.origin, sent.direction, sent.t_max);
             let payloads = Contribution::rows(lanes, sent.radiance, state.pixel);
             let count = lanes.count_ones() as usize;
-            self.out.shadows(bytemuck::cast_slice(&rays[..count]), &payloads[..count]);
+            self.out.shadow_row(count, bytemuck::cast_slice(rays.as_ref()), payloads.as_ref());
         }
         let lanes = lanes & state.depth.below(frame.settings().max_bounces);
         if lanes == 0 {
@@ -207,7 +205,8 @@ impl Shading<'_, '_> {
         let lanes = reflects | refracts;
         let (rays, states) = (ray_rows(lanes, origin, direction, reflected.t_max), now.rows(lanes));
         let count = lanes.count_ones() as usize;
-        self.out.rays(bytemuck::cast_slice(&rays[..count]), bytemuck::cast_slice(&states[..count]));
+        let (rays, states) = (bytemuck::cast_slice(rays.as_ref()), bytemuck::cast_slice(states.as_ref()));
+        self.out.ray_row(count, rays, states);
         lanes
     }
 
@@ -217,7 +216,7 @@ impl Shading<'_, '_> {
         let rays = ray_rows(L::ALL, sent.origin, sent.direction, sent.t_max);
         let states_rows = states.rows(L::ALL);
         let mut heads = states.head.to_array();
-        for (lane, head) in heads.iter_mut().enumerate().filter(|(lane, _)| lanes >> lane & 1 == 1) {
+        for (lane, head) in heads.as_mut().iter_mut().enumerate().filter(|(lane, _)| lanes >> lane & 1 == 1) {
             let state: WhittedState = bytemuck::cast(states_rows[lane]);
             *head = self.session.push(*head, &Pending::new(bytemuck::cast(rays[lane]), &state));
         }
@@ -286,10 +285,9 @@ impl Renderer for Whitted {
 
     fn spawn(&self, tile: u64, out: &mut Rays<'_>) {
         self.frame.camera_rays(tile, |rays, pixels, samples| {
-            let throughput = [1.0; 3];
-            for ((&ray, &pixel), &sample) in rays.iter().zip(pixels).zip(samples) {
-                out.ray(ray, WhittedState { throughput, pixel, sample, depth: 0, branch: 1, head: EMPTY });
-            }
+            let (throughput, depth, branch, head) = ([1.0; 3], 0, 1, EMPTY);
+            let of = |(&pixel, &sample)| WhittedState { throughput, pixel, sample, depth, branch, head };
+            out.rays(rays, pixels.iter().zip(samples).map(of));
         });
     }
 

@@ -91,14 +91,14 @@ impl ProceduralSurface {
         let columns = [p.x, p.y, p.z, n.x, n.y, n.z, u, v];
         let mut points = [[0.0; 16]; 8];
         for (array, column) in points.iter_mut().zip(columns) {
-            *array = column.to_array();
+            array[..L::LANES].copy_from_slice(column.to_array().as_ref());
         }
         let [r, g, b, metallic, roughness, clearcoat] = self.0.finish(L::LANES, &points);
         Finish {
-            colour: Vector::new(Num::from_array(l, &r), Num::from_array(l, &g), Num::from_array(l, &b)),
-            metallic: Num::from_array(l, &metallic),
-            roughness: Num::from_array(l, &roughness),
-            clearcoat: Num::from_array(l, &clearcoat),
+            colour: Vector::new(Num::load(l, &r), Num::load(l, &g), Num::load(l, &b)),
+            metallic: Num::load(l, &metallic),
+            roughness: Num::load(l, &roughness),
+            clearcoat: Num::load(l, &clearcoat),
         }
     }
 }
@@ -130,19 +130,17 @@ impl<P: Procedural> Kernel for Computation<'_, P> {
     fn run<L: Lanes>(self, l: L) -> [[f32; 16]; 6] {
         let mut columns = [Num::splat(l, 0.0); 8];
         for (column, array) in columns.iter_mut().zip(self.points) {
-            *column = Num::from_array(l, array);
+            *column = Num::load(l, array);
         }
         let [x, y, z, nx, ny, nz, u, v] = columns;
         let (position, normal) = (Vector::new(x, y, z), Vector::new(nx, ny, nz));
         let Finish { colour, metallic, roughness, clearcoat } =
             self.surface.finish(&Points { position, normal, uv: [u, v] });
-        [
-            colour.x.to_array(),
-            colour.y.to_array(),
-            colour.z.to_array(),
-            metallic.to_array(),
-            roughness.to_array(),
-            clearcoat.to_array(),
-        ]
+        let columns = [colour.x, colour.y, colour.z, metallic, roughness, clearcoat];
+        let mut finish = [[0.0; 16]; 6];
+        for (array, column) in finish.iter_mut().zip(columns) {
+            array[..L::LANES].copy_from_slice(column.to_array().as_ref());
+        }
+        finish
     }
 }

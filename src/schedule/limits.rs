@@ -8,8 +8,11 @@ use crate::stream::{Capacity, Sizing};
 const IN_FLIGHT: usize = 256 * 1024;
 /// RA's NEEDMORE threshold: the fewest rays that are traced efficiently on its GPU.
 const DEVICE_THRESHOLD: usize = 11 * 1024;
-/// The same for host threads, whose tracer likes streams large.
-const HOST_THRESHOLD: usize = 32 * 1024;
+/// The same for host threads alone.
+const HOST_THRESHOLD: usize = 8 * 1024;
+/// N for each of them: what it spawns or emits is to be in its cache still when it is traced, and when it is
+/// shaded. A path in flight takes 80 to 130 bytes.
+const HOST_IN_FLIGHT: usize = 4 * HOST_THRESHOLD;
 /// Nothing is larger than this, so that no product of sizes overflows.
 const MOST: usize = 1 << 28;
 
@@ -108,6 +111,10 @@ impl Limits {
             }
         });
         let in_flight = options.in_flight.unwrap_or_else(|| {
+            if dispatch_threads == 0 {
+                let paths = HOST_IN_FLIGHT.max(threshold.saturating_mul(2));
+                return paths.saturating_mul(host_threads).max(tile_rays).min(MOST);
+            }
             // A stream for each that traces, and one that it finds full when it is done.
             let streams = host_threads + if device.is_some() { 2 * dispatch_threads } else { 0 };
             IN_FLIGHT.max(threshold.saturating_mul(streams)).max(tile_rays).min(MOST)
@@ -238,7 +245,18 @@ mod tests {
         assert_eq!(limits.threshold, 4096);
         assert_eq!(limits.stream.shadow_rays, 4095 + 16 * 1024);
         let large = Demand { tiles: u64::MAX, ..demand };
-        assert_eq!(Limits::derive(&JobOptions::default(), large).unwrap().threshold, 32 * 1024);
+        assert_eq!(Limits::derive(&JobOptions::default(), large).unwrap().threshold, 8 * 1024);
+    }
+
+    #[test]
+    fn what_host_threads_work_on_alone_stays_in_their_caches() {
+        let demand = Demand { tiles: 1000, tile_rays: 4096, ..small() };
+        let limits = |options: &JobOptions| Limits::derive(options, demand).unwrap();
+        let own = limits(&JobOptions::default());
+        assert_eq!((own.threshold, own.in_flight), (8 * 1024, 4 * 32 * 1024));
+        // Streams that are asked to be larger all the same: two for each thread.
+        let told = limits(&JobOptions { threshold: Some(50_000), ..JobOptions::default() });
+        assert_eq!((told.threshold, told.in_flight), (50_000, 4 * 2 * 50_000));
     }
 
     #[test]

@@ -28,10 +28,11 @@ impl Default for ServiceOptions {
 /// How a job is run. The picture does not depend on any of it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct JobOptions {
-    /// N, the most paths in flight. Default: RA's 256k, more for many threads or a device that likes large streams.
+    /// N, the most paths in flight. Default: with a device RA's 256k, more for many threads or one that likes large
+    /// streams; without, 32k for each thread.
     pub in_flight: Option<usize>,
     /// Paths from which a stream counts as full. Default: with a device what it likes
-    /// ([`DeviceTracer::sizing`]), or RA's 11k if that is unknown; up to 32k without; less for small jobs.
+    /// ([`DeviceTracer::sizing`]), or RA's 11k if that is unknown; up to 8k without; less for small jobs.
     pub threshold: Option<usize>,
     /// Most rays of a shade batch (RA: 8192).
     pub batch_rays: usize,

@@ -80,13 +80,20 @@ impl<P, S> Output<'_, P, S> {
     ///
     /// # Panics
     /// Unless there are as many of both.
-    pub fn rays(&mut self, rays: &[Ray], payloads: &[P])
+    pub fn rays(&mut self, rays: &[Ray], payloads: impl Iterator<Item = P>) {
+        self.rays.extend_from_slice(rays);
+        self.payloads.extend(payloads);
+        assert_eq!(self.rays.len(), self.payloads.len(), "every ray has a payload");
+    }
+
+    /// Emits the first `count` rays of a row, each with its payload: rows are what lanes write.
+    #[inline(always)]
+    pub fn ray_row(&mut self, count: usize, rays: &[Ray], payloads: &[P])
     where
         P: Copy,
     {
-        assert_eq!(rays.len(), payloads.len(), "every ray has a payload");
-        self.rays.extend_from_slice(rays);
-        self.payloads.extend_from_slice(payloads);
+        self.rays.extend_from_row(rays, count);
+        extend_from_row(self.payloads, payloads, count);
     }
 
     /// Emits a ray of which only occlusion matters; it comes back in [`Renderer::shadow`].
@@ -95,16 +102,24 @@ impl<P, S> Output<'_, P, S> {
         self.shadow_payloads.push(payload);
     }
 
-    /// Emits rays of which only occlusion matters, each with its payload.
-    ///
-    /// # Panics
-    /// Unless there are as many of both.
-    pub fn shadows(&mut self, rays: &[Ray], payloads: &[S])
+    /// Emits the first `count` rays of a row of which only occlusion matters, each with its payload.
+    #[inline(always)]
+    pub fn shadow_row(&mut self, count: usize, rays: &[Ray], payloads: &[S])
     where
         S: Copy,
     {
-        assert_eq!(rays.len(), payloads.len(), "every ray has a payload");
-        self.shadow_rays.extend_from_slice(rays);
-        self.shadow_payloads.extend_from_slice(payloads);
+        self.shadow_rays.extend_from_row(rays, count);
+        extend_from_row(self.shadow_payloads, payloads, count);
     }
+}
+
+/// Appends the first `count` of a row, copying all where there is room: see [`Appender::extend_from_row`].
+#[inline(always)]
+fn extend_from_row<T: Copy>(to: &mut Vec<T>, row: &[T], count: usize) {
+    let len = to.len();
+    if to.capacity() - len < row.len() {
+        return to.extend_from_slice(&row[..count]);
+    }
+    to.extend_from_slice(row);
+    to.truncate(len + count);
 }

@@ -68,6 +68,10 @@ impl<L: Lanes> Piece<L> for Sort<'_> {
     #[inline(always)]
     fn run(self, l: L) -> Sorted {
         let mut storage = SPARE.take();
+        if let [hit] = self.hits {
+            storage.hold(hit, self.materials);
+            return Sorted(storage);
+        }
         storage.make_room(self.hits.len());
         let keys = storage.look_up(l, self.hits, self.materials);
         if L::LANES == 1 || !storage.gather(l, keys) {
@@ -96,11 +100,21 @@ impl Storage {
         self.len = rays;
     }
 
+    /// One ray is sorted: what is shaded ray by ray pays for no more.
+    fn hold(&mut self, hit: &Hit, materials: &[u32]) {
+        let key = if hit.is_miss() { 0 } else { materials[hit.primitive as usize] + 1 };
+        self.order.clear();
+        self.order.push(0);
+        self.runs.clear();
+        self.runs.push((key, 0));
+        self.len = 1;
+    }
+
     /// Key 0 is a miss, key m + 1 is material m.
     #[inline(always)]
     fn look_up<L: Lanes>(&mut self, l: L, hits: &[Hit], materials: &[u32]) -> Keys {
         let (mut least, mut all, mut any) = (Int::splat(l, NEVER), Int::splat(l, NEVER), Int::splat(l, 0));
-        let places = iota(l);
+        let places = Int::iota(l);
         for (hits, keys) in hits.chunks(L::LANES).zip(self.keys.chunks_mut(L::LANES)) {
             let [_, _, _, primitive] = places.at_most(hits.len() as u32 - 1).rows(bytemuck::cast_slice(hits));
             let hit = !primitive.is(MISS) & L::ALL;
@@ -115,7 +129,7 @@ impl Storage {
             if keys.len() == L::LANES && hits.len() == L::LANES {
                 key.store(keys);
             } else {
-                keys[..hits.len()].copy_from_slice(&key.to_array()[..hits.len()]);
+                keys[..hits.len()].copy_from_slice(&key.to_array().as_ref()[..hits.len()]);
             }
         }
         let (least, all, any) = (least.to_array(), all.to_array(), any.to_array());
@@ -130,7 +144,7 @@ impl Storage {
     /// Gathers the rays of one key after the other; returns whether there were few enough.
     #[inline(always)]
     fn gather<L: Lanes>(&mut self, l: L, keys: Keys) -> bool {
-        let (places, none) = (iota(l), Int::splat(l, NEVER));
+        let (places, none) = (Int::iota(l), Int::splat(l, NEVER));
         let (mut key, mut filled) = (keys.least, 0);
         while filled < self.len {
             if self.runs.len() == FEW_RUNS {
@@ -184,16 +198,6 @@ impl Storage {
     }
 }
 
-/// The number of each lane.
-#[inline(always)]
-fn iota<L: Lanes>(l: L) -> Int<L> {
-    let mut lanes = [0; 16];
-    for (lane, number) in lanes.iter_mut().enumerate() {
-        *number = lane as u32;
-    }
-    Int::from_array(l, &lanes)
-}
-
 impl Sorted {
     /// The runs: misses first if there are any, then materials in ascending order.
     pub fn runs(&self) -> impl Iterator<Item = Run<'_>> {
@@ -238,8 +242,8 @@ mod tests {
             .flat_map(|materials| SimdLevel::available().into_iter().map(move |level| (materials, level)))
         {
             let of: Vec<u32> = (0..100_000u32).map(|p| crate::geom::mix(p) % materials).collect();
-            for rays in [8192, 77, 1] {
-                let hits: Vec<Hit> = (0..rays)
+            for (first, rays) in [(0, 8192), (5, 77), (0, 1), (3, 1)] {
+                let hits: Vec<Hit> = (first..first + rays)
                     .map(|i| if i % 7 == 3 { hit(MISS) } else { hit(crate::geom::mix(i ^ 0x55) % 100_000) })
                     .collect();
                 let sorted = level.run(Sorting(&hits, &of));

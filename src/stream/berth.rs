@@ -185,6 +185,22 @@ impl Appender<'_> {
         *self.len = end;
     }
 
+    /// Appends the first `count` rays of a row. The others are written behind them where there is room: it is
+    /// cheaper to copy as many as the compiler knows of.
+    ///
+    /// # Panics
+    /// If there is no room for `count`, or they are not in the row.
+    #[inline(always)]
+    pub fn extend_from_row(&mut self, row: &[Ray], count: usize) {
+        match self.slots.get_mut(*self.len..*self.len + row.len()) {
+            Some(slots) if count <= row.len() => {
+                slots.copy_from_slice(row);
+                *self.len += count;
+            }
+            _ => self.extend_from_slice(&row[..count]),
+        }
+    }
+
     /// How many rays there are.
     pub fn len(&self) -> usize {
         *self.len

@@ -377,3 +377,21 @@ fn a_panic_with_any_payload_is_told() {
     assert_eq!(panic_message(Box::new("owned".to_owned())), "owned");
     assert_eq!(panic_message(Box::new(Arc::new(Loud))), "(no message)");
 }
+
+#[test]
+fn of_a_row_as_many_are_appended_as_counted() {
+    let ray = |i: usize| Ray::new(glam::Vec3::splat(i as f32), glam::Vec3::X);
+    let row: Vec<Ray> = (0..4).map(ray).collect();
+    let mut column = Column::with_capacity(6);
+    // The whole row fits twice; then only what counts does.
+    for (count, len) in [(2, 2), (0, 2), (1, 3), (3, 6), (0, 6)] {
+        column.appender().extend_from_row(&row, count);
+        assert_eq!(column.len(), len);
+    }
+    let origins: Vec<f32> = column.iter().map(|ray| ray.origin[0]).collect();
+    assert_eq!(origins, [0.0, 1.0, 0.0, 0.0, 1.0, 2.0]);
+    let full = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
+        column.appender().extend_from_row(&row, 1);
+    }));
+    assert!(full.is_err(), "there is no room");
+}

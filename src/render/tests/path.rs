@@ -181,6 +181,30 @@ fn a_point_light_and_a_sun_light_a_wall_as_computed() {
 }
 
 #[test]
+fn an_even_sky_takes_no_shadow_rays_and_leaves_no_noise() {
+    let wall = |emission: f32| {
+        let mut scene =
+            Scene { environment: Environment::Constant(Vec3::new(3.0, 2.0, 1.0)), ..Scene::default() };
+        let wall = add_material(&mut scene, Material::matte("", Vec3::splat(0.5)));
+        add_quad(&mut scene, Vec3::new(-9.0, -9.0, 0.0), Vec3::X * 18.0, Vec3::Y * 18.0, wall);
+        if emission > 0.0 {
+            let lamp = add_material(&mut scene, shining(emission, 0.0));
+            add_quad(&mut scene, Vec3::new(-9.0, -9.0, 1.0), Vec3::X, Vec3::Y, lamp);
+        }
+        let settings = Settings { width: 16, height: 16, spp: 1, max_bounces: 0, seed: 3 };
+        let narrow = crate::scene::Camera { fov_degrees: 0.01, ..camera() };
+        let path = Path::new(Arc::new(scene.clone()), &narrow, settings, None).expect("valid");
+        let counts = render(&path, 8192, &harness::tracer(&scene));
+        (counts.shadow, path.film().resolve())
+    };
+    let (shadow_rays, pixels) = wall(0.0);
+    assert_eq!(shadow_rays, 0);
+    assert!(pixels.iter().all(|&p| (Vec3::from(p) - Vec3::new(1.5, 1.0, 0.5)).abs().max_element() < 1e-5));
+    // A lamp in front of the wall is looked for as ever.
+    assert!(wall(1.0).0 > 0);
+}
+
+#[test]
 fn batches_and_order_do_not_change_a_byte() {
     let scene = room();
     let tracer = harness::tracer(&scene);
@@ -198,8 +222,8 @@ fn batches_and_order_do_not_change_a_byte() {
 
 #[test]
 fn tiles_go_over_the_picture_once_for_every_few_samples() {
-    // 171 blocks; 21 of 3 samples a tile, or 4 of 14 samples.
-    for (spp, tiles, together, tile_rays) in [(3, 9, 3, 63 * 256), (28, 43, 14, 56 * 256)] {
+    // 171 blocks; 5 of 3 samples a tile, or 1 of 14 samples.
+    for (spp, tiles, together, tile_rays) in [(3, 35, 3, 15 * 256), (28, 171, 14, 14 * 256)] {
         let settings = Settings { width: 300, height: 129, spp, ..SETTINGS };
         let path = path(furnace(Material::fallback(), 0, false), settings);
         assert_eq!(path.tiles(), tiles * u64::from(spp / together));

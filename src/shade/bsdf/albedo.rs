@@ -172,10 +172,9 @@ impl Kernel for Measurement {
         let ggx = Ggx { alpha: [Num::splat(l, self.alpha[0]), Num::splat(l, self.alpha[1])] };
         let wo = Vector::splat(l, self.wo);
         let mut sum = [0.0; 2];
-        let lane_numbers: [u32; 16] = std::array::from_fn(|lane| lane as u32);
         for first in (0..FACETS).step_by(L::LANES) {
             // Hammersley's points.
-            let i = Int::from_array(l, &lane_numbers) + first;
+            let i = Int::iota(l) + first;
             let u = (i.to_num() + 0.5) * (1.0 / FACETS as f32);
             let v = (i.reverse_bits() >> 8).to_num() * (1.0 / (1 << 24) as f32);
             let facet = ggx.sample(wo, [u, v]);
@@ -186,7 +185,7 @@ impl Kernel for Measurement {
             let grazing = (one - deficit) * schlick_weight(cosine);
             // One after the other, so that any number of lanes gives the same sums.
             let (deficit, grazing) = (deficit.to_array(), grazing.to_array());
-            for (deficit, grazing) in deficit.iter().zip(&grazing).take(L::LANES) {
+            for (deficit, grazing) in deficit.as_ref().iter().zip(grazing.as_ref()) {
                 sum[0] += deficit;
                 sum[1] += grazing;
             }

@@ -177,7 +177,7 @@ impl Emitters {
     ) -> Vector<L> {
         let l = v.lanes();
         let (place, v, w) = (place.to_array(), v.to_array(), w.to_array());
-        let mut radiance = [[0.0; 16]; 3];
+        let mut radiance = [L::array(0.0); 3];
         for lane in (0..L::LANES).filter(|lane| lanes >> lane & 1 == 1) {
             let place = place[lane] as usize;
             let at = [v[lane], w[lane]];

@@ -181,7 +181,7 @@ impl Map {
     fn sample<L: Lanes>(&self, [u, v]: [Num<L>; 2]) -> [Num<L>; 2] {
         let (l, u, v) = (u.lanes(), u.to_array(), v.to_array());
         let width = self.image.width as usize;
-        let mut places = [[0.0; 16]; 2];
+        let mut places = [L::array(0.0); 2];
         for lane in 0..L::LANES {
             let (y, fy) = invert(&self.rows, &self.row_guide, v[lane]);
             let guide = &self.column_guides[y * width..(y + 1) * width];

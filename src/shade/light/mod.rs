@@ -37,7 +37,9 @@ pub struct Lights {
     punctual: Vec<punctual::Record>,
     punctual_table: AliasTable,
     environment: EnvironmentLight,
-    /// Chances of emissive triangles, of the environment and of punctual lights.
+    /// Power of emissive triangles, of the environment and of punctual lights.
+    powers: [f64; 3],
+    /// Their chances.
     chances: [f32; 3],
 }
 
@@ -73,12 +75,22 @@ impl Lights {
         let disk = std::f64::consts::PI * f64::from(radius).powi(2);
         let sky = f64::from(environment.mean()) * disk * 4.0 * std::f64::consts::PI;
         let powers = [emitters.power(), sky, punctual_table.total()];
-        let total: f64 = powers.iter().sum();
-        let present = powers.iter().filter(|&&p| p > 0.0).count() as f64;
-        let chances =
-            powers.map(|power| if power > 0.0 { (0.5 / present + 0.5 * power / total) as f32 } else { 0.0 });
         let punctual = scene.lights.iter().map(punctual::Record::from).collect();
-        Self { emitters, punctual, punctual_table, environment, chances }
+        Self { emitters, punctual, punctual_table, environment, powers, chances: chances(powers) }
+    }
+
+    /// The same for integrators that sample the BSDF beside the lights and weight both: an even sky is left
+    /// to the BSDF. Sampling it by the BSDF alone leaves nothing to chance but what is in the way, which
+    /// no sample of the sky knows either: it would cost a shadow ray and, under an open sky, add noise.
+    pub fn beside_bsdfs(self) -> Self {
+        let [emitters, sky, punctual] = self.powers;
+        let powers = [emitters, if self.environment.is_even() { 0.0 } else { sky }, punctual];
+        Self { powers, chances: chances(powers), ..self }
+    }
+
+    /// Whether [`Lights::sample`] ever finds any.
+    pub fn are_sampled(&self) -> bool {
+        self.powers.iter().any(|&power| power > 0.0)
     }
 
     /// How many punctual lights there are.
@@ -227,6 +239,13 @@ impl Lights {
         let (radiance, pdf) = self.environment.look(direction);
         (radiance, if chance > 0.0 { pdf * chance } else { pdf.only(0) })
     }
+}
+
+/// Half evenly among those that are there, half by power.
+fn chances(powers: [f64; 3]) -> [f32; 3] {
+    let total: f64 = powers.iter().sum();
+    let present = powers.iter().filter(|&&p| p > 0.0).count() as f64;
+    powers.map(|power| if power > 0.0 { (0.5 / present + 0.5 * power / total) as f32 } else { 0.0 })
 }
 
 impl<L: Lanes> LightSample<L> {
