@@ -2,18 +2,20 @@
 """Do raystream's pictures agree with Mitsuba 3's? A z-test that knows the noise of both sides.
 
     python3 -m venv .venv && .venv/bin/pip install mitsuba==3.9.1 numpy
-    .venv/bin/python benches/agree_with_mitsuba.py [glass metal coat gloss sky]
+    .venv/bin/python benches/agree_with_mitsuba.py [glass metal brushed coat gloss ink sky]
 
 Each scene is made here of flat triangles, written once for each program and rendered many times by both,
 with other seeds each time and without Russian roulette. The spread of a block of 16 x 16 pixels over a
 program's renders is its noise; two programs agree when no block differs by more than 5 standard deviations
 of both and the whole picture by no more than 0.5 % in any channel. Exits with 1 when they do not.
 
-Glass, mirrors, lamps and environment maps are Mitsuba's own. It has no glTF surface, so the BSDF below says
+Glass, mirrors, lamps, environment maps and the medium of ink are Mitsuba's own. It has no glTF surface, so the BSDF below says
 anew, from the published formulas, what raystream's should be; its reflectances are integrated here.
 """
 
 import argparse
+import base64
+import json
 import pathlib
 import subprocess
 import sys
@@ -66,8 +68,13 @@ SCENES = {
     # Under an even sky: caustics of a lamp are not normally distributed.
     "glass": dict(parts=[FLOOR, WALL, (BALL, {"glass": 1.5})], sky=(0.8, 1.0, 1.2), bounces=16),
     "metal": dict(parts=[FLOOR, WALL, LAMP, (BALL, {"metal": (0.9, 0.6, 0.3), "roughness": 0.6})], bounces=4),
+    "brushed": dict(
+        parts=[FLOOR, WALL, LAMP, (BALL, {"metal": (0.9, 0.6, 0.3), "roughness": 0.5, "brushed": 0.7})], bounces=4
+    ),
     "coat": dict(parts=[FLOOR, WALL, LAMP, (BALL, {"coat": (0.7, 0.2, 0.1), "roughness": 0.7})], bounces=4),
     "gloss": dict(parts=[FLOOR, WALL, LAMP, (BALL, {"gloss": (0.2, 0.3, 0.8), "roughness": 0.5})], bounces=4),
+    # A ball of nothing but a medium, which takes colour from light by the way through it.
+    "ink": dict(parts=[FLOOR, WALL, (BALL, {"ink": (0.2, 0.5, 0.8)})], sky=(0.8, 1.0, 1.2), bounces=16),
     "sky": dict(parts=[FLOOR, (BALL, {"mirror": (0.9, 0.8, 0.7)})], bounces=4),
 }
 
@@ -100,6 +107,7 @@ def mtl(name, material):
         return text + "illum 3\n" + colour("Ks", material["mirror"])
     for kind, rest in {"metal": "Pm 1\n", "coat": "Ni 1.5\nPc 1\n", "gloss": "Ni 1.5\n"}.items():
         if kind in material:
+            rest += f"aniso {material.get('brushed', 0)}\n"
             return text + "illum 2\n" + colour("Kd", material[kind]) + f"Pr {material['roughness']}\n" + rest
     return text + "illum 1\n" + colour("Kd", material["matte"]) + colour("Ke", material.get("lamp", (0, 0, 0)))
 
@@ -109,15 +117,47 @@ def write_obj(folder, scene):
     for i, ((points, faces), material) in enumerate(scene["parts"]):
         materials += mtl(f"m{i}", material)
         text += f"usemtl m{i}\n" + "".join(f"v {x:.9g} {y:.9g} {z:.9g}\n" for x, y, z in points)
-        text += "".join(f"f {a + base} {b + base} {c + base}\n" for a, b, c in faces)
+        # Texture coordinates say along what a brushed surface is rougher: in the plane of y, along x.
+        text += "".join(f"vt {x:.9g} {z:.9g}\n" for x, _, z in points)
+        text += "".join("f " + " ".join(f"{v + base}/{v + base}" for v in face) + "\n" for face in faces)
         base += len(points)
     (folder / "scene.mtl").write_text(materials)
     (folder / "scene.obj").write_text(text)
     return folder / "scene.obj"
 
 
+def write_gltf(folder, scene):
+    """For what MTL cannot say."""
+    data, views, accessors, meshes, materials = b"", [], [], [], []
+    for i, ((points, faces), material) in enumerate(scene["parts"]):
+        for array, kind, component in [(points.astype("<f4"), "VEC3", 5126), (faces.astype("<u4"), "SCALAR", 5125)]:
+            views.append({"buffer": 0, "byteOffset": len(data), "byteLength": array.nbytes})
+            count = array.size // (3 if kind == "VEC3" else 1)
+            accessors.append({"bufferView": len(views) - 1, "componentType": component, "count": count, "type": kind})
+            data += array.tobytes()
+        part = {"attributes": {"POSITION": 2 * i}, "indices": 2 * i + 1, "material": i}
+        meshes.append({"primitives": [part]})
+        extensions = {"KHR_materials_specular": {"specularFactor": 0}}
+        base = material.get("matte", (1, 1, 1))
+        if "ink" in material:
+            volume = {"thicknessFactor": 1, "attenuationDistance": 1, "attenuationColor": material["ink"]}
+            extensions |= {"KHR_materials_ior": {"ior": 1}, "KHR_materials_volume": volume}
+            extensions["KHR_materials_transmission"] = {"transmissionFactor": 1}
+        pbr = {"metallicFactor": 0, "roughnessFactor": 0, "baseColorFactor": [*base, 1]}
+        materials.append({"pbrMetallicRoughness": pbr, "extensions": extensions})
+    uri = "data:application/octet-stream;base64," + base64.b64encode(data).decode()
+    nodes = [{"mesh": i} for i in range(len(meshes))]
+    whole = {"asset": {"version": "2.0"}, "buffers": [{"byteLength": len(data), "uri": uri}], "bufferViews": views}
+    whole |= {"accessors": accessors, "meshes": meshes, "materials": materials, "nodes": nodes}
+    whole |= {"scenes": [{"nodes": list(range(len(nodes)))}], "scene": 0}
+    used = {name for material in materials for name in material["extensions"]}
+    (folder / "scene.gltf").write_text(json.dumps(whole | {"extensionsUsed": sorted(used)}))
+    return folder / "scene.gltf"
+
+
 def ours(args, folder, scene):
-    path, out = write_obj(folder, scene), folder / "out.npy"
+    has_ink = any("ink" in material for _, material in scene["parts"])
+    path, out = (write_gltf if has_ink else write_obj)(folder, scene), folder / "out.npy"
     text = lambda vector: ",".join(f"{x:g}" for x in vector)
     command = [args.raystream, "render", path, "-o", out, "--tracer", "cpu", "--size", f"{SIZE}x{SIZE}"]
     command += ["--no-russian-roulette", "--max-bounces", scene["bounces"], "--spp", args.spp]
@@ -135,35 +175,40 @@ def ours(args, folder, scene):
 # What Mitsuba renders.
 
 
-def reflectances(alpha):
-    """What GGX facets lose in one bounce, and what they reflect of (1 - cosine)^5, over the cosine."""
+def reflectances(along, across):
+    """What GGX facets lose in one bounce, and what they reflect of (1 - cosine)^5, over the azimuth and the cosine."""
     rng = np.random.default_rng(1)
     cosines = np.linspace(0, 1, 65)
+    azimuths = np.linspace(0, np.pi / 2, 2 if along == across else 13)
     table = []
-    for z in np.maximum(cosines, 1e-4):
-        u, v = rng.random((2, 1 << 17))
-        wo = np.array([np.sqrt(1 - z * z), 0, z])
+    for phi, z in [(phi, z) for phi in azimuths for z in np.maximum(cosines, 1e-4)]:
+        u, v = rng.random((2, 1 << 17 if along == across else 1 << 15))
+        wo = np.array([np.sqrt(1 - z * z) * np.cos(phi), np.sqrt(1 - z * z) * np.sin(phi), z])
         # Visible normals (Heitz 2018).
-        vh = wo * [alpha, alpha, 1]
+        vh = wo * [along, across, 1]
         vh /= np.linalg.norm(vh)
-        t1 = np.array([0.0, 1.0, 0.0])
+        t1 = np.array([-vh[1], vh[0], 0]) / max(np.hypot(vh[0], vh[1]), 1e-9)
+        t1 = t1 if np.hypot(*t1[:2]) > 0.5 else np.array([1.0, 0, 0])
         t2 = np.cross(vh, t1)
         r, phi, s = np.sqrt(u), 2 * np.pi * v, 0.5 * (1 + vh[2])
         a, b = r * np.cos(phi), r * np.sin(phi)
         b = (1 - s) * np.sqrt(1 - a * a) + s * b
         n = a[:, None] * t1 + b[:, None] * t2 + np.sqrt(np.maximum(0, 1 - a * a - b * b))[:, None] * vh
-        h = n * [alpha, alpha, 1]
+        h = n * [along, across, 1]
         h /= np.linalg.norm(h, axis=1, keepdims=True)
         cosine = h @ wo
-        wi_z = 2 * cosine * h[:, 2] - z
-        up = wi_z > 0
-        smith = lambda c: 0.5 * (np.sqrt(1 + alpha**2 * (1 - c * c) / (c * c)) - 1)
-        near, far = smith(z), smith(np.maximum(wi_z, 1e-6))
+        wi = 2 * cosine[:, None] * h - wo
+        up = wi[:, 2] > 0
+        tan2 = lambda w: ((along * w[..., 0]) ** 2 + (across * w[..., 1]) ** 2) / np.maximum(w[..., 2], 1e-6) ** 2
+        smith = lambda w: 0.5 * (np.sqrt(1 + tan2(w)) - 1)
+        near, far = smith(wo), smith(wi)
         weight = np.where(up, (1 + near) / (1 + near + far), 0)
         table.append((1 - weight.mean(), (weight * (1 - cosine) ** 5).mean()))
-    table = np.array(table)
+    table = np.array(table).reshape(len(azimuths), len(cosines), 2)
+    # Even in the azimuth, by the trapezoidal rule.
+    rows = (table[1:] + table[:-1]).mean(axis=0) / 2
     fine = (np.arange(4096) + 0.5) / 4096
-    mean = [np.mean(2 * fine * np.interp(fine, cosines, column)) for column in table.T]
+    mean = [np.mean(2 * fine * np.interp(fine, cosines, column)) for column in rows.T]
     return table, mean
 
 
@@ -176,10 +221,12 @@ def define_gltf(mi):
         def __init__(self, props):
             mi.BSDF.__init__(self, props)
             self.base = mi.Color3f([props[k] for k in ("red", "green", "blue")])
-            self.alpha = props["roughness"] ** 2
+            self.across = props["roughness"] ** 2
+            self.along = self.across + (1 - self.across) * props["brushed"] ** 2
             self.metal, self.coated = props["metal"], props["coated"]
-            table, (self.lost, self.grazing) = reflectances(self.alpha)
-            self.table = [mi.Float(column.astype(np.float32)) for column in table.T]
+            table, (self.lost, self.grazing) = reflectances(self.along, self.across)
+            self.azimuths = table.shape[0]
+            self.table = [mi.Float(table[..., k].astype(np.float32).ravel()) for k in range(2)]
             flags = mi.BSDFFlags.GlossyReflection | mi.BSDFFlags.FrontSide
             smooth = mi.BSDFFlags.DeltaReflection | mi.BSDFFlags.FrontSide
             self.m_components = [flags, smooth] if self.coated else [flags]
@@ -190,12 +237,16 @@ def define_gltf(mi):
             average = self.f0 * (20 / 21) + 1 / 21
             self.strength = average**2 * (1 - self.lost) / (1 - average * self.lost)
 
-        def at(self, z):
-            place = dr.clip(z, 0, 1) * 64
+        def at(self, w):
+            place = dr.clip(w.z, 0, 1) * 64
             low = mi.UInt32(dr.minimum(place, 63))
             share = place - mi.Float(low)
-            look = lambda t: dr.lerp(dr.gather(mi.Float, t, low), dr.gather(mi.Float, t, low + 1), share)
-            return look(self.table[0]), look(self.table[1])
+            turn = dr.atan2(dr.abs(w.y), dr.abs(w.x)) * (2 / dr.pi * (self.azimuths - 1))
+            row = mi.UInt32(dr.clip(turn, 0, self.azimuths - 2))
+            turned = turn - mi.Float(row)
+            look = lambda t, i: dr.lerp(dr.gather(mi.Float, t, i), dr.gather(mi.Float, t, i + 1), share)
+            both = lambda t: dr.lerp(look(t, row * 65 + low), look(t, row * 65 + 65 + low), turned)
+            return both(self.table[0]), both(self.table[1])
 
         def share(self, lost, grazing):
             return self.f0 * (1 - lost - grazing) + grazing + self.strength * lost
@@ -205,12 +256,13 @@ def define_gltf(mi):
 
         def value(self, wo, wi):
             half = dr.normalize(wo + wi)
-            smith = lambda z: 0.5 * (dr.sqrt(1 + self.alpha**2 * (1 - z * z) / (z * z)) - 1)
-            stretch = half.z**2 + (half.x**2 + half.y**2) / self.alpha**2
-            density = 1 / (dr.pi * self.alpha**2 * stretch**2)
-            facets = density / (4 * wo.z * (1 + smith(wo.z) + smith(wi.z)))
+            tan2 = lambda w: ((self.along * w.x) ** 2 + (self.across * w.y) ** 2) / w.z**2
+            smith = lambda w: 0.5 * (dr.sqrt(1 + tan2(w)) - 1)
+            stretch = half.z**2 + (half.x / self.along) ** 2 + (half.y / self.across) ** 2
+            density = 1 / (dr.pi * self.along * self.across * stretch**2)
+            facets = density / (4 * wo.z * (1 + smith(wo) + smith(wi)))
             fresnel = self.f0 + (1 - self.f0) * (1 - dr.dot(wo, half)) ** 5
-            (near, near_g), (far, far_g) = self.at(wo.z), self.at(wi.z)
+            (near, near_g), (far, far_g) = self.at(wo), self.at(wi)
             value = fresnel * facets + self.strength * near * far / self.lost * wi.z / dr.pi
             if not self.metal:
                 mean = 1 - self.share(self.lost, self.grazing)
@@ -263,10 +315,12 @@ def bsdf(material):
         return {"type": "dielectric", "int_ior": material["glass"], "ext_ior": 1.0}
     if "mirror" in material:
         return {"type": "conductor", "material": "none", "specular_reflectance": rgb(material["mirror"])}
+    if "ink" in material:
+        return {"type": "null"}
     for kind in ("metal", "coat", "gloss"):
         if kind in material:
             red, green, blue = map(float, material[kind])
-            flags = {"metal": kind == "metal", "coated": kind == "coat"}
+            flags = {"metal": kind == "metal", "coated": kind == "coat", "brushed": material.get("brushed", 0.0)}
             return {"type": "gltf", "red": red, "green": green, "blue": blue, "roughness": material["roughness"], **flags}
     return {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": rgb(material["matte"])}}
 
@@ -275,9 +329,10 @@ def write_ply(path, points, faces):
     rows = np.empty(len(faces), dtype=[("n", "u1"), ("i", "<u4", 3)])
     rows["n"], rows["i"] = 3, faces
     header = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(points)}\n"
-    header += "property float x\nproperty float y\nproperty float z\n"
+    header += "".join(f"property float {name}\n" for name in "xyzuv")
     header += f"element face {len(faces)}\nproperty list uchar uint vertex_indices\nend_header\n"
-    path.write_bytes(header.encode() + np.asarray(points, "<f4").tobytes() + rows.tobytes())
+    vertices = np.hstack([points, points[:, [0, 2]]]).astype("<f4")
+    path.write_bytes(header.encode() + vertices.tobytes() + rows.tobytes())
     return str(path)
 
 
@@ -287,11 +342,16 @@ def theirs(mi, args, folder, scene):
     view = mi.ScalarTransform4f().look_at(origin=list(EYE), target=list(TARGET), up=[0, 1, 0])
     sensor = {"type": "perspective", "fov": FOV, "fov_axis": "y", "to_world": view, "film": film}
     integrator = {"type": "path", "max_depth": scene["bounces"] + 2, "rr_depth": 10_000}
+    if any("ink" in material for _, material in scene["parts"]):
+        integrator["type"] = "volpath"
     whole = {"type": "scene", "integrator": integrator, "sensor": sensor}
     lit = False
     for i, ((points, faces), material) in enumerate(scene["parts"]):
         ply = write_ply(folder / f"{i}.ply", points, faces)
         part = {"type": "ply", "filename": ply, "face_normals": True, "bsdf": bsdf(material)}
+        if "ink" in material:
+            absorption = [-float(np.log(c)) for c in material["ink"]]
+            part["interior"] = {"type": "homogeneous", "albedo": 0.0, "sigma_t": rgb(absorption)}
         if "lamp" in material:
             lit = True
             # Mitsuba's lamps shine on their front alone: another lies on the back of each, a little above.

@@ -12,16 +12,15 @@
 //!
 //! Unknown fields are errors that name the line. [`Shape`] lists the shapes, [`Pattern`] the textures.
 
+mod finish;
 mod pattern;
 mod shape;
 
+pub use finish::{Fibres, Finish, ThinFilm, Tint};
 pub use pattern::Pattern;
 pub use shape::Shape;
 
-use super::{
-    Alpha, Anisotropy, Camera, Colour, Emission, Environment, Iridescence, Material, Medium, Principled,
-    Scalar, Scene, Sheen, Surface, TextureRef,
-};
+use super::{Camera, Environment, Scene, TextureRef};
 use glam::Vec3;
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -53,74 +52,6 @@ pub struct View {
     pub target: Vec3,
     /// Vertical field of view.
     pub fov_degrees: f32,
-}
-
-/// A material: glass when `ior` is given, a mirror when `mirror` is true, else glTF's
-/// metallic-roughness, matte when `roughness` is absent too.
-#[derive(Clone, Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Finish {
-    /// Linear Rec. 709, multiplied with the texture.
-    pub colour: Vec3,
-    /// Name of a texture.
-    pub texture: Option<String>,
-    /// Perceptual roughness, 0..=1.
-    pub roughness: Option<f32>,
-    /// Share of metal, 0..=1.
-    #[serde(default)]
-    pub metallic: f32,
-    /// Strength of a smooth clear coat, 0..=1.
-    #[serde(default)]
-    pub clearcoat: f32,
-    /// Grooves that make a reflection rougher along u, 0..=1.
-    #[serde(default)]
-    pub anisotropy: f32,
-    /// Turns that direction from u towards the texture's top.
-    #[serde(default)]
-    pub anisotropy_degrees: f32,
-    /// Fibres that shine at grazing angles.
-    pub sheen: Option<Fibres>,
-    /// A thin film that shimmers.
-    pub film: Option<ThinFilm>,
-    /// Index of refraction of a smooth glass tinted by `colour`.
-    pub ior: Option<f32>,
-    /// What the glass is filled with.
-    pub absorption: Option<Tint>,
-    /// A perfect mirror.
-    #[serde(default)]
-    pub mirror: bool,
-    /// Radiance given off by the front.
-    pub emission: Option<Vec3>,
-}
-
-/// Fibres: glTF's sheen.
-#[derive(Clone, Copy, Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Fibres {
-    /// Linear Rec. 709, 0..=1.
-    pub colour: Vec3,
-    /// Perceptual roughness, 0..=1.
-    pub roughness: f32,
-}
-
-/// A film: glTF's iridescence.
-#[derive(Clone, Copy, Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct ThinFilm {
-    /// Thickness, 0..=10000.
-    pub nanometres: f32,
-    /// Index of refraction, 1..=4.
-    pub ior: f32,
-}
-
-/// A medium that takes colour from light.
-#[derive(Clone, Copy, Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Tint {
-    /// What white light has become, linear Rec. 709, 0..=1 ..
-    pub colour: Vec3,
-    /// .. after so long a way.
-    pub distance: f32,
 }
 
 /// A shape and what it is made of.
@@ -190,7 +121,22 @@ impl Recipe {
             scene.textures.push(texture);
         }
         for (name, finish) in &self.materials {
-            scene.materials.push(self.material(name, finish)?);
+            let texture = match &finish.texture {
+                None => None,
+                Some(texture) => {
+                    let index = position(&self.textures, texture).ok_or_else(|| RecipeError::Unknown {
+                        user: format!("material {name:?}"),
+                        kind: "texture",
+                        name: texture.clone(),
+                    })?;
+                    Some(TextureRef::plain(index))
+                }
+            };
+            let place = || format!("material {name:?}");
+            let material = finish
+                .material(name, texture)
+                .map_err(|problem| RecipeError::Range { place: place(), problem })?;
+            scene.materials.push(material);
         }
         for (index, placed) in self.shapes.iter().enumerate() {
             let place = || format!("shape {index}");
@@ -203,87 +149,6 @@ impl Recipe {
                 .map_err(|problem| RecipeError::Range { place: place(), problem })?;
         }
         Ok(scene)
-    }
-
-    fn material(&self, name: &str, finish: &Finish) -> Result<Material, RecipeError> {
-        let range = |what: &str, value: f32, allowed: std::ops::RangeInclusive<f32>| {
-            if allowed.contains(&value) {
-                return Ok(value);
-            }
-            let problem =
-                format!("{what} is {value}; it must lie in {} to {}", allowed.start(), allowed.end());
-            Err(RecipeError::Range { place: format!("material {name:?}"), problem })
-        };
-        range("the largest colour channel", finish.colour.max_element(), 0.0..=1.0)?;
-        range("the smallest colour channel", finish.colour.min_element(), 0.0..=1.0)?;
-        let texture = match &finish.texture {
-            None => None,
-            Some(texture) => {
-                let index = position(&self.textures, texture).ok_or_else(|| RecipeError::Unknown {
-                    user: format!("material {name:?}"),
-                    kind: "texture",
-                    name: texture.clone(),
-                })?;
-                Some(TextureRef::plain(index))
-            }
-        };
-        let colour = Colour { factor: finish.colour, texture };
-        let anisotropy = range("anisotropy", finish.anisotropy, 0.0..=1.0)?;
-        if let Some(fibres) = finish.sheen {
-            range("the largest channel of sheen", fibres.colour.max_element(), 0.0..=1.0)?;
-            range("the smallest channel of sheen", fibres.colour.min_element(), 0.0..=1.0)?;
-            range("the roughness of sheen", fibres.roughness, 0.0..=1.0)?;
-        }
-        if let Some(film) = finish.film {
-            range("nanometres", film.nanometres, 0.0..=1e4)?;
-            range("the ior of film", film.ior, 1.0..=4.0)?;
-        }
-        let mut medium = None;
-        if let Some(tint) = finish.absorption {
-            range("the largest channel of absorption", tint.colour.max_element(), 0.0..=1.0)?;
-            range("the smallest channel of absorption", tint.colour.min_element(), 0.0..=1.0)?;
-            medium = Medium::tinting(tint.colour, range("distance", tint.distance, 1e-6..=1e6)?);
-        }
-        let surface = if let Some(ior) = finish.ior {
-            Surface::Dielectric { ior: range("ior", ior, 1.0..=4.0)?, transmittance: finish.colour }
-        } else if finish.mirror {
-            Surface::Mirror { reflectance: colour }
-        } else if let Some(roughness) = finish.roughness {
-            Surface::Principled(Principled {
-                base_colour: colour,
-                metallic: Scalar::constant(range("metallic", finish.metallic, 0.0..=1.0)?),
-                roughness: Scalar::constant(range("roughness", roughness, 0.0..=1.0)?),
-                clearcoat: Scalar::constant(range("clearcoat", finish.clearcoat, 0.0..=1.0)?),
-                anisotropy: (anisotropy > 0.0).then(|| Anisotropy {
-                    strength: Scalar::constant(anisotropy),
-                    rotation: finish.anisotropy_degrees.to_radians(),
-                    direction: None,
-                }),
-                sheen: finish.sheen.map(|fibres| Sheen {
-                    colour: Colour::constant(fibres.colour),
-                    roughness: Scalar::constant(fibres.roughness),
-                }),
-                iridescence: finish.film.map(|film| Iridescence {
-                    strength: Scalar::constant(1.0),
-                    ior: film.ior,
-                    thickness_nm: [film.nanometres; 2],
-                    thickness_texture: None,
-                }),
-                ..Principled::default()
-            })
-        } else {
-            Surface::Matte { reflectance: colour }
-        };
-        let emission = match finish.emission {
-            None => None,
-            Some(radiance) => {
-                range("emission", radiance.max_element(), 0.0..=1e6)?;
-                range("emission", radiance.min_element(), 0.0..=1e6)?;
-                Some(Emission { radiance: Colour::constant(radiance), two_sided: false })
-            }
-        };
-        let (normal_map, alpha) = (None, Alpha::default());
-        Ok(Material { name: name.into(), surface, emission, normal_map, alpha, medium })
     }
 }
 

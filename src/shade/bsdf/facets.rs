@@ -4,7 +4,7 @@ use super::albedo::{Albedo, MIN_ROUGHNESS, Reflectance};
 use super::brushed::Brushed;
 use super::fresnel::{Schlick, schlick_weight};
 use super::ggx::Ggx;
-use crate::lanes::{Lanes, Num, Vector};
+use crate::lanes::{Lanes, Num, Piece, Vector};
 use std::f32::consts::FRAC_1_PI;
 
 /// Facets of one roughness in each lane, whatever their Fresnel term.
@@ -47,13 +47,7 @@ impl<L: Lanes> Facets<L> {
     /// The same, rougher along x: KHR_materials_anisotropy. A mirror is what is smooth along both axes.
     #[inline(always)]
     pub fn anisotropic(roughness: Num<L>, strength: Num<L>, smooth_below: f32) -> Self {
-        let l = roughness.lanes();
-        let plain = Self::new(roughness, MIN_ROUGHNESS);
-        let brushed = Brushed::new(roughness.clamp(MIN_ROUGHNESS, 1.0), strength);
-        let least = smooth_below.max(MIN_ROUGHNESS);
-        let rough = brushed.alpha()[0].ge(Num::splat(l, least * least));
-        let mean = Reflectance::select(rough, brushed.mean(), mirror_mean(l));
-        Self { rough, ggx: Ggx { alpha: brushed.alpha() }, brushed: Some(brushed), mean, ..plain }
+        roughness.lanes().apart(Anisotropic { roughness, strength, smooth_below })
     }
 
     /// Single-bounce reflectance towards a direction.
@@ -93,6 +87,28 @@ impl<L: Lanes> Facets<L> {
     #[inline(always)]
     pub fn bounces(&self, near: &Reflectance<L>, far: &Reflectance<L>, wi_z: Num<L>) -> Num<L> {
         (near.deficit * far.deficit / self.mean.deficit * (wi_z * FRAC_1_PI)).only(self.rough)
+    }
+}
+
+/// Anisotropic facets, made apart: hardly any surface is brushed.
+struct Anisotropic<L: Lanes> {
+    roughness: Num<L>,
+    strength: Num<L>,
+    smooth_below: f32,
+}
+
+impl<L: Lanes> Piece<L> for Anisotropic<L> {
+    type Output = Facets<L>;
+
+    #[inline(always)]
+    fn run(self, l: L) -> Facets<L> {
+        let roughness = self.roughness.clamp(MIN_ROUGHNESS, 1.0);
+        let brushed = Brushed::new(roughness, self.strength);
+        let alpha = brushed.alpha();
+        let least = self.smooth_below.max(MIN_ROUGHNESS);
+        let rough = alpha[0].ge(Num::splat(l, least * least));
+        let mean = Reflectance::select(rough, brushed.mean(), mirror_mean(l));
+        Facets { rough, ggx: Ggx { alpha }, albedo: Albedo::new(roughness), brushed: Some(brushed), mean }
     }
 }
 

@@ -1,0 +1,187 @@
+//! What shapes are made of.
+
+use super::within;
+use crate::scene::{
+    Alpha, Anisotropy, Colour, Emission, Iridescence, Material, Medium, Principled, Scalar, Sheen, Surface,
+    TextureRef,
+};
+use glam::Vec3;
+use serde::Deserialize;
+
+/// A material: glass when `ior` is given, a mirror when `mirror` is true, else glTF's
+/// metallic-roughness, matte when `roughness` is absent too.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Finish {
+    /// Linear Rec. 709, multiplied with the texture.
+    pub colour: Vec3,
+    /// Name of a texture.
+    pub texture: Option<String>,
+    /// Perceptual roughness, 0..=1.
+    pub roughness: Option<f32>,
+    /// Share of metal, 0..=1.
+    #[serde(default)]
+    pub metallic: f32,
+    /// Strength of a smooth clear coat, 0..=1.
+    #[serde(default)]
+    pub clearcoat: f32,
+    /// Grooves that make a reflection rougher along u, 0..=1.
+    #[serde(default)]
+    pub anisotropy: f32,
+    /// Turns that direction from u towards the texture's top.
+    #[serde(default)]
+    pub anisotropy_degrees: f32,
+    /// Fibres that shine at grazing angles.
+    pub sheen: Option<Fibres>,
+    /// A thin film that shimmers.
+    pub film: Option<ThinFilm>,
+    /// Index of refraction of a smooth glass tinted by `colour`.
+    pub ior: Option<f32>,
+    /// What the glass is filled with.
+    pub absorption: Option<Tint>,
+    /// A perfect mirror.
+    #[serde(default)]
+    pub mirror: bool,
+    /// Radiance given off by the front.
+    pub emission: Option<Vec3>,
+}
+
+/// Fibres: glTF's sheen.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Fibres {
+    /// Linear Rec. 709, 0..=1.
+    pub colour: Vec3,
+    /// Perceptual roughness, 0..=1.
+    pub roughness: f32,
+}
+
+/// A film: glTF's iridescence.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ThinFilm {
+    /// Thickness, 0..=10000.
+    pub nanometres: f32,
+    /// Index of refraction, 1..=4.
+    pub ior: f32,
+}
+
+/// A medium that takes colour from light.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Tint {
+    /// What white light has become, linear Rec. 709, 0..=1 ..
+    pub colour: Vec3,
+    /// .. after so long a way.
+    pub distance: f32,
+}
+
+impl Finish {
+    /// The material; what is out of range, and the range, otherwise.
+    pub(super) fn material(&self, name: &str, texture: Option<TextureRef>) -> Result<Material, String> {
+        let share = |what: &str, value: f32| within(what, value, 0.0, 1.0).map(|()| value);
+        let shares = |what: &str, colour: Vec3| {
+            within(&format!("the largest channel of {what}"), colour.max_element(), 0.0, 1.0)?;
+            within(&format!("the smallest channel of {what}"), colour.min_element(), 0.0, 1.0)?;
+            Ok::<_, String>(colour)
+        };
+        let colour = Colour { factor: shares("colour", self.colour)?, texture };
+        let surface = if let Some(ior) = self.ior {
+            within("ior", ior, 1.0, 4.0)?;
+            Surface::Dielectric { ior, transmittance: self.colour }
+        } else if self.mirror {
+            Surface::Mirror { reflectance: colour }
+        } else if let Some(roughness) = self.roughness {
+            let mut surface = Principled {
+                base_colour: colour,
+                metallic: Scalar::constant(share("metallic", self.metallic)?),
+                roughness: Scalar::constant(share("roughness", roughness)?),
+                clearcoat: Scalar::constant(share("clearcoat", self.clearcoat)?),
+                ..Principled::default()
+            };
+            if self.anisotropy != 0.0 {
+                let strength = Scalar::constant(share("anisotropy", self.anisotropy)?);
+                let rotation = self.anisotropy_degrees.to_radians();
+                surface.anisotropy = Some(Anisotropy { strength, rotation, direction: None });
+            }
+            if let Some(Fibres { colour, roughness }) = self.sheen {
+                surface.sheen = Some(Sheen {
+                    colour: Colour::constant(shares("sheen", colour)?),
+                    roughness: Scalar::constant(share("the roughness of sheen", roughness)?),
+                });
+            }
+            if let Some(ThinFilm { nanometres, ior }) = self.film {
+                within("nanometres", nanometres, 0.0, 1e4)?;
+                within("the ior of film", ior, 1.0, 4.0)?;
+                surface.iridescence = Some(Iridescence {
+                    strength: Scalar::constant(1.0),
+                    ior,
+                    thickness_nm: [nanometres; 2],
+                    thickness_texture: None,
+                });
+            }
+            Surface::Principled(surface)
+        } else {
+            Surface::Matte { reflectance: colour }
+        };
+        let mut emission = None;
+        if let Some(radiance) = self.emission {
+            within("emission", radiance.max_element(), 0.0, 1e6)?;
+            within("emission", radiance.min_element(), 0.0, 1e6)?;
+            emission = Some(Emission { radiance: Colour::constant(radiance), two_sided: false });
+        }
+        let mut medium = None;
+        if let Some(Tint { colour, distance }) = self.absorption {
+            within("the distance of absorption", distance, 1e-6, 1e6)?;
+            medium = Medium::tinting(shares("absorption", colour)?, distance);
+        }
+        let (normal_map, alpha) = (None, Alpha::default());
+        Ok(Material { name: name.into(), surface, emission, normal_map, alpha, medium })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn material(json: &str) -> Result<Material, String> {
+        let finish: Finish = serde_json::from_str(json).expect("a finish");
+        finish.material("m", None)
+    }
+
+    #[test]
+    fn layers_and_media_are_what_gltf_calls_them() {
+        let layered = r#"{ "colour": [1, 1, 1], "roughness": 0.5, "anisotropy": 0.6, "anisotropy_degrees": 90,
+            "sheen": { "colour": [0.1, 0.2, 0.3], "roughness": 0.4 }, "film": { "nanometres": 300, "ior": 1.4 } }"#;
+        let Surface::Principled(surface) = material(layered).expect("valid").surface else {
+            panic!("principled")
+        };
+        let grooves = surface.anisotropy.expect("grooves");
+        assert_eq!((grooves.strength.factor, grooves.rotation), (0.6, std::f32::consts::FRAC_PI_2));
+        let fibres = surface.sheen.expect("fibres");
+        assert_eq!((fibres.colour.factor, fibres.roughness.factor), (Vec3::new(0.1, 0.2, 0.3), 0.4));
+        let film = surface.iridescence.expect("a film");
+        assert_eq!((film.thickness_nm, film.ior, film.strength.factor), ([300.0; 2], 1.4, 1.0));
+        let glass =
+            r#"{ "colour": [1, 1, 1], "ior": 1.5, "absorption": { "colour": [0.5, 1, 1], "distance": 2 } }"#;
+        let medium = material(glass).expect("valid").medium.expect("a medium");
+        assert!(
+            (medium.absorption - Vec3::X * (0.5 * 2.0_f32.ln())).abs().max_element() < 1e-6,
+            "{medium:?}"
+        );
+    }
+
+    #[test]
+    fn what_is_out_of_range_is_named() {
+        for (field, part) in [
+            (r#""anisotropy": 2"#, "anisotropy is 2"),
+            (r#""sheen": { "colour": [2, 0, 0], "roughness": 0 }"#, "largest channel of sheen is 2"),
+            (r#""film": { "nanometres": -1, "ior": 1.4 }"#, "nanometres is -1"),
+            (r#""absorption": { "colour": [1, 1, 1], "distance": 0 }"#, "distance of absorption is 0"),
+        ] {
+            let text = format!(r#"{{ "colour": [1, 1, 1], "roughness": 0.5, {field} }}"#);
+            let problem = material(&text).expect_err(field);
+            assert!(problem.contains(part), "{problem}");
+        }
+    }
+}
