@@ -156,6 +156,11 @@ impl Frame {
         self.simd
     }
 
+    /// The camera with the picture's size.
+    pub fn lens(&self) -> &Lens {
+        &self.lens
+    }
+
     /// The scene.
     pub fn scene(&self) -> &Scene {
         &self.scene

@@ -11,6 +11,7 @@ pub mod load;
 mod material;
 mod mesh;
 mod procedural;
+mod pyramid;
 pub mod recipe;
 mod texture;
 
@@ -22,8 +23,9 @@ pub use light::{Light, LightShape};
 pub use material::{Alpha, AlphaMode, Colour, Emission, Material, NormalMap, Principled, Scalar, Surface};
 pub use mesh::{MAX_TRIANGLES, Mesh, MeshError};
 pub use procedural::{Finish, Points, Procedural, ProceduralSurface};
+pub use pyramid::Pyramid;
 pub(crate) use texture::taps;
-pub use texture::{Channel, ColourSpace, Texture, TextureRef, Wrap};
+pub use texture::{Channel, ColourSpace, Footprint, Texture, TextureRef, Wrap};
 
 use crate::geom::Aabb;
 use crate::lanes::Num;
@@ -76,7 +78,8 @@ impl Scene {
         let alpha = || {
             let texel = material.alpha.value.texture.map_or(1.0, |(texture, channel)| {
                 let uv = self.mesh.uv_at(primitive, u, v).to_array().map(Num::from);
-                self.textures[texture.texture as usize].channel(channel, texture.place(uv)).get()
+                let point = Footprint::point(uv[0].lanes());
+                self.textures[texture.texture as usize].channel(channel, texture.place(uv), &point).get()
             });
             material.alpha.value.factor * texel
         };

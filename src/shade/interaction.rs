@@ -3,7 +3,7 @@
 use super::offset;
 use crate::geom::Frame;
 use crate::lanes::{Int, Lanes, Num, Vector};
-use crate::scene::{Material, NormalMap, Scene, Surface};
+use crate::scene::{Footprint, Material, NormalMap, Scene, Surface};
 
 /// Least cosine between the shading normal and `wo`.
 const MIN_COSINE: f32 = 1e-3;
@@ -23,6 +23,8 @@ pub struct Interaction<L: Lanes> {
     pub frame: Frame<L>,
     /// Mesh texture coordinates.
     pub uv: [Num<L>; 2],
+    /// How much of the surface the rays cover.
+    pub footprint: Footprint<L>,
     /// Lanes whose `wo` is on the side from which the triangle runs counter-clockwise.
     pub front: u32,
     /// Lanes whose `wo` is outside of the body: the side that the vertex normals, if there are any,
@@ -70,9 +72,16 @@ fn vectors<L: Lanes>(table: &[glam::Vec3], indices: &[Int<L>; 3]) -> [Vector<L>;
 }
 
 impl<L: Lanes> Interaction<L> {
-    /// The interactions of rays with the triangles they hit, whose material is `material`.
+    /// The interactions of rays with the triangles they hit, whose material is `material`. `width` is that of
+    /// the rays' [`Cone`]s there.
     #[inline(always)]
-    pub fn new(scene: &Scene, material: &Material, direction: Vector<L>, hits: &Hits<L>) -> Self {
+    pub fn new(
+        scene: &Scene,
+        material: &Material,
+        direction: Vector<L>,
+        hits: &Hits<L>,
+        width: Num<L>,
+    ) -> Self {
         let l = direction.lanes();
         let mesh = &scene.mesh;
         let indices = hits.primitive.rows::<3>(bytemuck::cast_slice(&mesh.triangles));
@@ -105,10 +114,15 @@ impl<L: Lanes> Interaction<L> {
             }
         }
 
+        let footprint = if mesh.uvs.is_empty() || scene.textures.is_empty() {
+            Footprint::point(l)
+        } else {
+            footprint(&corners, &corner_uvs, width, wo.dot(winding), hits)
+        };
         let (mut shading, mut bent) = (outward, smooth);
         if let Some(map) = &material.normal_map {
             let (frame, there) = tangent_frame(scene, &indices, &corners, &corner_uvs, &weights, outward);
-            shading = Vector::select(there, map_normal(scene, map, uv, &frame), outward);
+            shading = Vector::select(there, map_normal(scene, map, uv, &footprint, &frame), outward);
             bent |= there;
         }
         shading = Vector::select(shading.dot(normal).below(0.0), -shading, shading);
@@ -130,6 +144,7 @@ impl<L: Lanes> Interaction<L> {
             normal,
             frame: Frame::around(shading),
             uv,
+            footprint,
             front,
             outside,
             raised,
@@ -158,6 +173,26 @@ impl<L: Lanes> Interaction<L> {
         let below = wi.dot(self.normal).below(0.0);
         point + self.normal * Num::select(below, -self.offset, self.offset)
     }
+}
+
+/// The squares of texture coordinates that are as large as what cones of a width cover of triangles, seen
+/// under a cosine to their normals. What is drawn out by grazing angles is right on average only: within a
+/// pixel its samples lie all along it.
+#[inline(always)]
+fn footprint<L: Lanes>(
+    corners: &[Vector<L>; 3],
+    [a, b, c]: &[[Num<L>; 2]; 3],
+    width: Num<L>,
+    cosine: Num<L>,
+    hits: &Hits<L>,
+) -> Footprint<L> {
+    let surface = (corners[1] - corners[0]).cross(corners[2] - corners[0]).length();
+    let image = ((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])).abs();
+    let share = image / (surface * cosine.abs());
+    // Any hit has its own, the same whoever shades it.
+    let bits = (hits.u.to_bits() * 0x9e37_79b9) ^ (hits.v.to_bits() * 0x85eb_ca6b);
+    let dither = ((bits * 0x7feb_352d) >> 8).to_num() * (1.0 / (1 << 24) as f32);
+    Footprint { width: width * share.sqrt(), dither }
 }
 
 /// Turns shading normals that lie on the triangle's side of `wo` so that `wo` is above them and,
@@ -223,8 +258,15 @@ fn tangent_frame<L: Lanes>(
 }
 
 #[inline(always)]
-fn map_normal<L: Lanes>(scene: &Scene, map: &NormalMap, uv: [Num<L>; 2], frame: &Frame<L>) -> Vector<L> {
-    let [x, y, z, _] = scene.textures[map.texture.texture as usize].look_up(map.texture.place(uv));
+fn map_normal<L: Lanes>(
+    scene: &Scene,
+    map: &NormalMap,
+    uv: [Num<L>; 2],
+    footprint: &Footprint<L>,
+    frame: &Frame<L>,
+) -> Vector<L> {
+    let texture = &scene.textures[map.texture.texture as usize];
+    let [x, y, z, _] = texture.look_up(map.texture.place(uv), &map.texture.scaled(footprint));
     let (x, y, z) = (x * 2.0 - 1.0, y * 2.0 - 1.0, z * 2.0 - 1.0);
     let local = Vector::new(x * map.scale, y * map.scale, z.clamp(0.0, 1.0));
     frame.world(local).normalize_or(frame.normal).0
@@ -252,7 +294,9 @@ fn raise<L: Lanes>(
 #[cfg(test)]
 mod tests {
     use crate::geom::{Sampler, warp};
-    use crate::scene::{Colour, ColourSpace, Material, NormalMap, Scene, Surface, Texture, TextureRef, Wrap};
+    use crate::scene::{
+        Colour, ColourSpace, Material, NormalMap, Pyramid, Scene, Surface, Texture, TextureRef, Wrap,
+    };
     use crate::shade::single::Interaction;
     use crate::stream::{Hit, Ray};
     use glam::{Vec2, Vec3, Vec4};
@@ -351,6 +395,7 @@ mod tests {
             space: ColourSpace::Linear,
             wrap_u: Wrap::Repeat,
             wrap_v: Wrap::Repeat,
+            pyramid: Pyramid::default(),
         });
         scene.materials[0].normal_map = Some(NormalMap { texture: TextureRef::plain(0), scale: 1.0 });
         scene.materials[0].surface = Surface::Matte { reflectance: Colour::constant(Vec3::ONE) };

@@ -6,8 +6,8 @@ use crate::geom::Sampler;
 use crate::lanes::SimdLevel;
 use crate::render::{Path, ROULETTE_BOUNCES, Settings, SettingsError};
 use crate::scene::{
-    CameraError, Channel, Colour, ColourSpace, Environment, EnvironmentMap, Light, LightShape, Material,
-    NormalMap, Principled, Scalar, Scene, Surface, Texture, TextureRef, Wrap,
+    CameraError, Channel, Colour, ColourSpace, Emission, Environment, EnvironmentMap, Light, LightShape,
+    Material, NormalMap, Principled, Pyramid, Scalar, Scene, Surface, Texture, TextureRef, Wrap,
 };
 use crate::schedule::Renderer;
 use crate::shade::bsdf::MIN_ROUGHNESS;
@@ -257,6 +257,7 @@ fn bumps() -> Texture {
         space: ColourSpace::Linear,
         wrap_u: Wrap::Repeat,
         wrap_v: Wrap::Repeat,
+        pyramid: Pyramid::default(),
     }
 }
 
@@ -288,6 +289,13 @@ fn one_of_everything() -> Scene {
         let corner = Vec3::new(-0.8 + 0.4 * i as f32, -0.7, -0.2 * i as f32);
         add_quad(&mut scene, corner, Vec3::new(0.35, 0.1, 0.1), Vec3::new(0.0, 1.2, 0.2), id);
     }
+    // So many that a light tree chooses among them.
+    for i in 0..20 {
+        let lamp = shining(1.0 + i as f32, 0.5);
+        let id = add_material(&mut scene, lamp);
+        let corner = Vec3::new(-0.9 + 0.09 * i as f32, 0.95 - 0.01 * i as f32, -0.5 + 0.3 * (i % 4) as f32);
+        add_quad(&mut scene, corner, Vec3::new(0.04, 0.0, 0.02), Vec3::new(0.0, 0.02, 0.04), id);
+    }
     scene.mesh.uvs = scene.mesh.positions.iter().map(|p| Vec2::new(p.x + p.z, p.y - p.z)).collect();
     scene.mesh.normals =
         scene.mesh.positions.iter().map(|p| (*p + Vec3::new(0.0, 0.1, 3.0)).normalize()).collect();
@@ -311,6 +319,33 @@ fn one_of_everything() -> Scene {
         rotation_degrees: 40.0,
     });
     scene
+}
+
+#[test]
+fn what_is_far_away_does_not_flicker() {
+    // A lamp with a pattern much finer than a pixel, one sample each.
+    let picture = |pyramid: bool| {
+        let mut scene = Scene::default();
+        let mut checks = bumps();
+        checks.texels = (0..64u32).map(|i| if (i + i / 8) % 2 == 0 { [255; 4] } else { [0; 4] }).collect();
+        if pyramid {
+            checks.pyramid = Pyramid::new(&checks.texels, 8, 8, checks.space);
+        }
+        scene.textures.push(checks);
+        let mut lamp = shining(1.0, 0.0);
+        let radiance = Colour { factor: Vec3::ONE, texture: Some(TextureRef::plain(0)) };
+        lamp.emission = lamp.emission.map(|emission| Emission { radiance, ..emission });
+        let id = add_material(&mut scene, lamp);
+        add_quad(&mut scene, Vec3::new(-9.0, -9.0, -3.0), Vec3::X * 18.0, Vec3::Y * 18.0, id);
+        scene.mesh.uvs = scene.mesh.positions.iter().map(|p| Vec2::new(p.x, p.y) * 4.1).collect();
+        let pixels = picture(scene, Settings { spp: 1, max_bounces: 0, ..SETTINGS });
+        let mean = mean(&pixels).x;
+        let spread = pixels.iter().map(|p| (p.x - mean).powi(2)).sum::<f32>() / pixels.len() as f32;
+        (mean, spread.sqrt())
+    };
+    let ((plain, flicker), (filtered, rest)) = (picture(false), picture(true));
+    assert!((plain - 0.5).abs() < 0.05 && (filtered - 0.5).abs() < 0.01, "{plain} and {filtered}");
+    assert!(flicker > 0.15 && rest < 0.02, "{flicker} without smaller copies, {rest} with them");
 }
 
 #[test]

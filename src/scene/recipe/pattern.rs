@@ -1,7 +1,7 @@
 //! Generated textures.
 
 use super::within;
-use crate::scene::{ColourSpace, Texture, Wrap};
+use crate::scene::{ColourSpace, Pyramid, Texture, Wrap};
 use noise::{Fbm, MultiFractal, NoiseFn, Perlin};
 use serde::Deserialize;
 
@@ -86,6 +86,7 @@ impl Pattern {
             name: name.into(),
             width: SIZE,
             height: SIZE,
+            pyramid: Pyramid::new(&texels, SIZE, SIZE, ColourSpace::Srgb),
             texels,
             space: ColourSpace::Srgb,
             wrap_u: Wrap::Repeat,

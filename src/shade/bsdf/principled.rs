@@ -17,7 +17,7 @@ use super::fresnel::{self, Schlick};
 use super::{Sample, Smooth, mirrored};
 use crate::geom::warp::lanes as warp;
 use crate::lanes::{Lanes, Num, Vector};
-use crate::scene::{self, Finish, Scene};
+use crate::scene::{self, Finish, Footprint, Scene};
 use crate::shade::lookup;
 use std::f32::consts::FRAC_1_PI;
 
@@ -104,14 +104,15 @@ impl<L: Lanes> Principled<L> {
         scene: &Scene,
         surface: &scene::Principled,
         uv: [Num<L>; 2],
+        footprint: &Footprint<L>,
         outside: u32,
         smooth_below: f32,
     ) -> Self {
         let l = uv[0].lanes();
         let one = Num::splat(l, 1.0);
-        let base = lookup::albedo(scene, &surface.base_colour, uv);
-        let metallic = lookup::share(scene, &surface.metallic, uv);
-        let facets = Facets::new(lookup::share(scene, &surface.roughness, uv), smooth_below);
+        let base = lookup::albedo(scene, &surface.base_colour, uv, footprint);
+        let metallic = lookup::share(scene, &surface.metallic, uv, footprint);
+        let facets = Facets::new(lookup::share(scene, &surface.roughness, uv, footprint), smooth_below);
         let ior = surface.ior.max(1.0);
         let f0 = (ior - 1.0) / (ior + 1.0);
         let specular = surface.specular.clamp(0.0, 1.0);
@@ -120,7 +121,7 @@ impl<L: Lanes> Principled<L> {
         let metal = facets.reflection(Schlick { f0: base, f90: one });
         let (mut outer, mut opaque, mut transparency) = (layer, one - metallic, None);
         if surface.transmission.factor != 0.0 {
-            let transmission = lookup::share(scene, &surface.transmission, uv);
+            let transmission = lookup::share(scene, &surface.transmission, uv, footprint);
             let share = (one - metallic) * transmission;
             let leaving = if surface.thin { 0 } else { L::ALL & !outside };
             outer = layer.scaled(Num::select(leaving, one - transmission, one));
@@ -135,8 +136,8 @@ impl<L: Lanes> Principled<L> {
         }
         let mut coat = None;
         if surface.clearcoat.factor != 0.0 {
-            let share = lookup::share(scene, &surface.clearcoat, uv);
-            let roughness = lookup::share(scene, &surface.clearcoat_roughness, uv);
+            let share = lookup::share(scene, &surface.clearcoat, uv, footprint);
+            let roughness = lookup::share(scene, &surface.clearcoat_roughness, uv, footprint);
             coat = Some(Coat::new(share, roughness, smooth_below));
         }
         Self {
