@@ -17,23 +17,3 @@ fn moved_corner(member: Member, lower: vec3<f32>, upper: vec3<f32>) -> vec3<f32>
     let z = rounded(member.z * select(upper.zzz, lower.zzz, member.z >= zero));
     return rounded(rounded(rounded(x + y) + z) + member.shift);
 }
-
-fn moved_node(member: Member, node: Node) -> Node {
-    var out = node;
-    out.left_min = moved_corner(member, node.left_min, node.left_max);
-    out.left_max = moved_corner(member, node.left_max, node.left_min);
-    out.right_min = moved_corner(member, node.right_min, node.right_max);
-    out.right_max = moved_corner(member, node.right_max, node.right_min);
-    return out;
-}
-
-fn moved_triangle(member: Member, triangle: Triangle) -> Triangle {
-    var out = triangle;
-    out.v0 = moved(member, triangle.v0);
-    out.v1 = moved(member, triangle.v1);
-    out.v2 = moved(member, triangle.v2);
-    out.primitive = triangle.primitive + member.first;
-    let edges = max(max(abs(out.v1 - out.v0), abs(out.v2 - out.v1)), abs(out.v0 - out.v2));
-    out.extent = largest(edges) * EXTENT_MARGIN;
-    return out;
-}

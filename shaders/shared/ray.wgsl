@@ -19,6 +19,8 @@ struct PreparedRay {
     far: vec3<f32>,
     // Per axis: whether the lower plane is the entering one.
     forward: vec3<bool>,
+    // The direction's signs, x in bit 0.
+    octant: u32,
     t_min: f32,
     t_max: f32,
     // Slope of the coarse margin of edge functions, and what underflow adds, per unit of reach.
@@ -92,6 +94,7 @@ fn prepare(ray: Ray, prepared: ptr<function, PreparedRay>) -> u32 {
     (*prepared).near = shift - pad;
     (*prepared).far = shift + pad;
     (*prepared).forward = sign == vec3<u32>(0u);
+    (*prepared).octant = (sign.x >> 31u) | (sign.y >> 30u) | (sign.z >> 29u);
     (*prepared).t_min = t_min;
     (*prepared).t_max = t_max;
     (*prepared).margin = 4.0 * MARGIN * sum;

@@ -19,6 +19,8 @@ struct Verdict {
     high: f32,
 }
 
+const NOT_HIT = Verdict(REFUSED, 0.0, 0.0);
+
 // `v`, rounded to f32: keeps a compiler from looking through a subtraction ((c - o) - (a - o) is not
 // c - a here).
 fn rounded(v: vec3<f32>) -> vec3<f32> {
@@ -40,11 +42,27 @@ fn magnitude(a: vec3<f32>, b: vec3<f32>, d: vec3<f32>) -> f32 {
     return dot(p.yzx * q.zxy + p.zxy * q.yzx, abs(d));
 }
 
-fn judge(ray: PreparedRay, triangle: Triangle) -> Verdict {
+// The edge function of an edge seen from the ray's origin. From its other end it is the same with another sign: every
+// intermediate is negated, exactly.
+fn side_of(ray: PreparedRay, from_corner: vec3<f32>, to_corner: vec3<f32>) -> f32 {
+    return dot_fma(cross_fma(to_corner - from_corner, to_corner + from_corner), ray.direction);
+}
+
+// Whether the edge functions leave it open that a triangle is hit, coarsely: most triangles are far outside. With a, b
+// and c seen from the ray's origin, no P exceeds 2 * edge * sum <= 4 * edge * reach. Turning the corners changes nothing.
+fn may_be_hit(ray: PreparedRay, sides: vec3<f32>, a: vec3<f32>, b: vec3<f32>, c: vec3<f32>) -> bool {
+    let reach = largest(max(max(abs(a), abs(b)), abs(c)));
+    let longest = largest(max(max(abs(c - a), abs(a - b)), abs(b - c)));
+    let coarse = fma(longest * reach, ray.margin, ray.tiny * (reach + 1.0));
+    return smallest(sides) >= -coarse || largest(sides) <= coarse;
+}
+
+// The judgement of a triangle whose corners are in the canonical order.
+fn judge(ray: PreparedRay, v0: vec3<f32>, v1: vec3<f32>, v2: vec3<f32>, is_masked: bool) -> Verdict {
     let d = ray.direction;
-    let a = rounded(triangle.v0 - ray.origin);
-    let b = rounded(triangle.v1 - ray.origin);
-    let c = rounded(triangle.v2 - ray.origin);
+    let a = rounded(v0 - ray.origin);
+    let b = rounded(v1 - ray.origin);
+    let c = rounded(v2 - ray.origin);
     let e0 = c - a;
     let e1 = a - b;
     let e2 = b - c;
@@ -56,30 +74,23 @@ fn judge(ray: PreparedRay, triangle: Triangle) -> Verdict {
         dot_fma(cross_fma(e1, s1), d),
         dot_fma(cross_fma(e2, s2), d),
     );
-
-    // Most triangles are far outside. Coarsely, no P exceeds 2 * edge * sum <= 4 * edge * reach,
-    // where rounding a, b and c may have lengthened an edge.
     let reach = largest(max(max(abs(a), abs(b)), abs(c)));
     let tiny = ray.tiny * (reach + 1.0);
-    let coarse = fma(fma(reach, EDGE_ROUNDING, triangle.extent) * reach, ray.margin, tiny);
-    if smallest(edges) < -coarse && largest(edges) > coarse {
-        return Verdict(REFUSED, 0.0, 0.0);
-    }
     let margins = MARGIN * vec3<f32>(magnitude(e0, s0, d), magnitude(e1, s1, d), magnitude(e2, s2, d))
         + vec3<f32>(tiny);
     let least = edges - margins;
     let most = edges + margins;
     if smallest(most) < 0.0 && largest(least) > 0.0 {
-        return Verdict(REFUSED, 0.0, 0.0);
+        return NOT_HIT;
     }
     var certain = smallest(least) >= tiny || largest(most) <= -tiny;
 
     // The canonical t is clamped to the triangle's own box.
-    let lower = min(min(triangle.v0, triangle.v1), triangle.v2);
-    let upper = max(max(triangle.v0, triangle.v1), triangle.v2);
+    let lower = min(min(v0, v1), v2);
+    let upper = max(max(v0, v1), v2);
     let wide = outer(ray, lower, upper);
     if wide.enter > wide.leave {
-        return Verdict(REFUSED, 0.0, 0.0);
+        return NOT_HIT;
     }
     let narrow = inner(ray, lower, upper);
     certain = certain && narrow.enter <= narrow.leave;
@@ -102,9 +113,9 @@ fn judge(ray: PreparedRay, triangle: Triangle) -> Verdict {
         certain = false;
     }
     if high < ray.t_min || low > ray.t_max {
-        return Verdict(REFUSED, 0.0, 0.0);
+        return NOT_HIT;
     }
     // A masked triangle is there only where its alpha says so, which the host decides.
-    certain = certain && low >= ray.t_min && high <= ray.t_max && (triangle.flags & MASKED) == 0u;
+    certain = certain && low >= ray.t_min && high <= ray.t_max && !is_masked;
     return Verdict(select(UNCERTAIN, CERTAIN, certain), low, high);
 }

@@ -2,13 +2,14 @@
 //! configurations that each add one thing to the one before, in one process, in rounds that take turns.
 
 use super::Spread;
-use super::energy::Meters;
+use super::meters::Meters;
 use crate::film::Image;
 use crate::lanes::SimdLevel;
 use crate::render::{Path, RayByRay, Settings, SettingsError, Stage, render_single_rays};
 use crate::scene::Camera;
 use crate::schedule::{
-    JobError, JobOptions, JobReport, LimitsError, Policy, RayCounts, Renderer, Service, Tracers, Unit,
+    JobError, JobOptions, JobReport, LimitsError, Policy, RayCounts, Renderer, Service, TaskKind, Tracers,
+    Unit,
 };
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -81,6 +82,10 @@ pub struct Row {
     pub mray_per_s: Spread,
     /// Of the whole frame.
     pub seconds: Spread,
+    /// Thread time of shade tasks (sorting, shading, adding to the film, emitting rays) for each ray traced;
+    /// none without streams.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub shade_ns_per_ray: Option<Spread>,
     /// Ratio of medians of `mray_per_s` against the first row's, by its name.
     pub ratio: BTreeMap<&'static str, f64>,
     /// Energy of a frame by meter, its film's making and hashing included, joules: the mean over the
@@ -141,6 +146,8 @@ pub struct Bench<'a> {
 /// A frame that has been rendered.
 struct Rendered {
     seconds: f64,
+    /// Thread time of shade tasks, if there were any.
+    shade_s: Option<f64>,
     rays: RayCounts,
     hash: String,
     events: Vec<String>,
@@ -219,7 +226,7 @@ impl Bench<'_> {
     fn configuration(&self, configuration: Configuration) -> Result<Rendered, FrameError> {
         let cpu = Tracers::cpu(self.stage.tracers.host.clone());
         let name = configuration.name();
-        let options = JobOptions { policy: self.options.policy, ..JobOptions::default() };
+        let options = JobOptions { policy: self.options.policy, timeline: true, ..JobOptions::default() };
         match configuration {
             Configuration::SingleRay => {
                 let path = self.path(Shading::OneLane)?;
@@ -260,14 +267,18 @@ impl Bench<'_> {
         let started = Instant::now();
         let outcome = self.service.submit(renderer, tracers, options)?.wait();
         let seconds = started.elapsed().as_secs_f64();
-        let JobReport { rays, events, .. } =
+        let JobReport { rays, events, timeline, .. } =
             outcome.map_err(|error| FrameError::Job { configuration, error })?;
-        Ok(rendered(seconds, path, rays, events))
+        let shading = timeline.iter().filter(|task| task.kind == TaskKind::Shade);
+        let shade_ns: u64 = shading.map(|task| task.end_ns - task.start_ns).sum();
+        let shade_s = (shade_ns > 0).then_some(shade_ns as f64 * 1e-9);
+        Ok(Rendered { shade_s, ..rendered(seconds, path, rays, events) })
     }
 
     /// Has the contenders render the frame in turns.
     fn measure(&self, mut contenders: Vec<Contender<'_>>) -> Result<Report, FrameError> {
         let mut seconds = vec![Vec::new(); contenders.len()];
+        let mut shade_ns = vec![Vec::new(); contenders.len()];
         let mut events = vec![Vec::new(); contenders.len()];
         let mut joules = vec![BTreeMap::new(); contenders.len()];
         let mut first: Option<(String, RayCounts)> = None;
@@ -288,6 +299,7 @@ impl Bench<'_> {
                 // The first round warms caches and makes streams.
                 if round > 0 {
                     seconds[i].push(frame.seconds);
+                    shade_ns[i].extend(frame.shade_s.map(|s| s * 1e9 / frame.rays.total() as f64));
                     for (meter, spent) in meters.joules() {
                         *joules[i].entry(meter).or_insert(0.0) += spent / self.options.repeats as f64;
                     }
@@ -296,8 +308,8 @@ impl Bench<'_> {
         }
         let (hash, rays) = first.expect("there is a round and a configuration");
         let mut rows: Vec<Row> = Vec::new();
-        for (((contender, seconds), events), joules) in contenders.iter().zip(seconds).zip(events).zip(joules)
-        {
+        let measured = contenders.iter().zip(seconds).zip(shade_ns).zip(events).zip(joules);
+        for ((((contender, seconds), shade_ns), events), joules) in measured {
             let rates = seconds.iter().map(|seconds| rays.total() as f64 / (seconds * 1e6)).collect();
             let mray_per_s = Spread::of_rates(rates);
             let reference = rows.first().map_or(mray_per_s.median, |row| row.mray_per_s.median);
@@ -309,6 +321,7 @@ impl Bench<'_> {
                 simd: self.simd.name(),
                 mray_per_s,
                 seconds: Spread::of_times(seconds),
+                shade_ns_per_ray: (!shade_ns.is_empty()).then(|| Spread::of_times(shade_ns)),
                 ratio: BTreeMap::from([(against, mray_per_s.median / reference)]),
                 joules,
                 hash: hash.clone(),
@@ -329,5 +342,5 @@ struct Contender<'a> {
 fn rendered(seconds: f64, path: &Path, rays: RayCounts, events: Vec<String>) -> Rendered {
     let film = path.film();
     let image = Image { width: film.width(), height: film.height(), pixels: film.resolve() };
-    Rendered { seconds, rays, hash: image.hash(), events }
+    Rendered { seconds, shade_s: None, rays, hash: image.hash(), events }
 }

@@ -1,14 +1,16 @@
 //! Speed beside its peers: what `raystream bench` measures.
 
+pub mod adaptive;
 pub mod build;
 pub mod embree;
-pub mod energy;
 pub mod frame;
 pub mod meshes;
+pub mod meters;
 pub mod rays;
 pub mod schedule;
 mod spread;
 pub mod tables;
+pub mod tail;
 mod workload;
 
 pub use spread::Spread;

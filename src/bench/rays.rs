@@ -1,10 +1,10 @@
 //! `raystream bench rays`: our tracer at each SIMD level beside the scalar reference, obvhs and
-//! Embree, and a device, on the same rays, in one process, in rounds that take turns.
+//! Embree, and devices, on the same rays, in one process, in rounds that take turns.
 
 use super::embree::{Embree, EmbreeError, EmbreeRays, EmbreeScene, Mode};
 use super::{Kind, Spread, Workload};
 use crate::bvh::Bvh;
-use crate::stream::{DeviceError, DeviceTracer, Hit, Queries, Ray, Tracer};
+use crate::stream::{Capacity, DeviceError, DeviceTracer, Empty, Hit, Ray, RayStream, Traced, Tracer};
 use crate::trace::cpu::{CpuTracer, Oracle, SimdLevel, SingleRayTracer};
 use glam::{Vec3, Vec3A};
 use obvhs::cwbvh::CwBvh;
@@ -117,17 +117,17 @@ pub enum BenchError {
     Device(#[from] DeviceError),
 }
 
-/// Measures every unit on every kind of ray. `bvh` must have been built from these triangles; `device`, if any,
-/// traces them.
+/// Measures every unit on every kind of ray. `bvh` must have been built from these triangles; `devices`
+/// trace them.
 ///
 /// # Errors
-/// When Embree was asked for and is not there, or the device is lost.
+/// When Embree was asked for and is not there, or a device is lost.
 pub fn run(
     bvh: &Arc<Bvh>,
     positions: &[Vec3],
     triangles: &[[u32; 3]],
     workload: &Workload,
-    device: Option<&dyn DeviceTracer>,
+    devices: &[Arc<dyn DeviceTracer>],
     options: &Options,
 ) -> Result<Report, BenchError> {
     let mut report = Report::default();
@@ -147,8 +147,8 @@ pub fn run(
         for &kind in &options.kinds {
             let rays = workload.rays(kind);
             let mut units = our_units(bvh, rays, kind, clock, options);
-            if let Some(device) = device {
-                units.push(device_unit(device, rays, kind, clock)?);
+            for device in devices {
+                units.push(device_unit(&**device, rays, kind, clock)?);
             }
             units.extend(embree_units(&scenes, rays, kind, clock, options.stream_rays));
             let few: Vec<Ray> = rays.chunks(1024).step_by(8).flatten().copied().collect();
@@ -227,38 +227,51 @@ fn our_units<'a>(
     units
 }
 
-/// A device, whole streams at a time: from rays in host memory to canonical hits there.
+/// A device, whole streams at a time: from rays where streams have them to canonical hits there.
 fn device_unit<'a>(
     device: &'a dyn DeviceTracer,
     rays: &'a [Ray],
     kind: Kind,
     clock: Clock<'a>,
 ) -> Result<Unit<'a>, DeviceError> {
-    let (mut hits, mut occluded) = (vec![Hit::NONE; rays.len()], vec![0; rays.len()]);
-    let most = device.max_rays();
-    let mut trace = move || -> Result<(), DeviceError> {
-        let none: &[Ray] = &[];
-        if kind.is_any_hit() {
-            let streams = rays.par_chunks(most).zip(occluded.par_chunks_mut(most));
-            return streams.try_for_each(|(shadow_rays, occluded)| {
-                device.trace(Queries { rays: none, hits: &mut [], shadow_rays, occluded }).map(drop)
-            });
+    let most = device.max_rays().min(rays.len()).max(1);
+    let room = |any_hit: bool| if kind.is_any_hit() == any_hit { most } else { 0 };
+    let capacity = Capacity { rays: room(false), shadow_rays: room(true) };
+    let fill = move |(stream, rays): (Stream<Empty>, &[Ray])| {
+        let mut stream = stream.fill();
+        stream.append(capacity, Some(device), |mut columns| {
+            let (column, payloads) = match kind.is_any_hit() {
+                true => (&mut columns.shadow_rays, columns.shadow_payloads),
+                false => (&mut columns.rays, columns.payloads),
+            };
+            rays.iter().for_each(|&ray| column.push(ray));
+            payloads.resize(rays.len(), ());
+        });
+        stream.seal()
+    };
+    let mut streams: Vec<Stream<Empty>> = rays.chunks(most).map(|_| RayStream::new()).collect();
+    let mut trace = move || -> Result<f64, String> {
+        if streams.len() < rays.len().div_ceil(most) {
+            return Err("lost in an earlier round".to_owned());
         }
-        let streams = rays.par_chunks(most).zip(hits.par_chunks_mut(most));
-        streams.try_for_each(|(rays, hits)| {
-            device.trace(Queries { rays, hits, shadow_rays: none, occluded: &mut [] }).map(drop)
-        })
+        let full: Vec<_> = streams.drain(..).zip(rays.chunks(most)).map(fill).collect();
+        let mut traced = Ok(Vec::new());
+        let seconds = clock.seconds(|| {
+            traced = full.into_par_iter().map(|stream| stream.trace_on(device)).collect::<Result<_, _>>();
+        });
+        let traced: Vec<(Stream<Traced>, _)> = traced.map_err(|untraced| untraced.reason)?;
+        streams.extend(traced.into_iter().map(|(stream, _)| stream.discard()));
+        Ok(seconds)
     };
     // A loss shows before anything is timed; one that comes later makes the round endless, that is, its speed 0.
-    trace()?;
-    let round = move || {
-        let mut lost = false;
-        let seconds = clock.seconds(|| lost = trace().is_err());
-        if lost { f64::INFINITY } else { seconds }
-    };
+    trace().map_err(DeviceError::Lost)?;
+    let round = move || trace().unwrap_or(f64::INFINITY);
     let name = format!("gpu: {}", device.name());
     Ok(Unit { name, simd: None, robust: true, rays: rays.len(), round: Box::new(round) })
 }
+
+/// Rays and nothing with them.
+type Stream<State> = RayStream<State, (), ()>;
 
 fn embree_units<'a>(
     scenes: &'a [EmbreeScene<'_>],
@@ -437,7 +450,7 @@ mod tests {
         }
         let options = Options { rounds: 2, threads: vec![1, 2], ..Options::default() };
         let report =
-            run(&bvh, &positions, &triangles, &workload, None, &options).expect("no Embree asked for");
+            run(&bvh, &positions, &triangles, &workload, &[], &options).expect("no Embree asked for");
         assert_eq!(report.rows.len(), 2 * 5 * (2 * SimdLevel::available().len() + 2));
         for row in &report.rows {
             let Spread { median, best, worst } = row.mray_per_s;
@@ -445,7 +458,7 @@ mod tests {
             assert!(row.ratio["scalar"] > 0.0 && !row.ratio.contains_key("embree"));
         }
         let missing = Options { embree: Some("nowhere.so".into()), ..options };
-        let error = run(&bvh, &positions, &triangles, &workload, None, &missing).expect_err("no such file");
+        let error = run(&bvh, &positions, &triangles, &workload, &[], &missing).expect_err("no such file");
         assert!(error.to_string().starts_with("nowhere.so: cannot use this"));
     }
 }

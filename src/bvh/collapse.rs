@@ -228,7 +228,7 @@ impl<S: Shape> Layout<'_, S> {
 
 /// A slot for each of at most eight children at these offsets from the middle: greedily those that lie
 /// farthest in the direction of the slot's octant.
-pub(super) fn slots(offsets: impl Iterator<Item = Vec3>) -> [usize; WIDTH] {
+pub(crate) fn slots(offsets: impl Iterator<Item = Vec3>) -> [usize; WIDTH] {
     let mut gains = [[f32::NEG_INFINITY; WIDTH]; WIDTH];
     let mut children = 0;
     for offset in offsets {

@@ -19,6 +19,8 @@ mod wide;
 pub use assembly::Member;
 pub use binary::{Binary, BinaryNode};
 pub use block::{BLOCK_TRIANGLES, Block, MASKED};
+#[cfg(feature = "gpu")]
+pub(crate) use collapse::slots;
 pub use filter::Filter;
 pub use geometry::GeometryError;
 pub use numbering::Numbering;

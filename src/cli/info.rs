@@ -1,6 +1,12 @@
 //! `raystream info`.
 
+#[cfg(feature = "gpu")]
+use crate::render::calibration_host;
+#[cfg(feature = "gpu")]
+use crate::stream::Sizing;
 use crate::trace::cpu::SimdLevel;
+#[cfg(feature = "gpu")]
+use crate::trace::gpu::{AdapterChoice, AdapterInfo, Gpu};
 
 /// Prints what this machine has.
 pub fn run() {
@@ -31,6 +37,25 @@ fn print_adapters() {
         );
         println!("  subgroup:       {} to {} threads", adapter.subgroup.0, adapter.subgroup.1);
         println!("  shared memory:  {}", if adapter.shared_memory { "yes" } else { "no" });
+        println!("  streams:        {}", sizing(&adapter));
+    }
+}
+
+/// What sizes an adapter likes, measured unless that has been done before.
+#[cfg(feature = "gpu")]
+fn sizing(adapter: &AdapterInfo) -> String {
+    let choice = AdapterChoice { name: Some(adapter.name.clone()), allow_software: true };
+    let host = |bvh| calibration_host(bvh, SimdLevel::detect());
+    let gpu = match (Gpu::open(&choice), super::cache::folder()) {
+        (Ok(gpu), Some(folder)) => gpu.calibrate(&folder, host),
+        (Ok(gpu), None) => gpu,
+        (Err(error), _) => return format!("not measured: {error}"),
+    };
+    match gpu.sizing() {
+        None => "not measured; the paper's sizes are used".into(),
+        Some(Sizing { threshold, least, in_flight }) => format!(
+            "full at {threshold} rays, {in_flight} in flight; fewer than {least} rays are for host threads"
+        ),
     }
 }
 

@@ -3,6 +3,8 @@
 mod args;
 mod arrays;
 mod bench;
+#[cfg(feature = "gpu")]
+mod cache;
 mod info;
 mod interrupt;
 mod light;

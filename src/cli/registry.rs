@@ -64,14 +64,18 @@ impl Registry {
             .with(
                 "whitted",
                 "Whitted's algorithm: direct light, mirrors and glass; fast, without noise",
-                |brief| Whitted::new(brief.scene, &brief.camera, brief.settings),
+                |brief| {
+                    let whitted = Whitted::new(brief.scene, &brief.camera, brief.settings)?;
+                    Ok(whitted.with_simd(brief.simd))
+                },
             )
             .with("recursive-whitted", "The same picture by a shader written as one async fn", |brief| {
                 Recursion::new(RecursiveWhitted, brief.scene, &brief.camera, brief.settings)
             })
             .with("ambient-occlusion", "How open the surroundings are; without colours and lights", |brief| {
                 let reach = AmbientOcclusion::usual_reach(&brief.scene);
-                AmbientOcclusion::new(brief.scene, &brief.camera, brief.settings, reach)
+                let ambient = AmbientOcclusion::new(brief.scene, &brief.camera, brief.settings, reach)?;
+                Ok(ambient.with_simd(brief.simd))
             })
     }
 

@@ -43,6 +43,8 @@ impl Setup {
             adapter: args.adapter.clone(),
             simd,
             #[cfg(feature = "gpu")]
+            cache: super::cache::folder(),
+            #[cfg(feature = "gpu")]
             fault: args.inject,
         })?;
 
@@ -66,7 +68,9 @@ impl Setup {
             Some(n) => n as usize,
             None => std::thread::available_parallelism().map_or(1, usize::from),
         };
-        let dispatch_threads = if stage.tracers.device.is_some() { 4 } else { 0 };
+        let dispatch_threads = stage.tracers.device.as_ref().map_or(0, |device| {
+            device.sizing().map_or(ServiceOptions::default().dispatch_threads, |sizing| sizing.in_flight)
+        });
         let sharing = Sharing::FirstIn;
         let service = Service::new(ServiceOptions { host_threads, dispatch_threads, max_jobs, sharing })?;
         Ok(Self { stage, service, simd, policy, load_s, build_s })

@@ -3,7 +3,7 @@
 
 use crate::bench::Spread;
 use crate::render::NoiseReport;
-use crate::schedule::{self, Depths, JobReport, ThreadKind, ThreadReport};
+use crate::schedule::{self, Depths, DeviceWaits, JobReport, Latency, ThreadKind, ThreadReport};
 use anyhow::{Context, Result};
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -107,6 +107,9 @@ pub struct FramesStats {
     pub adapter: Option<String>,
     /// The instruction set of the CPU tracer.
     pub simd: String,
+    /// Energy of all frames by meter, joules; absent where there is none that may be read.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub joules: BTreeMap<String, f64>,
     /// What went wrong on the way, one sentence each.
     pub events: Vec<String>,
 }
@@ -118,8 +121,13 @@ pub struct FrameStats {
     pub frame: u32,
     /// [`crate::film::Image::hash`].
     pub hash: String,
-    /// From its first camera ray to its last splat; frames in flight overlap.
-    pub seconds: f64,
+    /// From its first camera ray to its last splat; frames in flight overlap. Null, as all that follows, if it was done
+    /// before this run.
+    pub seconds: Option<f64>,
+    /// Samples per pixel taken, on average.
+    pub mean_spp: Option<f64>,
+    /// With `--noise`: how noisy it is; else null.
+    pub noise: Option<NoiseStats>,
 }
 
 /// Size of a scene.
@@ -146,7 +154,7 @@ pub struct ImageStats {
     pub hash: String,
 }
 
-/// Relative standard errors of a picture's pixels, by blocks of 32 × 32; null where too little is known.
+/// Relative standard errors of a picture's pixels, by blocks of 16 × 16; null where too little is known.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct NoiseStats {
     /// Of the worst block.
@@ -227,6 +235,8 @@ pub struct Units {
     pub cpu: UnitStats,
     /// The GPU.
     pub gpu: GpuStats,
+    #[serde(skip)]
+    device_waits: DeviceWaits,
 }
 
 /// The CPU's share.
@@ -261,6 +271,25 @@ pub struct GpuStats {
     pub sending_s: f64,
     /// Of `busy_s`, seconds between being submitted and answers being readable.
     pub waiting_s: f64,
+    /// From a stream being full to its being submitted; null without streams.
+    pub full_to_dispatched_s: Option<LatencyStats>,
+    /// From being submitted to answers being readable; null without streams.
+    pub dispatched_to_readable_s: Option<LatencyStats>,
+}
+
+/// Times of one kind, to a sixteenth.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct LatencyStats {
+    /// Half were shorter.
+    pub median: f64,
+    /// Nineteen of twenty were shorter.
+    pub p95: f64,
+}
+
+impl LatencyStats {
+    fn of(latency: &Latency) -> Option<Self> {
+        Some(Self { median: latency.quantile_s(0.5)?, p95: latency.quantile_s(0.95)? })
+    }
 }
 
 /// Rays of one depth.
@@ -329,6 +358,9 @@ impl Units {
         self.gpu.checked += report.gpu.checked;
         self.gpu.sending_s += report.gpu.sending_s;
         self.gpu.waiting_s += report.gpu.waiting_s;
+        self.device_waits += report.device_waits;
+        self.gpu.full_to_dispatched_s = LatencyStats::of(&self.device_waits.full_to_dispatched);
+        self.gpu.dispatched_to_readable_s = LatencyStats::of(&self.device_waits.dispatched_to_readable);
         self.cpu.mray_per_s = rate(self.cpu.rays, self.cpu.busy_s);
         self.gpu.mray_per_s = rate(self.gpu.rays, self.gpu.busy_s);
     }

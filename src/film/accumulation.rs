@@ -1,7 +1,7 @@
 //! The film: radiance added in fixed point.
 
 use super::stripe::{Stripe, Stripes};
-use crate::lanes::{Int, Lanes, Vector};
+use crate::lanes::{Int, Lanes, Num, Vector, nearest};
 use std::io::Write;
 use std::sync::atomic::{AtomicI64, AtomicU32, AtomicU64, Ordering::Relaxed};
 
@@ -114,31 +114,66 @@ impl Film {
         }
     }
 
-    /// [`Film::splat`] of each lane of a mask. Neighbouring lanes often meet the same stripe, which is
-    /// locked once for all of them.
+    /// [`Film::splat`] of each lane of a mask. Neighbouring lanes are often of one pixel, whose sums are then
+    /// added to once, or of one stripe, which is then locked once.
     #[inline(always)]
     pub fn splat_lanes<L: Lanes>(&self, lanes: u32, pixel: Int<L>, radiance: Vector<L>) {
-        if lanes != 0 {
-            let radiance = [radiance.x.to_array(), radiance.y.to_array(), radiance.z.to_array()];
-            self.splat_all(lanes, &pixel.to_array(), &radiance);
+        if lanes == 0 {
+            return;
+        }
+        let (x, y, z) = (radiance.x, radiance.y, radiance.z);
+        let zero = Num::splat(x.lanes(), 0.0);
+        let finite = x.is_finite() & y.is_finite() & z.is_finite();
+        let valid = lanes & finite & x.ge(zero) & y.ge(zero) & z.ge(zero);
+        if valid != lanes {
+            self.dropped.fetch_add((lanes & !valid).count_ones().into(), Relaxed);
+            if valid == 0 {
+                return;
+            }
+        }
+        let (most, scale) = (Num::splat(x.lanes(), MAX_RADIANCE), self.scale());
+        let fixed = [x.min(most).to_fixed(scale), y.min(most).to_fixed(scale), z.min(most).to_fixed(scale)];
+        let pixels = pixel.to_array();
+        let first = pixels[valid.trailing_zeros() as usize];
+        if valid & !pixel.is(first) == 0 {
+            self.add_lanes(first, valid, &fixed);
+        } else {
+            self.add_each(&pixels, valid, &fixed);
         }
     }
 
-    fn splat_all(&self, mut lanes: u32, pixel: &[u32; 16], [r, g, b]: &[[f32; 16]; 3]) {
+    /// Adds the lanes of a mask to one pixel.
+    fn add_lanes(&self, pixel: u32, lanes: u32, fixed: &[[i64; 16]; 3]) {
+        let sums = fixed.map(|fixed| {
+            let mut sum = 0;
+            for (lane, fixed) in fixed.into_iter().enumerate() {
+                sum += fixed & -i64::from(lanes >> lane & 1);
+            }
+            sum
+        });
+        let _stripe = self.stripes.lock(pixel);
+        add(&self.sums[pixel as usize], sums);
+    }
+
+    /// Adds each lane of a mask to its pixel.
+    fn add_each(&self, pixels: &[u32; 16], mut lanes: u32, [r, g, b]: &[[i64; 16]; 3]) {
         let mut stripe = None;
         while lanes != 0 {
-            let lane = lanes.trailing_zeros() as usize;
+            let lane = lanes.trailing_zeros() as usize & 15;
             lanes &= lanes - 1;
-            let sums = &self.sums[pixel[lane] as usize];
-            if let Some(fixed) = self.fixed(glam::Vec3::new(r[lane], g[lane], b[lane])) {
-                if !stripe.as_ref().is_some_and(|stripe: &Stripe<'_>| stripe.has(pixel[lane])) {
-                    // The last one is let go of first: whoever holds two could wait for ever.
-                    drop(stripe.take());
-                    stripe = Some(self.stripes.lock(pixel[lane]));
-                }
-                add(sums, fixed);
+            let pixel = pixels[lane];
+            if !stripe.as_ref().is_some_and(|stripe: &Stripe<'_>| stripe.has(pixel)) {
+                // The last one is let go of first: whoever holds two could wait for ever.
+                drop(stripe.take());
+                stripe = Some(self.stripes.lock(pixel));
             }
+            add(&self.sums[pixel as usize], [r[lane], g[lane], b[lane]]);
         }
+    }
+
+    /// What radiance is multiplied with before it is rounded.
+    fn scale(&self) -> f64 {
+        (1u64 << self.fraction_bits) as f64
     }
 
     /// Radiance in fixed point; `None`, and counted, if it is none.
@@ -148,9 +183,8 @@ impl Film {
             self.dropped.fetch_add(1, Relaxed);
             return None;
         }
-        let scale = (1u64 << self.fraction_bits) as f64;
         // The product is exact (a power of two), the rounding is the only error.
-        Some(radiance.to_array().map(|value| round(f64::from(value.min(MAX_RADIANCE)) * scale) as i64))
+        Some(radiance.to_array().map(|value| nearest(f64::from(value.min(MAX_RADIANCE)) * self.scale())))
     }
 
     /// Adds all that another film of the same size and precision has received.
@@ -221,6 +255,11 @@ impl Film {
         self.samples.iter().map(|n| n.load(Relaxed)).collect()
     }
 
+    /// Samples taken of a pixel on average.
+    pub fn mean_samples(&self) -> f64 {
+        self.samples.iter().map(|n| f64::from(n.load(Relaxed))).sum::<f64>() / self.samples.len() as f64
+    }
+
     /// The mean radiance of each pixel over its own samples, row major, first row on top; 0 where
     /// there is no sample yet.
     pub fn resolve(&self) -> Vec<[f32; 3]> {
@@ -251,16 +290,10 @@ pub(crate) fn take<'a, const N: usize>(from: &mut &'a [u8]) -> Option<&'a [u8; N
     Some(bytes)
 }
 
-/// The nearest integer to a number ≥ 0, ties to even.
-fn round(x: f64) -> f64 {
-    // From here on there is no fraction; below, adding it leaves none.
-    const WHOLE: f64 = (1u64 << 52) as f64;
-    if x < WHOLE { (x + WHOLE) - WHOLE } else { x }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::lanes::{Kernel, SimdLevel};
     use glam::Vec3;
 
     #[test]
@@ -286,15 +319,60 @@ mod tests {
         assert_eq!(film.resolve(), vec![[0.5, 0.0, MAX_RADIANCE]]);
     }
 
+    /// Splats in lanes: to one pixel, to all, and some that are not radiance.
+    struct Splats<'a>(&'a Film);
+
+    impl Kernel for Splats<'_> {
+        type Output = ();
+
+        #[inline(always)]
+        fn run<L: Lanes>(self, l: L) {
+            for i in (0..4096u32).step_by(16) {
+                for part in (0..16).step_by(L::LANES) {
+                    let (mut pixels, mut radiance) = ([0; 16], [0.0; 16]);
+                    for lane in 0..L::LANES as u32 {
+                        let n = i + part as u32 + lane;
+                        pixels[lane as usize] =
+                            if i % 64 == 0 { i / 64 % 7 } else { crate::geom::mix(n) % 7 };
+                        let odd = [f32::NAN, -1.0, f32::INFINITY, f32::MAX, 1e-30, -0.0, 0.1];
+                        let x = crate::geom::mix(n) as f32 * 2.0f32.powi(-(n as i32 % 50));
+                        radiance[lane as usize] = if n % 17 < 7 { odd[(n % 17) as usize] } else { x };
+                    }
+                    let x = Num::from_array(l, &radiance);
+                    let lanes = (crate::geom::mix(i) >> part) & L::ALL;
+                    self.0.splat_lanes(lanes, Int::from_array(l, &pixels), Vector::new(x, x * 0.3, x.sqrt()));
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn lanes_add_what_one_does() {
+        let film = |level: SimdLevel| {
+            let film = Film::new(7, 1, 4096).expect("fits");
+            level.run(Splats(&film));
+            film.add_samples(3, 1);
+            (
+                film.resolve(),
+                film.sums.iter().flatten().map(|s| s.load(Relaxed)).collect::<Vec<_>>(),
+                film.dropped_splats(),
+            )
+        };
+        let one = film(SimdLevel::Scalar);
+        assert!(one.2 > 100);
+        for level in SimdLevel::ALL.into_iter().filter(|level| level.is_available()) {
+            assert_eq!(film(level), one, "{level}");
+        }
+    }
+
     #[test]
     fn rounding_is_to_nearest_even() {
-        for (x, nearest) in [(0.5, 0.0), (1.5, 2.0), (2.5, 2.0), (0.499, 0.0), (2f64.powi(61), 2f64.powi(61))]
-        {
-            assert_eq!(round(x), nearest);
+        for (x, expected) in [(0.5, 0), (1.5, 2), (2.5, 2), (0.499, 0), (2f64.powi(61), 1 << 61)] {
+            assert_eq!(nearest(x), expected);
         }
         for i in 0..100_000u32 {
-            let x = f64::from(crate::geom::mix(i)) * 2.0f64.powi((i % 90) as i32 - 45);
-            assert_eq!(round(x), libm::rint(x), "{x}");
+            let x = f64::from(crate::geom::mix(i)) * 2.0f64.powi((i % 70) as i32 - 45);
+            assert_eq!(nearest(x), libm::rint(x) as i64, "{x}");
         }
     }
 

@@ -1,8 +1,8 @@
-//! Pictures → files. A file appears whole or not at all.
+//! Pictures → files.
 
-use super::Image;
+use super::{Image, write_whole};
 use image::{ExtendedColorType, ImageEncoder, ImageFormat};
-use std::io::{BufWriter, Seek, Write};
+use std::io::{Seek, Write};
 use std::path::{Path, PathBuf};
 
 /// Why a picture could not be written.
@@ -93,47 +93,6 @@ pub fn write_image(path: &Path, image: &Image, exposure: f32) -> Result<(), Writ
     })
 }
 
-/// Writes a file through a temporary one beside it, so that nobody ever sees half of it.
-///
-/// # Errors
-/// When the file system or `encode` refuses; then no file is left or changed.
-pub fn write_whole(
-    path: &Path,
-    encode: impl FnOnce(&mut BufWriter<tempfile::NamedTempFile>) -> std::io::Result<()>,
-) -> Result<(), WriteError> {
-    let io = |source| WriteError::Io { path: path.into(), source };
-    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let temporary = tempfile::Builder::new()
-        .prefix(".raystream-")
-        .permissions_of(path)
-        .tempfile_in(folder)
-        .map_err(io)?;
-    let mut file = BufWriter::new(temporary);
-    encode(&mut file).map_err(io)?;
-    let temporary = file.into_inner().map_err(|e| io(e.into_error()))?;
-    temporary.persist(path).map_err(|e| io(e.error))?;
-    Ok(())
-}
-
-/// Files get the permissions any other new file gets, not the private ones of a temporary file.
-trait PermissionsOf {
-    fn permissions_of(&mut self, path: &Path) -> &mut Self;
-}
-
-impl PermissionsOf for tempfile::Builder<'_, '_> {
-    #[cfg(unix)]
-    fn permissions_of(&mut self, path: &Path) -> &mut Self {
-        use std::os::unix::fs::PermissionsExt;
-        let mode = std::fs::metadata(path).map_or(0o666, |m| m.permissions().mode());
-        self.permissions(std::fs::Permissions::from_mode(mode))
-    }
-
-    #[cfg(not(unix))]
-    fn permissions_of(&mut self, _: &Path) -> &mut Self {
-        self
-    }
-}
-
 fn write_npy(file: impl Write + Seek, image: &Image) -> std::io::Result<()> {
     use npyz::WriterBuilder;
     let mut npy = npyz::WriteOptions::new()
@@ -201,17 +160,8 @@ mod tests {
     }
 
     #[test]
-    fn a_failed_write_leaves_nothing_behind() {
+    fn what_cannot_be_written_is_refused() {
         let folder = tempfile::tempdir().expect("folder");
-        let path = folder.path().join("a.png");
-        std::fs::write(&path, "old").expect("file");
-        let failure = write_whole(&path, |file| {
-            file.write_all(b"half")?;
-            Err(std::io::Error::other("disk full"))
-        });
-        assert!(failure.expect_err("must fail").to_string().contains("disk full"));
-        assert_eq!(std::fs::read(&path).expect("file"), b"old");
-        assert_eq!(std::fs::read_dir(folder.path()).expect("folder").count(), 1);
         let missing = folder.path().join("none/a.png");
         assert!(matches!(write_image(&missing, &picture(), 0.0), Err(WriteError::Io { .. })));
         assert!(matches!(write_image(Path::new("a.gif"), &picture(), 0.0), Err(WriteError::Format { .. })));

@@ -5,7 +5,8 @@
 //! 2. Every pointer access is within what the caller of the method vouches for, as the trait states it.
 #![allow(unsafe_code)]
 
-use super::{Lanes, Piece};
+use super::order::LANES_OF;
+use super::{Lanes, Piece, nearest, spill};
 use std::arch::x86_64::*;
 
 /// Proof that the processor has AVX2 and FMA.
@@ -23,23 +24,15 @@ impl Avx2 {
     }
 }
 
-/// For every mask the lanes in it, in order.
-static LANES_OF: [[u8; 8]; 256] = {
-    let mut table = [[0; 8]; 256];
-    let mut mask = 0;
-    while mask < 256 {
-        let (mut lane, mut len) = (0, 0);
-        while lane < 8 {
-            if mask >> lane & 1 == 1 {
-                table[mask][len] = lane as u8;
-                len += 1;
-            }
-            lane += 1;
-        }
-        mask += 1;
+/// The lanes of a mask, in order.
+#[inline(always)]
+fn order_of(_: Avx2, mask: u32) -> __m256i {
+    // SAFETY: invariant 1; there are 256 masks.
+    unsafe {
+        let order = LANES_OF.get_unchecked(mask as usize & 255).as_ptr();
+        _mm256_cvtepu8_epi32(_mm_loadl_epi64(order.cast()))
     }
-    table
-};
+}
 
 /// Turns four vectors, each with a row of four in either half, into columns in the same halves.
 #[inline(always)]
@@ -169,6 +162,18 @@ impl Lanes for Avx2 {
             let lanes = _mm256_cmpeq_epi32(_mm256_and_si256(_mm256_set1_epi32(mask as i32), bits), bits);
             _mm256_blendv_ps(b, a, _mm256_castsi256_ps(lanes))
         }
+    }
+    #[inline(always)]
+    fn pack(self, mask: u32, a: __m256) -> __m256 {
+        unsafe { _mm256_permutevar8x32_ps(a, order_of(self, mask)) }
+    }
+    #[inline(always)]
+    fn to_fixed(self, a: __m256, scale: f64) -> [i64; 16] {
+        let mut fixed = [0; 16];
+        for (fixed, x) in fixed.iter_mut().zip(spill(self, a)).take(Self::LANES) {
+            *fixed = nearest(f64::from(x) * scale);
+        }
+        fixed
     }
     #[inline(always)]
     fn lowest(self, a: __m256) -> f32 {
@@ -302,11 +307,7 @@ impl Lanes for Avx2 {
     }
     #[inline(always)]
     unsafe fn append(self, to: *mut u32, mask: u32, ids: __m256i) {
-        unsafe {
-            let order = LANES_OF.get_unchecked(mask as usize & 255).as_ptr();
-            let order = _mm256_cvtepu8_epi32(_mm_loadl_epi64(order.cast()));
-            _mm256_storeu_si256(to.cast(), _mm256_permutevar8x32_epi32(ids, order));
-        }
+        unsafe { _mm256_storeu_si256(to.cast(), _mm256_permutevar8x32_epi32(ids, order_of(self, mask))) }
     }
     #[inline(always)]
     unsafe fn rows(self, base: *const f32, ids: *const u32) -> [__m256; 8] {
@@ -325,9 +326,9 @@ impl Lanes for Avx2 {
         }
     }
     #[inline(always)]
-    unsafe fn put_rows(self, to: *mut f32, stride: usize, columns: [__m256; 8]) {
+    unsafe fn put_rows(self, to: *mut f32, columns: [__m256; 8]) {
         for (i, row) in transpose(self, columns).into_iter().enumerate() {
-            unsafe { _mm256_storeu_ps(to.add(stride * i), row) };
+            unsafe { _mm256_storeu_ps(to.add(8 * i), row) };
         }
     }
 }

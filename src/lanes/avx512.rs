@@ -73,14 +73,11 @@ unsafe fn pair(_: Avx512, base: *const f32, low: u32, high: u32) -> __m512 {
     }
 }
 
-/// Writes part `PART` of two vectors, one after the other.
+/// The lower halves of two vectors, and the upper ones.
 #[inline(always)]
-unsafe fn put_halves<const PART: i32>(_: Avx512, to: *mut f32, left: __m512, right: __m512) {
-    // SAFETY: invariants 1 and 2.
-    unsafe {
-        _mm_storeu_ps(to, _mm512_extractf32x4_ps::<PART>(left));
-        _mm_storeu_ps(to.add(4), _mm512_extractf32x4_ps::<PART>(right));
-    }
+fn halves(_: Avx512, a: __m512, b: __m512) -> [__m512; 2] {
+    // SAFETY: invariant 1.
+    unsafe { [_mm512_shuffle_f32x4::<0b01_00_01_00>(a, b), _mm512_shuffle_f32x4::<0b11_10_11_10>(a, b)] }
 }
 
 // SAFETY of every block below: invariant 1 for the instructions, 2 for the pointers.
@@ -165,6 +162,22 @@ impl Lanes for Avx512 {
     #[inline(always)]
     fn select(self, mask: u32, a: __m512, b: __m512) -> __m512 {
         unsafe { _mm512_mask_blend_ps(mask as u16, b, a) }
+    }
+    #[inline(always)]
+    fn pack(self, mask: u32, a: __m512) -> __m512 {
+        unsafe { _mm512_maskz_compress_ps(mask as u16, a) }
+    }
+    #[inline(always)]
+    fn to_fixed(self, a: __m512, scale: f64) -> [i64; 16] {
+        let mut fixed = [0; 16];
+        unsafe {
+            let scale = _mm512_set1_pd(scale);
+            let low = _mm512_mul_pd(_mm512_cvtps_pd(_mm512_castps512_ps256(a)), scale);
+            let high = _mm512_mul_pd(_mm512_cvtps_pd(_mm512_extractf32x8_ps::<1>(a)), scale);
+            _mm512_storeu_si512(fixed.as_mut_ptr().cast(), _mm512_cvtpd_epi64(low));
+            _mm512_storeu_si512(fixed.as_mut_ptr().add(8).cast(), _mm512_cvtpd_epi64(high));
+        }
+        fixed
     }
     #[inline(always)]
     fn lowest(self, a: __m512) -> f32 {
@@ -304,18 +317,23 @@ impl Lanes for Avx512 {
         }
     }
     #[inline(always)]
-    unsafe fn put_rows(self, to: *mut f32, stride: usize, columns: [__m512; 8]) {
+    unsafe fn put_rows(self, to: *mut f32, columns: [__m512; 8]) {
         unsafe {
             let [a, b, c, d, e, f, g, h] = columns;
-            // Part `k` of `left[i]` and `right[i]` is the halves of row `4 * k + i`.
+            // Part `k` of `left[i]` and `right[i]` is the halves of row `4 * k + i`: two rows are put together
+            // before they are written, so that whoever reads them finds each in one piece.
             let left = transpose_parts(self, [a, b, c, d]);
             let right = transpose_parts(self, [e, f, g, h]);
-            for i in 0..4 {
-                let (l, r) = (left[i], right[i]);
-                put_halves::<0>(self, to.add(stride * i), l, r);
-                put_halves::<1>(self, to.add(stride * (4 + i)), l, r);
-                put_halves::<2>(self, to.add(stride * (8 + i)), l, r);
-                put_halves::<3>(self, to.add(stride * (12 + i)), l, r);
+            for i in [0, 2] {
+                let ([low, high], [next_low, next_high]) =
+                    (halves(self, left[i], right[i]), halves(self, left[i + 1], right[i + 1]));
+                _mm512_storeu_ps(to.add(8 * i), _mm512_shuffle_f32x4::<0b10_00_10_00>(low, next_low));
+                _mm512_storeu_ps(to.add(8 * (4 + i)), _mm512_shuffle_f32x4::<0b11_01_11_01>(low, next_low));
+                _mm512_storeu_ps(to.add(8 * (8 + i)), _mm512_shuffle_f32x4::<0b10_00_10_00>(high, next_high));
+                _mm512_storeu_ps(
+                    to.add(8 * (12 + i)),
+                    _mm512_shuffle_f32x4::<0b11_01_11_01>(high, next_high),
+                );
             }
         }
     }

@@ -40,6 +40,41 @@ impl<L: Lanes> Int<L> {
         numbers
     }
 
+    /// The numbers at the start of a slice.
+    ///
+    /// # Panics
+    /// When there are fewer than lanes.
+    #[inline(always)]
+    pub fn load(l: L, from: &[u32]) -> Self {
+        assert!(from.len() >= L::LANES, "a number for each lane");
+        // SAFETY: there are as many as lanes.
+        Self { l, i: unsafe { l.load_ids(from.as_ptr()) } }
+    }
+
+    /// Writes each lane's number to the start of a slice.
+    ///
+    /// # Panics
+    /// When it is shorter than there are lanes.
+    #[inline(always)]
+    pub fn store(self, to: &mut [u32]) {
+        assert!(to.len() >= L::LANES, "room for each lane");
+        // SAFETY: there is as much room as lanes.
+        unsafe { self.l.store_ids(to.as_mut_ptr(), self.i) };
+    }
+
+    /// Writes the numbers of the lanes of `mask`, in order, to the start of a slice; what follows them, up to
+    /// the number of lanes, is unspecified. Returns how many there are.
+    ///
+    /// # Panics
+    /// When the slice is shorter than there are lanes.
+    #[inline(always)]
+    pub fn append(self, mask: u32, to: &mut [u32]) -> usize {
+        assert!(to.len() >= L::LANES, "room for each lane");
+        // SAFETY: there is as much room as lanes.
+        unsafe { self.l.append(to.as_mut_ptr(), mask, self.i) };
+        (mask & L::ALL).count_ones() as usize
+    }
+
     /// The token.
     #[inline(always)]
     pub fn lanes(self) -> L {

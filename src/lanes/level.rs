@@ -4,6 +4,8 @@
 //! only after the processor was asked whether it has them.
 #![allow(unsafe_code)]
 
+#[cfg(target_arch = "aarch64")]
+use super::Neon;
 use super::{Lanes, One};
 use std::fmt;
 use std::str::FromStr;
@@ -13,6 +15,8 @@ use std::str::FromStr;
 pub enum SimdLevel {
     /// Plain Rust, any processor: eight lanes for tracing, one for shading.
     Scalar,
+    /// Eight lanes: any 64-bit ARM.
+    Neon,
     /// Eight lanes: x86-64 with AVX2, FMA and BMI.
     Avx2,
     /// Sixteen lanes: x86-64 with AVX-512 F, BW, DQ and VL.
@@ -50,7 +54,7 @@ fn names(levels: &[SimdLevel]) -> String {
 
 impl SimdLevel {
     /// All levels, best first.
-    pub const ALL: [Self; 3] = [Self::Avx512, Self::Avx2, Self::Scalar];
+    pub const ALL: [Self; 4] = [Self::Avx512, Self::Avx2, Self::Neon, Self::Scalar];
 
     /// The best level that this processor has.
     pub fn detect() -> Self {
@@ -66,6 +70,7 @@ impl SimdLevel {
     pub fn is_available(self) -> bool {
         match self {
             Self::Scalar => true,
+            Self::Neon => cfg!(target_arch = "aarch64"),
             #[cfg(target_arch = "x86_64")]
             Self::Avx2 => {
                 is_x86_feature_detected!("avx2")
@@ -124,6 +129,10 @@ impl SimdLevel {
             Self::Avx512 => unsafe { x86::avx512(kernel) },
             #[cfg(not(target_arch = "x86_64"))]
             Self::Avx2 | Self::Avx512 => unreachable!("not available"),
+            #[cfg(target_arch = "aarch64")]
+            Self::Neon => kernel.run(Neon),
+            #[cfg(not(target_arch = "aarch64"))]
+            Self::Neon => unreachable!("not available"),
         }
     }
 
@@ -141,6 +150,7 @@ impl SimdLevel {
     pub(crate) fn of_lanes(lanes: usize) -> Self {
         match lanes {
             16 => Self::Avx512,
+            8 if cfg!(target_arch = "aarch64") => Self::Neon,
             8 => Self::Avx2,
             _ => Self::Scalar,
         }
@@ -150,6 +160,7 @@ impl SimdLevel {
     pub fn name(self) -> &'static str {
         match self {
             Self::Scalar => "scalar",
+            Self::Neon => "neon",
             Self::Avx2 => "avx2",
             Self::Avx512 => "avx512",
         }
@@ -212,7 +223,7 @@ mod tests {
     #[test]
     fn errors_name_the_choices() {
         let error = SimdLevel::choose("mmx").expect_err("unknown").to_string();
-        assert_eq!(error, "there is no SIMD level \"mmx\"; choose auto, avx512, avx2, scalar");
+        assert_eq!(error, "there is no SIMD level \"mmx\"; choose auto, avx512, avx2, neon, scalar");
         let error = SimdError::Unavailable { level: SimdLevel::Avx512 }.to_string();
         assert!(error.starts_with("this processor has no avx512; it has ") && error.contains("scalar"));
     }

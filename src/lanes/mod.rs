@@ -13,7 +13,11 @@ mod avx2;
 mod avx512;
 mod int;
 mod level;
+#[cfg(target_arch = "aarch64")]
+mod neon;
 mod num;
+#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
+mod order;
 mod plain;
 pub mod trigonometry;
 mod vector;
@@ -24,6 +28,8 @@ pub(crate) use avx2::Avx2;
 pub(crate) use avx512::Avx512;
 pub use int::Int;
 pub use level::{Kernel, SimdError, SimdLevel};
+#[cfg(target_arch = "aarch64")]
+pub(crate) use neon::Neon;
 pub use num::Num;
 pub use plain::{One, Plain};
 pub use vector::Vector;
@@ -82,6 +88,11 @@ pub trait Lanes: Copy {
     fn signs(self, a: Self::F) -> u32;
     /// `a` in the lanes of `mask`, `b` in the others.
     fn select(self, mask: u32, a: Self::F, b: Self::F) -> Self::F;
+
+    /// The lanes of `mask`, in order, in the first lanes; what is in the others is unspecified.
+    fn pack(self, mask: u32, a: Self::F) -> Self::F;
+    /// The integers nearest to `a * scale`, of numbers ≥ 0 whose product is below 2⁶³; the lanes beyond are unspecified.
+    fn to_fixed(self, a: Self::F, scale: f64) -> [i64; 16];
 
     /// The least of all lanes.
     fn lowest(self, a: Self::F) -> f32;
@@ -167,12 +178,12 @@ pub trait Lanes: Copy {
     /// `ids` is good for reading `LANES` ids, each of which leads to a readable row.
     #[allow(unsafe_code)]
     unsafe fn rows(self, base: *const f32, ids: *const u32) -> [Self::F; 8];
-    /// Writes `LANES` rows of eight numbers, each `stride` numbers after the last, from eight columns.
+    /// Writes `LANES` rows of eight numbers, one after the other, from eight columns.
     ///
     /// # Safety
-    /// `to` is good for writing `stride * LANES` numbers.
+    /// `to` is good for writing `8 * LANES` numbers.
     #[allow(unsafe_code)]
-    unsafe fn put_rows(self, to: *mut f32, stride: usize, columns: [Self::F; 8]);
+    unsafe fn put_rows(self, to: *mut f32, columns: [Self::F; 8]);
 }
 
 /// A piece of work on lanes, with all that it needs.
@@ -237,6 +248,14 @@ pub(crate) fn spill<L: Lanes>(l: L, f: L::F) -> [f32; 16] {
     numbers
 }
 
+/// The nearest integer to a number ≥ 0 and below 2⁶³, ties to even.
+#[inline(always)]
+pub(crate) fn nearest(x: f64) -> i64 {
+    // From here on there is no fraction; below, adding it leaves none.
+    const WHOLE: f64 = (1u64 << 52) as f64;
+    (if x < WHOLE { (x + WHOLE) - WHOLE } else { x }) as i64
+}
+
 /// Asks for the cache line at `address` soon; harmless for any address.
 #[inline(always)]
 pub(crate) fn prefetch<T>(address: *const T) {
@@ -246,7 +265,13 @@ pub(crate) fn prefetch<T>(address: *const T) {
     unsafe {
         std::arch::x86_64::_mm_prefetch::<{ std::arch::x86_64::_MM_HINT_T0 }>(address.cast());
     }
-    #[cfg(not(target_arch = "x86_64"))]
+    #[cfg(target_arch = "aarch64")]
+    #[allow(unsafe_code)]
+    // SAFETY: likewise.
+    unsafe {
+        std::arch::asm!("prfm pldl1keep, [{}]", in(reg) address, options(nostack, preserves_flags, readonly));
+    }
+    #[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
     let _ = address;
 }
 
@@ -352,11 +377,11 @@ mod tests {
             for lane in 0..L::LANES {
                 assert_eq!(out[lane], rows[ids[lane] as usize / 4].to_bits());
             }
-            let mut back = vec![0.0f32; 12 * L::LANES];
-            l.put_rows(back.as_mut_ptr(), 12, columns);
+            let mut back = vec![0.0f32; 8 * L::LANES];
+            l.put_rows(back.as_mut_ptr(), columns);
             for lane in 0..L::LANES {
                 let from = ids[lane] as usize / 4;
-                assert_eq!(back[12 * lane..12 * lane + 8], rows[from..from + 8]);
+                assert_eq!(back[8 * lane..8 * lane + 8], rows[from..from + 8]);
             }
             for mask in (0..1u32 << L::LANES).step_by(if L::LANES <= 8 { 1 } else { 37 }) {
                 let mut out = [7u32; 16];
@@ -364,6 +389,8 @@ mod tests {
                 let expected: Vec<u32> =
                     (0..L::LANES).filter(|i| mask >> i & 1 == 1).map(|i| ids[i]).collect();
                 assert_eq!(out[..expected.len()], expected);
+                let packed = spill(l, l.pack(mask, l.of_bits(l.load_ids(ids.as_ptr()))));
+                assert!(expected.iter().zip(packed).all(|(&id, packed)| packed.to_bits() == id));
             }
             let mut out = [7u32; 16];
             l.store_ids(out.as_mut_ptr(), l.select_ids(0xa6, l.splat_id(9), l.load_ids(ids.as_ptr())));
@@ -390,6 +417,11 @@ mod tests {
         memory(Plain::<8>);
         assert_eq!(everything(One::default()), reference);
         memory(One::default());
+        #[cfg(target_arch = "aarch64")]
+        {
+            assert_eq!(everything(Neon), reference);
+            memory(Neon);
+        }
         #[cfg(target_arch = "x86_64")]
         #[allow(unsafe_code)]
         // SAFETY: each token is made only when the processor has its instructions.

@@ -35,16 +35,32 @@ impl<L: Lanes> Num<L> {
         super::spill(self.l, self.f)
     }
 
-    /// Eight columns as rows, one for each lane; those beyond the lanes are 0.
+    /// Eight columns as rows, one for each lane of `mask`, in order; what follows them is unspecified.
     #[inline(always)]
-    pub fn to_rows(columns: [Self; 8]) -> [[f32; 8]; 16] {
+    pub fn packed_rows(mask: u32, columns: [Self; 8]) -> [[f32; 8]; 16] {
         const { assert!(L::LANES <= 16) };
         let [a, b, c, d, e, f, g, h] = columns;
+        let ([a, b, c, d], [e, f, g, h]) = (
+            [a.pack(mask), b.pack(mask), c.pack(mask), d.pack(mask)],
+            [e.pack(mask), f.pack(mask), g.pack(mask), h.pack(mask)],
+        );
         let mut rows = [[0.0; 8]; 16];
         let columns = [a.f, b.f, c.f, d.f, e.f, f.f, g.f, h.f];
         // SAFETY: invariant 1, eight numbers a row.
-        unsafe { a.l.put_rows(rows.as_mut_ptr().cast(), 8, columns) };
+        unsafe { a.l.put_rows(rows.as_mut_ptr().cast(), columns) };
         rows
+    }
+
+    /// The lanes of `mask`, in order, in the first lanes; what is in the others is unspecified.
+    #[inline(always)]
+    pub fn pack(self, mask: u32) -> Self {
+        Self { f: self.l.pack(mask, self.f), ..self }
+    }
+
+    /// The nearest integers to this times `scale`, ties to even, of numbers ≥ 0 whose product is below 2⁶³.
+    #[inline(always)]
+    pub fn to_fixed(self, scale: f64) -> [i64; 16] {
+        self.l.to_fixed(self.f, scale)
     }
 
     /// The token.

@@ -4,7 +4,7 @@
 //! within what the caller of the method vouches for, as the trait states it.
 #![allow(unsafe_code)]
 
-use super::{Lanes, Piece};
+use super::{Lanes, Piece, nearest};
 use std::array::from_fn;
 
 /// `N` lanes on any processor.
@@ -98,6 +98,23 @@ impl<const N: usize> Lanes for Plain<N> {
     #[inline(always)]
     fn select(self, mask: u32, a: Self::F, b: Self::F) -> Self::F {
         from_fn(|i| if mask >> i & 1 == 1 { a[i] } else { b[i] })
+    }
+    #[inline(always)]
+    fn pack(self, mask: u32, a: Self::F) -> Self::F {
+        let (mut packed, mut len) = (a, 0);
+        for (i, x) in a.into_iter().enumerate() {
+            packed[len] = x;
+            len += (mask >> i & 1) as usize;
+        }
+        packed
+    }
+    #[inline(always)]
+    fn to_fixed(self, a: Self::F, scale: f64) -> [i64; 16] {
+        let mut fixed = [0; 16];
+        for i in 0..N {
+            fixed[i] = nearest(f64::from(a[i]) * scale);
+        }
+        fixed
     }
     #[inline(always)]
     fn lowest(self, a: Self::F) -> f32 {
@@ -222,10 +239,10 @@ impl<const N: usize> Lanes for Plain<N> {
         from_fn(|column| rows.map(|row| row[column]))
     }
     #[inline(always)]
-    unsafe fn put_rows(self, to: *mut f32, stride: usize, columns: [Self::F; 8]) {
+    unsafe fn put_rows(self, to: *mut f32, columns: [Self::F; 8]) {
         for i in 0..N {
             // SAFETY: invariant 1.
-            unsafe { to.add(stride * i).cast::<[f32; 8]>().write_unaligned(columns.map(|column| column[i])) };
+            unsafe { to.add(8 * i).cast::<[f32; 8]>().write_unaligned(columns.map(|column| column[i])) };
         }
     }
 }

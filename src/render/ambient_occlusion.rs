@@ -1,13 +1,13 @@
 //! Ambient occlusion: a hit shader that sends shadow rays only.
 
 use super::Integrator;
-use super::frame::{CAMERA_DIMENSION, Frame, Settings, SettingsError};
+use super::frame::{CAMERA_DIMENSION, Frame, Settings, SettingsError, ray_rows};
 use crate::film::Film;
-use crate::geom::warp;
-use crate::scene::{Camera, Scene};
+use crate::geom::{Sampler, warp::lanes as warp};
+use crate::lanes::{Int, Kernel, Lanes, Num, SimdLevel, Vector};
+use crate::scene::{Camera, Material, Scene};
 use crate::schedule::{Batch, Output, Renderer};
-use crate::shade::single::Interaction;
-use crate::shade::sort;
+use crate::shade::{Hits, Interaction, sort};
 use crate::stream::Ray;
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
@@ -47,6 +47,11 @@ impl AmbientOcclusion {
         Ok(Self { frame, reach })
     }
 
+    /// The same, shaded with this instruction set: see [`Frame::with_simd`].
+    pub fn with_simd(self, simd: SimdLevel) -> Self {
+        Self { frame: self.frame.with_simd(simd), ..self }
+    }
+
     /// A reach that shows a scene's creases as well as its rooms: an eighth of its radius.
     pub fn usual_reach(scene: &Scene) -> f32 {
         scene.bounds().radius() / 8.0
@@ -68,6 +73,88 @@ impl Integrator for AmbientOcclusion {
     }
 }
 
+/// A batch being shaded.
+struct Shading<'a, 'o> {
+    occlusion: &'a AmbientOcclusion,
+    batch: Batch<'a, SampleState>,
+    out: &'a mut Output<'o, SampleState, u32>,
+}
+
+impl Kernel for Shading<'_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(mut self, l: L) {
+        let frame = &self.occlusion.frame;
+        let scene = frame.scene();
+        for run in sort(l, self.batch.hits, &scene.mesh.materials).runs() {
+            for rays in run.rays.chunks(L::LANES) {
+                // Lanes that are left over repeat the first ray and count for nothing.
+                let mut ids = [rays[0]; 16];
+                ids[..rays.len()].copy_from_slice(rays);
+                let (ids, lanes) = (Int::from_array(l, &ids), L::ALL >> (L::LANES - rays.len()));
+                let [pixel, sample] = ids.rows(bytemuck::cast_slice(self.batch.payloads));
+                match run.material {
+                    None => frame.film().splat_lanes(lanes, pixel, Vector::splat(l, Vec3::ONE)),
+                    Some(material) => {
+                        let sampler = Sampler::of(pixel, sample, frame.settings().seed);
+                        self.hit(&scene.materials[material as usize], ids, lanes, pixel, &sampler);
+                    }
+                }
+            }
+        }
+    }
+}
+
+impl Shading<'_, '_> {
+    #[inline(always)]
+    fn hit<L: Lanes>(
+        &mut self,
+        material: &Material,
+        ids: Int<L>,
+        lanes: u32,
+        pixel: Int<L>,
+        sampler: &Sampler<L>,
+    ) {
+        let l = pixel.lanes();
+        let AmbientOcclusion { frame, reach } = self.occlusion;
+        let [_, _, _, _, x, y, z, _] = ids.rows_of(bytemuck::cast_slice(self.batch.rays));
+        let [t, u, v, primitive] = ids.rows_of(bytemuck::cast_slice(self.batch.hits));
+        let hits = Hits { t, u, v, primitive: primitive.to_bits() };
+        let at = Interaction::new(frame.scene(), material, Vector::new(x, y, z), &hits, t.only(0));
+        let up = sampler.two(Int::splat(l, CAMERA_DIMENSION + 1));
+        let to = at.frame.world(warp::cosine_hemisphere(up));
+        // A bent normal may point a direction into the surface, where nothing is open.
+        let lanes = lanes & to.dot(at.normal).above(0.0);
+        let rays = ray_rows(lanes, at.origin(at.raised, to), to, Num::splat(l, *reach));
+        let mut pixels = [0; 16];
+        let count = pixel.append(lanes, &mut pixels);
+        self.out.shadows(bytemuck::cast_slice(&rays[..count]), &pixels[..count]);
+    }
+}
+
+/// Directions in which something may have been in the way.
+struct Answered<'a> {
+    film: &'a Film,
+    pixels: &'a [u32],
+    occluded: &'a [u32],
+}
+
+impl Kernel for Answered<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, l: L) {
+        for (some, occluded) in self.pixels.chunks(L::LANES).zip(self.occluded.chunks(L::LANES)) {
+            let (mut pixels, mut taken) = ([0; 16], [1; 16]);
+            pixels[..some.len()].copy_from_slice(some);
+            taken[..some.len()].copy_from_slice(occluded);
+            let open = Int::from_array(l, &taken).is(0);
+            self.film.splat_lanes(open, Int::from_array(l, &pixels), Vector::splat(l, Vec3::ONE));
+        }
+    }
+}
+
 impl Renderer for AmbientOcclusion {
     type Payload = SampleState;
     type ShadowPayload = u32;
@@ -85,36 +172,18 @@ impl Renderer for AmbientOcclusion {
     }
 
     fn spawn(&self, tile: u64, out: &mut Output<'_, SampleState, u32>) {
-        self.frame.camera_rays(tile, |ray, pixel, sample| out.ray(ray, SampleState { pixel, sample }));
+        self.frame.camera_rays(tile, |rays, pixels, samples| {
+            for ((&ray, &pixel), &sample) in rays.iter().zip(pixels).zip(samples) {
+                out.ray(ray, SampleState { pixel, sample });
+            }
+        });
     }
 
     fn shade(&self, batch: Batch<'_, SampleState>, out: &mut Output<'_, SampleState, u32>) {
-        let scene = self.frame.scene();
-        for run in sort(batch.hits, &scene.mesh.materials).runs() {
-            let rays = run.rays.iter().map(|&i| i as usize);
-            let Some(material) = run.material else {
-                rays.for_each(|i| self.frame.film().splat(batch.payloads[i].pixel, Vec3::ONE));
-                continue;
-            };
-            let material = &scene.materials[material as usize];
-            for i in rays {
-                let SampleState { pixel, sample } = batch.payloads[i];
-                let at = Interaction::new(scene, material, &batch.rays[i], &batch.hits[i]);
-                let up = self.frame.sampler(pixel, sample).pair(CAMERA_DIMENSION + 1);
-                let to = at.frame.to_world(warp::cosine_hemisphere(up));
-                // A bent normal may point a direction into the surface, where nothing is open.
-                if to.dot(at.normal) > 0.0 {
-                    out.shadow(Ray { t_max: self.reach, ..Ray::new(at.origin(at.raised, to), to) }, pixel);
-                }
-            }
-        }
+        self.frame.simd().run(Shading { occlusion: self, batch, out });
     }
 
     fn shadow(&self, _rays: &[Ray], payloads: &[u32], occluded: &[u32]) {
-        for (&pixel, &occluded) in payloads.iter().zip(occluded) {
-            if occluded == 0 {
-                self.frame.film().splat(pixel, Vec3::ONE);
-            }
-        }
+        self.frame.simd().run(Answered { film: self.film(), pixels: payloads, occluded });
     }
 }

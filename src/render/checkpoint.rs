@@ -17,7 +17,7 @@ pub type Identity = BTreeMap<String, String>;
 const MAGIC: &[u8; 20] = b"raystream checkpoint";
 
 /// Counts incompatible formats.
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 
 /// The part of a checkpoint that is text.
 #[derive(Serialize, Deserialize)]
@@ -121,7 +121,11 @@ fn header(rest: &mut &[u8]) -> Option<Header> {
     serde_json::from_slice(header).ok()
 }
 
-fn compare(was: &Identity, is: &Identity) -> Result<(), CheckpointError> {
+/// Looks for what differs between two pictures.
+///
+/// # Errors
+/// [`CheckpointError::Mismatch`] names the first thing that does.
+pub fn compare(was: &Identity, is: &Identity) -> Result<(), CheckpointError> {
     let nothing = || "not given".to_owned();
     for what in was.keys().chain(is.keys()) {
         let (was, is) = (was.get(what), is.get(what));

@@ -7,6 +7,7 @@ use crate::lanes::{Int, Kernel, Lanes, Num, SimdLevel, Vector};
 use crate::scene::{Camera, CameraError, Lens, Scene};
 use crate::shade::Lights;
 use crate::stream::Ray;
+use std::ops::Range;
 use std::sync::Arc;
 
 /// Side of the patches of pixels within a block whose camera rays follow each other.
@@ -186,7 +187,7 @@ impl Frame {
         Blocks::new(self.settings.width, self.settings.height)
     }
 
-    /// Tiles of the pass: the places where it takes samples, once for each sample.
+    /// Tiles of the pass: the places where it takes samples, once for every few samples.
     pub fn tiles(&self) -> u64 {
         self.pass.tiles()
     }
@@ -201,18 +202,18 @@ impl Frame {
         Sampler::new(pixel, sample, self.settings.seed)
     }
 
-    /// Makes the camera rays of a tile, giving each to `emit` with its pixel and sample, and counts
-    /// them on the film. Tiles go over the picture once for each sample, so a frame that stops early
-    /// is evenly done. Pixels are filtered by their box; dimension 0 of the sampler is the place in it.
-    pub fn camera_rays(&self, tile: u64, mut emit: impl FnMut(Ray, u32, u32)) {
+    /// Makes the camera rays of a tile, giving some at a time to `emit` with their pixels and samples, and
+    /// counts them on the film. Tiles go over the picture once for every few samples, so a frame that stops
+    /// early is evenly done. Pixels are filtered by their box; dimension 0 of the sampler is the place in it.
+    pub fn camera_rays(&self, tile: u64, mut emit: impl FnMut(&[Ray], &[u32], &[u32])) {
         let blocks = self.blocks();
-        let (places, sample) = self.pass.tile(tile);
+        let (places, samples) = self.pass.tile(tile);
         for &block in places {
             let (columns, rows) = blocks.pixels(block);
             for top in rows.clone().step_by(PATCH as usize) {
                 for left in columns.clone().step_by(PATCH as usize) {
                     let size = [(columns.end - left).min(PATCH), (rows.end - top).min(PATCH)];
-                    let patch = Patch { frame: self, sample, corner: [left, top], size };
+                    let patch = Patch { frame: self, samples: samples.clone(), corner: [left, top], size };
                     self.simd.run(PatchRays { patch, emit: &mut emit });
                 }
             }
@@ -223,56 +224,68 @@ impl Frame {
 /// Some pixels of a block.
 struct Patch<'a> {
     frame: &'a Frame,
-    sample: u32,
+    samples: Range<u32>,
     corner: [u32; 2],
     /// At least 1, at most [`PATCH`].
     size: [u32; 2],
 }
 
-/// The camera rays of a patch, row by row.
+/// The camera rays of a patch: all of a pixel, then those of the next in its row.
 struct PatchRays<'a, E> {
     patch: Patch<'a>,
     emit: &'a mut E,
 }
 
-impl<E: FnMut(Ray, u32, u32)> Kernel for PatchRays<'_, E> {
+impl<E: FnMut(&[Ray], &[u32], &[u32])> Kernel for PatchRays<'_, E> {
     type Output = ();
 
     #[inline(always)]
     fn run<L: Lanes>(self, l: L) {
-        let Patch { frame, sample, corner, size } = self.patch;
+        let Patch { frame, samples, corner: [left, top], size } = self.patch;
         let Settings { width, seed, .. } = frame.settings;
-        let count = size[0] * size[1];
-        for first in (0..count).step_by(L::LANES) {
-            let mut pixels = [[0; 16]; 2];
-            let lanes = (count - first).min(L::LANES as u32);
-            for lane in 0..lanes {
-                let place = first + lane;
-                pixels[0][lane as usize] = corner[0] + place % size[0];
-                pixels[1][lane as usize] = corner[1] + place / size[0];
+        let (mut x, mut y, mut sample) = (left, top, samples.start);
+        let mut todo = size[0] * size[1] * samples.len() as u32;
+        while todo > 0 {
+            let (mut xs, mut ys, mut taken) = ([0; 16], [0; 16], [0; 16]);
+            let lanes = todo.min(L::LANES as u32);
+            todo -= lanes;
+            for lane in 0..lanes as usize {
+                (xs[lane], ys[lane], taken[lane]) = (x, y, sample);
+                sample += 1;
+                if sample == samples.end {
+                    frame.film.add_samples(y * width + x, samples.len() as u32);
+                    sample = samples.start;
+                    x += 1;
+                    if x == left + size[0] {
+                        (x, y) = (left, y + 1);
+                    }
+                }
             }
-            let (x, y) = (Int::from_array(l, &pixels[0]), Int::from_array(l, &pixels[1]));
+            let (x, y) = (Int::from_array(l, &xs), Int::from_array(l, &ys));
             let pixel = y * width + x;
-            let sampler = Sampler::of(pixel, Int::splat(l, sample), seed);
+            let sampler = Sampler::of(pixel, Int::from_array(l, &taken), seed);
             let place = sampler.two(Int::splat(l, CAMERA_DIMENSION));
             let direction = frame.lens.directions(x.to_num(), y.to_num(), place);
             let eye = Vector::splat(l, frame.lens.eye);
             let far = Num::splat(l, f32::INFINITY);
-            let rays = ray_rows(eye, direction, far);
-            let pixel = pixel.to_array();
-            for lane in 0..lanes as usize {
-                frame.film.add_samples(pixel[lane], 1);
-                (self.emit)(bytemuck::cast(rays[lane]), pixel[lane], sample);
-            }
+            let rays = ray_rows(L::ALL, eye, direction, far);
+            let lanes = lanes as usize;
+            (self.emit)(bytemuck::cast_slice(&rays[..lanes]), &pixel.to_array()[..lanes], &taken[..lanes]);
         }
     }
 }
 
-/// Rays in lanes as they lie in memory, one for each lane.
+/// Rays as they lie in memory: those of the lanes of a mask, one after the other.
 #[inline(always)]
-pub(super) fn ray_rows<L: Lanes>(origin: Vector<L>, direction: Vector<L>, t_max: Num<L>) -> [[f32; 8]; 16] {
+pub(super) fn ray_rows<L: Lanes>(
+    lanes: u32,
+    origin: Vector<L>,
+    direction: Vector<L>,
+    t_max: Num<L>,
+) -> [[f32; 8]; 16] {
     let t_min = t_max.only(0);
-    Num::to_rows([origin.x, origin.y, origin.z, t_min, direction.x, direction.y, direction.z, t_max])
+    let (o, d) = (origin, direction);
+    Num::packed_rows(lanes, [o.x, o.y, o.z, t_min, d.x, d.y, d.z, t_max])
 }
 
 /// Sampler dimension of the place within a pixel; all greater ones are the integrator's.

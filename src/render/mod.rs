@@ -2,6 +2,7 @@
 
 mod ambient_occlusion;
 mod checkpoint;
+mod contribution;
 mod frame;
 mod integrator;
 mod node;
@@ -21,11 +22,12 @@ mod units;
 mod whitted;
 
 pub use ambient_occlusion::{AmbientOcclusion, SampleState};
-pub use checkpoint::{CheckpointError, Identity};
+pub use checkpoint::{CheckpointError, Identity, compare};
+pub use contribution::Contribution;
 pub use frame::{Frame, Settings, SettingsError};
 pub use integrator::Integrator;
 pub use pass::{BLOCK, Blocks, Pass};
-pub use path::{Contribution, Path, PathState, ROULETTE_BOUNCES};
+pub use path::{Path, PathState, ROULETTE_BOUNCES};
 pub use progressive::{NoiseReport, PASSES_IN_FLIGHT, PassOptions, Progressive};
 pub use ray_by_ray::RayByRay;
 pub use recursive_whitted::RecursiveWhitted;
@@ -33,5 +35,7 @@ pub use sequence::Sequence;
 pub use single_ray::render_single_rays;
 pub use stage::Stage;
 pub use tree::{WORTH_SAVING, build as build_tree};
+#[cfg(feature = "gpu")]
+pub use units::calibration_host;
 pub use units::{UnitChoice, Units, UnitsError};
-pub use whitted::{DirectLight, WHITTED_BOUNCES, Whitted, WhittedState};
+pub use whitted::{WHITTED_BOUNCES, Whitted, WhittedState};

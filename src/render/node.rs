@@ -2,9 +2,12 @@
 
 use super::frame::{CAMERA_DIMENSION, Frame};
 use crate::geom::Sampler;
+use crate::lanes::{Int, Lanes, Num, One, Vector};
 use crate::scene::Material;
-use crate::shade::single::{self, Bsdf, Interaction, LightSample, Smooth};
-use crate::stream::{Hit, Ray};
+use crate::shade::bsdf::Smooth;
+use crate::shade::light::Receiver;
+use crate::shade::{Bsdf, Hits, Interaction, LightSample, lookup};
+use crate::stream::Ray;
 use glam::Vec3;
 
 /// The most bounces: beyond, the tree of rays of one sample outgrows the film's exact sums.
@@ -26,74 +29,101 @@ pub(super) fn splats(max_bounces: u32) -> u64 {
     (SHADOW_RAYS as u64 + 1) << (max_bounces + 1)
 }
 
-/// A hit of a ray of the tree.
-pub(super) struct Node<'a> {
+/// Hits of rays of the tree on one material.
+pub(super) struct Node<'a, L: Lanes> {
     frame: &'a Frame,
-    at: Interaction,
-    bsdf: Bsdf,
+    at: Interaction<L>,
+    bsdf: Bsdf<L>,
     /// Radiance given off towards the ray's origin.
-    pub emitted: Vec3,
+    pub emitted: Vector<L>,
 }
 
-impl<'a> Node<'a> {
-    pub fn new(frame: &'a Frame, material: &Material, ray: &Ray, hit: &Hit) -> Self {
+/// Rays that a node sends.
+#[derive(Clone, Copy)]
+pub(super) struct Sent<L: Lanes> {
+    /// Lanes that send one.
+    pub lanes: u32,
+    pub origin: Vector<L>,
+    pub direction: Vector<L>,
+    pub t_max: Num<L>,
+    /// What arrives along it counts so much; of shadow rays, what arrives along it and is sent on.
+    pub radiance: Vector<L>,
+}
+
+impl<'a, L: Lanes> Node<'a, L> {
+    #[inline(always)]
+    pub fn new(frame: &'a Frame, material: &Material, direction: Vector<L>, hits: &Hits<L>) -> Self {
         let scene = frame.scene();
-        let at = Interaction::new(scene, material, ray, hit);
-        let emitted = single::emission(scene, material.emission.as_ref(), at.uv, at.front);
+        let at = Interaction::new(scene, material, direction, hits, hits.t.only(0));
+        let emitted = match &material.emission {
+            None => direction.only(0),
+            Some(emission) => lookup::emission(scene, emission, at.uv, &at.footprint, at.front),
+        };
         let bsdf = Bsdf::new(scene, &material.surface, &at, MIRROR_ROUGHNESS);
         Self { frame, at, bsdf, emitted }
     }
 
-    /// Emits the shadow rays of the direct light, each with what it adds if nothing is in between.
-    /// `branch` is the node's place in the tree: 1 for the camera ray's, 2n and 2n + 1 for the reflection
-    /// and the refraction of node n; it keeps the random numbers of branches apart.
-    pub fn direct_light(
-        &self,
-        sampler: &Sampler,
-        branch: u32,
-        throughput: Vec3,
-        mut emit: impl FnMut(Ray, Vec3),
-    ) {
-        if self.bsdf.is_smooth() {
-            return;
+    /// How many lights are asked for direct light.
+    #[inline(always)]
+    pub fn lights(&self) -> usize {
+        match self.frame.lights().punctual() {
+            _ if self.bsdf.is_smooth() => 0,
+            few @ 0..=ALL_PUNCTUAL => 1 + few,
+            _ => 2,
         }
-        let (scene, lights, from) = (self.frame.scene(), self.frame.lights(), self.at.raised);
-        let mut add = |light: Option<LightSample>| {
-            if let Some((ray, radiance)) = light.and_then(|light| self.lit(&light, throughput)) {
-                emit(ray, radiance);
-            }
-        };
-        let dimension = CAMERA_DIMENSION + 1 + 2 * branch;
-        let (u, u2) = (sampler.single(dimension), sampler.pair(dimension));
-        add(LightSample::surface(lights, scene, &self.at.receiver(), u, u2));
-        if lights.punctual() <= ALL_PUNCTUAL {
-            (0..lights.punctual()).for_each(|index| add(LightSample::of_light(lights, index, from)));
+    }
+
+    /// The shadow rays to one of [`Node::lights`]. `branch` is the node's place in the tree: 1 for the camera
+    /// ray's, 2n and 2n + 1 for the reflection and the refraction of node n; it keeps the random numbers of
+    /// branches apart.
+    #[inline(always)]
+    pub fn lit(&self, light: usize, sampler: &Sampler<L>, branch: Int<L>, throughput: Vector<L>) -> Sent<L> {
+        let (at, lights) = (&self.at, self.frame.lights());
+        let dimension = branch * 2 + (CAMERA_DIMENSION + 1);
+        let light: LightSample<L> = if light == 0 {
+            let (u, u2) = (sampler.one(dimension), sampler.two(dimension));
+            lights.sample_surfaces(self.frame.scene(), &Receiver::of(at), u, u2)
+        } else if lights.punctual() <= ALL_PUNCTUAL {
+            lights.illuminate(light - 1, at.raised)
         } else {
-            add(LightSample::punctual(lights, from, sampler.single(dimension + 1)));
+            lights.sample_punctual(at.raised, sampler.one(dimension + 1))
+        };
+        let (value, _) = self.bsdf.evaluate(at.frame.local(at.wo), at.frame.local(light.wi));
+        let (origin, direction, t_max) = light.rays(at);
+        Sent {
+            lanes: light.valid & light.wi.dot(at.normal).above(0.0) & !value.is_zero(),
+            origin,
+            direction,
+            t_max,
+            radiance: throughput * value * light.radiance / light.pdf,
         }
     }
 
-    /// The shadow ray to a light and the radiance that arrives along it and is sent on.
-    fn lit(&self, light: &LightSample, throughput: Vec3) -> Option<(Ray, Vec3)> {
-        let at = &self.at;
-        if light.wi.dot(at.normal) <= 0.0 {
-            return None;
+    /// The reflections and the refractions with which the tree goes on.
+    #[inline(always)]
+    pub fn secondary(&self, throughput: Vector<L>) -> [Sent<L>; 2] {
+        let Smooth { reflected, reflection, transmitted, transmission, .. } =
+            self.bsdf.smooth(self.at.frame.local(self.at.wo));
+        [self.way(reflected, throughput * reflection), self.way(transmitted, throughput * transmission)]
+    }
+
+    #[inline(always)]
+    fn way(&self, local: Vector<L>, throughput: Vector<L>) -> Sent<L> {
+        let direction = self.at.smooth_direction(local);
+        Sent {
+            lanes: L::ALL & !throughput.is_zero(),
+            origin: self.at.origin(self.at.position, direction),
+            direction,
+            t_max: Num::splat(direction.lanes(), f32::INFINITY),
+            radiance: throughput,
         }
-        let (value, _) = self.bsdf.evaluate(at.frame.to_local(at.wo), at.frame.to_local(light.wi));
-        (value != Vec3::ZERO).then(|| (light.ray(at), throughput * value * light.radiance / light.pdf))
     }
+}
 
-    /// The directions in which the tree goes on.
-    pub fn smooth(&self) -> Smooth {
-        self.bsdf.smooth(self.at.frame.to_local(self.at.wo))
-    }
-
-    /// The ray of such a direction and what its radiance counts; none if nothing.
-    pub fn secondary(&self, way: Option<(Vec3, Vec3)>, throughput: Vec3) -> Option<(Ray, Vec3)> {
-        let (wi, weight) = way?;
-        let wi = self.at.smooth_direction(wi);
-        let throughput = throughput * weight;
-        let ray = Ray::new(self.at.origin(self.at.position, wi), wi);
-        (throughput != Vec3::ZERO).then_some((ray, throughput))
+impl Sent<One> {
+    /// Of one lane: the ray and what it counts; none if none is sent.
+    pub fn one(self) -> Option<(Ray, Vec3)> {
+        let ray = Ray { t_max: self.t_max.get(), ..Ray::new(self.origin.into(), self.direction.into()) };
+        (self.lanes & One::ALL != 0).then(|| (ray, self.radiance.into()))
     }
 }

@@ -3,11 +3,16 @@
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Side of a block, pixels.
-pub const BLOCK: u32 = 32;
+/// Side of a block, pixels. Small, so that samples go where they are needed; a few hundred pixels still tell how
+/// noisy they are.
+pub const BLOCK: u32 = 16;
 
-/// Blocks whose camera rays are spawned together: RA's tiles of 128² pixels.
-const TILE_BLOCKS: usize = 16;
+/// Samples of a tile's blocks, each sample of each block counted: RA's tiles of 128² camera rays.
+const TILE_BLOCKS: usize = 64;
+
+/// The most samples that a tile takes of each of its pixels. Their rays follow each other, and none go more
+/// alike: packets of them are narrow, and they meet the same surfaces and splat to the same pixel.
+const TOGETHER: u32 = 16;
 
 /// A picture divided into blocks of [`BLOCK`]² pixels, fewer at its right and lower edges: the places
 /// about which it is decided whether more samples are needed. Numbered row by row.
@@ -38,12 +43,26 @@ impl Blocks {
         (left..(left + BLOCK).min(self.width), top..(top + BLOCK).min(self.height))
     }
 
-    /// All blocks, those of a square of 4 × 4 after each other: camera rays that start together go alike.
+    /// A block's pixels as they lie in a picture, row by row.
+    pub fn indices(self, block: u32) -> impl Iterator<Item = usize> {
+        let (columns, rows) = self.pixels(block);
+        rows.flat_map(move |y| columns.clone().map(move |x| y as usize * self.width as usize + x as usize))
+    }
+
+    /// A block and those around it, fewer at the edges of the picture.
+    pub fn around(self, block: u32) -> impl Iterator<Item = u32> {
+        let (columns, rows) = (self.columns(), self.count() as u32 / self.columns());
+        let (x, y) = (block % columns, block / columns);
+        let row = move |y| (x.saturating_sub(1)..=(x + 1).min(columns - 1)).map(move |x| y * columns + x);
+        (y.saturating_sub(1)..=(y + 1).min(rows - 1)).flat_map(row)
+    }
+
+    /// All blocks, those of a square of 8 × 8 after each other: camera rays that start together go alike.
     pub fn in_order(self) -> Arc<[u32]> {
         let mut blocks: Vec<u32> = (0..self.count() as u32).collect();
         blocks.sort_by_key(|block| {
             let (x, y) = (block % self.columns(), block / self.columns());
-            (y / 4, x / 4, y, x)
+            (y / 8, x / 8, y, x)
         });
         blocks.into()
     }
@@ -72,31 +91,46 @@ impl Pass {
         self.samples.clone()
     }
 
-    /// Tiles over all blocks, once for each sample.
+    /// Tiles over all blocks, once for each turn of samples.
     pub(super) fn tiles(&self) -> u64 {
-        self.tiles_per_sample() as u64 * self.samples.len() as u64
+        self.tiles_per_turn() as u64 * u64::from(self.turns())
     }
 
-    fn tiles_per_sample(&self) -> usize {
-        self.blocks.len().div_ceil(TILE_BLOCKS)
+    /// How often the pass goes over its blocks.
+    fn turns(&self) -> u32 {
+        (self.samples.len() as u32).div_ceil(TOGETHER)
     }
 
-    /// A tile's blocks and the sample that it takes.
-    pub(super) fn tile(&self, tile: u64) -> (&[u32], u32) {
-        let per_sample = self.tiles_per_sample() as u64;
-        let start = (tile % per_sample) as usize * TILE_BLOCKS;
-        let end = (start + TILE_BLOCKS).min(self.blocks.len());
-        (&self.blocks[start..end], self.samples.start + (tile / per_sample) as u32)
+    /// Samples of a turn; the last may have fewer.
+    fn together(&self) -> u32 {
+        (self.samples.len() as u32).div_ceil(self.turns().max(1))
     }
 
-    /// The most pixels of a tile; at least 1.
+    fn tile_blocks(&self) -> usize {
+        TILE_BLOCKS / self.together().max(1) as usize
+    }
+
+    fn tiles_per_turn(&self) -> usize {
+        self.blocks.len().div_ceil(self.tile_blocks())
+    }
+
+    /// A tile's blocks and the samples that it takes of each of their pixels.
+    pub(super) fn tile(&self, tile: u64) -> (&[u32], Range<u32>) {
+        let per_turn = self.tiles_per_turn() as u64;
+        let first = (tile % per_turn) as usize * self.tile_blocks();
+        let last = (first + self.tile_blocks()).min(self.blocks.len());
+        let start = self.samples.start + (tile / per_turn) as u32 * self.together();
+        (&self.blocks[first..last], start..(start + self.together()).min(self.samples.end))
+    }
+
+    /// The most camera rays of a tile; at least 1.
     pub(super) fn tile_rays(&self, blocks: Blocks) -> usize {
         let pixels = |&block: &u32| {
             let (columns, rows) = blocks.pixels(block);
             columns.len() * rows.len()
         };
-        let tiles = self.blocks.chunks(TILE_BLOCKS).map(|tile| tile.iter().map(pixels).sum());
-        tiles.max().unwrap_or(1)
+        let tiles = self.blocks.chunks(self.tile_blocks()).map(|tile| tile.iter().map(pixels).sum());
+        tiles.max().unwrap_or(1) * self.together().max(1) as usize
     }
 }
 
@@ -107,24 +141,42 @@ mod tests {
     #[test]
     fn a_pass_takes_each_sample_of_each_pixel_once() {
         for (width, height) in [(1, 1), (33, 31), (300, 200), (128, 128)] {
-            let blocks = Blocks::new(width, height);
-            let pass = Pass::new(blocks.in_order(), 5..8);
-            let mut taken = vec![0; (width * height) as usize];
-            let most = pass.tile_rays(blocks);
-            for tile in 0..pass.tiles() {
-                let (places, sample) = pass.tile(tile);
-                let mut rays = 0;
-                for &block in places {
-                    let (columns, rows) = blocks.pixels(block);
-                    for (x, y) in rows.flat_map(|y| columns.clone().map(move |x| (x, y))) {
-                        taken[(y * width + x) as usize] += 1 << (4 * (sample - 5));
-                        rays += 1;
+            for samples in [5..6, 5..8, 1..17, 3..23, 0..33] {
+                let blocks = Blocks::new(width, height);
+                let pass = Pass::new(blocks.in_order(), samples.clone());
+                let mut taken = vec![0u64; (width * height) as usize];
+                let most = pass.tile_rays(blocks);
+                for tile in 0..pass.tiles() {
+                    let (places, some) = pass.tile(tile);
+                    let mut rays = 0;
+                    for &block in places {
+                        let (columns, rows) = blocks.pixels(block);
+                        for (x, y) in rows.flat_map(|y| columns.clone().map(move |x| (x, y))) {
+                            for sample in some.clone() {
+                                let bit = 1 << sample;
+                                let pixel = &mut taken[(y * width + x) as usize];
+                                assert_eq!(*pixel & bit, 0, "once");
+                                *pixel |= bit;
+                                rays += 1;
+                            }
+                        }
                     }
+                    assert!((1..=most).contains(&rays) && most <= 128 * 128, "{rays} of at most {most}");
                 }
-                assert!(rays <= most && most <= 128 * 128, "{rays} of at most {most}");
+                let all = samples.fold(0, |all, sample| all | 1 << sample);
+                assert!(taken.iter().all(|&taken| taken == all), "{width}x{height}");
             }
-            assert!(taken.iter().all(|&count| count == 0x111), "{width}x{height}");
         }
+    }
+
+    #[test]
+    fn blocks_have_neighbours_up_to_the_edges() {
+        let blocks = Blocks::new(3 * BLOCK, 2 * BLOCK + 1);
+        let around = |block| blocks.around(block).collect::<Vec<_>>();
+        assert_eq!(around(4), [0, 1, 2, 3, 4, 5, 6, 7, 8]);
+        assert_eq!(around(0), [0, 1, 3, 4]);
+        assert_eq!(around(8), [4, 5, 7, 8]);
+        assert_eq!(Blocks::new(1, 1).around(0).collect::<Vec<_>>(), [0]);
     }
 
     #[test]
@@ -133,6 +185,6 @@ mod tests {
         assert_eq!(Pass::new([].into(), 0..9).tiles(), 0);
         assert_eq!(Pass::new(blocks.in_order(), 4..4).tiles(), 0);
         let pass = Pass::new([2].into(), 4..5);
-        assert_eq!((pass.tiles(), pass.tile(0), pass.tile_rays(blocks)), (1, (&[2][..], 4), 1024));
+        assert_eq!((pass.tiles(), pass.tile(0), pass.tile_rays(blocks)), (1, (&[2][..], 4..5), 256));
     }
 }

@@ -1,7 +1,7 @@
 //! Path tracing: a hit shader only.
 
-use super::Integrator;
 use super::frame::{CAMERA_DIMENSION, Frame, Settings, SettingsError, ray_rows};
+use super::{Contribution, Integrator};
 use crate::film::Film;
 use crate::geom::Sampler;
 use crate::lanes::{Int, Kernel, Lanes, Num, Plain, SimdLevel, Vector};
@@ -12,7 +12,6 @@ use crate::shade::light::Receiver;
 use crate::shade::{Bsdf, Cone, Hits, Interaction, lookup, sort};
 use crate::stream::Ray;
 use bytemuck::{Pod, Zeroable};
-use glam::Vec3;
 use std::sync::Arc;
 
 /// Bounces after which Russian roulette may end a path, unless chosen otherwise.
@@ -59,12 +58,20 @@ pub struct PathState {
     pdf: f32,
 }
 
-/// What an unoccluded shadow ray adds.
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-#[repr(C)]
-pub struct Contribution {
-    radiance: [f32; 3],
-    pixel: u32,
+impl PathState {
+    /// Of a camera ray whose cone widens by `spread`, but for its pixel and sample.
+    fn start(spread: f32) -> Self {
+        let spread = Num::from(spread);
+        let cone = Cone { spread, ..Cone::thin(spread.lanes()) };
+        Self {
+            throughput: [1.0; 3],
+            index2_and_cone: 1.0f32.to_bits() + cone.pack().get(),
+            pixel: 0,
+            sample: 0,
+            depth: 0,
+            pdf: f32::INFINITY,
+        }
+    }
 }
 
 /// Sampler dimensions that each depth uses, from [`Dimension::at`] on.
@@ -162,25 +169,16 @@ impl<L: Lanes> States<L> {
         }
     }
 
-    /// As rows, one for each lane.
+    /// As they lie in memory: those of the lanes of a mask, one after the other.
     #[inline(always)]
-    fn to_rows(self) -> [[f32; 8]; 16] {
+    fn rows(self, lanes: u32) -> [[f32; 8]; 16] {
         let [x, y, z] = [self.throughput.x, self.throughput.y, self.throughput.z];
         let depth = self.depth + (self.facing << DEPTH_BITS);
         let [pixel, sample, depth] =
             [self.pixel.to_num_bits(), self.sample.to_num_bits(), depth.to_num_bits()];
         let packed = (self.index2.to_bits() & INDEX2) + self.cone.pack();
-        Num::to_rows([x, y, z, packed.to_num_bits(), pixel, sample, depth, self.pdf])
+        Num::packed_rows(lanes, [x, y, z, packed.to_num_bits(), pixel, sample, depth, self.pdf])
     }
-}
-
-/// The lanes of a mask.
-fn lanes_of(mut mask: u32) -> impl Iterator<Item = usize> {
-    std::iter::from_fn(move || {
-        let lane = mask.trailing_zeros() as usize;
-        mask &= mask.wrapping_sub(1);
-        (lane < 32).then_some(lane)
-    })
 }
 
 /// A batch being shaded.
@@ -196,7 +194,7 @@ impl Kernel for Shading<'_, '_> {
     #[inline(always)]
     fn run<L: Lanes>(mut self, l: L) {
         let scene = self.path.frame.scene();
-        for run in sort(self.batch.hits, &scene.mesh.materials).runs() {
+        for run in sort(l, self.batch.hits, &scene.mesh.materials).runs() {
             for rays in run.rays.chunks(L::LANES) {
                 // Lanes that are left over repeat the first ray and count for nothing.
                 let mut ids = [rays[0]; 16];
@@ -224,7 +222,11 @@ impl Shading<'_, '_> {
     fn miss<L: Lanes>(&self, ids: Int<L>, lanes: u32) {
         let frame = &self.path.frame;
         let state = States::of(self.batch.payloads, ids);
-        let (radiance, found) = frame.lights().sky(self.rays(ids).1);
+        let mut direction = state.throughput.only(0);
+        if !frame.lights().environment().is_even() {
+            direction = self.rays(ids).1;
+        }
+        let (radiance, found) = frame.lights().sky(direction);
         let weight = power_heuristic(state.pdf, found);
         frame.film().splat_lanes(
             lanes & !radiance.is_zero(),
@@ -280,7 +282,10 @@ impl Shading<'_, '_> {
         lanes: u32,
     ) {
         let frame = &self.path.frame;
-        let u = sampler.one(Dimension::Light.at(state.depth));
+        let mut u = at.position.x.only(0);
+        if frame.lights().is_choice() {
+            u = sampler.one(Dimension::Light.at(state.depth));
+        }
         let u2 = sampler.two(Dimension::LightPoint.at(state.depth));
         let light = frame.lights().sample(frame.scene(), receiver, u, u2);
         let lanes = lanes & light.valid & light.wi.dot(at.normal).above(0.0);
@@ -292,15 +297,11 @@ impl Shading<'_, '_> {
         let weight = Num::select(light.delta, Num::splat(u.lanes(), 1.0), weight);
         let radiance = state.throughput * value * light.radiance * (weight / light.pdf);
         let (origin, direction, t_max) = light.rays(at);
-        let rays = ray_rows(origin, direction, t_max);
-        let pixel = state.pixel.to_num_bits();
-        let zero = pixel.only(0);
-        let rows = Num::to_rows([radiance.x, radiance.y, radiance.z, pixel, zero, zero, zero, zero]);
-        for lane in lanes_of(lanes & !value.is_zero()) {
-            let [r, g, b, pixel, ..] = rows[lane];
-            let payload = Contribution { radiance: [r, g, b], pixel: pixel.to_bits() };
-            self.out.shadow(bytemuck::cast(rays[lane]), payload);
-        }
+        let lanes = lanes & !value.is_zero();
+        let rays = ray_rows(lanes, origin, direction, t_max);
+        let payloads = Contribution::rows(lanes, radiance, state.pixel);
+        let count = lanes.count_ones() as usize;
+        self.out.shadows(bytemuck::cast_slice(&rays[..count]), &payloads[..count]);
     }
 
     #[inline(always)]
@@ -312,7 +313,10 @@ impl Shading<'_, '_> {
         sampler: &Sampler<L>,
         lanes: u32,
     ) {
-        let u = sampler.one(Dimension::Lobe.at(state.depth));
+        let mut u = at.position.x.only(0);
+        if bsdf.is_choice() {
+            u = sampler.one(Dimension::Lobe.at(state.depth));
+        }
         let u2 = sampler.two(Dimension::Direction.at(state.depth));
         let sample = bsdf.sample(at.frame.local(at.wo), u, u2);
         let specular = sample.specular;
@@ -340,10 +344,9 @@ impl Shading<'_, '_> {
         let pdf = Num::select(specular, far, sample.pdf);
         let cone = state.cone.scattered(pdf);
         let next = States { throughput, index2, cone, depth, pdf, ..*state };
-        let (rays, states) = (ray_rows(at.origin(from, wi), wi, far), next.to_rows());
-        for lane in lanes_of(lanes) {
-            self.out.ray(bytemuck::cast(rays[lane]), bytemuck::cast(states[lane]));
-        }
+        let (rays, states) = (ray_rows(lanes, at.origin(from, wi), wi, far), next.rows(lanes));
+        let count = lanes.count_ones() as usize;
+        self.out.rays(bytemuck::cast_slice(&rays[..count]), bytemuck::cast_slice(&states[..count]));
     }
 }
 
@@ -364,18 +367,13 @@ impl Renderer for Path {
     }
 
     fn spawn(&self, tile: u64, out: &mut Output<'_, PathState, Contribution>) {
-        let spread = Num::from(self.frame.lens().spread());
-        let cone = Cone { spread, ..Cone::thin(spread.lanes()) };
-        let first = PathState {
-            throughput: [1.0; 3],
-            index2_and_cone: 1.0f32.to_bits() + cone.pack().get(),
-            pixel: 0,
-            sample: 0,
-            depth: 0,
-            pdf: f32::INFINITY,
-        };
-        self.frame.camera_rays(tile, |ray, pixel, sample| {
-            out.ray(ray, PathState { pixel, sample, ..first });
+        let first = PathState::start(self.frame.lens().spread());
+        self.frame.camera_rays(tile, |rays, pixels, samples| {
+            let mut states = [first; 16];
+            for ((state, &pixel), &sample) in states.iter_mut().zip(pixels).zip(samples) {
+                (state.pixel, state.sample) = (pixel, sample);
+            }
+            out.rays(rays, &states[..rays.len()]);
         });
     }
 
@@ -388,10 +386,6 @@ impl Renderer for Path {
     }
 
     fn shadow(&self, _rays: &[Ray], payloads: &[Contribution], occluded: &[u32]) {
-        for (payload, &occluded) in payloads.iter().zip(occluded) {
-            if occluded == 0 {
-                self.frame.film().splat(payload.pixel, Vec3::from_array(payload.radiance));
-            }
-        }
+        self.frame.add_unoccluded(payloads, occluded);
     }
 }

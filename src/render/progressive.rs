@@ -23,9 +23,9 @@ const DARK: f64 = 0.05;
 /// How a frame is divided into passes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PassOptions {
-    /// Relative standard error at which a block of [`super::BLOCK`]² pixels gets no more samples: that of a
-    /// pixel's luminance, root mean square over the block, by the block's mean. The frame ends when all
-    /// blocks rest, or have all samples.
+    /// Relative standard error of the whole picture at which the frame ends: that of a pixel's luminance by the mean
+    /// of its block of [`super::BLOCK`]² pixels, root mean square over the picture. It ends earlier where blocks have
+    /// all samples.
     pub noise: Option<f32>,
     /// About how long a pass should take; without it, and without `noise`, one pass takes all samples. Does
     /// not change the picture.
@@ -39,6 +39,13 @@ pub struct PassOptions {
 /// # Adaptive sampling that keeps promise 1
 /// With [`PassOptions::noise`] the size of passes is fixed, and where pass `n` takes samples is decided
 /// from the exact sums of the passes up to `n − `[`PASSES_IN_FLIGHT`], whether others have ended by then or not.
+///
+/// # Where samples go
+/// If a sample in block `i` has the relative variance `s²`, `n` samples leave `s²/n`. Of all ways to bring the mean of
+/// `s²/n` over the blocks down to `target²`, the one with the fewest samples gives each block `n = s · mean(s) / target²`
+/// (Neyman 1934): there a block rests. To ask the same error of every block instead, `n = s² / target²`, takes
+/// exactly as many samples as to spread them evenly, for the same mean. Half of a block's variance is counted as that of
+/// it and its neighbours together, since a rare bright path that it has not met yet may have been met next door.
 pub struct Progressive<I: Integrator> {
     integrator: Arc<I>,
     options: PassOptions,
@@ -202,13 +209,32 @@ impl<I: Integrator> Progressive<I> {
         Ok(Some(report))
     }
 
-    /// Lets blocks rest that are good enough; `samples` have been taken of those that do not rest yet.
+    /// Lets blocks rest that have all samples they need; `samples` have been taken of those that do not rest yet.
     fn rest(&mut self, target: f64, samples: u32) {
-        if samples >= LEAST_SAMPLES {
-            let errors = self.errors();
-            let needy = self.state.blocks.iter().copied().filter(|&block| errors[block as usize] > target);
-            self.state.blocks = needy.collect();
+        if samples < LEAST_SAMPLES {
+            return;
         }
+        let blocks = self.integrator.frame().blocks();
+        let taken = |block: usize| {
+            let pixel = blocks.indices(block as u32).next().expect("a block has pixels");
+            f64::from(self.state.film.luminance(pixel).1)
+        };
+        let errors = self.errors().into_iter().enumerate();
+        let variances: Vec<f64> = errors.map(|(block, error)| error * error * taken(block)).collect();
+        let deviation = |block: u32| {
+            let (sum, count) = blocks
+                .around(block)
+                .fold((0.0, 0.0), |(sum, n), near| (sum + variances[near as usize], n + 1.0));
+            libm::sqrt(0.5 * (variances[block as usize] + sum / count))
+        };
+        let deviations: Vec<f64> = (0..variances.len() as u32).map(deviation).collect();
+        // What the mean error² would be if a block had as many samples as its deviation says.
+        let of_each = variances.iter().zip(&deviations).filter(|(variance, _)| **variance > 0.0);
+        let mean =
+            of_each.map(|(variance, deviation)| variance / deviation).sum::<f64>() / variances.len() as f64;
+        let needed = |block: u32| deviations[block as usize] * mean / (target * target);
+        let needy = self.state.blocks.iter().copied().filter(|&block| needed(block) > f64::from(samples));
+        self.state.blocks = needy.collect();
     }
 
     /// The relative standard error of each block.

@@ -1,6 +1,6 @@
 //! Whitted ray tracing as one recursive function: the same picture as [`super::Whitted`], to the bit.
 
-use super::node::{MAX_BOUNCES, Node, SHADOW_RAYS, splats};
+use super::node::{MAX_BOUNCES, Node, SHADOW_RAYS, Sent, splats};
 use super::recursion::{Cx, Shader};
 use crate::shade::single;
 use crate::stream::{Hit, Ray};
@@ -45,15 +45,15 @@ impl Shader for RecursiveWhitted {
         {
             let scene = cx.scene();
             let material = scene.mesh.materials[hit.primitive as usize];
-            let node = Node::new(cx.frame(), &scene.materials[material as usize], &ray, &hit);
-            cx.add(throughput * node.emitted);
-            let mut free = lights.iter_mut();
-            node.direct_light(&cx.sampler(), number, throughput, |ray, radiance| {
-                *free.next().expect("at most so many shadow rays") = Some((ray, radiance));
-            });
+            let direction = Vec3::from_array(ray.direction).into();
+            let material = &scene.materials[material as usize];
+            let node = Node::new(cx.frame(), material, direction, &hit.into());
+            cx.add(throughput * Vec3::from(node.emitted));
+            for (light, sent) in lights.iter_mut().enumerate().take(node.lights()) {
+                *sent = node.lit(light, &cx.sampler(), number.into(), throughput.into()).one();
+            }
             if depth < cx.settings().max_bounces {
-                let smooth = node.smooth();
-                ways = [smooth.reflection, smooth.transmission].map(|way| node.secondary(way, throughput));
+                ways = node.secondary(throughput.into()).map(Sent::one);
             }
         }
         // By reference: what is moved into an iterator is kept twice beyond an await.

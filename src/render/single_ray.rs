@@ -3,7 +3,7 @@
 //! a [`Renderer`] with batches of one ray.
 
 use crate::schedule::{Batch, Output, RayCounts, Renderer};
-use crate::stream::{Hit, Ray, Tracer};
+use crate::stream::{Column, Hit, Ray, Tracer};
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering::Relaxed};
 use std::sync::{PoisonError, RwLock};
 
@@ -12,7 +12,7 @@ const BLOCK: usize = 64;
 
 /// Renders everything on so many threads. `tracer` is asked for one closest hit at a time.
 pub fn render_single_rays<R: Renderer>(renderer: &R, tracer: &dyn Tracer, threads: usize) -> RayCounts {
-    let places: Vec<Place<R::Payload>> = (0..threads).map(|_| Place::new()).collect();
+    let places: Vec<Place<R::Payload>> = (0..threads).map(|_| Place::new(renderer.tile_rays())).collect();
     let next_tile = AtomicU64::new(0);
     let work = |own: usize| {
         let mut walk = Walk::new(renderer, tracer);
@@ -46,13 +46,13 @@ struct Place<P> {
 
 /// Camera rays of a tile.
 struct Camera<P> {
-    rays: Vec<Ray>,
+    rays: Column,
     payloads: Vec<P>,
 }
 
 impl<P: bytemuck::Pod> Place<P> {
-    fn new() -> Self {
-        let camera = Camera { rays: Vec::new(), payloads: Vec::new() };
+    fn new(tile_rays: usize) -> Self {
+        let camera = Camera { rays: Column::with_capacity(tile_rays), payloads: Vec::new() };
         Self { camera: RwLock::new(camera), next: AtomicUsize::new(0) }
     }
 
@@ -90,9 +90,9 @@ struct Walk<'a, R: Renderer> {
     renderer: &'a R,
     tracer: &'a dyn Tracer,
     /// What shading one ray emits.
-    rays: Vec<Ray>,
+    rays: Column,
     payloads: Vec<R::Payload>,
-    shadow_rays: Vec<Ray>,
+    shadow_rays: Column,
     shadow_payloads: Vec<R::ShadowPayload>,
     occluded: Vec<u32>,
     counts: RayCounts,
@@ -103,9 +103,9 @@ impl<'a, R: Renderer> Walk<'a, R> {
         Self {
             renderer,
             tracer,
-            rays: Vec::new(),
+            rays: Column::with_capacity(1),
             payloads: Vec::new(),
-            shadow_rays: Vec::new(),
+            shadow_rays: Column::with_capacity(renderer.tile_rays().max(renderer.shadow_rays_per_ray())),
             shadow_payloads: Vec::new(),
             occluded: Vec::new(),
             counts: RayCounts::default(),
@@ -115,8 +115,8 @@ impl<'a, R: Renderer> Walk<'a, R> {
     fn spawn(&mut self, tile: u64, camera: &mut Camera<R::Payload>) {
         camera.rays.clear();
         camera.payloads.clear();
-        let (shadow_rays, shadow_payloads) = (&mut self.shadow_rays, &mut self.shadow_payloads);
-        let Camera { rays, payloads } = camera;
+        let (shadow_rays, shadow_payloads) = (self.shadow_rays.appender(), &mut self.shadow_payloads);
+        let (rays, payloads) = (camera.rays.appender(), &mut camera.payloads);
         self.renderer.spawn(tile, &mut Output { rays, payloads, shadow_rays, shadow_payloads });
         self.counts.camera += camera.rays.len() as u64;
         self.settle_shadows();
@@ -128,6 +128,7 @@ impl<'a, R: Renderer> Walk<'a, R> {
             let mut hit = [Hit::NONE];
             self.tracer.closest(&[ray], &mut hit);
             let Self { renderer, rays, payloads, shadow_rays, shadow_payloads, .. } = self;
+            let (rays, shadow_rays) = (rays.appender(), shadow_rays.appender());
             renderer.shade(
                 Batch { rays: &[ray], hits: &hit, payloads: &[payload] },
                 &mut Output { rays, payloads, shadow_rays, shadow_payloads },

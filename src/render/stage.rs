@@ -4,7 +4,7 @@ use super::{Units, tree};
 use crate::bvh::{Bvh, Filter};
 use crate::scene::{AlphaMode, Scene};
 use crate::schedule::Tracers;
-use crate::stream::Tracer;
+use crate::stream::{DeviceTracer, Tracer};
 use crate::trace::cpu::{CpuTracer, SingleRayTracer};
 use std::sync::Arc;
 
@@ -34,9 +34,8 @@ impl Stage {
     /// Builds the tree and the tracers. A GPU that cannot take the scene is no error: the CPU does its
     /// work, and [`Stage::degraded`] says why.
     pub fn new(scene: Arc<Scene>, units: &Units) -> Self {
-        let is_masked = scene.materials.iter().any(|m| m.alpha.mode != AlphaMode::Opaque);
         let bvh = Arc::new(tree::build(&scene, tree::WORTH_SAVING));
-        let filter = is_masked.then(|| scene.clone() as Arc<dyn Filter>);
+        let filter = filter(&scene);
         let host = CpuTracer::new(bvh.clone(), filter.clone(), units.simd());
         let host: Arc<dyn Tracer> = Arc::new(host.expect("the units have checked the instruction set"));
         let single_ray = SingleRayTracer::new(bvh.clone(), filter.clone(), units.simd());
@@ -51,4 +50,18 @@ impl Stage {
         };
         Self { scene, bvh, tracers, single_ray, adapter, degraded }
     }
+
+    /// The GPU's tracers with each kind of kernel, for comparison; none where there is no GPU.
+    ///
+    /// # Errors
+    /// Why it cannot take the scene.
+    pub fn variants(&self, units: &Units) -> Result<Vec<Arc<dyn DeviceTracer>>, String> {
+        units.variants(&self.bvh, filter(&self.scene), &self.tracers.host)
+    }
+}
+
+/// The scene's say in hits, if alpha decides about any.
+fn filter(scene: &Arc<Scene>) -> Option<Arc<dyn Filter>> {
+    let is_masked = scene.materials.iter().any(|m| m.alpha.mode != AlphaMode::Opaque);
+    is_masked.then(|| scene.clone() as Arc<dyn Filter>)
 }

@@ -3,9 +3,13 @@
 use crate::bvh::{Bvh, Filter};
 use crate::schedule::Unit;
 use crate::stream::{DeviceTracer, Tracer};
+#[cfg(feature = "gpu")]
+use crate::trace::cpu::CpuTracer;
 use crate::trace::cpu::{SimdError, SimdLevel};
 #[cfg(feature = "gpu")]
-use crate::trace::gpu::{AdapterChoice, Fault, Gpu, GpuError, GpuTracer};
+use crate::trace::gpu::{AdapterChoice, Fault, Gpu, GpuError, GpuTracer, Variant};
+#[cfg(feature = "gpu")]
+use std::path::PathBuf;
 use std::sync::Arc;
 
 /// Who is asked to trace.
@@ -18,6 +22,10 @@ pub struct UnitChoice {
     pub adapter: Option<String>,
     /// The CPU tracer's instruction set.
     pub simd: SimdLevel,
+    /// Where measurements of the GPU are kept ([`Gpu::calibrate`]). None: nothing is measured, and streams have RA's
+    /// sizes. The picture is the same.
+    #[cfg(feature = "gpu")]
+    pub cache: Option<PathBuf>,
     /// What is to go wrong with the GPU on purpose.
     #[cfg(feature = "gpu")]
     pub fault: Option<Fault>,
@@ -115,13 +123,40 @@ impl Units {
             },
         }
     }
+
+    /// The GPU's tracers of a tree with each kind of kernel, for comparison; none where there is no GPU.
+    #[cfg_attr(not(feature = "gpu"), expect(unused_variables, reason = "only the GPU needs them"))]
+    pub(super) fn variants(
+        &self,
+        bvh: &Arc<Bvh>,
+        filter: Option<Arc<dyn Filter>>,
+        host: &Arc<dyn Tracer>,
+    ) -> Result<Vec<Arc<dyn DeviceTracer>>, String> {
+        match &self.gpu {
+            Gpus::Unwanted | Gpus::Refused(_) => Ok(Vec::new()),
+            #[cfg(feature = "gpu")]
+            Gpus::Open(gpu) => {
+                let tracer = |variant| {
+                    GpuTracer::with_variant(gpu.clone(), bvh.clone(), filter.clone(), host.clone(), variant)
+                };
+                let tracers = Variant::ALL.into_iter().map(tracer);
+                let tracers =
+                    tracers.map(|tracer| tracer.map(|tracer| Arc::new(tracer) as Arc<dyn DeviceTracer>));
+                tracers.collect::<Result<_, _>>().map_err(|error| error.to_string())
+            }
+        }
+    }
 }
 
 #[cfg(feature = "gpu")]
 fn open_gpu(choice: &UnitChoice) -> Result<Gpus, UnitsError> {
     let asked = choice.unit.is_some() || choice.adapter.is_some();
     let adapter = AdapterChoice { name: choice.adapter.clone(), allow_software: asked };
-    match Gpu::open(&adapter) {
+    let measured = |gpu: Gpu| match &choice.cache {
+        Some(folder) => gpu.calibrate(folder, |bvh| calibration_host(bvh, choice.simd)),
+        None => gpu,
+    };
+    match Gpu::open(&adapter).map(measured) {
         Ok(gpu) => Ok(Gpus::Open(Arc::new(match choice.fault {
             Some(fault) => gpu.with_fault(fault),
             None => gpu,
@@ -130,6 +165,12 @@ fn open_gpu(choice: &UnitChoice) -> Result<Gpus, UnitsError> {
         Err(GpuError::NoAdapter { .. } | GpuError::OnlySoftware { .. }) if !asked => Ok(Gpus::Unwanted),
         Err(error) => Ok(Gpus::Refused(error.to_string())),
     }
+}
+
+/// Traces on the host what a GPU is measured with.
+#[cfg(feature = "gpu")]
+pub fn calibration_host(bvh: Arc<Bvh>, simd: SimdLevel) -> Arc<dyn Tracer> {
+    Arc::new(CpuTracer::new(bvh, None, simd).expect("the instruction set has been checked"))
 }
 
 #[cfg(not(feature = "gpu"))]

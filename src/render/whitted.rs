@@ -1,16 +1,17 @@
 //! Whitted ray tracing: a hit shader and a loop shader (RA section 3.3).
 
-use super::Integrator;
-use super::frame::{Frame, Settings, SettingsError};
-use super::node::{MAX_BOUNCES, Node, SHADOW_RAYS, splats};
+use super::frame::{Frame, Settings, SettingsError, ray_rows};
+use super::node::{MAX_BOUNCES, Node, SHADOW_RAYS, Sent, splats};
+use super::{Contribution, Integrator};
 use crate::film::Film;
+use crate::geom::Sampler;
+use crate::lanes::{Int, Kernel, Lanes, Num, SimdLevel, Vector};
 use crate::scene::{Camera, Material, Scene};
 use crate::schedule::{Batch, Output, Renderer};
 use crate::shade::loop_stack::{EMPTY, LoopStack, Session};
-use crate::shade::{ArenaUse, single, sort};
-use crate::stream::{Hit, Ray};
+use crate::shade::{ArenaUse, Hits, sort};
+use crate::stream::Ray;
 use bytemuck::{Pod, Zeroable};
-use glam::Vec3;
 use std::sync::Arc;
 
 /// Bounces, unless chosen otherwise.
@@ -54,15 +55,7 @@ struct Pending {
     branch: u32,
 }
 
-/// What an unoccluded shadow ray adds.
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-#[repr(C)]
-pub struct DirectLight {
-    radiance: [f32; 3],
-    pixel: u32,
-}
-
-type Rays<'a> = Output<'a, WhittedState, DirectLight>;
+type Rays<'a> = Output<'a, WhittedState, Contribution>;
 
 impl Whitted {
     /// A Whitted ray tracer for one frame.
@@ -74,6 +67,11 @@ impl Whitted {
         Ok(Self { frame, stack: LoopStack::new() })
     }
 
+    /// The same, shaded with this instruction set: see [`Frame::with_simd`].
+    pub fn with_simd(self, simd: SimdLevel) -> Self {
+        Self { frame: self.frame.with_simd(simd), ..self }
+    }
+
     /// Where radiance is added up.
     pub fn film(&self) -> &Arc<Film> {
         self.frame.film()
@@ -83,57 +81,167 @@ impl Whitted {
     pub fn loop_stack(&self) -> ArenaUse {
         self.stack.usage()
     }
+}
 
-    fn shade_miss(&self, ray: &Ray, state: &WhittedState) {
-        let (radiance, _) = single::sky(self.frame.lights(), Vec3::from_array(ray.direction));
-        if radiance != Vec3::ZERO {
-            self.frame.film().splat(state.pixel, Vec3::from_array(state.throughput) * radiance);
-        }
+/// [`WhittedState`] in lanes.
+#[derive(Clone, Copy)]
+struct States<L: Lanes> {
+    throughput: Vector<L>,
+    pixel: Int<L>,
+    sample: Int<L>,
+    depth: Int<L>,
+    branch: Int<L>,
+    head: Int<L>,
+}
+
+impl<L: Lanes> States<L> {
+    #[inline(always)]
+    fn of(payloads: &[WhittedState], ids: Int<L>) -> Self {
+        let [r, g, b, pixel, sample, depth, branch, head] = ids.rows(bytemuck::cast_slice(payloads));
+        let throughput = Vector::new(r.to_num_bits(), g.to_num_bits(), b.to_num_bits());
+        Self { throughput, pixel, sample, depth, branch, head }
     }
 
-    /// The hit shader: emission, direct light, and the secondary rays. Returns whether the
-    /// path ends here.
-    fn shade_hit(
-        &self,
-        material: &Material,
-        ray: &Ray,
-        hit: &Hit,
-        state: &WhittedState,
-        session: &mut Session<'_, Pending>,
-        out: &mut Rays<'_>,
-    ) -> bool {
-        let node = Node::new(&self.frame, material, ray, hit);
-        let throughput = Vec3::from_array(state.throughput);
-        if node.emitted != Vec3::ZERO {
-            self.frame.film().splat(state.pixel, throughput * node.emitted);
-        }
-        let sampler = self.frame.sampler(state.pixel, state.sample);
-        node.direct_light(&sampler, state.branch, throughput, |ray, radiance| {
-            out.shadow(ray, DirectLight { radiance: radiance.into(), pixel: state.pixel });
-        });
-        if state.depth >= self.frame.settings().max_bounces {
-            return true;
-        }
-        let smooth = node.smooth();
-        let secondary = |way: Option<(Vec3, Vec3)>, branch: u32| {
-            let (ray, throughput) = node.secondary(way, throughput)?;
-            Some(Pending { ray, throughput: throughput.into(), depth: state.depth + 1, branch })
-        };
-        let reflection = secondary(smooth.reflection, 2 * state.branch);
-        let refraction = secondary(smooth.transmission, 2 * state.branch + 1);
-        match (reflection, refraction) {
-            (Some(now), Some(later)) => {
-                let head = session.push(state.head, &later);
-                now.resume(&WhittedState { head, ..*state }, out);
+    /// As they lie in memory: those of the lanes of a mask, one after the other.
+    #[inline(always)]
+    fn rows(self, lanes: u32) -> [[f32; 8]; 16] {
+        let [x, y, z] = [self.throughput.x, self.throughput.y, self.throughput.z];
+        let [pixel, sample] = [self.pixel.to_num_bits(), self.sample.to_num_bits()];
+        let [depth, branch] = [self.depth.to_num_bits(), self.branch.to_num_bits()];
+        Num::packed_rows(lanes, [x, y, z, pixel, sample, depth, branch, self.head.to_num_bits()])
+    }
+}
+
+/// A batch being shaded.
+struct Shading<'a, 'o> {
+    whitted: &'a Whitted,
+    batch: Batch<'a, WhittedState>,
+    session: Session<'a, Pending>,
+    /// Rays whose paths have ended.
+    ended: Vec<u32>,
+    out: &'a mut Rays<'o>,
+}
+
+impl Kernel for Shading<'_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(mut self, l: L) {
+        let scene = self.whitted.frame.scene();
+        for run in sort(l, self.batch.hits, &scene.mesh.materials).runs() {
+            for rays in run.rays.chunks(L::LANES) {
+                // Lanes that are left over repeat the first ray and count for nothing.
+                let mut ids = [rays[0]; 16];
+                ids[..rays.len()].copy_from_slice(rays);
+                let (ids, lanes) = (Int::from_array(l, &ids), L::ALL >> (L::LANES - rays.len()));
+                let goes_on = match run.material {
+                    None => self.miss(ids, lanes),
+                    Some(material) => self.hit(&scene.materials[material as usize], ids, lanes),
+                };
+                let mut ended = [0; 16];
+                let count = ids.append(lanes & !goes_on, &mut ended);
+                self.ended.extend_from_slice(&ended[..count]);
             }
-            (Some(only), None) | (None, Some(only)) => only.resume(state, out),
-            (None, None) => return true,
         }
-        false
+        self.take_up();
+    }
+}
+
+impl Shading<'_, '_> {
+    #[inline(always)]
+    fn directions<L: Lanes>(&self, ids: Int<L>) -> Vector<L> {
+        let [_, _, _, _, x, y, z, _] = ids.rows_of(bytemuck::cast_slice(self.batch.rays));
+        Vector::new(x, y, z)
+    }
+
+    /// Rays that left the scene see the environment; none goes on.
+    #[inline(always)]
+    fn miss<L: Lanes>(&self, ids: Int<L>, lanes: u32) -> u32 {
+        let frame = &self.whitted.frame;
+        let state = States::of(self.batch.payloads, ids);
+        let (radiance, _) = frame.lights().sky(self.directions(ids));
+        frame.film().splat_lanes(lanes & !radiance.is_zero(), state.pixel, state.throughput * radiance);
+        0
+    }
+
+    /// The hit shader: emission, direct light, and the secondary rays. Returns the lanes whose paths go on.
+    #[inline(always)]
+    fn hit<L: Lanes>(&mut self, material: &Material, ids: Int<L>, lanes: u32) -> u32 {
+        let frame = &self.whitted.frame;
+        let state = States::of(self.batch.payloads, ids);
+        let [t, u, v, primitive] = ids.rows_of(bytemuck::cast_slice(self.batch.hits));
+        let hits = Hits { t, u, v, primitive: primitive.to_bits() };
+        let node = Node::new(frame, material, self.directions(ids), &hits);
+        let shines = lanes & !node.emitted.is_zero();
+        frame.film().splat_lanes(shines, state.pixel, state.throughput * node.emitted);
+        let sampler = Sampler::of(state.pixel, state.sample, frame.settings().seed);
+        for light in 0..node.lights() {
+            let sent = node.lit(light, &sampler, state.branch, state.throughput);
+            let lanes = lanes & sent.lanes;
+            let rays = ray_rows(lanes, sent.origin, sent.direction, sent.t_max);
+            let payloads = Contribution::rows(lanes, sent.radiance, state.pixel);
+            let count = lanes.count_ones() as usize;
+            self.out.shadows(bytemuck::cast_slice(&rays[..count]), &payloads[..count]);
+        }
+        let lanes = lanes & state.depth.below(frame.settings().max_bounces);
+        if lanes == 0 {
+            return 0;
+        }
+        let [reflected, refracted] = node.secondary(state.throughput);
+        let (reflects, refracts) = (lanes & reflected.lanes, lanes & refracted.lanes);
+        let both = reflects & refracts;
+        let depth = state.depth + 1;
+        let next = States { throughput: refracted.radiance, depth, branch: state.branch * 2 + 1, ..state };
+        let mut head = state.head;
+        if both != 0 {
+            head = self.leave(both, &refracted, &next);
+        }
+        let now = States {
+            throughput: Vector::select(reflects, reflected.radiance, next.throughput),
+            branch: Int::select(reflects, state.branch * 2, next.branch),
+            head,
+            ..next
+        };
+        let origin = Vector::select(reflects, reflected.origin, refracted.origin);
+        let direction = Vector::select(reflects, reflected.direction, refracted.direction);
+        let lanes = reflects | refracts;
+        let (rays, states) = (ray_rows(lanes, origin, direction, reflected.t_max), now.rows(lanes));
+        let count = lanes.count_ones() as usize;
+        self.out.rays(bytemuck::cast_slice(&rays[..count]), bytemuck::cast_slice(&states[..count]));
+        lanes
+    }
+
+    /// Leaves the rays of some lanes on the loop stacks; returns all lanes' heads.
+    #[inline(always)]
+    fn leave<L: Lanes>(&mut self, lanes: u32, sent: &Sent<L>, states: &States<L>) -> Int<L> {
+        let rays = ray_rows(L::ALL, sent.origin, sent.direction, sent.t_max);
+        let states_rows = states.rows(L::ALL);
+        let mut heads = states.head.to_array();
+        for (lane, head) in heads.iter_mut().enumerate().filter(|(lane, _)| lanes >> lane & 1 == 1) {
+            let state: WhittedState = bytemuck::cast(states_rows[lane]);
+            *head = self.session.push(*head, &Pending::new(bytemuck::cast(rays[lane]), &state));
+        }
+        Int::from_array(states.head.lanes(), &heads)
+    }
+
+    /// The loop shader: every path that ended takes up its topmost entry. An entry of this renderer always
+    /// sends a ray, so one turn activates all that can be activated.
+    fn take_up(&mut self) {
+        for &i in &self.ended {
+            let path = &self.batch.payloads[i as usize];
+            if let Some((entry, head)) = self.session.pop(path.head) {
+                entry.resume(&WhittedState { head, ..*path }, self.out);
+            }
+        }
     }
 }
 
 impl Pending {
+    fn new(ray: Ray, state: &WhittedState) -> Self {
+        let WhittedState { throughput, depth, branch, .. } = *state;
+        Self { ray, throughput, depth, branch }
+    }
+
     /// Sends the ray on its way, as part of the path whose pixel, sample and loop stack `path` has.
     fn resume(&self, path: &WhittedState, out: &mut Rays<'_>) {
         let Self { ray, throughput, depth, branch } = *self;
@@ -157,7 +265,7 @@ impl Integrator for Whitted {
 
 impl Renderer for Whitted {
     type Payload = WhittedState;
-    type ShadowPayload = DirectLight;
+    type ShadowPayload = Contribution;
 
     fn tiles(&self) -> u64 {
         self.frame.tiles()
@@ -177,52 +285,24 @@ impl Renderer for Whitted {
     }
 
     fn spawn(&self, tile: u64, out: &mut Rays<'_>) {
-        self.frame.camera_rays(tile, |ray, pixel, sample| {
+        self.frame.camera_rays(tile, |rays, pixels, samples| {
             let throughput = [1.0; 3];
-            out.ray(ray, WhittedState { throughput, pixel, sample, depth: 0, branch: 1, head: EMPTY });
+            for ((&ray, &pixel), &sample) in rays.iter().zip(pixels).zip(samples) {
+                out.ray(ray, WhittedState { throughput, pixel, sample, depth: 0, branch: 1, head: EMPTY });
+            }
         });
     }
 
     fn shade(&self, batch: Batch<'_, WhittedState>, out: &mut Rays<'_>) {
-        let scene = self.frame.scene();
-        let mut session = self.stack.session();
-        let mut ended = Vec::new();
-        for run in sort(batch.hits, &scene.mesh.materials).runs() {
-            let rays = run.rays.iter().map(|&i| i as usize);
-            let Some(material) = run.material else {
-                for i in rays {
-                    self.shade_miss(&batch.rays[i], &batch.payloads[i]);
-                    ended.push(i);
-                }
-                continue;
-            };
-            let material = &scene.materials[material as usize];
-            for i in rays {
-                let (ray, hit, state) = (&batch.rays[i], &batch.hits[i], &batch.payloads[i]);
-                if self.shade_hit(material, ray, hit, state, &mut session, out) {
-                    ended.push(i);
-                }
-            }
-        }
-        // The loop shader: every path that ended takes up its topmost entry. An entry of this
-        // renderer always sends a ray, so one turn activates all that can be activated.
-        for i in ended {
-            let path = &batch.payloads[i];
-            if let Some((entry, head)) = session.pop(path.head) {
-                entry.resume(&WhittedState { head, ..*path }, out);
-            }
-        }
+        let session = self.stack.session();
+        self.frame.simd().run(Shading { whitted: self, batch, session, ended: Vec::new(), out });
     }
 
     fn depth(&self, state: &WhittedState) -> u32 {
         state.depth
     }
 
-    fn shadow(&self, _rays: &[Ray], payloads: &[DirectLight], occluded: &[u32]) {
-        for (payload, &occluded) in payloads.iter().zip(occluded) {
-            if occluded == 0 {
-                self.frame.film().splat(payload.pixel, Vec3::from_array(payload.radiance));
-            }
-        }
+    fn shadow(&self, _rays: &[Ray], payloads: &[Contribution], occluded: &[u32]) {
+        self.frame.add_unoccluded(payloads, occluded);
     }
 }

@@ -18,6 +18,7 @@ impl Scene {
             environment,
             shapes: _,
             camera: _,
+            camera_motion: _,
             warnings: _,
         } = self;
         let mut hash = Hash(Xxh3::new());

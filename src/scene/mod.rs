@@ -2,6 +2,7 @@
 //! camera. `scene::load` reads it from files. Knows neither streams nor the BVH.
 
 mod camera;
+mod camera_motion;
 mod camera_path;
 mod content;
 mod environment;
@@ -16,6 +17,8 @@ pub mod recipe;
 mod texture;
 
 pub use camera::{Camera, CameraError, Lens};
+pub(crate) use camera_motion::unit_turn;
+pub use camera_motion::{CameraMotion, Interpolation, Joint, Key, Track, Tracked};
 pub use camera_path::{CameraPath, CameraPathError};
 pub use environment::{Environment, EnvironmentMap};
 pub use instance::{Instance, Shape};
@@ -53,6 +56,8 @@ pub struct Scene {
     pub environment: Environment,
     /// The file's camera, if it has one.
     pub camera: Option<Camera>,
+    /// How that camera moves, if it does.
+    pub camera_motion: Option<CameraMotion>,
     /// What the loader could not honour, one sentence each.
     pub warnings: Vec<String>,
 }

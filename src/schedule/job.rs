@@ -48,6 +48,14 @@ struct Hold {
     paths: usize,
     /// Rays in the task, for the record; those of a spawn task are known at its end.
     rays: u64,
+    /// Since when a stream that is dispatched has been full, if it had to wait.
+    full_ns: Option<u64>,
+}
+
+impl Hold {
+    fn new(kind: TaskKind, paths: usize, rays: u64) -> Self {
+        Self { kind, paths, rays, full_ns: None }
+    }
 }
 
 pub(super) struct TypedJob<R: Renderer> {
@@ -104,6 +112,7 @@ impl<R: Renderer> TypedJob<R> {
                 depths: Default::default(),
                 cpu: Default::default(),
                 gpu: Default::default(),
+                device_waits: Default::default(),
                 threads: Vec::new(),
                 begin_ns: 0,
                 wall_s: 0.0,
@@ -171,7 +180,7 @@ impl<R: Renderer> TypedJob<R> {
                 let tile_rays = self.limits().tile_rays;
                 self.in_flight += tile_rays;
                 let paths = self.paths(&output) + tile_rays;
-                (Task::Spawn { tile, output }, Hold { kind: TaskKind::Spawn, paths, rays: 0 })
+                (Task::Spawn { tile, output }, Hold::new(TaskKind::Spawn, paths, 0))
             }
             Rule::Shade => {
                 let input = self.lists.next_to_shade();
@@ -182,7 +191,7 @@ impl<R: Renderer> TypedJob<R> {
                 let rays = (rays + shadow_rays) as u64;
                 (
                     Task::Shade { input, output, threshold: self.threshold() },
-                    Hold { kind: TaskKind::Shade, paths, rays },
+                    Hold::new(TaskKind::Shade, paths, rays),
                 )
             }
             Rule::Trace | Rule::Flush => {
@@ -194,13 +203,14 @@ impl<R: Renderer> TypedJob<R> {
                 );
                 let chunk = self.lists.next_chunk(most);
                 let rays = chunk.len() as u64;
-                (Task::Trace(chunk), Hold { kind: TaskKind::Trace, paths: 0, rays })
+                (Task::Trace(chunk), Hold::new(TaskKind::Trace, 0, rays))
             }
             Rule::Dispatch => {
-                let stream = self.lists.next_to_dispatch();
+                let (stream, full_ns) = self.lists.next_to_dispatch();
                 let rays = (stream.rays() + stream.shadow_rays()) as u64;
                 let paths = self.paths(&stream);
-                (Task::Dispatch(stream), Hold { kind: TaskKind::Dispatch, paths, rays })
+                let hold = Hold { full_ns, ..Hold::new(TaskKind::Dispatch, paths, rays) };
+                (Task::Dispatch(stream), hold)
             }
         }
     }
@@ -212,14 +222,19 @@ impl<R: Renderer> TypedJob<R> {
     }
 
     /// Returns the rays of the task's record.
-    fn put_back(&mut self, hold: Hold, done: Done<R::Payload, R::ShadowPayload>) -> u64 {
+    fn put_back(
+        &mut self,
+        hold: Hold,
+        done: Done<R::Payload, R::ShadowPayload>,
+        (start_ns, end_ns): (u64, u64),
+    ) -> u64 {
         match done {
             Done::Spawned { output, emitted } => {
                 self.progress.tiles_spawned += 1;
                 self.progress.rays.camera += emitted.rays;
                 self.progress.rays.shadow += emitted.shadow_rays;
                 self.account(hold, self.paths(&output));
-                self.lists.park(output, self.threshold());
+                self.lists.park(output, self.threshold(), end_ns);
                 emitted.rays + emitted.shadow_rays
             }
             Done::Shaded { input, output, emitted, depths } => {
@@ -228,7 +243,7 @@ impl<R: Renderer> TypedJob<R> {
                 self.progress.rays.shadow += emitted.shadow_rays;
                 let rays_left = input.rays_left();
                 self.account(hold, self.paths(&output) + rays_left);
-                self.lists.park(output, self.threshold());
+                self.lists.park(output, self.threshold(), end_ns);
                 self.lists.put_back_shaded(input);
                 hold.rays - rays_left as u64
             }
@@ -246,11 +261,15 @@ impl<R: Renderer> TypedJob<R> {
                 gpu.checked += report.checked;
                 gpu.sending_s += report.sending_ns as f64 * 1e-9;
                 gpu.waiting_s += report.waiting_ns as f64 * 1e-9;
+                let waited_ns = hold.full_ns.map_or(0, |full_ns| start_ns.saturating_sub(full_ns));
+                let waits = &mut self.report.device_waits;
+                waits.full_to_dispatched.record(waited_ns + report.sending_ns);
+                waits.dispatched_to_readable.record(report.waiting_ns);
                 self.lists.put_back_dispatched(stream);
                 hold.rays
             }
             Done::Undispatched(Untraced { stream, reason }) => {
-                self.lists.put_back_untraced(stream);
+                self.lists.put_back_untraced(stream, end_ns);
                 if self.has_device() {
                     self.unit = Unit::Cpu;
                     let device = &self.place.device_name;
@@ -315,7 +334,7 @@ impl<R: Renderer> Job for TypedJob<R> {
             TaskKind::Dispatch => self.dispatch_ns += ns,
             TaskKind::Spawn | TaskKind::Shade => {}
         }
-        let rays = self.put_back(hold, done);
+        let rays = self.put_back(hold, done, (start_ns, end_ns));
         if self.keep_timeline {
             let (thread, rays) = (thread as u32, rays.min(u64::from(u32::MAX)) as u32);
             let lists = self.lengths();

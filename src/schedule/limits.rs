@@ -2,7 +2,7 @@
 //! N 256k, 42 streams of 27k rays, threshold 11k, chunks of 1024, batches of 8192, tiles of 16k).
 
 use super::{JobOptions, policy};
-use crate::stream::Capacity;
+use crate::stream::{Capacity, Sizing};
 
 /// RA's N: paths in flight that keep both units of a laptop busy.
 const IN_FLIGHT: usize = 256 * 1024;
@@ -35,6 +35,8 @@ pub struct Limits {
     pub shadow_rays_per_path: usize,
     /// What a stream holds at most. One below the threshold has room for one more tile or batch.
     pub stream: Capacity,
+    /// Whether the threshold sinks at the tail.
+    pub shrink_streams: bool,
     /// The most streams the job ever has; with these no thread waits for a stream in vain
     /// (README, "Why there is always an output stream").
     pub streams: usize,
@@ -51,6 +53,8 @@ pub(super) struct Demand {
     pub host_threads: usize,
     /// 0 for a job without a device.
     pub dispatch_threads: usize,
+    /// What is known of the device.
+    pub device: Option<Sizing>,
 }
 
 /// Sizes that do not fit each other.
@@ -86,11 +90,16 @@ pub enum LimitsError {
 
 impl Limits {
     pub(super) fn derive(options: &JobOptions, demand: Demand) -> Result<Self, LimitsError> {
-        let Demand { tiles, tile_rays, shadow_rays_per_ray, most_in_flight, host_threads, dispatch_threads } =
-            demand;
+        let Demand { tiles, tile_rays, shadow_rays_per_ray, most_in_flight, .. } = demand;
+        let Demand { host_threads, dispatch_threads, device, .. } = demand;
         let shadow_rays_per_path = shadow_rays_per_ray.max(1);
         let threshold = options.threshold.unwrap_or_else(|| {
-            if dispatch_threads > 0 {
+            if let Some(device) = device.filter(|_| dispatch_threads > 0) {
+                // A small job still has a few streams for everybody, if they are worth a dispatch.
+                let share =
+                    tiles.saturating_mul(tile_rays as u64) / (host_threads + 2 * dispatch_threads) as u64;
+                device.threshold.min((share as usize).max(device.least))
+            } else if dispatch_threads > 0 {
                 DEVICE_THRESHOLD
             } else {
                 // A small job still has a few streams for each thread.
@@ -99,7 +108,9 @@ impl Limits {
             }
         });
         let in_flight = options.in_flight.unwrap_or_else(|| {
-            IN_FLIGHT.max(threshold.saturating_mul(host_threads)).max(tile_rays).min(MOST)
+            // A stream for each that traces, and one that it finds full when it is done.
+            let streams = host_threads + if device.is_some() { 2 * dispatch_threads } else { 0 };
+            IN_FLIGHT.max(threshold.saturating_mul(streams)).max(tile_rays).min(MOST)
         });
         // Beyond, spawning waits.
         let in_flight = in_flight.min(most_in_flight);
@@ -141,6 +152,7 @@ impl Limits {
             chunk_rays_most: options.chunk_rays_most,
             shadow_rays_per_ray,
             shadow_rays_per_path,
+            shrink_streams: options.shrink_streams,
             stream,
             streams: full + flushed + begun + outputs,
         };
@@ -170,6 +182,7 @@ impl Limits {
             most_in_flight: usize::MAX,
             host_threads: 7,
             dispatch_threads: 4,
+            device: None,
         };
         Self::derive(&JobOptions::default(), demand).expect("the paper's own sizes")
     }
@@ -197,7 +210,25 @@ mod tests {
             most_in_flight: usize::MAX,
             host_threads: 4,
             dispatch_threads: 0,
+            device: None,
         }
+    }
+
+    #[test]
+    fn a_device_that_has_been_measured_gets_what_it_likes_unless_told_otherwise() {
+        let device = Sizing { threshold: 256 * 1024, least: 2048, in_flight: 4 };
+        let demand = Demand { tiles: 10_000, dispatch_threads: 4, device: Some(device), ..small() };
+        let limits = Limits::derive(&JobOptions::default(), demand).unwrap();
+        assert_eq!((limits.threshold, limits.in_flight), (256 * 1024, 12 * 256 * 1024));
+        let told = JobOptions { threshold: Some(5000), in_flight: Some(100_000), ..JobOptions::default() };
+        let limits = Limits::derive(&told, demand).unwrap();
+        assert_eq!((limits.threshold, limits.in_flight), (5000, 100_000));
+        // Small jobs.
+        let threshold = |tiles| {
+            let demand = Demand { tiles, tile_rays: 1000, ..demand };
+            Limits::derive(&JobOptions::default(), demand).unwrap().threshold
+        };
+        assert_eq!((threshold(120), threshold(1)), (10_000, 2048));
     }
 
     #[test]
@@ -228,6 +259,7 @@ mod tests {
             most_in_flight: usize::MAX,
             host_threads: 1,
             dispatch_threads: 1,
+            device: None,
         };
         let refused = |options: JobOptions, demand| Limits::derive(&options, demand).unwrap_err();
         let few = JobOptions { in_flight: Some(99), ..JobOptions::default() };

@@ -11,7 +11,7 @@ pub(super) struct Lists<P, S> {
     empty: Vec<RayStream<Empty, P, S>>,
     need_more: Vec<RayStream<Filling, P, S>>,
     /// The device takes the oldest, host threads the newest.
-    trace: VecDeque<RayStream<Full, P, S>>,
+    trace: VecDeque<Waiting<P, S>>,
     /// Rays and shadow rays in TRACE.
     trace_rays: usize,
     /// The stream whose chunks are being handed out to host threads.
@@ -24,6 +24,12 @@ pub(super) struct Lists<P, S> {
     begun: Vec<RayStream<Traced, P, S>>,
     /// Streams made so far: those in the lists and those with threads.
     made: usize,
+}
+
+/// A stream of TRACE, and since when it has been there.
+struct Waiting<P, S> {
+    stream: RayStream<Full, P, S>,
+    since_ns: u64,
 }
 
 impl<P, S> Lists<P, S> {
@@ -100,13 +106,13 @@ impl<P, S> Lists<P, S> {
     }
 
     /// Takes back an output stream: to EMPTY, NEEDMORE or, with at least `threshold` paths in it, TRACE.
-    pub fn park(&mut self, stream: RayStream<Filling, P, S>, threshold: usize) {
+    pub fn park(&mut self, stream: RayStream<Filling, P, S>, threshold: usize, now_ns: u64) {
         match paths(stream.rays(), stream.shadow_rays(), self.limits.shadow_rays_per_path) {
             0 => self.empty.push(stream.unfill()),
             paths if paths < threshold => self.need_more.push(stream),
             _ => {
                 self.trace_rays += weight(&stream);
-                self.trace.push_back(stream.seal());
+                self.trace.push_back(Waiting { stream: stream.seal(), since_ns: now_ns });
             }
         }
     }
@@ -135,7 +141,7 @@ impl<P, S> Lists<P, S> {
     /// If all three are empty.
     pub fn next_chunk(&mut self, most: usize) -> Chunk {
         let mut slot = self.slot.take().unwrap_or_else(|| {
-            let newest = self.trace.pop_back();
+            let newest = self.trace.pop_back().map(|waiting| waiting.stream);
             self.trace_rays -= newest.as_ref().map_or(0, weight);
             newest.or_else(|| self.flush()).expect("there is a stream to trace").open()
         });
@@ -164,14 +170,16 @@ impl<P, S> Lists<P, S> {
         }
     }
 
-    /// The next stream for the device: from TRACE, else from NEEDMORE.
+    /// The next stream for the device, and since when it has been full: from TRACE, else from NEEDMORE, full from now on.
     ///
     /// # Panics
     /// If both are empty.
-    pub fn next_to_dispatch(&mut self) -> RayStream<Full, P, S> {
-        let oldest = self.trace.pop_front();
-        self.trace_rays -= oldest.as_ref().map_or(0, weight);
-        oldest.or_else(|| self.flush()).expect("there is a stream to dispatch")
+    pub fn next_to_dispatch(&mut self) -> (RayStream<Full, P, S>, Option<u64>) {
+        if let Some(Waiting { stream, since_ns }) = self.trace.pop_front() {
+            self.trace_rays -= weight(&stream);
+            return (stream, Some(since_ns));
+        }
+        (self.flush().expect("there is a stream to dispatch"), None)
     }
 
     /// Takes back a stream from the device.
@@ -180,9 +188,9 @@ impl<P, S> Lists<P, S> {
     }
 
     /// Takes back a stream that the device has not traced.
-    pub fn put_back_untraced(&mut self, stream: RayStream<Full, P, S>) {
+    pub fn put_back_untraced(&mut self, stream: RayStream<Full, P, S>, now_ns: u64) {
         self.trace_rays += weight(&stream);
-        self.trace.push_front(stream);
+        self.trace.push_front(Waiting { stream, since_ns: now_ns });
     }
 
     fn flush(&mut self) -> Option<RayStream<Full, P, S>> {
@@ -199,7 +207,7 @@ impl<P, S> Lists<P, S> {
     pub fn into_empty(self) -> Vec<RayStream<Empty, P, S>> {
         let Self { mut empty, need_more, trace, slot, handed_out, shade, begun, .. } = self;
         empty.extend(need_more.into_iter().map(RayStream::discard));
-        empty.extend(trace.into_iter().map(RayStream::discard));
+        empty.extend(trace.into_iter().map(|waiting| waiting.stream.discard()));
         empty.extend(slot.into_iter().chain(handed_out).map(RayStream::discard));
         empty.extend(shade.into_iter().chain(begun).map(RayStream::discard));
         empty
@@ -211,11 +219,15 @@ impl<P, S> Lists<P, S> {
         let weigh = |rays, shadow_rays| paths(rays, shadow_rays, self.limits.shadow_rays_per_path);
         let mut sizes = vec![0; self.empty.len()];
         sizes.extend(self.need_more.iter().map(|s| weigh(s.rays(), s.shadow_rays())));
-        sizes.extend(self.trace.iter().map(|s| weigh(s.rays(), s.shadow_rays())));
+        sizes.extend(self.trace.iter().map(|w| weigh(w.stream.rays(), w.stream.shadow_rays())));
         sizes.extend(self.slot.iter().chain(&self.handed_out).map(|s| weigh(s.rays(), s.shadow_rays())));
         let traced = self.shade.iter().chain(&self.begun);
         sizes.extend(traced.map(|s| weigh(s.rays_left(), s.shadow_rays_left())));
-        assert_eq!(self.trace_rays, self.trace.iter().map(weight).sum::<usize>(), "TRACE is counted");
+        assert_eq!(
+            self.trace_rays,
+            self.trace.iter().map(|w| weight(&w.stream)).sum::<usize>(),
+            "TRACE is counted"
+        );
         (sizes.len(), sizes.iter().sum())
     }
 }

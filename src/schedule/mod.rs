@@ -7,6 +7,7 @@
 
 mod handle;
 mod job;
+mod latency;
 mod limits;
 mod lists;
 mod options;
@@ -23,6 +24,7 @@ mod task;
 mod tests;
 
 pub use handle::{JobError, JobHandle};
+pub use latency::{DeviceWaits, Latency};
 pub use limits::{Limits, LimitsError};
 pub use options::{JobOptions, ServiceOptions, Tracers};
 pub use policy::{Choice, Load, Pace, Policy, Rule, Sharing, Unit, View};

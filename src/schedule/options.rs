@@ -28,10 +28,10 @@ impl Default for ServiceOptions {
 /// How a job is run. The picture does not depend on any of it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct JobOptions {
-    /// N, the most paths in flight. Default: RA's 256k, more for many host threads.
+    /// N, the most paths in flight. Default: RA's 256k, more for many threads or a device that likes large streams.
     pub in_flight: Option<usize>,
-    /// Paths from which a stream counts as full. Default: RA's 11k with a device; up to 32k without,
-    /// less for small jobs.
+    /// Paths from which a stream counts as full. Default: with a device what it likes
+    /// ([`DeviceTracer::sizing`]), or RA's 11k if that is unknown; up to 32k without; less for small jobs.
     pub threshold: Option<usize>,
     /// Most rays of a shade batch (RA: 8192).
     pub batch_rays: usize,
@@ -39,6 +39,9 @@ pub struct JobOptions {
     pub chunk_rays: usize,
     /// Most rays a host thread traces at once.
     pub chunk_rays_most: usize,
+    /// Whether streams become full earlier at the tail, so that the last ones keep all host threads busy; only to
+    /// measure what that brings.
+    pub shrink_streams: bool,
     /// The order of rules. Default: RA's for the unit, [`Policy::of`].
     pub policy: Option<Policy>,
     /// Whether the report holds a record of every task.
@@ -53,6 +56,7 @@ impl Default for JobOptions {
             batch_rays: 8192,
             chunk_rays: 1024,
             chunk_rays_most: 64 * 1024,
+            shrink_streams: true,
             policy: None,
             timeline: false,
         }

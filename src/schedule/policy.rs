@@ -309,7 +309,7 @@ pub(super) const TAIL_STREAMS: usize = 4;
 /// a stream, so the last ones had better be small. Never grows while a job goes on. A device is not
 /// served with small streams.
 pub fn threshold(left: u64, host_threads: usize, device_is_fed: bool, limits: &Limits) -> usize {
-    if device_is_fed {
+    if device_is_fed || !limits.shrink_streams {
         return limits.threshold;
     }
     let share = left.div_ceil((TAIL_STREAMS * host_threads) as u64);

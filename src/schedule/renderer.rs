@@ -1,6 +1,6 @@
 //! What the scheduler asks of a renderer (RA section 3.1): spawn camera rays, shade batches.
 
-use crate::stream::{Hit, Ray};
+use crate::stream::{Appender, Hit, Ray};
 use bytemuck::Pod;
 
 /// A job's own half: it creates rays and says what their hits mean. The scheduler calls it from many
@@ -63,9 +63,9 @@ pub struct Batch<'a, P> {
 /// Where a renderer emits rays.
 #[derive(Debug)]
 pub struct Output<'a, P, S> {
-    pub(crate) rays: &'a mut Vec<Ray>,
+    pub(crate) rays: Appender<'a>,
     pub(crate) payloads: &'a mut Vec<P>,
-    pub(crate) shadow_rays: &'a mut Vec<Ray>,
+    pub(crate) shadow_rays: Appender<'a>,
     pub(crate) shadow_payloads: &'a mut Vec<S>,
 }
 
@@ -76,9 +76,35 @@ impl<P, S> Output<'_, P, S> {
         self.payloads.push(payload);
     }
 
+    /// Emits rays, each with its payload.
+    ///
+    /// # Panics
+    /// Unless there are as many of both.
+    pub fn rays(&mut self, rays: &[Ray], payloads: &[P])
+    where
+        P: Copy,
+    {
+        assert_eq!(rays.len(), payloads.len(), "every ray has a payload");
+        self.rays.extend_from_slice(rays);
+        self.payloads.extend_from_slice(payloads);
+    }
+
     /// Emits a ray of which only occlusion matters; it comes back in [`Renderer::shadow`].
     pub fn shadow(&mut self, ray: Ray, payload: S) {
         self.shadow_rays.push(ray);
         self.shadow_payloads.push(payload);
+    }
+
+    /// Emits rays of which only occlusion matters, each with its payload.
+    ///
+    /// # Panics
+    /// Unless there are as many of both.
+    pub fn shadows(&mut self, rays: &[Ray], payloads: &[S])
+    where
+        S: Copy,
+    {
+        assert_eq!(rays.len(), payloads.len(), "every ray has a payload");
+        self.shadow_rays.extend_from_slice(rays);
+        self.shadow_payloads.extend_from_slice(payloads);
     }
 }

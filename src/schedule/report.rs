@@ -1,6 +1,6 @@
 //! What a job tells about itself, during and after.
 
-use super::Limits;
+use super::{DeviceWaits, Limits};
 
 /// How far a job is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -196,6 +196,8 @@ pub struct JobReport {
     pub cpu: UnitReport,
     /// The device.
     pub gpu: UnitReport,
+    /// How long streams waited for it.
+    pub device_waits: DeviceWaits,
     /// Host threads, then dispatch threads.
     pub threads: Vec<ThreadReport>,
     /// When its first turn came, in nanoseconds since the service began.

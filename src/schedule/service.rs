@@ -126,6 +126,11 @@ impl Service {
         self.inner.hosts
     }
 
+    /// The moment from which [`super::JobReport::begin_ns`] counts.
+    pub fn began(&self) -> Instant {
+        self.inner.epoch
+    }
+
     /// Frees the storage of streams that is kept for the next job.
     pub fn free_streams(&self) {
         self.inner.pool.clear();
@@ -182,6 +187,7 @@ pub(super) fn prepare<R: Renderer>(
         most_in_flight: renderer.most_in_flight(),
         host_threads: hosts,
         dispatch_threads: if unit == Unit::Cpu { 0 } else { dispatchers },
+        device: tracers.device.as_ref().and_then(|device| device.sizing()),
     };
     let place = Arc::new(Workplace {
         limits: Limits::derive(options, demand)?,

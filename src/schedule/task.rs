@@ -1,9 +1,9 @@
 //! What a thread does between two visits to the lists: no lock is held here.
 
-use super::{Batch, Depths, Limits, Output, Renderer, Tracers};
+use super::{Batch, Depths, Limits, Output, Renderer, Tracers, Unit};
 use crate::stream::{
-    Chunk, DeviceReport, Filling, Full, RayStream, Scratch, Traced, TracedChunk, TracedRays, Untraced,
-    panic_message, paths,
+    Chunk, Columns, DeviceReport, Filling, Full, RayStream, Scratch, Traced, TracedChunk, TracedRays,
+    Untraced, panic_message, paths,
 };
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -162,14 +162,11 @@ impl<R: Renderer> Workplace<R> {
         emit: impl FnOnce(&mut Output<'_, R::Payload, R::ShadowPayload>),
     ) -> Emitted {
         let before = (output.rays(), output.shadow_rays());
-        output.append(self.limits.stream, |columns| {
-            emit(&mut Output {
-                rays: columns.rays,
-                payloads: columns.payloads,
-                shadow_rays: columns.shadow_rays,
-                shadow_payloads: columns.shadow_payloads,
-            });
-            let (rays, shadow_rays) = (columns.rays.len() - before.0, columns.shadow_rays.len() - before.1);
+        let device = self.tracers.device.as_deref().filter(|_| self.tracers.unit != Unit::Cpu);
+        output.append(self.limits.stream, device, |Columns { rays, payloads, shadow_rays, shadow_payloads }| {
+            let mut output = Output { rays, payloads, shadow_rays, shadow_payloads };
+            emit(&mut output);
+            let (rays, shadow_rays) = (output.rays.len() - before.0, output.shadow_rays.len() - before.1);
             assert!(
                 rays <= most_rays && shadow_rays <= most_shadow_rays,
                 "the renderer emitted {rays} rays and {shadow_rays} shadow rays where it promised at most \

@@ -34,10 +34,11 @@ pub fn normal<L: Lanes>(corners: &[Vector<L>; 3], otherwise: Vector<L>) -> (Vect
     let (e1, e2) = (b - a, c - a);
     let scale = e1.abs().max(e2.abs()).max_element();
     // Scaled so that the product's square cannot underflow or overflow.
-    let normal = (e1 / scale).cross(e2 / scale);
+    let inverse = 1.0 / scale;
+    let normal = (e1 * inverse).cross(e2 * inverse);
     let length = normal.length();
     let there = length.above(0.0);
-    (Vector::select(there, normal / length, otherwise), there)
+    (Vector::select(there, normal * (1.0 / length), otherwise), there)
 }
 
 #[cfg(test)]

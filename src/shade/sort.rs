@@ -1,6 +1,7 @@
 //! The batch sort (RA section 3.1): misses first, then hits by material.
 
-use crate::stream::Hit;
+use crate::lanes::{Int, Lanes, Piece};
+use crate::stream::{Hit, MISS};
 use std::cell::Cell;
 
 thread_local! {
@@ -19,10 +20,16 @@ struct Storage {
     scratch: Vec<u32>,
     /// (key, start in `order`), one for each run; keys ascend.
     runs: Vec<(u32, u32)>,
+    /// Rays of the batch.
+    len: usize,
 }
 
+/// A key that no ray has.
+const NEVER: u32 = u32::MAX;
+
 impl Storage {
-    const NONE: Self = Self { keys: Vec::new(), order: Vec::new(), scratch: Vec::new(), runs: Vec::new() };
+    const NONE: Self =
+        Self { keys: Vec::new(), order: Vec::new(), scratch: Vec::new(), runs: Vec::new(), len: 0 };
 }
 
 impl Default for Storage {
@@ -40,53 +47,159 @@ pub struct Run<'a> {
     pub rays: &'a [u32],
 }
 
+/// The most runs that are gathered one after the other, each in lanes; beyond, the radix sort is faster.
+const FEW_RUNS: usize = 8;
+
 /// Sorts a batch: `materials` gives the material of each primitive. Stable, so the order of rays
-/// within a run is that of the batch. Linear time: a radix sort by bytes that skips the bytes in
-/// which all keys agree.
-pub fn sort(hits: &[Hit], materials: &[u32]) -> Sorted {
-    let Storage { mut keys, mut order, mut scratch, mut runs } = SPARE.take();
-    // Key 0 is a miss, key m + 1 is material m.
-    keys.clear();
-    keys.extend(hits.iter().map(|hit| if hit.is_miss() { 0 } else { materials[hit.primitive as usize] + 1 }));
-    order.clear();
-    order.extend(0..hits.len() as u32);
-    let first = keys.first().copied().unwrap_or(0);
-    let varying = keys.iter().fold(0, |bits, &key| bits | (key ^ first));
-    for shift in [0, 8, 16, 24] {
-        if (varying >> shift) & 0xff == 0 {
-            continue;
+/// within a run is that of the batch. Linear time.
+#[inline(always)]
+pub fn sort<L: Lanes>(l: L, hits: &[Hit], materials: &[u32]) -> Sorted {
+    l.apart(Sort { hits, materials })
+}
+
+struct Sort<'a> {
+    hits: &'a [Hit],
+    materials: &'a [u32],
+}
+
+impl<L: Lanes> Piece<L> for Sort<'_> {
+    type Output = Sorted;
+
+    #[inline(always)]
+    fn run(self, l: L) -> Sorted {
+        let mut storage = SPARE.take();
+        storage.make_room(self.hits.len());
+        let keys = storage.look_up(l, self.hits, self.materials);
+        if L::LANES == 1 || !storage.gather(l, keys) {
+            storage.radix(keys);
         }
-        let digit = |ray: u32| ((keys[ray as usize] >> shift) & 0xff) as usize;
-        let mut next = [0u32; 256];
-        order.iter().for_each(|&ray| next[digit(ray)] += 1);
-        let mut start = 0;
-        for slot in &mut next {
-            start += std::mem::replace(slot, start);
+        Sorted(storage)
+    }
+}
+
+/// What all keys have in common.
+#[derive(Clone, Copy)]
+struct Keys {
+    least: u32,
+    /// Bits that are set in some and not in others.
+    varying: u32,
+}
+
+impl Storage {
+    /// Room for the keys and the order of so many rays, and for what lanes write behind them.
+    fn make_room(&mut self, rays: usize) {
+        const BEHIND: usize = 16;
+        self.keys.clear();
+        self.keys.resize(rays + BEHIND, NEVER);
+        self.order.resize(rays + BEHIND, 0);
+        self.runs.clear();
+        self.len = rays;
+    }
+
+    /// Key 0 is a miss, key m + 1 is material m.
+    #[inline(always)]
+    fn look_up<L: Lanes>(&mut self, l: L, hits: &[Hit], materials: &[u32]) -> Keys {
+        let (mut least, mut all, mut any) = (Int::splat(l, NEVER), Int::splat(l, NEVER), Int::splat(l, 0));
+        let places = iota(l);
+        for (hits, keys) in hits.chunks(L::LANES).zip(self.keys.chunks_mut(L::LANES)) {
+            let [_, _, _, primitive] = places.at_most(hits.len() as u32 - 1).rows(bytemuck::cast_slice(hits));
+            let hit = !primitive.is(MISS) & L::ALL;
+            let mut key = Int::splat(l, 0);
+            if hit != 0 {
+                let [material] = Int::select(hit, primitive, key).rows(materials);
+                key = Int::select(hit, material + 1, key);
+            }
+            // Lanes beyond the rays repeat the last one.
+            (all, any) = (all & key, any | key);
+            least = Int::select(key.lt(least), key, least);
+            if keys.len() == L::LANES && hits.len() == L::LANES {
+                key.store(keys);
+            } else {
+                keys[..hits.len()].copy_from_slice(&key.to_array()[..hits.len()]);
+            }
         }
+        let (least, all, any) = (least.to_array(), all.to_array(), any.to_array());
+        let lanes = 0..L::LANES;
+        Keys {
+            least: lanes.clone().map(|lane| least[lane]).min().unwrap_or(0),
+            varying: lanes.clone().fold(0, |bits, lane| bits | any[lane])
+                & !lanes.fold(NEVER, |bits, lane| bits & all[lane]),
+        }
+    }
+
+    /// Gathers the rays of one key after the other; returns whether there were few enough.
+    #[inline(always)]
+    fn gather<L: Lanes>(&mut self, l: L, keys: Keys) -> bool {
+        let (places, none) = (iota(l), Int::splat(l, NEVER));
+        let (mut key, mut filled) = (keys.least, 0);
+        while filled < self.len {
+            if self.runs.len() == FEW_RUNS {
+                self.runs.clear();
+                return false;
+            }
+            self.runs.push((key, filled as u32));
+            let (mut next, mut rays) = (none, places);
+            for keys in self.keys[..self.len.next_multiple_of(L::LANES)].chunks_exact(L::LANES) {
+                let keys = Int::load(l, keys);
+                filled += rays.append(keys.is(key), &mut self.order[filled..]);
+                let later = Int::splat(l, key).lt(keys) & keys.lt(next);
+                next = Int::select(later, keys, next);
+                rays = rays + L::LANES as u32;
+            }
+            let next = next.to_array();
+            key = (0..L::LANES).map(|lane| next[lane]).min().unwrap_or(NEVER);
+        }
+        true
+    }
+
+    /// A radix sort by bytes that skips the bytes in which all keys agree.
+    fn radix(&mut self, Keys { varying, .. }: Keys) {
+        let Self { keys, order, scratch, runs, len } = self;
         scratch.resize(order.len(), 0);
-        for &ray in &order {
-            let slot = &mut next[digit(ray)];
-            scratch[*slot as usize] = ray;
-            *slot += 1;
+        order[..*len].iter_mut().enumerate().for_each(|(place, ray)| *ray = place as u32);
+        for shift in [0, 8, 16, 24] {
+            if (varying >> shift) & 0xff == 0 {
+                continue;
+            }
+            let digit = |ray: u32| ((keys[ray as usize] >> shift) & 0xff) as usize;
+            let mut next = [0u32; 256];
+            order[..*len].iter().for_each(|&ray| next[digit(ray)] += 1);
+            let mut start = 0;
+            for slot in &mut next {
+                start += std::mem::replace(slot, start);
+            }
+            for &ray in &order[..*len] {
+                let slot = &mut next[digit(ray)];
+                scratch[*slot as usize] = ray;
+                *slot += 1;
+            }
+            std::mem::swap(order, scratch);
         }
-        std::mem::swap(&mut order, &mut scratch);
-    }
-    runs.clear();
-    for (place, &ray) in order.iter().enumerate() {
-        let key = keys[ray as usize];
-        if runs.last().is_none_or(|&(last, _)| last != key) {
-            runs.push((key, place as u32));
+        for (place, &ray) in order[..*len].iter().enumerate() {
+            let key = keys[ray as usize];
+            if runs.last().is_none_or(|&(last, _)| last != key) {
+                runs.push((key, place as u32));
+            }
         }
     }
-    Sorted(Storage { keys, order, scratch, runs })
+}
+
+/// The number of each lane.
+#[inline(always)]
+fn iota<L: Lanes>(l: L) -> Int<L> {
+    let mut lanes = [0; 16];
+    for (lane, number) in lanes.iter_mut().enumerate() {
+        *number = lane as u32;
+    }
+    Int::from_array(l, &lanes)
 }
 
 impl Sorted {
     /// The runs: misses first if there are any, then materials in ascending order.
     pub fn runs(&self) -> impl Iterator<Item = Run<'_>> {
-        let Storage { order, runs, .. } = &self.0;
-        runs.iter().enumerate().map(|(i, &(key, start))| {
-            let end = runs.get(i + 1).map_or(order.len(), |next| next.1 as usize);
+        let Storage { order, runs, len, .. } = &self.0;
+        runs.iter().enumerate().map(move |(i, &(key, start))| {
+            let end = runs.get(i + 1).map_or(*len, |next| next.1 as usize);
             Run { material: key.checked_sub(1), rays: &order[start as usize..end] }
         })
     }
@@ -101,39 +214,57 @@ impl Drop for Sorted {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::stream::MISS;
+    use crate::lanes::{Kernel, SimdLevel};
 
     fn hit(primitive: u32) -> Hit {
         Hit { t: 1.0, u: 0.0, v: 0.0, primitive }
     }
 
+    struct Sorting<'a>(&'a [Hit], &'a [u32]);
+
+    impl Kernel for Sorting<'_> {
+        type Output = Sorted;
+
+        #[inline(always)]
+        fn run<L: Lanes>(self, l: L) -> Sorted {
+            sort(l, self.0, self.1)
+        }
+    }
+
     #[test]
     fn every_ray_is_in_the_run_of_its_material_in_batch_order() {
-        for materials in [1u32, 3, 300, 70_000] {
+        for (materials, level) in [1u32, 3, 7, 8, 300, 70_000]
+            .into_iter()
+            .flat_map(|materials| SimdLevel::available().into_iter().map(move |level| (materials, level)))
+        {
             let of: Vec<u32> = (0..100_000u32).map(|p| crate::geom::mix(p) % materials).collect();
-            let hits: Vec<Hit> = (0..8192u32)
-                .map(|i| if i % 7 == 3 { hit(MISS) } else { hit(crate::geom::mix(i ^ 0x55) % 100_000) })
-                .collect();
-            let sorted = sort(&hits, &of);
-            let mut seen = vec![false; hits.len()];
-            let mut last = None;
-            for run in sorted.runs() {
-                assert!(last.is_none_or(|l| l < run.material), "runs ascend and are not split");
-                last = Some(run.material);
-                assert!(run.rays.windows(2).all(|w| w[0] < w[1]), "stable");
-                for &ray in run.rays {
-                    let h = hits[ray as usize];
-                    let expected = (!h.is_miss()).then(|| of[h.primitive as usize]);
-                    assert_eq!(run.material, expected);
-                    assert!(!std::mem::replace(&mut seen[ray as usize], true));
+            for rays in [8192, 77, 1] {
+                let hits: Vec<Hit> = (0..rays)
+                    .map(|i| if i % 7 == 3 { hit(MISS) } else { hit(crate::geom::mix(i ^ 0x55) % 100_000) })
+                    .collect();
+                let sorted = level.run(Sorting(&hits, &of));
+                let mut seen = vec![false; hits.len()];
+                let mut last = None;
+                for run in sorted.runs() {
+                    assert!(last.is_none_or(|l| l < run.material), "runs ascend and are not split");
+                    last = Some(run.material);
+                    assert!(run.rays.windows(2).all(|w| w[0] < w[1]), "stable");
+                    for &ray in run.rays {
+                        let h = hits[ray as usize];
+                        let expected = (!h.is_miss()).then(|| of[h.primitive as usize]);
+                        assert_eq!(run.material, expected);
+                        assert!(!std::mem::replace(&mut seen[ray as usize], true));
+                    }
                 }
+                assert!(seen.iter().all(|&s| s));
             }
-            assert!(seen.iter().all(|&s| s));
         }
     }
 
     #[test]
     fn an_empty_batch_has_no_runs() {
-        assert_eq!(sort(&[], &[]).runs().count(), 0);
+        for level in SimdLevel::available() {
+            assert_eq!(level.run(Sorting(&[], &[])).runs().count(), 0);
+        }
     }
 }

@@ -1,6 +1,7 @@
 //! A chunk: the part of a stream that one host thread traces at once (RA section 3, the job slot).
 
-use super::{Hit, Ray, Tracer};
+use super::berth::Memory;
+use super::{Column, Hit, InPlace, Ray, Tracer};
 use std::ops::Range;
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -8,30 +9,45 @@ use std::sync::{Arc, Mutex, PoisonError};
 /// answers are written under their lock, copied in from the thread's own [`Scratch`].
 #[derive(Debug, Default)]
 pub(super) struct Body {
-    pub(super) rays: Vec<Ray>,
-    pub(super) shadow_rays: Vec<Ray>,
+    pub(super) rays: Column,
+    pub(super) shadow_rays: Column,
     pub(super) answers: Mutex<Answers>,
 }
 
-/// Answers to rays and shadow rays. Never shorter than these; what lies beyond, and what is there
-/// before tracing, is of earlier rays.
+/// Answers to rays and shadow rays. There is a place for each; what is there before tracing is of earlier rays.
 #[derive(Debug, Default)]
 pub(super) struct Answers {
-    pub(super) hits: Vec<Hit>,
-    pub(super) occluded: Vec<u32>,
+    pub(super) hits: Memory<Hit>,
+    pub(super) occluded: Memory<u32>,
 }
 
 impl Body {
-    pub(super) fn make_room_for_answers(&mut self) {
-        let answers = self.answers.get_mut().unwrap_or_else(PoisonError::into_inner);
-        grow(&mut answers.hits, self.rays.len(), self.rays.capacity(), Hit::NONE);
-        grow(&mut answers.occluded, self.shadow_rays.len(), self.shadow_rays.capacity(), 0);
+    pub(super) fn answers(&mut self) -> &mut Answers {
+        self.answers.get_mut().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Everything, if a device has lent the memory for it.
+    pub(super) fn in_place(&mut self) -> Option<InPlace<'_>> {
+        let Answers { hits, occluded } = self.answers.get_mut().unwrap_or_else(PoisonError::into_inner);
+        Some(InPlace {
+            ray_count: self.rays.len(),
+            rays: self.rays.memory.berth_mut()?,
+            hits: hits.berth_mut()?,
+            shadow_ray_count: self.shadow_rays.len(),
+            shadow_rays: self.shadow_rays.memory.berth_mut()?,
+            occluded: occluded.berth_mut()?,
+        })
+    }
+
+    /// Gives answers other places, in host memory: where they were, a lost device may still be writing.
+    pub(super) fn renew_answers(&mut self) {
+        let (rays, shadow_rays) = (self.rays.memory.len(), self.shadow_rays.memory.len());
+        *self.answers() = Answers { hits: Memory::host(rays), occluded: Memory::host(shadow_rays) };
     }
 }
 
-fn grow<T: Copy>(column: &mut Vec<T>, len: usize, capacity: usize, value: T) {
+fn grow<T: Copy>(column: &mut Vec<T>, len: usize, value: T) {
     if column.len() < len {
-        column.reserve_exact(capacity - column.len());
         column.resize(len, value);
     }
 }
@@ -90,8 +106,8 @@ impl Chunk {
             let Answers { hits, occluded } = &mut *answers;
             trace(tracer, rays, &mut hits[self.rays], shadow_rays, &mut occluded[self.shadow_rays]);
         } else {
-            grow(&mut scratch.hits, rays.len(), rays.len(), Hit::NONE);
-            grow(&mut scratch.occluded, shadow_rays.len(), shadow_rays.len(), 0);
+            grow(&mut scratch.hits, rays.len(), Hit::NONE);
+            grow(&mut scratch.occluded, shadow_rays.len(), 0);
             let hits = &mut scratch.hits[..rays.len()];
             let occluded = &mut scratch.occluded[..shadow_rays.len()];
             trace(tracer, rays, hits, shadow_rays, occluded);

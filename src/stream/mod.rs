@@ -1,6 +1,7 @@
 //! What moves through the house: rays, hits, ray streams, and the tracer traits that turn rays into
 //! hits. Knows no scene and no device.
 
+mod berth;
 mod chunk;
 mod panic;
 mod ray;
@@ -9,6 +10,7 @@ mod ray_stream;
 mod tests;
 mod tracer;
 
+pub use berth::{Appender, Berth, Berths, Column};
 pub use chunk::{Chunk, Scratch, TracedChunk};
 pub use panic::{drop_quietly, panic_message};
 pub use ray::{Hit, MISS, Ray};
@@ -16,4 +18,4 @@ pub use ray_stream::{
     Capacity, Columns, Dispatched, Empty, Filling, Full, RayStream, Traced, TracedRays, TracedShadows,
     Tracing, Untraced, paths,
 };
-pub use tracer::{DeviceError, DeviceReport, DeviceTracer, Queries, Tracer};
+pub use tracer::{DeviceError, DeviceReport, DeviceTracer, InPlace, Queries, Sizing, Tracer};

@@ -7,8 +7,12 @@
 //!                                └──── trace_on a device ──────────────┘
 //! ```
 
+use super::berth::Memory;
 use super::chunk::{Answers, Body};
-use super::{Chunk, DeviceReport, DeviceTracer, Hit, Queries, Ray, TracedChunk, panic_message};
+use super::{
+    Appender, Berths, Chunk, Column, DeviceError, DeviceReport, DeviceTracer, Hit, Queries, Ray, TracedChunk,
+    panic_message,
+};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, PoisonError};
 
@@ -75,11 +79,11 @@ pub struct RayStream<State, P, S> {
 #[derive(Debug)]
 pub struct Columns<'a, P, S> {
     /// Rays, as many as payloads.
-    pub rays: &'a mut Vec<Ray>,
+    pub rays: Appender<'a>,
     /// What travels with the rays.
     pub payloads: &'a mut Vec<P>,
     /// Shadow rays, as many as shadow payloads.
-    pub shadow_rays: &'a mut Vec<Ray>,
+    pub shadow_rays: Appender<'a>,
     /// What travels with the shadow rays.
     pub shadow_payloads: &'a mut Vec<S>,
 }
@@ -174,23 +178,28 @@ impl<P, S> RayStream<Empty, P, S> {
 }
 
 impl<P, S> RayStream<Filling, P, S> {
-    /// Appends what `emit` emits.
+    /// Appends what `emit` emits. The first time, the stream gets room for `capacity`: memory that `device` lends if it
+    /// does, else the host's own.
     ///
     /// # Panics
     /// If there is then more in the stream than `capacity`, or a payload without its ray.
-    pub fn append<T>(&mut self, capacity: Capacity, emit: impl FnOnce(Columns<'_, P, S>) -> T) -> T {
+    pub fn append<T>(
+        &mut self,
+        capacity: Capacity,
+        device: Option<&dyn DeviceTracer>,
+        emit: impl FnOnce(Columns<'_, P, S>) -> T,
+    ) -> T {
         let Self { body, payloads, shadow_payloads, .. } = self;
         let body = Arc::get_mut(body).expect("chunks live no longer than the state Tracing");
-        reserve(&mut body.rays, capacity.rays);
-        reserve(payloads, capacity.rays);
-        if capacity.shadow_rays > 0 {
-            reserve(&mut body.shadow_rays, capacity.shadow_rays);
+        if body.rays.is_empty() && body.shadow_rays.is_empty() {
+            settle(body, capacity, device);
+            reserve(payloads, capacity.rays);
             reserve(shadow_payloads, capacity.shadow_rays);
         }
         let value = emit(Columns {
-            rays: &mut body.rays,
+            rays: body.rays.appender(),
             payloads,
-            shadow_rays: &mut body.shadow_rays,
+            shadow_rays: body.shadow_rays.appender(),
             shadow_payloads,
         });
         let (rays, shadow_rays) = (body.rays.len(), body.shadow_rays.len());
@@ -206,7 +215,6 @@ impl<P, S> RayStream<Filling, P, S> {
             capacity.rays,
             capacity.shadow_rays
         );
-        body.make_room_for_answers();
         value
     }
 
@@ -225,6 +233,25 @@ impl<P, S> RayStream<Filling, P, S> {
     }
 }
 
+/// Finds memory for an empty stream, unless what it has will do.
+fn settle(body: &mut Body, capacity: Capacity, device: Option<&dyn DeviceTracer>) {
+    let lent = device.and_then(|device| device.berths(capacity, body.rays.memory.berth()));
+    if let Some(Berths { rays, hits, shadow_rays, occluded }) = lent {
+        body.rays = Column::of(Memory::Lent(rays));
+        body.shadow_rays = Column::of(Memory::Lent(shadow_rays));
+        *body.answers() = Answers { hits: Memory::Lent(hits), occluded: Memory::Lent(occluded) };
+        return;
+    }
+    let fits = |memory: &Memory<Ray>, room| {
+        memory.berth().is_none_or(|berth| berth.is_sound()) && memory.len() >= room
+    };
+    if !fits(&body.rays.memory, capacity.rays) || !fits(&body.shadow_rays.memory, capacity.shadow_rays) {
+        body.rays = Column::with_capacity(capacity.rays);
+        body.shadow_rays = Column::with_capacity(capacity.shadow_rays);
+        body.renew_answers();
+    }
+}
+
 fn reserve<T>(column: &mut Vec<T>, capacity: usize) {
     column.reserve_exact(capacity.saturating_sub(column.len()));
 }
@@ -235,41 +262,50 @@ impl<P, S> RayStream<Full, P, S> {
         self.into_state(Tracing { next: 0, out: 0 })
     }
 
-    /// Traces the stream on a device, in pieces of at most [`DeviceTracer::max_rays`].
+    /// Traces the stream on a device: in place if it lies in memory of the device's, else in pieces of at most
+    /// [`DeviceTracer::max_rays`].
     ///
     /// # Errors
     /// [`Untraced`] when the device is lost or panics.
     pub fn trace_on(mut self, device: &dyn DeviceTracer) -> Result<Dispatched<P, S>, Untraced<P, S>> {
-        let most = device.max_rays();
-        if most == 0 {
-            return Err(Untraced { stream: self, reason: "it takes no rays".to_owned() });
-        }
-        let (rays, shadow_rays) = (self.rays(), self.shadow_rays());
         let body = self.body();
-        let Answers { hits, occluded } = body.answers.get_mut().unwrap_or_else(PoisonError::into_inner);
-        let mut report = DeviceReport::default();
-        let mut start = 0;
-        while start < rays.max(shadow_rays) {
-            let piece = |len: usize| start.min(len)..(start + most).min(len);
-            let queries = Queries {
-                rays: &body.rays[piece(rays)],
-                hits: &mut hits[piece(rays)],
-                shadow_rays: &body.shadow_rays[piece(shadow_rays)],
-                occluded: &mut occluded[piece(shadow_rays)],
-            };
-            let reason = match catch_unwind(AssertUnwindSafe(|| device.trace(queries))) {
-                Ok(Ok(cost)) => {
-                    report += cost;
-                    start += most;
-                    continue;
-                }
-                Ok(Err(error)) => error.to_string(),
-                Err(payload) => format!("it panicked: {}", panic_message(payload)),
-            };
-            return Err(Untraced { stream: self, reason });
+        let traced = catch_unwind(AssertUnwindSafe(|| {
+            let in_place = body.in_place().and_then(|stream| device.trace_in_place(stream));
+            in_place.unwrap_or_else(|| trace_in_pieces(body, device))
+        }));
+        let reason = match traced {
+            Ok(Ok(report)) => {
+                return Ok((self.into_state(Traced { shaded: 0, shadows_taken: false }), report));
+            }
+            Ok(Err(error)) => error.to_string(),
+            Err(payload) => format!("it panicked: {}", panic_message(payload)),
+        };
+        // Rays are only read by the device, even by one that has gone astray.
+        if self.body().answers().hits.berth().is_some() {
+            self.body().renew_answers();
         }
-        Ok((self.into_state(Traced { shaded: 0, shadows_taken: false }), report))
+        Err(Untraced { stream: self, reason })
     }
+}
+
+fn trace_in_pieces(body: &mut Body, device: &dyn DeviceTracer) -> Result<DeviceReport, DeviceError> {
+    let most = device.max_rays();
+    if most == 0 {
+        return Err(DeviceError::Lost("it takes no rays".to_owned()));
+    }
+    let (rays, shadow_rays) = (body.rays.len(), body.shadow_rays.len());
+    let Answers { hits, occluded } = body.answers.get_mut().unwrap_or_else(PoisonError::into_inner);
+    let mut report = DeviceReport::default();
+    for start in (0..rays.max(shadow_rays)).step_by(most) {
+        let piece = |len: usize| start.min(len)..start.saturating_add(most).min(len);
+        report += device.trace(Queries {
+            rays: &body.rays[piece(rays)],
+            hits: &mut hits[piece(rays)],
+            shadow_rays: &body.shadow_rays[piece(shadow_rays)],
+            occluded: &mut occluded[piece(shadow_rays)],
+        })?;
+    }
+    Ok(report)
 }
 
 impl<P, S> RayStream<Tracing, P, S> {

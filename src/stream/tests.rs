@@ -1,6 +1,7 @@
 use super::*;
+use std::fmt::Debug;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering::Relaxed};
 
 /// Answers by the ray's origin, and counts calls.
 #[derive(Default)]
@@ -65,18 +66,31 @@ impl DeviceTracer for Frail {
 const CAPACITY: Capacity = Capacity { rays: 10, shadow_rays: 7 };
 
 fn filled(rays: usize, shadow_rays: usize) -> RayStream<Filling, u32, u64> {
+    fill(RayStream::new(), None, rays, shadow_rays)
+}
+
+fn fill(
+    stream: RayStream<Empty, u32, u64>,
+    device: Option<&dyn DeviceTracer>,
+    rays: usize,
+    shadow_rays: usize,
+) -> RayStream<Filling, u32, u64> {
     let ray = |i: usize| Ray { origin: [i as f32, 0.0, 0.0], ..Ray::default() };
-    let mut stream = RayStream::new().fill();
-    stream.append(CAPACITY, |columns| {
-        columns.rays.extend((0..rays).map(ray));
+    let mut stream = stream.fill();
+    stream.append(CAPACITY, device, |mut columns| {
+        (0..rays).for_each(|i| columns.rays.push(ray(i)));
         columns.payloads.extend(0..rays as u32);
-        columns.shadow_rays.extend((0..shadow_rays).map(ray));
+        (0..shadow_rays).for_each(|i| columns.shadow_rays.push(ray(i)));
         columns.shadow_payloads.extend(0..shadow_rays as u64);
     });
     stream
 }
 
-fn check(mut stream: RayStream<Traced, u32, u64>, rays: usize, shadow_rays: usize) {
+fn check(
+    mut stream: RayStream<Traced, u32, u64>,
+    rays: usize,
+    shadow_rays: usize,
+) -> RayStream<Empty, u32, u64> {
     let shadows = stream.take_shadows();
     assert_eq!(shadows.rays.len(), shadow_rays);
     assert!(shadows.payloads.iter().copied().eq(0..shadow_rays as u64));
@@ -98,6 +112,7 @@ fn check(mut stream: RayStream<Traced, u32, u64>, rays: usize, shadow_rays: usiz
     assert_eq!(next as usize, rays);
     let empty = stream.recycle();
     assert_eq!((empty.rays(), empty.shadow_rays()), (0, 0));
+    empty
 }
 
 #[test]
@@ -151,12 +166,134 @@ fn what_a_dying_device_leaves_is_traced_again() {
     }
 }
 
+/// A device that lends memory, until it is lost; then that may not be written to any more.
+struct Lender {
+    lost: Arc<AtomicBool>,
+    lent: AtomicUsize,
+    dies: bool,
+}
+
+#[derive(Debug)]
+struct Lent<T> {
+    slots: Vec<T>,
+    /// With the device for ever.
+    out: bool,
+    lost: Arc<AtomicBool>,
+}
+
+impl<T: Debug + Send + Sync + 'static> Berth<T> for Lent<T> {
+    fn slots(&self) -> &[T] {
+        assert!(!self.out || size_of::<T>() == size_of::<Ray>(), "answers are the device's");
+        &self.slots
+    }
+
+    fn slots_mut(&mut self) -> &mut [T] {
+        assert!(!self.out, "the device has it");
+        &mut self.slots
+    }
+
+    fn is_sound(&self) -> bool {
+        !self.lost.load(Relaxed)
+    }
+}
+
+impl Lender {
+    fn new(dies: bool) -> Self {
+        Self { lost: Arc::default(), lent: AtomicUsize::new(0), dies }
+    }
+
+    fn berth<T: Clone + Debug + Send + Sync + 'static>(&self, value: T, len: usize) -> Box<Lent<T>> {
+        Box::new(Lent { slots: vec![value; len], out: false, lost: self.lost.clone() })
+    }
+}
+
+fn own<T: 'static>(berth: &mut dyn Berth<T>) -> &mut Lent<T> {
+    let berth: &mut dyn std::any::Any = berth;
+    berth.downcast_mut().expect("the lender's own")
+}
+
+impl DeviceTracer for Lender {
+    fn name(&self) -> &str {
+        "lender"
+    }
+
+    fn max_rays(&self) -> usize {
+        100
+    }
+
+    fn berths(&self, capacity: Capacity, now: Option<&dyn Berth<Ray>>) -> Option<Berths> {
+        if now.is_some() || self.lost.load(Relaxed) {
+            return None;
+        }
+        self.lent.fetch_add(1, Relaxed);
+        Some(Berths {
+            rays: self.berth(Ray::default(), capacity.rays),
+            hits: self.berth(Hit::NONE, capacity.rays),
+            shadow_rays: self.berth(Ray::default(), capacity.shadow_rays),
+            occluded: self.berth(0, capacity.shadow_rays),
+        })
+    }
+
+    fn trace_in_place(&self, stream: InPlace<'_>) -> Option<Result<DeviceReport, DeviceError>> {
+        let (rays, hits) = (own(stream.rays), own(stream.hits));
+        let (shadow_rays, occluded) = (own(stream.shadow_rays), own(stream.occluded));
+        if self.dies {
+            (rays.out, hits.out, shadow_rays.out, occluded.out) = (true, true, true, true);
+            self.lost.store(true, Relaxed);
+            return Some(Err(DeviceError::Lost("gone".to_owned())));
+        }
+        let (n, m) = (stream.ray_count, stream.shadow_ray_count);
+        ByOrigin::default().closest(&rays.slots[..n], &mut hits.slots[..n]);
+        ByOrigin::default().occluded(&shadow_rays.slots[..m], &mut occluded.slots[..m]);
+        Some(Ok(DeviceReport::default()))
+    }
+
+    fn trace(&self, _: Queries<'_>) -> Result<DeviceReport, DeviceError> {
+        unreachable!("what lies in lent memory is traced there")
+    }
+}
+
+#[test]
+fn a_stream_lies_in_memory_that_its_device_lends() {
+    let lender = Lender::new(false);
+    let mut empty = RayStream::new();
+    for (rays, shadow_rays) in [(10, 7), (0, 3), (5, 0)] {
+        let (stream, _) = fill(empty, Some(&lender), rays, shadow_rays).seal().trace_on(&lender).unwrap();
+        empty = check(stream, rays, shadow_rays);
+    }
+    // Host threads trace it there too.
+    let mut stream = fill(empty, Some(&lender), 10, 7).seal().open();
+    while stream.left() > 0 {
+        let chunk = stream.next_chunk(3);
+        stream.put_back(chunk.trace(&ByOrigin::default(), &mut Scratch::default()));
+    }
+    check(stream.close(), 10, 7);
+    assert_eq!(lender.lent.load(Relaxed), 1);
+}
+
+#[test]
+fn rays_outlive_the_device_that_lent_their_memory_which_is_then_let_go_of() {
+    let lender = Lender::new(true);
+    let untraced = fill(RayStream::new(), Some(&lender), 10, 7).seal().trace_on(&lender).unwrap_err();
+    assert_eq!(untraced.reason, "the GPU was lost: gone");
+    let mut stream = untraced.stream.open();
+    let chunk = stream.next_chunk(5);
+    let other = stream.next_chunk(100);
+    for chunk in [chunk, other] {
+        stream.put_back(chunk.trace(&ByOrigin::default(), &mut Scratch::default()));
+    }
+    let empty = check(stream.close(), 10, 7);
+    // Its places may not be written to: a panic, if they were.
+    let stream = fill(empty, Some(&lender), 4, 4).seal();
+    assert_eq!((stream.rays(), lender.lent.load(Relaxed)), (4, 1));
+}
+
 #[test]
 fn storage_is_kept() {
     let mut stream = filled(10, 7).seal().discard().fill();
-    let first = stream.append(CAPACITY, |columns| columns.rays.as_ptr());
+    let first = stream.append(CAPACITY, None, |columns| columns.rays.slots.as_ptr());
     let mut again = stream.unfill().fill();
-    assert_eq!(again.append(CAPACITY, |columns| columns.rays.as_ptr()), first);
+    assert_eq!(again.append(CAPACITY, None, |columns| columns.rays.slots.as_ptr()), first);
 }
 
 #[test]
@@ -174,7 +311,7 @@ fn no_call_is_made_for_nothing() {
 }
 
 #[test]
-#[should_panic(expected = "a stream that takes 10 rays and 7 shadow rays was given 11 and 0")]
+#[should_panic(expected = "a stream that takes 10 rays was given more")]
 fn a_stream_does_not_take_too_many() {
     drop(filled(11, 0));
 }
@@ -183,7 +320,7 @@ fn a_stream_does_not_take_too_many() {
 #[should_panic(expected = "every ray has a payload")]
 fn a_ray_has_a_payload() {
     let mut stream = RayStream::<_, u32, u32>::new().fill();
-    stream.append(CAPACITY, |columns| columns.rays.push(Ray::default()));
+    stream.append(CAPACITY, None, |mut columns| columns.rays.push(Ray::default()));
 }
 
 fn traced(rays: usize, shadow_rays: usize) -> RayStream<Traced, u32, u64> {

@@ -1,6 +1,6 @@
 //! The traits of the units that trace: the host's cannot fail, a device can be lost.
 
-use super::{Hit, Ray};
+use super::{Berth, Berths, Capacity, Hit, Ray};
 
 /// Traces rays on the calling host thread. The answer for a ray is the canonical one
 /// ([`crate::geom::CanonicalRay`]) and depends on nothing but the ray and the scene.
@@ -31,6 +31,23 @@ pub struct Queries<'a> {
     pub occluded: &'a mut [u32],
 }
 
+/// The same, of a stream whose memory a device has lent: the first `ray_count` and `shadow_ray_count` places count.
+#[derive(Debug)]
+pub struct InPlace<'a> {
+    /// Rays whose nearest hit is wanted.
+    pub rays: &'a mut dyn Berth<Ray>,
+    /// How many.
+    pub ray_count: usize,
+    /// Takes their hits.
+    pub hits: &'a mut dyn Berth<Hit>,
+    /// Rays of which only occlusion is wanted.
+    pub shadow_rays: &'a mut dyn Berth<Ray>,
+    /// How many.
+    pub shadow_ray_count: usize,
+    /// Takes 1 for occluded, else 0.
+    pub occluded: &'a mut dyn Berth<u32>,
+}
+
 /// What one dispatch cost.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct DeviceReport {
@@ -59,6 +76,17 @@ impl std::ops::AddAssign for DeviceReport {
     }
 }
 
+/// What sizes a device likes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Sizing {
+    /// Rays of a stream from which what a dispatch costs whatever its size hardly matters.
+    pub threshold: usize,
+    /// Fewer rays come back sooner from a host thread.
+    pub least: usize,
+    /// Streams in flight that keep it busy.
+    pub in_flight: usize,
+}
+
 /// Why a device did not answer. The queries are then unanswered (their outputs unspecified) and the
 /// caller traces them on the host.
 #[derive(Debug, thiserror::Error)]
@@ -76,6 +104,25 @@ pub trait DeviceTracer: Send + Sync {
 
     /// The most rays, and the most shadow rays, that one call takes.
     fn max_rays(&self) -> usize;
+
+    /// What sizes it likes, if that is known.
+    fn sizing(&self) -> Option<Sizing> {
+        None
+    }
+
+    /// Memory for streams of a capacity, where the device finds rays without a copy or fetches them itself. None if it
+    /// has none to lend, or if rays lie in such already: `now` is where they do.
+    fn berths(&self, _capacity: Capacity, _now: Option<&dyn Berth<Ray>>) -> Option<Berths> {
+        None
+    }
+
+    /// Answers queries where they lie; none if that is no memory of this device's, and nothing was done.
+    ///
+    /// # Errors
+    /// As [`DeviceTracer::trace`].
+    fn trace_in_place(&self, _stream: InPlace<'_>) -> Option<Result<DeviceReport, DeviceError>> {
+        None
+    }
 
     /// Answers the queries, canonically: the same bytes as [`Tracer`].
     ///

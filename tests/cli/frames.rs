@@ -1,11 +1,13 @@
-use super::{folder, json, run, shipped};
+use super::{folder, json, raystream, run, shipped};
+use serde_json::json;
 use std::path::Path;
 
 /// Renders frames and returns their numbers and hashes.
 fn frames(folder: &Path, more: &[&str]) -> Vec<(u64, String)> {
     let scene = shipped("glass.json");
-    let args = ["render", &scene, "--size", "40x24", "--spp", "2", "--tracer", "cpu", "--stats", "s.json"];
-    run(folder, &[&args[..], more].concat(), 0);
+    let args = ["render", &scene, "--size", "40x24", "--tracer", "cpu", "--stats", "s.json"];
+    let spp: &[&str] = if more.contains(&"--spp") { &[] } else { &["--spp", "2"] };
+    run(folder, &[&args[..], spp, more].concat(), 0);
     let stats = json(&folder.join("s.json"));
     let busy = stats["busy_share"].as_f64().expect("share");
     assert!(busy > 0.0 && busy <= 1.0, "{busy}");
@@ -50,4 +52,124 @@ fn a_camera_follows_its_path() {
     run(folder, &[&still[..], &["--fov", "32.5", "--stats", "still.json"]].concat(), 0);
     assert_eq!(json(&folder.join("still.json"))["image"]["hash"], moved[0].1.as_str());
     assert!(folder.join("1.png").exists());
+}
+
+#[test]
+fn frames_end_at_their_noise_as_pictures_do() {
+    let folder = folder();
+    let folder = folder.path();
+    let scene = shipped("glass.json");
+    let path = r#"{ "interpolation": "linear", "keys": [
+        { "frame": 0, "eye": [0, 3, 7], "target": [0, 1, 0], "fov_degrees": 40 },
+        { "frame": 2, "eye": [4, 3, 7], "target": [0, 1, 0], "fov_degrees": 40 } ] }"#;
+    std::fs::write(folder.join("path.json"), path).expect("path");
+    let noisy = ["--noise", "0.2", "--spp", "256"];
+    let moving = ["--camera-path", "path.json", "--frames", "0..3", "-o", "a.%d.npy"];
+    let frames = |more: &[&str]| frames(folder, &[&noisy[..], &moving, more].concat());
+    let one = frames(&["--frames-in-flight", "1"]);
+    let animated = json(&folder.join("s.json"));
+    assert_eq!(frames(&["--threads", "4"]), one);
+    let spp = |stats: &serde_json::Value| stats["mean_spp"].as_f64().expect("number");
+    for frame in animated["frames"].as_array().expect("frames") {
+        assert!(frame["noise"]["mean"].as_f64() < Some(0.25) && spp(frame) < 256.0, "{frame}");
+    }
+    let still = ["render", &scene, "--size", "40x24", "--eye", "2,3,7", "--target", "0,1,0", "--fov", "40"];
+    run(folder, &[&still[..], &noisy, &["--stats", "still.json"]].concat(), 0);
+    let still = json(&folder.join("still.json"));
+    assert_eq!(
+        (&still["image"]["hash"], spp(&still["image"])),
+        (&json!(one[1].1), spp(&animated["frames"][1]))
+    );
+}
+
+#[test]
+fn frames_that_are_done_are_not_done_again() {
+    let folder = folder();
+    let folder = folder.path();
+    let kept = ["--turntable", "11", "-o", "a.%d.png", "--checkpoint", "c.json"];
+    let rays = || json(&folder.join("s.json"))["rays"]["camera"].as_u64().expect("number");
+    let expected = frames(folder, &["--turntable", "11", "-o", "b.%d.png", "--frames", "0..5"]);
+    let all = rays();
+    frames(folder, &[&kept[..], &["--frames", "0..2"]].concat());
+    assert_eq!(rays(), all / 5 * 2);
+    let resumed = |kept: &[&str]| {
+        let done = frames(folder, &[kept, &["--frames", "0..5", "--resume"]].concat());
+        (done, rays())
+    };
+    assert_eq!(resumed(&kept), (expected.clone(), all / 5 * 3));
+    // A picture that is gone is made again; nothing else is.
+    std::fs::remove_file(folder.join("a.3.png")).expect("a picture");
+    assert_eq!(resumed(&kept), (expected.clone(), all / 5));
+    assert!(folder.join("a.3.png").exists());
+    // Another motion makes other frames, but for the first.
+    let other = ["--turntable", "12", "-o", "a.%d.png", "--checkpoint", "c.json"];
+    let (others, taken) = resumed(&other);
+    assert!(others[0] == expected[0] && others[1] != expected[1] && taken == all / 5 * 4);
+    // Other settings, a checkpoint of one picture, and one that is in the way are refused.
+    let refused = |more: &[&str], says: &str| {
+        let scene = shipped("glass.json");
+        let args = ["render", &scene, "--size", "40x24", "--tracer", "cpu", "--frames", "0..5"];
+        let output = raystream(folder, &[&args[..], &kept, more].concat());
+        let text = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(output.status.code() == Some(2) && text.contains(says), "{more:?}: {text}");
+    };
+    refused(&["--spp", "3", "--resume"], "--spp was 2, now it is 3");
+    refused(&["--spp", "2"], "there is a checkpoint already");
+    std::fs::write(folder.join("c.json"), "raystream checkpoint").expect("file");
+    refused(&["--spp", "2", "--resume"], "no checkpoint of several frames");
+}
+
+/// A matte square seen by a camera whose parent moves by two to the right in two seconds.
+fn animated_square() -> String {
+    let floats: [&[f32]; 3] = [
+        &[-1.0, -1.0, 0.0, 1.0, -1.0, 0.0, 1.0, 1.0, 0.0, -1.0, -1.0, 0.0, 1.0, 1.0, 0.0, -1.0, 1.0, 0.0],
+        &[0.0, 2.0],
+        &[0.0, 0.0, 0.0, 2.0, 0.0, 0.0],
+    ];
+    let bytes: Vec<u8> = floats.concat().iter().flat_map(|number| number.to_le_bytes()).collect();
+    let data = bytes.iter().map(|byte| format!("%{byte:02x}")).collect::<String>();
+    json!({
+        "asset": { "version": "2.0" },
+        "buffers": [{ "byteLength": bytes.len(), "uri": format!("data:application/octet-stream,{data}") }],
+        "bufferViews": [
+            { "buffer": 0, "byteOffset": 0, "byteLength": 72 },
+            { "buffer": 0, "byteOffset": 72, "byteLength": 8 },
+            { "buffer": 0, "byteOffset": 80, "byteLength": 24 }
+        ],
+        "accessors": [
+            { "bufferView": 0, "componentType": 5126, "type": "VEC3", "count": 6 },
+            { "bufferView": 1, "componentType": 5126, "type": "SCALAR", "count": 2 },
+            { "bufferView": 2, "componentType": 5126, "type": "VEC3", "count": 2 }
+        ],
+        "meshes": [{ "primitives": [{ "attributes": { "POSITION": 0 } }] }],
+        "cameras": [{ "type": "perspective", "perspective": { "yfov": 0.8, "znear": 0.1 } }],
+        "nodes": [{ "mesh": 0 }, { "children": [2] }, { "camera": 0, "translation": [0, 0, 4] }],
+        "scenes": [{ "nodes": [0, 1] }],
+        "animations": [{ "samplers": [{ "input": 1, "output": 2 }],
+            "channels": [{ "sampler": 0, "target": { "node": 1, "path": "translation" } }] }]
+    })
+    .to_string()
+}
+
+#[test]
+fn a_camera_moves_as_its_file_says() {
+    let folder = folder();
+    let folder = folder.path();
+    std::fs::write(folder.join("a.gltf"), animated_square()).expect("scene");
+    let render = |stats: &str, more: &[&str]| {
+        let args = ["render", "a.gltf", "--size", "40x24", "--spp", "2", "--tracer", "cpu", "--stats", stats];
+        run(folder, &[&args[..], more].concat(), 0);
+        json(&folder.join(stats))
+    };
+    let moved = render("s.json", &["--frames", "0..13", "--fps", "6", "-o", "%d.png"]);
+    let hash = |frame: usize| moved["frames"][frame]["hash"].clone();
+    for (frame, x) in [(0, "0"), (3, "0.5"), (12, "2")] {
+        let (eye, target) = (format!("{x},0,4"), format!("{x},0,0"));
+        let still = render("still.json", &["--eye", &eye, "--target", &target]);
+        assert_eq!(still["image"]["hash"], hash(frame), "frame {frame}");
+    }
+    assert!(hash(0) != hash(1) && hash(1) != hash(2));
+    let output = raystream(folder, &["render", "a.gltf", "--frames", "0..2", "-o", "%d.png", "--fov", "30"]);
+    let text = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.code() == Some(2) && text.contains("the scene's own moves"), "{text}");
 }

@@ -66,12 +66,12 @@ fn a_killed_frame_goes_on_to_the_same_picture() {
         assert_eq!(resumed["image"]["mean_spp"], expected["image"]["mean_spp"]);
         let camera = |stats: &serde_json::Value| stats["rays"]["camera"].as_u64();
         assert!(camera(&resumed) < camera(&expected), "the last process has not done all over again");
-        let strangers = std::fs::read_dir(folder).expect("folder").filter(|entry| {
-            let name = entry.as_ref().expect("entry").file_name();
-            !["c.ray", "s.json", "out.png"].contains(&name.to_str().expect("UTF-8"))
-        });
-        // A process that is killed while it writes leaves its temporary file, which nobody takes for the real one.
-        assert!(strangers.count() <= kills as usize);
+        let names = std::fs::read_dir(folder).expect("folder").map(|entry| entry.expect("entry").file_name());
+        let strangers: Vec<_> =
+            names.filter(|name| !["c.ray", "s.json", "out.png"].map(Into::into).contains(name)).collect();
+        // Where files can be without a name, a process that is killed while it writes leaves none of it.
+        let most = if cfg!(target_os = "linux") { 0 } else { kills as usize };
+        assert!(strangers.len() <= most, "{strangers:?}");
         // What is done is done.
         let again = render(folder, &[&more[..], &["--checkpoint", "c.ray", "--resume"]].concat());
         assert_eq!(
@@ -145,7 +145,9 @@ fn a_frame_ends_when_it_is_asked_to() {
     let rough = render(folder, &["--noise", "0.1"]);
     let fine = render(folder, &["--noise", "0.03"]);
     for (stats, target) in [(&rough, 0.1), (&fine, 0.03)] {
-        assert!(noise(stats, "mean") < target, "{stats}");
+        // Passes and luck leave a little on either side.
+        let mean = noise(stats, "mean");
+        assert!((0.7 * target..1.1 * target).contains(&mean), "{mean} of {target}");
         assert_eq!(stats["noise"]["resting_blocks"], stats["noise"]["blocks"], "{stats}");
     }
     assert!(noise(&fine, "worst") < noise(&rough, "worst"));
@@ -164,7 +166,12 @@ fn ends_that_make_no_sense_are_refused() {
         (&["--save-every", "inf"], "seconds"),
         (&["--resume"], "--checkpoint"),
         (&["--checkpoint", "none/c.ray"], "none/c.ray"),
-        (&["--frames", "0..2", "--turntable", "3", "-o", "a.%d.png", "--noise", "0.1"], "--noise"),
+        (&["--frames", "0..2", "--turntable", "3", "-o", "a.%d.png", "--seconds", "9"], "--noise"),
+        (
+            &["--frames", "0..2", "--turntable", "3", "-o", "a.%d.png", "--save-every", "9"],
+            "as soon as it is done",
+        ),
+        (&["--frames", "0..2", "--fps", "0", "-o", "a.%d.png"], "frames a second"),
     ] {
         let scene = shipped("cornell.json");
         let output = raystream(folder.path(), &[&["render", &scene][..], more].concat());

@@ -80,9 +80,28 @@ fn units_agree_to_the_bit_for_all_integrators() {
                 "gpu" => assert_eq!(traced("cpu"), 0),
                 _ => {}
             }
+            check_device_stats(&stats);
             hashes.push(stats["image"]["hash"].clone());
         }
         assert!(hashes.iter().all(|h| h == &hashes[0]), "{integrator}: {hashes:?}");
+    }
+}
+
+/// Where host and device share memory nothing is copied, and streams' times are told.
+#[cfg(feature = "gpu")]
+fn check_device_stats(stats: &serde_json::Value) {
+    let gpu = &stats["units"]["gpu"];
+    let adapter = stats["adapter"].as_str().unwrap_or_default();
+    if adapter.contains("software") || adapter.contains("integrated") {
+        assert_eq!(gpu["bytes_copied"], 0, "{stats}");
+    }
+    for wait in ["full_to_dispatched_s", "dispatched_to_readable_s"] {
+        if gpu["rays"] == 0 {
+            assert!(gpu[wait].is_null(), "{stats}");
+            continue;
+        }
+        let [median, p95] = ["median", "p95"].map(|key| gpu[wait][key].as_f64().expect("seconds"));
+        assert!(0.0 < median && median <= p95 && p95 < 60.0, "{stats}");
     }
 }
 
@@ -107,6 +126,7 @@ fn a_frame_survives_every_fault_of_the_gpu() {
         assert_eq!(lines.count(), 1, "{fault}: {told}");
         let stats = json(&folder.path().join("s.json"));
         assert_eq!(stats["image"]["hash"], expected, "{fault}");
+        check_device_stats(&stats);
         let events = stats["events"].as_array().expect("events");
         assert!(events.len() == 1 && events[0].as_str().expect("text").contains(says), "{events:?}");
     }
@@ -151,6 +171,12 @@ fn statistics_and_timelines_are_complete() {
     assert_eq!(stats["rays"]["camera"], 64 * 64 * 2);
     assert_eq!(stats["dropped_splats"], 0);
     let events = json(&folder.path().join("t.json"))["traceEvents"].as_array().expect("events").clone();
+    let clocks = std::fs::read_to_string("/proc/cpuinfo").is_ok_and(|text| text.contains("cpu MHz"));
+    if clocks {
+        let clock =
+            events.iter().find(|e| e["name"] == "cpu clock").expect("the clock is read at least once");
+        assert!(clock["ph"] == "C" && clock["args"]["MHz"].as_f64() > Some(1.0), "{clock}");
+    }
     let traced: u64 = events
         .iter()
         .filter(|e| e["name"] == "trace" || e["name"] == "dispatch")
@@ -206,4 +232,6 @@ fn info_lists_what_there_is() {
     let output = raystream(folder().path(), &["info"]);
     let text = String::from_utf8_lossy(&output.stdout).into_owned();
     assert!(output.status.success() && text.contains("simd:") && text.contains("adapter"), "{text}");
+    let streams = text.lines().filter(|line| line.contains("streams:"));
+    assert!(!cfg!(feature = "gpu") || streams.into_iter().all(|line| line.contains(" in flight;")), "{text}");
 }

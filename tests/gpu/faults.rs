@@ -16,7 +16,8 @@ use std::sync::Arc;
 fn render(unit: Unit, fault: Option<Fault>) -> (String, Vec<String>) {
     let scene = FilePath::new(env!("CARGO_MANIFEST_DIR")).join("scenes/cornell.json");
     let scene = Arc::new(load::load(&scene).expect("scene"));
-    let choice = UnitChoice { unit: Some(unit), adapter: None, simd: SimdLevel::detect(), fault };
+    let choice =
+        UnitChoice { unit: Some(unit), adapter: None, simd: SimdLevel::detect(), cache: None, fault };
     let stage = Stage::new(scene.clone(), &Units::open(&choice).expect("units"));
     let camera = scene.camera.unwrap_or_else(|| Camera::framing(&scene.bounds(), 1.0));
     let (width, height) = (48, 48);
@@ -73,7 +74,7 @@ fn wrong_answers_to_either_kind_of_ray_end_the_device() {
         let report = answer.expect("the first dispatch is sound");
         compare("before", &oracle, pick(closest), &hits, &[]);
         compare("before", &oracle, pick(any), &[], &occluded);
-        let checked = |count: usize| count.div_ceil(256).max(16).min(count) as u64;
+        let checked = |count: usize| count.div_ceil(256).max(256).min(count) as u64;
         assert_eq!(report.checked, checked(closest) + checked(any));
         let (_, _, answer) = ask();
         let Err(DeviceError::Lost(reason)) = answer else { panic!("{closest} {any}: {answer:?}") };
@@ -88,6 +89,7 @@ fn a_fault_without_a_gpu_is_refused() {
         unit: Some(Unit::Cpu),
         adapter: None,
         simd: SimdLevel::detect(),
+        cache: None,
         fault: Some(Fault::Lost(1)),
     };
     assert!(matches!(Units::open(&choice), Err(UnitsError::NothingToInject)));

@@ -39,14 +39,19 @@ fn soak(frames: usize, seed: u32) -> Seen {
         let image = Image { width: 24, height: 24, pixels: path.film().resolve() };
         (image.hash(), report)
     };
-    let choice =
-        |unit, fault| UnitChoice { unit: Some(unit), adapter: None, simd: SimdLevel::detect(), fault };
+    let choice = |unit, fault| UnitChoice {
+        unit: Some(unit),
+        adapter: None,
+        simd: SimdLevel::detect(),
+        cache: None,
+        fault,
+    };
     let cpu = Units::open(&choice(Unit::Cpu, None)).expect("the CPU");
     let (expected, _) = render(&Stage::new(scene.clone(), &cpu));
 
     let mut seen = Seen::default();
     while seen.frames < frames {
-        let at = 1 + u64::from(random.below(6));
+        let at = 1 + u64::from(random.below(4));
         let fault = match random.below(8) {
             0 => Fault::Corrupt(at),
             1 => Fault::OutOfMemory,
@@ -79,15 +84,8 @@ fn resident_bytes() -> Option<usize> {
     Some(pages.split(' ').nth(1)?.parse::<usize>().ok()? * 4096)
 }
 
+/// Half a minute; `cargo test --release --test gpu soak -- --nocapture` tells what it saw.
 #[test]
-fn some_frames_with_failing_devices() {
-    let seen = soak(30, 1);
-    assert!(seen.losses >= 2, "{seen:?}");
-}
-
-/// Five hundred frames: `cargo test --release --test gpu soak -- --ignored --nocapture`.
-#[test]
-#[ignore = "takes minutes"]
 fn five_hundred_frames_with_failing_devices_and_flat_memory() {
     let start = Instant::now();
     let warm = soak(100, 2);
@@ -95,7 +93,7 @@ fn five_hundred_frames_with_failing_devices_and_flat_memory() {
     let seen = soak(400, 3);
     let after = resident_bytes();
     println!("{warm:?}, then {seen:?}, {:.0} s; {before:?} → {after:?} bytes", start.elapsed().as_secs_f32());
-    assert!(seen.losses >= 30 && seen.with_a_replacement >= 30, "{seen:?}");
+    assert!(seen.losses >= 20 && seen.with_a_replacement >= 20, "{seen:?}");
     if let (Some(before), Some(after)) = (before, after) {
         assert!(after < before + (64 << 20), "{before} bytes before, {after} after");
     }

@@ -318,3 +318,66 @@ fn what_moves_keeps_its_rest_pose_with_a_warning() {
     assert_eq!(corners(&scene, 0)[1], [1.0, 0.0, 0.0]);
     assert!(warns(&scene, &["Skins"]) && warns(&scene, &["Morph"]));
 }
+
+/// A triangle and a camera above whose parent is turned and moved.
+fn animated(interpolation: &str, times: &[f32], values: &[f32]) -> Document {
+    let mut document = Document::triangle();
+    document.json["cameras"] =
+        json!([{ "type": "perspective", "perspective": { "yfov": 1.0, "znear": 0.1 } }]);
+    document.node(json!({ "children": [2], "scale": [2.0, 2.0, 2.0] }));
+    document.node(json!({ "camera": 0, "translation": [0.0, 0.0, 3.0] }));
+    document.json["scenes"] = json!([{ "nodes": [0, 1] }]);
+    let (input, output) = (document.floats("SCALAR", times), document.floats("VEC3", values));
+    document.json["animations"] = json!([{
+        "samplers": [{ "input": input, "output": output, "interpolation": interpolation }],
+        "channels": [{ "sampler": 0, "target": { "node": 1, "path": "translation" } }]
+    }]);
+    document
+}
+
+#[test]
+fn a_camera_moves_with_the_nodes_above_it() {
+    let document = animated("LINEAR", &[1.0, 3.0], &[0.0, 0.0, 0.0, 4.0, 0.0, 0.0]);
+    let scene = document.scene();
+    assert!(scene.warnings.is_empty(), "{:?}", scene.warnings);
+    let motion = scene.camera_motion.expect("it moves");
+    for (seconds, x) in [(0.0, 0.0), (1.5, 1.0), (3.0, 4.0), (9.0, 4.0)] {
+        let camera = motion.at(seconds);
+        assert_near(camera.eye, Vec3::new(x, 0.0, 6.0));
+        assert_near((camera.target - camera.eye).normalize(), Vec3::NEG_Z);
+    }
+    assert_eq!(Some(motion.at(0.0)), scene.camera, "at rest it is where it is without an animation");
+    let turned = {
+        let mut document = document.clone();
+        let turns = document.floats("VEC4", &[0.0, 0.0, 0.0, 1.0, 0.0, HALF as f32, 0.0, HALF as f32]);
+        document.json["animations"][0]["samplers"][0]["output"] = json!(turns);
+        document.json["animations"][0]["channels"][0]["target"]["path"] = json!("rotation");
+        document.scene().camera_motion.expect("it moves").at(3.0)
+    };
+    assert_near(turned.eye, Vec3::new(6.0, 0.0, 0.0));
+}
+
+#[test]
+fn what_does_not_move_the_camera_stands_still() {
+    let mut document = animated("STEP", &[0.0, 1.0], &[0.0; 6]);
+    document.json["animations"][0]["channels"][0]["target"]["node"] = json!(0);
+    let scene = document.scene();
+    assert!(scene.camera_motion.is_none() && warns(&scene, &["the rest stands still"]));
+}
+
+#[test]
+fn keys_that_are_missing_or_out_of_order_are_named() {
+    for (interpolation, times, values) in [
+        ("LINEAR", &[0.0, 0.0][..], 6),
+        ("LINEAR", &[1.0, 0.0], 6),
+        ("LINEAR", &[0.0, 1.0], 3),
+        ("CUBICSPLINE", &[0.0, 1.0], 6),
+    ] {
+        let message = animated(interpolation, times, &vec![0.0; values]).message();
+        assert!(
+            message.contains("animations[0].channels[0]") && message.contains("times must increase"),
+            "{message}"
+        );
+    }
+    assert!(animated("CUBICSPLINE", &[0.0, 1.0], &[0.0; 18]).scene().camera_motion.is_some());
+}

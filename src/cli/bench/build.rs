@@ -11,9 +11,9 @@ use std::path::Path;
 pub fn run(args: &BenchBuildArgs) -> Result<()> {
     let (positions, triangles) = mesh(&args.scene)?;
     let options = build::Options {
-        rounds: args.rounds as usize,
-        threads: args.threads.iter().map(|&n| n as usize).collect(),
-        embree: args.embree.clone(),
+        rounds: args.peers.rounds as usize,
+        threads: args.peers.threads.iter().map(|&n| n as usize).collect(),
+        embree: args.peers.embree.clone(),
     };
     let rows = build::run(&positions, &triangles, &options)?;
     println!("{} triangles", triangles.len());
@@ -36,7 +36,7 @@ pub fn run(args: &BenchBuildArgs) -> Result<()> {
             row.ratio.map_or_else(String::new, |ratio| format!("{ratio:.2}")),
         );
     }
-    match &args.json {
+    match &args.peers.json {
         Some(path) => write(path, Some(&args.scene), &rows, &[]),
         None => Ok(()),
     }

@@ -11,13 +11,13 @@ use anyhow::Result;
 
 /// Measures RA's ladder, or policies.
 pub fn run(args: &BenchFrameArgs) -> Result<Outcome> {
-    let setup = Setup::new(&args.scene, &args.units, 1, |scene| args.light.hang(scene))?;
+    let setup = Setup::new(&args.scene, &args.shot.units, 1, |scene| args.shot.light.hang(scene))?;
     let (width, height) = args.size;
     let scene = &setup.stage.scene;
     let framed = || Camera::framing(&scene.bounds(), width as f32 / height as f32);
     let options = Options {
         settings: Settings { width, height, spp: args.spp, max_bounces: args.max_bounces, seed: args.seed },
-        camera: args.camera.apply(scene.camera, framed),
+        camera: args.shot.camera.apply(scene.camera, framed),
         repeats: args.repeats as usize,
         policy: setup.policy,
     };
@@ -27,7 +27,7 @@ pub fn run(args: &BenchFrameArgs) -> Result<Outcome> {
     if setup.stage.tracers.device.is_none() && !args.policies {
         eprintln!("RA HYBRID is left out: no hardware GPU is in use (name an adapter with --adapter)");
     }
-    if let Some(path) = &args.json {
+    if let Some(path) = &args.shot.json {
         write(path, Some(&args.scene), &report.rows, &[])?;
     }
     let whole = report.differing.is_empty() && report.rows.iter().all(|row| row.events.is_empty());
@@ -46,18 +46,19 @@ fn print(args: &BenchFrameArgs, report: &Report) {
         report.rays.shadow
     );
     println!(
-        "{:<17} {:>7} {:>9} {:>9} {:>9} {:>9} {:>6}  unit",
-        "configuration", "threads", "Mray/s", "best", "worst", "ms", "ratio"
+        "{:<17} {:>7} {:>9} {:>9} {:>9} {:>9} {:>9} {:>6}  unit",
+        "configuration", "threads", "Mray/s", "best", "worst", "ms", "shade ns", "ratio"
     );
     for row in &report.rows {
         println!(
-            "{:<17} {:>7} {:>9.3} {:>9.3} {:>9.3} {:>9.1} {:>6.3}  {}",
+            "{:<17} {:>7} {:>9.3} {:>9.3} {:>9.3} {:>9.1} {:>9} {:>6.3}  {}",
             row.configuration,
             row.threads,
             row.mray_per_s.median,
             row.mray_per_s.best,
             row.mray_per_s.worst,
             row.seconds.median * 1e3,
+            row.shade_ns_per_ray.as_ref().map_or(String::new(), |ns| format!("{:.2}", ns.median)),
             row.ratio.values().next().copied().unwrap_or(1.0),
             row.unit
         );

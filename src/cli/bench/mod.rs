@@ -1,10 +1,12 @@
 //! `raystream bench`.
 
+mod adaptive;
 mod build;
 mod frame;
 mod rays;
 mod schedule;
 mod tables;
+mod tail;
 
 use super::Outcome;
 use super::args::BenchCommand;
@@ -20,6 +22,8 @@ pub fn run(command: &BenchCommand) -> Result<Outcome> {
         BenchCommand::Rays(args) => rays::run(args).map(|()| Outcome::Done),
         BenchCommand::Build(args) => build::run(args).map(|()| Outcome::Done),
         BenchCommand::Frame(args) => frame::run(args),
+        BenchCommand::Tail(args) => tail::run(args).map(|()| Outcome::Done),
+        BenchCommand::Adaptive(args) => adaptive::run(args).map(|()| Outcome::Done),
         BenchCommand::Schedule(args) => schedule::run(args).map(|()| Outcome::Done),
         BenchCommand::Tables(args) => tables::run(args).map(|()| Outcome::Done),
     }

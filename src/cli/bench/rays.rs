@@ -20,6 +20,8 @@ pub fn run(args: &BenchRaysArgs) -> Result<()> {
             adapter: adapter.clone(),
             simd: SimdLevel::detect(),
             #[cfg(feature = "gpu")]
+            cache: None,
+            #[cfg(feature = "gpu")]
             fault: None,
         })?,
     };
@@ -33,16 +35,21 @@ pub fn run(args: &BenchRaysArgs) -> Result<()> {
     let camera = args.camera.apply(stage.scene.camera, framed);
     let workload = Workload::new(&stage.bvh, &*stage.tracers.host, &camera, width, height)?;
     let options = Options {
-        rounds: args.rounds as usize,
-        threads: args.threads.iter().map(|&n| n as usize).collect(),
-        embree: args.embree.clone(),
+        rounds: args.peers.rounds as usize,
+        threads: args.peers.threads.iter().map(|&n| n as usize).collect(),
+        levels: if args.kernels { vec![SimdLevel::detect()] } else { SimdLevel::available() },
+        embree: args.peers.embree.clone(),
+        slow_units: !args.kernels,
         ..Options::default()
     };
     let mesh = &stage.scene.mesh;
-    let device = stage.tracers.device.as_deref();
-    let report = measure(&stage.bvh, &mesh.positions, &mesh.triangles, &workload, device, &options)?;
+    let devices = match (args.kernels, &stage.tracers.device) {
+        (true, _) => stage.variants(&units).map_err(anyhow::Error::msg)?,
+        (false, device) => device.iter().cloned().collect(),
+    };
+    let report = measure(&stage.bvh, &mesh.positions, &mesh.triangles, &workload, &devices, &options)?;
     print(&report, &workload);
-    match &args.json {
+    match &args.peers.json {
         Some(path) => write(path, Some(&args.scene), &report.rows, &report.agreement),
         None => Ok(()),
     }

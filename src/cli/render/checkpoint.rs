@@ -3,7 +3,7 @@
 use crate::cli::args::{ProgressArgs, RenderArgs};
 use crate::cli::setup::Setup;
 use crate::film::write_whole;
-use crate::render::{Identity, Integrator, PassOptions, Progressive};
+use crate::render::{Identity, Integrator, PassOptions, Progressive, Settings};
 use crate::scene::Camera;
 use anyhow::{Context, Result, bail};
 use std::io::{ErrorKind, Write};
@@ -18,6 +18,23 @@ pub fn check(args: &ProgressArgs) -> Result<()> {
         ),
         _ => Ok(()),
     }
+}
+
+/// What pictures are a function of, but for the camera.
+pub fn identity(args: &RenderArgs, setup: &Setup, settings: &Settings) -> Identity {
+    let noise = args.progress.noise.map_or_else(|| "without a target".into(), |noise| noise.to_string());
+    let identity = [
+        ("the version of raystream", env!("CARGO_PKG_VERSION").to_owned()),
+        ("the scene", format!("of hash {}", setup.stage.scene.content_hash())),
+        ("--integrator", args.integrator.clone()),
+        ("--size", format!("{}x{}", settings.width, settings.height)),
+        ("--spp", settings.spp.to_string()),
+        ("--max-bounces", settings.max_bounces.to_string()),
+        ("--seed", settings.seed.to_string()),
+        ("--no-russian-roulette", args.no_russian_roulette.to_string()),
+        ("--noise", noise),
+    ];
+    identity.map(|(what, value)| (what.to_owned(), value)).into()
 }
 
 /// A file from which a frame can be gone on with, and what it must agree with.
@@ -36,21 +53,8 @@ impl Checkpoint {
         integrator: &impl Integrator,
     ) -> Option<Self> {
         let path = args.progress.checkpoint.clone()?;
-        let settings = integrator.frame().settings();
-        let noise = args.progress.noise.map_or_else(|| "without a target".into(), |noise| noise.to_string());
-        let identity = [
-            ("the version of raystream", env!("CARGO_PKG_VERSION").to_owned()),
-            ("the scene", format!("of hash {}", setup.stage.scene.content_hash())),
-            ("the camera", format!("{camera:?}")),
-            ("--integrator", args.integrator.clone()),
-            ("--size", format!("{}x{}", settings.width, settings.height)),
-            ("--spp", settings.spp.to_string()),
-            ("--max-bounces", settings.max_bounces.to_string()),
-            ("--seed", settings.seed.to_string()),
-            ("--no-russian-roulette", args.no_russian_roulette.to_string()),
-            ("--noise", noise),
-        ];
-        let identity = identity.map(|(what, value)| (what.to_owned(), value)).into();
+        let mut identity = identity(args, setup, integrator.frame().settings());
+        identity.insert("the camera".to_owned(), format!("{camera:?}"));
         Some(Self { path, identity, resume: args.progress.resume })
     }
 
@@ -82,7 +86,7 @@ impl Checkpoint {
             frame.save(&self.identity, &mut *file)?;
             // A name must not survive a power cut without what it names.
             file.flush()?;
-            file.get_ref().as_file().sync_all()
+            file.get_ref().sync_all()
         })?;
         Ok(())
     }

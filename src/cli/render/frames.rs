@@ -1,99 +1,28 @@
 //! Several pictures: a camera that moves from frame to frame.
 
+use super::course::Course;
+use super::logbook::Logbook;
 use super::submit;
 use super::tally::Tally;
+use crate::bench::meters::{Meters, Recorder};
 use crate::cli::args::RenderArgs;
 use crate::cli::progress::{BEAT, Bar};
 use crate::cli::setup::Setup;
-use crate::cli::stats::{self, FrameStats, FramesStats, SCHEMA, SceneStats};
-use crate::cli::{Outcome, interrupt, timeline};
+use crate::cli::stats::{self, FrameStats, FramesStats, NoiseStats, SCHEMA, SceneStats};
+use crate::cli::{Outcome, interrupt};
 use crate::film::{Image, write_image};
-use crate::render::{Integrator, Sequence};
-use crate::scene::{Camera, CameraPath};
-use anyhow::{Context, Result, bail};
-use glam::Vec3;
-use std::ops::Range;
-use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use crate::render::{Integrator, PassOptions, Progressive};
+use anyhow::{Context, Result};
+use std::collections::VecDeque;
+use std::time::Duration;
 
-/// Which frames there are, what they show and what they are called.
-pub struct Course {
-    frames: Range<u32>,
-    motion: Motion,
-    names: Names,
-}
-
-enum Motion {
-    /// So many degrees a frame around the middle of the scene.
-    Turntable(f32),
-    Path(CameraPath),
-}
-
-/// File names with a number in them.
-struct Names {
-    before: String,
-    digits: usize,
-    after: String,
-}
-
-impl Course {
-    /// What the flags ask for, if they ask for several frames.
-    pub fn new(args: &RenderArgs) -> Result<Option<Self>> {
-        let Some(frames) = args.animation.frames.clone() else { return Ok(None) };
-        let names = Names::new(&args.output)?;
-        let motion = match (args.animation.turntable, &args.animation.camera_path) {
-            (Some(degrees), _) if !degrees.is_finite() => bail!("--turntable {degrees}: give a finite angle"),
-            (Some(degrees), _) => Motion::Turntable(degrees),
-            (None, Some(path)) => {
-                let text = std::fs::read_to_string(path)
-                    .with_context(|| format!("{}: cannot be read", path.display()))?;
-                let path = CameraPath::parse(&text).with_context(|| path.display().to_string())?;
-                Motion::Path(path)
-            }
-            (None, None) => {
-                bail!("--frames: nothing would move; say how with --turntable DEG or --camera-path FILE")
-            }
-        };
-        Ok(Some(Self { frames, motion, names }))
-    }
-
-    /// The camera of a frame, where `own` is that of a still picture and `centre` the middle of the scene.
-    fn camera(&self, frame: u32, own: &Camera, centre: Vec3) -> Camera {
-        match &self.motion {
-            Motion::Turntable(degrees) => {
-                let degrees = (f64::from(*degrees) * f64::from(frame)) % 360.0;
-                own.turned(centre, degrees as f32)
-            }
-            Motion::Path(path) => path.at(f64::from(frame)),
-        }
-    }
-}
-
-impl Names {
-    /// Of a name that holds `%d` or, for a width of three digits, `%03d`, once.
-    fn new(pattern: &Path) -> Result<Self> {
-        let wrong = || {
-            let path = pattern.display();
-            format!("{path}: the name of several frames needs one place for their number, as in out.%04d.png")
-        };
-        let text = pattern.to_str().with_context(wrong)?;
-        let (before, rest) = text.split_once('%').with_context(wrong)?;
-        let (digits, after) = rest.split_once('d').with_context(wrong)?;
-        let digits = if digits.is_empty() {
-            0
-        } else {
-            digits.parse().ok().filter(|&n| n <= 32).with_context(wrong)?
-        };
-        if after.contains('%') {
-            bail!(wrong());
-        }
-        Ok(Self { before: before.into(), digits, after: after.into() })
-    }
-
-    fn of(&self, frame: u32) -> PathBuf {
-        let Self { before, digits, after } = self;
-        format!("{before}{frame:0digits$}{after}").into()
-    }
+/// A frame under way, in passes if noise decides where it ends.
+struct Shot<I: Integrator> {
+    frame: u32,
+    picture: Progressive<I>,
+    /// Seconds of the service's life from its first camera ray to its last splat.
+    begin_s: f64,
+    end_s: f64,
 }
 
 /// Renders all frames; each is written as soon as it and those before it are done.
@@ -101,47 +30,75 @@ pub fn run<I: Integrator>(
     args: &RenderArgs,
     setup: &Setup,
     course: &Course,
-    own: &Camera,
     integrator: &I,
 ) -> Result<Outcome> {
     let in_flight = args.animation.frames_in_flight as usize;
-    let centre = setup.stage.scene.bounds().centre();
-    let mut sequence = Sequence::new(in_flight);
+    let settings = integrator.frame().settings();
+    let mut logbook = Logbook::open(args, setup, settings)?;
+    let options = PassOptions { noise: args.progress.noise, pass_time: None };
+    let mut shots: VecDeque<Shot<I>> = VecDeque::new();
     let mut todo = course.frames.clone();
     let (mut tally, mut done, mut dropped_splats) = (Tally::default(), Vec::new(), 0);
     tally.events.extend(setup.stage.degraded.clone());
+    let meters = Meters::start();
+    let recorder = args.timeline.as_ref().and_then(|_| Recorder::start());
     interrupt::listen();
     let mut bar = Bar::new(integrator.frame().tiles() * u64::from(todo.end - todo.start));
     loop {
-        while sequence.has_room()
+        while shots.len() < in_flight
             && let Some(frame) = todo.next()
         {
-            let shot = integrator.seen_by(&course.camera(frame, own, centre));
-            let shot = Arc::new(shot.with_context(|| format!("frame {frame}"))?);
-            sequence.push(submit(setup, args, &shot)?, (frame, shot));
+            if let Some(hash) = logbook.as_ref().and_then(|logbook| logbook.hash(course, frame)) {
+                done.push(FrameStats {
+                    frame,
+                    hash: hash.to_owned(),
+                    seconds: None,
+                    mean_spp: None,
+                    noise: None,
+                });
+                continue;
+            }
+            let shot = integrator.seen_by(&course.camera(frame)).with_context(|| format!("frame {frame}"))?;
+            let picture = Progressive::new(shot, options);
+            shots.push_back(Shot { frame, picture, begin_s: f64::INFINITY, end_s: 0.0 });
         }
-        while !sequence.wait_for(BEAT) && !interrupt::asked() {
-            bar.show(sequence.progress());
+        for shot in &mut shots {
+            shot.advance(args, setup, &mut tally, &mut bar)?;
         }
-        if interrupt::asked() {
-            // Frames under way would be noisier than the others; they are dropped with the sequence.
-            tally.events.push(format!("stopped after {} of {} frames", done.len(), course.frames.len()));
-            break;
+        let Some(oldest) = shots.front() else { break };
+        if !oldest.picture.is_complete() {
+            if !oldest.picture.wait_for(BEAT) {
+                bar.show(shots.iter().flat_map(|shot| shot.picture.progress()));
+            }
+            if interrupt::asked() {
+                // Frames under way would be noisier than the others; they are dropped.
+                tally.events.push(format!("stopped after {} of {} frames", done.len(), course.frames.len()));
+                break;
+            }
+            continue;
         }
-        let Some(((frame, shot), report)) = sequence.pop() else { break };
-        let report = report.with_context(|| format!("frame {frame} failed"))?;
-        bar.finish_job(report.tiles, report.rays.total());
-        tally.add(&report);
-        let film = shot.frame().film();
+        let shot = shots.pop_front().expect("there is an oldest one");
+        let film = shot.picture.picture();
         dropped_splats += film.dropped_splats();
         let image = Image { width: film.width(), height: film.height(), pixels: film.resolve() };
-        let path = course.names.of(frame);
-        write_image(&path, &image, args.exposure)?;
-        done.push(FrameStats { frame, hash: image.hash(), seconds: report.wall_s });
+        write_image(&course.file(shot.frame), &image, args.exposure)?;
+        let hash = image.hash();
+        if let Some(logbook) = &mut logbook {
+            logbook.note(course, shot.frame, &hash)?;
+        }
+        done.push(FrameStats {
+            frame: shot.frame,
+            hash,
+            seconds: Some((shot.end_s - shot.begin_s).max(0.0)),
+            mean_spp: Some(film.mean_samples()),
+            noise: shot.picture.noise().map(NoiseStats::of),
+        });
     }
-    drop((bar, sequence));
-    let settings = integrator.frame().settings();
-    let micros = tally.wall_s() * 1e6;
+    drop((bar, shots));
+    tally.joules = meters.joules();
+    let recorded = recorder.map_or_else(Vec::new, Recorder::finish);
+    done.sort_by_key(|frame| frame.frame);
+    let micros = (tally.wall_s() * 1e6).max(f64::MIN_POSITIVE);
     let scene = &setup.stage.scene;
     let stats = FramesStats {
         schema: SCHEMA,
@@ -164,21 +121,44 @@ pub fn run<I: Integrator>(
         peak_rays_in_flight: tally.peak_rays_in_flight as u64,
         adapter: setup.stage.adapter.clone(),
         simd: setup.simd.name().into(),
+        joules: std::mem::take(&mut tally.joules),
         events: std::mem::take(&mut tally.events),
     };
     if let Some(path) = &args.stats {
         stats::write(path, &stats)?;
     }
     if let Some(path) = &args.timeline {
-        timeline::write(path, &tally.threads, &tally.timeline, false)?;
+        tally.timeline(setup, recorded).write(path)?;
     }
     tell(course, &stats);
     Ok(if stats.events.is_empty() { Outcome::Done } else { Outcome::Degraded })
 }
 
+impl<I: Integrator> Shot<I> {
+    /// Takes in the passes that have ended and begins the next.
+    fn advance(&mut self, args: &RenderArgs, setup: &Setup, tally: &mut Tally, bar: &mut Bar) -> Result<()> {
+        loop {
+            self.picture.begin(|pass| submit(setup, args, pass))?;
+            if self.picture.is_complete() || !self.picture.wait_for(Duration::ZERO) {
+                return Ok(());
+            }
+            let report = self.picture.finish_pass();
+            let Some(report) = report.with_context(|| format!("frame {} failed", self.frame))? else {
+                return Ok(());
+            };
+            let begin_s = report.begin_ns as f64 * 1e-9;
+            self.begin_s = self.begin_s.min(begin_s);
+            self.end_s = self.end_s.max(begin_s + report.wall_s);
+            bar.finish_job(report.tiles, report.rays.total());
+            tally.add(&report);
+        }
+    }
+}
+
 fn tell(course: &Course, stats: &FramesStats) {
     for frame in &stats.frames {
-        println!("{}: {:.2} s, hash {}", course.names.of(frame.frame).display(), frame.seconds, frame.hash);
+        let took = frame.seconds.map_or_else(|| "done before".into(), |seconds| format!("{seconds:.2} s"));
+        println!("{}: {took}, hash {}", course.file(frame.frame).display(), frame.hash);
     }
     println!(
         "{} frames of {}x{}, {} spp, {:.1} s on the CPU ({}){}: {:.2} Mray/s, {:.2} Mpath/s, host threads busy {:.1} %",
@@ -198,20 +178,5 @@ fn tell(course: &Course, stats: &FramesStats) {
     }
     if stats.dropped_splats > 0 {
         println!("{} splats were not finite and were dropped", stats.dropped_splats);
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn names_are_numbered() {
-        let name = |pattern: &str| Names::new(Path::new(pattern)).map(|names| names.of(7));
-        assert_eq!(name("a/out.%04d.png").unwrap(), PathBuf::from("a/out.0007.png"));
-        assert_eq!(name("%d.exr").unwrap(), PathBuf::from("7.exr"));
-        for bad in ["out.png", "out.%04x.png", "%d.%d.png", "%99d.png", "%-3d.png"] {
-            assert!(name(bad).is_err(), "{bad}");
-        }
     }
 }

@@ -1,7 +1,9 @@
 //! `raystream render`.
 
 mod checkpoint;
+mod course;
 mod frames;
+mod logbook;
 mod still;
 mod tally;
 
@@ -12,10 +14,10 @@ use super::timeline;
 use crate::cli::registry::{Brief, Registry};
 use crate::film::Format;
 use crate::render::{Integrator, PASSES_IN_FLIGHT, ROULETTE_BOUNCES, Settings};
-use crate::scene::Camera;
+use crate::scene::{Camera, Scene};
 use crate::schedule::{JobHandle, JobOptions, LimitsError};
 use anyhow::{Context, Result, bail};
-use frames::Course;
+use course::Course;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -30,13 +32,17 @@ pub fn run(args: &RenderArgs, registry: &Registry) -> Result<Outcome> {
     if let Some(path) = &args.timeline {
         timeline::Format::of(path)?;
     }
-    let course = Course::new(args)?;
-    let max_jobs = course.as_ref().map_or(PASSES_IN_FLIGHT, |_| args.animation.frames_in_flight as usize);
-    let setup = Setup::new(&args.scene, &args.units, max_jobs, |scene| args.light.hang(scene))?;
-    let scene = setup.stage.scene.clone();
+    let pictures = if Course::check(args)? { args.animation.frames_in_flight as usize } else { 1 };
     let (width, height) = args.size;
     let aspect = width as f32 / height as f32;
-    let camera = args.camera.apply(scene.camera, || Camera::framing(&scene.bounds(), aspect));
+    let mut course = None;
+    let still = |scene: &Scene| args.camera.apply(scene.camera, || Camera::framing(&scene.bounds(), aspect));
+    let setup = Setup::new(&args.scene, &args.units, pictures * PASSES_IN_FLIGHT, |scene| {
+        course = Course::new(args, scene, still(scene))?;
+        args.light.hang(scene)
+    })?;
+    let scene = setup.stage.scene.clone();
+    let camera = still(&scene);
     let spp = args.progress.samples();
     let settings = Settings { width, height, spp, max_bounces: args.max_bounces, seed: args.seed };
     let roulette_bounces = (!args.no_russian_roulette).then_some(ROULETTE_BOUNCES);
@@ -57,7 +63,7 @@ impl Order<'_> {
     pub fn carry_out(self, integrator: impl Integrator) -> Result<Outcome> {
         let Self { args, setup, course, camera } = self;
         match course {
-            Some(course) => frames::run(args, setup, &course, &camera, &integrator),
+            Some(course) => frames::run(args, setup, &course, &integrator),
             None => still::run(args, setup, &camera, integrator),
         }
     }

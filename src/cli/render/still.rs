@@ -3,12 +3,12 @@
 use super::checkpoint::Checkpoint;
 use super::submit;
 use super::tally::Tally;
-use crate::bench::energy::Meters;
+use crate::bench::meters::{Meters, Recorder};
 use crate::cli::args::RenderArgs;
 use crate::cli::progress::{BEAT, Bar};
 use crate::cli::setup::Setup;
 use crate::cli::stats::{self, ImageStats, NoiseStats, RenderStats, SCHEMA, SceneStats, Seconds};
-use crate::cli::{Outcome, interrupt, timeline};
+use crate::cli::{Outcome, interrupt};
 use crate::film::{Film, Image, write_image};
 use crate::render::{Integrator, PassOptions, Progressive};
 use crate::scene::Camera;
@@ -34,6 +34,7 @@ pub fn run<I: Integrator>(
     };
     let mut tally = Tally::default();
     let meters = Meters::start();
+    let recorder = args.timeline.as_ref().and_then(|_| Recorder::start());
     let started = Instant::now();
     let (mut saved, mut end) = (started, End::Complete);
     interrupt::listen();
@@ -67,6 +68,7 @@ pub fn run<I: Integrator>(
     drop(bar);
     let render_s = started.elapsed().as_secs_f64();
     tally.joules = meters.joules();
+    let recorded = recorder.map_or_else(Vec::new, Recorder::finish);
 
     let started = Instant::now();
     let (image, film) = save(args, checkpoint.as_ref(), &frame)?;
@@ -81,7 +83,7 @@ pub fn run<I: Integrator>(
         stats::write(path, &stats)?;
     }
     if let Some(path) = &args.timeline {
-        timeline::write(path, &tally.threads, &tally.timeline, tally.jobs == 1)?;
+        tally.timeline(setup, recorded).write(path)?;
     }
     tell(args, &stats);
     Ok(if stats.events.is_empty() { Outcome::Done } else { Outcome::Degraded })
@@ -125,8 +127,7 @@ fn summarise<I: Integrator>(
     let settings = frame.integrator().frame().settings();
     let micros = seconds.render * 1e6;
     let scene = &setup.stage.scene;
-    let counts = film.sample_counts();
-    let samples = counts.iter().map(|&count| u64::from(count)).sum::<u64>() as f64 / counts.len() as f64;
+    let samples = film.mean_samples();
     let mut events: Vec<String> = setup.stage.degraded.iter().cloned().collect();
     events.append(&mut tally.events);
     if end == End::Interrupted && !frame.is_complete() {

@@ -1,9 +1,12 @@
 //! What the jobs of a command did together.
 
+use crate::bench::meters::Series;
 use crate::cli::setup::Setup;
 use crate::cli::stats::{MemoryStats, ThreadStats, Units};
+use crate::cli::timeline::{Curve, Timeline, thread_names};
 use crate::schedule::{Depths, JobReport, RayCounts, TaskRecord, ThreadKind, ThreadReport};
 use std::collections::BTreeMap;
+use std::time::Instant;
 
 /// Adds up jobs that ran after or beside each other in one service.
 #[derive(Default)]
@@ -25,8 +28,8 @@ pub struct Tally {
     pub tail_s: f64,
     /// How many there were.
     pub jobs: usize,
-    /// All tasks, one job after the other, in nanoseconds since the first job began.
-    pub timeline: Vec<TaskRecord>,
+    /// All tasks, one job after the other, in nanoseconds since the service began.
+    tasks: Vec<TaskRecord>,
     /// Each thread's time with tasks.
     pub threads: Vec<ThreadReport>,
     begin_ns: Option<u64>,
@@ -34,9 +37,9 @@ pub struct Tally {
 }
 
 impl Tally {
-    /// Adds a job; jobs are added in the order in which they began.
+    /// Adds a job.
     pub fn add(&mut self, report: &JobReport) {
-        let begin_ns = *self.begin_ns.get_or_insert(report.begin_ns);
+        self.begin_ns = Some(self.begin_ns.map_or(report.begin_ns, |begin_ns| begin_ns.min(report.begin_ns)));
         self.end_ns = self.end_ns.max(report.begin_ns + (report.wall_s * 1e9) as u64);
         self.rays.camera += report.rays.camera;
         self.rays.continuation += report.rays.continuation;
@@ -53,11 +56,9 @@ impl Tally {
         self.tail_idle_share = report.tail_idle_share;
         self.tail_s = report.tail_s;
         self.jobs += 1;
-        self.timeline.extend(report.timeline.iter().map(|task| {
-            let mut task = *task;
-            task.start_ns += report.begin_ns - begin_ns;
-            task.end_ns += report.begin_ns - begin_ns;
-            task
+        self.tasks.extend(report.timeline.iter().map(|task| {
+            let (start_ns, end_ns) = (task.start_ns + report.begin_ns, task.end_ns + report.begin_ns);
+            TaskRecord { start_ns, end_ns, ..*task }
         }));
         if self.threads.is_empty() {
             self.threads.clone_from(&report.threads);
@@ -78,6 +79,31 @@ impl Tally {
     /// Seconds from the first job's first turn to the last job's end.
     pub fn wall_s(&self) -> f64 {
         (self.end_ns - self.begin_ns.unwrap_or(self.end_ns)) as f64 * 1e-9
+    }
+
+    /// Everything over time, with what was recorded meanwhile.
+    pub fn timeline(&self, setup: &Setup, recorded: Vec<Series>) -> Timeline {
+        let begin_ns = self.begin_ns.unwrap_or(0);
+        let task = |task: &TaskRecord| {
+            let (start_ns, end_ns) = (task.start_ns - begin_ns, task.end_ns - begin_ns);
+            TaskRecord { start_ns, end_ns, ..*task }
+        };
+        let began = setup.service.began();
+        let curve = |series: Series| {
+            let since = |at: Instant| at.saturating_duration_since(began).as_nanos() as u64;
+            let points: Vec<_> = series.points.iter().map(|&(at, number)| (since(at), number)).collect();
+            // What was read last before still holds at the beginning.
+            let first = points.iter().rposition(|point| point.0 <= begin_ns).unwrap_or(0);
+            let during = points[first..].iter().take_while(|point| point.0 <= self.end_ns);
+            let points = during.map(|&(at_ns, number)| (at_ns.saturating_sub(begin_ns), number)).collect();
+            Curve { name: series.name, unit: series.unit, points }
+        };
+        Timeline {
+            threads: thread_names(&self.threads),
+            tasks: self.tasks.iter().map(task).collect(),
+            is_one_job: self.jobs == 1,
+            curves: recorded.into_iter().map(curve).filter(|curve| !curve.points.is_empty()).collect(),
+        }
     }
 
     /// Each thread's time with a task of any job, and without.

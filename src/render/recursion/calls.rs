@@ -3,7 +3,7 @@
 use super::context::NO_RAY;
 use super::exchange::{Exchange, LIGHT, PathId, ShadowState, Wish};
 use super::{Answered, Cx, Radiance, Shader};
-use crate::lanes::prefetch;
+use crate::lanes::{One, prefetch};
 use crate::render::Frame;
 use crate::schedule::{Batch, Output};
 use crate::shade::places::{ArenaUse, BUCKET, Hand, NOWHERE, Places};
@@ -237,8 +237,10 @@ where
 {
     fn spawn(&self, tile: u64, out: &mut Rays<'_>) {
         // The first call begins when its ray is back: a path that is only a ray needs no place.
-        self.desk.frame.camera_rays(tile, |ray, pixel, sample| {
-            out.ray(ray, CallState { pixel, sample, head: NOWHERE });
+        self.desk.frame.camera_rays(tile, |rays, pixels, samples| {
+            for ((&ray, &pixel), &sample) in rays.iter().zip(pixels).zip(samples) {
+                out.ray(ray, CallState { pixel, sample, head: NOWHERE });
+            }
         });
     }
 
@@ -247,7 +249,7 @@ where
         let materials = &self.desk.frame.scene().mesh.materials;
         Exchange::engine(|exchange| {
             // Calls that hit the same material run one after the other, whatever else they are about.
-            for run in sort(batch.hits, materials).runs() {
+            for run in sort(One::default(), batch.hits, materials).runs() {
                 for (turn, i) in run.rays.iter().map(|&i| i as usize).enumerate() {
                     self.fetch(
                         |ahead| run.rays.get(turn + ahead).map(|&i| batch.payloads[i as usize]),

@@ -2,6 +2,7 @@
 
 use super::harness::{self, render};
 use super::scenes::*;
+use crate::lanes::SimdLevel;
 use crate::render::{AmbientOcclusion, Settings};
 use crate::scene::{Material, Scene};
 use glam::Vec3;
@@ -44,4 +45,21 @@ fn the_void_is_open() {
     let mut scene = corner(1.0);
     scene.mesh.positions.iter_mut().for_each(|p| p.z += 100.0);
     assert!(openness(&scene, 1e6).iter().all(|&share| share == 1.0));
+}
+
+#[test]
+fn every_instruction_set_shades_the_same_picture() {
+    let scene = Arc::new(one_of_everything());
+    let settings = Settings { width: 17, height: 16, spp: 4, max_bounces: 0, seed: 1 };
+    let picture = |simd: SimdLevel, batch: usize| {
+        let ambient =
+            AmbientOcclusion::new(scene.clone(), &camera(), settings, 0.5).expect("valid").with_simd(simd);
+        render(&ambient, batch, &harness::tracer(&scene));
+        ambient.film().resolve()
+    };
+    let expected = picture(SimdLevel::Scalar, 8192);
+    assert!(expected.iter().any(|pixel| pixel[0] > 0.0 && pixel[0] < 1.0));
+    for level in SimdLevel::available() {
+        assert!([8192, 13, 1].map(|batch| picture(level, batch) == expected) == [true; 3], "{level}");
+    }
 }

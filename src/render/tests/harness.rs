@@ -4,7 +4,7 @@
 use crate::bvh::Bvh;
 use crate::scene::Scene;
 use crate::schedule::{Batch, Output, Renderer};
-use crate::stream::{Hit, Ray, Tracer};
+use crate::stream::{Column, Hit, Ray, Tracer};
 use crate::trace::cpu::{CpuTracer, SimdLevel};
 use std::sync::Arc;
 
@@ -41,7 +41,9 @@ pub fn render<R: Renderer>(renderer: &R, batch: usize, tracer: &dyn Tracer) -> C
             let (mut next, mut next_payloads) = (Vec::new(), Vec::new());
             for start in (0..rays.len()).step_by(batch) {
                 let part = start..(start + batch).min(rays.len());
-                let (before, shadows_before) = (next.len(), shadow_rays.len());
+                // Panics if the renderer emits more than it promised.
+                let mut new_rays = Column::with_capacity(part.len());
+                let mut new_shadow_rays = Column::with_capacity(part.len() * renderer.shadow_rays_per_ray());
                 renderer.shade(
                     Batch {
                         rays: &rays[part.clone()],
@@ -49,14 +51,14 @@ pub fn render<R: Renderer>(renderer: &R, batch: usize, tracer: &dyn Tracer) -> C
                         payloads: &payloads[part.clone()],
                     },
                     &mut Output {
-                        rays: &mut next,
+                        rays: new_rays.appender(),
                         payloads: &mut next_payloads,
-                        shadow_rays: &mut shadow_rays,
+                        shadow_rays: new_shadow_rays.appender(),
                         shadow_payloads: &mut shadow_payloads,
                     },
                 );
-                assert!(next.len() - before <= part.len());
-                assert!(shadow_rays.len() - shadows_before <= part.len() * renderer.shadow_rays_per_ray());
+                next.extend_from_slice(&new_rays);
+                shadow_rays.extend_from_slice(&new_shadow_rays);
             }
             (rays, payloads) = (next, next_payloads);
             counts.continuation += rays.len() as u64;
@@ -68,12 +70,19 @@ pub fn render<R: Renderer>(renderer: &R, batch: usize, tracer: &dyn Tracer) -> C
 
 /// Spawns one tile of a renderer whose camera rays come without shadow rays.
 pub fn spawn<R: Renderer>(renderer: &R, tile: u64, rays: &mut Vec<Ray>, payloads: &mut Vec<R::Payload>) {
-    let (mut shadow_rays, mut shadow_payloads) = (Vec::new(), Vec::new());
+    let (mut column, mut shadow_rays) = (Column::with_capacity(renderer.tile_rays()), Column::default());
+    let mut shadow_payloads = Vec::new();
+    let appenders = (column.appender(), shadow_rays.appender());
     renderer.spawn(
         tile,
-        &mut Output { rays, payloads, shadow_rays: &mut shadow_rays, shadow_payloads: &mut shadow_payloads },
+        &mut Output {
+            rays: appenders.0,
+            payloads,
+            shadow_rays: appenders.1,
+            shadow_payloads: &mut shadow_payloads,
+        },
     );
-    assert!(rays.len() <= renderer.tile_rays() && shadow_rays.is_empty());
+    rays.extend_from_slice(&column);
 }
 
 fn occlude<R: Renderer>(

@@ -6,8 +6,8 @@ use crate::geom::Sampler;
 use crate::lanes::SimdLevel;
 use crate::render::{Path, ROULETTE_BOUNCES, Settings, SettingsError};
 use crate::scene::{
-    CameraError, Channel, Colour, ColourSpace, Emission, Environment, EnvironmentMap, Light, LightShape,
-    Material, NormalMap, Principled, Pyramid, Scalar, Scene, Surface, Texture, TextureRef, Wrap,
+    CameraError, Colour, Emission, Environment, Light, LightShape, Material, NormalMap, Pyramid, Scalar,
+    Scene, Surface, TextureRef,
 };
 use crate::schedule::Renderer;
 use crate::shade::bsdf::MIN_ROUGHNESS;
@@ -197,20 +197,23 @@ fn batches_and_order_do_not_change_a_byte() {
 }
 
 #[test]
-fn tiles_go_over_the_picture_once_for_each_sample() {
-    let settings = Settings { width: 300, height: 129, spp: 3, ..SETTINGS };
-    let path = path(furnace(Material::fallback(), 0, false), settings);
-    assert_eq!(path.tiles(), 4 * 3, "50 blocks, 16 a tile");
-    assert_eq!(path.tile_rays(), 128 * 128);
-    let (mut rays, mut payloads) = (Vec::new(), Vec::new());
-    for tile in 0..path.tiles() {
-        harness::spawn(&path, tile, &mut rays, &mut payloads);
-        assert!(rays.len() <= path.tile_rays());
-        rays.clear();
-        payloads.clear();
-        if (tile + 1) % 4 == 0 {
-            let done = (tile + 1) / 4;
-            assert!(path.film().sample_counts().iter().all(|&n| u64::from(n) == done));
+fn tiles_go_over_the_picture_once_for_every_few_samples() {
+    // 171 blocks; 21 of 3 samples a tile, or 4 of 14 samples.
+    for (spp, tiles, together, tile_rays) in [(3, 9, 3, 63 * 256), (28, 43, 14, 56 * 256)] {
+        let settings = Settings { width: 300, height: 129, spp, ..SETTINGS };
+        let path = path(furnace(Material::fallback(), 0, false), settings);
+        assert_eq!(path.tiles(), tiles * u64::from(spp / together));
+        assert_eq!(path.tile_rays(), tile_rays);
+        let (mut rays, mut payloads) = (Vec::new(), Vec::new());
+        for tile in 0..path.tiles() {
+            harness::spawn(&path, tile, &mut rays, &mut payloads);
+            assert!(rays.len() <= path.tile_rays());
+            rays.clear();
+            payloads.clear();
+            if (tile + 1) % tiles == 0 {
+                let done = (tile + 1) / tiles * u64::from(together);
+                assert!(path.film().sample_counts().iter().all(|&n| u64::from(n) == done));
+            }
         }
     }
 }
@@ -239,86 +242,6 @@ fn low_polygons_with_smooth_or_mapped_normals_have_no_black_patches() {
             assert!(mean(&pixels).min_element() > 0.9, "{surface:?}, mapped {mapped}: {}", mean(&pixels));
         }
     }
-}
-
-/// A normal map of steep bumps.
-fn bumps() -> Texture {
-    let texels = (0..64u32)
-        .map(|i| {
-            let (x, y) = (i % 8, i / 8);
-            [if x < 4 { 40 } else { 215 }, if y < 4 { 60 } else { 195 }, 200, 255]
-        })
-        .collect();
-    Texture {
-        name: "bumps".into(),
-        width: 8,
-        height: 8,
-        texels,
-        space: ColourSpace::Linear,
-        wrap_u: Wrap::Repeat,
-        wrap_v: Wrap::Repeat,
-        pyramid: Pyramid::default(),
-    }
-}
-
-/// A room with one of everything that is shaded: textures, bumps, coats, glass, lamps, a sky.
-fn one_of_everything() -> Scene {
-    let mut scene = room();
-    scene.textures.push(bumps());
-    let texture = TextureRef { scale: Vec2::splat(3.0), rotation: 0.3, ..TextureRef::plain(0) };
-    let painted = Principled {
-        base_colour: Colour { factor: Vec3::new(0.9, 0.7, 0.5), texture: Some(texture) },
-        metallic: Scalar::constant(0.3),
-        roughness: Scalar { factor: 0.6, texture: Some((texture, Channel::G)) },
-        transmission: Scalar::constant(0.3),
-        thin: false,
-        clearcoat: Scalar::constant(0.6),
-        clearcoat_roughness: Scalar { factor: 0.3, texture: Some((texture, Channel::R)) },
-        ..Principled::default()
-    };
-    let surfaces = [
-        Surface::Principled(painted),
-        Surface::Principled(Principled { thin: true, clearcoat: Scalar::constant(0.0), ..painted }),
-        Surface::Dielectric { ior: 1.5, transmittance: Vec3::new(0.9, 1.0, 0.8) },
-        Surface::Mirror { reflectance: Colour::constant(Vec3::splat(0.9)) },
-    ];
-    for (i, surface) in surfaces.into_iter().enumerate() {
-        let map = NormalMap { texture, scale: 0.5 };
-        let material = Material { surface, normal_map: (i % 2 == 0).then_some(map), ..Material::fallback() };
-        let id = add_material(&mut scene, material);
-        let corner = Vec3::new(-0.8 + 0.4 * i as f32, -0.7, -0.2 * i as f32);
-        add_quad(&mut scene, corner, Vec3::new(0.35, 0.1, 0.1), Vec3::new(0.0, 1.2, 0.2), id);
-    }
-    // So many that a light tree chooses among them.
-    for i in 0..20 {
-        let lamp = shining(1.0 + i as f32, 0.5);
-        let id = add_material(&mut scene, lamp);
-        let corner = Vec3::new(-0.9 + 0.09 * i as f32, 0.95 - 0.01 * i as f32, -0.5 + 0.3 * (i % 4) as f32);
-        add_quad(&mut scene, corner, Vec3::new(0.04, 0.0, 0.02), Vec3::new(0.0, 0.02, 0.04), id);
-    }
-    scene.mesh.uvs = scene.mesh.positions.iter().map(|p| Vec2::new(p.x + p.z, p.y - p.z)).collect();
-    scene.mesh.normals =
-        scene.mesh.positions.iter().map(|p| (*p + Vec3::new(0.0, 0.1, 3.0)).normalize()).collect();
-    for shape in [
-        LightShape::Point { position: Vec3::new(0.3, 0.5, 0.9) },
-        LightShape::Directional { direction: Vec3::new(0.0, -0.6, -0.8) },
-        LightShape::Spot {
-            position: Vec3::new(-0.3, 0.5, 0.9),
-            direction: Vec3::NEG_Z,
-            cos_inner: 0.9,
-            cos_outer: 0.6,
-        },
-    ] {
-        scene.lights.push(Light { name: String::new(), intensity: Vec3::splat(0.5), shape });
-    }
-    let texels: Vec<[f32; 3]> = (0..32u32).map(|i| [(i % 8) as f32 * 0.2, 0.4, (i / 8) as f32]).collect();
-    scene.environment = Environment::Map(EnvironmentMap {
-        width: 8,
-        height: 4,
-        texels: texels.into(),
-        rotation_degrees: 40.0,
-    });
-    scene
 }
 
 #[test]

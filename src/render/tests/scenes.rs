@@ -1,8 +1,10 @@
 //! Small scenes with known answers.
 
-use crate::scene::{Camera, Emission, Environment, Material, Scene, Surface};
-use crate::scene::{Colour, Principled, Scalar};
-use glam::Vec3;
+use crate::scene::{
+    Camera, Channel, Colour, ColourSpace, Emission, Environment, EnvironmentMap, Light, LightShape, Material,
+    NormalMap, Principled, Pyramid, Scalar, Scene, Surface, Texture, TextureRef, Wrap,
+};
+use glam::{Vec2, Vec3};
 
 /// Looks along −z at the origin from distance 4.
 pub fn camera() -> Camera {
@@ -146,5 +148,78 @@ pub fn sheets(count: u32, material: Material) -> Scene {
             material,
         );
     }
+    scene
+}
+
+/// A normal map of steep bumps.
+pub fn bumps() -> Texture {
+    let texels = (0..64u32)
+        .map(|i| {
+            let (x, y) = (i % 8, i / 8);
+            [if x < 4 { 40 } else { 215 }, if y < 4 { 60 } else { 195 }, 200, 255]
+        })
+        .collect();
+    Texture {
+        name: "bumps".into(),
+        width: 8,
+        height: 8,
+        texels,
+        space: ColourSpace::Linear,
+        wrap_u: Wrap::Repeat,
+        wrap_v: Wrap::Repeat,
+        pyramid: Pyramid::default(),
+    }
+}
+
+/// A room with one of everything that is shaded: textures, bumps, coats, glass, lamps, a sky.
+pub fn one_of_everything() -> Scene {
+    let mut scene = room();
+    scene.textures.push(bumps());
+    let texture = TextureRef { scale: Vec2::splat(3.0), rotation: 0.3, ..TextureRef::plain(0) };
+    let painted = Principled {
+        base_colour: Colour { factor: Vec3::new(0.9, 0.7, 0.5), texture: Some(texture) },
+        metallic: Scalar::constant(0.3),
+        roughness: Scalar { factor: 0.6, texture: Some((texture, Channel::G)) },
+        transmission: Scalar::constant(0.3),
+        thin: false,
+        clearcoat: Scalar::constant(0.6),
+        clearcoat_roughness: Scalar { factor: 0.3, texture: Some((texture, Channel::R)) },
+        ..Principled::default()
+    };
+    let surfaces = [
+        Surface::Principled(painted),
+        Surface::Principled(Principled { thin: true, clearcoat: Scalar::constant(0.0), ..painted }),
+        Surface::Dielectric { ior: 1.5, transmittance: Vec3::new(0.9, 1.0, 0.8) },
+        Surface::Mirror { reflectance: Colour::constant(Vec3::splat(0.9)) },
+    ];
+    for (i, surface) in surfaces.into_iter().enumerate() {
+        let map = NormalMap { texture, scale: 0.5 };
+        let material = Material { surface, normal_map: (i % 2 == 0).then_some(map), ..Material::fallback() };
+        let id = add_material(&mut scene, material);
+        let corner = Vec3::new(-0.8 + 0.4 * i as f32, -0.7, -0.2 * i as f32);
+        add_quad(&mut scene, corner, Vec3::new(0.35, 0.1, 0.1), Vec3::new(0.0, 1.2, 0.2), id);
+    }
+    scene.mesh.uvs = scene.mesh.positions.iter().map(|p| Vec2::new(p.x + p.z, p.y - p.z)).collect();
+    scene.mesh.normals =
+        scene.mesh.positions.iter().map(|p| (*p + Vec3::new(0.0, 0.1, 3.0)).normalize()).collect();
+    for shape in [
+        LightShape::Point { position: Vec3::new(0.3, 0.5, 0.9) },
+        LightShape::Directional { direction: Vec3::new(0.0, -0.6, -0.8) },
+        LightShape::Spot {
+            position: Vec3::new(-0.3, 0.5, 0.9),
+            direction: Vec3::NEG_Z,
+            cos_inner: 0.9,
+            cos_outer: 0.6,
+        },
+    ] {
+        scene.lights.push(Light { name: String::new(), intensity: Vec3::splat(0.5), shape });
+    }
+    let texels: Vec<[f32; 3]> = (0..32u32).map(|i| [(i % 8) as f32 * 0.2, 0.4, (i / 8) as f32]).collect();
+    scene.environment = Environment::Map(EnvironmentMap {
+        width: 8,
+        height: 4,
+        texels: texels.into(),
+        rotation_degrees: 40.0,
+    });
     scene
 }

@@ -8,7 +8,7 @@ use crate::schedule::{RayCounts, Renderer};
 use glam::Vec3;
 use std::sync::Arc;
 
-/// Three tiles a sample, so that several threads have one each and all help with the last.
+/// Four tiles, so that several threads have one each and all help with the last.
 const SETTINGS: Settings = Settings { width: 200, height: 140, spp: 2, max_bounces: 3, seed: 5 };
 
 fn counts(rays: RayCounts) -> Counts {
@@ -43,5 +43,5 @@ fn loop_shaders_work_with_batches_of_one() {
     assert_eq!(counts(render_single_rays(&single, &tracer, 3)), expected);
     assert!(single.film().resolve() == batches.film().resolve());
     assert_eq!(single.loop_stack().live_entries, 0);
-    assert_eq!(single.tiles(), 6);
+    assert_eq!(single.tiles(), 4);
 }

@@ -2,6 +2,7 @@
 
 use super::harness::{self, render};
 use super::scenes::*;
+use crate::lanes::SimdLevel;
 use crate::render::{Settings, Whitted};
 use crate::scene::{Colour, Light, LightShape, Material, Scalar, Scene, Surface};
 use glam::Vec3;
@@ -118,13 +119,20 @@ fn glossy_metal_is_followed_like_a_mirror_only_when_smooth() {
 }
 
 #[test]
-fn batches_do_not_change_a_byte() {
-    let scene = sheets(12, pane());
-    let tracer = harness::tracer(&scene);
-    let picture = |batch: usize| {
-        let whitted = whitted(&scene, Settings { max_bounces: 5, ..SETTINGS });
-        render(&whitted, batch, &tracer);
-        whitted.film().resolve()
-    };
-    assert_eq!(picture(8192), picture(13));
+fn every_instruction_set_and_every_batch_size_shades_the_same_picture() {
+    for scene in [one_of_everything(), sheets(4, pane())] {
+        let tracer = harness::tracer(&scene);
+        let picture = |simd: SimdLevel, batch: usize| {
+            let whitted = whitted(&scene, Settings { max_bounces: 5, spp: 4, ..SETTINGS }).with_simd(simd);
+            render(&whitted, batch, &tracer);
+            whitted.film().resolve()
+        };
+        let expected = picture(SimdLevel::Scalar, 8192);
+        assert!(expected.iter().flatten().sum::<f32>() > 10.0);
+        for level in SimdLevel::available() {
+            for batch in [8192, 13, 1] {
+                assert!(picture(level, batch) == expected, "{level}, batches of {batch}");
+            }
+        }
+    }
 }

@@ -23,6 +23,7 @@ const SMALL: JobOptions = JobOptions {
     batch_rays: 200,
     chunk_rays: 64,
     chunk_rays_most: 500,
+    shrink_streams: true,
     policy: None,
     timeline: true,
 };

@@ -144,6 +144,7 @@ impl Simulation {
             batch_rays: random.range(1, 16),
             chunk_rays,
             chunk_rays_most: chunk_rays + random.range(0, 60),
+            shrink_streams: !random.one_in(4),
             policy: (!random.one_in(5)).then(|| random.pick(&Policy::ALL)),
             timeline: true,
         };

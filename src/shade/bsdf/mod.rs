@@ -198,6 +198,12 @@ impl<L: Lanes> Bsdf<L> {
         }
     }
 
+    /// Whether there are lobes to choose among, so that [`Bsdf::sample`] looks at its `u`.
+    #[inline(always)]
+    pub fn is_choice(&self) -> bool {
+        !matches!(self, Self::Matte(_))
+    }
+
     /// Whether there is nothing but a smooth part, so that light sampling is in vain.
     #[inline(always)]
     pub fn is_smooth(&self) -> bool {

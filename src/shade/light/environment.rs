@@ -59,6 +59,11 @@ impl EnvironmentLight {
         self.mean
     }
 
+    /// Whether it is the same from everywhere, so that directions do not matter.
+    pub fn is_even(&self) -> bool {
+        matches!(self.kind, Kind::Constant(_))
+    }
+
     /// Radiance that arrives along rays of unit `direction` that leave the scene, and the density per
     /// solid angle with which [`EnvironmentLight::sample`] gives these directions.
     #[inline(always)]

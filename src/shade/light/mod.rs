@@ -96,6 +96,11 @@ impl Lights {
         &self.environment
     }
 
+    /// Whether there is more than the environment, so that [`Lights::sample`] looks at its `u`.
+    pub fn is_choice(&self) -> bool {
+        self.chances[1] < 1.0
+    }
+
     /// Samples one light of all: `u` chooses it, `u2` a point or direction of it.
     #[inline(always)]
     pub fn sample<L: Lanes>(
@@ -239,7 +244,7 @@ impl<L: Lanes> LightSample<L> {
         let origin = at.origin(at.raised, self.wi);
         let towards = self.target - origin;
         let length = towards.length();
-        let direction = Vector::select(self.near, towards / length, self.wi);
+        let direction = Vector::select(self.near, towards * (1.0 / length), self.wi);
         let far = Num::splat(length.lanes(), f32::INFINITY);
         (origin, direction, Num::select(self.near, length * (1.0 - SHORT), far))
     }

@@ -48,7 +48,7 @@ pub(super) fn prepare<W: Lanes>(w: W, job: &Job<'_>, rays: &[Ray], stacks: &mut 
             }
             let (columns, valid, signs) = rows(w, job.scene_max_abs, among, columns);
             common_origin &= valid & !at_first == 0;
-            w.put_rows(job.rows.add(at).cast(), ROW_BYTES / 4, columns);
+            w.put_rows(job.rows.add(at).cast(), columns);
             let first = (at * ROW_BYTES) as u32;
             let here = ids.map(|id| id + first);
             let here = w.load_ids(here.as_ptr());

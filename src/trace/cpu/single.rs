@@ -16,6 +16,8 @@ use super::triangle::{Faces, Range, Slabs, Vector, test};
 use super::{SimdError, SimdLevel};
 use crate::bvh::{Block, Bvh, Child, Filter, MASKED, WIDTH, Wide};
 use crate::geom::CanonicalRay;
+#[cfg(target_arch = "aarch64")]
+use crate::lanes::Neon;
 use crate::lanes::{Lanes, Plain, spill, splat};
 use crate::stream::{Hit, Ray, Tracer};
 use std::cell::RefCell;
@@ -73,6 +75,9 @@ impl SingleRayTracer {
                 // SAFETY: invariants 1 and 3.
                 #[cfg(target_arch = "x86_64")]
                 SimdLevel::Avx2 => unsafe { x86::avx2::<ANY>(tree, rays, stack, answer) },
+                // SAFETY: invariant 3.
+                #[cfg(target_arch = "aarch64")]
+                SimdLevel::Neon => unsafe { trace::<_, ANY>(Neon, tree, rays, stack, answer) },
                 // SAFETY: invariant 3.
                 _ => unsafe { trace::<_, ANY>(Plain::<8>, tree, rays, stack, answer) },
             }

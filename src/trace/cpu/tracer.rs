@@ -7,6 +7,8 @@
 use super::stream::{Answers, Scratch, trace};
 use super::{Oracle, SimdError, SimdLevel};
 use crate::bvh::{Bvh, Filter};
+#[cfg(target_arch = "aarch64")]
+use crate::lanes::Neon;
 use crate::lanes::Plain;
 use crate::stream::{Hit, Ray, Tracer};
 use std::cell::RefCell;
@@ -68,6 +70,8 @@ impl CpuTracer {
             // SAFETY: invariant 1.
             #[cfg(target_arch = "x86_64")]
             SimdLevel::Avx2 => unsafe { x86::avx2::<ANY, MEMBERS>(bvh, filter, rays, answers, scratch) },
+            #[cfg(target_arch = "aarch64")]
+            SimdLevel::Neon => trace::<_, _, ANY, MEMBERS>((Neon, Neon), bvh, filter, rays, answers, scratch),
             _ => trace::<_, _, ANY, MEMBERS>((Plain::<8>, Plain::<8>), bvh, filter, rays, answers, scratch),
         });
     }

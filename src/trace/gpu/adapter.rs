@@ -60,8 +60,8 @@ pub struct AdapterInfo {
     pub max_workgroups: u32,
     /// Least and greatest number of threads that run in step.
     pub subgroup: (u32, u32),
-    /// Whether kernels use memory that the host maps: rays are written where kernels read them, and answers are read
-    /// where kernels write them.
+    /// Whether host and kernels share memory: rays are written where kernels read them, and answers are read where
+    /// kernels write them.
     pub shared_memory: bool,
 }
 
@@ -88,11 +88,11 @@ impl AdapterInfo {
                 .min(limits.max_buffers_and_acceleration_structures_per_shader_stage.saturating_sub(1)),
             max_workgroups: limits.max_compute_workgroups_per_dimension,
             subgroup: (info.subgroup_min_size, info.subgroup_max_size),
-            // Discrete devices may offer it, too, but would read each ray across the bus.
+            // Discrete devices reach the host's memory, too, but would read each ray across the bus.
             shared_memory: matches!(
                 info.device_type,
                 wgpu::DeviceType::IntegratedGpu | wgpu::DeviceType::Cpu
-            ) && adapter.features().contains(wgpu::Features::MAPPABLE_PRIMARY_BUFFERS),
+            ) && info.backend == wgpu::Backend::Vulkan,
         }
     }
 }

@@ -3,9 +3,9 @@
 //!
 //! The sample is one ray in [`ONE_IN`], at least [`LEAST`] of each kind and dispatch, spread over the stream
 //! and placed by a hash of the dispatch's number. So its cost is at most 1/256 of tracing the same rays on the
-//! CPU, plus 2 × 16 rays a dispatch. It finds any wrong answer in a dispatch of up to 16 rays of a kind; in a larger one
-//! wrong answers to a share `p` of `n` rays stay unseen with a probability of about `(1 - p)^max(16, n/256)`: 1 % wrong of
-//! 27k rays, 0.35; 10 %, 10⁻⁵; half, nothing. A device that errs in single rays may go unseen: the kernels' error
+//! CPU, plus 2 × 256 rays a dispatch. It finds any wrong answer in a dispatch of up to 256 rays of a kind; in a larger one
+//! wrong answers to a share `p` of `n` rays stay unseen with a probability of about `(1 - p)^max(256, n/256)`: 1 % wrong of
+//! 27k rays, 0.08; 3 %, 4 · 10⁻⁴; 10 %, nothing. A device that errs in single rays may go unseen: the kernels' error
 //! bounds hold for arithmetic that rounds as probed, not for memory that rots.
 
 use crate::geom::mix;
@@ -15,7 +15,7 @@ use crate::stream::{Hit, Ray, Tracer};
 const ONE_IN: usize = 256;
 
 /// The fewest rays traced again, where there are as many.
-const LEAST: usize = 16;
+const LEAST: usize = 256;
 
 /// Which of `count` rays are looked at in the dispatch of a number, in ascending order.
 fn sample(count: usize, dispatch: u64) -> impl Iterator<Item = usize> {
@@ -72,11 +72,11 @@ mod tests {
 
     #[test]
     fn samples_are_as_many_as_stated_and_spread_over_the_stream() {
-        for (count, looks) in [(0, 0), (1, 1), (16, 16), (17, 16), (4096, 16), (4097, 17), (27_000, 106)] {
+        for (count, looks) in [(0, 0), (1, 1), (256, 256), (257, 256), (65_536, 256), (65_537, 257)] {
             let picked: Vec<usize> = sample(count, 7).collect();
             assert_eq!(picked.len(), looks);
             assert!(picked.is_sorted_by(|a, b| a < b) && picked.iter().all(|&index| index < count));
-            assert!(count < 32 || picked[0] < count / 16 + 1 && picked[looks - 1] >= count - count / 16 - 1);
+            assert!(count < 512 || picked[0] <= count / 256 && picked[looks - 1] >= count - count / 256 - 1);
         }
         assert!(!sample(27_000, 1).eq(sample(27_000, 2)), "each dispatch has another sample");
     }

@@ -44,7 +44,7 @@ pub enum GpuError {
         "the scene needs {required} bytes on the GPU, but {adapter} binds at most {available}; trace on the CPU"
     )]
     TooLarge {
-        /// Its nodes and triangles in bytes.
+        /// Its nodes and triangles, in bytes.
         required: u64,
         /// What the adapter's bindings take in bytes.
         available: u64,

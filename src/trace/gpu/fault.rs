@@ -2,7 +2,7 @@
 //! promised about failing devices can be tried out.
 
 use super::layout::{Candidates, OCCLUDED};
-use crate::stream::MISS;
+use crate::stream::{Hit, MISS};
 use std::str::FromStr;
 
 /// What is to go wrong, once. Dispatches are counted from 1, over all threads and scenes of a device.
@@ -54,12 +54,12 @@ impl Fault {
     }
 }
 
-/// Answers as a broken device may give them, with nothing in them that looks wrong: every hit is a miss, and
-/// shadow rays find the opposite.
-pub(super) fn corrupted(candidates: &[Candidates], blocked: &[u32]) -> (Vec<Candidates>, Vec<u32>) {
+/// Makes answers, as the device gave them, those of a broken one, with nothing in them that looks wrong: every hit is a
+/// miss, and shadow rays find the opposite.
+pub(super) fn corrupt(hits: &mut [Hit], occluded: &mut [u32]) {
     let miss = Candidates { first: MISS, second: MISS, third: MISS, rest: f32::MAX };
-    let opposite = |&answer: &u32| if answer == MISS { OCCLUDED } else { MISS };
-    (vec![miss; candidates.len()], blocked.iter().map(opposite).collect())
+    hits.fill(bytemuck::cast(miss));
+    occluded.iter_mut().for_each(|answer| *answer = if *answer == MISS { OCCLUDED } else { MISS });
 }
 
 #[cfg(test)]

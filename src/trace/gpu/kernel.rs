@@ -19,6 +19,8 @@ const LAYOUT: &str = include_str!("../../../shaders/shared/layout.wgsl");
 const RAY: &str = include_str!("../../../shaders/shared/ray.wgsl");
 const TRIANGLE: &str = include_str!("../../../shaders/shared/triangle.wgsl");
 const PLACEMENT: &str = include_str!("../../../shaders/shared/placement.wgsl");
+const LEAF: &str = include_str!("../../../shaders/shared/leaf.wgsl");
+const TRAVERSE: &str = include_str!("../../../shaders/shared/traverse.wgsl");
 
 impl Kernel {
     /// The name of its entry point, and of its file.
@@ -46,7 +48,35 @@ impl Kernel {
 
     /// The whole source for scenes of a shape.
     pub fn source(self, shape: &Shape) -> String {
-        [&constants(shape), LAYOUT, &shape.pages.source(), RAY, TRIANGLE, PLACEMENT, self.body()].join("\n")
+        let (constants, pages) = (constants(shape), shape.pages.source(shape.tree));
+        let tree = shape.tree.source();
+        [&constants, LAYOUT, &pages, RAY, TRIANGLE, PLACEMENT, LEAF, tree, TRAVERSE, self.body()].join("\n")
+    }
+}
+
+/// The kind of tree that kernels go through.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum TreeKind {
+    /// Two children a node, at full precision.
+    Binary,
+    /// Eight children a node, their boxes in bytes.
+    Wide,
+}
+
+impl TreeKind {
+    fn source(self) -> &'static str {
+        match self {
+            Self::Binary => include_str!("../../../shaders/shared/binary.wgsl"),
+            Self::Wide => include_str!("../../../shaders/shared/wide.wgsl"),
+        }
+    }
+
+    /// The name of a node's struct.
+    pub(super) fn node(self) -> &'static str {
+        match self {
+            Self::Binary => "BinaryNode",
+            Self::Wide => "WideNode",
+        }
     }
 }
 
@@ -55,6 +85,8 @@ impl Kernel {
 pub(super) struct Shape {
     /// Room for so many entries on a traversal's stack.
     pub stack: usize,
+    /// What its trees are made of.
+    pub tree: TreeKind,
     /// Whether it is a tree of placed trees.
     pub members: bool,
     pub pages: ScenePages,
@@ -68,7 +100,10 @@ fn constants(shape: &Shape) -> String {
         ("STACK_SIZE", shape.stack.max(1) as u32),
         ("LEAF", layout::LEAF),
         ("MASKED", layout::MASKED),
-        ("LAST", layout::LAST),
+        ("PAIRS_SHIFT", layout::PAIRS_SHIFT),
+        ("PAIR_INDEX", layout::PAIR_INDEX),
+        ("PRIMITIVE", layout::PRIMITIVE),
+        ("TURN_SHIFT", layout::TURN_SHIFT),
         ("MISS", MISS),
         ("NOWHERE", layout::NOWHERE),
         ("OCCLUDED", layout::OCCLUDED),
@@ -90,11 +125,9 @@ fn constants(shape: &Shape) -> String {
         ("SLACK", SLACK),
         ("LARGEST_FLOAT", f32::MAX),
         ("MARGIN", layout::MARGIN),
-        ("EDGE_ROUNDING", layout::EDGE_ROUNDING),
         ("T_ROUNDING", layout::T_ROUNDING),
         ("TINY", layout::TINY),
         ("LEAST_PAD", layout::LEAST_PAD),
-        ("EXTENT_MARGIN", layout::EXTENT_MARGIN),
     ];
     for (name, value) in floats {
         // The shortest decimal that reads back as the same number.
@@ -114,21 +147,24 @@ mod tests {
 
     const ALL: [Kernel; 2] = [Kernel::TraceClosest, Kernel::TraceAny];
 
-    fn parse(kernel: Kernel) -> naga::Module {
-        parse_paged(kernel, ScenePages::ONE)
+    const TREES: [TreeKind; 2] = [TreeKind::Binary, TreeKind::Wide];
+
+    fn parse(kernel: Kernel, tree: TreeKind) -> naga::Module {
+        parse_paged(kernel, tree, ScenePages::ONE)
     }
 
-    fn parse_paged(kernel: Kernel, pages: ScenePages) -> naga::Module {
-        let source = kernel.source(&Shape { stack: 24, members: true, pages });
+    fn parse_paged(kernel: Kernel, tree: TreeKind, pages: ScenePages) -> naga::Module {
+        let source = kernel.source(&Shape { stack: 24, tree, members: true, pages });
         wgsl::parse_str(&source).unwrap_or_else(|e| panic!("{}", e.emit_to_string(&source)))
     }
 
     #[test]
     fn every_kernel_is_valid_without_any_optional_capability() {
         let (two, three) = (Pages { bits: 4, count: 2 }, Pages { bits: 5, count: 3 });
-        let paged = [ScenePages::ONE, ScenePages { nodes: two, triangles: three }];
-        for (kernel, pages) in ALL.into_iter().flat_map(|kernel| paged.map(|pages| (kernel, pages))) {
-            let module = parse_paged(kernel, pages);
+        let paged = [ScenePages::ONE, ScenePages { nodes: two, pairs: three, identities: two }];
+        let kernels = ALL.into_iter().flat_map(|kernel| TREES.map(|tree| (kernel, tree)));
+        for ((kernel, tree), pages) in kernels.flat_map(|kernel| paged.map(|pages| (kernel, pages))) {
+            let module = parse_paged(kernel, tree, pages);
             Validator::new(ValidationFlags::all(), Capabilities::empty())
                 .validate(&module)
                 .unwrap_or_else(|e| panic!("{}: {e:?}", kernel.name()));
@@ -149,17 +185,20 @@ mod tests {
 
     #[test]
     fn structs_lie_in_memory_alike_on_both_sides() {
-        use layout::{Candidates, Member, Node, Params, Triangle};
-        let expected: [Layout; 6] = [
+        use layout::{BinaryNode, Candidates, Member, Pair, Params, WideNode};
+        let expected: [Layout; 7] = [
             layout_of!(Ray: origin, t_min, direction, t_max),
-            layout_of!(Node: left_min, left, left_max, spare_0, right_min, right, right_max, spare_1),
-            layout_of!(Triangle: v0, primitive, v1, flags, v2, extent),
+            layout_of!(BinaryNode: left_min, left, left_max, spare_0, right_min, right, right_max, spare_1),
+            layout_of!(
+                WideNode: origin, shape, lower_x, upper_x, lower_y, upper_y, lower_z, upper_z, children
+            ),
+            layout_of!(Pair: a, d_x, b, d_y, c, d_z),
             layout_of!(Member: x, root, y, first, z, spare_0, shift, spare_1),
             layout_of!(Candidates: first, second, third, rest),
             layout_of!(Params: count, scene_max_abs, zero, spare),
         ];
-        for kernel in ALL {
-            let module = parse(kernel);
+        for (kernel, tree) in ALL.into_iter().flat_map(|kernel| TREES.map(|tree| (kernel, tree))) {
+            let module = parse(kernel, tree);
             for (name, span, members) in &expected {
                 let found = module.types.iter().find(|(_, t)| t.name.as_deref() == Some(name));
                 let (handle, found) = found.unwrap_or_else(|| panic!("{name} in {}", kernel.name()));
@@ -184,7 +223,7 @@ mod tests {
 
     #[test]
     fn constants_arrive_to_the_bit() {
-        let module = parse(Kernel::TraceClosest);
+        let module = parse(Kernel::TraceClosest, TreeKind::Wide);
         let value = |name: &str| {
             let found = module.constants.iter().find(|(_, c)| c.name.as_deref() == Some(name));
             let (_, constant) = found.unwrap_or_else(|| panic!("constant {name}"));

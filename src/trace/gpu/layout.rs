@@ -3,10 +3,10 @@
 
 use bytemuck::{Pod, Zeroable};
 
-/// Both children of an inner BVH2 node.
+/// An inner node of the binary tree: both children.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
-pub(super) struct Node {
+pub(super) struct BinaryNode {
     pub left_min: [f32; 3],
     pub left: u32,
     pub left_max: [f32; 3],
@@ -17,18 +17,36 @@ pub(super) struct Node {
     pub spare_1: u32,
 }
 
-/// A triangle, in leaf order.
+/// An inner node of the eight-wide tree, its boxes in bytes: 96 bytes instead of the host's 256.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
-pub(super) struct Triangle {
-    pub v0: [f32; 3],
-    pub primitive: u32,
-    pub v1: [f32; 3],
-    pub flags: u32,
-    pub v2: [f32; 3],
-    /// At least the length of any edge along any axis.
-    pub extent: f32,
+pub(super) struct WideNode {
+    pub origin: [f32; 3],
+    pub shape: u32,
+    pub lower_x: [u8; 8],
+    pub upper_x: [u8; 8],
+    pub lower_y: [u8; 8],
+    pub upper_y: [u8; 8],
+    pub lower_z: [u8; 8],
+    pub upper_z: [u8; 8],
+    /// References.
+    pub children: [u32; 8],
 }
+
+/// Two triangles that share an edge: `a b c` and `c b d`.
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub(super) struct Pair {
+    pub a: [f32; 3],
+    pub d_x: f32,
+    pub b: [f32; 3],
+    pub d_y: f32,
+    pub c: [f32; 3],
+    pub d_z: f32,
+}
+
+/// The primitives of a pair, each with its turn: see `shaders/shared/layout.wgsl`.
+pub(super) type Identities = [u32; 2];
 
 /// A tree placed in the world.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
@@ -67,12 +85,18 @@ pub(super) struct Params {
     pub spare: u32,
 }
 
-/// Bit of a child reference: a leaf, the other bits are its first triangle, or the member above members' trees.
+/// Bit of a child reference: a leaf, or a member above members' trees.
 pub(super) const LEAF: u32 = 1 << 31;
-/// Bit of [`Triangle::flags`]: alpha decides whether the triangle is there.
-pub(super) const MASKED: u32 = 1;
-/// Bit of [`Triangle::flags`]: the last of its leaf.
-pub(super) const LAST: u32 = 2;
+/// Bits of a leaf's reference: one pair less than it has.
+pub(super) const PAIRS_SHIFT: u32 = 28;
+/// Bit of a leaf's reference: alpha decides whether some of its triangles are there.
+pub(super) const MASKED: u32 = 1 << 27;
+/// Bits of a leaf's reference: its first pair.
+pub(super) const PAIR_INDEX: u32 = MASKED - 1;
+/// Bits of an identity: the primitive. They have 30 bits.
+pub(super) const PRIMITIVE: u32 = (1 << TURN_SHIFT) - 1;
+/// Bits of an identity: the turn.
+pub(super) const TURN_SHIFT: u32 = 30;
 /// A child reference to nothing: the traversal is over. Has the bit of a leaf.
 pub(super) const NOWHERE: u32 = u32::MAX;
 /// An answer of `trace_any`: something is certainly in the way. The others are
@@ -84,19 +108,11 @@ pub(super) const UNDECIDED: u32 = u32::MAX - 2;
 /// have 30 bits.
 pub(super) const MORE: u32 = 1 << 30;
 
-/// What [`Triangle::extent`] is rounded up by, past the subtraction's own error.
-pub(super) const EXTENT_MARGIN: f32 = 1.0 + 4.0 * f32::EPSILON;
-
-/// The most triangles of a leaf.
-pub(super) const LEAF_TRIANGLES: usize = 2;
-
 /// Threads of a workgroup.
 pub(super) const WORKGROUP_SIZE: u32 = 64;
 
 /// Relative error bound of the triangle test; `shaders/shared/triangle.wgsl` derives it.
 pub(super) const MARGIN: f32 = 16.0 / (1 << 24) as f32;
-/// How much rounding `a`, `b`, `c` may lengthen an edge, relative to their size.
-pub(super) const EDGE_ROUNDING: f32 = 4.0 / (1 << 24) as f32;
 /// Relative error bound of a quotient and two sums after it.
 pub(super) const T_ROUNDING: f32 = 16.0 / (1 << 24) as f32;
 /// What flushed denormals may add to a result of size 1: 2^6 times the smallest normal number.

@@ -14,11 +14,15 @@
 //! nearest number.
 
 mod adapter;
+mod berth;
+mod calibration;
 mod cross_check;
 mod error;
 mod fault;
 mod flatten;
 mod fused;
+#[cfg_attr(not(any(target_os = "linux", target_os = "android", windows)), path = "no_host_memory.rs")]
+mod host_memory;
 mod kernel;
 mod layout;
 mod pages;
@@ -37,5 +41,7 @@ mod watchdog;
 pub use adapter::{AdapterChoice, AdapterInfo, AdapterKind, adapters};
 pub use error::GpuError;
 pub use fault::{Fault, NoSuchFault};
+pub use flatten::Variant;
+pub use kernel::TreeKind;
 pub use tracer::GpuTracer;
 pub use wall::Gpu;

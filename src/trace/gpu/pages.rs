@@ -1,10 +1,13 @@
-//! Records in pages: a scene may have more nodes or triangles than one binding takes, so they lie in as many
+//! Records in pages: a scene may have more nodes or pairs than one binding takes, so they lie in as many
 //! buffers as it needs, each of a power of two records but for the last.
 
+use super::flatten::Flat;
+use super::kernel::TreeKind;
+use super::layout::{Identities, Pair};
 use super::{Gpu, GpuError};
 use std::fmt::Write as _;
 
-/// Bindings of storage that a kernel needs beside nodes and triangles: members, rays and answers.
+/// Bindings of storage that a kernel needs beside nodes, pairs and identities: members, rays and answers.
 const OTHER_BINDINGS: u64 = 3;
 
 /// How the records of one kind lie in pages.
@@ -40,8 +43,8 @@ impl Pages {
         (0..self.count as usize).map(move |page| &records[page * len..records.len().min((page + 1) * len)])
     }
 
-    /// Declares the pages from a binding of group 0 on, and a function `at` that reads a record.
-    pub fn declare(self, text: &mut String, first: u32, name: &str, record: &str, at: &str) {
+    /// Declares the pages from a binding of group 0 on.
+    fn declare(self, text: &mut String, first: u32, name: &str, record: &str) {
         for page in 0..self.count {
             let binding = first + page;
             let _ = writeln!(
@@ -49,45 +52,57 @@ impl Pages {
                 "@group(0) @binding({binding}) var<storage, read> {name}_{page}: array<{record}>;"
             );
         }
-        let _ = writeln!(text, "fn {at}(index: u32) -> {record} {{");
+    }
+
+    /// Defines a function that reads a record, or what `rest` takes of it.
+    fn read(self, text: &mut String, name: &str, function: &str, result: &str, rest: &str) {
+        let _ = writeln!(text, "fn {function} -> {result} {{");
         let place = if self.count == 1 { "index" } else { "place" };
         if self.count > 1 {
             let (bits, mask) = (self.bits, (1u32 << self.bits) - 1);
             let _ = writeln!(text, "    let page = index >> {bits}u;\n    let place = index & {mask}u;");
         }
         for page in 1..self.count {
-            let _ = writeln!(text, "    if page == {page}u {{ return {name}_{page}[{place}]; }}");
+            let _ = writeln!(text, "    if page == {page}u {{ return {name}_{page}[{place}]{rest}; }}");
         }
-        let _ = writeln!(text, "    return {name}_0[{place}];\n}}");
+        let _ = writeln!(text, "    return {name}_0[{place}]{rest};\n}}");
     }
 }
 
-/// The pages of a scene's nodes and triangles.
+/// The pages of a scene's nodes, pairs of triangles and their identities.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct ScenePages {
     pub nodes: Pages,
-    pub triangles: Pages,
+    pub pairs: Pages,
+    pub identities: Pages,
 }
 
 impl ScenePages {
-    /// Both in one page.
+    /// Each in one page.
     #[cfg(test)]
-    pub const ONE: Self = Self { nodes: Pages::ONE, triangles: Pages::ONE };
+    pub const ONE: Self = Self { nodes: Pages::ONE, pairs: Pages::ONE, identities: Pages::ONE };
 
-    /// Pages for so many records.
+    /// Pages for a scene.
     ///
     /// # Errors
     /// When the adapter has not enough bindings, told in bytes: what the records take and what all bindings
     /// together do.
-    pub fn new(gpu: &Gpu, nodes: (usize, usize), triangles: (usize, usize)) -> Result<Self, GpuError> {
+    pub fn new(gpu: &Gpu, flat: &Flat) -> Result<Self, GpuError> {
         let info = gpu.info();
         let one = info.max_binding_bytes.min(info.max_buffer_bytes);
         let bindings = u64::from(info.max_storage_bindings).saturating_sub(OTHER_BINDINGS);
-        let required = (nodes.0 * nodes.1 + triangles.0 * triangles.1) as u64;
-        let pages = Pages::of(nodes.0, nodes.1, one).zip(Pages::of(triangles.0, triangles.1, one));
-        match pages {
-            Some((nodes, triangles)) if u64::from(nodes.count + triangles.count) <= bindings => {
-                Ok(Self { nodes, triangles })
+        let sizes = [
+            (flat.nodes.len(), flat.nodes.record_bytes()),
+            (flat.pairs.len(), size_of::<Pair>()),
+            (flat.identities.len(), size_of::<Identities>()),
+        ];
+        let required = sizes.iter().map(|(records, bytes)| (records * bytes) as u64).sum();
+        let [nodes, pairs, identities] = sizes.map(|(records, bytes)| Pages::of(records, bytes, one));
+        match (nodes, pairs, identities) {
+            (Some(nodes), Some(pairs), Some(identities))
+                if u64::from(nodes.count + pairs.count + identities.count) <= bindings =>
+            {
+                Ok(Self { nodes, pairs, identities })
             }
             _ => Err(GpuError::TooLarge {
                 required,
@@ -97,16 +112,25 @@ impl ScenePages {
         }
     }
 
-    /// Bindings of group 0: nodes, triangles, members.
+    /// Bindings of group 0: nodes, pairs, identities, members.
     pub fn bindings(self) -> u32 {
-        self.nodes.count + self.triangles.count + 1
+        self.nodes.count + self.pairs.count + self.identities.count + 1
     }
 
-    /// The declarations that kernels read nodes and triangles through.
-    pub fn source(self) -> String {
-        let mut text = String::from("// Nodes and triangles, in as many bindings as they need.\n");
-        self.nodes.declare(&mut text, 0, "nodes", "Node", "node_at");
-        self.triangles.declare(&mut text, self.nodes.count, "triangles", "Triangle", "triangle_at");
+    /// The declarations that kernels read them through.
+    pub fn source(self, tree: TreeKind) -> String {
+        let Self { nodes, pairs, identities } = self;
+        let mut text = String::from("// Nodes, pairs and identities, in as many bindings as they need.\n");
+        let node = tree.node();
+        nodes.declare(&mut text, 0, "nodes", node);
+        nodes.read(&mut text, "nodes", "node_at(index: u32)", node, "");
+        if tree == TreeKind::Wide {
+            nodes.read(&mut text, "nodes", "child_at(index: u32, slot: u32)", "u32", ".children[slot]");
+        }
+        pairs.declare(&mut text, nodes.count, "pairs", "Pair");
+        pairs.read(&mut text, "pairs", "pair_at(index: u32)", "Pair", "");
+        identities.declare(&mut text, nodes.count + pairs.count, "identities", "vec2<u32>");
+        identities.read(&mut text, "identities", "identity_at(index: u32)", "vec2<u32>", "");
         let members = self.bindings() - 1;
         let _ = writeln!(text, "@group(0) @binding({members}) var<storage, read> members: array<Member>;");
         text

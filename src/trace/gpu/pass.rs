@@ -1,14 +1,24 @@
-//! One kernel and the buffers of its calls.
+//! One kernel, and how rays get to it and answers back.
+//!
+//! | rays lie | the kernel reads and writes | copied a ray |
+//! |---|---|---|
+//! | in lent memory, which the kernel reaches | them, where they are | nothing |
+//! | in lent memory of the host | a lane on the device; the device copies to and fro | 32 + answer |
+//! | in anybody's memory | a lane; wgpu stages the rays, and the answers are mapped and copied | 32 + answer |
 
+use super::berth::Berth;
 use super::kernel::Kernel;
 use super::layout::{Params, WORKGROUP_SIZE};
 use super::{Gpu, trusted};
-use crate::stream::Ray;
+use crate::stream::{Berth as _, Ray};
+use bytemuck::Pod;
+use std::fmt::Debug;
+use std::ops::Range;
 use std::sync::mpsc::{Receiver, sync_channel};
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
-/// A kernel made for a scene, and the lanes that no call is using.
+/// A kernel made for a scene, and the buffers that no call is using.
 #[derive(Debug)]
 pub(super) struct Pass {
     pipeline: wgpu::ComputePipeline,
@@ -17,44 +27,58 @@ pub(super) struct Pass {
     answer_bytes: usize,
     shared_memory: bool,
     idle: Mutex<Vec<Lane>>,
+    idle_params: Mutex<Vec<wgpu::Buffer>>,
 }
 
 /// How long another thread may take between seeing a submission done and telling whom it was for.
 const CALLBACK_PATIENCE: Duration = Duration::from_secs(10);
 
-/// Buffers of one call: its rays go in, its answers come out.
-///
-/// Where host and device share memory, both are mapped in place: rays are written where the kernel reads them. Elsewhere
-/// they pass through staging memory.
+/// What one call asks: its rays, and places for their answers. When it has landed these hold what the kernel
+/// answered, bit by bit.
 #[derive(Debug)]
-pub(super) struct Lane {
+pub(super) enum Call<'a, A> {
+    /// In memory of anybody's.
+    Anywhere { rays: &'a [Ray], answers: &'a mut [A] },
+    /// In memory lent by the device: of the places, these.
+    Lent { rays: &'a mut Berth<Ray>, answers: &'a mut Berth<A>, range: Range<usize> },
+}
+
+/// Buffers on the device for one call.
+#[derive(Debug)]
+struct Lane {
     capacity: usize,
-    /// Mapped for writing while no call is using the lane, if memory is shared.
     rays: wgpu::Buffer,
-    params: wgpu::Buffer,
     answers: wgpu::Buffer,
-    /// Where answers are copied to for the host to read; `None` if memory is shared.
-    readback: Option<wgpu::Buffer>,
-    /// Binds rays, params and answers: group 1.
-    group: wgpu::BindGroup,
+    /// Where the host reads answers, unless they are copied to where it wants them.
+    readback: wgpu::Buffer,
 }
 
-/// A lane whose kernel has been submitted.
+/// A call whose work has been recorded. Kept until that is done.
 #[derive(Debug)]
-pub(super) struct Flight<'a> {
-    pass: &'a Pass,
-    lane: Lane,
+pub(super) struct Flight {
+    params: wgpu::Buffer,
+    lane: Option<Lane>,
     bytes: u64,
-    /// Answers for each buffer that is being mapped.
-    mapped: Receiver<Result<(), wgpu::BufferAsyncError>>,
 }
 
-/// The answers of a lane, where they are: in memory that the device has written.
-#[derive(Debug)]
-pub(super) struct Answers<'a> {
-    pass: &'a Pass,
-    lane: Lane,
-    view: wgpu::BufferView,
+impl<A: Pod + Debug + Send + Sync> Call<'_, A> {
+    /// How many rays.
+    pub fn len(&self) -> usize {
+        match self {
+            Self::Anywhere { rays, .. } => rays.len(),
+            Self::Lent { range, .. } => range.len(),
+        }
+    }
+
+    /// The rays and the places of their answers.
+    pub fn slices(&mut self) -> (&[Ray], &mut [A]) {
+        match self {
+            Self::Anywhere { rays, answers } => (rays, answers),
+            Self::Lent { rays, answers, range } => {
+                (&rays.slots()[range.clone()], &mut answers.slots_mut()[range.clone()])
+            }
+        }
+    }
 }
 
 impl Pass {
@@ -80,12 +104,106 @@ impl Pass {
             compilation_options: wgpu::PipelineCompilationOptions::default(),
             cache: None,
         });
-        Self { pipeline, layout, answer_bytes: kernel.answer_bytes(), shared_memory, idle: Mutex::default() }
+        let answer_bytes = kernel.answer_bytes();
+        let (idle, idle_params) = (Mutex::default(), Mutex::default());
+        Self { pipeline, layout, answer_bytes, shared_memory, idle, idle_params }
+    }
+
+    /// Bytes that are copied between host and device for a call.
+    pub fn copied<A: Pod + Debug + Send + Sync>(&self, call: &Call<'_, A>) -> u64 {
+        match call {
+            Call::Lent { .. } if self.shared_memory => 0,
+            _ => (call.len() * (size_of::<Ray>() + self.answer_bytes)) as u64,
+        }
+    }
+
+    /// Records all that a call needs: its rays on their way, the kernel, the answers on theirs.
+    pub fn board<A: Pod + Debug + Send + Sync>(
+        &self,
+        (device, queue): (&wgpu::Device, &wgpu::Queue),
+        encoder: &mut wgpu::CommandEncoder,
+        scene: &wgpu::BindGroup,
+        scene_max_abs: f32,
+        call: &mut Call<'_, A>,
+    ) -> Option<Flight> {
+        debug_assert_eq!(size_of::<A>(), self.answer_bytes);
+        let count = call.len();
+        if count == 0 {
+            return None;
+        }
+        let params = self.params(device);
+        let told = Params { count: count as u32, scene_max_abs, zero: 0, spare: 0 };
+        queue.write_buffer(&params, 0, bytemuck::bytes_of(&told));
+        let (ray_bytes, bytes) = ((count * size_of::<Ray>()) as u64, (count * self.answer_bytes) as u64);
+        let lane = match call {
+            Call::Lent { rays, answers, range } if self.shared_memory => {
+                let at = |size: usize| (range.start * size) as u64;
+                let rays = part(rays.hand_out(), at(size_of::<Ray>()), ray_bytes);
+                let answers = part(answers.hand_out(), at(self.answer_bytes), bytes);
+                self.encode(device, encoder, scene, (rays, &params, answers), count);
+                None
+            }
+            Call::Lent { rays, answers, range } => {
+                let at = |size: usize| (range.start * size) as u64;
+                let lane = self.take(device, count);
+                encoder.copy_buffer_to_buffer(
+                    rays.hand_out(),
+                    at(size_of::<Ray>()),
+                    &lane.rays,
+                    0,
+                    ray_bytes,
+                );
+                self.encode(device, encoder, scene, lane.bindings(&params, ray_bytes, bytes), count);
+                let answers = answers.hand_out();
+                encoder.copy_buffer_to_buffer(&lane.answers, 0, answers, at(self.answer_bytes), bytes);
+                Some(lane)
+            }
+            Call::Anywhere { rays, .. } => {
+                let lane = self.take(device, count);
+                queue.write_buffer(&lane.rays, 0, bytemuck::cast_slice(rays));
+                self.encode(device, encoder, scene, lane.bindings(&params, ray_bytes, bytes), count);
+                encoder.copy_buffer_to_buffer(&lane.answers, 0, &lane.readback, 0, bytes);
+                Some(lane)
+            }
+        };
+        if let Call::Lent { answers, .. } = call {
+            // What the device has written is to be seen by the host.
+            let (buffer, state) = (answers.hand_out(), wgpu::BufferUses::MAP_READ);
+            encoder.transition_resources(
+                [wgpu::BufferTransition { buffer, state }].into_iter(),
+                std::iter::empty(),
+            );
+        }
+        Some(Flight { params, lane, bytes })
+    }
+
+    fn encode(
+        &self,
+        device: &wgpu::Device,
+        encoder: &mut wgpu::CommandEncoder,
+        scene: &wgpu::BindGroup,
+        (rays, params, answers): (wgpu::BindingResource<'_>, &wgpu::Buffer, wgpu::BindingResource<'_>),
+        count: usize,
+    ) {
+        let group = device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some("call"),
+            layout: &self.layout,
+            entries: &[
+                wgpu::BindGroupEntry { binding: 0, resource: rays },
+                entry(1, params),
+                wgpu::BindGroupEntry { binding: 2, resource: answers },
+            ],
+        });
+        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
+        pass.set_pipeline(&self.pipeline);
+        pass.set_bind_group(0, scene, &[]);
+        pass.set_bind_group(1, &group, &[]);
+        pass.dispatch_workgroups((count as u32).div_ceil(WORKGROUP_SIZE), 1, 1);
     }
 
     /// Takes the smallest lane that has room for `rays`, or makes one of a power of two.
-    pub fn take(&self, device: &wgpu::Device, rays: usize) -> Lane {
-        let mut idle = self.idle();
+    fn take(&self, device: &wgpu::Device, rays: usize) -> Lane {
+        let mut idle = self.idle.lock().unwrap_or_else(PoisonError::into_inner);
         let fits = (0..idle.len()).filter(|&i| idle[i].capacity >= rays).min_by_key(|&i| idle[i].capacity);
         if let Some(index) = fits {
             return idle.swap_remove(index);
@@ -93,148 +211,108 @@ impl Pass {
         // A lane that has become too small makes way for a larger one.
         let outgrown = idle.pop();
         drop((idle, outgrown));
-        self.lane(device, rays.next_power_of_two())
+        Lane::new(device, rays.next_power_of_two(), self.answer_bytes)
     }
 
-    /// Writes the rays into the lane.
-    pub fn send(
+    fn params(&self, device: &wgpu::Device) -> wgpu::Buffer {
+        use wgpu::BufferUsages as U;
+        let idle = self.idle_params.lock().unwrap_or_else(PoisonError::into_inner).pop();
+        idle.unwrap_or_else(|| buffer(device, "params", size_of::<Params>(), U::UNIFORM | U::COPY_DST))
+    }
+
+    /// Brings the answers to where the call wants them, once the submission is done, and frees the buffers.
+    pub fn land<A: Pod + Debug + Send + Sync>(
         &self,
-        queue: &wgpu::Queue,
-        lane: &Lane,
-        rays: &[Ray],
-        scene_max_abs: f32,
+        call: &mut Call<'_, A>,
+        boarding: Boarding,
     ) -> Result<(), String> {
-        let params = Params { count: rays.len() as u32, scene_max_abs, zero: 0, spare: 0 };
-        queue.write_buffer(&lane.params, 0, bytemuck::bytes_of(&params));
-        let bytes: &[u8] = bytemuck::cast_slice(rays);
-        if self.shared_memory {
-            let view = lane.rays.get_mapped_range_mut(0..bytes.len() as u64);
-            view.map_err(|e| e.to_string())?.copy_from_slice(bytes);
-            lane.rays.unmap();
-        } else {
-            queue.write_buffer(&lane.rays, 0, bytes);
+        let Boarding { flight: Flight { params, lane, bytes }, mapped } = boarding;
+        match call {
+            Call::Lent { rays, answers, .. } => {
+                rays.take_back();
+                answers.take_back();
+            }
+            Call::Anywhere { answers, .. } => {
+                let readback = &lane.as_ref().expect("rays from anywhere go through a lane").readback;
+                // The submission is done, but the callback runs on whichever thread polled first, perhaps not yet.
+                match mapped.map(|mapped| mapped.recv_timeout(CALLBACK_PATIENCE)) {
+                    Some(Ok(Ok(()))) => {}
+                    Some(Ok(Err(error))) => return Err(error.to_string()),
+                    _ => return Err("the answers were not mapped".into()),
+                }
+                let view = readback.get_mapped_range(0..bytes).map_err(|e| e.to_string())?;
+                answers.copy_from_slice(bytemuck::cast_slice(&view));
+                drop(view);
+                readback.unmap();
+            }
         }
+        self.idle_params.lock().unwrap_or_else(PoisonError::into_inner).push(params);
+        self.idle.lock().unwrap_or_else(PoisonError::into_inner).extend(lane);
         Ok(())
     }
+}
 
-    /// Bytes that are copied between host and device for so many rays.
-    pub fn copied(&self, rays: usize) -> u64 {
-        (rays * (size_of::<Ray>() + if self.shared_memory { 0 } else { self.answer_bytes })) as u64
-    }
+/// A call that has been submitted.
+#[derive(Debug)]
+pub(super) struct Boarding {
+    flight: Flight,
+    /// Tells that answers can be read, where they have to be mapped.
+    mapped: Option<Receiver<Result<(), wgpu::BufferAsyncError>>>,
+}
 
-    /// Has the kernel run over the lane's first `rays` rays, and the answers copied to the host.
-    pub fn encode(
-        &self,
-        encoder: &mut wgpu::CommandEncoder,
-        scene: &wgpu::BindGroup,
-        lane: &Lane,
-        rays: usize,
-    ) {
-        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
-        pass.set_pipeline(&self.pipeline);
-        pass.set_bind_group(0, scene, &[]);
-        pass.set_bind_group(1, &lane.group, &[]);
-        pass.dispatch_workgroups((rays as u32).div_ceil(WORKGROUP_SIZE), 1, 1);
-        drop(pass);
-        let bytes = (rays * self.answer_bytes) as u64;
-        if let Some(readback) = &lane.readback {
-            encoder.copy_buffer_to_buffer(&lane.answers, 0, readback, 0, bytes);
-        }
-    }
-
-    /// Asks for the answers, once submitted, and for the lane to be written again.
-    pub fn map(&self, lane: Lane, rays: usize) -> Flight<'_> {
-        let bytes = (rays * self.answer_bytes) as u64;
-        let (sender, mapped) = sync_channel(2);
-        let ask = |buffer: &wgpu::Buffer, mode, bytes| {
-            let sender = sender.clone();
-            // Nobody listens when the call has been given up.
-            buffer.map_async(mode, 0..bytes, move |result| drop(sender.send(result)));
+impl Flight {
+    /// Asks for the answers, once submitted.
+    pub fn ask<A>(self, call: &Call<'_, A>) -> Boarding {
+        let mapped = match (call, &self.lane) {
+            (Call::Anywhere { .. }, Some(lane)) => {
+                let (sender, mapped) = sync_channel(1);
+                // Nobody listens when the call has been given up.
+                let told = move |result| drop(sender.send(result));
+                lane.readback.map_async(wgpu::MapMode::Read, 0..self.bytes, told);
+                Some(mapped)
+            }
+            _ => None,
         };
-        ask(lane.readable(), wgpu::MapMode::Read, bytes);
-        if self.shared_memory {
-            ask(&lane.rays, wgpu::MapMode::Write, lane.rays.size());
-        }
-        Flight { pass: self, lane, bytes, mapped }
-    }
-
-    fn lane(&self, device: &wgpu::Device, capacity: usize) -> Lane {
-        use wgpu::BufferUsages as U;
-        let buffer = |label, bytes: usize, usage, mapped_at_creation| {
-            let size = bytes as u64;
-            device.create_buffer(&wgpu::BufferDescriptor {
-                label: Some(label),
-                size,
-                usage,
-                mapped_at_creation,
-            })
-        };
-        let (ray_bytes, answer_bytes) = (capacity * size_of::<Ray>(), capacity * self.answer_bytes);
-        let params = buffer("params", size_of::<Params>(), U::UNIFORM | U::COPY_DST, false);
-        let (rays, answers, readback) = if self.shared_memory {
-            let rays = buffer("rays", ray_bytes, U::STORAGE | U::MAP_WRITE, true);
-            (rays, buffer("answers", answer_bytes, U::STORAGE | U::MAP_READ, false), None)
-        } else {
-            let readback = buffer("readback", answer_bytes, U::MAP_READ | U::COPY_DST, false);
-            let answers = buffer("answers", answer_bytes, U::STORAGE | U::COPY_SRC, false);
-            (buffer("rays", ray_bytes, U::STORAGE | U::COPY_DST, false), answers, Some(readback))
-        };
-        let group = device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some("lane"),
-            layout: &self.layout,
-            entries: &[entry(0, &rays), entry(1, &params), entry(2, &answers)],
-        });
-        Lane { capacity, rays, params, answers, readback, group }
-    }
-
-    fn idle(&self) -> std::sync::MutexGuard<'_, Vec<Lane>> {
-        self.idle.lock().unwrap_or_else(PoisonError::into_inner)
+        Boarding { flight: self, mapped }
     }
 }
 
 impl Lane {
-    /// The buffer that the host reads answers from.
-    fn readable(&self) -> &wgpu::Buffer {
-        self.readback.as_ref().unwrap_or(&self.answers)
-    }
-}
-
-impl<'a> Flight<'a> {
-    /// The answers, once the submission is done.
-    pub fn land(self) -> Result<Answers<'a>, String> {
-        let Self { pass, lane, bytes, mapped } = self;
-        for _ in 0..if pass.shared_memory { 2 } else { 1 } {
-            // The submission is done, but the callback runs on whichever thread polled first, perhaps not yet.
-            match mapped.recv_timeout(CALLBACK_PATIENCE) {
-                Ok(Ok(())) => {}
-                Ok(Err(error)) => return Err(error.to_string()),
-                Err(_) => return Err("the answers were not mapped".into()),
-            }
+    fn new(device: &wgpu::Device, capacity: usize, answer_bytes: usize) -> Self {
+        use wgpu::BufferUsages as U;
+        let answer_bytes = capacity * answer_bytes;
+        Self {
+            capacity,
+            rays: buffer(device, "rays", capacity * size_of::<Ray>(), U::STORAGE | U::COPY_DST),
+            answers: buffer(device, "answers", answer_bytes, U::STORAGE | U::COPY_SRC),
+            readback: buffer(device, "readback", answer_bytes, U::MAP_READ | U::COPY_DST),
         }
-        let view = lane.readable().get_mapped_range(0..bytes).map_err(|e| e.to_string())?;
-        Ok(Answers { pass, lane, view })
+    }
+
+    fn bindings<'a>(
+        &'a self,
+        params: &'a wgpu::Buffer,
+        ray_bytes: u64,
+        bytes: u64,
+    ) -> (wgpu::BindingResource<'a>, &'a wgpu::Buffer, wgpu::BindingResource<'a>) {
+        (part(&self.rays, 0, ray_bytes), params, part(&self.answers, 0, bytes))
     }
 }
 
-impl Answers<'_> {
-    /// One for each ray.
-    pub fn of<T: bytemuck::AnyBitPattern>(&self) -> &[T] {
-        debug_assert_eq!(size_of::<T>(), self.pass.answer_bytes);
-        bytemuck::cast_slice(&self.view)
-    }
-
-    /// Frees the lane for another call.
-    pub fn give_back(self) {
-        let Self { pass, lane, view } = self;
-        drop(view);
-        lane.readable().unmap();
-        pass.idle().push(lane);
-    }
+fn buffer(device: &wgpu::Device, label: &str, bytes: usize, usage: wgpu::BufferUsages) -> wgpu::Buffer {
+    let (label, size) = (Some(label), bytes as u64);
+    device.create_buffer(&wgpu::BufferDescriptor { label, size, usage, mapped_at_creation: false })
 }
 
 /// Binds a whole buffer.
 pub(super) fn entry(binding: u32, buffer: &wgpu::Buffer) -> wgpu::BindGroupEntry<'_> {
     wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() }
+}
+
+/// Binds part of a buffer.
+fn part(buffer: &wgpu::Buffer, offset: u64, bytes: u64) -> wgpu::BindingResource<'_> {
+    let size = std::num::NonZeroU64::new(bytes);
+    wgpu::BindingResource::Buffer(wgpu::BufferBinding { buffer, offset, size })
 }
 
 /// The most rays of one pass on an adapter with these limits.

@@ -17,12 +17,13 @@ pub(super) struct Resolver {
 }
 
 impl Resolver {
-    /// Writes every ray's canonical hit.
+    /// Writes every ray's canonical hit over its candidates, which lie in its place.
     #[inline(always)]
-    pub fn closest(&self, rays: &[Ray], candidates: &[Candidates], hits: &mut [Hit]) -> DeviceReport {
+    pub fn closest(&self, rays: &[Ray], hits: &mut [Hit]) -> DeviceReport {
         let mut report = DeviceReport::default();
         let mut open = Vec::new();
-        for (index, (ray, found)) in rays.iter().zip(candidates).enumerate() {
+        for (index, ray) in rays.iter().enumerate() {
+            let found: &Candidates = &bytemuck::cast(hits[index]);
             let complete = found.rest == f32::MAX;
             if found.first == MISS && complete {
                 hits[index] = Hit::NONE;
@@ -44,12 +45,13 @@ impl Resolver {
         report
     }
 
-    /// Writes whether every ray is occluded.
+    /// Writes whether every ray is occluded over the candidate in its place.
     #[inline(always)]
-    pub fn occluded(&self, rays: &[Ray], candidates: &[u32], occluded: &mut [u32]) -> DeviceReport {
+    pub fn occluded(&self, rays: &[Ray], occluded: &mut [u32]) -> DeviceReport {
         let mut report = DeviceReport::default();
         let mut open = Vec::new();
-        for (index, (ray, &found)) in rays.iter().zip(candidates).enumerate() {
+        for (index, ray) in rays.iter().enumerate() {
+            let found = occluded[index];
             occluded[index] = (found == OCCLUDED).into();
             if found == OCCLUDED || found == MISS {
                 continue;

@@ -1,8 +1,8 @@
 //! A scene on the device: its buffers, and the kernels made for its tree.
 
-use super::flatten::{Flat, Trees};
+use super::flatten::{Flat, Variant};
 use super::kernel::{Kernel, Shape};
-use super::layout::{Member, Node, Triangle};
+use super::layout::Member;
 use super::pages::ScenePages;
 use super::pass::{Pass, entry};
 use super::{Gpu, GpuError};
@@ -17,11 +17,11 @@ pub(super) type Source = fn(Kernel, &Shape) -> String;
 /// A scene on the device.
 #[derive(Debug)]
 pub(super) struct DeviceScene {
-    /// Binds the pages of nodes and triangles: group 0.
+    /// Binds the pages of nodes, pairs and identities, and members: group 0.
     pub group: wgpu::BindGroup,
     pub closest: Pass,
     pub any: Pass,
-    /// Bytes of nodes and triangles.
+    /// Bytes of all of them.
     pub bytes: u64,
 }
 
@@ -31,15 +31,13 @@ impl DeviceScene {
     /// # Errors
     /// When the scene exceeds what the adapter binds (told before anything is allocated), or the
     /// device refuses or is lost.
-    pub fn new(gpu: &Gpu, bvh: &Bvh, source: Source) -> Result<Self, GpuError> {
-        let trees = Trees::of(bvh);
-        let node_size = (trees.nodes(), size_of::<Node>());
-        let pages = ScenePages::new(gpu, node_size, (trees.triangles(), size_of::<Triangle>()))?;
-        let Flat { nodes, triangles, members, stack } = trees.flatten();
-        drop(trees);
+    pub fn new(gpu: &Gpu, bvh: &Bvh, variant: Variant, source: Source) -> Result<Self, GpuError> {
+        let flat = Flat::of(bvh, variant);
+        let pages = ScenePages::new(gpu, &flat)?;
+        let Flat { nodes, pairs, identities, members, stack } = flat;
         let adapter = || gpu.info().to_string();
 
-        let shape = Shape { stack, members: !members.is_empty(), pages };
+        let shape = Shape { stack, tree: variant.tree, members: !members.is_empty(), pages };
         let shared = gpu.info().shared_memory;
         let made = gpu.attempt(|device, _| {
             let (group, call) = layouts(device, pages.bindings());
@@ -52,11 +50,13 @@ impl DeviceScene {
             .map_err(GpuError::Lost)?
             .map_err(|reason| GpuError::Kernel { adapter: adapter(), reason })?;
 
-        let node_pages = pages.nodes.split(&nodes).map(|page| ("nodes", bytemuck::cast_slice(page)));
-        let triangle_pages =
-            pages.triangles.split(&triangles).map(|page| ("triangles", bytemuck::cast_slice(page)));
+        let node_pages = nodes.split(pages.nodes).into_iter().map(|page| ("nodes", page));
+        let pair_pages = pages.pairs.split(&pairs).map(|page| ("pairs", bytemuck::cast_slice(page)));
+        let identity_pages =
+            pages.identities.split(&identities).map(|page| ("identities", bytemuck::cast_slice(page)));
         let member_page = ("members", bytemuck::cast_slice(&members));
-        let contents: Vec<(&str, &[u8])> = node_pages.chain(triangle_pages).chain([member_page]).collect();
+        let contents: Vec<(&str, &[u8])> =
+            node_pages.chain(pair_pages).chain(identity_pages).chain([member_page]).collect();
         // A binding may not be empty.
         let size = |page: &[u8]| page.len().max(size_of::<Member>()) as u64;
         let bytes = contents.iter().map(|(_, page)| size(page)).sum();

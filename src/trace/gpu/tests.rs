@@ -5,10 +5,10 @@ use super::kernel::{Kernel, Shape};
 use super::scene::Source;
 use super::succession::MOST;
 use super::watchdog::Watchdog;
-use super::{AdapterChoice, Gpu, GpuError, GpuTracer};
+use super::{AdapterChoice, Gpu, GpuError, GpuTracer, Variant};
 use crate::bvh::Bvh;
 use crate::geom::mix;
-use crate::stream::{DeviceError, DeviceTracer, Hit, Queries, Ray};
+use crate::stream::{Capacity, DeviceError, DeviceTracer, Hit, Queries, Ray, RayStream};
 use crate::trace::cpu::Oracle;
 use glam::Vec3;
 use std::sync::Arc;
@@ -76,12 +76,13 @@ fn rays(bvh: &Bvh, count: u32) -> Vec<Ray> {
 }
 
 /// How many answers of a GPU tracer made from `source` are not the reference's.
-fn wrong_answers(source: Source) -> usize {
+fn wrong_answers(variant: Variant, source: Source) -> usize {
     let (positions, triangles) = mesh();
     let bvh = Arc::new(Bvh::build(&positions, &triangles, |_| false));
     let oracle = Oracle::new(bvh.clone(), None);
     let rays = rays(&bvh, 20_000);
-    let tracer = GpuTracer::with_source(Arc::new(open()), bvh, None, Arc::new(oracle.clone()), source);
+    let tracer =
+        GpuTracer::with_source(Arc::new(open()), bvh, None, Arc::new(oracle.clone()), variant, source);
     let (mut hits, mut occluded) = (vec![Hit::NONE; rays.len()], vec![0; rays.len()]);
     let queries = Queries { rays: &rays, hits: &mut hits, shadow_rays: &rays, occluded: &mut occluded };
     match tracer.expect("the scene fits").trace(queries) {
@@ -161,13 +162,67 @@ fn trusting(source: &str) -> String {
 
 #[test]
 fn sloppy_arithmetic_gives_the_same_bits() {
-    assert_eq!(wrong_answers(sloppy), 0);
+    for variant in Variant::ALL {
+        assert_eq!(wrong_answers(variant, sloppy), 0, "{variant}");
+    }
 }
 
 #[test]
 fn the_margins_are_what_keeps_sloppy_arithmetic_right() {
-    let wrong = wrong_answers(|kernel, shape| trusting(&sloppy(kernel, shape)));
-    assert!(wrong > 20, "only {wrong} wrong answers without margins: the other test shows nothing");
+    for variant in Variant::ALL {
+        let wrong = wrong_answers(variant, |kernel, shape| trusting(&sloppy(kernel, shape)));
+        assert!(
+            wrong > 20,
+            "{variant}: only {wrong} wrong answers without margins: the other test shows nothing"
+        );
+    }
+}
+
+/// Traces a stream of so many rays and shadow rays in memory that the device lends; returns the bytes copied.
+fn trace_lent(tracer: &GpuTracer, oracle: &Oracle, rays: &[Ray], shadow_rays: &[Ray]) -> u64 {
+    let capacity = Capacity { rays: rays.len() + 5, shadow_rays: shadow_rays.len() + 9 };
+    let mut stream = RayStream::<_, u32, u32>::new().fill();
+    stream.append(capacity, Some(tracer), |mut columns| {
+        rays.iter().for_each(|&ray| columns.rays.push(ray));
+        columns.payloads.resize(rays.len(), 0);
+        shadow_rays.iter().for_each(|&ray| columns.shadow_rays.push(ray));
+        columns.shadow_payloads.resize(shadow_rays.len(), 0);
+    });
+    let (mut stream, report) = stream.seal().trace_on(tracer).expect("the device answers");
+    let shadows = stream.take_shadows();
+    for (ray, &occluded) in shadow_rays.iter().zip(shadows.occluded) {
+        assert_eq!(occluded, u32::from(!oracle.closest_one(ray).is_miss()), "{ray:?}");
+    }
+    let batch = stream.next_batch(rays.len());
+    assert_eq!((batch.rays, batch.hits.len()), (rays, rays.len()));
+    for (ray, hit) in rays.iter().zip(batch.hits) {
+        assert_eq!(hit, &oracle.closest_one(ray), "{ray:?}");
+    }
+    report.bytes_copied
+}
+
+#[test]
+fn streams_in_lent_memory_are_traced_there_or_fetched_by_the_device() {
+    let (positions, triangles) = mesh();
+    let bvh = Arc::new(Bvh::build(&positions, &triangles, |_| false));
+    let oracle = Oracle::new(bvh.clone(), None);
+    let rays = rays(&bvh, 3000);
+    for (shared, lends, per_ray, per_shadow_ray) in
+        [(true, true, 0, 0), (false, true, 48, 36), (true, false, 48, 36), (false, false, 48, 36)]
+    {
+        let mut gpu = open();
+        // A discrete adapter's ways, and those of one that does not lend.
+        (gpu.info.shared_memory, gpu.lends) = (shared, lends);
+        // Several dispatches a stream.
+        gpu.info.max_binding_bytes = 1 << 15;
+        let tracer = GpuTracer::new(Arc::new(gpu), bvh.clone(), None, Arc::new(oracle.clone()));
+        let tracer = tracer.expect("the scene fits");
+        assert_eq!(tracer.max_rays(), 1024);
+        for (n, m) in [(3000, 2000), (1, 0), (0, 1), (1025, 2999)] {
+            let copied = trace_lent(&tracer, &oracle, &rays[..n], &rays[..m]);
+            assert_eq!(copied, (per_ray * n + per_shadow_ray * m) as u64, "{shared} {lends} {n} {m}");
+        }
+    }
 }
 
 #[test]
@@ -201,7 +256,7 @@ fn a_scene_that_does_not_fit_is_refused_with_both_numbers() {
     let mut gpu = open();
     (gpu.info.max_binding_bytes, gpu.info.max_storage_bindings) = (6000, 5);
     let error = GpuTracer::new(Arc::new(gpu), bvh.clone(), None, oracle).map(|_| ()).expect_err("too large");
-    let least = (bvh.len() * 48) as u64;
+    let least = (bvh.len() / 2 * 48) as u64;
     assert!(
         matches!(error, GpuError::TooLarge { required, available: 12_000, .. } if required > least),
         "{error}"

@@ -1,14 +1,18 @@
 //! The GPU tracer: whole ray streams through the kernels and back.
 
+use super::berth::Berth as Lent;
+use super::flatten::Variant;
 use super::fused::fused;
 use super::kernel::Kernel;
-use super::layout::Candidates;
-use super::pass::{Answers, Flight, Lane, Pass, max_rays};
+use super::pass::{Call, max_rays};
 use super::resolve::Resolver;
 use super::scene::{DeviceScene, Source};
-use super::{AdapterKind, Fault, Gpu, GpuError, cross_check, fault};
+use super::{AdapterKind, Fault, Gpu, GpuError, berth, cross_check, fault};
 use crate::bvh::{Bvh, Filter};
-use crate::stream::{DeviceError, DeviceReport, DeviceTracer, Hit, Queries, Ray, Tracer};
+use crate::stream::{
+    Berth, Berths, Capacity, DeviceError, DeviceReport, DeviceTracer, Hit, InPlace, Queries, Ray, Sizing,
+    Tracer,
+};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
@@ -36,6 +40,7 @@ pub struct GpuTracer {
 /// What the tracer and its worker both see.
 struct Shared {
     live: Mutex<Arc<Live>>,
+    variant: Variant,
     source: Source,
     resolver: Resolver,
     /// No device comes any more: none is to be had, or nobody wants one.
@@ -50,8 +55,8 @@ struct Live {
 }
 
 impl Live {
-    fn new(gpu: Arc<Gpu>, bvh: &Bvh, source: Source) -> Result<Self, GpuError> {
-        let scene = DeviceScene::new(&gpu, bvh, source)?;
+    fn new(gpu: Arc<Gpu>, bvh: &Bvh, variant: Variant, source: Source) -> Result<Self, GpuError> {
+        let scene = DeviceScene::new(&gpu, bvh, variant, source)?;
         let most = if gpu.info().kind == AdapterKind::Software { MAX_RAYS_SOFTWARE } else { MAX_RAYS };
         let max_rays = max_rays(&gpu).min(most);
         Ok(Self { gpu, scene, max_rays })
@@ -67,7 +72,7 @@ impl Shared {
     fn replace(&self, lost: &Arc<Gpu>) {
         let mut gpu = lost.clone();
         while let Some(next) = gpu.successor(&self.over) {
-            match Live::new(next.clone(), &self.resolver.bvh, self.source) {
+            match Live::new(next.clone(), &self.resolver.bvh, self.variant, self.source) {
                 Ok(live) => {
                     let mut place = self.live.lock().unwrap_or_else(PoisonError::into_inner);
                     let lost = std::mem::replace(&mut *place, Arc::new(live));
@@ -95,22 +100,39 @@ impl GpuTracer {
         filter: Option<Arc<dyn Filter>>,
         cpu: Arc<dyn Tracer>,
     ) -> Result<Self, GpuError> {
-        Self::with_source(gpu, bvh, filter, cpu, Kernel::source)
+        Self::with_source(gpu, bvh, filter, cpu, Variant::default(), Kernel::source)
     }
 
-    /// Like [`GpuTracer::new`], with kernels compiled from `source`.
+    /// Like [`GpuTracer::new`], with the scene laid out in another way.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn with_variant(
+        gpu: Arc<Gpu>,
+        bvh: Arc<Bvh>,
+        filter: Option<Arc<dyn Filter>>,
+        cpu: Arc<dyn Tracer>,
+        variant: Variant,
+    ) -> Result<Self, GpuError> {
+        let mut tracer = Self::with_source(gpu, bvh, filter, cpu, variant, Kernel::source)?;
+        tracer.name = format!("{}, {variant}", tracer.name);
+        Ok(tracer)
+    }
+
+    /// Like [`GpuTracer::with_variant`], with kernels compiled from `source`.
     pub(super) fn with_source(
         gpu: Arc<Gpu>,
         bvh: Arc<Bvh>,
         filter: Option<Arc<dyn Filter>>,
         cpu: Arc<dyn Tracer>,
+        variant: Variant,
         source: Source,
     ) -> Result<Self, GpuError> {
         let gpu = gpu.latest();
-        let live = Mutex::new(Arc::new(Live::new(gpu, &bvh, source)?));
+        let live = Mutex::new(Arc::new(Live::new(gpu, &bvh, variant, source)?));
         let name = live.lock().unwrap_or_else(PoisonError::into_inner).gpu.info().name.clone();
         let resolver = Resolver { bvh, filter, cpu };
-        let shared = Arc::new(Shared { live, source, resolver, over: AtomicBool::new(false) });
+        let shared = Arc::new(Shared { live, variant, source, resolver, over: AtomicBool::new(false) });
         Ok(Self { name, shared, worker: Mutex::default() })
     }
 
@@ -122,6 +144,18 @@ impl GpuTracer {
     /// How many devices were opened in the place of lost ones before the one in use.
     pub fn replacements(&self) -> u32 {
         self.shared.live().gpu.succession.number()
+    }
+
+    /// Has a device do something; if it is lost, or is lost over it, has another opened.
+    fn with<T>(&self, live: &Live, work: impl FnOnce() -> Result<T, DeviceError>) -> Result<T, DeviceError> {
+        let answer = match live.gpu.lost() {
+            Some(reason) => Err(DeviceError::Lost(reason.into())),
+            None => work(),
+        };
+        if answer.is_err() {
+            self.replace(&live.gpu);
+        }
+        answer
     }
 
     /// Has another device opened in the place of a lost one, unless that is under way, has been done or is in vain.
@@ -150,29 +184,30 @@ impl Drop for GpuTracer {
     }
 }
 
+/// How long a dispatch took.
+struct Times {
+    /// From having the rays to having submitted them.
+    sent: Duration,
+    /// From then to where answers can be read.
+    readable: Duration,
+}
+
 impl Live {
     /// One submission: both kinds of rays go out, their candidates come back.
     fn dispatch(
         &self,
-        rays: &[Ray],
-        shadow_rays: &[Ray],
+        closest: &mut Call<'_, Hit>,
+        any: &mut Call<'_, u32>,
         scene_max_abs: f32,
         fault: Option<Fault>,
-    ) -> Result<Landed<'_>, String> {
+    ) -> Result<Times, String> {
         self.gpu.guard(|device, queue| {
             let start = Instant::now();
+            let DeviceScene { group, closest: closest_pass, any: any_pass, .. } = &self.scene;
             let mut encoder = device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
-            let mut send = |pass: &Pass, rays: &[Ray]| -> Result<Option<Lane>, String> {
-                if rays.is_empty() {
-                    return Ok(None);
-                }
-                let lane = pass.take(device, rays.len());
-                pass.send(queue, &lane, rays, scene_max_abs)?;
-                pass.encode(&mut encoder, &self.scene.group, &lane, rays.len());
-                Ok(Some(lane))
-            };
-            let (closest, any) = (&self.scene.closest, &self.scene.any);
-            let (closest_lane, any_lane) = (send(closest, rays)?, send(any, shadow_rays)?);
+            let both = (device, queue);
+            let hits = closest_pass.board(both, &mut encoder, group, scene_max_abs, closest);
+            let occluded = any_pass.board(both, &mut encoder, group, scene_max_abs, any);
             if let Some(Fault::Hang(_)) = fault {
                 return Err(self.gpu.wait_in_vain());
             }
@@ -181,62 +216,45 @@ impl Live {
             if let Some(Fault::Lost(_)) = fault {
                 device.destroy();
             }
-            let closest = closest_lane.map(|lane| closest.map(lane, rays.len()));
-            let any = any_lane.map(|lane| any.map(lane, shadow_rays.len()));
+            let hits = hits.map(|flight| flight.ask(closest));
+            let occluded = occluded.map(|flight| flight.ask(any));
             self.gpu.watchdog.note(self.gpu.wait(&submission)?);
-            let hits = closest.map(Flight::land).transpose()?;
-            let occluded = any.map(Flight::land).transpose()?;
-            Ok(Landed { hits, occluded, sent, readable: start.elapsed() - sent })
+            hits.map_or(Ok(()), |boarding| closest_pass.land(closest, boarding))?;
+            occluded.map_or(Ok(()), |boarding| any_pass.land(any, boarding))?;
+            Ok(Times { sent, readable: start.elapsed() - sent })
         })
     }
 
-    /// Answers queries that fit one dispatch.
+    /// Answers what fits one dispatch.
     fn trace(
         &self,
         resolver: &Resolver,
-        rays: &[Ray],
-        hits: &mut [Hit],
-        shadow_rays: &[Ray],
-        occluded: &mut [u32],
+        mut closest: Call<'_, Hit>,
+        mut any: Call<'_, u32>,
     ) -> Result<DeviceReport, DeviceError> {
         let (number, fault) = self.gpu.next_dispatch();
-        let landed = self
-            .dispatch(rays, shadow_rays, resolver.bvh.scene_max_abs(), fault)
+        let bytes_copied = self.scene.closest.copied(&closest) + self.scene.any.copied(&any);
+        let times = self
+            .dispatch(&mut closest, &mut any, resolver.bvh.scene_max_abs(), fault)
             .map_err(DeviceError::Lost)?;
-        let candidates = landed.hits.as_ref().map_or(&[][..], Answers::of::<Candidates>);
-        let blocked = landed.occluded.as_ref().map_or(&[][..], Answers::of::<u32>);
-        let corrupt = matches!(fault, Some(Fault::Corrupt(_))).then(|| fault::corrupted(candidates, blocked));
-        let (candidates, blocked) = corrupt.as_ref().map_or((candidates, blocked), |(c, b)| (c, b));
+        let ((rays, hits), (shadow_rays, occluded)) = (closest.slices(), any.slices());
+        if let Some(Fault::Corrupt(_)) = fault {
+            fault::corrupt(hits, occluded);
+        }
         let mut report = fused(|| {
-            let mut report = resolver.closest(rays, candidates, hits);
-            report += resolver.occluded(shadow_rays, blocked, occluded);
+            let mut report = resolver.closest(rays, hits);
+            report += resolver.occluded(shadow_rays, occluded);
             report
         });
-        report.bytes_copied =
-            self.scene.closest.copied(rays.len()) + self.scene.any.copied(shadow_rays.len());
-        report.sending_ns = landed.sent.as_nanos() as u64;
-        report.waiting_ns = landed.readable.as_nanos() as u64;
-        let given_back = self.gpu.guard(|_, _| {
-            [landed.hits, landed.occluded].into_iter().flatten().for_each(Answers::give_back);
-            Ok(())
-        });
-        given_back.map_err(DeviceError::Lost)?;
+        report.bytes_copied = bytes_copied;
+        report.sending_ns = times.sent.as_nanos() as u64;
+        report.waiting_ns = times.readable.as_nanos() as u64;
         let cpu = &*resolver.cpu;
         let checked = cross_check::closest(cpu, rays, hits, number)
             .and_then(|n| Ok(n + cross_check::occluded(cpu, shadow_rays, occluded, number)?));
         report.checked = checked.map_err(|reason| DeviceError::Lost(self.gpu.condemn(reason)))?;
         Ok(report)
     }
-}
-
-/// A dispatch that has returned.
-struct Landed<'a> {
-    hits: Option<Answers<'a>>,
-    occluded: Option<Answers<'a>>,
-    /// From having the rays to having submitted them.
-    sent: Duration,
-    /// From then to where answers can be read.
-    readable: Duration,
 }
 
 impl DeviceTracer for GpuTracer {
@@ -248,6 +266,33 @@ impl DeviceTracer for GpuTracer {
         self.shared.live().max_rays
     }
 
+    fn sizing(&self) -> Option<Sizing> {
+        self.shared.live().gpu.sizing()
+    }
+
+    fn berths(&self, capacity: Capacity, now: Option<&dyn Berth<Ray>>) -> Option<Berths> {
+        berth::berths(&self.shared.live().gpu, capacity, now)
+    }
+
+    fn trace_in_place(&self, stream: InPlace<'_>) -> Option<Result<DeviceReport, DeviceError>> {
+        let live = self.shared.live();
+        let rays = Lent::own(stream.rays, &live.gpu)?;
+        let hits = Lent::own(stream.hits, &live.gpu)?;
+        let shadow_rays = Lent::own(stream.shadow_rays, &live.gpu)?;
+        let occluded = Lent::own(stream.occluded, &live.gpu)?;
+        Some(self.with(&live, || {
+            let (count, shadow_count) = (stream.ray_count, stream.shadow_ray_count);
+            let mut report = DeviceReport::default();
+            for start in (0..count.max(shadow_count)).step_by(live.max_rays) {
+                let piece = |count: usize| start.min(count)..(start + live.max_rays).min(count);
+                let closest = Call::Lent { rays, answers: hits, range: piece(count) };
+                let any = Call::Lent { rays: shadow_rays, answers: occluded, range: piece(shadow_count) };
+                report += live.trace(&self.shared.resolver, closest, any)?;
+            }
+            Ok(report)
+        }))
+    }
+
     /// Takes more than [`DeviceTracer::max_rays`] too, in several dispatches.
     ///
     /// # Panics
@@ -257,27 +302,21 @@ impl DeviceTracer for GpuTracer {
         assert_eq!(rays.len(), hits.len(), "one hit per ray");
         assert_eq!(shadow_rays.len(), occluded.len(), "one answer per shadow ray");
         let live = self.shared.live();
-        if let Some(reason) = live.gpu.lost() {
-            self.replace(&live.gpu);
-            return Err(DeviceError::Lost(reason.into()));
-        }
-        let mut report = DeviceReport::default();
-        let mut parts = rays.chunks(live.max_rays).zip(hits.chunks_mut(live.max_rays));
-        let mut shadow_parts = shadow_rays.chunks(live.max_rays).zip(occluded.chunks_mut(live.max_rays));
-        loop {
-            let (part, shadow_part) = (parts.next(), shadow_parts.next());
-            if part.is_none() && shadow_part.is_none() {
-                return Ok(report);
-            }
-            let (rays, hits) = part.unwrap_or_default();
-            let (shadow_rays, occluded) = shadow_part.unwrap_or_default();
-            match live.trace(&self.shared.resolver, rays, hits, shadow_rays, occluded) {
-                Ok(part) => report += part,
-                Err(error) => {
-                    self.replace(&live.gpu);
-                    return Err(error);
+        let most = live.max_rays;
+        self.with(&live, || {
+            let mut parts = rays.chunks(most).zip(hits.chunks_mut(most));
+            let mut shadow_parts = shadow_rays.chunks(most).zip(occluded.chunks_mut(most));
+            let mut report = DeviceReport::default();
+            loop {
+                let (part, shadow_part) = (parts.next(), shadow_parts.next());
+                if part.is_none() && shadow_part.is_none() {
+                    return Ok(report);
                 }
+                let (rays, answers) = part.unwrap_or_default();
+                let closest = Call::Anywhere { rays, answers };
+                let (rays, answers) = shadow_part.unwrap_or_default();
+                report += live.trace(&self.shared.resolver, closest, Call::Anywhere { rays, answers })?;
             }
-        }
+        })
     }
 }

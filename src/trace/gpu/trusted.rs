@@ -5,11 +5,12 @@
 //!    its arithmetic, not its indices or loops.
 //! 2. Every index is in range: a thread beyond `Params::count` returns at once and the caller binds
 //!    at least `first + count` rays and answers; references come from `flatten`, which makes them for
-//!    nodes, triangles and members that it lays out, `pages` splits these over all pages that it declares,
-//!    and every leaf ends with a LAST triangle; the stack has an entry for every inner node on any way from
-//!    the root, through a member to a leaf, the most that a traversal pushes.
-//! 3. Every loop ends: each turn of a traversal goes down an edge of a finite tree or takes an entry
-//!    off the stack, and each edge is gone down at most once.
+//!    nodes, pairs (as many as a leaf's reference counts) and members that it lays out, `pages` splits these
+//!    over all pages that it declares; a slot of a wide node is below eight, and only slots in use are
+//!    visited; the stack has an entry for every inner node on any way from the root, through a member to a
+//!    leaf, the most that a traversal pushes.
+//! 3. Every loop ends: each turn of a traversal goes down an edge of a finite tree or takes something
+//!    off the stack, and each edge is gone down at most once; a leaf has at most eight pairs of two.
 //! 4. No integer is divided; no ray query, task or mesh shader is used.
 #![allow(unsafe_code)]
 

@@ -2,15 +2,17 @@
 //! reaches the rest of the program as anything but an error value.
 
 use super::adapter::{AdapterChoice, AdapterInfo, choose, enumerate};
+use super::host_memory::HostMemory;
 use super::succession::Succession;
 use super::watchdog::Watchdog;
 use super::{Fault, GpuError, probe};
+use crate::stream::Sizing;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
-/// How long a wait holds wgpu's locks, which other threads need to submit.
+/// How long a wait goes on before it looks whether the device is lost. Other threads submit meanwhile.
 const NAP: Duration = Duration::from_millis(50);
 
 /// Why the device is gone; set once.
@@ -27,6 +29,10 @@ pub struct Gpu {
     pub(super) watchdog: Watchdog,
     history: Arc<History>,
     pub(super) succession: Succession,
+    /// Whether streams may lie in memory of the device's lending.
+    pub(super) lends: bool,
+    /// What sizes it likes, if that has been measured.
+    pub(super) sizing: Option<Sizing>,
 }
 
 /// What a device and those that take its place have in common.
@@ -49,7 +55,7 @@ impl Gpu {
         let index = choose(&infos, choice)?;
         let info = infos[index].clone();
         let refused = |reason: String| GpuError::Open { adapter: info.to_string(), reason };
-        let request = || pollster::block_on(found[index].request_device(&descriptor(&found[index], &info)));
+        let request = || pollster::block_on(found[index].request_device(&descriptor(&found[index])));
         let (device, queue) = catch_unwind(AssertUnwindSafe(request))
             .map_err(|panic| refused(panic_text(panic.as_ref())))?
             .map_err(|e| refused(e.to_string()))?;
@@ -64,12 +70,20 @@ impl Gpu {
         }));
         let watchdog = Watchdog::of(info.kind);
         let (history, succession) = (Arc::default(), Succession::default());
-        let gpu = Self { info, device, queue, loss, watchdog, history, succession };
+        let mut gpu =
+            Self { info, device, queue, loss, watchdog, history, succession, lends: false, sizing: None };
         let refused = |reason: String| GpuError::Open { adapter: gpu.info.to_string(), reason };
         let results = gpu.guard(|device, queue| probe::compute(&gpu, device, queue)).map_err(refused)?;
         probe::judge(&results)
             .map_err(|reason| GpuError::Arithmetic { adapter: gpu.info.to_string(), reason })?;
+        let lent = gpu.attempt(|device, _| HostMemory::new(device, 1).is_some());
+        gpu.lends = matches!(lent, Ok(Ok(true)));
         Ok(gpu)
+    }
+
+    /// Whether streams may lie in memory of the device's lending.
+    pub(super) fn lends(&self) -> bool {
+        self.lends
     }
 
     /// Has something go wrong on purpose, once.
@@ -79,7 +93,7 @@ impl Gpu {
 
     /// This device, freshly opened, in the place of another.
     pub(super) fn in_place_of(self, lost: &Self, succession: Succession) -> Self {
-        Self { history: lost.history.clone(), succession, ..self }
+        Self { history: lost.history.clone(), succession, sizing: lost.sizing, ..self }
     }
 
     /// The adapter in use.
@@ -198,13 +212,10 @@ impl Gpu {
 }
 
 /// Asks for what the kernels use, as much of it as there is.
-fn descriptor(adapter: &wgpu::Adapter, info: &AdapterInfo) -> wgpu::DeviceDescriptor<'static> {
+fn descriptor(adapter: &wgpu::Adapter) -> wgpu::DeviceDescriptor<'static> {
     let there = adapter.limits();
-    let mapped =
-        if info.shared_memory { wgpu::Features::MAPPABLE_PRIMARY_BUFFERS } else { wgpu::Features::empty() };
     wgpu::DeviceDescriptor {
         label: Some("raystream"),
-        required_features: mapped,
         required_limits: wgpu::Limits {
             max_storage_buffer_binding_size: there.max_storage_buffer_binding_size,
             max_buffer_size: there.max_buffer_size,

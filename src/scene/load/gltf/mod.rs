@@ -3,6 +3,7 @@
 //! The crate parses and checks the JSON; bytes are read here, since its own readers trust the file.
 
 mod accessor;
+mod animation;
 mod buffers;
 mod container;
 mod instance;
@@ -77,6 +78,7 @@ pub(super) fn load(path: &Path) -> Result<Scene, LoadError> {
         textures: textures.into_list(),
         lights: world.lights,
         camera: world.camera,
+        camera_motion: world.camera_motion,
         warnings: warnings.into_list(),
         ..Scene::default()
     })

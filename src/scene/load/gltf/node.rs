@@ -2,9 +2,10 @@
 
 use super::super::LoadError;
 use super::Context;
+use super::animation::{camera_motion, warn_of_others};
 use super::material::Converted;
 use super::mesh::Flattened;
-use crate::scene::{Camera, Light, LightShape, Mesh, Shape};
+use crate::scene::{Camera, CameraMotion, Light, LightShape, Mesh, Shape, unit_turn};
 use ::gltf::camera::Projection;
 use ::gltf::khr_lights_punctual::Kind;
 use ::gltf::scene::Transform;
@@ -17,6 +18,7 @@ pub(super) struct World {
     pub(super) shapes: Vec<Shape>,
     pub(super) lights: Vec<Light>,
     pub(super) camera: Option<Camera>,
+    pub(super) camera_motion: Option<CameraMotion>,
     /// Whether triangles without a material name the one after the last.
     pub(super) uses_fallback: bool,
 }
@@ -29,7 +31,7 @@ pub(super) fn flatten<'a>(context: &mut Context<'a>, materials: &[Converted]) ->
     let document = context.document;
     let mut flattened = Flattened::new(materials);
     let mut lights = Vec::new();
-    let mut camera = None;
+    let mut camera: Option<(Camera, usize)> = None;
     let mut visited = vec![false; document.nodes().len()];
     let mut pending: Vec<(Node, DMat4)> = Vec::new();
     pending.extend(roots(document).into_iter().rev().map(|node| (node, DMat4::IDENTITY)));
@@ -50,7 +52,7 @@ pub(super) fn flatten<'a>(context: &mut Context<'a>, materials: &[Converted]) ->
         }
         if let Some(found) = node.camera() {
             match (&camera, place_camera(context, &found, &matrix)) {
-                (None, placed) => camera = placed,
+                (None, placed) => camera = placed.map(|placed| (placed, node.index())),
                 (Some(_), Some(_)) => context.warnings.add("The file has several cameras; the first counts."),
                 (Some(_), None) => {}
             }
@@ -59,7 +61,28 @@ pub(super) fn flatten<'a>(context: &mut Context<'a>, materials: &[Converted]) ->
         pending.extend(children.into_iter().rev().map(|child| (child, matrix)));
     }
     let (mesh, shapes, uses_fallback) = flattened.finish(context)?;
-    Ok(World { mesh, shapes, lights, camera, uses_fallback })
+    let chain = camera.map_or_else(Vec::new, |(_, node)| way_down(document, node));
+    let camera_motion = match camera {
+        Some((camera, _)) => camera_motion(context, &chain, camera.fov_degrees)?,
+        None => None,
+    };
+    warn_of_others(context, &chain);
+    let camera = camera.map(|(camera, _)| camera);
+    Ok(World { mesh, shapes, lights, camera, camera_motion, uses_fallback })
+}
+
+/// The nodes from a root down to a node of a tree.
+fn way_down(document: &Document, node: usize) -> Vec<Node<'_>> {
+    let mut parents = vec![None; document.nodes().len()];
+    for parent in document.nodes() {
+        for child in parent.children() {
+            parents[child.index()] = Some(parent.index());
+        }
+    }
+    let ancestors = std::iter::successors(Some(node), |&node| parents[node]);
+    let mut way: Vec<_> = ancestors.filter_map(|node| document.nodes().nth(node)).collect();
+    way.reverse();
+    way
 }
 
 /// Where to begin: a document without scenes shows all its nodes.
@@ -81,10 +104,7 @@ fn local_matrix(node: &Node) -> DMat4 {
             DMat4::from_cols_array_2d(&matrix.map(|column| column.map(f64::from)))
         }
         Transform::Decomposed { translation, rotation, scale } => {
-            let rotation = DQuat::from_array(rotation.map(f64::from));
-            // A rotation of length 0 turns nothing.
-            let length = rotation.length();
-            let rotation = if length > 0.0 { rotation * (1.0 / length) } else { DQuat::IDENTITY };
+            let rotation = unit_turn(DQuat::from_array(rotation.map(f64::from)));
             DMat4::from_scale_rotation_translation(
                 DVec3::from_array(scale.map(f64::from)),
                 rotation,
@@ -144,17 +164,7 @@ fn place_camera(context: &mut Context, camera: &::gltf::Camera, matrix: &DMat4) 
         context.warnings.add("Orthographic cameras are not supported and ignored.");
         return None;
     };
-    let eye = matrix.w_axis.truncate();
-    let view = (turn(matrix, DVec3::NEG_Z), turn(matrix, DVec3::Y));
-    let fov_degrees = lens.yfov().to_degrees();
-    let (Some(forward), Some(up)) = view else {
-        context.warnings.add("A camera whose node gives it no direction is ignored.");
-        return None;
-    };
-    // So far away that rounding the target does not turn the view.
-    let distance = eye.abs().max_element().max(1.0);
-    let target = (eye + forward.as_dvec3() * distance).as_vec3();
-    let camera = Camera { eye: eye.as_vec3(), target, up, fov_degrees };
+    let camera = Camera::placed(matrix, lens.yfov().to_degrees());
     if let Err(error) = camera.lens(1, 1) {
         context.warnings.add(format!("A camera is ignored: {error}."));
         return None;

@@ -1,8 +1,8 @@
-//! Energy meters, where the system lets them be read: RAPL on Linux (Intel and AMD processors; reading
-//! them may need rights).
+//! RAPL on Linux: the energy of Intel and AMD processors; reading it may need rights.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::time::Instant;
 
 /// Where Linux shows RAPL.
 const POWERCAP: &str = "/sys/class/powercap";
@@ -33,12 +33,48 @@ impl Meters {
         Self(meters)
     }
 
-    /// Joules since the start by meter: `package-0` is a whole processor, `package-0/dram` a part of
-    /// what is measured. Empty without meters. Counters start again after some minutes of load; of longer
-    /// times too little is told.
+    /// Joules since the start by meter. Counters start again after some minutes of load; of longer times too
+    /// little is told.
     pub fn joules(&self) -> BTreeMap<String, f64> {
-        let joules = |meter: &Meter| Some((meter.name.clone(), meter.spent_uj()? as f64 * 1e-6));
+        let joules = |meter: &Meter| {
+            let now_uj = number(&meter.counter)?;
+            Some((meter.name.clone(), meter.spent_uj(now_uj) as f64 * 1e-6))
+        };
         self.0.iter().filter_map(joules).collect()
+    }
+}
+
+/// What a meter counted since it was last looked at, by the time between.
+pub struct Power {
+    meter: Meter,
+    since: Instant,
+}
+
+impl Meters {
+    /// The same meters, to be looked at again and again.
+    pub fn into_power(self) -> Vec<Power> {
+        let since = Instant::now();
+        self.0.into_iter().map(|meter| Power { meter, since }).collect()
+    }
+}
+
+impl Power {
+    /// The meter's name.
+    pub fn name(&self) -> &str {
+        &self.meter.name
+    }
+
+    /// Watts since the last look; none if too little time has passed to tell.
+    pub fn watts(&mut self, now: Instant) -> Option<f64> {
+        let seconds = now.saturating_duration_since(self.since).as_secs_f64();
+        // The counter is renewed every thousandth of a second.
+        if seconds < 0.005 {
+            return None;
+        }
+        let now_uj = number(&self.meter.counter)?;
+        let spent_uj = self.meter.spent_uj(now_uj);
+        (self.meter.start_uj, self.since) = (now_uj, now);
+        Some(spent_uj as f64 * 1e-6 / seconds)
     }
 }
 
@@ -60,9 +96,8 @@ impl Meter {
         Some(Self { name, counter, range_uj, start_uj })
     }
 
-    fn spent_uj(&self) -> Option<u64> {
-        let now_uj = number(&self.counter)?;
-        Some(now_uj.checked_sub(self.start_uj).unwrap_or_else(|| now_uj + self.range_uj - self.start_uj))
+    fn spent_uj(&self, now_uj: u64) -> u64 {
+        now_uj.checked_sub(self.start_uj).unwrap_or_else(|| now_uj + self.range_uj - self.start_uj)
     }
 }
 
@@ -74,6 +109,7 @@ fn number(file: &Path) -> Option<u64> {
 mod tests {
     use super::*;
     use std::fs;
+    use std::time::Duration;
 
     #[test]
     fn meters_are_read_by_name_and_run_over() {
@@ -97,6 +133,14 @@ mod tests {
         write("intel-rapl:0:1", "energy_uj", "150000\n");
         let expected = [("package-0".to_owned(), 2.5), ("package-0/dram".to_owned(), 0.25)];
         assert_eq!(meters.joules(), BTreeMap::from(expected));
+        let mut power = meters.into_power();
+        let later = Instant::now() + Duration::from_secs(5);
+        assert_eq!(power[0].name(), "package-0");
+        // 2.5 J in a little over five seconds; then nothing, in no time.
+        let watts = power[0].watts(later).expect("time has passed");
+        assert!((0.49..=0.5).contains(&watts), "{watts} W");
+        assert_eq!(power[0].watts(later), None);
+        assert_eq!(power[0].watts(later + Duration::from_secs(1)), Some(0.0));
         assert!(Meters::start_in(&folder.path().join("nowhere")).joules().is_empty());
     }
 }

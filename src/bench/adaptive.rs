@@ -1,0 +1,237 @@
+//! `raystream bench adaptive`: samples taken evenly and where noise wants them, for the same time, against
+//! a picture of very many samples.
+
+use super::Spread;
+use super::frame::FrameError;
+use crate::film::Film;
+use crate::render::{Blocks, PassOptions, Path, Progressive, ROULETTE_BOUNCES, Settings, Stage};
+use crate::scene::Camera;
+use crate::schedule::{JobOptions, Policy, Service};
+use serde::Serialize;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// Passes into which even samples are divided, so that they end in time.
+const EVEN_PASSES: u32 = 32;
+
+/// What is rendered, and how often.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// Size and depth of the picture; samples per pixel are the most that it may take.
+    pub settings: Settings,
+    /// From where.
+    pub camera: Camera,
+    /// Relative standard errors at which adaptive pictures end.
+    pub targets: Vec<f32>,
+    /// Samples per pixel of the picture that stands for the truth.
+    pub reference_spp: u32,
+    /// Rounds, each with another seed.
+    pub rounds: usize,
+    /// How the scheduler shares out work.
+    pub policy: Option<Policy>,
+}
+
+/// One way of placing samples.
+#[derive(Clone, Debug, Serialize)]
+pub struct Row {
+    /// `adaptive`, or `even` for as long as adaptive took.
+    pub configuration: &'static str,
+    /// The target.
+    pub noise: f32,
+    /// Host threads.
+    pub threads: usize,
+    /// Of the picture.
+    pub seconds: Spread,
+    /// Samples per pixel.
+    pub mean_spp: Spread,
+    /// Root mean square difference to the truth, over all pixels and channels.
+    pub rmse: Spread,
+    /// The same of relative differences; channels darker than a tenth of the picture's mean count as that bright.
+    pub relative_rmse: Spread,
+    /// The root mean square relative error of the worst block of 16 × 16 pixels.
+    pub worst_block: Spread,
+    /// Times as much of an error that even samples have at equal time: squared errors fall as time grows, so
+    /// what is compared is their product. More than 1 is better.
+    pub efficiency: Efficiency,
+}
+
+/// What even samples' squared error × time is, divided by a row's.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Efficiency {
+    /// By [`Row::rmse`].
+    pub absolute: f64,
+    /// By [`Row::relative_rmse`].
+    pub relative: f64,
+    /// By [`Row::worst_block`].
+    pub worst_block: f64,
+}
+
+/// A scene with who may render it.
+#[derive(Clone)]
+pub struct Bench<'a> {
+    /// The scene, its tree, its tracers.
+    pub stage: &'a Stage,
+    /// The threads, for two jobs at a time.
+    pub service: &'a Service,
+    /// The pictures.
+    pub options: Options,
+}
+
+/// Distances of a picture from the truth, squared.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Errors {
+    absolute: f64,
+    relative: f64,
+    worst_block: f64,
+}
+
+/// What was measured of one way of placing samples.
+#[derive(Clone, Default)]
+struct Measured {
+    seconds: Vec<f64>,
+    mean_spp: Vec<f64>,
+    errors: Vec<Errors>,
+}
+
+impl Bench<'_> {
+    /// Measures each target; adaptive and even pictures take turns.
+    ///
+    /// # Errors
+    /// When a picture cannot be rendered.
+    pub fn run(&self) -> Result<Vec<Row>, FrameError> {
+        let Settings { seed, spp, .. } = self.options.settings;
+        let truth = self.path(seed.wrapping_add(self.options.rounds as u64), self.options.reference_spp)?;
+        let (_, truth) = self.render(truth, PassOptions::default(), None)?;
+        let mut rows = Vec::new();
+        for &noise in &self.options.targets {
+            let [mut adaptive, mut even] = [Measured::default(), Measured::default()];
+            for round in 0..self.options.rounds as u64 {
+                let path = || self.path(seed.wrapping_add(round), spp);
+                let options = PassOptions { noise: Some(noise), ..PassOptions::default() };
+                let (seconds, film) = self.render(path()?, options, None)?;
+                adaptive.add(seconds, &film, &truth);
+                let time = Duration::from_secs_f64(seconds);
+                let options = PassOptions { pass_time: Some(time / EVEN_PASSES), ..PassOptions::default() };
+                let (seconds, film) = self.render(path()?, options, Some(time))?;
+                even.add(seconds, &film, &truth);
+            }
+            let reference = even.clone();
+            for (name, measured) in [("adaptive", adaptive), ("even", even)] {
+                rows.push(self.row(name, noise, &measured, &reference));
+            }
+        }
+        Ok(rows)
+    }
+
+    fn path(&self, seed: u64, spp: u32) -> Result<Path, FrameError> {
+        let Options { settings, camera, .. } = &self.options;
+        let settings = Settings { seed, spp, ..*settings };
+        Ok(Path::new(self.stage.scene.clone(), camera, settings, Some(ROULETTE_BOUNCES))?)
+    }
+
+    /// Renders a picture to its end, or until its time is over; returns how long it took.
+    fn render(
+        &self,
+        path: Path,
+        options: PassOptions,
+        time: Option<Duration>,
+    ) -> Result<(f64, Arc<Film>), FrameError> {
+        let mut frame = Progressive::new(path, options);
+        let started = Instant::now();
+        loop {
+            let job = JobOptions { policy: self.options.policy, ..JobOptions::default() };
+            frame.begin(|pass| {
+                self.service.submit(Arc::clone(pass), self.stage.tracers.clone(), job.clone())
+            })?;
+            if time.is_some_and(|time| started.elapsed() >= time) {
+                frame.stop();
+            }
+            if !frame.wait_for(Duration::from_millis(1)) {
+                continue;
+            }
+            let pass = frame.finish_pass();
+            if pass.map_err(|error| FrameError::Job { configuration: "a pass", error })?.is_none() {
+                return Ok((started.elapsed().as_secs_f64(), frame.picture()));
+            }
+        }
+    }
+
+    fn row(&self, configuration: &'static str, noise: f32, measured: &Measured, even: &Measured) -> Row {
+        let spread = |error: fn(&Errors) -> f64| {
+            Spread::of_times(measured.errors.iter().map(|errors| error(errors).sqrt()).collect())
+        };
+        let efficiency = |error: fn(&Errors) -> f64| even.cost(error) / measured.cost(error);
+        Row {
+            configuration,
+            noise,
+            threads: self.service.host_threads(),
+            seconds: Spread::of_times(measured.seconds.clone()),
+            mean_spp: Spread::of_times(measured.mean_spp.clone()),
+            rmse: spread(|e| e.absolute),
+            relative_rmse: spread(|e| e.relative),
+            worst_block: spread(|e| e.worst_block),
+            efficiency: Efficiency {
+                absolute: efficiency(|e| e.absolute),
+                relative: efficiency(|e| e.relative),
+                worst_block: efficiency(|e| e.worst_block),
+            },
+        }
+    }
+}
+
+impl Measured {
+    fn add(&mut self, seconds: f64, film: &Film, truth: &Film) {
+        self.seconds.push(seconds);
+        self.mean_spp.push(film.mean_samples());
+        let blocks = Blocks::new(film.width(), film.height());
+        self.errors.push(Errors::of(&film.resolve(), &truth.resolve(), blocks));
+    }
+
+    /// Squared error × time, over all rounds.
+    fn cost(&self, error: fn(&Errors) -> f64) -> f64 {
+        self.errors.iter().map(error).sum::<f64>() * self.seconds.iter().sum::<f64>()
+    }
+}
+
+impl Errors {
+    fn of(picture: &[[f32; 3]], truth: &[[f32; 3]], blocks: Blocks) -> Self {
+        let mean = truth.as_flattened().iter().map(|&x| f64::from(x)).sum::<f64>() / (3 * truth.len()) as f64;
+        let (mut absolute, mut relative, mut worst_block) = (0.0, 0.0, 0.0_f64);
+        for block in 0..blocks.count() as u32 {
+            let (mut in_block, mut channels) = (0.0, 0.0);
+            for pixel in blocks.indices(block) {
+                for (x, truth) in picture[pixel].iter().zip(truth[pixel]) {
+                    let (square, truth) = (f64::from(x - truth).powi(2), f64::from(truth));
+                    absolute += square;
+                    in_block += square / truth.max(0.1 * mean).powi(2);
+                    channels += 1.0;
+                }
+            }
+            relative += in_block;
+            worst_block = worst_block.max(in_block / channels);
+        }
+        let channels = (3 * truth.len()) as f64;
+        Self { absolute: absolute / channels, relative: relative / channels, worst_block }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn errors_are_relative_to_what_is_there() {
+        let blocks = Blocks::new(32, 16);
+        let truth = vec![[2.0; 3]; 32 * 16];
+        let mut picture = truth.clone();
+        assert_eq!(Errors::of(&picture, &truth, blocks).absolute, 0.0);
+        // A whole block of two is off by a tenth.
+        blocks.indices(1).for_each(|pixel| picture[pixel] = [2.2; 3]);
+        let errors = Errors::of(&picture, &truth, blocks);
+        assert!(
+            (errors.absolute - 0.02).abs() < 1e-6 && (errors.relative - 0.005).abs() < 1e-6,
+            "{errors:?}"
+        );
+        assert!((errors.worst_block - 0.01).abs() < 1e-6, "{errors:?}");
+    }
+}

@@ -1,0 +1,39 @@
+//! What the machine tells of its own energy and clocks, where it lets itself be read: RAPL, NVML, Linux's clocks.
+
+mod clock;
+#[cfg(feature = "nvml")]
+mod nvml;
+mod rapl;
+mod recorder;
+
+pub use recorder::{PERIOD, Recorder, Series};
+
+use std::collections::BTreeMap;
+
+/// A machine's energy meters, read when they were started.
+pub struct Meters {
+    processors: rapl::Meters,
+    #[cfg(feature = "nvml")]
+    devices: nvml::Devices,
+}
+
+impl Meters {
+    /// Reads all meters of this machine; those that cannot be read are left out.
+    pub fn start() -> Self {
+        Self {
+            processors: rapl::Meters::start(),
+            #[cfg(feature = "nvml")]
+            devices: nvml::Devices::start(),
+        }
+    }
+
+    /// Joules since the start by meter: `package-0` is a whole processor, `package-0/dram` a part of
+    /// what is measured, `gpu 0 (NAME)` a GPU with its memory. Empty without meters.
+    pub fn joules(&self) -> BTreeMap<String, f64> {
+        #[allow(unused_mut, reason = "there are GPUs to be read only in a build with NVML")]
+        let mut joules = self.processors.joules();
+        #[cfg(feature = "nvml")]
+        joules.extend(self.devices.joules());
+        joules
+    }
+}

@@ -1,0 +1,66 @@
+//! The command line.
+
+mod bench;
+mod frames;
+mod progress;
+mod render;
+mod trace;
+mod units;
+mod view;
+
+pub use bench::{
+    BenchAdaptiveArgs, BenchBuildArgs, BenchCommand, BenchFrameArgs, BenchRaysArgs, BenchScheduleArgs,
+    BenchTablesArgs, BenchTailArgs,
+};
+pub use frames::FramesArgs;
+pub use progress::ProgressArgs;
+pub use render::RenderArgs;
+pub use trace::{MeshArgs, TraceArgs};
+pub use units::{PolicyChoice, TracerChoice, UnitArgs};
+pub use view::{CameraArgs, LightArgs, vector};
+
+use clap::{Parser, Subcommand};
+
+/// raystream: renders scenes and traces rays on CPU and GPU together.
+#[derive(Debug, Parser)]
+#[command(name = "raystream", version, about, max_term_width = 110)]
+pub struct Cli {
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+/// What to do.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Render a scene to a picture.
+    Render(RenderArgs),
+    /// Trace rays from a file and write their hits.
+    Trace(TraceArgs),
+    /// Write a scene's triangles as NumPy arrays.
+    Mesh(MeshArgs),
+    /// Measure speed beside its peers, in one run.
+    #[command(subcommand)]
+    Bench(BenchCommand),
+    /// Say what this machine has: instruction sets, threads, GPU adapters.
+    Info,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+    use glam::Vec3;
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn negative_vectors_and_sizes_parse() {
+        let cli = Cli::parse_from(["raystream", "render", "a.obj", "--eye", "-1,2,-3e2", "--size", "4x3"]);
+        let Command::Render(render) = cli.command else { panic!("render") };
+        assert_eq!((render.camera.eye, render.size), (Some(Vec3::new(-1.0, 2.0, -300.0)), (4, 3)));
+    }
+}

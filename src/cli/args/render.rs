@@ -1,0 +1,55 @@
+//! `raystream render`.
+
+use super::view::size;
+use super::{CameraArgs, FramesArgs, LightArgs, ProgressArgs, UnitArgs};
+use clap::Args;
+use std::path::PathBuf;
+
+/// `raystream render`.
+#[derive(Debug, Args)]
+pub struct RenderArgs {
+    /// Scene file: .obj, .gltf, .glb, .ply, or a .json recipe.
+    pub scene: PathBuf,
+    /// Picture to write: .png (sRGB), .exr, .hdr or .npy (linear radiance).
+    #[arg(short, long, value_name = "FILE", default_value = "out.png")]
+    pub output: PathBuf,
+    /// Integrator.
+    #[arg(long, value_name = "NAME", default_value = "path")]
+    pub integrator: String,
+    /// Picture size in pixels.
+    #[arg(long, value_name = "WxH", default_value = "960x540", value_parser = size)]
+    pub size: (u32, u32),
+    /// When it is done.
+    #[command(flatten)]
+    pub progress: ProgressArgs,
+    /// Most bounces; 0 = emission and direct light at the first hit.
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(0..=1000))]
+    pub max_bounces: u32,
+    /// Seed of all random numbers.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub seed: u64,
+    /// Never end a path early by chance.
+    #[arg(long)]
+    pub no_russian_roulette: bool,
+    /// From where.
+    #[command(flatten)]
+    pub camera: CameraArgs,
+    /// Several frames.
+    #[command(flatten)]
+    pub animation: FramesArgs,
+    /// By which light.
+    #[command(flatten)]
+    pub light: LightArgs,
+    /// Brighten a .png by this many stops.
+    #[arg(long, value_name = "STOPS", allow_hyphen_values = true, default_value_t = 0.0)]
+    pub exposure: f32,
+    /// Write statistics as JSON.
+    #[arg(long, value_name = "FILE")]
+    pub stats: Option<PathBuf>,
+    /// Write a timeline of all tasks: .json (Chrome trace) or .svg.
+    #[arg(long, value_name = "FILE")]
+    pub timeline: Option<PathBuf>,
+    /// Who traces.
+    #[command(flatten)]
+    pub units: UnitArgs,
+}

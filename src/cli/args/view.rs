@@ -1,0 +1,93 @@
+//! What is seen: from where, by which light, how large.
+
+use crate::scene::Camera;
+use clap::Args;
+use glam::Vec3;
+
+/// Where the camera stands.
+#[derive(Debug, Args)]
+pub struct CameraArgs {
+    /// Camera position [default: the scene's camera, else one that frames the scene].
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = vector)]
+    pub eye: Option<Vec3>,
+    /// Point the camera looks at.
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = vector)]
+    pub target: Option<Vec3>,
+    /// Direction that is up.
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = vector)]
+    pub up: Option<Vec3>,
+    /// Vertical field of view.
+    #[arg(long, value_name = "DEG", allow_hyphen_values = true)]
+    pub fov: Option<f32>,
+}
+
+impl CameraArgs {
+    /// Whether nothing is asked for.
+    pub fn is_silent(&self) -> bool {
+        let Self { eye, target, up, fov } = self;
+        eye.is_none() && target.is_none() && up.is_none() && fov.is_none()
+    }
+
+    /// The camera that the flags ask for, on top of the scene's own or one that frames it.
+    pub fn apply(&self, own: Option<Camera>, framed: impl FnOnce() -> Camera) -> Camera {
+        let base = own.unwrap_or_else(framed);
+        let eye = self.eye.unwrap_or(base.eye);
+        // A moved eye keeps looking at the same place.
+        Camera {
+            eye,
+            target: self.target.unwrap_or(base.target),
+            up: self.up.unwrap_or(base.up),
+            fov_degrees: self.fov.unwrap_or(base.fov_degrees),
+        }
+    }
+}
+
+/// What lights the scene besides its own lights.
+#[derive(Debug, Args)]
+pub struct LightArgs {
+    /// Environment: an equirectangular .hdr or .exr file, or a constant R,G,B
+    /// [default: the scene's; grey 1,1,1 if it has no light at all].
+    #[arg(long, value_name = "FILE|R,G,B")]
+    pub env: Option<String>,
+    /// Turn the environment map around the vertical.
+    #[arg(long, value_name = "DEG", allow_hyphen_values = true, default_value_t = 0.0)]
+    pub env_rotation: f32,
+}
+
+/// `WxH`, both at least 1 and at most 2²⁸ pixels together.
+pub(super) fn size(text: &str) -> Result<(u32, u32), String> {
+    let (w, h) = text.split_once(['x', 'X']).ok_or("write WIDTHxHEIGHT, as in 960x540")?;
+    let number = |s: &str| s.trim().parse::<u32>().map_err(|e| format!("{s:?}: {e}"));
+    let (w, h) = (number(w)?, number(h)?);
+    if w == 0 || h == 0 || u64::from(w) * u64::from(h) > 1 << 28 {
+        return Err("width and height must be at least 1 and have at most 268435456 pixels together".into());
+    }
+    Ok((w, h))
+}
+
+/// `X,Y,Z`, all finite.
+pub fn vector(text: &str) -> Result<Vec3, String> {
+    let parts: Vec<f32> = text
+        .split(',')
+        .map(|s| s.trim().parse::<f32>().map_err(|e| format!("{s:?}: {e}")))
+        .collect::<Result<_, _>>()?;
+    match parts[..] {
+        [x, y, z] if parts.iter().all(|p| p.is_finite()) => Ok(Vec3::new(x, y, z)),
+        _ => Err("write three finite numbers, as in 1,-2.5,3".into()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_no_size_or_vector_is_refused() {
+        for bad in ["0x0", "4", "-1x3", "99999x99999", "x"] {
+            assert!(size(bad).is_err(), "{bad}");
+        }
+        for bad in ["1,2", "1,2,nan", "a,b,c", "1,2,3,4", ""] {
+            assert!(vector(bad).is_err(), "{bad}");
+        }
+    }
+}

@@ -1,0 +1,54 @@
+//! `raystream bench adaptive`.
+
+use super::super::args::BenchAdaptiveArgs;
+use super::super::setup::Setup;
+use super::write;
+use crate::bench::adaptive::{Bench, Options};
+use crate::render::{PASSES_IN_FLIGHT, Settings};
+use crate::scene::Camera;
+use anyhow::Result;
+
+/// Measures adaptive against even samples.
+pub fn run(args: &BenchAdaptiveArgs) -> Result<()> {
+    let setup =
+        Setup::new(&args.scene, &args.shot.units, PASSES_IN_FLIGHT, |scene| args.shot.light.hang(scene))?;
+    let (width, height) = args.size;
+    let scene = &setup.stage.scene;
+    let framed = || Camera::framing(&scene.bounds(), width as f32 / height as f32);
+    let options = Options {
+        settings: Settings { width, height, spp: 1 << 16, max_bounces: args.max_bounces, seed: 0 },
+        camera: args.shot.camera.apply(scene.camera, framed),
+        targets: args.noise.clone(),
+        reference_spp: args.reference_spp,
+        rounds: args.rounds as usize,
+        policy: setup.policy,
+    };
+    let rows = Bench { stage: &setup.stage, service: &setup.service, options }.run()?;
+    println!(
+        "{width}x{height}, at most {} bounces, against {} spp; efficiency = squared error x time of even samples by that of the row",
+        args.max_bounces, args.reference_spp
+    );
+    println!(
+        "{:<10} {:>6} {:>8} {:>8} {:>9} {:>9} {:>9}  efficiency: relative, absolute, worst block",
+        "samples", "target", "s", "spp", "rmse", "relative", "worst"
+    );
+    for row in &rows {
+        println!(
+            "{:<10} {:>6} {:>8.2} {:>8.1} {:>9.5} {:>9.5} {:>9.5}  {:.2}, {:.2}, {:.2}",
+            row.configuration,
+            row.noise,
+            row.seconds.median,
+            row.mean_spp.median,
+            row.rmse.median,
+            row.relative_rmse.median,
+            row.worst_block.median,
+            row.efficiency.relative,
+            row.efficiency.absolute,
+            row.efficiency.worst_block
+        );
+    }
+    match &args.shot.json {
+        Some(path) => write(path, Some(&args.scene), &rows, &[]),
+        None => Ok(()),
+    }
+}

@@ -1,0 +1,48 @@
+//! `raystream bench tail`.
+
+use super::super::args::BenchTailArgs;
+use super::super::setup::Setup;
+use super::write;
+use crate::bench::tail::{Bench, Options};
+use crate::render::Settings;
+use crate::scene::Camera;
+use anyhow::Result;
+
+/// Measures how long threads wait for work.
+pub fn run(args: &BenchTailArgs) -> Result<()> {
+    let frames_in_flight = args.frames_in_flight as usize;
+    let setup =
+        Setup::new(&args.scene, &args.shot.units, frames_in_flight, |scene| args.shot.light.hang(scene))?;
+    let (width, height) = args.size;
+    let scene = &setup.stage.scene;
+    let framed = || Camera::framing(&scene.bounds(), width as f32 / height as f32);
+    let options = Options {
+        settings: Settings { width, height, spp: args.spp, max_bounces: args.max_bounces, seed: 0 },
+        camera: args.shot.camera.apply(scene.camera, framed),
+        frames_in_flight,
+        rounds: args.rounds as usize,
+        policy: setup.policy,
+    };
+    let rows = Bench { stage: &setup.stage, service: &setup.service, options }.run()?;
+    println!("{width}x{height}, {} spp, at most {} bounces; a frame:", args.spp, args.max_bounces);
+    println!(
+        "{:<26} {:>7} {:>9} {:>9} {:>9} {:>12} {:>7}",
+        "configuration", "threads", "ms", "idle ms", "worst", "in the tail", "busy"
+    );
+    for row in &rows {
+        println!(
+            "{:<26} {:>7} {:>9.1} {:>9.2} {:>9.2} {:>12} {:>7.3}",
+            row.configuration,
+            row.threads,
+            row.seconds.median * 1e3,
+            row.idle_s.median * 1e3,
+            row.idle_s.worst * 1e3,
+            row.tail_idle_s.map_or_else(String::new, |idle_s| format!("{:.2}", idle_s.median * 1e3)),
+            row.busy_share.median
+        );
+    }
+    match &args.shot.json {
+        Some(path) => write(path, Some(&args.scene), &rows, &[]),
+        None => Ok(()),
+    }
+}

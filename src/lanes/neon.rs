@@ -1,0 +1,361 @@
+//! Eight lanes on 64-bit ARM: two NEON registers side by side, as the trees are eight wide.
+//!
+//! Without such a processor, QEMU runs the tests (with gcc-aarch64-linux-gnu and qemu-user of Debian):
+//! `CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_LINKER=aarch64-linux-gnu-gcc
+//! CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_RUNNER="qemu-aarch64 -L /usr/aarch64-linux-gnu"
+//! cargo test --release --no-default-features --target aarch64-unknown-linux-gnu --test tracing`.
+//!
+//! Unsafe code, because of instructions and pointers. Invariants:
+//! 1. Every 64-bit ARM processor has NEON, so the token needs no proof.
+//! 2. Every pointer access is within what the caller of the method vouches for, as the trait states it.
+#![allow(unsafe_code)]
+
+use super::order::LANES_OF;
+use super::{Lanes, Piece, nearest, spill};
+use std::arch::aarch64::*;
+
+/// Eight lanes of NEON.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Neon;
+
+/// Lanes 0 to 3 and 4 to 7.
+type F = [float32x4_t; 2];
+/// Likewise.
+type I = [uint32x4_t; 2];
+
+/// A bit a lane, from lanes of all ones and all zeros.
+#[inline(always)]
+fn mask(lanes: I) -> u32 {
+    // SAFETY: invariant 1; eight words are read.
+    unsafe {
+        let bits = vld1q_u32_x2([1u32, 2, 4, 8, 16, 32, 64, 128].as_ptr());
+        vaddvq_u32(vorrq_u32(vandq_u32(lanes[0], bits.0), vandq_u32(lanes[1], bits.1)))
+    }
+}
+
+/// Lanes of all ones and all zeros, from a bit a lane.
+#[inline(always)]
+fn lanes(mask: u32) -> I {
+    // SAFETY: invariant 1; eight words are read.
+    unsafe {
+        let bits = vld1q_u32_x2([1u32, 2, 4, 8, 16, 32, 64, 128].as_ptr());
+        [vtstq_u32(vdupq_n_u32(mask), bits.0), vtstq_u32(vdupq_n_u32(mask), bits.1)]
+    }
+}
+
+#[inline(always)]
+fn ids(f: F) -> I {
+    // SAFETY: invariant 1.
+    unsafe { [vreinterpretq_u32_f32(f[0]), vreinterpretq_u32_f32(f[1])] }
+}
+
+#[inline(always)]
+fn numbers(i: I) -> F {
+    // SAFETY: invariant 1.
+    unsafe { [vreinterpretq_f32_u32(i[0]), vreinterpretq_f32_u32(i[1])] }
+}
+
+/// The lanes of a mask, in order.
+#[inline(always)]
+fn order_of(mask: u32) -> I {
+    // SAFETY: invariant 1; there are 256 masks.
+    unsafe {
+        let order = vmovl_u8(vld1_u8(LANES_OF.get_unchecked(mask as usize & 255).as_ptr()));
+        [vmovl_u16(vget_low_u16(order)), vmovl_high_u16(order)]
+    }
+}
+
+/// Turns four rows of four into columns, or columns into rows.
+#[inline(always)]
+fn transpose(r: [float32x4_t; 4]) -> [float32x4_t; 4] {
+    // SAFETY: invariant 1.
+    unsafe {
+        let pairs = |even: float32x4_t, odd: float32x4_t| {
+            (vreinterpretq_f64_f32(vtrn1q_f32(even, odd)), vreinterpretq_f64_f32(vtrn2q_f32(even, odd)))
+        };
+        let (ab, cd) = (pairs(r[0], r[1]), pairs(r[2], r[3]));
+        [
+            vreinterpretq_f32_f64(vzip1q_f64(ab.0, cd.0)),
+            vreinterpretq_f32_f64(vzip1q_f64(ab.1, cd.1)),
+            vreinterpretq_f32_f64(vzip2q_f64(ab.0, cd.0)),
+            vreinterpretq_f32_f64(vzip2q_f64(ab.1, cd.1)),
+        ]
+    }
+}
+
+// SAFETY of every block below: invariant 1 for the instructions, 2 for the pointers.
+#[allow(clippy::undocumented_unsafe_blocks)]
+impl Lanes for Neon {
+    const LANES: usize = 8;
+    type F = F;
+    type I = I;
+
+    #[inline(always)]
+    fn splat(self, x: f32) -> F {
+        unsafe { [vdupq_n_f32(x); 2] }
+    }
+    #[inline(always)]
+    fn add(self, a: F, b: F) -> F {
+        unsafe { [vaddq_f32(a[0], b[0]), vaddq_f32(a[1], b[1])] }
+    }
+    #[inline(always)]
+    fn sub(self, a: F, b: F) -> F {
+        unsafe { [vsubq_f32(a[0], b[0]), vsubq_f32(a[1], b[1])] }
+    }
+    #[inline(always)]
+    fn mul(self, a: F, b: F) -> F {
+        unsafe { [vmulq_f32(a[0], b[0]), vmulq_f32(a[1], b[1])] }
+    }
+    #[inline(always)]
+    fn div(self, a: F, b: F) -> F {
+        unsafe { [vdivq_f32(a[0], b[0]), vdivq_f32(a[1], b[1])] }
+    }
+    #[inline(always)]
+    fn fma(self, a: F, b: F, c: F) -> F {
+        unsafe { [vfmaq_f32(c[0], a[0], b[0]), vfmaq_f32(c[1], a[1], b[1])] }
+    }
+    #[inline(always)]
+    fn fms(self, a: F, b: F, c: F) -> F {
+        self.fma(a, b, self.neg(c))
+    }
+    // The instructions `fmin` and `fmax` treat NaN in another way than the trait says.
+    #[inline(always)]
+    fn min(self, a: F, b: F) -> F {
+        unsafe {
+            [vbslq_f32(vcltq_f32(a[0], b[0]), a[0], b[0]), vbslq_f32(vcltq_f32(a[1], b[1]), a[1], b[1])]
+        }
+    }
+    #[inline(always)]
+    fn max(self, a: F, b: F) -> F {
+        unsafe {
+            [vbslq_f32(vcgtq_f32(a[0], b[0]), a[0], b[0]), vbslq_f32(vcgtq_f32(a[1], b[1]), a[1], b[1])]
+        }
+    }
+    #[inline(always)]
+    fn sqrt(self, a: F) -> F {
+        unsafe { [vsqrtq_f32(a[0]), vsqrtq_f32(a[1])] }
+    }
+    #[inline(always)]
+    fn floor(self, a: F) -> F {
+        unsafe { [vrndmq_f32(a[0]), vrndmq_f32(a[1])] }
+    }
+    #[inline(always)]
+    fn abs(self, a: F) -> F {
+        unsafe { [vabsq_f32(a[0]), vabsq_f32(a[1])] }
+    }
+    #[inline(always)]
+    fn neg(self, a: F) -> F {
+        unsafe { [vnegq_f32(a[0]), vnegq_f32(a[1])] }
+    }
+    #[inline(always)]
+    fn with_sign_of(self, a: F, b: F) -> F {
+        unsafe {
+            let sign = vdupq_n_u32(1 << 31);
+            [vbslq_f32(sign, b[0], a[0]), vbslq_f32(sign, b[1], a[1])]
+        }
+    }
+    #[inline(always)]
+    fn le(self, among: u32, a: F, b: F) -> u32 {
+        unsafe { among & mask([vcleq_f32(a[0], b[0]), vcleq_f32(a[1], b[1])]) }
+    }
+    #[inline(always)]
+    fn eq(self, among: u32, a: F, b: F) -> u32 {
+        unsafe { among & mask([vceqq_f32(a[0], b[0]), vceqq_f32(a[1], b[1])]) }
+    }
+    #[inline(always)]
+    fn lt(self, among: u32, a: F, b: F) -> u32 {
+        unsafe { among & mask([vcltq_f32(a[0], b[0]), vcltq_f32(a[1], b[1])]) }
+    }
+    #[inline(always)]
+    fn signs(self, a: F) -> u32 {
+        unsafe {
+            let a = ids(a);
+            let sign = vdupq_n_u32(1 << 31);
+            mask([vtstq_u32(a[0], sign), vtstq_u32(a[1], sign)])
+        }
+    }
+    #[inline(always)]
+    fn select(self, mask: u32, a: F, b: F) -> F {
+        unsafe {
+            let lanes = lanes(mask);
+            [vbslq_f32(lanes[0], a[0], b[0]), vbslq_f32(lanes[1], a[1], b[1])]
+        }
+    }
+    #[inline(always)]
+    fn pack(self, mask: u32, a: F) -> F {
+        numbers(self.permute_ids(ids(a), order_of(mask)))
+    }
+    #[inline(always)]
+    fn to_fixed(self, a: F, scale: f64) -> [i64; 16] {
+        spill(self, a).map(|x| nearest(f64::from(x) * scale))
+    }
+    #[inline(always)]
+    fn lowest(self, a: F) -> f32 {
+        unsafe { vminnmvq_f32(vminnmq_f32(a[0], a[1])) }
+    }
+    #[inline(always)]
+    fn highest(self, a: F) -> f32 {
+        unsafe { vmaxnmvq_f32(vmaxnmq_f32(a[0], a[1])) }
+    }
+    #[inline(always)]
+    fn select_ids(self, mask: u32, a: I, b: I) -> I {
+        unsafe {
+            let lanes = lanes(mask);
+            [vbslq_u32(lanes[0], a[0], b[0]), vbslq_u32(lanes[1], a[1], b[1])]
+        }
+    }
+    #[inline(always)]
+    fn permute_ids(self, a: I, order: I) -> I {
+        unsafe {
+            // Lane n is bytes 4n to 4n + 3.
+            let table = uint8x16x2_t(vreinterpretq_u8_u32(a[0]), vreinterpretq_u8_u32(a[1]));
+            let (step, bytes) = (vdupq_n_u32(0x0404_0404), vdupq_n_u32(0x0302_0100));
+            let at = |order| vreinterpretq_u8_u32(vmlaq_u32(bytes, order, step));
+            [
+                vreinterpretq_u32_u8(vqtbl2q_u8(table, at(order[0]))),
+                vreinterpretq_u32_u8(vqtbl2q_u8(table, at(order[1]))),
+            ]
+        }
+    }
+    #[inline(always)]
+    fn splat_id(self, id: u32) -> I {
+        unsafe { [vdupq_n_u32(id); 2] }
+    }
+    #[inline(always)]
+    fn add_ids(self, a: I, b: I) -> I {
+        unsafe { [vaddq_u32(a[0], b[0]), vaddq_u32(a[1], b[1])] }
+    }
+    #[inline(always)]
+    fn mul_ids(self, a: I, b: I) -> I {
+        unsafe { [vmulq_u32(a[0], b[0]), vmulq_u32(a[1], b[1])] }
+    }
+    #[inline(always)]
+    fn and_ids(self, a: I, b: I) -> I {
+        unsafe { [vandq_u32(a[0], b[0]), vandq_u32(a[1], b[1])] }
+    }
+    #[inline(always)]
+    fn or_ids(self, a: I, b: I) -> I {
+        unsafe { [vorrq_u32(a[0], b[0]), vorrq_u32(a[1], b[1])] }
+    }
+    #[inline(always)]
+    fn xor_ids(self, a: I, b: I) -> I {
+        unsafe { [veorq_u32(a[0], b[0]), veorq_u32(a[1], b[1])] }
+    }
+    #[inline(always)]
+    fn shl_ids(self, a: I, count: u32) -> I {
+        unsafe {
+            let by = vdupq_n_s32(count as i32);
+            [vshlq_u32(a[0], by), vshlq_u32(a[1], by)]
+        }
+    }
+    #[inline(always)]
+    fn shr_ids(self, a: I, count: u32) -> I {
+        unsafe {
+            let by = vdupq_n_s32(-(count as i32));
+            [vshlq_u32(a[0], by), vshlq_u32(a[1], by)]
+        }
+    }
+    #[inline(always)]
+    fn reverse_ids(self, a: I) -> I {
+        unsafe {
+            // The bits of each byte, then the bytes of each word.
+            let reverse = |a| vreinterpretq_u32_u8(vrev32q_u8(vrbitq_u8(vreinterpretq_u8_u32(a))));
+            [reverse(a[0]), reverse(a[1])]
+        }
+    }
+    #[inline(always)]
+    fn lt_ids(self, among: u32, a: I, b: I) -> u32 {
+        unsafe { among & mask([vcltq_u32(a[0], b[0]), vcltq_u32(a[1], b[1])]) }
+    }
+    #[inline(always)]
+    fn eq_ids(self, among: u32, a: I, b: I) -> u32 {
+        unsafe { among & mask([vceqq_u32(a[0], b[0]), vceqq_u32(a[1], b[1])]) }
+    }
+    #[inline(always)]
+    fn to_ids(self, a: F) -> I {
+        unsafe { [vcvtq_u32_f32(a[0]), vcvtq_u32_f32(a[1])] }
+    }
+    #[inline(always)]
+    fn of_ids(self, a: I) -> F {
+        unsafe { [vcvtq_f32_u32(a[0]), vcvtq_f32_u32(a[1])] }
+    }
+    #[inline(always)]
+    fn bits(self, a: F) -> I {
+        ids(a)
+    }
+    #[inline(always)]
+    fn of_bits(self, a: I) -> F {
+        numbers(a)
+    }
+    #[inline(always)]
+    fn apart<P: Piece<Self>>(self, piece: P) -> P::Output {
+        #[inline(never)]
+        fn run<P: Piece<Neon>>(l: Neon, piece: P) -> P::Output {
+            piece.run(l)
+        }
+        run(self, piece)
+    }
+    #[inline(always)]
+    unsafe fn gather(self, from: *const u32, ids: I) -> I {
+        let mut words = [0; 8];
+        unsafe {
+            self.store_ids(words.as_mut_ptr(), ids);
+            let words = words.map(|id: u32| from.add(id as usize).read_unaligned());
+            self.load_ids(words.as_ptr())
+        }
+    }
+    #[inline(always)]
+    unsafe fn load(self, from: *const f32) -> F {
+        unsafe { [vld1q_f32(from), vld1q_f32(from.add(4))] }
+    }
+    #[inline(always)]
+    unsafe fn store(self, to: *mut f32, a: F) {
+        unsafe {
+            vst1q_f32(to, a[0]);
+            vst1q_f32(to.add(4), a[1]);
+        }
+    }
+    #[inline(always)]
+    unsafe fn load_ids(self, from: *const u32) -> I {
+        unsafe { [vld1q_u32(from), vld1q_u32(from.add(4))] }
+    }
+    #[inline(always)]
+    unsafe fn store_ids(self, to: *mut u32, ids: I) {
+        unsafe {
+            vst1q_u32(to, ids[0]);
+            vst1q_u32(to.add(4), ids[1]);
+        }
+    }
+    #[inline(always)]
+    unsafe fn append(self, to: *mut u32, mask: u32, ids: I) {
+        unsafe { self.store_ids(to, self.permute_ids(ids, order_of(mask))) }
+    }
+    #[inline(always)]
+    unsafe fn rows(self, base: *const f32, ids: *const u32) -> [F; 8] {
+        unsafe {
+            let row = |i| self.load(base.byte_add(*ids.add(i) as usize));
+            let [a, b, c, d] = [row(0), row(1), row(2), row(3)];
+            let [e, f, g, h] = [row(4), row(5), row(6), row(7)];
+            // Columns 0 to 3 and 4 to 7, each of the first four rows and of the others.
+            let [low, high] = [0, 1].map(|half| {
+                let first = transpose([a[half], b[half], c[half], d[half]]);
+                let second = transpose([e[half], f[half], g[half], h[half]]);
+                [[first[0], second[0]], [first[1], second[1]], [first[2], second[2]], [first[3], second[3]]]
+            });
+            [low[0], low[1], low[2], low[3], high[0], high[1], high[2], high[3]]
+        }
+    }
+    #[inline(always)]
+    unsafe fn put_rows(self, to: *mut f32, columns: [F; 8]) {
+        unsafe {
+            let [a, b, c, d, e, f, g, h] = columns;
+            for half in 0..2 {
+                let left = transpose([a[half], b[half], c[half], d[half]]);
+                let right = transpose([e[half], f[half], g[half], h[half]]);
+                for i in 0..4 {
+                    self.store(to.add(8 * (4 * half + i)), [left[i], right[i]]);
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,19 @@
+//! The lanes of masks, for instruction sets that can shuffle but not compress.
+
+/// For every mask of eight lanes the lanes in it, in order.
+pub(super) static LANES_OF: [[u8; 8]; 256] = {
+    let mut table = [[0; 8]; 256];
+    let mut mask = 0;
+    while mask < 256 {
+        let (mut lane, mut len) = (0, 0);
+        while lane < 8 {
+            if mask >> lane & 1 == 1 {
+                table[mask][len] = lane as u8;
+                len += 1;
+            }
+            lane += 1;
+        }
+        mask += 1;
+    }
+    table
+};

@@ -1,0 +1,234 @@
+//! A camera that moves as its scene file says: its node and those above it, of which channels move some.
+
+use super::Camera;
+use glam::{DMat4, DQuat, DVec3};
+
+/// How a camera's node and those above it move in time. Before its first key a track rests at it, after its
+/// last one too (glTF 2.0, appendix C).
+#[derive(Clone, Debug, PartialEq)]
+pub struct CameraMotion {
+    fov_degrees: f32,
+    /// From the root to the camera's node.
+    joints: Vec<Joint>,
+}
+
+/// A node's place within the one above it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Joint {
+    /// Where it is.
+    pub translation: Track<DVec3>,
+    /// How it is turned.
+    pub rotation: Track<DQuat>,
+    /// How it is stretched.
+    pub scale: Track<DVec3>,
+}
+
+/// Values at increasing times; at least one.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Track<T> {
+    times: Vec<f64>,
+    /// One a key.
+    keys: Vec<Key<T>>,
+    interpolation: Interpolation,
+}
+
+/// A value; for cubics with the slopes before and after it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Key<T> {
+    /// Change per second as the key is approached.
+    pub arriving: T,
+    /// There.
+    pub value: T,
+    /// Change per second from there on.
+    pub leaving: T,
+}
+
+/// What is between two keys.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Interpolation {
+    /// The value of the key before.
+    Step,
+    /// The straight way, or the shortest turn.
+    Linear,
+    /// The cubic with the keys' slopes.
+    Cubic,
+}
+
+/// What a track is of.
+pub trait Tracked: Copy {
+    /// The straight way, or the shortest turn, from `self` to `other`.
+    fn between(self, other: Self, t: f64) -> Self;
+    /// A sum of values with weights, made into a value again.
+    fn sum(terms: [(f64, Self); 4]) -> Self;
+}
+
+impl Tracked for DVec3 {
+    fn between(self, other: Self, t: f64) -> Self {
+        self.lerp(other, t)
+    }
+
+    fn sum(terms: [(f64, Self); 4]) -> Self {
+        terms.into_iter().map(|(weight, value)| weight * value).sum()
+    }
+}
+
+impl Tracked for DQuat {
+    fn between(self, other: Self, t: f64) -> Self {
+        self.slerp(other, t)
+    }
+
+    fn sum(terms: [(f64, Self); 4]) -> Self {
+        let sum = terms
+            .into_iter()
+            .fold(DQuat::from_xyzw(0.0, 0.0, 0.0, 0.0), |sum, (weight, value)| sum + value * weight);
+        unit_turn(sum)
+    }
+}
+
+/// A quaternion of length 1; one of length 0 turns nothing.
+pub fn unit_turn(turn: DQuat) -> DQuat {
+    let length = turn.length();
+    if length > 0.0 { turn * (1.0 / length) } else { DQuat::IDENTITY }
+}
+
+impl<T: Tracked> Track<T> {
+    /// A value that does not change.
+    pub fn resting(value: T) -> Self {
+        let key = Key { arriving: value, value, leaving: value };
+        Self { times: vec![0.0], keys: vec![key], interpolation: Interpolation::Step }
+    }
+
+    /// Keys at times; none unless there is a key for each time, at least one, and times increase.
+    pub fn new(times: Vec<f64>, keys: Vec<Key<T>>, interpolation: Interpolation) -> Option<Self> {
+        let increase = times.windows(2).all(|pair| pair[0] < pair[1]) && times.iter().all(|t| t.is_finite());
+        let sound = !times.is_empty() && times.len() == keys.len() && increase;
+        sound.then_some(Self { times, keys, interpolation })
+    }
+
+    fn at(&self, seconds: f64) -> T {
+        let after = self.times.partition_point(|&time| time <= seconds);
+        if after == 0 || after == self.keys.len() {
+            return self.keys[after.saturating_sub(1)].value;
+        }
+        let (from, to) = (&self.keys[after - 1], &self.keys[after]);
+        let span = self.times[after] - self.times[after - 1];
+        let t = (seconds - self.times[after - 1]) / span;
+        match self.interpolation {
+            Interpolation::Step => from.value,
+            Interpolation::Linear => from.value.between(to.value, t),
+            Interpolation::Cubic => {
+                let (t2, t3) = (t * t, t * t * t);
+                T::sum([
+                    (2.0 * t3 - 3.0 * t2 + 1.0, from.value),
+                    (span * (t3 - 2.0 * t2 + t), from.leaving),
+                    (3.0 * t2 - 2.0 * t3, to.value),
+                    (span * (t3 - t2), to.arriving),
+                ])
+            }
+        }
+    }
+}
+
+impl CameraMotion {
+    /// Of a camera that looks along −z, y up, at the end of a chain of joints.
+    pub fn new(fov_degrees: f32, joints: Vec<Joint>) -> Self {
+        Self { fov_degrees, joints }
+    }
+
+    /// The camera at a time. Where the joints give it no direction it sees nothing, which [`Camera::lens`] says.
+    pub fn at(&self, seconds: f64) -> Camera {
+        let place = |joint: &Joint| {
+            let (scale, rotation) = (joint.scale.at(seconds), joint.rotation.at(seconds));
+            DMat4::from_scale_rotation_translation(scale, rotation, joint.translation.at(seconds))
+        };
+        let matrix = self.joints.iter().map(place).fold(DMat4::IDENTITY, |above, joint| above * joint);
+        Camera::placed(&matrix, self.fov_degrees)
+    }
+}
+
+impl Camera {
+    /// The camera that a matrix makes of one in the origin that looks along −z, y up. A matrix that gives it no
+    /// direction leaves its target in its eye.
+    pub fn placed(matrix: &DMat4, fov_degrees: f32) -> Self {
+        let turned = |axis| matrix.transform_vector3(axis).try_normalize().unwrap_or(DVec3::ZERO);
+        let eye = matrix.w_axis.truncate();
+        // So far away that rounding the target does not turn the view.
+        let distance = eye.abs().max_element().max(1.0);
+        let target = eye + turned(DVec3::NEG_Z) * distance;
+        let up = turned(DVec3::Y).as_vec3();
+        Self { eye: eye.as_vec3(), target: target.as_vec3(), up, fov_degrees }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::Vec3;
+
+    fn keys<T: Tracked>(values: impl IntoIterator<Item = [T; 3]>) -> Vec<Key<T>> {
+        values.into_iter().map(|[arriving, value, leaving]| Key { arriving, value, leaving }).collect()
+    }
+
+    fn motion(translation: Track<DVec3>, rotation: Track<DQuat>) -> CameraMotion {
+        let rest = || Track::resting(DVec3::ONE);
+        let above = Joint { translation, rotation: Track::resting(DQuat::IDENTITY), scale: rest() };
+        let camera = Joint { translation: Track::resting(DVec3::Z), rotation, scale: rest() };
+        CameraMotion::new(40.0, vec![above, camera])
+    }
+
+    #[test]
+    fn tracks_meet_their_keys_and_rest_beyond() {
+        let still = || Track::resting(DQuat::IDENTITY);
+        for interpolation in [Interpolation::Step, Interpolation::Linear, Interpolation::Cubic] {
+            let values = [0.0, 4.0, 2.0].map(|x| [DVec3::ZERO, DVec3::X * x, DVec3::ZERO]);
+            let track = Track::new(vec![1.0, 2.0, 4.0], keys(values), interpolation).expect("keys");
+            let motion = motion(track, still());
+            let x = |seconds| motion.at(seconds).eye.x;
+            assert_eq!([0.0, 1.0, 2.0, 4.0, 9.0].map(x), [0.0, 0.0, 4.0, 2.0, 2.0]);
+            // Slopes of 0 at both ends of a cubic: in the middle it is in the middle, before it lags behind.
+            let expected = match interpolation {
+                Interpolation::Step => [0.0, 0.0],
+                Interpolation::Linear => [1.0, 2.0],
+                Interpolation::Cubic => [0.625, 2.0],
+            };
+            assert_eq!([1.25, 1.5].map(x), expected);
+        }
+    }
+
+    #[test]
+    fn cubics_leave_with_their_slopes() {
+        let values = [[DVec3::ZERO, DVec3::ZERO, DVec3::X * 3.0], [DVec3::X, DVec3::X, DVec3::ZERO]];
+        let track = Track::new(vec![0.0, 2.0], keys(values), Interpolation::Cubic).expect("keys");
+        let speed = |a: f64, b: f64| (track.at(b) - track.at(a)).x / (b - a);
+        assert!((speed(0.0, 1e-6) - 3.0).abs() < 1e-4 && (speed(2.0 - 1e-6, 2.0 - 1e-9) - 1.0).abs() < 1e-4);
+    }
+
+    #[test]
+    fn turns_are_short_and_cameras_look_where_they_turn() {
+        let quarter = DQuat::from_rotation_y(std::f64::consts::FRAC_PI_2);
+        let values = [DQuat::IDENTITY, -quarter].map(|q| [q, q, q]);
+        let turn = Track::new(vec![0.0, 1.0], keys(values), Interpolation::Linear).expect("keys");
+        let motion = motion(Track::resting(DVec3::Y), turn);
+        let forward = |seconds| {
+            let camera = motion.at(seconds);
+            assert_eq!(camera.eye, Vec3::new(0.0, 1.0, 1.0));
+            (camera.target - camera.eye).normalize()
+        };
+        assert!((forward(0.0) - Vec3::NEG_Z).length() < 1e-6 && (forward(1.0) - Vec3::NEG_X).length() < 1e-6);
+        let half = Vec3::new(-1.0, 0.0, -1.0).normalize();
+        assert!((forward(0.5) - half).length() < 1e-6, "{}", forward(0.5));
+    }
+
+    #[test]
+    fn what_is_no_track_is_none() {
+        let track =
+            |times: Vec<f64>, n| Track::new(times, keys(vec![[DVec3::ONE; 3]; n]), Interpolation::Step);
+        assert!(track(vec![0.0, 1.0], 2).is_some());
+        for times in [vec![], vec![0.0, 0.0], vec![1.0, 0.0], vec![0.0, f64::NAN]] {
+            assert!(track(times.clone(), times.len()).is_none(), "{times:?}");
+        }
+        assert!(track(vec![0.0, 1.0], 1).is_none());
+        let nowhere = Camera::placed(&DMat4::from_scale(DVec3::ZERO), 40.0);
+        assert!(nowhere.lens(1, 1).is_err());
+    }
+}

@@ -1,0 +1,97 @@
+//! Animations, of which the camera's are honoured.
+
+use super::super::LoadError;
+use super::Context;
+use super::accessor::vectors;
+use crate::scene::{CameraMotion, Interpolation, Joint, Key, Track, Tracked, unit_turn};
+use ::gltf::Node;
+use ::gltf::animation::{Channel, Interpolation as Between, Property};
+use glam::{DQuat, DVec3};
+
+/// How the camera moves at the end of `chain`, its node and those above it from the root on; none if nothing
+/// moves it. Of several animations that do, the first counts.
+///
+/// # Errors
+/// When keys are missing or out of order.
+pub(super) fn camera_motion(
+    context: &mut Context,
+    chain: &[Node],
+    fov_degrees: f32,
+) -> Result<Option<CameraMotion>, LoadError> {
+    let moves = |channel: &Channel| {
+        let in_chain = chain.iter().any(|node| node.index() == channel.target().node().index());
+        in_chain && channel.target().property() != Property::MorphTargetWeights
+    };
+    let document = context.document;
+    let mut moving = document.animations().filter(|animation| animation.channels().any(|c| moves(&c)));
+    let Some(animation) = moving.next() else { return Ok(None) };
+    if moving.next().is_some() {
+        context.warnings.add("Several animations move the camera; the first counts.");
+    }
+    let mut joints: Vec<Joint> = chain.iter().map(resting).collect();
+    for channel in animation.channels().filter(moves) {
+        let target = channel.target();
+        let joint = chain.iter().position(|node| node.index() == target.node().index());
+        let joint = &mut joints[joint.expect("the channel moves a node of the chain")];
+        match target.property() {
+            Property::Translation => {
+                joint.translation = track(context, &animation, &channel, DVec3::from_array)?
+            }
+            Property::Scale => joint.scale = track(context, &animation, &channel, DVec3::from_array)?,
+            Property::Rotation => joint.rotation = track(context, &animation, &channel, DQuat::from_array)?,
+            Property::MorphTargetWeights => {}
+        }
+    }
+    Ok(Some(CameraMotion::new(fov_degrees, joints)))
+}
+
+/// Says what of the file's animations stands still: all but what moves the camera.
+pub(super) fn warn_of_others(context: &mut Context, chain: &[Node]) {
+    let in_chain =
+        |channel: &Channel| chain.iter().any(|node| node.index() == channel.target().node().index());
+    if context.document.animations().any(|animation| !animation.channels().all(|c| in_chain(&c))) {
+        context.warnings.add("Animations move nothing but the camera; the rest stands still.");
+    }
+}
+
+fn resting(node: &Node) -> Joint {
+    let (translation, rotation, scale) = node.transform().decomposed();
+    Joint {
+        translation: Track::resting(DVec3::from_array(translation.map(f64::from))),
+        rotation: Track::resting(unit_turn(DQuat::from_array(rotation.map(f64::from)))),
+        scale: Track::resting(DVec3::from_array(scale.map(f64::from))),
+    }
+}
+
+fn track<T: Tracked, const N: usize>(
+    context: &Context,
+    animation: &::gltf::Animation,
+    channel: &Channel,
+    value: fn([f64; N]) -> T,
+) -> Result<Track<T>, LoadError> {
+    let sampler = channel.sampler();
+    let place = format!("animations[{}].channels[{}]", animation.index(), channel.index());
+    let wrong = |problem: String| context.error(place.clone(), problem);
+    let times =
+        vectors::<1>(context.buffers, &sampler.input()).map_err(|e| wrong(format!("its input {e}")))?;
+    let values =
+        vectors::<N>(context.buffers, &sampler.output()).map_err(|e| wrong(format!("its output {e}")))?;
+    let finite = values.as_flattened().iter().all(|number| number.is_finite());
+    let values: Vec<T> = values.into_iter().map(|v| value(v.map(f64::from))).collect();
+    let (interpolation, width) = match sampler.interpolation() {
+        Between::Step => (Interpolation::Step, 1),
+        Between::Linear => (Interpolation::Linear, 1),
+        Between::CubicSpline => (Interpolation::Cubic, 3),
+    };
+    let found = (times.len(), values.len());
+    let key = |v: &[T]| Key { arriving: v[0], value: v[width / 2], leaving: v[width - 1] };
+    let whole = values.len() == width * times.len() && finite;
+    let keys = values.chunks_exact(width).map(key).collect();
+    let times = times.into_iter().map(|[time]| f64::from(time)).collect();
+    Track::new(times, keys, interpolation).filter(|_| whole).ok_or_else(|| {
+        wrong(format!(
+            "has {} times and {} values; there must be {width} finite values a time, and times must increase",
+            found.0, found.1
+        ))
+    })
+}

@@ -1,0 +1,146 @@
+//! The engine's eight-wide tree, its boxes in bytes.
+
+use super::super::layout::{Identities, LEAF, Pair, WideNode};
+use super::pairs::{self, Triangle};
+use crate::bvh::{Block, Child, WIDTH, Wide, WideNode as HostNode, slots as places};
+use crate::geom::Aabb;
+use glam::Vec3;
+
+/// The most pairs of a leaf.
+const LEAF_PAIRS: usize = 2;
+
+/// Least biased exponent of a step: below it products with reciprocals would drown in underflow.
+const LEAST_EXPONENT: u32 = 127 - 60;
+
+/// The most steps between two faces.
+const STEPS: f32 = 255.0;
+
+/// Faces of a node's boxes along one axis, in steps from `origin`.
+struct Axis {
+    origin: f32,
+    exponent: u32,
+    lower: [u8; WIDTH],
+    upper: [u8; WIDTH],
+}
+
+impl Axis {
+    /// Counts steps so that `fma(count, step, origin)`, rounded once, is not inside the exact face.
+    fn of(lower: &[f32; WIDTH], upper: &[f32; WIDTH], used: u32) -> Self {
+        let slots = || (0..WIDTH).filter(move |slot| used & 1 << slot != 0);
+        let origin = slots().map(|slot| lower[slot]).fold(f32::INFINITY, f32::min);
+        let most = slots().map(|slot| upper[slot]).fold(f32::NEG_INFINITY, f32::max);
+        // A node without children.
+        let origin = if used == 0 { 0.0 } else { origin };
+        let mut exponent = (((most - origin) / STEPS).max(0.0).to_bits() >> 23).max(LEAST_EXPONENT);
+        loop {
+            let step = f32::from_bits(exponent << 23);
+            let face = |count: f32| count.mul_add(step, origin);
+            let mut axis = Self { origin, exponent, lower: [0; WIDTH], upper: [0; WIDTH] };
+            let mut fits = true;
+            for slot in slots() {
+                let mut below = ((lower[slot] - origin) / step).floor().min(STEPS);
+                while face(below) > lower[slot] {
+                    below -= 1.0;
+                }
+                let mut above = ((upper[slot] - origin) / step).ceil().max(0.0);
+                while face(above) < upper[slot] && above <= STEPS {
+                    above += 1.0;
+                }
+                fits &= above <= STEPS;
+                (axis.lower[slot], axis.upper[slot]) = (below as u8, above as u8);
+            }
+            if fits {
+                return axis;
+            }
+            exponent += 1;
+        }
+    }
+}
+
+/// A child as its parent refers to it.
+type Entry = (u32, Aabb);
+
+/// A node with these children in its slots.
+fn node(slots: [Option<Entry>; WIDTH]) -> WideNode {
+    let used = (0..WIDTH).filter(|&slot| slots[slot].is_some()).fold(0, |used, slot| used | 1 << slot);
+    let axis = |axis: usize| {
+        let face =
+            |face: fn(&Aabb) -> Vec3| slots.map(|slot| slot.map_or(0.0, |(_, bounds)| face(&bounds)[axis]));
+        Axis::of(&face(|bounds| bounds.min), &face(|bounds| bounds.max), used)
+    };
+    let (x, y, z) = (axis(0), axis(1), axis(2));
+    WideNode {
+        origin: [x.origin, y.origin, z.origin],
+        shape: x.exponent | y.exponent << 8 | z.exponent << 16 | used << 24,
+        lower_x: x.lower,
+        upper_x: x.upper,
+        lower_y: y.lower,
+        upper_y: y.upper,
+        lower_z: z.lower,
+        upper_z: z.upper,
+        // Slots that are not in use are never entered.
+        children: slots.map(|slot| slot.map_or(LEAF, |(reference, _)| reference)),
+    }
+}
+
+/// The slots of a node of the host's tree.
+fn slots(host: &HostNode, mut reference: impl FnMut(Child) -> u32) -> [Option<Entry>; WIDTH] {
+    std::array::from_fn(|slot| {
+        let child = host.children[slot];
+        (child != Child::NONE).then(|| (reference(child), host.bounds(slot)))
+    })
+}
+
+/// Lays out a tree of triangles behind what there is; gives its root and the entries of the stack. Blocks that are cheap
+/// for the host's lanes may be long leaves for a thread: those of more than [`LEAF_PAIRS`] become nodes.
+pub fn lay(
+    tree: &Wide,
+    in_pairs: bool,
+    nodes: &mut Vec<WideNode>,
+    pairs: &mut Vec<Pair>,
+    identities: &mut Vec<Identities>,
+) -> (u32, usize) {
+    let start = nodes.len();
+    let mut next = start + tree.nodes().len();
+    let mut blocks = Vec::new();
+    for host in tree.nodes() {
+        let reference = |child: Child| {
+            if !child.is_block() {
+                return (start + child.index()) as u32;
+            }
+            let leaf = pairs::of(&triangles(&tree.blocks()[child.index()]), in_pairs);
+            if leaf.len() <= LEAF_PAIRS {
+                return pairs::lay(&leaf, pairs, identities);
+            }
+            let centre = leaf.iter().fold(Aabb::EMPTY, |all, pair| all.union(pair.bounds())).centre();
+            let places = places(leaf.iter().map(|pair| pair.bounds().centre() - centre));
+            let mut slots = [None; WIDTH];
+            for (pair, slot) in leaf.iter().zip(places) {
+                slots[slot] = Some((pairs::lay(&[*pair], pairs, identities), pair.bounds()));
+            }
+            blocks.push(node(slots));
+            next += 1;
+            (next - 1) as u32
+        };
+        nodes.push(node(slots(host, reference)));
+    }
+    let below = usize::from(!blocks.is_empty());
+    nodes.append(&mut blocks);
+    (start as u32, tree.depth() + below)
+}
+
+/// Lays out a tree over members behind what there is; gives the entries of the stack.
+pub fn lay_top(tree: &Wide, nodes: &mut Vec<WideNode>) -> usize {
+    let reference = |child: Child| child.index() as u32 | if child.is_block() { LEAF } else { 0 };
+    nodes.extend(tree.nodes().iter().map(|host| node(slots(host, reference))));
+    tree.depth()
+}
+
+fn triangles(block: &Block) -> Vec<Triangle> {
+    let triangle = |row| Triangle {
+        primitive: block.primitive(row),
+        corners: block.corners(row),
+        is_masked: block.is_masked(row),
+    };
+    (0..block.len()).map(triangle).collect()
+}
