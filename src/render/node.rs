@@ -6,7 +6,7 @@ use crate::lanes::{Int, Lanes, Num, One, Vector};
 use crate::scene::Material;
 use crate::shade::bsdf::Smooth;
 use crate::shade::light::Receiver;
-use crate::shade::{Bsdf, Hits, Interaction, LightSample, lookup};
+use crate::shade::{Bsdf, Cone, Hits, Interaction, LightSample, lookup};
 use crate::stream::Ray;
 use glam::Vec3;
 
@@ -51,10 +51,17 @@ pub(super) struct Sent<L: Lanes> {
 }
 
 impl<'a, L: Lanes> Node<'a, L> {
+    /// `cone` is that of the rays where they began.
     #[inline(always)]
-    pub fn new(frame: &'a Frame, material: &Material, direction: Vector<L>, hits: &Hits<L>) -> Self {
+    pub fn new(
+        frame: &'a Frame,
+        material: &Material,
+        direction: Vector<L>,
+        hits: &Hits<L>,
+        cone: Cone<L>,
+    ) -> Self {
         let scene = frame.scene();
-        let at = Interaction::new(scene, material, direction, hits, hits.t.only(0));
+        let at = Interaction::new(scene, material, direction, hits, cone.at(hits.t).width);
         let emitted = match &material.emission {
             None => direction.only(0),
             Some(emission) => lookup::emission(scene, emission, at.uv, &at.footprint, at.front),

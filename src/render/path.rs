@@ -4,7 +4,7 @@ use super::frame::{CAMERA_DIMENSION, Frame, Settings, SettingsError, ray_rows};
 use super::{Contribution, Integrator};
 use crate::film::Film;
 use crate::geom::Sampler;
-use crate::lanes::{Int, Kernel, Lanes, Num, Plain, SimdLevel, Vector};
+use crate::lanes::{Int, Kernel, Lanes, Num, One, Plain, SimdLevel, Vector};
 use crate::scene::{Camera, Material, Scene};
 use crate::schedule::{Batch, Output, Renderer};
 use crate::shade::bsdf::MIN_ROUGHNESS;
@@ -59,10 +59,8 @@ pub struct PathState {
 }
 
 impl PathState {
-    /// Of a camera ray whose cone widens by `spread`, but for its pixel and sample.
-    fn start(spread: f32) -> Self {
-        let spread = Num::from(spread);
-        let cone = Cone { spread, ..Cone::thin(spread.lanes()) };
+    /// Of a camera ray, but for its pixel and sample.
+    fn start(cone: Cone<One>) -> Self {
         Self {
             throughput: [1.0; 3],
             index2_and_cone: 1.0f32.to_bits() + cone.pack().get(),
@@ -367,7 +365,7 @@ impl Renderer for Path {
     }
 
     fn spawn(&self, tile: u64, out: &mut Output<'_, PathState, Contribution>) {
-        let first = PathState::start(self.frame.lens().spread());
+        let first = PathState::start(self.frame.cone());
         self.frame.camera_rays(tile, |rays, pixels, samples| {
             let mut states = [first; 16];
             for ((state, &pixel), &sample) in states.iter_mut().zip(pixels).zip(samples) {

@@ -94,10 +94,9 @@ impl Lens {
         (Vector::splat(l, self.corner) + across + down).normalize()
     }
 
-    /// By how much a ray's cone widens for each unit of length: half a pixel. The other half of the filter are
-    /// the samples, which lie all over the pixel.
+    /// By how much a pixel's cone widens for each unit of length.
     pub fn spread(&self) -> f32 {
-        0.5 * (self.step_x.length() * self.step_y.length()).sqrt()
+        (self.step_x.length() * self.step_y.length()).sqrt()
     }
 
     /// [`Lens::directions`] of one point.

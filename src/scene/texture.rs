@@ -1,6 +1,6 @@
-//! Textures and their one filter.
+//! Textures and their filter.
 
-use super::Pyramid;
+use super::{Footprint, Mean, Pyramid, srgb};
 use crate::lanes::{Int, Lanes, Num, One, Piece};
 use glam::{Vec2, Vec4};
 
@@ -49,7 +49,7 @@ pub struct Texture {
     pub width: u32,
     /// Rows, ≥ 1.
     pub height: u32,
-    /// RGBA, first row first; `width × height` of them.
+    /// RGBA, first row first; `width × height` of them, then those of its smaller copies.
     pub texels: std::sync::Arc<[[u8; 4]]>,
     /// What red, green and blue mean.
     pub space: ColourSpace,
@@ -57,27 +57,8 @@ pub struct Texture {
     pub wrap_u: Wrap,
     /// Vertically.
     pub wrap_v: Wrap,
-    /// Smaller copies for footprints of more than a texel.
+    /// Where the smaller copies lie, for footprints of more than a texel.
     pub pyramid: Pyramid,
-}
-
-/// What rays cover of a surface, in texture coordinates.
-#[derive(Clone, Copy, Debug)]
-pub struct Footprint<L: Lanes> {
-    /// Side of a square as large.
-    pub width: Num<L>,
-    /// In [0, 1): between two copies of a texture it decides, which is right on average and costs one
-    /// lookup instead of two (Pharr et al. 2024, *Filtering After Shading with Stochastic Texture Filtering*).
-    pub dither: Num<L>,
-}
-
-impl<L: Lanes> Footprint<L> {
-    /// Of rays without extent.
-    #[inline(always)]
-    pub fn point(l: L) -> Self {
-        let zero = Num::splat(l, 0.0);
-        Self { width: zero, dither: zero }
-    }
 }
 
 /// A texture as a material uses it, with glTF's texture transform.
@@ -119,8 +100,25 @@ impl TextureRef {
 }
 
 impl Texture {
-    /// Bilinear lookup in the copy whose texels are as large as the footprint, linear values; (0, 0) is the outer corner of the first texel of the first row.
-    /// Coordinates that are not finite count as 0.
+    /// The image without its smaller copies.
+    pub fn image(&self) -> &[[u8; 4]] {
+        &self.texels[..(self.width * self.height) as usize]
+    }
+
+    /// Makes the smaller copies.
+    pub fn add_pyramid(&mut self, mean: Mean) {
+        (self.texels, self.pyramid) = Pyramid::new(self.image(), (self.width, self.height), self.space, mean);
+    }
+
+    /// Whether alpha tells how much of their lengths normals have lost in smaller copies.
+    #[inline(always)]
+    pub fn has_lengths(&self) -> bool {
+        self.pyramid.mean() == Mean::Normals
+    }
+
+    /// Bilinear lookup in the copy whose texels are as large as the footprint, linear values; (0, 0) is the outer
+    /// corner of the first texel of the first row. Coordinates that are not finite count as 0. Of
+    /// [`Mean::Normals`] alpha is 1 less what the copy has lost of their length.
     #[inline(always)]
     pub fn look_up<L: Lanes>(&self, place: [Num<L>; 2], footprint: &Footprint<L>) -> [Num<L>; 4] {
         place[0].lanes().apart(LookUp { texture: self, place, footprint: *footprint })
@@ -152,21 +150,24 @@ impl Texture {
     #[inline(always)]
     fn filter<L: Lanes>(&self, [u, v]: [Num<L>; 2], footprint: &Footprint<L>) -> [Num<L>; 4] {
         let l = u.lanes();
-        let (mut first, mut whole) = (Int::splat(l, 0), L::ALL);
+        let mut first = Int::splat(l, 0);
         let (mut width, mut height) = (Int::splat(l, self.width), Int::splat(l, self.height));
         let level = self.level(footprint);
-        if level.is(0) != L::ALL {
+        let whole = level.is(0);
+        if whole != L::ALL {
             [first, width, height] = level.rows(self.pyramid.levels());
-            whole = level.is(0);
         }
         let (x, fx) = taps(u, width, self.wrap_u);
         let (y, fy) = taps(v, height, self.wrap_v);
         let [above, below] = [first + y[0] * width, first + y[1] * width];
-        let (a, b) = (self.texel(above + x[0], whole), self.texel(above + x[1], whole));
-        let (c, d) = (self.texel(below + x[0], whole), self.texel(below + x[1], whole));
+        let (a, b) = (self.texel(above + x[0]), self.texel(above + x[1]));
+        let (c, d) = (self.texel(below + x[0]), self.texel(below + x[1]));
         let mut filtered = a;
         for k in 0..4 {
             filtered[k] = a[k].lerp(b[k], fx).lerp(c[k].lerp(d[k], fx), fy);
+        }
+        if self.has_lengths() {
+            filtered[3] = Num::select(whole, Num::splat(l, 1.0), filtered[3]);
         }
         filtered
     }
@@ -181,26 +182,17 @@ impl Texture {
         (octaves + footprint.dither).clamp(0.0, self.pyramid.last() as f32).to_int()
     }
 
-    /// Texels of the image in the lanes of `whole`, of its copies in the others.
     #[inline(always)]
-    fn texel<L: Lanes>(&self, index: Int<L>, whole: u32) -> [Num<L>; 4] {
-        let none = Int::splat(index.lanes(), 0);
-        let mut texel = none;
+    fn texel<L: Lanes>(&self, index: Int<L>) -> [Num<L>; 4] {
         // Behind the counters of an `Arc` texels are aligned like words.
-        if whole != 0 {
-            [texel] = Int::select(whole, index, none).rows(bytemuck::cast_slice(&self.texels));
-        }
-        if whole != L::ALL {
-            let [small] = Int::select(whole, none, index).rows(bytemuck::cast_slice(self.pyramid.texels()));
-            texel = Int::select(whole, texel, small);
-        }
+        let [texel] = index.rows(bytemuck::cast_slice(&self.texels));
         let (r, g, b) = (texel & 0xff, (texel >> 8) & 0xff, (texel >> 16) & 0xff);
         const SCALE: f32 = 1.0 / 255.0;
         let alpha = (texel >> 24).to_num() * SCALE;
         match self.space {
             ColourSpace::Linear => [r.to_num() * SCALE, g.to_num() * SCALE, b.to_num() * SCALE, alpha],
             ColourSpace::Srgb => {
-                let table = srgb_table();
+                let table = srgb::table();
                 [r.of(table), g.of(table), b.of(table), alpha]
             }
         }
@@ -251,29 +243,6 @@ pub(crate) fn taps<L: Lanes>(coordinate: Num<L>, size: Int<L>, wrap: Wrap) -> ([
     ([first, second], place - low)
 }
 
-/// The light of an sRGB byte.
-pub(super) fn linear(byte: u8) -> f32 {
-    srgb_table()[usize::from(byte)]
-}
-
-/// The sRGB byte of the nearest light.
-pub(super) fn srgb(light: f32) -> u8 {
-    let above = srgb_table().partition_point(|&x| x < light).min(255);
-    let below = above.saturating_sub(1);
-    let [low, high] = [below, above].map(|byte| srgb_table()[byte]);
-    (if light - low < high - light { below } else { above }) as u8
-}
-
-fn srgb_table() -> &'static [f32; 256] {
-    static TABLE: std::sync::OnceLock<[f32; 256]> = std::sync::OnceLock::new();
-    TABLE.get_or_init(|| {
-        std::array::from_fn(|i| {
-            let v = i as f64 / 255.0;
-            (if v <= 0.04045 { v / 12.92 } else { libm::pow((v + 0.055) / 1.055, 2.4) }) as f32
-        })
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -319,9 +288,10 @@ mod tests {
     #[test]
     fn wide_footprints_see_the_mean_and_narrow_ones_the_image() {
         let mut t = two_by_one(Wrap::Repeat);
-        t.pyramid = Pyramid::new(&t.texels, 2, 1, t.space);
+        t.add_pyramid(Mean::Light);
         let at = |width: f32, dither: f32| {
-            let footprint = Footprint { width: Num::from(width), dither: Num::from(dither) };
+            let [width, dither] = [width, dither].map(Num::from);
+            let footprint = Footprint { width, dither, ..Footprint::point(One::default()) };
             t.look_up([0.25, 0.5].map(Num::from), &footprint)[0].get()
         };
         assert_eq!(at(0.0, 0.99), 0.0);
@@ -332,5 +302,39 @@ mod tests {
         // Between two copies each has its share.
         let smaller = (0..100).filter(|&i| at(0.7071 * 1.5, i as f32 / 100.0) > 0.0).count();
         assert!((49..=51).contains(&smaller), "{smaller}");
+    }
+
+    #[test]
+    fn edges_wrap_in_every_copy() {
+        // Four columns, the last one white; in the copy of two columns that is half of the second.
+        for (wrap, before, after) in
+            [(Wrap::Repeat, 0.25, 0.25), (Wrap::Mirror, 0.0, 0.5), (Wrap::Clamp, 0.0, 0.5)]
+        {
+            let mut t = two_by_one(wrap);
+            (t.width, t.texels) = (4, [[0; 4], [0; 4], [0; 4], [255; 4]].into());
+            t.add_pyramid(Mean::Light);
+            let at = |u: f32| {
+                let footprint = Footprint { width: 1.01.into(), ..Footprint::point(One::default()) };
+                t.look_up([u, 0.5].map(Num::from), &footprint)[0].get()
+            };
+            let copy = t.level(&Footprint { width: 1.01.into(), ..Footprint::point(One::default()) });
+            assert_eq!(copy.get(), 1, "two texels of the geometric mean of 4 and 1");
+            for (u, expected) in [(0.25, 0.0), (0.75, 0.5), (0.5, 0.25), (0.0, before), (1.0, after)] {
+                assert!((at(u) - expected).abs() < 0.003, "{wrap:?} at {u}: {}", at(u));
+            }
+        }
+    }
+
+    #[test]
+    fn normals_tell_what_they_lost_but_the_image_loses_nothing() {
+        let mut t = two_by_one(Wrap::Clamp);
+        t.texels = [[255, 128, 128, 0], [0, 128, 128, 0]].into();
+        t.add_pyramid(Mean::Normals);
+        let at = |width: f32| {
+            let footprint = Footprint { width: width.into(), ..Footprint::point(One::default()) };
+            t.look_up([0.25, 0.5].map(Num::from), &footprint)[3].get()
+        };
+        assert_eq!(at(0.0), 1.0, "whatever the file's alpha says");
+        assert!(at(2.0) < 0.1, "opposite normals have no length left");
     }
 }

@@ -114,7 +114,7 @@ impl<L: Lanes> Interaction<L> {
             }
         }
 
-        let footprint = if mesh.uvs.is_empty() || scene.textures.is_empty() {
+        let mut footprint = if mesh.uvs.is_empty() || scene.textures.is_empty() {
             Footprint::point(l)
         } else {
             footprint(&corners, &corner_uvs, width, wo.dot(winding), hits)
@@ -122,7 +122,9 @@ impl<L: Lanes> Interaction<L> {
         let (mut shading, mut bent) = (outward, smooth);
         if let Some(map) = &material.normal_map {
             let (frame, there) = tangent_frame(scene, &indices, &corners, &corner_uvs, &weights, outward);
-            shading = Vector::select(there, map_normal(scene, map, uv, &footprint, &frame), outward);
+            let (mapped, bumps) = map_normal(scene, map, uv, &footprint, &frame);
+            shading = Vector::select(there, mapped, outward);
+            footprint.bumps = bumps.only(there);
             bent |= there;
         }
         shading = Vector::select(shading.dot(normal).below(0.0), -shading, shading);
@@ -175,9 +177,12 @@ impl<L: Lanes> Interaction<L> {
     }
 }
 
+/// How many times as long as wide a footprint may be without being blurred across.
+const FREE_STRETCH: f32 = 4.0;
+
 /// The squares of texture coordinates that are as large as what cones of a width cover of triangles, seen
-/// under a cosine to their normals. What is drawn out by grazing angles is right on average only: within a
-/// pixel its samples lie all along it.
+/// under a cosine to their normals. What grazing angles draw out counts only beyond [`FREE_STRETCH`]: the samples
+/// of a pixel, and the directions of a bounce, lie all along it.
 #[inline(always)]
 fn footprint<L: Lanes>(
     corners: &[Vector<L>; 3],
@@ -188,11 +193,12 @@ fn footprint<L: Lanes>(
 ) -> Footprint<L> {
     let surface = (corners[1] - corners[0]).cross(corners[2] - corners[0]).length();
     let image = ((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])).abs();
-    let share = image / (surface * cosine.abs());
+    let stretch = (1.0 / (cosine.abs() * FREE_STRETCH)).clamp(1.0, f32::MAX);
+    let share = image / surface * stretch;
     // Any hit has its own, the same whoever shades it.
     let bits = (hits.u.to_bits() * 0x9e37_79b9) ^ (hits.v.to_bits() * 0x85eb_ca6b);
     let dither = ((bits * 0x7feb_352d) >> 8).to_num() * (1.0 / (1 << 24) as f32);
-    Footprint { width: width * share.sqrt(), dither }
+    Footprint { width: width * share.sqrt(), dither, ..Footprint::point(width.lanes()) }
 }
 
 /// Turns shading normals that lie on the triangle's side of `wo` so that `wo` is above them and,
@@ -257,6 +263,7 @@ fn tangent_frame<L: Lanes>(
     (Frame { tangent: along, bitangent: outward.cross(along) * handedness, normal: outward }, there)
 }
 
+/// The normals of a map, and their [`Footprint::bumps`].
 #[inline(always)]
 fn map_normal<L: Lanes>(
     scene: &Scene,
@@ -264,12 +271,13 @@ fn map_normal<L: Lanes>(
     uv: [Num<L>; 2],
     footprint: &Footprint<L>,
     frame: &Frame<L>,
-) -> Vector<L> {
+) -> (Vector<L>, Num<L>) {
     let texture = &scene.textures[map.texture.texture as usize];
-    let [x, y, z, _] = texture.look_up(map.texture.place(uv), &map.texture.scaled(footprint));
+    let [x, y, z, length] = texture.look_up(map.texture.place(uv), &map.texture.scaled(footprint));
     let (x, y, z) = (x * 2.0 - 1.0, y * 2.0 - 1.0, z * 2.0 - 1.0);
     let local = Vector::new(x * map.scale, y * map.scale, z.clamp(0.0, 1.0));
-    frame.world(local).normalize_or(frame.normal).0
+    let bumps = if texture.has_lengths() { (1.0 - length) * map.scale.abs() } else { length.only(0) };
+    (frame.world(local).normalize_or(frame.normal).0, bumps)
 }
 
 /// The points of the surface that the vertex normals suggest above `position`: the mean of its

@@ -221,5 +221,6 @@ pub fn one_of_everything() -> Scene {
         texels: texels.into(),
         rotation_degrees: 40.0,
     });
+    scene.add_pyramids();
     scene
 }

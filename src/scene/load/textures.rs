@@ -113,7 +113,7 @@ impl Textures {
                 space,
                 wrap_u: wrap[0],
                 wrap_v: wrap[1],
-                pyramid: Pyramid::new(&pixels.texels, pixels.width, pixels.height, space),
+                pyramid: Pyramid::default(),
             });
             (textures.len() - 1) as u32
         })

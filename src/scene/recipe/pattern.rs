@@ -86,11 +86,11 @@ impl Pattern {
             name: name.into(),
             width: SIZE,
             height: SIZE,
-            pyramid: Pyramid::new(&texels, SIZE, SIZE, ColourSpace::Srgb),
             texels,
             space: ColourSpace::Srgb,
             wrap_u: Wrap::Repeat,
             wrap_v: Wrap::Repeat,
+            pyramid: Pyramid::default(),
         })
     }
 }

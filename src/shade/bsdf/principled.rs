@@ -112,7 +112,8 @@ impl<L: Lanes> Principled<L> {
         let one = Num::splat(l, 1.0);
         let base = lookup::albedo(scene, &surface.base_colour, uv, footprint);
         let metallic = lookup::share(scene, &surface.metallic, uv, footprint);
-        let facets = Facets::new(lookup::share(scene, &surface.roughness, uv, footprint), smooth_below);
+        let roughness = footprint.roughened(lookup::share(scene, &surface.roughness, uv, footprint));
+        let facets = Facets::new(roughness, smooth_below);
         let ior = surface.ior.max(1.0);
         let f0 = (ior - 1.0) / (ior + 1.0);
         let specular = surface.specular.clamp(0.0, 1.0);
@@ -138,7 +139,7 @@ impl<L: Lanes> Principled<L> {
         if surface.clearcoat.factor != 0.0 {
             let share = lookup::share(scene, &surface.clearcoat, uv, footprint);
             let roughness = lookup::share(scene, &surface.clearcoat_roughness, uv, footprint);
-            coat = Some(Coat::new(share, roughness, smooth_below));
+            coat = Some(Coat::new(share, footprint.roughened(roughness), smooth_below));
         }
         Self {
             facets,
