@@ -6,7 +6,8 @@ use super::frame::FrameError;
 use crate::lanes::{Num, One};
 use crate::render::{Path, Settings, Stage};
 use crate::scene::{
-    Camera, Colour, Emission, Footprint, Principled, Pyramid, Scalar, Scene, Surface, Texture, TextureRef,
+    Anisotropy, Camera, Colour, Emission, Footprint, Iridescence, Principled, Pyramid, Scalar, Scene, Sheen,
+    Surface, Texture, TextureRef,
 };
 use crate::schedule::{JobOptions, Service, TaskKind};
 use glam::Vec3;
@@ -144,6 +145,10 @@ fn constant(scene: &Scene) -> Scene {
         });
         Scalar::constant(of.factor * texel)
     };
+    let thickness = |of: &Iridescence| {
+        let [thin, thick] = of.thickness_nm;
+        thin + (thick - thin) * scalar(Scalar { factor: 1.0, texture: of.thickness_texture }).factor
+    };
     for material in &mut even.materials {
         material.normal_map = None;
         material.emission = material.emission.map(|of| Emission { radiance: colour(of.radiance), ..of });
@@ -160,6 +165,22 @@ fn constant(scene: &Scene) -> Scene {
                     transmission: scalar(of.transmission),
                     clearcoat: scalar(of.clearcoat),
                     clearcoat_roughness: scalar(of.clearcoat_roughness),
+                    specular: scalar(of.specular),
+                    specular_colour: colour(of.specular_colour),
+                    anisotropy: of.anisotropy.map(|of| Anisotropy {
+                        strength: scalar(of.strength),
+                        direction: None,
+                        ..of
+                    }),
+                    sheen: of
+                        .sheen
+                        .map(|of| Sheen { colour: colour(of.colour), roughness: scalar(of.roughness) }),
+                    iridescence: of.iridescence.map(|of| Iridescence {
+                        strength: scalar(of.strength),
+                        thickness_nm: [thickness(&of); 2],
+                        thickness_texture: None,
+                        ..of
+                    }),
                     ..*of
                 };
             }

@@ -104,6 +104,12 @@ impl<L: Lanes> Vector<L> {
         Self { x: self.x.abs(), y: self.y.abs(), z: self.z.abs() }
     }
 
+    /// The lesser of each component.
+    #[inline(always)]
+    pub fn min(self, other: Self) -> Self {
+        Self { x: self.x.min(other.x), y: self.y.min(other.y), z: self.z.min(other.z) }
+    }
+
     /// The greater of each component.
     #[inline(always)]
     pub fn max(self, other: Self) -> Self {

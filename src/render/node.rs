@@ -6,7 +6,7 @@ use crate::lanes::{Int, Lanes, Num, One, Vector};
 use crate::scene::Material;
 use crate::shade::bsdf::Smooth;
 use crate::shade::light::Receiver;
-use crate::shade::{Bsdf, Cone, Hits, Interaction, LightSample, lookup};
+use crate::shade::{Bsdf, Cone, Hits, Interaction, LightSample, lookup, medium};
 use crate::stream::Ray;
 use glam::Vec3;
 
@@ -34,6 +34,8 @@ pub(super) struct Node<'a, L: Lanes> {
     frame: &'a Frame,
     at: Interaction<L>,
     bsdf: Bsdf<L>,
+    /// What is left of light on its way to the ray's origin.
+    left: Option<Vector<L>>,
     /// Radiance given off towards the ray's origin.
     pub emitted: Vector<L>,
 }
@@ -62,12 +64,27 @@ impl<'a, L: Lanes> Node<'a, L> {
     ) -> Self {
         let scene = frame.scene();
         let at = Interaction::new(scene, material, direction, hits, cone.at(hits.t).width);
-        let emitted = match &material.emission {
+        let mut emitted = match &material.emission {
             None => direction.only(0),
             Some(emission) => lookup::emission(scene, emission, at.uv, &at.footprint, at.front),
         };
         let bsdf = Bsdf::new(scene, &material.surface, &at, MIRROR_ROUGHNESS);
-        Self { frame, at, bsdf, emitted }
+        let mut left = None;
+        if let Some(medium) = &material.medium {
+            let share = medium::passed(medium, &at, hits.t);
+            emitted = emitted * share;
+            left = Some(share);
+        }
+        Self { frame, at, bsdf, left, emitted }
+    }
+
+    /// What light from here counts at the ray's origin, given what light there counts.
+    #[inline(always)]
+    fn dimmed(&self, throughput: Vector<L>) -> Vector<L> {
+        match self.left {
+            None => throughput,
+            Some(left) => throughput * left,
+        }
     }
 
     /// How many lights are asked for direct light.
@@ -102,7 +119,7 @@ impl<'a, L: Lanes> Node<'a, L> {
             origin,
             direction,
             t_max,
-            radiance: throughput * value * light.radiance / light.pdf,
+            radiance: self.dimmed(throughput) * value * light.radiance / light.pdf,
         }
     }
 
@@ -111,6 +128,7 @@ impl<'a, L: Lanes> Node<'a, L> {
     pub fn secondary(&self, throughput: Vector<L>) -> [Sent<L>; 2] {
         let Smooth { reflected, reflection, transmitted, transmission, .. } =
             self.bsdf.smooth(self.at.frame.local(self.at.wo));
+        let throughput = self.dimmed(throughput);
         [self.way(reflected, throughput * reflection), self.way(transmitted, throughput * transmission)]
     }
 

@@ -9,7 +9,7 @@ use crate::scene::{Camera, Material, Scene};
 use crate::schedule::{Batch, Output, Renderer};
 use crate::shade::bsdf::MIN_ROUGHNESS;
 use crate::shade::light::Receiver;
-use crate::shade::{Bsdf, Cone, Hits, Interaction, lookup, sort};
+use crate::shade::{Bsdf, Cone, Hits, Interaction, lookup, medium, sort};
 use crate::stream::Ray;
 use bytemuck::{Pod, Zeroable};
 use std::sync::Arc;
@@ -238,12 +238,15 @@ impl Shading<'_, '_> {
     fn hit<L: Lanes>(&mut self, material: &Material, ids: Int<L>, lanes: u32) {
         let frame = &self.path.frame;
         let scene = frame.scene();
-        let state = States::of(self.batch.payloads, ids);
+        let mut state = States::of(self.batch.payloads, ids);
         let [t, u, v, primitive] = ids.rows_of(bytemuck::cast_slice(self.batch.hits));
         let hits = Hits { t, u, v, primitive: primitive.to_bits() };
         let (origin, direction) = self.rays(ids);
         let cone = state.cone.at(t);
         let at = Interaction::new(scene, material, direction, &hits, cone.width);
+        if let Some(medium) = &material.medium {
+            state.throughput = state.throughput * medium::passed(medium, &at, t);
+        }
         if let Some(emission) = &material.emission {
             let emitted = lookup::emission(scene, emission, at.uv, &at.footprint, at.front);
             let shines = lanes & !emitted.is_zero();

@@ -1,6 +1,6 @@
 //! Materials as files describe them. `shade` turns them into BSDFs.
 
-use super::{Channel, TextureRef};
+use super::{Channel, Medium, Principled, TextureRef};
 use glam::Vec3;
 
 /// A colour: a factor times a texture, if there is one.
@@ -59,50 +59,6 @@ pub enum Surface {
     Principled(Principled),
     /// One of [`super::Scene::procedurals`].
     Procedural(u32),
-}
-
-/// glTF 2.0 metallic-roughness (GGX) with the extensions of the design's section 4.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Principled {
-    /// Diffuse albedo of the dielectric share, reflectance at normal incidence of the metallic one.
-    pub base_colour: Colour,
-    /// Share of metal, 0..=1.
-    pub metallic: Scalar,
-    /// Perceptual roughness, 0..=1; its square is GGX's alpha.
-    pub roughness: Scalar,
-    /// Index of refraction of the dielectric share, ≥ 1.
-    pub ior: f32,
-    /// Strength of its reflection (KHR_materials_specular), 0..=1.
-    pub specular: f32,
-    /// Tint of its reflection at normal incidence, ≥ 0.
-    pub specular_colour: Vec3,
-    /// Share of the diffuse reflection replaced by transmission (KHR_materials_transmission), 0..=1.
-    pub transmission: Scalar,
-    /// Whether transmission passes straight through (a thin wall) or enters a closed body that
-    /// refracts (KHR_materials_volume with a thickness above 0).
-    pub thin: bool,
-    /// Strength of the clear coat (KHR_materials_clearcoat), 0..=1.
-    pub clearcoat: Scalar,
-    /// Its perceptual roughness, 0..=1.
-    pub clearcoat_roughness: Scalar,
-}
-
-impl Default for Principled {
-    /// glTF's defaults, but not metallic.
-    fn default() -> Self {
-        Self {
-            base_colour: Colour::constant(Vec3::ONE),
-            metallic: Scalar::constant(0.0),
-            roughness: Scalar::constant(1.0),
-            ior: 1.5,
-            specular: 1.0,
-            specular_colour: Vec3::ONE,
-            transmission: Scalar::constant(0.0),
-            thin: true,
-            clearcoat: Scalar::constant(0.0),
-            clearcoat_roughness: Scalar::constant(0.0),
-        }
-    }
 }
 
 /// Light that a surface gives off, the same in all directions.
@@ -165,6 +121,8 @@ pub struct Material {
     pub normal_map: Option<NormalMap>,
     /// Where it is not there.
     pub alpha: Alpha,
+    /// What fills the body that it bounds.
+    pub medium: Option<Medium>,
 }
 
 impl Material {
@@ -181,6 +139,7 @@ impl Material {
             emission: None,
             normal_map: None,
             alpha: Alpha::default(),
+            medium: None,
         }
     }
 }

@@ -3,7 +3,7 @@
 use super::offset;
 use crate::geom::Frame;
 use crate::lanes::{Int, Lanes, Num, Vector};
-use crate::scene::{Footprint, Material, NormalMap, Scene, Surface};
+use crate::scene::{Anisotropy, Footprint, Material, NormalMap, Principled, Scene, Surface};
 
 /// Least cosine between the shading normal and `wo`.
 const MIN_COSINE: f32 = 1e-3;
@@ -19,7 +19,8 @@ pub struct Interaction<L: Lanes> {
     /// Unit normal of the triangle.
     pub normal: Vector<L>,
     /// Shading frame: the interpolated and mapped normal, bent as little as keeps `wo` above it and,
-    /// for surfaces with a mirror-like share, the mirrored `wo` above the triangle.
+    /// for surfaces with a mirror-like share, the mirrored `wo` above the triangle. Its x axis means something
+    /// only where the surface is anisotropic: there it is rougher along it.
     pub frame: Frame<L>,
     /// Mesh texture coordinates.
     pub uv: [Num<L>; 2],
@@ -120,12 +121,20 @@ impl<L: Lanes> Interaction<L> {
             footprint(&corners, &corner_uvs, width, wo.dot(winding), hits)
         };
         let (mut shading, mut bent) = (outward, smooth);
-        if let Some(map) = &material.normal_map {
+        let anisotropy = match &material.surface {
+            Surface::Principled(Principled { anisotropy, .. }) => anisotropy.as_ref(),
+            _ => None,
+        };
+        let mut tangents = None;
+        if material.normal_map.is_some() || anisotropy.is_some() {
             let (frame, there) = tangent_frame(scene, &indices, &corners, &corner_uvs, &weights, outward);
-            let (mapped, bumps) = map_normal(scene, map, uv, &footprint, &frame);
-            shading = Vector::select(there, mapped, outward);
-            footprint.bumps = bumps.only(there);
-            bent |= there;
+            if let Some(map) = &material.normal_map {
+                let (mapped, bumps) = map_normal(scene, map, uv, &footprint, &frame);
+                shading = Vector::select(there, mapped, outward);
+                footprint.bumps = bumps.only(there);
+                bent |= there;
+            }
+            tangents = Some((frame, there));
         }
         shading = Vector::select(shading.dot(normal).below(0.0), -shading, shading);
         if bent != 0 {
@@ -133,6 +142,13 @@ impl<L: Lanes> Interaction<L> {
             shading = Vector::select(bent, bend(shading, normal, wo, matte), normal);
         } else {
             shading = normal;
+        }
+        let mut frame = Frame::around(shading);
+        if let (Some(anisotropy), Some((tangents, there))) = (anisotropy, &tangents) {
+            let x = rough_direction(scene, anisotropy, uv, &footprint, tangents);
+            let (tangent, along) = (x - shading * x.dot(shading)).normalize_or(frame.tangent);
+            let laid = Frame { tangent, bitangent: shading.cross(tangent), normal: shading };
+            frame = Frame::select(along & there, laid, frame);
         }
         let raised = if smooth == 0 {
             position
@@ -144,7 +160,7 @@ impl<L: Lanes> Interaction<L> {
             position,
             wo,
             normal,
-            frame: Frame::around(shading),
+            frame,
             uv,
             footprint,
             front,
@@ -280,6 +296,26 @@ fn map_normal<L: Lanes>(
     (frame.world(local).normalize_or(frame.normal).0, bumps)
 }
 
+/// The world directions along which a surface is rougher.
+#[inline(always)]
+fn rough_direction<L: Lanes>(
+    scene: &Scene,
+    anisotropy: &Anisotropy,
+    uv: [Num<L>; 2],
+    footprint: &Footprint<L>,
+    tangents: &Frame<L>,
+) -> Vector<L> {
+    let l = uv[0].lanes();
+    let (sine, cosine) = (libm::sinf(anisotropy.rotation), libm::cosf(anisotropy.rotation));
+    let [mut x, mut y] = [Num::splat(l, 1.0), Num::splat(l, 0.0)];
+    if let Some(texture) = &anisotropy.direction {
+        let image = &scene.textures[texture.texture as usize];
+        let [red, green, _, _] = image.look_up(texture.place(uv), &texture.scaled(footprint));
+        [x, y] = [red * 2.0 - 1.0, green * 2.0 - 1.0];
+    }
+    tangents.tangent * (x * cosine - y * sine) + tangents.bitangent * (x * sine + y * cosine)
+}
+
 /// The points of the surface that the vertex normals suggest above `position`: the mean of its
 /// projections onto the planes of those vertices under which it lies. `side` turns the normals.
 #[inline(always)]
@@ -303,7 +339,8 @@ fn raise<L: Lanes>(
 mod tests {
     use crate::geom::{Sampler, warp};
     use crate::scene::{
-        Colour, ColourSpace, Material, NormalMap, Pyramid, Scene, Surface, Texture, TextureRef, Wrap,
+        Anisotropy, Colour, ColourSpace, Material, NormalMap, Principled, Pyramid, Scalar, Scene, Surface,
+        Texture, TextureRef, Wrap,
     };
     use crate::shade::single::Interaction;
     use crate::stream::{Hit, Ray};
@@ -424,6 +461,30 @@ mod tests {
         scene.mesh.uvs.iter_mut().for_each(|uv| uv.x = -uv.x);
         let mirrored = shading(&seen(&scene, Vec3::Z));
         assert!(mirrored.x < -0.4 && mirrored.y > 0.4, "{mirrored}");
+    }
+
+    #[test]
+    fn anisotropic_surfaces_are_rougher_along_the_rotated_tangent() {
+        let mut scene = mapped([128, 255, 128, 255]);
+        let mut laid = |rotation, direction| {
+            let anisotropy = Some(Anisotropy { strength: Scalar::constant(0.5), rotation, direction });
+            scene.materials[0].surface =
+                Surface::Principled(Principled { anisotropy, ..Principled::default() });
+            scene.materials[0].normal_map = None;
+            let at = seen(&scene, Vec3::new(0.3, 0.2, 1.0));
+            let [x, y] = [at.frame.tangent, at.frame.bitangent].map(Vec3::from);
+            assert!(x.dot(y).abs() < 1e-6 && (x.cross(y) - shading(&at)).length() < 1e-6);
+            x
+        };
+        // u grows along x, and the image's top lies towards y.
+        assert!((laid(0.0, None) - Vec3::X).length() < 1e-6);
+        assert!((laid(std::f32::consts::FRAC_PI_2, None) - Vec3::Y).length() < 1e-6);
+        // Red in the middle, green at its end: y.
+        assert!(laid(0.0, Some(TextureRef::plain(0))).dot(Vec3::Y) > 0.999);
+        assert!(laid(0.5, Some(TextureRef::plain(0))).x < -0.4);
+        // Where nothing tells tangents, any direction will do, but it is one.
+        scene.mesh.uvs = vec![Vec2::ZERO; 3];
+        assert!((Vec3::from(seen(&scene, Vec3::Z).frame.tangent).length() - 1.0).abs() < 1e-6);
     }
 
     #[test]

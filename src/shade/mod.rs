@@ -10,6 +10,7 @@ mod interaction;
 pub mod light;
 pub mod lookup;
 pub mod loop_stack;
+pub mod medium;
 pub mod offset;
 pub mod places;
 pub mod single;

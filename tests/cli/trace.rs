@@ -52,6 +52,9 @@ fn hits_are_those_of_brute_force_for_a_million_rays() {
     let mesh = load::load(Path::new(&scene)).expect("scene").mesh;
     let triangles: Vec<u32> = array(&folder.path().join("m.npz"), "triangles");
     assert_eq!(triangles, mesh.triangles.as_flattened());
+    let emission: Vec<f32> = array(&folder.path().join("m.npz"), "emission");
+    let shines = |m: &u32| emission[3 * *m as usize] > 0.0;
+    assert_eq!(mesh.materials.iter().filter(|m| shines(m)).count(), 2, "the lamp's triangles");
     let max_abs = mesh.bounds().max_abs();
     let mut found = 0;
     for (i, r) in rays.chunks_exact(8).enumerate() {

@@ -1,7 +1,7 @@
 //! glTF materials and textures.
 
 use crate::document::Document;
-use crate::folder::{Folder, warns};
+use crate::folder::{Folder, assert_holds, warns};
 use glam::{Vec2, Vec3};
 use raystream::scene::{
     AlphaMode, Channel, ColourSpace, Material, Principled, Scene, Surface, TextureRef, Wrap,
@@ -34,7 +34,8 @@ fn factors_and_their_defaults() {
         (plain.base_colour.factor, plain.metallic.factor, plain.roughness.factor),
         (Vec3::ONE, 1.0, 1.0)
     );
-    assert_eq!((plain.ior, plain.specular, plain.transmission.factor, plain.thin), (1.5, 1.0, 0.0, true));
+    assert_eq!((plain.ior, plain.specular.factor, plain.transmission.factor), (1.5, 1.0, 0.0));
+    assert!(plain.thin && plain.anisotropy.is_none() && plain.sheen.is_none() && plain.iridescence.is_none());
     let set = material(json!({ "name": "wall", "pbrMetallicRoughness": {
         "baseColorFactor": [0.1, 0.2, 0.3, 0.4], "metallicFactor": 0.5, "roughnessFactor": 0.25 } }));
     let Surface::Principled(p) = set.surface else { panic!("{set:?}") };
@@ -55,12 +56,12 @@ fn extensions_of_the_surface() {
     let extension = |name: &str, value: Value| principled(json!({ "extensions": { name: value } }));
     assert_eq!(extension("KHR_materials_ior", json!({ "ior": 1.33 })).ior, 1.33);
     let everywhere = extension("KHR_materials_ior", json!({ "ior": 0.0 }));
-    assert_eq!(everywhere.specular_colour * 0.04, Vec3::ONE, "reflects all at every angle");
+    assert_eq!(everywhere.specular_colour.factor * 0.04, Vec3::ONE, "reflects all at every angle");
     let specular = extension(
         "KHR_materials_specular",
         json!({ "specularFactor": 0.5, "specularColorFactor": [1.0, 2.0, 3.0] }),
     );
-    assert_eq!((specular.specular, specular.specular_colour), (0.5, Vec3::new(1.0, 2.0, 3.0)));
+    assert_eq!((specular.specular.factor, specular.specular_colour.factor), (0.5, Vec3::new(1.0, 2.0, 3.0)));
     let coat = extension(
         "KHR_materials_clearcoat",
         json!({ "clearcoatFactor": 0.75, "clearcoatRoughnessFactor": 0.25 }),
@@ -74,11 +75,93 @@ fn extensions_of_the_surface() {
     let wall = glass(json!({ "thicknessFactor": 0.0 }));
     assert_eq!((wall.transmission.factor, wall.thin), (0.9, true));
     assert!(!glass(json!({ "thicknessFactor": 0.1 })).thin);
-    let ink = scene(json!({ "extensions": { "KHR_materials_volume": {
-        "thicknessFactor": 1.0, "attenuationDistance": 1.0, "attenuationColor": [1.0, 0.5, 0.5] } } }));
-    assert!(warns(&ink, &["absorption"]));
     let odd = scene(json!({ "extensions": { "KHR_materials_ior": { "ior": 0.5 } } }));
     assert!(warns(&odd, &["ior is 0.5"]));
+}
+
+#[test]
+fn volumes_absorb() {
+    let filled = |volume: Value| material(json!({ "extensions": { "KHR_materials_volume": volume } })).medium;
+    let colour = [1.0, 0.5, 0.25];
+    let ink = json!({ "thicknessFactor": 1.0, "attenuationDistance": 2.0, "attenuationColor": colour });
+    let absorption = filled(ink.clone()).expect("a medium").absorption;
+    let expected = Vec3::new(0.0, 0.5 * 0.5_f32.ln(), 0.5 * 0.25_f32.ln());
+    assert!((absorption + expected).abs().max_element() < 1e-6, "{absorption}");
+    let with = |key: &str, value: Value| {
+        let mut other = ink.clone();
+        other[key] = value;
+        other
+    };
+    assert_eq!(filled(with("thicknessFactor", json!(0.0))), None, "a thin wall holds nothing");
+    assert_eq!(filled(with("attenuationColor", json!([1.0, 1.0, 1.0]))), None);
+    assert_eq!(
+        filled(json!({ "thicknessFactor": 1.0, "attenuationColor": colour })),
+        None,
+        "endless distance"
+    );
+    let odd = |key: &str, value: Value| {
+        scene(json!({ "extensions": { "KHR_materials_volume": with(key, value) } }))
+    };
+    assert!(warns(&odd("attenuationDistance", json!(-1.0)), &["attenuationDistance is -1"]));
+    assert!(warns(&odd("attenuationColor", json!([2.0, 1.0, 0.5])), &["attenuationColor", "2"]));
+}
+
+#[test]
+fn grooves_fibres_and_films() {
+    let grooves = json!({ "anisotropyStrength": 0.6, "anisotropyRotation": 1.57 });
+    let grooves = principled(json!({ "extensions": { "KHR_materials_anisotropy": grooves } }));
+    let grooves = grooves.anisotropy.expect("grooves");
+    assert_eq!((grooves.strength.factor, grooves.rotation, grooves.direction), (0.6, 1.57, None));
+    let fibres = json!({ "sheenColorFactor": [0.9, 0.8, 0.7], "sheenRoughnessFactor": 0.3 });
+    let fibres =
+        principled(json!({ "extensions": { "KHR_materials_sheen": fibres } })).sheen.expect("fibres");
+    assert_eq!((fibres.colour.factor, fibres.roughness.factor), (Vec3::new(0.9, 0.8, 0.7), 0.3));
+    let film = |film: Value| {
+        principled(json!({ "extensions": { "KHR_materials_iridescence": film } }))
+            .iridescence
+            .expect("a film")
+    };
+    let plain = film(json!({ "iridescenceFactor": 0.5 }));
+    assert_eq!((plain.strength.factor, plain.ior, plain.thickness_nm), (0.5, 1.3, [100.0, 400.0]));
+    let thick = film(json!({ "iridescenceFactor": 1.0, "iridescenceIor": 1.8,
+        "iridescenceThicknessMinimum": 200.0, "iridescenceThicknessMaximum": 800.0 }));
+    assert_eq!((thick.ior, thick.thickness_nm, thick.thickness_texture), (1.8, [200.0, 800.0], None));
+    let none = principled(json!({ "extensions": {
+        "KHR_materials_anisotropy": { "anisotropyRotation": 1.0 },
+        "KHR_materials_sheen": { "sheenRoughnessFactor": 1.0 },
+        "KHR_materials_iridescence": { "iridescenceThicknessMaximum": 800.0 } } }));
+    assert!(none.anisotropy.is_none() && none.sheen.is_none() && none.iridescence.is_none(), "{none:?}");
+    let odd = scene(json!({ "extensions": {
+        "KHR_materials_anisotropy": { "anisotropyStrength": 3.0 },
+        "KHR_materials_sheen": { "sheenColorFactor": [2.0, 0.0, 0.0] },
+        "KHR_materials_iridescence": { "iridescenceFactor": 1.0, "iridescenceIor": 0.5,
+            "iridescenceThicknessMaximum": -1.0 } } }));
+    for parts in [
+        ["anisotropyStrength", "3"],
+        ["sheenColorFactor", "2"],
+        ["iridescenceIor", "0.5"],
+        ["thickness", "-1"],
+    ] {
+        assert!(warns(&odd, &parts), "{parts:?}: {:?}", odd.warnings);
+    }
+    // What lies on a surface without reflection of its own is there all the same.
+    let felt = principled(json!({ "pbrMetallicRoughness": { "metallicFactor": 0.0 }, "extensions": {
+        "KHR_materials_specular": { "specularFactor": 0.0 },
+        "KHR_materials_sheen": { "sheenColorFactor": [0.5, 0.5, 0.5] } } }));
+    assert!(felt.sheen.is_some());
+}
+
+#[test]
+fn textures_of_extensions_must_exist() {
+    for (extension, key) in [
+        ("KHR_materials_anisotropy", "anisotropyTexture"),
+        ("KHR_materials_sheen", "sheenColorTexture"),
+        ("KHR_materials_iridescence", "iridescenceThicknessTexture"),
+    ] {
+        let mut document = Document::triangle();
+        document.material(json!({ "name": "m", "extensions": { extension: { key: { "index": 7 } } } }));
+        assert_holds(&document.message(), &["\"m\"", extension, "texture 7"]);
+    }
 }
 
 #[test]
@@ -143,7 +226,13 @@ fn every_texture_has_its_channel_and_colour_space() {
         "extensions": {
             "KHR_materials_transmission": { "transmissionFactor": 1.0, "transmissionTexture": info },
             "KHR_materials_clearcoat": { "clearcoatFactor": 1.0, "clearcoatTexture": info,
-                "clearcoatRoughnessFactor": 1.0, "clearcoatRoughnessTexture": info }
+                "clearcoatRoughnessFactor": 1.0, "clearcoatRoughnessTexture": info },
+            "KHR_materials_specular": { "specularTexture": info, "specularColorTexture": info },
+            "KHR_materials_anisotropy": { "anisotropyStrength": 1.0, "anisotropyTexture": info },
+            "KHR_materials_sheen": { "sheenColorFactor": [1.0, 1.0, 1.0], "sheenColorTexture": info,
+                "sheenRoughnessFactor": 1.0, "sheenRoughnessTexture": info },
+            "KHR_materials_iridescence": { "iridescenceFactor": 1.0, "iridescenceTexture": info,
+                "iridescenceThicknessTexture": info }
         }
     }));
     let scene = document.scene();
@@ -155,8 +244,22 @@ fn every_texture_has_its_channel_and_colour_space() {
         .map(|scalar| (scalar.texture.expect("a texture").1, space(scalar.texture.map(|t| t.0))));
     let linear = |channel| (channel, ColourSpace::Linear);
     assert_eq!(channels, [Channel::B, Channel::G, Channel::R, Channel::R, Channel::G].map(linear));
+    let (grooves, fibres, film) =
+        (p.anisotropy.expect("grooves"), p.sheen.expect("fibres"), p.iridescence.expect("a film"));
+    let layers = [
+        p.specular.texture,
+        grooves.strength.texture,
+        fibres.roughness.texture,
+        film.strength.texture,
+        film.thickness_texture,
+    ]
+    .map(|texture| (texture.expect("a texture").1, space(texture.map(|t| t.0))));
+    assert_eq!(layers, [Channel::A, Channel::B, Channel::A, Channel::R, Channel::G].map(linear));
+    assert_eq!(space(grooves.direction), ColourSpace::Linear);
     let emission = scene.materials[0].emission.expect("light");
-    assert_eq!([space(p.base_colour.texture), space(emission.radiance.texture)], [ColourSpace::Srgb; 2]);
+    let colours =
+        [p.base_colour.texture, emission.radiance.texture, p.specular_colour.texture, fibres.colour.texture];
+    assert_eq!(colours.map(space), [ColourSpace::Srgb; 4]);
     let normal = scene.materials[0].normal_map.expect("a normal map");
     assert_eq!((space(Some(normal.texture)), normal.scale), (ColourSpace::Linear, 0.5));
     assert_eq!(scene.textures.len(), 2, "one image in two colour spaces");

@@ -90,18 +90,22 @@ fn a_coat_has_the_index_ni_and_the_roughness_pr_or_ns() {
     let coat = principled("illum 2\nKd 0.6 0.5 0.4\nKs 0.04 0.04 0.04\nNs 100000\nPr 0.316228\nNi 1.4");
     assert_eq!(coat.base_colour.factor, Vec3::new(0.6, 0.5, 0.4));
     assert_eq!((coat.ior, coat.roughness.factor, coat.metallic.factor), (1.4, 0.316228, 0.0));
-    assert_eq!((coat.specular, coat.specular_colour), (1.0, Vec3::ONE), "the index says it all");
+    assert_eq!(
+        (coat.specular.factor, coat.specular_colour.factor),
+        (1.0, Vec3::ONE),
+        "the index says it all"
+    );
     // The Phong equal of roughness 0.316228 (alpha 0.1) is 198.
     let phong = principled("illum 2\nKd 0.6 0.5 0.4\nKs 0.04 0.04 0.04\nNs 198\nNi 1.5");
     assert!((phong.roughness.factor - 0.316_228).abs() < 1e-5);
     assert_eq!(matte("illum 2\nKs 0 0 0\nNi 1.5\nKd 0 0 1"), Vec3::Z, "a black Ks is no coat");
-    assert_eq!(principled("illum 2\nKs 0 0 0\nNi 1.5\nPm 0.5").specular, 0.0);
+    assert_eq!(principled("illum 2\nKs 0 0 0\nNi 1.5\nPm 0.5").specular.factor, 0.0);
 }
 
 #[test]
 fn classic_gloss_reflects_ks() {
     let gloss = principled("illum 2\nKd 0.2 0.2 0.2\nKs 0.08 0.04 0.02\nNs 198");
-    assert!((gloss.specular_colour * 0.04 - Vec3::new(0.08, 0.04, 0.02)).abs().max_element() < 1e-6);
+    assert!((gloss.specular_colour.factor * 0.04 - Vec3::new(0.08, 0.04, 0.02)).abs().max_element() < 1e-6);
     assert!((gloss.roughness.factor - 0.316_228).abs() < 1e-5);
     assert_eq!(principled("illum 2\nKs 1 1 1").roughness.factor, 1.0, "Ns 0 is not glossy");
 }
@@ -111,8 +115,16 @@ fn the_pbr_extension_is_honoured() {
     let all = principled("Kd 1 1 1\nPr 0.3\nPm 0.7\nPc 0.5\nPcr 0.1\nNi 1.6");
     assert_eq!((all.roughness.factor, all.metallic.factor, all.ior), (0.3, 0.7, 1.6));
     assert_eq!((all.clearcoat.factor, all.clearcoat_roughness.factor), (0.5, 0.1));
-    assert!(warns(&scene("Pr 0.5\nPs 0.5"), &["sheen"]));
+    assert!(all.sheen.is_none() && all.anisotropy.is_none());
+    let felt = principled("Pr 0.6\nPs 0.5").sheen.expect("fibres");
+    assert_eq!((felt.colour.factor, felt.roughness.factor), (Vec3::splat(0.5), 0.6));
+    for lines in ["Pr 0.3\nPm 1\naniso 0.5\nanisor 0.25", "illum 3\nPr 0.3\nPm 1\naniso 0.5\nanisor 0.25"] {
+        let grooves = principled(lines).anisotropy.expect("grooves");
+        let quarter = std::f32::consts::FRAC_PI_2;
+        assert_eq!((grooves.strength.factor, grooves.rotation), (0.5, quarter), "{lines}");
+    }
     assert!(warns(&scene("illum 1\nPm 1"), &["Pm"]));
+    assert!(warns(&scene("Pr 0.5\naniso 2"), &["aniso", "2"]));
 }
 
 #[test]

@@ -34,7 +34,8 @@ pub struct TraceArgs {
 pub struct MeshArgs {
     /// Scene file.
     pub scene: PathBuf,
-    /// Mesh: .npz with vertices float32 (v, 3), triangles uint32 (t, 3), material uint32 (t,).
+    /// Mesh: .npz with vertices float32 (v, 3), triangles uint32 (t, 3), material uint32 (t,), and the
+    /// radiance each material gives off, emission float32 (m, 3), without its texture.
     #[arg(short, long, value_name = "FILE")]
     pub output: PathBuf,
 }

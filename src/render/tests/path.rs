@@ -219,6 +219,14 @@ fn tiles_go_over_the_picture_once_for_every_few_samples() {
 }
 
 #[test]
+fn bodies_absorb_by_the_way_through_them() {
+    let pixels = picture(ink(), Settings { width: 25, height: 25, spp: 4, ..SETTINGS });
+    let (middle, beside) = (pixels[12 * 25 + 12], pixels[0]);
+    assert!((middle - Vec3::new(0.5, 0.25, 1.0)).abs().max_element() < 2e-3, "{middle}");
+    assert_eq!(beside, Vec3::ONE);
+}
+
+#[test]
 fn low_polygons_with_smooth_or_mapped_normals_have_no_black_patches() {
     for surface in [
         Surface::Matte { reflectance: Colour::constant(Vec3::ONE) },

@@ -1,8 +1,9 @@
 //! Small scenes with known answers.
 
 use crate::scene::{
-    Camera, Channel, Colour, ColourSpace, Emission, Environment, EnvironmentMap, Light, LightShape, Material,
-    NormalMap, Principled, Pyramid, Scalar, Scene, Surface, Texture, TextureRef, Wrap,
+    Anisotropy, Camera, Channel, Colour, ColourSpace, Emission, Environment, EnvironmentMap, Iridescence,
+    Light, LightShape, Material, Medium, NormalMap, Principled, Pyramid, Scalar, Scene, Sheen, Surface,
+    Texture, TextureRef, Wrap,
 };
 use glam::{Vec2, Vec3};
 
@@ -171,7 +172,18 @@ pub fn bumps() -> Texture {
     }
 }
 
-/// A room with one of everything that is shaded: textures, bumps, coats, glass, lamps, a sky.
+/// A cube of nothing but a medium that lets half of the red and a quarter of the green light through.
+pub fn ink() -> Scene {
+    let mut scene = Scene { environment: Environment::Constant(Vec3::ONE), ..Scene::default() };
+    let medium = Medium::tinting(Vec3::new(0.5, 0.25, 1.0), 1.0);
+    let surface = Surface::Dielectric { ior: 1.0, transmittance: Vec3::ONE };
+    let ink = add_material(&mut scene, Material { medium, ..of(surface) });
+    add_cube(&mut scene, 0.5, ink);
+    scene
+}
+
+/// A room with one of everything that is shaded: textures, bumps, coats, grooves, fibres, films, glass, lamps,
+/// a sky.
 pub fn one_of_everything() -> Scene {
     let mut scene = room();
     scene.textures.push(bumps());
@@ -191,10 +203,34 @@ pub fn one_of_everything() -> Scene {
         Surface::Principled(Principled { thin: true, clearcoat: Scalar::constant(0.0), ..painted }),
         Surface::Dielectric { ior: 1.5, transmittance: Vec3::new(0.9, 1.0, 0.8) },
         Surface::Mirror { reflectance: Colour::constant(Vec3::splat(0.9)) },
+        Surface::Principled(Principled {
+            anisotropy: Some(Anisotropy {
+                strength: Scalar { factor: 0.8, texture: Some((texture, Channel::B)) },
+                rotation: 0.4,
+                direction: Some(texture),
+            }),
+            sheen: Some(Sheen {
+                colour: Colour { factor: Vec3::new(0.4, 0.6, 0.8), texture: Some(texture) },
+                roughness: Scalar { factor: 0.5, texture: Some((texture, Channel::A)) },
+            }),
+            transmission: Scalar::constant(0.0),
+            ..painted
+        }),
+        Surface::Principled(Principled {
+            iridescence: Some(Iridescence {
+                strength: Scalar { factor: 0.9, texture: Some((texture, Channel::R)) },
+                ior: 1.4,
+                thickness_nm: [100.0, 700.0],
+                thickness_texture: Some((texture, Channel::G)),
+            }),
+            ..painted
+        }),
     ];
     for (i, surface) in surfaces.into_iter().enumerate() {
         let map = NormalMap { texture, scale: 0.5 };
-        let material = Material { surface, normal_map: (i % 2 == 0).then_some(map), ..Material::fallback() };
+        let medium = Medium::tinting(Vec3::new(0.9, 0.5, 0.3), 0.2);
+        let normal_map = (i % 2 == 0).then_some(map);
+        let material = Material { surface, normal_map, medium, ..Material::fallback() };
         let id = add_material(&mut scene, material);
         let corner = Vec3::new(-0.8 + 0.4 * i as f32, -0.7, -0.2 * i as f32);
         add_quad(&mut scene, corner, Vec3::new(0.35, 0.1, 0.1), Vec3::new(0.0, 1.2, 0.2), id);

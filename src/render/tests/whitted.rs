@@ -73,6 +73,15 @@ fn the_tree_gathers_all_light() {
 }
 
 #[test]
+fn bodies_absorb_by_the_way_through_them() {
+    let scene = ink();
+    let whitted = whitted(&scene, Settings { width: 25, height: 25, spp: 4, ..SETTINGS });
+    render(&whitted, 100, &harness::tracer(&scene));
+    let middle = Vec3::from(whitted.film().resolve()[12 * 25 + 12]);
+    assert!((middle - Vec3::new(0.5, 0.25, 1.0)).abs().max_element() < 2e-3, "{middle}");
+}
+
+#[test]
 fn every_light_gets_its_shadow_ray_up_to_three() {
     let mut scene = Scene::default();
     let wall = add_material(&mut scene, Material::matte("", Vec3::splat(0.5)));

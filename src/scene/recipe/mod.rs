@@ -19,7 +19,8 @@ pub use pattern::Pattern;
 pub use shape::Shape;
 
 use super::{
-    Alpha, Camera, Colour, Emission, Environment, Material, Principled, Scalar, Scene, Surface, TextureRef,
+    Alpha, Anisotropy, Camera, Colour, Emission, Environment, Iridescence, Material, Medium, Principled,
+    Scalar, Scene, Sheen, Surface, TextureRef,
 };
 use glam::Vec3;
 use serde::Deserialize;
@@ -71,13 +72,55 @@ pub struct Finish {
     /// Strength of a smooth clear coat, 0..=1.
     #[serde(default)]
     pub clearcoat: f32,
+    /// Grooves that make a reflection rougher along u, 0..=1.
+    #[serde(default)]
+    pub anisotropy: f32,
+    /// Turns that direction from u towards the texture's top.
+    #[serde(default)]
+    pub anisotropy_degrees: f32,
+    /// Fibres that shine at grazing angles.
+    pub sheen: Option<Fibres>,
+    /// A thin film that shimmers.
+    pub film: Option<ThinFilm>,
     /// Index of refraction of a smooth glass tinted by `colour`.
     pub ior: Option<f32>,
+    /// What the glass is filled with.
+    pub absorption: Option<Tint>,
     /// A perfect mirror.
     #[serde(default)]
     pub mirror: bool,
     /// Radiance given off by the front.
     pub emission: Option<Vec3>,
+}
+
+/// Fibres: glTF's sheen.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Fibres {
+    /// Linear Rec. 709, 0..=1.
+    pub colour: Vec3,
+    /// Perceptual roughness, 0..=1.
+    pub roughness: f32,
+}
+
+/// A film: glTF's iridescence.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ThinFilm {
+    /// Thickness, 0..=10000.
+    pub nanometres: f32,
+    /// Index of refraction, 1..=4.
+    pub ior: f32,
+}
+
+/// A medium that takes colour from light.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Tint {
+    /// What white light has become, linear Rec. 709, 0..=1 ..
+    pub colour: Vec3,
+    /// .. after so long a way.
+    pub distance: f32,
 }
 
 /// A shape and what it is made of.
@@ -185,6 +228,22 @@ impl Recipe {
             }
         };
         let colour = Colour { factor: finish.colour, texture };
+        let anisotropy = range("anisotropy", finish.anisotropy, 0.0..=1.0)?;
+        if let Some(fibres) = finish.sheen {
+            range("the largest channel of sheen", fibres.colour.max_element(), 0.0..=1.0)?;
+            range("the smallest channel of sheen", fibres.colour.min_element(), 0.0..=1.0)?;
+            range("the roughness of sheen", fibres.roughness, 0.0..=1.0)?;
+        }
+        if let Some(film) = finish.film {
+            range("nanometres", film.nanometres, 0.0..=1e4)?;
+            range("the ior of film", film.ior, 1.0..=4.0)?;
+        }
+        let mut medium = None;
+        if let Some(tint) = finish.absorption {
+            range("the largest channel of absorption", tint.colour.max_element(), 0.0..=1.0)?;
+            range("the smallest channel of absorption", tint.colour.min_element(), 0.0..=1.0)?;
+            medium = Medium::tinting(tint.colour, range("distance", tint.distance, 1e-6..=1e6)?);
+        }
         let surface = if let Some(ior) = finish.ior {
             Surface::Dielectric { ior: range("ior", ior, 1.0..=4.0)?, transmittance: finish.colour }
         } else if finish.mirror {
@@ -195,6 +254,21 @@ impl Recipe {
                 metallic: Scalar::constant(range("metallic", finish.metallic, 0.0..=1.0)?),
                 roughness: Scalar::constant(range("roughness", roughness, 0.0..=1.0)?),
                 clearcoat: Scalar::constant(range("clearcoat", finish.clearcoat, 0.0..=1.0)?),
+                anisotropy: (anisotropy > 0.0).then(|| Anisotropy {
+                    strength: Scalar::constant(anisotropy),
+                    rotation: finish.anisotropy_degrees.to_radians(),
+                    direction: None,
+                }),
+                sheen: finish.sheen.map(|fibres| Sheen {
+                    colour: Colour::constant(fibres.colour),
+                    roughness: Scalar::constant(fibres.roughness),
+                }),
+                iridescence: finish.film.map(|film| Iridescence {
+                    strength: Scalar::constant(1.0),
+                    ior: film.ior,
+                    thickness_nm: [film.nanometres; 2],
+                    thickness_texture: None,
+                }),
                 ..Principled::default()
             })
         } else {
@@ -208,7 +282,8 @@ impl Recipe {
                 Some(Emission { radiance: Colour::constant(radiance), two_sided: false })
             }
         };
-        Ok(Material { name: name.into(), surface, emission, normal_map: None, alpha: Alpha::default() })
+        let (normal_map, alpha) = (None, Alpha::default());
+        Ok(Material { name: name.into(), surface, emission, normal_map, alpha, medium })
     }
 }
 

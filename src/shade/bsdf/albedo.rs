@@ -46,8 +46,9 @@ impl<L: Lanes> Reflectance<L> {
         }
     }
 
+    /// A mixture, `share` of it `other`.
     #[inline(always)]
-    fn lerp(self, other: Self, share: Num<L>) -> Self {
+    pub(super) fn lerp(self, other: Self, share: Num<L>) -> Self {
         Self {
             deficit: self.deficit.lerp(other.deficit, share),
             grazing: self.grazing.lerp(other.grazing, share),
@@ -131,7 +132,8 @@ fn row(roughness: f32) -> [[f32; 2]; ENTRIES] {
     let mut entries = [[0.0; 2]; ENTRIES];
     for (i, entry) in entries[..NODES].iter_mut().enumerate() {
         let z = cosine(i as f32).max(1e-5);
-        let [deficit, grazing] = measure(roughness * roughness, z);
+        let wo = glam::Vec3::new((1.0 - z * z).max(0.0).sqrt(), 0.0, z);
+        let [deficit, grazing] = measure([roughness * roughness; 2], wo);
         *entry = [deficit, grazing - schlick_weight(Num::from(z)).get()];
     }
     // The mean of the interpolated function, so that what is missing and what is given back agree.
@@ -152,14 +154,14 @@ fn row(roughness: f32) -> [[f32; 2]; ENTRIES] {
     entries
 }
 
-/// The deficit and the share at grazing angles towards a cosine, from a fixed set of facets.
-fn measure(alpha: f32, z: f32) -> [f32; 2] {
-    SimdLevel::detect().run(Measurement { alpha, z })
+/// The deficit and the share at grazing angles towards a direction, from a fixed set of facets.
+pub(super) fn measure(alpha: [f32; 2], wo: glam::Vec3) -> [f32; 2] {
+    SimdLevel::detect().run(Measurement { alpha, wo })
 }
 
 struct Measurement {
-    alpha: f32,
-    z: f32,
+    alpha: [f32; 2],
+    wo: glam::Vec3,
 }
 
 impl Kernel for Measurement {
@@ -167,9 +169,8 @@ impl Kernel for Measurement {
 
     #[inline(always)]
     fn run<L: Lanes>(self, l: L) -> [f32; 2] {
-        let ggx = Ggx { alpha: Num::splat(l, self.alpha) };
-        let wo = glam::Vec3::new((1.0 - self.z * self.z).max(0.0).sqrt(), 0.0, self.z);
-        let wo = Vector::splat(l, wo);
+        let ggx = Ggx { alpha: [Num::splat(l, self.alpha[0]), Num::splat(l, self.alpha[1])] };
+        let wo = Vector::splat(l, self.wo);
         let mut sum = [0.0; 2];
         let lane_numbers: [u32; 16] = std::array::from_fn(|lane| lane as u32);
         for first in (0..FACETS).step_by(L::LANES) {
@@ -211,7 +212,8 @@ mod tests {
             for k in 0..40 {
                 let z = ((k as f32 + 0.61) / 40.0).powi(2);
                 let table = numbers(albedo.at(z.into()));
-                let direct = measure(roughness * roughness, z);
+                let wo = glam::Vec3::new((1.0 - z * z).sqrt(), 0.0, z);
+                let direct = measure([roughness * roughness; 2], wo);
                 let off = (table[0] - direct[0]).abs().max((table[1] - direct[1]).abs());
                 let allowed = if z < 0.01 { 6e-3 } else { 4e-3 };
                 assert!(off < allowed, "roughness {roughness}, cosine {z}: {table:?}, measured {direct:?}");

@@ -1,6 +1,7 @@
 //! Reflection from microfacets, complete: one bounce and all further ones.
 
 use super::albedo::{Albedo, MIN_ROUGHNESS, Reflectance};
+use super::brushed::Brushed;
 use super::fresnel::{Schlick, schlick_weight};
 use super::ggx::Ggx;
 use crate::lanes::{Lanes, Num, Vector};
@@ -14,6 +15,8 @@ pub struct Facets<L: Lanes> {
     /// The distribution.
     pub ggx: Ggx<L>,
     albedo: Albedo<L>,
+    /// Says more than `albedo` where alphas differ.
+    brushed: Option<Brushed<L>>,
     mean: Reflectance<L>,
 }
 
@@ -36,17 +39,35 @@ impl<L: Lanes> Facets<L> {
         let rough = roughness.ge(Num::splat(roughness.lanes(), smooth_below.max(MIN_ROUGHNESS)));
         let roughness = roughness.clamp(MIN_ROUGHNESS, 1.0);
         let albedo = Albedo::new(roughness);
-        let smooth = Num::splat(roughness.lanes(), 1.0 / 21.0);
-        let mirror = Reflectance { deficit: smooth.only(0), grazing: smooth };
-        let mean = Reflectance::select(rough, albedo.mean(), mirror);
-        Self { rough, ggx: Ggx { alpha: roughness * roughness }, albedo, mean }
+        let mean = Reflectance::select(rough, albedo.mean(), mirror_mean(roughness.lanes()));
+        let alpha = roughness * roughness;
+        Self { rough, ggx: Ggx { alpha: [alpha; 2] }, albedo, brushed: None, mean }
     }
 
-    /// Single-bounce reflectance towards a cosine.
+    /// The same, rougher along x: KHR_materials_anisotropy. A mirror is what is smooth along both axes.
     #[inline(always)]
-    pub fn at(&self, z: Num<L>) -> Reflectance<L> {
-        let mirror = Reflectance { deficit: z.only(0), grazing: schlick_weight(z) };
-        if self.rough == 0 { mirror } else { Reflectance::select(self.rough, self.albedo.at(z), mirror) }
+    pub fn anisotropic(roughness: Num<L>, strength: Num<L>, smooth_below: f32) -> Self {
+        let l = roughness.lanes();
+        let plain = Self::new(roughness, MIN_ROUGHNESS);
+        let brushed = Brushed::new(roughness.clamp(MIN_ROUGHNESS, 1.0), strength);
+        let least = smooth_below.max(MIN_ROUGHNESS);
+        let rough = brushed.alpha()[0].ge(Num::splat(l, least * least));
+        let mean = Reflectance::select(rough, brushed.mean(), mirror_mean(l));
+        Self { rough, ggx: Ggx { alpha: brushed.alpha() }, brushed: Some(brushed), mean, ..plain }
+    }
+
+    /// Single-bounce reflectance towards a direction.
+    #[inline(always)]
+    pub fn at(&self, w: Vector<L>) -> Reflectance<L> {
+        let mirror = Reflectance { deficit: w.z.only(0), grazing: schlick_weight(w.z) };
+        if self.rough == 0 {
+            return mirror;
+        }
+        let table = match &self.brushed {
+            None => self.albedo.at(w.z),
+            Some(brushed) => brushed.at(w),
+        };
+        Reflectance::select(self.rough, table, mirror)
     }
 
     /// Cosine-weighted mean of [`Facets::at`].
@@ -73,6 +94,13 @@ impl<L: Lanes> Facets<L> {
     pub fn bounces(&self, near: &Reflectance<L>, far: &Reflectance<L>, wi_z: Num<L>) -> Num<L> {
         (near.deficit * far.deficit / self.mean.deficit * (wi_z * FRAC_1_PI)).only(self.rough)
     }
+}
+
+/// Cosine-weighted mean of what a mirror reflects.
+#[inline(always)]
+fn mirror_mean<L: Lanes>(l: L) -> Reflectance<L> {
+    let grazing = Num::splat(l, 1.0 / 21.0);
+    Reflectance { deficit: grazing.only(0), grazing }
 }
 
 impl<L: Lanes> Reflection<L> {

@@ -3,49 +3,47 @@
 use crate::lanes::{Lanes, Num, Vector, trigonometry};
 use std::f32::consts::PI;
 
-/// Microfacets distributed after Trowbridge and Reitz (GGX), isotropic, with Smith's
-/// height-correlated masking.
+/// Microfacets distributed after Trowbridge and Reitz (GGX) with Smith's height-correlated masking.
 #[derive(Clone, Copy, Debug)]
 pub struct Ggx<L: Lanes> {
-    /// Width of the distribution, > 0.
-    pub alpha: Num<L>,
+    /// Width of the distribution along x and along y, > 0.
+    pub alpha: [Num<L>; 2],
 }
 
 impl<L: Lanes> Ggx<L> {
-    /// Density of facet normals at unit directions of the upper hemisphere.
+    /// π times the reciprocal of the density of facet normals at unit directions of the upper hemisphere.
     #[inline(always)]
-    pub fn density(&self, normal: Vector<L>) -> Num<L> {
-        let cos2 = normal.z * normal.z;
-        let sin2 = normal.x * normal.x + normal.y * normal.y;
-        let alpha2 = self.alpha * self.alpha;
-        // cos² + sin² / α² is accurate for the narrowest lobes, where 1 − cos² is not.
-        let stretch = cos2 + sin2 / alpha2;
-        1.0 / (alpha2 * stretch * stretch * PI)
+    fn sparsity(&self, normal: Vector<L>) -> Num<L> {
+        let [along, across] = self.alpha;
+        let (x, y) = (normal.x / along, normal.y / across);
+        // The sum is accurate for the narrowest lobes, where 1 − z² is not.
+        let stretch = x * x + y * y + normal.z * normal.z;
+        along * across * stretch * stretch
     }
 
-    /// Smith's Λ for directions with cosine `z` > 0.
+    /// 1 + 2Λ, Smith's Λ, for directions with `z` > 0.
     #[inline(always)]
-    fn lambda(&self, z: Num<L>) -> Num<L> {
-        let z2 = z * z;
-        let tan2 = ((1.0 - z2) / z2).clamp(0.0, f32::INFINITY);
-        0.5 * ((1.0 + self.alpha * self.alpha * tan2).sqrt() - 1.0)
+    fn shadow(&self, w: Vector<L>) -> Num<L> {
+        let (x, y) = (w.x * self.alpha[0], w.y * self.alpha[1]);
+        (1.0 + (x * x + y * y) / (w.z * w.z)).sqrt()
     }
 
     /// BRDF × cosine of perfectly reflecting facets, and the density of [`Ggx::sample`], for
     /// directions of the upper hemisphere whose unit half vector is `half`.
     #[inline(always)]
     pub fn evaluate(&self, wo: Vector<L>, wi: Vector<L>, half: Vector<L>) -> (Num<L>, Num<L>) {
-        let common = self.density(half) / (4.0 * wo.z);
-        let (near, far) = (self.lambda(wo.z), self.lambda(wi.z));
-        (common / (1.0 + near + far), common / (1.0 + near))
+        // D / (4 cos (1 + Λ(wo) + Λ(wi))), and without Λ(wi).
+        let common = self.sparsity(half) * wo.z * (2.0 * PI);
+        let (near, far) = (self.shadow(wo), self.shadow(wi));
+        (1.0 / (common * (near + far)), 1.0 / (common * (near + 1.0)))
     }
 
     /// What unmasked reflections from `wo` to `wi` lose to masking on the way out, 0..=1, given
     /// that they were visible from `wo`.
     #[inline(always)]
     pub fn masked(&self, wo: Vector<L>, wi: Vector<L>) -> Num<L> {
-        let (near, far) = (self.lambda(wo.z), self.lambda(wi.z));
-        far / (1.0 + near + far)
+        let (near, far) = (self.shadow(wo), self.shadow(wi));
+        (far - 1.0) / (near + far)
     }
 
     /// Facet normals, distributed as those visible from `wo` (Dupuy and Benyoub 2023, *Sampling
@@ -53,13 +51,14 @@ impl<L: Lanes> Ggx<L> {
     /// of [`Ggx::evaluate`]; it may lie below the surface and then counts as none.
     #[inline(always)]
     pub fn sample(&self, wo: Vector<L>, u2: [Num<L>; 2]) -> Vector<L> {
-        let stretched = Vector::new(wo.x * self.alpha, wo.y * self.alpha, wo.z).normalize();
+        let [along, across] = self.alpha;
+        let stretched = Vector::new(wo.x * along, wo.y * across, wo.z).normalize();
         let (sine, cosine) = trigonometry::sin_cos_turns(u2[0]);
         let z = (1.0 - u2[1]) * (1.0 + stretched.z) - stretched.z;
         let r = (1.0 - z * z).clamp(0.0, 1.0).sqrt();
         let half = Vector::new(r * cosine, r * sine, z) + stretched;
-        let (zero, one) = (self.alpha.only(0), Num::splat(wo.lanes(), 1.0));
-        Vector::new(half.x * self.alpha, half.y * self.alpha, half.z.max(zero))
+        let (zero, one) = (along.only(0), Num::splat(wo.lanes(), 1.0));
+        Vector::new(half.x * along, half.y * across, half.z.max(zero))
             .normalize_or(Vector::new(zero, zero, one))
             .0
     }

@@ -4,13 +4,16 @@
 //! is where the light goes (back along the ray) and always has `z > 0`, `wi` where it comes from.
 
 mod albedo;
+mod brushed;
 mod dielectric;
 mod facets;
 mod fresnel;
 mod ggx;
+mod iridescence;
 mod matte;
 mod mirror;
 mod principled;
+mod sheen;
 #[cfg(test)]
 mod tests;
 

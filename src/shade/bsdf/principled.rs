@@ -1,19 +1,24 @@
-//! glTF's metallic-roughness surface: a clear coat over a mixture of metal and dielectric, the
+//! glTF's metallic-roughness surface: a clear coat over sheen over a mixture of metal and dielectric, the
 //! dielectric over a diffuse or transparent base.
 //!
 //! # Where the light goes
 //! With E the share that a layer reflects in all its bounces (single-bounce GGX from a table, the
 //! rest in a lobe of its own, see [`super::facets`]), what it does not reflect reaches the layer below:
 //! - the coat passes `1 − E_coat(wo)`,
+//! - sheen passes the lesser of what it leaves towards `wo` and `wi`,
 //! - the dielectric layer passes `(1 − E(wo)) (1 − E(wi)) / (1 − E_mean)` to the diffuse base, which
 //!   is reciprocal and integrates to `1 − E(wo)`, and `1 − E(wo)` to the transparent base.
 //!
-//! So a white surface returns all light that falls on it, at every roughness. All is reciprocal but
-//! the coat's factor, which depends on `wo` alone, as layering by albedo has it.
+//! So a white surface returns all light that falls on it, at every roughness, and sheen loses some. A thin film
+//! replaces the Fresnel term of facets, but not of further bounces, and under it the base gets the lesser of
+//! what is passed in the brightest channel towards `wo` and `wi`. All is reciprocal but the coat's
+//! factor, which depends on `wo` alone, as layering by albedo has it.
 
 use super::albedo::Reflectance;
 use super::facets::{Facets, Reflection};
 use super::fresnel::{self, Schlick};
+use super::iridescence::Film;
+use super::sheen::Sheen;
 use super::{Sample, Smooth, mirrored};
 use crate::geom::warp::lanes as warp;
 use crate::lanes::{Lanes, Num, Vector};
@@ -35,6 +40,8 @@ pub struct Principled<L: Lanes> {
     /// Diffuse albedo times the share of the surface that is diffuse.
     diffuse: Vector<L>,
     transparency: Option<Transparency<L>>,
+    film: Option<Film<L>>,
+    sheen: Option<Sheen<L>>,
     coat: Option<Coat<L>>,
 }
 
@@ -77,18 +84,19 @@ struct Lobes<L: Lanes> {
     /// Of the facets towards `wo`, and of the coat's.
     near: Reflectance<L>,
     near_coat: Option<Reflectance<L>>,
+    /// The sheen's share.
+    near_sheen: Option<Num<L>>,
     /// The coat's own reflection, single bounce.
     coat: Num<L>,
-    /// What passes the coat.
+    /// What passes the coat, and the sheen too.
     under: Num<L>,
+    base: Num<L>,
     /// Metal and dielectric reflection, single bounce.
     facets: Vector<L>,
-    /// The diffuse base and all further bounces.
+    /// The diffuse base, sheen and all further bounces.
     scattered: Vector<L>,
     /// What passes the layer towards `wo`.
     passed: Vector<L>,
-    /// Density of the layer's pass to the diffuse base, per channel.
-    pass: Vector<L>,
 }
 
 #[inline(always)]
@@ -113,18 +121,25 @@ impl<L: Lanes> Principled<L> {
         let base = lookup::albedo(scene, &surface.base_colour, uv, footprint);
         let metallic = lookup::share(scene, &surface.metallic, uv, footprint);
         let roughness = footprint.roughened(lookup::share(scene, &surface.roughness, uv, footprint));
-        let facets = Facets::new(roughness, smooth_below);
+        let facets = match &surface.anisotropy {
+            None => Facets::new(roughness, smooth_below),
+            Some(anisotropy) => {
+                let strength = lookup::share(scene, &anisotropy.strength, uv, footprint);
+                Facets::anisotropic(roughness, strength, smooth_below)
+            }
+        };
         let ior = surface.ior.max(1.0);
         let f0 = (ior - 1.0) / (ior + 1.0);
-        let specular = surface.specular.clamp(0.0, 1.0);
-        let f0 = (surface.specular_colour * (f0 * f0)).max(glam::Vec3::ZERO).min(glam::Vec3::ONE) * specular;
-        let layer = facets.reflection(Schlick { f0: Vector::splat(l, f0), f90: Num::splat(l, specular) });
+        let specular = lookup::share(scene, &surface.specular, uv, footprint);
+        let tint = lookup::colour(scene, &surface.specular_colour, uv, footprint);
+        let f0 = (tint * (f0 * f0)).clamp(0.0, 1.0) * specular;
+        let layer = facets.reflection(Schlick { f0, f90: specular });
         let metal = facets.reflection(Schlick { f0: base, f90: one });
-        let (mut outer, mut opaque, mut transparency) = (layer, one - metallic, None);
+        let (mut outer, mut opaque, mut transparency, mut leaving) = (layer, one - metallic, None, 0);
         if surface.transmission.factor != 0.0 {
             let transmission = lookup::share(scene, &surface.transmission, uv, footprint);
             let share = (one - metallic) * transmission;
-            let leaving = if surface.thin { 0 } else { L::ALL & !outside };
+            leaving = if surface.thin { 0 } else { L::ALL & !outside };
             outer = layer.scaled(Num::select(leaving, one - transmission, one));
             opaque *= one - transmission;
             transparency = Some(Transparency {
@@ -135,7 +150,13 @@ impl<L: Lanes> Principled<L> {
                 eta: Num::select(leaving, Num::splat(l, 1.0 / ior), Num::splat(l, ior)),
             });
         }
-        let mut coat = None;
+        let (mut film, mut sheen, mut coat) = (None, None, None);
+        if let Some(iridescence) = &surface.iridescence {
+            film = Some(Film::new(scene, iridescence, uv, footprint, L::ALL & !leaving));
+        }
+        if let Some(fibres) = &surface.sheen {
+            sheen = Some(Sheen::new(scene, fibres, uv, footprint));
+        }
         if surface.clearcoat.factor != 0.0 {
             let share = lookup::share(scene, &surface.clearcoat, uv, footprint);
             let roughness = lookup::share(scene, &surface.clearcoat_roughness, uv, footprint);
@@ -147,6 +168,8 @@ impl<L: Lanes> Principled<L> {
             layer,
             diffuse: base * opaque,
             transparency,
+            film,
+            sheen,
             coat,
         }
     }
@@ -167,35 +190,68 @@ impl<L: Lanes> Principled<L> {
             layer,
             diffuse: base * (one - metallic),
             transparency: None,
+            film: None,
+            sheen: None,
             coat: Some(Coat::new(finish.clearcoat.clamp(0.0, 1.0), one.only(0), smooth_below)),
         }
+    }
+
+    /// What a facet of metal and dielectric reflects at a cosine.
+    #[inline(always)]
+    fn facet(&self, cosine: Num<L>) -> Vector<L> {
+        let bare = &self.reflection.fresnel;
+        match &self.film {
+            None => bare.at(cosine),
+            Some(film) => film.over(bare.at(cosine), bare.f0, cosine),
+        }
+    }
+
+    /// What passes the dielectric layer towards a direction of cosine `z`.
+    #[inline(always)]
+    fn passed(&self, at: &Reflectance<L>, z: Num<L>) -> Vector<L> {
+        let Some(film) = &self.film else { return white(z.lanes()) - self.layer.share(at) };
+        let bare = &self.layer.fresnel;
+        let single = film.over(bare.at(z), bare.f0, z) * (1.0 - at.deficit);
+        Vector::grey(1.0 - (single + self.layer.strength * at.deficit).max_element())
     }
 
     #[inline(always)]
     fn lobes(&self, wo: Vector<L>) -> Lobes<L> {
         let l = wo.lanes();
-        let near = self.facets.at(wo.z);
-        let passed = white(l) - self.layer.share(&near);
-        let mean = white(l) - self.layer.share(&self.facets.mean());
+        let near = self.facets.at(wo);
+        let passed = self.passed(&near, wo.z);
         let (mut coat, mut under, mut further) = (wo.z.only(0), Num::splat(l, 1.0), wo.z.only(0));
         let mut near_coat = None;
         if let Some(c) = &self.coat {
-            let at = c.facets.at(wo.z);
+            let at = c.facets.at(wo);
             coat = c.share * at.single(&c.reflection.fresnel).x;
             further = c.share * c.reflection.strength.x * at.deficit;
             under = 1.0 - coat - further;
             near_coat = Some(at);
         }
+        let single = match &self.film {
+            None => near.single(&self.reflection.fresnel),
+            Some(_) => self.facet(wo.z) * (1.0 - near.deficit),
+        };
+        let (mut base, mut near_sheen) = (under, None);
+        let mut scattered = self.diffuse * passed + self.reflection.strength * near.deficit;
+        if let Some(sheen) = &self.sheen {
+            let share = sheen.share(wo.z);
+            let left = sheen.passed(share);
+            scattered = scattered * left + sheen.reflected(share);
+            base = under * left;
+            near_sheen = Some(share);
+        }
         Lobes {
             coat,
             under,
-            facets: near.single(&self.reflection.fresnel) * under,
-            scattered: (self.diffuse * passed + self.reflection.strength * near.deficit) * under
-                + Vector::grey(further),
+            base,
+            facets: single * base,
+            scattered: scattered * under + Vector::grey(further),
             passed,
-            pass: passed.over(mean.clamp(f32::MIN_POSITIVE, 1.0)),
             near,
             near_coat,
+            near_sheen,
         }
     }
 
@@ -215,15 +271,15 @@ impl<L: Lanes> Principled<L> {
         let (mut transmitted, mut transmission) = (none, none);
         let mut eta = Num::splat(wo.lanes(), 1.0);
         if let Some(through) = &self.transparency {
-            let passed = lobes.passed * lobes.under;
+            let passed = lobes.passed * lobes.base;
             if through.thin {
                 (transmitted, transmission) = (-wo, through.tint * passed);
             } else {
                 eta = through.eta;
                 let (mirrored, cosine) = fresnel::dielectric(wo.z, eta);
-                let inner = (mirrored * through.share * lobes.under).only(through.leaving);
+                let inner = (mirrored * through.share * lobes.base).only(through.leaving);
                 reflection += Vector::grey(inner);
-                let leaving = Vector::grey((1.0 - mirrored) * lobes.under);
+                let leaving = Vector::grey((1.0 - mirrored) * lobes.base);
                 let passed = Vector::select(through.leaving, leaving, passed);
                 transmission = through.tint * passed / (eta * eta);
                 transmitted = fresnel::refracted(wo, eta, cosine);
@@ -262,9 +318,14 @@ impl<L: Lanes> Principled<L> {
         lobes: &Lobes<L>,
         chances: &[Num<L>; 4],
     ) -> (Vector<L>, Num<L>) {
-        let l = wo.lanes();
-        let far = self.facets.at(wi.z);
-        let passed = lobes.pass * (white(l) - self.layer.share(&far));
+        let far = self.facets.at(wi);
+        let mut passed = self.passed(&far, wi.z);
+        if self.film.is_some() {
+            passed = passed.min(lobes.passed);
+        } else {
+            let mean = white(wo.lanes()) - self.layer.share(&self.facets.mean());
+            passed = lobes.passed.over(mean.clamp(f32::MIN_POSITIVE, 1.0)) * passed;
+        }
         let mut value = self.diffuse * passed * (wi.z * FRAC_1_PI)
             + self.reflection.strength * self.facets.bounces(&lobes.near, &far, wi.z);
         let mut pdf = chances[2] * warp::cosine_hemisphere_pdf(wi.z);
@@ -273,15 +334,20 @@ impl<L: Lanes> Principled<L> {
         let rough = self.facets.rough & there;
         if rough != 0 {
             let (perfect, density) = self.facets.ggx.evaluate(wo, wi, half);
-            value += (self.reflection.fresnel.at(facet_cosine) * perfect).only(rough);
+            value += (self.facet(facet_cosine) * perfect).only(rough);
             pdf += (chances[1] * density).only(rough);
+        }
+        if let (Some(sheen), Some(near)) = (&self.sheen, lobes.near_sheen) {
+            let far = sheen.share(wi.z);
+            value = value * sheen.passed(near).min(sheen.passed(far))
+                + sheen.evaluate(wo, wi, half, [near, far]).only(there);
         }
         value = value * lobes.under;
         if let (Some(coat), Some(near)) = (&self.coat, &lobes.near_coat) {
             let rough = coat.facets.rough & there;
             if rough != 0 {
                 let (perfect, density) = coat.facets.ggx.evaluate(wo, wi, half);
-                let far = coat.facets.at(wi.z);
+                let far = coat.facets.at(wi);
                 let bounces = coat.reflection.strength * coat.facets.bounces(near, &far, wi.z);
                 let light = (coat.reflection.fresnel.at(facet_cosine) * perfect + bounces) * coat.share;
                 value += light.only(rough);

@@ -26,6 +26,72 @@ fn rough(roughness: f32) -> impl FnOnce(&mut scene::Principled) {
     move |s| s.roughness = Scalar::constant(roughness)
 }
 
+fn brushed(strength: f32) -> impl Fn(&mut scene::Principled) {
+    move |s| {
+        let strength = Scalar::constant(strength);
+        s.anisotropy = Some(scene::Anisotropy { strength, rotation: 0.0, direction: None });
+    }
+}
+
+fn velvet(colour: Vec3, roughness: f32) -> impl Fn(&mut scene::Principled) {
+    move |s| {
+        let (colour, roughness) = (Colour::constant(colour), Scalar::constant(roughness));
+        s.sheen = Some(scene::Sheen { colour, roughness });
+    }
+}
+
+fn soapy(nanometres: f32) -> impl Fn(&mut scene::Principled) {
+    move |s| {
+        s.iridescence = Some(scene::Iridescence {
+            strength: Scalar::constant(1.0),
+            ior: 1.33,
+            thickness_nm: [nanometres; 2],
+            thickness_texture: None,
+        });
+    }
+}
+
+/// Surfaces that lose some light even when they are white.
+fn lossy() -> Vec<(String, Bsdf)> {
+    let mut all = Vec::new();
+    for roughness in [0.1, 0.4, 1.0] {
+        let mut add = |name: &str, edit: &dyn Fn(&mut scene::Principled)| {
+            let bsdf = principled(|s| {
+                rough(roughness)(s);
+                edit(s);
+            });
+            all.push((format!("{name} of roughness {roughness}"), bsdf));
+        };
+        for fibres in [0.0, 0.3, 0.6, 1.0] {
+            add(&format!("velvet of {fibres}"), &velvet(Vec3::new(1.0, 0.6, 0.2), fibres));
+            add(&format!("metal velvet of {fibres}"), &|s| {
+                s.metallic = Scalar::constant(1.0);
+                velvet(Vec3::ONE, fibres)(s);
+            });
+        }
+        for nanometres in [0.0, 150.0, 400.0, 1000.0] {
+            add(&format!("{nanometres} nm on white"), &soapy(nanometres));
+            add(&format!("{nanometres} nm on metal"), &|s| {
+                s.metallic = Scalar::constant(1.0);
+                soapy(nanometres)(s);
+            });
+            add(&format!("{nanometres} nm on glass"), &|s| {
+                s.transmission = Scalar::constant(1.0);
+                soapy(nanometres)(s);
+            });
+        }
+        add("all at once", &|s| {
+            s.metallic = Scalar::constant(0.4);
+            brushed(0.6)(s);
+            velvet(Vec3::new(0.3, 0.9, 0.5), 0.4)(s);
+            soapy(450.0)(s);
+            s.clearcoat = Scalar::constant(0.5);
+            s.clearcoat_roughness = Scalar::constant(0.3);
+        });
+    }
+    all
+}
+
 fn glass(eta: f32) -> Bsdf {
     Bsdf(super::Bsdf::Dielectric(Dielectric { eta: eta.into(), transmittance: Vec3::ONE.into() }))
 }
@@ -56,6 +122,13 @@ fn lossless_of(roughnesses: &[f32], coats: &[f32]) -> Vec<(String, Bsdf)> {
         add("metal", true, &|s| s.metallic = Scalar::constant(1.0));
         add("half metal", true, &|s| s.metallic = Scalar::constant(0.5));
         add("strong index over white", true, &|s| s.ior = 2.4);
+        for strength in [0.3, 0.7, 1.0] {
+            add(&format!("metal brushed by {strength}"), true, &|s| {
+                s.metallic = Scalar::constant(1.0);
+                brushed(strength)(s);
+            });
+            add(&format!("white, brushed by {strength}"), true, &brushed(strength));
+        }
         add("thin glass", true, &|s| s.transmission = Scalar::constant(1.0));
         add("half thin glass", true, &|s| s.transmission = Scalar::constant(0.5));
         for outside in [true, false] {
@@ -88,14 +161,15 @@ fn lossless_of(roughnesses: &[f32], coats: &[f32]) -> Vec<(String, Bsdf)> {
 /// Surfaces that scatter, coloured ones too.
 fn scattering() -> Vec<(String, Bsdf)> {
     let mut all: Vec<(String, Bsdf)> = lossless().into_iter().filter(|(_, bsdf)| !bsdf.is_smooth()).collect();
+    all.extend(lossy());
     all.push((
         "painted".into(),
         principled(|s| {
             s.base_colour = Colour::constant(Vec3::new(0.8, 0.3, 0.1));
             s.metallic = Scalar::constant(0.3);
             s.roughness = Scalar::constant(0.35);
-            s.specular = 0.6;
-            s.specular_colour = Vec3::new(0.9, 1.0, 2.0);
+            s.specular = Scalar::constant(0.6);
+            s.specular_colour = Colour::constant(Vec3::new(0.9, 1.0, 2.0));
             s.clearcoat = Scalar::constant(0.8);
             s.clearcoat_roughness = Scalar::constant(0.15);
         }),
@@ -148,6 +222,17 @@ fn coloured_surfaces_never_return_more_than_falls_on_them() {
 }
 
 #[test]
+fn fibres_and_films_give_back_most_of_what_falls_on_them() {
+    for (name, bsdf) in lossy().iter().filter(|(name, _)| !name.contains("at once")) {
+        for wo in views() {
+            let light = furnace(bsdf, wo, 1 << 12);
+            let least = if name.contains("metal velvet") || name.contains("nm on white") { 0.5 } else { 0.2 };
+            assert!(light.max_element() > least, "{name} from {wo}: {light}");
+        }
+    }
+}
+
+#[test]
 fn a_sample_weighs_what_evaluation_says() {
     for (name, bsdf) in scattering() {
         for wo in views() {
@@ -170,7 +255,10 @@ fn a_sample_weighs_what_evaluation_says() {
 
 #[test]
 fn without_a_coat_light_may_go_either_way() {
-    for (name, bsdf) in scattering().iter().filter(|(name, _)| !name.contains("coat") && name != "painted") {
+    for (name, bsdf) in scattering()
+        .iter()
+        .filter(|(name, _)| !name.contains("coat") && !name.contains("at once") && name != "painted")
+    {
         for (i, wo) in views().enumerate() {
             for k in 0..40 {
                 let wi = warp::cosine_hemisphere(Sampler::new(i as u32, k, 8).pair(0));
@@ -212,7 +300,9 @@ fn expected(bsdf: &Bsdf, wo: Vec3) -> Vec<f64> {
 fn samples_are_distributed_as_their_density_says() {
     let mut tested = 0;
     // Rough enough for the quadrature above to resolve.
-    for (name, bsdf) in lossless_of(&[0.5, 0.75, 1.0], &[0.0, 0.6]).iter().filter(|(_, b)| !b.is_smooth()) {
+    let mut all = lossless_of(&[0.5, 0.75, 1.0], &[0.0, 0.6]);
+    all.extend(lossy().into_iter().filter(|(name, _)| name.ends_with("roughness 1")));
+    for (name, bsdf) in all.iter().filter(|(_, b)| !b.is_smooth()) {
         for wo in [direction(0.95, 0.3), direction(0.5, 2.0), direction(0.15, 4.0)] {
             let density = expected(bsdf, wo);
             assert!(density.iter().sum::<f64>() < 1.005, "{name}: density integrates to more than 1");

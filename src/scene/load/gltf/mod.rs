@@ -23,12 +23,15 @@ use buffers::Buffers;
 use std::path::Path;
 
 /// The extensions that are honoured, at least in part, or that change nothing in a picture (XMP).
-const SUPPORTED: [&str; 12] = [
+const SUPPORTED: [&str; 15] = [
     "EXT_texture_webp",
     "KHR_lights_punctual",
+    "KHR_materials_anisotropy",
     "KHR_materials_clearcoat",
     "KHR_materials_emissive_strength",
     "KHR_materials_ior",
+    "KHR_materials_iridescence",
+    "KHR_materials_sheen",
     "KHR_materials_specular",
     "KHR_materials_transmission",
     "KHR_materials_unlit",

@@ -3,10 +3,10 @@
 //! | illum | surface |
 //! |---|---|
 //! | 0, 1 | matte `Kd` |
-//! | none | matte `Kd`; with `Pr`, `Pm` or `Pc` as 2 |
-//! | 2, 8, 10 | with `Ni`, `Pr`, `Pm` or `Pc`: a dielectric coat over `Kd`, or metal by `Pm` |
+//! | none | matte `Kd`; with `Pr`, `Pm`, `Pc`, `Ps` or `aniso` as 2 |
+//! | 2, 8, 10 | with `Ni` or any of these: a dielectric coat over `Kd`, or metal by `Pm` |
 //! | | else a gloss of reflectance `Ks` and Phong exponent `Ns` over `Kd` |
-//! | | with black `Ks`, unless `Pm` or `Pc` is above 0, matte `Kd` |
+//! | | with black `Ks`, unless `Pm`, `Pc` or `Ps` is above 0, matte `Kd` |
 //! | 3, 5 | mirror `Ks`; with `Pr` or a partial `Pm` rough metal |
 //! | 4, 6, 7, 9 | smooth dielectric `Ni`, `Tf` |
 //!
@@ -18,10 +18,11 @@ use super::super::{LoadError, beside};
 use super::mtl::{Definition, Map};
 use crate::scene::load::textures::Textures;
 use crate::scene::{
-    Alpha, AlphaMode, Channel, Colour, ColourSpace, Emission, Material, NormalMap, Principled, Scalar,
-    Surface, TextureRef,
+    Alpha, AlphaMode, Anisotropy, Channel, Colour, ColourSpace, Emission, Material, NormalMap, Principled,
+    Scalar, Sheen, Surface, TextureRef,
 };
 use glam::{Vec2, Vec3};
+use std::f32::consts::TAU;
 use std::path::Path;
 
 /// Index of refraction where a file gives none: common glass.
@@ -50,6 +51,7 @@ pub(super) fn convert(
         normal_map: converter.normal_map()?,
         // What passes through a dielectric is refracted; it must not be thinned out as well.
         alpha: if is_body { Alpha::default() } else { converter.alpha()? },
+        medium: None,
     })
 }
 
@@ -63,16 +65,16 @@ struct Converter<'a> {
 impl Converter<'_> {
     fn surface(&mut self) -> Result<Surface, LoadError> {
         let d = self.definition;
-        let has_pbr =
-            d.pr.is_some() || d.pm.is_some() || d.pc.is_some() || d.map_pr.is_some() || d.map_pm.is_some();
+        let numbers = [d.pr, d.pm, d.pc, d.ps, d.aniso];
+        let has_pbr = numbers.iter().any(Option::is_some) || d.map_pr.is_some() || d.map_pm.is_some();
         match d.illum {
             Some(4 | 6 | 7 | 9) => self.dielectric(),
             Some(3 | 5) => self.mirror(),
             Some(2 | 8 | 10) => self.glossy(has_pbr || d.ni.is_some()),
             None if has_pbr => self.glossy(true),
             _ => {
-                if d.pm.unwrap_or(0.0) > 0.0 || d.pc.unwrap_or(0.0) > 0.0 {
-                    self.warn("Pm and Pc are ignored: illum 0 and 1 are matte");
+                if [d.pm, d.pc, d.ps].iter().any(|of| of.unwrap_or(0.0) > 0.0) {
+                    self.warn("Pm, Pc and Ps are ignored: illum 0 and 1 are matte");
                 }
                 Ok(Surface::Matte { reflectance: self.kd()? })
             }
@@ -113,6 +115,7 @@ impl Converter<'_> {
             base_colour: tint,
             metallic: self.metallic(1.0)?,
             roughness: self.roughness(0.0)?,
+            anisotropy: self.anisotropy(),
             ..Principled::default()
         }))
     }
@@ -126,6 +129,7 @@ impl Converter<'_> {
         let is_dull = ks == Some(Vec3::ZERO)
             && d.pm.unwrap_or(0.0) <= 0.0
             && d.pc.unwrap_or(0.0) <= 0.0
+            && d.ps.unwrap_or(0.0) <= 0.0
             && d.map_pm.is_none();
         if is_dull || !is_coat && !has_gloss {
             return Ok(Surface::Matte { reflectance: base_colour });
@@ -136,7 +140,7 @@ impl Converter<'_> {
             return Ok(Surface::Principled(Principled {
                 base_colour,
                 roughness,
-                specular_colour: ks.unwrap_or(Vec3::ZERO) / GLASS_REFLECTANCE,
+                specular_colour: Colour::constant(ks.unwrap_or(Vec3::ZERO) / GLASS_REFLECTANCE),
                 ..Principled::default()
             }));
         }
@@ -154,9 +158,11 @@ impl Converter<'_> {
             roughness,
             ior,
             // Ni says how strong the coat is; a black Ks, that there is none.
-            specular: if ks == Some(Vec3::ZERO) { 0.0 } else { 1.0 },
+            specular: Scalar::constant(if ks == Some(Vec3::ZERO) { 0.0 } else { 1.0 }),
             clearcoat: Scalar::constant(self.held("Pc", d.pc.unwrap_or(0.0))),
             clearcoat_roughness: Scalar::constant(self.held("Pcr", d.pcr.unwrap_or(0.0))),
+            anisotropy: self.anisotropy(),
+            sheen: self.sheen(),
             ..Principled::default()
         }))
     }
@@ -180,6 +186,22 @@ impl Converter<'_> {
         let unset = if d.map_pm.is_some() { 1.0 } else { unset };
         let factor = self.held("Pm", d.pm.unwrap_or(unset));
         Ok(Scalar { factor, texture: self.scalar_map(&d.map_pm)? })
+    }
+
+    /// `aniso` is meant as glTF's strength and `anisor`, in turns, as its rotation: what the extension leaves open.
+    fn anisotropy(&mut self) -> Option<Anisotropy> {
+        let d = self.definition;
+        let strength = Scalar::constant(self.held("aniso", d.aniso.unwrap_or(0.0)));
+        let rotation = TAU * d.anisor.unwrap_or(0.0);
+        (strength.factor > 0.0).then_some(Anisotropy { strength, rotation, direction: None })
+    }
+
+    /// White fibres, as rough as the surface: the extension knows but their strength.
+    fn sheen(&mut self) -> Option<Sheen> {
+        let strength = self.held("Ps", self.definition.ps.unwrap_or(0.0));
+        let roughness = Scalar::constant(self.held("Pr", self.definition.pr.unwrap_or(1.0)));
+        let colour = Colour::constant(Vec3::splat(strength));
+        (strength > 0.0).then_some(Sheen { colour, roughness })
     }
 
     fn emission(&mut self) -> Result<Option<Emission>, LoadError> {

@@ -33,6 +33,12 @@ pub(super) struct Definition {
     pub(super) pc: Option<f32>,
     /// Its roughness.
     pub(super) pcr: Option<f32>,
+    /// Sheen.
+    pub(super) ps: Option<f32>,
+    /// Anisotropy.
+    pub(super) aniso: Option<f32>,
+    /// Its rotation, in turns.
+    pub(super) anisor: Option<f32>,
     pub(super) map_kd: Option<Map>,
     pub(super) map_ke: Option<Map>,
     pub(super) map_d: Option<Map>,
@@ -116,11 +122,9 @@ impl Definition {
             "Pm" => self.pm = Some(number(arguments)?),
             "Pc" => self.pc = Some(number(arguments)?),
             "Pcr" => self.pcr = Some(number(arguments)?),
-            "Ps" => {
-                if number(arguments)? > 0.0 {
-                    about("sheen (Ps) is not supported and ignored");
-                }
-            }
+            "Ps" => self.ps = Some(number(arguments)?),
+            "aniso" => self.aniso = Some(number(arguments)?),
+            "anisor" => self.anisor = Some(number(arguments)?),
             "map_Kd" => self.map_kd = Some(map(arguments, &mut about)?),
             "map_Ke" => self.map_ke = Some(map(arguments, &mut about)?),
             "map_d" => self.map_d = Some(map(arguments, &mut about)?),

@@ -1,15 +1,16 @@
 //! glTF materials → [`Material`].
 
+mod layers;
+
 use super::super::LoadError;
 use super::super::textures::Textures;
 use super::Context;
 use super::texture::Use;
 use crate::scene::{
-    Alpha, AlphaMode, Channel, Colour, ColourSpace, Emission, Material, NormalMap, Principled, Scalar,
-    Surface, TextureRef,
+    Alpha, AlphaMode, Channel, Colour, ColourSpace, Emission, Material, Medium, NormalMap, Principled,
+    Scalar, Surface, TextureRef,
 };
 use ::gltf::Material as Source;
-use ::gltf::json::Value;
 use glam::Vec3;
 
 /// A material and the texture coordinates that it wants.
@@ -35,7 +36,8 @@ pub(super) fn convert<'a>(
     let alpha = converter.alpha()?;
     let normal_map = converter.normal_map()?;
     let emission = converter.emission()?;
-    let material = Material { name: converter.name, surface, emission, normal_map, alpha };
+    let medium = converter.medium();
+    let material = Material { name: converter.name, surface, emission, normal_map, alpha, medium };
     Ok(Converted { material, uv_set: converter.uv_set.unwrap_or(0) })
 }
 
@@ -73,19 +75,20 @@ impl Converter<'_, '_> {
             }
         };
         let (clearcoat, clearcoat_roughness) = self.clearcoat()?;
-        let (specular, mut specular_colour) = self.specular();
+        let (anisotropy, sheen, iridescence) = (self.anisotropy()?, self.sheen()?, self.iridescence()?);
+        let (specular, mut specular_colour) = self.specular()?;
         let mut ior = source.ior().unwrap_or(1.5);
         if ior == 0.0 {
             // By the extension, 0 means reflection of 1 (times the tint) at all angles: undo the 0.04
             // that an index of 1.5 gives.
             ior = 1.5;
-            specular_colour *= 25.0;
+            specular_colour.factor *= 25.0;
         } else if ior < 1.0 {
             self.warn(&format!("ior is {ior}; it must be 0 or at least 1, so 1 is used"));
             ior = 1.0;
         }
-        if specular == 0.0 && metallic.factor == 0.0 && transmission.factor == 0.0 && clearcoat.factor == 0.0
-        {
+        let is_bare = clearcoat.factor == 0.0 && sheen.is_none() && iridescence.is_none();
+        if specular.factor == 0.0 && metallic.factor == 0.0 && transmission.factor == 0.0 && is_bare {
             return Ok(Surface::Matte { reflectance: base_colour });
         }
         Ok(Surface::Principled(Principled {
@@ -99,45 +102,28 @@ impl Converter<'_, '_> {
             thin: self.is_thin(),
             clearcoat,
             clearcoat_roughness,
+            anisotropy,
+            sheen,
+            iridescence,
         }))
     }
 
-    fn specular(&mut self) -> (f32, Vec3) {
-        let Some(specular) = self.source.specular() else { return (1.0, Vec3::ONE) };
-        if specular.specular_texture().is_some() || specular.specular_color_texture().is_some() {
-            self.warn("textures of KHR_materials_specular are not supported; its factors count");
-        }
-        let colour = Vec3::from(specular.specular_color_factor())
-            .map(|v| self.held("a component of specularColorFactor", v, f32::MAX));
-        (self.held("specularFactor", specular.specular_factor(), 1.0), colour)
+    fn is_thin(&self) -> bool {
+        self.source.volume().is_none_or(|volume| volume.thickness_factor() <= 0.0)
     }
 
-    fn is_thin(&mut self) -> bool {
-        let Some(volume) = self.source.volume() else { return true };
-        if volume.attenuation_distance().is_finite() && volume.attenuation_color() != [1.0; 3] {
-            self.warn("absorption (KHR_materials_volume) is not supported and ignored");
+    fn medium(&mut self) -> Option<Medium> {
+        let volume = self.source.volume().filter(|_| !self.is_thin())?;
+        let colour = Vec3::from(volume.attenuation_color())
+            .map(|v| self.held("a component of attenuationColor", v, 1.0));
+        let distance = volume.attenuation_distance();
+        if distance.is_nan() || distance <= 0.0 {
+            self.warn(&format!(
+                "attenuationDistance is {distance}; it must be above 0, so nothing is absorbed"
+            ));
+            return None;
         }
-        volume.thickness_factor() <= 0.0
-    }
-
-    fn clearcoat(&mut self) -> Result<(Scalar, Scalar), LoadError> {
-        let Some(coat) = self.source.extension_value("KHR_materials_clearcoat") else {
-            return Ok((Scalar::constant(0.0), Scalar::constant(0.0)));
-        };
-        if coat.get("clearcoatNormalTexture").is_some() {
-            self.warn("a normal map of the clear coat is not supported and ignored");
-        }
-        let mut part = |factor: &str, texture: &str, channel| {
-            let value = coat.get(factor).and_then(Value::as_f64).unwrap_or(0.0) as f32;
-            let texture = Use::of_json(self.context.document, coat.get(texture)).map_err(|problem| {
-                self.context.error(format!("material {:?}, KHR_materials_clearcoat", self.name), problem)
-            })?;
-            self.scalar(factor, value, texture, channel)
-        };
-        Ok((
-            part("clearcoatFactor", "clearcoatTexture", Channel::R)?,
-            part("clearcoatRoughnessFactor", "clearcoatRoughnessTexture", Channel::G)?,
-        ))
+        Medium::tinting(colour, distance)
     }
 
     fn emission(&mut self) -> Result<Option<Emission>, LoadError> {
@@ -210,7 +196,7 @@ impl Converter<'_, '_> {
         texture.load(self.context, self.textures, &self.name, space)
     }
 
-    /// A factor held to 0..=`high`.
+    /// A factor held to 0 or more, at most `high`.
     fn held(&mut self, what: &str, value: f32, high: f32) -> f32 {
         self.context.warnings.clamp(format_args!("Material {:?}: {what}", self.name), value, 0.0, high)
     }

@@ -1,0 +1,327 @@
+#!/usr/bin/env python3
+"""Whole frames beside Mitsuba 3's and Cycles': same geometry, camera, light, depth and samples, turn by turn.
+
+    python3 -m venv .venv && .venv/bin/pip install mitsuba==3.9.1 bpy==5.0.1 numpy
+    .venv/bin/python benches/compare_peers.py --threads 2 cornell terrain.glb sponza.obj
+
+All surfaces are matte with albedo 0.8 ("clay"), lit by the scene's lamps or, if it has none, a white sky, so that all
+programs compute the same picture, which is checked. SCENE@EYE@TARGET@FOV (x,y,z, degrees) says from where; else it is
+seen from outside. `cornell` is the Cornell box of `scenes/`, with its own colours and lamp, `materials` are balls
+of glass, rough and polished metal, gloss and coat under a lamp (not for Mitsuba's scalar variants, to which
+glTF's surface must be taught). Nobody plays Russian roulette, denoises, clamps or adapts samples. Only rendering is
+timed: every program has the scene and its tree before. Mitsuba's LLVM variants want Debian's libllvm19 (15
+fails on processors with AVX-512).
+Prints medians of Mpaths/s, where a path is a camera ray.
+"""
+
+import argparse
+import dataclasses
+import json
+import math
+import multiprocessing
+import pathlib
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+
+import numpy as np
+
+import agree_with_mitsuba
+from agree_with_mitsuba import FLOOR, LAMP, WALL, sphere, write_obj, write_ply
+
+SKY = [1.0, 1.0, 1.0]
+ALBEDO = [0.8, 0.8, 0.8]
+
+
+@dataclasses.dataclass
+class Scene:
+    """What every program renders."""
+
+    parts: list
+    """Points and faces, and a material as in `agree_with_mitsuba.SCENES`."""
+    eye: list
+    target: list
+    fov: float
+    reach: float
+    sky: list | None
+    file: object
+    """Raystream's, and its arguments."""
+    words: list
+
+
+def clay(args, name, folder):
+    path, *view = name.split("@")
+    arrays = folder / "mesh.npz"
+    subprocess.run([args.raystream, "mesh", path, "-o", arrays], check=True, capture_output=True)
+    with np.load(arrays) as mesh:
+        points, faces, material, emission = (mesh[k] for k in ("vertices", "triangles", "material", "emission"))
+    parts, lamps = [], [m for m in np.unique(material) if emission[m].any()]
+    for lamp in [None, *lamps]:
+        shown = faces[~np.isin(material, lamps) if lamp is None else material == lamp]
+        used, local = np.unique(shown, return_inverse=True)
+        shines = {} if lamp is None else {"lamp": emission[lamp].tolist()}
+        parts.append(((points[used], local.reshape(-1, 3)), {"matte": ALBEDO, **shines}))
+    file = write_obj(folder, {"parts": parts})
+    low, high = points.min(axis=0).astype(float), points.max(axis=0).astype(float)
+    reach = float(np.linalg.norm(high - low))
+    if view:
+        eye, target = ([float(x) for x in words.split(",")] for words in view[:2])
+        fov = float(view[2])
+    else:
+        target = (low + high) / 2
+        eye, fov = target + reach * np.array([0.35, 0.4, 0.6]), 40
+    text = lambda vector: ",".join(f"{x:.9g}" for x in vector)
+    words = [f"--eye={text(eye)}", f"--target={text(target)}", f"--fov={fov}"]
+    sky = None if lamps else SKY
+    words += [f"--env={text(sky)}"] if sky else []
+    return Scene(parts, list(eye), list(target), fov, reach, sky, file, words)
+
+
+def cornell():
+    path = pathlib.Path(__file__).parent.parent / "scenes/cornell.json"
+    recipe = json.loads(path.read_text())
+    camera, parts = recipe["camera"], []
+    for shape in recipe["shapes"]:
+        fan = [[0, k, k + 1] for k in range(1, len(shape["points"]) - 1)]
+        material = recipe["materials"][shape["material"]]
+        lamp = {"lamp": material["emission"]} if "emission" in material else {}
+        parts.append(((np.array(shape["points"]), np.array(fan)), {"matte": material["colour"], **lamp}))
+    return Scene(parts, camera["eye"], camera["target"], camera["fov_degrees"], 1000, None, path, [])
+
+
+def materials(folder):
+    kinds = [
+        {"glass": 1.5},
+        {"metal": (0.9, 0.6, 0.3), "roughness": 0.5},
+        {"coat": (0.7, 0.2, 0.1), "roughness": 0.7},
+        {"gloss": (0.2, 0.3, 0.8), "roughness": 0.5},
+        {"mirror": (0.9, 0.8, 0.7)},
+    ]
+    places = [(-1.7, 0.6, -0.6), (-0.5, 0.6, -1.2), (0.9, 0.6, -1.0), (-0.6, 0.6, 0.6), (0.8, 0.6, 0.4)]
+    parts = [FLOOR, WALL, LAMP, *((sphere(place, 0.6, 5), kind) for place, kind in zip(places, kinds))]
+    file = write_obj(folder, {"parts": parts})
+    eye, target = [0, 2.2, 5.2], [0, 0.7, 0]
+    words = [f"--eye={','.join(map(str, eye))}", f"--target={','.join(map(str, target))}", "--fov=40"]
+    return Scene(parts, eye, target, 40, 10, None, file, words)
+
+
+# Each program is a generator: primed, it takes a seed and gives seconds and the mean radiance.
+
+
+def raystream(args, scene, folder):
+    out, stats = folder / "out.npy", folder / "out.json"
+    width, height = args.size
+    command = [args.raystream, "render", scene.file, "-o", out, "--stats", stats, "--tracer", "cpu"]
+    command += ["--threads", args.threads, "--size", f"{width}x{height}", "--spp", args.spp]
+    command += ["--max-bounces", args.bounces, "--no-russian-roulette", *scene.words]
+    answer = None
+    while True:
+        seed = yield answer
+        words = [str(word) for word in [*command, "--seed", seed]]
+        subprocess.run(words, check=True, capture_output=True)
+        paths = width * height * args.spp / 1e6
+        answer = paths / json.loads(stats.read_text())["mpath_per_s"], float(np.load(out).mean())
+
+
+def mitsuba(args, scene, folder, variant):
+    import drjit
+    import mitsuba as mi
+
+    mi.set_variant(variant)
+    drjit.set_thread_count(args.threads)
+    rgb = lambda value: {"type": "rgb", "value": list(value)}
+    width, height = args.size
+    view = mi.ScalarTransform4f().look_at(origin=list(scene.eye), target=list(scene.target), up=[0, 1, 0])
+    film = {"type": "hdrfilm", "width": width, "height": height, "rfilter": {"type": "box"}}
+    sensor = {"type": "perspective", "fov": scene.fov, "fov_axis": "y", "to_world": view, "film": film}
+    sensor |= {"near_clip": scene.reach * 1e-4, "far_clip": scene.reach * 1e2}
+    integrator = {"type": "path", "max_depth": args.bounces + 2, "rr_depth": 10_000}
+    whole = {"type": "scene", "integrator": integrator, "sensor": sensor}
+    if variant.startswith("llvm"):
+        agree_with_mitsuba.define_gltf(mi)
+    for i, ((points, faces), material) in enumerate(scene.parts):
+        ply, bsdf = write_ply(folder / f"{i}.ply", points, faces), agree_with_mitsuba.bsdf(material)
+        whole[f"part{i}"] = {"type": "ply", "filename": ply, "face_normals": True, "bsdf": bsdf}
+        if "lamp" in material:
+            whole[f"part{i}"]["emitter"] = {"type": "area", "radiance": rgb(material["lamp"])}
+    if scene.sky:
+        whole["sky"] = {"type": "constant", "radiance": rgb(scene.sky)}
+    whole = mi.load_dict(whole)
+    np.array(mi.render(whole, spp=args.spp, seed=args.rounds))  # Compiles the kernels.
+    answer = None
+    while True:
+        seed = yield answer
+        mi.set_variant(variant)
+        started = time.perf_counter()
+        image = np.array(mi.render(whole, spp=args.spp, seed=seed))
+        answer = time.perf_counter() - started, float(image.mean())
+
+
+def cycles_process(pipe, args, scene, folder):
+    """Cycles in a process of its own: Blender and Mitsuba bring libraries of the same names."""
+    import bpy
+    import mathutils
+
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    stage = bpy.context.scene
+    render, cycles = stage.render, stage.cycles
+    render.engine = "CYCLES"
+    render.resolution_x, render.resolution_y = args.size
+    render.threads_mode, render.threads = "FIXED", args.threads
+    # Meshes and their tree stay from frame to frame.
+    render.use_persistent_data = True
+    render.image_settings.file_format, render.image_settings.color_depth = "OPEN_EXR", "32"
+    cycles.device, cycles.use_auto_tile = "CPU", False
+    cycles.samples = args.spp
+    cycles.use_adaptive_sampling = cycles.use_denoising = False
+    cycles.pixel_filter_type = "BOX"
+    for kind in ("max", "diffuse", "glossy", "transmission", "min_light"):
+        setattr(cycles, f"{kind}_bounces", args.bounces)
+    cycles.sample_clamp_direct = cycles.sample_clamp_indirect = 0
+    cycles.light_sampling_threshold = cycles.blur_glossy = 0
+
+    def surface(material):
+        made = bpy.data.materials.new("surface")
+        made.use_nodes = True
+        nodes, links = made.node_tree.nodes, made.node_tree.links
+        nodes.clear()
+        if "matte" in material:
+            bsdf = nodes.new("ShaderNodeBsdfDiffuse")
+            bsdf.inputs["Color"].default_value = [*material["matte"], 1]
+        else:
+            bsdf = nodes.new("ShaderNodeBsdfPrincipled")
+            kind = next(kind for kind in ("glass", "mirror", "metal", "coat", "gloss") if kind in material)
+            colour = [1, 1, 1] if kind == "glass" else material[kind]
+            bsdf.inputs["Base Color"].default_value = [*colour, 1]
+            bsdf.inputs["IOR"].default_value = material.get("glass", 1.5)
+            bsdf.inputs["Roughness"].default_value = material.get("roughness", 0)
+            bsdf.inputs["Metallic"].default_value = float(kind in ("metal", "mirror"))
+            bsdf.inputs["Transmission Weight"].default_value = float(kind == "glass")
+            bsdf.inputs["Coat Weight"].default_value = float(kind == "coat")
+            bsdf.inputs["Coat Roughness"].default_value = 0
+        if "lamp" in material:
+            lamp, both = nodes.new("ShaderNodeEmission"), nodes.new("ShaderNodeAddShader")
+            # Its colour ends at 1, its strength does not.
+            strength = max(material["lamp"])
+            lamp.inputs["Color"].default_value = [*(value / strength for value in material["lamp"]), 1]
+            lamp.inputs["Strength"].default_value = strength
+            links.new(bsdf.outputs[0], both.inputs[0])
+            links.new(lamp.outputs[0], both.inputs[1])
+            bsdf = both
+        links.new(bsdf.outputs[0], nodes.new("ShaderNodeOutputMaterial").inputs["Surface"])
+        return made
+
+    for (points, faces), material in scene.parts:
+        mesh = bpy.data.meshes.new("mesh")
+        mesh.vertices.add(len(points))
+        mesh.vertices.foreach_set("co", np.asarray(points, np.float32).ravel())
+        mesh.loops.add(3 * len(faces))
+        mesh.loops.foreach_set("vertex_index", np.asarray(faces, np.int32).ravel())
+        mesh.polygons.add(len(faces))
+        mesh.polygons.foreach_set("loop_start", np.arange(0, 3 * len(faces), 3, dtype=np.int32))
+        mesh.update(calc_edges=True)
+        mesh.shade_flat()
+        mesh.materials.append(surface(material))
+        stage.collection.objects.link(bpy.data.objects.new("part", mesh))
+
+    world = bpy.data.worlds.new("sky")
+    world.use_nodes = True
+    world.node_tree.nodes["Background"].inputs["Color"].default_value = [*(scene.sky or [0, 0, 0]), 1]
+    stage.world = world
+
+    lens = bpy.data.cameras.new("camera")
+    lens.sensor_fit, lens.angle = "VERTICAL", math.radians(scene.fov)
+    lens.clip_start, lens.clip_end = scene.reach * 1e-4, scene.reach * 1e2
+    camera = bpy.data.objects.new("camera", lens)
+    back = np.subtract(scene.eye, scene.target)
+    back = back / np.linalg.norm(back)
+    right = np.cross([0, 1, 0], back)
+    right = right / np.linalg.norm(right)
+    columns = np.stack([right, np.cross(back, right), back, scene.eye], axis=1)
+    camera.matrix_world = mathutils.Matrix([*columns.tolist(), [0, 0, 0, 1]])
+    stage.collection.objects.link(camera)
+    stage.camera = camera
+
+    bpy.ops.render.render()  # Builds the tree and keeps it.
+    pipe.send(None)
+    while True:
+        cycles.seed = pipe.recv()
+        started = time.perf_counter()
+        bpy.ops.render.render()
+        seconds = time.perf_counter() - started
+        bpy.data.images["Render Result"].save_render(str(folder / "cycles.exr"))
+        saved = bpy.data.images.load(str(folder / "cycles.exr"))
+        pixels = np.empty(len(saved.pixels), np.float32)
+        saved.pixels.foreach_get(pixels)
+        bpy.data.images.remove(saved)
+        pipe.send((seconds, float(pixels.reshape(-1, 4)[:, :3].mean())))
+
+
+def cycles(args, scene, folder):
+    ours, theirs = multiprocessing.Pipe()
+    process = multiprocessing.get_context("spawn").Process(
+        target=cycles_process, args=(theirs, args, scene, folder), daemon=True
+    )
+    process.start()
+    theirs.close()
+    try:
+        answer = ours.recv()
+        while True:
+            seed = yield answer
+            ours.send(seed)
+            answer = ours.recv()
+    finally:
+        process.kill()
+
+
+def compare(args, name):
+    """Prints a row for each program; returns whether their pictures agree."""
+    with tempfile.TemporaryDirectory() as folder:
+        folder = pathlib.Path(folder)
+        made = {"cornell": cornell, "materials": lambda: materials(folder)}
+        scene = made[name]() if name in made else clay(args, name, folder)
+        programs = {"raystream": raystream(args, scene, folder)}
+        for peer in args.peers.split(","):
+            programs[peer] = cycles(args, scene, folder) if peer == "cycles" else mitsuba(args, scene, folder, peer)
+        for program in programs.values():
+            next(program)
+        answers = {peer: [] for peer in programs}
+        for turn in range(args.rounds):
+            for peer, program in programs.items():
+                answers[peer].append(program.send(turn))
+        for program in programs.values():
+            program.close()
+    paths = args.size[0] * args.size[1] * args.spp / 1e6
+    speeds = {peer: [paths / seconds for seconds, _ in turns] for peer, turns in answers.items()}
+    means = {peer: statistics.mean(mean for _, mean in turns) for peer, turns in answers.items()}
+    best = statistics.median(speeds["raystream"])
+    for peer, values in speeds.items():
+        median = statistics.median(values)
+        spread = f"{min(values):.2f}-{max(values):.2f}"
+        row = f"{pathlib.Path(name.split('@')[0]).stem:<20}{peer:<14}{median:>9.2f}{spread:>14}{means[peer]:>12.4f}{best / median:>8.2f}x"
+        print(row, flush=True)
+    return all(abs(mean / means["raystream"] - 1) < 0.02 for mean in means.values())
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("scenes", nargs="+", help="scene files, `cornell` or `materials`")
+    parser.add_argument("--raystream", default="target/release/raystream")
+    parser.add_argument("--peers", default="llvm_ad_rgb,scalar_rgb,cycles", help="variants of Mitsuba, and cycles")
+    parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument("--size", type=lambda s: tuple(map(int, s.split("x"))), default=(640, 480))
+    parser.add_argument("--spp", type=int, default=16)
+    parser.add_argument("--bounces", type=int, default=3)
+    parser.add_argument("--rounds", type=int, default=5)
+    args = parser.parse_args()
+    args.raystream = str(pathlib.Path(args.raystream).resolve())
+    print(f"{'scene':<20}{'program':<14}{'Mpaths/s':>9}{'spread':>14}{'radiance':>12}{'ours':>9}")
+    agree = [compare(args, scene) for scene in args.scenes]
+    if not all(agree):
+        sys.exit("the pictures differ by more than 2 % in the mean")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,106 @@
+//! The extensions that lie on a surface or change its reflection.
+
+use super::super::super::LoadError;
+use super::super::texture::Use;
+use super::Converter;
+use crate::scene::{Anisotropy, Channel, Colour, ColourSpace, Iridescence, Scalar, Sheen};
+use ::gltf::json::Value;
+use glam::Vec3;
+
+/// An extension that the crate does not know: its name and its object.
+type Extension<'a> = (&'static str, &'a Value);
+
+impl<'a, 'b> Converter<'a, 'b> {
+    pub(super) fn specular(&mut self) -> Result<(Scalar, Colour), LoadError> {
+        let Some(specular) = self.source.specular() else {
+            return Ok((Scalar::constant(1.0), Colour::constant(Vec3::ONE)));
+        };
+        let texture = specular.specular_texture().map(|info| Use::of(&info));
+        let strength = self.scalar("specularFactor", specular.specular_factor(), texture, Channel::A)?;
+        let factor = Vec3::from(specular.specular_color_factor())
+            .map(|v| self.held("a component of specularColorFactor", v, f32::MAX));
+        let texture = specular.specular_color_texture().map(|info| Use::of(&info));
+        Ok((strength, Colour { factor, texture: self.colour(texture)? }))
+    }
+
+    pub(super) fn clearcoat(&mut self) -> Result<(Scalar, Scalar), LoadError> {
+        let Some(coat) = self.extension("KHR_materials_clearcoat") else {
+            return Ok((Scalar::constant(0.0), Scalar::constant(0.0)));
+        };
+        if coat.1.get("clearcoatNormalTexture").is_some() {
+            self.warn("a normal map of the clear coat is not supported and ignored");
+        }
+        Ok((
+            self.share(coat, "clearcoatFactor", "clearcoatTexture", Channel::R)?,
+            self.share(coat, "clearcoatRoughnessFactor", "clearcoatRoughnessTexture", Channel::G)?,
+        ))
+    }
+
+    pub(super) fn anisotropy(&mut self) -> Result<Option<Anisotropy>, LoadError> {
+        let Some(extension) = self.extension("KHR_materials_anisotropy") else { return Ok(None) };
+        let strength = self.share(extension, "anisotropyStrength", "anisotropyTexture", Channel::B)?;
+        let rotation = number(extension, "anisotropyRotation", 0.0);
+        let direction = strength.texture.map(|(texture, _)| texture);
+        Ok((strength.factor > 0.0).then_some(Anisotropy { strength, rotation, direction }))
+    }
+
+    pub(super) fn sheen(&mut self) -> Result<Option<Sheen>, LoadError> {
+        let Some(extension) = self.extension("KHR_materials_sheen") else { return Ok(None) };
+        let part = |i: usize| extension.1["sheenColorFactor"][i].as_f64().unwrap_or(0.0) as f32;
+        let factor = Vec3::new(part(0), part(1), part(2))
+            .map(|v| self.held("a component of sheenColorFactor", v, 1.0));
+        let texture = self.used(extension, "sheenColorTexture")?;
+        let colour = Colour { factor, texture: self.colour(texture)? };
+        let roughness = self.share(extension, "sheenRoughnessFactor", "sheenRoughnessTexture", Channel::A)?;
+        Ok((factor != Vec3::ZERO).then_some(Sheen { colour, roughness }))
+    }
+
+    pub(super) fn iridescence(&mut self) -> Result<Option<Iridescence>, LoadError> {
+        let Some(extension) = self.extension("KHR_materials_iridescence") else { return Ok(None) };
+        let strength = self.share(extension, "iridescenceFactor", "iridescenceTexture", Channel::R)?;
+        let mut ior = number(extension, "iridescenceIor", 1.3);
+        if ior < 1.0 {
+            self.warn(&format!("iridescenceIor is {ior}; it must be at least 1, so 1 is used"));
+            ior = 1.0;
+        }
+        let mut thickness_nm = [
+            number(extension, "iridescenceThicknessMinimum", 100.0),
+            number(extension, "iridescenceThicknessMaximum", 400.0),
+        ];
+        for thickness in &mut thickness_nm {
+            *thickness = self.held("a thickness of the iridescent film", *thickness, 1e6);
+        }
+        let texture = self.used(extension, "iridescenceThicknessTexture")?;
+        let texture = texture.map(|texture| self.texture(&texture, ColourSpace::Linear)).transpose()?;
+        let thickness_texture = texture.map(|texture| (texture, Channel::G));
+        let film = Iridescence { strength, ior, thickness_nm, thickness_texture };
+        Ok((strength.factor > 0.0).then_some(film))
+    }
+
+    fn extension(&self, name: &'static str) -> Option<Extension<'a>> {
+        self.source.extension_value(name).map(|value| (name, value))
+    }
+
+    /// The texture of an extension.
+    fn used(&self, (name, value): Extension, key: &str) -> Result<Option<Use<'b>>, LoadError> {
+        Use::of_json(self.context.document, value.get(key))
+            .map_err(|problem| self.context.error(format!("material {:?}, {name}", self.name), problem))
+    }
+
+    /// A factor, 0 if it is not given, times a channel of a texture.
+    fn share(
+        &mut self,
+        extension: Extension,
+        factor: &str,
+        texture: &str,
+        channel: Channel,
+    ) -> Result<Scalar, LoadError> {
+        let texture = self.used(extension, texture)?;
+        self.scalar(factor, number(extension, factor, 0.0), texture, channel)
+    }
+}
+
+/// A number of an extension.
+fn number((_, value): Extension, key: &str, unset: f32) -> f32 {
+    value.get(key).and_then(Value::as_f64).map_or(unset, |number| number as f32)
+}

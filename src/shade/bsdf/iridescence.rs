@@ -1,0 +1,227 @@
+//! A thin film on a surface: KHR_materials_iridescence.
+
+use super::fresnel::schlick_weight;
+use crate::lanes::{Lanes, Num, Piece, Vector, exponential, trigonometry};
+use crate::scene::{self, Footprint, Scene};
+use crate::shade::lookup;
+use std::f32::consts::{LOG2_E, TAU};
+
+/// Orders of interference that are summed.
+const ORDERS: usize = 2;
+
+/// What the eye's X, Y, Z and X's second hump see of waves that are a path apart: Gaussians in the frequency of
+/// the path. Height, position and variance per metre, and metre².
+const SENSITIVITY: [[f32; 3]; 4] = [
+    [5.4856e-13, 1.6810e6, 4.3278e9],
+    [4.4201e-13, 1.7953e6, 9.3046e9],
+    [5.2481e-13, 2.2084e6, 6.6121e9],
+    [9.7470e-14, 2.2399e6, 4.5282e9],
+];
+
+/// The heights' common measure: Y of light that does not interfere.
+const WHITE: f32 = 1.0685e-7;
+
+/// XYZ to linear Rec. 709, row by row.
+const REC709: [[f32; 3]; 3] = [
+    [3.2404542, -1.5371385, -0.4985314],
+    [-0.9692660, 1.8760108, 0.0415560],
+    [0.0556434, -0.2040259, 1.0572252],
+];
+
+/// Belcour and Barla's film (2017, *A Practical Extension to Microfacet Theory for the Modeling of Varying
+/// Iridescence*) as the extension simplifies it: light reflected at the film's faces interferes, what Schlick's
+/// term says of either face taken for all polarisations.
+#[derive(Clone, Copy, Debug)]
+pub struct Film<L: Lanes> {
+    /// How much of it counts beside the surface without a film.
+    pub strength: Num<L>,
+    thickness_nm: Num<L>,
+    /// Index of refraction relative to the outside.
+    ior: Num<L>,
+}
+
+impl<L: Lanes> Film<L> {
+    /// At mesh coordinates `uv`, in the lanes of `lanes`.
+    #[inline(always)]
+    pub fn new(
+        scene: &Scene,
+        film: &scene::Iridescence,
+        uv: [Num<L>; 2],
+        footprint: &Footprint<L>,
+        lanes: u32,
+    ) -> Self {
+        let l = uv[0].lanes();
+        let [thin, thick] = film.thickness_nm;
+        let thickness_nm = match &film.thickness_texture {
+            None => Num::splat(l, thick),
+            Some(texture) => {
+                let between = scene::Scalar { factor: 1.0, texture: Some(*texture) };
+                Num::splat(l, thin).lerp(Num::splat(l, thick), lookup::share(scene, &between, uv, footprint))
+            }
+        };
+        // No film: what is outside goes on to the surface, within the first 0.03 nm.
+        let there = (thickness_nm * (1.0 / 0.03)).clamp(0.0, 1.0);
+        let there = there * there * (3.0 - 2.0 * there);
+        let ior = 1.0 + there * (film.ior.max(1.0) - 1.0);
+        Self { strength: lookup::share(scene, &film.strength, uv, footprint).only(lanes), thickness_nm, ior }
+    }
+
+    /// The share that a facet reflects at a cosine, of a surface that reflects `bare` there without the film and
+    /// `f0` at normal incidence.
+    #[inline(always)]
+    pub fn over(&self, bare: Vector<L>, f0: Vector<L>, cosine: Num<L>) -> Vector<L> {
+        bare.lerp(cosine.lanes().apart(Interference { film: *self, f0, cosine }), self.strength)
+    }
+
+    #[inline(always)]
+    fn reflected(&self, f0: Vector<L>, cosine: Num<L>) -> Vector<L> {
+        let one = Num::splat(cosine.lanes(), 1.0);
+        let sine2 = (1.0 - cosine * cosine).clamp(0.0, 1.0) / (self.ior * self.ior);
+        let inner = (1.0 - sine2).clamp(0.0, 1.0).sqrt();
+        // The film's upper face: as much is reflected from below.
+        let upper = between(self.ior, one);
+        let upper = upper + (1.0 - upper) * schlick_weight(cosine);
+        let through = 1.0 - upper;
+        let f0 = [f0.x, f0.y, f0.z];
+        let (mut total, mut term, mut amplitude, mut sign) = ([one; 3], [one; 3], [one; 3], [one; 3]);
+        for channel in 0..3 {
+            let root = f0[channel].clamp(0.0, 0.9999).sqrt();
+            let base = (1.0 + root) / (1.0 - root);
+            let lower = between(base, self.ior);
+            let lower = lower + (1.0 - lower) * schlick_weight(inner);
+            let both = (upper * lower).clamp(0.0, 0.9999);
+            let further = through * through * lower / (1.0 - both);
+            total[channel] = upper + further;
+            (term[channel], amplitude[channel]) = (further - through, both.sqrt());
+            // Half a turn is lost at the upper face, and another at the lower one if what follows is thinner.
+            sign[channel] = Num::select(base.lt(self.ior), one, -one);
+        }
+        let path = self.ior * self.thickness_nm * inner * 2.0e-9;
+        for order in 1..=ORDERS {
+            let seen = sensitivity(path * order as f32);
+            for channel in 0..3 {
+                term[channel] = term[channel] * amplitude[channel] * sign[channel];
+                total[channel] += term[channel] * seen[channel] * 2.0;
+            }
+        }
+        Vector::from_columns(total).clamp(0.0, 1.0)
+    }
+}
+
+/// Linear Rec. 709 of waves that are a path, in metres, apart.
+#[inline(always)]
+fn sensitivity<L: Lanes>(path: Num<L>) -> [Num<L>; 3] {
+    let zero = path.only(0);
+    let mut xyz = [zero; 3];
+    for (i, [height, position, variance]) in SENSITIVITY.into_iter().enumerate() {
+        let turns = path * position;
+        let (_, wave) = trigonometry::sin_cos_turns(turns - turns.floor());
+        let fade = exponential::exp2(path * path * (-TAU * TAU * variance * LOG2_E));
+        xyz[i % 3] += wave * fade * (height * (TAU * variance).sqrt() / WHITE);
+    }
+    let mut rgb = [zero; 3];
+    for (channel, [x, y, z]) in REC709.into_iter().enumerate() {
+        rgb[channel] = xyz[0] * x + xyz[1] * y + xyz[2] * z;
+    }
+    rgb
+}
+
+/// Reflectance at normal incidence between two indices of refraction.
+#[inline(always)]
+fn between<L: Lanes>(a: Num<L>, b: Num<L>) -> Num<L> {
+    ((a - b) / (a + b)).squared()
+}
+
+/// A film's interference, done apart: few surfaces have one.
+struct Interference<L: Lanes> {
+    film: Film<L>,
+    f0: Vector<L>,
+    cosine: Num<L>,
+}
+
+impl<L: Lanes> Piece<L> for Interference<L> {
+    type Output = Vector<L>;
+
+    #[inline(always)]
+    fn run(self, _: L) -> Vector<L> {
+        self.film.reflected(self.f0, self.cosine)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::lanes::One;
+    use glam::Vec3;
+
+    fn film(thickness: f32, ior: f32) -> Film<One> {
+        Film { strength: 1.0.into(), thickness_nm: thickness.into(), ior: ior.into() }
+    }
+
+    fn seen(film: Film<One>, f0: f32, cosine: f32) -> Vec3 {
+        film.over(Vec3::ZERO.into(), Vec3::splat(f0).into(), cosine.into()).into()
+    }
+
+    /// The same by brute force: Airy's sum for each wave number, weighed by the same sensitivities.
+    fn airy(thickness: f32, ior: f32, f0: f32, cosine: f32) -> [f64; 3] {
+        let [thickness, ior, f0, cosine] = [thickness, ior, f0, cosine].map(f64::from);
+        let schlick = |r: f64, c: f64| r + (1.0 - r) * (1.0 - c).powi(5);
+        let inner = (1.0 - (1.0 - cosine * cosine) / (ior * ior)).sqrt();
+        let base = (1.0 + f0.sqrt()) / (1.0 - f0.sqrt());
+        let upper = schlick(((ior - 1.0) / (ior + 1.0)).powi(2), cosine);
+        let lower = schlick(((base - ior) / (base + ior)).powi(2), inner);
+        // Amplitudes: a face turns the wave round if what follows is denser.
+        let (a, b) = (-upper.sqrt(), if base > ior { -lower.sqrt() } else { lower.sqrt() });
+        let (mut xyz, mut white) = ([0.0; 3], [0.0; 3]);
+        for i in 0..20_000 {
+            let waves = 0.3e6 + 3.7e6 * (f64::from(i) + 0.5) / 20_000.0;
+            let phase = f64::from(TAU) * waves * 2.0e-9 * ior * thickness * inner;
+            let cross = 2.0 * a * b * phase.cos();
+            let share = (a * a + b * b + cross) / (1.0 + a * a * b * b + cross);
+            for (k, line) in SENSITIVITY.into_iter().enumerate() {
+                let [height, position, variance] = line.map(f64::from);
+                // Whose Fourier transform the variance is of: its own is twice that.
+                let weight = height * (-(waves - position).powi(2) / (4.0 * variance)).exp();
+                xyz[k % 3] += share * weight;
+                white[k % 3] += weight;
+            }
+        }
+        let rgb = |xyz: [f64; 3]| REC709.map(|row| (0..3).map(|k| f64::from(row[k]) * xyz[k]).sum::<f64>());
+        let (rgb, white) = (rgb(xyz), rgb(white));
+        [rgb[0] / white[0], rgb[1] / white[1], rgb[2] / white[2]]
+    }
+
+    #[test]
+    fn two_orders_come_close_to_airys_sum() {
+        for (thickness, ior, f0, cosine) in [
+            (300.0, 1.33, 0.04, 1.0),
+            (400.0, 1.3, 0.5, 0.8),
+            (550.0, 1.8, 0.04, 0.5),
+            (200.0, 2.0, 0.9, 0.9),
+        ] {
+            let found = seen(film(thickness, ior), f0, cosine);
+            let exact = airy(thickness, ior, f0, cosine);
+            for (channel, exact) in exact.into_iter().enumerate() {
+                let off = (f64::from(found[channel]) - exact).abs();
+                assert!(off < 0.04, "{thickness} nm, {ior} on {f0}: {found} for {exact} in {channel}");
+            }
+        }
+    }
+
+    #[test]
+    fn films_reflect_shares_and_thick_ones_none_in_colour() {
+        for i in 0..500 {
+            let s = crate::geom::Sampler::new(i, 0, 0);
+            let ([a, b], [f0, cosine]) = (s.pair(0), s.pair(1));
+            let light = seen(film(1200.0 * a, 1.0 + b), f0, cosine);
+            assert!(light.min_element() >= 0.0 && light.max_element() <= 1.0, "{light}");
+        }
+        let thick = seen(film(20_000.0, 1.4), 0.04, 0.9);
+        assert!(thick.max_element() - thick.min_element() < 1e-3, "{thick}");
+        // Without a film what is left is the bare surface's own reflection at normal incidence.
+        let none = Film::<One> { strength: 0.5.into(), ..film(0.0, 1.0) };
+        let bare = Vec3::new(0.1, 0.2, 0.3);
+        let light = Vec3::from(none.over(bare.into(), Vec3::splat(0.04).into(), 1.0.into()));
+        assert!((light - (bare + 0.04) * 0.5).abs().max_element() < 1e-3, "{light}");
+    }
+}

@@ -1,0 +1,229 @@
+//! Fibres that stand up from a surface: KHR_materials_sheen.
+
+use crate::lanes::{Int, Kernel, Lanes, Num, Piece, SimdLevel, Vector, exponential};
+use crate::scene::{self, Footprint, Scene};
+use crate::shade::lookup;
+use std::f32::consts::{LOG2_E, PI};
+use std::sync::OnceLock;
+
+/// The least perceptual roughness: below, only the last degree before the horizon shines.
+const MIN_ROUGHNESS: f32 = 0.07;
+
+/// Nodes over the cosine, and over the roughness.
+const NODES: usize = 24;
+
+/// Steps over the cosine and over half a turn when the table is made.
+const STEPS: u32 = 48;
+
+/// Conty and Kulla's sheen (2017, *Production Friendly Microfacet Sheen BRDF*): fibres distributed as a power
+/// of the sine, with a fit of Smith's Λ, over a surface that gets what they do not reflect.
+///
+/// The smoothest fibres reflect more than falls on them towards grazing directions; there the lobe is divided by
+/// the greater of both directions' shares.
+#[derive(Clone, Copy, Debug)]
+pub struct Sheen<L: Lanes> {
+    /// Share of what fibres reflect.
+    colour: Vector<L>,
+    roughness: Num<L>,
+    /// Logarithm of Λ: `a / (1 + b xᶜ) + d x + e` of the cosine.
+    fit: [Num<L>; 5],
+}
+
+impl<L: Lanes> Sheen<L> {
+    /// At mesh coordinates `uv`.
+    #[inline(always)]
+    pub fn new(scene: &Scene, sheen: &scene::Sheen, uv: [Num<L>; 2], footprint: &Footprint<L>) -> Self {
+        let colour = lookup::albedo(scene, &sheen.colour, uv, footprint);
+        Self::of(colour, lookup::share(scene, &sheen.roughness, uv, footprint))
+    }
+
+    #[inline(always)]
+    fn of(colour: Vector<L>, roughness: Num<L>) -> Self {
+        let roughness = roughness.clamp(MIN_ROUGHNESS, 1.0);
+        let smooth = (1.0 - roughness * roughness).squared();
+        // Of alpha 1, and what is added towards alpha 0.
+        let at = [
+            (21.5473, 25.3245 - 21.5473),
+            (3.82987, 3.32435 - 3.82987),
+            (0.19823, 0.16801 - 0.19823),
+            (-1.97760, -1.27393 + 1.97760),
+            (-4.32054, -4.85967 + 4.32054),
+        ];
+        let mut fit = [smooth; 5];
+        for (fit, (rough, more)) in fit.iter_mut().zip(at) {
+            *fit = smooth * more + rough;
+        }
+        Self { colour, roughness, fit }
+    }
+
+    /// The share of light that fibres of full colour reflect towards a cosine, before it is held to 1.
+    #[inline(always)]
+    pub fn share(&self, z: Num<L>) -> Num<L> {
+        z.lanes().apart(Share { roughness: self.roughness, z })
+    }
+
+    /// The light reflected from `wi` × its cosine, given both directions' shares.
+    #[inline(always)]
+    pub fn evaluate(&self, wo: Vector<L>, wi: Vector<L>, half: Vector<L>, shares: [Num<L>; 2]) -> Vector<L> {
+        let one = Num::splat(wo.lanes(), 1.0);
+        let held = shares[0].max(shares[1]).max(one);
+        self.colour * (wo.lanes().apart(Lobe { sheen: *self, wo_z: wo.z, wi_z: wi.z, half_z: half.z }) / held)
+    }
+
+    /// What a share of the fibres' reflects of an even environment.
+    #[inline(always)]
+    pub fn reflected(&self, share: Num<L>) -> Vector<L> {
+        self.colour * share.clamp(0.0, 1.0)
+    }
+
+    /// What the surface below gets.
+    #[inline(always)]
+    pub fn passed(&self, share: Num<L>) -> Num<L> {
+        1.0 - self.colour.max_element() * share.clamp(0.0, 1.0)
+    }
+
+    /// Distribution × visibility × cosine of `wi`; the cosines are those of `wo`, `wi` and their half vector.
+    #[inline(always)]
+    fn lobe(&self, wo_z: Num<L>, wi_z: Num<L>, half_z: Num<L>) -> Num<L> {
+        let power = 1.0 / (self.roughness * self.roughness);
+        let sine2 = (1.0 - half_z * half_z).clamp(0.0, 1.0);
+        let density = (power + 2.0) * exponential::pow(sine2, power * 0.5) * (1.0 / (2.0 * PI));
+        density / ((self.lambda(wo_z) + self.lambda(wi_z) + 1.0) * wo_z * 4.0)
+    }
+
+    /// Smith's Λ of a cosine.
+    #[inline(always)]
+    fn lambda(&self, z: Num<L>) -> Num<L> {
+        let low = z.below(0.5);
+        let place = Num::select(low, z, 1.0 - z).clamp(0.0, 0.5);
+        let [logarithm, middle] = [self.logarithm(place), self.logarithm(Num::splat(z.lanes(), 0.5))];
+        exponential::exp2(Num::select(low, logarithm, middle * 2.0 - logarithm) * LOG2_E)
+    }
+
+    #[inline(always)]
+    fn logarithm(&self, x: Num<L>) -> Num<L> {
+        let [a, b, c, d, e] = self.fit;
+        a / (b * exponential::pow(x, c) + 1.0) + d * x + e
+    }
+}
+
+/// A look at the table, done apart: few surfaces have fibres.
+struct Share<L: Lanes> {
+    roughness: Num<L>,
+    z: Num<L>,
+}
+
+impl<L: Lanes> Piece<L> for Share<L> {
+    type Output = Num<L>;
+
+    #[inline(always)]
+    fn run(self, _: L) -> Num<L> {
+        let last = (NODES - 1) as f32;
+        let across = (self.roughness - MIN_ROUGHNESS) * (last / (1.0 - MIN_ROUGHNESS));
+        let along = self.z.clamp(0.0, 1.0).sqrt() * last;
+        let (row, column) = (across.clamp(0.0, last - 1.0).floor(), along.clamp(0.0, last - 1.0).floor());
+        let (down, right) = (across - row, along - column);
+        let first = row.to_int() * NODES as u32 + column.to_int();
+        let upper = first.of(table()).lerp((first + 1).of(table()), right);
+        let below = first + NODES as u32;
+        upper.lerp(below.of(table()).lerp((below + 1).of(table()), right), down)
+    }
+}
+
+struct Lobe<L: Lanes> {
+    sheen: Sheen<L>,
+    wo_z: Num<L>,
+    wi_z: Num<L>,
+    half_z: Num<L>,
+}
+
+impl<L: Lanes> Piece<L> for Lobe<L> {
+    type Output = Num<L>;
+
+    #[inline(always)]
+    fn run(self, _: L) -> Num<L> {
+        self.sheen.lobe(self.wo_z, self.wi_z, self.half_z)
+    }
+}
+
+/// Shares of fibres of each roughness, row after row, at nodes even in the root of the cosine.
+fn table() -> &'static [f32] {
+    static TABLE: OnceLock<Vec<f32>> = OnceLock::new();
+    TABLE.get_or_init(|| {
+        let part = |node: usize| node as f32 / (NODES - 1) as f32;
+        let node =
+            |i: usize| (MIN_ROUGHNESS + (1.0 - MIN_ROUGHNESS) * part(i / NODES), part(i % NODES).powi(2));
+        let measure = |(roughness, z): (f32, f32)| {
+            SimdLevel::detect().run(Measurement { roughness, z: z.clamp(1e-4, 1.0) })
+        };
+        (0..NODES * NODES).map(|i| measure(node(i))).collect()
+    })
+}
+
+/// Integrates the lobe of white fibres over the directions of light.
+struct Measurement {
+    roughness: f32,
+    z: f32,
+}
+
+impl Kernel for Measurement {
+    type Output = f32;
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, l: L) -> f32 {
+        let one = Num::splat(l, 1.0);
+        let sheen = Sheen::of(Vector::grey(one), one * self.roughness);
+        let wo_z = one * self.z;
+        let wo_x = (1.0 - wo_z * wo_z).clamp(0.0, 1.0).sqrt();
+        let lane_numbers: [u32; 16] = std::array::from_fn(|lane| lane as u32);
+        let mut sum = 0.0;
+        for first in (0..STEPS * STEPS).step_by(L::LANES) {
+            let i = Int::from_array(l, &lane_numbers) + first;
+            // Lanes do not divide by whole numbers; STEPS² is far below 2²⁴.
+            let ring = ((i.to_num() + 0.5) * (1.0 / STEPS as f32)).floor();
+            let turn = i.to_num() - ring * STEPS as f32;
+            // Even in the root of the cosine, so denser towards the horizon.
+            let root = (ring + 0.5) * (1.0 / STEPS as f32);
+            let wi_z = root * root;
+            let r = (1.0 - wi_z * wi_z).clamp(0.0, 1.0).sqrt();
+            let (sine, cosine) =
+                crate::lanes::trigonometry::sin_cos_turns((turn + 0.5) * (0.5 / STEPS as f32));
+            let half = Vector::new(wo_x + r * cosine, r * sine, wo_z + wi_z).normalize();
+            // dω = dz dφ, dz = 2 root d(root).
+            let light = sheen.lobe(wo_z, wi_z, half.z) * root * 2.0;
+            // One after the other, so that any number of lanes gives the same sums.
+            for light in light.to_array().iter().take(L::LANES) {
+                sum += light;
+            }
+        }
+        sum * (2.0 * PI / (STEPS * STEPS) as f32)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geom::{Sampler, warp};
+    use glam::Vec3;
+
+    #[test]
+    fn the_table_holds_what_the_lobe_reflects() {
+        for roughness in [0.2, 0.35, 0.55, 0.77, 1.0] {
+            let sheen = Sheen::of(Vec3::ONE.into(), roughness.into());
+            for z in [0.05f32, 0.2, 0.45, 0.8, 1.0] {
+                let wo = Vec3::new((1.0 - z * z).sqrt(), 0.0, z);
+                let n = 1 << 14;
+                let sum: f32 = (0..n)
+                    .map(|i| {
+                        let wi = warp::cosine_hemisphere(Sampler::new(i, 0, 0).pair(0));
+                        let half = (wo + wi).normalize();
+                        let light = sheen.lobe(z.into(), wi.z.into(), half.z.into()).get();
+                        light / warp::cosine_hemisphere_pdf(wi.z)
+                    })
+                    .sum();
+                let (table, direct) = (sheen.share(z.into()).get(), sum / n as f32);
+                assert!((table - direct).abs() < 0.03, "roughness {roughness}, {z}: {table}, {direct}");
+            }
+        }
+    }
+}
