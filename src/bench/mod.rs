@@ -11,6 +11,7 @@ pub mod schedule;
 mod spread;
 pub mod tables;
 pub mod tail;
+pub mod textures;
 mod workload;
 
 pub use spread::Spread;

@@ -119,7 +119,7 @@ impl Shading<'_, '_> {
         let [_, _, _, _, x, y, z, _] = ids.rows_of(bytemuck::cast_slice(self.batch.rays));
         let [t, u, v, primitive] = ids.rows_of(bytemuck::cast_slice(self.batch.hits));
         let hits = Hits { t, u, v, primitive: primitive.to_bits() };
-        let at = Interaction::new(frame.scene(), material, Vector::new(x, y, z), &hits);
+        let at = Interaction::new(frame.scene(), material, Vector::new(x, y, z), &hits, t.only(0));
         let up = sampler.two(Int::splat(l, CAMERA_DIMENSION + 1));
         let to = at.frame.world(warp::cosine_hemisphere(up));
         // A bent normal may point a direction into the surface, where nothing is open.

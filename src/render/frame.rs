@@ -3,15 +3,18 @@
 use super::{Blocks, Pass};
 use crate::film::{Film, TooManySplats};
 use crate::geom::Sampler;
-use crate::lanes::{Int, Kernel, Lanes, Num, SimdLevel, Vector};
+use crate::lanes::{Int, Kernel, Lanes, Num, One, SimdLevel, Vector};
 use crate::scene::{Camera, CameraError, Lens, Scene};
-use crate::shade::Lights;
+use crate::shade::{Cone, Lights};
 use crate::stream::Ray;
 use std::ops::Range;
 use std::sync::Arc;
 
 /// Side of the patches of pixels within a block whose camera rays follow each other.
 const PATCH: u32 = 8;
+
+/// The least share of a pixel's width that a sample's cone has: what is narrower gains no sharpness.
+const LEAST_SHARE: f32 = 1.0 / 8.0;
 
 /// What a picture is made with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -161,6 +164,13 @@ impl Frame {
     /// The instruction set to shade with.
     pub fn simd(&self) -> SimdLevel {
         self.simd
+    }
+
+    /// The cones of camera rays. The samples of a pixel share it: with many of them, which lie all over it, each
+    /// covers little, and the picture is as sharp as the textures are.
+    pub fn cone(&self) -> Cone<One> {
+        let share = 1.0 / (self.settings.spp as f32).sqrt();
+        Cone { width: 0.0.into(), spread: (self.lens.spread() * share.max(LEAST_SHARE)).into() }
     }
 
     /// The scene.

@@ -6,7 +6,7 @@ use crate::lanes::{Int, Lanes, Num, One, Vector};
 use crate::scene::Material;
 use crate::shade::bsdf::Smooth;
 use crate::shade::light::Receiver;
-use crate::shade::{Bsdf, Hits, Interaction, LightSample, lookup, medium};
+use crate::shade::{Bsdf, Cone, Hits, Interaction, LightSample, lookup, medium};
 use crate::stream::Ray;
 use glam::Vec3;
 
@@ -53,13 +53,20 @@ pub(super) struct Sent<L: Lanes> {
 }
 
 impl<'a, L: Lanes> Node<'a, L> {
+    /// `cone` is that of the rays where they began.
     #[inline(always)]
-    pub fn new(frame: &'a Frame, material: &Material, direction: Vector<L>, hits: &Hits<L>) -> Self {
+    pub fn new(
+        frame: &'a Frame,
+        material: &Material,
+        direction: Vector<L>,
+        hits: &Hits<L>,
+        cone: Cone<L>,
+    ) -> Self {
         let scene = frame.scene();
-        let at = Interaction::new(scene, material, direction, hits);
+        let at = Interaction::new(scene, material, direction, hits, cone.at(hits.t).width);
         let mut emitted = match &material.emission {
             None => direction.only(0),
-            Some(emission) => lookup::emission(scene, emission, at.uv, at.front),
+            Some(emission) => lookup::emission(scene, emission, at.uv, &at.footprint, at.front),
         };
         let bsdf = Bsdf::new(scene, &material.surface, &at, MIRROR_ROUGHNESS);
         let mut left = None;

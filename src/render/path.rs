@@ -4,12 +4,12 @@ use super::frame::{CAMERA_DIMENSION, Frame, Settings, SettingsError, ray_rows};
 use super::{Contribution, Integrator};
 use crate::film::Film;
 use crate::geom::Sampler;
-use crate::lanes::{Int, Kernel, Lanes, Num, Plain, SimdLevel, Vector};
+use crate::lanes::{Int, Kernel, Lanes, Num, One, Plain, SimdLevel, Vector};
 use crate::scene::{Camera, Material, Scene};
 use crate::schedule::{Batch, Output, Renderer};
 use crate::shade::bsdf::MIN_ROUGHNESS;
 use crate::shade::light::Receiver;
-use crate::shade::{Bsdf, Hits, Interaction, lookup, medium, sort};
+use crate::shade::{Bsdf, Cone, Hits, Interaction, lookup, medium, sort};
 use crate::stream::Ray;
 use bytemuck::{Pod, Zeroable};
 use std::sync::Arc;
@@ -24,6 +24,9 @@ const MAX_BOUNCES: u32 = 1 << 10;
 const DEPTH_BITS: u32 = 12;
 const DEPTH: u32 = (1 << DEPTH_BITS) - 1;
 const _: () = assert!(MAX_BOUNCES < DEPTH && DEPTH_BITS + Receiver::<Plain<8>>::FACING_BITS <= 32);
+
+/// Bits of [`PathState::index2_and_cone`] that are the index.
+const INDEX2: u32 = u32::MAX << Cone::<Plain<8>>::BITS;
 
 /// Greatest chance of surviving a roulette.
 const MAX_SURVIVAL: f32 = 0.95;
@@ -43,8 +46,9 @@ pub struct Path {
 pub struct PathState {
     /// What radiance along the ray counts for its pixel.
     throughput: [f32; 3],
-    /// Squared index of refraction where the ray is, relative to where the path began.
-    index2: f32,
+    /// The upper half of the f32 that is the squared index of refraction where the ray is, relative to where the
+    /// path began; below it the ray's [`Cone`].
+    index2_and_cone: u32,
     pixel: u32,
     sample: u32,
     /// Rays before this one in the lowest [`DEPTH_BITS`]; above them which way the surface faces that it
@@ -56,8 +60,16 @@ pub struct PathState {
 
 impl PathState {
     /// Of a camera ray, but for its pixel and sample.
-    const START: Self =
-        Self { throughput: [1.0; 3], index2: 1.0, pixel: 0, sample: 0, depth: 0, pdf: f32::INFINITY };
+    fn start(cone: Cone<One>) -> Self {
+        Self {
+            throughput: [1.0; 3],
+            index2_and_cone: 1.0f32.to_bits() + cone.pack().get(),
+            pixel: 0,
+            sample: 0,
+            depth: 0,
+            pdf: f32::INFINITY,
+        }
+    }
 }
 
 /// Sampler dimensions that each depth uses, from [`Dimension::at`] on.
@@ -131,6 +143,7 @@ impl Integrator for Path {
 struct States<L: Lanes> {
     throughput: Vector<L>,
     index2: Num<L>,
+    cone: Cone<L>,
     pixel: Int<L>,
     sample: Int<L>,
     depth: Int<L>,
@@ -141,10 +154,11 @@ struct States<L: Lanes> {
 impl<L: Lanes> States<L> {
     #[inline(always)]
     fn of(payloads: &[PathState], ids: Int<L>) -> Self {
-        let [r, g, b, index2, pixel, sample, depth, pdf] = ids.rows(bytemuck::cast_slice(payloads));
+        let [r, g, b, packed, pixel, sample, depth, pdf] = ids.rows(bytemuck::cast_slice(payloads));
         Self {
             throughput: Vector::new(r.to_num_bits(), g.to_num_bits(), b.to_num_bits()),
-            index2: index2.to_num_bits(),
+            index2: (packed & INDEX2).to_num_bits(),
+            cone: Cone::unpack(packed),
             pixel,
             sample,
             depth: depth & DEPTH,
@@ -160,7 +174,8 @@ impl<L: Lanes> States<L> {
         let depth = self.depth + (self.facing << DEPTH_BITS);
         let [pixel, sample, depth] =
             [self.pixel.to_num_bits(), self.sample.to_num_bits(), depth.to_num_bits()];
-        Num::packed_rows(lanes, [x, y, z, self.index2, pixel, sample, depth, self.pdf])
+        let packed = (self.index2.to_bits() & INDEX2) + self.cone.pack();
+        Num::packed_rows(lanes, [x, y, z, packed.to_num_bits(), pixel, sample, depth, self.pdf])
     }
 }
 
@@ -225,12 +240,13 @@ impl Shading<'_, '_> {
         let [t, u, v, primitive] = ids.rows_of(bytemuck::cast_slice(self.batch.hits));
         let hits = Hits { t, u, v, primitive: primitive.to_bits() };
         let (origin, direction) = self.rays(ids);
-        let at = Interaction::new(scene, material, direction, &hits);
+        let cone = state.cone.at(t);
+        let at = Interaction::new(scene, material, direction, &hits, cone.width);
         if let Some(medium) = &material.medium {
             state.throughput = state.throughput * medium::passed(medium, &at, t);
         }
         if let Some(emission) = &material.emission {
-            let emitted = lookup::emission(scene, emission, at.uv, at.front);
+            let emitted = lookup::emission(scene, emission, at.uv, &at.footprint, at.front);
             let shines = lanes & !emitted.is_zero();
             if shines != 0 {
                 let cosine = at.normal.dot(at.wo);
@@ -250,7 +266,7 @@ impl Shading<'_, '_> {
         if !bsdf.is_smooth() && frame.lights().are_sampled() {
             self.sample_light(&at, &receiver, &bsdf, &state, &sampler, lanes);
         }
-        let state = States { facing: receiver.facing, ..state };
+        let state = States { facing: receiver.facing, cone, ..state };
         self.sample_bsdf(&at, &bsdf, &state, &sampler, lanes);
     }
 
@@ -324,8 +340,9 @@ impl Shading<'_, '_> {
         lanes &= !throughput.is_zero();
         let from = Vector::select(specular, at.position, at.raised);
         let far = Num::splat(u.lanes(), f32::INFINITY);
-        let next =
-            States { throughput, index2, depth, pdf: Num::select(specular, far, sample.pdf), ..*state };
+        let pdf = Num::select(specular, far, sample.pdf);
+        let cone = state.cone.scattered(pdf);
+        let next = States { throughput, index2, cone, depth, pdf, ..*state };
         let (rays, states) = (ray_rows(lanes, at.origin(from, wi), wi, far), next.rows(lanes));
         let count = lanes.count_ones() as usize;
         let (rays, states) = (bytemuck::cast_slice(rays.as_ref()), bytemuck::cast_slice(states.as_ref()));
@@ -350,8 +367,9 @@ impl Renderer for Path {
     }
 
     fn spawn(&self, tile: u64, out: &mut Output<'_, PathState, Contribution>) {
+        let first = PathState::start(self.frame.cone());
         self.frame.camera_rays(tile, |rays, pixels, samples| {
-            let of = |(&pixel, &sample)| PathState { pixel, sample, ..PathState::START };
+            let of = |(&pixel, &sample)| PathState { pixel, sample, ..first };
             out.rays(rays, pixels.iter().zip(samples).map(of));
         });
     }

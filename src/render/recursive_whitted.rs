@@ -2,7 +2,8 @@
 
 use super::node::{MAX_BOUNCES, Node, SHADOW_RAYS, Sent, splats};
 use super::recursion::{Cx, Shader};
-use crate::shade::single;
+use crate::lanes::Int;
+use crate::shade::{Cone, single};
 use crate::stream::{Hit, Ray};
 use glam::Vec3;
 
@@ -15,6 +16,8 @@ pub struct RecursiveWhitted;
 #[derive(Clone, Copy, Debug)]
 pub struct Branch {
     throughput: Vec3,
+    /// The ray's [`Cone`], packed as [`super::Whitted`] has it; none of the camera's.
+    cone: Option<u32>,
     depth: u32,
     /// Place in the tree, as [`Node::direct_light`] has it.
     number: u32,
@@ -31,23 +34,26 @@ impl Shader for RecursiveWhitted {
     }
 
     fn camera(&self) -> Branch {
-        Branch { throughput: Vec3::ONE, depth: 0, number: 1 }
+        Branch { throughput: Vec3::ONE, cone: None, depth: 0, number: 1 }
     }
 
     async fn shade(&self, cx: Cx<'_, Self>, ray: Ray, hit: Option<Hit>, branch: Branch) {
-        let Branch { throughput, depth, number } = branch;
+        let Branch { throughput, cone, depth, number } = branch;
         let Some(hit) = hit else {
             cx.add(throughput * single::sky(cx.lights(), Vec3::from_array(ray.direction)).0);
             return;
         };
         let mut lights = [None; SHADOW_RAYS];
         let mut ways = [None; 2];
+        let met;
         {
             let scene = cx.scene();
             let material = scene.mesh.materials[hit.primitive as usize];
             let direction = Vec3::from_array(ray.direction).into();
             let material = &scene.materials[material as usize];
-            let node = Node::new(cx.frame(), material, direction, &hit.into());
+            let cone = Cone::unpack(cone.map_or_else(|| cx.frame().cone().pack(), Int::from));
+            let node = Node::new(cx.frame(), material, direction, &hit.into(), cone);
+            met = cone.at(hit.t.into()).pack().get();
             cx.add(throughput * Vec3::from(node.emitted));
             for (light, sent) in lights.iter_mut().enumerate().take(node.lights()) {
                 *sent = node.lit(light, &cx.sampler(), number.into(), throughput.into()).one();
@@ -62,7 +68,11 @@ impl Shader for RecursiveWhitted {
         }
         for (side, way) in (0..).zip(&ways) {
             if let &Some((ray, throughput)) = way {
-                cx.call(ray, Branch { throughput, depth: depth + 1, number: 2 * number + side }).await;
+                cx.call(
+                    ray,
+                    Branch { throughput, cone: Some(met), depth: depth + 1, number: 2 * number + side },
+                )
+                .await;
             }
         }
     }

@@ -5,14 +5,19 @@ use super::node::{MAX_BOUNCES, Node, SHADOW_RAYS, Sent, splats};
 use super::{Contribution, Integrator};
 use crate::film::Film;
 use crate::geom::Sampler;
-use crate::lanes::{Int, Kernel, Lanes, Num, SimdLevel, Vector};
+use crate::lanes::{Int, Kernel, Lanes, Num, Plain, SimdLevel, Vector};
 use crate::scene::{Camera, Material, Scene};
 use crate::schedule::{Batch, Output, Renderer};
 use crate::shade::loop_stack::{EMPTY, LoopStack, Session};
-use crate::shade::{ArenaUse, Hits, sort};
+use crate::shade::{ArenaUse, Cone, Hits, sort};
 use crate::stream::Ray;
 use bytemuck::{Pod, Zeroable};
 use std::sync::Arc;
+
+/// Bits of [`WhittedState::depth_and_cone`] that count rays.
+const DEPTH_BITS: u32 = 16;
+const DEPTH: u32 = (1 << DEPTH_BITS) - 1;
+const _: () = assert!(MAX_BOUNCES < DEPTH && DEPTH_BITS + Cone::<Plain<8>>::BITS <= 32);
 
 /// Bounces, unless chosen otherwise.
 pub const WHITTED_BOUNCES: u32 = 8;
@@ -37,7 +42,8 @@ pub struct WhittedState {
     throughput: [f32; 3],
     pixel: u32,
     sample: u32,
-    depth: u32,
+    /// Rays before this one in the lower half; above them the ray's [`Cone`].
+    depth_and_cone: u32,
     /// Place in the tree of rays: 1 for the camera ray, 2n and 2n + 1 for the reflection and the
     /// refraction of ray n. Keeps the random numbers of branches apart.
     branch: u32,
@@ -51,7 +57,7 @@ pub struct WhittedState {
 struct Pending {
     ray: Ray,
     throughput: [f32; 3],
-    depth: u32,
+    depth_and_cone: u32,
     branch: u32,
 }
 
@@ -90,6 +96,7 @@ struct States<L: Lanes> {
     pixel: Int<L>,
     sample: Int<L>,
     depth: Int<L>,
+    cone: Cone<L>,
     branch: Int<L>,
     head: Int<L>,
 }
@@ -97,9 +104,10 @@ struct States<L: Lanes> {
 impl<L: Lanes> States<L> {
     #[inline(always)]
     fn of(payloads: &[WhittedState], ids: Int<L>) -> Self {
-        let [r, g, b, pixel, sample, depth, branch, head] = ids.rows(bytemuck::cast_slice(payloads));
+        let [r, g, b, pixel, sample, packed, branch, head] = ids.rows(bytemuck::cast_slice(payloads));
         let throughput = Vector::new(r.to_num_bits(), g.to_num_bits(), b.to_num_bits());
-        Self { throughput, pixel, sample, depth, branch, head }
+        let (depth, cone) = (packed & DEPTH, Cone::unpack(packed >> DEPTH_BITS));
+        Self { throughput, pixel, sample, depth, cone, branch, head }
     }
 
     /// As they lie in memory: those of the lanes of a mask, one after the other.
@@ -107,8 +115,9 @@ impl<L: Lanes> States<L> {
     fn rows(self, lanes: u32) -> L::Array<[f32; 8]> {
         let [x, y, z] = [self.throughput.x, self.throughput.y, self.throughput.z];
         let [pixel, sample] = [self.pixel.to_num_bits(), self.sample.to_num_bits()];
-        let [depth, branch] = [self.depth.to_num_bits(), self.branch.to_num_bits()];
-        Num::packed_rows(lanes, [x, y, z, pixel, sample, depth, branch, self.head.to_num_bits()])
+        let packed = self.depth + (self.cone.pack() << DEPTH_BITS);
+        let [packed, branch] = [packed.to_num_bits(), self.branch.to_num_bits()];
+        Num::packed_rows(lanes, [x, y, z, pixel, sample, packed, branch, self.head.to_num_bits()])
     }
 }
 
@@ -169,7 +178,7 @@ impl Shading<'_, '_> {
         let state = States::of(self.batch.payloads, ids);
         let [t, u, v, primitive] = ids.rows_of(bytemuck::cast_slice(self.batch.hits));
         let hits = Hits { t, u, v, primitive: primitive.to_bits() };
-        let node = Node::new(frame, material, self.directions(ids), &hits);
+        let node = Node::new(frame, material, self.directions(ids), &hits, state.cone);
         let shines = lanes & !node.emitted.is_zero();
         frame.film().splat_lanes(shines, state.pixel, state.throughput * node.emitted);
         let sampler = Sampler::of(state.pixel, state.sample, frame.settings().seed);
@@ -189,7 +198,8 @@ impl Shading<'_, '_> {
         let (reflects, refracts) = (lanes & reflected.lanes, lanes & refracted.lanes);
         let both = reflects & refracts;
         let depth = state.depth + 1;
-        let next = States { throughput: refracted.radiance, depth, branch: state.branch * 2 + 1, ..state };
+        let (cone, branch) = (state.cone.at(t), state.branch * 2 + 1);
+        let next = States { throughput: refracted.radiance, depth, cone, branch, ..state };
         let mut head = state.head;
         if both != 0 {
             head = self.leave(both, &refracted, &next);
@@ -237,14 +247,14 @@ impl Shading<'_, '_> {
 
 impl Pending {
     fn new(ray: Ray, state: &WhittedState) -> Self {
-        let WhittedState { throughput, depth, branch, .. } = *state;
-        Self { ray, throughput, depth, branch }
+        let WhittedState { throughput, depth_and_cone, branch, .. } = *state;
+        Self { ray, throughput, depth_and_cone, branch }
     }
 
     /// Sends the ray on its way, as part of the path whose pixel, sample and loop stack `path` has.
     fn resume(&self, path: &WhittedState, out: &mut Rays<'_>) {
-        let Self { ray, throughput, depth, branch } = *self;
-        out.ray(ray, WhittedState { throughput, depth, branch, ..*path });
+        let Self { ray, throughput, depth_and_cone, branch } = *self;
+        out.ray(ray, WhittedState { throughput, depth_and_cone, branch, ..*path });
     }
 }
 
@@ -284,9 +294,11 @@ impl Renderer for Whitted {
     }
 
     fn spawn(&self, tile: u64, out: &mut Rays<'_>) {
+        let depth_and_cone = self.frame.cone().pack().get() << DEPTH_BITS;
         self.frame.camera_rays(tile, |rays, pixels, samples| {
-            let (throughput, depth, branch, head) = ([1.0; 3], 0, 1, EMPTY);
-            let of = |(&pixel, &sample)| WhittedState { throughput, pixel, sample, depth, branch, head };
+            let (throughput, branch, head) = ([1.0; 3], 1, EMPTY);
+            let of =
+                |(&pixel, &sample)| WhittedState { throughput, pixel, sample, depth_and_cone, branch, head };
             out.rays(rays, pixels.iter().zip(samples).map(of));
         });
     }
@@ -297,7 +309,7 @@ impl Renderer for Whitted {
     }
 
     fn depth(&self, state: &WhittedState) -> u32 {
-        state.depth
+        state.depth_and_cone & DEPTH
     }
 
     fn shadow(&self, _rays: &[Ray], payloads: &[Contribution], occluded: &[u32]) {

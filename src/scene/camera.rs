@@ -94,6 +94,11 @@ impl Lens {
         (Vector::splat(l, self.corner) + across + down).normalize()
     }
 
+    /// By how much a pixel's cone widens for each unit of length.
+    pub fn spread(&self) -> f32 {
+        (self.step_x.length() * self.step_y.length()).sqrt()
+    }
+
     /// [`Lens::directions`] of one point.
     pub fn direction(&self, x: u32, y: u32, place: [f32; 2]) -> Vec3 {
         self.directions(Num::from(x as f32), Num::from(y as f32), place.map(Num::from)).into()

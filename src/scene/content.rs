@@ -31,9 +31,9 @@ impl Scene {
         hash.column(by_triangle);
         hash.text(materials);
         for texture in textures {
-            let Texture { name: _, width, height, texels, space, wrap_u, wrap_v } = texture;
+            let Texture { name: _, width, height, texels: _, space, wrap_u, wrap_v, pyramid: _ } = texture;
             hash.text(&(width, height, space, wrap_u, wrap_v));
-            hash.column(texels);
+            hash.column(texture.image());
         }
         // Code cannot be hashed; its name and parameters can.
         hash.text(procedurals);

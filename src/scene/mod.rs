@@ -6,15 +6,19 @@ mod camera_motion;
 mod camera_path;
 mod content;
 mod environment;
+mod footprint;
 mod instance;
 mod light;
 pub mod load;
 mod material;
+mod means;
 mod medium;
 mod mesh;
 mod principled;
 mod procedural;
+mod pyramid;
 pub mod recipe;
+mod srgb;
 mod texture;
 
 pub use camera::{Camera, CameraError, Lens};
@@ -22,13 +26,16 @@ pub(crate) use camera_motion::unit_turn;
 pub use camera_motion::{CameraMotion, Interpolation, Joint, Key, Track, Tracked};
 pub use camera_path::{CameraPath, CameraPathError};
 pub use environment::{Environment, EnvironmentMap};
+pub use footprint::Footprint;
 pub use instance::{Instance, Shape};
 pub use light::{Light, LightShape};
 pub use material::{Alpha, AlphaMode, Colour, Emission, Material, NormalMap, Scalar, Surface};
+pub use means::Mean;
 pub use medium::Medium;
 pub use mesh::{MAX_TRIANGLES, Mesh, MeshError};
 pub use principled::{Anisotropy, Iridescence, Principled, Sheen};
 pub use procedural::{Finish, Points, Procedural, ProceduralSurface};
+pub use pyramid::Pyramid;
 pub(crate) use texture::taps;
 pub use texture::{Channel, ColourSpace, Texture, TextureRef, Wrap};
 
@@ -85,7 +92,8 @@ impl Scene {
         let alpha = || {
             let texel = material.alpha.value.texture.map_or(1.0, |(texture, channel)| {
                 let uv = self.mesh.uv_at(primitive, u, v).to_array().map(Num::from);
-                self.textures[texture.texture as usize].channel(channel, texture.place(uv)).get()
+                let point = Footprint::point(uv[0].lanes());
+                self.textures[texture.texture as usize].channel(channel, texture.place(uv), &point).get()
             });
             material.alpha.value.factor * texel
         };

@@ -1,6 +1,7 @@
-//! Textures and their one filter.
+//! Textures and their filter.
 
-use crate::lanes::{Int, Lanes, Num, Piece};
+use super::{Footprint, Mean, Pyramid, srgb};
+use crate::lanes::{Int, Lanes, Num, One, Piece};
 use glam::{Vec2, Vec4};
 
 /// How stored values relate to light.
@@ -48,7 +49,7 @@ pub struct Texture {
     pub width: u32,
     /// Rows, ≥ 1.
     pub height: u32,
-    /// RGBA, first row first; `width × height` of them.
+    /// RGBA, first row first; `width × height` of them, then those of its smaller copies.
     pub texels: std::sync::Arc<[[u8; 4]]>,
     /// What red, green and blue mean.
     pub space: ColourSpace,
@@ -56,6 +57,8 @@ pub struct Texture {
     pub wrap_u: Wrap,
     /// Vertically.
     pub wrap_v: Wrap,
+    /// Where the smaller copies lie, for footprints of more than a texel.
+    pub pyramid: Pyramid,
 }
 
 /// A texture as a material uses it, with glTF's texture transform.
@@ -87,20 +90,49 @@ impl TextureRef {
         let (s, c) = (libm::sinf(self.rotation), libm::cosf(self.rotation));
         [c * x + s * y + self.offset.x, c * y - s * x + self.offset.y]
     }
+
+    /// What covers `footprint` of mesh coordinates covers of texture coordinates.
+    #[inline(always)]
+    pub fn scaled<L: Lanes>(&self, footprint: &Footprint<L>) -> Footprint<L> {
+        let scale = (self.scale.x * self.scale.y).abs().sqrt();
+        Footprint { width: footprint.width * scale, ..*footprint }
+    }
 }
 
 impl Texture {
-    /// Bilinear lookup, linear values; (0, 0) is the outer corner of the first texel of the first row.
-    /// Coordinates that are not finite count as 0.
+    /// The image without its smaller copies.
+    pub fn image(&self) -> &[[u8; 4]] {
+        &self.texels[..(self.width * self.height) as usize]
+    }
+
+    /// Makes the smaller copies.
+    pub fn add_pyramid(&mut self, mean: Mean) {
+        (self.texels, self.pyramid) = Pyramid::new(self.image(), (self.width, self.height), self.space, mean);
+    }
+
+    /// Whether alpha tells how much of their lengths normals have lost in smaller copies.
     #[inline(always)]
-    pub fn look_up<L: Lanes>(&self, place: [Num<L>; 2]) -> [Num<L>; 4] {
-        place[0].lanes().apart(LookUp { texture: self, place })
+    pub fn has_lengths(&self) -> bool {
+        self.pyramid.mean() == Mean::Normals
+    }
+
+    /// Bilinear lookup in the copy whose texels are as large as the footprint, linear values; (0, 0) is the outer
+    /// corner of the first texel of the first row. Coordinates that are not finite count as 0. Of
+    /// [`Mean::Normals`] alpha is 1 less what the copy has lost of their length.
+    #[inline(always)]
+    pub fn look_up<L: Lanes>(&self, place: [Num<L>; 2], footprint: &Footprint<L>) -> [Num<L>; 4] {
+        place[0].lanes().apart(LookUp { texture: self, place, footprint: *footprint })
     }
 
     /// One channel of [`Texture::look_up`].
     #[inline(always)]
-    pub fn channel<L: Lanes>(&self, channel: Channel, place: [Num<L>; 2]) -> Num<L> {
-        let [r, g, b, a] = self.look_up(place);
+    pub fn channel<L: Lanes>(
+        &self,
+        channel: Channel,
+        place: [Num<L>; 2],
+        footprint: &Footprint<L>,
+    ) -> Num<L> {
+        let [r, g, b, a] = self.look_up(place, footprint);
         match channel {
             Channel::R => r,
             Channel::G => g,
@@ -110,36 +142,57 @@ impl Texture {
         }
     }
 
-    /// [`Texture::look_up`] at one place.
+    /// [`Texture::look_up`] of the image itself at one place.
     pub fn sample(&self, uv: Vec2) -> Vec4 {
-        self.look_up(uv.to_array().map(Num::from)).map(Num::get).into()
+        self.look_up(uv.to_array().map(Num::from), &Footprint::point(One::default())).map(Num::get).into()
     }
 
     #[inline(always)]
-    fn filter<L: Lanes>(&self, [u, v]: [Num<L>; 2]) -> [Num<L>; 4] {
-        let (x, fx) = taps(u, self.width, self.wrap_u);
-        let (y, fy) = taps(v, self.height, self.wrap_v);
-        let [above, below] = [y[0] * self.width, y[1] * self.width];
+    fn filter<L: Lanes>(&self, [u, v]: [Num<L>; 2], footprint: &Footprint<L>) -> [Num<L>; 4] {
+        let l = u.lanes();
+        let mut first = Int::splat(l, 0);
+        let (mut width, mut height) = (Int::splat(l, self.width), Int::splat(l, self.height));
+        let level = self.level(footprint);
+        let whole = level.is(0);
+        if whole != L::ALL {
+            [first, width, height] = level.rows(self.pyramid.levels());
+        }
+        let (x, fx) = taps(u, width, self.wrap_u);
+        let (y, fy) = taps(v, height, self.wrap_v);
+        let [above, below] = [first + y[0] * width, first + y[1] * width];
         let (a, b) = (self.texel(above + x[0]), self.texel(above + x[1]));
         let (c, d) = (self.texel(below + x[0]), self.texel(below + x[1]));
         let mut filtered = a;
         for k in 0..4 {
             filtered[k] = a[k].lerp(b[k], fx).lerp(c[k].lerp(d[k], fx), fy);
         }
+        if self.has_lengths() {
+            filtered[3] = Num::select(whole, Num::splat(l, 1.0), filtered[3]);
+        }
         filtered
+    }
+
+    /// Which copy to look in; 0 is the image itself.
+    #[inline(always)]
+    fn level<L: Lanes>(&self, footprint: &Footprint<L>) -> Int<L> {
+        let texels = footprint.width * (self.width as f32 * self.height as f32).sqrt();
+        // The bits of a number, read as a whole number, are its logarithm but for a slight bend.
+        let bits = texels.clamp(1.0, 1e9).to_bits().to_num();
+        let octaves = bits * (1.0 / (1 << 23) as f32) - 127.0;
+        (octaves + footprint.dither).clamp(0.0, self.pyramid.last() as f32).to_int()
     }
 
     #[inline(always)]
     fn texel<L: Lanes>(&self, index: Int<L>) -> [Num<L>; 4] {
         // Behind the counters of an `Arc` texels are aligned like words.
-        let [texel] = index.rows::<1>(bytemuck::cast_slice(&self.texels));
+        let [texel] = index.rows(bytemuck::cast_slice(&self.texels));
         let (r, g, b) = (texel & 0xff, (texel >> 8) & 0xff, (texel >> 16) & 0xff);
         const SCALE: f32 = 1.0 / 255.0;
         let alpha = (texel >> 24).to_num() * SCALE;
         match self.space {
             ColourSpace::Linear => [r.to_num() * SCALE, g.to_num() * SCALE, b.to_num() * SCALE, alpha],
             ColourSpace::Srgb => {
-                let table = srgb_table();
+                let table = srgb::table();
                 [r.of(table), g.of(table), b.of(table), alpha]
             }
         }
@@ -150,6 +203,7 @@ impl Texture {
 struct LookUp<'a, L: Lanes> {
     texture: &'a Texture,
     place: [Num<L>; 2],
+    footprint: Footprint<L>,
 }
 
 impl<L: Lanes> Piece<L> for LookUp<'_, L> {
@@ -157,13 +211,13 @@ impl<L: Lanes> Piece<L> for LookUp<'_, L> {
 
     #[inline(always)]
     fn run(self, _: L) -> [Num<L>; 4] {
-        self.texture.filter(self.place)
+        self.texture.filter(self.place, &self.footprint)
     }
 }
 
 /// The two texels around a coordinate and the weight of the second.
 #[inline(always)]
-pub(crate) fn taps<L: Lanes>(coordinate: Num<L>, size: u32, wrap: Wrap) -> ([Int<L>; 2], Num<L>) {
+pub(crate) fn taps<L: Lanes>(coordinate: Num<L>, size: Int<L>, wrap: Wrap) -> ([Int<L>; 2], Num<L>) {
     let c = coordinate.only(coordinate.is_finite());
     let share = match wrap {
         Wrap::Repeat => c - c.floor(),
@@ -173,28 +227,20 @@ pub(crate) fn taps<L: Lanes>(coordinate: Num<L>, size: u32, wrap: Wrap) -> ([Int
         }
         Wrap::Clamp => c.clamp(0.0, 1.0),
     };
-    let place = share * size as f32 - 0.5;
+    let count = size.to_num();
+    let place = share * count - 0.5;
     let low = place.floor();
-    let next = (low + 1.0).clamp(0.0, size as f32).to_int();
-    let l = c.lanes();
+    let next = (low + 1.0).clamp(0.0, f32::INFINITY).min(count);
+    let (at_start, at_end, next) = (next.is_zero(), next.same(count), next.to_int());
+    let (zero, last) = (Int::splat(c.lanes(), 0), size + u32::MAX);
     // Beyond either edge a mirrored image shows the edge texel again.
     let (before, after) = match wrap {
-        Wrap::Repeat => (size - 1, 0),
-        Wrap::Mirror | Wrap::Clamp => (0, size - 1),
+        Wrap::Repeat => (last, zero),
+        Wrap::Mirror | Wrap::Clamp => (zero, last),
     };
-    let first = Int::select(next.is(0), Int::splat(l, before), next + u32::MAX);
-    let second = Int::select(next.is(size), Int::splat(l, after), next);
+    let first = Int::select(at_start, before, next + u32::MAX);
+    let second = Int::select(at_end, after, next);
     ([first, second], place - low)
-}
-
-fn srgb_table() -> &'static [f32; 256] {
-    static TABLE: std::sync::OnceLock<[f32; 256]> = std::sync::OnceLock::new();
-    TABLE.get_or_init(|| {
-        std::array::from_fn(|i| {
-            let v = i as f64 / 255.0;
-            (if v <= 0.04045 { v / 12.92 } else { libm::pow((v + 0.055) / 1.055, 2.4) }) as f32
-        })
-    })
 }
 
 #[cfg(test)]
@@ -210,6 +256,7 @@ mod tests {
             space: ColourSpace::Linear,
             wrap_u: wrap,
             wrap_v: wrap,
+            pyramid: Pyramid::default(),
         }
     }
 
@@ -236,5 +283,58 @@ mod tests {
         let texel = t.sample(Vec2::new(0.25, 0.5));
         assert!((texel.x - 0.5029).abs() < 1e-3);
         assert!((texel.w - 0.7373).abs() < 1e-3);
+    }
+
+    #[test]
+    fn wide_footprints_see_the_mean_and_narrow_ones_the_image() {
+        let mut t = two_by_one(Wrap::Repeat);
+        t.add_pyramid(Mean::Light);
+        let at = |width: f32, dither: f32| {
+            let [width, dither] = [width, dither].map(Num::from);
+            let footprint = Footprint { width, dither, ..Footprint::point(One::default()) };
+            t.look_up([0.25, 0.5].map(Num::from), &footprint)[0].get()
+        };
+        assert_eq!(at(0.0, 0.99), 0.0);
+        assert_eq!(at(0.7, 0.0), 0.0, "a texel is 1 / sqrt(2) wide in the mean");
+        assert!((at(1.42, 0.0) - 0.5).abs() < 0.01);
+        assert!((at(1e6, 0.5) - 0.5).abs() < 0.01, "there is no smaller copy");
+        assert_eq!(at(f32::NAN, 0.5), 0.0);
+        // Between two copies each has its share.
+        let smaller = (0..100).filter(|&i| at(0.7071 * 1.5, i as f32 / 100.0) > 0.0).count();
+        assert!((49..=51).contains(&smaller), "{smaller}");
+    }
+
+    #[test]
+    fn edges_wrap_in_every_copy() {
+        // Four columns, the last one white; in the copy of two columns that is half of the second.
+        for (wrap, before, after) in
+            [(Wrap::Repeat, 0.25, 0.25), (Wrap::Mirror, 0.0, 0.5), (Wrap::Clamp, 0.0, 0.5)]
+        {
+            let mut t = two_by_one(wrap);
+            (t.width, t.texels) = (4, [[0; 4], [0; 4], [0; 4], [255; 4]].into());
+            t.add_pyramid(Mean::Light);
+            let at = |u: f32| {
+                let footprint = Footprint { width: 1.01.into(), ..Footprint::point(One::default()) };
+                t.look_up([u, 0.5].map(Num::from), &footprint)[0].get()
+            };
+            let copy = t.level(&Footprint { width: 1.01.into(), ..Footprint::point(One::default()) });
+            assert_eq!(copy.get(), 1, "two texels of the geometric mean of 4 and 1");
+            for (u, expected) in [(0.25, 0.0), (0.75, 0.5), (0.5, 0.25), (0.0, before), (1.0, after)] {
+                assert!((at(u) - expected).abs() < 0.003, "{wrap:?} at {u}: {}", at(u));
+            }
+        }
+    }
+
+    #[test]
+    fn normals_tell_what_they_lost_but_the_image_loses_nothing() {
+        let mut t = two_by_one(Wrap::Clamp);
+        t.texels = [[255, 128, 128, 0], [0, 128, 128, 0]].into();
+        t.add_pyramid(Mean::Normals);
+        let at = |width: f32| {
+            let footprint = Footprint { width: width.into(), ..Footprint::point(One::default()) };
+            t.look_up([0.25, 0.5].map(Num::from), &footprint)[3].get()
+        };
+        assert_eq!(at(0.0), 1.0, "whatever the file's alpha says");
+        assert!(at(2.0) < 0.1, "opposite normals have no length left");
     }
 }

@@ -3,7 +3,7 @@
 use super::offset;
 use crate::geom::Frame;
 use crate::lanes::{Int, Lanes, Num, Vector};
-use crate::scene::{Anisotropy, Material, NormalMap, Principled, Scene, Surface};
+use crate::scene::{Anisotropy, Footprint, Material, NormalMap, Principled, Scene, Surface};
 
 /// Least cosine between the shading normal and `wo`.
 const MIN_COSINE: f32 = 1e-3;
@@ -24,6 +24,8 @@ pub struct Interaction<L: Lanes> {
     pub frame: Frame<L>,
     /// Mesh texture coordinates.
     pub uv: [Num<L>; 2],
+    /// How much of the surface the rays cover.
+    pub footprint: Footprint<L>,
     /// Lanes whose `wo` is on the side from which the triangle runs counter-clockwise.
     pub front: u32,
     /// Lanes whose `wo` is outside of the body: the side that the vertex normals, if there are any,
@@ -71,9 +73,16 @@ fn vectors<L: Lanes>(table: &[glam::Vec3], indices: &[Int<L>; 3]) -> [Vector<L>;
 }
 
 impl<L: Lanes> Interaction<L> {
-    /// The interactions of rays with the triangles they hit, whose material is `material`.
+    /// The interactions of rays with the triangles they hit, whose material is `material`. `width` is that of
+    /// the rays' [`Cone`]s there.
     #[inline(always)]
-    pub fn new(scene: &Scene, material: &Material, direction: Vector<L>, hits: &Hits<L>) -> Self {
+    pub fn new(
+        scene: &Scene,
+        material: &Material,
+        direction: Vector<L>,
+        hits: &Hits<L>,
+        width: Num<L>,
+    ) -> Self {
         let l = direction.lanes();
         let mesh = &scene.mesh;
         let indices = hits.primitive.rows::<3>(bytemuck::cast_slice(&mesh.triangles));
@@ -106,6 +115,11 @@ impl<L: Lanes> Interaction<L> {
             }
         }
 
+        let mut footprint = if mesh.uvs.is_empty() || scene.textures.is_empty() {
+            Footprint::point(l)
+        } else {
+            footprint(&corners, &corner_uvs, width, wo.dot(winding), hits)
+        };
         let (mut shading, mut bent) = (outward, smooth);
         let anisotropy = match &material.surface {
             Surface::Principled(Principled { anisotropy, .. }) => anisotropy.as_ref(),
@@ -115,7 +129,9 @@ impl<L: Lanes> Interaction<L> {
         if material.normal_map.is_some() || anisotropy.is_some() {
             let (frame, there) = tangent_frame(scene, &indices, &corners, &corner_uvs, &weights, outward);
             if let Some(map) = &material.normal_map {
-                shading = Vector::select(there, map_normal(scene, map, uv, &frame), outward);
+                let (mapped, bumps) = map_normal(scene, map, uv, &footprint, &frame);
+                shading = Vector::select(there, mapped, outward);
+                footprint.bumps = bumps.only(there);
                 bent |= there;
             }
             tangents = Some((frame, there));
@@ -129,7 +145,7 @@ impl<L: Lanes> Interaction<L> {
         }
         let mut frame = Frame::around(shading);
         if let (Some(anisotropy), Some((tangents, there))) = (anisotropy, &tangents) {
-            let x = rough_direction(scene, anisotropy, uv, tangents);
+            let x = rough_direction(scene, anisotropy, uv, &footprint, tangents);
             let (tangent, along) = (x - shading * x.dot(shading)).normalize_or(frame.tangent);
             let laid = Frame { tangent, bitangent: shading.cross(tangent), normal: shading };
             frame = Frame::select(along & there, laid, frame);
@@ -140,7 +156,18 @@ impl<L: Lanes> Interaction<L> {
             let side = outward.dot(normal).signum();
             Vector::select(smooth, raise(position, &corners, &vertex_normals, &weights, side), position)
         };
-        Self { position, wo, normal, frame, uv, front, outside, raised, offset: offset::distance(&corners) }
+        Self {
+            position,
+            wo,
+            normal,
+            frame,
+            uv,
+            footprint,
+            front,
+            outside,
+            raised,
+            offset: offset::distance(&corners),
+        }
     }
 
     /// The world directions of mirrored or refracted rays that go to `local` in the shading frame. A
@@ -164,6 +191,30 @@ impl<L: Lanes> Interaction<L> {
         let below = wi.dot(self.normal).below(0.0);
         point + self.normal * Num::select(below, -self.offset, self.offset)
     }
+}
+
+/// How many times as long as wide a footprint may be without being blurred across.
+const FREE_STRETCH: f32 = 4.0;
+
+/// The squares of texture coordinates that are as large as what cones of a width cover of triangles, seen
+/// under a cosine to their normals. What grazing angles draw out counts only beyond [`FREE_STRETCH`]: the samples
+/// of a pixel, and the directions of a bounce, lie all along it.
+#[inline(always)]
+fn footprint<L: Lanes>(
+    corners: &[Vector<L>; 3],
+    [a, b, c]: &[[Num<L>; 2]; 3],
+    width: Num<L>,
+    cosine: Num<L>,
+    hits: &Hits<L>,
+) -> Footprint<L> {
+    let surface = (corners[1] - corners[0]).cross(corners[2] - corners[0]).length();
+    let image = ((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])).abs();
+    let stretch = (1.0 / (cosine.abs() * FREE_STRETCH)).clamp(1.0, f32::MAX);
+    let share = image / surface * stretch;
+    // Any hit has its own, the same whoever shades it.
+    let bits = (hits.u.to_bits() * 0x9e37_79b9) ^ (hits.v.to_bits() * 0x85eb_ca6b);
+    let dither = ((bits * 0x7feb_352d) >> 8).to_num() * (1.0 / (1 << 24) as f32);
+    Footprint { width: width * share.sqrt(), dither, ..Footprint::point(width.lanes()) }
 }
 
 /// Turns shading normals that lie on the triangle's side of `wo` so that `wo` is above them and,
@@ -228,12 +279,21 @@ fn tangent_frame<L: Lanes>(
     (Frame { tangent: along, bitangent: outward.cross(along) * handedness, normal: outward }, there)
 }
 
+/// The normals of a map, and their [`Footprint::bumps`].
 #[inline(always)]
-fn map_normal<L: Lanes>(scene: &Scene, map: &NormalMap, uv: [Num<L>; 2], frame: &Frame<L>) -> Vector<L> {
-    let [x, y, z, _] = scene.textures[map.texture.texture as usize].look_up(map.texture.place(uv));
+fn map_normal<L: Lanes>(
+    scene: &Scene,
+    map: &NormalMap,
+    uv: [Num<L>; 2],
+    footprint: &Footprint<L>,
+    frame: &Frame<L>,
+) -> (Vector<L>, Num<L>) {
+    let texture = &scene.textures[map.texture.texture as usize];
+    let [x, y, z, length] = texture.look_up(map.texture.place(uv), &map.texture.scaled(footprint));
     let (x, y, z) = (x * 2.0 - 1.0, y * 2.0 - 1.0, z * 2.0 - 1.0);
     let local = Vector::new(x * map.scale, y * map.scale, z.clamp(0.0, 1.0));
-    frame.world(local).normalize_or(frame.normal).0
+    let bumps = if texture.has_lengths() { (1.0 - length) * map.scale.abs() } else { length.only(0) };
+    (frame.world(local).normalize_or(frame.normal).0, bumps)
 }
 
 /// The world directions along which a surface is rougher.
@@ -242,13 +302,15 @@ fn rough_direction<L: Lanes>(
     scene: &Scene,
     anisotropy: &Anisotropy,
     uv: [Num<L>; 2],
+    footprint: &Footprint<L>,
     tangents: &Frame<L>,
 ) -> Vector<L> {
     let l = uv[0].lanes();
     let (sine, cosine) = (libm::sinf(anisotropy.rotation), libm::cosf(anisotropy.rotation));
     let [mut x, mut y] = [Num::splat(l, 1.0), Num::splat(l, 0.0)];
     if let Some(texture) = &anisotropy.direction {
-        let [red, green, _, _] = scene.textures[texture.texture as usize].look_up(texture.place(uv));
+        let image = &scene.textures[texture.texture as usize];
+        let [red, green, _, _] = image.look_up(texture.place(uv), &texture.scaled(footprint));
         [x, y] = [red * 2.0 - 1.0, green * 2.0 - 1.0];
     }
     tangents.tangent * (x * cosine - y * sine) + tangents.bitangent * (x * sine + y * cosine)
@@ -277,8 +339,8 @@ fn raise<L: Lanes>(
 mod tests {
     use crate::geom::{Sampler, warp};
     use crate::scene::{
-        Anisotropy, Colour, ColourSpace, Material, NormalMap, Principled, Scalar, Scene, Surface, Texture,
-        TextureRef, Wrap,
+        Anisotropy, Colour, ColourSpace, Material, NormalMap, Principled, Pyramid, Scalar, Scene, Surface,
+        Texture, TextureRef, Wrap,
     };
     use crate::shade::single::Interaction;
     use crate::stream::{Hit, Ray};
@@ -378,6 +440,7 @@ mod tests {
             space: ColourSpace::Linear,
             wrap_u: Wrap::Repeat,
             wrap_v: Wrap::Repeat,
+            pyramid: Pyramid::default(),
         });
         scene.materials[0].normal_map = Some(NormalMap { texture: TextureRef::plain(0), scale: 1.0 });
         scene.materials[0].surface = Surface::Matte { reflectance: Colour::constant(Vec3::ONE) };

@@ -1,17 +1,23 @@
 //! Material inputs at points: factor times texture.
 
 use crate::lanes::{Lanes, Num, Vector};
-use crate::scene::{Colour, Emission, Scalar, Scene};
+use crate::scene::{Colour, Emission, Footprint, Scalar, Scene};
 use glam::Vec3;
 
 /// Colours at mesh coordinates `uv`, linear Rec. 709.
 #[inline(always)]
-pub fn colour<L: Lanes>(scene: &Scene, colour: &Colour, uv: [Num<L>; 2]) -> Vector<L> {
+pub fn colour<L: Lanes>(
+    scene: &Scene,
+    colour: &Colour,
+    uv: [Num<L>; 2],
+    footprint: &Footprint<L>,
+) -> Vector<L> {
     let factor = Vector::splat(uv[0].lanes(), colour.factor);
     match &colour.texture {
         None => factor,
         Some(texture) => {
-            let [r, g, b, _] = scene.textures[texture.texture as usize].look_up(texture.place(uv));
+            let image = &scene.textures[texture.texture as usize];
+            let [r, g, b, _] = image.look_up(texture.place(uv), &texture.scaled(footprint));
             factor * Vector::new(r, g, b)
         }
     }
@@ -19,32 +25,44 @@ pub fn colour<L: Lanes>(scene: &Scene, colour: &Colour, uv: [Num<L>; 2]) -> Vect
 
 /// Colours that are shares of light: [`colour`], each channel within 0..=1, NaN 0.
 #[inline(always)]
-pub fn albedo<L: Lanes>(scene: &Scene, value: &Colour, uv: [Num<L>; 2]) -> Vector<L> {
-    colour(scene, value, uv).clamp(0.0, 1.0)
+pub fn albedo<L: Lanes>(
+    scene: &Scene,
+    value: &Colour,
+    uv: [Num<L>; 2],
+    footprint: &Footprint<L>,
+) -> Vector<L> {
+    colour(scene, value, uv, footprint).clamp(0.0, 1.0)
 }
 
 /// Numbers at mesh coordinates `uv`.
 #[inline(always)]
-pub fn scalar<L: Lanes>(scene: &Scene, scalar: &Scalar, uv: [Num<L>; 2]) -> Num<L> {
+pub fn scalar<L: Lanes>(scene: &Scene, scalar: &Scalar, uv: [Num<L>; 2], footprint: &Footprint<L>) -> Num<L> {
     let factor = Num::splat(uv[0].lanes(), scalar.factor);
     match &scalar.texture {
         None => factor,
         Some((texture, channel)) => {
-            factor * scene.textures[texture.texture as usize].channel(*channel, texture.place(uv))
+            let image = &scene.textures[texture.texture as usize];
+            factor * image.channel(*channel, texture.place(uv), &texture.scaled(footprint))
         }
     }
 }
 
 /// Numbers that are shares: [`scalar`], within 0..=1, NaN 0.
 #[inline(always)]
-pub fn share<L: Lanes>(scene: &Scene, value: &Scalar, uv: [Num<L>; 2]) -> Num<L> {
-    scalar(scene, value, uv).clamp(0.0, 1.0)
+pub fn share<L: Lanes>(scene: &Scene, value: &Scalar, uv: [Num<L>; 2], footprint: &Footprint<L>) -> Num<L> {
+    scalar(scene, value, uv, footprint).clamp(0.0, 1.0)
 }
 
 /// Radiance that a surface gives off towards the side that is its front in the lanes of `front`.
 #[inline(always)]
-pub fn emission<L: Lanes>(scene: &Scene, emission: &Emission, uv: [Num<L>; 2], front: u32) -> Vector<L> {
-    let radiance = colour(scene, &emission.radiance, uv).clamp(0.0, f32::INFINITY);
+pub fn emission<L: Lanes>(
+    scene: &Scene,
+    emission: &Emission,
+    uv: [Num<L>; 2],
+    footprint: &Footprint<L>,
+    front: u32,
+) -> Vector<L> {
+    let radiance = colour(scene, &emission.radiance, uv, footprint).clamp(0.0, f32::INFINITY);
     if emission.two_sided { radiance } else { radiance.only(front) }
 }
 

@@ -5,6 +5,7 @@
 //! rays at a time (RA section 4). [`single`] is the same for one ray.
 
 pub mod bsdf;
+mod cone;
 mod interaction;
 pub mod light;
 pub mod lookup;
@@ -16,6 +17,7 @@ pub mod single;
 mod sort;
 
 pub use bsdf::Bsdf;
+pub use cone::Cone;
 pub use interaction::{Hits, Interaction};
 pub use light::{LightSample, Lights};
 pub use loop_stack::LoopStack;

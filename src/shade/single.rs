@@ -4,7 +4,7 @@
 use super::{bsdf, light, lookup};
 use crate::geom::Frame;
 use crate::lanes::{Lanes, Num, One, Vector};
-use crate::scene::{Emission, Material, Scene, Surface};
+use crate::scene::{Emission, Footprint, Material, Scene, Surface};
 use crate::shade::Lights;
 use crate::stream::{Hit, Ray};
 use glam::{Vec2, Vec3};
@@ -35,7 +35,7 @@ impl Interaction {
     /// The interaction of a ray with the triangle it hit, whose material is `material`.
     pub fn new(scene: &Scene, material: &Material, ray: &Ray, hit: &Hit) -> Self {
         let direction = Vec3::from_array(ray.direction).into();
-        let lane = super::Interaction::new(scene, material, direction, &(*hit).into());
+        let lane = super::Interaction::new(scene, material, direction, &(*hit).into(), 0.0.into());
         Self {
             position: lane.position.into(),
             wo: lane.wo.into(),
@@ -153,7 +153,8 @@ pub fn emission(scene: &Scene, emission: Option<&Emission>, uv: Vec2, front: boo
     match emission {
         None => Vec3::ZERO,
         Some(emission) => {
-            lookup::emission(scene, emission, uv.to_array().map(Num::from), front.into()).into()
+            let point = Footprint::point(One::default());
+            lookup::emission(scene, emission, uv.to_array().map(Num::from), &point, front.into()).into()
         }
     }
 }

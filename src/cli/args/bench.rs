@@ -20,6 +20,9 @@ pub enum BenchCommand {
     /// Render a frame with streams that stay large to its end, with streams that shrink at its tail, and several such
     /// frames in flight, in rounds that take turns: how long threads wait for work.
     Tail(BenchTailArgs),
+    /// Render a frame with the means of its textures, with its textures, and with their smaller copies, in rounds that
+    /// take turns: what texturing costs.
+    Textures(BenchTexturesArgs),
     /// Take samples evenly and where --noise wants them, for the same time: which picture is nearer to one of very many
     /// samples.
     Adaptive(BenchAdaptiveArgs),
@@ -191,6 +194,28 @@ pub struct BenchTailArgs {
     /// Frames of those in flight together.
     #[arg(long, value_name = "K", default_value_t = 3, value_parser = clap::value_parser!(u32).range(2..=64))]
     pub frames_in_flight: u32,
+    /// Rounds.
+    #[arg(long, value_name = "N", default_value_t = 7, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    pub rounds: u32,
+    /// From where, by which light, by whom.
+    #[command(flatten)]
+    pub shot: ShotArgs,
+}
+
+/// `raystream bench textures`.
+#[derive(Debug, Args)]
+pub struct BenchTexturesArgs {
+    /// Scene file.
+    pub scene: PathBuf,
+    /// Picture size in pixels.
+    #[arg(long, value_name = "WxH", default_value = "640x360", value_parser = size)]
+    pub size: (u32, u32),
+    /// Samples per pixel.
+    #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
+    pub spp: u32,
+    /// Most bounces; paths end by depth alone.
+    #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(0..=1000))]
+    pub max_bounces: u32,
     /// Rounds.
     #[arg(long, value_name = "N", default_value_t = 7, value_parser = clap::value_parser!(u32).range(1..=10_000))]
     pub rounds: u32,

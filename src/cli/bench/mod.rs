@@ -7,6 +7,7 @@ mod rays;
 mod schedule;
 mod tables;
 mod tail;
+mod textures;
 
 use super::Outcome;
 use super::args::BenchCommand;
@@ -23,6 +24,7 @@ pub fn run(command: &BenchCommand) -> Result<Outcome> {
         BenchCommand::Build(args) => build::run(args).map(|()| Outcome::Done),
         BenchCommand::Frame(args) => frame::run(args),
         BenchCommand::Tail(args) => tail::run(args).map(|()| Outcome::Done),
+        BenchCommand::Textures(args) => textures::run(args).map(|()| Outcome::Done),
         BenchCommand::Adaptive(args) => adaptive::run(args).map(|()| Outcome::Done),
         BenchCommand::Schedule(args) => schedule::run(args).map(|()| Outcome::Done),
         BenchCommand::Tables(args) => tables::run(args).map(|()| Outcome::Done),

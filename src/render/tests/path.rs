@@ -6,8 +6,8 @@ use crate::geom::Sampler;
 use crate::lanes::SimdLevel;
 use crate::render::{Path, ROULETTE_BOUNCES, Settings, SettingsError};
 use crate::scene::{
-    CameraError, Colour, Environment, Light, LightShape, Material, NormalMap, Scalar, Scene, Surface,
-    TextureRef,
+    CameraError, Colour, ColourSpace, Emission, Environment, Light, LightShape, Material, Mean, NormalMap,
+    Scalar, Scene, Surface, TextureRef,
 };
 use crate::schedule::Renderer;
 use crate::shade::bsdf::MIN_ROUGHNESS;
@@ -274,6 +274,61 @@ fn low_polygons_with_smooth_or_mapped_normals_have_no_black_patches() {
             assert!(mean(&pixels).min_element() > 0.9, "{surface:?}, mapped {mapped}: {}", mean(&pixels));
         }
     }
+}
+
+#[test]
+fn what_is_far_away_does_not_flicker() {
+    // A lamp with a pattern much finer than a pixel, one sample each.
+    let picture = |pyramid: bool| {
+        let mut scene = Scene::default();
+        let mut checks = bumps();
+        checks.texels = (0..64u32).map(|i| if (i + i / 8) % 2 == 0 { [255; 4] } else { [0; 4] }).collect();
+        if pyramid {
+            checks.add_pyramid(Mean::Light);
+        }
+        scene.textures.push(checks);
+        let mut lamp = shining(1.0, 0.0);
+        let radiance = Colour { factor: Vec3::ONE, texture: Some(TextureRef::plain(0)) };
+        lamp.emission = lamp.emission.map(|emission| Emission { radiance, ..emission });
+        let id = add_material(&mut scene, lamp);
+        add_quad(&mut scene, Vec3::new(-9.0, -9.0, -3.0), Vec3::X * 18.0, Vec3::Y * 18.0, id);
+        scene.mesh.uvs = scene.mesh.positions.iter().map(|p| Vec2::new(p.x, p.y) * 4.1).collect();
+        let pixels = picture(scene, Settings { spp: 1, max_bounces: 0, ..SETTINGS });
+        let mean = mean(&pixels).x;
+        let spread = pixels.iter().map(|p| (p.x - mean).powi(2)).sum::<f32>() / pixels.len() as f32;
+        (mean, spread.sqrt())
+    };
+    let ((plain, flicker), (filtered, rest)) = (picture(false), picture(true));
+    assert!((plain - 0.5).abs() < 0.05 && (filtered - 0.5).abs() < 0.01, "{plain} and {filtered}");
+    assert!(flicker > 0.15 && rest < 0.02, "{flicker} without smaller copies, {rest} with them");
+}
+
+#[test]
+fn smaller_copies_do_not_change_the_light_in_a_room() {
+    // Walls of black and white texels, in colours whose bytes have another mean than their light. Whoever looks
+    // them up, the camera or a bounce, must see as much light as in the image itself.
+    let picture = |pyramid: bool| {
+        let mut scene = room();
+        let mut checks = bumps();
+        checks.space = ColourSpace::Srgb;
+        checks.texels = (0..64u32).map(|i| if (i + i / 8) % 2 == 0 { [250; 4] } else { [20; 4] }).collect();
+        scene.textures.push(checks);
+        let texture = Some(TextureRef { scale: Vec2::splat(0.7), ..TextureRef::plain(0) });
+        for material in &mut scene.materials {
+            if let Surface::Matte { reflectance } = &mut material.surface {
+                *reflectance = Colour { factor: Vec3::ONE, texture };
+            }
+        }
+        scene.mesh.uvs = scene.mesh.positions.iter().map(|p| Vec2::new(p.x + p.z, p.y - 0.7 * p.z)).collect();
+        if pyramid {
+            scene.add_pyramids();
+        }
+        picture(scene, Settings { spp: 256, ..SETTINGS })
+    };
+    let [plain, filtered] = [false, true].map(picture);
+    assert_ne!(plain, filtered);
+    let [plain, filtered] = [plain, filtered].map(|pixels| mean(&pixels));
+    assert!((filtered / plain - 1.0).abs().max_element() < 0.005, "{plain} and {filtered}");
 }
 
 #[test]

@@ -2,8 +2,8 @@
 
 use crate::scene::{
     Anisotropy, Camera, Channel, Colour, ColourSpace, Emission, Environment, EnvironmentMap, Iridescence,
-    Light, LightShape, Material, Medium, NormalMap, Principled, Scalar, Scene, Sheen, Surface, Texture,
-    TextureRef, Wrap,
+    Light, LightShape, Material, Medium, NormalMap, Principled, Pyramid, Scalar, Scene, Sheen, Surface,
+    Texture, TextureRef, Wrap,
 };
 use glam::{Vec2, Vec3};
 
@@ -168,6 +168,7 @@ pub fn bumps() -> Texture {
         space: ColourSpace::Linear,
         wrap_u: Wrap::Repeat,
         wrap_v: Wrap::Repeat,
+        pyramid: Pyramid::default(),
     }
 }
 
@@ -256,5 +257,6 @@ pub fn one_of_everything() -> Scene {
         texels: texels.into(),
         rotation_degrees: 40.0,
     });
+    scene.add_pyramids();
     scene
 }

@@ -30,7 +30,7 @@ use std::path::{Path, PathBuf};
 /// When the file or one that it names cannot be read, does not follow its format, requires what is not
 /// supported, or holds no triangles.
 pub fn load(path: &Path) -> Result<Scene, LoadError> {
-    let scene = match extension(path).as_str() {
+    let mut scene = match extension(path).as_str() {
         "obj" => obj::load(path),
         "gltf" | "glb" => gltf::load(path),
         "ply" => ply::load(path),
@@ -44,6 +44,7 @@ pub fn load(path: &Path) -> Result<Scene, LoadError> {
         .mesh
         .validate(scene.materials.len())
         .map_err(|source| LoadError::Mesh { path: path.to_owned(), source })?;
+    scene.add_pyramids();
     Ok(scene)
 }
 

@@ -1,7 +1,7 @@
 //! Generated textures.
 
 use super::within;
-use crate::scene::{ColourSpace, Texture, Wrap};
+use crate::scene::{ColourSpace, Pyramid, Texture, Wrap};
 use noise::{Fbm, MultiFractal, NoiseFn, Perlin};
 use serde::Deserialize;
 
@@ -90,6 +90,7 @@ impl Pattern {
             space: ColourSpace::Srgb,
             wrap_u: Wrap::Repeat,
             wrap_v: Wrap::Repeat,
+            pyramid: Pyramid::default(),
         })
     }
 }

@@ -2,7 +2,7 @@
 
 use super::fresnel::schlick_weight;
 use crate::lanes::{Lanes, Num, Piece, Vector, exponential, trigonometry};
-use crate::scene::{self, Scene};
+use crate::scene::{self, Footprint, Scene};
 use crate::shade::lookup;
 use std::f32::consts::{LOG2_E, TAU};
 
@@ -43,21 +43,27 @@ pub struct Film<L: Lanes> {
 impl<L: Lanes> Film<L> {
     /// At mesh coordinates `uv`, in the lanes of `lanes`.
     #[inline(always)]
-    pub fn new(scene: &Scene, film: &scene::Iridescence, uv: [Num<L>; 2], lanes: u32) -> Self {
+    pub fn new(
+        scene: &Scene,
+        film: &scene::Iridescence,
+        uv: [Num<L>; 2],
+        footprint: &Footprint<L>,
+        lanes: u32,
+    ) -> Self {
         let l = uv[0].lanes();
         let [thin, thick] = film.thickness_nm;
         let thickness_nm = match &film.thickness_texture {
             None => Num::splat(l, thick),
             Some(texture) => {
                 let between = scene::Scalar { factor: 1.0, texture: Some(*texture) };
-                Num::splat(l, thin).lerp(Num::splat(l, thick), lookup::share(scene, &between, uv))
+                Num::splat(l, thin).lerp(Num::splat(l, thick), lookup::share(scene, &between, uv, footprint))
             }
         };
         // No film: what is outside goes on to the surface, within the first 0.03 nm.
         let there = (thickness_nm * (1.0 / 0.03)).clamp(0.0, 1.0);
         let there = there * there * (3.0 - 2.0 * there);
         let ior = 1.0 + there * (film.ior.max(1.0) - 1.0);
-        Self { strength: lookup::share(scene, &film.strength, uv).only(lanes), thickness_nm, ior }
+        Self { strength: lookup::share(scene, &film.strength, uv, footprint).only(lanes), thickness_nm, ior }
     }
 
     /// The share that a facet reflects at a cosine, of a surface that reflects `bare` there without the film and

@@ -142,18 +142,23 @@ impl<L: Lanes> Bsdf<L> {
         let l = at.wo.lanes();
         match surface {
             Surface::Matte { reflectance } => {
-                Self::Matte(Matte { reflectance: lookup::albedo(scene, reflectance, at.uv) })
+                Self::Matte(Matte { reflectance: lookup::albedo(scene, reflectance, at.uv, &at.footprint) })
             }
             Surface::Mirror { reflectance } => {
-                Self::Mirror(Mirror { reflectance: lookup::albedo(scene, reflectance, at.uv) })
+                Self::Mirror(Mirror { reflectance: lookup::albedo(scene, reflectance, at.uv, &at.footprint) })
             }
             Surface::Dielectric { ior, transmittance } => Self::Dielectric(Dielectric {
                 eta: Num::select(at.outside, Num::splat(l, *ior), Num::splat(l, 1.0 / ior)),
                 transmittance: Vector::splat(l, *transmittance),
             }),
-            Surface::Principled(surface) => {
-                Self::Principled(Principled::new(scene, surface, at.uv, at.outside, smooth_below))
-            }
+            Surface::Principled(surface) => Self::Principled(Principled::new(
+                scene,
+                surface,
+                at.uv,
+                &at.footprint,
+                at.outside,
+                smooth_below,
+            )),
             Surface::Procedural(index) => {
                 let points = Points { position: at.position, normal: at.frame.normal, uv: at.uv };
                 let finish = scene.procedurals[*index as usize].finish(&points);

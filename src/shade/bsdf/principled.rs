@@ -22,7 +22,7 @@ use super::sheen::Sheen;
 use super::{Sample, Smooth, mirrored};
 use crate::geom::warp::lanes as warp;
 use crate::lanes::{Lanes, Num, Vector};
-use crate::scene::{self, Finish, Scene};
+use crate::scene::{self, Finish, Footprint, Scene};
 use crate::shade::lookup;
 use std::f32::consts::FRAC_1_PI;
 
@@ -112,31 +112,32 @@ impl<L: Lanes> Principled<L> {
         scene: &Scene,
         surface: &scene::Principled,
         uv: [Num<L>; 2],
+        footprint: &Footprint<L>,
         outside: u32,
         smooth_below: f32,
     ) -> Self {
         let l = uv[0].lanes();
         let one = Num::splat(l, 1.0);
-        let base = lookup::albedo(scene, &surface.base_colour, uv);
-        let metallic = lookup::share(scene, &surface.metallic, uv);
-        let roughness = lookup::share(scene, &surface.roughness, uv);
+        let base = lookup::albedo(scene, &surface.base_colour, uv, footprint);
+        let metallic = lookup::share(scene, &surface.metallic, uv, footprint);
+        let roughness = footprint.roughened(lookup::share(scene, &surface.roughness, uv, footprint));
         let facets = match &surface.anisotropy {
             None => Facets::new(roughness, smooth_below),
             Some(anisotropy) => {
-                let strength = lookup::share(scene, &anisotropy.strength, uv);
+                let strength = lookup::share(scene, &anisotropy.strength, uv, footprint);
                 Facets::anisotropic(roughness, strength, smooth_below)
             }
         };
         let ior = surface.ior.max(1.0);
         let f0 = (ior - 1.0) / (ior + 1.0);
-        let specular = lookup::share(scene, &surface.specular, uv);
-        let tint = lookup::colour(scene, &surface.specular_colour, uv);
+        let specular = lookup::share(scene, &surface.specular, uv, footprint);
+        let tint = lookup::colour(scene, &surface.specular_colour, uv, footprint);
         let f0 = (tint * (f0 * f0)).clamp(0.0, 1.0) * specular;
         let layer = facets.reflection(Schlick { f0, f90: specular });
         let metal = facets.reflection(Schlick { f0: base, f90: one });
         let (mut outer, mut opaque, mut transparency, mut leaving) = (layer, one - metallic, None, 0);
         if surface.transmission.factor != 0.0 {
-            let transmission = lookup::share(scene, &surface.transmission, uv);
+            let transmission = lookup::share(scene, &surface.transmission, uv, footprint);
             let share = (one - metallic) * transmission;
             leaving = if surface.thin { 0 } else { L::ALL & !outside };
             outer = layer.scaled(Num::select(leaving, one - transmission, one));
@@ -151,15 +152,15 @@ impl<L: Lanes> Principled<L> {
         }
         let (mut film, mut sheen, mut coat) = (None, None, None);
         if let Some(iridescence) = &surface.iridescence {
-            film = Some(Film::new(scene, iridescence, uv, L::ALL & !leaving));
+            film = Some(Film::new(scene, iridescence, uv, footprint, L::ALL & !leaving));
         }
         if let Some(fibres) = &surface.sheen {
-            sheen = Some(Sheen::new(scene, fibres, uv));
+            sheen = Some(Sheen::new(scene, fibres, uv, footprint));
         }
         if surface.clearcoat.factor != 0.0 {
-            let share = lookup::share(scene, &surface.clearcoat, uv);
-            let roughness = lookup::share(scene, &surface.clearcoat_roughness, uv);
-            coat = Some(Coat::new(share, roughness, smooth_below));
+            let share = lookup::share(scene, &surface.clearcoat, uv, footprint);
+            let roughness = lookup::share(scene, &surface.clearcoat_roughness, uv, footprint);
+            coat = Some(Coat::new(share, footprint.roughened(roughness), smooth_below));
         }
         Self {
             facets,

@@ -3,7 +3,7 @@
 use super::{Dielectric, MIN_ROUGHNESS, Matte, Mirror, Principled};
 use crate::geom::{Sampler, warp};
 use crate::lanes::{Lanes, One};
-use crate::scene::{self, Colour, Scalar, Scene};
+use crate::scene::{self, Colour, Footprint, Scalar, Scene};
 use crate::shade::single::{Bsdf, Smooth};
 use glam::Vec3;
 use std::f32::consts::{PI, TAU};
@@ -17,8 +17,9 @@ fn seen_from(outside: bool, edit: impl FnOnce(&mut scene::Principled)) -> Bsdf {
     edit(&mut surface);
     let smooth_below = MIN_ROUGHNESS;
     let outside = if outside { One::ALL } else { 0 };
-    let uv = [0.0.into(); 2];
-    Bsdf(super::Bsdf::Principled(Principled::new(&Scene::default(), &surface, uv, outside, smooth_below)))
+    let (uv, point) = ([0.0.into(); 2], Footprint::point(One::default()));
+    let scene = Scene::default();
+    Bsdf(super::Bsdf::Principled(Principled::new(&scene, &surface, uv, &point, outside, smooth_below)))
 }
 
 fn rough(roughness: f32) -> impl FnOnce(&mut scene::Principled) {

@@ -2,8 +2,8 @@
 
 use super::{AliasTable, LightBounds, LightTree, Receiver};
 use crate::geom::warp::lanes as warp;
-use crate::lanes::{Int, Lanes, Num, Vector};
-use crate::scene::{Emission, Scene};
+use crate::lanes::{Int, Lanes, Num, One, Vector};
+use crate::scene::{Emission, Footprint, Scene};
 use crate::shade::lookup::{self, luminance};
 use crate::shade::offset;
 use bytemuck::{Pod, Zeroable};
@@ -253,7 +253,8 @@ fn vector<L: Lanes>(record: &[Int<L>; WORDS], at: usize) -> Vector<L> {
 /// Radiance at a point of a triangle, given by the weights of the second and third corner.
 fn radiance_at(scene: &Scene, emission: &Emission, primitive: u32, [v, w]: [f32; 2], front: bool) -> Vec3 {
     let uv = scene.mesh.uv_at(primitive, v, w).to_array();
-    lookup::emission(scene, emission, uv.map(Num::from), front.into()).into()
+    lookup::emission(scene, emission, uv.map(Num::from), &Footprint::point(One::default()), front.into())
+        .into()
 }
 
 /// Luminous power: exact for an even emission, an estimate for a textured one.

@@ -1,7 +1,7 @@
 //! The environment as a light.
 
 use crate::geom::warp::lanes as warp;
-use crate::lanes::{Lanes, Num, Vector, trigonometry};
+use crate::lanes::{Int, Lanes, Num, Vector, trigonometry};
 use crate::scene::{Environment, EnvironmentMap, Wrap, taps};
 use crate::shade::lookup::luminance;
 use glam::Vec3;
@@ -161,8 +161,8 @@ impl Map {
 
     #[inline(always)]
     fn lookup<L: Lanes>(&self, [u, v]: [Num<L>; 2]) -> Vector<L> {
-        let (x, fx) = taps(u, self.image.width, Wrap::Repeat);
-        let (y, fy) = taps(v, self.image.height, Wrap::Clamp);
+        let (x, fx) = taps(u, Int::splat(u.lanes(), self.image.width), Wrap::Repeat);
+        let (y, fy) = taps(v, Int::splat(v.lanes(), self.image.height), Wrap::Clamp);
         let texels: &[f32] = bytemuck::cast_slice(&self.image.texels);
         let [above, below] = [y[0] * self.image.width, y[1] * self.image.width];
         let a = Vector::from_columns((above + x[0]).rows_of(texels));

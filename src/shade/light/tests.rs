@@ -4,8 +4,8 @@ use super::{EnvironmentLight, Lights, Receiver};
 use crate::geom::{Sampler, warp};
 use crate::lanes::{Int, Num, One, Vector};
 use crate::scene::{
-    Channel, Colour, ColourSpace, Emission, Environment, EnvironmentMap, Light, LightShape, Material, Scene,
-    Texture, TextureRef, Wrap,
+    Channel, Colour, ColourSpace, Emission, Environment, EnvironmentMap, Footprint, Light, LightShape,
+    Material, Pyramid, Scene, Texture, TextureRef, Wrap,
 };
 use crate::shade::single::{self, LightSample};
 use crate::stream::Ray;
@@ -146,6 +146,7 @@ fn everything() -> Scene {
         space: ColourSpace::Linear,
         wrap_u: Wrap::Clamp,
         wrap_v: Wrap::Clamp,
+        pyramid: Pyramid::default(),
     };
     scene.textures.push(checks);
     let texture = Some(TextureRef::plain(0));
@@ -274,7 +275,12 @@ fn textured_emitters_count_where_they_shine() {
         }
     }
     assert!(sides[0] > 200 && sides[1] == 0, "only the white half shines: {sides:?}");
-    assert_eq!(scene.textures[0].channel(Channel::R, [0.9, 0.5].map(Num::from)).get(), 0.0);
+    assert_eq!(
+        scene.textures[0]
+            .channel(Channel::R, [0.9, 0.5].map(Num::from), &Footprint::point(One::default()))
+            .get(),
+        0.0
+    );
 }
 
 /// Squares of all brightnesses and places, some shining up, some down, some both ways.

@@ -1,0 +1,245 @@
+//! Smaller copies of an image, each half as large as the last: what far surfaces look up.
+
+use super::{ColourSpace, Mean, srgb};
+use bytemuck::{Pod, Zeroable};
+use glam::Vec3;
+use rayon::prelude::*;
+use std::sync::Arc;
+
+/// Where the copies of an image lie (Williams 1983, *Pyramidal Parametrics*). By default there are none: then
+/// every lookup is in the image itself.
+#[derive(Clone, Debug, Default)]
+pub struct Pyramid {
+    /// The image and its copies, or nothing.
+    levels: Arc<[Level]>,
+    mean: Mean,
+}
+
+/// One copy.
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[repr(C)]
+pub(super) struct Level {
+    /// Index of its first texel.
+    first: u32,
+    width: u32,
+    height: u32,
+}
+
+impl Pyramid {
+    /// The texels of an image and, behind them, of its copies down to a single texel: a third more than it had.
+    pub(super) fn new(
+        image: &[[u8; 4]],
+        (width, height): (u32, u32),
+        space: ColourSpace,
+        mean: Mean,
+    ) -> (Arc<[[u8; 4]]>, Self) {
+        let mut levels = vec![Level { first: 0, width, height }];
+        let mut texels = Vec::with_capacity(image.len() + image.len() / 3 + 32);
+        texels.extend_from_slice(image);
+        // Means of means, exact until they are stored: rounding them at each step would add up.
+        let mut above: Vec<Sum> = Vec::new();
+        while let Some(&Level { width: wide, height: high, .. }) = levels.last()
+            && (wide > 1 || high > 1)
+        {
+            let (width, height) = ((wide / 2).max(1), (high / 2).max(1));
+            let (rows, columns) = (spans(high, height), spans(wide, width));
+            let of_image = |i: usize| Sum::of(image[i], space, mean);
+            let of_sums = |i: usize| above[i];
+            let row = |row: &Span| -> Vec<Sum> {
+                let column = |column: &Span| match levels.len() {
+                    1 => covered(&of_image, wide, row, column),
+                    _ => covered(&of_sums, wide, row, column),
+                };
+                columns.iter().map(column).collect()
+            };
+            let sums: Vec<Sum> = rows.par_iter().flat_map_iter(row).collect();
+            levels.push(Level { first: texels.len() as u32, width, height });
+            texels.par_extend(sums.par_iter().map(|sum| sum.texel(space, mean)));
+            above = sums;
+        }
+        (texels.into(), Self { levels: levels.into(), mean })
+    }
+
+    /// First texel, width and height of the image and its copies, in words.
+    pub(super) fn levels(&self) -> &[u32] {
+        bytemuck::cast_slice(&self.levels)
+    }
+
+    /// The number of the last copy; 0 when there is none.
+    pub(super) fn last(&self) -> u32 {
+        (self.levels.len() as u32).saturating_sub(1)
+    }
+
+    /// What a texel of a copy keeps.
+    pub(super) fn mean(&self) -> Mean {
+        self.mean
+    }
+}
+
+/// What texels have on average.
+#[derive(Clone, Copy, Default)]
+struct Sum {
+    /// Light or normals, times their weights.
+    colour: Vec3,
+    weight: f32,
+    alpha: f32,
+}
+
+/// The weight of a colour that is cut away: what is nowhere covered keeps its colour, and nothing else has it.
+const CUT: f32 = 1.0 / 4096.0;
+
+impl Sum {
+    #[inline(always)]
+    fn of(texel: [u8; 4], space: ColourSpace, mean: Mean) -> Self {
+        let [r, g, b, a] = texel.map(|byte| f32::from(byte) * (1.0 / 255.0));
+        let light = srgb::table();
+        let colour = match (space, mean) {
+            (_, Mean::Normals) => (Vec3::new(r, g, b) * 2.0 - 1.0).normalize_or_zero(),
+            (ColourSpace::Linear, _) => Vec3::new(r, g, b),
+            (ColourSpace::Srgb, _) => {
+                Vec3::from_array([texel[0], texel[1], texel[2]].map(|byte| light[usize::from(byte)]))
+            }
+        };
+        let weight = if mean == Mean::Covered { a.max(CUT) } else { 1.0 };
+        Self { colour: colour * weight, weight, alpha: a }
+    }
+
+    #[inline(always)]
+    fn add(&mut self, other: &Self, share: f32) {
+        self.colour += other.colour * share;
+        self.weight += other.weight * share;
+        self.alpha += other.alpha * share;
+    }
+
+    fn texel(&self, space: ColourSpace, mean: Mean) -> [u8; 4] {
+        let byte = |x: f32| (x * 255.0 + 0.5) as u8;
+        let colour = self.colour / self.weight;
+        let [r, g, b] = match (space, mean) {
+            (_, Mean::Normals) => {
+                // Unit normals whose slopes vary by s² along each axis have a mean 1 − s² long, and GGX's alpha² is 2 s².
+                let bumps = (2.0 * (1.0 - colour.length())).clamp(0.0, 1.0).sqrt();
+                let [x, y, z] = (colour.normalize_or(Vec3::Z) * 0.5 + 0.5).to_array().map(byte);
+                return [x, y, z, byte(1.0 - bumps)];
+            }
+            (ColourSpace::Linear, _) => colour.to_array().map(byte),
+            (ColourSpace::Srgb, _) => colour.to_array().map(srgb::byte),
+        };
+        [r, g, b, byte(self.alpha)]
+    }
+}
+
+/// Texels of a row or column that one of a copy covers: the first, and how much of it and its followers.
+struct Span {
+    first: u32,
+    shares: [f32; 3],
+}
+
+/// The spans of `to` texels over `from`, at most three times as many and not fewer.
+fn spans(from: u32, to: u32) -> Vec<Span> {
+    let scale = f64::from(from) / f64::from(to);
+    let span = |i: u32| {
+        let (low, high) = (f64::from(i) * scale, f64::from(i + 1) * scale);
+        let first = low as u32;
+        let share = |k: u32| {
+            let texel = f64::from(first + k);
+            ((high.min(texel + 1.0) - low.max(texel)).max(0.0) / scale) as f32
+        };
+        Span { first, shares: [share(0), share(1), share(2)] }
+    };
+    (0..to).map(span).collect()
+}
+
+#[inline(always)]
+fn covered(texels: &impl Fn(usize) -> Sum, width: u32, rows: &Span, columns: &Span) -> Sum {
+    let mut sum = Sum::default();
+    for (y, down) in (rows.first..).zip(rows.shares).filter(|&(_, share)| share > 1e-6) {
+        for (x, across) in (columns.first..).zip(columns.shares).filter(|&(_, share)| share > 1e-6) {
+            sum.add(&texels((y * width + x) as usize), down * across);
+        }
+    }
+    sum
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The copies of an image, the first half as large, with their sizes.
+    fn copies(texels: &[[u8; 4]], size: (u32, u32), space: ColourSpace, mean: Mean) -> Vec<Vec<[u8; 4]>> {
+        let (all, pyramid) = Pyramid::new(texels, size, space, mean);
+        assert_eq!(&all[..texels.len()], texels, "the image itself comes first");
+        let level = |level: &Level| {
+            let (first, count) = (level.first as usize, (level.width * level.height) as usize);
+            all[first..first + count].to_vec()
+        };
+        pyramid.levels[1..].iter().map(level).collect()
+    }
+
+    #[test]
+    fn every_copy_has_the_mean_of_the_image() {
+        for (width, height) in [(8, 8), (7, 5), (1, 9), (13, 1), (16, 3), (3, 3), (31, 2)] {
+            let texels: Vec<[u8; 4]> = (0..width * height).map(|i| [(i * 37 % 256) as u8; 4]).collect();
+            let mean = |texels: &[[u8; 4]]| {
+                texels.iter().map(|t| f32::from(t[0])).sum::<f32>() / texels.len() as f32
+            };
+            let copies = copies(&texels, (width, height), ColourSpace::Linear, Mean::Light);
+            assert_eq!(copies.len() as u32, u32::BITS - 1 - width.max(height).leading_zeros());
+            assert_eq!(copies.last().map(Vec::len), Some(1));
+            for copy in copies {
+                assert!((mean(&copy) - mean(&texels)).abs() < 1.0, "{width} x {height}");
+            }
+        }
+    }
+
+    #[test]
+    fn copies_take_a_third_of_the_image() {
+        let (texels, _) = Pyramid::new(&[[7; 4]; 1 << 16], (256, 256), ColourSpace::Srgb, Mean::Light);
+        assert_eq!(texels.len(), ((1 << 18) - 1) / 3);
+    }
+
+    #[test]
+    fn means_are_of_light() {
+        // Half white, half black: half the light, which is 188 in sRGB.
+        let texels = [[255, 255, 255, 255], [0, 0, 0, 0]];
+        assert_eq!(copies(&texels, (2, 1), ColourSpace::Srgb, Mean::Light), [[[188, 188, 188, 128]]]);
+        assert_eq!(copies(&texels, (2, 1), ColourSpace::Linear, Mean::Light), [[[128; 4]]]);
+    }
+
+    #[test]
+    fn dark_shades_do_not_drift() {
+        // One texel in 64 has the least light there is: copies of copies in bytes would lose it, or grow it.
+        let texels: Vec<[u8; 4]> = (0..4096).map(|i| if i % 3 == 0 { [1; 4] } else { [0; 4] }).collect();
+        let copies = copies(&texels, (64, 64), ColourSpace::Linear, Mean::Light);
+        assert_eq!(copies[5], [[0; 4]], "a third rounds to nothing");
+        let texels: Vec<[u8; 4]> = (0..4096).map(|i| if i % 8 < 5 { [1; 4] } else { [0; 4] }).collect();
+        assert_eq!(self::copies(&texels, (64, 64), ColourSpace::Linear, Mean::Light)[5], [[1; 4]]);
+    }
+
+    #[test]
+    fn what_is_cut_away_does_not_darken_fringes() {
+        let texels = [[200, 100, 50, 255], [0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0]];
+        let one = |mean| copies(&texels, (2, 2), ColourSpace::Srgb, mean)[0][0];
+        assert_eq!(one(Mean::Covered), [200, 100, 50, 64]);
+        assert!(one(Mean::Light)[0] < 110);
+        // Where nothing is covered at all, colours are kept.
+        let cut = [[90, 80, 70, 0]; 4];
+        assert_eq!(copies(&cut, (2, 2), ColourSpace::Srgb, Mean::Covered)[0][0], [90, 80, 70, 0]);
+    }
+
+    #[test]
+    fn normals_become_shorter_and_that_is_kept() {
+        // Slopes of 60/127 to the left and to the right: the mean points up and is 0.9 long.
+        let tilted = |x: f32| {
+            let n = Vec3::new(x, 0.0, 1.0).normalize() * 0.5 + 0.5;
+            let [x, y, z] = n.to_array().map(|x| (x * 255.0 + 0.5) as u8);
+            [x, y, z, 255]
+        };
+        let texels = [tilted(0.48), tilted(-0.48)];
+        let [x, y, z, alpha] = copies(&texels, (2, 1), ColourSpace::Linear, Mean::Normals)[0][0];
+        assert!(x.abs_diff(128) <= 1 && y.abs_diff(128) <= 1 && z == 255);
+        let bumps = 1.0 - f32::from(alpha) / 255.0;
+        assert!((bumps - (2.0 * (1.0 - 1.0 / (1.0 + 0.48f32 * 0.48).sqrt())).sqrt()).abs() < 0.01, "{bumps}");
+        let [.., alpha] = copies(&[tilted(0.48); 2], (2, 1), ColourSpace::Linear, Mean::Normals)[0][0];
+        assert!(alpha > 250, "an even slope has no bumps: {alpha}");
+    }
+}

@@ -1,0 +1,52 @@
+//! The sRGB transfer function, byte by byte.
+
+use std::sync::OnceLock;
+
+/// The light of each byte.
+pub(super) fn table() -> &'static [f32; 256] {
+    static TABLE: OnceLock<[f32; 256]> = OnceLock::new();
+    TABLE.get_or_init(|| {
+        std::array::from_fn(|i| {
+            let v = i as f64 / 255.0;
+            (if v <= 0.04045 { v / 12.92 } else { libm::pow((v + 0.055) / 1.055, 2.4) }) as f32
+        })
+    })
+}
+
+/// The byte of the nearest light.
+pub(super) fn byte(light: f32) -> u8 {
+    /// So many steps that two bytes never lie within one.
+    const STEPS: usize = 4096;
+    static START: OnceLock<Vec<u8>> = OnceLock::new();
+    let table = table();
+    let start = START.get_or_init(|| {
+        let below = |i: usize| table.partition_point(|&x| x <= i as f32 / STEPS as f32) - 1;
+        (0..=STEPS).map(|i| below(i) as u8).collect()
+    });
+    let light = light.clamp(0.0, 1.0);
+    let mut byte = usize::from(start[(light * STEPS as f32) as usize]);
+    while byte < 255 && table[byte + 1] - light <= light - table[byte] {
+        byte += 1;
+    }
+    byte as u8
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_byte_is_its_own_nearest_and_so_is_what_lies_beside_it() {
+        let table = table();
+        for i in 0..=255u8 {
+            let at = usize::from(i);
+            assert_eq!(byte(table[at]), i);
+            if i < 255 {
+                let step = table[at + 1] - table[at];
+                assert_eq!(byte(table[at] + 0.49 * step), i);
+                assert_eq!(byte(table[at] + 0.51 * step), i + 1);
+            }
+        }
+        assert_eq!([byte(-1.0), byte(7.0), byte(f32::NAN)], [0, 255, 0]);
+    }
+}
