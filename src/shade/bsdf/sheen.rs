@@ -175,10 +175,9 @@ impl Kernel for Measurement {
         let sheen = Sheen::of(Vector::grey(one), one * self.roughness);
         let wo_z = one * self.z;
         let wo_x = (1.0 - wo_z * wo_z).clamp(0.0, 1.0).sqrt();
-        let lane_numbers: [u32; 16] = std::array::from_fn(|lane| lane as u32);
         let mut sum = 0.0;
         for first in (0..STEPS * STEPS).step_by(L::LANES) {
-            let i = Int::from_array(l, &lane_numbers) + first;
+            let i = Int::iota(l) + first;
             // Lanes do not divide by whole numbers; STEPS² is far below 2²⁴.
             let ring = ((i.to_num() + 0.5) * (1.0 / STEPS as f32)).floor();
             let turn = i.to_num() - ring * STEPS as f32;
@@ -192,7 +191,7 @@ impl Kernel for Measurement {
             // dω = dz dφ, dz = 2 root d(root).
             let light = sheen.lobe(wo_z, wi_z, half.z) * root * 2.0;
             // One after the other, so that any number of lanes gives the same sums.
-            for light in light.to_array().iter().take(L::LANES) {
+            for light in light.to_array().as_ref() {
                 sum += light;
             }
         }
