@@ -194,10 +194,14 @@ impl<const N: usize> Lanes for Plain<N> {
     fn of_bits(self, a: Self::I) -> Self::F {
         a.map(f32::from_bits)
     }
-    // Not apart: only where it is called are the instructions of the caller to be had.
+    // Without the instructions of the caller, which lanes of one hardly miss.
     #[inline(always)]
     fn apart<P: Piece<Self>>(self, piece: P) -> P::Output {
-        piece.run(self)
+        #[inline(never)]
+        fn run<const N: usize, P: Piece<Plain<N>>>(l: Plain<N>, piece: P) -> P::Output {
+            piece.run(l)
+        }
+        run(self, piece)
     }
     #[inline(always)]
     unsafe fn gather(self, from: *const u32, ids: Self::I) -> Self::I {

@@ -4,6 +4,7 @@
 //! is where the light goes (back along the ray) and always has `z > 0`, `wi` where it comes from.
 
 mod albedo;
+mod apart;
 mod brushed;
 mod dielectric;
 mod facets;
@@ -151,18 +152,15 @@ impl<L: Lanes> Bsdf<L> {
                 eta: Num::select(at.outside, Num::splat(l, *ior), Num::splat(l, 1.0 / ior)),
                 transmittance: Vector::splat(l, *transmittance),
             }),
-            Surface::Principled(surface) => Self::Principled(Principled::new(
-                scene,
-                surface,
-                at.uv,
-                &at.footprint,
-                at.outside,
-                smooth_below,
-            )),
+            Surface::Principled(surface) => {
+                let (uv, footprint, outside) = (at.uv, &at.footprint, at.outside);
+                let describe = apart::Describe { scene, surface, uv, footprint, outside, smooth_below };
+                Self::Principled(l.apart(describe))
+            }
             Surface::Procedural(index) => {
                 let points = Points { position: at.position, normal: at.frame.normal, uv: at.uv };
                 let finish = scene.procedurals[*index as usize].finish(&points);
-                Self::Principled(Principled::finished(&finish, smooth_below))
+                Self::Principled(l.apart(apart::Finished { finish: &finish, smooth_below }))
             }
         }
     }
@@ -174,7 +172,7 @@ impl<L: Lanes> Bsdf<L> {
         match self {
             Self::Matte(matte) => matte.evaluate(wi),
             Self::Mirror(_) | Self::Dielectric(_) => (wo.only(0), wo.z.only(0)),
-            Self::Principled(principled) => principled.evaluate(wo, wi),
+            Self::Principled(surface) => wo.lanes().apart(apart::Evaluate { surface, wo, wi }),
         }
     }
 
@@ -186,7 +184,7 @@ impl<L: Lanes> Bsdf<L> {
             Self::Matte(matte) => matte.sample(u2),
             Self::Mirror(mirror) => mirror.smooth(wo).sample(u, Num::splat(wo.lanes(), 1.0)),
             Self::Dielectric(dielectric) => dielectric.smooth(wo).sample(u, Num::splat(wo.lanes(), 1.0)),
-            Self::Principled(principled) => principled.sample(wo, u, u2),
+            Self::Principled(surface) => wo.lanes().apart(apart::Sampling { surface, wo, u, u2 }),
         }
     }
 
@@ -197,7 +195,7 @@ impl<L: Lanes> Bsdf<L> {
             Self::Matte(_) => Smooth::none(wo),
             Self::Mirror(mirror) => mirror.smooth(wo),
             Self::Dielectric(dielectric) => dielectric.smooth(wo),
-            Self::Principled(principled) => principled.smooth(wo),
+            Self::Principled(surface) => wo.lanes().apart(apart::Mirroring { surface, wo }),
         }
     }
 

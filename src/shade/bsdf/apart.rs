@@ -1,0 +1,88 @@
+//! The principled surface's work in functions of its own: it is large, and many shaders need it.
+
+use super::{Principled, Sample, Smooth};
+use crate::lanes::{Lanes, Num, Piece, Vector};
+use crate::scene::{self, Finish, Footprint, Scene};
+
+/// [`Principled::new`].
+pub struct Describe<'a, L: Lanes> {
+    pub scene: &'a Scene,
+    pub surface: &'a scene::Principled,
+    pub uv: [Num<L>; 2],
+    pub footprint: &'a Footprint<L>,
+    pub outside: u32,
+    pub smooth_below: f32,
+}
+
+impl<L: Lanes> Piece<L> for Describe<'_, L> {
+    type Output = Principled<L>;
+
+    #[inline(always)]
+    fn run(self, _: L) -> Principled<L> {
+        let Self { scene, surface, uv, footprint, outside, smooth_below } = self;
+        Principled::new(scene, surface, uv, footprint, outside, smooth_below)
+    }
+}
+
+/// [`Principled::finished`].
+pub struct Finished<'a, L: Lanes> {
+    pub finish: &'a Finish<L>,
+    pub smooth_below: f32,
+}
+
+impl<L: Lanes> Piece<L> for Finished<'_, L> {
+    type Output = Principled<L>;
+
+    #[inline(always)]
+    fn run(self, _: L) -> Principled<L> {
+        Principled::finished(self.finish, self.smooth_below)
+    }
+}
+
+/// [`Principled::evaluate`].
+pub struct Evaluate<'a, L: Lanes> {
+    pub surface: &'a Principled<L>,
+    pub wo: Vector<L>,
+    pub wi: Vector<L>,
+}
+
+impl<L: Lanes> Piece<L> for Evaluate<'_, L> {
+    type Output = (Vector<L>, Num<L>);
+
+    #[inline(always)]
+    fn run(self, _: L) -> Self::Output {
+        self.surface.evaluate(self.wo, self.wi)
+    }
+}
+
+/// [`Principled::sample`].
+pub struct Sampling<'a, L: Lanes> {
+    pub surface: &'a Principled<L>,
+    pub wo: Vector<L>,
+    pub u: Num<L>,
+    pub u2: [Num<L>; 2],
+}
+
+impl<L: Lanes> Piece<L> for Sampling<'_, L> {
+    type Output = Sample<L>;
+
+    #[inline(always)]
+    fn run(self, _: L) -> Sample<L> {
+        self.surface.sample(self.wo, self.u, self.u2)
+    }
+}
+
+/// [`Principled::smooth`].
+pub struct Mirroring<'a, L: Lanes> {
+    pub surface: &'a Principled<L>,
+    pub wo: Vector<L>,
+}
+
+impl<L: Lanes> Piece<L> for Mirroring<'_, L> {
+    type Output = Smooth<L>;
+
+    #[inline(always)]
+    fn run(self, _: L) -> Smooth<L> {
+        self.surface.smooth(self.wo)
+    }
+}
