@@ -37,6 +37,7 @@ impl Scalar {
 
 /// How a surface scatters light.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[allow(clippy::large_enum_variant, reason = "there are few, and they stay where they are")]
 pub enum Surface {
     /// Lambertian reflection, on both sides.
     Matte {

@@ -300,7 +300,8 @@ mod tests {
         assert!((at(1e6, 0.5) - 0.5).abs() < 0.01, "there is no smaller copy");
         assert_eq!(at(f32::NAN, 0.5), 0.0);
         // Between two copies each has its share.
-        let smaller = (0..100).filter(|&i| at(0.7071 * 1.5, i as f32 / 100.0) > 0.0).count();
+        let smaller =
+            (0..100).filter(|&i| at(std::f32::consts::FRAC_1_SQRT_2 * 1.5, i as f32 / 100.0) > 0.0).count();
         assert!((49..=51).contains(&smaller), "{smaller}");
     }
 

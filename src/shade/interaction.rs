@@ -74,7 +74,7 @@ fn vectors<L: Lanes>(table: &[glam::Vec3], indices: &[Int<L>; 3]) -> [Vector<L>;
 
 impl<L: Lanes> Interaction<L> {
     /// The interactions of rays with the triangles they hit, whose material is `material`. `width` is that of
-    /// the rays' [`Cone`]s there.
+    /// the rays' [`super::Cone`]s there.
     #[inline(always)]
     pub fn new(
         scene: &Scene,

@@ -263,8 +263,9 @@ fn every_texture_has_its_channel_and_colour_space() {
     let normal = scene.materials[0].normal_map.expect("a normal map");
     assert_eq!((space(Some(normal.texture)), normal.scale), (ColourSpace::Linear, 0.5));
     assert_eq!(scene.textures.len(), 2, "one image in two colour spaces");
-    assert!(std::ptr::eq(&*scene.textures[0].texels, &*scene.textures[1].texels));
-    assert_eq!(*scene.textures[0].texels, [[10, 20, 30, 255], [1, 2, 3, 4]]);
+    for texture in &scene.textures {
+        assert_eq!(texture.texels[..2], [[10, 20, 30, 255], [1, 2, 3, 4]], "and its smaller copy");
+    }
 }
 
 #[test]

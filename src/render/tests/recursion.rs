@@ -189,7 +189,7 @@ fn memory_is_bounded_by_paths_in_flight_and_depth_and_spawning_waits_for_it() {
         assert!(used.allocated_bytes <= (used.peak_entries + spare) * recursion.call_bytes(), "{used:?}");
         (recursion.film().resolve(), used)
     };
-    let (few, small) = finish(20_000);
+    let (few, small) = finish(8_192);
     let (many, large) = finish(120_000);
     assert!(few == many);
     assert!(small.peak_entries < large.peak_entries, "{small:?} {large:?}");

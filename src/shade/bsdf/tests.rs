@@ -226,7 +226,9 @@ fn fibres_and_films_give_back_most_of_what_falls_on_them() {
     for (name, bsdf) in lossy().iter().filter(|(name, _)| !name.contains("at once")) {
         for wo in views() {
             let light = furnace(bsdf, wo, 1 << 12);
-            let least = if name.contains("metal velvet") || name.contains("nm on white") { 0.5 } else { 0.2 };
+            // A film over a rough white body passes least at grazing angles, by the film's reflection of a facet that
+            // lies flat.
+            let least = if name.contains("metal velvet") { 0.5 } else { 0.2 };
             assert!(light.max_element() > least, "{name} from {wo}: {light}");
         }
     }
