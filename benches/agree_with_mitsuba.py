@@ -350,8 +350,10 @@ def theirs(mi, args, folder, scene):
         ply = write_ply(folder / f"{i}.ply", points, faces)
         part = {"type": "ply", "filename": ply, "face_normals": True, "bsdf": bsdf(material)}
         if "ink" in material:
-            absorption = [-float(np.log(c)) for c in material["ink"]]
-            part["interior"] = {"type": "homogeneous", "albedo": 0.0, "sigma_t": rgb(absorption)}
+            absorption = -np.log(material["ink"])
+            scale = float(absorption.max())
+            medium = {"type": "homogeneous", "albedo": 0.0, "sigma_t": rgb(absorption / scale), "scale": scale}
+            part["interior"] = medium
         if "lamp" in material:
             lit = True
             # Mitsuba's lamps shine on their front alone: another lies on the back of each, a little above.
