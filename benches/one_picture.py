@@ -13,7 +13,7 @@ import subprocess
 import sys
 import tempfile
 
-FAULTS = ["gpu-lost@2", "gpu-hang@2", "gpu-oom", "gpu-corrupt@2"]
+FAULTS = ["gpu-lost@2", "gpu-hang@2", "gpu-oom", "gpu-corrupt@14"]
 OPTIONS = ["--size", "320x180", "--spp", "2"]
 
 

@@ -54,12 +54,23 @@ impl Gpu {
         let found = enumerate();
         let infos: Vec<AdapterInfo> = found.iter().map(AdapterInfo::of).collect();
         let index = choose(&infos, choice)?;
-        let info = infos[index].clone();
-        let refused = |reason: String| GpuError::Open { adapter: info.to_string(), reason };
-        let request = || pollster::block_on(found[index].request_device(&descriptor(&found[index])));
-        let (device, queue) = catch_unwind(AssertUnwindSafe(request))
-            .map_err(|panic| refused(panic_text(panic.as_ref())))?
-            .map_err(|e| refused(e.to_string()))?;
+        let mut info = infos[index].clone();
+        let open = |boxes: u32| {
+            let request =
+                || pollster::block_on(found[index].request_device(&descriptor(&found[index], boxes)));
+            match catch_unwind(AssertUnwindSafe(request)) {
+                Ok(opened) => opened.map_err(|e| e.to_string()),
+                Err(panic) => Err(panic_text(panic.as_ref())),
+            }
+        };
+        let mut opened = open(info.max_query_boxes);
+        if opened.is_err() && info.max_query_boxes > 0 {
+            // Queries are experimental; a device without them is better than none.
+            info.max_query_boxes = 0;
+            opened = open(0);
+        }
+        let (device, queue) =
+            opened.map_err(|reason| GpuError::Open { adapter: info.to_string(), reason })?;
 
         let loss = Loss::default();
         let (on_loss, on_error) = (loss.clone(), loss.clone());
@@ -212,8 +223,8 @@ impl Gpu {
     }
 }
 
-/// Asks for what the kernels use, as much of it as there is.
-fn descriptor(adapter: &wgpu::Adapter) -> wgpu::DeviceDescriptor<'static> {
+/// Asks for what the kernels use, as much of it as there is, and for queries through so many boxes, if any.
+fn descriptor(adapter: &wgpu::Adapter, boxes: u32) -> wgpu::DeviceDescriptor<'static> {
     let there = adapter.limits();
     let asked = wgpu::DeviceDescriptor {
         label: Some("raystream"),
@@ -229,10 +240,7 @@ fn descriptor(adapter: &wgpu::Adapter) -> wgpu::DeviceDescriptor<'static> {
         memory_hints: wgpu::MemoryHints::Performance,
         ..Default::default()
     };
-    match device_tree::most_boxes(adapter) {
-        0 => asked,
-        boxes => device_tree::with_queries(asked, boxes),
-    }
+    if boxes == 0 { asked } else { device_tree::with_queries(asked, boxes) }
 }
 
 fn panic_text(panic: &(dyn std::any::Any + Send)) -> String {
