@@ -1,9 +1,12 @@
 //! Any number of lanes in plain Rust.
 //!
 //! Unsafe code, because lists and rows are reached by pointer. Invariant 1: every pointer access is
-//! within what the caller of the method vouches for, as the trait states it.
+//! within what the caller of the method vouches for, as the trait states it. 2: what needs instructions is called once
+//! [`SimdLevel::is_available`] has found them.
 #![allow(unsafe_code)]
 
+#[cfg(target_arch = "x86_64")]
+use super::SimdLevel;
 use super::{Lanes, Piece, nearest};
 use std::array::from_fn;
 
@@ -194,12 +197,23 @@ impl<const N: usize> Lanes for Plain<N> {
     fn of_bits(self, a: Self::I) -> Self::F {
         a.map(f32::from_bits)
     }
-    // Without the instructions of the caller, which lanes of one hardly miss.
+    // Where the caller stands its instructions are not known, so they are asked for: without them, rounding is a call.
     #[inline(always)]
     fn apart<P: Piece<Self>>(self, piece: P) -> P::Output {
         #[inline(never)]
         fn run<const N: usize, P: Piece<Plain<N>>>(l: Plain<N>, piece: P) -> P::Output {
             piece.run(l)
+        }
+        #[cfg(target_arch = "x86_64")]
+        #[inline(never)]
+        #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
+        fn with_avx2<const N: usize, P: Piece<Plain<N>>>(l: Plain<N>, piece: P) -> P::Output {
+            piece.run(l)
+        }
+        #[cfg(target_arch = "x86_64")]
+        if SimdLevel::Avx2.is_available() {
+            // SAFETY: invariant 2.
+            return unsafe { with_avx2(self, piece) };
         }
         run(self, piece)
     }
