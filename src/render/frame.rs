@@ -157,7 +157,7 @@ impl Frame {
 
     /// The same for an integrator that follows BSDFs' directions too: see [`Lights::beside_bsdfs`].
     pub fn beside_bsdfs(self) -> Self {
-        let lights = Arc::new(Lights::clone(&self.lights).beside_bsdfs());
+        let lights = Arc::new(Arc::unwrap_or_clone(self.lights).beside_bsdfs());
         Self { lights, ..self }
     }
 
