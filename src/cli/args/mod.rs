@@ -10,7 +10,7 @@ mod view;
 
 pub use bench::{
     BenchAdaptiveArgs, BenchBuildArgs, BenchCommand, BenchFrameArgs, BenchRaysArgs, BenchScheduleArgs,
-    BenchTablesArgs, BenchTailArgs, BenchTexturesArgs,
+    BenchTablesArgs, BenchTailArgs, BenchTexturesArgs, ShotArgs,
 };
 pub use frames::FramesArgs;
 pub use progress::ProgressArgs;

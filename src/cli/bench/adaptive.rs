@@ -1,23 +1,18 @@
 //! `raystream bench adaptive`.
 
 use super::super::args::BenchAdaptiveArgs;
-use super::super::setup::Setup;
 use super::write;
 use crate::bench::adaptive::{Bench, Options};
 use crate::render::{PASSES_IN_FLIGHT, Settings};
-use crate::scene::Camera;
 use anyhow::Result;
 
 /// Measures adaptive against even samples.
 pub fn run(args: &BenchAdaptiveArgs) -> Result<()> {
-    let setup =
-        Setup::new(&args.scene, &args.shot.units, PASSES_IN_FLIGHT, |scene| args.shot.light.hang(scene))?;
+    let (setup, camera) = args.shot.set_up(&args.scene, args.size, PASSES_IN_FLIGHT)?;
     let (width, height) = args.size;
-    let scene = &setup.stage.scene;
-    let framed = || Camera::framing(&scene.bounds(), width as f32 / height as f32);
     let options = Options {
         settings: Settings { width, height, spp: 1 << 16, max_bounces: args.max_bounces, seed: 0 },
-        camera: args.shot.camera.apply(scene.camera, framed),
+        camera,
         targets: args.noise.clone(),
         reference_spp: args.reference_spp,
         rounds: args.rounds as usize,

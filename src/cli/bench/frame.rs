@@ -2,22 +2,18 @@
 
 use super::super::Outcome;
 use super::super::args::BenchFrameArgs;
-use super::super::setup::Setup;
 use super::write;
 use crate::bench::frame::{Bench, Options, Report};
 use crate::render::Settings;
-use crate::scene::Camera;
 use anyhow::Result;
 
 /// Measures RA's ladder, or policies.
 pub fn run(args: &BenchFrameArgs) -> Result<Outcome> {
-    let setup = Setup::new(&args.scene, &args.shot.units, 1, |scene| args.shot.light.hang(scene))?;
+    let (setup, camera) = args.shot.set_up(&args.scene, args.size, 1)?;
     let (width, height) = args.size;
-    let scene = &setup.stage.scene;
-    let framed = || Camera::framing(&scene.bounds(), width as f32 / height as f32);
     let options = Options {
         settings: Settings { width, height, spp: args.spp, max_bounces: args.max_bounces, seed: args.seed },
-        camera: args.shot.camera.apply(scene.camera, framed),
+        camera,
         repeats: args.repeats as usize,
         policy: setup.policy,
     };

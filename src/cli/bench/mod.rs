@@ -10,9 +10,11 @@ mod tail;
 mod textures;
 
 use super::Outcome;
-use super::args::BenchCommand;
+use super::args::{BenchCommand, ShotArgs};
+use super::setup::Setup;
 use super::stats::{self, SCHEMA};
 use crate::render::Units;
+use crate::scene::Camera;
 use anyhow::Result;
 use serde::Serialize;
 use std::path::Path;
@@ -28,6 +30,17 @@ pub fn run(command: &BenchCommand) -> Result<Outcome> {
         BenchCommand::Adaptive(args) => adaptive::run(args).map(|()| Outcome::Done),
         BenchCommand::Schedule(args) => schedule::run(args).map(|()| Outcome::Done),
         BenchCommand::Tables(args) => tables::run(args).map(|()| Outcome::Done),
+    }
+}
+
+impl ShotArgs {
+    /// Makes a scene ready for so many jobs at a time, and says from where it is seen.
+    fn set_up(&self, scene: &Path, (width, height): (u32, u32), max_jobs: usize) -> Result<(Setup, Camera)> {
+        let setup = Setup::new(scene, &self.units, max_jobs, |scene| self.light.hang(scene))?;
+        let scene = &setup.stage.scene;
+        let framed = || Camera::framing(&scene.bounds(), width as f32 / height as f32);
+        let camera = self.camera.apply(scene.camera, framed);
+        Ok((setup, camera))
     }
 }
 

@@ -1,24 +1,19 @@
 //! `raystream bench tail`.
 
 use super::super::args::BenchTailArgs;
-use super::super::setup::Setup;
 use super::write;
 use crate::bench::tail::{Bench, Options};
 use crate::render::Settings;
-use crate::scene::Camera;
 use anyhow::Result;
 
 /// Measures how long threads wait for work.
 pub fn run(args: &BenchTailArgs) -> Result<()> {
     let frames_in_flight = args.frames_in_flight as usize;
-    let setup =
-        Setup::new(&args.scene, &args.shot.units, frames_in_flight, |scene| args.shot.light.hang(scene))?;
+    let (setup, camera) = args.shot.set_up(&args.scene, args.size, frames_in_flight)?;
     let (width, height) = args.size;
-    let scene = &setup.stage.scene;
-    let framed = || Camera::framing(&scene.bounds(), width as f32 / height as f32);
     let options = Options {
         settings: Settings { width, height, spp: args.spp, max_bounces: args.max_bounces, seed: 0 },
-        camera: args.shot.camera.apply(scene.camera, framed),
+        camera,
         frames_in_flight,
         rounds: args.rounds as usize,
         policy: setup.policy,

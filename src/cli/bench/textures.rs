@@ -1,26 +1,20 @@
 //! `raystream bench textures`.
 
 use super::super::args::BenchTexturesArgs;
-use super::super::setup::Setup;
 use super::write;
 use crate::bench::textures::{Bench, Options};
 use crate::render::Settings;
-use crate::scene::Camera;
 use anyhow::{Result, ensure};
 
 /// Measures what texturing costs.
 pub fn run(args: &BenchTexturesArgs) -> Result<()> {
-    let setup = Setup::new(&args.scene, &args.shot.units, 1, |scene| {
-        let path = args.scene.display();
-        ensure!(!scene.textures.is_empty(), "{path}: has no textures; choose a scene that has some");
-        args.shot.light.hang(scene)
-    })?;
+    let (setup, camera) = args.shot.set_up(&args.scene, args.size, 1)?;
+    let textured = !setup.stage.scene.textures.is_empty();
+    ensure!(textured, "{}: has no textures; choose a scene that has some", args.scene.display());
     let (width, height) = args.size;
-    let scene = &setup.stage.scene;
-    let framed = || Camera::framing(&scene.bounds(), width as f32 / height as f32);
     let options = Options {
         settings: Settings { width, height, spp: args.spp, max_bounces: args.max_bounces, seed: 0 },
-        camera: args.shot.camera.apply(scene.camera, framed),
+        camera,
         rounds: args.rounds as usize,
     };
     let rows = Bench { stage: &setup.stage, service: &setup.service, options }.run()?;
