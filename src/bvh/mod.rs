@@ -3,13 +3,16 @@
 
 mod assembly;
 mod binary;
+mod bins;
 mod block;
 mod collapse;
+mod few;
 mod filter;
 mod geometry;
 mod numbering;
 mod odds;
 mod pages;
+mod partition;
 mod plan;
 mod reference;
 mod refit;
