@@ -1,12 +1,12 @@
 //! Binary tree → eight-wide tree, as planned: the top one node after the other, the subtrees below it
 //! in parallel, each into its own stretch of memory.
 
-use super::block::{BLOCK_TRIANGLES, Block};
+use super::Shape;
+use super::block::{BLOCK_TRIANGLES, Blocks, Room};
 use super::odds::Odds;
 use super::pages::Pages;
 use super::sah::{Subtree, Tree};
 use super::wide::{Child, WIDTH, Wide, WideNode};
-use super::{Place, Shape};
 use glam::Vec3;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -15,72 +15,77 @@ use std::sync::atomic::{AtomicU32, Ordering};
 /// threads, nor does then the layout.
 const PART: u32 = 1 << 14;
 
-/// Collapses a tree; the second answer says where each triangle lies.
-pub(super) fn collapse(tree: &Tree, shape: &impl Shape) -> (Wide, Vec<Place>) {
+/// Collapses a tree; the second answer says in which block each triangle lies.
+pub(super) fn collapse(tree: &Tree, shape: &impl Shape) -> (Wide, Vec<Child>) {
     let Some(root) = tree.root() else {
         let mut nodes = Pages::zeroed(1);
         nodes[0] = WideNode::VACANT;
-        return (Wide { nodes, blocks: Pages::zeroed(0), depth: 1 }, Vec::new());
+        return (Wide { nodes, blocks: Blocks::zeroed(0), depth: 1 }, Vec::new());
     };
     let top = Top::new(tree, root);
     let sizes: Vec<Size> = top.parts.par_iter().map(|&(part, _)| Size::of(tree, part)).collect();
     let mut starts = Vec::with_capacity(sizes.len());
-    let mut all = Size { nodes: top.nodes.len(), blocks: top.blocks.len(), depth: 0 };
+    let mut all = Size { nodes: top.nodes.len(), triangles: top.triangles(), depth: 0 };
     for (size, &(_, depth)) in sizes.iter().zip(&top.parts) {
         starts.push(all);
         all.nodes += size.nodes;
-        all.blocks += size.blocks;
+        all.triangles += size.triangles;
         all.depth = all.depth.max(depth + size.depth - 1);
     }
-    assert!(all.nodes.max(all.blocks) <= Child::LIMIT, "references to children have 28 bits");
-    let (mut nodes, mut blocks) = (Pages::zeroed(all.nodes), Pages::zeroed(all.blocks));
+    assert!(all.nodes.max(all.triangles) <= Child::LIMIT, "references to children have 28 bits");
+    let (mut nodes, mut blocks) = (Pages::zeroed(all.nodes), Blocks::zeroed(all.triangles));
     let places: Vec<AtomicU32> =
         (0..root.count).into_par_iter().with_min_len(1 << 14).map(|_| AtomicU32::new(0)).collect();
     let layout = Layout { tree, shape, places: &places };
 
     let (top_nodes, mut nodes_left) = nodes.split_at_mut(top.nodes.len());
-    let (top_blocks, mut blocks_left) = blocks.split_at_mut(top.blocks.len());
+    let (mut top_blocks, mut blocks_left) = blocks.room().split(top.triangles());
     for (node, (of, children)) in top_nodes.iter_mut().zip(&top.nodes) {
-        let reference = |child: &TopChild| match *child {
+        let reference = |child: &TopChild, count: u32| match *child {
             TopChild::Node(index) => Child::node(index),
-            TopChild::Block(index) => Child::block(index, top.blocks[index].count as usize),
+            TopChild::Block(at) => Child::block(at, count as usize),
             TopChild::Part(index) => Child::node(starts[index].nodes),
         };
-        *node = layout.node(*of, children.iter().map(|(child, place)| (*child, reference(place))));
+        let children = children.iter().map(|(child, place)| (*child, reference(place, child.count)));
+        *node = layout.node(*of, children);
     }
-    for (index, (block, &of)) in top_blocks.iter_mut().zip(&top.blocks).enumerate() {
-        *block = layout.block(of, index);
+    let mut at = 0;
+    for &block in &top.blocks {
+        layout.block(block, at, at, &mut top_blocks);
+        at += block.count as usize;
     }
     let mut parts = Vec::with_capacity(sizes.len());
     for ((&(part, _), size), start) in top.parts.iter().zip(&sizes).zip(starts.iter().copied()) {
         let (nodes, blocks);
         (nodes, nodes_left) = nodes_left.split_at_mut(size.nodes);
-        (blocks, blocks_left) = blocks_left.split_at_mut(size.blocks);
+        (blocks, blocks_left) = blocks_left.split(size.triangles);
         parts.push((part, start, nodes, blocks));
     }
     let odds: Vec<Odds> = parts
         .into_par_iter()
-        .map(|(part, start, nodes, blocks)| {
-            layout.part(part, start, nodes, blocks);
-            order(nodes, blocks, start, &|_| unreachable!("a part ends in blocks"))
+        .map(|(part, start, nodes, mut blocks)| {
+            layout.part(part, start, nodes, &mut blocks);
+            order(nodes, &blocks, start, &|_| unreachable!("a part ends in blocks"))
         })
         .collect();
-    let (top_nodes, _) = nodes.split_at_mut(top.nodes.len());
-    order(top_nodes, &blocks, Size::default(), &|node| {
+    order(top_nodes, &top_blocks, Size::default(), &|node| {
         odds[starts.partition_point(|start| start.nodes < node)]
     });
     let depth = all.depth.max(top.depth);
-    let places = places.into_iter().map(|place| Place(place.into_inner())).collect();
+    let places = places.into_iter().map(|place| bytemuck::cast(place.into_inner())).collect();
     (Wide { nodes, blocks, depth }, places)
 }
 
 /// Puts the children of nodes in order for any hit, from the last node, which no other is above, to the first, whose
 /// odds it answers. Nodes and blocks `start` where their subtrees do in the whole; `below` knows other nodes.
-fn order(nodes: &mut [WideNode], blocks: &[Block], start: Size, below: &impl Fn(usize) -> Odds) -> Odds {
+fn order(nodes: &mut [WideNode], blocks: &Room, start: Size, below: &impl Fn(usize) -> Odds) -> Odds {
     let mut odds = vec![Odds::default(); nodes.len()];
     for at in (0..nodes.len()).rev() {
         odds[at] = Odds::order(&mut nodes[at], |child| match child.index() {
-            index if child.is_block() => Odds::of_block(&blocks[index - start.blocks], child.triangles()),
+            index if child.is_block() => {
+                let count = child.triangles();
+                Odds::of_block(&blocks.vertices(index - start.triangles, count), count)
+            }
             index => odds.get(index - start.nodes).copied().unwrap_or_else(|| below(index)),
         });
     }
@@ -126,14 +131,22 @@ struct Top {
     depth: usize,
 }
 
-/// An index into the list of its kind.
+/// Where a child is.
 enum TopChild {
+    /// Index of a node.
     Node(usize),
+    /// Triangles before those of a block.
     Block(usize),
+    /// Index of a part.
     Part(usize),
 }
 
 impl Top {
+    /// How many are in its blocks.
+    fn triangles(&self) -> usize {
+        self.blocks.iter().map(|block| block.count as usize).sum()
+    }
+
     fn new(tree: &Tree, root: Subtree) -> Self {
         let mut top = Self { nodes: vec![(root, Vec::new())], ..Self::default() };
         let mut depths = vec![1];
@@ -143,8 +156,9 @@ impl Top {
             top.depth = top.depth.max(depth);
             for &child in children(tree, of).iter() {
                 let place = if tree.is_block(child) {
+                    let before = top.triangles();
                     top.blocks.push(child);
-                    TopChild::Block(top.blocks.len() - 1)
+                    TopChild::Block(before)
                 } else if child.count > PART {
                     top.nodes.push((child, Vec::new()));
                     depths.push(depth + 1);
@@ -165,22 +179,20 @@ impl Top {
 #[derive(Clone, Copy, Default)]
 struct Size {
     nodes: usize,
-    blocks: usize,
+    triangles: usize,
     /// Inner nodes on the longest way down.
     depth: usize,
 }
 
 impl Size {
     fn of(tree: &Tree, part: Subtree) -> Self {
-        let mut size = Self::default();
+        let mut size = Self { triangles: part.count as usize, ..Self::default() };
         let mut stack = vec![(part, 1)];
         while let Some((of, depth)) = stack.pop() {
             size.nodes += 1;
             size.depth = size.depth.max(depth);
             for &child in children(tree, of).iter() {
-                if tree.is_block(child) {
-                    size.blocks += 1;
-                } else {
+                if !tree.is_block(child) {
                     stack.push((child, depth + 1));
                 }
             }
@@ -198,17 +210,16 @@ struct Layout<'a, S> {
 
 impl<S: Shape> Layout<'_, S> {
     /// Lays a subtree out, children of one node side by side; `start` is where its memory lies in the whole.
-    fn part(&self, part: Subtree, start: Size, nodes: &mut [WideNode], blocks: &mut [Block]) {
-        let (mut node_count, mut block_count) = (1, 0);
+    fn part(&self, part: Subtree, start: Size, nodes: &mut [WideNode], blocks: &mut Room) {
+        let (mut node_count, mut triangles) = (1, 0);
         let mut stack = vec![(0, part)];
         while let Some((at, of)) = stack.pop() {
             let children = children(self.tree, of);
             let references = children.iter().map(|&child| {
                 if self.tree.is_block(child) {
-                    let index = start.blocks + block_count;
-                    blocks[block_count] = self.block(child, index);
-                    block_count += 1;
-                    (child, Child::block(index, child.count as usize))
+                    let reference = self.block(child, triangles, start.triangles + triangles, blocks);
+                    triangles += child.count as usize;
+                    (child, reference)
                 } else {
                     stack.push((node_count, child));
                     node_count += 1;
@@ -236,17 +247,22 @@ impl<S: Shape> Layout<'_, S> {
         node
     }
 
-    fn block(&self, of: Subtree, index: usize) -> Block {
+    /// Writes a block into `blocks` behind `before` triangles, which is behind `index` of the whole.
+    fn block(&self, of: Subtree, before: usize, index: usize, blocks: &mut Room) -> Child {
+        let count = of.count as usize;
         let mut primitives = [u32::MAX; BLOCK_TRIANGLES];
         for (to, primitive) in primitives.iter_mut().zip(self.tree.primitives(of)) {
             *to = primitive;
         }
-        let primitives = &mut primitives[..of.count as usize];
+        let primitives = &mut primitives[..count];
         primitives.sort_unstable();
+        let (child, mut block) = (Child::block(index, count), blocks.block(before, count));
         for (row, &primitive) in primitives.iter().enumerate() {
-            self.places[primitive as usize].store((index * BLOCK_TRIANGLES + row) as u32, Ordering::Relaxed);
+            self.places[primitive as usize].store(bytemuck::cast(child), Ordering::Relaxed);
+            block.set_primitive(row, primitive, self.shape.is_masked(primitive));
+            block.set_corners(row, self.shape.corners(primitive));
         }
-        Block::new(primitives.iter().map(|&p| (p, self.shape.corners(p), self.shape.is_masked(p))))
+        child
     }
 }
 
@@ -264,15 +280,21 @@ pub(crate) fn slots(offsets: impl Iterator<Item = Vec3>) -> [usize; WIDTH] {
     }
     let mut slots = [0; WIDTH];
     for _ in 0..children {
-        let mut best = (f32::NEG_INFINITY, 0, 0);
-        for (child, gains) in gains[..children].iter().enumerate() {
-            for (slot, &gain) in gains.iter().enumerate() {
-                if gain > best.0 {
-                    best = (gain, child, slot);
-                }
+        // Of each slot, then of all: branches would be guessed wrong.
+        let (mut most, mut who) = ([f32::NEG_INFINITY; WIDTH], [0u32; WIDTH]);
+        for (child, gains) in (0..).zip(&gains[..children]) {
+            for slot in 0..WIDTH {
+                let better = gains[slot] > most[slot];
+                most[slot] = if better { gains[slot] } else { most[slot] };
+                who[slot] = if better { child } else { who[slot] };
             }
         }
-        let (_, child, slot) = best;
+        let mut slot = 0;
+        for other in 1..WIDTH {
+            let better = most[other] > most[slot] || most[other] == most[slot] && who[other] < who[slot];
+            slot = if better { other } else { slot };
+        }
+        let child = who[slot] as usize;
         slots[child] = slot;
         gains[child] = [f32::NEG_INFINITY; WIDTH];
         gains.iter_mut().for_each(|gains| gains[slot] = f32::NEG_INFINITY);
