@@ -97,6 +97,15 @@ impl WideNode {
         Aabb { min: lowest.into(), max: highest.into() }
     }
 
+    /// The node when its inner children lie `by` places farther back.
+    pub(super) fn moved(&self, by: usize) -> Self {
+        let mut moved = *self;
+        for child in moved.children.iter_mut().filter(|child| !child.is_block()) {
+            *child = Child::node(child.index() + by);
+        }
+        moved
+    }
+
     /// The children that are blocks.
     pub(super) fn block_children(&self) -> impl Iterator<Item = Child> {
         self.children.into_iter().filter(|&child| child != Child::NONE && child.is_block())
