@@ -12,10 +12,9 @@ const ROUND: f32 = (1 << 23) as f32;
 /// for the other.
 const IN_TURN: usize = 256;
 
-/// From so many references on only axes along which keys spread at least half as far as along the longest are cut; of fewer,
-/// a quarter as far. The heuristic looks no further than one cut and is easily misled by others: trees are better
-/// without them, and sooner made.
-const MANY: usize = 1 << 12;
+/// Only axes are cut along which keys spread so far, as a share of how far they do along the longest. The heuristic looks
+/// no further than one cut and is easily misled by others: trees are better without them, and sooner made.
+const SPREAD: f32 = 0.25;
 
 /// Where the bins lie: as many on each axis. Numbers are those of a key's register, of which the first three count.
 #[derive(Clone, Copy)]
@@ -31,7 +30,7 @@ struct Grid {
 
 impl Grid {
     #[inline(always)]
-    fn new(keys: &Bounds, references: usize, bins: usize) -> Self {
+    fn new(keys: &Bounds, bins: usize) -> Self {
         let (mut scale, mut sizes) = ([0.0; 8], [0.0; 3]);
         for axis in 0..3 {
             let size = -keys.0[axis + 4] - keys.0[axis];
@@ -40,7 +39,7 @@ impl Grid {
             scale[axis] = if size > 1e-36 { bins as f32 / size } else { 0.0 };
         }
         let longest = sizes[0].max(sizes[1]).max(sizes[2]);
-        let least = longest * if references >= MANY { 0.5 } else { 0.25 };
+        let least = longest * SPREAD;
         let (mut axes, mut cut) = ([0; 3], 0);
         for axis in 0..3 {
             axes[cut % 3] = axis;
@@ -87,7 +86,7 @@ impl Plane {
     /// The same for so many that they are counted in parallel.
     pub fn best_of_long(references: &[Reference], extent: &Extent) -> Option<Self> {
         debug_assert!(references.len() >= LONG);
-        let grid = Grid::new(&extent.keys, references.len(), 16);
+        let grid = Grid::new(&extent.keys, 16);
         let pieces = references.par_chunks(PIECE);
         let counted = pieces.map(|references| SimdLevel::run_eight(Count { grid: &grid, references }));
         let bins = counted.reduce_with(Bins::union)?;
@@ -97,7 +96,7 @@ impl Plane {
 
 #[inline(always)]
 fn best<L: Lanes, const BINS: usize>(l: L, references: &[Reference], extent: &Extent) -> Option<Plane> {
-    let grid = Grid::new(&extent.keys, references.len(), BINS);
+    let grid = Grid::new(&extent.keys, BINS);
     let mut bins = Bins::<BINS>::EMPTY;
     bins.count(l, &grid, references);
     bins.cheapest(l, &grid)
