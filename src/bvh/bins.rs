@@ -16,6 +16,12 @@ const IN_TURN: usize = 256;
 /// no further than one cut and is easily misled by others: trees are better without them, and sooner made.
 const SPREAD: f32 = 0.25;
 
+/// From so many references on a plane is chosen by one in [`SAMPLE`] of them.
+pub(super) const MANY: usize = 1 << 12;
+
+/// See [`MANY`].
+const SAMPLE: usize = 4;
+
 /// Where the bins lie: as many on each axis. Numbers are those of a key's register, of which the first three count.
 #[derive(Clone, Copy)]
 struct Grid {
@@ -57,7 +63,7 @@ impl Grid {
     }
 }
 
-/// A plane between bins, and the boxes on both sides.
+/// A plane between bins, and the boxes of the references on both sides that were counted.
 pub(super) struct Plane {
     grid: Grid,
     axis: usize,
@@ -73,13 +79,16 @@ impl Plane {
         l.lt(1 << self.axis, self.grid.bins(l, key), l.splat(self.bin)) != 0
     }
 
-    /// The cheapest that leaves something on both sides. Few bins serve few primitives as well.
+    /// The cheapest that leaves something on both sides. Few bins serve few primitives as well, and of many some do.
     #[inline(always)]
     pub fn best<L: Lanes>(l: L, references: &[Reference], extent: &Extent) -> Option<Self> {
-        if references.len() <= 128 {
-            best::<L, 8>(l, references, extent)
-        } else {
-            best::<L, 16>(l, references, extent)
+        match references.len() {
+            ..=128 => best::<L, 8>(l, references, extent, 1),
+            129..MANY => best::<L, 16>(l, references, extent, 1),
+            _ => {
+                let some = best::<L, 16>(l, references, extent, SAMPLE);
+                if some.is_some() { some } else { best::<L, 16>(l, references, extent, 1) }
+            }
         }
     }
 
@@ -87,18 +96,27 @@ impl Plane {
     pub fn best_of_long(references: &[Reference], extent: &Extent) -> Option<Self> {
         debug_assert!(references.len() >= LONG);
         let grid = Grid::new(&extent.keys, 16);
-        let pieces = references.par_chunks(PIECE);
-        let counted = pieces.map(|references| SimdLevel::run_eight(Count { grid: &grid, references }));
-        let bins = counted.reduce_with(Bins::union)?;
-        SimdLevel::run_eight(Cheapest { grid: &grid, bins: &bins })
+        let counted = |step: usize| {
+            let pieces = references.par_chunks(PIECE);
+            let counted =
+                pieces.map(|references| SimdLevel::run_eight(Count { grid: &grid, references, step }));
+            let bins = counted.reduce_with(Bins::union)?;
+            SimdLevel::run_eight(Cheapest { grid: &grid, bins: &bins })
+        };
+        counted(SAMPLE).or_else(|| counted(1))
     }
 }
 
 #[inline(always)]
-fn best<L: Lanes, const BINS: usize>(l: L, references: &[Reference], extent: &Extent) -> Option<Plane> {
+fn best<L: Lanes, const BINS: usize>(
+    l: L,
+    references: &[Reference],
+    extent: &Extent,
+    step: usize,
+) -> Option<Plane> {
     let grid = Grid::new(&extent.keys, BINS);
     let mut bins = Bins::<BINS>::EMPTY;
-    bins.count(l, &grid, references);
+    bins.count(l, &grid, references, step);
     bins.cheapest(l, &grid)
 }
 
@@ -112,29 +130,37 @@ struct Bins<const BINS: usize> {
 impl<const BINS: usize> Bins<BINS> {
     const EMPTY: Self = Self { bounds: [[Bounds::EMPTY; BINS]; 3], counts: [[0; BINS]; 3] };
 
+    /// Counts one in `step`.
     #[inline(always)]
-    fn count<L: Lanes>(&mut self, l: L, grid: &Grid, references: &[Reference]) {
+    fn count<L: Lanes>(&mut self, l: L, grid: &Grid, references: &[Reference], step: usize) {
         match grid.cut {
             0 => {}
-            1 => self.count_on::<L, 1>(l, grid, references),
-            2 => self.count_on::<L, 2>(l, grid, references),
-            _ => self.count_on::<L, 3>(l, grid, references),
+            1 => self.count_on::<L, 1>(l, grid, references, step),
+            2 => self.count_on::<L, 2>(l, grid, references, step),
+            _ => self.count_on::<L, 3>(l, grid, references, step),
         }
     }
 
     #[inline(always)]
-    fn count_on<L: Lanes, const AXES: usize>(&mut self, l: L, grid: &Grid, references: &[Reference]) {
-        let (mut rest, mut others) = (references, None);
+    fn count_on<L: Lanes, const AXES: usize>(
+        &mut self,
+        l: L,
+        grid: &Grid,
+        references: &[Reference],
+        step: usize,
+    ) {
+        let (mut at, mut others) = (0, None);
         if references.len() >= IN_TURN {
             let others = others.insert(Self::EMPTY);
-            while let [one, another, left @ ..] = rest {
-                self.add::<L, AXES>(l, grid, one);
-                others.add::<L, AXES>(l, grid, another);
-                rest = left;
+            while at + step < references.len() {
+                self.add::<L, AXES>(l, grid, &references[at]);
+                others.add::<L, AXES>(l, grid, &references[at + step]);
+                at += 2 * step;
             }
         }
-        for reference in rest {
-            self.add::<L, AXES>(l, grid, reference);
+        while at < references.len() {
+            self.add::<L, AXES>(l, grid, &references[at]);
+            at += step;
         }
         if let Some(others) = others {
             *self = self.clone().union(others);
@@ -228,6 +254,7 @@ fn half_areas<L: Lanes>(l: L, bounds: &[[f32; 8]; 8]) -> L::F {
 struct Count<'a> {
     grid: &'a Grid,
     references: &'a [Reference],
+    step: usize,
 }
 
 impl Kernel for Count<'_> {
@@ -236,7 +263,7 @@ impl Kernel for Count<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self, l: L) -> Bins<16> {
         let mut bins = Bins::EMPTY;
-        bins.count(l, self.grid, self.references);
+        bins.count(l, self.grid, self.references, self.step);
         bins
     }
 }

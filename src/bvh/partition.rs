@@ -1,34 +1,48 @@
 //! References sorted to the two sides of a plane.
 
 use super::bins::Plane;
-use super::reference::{Bounds, LONG, PIECE, Reference, key};
+use super::reference::{Bounds, Extent, LONG, PIECE, Reference, key};
 use crate::lanes::{Kernel, Lanes, SimdLevel};
 use rayon::prelude::*;
 
-/// The two sides of a partition: how many are on the left, and the boxes around the keys of each.
+/// The two sides of a partition: how many are on the left, and the extents of both.
 pub(super) struct Sides {
     pub middle: usize,
-    pub keys: [Bounds; 2],
+    pub extents: [Extent; 2],
 }
 
-/// Puts the references on the left of a plane first, without branches, which would be a coin's toss.
+/// Puts the references on the left of a plane first, without branches, which would be a coin's toss. The boxes of both
+/// sides are the plane's if it was chosen by `ALL`.
 #[inline(always)]
-pub(super) fn partition<L: Lanes>(l: L, references: &mut [Reference], plane: &Plane) -> Sides {
+pub(super) fn partition<L: Lanes, const ALL: bool>(
+    l: L,
+    references: &mut [Reference],
+    plane: &Plane,
+) -> Sides {
     let mut middle = 0;
-    let mut keys = [Bounds::EMPTY.load(l); 2];
+    let (mut keys, mut bounds) = ([Bounds::EMPTY.load(l); 2], [Bounds::EMPTY.load(l); 2]);
     for i in 0..references.len() {
         let reference = references[i];
-        let key = key(l, reference.0.load(l));
+        let numbers = reference.0.load(l);
+        let key = key(l, numbers);
         let is_left = plane.is_left(l, key);
         references[i] = references[middle];
         references[middle] = reference;
         middle += usize::from(is_left);
         // Infinity does not count.
         let away = [f32::INFINITY, f32::NEG_INFINITY][usize::from(is_left)];
-        keys[0] = l.min(keys[0], l.max(key, l.splat(away)));
-        keys[1] = l.min(keys[1], l.max(key, l.splat(-away)));
+        let away = [l.splat(away), l.splat(-away)];
+        for side in 0..2 {
+            keys[side] = l.min(keys[side], l.max(key, away[side]));
+            if !ALL {
+                bounds[side] = l.min(bounds[side], l.max(numbers, away[side]));
+            }
+        }
     }
-    Sides { middle, keys: [Bounds::of(l, keys[0]), Bounds::of(l, keys[1])] }
+    let keys = [Bounds::of(l, keys[0]), Bounds::of(l, keys[1])];
+    let bounds = if ALL { plane.bounds } else { [Bounds::of(l, bounds[0]), Bounds::of(l, bounds[1])] };
+    let [left, right] = [0, 1].map(|side| Extent { bounds: bounds[side], keys: keys[side] });
+    Sides { middle, extents: [left, right] }
 }
 
 /// [`partition`] to be run.
@@ -42,7 +56,7 @@ impl Kernel for Partition<'_> {
 
     #[inline(always)]
     fn run<L: Lanes>(self, l: L) -> Sides {
-        partition(l, self.references, self.plane)
+        partition::<L, false>(l, self.references, self.plane)
     }
 }
 
@@ -52,10 +66,10 @@ pub(super) fn partition_long(references: &mut [Reference], plane: &Plane) -> Sid
     let pieces = references.par_chunks_mut(PIECE);
     let pieces: Vec<Sides> =
         pieces.map(|references| SimdLevel::run_eight(Partition { references, plane })).collect();
-    let mut all = Sides { middle: 0, keys: [Bounds::EMPTY; 2] };
+    let mut all = Sides { middle: 0, extents: [Extent::EMPTY; 2] };
     for piece in &pieces {
         all.middle += piece.middle;
-        all.keys = [0, 1].map(|side| all.keys[side].union(&piece.keys[side]));
+        all.extents = [0, 1].map(|side| all.extents[side].union(&piece.extents[side]));
     }
     // What lies on the wrong side of the middle, in runs: as much on one as on the other.
     let (front, back) = references.split_at_mut(all.middle);
@@ -111,7 +125,6 @@ fn pair_up<'a>(
 
 #[cfg(test)]
 mod tests {
-    use super::super::reference::Extent;
     use super::*;
     use crate::geom::Aabb;
     use glam::Vec3;
@@ -143,8 +156,8 @@ mod tests {
             for (side, references) in [left, right].into_iter().enumerate() {
                 let exact = Extent::of(references);
                 let numbers = |bounds: &Bounds| bounds.to_aabb();
-                assert_eq!(numbers(&sides.keys[side]), numbers(&exact.keys));
-                assert_eq!(numbers(&plane.bounds[side]), numbers(&exact.bounds));
+                assert_eq!(numbers(&sides.extents[side].keys), numbers(&exact.keys));
+                assert_eq!(numbers(&sides.extents[side].bounds), numbers(&exact.bounds));
             }
             let mut primitives: Vec<u32> = references.iter().map(Reference::primitive).collect();
             primitives.sort_unstable();

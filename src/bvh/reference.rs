@@ -98,7 +98,7 @@ pub(super) struct Extent {
 }
 
 impl Extent {
-    const EMPTY: Self = Self { bounds: Bounds::EMPTY, keys: Bounds::EMPTY };
+    pub const EMPTY: Self = Self { bounds: Bounds::EMPTY, keys: Bounds::EMPTY };
 
     pub fn of(references: &[Reference]) -> Self {
         let pieces = references.par_chunks(PIECE).map(Self::of_piece);

@@ -1,7 +1,7 @@
 //! The builder: top-down, binned surface area heuristic (Wald 2007), parallel, of bounded depth. On its
 //! way back up it plans the eight-wide tree.
 
-use super::bins::Plane;
+use super::bins::{MANY, Plane};
 use super::few::{FEW, Few};
 use super::pages::Pages;
 use super::partition::{Sides, partition, partition_long};
@@ -17,7 +17,7 @@ use rayon::prelude::*;
 pub const MAX_DEPTH: usize = 96;
 
 /// Ranges at least this long have their halves built in parallel.
-const PARALLEL_HALVES: usize = 1 << 12;
+const PARALLEL_HALVES: usize = MANY;
 
 /// An inner node. A subtree over `count` primitives is `count` references and the `count - 1` inner
 /// nodes from its root on: first the root, then the left subtree's, then the right's.
@@ -137,15 +137,15 @@ fn subtree(references: &mut [Reference], inner: &mut [Inner], depth: usize, exte
         return SimdLevel::run_eight(Small { references, inner, depth, extent });
     }
     let (root, below) = inner.split_first_mut().expect("one node fewer than references");
-    let (middle, [left_extent, right_extent]) = match count {
+    let Sides { middle, extents } = match count {
         LONG.. => split_long(references, depth, extent),
         _ => SimdLevel::run_eight(Split { references, depth, extent }),
     };
     let (left, right) = references.split_at_mut(middle);
     let (left_inner, right_inner) = below.split_at_mut(middle - 1);
     let (left_plan, right_plan) = rayon::join(
-        || subtree(left, left_inner, depth + 1, &left_extent),
-        || subtree(right, right_inner, depth + 1, &right_extent),
+        || subtree(left, left_inner, depth + 1, &extents[0]),
+        || subtree(right, right_inner, depth + 1, &extents[1]),
     );
     let (plan, choice) = Plan::merge(&left_plan, &right_plan, extent.bounds.half_area(), count);
     *root = Inner::new(&extent.bounds, middle, choice);
@@ -183,7 +183,7 @@ impl<L: Lanes> Piece<L> for Small<'_> {
             };
         }
         let (root, below) = inner.split_first_mut().expect("one node fewer than references");
-        let (middle, extents) = split(l, references, depth, extent);
+        let Sides { middle, extents } = split(l, references, depth, extent);
         let (left, right) = references.split_at_mut(middle);
         let (left_inner, right_inner) = below.split_at_mut(middle - 1);
         let depth = depth + 1;
@@ -201,18 +201,14 @@ fn must_halve(count: usize, depth: usize) -> bool {
     depth + 1 + levels_of_halving >= MAX_DEPTH
 }
 
-/// Sorts references into two halves; the length of the first, and the extents of both.
+/// Sorts references into two halves.
 #[inline(always)]
-fn split<L: Lanes>(
-    l: L,
-    references: &mut [Reference],
-    depth: usize,
-    extent: &Extent,
-) -> (usize, [Extent; 2]) {
+fn split<L: Lanes>(l: L, references: &mut [Reference], depth: usize, extent: &Extent) -> Sides {
     let halved = must_halve(references.len(), depth);
     let plane = if halved { None } else { Plane::best(l, references, extent) };
     match plane {
-        Some(plane) => extents(partition(l, references, &plane), &plane),
+        Some(plane) if references.len() < MANY => partition::<L, true>(l, references, &plane),
+        Some(plane) => partition::<L, false>(l, references, &plane),
         None => halve(references, extent),
     }
 }
@@ -225,7 +221,7 @@ struct Split<'a> {
 }
 
 impl Kernel for Split<'_> {
-    type Output = (usize, [Extent; 2]);
+    type Output = Sides;
 
     #[inline(always)]
     fn run<L: Lanes>(self, l: L) -> Self::Output {
@@ -234,25 +230,18 @@ impl Kernel for Split<'_> {
 }
 
 /// The same for a long range, in parallel.
-fn split_long(references: &mut [Reference], depth: usize, extent: &Extent) -> (usize, [Extent; 2]) {
+fn split_long(references: &mut [Reference], depth: usize, extent: &Extent) -> Sides {
     let halved = must_halve(references.len(), depth);
     let plane = if halved { None } else { Plane::best_of_long(references, extent) };
     match plane {
-        Some(plane) => extents(partition_long(references, &plane), &plane),
+        Some(plane) => partition_long(references, &plane),
         None => halve(references, extent),
     }
 }
 
-/// How many are on the left of a plane, and the extents of both sides.
-#[inline(always)]
-fn extents(sides: Sides, plane: &Plane) -> (usize, [Extent; 2]) {
-    let extent = |side: usize| Extent { bounds: plane.bounds[side], keys: sides.keys[side] };
-    (sides.middle, [extent(0), extent(1)])
-}
-
 /// Puts the lower half by key along the longest axis first.
 #[inline(never)]
-fn halve(references: &mut [Reference], extent: &Extent) -> (usize, [Extent; 2]) {
+fn halve(references: &mut [Reference], extent: &Extent) -> Sides {
     let middle = references.len() / 2;
     let keys = extent.keys.to_aabb();
     let size = keys.max - keys.min;
@@ -262,5 +251,5 @@ fn halve(references: &mut [Reference], extent: &Extent) -> (usize, [Extent; 2]) 
             a.key_on(axis).total_cmp(&b.key_on(axis)).then(a.primitive().cmp(&b.primitive()))
         });
     }
-    (middle, [Extent::of(&references[..middle]), Extent::of(&references[middle..])])
+    Sides { middle, extents: [Extent::of(&references[..middle]), Extent::of(&references[middle..])] }
 }
