@@ -17,7 +17,7 @@ use rayon::prelude::*;
 pub const MAX_DEPTH: usize = 96;
 
 /// Ranges at least this long have their halves built in parallel.
-const PARALLEL_HALVES: usize = MANY;
+const PARALLEL_HALVES: usize = 1 << 12;
 
 /// An inner node. A subtree over `count` primitives is `count` references and the `count - 1` inner
 /// nodes from its root on: first the root, then the left subtree's, then the right's.
