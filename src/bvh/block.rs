@@ -214,3 +214,56 @@ impl BlockRoom<'_> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::lanes::{Kernel, SimdLevel, store_one};
+
+    /// All columns of a block.
+    struct Columns<'a>(Block<'a>);
+
+    impl Kernel for Columns<'_> {
+        type Output = Vec<[f32; 8]>;
+
+        fn run<L: Lanes>(self, l: L) -> Self::Output {
+            self.0.vertices(l).into_iter().flatten().map(|column| store_one(l, column)).collect()
+        }
+    }
+
+    #[test]
+    fn blocks_of_all_sizes_lie_side_by_side_and_keep_what_was_put_there() {
+        let corner = |i: u32| Vec3::new(i as f32, -1.0 - i as f32, 0.5 * i as f32);
+        let corners = |primitive: u32| [0, 1, 2].map(|i| corner(3 * primitive + i));
+        let mut blocks = Blocks::zeroed(36);
+        let mut children = Vec::new();
+        let mut before = 0;
+        for count in 1..=BLOCK_TRIANGLES {
+            let mut room = blocks.room();
+            let mut block = room.block(before, count);
+            for row in 0..count {
+                let primitive = (before + row) as u32;
+                block.set_primitive(row, primitive, primitive.is_multiple_of(3));
+                block.set_corners(row, corners(primitive));
+            }
+            children.push(Child::block(before, count));
+            before += count;
+        }
+        for child in children {
+            let block = blocks.get(child);
+            assert_eq!(block.len(), child.triangles());
+            // SAFETY: it is a block of these.
+            let columns = SimdLevel::run_eight(Columns(unsafe { blocks.get_unchecked(child) }));
+            for row in 0..block.len() {
+                let primitive = block.primitive(row);
+                assert_eq!(primitive as usize, child.index() + row);
+                assert_eq!(block.is_masked(row), primitive.is_multiple_of(3));
+                assert_eq!(block.corners(row), corners(primitive));
+                let in_lanes: Vec<f32> = columns.iter().map(|column| column[row]).collect();
+                assert_eq!(in_lanes, corners(primitive).map(|c| c.to_array()).as_flattened());
+            }
+            // What lanes beyond compute with is no denormal number.
+            assert!(columns.as_flattened().iter().all(|x| !x.is_subnormal()));
+        }
+    }
+}

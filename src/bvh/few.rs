@@ -219,3 +219,81 @@ fn half_area<L: Lanes>(l: L, [a, b, c, x, y, z]: [L::F; 6]) -> L::F {
     let (x, y, z) = (l.add(a, x), l.add(b, y), l.add(c, z));
     l.add(l.add(l.mul(x, y), l.mul(y, z)), l.mul(z, x))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geom::Aabb;
+    use crate::lanes::{Kernel, SimdLevel};
+    use glam::Vec3;
+
+    #[test]
+    fn ways_are_all_that_there_are() {
+        for (count, ways) in [(3, &THREE), (4, &FOUR)] {
+            let mut found = std::collections::BTreeSet::new();
+            for lane in 0..FEW {
+                let side =
+                    |tables: &[[u32; FEW]]| tables.iter().fold(0, |all, places| all | 1 << places[lane]);
+                let (left, right): (u32, u32) = (side(&ways[..2]), side(&ways[2..]));
+                assert_eq!((left & right, left | right), (0, (1 << count) - 1));
+                found.insert(left.min(right));
+            }
+            assert_eq!(found.len(), (1 << (count - 1)) - 1);
+        }
+    }
+
+    /// The lanes on the left in the best way to cut `lanes`.
+    struct Best<'a>(&'a [Reference; FEW], u32);
+
+    impl Kernel for Best<'_> {
+        type Output = u32;
+
+        fn run<L: Lanes>(self, l: L) -> u32 {
+            let choices = Choices::new(l, self.0);
+            match self.1.count_ones() {
+                3 => choices.best_of_all(l, self.1, &THREE),
+                4 => choices.best_of_all(l, self.1, &FOUR),
+                _ => choices.best_plane(l, self.1),
+            }
+        }
+    }
+
+    #[test]
+    fn cuts_are_the_cheapest() {
+        let number = |i: u32| (crate::geom::mix(i) >> 8) as f32 / (1 << 24) as f32;
+        for seed in 0..300 {
+            let rows: [Reference; FEW] = std::array::from_fn(|i| {
+                let number = |salt: u32| number(seed * 64 + 8 * i as u32 + salt);
+                let min = Vec3::new(8.0 * number(0), number(1), number(2));
+                Reference::new(i as u32, &Aabb { min, max: min + Vec3::new(number(3), number(4), number(5)) })
+            });
+            let lanes = if seed < 8 { 0xff } else { crate::geom::mix(!seed) & 0xff };
+            if lanes.count_ones() < 3 {
+                continue;
+            }
+            let is_in = |set: u32| move |lane: &usize| set >> lane & 1 == 1;
+            let cost = |set: u32| {
+                let bounds = |lane: usize| rows[lane].0;
+                let around = (0..FEW).filter(is_in(set)).map(bounds).fold(Bounds::EMPTY, |a, b| a.union(&b));
+                around.half_area()
+            };
+            let total = |left: u32| cost(left) + cost(lanes & !left);
+            let left = SimdLevel::run_eight(Best(&rows, lanes));
+            assert!(left != 0 && left & !lanes == 0 && left != lanes);
+            let cheapest = match lanes.count_ones() {
+                3 | 4 => (1..lanes).filter(|left| left & !lanes == 0).map(total).fold(f32::MAX, f32::min),
+                _ => {
+                    // The first axis is the longest, by far.
+                    let key = |lane: usize| rows[lane].key_on(0);
+                    let up_to = |last: usize| {
+                        let below = (0..FEW).filter(is_in(lanes)).filter(|&lane| key(lane) <= key(last));
+                        below.fold(0, |set, lane| set | 1 << lane)
+                    };
+                    let planes = (0..FEW).filter(is_in(lanes)).map(up_to).filter(|&left| left != lanes);
+                    planes.map(total).fold(f32::MAX, f32::min)
+                }
+            };
+            assert_eq!(total(left), cheapest, "{lanes:b} {left:b}");
+        }
+    }
+}
