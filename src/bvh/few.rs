@@ -76,7 +76,7 @@ fn lowest(lanes: u32, count: usize) -> u32 {
 }
 
 /// All ways to cut three or four in two, in lanes: two tables of what is on the left, three of what is on the right,
-/// with repetitions.
+/// with repetitions. Of equals the first way is taken, and halves come first.
 type Ways = [[u32; FEW]; 5];
 
 const THREE: Ways = [
@@ -88,11 +88,11 @@ const THREE: Ways = [
 ];
 
 const FOUR: Ways = [
-    [0, 1, 2, 3, 0, 0, 0, 0],
-    [0, 1, 2, 3, 1, 2, 3, 0],
-    [1, 0, 0, 0, 2, 1, 1, 1],
-    [2, 2, 1, 1, 3, 3, 2, 2],
-    [3, 3, 3, 2, 3, 3, 2, 3],
+    [0, 0, 0, 0, 1, 2, 3, 0],
+    [1, 2, 3, 0, 1, 2, 3, 1],
+    [2, 1, 1, 1, 0, 0, 0, 2],
+    [3, 3, 2, 2, 2, 1, 1, 3],
+    [3, 3, 2, 3, 3, 3, 2, 3],
 ];
 
 /// Boxes and keys of few references.
