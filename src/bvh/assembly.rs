@@ -1,6 +1,7 @@
 //! Two levels: a tree whose leaves are trees, each placed in the world, so that geometry shown many times is there
 //! once.
 
+use super::block::Blocks;
 use super::pages::Pages;
 use super::{Bvh, Child, Wide, WideNode};
 use crate::geom::{Aabb, Placement};
@@ -23,11 +24,12 @@ pub struct Member {
 impl Member {
     /// A tree, moved by `placement`, whose primitives are `first` and the following.
     pub fn placed(tree: Arc<Bvh>, placement: Placement, first: u32) -> Self {
-        let blocks = tree.wide.blocks.par_iter().with_min_len(1 << 8);
-        let bounds = blocks
-            .map(|block| {
-                let corners = (0..block.len()).flat_map(|row| block.corners(row));
-                Aabb::around(corners.map(|corner| placement.point(corner)))
+        let nodes = tree.wide.nodes.par_iter().with_min_len(1 << 6);
+        let bounds = nodes
+            .map(|node| {
+                let blocks = node.block_children().map(|child| tree.wide.blocks.get(child));
+                let triangles = blocks.flat_map(|block| (0..block.len()).map(move |row| block.corners(row)));
+                Aabb::around(triangles.flatten().map(|corner| placement.point(corner)))
             })
             .reduce(|| Aabb::EMPTY, Aabb::union);
         Self { tree, placement: Some(placement), first, bounds }
@@ -113,24 +115,25 @@ impl Assembly {
     /// The tree over members: that over their boxes, each block turned into a node.
     fn top(&self, over: &Bvh) -> Wide {
         let inner = over.wide.nodes.len();
-        let mut nodes = Pages::zeroed(inner + over.wide.blocks.len());
-        let (inner_nodes, block_nodes) = nodes.split_at_mut(inner);
-        for (to, node) in inner_nodes.iter_mut().zip(over.wide.nodes.iter()) {
-            *to = *node;
-            for child in to.children.iter_mut().filter(|child| **child != Child::NONE && child.is_block()) {
-                *child = Child::node(inner + child.index());
+        let mut nodes = over.wide.nodes.to_vec();
+        let mut blocks = Vec::new();
+        for node in &mut nodes {
+            for child in node.children.iter_mut().filter(|child| **child != Child::NONE && child.is_block()) {
+                blocks.push(over.wide.blocks.get(*child));
+                *child = Child::node(inner + blocks.len() - 1);
             }
         }
-        for (to, block) in block_nodes.iter_mut().zip(over.wide.blocks.iter()) {
+        for block in blocks {
             let members: Vec<u32> = (0..block.len()).map(|row| block.primitive(row)).collect();
             let boxes: Vec<Aabb> = members.iter().map(|&m| self.members[m as usize].bounds).collect();
             let centre = boxes.iter().copied().fold(Aabb::EMPTY, Aabb::union).centre();
-            *to = WideNode::VACANT;
+            let mut node = WideNode::VACANT;
             let slots = super::collapse::slots(boxes.iter().map(|bounds| bounds.centre() - centre));
             for ((member, bounds), slot) in members.iter().zip(&boxes).zip(slots) {
-                to.set(slot, *bounds, Child::block(*member as usize, 1));
+                node.set(slot, *bounds, Child::block(*member as usize, 1));
             }
+            nodes.push(node);
         }
-        Wide { nodes, blocks: Pages::zeroed(0), depth: over.wide.depth + 1 }
+        Wide { nodes: Pages::of(&nodes), blocks: Blocks::zeroed(0), depth: over.wide.depth + 1 }
     }
 }

@@ -1,12 +1,12 @@
 //! Binary tree → eight-wide tree, as planned: the top one node after the other, the subtrees below it
 //! in parallel, each into its own stretch of memory.
 
-use super::block::{BLOCK_TRIANGLES, Block};
+use super::Shape;
+use super::block::{BLOCK_TRIANGLES, Blocks, Room};
 use super::odds::Odds;
 use super::pages::Pages;
 use super::sah::{Subtree, Tree};
 use super::wide::{Child, WIDTH, Wide, WideNode};
-use super::{Place, Shape};
 use glam::Vec3;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -15,73 +15,87 @@ use std::sync::atomic::{AtomicU32, Ordering};
 /// threads, nor does then the layout.
 const PART: u32 = 1 << 14;
 
-/// Collapses a tree; the second answer says where each triangle lies.
-pub(super) fn collapse(tree: &Tree, shape: &impl Shape) -> (Wide, Vec<Place>) {
+/// Collapses a tree; the second answer says in which block each triangle lies.
+pub(super) fn collapse(tree: &Tree, shape: &impl Shape) -> (Wide, Vec<Child>) {
     let Some(root) = tree.root() else {
         let mut nodes = Pages::zeroed(1);
         nodes[0] = WideNode::VACANT;
-        return (Wide { nodes, blocks: Pages::zeroed(0), depth: 1 }, Vec::new());
+        return (Wide { nodes, blocks: Blocks::zeroed(0), depth: 1 }, Vec::new());
     };
+    assert!(root.count as usize <= Child::LIMIT, "references to children have 28 bits");
     let top = Top::new(tree, root);
-    let sizes: Vec<Size> = top.parts.par_iter().map(|&(part, _)| Size::of(tree, part)).collect();
-    let mut starts = Vec::with_capacity(sizes.len());
-    let mut all = Size { nodes: top.nodes.len(), blocks: top.blocks.len(), depth: 0 };
-    for (size, &(_, depth)) in sizes.iter().zip(&top.parts) {
-        starts.push(all);
-        all.nodes += size.nodes;
-        all.blocks += size.blocks;
-        all.depth = all.depth.max(depth + size.depth - 1);
-    }
-    assert!(all.nodes.max(all.blocks) <= Child::LIMIT, "references to children have 28 bits");
-    let (mut nodes, mut blocks) = (Pages::zeroed(all.nodes), Pages::zeroed(all.blocks));
+    let mut blocks = Blocks::zeroed(root.count as usize);
     let places: Vec<AtomicU32> =
         (0..root.count).into_par_iter().with_min_len(1 << 14).map(|_| AtomicU32::new(0)).collect();
     let layout = Layout { tree, shape, places: &places };
 
+    // How many triangles there are in a part is known, so blocks go to their places at once; nodes do when all parts are there.
+    let mut triangles = top.triangles();
+    let (mut top_blocks, mut blocks_left) = blocks.room().split(triangles);
+    let mut rooms = Vec::with_capacity(top.parts.len());
+    for &part in &top.parts {
+        let room;
+        (room, blocks_left) = blocks_left.split(part.count as usize);
+        rooms.push((part, triangles, room));
+        triangles += part.count as usize;
+    }
+    let parts: Vec<Part> =
+        rooms.into_par_iter().map(|(part, before, room)| layout.part(part, before, room)).collect();
+    let mut starts = Vec::with_capacity(parts.len());
+    let mut count = top.nodes.len();
+    for part in &parts {
+        starts.push(count);
+        count += part.nodes.len();
+    }
+    assert!(count <= Child::LIMIT, "references to children have 28 bits");
+
+    let mut nodes = Pages::zeroed(count);
     let (top_nodes, mut nodes_left) = nodes.split_at_mut(top.nodes.len());
-    let (top_blocks, mut blocks_left) = blocks.split_at_mut(top.blocks.len());
     for (node, (of, children)) in top_nodes.iter_mut().zip(&top.nodes) {
-        let reference = |child: &TopChild| match *child {
+        let reference = |child: &TopChild, count: u32| match *child {
             TopChild::Node(index) => Child::node(index),
-            TopChild::Block(index) => Child::block(index, top.blocks[index].count as usize),
-            TopChild::Part(index) => Child::node(starts[index].nodes),
+            TopChild::Block(at) => Child::block(at, count as usize),
+            TopChild::Part(index) => Child::node(starts[index]),
         };
-        *node = layout.node(*of, children.iter().map(|(child, place)| (*child, reference(place))));
+        let children = children.iter().map(|(child, place)| (*child, reference(place, child.count)));
+        *node = layout.node(*of, children);
     }
-    for (index, (block, &of)) in top_blocks.iter_mut().zip(&top.blocks).enumerate() {
-        *block = layout.block(of, index);
+    let mut at = 0;
+    for &block in &top.blocks {
+        layout.block(block, at, at, &mut top_blocks);
+        at += block.count as usize;
     }
-    let mut parts = Vec::with_capacity(sizes.len());
-    for ((&(part, _), size), start) in top.parts.iter().zip(&sizes).zip(starts.iter().copied()) {
-        let (nodes, blocks);
-        (nodes, nodes_left) = nodes_left.split_at_mut(size.nodes);
-        (blocks, blocks_left) = blocks_left.split_at_mut(size.blocks);
-        parts.push((part, start, nodes, blocks));
-    }
-    let odds: Vec<Odds> = parts
-        .into_par_iter()
-        .map(|(part, start, nodes, blocks)| {
-            layout.part(part, start, nodes, blocks);
-            order(nodes, blocks, start, &|_| unreachable!("a part ends in blocks"))
-        })
-        .collect();
-    let (top_nodes, _) = nodes.split_at_mut(top.nodes.len());
-    order(top_nodes, &blocks, Size::default(), &|node| {
-        odds[starts.partition_point(|start| start.nodes < node)]
+    order(top_nodes, &top_blocks, 0, &|node| {
+        parts[starts.binary_search(&node).expect("a child is a node of the top or a part's first")].odds
     });
-    let depth = all.depth.max(top.depth);
-    let places = places.into_iter().map(|place| Place(place.into_inner())).collect();
+    let mut depth = top.depth;
+    let mut copies = Vec::with_capacity(parts.len());
+    for ((part, &start), above) in parts.iter().zip(&starts).zip(&top.depths) {
+        let room;
+        (room, nodes_left) = nodes_left.split_at_mut(part.nodes.len());
+        copies.push((part, start, room));
+        depth = depth.max(above + part.depth);
+    }
+    copies.into_par_iter().for_each(|(part, start, room)| {
+        for (to, node) in room.iter_mut().zip(&part.nodes) {
+            *to = node.moved(start);
+        }
+    });
+    let places = places.into_iter().map(|place| bytemuck::cast(place.into_inner())).collect();
     (Wide { nodes, blocks, depth }, places)
 }
 
 /// Puts the children of nodes in order for any hit, from the last node, which no other is above, to the first, whose
-/// odds it answers. Nodes and blocks `start` where their subtrees do in the whole; `below` knows other nodes.
-fn order(nodes: &mut [WideNode], blocks: &[Block], start: Size, below: &impl Fn(usize) -> Odds) -> Odds {
+/// odds it answers. Blocks begin behind `before` triangles; `below` knows other nodes.
+fn order(nodes: &mut [WideNode], blocks: &Room, before: usize, below: &impl Fn(usize) -> Odds) -> Odds {
     let mut odds = vec![Odds::default(); nodes.len()];
     for at in (0..nodes.len()).rev() {
         odds[at] = Odds::order(&mut nodes[at], |child| match child.index() {
-            index if child.is_block() => Odds::of_block(&blocks[index - start.blocks], child.triangles()),
-            index => odds.get(index - start.nodes).copied().unwrap_or_else(|| below(index)),
+            index if child.is_block() => {
+                let count = child.triangles();
+                Odds::of_block(&blocks.vertices(index - before, count), count)
+            }
+            index => odds.get(index).copied().unwrap_or_else(|| below(index)),
         });
     }
     odds.first().copied().unwrap_or_default()
@@ -121,19 +135,29 @@ impl std::ops::Deref for Few {
 struct Top {
     nodes: Vec<(Subtree, Vec<(Subtree, TopChild)>)>,
     blocks: Vec<Subtree>,
-    /// Subtrees to lay out in parallel, with the depth of their root.
-    parts: Vec<(Subtree, usize)>,
+    /// Subtrees to lay out in parallel.
+    parts: Vec<Subtree>,
+    /// Nodes above each of them.
+    depths: Vec<usize>,
     depth: usize,
 }
 
-/// An index into the list of its kind.
+/// Where a child is.
 enum TopChild {
+    /// Index of a node.
     Node(usize),
+    /// Triangles before those of a block.
     Block(usize),
+    /// Index of a part.
     Part(usize),
 }
 
 impl Top {
+    /// How many are in its blocks.
+    fn triangles(&self) -> usize {
+        self.blocks.iter().map(|block| block.count as usize).sum()
+    }
+
     fn new(tree: &Tree, root: Subtree) -> Self {
         let mut top = Self { nodes: vec![(root, Vec::new())], ..Self::default() };
         let mut depths = vec![1];
@@ -143,14 +167,16 @@ impl Top {
             top.depth = top.depth.max(depth);
             for &child in children(tree, of).iter() {
                 let place = if tree.is_block(child) {
+                    let before = top.triangles();
                     top.blocks.push(child);
-                    TopChild::Block(top.blocks.len() - 1)
+                    TopChild::Block(before)
                 } else if child.count > PART {
                     top.nodes.push((child, Vec::new()));
                     depths.push(depth + 1);
                     TopChild::Node(top.nodes.len() - 1)
                 } else {
-                    top.parts.push((child, depth + 1));
+                    top.parts.push(child);
+                    top.depths.push(depth);
                     TopChild::Part(top.parts.len() - 1)
                 };
                 top.nodes[at].1.push((child, place));
@@ -161,32 +187,13 @@ impl Top {
     }
 }
 
-/// What a subtree takes, or where it starts.
-#[derive(Clone, Copy, Default)]
-struct Size {
-    nodes: usize,
-    blocks: usize,
+/// A subtree laid out.
+struct Part {
+    /// Inner nodes, whose children are nodes of the part.
+    nodes: Vec<WideNode>,
     /// Inner nodes on the longest way down.
     depth: usize,
-}
-
-impl Size {
-    fn of(tree: &Tree, part: Subtree) -> Self {
-        let mut size = Self::default();
-        let mut stack = vec![(part, 1)];
-        while let Some((of, depth)) = stack.pop() {
-            size.nodes += 1;
-            size.depth = size.depth.max(depth);
-            for &child in children(tree, of).iter() {
-                if tree.is_block(child) {
-                    size.blocks += 1;
-                } else {
-                    stack.push((child, depth + 1));
-                }
-            }
-        }
-        size
-    }
+    odds: Odds,
 }
 
 /// Makes nodes and blocks.
@@ -197,26 +204,31 @@ struct Layout<'a, S> {
 }
 
 impl<S: Shape> Layout<'_, S> {
-    /// Lays a subtree out, children of one node side by side; `start` is where its memory lies in the whole.
-    fn part(&self, part: Subtree, start: Size, nodes: &mut [WideNode], blocks: &mut [Block]) {
-        let (mut node_count, mut block_count) = (1, 0);
-        let mut stack = vec![(0, part)];
-        while let Some((at, of)) = stack.pop() {
+    /// Lays a subtree out, children of one node side by side; its blocks are `room`, which is behind `before` triangles.
+    fn part(&self, part: Subtree, before: usize, mut room: Room) -> Part {
+        let mut nodes = Vec::with_capacity(part.count as usize / WIDTH);
+        nodes.push(WideNode::VACANT);
+        let (mut triangles, mut deepest) = (0, 0);
+        let mut stack = vec![(0, part, 1)];
+        while let Some((at, of, depth)) = stack.pop() {
+            deepest = deepest.max(depth);
             let children = children(self.tree, of);
             let references = children.iter().map(|&child| {
                 if self.tree.is_block(child) {
-                    let index = start.blocks + block_count;
-                    blocks[block_count] = self.block(child, index);
-                    block_count += 1;
-                    (child, Child::block(index, child.count as usize))
+                    let reference = self.block(child, triangles, before + triangles, &mut room);
+                    triangles += child.count as usize;
+                    (child, reference)
                 } else {
-                    stack.push((node_count, child));
-                    node_count += 1;
-                    (child, Child::node(start.nodes + node_count - 1))
+                    stack.push((nodes.len(), child, depth + 1));
+                    nodes.push(WideNode::VACANT);
+                    (child, Child::node(nodes.len() - 1))
                 }
             });
-            nodes[at] = self.node(of, references);
+            let node = self.node(of, references);
+            nodes[at] = node;
         }
+        let odds = order(&mut nodes, &room, before, &|_| unreachable!("a part ends in blocks"));
+        Part { nodes, depth: deepest, odds }
     }
 
     fn node(&self, of: Subtree, children: impl Iterator<Item = (Subtree, Child)>) -> WideNode {
@@ -236,17 +248,22 @@ impl<S: Shape> Layout<'_, S> {
         node
     }
 
-    fn block(&self, of: Subtree, index: usize) -> Block {
+    /// Writes a block into `blocks` behind `before` triangles, which is behind `index` of the whole.
+    fn block(&self, of: Subtree, before: usize, index: usize, blocks: &mut Room) -> Child {
+        let count = of.count as usize;
         let mut primitives = [u32::MAX; BLOCK_TRIANGLES];
         for (to, primitive) in primitives.iter_mut().zip(self.tree.primitives(of)) {
             *to = primitive;
         }
-        let primitives = &mut primitives[..of.count as usize];
+        let primitives = &mut primitives[..count];
         primitives.sort_unstable();
+        let (child, mut block) = (Child::block(index, count), blocks.block(before, count));
         for (row, &primitive) in primitives.iter().enumerate() {
-            self.places[primitive as usize].store((index * BLOCK_TRIANGLES + row) as u32, Ordering::Relaxed);
+            self.places[primitive as usize].store(bytemuck::cast(child), Ordering::Relaxed);
+            block.set_primitive(row, primitive, self.shape.is_masked(primitive));
+            block.set_corners(row, self.shape.corners(primitive));
         }
-        Block::new(primitives.iter().map(|&p| (p, self.shape.corners(p), self.shape.is_masked(p))))
+        child
     }
 }
 
@@ -264,15 +281,21 @@ pub(crate) fn slots(offsets: impl Iterator<Item = Vec3>) -> [usize; WIDTH] {
     }
     let mut slots = [0; WIDTH];
     for _ in 0..children {
-        let mut best = (f32::NEG_INFINITY, 0, 0);
-        for (child, gains) in gains[..children].iter().enumerate() {
-            for (slot, &gain) in gains.iter().enumerate() {
-                if gain > best.0 {
-                    best = (gain, child, slot);
-                }
+        // Of each slot, then of all: branches would be guessed wrong.
+        let (mut most, mut who) = ([f32::NEG_INFINITY; WIDTH], [0u32; WIDTH]);
+        for (child, gains) in (0..).zip(&gains[..children]) {
+            for slot in 0..WIDTH {
+                let better = gains[slot] > most[slot];
+                most[slot] = if better { gains[slot] } else { most[slot] };
+                who[slot] = if better { child } else { who[slot] };
             }
         }
-        let (_, child, slot) = best;
+        let mut slot = 0;
+        for other in 1..WIDTH {
+            let better = most[other] > most[slot] || most[other] == most[slot] && who[other] < who[slot];
+            slot = if better { other } else { slot };
+        }
+        let child = who[slot] as usize;
         slots[child] = slot;
         gains[child] = [f32::NEG_INFINITY; WIDTH];
         gains.iter_mut().for_each(|gains| gains[slot] = f32::NEG_INFINITY);

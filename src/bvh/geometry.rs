@@ -4,8 +4,8 @@ use crate::geom::MAX_COORDINATE;
 use glam::Vec3;
 use rayon::prelude::*;
 
-/// The most triangles of a tree: ids have 30 bits.
-const MOST_TRIANGLES: usize = (1 << 30) - 1;
+/// The most triangles of a tree.
+const MOST_TRIANGLES: usize = super::Child::LIMIT;
 
 /// Elements that one thread checks at a time.
 const PIECE: usize = 1 << 14;
@@ -62,17 +62,27 @@ impl GeometryError {
         if found > most {
             return Err(Self::TooMany { found, most });
         }
+        // A piece is looked through without a branch, and again if something is wrong with it.
         let strays = |&vertex: &u32| vertex as usize >= count;
         let stray = |corners: &[u32; 3]| corners.iter().any(strays);
-        if let Some(triangle) = triangles.par_iter().with_min_len(PIECE).position_first(stray) {
+        let triangle = triangles.par_chunks(PIECE).enumerate().find_map_first(|(piece, triangles)| {
+            let highest = triangles.as_flattened().iter().fold(0, |highest, &vertex| vertex.max(highest));
+            let found = if strays(&highest) { triangles.iter().position(stray) } else { None };
+            found.map(|triangle| piece * PIECE + triangle)
+        });
+        if let Some(triangle) = triangle {
             let vertex = triangles[triangle].into_iter().find(strays).unwrap_or_default();
             return Err(Self::Vertex { triangle, vertex, count });
         }
         // NaN fails the comparison too.
-        let unsound = |p: &Vec3| !p.abs().cmple(Vec3::splat(MAX_COORDINATE)).all();
-        match positions.par_iter().with_min_len(PIECE).position_first(unsound) {
-            Some(vertex) => Err(Self::Position { vertex, at: positions[vertex] }),
-            None => Ok(()),
-        }
+        let is_sound = |number: &f32| number.abs() <= MAX_COORDINATE;
+        let vertex = positions.par_chunks(PIECE).enumerate().find_map_first(|(piece, positions)| {
+            let numbers: &[[f32; 3]] = bytemuck::cast_slice(positions);
+            let sound = numbers.as_flattened().iter().fold(true, |sound, number| sound & is_sound(number));
+            let unsound = |corner: &[f32; 3]| !corner.iter().all(is_sound);
+            let found = if sound { None } else { numbers.iter().position(unsound) };
+            found.map(|vertex| piece * PIECE + vertex)
+        });
+        vertex.map_or(Ok(()), |vertex| Err(Self::Position { vertex, at: positions[vertex] }))
     }
 }

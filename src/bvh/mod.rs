@@ -3,13 +3,16 @@
 
 mod assembly;
 mod binary;
+mod bins;
 mod block;
 mod collapse;
+mod few;
 mod filter;
 mod geometry;
 mod numbering;
 mod odds;
 mod pages;
+mod partition;
 mod plan;
 mod reference;
 mod refit;
@@ -19,7 +22,7 @@ mod wide;
 
 pub use assembly::Member;
 pub use binary::{Binary, BinaryNode};
-pub use block::{BLOCK_TRIANGLES, Block, MASKED};
+pub use block::{BLOCK_TRIANGLES, Block, Blocks, MASKED, PRIMITIVE};
 #[cfg(feature = "gpu")]
 pub(crate) use collapse::slots;
 pub use filter::Filter;
@@ -34,10 +37,6 @@ use assembly::Assembly;
 use glam::Vec3;
 use sah::Tree;
 use std::sync::Arc;
-
-/// Where a triangle lies: block index in the upper bits, row in the lower three.
-#[derive(Clone, Copy, Debug, Default)]
-struct Place(u32);
 
 /// What a builder wants to know of primitives.
 trait Shape: Sync {
@@ -69,12 +68,13 @@ impl<M: Fn(u32) -> bool + Sync> Shape for Indexed<'_, M> {
 /// A bounding volume hierarchy over the triangles of a scene, with all that tracers need of them: a tree of
 /// triangles, or a tree of such trees ([`Bvh::assemble`]).
 ///
-/// Holds 70 to 80 bytes a triangle. While it is built it needs 64 bytes a triangle more, and nothing
+/// Holds about 52 bytes a triangle. While it is built it needs 64 bytes a triangle more, and nothing
 /// that grows faster. Boxes are exact: each is the smallest around its triangles.
 #[derive(Clone, Debug)]
 pub struct Bvh {
     wide: Wide,
-    places: Vec<Place>,
+    /// The block that each triangle is in.
+    places: Vec<Child>,
     bounds: Aabb,
     numbering: Numbering,
     assembly: Option<Assembly>,
@@ -88,7 +88,7 @@ impl Bvh {
     ///
     /// # Panics
     /// If an index is out of range, a coordinate exceeds [`crate::geom::MAX_COORDINATE`] or is NaN, or
-    /// there are 2³⁰ triangles or more: what [`GeometryError::check`] refuses.
+    /// there are 2²⁸ triangles or more: what [`GeometryError::check`] refuses.
     pub fn build(positions: &[Vec3], triangles: &[[u32; 3]], masked: impl Fn(u32) -> bool + Sync) -> Self {
         if let Err(error) = GeometryError::check(positions, triangles) {
             panic!("{error}");
@@ -106,10 +106,12 @@ impl Bvh {
     /// If it is an assembly.
     pub fn numbered(mut self, numbering: Numbering) -> Self {
         assert!(self.assembly.is_none(), "the ids of an assembly are its members'");
-        for block in self.wide.blocks.iter_mut() {
+        let mut blocks = self.wide.blocks.room();
+        for child in self.wide.nodes.iter().flat_map(WideNode::block_children) {
+            let mut block = blocks.block(child.index(), child.triangles());
             for row in 0..block.len() {
                 let place = self.numbering.place(block.primitive(row)) as u32;
-                block.ids[row] = numbering.primitive(place) | block.ids[row] & MASKED;
+                block.renumber(row, numbering.primitive(place));
             }
         }
         Self { numbering, ..self }
@@ -195,17 +197,18 @@ impl Bvh {
 
     /// Bytes on the heap; a tree that several members share counts once.
     pub fn bytes(&self) -> usize {
-        let own = size_of_val(self.wide.nodes())
-            + size_of_val(self.wide.blocks())
-            + size_of_val(self.places.as_slice());
+        let own =
+            size_of_val(self.wide.nodes()) + self.wide.blocks.bytes() + size_of_val(self.places.as_slice());
         let mut trees: Vec<_> = self.members().iter().map(|member| &member.tree).collect();
         trees.sort_unstable_by_key(|tree| Arc::as_ptr(tree));
         trees.dedup_by_key(|tree| Arc::as_ptr(tree));
         own + trees.into_iter().map(|tree| tree.bytes()).sum::<usize>()
     }
 
-    fn place(&self, primitive: u32) -> (&Block, usize) {
-        let place = self.places[self.numbering.place(primitive)].0 as usize;
-        (&self.wide.blocks[place / BLOCK_TRIANGLES], place % BLOCK_TRIANGLES)
+    /// The block and the row of a primitive.
+    fn place(&self, primitive: u32) -> (Block<'_>, usize) {
+        let block = self.wide.blocks.get(self.places[self.numbering.place(primitive)]);
+        let row = (0..block.len()).find(|&row| block.primitive(row) == primitive);
+        (block, row.expect("its block has it"))
     }
 }

@@ -2,7 +2,7 @@
 //! hit is looked for follows from them (Nah and Manocha 2014, *SATO: Surface-Area Traversal Order for Shadow Ray
 //! Tracing*).
 
-use super::block::{BLOCK_TRIANGLES, Block};
+use super::block::BLOCK_TRIANGLES;
 use super::wide::{Child, WIDTH, WideNode};
 use crate::geom::Aabb;
 
@@ -19,9 +19,8 @@ pub(super) struct Odds {
 const BLOCK_COST: [f32; 2] = [1.0, 0.3];
 
 impl Odds {
-    /// Those of a block.
-    pub fn of_block(block: &Block, triangles: usize) -> Self {
-        let [a, b, c] = &block.vertices;
+    /// Those of a block with these coordinates, as `[vertex][axis][row]`.
+    pub fn of_block([a, b, c]: &[[[f32; BLOCK_TRIANGLES]; 3]; 3], triangles: usize) -> Self {
         // Vacant rows have no area.
         let mut squares = [0.0; BLOCK_TRIANGLES];
         for row in 0..BLOCK_TRIANGLES {
@@ -75,7 +74,7 @@ impl Odds {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bvh::Bvh;
+    use crate::bvh::{Bvh, Wide};
     use glam::Vec3;
 
     /// A wall of two triangles in front of a cloud of small ones.
@@ -107,12 +106,15 @@ mod tests {
 
     #[test]
     fn odds_of_a_node_sum_up_what_is_below() {
-        let bvh = wall_and_cloud();
-        let (nodes, blocks) = (bvh.wide().nodes(), bvh.wide().blocks());
+        let mut bvh = wall_and_cloud();
+        let Wide { nodes, blocks, .. } = &mut bvh.wide;
+        let blocks = blocks.room();
         let mut odds = vec![Odds::default(); nodes.len()];
         for at in (0..nodes.len()).rev() {
             odds[at] = Odds::order(&mut nodes[at].clone(), |child| match child.index() {
-                index if child.is_block() => Odds::of_block(&blocks[index], child.triangles()),
+                index if child.is_block() => {
+                    Odds::of_block(&blocks.vertices(index, child.triangles()), child.triangles())
+                }
                 index => odds[index],
             });
         }

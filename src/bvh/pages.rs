@@ -90,11 +90,18 @@ impl<T: Copy> DerefMut for Pages<T> {
     }
 }
 
+impl<T: Pod + Send> Pages<T> {
+    /// A copy of a slice.
+    pub fn of(slice: &[T]) -> Self {
+        let mut copy = Self::zeroed(slice.len());
+        copy.copy_from_slice(slice);
+        copy
+    }
+}
+
 impl<T: Pod + Send> Clone for Pages<T> {
     fn clone(&self) -> Self {
-        let mut copy = Self::zeroed(self.len);
-        copy.copy_from_slice(self);
-        copy
+        Self::of(self)
     }
 }
 

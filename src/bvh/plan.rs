@@ -53,13 +53,27 @@ impl Choice {
 
 impl Plan {
     /// A leaf of one primitive.
-    #[inline]
+    #[inline(always)]
     pub fn leaf(area: f32) -> Self {
         Self([block_cost(area, 1); WIDTH])
     }
 
+    /// The plan of a node over two primitives: what [`Plan::merge`] says of their leaves.
+    #[inline(always)]
+    pub fn pair(left: f32, right: f32, area: f32) -> (Self, Choice) {
+        let apart = block_cost(left, 1) + block_cost(right, 1);
+        let block = block_cost(area, 2);
+        let inner = area * NODE_COST + apart;
+        let together = block.min(inner);
+        let mut choice = if block <= inner { Choice::BLOCK } else { 0 };
+        choice |= 1 << (3 * (WIDTH - 2)) | u32::from(apart < together);
+        let mut costs = [apart.min(together); WIDTH];
+        costs[0] = together;
+        (Self(costs), Choice(choice))
+    }
+
     /// The plan of a node over `count` primitives from those of its children.
-    #[inline]
+    #[inline(always)]
     pub fn merge(left: &Self, right: &Self, area: f32, count: usize) -> (Self, Choice) {
         // forest[c - 1]: cheapest with exactly c children; lanes are children.
         let mut shifted = [f32::INFINITY; 2 * WIDTH];
@@ -110,6 +124,17 @@ mod tests {
         let (plan, choice) = Plan::merge(&leaf, &leaf, 20.0, 9);
         assert!(!choice.is_block());
         assert_eq!(plan.0[0], 22.0);
+    }
+
+    #[test]
+    fn a_pair_s_plan_is_that_of_its_leaves() {
+        for areas in [[1.0, 1.0, 1.0], [1.0, 1.0, 20.0], [3.0, 0.5, 3.1], [0.0, 0.0, 0.0]] {
+            let [left, right, area] = areas;
+            let (merged, choice) = Plan::merge(&Plan::leaf(left), &Plan::leaf(right), area, 2);
+            let (plan, same) = Plan::pair(left, right, area);
+            // The last entry is of no use.
+            assert_eq!((&plan.0[..WIDTH - 1], same), (&merged.0[..WIDTH - 1], choice), "{areas:?}");
+        }
     }
 
     #[test]

@@ -142,8 +142,7 @@ impl Bvh {
                     stack.push((child.index(), bounds, depth + 1));
                     continue;
                 }
-                let block = &self.wide.blocks()[child.index()];
-                assert_eq!(block.len(), child.triangles(), "block {}", child.index());
+                let block = self.wide.blocks().get(child);
                 for row in 0..child.triangles() {
                     found[self.numbering.place(block.primitive(row))] += 1;
                     self.validate_triangle(tree, block.primitive(row), &bounds)?;

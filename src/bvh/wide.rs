@@ -1,6 +1,6 @@
 //! The eight-wide tree.
 
-use super::block::Block;
+use super::block::{Block, Blocks};
 use super::pages::Pages;
 use crate::geom::Aabb;
 use bytemuck::{Pod, Zeroable};
@@ -9,8 +9,8 @@ use glam::Vec3;
 /// Children of a node.
 pub const WIDTH: usize = 8;
 
-/// A reference to a child, as it lies in a node: an inner node's index, or a block's index with the
-/// number of its triangles, or nothing.
+/// A reference to a child, as it lies in a node: an inner node's index, or the number of triangles in the blocks before
+/// a block with the number of its own, or nothing. Blocks of a tree of placed trees stand for the members, by index.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
 #[repr(transparent)]
 pub struct Child(u32);
@@ -20,7 +20,7 @@ impl Child {
     pub const ROOT: Self = Self(0);
     /// No child.
     pub const NONE: Self = Self(u32::MAX);
-    /// The most inner nodes, and the most blocks, that a tree may have.
+    /// The most inner nodes, and the most triangles, that a tree may have.
     pub const LIMIT: usize = (1 << 28) - 1;
     const LEAF: u32 = 1 << 31;
 
@@ -41,7 +41,7 @@ impl Child {
         self.0 & Self::LEAF != 0
     }
 
-    /// Index of the node or block.
+    /// Index of the node or of the block's first triangle.
     pub fn index(self) -> usize {
         (self.0 & Self::LIMIT as u32) as usize
     }
@@ -97,6 +97,20 @@ impl WideNode {
         Aabb { min: lowest.into(), max: highest.into() }
     }
 
+    /// The node when its inner children lie `by` places farther back.
+    pub(super) fn moved(&self, by: usize) -> Self {
+        let mut moved = *self;
+        for child in moved.children.iter_mut().filter(|child| !child.is_block()) {
+            *child = Child::node(child.index() + by);
+        }
+        moved
+    }
+
+    /// The children that are blocks.
+    pub(super) fn block_children(&self) -> impl Iterator<Item = Child> {
+        self.children.into_iter().filter(|&child| child != Child::NONE && child.is_block())
+    }
+
     /// The box of a slot.
     pub fn bounds(&self, slot: usize) -> Aabb {
         let corner = |side: usize| Vec3::from_array(self.faces[side].map(|axis| axis[slot]));
@@ -108,7 +122,7 @@ impl WideNode {
 #[derive(Clone, Debug)]
 pub struct Wide {
     pub(super) nodes: Pages<WideNode>,
-    pub(super) blocks: Pages<Block>,
+    pub(super) blocks: Blocks,
     pub(super) depth: usize,
 }
 
@@ -119,8 +133,13 @@ impl Wide {
     }
 
     /// Blocks of triangles.
-    pub fn blocks(&self) -> &[Block] {
+    pub fn blocks(&self) -> &Blocks {
         &self.blocks
+    }
+
+    /// All blocks, one node's after the other's; none of a tree of placed trees.
+    pub fn each_block(&self) -> impl Iterator<Item = Block<'_>> {
+        self.nodes.iter().flat_map(WideNode::block_children).map(|child| self.blocks.get(child))
     }
 
     /// Inner nodes on the longest way down.

@@ -6,6 +6,8 @@
 
 #[cfg(target_arch = "aarch64")]
 use super::Neon;
+#[cfg(not(target_arch = "aarch64"))]
+use super::Plain;
 use super::{Lanes, One};
 use std::fmt;
 use std::str::FromStr;
@@ -144,6 +146,20 @@ impl SimdLevel {
             return unsafe { x86::one(kernel) };
         }
         kernel.run(One::default())
+    }
+
+    /// Runs a kernel with eight lanes and the best instructions for that.
+    pub(crate) fn run_eight<K: Kernel>(kernel: K) -> K::Output {
+        #[cfg(target_arch = "x86_64")]
+        if Self::Avx2.is_available() {
+            // SAFETY: invariant 1.
+            return unsafe { x86::avx2(kernel) };
+        }
+        #[cfg(target_arch = "aarch64")]
+        let eight = Neon;
+        #[cfg(not(target_arch = "aarch64"))]
+        let eight = Plain::<8>;
+        kernel.run(eight)
     }
 
     /// The level whose kernels have so many lanes.

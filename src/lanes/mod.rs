@@ -248,6 +248,47 @@ pub(crate) fn load_one<L: Lanes>(l: L, column: &[f32; 8]) -> L::F {
     }
 }
 
+/// Eight lanes as a column.
+#[inline(always)]
+pub(crate) fn store_one<L: Lanes>(l: L, f: L::F) -> [f32; 8] {
+    const { assert!(L::LANES == 8) };
+    let mut column = [0.0; 8];
+    #[allow(unsafe_code)]
+    // SAFETY: there are eight numbers, as many as lanes.
+    unsafe {
+        l.store(column.as_mut_ptr(), f);
+    }
+    column
+}
+
+/// Eight rows of eight numbers as columns.
+#[inline(always)]
+pub(crate) fn columns<L: Lanes>(l: L, rows: &[[f32; 8]; 8]) -> [L::F; 8] {
+    const { assert!(L::LANES == 8) };
+    #[allow(unsafe_code)]
+    // SAFETY: there are eight rows, of 32 bytes each.
+    unsafe {
+        l.rows(rows.as_ptr().cast(), [0, 32, 64, 96, 128, 160, 192, 224].as_ptr())
+    }
+}
+
+/// Eight lanes with the first four last.
+#[inline(always)]
+pub(crate) fn swap_halves<L: Lanes>(l: L, f: L::F) -> L::F {
+    l.of_bits(l.permute_ids(l.bits(f), eight_ids(l, &[4, 5, 6, 7, 0, 1, 2, 3])))
+}
+
+/// Eight ids.
+#[inline(always)]
+pub(crate) fn eight_ids<L: Lanes>(l: L, ids: &[u32; 8]) -> L::I {
+    const { assert!(L::LANES == 8) };
+    #[allow(unsafe_code)]
+    // SAFETY: there are eight ids, as many as lanes.
+    unsafe {
+        l.load_ids(ids.as_ptr())
+    }
+}
+
 /// Numbers of lanes, for code that goes lane by lane.
 #[inline(always)]
 pub(crate) fn spill<L: Lanes>(l: L, f: L::F) -> [f32; 16] {

@@ -84,7 +84,7 @@ pub enum MeshError {
 }
 
 /// The most triangles a scene may have.
-pub const MAX_TRIANGLES: usize = (1 << 30) - 1;
+pub const MAX_TRIANGLES: usize = (1 << 28) - 1;
 
 impl Mesh {
     /// The box around all vertices that triangles use.

@@ -115,7 +115,7 @@ impl Walk {
             }
             if child.is_block() {
                 self.visits.blocks += 1;
-                let block = &wide.blocks()[child.index()];
+                let block = wide.blocks().get(child);
                 for row in 0..child.triangles() {
                     let [a, b, c] = block.corners(row);
                     for (ray, limit) in self.rays.iter().zip(&mut self.limits) {

@@ -7,11 +7,11 @@ use super::alone::BLOCKS;
 use super::space::{Space, triangle};
 use super::stream::{Answers, Job, ROW_BYTES, Row, lanes_of};
 use super::triangle::{Hits, Passing, Range, Slabs, test};
-use crate::bvh::{Block, Child, MASKED, WIDTH};
+use crate::bvh::{Block, Child, MASKED, PRIMITIVE};
 use crate::lanes::{Lanes, spill, splat};
 use crate::stream::{Hit, Ray};
 
-/// Tests all rays of a list with the triangles of a block, of which there are `count`, many rays to a register. Answers
+/// Tests all rays of a list with the triangles of a block, many rays to a register. Answers
 /// for any hit how many rays are done by it.
 ///
 /// # Safety
@@ -23,13 +23,12 @@ pub(super) unsafe fn many<L: Lanes, E: Lanes, S: Space, const ANY: bool>(
     e: E,
     space: S,
     job: &Job<'_>,
-    (block, count): (&Block, usize),
+    block: Block<'_>,
     octant: usize,
     list: *const u32,
     len: usize,
 ) -> u32 {
-    let mut room = [[[0.0; WIDTH]; 3]; 3];
-    let corners = space.corners(e, block, &mut room);
+    let corners = space.corners(e, block);
     let (mut at, mut done) = (0, 0);
     while at < len {
         // SAFETY: invariant 2.
@@ -47,8 +46,8 @@ pub(super) unsafe fn many<L: Lanes, E: Lanes, S: Space, const ANY: bool>(
             done += among.count_ones();
         }
         let mut nearest = Nearest::none(l);
-        for k in 0..count {
-            let (triangle, id) = (triangle(l, corners, k), space.id(block.ids[k]));
+        for k in 0..block.len() {
+            let (triangle, id) = (triangle(l, &corners, k), space.id(block.id(k)));
             let Some(hits) = test(l, among, &[ox, oy, oz], [dx, dy, dz], &triangle, &range) else {
                 continue;
             };
@@ -60,7 +59,7 @@ pub(super) unsafe fn many<L: Lanes, E: Lanes, S: Space, const ANY: bool>(
                 nearest.changed |= hits.mask;
                 among &= !hits.mask;
             } else if plain && l.eq(hits.mask, hits.t, range.limit) == 0 {
-                nearest.take(l, id, &hits);
+                nearest.take(l, id & PRIMITIVE, &hits);
                 range.limit = l.select(hits.mask, hits.t, range.limit);
             } else {
                 // SAFETY: as the caller vouches.
@@ -221,7 +220,7 @@ pub(super) unsafe fn few<L: Lanes, S: Space, const ANY: bool>(
             left &= left - 1;
             // SAFETY: invariant 1.
             let taken =
-                unsafe { job.offer::<ANY>(id, space.id(block.ids[lane]), ts[lane], us[lane], vs[lane]) };
+                unsafe { job.offer::<ANY>(id, space.id(block.id(lane)), ts[lane], us[lane], vs[lane]) };
             if ANY && taken {
                 done += 1;
                 break;
@@ -241,12 +240,12 @@ unsafe fn pair<'a, L: Lanes>(
     ids: *const u32,
     children: *const u32,
     i: usize,
-) -> (&'a Ray, &'a Block, u32) {
+) -> (&'a Ray, Block<'a>, u32) {
     // SAFETY: as the caller vouches.
     unsafe {
         let child: Child = bytemuck::cast(*children.add(i));
         let ray = &*job.rays.byte_add(*ids.add(i) as usize);
-        (ray, job.blocks.get_unchecked(child.index()), lanes_of::<L>(child.triangles()))
+        (ray, job.blocks.get_unchecked(child), lanes_of::<L>(child.triangles()))
     }
 }
 
@@ -258,7 +257,7 @@ impl Job<'_> {
     /// Invariant 1 holds for `id`.
     #[inline(always)]
     unsafe fn offer<const ANY: bool>(&self, id: u32, stored: u32, t: f32, u: f32, v: f32) -> bool {
-        let primitive = stored & !MASKED;
+        let primitive = stored & PRIMITIVE;
         let refused =
             || stored & MASKED != 0 && self.filter.is_some_and(|filter| !filter.accepts(primitive, u, v));
         let index = id as usize / ROW_BYTES;

@@ -103,7 +103,7 @@ impl Oracle {
                 None => (self.bvh.wide(), 0, None),
             };
             if at.is_block() {
-                let block = &wide.blocks()[at.index()];
+                let block = wide.blocks().get(at);
                 for row in 0..at.triangles() {
                     let Some(hit) = self.test(&ray, first + block.primitive(row)) else { continue };
                     let Some(new_limit) = visit(hit) else { return };

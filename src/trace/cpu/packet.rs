@@ -18,8 +18,8 @@ use super::stream::{
     push,
 };
 use super::triangle::{Bounds, Faces, Hits, Passing, Range, Seen, Slabs, Vector, dot, hits};
-use crate::bvh::{Block, MASKED, WIDTH};
-use crate::lanes::{Lanes, load, spill, splat, splat_row};
+use crate::bvh::{Block, MASKED, PRIMITIVE, WIDTH};
+use crate::lanes::{Lanes, spill, splat, splat_row};
 use crate::stream::{Hit, MISS};
 
 /// Rays in a packet.
@@ -259,10 +259,10 @@ impl<W: Lanes, E: Lanes, const ANY: bool> Visit for Packets<'_, W, E, ANY> {
         }
         // SAFETY: as the module says.
         unsafe {
-            let block = self.job.blocks.get_unchecked(at.child.index());
+            let block = self.job.blocks.get_unchecked(at.child);
             let list = stack.ids.as_ptr().add(at.start as usize);
             let list = std::slice::from_raw_parts(list, at.len as usize);
-            self.leaf(block, at.child.triangles(), octant, list);
+            self.leaf(block, octant, list);
         }
     }
 
@@ -321,9 +321,9 @@ impl<W: Lanes, E: Lanes, const ANY: bool> Packets<'_, W, E, ANY> {
         }
     }
 
-    /// Tests a list of packets with the first `count` triangles of a block.
+    /// Tests a list of packets with the triangles of a block.
     #[inline(always)]
-    fn leaf(&self, block: &Block, count: usize, octant: usize, list: &[u32]) {
+    fn leaf(&self, block: Block<'_>, octant: usize, list: &[u32]) {
         let Self { w, e, job, ref origin, all } = *self;
         let triangles = Triangles::new(e, origin, block);
         for &some in list {
@@ -337,7 +337,7 @@ impl<W: Lanes, E: Lanes, const ANY: bool> Packets<'_, W, E, ANY> {
                     continue;
                 }
                 let direction = packet.direction(w, at);
-                for k in 0..count {
+                for k in 0..block.len() {
                     let passing = triangles.passing(w, k, direction);
                     let inside = passing.inside(w, among);
                     if inside == 0 {
@@ -347,12 +347,12 @@ impl<W: Lanes, E: Lanes, const ANY: bool> Packets<'_, W, E, ANY> {
                     let limit = packet.limit.get(w, at);
                     let range = Range { slabs: &slabs, octant, t_min: packet.t_min.get(w, at), limit };
                     let mut hits = triangles.hits(w, k, inside, &passing, direction, &range);
-                    packet.settle(w, job, at, block.ids[k], &mut hits);
+                    packet.settle(w, job, at, block.id(k), &mut hits);
                     if hits.mask == 0 {
                         continue;
                     }
                     taken |= hits.mask;
-                    packet.take::<W, ANY>(w, at, block.ids[k] & !MASKED, &hits);
+                    packet.take::<W, ANY>(w, at, block.id(k) & PRIMITIVE, &hits);
                     if ANY {
                         among &= !hits.mask;
                     }
@@ -389,13 +389,13 @@ impl Packet {
         while equal != 0 {
             let lane = equal.trailing_zeros() as usize & 15;
             equal &= equal - 1;
-            if self.primitive[at + lane] < stored & !MASKED {
+            if self.primitive[at + lane] < stored & PRIMITIVE {
                 hits.mask &= !(1 << lane);
             }
         }
         if stored & MASKED != 0 && hits.mask != 0 {
             let (us, vs) = (spill(l, hits.u), spill(l, hits.v));
-            hits.mask = filtered(job, stored & !MASKED, hits.mask, &us, &vs);
+            hits.mask = filtered(job, stored & PRIMITIVE, hits.mask, &us, &vs);
         }
     }
 
@@ -488,8 +488,8 @@ struct Triangles {
 
 impl Triangles {
     #[inline(always)]
-    fn new<E: Lanes>(e: E, origin: &Origin, block: &Block) -> Self {
-        let corners = [load(e, &block.vertices[0]), load(e, &block.vertices[1]), load(e, &block.vertices[2])];
+    fn new<E: Lanes>(e: E, origin: &Origin, block: Block<'_>) -> Self {
+        let corners = block.vertices(e);
         let Seen { edges, normal, distance } = Seen::from(e, &splat(e, origin.point), &corners);
         let Bounds { low, high } = Bounds::of(e, &corners);
         Self {

@@ -14,7 +14,7 @@ use super::space::{Own, Space, World};
 use super::stream::lanes_of;
 use super::triangle::{Faces, Range, Slabs, Vector, test};
 use super::{SimdError, SimdLevel};
-use crate::bvh::{Block, Bvh, Child, Filter, MASKED, WIDTH, Wide};
+use crate::bvh::{Blocks, Bvh, Child, Filter, MASKED, PRIMITIVE, WIDTH, Wide};
 use crate::geom::CanonicalRay;
 #[cfg(target_arch = "aarch64")]
 use crate::lanes::Neon;
@@ -171,7 +171,7 @@ trait Leaves {
 /// Blocks of triangles.
 struct Triangles<'a, S> {
     space: S,
-    blocks: &'a [Block],
+    blocks: &'a Blocks,
 }
 
 /// The members of a tree of placed trees.
@@ -257,7 +257,7 @@ impl<S: Space> Leaves for Triangles<'_, S> {
     ) -> bool {
         let Query { slabs, octant, t_min, .. } = query;
         // SAFETY: invariant 2.
-        let block = unsafe { self.blocks.get_unchecked(child.index()) };
+        let block = unsafe { self.blocks.get_unchecked(child) };
         let range = Range { slabs, octant: *octant, t_min: *t_min, limit: e.splat(best.t) };
         let among = lanes_of::<E>(child.triangles());
         let triangles = self.space.triangles(e, block);
@@ -272,8 +272,8 @@ impl<S: Space> Leaves for Triangles<'_, S> {
         while left != 0 {
             let lane = left.trailing_zeros() as usize & 7;
             left &= left - 1;
-            let (t, u, v, stored) = (ts[lane], us[lane], vs[lane], self.space.id(block.ids[lane]));
-            let primitive = stored & !MASKED;
+            let (t, u, v, stored) = (ts[lane], us[lane], vs[lane], self.space.id(block.id(lane)));
+            let primitive = stored & PRIMITIVE;
             let nearer = t < best.t || t == best.t && primitive < best.primitive;
             let refused =
                 || stored & MASKED != 0 && query.tree.filter.is_some_and(|f| !f.accepts(primitive, u, v));

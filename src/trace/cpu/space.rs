@@ -11,17 +11,21 @@ use crate::lanes::{Lanes, load, splat_row};
 /// Boxes of a node, as they lie in it.
 pub(super) type Boxes = [[[f32; WIDTH]; 3]; 2];
 
-/// Corners of a block, as they lie in it.
+/// Corners of a block as `[vertex][axis][row]`.
 pub(super) type Corners = [[[f32; WIDTH]; 3]; 3];
 
-/// Gives nodes and blocks in the world. What is moved lies in `room`.
+/// Gives nodes and blocks in the world. Boxes that are moved lie in `room`.
 pub(super) trait Space: Copy {
     /// The boxes of a node; those of vacant slots are inverted.
     fn boxes<'a, E: Lanes>(self, e: E, node: &'a WideNode, room: &'a mut Boxes) -> &'a Boxes;
     /// The corners of a block.
-    fn corners<'a, E: Lanes>(self, e: E, block: &'a Block, room: &'a mut Corners) -> &'a Corners;
+    #[inline(always)]
+    fn corners<E: Lanes>(self, e: E, block: Block<'_>) -> Corners {
+        let [a, b, c] = self.triangles(e, block);
+        [keep(e, a), keep(e, b), keep(e, c)]
+    }
     /// The same in lanes.
-    fn triangles<E: Lanes>(self, e: E, block: &Block) -> [Vector<E>; 3];
+    fn triangles<E: Lanes>(self, e: E, block: Block<'_>) -> [Vector<E>; 3];
     /// What a block stores as id, with the scene's primitive index.
     fn id(self, stored: u32) -> u32;
     /// The octant by which children are in order for rays of a world octant.
@@ -39,13 +43,8 @@ impl Space for World {
     }
 
     #[inline(always)]
-    fn corners<'a, E: Lanes>(self, _: E, block: &'a Block, _: &'a mut Corners) -> &'a Corners {
-        &block.vertices
-    }
-
-    #[inline(always)]
-    fn triangles<E: Lanes>(self, e: E, block: &Block) -> [Vector<E>; 3] {
-        [load(e, &block.vertices[0]), load(e, &block.vertices[1]), load(e, &block.vertices[2])]
+    fn triangles<E: Lanes>(self, e: E, block: Block<'_>) -> [Vector<E>; 3] {
+        block.vertices(e)
     }
 
     #[inline(always)]
@@ -123,21 +122,14 @@ impl Space for Own<'_> {
     }
 
     #[inline(always)]
-    fn corners<'a, E: Lanes>(self, e: E, block: &'a Block, room: &'a mut Corners) -> &'a Corners {
-        let [a, b, c] = self.triangles(e, block);
-        *room = [keep(e, a), keep(e, b), keep(e, c)];
-        room
-    }
-
-    #[inline(always)]
-    fn triangles<E: Lanes>(self, e: E, block: &Block) -> [Vector<E>; 3] {
+    fn triangles<E: Lanes>(self, e: E, block: Block<'_>) -> [Vector<E>; 3] {
         let [a, b, c] = World.triangles(e, block);
         [moved(e, self.placement, a), moved(e, self.placement, b), moved(e, self.placement, c)]
     }
 
     #[inline(always)]
     fn id(self, stored: u32) -> u32 {
-        // Ids have 30 bits, the flag above stays.
+        // Ids have 30 bits, the flags above stay.
         stored + self.first
     }
 

@@ -21,7 +21,7 @@ use super::packet::{self, Packet};
 use super::space::{Space, World};
 use super::triangle::{Faces, Slabs};
 use super::{alone, leaf, members, setup};
-use crate::bvh::{Block, Bvh, Child, Filter, WIDTH, WideNode};
+use crate::bvh::{Blocks, Bvh, Child, Filter, WIDTH, WideNode};
 use crate::lanes::{Lanes, prefetch};
 use crate::stream::{Hit, Ray};
 
@@ -104,7 +104,7 @@ pub(super) struct Scratch {
 #[derive(Clone, Copy)]
 pub(super) struct Job<'a> {
     pub nodes: &'a [WideNode],
-    pub blocks: &'a [Block],
+    pub blocks: &'a Blocks,
     pub filter: Option<&'a dyn Filter>,
     pub scene_max_abs: f32,
     /// A row for each ray (invariant 1).
@@ -256,9 +256,8 @@ impl<W: Lanes, E: Lanes, S: Space, const ANY: bool> Visit for Loose<'_, W, E, S,
         }
         // SAFETY: invariant 4, and 2 for the list.
         unsafe {
-            let block = job.blocks.get_unchecked(at.child.index());
+            let block = job.blocks.get_unchecked(at.child);
             let list = stack.ids.as_ptr().add(at.start as usize);
-            let block = (block, at.child.triangles());
             let done = leaf::many::<W, E, S, ANY>(w, e, space, job, block, octant, list, at.len as usize);
             stack.done = stack.done.wrapping_add(done);
         }
@@ -416,7 +415,7 @@ unsafe fn pad<W: Lanes>(w: W, to: *mut u32, padding: W::I) {
 #[inline(always)]
 pub(super) fn fetch(job: &Job<'_>, child: Child) {
     if child.is_block() {
-        let block = job.blocks.as_ptr().wrapping_add(child.index()).cast::<u8>();
+        let block = job.blocks.address(child).cast::<u8>();
         for line in 0..5 {
             prefetch(block.wrapping_add(64 * line));
         }

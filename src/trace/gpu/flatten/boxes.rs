@@ -39,7 +39,7 @@ pub fn lay(
 ) -> u32 {
     let mut all: Vec<Laid> = Vec::new();
     let mut add = |tree: &Bvh, first: u32| {
-        for block in tree.wide().blocks() {
+        for block in tree.wide().each_block() {
             let triangle = |row| {
                 let primitive = first + block.primitive(row);
                 Triangle { primitive, corners: bvh.corners(primitive), is_masked: block.is_masked(row) }

@@ -108,7 +108,7 @@ pub fn lay(
             if !child.is_block() {
                 return (start + child.index()) as u32;
             }
-            let leaf = pairs::of(&triangles(&tree.blocks()[child.index()]), in_pairs);
+            let leaf = pairs::of(&triangles(tree.blocks().get(child)), in_pairs);
             if leaf.len() <= LEAF_PAIRS {
                 return pairs::lay(&leaf, pairs, identities);
             }
@@ -136,7 +136,7 @@ pub fn lay_top(tree: &Wide, nodes: &mut Vec<WideNode>) -> usize {
     tree.depth()
 }
 
-fn triangles(block: &Block) -> Vec<Triangle> {
+fn triangles(block: Block<'_>) -> Vec<Triangle> {
     let triangle = |row| Triangle {
         primitive: block.primitive(row),
         corners: block.corners(row),
