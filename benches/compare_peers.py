@@ -181,6 +181,7 @@ def cycles_process(pipe, args, scene, folder):
         setattr(cycles, f"{kind}_bounces", args.bounces)
     cycles.sample_clamp_direct = cycles.sample_clamp_indirect = 0
     cycles.light_sampling_threshold = cycles.blur_glossy = 0
+    cycles.use_light_tree = False
 
     def surface(material):
         made = bpy.data.materials.new("surface")

@@ -7,6 +7,7 @@
 mod exact;
 
 use anyhow::{Context, Result, bail};
+use clap::Parser;
 use glam::Vec3;
 use rayon::prelude::*;
 use raystream::bench::embree::{Embree, EmbreeRays, Mode};
@@ -22,32 +23,28 @@ use std::sync::Arc;
 /// The most differing rays of a kind that are explained one by one.
 const EXPLAINED: usize = 40;
 
+/// Not one bit may differ.
+#[derive(Parser)]
 struct Arguments {
+    /// Scene file, terrain:N or fur:N.
     scene: PathBuf,
+    /// Size of the picture whose rays are traced.
+    #[arg(long, value_name = "WxH", value_parser = size, default_value = "1840x1360")]
     size: (u32, u32),
+    /// Camera position [default: the scene's, else one that frames it].
+    #[arg(long, value_name = "X,Y,Z", value_parser = vector, allow_hyphen_values = true)]
     eye: Option<Vec3>,
+    /// Point that the camera looks at.
+    #[arg(long, value_name = "X,Y,Z", value_parser = vector, allow_hyphen_values = true)]
     target: Option<Vec3>,
+    /// Embree 4's shared library.
+    #[arg(long)]
     embree: Option<PathBuf>,
 }
 
-fn arguments() -> Result<Arguments> {
-    let mut arguments = std::env::args().skip(1);
-    let scene = arguments.next().context("which scene?")?.into();
-    let mut parsed = Arguments { scene, size: (1840, 1360), eye: None, target: None, embree: None };
-    while let Some(flag) = arguments.next() {
-        let value = arguments.next().with_context(|| format!("{flag} wants a value"))?;
-        match flag.as_str() {
-            "--size" => {
-                let (width, height) = value.split_once('x').context("--size WxH")?;
-                parsed.size = (width.parse()?, height.parse()?);
-            }
-            "--eye" => parsed.eye = Some(vector(&value)?),
-            "--target" => parsed.target = Some(vector(&value)?),
-            "--embree" => parsed.embree = Some(value.into()),
-            _ => bail!("no such option: {flag}"),
-        }
-    }
-    Ok(parsed)
+fn size(text: &str) -> Result<(u32, u32)> {
+    let (width, height) = text.split_once('x').context("write WxH")?;
+    Ok((width.parse()?, height.parse()?))
 }
 
 fn vector(text: &str) -> Result<Vec3> {
@@ -57,7 +54,7 @@ fn vector(text: &str) -> Result<Vec3> {
 }
 
 fn main() -> Result<()> {
-    let Arguments { scene, size: (width, height), eye, target, embree } = arguments()?;
+    let Arguments { scene, size: (width, height), eye, target, embree } = Arguments::parse();
     let stage = Stage::new(Arc::new(meshes::scene(&scene)?), &Units::cpu());
     let bounds = stage.scene.bounds();
     let base = stage.scene.camera.unwrap_or_else(|| Camera::framing(&bounds, width as f32 / height as f32));
