@@ -21,7 +21,7 @@ const ALL_PUNCTUAL: usize = 3;
 pub(super) const SHADOW_RAYS: usize = ALL_PUNCTUAL + 1;
 
 /// Glossy reflections of a lesser perceptual roughness are followed like a mirror; rougher ones show
-/// direct light only.
+/// direct light only. Transparent bodies are clear.
 const SMOOTHNESS: Smoothness = Smoothness::followed(0.25);
 
 /// The most splats of a sample: every node of its tree adds what it sees and its direct light.

@@ -11,7 +11,7 @@
 //!   is reciprocal and integrates to `1 − E(wo)`, and `1 − E(wo)` to the transparent base.
 //!
 //! So a white surface returns all light that falls on it, at every roughness; sheen loses some, and a coat over
-//! rough facets as much as a twentieth. A thin film
+//! rough facets as much as a twelfth. A thin film
 //! replaces the Fresnel term of facets, but not of further bounces, and under it the base gets the lesser of
 //! what is passed in the brightest channel towards `wo` and `wi`. All is reciprocal, but for a body's film, which is
 //! not seen from inside, and smooth bodies, which reflect from outside as Schlick has it and from inside as Fresnel.
@@ -153,7 +153,11 @@ impl<L: Lanes> Principled<L> {
         }
         let (mut film, mut sheen, mut coat) = (None, None, None);
         if let Some(iridescence) = &surface.iridescence {
-            film = Some(Film::new(scene, iridescence, uv, footprint, L::ALL & !leaving));
+            let lies = Film::new(scene, iridescence, uv, footprint, L::ALL & !leaving);
+            film = Some(match &transparency {
+                None => lies,
+                Some(through) => lies.on(Num::select(through.apart() & !leaving, one - through.share, one)),
+            });
         }
         if let Some(fibres) = &surface.sheen {
             sheen = Some(Sheen::new(scene, fibres, uv, footprint));
@@ -203,7 +207,11 @@ impl<L: Lanes> Principled<L> {
         let bare = &self.reflection.fresnel;
         match &self.film {
             None => bare.at(cosine),
-            Some(film) => film.over(bare.at(cosine), bare.f0, cosine),
+            Some(film) => {
+                // What the share that it lies on reflects without it.
+                let whole = (1.0 / film.share).only(film.share.above(0.0));
+                film.over(bare.at(cosine) * whole, bare.f0 * whole, cosine) * film.share
+            }
         }
     }
 
@@ -288,7 +296,7 @@ impl<L: Lanes> Principled<L> {
                     reflection += Vector::grey(
                         (stays * through.share * lobes.base).only(through.leaving & !through.frosted),
                     );
-                    refracted = refracted - stays;
+                    refracted -= stays;
                 }
                 let leaving = Vector::grey(refracted * lobes.base);
                 let passed = Vector::select(through.leaving, leaving, passed);
