@@ -97,12 +97,14 @@ fn judge(ray: PreparedRay, v0: vec3<f32>, v1: vec3<f32>, v2: vec3<f32>, is_maske
 
     var low = wide.enter;
     var high = wide.leave;
-    let normal = cross_fma(e1, e0);
+    // The canonical choice, to the bit: nothing in it is rounded.
+    let e = select(e2, e0, largest(abs(e0)) <= largest(abs(e2)));
+    let normal = cross_fma(e1, e);
     let facing = dot_fma(normal, d);
-    let facing_margin = fma(MARGIN, magnitude(e1, e0, d), tiny);
+    let facing_margin = fma(MARGIN, magnitude(e1, e, d), tiny);
     if abs(facing) > 2.0 * facing_margin {
         let t = dot_fma(normal, a) / facing;
-        let margin = fma(MARGIN, magnitude(e1, e0, a), 3.0 * TINY * (reach + 1.0) * (reach + 1.0));
+        let margin = fma(MARGIN, magnitude(e1, e, a), 3.0 * TINY * (reach + 1.0) * (reach + 1.0));
         // The first term is what numerator and denominator do to the quotient, the second its own
         // rounding (division: 2.5 ulp) and that of the two sums below.
         let error = 1.01 * fma(abs(t), facing_margin, margin) / (abs(facing) - facing_margin)

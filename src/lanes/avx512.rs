@@ -142,6 +142,12 @@ impl Lanes for Avx512 {
         unsafe { _mm512_abs_ps(a) }
     }
     #[inline(always)]
+    fn max_abs(self, a: __m512, b: __m512) -> __m512 {
+        /// Of the magnitudes, without a sign.
+        const GREATER: i32 = 0b1011;
+        unsafe { _mm512_range_ps::<GREATER>(a, b) }
+    }
+    #[inline(always)]
     fn neg(self, a: __m512) -> __m512 {
         unsafe { _mm512_xor_ps(_mm512_set1_ps(-0.0), a) }
     }

@@ -82,6 +82,11 @@ pub trait Lanes: Copy {
     fn floor(self, a: Self::F) -> Self::F;
     /// `|a|`.
     fn abs(self, a: Self::F) -> Self::F;
+    /// The greater of `|a|` and `|b|`, of numbers.
+    #[inline(always)]
+    fn max_abs(self, a: Self::F, b: Self::F) -> Self::F {
+        self.max(self.abs(a), self.abs(b))
+    }
     /// `-a`.
     fn neg(self, a: Self::F) -> Self::F;
     /// The magnitude of `a ≥ 0` with the sign of `b`.

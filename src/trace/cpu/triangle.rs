@@ -140,31 +140,51 @@ impl<L: Lanes> Bounds<L> {
 pub(super) struct Seen<L: Lanes> {
     /// The vectors whose products with a direction are the weights u, v and w, not yet scaled.
     pub edges: [Vector<L>; 3],
-    /// The normal, of twice the triangle's area in length.
+    /// A normal, on either side, of twice the triangle's area in length.
     pub normal: Vector<L>,
     /// `dot(normal, a)`, with `a` from the origin to the first corner.
     pub distance: L::F,
 }
 
-/// What of the edge functions does not need the direction; lanes may differ in origin, triangle or both.
-#[inline(always)]
-fn edges<L: Lanes>(l: L, origin: &Vector<L>, triangle: &[Vector<L>; 3]) -> ([Vector<L>; 3], [Vector<L>; 3]) {
-    let (a, b, c) =
-        (minus(l, triangle[0], *origin), minus(l, triangle[1], *origin), minus(l, triangle[2], *origin));
-    let (e0, e1, e2) = (minus(l, c, a), minus(l, a, b), minus(l, b, c));
-    let u = cross(l, e0, plus(l, c, a));
-    let v = cross(l, e1, plus(l, a, b));
-    let w = cross(l, e2, plus(l, b, c));
-    ([u, v, w], [a, e0, e1])
+/// The edges of triangles and the first corner, from the rays' origin. Lanes may differ in origin, triangle or both.
+struct Edges<L: Lanes> {
+    a: Vector<L>,
+    e0: Vector<L>,
+    e1: Vector<L>,
+    e2: Vector<L>,
+}
+
+impl<L: Lanes> Edges<L> {
+    /// And what of the edge functions does not need the direction.
+    #[inline(always)]
+    fn new(l: L, origin: &Vector<L>, triangle: &[Vector<L>; 3]) -> (Self, [Vector<L>; 3]) {
+        let (a, b, c) =
+            (minus(l, triangle[0], *origin), minus(l, triangle[1], *origin), minus(l, triangle[2], *origin));
+        let (e0, e1, e2) = (minus(l, c, a), minus(l, a, b), minus(l, b, c));
+        let u = cross(l, e0, plus(l, c, a));
+        let v = cross(l, e1, plus(l, a, b));
+        let w = cross(l, e2, plus(l, b, c));
+        (Self { a, e0, e1, e2 }, [u, v, w])
+    }
+
+    /// A normal, on either side, of twice the triangle's area in length.
+    #[inline(always)]
+    fn normal(&self, l: L) -> Vector<L> {
+        let Self { e0, e1, e2, .. } = *self;
+        let first = l.le(L::ALL, largest(l, e0), largest(l, e2));
+        let shorter =
+            [l.select(first, e0[0], e2[0]), l.select(first, e0[1], e2[1]), l.select(first, e0[2], e2[2])];
+        cross(l, e1, shorter)
+    }
 }
 
 impl<L: Lanes> Seen<L> {
     /// All of it, for many directions.
     #[inline(always)]
     pub fn from(l: L, origin: &Vector<L>, triangle: &[Vector<L>; 3]) -> Self {
-        let (edges, [a, e0, e1]) = edges(l, origin, triangle);
-        let normal = cross(l, e1, e0);
-        Self { edges, normal, distance: dot(l, normal, a) }
+        let (of, edges) = Edges::new(l, origin, triangle);
+        let normal = of.normal(l);
+        Self { edges, normal, distance: dot(l, normal, of.a) }
     }
 }
 
@@ -188,7 +208,7 @@ impl<L: Lanes> Passing<L> {
 
     #[inline(always)]
     pub fn of(l: L, origin: &Vector<L>, direction: Vector<L>, triangle: &[Vector<L>; 3]) -> Self {
-        Self::new(l, &edges(l, origin, triangle).0, direction)
+        Self::new(l, &Edges::new(l, origin, triangle).1, direction)
     }
 
     /// The lanes in which it passes through the inside or an edge.
@@ -257,15 +277,20 @@ pub(super) fn test<L: Lanes>(
     triangle: &[Vector<L>; 3],
     range: &Range<'_, L>,
 ) -> Option<Hits<L>> {
-    let (edges, [a, e0, e1]) = edges(l, origin, triangle);
+    let (of, edges) = Edges::new(l, origin, triangle);
     let passing = Passing::new(l, &edges, direction);
     let inside = passing.inside(l, among);
     if inside == 0 {
         return None;
     }
-    let normal = cross(l, e1, e0);
-    let (distance, facing) = (dot(l, normal, a), dot(l, normal, direction));
+    let normal = of.normal(l);
+    let (distance, facing) = (dot(l, normal, of.a), dot(l, normal, direction));
     Some(hits(l, inside, &passing, distance, facing, &Bounds::of(l, triangle), range))
+}
+
+#[inline(always)]
+fn largest<L: Lanes>(l: L, a: Vector<L>) -> L::F {
+    l.max_abs(l.max_abs(a[0], a[1]), a[2])
 }
 
 #[inline(always)]
