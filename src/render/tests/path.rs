@@ -88,9 +88,10 @@ fn white_bodies_vanish_in_a_white_furnace() {
         // Faces are flat: a bent normal loses the light that would come from below the face.
         let pixels = picture(furnace(material, 2, false), Settings { max_bounces: 100, ..SETTINGS });
         let off = mean(&pixels) - Vec3::ONE;
-        // A coat over rough facets loses some.
-        let least = if name == "coat" { -0.02 } else { -4e-3 };
-        assert!(off.max_element() < 4e-3 && off.min_element() > least, "{name}: {off} from {surface:?}");
+        // A coat over rough facets loses some; what a body's facets lose at each of many events is interpolated.
+        let least = if ["coat", "frosted"].contains(&name) { -0.02 } else { -4e-3 };
+        let most = if name == "frosted" { 0.02 } else { 4e-3 };
+        assert!(off.max_element() < most && off.min_element() > least, "{name}: {off} from {surface:?}");
         let worst = pixels.iter().fold(0.0f32, |w, p| w.max((*p - Vec3::ONE).abs().max_element()));
         assert!(worst < 0.25, "{name}: a pixel is off by {worst}");
     }

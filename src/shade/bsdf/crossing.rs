@@ -8,7 +8,7 @@ use crate::lanes::{Int, Kernel, Lanes, Num, One, SimdLevel, Vector};
 use std::sync::OnceLock;
 
 /// Nodes over the index of refraction, the roughness and the cosine.
-const NODES: [usize; 3] = [10, 12, 16];
+const NODES: [usize; 3] = [20, 12, 16];
 
 /// Steps between two nodes when averaging.
 const STEPS: usize = 16;
