@@ -7,6 +7,7 @@
 use glam::Vec3;
 use raystream::cli::{Registry, run_with};
 use raystream::render::recursion::{Cx, Recursion, Shader};
+use raystream::shade::bsdf::Smoothness;
 use raystream::shade::single::{self, Bsdf, Interaction, LightSample};
 use raystream::stream::{Hit, Ray};
 use std::process::ExitCode;
@@ -18,7 +19,7 @@ const SOME: usize = 4;
 const ROUNDS: u32 = 6;
 
 /// Reflections that are rougher are left out.
-const MIRROR_ROUGHNESS: f32 = 0.25;
+const SMOOTHNESS: Smoothness = Smoothness::followed(0.25);
 
 /// Sampler dimensions: each hit of a path's tree has a range of its own.
 const DIMENSIONS: u32 = 2 * ROUNDS * SOME as u32;
@@ -87,7 +88,7 @@ impl Shader for Adaptive {
         let Branch { share, depth, number } = branch;
         let Some(hit) = hit else { return single::sky(cx.lights(), ray.direction.into()).0 };
         let (material, at) = cx.surface(&ray, &hit);
-        let bsdf = Bsdf::new(cx.scene(), &material.surface, &at, MIRROR_ROUGHNESS);
+        let bsdf = Bsdf::new(cx.scene(), &material.surface, &at, SMOOTHNESS);
         let mut radiance = single::emission(cx.scene(), material.emission.as_ref(), at.uv, at.front);
         if !bsdf.is_smooth() {
             radiance += self.direct_light(cx, &at, &bsdf, number).await;

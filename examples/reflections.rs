@@ -7,7 +7,7 @@ use glam::Vec3;
 use raystream::cli::{Registry, run_with};
 use raystream::render::recursion::{Cx, Recursion, Shader};
 use raystream::scene::Camera;
-use raystream::shade::bsdf::MIN_ROUGHNESS;
+use raystream::shade::bsdf::Smoothness;
 use raystream::shade::single::Bsdf;
 use raystream::stream::{Hit, Ray};
 use std::process::ExitCode;
@@ -56,7 +56,7 @@ impl Shader for Reflections {
     async fn shade(&self, cx: Cx<'_, Self>, ray: Ray, hit: Option<Hit>, (share, depth): Share) -> Vec3 {
         let Some(hit) = hit else { return Vec3::new(0.1, 0.14, 0.22) };
         let (material, at) = cx.surface(&ray, &hit);
-        let bsdf = Bsdf::new(cx.scene(), &material.surface, &at, MIN_ROUGHNESS);
+        let bsdf = Bsdf::new(cx.scene(), &material.surface, &at, Smoothness::EXACT);
         let wo = at.frame.to_local(at.wo);
 
         // Each lamp's light as it would arrive, and whether it does: three shadow rays that travel together.

@@ -4,7 +4,7 @@ use super::frame::{CAMERA_DIMENSION, Frame};
 use crate::geom::Sampler;
 use crate::lanes::{Int, Lanes, Num, One, Vector};
 use crate::scene::Material;
-use crate::shade::bsdf::Smooth;
+use crate::shade::bsdf::{Smooth, Smoothness};
 use crate::shade::light::Receiver;
 use crate::shade::{Bsdf, Cone, Hits, Interaction, LightSample, lookup, medium};
 use crate::stream::Ray;
@@ -21,8 +21,8 @@ const ALL_PUNCTUAL: usize = 3;
 pub(super) const SHADOW_RAYS: usize = ALL_PUNCTUAL + 1;
 
 /// Glossy reflections of a lesser perceptual roughness are followed like a mirror; rougher ones show
-/// direct light only.
-const MIRROR_ROUGHNESS: f32 = 0.25;
+/// direct light only. Transparent bodies are clear.
+const SMOOTHNESS: Smoothness = Smoothness::followed(0.25);
 
 /// The most splats of a sample: every node of its tree adds what it sees and its direct light.
 pub(super) fn splats(max_bounces: u32) -> u64 {
@@ -68,7 +68,7 @@ impl<'a, L: Lanes> Node<'a, L> {
             None => direction.only(0),
             Some(emission) => lookup::emission(scene, emission, at.uv, &at.footprint, at.front),
         };
-        let bsdf = Bsdf::new(scene, &material.surface, &at, MIRROR_ROUGHNESS);
+        let bsdf = Bsdf::new(scene, &material.surface, &at, SMOOTHNESS);
         let mut left = None;
         if let Some(medium) = &material.medium {
             let share = medium::passed(medium, &at, hits.t);

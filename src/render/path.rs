@@ -7,7 +7,7 @@ use crate::geom::Sampler;
 use crate::lanes::{Int, Kernel, Lanes, Num, One, Plain, SimdLevel, Vector};
 use crate::scene::{Camera, Material, Scene};
 use crate::schedule::{Batch, Output, Renderer};
-use crate::shade::bsdf::MIN_ROUGHNESS;
+use crate::shade::bsdf::Smoothness;
 use crate::shade::light::Receiver;
 use crate::shade::{Bsdf, Cone, Hits, Interaction, lookup, medium, sort};
 use crate::stream::Ray;
@@ -260,9 +260,12 @@ impl Shading<'_, '_> {
         if lanes == 0 {
             return;
         }
-        let bsdf = Bsdf::new(scene, &material.surface, &at, MIN_ROUGHNESS);
+        let bsdf = Bsdf::new(scene, &material.surface, &at, Smoothness::EXACT);
         let sampler = Sampler::of(state.pixel, state.sample, frame.settings().seed);
-        let receiver = Receiver::of(&at);
+        let mut receiver = Receiver::of(&at);
+        if bsdf.is_frosted() {
+            receiver = receiver.around();
+        }
         if !bsdf.is_smooth() && frame.lights().are_sampled() {
             self.sample_light(&at, &receiver, &bsdf, &state, &sampler, lanes);
         }
@@ -287,11 +290,17 @@ impl Shading<'_, '_> {
         }
         let u2 = sampler.two(Dimension::LightPoint.at(state.depth));
         let light = frame.lights().sample(frame.scene(), receiver, u, u2);
-        let lanes = lanes & light.valid & light.wi.dot(at.normal).above(0.0);
+        let wi = at.frame.local(light.wi);
+        let mut reached = light.wi.dot(at.normal).above(0.0);
+        if bsdf.is_frosted() {
+            // From below as well, if both normals agree that it is.
+            reached = !(reached ^ wi.z.above(0.0));
+        }
+        let lanes = lanes & light.valid & reached;
         if lanes == 0 {
             return;
         }
-        let (value, pdf) = bsdf.evaluate(at.frame.local(at.wo), at.frame.local(light.wi));
+        let (value, pdf) = bsdf.evaluate(at.frame.local(at.wo), wi);
         let weight = power_heuristic(light.pdf, pdf);
         let weight = Num::select(light.delta, Num::splat(u.lanes(), 1.0), weight);
         let radiance = state.throughput * value * light.radiance * (weight / light.pdf);
@@ -323,8 +332,9 @@ impl Shading<'_, '_> {
         if specular != 0 {
             wi = Vector::select(specular, at.smooth_direction(sample.wi), wi);
         }
-        // A bent normal may scatter light into the surface; nothing comes from there.
-        let mut lanes = lanes & sample.valid & (specular | wi.dot(at.normal).above(0.0));
+        // A bent normal may scatter light into the surface, or out of it; nothing comes from there.
+        let crosses = sample.wi.z.below(0.0);
+        let mut lanes = lanes & sample.valid & (specular | (wi.dot(at.normal).above(0.0) ^ crosses));
         let mut throughput = state.throughput * sample.weight;
         let index2 = state.index2 * sample.eta * sample.eta;
         let depth = state.depth + 1;
@@ -338,7 +348,7 @@ impl Shading<'_, '_> {
             }
         }
         lanes &= !throughput.is_zero();
-        let from = Vector::select(specular, at.position, at.raised);
+        let from = Vector::select(specular | crosses, at.position, at.raised);
         let far = Num::splat(u.lanes(), f32::INFINITY);
         let pdf = Num::select(specular, far, sample.pdf);
         let cone = state.cone.scattered(pdf);

@@ -10,7 +10,7 @@ pub struct Principled {
     pub base_colour: Colour,
     /// Share of metal, 0..=1.
     pub metallic: Scalar,
-    /// Perceptual roughness, 0..=1; its square is GGX's alpha.
+    /// Perceptual roughness, 0..=1, of what is reflected and of what is transmitted; its square is GGX's alpha.
     pub roughness: Scalar,
     /// Index of refraction of the dielectric share, ≥ 1.
     pub ior: f32,
@@ -52,6 +52,20 @@ impl Default for Principled {
             anisotropy: None,
             sheen: None,
             iridescence: None,
+        }
+    }
+}
+
+impl Principled {
+    /// A rough body of glass, tinted at each crossing.
+    pub fn glass(ior: f32, tint: Vec3, roughness: Scalar) -> Self {
+        Self {
+            base_colour: Colour::constant(tint),
+            roughness,
+            ior,
+            transmission: Scalar::constant(1.0),
+            thin: false,
+            ..Self::default()
         }
     }
 }

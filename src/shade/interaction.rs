@@ -191,6 +191,13 @@ impl<L: Lanes> Interaction<L> {
         let below = wi.dot(self.normal).below(0.0);
         point + self.normal * Num::select(below, -self.offset, self.offset)
     }
+
+    /// The start of scattered rays towards `wi`: off [`Interaction::raised`], or below the triangle.
+    #[inline(always)]
+    pub fn scattered_origin(&self, wi: Vector<L>) -> Vector<L> {
+        let below = wi.dot(self.normal).below(0.0);
+        self.origin(Vector::select(below, self.position, self.raised), wi)
+    }
 }
 
 /// How many times as long as wide a footprint may be without being blurred across.

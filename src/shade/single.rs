@@ -106,8 +106,8 @@ pub struct Smooth {
 
 impl Bsdf {
     /// The scattering of `surface` where a ray met it: [`bsdf::Bsdf::new`].
-    pub fn new(scene: &Scene, surface: &Surface, at: &Interaction, smooth_below: f32) -> Self {
-        Self(bsdf::Bsdf::new(scene, surface, &at.lane, smooth_below))
+    pub fn new(scene: &Scene, surface: &Surface, at: &Interaction, smoothness: bsdf::Smoothness) -> Self {
+        Self(bsdf::Bsdf::new(scene, surface, &at.lane, smoothness))
     }
 
     /// [`bsdf::Bsdf::evaluate`].
@@ -140,6 +140,11 @@ impl Bsdf {
             transmission: there(smooth.transmitted, smooth.transmission),
             eta: smooth.eta.get(),
         }
+    }
+
+    /// Whether light from below, too, is found by light sampling.
+    pub fn is_frosted(&self) -> bool {
+        self.0.is_frosted()
     }
 
     /// Whether there is nothing but a smooth part, so that light sampling is in vain.

@@ -3,7 +3,7 @@
 use crate::folder::{Folder, assert_holds, warns};
 use glam::{Vec2, Vec3};
 use raystream::lanes::Num;
-use raystream::scene::{AlphaMode, Channel, ColourSpace, Material, Principled, Scene, Surface, Wrap};
+use raystream::scene::{AlphaMode, Channel, ColourSpace, Material, Principled, Scalar, Scene, Surface, Wrap};
 
 const OBJ: &str = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl m\nf 1 2 3\n";
 
@@ -75,13 +75,15 @@ fn rough_mirrors_are_metal() {
 }
 
 #[test]
-fn glass_is_a_smooth_dielectric() {
+fn glass_is_a_dielectric_that_pr_makes_rough() {
     for illum in [4, 6, 7] {
         let glass = material(&format!("illum {illum}\nKd 0 0 0\nKs 1 1 1\nNi 1.33\nTf 0.5 0.6 1\nd 0.2"));
         assert_eq!(glass.surface, Surface::Dielectric { ior: 1.33, transmittance: Vec3::new(0.5, 0.6, 1.0) });
         assert_eq!(glass.alpha.mode, AlphaMode::Opaque, "a body that refracts is all there");
     }
     assert_eq!(material("illum 7").surface, Surface::Dielectric { ior: 1.5, transmittance: Vec3::ONE });
+    let frosted = principled("illum 7\nNi 1.3\nTf 0.5 1 1\nPr 0.4");
+    assert_eq!(frosted, Principled::glass(1.3, Vec3::new(0.5, 1.0, 1.0), Scalar::constant(0.4)));
     assert!(warns(&scene("illum 7\nNi 0"), &["Ni is 0"]));
 }
 

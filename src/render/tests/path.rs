@@ -10,7 +10,7 @@ use crate::scene::{
     Scalar, Scene, Surface, TextureRef,
 };
 use crate::schedule::Renderer;
-use crate::shade::bsdf::MIN_ROUGHNESS;
+use crate::shade::bsdf::Smoothness;
 use crate::shade::single::{Bsdf, Interaction, emission};
 use crate::stream::{Hit, Ray, Tracer};
 use glam::{Vec2, Vec3};
@@ -68,6 +68,14 @@ fn white_bodies_vanish_in_a_white_furnace() {
             }),
         ));
         materials.push((
+            "frosted",
+            principled(|s| {
+                s.roughness = Scalar::constant(roughness);
+                s.transmission = Scalar::constant(1.0);
+                s.thin = false;
+            }),
+        ));
+        materials.push((
             "pane",
             principled(|s| {
                 s.roughness = Scalar::constant(roughness);
@@ -79,8 +87,11 @@ fn white_bodies_vanish_in_a_white_furnace() {
         let surface = material.surface;
         // Faces are flat: a bent normal loses the light that would come from below the face.
         let pixels = picture(furnace(material, 2, false), Settings { max_bounces: 100, ..SETTINGS });
-        let off = (mean(&pixels) - Vec3::ONE).abs().max_element();
-        assert!(off < 4e-3, "{name}: {} from {surface:?}", mean(&pixels));
+        let off = mean(&pixels) - Vec3::ONE;
+        // A coat over rough facets loses some; what a body's facets lose at each of many events is interpolated.
+        let least = if ["coat", "frosted"].contains(&name) { -0.02 } else { -4e-3 };
+        let most = if name == "frosted" { 0.02 } else { 4e-3 };
+        assert!(off.max_element() < most && off.min_element() > least, "{name}: {off} from {surface:?}");
         let worst = pixels.iter().fold(0.0f32, |w, p| w.max((*p - Vec3::ONE).abs().max_element()));
         assert!(worst < 0.25, "{name}: a pixel is off by {worst}");
     }
@@ -115,7 +126,7 @@ fn plain(scene: &Scene, tracer: &dyn Tracer, mut ray: Ray, bounces: u32, sampler
         let material = &scene.materials[scene.mesh.materials[hit.primitive as usize] as usize];
         let at = Interaction::new(scene, material, &ray, &hit);
         sum += throughput * emission(scene, material.emission.as_ref(), at.uv, at.front);
-        let bsdf = Bsdf::new(scene, &material.surface, &at, MIN_ROUGHNESS);
+        let bsdf = Bsdf::new(scene, &material.surface, &at, Smoothness::EXACT);
         let u = sampler.single(100 + 2 * depth);
         let Some(sample) = bsdf.sample(at.frame.to_local(at.wo), u, sampler.pair(101 + 2 * depth)) else {
             return sum;
@@ -129,9 +140,24 @@ fn plain(scene: &Scene, tracer: &dyn Tracer, mut ray: Ray, bounces: u32, sampler
 
 #[test]
 fn light_sampling_changes_the_noise_and_not_the_mean() {
-    let scene = room();
+    light_sampling_agrees(&room());
+}
+
+#[test]
+fn light_sampling_finds_what_shines_through_frosted_panes() {
+    let mut scene = room();
+    let frosted = principled(|s| {
+        s.roughness = Scalar::constant(0.5);
+        s.transmission = Scalar::constant(0.8);
+    });
+    let pane = add_material(&mut scene, frosted);
+    add_quad(&mut scene, Vec3::new(-1.0, 1.2, -1.0), Vec3::X * 2.0, Vec3::Z * 2.0, pane);
+    light_sampling_agrees(&scene);
+}
+
+fn light_sampling_agrees(scene: &Scene) {
     let settings = Settings { spp: 256, max_bounces: 3, ..SETTINGS };
-    let tracer = harness::tracer(&scene);
+    let tracer = harness::tracer(scene);
     let lens = camera().lens(settings.width, settings.height).expect("a view");
     let mut expected = Vec3::ZERO;
     let samples = 1024;
@@ -140,7 +166,7 @@ fn light_sampling_changes_the_noise_and_not_the_mean() {
             for s in 0..samples {
                 let sampler = Sampler::new(y * settings.width + x, s, 99);
                 let ray = Ray::new(lens.eye, lens.direction(x, y, sampler.pair(0)));
-                expected += plain(&scene, &tracer, ray, settings.max_bounces, &sampler);
+                expected += plain(scene, &tracer, ray, settings.max_bounces, &sampler);
             }
         }
     }

@@ -35,7 +35,7 @@ pub struct Finish {
     pub sheen: Option<Fibres>,
     /// A thin film that shimmers.
     pub film: Option<ThinFilm>,
-    /// Index of refraction of a smooth glass tinted by `colour`.
+    /// Index of refraction of a glass tinted by `colour`: frosted by `roughness`, clear without it.
     pub ior: Option<f32>,
     /// What the glass is filled with.
     pub absorption: Option<Tint>,
@@ -88,7 +88,10 @@ impl Finish {
         let colour = Colour { factor: shares("colour", self.colour)?, texture };
         let surface = if let Some(ior) = self.ior {
             within("ior", ior, 1.0, 4.0)?;
-            Surface::Dielectric { ior, transmittance: self.colour }
+            match share("roughness", self.roughness.unwrap_or(0.0))? {
+                0.0 => Surface::Dielectric { ior, transmittance: self.colour },
+                rough => Surface::Principled(Principled::glass(ior, self.colour, Scalar::constant(rough))),
+            }
         } else if self.mirror {
             Surface::Mirror { reflectance: colour }
         } else if let Some(roughness) = self.roughness {
@@ -164,6 +167,10 @@ mod tests {
         assert_eq!((film.thickness_nm, film.ior, film.strength.factor), ([300.0; 2], 1.4, 1.0));
         let glass =
             r#"{ "colour": [1, 1, 1], "ior": 1.5, "absorption": { "colour": [0.5, 1, 1], "distance": 2 } }"#;
+        let frosted = material(r#"{ "colour": [1, 0.5, 1], "ior": 1.4, "roughness": 0.2 }"#).expect("valid");
+        let tint = Vec3::new(1.0, 0.5, 1.0);
+        let expected = Principled::glass(1.4, tint, Scalar::constant(0.2));
+        assert_eq!(frosted.surface, Surface::Principled(expected));
         let medium = material(glass).expect("valid").medium.expect("a medium");
         assert!(
             (medium.absorption - Vec3::X * (0.5 * 2.0_f32.ln())).abs().max_element() < 1e-6,

@@ -1,6 +1,6 @@
 //! The principled surface's work in functions of its own: it is large, and many shaders need it.
 
-use super::{Principled, Sample, Smooth};
+use super::{Principled, Sample, Smooth, Smoothness};
 use crate::lanes::{Lanes, Num, Piece, Vector};
 use crate::scene::{self, Finish, Footprint, Scene};
 
@@ -11,7 +11,7 @@ pub struct Describe<'a, L: Lanes> {
     pub uv: [Num<L>; 2],
     pub footprint: &'a Footprint<L>,
     pub outside: u32,
-    pub smooth_below: f32,
+    pub smoothness: Smoothness,
 }
 
 impl<L: Lanes> Piece<L> for Describe<'_, L> {
@@ -19,8 +19,8 @@ impl<L: Lanes> Piece<L> for Describe<'_, L> {
 
     #[inline(always)]
     fn run(self, _: L) -> Principled<L> {
-        let Self { scene, surface, uv, footprint, outside, smooth_below } = self;
-        Principled::new(scene, surface, uv, footprint, outside, smooth_below)
+        let Self { scene, surface, uv, footprint, outside, smoothness } = self;
+        Principled::new(scene, surface, uv, footprint, outside, smoothness)
     }
 }
 

@@ -50,6 +50,13 @@ impl<L: Lanes> Facets<L> {
         roughness.lanes().apart(Anisotropic { roughness, strength, smooth_below })
     }
 
+    /// Lanes that are rough and have at least this perceptual roughness along the rougher axis.
+    #[inline(always)]
+    pub fn rougher_than(&self, roughness: f32) -> u32 {
+        let [along, _] = self.ggx.alpha;
+        self.rough & along.ge(Num::splat(along.lanes(), roughness * roughness))
+    }
+
     /// Single-bounce reflectance towards a direction.
     #[inline(always)]
     pub fn at(&self, w: Vector<L>) -> Reflectance<L> {

@@ -50,7 +50,7 @@ impl<L: Lanes> Schlick<L> {
 
     /// The share with weight `s` of `f90`.
     #[inline(always)]
-    fn blend(&self, s: Num<L>) -> Vector<L> {
+    pub fn blend(&self, s: Num<L>) -> Vector<L> {
         self.f0 * (1.0 - s) + Vector::grey(self.f90 * s)
     }
 

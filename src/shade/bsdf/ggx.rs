@@ -21,7 +21,7 @@ impl<L: Lanes> Ggx<L> {
         along * across * stretch * stretch
     }
 
-    /// 1 + 2Λ, Smith's Λ, for directions with `z` > 0.
+    /// 1 + 2Λ, Smith's Λ, for directions with `z` other than 0.
     #[inline(always)]
     fn shadow(&self, w: Vector<L>) -> Num<L> {
         let (x, y) = (w.x * self.alpha[0], w.y * self.alpha[1]);
@@ -44,6 +44,18 @@ impl<L: Lanes> Ggx<L> {
     pub fn masked(&self, wo: Vector<L>, wi: Vector<L>) -> Num<L> {
         let (near, far) = (self.shadow(wo), self.shadow(wi));
         (far - 1.0) / (near + far)
+    }
+
+    /// Share of the facets that is seen from a direction of either hemisphere, Smith's G₁.
+    #[inline(always)]
+    pub fn unmasked(&self, w: Vector<L>) -> Num<L> {
+        2.0 / (self.shadow(w) + 1.0)
+    }
+
+    /// Density of [`Ggx::sample`], of unit normals that `wo` is above.
+    #[inline(always)]
+    pub fn visible(&self, wo: Vector<L>, normal: Vector<L>) -> Num<L> {
+        wo.dot(normal) * self.unmasked(wo) / (self.sparsity(normal) * wo.z * PI)
     }
 
     /// Facet normals, distributed as those visible from `wo` (Dupuy and Benyoub 2023, *Sampling

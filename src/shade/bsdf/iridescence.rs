@@ -35,6 +35,8 @@ const REC709: [[f32; 3]; 3] = [
 pub struct Film<L: Lanes> {
     /// How much of it counts beside the surface without a film.
     pub strength: Num<L>,
+    /// Share of the surface that it lies on, beside what is a boundary of its own.
+    pub share: Num<L>,
     thickness_nm: Num<L>,
     /// Index of refraction relative to the outside.
     ior: Num<L>,
@@ -63,7 +65,14 @@ impl<L: Lanes> Film<L> {
         let there = (thickness_nm * (1.0 / 0.03)).clamp(0.0, 1.0);
         let there = there * there * (3.0 - 2.0 * there);
         let ior = 1.0 + there * (film.ior.max(1.0) - 1.0);
-        Self { strength: lookup::share(scene, &film.strength, uv, footprint).only(lanes), thickness_nm, ior }
+        let strength = lookup::share(scene, &film.strength, uv, footprint).only(lanes);
+        Self { strength, share: Num::splat(l, 1.0), thickness_nm, ior }
+    }
+
+    /// The same on a share of the surface.
+    #[inline(always)]
+    pub fn on(self, share: Num<L>) -> Self {
+        Self { share, ..self }
     }
 
     /// The share that a facet reflects at a cosine, of a surface that reflects `bare` there without the film and
@@ -155,7 +164,7 @@ mod tests {
     use glam::Vec3;
 
     fn film(thickness: f32, ior: f32) -> Film<One> {
-        Film { strength: 1.0.into(), thickness_nm: thickness.into(), ior: ior.into() }
+        Film { strength: 1.0.into(), share: 1.0.into(), thickness_nm: thickness.into(), ior: ior.into() }
     }
 
     fn seen(film: Film<One>, f0: f32, cosine: f32) -> Vec3 {

@@ -1,11 +1,13 @@
 //! BSDFs: how a surface scatters light at one point, one file each.
 //!
 //! Directions are unit vectors in the local shading frame, both pointing away from the surface; `wo`
-//! is where the light goes (back along the ray) and always has `z > 0`, `wi` where it comes from.
+//! is where the light goes (back along the ray) and always has `z > 0`, `wi` where it comes from, on either side.
 
 mod albedo;
 mod apart;
+mod boundary;
 mod brushed;
+mod crossing;
 mod dielectric;
 mod facets;
 mod fresnel;
@@ -17,6 +19,7 @@ mod principled;
 mod sheen;
 #[cfg(test)]
 mod tests;
+mod transparency;
 
 pub use albedo::MIN_ROUGHNESS;
 pub use dielectric::Dielectric;
@@ -27,6 +30,25 @@ pub use principled::Principled;
 use super::{Interaction, lookup};
 use crate::lanes::{Lanes, Num, Vector};
 use crate::scene::{Points, Scene, Surface};
+
+/// Which surfaces count as smooth, by their perceptual roughness.
+#[derive(Clone, Copy, Debug)]
+pub struct Smoothness {
+    /// What reflects with a lesser one, at least [`MIN_ROUGHNESS`], is a mirror.
+    pub mirror_below: f32,
+    /// What lets light through with a lesser one is clear, as is what reflects like a mirror.
+    pub clear_below: f32,
+}
+
+impl Smoothness {
+    /// Only what is so smooth that it makes no difference.
+    pub const EXACT: Self = Self { mirror_below: MIN_ROUGHNESS, clear_below: MIN_ROUGHNESS };
+
+    /// For renderers that follow single directions: frosted bodies would be black, so all are clear.
+    pub const fn followed(mirror_below: f32) -> Self {
+        Self { mirror_below, clear_below: f32::INFINITY }
+    }
+}
 
 /// The scattering at points of one surface.
 #[derive(Clone, Copy, Debug)]
@@ -136,10 +158,9 @@ fn mirrored<L: Lanes>(wo: Vector<L>) -> Vector<L> {
 }
 
 impl<L: Lanes> Bsdf<L> {
-    /// The scattering of `surface` where rays met it. Rough reflections whose perceptual roughness
-    /// is below `smooth_below` (at least [`MIN_ROUGHNESS`]) become perfectly smooth.
+    /// The scattering of `surface` where rays met it.
     #[inline(always)]
-    pub fn new(scene: &Scene, surface: &Surface, at: &Interaction<L>, smooth_below: f32) -> Self {
+    pub fn new(scene: &Scene, surface: &Surface, at: &Interaction<L>, smoothness: Smoothness) -> Self {
         let l = at.wo.lanes();
         match surface {
             Surface::Matte { reflectance } => {
@@ -154,19 +175,22 @@ impl<L: Lanes> Bsdf<L> {
             }),
             Surface::Principled(surface) => {
                 let (uv, footprint, outside) = (at.uv, &at.footprint, at.outside);
-                let describe = apart::Describe { scene, surface, uv, footprint, outside, smooth_below };
+                let describe = apart::Describe { scene, surface, uv, footprint, outside, smoothness };
                 Self::Principled(l.apart(describe))
             }
             Surface::Procedural(index) => {
                 let points = Points { position: at.position, normal: at.frame.normal, uv: at.uv };
                 let finish = scene.procedurals[*index as usize].finish(&points);
-                Self::Principled(l.apart(apart::Finished { finish: &finish, smooth_below }))
+                Self::Principled(
+                    l.apart(apart::Finished { finish: &finish, smooth_below: smoothness.mirror_below }),
+                )
             }
         }
     }
 
     /// BSDF × |cosine of `wi`| without its smooth part, and the density per solid angle with which
-    /// [`Bsdf::sample`] gives `wi`. Both are 0 where light cannot go.
+    /// [`Bsdf::sample`] gives `wi`. Both are 0 where light cannot go: below the surface, unless it
+    /// [is frosted](Bsdf::is_frosted).
     #[inline(always)]
     pub fn evaluate(&self, wo: Vector<L>, wi: Vector<L>) -> (Vector<L>, Num<L>) {
         match self {
@@ -203,6 +227,12 @@ impl<L: Lanes> Bsdf<L> {
     #[inline(always)]
     pub fn is_choice(&self) -> bool {
         !matches!(self, Self::Matte(_))
+    }
+
+    /// Whether light from below, too, is found by light sampling.
+    #[inline(always)]
+    pub fn is_frosted(&self) -> bool {
+        matches!(self, Self::Principled(surface) if surface.is_frosted())
     }
 
     /// Whether there is nothing but a smooth part, so that light sampling is in vain.

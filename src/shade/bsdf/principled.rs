@@ -4,22 +4,25 @@
 //! # Where the light goes
 //! With E the share that a layer reflects in all its bounces (single-bounce GGX from a table, the
 //! rest in a lobe of its own, see [`super::facets`]), what it does not reflect reaches the layer below:
-//! - the coat passes `1 − E_coat(wo)`,
+//! - the coat passes `p = 1 − E_coat`: of what the surface below scatters `p(wo) p(wi) / p_mean`, of what its facets
+//!   reflect or refract the lesser of `p(wo)` and `p(wi)`, which are the same for a mirror,
 //! - sheen passes the lesser of what it leaves towards `wo` and `wi`,
 //! - the dielectric layer passes `(1 − E(wo)) (1 − E(wi)) / (1 − E_mean)` to the diffuse base, which
 //!   is reciprocal and integrates to `1 − E(wo)`, and `1 − E(wo)` to the transparent base.
 //!
-//! So a white surface returns all light that falls on it, at every roughness, and sheen loses some. A thin film
+//! So a white surface returns all light that falls on it, at every roughness; sheen loses some, and a coat over
+//! rough facets as much as a twelfth. A thin film
 //! replaces the Fresnel term of facets, but not of further bounces, and under it the base gets the lesser of
-//! what is passed in the brightest channel towards `wo` and `wi`. All is reciprocal but the coat's
-//! factor, which depends on `wo` alone, as layering by albedo has it.
+//! what is passed in the brightest channel towards `wo` and `wi`. All is reciprocal, but for a body's film, which is
+//! not seen from inside, and smooth bodies, which reflect from outside as Schlick has it and from inside as Fresnel.
 
 use super::albedo::Reflectance;
 use super::facets::{Facets, Reflection};
 use super::fresnel::{self, Schlick};
 use super::iridescence::Film;
 use super::sheen::Sheen;
-use super::{Sample, Smooth, mirrored};
+use super::transparency::{Frost, Scattered, Seen, Transparency};
+use super::{Sample, Smooth, Smoothness, mirrored};
 use crate::geom::warp::lanes as warp;
 use crate::lanes::{Lanes, Num, Vector};
 use crate::scene::{self, Finish, Footprint, Scene};
@@ -28,6 +31,11 @@ use std::f32::consts::FRAC_1_PI;
 
 /// Reflectance of a clear coat, and of a computed surface (index 1.5), at normal incidence.
 const COAT_F0: f32 = 0.04;
+
+/// By how much more of scattered light passes a coat than its mean says: what is below scatters where the coat
+/// lets light through, since both reflect at grazing angles. For two smooth dielectrics, the covariance of what
+/// passes them over the mean of what passes one.
+const LAYERS_ALIKE: f32 = 0.013;
 
 /// Principled surfaces at points.
 #[derive(Clone, Copy, Debug)]
@@ -45,22 +53,6 @@ pub struct Principled<L: Lanes> {
     coat: Option<Coat<L>>,
 }
 
-/// How the transparent share lets light through.
-#[derive(Clone, Copy, Debug)]
-struct Transparency<L: Lanes> {
-    /// Share of the surface that is transparent.
-    share: Num<L>,
-    /// The same, tinted.
-    tint: Vector<L>,
-    /// Straight, through a thin wall; else through the boundary of a body.
-    thin: bool,
-    /// Lanes that look at the boundary from inside of the body. There its transparent share is a boundary
-    /// of its own and has no outer reflection.
-    leaving: u32,
-    /// Index of the far side relative to the near side.
-    eta: Num<L>,
-}
-
 #[derive(Clone, Copy, Debug)]
 struct Coat<L: Lanes> {
     /// Share of the surface that is coated.
@@ -76,6 +68,19 @@ impl<L: Lanes> Coat<L> {
         let one = Num::splat(share.lanes(), 1.0);
         let reflection = facets.reflection(Schlick { f0: Vector::grey(one) * COAT_F0, f90: one });
         Self { share, facets, reflection }
+    }
+
+    /// What passes towards directions that the facets reflect so much of.
+    #[inline(always)]
+    fn passed(&self, at: &Reflectance<L>) -> Num<L> {
+        let single = self.share * at.single(&self.reflection.fresnel).x;
+        1.0 - single - self.share * self.reflection.strength.x * at.deficit
+    }
+
+    /// What passes of light that the surface below scatters, on the way in and out and to and fro between.
+    #[inline(always)]
+    fn passed_on_average(&self) -> Num<L> {
+        self.passed(&self.facets.mean()) + self.share * LAYERS_ALIKE
     }
 }
 
@@ -105,8 +110,7 @@ fn white<L: Lanes>(l: L) -> Vector<L> {
 }
 
 impl<L: Lanes> Principled<L> {
-    /// The surface at mesh coordinates `uv`, seen from the outside of its body in the lanes of `outside`;
-    /// facets smoother than `smooth_below` count as a mirror.
+    /// The surface at mesh coordinates `uv`, seen from the outside of its body in the lanes of `outside`.
     #[inline(always)]
     pub fn new(
         scene: &Scene,
@@ -114,7 +118,7 @@ impl<L: Lanes> Principled<L> {
         uv: [Num<L>; 2],
         footprint: &Footprint<L>,
         outside: u32,
-        smooth_below: f32,
+        smoothness: Smoothness,
     ) -> Self {
         let l = uv[0].lanes();
         let one = Num::splat(l, 1.0);
@@ -122,10 +126,10 @@ impl<L: Lanes> Principled<L> {
         let metallic = lookup::share(scene, &surface.metallic, uv, footprint);
         let roughness = footprint.roughened(lookup::share(scene, &surface.roughness, uv, footprint));
         let facets = match &surface.anisotropy {
-            None => Facets::new(roughness, smooth_below),
+            None => Facets::new(roughness, smoothness.mirror_below),
             Some(anisotropy) => {
                 let strength = lookup::share(scene, &anisotropy.strength, uv, footprint);
-                Facets::anisotropic(roughness, strength, smooth_below)
+                Facets::anisotropic(roughness, strength, smoothness.mirror_below)
             }
         };
         let ior = surface.ior.max(1.0);
@@ -139,20 +143,21 @@ impl<L: Lanes> Principled<L> {
         if surface.transmission.factor != 0.0 {
             let transmission = lookup::share(scene, &surface.transmission, uv, footprint);
             let share = (one - metallic) * transmission;
-            leaving = if surface.thin { 0 } else { L::ALL & !outside };
-            outer = layer.scaled(Num::select(leaving, one - transmission, one));
+            let spread = facets.rougher_than(smoothness.clear_below);
+            let outside = (!surface.thin).then_some(outside);
+            let through = Transparency::new(share, base, ior, outside, spread);
+            leaving = through.leaving;
+            outer = layer.scaled(Num::select(through.apart(), one - transmission, one));
             opaque *= one - transmission;
-            transparency = Some(Transparency {
-                share,
-                tint: base * share,
-                thin: surface.thin,
-                leaving,
-                eta: Num::select(leaving, Num::splat(l, 1.0 / ior), Num::splat(l, ior)),
-            });
+            transparency = Some(through);
         }
         let (mut film, mut sheen, mut coat) = (None, None, None);
         if let Some(iridescence) = &surface.iridescence {
-            film = Some(Film::new(scene, iridescence, uv, footprint, L::ALL & !leaving));
+            let lies = Film::new(scene, iridescence, uv, footprint, L::ALL & !leaving);
+            film = Some(match &transparency {
+                None => lies,
+                Some(through) => lies.on(Num::select(through.apart() & !leaving, one - through.share, one)),
+            });
         }
         if let Some(fibres) = &surface.sheen {
             sheen = Some(Sheen::new(scene, fibres, uv, footprint));
@@ -160,7 +165,7 @@ impl<L: Lanes> Principled<L> {
         if surface.clearcoat.factor != 0.0 {
             let share = lookup::share(scene, &surface.clearcoat, uv, footprint);
             let roughness = lookup::share(scene, &surface.clearcoat_roughness, uv, footprint);
-            coat = Some(Coat::new(share, footprint.roughened(roughness), smooth_below));
+            coat = Some(Coat::new(share, footprint.roughened(roughness), smoothness.mirror_below));
         }
         Self {
             facets,
@@ -202,7 +207,11 @@ impl<L: Lanes> Principled<L> {
         let bare = &self.reflection.fresnel;
         match &self.film {
             None => bare.at(cosine),
-            Some(film) => film.over(bare.at(cosine), bare.f0, cosine),
+            Some(film) => {
+                // What the share that it lies on reflects without it.
+                let whole = (1.0 / film.share).only(film.share.above(0.0));
+                film.over(bare.at(cosine) * whole, bare.f0 * whole, cosine) * film.share
+            }
         }
     }
 
@@ -277,36 +286,70 @@ impl<L: Lanes> Principled<L> {
             } else {
                 eta = through.eta;
                 let (mirrored, cosine) = fresnel::dielectric(wo.z, eta);
-                let inner = (mirrored * through.share * lobes.base).only(through.leaving);
+                let inner = (mirrored * through.share * lobes.base).only(through.leaving & !through.frosted);
                 reflection += Vector::grey(inner);
-                let leaving = Vector::grey((1.0 - mirrored) * lobes.base);
+                let mut refracted = 1.0 - mirrored;
+                if let Some(coat) = &self.coat {
+                    // As much as from outside; what does not pass stays inside.
+                    let outer = coat.passed(&coat.facets.at(Vector::new(wo.x, wo.y, cosine)));
+                    let stays = refracted * (1.0 - outer.min(lobes.under) / lobes.under);
+                    reflection += Vector::grey(
+                        (stays * through.share * lobes.base).only(through.leaving & !through.frosted),
+                    );
+                    refracted -= stays;
+                }
+                let leaving = Vector::grey(refracted * lobes.base);
                 let passed = Vector::select(through.leaving, leaving, passed);
                 transmission = through.tint * passed / (eta * eta);
                 transmitted = fresnel::refracted(wo, eta, cosine);
             }
+            transmission = transmission.only(!through.frosted);
         }
         Smooth { reflected: mirrored(wo), reflection, transmitted, transmission, eta }
     }
 
-    /// Chances of sampling the coat's facets, the facets, and the cosine, and of all smooth ones.
+    /// The frosted share, if there is any, seen from `wo`.
     #[inline(always)]
-    fn chances(&self, lobes: &Lobes<L>, smooth: &Smooth<L>) -> [Num<L>; 4] {
+    fn frost(&self, wo: Vector<L>) -> Option<Frost<'_, L>> {
+        let through = self.transparency.as_ref().filter(|through| through.frosted != 0)?;
+        Some(Frost { through, facets: &self.facets, layer: &self.layer, film: &self.film, wo })
+    }
+
+    /// Whether light from below, too, is found by light sampling.
+    #[inline(always)]
+    pub fn is_frosted(&self) -> bool {
+        matches!(&self.transparency, Some(through) if through.frosted != 0)
+    }
+
+    /// Chances of sampling the coat's facets, the facets, the cosine, what is frosted, and all smooth ones.
+    #[inline(always)]
+    fn chances(&self, wo: Vector<L>, lobes: &Lobes<L>, smooth: &Smooth<L>) -> [Num<L>; 5] {
         let rough_coat = match &self.coat {
             Some(coat) => lobes.coat.only(coat.facets.rough),
             None => lobes.coat,
         };
         let facets = mean(lobes.facets).only(self.facets.rough);
         let (scattered, mirrors) = (mean(lobes.scattered), smooth.energy());
-        let sum = rough_coat + facets + scattered + mirrors;
+        let mut sum = rough_coat + facets + scattered + mirrors;
+        let mut frosted = wo.z.only(0);
+        if let Some(frost) = self.frost(wo) {
+            let through = frost.through;
+            let mut light = through.tint * lobes.passed;
+            if !through.thin {
+                light += (white(wo.lanes()) - lobes.passed) * through.share;
+            }
+            frosted = (mean(light) * lobes.base).only(through.frosted);
+            sum += frosted;
+        }
         let scale = (1.0 / sum).only(sum.above(0.0));
-        [rough_coat * scale, facets * scale, scattered * scale, mirrors * scale]
+        [rough_coat * scale, facets * scale, scattered * scale, frosted * scale, mirrors * scale]
     }
 
     /// See [`super::Bsdf::evaluate`].
     #[inline(always)]
     pub fn evaluate(&self, wo: Vector<L>, wi: Vector<L>) -> (Vector<L>, Num<L>) {
         let lobes = self.lobes(wo);
-        let chances = self.chances(&lobes, &self.smooth_of(wo, &lobes));
+        let chances = self.chances(wo, &lobes, &self.smooth_of(wo, &lobes));
         self.evaluate_lobes(wo, wi, &lobes, &chances)
     }
 
@@ -316,7 +359,7 @@ impl<L: Lanes> Principled<L> {
         wo: Vector<L>,
         wi: Vector<L>,
         lobes: &Lobes<L>,
-        chances: &[Num<L>; 4],
+        chances: &[Num<L>; 5],
     ) -> (Vector<L>, Num<L>) {
         let far = self.facets.at(wi);
         let mut passed = self.passed(&far, wi.z);
@@ -329,7 +372,15 @@ impl<L: Lanes> Principled<L> {
         let mut value = self.diffuse * passed * (wi.z * FRAC_1_PI)
             + self.reflection.strength * self.facets.bounces(&lobes.near, &far, wi.z);
         let mut pdf = chances[2] * warp::cosine_hemisphere_pdf(wi.z);
+        let mut under = lobes.under;
+        if let Some(coat) = &self.coat {
+            let far = coat.passed(&coat.facets.at(Vector::new(wi.x, wi.y, wi.z.abs())));
+            value = value * (under.max(far) / coat.passed_on_average());
+            under = under.min(far);
+        }
         let (half, there) = (wo + wi).normalize_or(wo);
+        let mut sides = wi.z.above(0.0);
+        let there = there & sides;
         let facet_cosine = half.dot(wo);
         let rough = self.facets.rough & there;
         if rough != 0 {
@@ -337,12 +388,18 @@ impl<L: Lanes> Principled<L> {
             value += (self.facet(facet_cosine) * perfect).only(rough);
             pdf += (chances[1] * density).only(rough);
         }
+        if let Some(frost) = self.frost(wo) {
+            let (light, density) = wo.lanes().apart(Seen { frost, wi });
+            value = value.only(sides) + light;
+            pdf = pdf.only(sides) + chances[3] * density;
+            sides |= frost.through.frosted;
+        }
         if let (Some(sheen), Some(near)) = (&self.sheen, lobes.near_sheen) {
-            let far = sheen.share(wi.z);
+            let far = sheen.share(wi.z.abs());
             value = value * sheen.passed(near).min(sheen.passed(far))
                 + sheen.evaluate(wo, wi, half, [near, far]).only(there);
         }
-        value = value * lobes.under;
+        value = value * under;
         if let (Some(coat), Some(near)) = (&self.coat, &lobes.near_coat) {
             let rough = coat.facets.rough & there;
             if rough != 0 {
@@ -354,8 +411,7 @@ impl<L: Lanes> Principled<L> {
                 pdf += (chances[0] * density).only(rough);
             }
         }
-        let above = wi.z.above(0.0);
-        (value.only(above), pdf.only(above))
+        (value.only(sides), pdf.only(sides))
     }
 
     /// See [`super::Bsdf::sample`].
@@ -363,11 +419,10 @@ impl<L: Lanes> Principled<L> {
     pub fn sample(&self, wo: Vector<L>, u: Num<L>, u2: [Num<L>; 2]) -> Sample<L> {
         let lobes = self.lobes(wo);
         let smooth = self.smooth_of(wo, &lobes);
-        let chances = self.chances(&lobes, &smooth);
-        let [coat, facets, scattered, mirrors] = chances;
+        let chances = self.chances(wo, &lobes, &smooth);
+        let [coat, facets, scattered, frosted, mirrors] = chances;
         let (first, second) = (u.lt(coat), u.lt(coat + facets));
-        let rough = coat + facets + scattered;
-        let scatters = u.lt(rough);
+        let mut rough = coat + facets + scattered;
         let mut wi = warp::cosine_hemisphere(u2);
         if second != 0 {
             let normal = self.facets.ggx.sample(wo, u2);
@@ -379,15 +434,23 @@ impl<L: Lanes> Principled<L> {
             let normal = coat.facets.ggx.sample(wo, u2);
             wi = Vector::select(first, normal * (2.0 * wo.dot(normal)) - wo, wi);
         }
+        let (mut valid, mut eta) = (wi.z.above(0.0), Num::splat(wo.lanes(), 1.0));
+        if let Some(frost) = self.frost(wo) {
+            let through = !u.lt(rough) & frost.through.frosted;
+            let rest = ((u - rough) / frosted).clamp(0.0, 1.0);
+            let (way, there) = wo.lanes().apart(Scattered { frost, u: rest, u2 });
+            wi = Vector::select(through, way, wi);
+            valid = (through & there) | (valid & !through);
+            let inward = frost.through.eta;
+            if !frost.through.thin {
+                eta = Num::select(wi.z.below(0.0), inward, eta);
+            }
+            rough += frosted;
+        }
+        let scatters = u.lt(rough);
         let (value, pdf) = self.evaluate_lobes(wo, wi, &lobes, &chances);
-        let mut sample = Sample {
-            valid: wi.z.above(0.0) & pdf.above(0.0),
-            wi,
-            weight: value / pdf,
-            pdf,
-            specular: 0,
-            eta: Num::splat(wo.lanes(), 1.0),
-        };
+        let valid = valid & pdf.above(0.0);
+        let mut sample = Sample { valid, wi, weight: value / pdf, pdf, specular: 0, eta };
         if scatters != L::ALL {
             let rest = ((u - rough) / mirrors).clamp(0.0, 1.0);
             sample = Sample::select(scatters, sample, smooth.sample(rest, mirrors));

@@ -1,6 +1,6 @@
 //! What every BSDF promises: it samples what it evaluates, loses no light, and is reciprocal.
 
-use super::{Dielectric, MIN_ROUGHNESS, Matte, Mirror, Principled};
+use super::{Dielectric, MIN_ROUGHNESS, Matte, Mirror, Principled, Smoothness};
 use crate::geom::{Sampler, warp};
 use crate::lanes::{Lanes, One};
 use crate::scene::{self, Colour, Footprint, Scalar, Scene};
@@ -15,11 +15,10 @@ fn principled(edit: impl FnOnce(&mut scene::Principled)) -> Bsdf {
 fn seen_from(outside: bool, edit: impl FnOnce(&mut scene::Principled)) -> Bsdf {
     let mut surface = scene::Principled::default();
     edit(&mut surface);
-    let smooth_below = MIN_ROUGHNESS;
     let outside = if outside { One::ALL } else { 0 };
     let (uv, point) = ([0.0.into(); 2], Footprint::point(One::default()));
     let scene = Scene::default();
-    Bsdf(super::Bsdf::Principled(Principled::new(&scene, &surface, uv, &point, outside, smooth_below)))
+    Bsdf(super::Bsdf::Principled(Principled::new(&scene, &surface, uv, &point, outside, Smoothness::EXACT)))
 }
 
 fn rough(roughness: f32) -> impl FnOnce(&mut scene::Principled) {
@@ -80,6 +79,11 @@ fn lossy() -> Vec<(String, Bsdf)> {
                 soapy(nanometres)(s);
             });
         }
+        add("film on a body of glass", &|s| {
+            s.transmission = Scalar::constant(1.0);
+            s.thin = false;
+            soapy(400.0)(s);
+        });
         add("all at once", &|s| {
             s.metallic = Scalar::constant(0.4);
             brushed(0.6)(s);
@@ -135,6 +139,19 @@ fn lossless_of(roughnesses: &[f32], coats: &[f32]) -> Vec<(String, Bsdf)> {
             add("solid glass", outside, &|s| {
                 s.transmission = Scalar::constant(1.0);
                 s.thin = false;
+            });
+            for ior in [1.1, 2.4] {
+                add(&format!("body of index {ior}"), outside, &|s| {
+                    s.transmission = Scalar::constant(1.0);
+                    s.thin = false;
+                    s.ior = ior;
+                });
+            }
+            add("body with a dull reflection", outside, &|s| {
+                s.transmission = Scalar::constant(1.0);
+                s.thin = false;
+                s.specular = Scalar::constant(0.3);
+                s.specular_colour = Colour::constant(Vec3::new(1.0, 0.5, 0.0));
             });
             add("half solid glass, coated", outside, &|s| {
                 s.transmission = Scalar::constant(0.5);
@@ -205,8 +222,14 @@ fn a_white_furnace_returns_all_light() {
     for (name, bsdf) in lossless() {
         for wo in views() {
             let light = furnace(&bsdf, wo, 1 << 12);
-            let allowed = if wo.z < 0.1 { 0.02 } else { 0.01 };
-            assert!((light - Vec3::ONE).abs().max_element() < allowed, "{name} from {wo}: {light}");
+            // What a body's facets lose is interpolated, also over the index.
+            let is_body = name.contains("body") || name.contains("solid");
+            let allowed = if wo.z < 0.1 || is_body { 0.02 } else { 0.01 };
+            // What passes a coat at one angle and is spread by rough facets may not come out at another.
+            let lost =
+                if name.contains("coated") && !name.ends_with("roughness 0") { 0.085 } else { allowed };
+            let is_all = light.max_element() < 1.0 + allowed && light.min_element() > 1.0 - lost;
+            assert!(is_all, "{name} from {wo}: {light}");
         }
     }
 }
@@ -256,11 +279,8 @@ fn a_sample_weighs_what_evaluation_says() {
 }
 
 #[test]
-fn without_a_coat_light_may_go_either_way() {
-    for (name, bsdf) in scattering()
-        .iter()
-        .filter(|(name, _)| !name.contains("coat") && !name.contains("at once") && name != "painted")
-    {
+fn light_may_go_either_way() {
+    for (name, bsdf) in scattering() {
         for (i, wo) in views().enumerate() {
             for k in 0..40 {
                 let wi = warp::cosine_hemisphere(Sampler::new(i as u32, k, 8).pair(0));
@@ -276,20 +296,93 @@ fn without_a_coat_light_may_go_either_way() {
     }
 }
 
-/// Cells of a histogram over the upper hemisphere, even in z² (cosine-weighted) and φ.
+#[test]
+fn light_may_cross_a_frosted_surface_either_way() {
+    let mut crossed = 0;
+    for roughness in [0.05, 0.2, 0.6, 1.0] {
+        for (thin, ior) in [(true, 1.5), (false, 1.5), (false, 2.2), (false, 1.1)] {
+            let side = |outside| {
+                seen_from(outside, |s| {
+                    rough(roughness)(s);
+                    s.transmission = Scalar::constant(0.8);
+                    s.base_colour = Colour::constant(Vec3::new(0.9, 0.5, 0.2));
+                    s.specular_colour = Colour::constant(Vec3::new(1.0, 0.5, 0.2));
+                    s.metallic = Scalar::constant(0.2);
+                    s.clearcoat = Scalar::constant(if roughness > 0.5 { 0.6 } else { 0.0 });
+                    (s.thin, s.ior) = (thin, ior);
+                })
+            };
+            let (near, far) = (side(true), side(false));
+            let squeeze = if thin { 1.0 } else { ior * ior };
+            for (i, wo) in views().enumerate() {
+                for k in 0..200 {
+                    let wi = -warp::cosine_hemisphere(Sampler::new(i as u32, k, 8).pair(0));
+                    if wi.z > -0.02 {
+                        continue;
+                    }
+                    let turned = |w: Vec3| Vec3::new(w.x, w.y, -w.z);
+                    let there = near.evaluate(wo, wi).0 / -wi.z * squeeze;
+                    let back = far.evaluate(turned(wi), turned(wo)).0 / wo.z;
+                    let off = (there - back).abs().max_element();
+                    assert!(
+                        off <= 5e-3 * there.max_element() + 1e-6,
+                        "{roughness} {ior} thin {thin}, {wo} {wi}: {there} and {back}"
+                    );
+                    crossed += u32::from(there != Vec3::ZERO);
+                }
+            }
+        }
+    }
+    assert!(crossed > 10_000, "{crossed}");
+}
+
+#[test]
+fn the_least_frost_is_next_to_clear() {
+    for (outside, thin) in [(true, false), (false, false), (true, true)] {
+        let glass = |roughness: f32| {
+            seen_from(outside, |s| {
+                rough(roughness)(s);
+                s.transmission = Scalar::constant(1.0);
+                s.thin = thin;
+            })
+        };
+        let (clear, frosted) = (glass(0.99 * MIN_ROUGHNESS), glass(1.01 * MIN_ROUGHNESS));
+        assert!(!clear.is_frosted() && frosted.is_frosted());
+        for wo in [direction(1.0, 0.0), direction(0.85, 0.7)] {
+            let (way, weight) = clear.smooth(wo).transmission.expect("passes");
+            assert_eq!(frosted.smooth(wo).transmission, None);
+            let (mut mean, mut light, n) = (Vec3::ZERO, Vec3::ZERO, 1 << 12);
+            for i in 0..n {
+                let sampler = Sampler::new(4, i, 2);
+                if let Some(sample) = frosted.sample(wo, sampler.single(0), sampler.pair(1))
+                    && sample.wi.z < 0.0
+                {
+                    (mean, light) = (mean + sample.wi * sample.weight.x, light + sample.weight);
+                }
+            }
+            assert!((mean.normalize() - way).length() < 5e-3, "{way} {}", mean.normalize());
+            let off = (light / n as f32 / weight - Vec3::ONE).abs().max_element();
+            assert!(off < 0.02, "{weight} {}", light / n as f32);
+        }
+    }
+}
+
+/// Cells of a histogram over each hemisphere, even in z² (cosine-weighted) and φ.
 const RINGS: usize = 12;
 const SECTORS: usize = 16;
 
 /// The integral of the density over each cell, by fine midpoints.
 fn expected(bsdf: &Bsdf, wo: Vec3) -> Vec<f64> {
     const FINE: usize = 24;
-    let mut cells = vec![0.0; RINGS * SECTORS];
-    for ring in 0..RINGS * FINE {
+    let sides = if bsdf.is_frosted() { 2 } else { 1 };
+    let mut cells = vec![0.0; 2 * RINGS * SECTORS];
+    for ring in 0..sides * RINGS * FINE {
         for sector in 0..SECTORS * FINE {
-            let z2 = (ring as f32 + 0.5) / (RINGS * FINE) as f32;
+            let z2 = ((ring % (RINGS * FINE)) as f32 + 0.5) / (RINGS * FINE) as f32;
             let z = z2.sqrt();
+            let side = if ring < RINGS * FINE { Vec3::ONE } else { Vec3::new(1.0, 1.0, -1.0) };
             let phi = TAU * (sector as f32 + 0.5) / (SECTORS * FINE) as f32;
-            let (_, pdf) = bsdf.evaluate(wo, direction(z, phi));
+            let (_, pdf) = bsdf.evaluate(wo, direction(z, phi) * side);
             // dω = dz dφ = d(z²) dφ / 2z.
             let area = TAU / (2.0 * z * (RINGS * SECTORS * FINE * FINE) as f32);
             cells[ring / FINE * SECTORS + sector / FINE] += f64::from(pdf * area);
@@ -304,7 +397,8 @@ fn samples_are_distributed_as_their_density_says() {
     // Rough enough for the quadrature above to resolve.
     let mut all = lossless_of(&[0.5, 0.75, 1.0], &[0.0, 0.6]);
     all.extend(lossy().into_iter().filter(|(name, _)| name.ends_with("roughness 1")));
-    for (name, bsdf) in all.iter().filter(|(_, b)| !b.is_smooth()) {
+    // An index of 1.1 hardly turns light, however rough: its lobe is too narrow.
+    for (name, bsdf) in all.iter().filter(|(name, b)| !b.is_smooth() && !name.contains("index 1.1")) {
         for wo in [direction(0.95, 0.3), direction(0.5, 2.0), direction(0.15, 4.0)] {
             let density = expected(bsdf, wo);
             assert!(density.iter().sum::<f64>() < 1.005, "{name}: density integrates to more than 1");
@@ -317,6 +411,7 @@ fn samples_are_distributed_as_their_density_says() {
                     && !s.specular
                 {
                     let ring = ((s.wi.z * s.wi.z * RINGS as f32) as usize).min(RINGS - 1);
+                    let ring = if s.wi.z > 0.0 { ring } else { ring + RINGS };
                     let turn = libm::atan2f(s.wi.y, s.wi.x).rem_euclid(TAU) / TAU;
                     counts[ring * SECTORS + ((turn * SECTORS as f32) as usize).min(SECTORS - 1)] += 1;
                 }

@@ -260,7 +260,7 @@ impl<L: Lanes> LightSample<L> {
     /// far they go.
     #[inline(always)]
     pub fn rays(&self, at: &Interaction<L>) -> (Vector<L>, Vector<L>, Num<L>) {
-        let origin = at.origin(at.raised, self.wi);
+        let origin = at.scattered_origin(self.wi);
         let towards = self.target - origin;
         let length = towards.length();
         let direction = Vector::select(self.near, towards * (1.0 / length), self.wi);

@@ -333,16 +333,20 @@ fn lights_are_chosen_with_the_chances_that_are_stated() {
 fn no_light_that_arrives_is_left_out() {
     // All light at a point on a wall, by the tree and by the sum over all emitters.
     let scene = thousands();
-    for (k, normal) in [Vec3::Y, Vec3::NEG_X, Vec3::new(0.6, 0.0, 0.8)].into_iter().enumerate() {
-        let from = Vec3::splat(k as f32 - 1.0);
-        let n = 1 << 15;
+    let normals = [Vec3::Y, Vec3::NEG_X, Vec3::new(0.6, 0.0, 0.8)];
+    for (k, around) in (0..normals.len()).flat_map(|k| [(k, false), (k, true)]) {
+        let (from, normal) = (Vec3::splat(k as f32 - 1.0), normals[k]);
+        let n = if around { 1 << 17 } else { 1 << 15 };
         let lights = Lights::new(&scene);
         let to = receiver(from, normal);
+        let to = if around { to.around() } else { to };
+        // From one side, or through a frosted wall.
+        let seen = |cosine: f32| if around { cosine.abs() } else { cosine.max(0.0) };
         let mut by_tree = 0.0;
         for i in 0..n {
             let s = Sampler::new(i, 2, 5);
             if let Some(light) = LightSample::any(&lights, &scene, &to, s.single(0), s.pair(1)) {
-                by_tree += light.radiance.x * light.wi.dot(normal).max(0.0) / light.pdf / n as f32;
+                by_tree += light.radiance.x * seen(light.wi.dot(normal)) / light.pdf / n as f32;
             }
         }
         let mut all = 0.0;
@@ -355,7 +359,7 @@ fn no_light_that_arrives_is_left_out() {
                 let away = from - (a * (1.0 - v - w) + b * v + c * w);
                 let cosine = area.dot(away.normalize());
                 let cosine = if emission.two_sided { cosine.abs() } else { cosine.max(0.0) };
-                let incidence = (-away.normalize()).dot(normal).max(0.0);
+                let incidence = seen(away.normalize().dot(-normal));
                 all += emission.radiance.factor.x * cosine * incidence / away.length_squared() / 64.0;
             }
         }

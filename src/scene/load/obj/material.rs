@@ -8,7 +8,7 @@
 //! | | else a gloss of reflectance `Ks` and Phong exponent `Ns` over `Kd` |
 //! | | with black `Ks`, unless `Pm`, `Pc` or `Ps` is above 0, matte `Kd` |
 //! | 3, 5 | mirror `Ks`; with `Pr` or a partial `Pm` rough metal |
-//! | 4, 6, 7, 9 | smooth dielectric `Ni`, `Tf` |
+//! | 4, 6, 7, 9 | dielectric `Ni`, `Tf`: smooth, or frosted by `Pr` |
 //!
 //! Where `Pm` makes a metal of illum 3 or 5 its colour is `Kd`, as the PBR extension has it, or `Ks` if
 //! `Kd` is black. Maps multiply their factors. A Phong exponent n is as glossy as GGX of alpha √(2 / (n + 2)); `Pr` is perceptual: alpha = `Pr`².
@@ -43,7 +43,11 @@ pub(super) fn convert(
 ) -> Result<Material, LoadError> {
     let mut converter = Converter { path, definition, textures, warnings };
     let surface = converter.surface()?;
-    let is_body = matches!(surface, Surface::Dielectric { .. });
+    let is_body = match &surface {
+        Surface::Dielectric { .. } => true,
+        Surface::Principled(surface) => surface.transmission.factor > 0.0,
+        _ => false,
+    };
     Ok(Material {
         name: definition.name.clone(),
         surface,
@@ -91,6 +95,13 @@ impl Converter<'_> {
             None => GLASS,
         };
         let transmittance = self.share("Tf", self.definition.tf.unwrap_or(Vec3::ONE));
+        let roughness = self.roughness(0.0)?;
+        if roughness.factor > 0.0 && ior >= 1.0 {
+            return Ok(Surface::Principled(Principled::glass(ior, transmittance, roughness)));
+        }
+        if roughness.factor > 0.0 {
+            self.warn("Pr is ignored: what is rough needs an Ni of at least 1");
+        }
         Ok(Surface::Dielectric { ior, transmittance })
     }
 
