@@ -40,6 +40,20 @@ pub enum Channel {
     Luminance,
 }
 
+impl Channel {
+    /// This one of the four.
+    #[inline(always)]
+    pub fn of<L: Lanes>(self, [r, g, b, a]: [Num<L>; 4]) -> Num<L> {
+        match self {
+            Self::R => r,
+            Self::G => g,
+            Self::B => b,
+            Self::A => a,
+            Self::Luminance => (r + g + b) * (1.0 / 3.0),
+        }
+    }
+}
+
 /// An image of 8-bit texels and how to look it up. Alpha is always linear.
 #[derive(Clone, Debug)]
 pub struct Texture {
@@ -132,14 +146,7 @@ impl Texture {
         place: [Num<L>; 2],
         footprint: &Footprint<L>,
     ) -> Num<L> {
-        let [r, g, b, a] = self.look_up(place, footprint);
-        match channel {
-            Channel::R => r,
-            Channel::G => g,
-            Channel::B => b,
-            Channel::A => a,
-            Channel::Luminance => (r + g + b) * (1.0 / 3.0),
-        }
+        channel.of(self.look_up(place, footprint))
     }
 
     /// [`Texture::look_up`] of the image itself at one place.

@@ -53,6 +53,26 @@ pub fn share<L: Lanes>(scene: &Scene, value: &Scalar, uv: [Num<L>; 2], footprint
     scalar(scene, value, uv, footprint).clamp(0.0, 1.0)
 }
 
+/// Two [`share`]s: in one lookup where they are channels of one texture, as roughness and metal are in glTF.
+#[inline(always)]
+pub fn shares<L: Lanes>(
+    scene: &Scene,
+    values: [&Scalar; 2],
+    uv: [Num<L>; 2],
+    footprint: &Footprint<L>,
+) -> [Num<L>; 2] {
+    let [a, b] = values;
+    let (Some((texture, of_a)), Some((other, of_b))) = (&a.texture, &b.texture) else {
+        return [share(scene, a, uv, footprint), share(scene, b, uv, footprint)];
+    };
+    if texture != other {
+        return [share(scene, a, uv, footprint), share(scene, b, uv, footprint)];
+    }
+    let image = &scene.textures[texture.texture as usize];
+    let texel = image.look_up(texture.place(uv), &texture.scaled(footprint));
+    [(a.factor * of_a.of(texel)).clamp(0.0, 1.0), (b.factor * of_b.of(texel)).clamp(0.0, 1.0)]
+}
+
 /// Radiance that a surface gives off towards the side that is its front in the lanes of `front`.
 #[inline(always)]
 pub fn emission<L: Lanes>(

@@ -93,7 +93,7 @@ fn white_bodies_vanish_in_a_white_furnace() {
         let most = if name == "frosted" { 0.02 } else { 4e-3 };
         assert!(off.max_element() < most && off.min_element() > least, "{name}: {off} from {surface:?}");
         let worst = pixels.iter().fold(0.0f32, |w, p| w.max((*p - Vec3::ONE).abs().max_element()));
-        assert!(worst < 0.25, "{name}: a pixel is off by {worst}");
+        assert!(worst < 0.3, "{name}: a pixel is off by {worst}");
     }
 }
 

@@ -123,8 +123,9 @@ impl<L: Lanes> Principled<L> {
         let l = uv[0].lanes();
         let one = Num::splat(l, 1.0);
         let base = lookup::albedo(scene, &surface.base_colour, uv, footprint);
-        let metallic = lookup::share(scene, &surface.metallic, uv, footprint);
-        let roughness = footprint.roughened(lookup::share(scene, &surface.roughness, uv, footprint));
+        let given = [&surface.metallic, &surface.roughness];
+        let [metallic, roughness] = lookup::shares(scene, given, uv, footprint);
+        let roughness = footprint.roughened(roughness);
         let facets = match &surface.anisotropy {
             None => Facets::new(roughness, smoothness.mirror_below),
             Some(anisotropy) => {
