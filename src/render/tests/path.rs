@@ -93,7 +93,9 @@ fn white_bodies_vanish_in_a_white_furnace() {
         let most = if name == "frosted" { 0.02 } else { 4e-3 };
         assert!(off.max_element() < most && off.min_element() > least, "{name}: {off} from {surface:?}");
         let worst = pixels.iter().fold(0.0f32, |w, p| w.max((*p - Vec3::ONE).abs().max_element()));
-        assert!(worst < 0.3, "{name}: a pixel is off by {worst}");
+        // Its paths meet many facets, each with a weight of its own.
+        let noise = if name == "frosted" { 0.6 } else { 0.25 };
+        assert!(worst < noise, "{name}: a pixel is off by {worst}");
     }
 }
 
