@@ -61,16 +61,17 @@ pub fn shares<L: Lanes>(
     uv: [Num<L>; 2],
     footprint: &Footprint<L>,
 ) -> [Num<L>; 2] {
-    let [a, b] = values;
-    let (Some((texture, of_a)), Some((other, of_b))) = (&a.texture, &b.texture) else {
-        return [share(scene, a, uv, footprint), share(scene, b, uv, footprint)];
-    };
-    if texture != other {
-        return [share(scene, a, uv, footprint), share(scene, b, uv, footprint)];
+    match values.map(|value| value.texture) {
+        [Some((texture, a)), Some((other, b))] if texture == other => {
+            let image = &scene.textures[texture.texture as usize];
+            let texel = image.look_up(texture.place(uv), &texture.scaled(footprint));
+            [
+                (values[0].factor * a.of(texel)).clamp(0.0, 1.0),
+                (values[1].factor * b.of(texel)).clamp(0.0, 1.0),
+            ]
+        }
+        _ => [share(scene, values[0], uv, footprint), share(scene, values[1], uv, footprint)],
     }
-    let image = &scene.textures[texture.texture as usize];
-    let texel = image.look_up(texture.place(uv), &texture.scaled(footprint));
-    [(a.factor * of_a.of(texel)).clamp(0.0, 1.0), (b.factor * of_b.of(texel)).clamp(0.0, 1.0)]
 }
 
 /// Radiance that a surface gives off towards the side that is its front in the lanes of `front`.

@@ -173,11 +173,7 @@ impl Kernel for Measurement {
         let wo = Vector::splat(l, self.wo);
         let mut sum = [0.0; 2];
         for first in (0..FACETS).step_by(L::LANES) {
-            // Hammersley's points.
-            let i = Int::iota(l) + first;
-            let u = (i.to_num() + 0.5) * (1.0 / FACETS as f32);
-            let v = (i.reverse_bits() >> 8).to_num() * (1.0 / (1 << 24) as f32);
-            let facet = ggx.sample(wo, [u, v]);
+            let facet = ggx.some(wo, first, FACETS);
             let cosine = wo.dot(facet);
             let wi = facet * (2.0 * cosine) - wo;
             let one = Num::splat(l, 1.0);

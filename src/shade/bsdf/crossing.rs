@@ -200,11 +200,7 @@ impl Kernel for Measurement {
         let eta = one * self.eta;
         let mut sums = [0.0; 3];
         for first in (0..FACETS).step_by(L::LANES) {
-            // Hammersley's points.
-            let i = Int::iota(l) + first;
-            let u = (i.to_num() + 0.5) * (1.0 / FACETS as f32);
-            let v = (i.reverse_bits() >> 8).to_num() * (1.0 / (1 << 24) as f32);
-            let facet = ggx.sample(wo, [u, v]);
+            let facet = ggx.some(wo, first, FACETS);
             let cosine = wo.dot(facet);
             let (share, inner) = fresnel::dielectric(cosine, eta);
             let mirrored = facet * (2.0 * cosine) - wo;

@@ -1,6 +1,6 @@
 //! The GGX distribution of microfacets and its sampling.
 
-use crate::lanes::{Lanes, Num, Vector, trigonometry};
+use crate::lanes::{Int, Lanes, Num, Vector, trigonometry};
 use std::f32::consts::PI;
 
 /// Microfacets distributed after Trowbridge and Reitz (GGX) with Smith's height-correlated masking.
@@ -44,6 +44,15 @@ impl<L: Lanes> Ggx<L> {
     pub fn masked(&self, wo: Vector<L>, wi: Vector<L>) -> Num<L> {
         let (near, far) = (self.shadow(wo), self.shadow(wi));
         (far - 1.0) / (near + far)
+    }
+
+    /// Of `count` facets that stand for all that `wo` sees, by Hammersley's points, those from `first` on.
+    #[inline(always)]
+    pub fn some(&self, wo: Vector<L>, first: u32, count: u32) -> Vector<L> {
+        let i = Int::iota(wo.lanes()) + first;
+        let u = (i.to_num() + 0.5) * (1.0 / count as f32);
+        let v = (i.reverse_bits() >> 8).to_num() * (1.0 / (1 << 24) as f32);
+        self.sample(wo, [u, v])
     }
 
     /// Share of the facets that is seen from a direction of either hemisphere, Smith's G₁.
