@@ -22,7 +22,7 @@ pub const PRIMITIVE: u32 = NORMAL - 1;
 const NORMAL: u32 = 1 << 30;
 
 /// Words of a triangle.
-const WORDS: usize = 10;
+pub(super) const TRIANGLE_WORDS: usize = 10;
 
 /// All blocks of a tree, side by side and without gaps.
 #[derive(Clone, Debug)]
@@ -39,7 +39,7 @@ impl PartialEq for Blocks {
 impl Blocks {
     /// Room for blocks of so many triangles in all.
     pub(super) fn zeroed(triangles: usize) -> Self {
-        Self { words: Pages::zeroed(WORDS * triangles + BLOCK_TRIANGLES) }
+        Self { words: Pages::zeroed(TRIANGLE_WORDS * triangles + BLOCK_TRIANGLES) }
     }
 
     /// The block that a child is.
@@ -48,7 +48,7 @@ impl Blocks {
     /// If it is none of this tree's.
     #[inline]
     pub fn get(&self, child: Child) -> Block<'_> {
-        Block::new(&self.words[WORDS * child.index()..], child.triangles())
+        Block::new(&self.words[TRIANGLE_WORDS * child.index()..], child.triangles())
     }
 
     /// The same without checks.
@@ -60,16 +60,37 @@ impl Blocks {
         let count = child.triangles();
         // SAFETY: the caller vouches for the block, and behind all blocks is one more column. That is invariant 1.
         let words = unsafe {
-            let start = self.words.as_ptr().add(WORDS * child.index());
-            std::slice::from_raw_parts(start, WORDS * count + BLOCK_TRIANGLES)
+            let start = self.words.as_ptr().add(TRIANGLE_WORDS * child.index());
+            std::slice::from_raw_parts(start, TRIANGLE_WORDS * count + BLOCK_TRIANGLES)
         };
         Block { words, count }
+    }
+
+    /// In each lane the triangle in a row of a block: what [`Block::id`] says, and the corners as `[vertex][axis]`.
+    ///
+    /// # Safety
+    /// The children are blocks of this tree, and each has so many rows.
+    #[inline(always)]
+    pub(crate) unsafe fn gather<L: Lanes>(&self, l: L, children: L::I, rows: L::I) -> (L::I, [[L::F; 3]; 3]) {
+        let (index, count) = Child::parts(l, children);
+        let mut at = l.add_ids(l.mul_ids(index, l.splat_id(TRIANGLE_WORDS as u32)), rows);
+        // SAFETY: as the caller vouches.
+        let id = unsafe { l.gather(self.words.as_ptr(), at) };
+        let mut vertices = [[l.splat(0.0); 3]; 3];
+        for vertex in &mut vertices {
+            for number in vertex {
+                at = l.add_ids(at, count);
+                // SAFETY: as the caller vouches.
+                *number = l.of_bits(unsafe { l.gather(self.words.as_ptr(), at) });
+            }
+        }
+        (id, vertices)
     }
 
     /// Where a block lies, for asking for its memory.
     #[inline(always)]
     pub(crate) fn address(&self, child: Child) -> *const u32 {
-        self.words.as_ptr().wrapping_add(WORDS * child.index())
+        self.words.as_ptr().wrapping_add(TRIANGLE_WORDS * child.index())
     }
 
     /// Bytes on the heap.
@@ -93,7 +114,7 @@ pub struct Block<'a> {
 
 impl<'a> Block<'a> {
     fn new(words: &'a [u32], count: usize) -> Self {
-        Self { words: &words[..WORDS * count + BLOCK_TRIANGLES], count }
+        Self { words: &words[..TRIANGLE_WORDS * count + BLOCK_TRIANGLES], count }
     }
 
     /// Number of triangles.
@@ -154,13 +175,13 @@ impl<'a> Room<'a> {
     /// Room for blocks of so many triangles, and what is left.
     pub fn split(self, triangles: usize) -> (Self, Self) {
         // The last column of each part reaches into the next: a part is written, and only the whole is read.
-        let (words, rest) = self.words.split_at_mut(WORDS * triangles);
+        let (words, rest) = self.words.split_at_mut(TRIANGLE_WORDS * triangles);
         (Self { words }, Self { words: rest })
     }
 
     /// Coordinates of a block there as `[vertex][axis][row]`; rows without a triangle are all zero.
     pub fn vertices(&self, triangles: usize, count: usize) -> [[[f32; BLOCK_TRIANGLES]; 3]; 3] {
-        let words = &self.words[WORDS * triangles..][..WORDS * count];
+        let words = &self.words[TRIANGLE_WORDS * triangles..][..TRIANGLE_WORDS * count];
         let mut vertices = [[[0.0; BLOCK_TRIANGLES]; 3]; 3];
         for (column, words) in vertices.iter_mut().flatten().zip(words[count..].chunks_exact(count)) {
             for (number, &word) in column.iter_mut().zip(words) {
@@ -172,7 +193,7 @@ impl<'a> Room<'a> {
 
     /// Room for `count` triangles that lie behind `triangles` others.
     pub fn block(&mut self, triangles: usize, count: usize) -> BlockRoom<'_> {
-        BlockRoom { words: &mut self.words[WORDS * triangles..][..WORDS * count], count }
+        BlockRoom { words: &mut self.words[TRIANGLE_WORDS * triangles..][..TRIANGLE_WORDS * count], count }
     }
 }
 

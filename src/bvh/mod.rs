@@ -88,7 +88,7 @@ impl Bvh {
     ///
     /// # Panics
     /// If an index is out of range, a coordinate exceeds [`crate::geom::MAX_COORDINATE`] or is NaN, or
-    /// there are 2²⁸ triangles or more: what [`GeometryError::check`] refuses.
+    /// there are more than 200 million triangles: what [`GeometryError::check`] refuses.
     pub fn build(positions: &[Vec3], triangles: &[[u32; 3]], masked: impl Fn(u32) -> bool + Sync) -> Self {
         if let Err(error) = GeometryError::check(positions, triangles) {
             panic!("{error}");

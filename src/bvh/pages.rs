@@ -1,15 +1,15 @@
 //! Memory for trees, on huge pages where the system has them: traversal jumps about in them, and a
 //! processor finds its way among few large pages faster than among many small ones.
 //!
-//! Unsafe code, because memory is allocated by hand. Invariants:
-//! 1. `start` is an allocation of `layout(len)` that this value alone owns; for a length of 0 it dangles.
-//! 2. All `len` elements are initialised, and their type has no destructor (`Copy`).
+//! Unsafe code for a slice of memory that comes from the system. Invariants:
+//! 1. `start` leads to `len` elements in `memory`, which stays where it is when its owner moves and is reached through
+//!    this value alone.
+//! 2. All of them are initialised, and their type has no destructor (`Copy`).
 #![allow(unsafe_code)]
 
 use bytemuck::Pod;
-use rayon::prelude::*;
-use std::alloc::{Layout, alloc, dealloc, handle_alloc_error};
-use std::mem::MaybeUninit;
+use memmap2::{MmapMut, MmapOptions};
+use std::alloc::{Layout, handle_alloc_error};
 use std::ops::{Deref, DerefMut};
 use std::ptr::NonNull;
 
@@ -20,6 +20,14 @@ const HUGE: usize = 2 << 20;
 pub(super) struct Pages<T: Copy> {
     start: NonNull<T>,
     len: usize,
+    /// What owns the elements.
+    _memory: Memory<T>,
+}
+
+/// Where elements lie: in pages of their own if they are many.
+enum Memory<T> {
+    Heap(#[expect(dead_code, reason = "owned, and reached by `start`")] Vec<T>),
+    Mapped(#[expect(dead_code, reason = "owned, and reached by `start`")] MmapMut),
 }
 
 // SAFETY: it owns its elements as a `Vec` does (invariant 1).
@@ -27,50 +35,25 @@ unsafe impl<T: Copy + Send> Send for Pages<T> {}
 // SAFETY: as above.
 unsafe impl<T: Copy + Sync> Sync for Pages<T> {}
 
-/// What to allocate for `len` elements.
-fn layout<T>(len: usize) -> Layout {
-    let layout = Layout::array::<T>(len).expect("fits the address space");
-    let align = if layout.size() >= HUGE { HUGE } else { layout.align() };
-    layout.align_to(align).expect("a power of two").pad_to_align()
-}
-
-/// Bytes that one thread clears at a time.
-const CLEAR: usize = 4 << 20;
-
 impl<T: Pod + Send> Pages<T> {
-    /// All zero; cleared on all threads, for the system hands out pages as they are first written to.
+    /// All zero. The system clears large pieces when they are first written to, whichever thread does it.
     pub fn zeroed(len: usize) -> Self {
-        let layout = layout::<T>(len);
-        if layout.size() == 0 {
-            return Self { start: NonNull::dangling(), len };
+        const { assert!(align_of::<T>() <= HUGE) };
+        let layout = Layout::array::<T>(len).expect("fits the address space");
+        if layout.size() < HUGE {
+            let mut elements = bytemuck::zeroed_vec(len);
+            let start = NonNull::from(elements.as_mut_slice()).cast();
+            return Self { start, len, _memory: Memory::Heap(elements) };
         }
-        // SAFETY: the size is not 0.
-        let memory = unsafe { alloc(layout) };
-        let Some(start) = NonNull::new(memory.cast::<T>()) else { handle_alloc_error(layout) };
+        // As much more as aligning it to huge pages may leave out.
+        let map = MmapOptions::new().len(layout.size() + HUGE).map_anon();
+        let Ok(mut map) = map else { handle_alloc_error(layout) };
+        let before = map.as_ptr().align_offset(HUGE);
+        // That the advice may fail is no matter.
         #[cfg(target_os = "linux")]
-        if layout.size() >= HUGE {
-            // SAFETY: the memory is ours and aligned to pages; that the advice may fail is no matter.
-            unsafe { libc::madvise(memory.cast(), layout.size(), libc::MADV_HUGEPAGE) };
-        }
-        let clear = |piece: &mut [MaybeUninit<u8>]| piece.fill(MaybeUninit::new(0));
-        // SAFETY: the memory is ours, and may be uninitialised in a slice of this type.
-        let bytes = unsafe { std::slice::from_raw_parts_mut(memory.cast(), layout.size()) };
-        if bytes.len() > CLEAR {
-            bytes.par_chunks_mut(CLEAR).for_each(clear);
-        } else {
-            clear(bytes);
-        }
-        Self { start, len }
-    }
-}
-
-impl<T: Copy> Drop for Pages<T> {
-    fn drop(&mut self) {
-        let layout = layout::<T>(self.len);
-        if layout.size() > 0 {
-            // SAFETY: invariant 1.
-            unsafe { dealloc(self.start.as_ptr().cast(), layout) };
-        }
+        let _ = map.advise_range(memmap2::Advice::HugePage, before, layout.size());
+        let start = NonNull::from(&mut map[before..]).cast();
+        Self { start, len, _memory: Memory::Mapped(map) }
     }
 }
 

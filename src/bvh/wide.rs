@@ -3,6 +3,7 @@
 use super::block::{Block, Blocks};
 use super::pages::Pages;
 use crate::geom::Aabb;
+use crate::lanes::Lanes;
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 
@@ -44,6 +45,14 @@ impl Child {
     /// Index of the node or of the block's first triangle.
     pub fn index(self) -> usize {
         (self.0 & Self::LIMIT as u32) as usize
+    }
+
+    /// [`Child::index`] and [`Child::triangles`] of blocks, as they lie in nodes.
+    #[inline(always)]
+    pub(super) fn parts<L: Lanes>(l: L, children: L::I) -> (L::I, L::I) {
+        let index = l.and_ids(children, l.splat_id(Self::LIMIT as u32));
+        let triangles = l.and_ids(l.shr_ids(children, 28), l.splat_id(7));
+        (index, l.add_ids(triangles, l.splat_id(1)))
     }
 
     /// Number of triangles of a block.

@@ -138,6 +138,19 @@ impl Lanes for Avx2 {
         unsafe { _mm256_andnot_ps(_mm256_set1_ps(-0.0), a) }
     }
     #[inline(always)]
+    fn max_bits(self, a: __m256, b: __m256) -> __m256 {
+        unsafe { _mm256_castsi256_ps(_mm256_max_epi32(_mm256_castps_si256(a), _mm256_castps_si256(b))) }
+    }
+    #[inline(always)]
+    fn min_bits(self, a: __m256, b: __m256) -> __m256 {
+        unsafe { _mm256_castsi256_ps(_mm256_min_epi32(_mm256_castps_si256(a), _mm256_castps_si256(b))) }
+    }
+    #[inline(always)]
+    fn le_bits(self, among: u32, a: __m256, b: __m256) -> u32 {
+        let (a, b) = (self.bits(a), self.bits(b));
+        among & !self.signs(unsafe { _mm256_castsi256_ps(_mm256_cmpgt_epi32(a, b)) })
+    }
+    #[inline(always)]
     fn neg(self, a: __m256) -> __m256 {
         unsafe { _mm256_xor_ps(_mm256_set1_ps(-0.0), a) }
     }

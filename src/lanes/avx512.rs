@@ -148,6 +148,19 @@ impl Lanes for Avx512 {
         unsafe { _mm512_range_ps::<GREATER>(a, b) }
     }
     #[inline(always)]
+    fn max_bits(self, a: __m512, b: __m512) -> __m512 {
+        unsafe { _mm512_castsi512_ps(_mm512_max_epi32(_mm512_castps_si512(a), _mm512_castps_si512(b))) }
+    }
+    #[inline(always)]
+    fn min_bits(self, a: __m512, b: __m512) -> __m512 {
+        unsafe { _mm512_castsi512_ps(_mm512_min_epi32(_mm512_castps_si512(a), _mm512_castps_si512(b))) }
+    }
+    #[inline(always)]
+    fn le_bits(self, among: u32, a: __m512, b: __m512) -> u32 {
+        let (a, b) = (self.bits(a), self.bits(b));
+        unsafe { _mm512_mask_cmple_epi32_mask(among as u16, a, b).into() }
+    }
+    #[inline(always)]
     fn neg(self, a: __m512) -> __m512 {
         unsafe { _mm512_xor_ps(_mm512_set1_ps(-0.0), a) }
     }

@@ -87,6 +87,14 @@ pub trait Lanes: Copy {
     fn max_abs(self, a: Self::F, b: Self::F) -> Self::F {
         self.max(self.abs(a), self.abs(b))
     }
+    /// The greater of `a` and `b` as the signed integers that their bits are: the greater number unless both are
+    /// negative, then the lesser. Where numbers are compared with what is not negative, that does, and saves the
+    /// comparison with zero.
+    fn max_bits(self, a: Self::F, b: Self::F) -> Self::F;
+    /// The lesser in the same order.
+    fn min_bits(self, a: Self::F, b: Self::F) -> Self::F;
+    /// Lanes of `among` in which `a <= b` in the same order.
+    fn le_bits(self, among: u32, a: Self::F, b: Self::F) -> u32;
     /// `-a`.
     fn neg(self, a: Self::F) -> Self::F;
     /// The magnitude of `a ≥ 0` with the sign of `b`.
@@ -365,7 +373,7 @@ mod tests {
             {
                 keep(f);
             }
-            for f in [l.sqrt(a), l.floor(l.mul(a, l.splat(9.0)))] {
+            for f in [l.sqrt(a), l.floor(l.mul(a, l.splat(9.0))), l.max_bits(a, b), l.min_bits(a, b)] {
                 keep(f);
             }
             let all = L::ALL;
@@ -391,9 +399,15 @@ mod tests {
                 results.push((at, out[..L::LANES].to_vec()));
             }
             let some = 0x5a5a >> (at % 8) & all;
-            for mask in
-                [mask, l.le(some, a, b), l.lt(all, a, b), l.eq(all, a, a), l.eq(all, a, b), l.signs(c)]
-            {
+            for mask in [
+                mask,
+                l.le(some, a, b),
+                l.lt(all, a, b),
+                l.eq(all, a, a),
+                l.eq(all, a, b),
+                l.signs(c),
+                l.le_bits(some, a, b),
+            ] {
                 let lanes = (0..L::LANES).map(|i| mask >> i & 1).collect();
                 results.push((at, lanes));
                 assert_eq!(mask & !all, 0);

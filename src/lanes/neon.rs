@@ -50,6 +50,12 @@ fn ids(f: F) -> I {
 }
 
 #[inline(always)]
+fn signed(f: F) -> [int32x4_t; 2] {
+    // SAFETY: invariant 1.
+    unsafe { [vreinterpretq_s32_f32(f[0]), vreinterpretq_s32_f32(f[1])] }
+}
+
+#[inline(always)]
 fn numbers(i: I) -> F {
     // SAFETY: invariant 1.
     unsafe { [vreinterpretq_f32_u32(i[0]), vreinterpretq_f32_u32(i[1])] }
@@ -148,6 +154,21 @@ impl Lanes for Neon {
     #[inline(always)]
     fn abs(self, a: F) -> F {
         unsafe { [vabsq_f32(a[0]), vabsq_f32(a[1])] }
+    }
+    #[inline(always)]
+    fn max_bits(self, a: F, b: F) -> F {
+        let (a, b) = (signed(a), signed(b));
+        unsafe { [0, 1].map(|i| vreinterpretq_f32_s32(vmaxq_s32(a[i], b[i]))) }
+    }
+    #[inline(always)]
+    fn min_bits(self, a: F, b: F) -> F {
+        let (a, b) = (signed(a), signed(b));
+        unsafe { [0, 1].map(|i| vreinterpretq_f32_s32(vminq_s32(a[i], b[i]))) }
+    }
+    #[inline(always)]
+    fn le_bits(self, among: u32, a: F, b: F) -> u32 {
+        let (a, b) = (signed(a), signed(b));
+        unsafe { among & mask([vcleq_s32(a[0], b[0]), vcleq_s32(a[1], b[1])]) }
     }
     #[inline(always)]
     fn neg(self, a: F) -> F {

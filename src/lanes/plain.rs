@@ -21,6 +21,12 @@ fn mask<const N: usize>(test: impl Fn(usize) -> bool) -> u32 {
     (0..N).fold(0, |mask, i| mask | u32::from(test(i)) << i)
 }
 
+/// The bits of a number as an integer.
+#[inline(always)]
+fn signed(number: f32) -> i32 {
+    number.to_bits().cast_signed()
+}
+
 impl<const N: usize> Lanes for Plain<N> {
     const LANES: usize = N;
     type F = [f32; N];
@@ -79,6 +85,18 @@ impl<const N: usize> Lanes for Plain<N> {
     #[inline(always)]
     fn abs(self, a: Self::F) -> Self::F {
         a.map(f32::abs)
+    }
+    #[inline(always)]
+    fn max_bits(self, a: Self::F, b: Self::F) -> Self::F {
+        from_fn(|i| if signed(a[i]) > signed(b[i]) { a[i] } else { b[i] })
+    }
+    #[inline(always)]
+    fn min_bits(self, a: Self::F, b: Self::F) -> Self::F {
+        from_fn(|i| if signed(a[i]) < signed(b[i]) { a[i] } else { b[i] })
+    }
+    #[inline(always)]
+    fn le_bits(self, among: u32, a: Self::F, b: Self::F) -> u32 {
+        among & mask::<N>(|i| signed(a[i]) <= signed(b[i]))
     }
     #[inline(always)]
     fn neg(self, a: Self::F) -> Self::F {

@@ -16,7 +16,7 @@ fn one(mesh: &Mesh, centre: Vec3, scale: f32, random: &mut Random) -> Ray {
     let (u, v) = (0.5 + 0.5 * random.signed(), 0.5 + 0.5 * random.signed());
     let mut ray = Ray::new(origin, random.point());
     let towards = |target: Vec3| Ray::new(origin, target - origin);
-    match random.below(16) {
+    match random.below(17) {
         0..3 => {}
         3..6 => ray = towards(a + (b - a) * u * 0.5 + (c - a) * v * 0.5),
         6 => ray = towards(a),
@@ -40,7 +40,12 @@ fn one(mesh: &Mesh, centre: Vec3, scale: f32, random: &mut Random) -> Ray {
             ray = towards(a);
             ray.t_max = 1.0;
         }
+        // From the vertex and no farther: zero has two signs.
         14 => {
+            ray.origin = a.to_array();
+            ray.t_max = if u < 0.5 { 0.0 } else { -0.0 };
+        }
+        15 => {
             ray.direction[random.below(3) as usize] = if u < 0.5 { 0.0 } else { -0.0 };
             ray.t_min = -3.0;
         }

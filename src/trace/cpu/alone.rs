@@ -26,6 +26,9 @@ const NODES: usize = 8;
 /// Pairs of blocks that are visited in one go.
 pub(super) const BLOCKS: usize = 24;
 
+/// Pairs of blocks from which on lists have to wait for them: a few cost hardly less than these.
+pub(super) const WORTH: usize = 14;
+
 /// A stack of pairs.
 #[derive(Default)]
 pub(super) struct Pairs {

@@ -5,9 +5,9 @@
 
 use super::alone::BLOCKS;
 use super::space::{Space, triangle};
-use super::stream::{Answers, Job, ROW_BYTES, Row, lanes_of};
+use super::stream::{Answers, DONE, Job, PADDING, ROW_BYTES, fetch_rows, lanes_of};
 use super::triangle::{Hits, Passing, Range, Slabs, test};
-use crate::bvh::{Block, Child, MASKED, PRIMITIVE};
+use crate::bvh::{Block, Child, MASKED, PRIMITIVE, WIDTH};
 use crate::lanes::{Lanes, spill, splat};
 use crate::stream::{Hit, Ray};
 
@@ -39,6 +39,13 @@ pub(super) unsafe fn many<L: Lanes, E: Lanes, S: Space, const ANY: bool>(
         let (rays, row) = unsafe { (l.rows(job.rays.cast(), ids), l.rows(job.rows.cast(), ids)) };
         let [ox, oy, oz, t_min, dx, dy, dz, _] = rays;
         let [ix, iy, iz, sx, sy, sz, slack, limit] = row;
+        if at < len {
+            // SAFETY: invariant 2.
+            unsafe {
+                fetch_rows(l, job.rows.cast_const(), list.add(at));
+                fetch_rows(l, job.rays, list.add(at));
+            }
+        }
         let slabs = Slabs::new(l, [ix, iy, iz], [sx, sy, sz], slack);
         let mut range = Range { slabs: &slabs, octant, t_min: l.max(t_min, l.splat(0.0)), limit };
         if ANY {
@@ -164,15 +171,19 @@ unsafe fn offer_each<L: Lanes, const ANY: bool>(
     taken
 }
 
-/// Tests pairs of rays and blocks, each a ray with all triangles of its block in lanes. Answers for any hit how many rays
-/// are done by it.
+/// Tests pairs of rays and blocks. Answers for any hit how many rays are done by it.
+///
+/// First which lines pass inside which triangles, each ray with all triangles of its block in lanes and without a branch, so
+/// that many are in the works at once; then the rest for those, a few of a block, one in each lane.
 ///
 /// # Safety
 /// These are `len` ≤ [`BLOCKS`] pairs (invariant 1 for the ids, 4 for the blocks), and all rays are of the
 /// octant.
 #[inline(always)]
-pub(super) unsafe fn few<L: Lanes, S: Space, const ANY: bool>(
-    l: L,
+#[allow(clippy::too_many_arguments)]
+pub(super) unsafe fn few<W: Lanes, E: Lanes, S: Space, const ANY: bool>(
+    w: W,
+    e: E,
     space: S,
     job: &Job<'_>,
     octant: usize,
@@ -180,55 +191,68 @@ pub(super) unsafe fn few<L: Lanes, S: Space, const ANY: bool>(
     children: *const u32,
     len: usize,
 ) -> u32 {
-    // First which pairs may meet, without a branch on the way, so that many are in the works at once;
-    // then the rest for those.
-    let (mut passing, mut some) = ([0; BLOCKS], 0);
+    // Their places: `WIDTH` times the pair, and the row in its block.
+    let (mut passing, mut count) = ([0; BLOCKS * WIDTH + PADDING], 0);
     for i in 0..len {
         // SAFETY: as the caller vouches.
-        let (ray, block, among) = unsafe { pair::<L>(job, ids, children, i) };
-        let triangle = space.triangles(l, block);
+        let (ray, block, among) = unsafe { pair::<E>(job, ids, children, i) };
+        let triangle = space.triangles(e, block);
         let inside =
-            Passing::of(l, &splat(l, ray.origin), splat(l, ray.direction), &triangle).inside(l, among);
-        passing[some] = i;
-        some += usize::from(inside != 0);
+            Passing::of(e, &splat(e, ray.origin), splat(e, ray.direction), &triangle).inside(e, among);
+        // SAFETY: there is room for all rows of all pairs, and for what lanes write behind.
+        unsafe {
+            let places = e.add_ids(e.load_ids(ROWS.as_ptr()), e.splat_id((WIDTH * i) as u32));
+            e.append(passing.as_mut_ptr().add(count), inside, places);
+        }
+        count += inside.count_ones() as usize;
     }
+    let any = passing[0];
+    passing[count..count + PADDING].fill(any);
     let mut done = 0;
-    for &i in &passing[..some] {
-        // SAFETY: as the caller vouches; invariant 1.
-        let ((ray, block, among), id, row) = unsafe {
-            let id = *ids.add(i);
-            (pair::<L>(job, ids, children, i), id, &*job.rows.byte_add(id as usize).cast_const())
+    for at in (0..count).step_by(W::LANES) {
+        // SAFETY: as the caller vouches, for padding too; and both arrays are as long as the widest lanes.
+        let (rays, row, triangle, ray_ids, stored) = unsafe {
+            let (mut ray_ids, mut stored) = ([0; PADDING], [0; PADDING]);
+            let places = w.load_ids(passing.as_ptr().add(at));
+            let (pair, row) =
+                (w.shr_ids(places, WIDTH.ilog2()), w.and_ids(places, w.splat_id(WIDTH as u32 - 1)));
+            let (id, [a, b, c]) = job.blocks.gather(w, w.gather(children, pair), row);
+            w.store_ids(ray_ids.as_mut_ptr(), w.gather(ids, pair));
+            w.store_ids(stored.as_mut_ptr(), id);
+            let (rays, row) =
+                (w.rows(job.rays.cast(), ray_ids.as_ptr()), w.rows(job.rows.cast(), ray_ids.as_ptr()));
+            (rays, row, [space.place(w, a), space.place(w, b), space.place(w, c)], ray_ids, stored)
         };
-        if ANY && row.limit < 0.0 {
-            continue;
-        }
-        let Row { inverse, shift, slack, limit } = *row;
-        let slabs = Slabs::new(l, splat(l, inverse), splat(l, shift), l.splat(slack));
-        let (t_min, limit) = (l.splat(ray.t_min.max(0.0)), l.splat(limit));
-        let range = Range { slabs: &slabs, octant, t_min, limit };
-        let (origin, direction) = (splat(l, ray.origin), splat(l, ray.direction));
-        let Some(hits) = test(l, among, &origin, direction, &space.triangles(l, block), &range) else {
+        let [ox, oy, oz, t_min, dx, dy, dz, _] = rays;
+        let [ix, iy, iz, sx, sy, sz, slack, limit] = row;
+        let slabs = Slabs::new(w, [ix, iy, iz], [sx, sy, sz], slack);
+        let range = Range { slabs: &slabs, octant, t_min: w.max(t_min, w.splat(0.0)), limit };
+        let among = lanes_of::<W>(count - at);
+        let Some(hits) = test(w, among, &[ox, oy, oz], [dx, dy, dz], &triangle, &range) else {
             continue;
         };
-        if hits.mask == 0 {
-            continue;
-        }
-        let (ts, us, vs) = (spill(l, hits.t), spill(l, hits.u), spill(l, hits.v));
+        let (ts, us, vs) = (spill(w, hits.t), spill(w, hits.u), spill(w, hits.v));
         let mut left = hits.mask;
         while left != 0 {
-            let lane = left.trailing_zeros() as usize & 7;
+            let lane = left.trailing_zeros() as usize & 15;
             left &= left - 1;
+            let id = ray_ids[lane];
             // SAFETY: invariant 1.
-            let taken =
-                unsafe { job.offer::<ANY>(id, space.id(block.id(lane)), ts[lane], us[lane], vs[lane]) };
-            if ANY && taken {
-                done += 1;
-                break;
+            unsafe {
+                // Another lane may have had the same ray.
+                if ANY && (*job.rows.byte_add(id as usize)).limit < 0.0 {
+                    continue;
+                }
+                let taken = job.offer::<ANY>(id, space.id(stored[lane]), ts[lane], us[lane], vs[lane]);
+                done += u32::from(ANY && taken);
             }
         }
     }
     done
 }
+
+/// The rows of a block.
+static ROWS: [u32; WIDTH] = [0, 1, 2, 3, 4, 5, 6, 7];
 
 /// The ray, the block and the lanes with triangles of pair `i`.
 ///
@@ -288,7 +312,7 @@ impl Job<'_> {
         let index = id as usize / ROW_BYTES;
         // SAFETY: as the caller vouches.
         unsafe {
-            (*self.rows.add(index)).limit = if ANY { -1.0 } else { hit.t };
+            (*self.rows.add(index)).limit = if ANY { DONE } else { hit.t };
             match self.answers {
                 Answers::Occluded(occluded) => *occluded.add(index) = 1,
                 Answers::Hits(hits) => *hits.add(index) = hit,

@@ -14,8 +14,8 @@
 
 use super::setup::Rows;
 use super::stream::{
-    Answers, Entry, FrontToBack, Job, LikelyFirst, OctantStack, Order, PADDING, ROW_BYTES, Visit, begin_of,
-    push,
+    Answers, DONE, Entry, FrontToBack, Job, LikelyFirst, OctantStack, Order, PADDING, ROW_BYTES, Visit,
+    begin_of, push,
 };
 use super::triangle::{Bounds, Faces, Hits, Passing, Range, Seen, Slabs, Vector, dot, hits};
 use crate::bvh::{Block, MASKED, PRIMITIVE, WIDTH};
@@ -106,17 +106,17 @@ impl Packet {
         inverse: [Column::ZERO; 3],
         direction: [Column::ZERO; 3],
         t_min: Column::ZERO,
-        limit: Column([-1.0; PACKET]),
+        limit: Column([DONE; PACKET]),
         u: Column::ZERO,
         v: Column::ZERO,
         primitive: [MISS; PACKET],
         ids: [0; PACKET],
-        interval: Interval { low: [0.0; 3], high: [0.0; 3], limit: -1.0 },
+        interval: Interval { low: [0.0; 3], high: [0.0; 3], limit: DONE },
     };
 
     #[inline(always)]
     fn highest_limit<L: Lanes>(&self, l: L) -> f32 {
-        let mut highest = -1.0f32;
+        let mut highest = DONE;
         for part in 0..PACKET / L::LANES {
             highest = highest.max(l.highest(self.limit.get(l, part * L::LANES)));
         }
@@ -180,7 +180,7 @@ pub(super) fn form<W: Lanes>(
                 packet.t_min.set(w, at, w.max(ray[3], w.splat(0.0)));
                 packet.limit.set(w, at, row[7]);
             }
-            packet.limit.0[ids.len()..].fill(-1.0);
+            packet.limit.0[ids.len()..].fill(DONE);
             let (mut widest, mut longest) = (0.0f32, 0.0f32);
             for axis in 0..3 {
                 let (a, b) = packet.inverse[axis].bounds(w);
@@ -403,7 +403,7 @@ impl Packet {
     #[inline(always)]
     fn take<L: Lanes, const ANY: bool>(&mut self, l: L, at: usize, primitive: u32, hits: &Hits<L>) {
         let &Hits { mask, t, u, v } = hits;
-        let limit = if ANY { l.splat(-1.0) } else { t };
+        let limit = if ANY { l.splat(DONE) } else { t };
         self.limit.set(l, at, l.select(mask, limit, self.limit.get(l, at)));
         if !ANY {
             self.u.set(l, at, l.select(mask, u, self.u.get(l, at)));

@@ -76,7 +76,10 @@ fn rows<W: Lanes>(w: W, scene_max_abs: f32, among: u32, rays: [W::F; 8]) -> ([W:
     let [ox, oy, oz, t_min, dx, dy, dz, t_max] = rays;
     let [ax, ay, az] = each([dx, dy, dz], |d| w.abs(d));
     let [rx, ry, rz] = each([ox, oy, oz], |o| w.abs(o));
-    let mut valid = w.le(among, t_min, t_max);
+    let zero = w.splat(0.0);
+    // And not −0: see `Slabs`.
+    let t_max = w.add(t_max, zero);
+    let mut valid = w.le(w.le(among, t_min, t_max), zero, t_max);
     for (size, most) in [
         (rx, MAX_COORDINATE),
         (ry, MAX_COORDINATE),

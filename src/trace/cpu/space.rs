@@ -26,6 +26,8 @@ pub(super) trait Space: Copy {
     }
     /// The same in lanes.
     fn triangles<E: Lanes>(self, e: E, block: Block<'_>) -> [Vector<E>; 3];
+    /// A corner as it lies in a block, where it stands.
+    fn place<E: Lanes>(self, e: E, corner: Vector<E>) -> Vector<E>;
     /// What a block stores as id, with the scene's primitive index.
     fn id(self, stored: u32) -> u32;
     /// The octant by which children are in order for rays of a world octant.
@@ -45,6 +47,11 @@ impl Space for World {
     #[inline(always)]
     fn triangles<E: Lanes>(self, e: E, block: Block<'_>) -> [Vector<E>; 3] {
         block.vertices(e)
+    }
+
+    #[inline(always)]
+    fn place<E: Lanes>(self, _: E, corner: Vector<E>) -> Vector<E> {
+        corner
     }
 
     #[inline(always)]
@@ -124,7 +131,12 @@ impl Space for Own<'_> {
     #[inline(always)]
     fn triangles<E: Lanes>(self, e: E, block: Block<'_>) -> [Vector<E>; 3] {
         let [a, b, c] = World.triangles(e, block);
-        [moved(e, self.placement, a), moved(e, self.placement, b), moved(e, self.placement, c)]
+        [self.place(e, a), self.place(e, b), self.place(e, c)]
+    }
+
+    #[inline(always)]
+    fn place<E: Lanes>(self, e: E, corner: Vector<E>) -> Vector<E> {
+        moved(e, self.placement, corner)
     }
 
     #[inline(always)]

@@ -45,6 +45,9 @@ pub(super) struct Row {
     pub limit: f32,
 }
 
+/// [`Row::limit`] of a ray that is done: the least by its bits that is not −0, so that it enters hardly any box.
+pub(super) const DONE: f32 = -f32::MIN_POSITIVE;
+
 /// Bytes of a row and of a ray, in which ids count.
 pub(super) const ROW_BYTES: usize = 32;
 
@@ -237,7 +240,7 @@ impl<W: Lanes, E: Lanes, S: Space, const ANY: bool> Visit for Loose<'_, W, E, S,
     #[inline(always)]
     fn visit(&self, octant: usize, stack: &mut OctantStack, mut at: Entry) {
         let Self { w, e, space, job } = *self;
-        if ANY && stack.done.wrapping_sub(at.mark) > at.len / DONE {
+        if ANY && stack.done.wrapping_sub(at.mark) > at.len / GAPS {
             // SAFETY: invariant 2.
             at.len = unsafe { keep_open(job, stack.ids.as_mut_ptr().add(at.start as usize), at.len) };
             if at.len == 0 {
@@ -268,12 +271,14 @@ impl<W: Lanes, E: Lanes, S: Space, const ANY: bool> Visit for Loose<'_, W, E, S,
     fn step(&self, octant: usize, stack: &mut OctantStack) -> bool {
         let Self { e, space, job, .. } = *self;
         let [nodes, blocks] = &stack.pairs;
-        if blocks.len >= alone::BLOCKS || blocks.len > 0 && nodes.len == 0 {
+        let enough = if stack.entries.is_empty() { 1 } else { alone::WORTH };
+        if blocks.len >= alone::BLOCKS || blocks.len >= enough && nodes.len == 0 {
             let count = blocks.len.min(alone::BLOCKS);
             let (ids, children) = blocks.at(blocks.len - count);
             stack.pairs[1].len -= count;
             // SAFETY: these are pairs.
-            let done = unsafe { leaf::few::<E, S, ANY>(e, space, job, octant, ids, children, count) };
+            let done =
+                unsafe { leaf::few::<W, E, S, ANY>(self.w, e, space, job, octant, ids, children, count) };
             stack.done = stack.done.wrapping_add(done);
         } else if nodes.len > 0 {
             alone::visit(e, space, job, octant, stack);
@@ -287,7 +292,7 @@ impl<W: Lanes, E: Lanes, S: Space, const ANY: bool> Visit for Loose<'_, W, E, S,
 }
 
 /// A list is closed up when more rays than one in so many of it may be done.
-const DONE: u32 = 8;
+const GAPS: u32 = 8;
 
 /// Closes the gaps that rays leave in a list which are done since it was made; how many are left. What then lies behind
 /// them are ids that were in it, which do for padding.
@@ -380,6 +385,9 @@ pub(super) fn inner<W: Lanes, E: Lanes, S: Space, O: Order, const ALONE: bool>(
         while at < len {
             let among = lanes_of::<W>(len - at);
             let [ix, iy, iz, sx, sy, sz, slack, limit] = w.rows(job.rows.cast(), list.add(at));
+            if at + W::LANES < len {
+                fetch_rows(w, job.rows.cast_const(), list.add(at + W::LANES));
+            }
             let slabs = Slabs::new(w, [ix, iy, iz], [sx, sy, sz], slack);
             let chunk = w.load_ids(list.add(at));
             for (slot, end) in ends.iter_mut().enumerate() {
@@ -424,6 +432,21 @@ pub(super) fn fetch(job: &Job<'_>, child: Child) {
         for line in 0..4 {
             prefetch(node.wrapping_add(64 * line));
         }
+    }
+}
+
+/// Asks for the rows, or rays, that a list needs next: they have often left the nearer caches, and the lanes before them
+/// give them time to come.
+///
+/// # Safety
+/// `list` is good for reading ids for all lanes.
+#[inline(always)]
+pub(super) unsafe fn fetch_rows<L: Lanes, T>(_: L, rows: *const T, list: *const u32) {
+    const { assert!(size_of::<T>() == ROW_BYTES) };
+    for lane in 0..L::LANES {
+        // SAFETY: as the caller vouches.
+        let id = unsafe { *list.add(lane) };
+        prefetch(rows.cast::<u8>().wrapping_add(id as usize));
     }
 }
 

@@ -41,12 +41,8 @@ impl<L: Lanes> Slabs<L> {
     #[inline(always)]
     fn cross(&self, l: L, bounds: &Bounds<L>, octant: usize) -> (L::F, L::F) {
         let (x, y, z) = (bounds.axis(octant, 0), bounds.axis(octant, 1), bounds.axis(octant, 2));
-        let enter = |i: usize, plane| l.fma(plane, self.inverse[i], self.near[i]);
-        let leave = |i: usize, plane| l.fma(plane, self.inverse[i], self.far[i]);
-        (
-            l.max(l.max(enter(0, x.0), enter(1, y.0)), enter(2, z.0)),
-            l.min(l.min(leave(0, x.1), leave(1, y.1)), leave(2, z.1)),
-        )
+        let ([ex, ey, ez], [lx, ly, lz]) = self.planes(l, [x.0, y.0, z.0], [x.1, y.1, z.1]);
+        (l.max(l.max(ex, ey), ez), l.min(l.min(lx, ly), lz))
     }
 }
 
@@ -64,6 +60,16 @@ impl<'a> Faces<'a> {
         let face = |side: usize, axis: usize| &boxes[side ^ (octant >> axis & 1)][axis];
         Self { near: [face(0, 0), face(0, 1), face(0, 2)], far: [face(1, 0), face(1, 1), face(1, 2)] }
     }
+
+    /// Those of all slots, in lanes.
+    #[inline(always)]
+    fn load<E: Lanes>(&self, e: E) -> (Vector<E>, Vector<E>) {
+        let Self { near, far } = *self;
+        (
+            [load_one(e, near[0]), load_one(e, near[1]), load_one(e, near[2])],
+            [load_one(e, far[0]), load_one(e, far[1]), load_one(e, far[2])],
+        )
+    }
 }
 
 impl<L: Lanes> Slabs<L> {
@@ -71,16 +77,44 @@ impl<L: Lanes> Slabs<L> {
     /// there after `t_min` is left to triangles.
     #[inline(always)]
     pub fn enters(&self, l: L, among: u32, faces: &Faces<'_>, slot: usize, limit: L::F) -> u32 {
-        let Self { inverse, near, far } = *self;
-        let x = l.fma(l.splat(faces.near[0][slot]), inverse[0], near[0]);
-        let y = l.fma(l.splat(faces.near[1][slot]), inverse[1], near[1]);
-        let z = l.fma(l.splat(faces.near[2][slot]), inverse[2], near[2]);
-        let enter = l.max(l.max(x, y), l.max(z, l.splat(0.0)));
-        let x = l.fma(l.splat(faces.far[0][slot]), inverse[0], far[0]);
-        let y = l.fma(l.splat(faces.far[1][slot]), inverse[1], far[1]);
-        let z = l.fma(l.splat(faces.far[2][slot]), inverse[2], far[2]);
-        let leave = l.min(l.min(x, y), l.min(z, limit));
-        l.le(among, enter, leave)
+        let Faces { near, far } = *faces;
+        let near = [l.splat(near[0][slot]), l.splat(near[1][slot]), l.splat(near[2][slot])];
+        let far = [l.splat(far[0][slot]), l.splat(far[1][slot]), l.splat(far[2][slot])];
+        self.meets(l, among, near, far, limit)
+    }
+
+    /// The same for boxes in lanes, of which these are the faces.
+    ///
+    /// Entries and leavings are compared as integers, which saves the comparison with 0. Where the last entry or the
+    /// first leaving is not negative it comes out as it is; where it is negative, so is what comes out. If both are, the
+    /// order of negative numbers by their bits is the reverse, so `enter` is the first entry and `leave` the last
+    /// leaving, and `enter <= leave` is true of none. −0 is the least of all, but no number here: `far` is never
+    /// −0, and so is no sum with it unless it has been rounded to that from below 0; and limits are not, as
+    /// `setup` and [`hits`] see to.
+    #[inline(always)]
+    fn meets(&self, l: L, among: u32, near: Vector<L>, far: Vector<L>, limit: L::F) -> u32 {
+        let ([x, y, z], [u, v, w]) = self.planes(l, near, far);
+        let enter = l.max_bits(l.max_bits(x, y), z);
+        let leave = l.min_bits(l.min_bits(u, v), l.min_bits(w, limit));
+        l.le_bits(among, enter, leave)
+    }
+
+    /// When rays cross planes on which they enter and on which they leave.
+    #[inline(always)]
+    fn planes(&self, l: L, near: Vector<L>, far: Vector<L>) -> (Vector<L>, Vector<L>) {
+        let i = self.inverse;
+        (
+            [
+                l.fma(near[0], i[0], self.near[0]),
+                l.fma(near[1], i[1], self.near[1]),
+                l.fma(near[2], i[2], self.near[2]),
+            ],
+            [
+                l.fma(far[0], i[0], self.far[0]),
+                l.fma(far[1], i[1], self.far[1]),
+                l.fma(far[2], i[2], self.far[2]),
+            ],
+        )
     }
 }
 
@@ -88,23 +122,18 @@ impl<E: Lanes> Slabs<E> {
     /// The slots whose box a ray, the same in all lanes, enters.
     #[inline(always)]
     pub fn enters_any(&self, e: E, faces: &Faces<'_>, limit: E::F) -> u32 {
-        let (enter, leave) = self.cross_each(e, faces, limit);
-        e.le(0xff, enter, leave)
+        let (near, far) = faces.load(e);
+        self.meets(e, 0xff, near, far, limit)
     }
 
     /// When a ray, the same in all lanes, enters and leaves the box of each slot: not before 0, not after
     /// `limit`.
     #[inline(always)]
     pub fn cross_each(&self, e: E, faces: &Faces<'_>, limit: E::F) -> (E::F, E::F) {
-        let Self { inverse, near, far } = *self;
-        let x = e.fma(load_one(e, faces.near[0]), inverse[0], near[0]);
-        let y = e.fma(load_one(e, faces.near[1]), inverse[1], near[1]);
-        let z = e.fma(load_one(e, faces.near[2]), inverse[2], near[2]);
+        let (near, far) = faces.load(e);
+        let ([x, y, z], [u, v, w]) = self.planes(e, near, far);
         let enter = e.max(e.max(x, y), e.max(z, e.splat(0.0)));
-        let x = e.fma(load_one(e, faces.far[0]), inverse[0], far[0]);
-        let y = e.fma(load_one(e, faces.far[1]), inverse[1], far[1]);
-        let z = e.fma(load_one(e, faces.far[2]), inverse[2], far[2]);
-        let leave = e.min(e.min(x, y), e.min(z, limit));
+        let leave = e.min(e.min(u, v), e.min(w, limit));
         (enter, leave)
     }
 }
