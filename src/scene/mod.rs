@@ -14,6 +14,7 @@ mod material;
 mod means;
 mod medium;
 mod mesh;
+mod mix;
 mod principled;
 mod procedural;
 mod pyramid;
@@ -33,6 +34,7 @@ pub use material::{Alpha, AlphaMode, Colour, Emission, Material, NormalMap, Scal
 pub use means::Mean;
 pub use medium::Medium;
 pub use mesh::{MAX_TRIANGLES, Mesh, MeshError};
+pub use mix::Mix;
 pub use principled::{Anisotropy, Iridescence, Principled, Sheen};
 pub use procedural::{Finish, Points, Procedural, ProceduralSurface};
 pub use pyramid::Pyramid;
@@ -59,6 +61,8 @@ pub struct Scene {
     pub textures: Vec<Texture>,
     /// Surfaces that code computes.
     pub procedurals: Vec<ProceduralSurface>,
+    /// Surfaces that are two others.
+    pub mixes: Vec<Mix>,
     /// Point, spot and directional lights. Emissive triangles are not listed here.
     pub lights: Vec<Light>,
     /// What a ray sees that leaves the scene.

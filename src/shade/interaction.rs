@@ -3,7 +3,7 @@
 use super::offset;
 use crate::geom::Frame;
 use crate::lanes::{Int, Lanes, Num, Vector};
-use crate::scene::{Anisotropy, Footprint, Material, NormalMap, Principled, Scene, Surface};
+use crate::scene::{Anisotropy, Footprint, Material, Mesh, NormalMap, Principled, Scene, Surface};
 
 /// Least cosine between the shading normal and `wo`.
 const MIN_COSINE: f32 = 1e-3;
@@ -72,6 +72,34 @@ fn vectors<L: Lanes>(table: &[glam::Vec3], indices: &[Int<L>; 3]) -> [Vector<L>;
     ]
 }
 
+/// The corners' mesh texture coordinates, zero if there are none.
+#[inline(always)]
+fn corner_uvs<L: Lanes>(mesh: &Mesh, indices: &[Int<L>; 3]) -> [[Num<L>; 2]; 3] {
+    if mesh.uvs.is_empty() {
+        return [[Num::splat(indices[0].lanes(), 0.0); 2]; 3];
+    }
+    let table: &[f32] = bytemuck::cast_slice(&mesh.uvs);
+    let [a, b, c] = *indices;
+    [a.rows_of(table), b.rows_of(table), c.rows_of(table)]
+}
+
+#[inline(always)]
+fn blend_uvs<L: Lanes>([a, b, c]: &[[Num<L>; 2]; 3], weights: &Weights<L>) -> [Num<L>; 2] {
+    // No closure: it might not be inlined.
+    let mut uv = *a;
+    for (k, uv) in uv.iter_mut().enumerate() {
+        *uv = a[k] * weights[0] + b[k] * weights[1] + c[k] * weights[2];
+    }
+    uv
+}
+
+/// The mesh texture coordinates of hits.
+#[inline(always)]
+pub(super) fn mesh_uv<L: Lanes>(mesh: &Mesh, hits: &Hits<L>) -> [Num<L>; 2] {
+    let indices = hits.primitive.rows::<3>(bytemuck::cast_slice(&mesh.triangles));
+    blend_uvs(&corner_uvs(mesh, &indices), &[1.0 - hits.u - hits.v, hits.u, hits.v])
+}
+
 impl<L: Lanes> Interaction<L> {
     /// The interactions of rays with the triangles they hit, whose material is `material`. `width` is that of
     /// the rays' [`super::Cone`]s there.
@@ -103,17 +131,8 @@ impl<L: Lanes> Interaction<L> {
             outward = Vector::select(smooth, outward, winding);
         }
         let outside = (wo.dot(winding) * outward.dot(winding)).ge(Num::splat(l, 0.0));
-        let mut uv = [Num::splat(l, 0.0); 2];
-        let mut corner_uvs = [uv; 3];
-        if !mesh.uvs.is_empty() {
-            let table: &[f32] = bytemuck::cast_slice(&mesh.uvs);
-            let [a, b, c] = indices;
-            corner_uvs = [a.rows_of(table), b.rows_of(table), c.rows_of(table)];
-            for (k, uv) in uv.iter_mut().enumerate() {
-                let [a, b, c] = [corner_uvs[0][k], corner_uvs[1][k], corner_uvs[2][k]];
-                *uv = a * weights[0] + b * weights[1] + c * weights[2];
-            }
-        }
+        let corner_uvs = corner_uvs(mesh, &indices);
+        let uv = blend_uvs(&corner_uvs, &weights);
 
         let mut footprint = if mesh.uvs.is_empty() || scene.textures.is_empty() {
             Footprint::point(l)

@@ -79,12 +79,6 @@ pub struct Tint {
 impl Finish {
     /// The material; what is out of range, and the range, otherwise.
     pub(super) fn material(&self, name: &str, texture: Option<TextureRef>) -> Result<Material, String> {
-        let share = |what: &str, value: f32| within(what, value, 0.0, 1.0).map(|()| value);
-        let shares = |what: &str, colour: Vec3| {
-            within(&format!("the largest channel of {what}"), colour.max_element(), 0.0, 1.0)?;
-            within(&format!("the smallest channel of {what}"), colour.min_element(), 0.0, 1.0)?;
-            Ok::<_, String>(colour)
-        };
         let colour = Colour { factor: shares("colour", self.colour)?, texture };
         let surface = if let Some(ior) = self.ior {
             within("ior", ior, 1.0, 4.0)?;
@@ -127,20 +121,36 @@ impl Finish {
         } else {
             Surface::Matte { reflectance: colour }
         };
-        let mut emission = None;
-        if let Some(radiance) = self.emission {
-            within("emission", radiance.max_element(), 0.0, 1e6)?;
-            within("emission", radiance.min_element(), 0.0, 1e6)?;
-            emission = Some(Emission { radiance: Colour::constant(radiance), two_sided: false });
-        }
-        let mut medium = None;
-        if let Some(Tint { colour, distance }) = self.absorption {
-            within("the distance of absorption", distance, 1e-6, 1e6)?;
-            medium = Medium::tinting(shares("absorption", colour)?, distance);
-        }
+        let emission = self.emission.map(emission).transpose()?;
+        let medium = self.absorption.map(Tint::medium).transpose()?.flatten();
         let (normal_map, alpha) = (None, Alpha::default());
         Ok(Material { name: name.into(), surface, emission, normal_map, alpha, medium })
     }
+}
+
+/// Light given off by the front.
+pub(super) fn emission(radiance: Vec3) -> Result<Emission, String> {
+    within("emission", radiance.max_element(), 0.0, 1e6)?;
+    within("emission", radiance.min_element(), 0.0, 1e6)?;
+    Ok(Emission { radiance: Colour::constant(radiance), two_sided: false })
+}
+
+impl Tint {
+    /// The medium, if it takes any light.
+    pub(super) fn medium(self) -> Result<Option<Medium>, String> {
+        within("the distance of absorption", self.distance, 1e-6, 1e6)?;
+        Ok(Medium::tinting(shares("absorption", self.colour)?, self.distance))
+    }
+}
+
+fn share(what: &str, value: f32) -> Result<f32, String> {
+    within(what, value, 0.0, 1.0).map(|()| value)
+}
+
+fn shares(what: &str, colour: Vec3) -> Result<Vec3, String> {
+    within(&format!("the largest channel of {what}"), colour.max_element(), 0.0, 1.0)?;
+    within(&format!("the smallest channel of {what}"), colour.min_element(), 0.0, 1.0)?;
+    Ok(colour)
 }
 
 #[cfg(test)]

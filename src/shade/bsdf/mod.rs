@@ -159,6 +159,9 @@ fn mirrored<L: Lanes>(wo: Vector<L>) -> Vector<L> {
 
 impl<L: Lanes> Bsdf<L> {
     /// The scattering of `surface` where rays met it.
+    ///
+    /// # Panics
+    /// When it is a mix: hits are of one of its parts ([`super::material_of`]).
     #[inline(always)]
     pub fn new(scene: &Scene, surface: &Surface, at: &Interaction<L>, smoothness: Smoothness) -> Self {
         let l = at.wo.lanes();
@@ -185,6 +188,7 @@ impl<L: Lanes> Bsdf<L> {
                     l.apart(apart::Finished { finish: &finish, smooth_below: smoothness.mirror_below }),
                 )
             }
+            Surface::Mix(_) => panic!("hits on mixes are of one of their parts: see shade::material_of"),
         }
     }
 
