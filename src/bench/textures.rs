@@ -168,6 +168,7 @@ fn constant(scene: &Scene) -> Scene {
                     transmission: scalar(of.transmission),
                     clearcoat: scalar(of.clearcoat),
                     clearcoat_roughness: scalar(of.clearcoat_roughness),
+                    coat_normal_map: None,
                     specular: scalar(of.specular),
                     specular_colour: colour(of.specular_colour),
                     anisotropy: of.anisotropy.map(|of| Anisotropy {

@@ -4,6 +4,7 @@
 mod camera;
 mod camera_motion;
 mod camera_path;
+mod coat;
 mod content;
 mod environment;
 mod footprint;
@@ -26,6 +27,7 @@ pub use camera::{Camera, CameraError, Lens};
 pub(crate) use camera_motion::unit_turn;
 pub use camera_motion::{CameraMotion, Interpolation, Joint, Key, Track, Tracked};
 pub use camera_path::{CameraPath, CameraPathError};
+pub use coat::{Coat, Coats};
 pub use environment::{Environment, EnvironmentMap};
 pub use footprint::Footprint;
 pub use instance::{Instance, Shape};

@@ -1,9 +1,9 @@
 //! Small scenes with known answers.
 
 use crate::scene::{
-    Anisotropy, Camera, Channel, Colour, ColourSpace, Emission, Environment, EnvironmentMap, Iridescence,
-    Light, LightShape, Material, Medium, Mix, NormalMap, Principled, Pyramid, Scalar, Scene, Sheen, Surface,
-    Texture, TextureRef, Wrap,
+    Anisotropy, Camera, Channel, Coat, Coats, Colour, ColourSpace, Emission, Environment, EnvironmentMap,
+    Iridescence, Light, LightShape, Material, Medium, Mix, NormalMap, Principled, Pyramid, Scalar, Scene,
+    Sheen, Surface, Texture, TextureRef, Wrap,
 };
 use glam::{Vec2, Vec3};
 
@@ -232,6 +232,16 @@ pub fn one_of_everything() -> Scene {
             }),
             ..painted
         }),
+        Surface::Principled(Principled {
+            transmission: Scalar::constant(0.0),
+            coats: Coats::new(&[
+                Coat { tint: Vec3::new(0.9, 0.6, 0.8), ior: 1.7, ..Coat::CLEAR },
+                Coat { weight: 0.5, roughness: 0.4, ..Coat::CLEAR },
+            ])
+            .expect("two"),
+            coat_normal_map: Some(NormalMap { texture, scale: -0.3 }),
+            ..painted
+        }),
     ];
     for (i, surface) in surfaces.into_iter().enumerate() {
         let map = NormalMap { texture, scale: 0.5 };
@@ -239,7 +249,7 @@ pub fn one_of_everything() -> Scene {
         let normal_map = (i % 2 == 0).then_some(map);
         let material = Material { surface, normal_map, medium, ..Material::fallback() };
         let id = add_material(&mut scene, material);
-        let corner = Vec3::new(-0.8 + 0.4 * i as f32, -0.7, -0.2 * i as f32);
+        let corner = Vec3::new(-0.9 + 0.35 * i as f32, -0.7, -0.2 * i as f32);
         add_quad(&mut scene, corner, Vec3::new(0.35, 0.1, 0.1), Vec3::new(0.0, 1.2, 0.2), id);
     }
     let last = scene.materials.len() as u32 - 1;

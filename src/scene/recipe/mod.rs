@@ -22,7 +22,7 @@ mod mix;
 mod pattern;
 mod shape;
 
-pub use finish::{Fibres, Finish, ThinFilm, Tint};
+pub use finish::{Fibres, Finish, ThinFilm, Tint, Varnish};
 pub use mix::Mix;
 pub use pattern::Pattern;
 pub use shape::Shape;
