@@ -26,8 +26,8 @@ pub struct Coat<L: Lanes> {
 /// How coats come by their facets, whatever their own roughness.
 #[derive(Clone, Copy, Debug)]
 pub struct Polish<L: Lanes> {
-    /// Its bumps are the coats'.
-    pub footprint: Footprint<L>,
+    /// Bumps of the coats, as [`Footprint::bumps`].
+    pub bumps: Num<L>,
     /// What reflects with a lesser roughness is a mirror ..
     pub smooth_below: f32,
     /// .. but in these lanes, where it is as rough as that.
@@ -38,7 +38,8 @@ impl<L: Lanes> Polish<L> {
     /// The facets of coats of this roughness.
     #[inline(always)]
     pub fn facets(&self, roughness: Num<L>) -> Facets<L> {
-        let mut roughness = self.footprint.roughened(roughness);
+        let footprint = Footprint { bumps: self.bumps, ..Footprint::point(roughness.lanes()) };
+        let mut roughness = footprint.roughened(roughness);
         if self.spread != 0 {
             let least = Num::splat(roughness.lanes(), self.smooth_below.max(MIN_ROUGHNESS));
             roughness = Num::select(self.spread, roughness.max(least), roughness);

@@ -49,8 +49,8 @@ pub struct Principled<L: Lanes> {
     coat: Option<Coat<L>>,
     /// Coats over that one.
     stack: Option<Stack<L>>,
-    /// Where coats have a normal of their own.
-    coat_frame: Option<Frame<L>>,
+    /// Where coats have one of their own.
+    coat_normal: Option<Vector<L>>,
 }
 
 /// What each lobe sends towards `wo` from an even environment, and what lies between.
@@ -145,11 +145,11 @@ impl<L: Lanes> Principled<L> {
         if let Some(fibres) = &surface.sheen {
             sheen = Some(Sheen::new(scene, fibres, uv, footprint));
         }
-        let mut polish = Polish { footprint: *footprint, smooth_below: smoothness.mirror_below, spread: 0 };
+        let mut polish = Polish { bumps: footprint.bumps, smooth_below: smoothness.mirror_below, spread: 0 };
         if let Some(shape) = coat_shape {
             // Only one direction is mirrored into: that of the facets, if they are smooth.
             polish.spread = L::ALL & !facets.rough;
-            polish.footprint.bumps = shape.bumps;
+            polish.bumps = shape.bumps;
         }
         if surface.clearcoat.factor != 0.0 {
             let share = lookup::share(scene, &surface.clearcoat, uv, footprint);
@@ -169,7 +169,7 @@ impl<L: Lanes> Principled<L> {
             sheen,
             coat,
             stack,
-            coat_frame: coat_shape.map(|shape| Frame::around(shape.normal)),
+            coat_normal: coat_shape.map(|shape| shape.normal),
         }
     }
 
@@ -197,25 +197,25 @@ impl<L: Lanes> Principled<L> {
                 CLEAR_F0,
             )),
             stack: None,
-            coat_frame: None,
+            coat_normal: None,
         }
     }
 
     /// A direction as the coats see it.
     #[inline(always)]
     fn above(&self, w: Vector<L>) -> Vector<L> {
-        match &self.coat_frame {
+        match self.coat_normal {
             None => w,
-            Some(frame) => frame.local(w),
+            Some(normal) => Frame::around(normal).local(w),
         }
     }
 
     /// A direction that coats see, as the rest does.
     #[inline(always)]
     fn from_above(&self, w: Vector<L>) -> Vector<L> {
-        match &self.coat_frame {
+        match self.coat_normal {
             None => w,
-            Some(frame) => frame.world(w),
+            Some(normal) => Frame::around(normal).world(w),
         }
     }
 
@@ -284,9 +284,9 @@ impl<L: Lanes> Principled<L> {
     #[inline(always)]
     fn mirrored(&self, wo: Vector<L>) -> Vector<L> {
         let way = mirrored(wo);
-        match &self.coat_frame {
+        match self.coat_normal {
             None => way,
-            Some(frame) => Vector::select(self.facets.rough, frame.world(mirrored(frame.local(wo))), way),
+            Some(_) => Vector::select(self.facets.rough, self.from_above(mirrored(self.above(wo))), way),
         }
     }
 
@@ -301,7 +301,7 @@ impl<L: Lanes> Principled<L> {
         let none = (-wo).only(0);
         let reflected = self.mirrored(wo);
         let mut reflection = lobes.facets.only(!self.facets.rough);
-        if self.coat_frame.is_some() && self.facets.rough != L::ALL {
+        if self.coat_normal.is_some() && self.facets.rough != L::ALL {
             // The coats are not as steep from there.
             reflection = reflection.over(self.passed_alike(wo, wo)) * self.passed_alike(wo, reflected);
         }
@@ -445,7 +445,7 @@ impl<L: Lanes> Principled<L> {
         // As coats see it.
         let ([near_coat, far_coat, half_coat], mut lit_coat) =
             ([self.above(wo), self.above(wi), self.above(half)], lit);
-        if self.coat_frame.is_some() {
+        if self.coat_normal.is_some() {
             lit_coat = there & far_coat.z.above(0.0);
         }
         let mut under = lobes.under;
@@ -541,7 +541,7 @@ impl<L: Lanes> Principled<L> {
             }
             rough += stack;
         }
-        if self.coat_frame.is_some() {
+        if self.coat_normal.is_some() {
             // Coats also mirror to where the surface below does not.
             valid |= self.above(wi).z.above(0.0);
         }
