@@ -9,7 +9,12 @@ use glam::Vec3;
 use serde::Deserialize;
 
 /// A material: glass when `ior` is given, a mirror when `mirror` is true, else glTF's
-/// metallic-roughness, matte when `roughness` is absent too.
+/// metallic-roughness, matte when `roughness` is absent too. These two may be varnished:
+///
+/// ```json
+/// "candy": { "colour": [0.9, 0.9, 0.9], "roughness": 0.3, "metallic": 1,
+///            "coats": [{}, { "weight": 0.9, "ior": 1.6, "roughness": 0.2, "tint": [0.8, 0.1, 0.05] }] }
+/// ```
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Finish {

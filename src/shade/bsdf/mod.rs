@@ -54,6 +54,7 @@ impl Smoothness {
 
 /// The scattering at points of one surface.
 #[derive(Clone, Copy, Debug)]
+#[allow(clippy::large_enum_variant, reason = "one is made for many rays, and nothing is allocated for it")]
 pub enum Bsdf<L: Lanes> {
     /// Lambertian.
     Matte(Matte<L>),

@@ -212,7 +212,7 @@ impl<L: Lanes> Principled<L> {
 
     /// A direction that coats see, as the rest does.
     #[inline(always)]
-    fn from_above(&self, w: Vector<L>) -> Vector<L> {
+    fn below(&self, w: Vector<L>) -> Vector<L> {
         match self.coat_normal {
             None => w,
             Some(normal) => Frame::around(normal).world(w),
@@ -286,7 +286,7 @@ impl<L: Lanes> Principled<L> {
         let way = mirrored(wo);
         match self.coat_normal {
             None => way,
-            Some(_) => Vector::select(self.facets.rough, self.from_above(mirrored(self.above(wo))), way),
+            Some(_) => Vector::select(self.facets.rough, self.below(mirrored(self.above(wo))), way),
         }
     }
 
@@ -382,7 +382,7 @@ impl<L: Lanes> Principled<L> {
             None => lobes.coat,
         };
         if let Some(stack) = &lobes.stack {
-            coat = coat * mean(stack.passed);
+            coat *= mean(stack.passed);
         }
         let facets = mean(lobes.facets).only(self.facets.rough);
         let (scattered, mirrors) = (mean(lobes.scattered), smooth.energy());
@@ -515,7 +515,7 @@ impl<L: Lanes> Principled<L> {
             let over = self.above(wo);
             let normal = coat.facets.ggx.sample(over, u2);
             let way = normal * (2.0 * over.dot(normal)) - over;
-            wi = Vector::select(first, self.from_above(way), wi);
+            wi = Vector::select(first, self.below(way), wi);
         }
         let (mut valid, mut crosses, mut eta) = (wi.z.above(0.0), 0, Num::splat(wo.lanes(), 1.0));
         if let Some(frost) = self.frost(wo) {
@@ -536,7 +536,7 @@ impl<L: Lanes> Principled<L> {
             if reflects != 0 {
                 let rest = ((u - rough) / stack).clamp(0.0, 1.0);
                 let way = wo.lanes().apart(Pick { stack: over, wo: self.above(wo), u: rest, u2 });
-                wi = Vector::select(reflects, self.from_above(way), wi);
+                wi = Vector::select(reflects, self.below(way), wi);
                 valid = (wi.z.above(0.0) & reflects) | (valid & !reflects);
             }
             rough += stack;

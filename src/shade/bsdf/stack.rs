@@ -46,11 +46,11 @@ pub struct Between<L: Lanes> {
 /// Gauss's quadrature over directions by their cosine, of powers of s = (1 − z)⁵ up to the ninth: nodes, and
 /// weights times what passes a dielectric, 1 − s over its mean.
 const MEAN: [[f32; 2]; 5] = [
-    [0.0046034744, 0.833605446],
-    [0.11923194, 0.128979719],
-    [0.35440743, 0.0319627913],
-    [0.63876718, 0.00518555385],
-    [0.88075915, 0.000266489926],
+    [0.004_603_474, 0.833_605_4],
+    [0.119_231_94, 0.128_979_72],
+    [0.354_407_43, 0.031_962_79],
+    [0.638_767_2, 0.005_185_554],
+    [0.880_759_2, 0.000_266_489_94],
 ];
 
 impl<L: Lanes> Stack<L> {
@@ -143,20 +143,20 @@ impl<L: Lanes> Piece<L> for Look<'_, L> {
             let (there, back) = (coat.passed(&near), coat.passed(&coat.facets.at(raised)));
             let tint = tinted(of, wo.z);
             between.passed = between.passed * tint * tinted(of, raised.z) * there.min(back);
-            between.scattered = between.scattered * there.max(back);
+            between.scattered *= there.max(back);
             reach = reach * tint * tint * there;
             multiply(&mut products, &coat);
         }
         if let Some(under) = under {
             // Its own share of the mean is divided by elsewhere.
-            between.scattered = between.scattered * under.passed_on_average();
+            between.scattered *= under.passed_on_average();
             multiply(&mut products, under);
         }
         let mut mean = one.only(0);
         for (product, [_, weight]) in products.into_iter().zip(MEAN) {
             mean += product * weight;
         }
-        between.scattered = between.scattered / mean;
+        between.scattered /= mean;
         between
     }
 }
@@ -166,7 +166,7 @@ impl<L: Lanes> Piece<L> for Look<'_, L> {
 fn multiply<L: Lanes>(products: &mut [Num<L>; MEAN.len()], coat: &Coat<L>) {
     let [level, slope] = coat.trend();
     for (product, [node, _]) in products.iter_mut().zip(MEAN) {
-        *product = *product * (level - slope * node);
+        *product *= level - slope * node;
     }
 }
 
