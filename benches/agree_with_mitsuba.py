@@ -2,14 +2,14 @@
 """Do raystream's pictures agree with Mitsuba 3's? A z-test that knows the noise of both sides.
 
     python3 -m venv .venv && .venv/bin/pip install mitsuba==3.9.1 numpy
-    .venv/bin/python benches/agree_with_mitsuba.py [glass frosted metal brushed coat gloss ink sky]
+    .venv/bin/python benches/agree_with_mitsuba.py [glass frosted metal brushed coat gloss mix ink sky]
 
 Each scene is made here of flat triangles, written once for each program and rendered many times by both,
 with other seeds each time and without Russian roulette. The spread of a block of 16 x 16 pixels over a
 program's renders is its noise; two programs agree when no block differs by more than 5 standard deviations
 of both and the whole picture by no more than 0.5 % in any channel. Exits with 1 when they do not.
 
-Glass, clear and frosted, mirrors, lamps, environment maps and the medium of ink are Mitsuba's own. Mitsuba's frosted
+Glass, clear and frosted, mirrors, mixes, lamps, environment maps and the medium of ink are Mitsuba's own. Mitsuba's frosted
 glass loses what facets would reflect and refract a second time, raystream's does not: it is so smooth here that this is
 a thousandth. Mitsuba has no glTF surface, so the BSDF below says
 anew, from the published formulas, what raystream's should be; its reflectances are integrated here.
@@ -62,10 +62,27 @@ def quad(corner, u, v):
     return np.array([corner, corner + u, corner + u + v, corner + v], float), np.array([(0, 1, 2), (0, 2, 3)])
 
 
+def cuboid(centre, half):
+    """Six quads, their fronts outside."""
+    points, faces = [], []
+    for axis in range(3):
+        for side in (-1, 1):
+            n, a, b = np.zeros(3), np.zeros(3), np.zeros(3)
+            n[axis], a[(axis + 1) % 3], b[(axis + 2) % 3] = side * half, 2 * half, 2 * half
+            a, b = (a, b) if side > 0 else (b, a)
+            corners, triangles = quad(np.array(centre) + n - (a + b) / 2, a, b)
+            faces.append(triangles + 4 * len(points))
+            points.append(corners)
+    return np.concatenate(points), np.concatenate(faces)
+
+
 FLOOR = (quad((-4, 0, 4), (8, 0, 0), (0, 0, -8)), {"matte": (0.5, 0.45, 0.4)})
 WALL = (quad((-4, 0, -2.5), (8, 0, 0), (0, 6, 0)), {"matte": (0.3, 0.5, 0.35)})
 LAMP = (quad((-1.5, 4, -1), (3, 0, 0), (0, 0, 2)), {"matte": (0, 0, 0), "lamp": (9, 8, 7)})
 BALL = sphere((0, 1, 0), 1)
+# Two fifths matte, and of the rest a third gloss and two thirds metal.
+METAL, GLOSS = {"metal": (0.9, 0.6, 0.3), "roughness": 0.4}, {"gloss": (0.2, 0.3, 0.8), "roughness": 0.6}
+MIX = {"mix": [{"mix": [METAL, GLOSS], "share": 1 / 3}, {"matte": (0.2, 0.6, 0.1)}], "share": 0.4}
 SCENES = {
     # Under an even sky: caustics of a lamp are not normally distributed.
     "glass": dict(parts=[FLOOR, WALL, (BALL, {"glass": 1.5})], sky=(0.8, 1.0, 1.2), bounces=16),
@@ -76,6 +93,7 @@ SCENES = {
     ),
     "coat": dict(parts=[FLOOR, WALL, LAMP, (BALL, {"coat": (0.7, 0.2, 0.1), "roughness": 0.7})], bounces=4),
     "gloss": dict(parts=[FLOOR, WALL, LAMP, (BALL, {"gloss": (0.2, 0.3, 0.8), "roughness": 0.5})], bounces=4),
+    "mix": dict(parts=[FLOOR, WALL, LAMP, (cuboid((0, 0.9, 0), 0.8), MIX)], bounces=4),
     # A ball of nothing but a medium, which takes colour from light by the way through it.
     "ink": dict(parts=[FLOOR, WALL, (BALL, {"ink": (0.2, 0.5, 0.8)})], sky=(0.8, 1.0, 1.2), bounces=16),
     "sky": dict(parts=[FLOOR, (BALL, {"mirror": (0.9, 0.8, 0.7)})], bounces=4),
@@ -160,9 +178,42 @@ def write_gltf(folder, scene):
     return folder / "scene.gltf"
 
 
+def write_recipe(folder, scene):
+    """For mixes, which neither can say. All parts are quads."""
+    materials, mixes, shapes = {}, {}, []
+
+    def add_material(material):
+        name = f"m{len(materials) + len(mixes)}"
+        if "mix" in material:
+            mixes[name] = None  # The name is taken.
+            mixes[name] = {"of": [add_material(part) for part in material["mix"]], "share": material["share"]}
+            return name
+        kind = next(kind for kind in ("matte", "metal", "gloss") if kind in material)
+        materials[name] = {"colour": material[kind], "metallic": int(kind == "metal")}
+        materials[name] |= {"roughness": material["roughness"]} if "roughness" in material else {}
+        materials[name] |= {"emission": material["lamp"]} if "lamp" in material else {}
+        return name
+
+    def add(corner, u, v, name):
+        u, v = u - corner, v - corner
+        shapes.append({"shape": "quad", "corner": list(corner), "u": list(u), "v": list(v), "material": name})
+
+    for (points, _), material in scene["parts"]:
+        name = add_material(material)
+        for a, b, _, d in points.reshape(-1, 4, 3):
+            add(a, b, d, name)
+            if "lamp" in material:
+                # A recipe's lamps shine on their front alone.
+                above = np.array([0, 1e-3, 0])
+                add(a + above, d + above, b + above, name)
+    (folder / "scene.json").write_text(json.dumps({"materials": materials, "mixes": mixes, "shapes": shapes}))
+    return folder / "scene.json"
+
+
 def ours(args, folder, scene):
-    has_ink = any("ink" in material for _, material in scene["parts"])
-    path, out = (write_gltf if has_ink else write_obj)(folder, scene), folder / "out.npy"
+    has = lambda kind: any(kind in material for _, material in scene["parts"])
+    write = write_recipe if has("mix") else write_gltf if has("ink") else write_obj
+    path, out = write(folder, scene), folder / "out.npy"
     text = lambda vector: ",".join(f"{x:g}" for x in vector)
     command = [args.raystream, "render", path, "-o", out, "--tracer", "cpu", "--size", f"{SIZE}x{SIZE}"]
     command += ["--no-russian-roulette", "--max-bounces", scene["bounces"], "--spp", args.spp]
@@ -331,6 +382,9 @@ def bsdf(material):
         return {"type": "conductor", "material": "none", "specular_reflectance": rgb(material["mirror"])}
     if "ink" in material:
         return {"type": "null"}
+    if "mix" in material:
+        first, second = map(bsdf, material["mix"])
+        return {"type": "blendbsdf", "weight": material["share"], "first": first, "second": second}
     for kind in ("metal", "coat", "gloss"):
         if kind in material:
             red, green, blue = map(float, material[kind])

@@ -149,6 +149,9 @@ fn constant(scene: &Scene) -> Scene {
         let [thin, thick] = of.thickness_nm;
         thin + (thick - thin) * scalar(Scalar { factor: 1.0, texture: of.thickness_texture }).factor
     };
+    for mix in &mut even.mixes {
+        mix.share = scalar(mix.share);
+    }
     for material in &mut even.materials {
         material.normal_map = None;
         material.emission = material.emission.map(|of| Emission { radiance: colour(of.radiance), ..of });
@@ -156,7 +159,7 @@ fn constant(scene: &Scene) -> Scene {
             Surface::Matte { reflectance } | Surface::Mirror { reflectance } => {
                 *reflectance = colour(*reflectance);
             }
-            Surface::Dielectric { .. } | Surface::Procedural(_) => {}
+            Surface::Dielectric { .. } | Surface::Procedural(_) | Surface::Mix(_) => {}
             Surface::Principled(of) => {
                 *of = Principled {
                     base_colour: colour(of.base_colour),
@@ -165,6 +168,7 @@ fn constant(scene: &Scene) -> Scene {
                     transmission: scalar(of.transmission),
                     clearcoat: scalar(of.clearcoat),
                     clearcoat_roughness: scalar(of.clearcoat_roughness),
+                    coat_normal_map: None,
                     specular: scalar(of.specular),
                     specular_colour: colour(of.specular_colour),
                     anisotropy: of.anisotropy.map(|of| Anisotropy {

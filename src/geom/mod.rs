@@ -15,4 +15,4 @@ pub(crate) use canonical::{DIRECTION_RANGE, MIN_COMPONENT, SLACK};
 pub use frame::Frame;
 pub use placement::Placement;
 pub use sampler::Sampler;
-pub(crate) use sampler::mix;
+pub(crate) use sampler::{mix, mix_lanes, unit};

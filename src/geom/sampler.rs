@@ -66,8 +66,9 @@ pub(crate) fn mix(x: u32) -> u32 {
     mix_lanes(Int::from(x)).get()
 }
 
+/// [`mix`] in lanes.
 #[inline(always)]
-fn mix_lanes<L: Lanes>(x: Int<L>) -> Int<L> {
+pub(crate) fn mix_lanes<L: Lanes>(x: Int<L>) -> Int<L> {
     let x = (x ^ (x >> 16)) * 0x7feb_352d;
     let x = (x ^ (x >> 15)) * 0x846c_a68b;
     x ^ (x >> 16)
@@ -99,7 +100,7 @@ fn sobol_second<L: Lanes>(index: Int<L>) -> Int<L> {
 
 /// The upper 24 bits as a float in [0, 1).
 #[inline(always)]
-fn unit<L: Lanes>(x: Int<L>) -> Num<L> {
+pub(crate) fn unit<L: Lanes>(x: Int<L>) -> Num<L> {
     (x >> 8).to_num() * (1.0 / (1 << 24) as f32)
 }
 

@@ -87,7 +87,7 @@ impl Kernel for Shading<'_, '_> {
     fn run<L: Lanes>(mut self, l: L) {
         let frame = &self.occlusion.frame;
         let scene = frame.scene();
-        for run in sort(l, self.batch.hits, &scene.mesh.materials).runs() {
+        for run in sort(l, self.batch.hits, scene).runs() {
             for rays in run.rays.chunks(L::LANES) {
                 // Lanes that are left over repeat the first ray and count for nothing.
                 let (ids, lanes) = Int::some(l, rays, rays[0]);

@@ -129,12 +129,15 @@ impl<'a, L: Lanes> Node<'a, L> {
         let Smooth { reflected, reflection, transmitted, transmission, .. } =
             self.bsdf.smooth(self.at.frame.local(self.at.wo));
         let throughput = self.dimmed(throughput);
-        [self.way(reflected, throughput * reflection), self.way(transmitted, throughput * transmission)]
+        [
+            self.way(reflected, 0, throughput * reflection),
+            self.way(transmitted, L::ALL, throughput * transmission),
+        ]
     }
 
     #[inline(always)]
-    fn way(&self, local: Vector<L>, throughput: Vector<L>) -> Sent<L> {
-        let direction = self.at.smooth_direction(local);
+    fn way(&self, local: Vector<L>, crosses: u32, throughput: Vector<L>) -> Sent<L> {
+        let direction = self.at.smooth_direction(local, crosses);
         Sent {
             lanes: L::ALL & !throughput.is_zero(),
             origin: self.at.origin(self.at.position, direction),

@@ -192,7 +192,7 @@ impl Kernel for Shading<'_, '_> {
     #[inline(always)]
     fn run<L: Lanes>(mut self, l: L) {
         let scene = self.path.frame.scene();
-        for run in sort(l, self.batch.hits, &scene.mesh.materials).runs() {
+        for run in sort(l, self.batch.hits, scene).runs() {
             for rays in run.rays.chunks(L::LANES) {
                 // Lanes that are left over repeat the first ray and count for nothing.
                 let (ids, lanes) = Int::some(l, rays, rays[0]);
@@ -330,10 +330,10 @@ impl Shading<'_, '_> {
         let specular = sample.specular;
         let mut wi = at.frame.world(sample.wi).normalize();
         if specular != 0 {
-            wi = Vector::select(specular, at.smooth_direction(sample.wi), wi);
+            wi = Vector::select(specular, at.smooth_direction(sample.wi, sample.crosses), wi);
         }
         // A bent normal may scatter light into the surface, or out of it; nothing comes from there.
-        let crosses = sample.wi.z.below(0.0);
+        let crosses = sample.crosses;
         let mut lanes = lanes & sample.valid & (specular | (wi.dot(at.normal).above(0.0) ^ crosses));
         let mut throughput = state.throughput * sample.weight;
         let index2 = state.index2 * sample.eta * sample.eta;

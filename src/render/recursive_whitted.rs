@@ -3,7 +3,7 @@
 use super::node::{MAX_BOUNCES, Node, SHADOW_RAYS, Sent, splats};
 use super::recursion::{Cx, Shader};
 use crate::lanes::Int;
-use crate::shade::{Cone, single};
+use crate::shade::{Cone, material_of, single};
 use crate::stream::{Hit, Ray};
 use glam::Vec3;
 
@@ -48,9 +48,8 @@ impl Shader for RecursiveWhitted {
         let met;
         {
             let scene = cx.scene();
-            let material = scene.mesh.materials[hit.primitive as usize];
             let direction = Vec3::from_array(ray.direction).into();
-            let material = &scene.materials[material as usize];
+            let material = &scene.materials[material_of(scene, &hit) as usize];
             let cone = Cone::unpack(cone.map_or_else(|| cx.frame().cone().pack(), Int::from));
             let node = Node::new(cx.frame(), material, direction, &hit.into(), cone);
             met = cone.at(hit.t.into()).pack().get();

@@ -14,6 +14,7 @@ impl Scene {
             materials,
             textures,
             procedurals,
+            mixes,
             lights,
             environment,
             shapes: _,
@@ -37,6 +38,7 @@ impl Scene {
         }
         // Code cannot be hashed; its name and parameters can.
         hash.text(procedurals);
+        hash.text(mixes);
         hash.text(lights);
         match environment {
             Environment::Constant(radiance) => hash.text(radiance),

@@ -1,6 +1,6 @@
 //! What smaller copies of textures average.
 
-use super::{AlphaMode, Channel, Scene};
+use super::{AlphaMode, Channel, Scene, Surface};
 use std::collections::HashMap;
 
 /// What a texel of a smaller copy keeps of the texels that it stands for.
@@ -29,8 +29,14 @@ impl Scene {
                 means[texture.texture as usize] = Mean::Covered;
             }
         }
-        for map in self.materials.iter().filter_map(|material| material.normal_map) {
-            means[map.texture.texture as usize] = Mean::Normals;
+        for material in &self.materials {
+            let coats = match &material.surface {
+                Surface::Principled(surface) => surface.coat_normal_map,
+                _ => None,
+            };
+            for map in material.normal_map.iter().chain(&coats) {
+                means[map.texture.texture as usize] = Mean::Normals;
+            }
         }
         // Textures that differ only in their edges share texels. What is made keeps the images alive, lest another
         // come to lie in the place of one.

@@ -4,6 +4,7 @@
 mod camera;
 mod camera_motion;
 mod camera_path;
+mod coat;
 mod content;
 mod environment;
 mod footprint;
@@ -14,6 +15,7 @@ mod material;
 mod means;
 mod medium;
 mod mesh;
+mod mix;
 mod principled;
 mod procedural;
 mod pyramid;
@@ -25,6 +27,7 @@ pub use camera::{Camera, CameraError, Lens};
 pub(crate) use camera_motion::unit_turn;
 pub use camera_motion::{CameraMotion, Interpolation, Joint, Key, Track, Tracked};
 pub use camera_path::{CameraPath, CameraPathError};
+pub use coat::{Coat, Coats};
 pub use environment::{Environment, EnvironmentMap};
 pub use footprint::Footprint;
 pub use instance::{Instance, Shape};
@@ -33,6 +36,7 @@ pub use material::{Alpha, AlphaMode, Colour, Emission, Material, NormalMap, Scal
 pub use means::Mean;
 pub use medium::Medium;
 pub use mesh::{MAX_TRIANGLES, Mesh, MeshError};
+pub use mix::Mix;
 pub use principled::{Anisotropy, Iridescence, Principled, Sheen};
 pub use procedural::{Finish, Points, Procedural, ProceduralSurface};
 pub use pyramid::Pyramid;
@@ -59,6 +63,8 @@ pub struct Scene {
     pub textures: Vec<Texture>,
     /// Surfaces that code computes.
     pub procedurals: Vec<ProceduralSurface>,
+    /// Surfaces that are two others.
+    pub mixes: Vec<Mix>,
     /// Point, spot and directional lights. Emissive triangles are not listed here.
     pub lights: Vec<Light>,
     /// What a ray sees that leaves the scene.

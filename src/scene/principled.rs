@@ -1,6 +1,6 @@
 //! glTF's surface.
 
-use super::{Channel, Colour, Scalar, TextureRef};
+use super::{Channel, Coats, Colour, NormalMap, Scalar, TextureRef};
 use glam::Vec3;
 
 /// glTF 2.0 metallic-roughness (GGX) with the extensions of the design's section 4.
@@ -27,6 +27,10 @@ pub struct Principled {
     pub clearcoat: Scalar,
     /// Its perceptual roughness, 0..=1.
     pub clearcoat_roughness: Scalar,
+    /// Coats over the clear coat. What is transparent has none.
+    pub coats: Coats,
+    /// Bends the normal of all coats. Without one they are even, whatever map the material has.
+    pub coat_normal_map: Option<NormalMap>,
     /// Grooves that spread reflections in one direction.
     pub anisotropy: Option<Anisotropy>,
     /// Fibres that shine at grazing angles, below the coat.
@@ -49,6 +53,8 @@ impl Default for Principled {
             thin: true,
             clearcoat: Scalar::constant(0.0),
             clearcoat_roughness: Scalar::constant(0.0),
+            coats: Coats::NONE,
+            coat_normal_map: None,
             anisotropy: None,
             sheen: None,
             iridescence: None,
@@ -57,6 +63,11 @@ impl Default for Principled {
 }
 
 impl Principled {
+    /// Whether anything is coated.
+    pub fn has_coats(&self) -> bool {
+        self.clearcoat.factor != 0.0 || !self.coats.is_empty()
+    }
+
     /// A rough body of glass, tinted at each crossing.
     pub fn glass(ior: f32, tint: Vec3, roughness: Scalar) -> Self {
         Self {

@@ -3,7 +3,7 @@
 use super::offset;
 use crate::geom::Frame;
 use crate::lanes::{Int, Lanes, Num, Vector};
-use crate::scene::{Anisotropy, Footprint, Material, NormalMap, Principled, Scene, Surface};
+use crate::scene::{Anisotropy, Footprint, Material, Mesh, NormalMap, Scene, Surface};
 
 /// Least cosine between the shading normal and `wo`.
 const MIN_COSINE: f32 = 1e-3;
@@ -22,6 +22,8 @@ pub struct Interaction<L: Lanes> {
     /// for surfaces with a mirror-like share, the mirrored `wo` above the triangle. Its x axis means something
     /// only where the surface is anisotropic: there it is rougher along it.
     pub frame: Frame<L>,
+    /// Where coats are bent in another way than what is below them.
+    pub coat: Option<CoatShape<L>>,
     /// Mesh texture coordinates.
     pub uv: [Num<L>; 2],
     /// How much of the surface the rays cover.
@@ -37,6 +39,15 @@ pub struct Interaction<L: Lanes> {
     pub raised: Vector<L>,
     /// Distance that rays start off the triangle.
     offset: Num<L>,
+}
+
+/// How coats lie on a surface.
+#[derive(Clone, Copy, Debug)]
+pub struct CoatShape<L: Lanes> {
+    /// Their unit normals in the shading frame, bent as its own normal is.
+    pub normal: Vector<L>,
+    /// Their [`Footprint::bumps`].
+    pub bumps: Num<L>,
 }
 
 /// Hits in lanes, as [`crate::stream::Hit`] has one; none is a miss.
@@ -72,6 +83,34 @@ fn vectors<L: Lanes>(table: &[glam::Vec3], indices: &[Int<L>; 3]) -> [Vector<L>;
     ]
 }
 
+/// The corners' mesh texture coordinates, zero if there are none.
+#[inline(always)]
+fn corner_uvs<L: Lanes>(mesh: &Mesh, indices: &[Int<L>; 3]) -> [[Num<L>; 2]; 3] {
+    if mesh.uvs.is_empty() {
+        return [[Num::splat(indices[0].lanes(), 0.0); 2]; 3];
+    }
+    let table: &[f32] = bytemuck::cast_slice(&mesh.uvs);
+    let [a, b, c] = *indices;
+    [a.rows_of(table), b.rows_of(table), c.rows_of(table)]
+}
+
+#[inline(always)]
+fn blend_uvs<L: Lanes>([a, b, c]: &[[Num<L>; 2]; 3], weights: &Weights<L>) -> [Num<L>; 2] {
+    // No closure: it might not be inlined.
+    let mut uv = *a;
+    for (k, uv) in uv.iter_mut().enumerate() {
+        *uv = a[k] * weights[0] + b[k] * weights[1] + c[k] * weights[2];
+    }
+    uv
+}
+
+/// The mesh texture coordinates of hits.
+#[inline(always)]
+pub(super) fn mesh_uv<L: Lanes>(mesh: &Mesh, hits: &Hits<L>) -> [Num<L>; 2] {
+    let indices = hits.primitive.rows::<3>(bytemuck::cast_slice(&mesh.triangles));
+    blend_uvs(&corner_uvs(mesh, &indices), &[1.0 - hits.u - hits.v, hits.u, hits.v])
+}
+
 impl<L: Lanes> Interaction<L> {
     /// The interactions of rays with the triangles they hit, whose material is `material`. `width` is that of
     /// the rays' [`super::Cone`]s there.
@@ -103,17 +142,8 @@ impl<L: Lanes> Interaction<L> {
             outward = Vector::select(smooth, outward, winding);
         }
         let outside = (wo.dot(winding) * outward.dot(winding)).ge(Num::splat(l, 0.0));
-        let mut uv = [Num::splat(l, 0.0); 2];
-        let mut corner_uvs = [uv; 3];
-        if !mesh.uvs.is_empty() {
-            let table: &[f32] = bytemuck::cast_slice(&mesh.uvs);
-            let [a, b, c] = indices;
-            corner_uvs = [a.rows_of(table), b.rows_of(table), c.rows_of(table)];
-            for (k, uv) in uv.iter_mut().enumerate() {
-                let [a, b, c] = [corner_uvs[0][k], corner_uvs[1][k], corner_uvs[2][k]];
-                *uv = a * weights[0] + b * weights[1] + c * weights[2];
-            }
-        }
+        let corner_uvs = corner_uvs(mesh, &indices);
+        let uv = blend_uvs(&corner_uvs, &weights);
 
         let mut footprint = if mesh.uvs.is_empty() || scene.textures.is_empty() {
             Footprint::point(l)
@@ -121,12 +151,15 @@ impl<L: Lanes> Interaction<L> {
             footprint(&corners, &corner_uvs, width, wo.dot(winding), hits)
         };
         let (mut shading, mut bent) = (outward, smooth);
-        let anisotropy = match &material.surface {
-            Surface::Principled(Principled { anisotropy, .. }) => anisotropy.as_ref(),
-            _ => None,
-        };
+        let (mut anisotropy, mut coat_map) = (None, None);
+        if let Surface::Principled(surface) = &material.surface {
+            anisotropy = surface.anisotropy.as_ref();
+            if surface.has_coats() && surface.coat_normal_map != material.normal_map {
+                coat_map = Some(&surface.coat_normal_map);
+            }
+        }
         let mut tangents = None;
-        if material.normal_map.is_some() || anisotropy.is_some() {
+        if material.normal_map.is_some() || anisotropy.is_some() || matches!(coat_map, Some(Some(_))) {
             let (frame, there) = tangent_frame(scene, &indices, &corners, &corner_uvs, &weights, outward);
             if let Some(map) = &material.normal_map {
                 let (mapped, bumps) = map_normal(scene, map, uv, &footprint, &frame);
@@ -136,19 +169,26 @@ impl<L: Lanes> Interaction<L> {
             }
             tangents = Some((frame, there));
         }
-        shading = Vector::select(shading.dot(normal).below(0.0), -shading, shading);
-        if bent != 0 {
-            let matte = matches!(material.surface, Surface::Matte { .. });
-            shading = Vector::select(bent, bend(shading, normal, wo, matte), normal);
-        } else {
-            shading = normal;
-        }
+        let matte = matches!(material.surface, Surface::Matte { .. });
+        let shading = settle(shading, bent, normal, wo, matte);
         let mut frame = Frame::around(shading);
         if let (Some(anisotropy), Some((tangents, there))) = (anisotropy, &tangents) {
             let x = rough_direction(scene, anisotropy, uv, &footprint, tangents);
             let (tangent, along) = (x - shading * x.dot(shading)).normalize_or(frame.tangent);
             let laid = Frame { tangent, bitangent: shading.cross(tangent), normal: shading };
             frame = Frame::select(along & there, laid, frame);
+        }
+        let mut coat = None;
+        if let Some(map) = coat_map {
+            let (mut own, mut bumps, mut bent) = (outward, outward.x.only(0), smooth);
+            if let (Some(map), Some((tangents, there))) = (map, &tangents) {
+                let (mapped, rough) = map_normal(scene, map, uv, &footprint, tangents);
+                own = Vector::select(*there, mapped, outward);
+                bumps = rough.only(*there);
+                bent |= there;
+            }
+            let normal = frame.local(settle(own, bent, normal, wo, false));
+            coat = Some(CoatShape { normal, bumps });
         }
         let raised = if smooth == 0 {
             position
@@ -161,6 +201,7 @@ impl<L: Lanes> Interaction<L> {
             wo,
             normal,
             frame,
+            coat,
             uv,
             footprint,
             front,
@@ -170,14 +211,15 @@ impl<L: Lanes> Interaction<L> {
         }
     }
 
-    /// The world directions of mirrored or refracted rays that go to `local` in the shading frame. A
-    /// bent normal may send one to the other side of the triangle than of the normal; it is then laid
+    /// The world directions of mirrored or refracted rays that go to `local` in the shading frame, to the other
+    /// side of the surface in the lanes of `crosses`. A bent normal may send one to the other side of the triangle than of the normal; it is then laid
     /// along the triangle, on the side where it belongs: it would otherwise count as having crossed
     /// a surface that it did not cross.
     #[inline(always)]
-    pub fn smooth_direction(&self, local: Vector<L>) -> Vector<L> {
+    pub fn smooth_direction(&self, local: Vector<L>, crosses: u32) -> Vector<L> {
         let wi = self.frame.world(local).normalize();
-        let side = local.z.signum();
+        let one = Num::splat(local.lanes(), 1.0);
+        let side = Num::select(crosses, -one, one);
         let height = wi.dot(self.normal) * side;
         let lift = (MIN_COSINE - height) * side;
         let (lifted, _) = (wi + self.normal * lift).normalize_or(wi);
@@ -222,6 +264,23 @@ fn footprint<L: Lanes>(
     let bits = (hits.u.to_bits() * 0x9e37_79b9) ^ (hits.v.to_bits() * 0x85eb_ca6b);
     let dither = ((bits * 0x7feb_352d) >> 8).to_num() * (1.0 / (1 << 24) as f32);
     Footprint { width: width * share.sqrt(), dither, ..Footprint::point(width.lanes()) }
+}
+
+/// Shading normals that are bent in the lanes of `bent`, turned to the triangle's side of `wo` and bent no further
+/// than [`bend`] allows.
+#[inline(always)]
+fn settle<L: Lanes>(
+    shading: Vector<L>,
+    bent: u32,
+    normal: Vector<L>,
+    wo: Vector<L>,
+    matte: bool,
+) -> Vector<L> {
+    if bent == 0 {
+        return normal;
+    }
+    let shading = Vector::select(shading.dot(normal).below(0.0), -shading, shading);
+    Vector::select(bent, bend(shading, normal, wo, matte), normal)
 }
 
 /// Turns shading normals that lie on the triangle's side of `wo` so that `wo` is above them and,
@@ -468,6 +527,28 @@ mod tests {
         scene.mesh.uvs.iter_mut().for_each(|uv| uv.x = -uv.x);
         let mirrored = shading(&seen(&scene, Vec3::Z));
         assert!(mirrored.x < -0.4 && mirrored.y > 0.4, "{mirrored}");
+    }
+
+    #[test]
+    fn coats_have_normals_of_their_own_unless_the_maps_are_the_same() {
+        let mut scene = mapped([200, 128, 200, 255]);
+        let map = scene.materials[0].normal_map;
+        let mut coat = |base, coat| {
+            let (clearcoat, coat_normal_map) = (Scalar::constant(1.0), coat);
+            scene.materials[0].surface =
+                Surface::Principled(Principled { clearcoat, coat_normal_map, ..Principled::default() });
+            scene.materials[0].normal_map = base;
+            let at = seen(&scene, Vec3::Z);
+            at.lane.coat.map(|coat| Vec3::from(at.frame.world(coat.normal)))
+        };
+        assert_eq!((coat(None, None), coat(map, map)), (None, None));
+        assert!(coat(map, None).expect("even").dot(Vec3::Z) > 1.0 - 1e-6);
+        let bumpy = coat(None, map).expect("bumpy");
+        assert!(bumpy.x > 0.4 && bumpy.y.abs() < 0.01, "{bumpy}");
+        let steeper = NormalMap { scale: 3.0, ..map.expect("a map") };
+        let normal = coat(None, Some(steeper)).expect("bumpy");
+        let mirrored = normal * (2.0 * normal.z) - Vec3::Z;
+        assert!(mirrored.z > 0.0, "bent back until the mirrored view is above: {mirrored}");
     }
 
     #[test]

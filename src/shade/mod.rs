@@ -11,6 +11,7 @@ pub mod light;
 pub mod lookup;
 pub mod loop_stack;
 pub mod medium;
+mod mixture;
 pub mod offset;
 pub mod places;
 pub mod single;
@@ -18,8 +19,9 @@ mod sort;
 
 pub use bsdf::Bsdf;
 pub use cone::Cone;
-pub use interaction::{Hits, Interaction};
+pub use interaction::{CoatShape, Hits, Interaction};
 pub use light::{LightSample, Lights};
 pub use loop_stack::LoopStack;
+pub use mixture::material_of;
 pub use places::ArenaUse;
 pub use sort::{Run, Sorted, sort};

@@ -28,7 +28,7 @@ pub struct Interaction {
     pub outside: bool,
     /// Where scattered rays leave.
     pub raised: Vec3,
-    lane: super::Interaction<One>,
+    pub(super) lane: super::Interaction<One>,
 }
 
 impl Interaction {
@@ -49,9 +49,10 @@ impl Interaction {
         }
     }
 
-    /// [`super::Interaction::smooth_direction`].
+    /// [`super::Interaction::smooth_direction`]; what goes below crosses the surface.
     pub fn smooth_direction(&self, local: Vec3) -> Vec3 {
-        self.lane.smooth_direction(local.into()).into()
+        let crosses = if local.z.is_sign_negative() { One::ALL } else { 0 };
+        self.lane.smooth_direction(local.into(), crosses).into()
     }
 
     /// The point that is lit.

@@ -1,6 +1,8 @@
 //! The batch sort (RA section 3.1): misses first, then hits by material.
 
+use super::{Hits, material_of, mixture};
 use crate::lanes::{Int, Lanes, Piece};
+use crate::scene::{Scene, Surface};
 use crate::stream::{Hit, MISS};
 use std::cell::Cell;
 
@@ -50,16 +52,16 @@ pub struct Run<'a> {
 /// The most runs that are gathered one after the other, each in lanes; beyond, the radix sort is faster.
 const FEW_RUNS: usize = 8;
 
-/// Sorts a batch: `materials` gives the material of each primitive. Stable, so the order of rays
-/// within a run is that of the batch. Linear time.
+/// Sorts a batch of hits of a scene by [`material_of`]. Stable, so the order of rays within a run is that
+/// of the batch. Linear time.
 #[inline(always)]
-pub fn sort<L: Lanes>(l: L, hits: &[Hit], materials: &[u32]) -> Sorted {
-    l.apart(Sort { hits, materials })
+pub fn sort<L: Lanes>(l: L, hits: &[Hit], scene: &Scene) -> Sorted {
+    l.apart(Sort { hits, scene })
 }
 
 struct Sort<'a> {
     hits: &'a [Hit],
-    materials: &'a [u32],
+    scene: &'a Scene,
 }
 
 impl<L: Lanes> Piece<L> for Sort<'_> {
@@ -69,13 +71,18 @@ impl<L: Lanes> Piece<L> for Sort<'_> {
     fn run(self, l: L) -> Sorted {
         let mut storage = SPARE.take();
         if let [hit] = self.hits {
-            storage.hold(hit, self.materials);
+            storage.hold(if hit.is_miss() { 0 } else { material_of(self.scene, hit) + 1 });
             return Sorted(storage);
         }
         storage.make_room(self.hits.len());
-        let keys = storage.look_up(l, self.hits, self.materials);
-        if L::LANES == 1 || !storage.gather(l, keys) {
-            storage.radix(keys);
+        let keys = storage.look_up(l, self.hits, &self.scene.mesh.materials);
+        storage.arrange(l, keys);
+        if !self.scene.mixes.is_empty() {
+            // Mixes of mixes take a turn each.
+            while storage.resolve(l, self.hits, self.scene) {
+                let keys = storage.in_common();
+                storage.arrange(l, keys);
+            }
         }
         Sorted(storage)
     }
@@ -96,13 +103,52 @@ impl Storage {
         self.keys.clear();
         self.keys.resize(rays + BEHIND, NEVER);
         self.order.resize(rays + BEHIND, 0);
-        self.runs.clear();
         self.len = rays;
     }
 
+    /// Fills the order and the runs.
+    #[inline(always)]
+    fn arrange<L: Lanes>(&mut self, l: L, keys: Keys) {
+        self.runs.clear();
+        if L::LANES == 1 || !self.gather(l, keys) {
+            self.radix(keys);
+        }
+    }
+
+    /// Gives the hits on mixes the keys of their parts; returns whether there were any.
+    #[inline(always)]
+    fn resolve<L: Lanes>(&mut self, l: L, hits: &[Hit], scene: &Scene) -> bool {
+        let mut found = false;
+        for (i, &(key, start)) in self.runs.iter().enumerate() {
+            let Some(material) = key.checked_sub(1) else { continue };
+            let Surface::Mix(mix) = scene.materials[material as usize].surface else { continue };
+            let [first, second] = scene.mixes[mix as usize].of;
+            let end = self.runs.get(i + 1).map_or(self.len, |next| next.1 as usize);
+            for rays in self.order[start as usize..end].chunks(L::LANES) {
+                let (ids, _) = Int::some(l, rays, rays[0]);
+                let [t, u, v, primitive] = ids.rows_of(bytemuck::cast_slice(hits));
+                let hits = Hits { t, u, v, primitive: primitive.to_bits() };
+                let seconds = mixture::is_second(scene, mix, &hits);
+                for (lane, &ray) in rays.iter().enumerate() {
+                    self.keys[ray as usize] = 1 + if seconds >> lane & 1 == 1 { second } else { first };
+                }
+            }
+            found = true;
+        }
+        found
+    }
+
+    fn in_common(&self) -> Keys {
+        let keys = &self.keys[..self.len];
+        let (mut least, mut all, mut any) = (NEVER, NEVER, 0);
+        for &key in keys {
+            (least, all, any) = (least.min(key), all & key, any | key);
+        }
+        Keys { least, varying: any & !all }
+    }
+
     /// One ray is sorted: what is shaded ray by ray pays for no more.
-    fn hold(&mut self, hit: &Hit, materials: &[u32]) {
-        let key = if hit.is_miss() { 0 } else { materials[hit.primitive as usize] + 1 };
+    fn hold(&mut self, key: u32) {
         self.order.clear();
         self.order.push(0);
         self.runs.clear();
@@ -224,7 +270,7 @@ mod tests {
         Hit { t: 1.0, u: 0.0, v: 0.0, primitive }
     }
 
-    struct Sorting<'a>(&'a [Hit], &'a [u32]);
+    struct Sorting<'a>(&'a [Hit], &'a Scene);
 
     impl Kernel for Sorting<'_> {
         type Output = Sorted;
@@ -242,11 +288,13 @@ mod tests {
             .flat_map(|materials| SimdLevel::available().into_iter().map(move |level| (materials, level)))
         {
             let of: Vec<u32> = (0..100_000u32).map(|p| crate::geom::mix(p) % materials).collect();
+            let mut scene = Scene::default();
+            scene.mesh.materials = of.clone();
             for (first, rays) in [(0, 8192), (5, 77), (0, 1), (3, 1)] {
                 let hits: Vec<Hit> = (first..first + rays)
                     .map(|i| if i % 7 == 3 { hit(MISS) } else { hit(crate::geom::mix(i ^ 0x55) % 100_000) })
                     .collect();
-                let sorted = level.run(Sorting(&hits, &of));
+                let sorted = level.run(Sorting(&hits, &scene));
                 let mut seen = vec![false; hits.len()];
                 let mut last = None;
                 for run in sorted.runs() {
@@ -268,7 +316,7 @@ mod tests {
     #[test]
     fn an_empty_batch_has_no_runs() {
         for level in SimdLevel::available() {
-            assert_eq!(level.run(Sorting(&[], &[])).runs().count(), 0);
+            assert_eq!(level.run(Sorting(&[], &Scene::default())).runs().count(), 0);
         }
     }
 }

@@ -67,6 +67,7 @@ fn extensions_of_the_surface() {
         json!({ "clearcoatFactor": 0.75, "clearcoatRoughnessFactor": 0.25 }),
     );
     assert_eq!((coat.clearcoat.factor, coat.clearcoat_roughness.factor), (0.75, 0.25));
+    assert_eq!((coat.coat_normal_map, coat.coats.len()), (None, 0));
     let glass = |volume: Value| {
         let transmission = json!({ "transmissionFactor": 0.9 });
         principled(json!({ "extensions": {
@@ -226,7 +227,8 @@ fn every_texture_has_its_channel_and_colour_space() {
         "extensions": {
             "KHR_materials_transmission": { "transmissionFactor": 1.0, "transmissionTexture": info },
             "KHR_materials_clearcoat": { "clearcoatFactor": 1.0, "clearcoatTexture": info,
-                "clearcoatRoughnessFactor": 1.0, "clearcoatRoughnessTexture": info },
+                "clearcoatRoughnessFactor": 1.0, "clearcoatRoughnessTexture": info,
+                "clearcoatNormalTexture": { "index": texture, "scale": 0.25 } },
             "KHR_materials_specular": { "specularTexture": info, "specularColorTexture": info },
             "KHR_materials_anisotropy": { "anisotropyStrength": 1.0, "anisotropyTexture": info },
             "KHR_materials_sheen": { "sheenColorFactor": [1.0, 1.0, 1.0], "sheenColorTexture": info,
@@ -262,6 +264,8 @@ fn every_texture_has_its_channel_and_colour_space() {
     assert_eq!(colours.map(space), [ColourSpace::Srgb; 4]);
     let normal = scene.materials[0].normal_map.expect("a normal map");
     assert_eq!((space(Some(normal.texture)), normal.scale), (ColourSpace::Linear, 0.5));
+    let coat = p.coat_normal_map.expect("another");
+    assert_eq!((coat.texture, coat.scale), (normal.texture, 0.25));
     assert_eq!(scene.textures.len(), 2, "one image in two colour spaces");
     for texture in &scene.textures {
         assert_eq!(texture.texels[..2], [[10, 20, 30, 255], [1, 2, 3, 4]], "and its smaller copy");

@@ -246,10 +246,10 @@ where
 
     fn shade(&self, batch: Batch<'_, CallState>, out: &mut Rays<'_>) {
         let mut hand = self.places.hand();
-        let materials = &self.desk.frame.scene().mesh.materials;
+        let scene = self.desk.frame.scene();
         Exchange::engine(|exchange| {
             // Calls that hit the same material run one after the other, whatever else they are about.
-            for run in sort(One::default(), batch.hits, materials).runs() {
+            for run in sort(One::default(), batch.hits, scene).runs() {
                 for (turn, i) in run.rays.iter().map(|&i| i as usize).enumerate() {
                     self.fetch(
                         |ahead| run.rays.get(turn + ahead).map(|&i| batch.payloads[i as usize]),

@@ -5,8 +5,8 @@ use super::exchange::{Exchange, Wish};
 use crate::geom::Sampler;
 use crate::render::{Frame, Settings};
 use crate::scene::{Material, Scene};
-use crate::shade::Lights;
 use crate::shade::single::Interaction;
+use crate::shade::{Lights, material_of};
 use crate::stream::{Hit, Ray};
 use glam::Vec3;
 use std::future::Future;
@@ -75,7 +75,7 @@ impl<'a, S: Shader> Cx<'a, S> {
     /// What a ray met at its hit, and of what material that is.
     pub fn surface(self, ray: &Ray, hit: &Hit) -> (&'a Material, Interaction) {
         let scene = self.scene();
-        let material = &scene.materials[scene.mesh.materials[hit.primitive as usize] as usize];
+        let material = &scene.materials[material_of(scene, hit) as usize];
         (material, Interaction::new(scene, material, ray, hit))
     }
 

@@ -6,11 +6,12 @@ use crate::geom::Sampler;
 use crate::lanes::SimdLevel;
 use crate::render::{Path, ROULETTE_BOUNCES, Settings, SettingsError};
 use crate::scene::{
-    CameraError, Colour, ColourSpace, Emission, Environment, Light, LightShape, Material, Mean, NormalMap,
-    Scalar, Scene, Surface, TextureRef,
+    Alpha, AlphaMode, CameraError, Channel, Colour, ColourSpace, Emission, Environment, Light, LightShape,
+    Material, Mean, NormalMap, Scalar, Scene, Surface, Texture, TextureRef,
 };
 use crate::schedule::Renderer;
 use crate::shade::bsdf::Smoothness;
+use crate::shade::material_of;
 use crate::shade::single::{Bsdf, Interaction, emission};
 use crate::stream::{Hit, Ray, Tracer};
 use glam::{Vec2, Vec3};
@@ -276,6 +277,46 @@ fn bodies_absorb_by_the_way_through_them() {
     let (middle, beside) = (pixels[12 * 25 + 12], pixels[0]);
     assert!((middle - Vec3::new(0.5, 0.25, 1.0)).abs().max_element() < 2e-3, "{middle}");
     assert_eq!(beside, Vec3::ONE);
+}
+
+#[test]
+fn a_mix_is_on_average_its_parts_in_proportion() {
+    // A quarter of a third, three quarters of it, and the rest.
+    for texture in [false, true] {
+        let mut scene = furnace(Material::matte("a", Vec3::new(0.8, 0.2, 0.4)), 2, false);
+        let b = add_material(&mut scene, Material::matte("b", Vec3::new(0.1, 0.9, 0.5)));
+        let c = add_material(&mut scene, of(Surface::Mirror { reflectance: Colour::constant(Vec3::X) }));
+        scene.textures.push(Texture { texels: [[51, 0, 0, 255]; 64].into(), ..bumps() });
+        let mut quarter = Scalar::constant(0.25);
+        if texture {
+            quarter = Scalar { factor: 1.25, texture: Some((TextureRef::plain(0), Channel::R)) };
+        }
+        let inner = add_mix(&mut scene, [b, c], quarter);
+        let mix = add_mix(&mut scene, [0, inner], Scalar::constant(1.0 / 3.0));
+        scene.mesh.materials.fill(mix);
+        // The sphere fills the middle of the picture.
+        let pixels = picture(scene, Settings { spp: 1024, max_bounces: 1, ..SETTINGS });
+        let light = (8..16).map(|y| mean(&pixels[24 * y + 8..24 * y + 16])).sum::<Vec3>() / 8.0;
+        let expected = Vec3::new(1.6 + 0.075 + 0.25, 0.4 + 0.675, 0.8 + 0.375) / 3.0;
+        assert!((light - expected).abs().max_element() < 5e-3, "{light} for {expected}");
+    }
+}
+
+#[test]
+fn what_alpha_leaves_is_mixed_as_it_was() {
+    // The two decisions about a hit are independent.
+    let mut scene = room();
+    let (mut counts, n) = ([0u32; 4], 100_000u32);
+    let halves = add_mix(&mut scene, [0, 1], Scalar::constant(0.5));
+    scene.materials[halves as usize].alpha = Alpha { mode: AlphaMode::Blend, value: Scalar::constant(0.5) };
+    scene.mesh.materials.fill(halves);
+    for i in 0..n {
+        let [u, v] = Sampler::new(i, 0, 0).pair(0);
+        let hit = Hit { t: 1.0, u: 0.5 * u, v: 0.5 * v, primitive: i % 3 };
+        let is_there = scene.alpha_accepts(hit.primitive, hit.u, hit.v);
+        counts[2 * usize::from(is_there) + material_of(&scene, &hit) as usize] += 1;
+    }
+    assert!(counts.iter().all(|count| count.abs_diff(n / 4) < n / 100), "{counts:?}");
 }
 
 #[test]

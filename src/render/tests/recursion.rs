@@ -38,7 +38,8 @@ fn cabinet(lights: usize) -> Scene {
             s.transmission = Scalar::constant(0.6);
         }),
     );
-    add_quad(&mut scene, Vec3::new(-1.5, -1.5, 1.5), Vec3::X * 2.0, Vec3::Y * 2.0, pane);
+    let flecked = add_mix(&mut scene, [glass, pane], Scalar::constant(0.7));
+    add_quad(&mut scene, Vec3::new(-1.5, -1.5, 1.5), Vec3::X * 2.0, Vec3::Y * 2.0, flecked);
     scene.lights = (0..lights)
         .map(|i| Light {
             name: String::new(),

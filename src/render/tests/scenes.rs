@@ -1,9 +1,9 @@
 //! Small scenes with known answers.
 
 use crate::scene::{
-    Anisotropy, Camera, Channel, Colour, ColourSpace, Emission, Environment, EnvironmentMap, Iridescence,
-    Light, LightShape, Material, Medium, NormalMap, Principled, Pyramid, Scalar, Scene, Sheen, Surface,
-    Texture, TextureRef, Wrap,
+    Anisotropy, Camera, Channel, Coat, Coats, Colour, ColourSpace, Emission, Environment, EnvironmentMap,
+    Iridescence, Light, LightShape, Material, Medium, Mix, NormalMap, Principled, Pyramid, Scalar, Scene,
+    Sheen, Surface, Texture, TextureRef, Wrap,
 };
 use glam::{Vec2, Vec3};
 
@@ -21,6 +21,13 @@ pub fn add_material(scene: &mut Scene, material: Material) -> u32 {
 /// A material with this surface.
 pub fn of(surface: Surface) -> Material {
     Material { surface, ..Material::fallback() }
+}
+
+/// Adds a mix of two materials; returns its index.
+pub fn add_mix(scene: &mut Scene, of: [u32; 2], share: Scalar) -> u32 {
+    scene.mixes.push(Mix { of, share });
+    let mix = Surface::Mix(scene.mixes.len() as u32 - 1);
+    add_material(scene, self::of(mix))
 }
 
 /// A metallic-roughness material.
@@ -182,8 +189,8 @@ pub fn ink() -> Scene {
     scene
 }
 
-/// A room with one of everything that is shaded: textures, bumps, coats, grooves, fibres, films, glass, lamps,
-/// a sky.
+/// A room with one of everything that is shaded: textures, bumps, coats, grooves, fibres, films, mixes, glass,
+/// lamps, a sky.
 pub fn one_of_everything() -> Scene {
     let mut scene = room();
     scene.textures.push(bumps());
@@ -225,6 +232,16 @@ pub fn one_of_everything() -> Scene {
             }),
             ..painted
         }),
+        Surface::Principled(Principled {
+            transmission: Scalar::constant(0.0),
+            coats: Coats::new(&[
+                Coat { tint: Vec3::new(0.9, 0.6, 0.8), ior: 1.7, ..Coat::CLEAR },
+                Coat { weight: 0.5, roughness: 0.4, ..Coat::CLEAR },
+            ])
+            .expect("two"),
+            coat_normal_map: Some(NormalMap { texture, scale: -0.3 }),
+            ..painted
+        }),
     ];
     for (i, surface) in surfaces.into_iter().enumerate() {
         let map = NormalMap { texture, scale: 0.5 };
@@ -232,9 +249,14 @@ pub fn one_of_everything() -> Scene {
         let normal_map = (i % 2 == 0).then_some(map);
         let material = Material { surface, normal_map, medium, ..Material::fallback() };
         let id = add_material(&mut scene, material);
-        let corner = Vec3::new(-0.8 + 0.4 * i as f32, -0.7, -0.2 * i as f32);
+        let corner = Vec3::new(-0.9 + 0.35 * i as f32, -0.7, -0.2 * i as f32);
         add_quad(&mut scene, corner, Vec3::new(0.35, 0.1, 0.1), Vec3::new(0.0, 1.2, 0.2), id);
     }
+    let last = scene.materials.len() as u32 - 1;
+    let stripes = Scalar { factor: 1.0, texture: Some((texture, Channel::R)) };
+    let inner = add_mix(&mut scene, [last - 3, last], stripes);
+    let mix = add_mix(&mut scene, [inner, last - 1], Scalar::constant(0.3));
+    add_quad(&mut scene, Vec3::new(-0.9, -0.9, 0.2), Vec3::X * 1.8, Vec3::new(0.0, 0.8, 0.1), mix);
     scene.mesh.uvs = scene.mesh.positions.iter().map(|p| Vec2::new(p.x + p.z, p.y - p.z)).collect();
     scene.mesh.normals =
         scene.mesh.positions.iter().map(|p| (*p + Vec3::new(0.0, 0.1, 3.0)).normalize()).collect();

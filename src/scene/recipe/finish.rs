@@ -2,14 +2,19 @@
 
 use super::within;
 use crate::scene::{
-    Alpha, Anisotropy, Colour, Emission, Iridescence, Material, Medium, Principled, Scalar, Sheen, Surface,
-    TextureRef,
+    Alpha, Anisotropy, Coat, Coats, Colour, Emission, Iridescence, Material, Medium, Principled, Scalar,
+    Sheen, Surface, TextureRef,
 };
 use glam::Vec3;
 use serde::Deserialize;
 
 /// A material: glass when `ior` is given, a mirror when `mirror` is true, else glTF's
-/// metallic-roughness, matte when `roughness` is absent too.
+/// metallic-roughness, matte when `roughness` is absent too. These two may be varnished:
+///
+/// ```json
+/// "candy": { "colour": [0.9, 0.9, 0.9], "roughness": 0.3, "metallic": 1,
+///            "coats": [{}, { "weight": 0.9, "ior": 1.6, "roughness": 0.2, "tint": [0.8, 0.1, 0.05] }] }
+/// ```
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Finish {
@@ -25,6 +30,9 @@ pub struct Finish {
     /// Strength of a smooth clear coat, 0..=1.
     #[serde(default)]
     pub clearcoat: f32,
+    /// Coats of varnish over all of it, outermost first, at most [`Coats::MOST`].
+    #[serde(default)]
+    pub coats: Vec<Varnish>,
     /// Grooves that make a reflection rougher along u, 0..=1.
     #[serde(default)]
     pub anisotropy: f32,
@@ -66,6 +74,39 @@ pub struct ThinFilm {
     pub ior: f32,
 }
 
+/// A coat, clear and smooth unless it says otherwise. It lies on anything but mirrors and glass.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Varnish {
+    /// Share of the surface that is coated, 0..=1.
+    pub weight: f32,
+    /// Index of refraction, 1..=4.
+    pub ior: f32,
+    /// Perceptual roughness, 0..=1.
+    pub roughness: f32,
+    /// What white light has become that went straight down and up through it, 0..=1.
+    pub tint: Vec3,
+}
+
+impl Default for Varnish {
+    fn default() -> Self {
+        let Coat { weight, ior, roughness, tint } = Coat::CLEAR;
+        Self { weight, ior, roughness, tint }
+    }
+}
+
+impl Varnish {
+    fn coat(self) -> Result<Coat, String> {
+        within("the ior of a coat", self.ior, 1.0, 4.0)?;
+        Ok(Coat {
+            weight: share("the weight of a coat", self.weight)?,
+            ior: self.ior,
+            roughness: share("the roughness of a coat", self.roughness)?,
+            tint: shares("the tint of a coat", self.tint)?,
+        })
+    }
+}
+
 /// A medium that takes colour from light.
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -79,13 +120,13 @@ pub struct Tint {
 impl Finish {
     /// The material; what is out of range, and the range, otherwise.
     pub(super) fn material(&self, name: &str, texture: Option<TextureRef>) -> Result<Material, String> {
-        let share = |what: &str, value: f32| within(what, value, 0.0, 1.0).map(|()| value);
-        let shares = |what: &str, colour: Vec3| {
-            within(&format!("the largest channel of {what}"), colour.max_element(), 0.0, 1.0)?;
-            within(&format!("the smallest channel of {what}"), colour.min_element(), 0.0, 1.0)?;
-            Ok::<_, String>(colour)
-        };
         let colour = Colour { factor: shares("colour", self.colour)?, texture };
+        let is_coated = !self.coats.is_empty();
+        if is_coated && (self.ior.is_some() || self.mirror) {
+            return Err(
+                "coats lie on neither glass nor mirrors; metal with a roughness of 0 is a mirror, too".into(),
+            );
+        }
         let surface = if let Some(ior) = self.ior {
             within("ior", ior, 1.0, 4.0)?;
             match share("roughness", self.roughness.unwrap_or(0.0))? {
@@ -123,24 +164,60 @@ impl Finish {
                     thickness_texture: None,
                 });
             }
-            Surface::Principled(surface)
+            Surface::Principled(self.coated(surface)?)
+        } else if is_coated {
+            let (base_colour, specular) = (colour, Scalar::constant(0.0));
+            Surface::Principled(self.coated(Principled { base_colour, specular, ..Principled::default() })?)
         } else {
             Surface::Matte { reflectance: colour }
         };
-        let mut emission = None;
-        if let Some(radiance) = self.emission {
-            within("emission", radiance.max_element(), 0.0, 1e6)?;
-            within("emission", radiance.min_element(), 0.0, 1e6)?;
-            emission = Some(Emission { radiance: Colour::constant(radiance), two_sided: false });
-        }
-        let mut medium = None;
-        if let Some(Tint { colour, distance }) = self.absorption {
-            within("the distance of absorption", distance, 1e-6, 1e6)?;
-            medium = Medium::tinting(shares("absorption", colour)?, distance);
-        }
+        let emission = self.emission.map(emission).transpose()?;
+        let medium = self.absorption.map(Tint::medium).transpose()?.flatten();
         let (normal_map, alpha) = (None, Alpha::default());
         Ok(Material { name: name.into(), surface, emission, normal_map, alpha, medium })
     }
+
+    /// The surface below its coats.
+    fn coated(&self, mut surface: Principled) -> Result<Principled, String> {
+        let coats: Vec<Coat> = self.coats.iter().map(|coat| coat.coat()).collect::<Result<_, _>>()?;
+        within("the number of coats", coats.len(), 0, Coats::MOST)?;
+        let mut over = &coats[..];
+        if let (Some((lowest, rest)), 0.0) = (coats.split_last(), surface.clearcoat.factor) {
+            // The lowest may be glTF's clear coat.
+            if (Coat { weight: lowest.weight, roughness: lowest.roughness, ..Coat::CLEAR }) == *lowest {
+                surface.clearcoat = Scalar::constant(lowest.weight);
+                surface.clearcoat_roughness = Scalar::constant(lowest.roughness);
+                over = rest;
+            }
+        }
+        surface.coats = Coats::new(over).expect("not too many");
+        Ok(surface)
+    }
+}
+
+/// Light given off by the front.
+pub(super) fn emission(radiance: Vec3) -> Result<Emission, String> {
+    within("emission", radiance.max_element(), 0.0, 1e6)?;
+    within("emission", radiance.min_element(), 0.0, 1e6)?;
+    Ok(Emission { radiance: Colour::constant(radiance), two_sided: false })
+}
+
+impl Tint {
+    /// The medium, if it takes any light.
+    pub(super) fn medium(self) -> Result<Option<Medium>, String> {
+        within("the distance of absorption", self.distance, 1e-6, 1e6)?;
+        Ok(Medium::tinting(shares("absorption", self.colour)?, self.distance))
+    }
+}
+
+fn share(what: &str, value: f32) -> Result<f32, String> {
+    within(what, value, 0.0, 1.0).map(|()| value)
+}
+
+fn shares(what: &str, colour: Vec3) -> Result<Vec3, String> {
+    within(&format!("the largest channel of {what}"), colour.max_element(), 0.0, 1.0)?;
+    within(&format!("the smallest channel of {what}"), colour.min_element(), 0.0, 1.0)?;
+    Ok(colour)
 }
 
 #[cfg(test)]
@@ -179,12 +256,38 @@ mod tests {
     }
 
     #[test]
+    fn the_lowest_coat_may_be_gltfs() {
+        let surface = |fields: &str| {
+            let text = format!(r#"{{ "colour": [0.5, 0.4, 0.3], {fields} }}"#);
+            let Surface::Principled(surface) = material(&text).expect("valid").surface else {
+                panic!("principled")
+            };
+            surface
+        };
+        let one = surface(r#""roughness": 0.3, "coats": [{ "weight": 0.6 }]"#);
+        assert_eq!(one, surface(r#""roughness": 0.3, "clearcoat": 0.6"#));
+        let two = surface(r#""coats": [{ "tint": [1, 0.5, 0.2], "ior": 1.7 }, { "roughness": 0.4 }]"#);
+        let upper = Coat { ior: 1.7, tint: Vec3::new(1.0, 0.5, 0.2), ..Coat::CLEAR };
+        assert_eq!((&*two.coats, two.clearcoat.factor), (&[upper][..], 1.0));
+        assert_eq!((two.clearcoat_roughness.factor, two.specular.factor), (0.4, 0.0), "over matte");
+        let both = surface(r#""roughness": 0.3, "clearcoat": 0.5, "coats": [{}, {}]"#);
+        assert_eq!((both.coats.len(), both.clearcoat.factor), (2, 0.5));
+    }
+
+    #[test]
     fn what_is_out_of_range_is_named() {
         for (field, part) in [
             (r#""anisotropy": 2"#, "anisotropy is 2"),
             (r#""sheen": { "colour": [2, 0, 0], "roughness": 0 }"#, "largest channel of sheen is 2"),
             (r#""film": { "nanometres": -1, "ior": 1.4 }"#, "nanometres is -1"),
             (r#""absorption": { "colour": [1, 1, 1], "distance": 0 }"#, "distance of absorption is 0"),
+            (r#""coats": [{ "weight": 2 }]"#, "weight of a coat is 2"),
+            (r#""coats": [{ "tint": [0, 0, 3] }]"#, "tint of a coat is 3"),
+            (
+                r#""coats": [{}, {}, {}, {}, {}, {}, {}, {}, {}]"#,
+                "number of coats is 9; it must lie in 0 to 8",
+            ),
+            (r#""coats": [{}], "mirror": true"#, "coats lie on neither glass nor mirrors"),
         ] {
             let text = format!(r#"{{ "colour": [1, 1, 1], "roughness": 0.5, {field} }}"#);
             let problem = material(&text).expect_err(field);

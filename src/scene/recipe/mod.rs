@@ -10,13 +10,20 @@
 //!               { "shape": "quad", "corner": [-1, 4, 1], "u": [0, 0, -2], "v": [2, 0, 0], "material": "lamp" } ] }
 //! ```
 //!
-//! Unknown fields are errors that name the line. [`Shape`] lists the shapes, [`Pattern`] the textures.
+//! Unknown fields are errors that name the line. [`Shape`] lists the shapes, [`Pattern`] the textures, [`Finish`]
+//! what a material may say. A shape may also be made of one of the `"mixes"` of materials or of mixes:
+//!
+//! ```json
+//! "mixes": { "rusty": { "of": ["steel", "rust"], "share": 0.7, "texture": "stains" } }
+//! ```
 
 mod finish;
+mod mix;
 mod pattern;
 mod shape;
 
-pub use finish::{Fibres, Finish, ThinFilm, Tint};
+pub use finish::{Fibres, Finish, ThinFilm, Tint, Varnish};
+pub use mix::Mix;
 pub use pattern::Pattern;
 pub use shape::Shape;
 
@@ -38,6 +45,9 @@ pub struct Recipe {
     pub textures: BTreeMap<String, Pattern>,
     /// Materials by name.
     pub materials: BTreeMap<String, Finish>,
+    /// Mixes of materials by name.
+    #[serde(default)]
+    pub mixes: BTreeMap<String, Mix>,
     /// What stands in the scene, in primitive order.
     pub shapes: Vec<Placed>,
 }
@@ -60,7 +70,7 @@ pub struct Placed {
     /// The shape, its fields beside `material`.
     #[serde(flatten)]
     pub shape: Shape,
-    /// Name of a material.
+    /// Name of a material or a mix.
     pub material: String,
 }
 
@@ -83,7 +93,7 @@ pub enum RecipeError {
     /// A number out of range.
     #[error("{place}: {problem}")]
     Range {
-        /// Which shape, texture or material.
+        /// Which shape, texture, material or mix.
         place: String,
         /// What is wrong and what is allowed.
         problem: String,
@@ -138,21 +148,24 @@ impl Recipe {
                 .map_err(|problem| RecipeError::Range { place: place(), problem })?;
             scene.materials.push(material);
         }
+        let materials = self.mix(&mut scene)?;
         for (index, placed) in self.shapes.iter().enumerate() {
             let place = || format!("shape {index}");
-            let material = position(&self.materials, &placed.material).ok_or_else(|| {
-                RecipeError::Unknown { user: place(), kind: "material", name: placed.material.clone() }
+            let material = materials.get(&*placed.material).ok_or_else(|| RecipeError::Unknown {
+                user: place(),
+                kind: "material",
+                name: placed.material.clone(),
             })?;
             placed
                 .shape
-                .tessellate(material, &mut scene.mesh)
+                .tessellate(*material, &mut scene.mesh)
                 .map_err(|problem| RecipeError::Range { place: place(), problem })?;
         }
         Ok(scene)
     }
 }
 
-/// Index of a name in a sorted map: materials and textures are numbered in that order.
+/// Index of a name in a sorted map: textures are numbered in that order.
 fn position<T>(map: &BTreeMap<String, T>, name: &str) -> Option<u32> {
     map.keys().position(|k| k == name).map(|i| i as u32)
 }

@@ -26,6 +26,15 @@ pub enum Pattern {
         /// Width of a joint in tiles, 0 to 0.5.
         joint: f32,
     },
+    /// Irregular cells, each of one of the two colours: flakes, stains, gravel.
+    Flakes {
+        /// Of most cells, and of the share.
+        colours: [[u8; 3]; 2],
+        /// Cells along each side, 1 to 512.
+        cells: u32,
+        /// Share of cells of the second colour, 0 to 1.
+        share: f32,
+    },
     /// Wood: rings around an axis a little beside the image, bent by noise, and fine fibres.
     Wood {
         /// Of early and late wood.
@@ -66,6 +75,15 @@ impl Pattern {
                     colours[0].map(|c| f64::from(c) * shade * stain)
                 })
             }
+            Self::Flakes { colours, cells, share } => {
+                within("cells", *cells, 1, 512)?;
+                within("share", *share, 0.0, 1.0)?;
+                texels(|u, v| {
+                    let flake = nearest_flake(u * f64::from(*cells), v * f64::from(*cells), *cells);
+                    let is_second = f64::from(flake >> 8) < f64::from(*share) * f64::from(1 << 24);
+                    colours[usize::from(is_second)].map(f64::from)
+                })
+            }
             Self::Wood { colours, rings } => {
                 within("rings", *rings, f64::MIN_POSITIVE, 1e3)?;
                 let bend = Fbm::<Perlin>::new(3).set_octaves(3);
@@ -93,6 +111,24 @@ impl Pattern {
             pyramid: Pyramid::default(),
         })
     }
+}
+
+/// A number of its own for each flake: its middle lies somewhere in its square, and a place belongs to the nearest.
+/// What leaves the image on one side comes back on the other.
+fn nearest_flake(x: f64, y: f64, cells: u32) -> u32 {
+    let (mut nearest, mut found) = (f64::INFINITY, 0);
+    for (dx, dy) in (-1..=1).flat_map(|dx| (-1..=1).map(move |dy| (dx, dy))) {
+        let square = [x as i64 + dx, y as i64 + dy];
+        let [column, row] = square.map(|s| s.rem_euclid(i64::from(cells)) as u32);
+        let flake = crate::geom::mix(row * cells + column);
+        let [a, b] = [flake & 0xffff, flake >> 16].map(|part| f64::from(part) / 65536.0);
+        let (to_x, to_y) = (square[0] as f64 + a - x, square[1] as f64 + b - y);
+        let distance = to_x * to_x + to_y * to_y;
+        if distance < nearest {
+            (nearest, found) = (distance, crate::geom::mix(flake));
+        }
+    }
+    found
 }
 
 /// Texels from a function of texture coordinates to 0..255 channels.

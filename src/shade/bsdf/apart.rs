@@ -3,6 +3,7 @@
 use super::{Principled, Sample, Smooth, Smoothness};
 use crate::lanes::{Lanes, Num, Piece, Vector};
 use crate::scene::{self, Finish, Footprint, Scene};
+use crate::shade::CoatShape;
 
 /// [`Principled::new`].
 pub struct Describe<'a, L: Lanes> {
@@ -10,6 +11,7 @@ pub struct Describe<'a, L: Lanes> {
     pub surface: &'a scene::Principled,
     pub uv: [Num<L>; 2],
     pub footprint: &'a Footprint<L>,
+    pub coat: &'a Option<CoatShape<L>>,
     pub outside: u32,
     pub smoothness: Smoothness,
 }
@@ -19,8 +21,8 @@ impl<L: Lanes> Piece<L> for Describe<'_, L> {
 
     #[inline(always)]
     fn run(self, _: L) -> Principled<L> {
-        let Self { scene, surface, uv, footprint, outside, smoothness } = self;
-        Principled::new(scene, surface, uv, footprint, outside, smoothness)
+        let Self { scene, surface, uv, footprint, coat, outside, smoothness } = self;
+        Principled::new(scene, surface, uv, footprint, coat, outside, smoothness)
     }
 }
 

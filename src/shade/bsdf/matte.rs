@@ -30,6 +30,7 @@ impl<L: Lanes> Matte<L> {
             weight: self.reflectance,
             pdf: warp::cosine_hemisphere_pdf(wi.z),
             specular: 0,
+            crosses: 0,
             eta: Num::splat(wi.lanes(), 1.0),
         }
     }

@@ -7,6 +7,7 @@ mod albedo;
 mod apart;
 mod boundary;
 mod brushed;
+mod coat;
 mod crossing;
 mod dielectric;
 mod facets;
@@ -17,6 +18,7 @@ mod matte;
 mod mirror;
 mod principled;
 mod sheen;
+mod stack;
 #[cfg(test)]
 mod tests;
 mod transparency;
@@ -52,6 +54,7 @@ impl Smoothness {
 
 /// The scattering at points of one surface.
 #[derive(Clone, Copy, Debug)]
+#[allow(clippy::large_enum_variant, reason = "one is made for many rays, and nothing is allocated for it")]
 pub enum Bsdf<L: Lanes> {
     /// Lambertian.
     Matte(Matte<L>),
@@ -76,6 +79,9 @@ pub struct Sample<L: Lanes> {
     pub pdf: Num<L>,
     /// Lanes whose `wi` is one of finitely many possible directions, which light sampling never finds.
     pub specular: u32,
+    /// Lanes whose `wi` is on the other side of the surface. Coats with normals of their own mirror to below the
+    /// plane across the shading normal, too, without crossing anything.
+    pub crosses: u32,
     /// Index of refraction of the medium that `wi` points into relative to that of `wo`. `weight`
     /// holds 1 / eta² (see [`Dielectric`]); a roulette that wants energies takes it out again.
     pub eta: Num<L>,
@@ -90,6 +96,7 @@ impl<L: Lanes> Sample<L> {
             weight: Vector::select(mask, a.weight, b.weight),
             pdf: Num::select(mask, a.pdf, b.pdf),
             specular: (a.specular & mask) | (b.specular & !mask),
+            crosses: (a.crosses & mask) | (b.crosses & !mask),
             eta: Num::select(mask, a.eta, b.eta),
         }
     }
@@ -146,6 +153,7 @@ impl<L: Lanes> Smooth<L> {
             weight: Vector::select(first, self.reflection, self.transmission) / (share * chance),
             pdf: one * f32::INFINITY,
             specular: L::ALL,
+            crosses: !first,
             eta: Num::select(first, one, self.eta),
         }
     }
@@ -159,6 +167,9 @@ fn mirrored<L: Lanes>(wo: Vector<L>) -> Vector<L> {
 
 impl<L: Lanes> Bsdf<L> {
     /// The scattering of `surface` where rays met it.
+    ///
+    /// # Panics
+    /// When it is a mix: hits are of one of its parts ([`super::material_of`]).
     #[inline(always)]
     pub fn new(scene: &Scene, surface: &Surface, at: &Interaction<L>, smoothness: Smoothness) -> Self {
         let l = at.wo.lanes();
@@ -174,8 +185,9 @@ impl<L: Lanes> Bsdf<L> {
                 transmittance: Vector::splat(l, *transmittance),
             }),
             Surface::Principled(surface) => {
-                let (uv, footprint, outside) = (at.uv, &at.footprint, at.outside);
-                let describe = apart::Describe { scene, surface, uv, footprint, outside, smoothness };
+                let Interaction { uv, footprint, coat, outside, .. } = at;
+                let (uv, outside) = (*uv, *outside);
+                let describe = apart::Describe { scene, surface, uv, footprint, coat, outside, smoothness };
                 Self::Principled(l.apart(describe))
             }
             Surface::Procedural(index) => {
@@ -185,6 +197,7 @@ impl<L: Lanes> Bsdf<L> {
                     l.apart(apart::Finished { finish: &finish, smooth_below: smoothness.mirror_below }),
                 )
             }
+            Surface::Mix(_) => panic!("hits on mixes are of one of their parts: see shade::material_of"),
         }
     }
 

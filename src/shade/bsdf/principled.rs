@@ -1,11 +1,12 @@
-//! glTF's metallic-roughness surface: a clear coat over sheen over a mixture of metal and dielectric, the
-//! dielectric over a diffuse or transparent base.
+//! glTF's metallic-roughness surface: coats over sheen over a mixture of metal and dielectric, the dielectric
+//! over a diffuse or transparent base.
 //!
 //! # Where the light goes
 //! With E the share that a layer reflects in all its bounces (single-bounce GGX from a table, the
 //! rest in a lobe of its own, see [`super::facets`]), what it does not reflect reaches the layer below:
 //! - the coat passes `p = 1 − E_coat`: of what the surface below scatters `p(wo) p(wi) / p_mean`, of what its facets
-//!   reflect or refract the lesser of `p(wo)` and `p(wi)`, which are the same for a mirror,
+//!   reflect or refract the lesser of `p(wo)` and `p(wi)`, which are the same for a mirror; further coats over it
+//!   likewise ([`super::stack`]),
 //! - sheen passes the lesser of what it leaves towards `wo` and `wi`,
 //! - the dielectric layer passes `(1 − E(wo)) (1 − E(wi)) / (1 − E_mean)` to the diffuse base, which
 //!   is reciprocal and integrates to `1 − E(wo)`, and `1 − E(wo)` to the transparent base.
@@ -17,25 +18,20 @@
 //! not seen from inside, and smooth bodies, which reflect from outside as Schlick has it and from inside as Fresnel.
 
 use super::albedo::Reflectance;
+use super::coat::{CLEAR_F0, Coat, Polish};
 use super::facets::{Facets, Reflection};
 use super::fresnel::{self, Schlick};
 use super::iridescence::Film;
 use super::sheen::Sheen;
+use super::stack::{self, Look, Pick, See, Stack};
 use super::transparency::{Frost, Scattered, Seen, Transparency};
 use super::{Sample, Smooth, Smoothness, mirrored};
+use crate::geom::Frame;
 use crate::geom::warp::lanes as warp;
 use crate::lanes::{Lanes, Num, Vector};
 use crate::scene::{self, Finish, Footprint, Scene};
-use crate::shade::lookup;
+use crate::shade::{CoatShape, lookup};
 use std::f32::consts::FRAC_1_PI;
-
-/// Reflectance of a clear coat, and of a computed surface (index 1.5), at normal incidence.
-const COAT_F0: f32 = 0.04;
-
-/// By how much more of scattered light passes a coat than its mean says: what is below scatters where the coat
-/// lets light through, since both reflect at grazing angles. For two smooth dielectrics, the covariance of what
-/// passes them over the mean of what passes one.
-const LAYERS_ALIKE: f32 = 0.013;
 
 /// Principled surfaces at points.
 #[derive(Clone, Copy, Debug)]
@@ -51,37 +47,10 @@ pub struct Principled<L: Lanes> {
     film: Option<Film<L>>,
     sheen: Option<Sheen<L>>,
     coat: Option<Coat<L>>,
-}
-
-#[derive(Clone, Copy, Debug)]
-struct Coat<L: Lanes> {
-    /// Share of the surface that is coated.
-    share: Num<L>,
-    facets: Facets<L>,
-    reflection: Reflection<L>,
-}
-
-impl<L: Lanes> Coat<L> {
-    #[inline(always)]
-    fn new(share: Num<L>, roughness: Num<L>, smooth_below: f32) -> Self {
-        let facets = Facets::new(roughness, smooth_below);
-        let one = Num::splat(share.lanes(), 1.0);
-        let reflection = facets.reflection(Schlick { f0: Vector::grey(one) * COAT_F0, f90: one });
-        Self { share, facets, reflection }
-    }
-
-    /// What passes towards directions that the facets reflect so much of.
-    #[inline(always)]
-    fn passed(&self, at: &Reflectance<L>) -> Num<L> {
-        let single = self.share * at.single(&self.reflection.fresnel).x;
-        1.0 - single - self.share * self.reflection.strength.x * at.deficit
-    }
-
-    /// What passes of light that the surface below scatters, on the way in and out and to and fro between.
-    #[inline(always)]
-    fn passed_on_average(&self) -> Num<L> {
-        self.passed(&self.facets.mean()) + self.share * LAYERS_ALIKE
-    }
+    /// Coats over that one.
+    stack: Option<Stack<L>>,
+    /// Where coats have one of their own.
+    coat_normal: Option<Vector<L>>,
 }
 
 /// What each lobe sends towards `wo` from an even environment, and what lies between.
@@ -102,6 +71,18 @@ struct Lobes<L: Lanes> {
     scattered: Vector<L>,
     /// What passes the layer towards `wo`.
     passed: Vector<L>,
+    /// Of the coats over the coat.
+    stack: Option<stack::Seen<L>>,
+}
+
+/// Chances of sampling the lobes; `mirrors` are all that are smooth.
+struct Chances<L: Lanes> {
+    coat: Num<L>,
+    facets: Num<L>,
+    scattered: Num<L>,
+    frosted: Num<L>,
+    stack: Num<L>,
+    mirrors: Num<L>,
 }
 
 #[inline(always)]
@@ -117,6 +98,7 @@ impl<L: Lanes> Principled<L> {
         surface: &scene::Principled,
         uv: [Num<L>; 2],
         footprint: &Footprint<L>,
+        coat_shape: &Option<CoatShape<L>>,
         outside: u32,
         smoothness: Smoothness,
     ) -> Self {
@@ -152,7 +134,7 @@ impl<L: Lanes> Principled<L> {
             opaque *= one - transmission;
             transparency = Some(through);
         }
-        let (mut film, mut sheen, mut coat) = (None, None, None);
+        let (mut film, mut sheen, mut coat, mut stack) = (None, None, None, None);
         if let Some(iridescence) = &surface.iridescence {
             let lies = Film::new(scene, iridescence, uv, footprint, L::ALL & !leaving);
             film = Some(match &transparency {
@@ -163,10 +145,19 @@ impl<L: Lanes> Principled<L> {
         if let Some(fibres) = &surface.sheen {
             sheen = Some(Sheen::new(scene, fibres, uv, footprint));
         }
+        let mut polish = Polish { bumps: footprint.bumps, smooth_below: smoothness.mirror_below, spread: 0 };
+        if let Some(shape) = coat_shape {
+            // Only one direction is mirrored into: that of the facets, if they are smooth.
+            polish.spread = L::ALL & !facets.rough;
+            polish.bumps = shape.bumps;
+        }
         if surface.clearcoat.factor != 0.0 {
             let share = lookup::share(scene, &surface.clearcoat, uv, footprint);
             let roughness = lookup::share(scene, &surface.clearcoat_roughness, uv, footprint);
-            coat = Some(Coat::new(share, footprint.roughened(roughness), smoothness.mirror_below));
+            coat = Some(Coat::new(share, polish.facets(roughness), CLEAR_F0));
+        }
+        if !surface.coats.is_empty() && transparency.is_none() {
+            stack = Some(Stack { coats: surface.coats, polish });
         }
         Self {
             facets,
@@ -177,6 +168,8 @@ impl<L: Lanes> Principled<L> {
             film,
             sheen,
             coat,
+            stack,
+            coat_normal: coat_shape.map(|shape| shape.normal),
         }
     }
 
@@ -188,7 +181,7 @@ impl<L: Lanes> Principled<L> {
         let base = finish.colour.clamp(0.0, 1.0);
         let metallic = finish.metallic.clamp(0.0, 1.0);
         let facets = Facets::new(finish.roughness.clamp(0.0, 1.0), smooth_below);
-        let layer = facets.reflection(Schlick { f0: white(l) * COAT_F0, f90: one });
+        let layer = facets.reflection(Schlick { f0: white(l) * CLEAR_F0, f90: one });
         let metal = facets.reflection(Schlick { f0: base, f90: one });
         Self {
             facets,
@@ -198,7 +191,31 @@ impl<L: Lanes> Principled<L> {
             transparency: None,
             film: None,
             sheen: None,
-            coat: Some(Coat::new(finish.clearcoat.clamp(0.0, 1.0), one.only(0), smooth_below)),
+            coat: Some(Coat::new(
+                finish.clearcoat.clamp(0.0, 1.0),
+                Facets::new(one.only(0), smooth_below),
+                CLEAR_F0,
+            )),
+            stack: None,
+            coat_normal: None,
+        }
+    }
+
+    /// A direction as the coats see it.
+    #[inline(always)]
+    fn above(&self, w: Vector<L>) -> Vector<L> {
+        match self.coat_normal {
+            None => w,
+            Some(normal) => Frame::around(normal).local(w),
+        }
+    }
+
+    /// A direction that coats see, as the rest does.
+    #[inline(always)]
+    fn below(&self, w: Vector<L>) -> Vector<L> {
+        match self.coat_normal {
+            None => w,
+            Some(normal) => Frame::around(normal).world(w),
         }
     }
 
@@ -233,9 +250,8 @@ impl<L: Lanes> Principled<L> {
         let (mut coat, mut under, mut further) = (wo.z.only(0), Num::splat(l, 1.0), wo.z.only(0));
         let mut near_coat = None;
         if let Some(c) = &self.coat {
-            let at = c.facets.at(wo);
-            coat = c.share * at.single(&c.reflection.fresnel).x;
-            further = c.share * c.reflection.strength.x * at.deficit;
+            let at = c.facets.at(self.above(wo));
+            [coat, further] = c.reflected(&at);
             under = 1.0 - coat - further;
             near_coat = Some(at);
         }
@@ -252,16 +268,25 @@ impl<L: Lanes> Principled<L> {
             base = under * left;
             near_sheen = Some(share);
         }
-        Lobes {
-            coat,
-            under,
-            base,
-            facets: single * base,
-            scattered: scattered * under + Vector::grey(further),
-            passed,
-            near,
-            near_coat,
-            near_sheen,
+        let mut facets = single * base;
+        scattered = scattered * under + Vector::grey(further);
+        let mut stack = None;
+        if let Some(over) = &self.stack {
+            let seen = l.apart(See { stack: over, wo: self.above(wo) });
+            facets = facets * seen.passed;
+            scattered = scattered * seen.scattered;
+            stack = Some(seen);
+        }
+        Lobes { coat, under, base, facets, scattered, passed, near, near_coat, near_sheen, stack }
+    }
+
+    /// The direction into which smooth facets mirror `wo`; where they are rough, smooth coats.
+    #[inline(always)]
+    fn mirrored(&self, wo: Vector<L>) -> Vector<L> {
+        let way = mirrored(wo);
+        match self.coat_normal {
+            None => way,
+            Some(_) => Vector::select(self.facets.rough, self.below(mirrored(self.above(wo))), way),
         }
     }
 
@@ -274,9 +299,21 @@ impl<L: Lanes> Principled<L> {
     #[inline(always)]
     fn smooth_of(&self, wo: Vector<L>, lobes: &Lobes<L>) -> Smooth<L> {
         let none = (-wo).only(0);
+        let reflected = self.mirrored(wo);
         let mut reflection = lobes.facets.only(!self.facets.rough);
+        if self.coat_normal.is_some() && self.facets.rough != L::ALL {
+            // The coats are not as steep from there.
+            reflection = reflection.over(self.passed_alike(wo, wo)) * self.passed_alike(wo, reflected);
+        }
         if let Some(coat) = &self.coat {
-            reflection += Vector::grey(lobes.coat).only(!coat.facets.rough);
+            let mut light = Vector::grey(lobes.coat);
+            if let Some(stack) = &lobes.stack {
+                light = light * stack.passed;
+            }
+            reflection += light.only(!coat.facets.rough);
+        }
+        if let Some(stack) = &lobes.stack {
+            reflection += stack.smooth;
         }
         let (mut transmitted, mut transmission) = (none, none);
         let mut eta = Num::splat(wo.lanes(), 1.0);
@@ -306,7 +343,23 @@ impl<L: Lanes> Principled<L> {
             }
             transmission = transmission.only(!through.frosted);
         }
-        Smooth { reflected: mirrored(wo), reflection, transmitted, transmission, eta }
+        Smooth { reflected, reflection, transmitted, transmission, eta }
+    }
+
+    /// What coats pass of what facets below them reflect.
+    #[inline(always)]
+    fn passed_alike(&self, wo: Vector<L>, wi: Vector<L>) -> Vector<L> {
+        let [wo, wi] = [self.above(wo), self.above(wi)];
+        let raised = Vector::new(wi.x, wi.y, wi.z.abs());
+        let mut passed = white(wo.lanes());
+        if let Some(coat) = &self.coat {
+            passed = passed * coat.passed(&coat.facets.at(wo)).min(coat.passed(&coat.facets.at(raised)));
+        }
+        if let Some(stack) = &self.stack {
+            let look = Look { stack, under: None, wo, wi, half: wo, there: 0 };
+            passed = passed * wo.lanes().apart(look).passed;
+        }
+        passed
     }
 
     /// The frosted share, if there is any, seen from `wo`.
@@ -322,17 +375,19 @@ impl<L: Lanes> Principled<L> {
         matches!(&self.transparency, Some(through) if through.frosted != 0)
     }
 
-    /// Chances of sampling the coat's facets, the facets, the cosine, what is frosted, and all smooth ones.
     #[inline(always)]
-    fn chances(&self, wo: Vector<L>, lobes: &Lobes<L>, smooth: &Smooth<L>) -> [Num<L>; 5] {
-        let rough_coat = match &self.coat {
+    fn chances(&self, wo: Vector<L>, lobes: &Lobes<L>, smooth: &Smooth<L>) -> Chances<L> {
+        let mut coat = match &self.coat {
             Some(coat) => lobes.coat.only(coat.facets.rough),
             None => lobes.coat,
         };
+        if let Some(stack) = &lobes.stack {
+            coat *= mean(stack.passed);
+        }
         let facets = mean(lobes.facets).only(self.facets.rough);
         let (scattered, mirrors) = (mean(lobes.scattered), smooth.energy());
-        let mut sum = rough_coat + facets + scattered + mirrors;
-        let mut frosted = wo.z.only(0);
+        let mut sum = coat + facets + scattered + mirrors;
+        let (mut frosted, mut stack) = (wo.z.only(0), wo.z.only(0));
         if let Some(frost) = self.frost(wo) {
             let through = frost.through;
             let mut light = through.tint * lobes.passed;
@@ -342,8 +397,19 @@ impl<L: Lanes> Principled<L> {
             frosted = (mean(light) * lobes.base).only(through.frosted);
             sum += frosted;
         }
+        if let Some(seen) = &lobes.stack {
+            stack = seen.rough;
+            sum += stack;
+        }
         let scale = (1.0 / sum).only(sum.above(0.0));
-        [rough_coat * scale, facets * scale, scattered * scale, frosted * scale, mirrors * scale]
+        Chances {
+            coat: coat * scale,
+            facets: facets * scale,
+            scattered: scattered * scale,
+            frosted: frosted * scale,
+            stack: stack * scale,
+            mirrors: mirrors * scale,
+        }
     }
 
     /// See [`super::Bsdf::evaluate`].
@@ -360,7 +426,7 @@ impl<L: Lanes> Principled<L> {
         wo: Vector<L>,
         wi: Vector<L>,
         lobes: &Lobes<L>,
-        chances: &[Num<L>; 5],
+        chances: &Chances<L>,
     ) -> (Vector<L>, Num<L>) {
         let far = self.facets.at(wi);
         let mut passed = self.passed(&far, wi.z);
@@ -372,47 +438,61 @@ impl<L: Lanes> Principled<L> {
         }
         let mut value = self.diffuse * passed * (wi.z * FRAC_1_PI)
             + self.reflection.strength * self.facets.bounces(&lobes.near, &far, wi.z);
-        let mut pdf = chances[2] * warp::cosine_hemisphere_pdf(wi.z);
+        let mut pdf = chances.scattered * warp::cosine_hemisphere_pdf(wi.z);
+        let (half, there) = (wo + wi).normalize_or(wo);
+        let mut sides = wi.z.above(0.0);
+        let lit = there & sides;
+        // As coats see it.
+        let ([near_coat, far_coat, half_coat], mut lit_coat) =
+            ([self.above(wo), self.above(wi), self.above(half)], lit);
+        if self.coat_normal.is_some() {
+            lit_coat = there & far_coat.z.above(0.0);
+        }
         let mut under = lobes.under;
         if let Some(coat) = &self.coat {
-            let far = coat.passed(&coat.facets.at(Vector::new(wi.x, wi.y, wi.z.abs())));
+            let raised = Vector::new(far_coat.x, far_coat.y, far_coat.z.abs());
+            let far = coat.passed(&coat.facets.at(raised));
             value = value * (under.max(far) / coat.passed_on_average());
             under = under.min(far);
         }
-        let (half, there) = (wo + wi).normalize_or(wo);
-        let mut sides = wi.z.above(0.0);
-        let there = there & sides;
+        let mut between = None;
+        if let Some(stack) = &self.stack {
+            let (under, there) = (self.coat.as_ref(), lit_coat);
+            let look = Look { stack, under, wo: near_coat, wi: far_coat, half: half_coat, there };
+            let looked = wo.lanes().apart(look);
+            value = value * looked.scattered;
+            between = Some(looked);
+        }
         let facet_cosine = half.dot(wo);
-        let rough = self.facets.rough & there;
+        let rough = self.facets.rough & lit;
         if rough != 0 {
             let (perfect, density) = self.facets.ggx.evaluate(wo, wi, half);
             value += (self.facet(facet_cosine) * perfect).only(rough);
-            pdf += (chances[1] * density).only(rough);
+            pdf += (chances.facets * density).only(rough);
         }
         if let Some(frost) = self.frost(wo) {
             let (light, density) = wo.lanes().apart(Seen { frost, wi });
             value = value.only(sides) + light;
-            pdf = pdf.only(sides) + chances[3] * density;
+            pdf = pdf.only(sides) + chances.frosted * density;
             sides |= frost.through.frosted;
         }
         if let (Some(sheen), Some(near)) = (&self.sheen, lobes.near_sheen) {
             let far = sheen.share(wi.z.abs());
             value = value * sheen.passed(near).min(sheen.passed(far))
-                + sheen.evaluate(wo, wi, half, [near, far]).only(there);
+                + sheen.evaluate(wo, wi, half, [near, far]).only(lit);
         }
-        value = value * under;
+        value = (value * under).only(sides);
+        pdf = pdf.only(sides);
         if let (Some(coat), Some(near)) = (&self.coat, &lobes.near_coat) {
-            let rough = coat.facets.rough & there;
-            if rough != 0 {
-                let (perfect, density) = coat.facets.ggx.evaluate(wo, wi, half);
-                let far = coat.facets.at(wi);
-                let bounces = coat.reflection.strength * coat.facets.bounces(near, &far, wi.z);
-                let light = (coat.reflection.fresnel.at(facet_cosine) * perfect + bounces) * coat.share;
-                value += light.only(rough);
-                pdf += (chances[0] * density).only(rough);
-            }
+            let (light, density) = coat.evaluate(near_coat, far_coat, half_coat, near, lit_coat);
+            value += light;
+            pdf += chances.coat * density;
         }
-        (value.only(sides), pdf.only(sides))
+        if let (Some(between), Some(seen)) = (&between, &lobes.stack) {
+            value = value * between.passed + between.light;
+            pdf += (chances.stack / seen.rough * between.density).only(seen.rough.above(0.0));
+        }
+        (value, pdf)
     }
 
     /// See [`super::Bsdf::sample`].
@@ -421,7 +501,7 @@ impl<L: Lanes> Principled<L> {
         let lobes = self.lobes(wo);
         let smooth = self.smooth_of(wo, &lobes);
         let chances = self.chances(wo, &lobes, &smooth);
-        let [coat, facets, scattered, frosted, mirrors] = chances;
+        let Chances { coat, facets, scattered, frosted, stack, mirrors } = chances;
         let (first, second) = (u.lt(coat), u.lt(coat + facets));
         let mut rough = coat + facets + scattered;
         let mut wi = warp::cosine_hemisphere(u2);
@@ -432,26 +512,43 @@ impl<L: Lanes> Principled<L> {
         if first != 0
             && let Some(coat) = &self.coat
         {
-            let normal = coat.facets.ggx.sample(wo, u2);
-            wi = Vector::select(first, normal * (2.0 * wo.dot(normal)) - wo, wi);
+            let over = self.above(wo);
+            let normal = coat.facets.ggx.sample(over, u2);
+            let way = normal * (2.0 * over.dot(normal)) - over;
+            wi = Vector::select(first, self.below(way), wi);
         }
-        let (mut valid, mut eta) = (wi.z.above(0.0), Num::splat(wo.lanes(), 1.0));
+        let (mut valid, mut crosses, mut eta) = (wi.z.above(0.0), 0, Num::splat(wo.lanes(), 1.0));
         if let Some(frost) = self.frost(wo) {
             let through = !u.lt(rough) & frost.through.frosted;
             let rest = ((u - rough) / frosted).clamp(0.0, 1.0);
             let (way, there) = wo.lanes().apart(Scattered { frost, u: rest, u2 });
             wi = Vector::select(through, way, wi);
             valid = (through & there) | (valid & !through);
+            crosses = wi.z.below(0.0);
             let inward = frost.through.eta;
             if !frost.through.thin {
-                eta = Num::select(wi.z.below(0.0), inward, eta);
+                eta = Num::select(crosses, inward, eta);
             }
             rough += frosted;
+        }
+        if let Some(over) = &self.stack {
+            let reflects = !u.lt(rough) & u.lt(rough + stack);
+            if reflects != 0 {
+                let rest = ((u - rough) / stack).clamp(0.0, 1.0);
+                let way = wo.lanes().apart(Pick { stack: over, wo: self.above(wo), u: rest, u2 });
+                wi = Vector::select(reflects, self.below(way), wi);
+                valid = (wi.z.above(0.0) & reflects) | (valid & !reflects);
+            }
+            rough += stack;
+        }
+        if self.coat_normal.is_some() {
+            // Coats also mirror to where the surface below does not.
+            valid |= self.above(wi).z.above(0.0);
         }
         let scatters = u.lt(rough);
         let (value, pdf) = self.evaluate_lobes(wo, wi, &lobes, &chances);
         let valid = valid & pdf.above(0.0);
-        let mut sample = Sample { valid, wi, weight: value / pdf, pdf, specular: 0, eta };
+        let mut sample = Sample { valid, wi, weight: value / pdf, pdf, specular: 0, crosses, eta };
         if scatters != L::ALL {
             let rest = ((u - rough) / mirrors).clamp(0.0, 1.0);
             sample = Sample::select(scatters, sample, smooth.sample(rest, mirrors));
@@ -461,6 +558,6 @@ impl<L: Lanes> Principled<L> {
 }
 
 #[inline(always)]
-fn mean<L: Lanes>(colour: Vector<L>) -> Num<L> {
+pub(super) fn mean<L: Lanes>(colour: Vector<L>) -> Num<L> {
     colour.element_sum() * (1.0 / 3.0)
 }

@@ -4,6 +4,7 @@ use super::{Dielectric, MIN_ROUGHNESS, Matte, Mirror, Principled, Smoothness};
 use crate::geom::{Sampler, warp};
 use crate::lanes::{Lanes, One};
 use crate::scene::{self, Colour, Footprint, Scalar, Scene};
+use crate::shade::CoatShape;
 use crate::shade::single::{Bsdf, Smooth};
 use glam::Vec3;
 use std::f32::consts::{PI, TAU};
@@ -13,12 +14,30 @@ fn principled(edit: impl FnOnce(&mut scene::Principled)) -> Bsdf {
 }
 
 fn seen_from(outside: bool, edit: impl FnOnce(&mut scene::Principled)) -> Bsdf {
+    described(outside, None, edit)
+}
+
+/// Its coats lean to one side.
+fn leaning(edit: impl FnOnce(&mut scene::Principled)) -> Bsdf {
+    let normal = Vec3::new(0.3, -0.2, 0.9).normalize().into();
+    described(true, Some(CoatShape { normal, bumps: 0.0.into() }), edit)
+}
+
+fn described(outside: bool, coat: Option<CoatShape<One>>, edit: impl FnOnce(&mut scene::Principled)) -> Bsdf {
     let mut surface = scene::Principled::default();
     edit(&mut surface);
     let outside = if outside { One::ALL } else { 0 };
     let (uv, point) = ([0.0.into(); 2], Footprint::point(One::default()));
     let scene = Scene::default();
-    Bsdf(super::Bsdf::Principled(Principled::new(&scene, &surface, uv, &point, outside, Smoothness::EXACT)))
+    Bsdf(super::Bsdf::Principled(Principled::new(
+        &scene,
+        &surface,
+        uv,
+        &point,
+        &coat,
+        outside,
+        Smoothness::EXACT,
+    )))
 }
 
 fn rough(roughness: f32) -> impl FnOnce(&mut scene::Principled) {
@@ -94,6 +113,15 @@ fn lossy() -> Vec<(String, Bsdf)> {
         });
     }
     all
+}
+
+/// Coats of increasing index, outermost first: their roughnesses, and how they tint.
+fn varnished(roughnesses: &[f32], tint: Vec3) -> impl Fn(&mut scene::Principled) {
+    let mut coats = Vec::new();
+    for (i, &roughness) in roughnesses.iter().enumerate() {
+        coats.push(scene::Coat { weight: 1.0 - 0.1 * i as f32, ior: 1.3 + 0.2 * i as f32, roughness, tint });
+    }
+    move |s| s.coats = scene::Coats::new(&coats).expect("not too many")
 }
 
 fn glass(eta: f32) -> Bsdf {
@@ -234,9 +262,123 @@ fn a_white_furnace_returns_all_light() {
     }
 }
 
+/// Surfaces under several coats: two lie evenly, and one's coats lean to one side.
+fn stacked(roughness: f32, coats: &[f32], tint: Vec3) -> [(String, Bsdf); 3] {
+    let edit = |metallic: f32, clear: f32| {
+        move |s: &mut scene::Principled| {
+            rough(roughness)(s);
+            s.metallic = Scalar::constant(metallic);
+            s.clearcoat = Scalar::constant(clear);
+            varnished(coats, tint)(s);
+        }
+    };
+    let name = |of: &str| format!("{of} of roughness {roughness} under coats of {coats:?}");
+    [
+        (name("white"), principled(edit(0.0, 0.0))),
+        (name("metal"), principled(edit(1.0, 0.8))),
+        (name("leaning over half metal"), leaning(edit(0.5, 0.8))),
+    ]
+}
+
+const STACKS: [&[f32]; 3] = [&[0.0], &[0.5, 0.0, 0.2], &[0.0; 8]];
+
+/// Many of them.
+fn all_stacked(tint: Vec3) -> impl Iterator<Item = (String, Bsdf)> {
+    let all = [0.0, 0.5].into_iter().flat_map(|roughness| STACKS.map(|coats| (roughness, coats)));
+    all.flat_map(move |(roughness, coats)| stacked(roughness, coats, tint))
+}
+
+const VARNISH: Vec3 = Vec3::new(1.0, 0.6, 0.2);
+
+#[test]
+fn white_stays_white_under_many_coats() {
+    for (name, bsdf) in all_stacked(Vec3::ONE) {
+        for wo in views() {
+            let light = furnace(&bsdf, wo, 1 << 11);
+            // Rough layers lose what they pass at one angle and another one does not at another.
+            let lost = if name.starts_with("white") && !name.contains('5') { 0.02 } else { 0.15 };
+            let is_all = light.max_element() < 1.015 && light.min_element() > 1.0 - lost;
+            assert!(is_all, "{name} from {wo}: {light}");
+        }
+    }
+}
+
+#[test]
+fn leaning_coats_mirror_around_their_own_normal() {
+    let over = |roughness| {
+        leaning(|s| {
+            rough(roughness)(s);
+            s.base_colour = Colour::constant(Vec3::ZERO);
+            s.specular = Scalar::constant(0.0);
+            s.clearcoat = Scalar::constant(1.0);
+        })
+    };
+    let normal = Vec3::new(0.3, -0.2, 0.9).normalize();
+    for wo in views() {
+        let (way, weight) = over(0.5).smooth(wo).reflection.expect("a mirror");
+        assert!((way - (normal * (2.0 * normal.dot(wo)) - wo)).length() < 1e-5);
+        let fresnel = 0.04 + 0.96 * (1.0 - normal.dot(wo)).powi(5);
+        assert!((weight - fresnel).abs().max_element() < 1e-4, "{weight} for {fresnel}");
+        // Over smooth facets, which mirror elsewhere, it is not quite a mirror, and as bright.
+        let light = furnace(&over(0.0), wo, 1 << 12);
+        assert!((light - fresnel).abs().max_element() < 0.01, "{light} for {fresnel}");
+    }
+}
+
+#[test]
+fn one_coat_is_the_same_in_both_notations() {
+    for roughness in [0.0, 0.2, 0.7] {
+        for coat in [0.0, 0.1, 0.5, 1.0] {
+            for metallic in [0.0, 0.6] {
+                let [clear, stacked] = [false, true].map(|is_stack| {
+                    principled(|s| {
+                        rough(roughness)(s);
+                        s.metallic = Scalar::constant(metallic);
+                        let coat = scene::Coat { weight: 0.7, roughness: coat, ..scene::Coat::CLEAR };
+                        if is_stack {
+                            s.coats = scene::Coats::new(&[coat]).expect("one");
+                        } else {
+                            s.clearcoat = Scalar::constant(coat.weight);
+                            s.clearcoat_roughness = Scalar::constant(coat.roughness);
+                        }
+                    })
+                });
+                for (i, wo) in views().enumerate() {
+                    let [a, b] = [&clear, &stacked].map(|bsdf| bsdf.smooth(wo).reflection.map(|r| r.1));
+                    let [a, b] = [a, b].map(Option::unwrap_or_default);
+                    assert!((a - b).abs().max_element() < 1e-5, "{a} and {b}");
+                    for k in 0..20 {
+                        let wi = warp::cosine_hemisphere(Sampler::new(i as u32, k, 8).pair(0));
+                        let (a, b) = (clear.evaluate(wo, wi).0, stacked.evaluate(wo, wi).0);
+                        assert!((a - b).abs().max_element() <= 1e-3 * a.max_element(), "{a} and {b}");
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn varnish_takes_colour_by_the_refracted_way_through_it() {
+    let tint = Vec3::new(0.9, 0.5, 0.04);
+    let mirror = principled(|s| {
+        rough(0.0)(s);
+        s.metallic = Scalar::constant(1.0);
+        s.coats = scene::Coats::new(&[scene::Coat { tint, ior: 1.7, ..scene::Coat::CLEAR }]).expect("one");
+    });
+    for wo in views() {
+        let refracted = (1.0 - (1.0 - wo.z * wo.z) / (1.7 * 1.7)).sqrt();
+        let f0 = (0.7f32 / 2.7).powi(2);
+        let fresnel = f0 + (1.0 - f0) * (1.0 - wo.z).powi(5);
+        let expected = tint.map(|c| libm::powf(c, 1.0 / refracted)) * (1.0 - fresnel) + fresnel;
+        let (_, light) = mirror.smooth(wo).reflection.expect("a mirror");
+        assert!((light - expected).abs().max_element() < 1e-4, "{light} for {expected}");
+    }
+}
+
 #[test]
 fn coloured_surfaces_never_return_more_than_falls_on_them() {
-    for (name, bsdf) in scattering() {
+    for (name, bsdf) in scattering().into_iter().chain(all_stacked(VARNISH)) {
         for wo in views() {
             let light = furnace(&bsdf, wo, 1 << 11);
             assert!(light.max_element() < 1.02 && light.min_element() >= 0.0, "{name} from {wo}: {light}");
@@ -259,7 +401,7 @@ fn fibres_and_films_give_back_most_of_what_falls_on_them() {
 
 #[test]
 fn a_sample_weighs_what_evaluation_says() {
-    for (name, bsdf) in scattering() {
+    for (name, bsdf) in scattering().into_iter().chain(all_stacked(VARNISH)) {
         for wo in views() {
             for i in 0..300 {
                 let sampler = Sampler::new(5, i, 1);
@@ -280,7 +422,9 @@ fn a_sample_weighs_what_evaluation_says() {
 
 #[test]
 fn light_may_go_either_way() {
-    for (name, bsdf) in scattering() {
+    // Leaning coats take another cosine than the rest.
+    let stacked = all_stacked(VARNISH).filter(|(name, _)| !name.contains("leaning"));
+    for (name, bsdf) in scattering().into_iter().chain(stacked) {
         for (i, wo) in views().enumerate() {
             for k in 0..40 {
                 let wi = warp::cosine_hemisphere(Sampler::new(i as u32, k, 8).pair(0));
@@ -397,6 +541,7 @@ fn samples_are_distributed_as_their_density_says() {
     // Rough enough for the quadrature above to resolve.
     let mut all = lossless_of(&[0.5, 0.75, 1.0], &[0.0, 0.6]);
     all.extend(lossy().into_iter().filter(|(name, _)| name.ends_with("roughness 1")));
+    all.extend(stacked(0.7, &[0.5, 0.8], VARNISH));
     // An index of 1.1 hardly turns light, however rough: its lobe is narrow. It passes with 160 points a side of a cell.
     for (name, bsdf) in all.iter().filter(|(name, b)| !b.is_smooth() && !name.contains("index 1.1")) {
         for wo in [direction(0.95, 0.3), direction(0.5, 2.0), direction(0.15, 4.0)] {

@@ -3,7 +3,7 @@
 use super::super::super::LoadError;
 use super::super::texture::Use;
 use super::Converter;
-use crate::scene::{Anisotropy, Channel, Colour, ColourSpace, Iridescence, Scalar, Sheen};
+use crate::scene::{Anisotropy, Channel, Colour, ColourSpace, Iridescence, NormalMap, Scalar, Sheen};
 use ::gltf::json::Value;
 use glam::Vec3;
 
@@ -23,17 +23,21 @@ impl<'a, 'b> Converter<'a, 'b> {
         Ok((strength, Colour { factor, texture: self.colour(texture)? }))
     }
 
-    pub(super) fn clearcoat(&mut self) -> Result<(Scalar, Scalar), LoadError> {
+    /// Strength, roughness and normal map.
+    pub(super) fn clearcoat(&mut self) -> Result<(Scalar, Scalar, Option<NormalMap>), LoadError> {
         let Some(coat) = self.extension("KHR_materials_clearcoat") else {
-            return Ok((Scalar::constant(0.0), Scalar::constant(0.0)));
+            return Ok((Scalar::constant(0.0), Scalar::constant(0.0), None));
         };
-        if coat.1.get("clearcoatNormalTexture").is_some() {
-            self.warn("a normal map of the clear coat is not supported and ignored");
+        let strength = self.share(coat, "clearcoatFactor", "clearcoatTexture", Channel::R)?;
+        let roughness =
+            self.share(coat, "clearcoatRoughnessFactor", "clearcoatRoughnessTexture", Channel::G)?;
+        let mut normal_map = None;
+        if let Some(texture) = self.used(coat, "clearcoatNormalTexture")? {
+            let texture = self.texture(&texture, ColourSpace::Linear)?;
+            let scale = coat.1["clearcoatNormalTexture"]["scale"].as_f64().unwrap_or(1.0) as f32;
+            normal_map = Some(NormalMap { texture, scale });
         }
-        Ok((
-            self.share(coat, "clearcoatFactor", "clearcoatTexture", Channel::R)?,
-            self.share(coat, "clearcoatRoughnessFactor", "clearcoatRoughnessTexture", Channel::G)?,
-        ))
+        Ok((strength, roughness, normal_map))
     }
 
     pub(super) fn anisotropy(&mut self) -> Result<Option<Anisotropy>, LoadError> {

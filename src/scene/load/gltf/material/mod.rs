@@ -7,7 +7,7 @@ use super::super::textures::Textures;
 use super::Context;
 use super::texture::Use;
 use crate::scene::{
-    Alpha, AlphaMode, Channel, Colour, ColourSpace, Emission, Material, Medium, NormalMap, Principled,
+    Alpha, AlphaMode, Channel, Coats, Colour, ColourSpace, Emission, Material, Medium, NormalMap, Principled,
     Scalar, Surface, TextureRef,
 };
 use ::gltf::Material as Source;
@@ -74,7 +74,7 @@ impl Converter<'_, '_> {
                 self.scalar("transmissionFactor", factor, texture, Channel::R)?
             }
         };
-        let (clearcoat, clearcoat_roughness) = self.clearcoat()?;
+        let (clearcoat, clearcoat_roughness, coat_normal_map) = self.clearcoat()?;
         let (anisotropy, sheen, iridescence) = (self.anisotropy()?, self.sheen()?, self.iridescence()?);
         let (specular, mut specular_colour) = self.specular()?;
         let mut ior = source.ior().unwrap_or(1.5);
@@ -102,6 +102,8 @@ impl Converter<'_, '_> {
             thin: self.is_thin(),
             clearcoat,
             clearcoat_roughness,
+            coats: Coats::NONE,
+            coat_normal_map,
             anisotropy,
             sheen,
             iridescence,

@@ -1,0 +1,211 @@
+//! Materials that are one thing here and another there.
+
+use super::{Recipe, RecipeError, Tint, finish, position, within};
+use crate::scene::{self, Channel, Material, Scalar, Scene, Surface, TextureRef};
+use glam::Vec3;
+use serde::Deserialize;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// Two materials in one, as flakes in a paint or rust on a plate. What it gives off and is filled with is said
+/// here and not of its parts.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Mix {
+    /// Names of two materials, which may be mixes.
+    pub of: [String; 2],
+    /// How much of the surface is the second, 0..=1, multiplied with the texture's red.
+    pub share: f32,
+    /// Name of a texture.
+    pub texture: Option<String>,
+    /// Radiance given off by the front.
+    pub emission: Option<Vec3>,
+    /// What the body is filled with.
+    pub absorption: Option<Tint>,
+}
+
+/// Indices of materials by name.
+type Indices<'a> = BTreeMap<&'a str, u32>;
+
+impl Recipe {
+    /// Adds the mixes to the scene, which has all other materials; the indices of both.
+    pub(super) fn mix(&self, scene: &mut Scene) -> Result<Indices<'_>, RecipeError> {
+        let mut indices: Indices = self.materials.keys().map(String::as_str).zip(0..).collect();
+        for (name, mix) in &self.mixes {
+            self.check_mix(name, mix)?;
+        }
+        for (name, mix) in &self.mixes {
+            let wrong = |problem| wrong(name, problem);
+            let emission = mix.emission.map(finish::emission).transpose().map_err(wrong)?;
+            let medium = mix.absorption.map(Tint::medium).transpose().map_err(wrong)?.flatten();
+            let is_plain = emission.is_none() && medium.is_none();
+            // Parts that say the same as the whole.
+            let mut own = Indices::new();
+            for inner in self.parts_first(name)? {
+                if is_plain && indices.contains_key(inner) {
+                    continue;
+                }
+                let mut of = [0; 2];
+                for (index, part) in of.iter_mut().zip(&self.mixes[inner].of) {
+                    *index = match own.get(&**part) {
+                        Some(index) => *index,
+                        None if is_plain => indices[&**part],
+                        None => {
+                            let same = scene.materials[indices[&**part] as usize].clone();
+                            let name = format!("{part} of {name}");
+                            scene.materials.push(Material { name, emission, medium, ..same });
+                            let index = scene.materials.len() as u32 - 1;
+                            own.insert(part, index);
+                            index
+                        }
+                    };
+                }
+                let share = self.share(inner)?;
+                scene.mixes.push(scene::Mix { of, share });
+                let surface = Surface::Mix(scene.mixes.len() as u32 - 1);
+                let name = inner.to_owned();
+                scene.materials.push(Material { name, surface, emission, medium, ..Material::fallback() });
+                let known = if is_plain { &mut indices } else { &mut own };
+                known.insert(inner, scene.materials.len() as u32 - 1);
+            }
+            if let Some(index) = own.get(&**name) {
+                indices.insert(name, *index);
+            }
+        }
+        Ok(indices)
+    }
+
+    fn check_mix(&self, name: &str, mix: &Mix) -> Result<(), RecipeError> {
+        if self.materials.contains_key(name) {
+            return Err(wrong(name, "a material has this name, too; choose another".to_owned()));
+        }
+        within("share", mix.share, 0.0, 1.0).map_err(|problem| wrong(name, problem))?;
+        for part in &mix.of {
+            let (emission, absorption) = match (self.materials.get(part), self.mixes.get(part)) {
+                (Some(part), _) => (part.emission.is_some(), part.absorption.is_some()),
+                (_, Some(part)) => (part.emission.is_some(), part.absorption.is_some()),
+                (None, None) => return Err(unknown(name, "material", part)),
+            };
+            for (what, is_there) in [("emission", emission), ("absorption", absorption)] {
+                if is_there {
+                    let problem =
+                        format!("its part {part:?} has {what}, which counts only in the mix itself");
+                    return Err(wrong(name, problem));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// The mixes that a mix is made of, each behind its parts, itself last.
+    fn parts_first<'a>(&'a self, name: &'a str) -> Result<Vec<&'a str>, RecipeError> {
+        let (mut order, mut path) = (Vec::new(), vec![name]);
+        let mut done = BTreeSet::new();
+        while let Some(&last) = path.last() {
+            let is_open = |part: &&String| self.mixes.contains_key(*part) && !done.contains(&***part);
+            match self.mixes[last].of.iter().find(is_open) {
+                None => {
+                    done.insert(last);
+                    order.push(last);
+                    path.pop();
+                }
+                Some(part) => match path.iter().position(|name| name == part) {
+                    None => path.push(part),
+                    Some(start) => {
+                        let round = path[start..].join(", ");
+                        return Err(wrong(part, format!("it is part of itself, by way of {round}")));
+                    }
+                },
+            }
+        }
+        Ok(order)
+    }
+
+    fn share(&self, name: &str) -> Result<Scalar, RecipeError> {
+        let Mix { share, texture, .. } = &self.mixes[name];
+        let texture = match texture {
+            None => None,
+            Some(texture) => {
+                let index = position(&self.textures, texture);
+                Some(TextureRef::plain(index.ok_or_else(|| unknown(name, "texture", texture))?))
+            }
+        };
+        Ok(Scalar { factor: *share, texture: texture.map(|texture| (texture, Channel::R)) })
+    }
+}
+
+fn wrong(name: &str, problem: String) -> RecipeError {
+    RecipeError::Range { place: format!("mix {name:?}"), problem }
+}
+
+fn unknown(name: &str, kind: &'static str, of: &str) -> RecipeError {
+    RecipeError::Unknown { user: format!("mix {name:?}"), kind, name: of.to_owned() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn build(mixes: &str) -> Result<Scene, RecipeError> {
+        let text = r#"{ "textures": { "t": { "pattern": "checker", "colours": [[255,255,255],[0,0,0]], "cells": 2 } },
+            "materials": { "a": { "colour": [1,0,0] }, "b": { "colour": [0,1,0] }, "c": { "colour": [0,0,1] },
+                           "lamp": { "colour": [0,0,0], "emission": [1,1,1] } },
+            "mixes": { MIXES },
+            "shapes": [ { "shape": "quad", "corner": [0,0,0], "u": [1,0,0], "v": [0,1,0], "material": "m" } ] }"#;
+        Recipe::parse(&text.replace("MIXES", mixes))?.build()
+    }
+
+    #[test]
+    fn a_mix_may_be_part_of_another_and_its_parts_say_what_it_says() {
+        let plain = build(
+            r#""m": { "of": ["a", "n"], "share": 0.5, "texture": "t" }, "n": { "of": ["b", "c"], "share": 0.1 }"#,
+        )
+        .expect("valid");
+        let [m, n] = [plain.mesh.materials[0] as usize, plain.mixes[1].of[1] as usize];
+        assert_eq!((&*plain.materials[m].name, &*plain.materials[n].name), ("m", "n"));
+        assert_eq!((plain.mixes[0].of, plain.mixes[1].of[0]), ([1, 2], 0), "the materials themselves");
+        assert!(plain.mixes[1].share.texture.is_some() && plain.mixes[0].share.factor == 0.1);
+
+        let shining = build(
+            r#""m": { "of": ["n", "a"], "share": 1, "emission": [1, 2, 3] }, "n": { "of": ["a", "b"], "share": 0 }"#,
+        )
+        .expect("valid");
+        let m = &shining.materials[shining.mesh.materials[0] as usize];
+        let Surface::Mix(whole) = m.surface else { panic!("a mix") };
+        let [n, a] = shining.mixes[whole as usize].of.map(|part| &shining.materials[part as usize]);
+        assert_eq!([&*m.name, &*n.name, &*a.name], ["m", "n", "a of m"]);
+        assert!(m.emission.is_some() && m.emission == n.emission && m.emission == a.emission);
+        assert_eq!(a.surface, shining.materials[0].surface);
+        assert!(shining.materials[0].emission.is_none());
+    }
+
+    #[test]
+    fn mistakes_are_named() {
+        for (mixes, expected) in [
+            (r#""m": { "of": ["a", "x"], "share": 0.5 }"#, r#"mix "m" names the material "x""#),
+            (r#""m": { "of": ["a", "b"], "share": 1.5 }"#, "share is 1.5; it must lie in 0 to 1"),
+            (r#""m": { "of": ["a", "b"], "share": 1, "texture": "x" }"#, r#"names the texture "x""#),
+            (r#""m": { "of": ["a", "lamp"], "share": 1 }"#, r#"its part "lamp" has emission"#),
+            (r#""m": { "of": ["a", "m"], "share": 1 }"#, r#"mix "m": it is part of itself"#),
+            (
+                r#""m": { "of": ["a", "n"], "share": 1 }, "n": { "of": ["o", "b"], "share": 1 },
+                   "o": { "of": ["c", "n"], "share": 1 }"#,
+                r#"mix "n": it is part of itself, by way of n, o"#,
+            ),
+            (r#""a": { "of": ["b", "c"], "share": 1 }"#, r#"mix "a": a material has this name"#),
+            (r#""m": { "of": ["b"], "share": 1 }"#, "line"),
+        ] {
+            let problem = build(mixes).expect_err(mixes).to_string();
+            assert!(problem.contains(expected), "{problem}");
+        }
+    }
+
+    #[test]
+    fn mixes_are_nested_to_any_depth() {
+        let mut mixes = r#""m": { "of": ["a", "m0"], "share": 0.5 }"#.to_owned();
+        for depth in 0..999 {
+            mixes += &format!(r#", "m{depth}": {{ "of": ["m{0}", "m{0}"], "share": 0.5 }}"#, depth + 1);
+        }
+        let scene = build(&(mixes + r#", "m999": { "of": ["b", "c"], "share": 0.5 }"#)).expect("valid");
+        assert_eq!(scene.mixes.len(), 1001);
+    }
+}

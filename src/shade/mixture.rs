@@ -1,0 +1,34 @@
+//! Which part of a mix a hit is.
+
+use super::{Hits, interaction, lookup};
+use crate::geom::{mix_lanes, unit};
+use crate::lanes::{Lanes, One};
+use crate::scene::{Footprint, Scene, Surface};
+use crate::stream::Hit;
+
+/// Keeps the decision apart from that of [`Scene::alpha_accepts`].
+const SALT: u32 = 0x1f83_d9ab;
+
+/// Of hits on one of [`Scene::mixes`], the lanes that are its second part: a hash of the hit decides, as where
+/// alpha blends, so all rays and all units agree. A mix within a mix decides anew.
+#[inline(always)]
+pub(super) fn is_second<L: Lanes>(scene: &Scene, mix: u32, hits: &Hits<L>) -> u32 {
+    let uv = interaction::mesh_uv(&scene.mesh, hits);
+    let point = Footprint::point(hits.u.lanes());
+    let share = lookup::share(scene, &scene.mixes[mix as usize].share, uv, &point);
+    let bits = mix_lanes(hits.v.to_bits() ^ crate::geom::mix(mix ^ SALT));
+    let bits = mix_lanes(hits.primitive ^ mix_lanes(hits.u.to_bits() ^ bits));
+    unit(bits).lt(share)
+}
+
+/// Index of the material of a hit: that of its triangle or, where this is a mix, of one of its parts.
+pub fn material_of(scene: &Scene, hit: &Hit) -> u32 {
+    let mut material = scene.mesh.materials[hit.primitive as usize];
+    if !scene.mixes.is_empty() {
+        while let Surface::Mix(mix) = scene.materials[material as usize].surface {
+            let second = is_second::<One>(scene, mix, &(*hit).into()) & One::ALL;
+            material = scene.mixes[mix as usize].of[second as usize];
+        }
+    }
+    material
+}
