@@ -90,7 +90,7 @@ impl<'a, L: Lanes> Node<'a, L> {
     /// How many lights are asked for direct light.
     #[inline(always)]
     pub fn lights(&self) -> usize {
-        match self.frame.lights().punctual() {
+        match self.frame.lights().punctual().len() {
             _ if self.bsdf.is_smooth() => 0,
             few @ 0..=ALL_PUNCTUAL => 1 + few,
             _ => 2,
@@ -107,10 +107,10 @@ impl<'a, L: Lanes> Node<'a, L> {
         let light: LightSample<L> = if light == 0 {
             let (u, u2) = (sampler.one(dimension), sampler.two(dimension));
             lights.sample_surfaces(self.frame.scene(), &Receiver::of(at), u, u2)
-        } else if lights.punctual() <= ALL_PUNCTUAL {
+        } else if lights.punctual().len() <= ALL_PUNCTUAL {
             lights.illuminate(light - 1, at.raised)
         } else {
-            lights.sample_punctual(at.raised, sampler.one(dimension + 1))
+            lights.sample_punctual(&Receiver::of(at), sampler.one(dimension + 1))
         };
         let (value, _) = self.bsdf.evaluate(at.frame.local(at.wo), at.frame.local(light.wi));
         let (origin, direction, t_max) = light.rays(at);

@@ -28,8 +28,12 @@ const _: () = assert!(MAX_BOUNCES < DEPTH && DEPTH_BITS + Receiver::<Plain<8>>::
 /// Bits of [`PathState::index2_and_cone`] that are the index.
 const INDEX2: u32 = u32::MAX << Cone::<Plain<8>>::BITS;
 
-/// Greatest chance of surviving a roulette.
+/// Least and greatest chance of surviving a roulette.
+const MIN_SURVIVAL: f32 = 1e-30;
 const MAX_SURVIVAL: f32 = 0.95;
+
+/// The least squared density that is told from 0.
+const LEAST_SQUARE: f32 = 1e-36;
 
 /// Unidirectional path tracing with next-event estimation: at each hit up to depth `max_bounces` one
 /// light and one direction of the BSDF are sampled, weighted against each other by the power
@@ -262,9 +266,12 @@ impl Shading<'_, '_> {
         }
         let bsdf = Bsdf::new(scene, &material.surface, &at, Smoothness::EXACT);
         let sampler = Sampler::of(state.pixel, state.sample, frame.settings().seed);
-        let mut receiver = Receiver::of(&at);
-        if bsdf.is_frosted() {
-            receiver = receiver.around();
+        let mut receiver = Receiver::place_of(&at);
+        if frame.lights().are_many() {
+            receiver = Receiver::of(&at);
+            if bsdf.is_frosted() {
+                receiver = receiver.around();
+            }
         }
         if !bsdf.is_smooth() && frame.lights().are_sampled() {
             self.sample_light(&at, &receiver, &bsdf, &state, &sampler, lanes);
@@ -284,9 +291,9 @@ impl Shading<'_, '_> {
         lanes: u32,
     ) {
         let frame = &self.path.frame;
-        let mut u = at.position.x.only(0);
-        if frame.lights().is_choice() {
-            u = sampler.one(Dimension::Light.at(state.depth));
+        let mut u = None;
+        if frame.lights().are_many() {
+            u = Some(sampler.one(Dimension::Light.at(state.depth)));
         }
         let u2 = sampler.two(Dimension::LightPoint.at(state.depth));
         let light = frame.lights().sample(frame.scene(), receiver, u, u2);
@@ -301,9 +308,11 @@ impl Shading<'_, '_> {
             return;
         }
         let (value, pdf) = bsdf.evaluate(at.frame.local(at.wo), wi);
-        let weight = power_heuristic(light.pdf, pdf);
-        let weight = Num::select(light.delta, Num::splat(u.lanes(), 1.0), weight);
-        let radiance = state.throughput * value * light.radiance * (weight / light.pdf);
+        // The power heuristic's weight by the light's density; nothing else finds what has no extent.
+        let other = pdf.only(!light.delta);
+        let squares = light.pdf * light.pdf + other * other;
+        let share = light.pdf / squares.clamp(LEAST_SQUARE, f32::INFINITY);
+        let radiance = state.throughput * value * light.radiance * share;
         let (origin, direction, t_max) = light.rays(at);
         let lanes = lanes & !value.is_zero();
         let rays = ray_rows(lanes, origin, direction, t_max);
@@ -328,7 +337,7 @@ impl Shading<'_, '_> {
         let u2 = sampler.two(Dimension::Direction.at(state.depth));
         let sample = bsdf.sample(at.frame.local(at.wo), u, u2);
         let specular = sample.specular;
-        let mut wi = at.frame.world(sample.wi).normalize();
+        let mut wi = at.frame.world(sample.wi);
         if specular != 0 {
             wi = Vector::select(specular, at.smooth_direction(sample.wi, sample.crosses), wi);
         }
@@ -341,10 +350,10 @@ impl Shading<'_, '_> {
         if let Some(bounces) = self.path.roulette_bounces {
             let played = !depth.below(bounces.saturating_add(1)) & lanes;
             if played != 0 {
-                let survival = (throughput.max_element() * index2).clamp(0.0, MAX_SURVIVAL);
+                let survival = (throughput.max_element() * index2).clamp(MIN_SURVIVAL, MAX_SURVIVAL);
                 let dies = !sampler.one(Dimension::Roulette.at(state.depth)).lt(survival);
                 lanes &= !(played & dies);
-                throughput = Vector::select(played, throughput / survival, throughput);
+                throughput = Vector::select(played, throughput * (1.0 / survival), throughput);
             }
         }
         lanes &= !throughput.is_zero();

@@ -112,8 +112,8 @@ pub(super) fn mesh_uv<L: Lanes>(mesh: &Mesh, hits: &Hits<L>) -> [Num<L>; 2] {
 }
 
 impl<L: Lanes> Interaction<L> {
-    /// The interactions of rays with the triangles they hit, whose material is `material`. `width` is that of
-    /// the rays' [`super::Cone`]s there.
+    /// The interactions of rays of unit direction with the triangles they hit, whose material is `material`.
+    /// `width` is that of the rays' [`super::Cone`]s there.
     #[inline(always)]
     pub fn new(
         scene: &Scene,
@@ -128,8 +128,9 @@ impl<L: Lanes> Interaction<L> {
         let corners = vectors(&mesh.positions, &indices);
         let weights = [1.0 - hits.u - hits.v, hits.u, hits.v];
         let position = blend(&corners, &weights);
-        let wo = -direction.normalize();
-        let (winding, _) = offset::normal(&corners, wo);
+        let wo = -direction;
+        let plane = offset::plane(&corners, wo);
+        let winding = plane.normal;
         let front = wo.dot(winding).ge(Num::splat(l, 0.0));
         let normal = Vector::select(front, winding, -winding);
 
@@ -148,7 +149,7 @@ impl<L: Lanes> Interaction<L> {
         let mut footprint = if mesh.uvs.is_empty() || scene.textures.is_empty() {
             Footprint::point(l)
         } else {
-            footprint(&corners, &corner_uvs, width, wo.dot(winding), hits)
+            footprint(plane.twice_area, &corner_uvs, width, wo.dot(winding), hits)
         };
         let (mut shading, mut bent) = (outward, smooth);
         let (mut anisotropy, mut coat_map) = (None, None);
@@ -207,7 +208,7 @@ impl<L: Lanes> Interaction<L> {
             front,
             outside,
             raised,
-            offset: offset::distance(&corners),
+            offset: plane.offset,
         }
     }
 
@@ -245,24 +246,24 @@ impl<L: Lanes> Interaction<L> {
 /// How many times as long as wide a footprint may be without being blurred across.
 const FREE_STRETCH: f32 = 4.0;
 
-/// The squares of texture coordinates that are as large as what cones of a width cover of triangles, seen
-/// under a cosine to their normals. What grazing angles draw out counts only beyond [`FREE_STRETCH`]: the samples
+/// The squares of texture coordinates that are as large as what cones of a width cover of triangles of which twice
+/// the area is `surface`, seen under a cosine to their normals. What grazing angles draw out counts only beyond [`FREE_STRETCH`]: the samples
 /// of a pixel, and the directions of a bounce, lie all along it.
 #[inline(always)]
 fn footprint<L: Lanes>(
-    corners: &[Vector<L>; 3],
+    surface: Num<L>,
     [a, b, c]: &[[Num<L>; 2]; 3],
     width: Num<L>,
     cosine: Num<L>,
     hits: &Hits<L>,
 ) -> Footprint<L> {
-    let surface = (corners[1] - corners[0]).cross(corners[2] - corners[0]).length();
     let image = ((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])).abs();
     let stretch = (1.0 / (cosine.abs() * FREE_STRETCH)).clamp(1.0, f32::MAX);
     let share = image / surface * stretch;
     // Any hit has its own, the same whoever shades it.
     let bits = (hits.u.to_bits() * 0x9e37_79b9) ^ (hits.v.to_bits() * 0x85eb_ca6b);
-    let dither = ((bits * 0x7feb_352d) >> 8).to_num() * (1.0 / (1 << 24) as f32);
+    let bits = (bits ^ (bits >> 15)) * 0x7feb_352d;
+    let dither = ((bits ^ (bits >> 16)) >> 8).to_num() * (1.0 / (1 << 24) as f32);
     Footprint { width: width * share.sqrt(), dither, ..Footprint::point(width.lanes()) }
 }
 

@@ -5,8 +5,21 @@ use crate::lanes::{Lanes, Num, Vector};
 /// Most that a sliver's aspect ratio raises the offset; thinner ones cover no area worth more.
 const MAX_ASPECT: f32 = 16.0;
 
-/// How far from a triangle's plane, along its unit normal, a ray has to start so that rounding
-/// cannot place it on the other side in the canonical test.
+/// What meeting triangles and leaving them takes to know of them.
+#[derive(Clone, Copy, Debug)]
+pub struct Plane<L: Lanes> {
+    /// Unit normal, counter-clockwise seen from its side; robust for tiny and huge triangles.
+    pub normal: Vector<L>,
+    /// Lanes in which the corners do not lie on a line, which has no normal.
+    pub there: u32,
+    /// Area of the parallelogram.
+    pub twice_area: Num<L>,
+    /// How far from the plane, along the normal, a ray has to start so that rounding cannot place it on the
+    /// other side in the canonical test.
+    pub offset: Num<L>,
+}
+
+/// The planes of triangles, with the normal `otherwise` where there is none.
 ///
 /// Two errors have to be covered (ε = 2⁻²⁴, C the largest coordinate, L the longest edge, h the
 /// triangle's least height). The interpolated position is off the plane by a few ε·C; adding the
@@ -14,31 +27,38 @@ const MAX_ASPECT: f32 = 16.0;
 /// ε·L, which tilts its plane by ε·L/h and moves it by ε·L²/h at the origin. With half the factors a few
 /// in a million random triangles and rays, of any scale, place and shape, still fail (see the tests).
 #[inline(always)]
-pub fn distance<L: Lanes>(corners: &[Vector<L>; 3]) -> Num<L> {
+pub fn plane<L: Lanes>(corners: &[Vector<L>; 3], otherwise: Vector<L>) -> Plane<L> {
     const EPSILON: f32 = f32::EPSILON * 0.5;
     let [a, b, c] = *corners;
     let coordinate = a.abs().max(b.abs()).max(c.abs()).max_element();
-    let (ab, bc, ca) = (b - a, c - b, a - c);
-    let longest = ab.length_squared().max(bc.length_squared()).max(ca.length_squared()).sqrt();
-    let area = ab.cross(c - a).length();
+    // Scaled by a power of two so that the product's square cannot underflow or overflow.
+    let (e1, e2) = (b - a, c - a);
+    let (scale, inverse) = power_of_two(e1.abs().max(e2.abs()).max_element());
+    let (e1, e2) = (e1 * inverse, e2 * inverse);
+    let across = e1.cross(e2);
+    let area = across.length();
+    let by_area = 1.0 / area;
+    let longest2 = e1.length_squared().max(e2.length_squared()).max((e2 - e1).length_squared());
     // Where there is no area the ratio is infinite or NaN.
-    let aspect = (longest * longest / area).min(Num::splat(a.lanes(), MAX_ASPECT));
-    EPSILON * (8.0 * coordinate + 8.0 * aspect * longest)
+    let aspect = (longest2 * by_area).min(Num::splat(a.lanes(), MAX_ASPECT));
+    let there = area.above(0.0);
+    Plane {
+        normal: Vector::select(there, across * by_area, otherwise),
+        there,
+        twice_area: area * scale * scale,
+        offset: EPSILON * (8.0 * coordinate + 8.0 * aspect * (longest2.sqrt() * scale)),
+    }
 }
 
-/// Unit normal of a triangle, counter-clockwise seen from its side; robust for tiny and huge
-/// triangles. `otherwise` when the corners lie on a line. Also gives the lanes in which they do not.
+/// The powers of two that are not above magnitudes, and one by them, exactly.
 #[inline(always)]
-pub fn normal<L: Lanes>(corners: &[Vector<L>; 3], otherwise: Vector<L>) -> (Vector<L>, u32) {
-    let [a, b, c] = *corners;
-    let (e1, e2) = (b - a, c - a);
-    let scale = e1.abs().max(e2.abs()).max_element();
-    // Scaled so that the product's square cannot underflow or overflow.
-    let inverse = 1.0 / scale;
-    let normal = (e1 * inverse).cross(e2 * inverse);
-    let length = normal.length();
-    let there = length.above(0.0);
-    (Vector::select(there, normal * (1.0 / length), otherwise), there)
+fn power_of_two<L: Lanes>(x: Num<L>) -> (Num<L>, Num<L>) {
+    /// The exponent of 1, and the greatest one of which the negative is one too.
+    const ONE: u32 = 127 << 23;
+    const GREATEST: u32 = 253 << 23;
+    let exponent = (x.to_bits() & 0x7f80_0000).at_most(GREATEST);
+    let negative = (exponent ^ u32::MAX) + (2 * ONE + 1);
+    (exponent.to_num_bits(), negative.to_num_bits())
 }
 
 #[cfg(test)]
@@ -47,12 +67,12 @@ mod tests {
     use glam::Vec3;
 
     fn distance(corners: &[Vec3; 3]) -> f32 {
-        super::distance(&corners.map(Vector::from)).get()
+        plane(&corners.map(Vector::from), Vec3::ZERO.into()).offset.get()
     }
 
     fn normal(corners: &[Vec3; 3]) -> Option<Vec3> {
-        let (normal, there) = super::normal(&corners.map(Vector::from), Vec3::ZERO.into());
-        (there != 0).then(|| normal.into())
+        let plane = plane(&corners.map(Vector::from), Vec3::ZERO.into());
+        (plane.there != 0).then(|| plane.normal.into())
     }
 
     use crate::geom::{CanonicalRay, Frame, Sampler, warp};
@@ -129,6 +149,9 @@ mod tests {
         for scale in [1e-30, 1e-10, 1.0, 1e10] {
             let n = normal(&[Vec3::ZERO, Vec3::X * scale, Vec3::Y * scale]).expect("not degenerate");
             assert!((n - Vec3::Z).length() < 1e-6);
+            let corners = [Vec3::ZERO, Vec3::X * scale, Vec3::Y * scale].map(Vector::from);
+            let area = plane(&corners, Vec3::ZERO.into()).twice_area.get();
+            assert!(scale < 1e-20 || (area / (scale * scale) - 1.0).abs() < 1e-6, "{area} at {scale}");
         }
         assert!(normal(&[Vec3::ZERO, Vec3::X, Vec3::X * 2.0]).is_none());
         assert!(normal(&[Vec3::ONE; 3]).is_none());

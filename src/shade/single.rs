@@ -34,7 +34,7 @@ pub struct Interaction {
 impl Interaction {
     /// The interaction of a ray with the triangle it hit, whose material is `material`.
     pub fn new(scene: &Scene, material: &Material, ray: &Ray, hit: &Hit) -> Self {
-        let direction = Vec3::from_array(ray.direction).into();
+        let direction = Vector::from(Vec3::from_array(ray.direction)).normalize();
         let lane = super::Interaction::new(scene, material, direction, &(*hit).into(), 0.0.into());
         Self {
             position: lane.position.into(),
@@ -195,7 +195,7 @@ impl LightSample {
 
     /// [`Lights::sample`]; `None` when no light comes this way.
     pub fn any(lights: &Lights, scene: &Scene, to: &Receiver, u: f32, u2: [f32; 2]) -> Option<Self> {
-        Self::of(lights.sample(scene, to, u.into(), u2.map(Num::from)))
+        Self::of(lights.sample(scene, to, Some(u.into()), u2.map(Num::from)))
     }
 
     /// [`Lights::sample_surfaces`].
@@ -204,8 +204,8 @@ impl LightSample {
     }
 
     /// [`Lights::sample_punctual`].
-    pub fn punctual(lights: &Lights, from: Vec3, u: f32) -> Option<Self> {
-        Self::of(lights.sample_punctual(from.into(), u.into()))
+    pub fn punctual(lights: &Lights, to: &Receiver, u: f32) -> Option<Self> {
+        Self::of(lights.sample_punctual(to, u.into()))
     }
 
     /// [`Lights::illuminate`].

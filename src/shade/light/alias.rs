@@ -67,18 +67,21 @@ impl AliasTable {
         self.total
     }
 
-    /// Chooses by `u` in [0, 1); `None` when empty. Returns the indices and their chances.
+    /// Chooses by `u` in [0, 1); `None` when empty. Returns the indices, their chances, and what is left of `u`:
+    /// numbers in [0, 1), as even as `u` is, for whatever is chosen next.
     #[inline(always)]
-    pub fn choose<L: Lanes>(&self, u: Num<L>) -> Option<(Int<L>, Num<L>)> {
+    pub fn choose<L: Lanes>(&self, u: Num<L>) -> Option<(Int<L>, Num<L>, Num<L>)> {
         let last = self.entries.len().checked_sub(1)?;
         let table: &[u32] = bytemuck::cast_slice(&self.entries);
         let place = u * self.entries.len() as f32;
         let index = place.to_int().at_most(last as u32);
         let [keep, other, _] = index.rows(table);
-        let stays = (place - index.to_num()).lt(keep.to_num_bits());
+        let (keep, share) = (keep.to_num_bits(), place - index.to_num());
+        let stays = share.lt(keep);
+        let rest = Num::select(stays, share, share - keep) / Num::select(stays, keep, 1.0 - keep);
         let chosen = Int::select(stays, index, other);
         let [_, _, chance] = chosen.rows(table);
-        Some((chosen, chance.to_num_bits()))
+        Some((chosen, chance.to_num_bits(), rest.clamp(0.0, 1.0 - f32::EPSILON)))
     }
 
     /// The chances of being chosen.
@@ -99,16 +102,21 @@ mod tests {
         let table = AliasTable::new(&weights);
         let total: f64 = weights.iter().sum();
         let n = 1 << 20;
-        let mut counts = vec![0u32; weights.len()];
+        let (mut counts, mut rests) = (vec![0u32; weights.len()], vec![0.0; weights.len()]);
         for i in 0..n {
-            let (index, chance) = table.choose(Num::from((i as f32 + 0.5) / n as f32)).expect("not empty");
+            let u = Num::from((i as f32 + 0.5) / n as f32);
+            let (index, chance, rest) = table.choose(u).expect("not empty");
             assert_eq!(chance.get(), table.chance(index).get());
+            assert!((0.0..1.0).contains(&rest.get()));
             counts[index.get() as usize] += 1;
+            rests[index.get() as usize] += f64::from(rest.get());
         }
         for (i, &w) in weights.iter().enumerate() {
             let expected = w / total;
             assert!((f64::from(counts[i]) / f64::from(n) - expected).abs() < 1e-5, "{i}");
             assert!((f64::from(table.chance(Int::from(i as u32)).get()) - expected).abs() < 1e-6);
+            let mean = rests[i] / f64::from(counts[i].max(1));
+            assert!(counts[i] < 100 || (mean - 0.5).abs() < 0.01, "what is left is even: {mean}");
         }
         assert_eq!((counts[0], counts[3]), (0, 0), "no weight, no chance");
     }

@@ -78,10 +78,13 @@ impl LightBounds {
         (self.high - self.low).length() * 0.5
     }
 
-    /// How much light goes astray when these are one node: power × solid angle × surface.
+    /// How much light goes astray when these are one node: power × solid angle × surface, which lights in a row
+    /// have too.
     pub fn cost(&self) -> f32 {
+        const LEAST: f32 = 1e-3;
         let size = self.high - self.low;
         let surface = 2.0 * (size.x * size.y + size.y * size.z + size.z * size.x);
+        let surface = surface.max(LEAST * size.length_squared());
         self.power * self.solid_angle() * surface
     }
 

@@ -1,6 +1,6 @@
 //! Triangles that shine.
 
-use super::{AliasTable, LightBounds, LightTree, Receiver};
+use super::{AliasTable, FEW, LightBounds, LightTree, Receiver};
 use crate::geom::warp::lanes as warp;
 use crate::lanes::{Int, Lanes, Num, One, Vector};
 use crate::scene::{Emission, Footprint, Scene};
@@ -18,6 +18,9 @@ const PROBES: [[f32; 2]; 7] =
 #[derive(Clone, Debug, Default)]
 pub struct Emitters {
     records: Vec<Record>,
+    /// Areas and numbers of the triangles in `records`.
+    areas: Vec<f32>,
+    primitives: Vec<u32>,
     /// What those in `records` give off, for those whose emission is a texture's.
     emissions: Vec<Emission>,
     table: AliasTable,
@@ -28,32 +31,27 @@ pub struct Emitters {
     places: Vec<u32>,
 }
 
-/// A triangle that shines, with all that sampling it needs.
+/// A triangle that shines, with all that sampling it needs, in two rows of eight words.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
 struct Record {
     corners: [[f32; 3]; 3],
-    /// Unit normal, zero for a triangle without area.
+    /// As long as the area.
     normal: [f32; 3],
-    area: f32,
-    /// Distance off the triangle at which rays to it end.
-    offset: f32,
     /// Of the front; before its texture, if there is one.
     radiance: [f32; 3],
-    /// [`TWO_SIDED`] and [`TEXTURED`].
-    flags: u32,
-    primitive: u32,
+    /// Distance off the triangle at which rays to it end, by the area; its two lowest bits are [`TWO_SIDED`] and
+    /// [`TEXTURED`].
+    offset_and_flags: u32,
 }
 
-/// As many are as well chosen by power alone: with the eight of a kitchen the tree takes 1.5 % of the noise and costs
-/// 4 % of the time.
-const FEW: usize = 16;
-
 /// Words of a [`Record`].
-const WORDS: usize = size_of::<Record>() / 4;
+const WORDS: usize = 16;
+const _: () = assert!(size_of::<Record>() == WORDS * 4);
 
 const TWO_SIDED: u32 = 1;
 const TEXTURED: u32 = 2;
+const FLAGS: u32 = TWO_SIDED | TEXTURED;
 const NONE: u32 = u32::MAX;
 
 /// Sampled points of emissive triangles.
@@ -63,6 +61,8 @@ pub struct EmitterSample<L: Lanes> {
     pub valid: u32,
     /// The point, a little off the triangle towards whoever asked.
     pub position: Vector<L>,
+    /// Unit direction towards it.
+    pub wi: Vector<L>,
     /// Radiance towards them.
     pub radiance: Vector<L>,
     /// Density per solid angle, seen from them.
@@ -72,31 +72,39 @@ pub struct EmitterSample<L: Lanes> {
 impl Emitters {
     /// The emissive triangles of a scene.
     pub fn new(scene: &Scene) -> Self {
-        let (mut records, mut emissions, mut weights) = (Vec::new(), Vec::new(), Vec::new());
+        let mut all = Self::default();
+        let mut weights = Vec::new();
         for (primitive, &material) in scene.mesh.materials.iter().enumerate() {
             if let Some(emission) = scene.materials[material as usize].emission {
-                let record = Record::new(scene, primitive as u32, &emission);
-                let power = f64::from(power(scene, &record, &emission));
+                let primitive = primitive as u32;
+                let (record, area) = Record::new(scene, primitive, &emission);
+                let power = f64::from(power(scene, primitive, area, &emission));
                 if power > 0.0 && power.is_finite() {
-                    records.push(record);
-                    emissions.push(emission);
+                    all.records.push(record);
+                    all.areas.push(area);
+                    all.primitives.push(primitive);
+                    all.emissions.push(emission);
                     weights.push(power);
                 }
             }
         }
-        let table = AliasTable::new(&weights);
-        let tree = (records.len() > FEW).then(|| {
-            let lights: Vec<_> = records.iter().zip(&weights).map(|(r, &w)| r.bounds(w as f32)).collect();
+        all.table = AliasTable::new(&weights);
+        all.tree = (all.len() > FEW).then(|| {
+            let lights: Vec<_> = all.records.iter().zip(&weights).map(|(r, &w)| r.bounds(w as f32)).collect();
             LightTree::new(&lights)
         });
-        let mut places = Vec::new();
-        if !records.is_empty() {
-            places.resize(scene.mesh.triangles.len(), NONE);
-            for (place, record) in records.iter().enumerate() {
-                places[record.primitive as usize] = place as u32;
+        if !all.is_empty() {
+            all.places.resize(scene.mesh.triangles.len(), NONE);
+            for (place, &primitive) in all.primitives.iter().enumerate() {
+                all.places[primitive as usize] = place as u32;
             }
         }
-        Self { records, emissions, table, tree, places }
+        all
+    }
+
+    /// Whether there are so many that a [`LightTree`] chooses, which looks at the receiver's facing.
+    pub fn are_many(&self) -> bool {
+        self.tree.is_some()
     }
 
     /// Luminous power of all of them.
@@ -114,42 +122,46 @@ impl Emitters {
         self.records.is_empty()
     }
 
-    /// Samples points on some of them for receivers: `u` chooses the triangle, `u2` the point.
-    /// `None` when there are none.
+    /// Samples points on some of them for receivers: `u` chooses the triangle, `u2` the point. Without `u` the first
+    /// of `u2` chooses as well. `None` when there are none.
     #[inline(always)]
     pub fn sample<L: Lanes>(
         &self,
         scene: &Scene,
         to: &Receiver<L>,
-        u: Num<L>,
-        u2: [Num<L>; 2],
+        u: Option<Num<L>>,
+        [mut x, y]: [Num<L>; 2],
     ) -> Option<EmitterSample<L>> {
-        let (place, chance) = self.choose(to, u)?;
-        let record: [Int<L>; WORDS] = place.rows(bytemuck::cast_slice(&self.records));
-        let [v, w] = warp::triangle(u2);
+        let (place, chance, rest) = self.choose(to, u.unwrap_or(x))?;
+        if u.is_none() {
+            x = rest;
+        }
+        let record = Record::load(&self.records, place);
+        let [v, w] = warp::triangle([x, y]);
         let on = vector(&record, 0) * (1.0 - v - w) + vector(&record, 3) * v + vector(&record, 6) * w;
         let normal = vector(&record, 9);
-        let (area, offset) = (record[12].to_num_bits(), record[13].to_num_bits());
         let away = to.position - on;
         let cosine = normal.dot(away);
         let front = cosine.above(0.0);
-        let flags = record[17];
-        let mut radiance = vector(&record, 14).only(front | (flags & TWO_SIDED).is(TWO_SIDED));
+        let (flags, offset) = (record[15] & FLAGS, (record[15] & !FLAGS).to_num_bits());
+        let mut radiance = vector(&record, 12).only(front | (flags & TWO_SIDED).is(TWO_SIDED));
         let textured = (flags & TEXTURED).is(TEXTURED);
         if textured != 0 {
             radiance =
                 Vector::select(textured, self.textured(scene, textured, place, [v, w], front), radiance);
         }
         let distance2 = away.length_squared();
-        let pdf = chance * distance2 / ((cosine / distance2.sqrt()).abs() * area);
+        let nearness = 1.0 / distance2.sqrt();
+        let pdf = chance * distance2 / (cosine * nearness).abs();
         let valid = !radiance.is_zero() & !cosine.is_zero() & pdf.above(0.0) & pdf.is_finite();
-        Some(EmitterSample { valid, position: on + normal * offset.copysign(cosine), radiance, pdf })
+        let position = on + normal * offset.copysign(cosine);
+        Some(EmitterSample { valid, position, wi: away * -nearness, radiance, pdf })
     }
 
-    /// Chooses emitters for receivers by `u`: their places among the emitters, and their chances. `None`
-    /// when there are none.
+    /// Chooses emitters for receivers by `u`: their places among the emitters, their chances, and what is left
+    /// of `u`. `None` when there are none.
     #[inline(always)]
-    pub(super) fn choose<L: Lanes>(&self, to: &Receiver<L>, u: Num<L>) -> Option<(Int<L>, Num<L>)> {
+    pub(super) fn choose<L: Lanes>(&self, to: &Receiver<L>, u: Num<L>) -> Option<(Int<L>, Num<L>, Num<L>)> {
         match &self.tree {
             Some(tree) => Some(tree.choose(to, u)),
             None => self.table.choose(u),
@@ -181,7 +193,7 @@ impl Emitters {
         for lane in (0..L::LANES).filter(|lane| lanes >> lane & 1 == 1) {
             let place = place[lane] as usize;
             let at = [v[lane], w[lane]];
-            let primitive = self.records[place].primitive;
+            let primitive = self.primitives[place];
             let light = radiance_at(scene, &self.emissions[place], primitive, at, front >> lane & 1 == 1);
             for (channel, light) in radiance.iter_mut().zip(light.to_array()) {
                 channel[lane] = light;
@@ -207,39 +219,48 @@ impl Emitters {
         let [place] = primitive.rows(&self.places);
         let there = !place.is(NONE);
         let place = place.at_most(self.records.len() as u32 - 1);
-        let record: [Int<L>; WORDS] = place.rows(bytemuck::cast_slice(&self.records));
-        let area = record[12].to_num_bits();
+        let area = place.of(&self.areas);
         (self.chance(to, place) * distance2 / (cosine.abs() * area)).only(there)
     }
 }
 
 impl Record {
-    fn new(scene: &Scene, primitive: u32, emission: &Emission) -> Self {
+    /// Of a triangle, and its area.
+    fn new(scene: &Scene, primitive: u32, emission: &Emission) -> (Self, f32) {
         let corners = scene.mesh.corners(primitive);
         let lanes = corners.map(Vector::from);
-        let normal: Vec3 = offset::normal(&lanes, Vec3::ZERO.into()).0.into();
+        let plane = offset::plane(&lanes, Vec3::ZERO.into());
+        let area = 0.5 * plane.twice_area.get();
         let textured = if emission.radiance.texture.is_some() { TEXTURED } else { 0 };
-        Self {
+        let flags = textured | if emission.two_sided { TWO_SIDED } else { 0 };
+        let record = Self {
             corners: corners.map(|corner| corner.to_array()),
-            normal: normal.to_array(),
-            area: 0.5 * (corners[1] - corners[0]).cross(corners[2] - corners[0]).length(),
-            offset: offset::distance(&lanes).get(),
+            normal: (Vec3::from(plane.normal) * area).to_array(),
             radiance: emission.radiance.factor.max(Vec3::ZERO).to_array(),
-            flags: textured | if emission.two_sided { TWO_SIDED } else { 0 },
-            primitive,
-        }
+            offset_and_flags: (plane.offset.get() / area).to_bits() & !FLAGS | flags,
+        };
+        (record, area)
+    }
+
+    #[inline(always)]
+    fn load<L: Lanes>(records: &[Self], place: Int<L>) -> [Int<L>; WORDS] {
+        let rows: &[u32] = bytemuck::cast_slice(records);
+        let [a, b, c, d, e, f, g, h] = (place << 1).rows(rows);
+        let [i, j, k, l, m, n, o, p] = ((place << 1) + 1).rows(rows);
+        [a, b, c, d, e, f, g, h, i, j, k, l, m, n, o, p]
     }
 
     fn bounds(&self, power: f32) -> LightBounds {
         let [a, b, c] = self.corners.map(Vec3::from_array);
+        let plane = offset::plane(&[a, b, c].map(Vector::from), Vec3::Z.into());
         LightBounds {
             low: a.min(b).min(c),
             high: a.max(b).max(c),
-            axis: Vec3::from_array(self.normal),
+            axis: plane.normal.into(),
             spread: 0.0,
             reach: FRAC_PI_2,
             power,
-            two_sided: self.flags & TWO_SIDED != 0,
+            two_sided: self.offset_and_flags & TWO_SIDED != 0,
         }
     }
 }
@@ -258,14 +279,14 @@ fn radiance_at(scene: &Scene, emission: &Emission, primitive: u32, [v, w]: [f32;
 }
 
 /// Luminous power: exact for an even emission, an estimate for a textured one.
-fn power(scene: &Scene, record: &Record, emission: &Emission) -> f32 {
+fn power(scene: &Scene, primitive: u32, area: f32, emission: &Emission) -> f32 {
     let brightness = match emission.radiance.texture {
         None => luminance(emission.radiance.factor),
         Some(_) => {
-            let probes = PROBES.map(|at| luminance(radiance_at(scene, emission, record.primitive, at, true)));
+            let probes = PROBES.map(|at| luminance(radiance_at(scene, emission, primitive, at, true)));
             probes.iter().sum::<f32>() / PROBES.len() as f32
         }
     };
     let sides = if emission.two_sided { 2.0 } else { 1.0 };
-    sides * PI * brightness.max(0.0) * record.area
+    sides * PI * brightness.max(0.0) * area
 }

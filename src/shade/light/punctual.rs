@@ -1,16 +1,122 @@
 //! Point, spot and directional lights.
 
-use super::LightSample;
+use super::{AliasTable, FEW, LightBounds, LightSample, LightTree, Receiver};
 use crate::lanes::{Int, Lanes, Num, Vector};
 use crate::scene::{Light, LightShape};
 use crate::shade::lookup::luminance;
 use bytemuck::{Pod, Zeroable};
-use std::f32::consts::PI;
+use glam::Vec3;
+use std::f32::consts::{FRAC_PI_2, PI};
+
+/// All lights that no ray can hit. A few are chosen by power; of many, those that are somewhere by what they may give
+/// to the receiver.
+#[derive(Clone, Debug, Default)]
+pub struct Punctual {
+    records: Vec<Record>,
+    power: f64,
+    /// By power, those that the tree has not.
+    table: AliasTable,
+    tree: Option<Near>,
+}
+
+/// The lights that are somewhere.
+#[derive(Clone, Debug)]
+struct Near {
+    tree: LightTree,
+    /// The tree's lights among all.
+    lights: Vec<u32>,
+    /// The chance that it is asked, not the table.
+    chance: f32,
+}
+
+impl Punctual {
+    /// These lights, in a scene of the given radius.
+    pub fn new(lights: &[Light], scene_radius: f32) -> Self {
+        let mut powers: Vec<f64> = lights.iter().map(|light| f64::from(power(light, scene_radius))).collect();
+        let total: f64 = powers.iter().sum();
+        let (places, near): (Vec<u32>, Vec<LightBounds>) = (0..)
+            .zip(lights)
+            .filter_map(|(place, light)| Some((place, bounds(light)?)))
+            .filter(|(_, bounds)| bounds.power > 0.0 && bounds.power.is_finite())
+            .unzip();
+        let mut tree = None;
+        if near.len() > FEW {
+            places.iter().for_each(|&place| powers[place as usize] = 0.0);
+            let far: f64 = powers.iter().sum();
+            let [chance, _] = super::chances([total - far, far]);
+            tree = Some(Near { tree: LightTree::new(&near), lights: places, chance });
+        }
+        let records = lights.iter().map(Record::from).collect();
+        Self { records, power: total, table: AliasTable::new(&powers), tree }
+    }
+
+    /// How many there are.
+    pub fn len(&self) -> usize {
+        self.records.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.records.is_empty()
+    }
+
+    /// Luminous power of all of them.
+    pub fn power(&self) -> f64 {
+        self.power
+    }
+
+    /// Whether there are so many that a [`LightTree`] chooses, which looks at the receiver's facing.
+    pub fn are_many(&self) -> bool {
+        self.tree.is_some()
+    }
+
+    /// Chooses lights for receivers by `u`: their numbers and their chances. `None` when there are none.
+    #[inline(always)]
+    pub fn choose<L: Lanes>(&self, to: &Receiver<L>, u: Num<L>) -> Option<(Int<L>, Num<L>)> {
+        let Some(Near { tree, lights, chance }) = &self.tree else {
+            let (index, chance, _) = self.table.choose(u)?;
+            return Some((index, chance));
+        };
+        let near = u.below(*chance);
+        let (place, by_tree, _) = tree.choose(to, (u * (1.0 / chance)).clamp(0.0, 1.0 - f32::EPSILON));
+        let [mut index] = place.rows(lights);
+        let mut probability = by_tree * *chance;
+        if near != L::ALL {
+            let rest = ((u - *chance) * (1.0 / (1.0 - chance))).clamp(0.0, 1.0 - f32::EPSILON);
+            let (far, by_power, _) = self.table.choose(rest)?;
+            index = Int::select(near, index, far);
+            probability = Num::select(near, probability, by_power * (1.0 - chance));
+        }
+        Some((index, probability))
+    }
+
+    /// The light of lights `index` that reaches points, unless something is between; none outside of a
+    /// spot's cone. [`LightSample::pdf`] is 1.
+    #[inline(always)]
+    pub fn illuminate<L: Lanes>(&self, index: Int<L>, from: Vector<L>) -> LightSample<L> {
+        let record: [Num<L>; WORDS] = index.rows_of(bytemuck::cast_slice(&self.records));
+        let kind = record[11].to_bits();
+        let (spot, far) = (kind.is(SPOT), kind.is(DIRECTIONAL));
+        let position = Vector::new(record[0], record[1], record[2]);
+        let direction = Vector::new(record[3], record[4], record[5]);
+        let intensity = Vector::new(record[6], record[7], record[8]);
+        let towards = position - from;
+        let distance2 = towards.length_squared();
+        let wi = Vector::select(far, -direction, towards * (1.0 / distance2.sqrt()));
+        let inside = (-wi).dot(direction) - record[9];
+        let edge = (inside * record[10]).clamp(0.0, 1.0);
+        let one = Num::splat(from.lanes(), 1.0);
+        let share = Num::select(spot, edge * edge, one);
+        let radiance = Vector::select(far, intensity, intensity * (share / distance2));
+        let valid = wi.length_squared().is_finite() & !radiance.is_zero();
+        LightSample { valid, wi, target: position, near: !far, radiance, pdf: one, delta: L::ALL }
+    }
+}
 
 /// A light as lanes read it.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
-pub struct Record {
+struct Record {
     position: [f32; 3],
     /// Of a spot and of a directional light.
     direction: [f32; 3],
@@ -50,7 +156,7 @@ impl From<&Light> for Record {
 }
 
 /// Luminous power of a light into a scene of the given radius.
-pub fn power(light: &Light, scene_radius: f32) -> f32 {
+fn power(light: &Light, scene_radius: f32) -> f32 {
     let solid_angle = match light.shape {
         LightShape::Point { .. } => 4.0 * PI,
         LightShape::Spot { cos_inner, cos_outer, .. } => {
@@ -61,24 +167,18 @@ pub fn power(light: &Light, scene_radius: f32) -> f32 {
     luminance(light.intensity).max(0.0) * solid_angle
 }
 
-/// The light of lights `index` that reaches points, unless something is between; none outside of a
-/// spot's cone. [`LightSample::pdf`] is 1.
-#[inline(always)]
-pub fn illuminate<L: Lanes>(records: &[Record], index: Int<L>, from: Vector<L>) -> LightSample<L> {
-    let record: [Num<L>; WORDS] = index.rows_of(bytemuck::cast_slice(records));
-    let kind = record[11].to_bits();
-    let (spot, far) = (kind.is(SPOT), kind.is(DIRECTIONAL));
-    let position = Vector::new(record[0], record[1], record[2]);
-    let direction = Vector::new(record[3], record[4], record[5]);
-    let intensity = Vector::new(record[6], record[7], record[8]);
-    let towards = position - from;
-    let distance2 = towards.length_squared();
-    let wi = Vector::select(far, -direction, towards / distance2.sqrt());
-    let inside = (-wi).dot(direction) - record[9];
-    let edge = (inside * record[10]).clamp(0.0, 1.0);
-    let one = Num::splat(from.lanes(), 1.0);
-    let share = Num::select(spot, edge * edge, one);
-    let radiance = Vector::select(far, intensity, intensity * (share / distance2));
-    let valid = wi.length_squared().is_finite() & !radiance.is_zero();
-    LightSample { valid, wi, target: position, near: !far, radiance, pdf: one, delta: L::ALL }
+/// Where a light is and whither it shines: a point in all directions, a spot evenly up to the inner angle and less and
+/// less beyond. Its power is what it would be all around, since that is what who sees it gets. `None` of one
+/// that is nowhere.
+fn bounds(light: &Light) -> Option<LightBounds> {
+    let (at, axis, spread, reach) = match light.shape {
+        LightShape::Point { position } => (position, Vec3::Z, PI, FRAC_PI_2),
+        LightShape::Spot { position, direction, cos_inner, cos_outer } => {
+            let (inner, outer) = (libm::acosf(cos_inner), libm::acosf(cos_outer));
+            (position, direction, inner, (outer - inner).clamp(0.0, FRAC_PI_2))
+        }
+        LightShape::Directional { .. } => return None,
+    };
+    let power = luminance(light.intensity).max(0.0) * 4.0 * PI;
+    Some(LightBounds { low: at, high: at, axis, spread, reach, power, two_sided: false })
 }

@@ -32,6 +32,13 @@ impl<L: Lanes> Receiver<L> {
         Self::new(at.origin(at.raised, at.normal), at.normal)
     }
 
+    /// The same of which nothing but the position is asked, since there are few lights.
+    #[inline(always)]
+    pub fn place_of(at: &Interaction<L>) -> Self {
+        let position = at.origin(at.raised, at.normal);
+        Self { position, facing: Int::splat(position.lanes(), AROUND) }
+    }
+
     /// Points at `position` that see what is above their unit `normal`.
     #[inline(always)]
     pub fn new(position: Vector<L>, normal: Vector<L>) -> Self {

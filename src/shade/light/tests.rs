@@ -1,8 +1,8 @@
 //! What light sampling promises: densities that are those of the samples, and the right irradiance.
 
-use super::{EnvironmentLight, Lights, Receiver};
+use super::{AliasTable, EnvironmentLight, Lights, Receiver};
 use crate::geom::{Sampler, warp};
-use crate::lanes::{Int, Num, One, Vector};
+use crate::lanes::{Int, Kernel, Lanes, Num, One, SimdLevel, Vector};
 use crate::scene::{
     Channel, Colour, ColourSpace, Emission, Environment, EnvironmentMap, Footprint, Light, LightShape,
     Material, Pyramid, Scene, Texture, TextureRef, Wrap,
@@ -318,7 +318,7 @@ fn lights_are_chosen_with_the_chances_that_are_stated() {
         let mut counts = vec![0u32; 1400];
         for i in 0..n {
             let u = (i as f32 + 0.5) / n as f32;
-            let (place, chance) = emitters.choose(&to, Num::from(u)).expect("there are emitters");
+            let (place, chance, _) = emitters.choose(&to, Num::from(u)).expect("there are emitters");
             assert_eq!(chance.get(), stated[place.get() as usize]);
             counts[place.get() as usize] += u32::from(chance.get() > 0.0);
         }
@@ -336,15 +336,14 @@ fn no_light_that_arrives_is_left_out() {
     let normals = [Vec3::Y, Vec3::NEG_X, Vec3::new(0.6, 0.0, 0.8)];
     for (k, around) in (0..normals.len()).flat_map(|k| [(k, false), (k, true)]) {
         let (from, normal) = (Vec3::splat(k as f32 - 1.0), normals[k]);
-        let n = if around { 1 << 17 } else { 1 << 15 };
+        let n = 1 << 16;
         let lights = Lights::new(&scene);
-        let to = receiver(from, normal);
-        let to = if around { to.around() } else { to };
+        let to = among((from, normal, around));
         // From one side, or through a frosted wall.
         let seen = |cosine: f32| if around { cosine.abs() } else { cosine.max(0.0) };
         let mut by_tree = 0.0;
         for i in 0..n {
-            let s = Sampler::new(i, 2, 5);
+            let s = Sampler::new(2, i, 5);
             if let Some(light) = LightSample::any(&lights, &scene, &to, s.single(0), s.pair(1)) {
                 by_tree += light.radiance.x * seen(light.wi.dot(normal)) / light.pdf / n as f32;
             }
@@ -381,4 +380,157 @@ fn thousands_of_emitters_each_have_their_power() {
     let to = receiver(Vec3::ZERO, Vec3::Y);
     let total: f32 = (0..6000).map(|p| pdf_emitter(&lights, &to, p, 1.0, 1.0) * 2.0).sum();
     assert!((total - 1.0).abs() < 1e-3, "chances add up to {total}");
+}
+
+/// Points and spots of all brightnesses, places and directions, a black one, and two suns.
+fn thousands_of_points() -> Scene {
+    let light = |i: u32| {
+        let s = Sampler::new(i, 0, 78);
+        let intensity = Vec3::splat(libm::powf(10.0, 2.0 * s.single(0)));
+        let position = Vec3::from(std::array::from_fn(|k| s.single(1 + k as u32) * 40.0 - 20.0));
+        let direction = warp::sphere(s.pair(5));
+        let cos_inner = 1.0 - s.single(6);
+        let shape = match i % 3 {
+            0 => LightShape::Point { position },
+            _ => LightShape::Spot { position, direction, cos_inner, cos_outer: cos_inner * s.single(7) },
+        };
+        Light { name: String::new(), intensity, shape }
+    };
+    let sun = |intensity: f32, direction: Vec3| {
+        let (intensity, direction) = (Vec3::splat(intensity), direction.normalize());
+        Light { name: String::new(), intensity, shape: LightShape::Directional { direction } }
+    };
+    let mut lights: Vec<Light> = (0..2000).map(light).collect();
+    lights[77].intensity = Vec3::ZERO;
+    lights.extend([sun(3.0, Vec3::NEG_Y), sun(1.0, Vec3::new(1.0, -1.0, 0.3))]);
+    let mut scene = Scene { lights, ..Scene::default() };
+    // What suns give a scene follows from its size.
+    add_square(&mut scene, -1.0, Material::fallback());
+    scene.mesh.positions.iter_mut().for_each(|corner| *corner *= 20.0);
+    scene
+}
+
+/// Receivers among them: a place, a normal and whether they see both sides.
+const AMONG: [(Vec3, Vec3, bool); 2] =
+    [(Vec3::ZERO, Vec3::Y, false), (Vec3::new(19.0, 5.0, -7.0), Vec3::NEG_X, false)];
+
+fn among((from, normal, around): (Vec3, Vec3, bool)) -> Receiver<One> {
+    let to = receiver(from, normal);
+    if around { to.around() } else { to }
+}
+
+#[test]
+fn punctual_lights_are_chosen_with_the_chances_that_are_stated() {
+    let scene = thousands_of_points();
+    let lights = Lights::new(&scene);
+    let n = 1 << 17;
+    for to in AMONG.map(among) {
+        let (mut counts, mut stated) = (vec![0u32; 2002], vec![0.0; 2002]);
+        for i in 0..n {
+            let u = Num::from((i as f32 + 0.5) / n as f32);
+            let (index, chance) = lights.punctual().choose(&to, u).expect("there are lights");
+            let (index, chance) = (index.get() as usize, chance.get());
+            if chance > 0.0 {
+                assert!(counts[index] == 0 || stated[index] == chance);
+                stated[index] = chance;
+                counts[index] += 1;
+            }
+        }
+        let sum: f32 = stated.iter().sum();
+        // As above: where spots shine in all directions, half of the forks' ends may prove dark.
+        assert!((0.3..1.001).contains(&sum), "chances add up to {sum}");
+        assert!(stated[2000] > stated[2001] && stated[2001] > 0.0 && stated[77] == 0.0);
+        // The samples are even, so counts are off by rounding alone.
+        for (&count, &stated) in counts.iter().zip(&stated) {
+            assert!((count as f32 - stated * n as f32).abs() < 2.0 + 1e-3 * count as f32, "{count} {stated}");
+        }
+    }
+}
+
+/// Means and variances of what samples say a receiver gets, when lights are chosen by `choose`.
+fn mean_and_variance(
+    lights: &Lights,
+    (from, normal, around): (Vec3, Vec3, bool),
+    mut choose: impl FnMut(&Receiver<One>, f32) -> (u32, f32),
+) -> [f64; 2] {
+    let (n, mut sums, to) = (1 << 15, [0.0; 2], among((from, normal, around)));
+    for i in 0..n {
+        let (index, chance) = choose(&to, Sampler::new(4, i, 1).single(2));
+        let light = LightSample::of_light(lights, index as usize, from).filter(|_| chance > 0.0);
+        let cosine = light.map_or(0.0, |light| light.wi.dot(normal));
+        let seen = if around { cosine.abs() } else { cosine.max(0.0) };
+        let value = light.map_or(0.0, |light| f64::from(light.radiance.x * seen / chance));
+        sums = [sums[0] + value, sums[1] + value * value];
+    }
+    let [mean, square] = sums.map(|sum| sum / f64::from(n));
+    [mean, square - mean * mean]
+}
+
+#[test]
+fn the_tree_of_punctual_lights_finds_all_light_with_less_noise_than_power_does() {
+    let scene = thousands_of_points();
+    let lights = Lights::new(&scene);
+    let powers: Vec<f64> = scene
+        .lights
+        .iter()
+        .map(|light| {
+            // Of the suns as if the scene were a ball of radius 10.
+            let solid_angle = match light.shape {
+                LightShape::Directional { .. } => 100.0 * PI,
+                _ => 4.0 * PI,
+            };
+            f64::from(light.intensity.x * solid_angle)
+        })
+        .collect();
+    let table = AliasTable::new(&powers);
+    for at in AMONG {
+        let (from, normal, around) = at;
+        let all: f64 = (0..scene.lights.len())
+            .filter_map(|index| LightSample::of_light(&lights, index, from))
+            .map(|light| (light.wi.dot(normal), light.radiance.x))
+            .map(|(cosine, light)| f64::from(light * if around { cosine.abs() } else { cosine.max(0.0) }))
+            .sum();
+        let by_tree = mean_and_variance(&lights, at, |to, u| {
+            let (index, chance) = lights.punctual().choose(to, u.into()).expect("there are lights");
+            (index.get(), chance.get())
+        });
+        let by_power = mean_and_variance(&lights, at, |_, u| {
+            let (index, chance, _) = table.choose(Num::from(u)).expect("there are lights");
+            (index.get(), chance.get())
+        });
+        assert!((by_tree[0] / all - 1.0).abs() < 0.02, "{} and {all}", by_tree[0]);
+        assert!(by_tree[1] < 0.5 * by_power[1], "{by_tree:?} and {by_power:?}");
+    }
+}
+
+/// What lanes choose among punctual lights.
+struct Choices<'a>(&'a Lights);
+
+impl Kernel for Choices<'_> {
+    type Output = Vec<[u32; 2]>;
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, l: L) -> Self::Output {
+        let mut choices = Vec::new();
+        for first in (0..1024u32).step_by(L::LANES) {
+            let s: Sampler<L> = Sampler::of(Int::iota(l) + first, Int::splat(l, 0), 3);
+            let [x, y] = s.two(Int::splat(l, 1));
+            let position = Vector::new(x * 40.0 - 20.0, y * 40.0 - 20.0, x - y);
+            let to = Receiver::new(position, Vector::new(x, y, x * y + 0.1).normalize());
+            let (index, chance) =
+                self.0.punctual().choose(&to, s.one(Int::splat(l, 2))).expect("there are lights");
+            let (index, chance) = (index.to_array(), chance.to_bits().to_array());
+            choices.extend((0..L::LANES).map(|lane| [index[lane], chance[lane]]));
+        }
+        choices
+    }
+}
+
+#[test]
+fn every_level_chooses_the_same_lights_with_the_same_chances() {
+    let lights = Lights::new(&thousands_of_points());
+    let one = SimdLevel::Scalar.run(Choices(&lights));
+    for level in SimdLevel::available() {
+        assert_eq!(level.run(Choices(&lights)), one, "{level}");
+    }
 }

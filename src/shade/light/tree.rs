@@ -92,10 +92,10 @@ impl LightTree {
         (first as u32 / 2, bounds[0].union(&bounds[1]))
     }
 
-    /// Chooses a light for each receiver by `u` in [0, 1). Returns the lights and their chances: 0 where
-    /// no light reaches the receiver.
+    /// Chooses a light for each receiver by `u` in [0, 1). Returns the lights, their chances, 0 where
+    /// no light reaches the receiver, and what is left of `u`.
     #[inline(always)]
-    pub fn choose<L: Lanes>(&self, receiver: &Receiver<L>, u: Num<L>) -> (Int<L>, Num<L>) {
+    pub fn choose<L: Lanes>(&self, receiver: &Receiver<L>, u: Num<L>) -> (Int<L>, Num<L>, Num<L>) {
         u.lanes().apart(Choose { tree: self, receiver: *receiver, u })
     }
 
@@ -141,7 +141,7 @@ struct Choose<'a, L: Lanes> {
 }
 
 impl<L: Lanes> Piece<L> for Choose<'_, L> {
-    type Output = (Int<L>, Num<L>);
+    type Output = (Int<L>, Num<L>, Num<L>);
 
     #[inline(always)]
     fn run(self, l: L) -> Self::Output {
@@ -151,7 +151,7 @@ impl<L: Lanes> Piece<L> for Choose<'_, L> {
         loop {
             let going = L::ALL & !is_leaf(at);
             if going == 0 {
-                return (at & INDEX, chance);
+                return (at & INDEX, chance, u);
             }
             // Lanes that have arrived look at the root again.
             let fork = Int::select(going, at & INDEX, Int::splat(l, 0));
