@@ -197,7 +197,7 @@ mod tests {
             let table = facets.towards(wo.into());
             let direct = measure(facets.alpha().map(Num::get), wo);
             let off = (table.deficit.get() - direct[0]).abs();
-            assert!(off < 0.01, "{roughness} {strength} {wo}: {table:?}, measured {direct:?}");
+            assert!(off < 0.012, "{roughness} {strength} {wo}: {table:?}, measured {direct:?}");
         }
     }
 }

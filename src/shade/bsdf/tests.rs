@@ -380,7 +380,7 @@ fn varnish_takes_colour_by_the_refracted_way_through_it() {
 fn coloured_surfaces_never_return_more_than_falls_on_them() {
     for (name, bsdf) in scattering().into_iter().chain(all_stacked(VARNISH)) {
         for wo in views() {
-            let light = furnace(&bsdf, wo, 1 << 11);
+            let light = furnace(&bsdf, wo, 1 << 13);
             assert!(light.max_element() < 1.02 && light.min_element() >= 0.0, "{name} from {wo}: {light}");
         }
     }
