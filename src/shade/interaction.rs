@@ -1,12 +1,10 @@
 //! Where rays met surfaces.
 
+use super::normals::{MIN_COSINE, map_normal, rough_direction, settle, tangent_frame};
 use super::offset;
 use crate::geom::Frame;
 use crate::lanes::{Int, Lanes, Num, Vector};
-use crate::scene::{Anisotropy, Footprint, Material, Mesh, NormalMap, Scene, Surface};
-
-/// Least cosine between the shading normal and `wo`.
-const MIN_COSINE: f32 = 1e-3;
+use crate::scene::{Footprint, Material, Mesh, Scene, Surface};
 
 /// Points on surfaces of one material, each seen from its `wo`. Normals lie on `wo`'s side of the
 /// triangle, so BSDFs find `wo` in the upper hemisphere of [`Interaction::frame`], always.
@@ -64,10 +62,10 @@ pub struct Hits<L: Lanes> {
 }
 
 /// The weights of a triangle's corners.
-type Weights<L> = [Num<L>; 3];
+pub(super) type Weights<L> = [Num<L>; 3];
 
 #[inline(always)]
-fn blend<L: Lanes>(of: &[Vector<L>; 3], weights: &Weights<L>) -> Vector<L> {
+pub(super) fn blend<L: Lanes>(of: &[Vector<L>; 3], weights: &Weights<L>) -> Vector<L> {
     of[0] * weights[0] + of[1] * weights[1] + of[2] * weights[2]
 }
 
@@ -213,9 +211,9 @@ impl<L: Lanes> Interaction<L> {
     }
 
     /// The world directions of mirrored or refracted rays that go to `local` in the shading frame, to the other
-    /// side of the surface in the lanes of `crosses`. A bent normal may send one to the other side of the triangle than of the normal; it is then laid
-    /// along the triangle, on the side where it belongs: it would otherwise count as having crossed
-    /// a surface that it did not cross.
+    /// side of the surface in the lanes of `crosses`. A bent normal may send one to the other side of the
+    /// triangle than of the normal; it is then laid along the triangle, on the side where it belongs: it
+    /// would otherwise count as having crossed a surface that it did not cross.
     #[inline(always)]
     pub fn smooth_direction(&self, local: Vector<L>, crosses: u32) -> Vector<L> {
         let wi = self.frame.world(local).normalize();
@@ -247,7 +245,8 @@ impl<L: Lanes> Interaction<L> {
 const FREE_STRETCH: f32 = 4.0;
 
 /// The squares of texture coordinates that are as large as what cones of a width cover of triangles of which twice
-/// the area is `surface`, seen under a cosine to their normals. What grazing angles draw out counts only beyond [`FREE_STRETCH`]: the samples
+/// the area is `surface`, seen under a cosine to their normals. What grazing angles draw out counts only beyond
+/// [`FREE_STRETCH`]: the samples
 /// of a pixel, and the directions of a bounce, lie all along it.
 #[inline(always)]
 fn footprint<L: Lanes>(
@@ -265,122 +264,6 @@ fn footprint<L: Lanes>(
     let bits = (bits ^ (bits >> 15)) * 0x7feb_352d;
     let dither = ((bits ^ (bits >> 16)) >> 8).to_num() * (1.0 / (1 << 24) as f32);
     Footprint { width: width * share.sqrt(), dither, ..Footprint::point(width.lanes()) }
-}
-
-/// Shading normals that are bent in the lanes of `bent`, turned to the triangle's side of `wo` and bent no further
-/// than [`bend`] allows.
-#[inline(always)]
-fn settle<L: Lanes>(
-    shading: Vector<L>,
-    bent: u32,
-    normal: Vector<L>,
-    wo: Vector<L>,
-    matte: bool,
-) -> Vector<L> {
-    if bent == 0 {
-        return normal;
-    }
-    let shading = Vector::select(shading.dot(normal).below(0.0), -shading, shading);
-    Vector::select(bent, bend(shading, normal, wo, matte), normal)
-}
-
-/// Turns shading normals that lie on the triangle's side of `wo` so that `wo` is above them and,
-/// unless the surface is matte, `wo` mirrored at them stays above the triangle.
-#[inline(always)]
-fn bend<L: Lanes>(shading: Vector<L>, normal: Vector<L>, wo: Vector<L>, matte: bool) -> Vector<L> {
-    let cosine = shading.dot(wo);
-    if matte {
-        let turned = (shading + wo * (MIN_COSINE - cosine)).normalize();
-        return Vector::select(cosine.below(MIN_COSINE), turned, shading);
-    }
-    let mirrored = shading * (2.0 * cosine) - wo;
-    let height = mirrored.dot(normal);
-    let least = (0.5 * wo.dot(normal)).clamp(0.0, 0.01);
-    let good = height.ge(least) & cosine.ge(Num::splat(wo.lanes(), 0.0));
-    // The half vector of `wo` and the mirrored direction lifted to the least height.
-    let (lifted, _) = (mirrored + normal * (least - height)).normalize_or(normal);
-    let (half, _) = (wo + lifted).normalize_or(normal);
-    Vector::select(good, shading, half)
-}
-
-/// The tangent frames of a normal map around the unit normals `outward`: from the mesh's tangents,
-/// else from its texture coordinates; and the lanes in which these give a direction.
-#[inline(always)]
-fn tangent_frame<L: Lanes>(
-    scene: &Scene,
-    indices: &[Int<L>; 3],
-    corners: &[Vector<L>; 3],
-    uvs: &[[Num<L>; 2]; 3],
-    weights: &Weights<L>,
-    outward: Vector<L>,
-) -> (Frame<L>, u32) {
-    let l = outward.lanes();
-    let one = Num::splat(l, 1.0);
-    let (mut along, mut handedness, mut there) = (outward, one, 0);
-    if !scene.mesh.uvs.is_empty() {
-        let [a, b, c] = *uvs;
-        let (d1, d2) = ([b[0] - a[0], b[1] - a[1]], [c[0] - a[0], c[1] - a[1]]);
-        let determinant = d1[0] * d2[1] - d1[1] * d2[0];
-        let sign = determinant.signum();
-        let (e1, e2) = (corners[1] - corners[0], corners[2] - corners[0]);
-        let along_u = (e1 * d2[1] - e2 * d1[1]) * sign;
-        // v grows downwards in the image, the map's y upwards.
-        let up = (e1 * d2[0] - e2 * d1[0]) * sign;
-        let left = outward.cross(along_u).dot(up).below(0.0);
-        (along, there) = (along_u - outward * along_u.dot(outward)).normalize_or(outward);
-        there &= determinant.is_finite() & !determinant.is_zero();
-        handedness = Num::select(left, -one, one);
-    }
-    if !scene.mesh.tangents.is_empty() {
-        let table: &[f32] = bytemuck::cast_slice(&scene.mesh.tangents);
-        let [a, b, c] = *indices;
-        let [a, b, c] = [a.rows_of::<4>(table), b.rows_of::<4>(table), c.rows_of::<4>(table)];
-        let of =
-            [Vector::new(a[0], a[1], a[2]), Vector::new(b[0], b[1], b[2]), Vector::new(c[0], c[1], c[2])];
-        let tangent = blend(&of, weights);
-        let (given, is_given) = (tangent - outward * tangent.dot(outward)).normalize_or(outward);
-        along = Vector::select(is_given, given, along);
-        handedness = Num::select(is_given, Num::select(a[3].below(0.0), -one, one), handedness);
-        there |= is_given;
-    }
-    (Frame { tangent: along, bitangent: outward.cross(along) * handedness, normal: outward }, there)
-}
-
-/// The normals of a map, and their [`Footprint::bumps`].
-#[inline(always)]
-fn map_normal<L: Lanes>(
-    scene: &Scene,
-    map: &NormalMap,
-    uv: [Num<L>; 2],
-    footprint: &Footprint<L>,
-    frame: &Frame<L>,
-) -> (Vector<L>, Num<L>) {
-    let texture = &scene.textures[map.texture.texture as usize];
-    let [x, y, z, length] = texture.look_up(map.texture.place(uv), &map.texture.scaled(footprint));
-    let (x, y, z) = (x * 2.0 - 1.0, y * 2.0 - 1.0, z * 2.0 - 1.0);
-    let local = Vector::new(x * map.scale, y * map.scale, z.clamp(0.0, 1.0));
-    let bumps = if texture.has_lengths() { (1.0 - length) * map.scale.abs() } else { length.only(0) };
-    (frame.world(local).normalize_or(frame.normal).0, bumps)
-}
-
-/// The world directions along which a surface is rougher.
-#[inline(always)]
-fn rough_direction<L: Lanes>(
-    scene: &Scene,
-    anisotropy: &Anisotropy,
-    uv: [Num<L>; 2],
-    footprint: &Footprint<L>,
-    tangents: &Frame<L>,
-) -> Vector<L> {
-    let l = uv[0].lanes();
-    let (sine, cosine) = (libm::sinf(anisotropy.rotation), libm::cosf(anisotropy.rotation));
-    let [mut x, mut y] = [Num::splat(l, 1.0), Num::splat(l, 0.0)];
-    if let Some(texture) = &anisotropy.direction {
-        let image = &scene.textures[texture.texture as usize];
-        let [red, green, _, _] = image.look_up(texture.place(uv), &texture.scaled(footprint));
-        [x, y] = [red * 2.0 - 1.0, green * 2.0 - 1.0];
-    }
-    tangents.tangent * (x * cosine - y * sine) + tangents.bitangent * (x * sine + y * cosine)
 }
 
 /// The points of the surface that the vertex normals suggest above `position`: the mean of its
@@ -412,10 +295,6 @@ mod tests {
     use crate::shade::single::Interaction;
     use crate::stream::{Hit, Ray};
     use glam::{Vec2, Vec3, Vec4};
-
-    fn bend(shading: Vec3, normal: Vec3, wo: Vec3, matte: bool) -> Vec3 {
-        super::bend(shading.into(), normal.into(), wo.into(), matte).into()
-    }
 
     fn shading(at: &Interaction) -> Vec3 {
         at.frame.normal.into()
@@ -461,26 +340,6 @@ mod tests {
         // A vertex without a normal: the triangle is flat.
         scene.mesh.normals[1] = Vec3::ZERO;
         assert_eq!(shading(&seen(&scene, Vec3::Z)), Vec3::Z);
-    }
-
-    #[test]
-    fn bent_normals_keep_the_view_and_its_mirror_image_above() {
-        for i in 0..20_000 {
-            let s = Sampler::new(i, 0, 0);
-            let wo = warp::cosine_hemisphere(s.pair(0)) * Vec3::new(1.0, 1.0, s.single(3)) + Vec3::Z * 1e-4;
-            let wo = wo.normalize();
-            let mut normal = warp::sphere(s.pair(1));
-            normal.z = normal.z.abs();
-            let matte = bend(normal, Vec3::Z, wo, true);
-            assert!((matte.length() - 1.0).abs() < 1e-5 && matte.dot(wo) > 0.0);
-            let glossy = bend(normal, Vec3::Z, wo, false);
-            let mirrored = glossy * (2.0 * glossy.dot(wo)) - wo;
-            assert!((glossy.length() - 1.0).abs() < 1e-5 && glossy.dot(wo) > 0.0, "{normal} from {wo}");
-            assert!(mirrored.z > -1e-6, "{normal} from {wo}: mirrored to {mirrored}");
-        }
-        // What needs no bending is not bent.
-        let normal = Vec3::new(0.2, 0.1, 1.0).normalize();
-        assert_eq!(bend(normal, Vec3::Z, Vec3::new(0.1, -0.2, 1.0).normalize(), false), normal);
     }
 
     #[test]

@@ -12,6 +12,7 @@ pub mod lookup;
 pub mod loop_stack;
 pub mod medium;
 mod mixture;
+mod normals;
 pub mod offset;
 pub mod places;
 pub mod single;
