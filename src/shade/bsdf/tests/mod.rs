@@ -9,6 +9,9 @@ use crate::shade::single::{Bsdf, Smooth};
 use glam::Vec3;
 use std::f32::consts::{PI, TAU};
 
+mod coats;
+mod sampling;
+
 fn principled(edit: impl FnOnce(&mut scene::Principled)) -> Bsdf {
     seen_from(true, edit)
 }
@@ -291,92 +294,6 @@ fn all_stacked(tint: Vec3) -> impl Iterator<Item = (String, Bsdf)> {
 const VARNISH: Vec3 = Vec3::new(1.0, 0.6, 0.2);
 
 #[test]
-fn white_stays_white_under_many_coats() {
-    for (name, bsdf) in all_stacked(Vec3::ONE) {
-        for wo in views() {
-            let light = furnace(&bsdf, wo, 1 << 11);
-            // Rough layers lose what they pass at one angle and another one does not at another.
-            let lost = if name.starts_with("white") && !name.contains('5') { 0.02 } else { 0.15 };
-            let is_all = light.max_element() < 1.015 && light.min_element() > 1.0 - lost;
-            assert!(is_all, "{name} from {wo}: {light}");
-        }
-    }
-}
-
-#[test]
-fn leaning_coats_mirror_around_their_own_normal() {
-    let over = |roughness| {
-        leaning(|s| {
-            rough(roughness)(s);
-            s.base_colour = Colour::constant(Vec3::ZERO);
-            s.specular = Scalar::constant(0.0);
-            s.clearcoat = Scalar::constant(1.0);
-        })
-    };
-    let normal = Vec3::new(0.3, -0.2, 0.9).normalize();
-    for wo in views() {
-        let (way, weight) = over(0.5).smooth(wo).reflection.expect("a mirror");
-        assert!((way - (normal * (2.0 * normal.dot(wo)) - wo)).length() < 1e-5);
-        let fresnel = 0.04 + 0.96 * (1.0 - normal.dot(wo)).powi(5);
-        assert!((weight - fresnel).abs().max_element() < 1e-4, "{weight} for {fresnel}");
-        // Over smooth facets, which mirror elsewhere, it is not quite a mirror, and as bright.
-        let light = furnace(&over(0.0), wo, 1 << 12);
-        assert!((light - fresnel).abs().max_element() < 0.01, "{light} for {fresnel}");
-    }
-}
-
-#[test]
-fn one_coat_is_the_same_in_both_notations() {
-    for roughness in [0.0, 0.2, 0.7] {
-        for coat in [0.0, 0.1, 0.5, 1.0] {
-            for metallic in [0.0, 0.6] {
-                let [clear, stacked] = [false, true].map(|is_stack| {
-                    principled(|s| {
-                        rough(roughness)(s);
-                        s.metallic = Scalar::constant(metallic);
-                        let coat = scene::Coat { weight: 0.7, roughness: coat, ..scene::Coat::CLEAR };
-                        if is_stack {
-                            s.coats = scene::Coats::new(&[coat]).expect("one");
-                        } else {
-                            s.clearcoat = Scalar::constant(coat.weight);
-                            s.clearcoat_roughness = Scalar::constant(coat.roughness);
-                        }
-                    })
-                });
-                for (i, wo) in views().enumerate() {
-                    let [a, b] = [&clear, &stacked].map(|bsdf| bsdf.smooth(wo).reflection.map(|r| r.1));
-                    let [a, b] = [a, b].map(Option::unwrap_or_default);
-                    assert!((a - b).abs().max_element() < 1e-5, "{a} and {b}");
-                    for k in 0..20 {
-                        let wi = warp::cosine_hemisphere(Sampler::new(i as u32, k, 8).pair(0));
-                        let (a, b) = (clear.evaluate(wo, wi).0, stacked.evaluate(wo, wi).0);
-                        assert!((a - b).abs().max_element() <= 1e-3 * a.max_element(), "{a} and {b}");
-                    }
-                }
-            }
-        }
-    }
-}
-
-#[test]
-fn varnish_takes_colour_by_the_refracted_way_through_it() {
-    let tint = Vec3::new(0.9, 0.5, 0.04);
-    let mirror = principled(|s| {
-        rough(0.0)(s);
-        s.metallic = Scalar::constant(1.0);
-        s.coats = scene::Coats::new(&[scene::Coat { tint, ior: 1.7, ..scene::Coat::CLEAR }]).expect("one");
-    });
-    for wo in views() {
-        let refracted = (1.0 - (1.0 - wo.z * wo.z) / (1.7 * 1.7)).sqrt();
-        let f0 = (0.7f32 / 2.7).powi(2);
-        let fresnel = f0 + (1.0 - f0) * (1.0 - wo.z).powi(5);
-        let expected = tint.map(|c| libm::powf(c, 1.0 / refracted)) * (1.0 - fresnel) + fresnel;
-        let (_, light) = mirror.smooth(wo).reflection.expect("a mirror");
-        assert!((light - expected).abs().max_element() < 1e-4, "{light} for {expected}");
-    }
-}
-
-#[test]
 fn coloured_surfaces_never_return_more_than_falls_on_them() {
     for (name, bsdf) in scattering().into_iter().chain(all_stacked(VARNISH)) {
         for wo in views() {
@@ -507,105 +424,6 @@ fn the_least_frost_is_next_to_clear() {
             assert!((mean.normalize() - way).length() < 5e-3, "{way} {}", mean.normalize());
             let off = (light / n as f32 / weight - Vec3::ONE).abs().max_element();
             assert!(off < 0.02, "{weight} {}", light / n as f32);
-        }
-    }
-}
-
-/// Cells of a histogram over each hemisphere, even in z² (cosine-weighted) and φ.
-const RINGS: usize = 12;
-const SECTORS: usize = 16;
-
-/// The integral of the density over each cell, by fine midpoints.
-fn expected(bsdf: &Bsdf, wo: Vec3) -> Vec<f64> {
-    const FINE: usize = 24;
-    let sides = if bsdf.is_frosted() { 2 } else { 1 };
-    let mut cells = vec![0.0; 2 * RINGS * SECTORS];
-    for ring in 0..sides * RINGS * FINE {
-        for sector in 0..SECTORS * FINE {
-            let z2 = ((ring % (RINGS * FINE)) as f32 + 0.5) / (RINGS * FINE) as f32;
-            let z = z2.sqrt();
-            let side = if ring < RINGS * FINE { Vec3::ONE } else { Vec3::new(1.0, 1.0, -1.0) };
-            let phi = TAU * (sector as f32 + 0.5) / (SECTORS * FINE) as f32;
-            let (_, pdf) = bsdf.evaluate(wo, direction(z, phi) * side);
-            // dω = dz dφ = d(z²) dφ / 2z.
-            let area = TAU / (2.0 * z * (RINGS * SECTORS * FINE * FINE) as f32);
-            cells[ring / FINE * SECTORS + sector / FINE] += f64::from(pdf * area);
-        }
-    }
-    cells
-}
-
-#[test]
-fn samples_are_distributed_as_their_density_says() {
-    let mut tested = 0;
-    // Rough enough for the quadrature above to resolve.
-    let mut all = lossless_of(&[0.5, 0.75, 1.0], &[0.0, 0.6]);
-    all.extend(lossy().into_iter().filter(|(name, _)| name.ends_with("roughness 1")));
-    all.extend(stacked(0.7, &[0.5, 0.8], VARNISH));
-    // An index of 1.1 hardly turns light, however rough: its lobe is narrow. It passes with 160 points a side of a cell.
-    for (name, bsdf) in all.iter().filter(|(name, b)| !b.is_smooth() && !name.contains("index 1.1")) {
-        for wo in [direction(0.95, 0.3), direction(0.5, 2.0), direction(0.15, 4.0)] {
-            let density = expected(bsdf, wo);
-            assert!(density.iter().sum::<f64>() < 1.005, "{name}: density integrates to more than 1");
-            let n = 1u32 << 15;
-            let mut counts = vec![0u32; density.len()];
-            for i in 0..n {
-                // Independent numbers: the statistic below is for those.
-                let sampler = Sampler::new(i, 0, 42);
-                if let Some(s) = bsdf.sample(wo, sampler.single(0), sampler.pair(1))
-                    && !s.specular
-                {
-                    let ring = ((s.wi.z * s.wi.z * RINGS as f32) as usize).min(RINGS - 1);
-                    let ring = if s.wi.z > 0.0 { ring } else { ring + RINGS };
-                    let turn = libm::atan2f(s.wi.y, s.wi.x).rem_euclid(TAU) / TAU;
-                    counts[ring * SECTORS + ((turn * SECTORS as f32) as usize).min(SECTORS - 1)] += 1;
-                }
-            }
-            let (mut statistic, mut cells) = (0.0, 0.0);
-            for (&count, &share) in counts.iter().zip(&density) {
-                let mean = share * f64::from(n);
-                if mean > 5.0 {
-                    statistic += (f64::from(count) - mean).powi(2) / mean;
-                    cells += 1.0;
-                }
-            }
-            if cells == 0.0 {
-                // A lobe that is hardly ever chosen beside a smooth one.
-                continue;
-            }
-            tested += 1;
-            // Wilson and Hilferty: five standard deviations beyond the mean of chi-square.
-            let spread = 2.0 / (9.0 * cells);
-            let z = ((statistic / cells).cbrt() - (1.0 - spread)) / spread.sqrt();
-            assert!(z < 5.0, "{name} from {wo}: chi-square {statistic:.0} over {cells} cells");
-        }
-    }
-    assert!(tested > 100, "{tested}");
-}
-
-#[test]
-fn the_rarest_facets_are_sampled_as_dense_as_narrow_lobes_say() {
-    // Lobes too narrow for the histogram: the mean of 1 / density over a known solid angle around
-    // the mirrored direction is that solid angle.
-    for roughness in [0.1, 0.2, 0.3] {
-        let bsdf = principled(|s| {
-            rough(roughness)(s);
-            s.metallic = Scalar::constant(1.0);
-        });
-        for wo in [direction(0.9, 1.0), direction(0.4, 5.0)] {
-            let axis = Vec3::new(-wo.x, -wo.y, wo.z);
-            let cap = (roughness * roughness).min(0.3);
-            let n = 1 << 16;
-            let sum: f64 = (0..n)
-                .filter_map(|i| {
-                    let sampler = Sampler::new(2, i, 11);
-                    let s = bsdf.sample(wo, sampler.single(0), sampler.pair(1))?;
-                    (1.0 - s.wi.dot(axis) < 0.5 * cap * cap).then(|| 1.0 / f64::from(s.pdf))
-                })
-                .sum();
-            let area = f64::from(PI * cap * cap);
-            let found = sum / f64::from(n);
-            assert!((found / area - 1.0).abs() < 0.03, "roughness {roughness}: {found} for {area}");
         }
     }
 }
