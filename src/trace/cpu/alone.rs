@@ -12,13 +12,13 @@
 #![allow(unsafe_code)]
 
 use super::space::Space;
-use super::stream::{Job, OctantStack, PADDING, Row, fetch};
+use super::stream::{Job, OctantStack, PADDING, Row, fetch_node};
 use super::triangle::{Faces, Slabs};
 use crate::bvh::{Child, WIDTH};
 use crate::lanes::{Lanes, load_one, splat};
 
 /// The longest lists that end at nodes and at blocks.
-pub(super) const SHORT: [usize; 2] = [6, 8];
+pub(super) const SHORT: [usize; 2] = [8, 8];
 
 /// Pairs of nodes that are visited in one go.
 const NODES: usize = 8;
@@ -108,7 +108,7 @@ pub(super) fn visit<E: Lanes, S: Space>(
     nodes.len -= count;
     nodes.reserve(NODES * WIDTH);
     blocks.reserve(NODES * WIDTH);
-    let (nodes_before, blocks_before) = (nodes.len, blocks.len);
+    let nodes_before = nodes.len;
     // Those taken, apart: their place is pushed over.
     let (mut taken, mut at) = ([0; NODES], [0; NODES]);
     let (ids, children) = nodes.at(nodes.len);
@@ -136,10 +136,8 @@ pub(super) fn visit<E: Lanes, S: Space>(
             blocks.push_children(e, taken[i], leaves, children);
         }
     }
-    for (pairs, before) in [(nodes, nodes_before), (blocks, blocks_before)] {
-        for &child in &pairs.children[before..pairs.len] {
-            fetch(job, bytemuck::cast(child));
-        }
+    for &child in &nodes.children[nodes_before..nodes.len] {
+        fetch_node(job, bytemuck::cast(child));
     }
 }
 

@@ -5,10 +5,10 @@
 
 use super::alone::BLOCKS;
 use super::space::{Space, triangle};
-use super::stream::{Answers, DONE, Job, PADDING, ROW_BYTES, fetch_rows, lanes_of};
+use super::stream::{Answers, DONE, Job, PADDING, ROW_BYTES, fetch_block, fetch_rows, lanes_of};
 use super::triangle::{Hits, Passing, Range, Slabs, test};
 use crate::bvh::{Block, Child, MASKED, PRIMITIVE, WIDTH};
-use crate::lanes::{Lanes, spill, splat};
+use crate::lanes::{Lanes, prefetch, spill, splat};
 use crate::stream::{Hit, Ray};
 
 /// Tests all rays of a list with the triangles of a block, many rays to a register. Answers
@@ -193,7 +193,16 @@ pub(super) unsafe fn few<W: Lanes, E: Lanes, S: Space, const ANY: bool>(
 ) -> u32 {
     // Their places: `WIDTH` times the pair, and the row in its block.
     let (mut passing, mut count) = ([0; BLOCKS * WIDTH + PADDING], 0);
+    for i in 0..len.min(AHEAD) {
+        // SAFETY: as the caller vouches.
+        unsafe { fetch_pair(job, *ids.add(i), *children.add(i)) };
+    }
     for i in 0..len {
+        // SAFETY: as the caller vouches.
+        unsafe {
+            let ahead = (i + AHEAD).min(len - 1);
+            fetch_pair(job, *ids.add(ahead), *children.add(ahead));
+        }
         // SAFETY: as the caller vouches.
         let (ray, block, among) = unsafe { pair::<E>(job, ids, children, i) };
         let triangle = space.triangles(e, block);
@@ -249,6 +258,16 @@ pub(super) unsafe fn few<W: Lanes, E: Lanes, S: Space, const ANY: bool>(
         }
     }
     done
+}
+
+/// How many pairs before a pair is tested its memory is asked for. Asked for all at once, they would wait for each other.
+const AHEAD: usize = 6;
+
+/// Asks for what a pair needs.
+#[inline(always)]
+fn fetch_pair(job: &Job<'_>, id: u32, child: u32) {
+    fetch_block(job, bytemuck::cast(child));
+    prefetch(job.rays.wrapping_byte_add(id as usize));
 }
 
 /// The rows of a block.

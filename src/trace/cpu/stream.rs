@@ -407,31 +407,33 @@ pub(super) fn begin_of(base: usize, stride: usize, order: impl Order, slot: usiz
     base + (WIDTH - 1 - order.turn(slot)) * stride
 }
 
-/// Writes padding.
+/// Writes padding: the sub-stream's first ray.
 ///
 /// # Safety
 /// `to` is good for writing `PADDING` ids.
 #[inline(always)]
-unsafe fn pad<W: Lanes>(w: W, to: *mut u32, padding: W::I) {
+unsafe fn pad<W: Lanes>(w: W, to: *mut u32) {
     for part in 0..PADDING / W::LANES {
         // SAFETY: as the caller vouches.
-        unsafe { w.store_ids(to.add(part * W::LANES), padding) };
+        unsafe { w.store_ids(to.add(part * W::LANES), w.splat_id(0)) };
     }
 }
 
-/// Asks for the memory of a child.
+/// Asks for the memory of a node.
 #[inline(always)]
-pub(super) fn fetch(job: &Job<'_>, child: Child) {
-    if child.is_block() {
-        let block = job.blocks.address(child).cast::<u8>();
-        for line in 0..5 {
-            prefetch(block.wrapping_add(64 * line));
-        }
-    } else {
-        let node = job.nodes.as_ptr().wrapping_add(child.index()).cast::<u8>();
-        for line in 0..4 {
-            prefetch(node.wrapping_add(64 * line));
-        }
+pub(super) fn fetch_node(job: &Job<'_>, child: Child) {
+    let node = job.nodes.as_ptr().wrapping_add(child.index()).cast::<u8>();
+    for line in 0..4 {
+        prefetch(node.wrapping_add(64 * line));
+    }
+}
+
+/// Asks for the memory of a block.
+#[inline(always)]
+pub(super) fn fetch_block(job: &Job<'_>, child: Child) {
+    let block = job.blocks.address(child).cast::<u8>();
+    for line in 0..5 {
+        prefetch(block.wrapping_add(64 * line));
     }
 }
 
@@ -487,17 +489,22 @@ pub(super) unsafe fn push<W: Lanes, O: Order, const ALONE: bool>(
         unsafe {
             let begin = ids.add(start);
             let len = ends[slot].offset_from_unsigned(begin);
-            pad(w, ends[slot], w.splat_id(*begin));
             entries.add(top).write(Entry { child, start: start as u32, len: len as u32, mark: stack.done });
             let kind = usize::from(child.is_block());
             // Both are written; what counts is which one moves on. No branch.
             let alone = ALONE && len <= SHORT[kind];
             top += usize::from(!alone);
+            // Read before padding is written over part of it: a read that several writes in flight overlap waits for them.
             if ALONE {
                 stack.pairs[kind].push_list(w, begin, child, if alone { len } else { 0 });
             }
+            pad(w, ends[slot]);
         }
-        fetch(job, child);
+        if child.is_block() {
+            fetch_block(job, child);
+        } else {
+            fetch_node(job, child);
+        }
     }
     // SAFETY: the entries up to `top` were written.
     unsafe { stack.entries.set_len(top) };
