@@ -4,12 +4,14 @@
 #![allow(unsafe_code)]
 
 use super::alone::BLOCKS;
+use super::packet::keep;
 use super::space::{Space, triangle};
 use super::stream::{Answers, DONE, Job, PADDING, ROW_BYTES, fetch_block, fetch_rows, lanes_of};
-use super::triangle::{Hits, Passing, Range, Slabs, test};
+use super::triangle::{Bounds, Hits, Passing, Range, Slabs, reach, test};
 use crate::bvh::{Block, Child, MASKED, PRIMITIVE, WIDTH};
-use crate::lanes::{Lanes, prefetch, spill, splat};
+use crate::lanes::{Lanes, prefetch, spill, splat, splat_row};
 use crate::stream::{Hit, Ray};
+use std::mem::MaybeUninit;
 
 /// Tests all rays of a list with the triangles of a block, many rays to a register. Answers
 /// for any hit how many rays are done by it.
@@ -28,7 +30,11 @@ pub(super) unsafe fn many<L: Lanes, E: Lanes, S: Space, const ANY: bool>(
     list: *const u32,
     len: usize,
 ) -> u32 {
-    let corners = space.corners(e, block);
+    let corners = space.triangles(e, block);
+    let [near, far] = Bounds::of(e, &corners).faces(octant);
+    let (near, far) = (keep(e, near), keep(e, far));
+    let corners = [keep(e, corners[0]), keep(e, corners[1]), keep(e, corners[2])];
+    let mut passing = [const { MaybeUninit::<Passing<L>>::uninit() }; WIDTH];
     let (mut at, mut done) = (0, 0);
     while at < len {
         // SAFETY: invariant 2.
@@ -52,30 +58,47 @@ pub(super) unsafe fn many<L: Lanes, E: Lanes, S: Space, const ANY: bool>(
             among = l.le(among, l.splat(0.0), limit);
             done += among.count_ones();
         }
+        let (origin, direction) = ([ox, oy, oz], [dx, dy, dz]);
+        let mut inside = [0; WIDTH];
         let mut nearest = Nearest::none(l);
-        for k in 0..block.len() {
-            let (triangle, id) = (triangle(l, &corners, k), space.id(block.id(k)));
-            let Some(hits) = test(l, among, &[ox, oy, oz], [dx, dy, dz], &triangle, &range) else {
-                continue;
-            };
-            if hits.mask == 0 {
-                continue;
+        let mut next = 0;
+        while next < block.len() && (!ANY || among != 0) {
+            // First where lines pass the triangles, of which all are in the works at once, then the rest for those that
+            // some pass inside: were that decided one by one, every other guess would be wrong.
+            let (first, mut some) = (next, 0);
+            next = block.len().min(first + if ANY { FIRST } else { WIDTH });
+            for k in first..next {
+                let by = Passing::of(l, &origin, direction, &triangle(l, &corners, k));
+                inside[k] = by.inside(l, among);
+                some |= u32::from(inside[k] != 0) << k;
+                passing[k].write(by);
             }
-            let plain = id & MASKED == 0;
-            if ANY && plain {
-                nearest.changed |= hits.mask;
-                among &= !hits.mask;
-            } else if plain && l.eq(hits.mask, hits.t, range.limit) == 0 {
-                nearest.take(l, id & PRIMITIVE, &hits);
-                range.limit = l.select(hits.mask, hits.t, range.limit);
-            } else {
-                // SAFETY: as the caller vouches.
-                let taken = unsafe { offer_each::<L, ANY>(l, job, ids, id, &hits, &mut nearest) };
-                range.limit = l.select(taken, hits.t, range.limit);
-                among &= if ANY { !taken } else { !0 };
-            }
-            if ANY && among == 0 {
-                break;
+            while some != 0 && (!ANY || among != 0) {
+                let k = some.trailing_zeros() as usize % WIDTH;
+                some &= some - 1;
+                let (triangle, id) = (triangle(l, &corners, k), space.id(block.id(k)));
+                // SAFETY: it was written, for otherwise none passed inside.
+                let by = unsafe { passing[k].assume_init_ref() };
+                let faces = [splat_row(l, &near, k), splat_row(l, &far, k)];
+                let (mask, t) = reach(l, inside[k] & among, &origin, direction, &triangle, by, faces, &range);
+                if mask == 0 {
+                    continue;
+                }
+                let plain = id & MASKED == 0;
+                if ANY && plain {
+                    nearest.changed |= mask;
+                    among &= !mask;
+                } else if plain && l.eq(mask, t, range.limit) == 0 {
+                    nearest.take(l, id & PRIMITIVE, mask, t, by);
+                    range.limit = l.select(mask, t, range.limit);
+                } else {
+                    let (u, v) = by.weights(l);
+                    let hits = Hits { mask, t, u, v };
+                    // SAFETY: as the caller vouches.
+                    let taken = unsafe { offer_each::<L, ANY>(l, job, ids, id, &hits, &mut nearest) };
+                    range.limit = l.select(taken, t, range.limit);
+                    among &= if ANY { !taken } else { !0 };
+                }
             }
         }
         if ANY {
@@ -87,13 +110,15 @@ pub(super) unsafe fn many<L: Lanes, E: Lanes, S: Space, const ANY: bool>(
     done
 }
 
+/// Triangles of a block that are tested together for any hit: often the first ones decide.
+const FIRST: usize = 2;
+
 /// The nearest hits of rays in lanes with a block, not yet put where answers go.
 struct Nearest<L: Lanes> {
     /// Lanes that have one.
     changed: u32,
     t: L::F,
-    u: L::F,
-    v: L::F,
+    passing: Passing<L>,
     primitive: L::I,
 }
 
@@ -101,17 +126,21 @@ impl<L: Lanes> Nearest<L> {
     #[inline(always)]
     fn none(l: L) -> Self {
         let zero = l.splat(0.0);
-        Self { changed: 0, t: zero, u: zero, v: zero, primitive: l.splat_id(0) }
+        let passing = Passing { u: zero, v: zero, w: zero };
+        Self { changed: 0, t: zero, passing, primitive: l.splat_id(0) }
     }
 
-    /// Takes hits that are nearer than all before.
+    /// Takes the hits of `mask`, nearer than all before.
     #[inline(always)]
-    fn take(&mut self, l: L, primitive: u32, hits: &Hits<L>) {
-        self.changed |= hits.mask;
-        self.t = l.select(hits.mask, hits.t, self.t);
-        self.u = l.select(hits.mask, hits.u, self.u);
-        self.v = l.select(hits.mask, hits.v, self.v);
-        self.primitive = l.select_ids(hits.mask, l.splat_id(primitive), self.primitive);
+    fn take(&mut self, l: L, primitive: u32, mask: u32, t: L::F, passing: &Passing<L>) {
+        self.changed |= mask;
+        self.t = l.select(mask, t, self.t);
+        self.passing = Passing {
+            u: l.select(mask, passing.u, self.passing.u),
+            v: l.select(mask, passing.v, self.passing.v),
+            w: l.select(mask, passing.w, self.passing.w),
+        };
+        self.primitive = l.select_ids(mask, l.splat_id(primitive), self.primitive);
     }
 
     /// Puts them to the answers of the rays of `ids`, and has none then.
@@ -124,7 +153,9 @@ impl<L: Lanes> Nearest<L> {
         if left == 0 {
             return;
         }
-        let (ts, us, vs) = (spill(l, self.t), spill(l, self.u), spill(l, self.v));
+        // Any hit is as good as another.
+        let (u, v) = if ANY { (self.t, self.t) } else { self.passing.weights(l) };
+        let (ts, us, vs) = (spill(l, self.t), spill(l, u), spill(l, v));
         let mut primitives = [0; 16];
         // SAFETY: sixteen are enough for any lanes.
         unsafe { l.store_ids(primitives.as_mut_ptr(), self.primitive) };

@@ -518,8 +518,8 @@ impl Triangles {
         range: &Range<'_, L>,
     ) -> Hits<L> {
         let facing = dot(l, splat_row(l, &self.normal, k), direction);
-        let bounds = Bounds { low: splat_row(l, &self.low, k), high: splat_row(l, &self.high, k) };
-        hits(l, inside, passing, l.splat(self.distance[k]), facing, &bounds, range)
+        let bounds = Bounds::<L> { low: splat_row(l, &self.low, k), high: splat_row(l, &self.high, k) };
+        hits(l, inside, passing, [l.splat(self.distance[k]), facing], bounds.faces(range.octant), range)
     }
 }
 

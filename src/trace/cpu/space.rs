@@ -18,13 +18,7 @@ pub(super) type Corners = [[[f32; WIDTH]; 3]; 3];
 pub(super) trait Space: Copy {
     /// The boxes of a node; those of vacant slots are inverted.
     fn boxes<'a, E: Lanes>(self, e: E, node: &'a WideNode, room: &'a mut Boxes) -> &'a Boxes;
-    /// The corners of a block.
-    #[inline(always)]
-    fn corners<E: Lanes>(self, e: E, block: Block<'_>) -> Corners {
-        let [a, b, c] = self.triangles(e, block);
-        [keep(e, a), keep(e, b), keep(e, c)]
-    }
-    /// The same in lanes.
+    /// The corners of a block in lanes.
     fn triangles<E: Lanes>(self, e: E, block: Block<'_>) -> [Vector<E>; 3];
     /// A corner as it lies in a block, where it stands.
     fn place<E: Lanes>(self, e: E, corner: Vector<E>) -> Vector<E>;

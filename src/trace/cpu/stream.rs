@@ -28,9 +28,9 @@ use crate::stream::{Hit, Ray};
 /// Ids of padding behind every list: as many as the widest lanes.
 pub(super) const PADDING: usize = 16;
 
-/// The most rays of a sub-stream: what its rows and lists take about fits a second-level cache. Twice
-/// and half as many make little difference to rays in image order; shuffled ones gain with size.
-const SUB_STREAM: usize = 64 * 1024;
+/// The most rays of a sub-stream: with rows, answers and lists they take about half of a second-level cache of two
+/// megabytes. Twice as many are worse for rays in image order and better for shuffled ones.
+const SUB_STREAM: usize = 16 * 1024;
 
 /// What the box tests need of a ray (see [`crate::geom::CanonicalRay`], whose `near` and `far` are
 /// `shift ∓ slack * |inverse|`). As small as the ray itself, which stays where the caller has it: most

@@ -37,11 +37,10 @@ impl<L: Lanes> Slabs<L> {
         }
     }
 
-    /// When rays of an octant enter and leave a box.
+    /// When rays enter and leave boxes with these faces.
     #[inline(always)]
-    fn cross(&self, l: L, bounds: &Bounds<L>, octant: usize) -> (L::F, L::F) {
-        let (x, y, z) = (bounds.axis(octant, 0), bounds.axis(octant, 1), bounds.axis(octant, 2));
-        let ([ex, ey, ez], [lx, ly, lz]) = self.planes(l, [x.0, y.0, z.0], [x.1, y.1, z.1]);
+    fn cross(&self, l: L, near: Vector<L>, far: Vector<L>) -> (L::F, L::F) {
+        let ([ex, ey, ez], [lx, ly, lz]) = self.planes(l, near, far);
         (l.max(l.max(ex, ey), ez), l.min(l.min(lx, ly), lz))
     }
 }
@@ -154,7 +153,13 @@ impl<L: Lanes> Bounds<L> {
         }
     }
 
-    /// The faces across an axis, in the order in which rays of an octant meet them.
+    /// The faces, in the order in which rays of an octant meet them.
+    #[inline(always)]
+    pub fn faces(&self, octant: usize) -> [Vector<L>; 2] {
+        let (x, y, z) = (self.axis(octant, 0), self.axis(octant, 1), self.axis(octant, 2));
+        [[x.0, y.0, z.0], [x.1, y.1, z.1]]
+    }
+
     #[inline(always)]
     fn axis(&self, octant: usize, axis: usize) -> (L::F, L::F) {
         if octant >> axis & 1 == 0 {
@@ -184,6 +189,13 @@ struct Edges<L: Lanes> {
 }
 
 impl<L: Lanes> Edges<L> {
+    #[inline(always)]
+    fn of(l: L, origin: &Vector<L>, triangle: &[Vector<L>; 3]) -> Self {
+        let (a, b, c) =
+            (minus(l, triangle[0], *origin), minus(l, triangle[1], *origin), minus(l, triangle[2], *origin));
+        Self { a, e0: minus(l, c, a), e1: minus(l, a, b), e2: minus(l, b, c) }
+    }
+
     /// And what of the edge functions does not need the direction.
     #[inline(always)]
     fn new(l: L, origin: &Vector<L>, triangle: &[Vector<L>; 3]) -> (Self, [Vector<L>; 3]) {
@@ -240,6 +252,20 @@ impl<L: Lanes> Passing<L> {
         Self::new(l, &Edges::new(l, origin, triangle).1, direction)
     }
 
+    /// What the weights have to be divided by.
+    #[inline(always)]
+    pub fn sum(&self, l: L) -> L::F {
+        l.add(l.add(self.u, self.v), self.w)
+    }
+
+    /// The weights of the second corner and of the third.
+    #[inline(always)]
+    pub fn weights(&self, l: L) -> (L::F, L::F) {
+        let scale = l.div(l.splat(1.0), self.sum(l));
+        let weight = |edge| l.add(l.min(l.mul(edge, scale), l.splat(1.0)), l.splat(0.0));
+        (weight(self.u), weight(self.v))
+    }
+
     /// The lanes in which it passes through the inside or an edge.
     #[inline(always)]
     pub fn inside(&self, l: L, among: u32) -> u32 {
@@ -268,32 +294,64 @@ pub(super) struct Range<'a, L: Lanes> {
     pub limit: L::F,
 }
 
-/// The rest of the test, for the lanes of `inside`: `distance` and `facing` are the products of the
-/// normal with the first corner and with the direction.
+/// The least number whose reciprocal is finite.
+const LEAST_SUM: f32 = f32::from_bits(0x20_0001);
+
+/// The rest of the test, for the lanes of `inside`: which of them hit, and when. `distance` and `facing` are the products
+/// of the normal with the first corner and with the direction; `near` and `far` are the triangle's
+/// [`Bounds::faces`].
+#[inline(always)]
+pub(super) fn crossing<L: Lanes>(
+    l: L,
+    inside: u32,
+    passing: &Passing<L>,
+    [distance, facing]: [L::F; 2],
+    [near, far]: [Vector<L>; 2],
+    range: &Range<'_, L>,
+) -> (u32, L::F) {
+    let zero = l.splat(0.0);
+    // Finite over not zero: never NaN where the lane stays in.
+    let t = l.div(distance, facing);
+    let (enter, leave) = range.slabs.cross(l, near, far);
+    let t = l.add(l.min(l.max(t, enter), leave), zero);
+    let mut mask = inside & !l.eq(inside, facing, zero);
+    mask = l.le(mask, enter, leave);
+    mask = l.le(mask, range.t_min, t);
+    mask = l.le(mask, t, range.limit);
+    mask = l.le(mask, l.splat(LEAST_SUM), l.abs(passing.sum(l)));
+    (mask, t)
+}
+
+/// The same with the weights.
 #[inline(always)]
 pub(super) fn hits<L: Lanes>(
     l: L,
     inside: u32,
     passing: &Passing<L>,
-    distance: L::F,
-    facing: L::F,
-    bounds: &Bounds<L>,
+    products: [L::F; 2],
+    faces: [Vector<L>; 2],
     range: &Range<'_, L>,
 ) -> Hits<L> {
-    let Passing { u, v, w } = *passing;
-    let zero = l.splat(0.0);
-    // Finite over not zero: never NaN where the lane stays in.
-    let t = l.div(distance, facing);
-    let (enter, leave) = range.slabs.cross(l, bounds, range.octant);
-    let t = l.add(l.min(l.max(t, enter), leave), zero);
-    let scale = l.div(l.splat(1.0), l.add(l.add(u, v), w));
-    let mut mask = inside & !l.eq(inside, facing, zero);
-    mask = l.le(mask, enter, leave);
-    mask = l.le(mask, range.t_min, t);
-    mask = l.le(mask, t, range.limit);
-    mask = l.le(mask, l.abs(scale), l.splat(f32::MAX));
-    let weight = |edge| l.add(l.min(l.mul(edge, scale), l.splat(1.0)), zero);
-    Hits { mask, t, u: weight(u), v: weight(v) }
+    let (mask, t) = crossing(l, inside, passing, products, faces, range);
+    let (u, v) = passing.weights(l);
+    Hits { mask, t, u, v }
+}
+
+/// When lines that pass inside a triangle, as `passing` says, hit it: the rest of the test without the weights.
+#[inline(always)]
+pub(super) fn reach<L: Lanes>(
+    l: L,
+    inside: u32,
+    origin: &Vector<L>,
+    direction: Vector<L>,
+    triangle: &[Vector<L>; 3],
+    passing: &Passing<L>,
+    faces: [Vector<L>; 2],
+    range: &Range<'_, L>,
+) -> (u32, L::F) {
+    let of = Edges::of(l, origin, triangle);
+    let normal = of.normal(l);
+    crossing(l, inside, passing, [dot(l, normal, of.a), dot(l, normal, direction)], faces, range)
 }
 
 /// The whole test of a triangle, or nothing where no line passes inside.
@@ -314,7 +372,8 @@ pub(super) fn test<L: Lanes>(
     }
     let normal = of.normal(l);
     let (distance, facing) = (dot(l, normal, of.a), dot(l, normal, direction));
-    Some(hits(l, inside, &passing, distance, facing, &Bounds::of(l, triangle), range))
+    let faces = Bounds::of(l, triangle).faces(range.octant);
+    Some(hits(l, inside, &passing, [distance, facing], faces, range))
 }
 
 #[inline(always)]
@@ -344,4 +403,18 @@ fn cross<L: Lanes>(l: L, a: Vector<L>, b: Vector<L>) -> Vector<L> {
 #[inline(always)]
 pub(super) fn dot<L: Lanes>(l: L, a: Vector<L>, b: Vector<L>) -> L::F {
     l.fma(a[0], b[0], l.fma(a[1], b[1], l.mul(a[2], b[2])))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sums_whose_reciprocal_is_finite_are_told_by_their_size() {
+        let near = (0..200).map(|i| LEAST_SUM.to_bits() - 100 + i);
+        for bits in near.chain((0..u32::MAX).step_by(9973)) {
+            let sum = f32::from_bits(bits);
+            assert_eq!((1.0 / sum).is_finite(), sum.abs() >= LEAST_SUM, "{sum:e}");
+        }
+    }
 }
