@@ -180,9 +180,11 @@ pub(super) struct Seen<L: Lanes> {
     pub distance: L::F,
 }
 
-/// The edges of triangles and the first corner, from the rays' origin. Lanes may differ in origin, triangle or both.
+/// The corners of triangles from the rays' origin, and the edges. Lanes may differ in origin, triangle or both.
 struct Edges<L: Lanes> {
     a: Vector<L>,
+    b: Vector<L>,
+    c: Vector<L>,
     e0: Vector<L>,
     e1: Vector<L>,
     e2: Vector<L>,
@@ -193,19 +195,14 @@ impl<L: Lanes> Edges<L> {
     fn of(l: L, origin: &Vector<L>, triangle: &[Vector<L>; 3]) -> Self {
         let (a, b, c) =
             (minus(l, triangle[0], *origin), minus(l, triangle[1], *origin), minus(l, triangle[2], *origin));
-        Self { a, e0: minus(l, c, a), e1: minus(l, a, b), e2: minus(l, b, c) }
+        Self { a, b, c, e0: minus(l, c, a), e1: minus(l, a, b), e2: minus(l, b, c) }
     }
 
-    /// And what of the edge functions does not need the direction.
+    /// What of the edge functions does not need the direction.
     #[inline(always)]
-    fn new(l: L, origin: &Vector<L>, triangle: &[Vector<L>; 3]) -> (Self, [Vector<L>; 3]) {
-        let (a, b, c) =
-            (minus(l, triangle[0], *origin), minus(l, triangle[1], *origin), minus(l, triangle[2], *origin));
-        let (e0, e1, e2) = (minus(l, c, a), minus(l, a, b), minus(l, b, c));
-        let u = cross(l, e0, plus(l, c, a));
-        let v = cross(l, e1, plus(l, a, b));
-        let w = cross(l, e2, plus(l, b, c));
-        (Self { a, e0, e1, e2 }, [u, v, w])
+    fn functions(&self, l: L) -> [Vector<L>; 3] {
+        let Self { a, b, c, e0, e1, e2 } = *self;
+        [cross(l, e0, plus(l, c, a)), cross(l, e1, plus(l, a, b)), cross(l, e2, plus(l, b, c))]
     }
 
     /// A normal, on either side, of twice the triangle's area in length.
@@ -223,9 +220,9 @@ impl<L: Lanes> Seen<L> {
     /// All of it, for many directions.
     #[inline(always)]
     pub fn from(l: L, origin: &Vector<L>, triangle: &[Vector<L>; 3]) -> Self {
-        let (of, edges) = Edges::new(l, origin, triangle);
+        let of = Edges::of(l, origin, triangle);
         let normal = of.normal(l);
-        Self { edges, normal, distance: dot(l, normal, of.a) }
+        Self { edges: of.functions(l), normal, distance: dot(l, normal, of.a) }
     }
 }
 
@@ -249,7 +246,7 @@ impl<L: Lanes> Passing<L> {
 
     #[inline(always)]
     pub fn of(l: L, origin: &Vector<L>, direction: Vector<L>, triangle: &[Vector<L>; 3]) -> Self {
-        Self::new(l, &Edges::new(l, origin, triangle).1, direction)
+        Self::new(l, &Edges::of(l, origin, triangle).functions(l), direction)
     }
 
     /// What the weights have to be divided by.
@@ -339,6 +336,7 @@ pub(super) fn hits<L: Lanes>(
 
 /// When lines that pass inside a triangle, as `passing` says, hit it: the rest of the test without the weights.
 #[inline(always)]
+#[allow(clippy::too_many_arguments)]
 pub(super) fn reach<L: Lanes>(
     l: L,
     inside: u32,
@@ -364,8 +362,8 @@ pub(super) fn test<L: Lanes>(
     triangle: &[Vector<L>; 3],
     range: &Range<'_, L>,
 ) -> Option<Hits<L>> {
-    let (of, edges) = Edges::new(l, origin, triangle);
-    let passing = Passing::new(l, &edges, direction);
+    let of = Edges::of(l, origin, triangle);
+    let passing = Passing::new(l, &of.functions(l), direction);
     let inside = passing.inside(l, among);
     if inside == 0 {
         return None;
