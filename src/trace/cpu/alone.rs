@@ -17,8 +17,8 @@ use super::triangle::{Faces, Slabs};
 use crate::bvh::{Child, WIDTH};
 use crate::lanes::{Lanes, load_one, splat};
 
-/// The longest lists that end at nodes and at blocks.
-pub(super) const SHORT: [usize; 2] = [8, 8];
+/// The longest lists that end, at nodes as at blocks.
+pub(super) const SHORT: usize = 8;
 
 /// Pairs of nodes that are visited in one go.
 const NODES: usize = 8;

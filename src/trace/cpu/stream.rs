@@ -492,7 +492,7 @@ pub(super) unsafe fn push<W: Lanes, O: Order, const ALONE: bool>(
             entries.add(top).write(Entry { child, start: start as u32, len: len as u32, mark: stack.done });
             let kind = usize::from(child.is_block());
             // Both are written; what counts is which one moves on. No branch.
-            let alone = ALONE && len <= SHORT[kind];
+            let alone = ALONE && len <= SHORT;
             top += usize::from(!alone);
             // Read before padding is written over part of it: a read that several writes in flight overlap waits for them.
             if ALONE {

@@ -251,7 +251,7 @@ impl<L: Lanes> Passing<L> {
 
     /// What the weights have to be divided by.
     #[inline(always)]
-    pub fn sum(&self, l: L) -> L::F {
+    fn sum(&self, l: L) -> L::F {
         l.add(l.add(self.u, self.v), self.w)
     }
 
@@ -298,7 +298,7 @@ const LEAST_SUM: f32 = f32::from_bits(0x20_0001);
 /// of the normal with the first corner and with the direction; `near` and `far` are the triangle's
 /// [`Bounds::faces`].
 #[inline(always)]
-pub(super) fn crossing<L: Lanes>(
+fn crossing<L: Lanes>(
     l: L,
     inside: u32,
     passing: &Passing<L>,
@@ -362,16 +362,15 @@ pub(super) fn test<L: Lanes>(
     triangle: &[Vector<L>; 3],
     range: &Range<'_, L>,
 ) -> Option<Hits<L>> {
-    let of = Edges::of(l, origin, triangle);
-    let passing = Passing::new(l, &of.functions(l), direction);
+    let passing = Passing::of(l, origin, direction, triangle);
     let inside = passing.inside(l, among);
     if inside == 0 {
         return None;
     }
-    let normal = of.normal(l);
-    let (distance, facing) = (dot(l, normal, of.a), dot(l, normal, direction));
     let faces = Bounds::of(l, triangle).faces(range.octant);
-    Some(hits(l, inside, &passing, [distance, facing], faces, range))
+    let (mask, t) = reach(l, inside, origin, direction, triangle, &passing, faces, range);
+    let (u, v) = passing.weights(l);
+    Some(Hits { mask, t, u, v })
 }
 
 #[inline(always)]
