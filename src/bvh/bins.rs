@@ -1,6 +1,6 @@
 //! Where to cut references in two: bins along each axis, and the cheapest plane between two of them.
 
-use super::block::BLOCK_TRIANGLES;
+use super::plan::Costs;
 use super::reference::{Bounds, Extent, LONG, PIECE, Reference, key};
 use crate::lanes::{Kernel, Lanes, SimdLevel, columns, load_one, store_one};
 use rayon::prelude::*;
@@ -32,11 +32,15 @@ struct Grid {
     axes: [usize; 3],
     /// How many may be.
     cut: usize,
+    /// In how many references they are counted: see [`Costs::counted_in`].
+    whole: u32,
 }
 
 impl Grid {
     #[inline(always)]
-    fn new(keys: &Bounds, bins: usize) -> Self {
+    fn new(extent: &Extent, bins: usize, costs: Costs) -> Self {
+        let Extent { bounds, keys } = extent;
+        let whole = costs.counted_in(bounds.half_area());
         let (mut scale, mut sizes) = ([0.0; 8], [0.0; 3]);
         for axis in 0..3 {
             let size = -keys.0[axis + 4] - keys.0[axis];
@@ -51,7 +55,7 @@ impl Grid {
             axes[cut % 3] = axis;
             cut += usize::from(scale[axis] > 0.0 && sizes[axis] >= least);
         }
-        Self { origin: keys.0, scale, last: (bins - 1) as f32, axes, cut }
+        Self { origin: keys.0, scale, last: (bins - 1) as f32, axes, cut, whole }
     }
 
     /// The bin of a key on each axis, [`ROUND`] added.
@@ -81,21 +85,21 @@ impl Plane {
 
     /// The cheapest that leaves something on both sides. Few bins serve few primitives as well, and of many some do.
     #[inline(always)]
-    pub fn best<L: Lanes>(l: L, references: &[Reference], extent: &Extent) -> Option<Self> {
+    pub fn best<L: Lanes>(l: L, references: &[Reference], extent: &Extent, costs: Costs) -> Option<Self> {
         match references.len() {
-            ..=128 => best::<L, 8>(l, references, extent, 1),
-            129..MANY => best::<L, 16>(l, references, extent, 1),
+            ..=128 => best::<L, 8>(l, references, extent, costs, 1),
+            129..MANY => best::<L, 16>(l, references, extent, costs, 1),
             _ => {
-                let some = best::<L, 16>(l, references, extent, SAMPLE);
-                if some.is_some() { some } else { best::<L, 16>(l, references, extent, 1) }
+                let some = best::<L, 16>(l, references, extent, costs, SAMPLE);
+                if some.is_some() { some } else { best::<L, 16>(l, references, extent, costs, 1) }
             }
         }
     }
 
     /// The same for so many that they are counted in parallel.
-    pub fn best_of_long(references: &[Reference], extent: &Extent) -> Option<Self> {
+    pub fn best_of_long(references: &[Reference], extent: &Extent, costs: Costs) -> Option<Self> {
         debug_assert!(references.len() >= LONG);
-        let grid = Grid::new(&extent.keys, 16);
+        let grid = Grid::new(extent, 16, costs);
         let counted = |step: usize| {
             let pieces = references.par_chunks(PIECE);
             let counted =
@@ -112,9 +116,10 @@ fn best<L: Lanes, const BINS: usize>(
     l: L,
     references: &[Reference],
     extent: &Extent,
+    costs: Costs,
     step: usize,
 ) -> Option<Plane> {
-    let grid = Grid::new(&extent.keys, BINS);
+    let grid = Grid::new(extent, BINS, costs);
     let mut bins = Bins::<BINS>::EMPTY;
     bins.count(l, &grid, references, step);
     bins.cheapest(l, &grid)
@@ -190,14 +195,14 @@ impl<const BINS: usize> Bins<BINS> {
         self
     }
 
-    /// Costs are what the surface area heuristic says. Blocks that are not full cost
+    /// Costs are what the surface area heuristic says. In small boxes blocks that are not full cost
     /// as much as full ones: that fills them, for an eighth less memory at the same speed of tracing.
     #[inline(always)]
     fn cheapest<L: Lanes>(&self, l: L, grid: &Grid) -> Option<Plane> {
         // Nothing is left of the first bin.
         let mut sides = [[Bounds::EMPTY; BINS]; 2];
         let mut counts = [[f32::INFINITY; BINS]; 2];
-        let whole = |count: u32| count.next_multiple_of(BLOCK_TRIANGLES as u32) as f32;
+        let whole = |count: u32| count.next_multiple_of(grid.whole) as f32;
         let (mut least, mut best) = (f32::INFINITY, None);
         for (i, &axis) in grid.axes.iter().enumerate().take(grid.cut) {
             let (bins, numbers) = (&self.bounds[i], &self.counts[i]);

@@ -1,7 +1,7 @@
 //! The bottom of the binary tree: up to eight primitives in the lanes of a register. All ways to cut up
 //! to four in two are tried, and of more all planes across the longest axis.
 
-use super::plan::Plan;
+use super::plan::{Costs, Plan};
 use super::reference::{Bounds, Reference};
 use super::sah::Inner;
 use crate::lanes::{Lanes, Piece, columns, eight_ids, load_one, store_one};
@@ -13,6 +13,7 @@ pub(super) const FEW: usize = 8;
 pub(super) struct Few<'a> {
     pub references: &'a mut [Reference],
     pub inner: &'a mut [Inner],
+    pub costs: Costs,
     /// Halve, for there is no room for more depth.
     pub halve: bool,
 }
@@ -32,7 +33,7 @@ impl<L: Lanes> Piece<L> for Few<'_> {
 
     #[inline(always)]
     fn run(self, l: L) -> Plan {
-        let Self { references, inner, halve } = self;
+        let Self { references, inner, costs, halve } = self;
         let count = references.len();
         let mut rows = [references[0]; FEW];
         for (i, row) in rows.iter_mut().enumerate() {
@@ -43,11 +44,11 @@ impl<L: Lanes> Piece<L> for Few<'_> {
         // Children lie behind their parents, and leaves behind inner nodes.
         let mut bounds = [Bounds::EMPTY; 2 * FEW];
         let mut areas = [0.0; 2 * FEW];
-        let mut plans = [Plan::leaf(0.0); 2 * FEW];
+        let mut plans = [Plan::leaf(costs, 0.0); 2 * FEW];
         areas[FEW..].copy_from_slice(&store_one(l, half_area(l, choices.columns)));
         for lane in 0..FEW {
             bounds[FEW + lane] = rows[lane].0;
-            plans[FEW + lane] = Plan::leaf(areas[FEW + lane]);
+            plans[FEW + lane] = Plan::leaf(costs, areas[FEW + lane]);
         }
         for root in (0..count - 1).rev() {
             let Cut { count, left, children } = cuts[root];
@@ -55,8 +56,8 @@ impl<L: Lanes> Piece<L> for Few<'_> {
             let around = Bounds::of(l, l.min(bounds[a].load(l), bounds[b].load(l)));
             let area = around.half_area();
             let (plan, choice) = match count {
-                2 => Plan::pair(areas[a], areas[b], area),
-                _ => Plan::merge(&plans[a], &plans[b], area, count),
+                2 => Plan::pair(costs, areas[a], areas[b], area),
+                _ => Plan::merge(costs, &plans[a], &plans[b], area, count),
             };
             inner[root] = Inner::new(&around, left, choice);
             (bounds[root], areas[root], plans[root]) = (around, area, plan);

@@ -126,6 +126,7 @@ fn pair_up<'a>(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::bvh::plan::Costs;
     use crate::geom::Aabb;
     use glam::Vec3;
 
@@ -147,7 +148,8 @@ mod tests {
             let new = |i: u32| Reference::new(i, &Aabb { min: at(i, few), max: at(i, few) });
             let mut references: Vec<Reference> = (0..count as u32).map(new).collect();
             let extent = Extent::of(&references);
-            let plane = Plane::best_of_long(&references, &extent).expect("there are several places");
+            let plane =
+                Plane::best_of_long(&references, &extent, Costs::of(0.0)).expect("there are several places");
             let is_left = |r: &Reference| SimdLevel::run_eight(IsLeft(r, &plane));
             let sides = partition_long(&mut references, &plane);
             let (left, right) = references.split_at(sides.middle);

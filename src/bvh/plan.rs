@@ -12,19 +12,47 @@ use crate::geom::Aabb;
 /// Cost of testing a ray against the boxes of a wide node.
 pub(super) const NODE_COST: f32 = 1.0;
 
-/// Cost of testing a ray against a block of no triangles, and of each triangle. Cheaper blocks make more
-/// and emptier ones, which trace no faster.
-const BLOCK_COST: [f32; 2] = [1.0, 0.04];
+/// Cost of testing a ray that comes alone against a block of no triangles, and of each triangle: the eight of a block are
+/// tested at once. Cheaper blocks make more and emptier ones, which trace no faster.
+const ALONE: [f32; 2] = [1.0, 0.04];
 
-/// Cost of testing a ray that meets a box of half the surface `area` with a block of `count` triangles.
-pub(super) fn block_cost(area: f32, count: usize) -> f32 {
-    area * (BLOCK_COST[0] + BLOCK_COST[1] * count as f32)
+/// The same for a ray that comes in a list: many are tested at once, but one triangle after the other.
+const LISTED: [f32; 2] = [0.5, 0.7];
+
+/// Share of the whole tree's surface from which on a box is so large that rays come to it in lists.
+const LARGE: f32 = 0.01;
+
+/// Costs of blocks. They depend on how many rays meet a block together, and that on how large it is in the tree.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Costs {
+    /// Half the surface above which boxes are large.
+    large: f32,
 }
 
-/// Cost of testing a ray that meets a child's box with the child.
-pub(super) fn child_cost(bounds: &Aabb, child: Child) -> f32 {
-    let area = bounds.half_area();
-    if child.is_block() { block_cost(area, child.triangles()) } else { area * NODE_COST }
+impl Costs {
+    /// Of a tree whose box has half the surface `area`.
+    pub fn of(area: f32) -> Self {
+        Self { large: LARGE * area }
+    }
+
+    /// Cost of testing a ray that meets a box of half the surface `area` with a block of `count` triangles.
+    #[inline(always)]
+    pub fn block(self, area: f32, count: usize) -> f32 {
+        let [block, triangle] = if area > self.large { LISTED } else { ALONE };
+        area * (block + triangle * count as f32)
+    }
+
+    /// Cost of testing a ray that meets a child's box with the child.
+    pub fn child(self, bounds: &Aabb, child: Child) -> f32 {
+        let area = bounds.half_area();
+        if child.is_block() { self.block(area, child.triangles()) } else { area * NODE_COST }
+    }
+
+    /// In how many primitives the surface area heuristic counts them in parts of a box of half the surface `area`: where
+    /// rays come alone, blocks that are not full cost as much as full ones.
+    pub fn counted_in(self, area: f32) -> u32 {
+        if area > self.large { 1 } else { BLOCK_TRIANGLES as u32 }
+    }
 }
 
 /// Expected costs of one binary node's primitives: entry `i` when at most `i + 1` children of a wide node hold them.
@@ -54,15 +82,15 @@ impl Choice {
 impl Plan {
     /// A leaf of one primitive.
     #[inline(always)]
-    pub fn leaf(area: f32) -> Self {
-        Self([block_cost(area, 1); WIDTH])
+    pub fn leaf(costs: Costs, area: f32) -> Self {
+        Self([costs.block(area, 1); WIDTH])
     }
 
     /// The plan of a node over two primitives: what [`Plan::merge`] says of their leaves.
     #[inline(always)]
-    pub fn pair(left: f32, right: f32, area: f32) -> (Self, Choice) {
-        let apart = block_cost(left, 1) + block_cost(right, 1);
-        let block = block_cost(area, 2);
+    pub fn pair(costs: Costs, left: f32, right: f32, area: f32) -> (Self, Choice) {
+        let apart = costs.block(left, 1) + costs.block(right, 1);
+        let block = costs.block(area, 2);
         let inner = area * NODE_COST + apart;
         let together = block.min(inner);
         let mut choice = if block <= inner { Choice::BLOCK } else { 0 };
@@ -74,7 +102,7 @@ impl Plan {
 
     /// The plan of a node over `count` primitives from those of its children.
     #[inline(always)]
-    pub fn merge(left: &Self, right: &Self, area: f32, count: usize) -> (Self, Choice) {
+    pub fn merge(costs: Costs, left: &Self, right: &Self, area: f32, count: usize) -> (Self, Choice) {
         // forest[c - 1]: cheapest with exactly c children; lanes are children.
         let mut shifted = [f32::INFINITY; 2 * WIDTH];
         shifted[WIDTH..].copy_from_slice(&right.0);
@@ -90,7 +118,7 @@ impl Plan {
             }
         }
         let inner = area * NODE_COST + forest[WIDTH - 1];
-        let block = if count <= BLOCK_TRIANGLES { block_cost(area, count) } else { f32::INFINITY };
+        let block = if count <= BLOCK_TRIANGLES { costs.block(area, count) } else { f32::INFINITY };
         let mut choice = if block <= inner { Choice::BLOCK } else { 0 };
         choice |= on_left[WIDTH - 1] << (3 * (WIDTH - 2));
         let mut cost = block.min(inner);
@@ -110,30 +138,50 @@ impl Plan {
 mod tests {
     use super::*;
 
+    /// Those of small boxes.
+    const SMALL: Costs = Costs { large: f32::INFINITY };
+
     #[test]
     fn a_block_is_made_where_it_is_cheaper_than_its_parts() {
         let leaf = Plan([1.0; WIDTH]);
         // Half of a small box each: one block of two must beat two blocks and an inner node.
-        let (plan, choice) = Plan::merge(&leaf, &leaf, 1.0, 2);
+        let (plan, choice) = Plan::merge(SMALL, &leaf, &leaf, 1.0, 2);
         assert!(choice.is_block());
-        assert_eq!(plan.0[0], block_cost(1.0, 2));
+        assert_eq!(plan.0[0], SMALL.block(1.0, 2));
         // A dear block is split; two children then cost their sum.
-        let (plan, choice) = Plan::merge(&leaf, &leaf, 20.0, 2);
-        assert!((plan.0[0] - block_cost(20.0, 2)).abs() < 1e-6 && choice.is_block());
+        let (plan, choice) = Plan::merge(SMALL, &leaf, &leaf, 20.0, 2);
+        assert!((plan.0[0] - SMALL.block(20.0, 2)).abs() < 1e-6 && choice.is_block());
         assert_eq!((plan.0[1], choice.on_left(2)), (2.0, 1));
-        let (plan, choice) = Plan::merge(&leaf, &leaf, 20.0, 9);
+        let (plan, choice) = Plan::merge(SMALL, &leaf, &leaf, 20.0, 9);
         assert!(!choice.is_block());
         assert_eq!(plan.0[0], 22.0);
+    }
+
+    #[test]
+    fn large_flat_boxes_are_blocks_of_their_own() {
+        // Two walls of a room of half the surface 3: apart each is met by a third of the rays, together by all.
+        let costs = Costs::of(3.0);
+        let wall = |area| Plan::merge(costs, &Plan::leaf(costs, area), &Plan::leaf(costs, area), area, 2).0;
+        let (plan, choice) = Plan::merge(costs, &wall(1.0), &wall(1.0), 3.0, 4);
+        assert_eq!((choice.on_left(2), plan.0[1]), (1, 2.0 * costs.block(1.0, 2)));
+        // A hundredth of that and the room is crossed by few.
+        let costs = Costs::of(300.1);
+        let (plan, choice) = Plan::merge(costs, &wall(1.0), &wall(1.0), 3.0, 4);
+        assert_eq!((choice.is_block(), plan.0[0]), (true, costs.block(3.0, 4)));
     }
 
     #[test]
     fn a_pair_s_plan_is_that_of_its_leaves() {
         for areas in [[1.0, 1.0, 1.0], [1.0, 1.0, 20.0], [3.0, 0.5, 3.1], [0.0, 0.0, 0.0]] {
             let [left, right, area] = areas;
-            let (merged, choice) = Plan::merge(&Plan::leaf(left), &Plan::leaf(right), area, 2);
-            let (plan, same) = Plan::pair(left, right, area);
-            // The last entry is of no use.
-            assert_eq!((&plan.0[..WIDTH - 1], same), (&merged.0[..WIDTH - 1], choice), "{areas:?}");
+            for large in [0.0, 2.0, f32::INFINITY] {
+                let costs = Costs { large };
+                let leaf = |area| Plan::leaf(costs, area);
+                let (merged, choice) = Plan::merge(costs, &leaf(left), &leaf(right), area, 2);
+                let (plan, same) = Plan::pair(costs, left, right, area);
+                // The last entry is of no use.
+                assert_eq!((&plan.0[..WIDTH - 1], same), (&merged.0[..WIDTH - 1], choice), "{areas:?}");
+            }
         }
     }
 
@@ -148,7 +196,7 @@ mod tests {
                 Plan(costs)
             };
             let (left, right) = (falling(0), falling(8));
-            let (plan, choice) = Plan::merge(&left, &right, number(seed + 7777), 9);
+            let (plan, choice) = Plan::merge(SMALL, &left, &right, number(seed + 7777), 9);
             for children in 2..WIDTH {
                 let exact = (2..=children)
                     .flat_map(|c| (1..c).map(move |i| left.0[i - 1] + right.0[c - i - 1]))

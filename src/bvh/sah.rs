@@ -5,7 +5,7 @@ use super::bins::{MANY, Plane};
 use super::few::{FEW, Few};
 use super::pages::Pages;
 use super::partition::{Sides, partition, partition_long};
-use super::plan::{Choice, Plan};
+use super::plan::{Choice, Costs, Plan};
 use super::reference::{Bounds, Extent, LONG, PIECE, Reference};
 use crate::geom::Aabb;
 use crate::lanes::{Kernel, Lanes, Piece, SimdLevel};
@@ -76,7 +76,8 @@ impl Tree {
         let extent = extents.reduce_with(|a, b| a.union(&b));
         let mut inner = Pages::zeroed(count.saturating_sub(1));
         if let Some(extent) = extent {
-            subtree(&mut references, &mut inner, 0, &extent);
+            let costs = Costs::of(extent.bounds.half_area());
+            subtree(&mut references, &mut inner, costs, 0, &extent);
         }
         Self { references, inner }
     }
@@ -131,23 +132,29 @@ impl Tree {
 }
 
 /// Builds the subtree over `references` into `inner`, `depth` nodes below the root.
-fn subtree(references: &mut [Reference], inner: &mut [Inner], depth: usize, extent: &Extent) -> Plan {
+fn subtree(
+    references: &mut [Reference],
+    inner: &mut [Inner],
+    costs: Costs,
+    depth: usize,
+    extent: &Extent,
+) -> Plan {
     let count = references.len();
     if count < PARALLEL_HALVES {
-        return SimdLevel::run_eight(Small { references, inner, depth, extent });
+        return SimdLevel::run_eight(Small { references, inner, costs, depth, extent });
     }
     let (root, below) = inner.split_first_mut().expect("one node fewer than references");
     let Sides { middle, extents } = match count {
-        LONG.. => split_long(references, depth, extent),
-        _ => SimdLevel::run_eight(Split { references, depth, extent }),
+        LONG.. => split_long(references, costs, depth, extent),
+        _ => SimdLevel::run_eight(Split { references, costs, depth, extent }),
     };
     let (left, right) = references.split_at_mut(middle);
     let (left_inner, right_inner) = below.split_at_mut(middle - 1);
     let (left_plan, right_plan) = rayon::join(
-        || subtree(left, left_inner, depth + 1, &extents[0]),
-        || subtree(right, right_inner, depth + 1, &extents[1]),
+        || subtree(left, left_inner, costs, depth + 1, &extents[0]),
+        || subtree(right, right_inner, costs, depth + 1, &extents[1]),
     );
-    let (plan, choice) = Plan::merge(&left_plan, &right_plan, extent.bounds.half_area(), count);
+    let (plan, choice) = Plan::merge(costs, &left_plan, &right_plan, extent.bounds.half_area(), count);
     *root = Inner::new(&extent.bounds, middle, choice);
     plan
 }
@@ -156,6 +163,7 @@ fn subtree(references: &mut [Reference], inner: &mut [Inner], depth: usize, exte
 struct Small<'a> {
     references: &'a mut [Reference],
     inner: &'a mut [Inner],
+    costs: Costs,
     depth: usize,
     extent: &'a Extent,
 }
@@ -174,22 +182,24 @@ impl<L: Lanes> Piece<L> for Small<'_> {
 
     #[inline(always)]
     fn run(self, l: L) -> Plan {
-        let Self { references, inner, depth, extent } = self;
+        let Self { references, inner, costs, depth, extent } = self;
         let (count, area) = (references.len(), extent.bounds.half_area());
         if count <= FEW {
             return match count {
-                1 => Plan::leaf(area),
-                _ => l.apart(Few { references, inner, halve: depth + FEW >= MAX_DEPTH }),
+                1 => Plan::leaf(costs, area),
+                _ => l.apart(Few { references, inner, costs, halve: depth + FEW >= MAX_DEPTH }),
             };
         }
         let (root, below) = inner.split_first_mut().expect("one node fewer than references");
-        let Sides { middle, extents } = split(l, references, depth, extent);
+        let Sides { middle, extents } = split(l, references, costs, depth, extent);
         let (left, right) = references.split_at_mut(middle);
         let (left_inner, right_inner) = below.split_at_mut(middle - 1);
         let depth = depth + 1;
-        let left_plan = l.apart(Small { references: left, inner: left_inner, depth, extent: &extents[0] });
-        let right_plan = l.apart(Small { references: right, inner: right_inner, depth, extent: &extents[1] });
-        let (plan, choice) = Plan::merge(&left_plan, &right_plan, area, count);
+        let left_plan =
+            l.apart(Small { references: left, inner: left_inner, costs, depth, extent: &extents[0] });
+        let right_plan =
+            l.apart(Small { references: right, inner: right_inner, costs, depth, extent: &extents[1] });
+        let (plan, choice) = Plan::merge(costs, &left_plan, &right_plan, area, count);
         *root = Inner::new(&extent.bounds, middle, choice);
         plan
     }
@@ -203,9 +213,9 @@ fn must_halve(count: usize, depth: usize) -> bool {
 
 /// Sorts references into two halves.
 #[inline(always)]
-fn split<L: Lanes>(l: L, references: &mut [Reference], depth: usize, extent: &Extent) -> Sides {
+fn split<L: Lanes>(l: L, references: &mut [Reference], costs: Costs, depth: usize, extent: &Extent) -> Sides {
     let halved = must_halve(references.len(), depth);
-    let plane = if halved { None } else { Plane::best(l, references, extent) };
+    let plane = if halved { None } else { Plane::best(l, references, extent, costs) };
     match plane {
         Some(plane) if references.len() < MANY => partition::<L, true>(l, references, &plane),
         Some(plane) => partition::<L, false>(l, references, &plane),
@@ -216,6 +226,7 @@ fn split<L: Lanes>(l: L, references: &mut [Reference], depth: usize, extent: &Ex
 /// [`split`] to be run.
 struct Split<'a> {
     references: &'a mut [Reference],
+    costs: Costs,
     depth: usize,
     extent: &'a Extent,
 }
@@ -225,14 +236,14 @@ impl Kernel for Split<'_> {
 
     #[inline(always)]
     fn run<L: Lanes>(self, l: L) -> Self::Output {
-        split(l, self.references, self.depth, self.extent)
+        split(l, self.references, self.costs, self.depth, self.extent)
     }
 }
 
 /// The same for a long range, in parallel.
-fn split_long(references: &mut [Reference], depth: usize, extent: &Extent) -> Sides {
+fn split_long(references: &mut [Reference], costs: Costs, depth: usize, extent: &Extent) -> Sides {
     let halved = must_halve(references.len(), depth);
-    let plane = if halved { None } else { Plane::best_of_long(references, extent) };
+    let plane = if halved { None } else { Plane::best_of_long(references, extent, costs) };
     match plane {
         Some(plane) => partition_long(references, &plane),
         None => halve(references, extent),
