@@ -2,6 +2,7 @@
 //! other tracer must equal bit for bit.
 
 mod alone;
+mod cut;
 mod kernel;
 mod leaf;
 mod members;

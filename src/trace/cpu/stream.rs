@@ -20,17 +20,13 @@ use super::alone::{Pairs, SHORT};
 use super::packet::{self, Packet};
 use super::space::{Space, World};
 use super::triangle::{Faces, Slabs};
-use super::{alone, leaf, members, setup};
+use super::{alone, cut, leaf, members, setup};
 use crate::bvh::{Blocks, Bvh, Child, Filter, WIDTH, WideNode};
 use crate::lanes::{Lanes, prefetch};
 use crate::stream::{Hit, Ray};
 
 /// Ids of padding behind every list: as many as the widest lanes.
 pub(super) const PADDING: usize = 16;
-
-/// The most rays of a sub-stream: with rows, answers and lists they take about half of a second-level cache of two
-/// megabytes. Twice as many are worse for rays in image order and better for shuffled ones.
-const SUB_STREAM: usize = 16 * 1024;
 
 /// What the box tests need of a ray (see [`crate::geom::CanonicalRay`], whose `near` and `far` are
 /// `shift ∓ slack * |inverse|`). As small as the ray itself, which stays where the caller has it: most
@@ -146,8 +142,10 @@ pub(super) fn trace<W: Lanes, E: Lanes, const ANY: bool, const MEMBERS: bool>(
         stack.entries.clear();
         stack.entries.reserve(entries_of(wide.depth()));
     }
-    for (i, rays) in rays.chunks(SUB_STREAM).enumerate() {
-        let first = i * SUB_STREAM;
+    let (mut first, mut left) = (0, rays);
+    while !left.is_empty() {
+        let rays;
+        (rays, left) = left.split_at(if MEMBERS { left.len().min(cut::MOST) } else { cut::first(left) });
         rows.resize(rows.len().max(rays.len() + PADDING), Row::default());
         let job = Job {
             nodes: wide.nodes(),
@@ -164,6 +162,7 @@ pub(super) fn trace<W: Lanes, E: Lanes, const ANY: bool, const MEMBERS: bool>(
                 }
             },
         };
+        first += rays.len();
         let prepared = setup::prepare(w, &job, rays, stacks);
         if MEMBERS {
             members::traverse::<W, E, ANY>((w, e), &job, bvh.members(), stacks, &prepared.counts, below);
