@@ -31,13 +31,20 @@ pub fn settle<L: Lanes>(
 fn bend<L: Lanes>(shading: Vector<L>, normal: Vector<L>, wo: Vector<L>, matte: bool) -> Vector<L> {
     let cosine = shading.dot(wo);
     if matte {
+        let low = cosine.below(MIN_COSINE);
+        if low == 0 {
+            return shading;
+        }
         let turned = (shading + wo * (MIN_COSINE - cosine)).normalize();
-        return Vector::select(cosine.below(MIN_COSINE), turned, shading);
+        return Vector::select(low, turned, shading);
     }
     let mirrored = shading * (2.0 * cosine) - wo;
     let height = mirrored.dot(normal);
     let least = (0.5 * wo.dot(normal)).clamp(0.0, 0.01);
     let good = height.ge(least) & cosine.ge(Num::splat(wo.lanes(), 0.0));
+    if good == L::ALL {
+        return shading;
+    }
     // The half vector of `wo` and the mirrored direction lifted to the least height.
     let (lifted, _) = (mirrored + normal * (least - height)).normalize_or(normal);
     let (half, _) = (wo + lifted).normalize_or(normal);

@@ -161,6 +161,10 @@ impl Recipe {
                 .tessellate(*material, &mut scene.mesh)
                 .map_err(|problem| RecipeError::Range { place: place(), problem })?;
         }
+        if scene.mesh.normals.iter().all(|&normal| normal == Vec3::ZERO) {
+            // Flat all over: nothing to look up.
+            scene.mesh.normals.clear();
+        }
         Ok(scene)
     }
 }

@@ -132,10 +132,11 @@ impl Shape {
                     return Err(format!("{} points; a polygon has at least 3", points.len()));
                 }
                 let normal = (points[1] - points[0]).cross(points[2] - points[0]);
-                let normal = normal.try_normalize().ok_or("the first three points lie on a line")?;
+                normal.try_normalize().ok_or("the first three points lie on a line")?;
                 let first = mesh.positions.len() as u32;
                 mesh.positions.extend(points);
-                mesh.normals.extend(points.iter().map(|_| normal));
+                // Each triangle's own.
+                mesh.normals.extend(points.iter().map(|_| Vec3::ZERO));
                 mesh.uvs.extend(points.iter().map(|_| Vec2::ZERO));
                 for k in 1..points.len() as u32 - 1 {
                     mesh.triangles.push([first, first + k, first + k + 1]);
