@@ -1,7 +1,7 @@
 //! Blocks of triangles, the leaves of the eight-wide tree.
 //!
 //! Unsafe code for reading columns into lanes. Invariant 1: behind the first word of a [`Block`]'s last column lie at least
-//! as many words in its slice as there are lanes.
+//! eight words in its slice.
 #![allow(unsafe_code)]
 
 use super::pages::Pages;
@@ -150,19 +150,35 @@ impl<'a> Block<'a> {
     /// Coordinates as `[vertex][axis]` in eight lanes; lanes beyond the triangles are of no meaning.
     #[inline(always)]
     pub(crate) fn vertices<L: Lanes>(&self, l: L) -> [[L::F; 3]; 3] {
-        [self.vertex(l, 0), self.vertex(l, 1), self.vertex(l, 2)]
-    }
-
-    #[inline(always)]
-    fn vertex<L: Lanes>(&self, l: L, vertex: usize) -> [L::F; 3] {
-        [self.column(l, 3 * vertex), self.column(l, 3 * vertex + 1), self.column(l, 3 * vertex + 2)]
-    }
-
-    #[inline(always)]
-    fn column<L: Lanes>(&self, l: L, column: usize) -> L::F {
         const { assert!(L::LANES == BLOCK_TRIANGLES) };
+        Self::vertices_of(l, &[*self; 2])
+    }
+
+    /// The same of a block in each eight lanes; with eight lanes only the first counts.
+    #[inline(always)]
+    pub(crate) fn vertices_of<L: Lanes>(l: L, blocks: &[Self; 2]) -> [[L::F; 3]; 3] {
+        [Self::vertex(l, blocks, 0), Self::vertex(l, blocks, 1), Self::vertex(l, blocks, 2)]
+    }
+
+    #[inline(always)]
+    fn vertex<L: Lanes>(l: L, blocks: &[Self; 2], vertex: usize) -> [L::F; 3] {
+        let first = 3 * vertex;
+        [
+            Self::column(l, blocks, first),
+            Self::column(l, blocks, first + 1),
+            Self::column(l, blocks, first + 2),
+        ]
+    }
+
+    #[inline(always)]
+    fn column<L: Lanes>(l: L, [a, b]: &[Self; 2], column: usize) -> L::F {
         // SAFETY: invariant 1.
-        unsafe { l.load(self.words.as_ptr().add((1 + column) * self.count).cast()) }
+        unsafe { l.load_eights([a.column_at(column), b.column_at(column)]) }
+    }
+
+    #[inline(always)]
+    fn column_at(&self, column: usize) -> *const f32 {
+        self.words.as_ptr().wrapping_add((1 + column) * self.count).cast()
     }
 }
 

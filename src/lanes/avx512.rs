@@ -308,6 +308,17 @@ impl Lanes for Avx512 {
         unsafe { _mm512_loadu_ps(from) }
     }
     #[inline(always)]
+    unsafe fn load_eights(self, from: [*const f32; 2]) -> __m512 {
+        unsafe {
+            let low = _mm512_castps256_ps512(_mm256_loadu_ps(from[0]));
+            _mm512_insertf32x8::<1>(low, _mm256_loadu_ps(from[1]))
+        }
+    }
+    #[inline(always)]
+    fn splat_eights(self, x: [f32; 2]) -> __m512 {
+        unsafe { _mm512_mask_broadcastss_ps(_mm512_set1_ps(x[0]), 0xff00, _mm_set_ss(x[1])) }
+    }
+    #[inline(always)]
     unsafe fn store(self, to: *mut f32, a: __m512) {
         unsafe { _mm512_storeu_ps(to, a) }
     }

@@ -166,6 +166,23 @@ pub trait Lanes: Copy {
     /// `from` is good for reading `LANES` numbers.
     #[allow(unsafe_code)]
     unsafe fn load(self, from: *const f32) -> Self::F;
+    /// Reads eight numbers into each eight lanes, each from a place of its own. With eight lanes only the first counts.
+    ///
+    /// # Safety
+    /// Each place is good for reading eight numbers.
+    #[allow(unsafe_code)]
+    #[inline(always)]
+    unsafe fn load_eights(self, from: [*const f32; 2]) -> Self::F {
+        const { assert!(Self::LANES == 8) };
+        // SAFETY: the caller vouches for eight.
+        unsafe { self.load(from[0]) }
+    }
+    /// A number in each eight lanes. With eight lanes only the first counts.
+    #[inline(always)]
+    fn splat_eights(self, x: [f32; 2]) -> Self::F {
+        const { assert!(Self::LANES == 8) };
+        self.splat(x[0])
+    }
     /// Writes each lane's number.
     ///
     /// # Safety
@@ -233,6 +250,12 @@ pub(crate) fn splat<L: Lanes>(l: L, x: [f32; 3]) -> [L::F; 3] {
     [l.splat(x[0]), l.splat(x[1]), l.splat(x[2])]
 }
 
+/// Three numbers for each eight lanes.
+#[inline(always)]
+pub(crate) fn splat_eights<L: Lanes>(l: L, [a, b]: [[f32; 3]; 2]) -> [L::F; 3] {
+    [l.splat_eights([a[0], b[0]]), l.splat_eights([a[1], b[1]]), l.splat_eights([a[2], b[2]])]
+}
+
 /// Row `row` of three columns, in every lane.
 #[inline(always)]
 pub(crate) fn splat_row<L: Lanes>(l: L, columns: &[[f32; 8]; 3], row: usize) -> [L::F; 3] {
@@ -253,6 +276,16 @@ pub(crate) fn load_one<L: Lanes>(l: L, column: &[f32; 8]) -> L::F {
     // SAFETY: there are eight numbers, as many as lanes.
     unsafe {
         l.load(column.as_ptr())
+    }
+}
+
+/// A column for each eight lanes.
+#[inline(always)]
+pub(crate) fn load_eights<L: Lanes>(l: L, columns: [&[f32; 8]; 2]) -> L::F {
+    #[allow(unsafe_code)]
+    // SAFETY: there are eight numbers in each.
+    unsafe {
+        l.load_eights([columns[0].as_ptr(), columns[1].as_ptr()])
     }
 }
 

@@ -12,10 +12,10 @@
 #![allow(unsafe_code)]
 
 use super::space::Space;
-use super::stream::{Job, OctantStack, PADDING, Row, fetch_node};
+use super::stream::{Job, OctantStack, PADDING, fetch_node};
 use super::triangle::{Faces, Slabs};
 use crate::bvh::{Child, WIDTH};
-use crate::lanes::{Lanes, load_one, splat};
+use crate::lanes::{Lanes, load_one, splat_eights};
 
 /// The longest lists that end, at nodes as at blocks.
 pub(super) const SHORT: usize = 8;
@@ -95,7 +95,8 @@ impl Pairs {
 /// Visits the topmost pairs of nodes: tests each ray with the eight boxes of its node and pushes pairs
 /// for those it enters, the nearest last.
 #[inline(always)]
-pub(super) fn visit<E: Lanes, S: Space>(
+pub(super) fn visit<W: Lanes, E: Lanes, S: Space>(
+    w: W,
     e: E,
     space: S,
     job: &Job<'_>,
@@ -118,22 +119,39 @@ pub(super) fn visit<E: Lanes, S: Space>(
             (taken[i], at[i]) = (*ids.add(i), *children.add(i));
         }
         let order = e.load_ids(LANES_BY_ORDER[by].as_ptr());
-        for i in 0..count {
-            let node = job.nodes.get_unchecked(bytemuck::cast::<u32, Child>(at[i]).index());
-            let row = &*job.rows.byte_add(taken[i] as usize).cast_const();
-            let Row { inverse, shift, slack, limit } = *row;
-            let slabs = Slabs::new(e, splat(e, inverse), splat(e, shift), e.splat(slack));
-            let mut room = [[[0.0; WIDTH]; 3]; 2];
-            let faces = Faces::of(space.boxes(e, node, &mut room), octant);
-            let entered = slabs.enters_any(e, &faces, e.splat(limit));
-            let bits: &[f32; WIDTH] = bytemuck::cast_ref(&node.children);
-            let leaves = e.signs(load_one(e, bits));
-            let children = e.permute_ids(e.load_ids(bits.as_ptr().cast()), order);
-            let to_order = &MASKS_BY_ORDER[by];
-            let inner = to_order[(entered & !leaves) as usize].into();
-            nodes.push_children(e, taken[i], inner, children);
-            let leaves = to_order[(entered & leaves) as usize].into();
-            blocks.push_children(e, taken[i], leaves, children);
+        // As many pairs at once as there are eights of lanes.
+        let step = W::LANES / WIDTH;
+        for i in (0..count).step_by(step) {
+            // Behind the last pair it stands in for another.
+            let two = [i, (i + step).min(count) - 1];
+            let (first, second): (Child, Child) = (bytemuck::cast(at[two[0]]), bytemuck::cast(at[two[1]]));
+            let visited = [job.nodes.get_unchecked(first.index()), job.nodes.get_unchecked(second.index())];
+            let a = &*job.rows.byte_add(taken[two[0]] as usize).cast_const();
+            let b = &*job.rows.byte_add(taken[two[1]] as usize).cast_const();
+            let slabs = Slabs::new(
+                w,
+                splat_eights(w, [a.inverse, b.inverse]),
+                splat_eights(w, [a.shift, b.shift]),
+                w.splat_eights([a.slack, b.slack]),
+            );
+            let mut room = [[[[0.0; WIDTH]; 3]; 2]; 2];
+            let [first, second] = &mut room;
+            let faces = [
+                Faces::of(space.boxes(e, visited[0], first), octant),
+                Faces::of(space.boxes(e, visited[1], second), octant),
+            ];
+            let mut entered = slabs.enters_any(w, &faces, w.splat_eights([a.limit, b.limit]));
+            for (node, pair) in visited.into_iter().zip(i..count.min(i + step)) {
+                let bits: &[f32; WIDTH] = bytemuck::cast_ref(&node.children);
+                let leaves = e.signs(load_one(e, bits));
+                let children = e.permute_ids(e.load_ids(bits.as_ptr().cast()), order);
+                let to_order = &MASKS_BY_ORDER[by];
+                let inner = to_order[(entered & 0xff & !leaves) as usize].into();
+                nodes.push_children(e, taken[pair], inner, children);
+                let leaves = to_order[(entered & leaves) as usize].into();
+                blocks.push_children(e, taken[pair], leaves, children);
+                entered >>= WIDTH;
+            }
         }
     }
     for &child in &nodes.children[nodes_before..nodes.len] {

@@ -9,7 +9,7 @@ use super::space::{Space, triangle};
 use super::stream::{Answers, DONE, Job, PADDING, ROW_BYTES, fetch_block, fetch_rows, lanes_of};
 use super::triangle::{Bounds, Hits, Passing, Range, Slabs, reach, test};
 use crate::bvh::{Block, Child, MASKED, PRIMITIVE, WIDTH};
-use crate::lanes::{Lanes, prefetch, spill, splat, splat_row};
+use crate::lanes::{Lanes, prefetch, spill, splat_eights, splat_row};
 use crate::stream::{Hit, Ray};
 use std::mem::MaybeUninit;
 
@@ -30,7 +30,7 @@ pub(super) unsafe fn many<L: Lanes, E: Lanes, S: Space, const ANY: bool>(
     list: *const u32,
     len: usize,
 ) -> u32 {
-    let corners = space.triangles(e, block);
+    let corners = space.triangles(e, &[block; 2]);
     let [near, far] = Bounds::of(e, &corners).faces(octant);
     let (near, far) = (keep(e, near), keep(e, far));
     let corners = [keep(e, corners[0]), keep(e, corners[1]), keep(e, corners[2])];
@@ -204,7 +204,7 @@ unsafe fn offer_each<L: Lanes, const ANY: bool>(
 
 /// Tests pairs of rays and blocks. Answers for any hit how many rays are done by it.
 ///
-/// First which lines pass inside which triangles, each ray with all triangles of its block in lanes and without a branch, so
+/// First which lines pass inside which triangles, each ray with all triangles of its block in eight lanes and without a branch, so
 /// that many are in the works at once; then the rest for those, a few of a block, one in each lane.
 ///
 /// # Safety
@@ -212,9 +212,8 @@ unsafe fn offer_each<L: Lanes, const ANY: bool>(
 /// octant.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)]
-pub(super) unsafe fn few<W: Lanes, E: Lanes, S: Space, const ANY: bool>(
+pub(super) unsafe fn few<W: Lanes, S: Space, const ANY: bool>(
     w: W,
-    e: E,
     space: S,
     job: &Job<'_>,
     octant: usize,
@@ -228,21 +227,27 @@ pub(super) unsafe fn few<W: Lanes, E: Lanes, S: Space, const ANY: bool>(
         // SAFETY: as the caller vouches.
         unsafe { fetch_pair(job, *ids.add(i), *children.add(i)) };
     }
-    for i in 0..len {
-        // SAFETY: as the caller vouches.
-        unsafe {
-            let ahead = (i + AHEAD).min(len - 1);
-            fetch_pair(job, *ids.add(ahead), *children.add(ahead));
+    // As many pairs at once as there are eights of lanes.
+    let step = W::LANES / WIDTH;
+    for i in (0..len).step_by(step) {
+        for ahead in i + AHEAD..i + AHEAD + step {
+            let ahead = ahead.min(len - 1);
+            // SAFETY: as the caller vouches.
+            unsafe { fetch_pair(job, *ids.add(ahead), *children.add(ahead)) };
         }
+        // Behind the last pair it stands in for another, which counts for nothing.
+        let other = (i + step).min(len) - 1;
         // SAFETY: as the caller vouches.
-        let (ray, block, among) = unsafe { pair::<E>(job, ids, children, i) };
-        let triangle = space.triangles(e, block);
-        let inside =
-            Passing::of(e, &splat(e, ray.origin), splat(e, ray.direction), &triangle).inside(e, among);
+        let [a, b] = unsafe { [pair(job, ids, children, i), pair(job, ids, children, other)] };
+        let triangles = space.triangles(w, &[a.1, b.1]);
+        let origin = splat_eights(w, [a.0.origin, b.0.origin]);
+        let direction = splat_eights(w, [a.0.direction, b.0.direction]);
+        let among = (a.2 | b.2 << WIDTH) & lanes_of::<W>(WIDTH * (len - i));
+        let inside = Passing::of(w, &origin, direction, &triangles).inside(w, among);
         // SAFETY: there is room for all rows of all pairs, and for what lanes write behind.
         unsafe {
-            let places = e.add_ids(e.load_ids(ROWS.as_ptr()), e.splat_id((WIDTH * i) as u32));
-            e.append(passing.as_mut_ptr().add(count), inside, places);
+            let places = w.add_ids(w.load_ids(ROWS.as_ptr()), w.splat_id((WIDTH * i) as u32));
+            w.append(passing.as_mut_ptr().add(count), inside, places);
         }
         count += inside.count_ones() as usize;
     }
@@ -301,15 +306,15 @@ fn fetch_pair(job: &Job<'_>, id: u32, child: u32) {
     prefetch(job.rays.wrapping_byte_add(id as usize));
 }
 
-/// The rows of a block.
-static ROWS: [u32; WIDTH] = [0, 1, 2, 3, 4, 5, 6, 7];
+/// The rows of a block, and those of the next.
+static ROWS: [u32; 2 * WIDTH] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
 
 /// The ray, the block and the lanes with triangles of pair `i`.
 ///
 /// # Safety
 /// As for [`few`], and `i` is less than `len`.
 #[inline(always)]
-unsafe fn pair<'a, L: Lanes>(
+unsafe fn pair<'a>(
     job: &Job<'a>,
     ids: *const u32,
     children: *const u32,
@@ -319,7 +324,7 @@ unsafe fn pair<'a, L: Lanes>(
     unsafe {
         let child: Child = bytemuck::cast(*children.add(i));
         let ray = &*job.rays.byte_add(*ids.add(i) as usize);
-        (ray, job.blocks.get_unchecked(child), lanes_of::<L>(child.triangles()))
+        (ray, job.blocks.get_unchecked(child), (1 << child.triangles()) - 1)
     }
 }
 

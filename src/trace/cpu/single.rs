@@ -260,7 +260,7 @@ impl<S: Space> Leaves for Triangles<'_, S> {
         let block = unsafe { self.blocks.get_unchecked(child) };
         let range = Range { slabs, octant: *octant, t_min: *t_min, limit: e.splat(best.t) };
         let among = lanes_of::<E>(child.triangles());
-        let triangles = self.space.triangles(e, block);
+        let triangles = self.space.triangles(e, &[block; 2]);
         let Some(hits) = test(e, among, &query.origin, query.direction, &triangles, &range) else {
             return false;
         };

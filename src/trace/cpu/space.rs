@@ -18,8 +18,8 @@ pub(super) type Corners = [[[f32; WIDTH]; 3]; 3];
 pub(super) trait Space: Copy {
     /// The boxes of a node; those of vacant slots are inverted.
     fn boxes<'a, E: Lanes>(self, e: E, node: &'a WideNode, room: &'a mut Boxes) -> &'a Boxes;
-    /// The corners of a block in lanes.
-    fn triangles<E: Lanes>(self, e: E, block: Block<'_>) -> [Vector<E>; 3];
+    /// The corners of blocks, one in each eight lanes; with eight lanes only the first counts.
+    fn triangles<L: Lanes>(self, l: L, blocks: &[Block<'_>; 2]) -> [Vector<L>; 3];
     /// A corner as it lies in a block, where it stands.
     fn place<E: Lanes>(self, e: E, corner: Vector<E>) -> Vector<E>;
     /// What a block stores as id, with the scene's primitive index.
@@ -39,8 +39,8 @@ impl Space for World {
     }
 
     #[inline(always)]
-    fn triangles<E: Lanes>(self, e: E, block: Block<'_>) -> [Vector<E>; 3] {
-        block.vertices(e)
+    fn triangles<L: Lanes>(self, l: L, blocks: &[Block<'_>; 2]) -> [Vector<L>; 3] {
+        Block::vertices_of(l, blocks)
     }
 
     #[inline(always)]
@@ -123,9 +123,9 @@ impl Space for Own<'_> {
     }
 
     #[inline(always)]
-    fn triangles<E: Lanes>(self, e: E, block: Block<'_>) -> [Vector<E>; 3] {
-        let [a, b, c] = World.triangles(e, block);
-        [self.place(e, a), self.place(e, b), self.place(e, c)]
+    fn triangles<L: Lanes>(self, l: L, blocks: &[Block<'_>; 2]) -> [Vector<L>; 3] {
+        let [a, b, c] = World.triangles(l, blocks);
+        [self.place(l, a), self.place(l, b), self.place(l, c)]
     }
 
     #[inline(always)]

@@ -276,11 +276,10 @@ impl<W: Lanes, E: Lanes, S: Space, const ANY: bool> Visit for Loose<'_, W, E, S,
             let (ids, children) = blocks.at(blocks.len - count);
             stack.pairs[1].len -= count;
             // SAFETY: these are pairs.
-            let done =
-                unsafe { leaf::few::<W, E, S, ANY>(self.w, e, space, job, octant, ids, children, count) };
+            let done = unsafe { leaf::few::<W, S, ANY>(self.w, space, job, octant, ids, children, count) };
             stack.done = stack.done.wrapping_add(done);
         } else if nodes.len > 0 {
-            alone::visit(e, space, job, octant, stack);
+            alone::visit(self.w, e, space, job, octant, stack);
         } else if let Some(entry) = stack.entries.pop() {
             self.visit(octant, stack, entry);
         } else {

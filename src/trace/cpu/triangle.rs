@@ -6,7 +6,7 @@
 use super::space::Boxes;
 use crate::bvh::WIDTH;
 use crate::geom::CanonicalRay;
-use crate::lanes::{Lanes, each, load_one, splat, zip};
+use crate::lanes::{Lanes, each, load_eights, splat, zip};
 
 /// A vector of three in lanes.
 pub(super) type Vector<L> = [<L as Lanes>::F; 3];
@@ -60,14 +60,20 @@ impl<'a> Faces<'a> {
         Self { near: [face(0, 0), face(0, 1), face(0, 2)], far: [face(1, 0), face(1, 1), face(1, 2)] }
     }
 
-    /// Those of all slots, in lanes.
+    /// Those of all slots of nodes, one in each eight lanes; with eight lanes only the first counts.
     #[inline(always)]
-    fn load<E: Lanes>(&self, e: E) -> (Vector<E>, Vector<E>) {
-        let Self { near, far } = *self;
-        (
-            [load_one(e, near[0]), load_one(e, near[1]), load_one(e, near[2])],
-            [load_one(e, far[0]), load_one(e, far[1]), load_one(e, far[2])],
-        )
+    fn load<L: Lanes>(l: L, [a, b]: &[Self; 2]) -> (Vector<L>, Vector<L>) {
+        let near = [
+            load_eights(l, [a.near[0], b.near[0]]),
+            load_eights(l, [a.near[1], b.near[1]]),
+            load_eights(l, [a.near[2], b.near[2]]),
+        ];
+        let far = [
+            load_eights(l, [a.far[0], b.far[0]]),
+            load_eights(l, [a.far[1], b.far[1]]),
+            load_eights(l, [a.far[2], b.far[2]]),
+        ];
+        (near, far)
     }
 }
 
@@ -118,18 +124,18 @@ impl<L: Lanes> Slabs<L> {
 }
 
 impl<E: Lanes> Slabs<E> {
-    /// The slots whose box a ray, the same in all lanes, enters.
+    /// The slots whose box a ray enters: of a node in each eight lanes, which has a ray of its own.
     #[inline(always)]
-    pub fn enters_any(&self, e: E, faces: &Faces<'_>, limit: E::F) -> u32 {
-        let (near, far) = faces.load(e);
-        self.meets(e, 0xff, near, far, limit)
+    pub fn enters_any(&self, e: E, faces: &[Faces<'_>; 2], limit: E::F) -> u32 {
+        let (near, far) = Faces::load(e, faces);
+        self.meets(e, E::ALL, near, far, limit)
     }
 
     /// When a ray, the same in all lanes, enters and leaves the box of each slot: not before 0, not after
     /// `limit`.
     #[inline(always)]
     pub fn cross_each(&self, e: E, faces: &Faces<'_>, limit: E::F) -> (E::F, E::F) {
-        let (near, far) = faces.load(e);
+        let (near, far) = Faces::load(e, &[*faces; 2]);
         let ([x, y, z], [u, v, w]) = self.planes(e, near, far);
         let enter = e.max(e.max(x, y), e.max(z, e.splat(0.0)));
         let leave = e.min(e.min(u, v), e.min(w, limit));
