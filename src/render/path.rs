@@ -9,7 +9,7 @@ use crate::scene::{Camera, Material, Scene};
 use crate::schedule::{Batch, Output, Renderer};
 use crate::shade::bsdf::Smoothness;
 use crate::shade::light::Receiver;
-use crate::shade::{Bsdf, Cone, Hits, Interaction, lookup, medium, sort};
+use crate::shade::{Bsdf, Cone, Hits, Interaction, fetch, lookup, medium, sort};
 use crate::stream::Ray;
 use bytemuck::{Pod, Zeroable};
 use std::sync::Arc;
@@ -197,12 +197,15 @@ impl Kernel for Shading<'_, '_> {
     fn run<L: Lanes>(mut self, l: L) {
         let scene = self.path.frame.scene();
         for run in sort(l, self.batch.hits, scene).runs() {
-            for rays in run.rays.chunks(L::LANES) {
+            for (i, rays) in run.rays.chunks(L::LANES).enumerate() {
                 // Lanes that are left over repeat the first ray and count for nothing.
                 let (ids, lanes) = Int::some(l, rays, rays[0]);
                 match run.material {
                     None => self.miss(ids, lanes),
-                    Some(material) => self.hit(&scene.materials[material as usize], ids, lanes),
+                    Some(material) => {
+                        fetch(&scene.mesh, self.batch.hits, run.rays, (i + 1) * L::LANES, L::LANES);
+                        self.hit(&scene.materials[material as usize], ids, lanes);
+                    }
                 }
             }
         }

@@ -3,8 +3,9 @@
 use super::normals::{MIN_COSINE, map_normal, rough_direction, settle, tangent_frame};
 use super::offset;
 use crate::geom::Frame;
-use crate::lanes::{Int, Lanes, Num, Vector};
+use crate::lanes::{Int, Lanes, Num, Vector, prefetch};
 use crate::scene::{Footprint, Material, Mesh, Scene, Surface};
+use crate::stream::Hit;
 
 /// Points on surfaces of one material, each seen from its `wo`. Normals lie on `wo`'s side of the
 /// triangle, so BSDFs find `wo` in the upper hemisphere of [`Interaction::frame`], always.
@@ -242,6 +243,29 @@ impl<L: Lanes> Interaction<L> {
     pub fn scattered_origin(&self, wi: Vector<L>) -> Vector<L> {
         let below = wi.dot(self.normal).below(0.0);
         self.origin(Vector::select(below, self.position, self.raised), wi)
+    }
+}
+
+/// Meshes of fewer triangles are in a near cache.
+const FAR: usize = 1 << 15;
+
+/// Asks for what [`Interaction::new`] will read of the hits of `rays`, some `lanes` of them before their turn, from `at` on: of the
+/// next ones the corners, and of those behind them where corners lie. In a large mesh every hit is somewhere else.
+#[inline(always)]
+pub fn fetch(mesh: &Mesh, hits: &[Hit], rays: &[u32], at: usize, lanes: usize) {
+    if mesh.triangles.len() < FAR {
+        return;
+    }
+    for &ray in rays.iter().skip(at + lanes).take(lanes) {
+        prefetch(mesh.triangles.as_ptr().wrapping_add(hits[ray as usize].primitive as usize));
+    }
+    for &ray in rays.iter().skip(at).take(lanes) {
+        for corner in mesh.triangles[hits[ray as usize].primitive as usize] {
+            prefetch(mesh.positions.as_ptr().wrapping_add(corner as usize));
+            if !mesh.normals.is_empty() {
+                prefetch(mesh.normals.as_ptr().wrapping_add(corner as usize));
+            }
+        }
     }
 }
 

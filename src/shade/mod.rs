@@ -20,7 +20,7 @@ mod sort;
 
 pub use bsdf::Bsdf;
 pub use cone::Cone;
-pub use interaction::{CoatShape, Hits, Interaction};
+pub use interaction::{CoatShape, Hits, Interaction, fetch};
 pub use light::{LightSample, Lights};
 pub use loop_stack::LoopStack;
 pub use mixture::material_of;

@@ -160,11 +160,12 @@ pub(super) fn form<W: Lanes>(
     counts: &mut [usize; 8],
     packets: &mut Vec<Packet>,
 ) -> bool {
-    packets.clear();
-    let mut spread = 0.0;
+    // Those of an earlier sub-stream are written over.
+    packets.resize(counts.iter().map(|count| count.div_ceil(PACKET)).sum(), Packet::VACANT);
+    let (mut spread, mut at_packet) = (0.0, packets.iter_mut());
     for (stack, &count) in stacks.iter().zip(counts.iter()) {
-        for ids in stack.ids[..count].chunks(PACKET) {
-            let mut packet = Packet::VACANT;
+        for (ids, packet) in stack.ids[..count].chunks(PACKET).zip(&mut at_packet) {
+            packet.primitive = [MISS; PACKET];
             packet.ids = std::array::from_fn(|i| ids[i.min(ids.len() - 1)]);
             for part in 0..PACKET / W::LANES {
                 let at = part * W::LANES;
@@ -192,7 +193,6 @@ pub(super) fn form<W: Lanes>(
             }
             packet.interval.limit = packet.highest_limit(w);
             spread += widest / longest;
-            packets.push(packet);
         }
     }
     if spread > COHERENT * packets.len() as f32 {
