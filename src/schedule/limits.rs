@@ -9,7 +9,7 @@ const IN_FLIGHT: usize = 256 * 1024;
 /// RA's NEEDMORE threshold: the fewest rays that are traced efficiently on its GPU.
 const DEVICE_THRESHOLD: usize = 11 * 1024;
 /// The same for host threads alone.
-const HOST_THRESHOLD: usize = 8 * 1024;
+const HOST_THRESHOLD: usize = 16 * 1024;
 /// N for each of them: what it spawns or emits is to be in its cache still when it is traced, and when it is
 /// shaded. A path in flight takes 80 to 130 bytes.
 const HOST_IN_FLIGHT: usize = 4 * HOST_THRESHOLD;
