@@ -136,13 +136,17 @@ def mtl(name, material):
 
 
 def write_obj(folder, scene):
-    text, materials, base = "mtllib scene.mtl\n", "", 1
+    text, materials, base, coordinates = "mtllib scene.mtl\n", "", 1, 1
     for i, ((points, faces), material) in enumerate(scene["parts"]):
         materials += mtl(f"m{i}", material)
         text += f"usemtl m{i}\n" + "".join(f"v {x:.9g} {y:.9g} {z:.9g}\n" for x, y, z in points)
-        # Texture coordinates say along what a brushed surface is rougher: in the plane of y, along x.
-        text += "".join(f"vt {x:.9g} {z:.9g}\n" for x, _, z in points)
-        text += "".join("f " + " ".join(f"{v + base}/{v + base}" for v in face) + "\n" for face in faces)
+        if "brushed" in material:
+            # Texture coordinates say along what a brushed surface is rougher: in the plane of y, along x.
+            text += "".join(f"vt {x:.9g} {z:.9g}\n" for x, _, z in points)
+            text += "".join("f " + " ".join(f"{v + base}/{v + coordinates}" for v in face) + "\n" for face in faces)
+            coordinates += len(points)
+        else:
+            text += "".join("f " + " ".join(str(v + base) for v in face) + "\n" for face in faces)
         base += len(points)
     (folder / "scene.mtl").write_text(materials)
     (folder / "scene.obj").write_text(text)

@@ -245,7 +245,7 @@ mod tests {
         assert_eq!(limits.threshold, 4096);
         assert_eq!(limits.stream.shadow_rays, 4095 + 16 * 1024);
         let large = Demand { tiles: u64::MAX, ..demand };
-        assert_eq!(Limits::derive(&JobOptions::default(), large).unwrap().threshold, 8 * 1024);
+        assert_eq!(Limits::derive(&JobOptions::default(), large).unwrap().threshold, 16 * 1024);
     }
 
     #[test]
@@ -253,7 +253,7 @@ mod tests {
         let demand = Demand { tiles: 1000, tile_rays: 4096, ..small() };
         let limits = |options: &JobOptions| Limits::derive(options, demand).unwrap();
         let own = limits(&JobOptions::default());
-        assert_eq!((own.threshold, own.in_flight), (8 * 1024, 4 * 32 * 1024));
+        assert_eq!((own.threshold, own.in_flight), (16 * 1024, 4 * 64 * 1024));
         // Streams that are asked to be larger all the same: two for each thread.
         let told = limits(&JobOptions { threshold: Some(50_000), ..JobOptions::default() });
         assert_eq!((told.threshold, told.in_flight), (50_000, 4 * 2 * 50_000));

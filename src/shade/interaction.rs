@@ -149,11 +149,7 @@ impl<L: Lanes> Interaction<L> {
                 coat_map = Some(&surface.coat_normal_map);
             }
         }
-        // Texture coordinates are far away in memory: only who asks for them waits.
-        let mut corner_uvs = [[Num::splat(l, 0.0); 2]; 3];
-        if !scene.textures.is_empty() || !scene.procedurals.is_empty() || anisotropy.is_some() {
-            corner_uvs = self::corner_uvs(mesh, &indices);
-        }
+        let corner_uvs = corner_uvs(mesh, &indices);
         let uv = blend_uvs(&corner_uvs, &weights);
 
         let mut footprint = if mesh.uvs.is_empty() || scene.textures.is_empty() {
@@ -264,6 +260,9 @@ pub fn fetch(mesh: &Mesh, hits: &[Hit], rays: &[u32], at: usize, lanes: usize) {
             prefetch(mesh.positions.as_ptr().wrapping_add(corner as usize));
             if !mesh.normals.is_empty() {
                 prefetch(mesh.normals.as_ptr().wrapping_add(corner as usize));
+            }
+            if !mesh.uvs.is_empty() {
+                prefetch(mesh.uvs.as_ptr().wrapping_add(corner as usize));
             }
         }
     }
