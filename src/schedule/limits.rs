@@ -10,8 +10,8 @@ const IN_FLIGHT: usize = 256 * 1024;
 const DEVICE_THRESHOLD: usize = 11 * 1024;
 /// The same for host threads alone.
 const HOST_THRESHOLD: usize = 16 * 1024;
-/// N for each of them: what it spawns or emits is to be in its cache still when it is traced, and when it is
-/// shaded. A path in flight takes 80 to 130 bytes.
+/// N for each of them: what it spawns or emits is to be in a cache still, if not the nearest, when it is traced, and
+/// when it is shaded. A path in flight takes 80 to 130 bytes.
 const HOST_IN_FLIGHT: usize = 4 * HOST_THRESHOLD;
 /// Nothing is larger than this, so that no product of sizes overflows.
 const MOST: usize = 1 << 28;

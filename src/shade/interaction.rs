@@ -142,13 +142,6 @@ impl<L: Lanes> Interaction<L> {
             outward = Vector::select(smooth, outward, winding);
         }
         let outside = (wo.dot(winding) * outward.dot(winding)).ge(Num::splat(l, 0.0));
-        let (mut anisotropy, mut coat_map) = (None, None);
-        if let Surface::Principled(surface) = &material.surface {
-            anisotropy = surface.anisotropy.as_ref();
-            if surface.has_coats() && surface.coat_normal_map != material.normal_map {
-                coat_map = Some(&surface.coat_normal_map);
-            }
-        }
         let corner_uvs = corner_uvs(mesh, &indices);
         let uv = blend_uvs(&corner_uvs, &weights);
 
@@ -158,6 +151,13 @@ impl<L: Lanes> Interaction<L> {
             footprint(plane.twice_area, &corner_uvs, width, wo.dot(winding), hits)
         };
         let (mut shading, mut bent) = (outward, smooth);
+        let (mut anisotropy, mut coat_map) = (None, None);
+        if let Surface::Principled(surface) = &material.surface {
+            anisotropy = surface.anisotropy.as_ref();
+            if surface.has_coats() && surface.coat_normal_map != material.normal_map {
+                coat_map = Some(&surface.coat_normal_map);
+            }
+        }
         let mut tangents = None;
         if material.normal_map.is_some() || anisotropy.is_some() || matches!(coat_map, Some(Some(_))) {
             let (frame, there) = tangent_frame(scene, &indices, &corners, &corner_uvs, &weights, outward);
