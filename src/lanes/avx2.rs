@@ -350,4 +350,15 @@ impl Lanes for Avx2 {
             unsafe { _mm256_storeu_ps(to.add(8 * i), row) };
         }
     }
+    #[inline(always)]
+    unsafe fn put_quads(self, to: *mut f32, columns: [__m256; 4]) {
+        unsafe {
+            // Each holds a row and the one four further.
+            let [a, b, c, d] = transpose_parts(self, columns);
+            _mm256_storeu_ps(to, _mm256_permute2f128_ps::<0x20>(a, b));
+            _mm256_storeu_ps(to.add(8), _mm256_permute2f128_ps::<0x20>(c, d));
+            _mm256_storeu_ps(to.add(16), _mm256_permute2f128_ps::<0x31>(a, b));
+            _mm256_storeu_ps(to.add(24), _mm256_permute2f128_ps::<0x31>(c, d));
+        }
+    }
 }

@@ -373,4 +373,20 @@ impl Lanes for Avx512 {
             }
         }
     }
+    #[inline(always)]
+    unsafe fn put_quads(self, to: *mut f32, columns: [__m512; 4]) {
+        unsafe {
+            // Part `k` of number `i` is row `4 * k + i`.
+            let [a, b, c, d] = transpose_parts(self, columns);
+            let low =
+                [_mm512_shuffle_f32x4::<0b01_00_01_00>(a, b), _mm512_shuffle_f32x4::<0b01_00_01_00>(c, d)];
+            let high =
+                [_mm512_shuffle_f32x4::<0b11_10_11_10>(a, b), _mm512_shuffle_f32x4::<0b11_10_11_10>(c, d)];
+            for (half, [ab, cd]) in [low, high].into_iter().enumerate() {
+                let to = to.add(32 * half);
+                _mm512_storeu_ps(to, _mm512_shuffle_f32x4::<0b10_00_10_00>(ab, cd));
+                _mm512_storeu_ps(to.add(16), _mm512_shuffle_f32x4::<0b11_01_11_01>(ab, cd));
+            }
+        }
+    }
 }

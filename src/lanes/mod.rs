@@ -222,6 +222,12 @@ pub trait Lanes: Copy {
     /// `to` is good for writing `8 * LANES` numbers.
     #[allow(unsafe_code)]
     unsafe fn put_rows(self, to: *mut f32, columns: [Self::F; 8]);
+    /// Writes `LANES` rows of four numbers, one after the other, from four columns.
+    ///
+    /// # Safety
+    /// `to` is good for writing `4 * LANES` numbers.
+    #[allow(unsafe_code)]
+    unsafe fn put_quads(self, to: *mut f32, columns: [Self::F; 4]);
 }
 
 /// A piece of work on lanes, with all that it needs.
@@ -483,6 +489,11 @@ mod tests {
             for lane in 0..L::LANES {
                 let from = ids[lane] as usize / 4;
                 assert_eq!(back[8 * lane..8 * lane + 8], rows[from..from + 8]);
+            }
+            l.put_quads(back.as_mut_ptr(), [columns[7], columns[0], columns[2], columns[5]]);
+            for lane in 0..L::LANES {
+                let row = &rows[ids[lane] as usize / 4..];
+                assert_eq!(back[4 * lane..4 * lane + 4], [row[7], row[0], row[2], row[5]]);
             }
             for mask in (0..1u32 << L::LANES).step_by(if L::LANES <= 8 { 1 } else { 37 }) {
                 let mut out = [7u32; 16];

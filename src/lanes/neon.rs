@@ -389,4 +389,14 @@ impl Lanes for Neon {
             }
         }
     }
+    #[inline(always)]
+    unsafe fn put_quads(self, to: *mut f32, [a, b, c, d]: [F; 4]) {
+        unsafe {
+            for half in 0..2 {
+                let [e, f, g, h] = transpose([a[half], b[half], c[half], d[half]]);
+                self.store(to.add(16 * half), [e, f]);
+                self.store(to.add(16 * half + 8), [g, h]);
+            }
+        }
+    }
 }

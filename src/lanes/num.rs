@@ -62,6 +62,16 @@ impl<L: Lanes> Num<L> {
         rows
     }
 
+    /// Four columns as rows, one for each lane of `mask`, in order; what follows them is unspecified.
+    #[inline(always)]
+    pub fn packed_quads(mask: u32, [a, b, c, d]: [Self; 4]) -> L::Array<[f32; 4]> {
+        let [a, b, c, d] = [a.pack(mask), b.pack(mask), c.pack(mask), d.pack(mask)];
+        let mut rows = L::array([0.0; 4]);
+        // SAFETY: invariant 1, four numbers a row.
+        unsafe { a.l.put_quads(rows.as_mut().as_mut_ptr().cast(), [a.f, b.f, c.f, d.f]) };
+        rows
+    }
+
     /// The lanes of `mask`, in order, in the first lanes; what is in the others is unspecified.
     #[inline(always)]
     pub fn pack(self, mask: u32) -> Self {

@@ -283,4 +283,11 @@ impl<const N: usize> Lanes for Plain<N> {
             unsafe { to.add(8 * i).cast::<[f32; 8]>().write_unaligned(columns.map(|column| column[i])) };
         }
     }
+    #[inline(always)]
+    unsafe fn put_quads(self, to: *mut f32, columns: [Self::F; 4]) {
+        for i in 0..N {
+            // SAFETY: invariant 1.
+            unsafe { to.add(4 * i).cast::<[f32; 4]>().write_unaligned(columns.map(|column| column[i])) };
+        }
+    }
 }

@@ -2,7 +2,7 @@
 
 use super::Frame;
 use crate::film::Film;
-use crate::lanes::{Int, Kernel, Lanes, Vector};
+use crate::lanes::{Int, Kernel, Lanes, Num, Vector};
 use bytemuck::{Pod, Zeroable};
 
 /// What a shadow ray adds if nothing is in its way.
@@ -16,18 +16,10 @@ pub struct Contribution {
 }
 
 impl Contribution {
-    /// Those of the lanes of a mask, one after the other.
+    /// As they lie in memory: those of the lanes of a mask, one after the other.
     #[inline(always)]
-    pub(super) fn rows<L: Lanes>(lanes: u32, radiance: Vector<L>, pixel: Int<L>) -> L::Array<Self> {
-        let mut rows = L::array(Self::zeroed());
-        let (x, y, z) = (radiance.x.pack(lanes), radiance.y.pack(lanes), radiance.z.pack(lanes));
-        let columns = [x.to_array(), y.to_array(), z.to_array()];
-        let pixels = pixel.to_num_bits().pack(lanes).to_bits().to_array();
-        for (lane, row) in rows.as_mut().iter_mut().enumerate() {
-            row.radiance = [columns[0][lane], columns[1][lane], columns[2][lane]];
-            row.pixel = pixels[lane];
-        }
-        rows
+    pub(super) fn rows<L: Lanes>(lanes: u32, radiance: Vector<L>, pixel: Int<L>) -> L::Array<[f32; 4]> {
+        Num::packed_quads(lanes, [radiance.x, radiance.y, radiance.z, pixel.to_num_bits()])
     }
 }
 

@@ -229,13 +229,15 @@ impl Shading<'_, '_> {
         if !frame.lights().environment().is_even() {
             direction = self.rays(ids).1;
         }
-        let (radiance, found) = frame.lights().sky(direction);
-        let weight = power_heuristic(state.pdf, found);
-        frame.film().splat_lanes(
-            lanes & !radiance.is_zero(),
-            state.pixel,
-            state.throughput * radiance * weight,
-        );
+        let sky = self.sky(&state, direction);
+        frame.film().splat_lanes(lanes & !sky.is_zero(), state.pixel, sky);
+    }
+
+    /// What rays bring that leave the scene.
+    #[inline(always)]
+    fn sky<L: Lanes>(&self, state: &States<L>, direction: Vector<L>) -> Vector<L> {
+        let (radiance, found) = self.path.frame.lights().sky(direction);
+        state.throughput * radiance * power_heuristic(state.pdf, found)
     }
 
     /// The hit shader: what shines, then one sample of a light and one of the BSDF.
@@ -318,10 +320,7 @@ impl Shading<'_, '_> {
         let radiance = state.throughput * value * light.radiance * share;
         let (origin, direction, t_max) = light.rays(at);
         let lanes = lanes & !value.is_zero();
-        let rays = ray_rows(lanes, origin, direction, t_max);
-        let payloads = Contribution::rows(lanes, radiance, state.pixel);
-        let count = lanes.count_ones() as usize;
-        self.out.shadow_row(count, bytemuck::cast_slice(rays.as_ref()), payloads.as_ref());
+        self.shadow(lanes, ray_rows(lanes, origin, direction, t_max), radiance, state.pixel);
     }
 
     #[inline(always)]
@@ -365,10 +364,47 @@ impl Shading<'_, '_> {
         let pdf = Num::select(specular, far, sample.pdf);
         let cone = state.cone.scattered(pdf);
         let next = States { throughput, index2, cone, depth, pdf, ..*state };
-        let (rays, states) = (ray_rows(lanes, at.origin(from, wi), wi, far), next.rows(lanes));
+        let origin = at.origin(from, wi);
+        let last = lanes & !depth.below(self.path.frame.settings().max_bounces + 1);
+        if last != 0 {
+            lanes &= !self.end(&next, origin, wi, last);
+        }
+        let (rays, states) = (ray_rows(lanes, origin, wi, far), next.rows(lanes));
         let count = lanes.count_ones() as usize;
         let (rays, states) = (bytemuck::cast_slice(rays.as_ref()), bytemuck::cast_slice(states.as_ref()));
         self.out.ray_row(count, rays, states);
+    }
+
+    /// Ends paths beyond the last bounce, where nothing counts but what shines: those that pass by all surfaces that do need
+    /// not know what they meet, only whether they reach the sky, if there is one. The same picture. Returns those lanes.
+    #[inline(always)]
+    fn end<L: Lanes>(
+        &mut self,
+        next: &States<L>,
+        origin: Vector<L>,
+        direction: Vector<L>,
+        lanes: u32,
+    ) -> u32 {
+        let lights = self.path.frame.lights();
+        let ended = lanes & !lights.glow().lies_ahead(origin, direction);
+        if ended == 0 || lights.environment().is_black() {
+            return ended;
+        }
+        let sky = self.sky(next, direction);
+        let open = ended & !sky.is_zero();
+        let far = Num::splat(next.pdf.lanes(), f32::INFINITY);
+        self.shadow(open, ray_rows(open, origin, direction, far), sky, next.pixel);
+        ended
+    }
+
+    /// Emits shadow rays in the lanes of a mask, whose rows these are, and what they bring.
+    #[inline(always)]
+    fn shadow<L: Lanes>(&mut self, lanes: u32, rays: L::Array<[f32; 8]>, radiance: Vector<L>, pixel: Int<L>) {
+        let contributions = Contribution::rows(lanes, radiance, pixel);
+        let count = lanes.count_ones() as usize;
+        let (rays, contributions) =
+            (bytemuck::cast_slice(rays.as_ref()), bytemuck::cast_slice(contributions.as_ref()));
+        self.out.shadow_row(count, rays, contributions);
     }
 }
 
@@ -385,7 +421,9 @@ impl Renderer for Path {
     }
 
     fn shadow_rays_per_ray(&self) -> usize {
-        1
+        // One to a light; beyond the last bounce one to the sky, which is a light as well unless it is even.
+        let lights = self.frame.lights();
+        1 + usize::from(lights.are_sampled() && !lights.environment().is_black())
     }
 
     fn spawn(&self, tile: u64, out: &mut Output<'_, PathState, Contribution>) {

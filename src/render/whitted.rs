@@ -186,9 +186,11 @@ impl Shading<'_, '_> {
             let sent = node.lit(light, &sampler, state.branch, state.throughput);
             let lanes = lanes & sent.lanes;
             let rays = ray_rows(lanes, sent.origin, sent.direction, sent.t_max);
-            let payloads = Contribution::rows(lanes, sent.radiance, state.pixel);
+            let contributions = Contribution::rows(lanes, sent.radiance, state.pixel);
             let count = lanes.count_ones() as usize;
-            self.out.shadow_row(count, bytemuck::cast_slice(rays.as_ref()), payloads.as_ref());
+            let (rays, contributions) =
+                (bytemuck::cast_slice(rays.as_ref()), bytemuck::cast_slice(contributions.as_ref()));
+            self.out.shadow_row(count, rays, contributions);
         }
         let lanes = lanes & state.depth.below(frame.settings().max_bounces);
         if lanes == 0 {

@@ -4,10 +4,10 @@ use super::harness::{self, render};
 use super::scenes::*;
 use crate::geom::Sampler;
 use crate::lanes::SimdLevel;
-use crate::render::{Path, ROULETTE_BOUNCES, Settings, SettingsError};
+use crate::render::{Integrator, Path, ROULETTE_BOUNCES, Settings, SettingsError};
 use crate::scene::{
-    Alpha, AlphaMode, CameraError, Channel, Colour, ColourSpace, Emission, Environment, Light, LightShape,
-    Material, Mean, NormalMap, Scalar, Scene, Surface, Texture, TextureRef,
+    Alpha, AlphaMode, CameraError, Channel, Colour, ColourSpace, Emission, Environment, EnvironmentMap,
+    Light, LightShape, Material, Mean, NormalMap, Scalar, Scene, Surface, Texture, TextureRef,
 };
 use crate::schedule::Renderer;
 use crate::shade::bsdf::Smoothness;
@@ -210,7 +210,7 @@ fn a_point_light_and_a_sun_light_a_wall_as_computed() {
 }
 
 #[test]
-fn an_even_sky_takes_no_shadow_rays_and_leaves_no_noise() {
+fn an_even_sky_takes_one_ray_a_point_and_leaves_no_noise() {
     let wall = |emission: f32| {
         let mut scene =
             Scene { environment: Environment::Constant(Vec3::new(3.0, 2.0, 1.0)), ..Scene::default() };
@@ -224,13 +224,59 @@ fn an_even_sky_takes_no_shadow_rays_and_leaves_no_noise() {
         let narrow = crate::scene::Camera { fov_degrees: 0.01, ..camera() };
         let path = Path::new(Arc::new(scene.clone()), &narrow, settings, None).expect("valid");
         let counts = render(&path, 8192, &harness::tracer(&scene));
-        (counts.shadow, path.film().resolve())
+        (counts, path.film().resolve())
     };
-    let (shadow_rays, pixels) = wall(0.0);
-    assert_eq!(shadow_rays, 0);
+    let (counts, pixels) = wall(0.0);
+    assert_eq!((counts.shadow, counts.continuation), (256, 0));
     assert!(pixels.iter().all(|&p| (Vec3::from(p) - Vec3::new(1.5, 1.0, 0.5)).abs().max_element() < 1e-5));
     // A lamp in front of the wall is looked for as ever.
-    assert!(wall(1.0).0 > 0);
+    assert!(wall(1.0).0.shadow > 300);
+}
+
+#[test]
+fn rays_beyond_the_last_bounce_are_followed_only_to_what_shines() {
+    // A sliver in nobody's way, whose box is around everything, makes all of them go on if it counts as a lamp.
+    let scene = |environment: &Environment, shines: bool| {
+        let mut scene = Scene { environment: environment.clone(), ..one_of_everything() };
+        let mut lamp = shining(1.0, 0.5);
+        if !shines {
+            lamp.emission = None;
+        } else if let Some(emission) = &mut lamp.emission {
+            // It is black, but the factor does not tell.
+            emission.radiance.texture = Some(TextureRef::plain(scene.textures.len() as u32));
+            let texels = vec![[0, 0, 0, 255]; 64].into();
+            scene.textures.push(Texture { name: "black".into(), texels, ..bumps() });
+        }
+        let sliver = add_material(&mut scene, lamp);
+        let (from, to) = (Vec3::new(-10.0, 30.0, -10.0), Vec3::new(30.0, -10.0, 30.0));
+        add_quad(&mut scene, from, to - from, Vec3::X * 1e-5, sliver);
+        scene.mesh.uvs.resize(scene.mesh.positions.len(), Vec2::ZERO);
+        scene
+    };
+    let image = EnvironmentMap {
+        width: 4,
+        height: 2,
+        texels: (0..8).map(|i| [i as f32 * 0.1, 0.3, 0.2]).collect(),
+        rotation_degrees: 20.0,
+    };
+    let even = Environment::Constant(Vec3::new(0.1, 0.2, 0.3));
+    for environment in [Environment::default(), even, Environment::Map(image)] {
+        for max_bounces in [0, 3] {
+            let picture = |shines: bool| {
+                let path = path(scene(&environment, shines), Settings { max_bounces, ..SETTINGS });
+                let counts = render(&path, 8192, &harness::tracer(path.frame().scene()));
+                (path.film().resolve(), counts)
+            };
+            let ((all, followed), (some, ended)) = (picture(true), picture(false));
+            assert!(all == some, "{max_bounces} bounces, {environment:?}");
+            let most = if max_bounces == 0 { followed.continuation / 4 } else { followed.continuation - 1 };
+            assert!(ended.continuation <= most, "{ended:?}, {followed:?}");
+            let to_the_sky = ended.shadow - followed.shadow;
+            let black = matches!(environment, Environment::Constant(Vec3::ZERO));
+            assert_eq!(to_the_sky > 0, !black);
+            assert!(to_the_sky <= followed.continuation - ended.continuation);
+        }
+    }
 }
 
 #[test]

@@ -64,6 +64,11 @@ impl EnvironmentLight {
         matches!(self.kind, Kind::Constant(_))
     }
 
+    /// Whether no light comes from it.
+    pub fn is_black(&self) -> bool {
+        matches!(self.kind, Kind::Constant(Vec3::ZERO))
+    }
+
     /// Radiance that arrives along rays of unit `direction` that leave the scene, and the density per
     /// solid angle with which [`EnvironmentLight::sample`] gives these directions.
     #[inline(always)]

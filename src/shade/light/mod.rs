@@ -5,6 +5,7 @@ mod alias;
 mod bounds;
 mod emitters;
 mod environment;
+mod glow;
 mod punctual;
 mod receiver;
 #[cfg(test)]
@@ -15,6 +16,7 @@ pub use alias::AliasTable;
 pub use bounds::LightBounds;
 pub use emitters::{EmitterSample, Emitters};
 pub use environment::EnvironmentLight;
+pub use glow::Glow;
 pub use punctual::Punctual;
 pub use receiver::Receiver;
 pub use tree::LightTree;
@@ -41,6 +43,7 @@ pub struct Lights {
     emitters: Emitters,
     punctual: Punctual,
     environment: EnvironmentLight,
+    glow: Glow,
     /// Power of emissive triangles, of the environment and of punctual lights.
     powers: [f64; 3],
     /// Their chances.
@@ -77,7 +80,7 @@ impl Lights {
         let disk = std::f64::consts::PI * f64::from(radius).powi(2);
         let sky = f64::from(environment.mean()) * disk * 4.0 * std::f64::consts::PI;
         let powers = [emitters.power(), sky, punctual.power()];
-        Self { emitters, punctual, environment, powers, chances: chances(powers) }
+        Self { emitters, punctual, environment, glow: Glow::new(scene), powers, chances: chances(powers) }
     }
 
     /// The same for integrators that sample the BSDF beside the lights and weight both: an even sky is left
@@ -107,6 +110,11 @@ impl Lights {
     /// The environment.
     pub fn environment(&self) -> &EnvironmentLight {
         &self.environment
+    }
+
+    /// Where surfaces shine.
+    pub fn glow(&self) -> &Glow {
+        &self.glow
     }
 
     /// Whether there are so many that choosing one takes a number of its own, and looks at the receiver's facing.

@@ -42,12 +42,15 @@ pub(super) fn prepare<W: Lanes>(w: W, job: &Job<'_>, rays: &[Ray], stacks: &mut 
         // SAFETY: `from` has a ray for each lane; invariant 1 for what is written.
         unsafe {
             let columns = w.rows(from.as_ptr().cast(), ray_ids.as_ptr());
-            let mut at_first = among;
-            for axis in 0..3 {
-                at_first = w.eq(at_first, columns[axis], w.splat(first[axis]));
-            }
+            let origins = [columns[0], columns[1], columns[2]];
             let (columns, valid, signs) = rows(w, job.scene_max_abs, among, columns);
-            common_origin &= valid & !at_first == 0;
+            if common_origin {
+                let mut at_first = among;
+                for axis in 0..3 {
+                    at_first = w.eq(at_first, origins[axis], w.splat(first[axis]));
+                }
+                common_origin = valid & !at_first == 0;
+            }
             w.put_rows(job.rows.add(at).cast(), columns);
             let first = (at * ROW_BYTES) as u32;
             let here = ids.map(|id| id + first);
@@ -80,20 +83,13 @@ fn rows<W: Lanes>(w: W, scene_max_abs: f32, among: u32, rays: [W::F; 8]) -> ([W:
     // And not −0: see `Slabs`.
     let t_max = w.add(t_max, zero);
     let mut valid = w.le(w.le(among, t_min, t_max), zero, t_max);
-    for (size, most) in [
-        (rx, MAX_COORDINATE),
-        (ry, MAX_COORDINATE),
-        (rz, MAX_COORDINATE),
-        (ax, *DIRECTION_RANGE.end()),
-        (ay, *DIRECTION_RANGE.end()),
-        (az, *DIRECTION_RANGE.end()),
-    ] {
-        valid = w.le(valid, size, w.splat(most));
-    }
-    let largest = w.max(w.max(ax, ay), az);
+    // By their bits NaN is greater than all numbers.
+    let reach = w.max_bits(w.max_bits(rx, ry), rz);
+    let largest = w.max_bits(w.max_bits(ax, ay), az);
+    valid = w.le(valid, reach, w.splat(MAX_COORDINATE));
     valid = w.le(valid, w.splat(*DIRECTION_RANGE.start()), largest);
+    valid = w.le(valid, largest, w.splat(*DIRECTION_RANGE.end()));
     let floor = w.mul(largest, w.splat(MIN_COMPONENT));
-    let reach = w.max(w.max(rx, ry), rz);
     let slack = w.mul(w.max(w.splat(scene_max_abs), reach), w.splat(SLACK));
     let inverse = |size, d| w.div(w.splat(1.0), w.with_sign_of(w.max(size, floor), d));
     let (ix, iy, iz) = (inverse(ax, dx), inverse(ay, dy), inverse(az, dz));

@@ -1,0 +1,166 @@
+//! Where surfaces shine.
+
+use crate::geom::Aabb;
+use crate::lanes::{Lanes, Num, Vector};
+use crate::scene::{Emission, Scene};
+use glam::Vec3;
+
+/// The most boxes: each is tested with every ray that asks.
+const MOST: usize = 8;
+
+/// How much wider than the triangles the boxes are, as a share of the scene's largest coordinate: far more than
+/// rounding and the slack of hits come to (see [`crate::geom::CanonicalRay`]).
+const MARGIN: f32 = 1.0 / (1u32 << 14) as f32;
+
+/// Least component of a direction, so that reciprocals stay finite.
+const LEAST: f32 = 1e-20;
+
+/// A few boxes around all surfaces that shine. A ray that is not to go on from what it meets, and that passes them
+/// all by, need not be followed.
+#[derive(Clone, Debug, Default)]
+pub struct Glow {
+    boxes: Vec<Aabb>,
+}
+
+impl Glow {
+    /// Around the triangles of a scene whose material shines, even those that light sampling leaves out.
+    pub fn new(scene: &Scene) -> Self {
+        let emits = |emission: &Emission| emission.radiance.factor != Vec3::ZERO;
+        let shines: Vec<bool> =
+            scene.materials.iter().map(|m| m.emission.as_ref().is_some_and(emits)).collect();
+        let shining = |primitive: &u32| shines[scene.mesh.materials[*primitive as usize] as usize];
+        let triangles = (0..scene.mesh.triangles.len() as u32).filter(shining);
+        let boxes: Vec<Aabb> =
+            triangles.map(|primitive| Aabb::around(scene.mesh.corners(primitive))).collect();
+        let margin = Vec3::splat(scene.bounds().max_abs() * MARGIN);
+        let around = |all: &[Aabb]| {
+            let Aabb { min, max } = all.iter().copied().fold(Aabb::EMPTY, Aabb::union);
+            Aabb { min: min - margin, max: max + margin }
+        };
+        Self { boxes: divide(boxes).iter().map(|some| around(some)).collect() }
+    }
+
+    /// The lanes whose rays, from within the scene, may meet a surface that shines; the others do not.
+    #[inline(always)]
+    pub fn lies_ahead<L: Lanes>(&self, origin: Vector<L>, direction: Vector<L>) -> u32 {
+        let (o, d) = (origin, direction);
+        let (x, y, z) = (inverse(d.x), inverse(d.y), inverse(d.z));
+        let mut ahead = 0;
+        for Aabb { min, max } in &self.boxes {
+            let (x0, x1) = ((min.x - o.x) * x, (max.x - o.x) * x);
+            let (y0, y1) = ((min.y - o.y) * y, (max.y - o.y) * y);
+            let (z0, z1) = ((min.z - o.z) * z, (max.z - o.z) * z);
+            let enter = x0.min(x1).max(y0.min(y1)).max(z0.min(z1));
+            let leave = x0.max(x1).min(y0.max(y1)).min(z0.max(z1));
+            ahead |= enter.le(leave) & leave.ge(leave.only(0));
+        }
+        ahead
+    }
+}
+
+#[inline(always)]
+fn inverse<L: Lanes>(d: Num<L>) -> Num<L> {
+    1.0 / d.abs().max(Num::splat(d.lanes(), LEAST)).copysign(d)
+}
+
+/// Parts of some boxes, at most [`MOST`]: time and again the widest is cut in the middle, if rays then meet less.
+fn divide(all: Vec<Aabb>) -> Vec<Vec<Aabb>> {
+    let area = |boxes: &[Aabb]| boxes.iter().copied().fold(Aabb::EMPTY, Aabb::union).half_area();
+    if all.is_empty() {
+        return Vec::new();
+    }
+    // With the parts' areas; 0 for those that stay whole.
+    let mut parts = vec![(area(&all), all)];
+    while parts.len() < MOST {
+        let Some(widest) = parts.iter_mut().max_by(|a, b| a.0.total_cmp(&b.0)).filter(|part| part.0 > 0.0)
+        else {
+            break;
+        };
+        let centres = Aabb::around(widest.1.iter().map(Aabb::centre));
+        let (axis, middle) = ((centres.max - centres.min).max_position(), centres.centre());
+        let (low, high): (Vec<_>, Vec<_>) = widest.1.iter().partition(|b| b.centre()[axis] < middle[axis]);
+        let areas = [area(&low), area(&high)];
+        if low.is_empty() || high.is_empty() || areas[0] + areas[1] >= widest.0 {
+            widest.0 = 0.0;
+            continue;
+        }
+        *widest = (areas[0], low);
+        parts.push((areas[1], high));
+    }
+    parts.into_iter().map(|(_, boxes)| boxes).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geom::{CanonicalRay, Sampler};
+    use crate::lanes::One;
+    use crate::scene::{Colour, Material};
+
+    /// Triangles that shine, each between three of some points, beside one that does not.
+    fn scene(points: Vec<Vec3>) -> Scene {
+        let mut scene = Scene::default();
+        let emission = Emission { radiance: Colour::constant(Vec3::ONE), two_sided: false };
+        scene.materials = vec![
+            Material::matte("wall", Vec3::ONE),
+            Material { emission: Some(emission), ..Material::matte("lamp", Vec3::ONE) },
+        ];
+        scene.mesh.triangles = (0..points.len() as u32 / 3).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
+        scene.mesh.materials = vec![1; scene.mesh.triangles.len()];
+        scene.mesh.materials[0] = 0;
+        scene.mesh.positions = points;
+        scene
+    }
+
+    fn ahead(glow: &Glow, origin: Vec3, direction: Vec3) -> bool {
+        glow.lies_ahead::<One>(origin.into(), direction.into()) == 1
+    }
+
+    #[test]
+    fn no_ray_that_meets_a_lamp_is_told_otherwise_and_few_others_are() {
+        let random = |i: u32, k: u32| {
+            let ([x, y], z) = (Sampler::new(i, k, 5).pair(0), Sampler::new(i, k, 5).single(1));
+            Vec3::new(x, y, z) * 2.0 - 1.0
+        };
+        for (size, far) in [(1.0, 0.0), (1e-3, 1e3), (1e8, 0.0)] {
+            for count in [1, 2, 3, 30] {
+                let corner = |i| (random(i / 3, 0) + random(i, 1) * 0.1 + far) * size;
+                let scene = scene((0..3 * count + 3).map(corner).collect());
+                let glow = Glow::new(&scene);
+                assert!((1..=MOST).contains(&glow.boxes.len()));
+                let (mut met, mut passed) = (0, 0);
+                for i in 0..4000 {
+                    let origin = (random(i, 2) + far) * size;
+                    let mut direction = (random(1 + i % count, 0) + random(i, 3) * 0.1 + far) * size - origin;
+                    if i % 3 == 0 {
+                        direction[i as usize % 2] = 0.0;
+                    }
+                    let (o, d) = (origin.to_array(), direction.to_array());
+                    let ray = CanonicalRay::new(o, 0.0, d, f32::INFINITY, scene.bounds().max_abs());
+                    let meets = (1..scene.mesh.triangles.len() as u32).any(|primitive| {
+                        let [a, b, c] = scene.mesh.corners(primitive);
+                        ray.triangle(a, b, c).is_some()
+                    });
+                    let ahead = ahead(&glow, origin, direction);
+                    assert!(ahead || !meets, "{origin} to {direction}");
+                    (met, passed) = (met + u32::from(meets), passed + u32::from(!ahead));
+                }
+                assert!(
+                    met > 10 && (passed > 1000 || count > 3 || far > 0.0),
+                    "{count} of {size}: {met}, {passed}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_far_apart_has_boxes_of_its_own_and_what_does_not_shine_has_none() {
+        let lamp = |x: f32| [Vec3::ZERO, Vec3::Y, Vec3::Z].map(|corner| corner + Vec3::X * x);
+        let two = Glow::new(&scene([lamp(90.0), lamp(1.0), lamp(2.0), lamp(50.0)].concat()));
+        assert!(ahead(&two, Vec3::ZERO, Vec3::X) && !ahead(&two, Vec3::new(20.0, 9.0, 0.0), -Vec3::Y));
+        assert!(ahead(&two, Vec3::new(50.0, 9.0, 0.5), -Vec3::Y) && !ahead(&two, Vec3::ZERO, -Vec3::X));
+        assert!(!ahead(&two, Vec3::new(90.0, 9.0, 0.5), -Vec3::Y), "a wall");
+        assert!(Glow::new(&scene(lamp(0.0).to_vec())).boxes.is_empty());
+        assert!(Glow::new(&Scene::default()).boxes.is_empty());
+    }
+}
