@@ -397,13 +397,15 @@ def bsdf(material):
     return {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": rgb(material["matte"])}}
 
 
-def write_ply(path, points, faces):
+def write_ply(path, points, faces, normals=None, uvs=None):
     rows = np.empty(len(faces), dtype=[("n", "u1"), ("i", "<u4", 3)])
     rows["n"], rows["i"] = 3, faces
     header = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(points)}\n"
-    header += "".join(f"property float {name}\n" for name in "xyzuv")
+    columns = {"xyz": points, "uv": points[:, [0, 2]] if uvs is None else uvs}
+    columns |= {("nx", "ny", "nz"): normals} if normals is not None else {}
+    header += "".join(f"property float {name}\n" for names in columns for name in names)
     header += f"element face {len(faces)}\nproperty list uchar uint vertex_indices\nend_header\n"
-    vertices = np.hstack([points, points[:, [0, 2]]]).astype("<f4")
+    vertices = np.hstack(list(columns.values())).astype("<f4")
     path.write_bytes(header.encode() + vertices.tobytes() + rows.tobytes())
     return str(path)
 

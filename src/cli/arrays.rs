@@ -44,7 +44,7 @@ pub enum Array<'a> {
 }
 
 /// Writes arrays as `.npz`, each with its name and the length of its second axis (0: it has none).
-pub fn write_npz(path: &Path, arrays: &[(&str, u64, Array<'_>)]) -> Result<()> {
+pub fn write_npz(path: &Path, arrays: &[(impl AsRef<str>, u64, Array<'_>)]) -> Result<()> {
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default();
     ensure!(
         extension.eq_ignore_ascii_case("npz"),
@@ -54,7 +54,7 @@ pub fn write_npz(path: &Path, arrays: &[(&str, u64, Array<'_>)]) -> Result<()> {
     write_whole(path, |file| {
         let mut archive = zip::ZipWriter::new(file);
         for (name, columns, array) in arrays {
-            append(&mut archive, name, *columns, array)?;
+            append(&mut archive, name.as_ref(), *columns, array)?;
         }
         archive.finish()?;
         Ok(())

@@ -1,7 +1,7 @@
 use super::{folder, json, run, shipped};
 use npyz::WriterBuilder;
 use raystream::geom::{CanonicalRay, Sampler};
-use raystream::scene::load;
+use raystream::scene::{Colour, Surface, load};
 use std::io::Read;
 use std::path::Path;
 
@@ -32,6 +32,38 @@ fn random_rays(count: u32) -> Vec<f32> {
             [700.0 * x - 70.0, 700.0 * y - 70.0, 700.0 * z - 70.0, 0.0, d.x, d.y, d.z, far]
         })
         .collect()
+}
+
+#[test]
+fn a_mesh_file_says_what_its_materials_are() {
+    let folder = folder();
+    let file = folder.path().join("m.npz");
+    for name in ["cornell.json", "showcase.json"] {
+        let path = shipped(name);
+        run(folder.path(), &["mesh", &path, "-o", "m.npz"], 0);
+        let scene = load::load(Path::new(&path)).expect("scene");
+        assert_eq!(array::<f32>(&file, "uvs").len(), 2 * scene.mesh.uvs.len());
+        assert_eq!(array::<f32>(&file, "normals").len(), 3 * scene.mesh.normals.len());
+        let (base, texture) = (array::<f32>(&file, "base_colour"), array::<u32>(&file, "base_texture"));
+        let (metallic, transmission) = (array::<f32>(&file, "metallic"), array::<f32>(&file, "transmission"));
+        for (i, material) in scene.materials.iter().enumerate() {
+            let (colour, metal, clear) = match &material.surface {
+                Surface::Matte { reflectance } => (*reflectance, 0.0, 0.0),
+                Surface::Mirror { reflectance } => (*reflectance, 1.0, 0.0),
+                Surface::Dielectric { transmittance, .. } => (Colour::constant(*transmittance), 0.0, 1.0),
+                Surface::Principled(s) => (s.base_colour, s.metallic.factor, s.transmission.factor),
+                Surface::Procedural(_) | Surface::Mix(_) => continue,
+            };
+            assert_eq!(base[3 * i..3 * i + 3], colour.factor.to_array(), "{}", material.name);
+            assert_eq!(texture[i], colour.texture.map_or(u32::MAX, |texture| texture.texture));
+            assert_eq!((metallic[i], transmission[i]), (metal, clear), "{}", material.name);
+        }
+        for (i, texture) in scene.textures.iter().enumerate() {
+            let texels = array::<u32>(&file, &format!("texture{i}"));
+            assert_eq!(bytemuck::cast_slice::<_, [u8; 4]>(&texels), texture.image());
+        }
+        assert_eq!(scene.textures.is_empty(), name == "cornell.json");
+    }
 }
 
 #[test]
