@@ -41,7 +41,7 @@ struct Branch {
 
 impl Adaptive {
     /// Direct light: the mean of as many samples as it takes for them to agree.
-    async fn direct_light(&self, cx: Cx<'_, Self>, at: &Interaction, bsdf: &Bsdf, number: u32) -> Vec3 {
+    async fn direct_light(&self, cx: Cx<'_, Self>, at: &Interaction, bsdf: &Bsdf<'_>, number: u32) -> Vec3 {
         let (mut sum, mut taken) = (Vec3::ZERO, 0);
         let (mut lit, mut dark) = (0, 0);
         for round in 0..ROUNDS {

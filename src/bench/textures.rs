@@ -159,7 +159,10 @@ fn constant(scene: &Scene) -> Scene {
             Surface::Matte { reflectance } | Surface::Mirror { reflectance } => {
                 *reflectance = colour(*reflectance);
             }
-            Surface::Dielectric { .. } | Surface::Procedural(_) | Surface::Mix(_) => {}
+            Surface::Dielectric { .. }
+            | Surface::Procedural(_)
+            | Surface::Scattering(_)
+            | Surface::Mix(_) => {}
             Surface::Principled(of) => {
                 *of = Principled {
                     base_colour: colour(of.base_colour),

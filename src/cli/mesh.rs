@@ -113,7 +113,7 @@ impl Look {
                 (look.specular, look.transmission) = (surface.specular.factor, surface.transmission.factor);
                 look.thin = surface.thin.into();
             }
-            Surface::Procedural(_) | Surface::Mix(_) => {}
+            Surface::Procedural(_) | Surface::Scattering(_) | Surface::Mix(_) => {}
         }
         look
     }

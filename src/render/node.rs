@@ -33,7 +33,7 @@ pub(super) fn splats(max_bounces: u32) -> u64 {
 pub(super) struct Node<'a, L: Lanes> {
     frame: &'a Frame,
     at: Interaction<L>,
-    bsdf: Bsdf<L>,
+    bsdf: Bsdf<'a, L>,
     /// What is left of light on its way to the ray's origin.
     left: Option<Vector<L>>,
     /// Radiance given off towards the ray's origin.

@@ -290,7 +290,7 @@ impl Shading<'_, '_> {
         &mut self,
         at: &Interaction<L>,
         receiver: &Receiver<L>,
-        bsdf: &Bsdf<L>,
+        bsdf: &Bsdf<'_, L>,
         state: &States<L>,
         sampler: &Sampler<L>,
         lanes: u32,
@@ -327,7 +327,7 @@ impl Shading<'_, '_> {
     fn sample_bsdf<L: Lanes>(
         &mut self,
         at: &Interaction<L>,
-        bsdf: &Bsdf<L>,
+        bsdf: &Bsdf<'_, L>,
         state: &States<L>,
         sampler: &Sampler<L>,
         lanes: u32,

@@ -14,6 +14,7 @@ impl Scene {
             materials,
             textures,
             procedurals,
+            scatterings,
             mixes,
             lights,
             environment,
@@ -38,6 +39,7 @@ impl Scene {
         }
         // Code cannot be hashed; its name and parameters can.
         hash.text(procedurals);
+        hash.text(scatterings);
         hash.text(mixes);
         hash.text(lights);
         match environment {

@@ -60,6 +60,8 @@ pub enum Surface {
     Principled(Principled),
     /// One of [`super::Scene::procedurals`].
     Procedural(u32),
+    /// One of [`super::Scene::scatterings`].
+    Scattering(u32),
     /// One of [`super::Scene::mixes`]. Hits are resolved to its parts before they are shaded.
     Mix(u32),
 }

@@ -5,6 +5,7 @@ mod camera;
 mod camera_motion;
 mod camera_path;
 mod coat;
+mod columns;
 mod content;
 mod environment;
 mod footprint;
@@ -20,6 +21,7 @@ mod principled;
 mod procedural;
 mod pyramid;
 pub mod recipe;
+mod scattering;
 mod srgb;
 mod texture;
 
@@ -40,6 +42,7 @@ pub use mix::Mix;
 pub use principled::{Anisotropy, Iridescence, Principled, Sheen};
 pub use procedural::{Finish, Points, Procedural, ProceduralSurface};
 pub use pyramid::Pyramid;
+pub use scattering::{Scattered, Scattering, ScatteringSurface};
 pub(crate) use texture::taps;
 pub use texture::{Channel, ColourSpace, Texture, TextureRef, Wrap};
 
@@ -63,6 +66,8 @@ pub struct Scene {
     pub textures: Vec<Texture>,
     /// Surfaces that code computes.
     pub procedurals: Vec<ProceduralSurface>,
+    /// Surfaces that scatter light by code.
+    pub scatterings: Vec<ScatteringSurface>,
     /// Surfaces that are two others.
     pub mixes: Vec<Mix>,
     /// Point, spot and directional lights. Emissive triangles are not listed here.

@@ -1,12 +1,13 @@
 //! Surfaces that are computed where they are hit, by code that is not ours.
 
-use crate::lanes::{Kernel, Lanes, Num, SimdLevel, Vector};
+use super::columns::{Columns, from_columns, run_in, to_columns};
+use crate::lanes::{Kernel, Lanes, Num, Vector};
 use std::fmt::Debug;
 use std::sync::Arc;
 
 /// A surface whose look is a function of the place, like RA's wood (Figure 6). It is computed for 8 or 16 hits at
 /// a time and used by every integrator: what comes out is the finish of a metallic-roughness surface, whose
-/// evaluation and sampling are there already.
+/// evaluation and sampling are there already. One that scatters light in a way of its own is a [`super::Scattering`].
 ///
 /// All arithmetic on [`Num`] gives the same bits with any instruction set, and so does a surface that is
 /// written in it: keep to it (no `f32` functions of the platform, no state). Mark what handles lanes
@@ -49,6 +50,19 @@ pub struct Points<L: Lanes> {
     pub uv: [Num<L>; 2],
 }
 
+impl<L: Lanes> Points<L> {
+    #[inline(always)]
+    pub(super) fn columns(&self) -> [Num<L>; 8] {
+        let Self { position: p, normal: n, uv: [u, v] } = *self;
+        [p.x, p.y, p.z, n.x, n.y, n.z, u, v]
+    }
+
+    #[inline(always)]
+    pub(super) fn of_columns([x, y, z, nx, ny, nz, u, v]: [Num<L>; 8]) -> Self {
+        Self { position: Vector::new(x, y, z), normal: Vector::new(nx, ny, nz), uv: [u, v] }
+    }
+}
+
 /// How a surface looks at points; what is out of range is clamped.
 #[derive(Clone, Copy, Debug)]
 pub struct Finish<L: Lanes> {
@@ -73,7 +87,7 @@ impl<L: Lanes> Finish<L> {
 
 /// A [`Procedural`] of whatever type.
 #[derive(Clone, Debug)]
-pub struct ProceduralSurface(Arc<dyn Columns>);
+pub struct ProceduralSurface(Arc<dyn InColumns>);
 
 impl ProceduralSurface {
     /// Hides the type.
@@ -84,63 +98,35 @@ impl ProceduralSurface {
     /// [`Procedural::finish`].
     #[inline(always)]
     pub fn finish<L: Lanes>(&self, points: &Points<L>) -> Finish<L> {
-        let l = points.position.lanes();
-        // Behind a pointer there are no generics: the lanes travel as arrays, which is cheap beside a
-        // surface that is worth computing.
-        let Points { position: p, normal: n, uv: [u, v] } = *points;
-        let columns = [p.x, p.y, p.z, n.x, n.y, n.z, u, v];
-        let mut points = [[0.0; 16]; 8];
-        for (array, column) in points.iter_mut().zip(columns) {
-            array[..L::LANES].copy_from_slice(column.to_array().as_ref());
-        }
-        let [r, g, b, metallic, roughness, clearcoat] = self.0.finish(L::LANES, &points);
-        Finish {
-            colour: Vector::new(Num::load(l, &r), Num::load(l, &g), Num::load(l, &b)),
-            metallic: Num::load(l, &metallic),
-            roughness: Num::load(l, &roughness),
-            clearcoat: Num::load(l, &clearcoat),
-        }
+        let finish = self.0.finish(L::LANES, &to_columns(points.columns()));
+        let [r, g, b, metallic, roughness, clearcoat] = from_columns(points.position.lanes(), &finish);
+        Finish { colour: Vector::new(r, g, b), metallic, roughness, clearcoat }
     }
 }
 
 /// A [`Procedural`] on arrays.
-trait Columns: Debug + Send + Sync {
-    fn finish(&self, lanes: usize, points: &[[f32; 16]; 8]) -> [[f32; 16]; 6];
+trait InColumns: Debug + Send + Sync {
+    fn finish(&self, lanes: usize, points: &Columns<8>) -> Columns<6>;
 }
 
-impl<P: Procedural> Columns for P {
-    fn finish(&self, lanes: usize, points: &[[f32; 16]; 8]) -> [[f32; 16]; 6] {
-        let computation = Computation { surface: self, points };
-        match lanes {
-            1 => SimdLevel::run_one(computation),
-            _ => SimdLevel::of_lanes(lanes).run(computation),
-        }
+impl<P: Procedural> InColumns for P {
+    fn finish(&self, lanes: usize, points: &Columns<8>) -> Columns<6> {
+        run_in(lanes, Computation { surface: self, points })
     }
 }
 
 struct Computation<'a, P> {
     surface: &'a P,
-    points: &'a [[f32; 16]; 8],
+    points: &'a Columns<8>,
 }
 
 impl<P: Procedural> Kernel for Computation<'_, P> {
-    type Output = [[f32; 16]; 6];
+    type Output = Columns<6>;
 
     #[inline(always)]
-    fn run<L: Lanes>(self, l: L) -> [[f32; 16]; 6] {
-        let mut columns = [Num::splat(l, 0.0); 8];
-        for (column, array) in columns.iter_mut().zip(self.points) {
-            *column = Num::load(l, array);
-        }
-        let [x, y, z, nx, ny, nz, u, v] = columns;
-        let (position, normal) = (Vector::new(x, y, z), Vector::new(nx, ny, nz));
-        let Finish { colour, metallic, roughness, clearcoat } =
-            self.surface.finish(&Points { position, normal, uv: [u, v] });
-        let columns = [colour.x, colour.y, colour.z, metallic, roughness, clearcoat];
-        let mut finish = [[0.0; 16]; 6];
-        for (array, column) in finish.iter_mut().zip(columns) {
-            array[..L::LANES].copy_from_slice(column.to_array().as_ref());
-        }
-        finish
+    fn run<L: Lanes>(self, l: L) -> Columns<6> {
+        let points = Points::of_columns(from_columns(l, self.points));
+        let Finish { colour, metallic, roughness, clearcoat } = self.surface.finish(&points);
+        to_columns([colour.x, colour.y, colour.z, metallic, roughness, clearcoat])
     }
 }

@@ -77,7 +77,7 @@ impl From<Hit> for super::Hits<One> {
 
 /// [`bsdf::Bsdf`] at one point.
 #[derive(Clone, Copy, Debug)]
-pub struct Bsdf(pub(super) bsdf::Bsdf<One>);
+pub struct Bsdf<'s>(pub(super) bsdf::Bsdf<'s, One>);
 
 /// [`bsdf::Sample`] of one direction.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -105,9 +105,9 @@ pub struct Smooth {
     pub eta: f32,
 }
 
-impl Bsdf {
+impl<'s> Bsdf<'s> {
     /// The scattering of `surface` where a ray met it: [`bsdf::Bsdf::new`].
-    pub fn new(scene: &Scene, surface: &Surface, at: &Interaction, smoothness: bsdf::Smoothness) -> Self {
+    pub fn new(scene: &'s Scene, surface: &Surface, at: &Interaction, smoothness: bsdf::Smoothness) -> Self {
         Self(bsdf::Bsdf::new(scene, surface, &at.lane, smoothness))
     }
 

@@ -5,6 +5,7 @@ pub mod harness;
 mod path;
 mod progressive;
 mod recursion;
+mod scattering;
 mod scenes;
 mod single_ray;
 mod whitted;

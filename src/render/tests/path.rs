@@ -158,7 +158,7 @@ fn light_sampling_finds_what_shines_through_frosted_panes() {
     light_sampling_agrees(&scene);
 }
 
-fn light_sampling_agrees(scene: &Scene) {
+pub fn light_sampling_agrees(scene: &Scene) {
     let settings = Settings { spp: 256, max_bounces: 3, ..SETTINGS };
     let tracer = harness::tracer(scene);
     let lens = camera().lens(settings.width, settings.height).expect("a view");

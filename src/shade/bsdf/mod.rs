@@ -17,6 +17,7 @@ mod iridescence;
 mod matte;
 mod mirror;
 mod principled;
+mod scattering;
 mod sheen;
 mod stack;
 #[cfg(test)]
@@ -28,6 +29,7 @@ pub use dielectric::Dielectric;
 pub use matte::Matte;
 pub use mirror::Mirror;
 pub use principled::Principled;
+pub use scattering::Scattering;
 
 use super::{Interaction, lookup};
 use crate::lanes::{Lanes, Num, Vector};
@@ -55,7 +57,7 @@ impl Smoothness {
 /// The scattering at points of one surface.
 #[derive(Clone, Copy, Debug)]
 #[allow(clippy::large_enum_variant, reason = "one is made for many rays, and nothing is allocated for it")]
-pub enum Bsdf<L: Lanes> {
+pub enum Bsdf<'s, L: Lanes> {
     /// Lambertian.
     Matte(Matte<L>),
     /// A mirror.
@@ -64,6 +66,8 @@ pub enum Bsdf<L: Lanes> {
     Dielectric(Dielectric<L>),
     /// Metallic-roughness.
     Principled(Principled<L>),
+    /// Code that is not ours.
+    Scattering(Scattering<'s, L>),
 }
 
 /// Sampled directions.
@@ -165,13 +169,18 @@ fn mirrored<L: Lanes>(wo: Vector<L>) -> Vector<L> {
     Vector::new(-wo.x, -wo.y, wo.z)
 }
 
-impl<L: Lanes> Bsdf<L> {
+#[inline(always)]
+fn points_of<L: Lanes>(at: &Interaction<L>) -> Points<L> {
+    Points { position: at.position, normal: at.frame.normal, uv: at.uv }
+}
+
+impl<'s, L: Lanes> Bsdf<'s, L> {
     /// The scattering of `surface` where rays met it.
     ///
     /// # Panics
     /// When it is a mix: hits are of one of its parts ([`super::material_of`]).
     #[inline(always)]
-    pub fn new(scene: &Scene, surface: &Surface, at: &Interaction<L>, smoothness: Smoothness) -> Self {
+    pub fn new(scene: &'s Scene, surface: &Surface, at: &Interaction<L>, smoothness: Smoothness) -> Self {
         let l = at.wo.lanes();
         match surface {
             Surface::Matte { reflectance } => {
@@ -191,11 +200,14 @@ impl<L: Lanes> Bsdf<L> {
                 Self::Principled(l.apart(describe))
             }
             Surface::Procedural(index) => {
-                let points = Points { position: at.position, normal: at.frame.normal, uv: at.uv };
-                let finish = scene.procedurals[*index as usize].finish(&points);
+                let finish = scene.procedurals[*index as usize].finish(&points_of(at));
                 Self::Principled(
                     l.apart(apart::Finished { finish: &finish, smooth_below: smoothness.mirror_below }),
                 )
+            }
+            Surface::Scattering(index) => {
+                let surface = &scene.scatterings[*index as usize];
+                Self::Scattering(Scattering { surface, points: points_of(at) })
             }
             Surface::Mix(_) => panic!("hits on mixes are of one of their parts: see shade::material_of"),
         }
@@ -210,6 +222,7 @@ impl<L: Lanes> Bsdf<L> {
             Self::Matte(matte) => matte.evaluate(wi),
             Self::Mirror(_) | Self::Dielectric(_) => (wo.only(0), wo.z.only(0)),
             Self::Principled(surface) => wo.lanes().apart(apart::Evaluate { surface, wo, wi }),
+            Self::Scattering(scattering) => scattering.evaluate(wo, wi),
         }
     }
 
@@ -222,6 +235,7 @@ impl<L: Lanes> Bsdf<L> {
             Self::Mirror(mirror) => mirror.smooth(wo).sample(u, Num::splat(wo.lanes(), 1.0)),
             Self::Dielectric(dielectric) => dielectric.smooth(wo).sample(u, Num::splat(wo.lanes(), 1.0)),
             Self::Principled(surface) => wo.lanes().apart(apart::Sampling { surface, wo, u, u2 }),
+            Self::Scattering(scattering) => scattering.sample(wo, u, u2),
         }
     }
 
@@ -229,7 +243,7 @@ impl<L: Lanes> Bsdf<L> {
     #[inline(always)]
     pub fn smooth(&self, wo: Vector<L>) -> Smooth<L> {
         match self {
-            Self::Matte(_) => Smooth::none(wo),
+            Self::Matte(_) | Self::Scattering(_) => Smooth::none(wo),
             Self::Mirror(mirror) => mirror.smooth(wo),
             Self::Dielectric(dielectric) => dielectric.smooth(wo),
             Self::Principled(surface) => wo.lanes().apart(apart::Mirroring { surface, wo }),
@@ -245,7 +259,11 @@ impl<L: Lanes> Bsdf<L> {
     /// Whether light from below, too, is found by light sampling.
     #[inline(always)]
     pub fn is_frosted(&self) -> bool {
-        matches!(self, Self::Principled(surface) if surface.is_frosted())
+        match self {
+            Self::Principled(surface) => surface.is_frosted(),
+            Self::Scattering(scattering) => scattering.surface.transmits(),
+            Self::Matte(_) | Self::Mirror(_) | Self::Dielectric(_) => false,
+        }
     }
 
     /// Whether there is nothing but a smooth part, so that light sampling is in vain.

@@ -12,21 +12,25 @@ use std::f32::consts::{PI, TAU};
 mod coats;
 mod sampling;
 
-fn principled(edit: impl FnOnce(&mut scene::Principled)) -> Bsdf {
+fn principled(edit: impl FnOnce(&mut scene::Principled)) -> Bsdf<'static> {
     seen_from(true, edit)
 }
 
-fn seen_from(outside: bool, edit: impl FnOnce(&mut scene::Principled)) -> Bsdf {
+fn seen_from(outside: bool, edit: impl FnOnce(&mut scene::Principled)) -> Bsdf<'static> {
     described(outside, None, edit)
 }
 
 /// Its coats lean to one side.
-fn leaning(edit: impl FnOnce(&mut scene::Principled)) -> Bsdf {
+fn leaning(edit: impl FnOnce(&mut scene::Principled)) -> Bsdf<'static> {
     let normal = Vec3::new(0.3, -0.2, 0.9).normalize().into();
     described(true, Some(CoatShape { normal, bumps: 0.0.into() }), edit)
 }
 
-fn described(outside: bool, coat: Option<CoatShape<One>>, edit: impl FnOnce(&mut scene::Principled)) -> Bsdf {
+fn described(
+    outside: bool,
+    coat: Option<CoatShape<One>>,
+    edit: impl FnOnce(&mut scene::Principled),
+) -> Bsdf<'static> {
     let mut surface = scene::Principled::default();
     edit(&mut surface);
     let outside = if outside { One::ALL } else { 0 };
@@ -73,7 +77,7 @@ fn soapy(nanometres: f32) -> impl Fn(&mut scene::Principled) {
 }
 
 /// Surfaces that lose some light even when they are white.
-fn lossy() -> Vec<(String, Bsdf)> {
+fn lossy() -> Vec<(String, Bsdf<'static>)> {
     let mut all = Vec::new();
     for roughness in [0.1, 0.4, 1.0] {
         let mut add = |name: &str, edit: &dyn Fn(&mut scene::Principled)| {
@@ -127,17 +131,17 @@ fn varnished(roughnesses: &[f32], tint: Vec3) -> impl Fn(&mut scene::Principled)
     move |s| s.coats = scene::Coats::new(&coats).expect("not too many")
 }
 
-fn glass(eta: f32) -> Bsdf {
+fn glass(eta: f32) -> Bsdf<'static> {
     Bsdf(super::Bsdf::Dielectric(Dielectric { eta: eta.into(), transmittance: Vec3::ONE.into() }))
 }
 
 /// White surfaces that absorb nothing.
-fn lossless() -> Vec<(String, Bsdf)> {
+fn lossless() -> Vec<(String, Bsdf<'static>)> {
     lossless_of(&[0.0, 0.04, 0.1, 0.25, 0.5, 0.75, 1.0], &[0.0, 0.3, 1.0])
 }
 
 /// The same, of given roughnesses of the surface and of the coat.
-fn lossless_of(roughnesses: &[f32], coats: &[f32]) -> Vec<(String, Bsdf)> {
+fn lossless_of(roughnesses: &[f32], coats: &[f32]) -> Vec<(String, Bsdf<'static>)> {
     let mut all = vec![
         ("matte".to_owned(), Bsdf(super::Bsdf::Matte(Matte { reflectance: Vec3::ONE.into() }))),
         ("mirror".to_owned(), Bsdf(super::Bsdf::Mirror(Mirror { reflectance: Vec3::ONE.into() }))),
@@ -207,8 +211,9 @@ fn lossless_of(roughnesses: &[f32], coats: &[f32]) -> Vec<(String, Bsdf)> {
 }
 
 /// Surfaces that scatter, coloured ones too.
-fn scattering() -> Vec<(String, Bsdf)> {
-    let mut all: Vec<(String, Bsdf)> = lossless().into_iter().filter(|(_, bsdf)| !bsdf.is_smooth()).collect();
+fn scattering() -> Vec<(String, Bsdf<'static>)> {
+    let mut all: Vec<(String, Bsdf<'static>)> =
+        lossless().into_iter().filter(|(_, bsdf)| !bsdf.is_smooth()).collect();
     all.extend(lossy());
     all.push((
         "painted".into(),
@@ -266,7 +271,7 @@ fn a_white_furnace_returns_all_light() {
 }
 
 /// Surfaces under several coats: two lie evenly, and one's coats lean to one side.
-fn stacked(roughness: f32, coats: &[f32], tint: Vec3) -> [(String, Bsdf); 3] {
+fn stacked(roughness: f32, coats: &[f32], tint: Vec3) -> [(String, Bsdf<'static>); 3] {
     let edit = |metallic: f32, clear: f32| {
         move |s: &mut scene::Principled| {
             rough(roughness)(s);
@@ -286,7 +291,7 @@ fn stacked(roughness: f32, coats: &[f32], tint: Vec3) -> [(String, Bsdf); 3] {
 const STACKS: [&[f32]; 3] = [&[0.0], &[0.5, 0.0, 0.2], &[0.0; 8]];
 
 /// Many of them.
-fn all_stacked(tint: Vec3) -> impl Iterator<Item = (String, Bsdf)> {
+fn all_stacked(tint: Vec3) -> impl Iterator<Item = (String, Bsdf<'static>)> {
     let all = [0.0, 0.5].into_iter().flat_map(|roughness| STACKS.map(|coats| (roughness, coats)));
     all.flat_map(move |(roughness, coats)| stacked(roughness, coats, tint))
 }
