@@ -17,7 +17,7 @@ mod stats;
 mod timeline;
 mod trace;
 
-pub use registry::{Brief, Registry};
+pub use registry::{Brief, CodedSurface, Registry};
 
 use args::{Cli, Command};
 use clap::{CommandFactory, FromArgMatches};
@@ -36,7 +36,7 @@ pub fn run() -> ExitCode {
     run_with(Registry::built_in())
 }
 
-/// The same with integrators of your own ([`Registry::with`]).
+/// The same with integrators and surfaces of your own ([`Registry::with`], [`Registry::with_surface`]).
 pub fn run_with(registry: Registry) -> ExitCode {
     env_logger::Builder::from_env(
         env_logger::Env::default()

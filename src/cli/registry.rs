@@ -1,11 +1,11 @@
-//! The integrators that the command line knows by name.
+//! The integrators that the command line knows by name, and surfaces that it puts on materials of a name.
 
 use super::Outcome;
 use super::render::Order;
 use crate::lanes::SimdLevel;
 use crate::render::recursion::Recursion;
 use crate::render::{AmbientOcclusion, Integrator, Path, RecursiveWhitted, Settings, SettingsError, Whitted};
-use crate::scene::{Camera, Scene};
+use crate::scene::{Camera, ProceduralSurface, ScatteringSurface, Scene, Surface};
 use anyhow::{Context, Result};
 use clap::Command;
 use clap::builder::{PossibleValue, PossibleValuesParser};
@@ -40,8 +40,50 @@ pub struct Brief {
 ///     run_with(registry) // mine render scene.glb --integrator corners
 /// }
 /// ```
+///
+/// Surfaces of yours go on all materials of a name, whichever scene file has them:
+///
+/// ```no_run
+/// use raystream::cli::{Registry, run_with};
+/// # use raystream::lanes::{Lanes, Vector};
+/// # use raystream::scene::{Finish, Points, Procedural};
+/// use raystream::scene::ProceduralSurface;
+/// # #[derive(Debug)]
+/// # struct Wood;
+/// # impl Procedural for Wood {
+/// #     fn finish<L: Lanes>(&self, points: &Points<L>) -> Finish<L> {
+/// #         Finish::matte(points)
+/// #     }
+/// # }
+///
+/// fn main() -> std::process::ExitCode {
+///     run_with(Registry::built_in().with_surface("plinth", ProceduralSurface::new(Wood)))
+/// }
+/// ```
 pub struct Registry {
     entries: Vec<Entry>,
+    surfaces: Vec<(&'static str, CodedSurface)>,
+}
+
+/// A surface that code computes.
+#[derive(Clone, Debug)]
+pub enum CodedSurface {
+    /// How it looks from place to place.
+    Procedural(ProceduralSurface),
+    /// A BSDF of its own.
+    Scattering(ScatteringSurface),
+}
+
+impl From<ProceduralSurface> for CodedSurface {
+    fn from(surface: ProceduralSurface) -> Self {
+        Self::Procedural(surface)
+    }
+}
+
+impl From<ScatteringSurface> for CodedSurface {
+    fn from(surface: ScatteringSurface) -> Self {
+        Self::Scattering(surface)
+    }
 }
 
 struct Entry {
@@ -56,7 +98,7 @@ type Run = dyn Fn(Brief, Order<'_>) -> Result<Outcome>;
 impl Registry {
     /// Those of raystream.
     pub fn built_in() -> Self {
-        Self { entries: Vec::new() }
+        Self { entries: Vec::new(), surfaces: Vec::new() }
             .with("path", "Path tracing: all light (the default)", |brief| {
                 let path = Path::new(brief.scene, &brief.camera, brief.settings, brief.roulette_bounces)?;
                 Ok(path.with_simd(brief.simd))
@@ -92,6 +134,35 @@ impl Registry {
         self
     }
 
+    /// Gives all materials of that name, of whatever scene is rendered, this surface instead of their own. What they give off, where they
+    /// are not there, what fills their bodies and their normal maps stay.
+    pub fn with_surface(mut self, material: &'static str, surface: impl Into<CodedSurface>) -> Self {
+        self.surfaces.push((material, surface.into()));
+        self
+    }
+
+    /// Puts the surfaces on the materials that have their names.
+    pub(super) fn dress(&self, scene: &mut Scene) {
+        for (name, surface) in &self.surfaces {
+            if scene.materials.iter().all(|material| material.name != *name) {
+                continue;
+            }
+            let surface = match surface {
+                CodedSurface::Procedural(surface) => {
+                    scene.procedurals.push(surface.clone());
+                    Surface::Procedural(scene.procedurals.len() as u32 - 1)
+                }
+                CodedSurface::Scattering(surface) => {
+                    scene.scatterings.push(surface.clone());
+                    Surface::Scattering(scene.scatterings.len() as u32 - 1)
+                }
+            };
+            for material in scene.materials.iter_mut().filter(|material| material.name == *name) {
+                material.surface = surface;
+            }
+        }
+    }
+
     /// Has the command line offer the integrators.
     pub(super) fn offer(&self, command: Command) -> Command {
         let values: Vec<PossibleValue> =
@@ -112,7 +183,46 @@ impl Registry {
 mod tests {
     use super::*;
     use crate::cli::args::Cli;
+    use crate::lanes::{Lanes, Num, Vector};
+    use crate::scene::{Finish, Material, Points, Procedural, Scattered, Scattering};
     use clap::CommandFactory;
+    use glam::Vec3;
+
+    #[derive(Debug)]
+    struct Mine;
+
+    impl Procedural for Mine {
+        fn finish<L: Lanes>(&self, points: &Points<L>) -> Finish<L> {
+            Finish::matte(points)
+        }
+    }
+
+    impl Scattering for Mine {
+        fn evaluate<L: Lanes>(&self, _: &Points<L>, _: Vector<L>, wi: Vector<L>) -> (Vector<L>, Num<L>) {
+            (wi.only(0), wi.z.only(0))
+        }
+
+        fn sample<L: Lanes>(&self, at: &Points<L>, wo: Vector<L>, _: Num<L>, _: [Num<L>; 2]) -> Scattered<L> {
+            Scattered::evaluated(wo, self.evaluate(at, wo, wo))
+        }
+    }
+
+    #[test]
+    fn surfaces_go_on_the_materials_of_their_name() {
+        let registry = Registry::built_in()
+            .with_surface("wood", ProceduralSurface::new(Mine))
+            .with_surface("dust", ScatteringSurface::new(Mine))
+            .with_surface("nothing", ScatteringSurface::new(Mine));
+        let materials =
+            ["dust", "stone", "wood", "dust"].map(|name| Material::matte(name, Vec3::ONE)).to_vec();
+        let mut scene = Scene { materials, ..Scene::default() };
+        let stone = scene.materials[1].surface;
+        registry.dress(&mut scene);
+        let surfaces: Vec<Surface> = scene.materials.iter().map(|material| material.surface).collect();
+        let dust = Surface::Scattering(0);
+        assert_eq!(surfaces, [dust, stone, Surface::Procedural(0), dust]);
+        assert_eq!((scene.procedurals.len(), scene.scatterings.len()), (1, 1));
+    }
 
     #[test]
     fn the_help_lists_what_is_registered_and_unknown_names_are_refused_with_the_list() {

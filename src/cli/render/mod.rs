@@ -38,6 +38,7 @@ pub fn run(args: &RenderArgs, registry: &Registry) -> Result<Outcome> {
     let mut course = None;
     let still = |scene: &Scene| args.camera.apply(scene.camera, || Camera::framing(&scene.bounds(), aspect));
     let setup = Setup::new(&args.scene, &args.units, pictures * PASSES_IN_FLIGHT, |scene| {
+        registry.dress(scene);
         course = Course::new(args, scene, still(scene))?;
         args.light.hang(scene)
     })?;
