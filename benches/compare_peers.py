@@ -9,10 +9,10 @@ All surfaces are matte with albedo 0.8 ("clay"), lit by the scene's lamps or, if
 programs compute the same picture, which is checked. SCENE@EYE@TARGET@FOV (x,y,z, degrees) says from where; else it is
 seen from outside. `cornell` is the Cornell box of `scenes/`, with its own colours and lamp, `materials` are balls
 of glass, rough and polished metal, gloss and coat under a lamp (not for Mitsuba's scalar variants, to which
-glTF's surface must be taught). With --real surfaces are as the files have them: textures, masks,
-metal, gloss, glass and vertex normals, as near as each program's own come, so pictures agree less closely. Nobody plays Russian roulette, denoises, clamps or adapts samples. Only rendering is
-timed: every program has the scene and its tree before. Mitsuba's LLVM variants want Debian's libllvm19 (15
-fails on processors with AVX-512).
+glTF's surface must be taught). With --real surfaces are as the files have them: textures, masks, metal, gloss,
+glass and vertex normals, as near as each program's own come, so pictures agree less closely. Nobody plays Russian
+roulette, denoises, clamps or adapts samples. Only rendering is timed: every program has the scene and its tree before.
+Mitsuba's LLVM variants want Debian's libllvm19 (15 fails on processors with AVX-512).
 Prints medians of Mpaths/s, where a path is a camera ray.
 """
 
@@ -94,7 +94,7 @@ def look(mesh, material, used):
 def of_file(args, name, folder):
     path, *view = name.split("@")
     arrays = folder / "mesh.npz"
-    subprocess.run([args.raystream, "mesh", path, "-o", arrays], check=True, capture_output=True)
+    subprocess.run([args.raystream, "mesh", path, "-o", arrays, "--images"], check=True, capture_output=True)
     with np.load(arrays) as file:
         mesh = {key: file[key] for key in file}
     points, faces, material, emission = (mesh[k] for k in ("vertices", "triangles", "material", "emission"))

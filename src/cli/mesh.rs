@@ -47,7 +47,7 @@ pub fn run(args: &MeshArgs) -> Result<()> {
     ]
     .map(|(name, columns, array)| (name.to_owned(), columns, array))
     .into();
-    for (i, texture) in scene.textures.iter().enumerate() {
+    for (i, texture) in scene.textures.iter().enumerate().filter(|_| args.images) {
         let texels = Array::U32(bytemuck::cast_slice(texture.image()));
         arrays.push((format!("texture{i}"), texture.width.into(), texels));
     }

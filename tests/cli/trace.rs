@@ -40,7 +40,7 @@ fn a_mesh_file_says_what_its_materials_are() {
     let file = folder.path().join("m.npz");
     for name in ["cornell.json", "showcase.json"] {
         let path = shipped(name);
-        run(folder.path(), &["mesh", &path, "-o", "m.npz"], 0);
+        run(folder.path(), &["mesh", &path, "-o", "m.npz", "--images"], 0);
         let scene = load::load(Path::new(&path)).expect("scene");
         assert_eq!(array::<f32>(&file, "uvs").len(), 2 * scene.mesh.uvs.len());
         assert_eq!(array::<f32>(&file, "normals").len(), 3 * scene.mesh.normals.len());
