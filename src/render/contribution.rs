@@ -1,8 +1,10 @@
 //! What shadow rays bring.
 
 use super::Frame;
+use super::frame::ray_rows;
 use crate::film::Film;
 use crate::lanes::{Int, Kernel, Lanes, Num, Vector};
+use crate::schedule::Output;
 use bytemuck::{Pod, Zeroable};
 
 /// What a shadow ray adds if nothing is in its way.
@@ -16,10 +18,23 @@ pub struct Contribution {
 }
 
 impl Contribution {
-    /// As they lie in memory: those of the lanes of a mask, one after the other.
+    /// Emits the shadow rays of the lanes of a mask, and what they bring to their pixels.
     #[inline(always)]
-    pub(super) fn rows<L: Lanes>(lanes: u32, radiance: Vector<L>, pixel: Int<L>) -> L::Array<[f32; 4]> {
-        Num::packed_quads(lanes, [radiance.x, radiance.y, radiance.z, pixel.to_num_bits()])
+    pub(super) fn emit<P, L: Lanes>(
+        out: &mut Output<'_, P, Self>,
+        lanes: u32,
+        origin: Vector<L>,
+        direction: Vector<L>,
+        t_max: Num<L>,
+        radiance: Vector<L>,
+        pixel: Int<L>,
+    ) {
+        let rays = ray_rows(lanes, origin, direction, t_max);
+        let brought = [radiance.x, radiance.y, radiance.z, pixel.to_num_bits()];
+        let contributions = Num::packed_quads(lanes, brought);
+        let (rays, contributions) =
+            (bytemuck::cast_slice(rays.as_ref()), bytemuck::cast_slice(contributions.as_ref()));
+        out.shadow_row(lanes.count_ones() as usize, rays, contributions);
     }
 }
 

@@ -320,7 +320,7 @@ impl Shading<'_, '_> {
         let radiance = state.throughput * value * light.radiance * share;
         let (origin, direction, t_max) = light.rays(at);
         let lanes = lanes & !value.is_zero();
-        self.shadow(lanes, ray_rows(lanes, origin, direction, t_max), radiance, state.pixel);
+        Contribution::emit(self.out, lanes, origin, direction, t_max, radiance, state.pixel);
     }
 
     #[inline(always)]
@@ -393,18 +393,8 @@ impl Shading<'_, '_> {
         let sky = self.sky(next, direction);
         let open = ended & !sky.is_zero();
         let far = Num::splat(next.pdf.lanes(), f32::INFINITY);
-        self.shadow(open, ray_rows(open, origin, direction, far), sky, next.pixel);
+        Contribution::emit(self.out, open, origin, direction, far, sky, next.pixel);
         ended
-    }
-
-    /// Emits shadow rays in the lanes of a mask, whose rows these are, and what they bring.
-    #[inline(always)]
-    fn shadow<L: Lanes>(&mut self, lanes: u32, rays: L::Array<[f32; 8]>, radiance: Vector<L>, pixel: Int<L>) {
-        let contributions = Contribution::rows(lanes, radiance, pixel);
-        let count = lanes.count_ones() as usize;
-        let (rays, contributions) =
-            (bytemuck::cast_slice(rays.as_ref()), bytemuck::cast_slice(contributions.as_ref()));
-        self.out.shadow_row(count, rays, contributions);
     }
 }
 

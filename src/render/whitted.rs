@@ -185,12 +185,8 @@ impl Shading<'_, '_> {
         for light in 0..node.lights() {
             let sent = node.lit(light, &sampler, state.branch, state.throughput);
             let lanes = lanes & sent.lanes;
-            let rays = ray_rows(lanes, sent.origin, sent.direction, sent.t_max);
-            let contributions = Contribution::rows(lanes, sent.radiance, state.pixel);
-            let count = lanes.count_ones() as usize;
-            let (rays, contributions) =
-                (bytemuck::cast_slice(rays.as_ref()), bytemuck::cast_slice(contributions.as_ref()));
-            self.out.shadow_row(count, rays, contributions);
+            let (origin, direction) = (sent.origin, sent.direction);
+            Contribution::emit(self.out, lanes, origin, direction, sent.t_max, sent.radiance, state.pixel);
         }
         let lanes = lanes & state.depth.below(frame.settings().max_bounces);
         if lanes == 0 {

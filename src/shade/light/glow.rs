@@ -23,8 +23,8 @@ pub struct Glow {
 }
 
 impl Glow {
-    /// Around the triangles of a scene whose material shines, even those that light sampling leaves out.
-    pub fn new(scene: &Scene) -> Self {
+    /// Around the triangles of a scene, within `bounds`, whose material shines, even those that light sampling leaves out.
+    pub fn new(scene: &Scene, bounds: &Aabb) -> Self {
         let emits = |emission: &Emission| emission.radiance.factor != Vec3::ZERO;
         let shines: Vec<bool> =
             scene.materials.iter().map(|m| m.emission.as_ref().is_some_and(emits)).collect();
@@ -32,7 +32,7 @@ impl Glow {
         let triangles = (0..scene.mesh.triangles.len() as u32).filter(shining);
         let boxes: Vec<Aabb> =
             triangles.map(|primitive| Aabb::around(scene.mesh.corners(primitive))).collect();
-        let margin = Vec3::splat(scene.bounds().max_abs() * MARGIN);
+        let margin = Vec3::splat(bounds.max_abs() * MARGIN);
         let around = |all: &[Aabb]| {
             let Aabb { min, max } = all.iter().copied().fold(Aabb::EMPTY, Aabb::union);
             Aabb { min: min - margin, max: max + margin }
@@ -112,6 +112,10 @@ mod tests {
         scene
     }
 
+    fn glow_of(scene: &Scene) -> Glow {
+        Glow::new(scene, &scene.bounds())
+    }
+
     fn ahead(glow: &Glow, origin: Vec3, direction: Vec3) -> bool {
         glow.lies_ahead::<One>(origin.into(), direction.into()) == 1
     }
@@ -126,7 +130,7 @@ mod tests {
             for count in [1, 2, 3, 30] {
                 let corner = |i| (random(i / 3, 0) + random(i, 1) * 0.1 + far) * size;
                 let scene = scene((0..3 * count + 3).map(corner).collect());
-                let glow = Glow::new(&scene);
+                let glow = glow_of(&scene);
                 assert!((1..=MOST).contains(&glow.boxes.len()));
                 let (mut met, mut passed) = (0, 0);
                 for i in 0..4000 {
@@ -156,11 +160,11 @@ mod tests {
     #[test]
     fn what_is_far_apart_has_boxes_of_its_own_and_what_does_not_shine_has_none() {
         let lamp = |x: f32| [Vec3::ZERO, Vec3::Y, Vec3::Z].map(|corner| corner + Vec3::X * x);
-        let two = Glow::new(&scene([lamp(90.0), lamp(1.0), lamp(2.0), lamp(50.0)].concat()));
+        let two = glow_of(&scene([lamp(90.0), lamp(1.0), lamp(2.0), lamp(50.0)].concat()));
         assert!(ahead(&two, Vec3::ZERO, Vec3::X) && !ahead(&two, Vec3::new(20.0, 9.0, 0.0), -Vec3::Y));
         assert!(ahead(&two, Vec3::new(50.0, 9.0, 0.5), -Vec3::Y) && !ahead(&two, Vec3::ZERO, -Vec3::X));
         assert!(!ahead(&two, Vec3::new(90.0, 9.0, 0.5), -Vec3::Y), "a wall");
-        assert!(Glow::new(&scene(lamp(0.0).to_vec())).boxes.is_empty());
-        assert!(Glow::new(&Scene::default()).boxes.is_empty());
+        assert!(glow_of(&scene(lamp(0.0).to_vec())).boxes.is_empty());
+        assert!(glow_of(&Scene::default()).boxes.is_empty());
     }
 }

@@ -72,7 +72,8 @@ pub struct LightSample<L: Lanes> {
 impl Lights {
     /// Prepares the lights of a scene.
     pub fn new(scene: &Scene) -> Self {
-        let radius = scene.bounds().radius();
+        let bounds = scene.bounds();
+        let radius = bounds.radius();
         let emitters = Emitters::new(scene);
         let punctual = Punctual::new(&scene.lights, radius);
         let environment = EnvironmentLight::new(&scene.environment);
@@ -80,7 +81,8 @@ impl Lights {
         let disk = std::f64::consts::PI * f64::from(radius).powi(2);
         let sky = f64::from(environment.mean()) * disk * 4.0 * std::f64::consts::PI;
         let powers = [emitters.power(), sky, punctual.power()];
-        Self { emitters, punctual, environment, glow: Glow::new(scene), powers, chances: chances(powers) }
+        let glow = Glow::new(scene, &bounds);
+        Self { emitters, punctual, environment, glow, powers, chances: chances(powers) }
     }
 
     /// The same for integrators that sample the BSDF beside the lights and weight both: an even sky is left
