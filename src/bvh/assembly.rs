@@ -134,6 +134,6 @@ impl Assembly {
             }
             nodes.push(node);
         }
-        Wide { nodes: Pages::of(&nodes), blocks: Blocks::zeroed(0), depth: over.wide.depth + 1 }
+        Wide { nodes: Pages::of(&nodes), blocks: Blocks::none(), depth: over.wide.depth + 1 }
     }
 }

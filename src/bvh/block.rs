@@ -1,13 +1,18 @@
 //! Blocks of triangles, the leaves of the eight-wide tree.
 //!
+//! Neighbours share corners, so a block has each corner once and its triangles name them: what a large mesh's rays wait
+//! for is memory, and this is half of what three corners a triangle take.
+//!
 //! Unsafe code for reading columns into lanes. Invariant 1: behind the first word of a [`Block`]'s last column lie at least
-//! eight words in its slice.
+//! [`SLACK`] words in its slice.
 #![allow(unsafe_code)]
 
 use super::pages::Pages;
+use super::pile::Pile;
 use super::wide::Child;
 use crate::lanes::Lanes;
 use glam::Vec3;
+use rayon::prelude::*;
 
 /// The most triangles in a block.
 pub const BLOCK_TRIANGLES: usize = 8;
@@ -18,13 +23,23 @@ pub const MASKED: u32 = 1 << 31;
 /// Bits of [`Block::id`] that are the primitive index.
 pub const PRIMITIVE: u32 = NORMAL - 1;
 
-/// Set in every id: lanes beyond a block's triangles compute with what lies there, and denormal numbers would be slow.
-const NORMAL: u32 = 1 << 30;
+/// Set in all words that are no coordinates: lanes beyond a block's triangles compute with what lies there, and denormal
+/// numbers would be slow.
+pub(super) const NORMAL: u32 = 1 << 30;
 
-/// Words of a triangle.
-pub(super) const TRIANGLE_WORDS: usize = 10;
+/// Words in which places of blocks are counted.
+pub(super) const UNIT: usize = 8;
 
-/// All blocks of a tree, side by side and without gaps.
+/// The most words that a triangle can take: alone in a block, which begins at a unit.
+pub(super) const MOST_WORDS: usize = (1 + 9 + 1usize).next_multiple_of(UNIT);
+
+/// The most corners of a block that are shared, as many as [`Lanes::pick`] finds. With more, every triangle has its own three.
+pub(super) const TABLE: usize = 16;
+
+/// Words behind all blocks, for lanes to read.
+pub(super) const SLACK: usize = TABLE;
+
+/// All blocks of a tree, side by side.
 #[derive(Clone, Debug)]
 pub struct Blocks {
     words: Pages<u32>,
@@ -37,9 +52,27 @@ impl PartialEq for Blocks {
 }
 
 impl Blocks {
-    /// Room for blocks of so many triangles in all.
-    pub(super) fn zeroed(triangles: usize) -> Self {
-        Self { words: Pages::zeroed(TRIANGLE_WORDS * triangles + BLOCK_TRIANGLES) }
+    /// No blocks.
+    pub(super) fn none() -> Self {
+        Self { words: Pages::zeroed(SLACK) }
+    }
+
+    /// Those of piles, one pile after the other, and where each begins ([`Child::behind`]). On the current rayon pool.
+    pub(super) fn of(piles: &[Pile]) -> (Self, Vec<usize>) {
+        let (mut starts, mut len) = (Vec::with_capacity(piles.len()), 0);
+        for pile in piles {
+            starts.push(len / UNIT);
+            len += pile.words().len();
+        }
+        let mut words = Pages::zeroed(len + SLACK);
+        let (mut rest, mut copies) = (&mut words[..], Vec::with_capacity(piles.len()));
+        for pile in piles {
+            let (room, left) = rest.split_at_mut(pile.words().len());
+            copies.push((room, pile));
+            rest = left;
+        }
+        copies.into_par_iter().for_each(|(room, pile)| room.copy_from_slice(pile.words()));
+        (Self { words }, starts)
     }
 
     /// The block that a child is.
@@ -48,7 +81,7 @@ impl Blocks {
     /// If it is none of this tree's.
     #[inline]
     pub fn get(&self, child: Child) -> Block<'_> {
-        Block::new(&self.words[TRIANGLE_WORDS * child.index()..], child.triangles())
+        Block::new(&self.words[UNIT * child.index()..], child.triangles())
     }
 
     /// The same without checks.
@@ -58,12 +91,13 @@ impl Blocks {
     #[inline(always)]
     pub(crate) unsafe fn get_unchecked(&self, child: Child) -> Block<'_> {
         let count = child.triangles();
-        // SAFETY: the caller vouches for the block, and behind all blocks is one more column. That is invariant 1.
-        let words = unsafe {
-            let start = self.words.as_ptr().add(TRIANGLE_WORDS * child.index());
-            std::slice::from_raw_parts(start, TRIANGLE_WORDS * count + BLOCK_TRIANGLES)
-        };
-        Block { words, count }
+        // SAFETY: the caller vouches for the block, and behind all blocks is some slack. That is invariant 1.
+        unsafe {
+            let start = self.words.as_ptr().add(UNIT * child.index());
+            let corners = Word(*start).corners();
+            let len = 2 * count + 3 * corners + SLACK;
+            Block { words: std::slice::from_raw_parts(start, len), count, corners }
+        }
     }
 
     /// In each lane the triangle in a row of a block: what [`Block::id`] says, and the corners as `[vertex][axis]`.
@@ -73,48 +107,87 @@ impl Blocks {
     #[inline(always)]
     pub(crate) unsafe fn gather<L: Lanes>(&self, l: L, children: L::I, rows: L::I) -> (L::I, [[L::F; 3]; 3]) {
         let (index, count) = Child::parts(l, children);
-        let mut at = l.add_ids(l.mul_ids(index, l.splat_id(TRIANGLE_WORDS as u32)), rows);
+        let at = l.shl_ids(index, UNIT.ilog2());
         // SAFETY: as the caller vouches.
-        let id = unsafe { l.gather(self.words.as_ptr(), at) };
+        let word = unsafe { l.gather(self.words.as_ptr(), l.add_ids(at, rows)) };
+        let (table, corners) = (l.add_ids(at, count), Word::corners_of(l, word));
+        let byte = l.splat_id(0xff);
         let mut vertices = [[l.splat(0.0); 3]; 3];
-        for vertex in &mut vertices {
-            for number in vertex {
-                at = l.add_ids(at, count);
+        for (vertex, numbers) in (0..).zip(&mut vertices) {
+            let mut at = l.add_ids(table, l.and_ids(l.shr_ids(word, 8 * vertex), byte));
+            for number in numbers {
                 // SAFETY: as the caller vouches.
                 *number = l.of_bits(unsafe { l.gather(self.words.as_ptr(), at) });
+                at = l.add_ids(at, corners);
             }
         }
-        (id, vertices)
+        let tables = l.add_ids(l.add_ids(corners, corners), corners);
+        let at = l.add_ids(l.add_ids(table, tables), rows);
+        // SAFETY: as the caller vouches.
+        (unsafe { l.gather(self.words.as_ptr(), at) }, vertices)
     }
 
     /// Where a block lies, for asking for its memory.
     #[inline(always)]
     pub(crate) fn address(&self, child: Child) -> *const u32 {
-        self.words.as_ptr().wrapping_add(TRIANGLE_WORDS * child.index())
+        self.words.as_ptr().wrapping_add(UNIT * child.index())
+    }
+
+    /// What [`Block::id`] says of a block's triangles.
+    pub(super) fn ids_mut(&mut self, child: Child) -> &mut [u32] {
+        let Block { count, corners, .. } = self.get(child);
+        &mut self.words[UNIT * child.index() + count + 3 * corners..][..count]
     }
 
     /// Bytes on the heap.
     pub(super) fn bytes(&self) -> usize {
         size_of_val(&*self.words)
     }
+}
 
-    /// All blocks, to be written.
-    pub(super) fn room(&mut self) -> Room<'_> {
-        Room { words: &mut self.words }
+/// Which corners a triangle has, and how many there are in its block: a byte each.
+#[derive(Clone, Copy)]
+pub(super) struct Word(u32);
+
+impl Word {
+    pub fn new([a, b, c]: [usize; 3], corners: usize) -> Self {
+        Self(NORMAL | (corners << 24 | c << 16 | b << 8 | a) as u32)
+    }
+
+    pub fn bits(self) -> u32 {
+        self.0
+    }
+
+    #[inline(always)]
+    fn corner(self, vertex: usize) -> usize {
+        (self.0 >> (8 * vertex) & 0xff) as usize
+    }
+
+    #[inline(always)]
+    fn corners(self) -> usize {
+        (self.0 >> 24 & 0x3f) as usize
+    }
+
+    /// [`Word::corners`] in lanes.
+    #[inline(always)]
+    fn corners_of<L: Lanes>(l: L, words: L::I) -> L::I {
+        l.and_ids(l.shr_ids(words, 24), l.splat_id(0x3f))
     }
 }
 
-/// Up to eight triangles as a structure of arrays: ids, then coordinates by vertex and axis, of each as many as there
-/// are triangles.
+/// Up to eight triangles: for each the corners that it has, then the corners' x, y and z, then the triangles' ids. If there
+/// are more than [`TABLE`] corners, they are all triangles' first ones, all second ones and all third ones.
 #[derive(Clone, Copy, Debug)]
 pub struct Block<'a> {
     words: &'a [u32],
     count: usize,
+    corners: usize,
 }
 
 impl<'a> Block<'a> {
-    fn new(words: &'a [u32], count: usize) -> Self {
-        Self { words: &words[..TRIANGLE_WORDS * count + BLOCK_TRIANGLES], count }
+    pub(super) fn new(words: &'a [u32], count: usize) -> Self {
+        let corners = Word(words[0]).corners();
+        Self { words: &words[..2 * count + 3 * corners + SLACK], count, corners }
     }
 
     /// Number of triangles.
@@ -127,14 +200,18 @@ impl<'a> Block<'a> {
     /// Primitive index of the triangle in a row, with [`MASKED`] where it applies and a bit of no meaning.
     #[inline(always)]
     pub fn id(&self, row: usize) -> u32 {
-        self.words[row]
+        self.words[self.count + 3 * self.corners + row]
     }
 
     /// The corners of the triangle in a row.
     pub fn corners(&self, row: usize) -> [Vec3; 3] {
         assert!(row < self.count);
-        let number = |column: usize| f32::from_bits(self.words[(1 + column) * self.count + row]);
-        [0, 3, 6].map(|at| Vec3::new(number(at), number(at + 1), number(at + 2)))
+        let word = Word(self.words[row]);
+        let number = |corner, axis| f32::from_bits(self.words[self.count + axis * self.corners + corner]);
+        [0, 1, 2].map(|vertex| {
+            let corner = word.corner(vertex);
+            Vec3::new(number(corner, 0), number(corner, 1), number(corner, 2))
+        })
     }
 
     /// The primitive index of the triangle in a row.
@@ -156,105 +233,88 @@ impl<'a> Block<'a> {
 
     /// The same of a block in each eight lanes; with eight lanes only the first counts.
     #[inline(always)]
-    pub(crate) fn vertices_of<L: Lanes>(l: L, blocks: &[Self; 2]) -> [[L::F; 3]; 3] {
-        [Self::vertex(l, blocks, 0), Self::vertex(l, blocks, 1), Self::vertex(l, blocks, 2)]
+    pub(crate) fn vertices_of<L: Lanes>(l: L, [a, b]: &[Self; 2]) -> [[L::F; 3]; 3] {
+        // SAFETY: invariant 1 and what the tables are.
+        unsafe {
+            match [a.corners > TABLE, b.corners > TABLE] {
+                [false, false] => Self::shared(l, [a, b]),
+                [true, true] => Self::apart(l, [a, b]),
+                [true, false] => Self::halves(l, Self::apart(l, [a; 2]), Self::shared(l, [b; 2])),
+                [false, true] => Self::halves(l, Self::shared(l, [a; 2]), Self::apart(l, [b; 2])),
+            }
+        }
     }
 
+    /// The vertices of blocks whose corners are shared.
+    ///
+    /// # Safety
+    /// There are at most [`TABLE`] corners.
     #[inline(always)]
-    fn vertex<L: Lanes>(l: L, blocks: &[Self; 2], vertex: usize) -> [L::F; 3] {
-        let first = 3 * vertex;
+    unsafe fn shared<L: Lanes>(l: L, of: [&Self; 2]) -> [[L::F; 3]; 3] {
+        let [a, b] = of;
+        let (x, y, z) = ([a.table(0), b.table(0)], [a.table(1), b.table(1)], [a.table(2), b.table(2)]);
+        // SAFETY: invariant 1.
+        unsafe {
+            let words = l.bits(l.load_eights([a.words.as_ptr().cast(), b.words.as_ptr().cast()]));
+            let [first, second, third] = [words, l.shr_ids(words, 8), l.shr_ids(words, 16)];
+            [
+                [l.pick(x, first), l.pick(y, first), l.pick(z, first)],
+                [l.pick(x, second), l.pick(y, second), l.pick(z, second)],
+                [l.pick(x, third), l.pick(y, third), l.pick(z, third)],
+            ]
+        }
+    }
+
+    /// The vertices of blocks whose corners are not.
+    ///
+    /// # Safety
+    /// There are more than [`TABLE`] corners.
+    #[inline(always)]
+    unsafe fn apart<L: Lanes>(l: L, of: [&Self; 2]) -> [[L::F; 3]; 3] {
+        // SAFETY: as the caller vouches.
+        unsafe { [Self::third(l, of, 0), Self::third(l, of, 1), Self::third(l, of, 2)] }
+    }
+
+    /// A third of all corners: one vertex of each triangle.
+    ///
+    /// # Safety
+    /// As for [`Block::apart`].
+    #[inline(always)]
+    unsafe fn third<L: Lanes>(l: L, [a, b]: [&Self; 2], vertex: usize) -> [L::F; 3] {
+        let (i, k) = (vertex * a.count, vertex * b.count);
+        // SAFETY: invariant 1.
+        unsafe {
+            [
+                l.load_eights([a.table(0).wrapping_add(i), b.table(0).wrapping_add(k)]),
+                l.load_eights([a.table(1).wrapping_add(i), b.table(1).wrapping_add(k)]),
+                l.load_eights([a.table(2).wrapping_add(i), b.table(2).wrapping_add(k)]),
+            ]
+        }
+    }
+
+    /// The lower eight lanes of the one and the upper of the other.
+    #[inline(always)]
+    fn halves<L: Lanes>(l: L, a: [[L::F; 3]; 3], b: [[L::F; 3]; 3]) -> [[L::F; 3]; 3] {
+        const LOW: u32 = 0xff;
+        let [[a, b, c], [d, e, f]] = [a, b];
         [
-            Self::column(l, blocks, first),
-            Self::column(l, blocks, first + 1),
-            Self::column(l, blocks, first + 2),
+            [l.select(LOW, a[0], d[0]), l.select(LOW, a[1], d[1]), l.select(LOW, a[2], d[2])],
+            [l.select(LOW, b[0], e[0]), l.select(LOW, b[1], e[1]), l.select(LOW, b[2], e[2])],
+            [l.select(LOW, c[0], f[0]), l.select(LOW, c[1], f[1]), l.select(LOW, c[2], f[2])],
         ]
     }
 
+    /// Where the corners' coordinates along an axis are.
     #[inline(always)]
-    fn column<L: Lanes>(l: L, [a, b]: &[Self; 2], column: usize) -> L::F {
-        // SAFETY: invariant 1.
-        unsafe { l.load_eights([a.column_at(column), b.column_at(column)]) }
-    }
-
-    #[inline(always)]
-    fn column_at(&self, column: usize) -> *const f32 {
-        self.words.as_ptr().wrapping_add((1 + column) * self.count).cast()
-    }
-}
-
-/// Blocks to be written, from a first on.
-pub(super) struct Room<'a> {
-    words: &'a mut [u32],
-}
-
-impl<'a> Room<'a> {
-    /// Room for blocks of so many triangles, and what is left.
-    pub fn split(self, triangles: usize) -> (Self, Self) {
-        // The last column of each part reaches into the next: a part is written, and only the whole is read.
-        let (words, rest) = self.words.split_at_mut(TRIANGLE_WORDS * triangles);
-        (Self { words }, Self { words: rest })
-    }
-
-    /// Coordinates of a block there as `[vertex][axis][row]`; rows without a triangle are all zero.
-    pub fn vertices(&self, triangles: usize, count: usize) -> [[[f32; BLOCK_TRIANGLES]; 3]; 3] {
-        let words = &self.words[TRIANGLE_WORDS * triangles..][..TRIANGLE_WORDS * count];
-        let mut vertices = [[[0.0; BLOCK_TRIANGLES]; 3]; 3];
-        for (column, words) in vertices.iter_mut().flatten().zip(words[count..].chunks_exact(count)) {
-            for (number, &word) in column.iter_mut().zip(words) {
-                *number = f32::from_bits(word);
-            }
-        }
-        vertices
-    }
-
-    /// Room for `count` triangles that lie behind `triangles` others.
-    pub fn block(&mut self, triangles: usize, count: usize) -> BlockRoom<'_> {
-        BlockRoom { words: &mut self.words[TRIANGLE_WORDS * triangles..][..TRIANGLE_WORDS * count], count }
-    }
-}
-
-/// A block to be written.
-pub(super) struct BlockRoom<'a> {
-    words: &'a mut [u32],
-    count: usize,
-}
-
-impl BlockRoom<'_> {
-    /// Number of triangles.
-    pub fn len(&self) -> usize {
-        self.count
-    }
-
-    /// The primitive index of the triangle in a row.
-    pub fn primitive(&self, row: usize) -> u32 {
-        self.words[row] & PRIMITIVE
-    }
-
-    /// Says which triangle is in a row.
-    #[inline]
-    pub fn set_primitive(&mut self, row: usize, primitive: u32, is_masked: bool) {
-        self.words[row] = primitive | NORMAL | if is_masked { MASKED } else { 0 };
-    }
-
-    /// The same triangle under another index.
-    pub fn renumber(&mut self, row: usize, primitive: u32) {
-        self.words[row] = primitive | self.words[row] & !PRIMITIVE;
-    }
-
-    /// Moves the triangle in a row.
-    #[inline]
-    pub fn set_corners(&mut self, row: usize, corners: [Vec3; 3]) {
-        for (vertex, corner) in corners.into_iter().enumerate() {
-            for (axis, coordinate) in corner.to_array().into_iter().enumerate() {
-                self.words[(1 + 3 * vertex + axis) * self.count + row] = coordinate.to_bits();
-            }
-        }
+    fn table(&self, axis: usize) -> *const f32 {
+        self.words.as_ptr().wrapping_add(self.count + axis * self.corners).cast()
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::bvh::pile::Triangles;
     use crate::lanes::{Kernel, SimdLevel, store_one};
 
     /// All columns of a block.
@@ -270,30 +330,33 @@ mod tests {
 
     #[test]
     fn blocks_of_all_sizes_lie_side_by_side_and_keep_what_was_put_there() {
+        // Triangles of a strip, of a fan, apart, and all the same.
         let corner = |i: u32| Vec3::new(i as f32, -1.0 - i as f32, 0.5 * i as f32);
-        let corners = |primitive: u32| [0, 1, 2].map(|i| corner(3 * primitive + i));
-        let mut blocks = Blocks::zeroed(36);
-        let mut children = Vec::new();
-        let mut before = 0;
-        for count in 1..=BLOCK_TRIANGLES {
-            let mut room = blocks.room();
-            let mut block = room.block(before, count);
-            for row in 0..count {
-                let primitive = (before + row) as u32;
-                block.set_primitive(row, primitive, primitive.is_multiple_of(3));
-                block.set_corners(row, corners(primitive));
+        let kinds: [fn(u32) -> [u32; 3]; 4] =
+            [|i| [i, i + 1, i + 2], |i| [7, i + 9, i + 10], |i| [3 * i, 3 * i + 1, 3 * i + 2], |_| [5, 5, 6]];
+        let corners = |primitive: u32| kinds[primitive as usize / 36 % 4](primitive).map(corner);
+        let (mut piles, mut children, mut next) = (Vec::new(), Vec::new(), 0u32);
+        for kind in 0..4 {
+            let mut pile = Pile::with_capacity(3);
+            for count in 1..=BLOCK_TRIANGLES as u32 {
+                let mut triangles = Triangles::default();
+                for primitive in next..next + count {
+                    triangles.push(primitive, primitive.is_multiple_of(3), corners(primitive));
+                }
+                children.push((kind, pile.push(&triangles), next));
+                next += count;
             }
-            children.push(Child::block(before, count));
-            before += count;
+            piles.push(pile);
         }
-        for child in children {
+        let (mut blocks, starts) = Blocks::of(&piles);
+        for (kind, child, first) in children {
+            let child = child.behind(starts[kind]);
             let block = blocks.get(child);
-            assert_eq!(block.len(), child.triangles());
             // SAFETY: it is a block of these.
             let columns = SimdLevel::run_eight(Columns(unsafe { blocks.get_unchecked(child) }));
             for row in 0..block.len() {
                 let primitive = block.primitive(row);
-                assert_eq!(primitive as usize, child.index() + row);
+                assert_eq!(primitive, first + row as u32);
                 assert_eq!(block.is_masked(row), primitive.is_multiple_of(3));
                 assert_eq!(block.corners(row), corners(primitive));
                 let in_lanes: Vec<f32> = columns.iter().map(|column| column[row]).collect();
@@ -301,6 +364,8 @@ mod tests {
             }
             // What lanes beyond compute with is no denormal number.
             assert!(columns.as_flattened().iter().all(|x| !x.is_subnormal()));
+            blocks.ids_mut(child)[0] = 77;
+            assert_eq!(blocks.get(child).primitive(0), 77);
         }
     }
 }

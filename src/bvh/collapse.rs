@@ -1,15 +1,16 @@
 //! Binary tree → eight-wide tree, as planned: the top one node after the other, the subtrees below it
-//! in parallel, each into its own stretch of memory.
+//! in parallel, each by itself, and then all are put side by side.
 
 use super::Shape;
-use super::block::{BLOCK_TRIANGLES, Blocks, Room};
+use super::block::{BLOCK_TRIANGLES, Blocks};
 use super::odds::Odds;
 use super::pages::Pages;
+use super::pile::{Pile, Triangles};
 use super::sah::{Subtree, Tree};
 use super::wide::{Child, WIDTH, Wide, WideNode};
+use crate::geom::Aabb;
 use glam::Vec3;
 use rayon::prelude::*;
-use std::sync::atomic::{AtomicU32, Ordering};
 
 /// Subtrees of at most this many primitives are laid out by one thread. Never depends on the number of
 /// threads, nor does then the layout.
@@ -20,27 +21,17 @@ pub(super) fn collapse(tree: &Tree, shape: &impl Shape) -> (Wide, Vec<Child>) {
     let Some(root) = tree.root() else {
         let mut nodes = Pages::zeroed(1);
         nodes[0] = WideNode::VACANT;
-        return (Wide { nodes, blocks: Blocks::zeroed(0), depth: 1 }, Vec::new());
+        return (Wide { nodes, blocks: Blocks::none(), depth: 1 }, Vec::new());
     };
-    assert!(root.count as usize <= Child::LIMIT, "references to children have 28 bits");
     let top = Top::new(tree, root);
-    let mut blocks = Blocks::zeroed(root.count as usize);
-    let places: Vec<AtomicU32> =
-        (0..root.count).into_par_iter().with_min_len(1 << 14).map(|_| AtomicU32::new(0)).collect();
-    let layout = Layout { tree, shape, places: &places };
-
-    // How many triangles there are in a part is known, so blocks go to their places at once; nodes do when all parts are there.
-    let mut triangles = top.triangles();
-    let (mut top_blocks, mut blocks_left) = blocks.room().split(triangles);
-    let mut rooms = Vec::with_capacity(top.parts.len());
-    for &part in &top.parts {
-        let room;
-        (room, blocks_left) = blocks_left.split(part.count as usize);
-        rooms.push((part, triangles, room));
-        triangles += part.count as usize;
-    }
-    let parts: Vec<Part> =
-        rooms.into_par_iter().map(|(part, before, room)| layout.part(part, before, room)).collect();
+    let layout = Layout { tree, shape };
+    // How large parts become is known when they are there. The top's blocks come first.
+    let mut top_pile = Pile::with_capacity(0);
+    let top_blocks: Vec<(Child, Odds)> =
+        top.blocks.iter().map(|&block| layout.block(block, &mut top_pile)).collect();
+    let parts: (Vec<Part>, Vec<Pile>) = top.parts.par_iter().map(|&part| layout.part(part)).unzip();
+    let (parts, mut piles) = parts;
+    piles.insert(0, top_pile);
     let mut starts = Vec::with_capacity(parts.len());
     let mut count = top.nodes.len();
     for part in &parts {
@@ -51,51 +42,51 @@ pub(super) fn collapse(tree: &Tree, shape: &impl Shape) -> (Wide, Vec<Child>) {
 
     let mut nodes = Pages::zeroed(count);
     let (top_nodes, mut nodes_left) = nodes.split_at_mut(top.nodes.len());
+    let mut leaves = Vec::with_capacity(top.nodes.len());
     for (node, (of, children)) in top_nodes.iter_mut().zip(&top.nodes) {
-        let reference = |child: &TopChild, count: u32| match *child {
-            TopChild::Node(index) => Child::node(index),
-            TopChild::Block(at) => Child::block(at, count as usize),
-            TopChild::Part(index) => Child::node(starts[index]),
+        let reference = |place: &TopChild| match *place {
+            TopChild::Node(index) => (Child::node(index), Odds::default()),
+            TopChild::Block(index) => top_blocks[index],
+            TopChild::Part(index) => (Child::node(starts[index]), parts[index].odds),
         };
-        let children = children.iter().map(|(child, place)| (*child, reference(place, child.count)));
-        *node = layout.node(*of, children);
+        let leaves_of_node;
+        (*node, leaves_of_node) =
+            layout.node(*of, children.iter().map(|(child, place)| (*child, reference(place))));
+        leaves.push(leaves_of_node);
     }
-    let mut at = 0;
-    for &block in &top.blocks {
-        layout.block(block, at, at, &mut top_blocks);
-        at += block.count as usize;
-    }
-    order(top_nodes, &top_blocks, 0, &|node| {
-        parts[starts.binary_search(&node).expect("a child is a node of the top or a part's first")].odds
-    });
+    order(top_nodes, &leaves);
+    let (blocks, block_starts) = Blocks::of(&piles);
     let mut depth = top.depth;
     let mut copies = Vec::with_capacity(parts.len());
-    for ((part, &start), above) in parts.iter().zip(&starts).zip(&top.depths) {
+    for ((part, &start), (above, &blocks)) in
+        parts.iter().zip(&starts).zip(top.depths.iter().zip(&block_starts[1..]))
+    {
         let room;
         (room, nodes_left) = nodes_left.split_at_mut(part.nodes.len());
-        copies.push((part, start, room));
+        copies.push((part, start, blocks, room));
         depth = depth.max(above + part.depth);
     }
-    copies.into_par_iter().for_each(|(part, start, room)| {
+    copies.into_par_iter().for_each(|(part, start, blocks, room)| {
         for (to, node) in room.iter_mut().zip(&part.nodes) {
-            *to = node.moved(start);
+            *to = node.moved(start, blocks);
         }
     });
-    let places = places.into_iter().map(|place| bytemuck::cast(place.into_inner())).collect();
-    (Wide { nodes, blocks, depth }, places)
+    let wide = Wide { nodes, blocks, depth };
+    let places = wide.places(root.count as usize, |primitive| primitive as usize);
+    (wide, places)
 }
 
+/// Odds of a node's children that are no nodes beside it, by slot.
+type Leaves = [Odds; WIDTH];
+
 /// Puts the children of nodes in order for any hit, from the last node, which no other is above, to the first, whose
-/// odds it answers. Blocks begin behind `before` triangles; `below` knows other nodes.
-fn order(nodes: &mut [WideNode], blocks: &Room, before: usize, below: &impl Fn(usize) -> Odds) -> Odds {
+/// odds it answers.
+fn order(nodes: &mut [WideNode], leaves: &[Leaves]) -> Odds {
     let mut odds = vec![Odds::default(); nodes.len()];
     for at in (0..nodes.len()).rev() {
-        odds[at] = Odds::order(&mut nodes[at], |child| match child.index() {
-            index if child.is_block() => {
-                let count = child.triangles();
-                Odds::of_block(&blocks.vertices(index - before, count), count)
-            }
-            index => odds.get(index).copied().unwrap_or_else(|| below(index)),
+        odds[at] = Odds::order(&mut nodes[at], |slot, child| match child.index() {
+            index if !child.is_block() && index < odds.len() => odds[index],
+            _ => leaves[at][slot],
         });
     }
     odds.first().copied().unwrap_or_default()
@@ -146,18 +137,13 @@ struct Top {
 enum TopChild {
     /// Index of a node.
     Node(usize),
-    /// Triangles before those of a block.
+    /// Index of a block.
     Block(usize),
     /// Index of a part.
     Part(usize),
 }
 
 impl Top {
-    /// How many are in its blocks.
-    fn triangles(&self) -> usize {
-        self.blocks.iter().map(|block| block.count as usize).sum()
-    }
-
     fn new(tree: &Tree, root: Subtree) -> Self {
         let mut top = Self { nodes: vec![(root, Vec::new())], ..Self::default() };
         let mut depths = vec![1];
@@ -167,9 +153,8 @@ impl Top {
             top.depth = top.depth.max(depth);
             for &child in children(tree, of).iter() {
                 let place = if tree.is_block(child) {
-                    let before = top.triangles();
                     top.blocks.push(child);
-                    TopChild::Block(before)
+                    TopChild::Block(top.blocks.len() - 1)
                 } else if child.count > PART {
                     top.nodes.push((child, Vec::new()));
                     depths.push(depth + 1);
@@ -200,70 +185,72 @@ struct Part {
 struct Layout<'a, S> {
     tree: &'a Tree,
     shape: &'a S,
-    places: &'a [AtomicU32],
 }
 
 impl<S: Shape> Layout<'_, S> {
-    /// Lays a subtree out, children of one node side by side; its blocks are `room`, which is behind `before` triangles.
-    fn part(&self, part: Subtree, before: usize, mut room: Room) -> Part {
+    /// Lays a subtree out, children of one node side by side, and its blocks on a pile.
+    fn part(&self, part: Subtree) -> (Part, Pile) {
         let mut nodes = Vec::with_capacity(part.count as usize / WIDTH);
         nodes.push(WideNode::VACANT);
-        let (mut triangles, mut deepest) = (0, 0);
+        let mut pile = Pile::with_capacity(part.count as usize);
+        let mut leaves = vec![Leaves::default()];
+        let mut deepest = 0;
         let mut stack = vec![(0, part, 1)];
         while let Some((at, of, depth)) = stack.pop() {
             deepest = deepest.max(depth);
             let children = children(self.tree, of);
             let references = children.iter().map(|&child| {
                 if self.tree.is_block(child) {
-                    let reference = self.block(child, triangles, before + triangles, &mut room);
-                    triangles += child.count as usize;
-                    (child, reference)
+                    (child, self.block(child, &mut pile))
                 } else {
                     stack.push((nodes.len(), child, depth + 1));
                     nodes.push(WideNode::VACANT);
-                    (child, Child::node(nodes.len() - 1))
+                    leaves.push(Leaves::default());
+                    (child, (Child::node(nodes.len() - 1), Odds::default()))
                 }
             });
             let node = self.node(of, references);
-            nodes[at] = node;
+            (nodes[at], leaves[at]) = node;
         }
-        let odds = order(&mut nodes, &room, before, &|_| unreachable!("a part ends in blocks"));
-        Part { nodes, depth: deepest, odds }
+        let odds = order(&mut nodes, &leaves);
+        (Part { nodes, depth: deepest, odds }, pile)
     }
 
-    fn node(&self, of: Subtree, children: impl Iterator<Item = (Subtree, Child)>) -> WideNode {
-        let mut references = [(Child::NONE, crate::geom::Aabb::EMPTY); WIDTH];
+    fn node(
+        &self,
+        of: Subtree,
+        children: impl Iterator<Item = (Subtree, (Child, Odds))>,
+    ) -> (WideNode, Leaves) {
+        let mut references = [(Child::NONE, Odds::default(), Aabb::EMPTY); WIDTH];
         let mut len = 0;
-        for (child, reference) in children {
-            references[len] = (reference, self.tree.bounds(child));
+        for (child, (reference, odds)) in children {
+            references[len] = (reference, odds, self.tree.bounds(child));
             len += 1;
         }
         let references = &references[..len];
         let centre = self.tree.bounds(of).centre();
-        let mut node = WideNode::VACANT;
-        let slots = slots(references.iter().map(|(_, bounds)| bounds.centre() - centre));
-        for ((reference, bounds), slot) in references.iter().zip(slots) {
+        let (mut node, mut leaves) = (WideNode::VACANT, Leaves::default());
+        let slots = slots(references.iter().map(|(.., bounds)| bounds.centre() - centre));
+        for ((reference, odds, bounds), slot) in references.iter().zip(slots) {
             node.set(slot, *bounds, *reference);
+            leaves[slot] = *odds;
         }
-        node
+        (node, leaves)
     }
 
-    /// Writes a block into `blocks` behind `before` triangles, which is behind `index` of the whole.
-    fn block(&self, of: Subtree, before: usize, index: usize, blocks: &mut Room) -> Child {
-        let count = of.count as usize;
+    /// Puts a block on a pile.
+    fn block(&self, of: Subtree, pile: &mut Pile) -> (Child, Odds) {
         let mut primitives = [u32::MAX; BLOCK_TRIANGLES];
         for (to, primitive) in primitives.iter_mut().zip(self.tree.primitives(of)) {
             *to = primitive;
         }
-        let primitives = &mut primitives[..count];
+        let primitives = &mut primitives[..of.count as usize];
         primitives.sort_unstable();
-        let (child, mut block) = (Child::block(index, count), blocks.block(before, count));
-        for (row, &primitive) in primitives.iter().enumerate() {
-            self.places[primitive as usize].store(bytemuck::cast(child), Ordering::Relaxed);
-            block.set_primitive(row, primitive, self.shape.is_masked(primitive));
-            block.set_corners(row, self.shape.corners(primitive));
+        let mut triangles = Triangles::default();
+        for &primitive in &*primitives {
+            triangles.push(primitive, self.shape.is_masked(primitive), self.shape.corners(primitive));
         }
-        child
+        (pile.push(&triangles), Odds::of_block(&triangles))
     }
 }
 

@@ -3,6 +3,7 @@
 //! Tracing*).
 
 use super::block::BLOCK_TRIANGLES;
+use super::pile::Triangles;
 use super::wide::{Child, WIDTH, WideNode};
 use crate::geom::Aabb;
 
@@ -19,9 +20,10 @@ pub(super) struct Odds {
 const BLOCK_COST: [f32; 2] = [1.0, 0.3];
 
 impl Odds {
-    /// Those of a block with these coordinates, as `[vertex][axis][row]`.
-    pub fn of_block([a, b, c]: &[[[f32; BLOCK_TRIANGLES]; 3]; 3], triangles: usize) -> Self {
+    /// Those of a block.
+    pub fn of_block(triangles: &Triangles) -> Self {
         // Vacant rows have no area.
+        let [a, b, c] = &triangles.columns;
         let mut squares = [0.0; BLOCK_TRIANGLES];
         for row in 0..BLOCK_TRIANGLES {
             let (ex, fx) = (b[0][row] - a[0][row], c[0][row] - a[0][row]);
@@ -31,7 +33,7 @@ impl Odds {
             squares[row] = x * x + y * y + z * z;
         }
         let area = 0.5 * squares.map(f32::sqrt).iter().sum::<f32>();
-        Self { area, cost: BLOCK_COST[0] + BLOCK_COST[1] * triangles as f32 }
+        Self { area, cost: BLOCK_COST[0] + BLOCK_COST[1] * triangles.len() as f32 }
     }
 
     /// How much speaks for looking in a box of half the surface `half` first. Triangles of area `a` are crossed `a / half`
@@ -43,13 +45,13 @@ impl Odds {
         crossed.min(f32::MAX) / (1.0 + crossed.min(f32::MAX)) / self.cost.sqrt()
     }
 
-    /// Puts the children of a node, whose odds `of` gives, in order; the node's own odds.
-    pub fn order(node: &mut WideNode, of: impl Fn(Child) -> Self) -> Self {
+    /// Puts the children of a node, whose odds `of` gives for slot and child, in order; the node's own odds.
+    pub fn order(node: &mut WideNode, of: impl Fn(usize, Child) -> Self) -> Self {
         let mut all = Self { area: 0.0, cost: 0.0 };
         let mut bounds = Aabb::EMPTY;
         let mut weights = [-1.0f32; WIDTH];
         for slot in (0..WIDTH).filter(|&slot| node.children[slot] != Child::NONE) {
-            let (child, odds) = (node.bounds(slot), of(node.children[slot]));
+            let (child, odds) = (node.bounds(slot), of(slot, node.children[slot]));
             let half = child.half_area();
             weights[slot] = odds.weight(half);
             all.area += odds.area;
@@ -106,14 +108,16 @@ mod tests {
 
     #[test]
     fn odds_of_a_node_sum_up_what_is_below() {
-        let mut bvh = wall_and_cloud();
-        let Wide { nodes, blocks, .. } = &mut bvh.wide;
-        let blocks = blocks.room();
+        let bvh = wall_and_cloud();
+        let Wide { nodes, blocks, .. } = &bvh.wide;
         let mut odds = vec![Odds::default(); nodes.len()];
         for at in (0..nodes.len()).rev() {
-            odds[at] = Odds::order(&mut nodes[at].clone(), |child| match child.index() {
-                index if child.is_block() => {
-                    Odds::of_block(&blocks.vertices(index, child.triangles()), child.triangles())
+            odds[at] = Odds::order(&mut nodes[at].clone(), |_, child| match child.index() {
+                _ if child.is_block() => {
+                    let block = blocks.get(child);
+                    let mut triangles = Triangles::default();
+                    (0..block.len()).for_each(|row| triangles.push(0, false, block.corners(row)));
+                    Odds::of_block(&triangles)
                 }
                 index => odds[index],
             });

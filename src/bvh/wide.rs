@@ -6,12 +6,14 @@ use crate::geom::Aabb;
 use crate::lanes::Lanes;
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
+use rayon::prelude::*;
+use std::sync::atomic::{AtomicU32, Ordering};
 
 /// Children of a node.
 pub const WIDTH: usize = 8;
 
-/// A reference to a child, as it lies in a node: an inner node's index, or the number of triangles in the blocks before
-/// a block with the number of its own, or nothing. Blocks of a tree of placed trees stand for the members, by index.
+/// A reference to a child, as it lies in a node: an inner node's index, or the place of a block with the number of its
+/// triangles, or nothing. Blocks of a tree of placed trees stand for the members, by index.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
 #[repr(transparent)]
 pub struct Child(u32);
@@ -21,7 +23,7 @@ impl Child {
     pub const ROOT: Self = Self(0);
     /// No child.
     pub const NONE: Self = Self(u32::MAX);
-    /// The most inner nodes, and the most triangles, that a tree may have.
+    /// The most inner nodes, and the most places for blocks, that a tree may have.
     pub const LIMIT: usize = (1 << 28) - 1;
     const LEAF: u32 = 1 << 31;
 
@@ -37,12 +39,17 @@ impl Child {
         Self(Self::LEAF | (triangles as u32 - 1) << 28 | index as u32)
     }
 
+    /// The same block when all lie `by` places farther back.
+    pub(super) fn behind(self, by: usize) -> Self {
+        Self::block(self.index() + by, self.triangles())
+    }
+
     /// Whether it is a block (of no consequence for [`Child::NONE`], whose box is never entered).
     pub fn is_block(self) -> bool {
         self.0 & Self::LEAF != 0
     }
 
-    /// Index of the node or of the block's first triangle.
+    /// Index of the node or place of the block.
     pub fn index(self) -> usize {
         (self.0 & Self::LIMIT as u32) as usize
     }
@@ -106,13 +113,14 @@ impl WideNode {
         Aabb { min: lowest.into(), max: highest.into() }
     }
 
-    /// The node when its inner children lie `by` places farther back.
-    pub(super) fn moved(&self, by: usize) -> Self {
-        let mut moved = *self;
-        for child in moved.children.iter_mut().filter(|child| !child.is_block()) {
-            *child = Child::node(child.index() + by);
-        }
-        moved
+    /// The node when its inner children, and those that are blocks, lie so many places farther back.
+    pub(super) fn moved(&self, nodes: usize, blocks: usize) -> Self {
+        let there = self.children.map(|child| match child {
+            Child::NONE => child,
+            child if child.is_block() => child.behind(blocks),
+            child => Child::node(child.index() + nodes),
+        });
+        Self { children: there, ..*self }
     }
 
     /// The children that are blocks.
@@ -149,6 +157,21 @@ impl Wide {
     /// All blocks, one node's after the other's; none of a tree of placed trees.
     pub fn each_block(&self) -> impl Iterator<Item = Block<'_>> {
         self.nodes.iter().flat_map(WideNode::block_children).map(|child| self.blocks.get(child))
+    }
+
+    /// The block of each of `count` triangles, whose places among these `place` says. On the current rayon pool.
+    pub(super) fn places(&self, count: usize, place: impl Fn(u32) -> usize + Sync) -> Vec<Child> {
+        let places: Vec<AtomicU32> =
+            (0..count).into_par_iter().with_min_len(1 << 14).map(|_| AtomicU32::new(0)).collect();
+        self.nodes.par_iter().with_min_len(1 << 8).flat_map_iter(WideNode::block_children).for_each(
+            |child| {
+                let block = self.blocks.get(child);
+                for row in 0..block.len() {
+                    places[place(block.primitive(row))].store(child.0, Ordering::Relaxed);
+                }
+            },
+        );
+        places.into_iter().map(|place| Child(place.into_inner())).collect()
     }
 
     /// Inner nodes on the longest way down.

@@ -1,7 +1,7 @@
 //! Eight lanes on x86-64 with AVX2 and FMA.
 //!
 //! Unsafe code, because of instructions and pointers. Invariants:
-//! 1. A token exists only where the processor has AVX2 and FMA (its maker vouches for it).
+//! 1. A token exists only where the processor has AVX2 and FMA, and what its type says beside (its maker vouches for it).
 //! 2. Every pointer access is within what the caller of the method vouches for, as the trait states it.
 #![allow(unsafe_code)]
 
@@ -9,15 +9,21 @@ use super::order::LANES_OF;
 use super::{Lanes, Piece, nearest, spill};
 use std::arch::x86_64::*;
 
-/// Proof that the processor has AVX2 and FMA.
+/// Proof that the processor has AVX2 and FMA, and if `VL` AVX-512 for eight lanes too.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Avx2(());
+pub(crate) struct Eights<const VL: bool>(());
 
-impl Avx2 {
+/// Eight lanes.
+pub(crate) type Avx2 = Eights<false>;
+
+/// Eight lanes where there are sixteen.
+pub(crate) type Avx512Eights = Eights<true>;
+
+impl<const VL: bool> Eights<VL> {
     /// A token.
     ///
     /// # Safety
-    /// The processor has AVX2 and FMA.
+    /// The processor has AVX2 and FMA, and if `VL` AVX-512F and AVX-512VL.
     #[inline(always)]
     pub(crate) unsafe fn new() -> Self {
         Self(())
@@ -26,7 +32,7 @@ impl Avx2 {
 
 /// The lanes of a mask, in order.
 #[inline(always)]
-fn order_of(_: Avx2, mask: u32) -> __m256i {
+fn order_of<const VL: bool>(_: Eights<VL>, mask: u32) -> __m256i {
     // SAFETY: invariant 1; there are 256 masks.
     unsafe {
         let order = LANES_OF.get_unchecked(mask as usize & 255).as_ptr();
@@ -36,7 +42,7 @@ fn order_of(_: Avx2, mask: u32) -> __m256i {
 
 /// Turns four vectors, each with a row of four in either half, into columns in the same halves.
 #[inline(always)]
-fn transpose_parts(_: Avx2, r: [__m256; 4]) -> [__m256; 4] {
+fn transpose_parts<const VL: bool>(_: Eights<VL>, r: [__m256; 4]) -> [__m256; 4] {
     // SAFETY: invariant 1.
     unsafe {
         let ab = [
@@ -58,7 +64,7 @@ fn transpose_parts(_: Avx2, r: [__m256; 4]) -> [__m256; 4] {
 
 /// Turns eight rows of eight into columns, or columns into rows.
 #[inline(always)]
-fn transpose(token: Avx2, r: [__m256; 8]) -> [__m256; 8] {
+fn transpose<const VL: bool>(token: Eights<VL>, r: [__m256; 8]) -> [__m256; 8] {
     // SAFETY: invariant 1.
     unsafe {
         let low = transpose_parts(token, [r[0], r[1], r[2], r[3]]);
@@ -78,7 +84,7 @@ fn transpose(token: Avx2, r: [__m256; 8]) -> [__m256; 8] {
 
 // SAFETY of every block below: invariant 1 for the instructions, 2 for the pointers.
 #[allow(clippy::undocumented_unsafe_blocks)]
-impl Lanes for Avx2 {
+impl<const VL: bool> Lanes for Eights<VL> {
     const LANES: usize = 8;
     type F = __m256;
     type I = __m256i;
@@ -299,7 +305,7 @@ impl Lanes for Avx2 {
     fn apart<P: Piece<Self>>(self, piece: P) -> P::Output {
         #[inline(never)]
         #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
-        fn run<P: Piece<Avx2>>(l: Avx2, piece: P) -> P::Output {
+        fn run<const VL: bool, P: Piece<Eights<VL>>>(l: Eights<VL>, piece: P) -> P::Output {
             piece.run(l)
         }
         unsafe { run(self, piece) }
@@ -311,6 +317,19 @@ impl Lanes for Avx2 {
     #[inline(always)]
     unsafe fn load(self, from: *const f32) -> __m256 {
         unsafe { _mm256_loadu_ps(from) }
+    }
+    #[inline(always)]
+    unsafe fn pick(self, from: [*const f32; 2], ids: __m256i) -> __m256 {
+        unsafe {
+            if VL {
+                let (low, high) = (_mm256_loadu_ps(from[0]), _mm256_loadu_ps(from[0].add(8)));
+                return _mm256_permutex2var_ps(low, ids, high);
+            }
+            // Both halves by the lowest three bits; the fourth, where the sign is, says which.
+            let low = _mm256_permutevar8x32_ps(_mm256_loadu_ps(from[0]), ids);
+            let high = _mm256_permutevar8x32_ps(_mm256_loadu_ps(from[0].add(8)), ids);
+            _mm256_blendv_ps(low, high, _mm256_castsi256_ps(_mm256_slli_epi32::<28>(ids)))
+        }
     }
     #[inline(always)]
     unsafe fn store(self, to: *mut f32, a: __m256) {
@@ -326,7 +345,14 @@ impl Lanes for Avx2 {
     }
     #[inline(always)]
     unsafe fn append(self, to: *mut u32, mask: u32, ids: __m256i) {
-        unsafe { _mm256_storeu_si256(to.cast(), _mm256_permutevar8x32_epi32(ids, order_of(self, mask))) }
+        unsafe {
+            let some = if VL {
+                _mm256_maskz_compress_epi32(mask as u8, ids)
+            } else {
+                _mm256_permutevar8x32_epi32(ids, order_of(self, mask))
+            };
+            _mm256_storeu_si256(to.cast(), some);
+        }
     }
     #[inline(always)]
     unsafe fn rows(self, base: *const f32, ids: *const u32) -> [__m256; 8] {

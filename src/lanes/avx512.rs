@@ -315,6 +315,15 @@ impl Lanes for Avx512 {
         }
     }
     #[inline(always)]
+    unsafe fn pick(self, from: [*const f32; 2], ids: __m512i) -> __m512 {
+        // The fifth bit says which of the tables.
+        unsafe {
+            let which = _mm512_maskz_set1_epi32(0xff00, 16);
+            let ids = _mm512_ternarylogic_epi32::<0xf8>(which, ids, _mm512_set1_epi32(15));
+            _mm512_permutex2var_ps(_mm512_loadu_ps(from[0]), ids, _mm512_loadu_ps(from[1]))
+        }
+    }
+    #[inline(always)]
     fn splat_eights(self, x: [f32; 2]) -> __m512 {
         unsafe { _mm512_mask_broadcastss_ps(_mm512_set1_ps(x[0]), 0xff00, _mm_set_ss(x[1])) }
     }

@@ -24,7 +24,7 @@ pub mod trigonometry;
 mod vector;
 
 #[cfg(target_arch = "x86_64")]
-pub(crate) use avx2::Avx2;
+pub(crate) use avx2::{Avx2, Avx512Eights};
 #[cfg(target_arch = "x86_64")]
 pub(crate) use avx512::Avx512;
 pub use int::Int;
@@ -177,6 +177,13 @@ pub trait Lanes: Copy {
         // SAFETY: the caller vouches for eight.
         unsafe { self.load(from[0]) }
     }
+    /// Of sixteen numbers, the one that the lowest four bits of an id name, in each lane; for each eight lanes they are at a
+    /// place of their own. With eight lanes only the first counts.
+    ///
+    /// # Safety
+    /// Each place is good for reading sixteen numbers.
+    #[allow(unsafe_code)]
+    unsafe fn pick(self, from: [*const f32; 2], ids: Self::I) -> Self::F;
     /// A number in each eight lanes. With eight lanes only the first counts.
     #[inline(always)]
     fn splat_eights(self, x: [f32; 2]) -> Self::F {
@@ -464,6 +471,7 @@ mod tests {
     fn memory<L: Lanes>(l: L) {
         let rows: Vec<f32> = (0..8 * 40).map(|i| i as f32).collect();
         let ids: Vec<u32> = (0..L::LANES as u32).map(|i| (i * 7 + 3) % 40 * 32).collect();
+        let odd: Vec<u32> = (0..L::LANES as u32).map(|i| i.wrapping_mul(0x9e37_79b9) ^ i).collect();
         // SAFETY: all ids lead to one of the 40 rows; every buffer holds what is read and written.
         unsafe {
             let columns = l.rows(rows.as_ptr(), ids.as_ptr());
@@ -503,6 +511,10 @@ mod tests {
                 assert_eq!(out[..expected.len()], expected);
                 let packed = spill(l, l.pack(mask, l.of_bits(l.load_ids(ids.as_ptr()))));
                 assert!(expected.iter().zip(packed).all(|(&id, packed)| packed.to_bits() == id));
+            }
+            let picked = spill(l, l.pick([rows.as_ptr(), rows.as_ptr().add(20)], l.load_ids(odd.as_ptr())));
+            for lane in 0..L::LANES {
+                assert_eq!(picked[lane], rows[20 * (lane / 8) + odd[lane] as usize % 16], "lane {lane}");
             }
             let mut out = [7u32; 16];
             l.store_ids(out.as_mut_ptr(), l.select_ids(0xa6, l.splat_id(9), l.load_ids(ids.as_ptr())));

@@ -358,6 +358,20 @@ impl Lanes for Neon {
         }
     }
     #[inline(always)]
+    unsafe fn pick(self, from: [*const f32; 2], ids: I) -> F {
+        unsafe {
+            // Lane n is bytes 4n to 4n + 3.
+            let bytes = |at: usize| vreinterpretq_u8_f32(vld1q_f32(from[0].add(4 * at)));
+            let table = uint8x16x4_t(bytes(0), bytes(1), bytes(2), bytes(3));
+            let (step, first) = (vdupq_n_u32(0x0404_0404), vdupq_n_u32(0x0302_0100));
+            let at = |ids| vreinterpretq_u8_u32(vmlaq_u32(first, vandq_u32(ids, vdupq_n_u32(15)), step));
+            [
+                vreinterpretq_f32_u8(vqtbl4q_u8(table, at(ids[0]))),
+                vreinterpretq_f32_u8(vqtbl4q_u8(table, at(ids[1]))),
+            ]
+        }
+    }
+    #[inline(always)]
     unsafe fn append(self, to: *mut u32, mask: u32, ids: I) {
         unsafe { self.store_ids(to, self.permute_ids(ids, order_of(mask))) }
     }

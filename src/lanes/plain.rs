@@ -261,6 +261,11 @@ impl<const N: usize> Lanes for Plain<N> {
         unsafe { to.cast::<[u32; N]>().write_unaligned(ids) }
     }
     #[inline(always)]
+    unsafe fn pick(self, from: [*const f32; 2], ids: Self::I) -> Self::F {
+        // SAFETY: invariant 1.
+        from_fn(|i| unsafe { from[i / 8].add(ids[i] as usize % 16).read_unaligned() })
+    }
+    #[inline(always)]
     unsafe fn append(self, to: *mut u32, mask: u32, ids: Self::I) {
         let mut len = 0;
         for (i, id) in ids.into_iter().enumerate() {

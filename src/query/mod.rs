@@ -51,7 +51,7 @@ impl Mesh {
     ///
     /// # Errors
     /// When an index is out of range, a coordinate is not finite or beyond
-    /// [`crate::geom::MAX_COORDINATE`], or there are more than 200 million triangles.
+    /// [`crate::geom::MAX_COORDINATE`], or there are more than 130 million triangles.
     pub fn build(positions: &[Vec3], triangles: &[[u32; 3]]) -> Result<Self, GeometryError> {
         GeometryError::check(positions, triangles)?;
         Ok(Self::of(Arc::new(Bvh::build(positions, triangles, |_| false))))

@@ -127,6 +127,29 @@ fn a_refitted_tree_is_valid_and_tight_and_knows_its_triangles() {
 }
 
 #[test]
+fn corners_part_and_meet_in_a_refit() {
+    // A sheet whose triangles share corners, and the same triangles flying apart.
+    let sheet = meshes::grid(40, 0.3, 21);
+    let mut apart = meshes::soup(0, 0.0, 0);
+    let mut random = Random::new(22);
+    for primitive in 0..sheet.triangles.len() {
+        let by = random.point();
+        apart.push(sheet.corners(primitive).map(|corner| corner + by));
+    }
+    let (mut bvh, fresh) = (build(&sheet), build(&sheet));
+    let small = bvh.bytes();
+    for (mesh, grows) in [(&apart, true), (&sheet, false)] {
+        assert_eq!(bvh.refit(&mesh.positions, &mesh.triangles), Ok(()));
+        assert_eq!(bvh.validate(), Ok(()));
+        for primitive in 0..bvh.len() as u32 {
+            assert_eq!(bvh.corners(primitive), mesh.corners(primitive as usize));
+        }
+        assert_eq!(bvh.bytes() > small + 12 * bvh.len(), grows);
+    }
+    assert_eq!(bvh.wide().blocks(), fresh.wide().blocks());
+}
+
+#[test]
 fn a_refit_that_cannot_be_leaves_the_tree_as_it_was() {
     let mesh = meshes::soup(100, 0.1, 15);
     let mut bvh = build(&mesh);

@@ -320,7 +320,7 @@ impl Leaves for Members {
 #[cfg(target_arch = "x86_64")]
 mod x86 {
     use super::*;
-    use crate::lanes::Avx2;
+    use crate::lanes::{Avx2, Avx512Eights};
 
     /// # Safety
     /// Invariant 3.
@@ -332,7 +332,7 @@ mod x86 {
         answer: impl FnMut(usize, Hit),
     ) {
         // SAFETY: this function enables the instructions, so whoever calls it has them; invariant 3.
-        unsafe { trace::<_, ANY>(Avx2::new(), tree, rays, stack, answer) };
+        unsafe { trace::<_, ANY>(Avx512Eights::new(), tree, rays, stack, answer) };
     }
 
     /// # Safety

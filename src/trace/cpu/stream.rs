@@ -430,9 +430,11 @@ pub(super) fn fetch_node(job: &Job<'_>, child: Child) {
 #[inline(always)]
 pub(super) fn fetch_block(job: &Job<'_>, child: Child) {
     let block = job.blocks.address(child).cast::<u8>();
-    for line in 0..5 {
+    for line in 0..3 {
         prefetch(block.wrapping_add(64 * line));
     }
+    // Where large blocks go on; of others it is one of these lines.
+    prefetch(block.wrapping_add(24 * child.triangles()));
 }
 
 /// Asks for the rows, or rays, that a list needs next: they have often left the nearer caches, and the lanes before them

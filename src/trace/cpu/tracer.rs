@@ -94,7 +94,7 @@ impl Tracer for CpuTracer {
 #[cfg(target_arch = "x86_64")]
 mod x86 {
     use super::*;
-    use crate::lanes::{Avx2, Avx512};
+    use crate::lanes::{Avx2, Avx512, Avx512Eights};
 
     #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
     pub fn avx512<const ANY: bool, const MEMBERS: bool>(
@@ -105,7 +105,7 @@ mod x86 {
         scratch: &mut Scratch,
     ) {
         // SAFETY: this function enables the instructions, so whoever calls it has them.
-        let tokens = unsafe { (Avx512::new(), Avx2::new()) };
+        let tokens = unsafe { (Avx512::new(), Avx512Eights::new()) };
         trace::<_, _, ANY, MEMBERS>(tokens, bvh, filter, rays, answers, scratch);
     }
 
