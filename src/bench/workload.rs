@@ -2,18 +2,16 @@
 
 use crate::bvh::Bvh;
 use crate::geom::{Frame, Sampler, warp};
+use crate::render::Blocks;
 use crate::scene::{Camera, CameraError};
 use crate::stream::{Hit, Ray, Tracer};
 use glam::Vec3;
-
-/// Edge of the tiles in which camera rays are spawned.
-const TILE: u32 = 16;
 
 /// A kind of ray.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Kind {
-    /// Closest hit of camera rays, in tiles of 16 × 16.
+    /// Closest hit of camera rays, in the order in which frames spawn them.
     Camera,
     /// Closest hit of one diffuse bounce of each camera ray that hit, in the same order.
     Bounce,
@@ -58,13 +56,12 @@ impl Workload {
     ) -> Result<Self, CameraError> {
         let lens = camera.lens(width, height)?;
         let mut rays = Vec::with_capacity((width * height) as usize);
-        for tile in 0..width.div_ceil(TILE) * height.div_ceil(TILE) {
-            let (tx, ty) = (tile % width.div_ceil(TILE) * TILE, tile / width.div_ceil(TILE) * TILE);
-            for y in ty..(ty + TILE).min(height) {
-                for x in tx..(tx + TILE).min(width) {
-                    let place = Sampler::new(y * width + x, 0, 0).pair(0);
-                    rays.push(Ray::new(lens.eye, lens.direction(x, y, place)));
-                }
+        let blocks = Blocks::new(width, height);
+        for &block in &*blocks.in_order() {
+            let (columns, rows) = blocks.pixels(block);
+            for (x, y) in rows.flat_map(|y| columns.clone().map(move |x| (x, y))) {
+                let place = Sampler::new(y * width + x, 0, 0).pair(0);
+                rays.push(Ray::new(lens.eye, lens.direction(x, y, place)));
             }
         }
         let mut hits = vec![Hit::NONE; rays.len()];
