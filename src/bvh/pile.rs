@@ -111,7 +111,7 @@ impl Kernel for Compare<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self, l: L) -> Alike {
         const { assert!(L::LANES == BLOCK_TRIANGLES) };
-        let Triangles { columns, count, .. } = self.0;
+        let columns = &self.0.columns;
         let mut all = [[l.splat_id(0); 3]; 3];
         for (all, columns) in all.iter_mut().zip(columns) {
             for (all, column) in all.iter_mut().zip(columns) {
@@ -120,20 +120,21 @@ impl Kernel for Compare<'_> {
         }
         let there = self.0.corners();
         let mut alike = Alike { first: 0, names: [0; 3 * BLOCK_TRIANGLES] };
-        for vertex in 0..3 {
-            for row in 0..*count {
-                let [x, y, z] = [0, 1, 2].map(|axis: usize| columns[vertex][axis][row].to_bits());
-                let corner = [l.splat_id(x), l.splat_id(y), l.splat_id(z)];
-                let same = equal(l, &all[0], &corner)
-                    | equal(l, &all[1], &corner) << BLOCK_TRIANGLES
-                    | equal(l, &all[2], &corner) << (2 * BLOCK_TRIANGLES);
-                // It is like itself.
-                let same = same & there;
-                let lowest = same & same.wrapping_neg();
-                let at = vertex * BLOCK_TRIANGLES + row;
-                alike.first |= lowest & 1 << at;
-                alike.names[at] = (alike.first & (lowest - 1)).count_ones() as u8;
-            }
+        let mut left = there;
+        while left != 0 {
+            let at = left.trailing_zeros() as usize;
+            left &= left - 1;
+            let columns = &columns[at / BLOCK_TRIANGLES];
+            let [x, y, z] = [0, 1, 2].map(|axis: usize| columns[axis][at % BLOCK_TRIANGLES].to_bits());
+            let corner = [l.splat_id(x), l.splat_id(y), l.splat_id(z)];
+            let same = equal(l, &all[0], &corner)
+                | equal(l, &all[1], &corner) << BLOCK_TRIANGLES
+                | equal(l, &all[2], &corner) << (2 * BLOCK_TRIANGLES);
+            // It is like itself.
+            let same = same & there;
+            let lowest = same & same.wrapping_neg();
+            alike.first |= lowest & 1 << at;
+            alike.names[at] = (alike.first & (lowest - 1)).count_ones() as u8;
         }
         alike
     }
