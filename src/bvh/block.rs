@@ -176,7 +176,7 @@ impl Word {
 }
 
 /// Up to eight triangles: for each the corners that it has, then the corners' x, y and z, then the triangles' ids. If there
-/// are more than [`TABLE`] corners, they are all triangles' first ones, all second ones and all third ones.
+/// are more than sixteen corners, they are all triangles' first ones, all second ones and all third ones.
 #[derive(Clone, Copy, Debug)]
 pub struct Block<'a> {
     words: &'a [u32],
