@@ -10,6 +10,7 @@
 use super::pages::Pages;
 use super::pile::Pile;
 use super::wide::Child;
+use crate::geom::Aabb;
 use crate::lanes::Lanes;
 use glam::Vec3;
 use rayon::prelude::*;
@@ -139,9 +140,55 @@ impl Blocks {
         &mut self.words[UNIT * child.index() + count + 3 * corners..][..count]
     }
 
+    /// The words of blocks, which are some of the tree's in the order in which they lie there.
+    pub(super) fn each_mut(&mut self, children: &[Child]) -> Vec<BlockMut<'_>> {
+        let (mut rest, mut start) = (&mut self.words[..], 0);
+        let split = children.iter().map(|&child| {
+            let Block { count, corners, .. } =
+                Block::new(&rest[UNIT * child.index() - start..], child.triangles());
+            let (_, behind) = std::mem::take(&mut rest).split_at_mut(UNIT * child.index() - start);
+            let (words, behind) = behind.split_at_mut(2 * count + 3 * corners);
+            (rest, start) = (behind, UNIT * child.index() + words.len());
+            BlockMut { words, count, corners }
+        });
+        split.collect()
+    }
+
     /// Bytes on the heap.
     pub(super) fn bytes(&self) -> usize {
         size_of_val(&*self.words)
+    }
+}
+
+/// A [`Block`] whose corners move.
+pub(super) struct BlockMut<'a> {
+    words: &'a mut [u32],
+    count: usize,
+    corners: usize,
+}
+
+impl BlockMut<'_> {
+    /// Moves the triangles to where `corners` says by their primitive index; the box around them. `None`, and some have been
+    /// moved, if corners part that are one.
+    pub fn move_to(&mut self, corners: impl Fn(u32) -> [Vec3; 3]) -> Option<Aabb> {
+        let (mut moved, mut bounds) = (0u32, Aabb::EMPTY);
+        for row in 0..self.count {
+            let (word, id) = (Word(self.words[row]), self.words[self.count + 3 * self.corners + row]);
+            let corners = corners(id & PRIMITIVE);
+            for (vertex, corner) in corners.into_iter().enumerate() {
+                let name = word.corner(vertex);
+                for (axis, coordinate) in corner.to_array().into_iter().enumerate() {
+                    let number = &mut self.words[self.count + axis * self.corners + name];
+                    if moved >> name & 1 == 1 && *number != coordinate.to_bits() {
+                        return None;
+                    }
+                    *number = coordinate.to_bits();
+                }
+                moved |= 1 << name;
+            }
+            bounds = bounds.union(Aabb::around(corners));
+        }
+        Some(bounds)
     }
 }
 

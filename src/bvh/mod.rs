@@ -69,8 +69,8 @@ impl<M: Fn(u32) -> bool + Sync> Shape for Indexed<'_, M> {
 /// A bounding volume hierarchy over the triangles of a scene, with all that tracers need of them: a tree of
 /// triangles, or a tree of such trees ([`Bvh::assemble`]).
 ///
-/// Holds 30 to 40 bytes a triangle, up to 75 where triangles share no corners. While it is built it needs 64 bytes a triangle more, and nothing
-/// that grows faster. Boxes are exact: each is the smallest around its triangles.
+/// Holds about 40 bytes a triangle, up to 75 where triangles share no corners. While it is built it needs 100 bytes a
+/// triangle more, and nothing that grows faster. Boxes are exact: each is the smallest around its triangles.
 #[derive(Clone, Debug)]
 pub struct Bvh {
     wide: Wide,

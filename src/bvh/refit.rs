@@ -28,46 +28,31 @@ impl Bvh {
     /// Moves the triangles: as if built anew of `positions` and `triangles`, but for the shape of the
     /// tree, which stays. Hits are to the bit those of a new tree. Much cheaper than building, and as good as long as
     /// triangles keep their neighbours; when [`Bvh::cost`] has grown by half, build anew. Runs on the
-    /// current rayon pool; meanwhile blocks are there twice.
+    /// current rayon pool. If corners part that were at one place when the tree was built, blocks are laid out anew, which takes
+    /// three times as long, and meanwhile they are there twice.
     ///
     /// # Errors
     /// When the arguments do not fit; the tree is then as it was.
     pub fn refit(&mut self, positions: &[Vec3], triangles: &[[u32; 3]]) -> Result<(), GeometryError> {
         self.accepts(positions, triangles)?;
-        let Self { wide, numbering, .. } = &*self;
+        let Self { wide, numbering, .. } = &mut *self;
         let mut children: Vec<Child> = wide.nodes.iter().flat_map(WideNode::block_children).collect();
         children.par_sort_unstable_by_key(|child| child.index());
-        // Blocks are piled anew: corners that were one may have parted, and others met.
-        let (piles, moved): (Vec<Pile>, Vec<Vec<(Child, Aabb)>>) = children
-            .par_chunks(BLOCKS)
-            .map(|children| {
-                let mut pile = Pile::with_capacity(children.iter().map(|child| child.triangles()).sum());
-                let moved = children.iter().map(|&child| {
-                    let block = wide.blocks.get(child);
-                    let mut of = Triangles::default();
-                    let mut bounds = Aabb::EMPTY;
-                    for row in 0..block.len() {
-                        let primitive = block.primitive(row);
-                        let corners = triangles[numbering.place(primitive)].map(|i| positions[i as usize]);
-                        of.push(primitive, block.is_masked(row), corners);
-                        bounds = bounds.union(Aabb::around(corners));
-                    }
-                    (pile.push(&of), bounds)
-                });
-                let moved = moved.collect();
-                (pile, moved)
-            })
-            .unzip();
-        let (blocks, starts) = Blocks::of(&piles);
-        let moved: Vec<(Child, Aabb)> = (moved.into_iter().zip(starts))
-            .flat_map(|(moved, start)| {
-                moved.into_iter().map(move |(child, bounds)| (child.behind(start), bounds))
-            })
-            .collect();
+        let corners = |primitive: u32| triangles[numbering.place(primitive)].map(|i| positions[i as usize]);
+        let blocks = wide.blocks.each_mut(&children).into_par_iter().with_min_len(BLOCKS);
+        let bounds: Option<Vec<Aabb>> = blocks.map(|mut block| block.move_to(corners)).collect();
+        let parted = bounds.is_none();
+        let moved: Vec<(Child, Aabb)> = match bounds {
+            Some(bounds) => children.iter().copied().zip(bounds).collect(),
+            None => {
+                let (blocks, moved) = pile_anew(&wide.blocks, &children, corners);
+                wide.blocks = blocks;
+                moved
+            }
+        };
         let of_block = |child: Child| {
             moved[children.binary_search_by_key(&child.index(), |child| child.index()).expect("a block")]
         };
-        self.wide.blocks = blocks;
         // Children lie behind their parents. There are few nodes: one for some thirty triangles.
         let nodes = &mut self.wide.nodes;
         for at in (0..nodes.len()).rev() {
@@ -85,7 +70,39 @@ impl Bvh {
             }
         }
         self.bounds = nodes[0].all_bounds();
-        self.places = self.wide.places(self.places.len(), |primitive| self.numbering.place(primitive));
+        if parted {
+            self.places = self.wide.places(self.places.len(), |primitive| self.numbering.place(primitive));
+        }
         Ok(())
     }
+}
+
+/// The same blocks with the triangles' corners elsewhere, each with the box around it.
+fn pile_anew(
+    blocks: &Blocks,
+    children: &[Child],
+    corners: impl Fn(u32) -> [Vec3; 3] + Sync,
+) -> (Blocks, Vec<(Child, Aabb)>) {
+    let pile = |children: &[Child]| {
+        let mut pile = Pile::with_capacity(children.iter().map(|child| child.triangles()).sum());
+        let moved = children.iter().map(|&child| {
+            let block = blocks.get(child);
+            let (mut triangles, mut bounds) = (Triangles::default(), Aabb::EMPTY);
+            for row in 0..block.len() {
+                let corners = corners(block.primitive(row));
+                triangles.push(block.primitive(row), block.is_masked(row), corners);
+                bounds = bounds.union(Aabb::around(corners));
+            }
+            (pile.push(&triangles), bounds)
+        });
+        let moved = moved.collect();
+        (pile, moved)
+    };
+    let (piles, moved): (Vec<Pile>, Vec<Vec<(Child, Aabb)>>) = children.par_chunks(BLOCKS).map(pile).unzip();
+    let (blocks, starts) = Blocks::of(&piles);
+    let behind = |(moved, start): (Vec<(Child, Aabb)>, usize)| {
+        moved.into_iter().map(move |(child, bounds)| (child.behind(start), bounds))
+    };
+    let moved = moved.into_iter().zip(starts).flat_map(behind).collect();
+    (blocks, moved)
 }
