@@ -77,10 +77,10 @@ fn fill(tree: &Tree, of: Subtree, nodes: &mut [BinaryNode], at: u32) {
     let (root, below) = nodes.split_first_mut().expect("2 * count - 1 nodes");
     *root = BinaryNode { min: bounds.min.into(), index: 0, max: bounds.max.into(), count: of.count };
     if of.count == 1 {
-        root.index = tree.primitives(of).next().unwrap_or_default();
+        root.index = tree.primitive(of);
         return;
     }
-    let [left, right] = tree.children(of);
+    let [left, right] = tree.branches.children(of);
     root.index = at + 2 * left.count;
     let (left_nodes, right_nodes) = below.split_at_mut(2 * left.count as usize - 1);
     fill(tree, left, left_nodes, at + 1);

@@ -65,14 +65,31 @@ impl Grid {
         let place = l.max(l.sub(place, l.splat(0.5)), l.splat(0.0));
         l.add(l.min(place, l.splat(self.last)), l.splat(ROUND))
     }
+
+    /// How far from the origin a bin after the first begins on an axis: the least distance that [`Grid::bins`] puts there.
+    #[inline(always)]
+    fn start(&self, axis: usize, bin: usize) -> f32 {
+        let scale = self.scale[axis];
+        let is_before = |distance: f32| (distance * scale - 0.5).min(self.last) + ROUND < bin as f32 + ROUND;
+        // A few roundings off at most.
+        let mut start = bin as f32 / scale;
+        while is_before(start) {
+            start = start.next_up();
+        }
+        while !is_before(start.next_down()) {
+            start = start.next_down();
+        }
+        start
+    }
 }
 
 /// A plane between bins, and the boxes of the references on both sides that were counted.
 pub(super) struct Plane {
-    grid: Grid,
-    axis: usize,
-    /// First bin on the right, as [`Grid::bins`] says it.
-    bin: f32,
+    /// The axis, as a lane of keys.
+    axis: u32,
+    origin: [f32; 8],
+    /// How far from the origin it is.
+    distance: f32,
     pub bounds: [Bounds; 2],
 }
 
@@ -80,7 +97,7 @@ impl Plane {
     /// Whether the key is on the left.
     #[inline(always)]
     pub fn is_left<L: Lanes>(&self, l: L, key: L::F) -> bool {
-        l.lt(1 << self.axis, self.grid.bins(l, key), l.splat(self.bin)) != 0
+        l.lt(self.axis, l.sub(key, load_one(l, &self.origin)), l.splat(self.distance)) != 0
     }
 
     /// The cheapest that leaves something on both sides. Few bins serve few primitives as well, and of many some do.
@@ -237,7 +254,7 @@ impl<const BINS: usize> Bins<BINS> {
             }
         }
         let (axis, bin, bounds) = best?;
-        Some(Plane { grid: *grid, axis, bin: bin as f32 + ROUND, bounds })
+        Some(Plane { axis: 1 << axis, origin: grid.origin, distance: grid.start(axis, bin), bounds })
     }
 }
 
@@ -285,5 +302,62 @@ impl Kernel for Cheapest<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self, l: L) -> Option<Plane> {
         self.bins.cheapest(l, self.grid)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geom::Aabb;
+    use glam::Vec3;
+
+    /// For each bin but the first, whether keys are before it, by their bins and by their distances.
+    struct Before<'a>(&'a Grid, usize, &'a [f32]);
+
+    impl Kernel for Before<'_> {
+        type Output = Vec<[bool; 2]>;
+
+        fn run<L: Lanes>(self, l: L) -> Self::Output {
+            let Self(grid, axis, keys) = self;
+            let mut answers = Vec::new();
+            for bin in 1..16 {
+                let (origin, distance) = (grid.origin, grid.start(axis, bin));
+                let plane = Plane { axis: 1 << axis, origin, distance, bounds: [Bounds::EMPTY; 2] };
+                for &key in keys {
+                    let key = l.splat(key);
+                    let bins = store_one(l, grid.bins(l, key));
+                    answers.push([bins[axis] < bin as f32 + ROUND, plane.is_left(l, key)]);
+                }
+            }
+            answers
+        }
+    }
+
+    #[test]
+    fn planes_lie_where_bins_begin() {
+        for (seed, size) in (0..200u32).zip([1.0, 1e-30, 3e5, 7e17].into_iter().cycle()) {
+            let number = |salt: u32| (crate::geom::mix(8 * seed + salt) >> 8) as f32 / (1 << 24) as f32 - 0.5;
+            let corner = |salt: u32| Vec3::new(number(salt), number(salt + 1), number(salt + 2)) * size;
+            let shift = if seed % 3 == 0 { 20.0 * size } else { 0.0 };
+            let bounds = Aabb::around([corner(0) + shift, corner(3) + shift]);
+            let references =
+                [bounds.min, bounds.max].map(|corner| Reference::new(0, &Aabb::around([corner; 2])));
+            let grid = Grid::new(&Extent::of_piece(&references), 16, Costs::of(1.0));
+            for axis in 0..3 {
+                let (low, high) = (2.0 * bounds.min[axis], 2.0 * bounds.max[axis]);
+                let mut keys = vec![low, high];
+                for bin in 1..16 {
+                    let mut key = low + grid.start(axis, bin);
+                    keys.push(key);
+                    (0..4).for_each(|_| {
+                        key = key.next_down();
+                        keys.push(key);
+                    });
+                }
+                let answers = SimdLevel::run_eight(Before(&grid, axis, &keys));
+                assert!(answers.iter().all(|[by_bin, by_distance]| by_bin == by_distance), "{seed} {axis}");
+                assert!(answers.iter().any(|answer| answer[0]) && answers.iter().any(|answer| !answer[0]));
+            }
+        }
     }
 }

@@ -8,12 +8,11 @@
 #![allow(unsafe_code)]
 
 use super::pages::Pages;
-use super::pile::Pile;
+use super::pile::{Pile, side_by_side};
 use super::wide::Child;
 use crate::geom::Aabb;
 use crate::lanes::Lanes;
 use glam::Vec3;
-use rayon::prelude::*;
 
 /// The most triangles in a block.
 pub const BLOCK_TRIANGLES: usize = 8;
@@ -31,8 +30,10 @@ pub(super) const NORMAL: u32 = 1 << 30;
 /// Words in which places of blocks are counted.
 pub(super) const UNIT: usize = 8;
 
-/// The most words that a triangle can take: alone in a block, which begins at a unit.
-pub(super) const MOST_WORDS: usize = (1 + 9 + 1usize).next_multiple_of(UNIT);
+/// The most words that a block of so many triangles can take: it begins at a unit.
+pub(super) const fn most_words(triangles: usize) -> usize {
+    (triangles * (1 + 9 + 1)).next_multiple_of(UNIT)
+}
 
 /// The most corners of a block that are shared, as many as [`Lanes::pick`] finds. With more, every triangle has its own three.
 pub(super) const TABLE: usize = 16;
@@ -58,21 +59,9 @@ impl Blocks {
         Self { words: Pages::zeroed(SLACK) }
     }
 
-    /// Those of piles, one pile after the other, and where each begins ([`Child::behind`]). On the current rayon pool.
-    pub(super) fn of(piles: &[Pile]) -> (Self, Vec<usize>) {
-        let (mut starts, mut len) = (Vec::with_capacity(piles.len()), 0);
-        for pile in piles {
-            starts.push(len / UNIT);
-            len += pile.words().len();
-        }
-        let mut words = Pages::zeroed(len + SLACK);
-        let (mut rest, mut copies) = (&mut words[..], Vec::with_capacity(piles.len()));
-        for pile in piles {
-            let (room, left) = rest.split_at_mut(pile.words().len());
-            copies.push((room, pile));
-            rest = left;
-        }
-        copies.into_par_iter().for_each(|(room, pile)| room.copy_from_slice(pile.words()));
+    /// Those of piles whose rooms are in `words`, and where each pile's begin ([`Child::behind`]). On the current rayon pool.
+    pub(super) fn of(words: Pages<u32>, piles: &[Pile]) -> (Self, Vec<usize>) {
+        let (words, starts) = side_by_side(words, piles);
         (Self { words }, starts)
     }
 
@@ -361,7 +350,7 @@ impl<'a> Block<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bvh::pile::Triangles;
+    use crate::bvh::pile::{Piling, Triangles};
     use crate::lanes::{Kernel, SimdLevel, store_one};
 
     /// All columns of a block.
@@ -384,7 +373,7 @@ mod tests {
         let corners = |primitive: u32| kinds[primitive as usize / 36 % 4](primitive).map(corner);
         let (mut piles, mut children, mut next) = (Vec::new(), Vec::new(), 0u32);
         for kind in 0..4 {
-            let mut pile = Pile::with_capacity(3);
+            let mut pile = Piling::new(0, &mut []);
             for count in 1..=BLOCK_TRIANGLES as u32 {
                 let mut triangles = Triangles::default();
                 for primitive in next..next + count {
@@ -393,9 +382,9 @@ mod tests {
                 children.push((kind, pile.push(&triangles), next));
                 next += count;
             }
-            piles.push(pile);
+            piles.push(pile.done());
         }
-        let (mut blocks, starts) = Blocks::of(&piles);
+        let (mut blocks, starts) = Blocks::of(Pages::zeroed(0), &piles);
         for (kind, child, first) in children {
             let child = child.behind(starts[kind]);
             let block = blocks.get(child);

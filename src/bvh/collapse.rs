@@ -5,8 +5,9 @@ use super::Shape;
 use super::block::{BLOCK_TRIANGLES, Blocks};
 use super::odds::Odds;
 use super::pages::Pages;
-use super::pile::{Pile, Triangles};
-use super::sah::{Subtree, Tree};
+use super::pile::{Pile, Piling, Triangles};
+use super::reference::Reference;
+use super::sah::{Branches, Subtree, Tree};
 use super::wide::{Child, WIDTH, Wide, WideNode};
 use crate::geom::Aabb;
 use glam::Vec3;
@@ -16,22 +17,24 @@ use rayon::prelude::*;
 /// threads, nor does then the layout.
 const PART: u32 = 1 << 14;
 
-/// Collapses a tree; the second answer says in which block each triangle lies.
-pub(super) fn collapse(tree: &Tree, shape: &impl Shape) -> (Wide, Vec<Child>) {
+/// Collapses a tree; the second answer says in which block each triangle lies. Blocks take the memory of references, most
+/// of which are larger.
+pub(super) fn collapse(tree: Tree, shape: &impl Shape) -> (Wide, Vec<Child>) {
     let Some(root) = tree.root() else {
         let mut nodes = Pages::zeroed(1);
         nodes[0] = WideNode::VACANT;
         return (Wide { nodes, blocks: Blocks::none(), depth: 1 }, Vec::new());
     };
-    let top = Top::new(tree, root);
-    let layout = Layout { tree, shape };
-    // How large parts become is known when they are there. The top's blocks come first.
-    let mut top_pile = Pile::with_capacity(0);
-    let top_blocks: Vec<(Child, Odds)> =
-        top.blocks.iter().map(|&block| layout.block(block, &mut top_pile)).collect();
-    let parts: (Vec<Part>, Vec<Pile>) = top.parts.par_iter().map(|&part| layout.part(part)).unzip();
-    let (parts, mut piles) = parts;
-    piles.insert(0, top_pile);
+    let Tree { mut references, branches } = tree;
+    let top = Top::new(&branches, root);
+    let layout = Layout { branches: &branches, shape };
+    // How large parts become is known when they are there.
+    let mut pile = Piling::new(0, &mut []);
+    let block = |&of: &Subtree| layout.block(of, &primitives(of.references(&references)), &mut pile);
+    let top_blocks: Vec<Laid> = top.blocks.iter().map(block).collect();
+    let (parts, mut piles): (Vec<Part>, Vec<Pile>) =
+        top.rooms(&mut references).into_par_iter().map(|(part, room)| layout.part(part, room)).unzip();
+    piles.push(pile.done());
     let mut starts = Vec::with_capacity(parts.len());
     let mut count = top.nodes.len();
     for part in &parts {
@@ -43,23 +46,29 @@ pub(super) fn collapse(tree: &Tree, shape: &impl Shape) -> (Wide, Vec<Child>) {
     let mut nodes = Pages::zeroed(count);
     let (top_nodes, mut nodes_left) = nodes.split_at_mut(top.nodes.len());
     let mut leaves = Vec::with_capacity(top.nodes.len());
-    for (node, (of, children)) in top_nodes.iter_mut().zip(&top.nodes) {
-        let reference = |place: &TopChild| match *place {
-            TopChild::Node(index) => (Child::node(index), Odds::default()),
+    for (node, children) in top_nodes.iter_mut().zip(&top.nodes) {
+        let laid = |(of, place): &(Subtree, TopChild)| match *place {
+            TopChild::Node(index) => Laid::node(index, branches.bounds(*of), Odds::default()),
             TopChild::Block(index) => top_blocks[index],
-            TopChild::Part(index) => (Child::node(starts[index]), parts[index].odds),
+            TopChild::Part => {
+                let index = top.part(*of);
+                Laid::node(starts[index], branches.bounds(*of), parts[index].odds)
+            }
         };
         let leaves_of_node;
-        (*node, leaves_of_node) =
-            layout.node(*of, children.iter().map(|(child, place)| (*child, reference(place))));
+        (*node, leaves_of_node) = self::node(children.iter().map(laid));
         leaves.push(leaves_of_node);
     }
     order(top_nodes, &leaves);
-    let (blocks, block_starts) = Blocks::of(&piles);
+    let (blocks, block_starts) = Blocks::of(references.cast(), &piles);
+    // The top's blocks are the last pile.
+    for node in top_nodes.iter_mut() {
+        *node = node.moved(0, block_starts[parts.len()]);
+    }
     let mut depth = top.depth;
     let mut copies = Vec::with_capacity(parts.len());
-    for ((part, &start), (above, &blocks)) in
-        parts.iter().zip(&starts).zip(top.depths.iter().zip(&block_starts[1..]))
+    for (((part, (_, above)), &start), &blocks) in
+        parts.iter().zip(&top.parts).zip(&starts).zip(&block_starts)
     {
         let room;
         (room, nodes_left) = nodes_left.split_at_mut(part.nodes.len());
@@ -74,6 +83,10 @@ pub(super) fn collapse(tree: &Tree, shape: &impl Shape) -> (Wide, Vec<Child>) {
     let wide = Wide { nodes, blocks, depth };
     let places = wide.places(root.count as usize, |primitive| primitive as usize);
     (wide, places)
+}
+
+fn primitives(references: &[Reference]) -> Vec<u32> {
+    references.iter().map(Reference::primitive).collect()
 }
 
 /// Odds of a node's children that are no nodes beside it, by slot.
@@ -93,16 +106,16 @@ fn order(nodes: &mut [WideNode], leaves: &[Leaves]) -> Odds {
 }
 
 /// The children that the plan gives the wide node of a subtree.
-fn children(tree: &Tree, of: Subtree) -> Few {
+fn children(branches: &Branches, of: Subtree) -> Few {
     let mut few = Few { subtrees: [of; WIDTH], len: 0 };
     let mut take = |subtree| {
         few.subtrees[few.len] = subtree;
         few.len += 1;
     };
-    if tree.is_block(of) {
+    if branches.is_block(of) {
         take(of); // Only a root of few primitives.
     } else {
-        tree.gather(of, WIDTH, &mut take);
+        branches.gather(of, WIDTH, &mut take);
     }
     few
 }
@@ -122,14 +135,12 @@ impl std::ops::Deref for Few {
 }
 
 /// The wide nodes over more than [`PART`] primitives, and what lies directly below them.
-#[derive(Default)]
 struct Top {
-    nodes: Vec<(Subtree, Vec<(Subtree, TopChild)>)>,
+    /// The children of each.
+    nodes: Vec<Vec<(Subtree, TopChild)>>,
     blocks: Vec<Subtree>,
-    /// Subtrees to lay out in parallel.
-    parts: Vec<Subtree>,
-    /// Nodes above each of them.
-    depths: Vec<usize>,
+    /// Subtrees to lay out in parallel, in the order of their references, and how many nodes are above each.
+    parts: Vec<(Subtree, usize)>,
     depth: usize,
 }
 
@@ -139,36 +150,52 @@ enum TopChild {
     Node(usize),
     /// Index of a block.
     Block(usize),
-    /// Index of a part.
-    Part(usize),
+    /// A part.
+    Part,
 }
 
 impl Top {
-    fn new(tree: &Tree, root: Subtree) -> Self {
-        let mut top = Self { nodes: vec![(root, Vec::new())], ..Self::default() };
-        let mut depths = vec![1];
-        let mut at = 0;
-        while at < top.nodes.len() {
-            let (of, depth) = (top.nodes[at].0, depths[at]);
+    fn new(branches: &Branches, root: Subtree) -> Self {
+        let mut top = Self { nodes: Vec::new(), blocks: Vec::new(), parts: Vec::new(), depth: 0 };
+        let mut subtrees = vec![(root, 1)];
+        while let Some(&(of, depth)) = subtrees.get(top.nodes.len()) {
             top.depth = top.depth.max(depth);
-            for &child in children(tree, of).iter() {
-                let place = if tree.is_block(child) {
+            let place = |&child: &Subtree| {
+                let place = if branches.is_block(child) {
                     top.blocks.push(child);
                     TopChild::Block(top.blocks.len() - 1)
                 } else if child.count > PART {
-                    top.nodes.push((child, Vec::new()));
-                    depths.push(depth + 1);
-                    TopChild::Node(top.nodes.len() - 1)
+                    subtrees.push((child, depth + 1));
+                    TopChild::Node(subtrees.len() - 1)
                 } else {
-                    top.parts.push(child);
-                    top.depths.push(depth);
-                    TopChild::Part(top.parts.len() - 1)
+                    top.parts.push((child, depth));
+                    TopChild::Part
                 };
-                top.nodes[at].1.push((child, place));
-            }
-            at += 1;
+                (child, place)
+            };
+            let places = children(branches, of).iter().map(place).collect();
+            top.nodes.push(places);
         }
+        top.parts.sort_unstable_by_key(|(part, _)| part.first);
         top
+    }
+
+    /// Which part a child is.
+    fn part(&self, of: Subtree) -> usize {
+        self.parts.partition_point(|(part, _)| part.first < of.first)
+    }
+
+    /// The parts with their references.
+    fn rooms<'a>(&self, mut references: &'a mut [Reference]) -> Vec<(Subtree, &'a mut [Reference])> {
+        let (mut rooms, mut at) = (Vec::with_capacity(self.parts.len()), 0);
+        for &(part, _) in &self.parts {
+            let (_, rest) = references.split_at_mut((part.first - at) as usize);
+            let room;
+            (room, references) = rest.split_at_mut(part.count as usize);
+            rooms.push((part, room));
+            at = part.first + part.count;
+        }
+        rooms
     }
 }
 
@@ -181,77 +208,94 @@ struct Part {
     odds: Odds,
 }
 
+/// A child laid out.
+#[derive(Clone, Copy)]
+struct Laid {
+    bounds: Aabb,
+    child: Child,
+    odds: Odds,
+}
+
+impl Laid {
+    fn node(index: usize, bounds: Aabb, odds: Odds) -> Self {
+        Self { bounds, child: Child::node(index), odds }
+    }
+}
+
 /// Makes nodes and blocks.
 struct Layout<'a, S> {
-    tree: &'a Tree,
+    branches: &'a Branches,
     shape: &'a S,
 }
 
 impl<S: Shape> Layout<'_, S> {
-    /// Lays a subtree out, children of one node side by side, and its blocks on a pile.
-    fn part(&self, part: Subtree) -> (Part, Pile) {
+    /// Lays a subtree out, children of one node side by side, and piles its blocks up where its references are.
+    fn part(&self, part: Subtree, references: &mut [Reference]) -> (Part, Pile) {
+        let primitives = primitives(references);
+        let at = part.first as usize * (size_of::<Reference>() / size_of::<u32>());
+        let mut pile = Piling::new(at, bytemuck::cast_slice_mut(references));
         let mut nodes = Vec::with_capacity(part.count as usize / WIDTH);
         nodes.push(WideNode::VACANT);
-        let mut pile = Pile::with_capacity(part.count as usize);
         let mut leaves = vec![Leaves::default()];
         let mut deepest = 0;
         let mut stack = vec![(0, part, 1)];
         while let Some((at, of, depth)) = stack.pop() {
             deepest = deepest.max(depth);
-            let children = children(self.tree, of);
-            let references = children.iter().map(|&child| {
-                if self.tree.is_block(child) {
-                    (child, self.block(child, &mut pile))
+            let children = children(self.branches, of);
+            let laid = children.iter().map(|&child| {
+                if self.branches.is_block(child) {
+                    let first = (child.first - part.first) as usize;
+                    self.block(child, &primitives[first..][..child.count as usize], &mut pile)
                 } else {
                     stack.push((nodes.len(), child, depth + 1));
                     nodes.push(WideNode::VACANT);
                     leaves.push(Leaves::default());
-                    (child, (Child::node(nodes.len() - 1), Odds::default()))
+                    Laid::node(nodes.len() - 1, self.branches.bounds(child), Odds::default())
                 }
             });
-            let node = self.node(of, references);
+            let node = node(laid);
             (nodes[at], leaves[at]) = node;
         }
         let odds = order(&mut nodes, &leaves);
-        (Part { nodes, depth: deepest, odds }, pile)
+        (Part { nodes, depth: deepest, odds }, pile.done())
     }
 
-    fn node(
-        &self,
-        of: Subtree,
-        children: impl Iterator<Item = (Subtree, (Child, Odds))>,
-    ) -> (WideNode, Leaves) {
-        let mut references = [(Child::NONE, Odds::default(), Aabb::EMPTY); WIDTH];
-        let mut len = 0;
-        for (child, (reference, odds)) in children {
-            references[len] = (reference, odds, self.tree.bounds(child));
-            len += 1;
-        }
-        let references = &references[..len];
-        let centre = self.tree.bounds(of).centre();
-        let (mut node, mut leaves) = (WideNode::VACANT, Leaves::default());
-        let slots = slots(references.iter().map(|(.., bounds)| bounds.centre() - centre));
-        for ((reference, odds, bounds), slot) in references.iter().zip(slots) {
-            node.set(slot, *bounds, *reference);
-            leaves[slot] = *odds;
-        }
-        (node, leaves)
-    }
-
-    /// Puts a block on a pile.
-    fn block(&self, of: Subtree, pile: &mut Pile) -> (Child, Odds) {
-        let mut primitives = [u32::MAX; BLOCK_TRIANGLES];
-        for (to, primitive) in primitives.iter_mut().zip(self.tree.primitives(of)) {
-            *to = primitive;
-        }
-        let primitives = &mut primitives[..of.count as usize];
-        primitives.sort_unstable();
+    /// Puts a block of some primitives on a pile.
+    fn block(&self, of: Subtree, primitives: &[u32], pile: &mut Piling) -> Laid {
+        let mut ascending = [u32::MAX; BLOCK_TRIANGLES];
+        let ascending = &mut ascending[..primitives.len()];
+        ascending.copy_from_slice(primitives);
+        ascending.sort_unstable();
         let mut triangles = Triangles::default();
-        for &primitive in &*primitives {
+        for &primitive in &*ascending {
             triangles.push(primitive, self.shape.is_masked(primitive), self.shape.corners(primitive));
         }
-        (pile.push(&triangles), Odds::of_block(&triangles))
+        let bounds = match *primitives {
+            [primitive] => Aabb::around(self.shape.corners(primitive)),
+            _ => self.branches.bounds(of),
+        };
+        Laid { bounds, child: pile.push(&triangles), odds: Odds::of_block(&triangles) }
     }
+}
+
+/// The node of some children, and the odds of those.
+fn node(children: impl Iterator<Item = Laid>) -> (WideNode, Leaves) {
+    let vacant = Laid { bounds: Aabb::EMPTY, child: Child::NONE, odds: Odds::default() };
+    let (mut all, mut len, mut bounds) = ([vacant; WIDTH], 0, Aabb::EMPTY);
+    for child in children {
+        all[len] = child;
+        len += 1;
+        bounds = bounds.union(child.bounds);
+    }
+    let children = &all[..len];
+    let centre = bounds.centre();
+    let (mut node, mut leaves) = (WideNode::VACANT, Leaves::default());
+    let slots = slots(children.iter().map(|child| child.bounds.centre() - centre));
+    for (laid, slot) in children.iter().zip(slots) {
+        node.set(slot, laid.bounds, laid.child);
+        leaves[slot] = laid.odds;
+    }
+    (node, leaves)
 }
 
 /// A slot for each of at most eight children at these offsets from the middle: greedily those that lie

@@ -1,8 +1,9 @@
 //! The bottom of the binary tree: up to eight primitives in the lanes of a register. All ways to cut up
-//! to four in two are tried, and of more all planes across the longest axis.
+//! to four in two are tried, and of more all planes across the longest axis. Most are better a block as they are, and then
+//! nothing below their root is made.
 
-use super::plan::{Costs, Plan};
-use super::reference::{Bounds, Reference};
+use super::plan::{Choice, Costs, Plan};
+use super::reference::{Bounds, Extent, Reference};
 use super::sah::Inner;
 use crate::lanes::{Lanes, Piece, columns, eight_ids, load_one, store_one};
 
@@ -16,6 +17,7 @@ pub(super) struct Few<'a> {
     pub costs: Costs,
     /// Halve, for there is no room for more depth.
     pub halve: bool,
+    pub extent: &'a Extent,
 }
 
 /// An inner node while its subtree is built.
@@ -33,19 +35,29 @@ impl<L: Lanes> Piece<L> for Few<'_> {
 
     #[inline(always)]
     fn run(self, l: L) -> Plan {
-        let Self { references, inner, costs, halve } = self;
+        let Self { references, inner, costs, halve, extent } = self;
         let count = references.len();
         let mut rows = [references[0]; FEW];
         for (i, row) in rows.iter_mut().enumerate() {
             *row = references[i.min(count - 1)];
         }
         let choices = Choices::new(l, &rows);
-        let cuts = choices.cuts(l, references, halve);
+        let leaves = store_one(l, half_area(l, choices.columns));
+        let first = match count {
+            2 => Way { left: 1, areas: leaves[0] + leaves[1] },
+            _ => choices.best(l, (1 << count) - 1, halve),
+        };
+        let area = extent.bounds.half_area();
+        if area <= first.areas && costs.may_stay_whole(area) {
+            inner[0] = Inner::new(&extent.bounds, 1, Choice::whole());
+            return Plan::whole(costs, area, count);
+        }
+        let cuts = choices.cuts(l, references, first, halve);
         // Children lie behind their parents, and leaves behind inner nodes.
         let mut bounds = [Bounds::EMPTY; 2 * FEW];
         let mut areas = [0.0; 2 * FEW];
         let mut plans = [Plan::leaf(costs, 0.0); 2 * FEW];
-        areas[FEW..].copy_from_slice(&store_one(l, half_area(l, choices.columns)));
+        areas[FEW..].copy_from_slice(&leaves);
         for lane in 0..FEW {
             bounds[FEW + lane] = rows[lane].0;
             plans[FEW + lane] = Plan::leaf(costs, areas[FEW + lane]);
@@ -64,6 +76,19 @@ impl<L: Lanes> Piece<L> for Few<'_> {
         }
         plans[0]
     }
+}
+
+/// A way to cut some lanes in two.
+#[derive(Clone, Copy)]
+struct Way {
+    /// Lanes on the left; none where there is nothing to choose from.
+    left: u32,
+    /// Half the surfaces of both sides' boxes; infinite where there is nothing to choose from.
+    areas: f32,
+}
+
+impl Way {
+    const NONE: Self = Self { left: 0, areas: f32::INFINITY };
 }
 
 /// The `count` lowest of lanes.
@@ -113,9 +138,20 @@ impl<'a, L: Lanes> Choices<'a, L> {
         Self { rows, columns: [a, b, c, x, y, z], keys, key_rows }
     }
 
-    /// Cuts the references, each of which goes to its place.
+    /// The best way to cut lanes in two, unless they are to be halved.
     #[inline(always)]
-    fn cuts(&self, l: L, references: &mut [Reference], halve: bool) -> [Cut; FEW] {
+    fn best(&self, l: L, lanes: u32, halve: bool) -> Way {
+        match lanes.count_ones() {
+            3 if !halve => self.best_of_all(l, lanes, &THREE),
+            4 if !halve => self.best_of_all(l, lanes, &FOUR),
+            5.. if !halve => self.best_plane(l, lanes),
+            _ => Way::NONE,
+        }
+    }
+
+    /// Cuts the references, each of which goes to its place; all of them in the `first` way.
+    #[inline(always)]
+    fn cuts(&self, l: L, references: &mut [Reference], first: Way, halve: bool) -> [Cut; FEW] {
         let mut cuts = [Cut::default(); FEW];
         // Lanes of a subtree, its first reference and its inner node.
         let mut stack = [(0, 0, 0); FEW];
@@ -123,23 +159,18 @@ impl<'a, L: Lanes> Choices<'a, L> {
         let mut pending = 1;
         while pending > 0 {
             pending -= 1;
-            let (lanes, first, root) = stack[pending];
+            let (lanes, start, root) = stack[pending];
             let count = lanes.count_ones() as usize;
-            let left = match count {
-                3 if !halve => self.best_of_all(l, lanes, &THREE),
-                4 if !halve => self.best_of_all(l, lanes, &FOUR),
-                5.. if !halve => self.best_plane(l, lanes),
-                _ => 0,
-            };
+            let Way { left, .. } = if root == 0 { first } else { self.best(l, lanes, halve) };
             let left = if left == 0 { lowest(lanes, count / 2) } else { left };
             let on_left = left.count_ones() as usize;
-            let sides = [(left, first, root + 1), (lanes & !left, first + on_left, root + on_left)];
+            let sides = [(left, start, root + 1), (lanes & !left, start + on_left, root + on_left)];
             let mut children = [0; 2];
             for side in [1, 0] {
-                let (lanes, first, root) = sides[side];
+                let (lanes, start, root) = sides[side];
                 let lane = lanes.trailing_zeros() as usize % FEW;
                 if lanes & (lanes - 1) == 0 {
-                    references[first] = self.rows[lane];
+                    references[start] = self.rows[lane];
                     children[side] = FEW + lane;
                 } else {
                     stack[pending] = sides[side];
@@ -152,10 +183,10 @@ impl<'a, L: Lanes> Choices<'a, L> {
         cuts
     }
 
-    /// The lanes on the left in the cheapest of all `ways` to cut as many as there are in `lanes`. However many there are,
+    /// The cheapest of all `ways` to cut as many as there are in `lanes`. However many there are,
     /// they will be one block: only surfaces count.
     #[inline(always)]
-    fn best_of_all(&self, l: L, lanes: u32, ways: &Ways) -> u32 {
+    fn best_of_all(&self, l: L, lanes: u32, ways: &Ways) -> Way {
         let members = l.bits(l.pack(lanes, l.of_bits(eight_ids(l, &[0, 1, 2, 3, 4, 5, 6, 7]))));
         let (mut left, mut right) = ([l.splat(f32::INFINITY); 6], [l.splat(f32::INFINITY); 6]);
         for (table, places) in ways.iter().enumerate() {
@@ -166,18 +197,18 @@ impl<'a, L: Lanes> Choices<'a, L> {
             }
         }
         let cost = l.add(half_area(l, left), half_area(l, right));
-        let way = l.eq(L::ALL, cost, l.splat(l.lowest(cost))).trailing_zeros() as usize % FEW;
+        let areas = l.lowest(cost);
+        let way = l.eq(L::ALL, cost, l.splat(areas)).trailing_zeros() as usize % FEW;
         let mut left = 0;
         for places in &ways[..2] {
             left |= lanes & !lowest(lanes, places[way] as usize) & lowest(lanes, places[way] as usize + 1);
         }
-        left
+        Way { left, areas }
     }
 
-    /// The lanes on the left of the cheapest plane across the longest axis that separates some of `lanes` from others;
-    /// none when all keys are equal.
+    /// The cheapest plane across the longest axis that separates some of `lanes` from others; none when all keys are equal.
     #[inline(always)]
-    fn best_plane(&self, l: L, lanes: u32) -> u32 {
+    fn best_plane(&self, l: L, lanes: u32) -> Way {
         let nothing = l.splat(f32::INFINITY);
         let (mut longest, mut axis) = (0.0, 0);
         for (i, &keys) in self.keys.iter().enumerate() {
@@ -205,12 +236,12 @@ impl<'a, L: Lanes> Choices<'a, L> {
         }
         let cost = l.add(half_area(l, left), half_area(l, right));
         let cost = l.select(lanes, cost, nothing);
-        let lowest = l.lowest(cost);
-        if lowest == f32::INFINITY {
-            return 0;
+        let areas = l.lowest(cost);
+        if areas == f32::INFINITY {
+            return Way::NONE;
         }
-        let lane = l.eq(L::ALL, cost, l.splat(lowest)).trailing_zeros() as usize % FEW;
-        l.le(lanes, keys, l.splat(key_row[lane]))
+        let lane = l.eq(L::ALL, cost, l.splat(areas)).trailing_zeros() as usize % FEW;
+        Way { left: l.le(lanes, keys, l.splat(key_row[lane])), areas }
     }
 }
 
@@ -243,19 +274,14 @@ mod tests {
         }
     }
 
-    /// The lanes on the left in the best way to cut `lanes`.
+    /// The best way to cut lanes.
     struct Best<'a>(&'a [Reference; FEW], u32);
 
     impl Kernel for Best<'_> {
-        type Output = u32;
+        type Output = Way;
 
-        fn run<L: Lanes>(self, l: L) -> u32 {
-            let choices = Choices::new(l, self.0);
-            match self.1.count_ones() {
-                3 => choices.best_of_all(l, self.1, &THREE),
-                4 => choices.best_of_all(l, self.1, &FOUR),
-                _ => choices.best_plane(l, self.1),
-            }
+        fn run<L: Lanes>(self, l: L) -> Way {
+            Choices::new(l, self.0).best(l, self.1, false)
         }
     }
 
@@ -279,7 +305,7 @@ mod tests {
                 around.half_area()
             };
             let total = |left: u32| cost(left) + cost(lanes & !left);
-            let left = SimdLevel::run_eight(Best(&rows, lanes));
+            let Way { left, areas } = SimdLevel::run_eight(Best(&rows, lanes));
             assert!(left != 0 && left & !lanes == 0 && left != lanes);
             let cheapest = match lanes.count_ones() {
                 3 | 4 => (1..lanes).filter(|left| left & !lanes == 0).map(total).fold(f32::MAX, f32::min),
@@ -294,7 +320,62 @@ mod tests {
                     planes.map(total).fold(f32::MAX, f32::min)
                 }
             };
-            assert_eq!(total(left), cheapest, "{lanes:b} {left:b}");
+            assert_eq!([total(left), areas], [cheapest; 2], "{lanes:b} {left:b}");
         }
+    }
+
+    /// Builds a subtree; whether it stayed whole, and how many of its inner nodes were made.
+    struct Built<'a>(&'a [Reference], Costs);
+
+    impl Kernel for Built<'_> {
+        type Output = (bool, usize);
+
+        fn run<L: Lanes>(self, l: L) -> Self::Output {
+            let Self(references, costs) = self;
+            let mut references = references.to_vec();
+            let mut inner: Vec<Inner> = bytemuck::zeroed_vec(references.len() - 1);
+            let extent = &Extent::of_few(l, &references);
+            let few = Few { references: &mut references, inner: &mut inner, costs, halve: false, extent };
+            Piece::run(few, l);
+            let is_whole = inner[0].choice == Choice::whole();
+            (is_whole, inner.iter().filter(|inner| inner.bounds().half_area() > 0.0).count())
+        }
+    }
+
+    #[test]
+    fn what_two_boxes_would_not_serve_better_stays_whole() {
+        let mut stayed = [0; 2];
+        for seed in 0..600 {
+            let number = |i: u32| (crate::geom::mix(64 * seed + i) >> 8) as f32 / (1 << 24) as f32;
+            let count = 2 + seed as usize % 7;
+            // Spread more and more.
+            let rows: [Reference; FEW] = std::array::from_fn(|i| {
+                let corner = |salt: u32| {
+                    let salt = 8 * (i % count) as u32 + salt;
+                    Vec3::new(1.0 + number(salt), number(salt + 1), number(salt + 2))
+                };
+                let (at, size) = (corner(0) * (seed / 60) as f32, corner(3));
+                Reference::new(i as u32, &Aabb { min: at, max: at + size })
+            });
+            let around = |set: u32| {
+                let among = (0..count).filter(|lane| set >> lane & 1 == 1).map(|lane| rows[lane].0);
+                among.fold(Bounds::EMPTY, |a, b| a.union(&b)).half_area()
+            };
+            let all = (1 << count) - 1;
+            let areas = match count {
+                2 => around(1) + around(2),
+                _ => SimdLevel::run_eight(Best(&rows, all)).areas,
+            };
+            let wanted = around(all) <= areas;
+            let built = |costs| SimdLevel::run_eight(Built(&rows[..count], costs));
+            // The box is small in a large tree.
+            let (is_whole, made) = built(Costs::of(1e9));
+            assert_eq!((is_whole, made), (wanted, if wanted { 1 } else { count - 1 }));
+            // Large boxes, and trees that are wanted as a whole, have everything.
+            assert_eq!(built(Costs::of(0.0)).1, count - 1);
+            assert_eq!(built(Costs::of_all(1e9)).1, count - 1);
+            stayed[usize::from(is_whole)] += 1;
+        }
+        assert!(stayed[0] > 50 && stayed[1] > 50, "{stayed:?}");
     }
 }

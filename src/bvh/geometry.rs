@@ -1,13 +1,13 @@
 //! Which triangles a tree can be built over.
 
-use super::block::MOST_WORDS;
+use super::block::most_words;
 use crate::geom::MAX_COORDINATE;
 use glam::Vec3;
 use rayon::prelude::*;
 
-/// The most triangles of a tree, even if no two share a corner: lanes find their words by numbers of 31 bits.
+/// The most triangles of a tree, even if each is alone in its block: lanes find their words by numbers of 31 bits.
 const MOST_TRIANGLES: usize = 130_000_000;
-const _: () = assert!(MOST_TRIANGLES * MOST_WORDS < (1 << 31));
+const _: () = assert!(MOST_TRIANGLES * most_words(1) < (1 << 31));
 
 /// Elements that one thread checks at a time.
 const PIECE: usize = 1 << 14;

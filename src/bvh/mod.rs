@@ -36,6 +36,7 @@ pub use wide::{Child, WIDTH, Wide, WideNode};
 use crate::geom::Aabb;
 use assembly::Assembly;
 use glam::Vec3;
+use plan::Costs;
 use sah::Tree;
 use std::sync::Arc;
 
@@ -69,7 +70,7 @@ impl<M: Fn(u32) -> bool + Sync> Shape for Indexed<'_, M> {
 /// A bounding volume hierarchy over the triangles of a scene, with all that tracers need of them: a tree of
 /// triangles, or a tree of such trees ([`Bvh::assemble`]).
 ///
-/// Holds about 40 bytes a triangle, up to 75 where triangles share no corners. While it is built it needs 100 bytes a
+/// Holds about 40 bytes a triangle, up to 75 where triangles share no corners. While it is built it needs some 75 bytes a
 /// triangle more, and nothing that grows faster. Boxes are exact: each is the smallest around its triangles.
 #[derive(Clone, Debug)]
 pub struct Bvh {
@@ -95,9 +96,9 @@ impl Bvh {
             panic!("{error}");
         }
         let shape = Indexed { positions, triangles, masked };
-        let tree = Tree::build(triangles.len(), |primitive| shape.corners(primitive));
-        let (wide, places) = collapse::collapse(&tree, &shape);
+        let tree = Tree::build(triangles.len(), |primitive| shape.corners(primitive), Costs::of);
         let bounds = tree.root().map_or(Aabb::EMPTY, |root| tree.bounds(root));
+        let (wide, places) = collapse::collapse(tree, &shape);
         Self { wide, places, bounds, numbering: Numbering::default(), assembly: None }
     }
 
@@ -124,7 +125,7 @@ impl Bvh {
             None => self.corners(self.numbering.primitive(place)),
         };
         let count = if self.assembly.is_some() { self.members().len() } else { self.len() };
-        Binary::of(&Tree::build(count, corners), |place| self.numbering.primitive(place))
+        Binary::of(&Tree::build(count, corners, Costs::of_all), |place| self.numbering.primitive(place))
     }
 
     /// The box around all triangles.
@@ -140,7 +141,7 @@ impl Bvh {
     /// What the surface area heuristic expects a random line through the scene's box to cost: each
     /// inner node met counts 1, each block as much and 0.04 a triangle, or, where it is large, 0.5 and 0.7 a triangle.
     pub fn cost(&self) -> f32 {
-        let costs = plan::Costs::of(self.bounds.half_area());
+        let costs = Costs::of(self.bounds.half_area());
         let node_cost = |node: &WideNode| -> f32 {
             let slots = (0..WIDTH).filter(|&slot| node.children[slot] != Child::NONE);
             let child_cost = |bounds: Aabb, child: Child| match self.members().get(child.index()) {

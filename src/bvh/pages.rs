@@ -3,11 +3,11 @@
 //!
 //! Unsafe code for a slice of memory that comes from the system. Invariants:
 //! 1. `start` leads to `len` elements in `memory`, which stays where it is when its owner moves and is reached through
-//!    this value alone.
-//! 2. All of them are initialised, and their type has no destructor (`Copy`).
+//!    this value alone. It is a multiple of 64.
+//! 2. All of them are initialised, their type has no destructor (`Copy`), and it takes any bits (`Pod`).
 #![allow(unsafe_code)]
 
-use bytemuck::Pod;
+use bytemuck::{Pod, Zeroable};
 use memmap2::{MmapMut, MmapOptions};
 use std::alloc::{Layout, handle_alloc_error};
 use std::ops::{Deref, DerefMut};
@@ -21,14 +21,19 @@ pub(super) struct Pages<T: Copy> {
     start: NonNull<T>,
     len: usize,
     /// What owns the elements.
-    _memory: Memory<T>,
+    memory: Memory,
 }
 
 /// Where elements lie: in pages of their own if they are many.
-enum Memory<T> {
-    Heap(#[expect(dead_code, reason = "owned, and reached by `start`")] Vec<T>),
-    Mapped(#[expect(dead_code, reason = "owned, and reached by `start`")] MmapMut),
+enum Memory {
+    Heap(#[expect(dead_code, reason = "owned, and reached by `start`")] Vec<Line>),
+    Mapped(MmapMut),
 }
+
+/// A cache line.
+#[derive(Clone, Copy, Pod, Zeroable)]
+#[repr(C, align(64))]
+struct Line([u8; 64]);
 
 // SAFETY: it owns its elements as a `Vec` does (invariant 1).
 unsafe impl<T: Copy + Send> Send for Pages<T> {}
@@ -38,12 +43,12 @@ unsafe impl<T: Copy + Sync> Sync for Pages<T> {}
 impl<T: Pod + Send> Pages<T> {
     /// All zero. The system clears large pieces when they are first written to, whichever thread does it.
     pub fn zeroed(len: usize) -> Self {
-        const { assert!(align_of::<T>() <= HUGE) };
+        const { assert!(align_of::<T>() <= align_of::<Line>()) };
         let layout = Layout::array::<T>(len).expect("fits the address space");
         if layout.size() < HUGE {
-            let mut elements = bytemuck::zeroed_vec(len);
-            let start = NonNull::from(elements.as_mut_slice()).cast();
-            return Self { start, len, _memory: Memory::Heap(elements) };
+            let mut lines: Vec<Line> = bytemuck::zeroed_vec(layout.size().div_ceil(size_of::<Line>()));
+            let start = NonNull::from(lines.as_mut_slice()).cast();
+            return Self { start, len, memory: Memory::Heap(lines) };
         }
         // As much more as aligning it to huge pages may leave out.
         let map = MmapOptions::new().len(layout.size() + HUGE).map_anon();
@@ -53,7 +58,38 @@ impl<T: Pod + Send> Pages<T> {
         #[cfg(target_os = "linux")]
         let _ = map.advise_range(memmap2::Advice::HugePage, before, layout.size());
         let start = NonNull::from(&mut map[before..]).cast();
-        Self { start, len, _memory: Memory::Mapped(map) }
+        Self { start, len, memory: Memory::Mapped(map) }
+    }
+
+    /// The same memory as elements of another type, as many as fit.
+    pub fn cast<U: Pod>(self) -> Pages<U> {
+        const { assert!(align_of::<U>() <= align_of::<Line>()) };
+        let len = self.len * size_of::<T>() / size_of::<U>();
+        Pages { start: self.start.cast(), len, memory: self.memory }
+    }
+
+    /// The first `len` elements; memory behind them goes back to the system.
+    pub fn shortened(mut self, len: usize) -> Self {
+        assert!(len <= self.len);
+        let Memory::Mapped(map) = &mut self.memory else { return Self::of(&self[..len]) };
+        #[cfg(target_os = "linux")]
+        {
+            let start = self.start.as_ptr().addr() - map.as_ptr().addr();
+            let from = start + (len * size_of::<T>()).next_multiple_of(HUGE);
+            let until = start + self.len * size_of::<T>();
+            if from < until {
+                // SAFETY: nobody reaches what lies behind the first `len` elements any more (invariant 1).
+                let advice = unsafe {
+                    map.unchecked_advise_range(memmap2::UncheckedAdvice::DontNeed, from, until - from)
+                };
+                // That it may fail is no matter.
+                drop(advice);
+            }
+        }
+        #[cfg(not(target_os = "linux"))]
+        let _ = map;
+        self.len = len;
+        self
     }
 }
 
@@ -109,6 +145,24 @@ mod tests {
             drop(pages);
             assert_eq!(*copy, *numbers);
             assert!(len * 8 < HUGE as u64 || (copy.as_ptr() as usize).is_multiple_of(HUGE));
+        }
+    }
+
+    #[test]
+    fn the_same_memory_holds_elements_of_another_type_and_fewer_of_them() {
+        for len in [0, 3, 1000, 600_000, 1_000_000] {
+            let mut pages = Pages::<u64>::zeroed(len);
+            pages.iter_mut().zip(0..).for_each(|(element, i)| *element = i);
+            let halves = pages.cast::<u32>();
+            assert_eq!(halves.len(), 2 * len);
+            for kept in [2 * len, len, len / 3, 0] {
+                let halves = halves.clone().shortened(kept);
+                assert_eq!(halves.len(), kept);
+                let element = |(i, &half): (usize, &u32)| half as usize == if i % 2 == 0 { i / 2 } else { 0 };
+                assert!(halves.iter().enumerate().all(element));
+            }
+            let lines = halves.cast::<[u64; 8]>();
+            assert_eq!(lines.len(), len / 8);
         }
     }
 }

@@ -1,9 +1,12 @@
-//! Blocks of a part of a tree, before all parts lie side by side.
+//! Blocks of a part of a tree, before all parts lie side by side: in memory that the part has already used for something
+//! else, for memory that is touched for the first time is dear.
 
 use super::block::{BLOCK_TRIANGLES, MASKED, NORMAL, SLACK, TABLE, UNIT, Word};
+use super::pages::Pages;
 use super::wide::Child;
 use crate::lanes::{Kernel, Lanes, SimdLevel, load_one};
 use glam::Vec3;
+use rayon::prelude::*;
 
 /// Up to eight triangles that are to be a block.
 #[derive(Debug, Default)]
@@ -38,19 +41,43 @@ impl Triangles {
     }
 }
 
-/// See the module.
+/// Blocks one behind the other.
 #[derive(Debug)]
 pub(super) struct Pile {
-    /// With [`SLACK`] behind the last block.
-    words: Vec<u32>,
+    /// Where its room begins.
+    at: usize,
+    /// Words, at the beginning of its room or elsewhere.
+    len: usize,
+    /// The words, if its room was too small.
+    elsewhere: Vec<u32>,
 }
 
-impl Pile {
-    /// An empty one, with room for about so many triangles.
-    pub fn with_capacity(triangles: usize) -> Self {
-        let mut words = Vec::with_capacity(TYPICAL_WORDS * triangles + SLACK);
-        words.resize(SLACK, 0);
-        Self { words }
+/// A [`Pile`] that grows.
+#[derive(Debug)]
+pub(super) struct Piling<'a> {
+    pile: Pile,
+    room: &'a mut [u32],
+}
+
+impl<'a> Piling<'a> {
+    /// An empty one, that begins at `at` of memory where it has `room`.
+    pub fn new(at: usize, room: &'a mut [u32]) -> Self {
+        Self { pile: Pile { at, len: 0, elsewhere: Vec::new() }, room }
+    }
+
+    /// Room for so many words more.
+    fn take(&mut self, words: usize) -> &mut [u32] {
+        let Pile { len, elsewhere, .. } = &mut self.pile;
+        let (start, end) = (*len, *len + words);
+        *len = end;
+        if elsewhere.is_empty() && end <= self.room.len() {
+            return &mut self.room[start..end];
+        }
+        if elsewhere.is_empty() {
+            elsewhere.extend_from_slice(&self.room[..start]);
+        }
+        elsewhere.resize(end, 0);
+        &mut elsewhere[start..]
     }
 
     /// Puts a block on it.
@@ -65,9 +92,9 @@ impl Pile {
                 (corner / BLOCK_TRIANGLES * count + corner % BLOCK_TRIANGLES) as u8
             });
         }
-        let start = self.words.len() - SLACK;
-        self.words.resize(start + (2 * count + 3 * corners).next_multiple_of(UNIT) + SLACK, 0);
-        let (words, rest) = self.words[start..].split_at_mut(count);
+        let start = self.pile.len;
+        let block = self.take((2 * count + 3 * corners).next_multiple_of(UNIT));
+        let (words, rest) = block.split_at_mut(count);
         let (x, rest) = rest.split_at_mut(corners);
         let (y, rest) = rest.split_at_mut(corners);
         let (z, ids) = rest.split_at_mut(corners);
@@ -81,18 +108,85 @@ impl Pile {
             let name = |vertex: usize| usize::from(names[vertex * BLOCK_TRIANGLES + row]);
             *word = Word::new([name(0), name(1), name(2)], corners).bits();
         }
-        ids[..count].copy_from_slice(&triangles.ids[..count]);
+        let (ids, padding) = ids.split_at_mut(count);
+        ids.copy_from_slice(&triangles.ids[..count]);
+        padding.fill(0);
         Child::block(start / UNIT, count)
     }
 
-    /// The words of all blocks.
-    pub fn words(&self) -> &[u32] {
-        &self.words[..self.words.len() - SLACK]
+    /// What has grown.
+    pub fn done(self) -> Pile {
+        self.pile
     }
 }
 
-/// Words of a triangle in most meshes.
-const TYPICAL_WORDS: usize = 9;
+impl Pile {
+    /// Its words.
+    fn words<'a>(&'a self, memory: &'a [u32]) -> &'a [u32] {
+        if self.elsewhere.is_empty() { &memory[self.at..][..self.len] } else { &self.elsewhere }
+    }
+}
+
+/// Puts piles side by side, with [`SLACK`] behind them, and says in which [`UNIT`] each begins: those in their rooms in the
+/// memory's order, then the others. If that is too much for `memory`, all go to new one.
+pub(super) fn side_by_side(memory: Pages<u32>, piles: &[Pile]) -> (Pages<u32>, Vec<usize>) {
+    let mut order: Vec<usize> = (0..piles.len()).collect();
+    order.sort_unstable_by_key(|&pile| (!piles[pile].elsewhere.is_empty(), piles[pile].at));
+    let (mut starts, mut len) = (vec![0; piles.len()], 0);
+    for &pile in &order {
+        starts[pile] = len / UNIT;
+        len += piles[pile].len;
+    }
+    let ordered: Vec<&Pile> = order.into_iter().map(|pile| &piles[pile]).collect();
+    let mut memory = if len + SLACK <= memory.len() {
+        close_gaps(memory, &ordered)
+    } else {
+        let mut there = Pages::zeroed(len + SLACK);
+        copy(&ordered, |pile| pile.words(&memory), &mut there);
+        there
+    };
+    memory[len..len + SLACK].fill(0);
+    (memory.shortened(len + SLACK), starts)
+}
+
+/// Moves piles together, those in their rooms first.
+fn close_gaps(mut memory: Pages<u32>, mut piles: &[&Pile]) -> Pages<u32> {
+    let mut end = 0;
+    while let Some(&&Pile { at, len, ref elsewhere }) = piles.first() {
+        let mut moved = 1;
+        if !elsewhere.is_empty() {
+            moved = piles.len();
+            copy(piles, |pile| &pile.elsewhere, &mut memory[end..]);
+        } else if end + len > at {
+            memory.copy_within(at..at + len, end);
+        } else {
+            // As many as there is room for before the first of them.
+            let (there, rest) = memory.split_at_mut(at);
+            let mut room = there.len() - end;
+            let fits = |pile: &&&Pile| {
+                let fits = pile.elsewhere.is_empty() && pile.len <= room;
+                room -= if fits { pile.len } else { 0 };
+                fits
+            };
+            moved = piles.iter().take_while(fits).count();
+            copy(&piles[..moved], |pile| &rest[pile.at - at..][..pile.len], &mut there[end..]);
+        }
+        end += piles[..moved].iter().map(|pile| pile.len).sum::<usize>();
+        piles = &piles[moved..];
+    }
+    memory
+}
+
+/// Copies piles, whose words `of` gives, one behind the other.
+fn copy<'a>(piles: &[&'a Pile], of: impl Fn(&'a Pile) -> &'a [u32] + Sync, mut there: &mut [u32]) {
+    let mut copies = Vec::with_capacity(piles.len());
+    for pile in piles {
+        let room;
+        (room, there) = there.split_at_mut(pile.len);
+        copies.push((room, *pile));
+    }
+    copies.into_par_iter().for_each(|(room, pile)| room.copy_from_slice(of(pile)));
+}
 
 /// Which corners of some triangles are the same, to the bit.
 struct Alike {
@@ -166,9 +260,13 @@ mod tests {
                 let random = |vertex: u32| corner(crate::geom::mix(64 * seed + 4 * row + vertex) % places);
                 triangles.push(row, false, [0, 1, 2].map(random));
             }
-            let mut pile = Pile::with_capacity(0);
+            // Its room just does, or does not.
+            let mut room = [seed; 88];
+            let mut pile = Piling::new(0, &mut room[..88 - seed as usize % 2 * 88]);
             let child = pile.push(&triangles);
-            let block = Block::new(&pile.words, count);
+            let pile = pile.done();
+            let words = [pile.words(&room), &[0; SLACK]].concat();
+            let block = Block::new(&words, count);
             assert_eq!(child, Child::block(0, count));
             let mut all = Vec::new();
             for row in 0..count {
@@ -180,10 +278,55 @@ mod tests {
             all.sort_unstable();
             all.dedup();
             let corners = if all.len() > TABLE { 3 * count } else { all.len() };
+            assert_eq!(pile.len, (2 * count + 3 * corners).next_multiple_of(UNIT), "{places} places");
+            assert!(words[2 * count + 3 * corners..].iter().all(|&word| word == 0));
+        }
+    }
+
+    #[test]
+    fn piles_lie_side_by_side_wherever_they_grew() {
+        for seed in 0..400 {
+            let number = |salt: u32, below: u32| (crate::geom::mix(100 * seed + salt) % below) as usize;
+            // Rooms with gaps between them, of which piles fill much, all or too little.
+            let count = number(0, 30);
+            let rooms: Vec<usize> = (0..count).map(|i| UNIT * number(1 + i as u32, 12)).collect();
+            let gaps: Vec<usize> = (0..count).map(|i| number(31 + i as u32, 3)).collect();
+            let len = rooms.iter().sum::<usize>() + gaps.iter().sum::<usize>() + number(61, 20);
+            let mut memory = Pages::zeroed(len);
+            memory.fill(u32::MAX);
+            let (mut rest, mut at) = (&mut memory[..], 0);
+            let mut piles = Vec::new();
+            for (i, (&room, &gap)) in rooms.iter().zip(&gaps).enumerate() {
+                let (_, left) = rest.split_at_mut(gap);
+                let (words, left) = left.split_at_mut(room);
+                let mut pile = Piling::new(at + gap, words);
+                let words = match number(62 + i as u32, 8) {
+                    0 => room + UNIT,
+                    1 => room,
+                    k => room / UNIT * k / 8 * UNIT,
+                };
+                for word in 0..words / UNIT {
+                    pile.take(UNIT).fill((100 * i + word) as u32);
+                }
+                piles.push(pile.done());
+                (rest, at) = (left, at + gap + room);
+            }
+            // Their order in the argument is of no matter to where they go.
+            piles.rotate_left(number(99, 30) % count.max(1));
+            let wanted: Vec<Vec<u32>> = piles.iter().map(|pile| pile.words(&memory).to_vec()).collect();
+            let (memory, starts) = side_by_side(memory, &piles);
+            let total: usize = piles.iter().map(|pile| pile.len).sum();
+            assert_eq!(memory.len(), total + SLACK);
+            assert!(memory[total..].iter().all(|&word| word == 0));
+            for (words, start) in wanted.iter().zip(&starts) {
+                assert_eq!(memory[UNIT * start..][..words.len()], *words, "{seed}");
+            }
+            let mut spans: Vec<_> =
+                starts.iter().zip(&wanted).map(|(start, words)| (UNIT * start, words.len())).collect();
+            spans.sort_unstable();
             assert_eq!(
-                pile.words().len(),
-                (2 * count + 3 * corners).next_multiple_of(UNIT),
-                "{places} places"
+                spans.iter().fold(0, |end, &(start, len)| if start == end { end + len } else { end }),
+                total
             );
         }
     }

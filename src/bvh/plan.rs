@@ -27,12 +27,26 @@ const LARGE: f32 = 0.01;
 pub(super) struct Costs {
     /// Half the surface above which boxes are large.
     large: f32,
+    /// Whether all of the tree is wanted, down to single primitives.
+    all: bool,
 }
 
 impl Costs {
     /// Of a tree whose box has half the surface `area`.
     pub fn of(area: f32) -> Self {
-        Self { large: LARGE * area }
+        Self { large: LARGE * area, all: false }
+    }
+
+    /// The same of a tree that is wanted down to single primitives.
+    pub fn of_all(area: f32) -> Self {
+        Self { all: true, ..Self::of(area) }
+    }
+
+    /// Whether primitives that are a block are left as they are, in a box of half the surface `area`, when two boxes
+    /// would have no smaller surfaces together.
+    #[inline(always)]
+    pub fn may_stay_whole(self, area: f32) -> bool {
+        !self.all && area <= self.large
     }
 
     /// Cost of testing a ray that meets a box of half the surface `area` with a block of `count` triangles.
@@ -68,6 +82,11 @@ pub(super) struct Choice(u32);
 impl Choice {
     const BLOCK: u32 = 1 << 31;
 
+    /// A block, and never anything else.
+    pub fn whole() -> Self {
+        Self(Self::BLOCK)
+    }
+
     /// Whether, as one child, the primitives are a block and not an inner node.
     pub fn is_block(self) -> bool {
         self.0 & Self::BLOCK != 0
@@ -80,6 +99,12 @@ impl Choice {
 }
 
 impl Plan {
+    /// A block of `count` primitives, and never anything else.
+    #[inline(always)]
+    pub fn whole(costs: Costs, area: f32, count: usize) -> Self {
+        Self([costs.block(area, count); WIDTH])
+    }
+
     /// A leaf of one primitive.
     #[inline(always)]
     pub fn leaf(costs: Costs, area: f32) -> Self {
@@ -139,7 +164,7 @@ mod tests {
     use super::*;
 
     /// Those of small boxes.
-    const SMALL: Costs = Costs { large: f32::INFINITY };
+    const SMALL: Costs = Costs { large: f32::INFINITY, all: false };
 
     #[test]
     fn a_block_is_made_where_it_is_cheaper_than_its_parts() {
@@ -175,7 +200,7 @@ mod tests {
         for areas in [[1.0, 1.0, 1.0], [1.0, 1.0, 20.0], [3.0, 0.5, 3.1], [0.0, 0.0, 0.0]] {
             let [left, right, area] = areas;
             for large in [0.0, 2.0, f32::INFINITY] {
-                let costs = Costs { large };
+                let costs = Costs { large, all: false };
                 let leaf = |area| Plan::leaf(costs, area);
                 let (merged, choice) = Plan::merge(costs, &leaf(left), &leaf(right), area, 2);
                 let (plan, same) = Plan::pair(costs, left, right, area);

@@ -1,7 +1,8 @@
 //! New places for the same triangles: the tree keeps its shape, its boxes follow.
 
-use super::block::Blocks;
-use super::pile::{Pile, Triangles};
+use super::block::{Blocks, most_words};
+use super::pages::Pages;
+use super::pile::{Pile, Piling, Triangles};
 use super::{Bvh, Child, GeometryError, WIDTH, WideNode};
 use crate::geom::Aabb;
 use glam::Vec3;
@@ -83,8 +84,19 @@ fn pile_anew(
     children: &[Child],
     corners: impl Fn(u32) -> [Vec3; 3] + Sync,
 ) -> (Blocks, Vec<(Child, Aabb)>) {
-    let pile = |children: &[Child]| {
-        let mut pile = Pile::with_capacity(children.iter().map(|child| child.triangles()).sum());
+    // Room for blocks whose corners all part.
+    let chunks = || children.par_chunks(BLOCKS);
+    let sizes = chunks().map(|children| children.iter().map(|child| most_words(child.triangles())).sum());
+    let sizes: Vec<usize> = sizes.collect();
+    let mut words = Pages::zeroed(sizes.iter().sum());
+    let (mut rooms, mut rest, mut at) = (Vec::with_capacity(sizes.len()), &mut words[..], 0);
+    for size in sizes {
+        let room;
+        (room, rest) = rest.split_at_mut(size);
+        rooms.push(Piling::new(at, room));
+        at += size;
+    }
+    let pile = |(children, mut pile): (&[Child], Piling)| {
         let moved = children.iter().map(|&child| {
             let block = blocks.get(child);
             let (mut triangles, mut bounds) = (Triangles::default(), Aabb::EMPTY);
@@ -96,10 +108,10 @@ fn pile_anew(
             (pile.push(&triangles), bounds)
         });
         let moved = moved.collect();
-        (pile, moved)
+        (pile.done(), moved)
     };
-    let (piles, moved): (Vec<Pile>, Vec<Vec<(Child, Aabb)>>) = children.par_chunks(BLOCKS).map(pile).unzip();
-    let (blocks, starts) = Blocks::of(&piles);
+    let (piles, moved): (Vec<Pile>, Vec<Vec<(Child, Aabb)>>) = chunks().zip(rooms).map(pile).unzip();
+    let (blocks, starts) = Blocks::of(words, &piles);
     let behind = |(moved, start): (Vec<(Child, Aabb)>, usize)| {
         moved.into_iter().map(move |(child, bounds)| (child.behind(start), bounds))
     };

@@ -29,7 +29,7 @@ pub(super) struct Inner {
     left: u32,
     /// Negated upper corner.
     negated_max: [f32; 3],
-    choice: Choice,
+    pub choice: Choice,
 }
 
 impl Inner {
@@ -39,7 +39,7 @@ impl Inner {
         Self { min: [a, b, c], left: left as u32, negated_max: [x, y, z], choice }
     }
 
-    fn bounds(&self) -> Aabb {
+    pub fn bounds(&self) -> Aabb {
         let ([a, b, c], [x, y, z]) = (self.min, self.negated_max);
         Bounds([a, b, c, 0.0, x, y, z, 0.0]).to_aabb()
     }
@@ -47,9 +47,12 @@ impl Inner {
 
 /// A binary tree with one primitive a leaf, and a plan for making it eight-wide.
 pub(super) struct Tree {
-    references: Pages<Reference>,
-    inner: Pages<Inner>,
+    pub references: Pages<Reference>,
+    pub branches: Branches,
 }
+
+/// The inner nodes of a binary tree.
+pub(super) struct Branches(Pages<Inner>);
 
 /// A subtree.
 #[derive(Clone, Copy, Debug)]
@@ -57,14 +60,26 @@ pub(super) struct Subtree {
     /// First inner node.
     root: u32,
     /// First reference.
-    first: u32,
+    pub first: u32,
     /// Number of primitives, at least 1.
     pub count: u32,
 }
 
+impl Subtree {
+    /// Its references among all.
+    pub fn references(self, all: &[Reference]) -> &[Reference] {
+        &all[self.first as usize..][..self.count as usize]
+    }
+}
+
 impl Tree {
-    /// Builds the tree over `count` triangles. Takes 64 bytes a triangle.
-    pub fn build(count: usize, corners: impl Fn(u32) -> [Vec3; 3] + Sync) -> Self {
+    /// Builds the tree over `count` triangles, with costs that follow from half the surface of the box around them. Takes 64
+    /// bytes a triangle.
+    pub fn build(
+        count: usize,
+        corners: impl Fn(u32) -> [Vec3; 3] + Sync,
+        costs: impl Fn(f32) -> Costs,
+    ) -> Self {
         let mut references = Pages::zeroed(count);
         let pieces = references.par_chunks_mut(PIECE).enumerate();
         let extents = pieces.map(|(piece, references)| {
@@ -76,10 +91,10 @@ impl Tree {
         let extent = extents.reduce_with(|a, b| a.union(&b));
         let mut inner = Pages::zeroed(count.saturating_sub(1));
         if let Some(extent) = extent {
-            let costs = Costs::of(extent.bounds.half_area());
+            let costs = costs(extent.bounds.half_area());
             subtree(&mut references, &mut inner, costs, 0, &extent);
         }
-        Self { references, inner }
+        Self { references, branches: Branches(inner) }
     }
 
     /// The whole tree; `None` when there is nothing.
@@ -88,36 +103,43 @@ impl Tree {
         (count > 0).then_some(Subtree { root: 0, first: 0, count })
     }
 
+    /// The box around a subtree.
+    pub fn bounds(&self, of: Subtree) -> Aabb {
+        match of.count {
+            1 => self.references[of.first as usize].0.to_aabb(),
+            _ => self.branches.bounds(of),
+        }
+    }
+
+    /// The primitive of a subtree of one.
+    pub fn primitive(&self, of: Subtree) -> u32 {
+        self.references[of.first as usize].primitive()
+    }
+}
+
+impl Branches {
     /// The two children of a subtree of at least two primitives.
     pub fn children(&self, of: Subtree) -> [Subtree; 2] {
-        let left = self.inner[of.root as usize].left;
+        let left = self.0[of.root as usize].left;
         [
             Subtree { root: of.root + 1, first: of.first, count: left },
             Subtree { root: of.root + left, first: of.first + left, count: of.count - left },
         ]
     }
 
-    /// The box around a subtree.
+    /// The box around a subtree of at least two primitives.
     pub fn bounds(&self, of: Subtree) -> Aabb {
-        if of.count == 1 {
-            return self.references[of.first as usize].0.to_aabb();
-        }
-        self.inner[of.root as usize].bounds()
-    }
-
-    /// The primitives of a subtree.
-    pub fn primitives(&self, of: Subtree) -> impl ExactSizeIterator<Item = u32> {
-        self.references[of.first as usize..][..of.count as usize].iter().map(Reference::primitive)
+        self.0[of.root as usize].bounds()
     }
 
     /// Whether, as one child of a wide node, the subtree is a block.
     pub fn is_block(&self, of: Subtree) -> bool {
-        of.count == 1 || self.inner[of.root as usize].choice.is_block()
+        of.count == 1 || self.0[of.root as usize].choice.is_block()
     }
 
     /// Calls `take` with the subtrees that the plan makes of one when a wide node has room for so many.
     pub fn gather(&self, of: Subtree, mut room: usize, take: &mut impl FnMut(Subtree)) {
-        let choice = if of.count == 1 { Choice::default() } else { self.inner[of.root as usize].choice };
+        let choice = if of.count == 1 { Choice::default() } else { self.0[of.root as usize].choice };
         while room > 1 && choice.on_left(room) == 0 {
             room -= 1;
         }
@@ -187,7 +209,7 @@ impl<L: Lanes> Piece<L> for Small<'_> {
         if count <= FEW {
             return match count {
                 1 => Plan::leaf(costs, area),
-                _ => l.apart(Few { references, inner, costs, halve: depth + FEW >= MAX_DEPTH }),
+                _ => l.apart(Few { references, inner, costs, halve: depth + FEW >= MAX_DEPTH, extent }),
             };
         }
         let (root, below) = inner.split_first_mut().expect("one node fewer than references");
