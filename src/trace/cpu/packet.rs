@@ -4,7 +4,8 @@
 //! What a common origin gives: edge functions are `dot(n, direction)` with `n` the same for all rays,
 //! computed once a visit; box planes meet a whole packet in an interval, computed from the packet's
 //! extreme reciprocal directions. Lists hold packets with a mask of the rays still in play, rays
-//! stay in place as columns, and hits are taken in lanes. Every lane still answers by the canonical
+//! stay in place as columns, and hits are taken in lanes; where few rays of a packet come to a block, each is tested
+//! with all triangles at once instead. Every lane still answers by the canonical
 //! operations; intervals only leave out what they prove to be missed (see [`Interval`]).
 //!
 //! Unsafe code, because lists, packets and nodes are reached without bounds checks. The invariants of
@@ -15,11 +16,11 @@
 use super::setup::Rows;
 use super::stream::{
     Answers, DONE, Entry, FrontToBack, Job, LikelyFirst, OctantStack, Order, PADDING, ROW_BYTES, Visit,
-    begin_of, push,
+    begin_of, fetch_children, push,
 };
 use super::triangle::{Bounds, Faces, Hits, Passing, Range, Seen, Slabs, Vector, dot, hits};
 use crate::bvh::{Block, MASKED, PRIMITIVE, WIDTH};
-use crate::lanes::{Lanes, spill, splat, splat_row};
+use crate::lanes::{Lanes, load_one, spill, splat, splat_row};
 use crate::stream::{Hit, MISS};
 
 /// Rays in a packet.
@@ -287,6 +288,8 @@ impl<W: Lanes, E: Lanes, const ANY: bool> Packets<'_, W, E, ANY> {
             let node = job.nodes.get_unchecked(at.child.index());
             let ids = stack.ids.as_mut_ptr();
             let list = ids.add(at.start as usize);
+            // Asked for when it is known who is entered, the first would be waited for.
+            fetch_children(job, node);
             let faces = Faces::of(&node.faces, octant);
             let planes = Planes::new(e, origin, &faces, octant);
             let mut ends: [*mut u32; WIDTH] =
@@ -317,7 +320,7 @@ impl<W: Lanes, E: Lanes, const ANY: bool> Packets<'_, W, E, ANY> {
                     }
                 }
             }
-            push::<W, O, false>(w, job, node, order, stack, base, stride, &ends);
+            push::<W, O, false, false>(w, job, node, order, stack, base, stride, &ends);
         }
     }
 
@@ -329,10 +332,17 @@ impl<W: Lanes, E: Lanes, const ANY: bool> Packets<'_, W, E, ANY> {
         for &some in list {
             // SAFETY: entries name packets of the sub-stream.
             let packet = unsafe { &mut *all.add((some >> 16) as usize) };
-            let mut taken = 0;
+            let (mut rays, mut taken) = (some & 0xffff, 0);
+            if is_few::<W>(rays, block.len()) {
+                while rays != 0 {
+                    let lane = rays.trailing_zeros() as usize & 15;
+                    rays &= rays - 1;
+                    taken |= u32::from(self.one(packet, lane, &triangles, block, octant));
+                }
+            }
             for part in 0..PACKET / W::LANES {
                 let at = part * W::LANES;
-                let mut among = (some & 0xffff) >> at & ((1 << W::LANES) - 1);
+                let mut among = rays >> at & ((1 << W::LANES) - 1);
                 if among == 0 {
                     continue;
                 }
@@ -363,6 +373,68 @@ impl<W: Lanes, E: Lanes, const ANY: bool> Packets<'_, W, E, ANY> {
             }
         }
     }
+
+    /// Tests one ray of a packet with all triangles of a block; whether it hits.
+    #[inline(always)]
+    fn one(
+        &self,
+        packet: &mut Packet,
+        lane: usize,
+        triangles: &Triangles,
+        block: Block<'_>,
+        octant: usize,
+    ) -> bool {
+        let Self { e, job, ref origin, .. } = *self;
+        let ray = |columns: &[Column; 3]| [columns[0].0[lane], columns[1].0[lane], columns[2].0[lane]];
+        let direction = splat(e, ray(&packet.direction));
+        let passing = triangles.passed(e, direction);
+        let inside = passing.inside(e, (1 << block.len()) - 1);
+        if inside == 0 {
+            return false;
+        }
+        let slabs = origin.slabs(e, splat(e, ray(&packet.inverse)));
+        let (t_min, limit) = (e.splat(packet.t_min.0[lane]), e.splat(packet.limit.0[lane]));
+        let range = Range { slabs: &slabs, octant, t_min, limit };
+        let Hits { mask: mut left, t, u, v } = triangles.hit(e, inside, &passing, direction, &range);
+        if left == 0 {
+            return false;
+        }
+        let (t, u, v) = (spill(e, t), spill(e, u), spill(e, v));
+        let mut taken = false;
+        while left != 0 && !(ANY && taken) {
+            let k = left.trailing_zeros() as usize % WIDTH;
+            left &= left - 1;
+            let (limit, stored) = (packet.limit.0[lane], block.id(k));
+            // Among equals the lowest primitive wins.
+            let is_nearest = t[k] < limit || t[k] == limit && stored & PRIMITIVE < packet.primitive[lane];
+            if is_nearest && (stored & MASKED == 0 || filtered(job, stored & PRIMITIVE, 1 << k, &u, &v) != 0)
+            {
+                packet.limit.0[lane] = if ANY { DONE } else { t[k] };
+                (packet.u.0[lane], packet.v.0[lane]) = (u[k], v[k]);
+                packet.primitive[lane] = stored & PRIMITIVE;
+                taken = true;
+            }
+        }
+        taken
+    }
+}
+
+/// Whether rays of a packet, a bit each, are so few that each is better tested with all triangles of a block at once than each
+/// triangle with the whole packet. A test of a ray costs about two of a triangle: whether there is more to do is decided anew.
+#[inline(always)]
+fn is_few<L: Lanes>(rays: u32, triangles: usize) -> bool {
+    2 * rays.count_ones() as usize <= triangles * (PACKET / L::LANES)
+}
+
+impl Origin {
+    /// The slab test's constants, made anew from the reciprocal: that is faster than to read them.
+    #[inline(always)]
+    fn slabs<L: Lanes>(&self, l: L, inverse: Vector<L>) -> Slabs<L> {
+        let [x, y, z] = self.point;
+        let shift =
+            [l.mul(l.splat(-x), inverse[0]), l.mul(l.splat(-y), inverse[1]), l.mul(l.splat(-z), inverse[2])];
+        Slabs::new(l, inverse, shift, l.splat(self.slack))
+    }
 }
 
 impl Packet {
@@ -371,14 +443,10 @@ impl Packet {
         [self.direction[0].get(l, at), self.direction[1].get(l, at), self.direction[2].get(l, at)]
     }
 
-    /// The slab test's constants, made anew from the reciprocal: that is faster than to read them.
+    /// The slab test's constants of lanes.
     #[inline(always)]
     fn slabs<L: Lanes>(&self, l: L, at: usize, origin: &Origin) -> Slabs<L> {
-        let inverse = [self.inverse[0].get(l, at), self.inverse[1].get(l, at), self.inverse[2].get(l, at)];
-        let [x, y, z] = origin.point;
-        let shift =
-            [l.mul(l.splat(-x), inverse[0]), l.mul(l.splat(-y), inverse[1]), l.mul(l.splat(-z), inverse[2])];
-        Slabs::new(l, inverse, shift, l.splat(origin.slack))
+        origin.slabs(l, [self.inverse[0].get(l, at), self.inverse[1].get(l, at), self.inverse[2].get(l, at)])
     }
 
     /// Strikes out hits that lose a tie or that the filter refuses.
@@ -521,6 +589,35 @@ impl Triangles {
         let bounds = Bounds::<L> { low: splat_row(l, &self.low, k), high: splat_row(l, &self.high, k) };
         hits(l, inside, passing, [l.splat(self.distance[k]), facing], bounds.faces(range.octant), range)
     }
+
+    /// Where the line of one ray passes all triangles.
+    #[inline(always)]
+    fn passed<E: Lanes>(&self, e: E, direction: Vector<E>) -> Passing<E> {
+        let [u, v, w] = &self.edges;
+        Passing::new(e, &[kept(e, u), kept(e, v), kept(e, w)], direction)
+    }
+
+    /// Where one ray hits those that its line passes `inside`.
+    #[inline(always)]
+    fn hit<E: Lanes>(
+        &self,
+        e: E,
+        inside: u32,
+        passing: &Passing<E>,
+        direction: Vector<E>,
+        range: &Range<'_, E>,
+    ) -> Hits<E> {
+        let facing = dot(e, kept(e, &self.normal), direction);
+        let bounds = Bounds::<E> { low: kept(e, &self.low), high: kept(e, &self.high) };
+        let distance = load_one(e, &self.distance);
+        hits(e, inside, passing, [distance, facing], bounds.faces(range.octant), range)
+    }
+}
+
+/// What [`keep`] has kept.
+#[inline(always)]
+fn kept<E: Lanes>(e: E, [x, y, z]: &[[f32; WIDTH]; 3]) -> Vector<E> {
+    [load_one(e, x), load_one(e, y), load_one(e, z)]
 }
 
 /// Three columns out of eight lanes.

@@ -395,7 +395,7 @@ pub(super) fn inner<W: Lanes, E: Lanes, S: Space, O: Order, const ALONE: bool>(
             }
             at += W::LANES;
         }
-        push::<W, O, ALONE>(w, job, node, order, stack, base, stride, &ends);
+        push::<W, O, ALONE, true>(w, job, node, order, stack, base, stride, &ends);
     }
 }
 
@@ -437,6 +437,24 @@ pub(super) fn fetch_block(job: &Job<'_>, child: Child) {
     prefetch(block.wrapping_add(24 * child.triangles()));
 }
 
+/// Asks for the memory of a child.
+#[inline(always)]
+fn fetch_child(job: &Job<'_>, child: Child) {
+    if child.is_block() {
+        fetch_block(job, child);
+    } else {
+        fetch_node(job, child);
+    }
+}
+
+/// Asks for the memory of all children of a node.
+#[inline(always)]
+pub(super) fn fetch_children(job: &Job<'_>, node: &WideNode) {
+    for child in node.children.into_iter().filter(|&child| child != Child::NONE) {
+        fetch_child(job, child);
+    }
+}
+
 /// Asks for the rows, or rays, that a list needs next: they have often left the nearer caches, and the lanes before them
 /// give them time to come.
 ///
@@ -452,14 +470,14 @@ pub(super) unsafe fn fetch_rows<L: Lanes, T>(_: L, rows: *const T, list: *const 
     }
 }
 
-/// Pushes an entry for each child of a node whose list has something in it, pads the list and asks for
+/// Pushes an entry for each child of a node whose list has something in it, pads the list and, if `FETCH`, asks for
 /// the child's memory; the rays of short lists go on alone if `ALONE`.
 ///
 /// # Safety
 /// The lists start where [`begin_of`] says and end at `ends`; invariant 3 holds for the entries.
 #[allow(clippy::too_many_arguments)]
 #[inline(always)]
-pub(super) unsafe fn push<W: Lanes, O: Order, const ALONE: bool>(
+pub(super) unsafe fn push<W: Lanes, O: Order, const ALONE: bool, const FETCH: bool>(
     w: W,
     job: &Job<'_>,
     node: &WideNode,
@@ -500,10 +518,8 @@ pub(super) unsafe fn push<W: Lanes, O: Order, const ALONE: bool>(
             }
             pad(w, ends[slot]);
         }
-        if child.is_block() {
-            fetch_block(job, child);
-        } else {
-            fetch_node(job, child);
+        if FETCH {
+            fetch_child(job, child);
         }
     }
     // SAFETY: the entries up to `top` were written.
