@@ -2,7 +2,7 @@
 //!
 //! Rays that start at one point are traced as packets, which is faster. Frames put camera rays behind what paths left over in
 //! a stream, so such runs are looked for and kept apart from their neighbours. It decides about speed alone: what is
-//! taken for a run and is none is told by `packet::common_origin`.
+//! taken for a run and is none is told by `packet::form`.
 
 use crate::stream::Ray;
 

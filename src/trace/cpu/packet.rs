@@ -13,15 +13,15 @@
 //! the sub-stream.
 #![allow(unsafe_code)]
 
-use super::setup::Rows;
+use super::setup;
 use super::stream::{
-    Answers, DONE, Entry, FrontToBack, Job, LikelyFirst, OctantStack, Order, PADDING, ROW_BYTES, Visit,
-    begin_of, fetch_children, push,
+    Answers, DONE, Entry, FrontToBack, Job, LikelyFirst, OctantStack, Order, PADDING, Visit, begin_of,
+    fetch_children, lanes_of, push,
 };
 use super::triangle::{Bounds, Faces, Hits, Passing, Range, Seen, Slabs, Vector, dot, hits};
 use crate::bvh::{Block, MASKED, PRIMITIVE, WIDTH};
 use crate::lanes::{Lanes, load_one, spill, splat, splat_row};
-use crate::stream::{Hit, MISS};
+use crate::stream::{Hit, MISS, Ray};
 
 /// Rays in a packet.
 pub(super) const PACKET: usize = 16;
@@ -54,19 +54,6 @@ impl Column {
     }
 }
 
-impl Column {
-    /// Least and greatest number.
-    #[inline(always)]
-    fn bounds<L: Lanes>(&self, l: L) -> (f32, f32) {
-        let (mut low, mut high) = (f32::INFINITY, f32::NEG_INFINITY);
-        for part in 0..PACKET / L::LANES {
-            let f = self.get(l, part * L::LANES);
-            (low, high) = (low.min(l.lowest(f)), high.max(l.highest(f)));
-        }
-        (low, high)
-    }
-}
-
 /// Up to sixteen rays of one octant and their hits so far.
 #[derive(Clone, Copy)]
 #[repr(C, align(64))]
@@ -79,8 +66,8 @@ pub(super) struct Packet {
     u: Column,
     v: Column,
     primitive: [u32; PACKET],
-    /// Ids of the rays, as in lists of loose rays.
-    ids: [u32; PACKET],
+    /// Which ray of the sub-stream is in lane 0; the others follow.
+    first: u32,
     interval: Interval,
 }
 
@@ -111,9 +98,33 @@ impl Packet {
         u: Column::ZERO,
         v: Column::ZERO,
         primitive: [MISS; PACKET],
-        ids: [0; PACKET],
+        first: 0,
         interval: Interval { low: [0.0; 3], high: [0.0; 3], limit: DONE },
     };
+
+    /// Makes it one of these lanes only; how much their directions differ, relative to their size.
+    #[inline(always)]
+    fn close<L: Lanes>(&mut self, l: L, members: u32) -> f32 {
+        let (mut low, mut high) = ([f32::INFINITY; 3], [0.0f32; 3]);
+        for part in 0..PACKET / L::LANES {
+            let at = part * L::LANES;
+            let among = members >> at & ((1 << L::LANES) - 1);
+            self.limit.set(l, at, l.select(among, self.limit.get(l, at), l.splat(DONE)));
+            for axis in 0..3 {
+                let size = l.abs(self.inverse[axis].get(l, at));
+                low[axis] = low[axis].min(l.lowest(l.select(among, size, l.splat(f32::INFINITY))));
+                high[axis] = high[axis].max(l.highest(l.select(among, size, l.splat(0.0))));
+            }
+        }
+        self.interval = Interval { low, high, limit: self.highest_limit(l) };
+        let (mut widest, mut longest) = (0.0f32, 0.0f32);
+        for axis in 0..3 {
+            let (least, most) = (1.0 / high[axis], 1.0 / low[axis]);
+            widest = widest.max(most - least);
+            longest = longest.max(most);
+        }
+        widest / longest
+    }
 
     #[inline(always)]
     fn highest_limit<L: Lanes>(&self, l: L) -> f32 {
@@ -138,78 +149,100 @@ fn entry(packet: usize, mask: u32) -> u32 {
     (packet as u32) << 16 | mask
 }
 
-/// Whether the rays whose rows are prepared start at one point; all those that may hit something.
-#[inline(always)]
-pub(super) fn common_origin(job: &Job<'_>, rows: &Rows, stacks: &[OctantStack; 8]) -> Option<Origin> {
-    let octant = rows.counts.iter().position(|&count| count > 0)?;
-    if !rows.common_origin {
-        return None;
-    }
-    let first = stacks[octant].ids[0] as usize / ROW_BYTES;
-    // SAFETY: ids are of rays of the sub-stream.
-    let (ray, row) = unsafe { (&*job.rays.add(first), &*job.rows.add(first).cast_const()) };
-    Some(Origin { point: ray.origin, slack: row.slack })
+/// Packets of a sub-stream.
+pub(super) struct Formed {
+    pub origin: Origin,
+    /// How many there are.
+    pub len: usize,
+    /// How many are in the list of each octant, at the bottom of its arena.
+    pub counts: [usize; 8],
 }
 
-/// Makes packets of the lists at the bottom of the arenas and puts lists of packets in their place.
-/// Gives up, leaving the lists alone, when the packets are not coherent.
+/// Whether rays seem to start at one point.
+pub(super) fn may_form(rays: &[Ray]) -> bool {
+    let is_like = |at: usize| rays[at].origin == rays[0].origin;
+    !rays.is_empty() && is_like(rays.len() / 2) && is_like(rays.len() - 1)
+}
+
+/// Makes packets of a sub-stream, sixteen rays after the other, and lists of them. None if some start elsewhere
+/// or their directions differ much; the arenas are then of no meaning.
 #[inline(always)]
 pub(super) fn form<W: Lanes>(
     w: W,
     job: &Job<'_>,
+    rays: &[Ray],
     stacks: &mut [OctantStack; 8],
-    counts: &mut [usize; 8],
     packets: &mut Vec<Packet>,
-) -> bool {
-    // Those of an earlier sub-stream are written over.
-    packets.resize(counts.iter().map(|count| count.div_ceil(PACKET)).sum(), Packet::VACANT);
-    let (mut spread, mut at_packet) = (0.0, packets.iter_mut());
-    for (stack, &count) in stacks.iter().zip(counts.iter()) {
-        for (ids, packet) in stack.ids[..count].chunks(PACKET).zip(&mut at_packet) {
-            packet.primitive = [MISS; PACKET];
-            packet.ids = std::array::from_fn(|i| ids[i.min(ids.len() - 1)]);
-            for part in 0..PACKET / W::LANES {
-                let at = part * W::LANES;
-                // SAFETY: ids are of rays of the sub-stream.
-                let (ray, row) = unsafe {
-                    let ids = packet.ids.as_ptr().add(at);
-                    (w.rows(job.rays.cast(), ids), w.rows(job.rows.cast(), ids))
-                };
-                for axis in 0..3 {
-                    packet.inverse[axis].set(w, at, row[axis]);
-                    packet.direction[axis].set(w, at, ray[4 + axis]);
-                }
-                packet.t_min.set(w, at, w.max(ray[3], w.splat(0.0)));
-                packet.limit.set(w, at, row[7]);
-            }
-            packet.limit.0[ids.len()..].fill(DONE);
-            let (mut widest, mut longest) = (0.0f32, 0.0f32);
+) -> Option<Formed> {
+    for stack in stacks.iter_mut() {
+        stack.reserve(rays.len().div_ceil(PACKET) + PADDING);
+    }
+    let point = rays.first()?.origin;
+    let mut formed = Formed { origin: Origin { point, slack: 0.0 }, len: 0, counts: [0; 8] };
+    let mut spread = 0.0;
+    let ray_ids: [u32; PACKET] = std::array::from_fn(|i| (i * size_of::<Ray>()) as u32);
+    for (chunk, some) in rays.chunks(PACKET).enumerate() {
+        // Those of an earlier sub-stream are written over. There is one for each octant at most.
+        if packets.len() < formed.len + 8 {
+            packets.resize(2 * packets.len() + 8, Packet::VACANT);
+        }
+        let mut padded = [Ray::default(); PACKET];
+        let from = if some.len() < PACKET {
+            padded[..some.len()].copy_from_slice(some);
+            &padded
+        } else {
+            some
+        };
+        let packet = &mut packets[formed.len];
+        packet.first = (chunk * PACKET) as u32;
+        packet.primitive = [MISS; PACKET];
+        let (mut valid, mut signs) = (0, [0; 3]);
+        for part in 0..PACKET / W::LANES {
+            let at = part * W::LANES;
+            // SAFETY: `from` has sixteen rays, and there is an id for each.
+            let ray = unsafe { w.rows(from.as_ptr().cast(), ray_ids.as_ptr().add(at)) };
+            let (row, may_hit, negative) =
+                setup::rows(w, job.scene_max_abs, lanes_of::<W>(some.len().saturating_sub(at)), ray);
+            let mut at_origin = may_hit;
             for axis in 0..3 {
-                let (a, b) = packet.inverse[axis].bounds(w);
-                packet.interval.low[axis] = a.abs().min(b.abs());
-                packet.interval.high[axis] = a.abs().max(b.abs());
-                let (a, b) = packet.direction[axis].bounds(w);
-                widest = widest.max(b - a);
-                longest = longest.max(a.abs()).max(b.abs());
+                at_origin = w.eq(at_origin, ray[axis], w.splat(point[axis]));
+                signs[axis] |= negative[axis] << at;
+                packet.inverse[axis].set(w, at, row[axis]);
+                packet.direction[axis].set(w, at, ray[4 + axis]);
             }
-            packet.interval.limit = packet.highest_limit(w);
-            spread += widest / longest;
+            if may_hit != at_origin {
+                return None;
+            }
+            packet.t_min.set(w, at, w.max(ray[3], w.splat(0.0)));
+            packet.limit.set(w, at, row[7]);
+            valid |= may_hit << at;
+            if may_hit != 0 {
+                formed.origin.slack = spill(w, row[6])[may_hit.trailing_zeros() as usize % PACKET];
+            }
+        }
+        while valid != 0 {
+            let lane = valid.trailing_zeros();
+            let (mut members, mut octant) = (valid, 0);
+            for (axis, negative) in signs.into_iter().enumerate() {
+                let is_negative = negative >> lane & 1;
+                members &= if is_negative == 1 { negative } else { !negative };
+                octant |= (is_negative as usize) << axis;
+            }
+            valid &= !members;
+            if valid != 0 {
+                packets[formed.len + 1] = packets[formed.len];
+            }
+            spread += packets[formed.len].close(w, members);
+            stacks[octant].ids[formed.counts[octant]] = entry(formed.len, members);
+            formed.counts[octant] += 1;
+            formed.len += 1;
+        }
+        // Whether it is worth while is told by the first ones already.
+        if chunk % 64 == 31 && spread > COHERENT * formed.len as f32 {
+            return None;
         }
     }
-    if spread > COHERENT * packets.len() as f32 {
-        return false;
-    }
-    let mut first = 0;
-    for (stack, count) in stacks.iter_mut().zip(counts) {
-        let rays = *count;
-        *count = rays.div_ceil(PACKET);
-        for i in 0..*count {
-            let lanes = (rays - i * PACKET).min(PACKET);
-            stack.ids[i] = entry(first + i, (1u32 << lanes) - 1);
-        }
-        first += *count;
-    }
-    true
+    (spread <= COHERENT * formed.len as f32).then_some(formed)
 }
 
 /// Writes the answers of all packets.
@@ -217,8 +250,8 @@ pub(super) fn form<W: Lanes>(
 pub(super) fn answer(job: &Job<'_>, packets: &[Packet]) {
     for packet in packets {
         for lane in (0..PACKET).filter(|&lane| packet.primitive[lane] != MISS) {
-            let index = packet.ids[lane] as usize / ROW_BYTES;
-            // SAFETY: ids are of rays of the sub-stream, which have answers.
+            let index = packet.first as usize + lane;
+            // SAFETY: only rays of the sub-stream hit something, and they have answers.
             unsafe {
                 match job.answers {
                     Answers::Hits(hits) => {

@@ -9,24 +9,19 @@ use crate::geom::{DIRECTION_RANGE, MAX_COORDINATE, MIN_COMPONENT, SLACK};
 use crate::lanes::{Lanes, each};
 use crate::stream::Ray;
 
-/// What is known of a sub-stream once its rows are prepared.
-pub(super) struct Rows {
-    /// Number of rays in each octant's list.
-    pub counts: [usize; 8],
-    /// Whether all rays that may hit something start at one point.
-    pub common_origin: bool,
-}
-
 /// Writes the rows of all rays, as [`crate::geom::CanonicalRay::new`] defines them, and puts the ids of
-/// those that may hit something at the bottom of their octant's arena, padded.
+/// those that may hit something at the bottom of their octant's arena, padded; how many there are in each octant's list.
 #[inline(always)]
-pub(super) fn prepare<W: Lanes>(w: W, job: &Job<'_>, rays: &[Ray], stacks: &mut [OctantStack; 8]) -> Rows {
+pub(super) fn prepare<W: Lanes>(
+    w: W,
+    job: &Job<'_>,
+    rays: &[Ray],
+    stacks: &mut [OctantStack; 8],
+) -> [usize; 8] {
     for stack in stacks.iter_mut() {
         stack.reserve(rays.len() + 2 * PADDING);
     }
     let mut counts = [0; 8];
-    let first = rays.first().map_or([0.0; 3], |ray| ray.origin);
-    let mut common_origin = true;
     let ids: [u32; PADDING] = std::array::from_fn(|i| (i * ROW_BYTES) as u32);
     let ray_ids: [u32; PADDING] = std::array::from_fn(|i| (i * size_of::<Ray>()) as u32);
     for (i, some) in rays.chunks(W::LANES).enumerate() {
@@ -42,15 +37,7 @@ pub(super) fn prepare<W: Lanes>(w: W, job: &Job<'_>, rays: &[Ray], stacks: &mut 
         // SAFETY: `from` has a ray for each lane; invariant 1 for what is written.
         unsafe {
             let columns = w.rows(from.as_ptr().cast(), ray_ids.as_ptr());
-            let origins = [columns[0], columns[1], columns[2]];
             let (columns, valid, signs) = rows(w, job.scene_max_abs, among, columns);
-            if common_origin {
-                let mut at_first = among;
-                for axis in 0..3 {
-                    at_first = w.eq(at_first, origins[axis], w.splat(first[axis]));
-                }
-                common_origin = valid & !at_first == 0;
-            }
             w.put_rows(job.rows.add(at).cast(), columns);
             let first = (at * ROW_BYTES) as u32;
             let here = ids.map(|id| id + first);
@@ -69,13 +56,18 @@ pub(super) fn prepare<W: Lanes>(w: W, job: &Job<'_>, rays: &[Ray], stacks: &mut 
         let first = stack.ids[0];
         stack.ids[count..count + PADDING].fill(first);
     }
-    Rows { counts, common_origin }
+    counts
 }
 
 /// Columns of rays to columns of rows; the lanes of rays that may hit something; the lanes whose
 /// direction is negative on each axis.
 #[inline(always)]
-fn rows<W: Lanes>(w: W, scene_max_abs: f32, among: u32, rays: [W::F; 8]) -> ([W::F; 8], u32, [u32; 3]) {
+pub(super) fn rows<W: Lanes>(
+    w: W,
+    scene_max_abs: f32,
+    among: u32,
+    rays: [W::F; 8],
+) -> ([W::F; 8], u32, [u32; 3]) {
     let [ox, oy, oz, t_min, dx, dy, dz, t_max] = rays;
     let [ax, ay, az] = each([dx, dy, dz], |d| w.abs(d));
     let [rx, ry, rz] = each([ox, oy, oz], |o| w.abs(o));

@@ -163,20 +163,19 @@ pub(super) fn trace<W: Lanes, E: Lanes, const ANY: bool, const MEMBERS: bool>(
             },
         };
         first += rays.len();
-        let prepared = setup::prepare(w, &job, rays, stacks);
         if MEMBERS {
-            members::traverse::<W, E, ANY>((w, e), &job, bvh.members(), stacks, &prepared.counts, below);
+            let counts = setup::prepare(w, &job, rays, stacks);
+            members::traverse::<W, E, ANY>((w, e), &job, bvh.members(), stacks, &counts, below);
             continue;
         }
-        let origin = packet::common_origin(&job, &prepared, stacks);
-        let mut counts = prepared.counts;
-        if let Some(origin) = origin
-            && packet::form(w, &job, stacks, &mut counts, packets)
+        if packet::may_form(rays)
+            && let Some(packet::Formed { origin, len, counts }) = packet::form(w, &job, rays, stacks, packets)
         {
             let all = packets.as_mut_ptr();
             traverse(&packet::Packets::<W, E, ANY> { w, e, job: &job, origin, all }, stacks, &counts);
-            packet::answer(&job, packets);
+            packet::answer(&job, &packets[..len]);
         } else {
+            let counts = setup::prepare(w, &job, rays, stacks);
             traverse(&Loose::<W, E, _, ANY> { w, e, space: World, job: &job }, stacks, &counts);
         }
     }
