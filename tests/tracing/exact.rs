@@ -155,14 +155,24 @@ fn streams_longer_than_any_sub_stream() {
 fn pinhole_rays_that_share_an_origin() {
     let mesh = meshes::grid(24, 0.3, 28);
     let origin = Vec3::new(0.3, -0.2, 3.0);
-    let rays: Vec<Ray> = (0..4096)
-        .map(|i| {
-            let (x, y) = ((i % 64) as f32 / 32.0 - 1.0, (i / 64) as f32 / 32.0 - 1.0);
-            Ray::new(origin, Vec3::new(x, y, 0.0) - origin)
-        })
-        .collect();
-    check("pinhole", &mesh, &rays, None);
-    check("pinhole, filter", &mesh, &rays, Some(Arc::new(Stripes)));
+    let through = |x: usize, y: usize| {
+        let at = Vec3::new(x as f32 / 32.0 - 1.0, y as f32 / 32.0 - 1.0, 0.0);
+        Ray::new(origin, at - origin)
+    };
+    let rows: Vec<Ray> = (0..4096).map(|i| through(i % 64, i / 64)).collect();
+    // Row by row in blocks of 16 × 16, as frames' camera rays, of which packets are squares.
+    let in_block = |i: usize| through(i / 256 % 4 * 16 + i % 16, i / 1024 * 16 + i / 16 % 16);
+    let blocks: Vec<Ray> = (0..4096).map(in_block).collect();
+    // With rays that hit nothing among them, and an end that fills no packet.
+    let gaps = blocks.iter().enumerate().take(3003).map(|(i, &ray)| match i % 7 {
+        3 => Ray { t_max: -1.0, ..ray },
+        5 => Ray { origin: [f32::NAN; 3], ..ray },
+        _ => ray,
+    });
+    for (name, rays) in [("rows", rows), ("blocks", blocks.clone()), ("gaps", gaps.collect())] {
+        check(&format!("pinhole, {name}"), &mesh, &rays, None);
+        check(&format!("pinhole, {name}, filter"), &mesh, &rays, Some(Arc::new(Stripes)));
+    }
 }
 
 #[test]
