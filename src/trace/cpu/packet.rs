@@ -164,8 +164,8 @@ pub(super) fn may_form(rays: &[Ray]) -> bool {
     !rays.is_empty() && is_like(rays.len() / 2) && is_like(rays.len() - 1)
 }
 
-/// Makes packets of a sub-stream, of rays that follow each other or are neighbours in a picture, and lists of them. None if some start elsewhere
-/// or their directions differ much; the arenas are then of no meaning.
+/// Makes packets of a sub-stream, of rays that follow each other or are neighbours in a picture, and lists of
+/// them. None if some start elsewhere or their directions differ much; the arenas are then of no meaning.
 #[inline(always)]
 pub(super) fn form<W: Lanes>(
     w: W,
