@@ -1,0 +1,99 @@
+//! The triangles of a block as packets meet them.
+//!
+//! Unsafe code for writing lanes to columns. Invariant 1: a column has as many numbers as there are lanes.
+#![allow(unsafe_code)]
+
+use super::super::triangle::{Bounds, Hits, Passing, Range, Seen, Vector, dot, hits};
+use super::Origin;
+use crate::bvh::{Block, WIDTH};
+use crate::lanes::{Lanes, load_one, splat, splat_row};
+
+/// The eight triangles of a block as seen from the origin, as columns.
+#[repr(C, align(64))]
+pub struct Triangles {
+    edges: [[[f32; WIDTH]; 3]; 3],
+    normal: [[f32; WIDTH]; 3],
+    distance: [f32; WIDTH],
+    low: [[f32; WIDTH]; 3],
+    high: [[f32; WIDTH]; 3],
+}
+
+impl Triangles {
+    #[inline(always)]
+    pub fn new<E: Lanes>(e: E, origin: &Origin, block: Block<'_>) -> Self {
+        let corners = block.vertices(e);
+        let Seen { edges, normal, distance } = Seen::from(e, &splat(e, origin.point), &corners);
+        let Bounds { low, high } = Bounds::of(e, &corners);
+        Self {
+            edges: [keep(e, edges[0]), keep(e, edges[1]), keep(e, edges[2])],
+            normal: keep(e, normal),
+            distance: keep(e, [distance; 3])[0],
+            low: keep(e, low),
+            high: keep(e, high),
+        }
+    }
+
+    #[inline(always)]
+    pub fn passing<L: Lanes>(&self, l: L, k: usize, direction: Vector<L>) -> Passing<L> {
+        let [u, v, w] = &self.edges;
+        Passing::new(l, &[splat_row(l, u, k), splat_row(l, v, k), splat_row(l, w, k)], direction)
+    }
+
+    #[inline(always)]
+    pub fn hits<L: Lanes>(
+        &self,
+        l: L,
+        k: usize,
+        inside: u32,
+        passing: &Passing<L>,
+        direction: Vector<L>,
+        range: &Range<'_, L>,
+    ) -> Hits<L> {
+        let facing = dot(l, splat_row(l, &self.normal, k), direction);
+        let bounds = Bounds::<L> { low: splat_row(l, &self.low, k), high: splat_row(l, &self.high, k) };
+        hits(l, inside, passing, [l.splat(self.distance[k]), facing], bounds.faces(range.octant), range)
+    }
+
+    /// Where the line of one ray passes all triangles.
+    #[inline(always)]
+    pub fn passed<E: Lanes>(&self, e: E, direction: Vector<E>) -> Passing<E> {
+        let [u, v, w] = &self.edges;
+        Passing::new(e, &[kept(e, u), kept(e, v), kept(e, w)], direction)
+    }
+
+    /// Where one ray hits those that its line passes `inside`.
+    #[inline(always)]
+    pub fn hit<E: Lanes>(
+        &self,
+        e: E,
+        inside: u32,
+        passing: &Passing<E>,
+        direction: Vector<E>,
+        range: &Range<'_, E>,
+    ) -> Hits<E> {
+        let facing = dot(e, kept(e, &self.normal), direction);
+        let bounds = Bounds::<E> { low: kept(e, &self.low), high: kept(e, &self.high) };
+        let distance = load_one(e, &self.distance);
+        hits(e, inside, passing, [distance, facing], bounds.faces(range.octant), range)
+    }
+}
+
+/// What [`keep`] has kept.
+#[inline(always)]
+fn kept<E: Lanes>(e: E, [x, y, z]: &[[f32; WIDTH]; 3]) -> Vector<E> {
+    [load_one(e, x), load_one(e, y), load_one(e, z)]
+}
+
+/// Three columns out of eight lanes.
+#[inline(always)]
+pub fn keep<E: Lanes>(e: E, [x, y, z]: Vector<E>) -> [[f32; WIDTH]; 3] {
+    const { assert!(E::LANES == WIDTH) };
+    let mut columns = [[0.0; WIDTH]; 3];
+    // SAFETY: invariant 1, as asserted.
+    unsafe {
+        e.store(columns[0].as_mut_ptr(), x);
+        e.store(columns[1].as_mut_ptr(), y);
+        e.store(columns[2].as_mut_ptr(), z);
+    }
+    columns
+}
