@@ -4,6 +4,7 @@
 use super::embree::{Embree, EmbreeError, EmbreeRays, EmbreeScene, Mode};
 use super::{Kind, Spread, Workload};
 use crate::bvh::Bvh;
+use crate::query::in_shares;
 use crate::stream::{Capacity, DeviceError, DeviceTracer, Empty, Hit, Ray, RayStream, Traced, Tracer};
 use crate::trace::cpu::{CpuTracer, Oracle, SimdLevel, SingleRayTracer};
 use glam::{Vec3, Vec3A};
@@ -27,8 +28,8 @@ pub struct Options {
     pub threads: Vec<usize>,
     /// Levels of our tracer.
     pub levels: Vec<SimdLevel>,
-    /// Rays that a thread gets at a time.
-    pub stream_rays: usize,
+    /// The most rays that a thread gets at a time.
+    pub share_rays: usize,
     /// Embree's shared library; without it its rows are missing.
     pub embree: Option<PathBuf>,
     /// Whether the slow units (the scalar reference and obvhs) take part, on one ray in eight.
@@ -45,7 +46,7 @@ impl Default for Options {
             rounds: 7,
             threads: vec![1],
             levels: SimdLevel::available(),
-            stream_rays: 32 * 1024,
+            share_rays: 32 * 1024,
             embree: None,
             slow_units: true,
             processor_time: false,
@@ -150,7 +151,7 @@ pub fn run(
             for device in devices {
                 units.push(device_unit(&**device, rays, kind, clock)?);
             }
-            units.extend(embree_units(&scenes, rays, kind, clock, options.stream_rays));
+            units.extend(embree_units(&scenes, rays, kind, clock));
             let few: Vec<Ray> = rays.chunks(1024).step_by(8).flatten().copied().collect();
             if let Some(obvhs) = &obvhs {
                 units.extend(slow_units(bvh, obvhs, few, kind, clock));
@@ -198,17 +199,15 @@ fn our_units<'a>(
     clock: Clock<'a>,
     options: &Options,
 ) -> Vec<Unit<'a>> {
-    let stream = options.stream_rays;
+    let most = options.share_rays;
     let unit = |name: &str, level: SimdLevel, tracer: Box<dyn Tracer>| {
         let (mut hits, mut occluded) = (vec![Hit::NONE; rays.len()], vec![0; rays.len()]);
         let round = move || {
             clock.seconds(|| {
                 if kind.is_any_hit() {
-                    let streams = rays.par_chunks(stream).zip(occluded.par_chunks_mut(stream));
-                    streams.for_each(|(rays, occluded)| tracer.occluded(rays, occluded));
+                    in_shares(rays, &mut occluded, most, |rays, occluded| tracer.occluded(rays, occluded));
                 } else {
-                    let streams = rays.par_chunks(stream).zip(hits.par_chunks_mut(stream));
-                    streams.for_each(|(rays, hits)| tracer.closest(rays, hits));
+                    in_shares(rays, &mut hits, most, |rays, hits| tracer.closest(rays, hits));
                 }
             })
         };
@@ -273,22 +272,25 @@ fn device_unit<'a>(
 /// Rays and nothing with them.
 type Stream<State> = RayStream<State, (), ()>;
 
+/// Rays that a thread gives Embree at a time: it takes them sixteen by sixteen, so few do, and threads end together.
+const EMBREE_RAYS: usize = 1024;
+
 fn embree_units<'a>(
     scenes: &'a [EmbreeScene<'_>],
     rays: &'a [Ray],
     kind: Kind,
     clock: Clock<'a>,
-    stream: usize,
 ) -> Vec<Unit<'a>> {
     let mut units = Vec::new();
     for scene in scenes {
         for mode in Mode::ALL {
             let fresh: Vec<EmbreeRays> =
-                rays.chunks(stream).map(|rays| EmbreeRays::new(rays, mode)).collect();
+                rays.chunks(EMBREE_RAYS).map(|rays| EmbreeRays::new(rays, mode)).collect();
             let mut used = fresh.clone();
             let round = move || {
                 used.clone_from(&fresh);
-                clock.seconds(|| used.par_iter_mut().for_each(|rays| scene.trace(rays, kind.is_any_hit())))
+                let shares = used.par_iter_mut().with_max_len(1);
+                clock.seconds(|| shares.for_each(|rays| scene.trace(rays, kind.is_any_hit())))
             };
             let name = format!("embree {}{}", mode.name(), if scene.is_robust() { ", robust" } else { "" });
             let robust = scene.is_robust();

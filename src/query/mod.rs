@@ -16,13 +16,17 @@
 //! ```
 //!
 //! # Speed
-//! Bring many rays at once: a slice is cut into streams of up to 32 thousand rays, which is where tracing
+//! Bring many rays at once: a slice is cut into shares of up to 32 thousand rays, which is where tracing
 //! whole streams pays. Rays beside each other in the slice should be alike; they need not be sorted.
 //!
 //! # Threads
 //! Everything runs on the rayon pool it is called in: inside `pool.install(|| ...)` on that pool, else
 //! on the global one. Threads of your own call [`Mesh::tracer`]'s, which stay on the calling thread.
 //! The answers do not depend on any of it.
+
+mod shares;
+
+pub(crate) use shares::in_shares;
 
 pub use crate::bvh::GeometryError;
 pub use crate::stream::{Hit, MISS, Ray};
@@ -31,12 +35,10 @@ use crate::bvh::Bvh;
 use crate::stream::Tracer;
 use crate::trace::cpu::{CpuTracer, SimdLevel};
 use glam::Vec3;
-use rayon::prelude::*;
-use std::ops::RangeInclusive;
 use std::sync::Arc;
 
-/// Rays of a stream: no fewer, for threads to share work, and no more, for rays to fit the cache.
-const STREAM_RAYS: RangeInclusive<usize> = 1024..=32 * 1024;
+/// The most rays that a thread traces at once.
+const SHARE_RAYS: usize = 32 * 1024;
 
 /// Triangles that rays can be sent through. Cheap to clone: clones share the tree until one is refitted.
 #[derive(Clone)]
@@ -94,9 +96,7 @@ impl Mesh {
     /// If the two lengths differ.
     pub fn closest_into(&self, rays: &[Ray], hits: &mut [Hit]) {
         assert_eq!(rays.len(), hits.len(), "one hit per ray");
-        let stream = stream_rays(rays.len());
-        let streams = rays.par_chunks(stream).zip(hits.par_chunks_mut(stream));
-        streams.for_each(|(rays, hits)| self.tracer.closest(rays, hits));
+        in_shares(rays, hits, SHARE_RAYS, |rays, hits| self.tracer.closest(rays, hits));
     }
 
     /// Whether each ray hits anything; faster than asking what.
@@ -112,9 +112,7 @@ impl Mesh {
     /// If the two lengths differ.
     pub fn occluded_into(&self, rays: &[Ray], occluded: &mut [u32]) {
         assert_eq!(rays.len(), occluded.len(), "one answer per ray");
-        let stream = stream_rays(rays.len());
-        let streams = rays.par_chunks(stream).zip(occluded.par_chunks_mut(stream));
-        streams.for_each(|(rays, occluded)| self.tracer.occluded(rays, occluded));
+        in_shares(rays, occluded, SHARE_RAYS, |rays, occluded| self.tracer.occluded(rays, occluded));
     }
 
     /// Whether nothing lies between two points, themselves included. For many pairs send
@@ -132,11 +130,6 @@ impl Mesh {
     pub fn bvh(&self) -> &Arc<Bvh> {
         &self.bvh
     }
-}
-
-/// Rays of a stream when there are so many: enough streams for every thread.
-fn stream_rays(rays: usize) -> usize {
-    rays.div_ceil(4 * rayon::current_num_threads()).clamp(*STREAM_RAYS.start(), *STREAM_RAYS.end())
 }
 
 #[cfg(test)]
