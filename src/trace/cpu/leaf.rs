@@ -4,12 +4,11 @@
 #![allow(unsafe_code)]
 
 use super::alone::BLOCKS;
-use super::packet::keep;
 use super::space::{Space, triangle};
 use super::stream::{Answers, DONE, Job, PADDING, ROW_BYTES, fetch_block, fetch_rows, lanes_of};
 use super::triangle::{Bounds, Hits, Passing, Range, Slabs, reach, test};
 use crate::bvh::{Block, Child, MASKED, PRIMITIVE, WIDTH};
-use crate::lanes::{Lanes, prefetch, spill, splat_eights, splat_row};
+use crate::lanes::{Lanes, keep, prefetch, spill, splat_eights, splat_row};
 use crate::stream::{Hit, Ray};
 use std::mem::MaybeUninit;
 

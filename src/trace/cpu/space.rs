@@ -2,11 +2,10 @@
 //! and box by box, each time that rays visit it. A visit serves a list of rays, which shares the cost; and the
 //! rays stay what they are, so every hit is that of the moved triangles, to the bit ([`Placement`]).
 
-use super::packet::keep;
 use super::triangle::Vector;
 use crate::bvh::{Block, WIDTH, WideNode};
 use crate::geom::Placement;
-use crate::lanes::{Lanes, load, splat_row};
+use crate::lanes::{Lanes, keep, load, splat_row};
 
 /// Boxes of a node, as they lie in it.
 pub(super) type Boxes = [[[f32; WIDTH]; 3]; 2];

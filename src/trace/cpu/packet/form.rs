@@ -5,7 +5,8 @@
 
 use super::super::setup;
 use super::super::stream::{DONE, Job, OctantStack, PADDING, lanes_of};
-use super::{Interval, Origin, PACKET, Packet, entry};
+use super::interval::Interval;
+use super::{Origin, PACKET, Packet, entry};
 use crate::lanes::{Lanes, prefetch, spill};
 use crate::stream::{MISS, Ray};
 
@@ -94,7 +95,7 @@ pub fn form<W: Lanes>(
                 if valid != 0 {
                     packets[formed.len + 1] = packets[formed.len];
                 }
-                spread += packets[formed.len].close(w, members);
+                spread += packets[formed.len].close(w, members, octant);
                 stacks[octant].ids[formed.counts[octant]] = entry(formed.len, members);
                 formed.counts[octant] += 1;
                 formed.len += 1;
@@ -154,9 +155,9 @@ fn lie_in_rows(group: &[Ray]) -> bool {
 }
 
 impl Packet {
-    /// Makes it one of these lanes only; how much their directions differ, relative to their size.
+    /// Makes it one of these lanes only, which are of an octant; how much their directions differ, relative to their size.
     #[inline(always)]
-    fn close<L: Lanes>(&mut self, l: L, members: u32) -> f32 {
+    fn close<L: Lanes>(&mut self, l: L, members: u32, octant: usize) -> f32 {
         let (mut low, mut high) = ([f32::INFINITY; 3], [0.0f32; 3]);
         for part in 0..PACKET / L::LANES {
             let at = part * L::LANES;
@@ -168,13 +169,15 @@ impl Packet {
                 high[axis] = high[axis].max(l.highest(l.select(among, size, l.splat(0.0))));
             }
         }
-        self.interval = Interval { low, high, limit: self.highest_limit(l) };
         let (mut widest, mut longest) = (0.0f32, 0.0f32);
         for axis in 0..3 {
             let (least, most) = (1.0 / high[axis], 1.0 / low[axis]);
             widest = widest.max(most - least);
             longest = longest.max(most);
+            let sign = 1.0 - 2.0 * (octant >> axis & 1) as f32;
+            (low[axis], high[axis]) = (sign * low[axis], sign * high[axis]);
         }
+        self.interval = Interval { low, high, limit: self.highest_limit(l) };
         widest / longest
     }
 }

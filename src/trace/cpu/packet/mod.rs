@@ -6,7 +6,7 @@
 //! extreme reciprocal directions. Lists hold packets with a mask of the rays still in play, rays
 //! stay in place as columns, and hits are taken in lanes; where few rays of a packet come to a block, each is tested
 //! with all triangles at once instead. Every lane still answers by the canonical
-//! operations; intervals only leave out what they prove to be missed (see [`Interval`]).
+//! operations; intervals and planes moved apart only leave out what they prove to be missed (see [`Interval`]).
 //!
 //! Unsafe code, because lists, packets and nodes are reached without bounds checks. The invariants of
 //! `stream` hold, with entries of lists in the place of ids: every entry in a list names a packet of
@@ -14,10 +14,10 @@
 #![allow(unsafe_code)]
 
 mod form;
+mod interval;
 mod triangles;
 
 pub(super) use form::{Formed, form, may_form};
-pub(super) use triangles::keep;
 
 use super::stream::{
     Answers, DONE, Entry, FrontToBack, Job, LikelyFirst, OctantStack, Order, PADDING, Visit, begin_of,
@@ -27,6 +27,8 @@ use super::triangle::{Faces, Hits, Range, Slabs, Vector};
 use crate::bvh::{Block, MASKED, PRIMITIVE, WIDTH};
 use crate::lanes::{Lanes, spill, splat};
 use crate::stream::{Hit, MISS};
+use interval::{Interval, Planes};
+use std::mem::MaybeUninit;
 use triangles::Triangles;
 
 /// Rays in a packet.
@@ -71,24 +73,6 @@ pub(super) struct Packet {
     /// Which rays of the sub-stream they are.
     rays: [u32; PACKET],
     interval: Interval,
-}
-
-/// What all rays of a packet have in common.
-///
-/// With the axes mirrored so that all directions are positive, a ray enters a plane at distance `x`
-/// from the origin at `x * i - slack * i` and leaves it at `x * i + slack * i`, where `i` is its
-/// `|inverse|`, both up to rounding. All errors of these and of the interval's own products sum to
-/// less than 10 half ulps of the largest coordinate `m` times `i`, that is `2⁻²⁰ m i`, and `slack` is
-/// `2⁻¹⁹ m`. So twice the slack makes `(x - 2 slack) * low` a lower bound of all entries that are not
-/// negative, and `(x + 2 slack) * high` an upper bound of all leavings that are not negative.
-#[derive(Clone, Copy)]
-struct Interval {
-    /// Least `|inverse|`.
-    low: [f32; 3],
-    /// Greatest `|inverse|`.
-    high: [f32; 3],
-    /// Greatest `limit`.
-    limit: f32,
 }
 
 impl Packet {
@@ -191,7 +175,8 @@ impl<W: Lanes, E: Lanes, const ANY: bool> Visit for Packets<'_, W, E, ANY> {
 }
 
 impl<W: Lanes, E: Lanes, const ANY: bool> Packets<'_, W, E, ANY> {
-    /// Tests a list of packets against the boxes of a node.
+    /// Tests a list of packets against the boxes of a node: first each packet's interval with all of them, then the rays
+    /// of each with those that are left. Done packet by packet, how many are left would have to be guessed for each.
     #[inline(always)]
     fn inner<O: Order>(&self, order: O, octant: usize, stack: &mut OctantStack, at: Entry) {
         let Self { w, e, job, ref origin, all } = *self;
@@ -209,83 +194,109 @@ impl<W: Lanes, E: Lanes, const ANY: bool> Packets<'_, W, E, ANY> {
             let planes = Planes::new(e, origin, &faces, octant);
             let mut ends: [*mut u32; WIDTH] =
                 std::array::from_fn(|slot| ids.add(begin_of(base, stride, order, slot)));
-            for i in 0..len {
-                let some = *list.add(i);
-                let packet = &*all.add((some >> 16) as usize);
-                let mut children = planes.entered(e, &packet.interval);
-                if W::LANES == PACKET {
-                    let (slabs, limit) = (packet.slabs(w, 0, origin), packet.limit.get(w, 0));
-                    while children != 0 {
-                        let slot = children.trailing_zeros() as usize & 7;
-                        children &= children - 1;
-                        let inside = slabs.enters(w, some & 0xffff, &faces, slot, limit);
-                        *ends[slot] = entry((some >> 16) as usize, inside);
-                        ends[slot] = ends[slot].add(usize::from(inside != 0));
+            let mut visits = [const { MaybeUninit::<u32>::uninit() }; WIDTH * AT_ONCE + WIDTH];
+            let visits: *mut u32 = visits.as_mut_ptr().cast();
+            for first in (0..len).step_by(AT_ONCE) {
+                let mut count = 0;
+                for i in first..len.min(first + AT_ONCE) {
+                    let packet = &*all.add((*list.add(i) >> 16) as usize);
+                    let children = planes.entered(e, &packet.interval);
+                    let here = e.add_ids(e.load_ids(SLOTS.as_ptr()), e.splat_id((i * WIDTH) as u32));
+                    e.append(visits.add(count), children, here);
+                    count += children.count_ones() as usize;
+                }
+                for i in 0..count {
+                    let visit = *visits.add(i) as usize;
+                    let (some, slot) = (*list.add(visit / WIDTH), visit % WIDTH);
+                    let packet = &*all.add((some >> 16) as usize);
+                    let mut inside = 0;
+                    for part in 0..PACKET / W::LANES {
+                        let at = part * W::LANES;
+                        let (inverse, limit) = (packet.inverse(w, at), packet.limit.get(w, at));
+                        inside |= planes.enters(w, some >> at & W::ALL, slot, inverse, limit) << at;
                     }
-                } else {
-                    let low = (packet.slabs(w, 0, origin), packet.limit.get(w, 0));
-                    let high = (packet.slabs(w, 8, origin), packet.limit.get(w, 8));
-                    while children != 0 {
-                        let slot = children.trailing_zeros() as usize & 7;
-                        children &= children - 1;
-                        let inside = low.0.enters(w, some & 0xff, &faces, slot, low.1)
-                            | high.0.enters(w, some >> 8 & 0xff, &faces, slot, high.1) << 8;
-                        *ends[slot] = entry((some >> 16) as usize, inside);
-                        ends[slot] = ends[slot].add(usize::from(inside != 0));
-                    }
+                    *ends[slot] = entry((some >> 16) as usize, inside);
+                    ends[slot] = ends[slot].add(usize::from(inside != 0));
                 }
             }
             push::<W, O, false, false>(w, job, node, order, stack, base, stride, &ends);
         }
     }
 
-    /// Tests a list of packets with the triangles of a block.
+    /// Tests a list of packets with the triangles of a block: first where rays pass the triangles, then the rest for packets and
+    /// triangles that some pass inside. Done at once, it would have to be guessed for each which they are; to make a few
+    /// sums again costs less.
     #[inline(always)]
     fn leaf(&self, block: Block<'_>, octant: usize, list: &[u32]) {
         let Self { w, e, job, ref origin, all } = *self;
         let triangles = Triangles::new(e, origin, block);
-        for &some in list {
-            // SAFETY: entries name packets of the sub-stream.
-            let packet = unsafe { &mut *all.add((some >> 16) as usize) };
-            let (mut rays, mut taken) = (some & 0xffff, 0);
-            if is_few::<W>(rays, block.len()) {
-                while rays != 0 {
-                    let lane = rays.trailing_zeros() as usize & 15;
-                    rays &= rays - 1;
-                    taken |= u32::from(self.one(packet, lane, &triangles, block, octant));
-                }
-            }
-            for part in 0..PACKET / W::LANES {
-                let at = part * W::LANES;
-                let mut among = rays >> at & ((1 << W::LANES) - 1);
-                if among == 0 {
+        let parts = PACKET / W::LANES;
+        let mut tests = [const { MaybeUninit::<u32>::uninit() }; PARTS * WIDTH * AT_ONCE + WIDTH];
+        let tests: *mut u32 = tests.as_mut_ptr().cast();
+        for list in list.chunks(AT_ONCE) {
+            let mut count = 0;
+            for (i, &some) in list.iter().enumerate() {
+                // SAFETY: entries name packets of the sub-stream.
+                let packet = unsafe { &mut *all.add((some >> 16) as usize) };
+                if is_few::<W>(some & 0xffff, block.len()) {
+                    self.each(packet, some & 0xffff, &triangles, block, octant);
                     continue;
                 }
-                let direction = packet.direction(w, at);
-                for k in 0..block.len() {
-                    let passing = triangles.passing(w, k, direction);
-                    let inside = passing.inside(w, among);
-                    if inside == 0 {
-                        continue;
+                for part in 0..parts {
+                    let at = part * W::LANES;
+                    let (direction, mut passed) = (packet.direction(w, at), 0);
+                    for k in 0..block.len() {
+                        let inside = triangles.passing(w, k, direction).inside(w, some >> at & W::ALL);
+                        passed |= u32::from(inside != 0) << k;
                     }
-                    let slabs = packet.slabs(w, at, origin);
-                    let limit = packet.limit.get(w, at);
-                    let range = Range { slabs: &slabs, octant, t_min: packet.t_min.get(w, at), limit };
-                    let mut hits = triangles.hits(w, k, inside, &passing, direction, &range);
-                    packet.settle(w, job, at, block.id(k), &mut hits);
-                    if hits.mask == 0 {
-                        continue;
+                    // SAFETY: there is room for all parts of so many packets with all triangles.
+                    unsafe {
+                        let here = e.splat_id(((i * parts + part) * WIDTH) as u32);
+                        let here = e.add_ids(e.load_ids(SLOTS.as_ptr()), here);
+                        e.append(tests.add(count), passed, here);
                     }
-                    taken |= hits.mask;
-                    packet.take::<W, ANY>(w, at, block.id(k) & PRIMITIVE, &hits);
-                    if ANY {
-                        among &= !hits.mask;
-                    }
+                    count += passed.count_ones() as usize;
                 }
             }
-            if taken != 0 {
+            for i in 0..count {
+                // SAFETY: they were written, and entries name packets of the sub-stream.
+                let (test, some, packet) = unsafe {
+                    let test = *tests.add(i) as usize;
+                    let some = *list.get_unchecked(test / WIDTH / parts);
+                    (test, some, &mut *all.add((some >> 16) as usize))
+                };
+                let (k, at) = (test % WIDTH, test / WIDTH % parts * W::LANES);
+                let direction = packet.direction(w, at);
+                let passing = triangles.passing(w, k, direction);
+                let inside = passing.inside(w, some >> at & W::ALL);
+                let (slabs, t_min) = (packet.slabs(w, at, origin), packet.t_min.get(w, at));
+                let range = Range { slabs: &slabs, octant, t_min, limit: packet.limit.get(w, at) };
+                let mut hits = triangles.hits(w, k, inside, &passing, direction, &range);
+                packet.settle(w, job, at, block.id(k), &mut hits);
+                packet.take::<W, ANY>(w, at, block.id(k) & PRIMITIVE, &hits);
                 packet.interval.limit = packet.highest_limit(w);
             }
+        }
+    }
+
+    /// Tests some rays of a packet, each with all triangles of a block.
+    #[inline(always)]
+    fn each(
+        &self,
+        packet: &mut Packet,
+        mut rays: u32,
+        triangles: &Triangles,
+        block: Block<'_>,
+        octant: usize,
+    ) {
+        let mut taken = false;
+        while rays != 0 {
+            let lane = rays.trailing_zeros() as usize & 15;
+            rays &= rays - 1;
+            taken |= self.one(packet, lane, triangles, block, octant);
+        }
+        if taken {
+            packet.interval.limit = packet.highest_limit(self.w);
         }
     }
 
@@ -314,7 +325,10 @@ impl<W: Lanes, E: Lanes, const ANY: bool> Packets<'_, W, E, ANY> {
         if left == 0 {
             return false;
         }
-        let (t, u, v) = (spill(e, t), spill(e, u), spill(e, v));
+        // One by one: as a tuple they would be written twice.
+        let t = spill(e, t);
+        let u = spill(e, u);
+        let v = spill(e, v);
         let mut taken = false;
         while left != 0 && !(ANY && taken) {
             let k = left.trailing_zeros() as usize % WIDTH;
@@ -333,6 +347,15 @@ impl<W: Lanes, E: Lanes, const ANY: bool> Packets<'_, W, E, ANY> {
         taken
     }
 }
+
+/// Packets that are tested coarsely before any is tested further.
+const AT_ONCE: usize = 32;
+
+/// The most registers that the rays of a packet take.
+const PARTS: usize = PACKET / WIDTH;
+
+/// The slots of a node or the triangles of a block, in lanes.
+static SLOTS: [u32; WIDTH] = [0, 1, 2, 3, 4, 5, 6, 7];
 
 /// Whether rays of a packet, a bit each, are so few that each is better tested with all triangles of a block at once than each
 /// triangle with the whole packet. A test of a ray costs about two of a triangle: whether there is more to do is decided anew.
@@ -358,10 +381,15 @@ impl Packet {
         [self.direction[0].get(l, at), self.direction[1].get(l, at), self.direction[2].get(l, at)]
     }
 
+    #[inline(always)]
+    fn inverse<L: Lanes>(&self, l: L, at: usize) -> Vector<L> {
+        [self.inverse[0].get(l, at), self.inverse[1].get(l, at), self.inverse[2].get(l, at)]
+    }
+
     /// The slab test's constants of lanes.
     #[inline(always)]
     fn slabs<L: Lanes>(&self, l: L, at: usize, origin: &Origin) -> Slabs<L> {
-        origin.slabs(l, [self.inverse[0].get(l, at), self.inverse[1].get(l, at), self.inverse[2].get(l, at)])
+        origin.slabs(l, self.inverse(l, at))
     }
 
     /// Strikes out hits that lose a tie or that the filter refuses.
@@ -409,52 +437,4 @@ fn filtered(job: &Job<'_>, primitive: u32, hit: u32, u: &[f32; PACKET], v: &[f32
     (0..PACKET)
         .filter(|&lane| hit >> lane & 1 == 1 && filter.accepts(primitive, u[lane], v[lane]))
         .fold(0, |mask, lane| mask | 1 << lane)
-}
-
-/// Distances of a node's planes from the origin along the mirrored axes, widened: see [`Interval`].
-struct Planes<E: Lanes> {
-    near: Vector<E>,
-    far: Vector<E>,
-}
-
-impl<E: Lanes> Planes<E> {
-    #[inline(always)]
-    fn new(e: E, origin: &Origin, faces: &Faces<'_>, octant: usize) -> Self {
-        const { assert!(E::LANES == WIDTH) };
-        let [x, y, z] = origin.point;
-        let slack = 2.0 * origin.slack;
-        let plane = |face: &[f32; WIDTH], axis: usize, point: f32, slack: f32| {
-            // SAFETY: there are eight numbers, as many as lanes.
-            let (face, sign) = unsafe { (e.load(face.as_ptr()), 1.0 - 2.0 * (octant >> axis & 1) as f32) };
-            // A sign of one makes the product exact: this is `±(face - point) + slack`.
-            e.fma(e.sub(face, e.splat(point)), e.splat(sign), e.splat(slack))
-        };
-        Self {
-            near: [
-                plane(faces.near[0], 0, x, -slack),
-                plane(faces.near[1], 1, y, -slack),
-                plane(faces.near[2], 2, z, -slack),
-            ],
-            far: [
-                plane(faces.far[0], 0, x, slack),
-                plane(faces.far[1], 1, y, slack),
-                plane(faces.far[2], 2, z, slack),
-            ],
-        }
-    }
-
-    /// The slots whose box some ray of the interval may enter.
-    #[inline(always)]
-    fn entered(&self, e: E, interval: &Interval) -> u32 {
-        let Interval { low, high, limit } = *interval;
-        let x = e.mul(self.near[0], e.splat(low[0]));
-        let y = e.mul(self.near[1], e.splat(low[1]));
-        let z = e.mul(self.near[2], e.splat(low[2]));
-        let enter = e.max(e.max(x, y), e.max(z, e.splat(0.0)));
-        let x = e.mul(self.far[0], e.splat(high[0]));
-        let y = e.mul(self.far[1], e.splat(high[1]));
-        let z = e.mul(self.far[2], e.splat(high[2]));
-        let leave = e.min(e.min(x, y), e.min(z, e.splat(limit)));
-        e.le(0xff, enter, leave)
-    }
 }

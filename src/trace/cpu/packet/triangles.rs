@@ -1,12 +1,9 @@
 //! The triangles of a block as packets meet them.
-//!
-//! Unsafe code for writing lanes to columns. Invariant 1: a column has as many numbers as there are lanes.
-#![allow(unsafe_code)]
 
 use super::super::triangle::{Bounds, Hits, Passing, Range, Seen, Vector, dot, hits};
 use super::Origin;
 use crate::bvh::{Block, WIDTH};
-use crate::lanes::{Lanes, load_one, splat, splat_row};
+use crate::lanes::{Lanes, keep, keep_one, load, load_one, splat, splat_row};
 
 /// The eight triangles of a block as seen from the origin, as columns.
 #[repr(C, align(64))]
@@ -27,7 +24,7 @@ impl Triangles {
         Self {
             edges: [keep(e, edges[0]), keep(e, edges[1]), keep(e, edges[2])],
             normal: keep(e, normal),
-            distance: keep(e, [distance; 3])[0],
+            distance: keep_one(e, distance),
             low: keep(e, low),
             high: keep(e, high),
         }
@@ -58,7 +55,7 @@ impl Triangles {
     #[inline(always)]
     pub fn passed<E: Lanes>(&self, e: E, direction: Vector<E>) -> Passing<E> {
         let [u, v, w] = &self.edges;
-        Passing::new(e, &[kept(e, u), kept(e, v), kept(e, w)], direction)
+        Passing::new(e, &[load(e, u), load(e, v), load(e, w)], direction)
     }
 
     /// Where one ray hits those that its line passes `inside`.
@@ -71,29 +68,9 @@ impl Triangles {
         direction: Vector<E>,
         range: &Range<'_, E>,
     ) -> Hits<E> {
-        let facing = dot(e, kept(e, &self.normal), direction);
-        let bounds = Bounds::<E> { low: kept(e, &self.low), high: kept(e, &self.high) };
+        let facing = dot(e, load(e, &self.normal), direction);
+        let bounds = Bounds::<E> { low: load(e, &self.low), high: load(e, &self.high) };
         let distance = load_one(e, &self.distance);
         hits(e, inside, passing, [distance, facing], bounds.faces(range.octant), range)
     }
-}
-
-/// What [`keep`] has kept.
-#[inline(always)]
-fn kept<E: Lanes>(e: E, [x, y, z]: &[[f32; WIDTH]; 3]) -> Vector<E> {
-    [load_one(e, x), load_one(e, y), load_one(e, z)]
-}
-
-/// Three columns out of eight lanes.
-#[inline(always)]
-pub fn keep<E: Lanes>(e: E, [x, y, z]: Vector<E>) -> [[f32; WIDTH]; 3] {
-    const { assert!(E::LANES == WIDTH) };
-    let mut columns = [[0.0; WIDTH]; 3];
-    // SAFETY: invariant 1, as asserted.
-    unsafe {
-        e.store(columns[0].as_mut_ptr(), x);
-        e.store(columns[1].as_mut_ptr(), y);
-        e.store(columns[2].as_mut_ptr(), z);
-    }
-    columns
 }
