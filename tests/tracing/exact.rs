@@ -6,7 +6,9 @@ use raystream::bvh::{Bvh, Filter};
 use raystream::geom::CanonicalRay;
 use raystream::stream::{Hit, Ray, Tracer};
 use raystream::trace::cpu::{CpuTracer, Oracle, SimdLevel, SingleRayTracer};
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
 
 /// Lets light through in a pattern.
 pub struct Stripes;
@@ -172,6 +174,44 @@ fn pinhole_rays_that_share_an_origin() {
     for (name, rays) in [("rows", rows), ("blocks", blocks.clone()), ("gaps", gaps.collect())] {
         check(&format!("pinhole, {name}"), &mesh, &rays, None);
         check(&format!("pinhole, {name}, filter"), &mesh, &rays, Some(Arc::new(Stripes)));
+    }
+}
+
+/// Gives up when it has been asked so often.
+struct Tires(AtomicU32);
+
+impl Filter for Tires {
+    fn accepts(&self, _: u32, u: f32, _: f32) -> bool {
+        assert!(self.0.fetch_sub(1, Ordering::Relaxed) != 0, "tired");
+        u < 0.5
+    }
+}
+
+#[test]
+fn a_filter_that_panics_leaves_no_visits_behind() {
+    let mesh = meshes::soup(2000, 0.1, 29);
+    let bvh = Arc::new(Bvh::build(&mesh.positions, &mesh.triangles, |_| true));
+    let rays = rays::mixed(&mesh, 9000, Vec3::ZERO, 1.0, 30);
+    let small = meshes::soup(9, 1.0, 31);
+    let few = Arc::new(Bvh::build(&small.positions, &small.triangles, |_| false));
+    let expected: Vec<Hit> = rays[..300].iter().map(|ray| by_definition(&small, ray, None)).collect();
+    for level in SimdLevel::available() {
+        for patience in [0, 1, 30, 300] {
+            let tires = Arc::new(Tires(patience.into()));
+            let tracer = CpuTracer::new(bvh.clone(), Some(tires), level).expect("available");
+            let mut hits = vec![Hit::NONE; rays.len()];
+            let traced = catch_unwind(AssertUnwindSafe(|| tracer.closest(&rays, &mut hits)));
+            assert!(traced.is_err(), "asked less than {patience} times");
+            // On the same thread, which keeps memory for visits.
+            let other = CpuTracer::new(few.clone(), None, level).expect("available");
+            let (mut hits, mut occluded) = (vec![Hit::NONE; 300], vec![7; 300]);
+            other.closest(&rays[..300], &mut hits);
+            other.occluded(&rays[..300], &mut occluded);
+            for (i, wanted) in expected.iter().enumerate() {
+                assert_eq!(bits(&hits[i]), bits(wanted), "{level}, {patience}: ray {i}");
+                assert_eq!(occluded[i], u32::from(!wanted.is_miss()), "{level}, {patience}: ray {i}");
+            }
+        }
     }
 }
 

@@ -21,13 +21,13 @@ use crate::lanes::{Lanes, load_one, splat_eights};
 pub(super) const SHORT: usize = 8;
 
 /// Pairs of nodes that are visited in one go.
-const NODES: usize = 8;
+const NODES: usize = 12;
 
 /// Pairs of blocks that are visited in one go.
-pub(super) const BLOCKS: usize = 24;
+pub(super) const BLOCKS: usize = 32;
 
 /// Pairs of blocks from which on lists have to wait for them: a few cost hardly less than these.
-pub(super) const WORTH: usize = 14;
+pub(super) const WORTH: usize = 24;
 
 /// A stack of pairs.
 #[derive(Default)]
@@ -75,6 +75,20 @@ impl Pairs {
             }
         }
         self.len += len;
+    }
+
+    /// Pushes pairs of the lanes of a mask.
+    ///
+    /// # Safety
+    /// Invariant 6 with room for `PADDING`.
+    #[inline(always)]
+    pub unsafe fn push_lanes<W: Lanes>(&mut self, w: W, mask: u32, ids: W::I, children: W::I) {
+        // SAFETY: as the caller vouches.
+        unsafe {
+            w.append(self.ids.as_mut_ptr().add(self.len), mask, ids);
+            w.append(self.children.as_mut_ptr().add(self.len), mask, children);
+        }
+        self.len += mask.count_ones() as usize;
     }
 
     /// Pushes pairs of one id and the children of the lanes of a mask.

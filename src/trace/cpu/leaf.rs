@@ -5,7 +5,7 @@
 
 use super::alone::BLOCKS;
 use super::space::{Space, triangle};
-use super::stream::{Answers, DONE, Job, PADDING, ROW_BYTES, fetch_block, fetch_rows, lanes_of};
+use super::stream::{Answers, DONE, Job, OctantStack, PADDING, ROW_BYTES, fetch_block, fetch_rows, lanes_of};
 use super::triangle::{Bounds, Hits, Passing, Range, Slabs, reach, test};
 use crate::bvh::{Block, Child, MASKED, PRIMITIVE, WIDTH};
 use crate::lanes::{Lanes, keep, prefetch, spill, splat_eights, splat_row};
@@ -201,31 +201,27 @@ unsafe fn offer_each<L: Lanes, const ANY: bool>(
     taken
 }
 
-/// Tests pairs of rays and blocks. Answers for any hit how many rays are done by it.
+/// Tests the topmost pairs of rays and blocks.
 ///
 /// First which lines pass inside which triangles, each ray with all triangles of its block in eight lanes and without a branch, so
-/// that many are in the works at once; then the rest for those, a few of a block, one in each lane.
+/// that many are in the works at once; then the rest for those, a few of a block, one in each lane, as soon as they fill
+/// the lanes.
 ///
 /// # Safety
-/// These are `len` ≤ [`BLOCKS`] pairs (invariant 1 for the ids, 4 for the blocks), and all rays are of the
-/// octant.
+/// Of the stack's pairs of blocks, invariant 1 holds for the ids and 4 for the blocks, and all rays are of the octant.
 #[inline(always)]
-#[allow(clippy::too_many_arguments)]
 pub(super) unsafe fn few<W: Lanes, S: Space, const ANY: bool>(
     w: W,
     space: S,
     job: &Job<'_>,
     octant: usize,
-    ids: *const u32,
-    children: *const u32,
-    len: usize,
-) -> u32 {
-    // Their places: `WIDTH` times the pair, and the row in its block.
-    let (mut passing, mut count) = ([0; BLOCKS * WIDTH + PADDING], 0);
-    for i in 0..len.min(AHEAD) {
-        // SAFETY: as the caller vouches.
-        unsafe { fetch_pair(job, *ids.add(i), *children.add(i)) };
-    }
+    stack: &mut OctantStack,
+) {
+    let OctantStack { pairs: [_, blocks], candidates, .. } = stack;
+    let len = blocks.len.min(BLOCKS);
+    blocks.len -= len;
+    candidates.reserve(len * WIDTH);
+    let (ids, children) = blocks.at(blocks.len);
     // As many pairs at once as there are eights of lanes.
     let step = W::LANES / WIDTH;
     for i in (0..len).step_by(step) {
@@ -238,30 +234,50 @@ pub(super) unsafe fn few<W: Lanes, S: Space, const ANY: bool>(
         let other = (i + step).min(len) - 1;
         // SAFETY: as the caller vouches.
         let [a, b] = unsafe { [pair(job, ids, children, i), pair(job, ids, children, other)] };
-        let triangles = space.triangles(w, &[a.1, b.1]);
-        let origin = splat_eights(w, [a.0.origin, b.0.origin]);
-        let direction = splat_eights(w, [a.0.direction, b.0.direction]);
-        let among = (a.2 | b.2 << WIDTH) & lanes_of::<W>(WIDTH * (len - i));
+        let triangles = space.triangles(w, &[a.block, b.block]);
+        let origin = splat_eights(w, [a.ray.origin, b.ray.origin]);
+        let direction = splat_eights(w, [a.ray.direction, b.ray.direction]);
+        let among = (a.lanes | b.lanes << WIDTH) & lanes_of::<W>(WIDTH * (len - i));
         let inside = Passing::of(w, &origin, direction, &triangles).inside(w, among);
-        // SAFETY: there is room for all rows of all pairs, and for what lanes write behind.
+        // SAFETY: there is room for all triangles of all pairs, and for what lanes write behind.
         unsafe {
-            let places = w.add_ids(w.load_ids(ROWS.as_ptr()), w.splat_id((WIDTH * i) as u32));
-            w.append(passing.as_mut_ptr().add(count), inside, places);
+            let rays = w.or_ids(ids_of_eights(w, [a.id, b.id]), w.load_ids(ROWS.as_ptr()));
+            candidates.push_lanes(w, inside, rays, ids_of_eights(w, [a.child, b.child]));
         }
-        count += inside.count_ones() as usize;
     }
-    let any = passing[0];
-    passing[count..count + PADDING].fill(any);
-    let mut done = 0;
-    for at in (0..count).step_by(W::LANES) {
-        // SAFETY: as the caller vouches, for padding too; and both arrays are as long as the widest lanes.
+    // SAFETY: as the caller vouches.
+    unsafe { settle::<W, S, ANY>(w, space, job, octant, stack, W::LANES) };
+}
+
+/// Tests the topmost candidates as long as there are `least`: triangles whose inside, or edge, a ray's line passes. They are pairs
+/// of the ray's id with the triangle's row in the bits that ids leave free, and the block. Counts for any hit the rays
+/// that are done by it.
+///
+/// # Safety
+/// Of the stack's candidates, invariant 1 holds for the ids and 4 for the blocks, and all rays are of the octant.
+#[inline(always)]
+pub(super) unsafe fn settle<W: Lanes, S: Space, const ANY: bool>(
+    w: W,
+    space: S,
+    job: &Job<'_>,
+    octant: usize,
+    stack: &mut OctantStack,
+    least: usize,
+) {
+    let OctantStack { candidates, done, .. } = stack;
+    while candidates.len >= least {
+        let among = lanes_of::<W>(candidates.len);
+        candidates.len -= candidates.len.min(W::LANES);
+        // SAFETY: as the caller vouches; where there are none, in the lanes behind them, the first stands in. Arrays are as long as
+        // the widest lanes.
         let (rays, row, triangle, ray_ids, stored) = unsafe {
             let (mut ray_ids, mut stored) = ([0; PADDING], [0; PADDING]);
-            let places = w.load_ids(passing.as_ptr().add(at));
-            let (pair, row) =
-                (w.shr_ids(places, WIDTH.ilog2()), w.and_ids(places, w.splat_id(WIDTH as u32 - 1)));
-            let (id, [a, b, c]) = job.blocks.gather(w, w.gather(children, pair), row);
-            w.store_ids(ray_ids.as_mut_ptr(), w.gather(ids, pair));
+            let (ids, children) = candidates.at(candidates.len);
+            let ids = w.select_ids(among, w.load_ids(ids), w.splat_id(*ids));
+            let children = w.select_ids(among, w.load_ids(children), w.splat_id(*children));
+            let rows = w.and_ids(ids, w.splat_id(WIDTH as u32 - 1));
+            let (id, [a, b, c]) = job.blocks.gather(w, children, rows);
+            w.store_ids(ray_ids.as_mut_ptr(), w.xor_ids(ids, rows));
             w.store_ids(stored.as_mut_ptr(), id);
             let (rays, row) =
                 (w.rows(job.rays.cast(), ray_ids.as_ptr()), w.rows(job.rows.cast(), ray_ids.as_ptr()));
@@ -271,7 +287,6 @@ pub(super) unsafe fn few<W: Lanes, S: Space, const ANY: bool>(
         let [ix, iy, iz, sx, sy, sz, slack, limit] = row;
         let slabs = Slabs::new(w, [ix, iy, iz], [sx, sy, sz], slack);
         let range = Range { slabs: &slabs, octant, t_min: w.max(t_min, w.splat(0.0)), limit };
-        let among = lanes_of::<W>(count - at);
         let Some(hits) = test(w, among, &[ox, oy, oz], [dx, dy, dz], &triangle, &range) else {
             continue;
         };
@@ -288,15 +303,32 @@ pub(super) unsafe fn few<W: Lanes, S: Space, const ANY: bool>(
                     continue;
                 }
                 let taken = job.offer::<ANY>(id, space.id(stored[lane]), ts[lane], us[lane], vs[lane]);
-                done += u32::from(ANY && taken);
+                *done = done.wrapping_add(u32::from(ANY && taken));
             }
         }
     }
-    done
+}
+
+/// An id in each eight lanes.
+#[inline(always)]
+fn ids_of_eights<L: Lanes>(l: L, ids: [u32; 2]) -> L::I {
+    l.bits(l.splat_eights(ids.map(f32::from_bits)))
 }
 
 /// How many pairs before a pair is tested its memory is asked for. Asked for all at once, they would wait for each other.
 const AHEAD: usize = 6;
+
+/// Asks for what the pairs need that [`few`] tests first.
+#[inline(always)]
+pub(super) fn fetch_first(job: &Job<'_>, stack: &OctantStack) {
+    let blocks = &stack.pairs[1];
+    let len = blocks.len.min(BLOCKS);
+    let (ids, children) = blocks.at(blocks.len - len);
+    for i in 0..len.min(AHEAD) {
+        // SAFETY: there are so many pairs.
+        unsafe { fetch_pair(job, *ids.add(i), *children.add(i)) };
+    }
+}
 
 /// Asks for what a pair needs.
 #[inline(always)]
@@ -305,25 +337,38 @@ fn fetch_pair(job: &Job<'_>, id: u32, child: u32) {
     prefetch(job.rays.wrapping_byte_add(id as usize));
 }
 
-/// The rows of a block, and those of the next.
-static ROWS: [u32; 2 * WIDTH] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
+const _: () = assert!(WIDTH <= ROW_BYTES);
 
-/// The ray, the block and the lanes with triangles of pair `i`.
+/// The rows of a block, and those of the next.
+static ROWS: [u32; 2 * WIDTH] = [0, 1, 2, 3, 4, 5, 6, 7, 0, 1, 2, 3, 4, 5, 6, 7];
+
+/// A ray and a block, as stored and as they are.
+struct Pair<'a> {
+    id: u32,
+    child: u32,
+    ray: &'a Ray,
+    block: Block<'a>,
+    /// Those with triangles.
+    lanes: u32,
+}
+
+/// Pair `i`.
 ///
 /// # Safety
 /// As for [`few`], and `i` is less than `len`.
 #[inline(always)]
-unsafe fn pair<'a>(
-    job: &Job<'a>,
-    ids: *const u32,
-    children: *const u32,
-    i: usize,
-) -> (&'a Ray, Block<'a>, u32) {
+unsafe fn pair<'a>(job: &Job<'a>, ids: *const u32, children: *const u32, i: usize) -> Pair<'a> {
     // SAFETY: as the caller vouches.
     unsafe {
-        let child: Child = bytemuck::cast(*children.add(i));
-        let ray = &*job.rays.byte_add(*ids.add(i) as usize);
-        (ray, job.blocks.get_unchecked(child), (1 << child.triangles()) - 1)
+        let (id, child) = (*ids.add(i), *children.add(i));
+        let block: Child = bytemuck::cast(child);
+        Pair {
+            id,
+            child,
+            ray: &*job.rays.byte_add(id as usize),
+            block: job.blocks.get_unchecked(block),
+            lanes: (1 << block.triangles()) - 1,
+        }
     }
 }
 

@@ -68,6 +68,8 @@ pub(super) struct OctantStack {
     pub entries: Vec<Entry>,
     /// Rays that go on alone, to nodes and to blocks.
     pub pairs: [Pairs; 2],
+    /// Triangles that rays' lines pass inside: see [`leaf::settle`].
+    pub candidates: Pairs,
     /// How many rays have been found occluded, of all sub-streams.
     pub done: u32,
 }
@@ -79,6 +81,23 @@ impl OctantStack {
         if self.ids.len() < len {
             self.grow(len);
         }
+    }
+
+    /// Forgets all visits that are pending: a filter that panicked may have left some.
+    fn clear(&mut self) {
+        let Self { entries, pairs: [nodes, blocks], candidates, .. } = self;
+        entries.clear();
+        for pairs in [nodes, blocks, candidates] {
+            pairs.len = 0;
+        }
+    }
+
+    /// Whether pairs of blocks are what is done next: there are enough, or there is nothing that could make more.
+    #[inline(always)]
+    fn is_for_blocks(&self) -> bool {
+        let [nodes, blocks] = &self.pairs;
+        let enough = if self.entries.is_empty() { 1 } else { alone::WORTH };
+        blocks.len >= alone::BLOCKS || blocks.len >= enough && nodes.len == 0
     }
 
     #[cold]
@@ -138,8 +157,9 @@ pub(super) fn trace<W: Lanes, E: Lanes, const ANY: bool, const MEMBERS: bool>(
     const { assert!(W::LANES <= PADDING && E::LANES == WIDTH) };
     let wide = bvh.wide();
     let Scratch { rows, packets, stacks, below } = scratch;
+    below.clear();
     for stack in stacks.iter_mut() {
-        stack.entries.clear();
+        stack.clear();
         stack.entries.reserve(entries_of(wide.depth()));
     }
     let (mut first, mut left) = (0, rays);
@@ -240,7 +260,7 @@ impl<W: Lanes, E: Lanes, S: Space, const ANY: bool> Visit for Loose<'_, W, E, S,
         let Self { w, e, space, job } = *self;
         if ANY && stack.done.wrapping_sub(at.mark) > at.len / GAPS {
             // SAFETY: invariant 2.
-            at.len = unsafe { keep_open(job, stack.ids.as_mut_ptr().add(at.start as usize), at.len) };
+            at.len = unsafe { keep_open(w, job, stack.ids.as_mut_ptr().add(at.start as usize), at.len) };
             if at.len == 0 {
                 return;
             }
@@ -267,22 +287,23 @@ impl<W: Lanes, E: Lanes, S: Space, const ANY: bool> Visit for Loose<'_, W, E, S,
     /// Rays that are alone go first: the lists below them wait for what they hit.
     #[inline(always)]
     fn step(&self, octant: usize, stack: &mut OctantStack) -> bool {
-        let Self { e, space, job, .. } = *self;
-        let [nodes, blocks] = &stack.pairs;
-        let enough = if stack.entries.is_empty() { 1 } else { alone::WORTH };
-        if blocks.len >= alone::BLOCKS || blocks.len >= enough && nodes.len == 0 {
-            let count = blocks.len.min(alone::BLOCKS);
-            let (ids, children) = blocks.at(blocks.len - count);
-            stack.pairs[1].len -= count;
+        let Self { w, e, space, job } = *self;
+        if stack.is_for_blocks() {
             // SAFETY: these are pairs.
-            let done = unsafe { leaf::few::<W, S, ANY>(self.w, space, job, octant, ids, children, count) };
-            stack.done = stack.done.wrapping_add(done);
-        } else if nodes.len > 0 {
-            alone::visit(self.w, e, space, job, octant, stack);
+            unsafe { leaf::few::<W, S, ANY>(w, space, job, octant, stack) };
+        } else if stack.pairs[0].len > 0 {
+            alone::visit(w, e, space, job, octant, stack);
         } else if let Some(entry) = stack.entries.pop() {
             self.visit(octant, stack, entry);
+        } else if stack.candidates.len > 0 {
+            // SAFETY: these are candidates.
+            unsafe { leaf::settle::<W, S, ANY>(w, space, job, octant, stack, 1) };
         } else {
             return false;
+        }
+        if stack.is_for_blocks() {
+            // Other octants have their turn before these are tested.
+            leaf::fetch_first(job, stack);
         }
         true
     }
@@ -297,14 +318,18 @@ const GAPS: u32 = 8;
 /// # Safety
 /// `list` is a list of `len` ids (invariants 1 and 2).
 #[inline(always)]
-unsafe fn keep_open(job: &Job<'_>, list: *mut u32, len: u32) -> u32 {
-    let mut open = 0;
-    for i in 0..len as usize {
-        // SAFETY: as the caller vouches.
-        unsafe {
-            let id = *list.add(i);
-            *list.add(open) = id;
-            open += usize::from((*job.rows.byte_add(id as usize)).limit >= 0.0);
+unsafe fn keep_open<W: Lanes>(w: W, job: &Job<'_>, list: *mut u32, len: u32) -> u32 {
+    let (mut open, mut at) = (0, 0);
+    // SAFETY: as the caller vouches; what is written lies before what is read next.
+    unsafe {
+        let limits = job.rows.cast_const().cast::<u32>().add(ROW_BYTES / 4 - 1);
+        while at < len as usize {
+            let ids = w.load_ids(list.add(at));
+            let limit = w.of_bits(w.gather(limits, w.shr_ids(ids, 2)));
+            let left = w.le(lanes_of::<W>(len as usize - at), w.splat(0.0), limit);
+            w.append(list.add(open), left, ids);
+            open += left.count_ones() as usize;
+            at += W::LANES;
         }
     }
     open as u32
