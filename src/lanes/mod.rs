@@ -296,20 +296,7 @@ pub(crate) fn load_one<L: Lanes>(l: L, column: &[f32; 8]) -> L::F {
 #[inline(always)]
 pub(crate) fn keep<L: Lanes>(l: L, lanes: [L::F; 3]) -> [[f32; 8]; 3] {
     let [x, y, z] = lanes;
-    [keep_one(l, x), keep_one(l, y), keep_one(l, z)]
-}
-
-/// A column out of eight lanes.
-#[inline(always)]
-pub(crate) fn keep_one<L: Lanes>(l: L, lanes: L::F) -> [f32; 8] {
-    const { assert!(L::LANES == 8) };
-    let mut column = [0.0; 8];
-    #[allow(unsafe_code)]
-    // SAFETY: there is room for eight numbers, as many as lanes.
-    unsafe {
-        l.store(column.as_mut_ptr(), lanes);
-    }
-    column
+    [store_one(l, x), store_one(l, y), store_one(l, z)]
 }
 
 /// A column for each eight lanes.

@@ -3,7 +3,7 @@
 use super::super::triangle::{Bounds, Hits, Passing, Range, Seen, Vector, dot, hits};
 use super::Origin;
 use crate::bvh::{Block, WIDTH};
-use crate::lanes::{Lanes, keep, keep_one, load, load_one, splat, splat_row};
+use crate::lanes::{Lanes, keep, load, load_one, splat, splat_row, store_one};
 
 /// The eight triangles of a block as seen from the origin, as columns.
 #[repr(C, align(64))]
@@ -24,7 +24,7 @@ impl Triangles {
         Self {
             edges: [keep(e, edges[0]), keep(e, edges[1]), keep(e, edges[2])],
             normal: keep(e, normal),
-            distance: keep_one(e, distance),
+            distance: store_one(e, distance),
             low: keep(e, low),
             high: keep(e, high),
         }
