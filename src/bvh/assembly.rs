@@ -126,12 +126,11 @@ impl Assembly {
         for block in blocks {
             let members: Vec<u32> = (0..block.len()).map(|row| block.primitive(row)).collect();
             let boxes: Vec<Aabb> = members.iter().map(|&m| self.members[m as usize].bounds).collect();
-            let centre = boxes.iter().copied().fold(Aabb::EMPTY, Aabb::union).centre();
             let mut node = WideNode::VACANT;
-            let slots = super::collapse::slots(boxes.iter().map(|bounds| bounds.centre() - centre));
-            for ((member, bounds), slot) in members.iter().zip(&boxes).zip(slots) {
-                node.set(slot, *bounds, Child::block(*member as usize, 1));
+            for (slot, (member, bounds)) in members.iter().zip(boxes).enumerate() {
+                node.set(slot, bounds, Child::block(*member as usize, 1));
             }
+            node.face_rays();
             nodes.push(node);
         }
         Wide { nodes: Pages::of(&nodes), blocks: Blocks::none(), depth: over.wide.depth + 1 }

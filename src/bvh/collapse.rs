@@ -10,7 +10,6 @@ use super::reference::Reference;
 use super::sah::{Branches, Subtree, Tree};
 use super::wide::{Child, WIDTH, Wide, WideNode};
 use crate::geom::Aabb;
-use glam::Vec3;
 use rayon::prelude::*;
 
 /// Subtrees of at most this many primitives are laid out by one thread. Never depends on the number of
@@ -92,8 +91,8 @@ fn primitives(references: &[Reference]) -> Vec<u32> {
 /// Odds of a node's children that are no nodes beside it, by slot.
 type Leaves = [Odds; WIDTH];
 
-/// Puts the children of nodes in order for any hit, from the last node, which no other is above, to the first, whose
-/// odds it answers.
+/// Puts the children of nodes into the slots where they belong, from the last node, which no other is above, to the first,
+/// whose odds it answers.
 fn order(nodes: &mut [WideNode], leaves: &[Leaves]) -> Odds {
     let mut odds = vec![Odds::default(); nodes.len()];
     for at in (0..nodes.len()).rev() {
@@ -280,74 +279,10 @@ impl<S: Shape> Layout<'_, S> {
 
 /// The node of some children, and the odds of those.
 fn node(children: impl Iterator<Item = Laid>) -> (WideNode, Leaves) {
-    let vacant = Laid { bounds: Aabb::EMPTY, child: Child::NONE, odds: Odds::default() };
-    let (mut all, mut len, mut bounds) = ([vacant; WIDTH], 0, Aabb::EMPTY);
-    for child in children {
-        all[len] = child;
-        len += 1;
-        bounds = bounds.union(child.bounds);
-    }
-    let children = &all[..len];
-    let centre = bounds.centre();
     let (mut node, mut leaves) = (WideNode::VACANT, Leaves::default());
-    let slots = slots(children.iter().map(|child| child.bounds.centre() - centre));
-    for (laid, slot) in children.iter().zip(slots) {
+    for (slot, laid) in children.enumerate() {
         node.set(slot, laid.bounds, laid.child);
         leaves[slot] = laid.odds;
     }
     (node, leaves)
-}
-
-/// A slot for each of at most eight children at these offsets from the middle: greedily those that lie
-/// farthest in the direction of the slot's octant.
-pub(crate) fn slots(offsets: impl Iterator<Item = Vec3>) -> [usize; WIDTH] {
-    let mut gains = [[f32::NEG_INFINITY; WIDTH]; WIDTH];
-    let mut children = 0;
-    for offset in offsets {
-        for (slot, gain) in gains[children].iter_mut().enumerate() {
-            let along = |axis: usize| if slot >> axis & 1 == 1 { offset[axis] } else { -offset[axis] };
-            *gain = along(0) + along(1) + along(2);
-        }
-        children += 1;
-    }
-    let mut slots = [0; WIDTH];
-    for _ in 0..children {
-        // Of each slot, then of all: branches would be guessed wrong.
-        let (mut most, mut who) = ([f32::NEG_INFINITY; WIDTH], [0u32; WIDTH]);
-        for (child, gains) in (0..).zip(&gains[..children]) {
-            for slot in 0..WIDTH {
-                let better = gains[slot] > most[slot];
-                most[slot] = if better { gains[slot] } else { most[slot] };
-                who[slot] = if better { child } else { who[slot] };
-            }
-        }
-        let mut slot = 0;
-        for other in 1..WIDTH {
-            let better = most[other] > most[slot] || most[other] == most[slot] && who[other] < who[slot];
-            slot = if better { other } else { slot };
-        }
-        let child = who[slot] as usize;
-        slots[child] = slot;
-        gains[child] = [f32::NEG_INFINITY; WIDTH];
-        gains.iter_mut().for_each(|gains| gains[slot] = f32::NEG_INFINITY);
-    }
-    slots
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn every_child_has_a_slot_of_its_own_towards_its_corner() {
-        let corner = |i: usize| {
-            let along = |axis: usize| if i >> axis & 1 == 1 { 1.0 } else { -1.0 };
-            Vec3::new(along(0), along(1), along(2))
-        };
-        assert_eq!(slots((0..8).rev().map(corner)), [7, 6, 5, 4, 3, 2, 1, 0]);
-        let mut same = slots((0..8).map(|_| Vec3::ZERO));
-        same.sort_unstable();
-        assert_eq!(same, [0, 1, 2, 3, 4, 5, 6, 7]);
-        assert_eq!(slots([Vec3::new(1.0, 2.0, -3.0)].into_iter())[0], 3);
-    }
 }

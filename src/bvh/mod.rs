@@ -18,18 +18,18 @@ mod plan;
 mod reference;
 mod refit;
 mod sah;
+mod turns;
 mod validate;
 mod wide;
 
 pub use assembly::Member;
 pub use binary::{Binary, BinaryNode};
 pub use block::{BLOCK_TRIANGLES, Block, Blocks, MASKED, PRIMITIVE};
-#[cfg(feature = "gpu")]
-pub(crate) use collapse::slots;
 pub use filter::Filter;
 pub use geometry::GeometryError;
 pub use numbering::Numbering;
 pub use sah::MAX_DEPTH;
+pub use turns::Turns;
 pub use validate::BvhError;
 pub use wide::{Child, WIDTH, Wide, WideNode};
 

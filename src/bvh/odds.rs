@@ -45,7 +45,7 @@ impl Odds {
         crossed.min(f32::MAX) / (1.0 + crossed.min(f32::MAX)) / self.cost.sqrt()
     }
 
-    /// Puts the children of a node, whose odds `of` gives for slot and child, in order; the node's own odds.
+    /// Puts the children of a node, whose odds `of` gives for slot and child, into the slots where they belong; the node's own odds.
     pub fn order(node: &mut WideNode, of: impl Fn(usize, Child) -> Self) -> Self {
         let mut all = Self { area: 0.0, cost: 0.0 };
         let mut bounds = Aabb::EMPTY;
@@ -58,16 +58,8 @@ impl Odds {
             all.cost += half * odds.cost;
             bounds = bounds.union(child);
         }
-        // Bits of numbers of one sign are in their order, and those of vacant slots come last; the lowest bits tell equals apart.
-        let mut keys = [0i32; WIDTH];
-        for slot in 0..WIDTH {
-            keys[slot] = weights[slot].to_bits().cast_signed() & !7 | (WIDTH - 1 - slot) as i32;
-        }
-        for slot in 0..WIDTH {
-            let turn: u32 = keys.iter().map(|&other| u32::from(other > keys[slot])).sum();
-            node.turns[slot] = turn as u8;
-            node.slots[turn as usize] = slot as u8;
-        }
+        node.sort(&weights);
+        node.face_rays();
         all.cost = 1.0 + all.cost / bounds.half_area().max(f32::MIN_POSITIVE);
         all
     }
@@ -98,11 +90,11 @@ mod tests {
         let bvh = wall_and_cloud();
         assert_eq!(bvh.validate(), Ok(()));
         let root = &bvh.wide().nodes()[0];
-        let first = root.bounds(root.slots[0].into());
+        let first = root.bounds(WIDTH - 1);
         assert_eq!((first.min.z, first.max.z), (0.0, 0.0), "the wall");
         for node in bvh.wide().nodes() {
-            let vacant = node.slots.map(|slot| node.children[slot as usize] == Child::NONE);
-            assert!(vacant.is_sorted(), "vacant slots come last");
+            let taken = node.children.map(|child| child != Child::NONE);
+            assert!(taken.is_sorted(), "vacant slots are the first");
         }
     }
 

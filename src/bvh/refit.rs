@@ -71,6 +71,7 @@ impl Bvh {
             }
         }
         self.bounds = nodes[0].all_bounds();
+        nodes.par_iter_mut().with_min_len(1 << 8).for_each(WideNode::face_rays);
         if parted {
             self.places = self.wide.places(self.places.len(), |primitive| self.numbering.place(primitive));
         }

@@ -130,7 +130,7 @@ impl Bvh {
         while let Some((node, outer, depth)) = stack.pop() {
             deepest = deepest.max(depth);
             let inner = &self.wide.nodes()[node];
-            if (0..WIDTH).any(|slot| inner.slots.get(inner.turns[slot] as usize) != Some(&(slot as u8))) {
+            if !inner.front_to_back.iter().all(|turns| turns.is_order()) {
                 return Err(BvhError::Order { tree, node });
             }
             for slot in (0..WIDTH).filter(|&slot| inner.children[slot] != Child::NONE) {

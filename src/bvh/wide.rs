@@ -2,6 +2,7 @@
 
 use super::block::{Block, Blocks};
 use super::pages::Pages;
+use super::turns::Turns;
 use crate::geom::Aabb;
 use crate::lanes::Lanes;
 use bytemuck::{Pod, Zeroable};
@@ -68,9 +69,8 @@ impl Child {
     }
 }
 
-/// An inner node: boxes and references of up to eight children, in slots such that a ray whose
-/// direction has the sign bits `octant` (x is bit 0) meets them about front to back in the order of
-/// `slot ^ octant`. The box of a vacant slot is inverted, so that no ray enters it.
+/// An inner node: boxes and references of up to eight children. The later a slot, the sooner any hit is found in it,
+/// wherever rays come from. Vacant slots are the first; their boxes are inverted, so that no ray enters them.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C, align(64))]
 pub struct WideNode {
@@ -78,11 +78,9 @@ pub struct WideNode {
     pub faces: [[[f32; WIDTH]; 3]; 2],
     /// What is in the slots.
     pub children: [Child; WIDTH],
-    /// The slots in the order in which any hit is found soonest, wherever rays come from: the turn of each slot.
-    pub turns: [u8; WIDTH],
-    /// The slot of each turn.
-    pub slots: [u8; WIDTH],
-    reserved: [u32; 4],
+    /// About front to back for rays whose directions have the sign bits 0 to 3 (x is bit 0), and back to front for the
+    /// opposite ones, 7 to 4.
+    pub front_to_back: [Turns; 4],
 }
 
 const _: () = assert!(size_of::<WideNode>() == 256);
@@ -92,9 +90,7 @@ impl WideNode {
     pub const VACANT: Self = Self {
         faces: [[[f32::INFINITY; WIDTH]; 3], [[f32::NEG_INFINITY; WIDTH]; 3]],
         children: [Child::NONE; WIDTH],
-        turns: [0, 1, 2, 3, 4, 5, 6, 7],
-        slots: [0, 1, 2, 3, 4, 5, 6, 7],
-        reserved: [0; 4],
+        front_to_back: [Turns::FORWARD; 4],
     };
 
     /// Puts a child into a slot.
@@ -104,6 +100,34 @@ impl WideNode {
             self.faces[1][axis][slot] = bounds.max[axis];
         }
         self.children[slot] = child;
+    }
+
+    /// Puts the children of greater weights into later slots.
+    pub(super) fn sort(&mut self, weights: &[f32; WIDTH]) {
+        let from = *self;
+        let turns = Turns::ascending(weights);
+        for turn in 0..WIDTH {
+            let slot = (turns.slots >> (3 * turn) & 7) as usize;
+            self.set(turn, from.bounds(slot), from.children[slot]);
+        }
+    }
+
+    /// Finds out in which order rays meet the children: by the middles of their boxes, as far as they lie in the direction of
+    /// the octant.
+    pub(super) fn face_rays(&mut self) {
+        for octant in 0..4 {
+            let mut keys = [0.0; WIDTH];
+            for axis in 0..3 {
+                let sign = if octant >> axis & 1 == 1 { -0.5 } else { 0.5 };
+                let [low, high] = [self.faces[0][axis], self.faces[1][axis]];
+                for slot in 0..WIDTH {
+                    keys[slot] += sign * low[slot] + sign * high[slot];
+                }
+            }
+            // The middle of a vacant slot is no number.
+            let last = |key: f32| if key.is_nan() { f32::INFINITY } else { key };
+            self.front_to_back[octant] = Turns::ascending(&keys.map(last));
+        }
     }
 
     /// The box around all children; vacant slots are inverted and add nothing.

@@ -183,6 +183,9 @@ impl<const VL: bool> Lanes for Eights<VL> {
     #[inline(always)]
     fn select(self, mask: u32, a: __m256, b: __m256) -> __m256 {
         unsafe {
+            if VL {
+                return _mm256_mask_blend_ps(mask as u8, b, a);
+            }
             let bits = _mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128);
             let lanes = _mm256_cmpeq_epi32(_mm256_and_si256(_mm256_set1_epi32(mask as i32), bits), bits);
             _mm256_blendv_ps(b, a, _mm256_castsi256_ps(lanes))
@@ -255,6 +258,10 @@ impl<const VL: bool> Lanes for Eights<VL> {
     #[inline(always)]
     fn shr_ids(self, a: __m256i, count: u32) -> __m256i {
         unsafe { _mm256_srlv_epi32(a, _mm256_set1_epi32(count as i32)) }
+    }
+    #[inline(always)]
+    fn shr_each(self, a: __m256i, counts: __m256i) -> __m256i {
+        unsafe { _mm256_srlv_epi32(a, counts) }
     }
     #[inline(always)]
     fn reverse_ids(self, a: __m256i) -> __m256i {

@@ -241,7 +241,8 @@ impl Lanes for Neon {
             // Lane n is bytes 4n to 4n + 3.
             let table = uint8x16x2_t(vreinterpretq_u8_u32(a[0]), vreinterpretq_u8_u32(a[1]));
             let (step, bytes) = (vdupq_n_u32(0x0404_0404), vdupq_n_u32(0x0302_0100));
-            let at = |order| vreinterpretq_u8_u32(vmlaq_u32(bytes, order, step));
+            let lane = |order| vandq_u32(order, vdupq_n_u32(7));
+            let at = |order| vreinterpretq_u8_u32(vmlaq_u32(bytes, lane(order), step));
             [
                 vreinterpretq_u32_u8(vqtbl2q_u8(table, at(order[0]))),
                 vreinterpretq_u32_u8(vqtbl2q_u8(table, at(order[1]))),
@@ -284,6 +285,13 @@ impl Lanes for Neon {
         unsafe {
             let by = vdupq_n_s32(-(count as i32));
             [vshlq_u32(a[0], by), vshlq_u32(a[1], by)]
+        }
+    }
+    #[inline(always)]
+    fn shr_each(self, a: I, counts: I) -> I {
+        unsafe {
+            let by = |counts| vnegq_s32(vreinterpretq_s32_u32(counts));
+            [vshlq_u32(a[0], by(counts[0])), vshlq_u32(a[1], by(counts[1]))]
         }
     }
     #[inline(always)]

@@ -11,11 +11,12 @@
 //! 6. Both arrays of pairs hold `len` pairs and, after `reserve`, as many more as asked for.
 #![allow(unsafe_code)]
 
+use super::order::BackToFront;
 use super::space::Space;
 use super::stream::{Job, OctantStack, PADDING, fetch_node};
 use super::triangle::{Faces, Slabs};
 use crate::bvh::{Child, WIDTH};
-use crate::lanes::{Lanes, load_one, splat_eights};
+use crate::lanes::{Lanes, splat_eights};
 
 /// The longest lists that end, at nodes as at blocks.
 pub(super) const SHORT: usize = 8;
@@ -107,9 +108,9 @@ impl Pairs {
 }
 
 /// Visits the topmost pairs of nodes: tests each ray with the eight boxes of its node and pushes pairs
-/// for those it enters, the nearest last.
+/// for those it enters, the nearest last, or for any hit the likeliest.
 #[inline(always)]
-pub(super) fn visit<W: Lanes, E: Lanes, S: Space>(
+pub(super) fn visit<W: Lanes, E: Lanes, S: Space, const ANY: bool>(
     w: W,
     e: E,
     space: S,
@@ -117,7 +118,7 @@ pub(super) fn visit<W: Lanes, E: Lanes, S: Space>(
     octant: usize,
     stack: &mut OctantStack,
 ) {
-    let by = space.order(octant);
+    let order = BackToFront::new(e, space.order(octant));
     let [nodes, blocks] = &mut stack.pairs;
     let count = nodes.len.min(NODES);
     nodes.len -= count;
@@ -132,7 +133,6 @@ pub(super) fn visit<W: Lanes, E: Lanes, S: Space>(
         for i in 0..NODES {
             (taken[i], at[i]) = (*ids.add(i), *children.add(i));
         }
-        let order = e.load_ids(LANES_BY_ORDER[by].as_ptr());
         // As many pairs at once as there are eights of lanes.
         let step = W::LANES / WIDTH;
         for i in (0..count).step_by(step) {
@@ -155,15 +155,18 @@ pub(super) fn visit<W: Lanes, E: Lanes, S: Space>(
                 Faces::of(space.boxes(e, visited[1], second), octant),
             ];
             let mut entered = slabs.enters_any(w, &faces, w.splat_eights([a.limit, b.limit]));
-            for (node, pair) in visited.into_iter().zip(i..count.min(i + step)) {
-                let bits: &[f32; WIDTH] = bytemuck::cast_ref(&node.children);
-                let leaves = e.signs(load_one(e, bits));
-                let children = e.permute_ids(e.load_ids(bits.as_ptr().cast()), order);
-                let to_order = &MASKS_BY_ORDER[by];
-                let inner = to_order[(entered & 0xff & !leaves) as usize].into();
-                nodes.push_children(e, taken[pair], inner, children);
-                let leaves = to_order[(entered & leaves) as usize].into();
-                blocks.push_children(e, taken[pair], leaves, children);
+            for (node, i) in visited.into_iter().zip(i..count.min(i + step)) {
+                let mut children = e.load_ids(node.children.as_ptr().cast());
+                let (mut some, mut leaves) = (entered & 0xff, e.signs(e.of_bits(children)));
+                if !ANY {
+                    // No node has the root for a child.
+                    let there = e.select_ids(some, children, e.splat_id(0));
+                    children = e.permute_ids(there, order.slots(e, node));
+                    some = !e.eq_ids(E::ALL, children, e.splat_id(0));
+                    leaves = e.signs(e.of_bits(children));
+                }
+                nodes.push_children(e, taken[i], some & !leaves & E::ALL, children);
+                blocks.push_children(e, taken[i], some & leaves, children);
                 entered >>= WIDTH;
             }
         }
@@ -172,30 +175,3 @@ pub(super) fn visit<W: Lanes, E: Lanes, S: Space>(
         fetch_node(job, bytemuck::cast(child));
     }
 }
-
-/// For each octant, the slot in each lane when the farthest child comes first.
-static LANES_BY_ORDER: [[u32; WIDTH]; 8] = {
-    let mut lanes = [[0; WIDTH]; 8];
-    let mut i = 0;
-    while i < 8 * WIDTH {
-        lanes[i / WIDTH][i % WIDTH] = ((i % WIDTH) ^ (WIDTH - 1) ^ (i / WIDTH)) as u32;
-        i += 1;
-    }
-    lanes
-};
-
-/// For each octant, masks of slots as masks of these lanes.
-static MASKS_BY_ORDER: [[u8; 256]; 8] = {
-    let mut masks = [[0; 256]; 8];
-    let mut i = 0;
-    while i < 8 * 256 {
-        let mut slot = 0;
-        while slot < WIDTH {
-            let lane = slot ^ (WIDTH - 1) ^ (i / 256);
-            masks[i / 256][i % 256] |= ((((i % 256) >> slot) & 1) << lane) as u8;
-            slot += 1;
-        }
-        i += 1;
-    }
-    masks
-};

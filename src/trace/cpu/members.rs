@@ -5,8 +5,9 @@
 //! which `Bvh::assemble` made.
 #![allow(unsafe_code)]
 
+use super::order::Order;
 use super::space::{Own, Space, World};
-use super::stream::{Entry, FrontToBack, Job, Loose, OctantStack, PADDING, Visit, entries_of, inner};
+use super::stream::{Entry, Job, Loose, OctantStack, PADDING, Visit, entries_of, inner};
 use crate::bvh::{Child, Member};
 use crate::lanes::Lanes;
 
@@ -33,7 +34,8 @@ pub(super) fn traverse<W: Lanes, E: Lanes, const ANY: bool>(
         });
         while let Some(entry) = stack.entries.pop() {
             if !entry.child.is_block() {
-                inner::<_, _, _, _, false>(w, e, World, top, FrontToBack(octant), octant, stack, entry);
+                let order = Order::front_to_back(&top.nodes[entry.child.index()], octant);
+                inner::<_, _, _, false>(w, e, World, top, order, octant, stack, entry);
                 continue;
             }
             let member = &members[entry.child.index()];

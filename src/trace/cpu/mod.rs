@@ -7,6 +7,7 @@ mod kernel;
 mod leaf;
 mod members;
 mod oracle;
+mod order;
 mod packet;
 mod setup;
 mod single;

@@ -13,10 +13,11 @@
 //! 3. Before a visit to a list of `len` the arena has room for eight lists of `len + PADDING` beyond
 //!    it, and the stack of entries for nine more.
 //! 4. Children of nodes are in range: `Bvh::build` made them, and slots of `Child::NONE` have inverted
-//!    boxes, so that their lists stay empty. Turns of slots are less than eight and all different.
+//!    boxes, so that their lists stay empty. Turns of slots are all different.
 #![allow(unsafe_code)]
 
 use super::alone::{Pairs, SHORT};
+use super::order::Order;
 use super::packet::{self, Packet};
 use super::space::{Space, World};
 use super::triangle::{Faces, Slabs};
@@ -269,10 +270,10 @@ impl<W: Lanes, E: Lanes, S: Space, const ANY: bool> Visit for Loose<'_, W, E, S,
             // SAFETY: invariant 4.
             let node = unsafe { job.nodes.get_unchecked(at.child.index()) };
             return if ANY {
-                inner::<_, _, _, _, true>(w, e, space, job, LikelyFirst(node), octant, stack, at)
+                inner::<_, _, _, true>(w, e, space, job, Order::LIKELY_FIRST, octant, stack, at)
             } else {
-                let order = FrontToBack(space.order(octant));
-                inner::<_, _, _, _, true>(w, e, space, job, order, octant, stack, at)
+                let order = Order::front_to_back(node, space.order(octant));
+                inner::<_, _, _, true>(w, e, space, job, order, octant, stack, at)
             };
         }
         // SAFETY: invariant 4, and 2 for the list.
@@ -292,7 +293,7 @@ impl<W: Lanes, E: Lanes, S: Space, const ANY: bool> Visit for Loose<'_, W, E, S,
             // SAFETY: these are pairs.
             unsafe { leaf::few::<W, S, ANY>(w, space, job, octant, stack) };
         } else if stack.pairs[0].len > 0 {
-            alone::visit(w, e, space, job, octant, stack);
+            alone::visit::<W, E, S, ANY>(w, e, space, job, octant, stack);
         } else if let Some(entry) = stack.entries.pop() {
             self.visit(octant, stack, entry);
         } else if stack.candidates.len > 0 {
@@ -335,56 +336,16 @@ unsafe fn keep_open<W: Lanes>(w: W, job: &Job<'_>, list: *mut u32, len: u32) -> 
     open as u32
 }
 
-/// In which order the children of a node are visited.
-pub(super) trait Order: Copy {
-    /// The turn of a slot.
-    fn turn(self, slot: usize) -> usize;
-    /// The slot whose turn it is.
-    fn slot(self, turn: usize) -> usize;
-}
-
-/// For nearest hits: about as rays of an octant meet them.
-#[derive(Clone, Copy)]
-pub(super) struct FrontToBack(pub usize);
-
-impl Order for FrontToBack {
-    #[inline(always)]
-    fn turn(self, slot: usize) -> usize {
-        slot ^ self.0
-    }
-
-    #[inline(always)]
-    fn slot(self, turn: usize) -> usize {
-        turn ^ self.0
-    }
-}
-
-/// For any hit: where it is found soonest.
-#[derive(Clone, Copy)]
-pub(super) struct LikelyFirst<'a>(pub &'a WideNode);
-
-impl Order for LikelyFirst<'_> {
-    #[inline(always)]
-    fn turn(self, slot: usize) -> usize {
-        self.0.turns[slot].into()
-    }
-
-    #[inline(always)]
-    fn slot(self, turn: usize) -> usize {
-        self.0.slots[turn].into()
-    }
-}
-
 /// Tests a list against the boxes of a node and pushes a list for each child that some ray enters; the rays of
 /// short lists go on alone if `ALONE`.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)]
-pub(super) fn inner<W: Lanes, E: Lanes, S: Space, O: Order, const ALONE: bool>(
+pub(super) fn inner<W: Lanes, E: Lanes, S: Space, const ALONE: bool>(
     w: W,
     e: E,
     space: S,
     job: &Job<'_>,
-    order: O,
+    order: Order,
     octant: usize,
     stack: &mut OctantStack,
     entry: Entry,
@@ -419,13 +380,13 @@ pub(super) fn inner<W: Lanes, E: Lanes, S: Space, O: Order, const ALONE: bool>(
             }
             at += W::LANES;
         }
-        push::<W, O, ALONE, true>(w, job, node, order, stack, base, stride, &ends);
+        push::<W, ALONE, true>(w, job, node, order, stack, base, stride, &ends);
     }
 }
 
 /// Where the list of a slot starts: the lowest is that of the child that is visited last.
 #[inline(always)]
-pub(super) fn begin_of(base: usize, stride: usize, order: impl Order, slot: usize) -> usize {
+pub(super) fn begin_of(base: usize, stride: usize, order: Order, slot: usize) -> usize {
     base + (WIDTH - 1 - order.turn(slot)) * stride
 }
 
@@ -501,11 +462,11 @@ pub(super) unsafe fn fetch_rows<L: Lanes, T>(_: L, rows: *const T, list: *const 
 /// The lists start where [`begin_of`] says and end at `ends`; invariant 3 holds for the entries.
 #[allow(clippy::too_many_arguments)]
 #[inline(always)]
-pub(super) unsafe fn push<W: Lanes, O: Order, const ALONE: bool, const FETCH: bool>(
+pub(super) unsafe fn push<W: Lanes, const ALONE: bool, const FETCH: bool>(
     w: W,
     job: &Job<'_>,
     node: &WideNode,
-    order: O,
+    order: Order,
     stack: &mut OctantStack,
     base: usize,
     stride: usize,
@@ -525,7 +486,7 @@ pub(super) unsafe fn push<W: Lanes, O: Order, const ALONE: bool, const FETCH: bo
     while filled != 0 {
         let turn = filled.ilog2();
         filled &= !(1 << turn);
-        let slot = order.slot(turn as usize & (WIDTH - 1)) & (WIDTH - 1);
+        let slot = order.slot(turn as usize);
         let (child, start) = (node.children[slot], begin_of(base, stride, order, slot));
         // SAFETY: as the caller vouches.
         unsafe {

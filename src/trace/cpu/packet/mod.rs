@@ -19,10 +19,8 @@ mod triangles;
 
 pub(super) use form::{Formed, form, may_form};
 
-use super::stream::{
-    Answers, DONE, Entry, FrontToBack, Job, LikelyFirst, OctantStack, Order, PADDING, Visit, begin_of,
-    fetch_children, push,
-};
+use super::order::Order;
+use super::stream::{Answers, DONE, Entry, Job, OctantStack, PADDING, Visit, begin_of, fetch_children, push};
 use super::triangle::{Faces, Hits, Range, Slabs, Vector};
 use crate::bvh::{Block, MASKED, PRIMITIVE, WIDTH};
 use crate::lanes::{Lanes, spill, splat};
@@ -152,9 +150,9 @@ impl<W: Lanes, E: Lanes, const ANY: bool> Visit for Packets<'_, W, E, ANY> {
             // SAFETY: as the module says.
             let node = unsafe { self.job.nodes.get_unchecked(at.child.index()) };
             return if ANY {
-                self.inner(LikelyFirst(node), octant, stack, at)
+                self.inner(Order::LIKELY_FIRST, octant, stack, at)
             } else {
-                self.inner(FrontToBack(octant), octant, stack, at)
+                self.inner(Order::front_to_back(node, octant), octant, stack, at)
             };
         }
         // SAFETY: as the module says.
@@ -178,7 +176,7 @@ impl<W: Lanes, E: Lanes, const ANY: bool> Packets<'_, W, E, ANY> {
     /// Tests a list of packets against the boxes of a node: first each packet's interval with all of them, then the rays
     /// of each with those that are left. Done packet by packet, how many are left would have to be guessed for each.
     #[inline(always)]
-    fn inner<O: Order>(&self, order: O, octant: usize, stack: &mut OctantStack, at: Entry) {
+    fn inner(&self, order: Order, octant: usize, stack: &mut OctantStack, at: Entry) {
         let Self { w, e, job, ref origin, all } = *self;
         let (len, stride) = (at.len as usize, at.len as usize + PADDING);
         let base = at.start as usize + stride;
@@ -219,7 +217,7 @@ impl<W: Lanes, E: Lanes, const ANY: bool> Packets<'_, W, E, ANY> {
                     ends[slot] = ends[slot].add(usize::from(inside != 0));
                 }
             }
-            push::<W, O, false, false>(w, job, node, order, stack, base, stride, &ends);
+            push::<W, false, false>(w, job, node, order, stack, base, stride, &ends);
         }
     }
 

@@ -2,7 +2,7 @@
 
 use super::super::layout::{Identities, LEAF, Pair, WideNode};
 use super::pairs::{self, Triangle};
-use crate::bvh::{Block, Child, WIDTH, Wide, WideNode as HostNode, slots as places};
+use crate::bvh::{Block, Child, WIDTH, Wide, WideNode as HostNode};
 use crate::geom::Aabb;
 use glam::Vec3;
 
@@ -83,12 +83,36 @@ fn node(slots: [Option<Entry>; WIDTH]) -> WideNode {
     }
 }
 
-/// The slots of a node of the host's tree.
-fn slots(host: &HostNode, mut reference: impl FnMut(Child) -> u32) -> [Option<Entry>; WIDTH] {
-    std::array::from_fn(|slot| {
-        let child = host.children[slot];
-        (child != Child::NONE).then(|| (reference(child), host.bounds(slot)))
-    })
+/// The children of a node of the host's tree.
+fn children(host: &HostNode, mut reference: impl FnMut(Child) -> u32) -> Vec<Entry> {
+    let taken = (0..WIDTH).filter(|&slot| host.children[slot] != Child::NONE);
+    taken.map(|slot| (reference(host.children[slot]), host.bounds(slot))).collect()
+}
+
+/// Slots for at most eight children, such that a ray whose direction has the sign bits `octant` (x is bit 0) meets them about
+/// front to back in the order of `slot ^ octant`: greedily for those first that lie farthest in the direction of a slot's octant.
+fn placed(children: &[Entry]) -> [Option<Entry>; WIDTH] {
+    let centre = children.iter().fold(Aabb::EMPTY, |all, (_, bounds)| all.union(*bounds)).centre();
+    let gain = |child: usize, slot: usize| {
+        let offset = children[child].1.centre() - centre;
+        let along = |axis: usize| if slot >> axis & 1 == 1 { offset[axis] } else { -offset[axis] };
+        along(0) + along(1) + along(2)
+    };
+    let mut slots = [None; WIDTH];
+    let mut left: Vec<usize> = (0..children.len()).collect();
+    while !left.is_empty() {
+        let (mut most, mut best) = (f32::NEG_INFINITY, (0, 0));
+        for (at, &child) in left.iter().enumerate() {
+            for slot in (0..WIDTH).filter(|&slot| slots[slot].is_none()) {
+                if gain(child, slot) > most {
+                    (most, best) = (gain(child, slot), (at, slot));
+                }
+            }
+        }
+        let (at, slot) = best;
+        slots[slot] = Some(children[left.remove(at)]);
+    }
+    slots
 }
 
 /// Lays out a tree of triangles behind what there is; gives its root and the entries of the stack. Blocks that are cheap
@@ -112,17 +136,12 @@ pub fn lay(
             if leaf.len() <= LEAF_PAIRS {
                 return pairs::lay(&leaf, pairs, identities);
             }
-            let centre = leaf.iter().fold(Aabb::EMPTY, |all, pair| all.union(pair.bounds())).centre();
-            let places = places(leaf.iter().map(|pair| pair.bounds().centre() - centre));
-            let mut slots = [None; WIDTH];
-            for (pair, slot) in leaf.iter().zip(places) {
-                slots[slot] = Some((pairs::lay(&[*pair], pairs, identities), pair.bounds()));
-            }
-            blocks.push(node(slots));
+            let leaves = leaf.iter().map(|pair| (pairs::lay(&[*pair], pairs, identities), pair.bounds()));
+            blocks.push(node(placed(&leaves.collect::<Vec<_>>())));
             next += 1;
             (next - 1) as u32
         };
-        nodes.push(node(slots(host, reference)));
+        nodes.push(node(placed(&children(host, reference))));
     }
     let below = usize::from(!blocks.is_empty());
     nodes.append(&mut blocks);
@@ -132,7 +151,7 @@ pub fn lay(
 /// Lays out a tree over members behind what there is; gives the entries of the stack.
 pub fn lay_top(tree: &Wide, nodes: &mut Vec<WideNode>) -> usize {
     let reference = |child: Child| child.index() as u32 | if child.is_block() { LEAF } else { 0 };
-    nodes.extend(tree.nodes().iter().map(|host| node(slots(host, reference))));
+    nodes.extend(tree.nodes().iter().map(|host| node(placed(&children(host, reference)))));
     tree.depth()
 }
 
@@ -143,4 +162,28 @@ fn triangles(block: Block<'_>) -> Vec<Triangle> {
         is_masked: block.is_masked(row),
     };
     (0..block.len()).map(triangle).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_child_has_a_slot_of_its_own_towards_its_corner() {
+        let corner = |i: u32| {
+            let along = |axis: usize| if i >> axis & 1 == 1 { 1.0 } else { -1.0 };
+            (i, Aabb::around([Vec3::new(along(0), along(1), along(2)); 3]))
+        };
+        let corners: Vec<Entry> = (0..8).rev().map(corner).collect();
+        assert_eq!(
+            placed(&corners).map(|entry| entry.map(|(child, _)| child)),
+            [0, 1, 2, 3, 4, 5, 6, 7].map(Some)
+        );
+        let same: Vec<Entry> = (0..8).map(|i| (i, corner(0).1)).collect();
+        let mut found = placed(&same).map(|entry| entry.map(|(child, _)| child));
+        found.sort_unstable();
+        assert_eq!(found, [0, 1, 2, 3, 4, 5, 6, 7].map(Some));
+        assert_eq!(placed(&corners[..1])[7], Some(corners[0]));
+        assert_eq!(placed(&[]), [None; WIDTH]);
+    }
 }
