@@ -10,6 +10,7 @@ mod oracle;
 mod order;
 mod packet;
 mod setup;
+mod shaft;
 mod single;
 mod space;
 mod stream;

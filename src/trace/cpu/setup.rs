@@ -4,6 +4,7 @@
 //! `stream::PADDING` more, and each octant's arena for as many ids.
 #![allow(unsafe_code)]
 
+use super::shaft::{self, Growing};
 use super::stream::{Job, OctantStack, PADDING, ROW_BYTES, lanes_of};
 use crate::geom::{DIRECTION_RANGE, MAX_COORDINATE, MIN_COMPONENT, SLACK};
 use crate::lanes::{Lanes, each};
@@ -24,6 +25,7 @@ pub(super) fn prepare<W: Lanes>(
     let mut counts = [0; 8];
     let ids: [u32; PADDING] = std::array::from_fn(|i| (i * ROW_BYTES) as u32);
     let ray_ids: [u32; PADDING] = std::array::from_fn(|i| (i * size_of::<Ray>()) as u32);
+    let mut growing = Growing::new(w);
     for (i, some) in rays.chunks(W::LANES).enumerate() {
         let at = i * W::LANES;
         let among = lanes_of::<W>(some.len());
@@ -37,7 +39,14 @@ pub(super) fn prepare<W: Lanes>(
         // SAFETY: `from` has a ray for each lane; invariant 1 for what is written.
         unsafe {
             let columns = w.rows(from.as_ptr().cast(), ray_ids.as_ptr());
+            let origin = [columns[0], columns[1], columns[2]];
             let (columns, valid, signs) = rows(w, job.scene_max_abs, among, columns);
+            growing.add(w, valid, origin, columns);
+            let next = at + some.len();
+            if next % shaft::RAYS == 0 || next == rays.len() {
+                (*job.shafts)[at / shaft::RAYS] = growing.done(w);
+                growing = Growing::new(w);
+            }
             w.put_rows(job.rows.add(at).cast(), columns);
             let first = (at * ROW_BYTES) as u32;
             let here = ids.map(|id| id + first);

@@ -19,6 +19,9 @@
 use super::alone::{Pairs, SHORT};
 use super::order::Order;
 use super::packet::{self, Packet};
+#[cfg(doc)]
+use super::shaft;
+use super::shaft::{Entered, Shafts};
 use super::space::{Space, World};
 use super::triangle::{Faces, Slabs};
 use super::{alone, cut, leaf, members, setup};
@@ -113,6 +116,7 @@ impl OctantStack {
 #[derive(Default)]
 pub(super) struct Scratch {
     pub rows: Vec<Row>,
+    pub shafts: Shafts,
     pub packets: Vec<Packet>,
     pub stacks: [OctantStack; 8],
     /// For the members of a tree of trees.
@@ -128,6 +132,8 @@ pub(super) struct Job<'a> {
     pub scene_max_abs: f32,
     /// A row for each ray (invariant 1).
     pub rows: *mut Row,
+    /// Shafts that hold all rays, as many to each as [`shaft::RAYS`] says.
+    pub shafts: *mut Shafts,
     /// The rays themselves (invariant 1).
     pub rays: *const Ray,
     pub answers: Answers,
@@ -157,7 +163,7 @@ pub(super) fn trace<W: Lanes, E: Lanes, const ANY: bool, const MEMBERS: bool>(
 ) {
     const { assert!(W::LANES <= PADDING && E::LANES == WIDTH) };
     let wide = bvh.wide();
-    let Scratch { rows, packets, stacks, below } = scratch;
+    let Scratch { rows, shafts, packets, stacks, below } = scratch;
     below.clear();
     for stack in stacks.iter_mut() {
         stack.clear();
@@ -174,6 +180,7 @@ pub(super) fn trace<W: Lanes, E: Lanes, const ANY: bool, const MEMBERS: bool>(
             filter,
             scene_max_abs: bvh.scene_max_abs(),
             rows: rows.as_mut_ptr(),
+            shafts,
             rays: rays.as_ptr(),
             // SAFETY: there are as many answers as rays.
             answers: unsafe {
@@ -364,23 +371,70 @@ pub(super) fn inner<W: Lanes, E: Lanes, S: Space, const ALONE: bool>(
         let faces = Faces::of(space.boxes(e, node, &mut room), octant);
         let mut ends: [*mut u32; WIDTH] =
             std::array::from_fn(|slot| ids.add(begin_of(base, stride, order, slot)));
-        let mut at = 0;
-        while at < len {
-            let among = lanes_of::<W>(len - at);
+        let all = [*list, *list.add(len - 1)];
+        if let Some(entered) = Entered::of(e, &*job.shafts, all, len, &faces, octant) {
+            // Apart from the others, which then need no memory.
+            let mut some = ends;
+            for at in (0..len).step_by(W::LANES) {
+                let abreast = Abreast::of(w, job, list, at, len);
+                let mut slots = entered.between(*list.add(at), *list.add(len.min(at + W::LANES) - 1));
+                while slots != 0 {
+                    let slot = slots.trailing_zeros() as usize % WIDTH;
+                    slots &= slots - 1;
+                    abreast.enter(w, &faces, slot, &mut some[slot]);
+                }
+            }
+            ends = some;
+        } else {
+            for at in (0..len).step_by(W::LANES) {
+                let abreast = Abreast::of(w, job, list, at, len);
+                for (slot, end) in ends.iter_mut().enumerate() {
+                    abreast.enter(w, &faces, slot, end);
+                }
+            }
+        }
+        push::<W, ALONE, true>(w, job, node, order, stack, base, stride, &ends);
+    }
+}
+
+/// Rays of a list in lanes.
+struct Abreast<W: Lanes> {
+    among: u32,
+    ids: W::I,
+    slabs: Slabs<W>,
+    limit: W::F,
+}
+
+impl<W: Lanes> Abreast<W> {
+    /// Those from `at` on; asks for the next.
+    ///
+    /// # Safety
+    /// `list` is a list of `len` ids, more than `at` (invariants 1 and 2).
+    #[inline(always)]
+    unsafe fn of(w: W, job: &Job<'_>, list: *const u32, at: usize, len: usize) -> Self {
+        // SAFETY: as the caller vouches.
+        unsafe {
             let [ix, iy, iz, sx, sy, sz, slack, limit] = w.rows(job.rows.cast(), list.add(at));
             if at + W::LANES < len {
                 fetch_rows(w, job.rows.cast_const(), list.add(at + W::LANES));
             }
             let slabs = Slabs::new(w, [ix, iy, iz], [sx, sy, sz], slack);
-            let chunk = w.load_ids(list.add(at));
-            for (slot, end) in ends.iter_mut().enumerate() {
-                let inside = slabs.enters(w, among, &faces, slot, limit);
-                w.append(*end, inside, chunk);
-                *end = end.add(inside.count_ones() as usize);
-            }
-            at += W::LANES;
+            Self { among: lanes_of::<W>(len - at), ids: w.load_ids(list.add(at)), slabs, limit }
         }
-        push::<W, ALONE, true>(w, job, node, order, stack, base, stride, &ends);
+    }
+
+    /// Appends those that enter the box of a slot.
+    ///
+    /// # Safety
+    /// `end` is good for writing an id for each lane.
+    #[inline(always)]
+    unsafe fn enter(&self, w: W, faces: &Faces<'_>, slot: usize, end: &mut *mut u32) {
+        let inside = self.slabs.enters(w, self.among, faces, slot, self.limit);
+        // SAFETY: as the caller vouches.
+        unsafe {
+            w.append(*end, inside, self.ids);
+            *end = end.add(inside.count_ones() as usize);
+        }
     }
 }
 

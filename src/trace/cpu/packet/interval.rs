@@ -66,7 +66,7 @@ impl Planes {
 
 /// The lanes in which the last of `near * low` is not behind the first of `far * high`, somewhere in `0..=limit`.
 #[inline(always)]
-fn overlap<L: Lanes>(
+pub fn overlap<L: Lanes>(
     l: L,
     among: u32,
     near: Vector<L>,

@@ -18,6 +18,7 @@ mod interval;
 mod triangles;
 
 pub(super) use form::{Formed, form, may_form};
+pub(super) use interval::{Interval, overlap};
 
 use super::order::Order;
 use super::stream::{Answers, DONE, Entry, Job, OctantStack, PADDING, Visit, begin_of, fetch_children, push};
@@ -25,7 +26,7 @@ use super::triangle::{Faces, Hits, Range, Slabs, Vector};
 use crate::bvh::{Block, MASKED, PRIMITIVE, WIDTH};
 use crate::lanes::{Lanes, spill, splat};
 use crate::stream::{Hit, MISS};
-use interval::{Interval, Planes};
+use interval::Planes;
 use std::mem::MaybeUninit;
 use triangles::Triangles;
 
