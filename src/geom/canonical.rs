@@ -114,7 +114,8 @@ impl CanonicalRay {
         for axis in 0..3 {
             let component = d[axis].abs().max(floor).copysign(d[axis]);
             let inv = 1.0 / component;
-            let shift = -(o[axis] * inv);
+            // Never −0.
+            let shift = 0.0 - o[axis] * inv;
             let pad = slack * inv.abs();
             inverse[axis] = inv;
             near[axis] = shift - pad;

@@ -94,7 +94,7 @@ pub(super) fn rows<W: Lanes>(
     let slack = w.mul(w.max(w.splat(scene_max_abs), reach), w.splat(SLACK));
     let inverse = |size, d| w.div(w.splat(1.0), w.with_sign_of(w.max(size, floor), d));
     let (ix, iy, iz) = (inverse(ax, dx), inverse(ay, dy), inverse(az, dz));
-    let shift = |o, inverse| w.neg(w.mul(o, inverse));
+    let shift = |o, inverse| w.sub(zero, w.mul(o, inverse));
     let columns = [ix, iy, iz, shift(ox, ix), shift(oy, iy), shift(oz, iz), slack, t_max];
     (columns, valid, each([dx, dy, dz], |d| w.signs(d)))
 }

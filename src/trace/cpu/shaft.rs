@@ -114,8 +114,14 @@ impl<L: Lanes> Growing<L> {
     }
 }
 
-/// The slots of a node whose boxes rays of a list may enter, by shaft.
-pub(super) struct Entered([u8; MOST / RAYS]);
+/// The slots of a node whose boxes rays of a list may enter.
+pub(super) struct Entered {
+    /// By shaft.
+    slots: [u8; MOST / RAYS],
+    /// How far boxes are to be moved apart so that rays can do without slack: the greatest slack and an eighth, which is more than
+    /// what moving them and the rays' constants are rounded by, two half ulps of the largest coordinate.
+    pub apart: f32,
+}
 
 impl Entered {
     /// For a list of `len` rays from `first` to `last`, if it is worth while.
@@ -133,19 +139,21 @@ impl Entered {
             return None;
         }
         let mut slots = [0; MOST / RAYS];
+        let mut slack = 0.0f32;
         for at in first..=last {
             slots[at] = shafts[at].entered(e, faces, octant) as u8;
+            slack = slack.max(shafts[at].slack);
         }
-        Some(Self(slots))
+        Some(Self { slots, apart: 1.125 * slack })
     }
 
     /// Those for rays from `first` to `last`.
     #[inline(always)]
     pub fn between(&self, first: u32, last: u32) -> u32 {
         let (first, last) = (shaft_of(first), shaft_of(last));
-        let mut slots = self.0[first];
+        let mut slots = self.slots[first];
         for at in first + 1..=last {
-            slots |= self.0[at];
+            slots |= self.slots[at];
         }
         slots.into()
     }

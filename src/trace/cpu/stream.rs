@@ -373,10 +373,12 @@ pub(super) fn inner<W: Lanes, E: Lanes, S: Space, const ALONE: bool>(
             std::array::from_fn(|slot| ids.add(begin_of(base, stride, order, slot)));
         let all = [*list, *list.add(len - 1)];
         if let Some(entered) = Entered::of(e, &*job.shafts, all, len, &faces, octant) {
+            let boxes = faces.apart(e, entered.apart, octant);
+            let faces = Faces::of(&boxes, 0);
             // Apart from the others, which then need no memory.
             let mut some = ends;
             for at in (0..len).step_by(W::LANES) {
-                let abreast = Abreast::of(w, job, list, at, len);
+                let abreast = Abreast::of::<false>(w, job, list, at, len);
                 let mut slots = entered.between(*list.add(at), *list.add(len.min(at + W::LANES) - 1));
                 while slots != 0 {
                     let slot = slots.trailing_zeros() as usize % WIDTH;
@@ -387,7 +389,7 @@ pub(super) fn inner<W: Lanes, E: Lanes, S: Space, const ALONE: bool>(
             ends = some;
         } else {
             for at in (0..len).step_by(W::LANES) {
-                let abreast = Abreast::of(w, job, list, at, len);
+                let abreast = Abreast::of::<true>(w, job, list, at, len);
                 for (slot, end) in ends.iter_mut().enumerate() {
                     abreast.enter(w, &faces, slot, end);
                 }
@@ -406,19 +408,24 @@ struct Abreast<W: Lanes> {
 }
 
 impl<W: Lanes> Abreast<W> {
-    /// Those from `at` on; asks for the next.
+    /// Those from `at` on, for boxes as they are if `SLACK`, else for boxes that are moved apart; asks for the next.
     ///
     /// # Safety
     /// `list` is a list of `len` ids, more than `at` (invariants 1 and 2).
     #[inline(always)]
-    unsafe fn of(w: W, job: &Job<'_>, list: *const u32, at: usize, len: usize) -> Self {
+    unsafe fn of<const SLACK: bool>(w: W, job: &Job<'_>, list: *const u32, at: usize, len: usize) -> Self {
         // SAFETY: as the caller vouches.
         unsafe {
             let [ix, iy, iz, sx, sy, sz, slack, limit] = w.rows(job.rows.cast(), list.add(at));
             if at + W::LANES < len {
                 fetch_rows(w, job.rows.cast_const(), list.add(at + W::LANES));
             }
-            let slabs = Slabs::new(w, [ix, iy, iz], [sx, sy, sz], slack);
+            let (inverse, shift) = ([ix, iy, iz], [sx, sy, sz]);
+            let slabs = if SLACK {
+                Slabs::new(w, inverse, shift, slack)
+            } else {
+                Slabs::without_slack(inverse, shift)
+            };
             Self { among: lanes_of::<W>(len - at), ids: w.load_ids(list.add(at)), slabs, limit }
         }
     }

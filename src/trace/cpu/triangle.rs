@@ -6,7 +6,7 @@
 use super::space::Boxes;
 use crate::bvh::WIDTH;
 use crate::geom::CanonicalRay;
-use crate::lanes::{Lanes, each, load_eights, splat, zip};
+use crate::lanes::{Lanes, each, keep, load_eights, load_one, splat, zip};
 
 /// A vector of three in lanes.
 pub(super) type Vector<L> = [<L as Lanes>::F; 3];
@@ -24,6 +24,12 @@ impl<L: Lanes> Slabs<L> {
     pub fn new(l: L, inverse: Vector<L>, shift: Vector<L>, slack: L::F) -> Self {
         let pad = each(inverse, |inverse| l.mul(slack, l.abs(inverse)));
         Self { inverse, near: minus(l, shift, pad), far: plus(l, shift, pad) }
+    }
+
+    /// From what rows hold, for boxes that are moved apart themselves.
+    #[inline(always)]
+    pub fn without_slack(inverse: Vector<L>, shift: Vector<L>) -> Self {
+        Self { inverse, near: shift, far: shift }
     }
 
     /// Of one ray, in all lanes.
@@ -58,6 +64,16 @@ impl<'a> Faces<'a> {
     pub fn of(boxes: &'a Boxes, octant: usize) -> Self {
         let face = |side: usize, axis: usize| &boxes[side ^ (octant >> axis & 1)][axis];
         Self { near: [face(0, 0), face(0, 1), face(0, 2)], far: [face(1, 0), face(1, 1), face(1, 2)] }
+    }
+
+    /// These boxes, each face moved outwards by `by`: the nearer faces, then the farther ones.
+    #[inline(always)]
+    pub fn apart<E: Lanes>(&self, e: E, by: f32, octant: usize) -> Boxes {
+        let by = |axis: usize| e.splat(by * (1.0 - 2.0 * (octant >> axis & 1) as f32));
+        let by = [by(0), by(1), by(2)];
+        let near = [load_one(e, self.near[0]), load_one(e, self.near[1]), load_one(e, self.near[2])];
+        let far = [load_one(e, self.far[0]), load_one(e, self.far[1]), load_one(e, self.far[2])];
+        [keep(e, minus(e, near, by)), keep(e, plus(e, far, by))]
     }
 
     /// Those of all slots of nodes, one in each eight lanes; with eight lanes only the first counts.
