@@ -378,8 +378,11 @@ pub(super) fn inner<W: Lanes, E: Lanes, S: Space, const ALONE: bool>(
             // Apart from the others, which then need no memory.
             let mut some = ends;
             for at in (0..len).step_by(W::LANES) {
-                let abreast = Abreast::of::<false>(w, job, list, at, len);
                 let mut slots = entered.between(*list.add(at), *list.add(len.min(at + W::LANES) - 1));
+                if slots == 0 {
+                    continue;
+                }
+                let abreast = Abreast::of::<false>(w, job, list, at, len);
                 while slots != 0 {
                     let slot = slots.trailing_zeros() as usize % WIDTH;
                     slots &= slots - 1;
