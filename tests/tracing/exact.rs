@@ -1,6 +1,7 @@
 //! Every tracer gives the bits of the canonical test run over all triangles.
 
-use crate::{meshes, meshes::Mesh, rays};
+use crate::meshes::{self, Mesh, Random};
+use crate::rays;
 use glam::Vec3;
 use raystream::bvh::{Bvh, Filter};
 use raystream::geom::CanonicalRay;
@@ -151,6 +152,49 @@ fn streams_longer_than_any_sub_stream() {
     let some = rays::mixed(&mesh, 2500, Vec3::ZERO, 1.0, 27);
     let many: Vec<Ray> = some.iter().cycle().take(150_000).copied().collect();
     check("long stream", &mesh, &many, None);
+}
+
+/// `count` rays in runs of 600 that start on a few triangles that follow each other and aim at a few others: what streams of
+/// shadow rays are like.
+fn runs(mesh: &Mesh, count: usize, seed: u64) -> Vec<Ray> {
+    let mut random = Random::new(seed);
+    let mut around = [0, 0];
+    let mut rays = Vec::new();
+    while rays.len() < count {
+        if rays.len() % 600 == 0 {
+            around = [0; 2].map(|_| random.below(mesh.triangles.len() as u32) as usize);
+        }
+        let [from, to] = around.map(|first| {
+            let [a, b, c] = mesh.corners((first + random.below(6) as usize) % mesh.triangles.len());
+            let (u, v) = (0.5 + 0.5 * random.signed(), 0.5 + 0.5 * random.signed());
+            [a, a, a + (b - a) * u, a + (b - a) * u * 0.5 + (c - a) * v * 0.5][random.below(4) as usize]
+        });
+        let mut ray = Ray::new(from, to - from);
+        match random.below(5) {
+            // No farther than that, or just before it.
+            0 => ray.t_max = 1.0,
+            1 => ray.t_max = 0.999,
+            // In the planes of boxes and of grids.
+            2 => ray.direction[random.below(3) as usize] = 0.0,
+            3 => ray = Ray::new(from - (to - from) * 0.5, to - from),
+            _ => {}
+        }
+        rays.push(ray);
+    }
+    rays
+}
+
+#[test]
+fn neighbours_that_shafts_are_made_of() {
+    let far = Vec3::new(700.0, -300.0, 100.0);
+    for (name, mesh) in [
+        ("soup", meshes::soup(2000, 0.1, 29)),
+        ("grid", meshes::grid(24, 0.3, 30)),
+        ("blocks", meshes::blocks(60, 32)),
+        ("far grid", meshes::grid(24, 0.3, 33).moved(far)),
+    ] {
+        check(&format!("runs in {name}"), &mesh, &runs(&mesh, 5000, 34), None);
+    }
 }
 
 #[test]
