@@ -3,6 +3,7 @@
 
 mod alone;
 mod cut;
+mod interval;
 mod kernel;
 mod leaf;
 mod members;

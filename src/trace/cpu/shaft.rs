@@ -2,10 +2,10 @@
 //! *Shaft Culling for Efficient Ray-Traced Radiosity*).
 
 use super::cut::MOST;
-use super::packet::overlap;
+use super::interval::{Interval, Planes};
 use super::stream::ROW_BYTES;
 use super::triangle::{Faces, Vector};
-use crate::lanes::{Lanes, each, load_one, splat, zip};
+use crate::lanes::{Lanes, each, splat, zip};
 
 /// Rays of a sub-stream that share a shaft.
 pub(super) const RAYS: usize = 512;
@@ -17,9 +17,7 @@ pub(super) type Shafts = [Shaft; MOST / RAYS];
 /// the shafts.
 const WORTH: usize = 32;
 
-/// The extremes of some rays. What was said of [`super::packet::Interval`] holds for rays that start at different points, too,
-/// if the distance of a plane that they enter is taken from the last of their origins along their octant, and of one that they
-/// leave from the first.
+/// The extremes of some rays, of whatever octants.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Shaft {
     /// Least and greatest coordinates of origins.
@@ -36,38 +34,12 @@ impl Shaft {
     /// The slots whose box some ray of an octant may enter.
     #[inline(always)]
     fn entered<E: Lanes>(&self, e: E, faces: &Faces<'_>, octant: usize) -> u32 {
-        let x = self.along(e, faces, octant, 0);
-        let y = self.along(e, faces, octant, 1);
-        let z = self.along(e, faces, octant, 2);
-        let near = [x.near, y.near, z.near];
-        let far = [x.far, y.far, z.far];
-        let (low, high) = ([x.low, y.low, z.low], [x.high, y.high, z.high]);
-        overlap(e, E::ALL, near, low, far, high, e.splat(self.limit))
-    }
-
-    /// One axis of it.
-    #[inline(always)]
-    fn along<E: Lanes>(&self, e: E, faces: &Faces<'_>, octant: usize, axis: usize) -> Axis<E> {
-        let back = octant >> axis & 1;
-        let sign = 1.0 - 2.0 * back as f32;
-        let apart = 2.0 * self.slack * sign;
-        let (first, last) = (self.origins[back][axis], self.origins[1 - back][axis]);
+        let sign = |axis: usize| 1.0 - 2.0 * (octant >> axis & 1) as f32;
+        let signed = |[x, y, z]: [f32; 3]| [sign(0) * x, sign(1) * y, sign(2) * z];
         let [low, high] = self.inverses;
-        Axis {
-            near: e.sub(e.sub(load_one(e, faces.near[axis]), e.splat(last)), e.splat(apart)),
-            far: e.add(e.sub(load_one(e, faces.far[axis]), e.splat(first)), e.splat(apart)),
-            low: e.splat(sign * low[axis]),
-            high: e.splat(sign * high[axis]),
-        }
+        let interval = Interval { low: signed(low), high: signed(high), limit: self.limit };
+        Planes::new(e, self.origins, self.slack, faces, octant).entered(e, &interval)
     }
-}
-
-/// Distances of planes across an axis, moved apart, and the inverses of least and greatest size.
-struct Axis<E: Lanes> {
-    near: E::F,
-    far: E::F,
-    low: E::F,
-    high: E::F,
 }
 
 /// A shaft that grows, in lanes.

@@ -9,7 +9,8 @@
 //! Unsafe code, because lists, rows and nodes are reached without bounds checks. Invariants:
 //! 1. Ids are byte offsets of rows and rays: `ROW_BYTES * i` for ray `i` of the sub-stream. Every id in
 //!    a list, padding included, is of a ray of the sub-stream, so rows, rays and answers hold it.
-//! 2. A list in an arena is followed by padding at least up to the next multiple of `PADDING` ids.
+//! 2. A list in an arena is followed by padding at least up to the next multiple of `PADDING` ids. Its ids ascend (what shafts
+//!    tell rests on that, no access to memory).
 //! 3. Before a visit to a list of `len` the arena has room for eight lists of `len + PADDING` beyond
 //!    it, and the stack of entries for nine more.
 //! 4. Children of nodes are in range: `Bvh::build` made them, and slots of `Child::NONE` have inverted
@@ -371,6 +372,7 @@ pub(super) fn inner<W: Lanes, E: Lanes, S: Space, const ALONE: bool>(
         let faces = Faces::of(space.boxes(e, node, &mut room), octant);
         let mut ends: [*mut u32; WIDTH] =
             std::array::from_fn(|slot| ids.add(begin_of(base, stride, order, slot)));
+        debug_assert!(std::slice::from_raw_parts(list, len).is_sorted());
         let all = [*list, *list.add(len - 1)];
         if let Some(entered) = Entered::of(e, &*job.shafts, all, len, &faces, octant) {
             let boxes = faces.apart(e, entered.apart, octant);

@@ -3,9 +3,9 @@
 //! Unsafe code for reading rays in lanes. The invariants of `stream` hold.
 #![allow(unsafe_code)]
 
+use super::super::interval::Interval;
 use super::super::setup;
 use super::super::stream::{DONE, Job, OctantStack, PADDING, lanes_of};
-use super::interval::Interval;
 use super::{Origin, PACKET, Packet, entry};
 use crate::lanes::{Lanes, prefetch, spill};
 use crate::stream::{MISS, Ray};

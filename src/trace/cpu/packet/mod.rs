@@ -14,19 +14,17 @@
 #![allow(unsafe_code)]
 
 mod form;
-mod interval;
 mod triangles;
 
 pub(super) use form::{Formed, form, may_form};
-pub(super) use interval::{Interval, overlap};
 
+use super::interval::{Interval, Planes};
 use super::order::Order;
 use super::stream::{Answers, DONE, Entry, Job, OctantStack, PADDING, Visit, begin_of, fetch_children, push};
 use super::triangle::{Faces, Hits, Range, Slabs, Vector};
 use crate::bvh::{Block, MASKED, PRIMITIVE, WIDTH};
 use crate::lanes::{Lanes, spill, splat};
 use crate::stream::{Hit, MISS};
-use interval::Planes;
 use std::mem::MaybeUninit;
 use triangles::Triangles;
 
@@ -190,7 +188,7 @@ impl<W: Lanes, E: Lanes, const ANY: bool> Packets<'_, W, E, ANY> {
             // Asked for when it is known who is entered, the first would be waited for.
             fetch_children(job, node);
             let faces = Faces::of(&node.faces, octant);
-            let planes = Planes::new(e, origin, &faces, octant);
+            let planes = Planes::new(e, [origin.point; 2], origin.slack, &faces, octant);
             let mut ends: [*mut u32; WIDTH] =
                 std::array::from_fn(|slot| ids.add(begin_of(base, stride, order, slot)));
             let mut visits = [const { MaybeUninit::<u32>::uninit() }; WIDTH * AT_ONCE + WIDTH];

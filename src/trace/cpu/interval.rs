@@ -1,19 +1,19 @@
-//! What the rays of a packet have in common, and how they meet the boxes of a node.
+//! What the rays of a packet or a shaft have in common, and how they meet the boxes of a node.
 
-use super::super::triangle::{Faces, Vector};
-use super::Origin;
+use super::triangle::{Faces, Vector};
 use crate::bvh::WIDTH;
 use crate::lanes::{Lanes, keep, load, load_one, splat, splat_row};
 
-/// The extremes of a packet's rays.
+/// The extremes of some rays of an octant.
 ///
-/// A ray enters a plane at distance `x` from the origin at `x * i - slack * |i|` and leaves it at `x * i + slack * |i|`, where
+/// A ray enters a plane at distance `x` from its origin at `x * i - slack * |i|` and leaves it at `x * i + slack * |i|`, where
 /// `i` is its inverse on that axis, both up to rounding. All errors of these and of the products here sum to less than 10 half
 /// ulps of the largest coordinate `m` times `|i|`, that is `2⁻²⁰ m |i|`, and `slack` is `2⁻¹⁹ m`. So where planes are moved
 /// apart by twice the slack, `x * i` is a lower bound of the entry and an upper bound of the leaving if these are not negative;
-/// and so is `x` times the least `i` of a packet for all its entries, and times the greatest for all its leavings.
+/// and so is `x` times the least `i` of all rays for their entries, and times the greatest for their leavings. Where rays start
+/// at different points, `x` is to be taken from the last of these along the octant for entries, and from the first for leavings.
 #[derive(Clone, Copy)]
-pub struct Interval {
+pub(super) struct Interval {
     /// The inverse of least size on each axis; its sign is that of the octant.
     pub low: [f32; 3],
     /// Those of greatest size.
@@ -22,28 +22,34 @@ pub struct Interval {
     pub limit: f32,
 }
 
-/// Distances of the planes of a node's boxes from the origin, moved apart: see [`Interval`].
+/// Distances of the planes of a node's boxes from origins, moved apart: see [`Interval`].
 #[repr(C, align(32))]
-pub struct Planes {
+pub(super) struct Planes {
     near: [[f32; WIDTH]; 3],
     far: [[f32; WIDTH]; 3],
 }
 
 impl Planes {
-    /// Of boxes with these faces, for rays of an octant.
+    /// Of boxes with these faces, for rays of an octant whose origins have these least and greatest coordinates and at most this
+    /// slack.
     #[inline(always)]
-    pub fn new<E: Lanes>(e: E, origin: &Origin, faces: &Faces<'_>, octant: usize) -> Self {
-        let apart = |axis: usize| 2.0 * origin.slack * (1.0 - 2.0 * (octant >> axis & 1) as f32);
-        let (point, apart) = (splat(e, origin.point), splat(e, [apart(0), apart(1), apart(2)]));
+    pub fn new<E: Lanes>(e: E, origins: [[f32; 3]; 2], slack: f32, faces: &Faces<'_>, octant: usize) -> Self {
+        let back = [octant & 1, octant >> 1 & 1, octant >> 2 & 1];
+        let apart = |axis: usize| 2.0 * slack * (1.0 - 2.0 * back[axis] as f32);
+        let first = |axis: usize| origins[back[axis]][axis];
+        let last = |axis: usize| origins[1 - back[axis]][axis];
+        let apart = splat(e, [apart(0), apart(1), apart(2)]);
+        let first = splat(e, [first(0), first(1), first(2)]);
+        let last = splat(e, [last(0), last(1), last(2)]);
         let near = [
-            e.sub(e.sub(load_one(e, faces.near[0]), point[0]), apart[0]),
-            e.sub(e.sub(load_one(e, faces.near[1]), point[1]), apart[1]),
-            e.sub(e.sub(load_one(e, faces.near[2]), point[2]), apart[2]),
+            e.sub(e.sub(load_one(e, faces.near[0]), last[0]), apart[0]),
+            e.sub(e.sub(load_one(e, faces.near[1]), last[1]), apart[1]),
+            e.sub(e.sub(load_one(e, faces.near[2]), last[2]), apart[2]),
         ];
         let far = [
-            e.add(e.sub(load_one(e, faces.far[0]), point[0]), apart[0]),
-            e.add(e.sub(load_one(e, faces.far[1]), point[1]), apart[1]),
-            e.add(e.sub(load_one(e, faces.far[2]), point[2]), apart[2]),
+            e.add(e.sub(load_one(e, faces.far[0]), first[0]), apart[0]),
+            e.add(e.sub(load_one(e, faces.far[1]), first[1]), apart[1]),
+            e.add(e.sub(load_one(e, faces.far[2]), first[2]), apart[2]),
         ];
         Self { near: keep(e, near), far: keep(e, far) }
     }
@@ -66,7 +72,7 @@ impl Planes {
 
 /// The lanes in which the last of `near * low` is not behind the first of `far * high`, somewhere in `0..=limit`.
 #[inline(always)]
-pub fn overlap<L: Lanes>(
+fn overlap<L: Lanes>(
     l: L,
     among: u32,
     near: Vector<L>,
