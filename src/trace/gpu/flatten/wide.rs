@@ -93,19 +93,22 @@ fn children(host: &HostNode, mut reference: impl FnMut(Child) -> u32) -> Vec<Ent
 /// front to back in the order of `slot ^ octant`: greedily for those first that lie farthest in the direction of a slot's octant.
 fn placed(children: &[Entry]) -> [Option<Entry>; WIDTH] {
     let centre = children.iter().fold(Aabb::EMPTY, |all, (_, bounds)| all.union(*bounds)).centre();
-    let gain = |child: usize, slot: usize| {
-        let offset = children[child].1.centre() - centre;
-        let along = |axis: usize| if slot >> axis & 1 == 1 { offset[axis] } else { -offset[axis] };
-        along(0) + along(1) + along(2)
-    };
+    let mut gains = [[0.0; WIDTH]; WIDTH];
+    for ((_, bounds), gains) in children.iter().zip(&mut gains) {
+        let offset = bounds.centre() - centre;
+        for (slot, gain) in gains.iter_mut().enumerate() {
+            let along = |axis: usize| if slot >> axis & 1 == 1 { offset[axis] } else { -offset[axis] };
+            *gain = along(0) + along(1) + along(2);
+        }
+    }
     let mut slots = [None; WIDTH];
     let mut left: Vec<usize> = (0..children.len()).collect();
     while !left.is_empty() {
         let (mut most, mut best) = (f32::NEG_INFINITY, (0, 0));
         for (at, &child) in left.iter().enumerate() {
             for slot in (0..WIDTH).filter(|&slot| slots[slot].is_none()) {
-                if gain(child, slot) > most {
-                    (most, best) = (gain(child, slot), (at, slot));
+                if gains[child][slot] > most {
+                    (most, best) = (gains[child][slot], (at, slot));
                 }
             }
         }
