@@ -186,7 +186,8 @@ mod tests {
         let mut found = placed(&same).map(|entry| entry.map(|(child, _)| child));
         found.sort_unstable();
         assert_eq!(found, [0, 1, 2, 3, 4, 5, 6, 7].map(Some));
-        assert_eq!(placed(&corners[..1])[7], Some(corners[0]));
+        let opposite = placed(&[corners[0], corners[7]]);
+        assert_eq!((opposite[7], opposite[0]), (Some(corners[0]), Some(corners[7])));
         assert_eq!(placed(&[]), [None; WIDTH]);
     }
 }
