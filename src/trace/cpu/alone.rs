@@ -19,16 +19,16 @@ use crate::bvh::{Child, WIDTH};
 use crate::lanes::{Lanes, splat_eights};
 
 /// The longest lists that end, at nodes as at blocks.
-pub(super) const SHORT: usize = 8;
+pub(super) const SHORT: usize = 12;
 
 /// Pairs of nodes that are visited in one go.
-const NODES: usize = 12;
+const NODES: usize = 32;
 
 /// Pairs of blocks that are visited in one go.
-pub(super) const BLOCKS: usize = 32;
+pub(super) const BLOCKS: usize = 96;
 
-/// Pairs of blocks from which on lists have to wait for them: a few cost hardly less than these.
-pub(super) const WORTH: usize = 24;
+/// Pairs of nodes and of blocks from which on lists have to wait for them: a few cost hardly less than these.
+pub(super) const WORTH: [usize; 2] = [24, 48];
 
 /// A stack of pairs.
 #[derive(Default)]

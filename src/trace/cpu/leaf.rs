@@ -316,7 +316,7 @@ fn ids_of_eights<L: Lanes>(l: L, ids: [u32; 2]) -> L::I {
 }
 
 /// How many pairs before a pair is tested its memory is asked for. Asked for all at once, they would wait for each other.
-const AHEAD: usize = 6;
+const AHEAD: usize = 12;
 
 /// Asks for what the pairs need that [`few`] tests first.
 #[inline(always)]

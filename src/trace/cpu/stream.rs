@@ -3,8 +3,8 @@
 //!
 //! Rays are sorted by the octant of their direction. Each octant has a stack of (child, list of rays);
 //! a visit tests a list against the eight boxes of a node, many rays to a register, and appends the
-//! survivors to a list for each child. So a node's memory is read once a list, not once a ray. The
-//! octants take turns, which gives each prefetch the time of several visits to arrive.
+//! survivors to a list for each child. So a node's memory is read once a list, not once a ray. Octants
+//! take turns, two at a time, which gives each prefetch the time of a visit to arrive.
 //!
 //! Unsafe code, because lists, rows and nodes are reached without bounds checks. Invariants:
 //! 1. Ids are byte offsets of rows and rays: `ROW_BYTES * i` for ray `i` of the sub-stream. Every id in
@@ -97,12 +97,16 @@ impl OctantStack {
         }
     }
 
-    /// Whether pairs of blocks are what is done next: there are enough, or there is nothing that could make more.
+    /// Whether there are enough pairs of nodes, or of blocks, that lists have to wait.
+    #[inline(always)]
+    fn is_worth(&self, kind: usize) -> bool {
+        self.pairs[kind].len >= if self.entries.is_empty() { 1 } else { alone::WORTH[kind] }
+    }
+
+    /// Whether pairs of blocks are what is done next: there are enough, and not of nodes that could make more.
     #[inline(always)]
     fn is_for_blocks(&self) -> bool {
-        let [nodes, blocks] = &self.pairs;
-        let enough = if self.entries.is_empty() { 1 } else { alone::WORTH };
-        blocks.len >= alone::BLOCKS || blocks.len >= enough && nodes.len == 0
+        self.pairs[1].len >= alone::BLOCKS || self.is_worth(1) && !self.is_worth(0)
     }
 
     #[cold]
@@ -225,8 +229,12 @@ pub(super) trait Visit {
     fn step(&self, octant: usize, stack: &mut OctantStack) -> bool;
 }
 
+/// Octants that take turns. More would give prefetches more time, but come back to what they have in common when it has
+/// left the nearer caches.
+const AT_A_TIME: usize = 2;
+
 /// Visits the root with the lists at the bottom of the arenas, of `counts` lengths, and everything
-/// that this entails; the octants take turns.
+/// that this entails; a few octants at a time take turns.
 #[inline(always)]
 fn traverse(visitor: &impl Visit, stacks: &mut [OctantStack; 8], counts: &[usize; 8]) {
     let mut active = [0; 8];
@@ -249,7 +257,7 @@ fn traverse(visitor: &impl Visit, stacks: &mut [OctantStack; 8], counts: &[usize
             len -= 1;
             active[turn] = active[len];
         }
-        if turn >= len {
+        if turn >= len.min(AT_A_TIME) {
             turn = 0;
         }
     }
@@ -293,14 +301,14 @@ impl<W: Lanes, E: Lanes, S: Space, const ANY: bool> Visit for Loose<'_, W, E, S,
         }
     }
 
-    /// Rays that are alone go first: the lists below them wait for what they hit.
+    /// Rays that are alone go first if there are enough: the lists below them wait for what they hit.
     #[inline(always)]
     fn step(&self, octant: usize, stack: &mut OctantStack) -> bool {
         let Self { w, e, space, job } = *self;
         if stack.is_for_blocks() {
             // SAFETY: these are pairs.
             unsafe { leaf::few::<W, S, ANY>(w, space, job, octant, stack) };
-        } else if stack.pairs[0].len > 0 {
+        } else if stack.is_worth(0) {
             alone::visit::<W, E, S, ANY>(w, e, space, job, octant, stack);
         } else if let Some(entry) = stack.entries.pop() {
             self.visit(octant, stack, entry);
