@@ -11,12 +11,11 @@
 //! 6. Both arrays of pairs hold `len` pairs and, after `reserve`, as many more as asked for.
 #![allow(unsafe_code)]
 
-use super::order::BackToFront;
 use super::space::Space;
-use super::stream::{Job, OctantStack, PADDING, fetch_node};
+use super::stream::{Job, OctantStack, PADDING, fetch_node, lanes_of};
 use super::triangle::{Faces, Slabs};
 use crate::bvh::{Child, WIDTH};
-use crate::lanes::{Lanes, splat_eights};
+use crate::lanes::{Lanes, load_eights, splat_eights};
 
 /// The longest lists that end, at nodes as at blocks.
 pub(super) const SHORT: usize = 12;
@@ -91,26 +90,19 @@ impl Pairs {
         }
         self.len += mask.count_ones() as usize;
     }
+}
 
-    /// Pushes pairs of one id and the children of the lanes of a mask.
-    ///
-    /// # Safety
-    /// Invariant 6 with room for `PADDING`.
-    #[inline(always)]
-    unsafe fn push_children<E: Lanes>(&mut self, e: E, id: u32, mask: u32, children: E::I) {
-        // SAFETY: as the caller vouches.
-        unsafe {
-            e.store_ids(self.ids.as_mut_ptr().add(self.len), e.splat_id(id));
-            e.append(self.children.as_mut_ptr().add(self.len), mask, children);
-        }
-        self.len += mask.count_ones() as usize;
-    }
+/// An id in each eight lanes.
+#[inline(always)]
+pub(super) fn ids_of_eights<L: Lanes>(l: L, ids: [u32; 2]) -> L::I {
+    l.bits(l.splat_eights(ids.map(f32::from_bits)))
 }
 
 /// Visits the topmost pairs of nodes: tests each ray with the eight boxes of its node and pushes pairs
-/// for those it enters, the nearest last, or for any hit the likeliest.
+/// for those it enters, in the order of slots, the one where a hit is likeliest last. So many pairs are in the works that
+/// an order from front to back would cost more than it saves.
 #[inline(always)]
-pub(super) fn visit<W: Lanes, E: Lanes, S: Space, const ANY: bool>(
+pub(super) fn visit<W: Lanes, E: Lanes, S: Space>(
     w: W,
     e: E,
     space: S,
@@ -118,7 +110,6 @@ pub(super) fn visit<W: Lanes, E: Lanes, S: Space, const ANY: bool>(
     octant: usize,
     stack: &mut OctantStack,
 ) {
-    let order = BackToFront::new(e, space.order(octant));
     let [nodes, blocks] = &mut stack.pairs;
     let count = nodes.len.min(NODES);
     nodes.len -= count;
@@ -154,21 +145,13 @@ pub(super) fn visit<W: Lanes, E: Lanes, S: Space, const ANY: bool>(
                 Faces::of(space.boxes(e, visited[0], first), octant),
                 Faces::of(space.boxes(e, visited[1], second), octant),
             ];
-            let mut entered = slabs.enters_any(w, &faces, w.splat_eights([a.limit, b.limit]));
-            for (node, i) in visited.into_iter().zip(i..count.min(i + step)) {
-                let mut children = e.load_ids(node.children.as_ptr().cast());
-                let (mut some, mut leaves) = (entered & 0xff, e.signs(e.of_bits(children)));
-                if !ANY {
-                    // No node has the root for a child.
-                    let there = e.select_ids(some, children, e.splat_id(0));
-                    children = e.permute_ids(there, order.slots(e, node));
-                    some = !e.eq_ids(E::ALL, children, e.splat_id(0));
-                    leaves = e.signs(e.of_bits(children));
-                }
-                nodes.push_children(e, taken[i], some & !leaves & E::ALL, children);
-                blocks.push_children(e, taken[i], some & leaves, children);
-                entered >>= WIDTH;
-            }
+            let among = lanes_of::<W>(WIDTH * (count - i));
+            let entered = among & slabs.enters_any(w, &faces, w.splat_eights([a.limit, b.limit]));
+            let children = load_eights(w, visited.map(|node| bytemuck::cast_ref(&node.children)));
+            let (leaves, children) = (w.signs(children), w.bits(children));
+            let rays = ids_of_eights(w, two.map(|i| taken[i]));
+            nodes.push_lanes(w, entered & !leaves, rays, children);
+            blocks.push_lanes(w, entered & leaves, rays, children);
         }
     }
     for &child in &nodes.children[nodes_before..nodes.len] {

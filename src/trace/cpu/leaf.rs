@@ -3,7 +3,7 @@
 //! Unsafe code for rows and answers. The invariants are those of `stream`.
 #![allow(unsafe_code)]
 
-use super::alone::BLOCKS;
+use super::alone::{BLOCKS, ids_of_eights};
 use super::space::{Space, triangle};
 use super::stream::{Answers, DONE, Job, OctantStack, PADDING, ROW_BYTES, fetch_block, fetch_rows, lanes_of};
 use super::triangle::{Bounds, Hits, Passing, Range, Slabs, reach, test};
@@ -307,12 +307,6 @@ pub(super) unsafe fn settle<W: Lanes, S: Space, const ANY: bool>(
             }
         }
     }
-}
-
-/// An id in each eight lanes.
-#[inline(always)]
-fn ids_of_eights<L: Lanes>(l: L, ids: [u32; 2]) -> L::I {
-    l.bits(l.splat_eights(ids.map(f32::from_bits)))
 }
 
 /// How many pairs before a pair is tested its memory is asked for. Asked for all at once, they would wait for each other.

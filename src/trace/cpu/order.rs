@@ -1,7 +1,6 @@
 //! In which order the children of a node are visited.
 
 use crate::bvh::{WIDTH, WideNode};
-use crate::lanes::{Lanes, eight_ids};
 
 /// A turn for each slot.
 #[derive(Clone, Copy)]
@@ -36,27 +35,5 @@ impl Order {
     #[inline(always)]
     pub fn slot(self, turn: usize) -> usize {
         (self.slots >> (3 * (turn ^ self.mirror))) as usize % WIDTH
-    }
-}
-
-/// What [`Order::front_to_back`] makes of a node's children in lanes, the last turn first.
-#[derive(Clone, Copy)]
-pub(super) struct BackToFront<E: Lanes> {
-    pair: usize,
-    shifts: E::I,
-}
-
-impl<E: Lanes> BackToFront<E> {
-    #[inline(always)]
-    pub fn new(e: E, octant: usize) -> Self {
-        let mirror = if octant < 4 { 0 } else { WIDTH - 1 };
-        let shifts = if octant < 4 { &[21, 18, 15, 12, 9, 6, 3, 0] } else { &[0, 3, 6, 9, 12, 15, 18, 21] };
-        Self { pair: octant ^ mirror, shifts: eight_ids(e, shifts) }
-    }
-
-    /// The slot of each lane, in its lowest three bits.
-    #[inline(always)]
-    pub fn slots(self, e: E, node: &WideNode) -> E::I {
-        e.shr_each(e.splat_id(node.front_to_back[self.pair].slots), self.shifts)
     }
 }

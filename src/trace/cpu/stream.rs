@@ -309,7 +309,7 @@ impl<W: Lanes, E: Lanes, S: Space, const ANY: bool> Visit for Loose<'_, W, E, S,
             // SAFETY: these are pairs.
             unsafe { leaf::few::<W, S, ANY>(w, space, job, octant, stack) };
         } else if stack.is_worth(0) {
-            alone::visit::<W, E, S, ANY>(w, e, space, job, octant, stack);
+            alone::visit(w, e, space, job, octant, stack);
         } else if let Some(entry) = stack.entries.pop() {
             self.visit(octant, stack, entry);
         } else if stack.candidates.len > 0 {
