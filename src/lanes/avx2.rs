@@ -260,10 +260,6 @@ impl<const VL: bool> Lanes for Eights<VL> {
         unsafe { _mm256_srlv_epi32(a, _mm256_set1_epi32(count as i32)) }
     }
     #[inline(always)]
-    fn shr_each(self, a: __m256i, counts: __m256i) -> __m256i {
-        unsafe { _mm256_srlv_epi32(a, counts) }
-    }
-    #[inline(always)]
     fn reverse_ids(self, a: __m256i) -> __m256i {
         unsafe {
             // Each half of a byte by a table, both put back the other way round, then the bytes.

@@ -253,10 +253,6 @@ impl Lanes for Avx512 {
         unsafe { _mm512_srlv_epi32(a, _mm512_set1_epi32(count as i32)) }
     }
     #[inline(always)]
-    fn shr_each(self, a: __m512i, counts: __m512i) -> __m512i {
-        unsafe { _mm512_srlv_epi32(a, counts) }
-    }
-    #[inline(always)]
     fn reverse_ids(self, a: __m512i) -> __m512i {
         unsafe {
             // Each half of a byte by a table, both put back the other way round, then the bytes.

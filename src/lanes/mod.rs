@@ -136,8 +136,6 @@ pub trait Lanes: Copy {
     fn shl_ids(self, a: Self::I, count: u32) -> Self::I;
     /// `a >> count`, `count` below 32.
     fn shr_ids(self, a: Self::I, count: u32) -> Self::I;
-    /// `a >> count` with a count below 32 for each lane.
-    fn shr_each(self, a: Self::I, counts: Self::I) -> Self::I;
     /// The bits in reverse order.
     fn reverse_ids(self, a: Self::I) -> Self::I;
     /// Lanes of `among` in which `a < b`.
@@ -443,7 +441,6 @@ mod tests {
                 l.xor_ids(i, k),
                 l.shl_ids(i, 7),
                 l.shr_ids(i, 11),
-                l.shr_each(i, l.and_ids(k, l.splat_id(31))),
                 l.reverse_ids(i),
                 l.to_ids(l.min(l.abs(b), l.splat(1e9))),
                 l.select_ids(l.lt_ids(L::ALL, i, k), i, k),

@@ -288,13 +288,6 @@ impl Lanes for Neon {
         }
     }
     #[inline(always)]
-    fn shr_each(self, a: I, counts: I) -> I {
-        unsafe {
-            let by = |counts| vnegq_s32(vreinterpretq_s32_u32(counts));
-            [vshlq_u32(a[0], by(counts[0])), vshlq_u32(a[1], by(counts[1]))]
-        }
-    }
-    #[inline(always)]
     fn reverse_ids(self, a: I) -> I {
         unsafe {
             // The bits of each byte, then the bytes of each word.

@@ -188,10 +188,6 @@ impl<const N: usize> Lanes for Plain<N> {
         a.map(|x| x >> count)
     }
     #[inline(always)]
-    fn shr_each(self, a: Self::I, counts: Self::I) -> Self::I {
-        from_fn(|i| a[i] >> counts[i])
-    }
-    #[inline(always)]
     fn reverse_ids(self, a: Self::I) -> Self::I {
         a.map(u32::reverse_bits)
     }
