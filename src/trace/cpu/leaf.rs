@@ -6,10 +6,10 @@
 use super::alone::{BLOCKS, ids_of_eights};
 use super::space::{Space, triangle};
 use super::stream::{Answers, DONE, Job, OctantStack, PADDING, ROW_BYTES, fetch_block, fetch_rows, lanes_of};
-use super::triangle::{Bounds, Hits, Passing, Range, Slabs, reach, test};
+use super::triangle::{Bounds, Hits, Passing, Range, Slabs, Vector, reach, seen, test};
 use crate::bvh::{Block, Child, MASKED, PRIMITIVE, WIDTH};
 use crate::lanes::{Lanes, keep, prefetch, spill, splat_eights, splat_row};
-use crate::stream::{Hit, Ray};
+use crate::stream::Hit;
 use std::mem::MaybeUninit;
 
 /// Tests all rays of a list with the triangles of a block, many rays to a register. Answers
@@ -224,25 +224,24 @@ pub(super) unsafe fn few<W: Lanes, S: Space, const ANY: bool>(
     let (ids, children) = blocks.at(blocks.len);
     // As many pairs at once as there are eights of lanes.
     let step = W::LANES / WIDTH;
+    // Where registers are enough the next are made ready before a test: one that waits for its corners keeps others from being begun.
+    let early = W::LANES > WIDTH;
+    // SAFETY: as the caller vouches.
+    let at = |i| unsafe { Ready::of(w, space, job, ids, children, i, len) };
+    let mut next = at(0);
     for i in (0..len).step_by(step) {
         for ahead in i + AHEAD..i + AHEAD + step {
             let ahead = ahead.min(len - 1);
             // SAFETY: as the caller vouches.
             unsafe { fetch_pair(job, *ids.add(ahead), *children.add(ahead)) };
         }
-        // Behind the last pair it stands in for another, which counts for nothing.
-        let other = (i + step).min(len) - 1;
-        // SAFETY: as the caller vouches.
-        let [a, b] = unsafe { [pair(job, ids, children, i), pair(job, ids, children, other)] };
-        let triangles = space.triangles(w, &[a.block, b.block]);
-        let origin = splat_eights(w, [a.ray.origin, b.ray.origin]);
-        let direction = splat_eights(w, [a.ray.direction, b.ray.direction]);
-        let among = (a.lanes | b.lanes << WIDTH) & lanes_of::<W>(WIDTH * (len - i));
-        let inside = Passing::of(w, &origin, direction, &triangles).inside(w, among);
-        // SAFETY: there is room for all triangles of all pairs, and for what lanes write behind.
+        let now = if early { std::mem::replace(&mut next, at((i + step).min(len - 1))) } else { at(i) };
+        let inside = Passing::seen(w, now.corners, now.direction).inside(w, now.among);
+        // SAFETY: as the caller vouches; there is room for all triangles of all pairs, and for what lanes write behind.
         unsafe {
-            let rays = w.or_ids(ids_of_eights(w, [a.id, b.id]), w.load_ids(ROWS.as_ptr()));
-            candidates.push_lanes(w, inside, rays, ids_of_eights(w, [a.child, b.child]));
+            let two = [i, other::<W>(i, len)];
+            let rays = w.or_ids(ids_of_eights(w, two.map(|i| *ids.add(i))), w.load_ids(ROWS.as_ptr()));
+            candidates.push_lanes(w, inside, rays, ids_of_eights(w, two.map(|i| *children.add(i))));
         }
     }
     // SAFETY: as the caller vouches.
@@ -310,7 +309,7 @@ pub(super) unsafe fn settle<W: Lanes, S: Space, const ANY: bool>(
 }
 
 /// How many pairs before a pair is tested its memory is asked for. Asked for all at once, they would wait for each other.
-const AHEAD: usize = 12;
+const AHEAD: usize = 16;
 
 /// Asks for what the pairs need that [`few`] tests first.
 #[inline(always)]
@@ -336,32 +335,50 @@ const _: () = assert!(WIDTH <= ROW_BYTES);
 /// The rows of a block, and those of the next.
 static ROWS: [u32; 2 * WIDTH] = [0, 1, 2, 3, 4, 5, 6, 7, 0, 1, 2, 3, 4, 5, 6, 7];
 
-/// A ray and a block, as stored and as they are.
-struct Pair<'a> {
-    id: u32,
-    child: u32,
-    ray: &'a Ray,
-    block: Block<'a>,
-    /// Those with triangles.
-    lanes: u32,
+/// The pair in the second eight lanes when pair `i` is in the first. Behind the last it stands in for another, which counts for
+/// nothing.
+#[inline(always)]
+fn other<W: Lanes>(i: usize, len: usize) -> usize {
+    (i + W::LANES / WIDTH).min(len) - 1
 }
 
-/// Pair `i`.
-///
-/// # Safety
-/// As for [`few`], and `i` is less than `len`.
-#[inline(always)]
-unsafe fn pair<'a>(job: &Job<'a>, ids: *const u32, children: *const u32, i: usize) -> Pair<'a> {
-    // SAFETY: as the caller vouches.
-    unsafe {
-        let (id, child) = (*ids.add(i), *children.add(i));
-        let block: Child = bytemuck::cast(child);
-        Pair {
-            id,
-            child,
-            ray: &*job.rays.byte_add(id as usize),
-            block: job.blocks.get_unchecked(block),
-            lanes: (1 << block.triangles()) - 1,
+/// Pairs of rays and blocks, one in each eight lanes, up to where edge functions begin.
+#[derive(Clone, Copy)]
+struct Ready<W: Lanes> {
+    /// From the rays' origins.
+    corners: [Vector<W>; 3],
+    direction: Vector<W>,
+    /// Those with triangles.
+    among: u32,
+}
+
+impl<W: Lanes> Ready<W> {
+    /// Pair `i` and the one after it.
+    ///
+    /// # Safety
+    /// As for [`few`], and `i` is less than `len`.
+    #[inline(always)]
+    unsafe fn of<S: Space>(
+        w: W,
+        space: S,
+        job: &Job<'_>,
+        ids: *const u32,
+        children: *const u32,
+        i: usize,
+        len: usize,
+    ) -> Self {
+        let two = [i, other::<W>(i, len)];
+        // SAFETY: as the caller vouches.
+        let rays = unsafe { two.map(|i| &*job.rays.byte_add(*ids.add(i) as usize)) };
+        // SAFETY: as the caller vouches.
+        let blocks: [Child; 2] = unsafe { two.map(|i| bytemuck::cast(*children.add(i))) };
+        // SAFETY: as the caller vouches.
+        let triangles = space.triangles(w, &unsafe { blocks.map(|block| job.blocks.get_unchecked(block)) });
+        let [first, second] = blocks.map(|block| (1 << block.triangles()) - 1);
+        Self {
+            corners: seen(w, &splat_eights(w, rays.map(|ray| ray.origin)), &triangles),
+            direction: splat_eights(w, rays.map(|ray| ray.direction)),
+            among: (first | second << WIDTH) & lanes_of::<W>(WIDTH * (len - i)),
         }
     }
 }

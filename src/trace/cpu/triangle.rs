@@ -202,7 +202,13 @@ pub(super) struct Seen<L: Lanes> {
     pub distance: L::F,
 }
 
-/// The corners of triangles from the rays' origin, and the edges. Lanes may differ in origin, triangle or both.
+/// The corners of triangles from the rays' origin. Lanes may differ in origin, triangle or both.
+#[inline(always)]
+pub(super) fn seen<L: Lanes>(l: L, origin: &Vector<L>, triangle: &[Vector<L>; 3]) -> [Vector<L>; 3] {
+    [minus(l, triangle[0], *origin), minus(l, triangle[1], *origin), minus(l, triangle[2], *origin)]
+}
+
+/// The corners of triangles from the rays' origin, and the edges.
 struct Edges<L: Lanes> {
     a: Vector<L>,
     b: Vector<L>,
@@ -214,9 +220,7 @@ struct Edges<L: Lanes> {
 
 impl<L: Lanes> Edges<L> {
     #[inline(always)]
-    fn of(l: L, origin: &Vector<L>, triangle: &[Vector<L>; 3]) -> Self {
-        let (a, b, c) =
-            (minus(l, triangle[0], *origin), minus(l, triangle[1], *origin), minus(l, triangle[2], *origin));
+    fn of(l: L, [a, b, c]: [Vector<L>; 3]) -> Self {
         Self { a, b, c, e0: minus(l, c, a), e1: minus(l, a, b), e2: minus(l, b, c) }
     }
 
@@ -242,7 +246,7 @@ impl<L: Lanes> Seen<L> {
     /// All of it, for many directions.
     #[inline(always)]
     pub fn from(l: L, origin: &Vector<L>, triangle: &[Vector<L>; 3]) -> Self {
-        let of = Edges::of(l, origin, triangle);
+        let of = Edges::of(l, seen(l, origin, triangle));
         let normal = of.normal(l);
         Self { edges: of.functions(l), normal, distance: dot(l, normal, of.a) }
     }
@@ -268,7 +272,13 @@ impl<L: Lanes> Passing<L> {
 
     #[inline(always)]
     pub fn of(l: L, origin: &Vector<L>, direction: Vector<L>, triangle: &[Vector<L>; 3]) -> Self {
-        Self::new(l, &Edges::of(l, origin, triangle).functions(l), direction)
+        Self::seen(l, seen(l, origin, triangle), direction)
+    }
+
+    /// The same of triangles whose corners are [`seen`] from the origin.
+    #[inline(always)]
+    pub fn seen(l: L, corners: [Vector<L>; 3], direction: Vector<L>) -> Self {
+        Self::new(l, &Edges::of(l, corners).functions(l), direction)
     }
 
     /// What the weights have to be divided by.
@@ -369,7 +379,7 @@ pub(super) fn reach<L: Lanes>(
     faces: [Vector<L>; 2],
     range: &Range<'_, L>,
 ) -> (u32, L::F) {
-    let of = Edges::of(l, origin, triangle);
+    let of = Edges::of(l, seen(l, origin, triangle));
     let normal = of.normal(l);
     crossing(l, inside, passing, [dot(l, normal, of.a), dot(l, normal, direction)], faces, range)
 }
