@@ -227,15 +227,22 @@ pub(super) unsafe fn few<W: Lanes, S: Space, const ANY: bool>(
     // Where registers are enough the next are made ready before a test: one that waits for its corners keeps others from being begun.
     let early = W::LANES > WIDTH;
     // SAFETY: as the caller vouches.
-    let at = |i| unsafe { Ready::of(w, space, job, ids, children, i, len) };
-    let mut next = at(0);
+    let mut next = unsafe { Ready::of(w, space, job, ids, children, 0, len) };
     for i in (0..len).step_by(step) {
         for ahead in i + AHEAD..i + AHEAD + step {
             let ahead = ahead.min(len - 1);
             // SAFETY: as the caller vouches.
             unsafe { fetch_pair(job, *ids.add(ahead), *children.add(ahead)) };
         }
-        let now = if early { std::mem::replace(&mut next, at((i + step).min(len - 1))) } else { at(i) };
+        let mut now = next;
+        // SAFETY: as the caller vouches.
+        unsafe {
+            if early {
+                next = Ready::of(w, space, job, ids, children, (i + step).min(len - 1), len);
+            } else {
+                now = Ready::of(w, space, job, ids, children, i, len);
+            }
+        }
         let inside = Passing::seen(w, now.corners, now.direction).inside(w, now.among);
         // SAFETY: as the caller vouches; there is room for all triangles of all pairs, and for what lanes write behind.
         unsafe {
