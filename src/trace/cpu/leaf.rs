@@ -208,7 +208,7 @@ unsafe fn offer_each<L: Lanes, const ANY: bool>(
 /// the lanes.
 ///
 /// # Safety
-/// Of the stack's pairs of blocks, invariant 1 holds for the ids and 4 for the blocks, and all rays are of the octant.
+/// The stack has pairs of blocks. Of these, invariant 1 holds for the ids and 4 for the blocks, and all rays are of the octant.
 #[inline(always)]
 pub(super) unsafe fn few<W: Lanes, S: Space, const ANY: bool>(
     w: W,
@@ -224,7 +224,8 @@ pub(super) unsafe fn few<W: Lanes, S: Space, const ANY: bool>(
     let (ids, children) = blocks.at(blocks.len);
     // As many pairs at once as there are eights of lanes.
     let step = W::LANES / WIDTH;
-    // Where registers are enough the next are made ready before a test: one that waits for its corners keeps others from being begun.
+    // Where there are registers enough the next pairs are made ready before those at hand are tested: a test that waits for its
+    // corners takes up the window in which the processor looks for work. Not in a closure, which need not be inlined.
     let early = W::LANES > WIDTH;
     // SAFETY: as the caller vouches.
     let mut next = unsafe { Ready::of(w, space, job, ids, children, 0, len) };
