@@ -364,7 +364,7 @@ impl<W: Lanes> Ready<W> {
     /// Pair `i` and the one after it.
     ///
     /// # Safety
-    /// As for [`few`], and `i` is less than `len`.
+    /// `ids` and `children` lead to `len` pairs, for which holds what [`few`] asks, and `i` is less than that.
     #[inline(always)]
     unsafe fn of<S: Space>(
         w: W,
