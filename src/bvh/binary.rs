@@ -73,7 +73,7 @@ impl Binary {
 
 /// Writes a subtree into `nodes`, whose first is node `at` of the tree.
 fn fill(tree: &Tree, of: Subtree, nodes: &mut [BinaryNode], at: u32) {
-    let bounds = tree.bounds(of);
+    let bounds = tree.bounds(of).to_aabb();
     let (root, below) = nodes.split_first_mut().expect("2 * count - 1 nodes");
     *root = BinaryNode { min: bounds.min.into(), index: 0, max: bounds.max.into(), count: of.count };
     if of.count == 1 {

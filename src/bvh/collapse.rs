@@ -24,13 +24,14 @@ pub(super) fn collapse(tree: Tree, shape: &impl Shape) -> (Wide, Vec<Child>) {
         nodes[0] = WideNode::VACANT;
         return (Wide { nodes, blocks: Blocks::none(), depth: 1 }, Vec::new());
     };
-    let Tree { mut references, branches } = tree;
-    let top = Top::new(&branches, root);
-    let layout = Layout { branches: &branches, shape };
+    let top = Top::new(&tree.branches, root);
     // How large parts become is known when they are there.
     let mut pile = Piling::new(0, &mut []);
-    let block = |&of: &Subtree| layout.block(of, &primitives(of.references(&references)), &mut pile);
+    let layout = Layout { branches: &tree.branches, shape };
+    let block = |&of: &Subtree| layout.block(of, &tree.primitives(of), &mut pile);
     let top_blocks: Vec<Laid> = top.blocks.iter().map(block).collect();
+    let Tree { mut references, branches } = tree;
+    let layout = Layout { branches: &branches, shape };
     let (parts, mut piles): (Vec<Part>, Vec<Pile>) =
         top.rooms(&mut references).into_par_iter().map(|(part, room)| layout.part(part, room)).unzip();
     piles.push(pile.done());
@@ -47,11 +48,11 @@ pub(super) fn collapse(tree: Tree, shape: &impl Shape) -> (Wide, Vec<Child>) {
     let mut leaves = Vec::with_capacity(top.nodes.len());
     for (node, children) in top_nodes.iter_mut().zip(&top.nodes) {
         let laid = |(of, place): &(Subtree, TopChild)| match *place {
-            TopChild::Node(index) => Laid::node(index, branches.bounds(*of), Odds::default()),
+            TopChild::Node(index) => Laid::node(index, branches.bounds(*of).to_aabb(), Odds::default()),
             TopChild::Block(index) => top_blocks[index],
             TopChild::Part => {
                 let index = top.part(*of);
-                Laid::node(starts[index], branches.bounds(*of), parts[index].odds)
+                Laid::node(starts[index], branches.bounds(*of).to_aabb(), parts[index].odds)
             }
         };
         let leaves_of_node;
@@ -82,10 +83,6 @@ pub(super) fn collapse(tree: Tree, shape: &impl Shape) -> (Wide, Vec<Child>) {
     let wide = Wide { nodes, blocks, depth };
     let places = wide.places(root.count as usize, |primitive| primitive as usize);
     (wide, places)
-}
-
-fn primitives(references: &[Reference]) -> Vec<u32> {
-    references.iter().map(Reference::primitive).collect()
 }
 
 /// Odds of a node's children that are no nodes beside it, by slot.
@@ -133,7 +130,7 @@ impl std::ops::Deref for Few {
     }
 }
 
-/// The wide nodes over more than [`PART`] primitives, and what lies directly below them.
+/// The wide nodes in the crown and over more than [`PART`] primitives, and what lies directly below them.
 struct Top {
     /// The children of each.
     nodes: Vec<Vec<(Subtree, TopChild)>>,
@@ -163,7 +160,7 @@ impl Top {
                 let place = if branches.is_block(child) {
                     top.blocks.push(child);
                     TopChild::Block(top.blocks.len() - 1)
-                } else if child.count > PART {
+                } else if child.is_fork() || child.count > PART {
                     subtrees.push((child, depth + 1));
                     TopChild::Node(subtrees.len() - 1)
                 } else {
@@ -230,7 +227,7 @@ struct Layout<'a, S> {
 impl<S: Shape> Layout<'_, S> {
     /// Lays a subtree out, children of one node side by side, and piles its blocks up where its references are.
     fn part(&self, part: Subtree, references: &mut [Reference]) -> (Part, Pile) {
-        let primitives = primitives(references);
+        let primitives: Vec<u32> = references.iter().map(Reference::primitive).collect();
         let at = part.first as usize * (size_of::<Reference>() / size_of::<u32>());
         let mut pile = Piling::new(at, bytemuck::cast_slice_mut(references));
         let mut nodes = Vec::with_capacity(part.count as usize / WIDTH);
@@ -249,7 +246,7 @@ impl<S: Shape> Layout<'_, S> {
                     stack.push((nodes.len(), child, depth + 1));
                     nodes.push(WideNode::VACANT);
                     leaves.push(Leaves::default());
-                    Laid::node(nodes.len() - 1, self.branches.bounds(child), Odds::default())
+                    Laid::node(nodes.len() - 1, self.branches.bounds(child).to_aabb(), Odds::default())
                 }
             });
             let node = node(laid);
@@ -271,7 +268,7 @@ impl<S: Shape> Layout<'_, S> {
         }
         let bounds = match *primitives {
             [primitive] => Aabb::around(self.shape.corners(primitive)),
-            _ => self.branches.bounds(of),
+            _ => self.branches.bounds(of).to_aabb(),
         };
         Laid { bounds, child: pile.push(&triangles), odds: Odds::of_block(&triangles) }
     }

@@ -6,6 +6,7 @@ mod binary;
 mod bins;
 mod block;
 mod collapse;
+mod crown;
 mod few;
 mod filter;
 mod geometry;
@@ -97,7 +98,7 @@ impl Bvh {
         }
         let shape = Indexed { positions, triangles, masked };
         let tree = Tree::build(triangles.len(), |primitive| shape.corners(primitive), Costs::of);
-        let bounds = tree.root().map_or(Aabb::EMPTY, |root| tree.bounds(root));
+        let bounds = tree.root().map_or(Aabb::EMPTY, |root| tree.bounds(root).to_aabb());
         let (wide, places) = collapse::collapse(tree, &shape);
         Self { wide, places, bounds, numbering: Numbering::default(), assembly: None }
     }

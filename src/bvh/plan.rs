@@ -22,11 +22,16 @@ const LISTED: [f32; 2] = [0.5, 0.7];
 /// Share of the whole tree's surface from which on a box is so large that rays come to it in lists.
 const LARGE: f32 = 0.01;
 
+/// Share of the whole tree's surface up to which a box is too small for the crown.
+const CROWN: f32 = 1.0 / 512.0;
+
 /// Costs of blocks. They depend on how many rays meet a block together, and that on how large it is in the tree.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Costs {
     /// Half the surface above which boxes are large.
     large: f32,
+    /// The same of the crown.
+    crown: f32,
     /// Whether all of the tree is wanted, down to single primitives.
     all: bool,
 }
@@ -34,7 +39,7 @@ pub(super) struct Costs {
 impl Costs {
     /// Of a tree whose box has half the surface `area`.
     pub fn of(area: f32) -> Self {
-        Self { large: LARGE * area, all: false }
+        Self { large: LARGE * area, crown: CROWN * area, all: false }
     }
 
     /// The same of a tree that is wanted down to single primitives.
@@ -47,6 +52,12 @@ impl Costs {
     #[inline(always)]
     pub fn may_stay_whole(self, area: f32) -> bool {
         !self.all && area <= self.large
+    }
+
+    /// Whether a node with a box of half the surface `area` may be in the crown.
+    #[inline(always)]
+    pub fn may_be_in_crown(self, area: f32) -> bool {
+        area > self.crown
     }
 
     /// Cost of testing a ray that meets a box of half the surface `area` with a block of `count` triangles.
@@ -164,7 +175,7 @@ mod tests {
     use super::*;
 
     /// Those of small boxes.
-    const SMALL: Costs = Costs { large: f32::INFINITY, all: false };
+    const SMALL: Costs = Costs { large: f32::INFINITY, crown: f32::INFINITY, all: false };
 
     #[test]
     fn a_block_is_made_where_it_is_cheaper_than_its_parts() {
@@ -200,7 +211,7 @@ mod tests {
         for areas in [[1.0, 1.0, 1.0], [1.0, 1.0, 20.0], [3.0, 0.5, 3.1], [0.0, 0.0, 0.0]] {
             let [left, right, area] = areas;
             for large in [0.0, 2.0, f32::INFINITY] {
-                let costs = Costs { large, all: false };
+                let costs = Costs { large, ..SMALL };
                 let leaf = |area| Plan::leaf(costs, area);
                 let (merged, choice) = Plan::merge(costs, &leaf(left), &leaf(right), area, 2);
                 let (plan, same) = Plan::pair(costs, left, right, area);

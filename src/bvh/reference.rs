@@ -74,6 +74,12 @@ impl Reference {
         Self(Bounds::new(bounds, f32::from_bits(primitive | NORMAL)))
     }
 
+    /// The box alone.
+    pub fn boxed(&self) -> Bounds {
+        let [a, b, c, _, x, y, z, _] = self.0.0;
+        Bounds([a, b, c, 0.0, x, y, z, 0.0])
+    }
+
     pub fn primitive(&self) -> u32 {
         self.0.0[3].to_bits() & !NORMAL
     }

@@ -1,7 +1,8 @@
 //! The builder: top-down, binned surface area heuristic (Wald 2007), parallel, of bounded depth. On its
-//! way back up it plans the eight-wide tree.
+//! way back up it plans the eight-wide tree and hands on what the crown is made of.
 
 use super::bins::{MANY, Plane};
+use super::crown::{self, Fork};
 use super::few::{FEW, Few};
 use super::pages::Pages;
 use super::partition::{Sides, partition, partition_long};
@@ -39,9 +40,9 @@ impl Inner {
         Self { min: [a, b, c], left: left as u32, negated_max: [x, y, z], choice }
     }
 
-    pub fn bounds(&self) -> Aabb {
+    pub fn bounds(&self) -> Bounds {
         let ([a, b, c], [x, y, z]) = (self.min, self.negated_max);
-        Bounds([a, b, c, 0.0, x, y, z, 0.0]).to_aabb()
+        Bounds([a, b, c, 0.0, x, y, z, 0.0])
     }
 }
 
@@ -52,28 +53,49 @@ pub(super) struct Tree {
 }
 
 /// The inner nodes of a binary tree.
-pub(super) struct Branches(Pages<Inner>);
+pub(super) struct Branches {
+    /// As the builder made them.
+    inner: Pages<Inner>,
+    /// Those of the crown, which stand in for the builder's.
+    crown: Vec<Fork>,
+}
 
 /// A subtree.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Subtree {
-    /// First inner node.
+    /// First inner node, or the fork of the crown with [`Subtree::FORK`].
     root: u32,
-    /// First reference.
+    /// First reference. Of no meaning in the crown: what is below a fork does not lie side by side.
     pub first: u32,
     /// Number of primitives, at least 1.
     pub count: u32,
 }
 
 impl Subtree {
-    /// Its references among all.
+    const FORK: u32 = 1 << 31;
+
+    /// That of a fork.
+    pub fn fork(index: usize, count: u32) -> Self {
+        Self { root: index as u32 | Self::FORK, first: 0, count }
+    }
+
+    /// Whether it begins in the crown.
+    pub fn is_fork(self) -> bool {
+        self.root & Self::FORK != 0
+    }
+
+    fn index(self) -> usize {
+        (self.root & !Self::FORK) as usize
+    }
+
+    /// Its references among all, unless it begins in the crown.
     pub fn references(self, all: &[Reference]) -> &[Reference] {
         &all[self.first as usize..][..self.count as usize]
     }
 }
 
 impl Tree {
-    /// Builds the tree over `count` triangles, with costs that follow from half the surface of the box around them. Takes 64
+    /// Builds the tree over `count` triangles and improves its crown, with costs that follow from half the surface of the box around them. Takes 64
     /// bytes a triangle.
     pub fn build(
         count: usize,
@@ -90,24 +112,54 @@ impl Tree {
         });
         let extent = extents.reduce_with(|a, b| a.union(&b));
         let mut inner = Pages::zeroed(count.saturating_sub(1));
-        if let Some(extent) = extent {
-            let costs = costs(extent.bounds.half_area());
-            subtree(&mut references, &mut inner, costs, 0, &extent);
-        }
-        Self { references, branches: Branches(inner) }
+        let Some(extent) = extent else {
+            return Self { references, branches: Branches { inner, crown: Vec::new() } };
+        };
+        let costs = costs(extent.bounds.half_area());
+        let built = subtree(&mut references, &mut inner, costs, 0, &extent);
+        let mut tree = Self { references, branches: Branches { inner, crown: Vec::new() } };
+        let root = Subtree { root: 0, first: 0, count: count as u32 };
+        tree.branches.crown = crown::grow(&tree, root, built, costs);
+        tree
     }
 
     /// The whole tree; `None` when there is nothing.
     pub fn root(&self) -> Option<Subtree> {
         let count = self.references.len() as u32;
-        (count > 0).then_some(Subtree { root: 0, first: 0, count })
+        let root = match self.branches.crown.is_empty() {
+            true => Subtree { root: 0, first: 0, count },
+            false => Subtree::fork(0, count),
+        };
+        (count > 0).then_some(root)
     }
 
     /// The box around a subtree.
-    pub fn bounds(&self, of: Subtree) -> Aabb {
+    pub fn bounds(&self, of: Subtree) -> Bounds {
         match of.count {
-            1 => self.references[of.first as usize].0.to_aabb(),
+            1 => self.references[of.first as usize].boxed(),
             _ => self.branches.bounds(of),
+        }
+    }
+
+    /// The plan of a subtree of few primitives, made again.
+    pub fn plan_of_few(&self, of: Subtree, costs: Costs) -> Plan {
+        let (area, count) = (self.bounds(of).half_area(), of.count as usize);
+        if count == 1 {
+            return Plan::leaf(costs, area);
+        }
+        if self.branches.is_leaf(of) {
+            return Plan::whole(costs, area, count);
+        }
+        let [left, right] = self.branches.children(of).map(|child| self.plan_of_few(child, costs));
+        Plan::merge(costs, &left, &right, area, count).0
+    }
+
+    /// The primitives of a subtree.
+    pub fn primitives(&self, of: Subtree) -> Vec<u32> {
+        if of.is_fork() {
+            self.branches.children(of).iter().flat_map(|&child| self.primitives(child)).collect()
+        } else {
+            of.references(&self.references).iter().map(Reference::primitive).collect()
         }
     }
 
@@ -117,10 +169,27 @@ impl Tree {
     }
 }
 
+#[cfg(test)]
+impl Tree {
+    /// Makes it the tree that the builder made.
+    pub fn forget_crown(&mut self) {
+        self.branches.crown.clear();
+    }
+}
+
 impl Branches {
+    /// The forks of the crown, the root first; none if there is no crown.
+    #[cfg(test)]
+    pub fn crown(&self) -> &[Fork] {
+        &self.crown
+    }
+
     /// The two children of a subtree of at least two primitives.
     pub fn children(&self, of: Subtree) -> [Subtree; 2] {
-        let left = self.0[of.root as usize].left;
+        if of.is_fork() {
+            return self.crown[of.index()].children;
+        }
+        let left = self.inner[of.index()].left;
         [
             Subtree { root: of.root + 1, first: of.first, count: left },
             Subtree { root: of.root + left, first: of.first + left, count: of.count - left },
@@ -128,18 +197,32 @@ impl Branches {
     }
 
     /// The box around a subtree of at least two primitives.
-    pub fn bounds(&self, of: Subtree) -> Aabb {
-        self.0[of.root as usize].bounds()
+    pub fn bounds(&self, of: Subtree) -> Bounds {
+        if of.is_fork() { self.crown[of.index()].bounds } else { self.inner[of.index()].bounds() }
+    }
+
+    /// What the plan does with a subtree.
+    fn choice(&self, of: Subtree) -> Choice {
+        match of.count {
+            1 => Choice::default(),
+            _ if of.is_fork() => self.crown[of.index()].choice,
+            _ => self.inner[of.index()].choice,
+        }
+    }
+
+    /// Whether nothing is below a subtree's root.
+    pub fn is_leaf(&self, of: Subtree) -> bool {
+        of.count == 1 || self.choice(of) == Choice::whole()
     }
 
     /// Whether, as one child of a wide node, the subtree is a block.
     pub fn is_block(&self, of: Subtree) -> bool {
-        of.count == 1 || self.0[of.root as usize].choice.is_block()
+        of.count == 1 || self.choice(of).is_block()
     }
 
     /// Calls `take` with the subtrees that the plan makes of one when a wide node has room for so many.
     pub fn gather(&self, of: Subtree, mut room: usize, take: &mut impl FnMut(Subtree)) {
-        let choice = if of.count == 1 { Choice::default() } else { self.0[of.root as usize].choice };
+        let choice = self.choice(of);
         while room > 1 && choice.on_left(room) == 0 {
             room -= 1;
         }
@@ -153,6 +236,33 @@ impl Branches {
     }
 }
 
+/// What is known of a subtree when it has been built.
+#[derive(Debug)]
+pub(super) struct Built {
+    pub plan: Plan,
+    /// At least as many as there are nodes on its longest way down.
+    pub height: usize,
+    /// The same of its two sides, if it may be in the crown.
+    pub sides: Option<Box<[Built; 2]>>,
+}
+
+impl Built {
+    /// Of few primitives.
+    #[inline(always)]
+    pub fn few(plan: Plan, count: usize) -> Self {
+        Self { plan, height: count, sides: None }
+    }
+
+    /// Of `count` primitives in a box of half the surface `area`, and what the plan does with it.
+    #[inline(always)]
+    fn of(costs: Costs, sides: [Self; 2], area: f32, count: usize) -> (Self, Choice) {
+        let [left, right] = &sides;
+        let (plan, choice) = Plan::merge(costs, &left.plan, &right.plan, area, count);
+        let height = 1 + left.height.max(right.height);
+        (Self { plan, height, sides: costs.may_be_in_crown(area).then(|| Box::new(sides)) }, choice)
+    }
+}
+
 /// Builds the subtree over `references` into `inner`, `depth` nodes below the root.
 fn subtree(
     references: &mut [Reference],
@@ -160,7 +270,7 @@ fn subtree(
     costs: Costs,
     depth: usize,
     extent: &Extent,
-) -> Plan {
+) -> Built {
     let count = references.len();
     if count < PARALLEL_HALVES {
         return SimdLevel::run_eight(Small { references, inner, costs, depth, extent });
@@ -172,13 +282,13 @@ fn subtree(
     };
     let (left, right) = references.split_at_mut(middle);
     let (left_inner, right_inner) = below.split_at_mut(middle - 1);
-    let (left_plan, right_plan) = rayon::join(
+    let (left, right) = rayon::join(
         || subtree(left, left_inner, costs, depth + 1, &extents[0]),
         || subtree(right, right_inner, costs, depth + 1, &extents[1]),
     );
-    let (plan, choice) = Plan::merge(costs, &left_plan, &right_plan, extent.bounds.half_area(), count);
+    let (built, choice) = Built::of(costs, [left, right], extent.bounds.half_area(), count);
     *root = Inner::new(&extent.bounds, middle, choice);
-    plan
+    built
 }
 
 /// A subtree that one thread builds.
@@ -191,39 +301,39 @@ struct Small<'a> {
 }
 
 impl Kernel for Small<'_> {
-    type Output = Plan;
+    type Output = Built;
 
     #[inline(always)]
-    fn run<L: Lanes>(self, l: L) -> Plan {
+    fn run<L: Lanes>(self, l: L) -> Built {
         l.apart(self)
     }
 }
 
 impl<L: Lanes> Piece<L> for Small<'_> {
-    type Output = Plan;
+    type Output = Built;
 
     #[inline(always)]
-    fn run(self, l: L) -> Plan {
+    fn run(self, l: L) -> Built {
         let Self { references, inner, costs, depth, extent } = self;
         let (count, area) = (references.len(), extent.bounds.half_area());
         if count <= FEW {
-            return match count {
+            let plan = match count {
                 1 => Plan::leaf(costs, area),
                 _ => l.apart(Few { references, inner, costs, halve: depth + FEW >= MAX_DEPTH, extent }),
             };
+            return Built::few(plan, count);
         }
         let (root, below) = inner.split_first_mut().expect("one node fewer than references");
         let Sides { middle, extents } = split(l, references, costs, depth, extent);
         let (left, right) = references.split_at_mut(middle);
         let (left_inner, right_inner) = below.split_at_mut(middle - 1);
         let depth = depth + 1;
-        let left_plan =
-            l.apart(Small { references: left, inner: left_inner, costs, depth, extent: &extents[0] });
-        let right_plan =
+        let left = l.apart(Small { references: left, inner: left_inner, costs, depth, extent: &extents[0] });
+        let right =
             l.apart(Small { references: right, inner: right_inner, costs, depth, extent: &extents[1] });
-        let (plan, choice) = Plan::merge(costs, &left_plan, &right_plan, area, count);
+        let (built, choice) = Built::of(costs, [left, right], area, count);
         *root = Inner::new(&extent.bounds, middle, choice);
-        plan
+        built
     }
 }
 
