@@ -199,8 +199,7 @@ impl Bvh {
 
     /// Bytes on the heap; a tree that several members share counts once.
     pub fn bytes(&self) -> usize {
-        let own =
-            size_of_val(self.wide.nodes()) + self.wide.blocks.bytes() + size_of_val(self.places.as_slice());
+        let own = self.wide.bytes() + size_of_val(self.places.as_slice());
         let mut trees: Vec<_> = self.members().iter().map(|member| &member.tree).collect();
         trees.sort_unstable_by_key(|tree| Arc::as_ptr(tree));
         trees.dedup_by_key(|tree| Arc::as_ptr(tree));

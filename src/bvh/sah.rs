@@ -95,8 +95,8 @@ impl Subtree {
 }
 
 impl Tree {
-    /// Builds the tree over `count` triangles and improves its crown, with costs that follow from half the surface of the box around them. Takes 64
-    /// bytes a triangle.
+    /// Builds the tree over `count` triangles and improves its crown, with costs that follow from half the surface of the box around
+    /// them. Takes 64 bytes a triangle.
     pub fn build(
         count: usize,
         corners: impl Fn(u32) -> [Vec3; 3] + Sync,

@@ -178,6 +178,11 @@ impl Wide {
         &self.blocks
     }
 
+    /// Bytes that traversal goes about in.
+    pub fn bytes(&self) -> usize {
+        size_of_val(self.nodes()) + self.blocks.bytes()
+    }
+
     /// All blocks, one node's after the other's; none of a tree of placed trees.
     pub fn each_block(&self) -> impl Iterator<Item = Block<'_>> {
         self.nodes.iter().flat_map(WideNode::block_children).map(|child| self.blocks.get(child))

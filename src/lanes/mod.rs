@@ -20,6 +20,7 @@ mod num;
 #[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 mod order;
 mod plain;
+mod prefetch;
 pub mod trigonometry;
 mod vector;
 
@@ -33,6 +34,7 @@ pub use level::{Kernel, SimdError, SimdLevel};
 pub(crate) use neon::Neon;
 pub use num::Num;
 pub use plain::{One, Plain};
+pub(crate) use prefetch::Prefetch;
 pub use vector::Vector;
 
 use std::ops::{Index, IndexMut};
@@ -369,25 +371,6 @@ pub(crate) fn nearest(x: f64) -> i64 {
     // From here on there is no fraction; below, adding it leaves none.
     const WHOLE: f64 = (1u64 << 52) as f64;
     (if x < WHOLE { (x + WHOLE) - WHOLE } else { x }) as i64
-}
-
-/// Asks for the cache line at `address` soon; harmless for any address.
-#[inline(always)]
-pub(crate) fn prefetch<T>(address: *const T) {
-    #[cfg(target_arch = "x86_64")]
-    #[allow(unsafe_code)]
-    // SAFETY: a prefetch reads nothing, faults never, and x86-64 always has it.
-    unsafe {
-        std::arch::x86_64::_mm_prefetch::<{ std::arch::x86_64::_MM_HINT_T0 }>(address.cast());
-    }
-    #[cfg(target_arch = "aarch64")]
-    #[allow(unsafe_code)]
-    // SAFETY: likewise.
-    unsafe {
-        std::arch::asm!("prfm pldl1keep, [{}]", in(reg) address, options(nostack, preserves_flags, readonly));
-    }
-    #[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
-    let _ = address;
 }
 
 #[cfg(test)]

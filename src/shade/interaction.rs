@@ -3,7 +3,7 @@
 use super::normals::{MIN_COSINE, map_normal, rough_direction, settle, tangent_frame};
 use super::offset;
 use crate::geom::Frame;
-use crate::lanes::{Int, Lanes, Num, Vector, prefetch};
+use crate::lanes::{Int, Lanes, Num, Prefetch, Vector};
 use crate::scene::{Footprint, Material, Mesh, Scene, Surface};
 use crate::stream::Hit;
 
@@ -252,17 +252,18 @@ pub fn fetch(mesh: &Mesh, hits: &[Hit], rays: &[u32], at: usize, lanes: usize) {
     if mesh.triangles.len() < FAR {
         return;
     }
+    let prefetch = Prefetch::all_over(size_of_val(&*mesh.triangles) + size_of_val(&*mesh.positions));
     for &ray in rays.iter().skip(at + lanes).take(lanes) {
-        prefetch(mesh.triangles.as_ptr().wrapping_add(hits[ray as usize].primitive as usize));
+        prefetch.each([mesh.triangles.as_ptr().wrapping_add(hits[ray as usize].primitive as usize)]);
     }
     for &ray in rays.iter().skip(at).take(lanes) {
         for corner in mesh.triangles[hits[ray as usize].primitive as usize] {
-            prefetch(mesh.positions.as_ptr().wrapping_add(corner as usize));
+            prefetch.each([mesh.positions.as_ptr().wrapping_add(corner as usize)]);
             if !mesh.normals.is_empty() {
-                prefetch(mesh.normals.as_ptr().wrapping_add(corner as usize));
+                prefetch.each([mesh.normals.as_ptr().wrapping_add(corner as usize)]);
             }
             if !mesh.uvs.is_empty() {
-                prefetch(mesh.uvs.as_ptr().wrapping_add(corner as usize));
+                prefetch.each([mesh.uvs.as_ptr().wrapping_add(corner as usize)]);
             }
         }
     }

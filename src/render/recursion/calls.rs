@@ -3,7 +3,7 @@
 use super::context::NO_RAY;
 use super::exchange::{Exchange, LIGHT, PathId, ShadowState, Wish};
 use super::{Answered, Cx, Radiance, Shader};
-use crate::lanes::{One, prefetch};
+use crate::lanes::{One, Prefetch};
 use crate::render::Frame;
 use crate::schedule::{Batch, Output};
 use crate::shade::places::{ArenaUse, BUCKET, Hand, NOWHERE, Places};
@@ -209,10 +209,13 @@ where
         };
         let waits = |ahead| paths(ahead).map(|path| path.head).filter(|&head| head != NOWHERE).map(place);
         let taken = |ahead| hand.upcoming(ahead).map(place);
-        [waits(2 * AHEAD), taken(2 * AHEAD)].into_iter().flatten().for_each(|place| prefetch(place));
+        [waits(2 * AHEAD), taken(2 * AHEAD)]
+            .into_iter()
+            .flatten()
+            .for_each(|place| Prefetch::First.each([&raw const *place]));
         for place in [waits(AHEAD), taken(AHEAD)].into_iter().flatten() {
             for byte in (0..size_of::<Option<F>>().min(MOST_FETCHED)).step_by(64) {
-                prefetch(std::ptr::without_provenance::<u8>(place.address + byte));
+                Prefetch::First.each([std::ptr::without_provenance::<u8>(place.address + byte)]);
             }
         }
     }

@@ -5,10 +5,12 @@
 
 use super::alone::{BLOCKS, ids_of_eights};
 use super::space::{Space, triangle};
-use super::stream::{Answers, DONE, Job, OctantStack, PADDING, ROW_BYTES, fetch_block, fetch_rows, lanes_of};
+use super::stream::{
+    Answers, DONE, Job, OctantStack, PADDING, ROW_BYTES, fetch_rows, lanes_of, lines_of_block,
+};
 use super::triangle::{Bounds, Hits, Passing, Range, Slabs, Vector, reach, seen, test};
 use crate::bvh::{Block, Child, MASKED, PRIMITIVE, WIDTH};
-use crate::lanes::{Lanes, keep, prefetch, spill, splat_eights, splat_row};
+use crate::lanes::{Lanes, keep, spill, splat_eights, splat_row};
 use crate::stream::Hit;
 use std::mem::MaybeUninit;
 
@@ -334,8 +336,8 @@ pub(super) fn fetch_first(job: &Job<'_>, stack: &OctantStack) {
 /// Asks for what a pair needs.
 #[inline(always)]
 fn fetch_pair(job: &Job<'_>, id: u32, child: u32) {
-    fetch_block(job, bytemuck::cast(child));
-    prefetch(job.rays.wrapping_byte_add(id as usize));
+    let [a, b, c, d] = lines_of_block(job, bytemuck::cast(child));
+    job.prefetch.each([a, b, c, d, job.rays.wrapping_byte_add(id as usize).cast()]);
 }
 
 const _: () = assert!(WIDTH <= ROW_BYTES);

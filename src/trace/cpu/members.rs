@@ -9,7 +9,7 @@ use super::order::Order;
 use super::space::{Own, Space, World};
 use super::stream::{Entry, Job, Loose, OctantStack, PADDING, Visit, entries_of, inner};
 use crate::bvh::{Child, Member};
-use crate::lanes::Lanes;
+use crate::lanes::{Lanes, Prefetch};
 
 /// Visits everything with the lists at the bottom of the arenas, of `counts` lengths. `below` is empty before and
 /// after.
@@ -40,7 +40,8 @@ pub(super) fn traverse<W: Lanes, E: Lanes, const ANY: bool>(
             }
             let member = &members[entry.child.index()];
             let wide = member.tree.wide();
-            let job = Job { nodes: wide.nodes(), blocks: wide.blocks(), ..*top };
+            let (nodes, blocks) = (wide.nodes(), wide.blocks());
+            let job = Job { nodes, blocks, prefetch: Prefetch::all_over(wide.bytes()), ..*top };
             let len = entry.len as usize;
             below.reserve(len + 2 * PADDING);
             let start = entry.start as usize;

@@ -27,7 +27,7 @@ use super::space::{Space, World};
 use super::triangle::{Faces, Slabs};
 use super::{alone, cut, leaf, members, setup};
 use crate::bvh::{Blocks, Bvh, Child, Filter, WIDTH, WideNode};
-use crate::lanes::{Lanes, prefetch};
+use crate::lanes::{Lanes, Prefetch};
 use crate::stream::{Hit, Ray};
 
 /// Ids of padding behind every list: as many as the widest lanes.
@@ -135,6 +135,8 @@ pub(super) struct Job<'a> {
     pub blocks: &'a Blocks,
     pub filter: Option<&'a dyn Filter>,
     pub scene_max_abs: f32,
+    /// How the tree's memory is asked for.
+    pub prefetch: Prefetch,
     /// A row for each ray (invariant 1).
     pub rows: *mut Row,
     /// Shafts that hold all rays, as many to each as [`shaft::RAYS`] says.
@@ -184,6 +186,7 @@ pub(super) fn trace<W: Lanes, E: Lanes, const ANY: bool, const MEMBERS: bool>(
             blocks: wide.blocks(),
             filter,
             scene_max_abs: bvh.scene_max_abs(),
+            prefetch: Prefetch::all_over(wide.bytes()),
             rows: rows.as_mut_ptr(),
             shafts,
             rays: rays.as_ptr(),
@@ -480,27 +483,22 @@ unsafe fn pad<W: Lanes>(w: W, to: *mut u32) {
 #[inline(always)]
 pub(super) fn fetch_node(job: &Job<'_>, child: Child) {
     let node = job.nodes.as_ptr().wrapping_add(child.index()).cast::<u8>();
-    for line in 0..4 {
-        prefetch(node.wrapping_add(64 * line));
-    }
+    job.prefetch.each([0, 64, 128, 192].map(|line| node.wrapping_add(line)));
 }
 
-/// Asks for the memory of a block.
+/// The lines that a block takes.
 #[inline(always)]
-pub(super) fn fetch_block(job: &Job<'_>, child: Child) {
+pub(super) fn lines_of_block(job: &Job<'_>, child: Child) -> [*const u8; 4] {
     let block = job.blocks.address(child).cast::<u8>();
-    for line in 0..3 {
-        prefetch(block.wrapping_add(64 * line));
-    }
-    // Where large blocks go on; of others it is one of these lines.
-    prefetch(block.wrapping_add(24 * child.triangles()));
+    // The last is where large blocks go on; of others it is one of the first three.
+    [0, 64, 128, 24 * child.triangles()].map(|line| block.wrapping_add(line))
 }
 
 /// Asks for the memory of a child.
 #[inline(always)]
 fn fetch_child(job: &Job<'_>, child: Child) {
     if child.is_block() {
-        fetch_block(job, child);
+        job.prefetch.each(lines_of_block(job, child));
     } else {
         fetch_node(job, child);
     }
@@ -522,10 +520,13 @@ pub(super) fn fetch_children(job: &Job<'_>, node: &WideNode) {
 #[inline(always)]
 pub(super) unsafe fn fetch_rows<L: Lanes, T>(_: L, rows: *const T, list: *const u32) {
     const { assert!(size_of::<T>() == ROW_BYTES) };
-    for lane in 0..L::LANES {
-        // SAFETY: as the caller vouches.
-        let id = unsafe { *list.add(lane) };
-        prefetch(rows.cast::<u8>().wrapping_add(id as usize));
+    for part in 0..L::LANES / WIDTH {
+        let mut addresses = [rows; WIDTH];
+        for (lane, address) in addresses.iter_mut().enumerate() {
+            // SAFETY: as the caller vouches.
+            *address = rows.wrapping_byte_add(unsafe { *list.add(part * WIDTH + lane) } as usize);
+        }
+        Prefetch::First.each(addresses);
     }
 }
 

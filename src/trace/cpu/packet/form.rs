@@ -7,7 +7,7 @@ use super::super::interval::Interval;
 use super::super::setup;
 use super::super::stream::{DONE, Job, OctantStack, PADDING, lanes_of};
 use super::{Origin, PACKET, Packet, entry};
-use crate::lanes::{Lanes, prefetch, spill};
+use crate::lanes::{Lanes, Prefetch, spill};
 use crate::stream::{MISS, Ray};
 
 /// Packets whose directions differ by more than this, relative to their size and on the mean, are
@@ -112,9 +112,8 @@ pub fn form<W: Lanes>(
 /// Asks for the rays of a packet, which follow each other.
 #[inline(always)]
 fn fetch_packet(rays: *const Ray) {
-    for ray in (0..PACKET).step_by(64 / size_of::<Ray>()) {
-        prefetch(rays.wrapping_add(ray));
-    }
+    const EACH: usize = 64 / size_of::<Ray>();
+    Prefetch::First.each::<_, { PACKET / EACH }>(std::array::from_fn(|line| rays.wrapping_add(EACH * line)));
 }
 
 /// Rays that are made packets together.
