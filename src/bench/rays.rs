@@ -68,7 +68,8 @@ pub struct Row {
     /// How fast: millions of rays per second over the rounds.
     pub mray_per_s: Spread,
     /// Ratio of medians against each of: `embree` (its best mode), `embree_robust` (its best robust
-    /// mode), `obvhs`, `scalar`, and, where a device takes part, `cpu` (our tracer's best level).
+    /// mode), `obvhs`, `scalar`, and, where a device takes part, `cpu` (our tracer's best level), with as many threads; and
+    /// against itself with `one_thread`, where that was measured.
     pub ratio: BTreeMap<&'static str, f64>,
 }
 
@@ -101,6 +102,7 @@ pub struct Report {
 /// A participant: traces all rays once and answers the seconds that took.
 struct Unit<'a> {
     name: String,
+    threads: usize,
     simd: Option<&'static str>,
     robust: bool,
     rays: usize,
@@ -141,23 +143,30 @@ pub fn run(
         }
     }
     let obvhs = options.slow_units.then(|| Obvhs::new(bvh));
-    for &threads in &options.threads {
-        let pool =
-            rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads can be started");
-        let clock = Clock { pool: &pool, processor_time: options.processor_time && threads == 1 };
-        for &kind in &options.kinds {
-            let rays = workload.rays(kind);
-            let mut units = our_units(bvh, rays, kind, clock, options);
+    let pool = |&threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+    let pools: Result<Vec<_>, _> = options.threads.iter().map(pool).collect();
+    let pools = pools.expect("threads can be started");
+    for &kind in &options.kinds {
+        let rays = workload.rays(kind);
+        let few: Vec<Ray> = rays.chunks(1024).step_by(8).flatten().copied().collect();
+        let mut units = Vec::new();
+        for (pool, &threads) in pools.iter().zip(&options.threads) {
+            let clock = Clock { pool, threads, processor_time: options.processor_time && threads == 1 };
+            let mut with_these = our_units(bvh, rays, kind, clock, options);
             for device in devices {
-                units.push(device_unit(&**device, rays, kind, clock)?);
+                with_these.push(device_unit(&**device, rays, kind, clock)?);
             }
-            units.extend(embree_units(&scenes, rays, kind, clock));
-            let few: Vec<Ray> = rays.chunks(1024).step_by(8).flatten().copied().collect();
+            with_these.extend(embree_units(&scenes, rays, kind, clock));
             if let Some(obvhs) = &obvhs {
-                units.extend(slow_units(bvh, obvhs, few, kind, clock));
+                with_these.extend(slow_units(bvh, obvhs, &few, kind, clock));
             }
-            report.rows.extend(measure(units, kind, threads, options.rounds));
+            units.extend(with_these.into_iter().enumerate());
         }
+        // The same contender with one and with more threads is timed one after the other, so that what others
+        // do to the machine meanwhile changes their ratio little.
+        units.sort_by_key(|&(place, _)| place);
+        let units = units.into_iter().map(|(_, unit)| unit).collect();
+        report.rows.extend(measure(units, kind, options.rounds));
     }
     if let Some(robust) = scenes.last() {
         report.agreement = options.kinds.iter().map(|&kind| compare(bvh, robust, workload, kind)).collect();
@@ -169,6 +178,7 @@ pub fn run(
 #[derive(Clone, Copy)]
 struct Clock<'a> {
     pool: &'a rayon::ThreadPool,
+    threads: usize,
     processor_time: bool,
 }
 
@@ -176,6 +186,8 @@ impl Clock<'_> {
     /// Seconds that `work` takes on the pool.
     fn seconds(&self, work: impl FnOnce() + Send) -> f64 {
         self.pool.install(|| {
+            // Who sleeps is woken first: that may take a millisecond, where the system puts two threads on one core.
+            rayon::broadcast(|_| ());
             let ran = self.processor_time.then(processor_seconds).flatten();
             let start = Instant::now();
             work();
@@ -212,7 +224,7 @@ fn our_units<'a>(
             })
         };
         let (name, simd) = (name.to_owned(), Some(level.name()));
-        Unit { name, simd, robust: true, rays: rays.len(), round: Box::new(round) }
+        Unit { name, threads: clock.threads, simd, robust: true, rays: rays.len(), round: Box::new(round) }
     };
     let mut units = Vec::new();
     for &level in &options.levels {
@@ -266,7 +278,8 @@ fn device_unit<'a>(
     trace().map_err(DeviceError::Lost)?;
     let round = move || trace().unwrap_or(f64::INFINITY);
     let name = format!("gpu: {}", device.name());
-    Ok(Unit { name, simd: None, robust: true, rays: rays.len(), round: Box::new(round) })
+    let threads = clock.threads;
+    Ok(Unit { name, threads, simd: None, robust: true, rays: rays.len(), round: Box::new(round) })
 }
 
 /// Rays and nothing with them.
@@ -293,8 +306,8 @@ fn embree_units<'a>(
                 clock.seconds(|| shares.for_each(|rays| scene.trace(rays, kind.is_any_hit())))
             };
             let name = format!("embree {}{}", mode.name(), if scene.is_robust() { ", robust" } else { "" });
-            let robust = scene.is_robust();
-            units.push(Unit { name, simd: None, robust, rays: rays.len(), round: Box::new(round) });
+            let (threads, robust) = (clock.threads, scene.is_robust());
+            units.push(Unit { name, threads, simd: None, robust, rays: rays.len(), round: Box::new(round) });
         }
     }
     units
@@ -338,7 +351,7 @@ impl Obvhs {
 fn slow_units<'a>(
     bvh: &Arc<Bvh>,
     obvhs: &'a Obvhs,
-    rays: Vec<Ray>,
+    rays: &[Ray],
     kind: Kind,
     clock: Clock<'a>,
 ) -> Vec<Unit<'a>> {
@@ -354,13 +367,15 @@ fn slow_units<'a>(
     };
     let other =
         move || clock.seconds(|| same.par_iter().map(|r| obvhs.trace(r, any)).collect_into_vec(&mut theirs));
-    let unit =
-        |name: &str, round| Unit { name: name.to_owned(), simd: None, robust: false, rays: count, round };
+    let unit = |name: &str, round| {
+        let (name, threads) = (name.to_owned(), clock.threads);
+        Unit { name, threads, simd: None, robust: false, rays: count, round }
+    };
     vec![unit("scalar", Box::new(scalar)), unit("obvhs", Box::new(other))]
 }
 
-/// Times the units in turns.
-fn measure(mut units: Vec<Unit<'_>>, kind: Kind, threads: usize, rounds: usize) -> Vec<Row> {
+/// Times the units in turns, whatever their threads.
+fn measure(mut units: Vec<Unit<'_>>, kind: Kind, rounds: usize) -> Vec<Row> {
     let mut speeds = vec![Vec::new(); units.len()];
     for round in 0..=rounds {
         for (unit, speeds) in units.iter_mut().zip(&mut speeds) {
@@ -376,20 +391,27 @@ fn measure(mut units: Vec<Unit<'_>>, kind: Kind, threads: usize, rounds: usize) 
         let medians = units.iter().zip(&speeds).filter(|(unit, _)| among(unit)).map(|(_, s)| s.median);
         medians.max_by(f64::total_cmp)
     };
-    let peers = [
-        ("embree", best(&|u| u.name.starts_with("embree"))),
-        ("embree_robust", best(&|u| u.name.starts_with("embree") && u.robust)),
-        ("obvhs", best(&|u| u.name == "obvhs")),
-        ("scalar", best(&|u| u.name == "scalar")),
-        ("cpu", best(&|u| u.name == "raystream").filter(|_| units.iter().any(|u| u.name.starts_with("gpu")))),
-    ];
+    let ratio = |of: &Unit<'_>, speed: &Spread| {
+        let beside = |among: &dyn Fn(&Unit<'_>) -> bool| best(&|u| u.threads == of.threads && among(u));
+        let device = units.iter().any(|u| u.name.starts_with("gpu"));
+        let alone = |u: &Unit<'_>| u.threads == 1 && (&u.name, u.simd) == (&of.name, of.simd);
+        let peers = [
+            ("embree", beside(&|u| u.name.starts_with("embree"))),
+            ("embree_robust", beside(&|u| u.name.starts_with("embree") && u.robust)),
+            ("obvhs", beside(&|u| u.name == "obvhs")),
+            ("scalar", beside(&|u| u.name == "scalar")),
+            ("cpu", beside(&|u| u.name == "raystream").filter(|_| device)),
+            ("one_thread", best(&alone).filter(|_| of.threads > 1)),
+        ];
+        peers.into_iter().filter_map(|(peer, median)| Some((peer, speed.median / median?))).collect()
+    };
     let row = |(unit, speed): (&Unit<'_>, &Spread)| Row {
         kind,
         unit: unit.name.clone(),
-        threads,
+        threads: unit.threads,
         simd: unit.simd,
         mray_per_s: *speed,
-        ratio: peers.iter().filter_map(|&(peer, median)| Some((peer, speed.median / median?))).collect(),
+        ratio: ratio(unit, speed),
     };
     units.iter().zip(&speeds).map(row).collect()
 }
@@ -458,6 +480,10 @@ mod tests {
             let Spread { median, best, worst } = row.mray_per_s;
             assert!(0.0 < worst && worst <= median && median <= best);
             assert!(row.ratio["scalar"] > 0.0 && !row.ratio.contains_key("embree"));
+            assert_eq!(row.ratio.contains_key("one_thread"), row.threads == 2);
+            let same = |r: &&Row| (r.kind, &r.unit, r.simd, r.threads) == (row.kind, &row.unit, row.simd, 1);
+            let alone = report.rows.iter().find(same).expect("a row of one thread").mray_per_s.median;
+            assert!(row.ratio.get("one_thread").is_none_or(|&ratio| ratio == median / alone));
         }
         let missing = Options { embree: Some("nowhere.so".into()), ..options };
         let error = run(&bvh, &positions, &triangles, &workload, &[], &missing).expect_err("no such file");
