@@ -151,7 +151,7 @@ pub fn run(
         let few: Vec<Ray> = rays.chunks(1024).step_by(8).flatten().copied().collect();
         let mut units = Vec::new();
         for (pool, &threads) in pools.iter().zip(&options.threads) {
-            let clock = Clock { pool, threads, processor_time: options.processor_time && threads == 1 };
+            let clock = Clock { pool, processor_time: options.processor_time && threads == 1 };
             let mut with_these = our_units(bvh, rays, kind, clock, options);
             for device in devices {
                 with_these.push(device_unit(&**device, rays, kind, clock)?);
@@ -178,11 +178,14 @@ pub fn run(
 #[derive(Clone, Copy)]
 struct Clock<'a> {
     pool: &'a rayon::ThreadPool,
-    threads: usize,
     processor_time: bool,
 }
 
 impl Clock<'_> {
+    fn threads(&self) -> usize {
+        self.pool.current_num_threads()
+    }
+
     /// Seconds that `work` takes on the pool.
     fn seconds(&self, work: impl FnOnce() + Send) -> f64 {
         self.pool.install(|| {
@@ -224,7 +227,7 @@ fn our_units<'a>(
             })
         };
         let (name, simd) = (name.to_owned(), Some(level.name()));
-        Unit { name, threads: clock.threads, simd, robust: true, rays: rays.len(), round: Box::new(round) }
+        Unit { name, threads: clock.threads(), simd, robust: true, rays: rays.len(), round: Box::new(round) }
     };
     let mut units = Vec::new();
     for &level in &options.levels {
@@ -278,7 +281,7 @@ fn device_unit<'a>(
     trace().map_err(DeviceError::Lost)?;
     let round = move || trace().unwrap_or(f64::INFINITY);
     let name = format!("gpu: {}", device.name());
-    let threads = clock.threads;
+    let threads = clock.threads();
     Ok(Unit { name, threads, simd: None, robust: true, rays: rays.len(), round: Box::new(round) })
 }
 
@@ -306,7 +309,7 @@ fn embree_units<'a>(
                 clock.seconds(|| shares.for_each(|rays| scene.trace(rays, kind.is_any_hit())))
             };
             let name = format!("embree {}{}", mode.name(), if scene.is_robust() { ", robust" } else { "" });
-            let (threads, robust) = (clock.threads, scene.is_robust());
+            let (threads, robust) = (clock.threads(), scene.is_robust());
             units.push(Unit { name, threads, simd: None, robust, rays: rays.len(), round: Box::new(round) });
         }
     }
@@ -368,7 +371,7 @@ fn slow_units<'a>(
     let other =
         move || clock.seconds(|| same.par_iter().map(|r| obvhs.trace(r, any)).collect_into_vec(&mut theirs));
     let unit = |name: &str, round| {
-        let (name, threads) = (name.to_owned(), clock.threads);
+        let (name, threads) = (name.to_owned(), clock.threads());
         Unit { name, threads, simd: None, robust: false, rays: count, round }
     };
     vec![unit("scalar", Box::new(scalar)), unit("obvhs", Box::new(other))]
