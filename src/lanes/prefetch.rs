@@ -12,7 +12,7 @@ pub(crate) enum Prefetch {
     /// The nearest.
     First,
     /// The one behind it. A first cache has room for a few dozen lines under way. Asked for one more, Intel's processors wait for
-    /// one to arrive, but AMD's drop it (seen on Zen 4: beyond 24); into the second cache they bring all.
+    /// one to arrive, but AMD's up to Zen 4 drop it (seen there: beyond 24); into the second cache they bring all.
     Second,
 }
 
@@ -23,21 +23,26 @@ impl Prefetch {
     /// What is best on this processor for places all over so many bytes.
     #[inline]
     pub fn all_over(bytes: usize) -> Self {
-        static FAR: LazyLock<Prefetch> = LazyLock::new(Prefetch::by_vendor);
+        static FAR: LazyLock<Prefetch> = LazyLock::new(Prefetch::by_processor);
         if bytes > NEAR { *FAR } else { Self::First }
     }
 
     /// The same for more bytes than any cache has.
     #[cfg(target_arch = "x86_64")]
-    fn by_vendor() -> Self {
-        let leaf = std::arch::x86_64::__cpuid(0);
+    fn by_processor() -> Self {
+        use std::arch::x86_64::__cpuid;
+        let leaf = __cpuid(0);
         let vendor: [u8; 12] = bytemuck::cast([leaf.ebx, leaf.edx, leaf.ecx].map(u32::to_le_bytes));
-        // Hygon's are AMD's design.
-        if matches!(&vendor, b"AuthenticAMD" | b"HygonGenuine") { Self::Second } else { Self::First }
+        // The basic family and the extended one, which counts where the basic one is 15, as all of Zen's are.
+        let version = __cpuid(1).eax;
+        let family = (version >> 8 & 0xf) + (version >> 20 & 0xff);
+        // Hygon's are AMD's design; 25 is Zen 3 and 4, 26 Zen 5.
+        let drops = matches!(&vendor, b"AuthenticAMD" | b"HygonGenuine") && family <= 25;
+        if drops { Self::Second } else { Self::First }
     }
 
     #[cfg(not(target_arch = "x86_64"))]
-    fn by_vendor() -> Self {
+    fn by_processor() -> Self {
         Self::First
     }
 
