@@ -13,6 +13,7 @@ pub(crate) enum Prefetch {
     First,
     /// The one behind it. A first cache has room for a few dozen lines under way. Asked for one more, Intel's processors wait for
     /// one to arrive, but AMD's up to Zen 4 drop it (seen there: beyond 24); into the second cache they bring all.
+    #[cfg_attr(not(target_arch = "x86_64"), expect(dead_code))]
     Second,
 }
 
