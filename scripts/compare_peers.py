@@ -2,8 +2,8 @@
 """Whole frames beside Mitsuba 3's and Cycles': same geometry, camera, light, depth and samples, turn by turn.
 
     python3 -m venv .venv && .venv/bin/pip install mitsuba==3.9.1 bpy==5.0.1 numpy
-    .venv/bin/python benches/compare_peers.py --threads 2 cornell terrain.glb sponza.obj
-    .venv/bin/python benches/compare_peers.py --threads 2 --real terrain.glb sponza.obj
+    .venv/bin/python scripts/compare_peers.py --threads 2 cornell terrain.glb sponza.obj
+    .venv/bin/python scripts/compare_peers.py --threads 2 --real terrain.glb sponza.obj
 
 All surfaces are matte with albedo 0.8 ("clay"), lit by the scene's lamps or, if it has none, a white sky, so that all
 programs compute the same picture, which is checked. SCENE@EYE@TARGET@FOV (x,y,z, degrees) says from where; else it is
