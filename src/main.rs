@@ -2,7 +2,7 @@
 //!
 //! This file alone changes the process's environment. Invariant 1: `main` does so before any thread is made,
 //! so nobody reads the environment meanwhile.
-#![allow(unsafe_code)]
+#![allow(unsafe_code, reason = "the invariants above")]
 
 fn main() -> std::process::ExitCode {
     // Mesa's device-selection layer asks for a display server to order the GPUs by, and complains on stderr

@@ -5,7 +5,7 @@
 //!    instance-primitive id, so that the memory is enough with and without it.
 //! 2. A device and its scenes live no longer than the library, the ledger and the buffers that they share.
 //! 3. Rays and packets are aligned as Embree asks.
-#![allow(unsafe_code)]
+#![allow(unsafe_code, reason = "the invariants above")]
 
 use crate::stream::{Hit, MISS, Ray};
 use glam::Vec3;

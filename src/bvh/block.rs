@@ -5,7 +5,7 @@
 //!
 //! Unsafe code for reading columns into lanes. Invariant 1: behind the first word of a [`Block`]'s last column lie at least
 //! [`SLACK`] words in its slice.
-#![allow(unsafe_code)]
+#![allow(unsafe_code, reason = "the invariants above")]
 
 use super::pages::Pages;
 use super::pile::{Pile, side_by_side};
@@ -227,7 +227,7 @@ impl<'a> Block<'a> {
     }
 
     /// Number of triangles.
-    #[allow(clippy::len_without_is_empty)] // A block is never empty.
+    #[allow(clippy::len_without_is_empty, reason = "a block is never empty")]
     #[inline(always)]
     pub fn len(&self) -> usize {
         self.count

@@ -5,7 +5,7 @@
 //! 1. `start` leads to `len` elements in `memory`, which stays where it is when its owner moves and is reached through
 //!    this value alone. It is a multiple of 64.
 //! 2. All of them are initialised, their type has no destructor (`Copy`), and it takes any bits (`Pod`).
-#![allow(unsafe_code)]
+#![allow(unsafe_code, reason = "the invariants above")]
 
 use bytemuck::{Pod, Zeroable};
 use memmap2::{MmapMut, MmapOptions};

@@ -3,7 +3,7 @@
 //! Unsafe code, because of instructions and pointers. Invariants:
 //! 1. A token exists only where the processor has AVX2 and FMA, and what its type says beside (its maker vouches for it).
 //! 2. Every pointer access is within what the caller of the method vouches for, as the trait states it.
-#![allow(unsafe_code)]
+#![allow(unsafe_code, reason = "the invariants above")]
 
 use super::order::LANES_OF;
 use super::{Lanes, Piece, nearest, spill};
@@ -83,7 +83,7 @@ fn transpose<const VL: bool>(token: Eights<VL>, r: [__m256; 8]) -> [__m256; 8] {
 }
 
 // SAFETY of every block below: invariant 1 for the instructions, 2 for the pointers.
-#[allow(clippy::undocumented_unsafe_blocks)]
+#[allow(clippy::undocumented_unsafe_blocks, reason = "the line above speaks for every block")]
 impl<const VL: bool> Lanes for Eights<VL> {
     const LANES: usize = 8;
     type F = __m256;

@@ -3,7 +3,7 @@
 //! Unsafe code, because of instructions and pointers. Invariants:
 //! 1. A token exists only where the processor has AVX-512 F, BW, DQ and VL (its maker vouches for it).
 //! 2. Every pointer access is within what the caller of the method vouches for, as the trait states it.
-#![allow(unsafe_code)]
+#![allow(unsafe_code, reason = "the invariants above")]
 
 use super::{Lanes, Piece};
 use std::arch::x86_64::*;
@@ -81,7 +81,7 @@ fn halves(_: Avx512, a: __m512, b: __m512) -> [__m512; 2] {
 }
 
 // SAFETY of every block below: invariant 1 for the instructions, 2 for the pointers.
-#[allow(clippy::undocumented_unsafe_blocks)]
+#[allow(clippy::undocumented_unsafe_blocks, reason = "the line above speaks for every block")]
 impl Lanes for Avx512 {
     const LANES: usize = 16;
     type F = __m512;

@@ -3,7 +3,7 @@
 //! Unsafe code, because arrays are read and written by pointer. Invariants:
 //! 1. Every array has at least as many elements as there are lanes.
 //! 2. Gathers are checked against the slice before anything is read.
-#![allow(unsafe_code)]
+#![allow(unsafe_code, reason = "the invariants above")]
 
 use super::{Lanes, Num, One};
 use std::ops::{Add, BitAnd, BitOr, BitXor, Mul, Shl, Shr};

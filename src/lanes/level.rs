@@ -2,7 +2,7 @@
 //!
 //! Unsafe code for calling functions that enable instructions. Invariant 1: such a function is called
 //! only after the processor was asked whether it has them.
-#![allow(unsafe_code)]
+#![allow(unsafe_code, reason = "the invariants above")]
 
 #[cfg(target_arch = "aarch64")]
 use super::Neon;

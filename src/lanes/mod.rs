@@ -6,6 +6,12 @@
 //! Implementations are tokens: to hold one is to know that the processor has the instructions. All
 //! methods are `inline(always)`: they must end up inside a function that enables the instructions,
 //! which [`SimdLevel::run`] is for. Closures in such code do not reliably end up there; loops do.
+//!
+//! Unsafe code, because methods read and write by pointer. Invariants:
+//! 1. Pointers passed to methods point to at least as many elements as the methods' contracts ask for: the callers here
+//!    pass arrays and slices of a checked length.
+//! 2. A token exists only where the processor has the instructions.
+#![allow(unsafe_code, reason = "the invariants above")]
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;
@@ -159,20 +165,17 @@ pub trait Lanes: Copy {
     ///
     /// # Safety
     /// At each place after `from` is a readable word.
-    #[allow(unsafe_code)]
     unsafe fn gather(self, from: *const u32, ids: Self::I) -> Self::I;
 
     /// Reads a number into each lane.
     ///
     /// # Safety
     /// `from` is good for reading `LANES` numbers.
-    #[allow(unsafe_code)]
     unsafe fn load(self, from: *const f32) -> Self::F;
     /// Reads eight numbers into each eight lanes, each from a place of its own. With eight lanes only the first counts.
     ///
     /// # Safety
     /// Each place is good for reading eight numbers.
-    #[allow(unsafe_code)]
     #[inline(always)]
     unsafe fn load_eights(self, from: [*const f32; 2]) -> Self::F {
         const { assert!(Self::LANES == 8) };
@@ -184,7 +187,6 @@ pub trait Lanes: Copy {
     ///
     /// # Safety
     /// Each place is good for reading sixteen numbers.
-    #[allow(unsafe_code)]
     unsafe fn pick(self, from: [*const f32; 2], ids: Self::I) -> Self::F;
     /// A number in each eight lanes. With eight lanes only the first counts.
     #[inline(always)]
@@ -196,13 +198,11 @@ pub trait Lanes: Copy {
     ///
     /// # Safety
     /// `to` is good for writing `LANES` numbers.
-    #[allow(unsafe_code)]
     unsafe fn store(self, to: *mut f32, a: Self::F);
     /// Reads an id into each lane.
     ///
     /// # Safety
     /// `from` is good for reading `LANES` ids.
-    #[allow(unsafe_code)]
     unsafe fn load_ids(self, from: *const u32) -> Self::I;
     /// The same id in each lane.
     fn splat_id(self, id: u32) -> Self::I;
@@ -210,32 +210,27 @@ pub trait Lanes: Copy {
     ///
     /// # Safety
     /// `to` is good for writing `LANES` ids.
-    #[allow(unsafe_code)]
     unsafe fn store_ids(self, to: *mut u32, ids: Self::I);
     /// Writes the ids of the lanes in `mask`, in order, side by side; what follows them is unspecified.
     ///
     /// # Safety
     /// `to` is good for writing `LANES` ids.
-    #[allow(unsafe_code)]
     unsafe fn append(self, to: *mut u32, mask: u32, ids: Self::I);
     /// Reads rows of eight numbers, the one for lane `i` at byte `ids[i]` after `base`, and turns them
     /// into eight vectors, one a column.
     ///
     /// # Safety
     /// `ids` is good for reading `LANES` ids, each of which leads to a readable row.
-    #[allow(unsafe_code)]
     unsafe fn rows(self, base: *const f32, ids: *const u32) -> [Self::F; 8];
     /// Writes `LANES` rows of eight numbers, one after the other, from eight columns.
     ///
     /// # Safety
     /// `to` is good for writing `8 * LANES` numbers.
-    #[allow(unsafe_code)]
     unsafe fn put_rows(self, to: *mut f32, columns: [Self::F; 8]);
     /// Writes `LANES` rows of four numbers, one after the other, from four columns.
     ///
     /// # Safety
     /// `to` is good for writing `4 * LANES` numbers.
-    #[allow(unsafe_code)]
     unsafe fn put_quads(self, to: *mut f32, columns: [Self::F; 4]);
 }
 
@@ -287,11 +282,8 @@ pub(crate) fn load<L: Lanes>(l: L, columns: &[[f32; 8]; 3]) -> [L::F; 3] {
 #[inline(always)]
 pub(crate) fn load_one<L: Lanes>(l: L, column: &[f32; 8]) -> L::F {
     const { assert!(L::LANES == 8) };
-    #[allow(unsafe_code)]
-    // SAFETY: there are eight numbers, as many as lanes.
-    unsafe {
-        l.load(column.as_ptr())
-    }
+    // SAFETY: invariant 1; there are eight numbers, as many as lanes.
+    unsafe { l.load(column.as_ptr()) }
 }
 
 /// Three columns out of eight lanes.
@@ -304,11 +296,8 @@ pub(crate) fn keep<L: Lanes>(l: L, lanes: [L::F; 3]) -> [[f32; 8]; 3] {
 /// A column for each eight lanes.
 #[inline(always)]
 pub(crate) fn load_eights<L: Lanes>(l: L, columns: [&[f32; 8]; 2]) -> L::F {
-    #[allow(unsafe_code)]
-    // SAFETY: there are eight numbers in each.
-    unsafe {
-        l.load_eights([columns[0].as_ptr(), columns[1].as_ptr()])
-    }
+    // SAFETY: invariant 1; there are eight numbers in each.
+    unsafe { l.load_eights([columns[0].as_ptr(), columns[1].as_ptr()]) }
 }
 
 /// Eight lanes as a column.
@@ -316,8 +305,7 @@ pub(crate) fn load_eights<L: Lanes>(l: L, columns: [&[f32; 8]; 2]) -> L::F {
 pub(crate) fn store_one<L: Lanes>(l: L, f: L::F) -> [f32; 8] {
     const { assert!(L::LANES == 8) };
     let mut column = [0.0; 8];
-    #[allow(unsafe_code)]
-    // SAFETY: there are eight numbers, as many as lanes.
+    // SAFETY: invariant 1; there are eight numbers, as many as lanes.
     unsafe {
         l.store(column.as_mut_ptr(), f);
     }
@@ -328,11 +316,8 @@ pub(crate) fn store_one<L: Lanes>(l: L, f: L::F) -> [f32; 8] {
 #[inline(always)]
 pub(crate) fn columns<L: Lanes>(l: L, rows: &[[f32; 8]; 8]) -> [L::F; 8] {
     const { assert!(L::LANES == 8) };
-    #[allow(unsafe_code)]
-    // SAFETY: there are eight rows, of 32 bytes each.
-    unsafe {
-        l.rows(rows.as_ptr().cast(), [0, 32, 64, 96, 128, 160, 192, 224].as_ptr())
-    }
+    // SAFETY: invariant 1; there are eight rows, of 32 bytes each.
+    unsafe { l.rows(rows.as_ptr().cast(), [0, 32, 64, 96, 128, 160, 192, 224].as_ptr()) }
 }
 
 /// Eight lanes with the first four last.
@@ -345,11 +330,8 @@ pub(crate) fn swap_halves<L: Lanes>(l: L, f: L::F) -> L::F {
 #[inline(always)]
 pub(crate) fn eight_ids<L: Lanes>(l: L, ids: &[u32; 8]) -> L::I {
     const { assert!(L::LANES == 8) };
-    #[allow(unsafe_code)]
-    // SAFETY: there are eight ids, as many as lanes.
-    unsafe {
-        l.load_ids(ids.as_ptr())
-    }
+    // SAFETY: invariant 1; there are eight ids, as many as lanes.
+    unsafe { l.load_ids(ids.as_ptr()) }
 }
 
 /// Numbers of lanes, for code that goes lane by lane.
@@ -357,8 +339,7 @@ pub(crate) fn eight_ids<L: Lanes>(l: L, ids: &[u32; 8]) -> L::I {
 pub(crate) fn spill<L: Lanes>(l: L, f: L::F) -> [f32; 16] {
     const { assert!(L::LANES <= 16) };
     let mut numbers = [0.0; 16];
-    #[allow(unsafe_code)]
-    // SAFETY: sixteen numbers are enough.
+    // SAFETY: invariant 1; sixteen numbers are enough.
     unsafe {
         l.store(numbers.as_mut_ptr(), f);
     }
@@ -378,7 +359,6 @@ mod tests {
     use super::*;
 
     /// Runs every operation on awkward numbers and gives all results, eight lanes at a time.
-    #[allow(unsafe_code)]
     fn everything<L: Lanes>(l: L) -> Vec<u32> {
         let numbers: Vec<f32> = (0..64u32)
             .map(|i| {
@@ -391,13 +371,13 @@ mod tests {
         for at in (0..32).step_by(l.lanes()) {
             let mut keep = |f: L::F| {
                 let mut out = [0.0f32; 16];
-                // SAFETY: sixteen numbers are enough for any lanes.
+                // SAFETY: invariant 1; sixteen numbers are enough for any lanes.
                 unsafe { l.store(out.as_mut_ptr(), f) };
                 // One zero is as good as the other after min and max; NaNs differ in payload.
                 let bits = |x: f32| if x.is_nan() { u32::MAX } else { (x + 0.0).to_bits() };
                 results.push((at, out[..L::LANES].iter().map(|&x| bits(x)).collect::<Vec<_>>()));
             };
-            // SAFETY: 32 + at + LANES <= 64.
+            // SAFETY: invariant 1; 32 + at + LANES <= 64.
             let (a, b, c) = unsafe {
                 let p = numbers.as_ptr();
                 (l.load(p.add(at)), l.load(p.add(at + 7)), l.load(p.add(at + 32)))
@@ -430,7 +410,7 @@ mod tests {
                 l.select_ids(l.eq_ids(L::ALL, i, l.and_ids(i, k)), i, k),
             ] {
                 let mut out = [0u32; 16];
-                // SAFETY: sixteen ids are enough for any lanes.
+                // SAFETY: invariant 1; sixteen ids are enough for any lanes.
                 unsafe { l.store_ids(out.as_mut_ptr(), id) };
                 results.push((at, out[..L::LANES].to_vec()));
             }
@@ -457,12 +437,11 @@ mod tests {
     }
 
     /// Gathers, transposes, appends.
-    #[allow(unsafe_code)]
     fn memory<L: Lanes>(l: L) {
         let rows: Vec<f32> = (0..8 * 40).map(|i| i as f32).collect();
         let ids: Vec<u32> = (0..L::LANES as u32).map(|i| (i * 7 + 3) % 40 * 32).collect();
         let odd: Vec<u32> = (0..L::LANES as u32).map(|i| i.wrapping_mul(0x9e37_79b9) ^ i).collect();
-        // SAFETY: all ids lead to one of the 40 rows; every buffer holds what is read and written.
+        // SAFETY: invariant 1; all ids lead to one of the 40 rows; every buffer holds what is read and written.
         unsafe {
             let columns = l.rows(rows.as_ptr(), ids.as_ptr());
             for (column, f) in columns.iter().enumerate() {
@@ -554,8 +533,7 @@ mod tests {
             slices(Neon);
         }
         #[cfg(target_arch = "x86_64")]
-        #[allow(unsafe_code)]
-        // SAFETY: each token is made only when the processor has its instructions.
+        // SAFETY: invariant 2; each token is made only when the processor has its instructions.
         unsafe {
             if SimdLevel::Avx2.is_available() {
                 let token = Avx2::new();

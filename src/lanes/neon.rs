@@ -8,7 +8,7 @@
 //! Unsafe code, because of instructions and pointers. Invariants:
 //! 1. Every 64-bit ARM processor has NEON, so the token needs no proof.
 //! 2. Every pointer access is within what the caller of the method vouches for, as the trait states it.
-#![allow(unsafe_code)]
+#![allow(unsafe_code, reason = "the invariants above")]
 
 use super::order::LANES_OF;
 use super::{Lanes, Piece, nearest, spill};
@@ -90,7 +90,7 @@ fn transpose(r: [float32x4_t; 4]) -> [float32x4_t; 4] {
 }
 
 // SAFETY of every block below: invariant 1 for the instructions, 2 for the pointers.
-#[allow(clippy::undocumented_unsafe_blocks)]
+#[allow(clippy::undocumented_unsafe_blocks, reason = "the line above speaks for every block")]
 impl Lanes for Neon {
     const LANES: usize = 8;
     type F = F;

@@ -2,7 +2,7 @@
 //!
 //! Unsafe code, because arrays are read and written by pointer. Invariant 1: every array has at least
 //! as many elements as there are lanes.
-#![allow(unsafe_code)]
+#![allow(unsafe_code, reason = "the invariants above")]
 
 use super::{Int, Lanes, One};
 use std::ops::{Add, AddAssign, Div, DivAssign, Mul, MulAssign, Neg, Sub, SubAssign};

@@ -3,7 +3,7 @@
 //! Unsafe code, because lists and rows are reached by pointer. Invariant 1: every pointer access is
 //! within what the caller of the method vouches for, as the trait states it. 2: what needs instructions is called once
 //! [`SimdLevel::is_available`] has found them.
-#![allow(unsafe_code)]
+#![allow(unsafe_code, reason = "the invariants above")]
 
 #[cfg(target_arch = "x86_64")]
 use super::SimdLevel;

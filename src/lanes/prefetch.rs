@@ -2,7 +2,7 @@
 //!
 //! Unsafe code for instructions. Invariant 1: a prefetch reads nothing and faults never, whatever the address, and every processor
 //! of its architecture has it.
-#![allow(unsafe_code)]
+#![allow(unsafe_code, reason = "the invariants above")]
 
 use std::sync::LazyLock;
 
@@ -13,7 +13,10 @@ pub(crate) enum Prefetch {
     First,
     /// The one behind it. A first cache has room for a few dozen lines under way. Asked for one more, Intel's processors wait for
     /// one to arrive, but AMD's up to Zen 4 drop it (seen there: beyond 24); into the second cache they bring all.
-    #[cfg_attr(not(target_arch = "x86_64"), expect(dead_code))]
+    #[cfg_attr(
+        not(target_arch = "x86_64"),
+        expect(dead_code, reason = "only x86-64 has instructions for it")
+    )]
     Second,
 }
 

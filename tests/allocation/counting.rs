@@ -2,7 +2,7 @@
 //!
 //! Unsafe code, because allocators are. Invariant 1: every call is passed on to the system's allocator
 //! as it came.
-#![allow(unsafe_code)]
+#![allow(unsafe_code, reason = "the invariants above")]
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicU64, Ordering::SeqCst};

@@ -9,7 +9,7 @@
 //! 5. The children of pairs are in range, as those of nodes are, and their ids are of rays of the
 //!    sub-stream; candidates are pairs whose ids have a row of the block in the bits below [`super::stream::ROW_BYTES`].
 //! 6. Both arrays of pairs hold `len` pairs and, after `reserve`, as many more as asked for.
-#![allow(unsafe_code)]
+#![allow(unsafe_code, reason = "the invariants above")]
 
 use super::space::Space;
 use super::stream::{Job, OctantStack, PADDING, fetch_node, lanes_of};

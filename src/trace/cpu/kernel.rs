@@ -2,7 +2,7 @@
 //!
 //! Unsafe code for loading lanes. Invariant 1: every column has [`MOST`] numbers behind what is loaded
 //! from it, as many as the widest lanes.
-#![allow(unsafe_code)]
+#![allow(unsafe_code, reason = "the invariants above")]
 
 use super::triangle::{Range, Slabs, Vector, test};
 use crate::geom::{CanonicalRay, SLACK};

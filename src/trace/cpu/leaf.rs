@@ -1,7 +1,7 @@
 //! A list of rays meets a block of triangles.
 //!
 //! Unsafe code for rows and answers. The invariants are those of `stream`.
-#![allow(unsafe_code)]
+#![allow(unsafe_code, reason = "the invariants above")]
 
 use super::alone::{BLOCKS, ids_of_eights};
 use super::space::{Space, triangle};
@@ -20,7 +20,7 @@ use std::mem::MaybeUninit;
 /// # Safety
 /// `list` is a list of `len` ids (invariants 1 and 2), and all its rays are of the octant.
 #[inline(always)]
-#[allow(clippy::too_many_arguments)]
+#[allow(clippy::too_many_arguments, reason = "inlined: a struct of them would only be taken apart again")]
 pub(super) unsafe fn many<L: Lanes, E: Lanes, S: Space, const ANY: bool>(
     l: L,
     e: E,

@@ -3,7 +3,7 @@
 //!
 //! Unsafe code for lists. The invariants are those of `stream`; a block child of a node above is a member's index,
 //! which `Bvh::assemble` made.
-#![allow(unsafe_code)]
+#![allow(unsafe_code, reason = "the invariants above")]
 
 use super::order::Order;
 use super::space::{Own, Space, World};

@@ -2,7 +2,7 @@
 //!
 //! Unsafe code for rows and lists. Invariant 1: `Job::rows` has room for the rays and
 //! `stream::PADDING` more, and each octant's arena for as many ids.
-#![allow(unsafe_code)]
+#![allow(unsafe_code, reason = "the invariants above")]
 
 use super::shaft::{self, Growing};
 use super::stream::{Job, OctantStack, PADDING, ROW_BYTES, lanes_of};

@@ -8,7 +8,7 @@
 //!    boxes, which no ray enters.
 //! 3. The stack has room for eight entries for each inner node on the longest way down, and one more: a
 //!    visit takes one entry and leaves at most eight. Over members there is as much again for the deepest.
-#![allow(unsafe_code)]
+#![allow(unsafe_code, reason = "the invariants above")]
 
 use super::space::{Own, Space, World};
 use super::stream::lanes_of;

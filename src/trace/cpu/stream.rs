@@ -15,7 +15,7 @@
 //!    it, and the stack of entries for nine more.
 //! 4. Children of nodes are in range: `Bvh::build` made them, and slots of `Child::NONE` have inverted
 //!    boxes, so that their lists stay empty. Turns of slots are all different.
-#![allow(unsafe_code)]
+#![allow(unsafe_code, reason = "the invariants above")]
 
 use super::alone::{Pairs, SHORT};
 use super::order::Order;
@@ -358,7 +358,7 @@ unsafe fn keep_open<W: Lanes>(w: W, job: &Job<'_>, list: *mut u32, len: u32) -> 
 /// Tests a list against the boxes of a node and pushes a list for each child that some ray enters; the rays of
 /// short lists go on alone if `ALONE`.
 #[inline(always)]
-#[allow(clippy::too_many_arguments)]
+#[allow(clippy::too_many_arguments, reason = "inlined: a struct of them would only be taken apart again")]
 pub(super) fn inner<W: Lanes, E: Lanes, S: Space, const ALONE: bool>(
     w: W,
     e: E,
@@ -535,7 +535,7 @@ pub(super) unsafe fn fetch_rows<L: Lanes, T>(_: L, rows: *const T, list: *const 
 ///
 /// # Safety
 /// The lists start where [`begin_of`] says and end at `ends`; invariant 3 holds for the entries.
-#[allow(clippy::too_many_arguments)]
+#[allow(clippy::too_many_arguments, reason = "inlined: a struct of them would only be taken apart again")]
 #[inline(always)]
 pub(super) unsafe fn push<W: Lanes, const ALONE: bool, const FETCH: bool>(
     w: W,

@@ -2,7 +2,7 @@
 //!
 //! Unsafe code for calling functions that enable instructions. Invariant 1: a `CpuTracer` is made
 //! only for a level that the processor has.
-#![allow(unsafe_code)]
+#![allow(unsafe_code, reason = "the invariants above")]
 
 use super::stream::{Answers, Scratch, trace};
 use super::{Oracle, SimdError, SimdLevel};

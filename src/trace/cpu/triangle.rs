@@ -368,7 +368,7 @@ pub(super) fn hits<L: Lanes>(
 
 /// When lines that pass inside a triangle, as `passing` says, hit it: the rest of the test without the weights.
 #[inline(always)]
-#[allow(clippy::too_many_arguments)]
+#[allow(clippy::too_many_arguments, reason = "inlined: a struct of them would only be taken apart again")]
 pub(super) fn reach<L: Lanes>(
     l: L,
     inside: u32,

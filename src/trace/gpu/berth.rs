@@ -6,7 +6,7 @@
 //! 2. No slice of it exists while it is *out*: it is handed out by a method that borrows the berth mutably, and what
 //!    makes slices refuses then. Rays alone may be read meanwhile, for the device writes none.
 //! 3. It is out from before the submission until that has been seen to be done; with a device that is lost, for ever.
-#![allow(unsafe_code)]
+#![allow(unsafe_code, reason = "the invariants above")]
 
 use super::Gpu;
 use super::host_memory::HostMemory;

@@ -4,7 +4,7 @@
 //! 1. What is asked of them is as little as there can be: one tree over finite boxes, one above it that places it where it
 //!    is, both built once and never changed, and kept by the bindings that kernels see them through. Bugs that are found
 //!    are reported. (What kernels do with a query stands in `trusted`.)
-#![allow(unsafe_code)]
+#![allow(unsafe_code, reason = "the invariants above")]
 
 use super::{Gpu, GpuError};
 

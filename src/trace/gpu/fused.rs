@@ -3,7 +3,7 @@
 //! (160 against 48 ns for a ray and its triangle). What `work` calls has to be inlined into it.
 //!
 //! Invariant 1: a function that enables instructions is called only where the processor has them.
-#![allow(unsafe_code)]
+#![allow(unsafe_code, reason = "the invariants above")]
 
 /// Runs `work` with fused multiply-add instructions, if the processor has them.
 pub(super) fn fused<T>(work: impl FnOnce() -> T) -> T {

@@ -10,7 +10,7 @@
 //! 2. The block keeps the device from being dropped, so `raw` is valid.
 //! 3. The Vulkan buffer is destroyed in that callback and nowhere else.
 //! 4. Handles go to functions of the device they came from; structs are filled as Vulkan wants them.
-#![allow(unsafe_code)]
+#![allow(unsafe_code, reason = "the invariants above")]
 
 use ash::vk;
 use std::ptr::NonNull;

@@ -16,7 +16,7 @@
 //! 5. A ray query is initialised once, before anything else, with finite numbers (those that `prepare` lets pass); its
 //!    candidate is looked at, and an intersection generated, only after it has said that there is one, which is a box,
 //!    for there is nothing else. It is not asked again when it has said that there is none.
-#![allow(unsafe_code)]
+#![allow(unsafe_code, reason = "the invariants above")]
 
 /// Compiles a kernel's source, made with room for [`super::flatten::Flat::stack`] entries at least.
 pub(super) fn module(device: &wgpu::Device, name: &str, source: String) -> wgpu::ShaderModule {

@@ -1,7 +1,7 @@
 //! Rays of a stream → packets.
 //!
 //! Unsafe code for reading rays in lanes. The invariants of `stream` hold.
-#![allow(unsafe_code)]
+#![allow(unsafe_code, reason = "the invariants above")]
 
 use super::super::interval::Interval;
 use super::super::setup;
