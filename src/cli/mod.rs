@@ -20,7 +20,7 @@ mod trace;
 pub use registry::{Brief, CodedSurface, Registry};
 
 use args::{Cli, Command};
-use clap::{CommandFactory, FromArgMatches};
+use clap::FromArgMatches;
 use std::process::ExitCode;
 
 /// How a command ended.
@@ -45,7 +45,7 @@ pub fn run_with(registry: Registry) -> ExitCode {
     .format_timestamp(None)
     .format_target(false)
     .init();
-    let matches = registry.offer(Cli::command()).get_matches();
+    let matches = registry.command().get_matches();
     let cli = Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
     let outcome = match &cli.command {
         Command::Render(args) => render::run(args, &registry),

@@ -1,14 +1,15 @@
 //! The integrators that the command line knows by name, and surfaces that it puts on materials of a name.
 
 use super::Outcome;
+use super::args::Cli;
 use super::render::Order;
 use crate::lanes::SimdLevel;
 use crate::render::recursion::Recursion;
 use crate::render::{AmbientOcclusion, Integrator, Path, RecursiveWhitted, Settings, SettingsError, Whitted};
 use crate::scene::{Camera, ProceduralSurface, ScatteringSurface, Scene, Surface};
 use anyhow::{Context, Result};
-use clap::Command;
 use clap::builder::{PossibleValue, PossibleValuesParser};
+use clap::{Command, CommandFactory};
 use std::sync::Arc;
 
 /// What an integrator is made from.
@@ -163,11 +164,11 @@ impl Registry {
         }
     }
 
-    /// Has the command line offer the integrators.
-    pub(super) fn offer(&self, command: Command) -> Command {
+    /// The command line with these integrators, as clap sees it: for shell completions, manuals and tests of documents.
+    pub fn command(&self) -> Command {
         let values: Vec<PossibleValue> =
             self.entries.iter().map(|entry| PossibleValue::new(entry.name).help(entry.about)).collect();
-        command.mut_subcommand("render", |render| {
+        Cli::command().mut_subcommand("render", |render| {
             render.mut_arg("integrator", |arg| arg.value_parser(PossibleValuesParser::new(values)))
         })
     }
@@ -182,10 +183,8 @@ impl Registry {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cli::args::Cli;
     use crate::lanes::{Lanes, Num, Vector};
     use crate::scene::{Finish, Material, Points, Procedural, Scattered, Scattering};
-    use clap::CommandFactory;
     use glam::Vec3;
 
     #[derive(Debug)]
@@ -229,7 +228,7 @@ mod tests {
         let registry = Registry::built_in().with("mine", "An integrator of mine", |brief| {
             AmbientOcclusion::new(brief.scene, &brief.camera, brief.settings, 1.0)
         });
-        let command = || registry.offer(Cli::command());
+        let command = || registry.command();
         command().debug_assert();
         let help = command().try_get_matches_from(["raystream", "help", "render"]).unwrap_err().to_string();
         assert!(help.contains("mine") && help.contains("An integrator of mine"), "{help}");
