@@ -24,7 +24,8 @@ fn traverse(ray: PreparedRay, found: ptr<function, Found>) {
         if through_leaf(ray, reference, nowhere, found) {
             return;
         }
-        // Once only: see `src/ARCHITECTURE.md`.
+        // Once only: a second time, naga 30.0.1 compares with the candidate's distance instead of the committed one, and a
+        // box has no candidate distance.
         let limit = limit_of(found);
         if !is_told && limit < ray.t_max {
             rayQueryGenerateIntersection(&query, limit);
