@@ -1,6 +1,6 @@
 //! Where to cut references in two: bins along each axis, and the cheapest plane between two of them.
 
-use super::plan::Costs;
+use super::collapse_plan::Costs;
 use super::reference::{Bounds, Extent, LONG, PIECE, Reference, key};
 use crate::lanes::{Kernel, Lanes, SimdLevel, columns, load_one, store_one};
 use rayon::prelude::*;

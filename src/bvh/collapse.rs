@@ -2,12 +2,12 @@
 //! in parallel, each by itself, and then all are put side by side.
 
 use super::Shape;
-use super::block::{BLOCK_TRIANGLES, Blocks};
-use super::odds::Odds;
-use super::pages::Pages;
-use super::pile::{Pile, Piling, Triangles};
+use super::huge_pages::Pages;
+use super::leaf_block::{BLOCK_TRIANGLES, LeafBlocks};
+use super::leaf_packing::{LeafPacker, LeafPacking, Triangles};
 use super::reference::Reference;
 use super::sah::{Branches, Subtree, Tree};
+use super::shadow_order::ShadowOrder;
 use super::wide::{Child, WIDTH, Wide, WideNode};
 use crate::geom::Aabb;
 use rayon::prelude::*;
@@ -22,17 +22,17 @@ pub(super) fn collapse(tree: Tree, shape: &impl Shape) -> (Wide, Vec<Child>) {
     let Some(root) = tree.root() else {
         let mut nodes = Pages::zeroed(1);
         nodes[0] = WideNode::VACANT;
-        return (Wide { nodes, blocks: Blocks::none(), depth: 1 }, Vec::new());
+        return (Wide { nodes, blocks: LeafBlocks::none(), depth: 1 }, Vec::new());
     };
     let top = Top::new(&tree.branches, root);
     // How large parts become is known when they are there.
-    let mut pile = Piling::new(0, &mut []);
+    let mut pile = LeafPacker::new(0, &mut []);
     let layout = Layout { branches: &tree.branches, shape };
     let block = |&of: &Subtree| layout.block(of, &tree.primitives(of), &mut pile);
     let top_blocks: Vec<Laid> = top.blocks.iter().map(block).collect();
     let Tree { mut references, branches } = tree;
     let layout = Layout { branches: &branches, shape };
-    let (parts, mut piles): (Vec<Part>, Vec<Pile>) =
+    let (parts, mut piles): (Vec<Part>, Vec<LeafPacking>) =
         top.rooms(&mut references).into_par_iter().map(|(part, room)| layout.part(part, room)).unzip();
     piles.push(pile.done());
     let mut starts = Vec::with_capacity(parts.len());
@@ -48,8 +48,10 @@ pub(super) fn collapse(tree: Tree, shape: &impl Shape) -> (Wide, Vec<Child>) {
     let mut leaves = Vec::with_capacity(top.nodes.len());
     for (node, children) in top_nodes.iter_mut().zip(&top.nodes) {
         let laid = |(of, place): &(Subtree, TopChild)| match *place {
-            TopChild::Node(index) => Laid::node(index, branches.bounds(*of).to_aabb(), Odds::default()),
-            TopChild::Block(index) => top_blocks[index],
+            TopChild::Node(index) => {
+                Laid::node(index, branches.bounds(*of).to_aabb(), ShadowOrder::default())
+            }
+            TopChild::LeafBlock(index) => top_blocks[index],
             TopChild::Part => {
                 let index = top.part(*of);
                 Laid::node(starts[index], branches.bounds(*of).to_aabb(), parts[index].odds)
@@ -60,7 +62,7 @@ pub(super) fn collapse(tree: Tree, shape: &impl Shape) -> (Wide, Vec<Child>) {
         leaves.push(leaves_of_node);
     }
     order(top_nodes, &leaves);
-    let (blocks, block_starts) = Blocks::of(references.cast(), &piles);
+    let (blocks, block_starts) = LeafBlocks::of(references.cast(), &piles);
     // The top's blocks are the last pile.
     for node in top_nodes.iter_mut() {
         *node = node.moved(0, block_starts[parts.len()]);
@@ -86,14 +88,14 @@ pub(super) fn collapse(tree: Tree, shape: &impl Shape) -> (Wide, Vec<Child>) {
 }
 
 /// Odds of a node's children that are no nodes beside it, by slot.
-type Leaves = [Odds; WIDTH];
+type Leaves = [ShadowOrder; WIDTH];
 
 /// Puts the children of nodes into the slots where they belong, from the last node, which no other is above, to the first,
 /// whose odds it answers.
-fn order(nodes: &mut [WideNode], leaves: &[Leaves]) -> Odds {
-    let mut odds = vec![Odds::default(); nodes.len()];
+fn order(nodes: &mut [WideNode], leaves: &[Leaves]) -> ShadowOrder {
+    let mut odds = vec![ShadowOrder::default(); nodes.len()];
     for at in (0..nodes.len()).rev() {
-        odds[at] = Odds::order(&mut nodes[at], |slot, child| match child.index() {
+        odds[at] = ShadowOrder::order(&mut nodes[at], |slot, child| match child.index() {
             index if !child.is_block() && index < odds.len() => odds[index],
             _ => leaves[at][slot],
         });
@@ -145,7 +147,7 @@ enum TopChild {
     /// Index of a node.
     Node(usize),
     /// Index of a block.
-    Block(usize),
+    LeafBlock(usize),
     /// A part.
     Part,
 }
@@ -159,7 +161,7 @@ impl Top {
             let place = |&child: &Subtree| {
                 let place = if branches.is_block(child) {
                     top.blocks.push(child);
-                    TopChild::Block(top.blocks.len() - 1)
+                    TopChild::LeafBlock(top.blocks.len() - 1)
                 } else if child.is_fork() || child.count > PART {
                     subtrees.push((child, depth + 1));
                     TopChild::Node(subtrees.len() - 1)
@@ -201,7 +203,7 @@ struct Part {
     nodes: Vec<WideNode>,
     /// Inner nodes on the longest way down.
     depth: usize,
-    odds: Odds,
+    odds: ShadowOrder,
 }
 
 /// A child laid out.
@@ -209,11 +211,11 @@ struct Part {
 struct Laid {
     bounds: Aabb,
     child: Child,
-    odds: Odds,
+    odds: ShadowOrder,
 }
 
 impl Laid {
-    fn node(index: usize, bounds: Aabb, odds: Odds) -> Self {
+    fn node(index: usize, bounds: Aabb, odds: ShadowOrder) -> Self {
         Self { bounds, child: Child::node(index), odds }
     }
 }
@@ -226,10 +228,10 @@ struct Layout<'a, S> {
 
 impl<S: Shape> Layout<'_, S> {
     /// Lays a subtree out, children of one node side by side, and piles its blocks up where its references are.
-    fn part(&self, part: Subtree, references: &mut [Reference]) -> (Part, Pile) {
+    fn part(&self, part: Subtree, references: &mut [Reference]) -> (Part, LeafPacking) {
         let primitives: Vec<u32> = references.iter().map(Reference::primitive).collect();
         let at = part.first as usize * (size_of::<Reference>() / size_of::<u32>());
-        let mut pile = Piling::new(at, bytemuck::cast_slice_mut(references));
+        let mut pile = LeafPacker::new(at, bytemuck::cast_slice_mut(references));
         let mut nodes = Vec::with_capacity(part.count as usize / WIDTH);
         nodes.push(WideNode::VACANT);
         let mut leaves = vec![Leaves::default()];
@@ -246,7 +248,7 @@ impl<S: Shape> Layout<'_, S> {
                     stack.push((nodes.len(), child, depth + 1));
                     nodes.push(WideNode::VACANT);
                     leaves.push(Leaves::default());
-                    Laid::node(nodes.len() - 1, self.branches.bounds(child).to_aabb(), Odds::default())
+                    Laid::node(nodes.len() - 1, self.branches.bounds(child).to_aabb(), ShadowOrder::default())
                 }
             });
             let node = node(laid);
@@ -257,7 +259,7 @@ impl<S: Shape> Layout<'_, S> {
     }
 
     /// Puts a block of some primitives on a pile.
-    fn block(&self, of: Subtree, primitives: &[u32], pile: &mut Piling) -> Laid {
+    fn block(&self, of: Subtree, primitives: &[u32], pile: &mut LeafPacker) -> Laid {
         let mut ascending = [u32::MAX; BLOCK_TRIANGLES];
         let ascending = &mut ascending[..primitives.len()];
         ascending.copy_from_slice(primitives);
@@ -270,7 +272,7 @@ impl<S: Shape> Layout<'_, S> {
             [primitive] => Aabb::around(self.shape.corners(primitive)),
             _ => self.branches.bounds(of).to_aabb(),
         };
-        Laid { bounds, child: pile.push(&triangles), odds: Odds::of_block(&triangles) }
+        Laid { bounds, child: pile.push(&triangles), odds: ShadowOrder::of_block(&triangles) }
     }
 }
 

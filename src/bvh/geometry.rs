@@ -1,6 +1,6 @@
 //! Which triangles a tree can be built over.
 
-use super::block::most_words;
+use super::leaf_block::most_words;
 use crate::geom::MAX_COORDINATE;
 use glam::Vec3;
 use rayon::prelude::*;

@@ -1,43 +1,43 @@
 //! Triangles → [`Bvh`]: the eight-wide tree with blocks of triangles that the CPU traces, made of a
 //! binary tree built by the surface area heuristic. Knows no scene and no ray.
 
-mod assembly;
 mod binary;
 mod bins;
-mod block;
+mod child_order;
 mod collapse;
-mod crown;
-mod few;
+mod collapse_plan;
 mod filter;
 mod geometry;
-mod numbering;
-mod odds;
-mod pages;
+mod huge_pages;
+mod instancing;
+mod leaf_block;
+mod leaf_packing;
 mod partition;
-mod pile;
-mod plan;
+mod primitive_ids;
 mod reference;
 mod refit;
+mod reinsertion;
 mod sah;
-mod turns;
+mod shadow_order;
+mod small_subtree;
 mod validate;
 mod wide;
 
-pub use assembly::Member;
 pub use binary::{Binary, BinaryNode};
-pub use block::{BLOCK_TRIANGLES, Block, Blocks, MASKED, PRIMITIVE};
+pub use child_order::ChildOrder;
 pub use filter::Filter;
 pub use geometry::GeometryError;
-pub use numbering::Numbering;
+pub use instancing::TreeInstance;
+pub use leaf_block::{BLOCK_TRIANGLES, LeafBlock, LeafBlocks, MASKED, PRIMITIVE};
+pub use primitive_ids::PrimitiveIds;
 pub use sah::MAX_DEPTH;
-pub use turns::Turns;
 pub use validate::BvhError;
 pub use wide::{Child, WIDTH, Wide, WideNode};
 
 use crate::geom::Aabb;
-use assembly::Assembly;
+use collapse_plan::Costs;
 use glam::Vec3;
-use plan::Costs;
+use instancing::InstanceTree;
 use sah::Tree;
 use std::sync::Arc;
 
@@ -79,8 +79,8 @@ pub struct Bvh {
     /// The block that each triangle is in.
     places: Vec<Child>,
     bounds: Aabb,
-    numbering: Numbering,
-    assembly: Option<Assembly>,
+    numbering: PrimitiveIds,
+    assembly: Option<InstanceTree>,
 }
 
 impl Bvh {
@@ -100,14 +100,14 @@ impl Bvh {
         let tree = Tree::build(triangles.len(), |primitive| shape.corners(primitive), Costs::of);
         let bounds = tree.root().map_or(Aabb::EMPTY, |root| tree.bounds(root).to_aabb());
         let (wide, places) = collapse::collapse(tree, &shape);
-        Self { wide, places, bounds, numbering: Numbering::default(), assembly: None }
+        Self { wide, places, bounds, numbering: PrimitiveIds::default(), assembly: None }
     }
 
     /// The tree with other primitive ids.
     ///
     /// # Panics
     /// If it is an assembly.
-    pub fn numbered(mut self, numbering: Numbering) -> Self {
+    pub fn numbered(mut self, numbering: PrimitiveIds) -> Self {
         assert!(self.assembly.is_none(), "the ids of an assembly are its members'");
         for child in self.wide.nodes.iter().flat_map(WideNode::block_children) {
             for id in self.wide.blocks.ids_mut(child) {
@@ -122,7 +122,7 @@ impl Bvh {
     /// for it would take as much memory as all the rest.
     pub fn binary(&self) -> Binary {
         let corners = |place: u32| match self.members().get(place as usize) {
-            Some(Member { bounds, .. }) => [bounds.min, bounds.max, bounds.min],
+            Some(TreeInstance { bounds, .. }) => [bounds.min, bounds.max, bounds.min],
             None => self.corners(self.numbering.primitive(place)),
         };
         let count = if self.assembly.is_some() { self.members().len() } else { self.len() };
@@ -152,7 +152,7 @@ impl Bvh {
             slots.map(|slot| child_cost(node.bounds(slot), node.children[slot])).sum()
         };
         let below: f32 = self.wide.nodes().iter().map(node_cost).sum();
-        if self.is_empty() { 0.0 } else { plan::NODE_COST + below / self.bounds.half_area() }
+        if self.is_empty() { 0.0 } else { collapse_plan::NODE_COST + below / self.bounds.half_area() }
     }
 
     /// Number of triangles.
@@ -207,7 +207,7 @@ impl Bvh {
     }
 
     /// The block and the row of a primitive.
-    fn place(&self, primitive: u32) -> (Block<'_>, usize) {
+    fn place(&self, primitive: u32) -> (LeafBlock<'_>, usize) {
         let block = self.wide.blocks.get(self.places[self.numbering.place(primitive)]);
         let row = (0..block.len()).find(|&row| block.primitive(row) == primitive);
         (block, row.expect("its block has it"))

@@ -126,7 +126,7 @@ fn pair_up<'a>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bvh::plan::Costs;
+    use crate::bvh::collapse_plan::Costs;
     use crate::geom::Aabb;
     use glam::Vec3;
 

@@ -1,8 +1,8 @@
 //! New places for the same triangles: the tree keeps its shape, its boxes follow.
 
-use super::block::{Blocks, most_words};
-use super::pages::Pages;
-use super::pile::{Pile, Piling, Triangles};
+use super::huge_pages::Pages;
+use super::leaf_block::{LeafBlocks, most_words};
+use super::leaf_packing::{LeafPacker, LeafPacking, Triangles};
 use super::{Bvh, Child, GeometryError, WIDTH, WideNode};
 use crate::geom::Aabb;
 use glam::Vec3;
@@ -81,10 +81,10 @@ impl Bvh {
 
 /// The same blocks with the triangles' corners elsewhere, each with the box around it.
 fn pile_anew(
-    blocks: &Blocks,
+    blocks: &LeafBlocks,
     children: &[Child],
     corners: impl Fn(u32) -> [Vec3; 3] + Sync,
-) -> (Blocks, Vec<(Child, Aabb)>) {
+) -> (LeafBlocks, Vec<(Child, Aabb)>) {
     // Room for blocks whose corners all part.
     let chunks = || children.par_chunks(BLOCKS);
     let sizes = chunks().map(|children| children.iter().map(|child| most_words(child.triangles())).sum());
@@ -94,10 +94,10 @@ fn pile_anew(
     for size in sizes {
         let room;
         (room, rest) = rest.split_at_mut(size);
-        rooms.push(Piling::new(at, room));
+        rooms.push(LeafPacker::new(at, room));
         at += size;
     }
-    let pile = |(children, mut pile): (&[Child], Piling)| {
+    let pile = |(children, mut pile): (&[Child], LeafPacker)| {
         let moved = children.iter().map(|&child| {
             let block = blocks.get(child);
             let (mut triangles, mut bounds) = (Triangles::default(), Aabb::EMPTY);
@@ -111,8 +111,8 @@ fn pile_anew(
         let moved = moved.collect();
         (pile.done(), moved)
     };
-    let (piles, moved): (Vec<Pile>, Vec<Vec<(Child, Aabb)>>) = chunks().zip(rooms).map(pile).unzip();
-    let (blocks, starts) = Blocks::of(words, &piles);
+    let (piles, moved): (Vec<LeafPacking>, Vec<Vec<(Child, Aabb)>>) = chunks().zip(rooms).map(pile).unzip();
+    let (blocks, starts) = LeafBlocks::of(words, &piles);
     let behind = |(moved, start): (Vec<(Child, Aabb)>, usize)| {
         moved.into_iter().map(move |(child, bounds)| (child.behind(start), bounds))
     };

@@ -2,12 +2,12 @@
 //! way back up it plans the eight-wide tree and hands on what the crown is made of.
 
 use super::bins::{MANY, Plane};
-use super::crown::{self, Fork};
-use super::few::{FEW, Few};
-use super::pages::Pages;
+use super::collapse_plan::{Choice, CollapsePlan, Costs};
+use super::huge_pages::Pages;
 use super::partition::{Sides, partition, partition_long};
-use super::plan::{Choice, Costs, Plan};
 use super::reference::{Bounds, Extent, LONG, PIECE, Reference};
+use super::reinsertion::{self, Fork};
+use super::small_subtree::{FEW, Few};
 use crate::geom::Aabb;
 use crate::lanes::{Kernel, Lanes, Piece, SimdLevel};
 use bytemuck::{Pod, Zeroable};
@@ -119,7 +119,7 @@ impl Tree {
         let built = subtree(&mut references, &mut inner, costs, 0, &extent);
         let mut tree = Self { references, branches: Branches { inner, crown: Vec::new() } };
         let root = Subtree { root: 0, first: 0, count: count as u32 };
-        tree.branches.crown = crown::grow(&tree, root, built, costs);
+        tree.branches.crown = reinsertion::grow(&tree, root, built, costs);
         tree
     }
 
@@ -142,16 +142,16 @@ impl Tree {
     }
 
     /// The plan of a subtree of few primitives, made again.
-    pub fn plan_of_few(&self, of: Subtree, costs: Costs) -> Plan {
+    pub fn plan_of_few(&self, of: Subtree, costs: Costs) -> CollapsePlan {
         let (area, count) = (self.bounds(of).half_area(), of.count as usize);
         if count == 1 {
-            return Plan::leaf(costs, area);
+            return CollapsePlan::leaf(costs, area);
         }
         if self.branches.is_leaf(of) {
-            return Plan::whole(costs, area, count);
+            return CollapsePlan::whole(costs, area, count);
         }
         let [left, right] = self.branches.children(of).map(|child| self.plan_of_few(child, costs));
-        Plan::merge(costs, &left, &right, area, count).0
+        CollapsePlan::merge(costs, &left, &right, area, count).0
     }
 
     /// The primitives of a subtree.
@@ -239,7 +239,7 @@ impl Branches {
 /// What is known of a subtree when it has been built.
 #[derive(Debug)]
 pub(super) struct Built {
-    pub plan: Plan,
+    pub plan: CollapsePlan,
     /// At least as many as there are nodes on its longest way down.
     pub height: usize,
     /// The same of its two sides, if it may be in the crown.
@@ -249,7 +249,7 @@ pub(super) struct Built {
 impl Built {
     /// Of few primitives.
     #[inline(always)]
-    pub fn few(plan: Plan, count: usize) -> Self {
+    pub fn few(plan: CollapsePlan, count: usize) -> Self {
         Self { plan, height: count, sides: None }
     }
 
@@ -257,7 +257,7 @@ impl Built {
     #[inline(always)]
     fn of(costs: Costs, sides: [Self; 2], area: f32, count: usize) -> (Self, Choice) {
         let [left, right] = &sides;
-        let (plan, choice) = Plan::merge(costs, &left.plan, &right.plan, area, count);
+        let (plan, choice) = CollapsePlan::merge(costs, &left.plan, &right.plan, area, count);
         let height = 1 + left.height.max(right.height);
         (Self { plan, height, sides: costs.may_be_in_crown(area).then(|| Box::new(sides)) }, choice)
     }
@@ -318,7 +318,7 @@ impl<L: Lanes> Piece<L> for Small<'_> {
         let (count, area) = (references.len(), extent.bounds.half_area());
         if count <= FEW {
             let plan = match count {
-                1 => Plan::leaf(costs, area),
+                1 => CollapsePlan::leaf(costs, area),
                 _ => l.apart(Few { references, inner, costs, halve: depth + FEW >= MAX_DEPTH, extent }),
             };
             return Built::few(plan, count);

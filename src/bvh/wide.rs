@@ -1,8 +1,8 @@
 //! The eight-wide tree.
 
-use super::block::{Block, Blocks};
-use super::pages::Pages;
-use super::turns::Turns;
+use super::child_order::ChildOrder;
+use super::huge_pages::Pages;
+use super::leaf_block::{LeafBlock, LeafBlocks};
 use crate::geom::Aabb;
 use crate::lanes::Lanes;
 use bytemuck::{Pod, Zeroable};
@@ -80,7 +80,7 @@ pub struct WideNode {
     pub children: [Child; WIDTH],
     /// About front to back for rays whose directions have the sign bits 0 to 3 (x is bit 0), and back to front for the
     /// opposite ones, 7 to 4.
-    pub front_to_back: [Turns; 4],
+    pub front_to_back: [ChildOrder; 4],
 }
 
 const _: () = assert!(size_of::<WideNode>() == 256);
@@ -90,7 +90,7 @@ impl WideNode {
     pub const VACANT: Self = Self {
         faces: [[[f32::INFINITY; WIDTH]; 3], [[f32::NEG_INFINITY; WIDTH]; 3]],
         children: [Child::NONE; WIDTH],
-        front_to_back: [Turns::FORWARD; 4],
+        front_to_back: [ChildOrder::FORWARD; 4],
     };
 
     /// Puts a child into a slot.
@@ -105,7 +105,7 @@ impl WideNode {
     /// Puts the children of greater weights into later slots.
     pub(super) fn sort(&mut self, weights: &[f32; WIDTH]) {
         let from = *self;
-        let turns = Turns::ascending(weights);
+        let turns = ChildOrder::ascending(weights);
         for turn in 0..WIDTH {
             let slot = (turns.slots >> (3 * turn) & 7) as usize;
             self.set(turn, from.bounds(slot), from.children[slot]);
@@ -126,7 +126,7 @@ impl WideNode {
             }
             // The middle of a vacant slot is no number.
             let last = |key: f32| if key.is_nan() { f32::INFINITY } else { key };
-            self.front_to_back[octant] = Turns::ascending(&keys.map(last));
+            self.front_to_back[octant] = ChildOrder::ascending(&keys.map(last));
         }
     }
 
@@ -163,7 +163,7 @@ impl WideNode {
 #[derive(Clone, Debug)]
 pub struct Wide {
     pub(super) nodes: Pages<WideNode>,
-    pub(super) blocks: Blocks,
+    pub(super) blocks: LeafBlocks,
     pub(super) depth: usize,
 }
 
@@ -174,7 +174,7 @@ impl Wide {
     }
 
     /// Blocks of triangles.
-    pub fn blocks(&self) -> &Blocks {
+    pub fn blocks(&self) -> &LeafBlocks {
         &self.blocks
     }
 
@@ -184,7 +184,7 @@ impl Wide {
     }
 
     /// All blocks, one node's after the other's; none of a tree of placed trees.
-    pub fn each_block(&self) -> impl Iterator<Item = Block<'_>> {
+    pub fn each_block(&self) -> impl Iterator<Item = LeafBlock<'_>> {
         self.nodes.iter().flat_map(WideNode::block_children).map(|child| self.blocks.get(child))
     }
 

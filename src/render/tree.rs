@@ -1,6 +1,6 @@
 //! The tree over a scene: one over all triangles, or a tree of trees where shapes are shown so often that it pays.
 
-use crate::bvh::{Bvh, Member, Numbering};
+use crate::bvh::{Bvh, PrimitiveIds, TreeInstance};
 use crate::scene::{AlphaMode, Scene, Shape};
 use rayon::prelude::*;
 use std::sync::Arc;
@@ -27,16 +27,16 @@ pub fn build(scene: &Scene, worth_saving: usize) -> Bvh {
     let ends = taken.iter().map(|range| range.start).chain([end]);
     let rest: Vec<_> = starts.zip(ends).map(|(start, end)| start..end).collect();
 
-    let numbering = Numbering::of(rest.iter().cloned());
+    let numbering = PrimitiveIds::of(rest.iter().cloned());
     let ids = rest.into_iter().flatten();
     let triangles: Vec<[u32; 3]> = ids.map(|id| scene.mesh.triangles[id as usize]).collect();
     let single = Bvh::build(&scene.mesh.positions, &triangles, |place| is_masked(numbering.primitive(place)));
-    let mut members = vec![Member::here(Arc::new(single.numbered(numbering)))];
+    let mut members = vec![TreeInstance::here(Arc::new(single.numbered(numbering)))];
     for shape in kept {
         let mask = |place: u32| is_masked(shape.instances[0].first + place);
         let tree = Arc::new(Bvh::build(&shape.positions, &shape.triangles, mask));
         let placed = shape.instances.par_iter();
-        members.par_extend(placed.map(|at| Member::placed(tree.clone(), at.placement, at.first)));
+        members.par_extend(placed.map(|at| TreeInstance::placed(tree.clone(), at.placement, at.first)));
     }
     Bvh::assemble(members)
 }

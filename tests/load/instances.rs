@@ -1,7 +1,7 @@
 //! Geometry that nodes show several times stays known as such, and the mesh has moved copies of it to the bit.
 
 use crate::document::Document;
-use raystream::bvh::{Bvh, Member};
+use raystream::bvh::{Bvh, TreeInstance};
 use raystream::film::Image;
 use raystream::render::{Path, Settings, Stage, Units, WORTH_SAVING, build_tree};
 use raystream::scene::{Camera, Environment, Scene};
@@ -66,7 +66,10 @@ fn a_scene_s_tree_has_its_triangles_whatever_stays_shared() {
         assert_eq!(tree.members().len(), members);
         assert_eq!(tree.validate(), Ok(()));
         assert_eq!((tree.len(), tree.bounds()), (flat.len(), flat.bounds()));
-        assert_eq!(tree.members().iter().filter(|m: &&Member| m.placement.is_some()).count(), members & 4);
+        assert_eq!(
+            tree.members().iter().filter(|m: &&TreeInstance| m.placement.is_some()).count(),
+            members & 4
+        );
         for primitive in 0..tree.len() as u32 {
             assert_eq!(tree.corners(primitive), flat.corners(primitive));
             assert_eq!(tree.is_masked(primitive), flat.is_masked(primitive));

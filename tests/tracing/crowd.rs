@@ -2,7 +2,7 @@
 
 use crate::meshes::{self, Mesh, Random};
 use glam::{DAffine3, DMat4, DQuat, DVec3, Vec3};
-use raystream::bvh::{Bvh, Member, Numbering};
+use raystream::bvh::{Bvh, PrimitiveIds, TreeInstance};
 use raystream::geom::Placement;
 use std::sync::Arc;
 
@@ -67,12 +67,12 @@ pub fn crowd(shapes: &[Mesh], count: usize, scale: f32, seed: u64) -> Crowd {
             first.is_multiple_of(4) && mesh.triangles.len().is_multiple_of(4),
             "the mask is by primitive"
         );
-        members.push(Member::placed(trees[which].clone(), last, first));
+        members.push(TreeInstance::placed(trees[which].clone(), last, first));
     }
-    let numbering = Numbering::of(ranges);
+    let numbering = PrimitiveIds::of(ranges);
     let masked = |place| is_masked(numbering.primitive(place));
     let here = Bvh::build(&single.positions, &single.triangles, masked).numbered(numbering);
-    members.push(Member::here(Arc::new(here)));
+    members.push(TreeInstance::here(Arc::new(here)));
     Crowd { mesh, bvh: Arc::new(Bvh::assemble(members)) }
 }
 

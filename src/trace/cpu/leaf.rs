@@ -9,7 +9,7 @@ use super::stream::{
     Answers, DONE, Job, OctantStack, PADDING, ROW_BYTES, fetch_rows, lanes_of, lines_of_block,
 };
 use super::triangle::{Bounds, Hits, Passing, Range, Slabs, Vector, reach, seen, test};
-use crate::bvh::{Block, Child, MASKED, PRIMITIVE, WIDTH};
+use crate::bvh::{Child, LeafBlock, MASKED, PRIMITIVE, WIDTH};
 use crate::lanes::{Lanes, keep, spill, splat_eights, splat_row};
 use crate::stream::Hit;
 use std::mem::MaybeUninit;
@@ -26,7 +26,7 @@ pub(super) unsafe fn many<L: Lanes, E: Lanes, S: Space, const ANY: bool>(
     e: E,
     space: S,
     job: &Job<'_>,
-    block: Block<'_>,
+    block: LeafBlock<'_>,
     octant: usize,
     list: *const u32,
     len: usize,

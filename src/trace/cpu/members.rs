@@ -8,7 +8,7 @@
 use super::order::Order;
 use super::space::{Own, Space, World};
 use super::stream::{Entry, Job, Loose, OctantStack, PADDING, Visit, entries_of, inner};
-use crate::bvh::{Child, Member};
+use crate::bvh::{Child, TreeInstance};
 use crate::lanes::{Lanes, Prefetch};
 
 /// Visits everything with the lists at the bottom of the arenas, of `counts` lengths. `below` is empty before and
@@ -17,7 +17,7 @@ use crate::lanes::{Lanes, Prefetch};
 pub(super) fn traverse<W: Lanes, E: Lanes, const ANY: bool>(
     (w, e): (W, E),
     top: &Job<'_>,
-    members: &[Member],
+    members: &[TreeInstance],
     stacks: &mut [OctantStack; 8],
     counts: &[usize; 8],
     below: &mut OctantStack,

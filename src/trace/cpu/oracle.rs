@@ -1,6 +1,6 @@
 //! The scalar reference.
 
-use crate::bvh::{Bvh, Child, Filter, Member, WIDTH};
+use crate::bvh::{Bvh, Child, Filter, TreeInstance, WIDTH};
 use crate::geom::{Aabb, CanonicalHit, CanonicalRay};
 use crate::stream::{Hit, Ray, Tracer};
 use std::sync::Arc;
@@ -87,7 +87,7 @@ impl Oracle {
         let members = self.bvh.members();
         let ray = self.prepare(ray);
         let mut limit = ray.t_max;
-        let mut stack: Vec<(Option<&Member>, Child, f32)> =
+        let mut stack: Vec<(Option<&TreeInstance>, Child, f32)> =
             Vec::with_capacity(WIDTH * self.bvh.wide().depth());
         stack.push((None, Child::ROOT, 0.0));
         while let Some((member, at, enter)) = stack.pop() {

@@ -14,7 +14,7 @@ use super::space::{Own, Space, World};
 use super::stream::lanes_of;
 use super::triangle::{Faces, Range, Slabs, Vector, test};
 use super::{SimdError, SimdLevel};
-use crate::bvh::{Blocks, Bvh, Child, Filter, MASKED, PRIMITIVE, WIDTH, Wide};
+use crate::bvh::{Bvh, Child, Filter, LeafBlocks, MASKED, PRIMITIVE, WIDTH, Wide};
 use crate::geom::CanonicalRay;
 #[cfg(target_arch = "aarch64")]
 use crate::lanes::Neon;
@@ -171,7 +171,7 @@ trait Leaves {
 /// Blocks of triangles.
 struct Triangles<'a, S> {
     space: S,
-    blocks: &'a Blocks,
+    blocks: &'a LeafBlocks,
 }
 
 /// The members of a tree of placed trees.

@@ -3,7 +3,7 @@
 //! rays stay what they are, so every hit is that of the moved triangles, to the bit ([`Placement`]).
 
 use super::triangle::Vector;
-use crate::bvh::{Block, WIDTH, WideNode};
+use crate::bvh::{LeafBlock, WIDTH, WideNode};
 use crate::geom::Placement;
 use crate::lanes::{Lanes, keep, load, splat_row};
 
@@ -18,7 +18,7 @@ pub(super) trait Space: Copy {
     /// The boxes of a node; those of vacant slots are inverted.
     fn boxes<'a, E: Lanes>(self, e: E, node: &'a WideNode, room: &'a mut Boxes) -> &'a Boxes;
     /// The corners of blocks, one in each eight lanes; with eight lanes only the first counts.
-    fn triangles<L: Lanes>(self, l: L, blocks: &[Block<'_>; 2]) -> [Vector<L>; 3];
+    fn triangles<L: Lanes>(self, l: L, blocks: &[LeafBlock<'_>; 2]) -> [Vector<L>; 3];
     /// A corner as it lies in a block, where it stands.
     fn place<E: Lanes>(self, e: E, corner: Vector<E>) -> Vector<E>;
     /// What a block stores as id, with the scene's primitive index.
@@ -38,8 +38,8 @@ impl Space for World {
     }
 
     #[inline(always)]
-    fn triangles<L: Lanes>(self, l: L, blocks: &[Block<'_>; 2]) -> [Vector<L>; 3] {
-        Block::vertices_of(l, blocks)
+    fn triangles<L: Lanes>(self, l: L, blocks: &[LeafBlock<'_>; 2]) -> [Vector<L>; 3] {
+        LeafBlock::vertices_of(l, blocks)
     }
 
     #[inline(always)]
@@ -122,7 +122,7 @@ impl Space for Own<'_> {
     }
 
     #[inline(always)]
-    fn triangles<L: Lanes>(self, l: L, blocks: &[Block<'_>; 2]) -> [Vector<L>; 3] {
+    fn triangles<L: Lanes>(self, l: L, blocks: &[LeafBlock<'_>; 2]) -> [Vector<L>; 3] {
         let [a, b, c] = World.triangles(l, blocks);
         [self.place(l, a), self.place(l, b), self.place(l, c)]
     }

@@ -26,7 +26,7 @@ use super::shaft::{Entered, Shafts};
 use super::space::{Space, World};
 use super::triangle::{Faces, Slabs};
 use super::{alone, cut, leaf, members, setup};
-use crate::bvh::{Blocks, Bvh, Child, Filter, WIDTH, WideNode};
+use crate::bvh::{Bvh, Child, Filter, LeafBlocks, WIDTH, WideNode};
 use crate::lanes::{Lanes, Prefetch};
 use crate::stream::{Hit, Ray};
 
@@ -132,7 +132,7 @@ pub(super) struct Scratch {
 #[derive(Clone, Copy)]
 pub(super) struct Job<'a> {
     pub nodes: &'a [WideNode],
-    pub blocks: &'a Blocks,
+    pub blocks: &'a LeafBlocks,
     pub filter: Option<&'a dyn Filter>,
     pub scene_max_abs: f32,
     /// How the tree's memory is asked for.

@@ -51,7 +51,7 @@ pub(super) type Identities = [u32; 2];
 /// A tree placed in the world.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
-pub(super) struct Member {
+pub(super) struct TreeInstance {
     pub x: [f32; 3],
     /// A child reference.
     pub root: u32,

@@ -2,7 +2,7 @@
 
 use super::flatten::{Flat, Nodes, Variant};
 use super::kernel::{Kernel, Shape, TreeKind};
-use super::layout::Member;
+use super::layout::TreeInstance;
 use super::pages::ScenePages;
 use super::pass::{Pass, entry};
 use super::{Gpu, GpuError, device_tree};
@@ -68,7 +68,7 @@ impl DeviceScene {
         let contents: Vec<(&str, &[u8])> =
             node_pages.chain(pair_pages).chain(identity_pages).chain([last]).collect();
         // A binding may not be empty.
-        let size = |page: &[u8]| page.len().max(size_of::<Member>()) as u64;
+        let size = |page: &[u8]| page.len().max(size_of::<TreeInstance>()) as u64;
         let bytes = contents.iter().map(|(_, page)| size(page)).sum();
         let made = gpu.attempt(|device, _| {
             let buffer = |&(label, page): &(&str, &[u8])| {

@@ -22,7 +22,7 @@ use super::interval::{Interval, Planes};
 use super::order::Order;
 use super::stream::{Answers, DONE, Entry, Job, OctantStack, PADDING, Visit, begin_of, fetch_children, push};
 use super::triangle::{Faces, Hits, Range, Slabs, Vector};
-use crate::bvh::{Block, MASKED, PRIMITIVE, WIDTH};
+use crate::bvh::{LeafBlock, MASKED, PRIMITIVE, WIDTH};
 use crate::lanes::{Lanes, spill, splat};
 use crate::stream::{Hit, MISS};
 use std::mem::MaybeUninit;
@@ -224,7 +224,7 @@ impl<W: Lanes, E: Lanes, const ANY: bool> Packets<'_, W, E, ANY> {
     /// triangles that some pass inside. Done at once, it would have to be guessed for each which they are; to make a few
     /// sums again costs less.
     #[inline(always)]
-    fn leaf(&self, block: Block<'_>, octant: usize, list: &[u32]) {
+    fn leaf(&self, block: LeafBlock<'_>, octant: usize, list: &[u32]) {
         let Self { w, e, job, ref origin, all } = *self;
         let triangles = Triangles::new(e, origin, block);
         let parts = PACKET / W::LANES;
@@ -283,7 +283,7 @@ impl<W: Lanes, E: Lanes, const ANY: bool> Packets<'_, W, E, ANY> {
         packet: &mut Packet,
         mut rays: u32,
         triangles: &Triangles,
-        block: Block<'_>,
+        block: LeafBlock<'_>,
         octant: usize,
     ) {
         let mut taken = false;
@@ -304,7 +304,7 @@ impl<W: Lanes, E: Lanes, const ANY: bool> Packets<'_, W, E, ANY> {
         packet: &mut Packet,
         lane: usize,
         triangles: &Triangles,
-        block: Block<'_>,
+        block: LeafBlock<'_>,
         octant: usize,
     ) -> bool {
         let Self { e, job, ref origin, .. } = *self;

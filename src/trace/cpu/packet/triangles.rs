@@ -2,7 +2,7 @@
 
 use super::super::triangle::{Bounds, Hits, Passing, Range, Seen, Vector, dot, hits};
 use super::Origin;
-use crate::bvh::{Block, WIDTH};
+use crate::bvh::{LeafBlock, WIDTH};
 use crate::lanes::{Lanes, keep, load, load_one, splat, splat_row, store_one};
 
 /// The eight triangles of a block as seen from the origin, as columns.
@@ -17,7 +17,7 @@ pub struct Triangles {
 
 impl Triangles {
     #[inline(always)]
-    pub fn new<E: Lanes>(e: E, origin: &Origin, block: Block<'_>) -> Self {
+    pub fn new<E: Lanes>(e: E, origin: &Origin, block: LeafBlock<'_>) -> Self {
         let corners = block.vertices(e);
         let Seen { edges, normal, distance } = Seen::from(e, &splat(e, origin.point), &corners);
         let Bounds { low, high } = Bounds::of(e, &corners);

@@ -6,7 +6,7 @@ mod pairs;
 mod wide;
 
 use super::kernel::TreeKind;
-use super::layout::{BinaryNode, Identities, LEAF, Member, Pair, WideNode};
+use super::layout::{BinaryNode, Identities, LEAF, Pair, TreeInstance, WideNode};
 use super::pages::Pages;
 use crate::bvh::{Binary, Bvh};
 use crate::geom::Placement;
@@ -96,7 +96,7 @@ pub(super) struct Flat {
     pub nodes: Nodes,
     pub pairs: Vec<Pair>,
     pub identities: Vec<Identities>,
-    pub members: Vec<Member>,
+    pub members: Vec<TreeInstance>,
     /// The most entries a traversal has on its stack.
     pub stack: usize,
     /// Of a device's own tree: alpha decides about pairs from here on.
@@ -127,7 +127,7 @@ impl Flat {
             });
             let rows = member.placement.unwrap_or(Placement::HERE).rows;
             let column = |i: usize| rows.map(|row| row[i]);
-            flat.members.push(Member {
+            flat.members.push(TreeInstance {
                 x: column(0),
                 root,
                 y: column(1),
@@ -310,7 +310,7 @@ mod tests {
         let placed = (0..3).map(|i| {
             let mut placement = Placement::HERE;
             placement.rows[0][3] = 100.0 * i as f32;
-            crate::bvh::Member::placed(tree.clone(), placement, i * count)
+            crate::bvh::TreeInstance::placed(tree.clone(), placement, i * count)
         });
         let bvh = Bvh::assemble(placed.collect());
         for variant in trees() {
@@ -360,7 +360,7 @@ mod tests {
         let placed = (0..3).map(|i| {
             let mut placement = Placement::HERE;
             placement.rows[0][3] = 100.0 * i as f32;
-            crate::bvh::Member::placed(tree.clone(), placement, i * tree.len() as u32)
+            crate::bvh::TreeInstance::placed(tree.clone(), placement, i * tree.len() as u32)
         });
         check_boxes(&Bvh::assemble(placed.collect()));
     }

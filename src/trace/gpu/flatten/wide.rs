@@ -2,7 +2,7 @@
 
 use super::super::layout::{Identities, LEAF, Pair, WideNode};
 use super::pairs::{self, Triangle};
-use crate::bvh::{Block, Child, WIDTH, Wide, WideNode as HostNode};
+use crate::bvh::{Child, LeafBlock, WIDTH, Wide, WideNode as HostNode};
 use crate::geom::Aabb;
 use glam::Vec3;
 
@@ -158,7 +158,7 @@ pub fn lay_top(tree: &Wide, nodes: &mut Vec<WideNode>) -> usize {
     tree.depth()
 }
 
-fn triangles(block: Block<'_>) -> Vec<Triangle> {
+fn triangles(block: LeafBlock<'_>) -> Vec<Triangle> {
     let triangle = |row| Triangle {
         primitive: block.primitive(row),
         corners: block.corners(row),

@@ -2,7 +2,7 @@
 //! to four in two are tried, and of more all planes across the longest axis. Most are better a block as they are, and then
 //! nothing below their root is made.
 
-use super::plan::{Choice, Costs, Plan};
+use super::collapse_plan::{Choice, CollapsePlan, Costs};
 use super::reference::{Bounds, Extent, Reference};
 use super::sah::Inner;
 use crate::lanes::{Lanes, Piece, columns, eight_ids, load_one, store_one};
@@ -31,10 +31,10 @@ struct Cut {
 }
 
 impl<L: Lanes> Piece<L> for Few<'_> {
-    type Output = Plan;
+    type Output = CollapsePlan;
 
     #[inline(always)]
-    fn run(self, l: L) -> Plan {
+    fn run(self, l: L) -> CollapsePlan {
         let Self { references, inner, costs, halve, extent } = self;
         let count = references.len();
         let mut rows = [references[0]; FEW];
@@ -50,17 +50,17 @@ impl<L: Lanes> Piece<L> for Few<'_> {
         let area = extent.bounds.half_area();
         if area <= first.areas && costs.may_stay_whole(area) {
             inner[0] = Inner::new(&extent.bounds, 1, Choice::whole());
-            return Plan::whole(costs, area, count);
+            return CollapsePlan::whole(costs, area, count);
         }
         let cuts = choices.cuts(l, references, first, halve);
         // Children lie behind their parents, and leaves behind inner nodes.
         let mut bounds = [Bounds::EMPTY; 2 * FEW];
         let mut areas = [0.0; 2 * FEW];
-        let mut plans = [Plan::leaf(costs, 0.0); 2 * FEW];
+        let mut plans = [CollapsePlan::leaf(costs, 0.0); 2 * FEW];
         areas[FEW..].copy_from_slice(&leaves);
         for lane in 0..FEW {
             bounds[FEW + lane] = rows[lane].0;
-            plans[FEW + lane] = Plan::leaf(costs, areas[FEW + lane]);
+            plans[FEW + lane] = CollapsePlan::leaf(costs, areas[FEW + lane]);
         }
         for root in (0..count - 1).rev() {
             let Cut { count, left, children } = cuts[root];
@@ -68,8 +68,8 @@ impl<L: Lanes> Piece<L> for Few<'_> {
             let around = Bounds::of(l, l.min(bounds[a].load(l), bounds[b].load(l)));
             let area = around.half_area();
             let (plan, choice) = match count {
-                2 => Plan::pair(costs, areas[a], areas[b], area),
-                _ => Plan::merge(costs, &plans[a], &plans[b], area, count),
+                2 => CollapsePlan::pair(costs, areas[a], areas[b], area),
+                _ => CollapsePlan::merge(costs, &plans[a], &plans[b], area, count),
             };
             inner[root] = Inner::new(&around, left, choice);
             (bounds[root], areas[root], plans[root]) = (around, area, plan);

@@ -4,10 +4,10 @@
 //! *Parallel Reinsertion for Bounding Volume Hierarchy Optimization*). What is below the crown stays as it is, and where the
 //! builder left it: only who is whose child changes.
 
-use super::few::FEW;
-use super::plan::{Choice, Costs, Plan};
+use super::collapse_plan::{Choice, CollapsePlan, Costs};
 use super::reference::Bounds;
 use super::sah::{Built, MAX_DEPTH, Subtree, Tree};
+use super::small_subtree::FEW;
 use rayon::prelude::*;
 use std::collections::BinaryHeap;
 
@@ -47,13 +47,13 @@ struct Node {
 }
 
 /// A crown that grows. The first node is the root, and stays it.
-struct Crown {
+struct Reinsertion {
     nodes: Vec<Node>,
     /// What the builder made of each.
     subtrees: Vec<(Subtree, Built)>,
 }
 
-impl Crown {
+impl Reinsertion {
     /// The crown of a tree, as it was built.
     fn of(tree: &Tree, root: Subtree, built: Built, costs: Costs) -> Self {
         let mut crown = Self { nodes: Vec::new(), subtrees: Vec::new() };
@@ -227,7 +227,7 @@ impl Crown {
     }
 
     /// Writes the forks of a node; the subtree that it is now, and its plan.
-    fn fork(&self, at: u32, costs: Costs, forks: &mut Vec<Fork>) -> (Subtree, Plan) {
+    fn fork(&self, at: u32, costs: Costs, forks: &mut Vec<Fork>) -> (Subtree, CollapsePlan) {
         let (Node { bounds, area, children, .. }, (subtree, built)) =
             (self.at(at), &self.subtrees[at as usize]);
         let Some([left, right]) = *children else { return (*subtree, built.plan) };
@@ -237,7 +237,7 @@ impl Crown {
         let ((left, left_plan), (right, right_plan)) =
             (self.fork(left, costs, forks), self.fork(right, costs, forks));
         let count = left.count + right.count;
-        let (plan, choice) = Plan::merge(costs, &left_plan, &right_plan, *area, count as usize);
+        let (plan, choice) = CollapsePlan::merge(costs, &left_plan, &right_plan, *area, count as usize);
         forks[index] = Fork { bounds: *bounds, children: [left, right], choice };
         (Subtree::fork(index, count), plan)
     }
@@ -245,7 +245,7 @@ impl Crown {
 
 /// Improves the crown of a tree that has been built: its forks, the root first; none if the builder's nodes are as good.
 pub(super) fn grow(tree: &Tree, root: Subtree, built: Built, costs: Costs) -> Vec<Fork> {
-    let mut crown = Crown::of(tree, root, built, costs);
+    let mut crown = Reinsertion::of(tree, root, built, costs);
     let mut forks = Vec::new();
     if crown.improve() {
         crown.fork(0, costs, &mut forks);
@@ -279,13 +279,13 @@ mod tests {
     }
 
     /// What the builder makes, before it has a crown.
-    fn crown(triangles: &[[Vec3; 3]]) -> Crown {
+    fn crown(triangles: &[[Vec3; 3]]) -> Reinsertion {
         let mut tree = build(triangles);
         tree.forget_crown();
         let root = tree.root().expect("there are triangles");
         let costs = Costs::of_all(tree.bounds(root).half_area());
         let built = Built::few(tree.plan_of_few(root, costs), triangles.len());
-        let mut crown = Crown { nodes: Vec::new(), subtrees: Vec::new() };
+        let mut crown = Reinsertion { nodes: Vec::new(), subtrees: Vec::new() };
         crown.push(&tree, root, built, 0);
         let mut at = 0;
         while at < crown.nodes.len() {
@@ -302,7 +302,7 @@ mod tests {
     }
 
     /// The same by trying all places: what the best of them saves.
-    fn best_gain(crown: &Crown, node: u32) -> f32 {
+    fn best_gain(crown: &Reinsertion, node: u32) -> f32 {
         let below = |of: u32| {
             let mut all = vec![of];
             let mut at = 0;
@@ -318,9 +318,9 @@ mod tests {
     }
 
     /// What is saved by a move.
-    fn gain(crown: &Crown, node: u32, beside: u32) -> f32 {
+    fn gain(crown: &Reinsertion, node: u32, beside: u32) -> f32 {
         let copy = |node: &Node| Node { bounds: node.bounds, ..*node };
-        let mut moved = Crown { nodes: crown.nodes.iter().map(copy).collect(), subtrees: Vec::new() };
+        let mut moved = Reinsertion { nodes: crown.nodes.iter().map(copy).collect(), subtrees: Vec::new() };
         moved.put(node, beside);
         crown.surfaces() - moved.surfaces()
     }
@@ -376,7 +376,7 @@ mod tests {
     #[test]
     fn no_node_is_put_too_deep() {
         let mut crown = crown(&room(3, 40));
-        let movable = |crown: &Crown| {
+        let movable = |crown: &Reinsertion| {
             let mut nodes = (1..crown.nodes.len() as u32).filter(|&node| crown.at(node).parent != 0);
             nodes.find_map(|node| Some((node, crown.better(node, &mut Vec::new())?)))
         };

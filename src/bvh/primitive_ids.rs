@@ -2,7 +2,7 @@
 
 /// Ascending primitive ids of a tree's triangles, as runs of consecutive ones.
 #[derive(Clone, Debug, Default)]
-pub struct Numbering {
+pub struct PrimitiveIds {
     /// No runs: ids are places.
     runs: Vec<Run>,
 }
@@ -13,7 +13,7 @@ struct Run {
     primitive: u32,
 }
 
-impl Numbering {
+impl PrimitiveIds {
     /// The triangles that `ids` names, in ascending order.
     pub fn of(ids: impl IntoIterator<Item = std::ops::Range<u32>>) -> Self {
         let (mut runs, mut place, mut next) = (Vec::new(), 0, 0);
@@ -67,12 +67,12 @@ mod tests {
     #[test]
     fn places_and_primitives_are_each_other_s_inverse() {
         for ranges in [vec![0..5, 5..7], vec![3..5, 9..10, 10..14, 20..21], vec![4..4, 7..9]] {
-            let numbering = Numbering::of(ranges.clone());
+            let numbering = PrimitiveIds::of(ranges.clone());
             for (place, id) in ranges.into_iter().flatten().enumerate() {
                 assert_eq!(numbering.primitive(place as u32), id);
                 assert_eq!(numbering.place(id), place);
             }
         }
-        assert!(Numbering::of([0..5, 5..7]).runs.is_empty());
+        assert!(PrimitiveIds::of([0..5, 5..7]).runs.is_empty());
     }
 }

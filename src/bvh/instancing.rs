@@ -1,8 +1,8 @@
 //! Two levels: a tree whose leaves are trees, each placed in the world, so that geometry shown many times is there
 //! once.
 
-use super::block::Blocks;
-use super::pages::Pages;
+use super::huge_pages::Pages;
+use super::leaf_block::LeafBlocks;
 use super::{Bvh, Child, Wide, WideNode};
 use crate::geom::{Aabb, Placement};
 use rayon::prelude::*;
@@ -10,7 +10,7 @@ use std::sync::Arc;
 
 /// A tree placed in the world.
 #[derive(Clone, Debug)]
-pub struct Member {
+pub struct TreeInstance {
     /// The tree, in its own space.
     pub tree: Arc<Bvh>,
     /// Moves its corners into the world; `None` for a tree that is there already.
@@ -21,7 +21,7 @@ pub struct Member {
     pub bounds: Aabb,
 }
 
-impl Member {
+impl TreeInstance {
     /// A tree, moved by `placement`, whose primitives are `first` and the following.
     pub fn placed(tree: Arc<Bvh>, placement: Placement, first: u32) -> Self {
         let nodes = tree.wide.nodes.par_iter().with_min_len(1 << 6);
@@ -43,16 +43,16 @@ impl Member {
 
 /// The members of a two-level tree. Empty for a tree of triangles.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Assembly {
-    pub members: Vec<Member>,
+pub(super) struct InstanceTree {
+    pub members: Vec<TreeInstance>,
     /// Who has the primitives from an id on.
     spans: Vec<(u32, u32)>,
     pub triangles: usize,
 }
 
-impl Assembly {
+impl InstanceTree {
     /// The member that has a primitive.
-    pub fn owner(&self, primitive: u32) -> &Member {
+    pub fn owner(&self, primitive: u32) -> &TreeInstance {
         let span = self.spans.partition_point(|&(first, _)| first <= primitive) - 1;
         &self.members[self.spans[span].1 as usize]
     }
@@ -64,25 +64,26 @@ impl Bvh {
     ///
     /// # Panics
     /// If ids are missing or given twice, or a member is itself an assembly.
-    pub fn assemble(members: Vec<Member>) -> Self {
-        let members: Vec<Member> = members.into_iter().filter(|member| !member.tree.is_empty()).collect();
+    pub fn assemble(members: Vec<TreeInstance>) -> Self {
+        let members: Vec<TreeInstance> =
+            members.into_iter().filter(|member| !member.tree.is_empty()).collect();
         let corners: Vec<_> = members.iter().flat_map(|m| [m.bounds.min, m.bounds.max]).collect();
         // A triangle with the box of each member.
         let boxes: Vec<_> = (0..members.len() as u32).map(|i| [2 * i, 2 * i + 1, 2 * i]).collect();
         let over = Self::build(&corners, &boxes, |_| false);
-        let assembly = Assembly::new(members);
+        let assembly = InstanceTree::new(members);
         Self { wide: assembly.top(&over), places: Vec::new(), assembly: Some(assembly), ..over }
     }
 
     /// The trees that this one is put together of; none when it is a tree of triangles. The leaves of
     /// [`Bvh::wide`] are then members: a child that is a block is one, by index.
-    pub fn members(&self) -> &[Member] {
+    pub fn members(&self) -> &[TreeInstance] {
         self.assembly.as_ref().map_or(&[], |assembly| &assembly.members)
     }
 }
 
-impl Assembly {
-    fn new(members: Vec<Member>) -> Self {
+impl InstanceTree {
+    fn new(members: Vec<TreeInstance>) -> Self {
         let mut spans: Vec<(u32, u32)> = Vec::new();
         for (index, member) in (0..).zip(&members) {
             assert!(member.tree.members().is_empty(), "two levels, not more");
@@ -133,6 +134,6 @@ impl Assembly {
             node.face_rays();
             nodes.push(node);
         }
-        Wide { nodes: Pages::of(&nodes), blocks: Blocks::none(), depth: over.wide.depth + 1 }
+        Wide { nodes: Pages::of(&nodes), blocks: LeafBlocks::none(), depth: over.wide.depth + 1 }
     }
 }

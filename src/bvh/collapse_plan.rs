@@ -5,7 +5,7 @@
 //! The builder plans on its way back up, so that costs live on its stack and only the choices, four
 //! bytes a node, go to memory.
 
-use super::block::BLOCK_TRIANGLES;
+use super::leaf_block::BLOCK_TRIANGLES;
 use super::wide::{Child, WIDTH};
 use crate::geom::Aabb;
 
@@ -83,7 +83,7 @@ impl Costs {
 /// Expected costs of one binary node's primitives: entry `i` when at most `i + 1` children of a wide node hold them.
 /// The last entry is of no use.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Plan([f32; WIDTH]);
+pub(super) struct CollapsePlan([f32; WIDTH]);
 
 /// What the cheapest plan does with a binary node.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, bytemuck::Pod, bytemuck::Zeroable)]
@@ -109,7 +109,7 @@ impl Choice {
     }
 }
 
-impl Plan {
+impl CollapsePlan {
     /// A block of `count` primitives, and never anything else.
     #[inline(always)]
     pub fn whole(costs: Costs, area: f32, count: usize) -> Self {
@@ -122,7 +122,7 @@ impl Plan {
         Self([costs.block(area, 1); WIDTH])
     }
 
-    /// The plan of a node over two primitives: what [`Plan::merge`] says of their leaves.
+    /// The plan of a node over two primitives: what [`CollapsePlan::merge`] says of their leaves.
     #[inline(always)]
     pub fn pair(costs: Costs, left: f32, right: f32, area: f32) -> (Self, Choice) {
         let apart = costs.block(left, 1) + costs.block(right, 1);
@@ -179,16 +179,16 @@ mod tests {
 
     #[test]
     fn a_block_is_made_where_it_is_cheaper_than_its_parts() {
-        let leaf = Plan([1.0; WIDTH]);
+        let leaf = CollapsePlan([1.0; WIDTH]);
         // Half of a small box each: one block of two must beat two blocks and an inner node.
-        let (plan, choice) = Plan::merge(SMALL, &leaf, &leaf, 1.0, 2);
+        let (plan, choice) = CollapsePlan::merge(SMALL, &leaf, &leaf, 1.0, 2);
         assert!(choice.is_block());
         assert_eq!(plan.0[0], SMALL.block(1.0, 2));
         // A dear block is split; two children then cost their sum.
-        let (plan, choice) = Plan::merge(SMALL, &leaf, &leaf, 20.0, 2);
+        let (plan, choice) = CollapsePlan::merge(SMALL, &leaf, &leaf, 20.0, 2);
         assert!((plan.0[0] - SMALL.block(20.0, 2)).abs() < 1e-6 && choice.is_block());
         assert_eq!((plan.0[1], choice.on_left(2)), (2.0, 1));
-        let (plan, choice) = Plan::merge(SMALL, &leaf, &leaf, 20.0, 9);
+        let (plan, choice) = CollapsePlan::merge(SMALL, &leaf, &leaf, 20.0, 9);
         assert!(!choice.is_block());
         assert_eq!(plan.0[0], 22.0);
     }
@@ -197,12 +197,21 @@ mod tests {
     fn large_flat_boxes_are_blocks_of_their_own() {
         // Two walls of a room of half the surface 3: apart each is met by a third of the rays, together by all.
         let costs = Costs::of(3.0);
-        let wall = |area| Plan::merge(costs, &Plan::leaf(costs, area), &Plan::leaf(costs, area), area, 2).0;
-        let (plan, choice) = Plan::merge(costs, &wall(1.0), &wall(1.0), 3.0, 4);
+        let wall = |area| {
+            CollapsePlan::merge(
+                costs,
+                &CollapsePlan::leaf(costs, area),
+                &CollapsePlan::leaf(costs, area),
+                area,
+                2,
+            )
+            .0
+        };
+        let (plan, choice) = CollapsePlan::merge(costs, &wall(1.0), &wall(1.0), 3.0, 4);
         assert_eq!((choice.on_left(2), plan.0[1]), (1, 2.0 * costs.block(1.0, 2)));
         // A hundredth of that and the room is crossed by few.
         let costs = Costs::of(300.1);
-        let (plan, choice) = Plan::merge(costs, &wall(1.0), &wall(1.0), 3.0, 4);
+        let (plan, choice) = CollapsePlan::merge(costs, &wall(1.0), &wall(1.0), 3.0, 4);
         assert_eq!((choice.is_block(), plan.0[0]), (true, costs.block(3.0, 4)));
     }
 
@@ -212,9 +221,9 @@ mod tests {
             let [left, right, area] = areas;
             for large in [0.0, 2.0, f32::INFINITY] {
                 let costs = Costs { large, ..SMALL };
-                let leaf = |area| Plan::leaf(costs, area);
-                let (merged, choice) = Plan::merge(costs, &leaf(left), &leaf(right), area, 2);
-                let (plan, same) = Plan::pair(costs, left, right, area);
+                let leaf = |area| CollapsePlan::leaf(costs, area);
+                let (merged, choice) = CollapsePlan::merge(costs, &leaf(left), &leaf(right), area, 2);
+                let (plan, same) = CollapsePlan::pair(costs, left, right, area);
                 // The last entry is of no use.
                 assert_eq!((&plan.0[..WIDTH - 1], same), (&merged.0[..WIDTH - 1], choice), "{areas:?}");
             }
@@ -229,10 +238,10 @@ mod tests {
             let falling = |salt: u32| {
                 let mut costs: [f32; WIDTH] = std::array::from_fn(|i| number(seed * 64 + salt + i as u32));
                 costs.sort_by(|a, b| b.total_cmp(a));
-                Plan(costs)
+                CollapsePlan(costs)
             };
             let (left, right) = (falling(0), falling(8));
-            let (plan, choice) = Plan::merge(SMALL, &left, &right, number(seed + 7777), 9);
+            let (plan, choice) = CollapsePlan::merge(SMALL, &left, &right, number(seed + 7777), 9);
             for children in 2..WIDTH {
                 let exact = (2..=children)
                     .flat_map(|c| (1..c).map(move |i| left.0[i - 1] + right.0[c - i - 1]))

@@ -2,14 +2,14 @@
 //! hit is looked for follows from them (Nah and Manocha 2014, *SATO: Surface-Area Traversal Order for Shadow Ray
 //! Tracing*).
 
-use super::block::BLOCK_TRIANGLES;
-use super::pile::Triangles;
+use super::leaf_block::BLOCK_TRIANGLES;
+use super::leaf_packing::Triangles;
 use super::wide::{Child, WIDTH, WideNode};
 use crate::geom::Aabb;
 
 /// What is known of a subtree.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Odds {
+pub(super) struct ShadowOrder {
     /// Area of all triangles.
     area: f32,
     /// Expected visits of a ray that meets the box.
@@ -19,7 +19,7 @@ pub(super) struct Odds {
 /// What a block costs beside a node, and each of its triangles.
 const BLOCK_COST: [f32; 2] = [1.0, 0.3];
 
-impl Odds {
+impl ShadowOrder {
     /// Those of a block.
     pub fn of_block(triangles: &Triangles) -> Self {
         // Vacant rows have no area.
@@ -102,14 +102,14 @@ mod tests {
     fn odds_of_a_node_sum_up_what_is_below() {
         let bvh = wall_and_cloud();
         let Wide { nodes, blocks, .. } = &bvh.wide;
-        let mut odds = vec![Odds::default(); nodes.len()];
+        let mut odds = vec![ShadowOrder::default(); nodes.len()];
         for at in (0..nodes.len()).rev() {
-            odds[at] = Odds::order(&mut nodes[at].clone(), |_, child| match child.index() {
+            odds[at] = ShadowOrder::order(&mut nodes[at].clone(), |_, child| match child.index() {
                 _ if child.is_block() => {
                     let block = blocks.get(child);
                     let mut triangles = Triangles::default();
                     (0..block.len()).for_each(|row| triangles.push(0, false, block.corners(row)));
-                    Odds::of_block(&triangles)
+                    ShadowOrder::of_block(&triangles)
                 }
                 index => odds[index],
             });

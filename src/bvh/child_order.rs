@@ -7,14 +7,14 @@ use bytemuck::{Pod, Zeroable};
 /// octal digits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
-pub struct Turns {
+pub struct ChildOrder {
     /// The turn of each slot.
     pub of_slots: u32,
     /// The slot of each turn.
     pub slots: u32,
 }
 
-impl Turns {
+impl ChildOrder {
     /// Slot after slot.
     pub const FORWARD: Self = Self { of_slots: 0o7654_3210, slots: 0o7654_3210 };
 
@@ -54,12 +54,15 @@ mod tests {
     #[test]
     fn turns_go_up_with_keys_and_equals_stay_in_their_order() {
         let (infinite, nan) = (f32::INFINITY, f32::NAN);
-        assert_eq!(Turns::ascending(&[0.0; WIDTH]), Turns::FORWARD);
-        assert_eq!(Turns::ascending(&[-1.0, -0.0, 0.0, 0.0, 1.0, infinite, infinite, nan]), Turns::FORWARD);
-        let turns = Turns::ascending(&[3.0, infinite, -2.0, 3.0, infinite, -7.5, 0.0, 1e-40]);
-        assert_eq!(turns, Turns { of_slots: 0o3207_5164, slots: 0o4130_7625 });
+        assert_eq!(ChildOrder::ascending(&[0.0; WIDTH]), ChildOrder::FORWARD);
+        assert_eq!(
+            ChildOrder::ascending(&[-1.0, -0.0, 0.0, 0.0, 1.0, infinite, infinite, nan]),
+            ChildOrder::FORWARD
+        );
+        let turns = ChildOrder::ascending(&[3.0, infinite, -2.0, 3.0, infinite, -7.5, 0.0, 1e-40]);
+        assert_eq!(turns, ChildOrder { of_slots: 0o3207_5164, slots: 0o4130_7625 });
         assert!(turns.is_order());
-        assert!(!Turns { of_slots: 0o3207_5165, ..turns }.is_order());
-        assert!(!Turns { slots: 0o4130_7622, ..turns }.is_order());
+        assert!(!ChildOrder { of_slots: 0o3207_5165, ..turns }.is_order());
+        assert!(!ChildOrder { slots: 0o4130_7622, ..turns }.is_order());
     }
 }

@@ -3,12 +3,12 @@
 //! Neighbours share corners, so a block has each corner once and its triangles name them: what a large mesh's rays wait
 //! for is memory, and this is half of what three corners a triangle take.
 //!
-//! Unsafe code for reading columns into lanes. Invariant 1: behind the first word of a [`Block`]'s last column lie at least
+//! Unsafe code for reading columns into lanes. Invariant 1: behind the first word of a [`LeafBlock`]'s last column lie at least
 //! [`SLACK`] words in its slice.
 #![allow(unsafe_code, reason = "the invariants above")]
 
-use super::pages::Pages;
-use super::pile::{Pile, side_by_side};
+use super::huge_pages::Pages;
+use super::leaf_packing::{LeafPacking, side_by_side};
 use super::wide::Child;
 use crate::geom::Aabb;
 use crate::lanes::Lanes;
@@ -17,10 +17,10 @@ use glam::Vec3;
 /// The most triangles in a block.
 pub const BLOCK_TRIANGLES: usize = 8;
 
-/// Bit of [`Block::id`] that says the filter has a say.
+/// Bit of [`LeafBlock::id`] that says the filter has a say.
 pub const MASKED: u32 = 1 << 31;
 
-/// Bits of [`Block::id`] that are the primitive index.
+/// Bits of [`LeafBlock::id`] that are the primitive index.
 pub const PRIMITIVE: u32 = NORMAL - 1;
 
 /// Set in all words that are no coordinates: lanes beyond a block's triangles compute with what lies there, and denormal
@@ -43,24 +43,24 @@ pub(super) const SLACK: usize = TABLE;
 
 /// All blocks of a tree, side by side.
 #[derive(Clone, Debug)]
-pub struct Blocks {
+pub struct LeafBlocks {
     words: Pages<u32>,
 }
 
-impl PartialEq for Blocks {
+impl PartialEq for LeafBlocks {
     fn eq(&self, other: &Self) -> bool {
         *self.words == *other.words
     }
 }
 
-impl Blocks {
+impl LeafBlocks {
     /// No blocks.
     pub(super) fn none() -> Self {
         Self { words: Pages::zeroed(SLACK) }
     }
 
     /// Those of piles whose rooms are in `words`, and where each pile's begin ([`Child::behind`]). On the current rayon pool.
-    pub(super) fn of(words: Pages<u32>, piles: &[Pile]) -> (Self, Vec<usize>) {
+    pub(super) fn of(words: Pages<u32>, piles: &[LeafPacking]) -> (Self, Vec<usize>) {
         let (words, starts) = side_by_side(words, piles);
         (Self { words }, starts)
     }
@@ -70,8 +70,8 @@ impl Blocks {
     /// # Panics
     /// If it is none of this tree's.
     #[inline]
-    pub fn get(&self, child: Child) -> Block<'_> {
-        Block::new(&self.words[UNIT * child.index()..], child.triangles())
+    pub fn get(&self, child: Child) -> LeafBlock<'_> {
+        LeafBlock::new(&self.words[UNIT * child.index()..], child.triangles())
     }
 
     /// The same without checks.
@@ -79,18 +79,18 @@ impl Blocks {
     /// # Safety
     /// The child is a block of this tree.
     #[inline(always)]
-    pub(crate) unsafe fn get_unchecked(&self, child: Child) -> Block<'_> {
+    pub(crate) unsafe fn get_unchecked(&self, child: Child) -> LeafBlock<'_> {
         let count = child.triangles();
         // SAFETY: the caller vouches for the block, and behind all blocks is some slack. That is invariant 1.
         unsafe {
             let start = self.words.as_ptr().add(UNIT * child.index());
             let corners = Word(*start).corners();
             let len = 2 * count + 3 * corners + SLACK;
-            Block { words: std::slice::from_raw_parts(start, len), count, corners }
+            LeafBlock { words: std::slice::from_raw_parts(start, len), count, corners }
         }
     }
 
-    /// In each lane the triangle in a row of a block: what [`Block::id`] says, and the corners as `[vertex][axis]`.
+    /// In each lane the triangle in a row of a block: what [`LeafBlock::id`] says, and the corners as `[vertex][axis]`.
     ///
     /// # Safety
     /// The children are blocks of this tree, and each has so many rows.
@@ -123,22 +123,22 @@ impl Blocks {
         self.words.as_ptr().wrapping_add(UNIT * child.index())
     }
 
-    /// What [`Block::id`] says of a block's triangles.
+    /// What [`LeafBlock::id`] says of a block's triangles.
     pub(super) fn ids_mut(&mut self, child: Child) -> &mut [u32] {
-        let Block { count, corners, .. } = self.get(child);
+        let LeafBlock { count, corners, .. } = self.get(child);
         &mut self.words[UNIT * child.index() + count + 3 * corners..][..count]
     }
 
     /// The words of blocks, which are some of the tree's in the order in which they lie there.
-    pub(super) fn each_mut(&mut self, children: &[Child]) -> Vec<BlockMut<'_>> {
+    pub(super) fn each_mut(&mut self, children: &[Child]) -> Vec<LeafBlockMut<'_>> {
         let (mut rest, mut start) = (&mut self.words[..], 0);
         let split = children.iter().map(|&child| {
-            let Block { count, corners, .. } =
-                Block::new(&rest[UNIT * child.index() - start..], child.triangles());
+            let LeafBlock { count, corners, .. } =
+                LeafBlock::new(&rest[UNIT * child.index() - start..], child.triangles());
             let (_, behind) = std::mem::take(&mut rest).split_at_mut(UNIT * child.index() - start);
             let (words, behind) = behind.split_at_mut(2 * count + 3 * corners);
             (rest, start) = (behind, UNIT * child.index() + words.len());
-            BlockMut { words, count, corners }
+            LeafBlockMut { words, count, corners }
         });
         split.collect()
     }
@@ -149,14 +149,14 @@ impl Blocks {
     }
 }
 
-/// A [`Block`] whose corners move.
-pub(super) struct BlockMut<'a> {
+/// A [`LeafBlock`] whose corners move.
+pub(super) struct LeafBlockMut<'a> {
     words: &'a mut [u32],
     count: usize,
     corners: usize,
 }
 
-impl BlockMut<'_> {
+impl LeafBlockMut<'_> {
     /// Moves the triangles to where `corners` says by their primitive index; the box around them. `None`, and some have been
     /// moved, if corners part that are one.
     pub fn move_to(&mut self, corners: impl Fn(u32) -> [Vec3; 3]) -> Option<Aabb> {
@@ -214,13 +214,13 @@ impl Word {
 /// Up to eight triangles: for each the corners that it has, then the corners' x, y and z, then the triangles' ids. If there
 /// are more than sixteen corners, they are all triangles' first ones, all second ones and all third ones.
 #[derive(Clone, Copy, Debug)]
-pub struct Block<'a> {
+pub struct LeafBlock<'a> {
     words: &'a [u32],
     count: usize,
     corners: usize,
 }
 
-impl<'a> Block<'a> {
+impl<'a> LeafBlock<'a> {
     pub(super) fn new(words: &'a [u32], count: usize) -> Self {
         let corners = Word(words[0]).corners();
         Self { words: &words[..2 * count + 3 * corners + SLACK], count, corners }
@@ -314,7 +314,7 @@ impl<'a> Block<'a> {
     /// A third of all corners: one vertex of each triangle.
     ///
     /// # Safety
-    /// As for [`Block::apart`].
+    /// As for [`LeafBlock::apart`].
     #[inline(always)]
     unsafe fn third<L: Lanes>(l: L, [a, b]: [&Self; 2], vertex: usize) -> [L::F; 3] {
         let (i, k) = (vertex * a.count, vertex * b.count);
@@ -350,11 +350,11 @@ impl<'a> Block<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bvh::pile::{Piling, Triangles};
+    use crate::bvh::leaf_packing::{LeafPacker, Triangles};
     use crate::lanes::{Kernel, SimdLevel, store_one};
 
     /// All columns of a block.
-    struct Columns<'a>(Block<'a>);
+    struct Columns<'a>(LeafBlock<'a>);
 
     impl Kernel for Columns<'_> {
         type Output = Vec<[f32; 8]>;
@@ -373,7 +373,7 @@ mod tests {
         let corners = |primitive: u32| kinds[primitive as usize / 36 % 4](primitive).map(corner);
         let (mut piles, mut children, mut next) = (Vec::new(), Vec::new(), 0u32);
         for kind in 0..4 {
-            let mut pile = Piling::new(0, &mut []);
+            let mut pile = LeafPacker::new(0, &mut []);
             for count in 1..=BLOCK_TRIANGLES as u32 {
                 let mut triangles = Triangles::default();
                 for primitive in next..next + count {
@@ -384,7 +384,7 @@ mod tests {
             }
             piles.push(pile.done());
         }
-        let (mut blocks, starts) = Blocks::of(Pages::zeroed(0), &piles);
+        let (mut blocks, starts) = LeafBlocks::of(Pages::zeroed(0), &piles);
         for (kind, child, first) in children {
             let child = child.behind(starts[kind]);
             let block = blocks.get(child);

@@ -1,8 +1,8 @@
 //! Blocks of a part of a tree, before all parts lie side by side: in memory that the part has already used for something
 //! else, for memory that is touched for the first time is dear.
 
-use super::block::{BLOCK_TRIANGLES, MASKED, NORMAL, SLACK, TABLE, UNIT, Word};
-use super::pages::Pages;
+use super::huge_pages::Pages;
+use super::leaf_block::{BLOCK_TRIANGLES, MASKED, NORMAL, SLACK, TABLE, UNIT, Word};
 use super::wide::Child;
 use crate::lanes::{Kernel, Lanes, SimdLevel, load_one};
 use glam::Vec3;
@@ -43,7 +43,7 @@ impl Triangles {
 
 /// Blocks one behind the other.
 #[derive(Debug)]
-pub(super) struct Pile {
+pub(super) struct LeafPacking {
     /// Where its room begins.
     at: usize,
     /// Words, at the beginning of its room or elsewhere.
@@ -52,22 +52,22 @@ pub(super) struct Pile {
     elsewhere: Vec<u32>,
 }
 
-/// A [`Pile`] that grows.
+/// A [`LeafPacking`] that grows.
 #[derive(Debug)]
-pub(super) struct Piling<'a> {
-    pile: Pile,
+pub(super) struct LeafPacker<'a> {
+    pile: LeafPacking,
     room: &'a mut [u32],
 }
 
-impl<'a> Piling<'a> {
+impl<'a> LeafPacker<'a> {
     /// An empty one, that begins at `at` of memory where it has `room`.
     pub fn new(at: usize, room: &'a mut [u32]) -> Self {
-        Self { pile: Pile { at, len: 0, elsewhere: Vec::new() }, room }
+        Self { pile: LeafPacking { at, len: 0, elsewhere: Vec::new() }, room }
     }
 
     /// Room for so many words more.
     fn take(&mut self, words: usize) -> &mut [u32] {
-        let Pile { len, elsewhere, .. } = &mut self.pile;
+        let LeafPacking { len, elsewhere, .. } = &mut self.pile;
         let (start, end) = (*len, *len + words);
         *len = end;
         if elsewhere.is_empty() && end <= self.room.len() {
@@ -115,12 +115,12 @@ impl<'a> Piling<'a> {
     }
 
     /// What has grown.
-    pub fn done(self) -> Pile {
+    pub fn done(self) -> LeafPacking {
         self.pile
     }
 }
 
-impl Pile {
+impl LeafPacking {
     /// Its words.
     fn words<'a>(&'a self, memory: &'a [u32]) -> &'a [u32] {
         if self.elsewhere.is_empty() { &memory[self.at..][..self.len] } else { &self.elsewhere }
@@ -129,7 +129,7 @@ impl Pile {
 
 /// Puts piles side by side, with [`SLACK`] behind them, and says in which [`UNIT`] each begins: those in their rooms in the
 /// memory's order, then the others. If that is too much for `memory`, all go to new one.
-pub(super) fn side_by_side(memory: Pages<u32>, piles: &[Pile]) -> (Pages<u32>, Vec<usize>) {
+pub(super) fn side_by_side(memory: Pages<u32>, piles: &[LeafPacking]) -> (Pages<u32>, Vec<usize>) {
     let mut order: Vec<usize> = (0..piles.len()).collect();
     order.sort_unstable_by_key(|&pile| (!piles[pile].elsewhere.is_empty(), piles[pile].at));
     let (mut starts, mut len) = (vec![0; piles.len()], 0);
@@ -137,7 +137,7 @@ pub(super) fn side_by_side(memory: Pages<u32>, piles: &[Pile]) -> (Pages<u32>, V
         starts[pile] = len / UNIT;
         len += piles[pile].len;
     }
-    let ordered: Vec<&Pile> = order.into_iter().map(|pile| &piles[pile]).collect();
+    let ordered: Vec<&LeafPacking> = order.into_iter().map(|pile| &piles[pile]).collect();
     let mut memory = if len + SLACK <= memory.len() {
         close_gaps(memory, &ordered)
     } else {
@@ -150,9 +150,9 @@ pub(super) fn side_by_side(memory: Pages<u32>, piles: &[Pile]) -> (Pages<u32>, V
 }
 
 /// Moves piles together, those in their rooms first.
-fn close_gaps(mut memory: Pages<u32>, mut piles: &[&Pile]) -> Pages<u32> {
+fn close_gaps(mut memory: Pages<u32>, mut piles: &[&LeafPacking]) -> Pages<u32> {
     let mut end = 0;
-    while let Some(&&Pile { at, len, ref elsewhere }) = piles.first() {
+    while let Some(&&LeafPacking { at, len, ref elsewhere }) = piles.first() {
         let mut moved = 1;
         if !elsewhere.is_empty() {
             moved = piles.len();
@@ -163,7 +163,7 @@ fn close_gaps(mut memory: Pages<u32>, mut piles: &[&Pile]) -> Pages<u32> {
             // As many as there is room for before the first of them.
             let (there, rest) = memory.split_at_mut(at);
             let mut room = there.len() - end;
-            let fits = |pile: &&&Pile| {
+            let fits = |pile: &&&LeafPacking| {
                 let fits = pile.elsewhere.is_empty() && pile.len <= room;
                 room -= if fits { pile.len } else { 0 };
                 fits
@@ -178,7 +178,11 @@ fn close_gaps(mut memory: Pages<u32>, mut piles: &[&Pile]) -> Pages<u32> {
 }
 
 /// Copies piles, whose words `of` gives, one behind the other.
-fn copy<'a>(piles: &[&'a Pile], of: impl Fn(&'a Pile) -> &'a [u32] + Sync, mut there: &mut [u32]) {
+fn copy<'a>(
+    piles: &[&'a LeafPacking],
+    of: impl Fn(&'a LeafPacking) -> &'a [u32] + Sync,
+    mut there: &mut [u32],
+) {
     let mut copies = Vec::with_capacity(piles.len());
     for pile in piles {
         let room;
@@ -246,7 +250,7 @@ fn equal<L: Lanes>(l: L, corners: &[L::I; 3], corner: &[L::I; 3]) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bvh::Block;
+    use crate::bvh::LeafBlock;
 
     #[test]
     fn corners_that_are_the_same_to_the_bit_are_there_once() {
@@ -262,11 +266,11 @@ mod tests {
             }
             // Its room just does, or does not.
             let mut room = [seed; 88];
-            let mut pile = Piling::new(0, &mut room[..88 - seed as usize % 2 * 88]);
+            let mut pile = LeafPacker::new(0, &mut room[..88 - seed as usize % 2 * 88]);
             let child = pile.push(&triangles);
             let pile = pile.done();
             let words = [pile.words(&room), &[0; SLACK]].concat();
-            let block = Block::new(&words, count);
+            let block = LeafBlock::new(&words, count);
             assert_eq!(child, Child::block(0, count));
             let mut all = Vec::new();
             for row in 0..count {
@@ -299,7 +303,7 @@ mod tests {
             for (i, (&room, &gap)) in rooms.iter().zip(&gaps).enumerate() {
                 let (_, left) = rest.split_at_mut(gap);
                 let (words, left) = left.split_at_mut(room);
-                let mut pile = Piling::new(at + gap, words);
+                let mut pile = LeafPacker::new(at + gap, words);
                 let words = match number(62 + i as u32, 8) {
                     0 => room + UNIT,
                     1 => room,
