@@ -3,10 +3,10 @@
 
 use super::Spread;
 use super::frame::FrameError;
-use crate::lanes::{Num, One};
+use crate::lanes::{Num, SingleLane};
 use crate::render::{Path, Settings, Stage};
 use crate::scene::{
-    Anisotropy, Camera, Colour, Emission, Footprint, Iridescence, Principled, Pyramid, Scalar, Scene, Sheen,
+    Anisotropy, Camera, Colour, Emission, Footprint, Iridescence, Mipmap, Principled, Scalar, Scene, Sheen,
     Surface, Texture, TextureRef,
 };
 use crate::schedule::{JobOptions, Service, TaskKind};
@@ -129,7 +129,7 @@ struct Measured {
 fn plain(scene: &Scene) -> Scene {
     let mut scene = scene.clone();
     for texture in &mut scene.textures {
-        texture.pyramid = Pyramid::default();
+        texture.pyramid = Mipmap::default();
     }
     scene
 }
@@ -199,8 +199,8 @@ fn constant(scene: &Scene) -> Scene {
 const MIDDLE: [f32; 2] = [0.5; 2];
 
 /// What covers all of any texture.
-fn everything() -> Footprint<One> {
-    Footprint { width: f32::MAX.into(), ..Footprint::point(One::default()) }
+fn everything() -> Footprint<SingleLane> {
+    Footprint { width: f32::MAX.into(), ..Footprint::point(SingleLane::default()) }
 }
 
 fn mean(scene: &Scene, texture: TextureRef) -> Vec3 {
@@ -225,7 +225,7 @@ mod tests {
             space: ColourSpace::Linear,
             wrap_u: Wrap::Repeat,
             wrap_v: Wrap::Repeat,
-            pyramid: Pyramid::default(),
+            pyramid: Mipmap::default(),
         });
         let texture = TextureRef::plain(0);
         let surface = Principled {

@@ -2,7 +2,7 @@
 
 use super::collapse_plan::Costs;
 use super::reference::{Bounds, Extent, LONG, PIECE, Reference, key};
-use crate::lanes::{Kernel, Lanes, SimdLevel, columns, load_one, store_one};
+use crate::lanes::{LaneTask, Lanes, SimdLevel, columns, load_one, store_one};
 use rayon::prelude::*;
 
 /// Adding this to a number of at most 2²² rounds it to a whole one, which stands in the lowest bits.
@@ -279,7 +279,7 @@ struct Count<'a> {
     step: usize,
 }
 
-impl Kernel for Count<'_> {
+impl LaneTask for Count<'_> {
     type Output = Bins<16>;
 
     #[inline(always)]
@@ -296,7 +296,7 @@ struct Cheapest<'a> {
     bins: &'a Bins<16>,
 }
 
-impl Kernel for Cheapest<'_> {
+impl LaneTask for Cheapest<'_> {
     type Output = Option<Plane>;
 
     #[inline(always)]
@@ -314,7 +314,7 @@ mod tests {
     /// For each bin but the first, whether keys are before it, by their bins and by their distances.
     struct Before<'a>(&'a Grid, usize, &'a [f32]);
 
-    impl Kernel for Before<'_> {
+    impl LaneTask for Before<'_> {
         type Output = Vec<[bool; 2]>;
 
         fn run<L: Lanes>(self, l: L) -> Self::Output {

@@ -97,22 +97,22 @@ impl LeafBlocks {
     #[inline(always)]
     pub(crate) unsafe fn gather<L: Lanes>(&self, l: L, children: L::I, rows: L::I) -> (L::I, [[L::F; 3]; 3]) {
         let (index, count) = Child::parts(l, children);
-        let at = l.shl_ids(index, UNIT.ilog2());
+        let at = l.shl_u32(index, UNIT.ilog2());
         // SAFETY: as the caller vouches.
-        let word = unsafe { l.gather(self.words.as_ptr(), l.add_ids(at, rows)) };
-        let (table, corners) = (l.add_ids(at, count), Word::corners_of(l, word));
-        let byte = l.splat_id(0xff);
+        let word = unsafe { l.gather(self.words.as_ptr(), l.add_u32(at, rows)) };
+        let (table, corners) = (l.add_u32(at, count), Word::corners_of(l, word));
+        let byte = l.splat_u32(0xff);
         let mut vertices = [[l.splat(0.0); 3]; 3];
         for (vertex, numbers) in (0..).zip(&mut vertices) {
-            let mut at = l.add_ids(table, l.and_ids(l.shr_ids(word, 8 * vertex), byte));
+            let mut at = l.add_u32(table, l.and_u32(l.shr_u32(word, 8 * vertex), byte));
             for number in numbers {
                 // SAFETY: as the caller vouches.
-                *number = l.of_bits(unsafe { l.gather(self.words.as_ptr(), at) });
-                at = l.add_ids(at, corners);
+                *number = l.from_bits(unsafe { l.gather(self.words.as_ptr(), at) });
+                at = l.add_u32(at, corners);
             }
         }
-        let tables = l.add_ids(l.add_ids(corners, corners), corners);
-        let at = l.add_ids(l.add_ids(table, tables), rows);
+        let tables = l.add_u32(l.add_u32(corners, corners), corners);
+        let at = l.add_u32(l.add_u32(table, tables), rows);
         // SAFETY: as the caller vouches.
         (unsafe { l.gather(self.words.as_ptr(), at) }, vertices)
     }
@@ -207,7 +207,7 @@ impl Word {
     /// [`Word::corners`] in lanes.
     #[inline(always)]
     fn corners_of<L: Lanes>(l: L, words: L::I) -> L::I {
-        l.and_ids(l.shr_ids(words, 24), l.splat_id(0x3f))
+        l.and_u32(l.shr_u32(words, 24), l.splat_u32(0x3f))
     }
 }
 
@@ -292,7 +292,7 @@ impl<'a> LeafBlock<'a> {
         // SAFETY: invariant 1.
         unsafe {
             let words = l.bits(l.load_eights([a.words.as_ptr().cast(), b.words.as_ptr().cast()]));
-            let [first, second, third] = [words, l.shr_ids(words, 8), l.shr_ids(words, 16)];
+            let [first, second, third] = [words, l.shr_u32(words, 8), l.shr_u32(words, 16)];
             [
                 [l.pick(x, first), l.pick(y, first), l.pick(z, first)],
                 [l.pick(x, second), l.pick(y, second), l.pick(z, second)],
@@ -351,12 +351,12 @@ impl<'a> LeafBlock<'a> {
 mod tests {
     use super::*;
     use crate::bvh::leaf_packing::{LeafPacker, Triangles};
-    use crate::lanes::{Kernel, SimdLevel, store_one};
+    use crate::lanes::{LaneTask, SimdLevel, store_one};
 
     /// All columns of a block.
     struct Columns<'a>(LeafBlock<'a>);
 
-    impl Kernel for Columns<'_> {
+    impl LaneTask for Columns<'_> {
         type Output = Vec<[f32; 8]>;
 
         fn run<L: Lanes>(self, l: L) -> Self::Output {

@@ -4,7 +4,7 @@
 use super::huge_pages::Pages;
 use super::leaf_block::{BLOCK_TRIANGLES, MASKED, NORMAL, SLACK, TABLE, UNIT, Word};
 use super::wide::Child;
-use crate::lanes::{Kernel, Lanes, SimdLevel, load_one};
+use crate::lanes::{LaneTask, Lanes, SimdLevel, load_one};
 use glam::Vec3;
 use rayon::prelude::*;
 
@@ -203,14 +203,14 @@ struct Alike {
 /// Finds them, each corner compared with all in lanes and without a branch.
 struct Compare<'a>(&'a Triangles);
 
-impl Kernel for Compare<'_> {
+impl LaneTask for Compare<'_> {
     type Output = Alike;
 
     #[inline(always)]
     fn run<L: Lanes>(self, l: L) -> Alike {
         const { assert!(L::LANES == BLOCK_TRIANGLES) };
         let columns = &self.0.columns;
-        let mut all = [[l.splat_id(0); 3]; 3];
+        let mut all = [[l.splat_u32(0); 3]; 3];
         for (all, columns) in all.iter_mut().zip(columns) {
             for (all, column) in all.iter_mut().zip(columns) {
                 *all = l.bits(load_one(l, column));
@@ -224,7 +224,7 @@ impl Kernel for Compare<'_> {
             left &= left - 1;
             let columns = &columns[at / BLOCK_TRIANGLES];
             let [x, y, z] = [0, 1, 2].map(|axis: usize| columns[axis][at % BLOCK_TRIANGLES].to_bits());
-            let corner = [l.splat_id(x), l.splat_id(y), l.splat_id(z)];
+            let corner = [l.splat_u32(x), l.splat_u32(y), l.splat_u32(z)];
             let same = equal(l, &all[0], &corner)
                 | equal(l, &all[1], &corner) << BLOCK_TRIANGLES
                 | equal(l, &all[2], &corner) << (2 * BLOCK_TRIANGLES);
@@ -241,10 +241,10 @@ impl Kernel for Compare<'_> {
 /// The lanes whose corner is this one.
 #[inline(always)]
 fn equal<L: Lanes>(l: L, corners: &[L::I; 3], corner: &[L::I; 3]) -> u32 {
-    let x = l.xor_ids(corners[0], corner[0]);
-    let y = l.xor_ids(corners[1], corner[1]);
-    let z = l.xor_ids(corners[2], corner[2]);
-    l.eq_ids(L::ALL, l.or_ids(l.or_ids(x, y), z), l.splat_id(0))
+    let x = l.xor_u32(corners[0], corner[0]);
+    let y = l.xor_u32(corners[1], corner[1]);
+    let z = l.xor_u32(corners[2], corner[2]);
+    l.eq_u32(L::ALL, l.or_u32(l.or_u32(x, y), z), l.splat_u32(0))
 }
 
 #[cfg(test)]

@@ -2,7 +2,7 @@
 
 use super::bins::Plane;
 use super::reference::{Bounds, Extent, LONG, PIECE, Reference, key};
-use crate::lanes::{Kernel, Lanes, SimdLevel};
+use crate::lanes::{LaneTask, Lanes, SimdLevel};
 use rayon::prelude::*;
 
 /// The two sides of a partition: how many are on the left, and the extents of both.
@@ -51,7 +51,7 @@ struct Partition<'a> {
     plane: &'a Plane,
 }
 
-impl Kernel for Partition<'_> {
+impl LaneTask for Partition<'_> {
     type Output = Sides;
 
     #[inline(always)]
@@ -133,7 +133,7 @@ mod tests {
     /// Whether a reference is on the left.
     struct IsLeft<'a>(&'a Reference, &'a Plane);
 
-    impl Kernel for IsLeft<'_> {
+    impl LaneTask for IsLeft<'_> {
         type Output = bool;
 
         fn run<L: Lanes>(self, l: L) -> bool {

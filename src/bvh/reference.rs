@@ -1,7 +1,7 @@
 //! Primitives while they are sorted into the tree, as boxes of their own.
 
 use crate::geom::Aabb;
-use crate::lanes::{Kernel, Lanes, SimdLevel, load_one, store_one, swap_halves};
+use crate::lanes::{LaneTask, Lanes, SimdLevel, load_one, store_one, swap_halves};
 use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
 
@@ -135,7 +135,7 @@ impl Extent {
 /// [`Extent::of_few`] to be run.
 struct Around<'a>(&'a [Reference]);
 
-impl Kernel for Around<'_> {
+impl LaneTask for Around<'_> {
     type Output = Extent;
 
     #[inline(always)]

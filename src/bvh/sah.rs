@@ -9,7 +9,7 @@ use super::reference::{Bounds, Extent, LONG, PIECE, Reference};
 use super::reinsertion::{self, Fork};
 use super::small_subtree::{FEW, Few};
 use crate::geom::Aabb;
-use crate::lanes::{Kernel, Lanes, Piece, SimdLevel};
+use crate::lanes::{LaneTask, Lanes, OutlinedTask, SimdLevel};
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 use rayon::prelude::*;
@@ -300,16 +300,16 @@ struct Small<'a> {
     extent: &'a Extent,
 }
 
-impl Kernel for Small<'_> {
+impl LaneTask for Small<'_> {
     type Output = Built;
 
     #[inline(always)]
     fn run<L: Lanes>(self, l: L) -> Built {
-        l.apart(self)
+        l.outlined(self)
     }
 }
 
-impl<L: Lanes> Piece<L> for Small<'_> {
+impl<L: Lanes> OutlinedTask<L> for Small<'_> {
     type Output = Built;
 
     #[inline(always)]
@@ -319,7 +319,7 @@ impl<L: Lanes> Piece<L> for Small<'_> {
         if count <= FEW {
             let plan = match count {
                 1 => CollapsePlan::leaf(costs, area),
-                _ => l.apart(Few { references, inner, costs, halve: depth + FEW >= MAX_DEPTH, extent }),
+                _ => l.outlined(Few { references, inner, costs, halve: depth + FEW >= MAX_DEPTH, extent }),
             };
             return Built::few(plan, count);
         }
@@ -328,9 +328,10 @@ impl<L: Lanes> Piece<L> for Small<'_> {
         let (left, right) = references.split_at_mut(middle);
         let (left_inner, right_inner) = below.split_at_mut(middle - 1);
         let depth = depth + 1;
-        let left = l.apart(Small { references: left, inner: left_inner, costs, depth, extent: &extents[0] });
+        let left =
+            l.outlined(Small { references: left, inner: left_inner, costs, depth, extent: &extents[0] });
         let right =
-            l.apart(Small { references: right, inner: right_inner, costs, depth, extent: &extents[1] });
+            l.outlined(Small { references: right, inner: right_inner, costs, depth, extent: &extents[1] });
         let (built, choice) = Built::of(costs, [left, right], area, count);
         *root = Inner::new(&extent.bounds, middle, choice);
         built
@@ -363,7 +364,7 @@ struct Split<'a> {
     extent: &'a Extent,
 }
 
-impl Kernel for Split<'_> {
+impl LaneTask for Split<'_> {
     type Output = Sides;
 
     #[inline(always)]

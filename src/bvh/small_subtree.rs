@@ -5,12 +5,12 @@
 use super::collapse_plan::{Choice, CollapsePlan, Costs};
 use super::reference::{Bounds, Extent, Reference};
 use super::sah::Inner;
-use crate::lanes::{Lanes, Piece, columns, eight_ids, load_one, store_one};
+use crate::lanes::{Lanes, OutlinedTask, columns, eight_ids, load_one, store_one};
 
 /// How many are few.
 pub(super) const FEW: usize = 8;
 
-/// A subtree over at most [`FEW`] and at least two references, to be built by [`Lanes::apart`].
+/// A subtree over at most [`FEW`] and at least two references, to be built by [`Lanes::outlined`].
 pub(super) struct Few<'a> {
     pub references: &'a mut [Reference],
     pub inner: &'a mut [Inner],
@@ -30,7 +30,7 @@ struct Cut {
     children: [usize; 2],
 }
 
-impl<L: Lanes> Piece<L> for Few<'_> {
+impl<L: Lanes> OutlinedTask<L> for Few<'_> {
     type Output = CollapsePlan;
 
     #[inline(always)]
@@ -187,13 +187,13 @@ impl<'a, L: Lanes> Choices<'a, L> {
     /// they will be one block: only surfaces count.
     #[inline(always)]
     fn best_of_all(&self, l: L, lanes: u32, ways: &Ways) -> Way {
-        let members = l.bits(l.pack(lanes, l.of_bits(eight_ids(l, &[0, 1, 2, 3, 4, 5, 6, 7]))));
+        let members = l.bits(l.pack(lanes, l.from_bits(eight_ids(l, &[0, 1, 2, 3, 4, 5, 6, 7]))));
         let (mut left, mut right) = ([l.splat(f32::INFINITY); 6], [l.splat(f32::INFINITY); 6]);
         for (table, places) in ways.iter().enumerate() {
-            let places = l.permute_ids(members, eight_ids(l, places));
+            let places = l.permute_u32(members, eight_ids(l, places));
             let side = if table < 2 { &mut left } else { &mut right };
             for (number, column) in side.iter_mut().zip(self.columns) {
-                *number = l.min(*number, l.of_bits(l.permute_ids(l.bits(column), places)));
+                *number = l.min(*number, l.from_bits(l.permute_u32(l.bits(column), places)));
             }
         }
         let cost = l.add(half_area(l, left), half_area(l, right));
@@ -256,7 +256,7 @@ fn half_area<L: Lanes>(l: L, [a, b, c, x, y, z]: [L::F; 6]) -> L::F {
 mod tests {
     use super::*;
     use crate::geom::Aabb;
-    use crate::lanes::{Kernel, SimdLevel};
+    use crate::lanes::{LaneTask, SimdLevel};
     use glam::Vec3;
 
     #[test]
@@ -277,7 +277,7 @@ mod tests {
     /// The best way to cut lanes.
     struct Best<'a>(&'a [Reference; FEW], u32);
 
-    impl Kernel for Best<'_> {
+    impl LaneTask for Best<'_> {
         type Output = Way;
 
         fn run<L: Lanes>(self, l: L) -> Way {
@@ -327,7 +327,7 @@ mod tests {
     /// Builds a subtree; whether it stayed whole, and how many of its inner nodes were made.
     struct Built<'a>(&'a [Reference], Costs);
 
-    impl Kernel for Built<'_> {
+    impl LaneTask for Built<'_> {
         type Output = (bool, usize);
 
         fn run<L: Lanes>(self, l: L) -> Self::Output {
@@ -336,7 +336,7 @@ mod tests {
             let mut inner: Vec<Inner> = bytemuck::zeroed_vec(references.len() - 1);
             let extent = &Extent::of_few(l, &references);
             let few = Few { references: &mut references, inner: &mut inner, costs, halve: false, extent };
-            Piece::run(few, l);
+            OutlinedTask::run(few, l);
             let is_whole = inner[0].choice == Choice::whole();
             (is_whole, inner.iter().filter(|inner| inner.bounds().half_area() > 0.0).count())
         }

@@ -58,9 +58,9 @@ impl Child {
     /// [`Child::index`] and [`Child::triangles`] of blocks, as they lie in nodes.
     #[inline(always)]
     pub(super) fn parts<L: Lanes>(l: L, children: L::I) -> (L::I, L::I) {
-        let index = l.and_ids(children, l.splat_id(Self::LIMIT as u32));
-        let triangles = l.and_ids(l.shr_ids(children, 28), l.splat_id(7));
-        (index, l.add_ids(triangles, l.splat_id(1)))
+        let index = l.and_u32(children, l.splat_u32(Self::LIMIT as u32));
+        let triangles = l.and_u32(l.shr_u32(children, 28), l.splat_u32(7));
+        (index, l.add_u32(triangles, l.splat_u32(1)))
     }
 
     /// Number of triangles of a block.

@@ -293,7 +293,7 @@ pub(crate) fn take<'a, const N: usize>(from: &mut &'a [u8]) -> Option<&'a [u8; N
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::lanes::{Kernel, SimdLevel};
+    use crate::lanes::{LaneTask, SimdLevel};
     use glam::Vec3;
 
     #[test]
@@ -322,7 +322,7 @@ mod tests {
     /// Splats in lanes: to one pixel, to all, and some that are not radiance.
     struct Splats<'a>(&'a Film);
 
-    impl Kernel for Splats<'_> {
+    impl LaneTask for Splats<'_> {
         type Output = ();
 
         #[inline(always)]

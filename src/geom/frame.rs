@@ -1,11 +1,11 @@
 //! Orthonormal frames.
 
-use crate::lanes::{Lanes, One, Vector};
+use crate::lanes::{Lanes, SingleLane, Vector};
 use glam::Vec3;
 
 /// A right-handed orthonormal frame in each lane; the normal is its z axis.
 #[derive(Clone, Copy, Debug)]
-pub struct Frame<L: Lanes = One> {
+pub struct Frame<L: Lanes = SingleLane> {
     /// x axis.
     pub tangent: Vector<L>,
     /// y axis.
@@ -53,7 +53,7 @@ impl<L: Lanes> Frame<L> {
     }
 }
 
-impl Frame<One> {
+impl Frame<SingleLane> {
     /// [`Frame::around`] one normal.
     pub fn from_normal(normal: Vec3) -> Self {
         Self::around(normal.into())

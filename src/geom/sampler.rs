@@ -1,13 +1,13 @@
 //! The counter-based sampler: every random number is a pure function of
 //! (pixel, sample, dimension, seed), so no order of work can change one.
 
-use crate::lanes::{Int, Lanes, Num, One};
+use crate::lanes::{Int, Lanes, Num, SingleLane};
 
 /// Owen-scrambled Sobol points in padded pairs of dimensions (Burley 2020, *Practical Hash-based
 /// Owen Scrambling*): each pair of dimensions is a (0,2)-sequence over the samples of a pixel, its
 /// order shuffled anew for every pixel and pair. Each lane has a sample of its own.
 #[derive(Clone, Copy, Debug)]
-pub struct Sampler<L: Lanes = One> {
+pub struct Sampler<L: Lanes = SingleLane> {
     key: Int<L>,
     /// The sample's number, its bits reversed.
     sample: Int<L>,
@@ -50,7 +50,7 @@ impl<L: Lanes> Sampler<L> {
     }
 }
 
-impl Sampler<One> {
+impl Sampler<SingleLane> {
     /// The sampler of one sample of one pixel.
     pub fn new(pixel: u32, sample: u32, seed: u64) -> Self {
         Self::of(pixel.into(), sample.into(), seed)

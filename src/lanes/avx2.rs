@@ -6,7 +6,7 @@
 #![allow(unsafe_code, reason = "the invariants above")]
 
 use super::order::LANES_OF;
-use super::{Lanes, Piece, nearest, spill};
+use super::{Lanes, OutlinedTask, nearest, spill};
 use std::arch::x86_64::*;
 
 /// Proof that the processor has AVX2 and FMA, and if `VL` AVX-512 for eight lanes too.
@@ -220,47 +220,47 @@ impl<const VL: bool> Lanes for Eights<VL> {
         }
     }
     #[inline(always)]
-    fn select_ids(self, mask: u32, a: __m256i, b: __m256i) -> __m256i {
+    fn select_u32(self, mask: u32, a: __m256i, b: __m256i) -> __m256i {
         unsafe { _mm256_castps_si256(self.select(mask, _mm256_castsi256_ps(a), _mm256_castsi256_ps(b))) }
     }
     #[inline(always)]
-    fn permute_ids(self, a: __m256i, order: __m256i) -> __m256i {
+    fn permute_u32(self, a: __m256i, order: __m256i) -> __m256i {
         unsafe { _mm256_permutevar8x32_epi32(a, order) }
     }
     #[inline(always)]
-    fn splat_id(self, id: u32) -> __m256i {
+    fn splat_u32(self, id: u32) -> __m256i {
         unsafe { _mm256_set1_epi32(id as i32) }
     }
     #[inline(always)]
-    fn add_ids(self, a: __m256i, b: __m256i) -> __m256i {
+    fn add_u32(self, a: __m256i, b: __m256i) -> __m256i {
         unsafe { _mm256_add_epi32(a, b) }
     }
     #[inline(always)]
-    fn mul_ids(self, a: __m256i, b: __m256i) -> __m256i {
+    fn mul_u32(self, a: __m256i, b: __m256i) -> __m256i {
         unsafe { _mm256_mullo_epi32(a, b) }
     }
     #[inline(always)]
-    fn and_ids(self, a: __m256i, b: __m256i) -> __m256i {
+    fn and_u32(self, a: __m256i, b: __m256i) -> __m256i {
         unsafe { _mm256_and_si256(a, b) }
     }
     #[inline(always)]
-    fn or_ids(self, a: __m256i, b: __m256i) -> __m256i {
+    fn or_u32(self, a: __m256i, b: __m256i) -> __m256i {
         unsafe { _mm256_or_si256(a, b) }
     }
     #[inline(always)]
-    fn xor_ids(self, a: __m256i, b: __m256i) -> __m256i {
+    fn xor_u32(self, a: __m256i, b: __m256i) -> __m256i {
         unsafe { _mm256_xor_si256(a, b) }
     }
     #[inline(always)]
-    fn shl_ids(self, a: __m256i, count: u32) -> __m256i {
+    fn shl_u32(self, a: __m256i, count: u32) -> __m256i {
         unsafe { _mm256_sllv_epi32(a, _mm256_set1_epi32(count as i32)) }
     }
     #[inline(always)]
-    fn shr_ids(self, a: __m256i, count: u32) -> __m256i {
+    fn shr_u32(self, a: __m256i, count: u32) -> __m256i {
         unsafe { _mm256_srlv_epi32(a, _mm256_set1_epi32(count as i32)) }
     }
     #[inline(always)]
-    fn reverse_ids(self, a: __m256i) -> __m256i {
+    fn reverse_u32(self, a: __m256i) -> __m256i {
         unsafe {
             // Each half of a byte by a table, both put back the other way round, then the bytes.
             let table = _mm256_broadcastsi128_si256(_mm_setr_epi8(
@@ -276,7 +276,7 @@ impl<const VL: bool> Lanes for Eights<VL> {
         }
     }
     #[inline(always)]
-    fn lt_ids(self, among: u32, a: __m256i, b: __m256i) -> u32 {
+    fn lt_u32(self, among: u32, a: __m256i, b: __m256i) -> u32 {
         unsafe {
             // Signed comparison with the sign bits turned over.
             let turn = _mm256_set1_epi32(i32::MIN);
@@ -285,15 +285,15 @@ impl<const VL: bool> Lanes for Eights<VL> {
         }
     }
     #[inline(always)]
-    fn eq_ids(self, among: u32, a: __m256i, b: __m256i) -> u32 {
+    fn eq_u32(self, among: u32, a: __m256i, b: __m256i) -> u32 {
         among & self.signs(unsafe { _mm256_castsi256_ps(_mm256_cmpeq_epi32(a, b)) })
     }
     #[inline(always)]
-    fn to_ids(self, a: __m256) -> __m256i {
+    fn f32_to_u32(self, a: __m256) -> __m256i {
         unsafe { _mm256_cvttps_epi32(a) }
     }
     #[inline(always)]
-    fn of_ids(self, a: __m256i) -> __m256 {
+    fn u32_to_f32(self, a: __m256i) -> __m256 {
         unsafe { _mm256_cvtepi32_ps(a) }
     }
     #[inline(always)]
@@ -301,14 +301,14 @@ impl<const VL: bool> Lanes for Eights<VL> {
         unsafe { _mm256_castps_si256(a) }
     }
     #[inline(always)]
-    fn of_bits(self, a: __m256i) -> __m256 {
+    fn from_bits(self, a: __m256i) -> __m256 {
         unsafe { _mm256_castsi256_ps(a) }
     }
     #[inline(always)]
-    fn apart<P: Piece<Self>>(self, piece: P) -> P::Output {
+    fn outlined<P: OutlinedTask<Self>>(self, piece: P) -> P::Output {
         #[inline(never)]
         #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
-        fn run<const VL: bool, P: Piece<Eights<VL>>>(l: Eights<VL>, piece: P) -> P::Output {
+        fn run<const VL: bool, P: OutlinedTask<Eights<VL>>>(l: Eights<VL>, piece: P) -> P::Output {
             piece.run(l)
         }
         unsafe { run(self, piece) }
@@ -339,11 +339,11 @@ impl<const VL: bool> Lanes for Eights<VL> {
         unsafe { _mm256_storeu_ps(to, a) }
     }
     #[inline(always)]
-    unsafe fn load_ids(self, from: *const u32) -> __m256i {
+    unsafe fn load_u32(self, from: *const u32) -> __m256i {
         unsafe { _mm256_loadu_si256(from.cast()) }
     }
     #[inline(always)]
-    unsafe fn store_ids(self, to: *mut u32, ids: __m256i) {
+    unsafe fn store_u32(self, to: *mut u32, ids: __m256i) {
         unsafe { _mm256_storeu_si256(to.cast(), ids) }
     }
     #[inline(always)]

@@ -5,7 +5,7 @@
 //! 2. Every pointer access is within what the caller of the method vouches for, as the trait states it.
 #![allow(unsafe_code, reason = "the invariants above")]
 
-use super::{Lanes, Piece};
+use super::{Lanes, OutlinedTask};
 use std::arch::x86_64::*;
 
 /// Proof that the processor has AVX-512 F, BW, DQ and VL.
@@ -213,47 +213,47 @@ impl Lanes for Avx512 {
         unsafe { _mm512_reduce_max_ps(a) }
     }
     #[inline(always)]
-    fn select_ids(self, mask: u32, a: __m512i, b: __m512i) -> __m512i {
+    fn select_u32(self, mask: u32, a: __m512i, b: __m512i) -> __m512i {
         unsafe { _mm512_mask_blend_epi32(mask as u16, b, a) }
     }
     #[inline(always)]
-    fn permute_ids(self, a: __m512i, order: __m512i) -> __m512i {
+    fn permute_u32(self, a: __m512i, order: __m512i) -> __m512i {
         unsafe { _mm512_permutexvar_epi32(order, a) }
     }
     #[inline(always)]
-    fn splat_id(self, id: u32) -> __m512i {
+    fn splat_u32(self, id: u32) -> __m512i {
         unsafe { _mm512_set1_epi32(id as i32) }
     }
     #[inline(always)]
-    fn add_ids(self, a: __m512i, b: __m512i) -> __m512i {
+    fn add_u32(self, a: __m512i, b: __m512i) -> __m512i {
         unsafe { _mm512_add_epi32(a, b) }
     }
     #[inline(always)]
-    fn mul_ids(self, a: __m512i, b: __m512i) -> __m512i {
+    fn mul_u32(self, a: __m512i, b: __m512i) -> __m512i {
         unsafe { _mm512_mullo_epi32(a, b) }
     }
     #[inline(always)]
-    fn and_ids(self, a: __m512i, b: __m512i) -> __m512i {
+    fn and_u32(self, a: __m512i, b: __m512i) -> __m512i {
         unsafe { _mm512_and_si512(a, b) }
     }
     #[inline(always)]
-    fn or_ids(self, a: __m512i, b: __m512i) -> __m512i {
+    fn or_u32(self, a: __m512i, b: __m512i) -> __m512i {
         unsafe { _mm512_or_si512(a, b) }
     }
     #[inline(always)]
-    fn xor_ids(self, a: __m512i, b: __m512i) -> __m512i {
+    fn xor_u32(self, a: __m512i, b: __m512i) -> __m512i {
         unsafe { _mm512_xor_si512(a, b) }
     }
     #[inline(always)]
-    fn shl_ids(self, a: __m512i, count: u32) -> __m512i {
+    fn shl_u32(self, a: __m512i, count: u32) -> __m512i {
         unsafe { _mm512_sllv_epi32(a, _mm512_set1_epi32(count as i32)) }
     }
     #[inline(always)]
-    fn shr_ids(self, a: __m512i, count: u32) -> __m512i {
+    fn shr_u32(self, a: __m512i, count: u32) -> __m512i {
         unsafe { _mm512_srlv_epi32(a, _mm512_set1_epi32(count as i32)) }
     }
     #[inline(always)]
-    fn reverse_ids(self, a: __m512i) -> __m512i {
+    fn reverse_u32(self, a: __m512i) -> __m512i {
         unsafe {
             // Each half of a byte by a table, both put back the other way round, then the bytes.
             let table =
@@ -267,19 +267,19 @@ impl Lanes for Avx512 {
         }
     }
     #[inline(always)]
-    fn lt_ids(self, among: u32, a: __m512i, b: __m512i) -> u32 {
+    fn lt_u32(self, among: u32, a: __m512i, b: __m512i) -> u32 {
         unsafe { _mm512_mask_cmplt_epu32_mask(among as u16, a, b).into() }
     }
     #[inline(always)]
-    fn eq_ids(self, among: u32, a: __m512i, b: __m512i) -> u32 {
+    fn eq_u32(self, among: u32, a: __m512i, b: __m512i) -> u32 {
         unsafe { _mm512_mask_cmpeq_epi32_mask(among as u16, a, b).into() }
     }
     #[inline(always)]
-    fn to_ids(self, a: __m512) -> __m512i {
+    fn f32_to_u32(self, a: __m512) -> __m512i {
         unsafe { _mm512_cvttps_epi32(a) }
     }
     #[inline(always)]
-    fn of_ids(self, a: __m512i) -> __m512 {
+    fn u32_to_f32(self, a: __m512i) -> __m512 {
         unsafe { _mm512_cvtepi32_ps(a) }
     }
     #[inline(always)]
@@ -287,14 +287,14 @@ impl Lanes for Avx512 {
         unsafe { _mm512_castps_si512(a) }
     }
     #[inline(always)]
-    fn of_bits(self, a: __m512i) -> __m512 {
+    fn from_bits(self, a: __m512i) -> __m512 {
         unsafe { _mm512_castsi512_ps(a) }
     }
     #[inline(always)]
-    fn apart<P: Piece<Self>>(self, piece: P) -> P::Output {
+    fn outlined<P: OutlinedTask<Self>>(self, piece: P) -> P::Output {
         #[inline(never)]
         #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
-        fn run<P: Piece<Avx512>>(l: Avx512, piece: P) -> P::Output {
+        fn run<P: OutlinedTask<Avx512>>(l: Avx512, piece: P) -> P::Output {
             piece.run(l)
         }
         unsafe { run(self, piece) }
@@ -332,11 +332,11 @@ impl Lanes for Avx512 {
         unsafe { _mm512_storeu_ps(to, a) }
     }
     #[inline(always)]
-    unsafe fn load_ids(self, from: *const u32) -> __m512i {
+    unsafe fn load_u32(self, from: *const u32) -> __m512i {
         unsafe { _mm512_loadu_si512(from.cast()) }
     }
     #[inline(always)]
-    unsafe fn store_ids(self, to: *mut u32, ids: __m512i) {
+    unsafe fn store_u32(self, to: *mut u32, ids: __m512i) {
         unsafe { _mm512_storeu_si512(to.cast(), ids) }
     }
     #[inline(always)]

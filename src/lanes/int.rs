@@ -5,7 +5,7 @@
 //! 2. Gathers are checked against the slice before anything is read.
 #![allow(unsafe_code, reason = "the invariants above")]
 
-use super::{Lanes, Num, One};
+use super::{Lanes, Num, SingleLane};
 use std::ops::{Add, BitAnd, BitOr, BitXor, Mul, Shl, Shr};
 
 /// A u32 in each lane. Arithmetic wraps.
@@ -19,7 +19,7 @@ impl<L: Lanes> Int<L> {
     /// The same number in each lane.
     #[inline(always)]
     pub fn splat(l: L, x: u32) -> Self {
-        Self { l, i: l.splat_id(x) }
+        Self { l, i: l.splat_u32(x) }
     }
 
     /// A number for each lane.
@@ -67,7 +67,7 @@ impl<L: Lanes> Int<L> {
     pub fn load(l: L, from: &[u32]) -> Self {
         assert!(from.len() >= L::LANES, "a number for each lane");
         // SAFETY: there are as many as lanes.
-        Self { l, i: unsafe { l.load_ids(from.as_ptr()) } }
+        Self { l, i: unsafe { l.load_u32(from.as_ptr()) } }
     }
 
     /// Writes each lane's number to the start of a slice.
@@ -78,7 +78,7 @@ impl<L: Lanes> Int<L> {
     pub fn store(self, to: &mut [u32]) {
         assert!(to.len() >= L::LANES, "room for each lane");
         // SAFETY: there is as much room as lanes.
-        unsafe { self.l.store_ids(to.as_mut_ptr(), self.i) };
+        unsafe { self.l.store_u32(to.as_mut_ptr(), self.i) };
     }
 
     /// Writes the numbers of the lanes of `mask`, in order, to the start of a slice; what follows them, up to
@@ -103,13 +103,13 @@ impl<L: Lanes> Int<L> {
     /// `a` in the lanes of `mask`, `b` in the others.
     #[inline(always)]
     pub fn select(mask: u32, a: Self, b: Self) -> Self {
-        Self { l: a.l, i: a.l.select_ids(mask, a.i, b.i) }
+        Self { l: a.l, i: a.l.select_u32(mask, a.i, b.i) }
     }
 
     /// Lanes in which this is less.
     #[inline(always)]
     pub fn lt(self, other: Self) -> u32 {
-        self.l.lt_ids(L::ALL, self.i, other.i)
+        self.l.lt_u32(L::ALL, self.i, other.i)
     }
 
     /// Lanes in which this is less than `x`.
@@ -121,7 +121,7 @@ impl<L: Lanes> Int<L> {
     /// Lanes in which this is `x`.
     #[inline(always)]
     pub fn is(self, x: u32) -> u32 {
-        self.l.eq_ids(L::ALL, self.i, self.l.splat_id(x))
+        self.l.eq_u32(L::ALL, self.i, self.l.splat_u32(x))
     }
 
     /// The lesser of this and `x`.
@@ -134,19 +134,19 @@ impl<L: Lanes> Int<L> {
     /// The nearest f32 of numbers below 2³¹.
     #[inline(always)]
     pub fn to_num(self) -> Num<L> {
-        Num { l: self.l, f: self.l.of_ids(self.i) }
+        Num { l: self.l, f: self.l.u32_to_f32(self.i) }
     }
 
     /// The number of these bits.
     #[inline(always)]
     pub fn to_num_bits(self) -> Num<L> {
-        Num { l: self.l, f: self.l.of_bits(self.i) }
+        Num { l: self.l, f: self.l.from_bits(self.i) }
     }
 
     /// The bits in reverse order.
     #[inline(always)]
     pub fn reverse_bits(self) -> Self {
-        Self { i: self.l.reverse_ids(self.i), ..self }
+        Self { i: self.l.reverse_u32(self.i), ..self }
     }
 
     /// Row `self` of a table of rows of `N` words.
@@ -160,7 +160,7 @@ impl<L: Lanes> Int<L> {
         assert!(self.below(rows) == L::ALL, "row {self:?} of {rows}");
         if N == 8 {
             // Whole rows are read at once and turned into columns.
-            let bytes = Self { i: self.l.shl_ids(self.i, 5), ..self }.to_array();
+            let bytes = Self { i: self.l.shl_u32(self.i, 5), ..self }.to_array();
             // SAFETY: invariant 2; a row has 32 bytes, the table less than 2³².
             let turned = unsafe { self.l.rows(table.as_ptr().cast(), bytes.as_ref().as_ptr()) };
             let mut columns = [self; N];
@@ -169,7 +169,7 @@ impl<L: Lanes> Int<L> {
             }
             return columns;
         }
-        let place = if N == 1 { self.i } else { self.l.mul_ids(self.i, self.l.splat_id(N as u32)) };
+        let place = if N == 1 { self.i } else { self.l.mul_u32(self.i, self.l.splat_u32(N as u32)) };
         let mut columns = [self; N];
         for (k, column) in columns.iter_mut().enumerate() {
             // SAFETY: invariant 2: k < N, and place + N is at most the table's length.
@@ -196,7 +196,7 @@ impl<L: Lanes> Int<L> {
     }
 }
 
-impl Int<One> {
+impl Int<SingleLane> {
     /// The number of the one lane.
     #[inline(always)]
     pub fn get(self) -> u32 {
@@ -204,10 +204,10 @@ impl Int<One> {
     }
 }
 
-impl From<u32> for Int<One> {
+impl From<u32> for Int<SingleLane> {
     #[inline(always)]
     fn from(x: u32) -> Self {
-        Self::splat(One::default(), x)
+        Self::splat(SingleLane::default(), x)
     }
 }
 
@@ -230,25 +230,25 @@ macro_rules! arithmetic {
             type Output = Self;
             #[inline(always)]
             fn $method(self, other: u32) -> Self {
-                Self { l: self.l, i: self.l.$of(self.i, self.l.splat_id(other)) }
+                Self { l: self.l, i: self.l.$of(self.i, self.l.splat_u32(other)) }
             }
         }
     )*};
 }
 
 arithmetic! {
-    Add add add_ids;
-    Mul mul mul_ids;
-    BitAnd bitand and_ids;
-    BitOr bitor or_ids;
-    BitXor bitxor xor_ids;
+    Add add add_u32;
+    Mul mul mul_u32;
+    BitAnd bitand and_u32;
+    BitOr bitor or_u32;
+    BitXor bitxor xor_u32;
 }
 
 impl<L: Lanes> Shl<u32> for Int<L> {
     type Output = Self;
     #[inline(always)]
     fn shl(self, count: u32) -> Self {
-        Self { i: self.l.shl_ids(self.i, count), ..self }
+        Self { i: self.l.shl_u32(self.i, count), ..self }
     }
 }
 
@@ -256,6 +256,6 @@ impl<L: Lanes> Shr<u32> for Int<L> {
     type Output = Self;
     #[inline(always)]
     fn shr(self, count: u32) -> Self {
-        Self { i: self.l.shr_ids(self.i, count), ..self }
+        Self { i: self.l.shr_u32(self.i, count), ..self }
     }
 }

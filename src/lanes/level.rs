@@ -8,7 +8,7 @@
 use super::Neon;
 #[cfg(not(target_arch = "aarch64"))]
 use super::Plain;
-use super::{Lanes, One};
+use super::{Lanes, SingleLane};
 use std::fmt;
 use std::str::FromStr;
 
@@ -26,7 +26,7 @@ pub enum SimdLevel {
 }
 
 /// What can be done at any level.
-pub trait Kernel {
+pub trait LaneTask {
     /// What comes out.
     type Output;
     /// Does it. To be `inline(always)`, like all that it calls and that handles lanes.
@@ -115,14 +115,14 @@ impl SimdLevel {
     ///
     /// # Panics
     /// When the processor lacks the level: see [`SimdLevel::require`].
-    pub fn run<K: Kernel>(self, kernel: K) -> K::Output {
+    pub fn run<K: LaneTask>(self, kernel: K) -> K::Output {
         assert!(self.is_available(), "this processor has no {self}");
         match self {
             // One lane gains by the instructions too: without them each fused multiply-add is a call.
             #[cfg(target_arch = "x86_64")]
             // SAFETY: invariant 1.
             Self::Scalar if Self::Avx2.is_available() => unsafe { x86::one(kernel) },
-            Self::Scalar => kernel.run(One::default()),
+            Self::Scalar => kernel.run(SingleLane::default()),
             #[cfg(target_arch = "x86_64")]
             // SAFETY: invariant 1.
             Self::Avx2 => unsafe { x86::avx2(kernel) },
@@ -139,17 +139,17 @@ impl SimdLevel {
     }
 
     /// Runs a kernel with one lane and the best instructions for that: what more lanes are measured against.
-    pub fn run_one<K: Kernel>(kernel: K) -> K::Output {
+    pub fn run_one<K: LaneTask>(kernel: K) -> K::Output {
         #[cfg(target_arch = "x86_64")]
         if Self::Avx2.is_available() {
             // SAFETY: invariant 1.
             return unsafe { x86::one(kernel) };
         }
-        kernel.run(One::default())
+        kernel.run(SingleLane::default())
     }
 
     /// Runs a kernel with eight lanes and the best instructions for that.
-    pub(crate) fn run_eight<K: Kernel>(kernel: K) -> K::Output {
+    pub(crate) fn run_eight<K: LaneTask>(kernel: K) -> K::Output {
         #[cfg(target_arch = "x86_64")]
         if Self::Avx2.is_available() {
             // SAFETY: invariant 1.
@@ -185,22 +185,22 @@ impl SimdLevel {
 
 #[cfg(target_arch = "x86_64")]
 mod x86 {
-    use super::super::{Avx2, Avx512, One};
-    use super::Kernel;
+    use super::super::{Avx2, Avx512, SingleLane};
+    use super::LaneTask;
 
     #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
-    pub fn avx512<K: Kernel>(kernel: K) -> K::Output {
+    pub fn avx512<K: LaneTask>(kernel: K) -> K::Output {
         // SAFETY: this function enables the instructions, so whoever calls it has them.
         kernel.run(unsafe { Avx512::new() })
     }
 
     #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
-    pub fn one<K: Kernel>(kernel: K) -> K::Output {
-        kernel.run(One::default())
+    pub fn one<K: LaneTask>(kernel: K) -> K::Output {
+        kernel.run(SingleLane::default())
     }
 
     #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
-    pub fn avx2<K: Kernel>(kernel: K) -> K::Output {
+    pub fn avx2<K: LaneTask>(kernel: K) -> K::Output {
         // SAFETY: this function enables the instructions, so whoever calls it has them.
         kernel.run(unsafe { Avx2::new() })
     }

@@ -35,11 +35,11 @@ pub(crate) use avx2::{Avx2, Avx512Eights};
 #[cfg(target_arch = "x86_64")]
 pub(crate) use avx512::Avx512;
 pub use int::Int;
-pub use level::{Kernel, SimdError, SimdLevel};
+pub use level::{LaneTask, SimdError, SimdLevel};
 #[cfg(target_arch = "aarch64")]
 pub(crate) use neon::Neon;
 pub use num::Num;
-pub use plain::{One, Plain};
+pub use plain::{SingleLane, Plain};
 pub(crate) use prefetch::Prefetch;
 pub use vector::Vector;
 
@@ -65,7 +65,7 @@ pub trait Lanes: Copy {
     fn array<T: Copy>(value: T) -> Self::Array<T>;
 
     /// The ids of the lanes that `order` names in its lowest bits, as many as number the lanes.
-    fn permute_ids(self, a: Self::I, order: Self::I) -> Self::I;
+    fn permute_u32(self, a: Self::I, order: Self::I) -> Self::I;
     /// The same number in each lane.
     fn splat(self, x: f32) -> Self::F;
     /// `a + b`.
@@ -128,39 +128,39 @@ pub trait Lanes: Copy {
     /// The greatest of all lanes.
     fn highest(self, a: Self::F) -> f32;
     /// `a` in the lanes of `mask`, `b` in the others.
-    fn select_ids(self, mask: u32, a: Self::I, b: Self::I) -> Self::I;
+    fn select_u32(self, mask: u32, a: Self::I, b: Self::I) -> Self::I;
 
     /// `a + b`, wrapping.
-    fn add_ids(self, a: Self::I, b: Self::I) -> Self::I;
+    fn add_u32(self, a: Self::I, b: Self::I) -> Self::I;
     /// `a * b`, wrapping.
-    fn mul_ids(self, a: Self::I, b: Self::I) -> Self::I;
+    fn mul_u32(self, a: Self::I, b: Self::I) -> Self::I;
     /// `a & b`.
-    fn and_ids(self, a: Self::I, b: Self::I) -> Self::I;
+    fn and_u32(self, a: Self::I, b: Self::I) -> Self::I;
     /// `a | b`.
-    fn or_ids(self, a: Self::I, b: Self::I) -> Self::I;
+    fn or_u32(self, a: Self::I, b: Self::I) -> Self::I;
     /// `a ^ b`.
-    fn xor_ids(self, a: Self::I, b: Self::I) -> Self::I;
+    fn xor_u32(self, a: Self::I, b: Self::I) -> Self::I;
     /// `a << count`, `count` below 32.
-    fn shl_ids(self, a: Self::I, count: u32) -> Self::I;
+    fn shl_u32(self, a: Self::I, count: u32) -> Self::I;
     /// `a >> count`, `count` below 32.
-    fn shr_ids(self, a: Self::I, count: u32) -> Self::I;
+    fn shr_u32(self, a: Self::I, count: u32) -> Self::I;
     /// The bits in reverse order.
-    fn reverse_ids(self, a: Self::I) -> Self::I;
+    fn reverse_u32(self, a: Self::I) -> Self::I;
     /// Lanes of `among` in which `a < b`.
-    fn lt_ids(self, among: u32, a: Self::I, b: Self::I) -> u32;
+    fn lt_u32(self, among: u32, a: Self::I, b: Self::I) -> u32;
     /// Lanes of `among` in which `a == b`.
-    fn eq_ids(self, among: u32, a: Self::I, b: Self::I) -> u32;
+    fn eq_u32(self, among: u32, a: Self::I, b: Self::I) -> u32;
     /// The whole part of a number of 0 to 2³¹ − 1.
-    fn to_ids(self, a: Self::F) -> Self::I;
+    fn f32_to_u32(self, a: Self::F) -> Self::I;
     /// The nearest number to an id below 2³¹.
-    fn of_ids(self, a: Self::I) -> Self::F;
+    fn u32_to_f32(self, a: Self::I) -> Self::F;
     /// The bits of a number.
     fn bits(self, a: Self::F) -> Self::I;
     /// The number of these bits.
-    fn of_bits(self, a: Self::I) -> Self::F;
+    fn from_bits(self, a: Self::I) -> Self::F;
     /// Does a piece of work in a function of its own that enables the instructions: for large pieces
     /// that are needed in many places.
-    fn apart<P: Piece<Self>>(self, piece: P) -> P::Output;
+    fn outlined<P: OutlinedTask<Self>>(self, piece: P) -> P::Output;
     /// Reads the words at places `ids`, each below 2³¹.
     ///
     /// # Safety
@@ -203,14 +203,14 @@ pub trait Lanes: Copy {
     ///
     /// # Safety
     /// `from` is good for reading `LANES` ids.
-    unsafe fn load_ids(self, from: *const u32) -> Self::I;
+    unsafe fn load_u32(self, from: *const u32) -> Self::I;
     /// The same id in each lane.
-    fn splat_id(self, id: u32) -> Self::I;
+    fn splat_u32(self, id: u32) -> Self::I;
     /// Writes each lane's id.
     ///
     /// # Safety
     /// `to` is good for writing `LANES` ids.
-    unsafe fn store_ids(self, to: *mut u32, ids: Self::I);
+    unsafe fn store_u32(self, to: *mut u32, ids: Self::I);
     /// Writes the ids of the lanes in `mask`, in order, side by side; what follows them is unspecified.
     ///
     /// # Safety
@@ -235,7 +235,7 @@ pub trait Lanes: Copy {
 }
 
 /// A piece of work on lanes, with all that it needs.
-pub trait Piece<L: Lanes> {
+pub trait OutlinedTask<L: Lanes> {
     /// What comes out.
     type Output;
     /// Does it. To be `inline(always)`, like all that it calls and that handles lanes.
@@ -323,7 +323,7 @@ pub(crate) fn columns<L: Lanes>(l: L, rows: &[[f32; 8]; 8]) -> [L::F; 8] {
 /// Eight lanes with the first four last.
 #[inline(always)]
 pub(crate) fn swap_halves<L: Lanes>(l: L, f: L::F) -> L::F {
-    l.of_bits(l.permute_ids(l.bits(f), eight_ids(l, &[4, 5, 6, 7, 0, 1, 2, 3])))
+    l.from_bits(l.permute_u32(l.bits(f), eight_ids(l, &[4, 5, 6, 7, 0, 1, 2, 3])))
 }
 
 /// Eight ids.
@@ -331,7 +331,7 @@ pub(crate) fn swap_halves<L: Lanes>(l: L, f: L::F) -> L::F {
 pub(crate) fn eight_ids<L: Lanes>(l: L, ids: &[u32; 8]) -> L::I {
     const { assert!(L::LANES == 8) };
     // SAFETY: invariant 1; there are eight ids, as many as lanes.
-    unsafe { l.load_ids(ids.as_ptr()) }
+    unsafe { l.load_u32(ids.as_ptr()) }
 }
 
 /// Numbers of lanes, for code that goes lane by lane.
@@ -397,21 +397,21 @@ mod tests {
             keep(l.select(mask, a, b));
             let (i, k) = (l.bits(a), l.bits(b));
             for id in [
-                l.add_ids(i, k),
-                l.mul_ids(i, k),
-                l.and_ids(i, k),
-                l.or_ids(i, k),
-                l.xor_ids(i, k),
-                l.shl_ids(i, 7),
-                l.shr_ids(i, 11),
-                l.reverse_ids(i),
-                l.to_ids(l.min(l.abs(b), l.splat(1e9))),
-                l.select_ids(l.lt_ids(L::ALL, i, k), i, k),
-                l.select_ids(l.eq_ids(L::ALL, i, l.and_ids(i, k)), i, k),
+                l.add_u32(i, k),
+                l.mul_u32(i, k),
+                l.and_u32(i, k),
+                l.or_u32(i, k),
+                l.xor_u32(i, k),
+                l.shl_u32(i, 7),
+                l.shr_u32(i, 11),
+                l.reverse_u32(i),
+                l.f32_to_u32(l.min(l.abs(b), l.splat(1e9))),
+                l.select_u32(l.lt_u32(L::ALL, i, k), i, k),
+                l.select_u32(l.eq_u32(L::ALL, i, l.and_u32(i, k)), i, k),
             ] {
                 let mut out = [0u32; 16];
                 // SAFETY: invariant 1; sixteen ids are enough for any lanes.
-                unsafe { l.store_ids(out.as_mut_ptr(), id) };
+                unsafe { l.store_u32(out.as_mut_ptr(), id) };
                 results.push((at, out[..L::LANES].to_vec()));
             }
             let some = 0x5a5a >> (at % 8) & all;
@@ -455,9 +455,9 @@ mod tests {
                     );
                 }
             }
-            let gathered = l.gather(rows.as_ptr().cast(), l.shr_ids(l.load_ids(ids.as_ptr()), 2));
+            let gathered = l.gather(rows.as_ptr().cast(), l.shr_u32(l.load_u32(ids.as_ptr()), 2));
             let mut out = [0u32; 16];
-            l.store_ids(out.as_mut_ptr(), gathered);
+            l.store_u32(out.as_mut_ptr(), gathered);
             for lane in 0..L::LANES {
                 assert_eq!(out[lane], rows[ids[lane] as usize / 4].to_bits());
             }
@@ -474,19 +474,19 @@ mod tests {
             }
             for mask in (0..1u32 << L::LANES).step_by(if L::LANES <= 8 { 1 } else { 37 }) {
                 let mut out = [7u32; 16];
-                l.append(out.as_mut_ptr(), mask, l.load_ids(ids.as_ptr()));
+                l.append(out.as_mut_ptr(), mask, l.load_u32(ids.as_ptr()));
                 let expected: Vec<u32> =
                     (0..L::LANES).filter(|i| mask >> i & 1 == 1).map(|i| ids[i]).collect();
                 assert_eq!(out[..expected.len()], expected);
-                let packed = spill(l, l.pack(mask, l.of_bits(l.load_ids(ids.as_ptr()))));
+                let packed = spill(l, l.pack(mask, l.from_bits(l.load_u32(ids.as_ptr()))));
                 assert!(expected.iter().zip(packed).all(|(&id, packed)| packed.to_bits() == id));
             }
-            let picked = spill(l, l.pick([rows.as_ptr(), rows.as_ptr().add(20)], l.load_ids(odd.as_ptr())));
+            let picked = spill(l, l.pick([rows.as_ptr(), rows.as_ptr().add(20)], l.load_u32(odd.as_ptr())));
             for lane in 0..L::LANES {
                 assert_eq!(picked[lane], rows[20 * (lane / 8) + odd[lane] as usize % 16], "lane {lane}");
             }
             let mut out = [7u32; 16];
-            l.store_ids(out.as_mut_ptr(), l.select_ids(0xa6, l.splat_id(9), l.load_ids(ids.as_ptr())));
+            l.store_u32(out.as_mut_ptr(), l.select_u32(0xa6, l.splat_u32(9), l.load_u32(ids.as_ptr())));
             for lane in 0..L::LANES {
                 assert_eq!(out[lane], if 0xa6 >> lane & 1 == 1 { 9 } else { ids[lane] });
             }
@@ -523,9 +523,9 @@ mod tests {
         let reference = everything(Plain::<8>);
         memory(Plain::<8>);
         slices(Plain::<8>);
-        assert_eq!(everything(One::default()), reference);
-        memory(One::default());
-        slices(One::default());
+        assert_eq!(everything(SingleLane::default()), reference);
+        memory(SingleLane::default());
+        slices(SingleLane::default());
         #[cfg(target_arch = "aarch64")]
         {
             assert_eq!(everything(Neon), reference);

@@ -11,7 +11,7 @@
 #![allow(unsafe_code, reason = "the invariants above")]
 
 use super::order::LANES_OF;
-use super::{Lanes, Piece, nearest, spill};
+use super::{Lanes, OutlinedTask, nearest, spill};
 use std::arch::aarch64::*;
 
 /// Eight lanes of NEON.
@@ -210,7 +210,7 @@ impl Lanes for Neon {
     }
     #[inline(always)]
     fn pack(self, mask: u32, a: F) -> F {
-        numbers(self.permute_ids(ids(a), order_of(mask)))
+        numbers(self.permute_u32(ids(a), order_of(mask)))
     }
     #[inline(always)]
     fn to_fixed(self, a: F, scale: f64) -> [i64; 8] {
@@ -229,14 +229,14 @@ impl Lanes for Neon {
         unsafe { vmaxnmvq_f32(vmaxnmq_f32(a[0], a[1])) }
     }
     #[inline(always)]
-    fn select_ids(self, mask: u32, a: I, b: I) -> I {
+    fn select_u32(self, mask: u32, a: I, b: I) -> I {
         unsafe {
             let lanes = lanes(mask);
             [vbslq_u32(lanes[0], a[0], b[0]), vbslq_u32(lanes[1], a[1], b[1])]
         }
     }
     #[inline(always)]
-    fn permute_ids(self, a: I, order: I) -> I {
+    fn permute_u32(self, a: I, order: I) -> I {
         unsafe {
             // Lane n is bytes 4n to 4n + 3.
             let table = uint8x16x2_t(vreinterpretq_u8_u32(a[0]), vreinterpretq_u8_u32(a[1]));
@@ -250,45 +250,45 @@ impl Lanes for Neon {
         }
     }
     #[inline(always)]
-    fn splat_id(self, id: u32) -> I {
+    fn splat_u32(self, id: u32) -> I {
         unsafe { [vdupq_n_u32(id); 2] }
     }
     #[inline(always)]
-    fn add_ids(self, a: I, b: I) -> I {
+    fn add_u32(self, a: I, b: I) -> I {
         unsafe { [vaddq_u32(a[0], b[0]), vaddq_u32(a[1], b[1])] }
     }
     #[inline(always)]
-    fn mul_ids(self, a: I, b: I) -> I {
+    fn mul_u32(self, a: I, b: I) -> I {
         unsafe { [vmulq_u32(a[0], b[0]), vmulq_u32(a[1], b[1])] }
     }
     #[inline(always)]
-    fn and_ids(self, a: I, b: I) -> I {
+    fn and_u32(self, a: I, b: I) -> I {
         unsafe { [vandq_u32(a[0], b[0]), vandq_u32(a[1], b[1])] }
     }
     #[inline(always)]
-    fn or_ids(self, a: I, b: I) -> I {
+    fn or_u32(self, a: I, b: I) -> I {
         unsafe { [vorrq_u32(a[0], b[0]), vorrq_u32(a[1], b[1])] }
     }
     #[inline(always)]
-    fn xor_ids(self, a: I, b: I) -> I {
+    fn xor_u32(self, a: I, b: I) -> I {
         unsafe { [veorq_u32(a[0], b[0]), veorq_u32(a[1], b[1])] }
     }
     #[inline(always)]
-    fn shl_ids(self, a: I, count: u32) -> I {
+    fn shl_u32(self, a: I, count: u32) -> I {
         unsafe {
             let by = vdupq_n_s32(count as i32);
             [vshlq_u32(a[0], by), vshlq_u32(a[1], by)]
         }
     }
     #[inline(always)]
-    fn shr_ids(self, a: I, count: u32) -> I {
+    fn shr_u32(self, a: I, count: u32) -> I {
         unsafe {
             let by = vdupq_n_s32(-(count as i32));
             [vshlq_u32(a[0], by), vshlq_u32(a[1], by)]
         }
     }
     #[inline(always)]
-    fn reverse_ids(self, a: I) -> I {
+    fn reverse_u32(self, a: I) -> I {
         unsafe {
             // The bits of each byte, then the bytes of each word.
             let reverse = |a| vreinterpretq_u32_u8(vrev32q_u8(vrbitq_u8(vreinterpretq_u8_u32(a))));
@@ -296,19 +296,19 @@ impl Lanes for Neon {
         }
     }
     #[inline(always)]
-    fn lt_ids(self, among: u32, a: I, b: I) -> u32 {
+    fn lt_u32(self, among: u32, a: I, b: I) -> u32 {
         unsafe { among & mask([vcltq_u32(a[0], b[0]), vcltq_u32(a[1], b[1])]) }
     }
     #[inline(always)]
-    fn eq_ids(self, among: u32, a: I, b: I) -> u32 {
+    fn eq_u32(self, among: u32, a: I, b: I) -> u32 {
         unsafe { among & mask([vceqq_u32(a[0], b[0]), vceqq_u32(a[1], b[1])]) }
     }
     #[inline(always)]
-    fn to_ids(self, a: F) -> I {
+    fn f32_to_u32(self, a: F) -> I {
         unsafe { [vcvtq_u32_f32(a[0]), vcvtq_u32_f32(a[1])] }
     }
     #[inline(always)]
-    fn of_ids(self, a: I) -> F {
+    fn u32_to_f32(self, a: I) -> F {
         unsafe { [vcvtq_f32_u32(a[0]), vcvtq_f32_u32(a[1])] }
     }
     #[inline(always)]
@@ -316,13 +316,13 @@ impl Lanes for Neon {
         ids(a)
     }
     #[inline(always)]
-    fn of_bits(self, a: I) -> F {
+    fn from_bits(self, a: I) -> F {
         numbers(a)
     }
     #[inline(always)]
-    fn apart<P: Piece<Self>>(self, piece: P) -> P::Output {
+    fn outlined<P: OutlinedTask<Self>>(self, piece: P) -> P::Output {
         #[inline(never)]
-        fn run<P: Piece<Neon>>(l: Neon, piece: P) -> P::Output {
+        fn run<P: OutlinedTask<Neon>>(l: Neon, piece: P) -> P::Output {
             piece.run(l)
         }
         run(self, piece)
@@ -331,9 +331,9 @@ impl Lanes for Neon {
     unsafe fn gather(self, from: *const u32, ids: I) -> I {
         let mut words = [0; 8];
         unsafe {
-            self.store_ids(words.as_mut_ptr(), ids);
+            self.store_u32(words.as_mut_ptr(), ids);
             let words = words.map(|id: u32| from.add(id as usize).read_unaligned());
-            self.load_ids(words.as_ptr())
+            self.load_u32(words.as_ptr())
         }
     }
     #[inline(always)]
@@ -348,11 +348,11 @@ impl Lanes for Neon {
         }
     }
     #[inline(always)]
-    unsafe fn load_ids(self, from: *const u32) -> I {
+    unsafe fn load_u32(self, from: *const u32) -> I {
         unsafe { [vld1q_u32(from), vld1q_u32(from.add(4))] }
     }
     #[inline(always)]
-    unsafe fn store_ids(self, to: *mut u32, ids: I) {
+    unsafe fn store_u32(self, to: *mut u32, ids: I) {
         unsafe {
             vst1q_u32(to, ids[0]);
             vst1q_u32(to.add(4), ids[1]);
@@ -374,7 +374,7 @@ impl Lanes for Neon {
     }
     #[inline(always)]
     unsafe fn append(self, to: *mut u32, mask: u32, ids: I) {
-        unsafe { self.store_ids(to, self.permute_ids(ids, order_of(mask))) }
+        unsafe { self.store_u32(to, self.permute_u32(ids, order_of(mask))) }
     }
     #[inline(always)]
     unsafe fn rows(self, base: *const f32, ids: *const u32) -> [F; 8] {

@@ -4,7 +4,7 @@
 //! as many elements as there are lanes.
 #![allow(unsafe_code, reason = "the invariants above")]
 
-use super::{Int, Lanes, One};
+use super::{Int, Lanes, SingleLane};
 use std::ops::{Add, AddAssign, Div, DivAssign, Mul, MulAssign, Neg, Sub, SubAssign};
 
 /// An f32 in each lane. Arithmetic is lane by lane; comparisons give masks.
@@ -213,7 +213,7 @@ impl<L: Lanes> Num<L> {
     /// The whole part of numbers of 0 to 2³¹ − 1.
     #[inline(always)]
     pub fn to_int(self) -> Int<L> {
-        Int { l: self.l, i: self.l.to_ids(self.f) }
+        Int { l: self.l, i: self.l.f32_to_u32(self.f) }
     }
 
     /// The bits.
@@ -229,7 +229,7 @@ impl<L: Lanes> Num<L> {
     }
 }
 
-impl Num<One> {
+impl Num<SingleLane> {
     /// The number of the one lane.
     #[inline(always)]
     pub fn get(self) -> f32 {
@@ -237,10 +237,10 @@ impl Num<One> {
     }
 }
 
-impl From<f32> for Num<One> {
+impl From<f32> for Num<SingleLane> {
     #[inline(always)]
     fn from(x: f32) -> Self {
-        Self::splat(One::default(), x)
+        Self::splat(SingleLane::default(), x)
     }
 }
 

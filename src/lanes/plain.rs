@@ -7,7 +7,7 @@
 
 #[cfg(target_arch = "x86_64")]
 use super::SimdLevel;
-use super::{Lanes, Piece, nearest};
+use super::{Lanes, OutlinedTask, nearest};
 use std::array::from_fn;
 
 /// `N` lanes on any processor.
@@ -15,7 +15,7 @@ use std::array::from_fn;
 pub struct Plain<const N: usize>;
 
 /// One lane: the same code for a single ray.
-pub type One = Plain<1>;
+pub type SingleLane = Plain<1>;
 
 fn mask<const N: usize>(test: impl Fn(usize) -> bool) -> u32 {
     (0..N).fold(0, |mask, i| mask | u32::from(test(i)) << i)
@@ -148,63 +148,63 @@ impl<const N: usize> Lanes for Plain<N> {
         a.into_iter().fold(f32::NEG_INFINITY, f32::max)
     }
     #[inline(always)]
-    fn select_ids(self, mask: u32, a: Self::I, b: Self::I) -> Self::I {
+    fn select_u32(self, mask: u32, a: Self::I, b: Self::I) -> Self::I {
         from_fn(|i| if mask >> i & 1 == 1 { a[i] } else { b[i] })
     }
     #[inline(always)]
-    fn permute_ids(self, a: Self::I, order: Self::I) -> Self::I {
+    fn permute_u32(self, a: Self::I, order: Self::I) -> Self::I {
         from_fn(|i| a[order[i] as usize % N])
     }
     #[inline(always)]
-    fn splat_id(self, id: u32) -> Self::I {
+    fn splat_u32(self, id: u32) -> Self::I {
         [id; N]
     }
     #[inline(always)]
-    fn add_ids(self, a: Self::I, b: Self::I) -> Self::I {
+    fn add_u32(self, a: Self::I, b: Self::I) -> Self::I {
         from_fn(|i| a[i].wrapping_add(b[i]))
     }
     #[inline(always)]
-    fn mul_ids(self, a: Self::I, b: Self::I) -> Self::I {
+    fn mul_u32(self, a: Self::I, b: Self::I) -> Self::I {
         from_fn(|i| a[i].wrapping_mul(b[i]))
     }
     #[inline(always)]
-    fn and_ids(self, a: Self::I, b: Self::I) -> Self::I {
+    fn and_u32(self, a: Self::I, b: Self::I) -> Self::I {
         from_fn(|i| a[i] & b[i])
     }
     #[inline(always)]
-    fn or_ids(self, a: Self::I, b: Self::I) -> Self::I {
+    fn or_u32(self, a: Self::I, b: Self::I) -> Self::I {
         from_fn(|i| a[i] | b[i])
     }
     #[inline(always)]
-    fn xor_ids(self, a: Self::I, b: Self::I) -> Self::I {
+    fn xor_u32(self, a: Self::I, b: Self::I) -> Self::I {
         from_fn(|i| a[i] ^ b[i])
     }
     #[inline(always)]
-    fn shl_ids(self, a: Self::I, count: u32) -> Self::I {
+    fn shl_u32(self, a: Self::I, count: u32) -> Self::I {
         a.map(|x| x << count)
     }
     #[inline(always)]
-    fn shr_ids(self, a: Self::I, count: u32) -> Self::I {
+    fn shr_u32(self, a: Self::I, count: u32) -> Self::I {
         a.map(|x| x >> count)
     }
     #[inline(always)]
-    fn reverse_ids(self, a: Self::I) -> Self::I {
+    fn reverse_u32(self, a: Self::I) -> Self::I {
         a.map(u32::reverse_bits)
     }
     #[inline(always)]
-    fn lt_ids(self, among: u32, a: Self::I, b: Self::I) -> u32 {
+    fn lt_u32(self, among: u32, a: Self::I, b: Self::I) -> u32 {
         among & mask::<N>(|i| a[i] < b[i])
     }
     #[inline(always)]
-    fn eq_ids(self, among: u32, a: Self::I, b: Self::I) -> u32 {
+    fn eq_u32(self, among: u32, a: Self::I, b: Self::I) -> u32 {
         among & mask::<N>(|i| a[i] == b[i])
     }
     #[inline(always)]
-    fn to_ids(self, a: Self::F) -> Self::I {
+    fn f32_to_u32(self, a: Self::F) -> Self::I {
         a.map(|x| x as u32)
     }
     #[inline(always)]
-    fn of_ids(self, a: Self::I) -> Self::F {
+    fn u32_to_f32(self, a: Self::I) -> Self::F {
         a.map(|x| x as f32)
     }
     #[inline(always)]
@@ -212,20 +212,20 @@ impl<const N: usize> Lanes for Plain<N> {
         a.map(f32::to_bits)
     }
     #[inline(always)]
-    fn of_bits(self, a: Self::I) -> Self::F {
+    fn from_bits(self, a: Self::I) -> Self::F {
         a.map(f32::from_bits)
     }
     // Where the caller stands its instructions are not known, so they are asked for: without them, rounding is a call.
     #[inline(always)]
-    fn apart<P: Piece<Self>>(self, piece: P) -> P::Output {
+    fn outlined<P: OutlinedTask<Self>>(self, piece: P) -> P::Output {
         #[inline(never)]
-        fn run<const N: usize, P: Piece<Plain<N>>>(l: Plain<N>, piece: P) -> P::Output {
+        fn run<const N: usize, P: OutlinedTask<Plain<N>>>(l: Plain<N>, piece: P) -> P::Output {
             piece.run(l)
         }
         #[cfg(target_arch = "x86_64")]
         #[inline(never)]
         #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
-        fn with_avx2<const N: usize, P: Piece<Plain<N>>>(l: Plain<N>, piece: P) -> P::Output {
+        fn with_avx2<const N: usize, P: OutlinedTask<Plain<N>>>(l: Plain<N>, piece: P) -> P::Output {
             piece.run(l)
         }
         #[cfg(target_arch = "x86_64")]
@@ -251,12 +251,12 @@ impl<const N: usize> Lanes for Plain<N> {
         unsafe { to.cast::<[f32; N]>().write_unaligned(a) }
     }
     #[inline(always)]
-    unsafe fn load_ids(self, from: *const u32) -> Self::I {
+    unsafe fn load_u32(self, from: *const u32) -> Self::I {
         // SAFETY: invariant 1.
         unsafe { from.cast::<[u32; N]>().read_unaligned() }
     }
     #[inline(always)]
-    unsafe fn store_ids(self, to: *mut u32, ids: Self::I) {
+    unsafe fn store_u32(self, to: *mut u32, ids: Self::I) {
         // SAFETY: invariant 1.
         unsafe { to.cast::<[u32; N]>().write_unaligned(ids) }
     }

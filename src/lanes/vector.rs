@@ -1,6 +1,6 @@
 //! Vectors of three in lanes.
 
-use super::{Lanes, Num, One};
+use super::{Lanes, Num, SingleLane};
 use glam::Vec3;
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub};
 
@@ -159,16 +159,16 @@ impl<L: Lanes> Vector<L> {
     }
 }
 
-impl From<Vec3> for Vector<One> {
+impl From<Vec3> for Vector<SingleLane> {
     #[inline(always)]
     fn from(v: Vec3) -> Self {
-        Self::splat(One::default(), v)
+        Self::splat(SingleLane::default(), v)
     }
 }
 
-impl From<Vector<One>> for Vec3 {
+impl From<Vector<SingleLane>> for Vec3 {
     #[inline(always)]
-    fn from(v: Vector<One>) -> Self {
+    fn from(v: Vector<SingleLane>) -> Self {
         Self::new(v.x.get(), v.y.get(), v.z.get())
     }
 }

@@ -4,7 +4,7 @@ use super::Integrator;
 use super::frame::{CAMERA_DIMENSION, Frame, Settings, SettingsError, ray_rows};
 use crate::film::Film;
 use crate::geom::{Sampler, warp::lanes as warp};
-use crate::lanes::{Int, Kernel, Lanes, Num, SimdLevel, Vector};
+use crate::lanes::{Int, LaneTask, Lanes, Num, SimdLevel, Vector};
 use crate::scene::{Camera, Material, Scene};
 use crate::schedule::{Batch, Output, Renderer};
 use crate::shade::{Hits, Interaction, sort};
@@ -80,7 +80,7 @@ struct Shading<'a, 'o> {
     out: &'a mut Output<'o, SampleState, u32>,
 }
 
-impl Kernel for Shading<'_, '_> {
+impl LaneTask for Shading<'_, '_> {
     type Output = ();
 
     #[inline(always)]
@@ -138,7 +138,7 @@ struct Answered<'a> {
     occluded: &'a [u32],
 }
 
-impl Kernel for Answered<'_> {
+impl LaneTask for Answered<'_> {
     type Output = ();
 
     #[inline(always)]

@@ -3,7 +3,7 @@
 use super::Frame;
 use super::frame::ray_rows;
 use crate::film::Film;
-use crate::lanes::{Int, Kernel, Lanes, Num, Vector};
+use crate::lanes::{Int, LaneTask, Lanes, Num, Vector};
 use crate::schedule::Output;
 use bytemuck::{Pod, Zeroable};
 
@@ -45,7 +45,7 @@ struct Answered<'a> {
     occluded: &'a [u32],
 }
 
-impl Kernel for Answered<'_> {
+impl LaneTask for Answered<'_> {
     type Output = ();
 
     #[inline(always)]

@@ -3,7 +3,7 @@
 use super::{Blocks, Pass};
 use crate::film::{Film, TooManySplats};
 use crate::geom::Sampler;
-use crate::lanes::{Int, Kernel, Lanes, Num, One, SimdLevel, Vector};
+use crate::lanes::{Int, LaneTask, Lanes, Num, SimdLevel, SingleLane, Vector};
 use crate::scene::{Camera, CameraError, Lens, Scene};
 use crate::shade::{Cone, Lights};
 use crate::stream::Ray;
@@ -168,7 +168,7 @@ impl Frame {
 
     /// The cones of camera rays. The samples of a pixel share it: with many of them, which lie all over it, each
     /// covers little, and the picture is as sharp as the textures are.
-    pub fn cone(&self) -> Cone<One> {
+    pub fn cone(&self) -> Cone<SingleLane> {
         let share = 1.0 / (self.settings.spp as f32).sqrt();
         Cone { width: 0.0.into(), spread: (self.lens.spread() * share.max(LEAST_SHARE)).into() }
     }
@@ -247,7 +247,7 @@ struct PatchRays<'a, E> {
     emit: &'a mut E,
 }
 
-impl<E: FnMut(&[Ray], &[u32], &[u32])> Kernel for PatchRays<'_, E> {
+impl<E: FnMut(&[Ray], &[u32], &[u32])> LaneTask for PatchRays<'_, E> {
     type Output = ();
 
     #[inline(always)]

@@ -2,7 +2,7 @@
 
 use super::frame::{CAMERA_DIMENSION, Frame};
 use crate::geom::Sampler;
-use crate::lanes::{Int, Lanes, Num, One, Vector};
+use crate::lanes::{Int, Lanes, Num, SingleLane, Vector};
 use crate::scene::Material;
 use crate::shade::bsdf::{Smooth, Smoothness};
 use crate::shade::light::Receiver;
@@ -148,10 +148,10 @@ impl<'a, L: Lanes> Node<'a, L> {
     }
 }
 
-impl Sent<One> {
+impl Sent<SingleLane> {
     /// Of one lane: the ray and what it counts; none if none is sent.
     pub fn one(self) -> Option<(Ray, Vec3)> {
         let ray = Ray { t_max: self.t_max.get(), ..Ray::new(self.origin.into(), self.direction.into()) };
-        (self.lanes & One::ALL != 0).then(|| (ray, self.radiance.into()))
+        (self.lanes & SingleLane::ALL != 0).then(|| (ray, self.radiance.into()))
     }
 }

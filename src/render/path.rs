@@ -4,7 +4,7 @@ use super::frame::{CAMERA_DIMENSION, Frame, Settings, SettingsError, ray_rows};
 use super::{Contribution, Integrator};
 use crate::film::Film;
 use crate::geom::Sampler;
-use crate::lanes::{Int, Kernel, Lanes, Num, One, Plain, SimdLevel, Vector};
+use crate::lanes::{Int, LaneTask, Lanes, Num, Plain, SimdLevel, SingleLane, Vector};
 use crate::scene::{Camera, Material, Scene};
 use crate::schedule::{Batch, Output, Renderer};
 use crate::shade::bsdf::Smoothness;
@@ -64,7 +64,7 @@ pub struct PathState {
 
 impl PathState {
     /// Of a camera ray, but for its pixel and sample.
-    fn start(cone: Cone<One>) -> Self {
+    fn start(cone: Cone<SingleLane>) -> Self {
         Self {
             throughput: [1.0; 3],
             index2_and_cone: 1.0f32.to_bits() + cone.pack().get(),
@@ -190,7 +190,7 @@ struct Shading<'a, 'o> {
     out: &'a mut Output<'o, PathState, Contribution>,
 }
 
-impl Kernel for Shading<'_, '_> {
+impl LaneTask for Shading<'_, '_> {
     type Output = ();
 
     #[inline(always)]

@@ -5,7 +5,7 @@ use super::node::{MAX_BOUNCES, Node, SHADOW_RAYS, Sent, splats};
 use super::{Contribution, Integrator};
 use crate::film::Film;
 use crate::geom::Sampler;
-use crate::lanes::{Int, Kernel, Lanes, Num, Plain, SimdLevel, Vector};
+use crate::lanes::{Int, LaneTask, Lanes, Num, Plain, SimdLevel, Vector};
 use crate::scene::{Camera, Material, Scene};
 use crate::schedule::{Batch, Output, Renderer};
 use crate::shade::loop_stack::{EMPTY, LoopStack, Session};
@@ -131,7 +131,7 @@ struct Shading<'a, 'o> {
     out: &'a mut Rays<'o>,
 }
 
-impl Kernel for Shading<'_, '_> {
+impl LaneTask for Shading<'_, '_> {
     type Output = ();
 
     #[inline(always)]

@@ -1,7 +1,7 @@
 //! Surfaces that are computed where they are hit, by code that is not ours.
 
-use super::columns::{Columns, from_columns, run_in, to_columns};
-use crate::lanes::{Kernel, Lanes, Num, Vector};
+use super::erased_lanes::{LaneColumns, from_columns, run_in, to_columns};
+use crate::lanes::{LaneTask, Lanes, Num, Vector};
 use std::fmt::Debug;
 use std::sync::Arc;
 
@@ -87,7 +87,7 @@ impl<L: Lanes> Finish<L> {
 
 /// A [`Procedural`] of whatever type.
 #[derive(Clone, Debug)]
-pub struct ProceduralSurface(Arc<dyn InColumns>);
+pub struct ProceduralSurface(Arc<dyn ErasedLanes>);
 
 impl ProceduralSurface {
     /// Hides the type.
@@ -105,26 +105,26 @@ impl ProceduralSurface {
 }
 
 /// A [`Procedural`] on arrays.
-trait InColumns: Debug + Send + Sync {
-    fn finish(&self, lanes: usize, points: &Columns<8>) -> Columns<6>;
+trait ErasedLanes: Debug + Send + Sync {
+    fn finish(&self, lanes: usize, points: &LaneColumns<8>) -> LaneColumns<6>;
 }
 
-impl<P: Procedural> InColumns for P {
-    fn finish(&self, lanes: usize, points: &Columns<8>) -> Columns<6> {
+impl<P: Procedural> ErasedLanes for P {
+    fn finish(&self, lanes: usize, points: &LaneColumns<8>) -> LaneColumns<6> {
         run_in(lanes, Computation { surface: self, points })
     }
 }
 
 struct Computation<'a, P> {
     surface: &'a P,
-    points: &'a Columns<8>,
+    points: &'a LaneColumns<8>,
 }
 
-impl<P: Procedural> Kernel for Computation<'_, P> {
-    type Output = Columns<6>;
+impl<P: Procedural> LaneTask for Computation<'_, P> {
+    type Output = LaneColumns<6>;
 
     #[inline(always)]
-    fn run<L: Lanes>(self, l: L) -> Columns<6> {
+    fn run<L: Lanes>(self, l: L) -> LaneColumns<6> {
         let points = Points::of_columns(from_columns(l, self.points));
         let Finish { colour, metallic, roughness, clearcoat } = self.surface.finish(&points);
         to_columns([colour.x, colour.y, colour.z, metallic, roughness, clearcoat])

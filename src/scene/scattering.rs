@@ -1,8 +1,8 @@
 //! Surfaces that scatter light in a way of their own, by code that is not ours.
 
 use super::Points;
-use super::columns::{Columns, from_columns, run_in, to_columns};
-use crate::lanes::{Kernel, Lanes, Num, Vector};
+use super::erased_lanes::{LaneColumns, from_columns, run_in, to_columns};
+use crate::lanes::{LaneTask, Lanes, Num, Vector};
 use std::fmt::Debug;
 use std::sync::Arc;
 
@@ -82,7 +82,7 @@ impl<L: Lanes> Scattered<L> {
 
 /// A [`Scattering`] of whatever type.
 #[derive(Clone, Debug)]
-pub struct ScatteringSurface(Arc<dyn InColumns>);
+pub struct ScatteringSurface(Arc<dyn ErasedLanes>);
 
 impl ScatteringSurface {
     /// Hides the type.
@@ -121,18 +121,18 @@ impl ScatteringSurface {
 }
 
 /// A [`Scattering`] on arrays.
-trait InColumns: Debug + Send + Sync {
-    fn evaluate(&self, lanes: usize, at: &Columns<8>, asked: &Columns<6>) -> Columns<4>;
-    fn sample(&self, lanes: usize, at: &Columns<8>, asked: &Columns<6>) -> Columns<7>;
+trait ErasedLanes: Debug + Send + Sync {
+    fn evaluate(&self, lanes: usize, at: &LaneColumns<8>, asked: &LaneColumns<6>) -> LaneColumns<4>;
+    fn sample(&self, lanes: usize, at: &LaneColumns<8>, asked: &LaneColumns<6>) -> LaneColumns<7>;
     fn transmits(&self) -> bool;
 }
 
-impl<S: Scattering> InColumns for S {
-    fn evaluate(&self, lanes: usize, at: &Columns<8>, asked: &Columns<6>) -> Columns<4> {
+impl<S: Scattering> ErasedLanes for S {
+    fn evaluate(&self, lanes: usize, at: &LaneColumns<8>, asked: &LaneColumns<6>) -> LaneColumns<4> {
         run_in(lanes, Evaluation { surface: self, at, asked })
     }
 
-    fn sample(&self, lanes: usize, at: &Columns<8>, asked: &Columns<6>) -> Columns<7> {
+    fn sample(&self, lanes: usize, at: &LaneColumns<8>, asked: &LaneColumns<6>) -> LaneColumns<7> {
         run_in(lanes, Sampling { surface: self, at, asked })
     }
 
@@ -143,15 +143,15 @@ impl<S: Scattering> InColumns for S {
 
 struct Evaluation<'a, S> {
     surface: &'a S,
-    at: &'a Columns<8>,
-    asked: &'a Columns<6>,
+    at: &'a LaneColumns<8>,
+    asked: &'a LaneColumns<6>,
 }
 
-impl<S: Scattering> Kernel for Evaluation<'_, S> {
-    type Output = Columns<4>;
+impl<S: Scattering> LaneTask for Evaluation<'_, S> {
+    type Output = LaneColumns<4>;
 
     #[inline(always)]
-    fn run<L: Lanes>(self, l: L) -> Columns<4> {
+    fn run<L: Lanes>(self, l: L) -> LaneColumns<4> {
         let [x, y, z, to_x, to_y, to_z] = from_columns(l, self.asked);
         let (wo, wi) = (Vector::new(x, y, z), Vector::new(to_x, to_y, to_z));
         let (value, pdf) = self.surface.evaluate(&Points::of_columns(from_columns(l, self.at)), wo, wi);
@@ -161,15 +161,15 @@ impl<S: Scattering> Kernel for Evaluation<'_, S> {
 
 struct Sampling<'a, S> {
     surface: &'a S,
-    at: &'a Columns<8>,
-    asked: &'a Columns<6>,
+    at: &'a LaneColumns<8>,
+    asked: &'a LaneColumns<6>,
 }
 
-impl<S: Scattering> Kernel for Sampling<'_, S> {
-    type Output = Columns<7>;
+impl<S: Scattering> LaneTask for Sampling<'_, S> {
+    type Output = LaneColumns<7>;
 
     #[inline(always)]
-    fn run<L: Lanes>(self, l: L) -> Columns<7> {
+    fn run<L: Lanes>(self, l: L) -> LaneColumns<7> {
         let [x, y, z, u, first, second] = from_columns(l, self.asked);
         let at = Points::of_columns(from_columns(l, self.at));
         let Scattered { wi, weight, pdf } =

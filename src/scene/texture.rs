@@ -1,7 +1,7 @@
 //! Textures and their filter.
 
-use super::{Footprint, Mean, Pyramid, srgb};
-use crate::lanes::{Int, Lanes, Num, One, Piece};
+use super::{Averaging, Footprint, Mipmap, srgb};
+use crate::lanes::{Int, Lanes, Num, OutlinedTask, SingleLane};
 use glam::{Vec2, Vec4};
 
 /// How stored values relate to light.
@@ -72,7 +72,7 @@ pub struct Texture {
     /// Vertically.
     pub wrap_v: Wrap,
     /// Where the smaller copies lie, for footprints of more than a texel.
-    pub pyramid: Pyramid,
+    pub pyramid: Mipmap,
 }
 
 /// A texture as a material uses it, with glTF's texture transform.
@@ -120,24 +120,24 @@ impl Texture {
     }
 
     /// Makes the smaller copies.
-    pub fn add_pyramid(&mut self, mean: Mean) {
-        (self.texels, self.pyramid) = Pyramid::new(self.image(), (self.width, self.height), self.space, mean);
+    pub fn add_pyramid(&mut self, mean: Averaging) {
+        (self.texels, self.pyramid) = Mipmap::new(self.image(), (self.width, self.height), self.space, mean);
     }
 
     /// Whether alpha tells how much of their lengths normals have lost in smaller copies.
     #[inline(always)]
     pub fn has_lengths(&self) -> bool {
-        self.pyramid.mean() == Mean::Normals
+        self.pyramid.mean() == Averaging::Normals
     }
 
     /// Bilinear lookup in the copy whose texels are as large as the footprint, linear values; (0, 0) is the outer
     /// corner of the first texel of the first row. A footprint of a texel of the image or more is given one of
     /// the four texels, each as often as its weight says (Pharr et al. 2024, *Filtering After Shading with Stochastic
     /// Texture Filtering*). Coordinates that are not finite count as 0. Of
-    /// [`Mean::Normals`] alpha is 1 less what the copy has lost of their length.
+    /// [`Averaging::Normals`] alpha is 1 less what the copy has lost of their length.
     #[inline(always)]
     pub fn look_up<L: Lanes>(&self, place: [Num<L>; 2], footprint: &Footprint<L>) -> [Num<L>; 4] {
-        place[0].lanes().apart(LookUp { texture: self, place, footprint: *footprint })
+        place[0].lanes().outlined(LookUp { texture: self, place, footprint: *footprint })
     }
 
     /// One channel of [`Texture::look_up`].
@@ -153,7 +153,9 @@ impl Texture {
 
     /// [`Texture::look_up`] of the image itself at one place.
     pub fn sample(&self, uv: Vec2) -> Vec4 {
-        self.look_up(uv.to_array().map(Num::from), &Footprint::point(One::default())).map(Num::get).into()
+        self.look_up(uv.to_array().map(Num::from), &Footprint::point(SingleLane::default()))
+            .map(Num::get)
+            .into()
     }
 
     #[inline(always)]
@@ -225,7 +227,7 @@ struct LookUp<'a, L: Lanes> {
     footprint: Footprint<L>,
 }
 
-impl<L: Lanes> Piece<L> for LookUp<'_, L> {
+impl<L: Lanes> OutlinedTask<L> for LookUp<'_, L> {
     type Output = [Num<L>; 4];
 
     #[inline(always)]
@@ -275,7 +277,7 @@ mod tests {
             space: ColourSpace::Linear,
             wrap_u: wrap,
             wrap_v: wrap,
-            pyramid: Pyramid::default(),
+            pyramid: Mipmap::default(),
         }
     }
 
@@ -307,10 +309,10 @@ mod tests {
     #[test]
     fn wide_footprints_see_the_mean_and_narrow_ones_the_image() {
         let mut t = two_by_one(Wrap::Repeat);
-        t.add_pyramid(Mean::Light);
+        t.add_pyramid(Averaging::Light);
         let at = |width: f32, dither: f32| {
             let [width, dither] = [width, dither].map(Num::from);
-            let footprint = Footprint { width, dither, ..Footprint::point(One::default()) };
+            let footprint = Footprint { width, dither, ..Footprint::point(SingleLane::default()) };
             t.look_up([0.25, 0.5].map(Num::from), &footprint)[0].get()
         };
         assert_eq!(at(0.0, 0.99), 0.0);
@@ -332,14 +334,14 @@ mod tests {
         {
             let mut t = two_by_one(wrap);
             (t.width, t.texels) = (4, [[0; 4], [0; 4], [0; 4], [255; 4]].into());
-            t.add_pyramid(Mean::Light);
+            t.add_pyramid(Averaging::Light);
             // The mean over many hits, each of which sees one texel.
             let at = |u: f32| {
                 let hits = 4000;
                 let seen = (0..hits).map(|i| {
                     let dither = Num::from((i * 19) as f32 / (1 << 17) as f32);
                     let footprint =
-                        Footprint { width: 1.01.into(), dither, ..Footprint::point(One::default()) };
+                        Footprint { width: 1.01.into(), dither, ..Footprint::point(SingleLane::default()) };
                     t.look_up([u, 0.5].map(Num::from), &footprint)[0].get()
                 });
                 seen.sum::<f32>() / hits as f32
@@ -359,9 +361,9 @@ mod tests {
     fn normals_tell_what_they_lost_but_the_image_loses_nothing() {
         let mut t = two_by_one(Wrap::Clamp);
         t.texels = [[255, 128, 128, 0], [0, 128, 128, 0]].into();
-        t.add_pyramid(Mean::Normals);
+        t.add_pyramid(Averaging::Normals);
         let at = |width: f32| {
-            let footprint = Footprint { width: width.into(), ..Footprint::point(One::default()) };
+            let footprint = Footprint { width: width.into(), ..Footprint::point(SingleLane::default()) };
             t.look_up([0.25, 0.5].map(Num::from), &footprint)[3].get()
         };
         assert_eq!(at(0.0), 1.0, "whatever the file's alpha says");

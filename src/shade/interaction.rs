@@ -317,7 +317,7 @@ fn raise<L: Lanes>(
 mod tests {
     use crate::geom::{Sampler, warp};
     use crate::scene::{
-        Anisotropy, Colour, ColourSpace, Material, NormalMap, Principled, Pyramid, Scalar, Scene, Surface,
+        Anisotropy, Colour, ColourSpace, Material, Mipmap, NormalMap, Principled, Scalar, Scene, Surface,
         Texture, TextureRef, Wrap,
     };
     use crate::shade::single::Interaction;
@@ -394,7 +394,7 @@ mod tests {
             space: ColourSpace::Linear,
             wrap_u: Wrap::Repeat,
             wrap_v: Wrap::Repeat,
-            pyramid: Pyramid::default(),
+            pyramid: Mipmap::default(),
         });
         scene.materials[0].normal_map = Some(NormalMap { texture: TextureRef::plain(0), scale: 1.0 });
         scene.materials[0].surface = Surface::Matte { reflectance: Colour::constant(Vec3::ONE) };

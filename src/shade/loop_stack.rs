@@ -6,11 +6,11 @@
 //! [`Session`] each.
 //!
 //! # Memory
-//! Entries live in the recycled buckets of [`super::places`]. A shader that pushes at most `k` entries at a hit of depth `d < depth_limit`, and
+//! Entries live in the recycled buckets of [`super::arena`]. A shader that pushes at most `k` entries at a hit of depth `d < depth_limit`, and
 //! whose entries resume at greater depths than their hits, has at most `k · depth_limit` entries per
 //! camera path: from bottom to top of one stack the hits' depths never fall and no hit occurs twice.
 //! So at most `k · depth_limit · rays in flight` entries are live, however many rays the recursion
-//! visits, and allocated are at most the peak of those plus [`super::places::HOARD`] and one bucket per
+//! visits, and allocated are at most the peak of those plus [`super::arena::HOARD`] and one bucket per
 //! session. The renderer tells the scheduler how many paths it has memory for
 //! ([`crate::schedule::Renderer::most_in_flight`]); beyond, spawning waits, and nothing is dropped.
 //!
@@ -19,7 +19,7 @@
 //! it received the head through the scheduler's lists, whose locks order the push before the pop, so
 //! the words read are the words written.
 
-use super::places::{ArenaUse, BUCKET, Hand, NOWHERE, Places};
+use super::arena::{Arena, ArenaUse, BUCKET, LocalFreeList, NOWHERE};
 use bytemuck::Pod;
 use std::marker::PhantomData;
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
@@ -32,7 +32,7 @@ type Bucket = Box<[AtomicU32]>;
 /// Stacks of entries of type `T`, any number of them, in one recycled store.
 #[derive(Debug)]
 pub struct LoopStack<T> {
-    places: Places<Bucket>,
+    places: Arena<Bucket>,
     entry: PhantomData<fn(T) -> T>,
 }
 
@@ -42,13 +42,13 @@ impl<T: Pod> LoopStack<T> {
 
     /// The most paths in flight whose stacks are sure to fit, with so many entries on each.
     pub const fn most_paths(entries_each: usize) -> usize {
-        Places::<Bucket>::most_paths(entries_each)
+        Arena::<Bucket>::most_paths(entries_each)
     }
 
     /// A store without entries.
     pub fn new() -> Self {
         const { assert!(size_of::<T>().is_multiple_of(4) && align_of::<T>() <= 4) };
-        Self { places: Places::new(), entry: PhantomData }
+        Self { places: Arena::new(), entry: PhantomData }
     }
 
     /// A thread's access, for as long as it shades a batch.
@@ -81,7 +81,7 @@ impl<T: Pod> Default for LoopStack<T> {
 #[derive(Debug)]
 pub struct Session<'a, T: Pod> {
     stack: &'a LoopStack<T>,
-    hand: Hand<'a, Bucket>,
+    hand: LocalFreeList<'a, Bucket>,
 }
 
 impl<T: Pod> Session<'_, T> {

@@ -4,6 +4,7 @@
 //! depends on the material alone is done once, and the rest goes in SIMD lanes ([`crate::lanes`]), 8 or 16
 //! rays at a time (RA section 4). [`single`] is the same for one ray.
 
+pub mod arena;
 pub mod bsdf;
 mod cone;
 mod interaction;
@@ -11,18 +12,17 @@ pub mod light;
 pub mod lookup;
 pub mod loop_stack;
 pub mod medium;
-mod mixture;
+mod mix;
 mod normals;
 pub mod offset;
-pub mod places;
 pub mod single;
 mod sort;
 
+pub use arena::ArenaUse;
 pub use bsdf::Bsdf;
 pub use cone::Cone;
 pub use interaction::{CoatShape, Hits, Interaction, fetch};
 pub use light::{LightSample, Lights};
 pub use loop_stack::LoopStack;
-pub use mixture::material_of;
-pub use places::ArenaUse;
+pub use mix::material_of;
 pub use sort::{Run, Sorted, sort};

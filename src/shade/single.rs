@@ -3,7 +3,7 @@
 
 use super::{bsdf, light, lookup};
 use crate::geom::Frame;
-use crate::lanes::{Lanes, Num, One, Vector};
+use crate::lanes::{Lanes, Num, SingleLane, Vector};
 use crate::scene::{Emission, Footprint, Material, Scene, Surface};
 use crate::shade::Lights;
 use crate::stream::{Hit, Ray};
@@ -28,7 +28,7 @@ pub struct Interaction {
     pub outside: bool,
     /// Where scattered rays leave.
     pub raised: Vec3,
-    pub(super) lane: super::Interaction<One>,
+    pub(super) lane: super::Interaction<SingleLane>,
 }
 
 impl Interaction {
@@ -51,7 +51,7 @@ impl Interaction {
 
     /// [`super::Interaction::smooth_direction`]; what goes below crosses the surface.
     pub fn smooth_direction(&self, local: Vec3) -> Vec3 {
-        let crosses = if local.z.is_sign_negative() { One::ALL } else { 0 };
+        let crosses = if local.z.is_sign_negative() { SingleLane::ALL } else { 0 };
         self.lane.smooth_direction(local.into(), crosses).into()
     }
 
@@ -67,9 +67,9 @@ impl Interaction {
 }
 
 /// [`light::Receiver`] of one ray.
-pub type Receiver = light::Receiver<One>;
+pub type Receiver = light::Receiver<SingleLane>;
 
-impl From<Hit> for super::Hits<One> {
+impl From<Hit> for super::Hits<SingleLane> {
     fn from(hit: Hit) -> Self {
         Self { t: hit.t.into(), u: hit.u.into(), v: hit.v.into(), primitive: hit.primitive.into() }
     }
@@ -77,7 +77,7 @@ impl From<Hit> for super::Hits<One> {
 
 /// [`bsdf::Bsdf`] at one point.
 #[derive(Clone, Copy, Debug)]
-pub struct Bsdf<'s>(pub(super) bsdf::Bsdf<'s, One>);
+pub struct Bsdf<'s>(pub(super) bsdf::Bsdf<'s, SingleLane>);
 
 /// [`bsdf::Sample`] of one direction.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -120,7 +120,7 @@ impl<'s> Bsdf<'s> {
     /// [`bsdf::Bsdf::sample`]; `None` when no light comes that way.
     pub fn sample(&self, wo: Vec3, u: f32, u2: [f32; 2]) -> Option<Sample> {
         let sample = self.0.sample(wo.into(), u.into(), u2.map(Num::from));
-        (sample.valid & One::ALL != 0).then(|| Sample {
+        (sample.valid & SingleLane::ALL != 0).then(|| Sample {
             wi: sample.wi.into(),
             weight: sample.weight.into(),
             pdf: sample.pdf.get(),
@@ -132,7 +132,7 @@ impl<'s> Bsdf<'s> {
     /// [`bsdf::Bsdf::smooth`].
     pub fn smooth(&self, wo: Vec3) -> Smooth {
         let smooth = self.0.smooth(wo.into());
-        let there = |way: Vector<One>, weight: Vector<One>| {
+        let there = |way: Vector<SingleLane>, weight: Vector<SingleLane>| {
             let weight = Vec3::from(weight);
             (weight != Vec3::ZERO).then(|| (way.into(), weight))
         };
@@ -159,7 +159,7 @@ pub fn emission(scene: &Scene, emission: Option<&Emission>, uv: Vec2, front: boo
     match emission {
         None => Vec3::ZERO,
         Some(emission) => {
-            let point = Footprint::point(One::default());
+            let point = Footprint::point(SingleLane::default());
             lookup::emission(scene, emission, uv.to_array().map(Num::from), &point, front.into()).into()
         }
     }
@@ -178,17 +178,17 @@ pub struct LightSample {
     pub pdf: f32,
     /// Whether no other way of sampling can find this light.
     pub delta: bool,
-    lane: light::LightSample<One>,
+    lane: light::LightSample<SingleLane>,
 }
 
 impl LightSample {
-    fn of(lane: light::LightSample<One>) -> Option<Self> {
-        (lane.valid & One::ALL != 0).then(|| Self {
+    fn of(lane: light::LightSample<SingleLane>) -> Option<Self> {
+        (lane.valid & SingleLane::ALL != 0).then(|| Self {
             wi: lane.wi.into(),
-            target: (lane.near & One::ALL != 0).then(|| lane.target.into()),
+            target: (lane.near & SingleLane::ALL != 0).then(|| lane.target.into()),
             radiance: lane.radiance.into(),
             pdf: lane.pdf.get(),
-            delta: lane.delta & One::ALL != 0,
+            delta: lane.delta & SingleLane::ALL != 0,
             lane,
         })
     }

@@ -1,7 +1,7 @@
 //! The batch sort (RA section 3.1): misses first, then hits by material.
 
-use super::{Hits, material_of, mixture};
-use crate::lanes::{Int, Lanes, Piece};
+use super::{Hits, material_of, mix};
+use crate::lanes::{Int, Lanes, OutlinedTask};
 use crate::scene::{Scene, Surface};
 use crate::stream::{Hit, MISS};
 use std::cell::Cell;
@@ -56,7 +56,7 @@ const FEW_RUNS: usize = 8;
 /// of the batch. Linear time.
 #[inline(always)]
 pub fn sort<L: Lanes>(l: L, hits: &[Hit], scene: &Scene) -> Sorted {
-    l.apart(Sort { hits, scene })
+    l.outlined(Sort { hits, scene })
 }
 
 struct Sort<'a> {
@@ -64,7 +64,7 @@ struct Sort<'a> {
     scene: &'a Scene,
 }
 
-impl<L: Lanes> Piece<L> for Sort<'_> {
+impl<L: Lanes> OutlinedTask<L> for Sort<'_> {
     type Output = Sorted;
 
     #[inline(always)]
@@ -128,7 +128,7 @@ impl Storage {
                 let (ids, _) = Int::some(l, rays, rays[0]);
                 let [t, u, v, primitive] = ids.rows_of(bytemuck::cast_slice(hits));
                 let hits = Hits { t, u, v, primitive: primitive.to_bits() };
-                let seconds = mixture::is_second(scene, mix, &hits);
+                let seconds = mix::is_second(scene, mix, &hits);
                 for (lane, &ray) in rays.iter().enumerate() {
                     self.keys[ray as usize] = 1 + if seconds >> lane & 1 == 1 { second } else { first };
                 }
@@ -264,7 +264,7 @@ impl Drop for Sorted {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::lanes::{Kernel, SimdLevel};
+    use crate::lanes::{LaneTask, SimdLevel};
 
     fn hit(primitive: u32) -> Hit {
         Hit { t: 1.0, u: 0.0, v: 0.0, primitive }
@@ -272,7 +272,7 @@ mod tests {
 
     struct Sorting<'a>(&'a [Hit], &'a Scene);
 
-    impl Kernel for Sorting<'_> {
+    impl LaneTask for Sorting<'_> {
         type Output = Sorted;
 
         #[inline(always)]

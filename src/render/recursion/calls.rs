@@ -3,10 +3,10 @@
 use super::context::NO_RAY;
 use super::exchange::{Exchange, LIGHT, PathId, ShadowState, Wish};
 use super::{Answered, Cx, Radiance, Shader};
-use crate::lanes::{One, Prefetch};
+use crate::lanes::{Prefetch, SingleLane};
 use crate::render::Frame;
 use crate::schedule::{Batch, Output};
-use crate::shade::places::{ArenaUse, BUCKET, Hand, NOWHERE, Places};
+use crate::shade::arena::{Arena, ArenaUse, BUCKET, LocalFreeList, NOWHERE};
 use crate::shade::sort;
 use crate::stream::{Hit, Ray};
 use bytemuck::{Pod, Zeroable};
@@ -55,7 +55,7 @@ pub(super) trait Engine: Send + Sync {
 pub(super) fn engine<S: Shader>(desk: &Desk<S>) -> Box<dyn Engine + '_> {
     let most_calls = desk.shader.most_calls(desk.frame.settings().max_bounces);
     let shade = |ray: &Ray, hit, args| desk.shader.shade(Cx::new(&desk.frame), *ray, hit, args);
-    Box::new(Calls { desk, shade, most_calls, places: Places::new() })
+    Box::new(Calls { desk, shade, most_calls, places: Arena::new() })
 }
 
 /// The calls of all paths, each in a place of its own; a path's calls link to the one below, which waits for
@@ -64,7 +64,7 @@ struct Calls<'a, S, B, F> {
     desk: &'a Desk<S>,
     shade: B,
     most_calls: usize,
-    places: Places<Box<[Place<F>]>>,
+    places: Arena<Box<[Place<F>]>>,
 }
 
 struct Place<F> {
@@ -121,7 +121,7 @@ struct Turn<'a, 'b, F> {
     ray: &'a Ray,
     hit: Option<Hit>,
     exchange: &'a Exchange,
-    hand: &'a mut Hand<'b, Box<[Place<F>]>>,
+    hand: &'a mut LocalFreeList<'b, Box<[Place<F>]>>,
 }
 
 impl<S, B, F> Calls<'_, S, B, F>
@@ -202,7 +202,7 @@ where
 
     /// Asks for the memory of calls whose turn comes soon, and of the places that will be taken: first the
     /// places, then the futures. Between two turns they are seldom in a cache.
-    fn fetch(&self, paths: impl Fn(usize) -> Option<CallState>, hand: &Hand<'_, Box<[Place<F>]>>) {
+    fn fetch(&self, paths: impl Fn(usize) -> Option<CallState>, hand: &LocalFreeList<'_, Box<[Place<F>]>>) {
         let place = |place: u32| {
             let (bucket, number) = self.places.at(place);
             &bucket[number]
@@ -252,7 +252,7 @@ where
         let scene = self.desk.frame.scene();
         Exchange::engine(|exchange| {
             // Calls that hit the same material run one after the other, whatever else they are about.
-            for run in sort(One::default(), batch.hits, scene).runs() {
+            for run in sort(SingleLane::default(), batch.hits, scene).runs() {
                 for (turn, i) in run.rays.iter().map(|&i| i as usize).enumerate() {
                     self.fetch(
                         |ahead| run.rays.get(turn + ahead).map(|&i| batch.payloads[i as usize]),

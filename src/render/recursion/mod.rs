@@ -88,7 +88,7 @@
 //! # How it runs
 //! A camera ray travels alone. When it is back, the first call begins, and has a turn: it runs until it awaits
 //! an answer or returns. A call that awaits has a *place* in an arena of recycled buckets
-//! ([`crate::shade::places`]), where its future, the state machine, stays until it returns. The ray that it
+//! ([`crate::shade::arena`]), where its future, the state machine, stays until it returns. The ray that it
 //! awaits carries the place's number as its payload, through the streams like any ray. When a batch comes
 //! back, the engine sorts it by material and gives each path a turn: a ray sent by [`Cx::call`] begins a call
 //! on top of its caller, which goes on when the callee has returned. So a path has one ray in flight, and

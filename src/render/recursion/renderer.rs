@@ -8,7 +8,7 @@ use crate::render::{Frame, Integrator, Settings, SettingsError};
 use crate::scene::{Camera, Scene};
 use crate::schedule::{Batch, Output, Renderer};
 use crate::shade::ArenaUse;
-use crate::shade::places::Places;
+use crate::shade::arena::Arena;
 use crate::stream::Ray;
 use self_cell::self_cell;
 use std::any::Any;
@@ -60,7 +60,7 @@ impl<S: Shader> Recursion<S> {
         let running = Running::new(desk, |desk| engine(known::<S>(desk)));
         let call_bytes = running.with_dependent(|_, engine| engine.call_bytes());
         let most_in_flight =
-            (MOST_BYTES / (call_bytes * most_calls)).min(Places::<()>::most_paths(most_calls)).max(tile_rays);
+            (MOST_BYTES / (call_bytes * most_calls)).min(Arena::<()>::most_paths(most_calls)).max(tile_rays);
         Self { running, most_in_flight, shader: PhantomData }
     }
 

@@ -6,8 +6,8 @@ use crate::geom::Sampler;
 use crate::lanes::SimdLevel;
 use crate::render::{Integrator, Path, ROULETTE_BOUNCES, Settings, SettingsError};
 use crate::scene::{
-    Alpha, AlphaMode, CameraError, Channel, Colour, ColourSpace, Emission, Environment, EnvironmentMap,
-    Light, LightShape, Material, Mean, NormalMap, Scalar, Scene, Surface, Texture, TextureRef,
+    Alpha, AlphaMode, Averaging, CameraError, Channel, Colour, ColourSpace, Emission, Environment,
+    EnvironmentMap, Light, LightShape, Material, NormalMap, Scalar, Scene, Surface, Texture, TextureRef,
 };
 use crate::schedule::Renderer;
 use crate::shade::bsdf::Smoothness;
@@ -399,7 +399,7 @@ fn what_is_far_away_does_not_flicker() {
         let mut checks = bumps();
         checks.texels = (0..64u32).map(|i| if (i + i / 8) % 2 == 0 { [255; 4] } else { [0; 4] }).collect();
         if pyramid {
-            checks.add_pyramid(Mean::Light);
+            checks.add_pyramid(Averaging::Light);
         }
         scene.textures.push(checks);
         let mut lamp = shining(1.0, 0.0);

@@ -6,7 +6,7 @@ use crate::render::recursion::{Cx, Recursion, Shader};
 use crate::render::{Frame, RecursiveWhitted, Settings, Whitted};
 use crate::scene::{Light, LightShape, Material, Scalar, Scene, Surface};
 use crate::schedule::{JobOptions, Renderer, Service, ServiceOptions, Tracers};
-use crate::shade::places::{BUCKET, HOARD};
+use crate::shade::arena::{BUCKET, HOARD};
 use crate::stream::{Hit, Ray};
 use glam::Vec3;
 use std::sync::Arc;

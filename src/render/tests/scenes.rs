@@ -2,7 +2,7 @@
 
 use crate::scene::{
     Anisotropy, Camera, Channel, Coat, Coats, Colour, ColourSpace, Emission, Environment, EnvironmentMap,
-    Iridescence, Light, LightShape, Material, Medium, Mix, NormalMap, Principled, Pyramid, Scalar, Scene,
+    Iridescence, Light, LightShape, Material, Medium, Mipmap, Mix, NormalMap, Principled, Scalar, Scene,
     Sheen, Surface, Texture, TextureRef, Wrap,
 };
 use glam::{Vec2, Vec3};
@@ -175,7 +175,7 @@ pub fn bumps() -> Texture {
         space: ColourSpace::Linear,
         wrap_u: Wrap::Repeat,
         wrap_v: Wrap::Repeat,
-        pyramid: Pyramid::default(),
+        pyramid: Mipmap::default(),
     }
 }
 

@@ -2,7 +2,7 @@
 //! colour space or with other edges is a texture that shares its texels.
 
 use super::decode::decode;
-use crate::scene::{ColourSpace, Pyramid, Texture, Wrap};
+use crate::scene::{ColourSpace, Mipmap, Texture, Wrap};
 use image::DynamicImage;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -113,7 +113,7 @@ impl Textures {
                 space,
                 wrap_u: wrap[0],
                 wrap_v: wrap[1],
-                pyramid: Pyramid::default(),
+                pyramid: Mipmap::default(),
             });
             (textures.len() - 1) as u32
         })

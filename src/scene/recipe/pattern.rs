@@ -1,7 +1,7 @@
 //! Generated textures.
 
 use super::within;
-use crate::scene::{ColourSpace, Pyramid, Texture, Wrap};
+use crate::scene::{ColourSpace, Mipmap, Texture, Wrap};
 use noise::{Fbm, MultiFractal, NoiseFn, Perlin};
 use serde::Deserialize;
 
@@ -108,7 +108,7 @@ impl Pattern {
             space: ColourSpace::Srgb,
             wrap_u: Wrap::Repeat,
             wrap_v: Wrap::Repeat,
-            pyramid: Pyramid::default(),
+            pyramid: Mipmap::default(),
         })
     }
 }

@@ -3,7 +3,7 @@
 
 use super::fresnel::{Schlick, schlick_weight};
 use super::ggx::Ggx;
-use crate::lanes::{Int, Kernel, Lanes, Num, SimdLevel, Vector};
+use crate::lanes::{Int, LaneTask, Lanes, Num, SimdLevel, Vector};
 use std::sync::OnceLock;
 
 /// Nodes over the cosine, and over the roughness.
@@ -164,7 +164,7 @@ struct Measurement {
     wo: glam::Vec3,
 }
 
-impl Kernel for Measurement {
+impl LaneTask for Measurement {
     type Output = [f32; 2];
 
     #[inline(always)]
@@ -193,9 +193,9 @@ impl Kernel for Measurement {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::lanes::One;
+    use crate::lanes::SingleLane;
 
-    fn numbers(of: Reflectance<One>) -> [f32; 2] {
+    fn numbers(of: Reflectance<SingleLane>) -> [f32; 2] {
         [of.deficit.get(), of.grazing.get()]
     }
 

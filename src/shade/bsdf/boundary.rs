@@ -1,7 +1,7 @@
 //! The rough boundary of a transparent body.
 
-use super::crossing::{Crossing, grazing};
 use super::fresnel;
+use super::transmission_albedo::{TransmissionAlbedo, grazing};
 use super::transparency::Frost;
 use crate::geom::warp::lanes as warp;
 use crate::lanes::{Lanes, Num, Vector};
@@ -15,7 +15,7 @@ use std::f32::consts::FRAC_1_PI;
 /// so all is reciprocal, but for the square of the indices' ratio that radiance has (see [`super::Dielectric`]).
 pub struct Boundary<'a, L: Lanes> {
     frost: &'a Frost<'a, L>,
-    crossing: Crossing<L>,
+    crossing: TransmissionAlbedo<L>,
     /// What a single event loses towards `wo`; its mean on this side and beyond.
     lost: Vector<L>,
     means: [Vector<L>; 2],
@@ -31,7 +31,7 @@ impl<'a, L: Lanes> Boundary<'a, L> {
         let (through, fresnel) = (frost.through, &frost.layer.fresnel);
         let [along, across] = frost.facets.ggx.alpha;
         // Where facets are rougher along x: the loss of those that are as rough on the whole.
-        let crossing = Crossing::new(through.index, (along * across).sqrt().sqrt());
+        let crossing = TransmissionAlbedo::new(through.index, (along * across).sqrt().sqrt());
         let (inside, outside) = (through.leaving, L::ALL & !through.leaving);
         let lost = crossing.towards(frost.wo.z, inside).of(fresnel);
         let means = [crossing.mean(inside).of(fresnel), crossing.mean(outside).of(fresnel)];

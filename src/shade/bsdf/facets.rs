@@ -1,10 +1,10 @@
 //! Reflection from microfacets, complete: one bounce and all further ones.
 
 use super::albedo::{Albedo, MIN_ROUGHNESS, Reflectance};
-use super::brushed::Brushed;
+use super::anisotropic_albedo::AnisotropicAlbedo;
 use super::fresnel::{Schlick, schlick_weight};
 use super::ggx::Ggx;
-use crate::lanes::{Lanes, Num, Piece, Vector};
+use crate::lanes::{Lanes, Num, OutlinedTask, Vector};
 use std::f32::consts::FRAC_1_PI;
 
 /// Facets of one roughness in each lane, whatever their Fresnel term.
@@ -16,7 +16,7 @@ pub struct Facets<L: Lanes> {
     pub ggx: Ggx<L>,
     albedo: Albedo<L>,
     /// Says more than `albedo` where alphas differ.
-    brushed: Option<Brushed<L>>,
+    brushed: Option<AnisotropicAlbedo<L>>,
     mean: Reflectance<L>,
 }
 
@@ -47,7 +47,7 @@ impl<L: Lanes> Facets<L> {
     /// The same, rougher along x: KHR_materials_anisotropy. A mirror is what is smooth along both axes.
     #[inline(always)]
     pub fn anisotropic(roughness: Num<L>, strength: Num<L>, smooth_below: f32) -> Self {
-        roughness.lanes().apart(Anisotropic { roughness, strength, smooth_below })
+        roughness.lanes().outlined(Anisotropic { roughness, strength, smooth_below })
     }
 
     /// Lanes that are rough and have at least this perceptual roughness along the rougher axis.
@@ -104,13 +104,13 @@ struct Anisotropic<L: Lanes> {
     smooth_below: f32,
 }
 
-impl<L: Lanes> Piece<L> for Anisotropic<L> {
+impl<L: Lanes> OutlinedTask<L> for Anisotropic<L> {
     type Output = Facets<L>;
 
     #[inline(always)]
     fn run(self, l: L) -> Facets<L> {
         let roughness = self.roughness.clamp(MIN_ROUGHNESS, 1.0);
-        let brushed = Brushed::new(roughness, self.strength);
+        let brushed = AnisotropicAlbedo::new(roughness, self.strength);
         let alpha = brushed.alpha();
         let least = self.smooth_below.max(MIN_ROUGHNESS);
         let rough = alpha[0].ge(Num::splat(l, least * least));

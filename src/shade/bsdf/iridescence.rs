@@ -1,7 +1,7 @@
 //! A thin film on a surface: KHR_materials_iridescence.
 
 use super::fresnel::schlick_weight;
-use crate::lanes::{Lanes, Num, Piece, Vector, exponential, trigonometry};
+use crate::lanes::{Lanes, Num, OutlinedTask, Vector, exponential, trigonometry};
 use crate::scene::{self, Footprint, Scene};
 use crate::shade::lookup;
 use std::f32::consts::{LOG2_E, TAU};
@@ -79,7 +79,7 @@ impl<L: Lanes> Film<L> {
     /// `f0` at normal incidence.
     #[inline(always)]
     pub fn over(&self, bare: Vector<L>, f0: Vector<L>, cosine: Num<L>) -> Vector<L> {
-        bare.lerp(cosine.lanes().apart(Interference { film: *self, f0, cosine }), self.strength)
+        bare.lerp(cosine.lanes().outlined(Interference { film: *self, f0, cosine }), self.strength)
     }
 
     #[inline(always)]
@@ -148,7 +148,7 @@ struct Interference<L: Lanes> {
     cosine: Num<L>,
 }
 
-impl<L: Lanes> Piece<L> for Interference<L> {
+impl<L: Lanes> OutlinedTask<L> for Interference<L> {
     type Output = Vector<L>;
 
     #[inline(always)]
@@ -160,14 +160,14 @@ impl<L: Lanes> Piece<L> for Interference<L> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::lanes::One;
+    use crate::lanes::SingleLane;
     use glam::Vec3;
 
-    fn film(thickness: f32, ior: f32) -> Film<One> {
+    fn film(thickness: f32, ior: f32) -> Film<SingleLane> {
         Film { strength: 1.0.into(), share: 1.0.into(), thickness_nm: thickness.into(), ior: ior.into() }
     }
 
-    fn seen(film: Film<One>, f0: f32, cosine: f32) -> Vec3 {
+    fn seen(film: Film<SingleLane>, f0: f32, cosine: f32) -> Vec3 {
         film.over(Vec3::ZERO.into(), Vec3::splat(f0).into(), cosine.into()).into()
     }
 
@@ -228,7 +228,7 @@ mod tests {
         let thick = seen(film(20_000.0, 1.4), 0.04, 0.9);
         assert!(thick.max_element() - thick.min_element() < 1e-3, "{thick}");
         // Without a film what is left is the bare surface's own reflection at normal incidence.
-        let none = Film::<One> { strength: 0.5.into(), ..film(0.0, 1.0) };
+        let none = Film::<SingleLane> { strength: 0.5.into(), ..film(0.0, 1.0) };
         let bare = Vec3::new(0.1, 0.2, 0.3);
         let light = Vec3::from(none.over(bare.into(), Vec3::splat(0.04).into(), 1.0.into()));
         assert!((light - (bare + 0.04) * 0.5).abs().max_element() < 1e-3, "{light}");

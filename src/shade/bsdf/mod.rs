@@ -4,11 +4,10 @@
 //! is where the light goes (back along the ray) and always has `z > 0`, `wi` where it comes from, on either side.
 
 mod albedo;
-mod apart;
+mod anisotropic_albedo;
 mod boundary;
-mod brushed;
 mod coat;
-mod crossing;
+mod coat_stack;
 mod dielectric;
 mod facets;
 mod fresnel;
@@ -16,12 +15,13 @@ mod ggx;
 mod iridescence;
 mod matte;
 mod mirror;
+mod outlined;
 mod principled;
 mod scattering;
 mod sheen;
-mod stack;
 #[cfg(test)]
 mod tests;
+mod transmission_albedo;
 mod transparency;
 
 pub use albedo::MIN_ROUGHNESS;
@@ -196,13 +196,14 @@ impl<'s, L: Lanes> Bsdf<'s, L> {
             Surface::Principled(surface) => {
                 let Interaction { uv, footprint, coat, outside, .. } = at;
                 let (uv, outside) = (*uv, *outside);
-                let describe = apart::Describe { scene, surface, uv, footprint, coat, outside, smoothness };
-                Self::Principled(l.apart(describe))
+                let describe =
+                    outlined::Describe { scene, surface, uv, footprint, coat, outside, smoothness };
+                Self::Principled(l.outlined(describe))
             }
             Surface::Procedural(index) => {
                 let finish = scene.procedurals[*index as usize].finish(&points_of(at));
                 Self::Principled(
-                    l.apart(apart::Finished { finish: &finish, smooth_below: smoothness.mirror_below }),
+                    l.outlined(outlined::Finished { finish: &finish, smooth_below: smoothness.mirror_below }),
                 )
             }
             Surface::Scattering(index) => {
@@ -221,7 +222,7 @@ impl<'s, L: Lanes> Bsdf<'s, L> {
         match self {
             Self::Matte(matte) => matte.evaluate(wi),
             Self::Mirror(_) | Self::Dielectric(_) => (wo.only(0), wo.z.only(0)),
-            Self::Principled(surface) => wo.lanes().apart(apart::Evaluate { surface, wo, wi }),
+            Self::Principled(surface) => wo.lanes().outlined(outlined::Evaluate { surface, wo, wi }),
             Self::Scattering(scattering) => scattering.evaluate(wo, wi),
         }
     }
@@ -234,7 +235,7 @@ impl<'s, L: Lanes> Bsdf<'s, L> {
             Self::Matte(matte) => matte.sample(u2),
             Self::Mirror(mirror) => mirror.smooth(wo).sample(u, Num::splat(wo.lanes(), 1.0)),
             Self::Dielectric(dielectric) => dielectric.smooth(wo).sample(u, Num::splat(wo.lanes(), 1.0)),
-            Self::Principled(surface) => wo.lanes().apart(apart::Sampling { surface, wo, u, u2 }),
+            Self::Principled(surface) => wo.lanes().outlined(outlined::Sampling { surface, wo, u, u2 }),
             Self::Scattering(scattering) => scattering.sample(wo, u, u2),
         }
     }
@@ -246,7 +247,7 @@ impl<'s, L: Lanes> Bsdf<'s, L> {
             Self::Matte(_) | Self::Scattering(_) => Smooth::none(wo),
             Self::Mirror(mirror) => mirror.smooth(wo),
             Self::Dielectric(dielectric) => dielectric.smooth(wo),
-            Self::Principled(surface) => wo.lanes().apart(apart::Mirroring { surface, wo }),
+            Self::Principled(surface) => wo.lanes().outlined(outlined::Mirroring { surface, wo }),
         }
     }
 

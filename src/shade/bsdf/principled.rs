@@ -6,7 +6,7 @@
 //! rest in a lobe of its own, see [`super::facets`]), what it does not reflect reaches the layer below:
 //! - the coat passes `p = 1 − E_coat`: of what the surface below scatters `p(wo) p(wi) / p_mean`, of what its facets
 //!   reflect or refract the lesser of `p(wo)` and `p(wi)`, which are the same for a mirror; further coats over it
-//!   likewise ([`super::stack`]),
+//!   likewise ([`super::coat_stack`]),
 //! - sheen passes the lesser of what it leaves towards `wo` and `wi`,
 //! - the dielectric layer passes `(1 − E(wo)) (1 − E(wi)) / (1 − E_mean)` to the diffuse base, which
 //!   is reciprocal and integrates to `1 − E(wo)`, and `1 − E(wo)` to the transparent base.
@@ -19,11 +19,11 @@
 
 use super::albedo::Reflectance;
 use super::coat::{CLEAR_F0, Coat, Polish};
+use super::coat_stack::{self, CoatStack, Look, Pick, See};
 use super::facets::{Facets, Reflection};
 use super::fresnel::{self, Schlick};
 use super::iridescence::Film;
 use super::sheen::Sheen;
-use super::stack::{self, Look, Pick, See, Stack};
 use super::transparency::{Frost, Scattered, Seen, Transparency};
 use super::{Sample, Smooth, Smoothness, mirrored};
 use crate::geom::Frame;
@@ -48,7 +48,7 @@ pub struct Principled<L: Lanes> {
     sheen: Option<Sheen<L>>,
     coat: Option<Coat<L>>,
     /// Coats over that one.
-    stack: Option<Stack<L>>,
+    stack: Option<CoatStack<L>>,
     /// Where coats have one of their own.
     coat_normal: Option<Vector<L>>,
 }
@@ -72,7 +72,7 @@ struct Lobes<L: Lanes> {
     /// What passes the layer towards `wo`.
     passed: Vector<L>,
     /// Of the coats over the coat.
-    stack: Option<stack::Seen<L>>,
+    stack: Option<coat_stack::Seen<L>>,
 }
 
 /// Chances of sampling the lobes; `mirrors` are all that are smooth.
@@ -157,7 +157,7 @@ impl<L: Lanes> Principled<L> {
             coat = Some(Coat::new(share, polish.facets(roughness), CLEAR_F0));
         }
         if !surface.coats.is_empty() && transparency.is_none() {
-            stack = Some(Stack { coats: surface.coats, polish });
+            stack = Some(CoatStack { coats: surface.coats, polish });
         }
         Self {
             facets,
@@ -272,7 +272,7 @@ impl<L: Lanes> Principled<L> {
         scattered = scattered * under + Vector::grey(further);
         let mut stack = None;
         if let Some(over) = &self.stack {
-            let seen = l.apart(See { stack: over, wo: self.above(wo) });
+            let seen = l.outlined(See { stack: over, wo: self.above(wo) });
             facets = facets * seen.passed;
             scattered = scattered * seen.scattered;
             stack = Some(seen);
@@ -357,7 +357,7 @@ impl<L: Lanes> Principled<L> {
         }
         if let Some(stack) = &self.stack {
             let look = Look { stack, under: None, wo, wi, half: wo, there: 0 };
-            passed = passed * wo.lanes().apart(look).passed;
+            passed = passed * wo.lanes().outlined(look).passed;
         }
         passed
     }
@@ -459,7 +459,7 @@ impl<L: Lanes> Principled<L> {
         if let Some(stack) = &self.stack {
             let (under, there) = (self.coat.as_ref(), lit_coat);
             let look = Look { stack, under, wo: near_coat, wi: far_coat, half: half_coat, there };
-            let looked = wo.lanes().apart(look);
+            let looked = wo.lanes().outlined(look);
             value = value * looked.scattered;
             between = Some(looked);
         }
@@ -471,7 +471,7 @@ impl<L: Lanes> Principled<L> {
             pdf += (chances.facets * density).only(rough);
         }
         if let Some(frost) = self.frost(wo) {
-            let (light, density) = wo.lanes().apart(Seen { frost, wi });
+            let (light, density) = wo.lanes().outlined(Seen { frost, wi });
             value = value.only(sides) + light;
             pdf = pdf.only(sides) + chances.frosted * density;
             sides |= frost.through.frosted;
@@ -521,7 +521,7 @@ impl<L: Lanes> Principled<L> {
         if let Some(frost) = self.frost(wo) {
             let through = !u.lt(rough) & frost.through.frosted;
             let rest = ((u - rough) / frosted).clamp(0.0, 1.0);
-            let (way, there) = wo.lanes().apart(Scattered { frost, u: rest, u2 });
+            let (way, there) = wo.lanes().outlined(Scattered { frost, u: rest, u2 });
             wi = Vector::select(through, way, wi);
             valid = (through & there) | (valid & !through);
             crosses = wi.z.below(0.0);
@@ -535,7 +535,7 @@ impl<L: Lanes> Principled<L> {
             let reflects = !u.lt(rough) & u.lt(rough + stack);
             if reflects != 0 {
                 let rest = ((u - rough) / stack).clamp(0.0, 1.0);
-                let way = wo.lanes().apart(Pick { stack: over, wo: self.above(wo), u: rest, u2 });
+                let way = wo.lanes().outlined(Pick { stack: over, wo: self.above(wo), u: rest, u2 });
                 wi = Vector::select(reflects, self.below(way), wi);
                 valid = (wi.z.above(0.0) & reflects) | (valid & !reflects);
             }

@@ -1,6 +1,6 @@
 //! Fibres that stand up from a surface: KHR_materials_sheen.
 
-use crate::lanes::{Int, Kernel, Lanes, Num, Piece, SimdLevel, Vector, exponential};
+use crate::lanes::{Int, LaneTask, Lanes, Num, OutlinedTask, SimdLevel, Vector, exponential};
 use crate::scene::{self, Footprint, Scene};
 use crate::shade::lookup;
 use std::f32::consts::{LOG2_E, PI};
@@ -59,7 +59,7 @@ impl<L: Lanes> Sheen<L> {
     /// The share of light that fibres of full colour reflect towards a cosine, before it is held to 1.
     #[inline(always)]
     pub fn share(&self, z: Num<L>) -> Num<L> {
-        z.lanes().apart(Share { roughness: self.roughness, z })
+        z.lanes().outlined(Share { roughness: self.roughness, z })
     }
 
     /// The light reflected from `wi` × its cosine, given both directions' shares.
@@ -67,7 +67,8 @@ impl<L: Lanes> Sheen<L> {
     pub fn evaluate(&self, wo: Vector<L>, wi: Vector<L>, half: Vector<L>, shares: [Num<L>; 2]) -> Vector<L> {
         let one = Num::splat(wo.lanes(), 1.0);
         let held = shares[0].max(shares[1]).max(one);
-        self.colour * (wo.lanes().apart(Lobe { sheen: *self, wo_z: wo.z, wi_z: wi.z, half_z: half.z }) / held)
+        self.colour
+            * (wo.lanes().outlined(Lobe { sheen: *self, wo_z: wo.z, wi_z: wi.z, half_z: half.z }) / held)
     }
 
     /// What a share of the fibres' reflects of an even environment.
@@ -113,7 +114,7 @@ struct Share<L: Lanes> {
     z: Num<L>,
 }
 
-impl<L: Lanes> Piece<L> for Share<L> {
+impl<L: Lanes> OutlinedTask<L> for Share<L> {
     type Output = Num<L>;
 
     #[inline(always)]
@@ -137,7 +138,7 @@ struct Lobe<L: Lanes> {
     half_z: Num<L>,
 }
 
-impl<L: Lanes> Piece<L> for Lobe<L> {
+impl<L: Lanes> OutlinedTask<L> for Lobe<L> {
     type Output = Num<L>;
 
     #[inline(always)]
@@ -166,7 +167,7 @@ struct Measurement {
     z: f32,
 }
 
-impl Kernel for Measurement {
+impl LaneTask for Measurement {
     type Output = f32;
 
     #[inline(always)]

@@ -4,7 +4,7 @@ use super::boundary::Boundary;
 use super::facets::{Facets, Reflection};
 use super::iridescence::Film;
 use crate::geom::warp::lanes as warp;
-use crate::lanes::{Lanes, Num, Piece, Vector};
+use crate::lanes::{Lanes, Num, OutlinedTask, Vector};
 
 /// A lesser index of refraction turns light so little that rough facets show no frost.
 const LEAST_INDEX: f32 = 1.01;
@@ -121,7 +121,7 @@ pub struct Seen<'a, L: Lanes> {
     pub wi: Vector<L>,
 }
 
-impl<L: Lanes> Piece<L> for Seen<'_, L> {
+impl<L: Lanes> OutlinedTask<L> for Seen<'_, L> {
     type Output = (Vector<L>, Num<L>);
 
     #[inline(always)]
@@ -142,7 +142,7 @@ pub struct Scattered<'a, L: Lanes> {
     pub u2: [Num<L>; 2],
 }
 
-impl<L: Lanes> Piece<L> for Scattered<'_, L> {
+impl<L: Lanes> OutlinedTask<L> for Scattered<'_, L> {
     type Output = (Vector<L>, u32);
 
     #[inline(always)]

@@ -2,7 +2,7 @@
 
 use super::{AliasTable, FEW, LightBounds, LightTree, Receiver};
 use crate::geom::warp::lanes as warp;
-use crate::lanes::{Int, Lanes, Num, One, Vector};
+use crate::lanes::{Int, Lanes, Num, SingleLane, Vector};
 use crate::scene::{Emission, Footprint, Scene};
 use crate::shade::lookup::{self, luminance};
 use crate::shade::offset;
@@ -274,8 +274,14 @@ fn vector<L: Lanes>(record: &[Int<L>; WORDS], at: usize) -> Vector<L> {
 /// Radiance at a point of a triangle, given by the weights of the second and third corner.
 fn radiance_at(scene: &Scene, emission: &Emission, primitive: u32, [v, w]: [f32; 2], front: bool) -> Vec3 {
     let uv = scene.mesh.uv_at(primitive, v, w).to_array();
-    lookup::emission(scene, emission, uv.map(Num::from), &Footprint::point(One::default()), front.into())
-        .into()
+    lookup::emission(
+        scene,
+        emission,
+        uv.map(Num::from),
+        &Footprint::point(SingleLane::default()),
+        front.into(),
+    )
+    .into()
 }
 
 /// Luminous power: exact for an even emission, an estimate for a textured one.

@@ -3,9 +3,9 @@
 
 mod alias;
 mod bounds;
+mod emitter_bounds;
 mod emitters;
 mod environment;
-mod glow;
 mod punctual;
 mod receiver;
 #[cfg(test)]
@@ -14,9 +14,9 @@ mod tree;
 
 pub use alias::AliasTable;
 pub use bounds::LightBounds;
+pub use emitter_bounds::EmitterBounds;
 pub use emitters::{EmitterSample, Emitters};
 pub use environment::EnvironmentLight;
-pub use glow::Glow;
 pub use punctual::Punctual;
 pub use receiver::Receiver;
 pub use tree::LightTree;
@@ -43,7 +43,7 @@ pub struct Lights {
     emitters: Emitters,
     punctual: Punctual,
     environment: EnvironmentLight,
-    glow: Glow,
+    glow: EmitterBounds,
     /// Power of emissive triangles, of the environment and of punctual lights.
     powers: [f64; 3],
     /// Their chances.
@@ -81,7 +81,7 @@ impl Lights {
         let disk = std::f64::consts::PI * f64::from(radius).powi(2);
         let sky = f64::from(environment.mean()) * disk * 4.0 * std::f64::consts::PI;
         let powers = [emitters.power(), sky, punctual.power()];
-        let glow = Glow::new(scene, &bounds);
+        let glow = EmitterBounds::new(scene, &bounds);
         Self { emitters, punctual, environment, glow, powers, chances: chances(powers) }
     }
 
@@ -115,7 +115,7 @@ impl Lights {
     }
 
     /// Where surfaces shine.
-    pub fn glow(&self) -> &Glow {
+    pub fn glow(&self) -> &EmitterBounds {
         &self.glow
     }
 

@@ -2,10 +2,10 @@
 
 use super::{AliasTable, EnvironmentLight, Lights, Receiver};
 use crate::geom::{Sampler, warp};
-use crate::lanes::{Int, Kernel, Lanes, Num, One, SimdLevel, Vector};
+use crate::lanes::{Int, LaneTask, Lanes, Num, SimdLevel, SingleLane, Vector};
 use crate::scene::{
     Channel, Colour, ColourSpace, Emission, Environment, EnvironmentMap, Footprint, Light, LightShape,
-    Material, Pyramid, Scene, Texture, TextureRef, Wrap,
+    Material, Mipmap, Scene, Texture, TextureRef, Wrap,
 };
 use crate::shade::single::{self, LightSample};
 use crate::stream::Ray;
@@ -17,11 +17,17 @@ fn look(light: &EnvironmentLight, direction: Vec3) -> (Vec3, f32) {
     (radiance.into(), pdf.get())
 }
 
-fn receiver(from: Vec3, normal: Vec3) -> Receiver<One> {
+fn receiver(from: Vec3, normal: Vec3) -> Receiver<SingleLane> {
     Receiver::new(from.into(), normal.into())
 }
 
-fn pdf_emitter(lights: &Lights, to: &Receiver<One>, primitive: u32, distance2: f32, cosine: f32) -> f32 {
+fn pdf_emitter(
+    lights: &Lights,
+    to: &Receiver<SingleLane>,
+    primitive: u32,
+    distance2: f32,
+    cosine: f32,
+) -> f32 {
     lights.pdf_emitter(to, Int::from(primitive), distance2.into(), cosine.into()).get()
 }
 
@@ -146,7 +152,7 @@ fn everything() -> Scene {
         space: ColourSpace::Linear,
         wrap_u: Wrap::Clamp,
         wrap_v: Wrap::Clamp,
-        pyramid: Pyramid::default(),
+        pyramid: Mipmap::default(),
     };
     scene.textures.push(checks);
     let texture = Some(TextureRef::plain(0));
@@ -277,7 +283,7 @@ fn textured_emitters_count_where_they_shine() {
     assert!(sides[0] > 200 && sides[1] == 0, "only the white half shines: {sides:?}");
     assert_eq!(
         scene.textures[0]
-            .channel(Channel::R, [0.9, 0.5].map(Num::from), &Footprint::point(One::default()))
+            .channel(Channel::R, [0.9, 0.5].map(Num::from), &Footprint::point(SingleLane::default()))
             .get(),
         0.0
     );
@@ -414,7 +420,7 @@ fn thousands_of_points() -> Scene {
 const AMONG: [(Vec3, Vec3, bool); 2] =
     [(Vec3::ZERO, Vec3::Y, false), (Vec3::new(19.0, 5.0, -7.0), Vec3::NEG_X, false)];
 
-fn among((from, normal, around): (Vec3, Vec3, bool)) -> Receiver<One> {
+fn among((from, normal, around): (Vec3, Vec3, bool)) -> Receiver<SingleLane> {
     let to = receiver(from, normal);
     if around { to.around() } else { to }
 }
@@ -451,7 +457,7 @@ fn punctual_lights_are_chosen_with_the_chances_that_are_stated() {
 fn mean_and_variance(
     lights: &Lights,
     (from, normal, around): (Vec3, Vec3, bool),
-    mut choose: impl FnMut(&Receiver<One>, f32) -> (u32, f32),
+    mut choose: impl FnMut(&Receiver<SingleLane>, f32) -> (u32, f32),
 ) -> [f64; 2] {
     let (n, mut sums, to) = (1 << 15, [0.0; 2], among((from, normal, around)));
     for i in 0..n {
@@ -506,7 +512,7 @@ fn the_tree_of_punctual_lights_finds_all_light_with_less_noise_than_power_does()
 /// What lanes choose among punctual lights.
 struct Choices<'a>(&'a Lights);
 
-impl Kernel for Choices<'_> {
+impl LaneTask for Choices<'_> {
     type Output = Vec<[u32; 2]>;
 
     #[inline(always)]

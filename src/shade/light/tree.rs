@@ -2,7 +2,7 @@
 
 use super::{LightBounds, Receiver};
 use crate::geom::octahedral;
-use crate::lanes::{Int, Lanes, Num, Piece, Vector};
+use crate::lanes::{Int, Lanes, Num, OutlinedTask, Vector};
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 
@@ -96,13 +96,13 @@ impl LightTree {
     /// no light reaches the receiver, and what is left of `u`.
     #[inline(always)]
     pub fn choose<L: Lanes>(&self, receiver: &Receiver<L>, u: Num<L>) -> (Int<L>, Num<L>, Num<L>) {
-        u.lanes().apart(Choose { tree: self, receiver: *receiver, u })
+        u.lanes().outlined(Choose { tree: self, receiver: *receiver, u })
     }
 
     /// The chance with which [`LightTree::choose`] gives these lights to these receivers.
     #[inline(always)]
     pub fn chance<L: Lanes>(&self, receiver: &Receiver<L>, light: Int<L>) -> Num<L> {
-        light.lanes().apart(Chance { tree: self, receiver: *receiver, light })
+        light.lanes().outlined(Chance { tree: self, receiver: *receiver, light })
     }
 
     /// Weighs the sides of forks.
@@ -140,7 +140,7 @@ struct Choose<'a, L: Lanes> {
     u: Num<L>,
 }
 
-impl<L: Lanes> Piece<L> for Choose<'_, L> {
+impl<L: Lanes> OutlinedTask<L> for Choose<'_, L> {
     type Output = (Int<L>, Num<L>, Num<L>);
 
     #[inline(always)]
@@ -172,7 +172,7 @@ struct Chance<'a, L: Lanes> {
     light: Int<L>,
 }
 
-impl<L: Lanes> Piece<L> for Chance<'_, L> {
+impl<L: Lanes> OutlinedTask<L> for Chance<'_, L> {
     type Output = Num<L>;
 
     #[inline(always)]

@@ -70,8 +70,11 @@ impl Pairs {
             let at = part * W::LANES;
             // SAFETY: as the caller vouches.
             unsafe {
-                w.store_ids(self.ids.as_mut_ptr().add(self.len + at), w.load_ids(list.add(at)));
-                w.store_ids(self.children.as_mut_ptr().add(self.len + at), w.splat_id(bytemuck::cast(child)));
+                w.store_u32(self.ids.as_mut_ptr().add(self.len + at), w.load_u32(list.add(at)));
+                w.store_u32(
+                    self.children.as_mut_ptr().add(self.len + at),
+                    w.splat_u32(bytemuck::cast(child)),
+                );
             }
         }
         self.len += len;

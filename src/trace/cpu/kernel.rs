@@ -6,7 +6,7 @@
 
 use super::triangle::{Range, Slabs, Vector, test};
 use crate::geom::{CanonicalRay, SLACK};
-use crate::lanes::{Kernel, Lanes, SimdLevel};
+use crate::lanes::{LaneTask, Lanes, SimdLevel};
 use crate::stream::Ray;
 use glam::Vec3;
 
@@ -104,7 +104,7 @@ struct Work {
     triangles: TriangleColumns,
 }
 
-impl Kernel for Work {
+impl LaneTask for Work {
     type Output = u64;
 
     #[inline(always)]

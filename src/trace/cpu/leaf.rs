@@ -128,7 +128,7 @@ impl<L: Lanes> Nearest<L> {
     fn none(l: L) -> Self {
         let zero = l.splat(0.0);
         let passing = Passing { u: zero, v: zero, w: zero };
-        Self { changed: 0, t: zero, passing, primitive: l.splat_id(0) }
+        Self { changed: 0, t: zero, passing, primitive: l.splat_u32(0) }
     }
 
     /// Takes the hits of `mask`, nearer than all before.
@@ -141,7 +141,7 @@ impl<L: Lanes> Nearest<L> {
             v: l.select(mask, passing.v, self.passing.v),
             w: l.select(mask, passing.w, self.passing.w),
         };
-        self.primitive = l.select_ids(mask, l.splat_id(primitive), self.primitive);
+        self.primitive = l.select_u32(mask, l.splat_u32(primitive), self.primitive);
     }
 
     /// Puts them to the answers of the rays of `ids`, and has none then.
@@ -159,7 +159,7 @@ impl<L: Lanes> Nearest<L> {
         let (ts, us, vs) = (spill(l, self.t), spill(l, u), spill(l, v));
         let mut primitives = [0; 16];
         // SAFETY: sixteen are enough for any lanes.
-        unsafe { l.store_ids(primitives.as_mut_ptr(), self.primitive) };
+        unsafe { l.store_u32(primitives.as_mut_ptr(), self.primitive) };
         while left != 0 {
             let lane = left.trailing_zeros() as usize & 15;
             left &= left - 1;
@@ -250,7 +250,7 @@ pub(super) unsafe fn few<W: Lanes, S: Space, const ANY: bool>(
         // SAFETY: as the caller vouches; there is room for all triangles of all pairs, and for what lanes write behind.
         unsafe {
             let two = [i, other::<W>(i, len)];
-            let rays = w.or_ids(ids_of_eights(w, two.map(|i| *ids.add(i))), w.load_ids(ROWS.as_ptr()));
+            let rays = w.or_u32(ids_of_eights(w, two.map(|i| *ids.add(i))), w.load_u32(ROWS.as_ptr()));
             candidates.push_lanes(w, inside, rays, ids_of_eights(w, two.map(|i| *children.add(i))));
         }
     }
@@ -282,12 +282,12 @@ pub(super) unsafe fn settle<W: Lanes, S: Space, const ANY: bool>(
         let (rays, row, triangle, ray_ids, stored) = unsafe {
             let (mut ray_ids, mut stored) = ([0; PADDING], [0; PADDING]);
             let (ids, children) = candidates.at(candidates.len);
-            let ids = w.select_ids(among, w.load_ids(ids), w.splat_id(*ids));
-            let children = w.select_ids(among, w.load_ids(children), w.splat_id(*children));
-            let rows = w.and_ids(ids, w.splat_id(WIDTH as u32 - 1));
+            let ids = w.select_u32(among, w.load_u32(ids), w.splat_u32(*ids));
+            let children = w.select_u32(among, w.load_u32(children), w.splat_u32(*children));
+            let rows = w.and_u32(ids, w.splat_u32(WIDTH as u32 - 1));
             let (id, [a, b, c]) = job.blocks.gather(w, children, rows);
-            w.store_ids(ray_ids.as_mut_ptr(), w.xor_ids(ids, rows));
-            w.store_ids(stored.as_mut_ptr(), id);
+            w.store_u32(ray_ids.as_mut_ptr(), w.xor_u32(ids, rows));
+            w.store_u32(stored.as_mut_ptr(), id);
             let (rays, row) =
                 (w.rows(job.rays.cast(), ray_ids.as_ptr()), w.rows(job.rows.cast(), ray_ids.as_ptr()));
             (rays, row, [space.place(w, a), space.place(w, b), space.place(w, c)], ray_ids, stored)

@@ -50,7 +50,7 @@ pub(super) fn prepare<W: Lanes>(
             w.put_rows(job.rows.add(at).cast(), columns);
             let first = (at * ROW_BYTES) as u32;
             let here = ids.map(|id| id + first);
-            let here = w.load_ids(here.as_ptr());
+            let here = w.load_u32(here.as_ptr());
             for octant in 0..8 {
                 let side = |axis: usize| if octant >> axis & 1 == 1 { signs[axis] } else { !signs[axis] };
                 let members = valid & side(0) & side(1) & side(2);

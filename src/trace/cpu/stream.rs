@@ -344,8 +344,8 @@ unsafe fn keep_open<W: Lanes>(w: W, job: &Job<'_>, list: *mut u32, len: u32) -> 
     unsafe {
         let limits = job.rows.cast_const().cast::<u32>().add(ROW_BYTES / 4 - 1);
         while at < len as usize {
-            let ids = w.load_ids(list.add(at));
-            let limit = w.of_bits(w.gather(limits, w.shr_ids(ids, 2)));
+            let ids = w.load_u32(list.add(at));
+            let limit = w.from_bits(w.gather(limits, w.shr_u32(ids, 2)));
             let left = w.le(lanes_of::<W>(len as usize - at), w.splat(0.0), limit);
             w.append(list.add(open), left, ids);
             open += left.count_ones() as usize;
@@ -442,7 +442,7 @@ impl<W: Lanes> Abreast<W> {
             } else {
                 Slabs::without_slack(inverse, shift)
             };
-            Self { among: lanes_of::<W>(len - at), ids: w.load_ids(list.add(at)), slabs, limit }
+            Self { among: lanes_of::<W>(len - at), ids: w.load_u32(list.add(at)), slabs, limit }
         }
     }
 
@@ -475,7 +475,7 @@ pub(super) fn begin_of(base: usize, stride: usize, order: Order, slot: usize) ->
 unsafe fn pad<W: Lanes>(w: W, to: *mut u32) {
     for part in 0..PADDING / W::LANES {
         // SAFETY: as the caller vouches.
-        unsafe { w.store_ids(to.add(part * W::LANES), w.splat_id(0)) };
+        unsafe { w.store_u32(to.add(part * W::LANES), w.splat_u32(0)) };
     }
 }
 

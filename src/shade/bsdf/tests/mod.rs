@@ -2,7 +2,7 @@
 
 use super::{Dielectric, MIN_ROUGHNESS, Matte, Mirror, Principled, Smoothness};
 use crate::geom::{Sampler, warp};
-use crate::lanes::{Lanes, One};
+use crate::lanes::{Lanes, SingleLane};
 use crate::scene::{self, Colour, Footprint, Scalar, Scene};
 use crate::shade::CoatShape;
 use crate::shade::single::{Bsdf, Smooth};
@@ -28,13 +28,13 @@ fn leaning(edit: impl FnOnce(&mut scene::Principled)) -> Bsdf<'static> {
 
 fn described(
     outside: bool,
-    coat: Option<CoatShape<One>>,
+    coat: Option<CoatShape<SingleLane>>,
     edit: impl FnOnce(&mut scene::Principled),
 ) -> Bsdf<'static> {
     let mut surface = scene::Principled::default();
     edit(&mut surface);
-    let outside = if outside { One::ALL } else { 0 };
-    let (uv, point) = ([0.0.into(); 2], Footprint::point(One::default()));
+    let outside = if outside { SingleLane::ALL } else { 0 };
+    let (uv, point) = ([0.0.into(); 2], Footprint::point(SingleLane::default()));
     let scene = Scene::default();
     Bsdf(super::Bsdf::Principled(Principled::new(
         &scene,

@@ -198,7 +198,7 @@ impl<W: Lanes, E: Lanes, const ANY: bool> Packets<'_, W, E, ANY> {
                 for i in first..len.min(first + AT_ONCE) {
                     let packet = &*all.add((*list.add(i) >> 16) as usize);
                     let children = planes.entered(e, &packet.interval);
-                    let here = e.add_ids(e.load_ids(SLOTS.as_ptr()), e.splat_id((i * WIDTH) as u32));
+                    let here = e.add_u32(e.load_u32(SLOTS.as_ptr()), e.splat_u32((i * WIDTH) as u32));
                     e.append(visits.add(count), children, here);
                     count += children.count_ones() as usize;
                 }
@@ -248,8 +248,8 @@ impl<W: Lanes, E: Lanes, const ANY: bool> Packets<'_, W, E, ANY> {
                     }
                     // SAFETY: there is room for all parts of so many packets with all triangles.
                     unsafe {
-                        let here = e.splat_id(((i * parts + part) * WIDTH) as u32);
-                        let here = e.add_ids(e.load_ids(SLOTS.as_ptr()), here);
+                        let here = e.splat_u32(((i * parts + part) * WIDTH) as u32);
+                        let here = e.add_u32(e.load_u32(SLOTS.as_ptr()), here);
                         e.append(tests.add(count), passed, here);
                     }
                     count += passed.count_ones() as usize;
@@ -421,7 +421,7 @@ impl Packet {
         // SAFETY: as asserted; callers step through the packet by lanes.
         unsafe {
             let to = self.primitive.as_mut_ptr().add(at);
-            l.store_ids(to, l.select_ids(mask, l.splat_id(primitive), l.load_ids(to)));
+            l.store_u32(to, l.select_u32(mask, l.splat_u32(primitive), l.load_u32(to)));
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Smaller copies of an image, each half as large as the last: what far surfaces look up.
 
-use super::{ColourSpace, Mean, srgb};
+use super::{Averaging, ColourSpace, srgb};
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 use rayon::prelude::*;
@@ -9,10 +9,10 @@ use std::sync::Arc;
 /// Where the copies of an image lie (Williams 1983, *Pyramidal Parametrics*). By default there are none: then
 /// every lookup is in the image itself.
 #[derive(Clone, Debug, Default)]
-pub struct Pyramid {
+pub struct Mipmap {
     /// The image and its copies, or nothing.
     levels: Arc<[Level]>,
-    mean: Mean,
+    mean: Averaging,
 }
 
 /// One copy.
@@ -25,13 +25,13 @@ pub(super) struct Level {
     height: u32,
 }
 
-impl Pyramid {
+impl Mipmap {
     /// The texels of an image and, behind them, of its copies down to a single texel: a third more than it had.
     pub(super) fn new(
         image: &[[u8; 4]],
         (width, height): (u32, u32),
         space: ColourSpace,
-        mean: Mean,
+        mean: Averaging,
     ) -> (Arc<[[u8; 4]]>, Self) {
         let mut levels = vec![Level { first: 0, width, height }];
         let mut texels = Vec::with_capacity(image.len() + image.len() / 3 + 32);
@@ -71,7 +71,7 @@ impl Pyramid {
     }
 
     /// What a texel of a copy keeps.
-    pub(super) fn mean(&self) -> Mean {
+    pub(super) fn mean(&self) -> Averaging {
         self.mean
     }
 }
@@ -90,17 +90,17 @@ const CUT: f32 = 1.0 / 4096.0;
 
 impl Sum {
     #[inline(always)]
-    fn of(texel: [u8; 4], space: ColourSpace, mean: Mean) -> Self {
+    fn of(texel: [u8; 4], space: ColourSpace, mean: Averaging) -> Self {
         let [r, g, b, a] = texel.map(|byte| f32::from(byte) * (1.0 / 255.0));
         let light = srgb::table();
         let colour = match (space, mean) {
-            (_, Mean::Normals) => (Vec3::new(r, g, b) * 2.0 - 1.0).normalize_or_zero(),
+            (_, Averaging::Normals) => (Vec3::new(r, g, b) * 2.0 - 1.0).normalize_or_zero(),
             (ColourSpace::Linear, _) => Vec3::new(r, g, b),
             (ColourSpace::Srgb, _) => {
                 Vec3::from_array([texel[0], texel[1], texel[2]].map(|byte| light[usize::from(byte)]))
             }
         };
-        let weight = if mean == Mean::Covered { a.max(CUT) } else { 1.0 };
+        let weight = if mean == Averaging::Covered { a.max(CUT) } else { 1.0 };
         Self { colour: colour * weight, weight, alpha: a }
     }
 
@@ -111,11 +111,11 @@ impl Sum {
         self.alpha += other.alpha * share;
     }
 
-    fn texel(&self, space: ColourSpace, mean: Mean) -> [u8; 4] {
+    fn texel(&self, space: ColourSpace, mean: Averaging) -> [u8; 4] {
         let byte = |x: f32| (x * 255.0 + 0.5) as u8;
         let colour = self.colour / self.weight;
         let [r, g, b] = match (space, mean) {
-            (_, Mean::Normals) => {
+            (_, Averaging::Normals) => {
                 // Unit normals whose slopes vary by s² along each axis have a mean 1 − s² long, and GGX's alpha² is 2 s².
                 let bumps = (2.0 * (1.0 - colour.length())).clamp(0.0, 1.0).sqrt();
                 let [x, y, z] = (colour.normalize_or(Vec3::Z) * 0.5 + 0.5).to_array().map(byte);
@@ -165,8 +165,13 @@ mod tests {
     use super::*;
 
     /// The copies of an image, the first half as large, with their sizes.
-    fn copies(texels: &[[u8; 4]], size: (u32, u32), space: ColourSpace, mean: Mean) -> Vec<Vec<[u8; 4]>> {
-        let (all, pyramid) = Pyramid::new(texels, size, space, mean);
+    fn copies(
+        texels: &[[u8; 4]],
+        size: (u32, u32),
+        space: ColourSpace,
+        mean: Averaging,
+    ) -> Vec<Vec<[u8; 4]>> {
+        let (all, pyramid) = Mipmap::new(texels, size, space, mean);
         assert_eq!(&all[..texels.len()], texels, "the image itself comes first");
         let level = |level: &Level| {
             let (first, count) = (level.first as usize, (level.width * level.height) as usize);
@@ -182,7 +187,7 @@ mod tests {
             let mean = |texels: &[[u8; 4]]| {
                 texels.iter().map(|t| f32::from(t[0])).sum::<f32>() / texels.len() as f32
             };
-            let copies = copies(&texels, (width, height), ColourSpace::Linear, Mean::Light);
+            let copies = copies(&texels, (width, height), ColourSpace::Linear, Averaging::Light);
             assert_eq!(copies.len() as u32, u32::BITS - 1 - width.max(height).leading_zeros());
             assert_eq!(copies.last().map(Vec::len), Some(1));
             for copy in copies {
@@ -193,7 +198,7 @@ mod tests {
 
     #[test]
     fn copies_take_a_third_of_the_image() {
-        let (texels, _) = Pyramid::new(&[[7; 4]; 1 << 16], (256, 256), ColourSpace::Srgb, Mean::Light);
+        let (texels, _) = Mipmap::new(&[[7; 4]; 1 << 16], (256, 256), ColourSpace::Srgb, Averaging::Light);
         assert_eq!(texels.len(), ((1 << 18) - 1) / 3);
     }
 
@@ -201,29 +206,29 @@ mod tests {
     fn means_are_of_light() {
         // Half white, half black: half the light, which is 188 in sRGB.
         let texels = [[255, 255, 255, 255], [0, 0, 0, 0]];
-        assert_eq!(copies(&texels, (2, 1), ColourSpace::Srgb, Mean::Light), [[[188, 188, 188, 128]]]);
-        assert_eq!(copies(&texels, (2, 1), ColourSpace::Linear, Mean::Light), [[[128; 4]]]);
+        assert_eq!(copies(&texels, (2, 1), ColourSpace::Srgb, Averaging::Light), [[[188, 188, 188, 128]]]);
+        assert_eq!(copies(&texels, (2, 1), ColourSpace::Linear, Averaging::Light), [[[128; 4]]]);
     }
 
     #[test]
     fn dark_shades_do_not_drift() {
         // One texel in 64 has the least light there is: copies of copies in bytes would lose it, or grow it.
         let texels: Vec<[u8; 4]> = (0..4096).map(|i| if i % 3 == 0 { [1; 4] } else { [0; 4] }).collect();
-        let copies = copies(&texels, (64, 64), ColourSpace::Linear, Mean::Light);
+        let copies = copies(&texels, (64, 64), ColourSpace::Linear, Averaging::Light);
         assert_eq!(copies[5], [[0; 4]], "a third rounds to nothing");
         let texels: Vec<[u8; 4]> = (0..4096).map(|i| if i % 8 < 5 { [1; 4] } else { [0; 4] }).collect();
-        assert_eq!(self::copies(&texels, (64, 64), ColourSpace::Linear, Mean::Light)[5], [[1; 4]]);
+        assert_eq!(self::copies(&texels, (64, 64), ColourSpace::Linear, Averaging::Light)[5], [[1; 4]]);
     }
 
     #[test]
     fn what_is_cut_away_does_not_darken_fringes() {
         let texels = [[200, 100, 50, 255], [0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0]];
         let one = |mean| copies(&texels, (2, 2), ColourSpace::Srgb, mean)[0][0];
-        assert_eq!(one(Mean::Covered), [200, 100, 50, 64]);
-        assert!(one(Mean::Light)[0] < 110);
+        assert_eq!(one(Averaging::Covered), [200, 100, 50, 64]);
+        assert!(one(Averaging::Light)[0] < 110);
         // Where nothing is covered at all, colours are kept.
         let cut = [[90, 80, 70, 0]; 4];
-        assert_eq!(copies(&cut, (2, 2), ColourSpace::Srgb, Mean::Covered)[0][0], [90, 80, 70, 0]);
+        assert_eq!(copies(&cut, (2, 2), ColourSpace::Srgb, Averaging::Covered)[0][0], [90, 80, 70, 0]);
     }
 
     #[test]
@@ -235,11 +240,11 @@ mod tests {
             [x, y, z, 255]
         };
         let texels = [tilted(0.48), tilted(-0.48)];
-        let [x, y, z, alpha] = copies(&texels, (2, 1), ColourSpace::Linear, Mean::Normals)[0][0];
+        let [x, y, z, alpha] = copies(&texels, (2, 1), ColourSpace::Linear, Averaging::Normals)[0][0];
         assert!(x.abs_diff(128) <= 1 && y.abs_diff(128) <= 1 && z == 255);
         let bumps = 1.0 - f32::from(alpha) / 255.0;
         assert!((bumps - (2.0 * (1.0 - 1.0 / (1.0 + 0.48f32 * 0.48).sqrt())).sqrt()).abs() < 0.01, "{bumps}");
-        let [.., alpha] = copies(&[tilted(0.48); 2], (2, 1), ColourSpace::Linear, Mean::Normals)[0][0];
+        let [.., alpha] = copies(&[tilted(0.48); 2], (2, 1), ColourSpace::Linear, Averaging::Normals)[0][0];
         assert!(alpha > 250, "an even slope has no bumps: {alpha}");
     }
 }

@@ -2,7 +2,7 @@
 
 use super::albedo::Reflectance;
 use super::coat::{Coat, Polish};
-use crate::lanes::{Lanes, Num, Piece, Vector, exponential};
+use crate::lanes::{Lanes, Num, OutlinedTask, Vector, exponential};
 use crate::scene::{self, Coats};
 
 /// Coats, outermost first. They are described anew whenever they are asked about, which is rare: their numbers take
@@ -12,7 +12,7 @@ use crate::scene::{self, Coats};
 /// below, all coats together pass the product of all shares over the mean of that product, so a white base under
 /// untinted coats stays white however many they are. Light is tinted on its way down and on its way up.
 #[derive(Clone, Copy, Debug)]
-pub struct Stack<L: Lanes> {
+pub struct CoatStack<L: Lanes> {
     pub coats: Coats,
     pub polish: Polish<L>,
 }
@@ -53,7 +53,7 @@ const MEAN: [[f32; 2]; 5] = [
     [0.880_759_2, 0.000_266_489_94],
 ];
 
-impl<L: Lanes> Stack<L> {
+impl<L: Lanes> CoatStack<L> {
     #[inline(always)]
     fn coat(&self, l: L, of: &scene::Coat) -> Coat<L> {
         let f0 = (of.ior - 1.0) / (of.ior + 1.0);
@@ -85,11 +85,11 @@ fn weight<L: Lanes>(reach: Vector<L>, coat: &Coat<L>, near: &Reflectance<L>) -> 
 
 /// Asks for [`Seen`].
 pub struct See<'a, L: Lanes> {
-    pub stack: &'a Stack<L>,
+    pub stack: &'a CoatStack<L>,
     pub wo: Vector<L>,
 }
 
-impl<L: Lanes> Piece<L> for See<'_, L> {
+impl<L: Lanes> OutlinedTask<L> for See<'_, L> {
     type Output = Seen<L>;
 
     #[inline(always)]
@@ -115,7 +115,7 @@ impl<L: Lanes> Piece<L> for See<'_, L> {
 /// Asks for [`Between`]. Coats are lit from above in the lanes of `there`, in which `half` lies between the
 /// directions; `under` is one more coat below.
 pub struct Look<'a, L: Lanes> {
-    pub stack: &'a Stack<L>,
+    pub stack: &'a CoatStack<L>,
     pub under: Option<&'a Coat<L>>,
     pub wo: Vector<L>,
     pub wi: Vector<L>,
@@ -123,7 +123,7 @@ pub struct Look<'a, L: Lanes> {
     pub there: u32,
 }
 
-impl<L: Lanes> Piece<L> for Look<'_, L> {
+impl<L: Lanes> OutlinedTask<L> for Look<'_, L> {
     type Output = Between<L>;
 
     #[inline(always)]
@@ -172,13 +172,13 @@ fn multiply<L: Lanes>(products: &mut [Num<L>; MEAN.len()], coat: &Coat<L>) {
 
 /// Directions about as rough coats reflect them; `u` chooses among the coats.
 pub struct Pick<'a, L: Lanes> {
-    pub stack: &'a Stack<L>,
+    pub stack: &'a CoatStack<L>,
     pub wo: Vector<L>,
     pub u: Num<L>,
     pub u2: [Num<L>; 2],
 }
 
-impl<L: Lanes> Piece<L> for Pick<'_, L> {
+impl<L: Lanes> OutlinedTask<L> for Pick<'_, L> {
     type Output = Vector<L>;
 
     #[inline(always)]

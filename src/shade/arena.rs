@@ -1,7 +1,7 @@
 //! The places of an arena: numbers that are handed out and taken back, and the buckets behind them.
 //!
 //! Buckets of [`BUCKET`] places are made when first needed and recycled place by place. All threads share
-//! the places; each reaches them through a [`Hand`] that keeps some free ones to itself.
+//! the places; each reaches them through a [`LocalFreeList`] that keeps some free ones to itself.
 
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 use std::sync::{Mutex, OnceLock, PoisonError};
@@ -20,7 +20,7 @@ pub const NOWHERE: u32 = u32::MAX;
 
 /// Places in buckets of type `B`.
 #[derive(Debug)]
-pub struct Places<B> {
+pub struct Arena<B> {
     rows: Vec<OnceLock<Box<[OnceLock<B>]>>>,
     free: Mutex<Free>,
     live: AtomicUsize,
@@ -44,13 +44,13 @@ pub struct ArenaUse {
     pub allocated_bytes: usize,
 }
 
-impl<B> Default for Places<B> {
+impl<B> Default for Arena<B> {
     fn default() -> Self {
         Self::new()
     }
 }
 
-impl<B> Places<B> {
+impl<B> Arena<B> {
     /// The most places there can be, the free ones that hands keep included.
     pub const MAX: usize = (FAN * FAN - 1) * BUCKET;
 
@@ -72,8 +72,8 @@ impl<B> Places<B> {
     }
 
     /// A thread's access, for as long as it shades a batch.
-    pub fn hand(&self) -> Hand<'_, B> {
-        Hand { places: self, free: Vec::new(), balance: 0 }
+    pub fn hand(&self) -> LocalFreeList<'_, B> {
+        LocalFreeList { places: self, free: Vec::new(), balance: 0 }
     }
 
     /// The bucket of a place that is taken, and its number there.
@@ -114,16 +114,16 @@ impl<B> Places<B> {
     }
 }
 
-/// One thread's access to [`Places`].
+/// One thread's access to [`Arena`].
 #[derive(Debug)]
-pub struct Hand<'a, B> {
-    places: &'a Places<B>,
+pub struct LocalFreeList<'a, B> {
+    places: &'a Arena<B>,
     free: Vec<u32>,
     /// Places taken less places given back since the counters were last told.
     balance: isize,
 }
 
-impl<B> Hand<'_, B> {
+impl<B> LocalFreeList<'_, B> {
     /// Takes a place; `make` makes a bucket if there is no free place left.
     pub fn take(&mut self, make: impl FnOnce() -> B) -> u32 {
         if self.free.is_empty() {
@@ -149,7 +149,7 @@ impl<B> Hand<'_, B> {
     }
 }
 
-impl<B> Drop for Hand<'_, B> {
+impl<B> Drop for LocalFreeList<'_, B> {
     fn drop(&mut self) {
         if !self.free.is_empty() {
             let mut free = self.places.free.lock().unwrap_or_else(PoisonError::into_inner);

@@ -1,13 +1,13 @@
 //! Lanes as arrays: how they travel behind a pointer that hides a type, where there are no generics. That is cheap beside a
 //! surface that is worth computing.
 
-use crate::lanes::{Kernel, Lanes, Num, SimdLevel};
+use crate::lanes::{LaneTask, Lanes, Num, SimdLevel};
 
 /// `N` numbers for each of so many lanes; behind the lanes nothing counts.
-pub(super) type Columns<const N: usize> = [[f32; 16]; N];
+pub(super) type LaneColumns<const N: usize> = [[f32; 16]; N];
 
 #[inline(always)]
-pub(super) fn to_columns<L: Lanes, const N: usize>(numbers: [Num<L>; N]) -> Columns<N> {
+pub(super) fn to_columns<L: Lanes, const N: usize>(numbers: [Num<L>; N]) -> LaneColumns<N> {
     let mut columns = [[0.0; 16]; N];
     for (column, numbers) in columns.iter_mut().zip(numbers) {
         column[..L::LANES].copy_from_slice(numbers.to_array().as_ref());
@@ -16,7 +16,7 @@ pub(super) fn to_columns<L: Lanes, const N: usize>(numbers: [Num<L>; N]) -> Colu
 }
 
 #[inline(always)]
-pub(super) fn from_columns<L: Lanes, const N: usize>(l: L, columns: &Columns<N>) -> [Num<L>; N] {
+pub(super) fn from_columns<L: Lanes, const N: usize>(l: L, columns: &LaneColumns<N>) -> [Num<L>; N] {
     let mut numbers = [Num::splat(l, 0.0); N];
     for (numbers, column) in numbers.iter_mut().zip(columns) {
         *numbers = Num::load(l, column);
@@ -25,7 +25,7 @@ pub(super) fn from_columns<L: Lanes, const N: usize>(l: L, columns: &Columns<N>)
 }
 
 /// Runs a kernel in so many lanes as the columns came from.
-pub(super) fn run_in<K: Kernel>(lanes: usize, kernel: K) -> K::Output {
+pub(super) fn run_in<K: LaneTask>(lanes: usize, kernel: K) -> K::Output {
     match lanes {
         1 => SimdLevel::run_one(kernel),
         _ => SimdLevel::of_lanes(lanes).run(kernel),

@@ -4,7 +4,7 @@
 use super::albedo::MIN_ROUGHNESS;
 use super::fresnel::{self, Schlick};
 use super::ggx::Ggx;
-use crate::lanes::{Int, Kernel, Lanes, Num, One, SimdLevel, Vector};
+use crate::lanes::{Int, LaneTask, Lanes, Num, SimdLevel, SingleLane, Vector};
 use std::sync::OnceLock;
 
 /// Nodes over the index of refraction, the roughness and the cosine.
@@ -42,7 +42,7 @@ impl<L: Lanes> Loss<L> {
 
 /// A boundary: a place between rows of the table.
 #[derive(Clone, Copy, Debug)]
-pub struct Crossing<L: Lanes> {
+pub struct TransmissionAlbedo<L: Lanes> {
     /// The lowest row, seen from outside.
     row: Int<L>,
     index_share: f32,
@@ -51,13 +51,13 @@ pub struct Crossing<L: Lanes> {
 }
 
 /// Rows of [`ENTRIES`] entries, for each index, roughness and side. A row has an entry for each cosine, of a [`Loss`]'s
-/// numbers, and one for their mean, with [`Crossing::grazing`].
+/// numbers, and one for their mean, with [`TransmissionAlbedo::grazing`].
 type Table = Vec<f32>;
 
 const ENTRIES: usize = NODES[2] + 1;
 const WORDS: usize = 4;
 
-impl<L: Lanes> Crossing<L> {
+impl<L: Lanes> TransmissionAlbedo<L> {
     /// Into a body of an index above 1, of perceptual roughnesses of at least [`MIN_ROUGHNESS`].
     #[inline(always)]
     pub fn new(index: f32, roughness: Num<L>) -> Self {
@@ -173,7 +173,7 @@ fn row(index: f32, eta: f32, roughness: f32) -> [[f32; WORDS]; ENTRIES] {
             }
             let z = cosine(low as f32 + share);
             mean[WORDS - 1] +=
-                grazing(fresnel::dielectric::<One>(z.into(), index.into()).0, index).get() * weight;
+                grazing(fresnel::dielectric::<SingleLane>(z.into(), index.into()).0, index).get() * weight;
             total += weight;
         }
     }
@@ -189,7 +189,7 @@ struct Measurement {
     z: f32,
 }
 
-impl Kernel for Measurement {
+impl LaneTask for Measurement {
     type Output = [f32; 3];
 
     #[inline(always)]

@@ -2,7 +2,7 @@
 
 use super::albedo::{MIN_ROUGHNESS, Reflectance, measure};
 use super::fresnel::schlick_weight;
-use crate::lanes::{Int, Lanes, Num, One, Piece, Vector};
+use crate::lanes::{Int, Lanes, Num, OutlinedTask, SingleLane, Vector};
 use std::sync::OnceLock;
 
 /// Nodes over the roughness across the grooves, the strength of the anisotropy, the azimuth and the cosine.
@@ -13,7 +13,7 @@ const STEPS: usize = 8;
 
 /// Anisotropic facets: a place between rows of the table. x runs where the facets are rougher.
 #[derive(Clone, Copy, Debug)]
-pub struct Brushed<L: Lanes> {
+pub struct AnisotropicAlbedo<L: Lanes> {
     roughness: Num<L>,
     strength: Num<L>,
 }
@@ -24,7 +24,7 @@ type Table = Vec<f32>;
 
 const ENTRIES: usize = NODES[2] * NODES[3] + 1;
 
-impl<L: Lanes> Brushed<L> {
+impl<L: Lanes> AnisotropicAlbedo<L> {
     /// For roughnesses of at least [`MIN_ROUGHNESS`] and strengths of 0..=1.
     #[inline(always)]
     pub fn new(roughness: Num<L>, strength: Num<L>) -> Self {
@@ -41,7 +41,7 @@ impl<L: Lanes> Brushed<L> {
     /// Towards a direction.
     #[inline(always)]
     pub fn at(&self, w: Vector<L>) -> Reflectance<L> {
-        self.roughness.lanes().apart(Towards { facets: *self, w })
+        self.roughness.lanes().outlined(Towards { facets: *self, w })
     }
 
     /// Cosine-weighted over the hemisphere.
@@ -89,11 +89,11 @@ impl<L: Lanes> Brushed<L> {
 
 /// A lookup, done apart: hardly any surface is brushed.
 struct Towards<L: Lanes> {
-    facets: Brushed<L>,
+    facets: AnisotropicAlbedo<L>,
     w: Vector<L>,
 }
 
-impl<L: Lanes> Piece<L> for Towards<L> {
+impl<L: Lanes> OutlinedTask<L> for Towards<L> {
     type Output = Reflectance<L>;
 
     #[inline(always)]
@@ -137,7 +137,7 @@ fn part(node: usize, nodes: usize) -> f32 {
 /// Nodes stand evenly in the cosine of the azimuth and, as in [`super::albedo`], in `z (1 + r) / (z + r)`, r the
 /// roughness that is seen from there.
 fn row(roughness: f32, strength: f32) -> Vec<[f32; 2]> {
-    let facets = Brushed::<One>::new(roughness.into(), strength.into());
+    let facets = AnisotropicAlbedo::<SingleLane>::new(roughness.into(), strength.into());
     let alpha = facets.alpha().map(Num::get);
     // The direction of a place between nodes, and its z.
     let direction = |azimuth: f32, place: f32| {
@@ -152,7 +152,7 @@ fn row(roughness: f32, strength: f32) -> Vec<[f32; 2]> {
         for k in 0..NODES[3] {
             let (wo, z) = direction(part(i, NODES[2]), part(k, NODES[3]));
             let [deficit, grazing] = measure(alpha, wo);
-            entries.push([deficit, grazing - schlick_weight(Num::<One>::from(z)).get()]);
+            entries.push([deficit, grazing - schlick_weight(Num::<SingleLane>::from(z)).get()]);
         }
     }
     // The mean of the interpolated function, so that what is missing and what is given back agree.
@@ -189,7 +189,7 @@ mod tests {
         for i in 0..400 {
             let s = Sampler::new(i, 0, 0);
             let [roughness, strength] = s.pair(0);
-            let facets = Brushed::<One>::new(
+            let facets = AnisotropicAlbedo::<SingleLane>::new(
                 (MIN_ROUGHNESS + (1.0 - MIN_ROUGHNESS) * roughness).into(),
                 strength.into(),
             );

@@ -2,7 +2,7 @@
 
 use super::{Hits, interaction, lookup};
 use crate::geom::{mix_lanes, unit};
-use crate::lanes::{Lanes, One};
+use crate::lanes::{Lanes, SingleLane};
 use crate::scene::{Footprint, Scene, Surface};
 use crate::stream::Hit;
 
@@ -26,7 +26,7 @@ pub fn material_of(scene: &Scene, hit: &Hit) -> u32 {
     let mut material = scene.mesh.materials[hit.primitive as usize];
     if !scene.mixes.is_empty() {
         while let Surface::Mix(mix) = scene.materials[material as usize].surface {
-            let second = is_second::<One>(scene, mix, &(*hit).into()) & One::ALL;
+            let second = is_second::<SingleLane>(scene, mix, &(*hit).into()) & SingleLane::ALL;
             material = scene.mixes[mix as usize].of[second as usize];
         }
     }

@@ -18,11 +18,11 @@ const LEAST: f32 = 1e-20;
 /// A few boxes around all surfaces that shine. A ray that is not to go on from what it meets, and that passes them
 /// all by, need not be followed.
 #[derive(Clone, Debug, Default)]
-pub struct Glow {
+pub struct EmitterBounds {
     boxes: Vec<Aabb>,
 }
 
-impl Glow {
+impl EmitterBounds {
     /// Around the triangles of a scene, within `bounds`, whose material shines, even those that light sampling leaves out.
     pub fn new(scene: &Scene, bounds: &Aabb) -> Self {
         let emits = |emission: &Emission| emission.radiance.factor != Vec3::ZERO;
@@ -94,7 +94,7 @@ fn divide(all: Vec<Aabb>) -> Vec<Vec<Aabb>> {
 mod tests {
     use super::*;
     use crate::geom::{CanonicalRay, Sampler};
-    use crate::lanes::One;
+    use crate::lanes::SingleLane;
     use crate::scene::{Colour, Material};
 
     /// Triangles that shine, each between three of some points, beside one that does not.
@@ -112,12 +112,12 @@ mod tests {
         scene
     }
 
-    fn glow_of(scene: &Scene) -> Glow {
-        Glow::new(scene, &scene.bounds())
+    fn glow_of(scene: &Scene) -> EmitterBounds {
+        EmitterBounds::new(scene, &scene.bounds())
     }
 
-    fn ahead(glow: &Glow, origin: Vec3, direction: Vec3) -> bool {
-        glow.lies_ahead::<One>(origin.into(), direction.into()) == 1
+    fn ahead(glow: &EmitterBounds, origin: Vec3, direction: Vec3) -> bool {
+        glow.lies_ahead::<SingleLane>(origin.into(), direction.into()) == 1
     }
 
     #[test]

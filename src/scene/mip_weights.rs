@@ -5,7 +5,7 @@ use std::collections::HashMap;
 
 /// What a texel of a smaller copy keeps of the texels that it stands for.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub enum Mean {
+pub enum Averaging {
     /// The mean of each channel; of colours that is of light, not of bytes.
     #[default]
     Light,
@@ -20,13 +20,13 @@ impl Scene {
     /// Gives every texture its smaller copies. Loaders do; scenes made by hand have none before, and then every
     /// lookup is in the image itself.
     pub fn add_pyramids(&mut self) {
-        let mut means = vec![Mean::Light; self.textures.len()];
+        let mut means = vec![Averaging::Light; self.textures.len()];
         for material in &self.materials {
             let alpha = &material.alpha;
             if let (true, Some((texture, Channel::A))) =
                 (alpha.mode != AlphaMode::Opaque, alpha.value.texture)
             {
-                means[texture.texture as usize] = Mean::Covered;
+                means[texture.texture as usize] = Averaging::Covered;
             }
         }
         for material in &self.materials {
@@ -35,7 +35,7 @@ impl Scene {
                 _ => None,
             };
             for map in material.normal_map.iter().chain(&coats) {
-                means[map.texture.texture as usize] = Mean::Normals;
+                means[map.texture.texture as usize] = Averaging::Normals;
             }
         }
         // Textures that differ only in their edges share texels. What is made keeps the images alive, lest another

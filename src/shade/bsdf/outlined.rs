@@ -1,7 +1,7 @@
 //! The principled surface's work in functions of its own: it is large, and many shaders need it.
 
 use super::{Principled, Sample, Smooth, Smoothness};
-use crate::lanes::{Lanes, Num, Piece, Vector};
+use crate::lanes::{Lanes, Num, OutlinedTask, Vector};
 use crate::scene::{self, Finish, Footprint, Scene};
 use crate::shade::CoatShape;
 
@@ -16,7 +16,7 @@ pub struct Describe<'a, L: Lanes> {
     pub smoothness: Smoothness,
 }
 
-impl<L: Lanes> Piece<L> for Describe<'_, L> {
+impl<L: Lanes> OutlinedTask<L> for Describe<'_, L> {
     type Output = Principled<L>;
 
     #[inline(always)]
@@ -32,7 +32,7 @@ pub struct Finished<'a, L: Lanes> {
     pub smooth_below: f32,
 }
 
-impl<L: Lanes> Piece<L> for Finished<'_, L> {
+impl<L: Lanes> OutlinedTask<L> for Finished<'_, L> {
     type Output = Principled<L>;
 
     #[inline(always)]
@@ -48,7 +48,7 @@ pub struct Evaluate<'a, L: Lanes> {
     pub wi: Vector<L>,
 }
 
-impl<L: Lanes> Piece<L> for Evaluate<'_, L> {
+impl<L: Lanes> OutlinedTask<L> for Evaluate<'_, L> {
     type Output = (Vector<L>, Num<L>);
 
     #[inline(always)]
@@ -65,7 +65,7 @@ pub struct Sampling<'a, L: Lanes> {
     pub u2: [Num<L>; 2],
 }
 
-impl<L: Lanes> Piece<L> for Sampling<'_, L> {
+impl<L: Lanes> OutlinedTask<L> for Sampling<'_, L> {
     type Output = Sample<L>;
 
     #[inline(always)]
@@ -80,7 +80,7 @@ pub struct Mirroring<'a, L: Lanes> {
     pub wo: Vector<L>,
 }
 
-impl<L: Lanes> Piece<L> for Mirroring<'_, L> {
+impl<L: Lanes> OutlinedTask<L> for Mirroring<'_, L> {
     type Output = Smooth<L>;
 
     #[inline(always)]
