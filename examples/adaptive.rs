@@ -110,8 +110,8 @@ impl Shader for Adaptive {
 
 fn main() -> ExitCode {
     let about = "Whitted's algorithm; more shadow rays where the first ones disagree";
-    run_with(Registry::built_in().with("adaptive", about, |brief| {
-        Recursion::new(Adaptive { least: 0.01 }, brief.scene, &brief.camera, brief.settings)
+    run_with(Registry::built_in().with("adaptive", about, |params| {
+        Recursion::new(Adaptive { least: 0.01 }, params.scene, &params.camera, params.settings)
     }))
 }
 

@@ -84,9 +84,9 @@ impl Shader for Reflections {
 
 fn main() -> ExitCode {
     let about = "Everything reflects, under three point lights (RTRT 6.2)";
-    run_with(Registry::built_in().with("reflections", about, |brief| {
-        let shader = Reflections::around(&brief.camera);
-        Recursion::new(shader, brief.scene, &brief.camera, brief.settings)
+    run_with(Registry::built_in().with("reflections", about, |params| {
+        let shader = Reflections::around(&params.camera);
+        Recursion::new(shader, params.scene, &params.camera, params.settings)
     }))
 }
 

@@ -8,7 +8,7 @@ use std::path::Path;
 
 impl LightArgs {
     /// Hangs the environment that the flags ask for, or a white one where there would be no light at all.
-    pub fn hang(&self, scene: &mut Scene) -> Result<()> {
+    pub fn apply_environment(&self, scene: &mut Scene) -> Result<()> {
         match &self.env {
             Some(text) => {
                 scene.environment = match vector(text) {

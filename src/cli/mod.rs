@@ -17,7 +17,7 @@ mod stats;
 mod timeline;
 mod trace;
 
-pub use registry::{Brief, CodedSurface, Registry};
+pub use registry::{CodedSurface, IntegratorParams, Registry};
 
 use args::{Cli, Command};
 use clap::FromArgMatches;

@@ -2,7 +2,7 @@
 
 use super::Outcome;
 use super::args::Cli;
-use super::render::Order;
+use super::render::RenderRequest;
 use crate::lanes::SimdLevel;
 use crate::render::recursion::Recursion;
 use crate::render::{AmbientOcclusion, Integrator, Path, RecursiveWhitted, Settings, SettingsError, Whitted};
@@ -14,7 +14,7 @@ use std::sync::Arc;
 
 /// What an integrator is made from.
 #[derive(Clone, Debug)]
-pub struct Brief {
+pub struct IntegratorParams {
     /// What is rendered.
     pub scene: Arc<Scene>,
     /// From where.
@@ -94,32 +94,37 @@ struct Entry {
 }
 
 /// Makes the integrator and carries the order out with it.
-type Run = dyn Fn(Brief, Order<'_>) -> Result<Outcome>;
+type Run = dyn Fn(IntegratorParams, RenderRequest<'_>) -> Result<Outcome>;
 
 impl Registry {
     /// Those of raystream.
     pub fn built_in() -> Self {
         Self { entries: Vec::new(), surfaces: Vec::new() }
-            .with("path", "Path tracing: all light (the default)", |brief| {
-                let path = Path::new(brief.scene, &brief.camera, brief.settings, brief.roulette_bounces)?;
-                Ok(path.with_simd(brief.simd))
+            .with("path", "Path tracing: all light (the default)", |params| {
+                let path = Path::new(params.scene, &params.camera, params.settings, params.roulette_bounces)?;
+                Ok(path.with_simd(params.simd))
             })
             .with(
                 "whitted",
                 "Whitted's algorithm: direct light, mirrors and glass; fast, without noise",
-                |brief| {
-                    let whitted = Whitted::new(brief.scene, &brief.camera, brief.settings)?;
-                    Ok(whitted.with_simd(brief.simd))
+                |params| {
+                    let whitted = Whitted::new(params.scene, &params.camera, params.settings)?;
+                    Ok(whitted.with_simd(params.simd))
                 },
             )
-            .with("recursive-whitted", "The same picture by a shader written as one async fn", |brief| {
-                Recursion::new(RecursiveWhitted, brief.scene, &brief.camera, brief.settings)
+            .with("recursive-whitted", "The same picture by a shader written as one async fn", |params| {
+                Recursion::new(RecursiveWhitted, params.scene, &params.camera, params.settings)
             })
-            .with("ambient-occlusion", "How open the surroundings are; without colours and lights", |brief| {
-                let reach = AmbientOcclusion::usual_reach(&brief.scene);
-                let ambient = AmbientOcclusion::new(brief.scene, &brief.camera, brief.settings, reach)?;
-                Ok(ambient.with_simd(brief.simd))
-            })
+            .with(
+                "ambient-occlusion",
+                "How open the surroundings are; without colours and lights",
+                |params| {
+                    let reach = AmbientOcclusion::usual_reach(&params.scene);
+                    let ambient =
+                        AmbientOcclusion::new(params.scene, &params.camera, params.settings, reach)?;
+                    Ok(ambient.with_simd(params.simd))
+                },
+            )
     }
 
     /// Adds an integrator under a name, instead of one that has it. `about` is its line in the help.
@@ -127,10 +132,12 @@ impl Registry {
         mut self,
         name: &'static str,
         about: &'static str,
-        make: impl Fn(Brief) -> Result<I, SettingsError> + 'static,
+        make: impl Fn(IntegratorParams) -> Result<I, SettingsError> + 'static,
     ) -> Self {
         self.entries.retain(|entry| entry.name != name);
-        let run = Box::new(move |brief: Brief, order: Order<'_>| order.carry_out(make(brief)?));
+        let run = Box::new(move |params: IntegratorParams, order: RenderRequest<'_>| {
+            order.carry_out(make(params)?)
+        });
         self.entries.push(Entry { name, about, run });
         self
     }
@@ -143,7 +150,7 @@ impl Registry {
     }
 
     /// Puts the surfaces on the materials that have their names.
-    pub(super) fn dress(&self, scene: &mut Scene) {
+    pub(super) fn apply_surfaces(&self, scene: &mut Scene) {
         for (name, surface) in &self.surfaces {
             if scene.materials.iter().all(|material| material.name != *name) {
                 continue;
@@ -174,9 +181,14 @@ impl Registry {
     }
 
     /// Carries an order out with the integrator of that name.
-    pub(super) fn run(&self, name: &str, brief: Brief, order: Order<'_>) -> Result<Outcome> {
+    pub(super) fn run(
+        &self,
+        name: &str,
+        params: IntegratorParams,
+        order: RenderRequest<'_>,
+    ) -> Result<Outcome> {
         let entry = self.entries.iter().find(|entry| entry.name == name);
-        (entry.with_context(|| format!("there is no integrator {name:?}"))?.run)(brief, order)
+        (entry.with_context(|| format!("there is no integrator {name:?}"))?.run)(params, order)
     }
 }
 
@@ -216,7 +228,7 @@ mod tests {
             ["dust", "stone", "wood", "dust"].map(|name| Material::matte(name, Vec3::ONE)).to_vec();
         let mut scene = Scene { materials, ..Scene::default() };
         let stone = scene.materials[1].surface;
-        registry.dress(&mut scene);
+        registry.apply_surfaces(&mut scene);
         let surfaces: Vec<Surface> = scene.materials.iter().map(|material| material.surface).collect();
         let dust = Surface::Scattering(0);
         assert_eq!(surfaces, [dust, stone, Surface::Procedural(0), dust]);
@@ -225,8 +237,8 @@ mod tests {
 
     #[test]
     fn the_help_lists_what_is_registered_and_unknown_names_are_refused_with_the_list() {
-        let registry = Registry::built_in().with("mine", "An integrator of mine", |brief| {
-            AmbientOcclusion::new(brief.scene, &brief.camera, brief.settings, 1.0)
+        let registry = Registry::built_in().with("mine", "An integrator of mine", |params| {
+            AmbientOcclusion::new(params.scene, &params.camera, params.settings, 1.0)
         });
         let command = || registry.command();
         command().debug_assert();

@@ -68,7 +68,7 @@ impl Integrator for AmbientOcclusion {
         &self.frame
     }
 
-    fn on(&self, frame: Frame) -> Self {
+    fn with_frame(&self, frame: Frame) -> Self {
         Self { frame, reach: self.reach }
     }
 }

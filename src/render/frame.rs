@@ -133,11 +133,11 @@ impl Frame {
     /// When the camera gives no view.
     pub fn seen_by(&self, camera: &Camera) -> Result<Self, CameraError> {
         let lens = camera.lens(self.settings.width, self.settings.height)?;
-        Ok(Self { lens, ..self.expose(self.pass.clone()) })
+        Ok(Self { lens, ..self.with_pass(self.pass.clone()) })
     }
 
     /// Another pass over the same frame, on a film of its own that can be added to this frame's.
-    pub fn expose(&self, pass: Pass) -> Self {
+    pub fn with_pass(&self, pass: Pass) -> Self {
         Self {
             scene: Arc::clone(&self.scene),
             lights: Arc::clone(&self.lights),
@@ -155,9 +155,9 @@ impl Frame {
         Self { simd, ..self }
     }
 
-    /// The same for an integrator that follows BSDFs' directions too: see [`Lights::beside_bsdfs`].
-    pub fn beside_bsdfs(self) -> Self {
-        let lights = Arc::new(Arc::unwrap_or_clone(self.lights).beside_bsdfs());
+    /// The same for an integrator that follows BSDFs' directions too: see [`Lights::without_uniform_sky`].
+    pub fn without_uniform_sky(self) -> Self {
+        let lights = Arc::new(Arc::unwrap_or_clone(self.lights).without_uniform_sky());
         Self { lights, ..self }
     }
 

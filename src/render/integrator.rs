@@ -10,7 +10,7 @@ pub trait Integrator: Renderer + Sized {
     fn frame(&self) -> &Frame;
 
     /// The same integrator at work on another frame.
-    fn on(&self, frame: Frame) -> Self;
+    fn with_frame(&self, frame: Frame) -> Self;
 
     /// Bytes that it has allocated for loop stacks.
     fn loop_stack_bytes(&self) -> usize {
@@ -22,11 +22,11 @@ pub trait Integrator: Renderer + Sized {
     /// # Errors
     /// When the camera gives no view.
     fn seen_by(&self, camera: &Camera) -> Result<Self, CameraError> {
-        Ok(self.on(self.frame().seen_by(camera)?))
+        Ok(self.with_frame(self.frame().seen_by(camera)?))
     }
 
     /// Another pass over the same frame, on a film of its own.
-    fn expose(&self, pass: Pass) -> Self {
-        self.on(self.frame().expose(pass))
+    fn with_pass(&self, pass: Pass) -> Self {
+        self.with_frame(self.frame().with_pass(pass))
     }
 }

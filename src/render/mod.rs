@@ -5,7 +5,6 @@ mod checkpoint;
 mod contribution;
 mod frame;
 mod integrator;
-mod node;
 mod pass;
 mod path;
 mod progressive;
@@ -20,6 +19,7 @@ mod tests;
 mod tree;
 mod units;
 mod whitted;
+mod whitted_node;
 
 pub use ambient_occlusion::{AmbientOcclusion, SampleState};
 pub use checkpoint::{CheckpointError, Identity, compare};

@@ -109,7 +109,7 @@ impl Path {
     ) -> Result<Self, SettingsError> {
         // At each depth one splat of emission and one of a light sample.
         let splats = |max_bounces: u32| 2 * (u64::from(max_bounces) + 2);
-        let frame = Frame::new(scene, camera, settings, MAX_BOUNCES, splats)?.beside_bsdfs();
+        let frame = Frame::new(scene, camera, settings, MAX_BOUNCES, splats)?.without_uniform_sky();
         Ok(Self { frame, roulette_bounces })
     }
 
@@ -137,7 +137,7 @@ impl Integrator for Path {
         &self.frame
     }
 
-    fn on(&self, frame: Frame) -> Self {
+    fn with_frame(&self, frame: Frame) -> Self {
         Self { frame, roulette_bounces: self.roulette_bounces }
     }
 }

@@ -136,7 +136,7 @@ impl<I: Integrator> Progressive<I> {
             && !self.stopped
             && let Some(pass) = self.next_pass()
         {
-            let exposure = Arc::new(self.integrator.expose(pass.clone()));
+            let exposure = Arc::new(self.integrator.with_pass(pass.clone()));
             self.under_way.push(submit(&exposure)?, exposure);
             self.state.begun.push(pass);
         }

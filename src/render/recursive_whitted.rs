@@ -1,7 +1,7 @@
 //! Whitted ray tracing as one recursive function: the same picture as [`super::Whitted`], to the bit.
 
-use super::node::{MAX_BOUNCES, Node, SHADOW_RAYS, Sent, splats};
 use super::recursion::{Cx, Shader};
+use super::whitted_node::{MAX_BOUNCES, Node, SHADOW_RAYS, Sent, splats};
 use crate::lanes::Int;
 use crate::shade::{Cone, material_of, single};
 use crate::stream::{Hit, Ray};

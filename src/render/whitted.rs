@@ -1,7 +1,7 @@
 //! Whitted ray tracing: a hit shader and a loop shader (RA section 3.3).
 
 use super::frame::{Frame, Settings, SettingsError, ray_rows};
-use super::node::{MAX_BOUNCES, Node, SHADOW_RAYS, Sent, splats};
+use super::whitted_node::{MAX_BOUNCES, Node, SHADOW_RAYS, Sent, splats};
 use super::{Contribution, Integrator};
 use crate::film::Film;
 use crate::geom::Sampler;
@@ -261,7 +261,7 @@ impl Integrator for Whitted {
         &self.frame
     }
 
-    fn on(&self, frame: Frame) -> Self {
+    fn with_frame(&self, frame: Frame) -> Self {
         Self { frame, stack: LoopStack::new() }
     }
 

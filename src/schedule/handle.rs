@@ -20,7 +20,7 @@ pub enum JobError {
     Broken(String),
 }
 
-struct Letter {
+struct ResultState {
     last: Progress,
     /// Taken by [`JobHandle::wait`].
     outcome: Option<Result<JobReport, JobError>>,
@@ -28,24 +28,24 @@ struct Letter {
 
 /// Receives a job's result and keeps it for the owner.
 #[derive(Default)]
-pub(super) struct Letterbox {
-    letter: Mutex<Option<Letter>>,
+pub(super) struct ResultSlot {
+    letter: Mutex<Option<ResultState>>,
     arrived: Condvar,
 }
 
-impl Receiver for Letterbox {
+impl Receiver for ResultSlot {
     fn receive(&self, last: Progress, outcome: Result<JobReport, JobError>) {
         *self.letter.lock().unwrap_or_else(PoisonError::into_inner) =
-            Some(Letter { last, outcome: Some(outcome) });
+            Some(ResultState { last, outcome: Some(outcome) });
         self.arrived.notify_all();
     }
 }
 
-impl Letterbox {
+impl ResultSlot {
     /// Tells the owner that no result will come.
     pub fn give_up(&self, why: &str) {
         let mut letter = self.letter.lock().unwrap_or_else(PoisonError::into_inner);
-        letter.get_or_insert_with(|| Letter {
+        letter.get_or_insert_with(|| ResultState {
             last: Progress::default(),
             outcome: Some(Err(JobError::Broken(why.to_owned()))),
         });
@@ -64,12 +64,12 @@ pub struct JobHandle {
     /// None if the service broke before the job got a name.
     id: Option<JobId>,
     inner: Arc<Inner>,
-    letterbox: Arc<Letterbox>,
+    result: Arc<ResultSlot>,
 }
 
 impl JobHandle {
-    pub(super) fn new(id: Option<JobId>, inner: Arc<Inner>, letterbox: Arc<Letterbox>) -> Self {
-        Self { id, inner, letterbox }
+    pub(super) fn new(id: Option<JobId>, inner: Arc<Inner>, result: Arc<ResultSlot>) -> Self {
+        Self { id, inner, result }
     }
 
     /// How far the job is.
@@ -77,7 +77,7 @@ impl JobHandle {
         // A job that has left the scheduler is about to be in the letterbox.
         self.change(|state, id, _| state.progress(id)).flatten().unwrap_or_else(|| {
             self.wait_until_finished();
-            self.letterbox.last_progress().expect("the job is finished")
+            self.result.last_progress().expect("the job is finished")
         })
     }
 
@@ -99,13 +99,13 @@ impl JobHandle {
 
     /// Whether the job has ended.
     pub fn is_finished(&self) -> bool {
-        self.letterbox.last_progress().is_some()
+        self.result.last_progress().is_some()
     }
 
     /// Waits at most that long; returns whether the job has ended.
     pub fn wait_for(&self, patience: Duration) -> bool {
-        let letter = self.letterbox.letter.lock().unwrap_or_else(PoisonError::into_inner);
-        let waited = self.letterbox.arrived.wait_timeout_while(letter, patience, |letter| letter.is_none());
+        let letter = self.result.letter.lock().unwrap_or_else(PoisonError::into_inner);
+        let waited = self.result.arrived.wait_timeout_while(letter, patience, |letter| letter.is_none());
         waited.unwrap_or_else(PoisonError::into_inner).0.is_some()
     }
 
@@ -116,13 +116,13 @@ impl JobHandle {
     /// [`JobError`] when the job was cancelled or panicked; a stopped job has a report.
     pub fn wait(self) -> Result<JobReport, JobError> {
         self.wait_until_finished();
-        let mut letter = self.letterbox.letter.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut letter = self.result.letter.lock().unwrap_or_else(PoisonError::into_inner);
         letter.as_mut().and_then(|letter| letter.outcome.take()).expect("only this takes the outcome")
     }
 
     fn wait_until_finished(&self) {
-        let letter = self.letterbox.letter.lock().unwrap_or_else(PoisonError::into_inner);
-        drop(self.letterbox.arrived.wait_while(letter, |letter| letter.is_none()));
+        let letter = self.result.letter.lock().unwrap_or_else(PoisonError::into_inner);
+        drop(self.result.arrived.wait_while(letter, |letter| letter.is_none()));
     }
 }
 

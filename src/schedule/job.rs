@@ -4,7 +4,7 @@ use super::lists::Lists;
 use super::policy::Pace;
 use super::pool::Pool;
 use super::report::{JobReport, Lengths, Progress, TaskKind, TaskRecord, ThreadReport};
-use super::task::{Desk, Done, Task, Workplace};
+use super::task::{Done, Task, TaskSlot, Workplace};
 use super::{JobError, JobOptions, Limits, Policy, Renderer, Rule, Unit, UnitReport, View, policy};
 use crate::stream::{Empty, RayStream, Untraced, paths};
 use std::sync::Arc;
@@ -41,7 +41,7 @@ pub(super) trait Job: Send {
 
 /// What a thread has of a job.
 #[derive(Clone, Copy)]
-struct Hold {
+struct TaskAccount {
     kind: TaskKind,
     /// Paths in flight that are with the thread: those in its streams, and those it may spawn. A
     /// chunk's stay with its stream.
@@ -52,7 +52,7 @@ struct Hold {
     full_ns: Option<u64>,
 }
 
-impl Hold {
+impl TaskAccount {
     fn new(kind: TaskKind, paths: usize, rays: u64) -> Self {
         Self { kind, paths, rays, full_ns: None }
     }
@@ -70,7 +70,7 @@ pub(super) struct TypedJob<R: Renderer> {
     tasks: usize,
     ended: Option<JobError>,
     in_flight: usize,
-    holds: Vec<Option<Hold>>,
+    holds: Vec<Option<TaskAccount>>,
     busy_ns: Vec<u64>,
     trace_ns: u64,
     dispatch_ns: u64,
@@ -171,7 +171,7 @@ impl<R: Renderer> TypedJob<R> {
         self.unit != Unit::Cpu
     }
 
-    fn take(&mut self, rule: Rule) -> (Task<R::Payload, R::ShadowPayload>, Hold) {
+    fn take(&mut self, rule: Rule) -> (Task<R::Payload, R::ShadowPayload>, TaskAccount) {
         match rule {
             Rule::Spawn => {
                 let tile = self.next_tile;
@@ -180,7 +180,7 @@ impl<R: Renderer> TypedJob<R> {
                 let tile_rays = self.limits().tile_rays;
                 self.in_flight += tile_rays;
                 let paths = self.paths(&output) + tile_rays;
-                (Task::Spawn { tile, output }, Hold::new(TaskKind::Spawn, paths, 0))
+                (Task::Spawn { tile, output }, TaskAccount::new(TaskKind::Spawn, paths, 0))
             }
             Rule::Shade => {
                 let input = self.lists.next_to_shade();
@@ -191,7 +191,7 @@ impl<R: Renderer> TypedJob<R> {
                 let rays = (rays + shadow_rays) as u64;
                 (
                     Task::Shade { input, output, threshold: self.threshold() },
-                    Hold::new(TaskKind::Shade, paths, rays),
+                    TaskAccount::new(TaskKind::Shade, paths, rays),
                 )
             }
             Rule::Trace | Rule::Flush => {
@@ -203,20 +203,20 @@ impl<R: Renderer> TypedJob<R> {
                 );
                 let chunk = self.lists.next_chunk(most);
                 let rays = chunk.len() as u64;
-                (Task::Trace(chunk), Hold::new(TaskKind::Trace, 0, rays))
+                (Task::Trace(chunk), TaskAccount::new(TaskKind::Trace, 0, rays))
             }
             Rule::Dispatch => {
                 let (stream, full_ns) = self.lists.next_to_dispatch();
                 let rays = (stream.rays() + stream.shadow_rays()) as u64;
                 let paths = self.paths(&stream);
-                let hold = Hold { full_ns, ..Hold::new(TaskKind::Dispatch, paths, rays) };
+                let hold = TaskAccount { full_ns, ..TaskAccount::new(TaskKind::Dispatch, paths, rays) };
                 (Task::Dispatch(stream), hold)
             }
         }
     }
 
     /// Replaces the paths accounted to a task by those it has left.
-    fn account(&mut self, hold: Hold, left: usize) {
+    fn account(&mut self, hold: TaskAccount, left: usize) {
         assert!(left <= hold.paths, "a task leaves no more paths than it was given");
         self.in_flight -= hold.paths - left;
     }
@@ -224,7 +224,7 @@ impl<R: Renderer> TypedJob<R> {
     /// Returns the rays of the task's record.
     fn put_back(
         &mut self,
-        hold: Hold,
+        hold: TaskAccount,
         done: Done<R::Payload, R::ShadowPayload>,
         (start_ns, end_ns): (u64, u64),
     ) -> u64 {
@@ -316,15 +316,15 @@ impl<R: Renderer> Job for TypedJob<R> {
         self.tasks += 1;
         let former = self.holds[thread].replace(hold);
         assert!(former.is_none(), "a thread has one task at a time");
-        self.place.swap_desk(thread, Desk::Task(task));
+        self.place.swap_slot(thread, TaskSlot::Task(task));
         hold.rays.max(hold.paths as u64)
     }
 
     fn finish(&mut self, thread: usize, start_ns: u64, end_ns: u64) {
         let hold = self.holds[thread].take().expect("a thread finishes what it has started");
-        let done = match self.place.swap_desk(thread, Desk::Clear) {
-            Desk::Done(done) => done,
-            Desk::Clear | Desk::Task(_) => unreachable!("a thread finishes after its work"),
+        let done = match self.place.swap_slot(thread, TaskSlot::Clear) {
+            TaskSlot::Done(done) => done,
+            TaskSlot::Clear | TaskSlot::Task(_) => unreachable!("a thread finishes after its work"),
         };
         self.tasks -= 1;
         let ns = end_ns - start_ns;

@@ -1,11 +1,11 @@
 //! The service: threads made once, jobs taken from any thread.
 
-use super::handle::{JobHandle, Letterbox};
+use super::handle::{JobHandle, ResultSlot};
 use super::job::TypedJob;
 use super::limits::Demand;
 use super::pool::Pool;
 use super::state::{Aftermath, Next, Receiver, State, Submission};
-use super::task::{Desk, Work, Workplace};
+use super::task::{TaskSlot, Work, Workplace};
 use super::{JobOptions, Limits, LimitsError, Renderer, ServiceOptions, Tracers, Unit};
 use crate::stream::{Scratch, drop_quietly, panic_message};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -80,7 +80,7 @@ pub(super) struct Inner {
     bells: Vec<Condvar>,
     pool: Pool,
     /// Of the jobs whose owners may be waiting.
-    letterboxes: Mutex<Vec<Weak<Letterbox>>>,
+    letterboxes: Mutex<Vec<Weak<ResultSlot>>>,
     hosts: usize,
     epoch: Instant,
 }
@@ -149,15 +149,15 @@ impl Service {
     ) -> Result<JobHandle, LimitsError> {
         let inner = &self.inner;
         let threads = (inner.hosts, inner.bells.len() - inner.hosts);
-        let letterbox = Arc::new(Letterbox::default());
-        let receiver = Arc::clone(&letterbox) as _;
+        let result = Arc::new(ResultSlot::default());
+        let receiver = Arc::clone(&result) as _;
         let submission = prepare(renderer, tracers, &options, threads, &inner.pool, receiver)?;
-        inner.expect(&letterbox);
+        inner.expect(&result);
         let id = inner.change(|state, now_ns| state.submit(submission, now_ns));
         if id.is_none() {
-            letterbox.give_up("it broke earlier");
+            result.give_up("it broke earlier");
         }
-        Ok(JobHandle::new(id, Arc::clone(inner), letterbox))
+        Ok(JobHandle::new(id, Arc::clone(inner), result))
     }
 }
 
@@ -195,7 +195,7 @@ pub(super) fn prepare<R: Renderer>(
         tracers,
         device_name,
         hosts,
-        desks: (0..hosts + dispatchers).map(|_| Mutex::new(Desk::Clear)).collect(),
+        desks: (0..hosts + dispatchers).map(|_| Mutex::new(TaskSlot::Clear)).collect(),
         abandoned: AtomicBool::new(false),
     });
     let work: Arc<dyn Work> = Arc::clone(&place) as Arc<dyn Work>;
@@ -240,16 +240,16 @@ impl Inner {
         Some(value)
     }
 
-    fn expect(&self, letterbox: &Arc<Letterbox>) {
+    fn expect(&self, result: &Arc<ResultSlot>) {
         let mut letterboxes = self.letterboxes.lock().unwrap_or_else(PoisonError::into_inner);
-        letterboxes.retain(|letterbox| letterbox.strong_count() > 0);
-        letterboxes.push(Arc::downgrade(letterbox));
+        letterboxes.retain(|result| result.strong_count() > 0);
+        letterboxes.push(Arc::downgrade(result));
     }
 
     /// A panic under the lock is a bug of the scheduler: let nobody wait for ever.
     fn give_up(&self, why: &str) {
         let letterboxes = self.letterboxes.lock().unwrap_or_else(PoisonError::into_inner);
-        letterboxes.iter().filter_map(Weak::upgrade).for_each(|letterbox| letterbox.give_up(why));
+        letterboxes.iter().filter_map(Weak::upgrade).for_each(|result| result.give_up(why));
         self.bells.iter().for_each(Condvar::notify_one);
     }
 

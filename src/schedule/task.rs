@@ -56,7 +56,7 @@ pub(super) struct Emitted {
 
 /// A thread's place in a job: its task lies here on the way out of the lists and back. Only that
 /// thread and, before and after it, the holder of the lists' lock look at it.
-pub(super) enum Desk<P, S> {
+pub(super) enum TaskSlot<P, S> {
     Clear,
     Task(Task<P, S>),
     Done(Done<P, S>),
@@ -72,7 +72,7 @@ pub(super) struct Workplace<R: Renderer> {
     /// Host threads of the service.
     pub hosts: usize,
     /// One for each thread of the service.
-    pub desks: Vec<Mutex<Desk<R::Payload, R::ShadowPayload>>>,
+    pub desks: Vec<Mutex<TaskSlot<R::Payload, R::ShadowPayload>>>,
     /// Set when the job's result is not wanted any more.
     pub abandoned: AtomicBool,
 }
@@ -85,9 +85,9 @@ pub(super) trait Work: Send + Sync {
 
 impl<R: Renderer> Work for Workplace<R> {
     fn work(&self, thread: usize, scratch: &mut Scratch) {
-        let task = match self.swap_desk(thread, Desk::Clear) {
-            Desk::Task(task) => task,
-            Desk::Clear | Desk::Done(_) => unreachable!("a thread works after it was given a task"),
+        let task = match self.swap_slot(thread, TaskSlot::Clear) {
+            TaskSlot::Task(task) => task,
+            TaskSlot::Clear | TaskSlot::Done(_) => unreachable!("a thread works after it was given a task"),
         };
         let done = catch_unwind(AssertUnwindSafe(|| match task {
             Task::Spawn { tile, output } => self.spawn(tile, output),
@@ -96,16 +96,16 @@ impl<R: Renderer> Work for Workplace<R> {
             Task::Dispatch(stream) => self.dispatch(stream),
         }));
         let done = done.unwrap_or_else(|payload| Done::Panicked(panic_message(payload)));
-        self.swap_desk(thread, Desk::Done(done));
+        self.swap_slot(thread, TaskSlot::Done(done));
     }
 }
 
 impl<R: Renderer> Workplace<R> {
-    pub fn swap_desk(
+    pub fn swap_slot(
         &self,
         thread: usize,
-        with: Desk<R::Payload, R::ShadowPayload>,
-    ) -> Desk<R::Payload, R::ShadowPayload> {
+        with: TaskSlot<R::Payload, R::ShadowPayload>,
+    ) -> TaskSlot<R::Payload, R::ShadowPayload> {
         std::mem::replace(&mut *self.desks[thread].lock().unwrap_or_else(PoisonError::into_inner), with)
     }
 

@@ -1,6 +1,6 @@
 //! A chunk: the part of a stream that one host thread traces at once (RA section 3, the job slot).
 
-use super::berth::Memory;
+use super::device_memory::Memory;
 use super::{Column, Hit, InPlace, Ray, Tracer};
 use std::ops::Range;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -31,11 +31,11 @@ impl Body {
         let Answers { hits, occluded } = self.answers.get_mut().unwrap_or_else(PoisonError::into_inner);
         Some(InPlace {
             ray_count: self.rays.len(),
-            rays: self.rays.memory.berth_mut()?,
-            hits: hits.berth_mut()?,
+            rays: self.rays.memory.device_mut()?,
+            hits: hits.device_mut()?,
             shadow_ray_count: self.shadow_rays.len(),
-            shadow_rays: self.shadow_rays.memory.berth_mut()?,
-            occluded: occluded.berth_mut()?,
+            shadow_rays: self.shadow_rays.memory.device_mut()?,
+            occluded: occluded.device_mut()?,
         })
     }
 

@@ -1,8 +1,8 @@
 //! What moves through the house: rays, hits, ray streams, and the tracer traits that turn rays into
 //! hits. Knows no scene and no device.
 
-mod berth;
 mod chunk;
+mod device_memory;
 mod panic;
 mod ray;
 mod ray_stream;
@@ -10,8 +10,8 @@ mod ray_stream;
 mod tests;
 mod tracer;
 
-pub use berth::{Appender, Berth, Berths, Column};
 pub use chunk::{Chunk, Scratch, TracedChunk};
+pub use device_memory::{Appender, Column, DeviceMemory, DeviceMemorySource};
 pub use panic::{drop_quietly, panic_message};
 pub use ray::{Hit, MISS, Ray};
 pub use ray_stream::{

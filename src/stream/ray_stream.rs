@@ -7,11 +7,11 @@
 //!                                └──── trace_on a device ──────────────┘
 //! ```
 
-use super::berth::Memory;
 use super::chunk::{Answers, Body};
+use super::device_memory::Memory;
 use super::{
-    Appender, Berths, Chunk, Column, DeviceError, DeviceReport, DeviceTracer, Hit, Queries, Ray, TracedChunk,
-    panic_message,
+    Appender, Chunk, Column, DeviceError, DeviceMemorySource, DeviceReport, DeviceTracer, Hit, Queries, Ray,
+    TracedChunk, panic_message,
 };
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, PoisonError};
@@ -235,15 +235,15 @@ impl<P, S> RayStream<Filling, P, S> {
 
 /// Finds memory for an empty stream, unless what it has will do.
 fn settle(body: &mut Body, capacity: Capacity, device: Option<&dyn DeviceTracer>) {
-    let lent = device.and_then(|device| device.berths(capacity, body.rays.memory.berth()));
-    if let Some(Berths { rays, hits, shadow_rays, occluded }) = lent {
+    let lent = device.and_then(|device| device.memory_source(capacity, body.rays.memory.device()));
+    if let Some(DeviceMemorySource { rays, hits, shadow_rays, occluded }) = lent {
         body.rays = Column::of(Memory::Lent(rays));
         body.shadow_rays = Column::of(Memory::Lent(shadow_rays));
         *body.answers() = Answers { hits: Memory::Lent(hits), occluded: Memory::Lent(occluded) };
         return;
     }
     let fits = |memory: &Memory<Ray>, room| {
-        memory.berth().is_none_or(|berth| berth.is_sound()) && memory.len() >= room
+        memory.device().is_none_or(|device| device.is_sound()) && memory.len() >= room
     };
     if !fits(&body.rays.memory, capacity.rays) || !fits(&body.shadow_rays.memory, capacity.shadow_rays) {
         body.rays = Column::with_capacity(capacity.rays);
@@ -281,7 +281,7 @@ impl<P, S> RayStream<Full, P, S> {
             Err(payload) => format!("it panicked: {}", panic_message(payload)),
         };
         // Rays are only read by the device, even by one that has gone astray.
-        if self.body().answers().hits.berth().is_some() {
+        if self.body().answers().hits.device().is_some() {
             self.body().renew_answers();
         }
         Err(Untraced { stream: self, reason })

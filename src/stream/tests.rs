@@ -181,7 +181,7 @@ struct Lent<T> {
     lost: Arc<AtomicBool>,
 }
 
-impl<T: Debug + Send + Sync + 'static> Berth<T> for Lent<T> {
+impl<T: Debug + Send + Sync + 'static> DeviceMemory<T> for Lent<T> {
     fn slots(&self) -> &[T] {
         assert!(!self.out || size_of::<T>() == size_of::<Ray>(), "answers are the device's");
         &self.slots
@@ -202,14 +202,14 @@ impl Lender {
         Self { lost: Arc::default(), lent: AtomicUsize::new(0), dies }
     }
 
-    fn berth<T: Clone + Debug + Send + Sync + 'static>(&self, value: T, len: usize) -> Box<Lent<T>> {
+    fn device<T: Clone + Debug + Send + Sync + 'static>(&self, value: T, len: usize) -> Box<Lent<T>> {
         Box::new(Lent { slots: vec![value; len], out: false, lost: self.lost.clone() })
     }
 }
 
-fn own<T: 'static>(berth: &mut dyn Berth<T>) -> &mut Lent<T> {
-    let berth: &mut dyn std::any::Any = berth;
-    berth.downcast_mut().expect("the lender's own")
+fn own<T: 'static>(device: &mut dyn DeviceMemory<T>) -> &mut Lent<T> {
+    let device: &mut dyn std::any::Any = device;
+    device.downcast_mut().expect("the lender's own")
 }
 
 impl DeviceTracer for Lender {
@@ -221,16 +221,20 @@ impl DeviceTracer for Lender {
         100
     }
 
-    fn berths(&self, capacity: Capacity, now: Option<&dyn Berth<Ray>>) -> Option<Berths> {
+    fn memory_source(
+        &self,
+        capacity: Capacity,
+        now: Option<&dyn DeviceMemory<Ray>>,
+    ) -> Option<DeviceMemorySource> {
         if now.is_some() || self.lost.load(Relaxed) {
             return None;
         }
         self.lent.fetch_add(1, Relaxed);
-        Some(Berths {
-            rays: self.berth(Ray::default(), capacity.rays),
-            hits: self.berth(Hit::NONE, capacity.rays),
-            shadow_rays: self.berth(Ray::default(), capacity.shadow_rays),
-            occluded: self.berth(0, capacity.shadow_rays),
+        Some(DeviceMemorySource {
+            rays: self.device(Ray::default(), capacity.rays),
+            hits: self.device(Hit::NONE, capacity.rays),
+            shadow_rays: self.device(Ray::default(), capacity.shadow_rays),
+            occluded: self.device(0, capacity.shadow_rays),
         })
     }
 

@@ -1,6 +1,6 @@
 //! The traits of the units that trace: the host's cannot fail, a device can be lost.
 
-use super::{Berth, Berths, Capacity, Hit, Ray};
+use super::{Capacity, DeviceMemory, DeviceMemorySource, Hit, Ray};
 
 /// Traces rays on the calling host thread. The answer for a ray is the canonical one
 /// ([`crate::geom::CanonicalRay`]) and depends on nothing but the ray and the scene.
@@ -35,17 +35,17 @@ pub struct Queries<'a> {
 #[derive(Debug)]
 pub struct InPlace<'a> {
     /// Rays whose nearest hit is wanted.
-    pub rays: &'a mut dyn Berth<Ray>,
+    pub rays: &'a mut dyn DeviceMemory<Ray>,
     /// How many.
     pub ray_count: usize,
     /// Takes their hits.
-    pub hits: &'a mut dyn Berth<Hit>,
+    pub hits: &'a mut dyn DeviceMemory<Hit>,
     /// Rays of which only occlusion is wanted.
-    pub shadow_rays: &'a mut dyn Berth<Ray>,
+    pub shadow_rays: &'a mut dyn DeviceMemory<Ray>,
     /// How many.
     pub shadow_ray_count: usize,
     /// Takes 1 for occluded, else 0.
-    pub occluded: &'a mut dyn Berth<u32>,
+    pub occluded: &'a mut dyn DeviceMemory<u32>,
 }
 
 /// What one dispatch cost.
@@ -112,7 +112,11 @@ pub trait DeviceTracer: Send + Sync {
 
     /// Memory for streams of a capacity, where the device finds rays without a copy or fetches them itself. None if it
     /// has none to lend, or if rays lie in such already: `now` is where they do.
-    fn berths(&self, _capacity: Capacity, _now: Option<&dyn Berth<Ray>>) -> Option<Berths> {
+    fn memory_source(
+        &self,
+        _capacity: Capacity,
+        _now: Option<&dyn DeviceMemory<Ray>>,
+    ) -> Option<DeviceMemorySource> {
         None
     }
 

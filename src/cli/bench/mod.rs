@@ -36,7 +36,7 @@ pub fn run(command: &BenchCommand) -> Result<Outcome> {
 impl ShotArgs {
     /// Makes a scene ready for so many jobs at a time, and says from where it is seen.
     fn set_up(&self, scene: &Path, (width, height): (u32, u32), max_jobs: usize) -> Result<(Setup, Camera)> {
-        let setup = Setup::new(scene, &self.units, max_jobs, |scene| self.light.hang(scene))?;
+        let setup = Setup::new(scene, &self.units, max_jobs, |scene| self.light.apply_environment(scene))?;
         let scene = &setup.stage.scene;
         let framed = || Camera::framing(&scene.bounds(), width as f32 / height as f32);
         let camera = self.camera.apply(scene.camera, framed);

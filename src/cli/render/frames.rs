@@ -1,9 +1,9 @@
 //! Several pictures: a camera that moves from frame to frame.
 
-use super::course::Course;
-use super::logbook::Logbook;
+use super::animation::Animation;
+use super::finished_frames::FinishedFrames;
 use super::submit;
-use super::tally::Tally;
+use super::totals::Totals;
 use crate::bench::meters::{Meters, Recorder};
 use crate::cli::args::RenderArgs;
 use crate::cli::progress::{BEAT, Bar};
@@ -29,17 +29,17 @@ struct Shot<I: Integrator> {
 pub fn run<I: Integrator>(
     args: &RenderArgs,
     setup: &Setup,
-    course: &Course,
+    animation: &Animation,
     integrator: &I,
 ) -> Result<Outcome> {
     let in_flight = args.animation.frames_in_flight as usize;
     let settings = integrator.frame().settings();
-    let mut logbook = Logbook::open(args, setup, settings)?;
+    let mut finished = FinishedFrames::open(args, setup, settings)?;
     let options = PassOptions { noise: args.progress.noise, pass_time: None };
     let mut shots: VecDeque<Shot<I>> = VecDeque::new();
-    let mut todo = course.frames.clone();
-    let (mut tally, mut done, mut dropped_splats) = (Tally::default(), Vec::new(), 0);
-    tally.events.extend(setup.stage.degraded.clone());
+    let mut todo = animation.frames.clone();
+    let (mut totals, mut done, mut dropped_splats) = (Totals::default(), Vec::new(), 0);
+    totals.events.extend(setup.stage.degraded.clone());
     let meters = Meters::start();
     let recorder = args.timeline.as_ref().and_then(|_| Recorder::start());
     interrupt::listen();
@@ -48,7 +48,7 @@ pub fn run<I: Integrator>(
         while shots.len() < in_flight
             && let Some(frame) = todo.next()
         {
-            if let Some(hash) = logbook.as_ref().and_then(|logbook| logbook.hash(course, frame)) {
+            if let Some(hash) = finished.as_ref().and_then(|finished| finished.hash(animation, frame)) {
                 done.push(FrameStats {
                     frame,
                     hash: hash.to_owned(),
@@ -58,12 +58,13 @@ pub fn run<I: Integrator>(
                 });
                 continue;
             }
-            let shot = integrator.seen_by(&course.camera(frame)).with_context(|| format!("frame {frame}"))?;
+            let shot =
+                integrator.seen_by(&animation.camera(frame)).with_context(|| format!("frame {frame}"))?;
             let picture = Progressive::new(shot, options);
             shots.push_back(Shot { frame, picture, begin_s: f64::INFINITY, end_s: 0.0 });
         }
         for shot in &mut shots {
-            shot.advance(args, setup, &mut tally, &mut bar)?;
+            shot.advance(args, setup, &mut totals, &mut bar)?;
         }
         let Some(oldest) = shots.front() else { break };
         if !oldest.picture.is_complete() {
@@ -72,7 +73,11 @@ pub fn run<I: Integrator>(
             }
             if interrupt::asked() {
                 // Frames under way would be noisier than the others; they are dropped.
-                tally.events.push(format!("stopped after {} of {} frames", done.len(), course.frames.len()));
+                totals.events.push(format!(
+                    "stopped after {} of {} frames",
+                    done.len(),
+                    animation.frames.len()
+                ));
                 break;
             }
             continue;
@@ -81,10 +86,10 @@ pub fn run<I: Integrator>(
         let film = shot.picture.picture();
         dropped_splats += film.dropped_splats();
         let image = Image { width: film.width(), height: film.height(), pixels: film.resolve() };
-        write_image(&course.file(shot.frame), &image, args.exposure)?;
+        write_image(&animation.file(shot.frame), &image, args.exposure)?;
         let hash = image.hash();
-        if let Some(logbook) = &mut logbook {
-            logbook.note(course, shot.frame, &hash)?;
+        if let Some(finished) = &mut finished {
+            finished.note(animation, shot.frame, &hash)?;
         }
         done.push(FrameStats {
             frame: shot.frame,
@@ -95,10 +100,10 @@ pub fn run<I: Integrator>(
         });
     }
     drop((bar, shots));
-    tally.joules = meters.joules();
+    totals.joules = meters.joules();
     let recorded = recorder.map_or_else(Vec::new, Recorder::finish);
     done.sort_by_key(|frame| frame.frame);
-    let micros = (tally.wall_s() * 1e6).max(f64::MIN_POSITIVE);
+    let micros = (totals.wall_s() * 1e6).max(f64::MIN_POSITIVE);
     let scene = &setup.stage.scene;
     let stats = FramesStats {
         schema: SCHEMA,
@@ -108,35 +113,41 @@ pub fn run<I: Integrator>(
         spp: settings.spp,
         frames: done,
         frames_in_flight: in_flight,
-        seconds: tally.wall_s(),
-        rays: tally.rays.into(),
-        mray_per_s: tally.rays.total() as f64 / micros,
-        mpath_per_s: tally.rays.camera as f64 / micros,
-        units: std::mem::take(&mut tally.units),
-        threads: tally.thread_stats(),
-        busy_share: tally.busy_share(),
+        seconds: totals.wall_s(),
+        rays: totals.rays.into(),
+        mray_per_s: totals.rays.total() as f64 / micros,
+        mpath_per_s: totals.rays.camera as f64 / micros,
+        units: std::mem::take(&mut totals.units),
+        threads: totals.thread_stats(),
+        busy_share: totals.busy_share(),
         dropped_splats,
         peak_memory_bytes: stats::peak_memory_bytes(),
-        memory: tally.memory(setup),
-        peak_rays_in_flight: tally.peak_rays_in_flight as u64,
+        memory: totals.memory(setup),
+        peak_rays_in_flight: totals.peak_rays_in_flight as u64,
         adapter: setup.stage.adapter.clone(),
         simd: setup.simd.name().into(),
-        joules: std::mem::take(&mut tally.joules),
-        events: std::mem::take(&mut tally.events),
+        joules: std::mem::take(&mut totals.joules),
+        events: std::mem::take(&mut totals.events),
     };
     if let Some(path) = &args.stats {
         stats::write(path, &stats)?;
     }
     if let Some(path) = &args.timeline {
-        tally.timeline(setup, recorded).write(path)?;
+        totals.timeline(setup, recorded).write(path)?;
     }
-    tell(course, &stats);
+    tell(animation, &stats);
     Ok(if stats.events.is_empty() { Outcome::Done } else { Outcome::Degraded })
 }
 
 impl<I: Integrator> Shot<I> {
     /// Takes in the passes that have ended and begins the next.
-    fn advance(&mut self, args: &RenderArgs, setup: &Setup, tally: &mut Tally, bar: &mut Bar) -> Result<()> {
+    fn advance(
+        &mut self,
+        args: &RenderArgs,
+        setup: &Setup,
+        totals: &mut Totals,
+        bar: &mut Bar,
+    ) -> Result<()> {
         loop {
             self.picture.begin(|pass| submit(setup, args, pass))?;
             if self.picture.is_complete() || !self.picture.wait_for(Duration::ZERO) {
@@ -150,15 +161,15 @@ impl<I: Integrator> Shot<I> {
             self.begin_s = self.begin_s.min(begin_s);
             self.end_s = self.end_s.max(begin_s + report.wall_s);
             bar.finish_job(report.tiles, report.rays.total());
-            tally.add(&report);
+            totals.add(&report);
         }
     }
 }
 
-fn tell(course: &Course, stats: &FramesStats) {
+fn tell(animation: &Animation, stats: &FramesStats) {
     for frame in &stats.frames {
         let took = frame.seconds.map_or_else(|| "done before".into(), |seconds| format!("{seconds:.2} s"));
-        println!("{}: {took}, hash {}", course.file(frame.frame).display(), frame.hash);
+        println!("{}: {took}, hash {}", animation.file(frame.frame).display(), frame.hash);
     }
     println!(
         "{} frames of {}x{}, {} spp, {:.1} s on the CPU ({}){}: {:.2} Mray/s, {:.2} Mpath/s, host threads busy {:.1} %",

@@ -1,23 +1,23 @@
 //! `raystream render`.
 
+mod animation;
 mod checkpoint;
-mod course;
+mod finished_frames;
 mod frames;
-mod logbook;
 mod still;
-mod tally;
+mod totals;
 
 use super::Outcome;
 use super::args::RenderArgs;
 use super::setup::Setup;
 use super::timeline;
-use crate::cli::registry::{Brief, Registry};
+use crate::cli::registry::{IntegratorParams, Registry};
 use crate::film::Format;
 use crate::render::{Integrator, PASSES_IN_FLIGHT, ROULETTE_BOUNCES, Settings};
 use crate::scene::{Camera, Scene};
 use crate::schedule::{JobHandle, JobOptions, LimitsError};
+use animation::Animation;
 use anyhow::{Context, Result, bail};
-use course::Course;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -32,39 +32,39 @@ pub fn run(args: &RenderArgs, registry: &Registry) -> Result<Outcome> {
     if let Some(path) = &args.timeline {
         timeline::Format::of(path)?;
     }
-    let pictures = if Course::check(args)? { args.animation.frames_in_flight as usize } else { 1 };
+    let pictures = if Animation::check(args)? { args.animation.frames_in_flight as usize } else { 1 };
     let (width, height) = args.size;
     let aspect = width as f32 / height as f32;
-    let mut course = None;
+    let mut animation = None;
     let still = |scene: &Scene| args.camera.apply(scene.camera, || Camera::framing(&scene.bounds(), aspect));
     let setup = Setup::new(&args.scene, &args.units, pictures * PASSES_IN_FLIGHT, |scene| {
-        registry.dress(scene);
-        course = Course::new(args, scene, still(scene))?;
-        args.light.hang(scene)
+        registry.apply_surfaces(scene);
+        animation = Animation::new(args, scene, still(scene))?;
+        args.light.apply_environment(scene)
     })?;
     let scene = setup.stage.scene.clone();
     let camera = still(&scene);
     let spp = args.progress.samples();
     let settings = Settings { width, height, spp, max_bounces: args.max_bounces, seed: args.seed };
     let roulette_bounces = (!args.no_russian_roulette).then_some(ROULETTE_BOUNCES);
-    let brief = Brief { scene, camera, settings, roulette_bounces, simd: setup.simd };
-    registry.run(&args.integrator, brief, Order { args, setup: &setup, course, camera })
+    let params = IntegratorParams { scene, camera, settings, roulette_bounces, simd: setup.simd };
+    registry.run(&args.integrator, params, RenderRequest { args, setup: &setup, animation, camera })
 }
 
 /// What is to be done with an integrator, of whatever type it is.
-pub struct Order<'a> {
+pub struct RenderRequest<'a> {
     args: &'a RenderArgs,
     setup: &'a Setup,
-    course: Option<Course>,
+    animation: Option<Animation>,
     camera: Camera,
 }
 
-impl Order<'_> {
+impl RenderRequest<'_> {
     /// Renders the picture, or the pictures.
     pub fn carry_out(self, integrator: impl Integrator) -> Result<Outcome> {
-        let Self { args, setup, course, camera } = self;
-        match course {
-            Some(course) => frames::run(args, setup, &course, &integrator),
+        let Self { args, setup, animation, camera } = self;
+        match animation {
+            Some(animation) => frames::run(args, setup, &animation, &integrator),
             None => still::run(args, setup, &camera, integrator),
         }
     }

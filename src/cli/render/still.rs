@@ -2,7 +2,7 @@
 
 use super::checkpoint::Checkpoint;
 use super::submit;
-use super::tally::Tally;
+use super::totals::Totals;
 use crate::bench::meters::{Meters, Recorder};
 use crate::cli::args::RenderArgs;
 use crate::cli::progress::{BEAT, Bar};
@@ -32,7 +32,7 @@ pub fn run<I: Integrator>(
         Some(checkpoint) => checkpoint.begin(integrator, options)?,
         None => Progressive::new(integrator, options),
     };
-    let mut tally = Tally::default();
+    let mut totals = Totals::default();
     let meters = Meters::start();
     let recorder = args.timeline.as_ref().and_then(|_| Recorder::start());
     let started = Instant::now();
@@ -59,7 +59,7 @@ pub fn run<I: Integrator>(
         }
         let Some(report) = frame.finish_pass().context("the frame failed")? else { break };
         bar.finish_job(report.tiles_spawned, report.rays.total());
-        tally.add(&report);
+        totals.add(&report);
         if interval.is_some_and(|time| saved.elapsed() >= time) {
             save(args, checkpoint.as_ref(), &frame)?;
             saved = Instant::now();
@@ -67,7 +67,7 @@ pub fn run<I: Integrator>(
     }
     drop(bar);
     let render_s = started.elapsed().as_secs_f64();
-    tally.joules = meters.joules();
+    totals.joules = meters.joules();
     let recorded = recorder.map_or_else(Vec::new, Recorder::finish);
 
     let started = Instant::now();
@@ -78,12 +78,12 @@ pub fn run<I: Integrator>(
         render: render_s,
         write: started.elapsed().as_secs_f64(),
     };
-    let stats = summarise(setup, &frame, &film, &image, seconds, &mut tally, end);
+    let stats = summarise(setup, &frame, &film, &image, seconds, &mut totals, end);
     if let Some(path) = &args.stats {
         stats::write(path, &stats)?;
     }
     if let Some(path) = &args.timeline {
-        tally.timeline(setup, recorded).write(path)?;
+        totals.timeline(setup, recorded).write(path)?;
     }
     tell(args, &stats);
     Ok(if stats.events.is_empty() { Outcome::Done } else { Outcome::Degraded })
@@ -121,7 +121,7 @@ fn summarise<I: Integrator>(
     film: &Film,
     image: &Image,
     seconds: Seconds,
-    tally: &mut Tally,
+    totals: &mut Totals,
     end: End,
 ) -> RenderStats {
     let settings = frame.integrator().frame().settings();
@@ -129,7 +129,7 @@ fn summarise<I: Integrator>(
     let scene = &setup.stage.scene;
     let samples = film.mean_samples();
     let mut events: Vec<String> = setup.stage.degraded.iter().cloned().collect();
-    events.append(&mut tally.events);
+    events.append(&mut totals.events);
     if end == End::Interrupted && !frame.is_complete() {
         events.push(format!("stopped after {samples:.1} of {} samples per pixel", settings.spp));
     }
@@ -144,24 +144,24 @@ fn summarise<I: Integrator>(
             hash: image.hash(),
         },
         seconds,
-        rays: tally.rays.into(),
-        mray_per_s: tally.rays.total() as f64 / micros,
-        mpath_per_s: tally.rays.camera as f64 / micros,
-        units: std::mem::take(&mut tally.units),
-        depths: stats::DepthStats::of(&tally.depths, seconds.render),
-        threads: tally.thread_stats(),
+        rays: totals.rays.into(),
+        mray_per_s: totals.rays.total() as f64 / micros,
+        mpath_per_s: totals.rays.camera as f64 / micros,
+        units: std::mem::take(&mut totals.units),
+        depths: stats::DepthStats::of(&totals.depths, seconds.render),
+        threads: totals.thread_stats(),
         passes: frame.passes(),
         noise: frame.noise().map(NoiseStats::of),
-        tail_idle_share: tally.tail_idle_share,
-        tail_s: tally.tail_s,
+        tail_idle_share: totals.tail_idle_share,
+        tail_s: totals.tail_s,
         dropped_splats: film.dropped_splats(),
         peak_memory_bytes: stats::peak_memory_bytes(),
-        memory: tally.memory(setup),
-        peak_rays_in_flight: tally.peak_rays_in_flight as u64,
+        memory: totals.memory(setup),
+        peak_rays_in_flight: totals.peak_rays_in_flight as u64,
         peak_loop_stack_bytes: frame.loop_stack_bytes() as u64,
         adapter: setup.stage.adapter.clone(),
         simd: setup.simd.name().into(),
-        joules: std::mem::take(&mut tally.joules),
+        joules: std::mem::take(&mut totals.joules),
         events,
     }
 }

@@ -94,7 +94,7 @@ impl<S: Shader> Integrator for Recursion<S> {
         &known::<S>(self.running.borrow_owner()).frame
     }
 
-    fn on(&self, frame: Frame) -> Self {
+    fn with_frame(&self, frame: Frame) -> Self {
         Self::at(Arc::clone(&known::<S>(self.running.borrow_owner()).shader), frame)
     }
 

@@ -88,7 +88,7 @@ impl Lights {
     /// The same for integrators that sample the BSDF beside the lights and weight both: an even sky is left
     /// to the BSDF. Sampling it by the BSDF alone leaves nothing to chance but what is in the way, which
     /// no sample of the sky knows either: it would cost a shadow ray and, under an open sky, add noise.
-    pub fn beside_bsdfs(self) -> Self {
+    pub fn without_uniform_sky(self) -> Self {
         let [emitters, sky, punctual] = self.powers;
         let powers = [emitters, if self.environment.is_even() { 0.0 } else { sky }, punctual];
         Self { powers, chances: chances(powers), ..self }

@@ -5,7 +5,7 @@
 //! kept. Everything is measured in turns, round after round, and of each the fastest counts: whatever else the machine does can
 //! only add to a time.
 
-use super::likes::{self, Likes};
+use super::tuning_cache::{self, TunedSizes};
 use super::{Gpu, GpuTracer, Variant};
 use crate::bvh::Bvh;
 use crate::geom::mix;
@@ -75,30 +75,30 @@ impl Gpu {
     /// the host's. Tracers made from now on go by it ([`crate::stream::DeviceTracer::sizing`]). If the device fails
     /// meanwhile nothing is known.
     pub fn calibrate(mut self, folder: &Path, host: impl FnOnce(Arc<Bvh>) -> Arc<dyn Tracer>) -> Self {
-        self.likes = likes::load(folder, self.info());
-        if self.likes.is_some() {
+        self.tuned = tuning_cache::load(folder, self.info());
+        if self.tuned.is_some() {
             return self;
         }
         let gpu = Arc::new(self);
         let measured = measure(&gpu, host);
-        if let Some(likes) = measured
-            && let Err(error) = likes::store(folder, gpu.info(), likes)
+        if let Some(tuned) = measured
+            && let Err(error) = tuning_cache::store(folder, gpu.info(), tuned)
         {
             log::debug!("what was measured of the GPU is not kept: {error}");
         }
         let mut gpu = Arc::into_inner(gpu).expect("what was made of it has been dropped");
-        gpu.likes = measured;
+        gpu.tuned = measured;
         gpu
     }
 
     /// The sizes that the device likes, if it has been measured.
     pub fn sizing(&self) -> Option<Sizing> {
-        self.likes.map(|likes| likes.sizing)
+        self.tuned.map(|tuned| tuned.sizing)
     }
 
     /// The kernels that it likes, the usual ones if it has not been measured.
     pub fn variant(&self) -> Variant {
-        self.likes.map(|likes| likes.variant).unwrap_or_default()
+        self.tuned.map(|tuned| tuned.variant).unwrap_or_default()
     }
 }
 
@@ -158,7 +158,7 @@ fn rounds(mut round: impl FnMut() -> Option<Vec<Duration>>) -> Option<Vec<f64>> 
 }
 
 /// None if the device fails.
-fn measure(gpu: &Arc<Gpu>, host: impl FnOnce(Arc<Bvh>) -> Arc<dyn Tracer>) -> Option<Likes> {
+fn measure(gpu: &Arc<Gpu>, host: impl FnOnce(Arc<Bvh>) -> Arc<dyn Tracer>) -> Option<TunedSizes> {
     let bvh = Arc::new(scene());
     let host = host(bvh.clone());
     // Pairs are for the better on every device; the usual kernels come first.
@@ -214,7 +214,7 @@ fn measure(gpu: &Arc<Gpu>, host: impl FnOnce(Arc<Bvh>) -> Arc<dyn Tracer>) -> Op
     let times =
         rounds(|| IN_FLIGHT.iter().map(|&streams| at_once(tracer, &mut pool, streams, of_one)).collect())?;
     measured.seconds.copy_from_slice(&times);
-    Some(Likes { sizing: measured.sizing(), variant: variants[chosen] })
+    Some(TunedSizes { sizing: measured.sizing(), variant: variants[chosen] })
 }
 
 /// How long [`STREAMS`] streams of these rays take when so many are in flight.
@@ -289,7 +289,7 @@ mod tests {
         let sizing = gpu.sizing().unwrap_or_else(|| panic!("the device answers: {:?}", gpu.lost()));
         assert!(RAYS.contains(&sizing.threshold) && sizing.least <= sizing.threshold, "{sizing:?}");
         let variant = gpu.variant();
-        assert_eq!(likes::load(folder.path(), gpu.info()), Some(Likes { sizing, variant }));
+        assert_eq!(tuning_cache::load(folder.path(), gpu.info()), Some(TunedSizes { sizing, variant }));
         let never = |_| -> Arc<dyn Tracer> { panic!("measured again") };
         let again = gpu.calibrate(folder.path(), never);
         assert_eq!((again.sizing(), again.variant()), (Some(sizing), variant));

@@ -63,7 +63,7 @@ pub enum GpuError {
     },
     /// A kernel was refused.
     #[error("the GPU {adapter} refuses a kernel: {reason}")]
-    Kernel {
+    KernelKind {
         /// The adapter's name.
         adapter: String,
         /// What the driver said.

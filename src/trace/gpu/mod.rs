@@ -14,36 +14,36 @@
 //! nearest number.
 
 mod adapter;
-mod berth;
 mod calibration;
 mod cross_check;
+mod device;
+mod device_replacement;
 mod device_tree;
+mod dispatch;
 mod error;
 mod fault;
 mod flatten;
-mod fused;
 #[cfg_attr(not(any(target_os = "linux", target_os = "android", windows)), path = "no_host_memory.rs")]
 mod host_memory;
-mod kernel;
+mod kernel_kind;
 mod layout;
-mod likes;
 mod pages;
-mod pass;
 mod probe;
 mod resolve;
 mod scene;
-mod succession;
+mod shared_buffer;
 #[cfg(test)]
 mod tests;
 mod tracer;
-mod trusted;
-mod wall;
+mod tuning_cache;
+mod unchecked_module;
 mod watchdog;
+mod with_fma;
 
 pub use adapter::{AdapterChoice, AdapterInfo, AdapterKind, adapters};
+pub use device::Gpu;
 pub use error::GpuError;
 pub use fault::{Fault, NoSuchFault};
 pub use flatten::Variant;
-pub use kernel::TreeKind;
+pub use kernel_kind::TreeKind;
 pub use tracer::GpuTracer;
-pub use wall::Gpu;

@@ -2,7 +2,7 @@
 //! buffers as it needs, each of a power of two records but for the last.
 
 use super::flatten::{Flat, Nodes};
-use super::kernel::TreeKind;
+use super::kernel_kind::TreeKind;
 use super::layout::{Identities, Pair};
 use super::{Gpu, GpuError};
 use std::fmt::Write as _;

@@ -2,7 +2,7 @@
 //! opened. A sample proves nothing, but another rounding mode shows in every second number.
 
 use super::Gpu;
-use super::pass::entry;
+use super::dispatch::entry;
 use crate::geom::mix;
 use std::sync::mpsc::sync_channel;
 

@@ -1,10 +1,10 @@
 //! A scene on the device: its buffers, and the kernels made for its tree.
 
+use super::dispatch::{Dispatch, entry};
 use super::flatten::{Flat, Nodes, Variant};
-use super::kernel::{Kernel, Shape, TreeKind};
+use super::kernel_kind::{KernelKind, Shape, TreeKind};
 use super::layout::TreeInstance;
 use super::pages::ScenePages;
-use super::pass::{Pass, entry};
 use super::{Gpu, GpuError, device_tree};
 use crate::bvh::Bvh;
 
@@ -15,15 +15,15 @@ const UPLOAD_BYTES: usize = 16 << 20;
 const BOXES: &str = "boxes";
 
 /// Gives a kernel's source for a shape of scene.
-pub(super) type Source = fn(Kernel, &Shape) -> String;
+pub(super) type Source = fn(KernelKind, &Shape) -> String;
 
 /// A scene on the device.
 #[derive(Debug)]
 pub(super) struct DeviceScene {
     /// Binds the pages of nodes, pairs and identities, and members or the device's own tree: group 0.
     pub group: wgpu::BindGroup,
-    pub closest: Pass,
-    pub any: Pass,
+    pub closest: Dispatch,
+    pub any: Dispatch,
     /// Bytes of all of them.
     pub bytes: u64,
 }
@@ -38,7 +38,7 @@ impl DeviceScene {
         let adapter = || gpu.info().to_string();
         let by_query = variant.tree == TreeKind::Device;
         if by_query && gpu.info().max_query_boxes == 0 {
-            return Err(GpuError::Kernel { adapter: adapter(), reason: "it has no ray queries".into() });
+            return Err(GpuError::KernelKind { adapter: adapter(), reason: "it has no ray queries".into() });
         }
         let flat = Flat::of(bvh, variant);
         let pages = ScenePages::new(gpu, &flat)?;
@@ -49,13 +49,13 @@ impl DeviceScene {
         let made = gpu.attempt(|device, _| {
             let (group, call) = layouts(device, pages.bindings(), by_query);
             let pass =
-                |kernel| Pass::new(device, kernel, source(kernel, &shape), &group, call.clone(), shared);
-            let (closest, any) = (pass(Kernel::TraceClosest), pass(Kernel::TraceAny));
+                |kernel| Dispatch::new(device, kernel, source(kernel, &shape), &group, call.clone(), shared);
+            let (closest, any) = (pass(KernelKind::TraceClosest), pass(KernelKind::TraceAny));
             (group, closest, any)
         });
         let (layout, closest, any) = made
             .map_err(GpuError::Lost)?
-            .map_err(|reason| GpuError::Kernel { adapter: adapter(), reason })?;
+            .map_err(|reason| GpuError::KernelKind { adapter: adapter(), reason })?;
 
         let node_pages = nodes.split(pages.nodes).into_iter().map(|page| ("nodes", page));
         let pair_pages = pages.pairs.split(&pairs).map(|page| ("pairs", bytemuck::cast_slice(page)));

@@ -1,9 +1,9 @@
 //! Tests that need a look behind the wall: arithmetic worse than the test machine's, limits smaller,
 //! patience shorter.
 
-use super::kernel::{Kernel, Shape};
+use super::device_replacement::MOST;
+use super::kernel_kind::{KernelKind, Shape};
 use super::scene::Source;
-use super::succession::MOST;
 use super::watchdog::Watchdog;
 use super::{AdapterChoice, Gpu, GpuError, GpuTracer, Variant};
 use crate::bvh::Bvh;
@@ -143,7 +143,7 @@ fn replaced(source: &str, from: &str, to: &str) -> String {
 
 /// The arithmetic of a device that rounds every fma twice, whose reciprocals are 2 ulp off and whose
 /// quotients are, too.
-fn sloppy(kernel: Kernel, shape: &Shape) -> String {
+fn sloppy(kernel: KernelKind, shape: &Shape) -> String {
     let source = without_fma(&kernel.source(shape));
     let source = replaced(&source, "1.0 / slanted", "1.0000002 / slanted");
     replaced(&source, "dot_fma(normal, a) / facing", "dot_fma(normal, a) * 1.0000002 / facing")
@@ -302,7 +302,7 @@ fn lost_devices_have_successors_a_bounded_number_of_times_and_liars_have_none() 
     }
     assert_eq!(count, MOST);
     let liar = Arc::new(open());
-    liar.condemn("wrong answers".into());
+    liar.mark_untrusted("wrong answers".into());
     assert!(liar.successor(&never).is_none());
     assert!(Arc::new(open()).successor(&AtomicBool::new(true)).is_none(), "nobody wants it");
 }

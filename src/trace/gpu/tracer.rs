@@ -1,17 +1,17 @@
 //! The GPU tracer: whole ray streams through the kernels and back.
 
-use super::berth::Berth as Lent;
+use super::dispatch::{Submission, max_rays};
 use super::flatten::Variant;
-use super::fused::fused;
-use super::kernel::Kernel;
-use super::pass::{Call, max_rays};
+use super::kernel_kind::KernelKind;
 use super::resolve::Resolver;
 use super::scene::{DeviceScene, Source};
-use super::{AdapterKind, Fault, Gpu, GpuError, berth, cross_check, fault};
+use super::shared_buffer::SharedBuffer;
+use super::with_fma::fused;
+use super::{AdapterKind, Fault, Gpu, GpuError, cross_check, fault, shared_buffer};
 use crate::bvh::{Bvh, Filter};
 use crate::stream::{
-    Berth, Berths, Capacity, DeviceError, DeviceReport, DeviceTracer, Hit, InPlace, Queries, Ray, Sizing,
-    Tracer,
+    Capacity, DeviceError, DeviceMemory, DeviceMemorySource, DeviceReport, DeviceTracer, Hit, InPlace,
+    Queries, Ray, Sizing, Tracer,
 };
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -102,7 +102,7 @@ impl GpuTracer {
     ) -> Result<Self, GpuError> {
         let tracer = |variant| {
             let (gpu, bvh, filter, cpu) = (gpu.clone(), bvh.clone(), filter.clone(), cpu.clone());
-            Self::with_source(gpu, bvh, filter, cpu, variant, Kernel::source)
+            Self::with_source(gpu, bvh, filter, cpu, variant, KernelKind::source)
         };
         let (liked, usual) = (gpu.variant(), Variant::default());
         match tracer(liked) {
@@ -123,7 +123,7 @@ impl GpuTracer {
         cpu: Arc<dyn Tracer>,
         variant: Variant,
     ) -> Result<Self, GpuError> {
-        let mut tracer = Self::with_source(gpu, bvh, filter, cpu, variant, Kernel::source)?;
+        let mut tracer = Self::with_source(gpu, bvh, filter, cpu, variant, KernelKind::source)?;
         tracer.name = format!("{}, {variant}", tracer.name);
         Ok(tracer)
     }
@@ -205,8 +205,8 @@ impl Live {
     /// One submission: both kinds of rays go out, their candidates come back.
     fn dispatch(
         &self,
-        closest: &mut Call<'_, Hit>,
-        any: &mut Call<'_, u32>,
+        closest: &mut Submission<'_, Hit>,
+        any: &mut Submission<'_, u32>,
         scene_max_abs: f32,
         fault: Option<Fault>,
     ) -> Result<Times, String> {
@@ -215,8 +215,8 @@ impl Live {
             let DeviceScene { group, closest: closest_pass, any: any_pass, .. } = &self.scene;
             let mut encoder = device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
             let both = (device, queue);
-            let hits = closest_pass.board(both, &mut encoder, group, scene_max_abs, closest);
-            let occluded = any_pass.board(both, &mut encoder, group, scene_max_abs, any);
+            let hits = closest_pass.encode(both, &mut encoder, group, scene_max_abs, closest);
+            let occluded = any_pass.encode(both, &mut encoder, group, scene_max_abs, any);
             if let Some(Fault::Hang(_)) = fault {
                 return Err(self.gpu.wait_in_vain());
             }
@@ -225,11 +225,11 @@ impl Live {
             if let Some(Fault::Lost(_)) = fault {
                 device.destroy();
             }
-            let hits = hits.map(|flight| flight.ask(closest));
-            let occluded = occluded.map(|flight| flight.ask(any));
+            let hits = hits.map(|in_flight| in_flight.ask(closest));
+            let occluded = occluded.map(|in_flight| in_flight.ask(any));
             self.gpu.watchdog.note(self.gpu.wait(&submission)?);
-            hits.map_or(Ok(()), |boarding| closest_pass.land(closest, boarding))?;
-            occluded.map_or(Ok(()), |boarding| any_pass.land(any, boarding))?;
+            hits.map_or(Ok(()), |encoded| closest_pass.land(closest, encoded))?;
+            occluded.map_or(Ok(()), |encoded| any_pass.land(any, encoded))?;
             Ok(Times { sent, readable: start.elapsed() - sent })
         })
     }
@@ -238,8 +238,8 @@ impl Live {
     fn trace(
         &self,
         resolver: &Resolver,
-        mut closest: Call<'_, Hit>,
-        mut any: Call<'_, u32>,
+        mut closest: Submission<'_, Hit>,
+        mut any: Submission<'_, u32>,
     ) -> Result<DeviceReport, DeviceError> {
         let (number, fault) = self.gpu.next_dispatch();
         let bytes_copied = self.scene.closest.copied(&closest) + self.scene.any.copied(&any);
@@ -261,7 +261,7 @@ impl Live {
         let cpu = &*resolver.cpu;
         let checked = cross_check::closest(cpu, rays, hits, number)
             .and_then(|n| Ok(n + cross_check::occluded(cpu, shadow_rays, occluded, number)?));
-        report.checked = checked.map_err(|reason| DeviceError::Lost(self.gpu.condemn(reason)))?;
+        report.checked = checked.map_err(|reason| DeviceError::Lost(self.gpu.mark_untrusted(reason)))?;
         Ok(report)
     }
 }
@@ -279,23 +279,31 @@ impl DeviceTracer for GpuTracer {
         self.shared.live().gpu.sizing()
     }
 
-    fn berths(&self, capacity: Capacity, now: Option<&dyn Berth<Ray>>) -> Option<Berths> {
-        berth::berths(&self.shared.live().gpu, capacity, now)
+    fn memory_source(
+        &self,
+        capacity: Capacity,
+        now: Option<&dyn DeviceMemory<Ray>>,
+    ) -> Option<DeviceMemorySource> {
+        shared_buffer::shared_buffers(&self.shared.live().gpu, capacity, now)
     }
 
     fn trace_in_place(&self, stream: InPlace<'_>) -> Option<Result<DeviceReport, DeviceError>> {
         let live = self.shared.live();
-        let rays = Lent::own(stream.rays, &live.gpu)?;
-        let hits = Lent::own(stream.hits, &live.gpu)?;
-        let shadow_rays = Lent::own(stream.shadow_rays, &live.gpu)?;
-        let occluded = Lent::own(stream.occluded, &live.gpu)?;
+        let rays = SharedBuffer::own(stream.rays, &live.gpu)?;
+        let hits = SharedBuffer::own(stream.hits, &live.gpu)?;
+        let shadow_rays = SharedBuffer::own(stream.shadow_rays, &live.gpu)?;
+        let occluded = SharedBuffer::own(stream.occluded, &live.gpu)?;
         Some(self.with(&live, || {
             let (count, shadow_count) = (stream.ray_count, stream.shadow_ray_count);
             let mut report = DeviceReport::default();
             for start in (0..count.max(shadow_count)).step_by(live.max_rays) {
                 let piece = |count: usize| start.min(count)..(start + live.max_rays).min(count);
-                let closest = Call::Lent { rays, answers: hits, range: piece(count) };
-                let any = Call::Lent { rays: shadow_rays, answers: occluded, range: piece(shadow_count) };
+                let closest = Submission::InDeviceMemory { rays, answers: hits, range: piece(count) };
+                let any = Submission::InDeviceMemory {
+                    rays: shadow_rays,
+                    answers: occluded,
+                    range: piece(shadow_count),
+                };
                 report += live.trace(&self.shared.resolver, closest, any)?;
             }
             Ok(report)
@@ -322,9 +330,10 @@ impl DeviceTracer for GpuTracer {
                     return Ok(report);
                 }
                 let (rays, answers) = part.unwrap_or_default();
-                let closest = Call::Anywhere { rays, answers };
+                let closest = Submission::InHostMemory { rays, answers };
                 let (rays, answers) = shadow_part.unwrap_or_default();
-                report += live.trace(&self.shared.resolver, closest, Call::Anywhere { rays, answers })?;
+                report +=
+                    live.trace(&self.shared.resolver, closest, Submission::InHostMemory { rays, answers })?;
             }
         })
     }

@@ -5,7 +5,7 @@ mod boxes;
 mod pairs;
 mod wide;
 
-use super::kernel::TreeKind;
+use super::kernel_kind::TreeKind;
 use super::layout::{BinaryNode, Identities, LEAF, Pair, TreeInstance, WideNode};
 use super::pages::Pages;
 use crate::bvh::{Binary, Bvh};

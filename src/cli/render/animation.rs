@@ -8,7 +8,7 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 /// Frames after each other.
-pub struct Course {
+pub struct Animation {
     /// Their numbers.
     pub frames: Range<u32>,
     motion: Motion,
@@ -32,7 +32,7 @@ struct Names {
     after: String,
 }
 
-impl Course {
+impl Animation {
     /// Refuses, before the scene is read, what cannot be asked of several frames. Returns whether there are several.
     pub fn check(args: &RenderArgs) -> Result<bool> {
         let FramesArgs { frames, turntable, .. } = &args.animation;

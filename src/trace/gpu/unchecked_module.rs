@@ -1,7 +1,7 @@
 //! Shader modules without naga's run-time checks. Traversal loops pay for the checks on every turn.
 //!
 //! Invariants:
-//! 1. The source is this crate's own (`Kernel::source`); no text from outside reaches it. Tests change
+//! 1. The source is this crate's own (`KernelKind::source`); no text from outside reaches it. Tests change
 //!    its arithmetic, not its indices or loops.
 //! 2. Every index is in range: a thread beyond `Params::count` returns at once and the caller binds
 //!    at least `first + count` rays and answers; references come from `flatten`, which makes them for

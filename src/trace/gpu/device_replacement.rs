@@ -15,7 +15,7 @@ const RECOVERY: Duration = Duration::from_millis(250);
 
 /// A device's place in the line.
 #[derive(Debug, Default)]
-pub(super) struct Succession {
+pub(super) struct DeviceReplacement {
     /// Tries to open a device before this one was there.
     number: u32,
     /// No other may follow.
@@ -23,7 +23,7 @@ pub(super) struct Succession {
     next: OnceLock<Option<Arc<Gpu>>>,
 }
 
-impl Succession {
+impl DeviceReplacement {
     /// How many tries to open a device there were before this one.
     pub fn number(&self) -> u32 {
         self.number
@@ -51,7 +51,7 @@ impl Gpu {
     /// The device in the place of this lost one; opens it if nobody has yet. `None` when no other may follow, none
     /// can be had, or `over` says that nobody wants it any more.
     pub(super) fn successor(&self, over: &AtomicBool) -> Option<Arc<Self>> {
-        let Succession { number, ended, next } = &self.succession;
+        let DeviceReplacement { number, ended, next } = &self.succession;
         if ended.load(Ordering::Relaxed) || over.load(Ordering::Relaxed) {
             return None;
         }
@@ -59,7 +59,7 @@ impl Gpu {
             let choice = AdapterChoice { name: Some(self.info.name.clone()), allow_software: true };
             for number in number + 1..=MOST {
                 if let Ok(gpu) = Self::open(&choice) {
-                    let succession = Succession { number, ..Succession::default() };
+                    let succession = DeviceReplacement { number, ..DeviceReplacement::default() };
                     return Some(Arc::new(gpu.in_place_of(self, succession)));
                 }
                 std::thread::sleep(RECOVERY);

@@ -1,7 +1,7 @@
 //! Which of several frames are done, kept in a file.
 
+use super::animation::Animation;
 use super::checkpoint::identity;
-use super::course::Course;
 use crate::cli::args::RenderArgs;
 use crate::cli::setup::Setup;
 use crate::files::write_whole;
@@ -13,7 +13,7 @@ use std::io::{ErrorKind, Write};
 use std::path::PathBuf;
 
 /// A checkpoint of several frames: whole frames, each in its own file. A frame under way is begun anew.
-pub struct Logbook {
+pub struct FinishedFrames {
     path: PathBuf,
     pages: Pages,
 }
@@ -28,7 +28,7 @@ struct Pages {
     done: BTreeMap<u32, (String, String)>,
 }
 
-impl Logbook {
+impl FinishedFrames {
     /// What the flags ask for, if they do: a new one, or the one that is there.
     pub fn open(args: &RenderArgs, setup: &Setup, settings: &Settings) -> Result<Option<Self>> {
         let Some(path) = args.progress.checkpoint.clone() else { return Ok(None) };
@@ -53,15 +53,15 @@ impl Logbook {
     }
 
     /// The hash of a frame that has been done with the same camera, if its picture is still there.
-    pub fn hash(&self, course: &Course, frame: u32) -> Option<&str> {
+    pub fn hash(&self, animation: &Animation, frame: u32) -> Option<&str> {
         let (camera, hash) = self.pages.done.get(&frame)?;
-        let same = *camera == format!("{:?}", course.camera(frame));
-        (same && course.file(frame).exists()).then_some(hash)
+        let same = *camera == format!("{:?}", animation.camera(frame));
+        (same && animation.file(frame).exists()).then_some(hash)
     }
 
     /// Notes that a frame is done and written.
-    pub fn note(&mut self, course: &Course, frame: u32, hash: &str) -> Result<()> {
-        let camera = format!("{:?}", course.camera(frame));
+    pub fn note(&mut self, animation: &Animation, frame: u32, hash: &str) -> Result<()> {
+        let camera = format!("{:?}", animation.camera(frame));
         self.pages.done.insert(frame, (camera, hash.to_owned()));
         let text = serde_json::to_vec_pretty(&self.pages)?;
         write_whole(&self.path, |file| {

@@ -9,7 +9,7 @@ use std::fmt::Write as _;
 
 /// A kernel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Kernel {
+pub(super) enum KernelKind {
     /// Nearest hits.
     TraceClosest,
     /// Occlusion.
@@ -26,7 +26,7 @@ const BINARY: &str = include_str!("../../../shaders/shared/binary.wgsl");
 const WIDE: &str = include_str!("../../../shaders/shared/wide.wgsl");
 const QUERY: &str = include_str!("../../../shaders/shared/query.wgsl");
 
-impl Kernel {
+impl KernelKind {
     /// The name of its entry point, and of its file.
     pub fn name(self) -> &'static str {
         match self {
@@ -144,15 +144,15 @@ mod tests {
     use naga::valid::{Capabilities, ValidationFlags, Validator};
     use std::mem::offset_of;
 
-    const ALL: [Kernel; 2] = [Kernel::TraceClosest, Kernel::TraceAny];
+    const ALL: [KernelKind; 2] = [KernelKind::TraceClosest, KernelKind::TraceAny];
 
     const TREES: [TreeKind; 3] = [TreeKind::Binary, TreeKind::Wide, TreeKind::Device];
 
-    fn parse(kernel: Kernel, tree: TreeKind) -> naga::Module {
+    fn parse(kernel: KernelKind, tree: TreeKind) -> naga::Module {
         parse_paged(kernel, tree, ScenePages::ONE)
     }
 
-    fn parse_paged(kernel: Kernel, tree: TreeKind, pages: ScenePages) -> naga::Module {
+    fn parse_paged(kernel: KernelKind, tree: TreeKind, pages: ScenePages) -> naga::Module {
         let members = tree != TreeKind::Device;
         let source = kernel.source(&Shape { stack: 24, tree, members, first_masked: 7, pages });
         wgsl::parse_str(&source).unwrap_or_else(|e| panic!("{}", e.emit_to_string(&source)))
@@ -225,7 +225,7 @@ mod tests {
 
     #[test]
     fn constants_arrive_to_the_bit() {
-        let module = parse(Kernel::TraceClosest, TreeKind::Wide);
+        let module = parse(KernelKind::TraceClosest, TreeKind::Wide);
         let value = |name: &str| {
             let found = module.constants.iter().find(|(_, c)| c.name.as_deref() == Some(name));
             let (_, constant) = found.unwrap_or_else(|| panic!("constant {name}"));

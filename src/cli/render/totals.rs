@@ -10,7 +10,7 @@ use std::time::Instant;
 
 /// Adds up jobs that ran after or beside each other in one service.
 #[derive(Default)]
-pub struct Tally {
+pub struct Totals {
     pub rays: RayCounts,
     pub units: Units,
     pub events: Vec<String>,
@@ -36,7 +36,7 @@ pub struct Tally {
     end_ns: u64,
 }
 
-impl Tally {
+impl Totals {
     /// Adds a job.
     pub fn add(&mut self, report: &JobReport) {
         self.begin_ns = Some(self.begin_ns.map_or(report.begin_ns, |begin_ns| begin_ns.min(report.begin_ns)));

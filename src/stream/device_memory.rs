@@ -12,7 +12,7 @@ use std::ops::{Deref, DerefMut};
 /// It belongs to whoever holds the berth, host or device, and changes hands in [`super::DeviceTracer::trace_in_place`]: a
 /// tracer that is lost in there may leave it to the device for good. Then rays can still be read, answers cannot,
 /// and nothing is written.
-pub trait Berth<T>: Any + Debug + Send + Sync {
+pub trait DeviceMemory<T>: Any + Debug + Send + Sync {
     /// All places.
     ///
     /// # Panics
@@ -31,22 +31,22 @@ pub trait Berth<T>: Any + Debug + Send + Sync {
 
 /// Berths for a whole stream.
 #[derive(Debug)]
-pub struct Berths {
+pub struct DeviceMemorySource {
     /// For rays.
-    pub rays: Box<dyn Berth<Ray>>,
+    pub rays: Box<dyn DeviceMemory<Ray>>,
     /// For the hits of these.
-    pub hits: Box<dyn Berth<Hit>>,
+    pub hits: Box<dyn DeviceMemory<Hit>>,
     /// For shadow rays.
-    pub shadow_rays: Box<dyn Berth<Ray>>,
+    pub shadow_rays: Box<dyn DeviceMemory<Ray>>,
     /// For the answers to these.
-    pub occluded: Box<dyn Berth<u32>>,
+    pub occluded: Box<dyn DeviceMemory<u32>>,
 }
 
 /// Places for rays or answers, the host's or a device's.
 #[derive(Debug)]
 pub(super) enum Memory<T> {
     Host(Box<[T]>),
-    Lent(Box<dyn Berth<T>>),
+    Lent(Box<dyn DeviceMemory<T>>),
 }
 
 impl<T: Zeroable> Memory<T> {
@@ -56,18 +56,18 @@ impl<T: Zeroable> Memory<T> {
     }
 
     /// The berth, if it is lent.
-    pub fn berth(&self) -> Option<&dyn Berth<T>> {
+    pub fn device(&self) -> Option<&dyn DeviceMemory<T>> {
         match self {
             Self::Host(_) => None,
-            Self::Lent(berth) => Some(&**berth),
+            Self::Lent(device) => Some(&**device),
         }
     }
 
     /// The berth, if it is lent.
-    pub fn berth_mut(&mut self) -> Option<&mut dyn Berth<T>> {
+    pub fn device_mut(&mut self) -> Option<&mut dyn DeviceMemory<T>> {
         match self {
             Self::Host(_) => None,
-            Self::Lent(berth) => Some(&mut **berth),
+            Self::Lent(device) => Some(&mut **device),
         }
     }
 }
@@ -85,7 +85,7 @@ impl<T: 'static> Deref for Memory<T> {
     fn deref(&self) -> &[T] {
         match self {
             Self::Host(slots) => slots,
-            Self::Lent(berth) => berth.slots(),
+            Self::Lent(device) => device.slots(),
         }
     }
 }
@@ -94,7 +94,7 @@ impl<T: 'static> DerefMut for Memory<T> {
     fn deref_mut(&mut self) -> &mut [T] {
         match self {
             Self::Host(slots) => slots,
-            Self::Lent(berth) => berth.slots_mut(),
+            Self::Lent(device) => device.slots_mut(),
         }
     }
 }

@@ -2,9 +2,9 @@
 //! reaches the rest of the program as anything but an error value.
 
 use super::adapter::{AdapterChoice, AdapterInfo, choose, enumerate};
+use super::device_replacement::DeviceReplacement;
 use super::host_memory::HostMemory;
-use super::likes::Likes;
-use super::succession::Succession;
+use super::tuning_cache::TunedSizes;
 use super::watchdog::Watchdog;
 use super::{Fault, GpuError, device_tree, probe};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -29,11 +29,11 @@ pub struct Gpu {
     loss: Loss,
     pub(super) watchdog: Watchdog,
     history: Arc<History>,
-    pub(super) succession: Succession,
+    pub(super) succession: DeviceReplacement,
     /// Whether streams may lie in memory of the device's lending.
     pub(super) lends: bool,
     /// What it likes, if that has been measured.
-    pub(super) likes: Option<Likes>,
+    pub(super) tuned: Option<TunedSizes>,
 }
 
 /// What a device and those that take its place have in common.
@@ -81,9 +81,9 @@ impl Gpu {
             let _ = on_error.set(error.to_string());
         }));
         let watchdog = Watchdog::of(info.kind);
-        let (history, succession) = (Arc::default(), Succession::default());
+        let (history, succession) = (Arc::default(), DeviceReplacement::default());
         let mut gpu =
-            Self { info, device, queue, loss, watchdog, history, succession, lends: false, likes: None };
+            Self { info, device, queue, loss, watchdog, history, succession, lends: false, tuned: None };
         let refused = |reason: String| GpuError::Open { adapter: gpu.info.to_string(), reason };
         let results = gpu.guard(|device, queue| probe::compute(&gpu, device, queue)).map_err(refused)?;
         probe::judge(&results)
@@ -104,8 +104,8 @@ impl Gpu {
     }
 
     /// This device, freshly opened, in the place of another.
-    pub(super) fn in_place_of(self, lost: &Self, succession: Succession) -> Self {
-        Self { history: lost.history.clone(), succession, likes: lost.likes, ..self }
+    pub(super) fn in_place_of(self, lost: &Self, succession: DeviceReplacement) -> Self {
+        Self { history: lost.history.clone(), succession, tuned: lost.tuned, ..self }
     }
 
     /// The adapter in use.
@@ -174,7 +174,7 @@ impl Gpu {
     }
 
     /// Gives up a device that answers, but wrongly, and its adapter with it; returns why it is lost.
-    pub(super) fn condemn(&self, reason: String) -> String {
+    pub(super) fn mark_untrusted(&self, reason: String) -> String {
         self.succession.end();
         self.loss.get_or_init(|| reason).clone()
     }

@@ -6,11 +6,11 @@
 //! | in lent memory of the host | a lane on the device; the device copies to and fro | 32 + answer |
 //! | in anybody's memory | a lane; wgpu stages the rays, and the answers are mapped and copied | 32 + answer |
 
-use super::berth::Berth;
-use super::kernel::Kernel;
+use super::kernel_kind::KernelKind;
 use super::layout::{Params, WORKGROUP_SIZE};
-use super::{Gpu, trusted};
-use crate::stream::{Berth as _, Ray};
+use super::shared_buffer::SharedBuffer;
+use super::{Gpu, unchecked_module};
+use crate::stream::{DeviceMemory as _, Ray};
 use bytemuck::Pod;
 use std::fmt::Debug;
 use std::ops::Range;
@@ -20,13 +20,13 @@ use std::time::Duration;
 
 /// A kernel made for a scene, and the buffers that no call is using.
 #[derive(Debug)]
-pub(super) struct Pass {
+pub(super) struct Dispatch {
     pipeline: wgpu::ComputePipeline,
     layout: wgpu::BindGroupLayout,
     /// Bytes of one ray's answer.
     answer_bytes: usize,
     shared_memory: bool,
-    idle: Mutex<Vec<Lane>>,
+    idle: Mutex<Vec<Staging>>,
     idle_params: Mutex<Vec<wgpu::Buffer>>,
 }
 
@@ -36,16 +36,16 @@ const CALLBACK_PATIENCE: Duration = Duration::from_secs(10);
 /// What one call asks: its rays, and places for their answers. When it has landed these hold what the kernel
 /// answered, bit by bit.
 #[derive(Debug)]
-pub(super) enum Call<'a, A> {
+pub(super) enum Submission<'a, A> {
     /// In memory of anybody's.
-    Anywhere { rays: &'a [Ray], answers: &'a mut [A] },
+    InHostMemory { rays: &'a [Ray], answers: &'a mut [A] },
     /// In memory lent by the device: of the places, these.
-    Lent { rays: &'a mut Berth<Ray>, answers: &'a mut Berth<A>, range: Range<usize> },
+    InDeviceMemory { rays: &'a mut SharedBuffer<Ray>, answers: &'a mut SharedBuffer<A>, range: Range<usize> },
 }
 
 /// Buffers on the device for one call.
 #[derive(Debug)]
-struct Lane {
+struct Staging {
     capacity: usize,
     rays: wgpu::Buffer,
     answers: wgpu::Buffer,
@@ -55,37 +55,37 @@ struct Lane {
 
 /// A call whose work has been recorded. Kept until that is done.
 #[derive(Debug)]
-pub(super) struct Flight {
+pub(super) struct InFlight {
     params: wgpu::Buffer,
-    lane: Option<Lane>,
+    lane: Option<Staging>,
     bytes: u64,
 }
 
-impl<A: Pod + Debug + Send + Sync> Call<'_, A> {
+impl<A: Pod + Debug + Send + Sync> Submission<'_, A> {
     /// How many rays.
     pub fn len(&self) -> usize {
         match self {
-            Self::Anywhere { rays, .. } => rays.len(),
-            Self::Lent { range, .. } => range.len(),
+            Self::InHostMemory { rays, .. } => rays.len(),
+            Self::InDeviceMemory { range, .. } => range.len(),
         }
     }
 
     /// The rays and the places of their answers.
     pub fn slices(&mut self) -> (&[Ray], &mut [A]) {
         match self {
-            Self::Anywhere { rays, answers } => (rays, answers),
-            Self::Lent { rays, answers, range } => {
+            Self::InHostMemory { rays, answers } => (rays, answers),
+            Self::InDeviceMemory { rays, answers, range } => {
                 (&rays.slots()[range.clone()], &mut answers.slots_mut()[range.clone()])
             }
         }
     }
 }
 
-impl Pass {
+impl Dispatch {
     /// Compiles a kernel from its source; `scene` lays out group 0.
     pub fn new(
         device: &wgpu::Device,
-        kernel: Kernel,
+        kernel: KernelKind,
         source: String,
         scene: &wgpu::BindGroupLayout,
         layout: wgpu::BindGroupLayout,
@@ -99,7 +99,7 @@ impl Pass {
         let pipeline = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
             label: Some(kernel.name()),
             layout: Some(&both),
-            module: &trusted::module(device, kernel.name(), source),
+            module: &unchecked_module::module(device, kernel.name(), source),
             entry_point: Some(kernel.name()),
             compilation_options: wgpu::PipelineCompilationOptions::default(),
             cache: None,
@@ -110,22 +110,22 @@ impl Pass {
     }
 
     /// Bytes that are copied between host and device for a call.
-    pub fn copied<A: Pod + Debug + Send + Sync>(&self, call: &Call<'_, A>) -> u64 {
+    pub fn copied<A: Pod + Debug + Send + Sync>(&self, call: &Submission<'_, A>) -> u64 {
         match call {
-            Call::Lent { .. } if self.shared_memory => 0,
+            Submission::InDeviceMemory { .. } if self.shared_memory => 0,
             _ => (call.len() * (size_of::<Ray>() + self.answer_bytes)) as u64,
         }
     }
 
     /// Records all that a call needs: its rays on their way, the kernel, the answers on theirs.
-    pub fn board<A: Pod + Debug + Send + Sync>(
+    pub fn encode<A: Pod + Debug + Send + Sync>(
         &self,
         (device, queue): (&wgpu::Device, &wgpu::Queue),
         encoder: &mut wgpu::CommandEncoder,
         scene: &wgpu::BindGroup,
         scene_max_abs: f32,
-        call: &mut Call<'_, A>,
-    ) -> Option<Flight> {
+        call: &mut Submission<'_, A>,
+    ) -> Option<InFlight> {
         debug_assert_eq!(size_of::<A>(), self.answer_bytes);
         let count = call.len();
         if count == 0 {
@@ -136,14 +136,14 @@ impl Pass {
         queue.write_buffer(&params, 0, bytemuck::bytes_of(&told));
         let (ray_bytes, bytes) = ((count * size_of::<Ray>()) as u64, (count * self.answer_bytes) as u64);
         let lane = match call {
-            Call::Lent { rays, answers, range } if self.shared_memory => {
+            Submission::InDeviceMemory { rays, answers, range } if self.shared_memory => {
                 let at = |size: usize| (range.start * size) as u64;
                 let rays = part(rays.hand_out(), at(size_of::<Ray>()), ray_bytes);
                 let answers = part(answers.hand_out(), at(self.answer_bytes), bytes);
-                self.encode(device, encoder, scene, (rays, &params, answers), count);
+                self.encode_pass(device, encoder, scene, (rays, &params, answers), count);
                 None
             }
-            Call::Lent { rays, answers, range } => {
+            Submission::InDeviceMemory { rays, answers, range } => {
                 let at = |size: usize| (range.start * size) as u64;
                 let lane = self.take(device, count);
                 encoder.copy_buffer_to_buffer(
@@ -153,20 +153,20 @@ impl Pass {
                     0,
                     ray_bytes,
                 );
-                self.encode(device, encoder, scene, lane.bindings(&params, ray_bytes, bytes), count);
+                self.encode_pass(device, encoder, scene, lane.bindings(&params, ray_bytes, bytes), count);
                 let answers = answers.hand_out();
                 encoder.copy_buffer_to_buffer(&lane.answers, 0, answers, at(self.answer_bytes), bytes);
                 Some(lane)
             }
-            Call::Anywhere { rays, .. } => {
+            Submission::InHostMemory { rays, .. } => {
                 let lane = self.take(device, count);
                 queue.write_buffer(&lane.rays, 0, bytemuck::cast_slice(rays));
-                self.encode(device, encoder, scene, lane.bindings(&params, ray_bytes, bytes), count);
+                self.encode_pass(device, encoder, scene, lane.bindings(&params, ray_bytes, bytes), count);
                 encoder.copy_buffer_to_buffer(&lane.answers, 0, &lane.readback, 0, bytes);
                 Some(lane)
             }
         };
-        if let Call::Lent { answers, .. } = call {
+        if let Submission::InDeviceMemory { answers, .. } = call {
             // What the device has written is to be seen by the host.
             let (buffer, state) = (answers.hand_out(), wgpu::BufferUses::MAP_READ);
             encoder.transition_resources(
@@ -174,10 +174,10 @@ impl Pass {
                 std::iter::empty(),
             );
         }
-        Some(Flight { params, lane, bytes })
+        Some(InFlight { params, lane, bytes })
     }
 
-    fn encode(
+    fn encode_pass(
         &self,
         device: &wgpu::Device,
         encoder: &mut wgpu::CommandEncoder,
@@ -202,7 +202,7 @@ impl Pass {
     }
 
     /// Takes the smallest lane that has room for `rays`, or makes one of a power of two.
-    fn take(&self, device: &wgpu::Device, rays: usize) -> Lane {
+    fn take(&self, device: &wgpu::Device, rays: usize) -> Staging {
         let mut idle = self.idle.lock().unwrap_or_else(PoisonError::into_inner);
         let fits = (0..idle.len()).filter(|&i| idle[i].capacity >= rays).min_by_key(|&i| idle[i].capacity);
         if let Some(index) = fits {
@@ -211,7 +211,7 @@ impl Pass {
         // A lane that has become too small makes way for a larger one.
         let outgrown = idle.pop();
         drop((idle, outgrown));
-        Lane::new(device, rays.next_power_of_two(), self.answer_bytes)
+        Staging::new(device, rays.next_power_of_two(), self.answer_bytes)
     }
 
     fn params(&self, device: &wgpu::Device) -> wgpu::Buffer {
@@ -223,16 +223,16 @@ impl Pass {
     /// Brings the answers to where the call wants them, once the submission is done, and frees the buffers.
     pub fn land<A: Pod + Debug + Send + Sync>(
         &self,
-        call: &mut Call<'_, A>,
-        boarding: Boarding,
+        call: &mut Submission<'_, A>,
+        encoded: Encoded,
     ) -> Result<(), String> {
-        let Boarding { flight: Flight { params, lane, bytes }, mapped } = boarding;
+        let Encoded { in_flight: InFlight { params, lane, bytes }, mapped } = encoded;
         match call {
-            Call::Lent { rays, answers, .. } => {
+            Submission::InDeviceMemory { rays, answers, .. } => {
                 rays.take_back();
                 answers.take_back();
             }
-            Call::Anywhere { answers, .. } => {
+            Submission::InHostMemory { answers, .. } => {
                 let readback = &lane.as_ref().expect("rays from anywhere go through a lane").readback;
                 // The submission is done, but the callback runs on whichever thread polled first, perhaps not yet.
                 match mapped.map(|mapped| mapped.recv_timeout(CALLBACK_PATIENCE)) {
@@ -254,17 +254,17 @@ impl Pass {
 
 /// A call that has been submitted.
 #[derive(Debug)]
-pub(super) struct Boarding {
-    flight: Flight,
+pub(super) struct Encoded {
+    in_flight: InFlight,
     /// Tells that answers can be read, where they have to be mapped.
     mapped: Option<Receiver<Result<(), wgpu::BufferAsyncError>>>,
 }
 
-impl Flight {
+impl InFlight {
     /// Asks for the answers, once submitted.
-    pub fn ask<A>(self, call: &Call<'_, A>) -> Boarding {
+    pub fn ask<A>(self, call: &Submission<'_, A>) -> Encoded {
         let mapped = match (call, &self.lane) {
-            (Call::Anywhere { .. }, Some(lane)) => {
+            (Submission::InHostMemory { .. }, Some(lane)) => {
                 let (sender, mapped) = sync_channel(1);
                 // Nobody listens when the call has been given up.
                 let told = move |result| drop(sender.send(result));
@@ -273,11 +273,11 @@ impl Flight {
             }
             _ => None,
         };
-        Boarding { flight: self, mapped }
+        Encoded { in_flight: self, mapped }
     }
 }
 
-impl Lane {
+impl Staging {
     fn new(device: &wgpu::Device, capacity: usize, answer_bytes: usize) -> Self {
         use wgpu::BufferUsages as U;
         let answer_bytes = capacity * answer_bytes;

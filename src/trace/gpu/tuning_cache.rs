@@ -12,7 +12,7 @@ const VERSION: u32 = 2;
 
 /// What a device likes. No choice of it changes a picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Likes {
+pub(super) struct TunedSizes {
     /// Sizes of streams.
     pub sizing: Sizing,
     /// How scenes are laid out.
@@ -33,21 +33,21 @@ struct Entry {
 }
 
 impl Entry {
-    fn of(info: &AdapterInfo, likes: Likes) -> Self {
-        let Likes { sizing: Sizing { threshold, least, in_flight }, variant } = likes;
+    fn of(info: &AdapterInfo, tuned: TunedSizes) -> Self {
+        let TunedSizes { sizing: Sizing { threshold, least, in_flight }, variant } = tuned;
         let host_threads = std::thread::available_parallelism().map_or(1, usize::from);
         let (adapter, driver, kernels) = (info.to_string(), info.driver.clone(), variant.to_string());
         Self { version: VERSION, adapter, driver, host_threads, threshold, least, in_flight, kernels }
     }
 
     /// What was measured, if it was this adapter and makes sense.
-    fn likes(&self, info: &AdapterInfo) -> Option<Likes> {
+    fn tuned(&self, info: &AdapterInfo) -> Option<TunedSizes> {
         let &Self { threshold, least, in_flight, .. } = self;
         let variant = info.variants().find(|variant| variant.to_string() == self.kernels)?;
-        let likes = Likes { sizing: Sizing { threshold, least, in_flight }, variant };
+        let tuned = TunedSizes { sizing: Sizing { threshold, least, in_flight }, variant };
         let sound =
             RAYS.contains(&threshold) && (1..=threshold).contains(&least) && IN_FLIGHT.contains(&in_flight);
-        (sound && *self == Self::of(info, likes)).then_some(likes)
+        (sound && *self == Self::of(info, tuned)).then_some(tuned)
     }
 }
 
@@ -57,16 +57,16 @@ fn file(folder: &Path, info: &AdapterInfo) -> PathBuf {
 }
 
 /// A file that is not there, cannot be read or holds something else counts as none.
-pub(super) fn load(folder: &Path, info: &AdapterInfo) -> Option<Likes> {
+pub(super) fn load(folder: &Path, info: &AdapterInfo) -> Option<TunedSizes> {
     let bytes = std::fs::read(file(folder, info)).ok()?;
-    serde_json::from_slice::<Entry>(&bytes).ok()?.likes(info)
+    serde_json::from_slice::<Entry>(&bytes).ok()?.tuned(info)
 }
 
 /// Keeps what was measured.
-pub(super) fn store(folder: &Path, info: &AdapterInfo, likes: Likes) -> Result<(), Unwritten> {
+pub(super) fn store(folder: &Path, info: &AdapterInfo, tuned: TunedSizes) -> Result<(), Unwritten> {
     let path = file(folder, info);
     std::fs::create_dir_all(folder).map_err(|source| Unwritten { path: path.clone(), source })?;
-    write_whole(&path, |file| Ok(serde_json::to_writer_pretty(file, &Entry::of(info, likes))?))
+    write_whole(&path, |file| Ok(serde_json::to_writer_pretty(file, &Entry::of(info, tuned))?))
 }
 
 #[cfg(test)]
@@ -82,9 +82,9 @@ mod tests {
         assert_eq!(load(&cache, &info), None);
         for variant in info.variants() {
             let sizing = Sizing { threshold: 77 * 1024, least: 2048, in_flight: 4 };
-            let likes = Likes { sizing, variant };
-            store(&cache, &info, likes).expect("the folder can be made");
-            assert_eq!(load(&cache, &info), Some(likes));
+            let tuned = TunedSizes { sizing, variant };
+            store(&cache, &info, tuned).expect("the folder can be made");
+            assert_eq!(load(&cache, &info), Some(tuned));
             assert_eq!(std::fs::read_dir(&cache).expect("a folder").count(), 1, "no crumbs");
         }
 

@@ -10,7 +10,7 @@
 
 use super::Gpu;
 use super::host_memory::HostMemory;
-use crate::stream::{self, Berths, Capacity};
+use crate::stream::{self, Capacity, DeviceMemorySource};
 use bytemuck::Pod;
 use std::any::Any;
 use std::fmt::Debug;
@@ -19,7 +19,7 @@ use std::sync::Arc;
 
 /// A column's memory.
 #[derive(Debug)]
-pub(super) struct Berth<T> {
+pub(super) struct SharedBuffer<T> {
     gpu: Arc<Gpu>,
     memory: HostMemory,
     len: usize,
@@ -36,7 +36,7 @@ enum Role {
     Writes,
 }
 
-impl<T: Pod + Debug + Send + Sync> Berth<T> {
+impl<T: Pod + Debug + Send + Sync> SharedBuffer<T> {
     fn new(gpu: &Arc<Gpu>, len: usize, role: Role) -> Option<Self> {
         let memory = gpu.attempt(|device, _| HostMemory::new(device, len * size_of::<T>())).ok()?.ok()??;
         assert!(memory.bytes() >= len * size_of::<T>() && memory.start().cast::<T>().is_aligned());
@@ -44,7 +44,7 @@ impl<T: Pod + Debug + Send + Sync> Berth<T> {
     }
 
     /// A stream's memory as this device's own, if it is.
-    pub fn own<'a>(berth: &'a mut dyn stream::Berth<T>, gpu: &Arc<Gpu>) -> Option<&'a mut Self> {
+    pub fn own<'a>(berth: &'a mut dyn stream::DeviceMemory<T>, gpu: &Arc<Gpu>) -> Option<&'a mut Self> {
         let berth: &mut dyn Any = berth;
         berth.downcast_mut::<Self>().filter(|berth| Arc::ptr_eq(&berth.gpu, gpu))
     }
@@ -61,7 +61,7 @@ impl<T: Pod + Debug + Send + Sync> Berth<T> {
     }
 }
 
-impl<T: Pod + Debug + Send + Sync> stream::Berth<T> for Berth<T> {
+impl<T: Pod + Debug + Send + Sync> stream::DeviceMemory<T> for SharedBuffer<T> {
     fn slots(&self) -> &[T] {
         assert!(!self.out || self.role == Role::Reads, "the device may be writing here");
         // SAFETY: invariants 1 and 2.
@@ -79,24 +79,24 @@ impl<T: Pod + Debug + Send + Sync> stream::Berth<T> for Berth<T> {
     }
 }
 
-/// Memory for streams of a capacity; see [`crate::stream::DeviceTracer::berths`].
-pub(super) fn berths(
+/// Memory for streams of a capacity; see [`crate::stream::DeviceTracer::shared_buffers`].
+pub(super) fn shared_buffers(
     gpu: &Arc<Gpu>,
     capacity: Capacity,
-    now: Option<&dyn stream::Berth<crate::stream::Ray>>,
-) -> Option<Berths> {
+    now: Option<&dyn stream::DeviceMemory<crate::stream::Ray>>,
+) -> Option<DeviceMemorySource> {
     if !gpu.lends() || gpu.lost().is_some() {
         return None;
     }
-    let now = now.and_then(|berth| (berth as &dyn Any).downcast_ref::<Berth<crate::stream::Ray>>());
+    let now = now.and_then(|berth| (berth as &dyn Any).downcast_ref::<SharedBuffer<crate::stream::Ray>>());
     if now.is_some_and(|berth| Arc::ptr_eq(&berth.gpu, gpu) && !berth.out && berth.len >= capacity.rays) {
         return None;
     }
-    Some(Berths {
-        rays: Box::new(Berth::new(gpu, capacity.rays, Role::Reads)?),
-        hits: Box::new(Berth::new(gpu, capacity.rays, Role::Writes)?),
-        shadow_rays: Box::new(Berth::new(gpu, capacity.shadow_rays, Role::Reads)?),
-        occluded: Box::new(Berth::new(gpu, capacity.shadow_rays, Role::Writes)?),
+    Some(DeviceMemorySource {
+        rays: Box::new(SharedBuffer::new(gpu, capacity.rays, Role::Reads)?),
+        hits: Box::new(SharedBuffer::new(gpu, capacity.rays, Role::Writes)?),
+        shadow_rays: Box::new(SharedBuffer::new(gpu, capacity.shadow_rays, Role::Reads)?),
+        occluded: Box::new(SharedBuffer::new(gpu, capacity.shadow_rays, Role::Writes)?),
     })
 }
 
@@ -104,7 +104,7 @@ pub(super) fn berths(
 mod tests {
     use super::*;
     use crate::trace::gpu::AdapterChoice;
-    use stream::Berth as _;
+    use stream::DeviceMemory as _;
 
     fn gpu() -> Arc<Gpu> {
         let choice = AdapterChoice { name: None, allow_software: true };
@@ -114,7 +114,7 @@ mod tests {
     #[test]
     fn what_was_written_stays_when_the_device_is_gone() {
         let gpu = gpu();
-        let mut berth = Berth::<u32>::new(&gpu, 1000, Role::Reads).expect("memory");
+        let mut berth = SharedBuffer::<u32>::new(&gpu, 1000, Role::Reads).expect("memory");
         for (slot, value) in berth.slots_mut().iter_mut().zip(0..) {
             *slot = value;
         }
@@ -130,7 +130,7 @@ mod tests {
     #[test]
     #[should_panic(expected = "the device may be writing here")]
     fn answers_are_not_read_while_the_device_writes_them() {
-        let mut berth = Berth::<u32>::new(&gpu(), 10, Role::Writes).expect("memory");
+        let mut berth = SharedBuffer::<u32>::new(&gpu(), 10, Role::Writes).expect("memory");
         berth.hand_out();
         berth.slots();
     }
@@ -138,7 +138,7 @@ mod tests {
     #[test]
     #[should_panic(expected = "the device may be at work here")]
     fn rays_are_not_written_while_the_device_reads_them() {
-        let mut berth = Berth::<u32>::new(&gpu(), 10, Role::Reads).expect("memory");
+        let mut berth = SharedBuffer::<u32>::new(&gpu(), 10, Role::Reads).expect("memory");
         berth.hand_out();
         berth.slots_mut();
     }
