@@ -118,7 +118,8 @@ fn main() -> ExitCode {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use raystream::render::{Settings, Stage, Units};
+    use raystream::engine::{PreparedScene, Units};
+    use raystream::render::Settings;
     use raystream::scene::recipe::Recipe;
     use raystream::schedule::{JobOptions, Service, ServiceOptions};
     use std::sync::Arc;
@@ -137,13 +138,15 @@ mod tests {
         let service =
             Service::new(ServiceOptions { host_threads: 2, ..Default::default() }).expect("threads");
         let render = |ball: &str| {
-            let stage = Stage::new(Arc::new(scene(ball)), &Units::cpu());
-            let camera = stage.scene.camera.expect("has one");
+            let prepared = PreparedScene::new(Arc::new(scene(ball)), &Units::cpu());
+            let camera = prepared.scene.camera.expect("has one");
             let settings = Settings { width: 48, height: 48, spp: 1, max_bounces: 4, seed: 0 };
-            let adaptive = Recursion::new(Adaptive { least: 0.01 }, stage.scene.clone(), &camera, settings);
+            let adaptive =
+                Recursion::new(Adaptive { least: 0.01 }, prepared.scene.clone(), &camera, settings);
             let frame = Arc::new(adaptive.expect("valid settings"));
-            let job =
-                service.submit(frame.clone(), stage.tracers.clone(), JobOptions::default()).expect("a job");
+            let job = service
+                .submit(frame.clone(), prepared.tracers.clone(), JobOptions::default())
+                .expect("a job");
             (job.wait().expect("a picture").rays, frame.film().resolve())
         };
         // Every sample of the lamp arrives: four shadow rays each, in one round.

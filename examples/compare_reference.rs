@@ -10,7 +10,8 @@
 //! Exits with 1 when they disagree.
 
 use glam::Vec3;
-use raystream::render::{Path as PathTracer, Settings, Stage, Units};
+use raystream::engine::{PreparedScene, Units};
+use raystream::render::{Path as PathTracer, Settings};
 use raystream::scene::{Camera, load};
 use raystream::schedule::{JobOptions, Service, ServiceOptions};
 use std::error::Error;
@@ -74,7 +75,7 @@ fn compare(folder: &Path, reference: &Reference, service: &Service) -> Result<bo
     for emission in scene.materials.iter_mut().filter_map(|material| material.emission.as_mut()) {
         emission.two_sided = false;
     }
-    let stage = Stage::new(Arc::new(scene), &Units::cpu());
+    let prepared = PreparedScene::new(Arc::new(scene), &Units::cpu());
     let camera = Camera {
         eye: Vec3::new(278.0, 273.0, -800.0),
         target: Vec3::new(278.0, 273.0, 0.0),
@@ -84,8 +85,8 @@ fn compare(folder: &Path, reference: &Reference, service: &Service) -> Result<bo
     let render = |seed: u64, spp: u32| -> Result<Blocks, Box<dyn Error>> {
         let (width, height) = (SIZE as u32, SIZE as u32);
         let settings = Settings { width, height, spp, max_bounces: reference.max_bounces, seed };
-        let path = Arc::new(PathTracer::new(stage.scene.clone(), &camera, settings, None)?);
-        service.submit(path.clone(), stage.tracers.clone(), JobOptions::default())?.wait()?;
+        let path = Arc::new(PathTracer::new(prepared.scene.clone(), &camera, settings, None)?);
+        service.submit(path.clone(), prepared.tracers.clone(), JobOptions::default())?.wait()?;
         Ok(blocks(&path.film().resolve()))
     };
     let ours = (0..u64::from(RENDERS)).map(|seed| render(seed, SAMPLES)).collect::<Result<Vec<_>, _>>()?;

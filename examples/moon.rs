@@ -4,10 +4,11 @@
 
 use anyhow::{Context, Result};
 use glam::Vec3;
+use raystream::engine::{PreparedScene, Units};
 use raystream::film::{Image, write_image};
 use raystream::geom::warp::lanes as warp;
 use raystream::lanes::{Lanes, Num, Vector, trigonometry};
-use raystream::render::{Path as PathTracer, Settings, Stage, Units};
+use raystream::render::{Path as PathTracer, Settings};
 use raystream::scene::recipe::Recipe;
 use raystream::scene::{Light, LightShape, Points, Scattered, Scattering, ScatteringSurface, Scene, Surface};
 use raystream::schedule::{JobOptions, Service, ServiceOptions};
@@ -76,11 +77,11 @@ fn moons(cells: u32) -> Result<Scene> {
 }
 
 fn render(scene: Scene, settings: Settings) -> Result<Image> {
-    let stage = Stage::new(Arc::new(scene), &Units::cpu());
-    let camera = stage.scene.camera.context("the recipe has a camera")?;
-    let frame = Arc::new(PathTracer::new(stage.scene.clone(), &camera, settings, None)?);
+    let prepared = PreparedScene::new(Arc::new(scene), &Units::cpu());
+    let camera = prepared.scene.camera.context("the recipe has a camera")?;
+    let frame = Arc::new(PathTracer::new(prepared.scene.clone(), &camera, settings, None)?);
     let service = Service::new(ServiceOptions::default())?;
-    service.submit(frame.clone(), stage.tracers.clone(), JobOptions::default())?.wait()?;
+    service.submit(frame.clone(), prepared.tracers.clone(), JobOptions::default())?.wait()?;
     Ok(Image { width: settings.width, height: settings.height, pixels: frame.film().resolve() })
 }
 

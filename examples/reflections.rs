@@ -93,7 +93,8 @@ fn main() -> ExitCode {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use raystream::render::{Settings, Stage, Units};
+    use raystream::engine::{PreparedScene, Units};
+    use raystream::render::Settings;
     use raystream::scene::recipe::Recipe;
     use raystream::schedule::{JobOptions, Service, ServiceOptions};
     use std::sync::Arc;
@@ -106,17 +107,19 @@ mod tests {
                  "shapes": [ { "shape": "quad", "corner": [-9, 0, 9], "u": [18, 0, 0], "v": [0, 0, -18], "material": "grey" },
                              { "shape": "sphere", "centre": [0, 1, 0], "radius": 0.8, "cells": 32, "material": "red" } ] }"#,
         );
-        let stage = Stage::new(Arc::new(recipe.and_then(|r| r.build()).expect("a scene")), &Units::cpu());
-        let camera = stage.scene.camera.expect("has one");
+        let prepared =
+            PreparedScene::new(Arc::new(recipe.and_then(|r| r.build()).expect("a scene")), &Units::cpu());
+        let camera = prepared.scene.camera.expect("has one");
         let service =
             Service::new(ServiceOptions { host_threads: 2, ..Default::default() }).expect("threads");
         let picture = |max_bounces: u32| {
             let settings = Settings { width: 64, height: 64, spp: 4, max_bounces, seed: 0 };
             let shader = Reflections::around(&camera);
             let frame =
-                Arc::new(Recursion::new(shader, stage.scene.clone(), &camera, settings).expect("valid"));
-            let job =
-                service.submit(frame.clone(), stage.tracers.clone(), JobOptions::default()).expect("a job");
+                Arc::new(Recursion::new(shader, prepared.scene.clone(), &camera, settings).expect("valid"));
+            let job = service
+                .submit(frame.clone(), prepared.tracers.clone(), JobOptions::default())
+                .expect("a job");
             (job.wait().expect("a picture").rays, frame.film().resolve())
         };
         let (direct_rays, direct) = picture(0);

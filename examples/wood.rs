@@ -4,9 +4,10 @@
 //! without SIMD.
 
 use anyhow::{Context, Result, ensure};
+use raystream::engine::{PreparedScene, Units};
 use raystream::film::{Image, write_image};
 use raystream::lanes::{Int, Lanes, Num, SimdLevel, Vector, trigonometry};
-use raystream::render::{Path as PathTracer, Settings, Stage, Units};
+use raystream::render::{Path as PathTracer, Settings};
 use raystream::scene::{
     Camera, Environment, Finish, Points, Procedural, ProceduralSurface, Scene, Surface, load,
 };
@@ -123,14 +124,14 @@ struct Speed {
 }
 
 /// Renders a stage.
-fn render(stage: &Stage, settings: Settings, simd: SimdLevel) -> Result<(Image, Speed)> {
+fn render(prepared: &PreparedScene, settings: Settings, simd: SimdLevel) -> Result<(Image, Speed)> {
     let Settings { width, height, .. } = settings;
-    let framed = || Camera::framing(&stage.scene.bounds(), width as f32 / height as f32);
-    let camera = stage.scene.camera.unwrap_or_else(framed);
-    let frame = PathTracer::new(stage.scene.clone(), &camera, settings, None)?.with_simd(simd);
+    let framed = || Camera::framing(&prepared.scene.bounds(), width as f32 / height as f32);
+    let camera = prepared.scene.camera.unwrap_or_else(framed);
+    let frame = PathTracer::new(prepared.scene.clone(), &camera, settings, None)?.with_simd(simd);
     let frame = Arc::new(frame);
     let service = Service::new(ServiceOptions::default())?;
-    let report = service.submit(frame.clone(), stage.tracers.clone(), JobOptions::default())?.wait()?;
+    let report = service.submit(frame.clone(), prepared.tracers.clone(), JobOptions::default())?.wait()?;
     let image = Image { width, height, pixels: frame.film().resolve() };
     let busy_s: f64 = report.threads.iter().map(|thread| thread.busy_s).sum();
     let mray_per_s = report.rays.total() as f64 / report.wall_s / 1e6;
@@ -150,12 +151,12 @@ fn main() -> Result<()> {
         scene.environment = Environment::Constant(glam::Vec3::ONE);
     }
     carve(&mut scene, 180.0);
-    let stage = Stage::new(Arc::new(scene), &Units::cpu());
+    let prepared = PreparedScene::new(Arc::new(scene), &Units::cpu());
     let settings = Settings { width, height, spp, max_bounces: 3, seed: 0 };
     let simd = SimdLevel::detect();
-    let (image, fast) = render(&stage, settings, simd)?;
+    let (image, fast) = render(&prepared, settings, simd)?;
     write_image(Path::new(&output), &image, 0.0)?;
-    let (same, slow) = render(&stage, settings, SimdLevel::Scalar)?;
+    let (same, slow) = render(&prepared, settings, SimdLevel::Scalar)?;
     ensure!(same.hash() == image.hash(), "{simd} and scalar shading made different pictures");
     println!(
         "{output}: {:.2} Mray/s shaded with {simd}, {:.2} with one lane: {:.1} times as fast, the shading alone {:.1} times",
@@ -181,11 +182,11 @@ mod tests {
         );
         let mut scene = recipe.and_then(|recipe| recipe.build()).expect("a scene");
         carve(&mut scene, 3.0);
-        let stage = Stage::new(Arc::new(scene), &Units::cpu());
+        let prepared = PreparedScene::new(Arc::new(scene), &Units::cpu());
         let settings = Settings { width: 48, height: 40, spp: 4, max_bounces: 2, seed: 0 };
         let pictures: Vec<Image> = SimdLevel::available()
             .into_iter()
-            .map(|simd| render(&stage, settings, simd).expect("a picture").0)
+            .map(|simd| render(&prepared, settings, simd).expect("a picture").0)
             .collect();
         assert!(pictures.iter().all(|picture| picture.pixels == pictures[0].pixels));
         // Across the top are a few rings, in the colours of wood.

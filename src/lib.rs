@@ -28,7 +28,11 @@ pub mod shade;
 
 pub mod render;
 
+pub mod engine;
+
 pub mod film;
+
+pub mod meters;
 
 pub mod bench;
 

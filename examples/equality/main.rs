@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use raystream::bench::embree::{Embree, EmbreeRays, Mode};
 use raystream::bench::{Kind, Workload, meshes};
 use raystream::bvh::Bvh;
-use raystream::render::{Stage, Units};
+use raystream::engine::{PreparedScene, Units};
 use raystream::scene::Camera;
 use raystream::stream::{Hit, Ray, Tracer};
 use raystream::trace::cpu::{CpuTracer, SimdLevel};
@@ -55,24 +55,32 @@ fn vector(text: &str) -> Result<Vec3> {
 
 fn main() -> Result<()> {
     let Arguments { scene, size: (width, height), eye, target, embree } = Arguments::parse();
-    let stage = Stage::new(Arc::new(meshes::scene(&scene)?), &Units::cpu());
-    let bounds = stage.scene.bounds();
-    let base = stage.scene.camera.unwrap_or_else(|| Camera::framing(&bounds, width as f32 / height as f32));
+    let prepared = PreparedScene::new(Arc::new(meshes::scene(&scene)?), &Units::cpu());
+    let bounds = prepared.scene.bounds();
+    let base =
+        prepared.scene.camera.unwrap_or_else(|| Camera::framing(&bounds, width as f32 / height as f32));
     let camera = Camera { eye: eye.unwrap_or(base.eye), target: target.unwrap_or(base.target), ..base };
-    let workload = Workload::new(&stage.bvh, &*stage.tracers.host, &camera, width, height)?;
+    let workload = Workload::new(&prepared.bvh, &*prepared.tracers.host, &camera, width, height)?;
     let kinds = [Kind::Camera, Kind::Bounce, Kind::ShuffledBounce, Kind::SoftShadow];
     let mut total = 0;
     for kind in kinds {
         let rays = workload.rays(kind);
-        let runs = same_everywhere(&stage.bvh, rays)?;
+        let runs = same_everywhere(&prepared.bvh, rays)?;
         total += rays.len();
         println!("{kind:?}: {} rays, {runs} runs, 0 differences", rays.len());
     }
     println!("{}: {total} rays, the same bits at every level, thread count and split", scene.display());
     if let Some(library) = embree {
-        let mesh = &stage.scene.mesh;
+        let mesh = &prepared.scene.mesh;
         for kind in kinds {
-            beside_embree(&stage.bvh, &mesh.positions, &mesh.triangles, workload.rays(kind), kind, &library)?;
+            beside_embree(
+                &prepared.bvh,
+                &mesh.positions,
+                &mesh.triangles,
+                workload.rays(kind),
+                kind,
+                &library,
+            )?;
         }
     }
     Ok(())

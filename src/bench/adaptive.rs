@@ -3,8 +3,9 @@
 
 use super::Spread;
 use super::frame::FrameError;
+use crate::engine::PreparedScene;
 use crate::film::Film;
-use crate::render::{Blocks, PassOptions, Path, Progressive, ROULETTE_BOUNCES, Settings, Stage};
+use crate::render::{Blocks, PassOptions, Path, Progressive, ROULETTE_BOUNCES, Settings};
 use crate::scene::Camera;
 use crate::schedule::{JobOptions, Policy, Service};
 use serde::Serialize;
@@ -70,7 +71,7 @@ pub struct Efficiency {
 #[derive(Clone)]
 pub struct Bench<'a> {
     /// The scene, its tree, its tracers.
-    pub stage: &'a Stage,
+    pub prepared: &'a PreparedScene,
     /// The threads, for two jobs at a time.
     pub service: &'a Service,
     /// The pictures.
@@ -126,7 +127,7 @@ impl Bench<'_> {
     fn path(&self, seed: u64, spp: u32) -> Result<Path, FrameError> {
         let Options { settings, camera, .. } = &self.options;
         let settings = Settings { seed, spp, ..*settings };
-        Ok(Path::new(self.stage.scene.clone(), camera, settings, Some(ROULETTE_BOUNCES))?)
+        Ok(Path::new(self.prepared.scene.clone(), camera, settings, Some(ROULETTE_BOUNCES))?)
     }
 
     /// Renders a picture to its end, or until its time is over; returns how long it took.
@@ -141,7 +142,7 @@ impl Bench<'_> {
         loop {
             let job = JobOptions { policy: self.options.policy, ..JobOptions::default() };
             frame.begin(|pass| {
-                self.service.submit(Arc::clone(pass), self.stage.tracers.clone(), job.clone())
+                self.service.submit(Arc::clone(pass), self.prepared.tracers.clone(), job.clone())
             })?;
             if time.is_some_and(|time| started.elapsed() >= time) {
                 frame.stop();

@@ -2,10 +2,11 @@
 //! configurations that each add one thing to the one before, in one process, in rounds that take turns.
 
 use super::Spread;
-use super::meters::Meters;
+use crate::engine::PreparedScene;
 use crate::film::Image;
 use crate::lanes::SimdLevel;
-use crate::render::{Path, RayByRay, Settings, SettingsError, Stage, render_single_rays};
+use crate::meters::Meters;
+use crate::render::{Path, RayByRay, Settings, SettingsError, render_single_rays};
 use crate::scene::Camera;
 use crate::schedule::{
     JobError, JobOptions, JobReport, LimitsError, Policy, RayCounts, Renderer, Service, TaskKind, Tracers,
@@ -134,7 +135,7 @@ pub enum FrameError {
 #[derive(Clone, Copy)]
 pub struct Bench<'a> {
     /// The scene, its tree, its tracers.
-    pub stage: &'a Stage,
+    pub prepared: &'a PreparedScene,
     /// The threads.
     pub service: &'a Service,
     /// Instruction set of the CPU tracer.
@@ -163,7 +164,7 @@ enum Shading {
 impl Bench<'_> {
     /// The configurations that can be had here: all, but RA HYBRID only with an adapter.
     pub fn configurations(&self) -> Vec<Configuration> {
-        let has_device = self.stage.tracers.device.is_some();
+        let has_device = self.prepared.tracers.device.is_some();
         Configuration::ALL.into_iter().filter(|&c| has_device || c != Configuration::RaHybrid).collect()
     }
 
@@ -187,7 +188,7 @@ impl Bench<'_> {
     /// When a frame cannot be rendered.
     pub fn policies(&self) -> Result<Report, FrameError> {
         let mut plans = Vec::new();
-        if self.stage.tracers.device.is_some() {
+        if self.prepared.tracers.device.is_some() {
             plans.extend(Policy::ALL.map(|policy| (policy.name(), Unit::Hybrid, policy)));
             plans.push(("gpu alone", Unit::Gpu, Policy::RayAccelerator));
         }
@@ -198,7 +199,7 @@ impl Bench<'_> {
             unit: self.unit_name(unit != Unit::Cpu),
             frame: Box::new(move || {
                 let path = self.path(Shading::Lanes)?;
-                let tracers = Tracers { unit, ..self.stage.tracers.clone() };
+                let tracers = Tracers { unit, ..self.prepared.tracers.clone() };
                 let options = JobOptions { policy: Some(policy), ..JobOptions::default() };
                 self.frame(name, &path, path.clone(), tracers, options)
             }),
@@ -207,7 +208,7 @@ impl Bench<'_> {
     }
 
     fn unit_name(&self, device: bool) -> String {
-        match &self.stage.adapter {
+        match &self.prepared.adapter {
             Some(adapter) if device => adapter.clone(),
             _ => "cpu".to_owned(),
         }
@@ -220,23 +221,24 @@ impl Bench<'_> {
             Shading::OneLane => SimdLevel::Scalar,
             Shading::Lanes => self.simd,
         };
-        Ok(Arc::new(Path::new(self.stage.scene.clone(), &camera, settings, None)?.with_simd(simd)))
+        Ok(Arc::new(Path::new(self.prepared.scene.clone(), &camera, settings, None)?.with_simd(simd)))
     }
 
     fn configuration(&self, configuration: Configuration) -> Result<Rendered, FrameError> {
-        let cpu = Tracers::cpu(self.stage.tracers.host.clone());
+        let cpu = Tracers::cpu(self.prepared.tracers.host.clone());
         let name = configuration.name();
         let options = JobOptions { policy: self.options.policy, timeline: true, ..JobOptions::default() };
         match configuration {
             Configuration::SingleRay => {
                 let path = self.path(Shading::OneLane)?;
                 let started = Instant::now();
-                let rays = render_single_rays(&*path, &*self.stage.single_ray, self.service.host_threads());
+                let rays =
+                    render_single_rays(&*path, &*self.prepared.single_ray, self.service.host_threads());
                 Ok(rendered(started.elapsed().as_secs_f64(), &path, rays, Vec::new()))
             }
             Configuration::RaSingleRay => {
                 let path = self.path(Shading::OneLane)?;
-                let tracers = Tracers::cpu(self.stage.single_ray.clone());
+                let tracers = Tracers::cpu(self.prepared.single_ray.clone());
                 self.frame(name, &path, Arc::new(RayByRay(path.clone())), tracers, options)
             }
             Configuration::RaPacket => {
@@ -249,7 +251,7 @@ impl Bench<'_> {
             }
             Configuration::RaHybrid => {
                 let path = self.path(Shading::Lanes)?;
-                let tracers = Tracers { unit: Unit::Hybrid, ..self.stage.tracers.clone() };
+                let tracers = Tracers { unit: Unit::Hybrid, ..self.prepared.tracers.clone() };
                 self.frame(name, &path, path.clone(), tracers, options)
             }
         }

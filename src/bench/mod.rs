@@ -5,7 +5,6 @@ pub mod build;
 pub mod embree;
 pub mod frame;
 pub mod meshes;
-pub mod meters;
 pub mod rays;
 pub mod schedule;
 mod spread;

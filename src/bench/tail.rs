@@ -2,7 +2,8 @@
 
 use super::Spread;
 use super::frame::FrameError;
-use crate::render::{Integrator, Path, ROULETTE_BOUNCES, Sequence, Settings, Stage};
+use crate::engine::PreparedScene;
+use crate::render::{Integrator, Path, ROULETTE_BOUNCES, Sequence, Settings};
 use crate::scene::Camera;
 use crate::schedule::{JobOptions, JobReport, Policy, Service, ThreadKind};
 use serde::Serialize;
@@ -46,7 +47,7 @@ pub struct Row {
 #[derive(Clone, Copy)]
 pub struct Bench<'a> {
     /// The scene, its tree, its tracers.
-    pub stage: &'a Stage,
+    pub prepared: &'a PreparedScene,
     /// The threads, for as many jobs at a time as there are frames in flight.
     pub service: &'a Service,
     /// The frame.
@@ -112,7 +113,7 @@ impl Bench<'_> {
     fn frames(&self, plan: &Plan) -> Result<Times, FrameError> {
         let Options { settings, camera, policy, .. } = self.options;
         let options = JobOptions { policy, shrink_streams: plan.shrink_streams, ..JobOptions::default() };
-        let path = Path::new(self.stage.scene.clone(), &camera, settings, Some(ROULETTE_BOUNCES))?;
+        let path = Path::new(self.prepared.scene.clone(), &camera, settings, Some(ROULETTE_BOUNCES))?;
         let mut sequence = Sequence::new(plan.frames);
         let mut todo = if plan.frames == 1 { 1 } else { 4 * plan.frames };
         let count = todo as f64;
@@ -121,7 +122,7 @@ impl Bench<'_> {
             while sequence.has_room() && todo > 0 {
                 let frame = Arc::new(path.seen_by(&camera).map_err(crate::render::SettingsError::from)?);
                 let job =
-                    self.service.submit(Arc::clone(&frame), self.stage.tracers.clone(), options.clone());
+                    self.service.submit(Arc::clone(&frame), self.prepared.tracers.clone(), options.clone());
                 sequence.push(job?, frame);
                 todo -= 1;
             }

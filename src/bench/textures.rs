@@ -3,8 +3,9 @@
 
 use super::Spread;
 use super::frame::FrameError;
+use crate::engine::PreparedScene;
 use crate::lanes::{Num, SingleLane};
-use crate::render::{Path, Settings, Stage};
+use crate::render::{Path, Settings};
 use crate::scene::{
     Anisotropy, Camera, Colour, Emission, Footprint, Iridescence, Mipmap, Principled, Scalar, Scene, Sheen,
     Surface, Texture, TextureRef,
@@ -52,7 +53,7 @@ pub struct Row {
 #[derive(Clone, Copy)]
 pub struct Bench<'a> {
     /// The scene, its tree, its tracers.
-    pub stage: &'a Stage,
+    pub prepared: &'a PreparedScene,
     /// The threads.
     pub service: &'a Service,
     /// The frame.
@@ -65,7 +66,7 @@ impl Bench<'_> {
     /// # Errors
     /// When a frame cannot be rendered.
     pub fn run(&self) -> Result<Vec<Row>, FrameError> {
-        let scene = &self.stage.scene;
+        let scene = &self.prepared.scene;
         let texels = |scene: &Scene| scene.textures.iter().map(|t| 4 * t.texels.len()).sum::<usize>();
         let images = scene.textures.iter().map(|t| 4 * t.image().len()).sum();
         let ways = [
@@ -109,7 +110,7 @@ impl Bench<'_> {
         let path = Arc::new(Path::new(Arc::clone(scene), &camera, settings, None)?);
         let options = JobOptions { timeline: true, ..JobOptions::default() };
         let started = Instant::now();
-        let report = self.service.submit(path, self.stage.tracers.clone(), options)?.wait();
+        let report = self.service.submit(path, self.prepared.tracers.clone(), options)?.wait();
         let seconds = started.elapsed().as_secs_f64();
         let report = report.map_err(|error| FrameError::Job { configuration: "a frame", error })?;
         let shading = report.timeline.iter().filter(|task| task.kind == TaskKind::Shade);

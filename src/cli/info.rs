@@ -1,7 +1,7 @@
 //! `raystream info`.
 
 #[cfg(feature = "gpu")]
-use crate::render::calibration_host;
+use crate::engine::calibration_host;
 #[cfg(feature = "gpu")]
 use crate::stream::Sizing;
 use crate::trace::cpu::SimdLevel;

@@ -1,7 +1,7 @@
 //! What the commands that trace have in common: a loaded scene, its stage and the service.
 
 use super::args::{PolicyChoice, TracerChoice, UnitArgs};
-use crate::render::{Stage, UnitChoice, Units};
+use crate::engine::{PreparedScene, UnitChoice, Units};
 use crate::scene::{Scene, load};
 use crate::schedule::{Policy, Service, ServiceOptions, Sharing, Unit};
 use crate::trace::cpu::SimdLevel;
@@ -13,7 +13,7 @@ use std::time::Instant;
 /// A scene ready to be traced, and who traces.
 pub struct Setup {
     /// The scene, its tree, its tracers.
-    pub stage: Stage,
+    pub prepared: PreparedScene,
     /// The threads.
     pub service: Service,
     /// The CPU tracer's instruction set.
@@ -57,9 +57,9 @@ impl Setup {
         let load_s = started.elapsed().as_secs_f64();
 
         let started = Instant::now();
-        let stage = Stage::new(Arc::new(scene), &units);
+        let prepared = PreparedScene::new(Arc::new(scene), &units);
         let build_s = started.elapsed().as_secs_f64();
-        match (&stage.adapter, &stage.degraded) {
+        match (&prepared.adapter, &prepared.degraded) {
             (Some(adapter), _) => log::info!("tracing on the CPU ({simd}) and on {adapter}"),
             (None, Some(reason)) => log::warn!("tracing on the CPU ({simd}) alone: {reason}"),
             (None, None) => log::info!("tracing on the CPU ({simd}); no hardware GPU is in use"),
@@ -68,12 +68,12 @@ impl Setup {
             Some(n) => n as usize,
             None => std::thread::available_parallelism().map_or(1, usize::from),
         };
-        let dispatch_threads = stage.tracers.device.as_ref().map_or(0, |device| {
+        let dispatch_threads = prepared.tracers.device.as_ref().map_or(0, |device| {
             device.sizing().map_or(ServiceOptions::default().dispatch_threads, |sizing| sizing.in_flight)
         });
         let sharing = Sharing::FirstIn;
         let service = Service::new(ServiceOptions { host_threads, dispatch_threads, max_jobs, sharing })?;
-        Ok(Self { stage, service, simd, policy, load_s, build_s })
+        Ok(Self { prepared, service, simd, policy, load_s, build_s })
     }
 }
 

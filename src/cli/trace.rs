@@ -17,7 +17,7 @@ pub fn run(args: &TraceArgs) -> Result<Outcome> {
     let setup = Setup::new(&args.scene, &args.units, 1, |_| Ok(()))?;
     let mut rates = Vec::new();
     let mut units = Units::default();
-    let mut events: Vec<String> = setup.stage.degraded.iter().cloned().collect();
+    let mut events: Vec<String> = setup.prepared.degraded.iter().cloned().collect();
     let mut note = |report: &JobReport| {
         rates.push(rays.len() as f64 / (report.wall_s * 1e6));
         units.add(report);
@@ -27,7 +27,7 @@ pub fn run(args: &TraceArgs) -> Result<Outcome> {
             }
         }
     };
-    let tracers = || setup.stage.tracers.clone();
+    let tracers = || setup.prepared.tracers.clone();
     let options = || JobOptions { policy: setup.policy, ..JobOptions::default() };
     let mut answer = Answer::Closest(Vec::new());
     for _ in 0..args.repeat {
@@ -57,7 +57,7 @@ pub fn run(args: &TraceArgs) -> Result<Outcome> {
         build_s: setup.build_s,
         mray_per_s: Spread::of_rates(rates),
         units,
-        adapter: setup.stage.adapter.clone(),
+        adapter: setup.prepared.adapter.clone(),
         simd: setup.simd.name().into(),
         events,
     };

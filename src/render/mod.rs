@@ -1,4 +1,4 @@
-//! The integrators that plug into the scheduler, and what makes a scene ready for them.
+//! The integrators that plug into the scheduler, and what drives them: frames in flight, passes, checkpoints.
 
 mod ambient_occlusion;
 mod checkpoint;
@@ -13,11 +13,8 @@ pub mod recursion;
 mod recursive_whitted;
 mod sequence;
 mod single_ray;
-mod stage;
 #[cfg(test)]
 mod tests;
-mod tree;
-mod units;
 mod whitted;
 mod whitted_node;
 
@@ -33,9 +30,4 @@ pub use ray_by_ray::RayByRay;
 pub use recursive_whitted::RecursiveWhitted;
 pub use sequence::Sequence;
 pub use single_ray::render_single_rays;
-pub use stage::Stage;
-pub use tree::{WORTH_SAVING, build as build_tree};
-#[cfg(feature = "gpu")]
-pub use units::calibration_host;
-pub use units::{UnitChoice, Units, UnitsError};
 pub use whitted::{WHITTED_BOUNCES, Whitted, WhittedState};

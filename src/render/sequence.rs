@@ -13,7 +13,8 @@ use std::time::Duration;
 /// earlier frames get all threads they can use.
 ///
 /// ```
-/// use raystream::render::{Integrator, Path, Sequence, Settings, Stage, Units};
+/// use raystream::engine::{PreparedScene, Units};
+/// use raystream::render::{Integrator, Path, Sequence, Settings};
 /// use raystream::scene::{Camera, Environment, Scene, recipe::Recipe};
 /// use raystream::schedule::{JobOptions, Service, ServiceOptions, Sharing};
 /// use std::sync::Arc;

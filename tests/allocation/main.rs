@@ -4,7 +4,8 @@
 mod counting;
 
 use counting::{Counting, allocations};
-use raystream::render::{Path, RayByRay, Settings, Stage, Units, render_single_rays};
+use raystream::engine::{PreparedScene, Units};
+use raystream::render::{Path, RayByRay, Settings, render_single_rays};
 use raystream::scene::load;
 use raystream::schedule::{Batch, JobOptions, Output, Renderer, Service, ServiceOptions};
 use raystream::stream::Ray;
@@ -85,7 +86,7 @@ fn a_frame_allocates_nothing_between_its_first_and_last_task() {
     let file = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/cornell.json");
     let scene = Arc::new(load::load(file.as_ref()).expect("our own scene"));
     let camera = scene.camera.expect("it has a camera");
-    let stage = Stage::new(scene.clone(), &Units::cpu());
+    let prepared = PreparedScene::new(scene.clone(), &Units::cpu());
     let settings = Settings { width: 200, height: 200, spp: 1, max_bounces: 4, seed: 1 };
     let path = || Path::new(scene.clone(), &camera, settings, None).expect("valid settings");
     for host_threads in [1, 3] {
@@ -94,7 +95,7 @@ fn a_frame_allocates_nothing_between_its_first_and_last_task() {
         let mut first = None;
         let streams = fewest(64, || {
             let watched = Arc::new(Watched::new(path()));
-            let tracers = stage.tracers.clone();
+            let tracers = prepared.tracers.clone();
             let job = service.submit(watched.clone(), tracers, JobOptions::default()).expect("sizes fit");
             job.wait().expect("the frame is rendered");
             first.get_or_insert(watched.allocations());
@@ -104,7 +105,7 @@ fn a_frame_allocates_nothing_between_its_first_and_last_task() {
         assert!(first > Some(0), "the first frame makes streams");
         let single = fewest(8, || {
             let watched = Watched::new(RayByRay(Arc::new(path())));
-            render_single_rays(&watched, &*stage.single_ray, 1);
+            render_single_rays(&watched, &*prepared.single_ray, 1);
             watched.allocations()
         });
         // Each of these is a new thread's, whose first tile and paths make its memory.

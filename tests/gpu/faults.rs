@@ -2,8 +2,9 @@
 
 use crate::{compare, meshes, rays, tracers};
 use glam::Vec3;
+use raystream::engine::{PreparedScene, UnitChoice, Units, UnitsError};
 use raystream::film::Image;
-use raystream::render::{Path, Settings, Stage, UnitChoice, Units, UnitsError};
+use raystream::render::{Path, Settings};
 use raystream::scene::{Camera, load};
 use raystream::schedule::{JobOptions, Service, ServiceOptions, Unit};
 use raystream::stream::{DeviceError, DeviceTracer, Hit, Queries};
@@ -18,17 +19,17 @@ fn render(unit: Unit, fault: Option<Fault>) -> (String, Vec<String>) {
     let scene = Arc::new(load::load(&scene).expect("scene"));
     let choice =
         UnitChoice { unit: Some(unit), adapter: None, simd: SimdLevel::detect(), cache: None, fault };
-    let stage = Stage::new(scene.clone(), &Units::open(&choice).expect("units"));
+    let prepared = PreparedScene::new(scene.clone(), &Units::open(&choice).expect("units"));
     let camera = scene.camera.unwrap_or_else(|| Camera::framing(&scene.bounds(), 1.0));
     let (width, height) = (48, 48);
     let settings = Settings { width, height, spp: 8, max_bounces: 4, seed: 3 };
     let path = Arc::new(Path::new(scene, &camera, settings, None).expect("settings"));
     let options = ServiceOptions { host_threads: 2, dispatch_threads: 2, ..Default::default() };
     let service = Service::new(options).expect("threads");
-    let job = service.submit(path.clone(), stage.tracers.clone(), JobOptions::default()).expect("job");
+    let job = service.submit(path.clone(), prepared.tracers.clone(), JobOptions::default()).expect("job");
     let report = job.wait().expect("frame");
     let image = Image { width, height, pixels: path.film().resolve() };
-    (image.hash(), stage.degraded.into_iter().chain(report.events).collect())
+    (image.hash(), prepared.degraded.into_iter().chain(report.events).collect())
 }
 
 #[test]

@@ -1,8 +1,9 @@
 //! A long run in miniature: small frames, one after the other, while devices fail at random points. Every picture is the
 //! CPU's, lost devices are replaced, memory stays flat, nothing hangs.
 
+use raystream::engine::{PreparedScene, UnitChoice, Units};
 use raystream::film::Image;
-use raystream::render::{Path, Settings, Stage, UnitChoice, Units};
+use raystream::render::{Path, Settings};
 use raystream::scene::{Camera, load};
 use raystream::schedule::{JobOptions, Service, ServiceOptions, Unit};
 use raystream::trace::cpu::SimdLevel;
@@ -31,10 +32,10 @@ fn soak(frames: usize, seed: u32) -> Seen {
     let options = ServiceOptions { host_threads: 2, dispatch_threads: 2, ..Default::default() };
     let service = Service::new(options).expect("threads");
     let mut random = crate::meshes::Random::new(u64::from(seed));
-    let render = |stage: &Stage| {
+    let render = |prepared: &PreparedScene| {
         let settings = Settings { width: 24, height: 24, spp: 4, max_bounces: 3, seed: 5 };
         let path = Arc::new(Path::new(scene.clone(), &camera, settings, None).expect("settings"));
-        let job = service.submit(path.clone(), stage.tracers.clone(), JobOptions::default()).expect("job");
+        let job = service.submit(path.clone(), prepared.tracers.clone(), JobOptions::default()).expect("job");
         let report = job.wait().expect("frame");
         let image = Image { width: 24, height: 24, pixels: path.film().resolve() };
         (image.hash(), report)
@@ -47,7 +48,7 @@ fn soak(frames: usize, seed: u32) -> Seen {
         fault,
     };
     let cpu = Units::open(&choice(Unit::Cpu, None)).expect("the CPU");
-    let (expected, _) = render(&Stage::new(scene.clone(), &cpu));
+    let (expected, _) = render(&PreparedScene::new(scene.clone(), &cpu));
 
     let mut seen = Seen::default();
     while seen.frames < frames {
@@ -59,15 +60,15 @@ fn soak(frames: usize, seed: u32) -> Seen {
         };
         let unit = if random.below(2) == 0 { Unit::Gpu } else { Unit::Hybrid };
         let units = Units::open(&choice(unit, Some(fault))).expect("units");
-        let stage = Stage::new(scene.clone(), &units);
+        let prepared = PreparedScene::new(scene.clone(), &units);
         let mut lost = false;
         for _ in 0..FRAMES_A_STAGE {
-            let (hash, report) = render(&stage);
+            let (hash, report) = render(&prepared);
             assert_eq!(hash, expected, "frame {}, {fault:?}", seen.frames);
             seen.frames += 1;
             let failed = !report.events.is_empty();
             seen.losses += usize::from(failed && !lost);
-            seen.with_a_replacement += usize::from(lost && !failed && stage.tracers.device.is_some());
+            seen.with_a_replacement += usize::from(lost && !failed && prepared.tracers.device.is_some());
             lost |= failed;
             if failed && random.below(2) == 0 {
                 // Sometimes the next frame waits for the other device, sometimes it has to do without.

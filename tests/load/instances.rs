@@ -2,8 +2,9 @@
 
 use crate::document::Document;
 use raystream::bvh::{Bvh, TreeInstance};
+use raystream::engine::{PreparedScene, Units, WORTH_SAVING, build_tree};
 use raystream::film::Image;
-use raystream::render::{Path, Settings, Stage, Units, WORTH_SAVING, build_tree};
+use raystream::render::{Path, Settings};
 use raystream::scene::{Camera, Environment, Scene};
 use raystream::schedule::{JobOptions, Service, ServiceOptions};
 use serde_json::json;
@@ -106,13 +107,13 @@ fn a_picture_does_not_depend_on_what_is_shared() {
     let service = Service::new(ServiceOptions { host_threads: 2, ..Default::default() }).expect("threads");
     let [shared, alone] = [scene, written_out].map(|scene| {
         let camera = Camera::framing(&scene.bounds(), 1.0);
-        let stage = Stage::new(Arc::new(scene), &Units::cpu());
+        let prepared = PreparedScene::new(Arc::new(scene), &Units::cpu());
         let settings = Settings { width: 32, height: 32, spp: 4, max_bounces: 3, seed: 1 };
-        let path = Arc::new(Path::new(stage.scene.clone(), &camera, settings, None).expect("settings"));
-        let job = service.submit(path.clone(), stage.tracers.clone(), JobOptions::default()).expect("job");
+        let path = Arc::new(Path::new(prepared.scene.clone(), &camera, settings, None).expect("settings"));
+        let job = service.submit(path.clone(), prepared.tracers.clone(), JobOptions::default()).expect("job");
         job.wait().expect("frame");
         let image = Image { width: 32, height: 32, pixels: path.film().resolve() };
-        (image.hash(), stage.bvh.members().len(), stage.bvh.bytes())
+        (image.hash(), prepared.bvh.members().len(), prepared.bvh.bytes())
     });
     assert_eq!((shared.1, alone.1), (3, 0));
     assert!(shared.2 * 2 < alone.2);

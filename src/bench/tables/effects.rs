@@ -2,7 +2,8 @@
 //! Whitted ray tracer.
 
 use crate::bench::Spread;
-use crate::render::{Settings, SettingsError, Stage, Whitted};
+use crate::engine::PreparedScene;
+use crate::render::{Settings, SettingsError, Whitted};
 use crate::scene::{Camera, Environment, Light, LightShape, Scene};
 use crate::schedule::{JobError, JobOptions, LimitsError, RayCounts, Service};
 use glam::Vec3;
@@ -47,13 +48,13 @@ pub enum EffectsError {
 /// # Errors
 /// When a frame cannot be rendered.
 pub fn run(
-    stage: &Stage,
+    prepared: &PreparedScene,
     service: &Service,
     camera: &Camera,
     settings: Settings,
     rounds: usize,
 ) -> Result<Vec<Row>, EffectsError> {
-    let dark = Arc::new(without_light(&stage.scene));
+    let dark = Arc::new(without_light(&prepared.scene));
     let lit = Arc::new(with_three_lights((*dark).clone()));
     let bounces = settings.max_bounces;
     let frames = [
@@ -68,7 +69,7 @@ pub fn run(
         for (i, &(_, scene, max_bounces)) in frames.iter().enumerate() {
             let settings = Settings { max_bounces, ..settings };
             let whitted = Arc::new(Whitted::new(scene.clone(), camera, settings)?);
-            let job = service.submit(whitted, stage.tracers.clone(), JobOptions::default())?;
+            let job = service.submit(whitted, prepared.tracers.clone(), JobOptions::default())?;
             let report = job.wait()?;
             rays[i] = report.rays;
             // The first round makes streams.
@@ -120,7 +121,7 @@ fn with_three_lights(mut scene: Scene) -> Scene {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::render::Units;
+    use crate::engine::Units;
     use crate::scene::load;
     use crate::schedule::ServiceOptions;
     use std::path::Path;
@@ -130,10 +131,10 @@ mod tests {
         let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/showcase.json");
         let scene = Arc::new(load::load(&file).expect("our own scene"));
         let camera = scene.camera.expect("it has a camera");
-        let stage = Stage::new(scene, &Units::cpu());
+        let prepared = PreparedScene::new(scene, &Units::cpu());
         let service = Service::new(ServiceOptions::default()).expect("threads can be started");
         let settings = Settings { width: 64, height: 48, spp: 1, max_bounces: 4, seed: 0 };
-        let rows = run(&stage, &service, &camera, settings, 1).expect("a frame");
+        let rows = run(&prepared, &service, &camera, settings, 1).expect("a frame");
         let [camera, reflections, lights, both] = &rows[..] else { panic!("four frames") };
         assert!(rows.iter().all(|row| row.camera == 64 * 48));
         assert_eq!((camera.continuation, camera.shadow), (0, 0));

@@ -18,7 +18,7 @@ pub fn run(args: &BenchAdaptiveArgs) -> Result<()> {
         rounds: args.rounds as usize,
         policy: setup.policy,
     };
-    let rows = Bench { stage: &setup.stage, service: &setup.service, options }.run()?;
+    let rows = Bench { prepared: &setup.prepared, service: &setup.service, options }.run()?;
     println!(
         "{width}x{height}, at most {} bounces, against {} spp; efficiency = squared error x time of even samples by that of the row",
         args.max_bounces, args.reference_spp

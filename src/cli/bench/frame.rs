@@ -17,10 +17,10 @@ pub fn run(args: &BenchFrameArgs) -> Result<Outcome> {
         repeats: args.repeats as usize,
         policy: setup.policy,
     };
-    let bench = Bench { stage: &setup.stage, service: &setup.service, simd: setup.simd, options };
+    let bench = Bench { prepared: &setup.prepared, service: &setup.service, simd: setup.simd, options };
     let report = if args.policies { bench.policies()? } else { bench.ladder()? };
     print(args, &report);
-    if setup.stage.tracers.device.is_none() && !args.policies {
+    if setup.prepared.tracers.device.is_none() && !args.policies {
         eprintln!("RA HYBRID is left out: no hardware GPU is in use (name an adapter with --adapter)");
     }
     if let Some(path) = &args.shot.json {

@@ -13,7 +13,7 @@ use super::Outcome;
 use super::args::{BenchCommand, ShotArgs};
 use super::setup::Setup;
 use super::stats::{self, SCHEMA};
-use crate::render::Units;
+use crate::engine::Units;
 use crate::scene::Camera;
 use anyhow::Result;
 use serde::Serialize;
@@ -37,7 +37,7 @@ impl ShotArgs {
     /// Makes a scene ready for so many jobs at a time, and says from where it is seen.
     fn set_up(&self, scene: &Path, (width, height): (u32, u32), max_jobs: usize) -> Result<(Setup, Camera)> {
         let setup = Setup::new(scene, &self.units, max_jobs, |scene| self.light.apply_environment(scene))?;
-        let scene = &setup.stage.scene;
+        let scene = &setup.prepared.scene;
         let framed = || Camera::framing(&scene.bounds(), width as f32 / height as f32);
         let camera = self.camera.apply(scene.camera, framed);
         Ok((setup, camera))

@@ -4,7 +4,7 @@ use super::super::args::BenchRaysArgs;
 use super::write;
 use crate::bench::rays::{Options, Report, run as measure};
 use crate::bench::{Kind, Workload, meshes};
-use crate::render::{Stage, UnitChoice, Units};
+use crate::engine::{PreparedScene, UnitChoice, Units};
 use crate::scene::Camera;
 use crate::schedule::Unit;
 use crate::trace::cpu::SimdLevel;
@@ -25,15 +25,15 @@ pub fn run(args: &BenchRaysArgs) -> Result<()> {
             fault: None,
         })?,
     };
-    let stage = Stage::new(Arc::new(meshes::scene(&args.scene)?), &units);
-    if let Some(reason) = &stage.degraded {
+    let prepared = PreparedScene::new(Arc::new(meshes::scene(&args.scene)?), &units);
+    if let Some(reason) = &prepared.degraded {
         bail!("{reason}");
     }
     let (width, height) = args.size;
-    let bounds = stage.scene.bounds();
+    let bounds = prepared.scene.bounds();
     let framed = || Camera::framing(&bounds, width as f32 / height as f32);
-    let camera = args.camera.apply(stage.scene.camera, framed);
-    let workload = Workload::new(&stage.bvh, &*stage.tracers.host, &camera, width, height)?;
+    let camera = args.camera.apply(prepared.scene.camera, framed);
+    let workload = Workload::new(&prepared.bvh, &*prepared.tracers.host, &camera, width, height)?;
     let options = Options {
         rounds: args.peers.rounds as usize,
         threads: args.peers.threads.iter().map(|&n| n as usize).collect(),
@@ -42,12 +42,12 @@ pub fn run(args: &BenchRaysArgs) -> Result<()> {
         slow_units: !args.kernels,
         ..Options::default()
     };
-    let mesh = &stage.scene.mesh;
-    let devices = match (args.kernels, &stage.tracers.device) {
-        (true, _) => stage.variants(&units).map_err(anyhow::Error::msg)?,
+    let mesh = &prepared.scene.mesh;
+    let devices = match (args.kernels, &prepared.tracers.device) {
+        (true, _) => prepared.variants(&units).map_err(anyhow::Error::msg)?,
         (false, device) => device.iter().cloned().collect(),
     };
-    let report = measure(&stage.bvh, &mesh.positions, &mesh.triangles, &workload, &devices, &options)?;
+    let report = measure(&prepared.bvh, &mesh.positions, &mesh.triangles, &workload, &devices, &options)?;
     print(&report, &workload);
     match &args.peers.json {
         Some(path) => write(path, Some(&args.scene), &report.rows, &report.agreement),

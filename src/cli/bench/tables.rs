@@ -22,8 +22,8 @@ enum Row {
 /// Measures RTRT's tables.
 pub fn run(args: &BenchTablesArgs) -> Result<()> {
     let setup = Setup::new(&args.scene, &args.units, 1, |_| Ok(()))?;
-    let stage = &setup.stage;
-    let camera = args.camera.apply(stage.scene.camera, || Camera::framing(&stage.scene.bounds(), 1.0));
+    let prepared = &setup.prepared;
+    let camera = args.camera.apply(prepared.scene.camera, || Camera::framing(&prepared.scene.bounds(), 1.0));
     let rounds = args.rounds as usize;
     let mut rows = Vec::new();
 
@@ -42,7 +42,7 @@ pub fn run(args: &BenchTablesArgs) -> Result<()> {
         "{:<8} {:>10} {:>10} {:>10} {:>9} {:>9}",
         "packet", "resolution", "nodes/ray", "blocks/ray", "nodes", "blocks"
     );
-    for row in packets::run(&stage.bvh, &camera, args.resolution)? {
+    for row in packets::run(&prepared.bvh, &camera, args.resolution)? {
         println!(
             "{:<8} {:>10} {:>10.1} {:>10.1} {:>8.1}% {:>8.1}%",
             format!("{0}x{0}", row.packet),
@@ -62,7 +62,7 @@ pub fn run(args: &BenchTablesArgs) -> Result<()> {
     );
     let (width, height) = (args.resolution, args.resolution);
     let settings = Settings { width, height, spp: 1, max_bounces: args.max_bounces, seed: 0 };
-    for row in effects::run(stage, &setup.service, &camera, settings, rounds)? {
+    for row in effects::run(prepared, &setup.service, &camera, settings, rounds)? {
         println!(
             "{:<26} {:>9} {:>9} {:>9} {:>9.1} {:>9.2} {:>8.2}",
             row.configuration,

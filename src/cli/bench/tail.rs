@@ -18,7 +18,7 @@ pub fn run(args: &BenchTailArgs) -> Result<()> {
         rounds: args.rounds as usize,
         policy: setup.policy,
     };
-    let rows = Bench { stage: &setup.stage, service: &setup.service, options }.run()?;
+    let rows = Bench { prepared: &setup.prepared, service: &setup.service, options }.run()?;
     println!("{width}x{height}, {} spp, at most {} bounces; a frame:", args.spp, args.max_bounces);
     println!(
         "{:<26} {:>7} {:>9} {:>9} {:>9} {:>12} {:>7}",

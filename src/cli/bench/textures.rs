@@ -9,7 +9,7 @@ use anyhow::{Result, ensure};
 /// Measures what texturing costs.
 pub fn run(args: &BenchTexturesArgs) -> Result<()> {
     let (setup, camera) = args.shot.set_up(&args.scene, args.size, 1)?;
-    let textured = !setup.stage.scene.textures.is_empty();
+    let textured = !setup.prepared.scene.textures.is_empty();
     ensure!(textured, "{}: has no textures; choose a scene that has some", args.scene.display());
     let (width, height) = args.size;
     let options = Options {
@@ -17,7 +17,7 @@ pub fn run(args: &BenchTexturesArgs) -> Result<()> {
         camera,
         rounds: args.rounds as usize,
     };
-    let rows = Bench { stage: &setup.stage, service: &setup.service, options }.run()?;
+    let rows = Bench { prepared: &setup.prepared, service: &setup.service, options }.run()?;
     println!("{width}x{height}, {} spp, at most {} bounces; a frame:", args.spp, args.max_bounces);
     println!(
         "{:<28} {:>7} {:>11} {:>9} {:>7} {:>11} {:>6}",

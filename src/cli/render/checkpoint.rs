@@ -25,7 +25,7 @@ pub fn identity(args: &RenderArgs, setup: &Setup, settings: &Settings) -> Identi
     let noise = args.progress.noise.map_or_else(|| "without a target".into(), |noise| noise.to_string());
     let identity = [
         ("the version of raystream", env!("CARGO_PKG_VERSION").to_owned()),
-        ("the scene", format!("of hash {}", setup.stage.scene.content_hash())),
+        ("the scene", format!("of hash {}", setup.prepared.scene.content_hash())),
         ("--integrator", args.integrator.clone()),
         ("--size", format!("{}x{}", settings.width, settings.height)),
         ("--spp", settings.spp.to_string()),

@@ -4,13 +4,13 @@ use super::animation::Animation;
 use super::finished_frames::FinishedFrames;
 use super::submit;
 use super::totals::Totals;
-use crate::bench::meters::{Meters, Recorder};
 use crate::cli::args::RenderArgs;
 use crate::cli::progress::{BEAT, Bar};
 use crate::cli::setup::Setup;
 use crate::cli::stats::{self, FrameStats, FramesStats, NoiseStats, SCHEMA, SceneStats};
 use crate::cli::{Outcome, interrupt};
 use crate::film::{Image, write_image};
+use crate::meters::{Meters, Recorder};
 use crate::render::{Integrator, PassOptions, Progressive};
 use anyhow::{Context, Result};
 use std::collections::VecDeque;
@@ -39,7 +39,7 @@ pub fn run<I: Integrator>(
     let mut shots: VecDeque<Shot<I>> = VecDeque::new();
     let mut todo = animation.frames.clone();
     let (mut totals, mut done, mut dropped_splats) = (Totals::default(), Vec::new(), 0);
-    totals.events.extend(setup.stage.degraded.clone());
+    totals.events.extend(setup.prepared.degraded.clone());
     let meters = Meters::start();
     let recorder = args.timeline.as_ref().and_then(|_| Recorder::start());
     interrupt::listen();
@@ -104,7 +104,7 @@ pub fn run<I: Integrator>(
     let recorded = recorder.map_or_else(Vec::new, Recorder::finish);
     done.sort_by_key(|frame| frame.frame);
     let micros = (totals.wall_s() * 1e6).max(f64::MIN_POSITIVE);
-    let scene = &setup.stage.scene;
+    let scene = &setup.prepared.scene;
     let stats = FramesStats {
         schema: SCHEMA,
         scene: SceneStats { triangles: scene.mesh.triangles.len(), materials: scene.materials.len() },
@@ -124,7 +124,7 @@ pub fn run<I: Integrator>(
         peak_memory_bytes: stats::peak_memory_bytes(),
         memory: totals.memory(setup),
         peak_rays_in_flight: totals.peak_rays_in_flight as u64,
-        adapter: setup.stage.adapter.clone(),
+        adapter: setup.prepared.adapter.clone(),
         simd: setup.simd.name().into(),
         joules: std::mem::take(&mut totals.joules),
         events: std::mem::take(&mut totals.events),

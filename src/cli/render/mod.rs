@@ -42,7 +42,7 @@ pub fn run(args: &RenderArgs, registry: &Registry) -> Result<Outcome> {
         animation = Animation::new(args, scene, still(scene))?;
         args.light.apply_environment(scene)
     })?;
-    let scene = setup.stage.scene.clone();
+    let scene = setup.prepared.scene.clone();
     let camera = still(&scene);
     let spp = args.progress.samples();
     let settings = Settings { width, height, spp, max_bounces: args.max_bounces, seed: args.seed };
@@ -78,7 +78,7 @@ fn submit<I: Integrator>(
 ) -> Result<JobHandle, LimitsError> {
     let (policy, timeline) = (setup.policy, args.timeline.is_some());
     let options = JobOptions { policy, timeline, ..JobOptions::default() };
-    setup.service.submit(Arc::clone(integrator), setup.stage.tracers.clone(), options)
+    setup.service.submit(Arc::clone(integrator), setup.prepared.tracers.clone(), options)
 }
 
 /// Refuses outputs that cannot be written before minutes are spent.

@@ -3,13 +3,13 @@
 use super::checkpoint::Checkpoint;
 use super::submit;
 use super::totals::Totals;
-use crate::bench::meters::{Meters, Recorder};
 use crate::cli::args::RenderArgs;
 use crate::cli::progress::{BEAT, Bar};
 use crate::cli::setup::Setup;
 use crate::cli::stats::{self, ImageStats, NoiseStats, RenderStats, SCHEMA, SceneStats, Seconds};
 use crate::cli::{Outcome, interrupt};
 use crate::film::{Film, Image, write_image};
+use crate::meters::{Meters, Recorder};
 use crate::render::{Integrator, PassOptions, Progressive};
 use crate::scene::Camera;
 use anyhow::{Context, Result};
@@ -126,9 +126,9 @@ fn summarise<I: Integrator>(
 ) -> RenderStats {
     let settings = frame.integrator().frame().settings();
     let micros = seconds.render * 1e6;
-    let scene = &setup.stage.scene;
+    let scene = &setup.prepared.scene;
     let samples = film.mean_samples();
-    let mut events: Vec<String> = setup.stage.degraded.iter().cloned().collect();
+    let mut events: Vec<String> = setup.prepared.degraded.iter().cloned().collect();
     events.append(&mut totals.events);
     if end == End::Interrupted && !frame.is_complete() {
         events.push(format!("stopped after {samples:.1} of {} samples per pixel", settings.spp));
@@ -159,7 +159,7 @@ fn summarise<I: Integrator>(
         memory: totals.memory(setup),
         peak_rays_in_flight: totals.peak_rays_in_flight as u64,
         peak_loop_stack_bytes: frame.loop_stack_bytes() as u64,
-        adapter: setup.stage.adapter.clone(),
+        adapter: setup.prepared.adapter.clone(),
         simd: setup.simd.name().into(),
         joules: std::mem::take(&mut totals.joules),
         events,

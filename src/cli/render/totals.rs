@@ -1,9 +1,9 @@
 //! What the jobs of a command did together.
 
-use crate::bench::meters::Series;
 use crate::cli::setup::Setup;
 use crate::cli::stats::{MemoryStats, ThreadStats, Units};
 use crate::cli::timeline::{Curve, Timeline, thread_names};
+use crate::meters::Series;
 use crate::schedule::{Depths, JobReport, RayCounts, TaskRecord, ThreadKind, ThreadReport};
 use std::collections::BTreeMap;
 use std::time::Instant;
@@ -72,7 +72,7 @@ impl Totals {
 
     /// What takes memory, beside the tree that all jobs share.
     pub fn memory(&self, setup: &Setup) -> MemoryStats {
-        let (tree_bytes, triangles) = (setup.stage.bvh.bytes(), setup.stage.scene.mesh.triangles.len());
+        let (tree_bytes, triangles) = (setup.prepared.bvh.bytes(), setup.prepared.scene.mesh.triangles.len());
         MemoryStats::of(tree_bytes, triangles, self.stream_bytes, self.peak_rays_in_flight)
     }
 

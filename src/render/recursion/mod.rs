@@ -15,7 +15,8 @@
 //! ```
 //! use glam::Vec3;
 //! use raystream::render::recursion::{Cx, Recursion, Shader};
-//! use raystream::render::{Settings, Stage, Units};
+//! use raystream::engine::{PreparedScene, Units};
+//! use raystream::render::Settings;
 //! use raystream::scene::{Camera, recipe::Recipe};
 //! use raystream::schedule::{JobOptions, Service, ServiceOptions};
 //! use raystream::stream::{Hit, Ray};
@@ -60,15 +61,15 @@
 //! let recipe = Recipe::parse(r#"{ "environment": [1, 1, 1], "materials": { "any": { "colour": [1, 1, 1] } },
 //!     "shapes": [ { "shape": "sphere", "centre": [-1, 0, 0], "radius": 1, "cells": 16, "material": "any" },
 //!                 { "shape": "sphere", "centre": [1, 0, 0], "radius": 1, "cells": 16, "material": "any" } ] }"#)?;
-//! let stage = Stage::new(Arc::new(recipe.build()?), &Units::cpu());
-//! let camera = Camera::framing(&stage.scene.bounds(), 1.0);
+//! let prepared = PreparedScene::new(Arc::new(recipe.build()?), &Units::cpu());
+//! let camera = Camera::framing(&prepared.scene.bounds(), 1.0);
 //! let settings = Settings { width: 64, height: 64, spp: 4, max_bounces: 8, seed: 0 };
 //!
 //! // The shader is a renderer like any other: a job for the service.
 //! let sun = Vec3::new(0.3, 0.9, 0.4).normalize();
-//! let mirrors = Arc::new(Recursion::new(Mirrors { sun }, stage.scene.clone(), &camera, settings)?);
+//! let mirrors = Arc::new(Recursion::new(Mirrors { sun }, prepared.scene.clone(), &camera, settings)?);
 //! let service = Service::new(ServiceOptions { host_threads: 2, ..Default::default() })?;
-//! service.submit(mirrors.clone(), stage.tracers.clone(), JobOptions::default())?.wait()?;
+//! service.submit(mirrors.clone(), prepared.tracers.clone(), JobOptions::default())?.wait()?;
 //!
 //! let picture = mirrors.film().resolve();
 //! assert_eq!(picture[0], [0.4, 0.6, 0.9]);

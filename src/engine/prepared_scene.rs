@@ -1,21 +1,16 @@
 //! A scene made ready: its tree and the units that trace it.
 
+use super::alpha_filter::filter;
 use super::{Units, tree};
-use crate::bvh::{Bvh, Filter};
-use crate::scene::{AlphaMode, Scene};
+use crate::bvh::Bvh;
+use crate::scene::Scene;
 use crate::schedule::Tracers;
 use crate::stream::{DeviceTracer, Tracer};
 use crate::trace::cpu::{CpuTracer, SingleRayTracer};
 use std::sync::Arc;
 
-impl Filter for Scene {
-    fn accepts(&self, primitive: u32, u: f32, v: f32) -> bool {
-        self.alpha_accepts(primitive, u, v)
-    }
-}
-
 /// A scene with its tree and tracers, ready for any number of jobs.
-pub struct Stage {
+pub struct PreparedScene {
     /// What is rendered.
     pub scene: Arc<Scene>,
     /// The tree over its triangles.
@@ -30,9 +25,9 @@ pub struct Stage {
     pub degraded: Option<String>,
 }
 
-impl Stage {
+impl PreparedScene {
     /// Builds the tree and the tracers. A GPU that cannot take the scene is no error: the CPU does its
-    /// work, and [`Stage::degraded`] says why.
+    /// work, and [`PreparedScene::degraded`] says why.
     pub fn new(scene: Arc<Scene>, units: &Units) -> Self {
         let bvh = Arc::new(tree::build(&scene, tree::WORTH_SAVING));
         let filter = filter(&scene);
@@ -58,10 +53,4 @@ impl Stage {
     pub fn variants(&self, units: &Units) -> Result<Vec<Arc<dyn DeviceTracer>>, String> {
         units.variants(&self.bvh, filter(&self.scene), &self.tracers.host)
     }
-}
-
-/// The scene's say in hits, if alpha decides about any.
-fn filter(scene: &Arc<Scene>) -> Option<Arc<dyn Filter>> {
-    let is_masked = scene.materials.iter().any(|m| m.alpha.mode != AlphaMode::Opaque);
-    is_masked.then(|| scene.clone() as Arc<dyn Filter>)
 }
