@@ -69,7 +69,7 @@ impl Units {
     }
 
     /// Opens the units. A GPU that was asked for but cannot be had is no error: the CPU does its work, and
-    /// every [`super::Stage`] says why.
+    /// every [`super::PreparedScene`] says why.
     ///
     /// # Errors
     /// When the processor lacks the instruction set, or an adapter is named and there is none of that name.

@@ -21,12 +21,12 @@ use std::time::Duration;
 ///
 /// let recipe = Recipe::parse(r#"{ "environment": [1, 1, 1], "materials": { "grey": { "colour": [0.5, 0.5, 0.5] } },
 ///     "shapes": [ { "shape": "sphere", "centre": [0, 0, 0], "radius": 1, "cells": 8, "material": "grey" } ] }"#)?;
-/// let stage = Stage::new(Arc::new(recipe.build()?), &Units::cpu());
+/// let prepared = PreparedScene::new(Arc::new(recipe.build()?), &Units::cpu());
 /// let options = ServiceOptions { host_threads: 2, max_jobs: 3, sharing: Sharing::FirstIn, ..Default::default() };
 /// let service = Service::new(options)?;
-/// let camera = Camera::framing(&stage.scene.bounds(), 1.0);
+/// let camera = Camera::framing(&prepared.scene.bounds(), 1.0);
 /// let settings = Settings { width: 32, height: 32, spp: 1, max_bounces: 2, seed: 0 };
-/// let still = Path::new(stage.scene.clone(), &camera, settings, None)?;
+/// let still = Path::new(prepared.scene.clone(), &camera, settings, None)?;
 ///
 /// let mut cameras = (0..5).map(|frame| Camera { fov_degrees: 20.0 + frame as f32, ..camera });
 /// let mut sequence = Sequence::new(3);
@@ -34,7 +34,7 @@ use std::time::Duration;
 /// loop {
 ///     while sequence.has_room() && let Some(camera) = cameras.next() {
 ///         let frame = Arc::new(still.seen_by(&camera)?);
-///         sequence.push(service.submit(frame.clone(), stage.tracers.clone(), JobOptions::default())?, frame);
+///         sequence.push(service.submit(frame.clone(), prepared.tracers.clone(), JobOptions::default())?, frame);
 ///     }
 ///     let Some((frame, report)) = sequence.pop() else { break };
 ///     report?;
