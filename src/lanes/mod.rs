@@ -39,7 +39,7 @@ pub use level::{LaneTask, SimdError, SimdLevel};
 #[cfg(target_arch = "aarch64")]
 pub(crate) use neon::Neon;
 pub use num::Num;
-pub use plain::{SingleLane, Plain};
+pub use plain::{Plain, SingleLane};
 pub(crate) use prefetch::Prefetch;
 pub use vector::Vector;
 
