@@ -11,6 +11,9 @@ use crate::trace::gpu::{AdapterChoice, AdapterInfo, Gpu};
 /// Prints what this machine has.
 pub fn run() {
     println!("raystream {}", env!("CARGO_PKG_VERSION"));
+    if let Some(processor) = crate::meters::processor() {
+        println!("processor:    {processor}");
+    }
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
     println!("host threads: {threads}");
     let levels: Vec<_> = SimdLevel::available().into_iter().map(SimdLevel::name).collect();

@@ -1,11 +1,13 @@
-//! What the machine tells of its own energy and clocks, where it lets itself be read: RAPL, NVML, Linux's clocks.
+//! What the machine says of itself, where it can be read: the processor's name, energy (RAPL, NVML), Linux's clocks.
 
 mod clock;
 #[cfg(feature = "nvml")]
 mod nvml;
+mod processor;
 mod rapl;
 mod recorder;
 
+pub use processor::processor;
 pub use recorder::{PERIOD, Recorder, Series};
 
 use std::collections::BTreeMap;

@@ -10,6 +10,8 @@ fn the_ladder_has_one_picture_and_a_ratio_for_each_configuration() {
         run(folder.path(), &[&["bench", "frame", &scene][..], &args, &["--tracer", "cpu"]].concat(), 0);
     assert!(text.contains("all 12 pictures have the hash"), "{text}");
     let report = json(&folder.path().join("b.json"));
+    let command = report["command"].as_array().expect("the command that ran");
+    assert_eq!(command[..3], ["bench", "frame", scene.as_str()]);
     let rows = report["rows"].as_array().expect("rows");
     let names: Vec<_> = rows.iter().map(|row| row["configuration"].as_str().expect("a name")).collect();
     assert_eq!(names, ["SINGLERAY", "RA SINGLERAY", "RA PACKET", "RA SIMD"]);

@@ -14,6 +14,7 @@ use super::args::{BenchCommand, ShotArgs};
 use super::setup::Setup;
 use super::stats::{self, SCHEMA};
 use crate::engine::Units;
+use crate::meters::processor;
 use crate::scene::Camera;
 use anyhow::Result;
 use serde::Serialize;
@@ -48,6 +49,8 @@ impl ShotArgs {
 #[derive(Serialize)]
 struct Sheet<'a, R> {
     schema: u32,
+    /// This process's arguments, without its name.
+    command: Vec<String>,
     machine: Machine,
     rows: Vec<SceneRow<'a, R>>,
     #[serde(skip_serializing_if = "<[_]>::is_empty")]
@@ -56,6 +59,9 @@ struct Sheet<'a, R> {
 
 #[derive(Serialize)]
 struct Machine {
+    /// [`processor`].
+    processor: Option<String>,
+    /// That the system offers.
     threads: usize,
     simd: &'static str,
 }
@@ -76,7 +82,9 @@ fn write<R: Serialize>(
 ) -> Result<()> {
     let scene = scene.map(|path| path.file_name().and_then(|name| name.to_str()).unwrap_or_default());
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
-    let machine = Machine { threads, simd: Units::cpu().simd().name() };
+    let machine = Machine { processor: processor(), threads, simd: Units::cpu().simd().name() };
     let rows = rows.iter().map(|row| SceneRow { scene, row }).collect();
-    stats::write(path, &Sheet { schema: SCHEMA, machine, rows, agreement })
+    let command =
+        std::env::args_os().skip(1).map(|argument| argument.to_string_lossy().into_owned()).collect();
+    stats::write(path, &Sheet { schema: SCHEMA, command, machine, rows, agreement })
 }
