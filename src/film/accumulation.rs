@@ -293,7 +293,7 @@ pub(crate) fn take<'a, const N: usize>(from: &mut &'a [u8]) -> Option<&'a [u8; N
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::lanes::{LaneTask, SimdLevel};
+    use crate::lanes::{LaneTask, MAX_LANES, SimdLevel};
     use glam::Vec3;
 
     #[test]
@@ -327,8 +327,8 @@ mod tests {
 
         #[inline(always)]
         fn run<L: Lanes>(self, l: L) {
-            for i in (0..4096u32).step_by(16) {
-                for part in (0..16).step_by(L::LANES) {
+            for i in (0..4096u32).step_by(MAX_LANES) {
+                for part in (0..MAX_LANES).step_by(L::LANES) {
                     let (mut pixels, mut radiance) = (L::array(0), L::array(0.0));
                     for lane in 0..L::LANES as u32 {
                         let n = i + part as u32 + lane;

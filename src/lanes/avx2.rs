@@ -82,6 +82,8 @@ fn transpose<const VL: bool>(token: Eights<VL>, r: [__m256; 8]) -> [__m256; 8] {
     }
 }
 
+impl<const VL: bool> super::sealed::Sealed for Eights<VL> {}
+
 // SAFETY of every block below: invariant 1 for the instructions, 2 for the pointers.
 #[allow(clippy::undocumented_unsafe_blocks, reason = "the line above speaks for every block")]
 impl<const VL: bool> Lanes for Eights<VL> {

@@ -80,6 +80,8 @@ fn halves(_: Avx512, a: __m512, b: __m512) -> [__m512; 2] {
     unsafe { [_mm512_shuffle_f32x4::<0b01_00_01_00>(a, b), _mm512_shuffle_f32x4::<0b11_10_11_10>(a, b)] }
 }
 
+impl super::sealed::Sealed for Avx512 {}
+
 // SAFETY of every block below: invariant 1 for the instructions, 2 for the pointers.
 #[allow(clippy::undocumented_unsafe_blocks, reason = "the line above speaks for every block")]
 impl Lanes for Avx512 {

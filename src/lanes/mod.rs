@@ -45,12 +45,22 @@ pub use vector::Vector;
 
 use std::ops::{Index, IndexMut};
 
+/// The number of lanes of the widest instruction set. Memory that lanes of any width read or write whole is this long.
+pub const MAX_LANES: usize = 16;
+
+mod sealed {
+    /// What only this crate implements, so that instructions can be added to [`super::Lanes`].
+    pub trait Sealed {}
+}
+
 /// A vector of [`Lanes::LANES`] numbers and what can be done with it.
 ///
 /// Masks have one bit a lane, lane 0 lowest; bits beyond the lanes are 0 in those that methods return
 /// and do not count in those that they take.
-pub trait Lanes: Copy {
-    /// Number of lanes, at most 16.
+///
+/// The trait is sealed: its implementations are those of this module.
+pub trait Lanes: Copy + sealed::Sealed {
+    /// Number of lanes, 1 to [`MAX_LANES`].
     const LANES: usize;
     /// The mask of all lanes.
     const ALL: u32 = u32::MAX >> (32 - Self::LANES);
@@ -336,10 +346,10 @@ pub(crate) fn eight_ids<L: Lanes>(l: L, ids: &[u32; 8]) -> L::I {
 
 /// Numbers of lanes, for code that goes lane by lane.
 #[inline(always)]
-pub(crate) fn spill<L: Lanes>(l: L, f: L::F) -> [f32; 16] {
-    const { assert!(L::LANES <= 16) };
-    let mut numbers = [0.0; 16];
-    // SAFETY: invariant 1; sixteen numbers are enough.
+pub(crate) fn spill<L: Lanes>(l: L, f: L::F) -> [f32; MAX_LANES] {
+    const { assert!(L::LANES <= MAX_LANES) };
+    let mut numbers = [0.0; MAX_LANES];
+    // SAFETY: invariant 1; there is room for as many numbers as any level has lanes.
     unsafe {
         l.store(numbers.as_mut_ptr(), f);
     }
@@ -370,7 +380,7 @@ mod tests {
         let mut results = Vec::new();
         for at in (0..32).step_by(l.lanes()) {
             let mut keep = |f: L::F| {
-                let mut out = [0.0f32; 16];
+                let mut out = [0.0f32; MAX_LANES];
                 // SAFETY: invariant 1; sixteen numbers are enough for any lanes.
                 unsafe { l.store(out.as_mut_ptr(), f) };
                 // One zero is as good as the other after min and max; NaNs differ in payload.
@@ -409,7 +419,7 @@ mod tests {
                 l.select_u32(l.lt_u32(L::ALL, i, k), i, k),
                 l.select_u32(l.eq_u32(L::ALL, i, l.and_u32(i, k)), i, k),
             ] {
-                let mut out = [0u32; 16];
+                let mut out = [0u32; MAX_LANES];
                 // SAFETY: invariant 1; sixteen ids are enough for any lanes.
                 unsafe { l.store_u32(out.as_mut_ptr(), id) };
                 results.push((at, out[..L::LANES].to_vec()));
@@ -445,7 +455,7 @@ mod tests {
         unsafe {
             let columns = l.rows(rows.as_ptr(), ids.as_ptr());
             for (column, f) in columns.iter().enumerate() {
-                let mut out = [0.0f32; 16];
+                let mut out = [0.0f32; MAX_LANES];
                 l.store(out.as_mut_ptr(), *f);
                 for lane in 0..L::LANES {
                     assert_eq!(
@@ -456,7 +466,7 @@ mod tests {
                 }
             }
             let gathered = l.gather(rows.as_ptr().cast(), l.shr_u32(l.load_u32(ids.as_ptr()), 2));
-            let mut out = [0u32; 16];
+            let mut out = [0u32; MAX_LANES];
             l.store_u32(out.as_mut_ptr(), gathered);
             for lane in 0..L::LANES {
                 assert_eq!(out[lane], rows[ids[lane] as usize / 4].to_bits());
@@ -473,7 +483,7 @@ mod tests {
                 assert_eq!(back[4 * lane..4 * lane + 4], [row[7], row[0], row[2], row[5]]);
             }
             for mask in (0..1u32 << L::LANES).step_by(if L::LANES <= 8 { 1 } else { 37 }) {
-                let mut out = [7u32; 16];
+                let mut out = [7u32; MAX_LANES];
                 l.append(out.as_mut_ptr(), mask, l.load_u32(ids.as_ptr()));
                 let expected: Vec<u32> =
                     (0..L::LANES).filter(|i| mask >> i & 1 == 1).map(|i| ids[i]).collect();
@@ -485,7 +495,7 @@ mod tests {
             for lane in 0..L::LANES {
                 assert_eq!(picked[lane], rows[20 * (lane / 8) + odd[lane] as usize % 16], "lane {lane}");
             }
-            let mut out = [7u32; 16];
+            let mut out = [7u32; MAX_LANES];
             l.store_u32(out.as_mut_ptr(), l.select_u32(0xa6, l.splat_u32(9), l.load_u32(ids.as_ptr())));
             for lane in 0..L::LANES {
                 assert_eq!(out[lane], if 0xa6 >> lane & 1 == 1 { 9 } else { ids[lane] });

@@ -89,6 +89,8 @@ fn transpose(r: [float32x4_t; 4]) -> [float32x4_t; 4] {
     }
 }
 
+impl super::sealed::Sealed for Neon {}
+
 // SAFETY of every block below: invariant 1 for the instructions, 2 for the pointers.
 #[allow(clippy::undocumented_unsafe_blocks, reason = "the line above speaks for every block")]
 impl Lanes for Neon {

@@ -27,6 +27,8 @@ fn signed(number: f32) -> i32 {
     number.to_bits().cast_signed()
 }
 
+impl<const N: usize> super::sealed::Sealed for Plain<N> {}
+
 impl<const N: usize> Lanes for Plain<N> {
     const LANES: usize = N;
     type F = [f32; N];

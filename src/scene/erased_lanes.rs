@@ -1,14 +1,14 @@
 //! Lanes as arrays: how they travel behind a pointer that hides a type, where there are no generics. That is cheap beside a
 //! surface that is worth computing.
 
-use crate::lanes::{LaneTask, Lanes, Num, SimdLevel};
+use crate::lanes::{LaneTask, Lanes, MAX_LANES, Num, SimdLevel};
 
 /// `N` numbers for each of so many lanes; behind the lanes nothing counts.
-pub(super) type LaneColumns<const N: usize> = [[f32; 16]; N];
+pub(super) type LaneColumns<const N: usize> = [[f32; MAX_LANES]; N];
 
 #[inline(always)]
 pub(super) fn to_columns<L: Lanes, const N: usize>(numbers: [Num<L>; N]) -> LaneColumns<N> {
-    let mut columns = [[0.0; 16]; N];
+    let mut columns = [[0.0; MAX_LANES]; N];
     for (column, numbers) in columns.iter_mut().zip(numbers) {
         column[..L::LANES].copy_from_slice(numbers.to_array().as_ref());
     }

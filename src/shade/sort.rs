@@ -1,7 +1,7 @@
 //! The batch sort (RA section 3.1): misses first, then hits by material.
 
 use super::{Hits, material_of, mix};
-use crate::lanes::{Int, Lanes, OutlinedTask};
+use crate::lanes::{Int, Lanes, MAX_LANES, OutlinedTask};
 use crate::scene::{Scene, Surface};
 use crate::stream::{Hit, MISS};
 use std::cell::Cell;
@@ -99,10 +99,9 @@ struct Keys {
 impl Storage {
     /// Room for the keys and the order of so many rays, and for what lanes write behind them.
     fn make_room(&mut self, rays: usize) {
-        const BEHIND: usize = 16;
         self.keys.clear();
-        self.keys.resize(rays + BEHIND, NEVER);
-        self.order.resize(rays + BEHIND, 0);
+        self.keys.resize(rays + MAX_LANES, NEVER);
+        self.order.resize(rays + MAX_LANES, 0);
         self.len = rays;
     }
 
