@@ -54,7 +54,7 @@ impl Adaptive {
                     continue;
                 };
                 if light.wi.dot(at.normal) > 0.0 {
-                    let (value, _) = bsdf.evaluate(at.frame.to_local(at.wo), at.frame.to_local(light.wi));
+                    let (value, _) = bsdf.evaluate(at.basis.to_local(at.wo), at.basis.to_local(light.wi));
                     (rays[i], arriving[i]) = (light.ray(at), value * light.radiance / light.pdf);
                 }
             }
@@ -93,7 +93,7 @@ impl Shader for Adaptive {
         if !bsdf.is_smooth() {
             radiance += self.direct_light(cx, &at, &bsdf, number).await;
         }
-        let smooth = bsdf.smooth(at.frame.to_local(at.wo));
+        let smooth = bsdf.smooth(at.basis.to_local(at.wo));
         for (side, way) in (0..).zip([smooth.reflection, smooth.transmission]) {
             let Some((wi, weight)) = way else { continue };
             let share = share * weight.max_element();

@@ -4,7 +4,7 @@
 use anyhow::Result;
 use glam::Vec3;
 use raystream::bench::meshes;
-use raystream::geom::{Frame, Sampler, warp};
+use raystream::geom::{Basis, Sampler, warp};
 use raystream::query::{Mesh, Ray};
 use raystream::scene::load;
 use std::io::{BufWriter, Write};
@@ -36,10 +36,10 @@ fn openness(mesh: &Mesh, positions: &[Vec3], normals: &[Vec3], reach: f32) -> Ve
     for some in vertices.chunks(VERTICES) {
         let rays_of = |&vertex: &usize| {
             let (at, normal) = (positions[vertex] + normals[vertex] * lift, normals[vertex]);
-            let frame = Frame::from_normal(normal);
+            let basis = Basis::from_normal(normal);
             (0..DIRECTIONS).map(move |i| {
                 let local = warp::cosine_hemisphere(Sampler::new(vertex as u32, i, 0).pair(0));
-                Ray { t_max: reach, ..Ray::new(at, frame.to_world(local)) }
+                Ray { t_max: reach, ..Ray::new(at, basis.to_world(local)) }
             })
         };
         let rays: Vec<Ray> = some.iter().flat_map(rays_of).collect();

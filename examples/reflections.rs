@@ -57,7 +57,7 @@ impl Shader for Reflections {
         let Some(hit) = hit else { return Vec3::new(0.1, 0.14, 0.22) };
         let (material, at) = cx.surface(&ray, &hit);
         let bsdf = Bsdf::new(cx.scene(), &material.surface, &at, Smoothness::EXACT);
-        let wo = at.frame.to_local(at.wo);
+        let wo = at.basis.to_local(at.wo);
 
         // Each lamp's light as it would arrive, and whether it does: three shadow rays that travel together.
         let rays = self.lamps.map(|lamp| Ray::between(at.origin(at.raised, lamp - at.raised), lamp));
@@ -68,7 +68,7 @@ impl Shader for Reflections {
             let wi = towards.normalize();
             if !occluded && wi.dot(at.normal) > 0.0 {
                 light +=
-                    bsdf.evaluate(wo, at.frame.to_local(wi)).0 * self.intensity / towards.length_squared();
+                    bsdf.evaluate(wo, at.basis.to_local(wi)).0 * self.intensity / towards.length_squared();
             }
         }
 

@@ -1,7 +1,7 @@
 //! The rays that a benchmark traces.
 
 use crate::bvh::Bvh;
-use crate::geom::{Frame, Sampler, warp};
+use crate::geom::{Basis, Sampler, warp};
 use crate::render::Blocks;
 use crate::scene::{Camera, CameraError};
 use crate::stream::{Hit, Ray, Tracer};
@@ -77,7 +77,7 @@ impl Workload {
             let origin = Vec3::from(ray.origin) + direction * hit.t + normal * lift;
             let sampler = Sampler::new(i as u32, 0, 1);
             let local = warp::cosine_hemisphere(sampler.pair(0));
-            bounce.push(Ray::new(origin, Frame::from_normal(normal).to_world(local)));
+            bounce.push(Ray::new(origin, Basis::from_normal(normal).to_world(local)));
             let [u, v] = sampler.pair(1).map(|x| 0.2 * x - 0.1);
             let size = bounds.max - bounds.min;
             let light = bounds.centre() + size * Vec3::new(u, 0.45, v);

@@ -2,17 +2,17 @@
 //! counter-based sampler. Imports nothing of raystream.
 
 mod aabb;
+mod basis;
 mod canonical;
-mod frame;
 pub mod octahedral;
 mod placement;
 mod sampler;
 pub mod warp;
 
 pub use aabb::Aabb;
+pub use basis::Basis;
 pub use canonical::{CanonicalHit, CanonicalRay, MAX_COORDINATE};
 pub(crate) use canonical::{DIRECTION_RANGE, MIN_COMPONENT, SLACK};
-pub use frame::Frame;
 pub use placement::Placement;
 pub use sampler::Sampler;
 pub(crate) use sampler::{mix, mix_lanes, unit};

@@ -121,7 +121,7 @@ impl Shading<'_, '_> {
         let hits = Hits { t, u, v, primitive: primitive.to_bits() };
         let at = Interaction::new(frame.scene(), material, Vector::new(x, y, z), &hits, t.only(0));
         let up = sampler.two(Int::splat(l, CAMERA_DIMENSION + 1));
-        let to = at.frame.world(warp::cosine_hemisphere(up));
+        let to = at.basis.world(warp::cosine_hemisphere(up));
         // A bent normal may point a direction into the surface, where nothing is open.
         let lanes = lanes & to.dot(at.normal).above(0.0);
         let rays = ray_rows(lanes, at.origin(at.raised, to), to, Num::splat(l, *reach));

@@ -302,7 +302,7 @@ impl Shading<'_, '_> {
         }
         let u2 = sampler.two(Dimension::LightPoint.at(state.depth));
         let light = frame.lights().sample(frame.scene(), receiver, u, u2);
-        let wi = at.frame.local(light.wi);
+        let wi = at.basis.local(light.wi);
         let mut reached = light.wi.dot(at.normal).above(0.0);
         if bsdf.is_frosted() {
             // From below as well, if both normals agree that it is.
@@ -312,7 +312,7 @@ impl Shading<'_, '_> {
         if lanes == 0 {
             return;
         }
-        let (value, pdf) = bsdf.evaluate(at.frame.local(at.wo), wi);
+        let (value, pdf) = bsdf.evaluate(at.basis.local(at.wo), wi);
         // The power heuristic's weight by the light's density; nothing else finds what has no extent.
         let other = pdf.only(!light.delta);
         let squares = light.pdf * light.pdf + other * other;
@@ -337,9 +337,9 @@ impl Shading<'_, '_> {
             u = sampler.one(Dimension::Lobe.at(state.depth));
         }
         let u2 = sampler.two(Dimension::Direction.at(state.depth));
-        let sample = bsdf.sample(at.frame.local(at.wo), u, u2);
+        let sample = bsdf.sample(at.basis.local(at.wo), u, u2);
         let specular = sample.specular;
-        let mut wi = at.frame.world(sample.wi);
+        let mut wi = at.basis.world(sample.wi);
         if specular != 0 {
             wi = Vector::select(specular, at.smooth_direction(sample.wi, sample.crosses), wi);
         }

@@ -112,7 +112,7 @@ impl<'a, L: Lanes> Node<'a, L> {
         } else {
             lights.sample_punctual(&Receiver::of(at), sampler.one(dimension + 1))
         };
-        let (value, _) = self.bsdf.evaluate(at.frame.local(at.wo), at.frame.local(light.wi));
+        let (value, _) = self.bsdf.evaluate(at.basis.local(at.wo), at.basis.local(light.wi));
         let (origin, direction, t_max) = light.rays(at);
         Sent {
             lanes: light.valid & light.wi.dot(at.normal).above(0.0) & !value.is_zero(),
@@ -127,7 +127,7 @@ impl<'a, L: Lanes> Node<'a, L> {
     #[inline(always)]
     pub fn secondary(&self, throughput: Vector<L>) -> [Sent<L>; 2] {
         let Smooth { reflected, reflection, transmitted, transmission, .. } =
-            self.bsdf.smooth(self.at.frame.local(self.at.wo));
+            self.bsdf.smooth(self.at.basis.local(self.at.wo));
         let throughput = self.dimmed(throughput);
         [
             self.way(reflected, 0, throughput * reflection),

@@ -9,7 +9,7 @@ use std::sync::Arc;
 /// A surface that is its own BSDF, used by every integrator: it evaluates and samples directions for 8 or 16 hits at a time.
 /// Where metallic-roughness will do, a [`super::Procedural`] is less work.
 ///
-/// Directions are unit vectors in the shading frame, away from the surface, its normal along z; `wo` goes where the light
+/// Directions are unit vectors in the shading basis, away from the surface, its normal along z; `wo` goes where the light
 /// goes and has `z > 0`, `wi` to where it comes from. For light to be the same whichever way it goes, the BSDF (what `evaluate` gives,
 /// without the cosine) must not change when they trade places, and it must not return more light than there is. Perfect mirrors have
 /// no place here.

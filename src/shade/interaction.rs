@@ -1,14 +1,14 @@
 //! Where rays met surfaces.
 
-use super::normals::{MIN_COSINE, map_normal, rough_direction, settle, tangent_frame};
+use super::normals::{MIN_COSINE, map_normal, rough_direction, settle, tangent_basis};
 use super::offset;
-use crate::geom::Frame;
+use crate::geom::Basis;
 use crate::lanes::{Int, Lanes, Num, Prefetch, Vector};
 use crate::scene::{Footprint, Material, Mesh, Scene, Surface};
 use crate::stream::Hit;
 
 /// Points on surfaces of one material, each seen from its `wo`. Normals lie on `wo`'s side of the
-/// triangle, so BSDFs find `wo` in the upper hemisphere of [`Interaction::frame`], always.
+/// triangle, so BSDFs find `wo` in the upper hemisphere of [`Interaction::basis`], always.
 #[derive(Clone, Copy, Debug)]
 pub struct Interaction<L: Lanes> {
     /// The point, on the triangle, from the hit's barycentrics.
@@ -17,10 +17,10 @@ pub struct Interaction<L: Lanes> {
     pub wo: Vector<L>,
     /// Unit normal of the triangle.
     pub normal: Vector<L>,
-    /// Shading frame: the interpolated and mapped normal, bent as little as keeps `wo` above it and,
+    /// Shading basis: the interpolated and mapped normal, bent as little as keeps `wo` above it and,
     /// for surfaces with a mirror-like share, the mirrored `wo` above the triangle. Its x axis means something
     /// only where the surface is anisotropic: there it is rougher along it.
-    pub frame: Frame<L>,
+    pub basis: Basis<L>,
     /// Where coats are bent in another way than what is below them.
     pub coat: Option<CoatShape<L>>,
     /// Mesh texture coordinates.
@@ -43,7 +43,7 @@ pub struct Interaction<L: Lanes> {
 /// How coats lie on a surface.
 #[derive(Clone, Copy, Debug)]
 pub struct CoatShape<L: Lanes> {
-    /// Their unit normals in the shading frame, bent as its own normal is.
+    /// Their unit normals in the shading basis, bent as its own normal is.
     pub normal: Vector<L>,
     /// Their [`Footprint::bumps`].
     pub bumps: Num<L>,
@@ -160,23 +160,23 @@ impl<L: Lanes> Interaction<L> {
         }
         let mut tangents = None;
         if material.normal_map.is_some() || anisotropy.is_some() || matches!(coat_map, Some(Some(_))) {
-            let (frame, there) = tangent_frame(scene, &indices, &corners, &corner_uvs, &weights, outward);
+            let (basis, there) = tangent_basis(scene, &indices, &corners, &corner_uvs, &weights, outward);
             if let Some(map) = &material.normal_map {
-                let (mapped, bumps) = map_normal(scene, map, uv, &footprint, &frame);
+                let (mapped, bumps) = map_normal(scene, map, uv, &footprint, &basis);
                 shading = Vector::select(there, mapped, outward);
                 footprint.bumps = bumps.only(there);
                 bent |= there;
             }
-            tangents = Some((frame, there));
+            tangents = Some((basis, there));
         }
         let matte = matches!(material.surface, Surface::Matte { .. });
         let shading = settle(shading, bent, normal, wo, matte);
-        let mut frame = Frame::around(shading);
+        let mut basis = Basis::around(shading);
         if let (Some(anisotropy), Some((tangents, there))) = (anisotropy, &tangents) {
             let x = rough_direction(scene, anisotropy, uv, &footprint, tangents);
-            let (tangent, along) = (x - shading * x.dot(shading)).normalize_or(frame.tangent);
-            let laid = Frame { tangent, bitangent: shading.cross(tangent), normal: shading };
-            frame = Frame::select(along & there, laid, frame);
+            let (tangent, along) = (x - shading * x.dot(shading)).normalize_or(basis.tangent);
+            let laid = Basis { tangent, bitangent: shading.cross(tangent), normal: shading };
+            basis = Basis::select(along & there, laid, basis);
         }
         let mut coat = None;
         if let Some(map) = coat_map {
@@ -187,7 +187,7 @@ impl<L: Lanes> Interaction<L> {
                 bumps = rough.only(*there);
                 bent |= there;
             }
-            let normal = frame.local(settle(own, bent, normal, wo, false));
+            let normal = basis.local(settle(own, bent, normal, wo, false));
             coat = Some(CoatShape { normal, bumps });
         }
         let raised = if smooth == 0 {
@@ -200,7 +200,7 @@ impl<L: Lanes> Interaction<L> {
             position,
             wo,
             normal,
-            frame,
+            basis,
             coat,
             uv,
             footprint,
@@ -211,13 +211,13 @@ impl<L: Lanes> Interaction<L> {
         }
     }
 
-    /// The world directions of mirrored or refracted rays that go to `local` in the shading frame, to the other
+    /// The world directions of mirrored or refracted rays that go to `local` in the shading basis, to the other
     /// side of the surface in the lanes of `crosses`. A bent normal may send one to the other side of the
     /// triangle than of the normal; it is then laid along the triangle, on the side where it belongs: it
     /// would otherwise count as having crossed a surface that it did not cross.
     #[inline(always)]
     pub fn smooth_direction(&self, local: Vector<L>, crosses: u32) -> Vector<L> {
-        let wi = self.frame.world(local).normalize();
+        let wi = self.basis.world(local).normalize();
         let one = Num::splat(local.lanes(), 1.0);
         let side = Num::select(crosses, -one, one);
         let height = wi.dot(self.normal) * side;
@@ -325,7 +325,7 @@ mod tests {
     use glam::{Vec2, Vec3, Vec4};
 
     fn shading(at: &Interaction) -> Vec3 {
-        at.frame.normal.into()
+        at.basis.normal.into()
     }
 
     /// One triangle in the xy plane, its front towards +z, u to the right, v downwards.
@@ -427,7 +427,7 @@ mod tests {
                 Surface::Principled(Principled { clearcoat, coat_normal_map, ..Principled::default() });
             scene.materials[0].normal_map = base;
             let at = seen(&scene, Vec3::Z);
-            at.lane.coat.map(|coat| Vec3::from(at.frame.world(coat.normal)))
+            at.lane.coat.map(|coat| Vec3::from(at.basis.world(coat.normal)))
         };
         assert_eq!((coat(None, None), coat(map, map)), (None, None));
         assert!(coat(map, None).expect("even").dot(Vec3::Z) > 1.0 - 1e-6);
@@ -448,7 +448,7 @@ mod tests {
                 Surface::Principled(Principled { anisotropy, ..Principled::default() });
             scene.materials[0].normal_map = None;
             let at = seen(&scene, Vec3::new(0.3, 0.2, 1.0));
-            let [x, y] = [at.frame.tangent, at.frame.bitangent].map(Vec3::from);
+            let [x, y] = [at.basis.tangent, at.basis.bitangent].map(Vec3::from);
             assert!(x.dot(y).abs() < 1e-6 && (x.cross(y) - shading(&at)).length() < 1e-6);
             x
         };
@@ -460,7 +460,7 @@ mod tests {
         assert!(laid(0.5, Some(TextureRef::plain(0))).x < -0.4);
         // Where nothing tells tangents, any direction will do, but it is one.
         scene.mesh.uvs = vec![Vec2::ZERO; 3];
-        assert!((Vec3::from(seen(&scene, Vec3::Z).frame.tangent).length() - 1.0).abs() < 1e-6);
+        assert!((Vec3::from(seen(&scene, Vec3::Z).basis.tangent).length() - 1.0).abs() < 1e-6);
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! Shading normals: whither smooth normals and maps bend them, and how far they may be bent.
 
 use super::interaction::{Weights, blend};
-use crate::geom::Frame;
+use crate::geom::Basis;
 use crate::lanes::{Int, Lanes, Num, Vector};
 use crate::scene::{Anisotropy, Footprint, NormalMap, Scene};
 
@@ -51,17 +51,17 @@ fn bend<L: Lanes>(shading: Vector<L>, normal: Vector<L>, wo: Vector<L>, matte: b
     Vector::select(good, shading, half)
 }
 
-/// The tangent frames of a normal map around the unit normals `outward`: from the mesh's tangents,
+/// The tangent bases of a normal map around the unit normals `outward`: from the mesh's tangents,
 /// else from its texture coordinates; and the lanes in which these give a direction.
 #[inline(always)]
-pub fn tangent_frame<L: Lanes>(
+pub fn tangent_basis<L: Lanes>(
     scene: &Scene,
     indices: &[Int<L>; 3],
     corners: &[Vector<L>; 3],
     uvs: &[[Num<L>; 2]; 3],
     weights: &Weights<L>,
     outward: Vector<L>,
-) -> (Frame<L>, u32) {
+) -> (Basis<L>, u32) {
     let l = outward.lanes();
     let one = Num::splat(l, 1.0);
     let (mut along, mut handedness, mut there) = (outward, one, 0);
@@ -91,7 +91,7 @@ pub fn tangent_frame<L: Lanes>(
         handedness = Num::select(is_given, Num::select(a[3].below(0.0), -one, one), handedness);
         there |= is_given;
     }
-    (Frame { tangent: along, bitangent: outward.cross(along) * handedness, normal: outward }, there)
+    (Basis { tangent: along, bitangent: outward.cross(along) * handedness, normal: outward }, there)
 }
 
 /// The normals of a map, and their [`Footprint::bumps`].
@@ -101,14 +101,14 @@ pub fn map_normal<L: Lanes>(
     map: &NormalMap,
     uv: [Num<L>; 2],
     footprint: &Footprint<L>,
-    frame: &Frame<L>,
+    basis: &Basis<L>,
 ) -> (Vector<L>, Num<L>) {
     let texture = &scene.textures[map.texture.texture as usize];
     let [x, y, z, length] = texture.look_up(map.texture.place(uv), &map.texture.scaled(footprint));
     let (x, y, z) = (x * 2.0 - 1.0, y * 2.0 - 1.0, z * 2.0 - 1.0);
     let local = Vector::new(x * map.scale, y * map.scale, z.clamp(0.0, 1.0));
     let bumps = if texture.has_lengths() { (1.0 - length) * map.scale.abs() } else { length.only(0) };
-    (frame.world(local).normalize_or(frame.normal).0, bumps)
+    (basis.world(local).normalize_or(basis.normal).0, bumps)
 }
 
 /// The world directions along which a surface is rougher.
@@ -118,7 +118,7 @@ pub fn rough_direction<L: Lanes>(
     anisotropy: &Anisotropy,
     uv: [Num<L>; 2],
     footprint: &Footprint<L>,
-    tangents: &Frame<L>,
+    tangents: &Basis<L>,
 ) -> Vector<L> {
     let l = uv[0].lanes();
     let (sine, cosine) = (libm::sinf(anisotropy.rotation), libm::cosf(anisotropy.rotation));

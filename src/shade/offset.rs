@@ -75,7 +75,7 @@ mod tests {
         (plane.there != 0).then(|| plane.normal.into())
     }
 
-    use crate::geom::{CanonicalRay, Frame, Sampler, warp};
+    use crate::geom::{Basis, CanonicalRay, Sampler, warp};
 
     /// A triangle somewhere between 10⁻³ and 10⁴ in size, up to 10⁵ sizes from the origin, of any
     /// aspect down to needles of 1 : 1000.
@@ -88,11 +88,11 @@ mod tests {
         } else {
             warp::sphere(s.pair(5))
         };
-        let frame = Frame::from_normal(normal);
+        let basis = Basis::from_normal(normal);
         let thin = 30.0f32.powf(-s.single(6));
         std::array::from_fn(|k| {
             let [x, y] = s.pair(7 + k as u32);
-            centre + frame.to_world(Vec3::new(x - 0.5, (y - 0.5) * thin, 0.0)) * size
+            centre + basis.to_world(Vec3::new(x - 0.5, (y - 0.5) * thin, 0.0)) * size
         })
     }
 
@@ -109,7 +109,7 @@ mod tests {
             {
                 continue;
             }
-            let frame = Frame::from_normal(normal);
+            let basis = Basis::from_normal(normal);
             let [u, v] = warp::triangle(s.pair(10));
             let position = corners[0] * (1.0 - u - v) + corners[1] * u + corners[2] * v;
             // Half of the rays leave at a grazing angle.
@@ -118,7 +118,7 @@ mod tests {
                 local.z *= 1e-3;
             }
             let side = if i % 3 == 0 { -1.0 } else { 1.0 };
-            let wi = (frame.to_world(local) * side).normalize();
+            let wi = (basis.to_world(local) * side).normalize();
             // Beyond a cosine of 10⁻⁴ the direction itself is not known to lie above the plane.
             if wi.dot(normal) * side < 1e-4 {
                 continue;

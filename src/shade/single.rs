@@ -2,7 +2,7 @@
 //! so the same bits.
 
 use super::{bsdf, light, lookup};
-use crate::geom::Frame;
+use crate::geom::Basis;
 use crate::lanes::{Lanes, Num, SingleLane, Vector};
 use crate::scene::{Emission, Footprint, Material, Scene, Surface};
 use crate::shade::Lights;
@@ -18,8 +18,8 @@ pub struct Interaction {
     pub wo: Vec3,
     /// Unit normal of the triangle, on `wo`'s side.
     pub normal: Vec3,
-    /// Shading frame.
-    pub frame: Frame,
+    /// Shading basis.
+    pub basis: Basis,
     /// Mesh texture coordinates.
     pub uv: Vec2,
     /// Whether `wo` is on the side from which the triangle runs counter-clockwise.
@@ -40,7 +40,7 @@ impl Interaction {
             position: lane.position.into(),
             wo: lane.wo.into(),
             normal: lane.normal.into(),
-            frame: lane.frame,
+            basis: lane.basis,
             uv: lane.uv.map(Num::get).into(),
             front: lane.front != 0,
             outside: lane.outside != 0,

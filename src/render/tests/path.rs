@@ -131,10 +131,10 @@ fn plain(scene: &Scene, tracer: &dyn Tracer, mut ray: Ray, bounces: u32, sampler
         sum += throughput * emission(scene, material.emission.as_ref(), at.uv, at.front);
         let bsdf = Bsdf::new(scene, &material.surface, &at, Smoothness::EXACT);
         let u = sampler.single(100 + 2 * depth);
-        let Some(sample) = bsdf.sample(at.frame.to_local(at.wo), u, sampler.pair(101 + 2 * depth)) else {
+        let Some(sample) = bsdf.sample(at.basis.to_local(at.wo), u, sampler.pair(101 + 2 * depth)) else {
             return sum;
         };
-        let wi = at.frame.to_world(sample.wi);
+        let wi = at.basis.to_world(sample.wi);
         throughput *= sample.weight;
         ray = Ray::new(at.origin(at.position, wi), wi);
     }

@@ -1,6 +1,6 @@
 //! BSDFs: how a surface scatters light at one point, one file each.
 //!
-//! Directions are unit vectors in the local shading frame, both pointing away from the surface; `wo`
+//! Directions are unit vectors in the local shading basis, both pointing away from the surface; `wo`
 //! is where the light goes (back along the ray) and always has `z > 0`, `wi` where it comes from, on either side.
 
 mod albedo;
@@ -171,7 +171,7 @@ fn mirrored<L: Lanes>(wo: Vector<L>) -> Vector<L> {
 
 #[inline(always)]
 fn points_of<L: Lanes>(at: &Interaction<L>) -> Points<L> {
-    Points { position: at.position, normal: at.frame.normal, uv: at.uv }
+    Points { position: at.position, normal: at.basis.normal, uv: at.uv }
 }
 
 impl<'s, L: Lanes> Bsdf<'s, L> {

@@ -26,7 +26,7 @@ use super::iridescence::Film;
 use super::sheen::Sheen;
 use super::transparency::{Frost, Scattered, Seen, Transparency};
 use super::{Sample, Smooth, Smoothness, mirrored};
-use crate::geom::Frame;
+use crate::geom::Basis;
 use crate::geom::warp::lanes as warp;
 use crate::lanes::{Lanes, Num, Vector};
 use crate::scene::{self, Finish, Footprint, Scene};
@@ -206,7 +206,7 @@ impl<L: Lanes> Principled<L> {
     fn above(&self, w: Vector<L>) -> Vector<L> {
         match self.coat_normal {
             None => w,
-            Some(normal) => Frame::around(normal).local(w),
+            Some(normal) => Basis::around(normal).local(w),
         }
     }
 
@@ -215,7 +215,7 @@ impl<L: Lanes> Principled<L> {
     fn below(&self, w: Vector<L>) -> Vector<L> {
         match self.coat_normal {
             None => w,
-            Some(normal) => Frame::around(normal).world(w),
+            Some(normal) => Basis::around(normal).world(w),
         }
     }
 

@@ -3,9 +3,9 @@
 use crate::lanes::{Lanes, SingleLane, Vector};
 use glam::Vec3;
 
-/// A right-handed orthonormal frame in each lane; the normal is its z axis.
+/// A right-handed orthonormal basis in each lane; the normal is its z axis.
 #[derive(Clone, Copy, Debug)]
-pub struct Frame<L: Lanes = SingleLane> {
+pub struct Basis<L: Lanes = SingleLane> {
     /// x axis.
     pub tangent: Vector<L>,
     /// y axis.
@@ -14,8 +14,8 @@ pub struct Frame<L: Lanes = SingleLane> {
     pub normal: Vector<L>,
 }
 
-impl<L: Lanes> Frame<L> {
-    /// A frame around a unit `normal`, without a branch at the poles (Duff et al. 2017,
+impl<L: Lanes> Basis<L> {
+    /// A basis around a unit `normal`, without a branch at the poles (Duff et al. 2017,
     /// *Building an Orthonormal Basis, Revisited*).
     #[inline(always)]
     pub fn around(normal: Vector<L>) -> Self {
@@ -30,13 +30,13 @@ impl<L: Lanes> Frame<L> {
         }
     }
 
-    /// World directions → frame coordinates.
+    /// World directions → basis coordinates.
     #[inline(always)]
     pub fn local(&self, v: Vector<L>) -> Vector<L> {
         Vector::new(v.dot(self.tangent), v.dot(self.bitangent), v.dot(self.normal))
     }
 
-    /// Frame coordinates → world directions.
+    /// Basis coordinates → world directions.
     #[inline(always)]
     pub fn world(&self, v: Vector<L>) -> Vector<L> {
         self.tangent * v.x + self.bitangent * v.y + self.normal * v.z
@@ -53,18 +53,18 @@ impl<L: Lanes> Frame<L> {
     }
 }
 
-impl Frame<SingleLane> {
-    /// [`Frame::around`] one normal.
+impl Basis<SingleLane> {
+    /// [`Basis::around`] one normal.
     pub fn from_normal(normal: Vec3) -> Self {
         Self::around(normal.into())
     }
 
-    /// World direction → frame coordinates.
+    /// World direction → basis coordinates.
     pub fn to_local(&self, v: Vec3) -> Vec3 {
         self.local(v.into()).into()
     }
 
-    /// Frame coordinates → world direction.
+    /// Basis coordinates → world direction.
     pub fn to_world(&self, v: Vec3) -> Vec3 {
         self.world(v.into()).into()
     }
@@ -80,7 +80,7 @@ mod tests {
             let z = -1.0 + 2.0 * (i as f32) / 1999.0;
             let r = (1.0 - z * z).max(0.0).sqrt();
             let n = Vec3::new(r * libm::cosf(i as f32), r * libm::sinf(i as f32), z).normalize();
-            let f = Frame::from_normal(n);
+            let f = Basis::from_normal(n);
             let [tangent, bitangent] = [f.tangent, f.bitangent].map(Vec3::from);
             assert!(tangent.dot(bitangent).abs() < 1e-5);
             assert!(tangent.dot(n).abs() < 1e-5 && bitangent.dot(n).abs() < 1e-5);
