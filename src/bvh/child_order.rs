@@ -1,6 +1,6 @@
 //! In which order rays meet the children of a node.
 
-use super::wide::WIDTH;
+use super::wide_tree::WIDTH;
 use bytemuck::{Pod, Zeroable};
 
 /// An order of the slots of a node, read in both directions. What counts is three bits for each, the first lowest: the
@@ -9,14 +9,14 @@ use bytemuck::{Pod, Zeroable};
 #[repr(C)]
 pub struct ChildOrder {
     /// The turn of each slot.
-    pub of_slots: u32,
+    pub ranks: u32,
     /// The slot of each turn.
     pub slots: u32,
 }
 
 impl ChildOrder {
     /// Slot after slot.
-    pub const FORWARD: Self = Self { of_slots: 0o7654_3210, slots: 0o7654_3210 };
+    pub const FORWARD: Self = Self { ranks: 0o7654_3210, slots: 0o7654_3210 };
 
     /// The least key first, in the order of [`f32::total_cmp`], of equals the first slot.
     pub(super) fn ascending(keys: &[f32; WIDTH]) -> Self {
@@ -32,18 +32,18 @@ impl ChildOrder {
                 turns[slot] += u32::from(before);
             }
         }
-        let (mut of_slots, mut slots) = (0, 0);
+        let (mut ranks, mut slots) = (0, 0);
         for (slot, turn) in (0..).zip(turns) {
-            of_slots |= turn << (3 * slot);
+            ranks |= turn << (3 * slot);
             slots |= slot << (3 * turn);
         }
-        Self { of_slots, slots }
+        Self { ranks, slots }
     }
 
     /// Whether these are turns, each of one slot.
     pub(super) fn is_order(self) -> bool {
         let digit = |digits: u32, at: u32| digits >> (3 * at) & 7;
-        (0..WIDTH as u32).all(|slot| digit(self.slots, digit(self.of_slots, slot)) == slot)
+        (0..WIDTH as u32).all(|slot| digit(self.slots, digit(self.ranks, slot)) == slot)
     }
 }
 
@@ -60,9 +60,9 @@ mod tests {
             ChildOrder::FORWARD
         );
         let turns = ChildOrder::ascending(&[3.0, infinite, -2.0, 3.0, infinite, -7.5, 0.0, 1e-40]);
-        assert_eq!(turns, ChildOrder { of_slots: 0o3207_5164, slots: 0o4130_7625 });
+        assert_eq!(turns, ChildOrder { ranks: 0o3207_5164, slots: 0o4130_7625 });
         assert!(turns.is_order());
-        assert!(!ChildOrder { of_slots: 0o3207_5165, ..turns }.is_order());
+        assert!(!ChildOrder { ranks: 0o3207_5165, ..turns }.is_order());
         assert!(!ChildOrder { slots: 0o4130_7622, ..turns }.is_order());
     }
 }

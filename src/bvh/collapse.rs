@@ -1,4 +1,4 @@
-//! Binary tree → eight-wide tree, as planned: the top one node after the other, the subtrees below it
+//! FlatTree tree → eight-wide tree, as planned: the top one node after the other, the subtrees below it
 //! in parallel, each by itself, and then all are put side by side.
 
 use super::Shape;
@@ -8,7 +8,7 @@ use super::leaf_packing::{LeafPacker, LeafPacking, Triangles};
 use super::reference::Reference;
 use super::sah::{Branches, Subtree, Tree};
 use super::shadow_order::ShadowOrder;
-use super::wide::{Child, WIDTH, Wide, WideNode};
+use super::wide_tree::{Child, WIDTH, WideNode, WideTree};
 use crate::geom::Aabb;
 use rayon::prelude::*;
 
@@ -18,11 +18,11 @@ const PART: u32 = 1 << 14;
 
 /// Collapses a tree; the second answer says in which block each triangle lies. Blocks take the memory of references, most
 /// of which are larger.
-pub(super) fn collapse(tree: Tree, shape: &impl Shape) -> (Wide, Vec<Child>) {
+pub(super) fn collapse(tree: Tree, shape: &impl Shape) -> (WideTree, Vec<Child>) {
     let Some(root) = tree.root() else {
         let mut nodes = Pages::zeroed(1);
         nodes[0] = WideNode::VACANT;
-        return (Wide { nodes, blocks: LeafBlocks::none(), depth: 1 }, Vec::new());
+        return (WideTree { nodes, blocks: LeafBlocks::none(), depth: 1 }, Vec::new());
     };
     let top = Top::new(&tree.branches, root);
     // How large parts become is known when they are there.
@@ -82,7 +82,7 @@ pub(super) fn collapse(tree: Tree, shape: &impl Shape) -> (Wide, Vec<Child>) {
             *to = node.moved(start, blocks);
         }
     });
-    let wide = Wide { nodes, blocks, depth };
+    let wide = WideTree { nodes, blocks, depth };
     let places = wide.places(root.count as usize, |primitive| primitive as usize);
     (wide, places)
 }

@@ -1,12 +1,12 @@
 //! How to make eight-wide nodes of a binary tree: the cheapest of all ways to merge nodes and cut
 //! leaves, found by dynamic programming (Ylitie, Karras and Laine 2017, *Efficient Incoherent Ray
-//! Traversal on GPUs Through Compressed Wide BVHs*, section 3.1).
+//! Traversal on GPUs Through Compressed WideTree BVHs*, section 3.1).
 //!
 //! The builder plans on its way back up, so that costs live on its stack and only the choices, four
 //! bytes a node, go to memory.
 
 use super::leaf_block::BLOCK_TRIANGLES;
-use super::wide::{Child, WIDTH};
+use super::wide_tree::{Child, WIDTH};
 use crate::geom::Aabb;
 
 /// Cost of testing a ray against the boxes of a wide node.

@@ -3,7 +3,7 @@
 
 use super::huge_pages::Pages;
 use super::leaf_block::LeafBlocks;
-use super::{Bvh, Child, Wide, WideNode};
+use super::{Bvh, Child, WideNode, WideTree};
 use crate::geom::{Aabb, Placement};
 use rayon::prelude::*;
 use std::sync::Arc;
@@ -16,14 +16,14 @@ pub struct TreeInstance {
     /// Moves its corners into the world; `None` for a tree that is there already.
     pub placement: Option<Placement>,
     /// What is added to its primitive ids.
-    pub first: u32,
+    pub first_primitive: u32,
     /// The smallest box around its moved triangles.
     pub bounds: Aabb,
 }
 
 impl TreeInstance {
-    /// A tree, moved by `placement`, whose primitives are `first` and the following.
-    pub fn placed(tree: Arc<Bvh>, placement: Placement, first: u32) -> Self {
+    /// A tree, moved by `placement`, whose primitives are `first_primitive` and the following.
+    pub fn placed(tree: Arc<Bvh>, placement: Placement, first_primitive: u32) -> Self {
         let nodes = tree.wide.nodes.par_iter().with_min_len(1 << 6);
         let bounds = nodes
             .map(|node| {
@@ -32,12 +32,12 @@ impl TreeInstance {
                 Aabb::around(triangles.flatten().map(|corner| placement.point(corner)))
             })
             .reduce(|| Aabb::EMPTY, Aabb::union);
-        Self { tree, placement: Some(placement), first, bounds }
+        Self { tree, placement: Some(placement), first_primitive, bounds }
     }
 
     /// A tree that stands in the world, with its own primitive ids.
-    pub fn here(tree: Arc<Bvh>) -> Self {
-        Self { bounds: tree.bounds, tree, placement: None, first: 0 }
+    pub fn in_world(tree: Arc<Bvh>) -> Self {
+        Self { bounds: tree.bounds, tree, placement: None, first_primitive: 0 }
     }
 }
 
@@ -64,7 +64,7 @@ impl Bvh {
     ///
     /// # Panics
     /// If ids are missing or given twice, or a member is itself an assembly.
-    pub fn assemble(members: Vec<TreeInstance>) -> Self {
+    pub fn from_instances(members: Vec<TreeInstance>) -> Self {
         let members: Vec<TreeInstance> =
             members.into_iter().filter(|member| !member.tree.is_empty()).collect();
         let corners: Vec<_> = members.iter().flat_map(|m| [m.bounds.min, m.bounds.max]).collect();
@@ -77,7 +77,7 @@ impl Bvh {
 
     /// The trees that this one is put together of; none when it is a tree of triangles. The leaves of
     /// [`Bvh::wide`] are then members: a child that is a block is one, by index.
-    pub fn members(&self) -> &[TreeInstance] {
+    pub fn instances(&self) -> &[TreeInstance] {
         self.assembly.as_ref().map_or(&[], |assembly| &assembly.members)
     }
 }
@@ -86,9 +86,9 @@ impl InstanceTree {
     fn new(members: Vec<TreeInstance>) -> Self {
         let mut spans: Vec<(u32, u32)> = Vec::new();
         for (index, member) in (0..).zip(&members) {
-            assert!(member.tree.members().is_empty(), "two levels, not more");
+            assert!(member.tree.instances().is_empty(), "two levels, not more");
             let runs = member.tree.numbering.starts();
-            spans.extend(runs.map(|start| (member.first + start, index)));
+            spans.extend(runs.map(|start| (member.first_primitive + start, index)));
         }
         spans.sort_unstable();
         let triangles = members.iter().map(|member| member.tree.len()).sum();
@@ -105,8 +105,8 @@ impl InstanceTree {
             assert_eq!(first, next, "primitive ids follow each other");
             let until = self.spans.get(at + 1).map_or(self.triangles as u32, |&(next, _)| next);
             let count = until.saturating_sub(first);
-            let place = member.tree.numbering.place(first - member.first);
-            let last = member.tree.numbering.place((first + count).max(1) - 1 - member.first);
+            let place = member.tree.numbering.index(first - member.first_primitive);
+            let last = member.tree.numbering.index((first + count).max(1) - 1 - member.first_primitive);
             let whole = count > 0 && last + 1 == place + count as usize && last < member.tree.len();
             assert!(whole, "primitive ids follow each other");
             next = until;
@@ -114,7 +114,7 @@ impl InstanceTree {
     }
 
     /// The tree over members: that over their boxes, each block turned into a node.
-    fn top(&self, over: &Bvh) -> Wide {
+    fn top(&self, over: &Bvh) -> WideTree {
         let inner = over.wide.nodes.len();
         let mut nodes = over.wide.nodes.to_vec();
         let mut blocks = Vec::new();
@@ -134,6 +134,6 @@ impl InstanceTree {
             node.face_rays();
             nodes.push(node);
         }
-        Wide { nodes: Pages::of(&nodes), blocks: LeafBlocks::none(), depth: over.wide.depth + 1 }
+        WideTree { nodes: Pages::of(&nodes), blocks: LeafBlocks::none(), depth: over.wide.depth + 1 }
     }
 }

@@ -9,7 +9,7 @@
 
 use super::huge_pages::Pages;
 use super::leaf_packing::{LeafPacking, side_by_side};
-use super::wide::Child;
+use super::wide_tree::Child;
 use crate::geom::Aabb;
 use crate::lanes::Lanes;
 use glam::Vec3;

@@ -3,7 +3,7 @@
 
 use super::huge_pages::Pages;
 use super::leaf_block::{BLOCK_TRIANGLES, MASKED, NORMAL, SLACK, TABLE, UNIT, Word};
-use super::wide::Child;
+use super::wide_tree::Child;
 use crate::lanes::{LaneTask, Lanes, SimdLevel, load_one};
 use glam::Vec3;
 use rayon::prelude::*;

@@ -1,12 +1,12 @@
 //! Triangles → [`Bvh`]: the eight-wide tree with blocks of triangles that the CPU traces, made of a
 //! binary tree built by the surface area heuristic. Knows no scene and no ray.
 
-mod binary;
 mod bins;
 mod child_order;
 mod collapse;
 mod collapse_plan;
 mod filter;
+mod flat_tree;
 mod geometry;
 mod huge_pages;
 mod instancing;
@@ -21,18 +21,18 @@ mod sah;
 mod shadow_order;
 mod small_subtree;
 mod validate;
-mod wide;
+mod wide_tree;
 
-pub use binary::{Binary, BinaryNode};
 pub use child_order::ChildOrder;
 pub use filter::Filter;
+pub use flat_tree::{FlatNode, FlatTree};
 pub use geometry::GeometryError;
 pub use instancing::TreeInstance;
 pub use leaf_block::{BLOCK_TRIANGLES, LeafBlock, LeafBlocks, MASKED, PRIMITIVE};
 pub use primitive_ids::PrimitiveIds;
 pub use sah::MAX_DEPTH;
 pub use validate::BvhError;
-pub use wide::{Child, WIDTH, Wide, WideNode};
+pub use wide_tree::{Child, WIDTH, WideNode, WideTree};
 
 use crate::geom::Aabb;
 use collapse_plan::Costs;
@@ -69,13 +69,13 @@ impl<M: Fn(u32) -> bool + Sync> Shape for Indexed<'_, M> {
 }
 
 /// A bounding volume hierarchy over the triangles of a scene, with all that tracers need of them: a tree of
-/// triangles, or a tree of such trees ([`Bvh::assemble`]).
+/// triangles, or a tree of such trees ([`Bvh::from_instances`]).
 ///
 /// Holds about 40 bytes a triangle, up to 75 where triangles share no corners. While it is built it needs some 75 bytes a
 /// triangle more, and nothing that grows faster. Boxes are exact: each is the smallest around its triangles.
 #[derive(Clone, Debug)]
 pub struct Bvh {
-    wide: Wide,
+    wide: WideTree,
     /// The block that each triangle is in.
     places: Vec<Child>,
     bounds: Aabb,
@@ -107,11 +107,11 @@ impl Bvh {
     ///
     /// # Panics
     /// If it is an assembly.
-    pub fn numbered(mut self, numbering: PrimitiveIds) -> Self {
+    pub fn with_primitive_ids(mut self, numbering: PrimitiveIds) -> Self {
         assert!(self.assembly.is_none(), "the ids of an assembly are its members'");
         for child in self.wide.nodes.iter().flat_map(WideNode::block_children) {
             for id in self.wide.blocks.ids_mut(child) {
-                let place = self.numbering.place(*id & PRIMITIVE) as u32;
+                let place = self.numbering.index(*id & PRIMITIVE) as u32;
                 *id = numbering.primitive(place) | *id & !PRIMITIVE;
             }
         }
@@ -120,13 +120,13 @@ impl Bvh {
 
     /// The binary tree, one primitive a leaf, or one member if there are members. Built anew at each call,
     /// for it would take as much memory as all the rest.
-    pub fn binary(&self) -> Binary {
-        let corners = |place: u32| match self.members().get(place as usize) {
+    pub fn to_flat_tree(&self) -> FlatTree {
+        let corners = |place: u32| match self.instances().get(place as usize) {
             Some(TreeInstance { bounds, .. }) => [bounds.min, bounds.max, bounds.min],
             None => self.corners(self.numbering.primitive(place)),
         };
-        let count = if self.assembly.is_some() { self.members().len() } else { self.len() };
-        Binary::of(&Tree::build(count, corners, Costs::of_all), |place| self.numbering.primitive(place))
+        let count = if self.assembly.is_some() { self.instances().len() } else { self.len() };
+        FlatTree::of(&Tree::build(count, corners, Costs::of_all), |place| self.numbering.primitive(place))
     }
 
     /// The box around all triangles.
@@ -135,7 +135,7 @@ impl Bvh {
     }
 
     /// The eight-wide tree.
-    pub fn wide(&self) -> &Wide {
+    pub fn wide(&self) -> &WideTree {
         &self.wide
     }
 
@@ -145,7 +145,7 @@ impl Bvh {
         let costs = Costs::of(self.bounds.half_area());
         let node_cost = |node: &WideNode| -> f32 {
             let slots = (0..WIDTH).filter(|&slot| node.children[slot] != Child::NONE);
-            let child_cost = |bounds: Aabb, child: Child| match self.members().get(child.index()) {
+            let child_cost = |bounds: Aabb, child: Child| match self.instances().get(child.index()) {
                 Some(member) if child.is_block() => bounds.half_area() * member.tree.cost(),
                 _ => costs.child(&bounds, child),
             };
@@ -180,7 +180,7 @@ impl Bvh {
             return block.corners(row);
         };
         let owner = assembly.owner(primitive);
-        let corners = owner.tree.corners(primitive - owner.first);
+        let corners = owner.tree.corners(primitive - owner.first_primitive);
         owner.placement.map_or(corners, |placement| corners.map(|corner| placement.point(corner)))
     }
 
@@ -194,13 +194,13 @@ impl Bvh {
             return block.is_masked(row);
         };
         let owner = assembly.owner(primitive);
-        owner.tree.is_masked(primitive - owner.first)
+        owner.tree.is_masked(primitive - owner.first_primitive)
     }
 
     /// Bytes on the heap; a tree that several members share counts once.
     pub fn bytes(&self) -> usize {
         let own = self.wide.bytes() + size_of_val(self.places.as_slice());
-        let mut trees: Vec<_> = self.members().iter().map(|member| &member.tree).collect();
+        let mut trees: Vec<_> = self.instances().iter().map(|member| &member.tree).collect();
         trees.sort_unstable_by_key(|tree| Arc::as_ptr(tree));
         trees.dedup_by_key(|tree| Arc::as_ptr(tree));
         own + trees.into_iter().map(|tree| tree.bytes()).sum::<usize>()
@@ -208,7 +208,7 @@ impl Bvh {
 
     /// The block and the row of a primitive.
     fn place(&self, primitive: u32) -> (LeafBlock<'_>, usize) {
-        let block = self.wide.blocks.get(self.places[self.numbering.place(primitive)]);
+        let block = self.wide.blocks.get(self.places[self.numbering.index(primitive)]);
         let row = (0..block.len()).find(|&row| block.primitive(row) == primitive);
         (block, row.expect("its block has it"))
     }

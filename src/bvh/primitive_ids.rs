@@ -15,9 +15,9 @@ struct Run {
 
 impl PrimitiveIds {
     /// The triangles that `ids` names, in ascending order.
-    pub fn of(ids: impl IntoIterator<Item = std::ops::Range<u32>>) -> Self {
+    pub fn from_ranges(ranges: impl IntoIterator<Item = std::ops::Range<u32>>) -> Self {
         let (mut runs, mut place, mut next) = (Vec::new(), 0, 0);
-        for range in ids.into_iter().filter(|range| !range.is_empty()) {
+        for range in ranges.into_iter().filter(|range| !range.is_empty()) {
             assert!(range.start >= next, "ids ascend");
             if runs.is_empty() || range.start > next {
                 runs.push(Run { place, primitive: range.start });
@@ -49,7 +49,7 @@ impl PrimitiveIds {
     }
 
     /// The place of a primitive of the tree.
-    pub fn place(&self, primitive: u32) -> usize {
+    pub fn index(&self, primitive: u32) -> usize {
         match self.runs[..] {
             [] => primitive as usize,
             _ => {
@@ -67,12 +67,12 @@ mod tests {
     #[test]
     fn places_and_primitives_are_each_other_s_inverse() {
         for ranges in [vec![0..5, 5..7], vec![3..5, 9..10, 10..14, 20..21], vec![4..4, 7..9]] {
-            let numbering = PrimitiveIds::of(ranges.clone());
+            let numbering = PrimitiveIds::from_ranges(ranges.clone());
             for (place, id) in ranges.into_iter().flatten().enumerate() {
                 assert_eq!(numbering.primitive(place as u32), id);
-                assert_eq!(numbering.place(id), place);
+                assert_eq!(numbering.index(id), place);
             }
         }
-        assert!(PrimitiveIds::of([0..5, 5..7]).runs.is_empty());
+        assert!(PrimitiveIds::from_ranges([0..5, 5..7]).runs.is_empty());
     }
 }

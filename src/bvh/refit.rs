@@ -39,7 +39,7 @@ impl Bvh {
         let Self { wide, numbering, .. } = &mut *self;
         let mut children: Vec<Child> = wide.nodes.iter().flat_map(WideNode::block_children).collect();
         children.par_sort_unstable_by_key(|child| child.index());
-        let corners = |primitive: u32| triangles[numbering.place(primitive)].map(|i| positions[i as usize]);
+        let corners = |primitive: u32| triangles[numbering.index(primitive)].map(|i| positions[i as usize]);
         let blocks = wide.blocks.each_mut(&children).into_par_iter().with_min_len(BLOCKS);
         let bounds: Option<Vec<Aabb>> = blocks.map(|mut block| block.move_to(corners)).collect();
         let parted = bounds.is_none();
@@ -73,7 +73,7 @@ impl Bvh {
         self.bounds = nodes[0].all_bounds();
         nodes.par_iter_mut().with_min_len(1 << 8).for_each(WideNode::face_rays);
         if parted {
-            self.places = self.wide.places(self.places.len(), |primitive| self.numbering.place(primitive));
+            self.places = self.wide.places(self.places.len(), |primitive| self.numbering.index(primitive));
         }
         Ok(())
     }

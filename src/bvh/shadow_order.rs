@@ -4,7 +4,7 @@
 
 use super::leaf_block::BLOCK_TRIANGLES;
 use super::leaf_packing::Triangles;
-use super::wide::{Child, WIDTH, WideNode};
+use super::wide_tree::{Child, WIDTH, WideNode};
 use crate::geom::Aabb;
 
 /// What is known of a subtree.
@@ -68,7 +68,7 @@ impl ShadowOrder {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bvh::{Bvh, Wide};
+    use crate::bvh::{Bvh, WideTree};
     use glam::Vec3;
 
     /// A wall of two triangles in front of a cloud of small ones.
@@ -101,7 +101,7 @@ mod tests {
     #[test]
     fn odds_of_a_node_sum_up_what_is_below() {
         let bvh = wall_and_cloud();
-        let Wide { nodes, blocks, .. } = &bvh.wide;
+        let WideTree { nodes, blocks, .. } = &bvh.wide;
         let mut odds = vec![ShadowOrder::default(); nodes.len()];
         for at in (0..nodes.len()).rev() {
             odds[at] = ShadowOrder::order(&mut nodes[at].clone(), |_, child| match child.index() {

@@ -72,7 +72,7 @@ impl Bvh {
     fn validate_members(&self) -> Result<(), BvhError> {
         let tree = "top";
         let everything = Aabb { min: glam::Vec3::NEG_INFINITY, max: glam::Vec3::INFINITY };
-        let mut found = vec![0; self.members().len()];
+        let mut found = vec![0; self.instances().len()];
         let mut stack = vec![(0, everything)];
         while let Some((node, outer)) = stack.pop() {
             let inner = &self.wide.nodes()[node];
@@ -86,25 +86,25 @@ impl Bvh {
                     continue;
                 }
                 found[child.index()] += 1;
-                let member = &self.members()[child.index()];
+                let member = &self.instances()[child.index()];
                 for place in 0..member.tree.len() as u32 {
-                    let primitive = member.first + member.tree.numbering.primitive(place);
+                    let primitive = member.first_primitive + member.tree.numbering.primitive(place);
                     self.validate_triangle(tree, primitive, &bounds)?;
                 }
             }
         }
-        self.members().iter().try_for_each(|member| member.tree.validate())?;
+        self.instances().iter().try_for_each(|member| member.tree.validate())?;
         once_each(tree, &found)
     }
 
     fn validate_binary(&self) -> Result<(), BvhError> {
         let tree = "binary";
-        let binary = self.binary();
+        let binary = self.to_flat_tree();
         let nodes = binary.nodes();
         let mut found = vec![0; self.len()];
         for (node, parent) in nodes.iter().enumerate() {
             if parent.is_leaf() {
-                found[self.numbering.place(parent.index)] += 1;
+                found[self.numbering.index(parent.index)] += 1;
                 self.validate_triangle(tree, parent.index, &parent.bounds())?;
                 continue;
             }
@@ -144,7 +144,7 @@ impl Bvh {
                 }
                 let block = self.wide.blocks().get(child);
                 for row in 0..child.triangles() {
-                    found[self.numbering.place(block.primitive(row))] += 1;
+                    found[self.numbering.index(block.primitive(row))] += 1;
                     self.validate_triangle(tree, block.primitive(row), &bounds)?;
                 }
             }

@@ -27,16 +27,16 @@ pub fn build(scene: &Scene, worth_saving: usize) -> Bvh {
     let ends = taken.iter().map(|range| range.start).chain([end]);
     let rest: Vec<_> = starts.zip(ends).map(|(start, end)| start..end).collect();
 
-    let numbering = PrimitiveIds::of(rest.iter().cloned());
+    let numbering = PrimitiveIds::from_ranges(rest.iter().cloned());
     let ids = rest.into_iter().flatten();
     let triangles: Vec<[u32; 3]> = ids.map(|id| scene.mesh.triangles[id as usize]).collect();
     let single = Bvh::build(&scene.mesh.positions, &triangles, |place| is_masked(numbering.primitive(place)));
-    let mut members = vec![TreeInstance::here(Arc::new(single.numbered(numbering)))];
+    let mut members = vec![TreeInstance::in_world(Arc::new(single.with_primitive_ids(numbering)))];
     for shape in kept {
         let mask = |place: u32| is_masked(shape.instances[0].first + place);
         let tree = Arc::new(Bvh::build(&shape.positions, &shape.triangles, mask));
         let placed = shape.instances.par_iter();
         members.par_extend(placed.map(|at| TreeInstance::placed(tree.clone(), at.placement, at.first)));
     }
-    Bvh::assemble(members)
+    Bvh::from_instances(members)
 }

@@ -20,7 +20,8 @@ pub struct Placement {
 
 impl Placement {
     /// Everything stays where it is.
-    pub const HERE: Self = Self { rows: [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]] };
+    pub const IDENTITY: Self =
+        Self { rows: [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]] };
 
     /// An affine matrix, each element rounded.
     pub fn new(matrix: &DMat4) -> Self {
@@ -87,15 +88,15 @@ mod tests {
             let moved = placement.bounds(&Aabb::around(points.iter().copied()));
             assert!(moved.contains(&Aabb::around(points.iter().map(|&p| placement.point(p)))));
         }
-        assert!(Placement::HERE.bounds(&Aabb::EMPTY).is_empty());
+        assert!(Placement::IDENTITY.bounds(&Aabb::EMPTY).is_empty());
     }
 
     #[test]
     fn here_moves_nothing_and_turns_no_octant() {
         for i in 0..8 {
             let p = Vec3::new(signed(i, 1), signed(i, 2), signed(i, 3));
-            assert_eq!(Placement::HERE.point(p), p);
-            assert_eq!(Placement::HERE.octant(i as usize), i as usize);
+            assert_eq!(Placement::IDENTITY.point(p), p);
+            assert_eq!(Placement::IDENTITY.octant(i as usize), i as usize);
         }
         let half_turn = Placement::new(&DMat4::from_rotation_y(std::f64::consts::PI));
         assert_eq!(half_turn.octant(0b000), 0b101);

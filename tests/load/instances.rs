@@ -64,11 +64,11 @@ fn a_scene_s_tree_has_its_triangles_whatever_stays_shared() {
     let flat = Bvh::build(&scene.mesh.positions, &scene.mesh.triangles, |p| scene.is_masked(p));
     for (worth_saving, members) in [(usize::MAX, 0), (3, 0), (2, 5), (0, 5)] {
         let tree = build_tree(&scene, worth_saving);
-        assert_eq!(tree.members().len(), members);
+        assert_eq!(tree.instances().len(), members);
         assert_eq!(tree.validate(), Ok(()));
         assert_eq!((tree.len(), tree.bounds()), (flat.len(), flat.bounds()));
         assert_eq!(
-            tree.members().iter().filter(|m: &&TreeInstance| m.placement.is_some()).count(),
+            tree.instances().iter().filter(|m: &&TreeInstance| m.placement.is_some()).count(),
             members & 4
         );
         for primitive in 0..tree.len() as u32 {
@@ -113,7 +113,7 @@ fn a_picture_does_not_depend_on_what_is_shared() {
         let job = service.submit(path.clone(), prepared.tracers.clone(), JobOptions::default()).expect("job");
         job.wait().expect("frame");
         let image = Image { width: 32, height: 32, pixels: path.film().resolve() };
-        (image.hash(), prepared.bvh.members().len(), prepared.bvh.bytes())
+        (image.hash(), prepared.bvh.instances().len(), prepared.bvh.bytes())
     });
     assert_eq!((shared.1, alone.1), (3, 0));
     assert!(shared.2 * 2 < alone.2);

@@ -24,7 +24,7 @@ fn placement(random: &mut Random) -> Placement {
     match random.below(8) {
         0 => size.x = -size.x,
         1 => size.y = 0.0,
-        2 => return Placement::HERE,
+        2 => return Placement::IDENTITY,
         _ => {}
     }
     let mut affine = DAffine3::from_scale_rotation_translation(size, turn, v(random));
@@ -42,7 +42,7 @@ pub fn crowd(shapes: &[Mesh], count: usize, scale: f32, seed: u64) -> Crowd {
     let trees: Vec<_> = shapes.iter().map(tree).collect();
     let (mut mesh, mut single, mut members, mut ranges) =
         (Mesh::default(), Mesh::default(), Vec::new(), Vec::new());
-    let mut last = Placement::HERE;
+    let mut last = Placement::IDENTITY;
     for i in 0..count {
         let start = mesh.triangles.len() as u32;
         if i % 3 == 0 {
@@ -69,11 +69,11 @@ pub fn crowd(shapes: &[Mesh], count: usize, scale: f32, seed: u64) -> Crowd {
         );
         members.push(TreeInstance::placed(trees[which].clone(), last, first));
     }
-    let numbering = PrimitiveIds::of(ranges);
+    let numbering = PrimitiveIds::from_ranges(ranges);
     let masked = |place| is_masked(numbering.primitive(place));
-    let here = Bvh::build(&single.positions, &single.triangles, masked).numbered(numbering);
-    members.push(TreeInstance::here(Arc::new(here)));
-    Crowd { mesh, bvh: Arc::new(Bvh::assemble(members)) }
+    let here = Bvh::build(&single.positions, &single.triangles, masked).with_primitive_ids(numbering);
+    members.push(TreeInstance::in_world(Arc::new(here)));
+    Crowd { mesh, bvh: Arc::new(Bvh::from_instances(members)) }
 }
 
 /// Crowds of all kinds: name, crowd, scale.

@@ -36,8 +36,10 @@ fn the_tree_knows_its_triangles_and_holds_shared_ones_once() {
 #[test]
 fn members_without_triangles_do_not_count_and_refits_are_refused() {
     let none = Arc::new(Bvh::build(&[], &[], |_| false));
-    let empty =
-        Bvh::assemble(vec![TreeInstance::here(none.clone()), TreeInstance::placed(none, Placement::HERE, 0)]);
+    let empty = Bvh::from_instances(vec![
+        TreeInstance::in_world(none.clone()),
+        TreeInstance::placed(none, Placement::IDENTITY, 0),
+    ]);
     assert!(empty.is_empty() && empty.validate().is_ok());
     let (_, Crowd { mesh, bvh }, _) = crowd::zoo().swap_remove(0);
     assert_eq!(bvh.accepts(&mesh.positions, &mesh.triangles), Err(GeometryError::Assembled));
@@ -47,8 +49,8 @@ fn members_without_triangles_do_not_count_and_refits_are_refused() {
 #[should_panic(expected = "primitive ids follow each other")]
 fn ids_given_twice_are_noticed() {
     let tree = Arc::new(Bvh::build(&[Vec3::ZERO, Vec3::X, Vec3::Y], &[[0, 1, 2]], |_| false));
-    Bvh::assemble(vec![
-        TreeInstance::placed(tree.clone(), Placement::HERE, 0),
-        TreeInstance::placed(tree, Placement::HERE, 0),
+    Bvh::from_instances(vec![
+        TreeInstance::placed(tree.clone(), Placement::IDENTITY, 0),
+        TreeInstance::placed(tree, Placement::IDENTITY, 0),
     ]);
 }

@@ -2,7 +2,7 @@
 //! list that reaches a member goes through that member's tree to the end.
 //!
 //! Unsafe code for lists. The invariants are those of `stream`; a block child of a node above is a member's index,
-//! which `Bvh::assemble` made.
+//! which `Bvh::from_instances` made.
 #![allow(unsafe_code, reason = "the invariants above")]
 
 use super::order::Order;
@@ -51,7 +51,7 @@ pub(super) fn traverse<W: Lanes, E: Lanes, const ANY: bool>(
             match &member.placement {
                 None => through::<_, _, _, ANY>(w, e, World, &job, octant, below),
                 Some(placement) => {
-                    let own = Own::new(placement, member.first, octant);
+                    let own = Own::new(placement, member.first_primitive, octant);
                     through::<_, _, _, ANY>(w, e, own, &job, octant, below);
                 }
             }

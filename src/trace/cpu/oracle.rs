@@ -84,7 +84,7 @@ impl Oracle {
     /// Calls `visit` for hits of which none nearer than, or as near as, the nearest is left out.
     /// `visit` answers how far the search still has to look, or that it is over.
     fn traverse(&self, ray: &Ray, mut visit: impl FnMut(Hit) -> Option<f32>) {
-        let members = self.bvh.members();
+        let members = self.bvh.instances();
         let ray = self.prepare(ray);
         let mut limit = ray.t_max;
         let mut stack: Vec<(Option<&TreeInstance>, Child, f32)> =
@@ -99,7 +99,7 @@ impl Oracle {
                 continue;
             }
             let (wide, first, placement) = match member {
-                Some(member) => (member.tree.wide(), member.first, member.placement),
+                Some(member) => (member.tree.wide(), member.first_primitive, member.placement),
                 None => (self.bvh.wide(), 0, None),
             };
             if at.is_block() {

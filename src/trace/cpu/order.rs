@@ -6,7 +6,7 @@ use crate::bvh::{WIDTH, WideNode};
 #[derive(Clone, Copy)]
 pub(super) struct Order {
     /// The turn of each slot, an octal digit each.
-    of_slots: u32,
+    ranks: u32,
     /// The slot of each turn, likewise.
     slots: u32,
     /// What the turns that slots are told of differ by: all bits where it is the other way round.
@@ -15,20 +15,20 @@ pub(super) struct Order {
 
 impl Order {
     /// For any hit: where it is found soonest.
-    pub const LIKELY_FIRST: Self = Self { of_slots: 0o0123_4567, slots: 0o0123_4567, mirror: 0 };
+    pub const LIKELY_FIRST: Self = Self { ranks: 0o0123_4567, slots: 0o0123_4567, mirror: 0 };
 
     /// For nearest hits: about as rays of an octant meet them.
     #[inline(always)]
     pub fn front_to_back(node: &WideNode, octant: usize) -> Self {
         let (mirror, all) = if octant < 4 { (0, 0) } else { (WIDTH - 1, 0o7777_7777) };
         let turns = node.front_to_back[octant ^ mirror];
-        Self { of_slots: turns.of_slots ^ all, slots: turns.slots, mirror }
+        Self { ranks: turns.ranks ^ all, slots: turns.slots, mirror }
     }
 
     /// The turn of a slot.
     #[inline(always)]
     pub fn turn(self, slot: usize) -> usize {
-        (self.of_slots >> (3 * slot)) as usize % WIDTH
+        (self.ranks >> (3 * slot)) as usize % WIDTH
     }
 
     /// The slot whose turn it is.

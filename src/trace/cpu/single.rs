@@ -14,7 +14,7 @@ use super::space::{Own, Space, World};
 use super::stream::lanes_of;
 use super::triangle::{Faces, Range, Slabs, Vector, test};
 use super::{SimdError, SimdLevel};
-use crate::bvh::{Bvh, Child, Filter, LeafBlocks, MASKED, PRIMITIVE, WIDTH, Wide};
+use crate::bvh::{Bvh, Child, Filter, LeafBlocks, MASKED, PRIMITIVE, WIDTH, WideTree};
 use crate::geom::CanonicalRay;
 #[cfg(target_arch = "aarch64")]
 use crate::lanes::Neon;
@@ -63,7 +63,7 @@ impl SingleRayTracer {
         let tree = Tree { bvh: &self.bvh, filter: self.filter.as_deref() };
         STACK.with_borrow_mut(|stack| {
             let room = |bvh: &Bvh| WIDTH * bvh.wide().depth() + 1;
-            let below = self.bvh.members().iter().map(|member| room(&member.tree)).max();
+            let below = self.bvh.instances().iter().map(|member| room(&member.tree)).max();
             let most = room(&self.bvh) + below.unwrap_or(0);
             if stack.len() < most {
                 stack.resize(most, Entry { child: Child::ROOT, enter: 0.0 });
@@ -142,7 +142,7 @@ unsafe fn one<E: Lanes, const ANY: bool>(e: E, tree: Tree<'_>, ray: &Ray, stack:
     let mut best = Hit { t: ray.t_max, ..Hit::NONE };
     // SAFETY: as the caller vouches.
     unsafe {
-        if tree.bvh.members().is_empty() {
+        if tree.bvh.instances().is_empty() {
             let triangles = Triangles { space: World, blocks: wide.blocks() };
             walk::<E, _, _, ANY>(e, World, wide, &triangles, &query, stack, &mut best);
         } else {
@@ -185,7 +185,7 @@ struct Members;
 unsafe fn walk<E: Lanes, S: Space, V: Leaves, const ANY: bool>(
     e: E,
     space: S,
-    wide: &Wide,
+    wide: &WideTree,
     leaves: &V,
     query: &Query<'_, E>,
     stack: &mut [Entry],
@@ -298,7 +298,7 @@ impl Leaves for Members {
         stack: &mut [Entry],
         best: &mut Hit,
     ) -> bool {
-        let member = &query.tree.bvh.members()[child.index()];
+        let member = &query.tree.bvh.instances()[child.index()];
         let wide = member.tree.wide();
         // SAFETY: as the caller vouches.
         unsafe {
@@ -308,7 +308,7 @@ impl Leaves for Members {
                     walk::<E, _, _, ANY>(e, World, wide, &triangles, query, stack, best)
                 }
                 Some(placement) => {
-                    let own = Own::new(placement, member.first, query.octant);
+                    let own = Own::new(placement, member.first_primitive, query.octant);
                     let triangles = Triangles { space: own, blocks: wide.blocks() };
                     walk::<E, _, _, ANY>(e, own, wide, &triangles, query, stack, best)
                 }

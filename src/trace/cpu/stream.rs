@@ -201,7 +201,7 @@ pub(super) fn trace<W: Lanes, E: Lanes, const ANY: bool, const MEMBERS: bool>(
         first += rays.len();
         if MEMBERS {
             let counts = setup::prepare(w, &job, rays, stacks);
-            members::traverse::<W, E, ANY>((w, e), &job, bvh.members(), stacks, &counts, below);
+            members::traverse::<W, E, ANY>((w, e), &job, bvh.instances(), stacks, &counts, below);
             continue;
         }
         if packet::may_form(rays)

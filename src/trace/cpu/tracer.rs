@@ -54,7 +54,7 @@ impl CpuTracer {
     }
 
     fn dispatch<const ANY: bool>(&self, rays: &[Ray], answers: Answers) {
-        if self.oracle.bvh().members().is_empty() {
+        if self.oracle.bvh().instances().is_empty() {
             self.dispatch_to::<ANY, false>(rays, answers);
         } else {
             self.dispatch_to::<ANY, true>(rays, answers);

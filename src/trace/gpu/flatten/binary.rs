@@ -1,7 +1,7 @@
 //! The binary tree as the kernels read it.
 
 use super::super::layout::BinaryNode;
-use crate::bvh::Binary;
+use crate::bvh::FlatTree;
 use crate::geom::{Aabb, MAX_COORDINATE};
 use glam::Vec3;
 
@@ -27,7 +27,7 @@ struct Open {
 /// Lays a tree out behind what there is; `leaf` lays out a subtree of at most `most` and gives the reference. Gives
 /// the root's reference and the entries of the stack. The root is a node, even if it has fewer children than two.
 pub fn lay(
-    binary: &Binary,
+    binary: &FlatTree,
     most: usize,
     out: &mut Vec<BinaryNode>,
     mut leaf: impl FnMut(usize) -> u32,

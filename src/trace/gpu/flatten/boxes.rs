@@ -48,9 +48,9 @@ pub fn lay(
             all.extend(pairs::of(&triangles, in_pairs));
         }
     };
-    match bvh.members() {
+    match bvh.instances() {
         [] => add(bvh, 0),
-        members => members.iter().for_each(|member| add(&member.tree, member.first)),
+        members => members.iter().for_each(|member| add(&member.tree, member.first_primitive)),
     }
     // In the order of the tree otherwise.
     all.sort_by_key(Laid::is_masked);

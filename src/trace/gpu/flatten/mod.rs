@@ -8,7 +8,7 @@ mod wide;
 use super::kernel_kind::TreeKind;
 use super::layout::{BinaryNode, Identities, LEAF, Pair, TreeInstance, WideNode};
 use super::pages::Pages;
-use crate::bvh::{Binary, Bvh};
+use crate::bvh::{Bvh, FlatTree};
 use crate::geom::Placement;
 use boxes::Box;
 pub(super) use boxes::REACH as QUERY_REACH;
@@ -113,25 +113,25 @@ impl Flat {
         };
         let (pairs, identities, members) = (Vec::new(), Vec::new(), Vec::new());
         let mut flat = Self { nodes, pairs, identities, members, stack: 0, first_masked: 0 };
-        if bvh.members().is_empty() || variant.tree == TreeKind::Device {
+        if bvh.instances().is_empty() || variant.tree == TreeKind::Device {
             flat.stack = flat.lay(bvh, variant).1;
             return flat;
         }
         let above = flat.lay_top(bvh);
         let mut roots = HashMap::new();
-        for member in bvh.members() {
+        for member in bvh.instances() {
             let root = *roots.entry(Arc::as_ptr(&member.tree)).or_insert_with(|| {
                 let (root, stack) = flat.lay(&member.tree, variant);
                 flat.stack = flat.stack.max(above + stack);
                 root
             });
-            let rows = member.placement.unwrap_or(Placement::HERE).rows;
+            let rows = member.placement.unwrap_or(Placement::IDENTITY).rows;
             let column = |i: usize| rows.map(|row| row[i]);
             flat.members.push(TreeInstance {
                 x: column(0),
                 root,
                 y: column(1),
-                first: member.first,
+                first: member.first_primitive,
                 z: column(2),
                 spare_0: 0,
                 shift: column(3),
@@ -146,7 +146,7 @@ impl Flat {
         let Self { nodes, pairs, identities, .. } = self;
         match nodes {
             Nodes::Binary(nodes) => {
-                let tree = bvh.binary();
+                let tree = bvh.to_flat_tree();
                 let leaf = |index: usize| {
                     let leaf = pairs::of(&below(bvh, &tree, index), variant.pairs);
                     pairs::lay(&leaf, pairs, identities)
@@ -165,7 +165,7 @@ impl Flat {
     fn lay_top(&mut self, bvh: &Bvh) -> usize {
         match &mut self.nodes {
             Nodes::Binary(nodes) => {
-                let tree = bvh.binary();
+                let tree = bvh.to_flat_tree();
                 binary::lay(&tree, 1, nodes, |index| LEAF | tree.nodes()[index].index).1
             }
             Nodes::Wide(nodes) => wide::lay_top(bvh.wide(), nodes),
@@ -175,7 +175,7 @@ impl Flat {
 }
 
 /// The triangles of a subtree.
-fn below(bvh: &Bvh, tree: &Binary, index: usize) -> Vec<Triangle> {
+fn below(bvh: &Bvh, tree: &FlatTree, index: usize) -> Vec<Triangle> {
     let nodes = tree.nodes();
     let subtree = &nodes[index..index + 2 * nodes[index].count as usize - 1];
     let triangle = |primitive| Triangle {
@@ -308,11 +308,11 @@ mod tests {
         let tree = Arc::new(build(20, 30));
         let count = tree.len() as u32;
         let placed = (0..3).map(|i| {
-            let mut placement = Placement::HERE;
+            let mut placement = Placement::IDENTITY;
             placement.rows[0][3] = 100.0 * i as f32;
             crate::bvh::TreeInstance::placed(tree.clone(), placement, i * count)
         });
-        let bvh = Bvh::assemble(placed.collect());
+        let bvh = Bvh::from_instances(placed.collect());
         for variant in trees() {
             let (flat, alone) = (Flat::of(&bvh, variant), Flat::of(&tree, variant));
             assert_eq!((flat.members.len(), flat.pairs.len()), (3, alone.pairs.len()));
@@ -358,10 +358,10 @@ mod tests {
         }
         let tree = Arc::new(build(20, 30));
         let placed = (0..3).map(|i| {
-            let mut placement = Placement::HERE;
+            let mut placement = Placement::IDENTITY;
             placement.rows[0][3] = 100.0 * i as f32;
             crate::bvh::TreeInstance::placed(tree.clone(), placement, i * tree.len() as u32)
         });
-        check_boxes(&Bvh::assemble(placed.collect()));
+        check_boxes(&Bvh::from_instances(placed.collect()));
     }
 }

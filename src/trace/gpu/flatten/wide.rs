@@ -2,7 +2,7 @@
 
 use super::super::layout::{Identities, LEAF, Pair, WideNode};
 use super::pairs::{self, Triangle};
-use crate::bvh::{Child, LeafBlock, WIDTH, Wide, WideNode as HostNode};
+use crate::bvh::{Child, LeafBlock, WIDTH, WideNode as HostNode, WideTree};
 use crate::geom::Aabb;
 use glam::Vec3;
 
@@ -121,7 +121,7 @@ fn placed(children: &[Entry]) -> [Option<Entry>; WIDTH] {
 /// Lays out a tree of triangles behind what there is; gives its root and the entries of the stack. Blocks that are cheap
 /// for the host's lanes may be long leaves for a thread: those of more than [`LEAF_PAIRS`] become nodes.
 pub fn lay(
-    tree: &Wide,
+    tree: &WideTree,
     in_pairs: bool,
     nodes: &mut Vec<WideNode>,
     pairs: &mut Vec<Pair>,
@@ -152,7 +152,7 @@ pub fn lay(
 }
 
 /// Lays out a tree over members behind what there is; gives the entries of the stack.
-pub fn lay_top(tree: &Wide, nodes: &mut Vec<WideNode>) -> usize {
+pub fn lay_top(tree: &WideTree, nodes: &mut Vec<WideNode>) -> usize {
     let reference = |child: Child| child.index() as u32 | if child.is_block() { LEAF } else { 0 };
     nodes.extend(tree.nodes().iter().map(|host| node(placed(&children(host, reference)))));
     tree.depth()

@@ -8,7 +8,7 @@ use bytemuck::{Pod, Zeroable};
 /// `count` primitives is the `2 * count - 1` nodes from its root on.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
-pub struct BinaryNode {
+pub struct FlatNode {
     /// Lowest corner of the box around the primitives below.
     pub min: [f32; 3],
     /// Index of the right child; of the primitive, or of the member, for a leaf.
@@ -19,7 +19,7 @@ pub struct BinaryNode {
     pub count: u32,
 }
 
-impl BinaryNode {
+impl FlatNode {
     /// Whether the node is one primitive.
     pub fn is_leaf(&self) -> bool {
         self.count == 1
@@ -33,22 +33,22 @@ impl BinaryNode {
 
 /// A binary tree with one primitive a leaf, in depth-first order. Empty when there are no primitives.
 #[derive(Clone, Debug, Default)]
-pub struct Binary {
-    nodes: Vec<BinaryNode>,
+pub struct FlatTree {
+    nodes: Vec<FlatNode>,
 }
 
-impl Binary {
+impl FlatTree {
     /// `index` gives the index of a leaf for a reference of the tree.
     pub(super) fn of(tree: &Tree, index: impl Fn(u32) -> u32) -> Self {
         let Some(root) = tree.root() else { return Self::default() };
-        let mut nodes = vec![BinaryNode::default(); 2 * root.count as usize - 1];
+        let mut nodes = vec![FlatNode::default(); 2 * root.count as usize - 1];
         fill(tree, root, &mut nodes, 0);
         nodes.iter_mut().filter(|node| node.is_leaf()).for_each(|leaf| leaf.index = index(leaf.index));
         Self { nodes }
     }
 
     /// All nodes, the root first.
-    pub fn nodes(&self) -> &[BinaryNode] {
+    pub fn nodes(&self) -> &[FlatNode] {
         &self.nodes
     }
 
@@ -72,10 +72,10 @@ impl Binary {
 }
 
 /// Writes a subtree into `nodes`, whose first is node `at` of the tree.
-fn fill(tree: &Tree, of: Subtree, nodes: &mut [BinaryNode], at: u32) {
+fn fill(tree: &Tree, of: Subtree, nodes: &mut [FlatNode], at: u32) {
     let bounds = tree.bounds(of).to_aabb();
     let (root, below) = nodes.split_first_mut().expect("2 * count - 1 nodes");
-    *root = BinaryNode { min: bounds.min.into(), index: 0, max: bounds.max.into(), count: of.count };
+    *root = FlatNode { min: bounds.min.into(), index: 0, max: bounds.max.into(), count: of.count };
     if of.count == 1 {
         root.index = tree.primitive(of);
         return;

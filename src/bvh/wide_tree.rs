@@ -161,13 +161,13 @@ impl WideNode {
 
 /// The eight-wide tree: node 0 is the root, always there.
 #[derive(Clone, Debug)]
-pub struct Wide {
+pub struct WideTree {
     pub(super) nodes: Pages<WideNode>,
     pub(super) blocks: LeafBlocks,
     pub(super) depth: usize,
 }
 
-impl Wide {
+impl WideTree {
     /// Inner nodes, the root first.
     pub fn nodes(&self) -> &[WideNode] {
         &self.nodes
