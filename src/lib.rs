@@ -10,32 +10,43 @@
 //!
 //! `src/ARCHITECTURE.md` is the map of the house.
 
+#[cfg(feature = "formats")]
 pub mod files;
 pub mod lanes;
 
 pub mod geom;
+#[cfg(feature = "render")]
 pub mod scene;
 
 pub mod bvh;
 pub mod stream;
 
+#[cfg(feature = "render")]
 pub mod schedule;
 pub mod trace;
 
+#[cfg(feature = "query")]
 pub mod query;
 
+#[cfg(feature = "render")]
 pub mod shade;
 
+#[cfg(feature = "render")]
 pub mod render;
 
+#[cfg(feature = "render")]
 pub mod engine;
 
+#[cfg(feature = "render")]
 pub mod film;
 
+#[cfg(any(feature = "bench", feature = "cli"))]
 pub mod meters;
 
+#[cfg(feature = "bench")]
 pub mod bench;
 
+#[cfg(feature = "cli")]
 pub mod cli;
 
 /// The README's example, compiled and run.

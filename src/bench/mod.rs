@@ -7,11 +7,10 @@ pub mod frame;
 pub mod meshes;
 pub mod rays;
 pub mod schedule;
-mod spread;
 pub mod tables;
 pub mod tail;
 pub mod textures;
 mod workload;
 
-pub use spread::Spread;
+pub use crate::meters::Spread;
 pub use workload::{Kind, Workload};

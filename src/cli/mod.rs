@@ -2,6 +2,7 @@
 
 mod args;
 mod arrays;
+#[cfg(feature = "bench")]
 mod bench;
 #[cfg(feature = "gpu")]
 mod cache;
@@ -51,7 +52,12 @@ pub fn run_with(registry: Registry) -> ExitCode {
         Command::Render(args) => render::run(args, &registry),
         Command::Trace(args) => trace::run(args),
         Command::Mesh(args) => mesh::run(args).map(|()| Outcome::Done),
+        #[cfg(feature = "bench")]
         Command::Bench(command) => bench::run(command),
+        #[cfg(not(feature = "bench"))]
+        Command::Bench(_) => {
+            Err(anyhow::anyhow!("this build was made without benches: build it with --features bench"))
+        }
         Command::Info => {
             info::run();
             Ok(Outcome::Done)

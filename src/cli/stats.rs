@@ -1,7 +1,7 @@
 //! The JSON that `--stats` writes. The schema is stable: fields are added, never changed; `schema` counts
 //! incompatible versions.
 
-use crate::bench::Spread;
+use crate::meters::Spread;
 use crate::render::NoiseReport;
 use crate::schedule::{self, Depths, DeviceWaits, JobReport, Latency, ThreadKind, ThreadReport};
 use anyhow::{Context, Result};

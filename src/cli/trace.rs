@@ -5,7 +5,7 @@ use super::args::TraceArgs;
 use super::arrays::{Array, read_rays, write_npz};
 use super::setup::Setup;
 use super::stats::{self, SCHEMA, TraceStats, Units};
-use crate::bench::Spread;
+use crate::meters::Spread;
 use crate::schedule::{JobOptions, JobReport};
 use crate::stream::Hit;
 use anyhow::{Context, Result};

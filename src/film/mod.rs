@@ -4,10 +4,12 @@ mod accumulation;
 mod image;
 mod noise;
 mod stripe;
+#[cfg(feature = "formats")]
 mod write;
 
 pub(crate) use accumulation::take;
 pub use accumulation::{Film, MAX_RADIANCE, TooManySplats};
 pub use image::Image;
 pub use noise::Noise;
+#[cfg(feature = "formats")]
 pub use write::{Format, WriteError, write_image};

@@ -15,4 +15,5 @@ pub use canonical::{CanonicalHit, CanonicalRay, MAX_COORDINATE};
 pub(crate) use canonical::{DIRECTION_RANGE, MIN_COMPONENT, SLACK};
 pub use placement::Placement;
 pub use sampler::Sampler;
+#[cfg(feature = "render")]
 pub(crate) use sampler::{mix, mix_lanes, unit};

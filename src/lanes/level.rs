@@ -163,6 +163,7 @@ impl SimdLevel {
     }
 
     /// The level whose kernels have so many lanes.
+    #[cfg(feature = "render")]
     pub(crate) fn of_lanes(lanes: usize) -> Self {
         match lanes {
             16 => Self::Avx512,

@@ -6,9 +6,11 @@ mod nvml;
 mod processor;
 mod rapl;
 mod recorder;
+mod spread;
 
 pub use processor::processor;
 pub use recorder::{PERIOD, Recorder, Series};
+pub use spread::Spread;
 
 use std::collections::BTreeMap;
 

@@ -11,6 +11,7 @@ mod fingerprint;
 mod footprint;
 mod instance;
 mod light;
+#[cfg(feature = "formats")]
 pub mod load;
 mod material;
 mod medium;
@@ -20,12 +21,14 @@ mod mipmap;
 mod mix;
 mod principled;
 mod procedural;
+#[cfg(feature = "formats")]
 pub mod recipe;
 mod scattering;
 mod srgb;
 mod texture;
 
 pub use camera::{Camera, CameraError, Lens};
+#[cfg(feature = "formats")]
 pub(crate) use camera_motion::unit_turn;
 pub use camera_motion::{CameraMotion, Interpolation, Joint, Key, Track, Tracked};
 pub use camera_path::{CameraPath, CameraPathError};

@@ -1,5 +1,6 @@
 //! The command line.
 
+#[cfg(feature = "bench")]
 mod bench;
 mod frames;
 mod progress;
@@ -8,6 +9,7 @@ mod trace;
 mod units;
 mod view;
 
+#[cfg(feature = "bench")]
 pub use bench::{
     BenchAdaptiveArgs, BenchBuildArgs, BenchCommand, BenchFrameArgs, BenchRaysArgs, BenchScheduleArgs,
     BenchTablesArgs, BenchTailArgs, BenchTexturesArgs, ShotArgs,
@@ -40,10 +42,23 @@ pub enum Command {
     /// Write a scene's triangles as NumPy arrays.
     Mesh(MeshArgs),
     /// Measure speed beside its peers, in one run.
+    #[cfg(feature = "bench")]
     #[command(subcommand)]
     Bench(BenchCommand),
+    /// Left out of this build: measures speed beside its peers.
+    #[cfg(not(feature = "bench"))]
+    Bench(LeftOutArgs),
     /// Say what this machine has: instruction sets, threads, GPU adapters.
     Info,
+}
+
+/// The arguments of a command whose feature this build was made without.
+#[cfg(not(feature = "bench"))]
+#[derive(Debug, clap::Args)]
+pub struct LeftOutArgs {
+    /// Whatever the command takes where it is built in.
+    #[arg(trailing_var_arg = true, allow_hyphen_values = true, hide = true)]
+    pub rest: Vec<String>,
 }
 
 #[cfg(test)]
