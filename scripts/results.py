@@ -1,0 +1,331 @@
+"""Writes what a bench measured into a page of results, so that no figure is typed by hand.
+
+    raystream bench build scenes/glass.json --rounds 9 --json glass.json
+    python scripts/results.py docs/results/build.md build glass.json [MORE.json ..]
+
+The page has a line `<!-- begin: NAME -->` and a line `<!-- end: NAME -->`; what stands between them is replaced by the
+command, the machine and the table. NAME's first word says which table: `rays`, `contenders`, `build`, `ladder`,
+`frame`, `tail`, `textures`, `adaptive`, `schedule` or `rtrt`; further words only tell two blocks of a page apart.
+Tables over scenes (`rays`, `build`, `ladder`) take one file a scene, all from one machine and one build.
+
+--machine TEXT    names the machine where the file does not, or better than the file does
+--build COMMIT    the commit that was measured [default: the checkout's, with "changed" if it has changes]
+--note TEXT       one sentence more about the circumstances
+--command TEXT    the command, for files of builds that did not record theirs
+
+Only the standard library is used.
+"""
+
+import argparse
+import datetime
+import json
+import math
+import pathlib
+import re
+import shlex
+import subprocess
+import sys
+
+COLUMNS = 120
+KINDS = {
+    "camera": "camera",
+    "bounce": "bounce",
+    "shuffled-bounce": "shuffled",
+    "soft-shadow": "soft shadow",
+    "occluded-bounce": "any hit",
+}
+# Tables with a row for each row of the file: title, where the number is (`a.b` goes inwards), factor, format.
+PLAIN = {
+    "frame": [
+        ("configuration", "configuration", None, "{}"),
+        ("Mray/s", "mray_per_s.median", 1, "{:.2f}"),
+        ("best", "mray_per_s.best", 1, "{:.2f}"),
+        ("worst", "mray_per_s.worst", 1, "{:.2f}"),
+        ("frame, ms", "seconds.median", 1e3, "{:.1f}"),
+        ("shading, ns a ray", "shade_ns_per_ray.median", 1, "{:.1f}"),
+    ],
+    "tail": [
+        ("streams", "configuration", None, "{}"),
+        ("frame, ms", "seconds.median", 1e3, "{:.1f}"),
+        ("idle, ms", "idle_s.median", 1e3, "{:.2f}"),
+        ("idle at worst, ms", "idle_s.worst", 1e3, "{:.2f}"),
+        ("of it in the tail, ms", "tail_idle_s.median", 1e3, "{:.2f}"),
+        ("threads busy", "busy_share.median", 100, "{:.1f} %"),
+    ],
+    "textures": [
+        ("scene", "scene", None, "{}"),
+        ("textures", "configuration", None, "{}"),
+        ("frame, ns a ray", "ns_per_ray.median", 1, "{:.1f}"),
+        ("shading, ns a ray", "shade_ns_per_ray.median", 1, "{:.1f}"),
+        ("texels, MB", "texel_bytes", 1e-6, "{:.1f}"),
+        ("times constants", "ratio", 1, "{:.2f}"),
+    ],
+    "adaptive": [
+        ("scene", "scene", None, "{}"),
+        ("samples", "configuration", None, "{}"),
+        ("target", "noise", None, "{}"),
+        ("s", "seconds.median", 1, "{:.2f}"),
+        ("samples a pixel", "mean_spp.median", 1, "{:.1f}"),
+        ("relative", "efficiency.relative", 1, "{:.2f}"),
+        ("absolute", "efficiency.absolute", 1, "{:.2f}"),
+        ("worst block", "efficiency.worst_block", 1, "{:.2f}"),
+    ],
+    "schedule": [
+        ("threads", "threads", None, "{}"),
+        ("task, µs", "load_us", 1, "{:.0f}"),
+        ("timeline", "timeline", None, "{}"),
+        ("tasks", "tasks", None, "{}"),
+        ("tasks/s", "tasks_per_s.median", 1, "{:.0f}"),
+        ("overhead, ns", "overhead_ns.median", 1, "{:.0f}"),
+        ("best", "overhead_ns.best", 1, "{:.0f}"),
+        ("worst", "overhead_ns.worst", 1, "{:.0f}"),
+        ("threads busy", "busy_share.median", 100, "{:.1f} %"),
+    ],
+    "kernels": [
+        ("a ray/triangle test (Table 1)", "kernel", None, "{}"),
+        ("ends early, ns", "least_ns.median", 1, "{:.2f}"),
+        ("hits, ns", "most_ns.median", 1, "{:.2f}"),
+        ("times one lane, where it hits", "speedup", 1, "{:.2f}"),
+    ],
+    "packets": [
+        ("packet's edge, rays (Table 2)", "packet", None, "{}"),
+        ("picture's edge", "resolution", None, "{}"),
+        ("nodes a lone ray visits", "nodes_per_ray", 1, "{:.1f}"),
+        ("more in packets", "node_overhead", 100, "{:.1f} %"),
+        ("leaf blocks a lone ray visits", "blocks_per_ray", 1, "{:.1f}"),
+        ("more in packets", "block_overhead", 100, "{:.1f} %"),
+    ],
+    "effects": [
+        ("Whitted (section 6.2)", "configuration", None, "{}"),
+        ("ms", "seconds.median", 1e3, "{:.1f}"),
+        ("times camera rays alone", "times_as_long", 1, "{:.2f}"),
+        ("Mray/s", "mray_per_s.median", 1, "{:.2f}"),
+    ],
+    "hills": [
+        ("triangles (Figure 5)", "triangles", None, "{}"),
+        ("build, ms", "build_s", 1e3, "{:.1f}"),
+        ("camera, Mray/s", "camera_mray_per_s.median", 1, "{:.2f}"),
+        ("bounce, Mray/s", "bounce_mray_per_s.median", 1, "{:.2f}"),
+    ],
+}
+
+
+def table(titles, rows):
+    """A Markdown table; the first column is text, the others are numbers."""
+    lines = [titles, ["---"] + ["---:"] * (len(titles) - 1), *rows]
+    lines = ["| " + " | ".join(cells) + " |" for cells in lines]
+    if wide := [line for line in lines if len(line) > COLUMNS]:
+        sys.exit(f"a row is wider than {COLUMNS} columns; give fewer columns or shorter names:\n{wide[0]}")
+    return "\n".join(lines)
+
+
+def number(value, factor, style):
+    if value is None:
+        return ""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return style.format(value if factor is None else value * factor)
+
+
+def find(row, path):
+    for name in path.split("."):
+        row = row.get(name) if isinstance(row, dict) else None
+    return row
+
+
+def plain(name, rows):
+    """One row of the table for each row of the file."""
+    columns = PLAIN[name]
+    cells = [[number(find(row, path), factor, style) for _, path, factor, style in columns] for row in rows]
+    return table([title for title, *_ in columns], cells)
+
+
+def scene(row):
+    """A scene's name without what names its format."""
+    return re.sub(r"\.(json|obj|gltf|glb|ply)$", "", row.get("scene", ""))
+
+
+def scenes(rows):
+    """Rows by scene, in the order of the files; with as many threads as the first row has."""
+    threads = rows[0]["threads"]
+    groups = {}
+    for row in rows:
+        if row["threads"] == threads:
+            groups.setdefault(scene(row), []).append(row)
+    return groups
+
+
+def geometric_mean(values):
+    return math.exp(sum(map(math.log, values)) / len(values))
+
+
+def fastest(rows, kind):
+    """raystream's best instruction set on a kind of rays."""
+    ours = [row for row in rows if row["kind"] == kind and row["unit"] == "raystream"]
+    return max(ours, key=lambda row: row["mray_per_s"]["median"], default=None)
+
+
+def rays(rows):
+    """Scenes by kinds of rays: raystream's speed, and its ratio to each peer's best."""
+    groups = scenes(rows)
+    kinds = [kind for kind in KINDS if any(row["kind"] == kind for row in rows)]
+    peers = {"embree": "Embree's best mode", "embree_robust": "Embree's best robust mode", "obvhs": "obvhs"}
+    blocks = []
+    for peer, title in peers.items():
+        columns, cells = {kind: [] for kind in kinds}, []
+        for name, group in groups.items():
+            line = [name]
+            for kind in kinds:
+                row = fastest(group, kind)
+                ratio = row and row["ratio"].get(peer)
+                if ratio is None:
+                    line.append("")
+                    continue
+                columns[kind].append(ratio)
+                line.append(f"{row['mray_per_s']['median']:.1f} ({ratio:.2f})")
+            cells.append(line)
+        if not any(columns.values()):
+            continue
+        for of, name in [(geometric_mean, "geometric mean of the ratios"), (min, "least ratio")]:
+            cells.append([name] + [f"{of(column):.2f}" if column else "" for column in columns.values()])
+        heading = f"Mray/s (times as fast as {title}):"
+        blocks.append(heading + "\n\n" + table(["scene", *(KINDS[kind] for kind in kinds)], cells))
+    return "\n\n".join(blocks)
+
+
+def contenders(rows):
+    """All contenders of one scene by kinds of rays, Mray/s."""
+    (_, group), *others = scenes(rows).items()
+    if others:
+        sys.exit("a table of contenders is of one scene: give one file")
+    kinds = [kind for kind in KINDS if any(row["kind"] == kind for row in group)]
+    lines = {}
+    for row in group:
+        name = " ".join(filter(None, [row["unit"], row.get("simd")]))
+        speeds = lines.setdefault(name, {})
+        median = row["mray_per_s"]["median"]
+        speeds[row["kind"]] = max(median, speeds.get(row["kind"], median))
+    cells = [[name] + [number(of.get(kind), 1, "{:.2f}") for kind in kinds] for name, of in lines.items()]
+    return table(["contender, Mray/s", *(KINDS[kind] for kind in kinds)], cells)
+
+
+def build(rows):
+    """Scenes by time and memory of the tree, beside Embree's of medium quality."""
+    titles = ["scene", "ms", "Embree's ms", "ratio", "refit, ms", "bytes a triangle", "Embree's", "ratio", "SAH cost"]
+    cells, ratios = [], ([], [])
+    for name, group in scenes(rows).items():
+        units = {row["unit"]: row for row in group}
+        ours, refit, theirs = (units.get(unit) for unit in ["raystream", "raystream, refit", "embree medium"])
+        line = [name, *(number(find(row or {}, "seconds.median"), 1e3, "{:.1f}") for row in (ours, theirs))]
+        if theirs:
+            ratios[0].append(ours["seconds"]["median"] / theirs["seconds"]["median"])
+            ratios[1].append(ours["bytes_per_triangle"] / theirs["bytes_per_triangle"])
+        line += [f"{ratios[0][-1]:.2f}" if theirs else ""]
+        line += [number(find(refit or {}, "seconds.median"), 1e3, "{:.1f}")]
+        line += [number((row or {}).get("bytes_per_triangle"), 1, "{:.1f}") for row in (ours, theirs)]
+        line += [f"{ratios[1][-1]:.2f}" if theirs else "", number(ours.get("cost"), 1, "{:.1f}")]
+        cells.append(line)
+    if ratios[0] and len(cells) > 1:
+        time, memory = (f"{geometric_mean(of):.2f}" for of in ratios)
+        cells.append(["geometric mean", "", "", time, "", "", "", memory, ""])
+    return table(titles, cells)
+
+
+def ladder(rows):
+    """Scenes by configurations of the ladder: speed of the frame, ratio to the first, and shading."""
+    groups = scenes(rows)
+    names = list(dict.fromkeys(row["configuration"] for row in rows))
+    blocks = []
+    for heading, path, style in [
+        ("Mray/s of the whole frame:", "mray_per_s.median", "{:.2f}"),
+        (f"Times as fast as {names[0]}:", None, "{:.2f}"),
+        ("Thread time of shading, ns a ray:", "shade_ns_per_ray.median", "{:.0f}"),
+    ]:
+        cells = []
+        for name, group in groups.items():
+            by_name = {row["configuration"]: row for row in group}
+            first = by_name[names[0]]["mray_per_s"]["median"]
+            value = (lambda row: find(row, path)) if path else (lambda row: find(row, "mray_per_s.median") / first)
+            cells.append([name] + [number(value(by_name[n]) if n in by_name else None, 1, style) for n in names])
+        blocks.append(heading + "\n\n" + table(["scene", *names], cells))
+    return "\n\n".join(blocks)
+
+
+def rtrt(rows):
+    """The tables of RTRT, each told by what its rows have."""
+    parts = {"kernels": "kernel", "packets": "packet", "effects": "times_as_long", "hills": "triangles"}
+    parts = {name: [row for row in rows if key in row] for name, key in parts.items()}
+    return "\n\n".join(plain(name, rows) for name, rows in parts.items() if rows)
+
+
+OF_SCENES = {"rays": rays, "contenders": contenders, "build": build, "ladder": ladder, "rtrt": rtrt}
+
+
+def command(sheet, given):
+    """The command of a file as a stranger would give it: without the machine's folders, the scene as SCENE."""
+    words = shlex.split(given) if given else ["raystream", *sheet.get("command", [])]
+    if len(words) == 1:
+        sys.exit("this file does not say which command wrote it; give it with --command")
+    names, kept, skip = {row.get("scene") for row in sheet["rows"]}, [], False
+    for before, word in zip([""] + words, words):
+        if skip or word == "--json":
+            skip = word == "--json"
+        elif before == "--embree":
+            kept.append("EMBREE.so")
+        else:
+            kept.append(pathlib.PurePath(word).name if "/" in word else word)
+    kept = ["SCENE" if word in names else word for word in kept]
+    return shlex.join(kept)
+
+
+def source(given):
+    """The commit that was measured."""
+    if given:
+        return given
+    git = lambda *args: subprocess.run(["git", *args], capture_output=True, text=True).stdout.strip()
+    changed = " (changed)" if git("status", "--porcelain", "--untracked-files=no", "src", "Cargo.lock") else ""
+    return git("rev-parse", "--short", "HEAD") + changed
+
+
+def block(args, sheets):
+    """What stands between the marks."""
+    layout = args.name.split()[0]
+    rows = [row for sheet in sheets for row in sheet["rows"]]
+    if layout in OF_SCENES:
+        body = OF_SCENES[layout](rows)
+    elif layout in PLAIN:
+        body = plain(layout, rows)
+    else:
+        sys.exit(f"there is no table called {layout}")
+    machines = {json.dumps(sheet["machine"]) for sheet in sheets}
+    if len(machines) > 1:
+        sys.exit("these files are of different machines; a table is of one")
+    machine = sheets[0]["machine"]
+    name = args.machine or machine.get("processor")
+    if not name:
+        sys.exit("this file does not name its processor; give it with --machine")
+    commands = dict.fromkeys(command(sheet, args.command) for sheet in sheets)
+    words = [f"{name}; {machine['threads']} threads, {machine['simd']}; commit {source(args.build)},"]
+    words += [f"{datetime.date.today()}.", *([args.note] if args.note else [])]
+    return "\n".join(["```text", *commands, "```", "", " ".join(words), "", body])
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("page", type=pathlib.Path)
+    parser.add_argument("name")
+    parser.add_argument("files", nargs="+", type=pathlib.Path)
+    for option in ["machine", "build", "note", "command"]:
+        parser.add_argument(f"--{option}")
+    args = parser.parse_args()
+    text = args.page.read_text()
+    begin, end = f"<!-- begin: {args.name} -->", f"<!-- end: {args.name} -->"
+    if text.count(begin) != 1 or text.count(end) != 1 or text.index(begin) > text.index(end):
+        sys.exit(f"{args.page} has no block between {begin} and {end}")
+    before, rest = text.split(begin)
+    sheets = [json.loads(path.read_text()) for path in args.files]
+    args.page.write_text(f"{before}{begin}\n{block(args, sheets)}\n{end}{rest.split(end)[1]}")
+
+
+if __name__ == "__main__":
+    main()
