@@ -1,12 +1,13 @@
 """Writes what a bench measured into a page of results, so that no figure is typed by hand.
 
     raystream bench build scenes/glass.json --rounds 9 --json glass.json
-    python scripts/results.py docs/results/build.md build glass.json [MORE.json ..]
+    python scripts/results.py docs/results/build.md build glass.json "LABEL=MORE.json" ..
 
 The page has a line `<!-- begin: NAME -->` and a line `<!-- end: NAME -->`; what stands between them is replaced by the
 command, the machine and the table. NAME's first word says which table: `rays`, `contenders`, `build`, `ladder`,
 `frame`, `tail`, `textures`, `adaptive`, `schedule` or `rtrt`; further words only tell two blocks of a page apart.
-Tables over scenes (`rays`, `build`, `ladder`) take one file a scene, all from one machine and one build.
+Tables over scenes (`rays`, `build`, `ladder`) take one file a scene, all from one machine and one build. A scene is
+called what its file is called, or LABEL.
 
 --machine TEXT    names the machine where the file does not, or better than the file does
 --build COMMIT    the commit that was measured [default: the checkout's, with "changed" if it has changes]
@@ -25,6 +26,7 @@ import re
 import shlex
 import subprocess
 import sys
+import textwrap
 
 COLUMNS = 120
 KINDS = {
@@ -53,7 +55,7 @@ PLAIN = {
         ("threads busy", "busy_share.median", 100, "{:.1f} %"),
     ],
     "textures": [
-        ("scene", "scene", None, "{}"),
+        ("scene", "label", None, "{}"),
         ("textures", "configuration", None, "{}"),
         ("frame, ns a ray", "ns_per_ray.median", 1, "{:.1f}"),
         ("shading, ns a ray", "shade_ns_per_ray.median", 1, "{:.1f}"),
@@ -61,7 +63,7 @@ PLAIN = {
         ("times constants", "ratio", 1, "{:.2f}"),
     ],
     "adaptive": [
-        ("scene", "scene", None, "{}"),
+        ("scene", "label", None, "{}"),
         ("samples", "configuration", None, "{}"),
         ("target", "noise", None, "{}"),
         ("s", "seconds.median", 1, "{:.2f}"),
@@ -140,18 +142,13 @@ def plain(name, rows):
     return table([title for title, *_ in columns], cells)
 
 
-def scene(row):
-    """A scene's name without what names its format."""
-    return re.sub(r"\.(json|obj|gltf|glb|ply)$", "", row.get("scene", ""))
-
-
 def scenes(rows):
     """Rows by scene, in the order of the files; with as many threads as the first row has."""
     threads = rows[0]["threads"]
     groups = {}
     for row in rows:
         if row["threads"] == threads:
-            groups.setdefault(scene(row), []).append(row)
+            groups.setdefault(row["label"], []).append(row)
     return groups
 
 
@@ -261,12 +258,21 @@ def rtrt(rows):
 OF_SCENES = {"rays": rays, "contenders": contenders, "build": build, "ladder": ladder, "rtrt": rtrt}
 
 
+def read(argument):
+    """A file's sheet, its rows labelled with what their scene is called."""
+    label, _, path = argument.rpartition("=")
+    sheet = json.loads(pathlib.Path(path).read_text())
+    for row in sheet["rows"]:
+        row["label"] = label or re.sub(r"\.(json|obj|gltf|glb|ply)$", "", row.get("scene", ""))
+    return sheet
+
+
 def command(sheet, given):
-    """The command of a file as a stranger would give it: without the machine's folders, the scene as SCENE."""
+    """The words of a file's command as a stranger would give them: without the machine's folders."""
     words = shlex.split(given) if given else ["raystream", *sheet.get("command", [])]
     if len(words) == 1:
         sys.exit("this file does not say which command wrote it; give it with --command")
-    names, kept, skip = {row.get("scene") for row in sheet["rows"]}, [], False
+    kept, skip = [], False
     for before, word in zip([""] + words, words):
         if skip or word == "--json":
             skip = word == "--json"
@@ -274,17 +280,27 @@ def command(sheet, given):
             kept.append("EMBREE.so")
         else:
             kept.append(pathlib.PurePath(word).name if "/" in word else word)
-    kept = ["SCENE" if word in names else word for word in kept]
-    return shlex.join(kept)
+    return kept
+
+
+def commands(sheets, given):
+    """All commands, one with SCENE where they differ by that alone; wide ones go on in a second line."""
+    lists = [command(sheet, given) for sheet in sheets]
+    scenes = [sheet["rows"][0].get("scene") for sheet in sheets]
+    general = {shlex.join("SCENE" if word == scene else word for word in words) for words, scene in zip(lists, scenes)}
+    lines = general if len(general) == 1 and len(sheets) > 1 else dict.fromkeys(map(shlex.join, lists))
+    wrap = {"width": COLUMNS - 2, "subsequent_indent": "    ", "break_long_words": False, "break_on_hyphens": False}
+    return [" \\\n".join(textwrap.wrap(line, **wrap)) for line in lines]
+
+
+def git(*words):
+    return subprocess.run(["git", *words], capture_output=True, text=True, check=True).stdout.strip()
 
 
 def source(given):
     """The commit that was measured."""
-    if given:
-        return given
-    git = lambda *args: subprocess.run(["git", *args], capture_output=True, text=True).stdout.strip()
-    changed = " (changed)" if git("status", "--porcelain", "--untracked-files=no", "src", "Cargo.lock") else ""
-    return git("rev-parse", "--short", "HEAD") + changed
+    changed = not given and git("status", "--porcelain", "--untracked-files=no", "src", "Cargo.lock")
+    return (given or git("rev-parse", "--short", "HEAD")) + (" (changed)" if changed else "")
 
 
 def block(args, sheets):
@@ -304,17 +320,17 @@ def block(args, sheets):
     name = args.machine or machine.get("processor")
     if not name:
         sys.exit("this file does not name its processor; give it with --machine")
-    commands = dict.fromkeys(command(sheet, args.command) for sheet in sheets)
-    words = [f"{name}; {machine['threads']} threads, {machine['simd']}; commit {source(args.build)},"]
-    words += [f"{datetime.date.today()}.", *([args.note] if args.note else [])]
-    return "\n".join(["```text", *commands, "```", "", " ".join(words), "", body])
+    words = f"{name}; {machine['threads']} threads, {machine['simd']}; commit {source(args.build)},"
+    words = " ".join([words, f"{datetime.date.today()}.", args.note or ""])
+    lines = ["```text", *commands(sheets, args.command), "```", "", *textwrap.wrap(words, COLUMNS), "", body]
+    return "\n".join(lines)
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("page", type=pathlib.Path)
     parser.add_argument("name")
-    parser.add_argument("files", nargs="+", type=pathlib.Path)
+    parser.add_argument("files", nargs="+", metavar="[LABEL=]FILE")
     for option in ["machine", "build", "note", "command"]:
         parser.add_argument(f"--{option}")
     args = parser.parse_args()
@@ -323,7 +339,7 @@ def main():
     if text.count(begin) != 1 or text.count(end) != 1 or text.index(begin) > text.index(end):
         sys.exit(f"{args.page} has no block between {begin} and {end}")
     before, rest = text.split(begin)
-    sheets = [json.loads(path.read_text()) for path in args.files]
+    sheets = [read(argument) for argument in args.files]
     args.page.write_text(f"{before}{begin}\n{block(args, sheets)}\n{end}{rest.split(end)[1]}")
 
 
