@@ -10,6 +10,7 @@ pub mod schedule;
 pub mod tables;
 pub mod tail;
 pub mod textures;
+pub mod triangle_test;
 mod workload;
 
 pub use crate::meters::Spread;

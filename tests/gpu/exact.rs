@@ -1,6 +1,8 @@
 //! The same bits as the reference.
 
-use crate::{compare, crowd, meshes, meshes::Mesh, open, rays, trace, tracers, tracers_of, tracers_with};
+use crate::{
+    compare, instanced_scenes, meshes, meshes::Mesh, open, rays, trace, tracers, tracers_of, tracers_with,
+};
 use glam::Vec3;
 use raystream::bvh::Bvh;
 use raystream::stream::{DeviceTracer, Hit, MISS, Ray};
@@ -56,10 +58,10 @@ fn all_kinds_of_rays_on_all_kinds_of_meshes_give_the_reference_bits() {
 #[test]
 fn trees_of_placed_trees_give_the_bits_of_the_triangles_written_out() {
     let gpu = open();
-    for (name, crowd, scale) in crowd::zoo() {
-        let rays = crowd::rays(&crowd.mesh, scale, 3000);
-        let (oracle, flat) = tracers(&gpu, &crowd.mesh, true);
-        let (_, tracer) = tracers_of(&gpu, crowd.bvh);
+    for (name, scene, scale) in instanced_scenes::all() {
+        let rays = instanced_scenes::rays(&scene.mesh, scale, 3000);
+        let (oracle, flat) = tracers(&gpu, &scene.mesh, true);
+        let (_, tracer) = tracers_of(&gpu, scene.bvh);
         let (hits, occluded, report) = trace(&tracer, &rays, &rays);
         compare(name, &oracle, &rays, &hits, &occluded);
         let (_, _, written_out) = trace(&flat, &rays, &rays);
@@ -96,10 +98,10 @@ fn hardware_ray_queries_give_the_reference_bits_where_there_are_any() {
         let vanish = name == "vanishing";
         assert!(vanish || report.retraced * 3 < 2 * rays.len() as u64, "{name}: {report:?}");
     }
-    for (name, crowd, scale) in crowd::zoo() {
-        let rays = crowd::rays(&crowd.mesh, scale, 3000);
-        let (oracle, _) = tracers(&gpu, &crowd.mesh, true);
-        let (_, tracer) = tracers_with(&gpu, crowd.bvh, by_query);
+    for (name, scene, scale) in instanced_scenes::all() {
+        let rays = instanced_scenes::rays(&scene.mesh, scale, 3000);
+        let (oracle, _) = tracers(&gpu, &scene.mesh, true);
+        let (_, tracer) = tracers_with(&gpu, scene.bvh, by_query);
         let (hits, occluded, _) = trace(&tracer, &rays, &rays);
         compare(name, &oracle, &rays, &hits, &occluded);
     }

@@ -1,11 +1,11 @@
 //! The GPU tracer against the definition, on any adapter there is: these tests fail without one.
 #![cfg(feature = "gpu")]
 
-#[path = "../tracing/crowd.rs"]
-mod crowd;
 mod exact;
 mod failure;
 mod faults;
+#[path = "../tracing/instanced_scenes.rs"]
+mod instanced_scenes;
 #[path = "../tracing/meshes.rs"]
 mod meshes;
 #[path = "../tracing/rays.rs"]

@@ -1,8 +1,8 @@
-//! The tree and the tracers over it: every tracer, at every SIMD level, gives the canonical answer.
+//! The BVH and the tracers: every tracer, at every SIMD level, gives the canonical answer.
 
 mod bvh;
-mod crowd;
 mod exact;
-mod members;
+mod instanced_scenes;
+mod instances;
 mod meshes;
 mod rays;

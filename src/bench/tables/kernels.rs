@@ -2,9 +2,9 @@
 //! (least) and when all hit (most).
 
 use crate::bench::Spread;
+use crate::bench::triangle_test::{InLanes, count_hits};
 use crate::lanes::SimdLevel;
 use crate::stream::Ray;
-use crate::trace::cpu::{InLanes, count_hits};
 use glam::Vec3;
 use serde::Serialize;
 use std::hint::black_box;

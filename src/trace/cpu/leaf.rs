@@ -1,12 +1,12 @@
 //! A list of rays meets a block of triangles.
 //!
-//! Unsafe code for rows and answers. The invariants are those of `stream`.
+//! Unsafe code for rows and answers. The invariants are those of `substream`.
 #![allow(unsafe_code, reason = "the invariants above")]
 
-use super::alone::{BLOCKS, ids_of_eights};
-use super::space::{Space, triangle};
-use super::stream::{
-    Answers, DONE, Job, OctantStack, PADDING, ROW_BYTES, fetch_rows, lanes_of, lines_of_block,
+use super::instance_space::{Space, triangle};
+use super::ray_node_pairs::{BLOCKS, ids_of_eights};
+use super::substream::{
+    Answers, DONE, OctantStack, PADDING, ROW_BYTES, SubStream, fetch_rows, lanes_of, lines_of_block,
 };
 use super::triangle::{Bounds, Hits, Passing, Range, Slabs, Vector, reach, seen, test};
 use crate::bvh::{Child, LeafBlock, MASKED, PRIMITIVE, WIDTH};
@@ -21,11 +21,11 @@ use std::mem::MaybeUninit;
 /// `list` is a list of `len` ids (invariants 1 and 2), and all its rays are of the octant.
 #[inline(always)]
 #[allow(clippy::too_many_arguments, reason = "inlined: a struct of them would only be taken apart again")]
-pub(super) unsafe fn many<L: Lanes, E: Lanes, S: Space, const ANY: bool>(
+pub(super) unsafe fn test_list<L: Lanes, E: Lanes, S: Space, const ANY: bool>(
     l: L,
     e: E,
     space: S,
-    job: &Job<'_>,
+    job: &SubStream<'_>,
     block: LeafBlock<'_>,
     octant: usize,
     list: *const u32,
@@ -149,7 +149,7 @@ impl<L: Lanes> Nearest<L> {
     /// # Safety
     /// Invariant 1 for `ids`, one for each lane.
     #[inline(always)]
-    unsafe fn put<const ANY: bool>(&mut self, l: L, job: &Job<'_>, ids: *const u32) {
+    unsafe fn put<const ANY: bool>(&mut self, l: L, job: &SubStream<'_>, ids: *const u32) {
         let mut left = std::mem::take(&mut self.changed);
         if left == 0 {
             return;
@@ -183,7 +183,7 @@ impl<L: Lanes> Nearest<L> {
 #[inline(always)]
 unsafe fn offer_each<L: Lanes, const ANY: bool>(
     l: L,
-    job: &Job<'_>,
+    job: &SubStream<'_>,
     ids: *const u32,
     stored: u32,
     hits: &Hits<L>,
@@ -212,10 +212,10 @@ unsafe fn offer_each<L: Lanes, const ANY: bool>(
 /// # Safety
 /// The stack has pairs of blocks. Of these, invariant 1 holds for the ids and 4 for the blocks, and all rays are of the octant.
 #[inline(always)]
-pub(super) unsafe fn few<W: Lanes, S: Space, const ANY: bool>(
+pub(super) unsafe fn test_pairs<W: Lanes, S: Space, const ANY: bool>(
     w: W,
     space: S,
-    job: &Job<'_>,
+    job: &SubStream<'_>,
     octant: usize,
     stack: &mut OctantStack,
 ) {
@@ -268,7 +268,7 @@ pub(super) unsafe fn few<W: Lanes, S: Space, const ANY: bool>(
 pub(super) unsafe fn settle<W: Lanes, S: Space, const ANY: bool>(
     w: W,
     space: S,
-    job: &Job<'_>,
+    job: &SubStream<'_>,
     octant: usize,
     stack: &mut OctantStack,
     least: usize,
@@ -321,9 +321,9 @@ pub(super) unsafe fn settle<W: Lanes, S: Space, const ANY: bool>(
 /// How many pairs before a pair is tested its memory is asked for. Asked for all at once, they would wait for each other.
 const AHEAD: usize = 16;
 
-/// Asks for what the pairs need that [`few`] tests first.
+/// Asks for what the pairs need that [`test_pairs`] tests first.
 #[inline(always)]
-pub(super) fn fetch_first(job: &Job<'_>, stack: &OctantStack) {
+pub(super) fn fetch_first(job: &SubStream<'_>, stack: &OctantStack) {
     let blocks = &stack.pairs[1];
     let len = blocks.len.min(BLOCKS);
     let (ids, children) = blocks.at(blocks.len - len);
@@ -335,7 +335,7 @@ pub(super) fn fetch_first(job: &Job<'_>, stack: &OctantStack) {
 
 /// Asks for what a pair needs.
 #[inline(always)]
-fn fetch_pair(job: &Job<'_>, id: u32, child: u32) {
+fn fetch_pair(job: &SubStream<'_>, id: u32, child: u32) {
     let [a, b, c, d] = lines_of_block(job, bytemuck::cast(child));
     job.prefetch.each([a, b, c, d, job.rays.wrapping_byte_add(id as usize).cast()]);
 }
@@ -366,12 +366,12 @@ impl<W: Lanes> Ready<W> {
     /// Pair `i` and the one after it.
     ///
     /// # Safety
-    /// `ids` and `children` lead to `len` pairs, for which holds what [`few`] asks, and `i` is less than that.
+    /// `ids` and `children` lead to `len` pairs, for which holds what [`test_pairs`] asks, and `i` is less than that.
     #[inline(always)]
     unsafe fn of<S: Space>(
         w: W,
         space: S,
-        job: &Job<'_>,
+        job: &SubStream<'_>,
         ids: *const u32,
         children: *const u32,
         i: usize,
@@ -393,7 +393,7 @@ impl<W: Lanes> Ready<W> {
     }
 }
 
-impl Job<'_> {
+impl SubStream<'_> {
     /// Takes a candidate that passed all tests but those of ties, of rivals in other lanes and of the
     /// filter, if it passes these too; says whether it did.
     ///

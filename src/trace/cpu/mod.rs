@@ -1,25 +1,23 @@
 //! The CPU tracer: dynamic ray streams over the eight-wide tree, and the scalar reference that every
 //! other tracer must equal bit for bit.
 
-mod alone;
-mod cut;
+mod instance_space;
+mod instances;
 mod interval;
-mod kernel;
 mod leaf;
-mod members;
 mod oracle;
-mod order;
 mod packet;
+mod ray_node_pairs;
 mod setup;
 mod shaft;
 mod single;
-mod space;
-mod stream;
+mod split_substreams;
+mod substream;
 mod tracer;
-mod triangle;
+pub(crate) mod triangle;
+mod visit_order;
 
 pub use crate::lanes::{SimdError, SimdLevel};
-pub use kernel::{InLanes, count_hits};
 pub use oracle::Oracle;
 pub use single::SingleRayTracer;
 pub use tracer::CpuTracer;

@@ -1,11 +1,11 @@
 //! Before traversal: what the box tests need of each ray, and the lists of rays by octant.
 //!
-//! Unsafe code for rows and lists. Invariant 1: `Job::rows` has room for the rays and
-//! `stream::PADDING` more, and each octant's arena for as many ids.
+//! Unsafe code for rows and lists. Invariant 1: `SubStream::rows` has room for the rays and
+//! `substream::PADDING` more, and each octant's arena for as many ids.
 #![allow(unsafe_code, reason = "the invariants above")]
 
 use super::shaft::{self, Growing};
-use super::stream::{Job, OctantStack, PADDING, ROW_BYTES, lanes_of};
+use super::substream::{OctantStack, PADDING, ROW_BYTES, SubStream, lanes_of};
 use crate::geom::{DIRECTION_RANGE, MAX_COORDINATE, MIN_COMPONENT, SLACK};
 use crate::lanes::{Lanes, each};
 use crate::stream::Ray;
@@ -15,7 +15,7 @@ use crate::stream::Ray;
 #[inline(always)]
 pub(super) fn prepare<W: Lanes>(
     w: W,
-    job: &Job<'_>,
+    job: &SubStream<'_>,
     rays: &[Ray],
     stacks: &mut [OctantStack; 8],
 ) -> [usize; 8] {

@@ -1,9 +1,9 @@
 //! What rays that follow each other have in common, and which boxes none of them enters (Haines and Wallace 1991,
 //! *Shaft Culling for Efficient Ray-Traced Radiosity*).
 
-use super::cut::MOST;
 use super::interval::{Interval, Planes};
-use super::stream::ROW_BYTES;
+use super::split_substreams::MOST;
+use super::substream::ROW_BYTES;
 use super::triangle::{Faces, Vector};
 use crate::lanes::{Lanes, each, splat, zip};
 

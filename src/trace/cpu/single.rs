@@ -10,8 +10,8 @@
 //!    visit takes one entry and leaves at most eight. Over members there is as much again for the deepest.
 #![allow(unsafe_code, reason = "the invariants above")]
 
-use super::space::{Own, Space, World};
-use super::stream::lanes_of;
+use super::instance_space::{Own, Space, World};
+use super::substream::lanes_of;
 use super::triangle::{Faces, Range, Slabs, Vector, test};
 use super::{SimdError, SimdLevel};
 use crate::bvh::{Bvh, Child, Filter, LeafBlocks, MASKED, PRIMITIVE, WIDTH, WideTree};

@@ -4,7 +4,7 @@
 //! only for a level that the processor has.
 #![allow(unsafe_code, reason = "the invariants above")]
 
-use super::stream::{Answers, Scratch, trace};
+use super::substream::{Answers, Scratch, trace};
 use super::{Oracle, SimdError, SimdLevel};
 use crate::bvh::{Bvh, Filter};
 #[cfg(target_arch = "aarch64")]

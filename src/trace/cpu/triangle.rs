@@ -3,16 +3,16 @@
 //! Functions, not closures, throughout: only `inline(always)` makes sure that all of it ends up where
 //! the instructions are enabled.
 
-use super::space::Boxes;
+use super::instance_space::Boxes;
 use crate::bvh::WIDTH;
 use crate::geom::CanonicalRay;
 use crate::lanes::{Lanes, each, keep, load_eights, load_one, splat, zip};
 
 /// A vector of three in lanes.
-pub(super) type Vector<L> = [<L as Lanes>::F; 3];
+pub(crate) type Vector<L> = [<L as Lanes>::F; 3];
 
 /// The slab test's constants.
-pub(super) struct Slabs<L: Lanes> {
+pub(crate) struct Slabs<L: Lanes> {
     inverse: Vector<L>,
     near: Vector<L>,
     far: Vector<L>,
@@ -54,7 +54,7 @@ impl<L: Lanes> Slabs<L> {
 /// Pointers to the faces of a node's boxes across each axis, in the order in which rays of an octant
 /// meet them: eight slots each.
 #[derive(Clone, Copy)]
-pub(super) struct Faces<'a> {
+pub(crate) struct Faces<'a> {
     pub near: [&'a [f32; WIDTH]; 3],
     pub far: [&'a [f32; WIDTH]; 3],
 }
@@ -307,7 +307,7 @@ impl<L: Lanes> Passing<L> {
 }
 
 /// Hits, where the mask says so.
-pub(super) struct Hits<L: Lanes> {
+pub(crate) struct Hits<L: Lanes> {
     pub mask: u32,
     pub t: L::F,
     pub u: L::F,
@@ -315,7 +315,7 @@ pub(super) struct Hits<L: Lanes> {
 }
 
 /// What of a ray bounds its hits.
-pub(super) struct Range<'a, L: Lanes> {
+pub(crate) struct Range<'a, L: Lanes> {
     pub slabs: &'a Slabs<L>,
     /// Of all rays.
     pub octant: usize,
@@ -386,7 +386,7 @@ pub(super) fn reach<L: Lanes>(
 
 /// The whole test of a triangle, or nothing where no line passes inside.
 #[inline(always)]
-pub(super) fn test<L: Lanes>(
+pub(crate) fn test<L: Lanes>(
     l: L,
     among: u32,
     origin: &Vector<L>,

@@ -1,11 +1,11 @@
 //! Rays of a stream → packets.
 //!
-//! Unsafe code for reading rays in lanes. The invariants of `stream` hold.
+//! Unsafe code for reading rays in lanes. The invariants of `substream` hold.
 #![allow(unsafe_code, reason = "the invariants above")]
 
 use super::super::interval::Interval;
 use super::super::setup;
-use super::super::stream::{DONE, Job, OctantStack, PADDING, lanes_of};
+use super::super::substream::{DONE, OctantStack, PADDING, SubStream, lanes_of};
 use super::{Origin, PACKET, Packet, entry};
 use crate::lanes::{Lanes, Prefetch, spill};
 use crate::stream::{MISS, Ray};
@@ -34,7 +34,7 @@ pub fn may_form(rays: &[Ray]) -> bool {
 #[inline(always)]
 pub fn form<W: Lanes>(
     w: W,
-    job: &Job<'_>,
+    job: &SubStream<'_>,
     rays: &[Ray],
     stacks: &mut [OctantStack; 8],
     packets: &mut Vec<Packet>,

@@ -19,9 +19,11 @@ mod triangles;
 pub(super) use form::{Formed, form, may_form};
 
 use super::interval::{Interval, Planes};
-use super::order::Order;
-use super::stream::{Answers, DONE, Entry, Job, OctantStack, PADDING, Visit, begin_of, fetch_children, push};
+use super::substream::{
+    Answers, DONE, Entry, OctantStack, PADDING, SubStream, Visit, begin_of, fetch_children, push,
+};
 use super::triangle::{Faces, Hits, Range, Slabs, Vector};
+use super::visit_order::Order;
 use crate::bvh::{LeafBlock, MASKED, PRIMITIVE, WIDTH};
 use crate::lanes::{Lanes, spill, splat};
 use crate::stream::{Hit, MISS};
@@ -110,7 +112,7 @@ fn entry(packet: usize, mask: u32) -> u32 {
 
 /// Writes the answers of all packets.
 #[inline(always)]
-pub(super) fn answer(job: &Job<'_>, packets: &[Packet]) {
+pub(super) fn answer(job: &SubStream<'_>, packets: &[Packet]) {
     for packet in packets {
         for lane in (0..PACKET).filter(|&lane| packet.primitive[lane] != MISS) {
             let index = packet.rays[lane] as usize;
@@ -136,7 +138,7 @@ pub(super) fn answer(job: &Job<'_>, packets: &[Packet]) {
 pub(super) struct Packets<'a, W, E, const ANY: bool> {
     pub w: W,
     pub e: E,
-    pub job: &'a Job<'a>,
+    pub job: &'a SubStream<'a>,
     pub origin: Origin,
     /// All packets of the sub-stream.
     pub all: *mut Packet,
@@ -391,7 +393,7 @@ impl Packet {
 
     /// Strikes out hits that lose a tie or that the filter refuses.
     #[inline(always)]
-    fn settle<L: Lanes>(&self, l: L, job: &Job<'_>, at: usize, stored: u32, hits: &mut Hits<L>) {
+    fn settle<L: Lanes>(&self, l: L, job: &SubStream<'_>, at: usize, stored: u32, hits: &mut Hits<L>) {
         // Among equals the lowest primitive wins.
         let mut equal = l.eq(hits.mask, hits.t, self.limit.get(l, at));
         while equal != 0 {
@@ -429,7 +431,7 @@ impl Packet {
 /// The lanes of `hit` that the filter accepts.
 #[cold]
 #[inline(never)]
-fn filtered(job: &Job<'_>, primitive: u32, hit: u32, u: &[f32; PACKET], v: &[f32; PACKET]) -> u32 {
+fn filtered(job: &SubStream<'_>, primitive: u32, hit: u32, u: &[f32; PACKET], v: &[f32; PACKET]) -> u32 {
     let Some(filter) = job.filter else { return hit };
     (0..PACKET)
         .filter(|&lane| hit >> lane & 1 == 1 && filter.accepts(primitive, u[lane], v[lane]))

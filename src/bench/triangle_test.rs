@@ -1,47 +1,48 @@
-//! The triangle test by itself, as the tracer runs it, for those who want to know what it costs.
+//! The ray/triangle test on its own, as the tracers run it.
 //!
-//! Unsafe code for loading lanes. Invariant 1: every column has [`MOST`] numbers behind what is loaded
-//! from it, as many as the widest lanes.
+//! Unsafe code for loading lanes. Invariant 1: each column ends with [`MAX_LANES`] zeros beyond its numbers, so a vector
+//! can be loaded at every number.
 #![allow(unsafe_code, reason = "the invariants above")]
 
-use super::triangle::{Range, Slabs, Vector, test};
 use crate::geom::{CanonicalRay, SLACK};
-use crate::lanes::{LaneTask, Lanes, SimdLevel};
+use crate::lanes::{LaneTask, Lanes, MAX_LANES, SimdLevel};
 use crate::stream::Ray;
+use crate::trace::cpu::triangle::{Range, Slabs, Vector, test};
 use glam::Vec3;
 
-/// The most lanes.
-const MOST: usize = 16;
-
-/// What lies in the lanes of a test.
+/// What the lanes of a test hold.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum InLanes {
-    /// Several rays, and one triangle.
+    /// Several rays, tested against one triangle.
     Rays,
-    /// Several triangles, and one ray.
+    /// Several triangles, tested against one ray.
     Triangles,
 }
 
-/// Tests all rays with all triangles in the lanes of a level, which is one at [`SimdLevel::Scalar`]. All rays
-/// must go where x, y and z grow. Returns the number of hits.
+/// Tests all rays against all triangles with the vectors of `level` (one lane at [`SimdLevel::Scalar`]) and returns the
+/// number of hits.
+///
+/// # Panics
+/// If a component of a ray's direction is negative.
 pub fn count_hits(level: SimdLevel, in_lanes: InLanes, rays: &[Ray], triangles: &[[Vec3; 3]]) -> u64 {
-    let work = Work { in_lanes, rays: RayColumns::new(rays), triangles: TriangleColumns::new(triangles) };
-    level.run(work)
+    let task =
+        CountHits { in_lanes, rays: RayColumns::new(rays), triangles: TriangleColumns::new(triangles) };
+    level.run(task)
 }
 
-/// Numbers, one for each ray or triangle, and zeros behind them.
+/// One number per ray or triangle, followed by [`MAX_LANES`] zeros (invariant 1).
 struct Column(Vec<f32>);
 
 impl Column {
     fn new(numbers: impl Iterator<Item = f32>) -> Self {
         let mut column: Vec<f32> = numbers.collect();
-        column.resize(column.len() + MOST, 0.0);
+        column.resize(column.len() + MAX_LANES, 0.0);
         Self(column)
     }
 
     #[inline(always)]
     fn load<L: Lanes>(&self, l: L, at: usize) -> L::F {
-        assert!(at + MOST <= self.0.len());
+        assert!(at + MAX_LANES <= self.0.len());
         // SAFETY: invariant 1.
         unsafe { l.load(self.0.as_ptr().add(at)) }
     }
@@ -75,7 +76,10 @@ impl RayColumns {
         let prepared: Vec<CanonicalRay> = prepared.collect();
         let column =
             |of: &dyn Fn(&CanonicalRay) -> Vec3| columns(&prepared.iter().map(of).collect::<Vec<_>>());
-        assert!(prepared.iter().all(|ray| ray.inverse.cmpge(Vec3::ZERO).all()), "all of one octant");
+        assert!(
+            prepared.iter().all(|ray| ray.inverse.cmpge(Vec3::ZERO).all()),
+            "directions must not have negative components"
+        );
         Self {
             len: rays.len(),
             origin: column(&|ray| ray.origin),
@@ -98,13 +102,13 @@ impl TriangleColumns {
     }
 }
 
-struct Work {
+struct CountHits {
     in_lanes: InLanes,
     rays: RayColumns,
     triangles: TriangleColumns,
 }
 
-impl LaneTask for Work {
+impl LaneTask for CountHits {
     type Output = u64;
 
     #[inline(always)]
@@ -116,13 +120,13 @@ impl LaneTask for Work {
     }
 }
 
-/// The lanes in use when so many numbers are left.
+/// The lanes in use when `left` numbers are left.
 #[inline(always)]
 fn among<L: Lanes>(left: usize) -> u32 {
     L::ALL >> (L::LANES - left.min(L::LANES))
 }
 
-impl Work {
+impl CountHits {
     #[inline(always)]
     fn rays_in_lanes<L: Lanes>(&self, l: L) -> u64 {
         let Self { rays, triangles, .. } = self;

@@ -1,7 +1,7 @@
-//! Trees of placed trees: the same bits as the triangles written out.
+//! Two-level trees: the same bits as the triangles written out.
 
 use crate::exact::{Stripes, check_tree};
-use crate::{crowd, crowd::Crowd};
+use crate::instanced_scenes::{self, InstancedScene};
 use glam::Vec3;
 use raystream::bvh::{Bvh, GeometryError, TreeInstance};
 use raystream::geom::{Aabb, Placement};
@@ -9,45 +9,45 @@ use std::sync::Arc;
 
 #[test]
 fn every_tracer_answers_as_for_the_triangles_written_out() {
-    for (name, Crowd { mesh, bvh }, scale) in crowd::zoo() {
-        let rays = crowd::rays(&mesh, scale, 1500);
+    for (name, InstancedScene { mesh, bvh }, scale) in instanced_scenes::all() {
+        let rays = instanced_scenes::rays(&mesh, scale, 1500);
         check_tree(name, &mesh, bvh.clone(), &rays, None);
         check_tree(name, &mesh, bvh, &rays, Some(Arc::new(Stripes)));
     }
 }
 
 #[test]
-fn the_tree_knows_its_triangles_and_holds_shared_ones_once() {
-    for (name, Crowd { mesh, bvh }, _) in crowd::zoo() {
+fn the_tree_knows_its_triangles_and_stores_shared_ones_once() {
+    for (name, InstancedScene { mesh, bvh }, _) in instanced_scenes::all() {
         assert_eq!(bvh.validate(), Ok(()), "{name}");
         assert_eq!(bvh.len(), mesh.triangles.len());
         for primitive in 0..bvh.len() as u32 {
             assert_eq!(bvh.corners(primitive), mesh.corners(primitive as usize));
-            assert_eq!(bvh.is_masked(primitive), crowd::is_masked(primitive));
+            assert_eq!(bvh.is_masked(primitive), instanced_scenes::is_masked(primitive));
         }
         let used = mesh.triangles.iter().flatten().map(|&i| mesh.positions[i as usize]);
         assert_eq!(bvh.bounds(), Aabb::around(used));
     }
-    let (_, Crowd { mesh, bvh }, _) = crowd::zoo().swap_remove(2);
+    let (_, InstancedScene { mesh, bvh }, _) = instanced_scenes::all().swap_remove(2);
     let flat = Bvh::build(&mesh.positions, &mesh.triangles, |_| false);
     assert!(bvh.bytes() * 4 < flat.bytes(), "{} of {} bytes", bvh.bytes(), flat.bytes());
 }
 
 #[test]
-fn members_without_triangles_do_not_count_and_refits_are_refused() {
+fn instances_without_triangles_are_ignored_and_refits_are_refused() {
     let none = Arc::new(Bvh::build(&[], &[], |_| false));
     let empty = Bvh::from_instances(vec![
         TreeInstance::in_world(none.clone()),
         TreeInstance::placed(none, Placement::IDENTITY, 0),
     ]);
     assert!(empty.is_empty() && empty.validate().is_ok());
-    let (_, Crowd { mesh, bvh }, _) = crowd::zoo().swap_remove(0);
+    let (_, InstancedScene { mesh, bvh }, _) = instanced_scenes::all().swap_remove(0);
     assert_eq!(bvh.accepts(&mesh.positions, &mesh.triangles), Err(GeometryError::Assembled));
 }
 
 #[test]
 #[should_panic(expected = "primitive ids follow each other")]
-fn ids_given_twice_are_noticed() {
+fn primitive_ids_given_twice_are_noticed() {
     let tree = Arc::new(Bvh::build(&[Vec3::ZERO, Vec3::X, Vec3::Y], &[[0, 1, 2]], |_| false));
     Bvh::from_instances(vec![
         TreeInstance::placed(tree.clone(), Placement::IDENTITY, 0),

@@ -5,14 +5,14 @@
 //! a time. What is done with one depends on no branch, so the processor works on all of them at once
 //! and guesses nothing; that is what short lists cost most.
 //!
-//! Unsafe code for pairs, rows and nodes. The invariants are those of `stream`, and:
+//! Unsafe code for pairs, rows and nodes. The invariants are those of `substream`, and:
 //! 5. The children of pairs are in range, as those of nodes are, and their ids are of rays of the
-//!    sub-stream; candidates are pairs whose ids have a row of the block in the bits below [`super::stream::ROW_BYTES`].
+//!    sub-stream; candidates are pairs whose ids have a row of the block in the bits below [`super::substream::ROW_BYTES`].
 //! 6. Both arrays of pairs hold `len` pairs and, after `reserve`, as many more as asked for.
 #![allow(unsafe_code, reason = "the invariants above")]
 
-use super::space::Space;
-use super::stream::{Job, OctantStack, PADDING, fetch_node, lanes_of};
+use super::instance_space::Space;
+use super::substream::{OctantStack, PADDING, SubStream, fetch_node, lanes_of};
 use super::triangle::{Faces, Slabs};
 use crate::bvh::{Child, WIDTH};
 use crate::lanes::{Lanes, load_eights, splat_eights};
@@ -109,7 +109,7 @@ pub(super) fn visit<W: Lanes, E: Lanes, S: Space>(
     w: W,
     e: E,
     space: S,
-    job: &Job<'_>,
+    job: &SubStream<'_>,
     octant: usize,
     stack: &mut OctantStack,
 ) {

@@ -17,15 +17,15 @@
 //!    boxes, so that their lists stay empty. Turns of slots are all different.
 #![allow(unsafe_code, reason = "the invariants above")]
 
-use super::alone::{Pairs, SHORT};
-use super::order::Order;
+use super::instance_space::{Space, World};
 use super::packet::{self, Packet};
+use super::ray_node_pairs::{Pairs, SHORT};
 #[cfg(doc)]
 use super::shaft;
 use super::shaft::{Entered, Shafts};
-use super::space::{Space, World};
 use super::triangle::{Faces, Slabs};
-use super::{alone, cut, leaf, members, setup};
+use super::visit_order::Order;
+use super::{instances, leaf, ray_node_pairs, setup, split_substreams};
 use crate::bvh::{Bvh, Child, Filter, LeafBlocks, WIDTH, WideNode};
 use crate::lanes::{Lanes, Prefetch};
 use crate::stream::{Hit, Ray};
@@ -100,13 +100,13 @@ impl OctantStack {
     /// Whether there are enough pairs of nodes, or of blocks, that lists have to wait.
     #[inline(always)]
     fn is_worth(&self, kind: usize) -> bool {
-        self.pairs[kind].len >= if self.entries.is_empty() { 1 } else { alone::WORTH[kind] }
+        self.pairs[kind].len >= if self.entries.is_empty() { 1 } else { ray_node_pairs::WORTH[kind] }
     }
 
     /// Whether pairs of blocks are what is done next: there are enough, and not of nodes that could make more.
     #[inline(always)]
     fn is_for_blocks(&self) -> bool {
-        self.pairs[1].len >= alone::BLOCKS || self.is_worth(1) && !self.is_worth(0)
+        self.pairs[1].len >= ray_node_pairs::BLOCKS || self.is_worth(1) && !self.is_worth(0)
     }
 
     #[cold]
@@ -130,7 +130,7 @@ pub(super) struct Scratch {
 
 /// A sub-stream in the works.
 #[derive(Clone, Copy)]
-pub(super) struct Job<'a> {
+pub(super) struct SubStream<'a> {
     pub nodes: &'a [WideNode],
     pub blocks: &'a LeafBlocks,
     pub filter: Option<&'a dyn Filter>,
@@ -179,9 +179,13 @@ pub(super) fn trace<W: Lanes, E: Lanes, const ANY: bool, const MEMBERS: bool>(
     let (mut first, mut left) = (0, rays);
     while !left.is_empty() {
         let rays;
-        (rays, left) = left.split_at(if MEMBERS { left.len().min(cut::MOST) } else { cut::first(left) });
+        (rays, left) = left.split_at(if MEMBERS {
+            left.len().min(split_substreams::MOST)
+        } else {
+            split_substreams::first(left)
+        });
         rows.resize(rows.len().max(rays.len() + PADDING), Row::default());
-        let job = Job {
+        let job = SubStream {
             nodes: wide.nodes(),
             blocks: wide.blocks(),
             filter,
@@ -201,7 +205,7 @@ pub(super) fn trace<W: Lanes, E: Lanes, const ANY: bool, const MEMBERS: bool>(
         first += rays.len();
         if MEMBERS {
             let counts = setup::prepare(w, &job, rays, stacks);
-            members::traverse::<W, E, ANY>((w, e), &job, bvh.instances(), stacks, &counts, below);
+            instances::traverse::<W, E, ANY>((w, e), &job, bvh.instances(), stacks, &counts, below);
             continue;
         }
         if packet::may_form(rays)
@@ -271,7 +275,7 @@ pub(super) struct Loose<'a, W, E, S, const ANY: bool> {
     pub w: W,
     pub e: E,
     pub space: S,
-    pub job: &'a Job<'a>,
+    pub job: &'a SubStream<'a>,
 }
 
 impl<W: Lanes, E: Lanes, S: Space, const ANY: bool> Visit for Loose<'_, W, E, S, ANY> {
@@ -299,7 +303,8 @@ impl<W: Lanes, E: Lanes, S: Space, const ANY: bool> Visit for Loose<'_, W, E, S,
         unsafe {
             let block = job.blocks.get_unchecked(at.child);
             let list = stack.ids.as_ptr().add(at.start as usize);
-            let done = leaf::many::<W, E, S, ANY>(w, e, space, job, block, octant, list, at.len as usize);
+            let done =
+                leaf::test_list::<W, E, S, ANY>(w, e, space, job, block, octant, list, at.len as usize);
             stack.done = stack.done.wrapping_add(done);
         }
     }
@@ -310,9 +315,9 @@ impl<W: Lanes, E: Lanes, S: Space, const ANY: bool> Visit for Loose<'_, W, E, S,
         let Self { w, e, space, job } = *self;
         if stack.is_for_blocks() {
             // SAFETY: these are pairs.
-            unsafe { leaf::few::<W, S, ANY>(w, space, job, octant, stack) };
+            unsafe { leaf::test_pairs::<W, S, ANY>(w, space, job, octant, stack) };
         } else if stack.is_worth(0) {
-            alone::visit(w, e, space, job, octant, stack);
+            ray_node_pairs::visit(w, e, space, job, octant, stack);
         } else if let Some(entry) = stack.entries.pop() {
             self.visit(octant, stack, entry);
         } else if stack.candidates.len > 0 {
@@ -338,7 +343,7 @@ const GAPS: u32 = 8;
 /// # Safety
 /// `list` is a list of `len` ids (invariants 1 and 2).
 #[inline(always)]
-unsafe fn keep_open<W: Lanes>(w: W, job: &Job<'_>, list: *mut u32, len: u32) -> u32 {
+unsafe fn keep_open<W: Lanes>(w: W, job: &SubStream<'_>, list: *mut u32, len: u32) -> u32 {
     let (mut open, mut at) = (0, 0);
     // SAFETY: as the caller vouches; what is written lies before what is read next.
     unsafe {
@@ -363,7 +368,7 @@ pub(super) fn inner<W: Lanes, E: Lanes, S: Space, const ALONE: bool>(
     w: W,
     e: E,
     space: S,
-    job: &Job<'_>,
+    job: &SubStream<'_>,
     order: Order,
     octant: usize,
     stack: &mut OctantStack,
@@ -429,7 +434,13 @@ impl<W: Lanes> Abreast<W> {
     /// # Safety
     /// `list` is a list of `len` ids, more than `at` (invariants 1 and 2).
     #[inline(always)]
-    unsafe fn of<const SLACK: bool>(w: W, job: &Job<'_>, list: *const u32, at: usize, len: usize) -> Self {
+    unsafe fn of<const SLACK: bool>(
+        w: W,
+        job: &SubStream<'_>,
+        list: *const u32,
+        at: usize,
+        len: usize,
+    ) -> Self {
         // SAFETY: as the caller vouches.
         unsafe {
             let [ix, iy, iz, sx, sy, sz, slack, limit] = w.rows(job.rows.cast(), list.add(at));
@@ -481,14 +492,14 @@ unsafe fn pad<W: Lanes>(w: W, to: *mut u32) {
 
 /// Asks for the memory of a node.
 #[inline(always)]
-pub(super) fn fetch_node(job: &Job<'_>, child: Child) {
+pub(super) fn fetch_node(job: &SubStream<'_>, child: Child) {
     let node = job.nodes.as_ptr().wrapping_add(child.index()).cast::<u8>();
     job.prefetch.each([0, 64, 128, 192].map(|line| node.wrapping_add(line)));
 }
 
 /// The lines that a block takes.
 #[inline(always)]
-pub(super) fn lines_of_block(job: &Job<'_>, child: Child) -> [*const u8; 4] {
+pub(super) fn lines_of_block(job: &SubStream<'_>, child: Child) -> [*const u8; 4] {
     let block = job.blocks.address(child).cast::<u8>();
     // The last is where large blocks go on; of others it is one of the first three.
     [0, 64, 128, 24 * child.triangles()].map(|line| block.wrapping_add(line))
@@ -496,7 +507,7 @@ pub(super) fn lines_of_block(job: &Job<'_>, child: Child) -> [*const u8; 4] {
 
 /// Asks for the memory of a child.
 #[inline(always)]
-fn fetch_child(job: &Job<'_>, child: Child) {
+fn fetch_child(job: &SubStream<'_>, child: Child) {
     if child.is_block() {
         job.prefetch.each(lines_of_block(job, child));
     } else {
@@ -506,7 +517,7 @@ fn fetch_child(job: &Job<'_>, child: Child) {
 
 /// Asks for the memory of all children of a node.
 #[inline(always)]
-pub(super) fn fetch_children(job: &Job<'_>, node: &WideNode) {
+pub(super) fn fetch_children(job: &SubStream<'_>, node: &WideNode) {
     for child in node.children.into_iter().filter(|&child| child != Child::NONE) {
         fetch_child(job, child);
     }
@@ -539,7 +550,7 @@ pub(super) unsafe fn fetch_rows<L: Lanes, T>(_: L, rows: *const T, list: *const 
 #[inline(always)]
 pub(super) unsafe fn push<W: Lanes, const ALONE: bool, const FETCH: bool>(
     w: W,
-    job: &Job<'_>,
+    job: &SubStream<'_>,
     node: &WideNode,
     order: Order,
     stack: &mut OctantStack,

@@ -1,13 +1,13 @@
 //! The traversal of a tree of placed trees: lists of rays go down the tree over members as down any other, and each
 //! list that reaches a member goes through that member's tree to the end.
 //!
-//! Unsafe code for lists. The invariants are those of `stream`; a block child of a node above is a member's index,
+//! Unsafe code for lists. The invariants are those of `substream`; a block child of a node above is a member's index,
 //! which `Bvh::from_instances` made.
 #![allow(unsafe_code, reason = "the invariants above")]
 
-use super::order::Order;
-use super::space::{Own, Space, World};
-use super::stream::{Entry, Job, Loose, OctantStack, PADDING, Visit, entries_of, inner};
+use super::instance_space::{Own, Space, World};
+use super::substream::{Entry, Loose, OctantStack, PADDING, SubStream, Visit, entries_of, inner};
+use super::visit_order::Order;
 use crate::bvh::{Child, TreeInstance};
 use crate::lanes::{Lanes, Prefetch};
 
@@ -16,7 +16,7 @@ use crate::lanes::{Lanes, Prefetch};
 #[inline(always)]
 pub(super) fn traverse<W: Lanes, E: Lanes, const ANY: bool>(
     (w, e): (W, E),
-    top: &Job<'_>,
+    top: &SubStream<'_>,
     members: &[TreeInstance],
     stacks: &mut [OctantStack; 8],
     counts: &[usize; 8],
@@ -41,7 +41,7 @@ pub(super) fn traverse<W: Lanes, E: Lanes, const ANY: bool>(
             let member = &members[entry.child.index()];
             let wide = member.tree.wide();
             let (nodes, blocks) = (wide.nodes(), wide.blocks());
-            let job = Job { nodes, blocks, prefetch: Prefetch::all_over(wide.bytes()), ..*top };
+            let job = SubStream { nodes, blocks, prefetch: Prefetch::all_over(wide.bytes()), ..*top };
             let len = entry.len as usize;
             below.reserve(len + 2 * PADDING);
             let start = entry.start as usize;
@@ -66,7 +66,7 @@ fn through<W: Lanes, E: Lanes, S: Space, const ANY: bool>(
     w: W,
     e: E,
     space: S,
-    job: &Job<'_>,
+    job: &SubStream<'_>,
     octant: usize,
     stack: &mut OctantStack,
 ) {
