@@ -12,6 +12,8 @@
 
 #[cfg(feature = "formats")]
 pub mod files;
+#[cfg(feature = "render")]
+mod sync;
 pub mod lanes;
 
 pub mod geom;

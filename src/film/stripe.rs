@@ -1,78 +1,53 @@
-//! Locks for stripes of pixels.
+//! Spin locks, one for each stripe of pixels. `tests/loom` checks them in every interleaving.
 
-use std::sync::atomic::{AtomicBool, Ordering::Acquire, Ordering::Relaxed, Ordering::Release};
+use crate::sync::atomic::{AtomicBool, Ordering::Acquire, Ordering::Relaxed, Ordering::Release};
+use crate::sync::{spin_loop, yield_now};
 
-/// Pixels of a stripe: neighbours in a row, so that the lanes of a batch share few stripes and threads
-/// seldom meet.
-const PIXELS: u32 = 64;
+/// Pixels of a stripe, neighbours in a row. A batch's lanes then share few stripes, and threads seldom contend.
+pub const STRIPE_PIXELS: u32 = 64;
 
-/// How often a thread looks at a locked stripe before it lets others run: whoever has it needs a few
-/// nanoseconds, unless it was interrupted.
+/// Spins on a locked stripe before the thread yields. An owner holds the lock for a few nanoseconds unless the
+/// system preempts it.
 const SPINS: u32 = 100;
 
-/// A lock for every stripe of a film.
+/// The locks of a film, one for each stripe.
 #[derive(Debug)]
 pub struct Stripes(Vec<AtomicBool>);
 
-/// A stripe while it is locked.
+/// A locked stripe; unlocks when dropped.
 pub struct Stripe<'a> {
     lock: &'a AtomicBool,
     number: u32,
 }
 
 impl Stripes {
-    /// For so many pixels.
+    /// Unlocked stripes for this number of pixels.
     pub fn new(pixels: usize) -> Self {
-        Self(std::iter::repeat_with(Default::default).take(pixels.div_ceil(PIXELS as usize)).collect())
+        Self(std::iter::repeat_with(Default::default).take(pixels.div_ceil(STRIPE_PIXELS as usize)).collect())
     }
 
-    /// Locks the stripe of a pixel.
+    /// Locks the stripe that holds a pixel.
     pub fn lock(&self, pixel: u32) -> Stripe<'_> {
-        let number = pixel / PIXELS;
+        let number = pixel / STRIPE_PIXELS;
         let lock = &self.0[number as usize];
         let mut spins = 0;
         while lock.compare_exchange_weak(false, true, Acquire, Relaxed).is_err() {
             spins += 1;
-            if spins % SPINS == 0 { std::thread::yield_now() } else { std::hint::spin_loop() }
+            if spins % SPINS == 0 { yield_now() } else { spin_loop() }
         }
         Stripe { lock, number }
     }
 }
 
 impl Stripe<'_> {
-    /// Whether a pixel is in it.
+    /// Whether the stripe holds a pixel.
     pub fn has(&self, pixel: u32) -> bool {
-        pixel / PIXELS == self.number
+        pixel / STRIPE_PIXELS == self.number
     }
 }
 
 impl Drop for Stripe<'_> {
     fn drop(&mut self) {
         self.lock.store(false, Release);
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use std::sync::atomic::AtomicU64;
-
-    #[test]
-    fn nobody_comes_between() {
-        let (stripes, sum) = (Stripes::new(130), AtomicU64::new(0));
-        std::thread::scope(|scope| {
-            for thread in 0..4 {
-                let (stripes, sum) = (&stripes, &sum);
-                scope.spawn(move || {
-                    for i in 0..20_000 {
-                        let stripe = stripes.lock(64 + (i + thread) % 64);
-                        assert!(stripe.has(64) && stripe.has(127) && !stripe.has(63) && !stripe.has(128));
-                        sum.store(sum.load(Relaxed) + 1, Relaxed);
-                    }
-                });
-            }
-        });
-        assert_eq!(sum.into_inner(), 80_000);
-        drop((stripes.lock(0), stripes.lock(129)));
     }
 }

@@ -3,8 +3,9 @@
 //! Buckets of [`BUCKET`] places are made when first needed and recycled place by place. All threads share
 //! the places; each reaches them through a [`LocalFreeList`] that keeps some free ones to itself.
 
-use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
-use std::sync::{Mutex, OnceLock, PoisonError};
+use crate::sync::atomic::{AtomicUsize, Ordering::Relaxed};
+use crate::sync::{Mutex, PoisonError};
+use std::sync::OnceLock;
 
 /// Places in a bucket.
 pub const BUCKET: usize = 1024;

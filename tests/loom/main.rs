@@ -1,0 +1,78 @@
+//! Model checking: every interleaving of a few threads over the film's spin locks and the arena of loop entries,
+//! with the memory model's stale reads. The files under test are compiled here with loom's primitives as
+//! `crate::sync`.
+#![allow(dead_code, reason = "the files under test have more functions than the models call")]
+
+mod sync {
+    pub(crate) use loom::hint::spin_loop;
+    pub(crate) use loom::sync::{Mutex, atomic};
+    pub(crate) use loom::thread::yield_now;
+    pub(crate) use std::sync::PoisonError;
+}
+
+#[path = "../../src/shade/arena.rs"]
+mod arena;
+#[path = "../../src/film/stripe.rs"]
+mod stripe;
+
+use arena::{Arena, BUCKET};
+use loom::sync::atomic::{AtomicU64, Ordering::Relaxed};
+use loom::sync::{Arc, Mutex};
+use loom::thread;
+use stripe::{STRIPE_PIXELS, Stripes};
+
+/// Threads besides the model's own.
+const THREADS: usize = 2;
+
+#[test]
+fn a_locked_stripe_excludes_other_threads_and_shows_what_they_wrote() {
+    loom::model(|| {
+        let stripes = Arc::new(Stripes::new(2 * STRIPE_PIXELS as usize));
+        let sum = Arc::new(AtomicU64::new(0));
+        let threads: Vec<_> = (0..THREADS as u32)
+            .map(|thread| {
+                let (stripes, sum) = (stripes.clone(), sum.clone());
+                thread::spawn(move || {
+                    let stripe = stripes.lock(STRIPE_PIXELS + thread);
+                    assert!(stripe.has(STRIPE_PIXELS) && !stripe.has(0));
+                    // Not atomic together: a second owner, or a stale read, would lose a count.
+                    sum.store(sum.load(Relaxed) + 1, Relaxed);
+                })
+            })
+            .collect();
+        drop(stripes.lock(0));
+        threads.into_iter().for_each(|thread| thread.join().expect("no panic"));
+        let _stripe = stripes.lock(STRIPE_PIXELS);
+        assert_eq!(sum.load(Relaxed), THREADS as u64);
+    });
+}
+
+#[test]
+fn no_place_of_an_arena_has_two_owners_and_every_count_ends_at_zero() {
+    loom::model(|| {
+        let arena: Arc<Arena<()>> = Arc::new(Arena::new());
+        let owned = Arc::new(Mutex::new(Vec::new()));
+        let threads: Vec<_> = (0..THREADS)
+            .map(|_| {
+                let (arena, owned) = (arena.clone(), owned.clone());
+                thread::spawn(move || {
+                    let mut free = arena.hand();
+                    let place = free.take(|| ());
+                    {
+                        let mut owned = owned.lock().expect("no panic");
+                        assert!(!owned.contains(&place), "place {place} has two owners");
+                        owned.push(place);
+                    }
+                    assert_eq!(*arena.at(place).0, ());
+                    owned.lock().expect("no panic").retain(|other| *other != place);
+                    free.give_back(place);
+                })
+            })
+            .collect();
+        threads.into_iter().for_each(|thread| thread.join().expect("no panic"));
+        let usage = arena.usage(1);
+        assert_eq!(usage.live_entries, 0);
+        assert!(usage.peak_entries <= THREADS);
+        assert!((BUCKET..=THREADS * BUCKET).contains(&usage.allocated_bytes));
+    });
+}
