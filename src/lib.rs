@@ -12,9 +12,9 @@
 
 #[cfg(feature = "formats")]
 pub mod files;
+pub mod lanes;
 #[cfg(feature = "render")]
 mod sync;
-pub mod lanes;
 
 pub mod geom;
 #[cfg(feature = "render")]
