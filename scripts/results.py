@@ -4,10 +4,10 @@
     python scripts/results.py docs/results/build.md build glass.json "LABEL=MORE.json" ..
 
 The page has a line `<!-- begin: NAME -->` and a line `<!-- end: NAME -->`; what stands between them is replaced by the
-command, the machine and the table. NAME's first word says which table: `rays`, `contenders`, `build`, `ladder`,
-`frame`, `tail`, `textures`, `adaptive`, `schedule` or `rtrt`; further words only tell two blocks of a page apart.
-Tables over scenes (`rays`, `build`, `ladder`) take one file a scene, all from one machine and one build. A scene is
-called what its file is called, or LABEL.
+command, the machine and the table. NAME's first word says which table: `rays` (`rays query`, `rays service` for these
+two), `contenders`, `threads`, `build`, `ladder`, `frame`, `tail`, `textures`, `adaptive`, `schedule` or `rtrt`; further
+words only tell two blocks of a page apart. Tables over scenes take files of one machine and one build, with one scene
+or several in each. A scene is called what its file is called, or LABEL where there is one in the file.
 
 --machine TEXT    names the machine where the file does not, or better than the file does
 --build COMMIT    the commit that was measured [default: the checkout's, with "changed" if it has changes]
@@ -156,57 +156,76 @@ def geometric_mean(values):
     return math.exp(sum(map(math.log, values)) / len(values))
 
 
-def fastest(rows, kind):
-    """raystream's best instruction set on a kind of rays."""
-    ours = [row for row in rows if row["kind"] == kind and row["unit"] == "raystream"]
+def fastest(rows, kind, unit):
+    """The best SIMD level of one of raystream's units on a kind of rays."""
+    ours = [row for row in rows if row["kind"] == kind and row["unit"] == unit]
     return max(ours, key=lambda row: row["mray_per_s"]["median"], default=None)
 
 
-def rays(rows):
-    """Scenes by kinds of rays: raystream's speed, and its ratio to each peer's best."""
-    groups = scenes(rows)
-    kinds = [kind for kind in KINDS if any(row["kind"] == kind for row in rows)]
-    peers = {"embree": "Embree's best mode", "embree_robust": "Embree's best robust mode", "obvhs": "obvhs"}
+def kinds_of(rows):
+    return [kind for kind in KINDS if any(row["kind"] == kind for row in rows)]
+
+
+def rays(rows, part):
+    """Scenes by kinds of rays: speed of raystream's tracer (or its `query`, `service`), and ratio to each peer's best."""
+    groups, kinds, unit = scenes(rows), kinds_of(rows), " ".join(["raystream", *part])
+    peers = {"embree": "Embree's fastest mode", "embree_robust": "Embree's fastest robust mode", "obvhs": "obvhs"}
     blocks = []
     for peer, title in peers.items():
         columns, cells = {kind: [] for kind in kinds}, []
         for name, group in groups.items():
             line = [name]
             for kind in kinds:
-                row = fastest(group, kind)
+                row = fastest(group, kind, unit)
                 ratio = row and row["ratio"].get(peer)
-                if ratio is None:
-                    line.append("")
-                    continue
-                columns[kind].append(ratio)
-                line.append(f"{row['mray_per_s']['median']:.1f} ({ratio:.2f})")
+                columns[kind] += [ratio] if ratio else []
+                line.append(f"{row['mray_per_s']['median']:.1f} ({ratio:.2f})" if ratio else "")
             cells.append(line)
         if not any(columns.values()):
             continue
         for of, name in [(geometric_mean, "geometric mean of the ratios"), (min, "least ratio")]:
             cells.append([name] + [f"{of(column):.2f}" if column else "" for column in columns.values()])
-        heading = f"Mray/s (times as fast as {title}):"
+        heading = f"Mray/s of {unit} (times as fast as {title}):"
         blocks.append(heading + "\n\n" + table(["scene", *(KINDS[kind] for kind in kinds)], cells))
+    if not blocks:
+        sys.exit(f"no row of {unit!r} has a ratio to a peer")
     return "\n\n".join(blocks)
 
 
-def contenders(rows):
-    """All contenders of one scene by kinds of rays, Mray/s."""
+def contenders(rows, _):
+    """All contenders of one scene by kinds of rays, Mray/s and the order of their rays."""
     (_, group), *others = scenes(rows).items()
     if others:
         sys.exit("a table of contenders is of one scene: give one file")
-    kinds = [kind for kind in KINDS if any(row["kind"] == kind for row in group)]
-    lines = {}
+    kinds, lines = kinds_of(group), {}
     for row in group:
         name = " ".join(filter(None, [row["unit"], row.get("simd")]))
-        speeds = lines.setdefault(name, {})
-        median = row["mray_per_s"]["median"]
-        speeds[row["kind"]] = max(median, speeds.get(row["kind"], median))
-    cells = [[name] + [number(of.get(kind), 1, "{:.2f}") for kind in kinds] for name, of in lines.items()]
-    return table(["contender, Mray/s", *(KINDS[kind] for kind in kinds)], cells)
+        order = "" if row.get("order", "shuffled") == "shuffled" else " " + row["order"]
+        lines.setdefault(name, {})[row["kind"]] = f"{row['mray_per_s']['median']:.2f}{order}"
+    cells = [[name] + [of.get(kind, "") for kind in kinds] for name, of in lines.items()]
+    return table(["contender", *(KINDS[kind] for kind in kinds)], cells)
 
 
-def build(rows):
+def threads(rows, _):
+    """Scenes by kinds of rays: how many times as fast the most threads are as one, beside Embree's fastest mode."""
+    most, kinds, cells = max(row["threads"] for row in rows), kinds_of(rows), []
+    if most == 1:
+        sys.exit("all rows are of one thread: measure with --threads 1,2")
+    for name in dict.fromkeys(row["label"] for row in rows):
+        for who in ["raystream", "embree"]:
+            line = []
+            for kind in kinds:
+                among = [r for r in rows if (r["label"], r["kind"], r["threads"]) == (name, kind, most)]
+                among = [r for r in among if r["unit"] == who or who == "embree" and r["unit"].startswith(who)]
+                best = max(among, key=lambda row: row["mray_per_s"]["median"], default=None)
+                line += [best["ratio"]["one_thread"]] if best else []
+            if len(line) == len(kinds):
+                numbers = [f"{ratio:.2f}" for ratio in [*line, geometric_mean(line)]]
+                cells.append([f"{name}, {'Embree' if who == 'embree' else who}", *numbers])
+    return table([f"{most} threads by one", *(KINDS[kind] for kind in kinds), "geometric mean"], cells)
+
+
+def build(rows, _):
     """Scenes by time and memory of the tree, beside Embree's of medium quality."""
     titles = ["scene", "ms", "Embree's ms", "ratio", "refit, ms", "bytes a triangle", "Embree's", "ratio", "SAH cost"]
     cells, ratios = [], ([], [])
@@ -228,7 +247,7 @@ def build(rows):
     return table(titles, cells)
 
 
-def ladder(rows):
+def ladder(rows, _):
     """Scenes by configurations of the ladder: speed of the frame, ratio to the first, and shading."""
     groups = scenes(rows)
     names = list(dict.fromkeys(row["configuration"] for row in rows))
@@ -248,20 +267,29 @@ def ladder(rows):
     return "\n\n".join(blocks)
 
 
-def rtrt(rows):
+def rtrt(rows, _):
     """The tables of RTRT, each told by what its rows have."""
     parts = {"kernels": "kernel", "packets": "packet", "effects": "times_as_long", "hills": "triangles"}
     parts = {name: [row for row in rows if key in row] for name, key in parts.items()}
     return "\n\n".join(plain(name, rows) for name, rows in parts.items() if rows)
 
 
-OF_SCENES = {"rays": rays, "contenders": contenders, "build": build, "ladder": ladder, "rtrt": rtrt}
+OTHERS = {
+    "rays": rays,
+    "contenders": contenders,
+    "threads": threads,
+    "build": build,
+    "ladder": ladder,
+    "rtrt": rtrt,
+}
 
 
 def read(argument):
     """A file's sheet, its rows labelled with what their scene is called."""
     label, _, path = argument.rpartition("=")
     sheet = json.loads(pathlib.Path(path).read_text())
+    if label and len({row.get("scene") for row in sheet["rows"]}) > 1:
+        sys.exit(f"{path} has several scenes, for which {label!r} is one name")
     for row in sheet["rows"]:
         row["label"] = label or re.sub(r"\.(json|obj|gltf|glb|ply)$", "", row.get("scene", ""))
     return sheet
@@ -287,7 +315,9 @@ def commands(sheets, given):
     """All commands, one with SCENE where they differ by that alone; wide ones go on in a second line."""
     lists = [command(sheet, given) for sheet in sheets]
     scenes = [sheet["rows"][0].get("scene") for sheet in sheets]
-    general = {shlex.join("SCENE" if word == scene else word for word in words) for words, scene in zip(lists, scenes)}
+    general = {
+        shlex.join("SCENE" if word == scene else word for word in words) for words, scene in zip(lists, scenes)
+    }
     lines = general if len(general) == 1 and len(sheets) > 1 else dict.fromkeys(map(shlex.join, lists))
     wrap = {"width": COLUMNS - 2, "subsequent_indent": "    ", "break_long_words": False, "break_on_hyphens": False}
     return [" \\\n".join(textwrap.wrap(line, **wrap)) for line in lines]
@@ -305,10 +335,10 @@ def source(given):
 
 def block(args, sheets):
     """What stands between the marks."""
-    layout = args.name.split()[0]
+    layout, *part = args.name.split()
     rows = [row for sheet in sheets for row in sheet["rows"]]
-    if layout in OF_SCENES:
-        body = OF_SCENES[layout](rows)
+    if layout in OTHERS:
+        body = OTHERS[layout](rows, part)
     elif layout in PLAIN:
         body = plain(layout, rows)
     else:
@@ -320,7 +350,7 @@ def block(args, sheets):
     name = args.machine or machine.get("processor")
     if not name:
         sys.exit("this file does not name its processor; give it with --machine")
-    words = f"{name}; {machine['threads']} threads, {machine['simd']}; commit {source(args.build)},"
+    words = f"{name}; {machine['threads']} threads available, {machine['simd']}; commit {source(args.build)},"
     words = " ".join([words, f"{datetime.date.today()}.", args.note or ""])
     lines = ["```text", *commands(sheets, args.command), "```", "", *textwrap.wrap(words, COLUMNS), "", body]
     return "\n".join(lines)
