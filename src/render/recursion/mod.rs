@@ -118,7 +118,8 @@
 //!
 //! # Cost
 //! A turn costs an uncontended lock, a few moves between the thread's exchange and the future, and the
-//! emission. The README states what the recursive Whitted takes beside the one by hand.
+//! emission. `docs/results/textures-and-instances.md` has what the recursive Whitted
+//! takes beside the one by hand.
 
 mod calls;
 mod context;
