@@ -51,7 +51,17 @@ pub mod bench;
 #[cfg(feature = "cli")]
 pub mod cli;
 
-/// The README's example, compiled and run.
-#[cfg(doctest)]
-#[doc = include_str!("../README.md")]
-struct Readme;
+/// The programs of README and guides, compiled, and run where they need no arguments.
+#[cfg(all(doctest, feature = "cli"))]
+mod documents {
+    #[doc = include_str!("../README.md")]
+    struct Readme;
+    #[doc = include_str!("../docs/guide/add-a-bsdf.md")]
+    struct AddABsdf;
+    #[doc = include_str!("../docs/guide/add-a-format.md")]
+    struct AddAFormat;
+    #[doc = include_str!("../docs/guide/add-a-tracer.md")]
+    struct AddATracer;
+    #[doc = include_str!("../docs/guide/add-an-integrator.md")]
+    struct AddAnIntegrator;
+}

@@ -118,8 +118,7 @@
 //!
 //! # Cost
 //! A turn costs an uncontended lock, a few moves between the thread's exchange and the future, and the
-//! emission. `docs/results/textures-and-instances.md` has what the recursive Whitted
-//! takes beside the one by hand.
+//! emission. `docs/results/textures-and-instances.md` has what the recursive Whitted takes beside the one by hand.
 
 mod calls;
 mod context;
