@@ -8,7 +8,7 @@
 //! scene file ─load→ scene ─build→ bvh ─▶ stream ─▶ schedule ⇄ trace, shade, render ─▶ film
 //! ```
 //!
-//! `src/ARCHITECTURE.md` is the map of the house.
+//! `src/ARCHITECTURE.md` is the map of the modules.
 
 #[cfg(feature = "formats")]
 pub mod files;
