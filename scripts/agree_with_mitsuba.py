@@ -9,8 +9,8 @@ with other seeds each time and without Russian roulette. The spread of a block o
 program's renders is its noise; two programs agree when no block differs by more than 5 standard deviations
 of both and the whole picture by no more than 0.5 % in any channel. Exits with 1 when they do not.
 
-Glass, clear and frosted, mirrors, mixes, lamps, environment maps and the medium of ink are Mitsuba's own. Mitsuba's frosted
-glass loses what facets would reflect and refract a second time, raystream's does not: it is so smooth here that this is
+Glass, clear and frosted, mirrors, mixes, lamps, environment maps and the medium of ink are Mitsuba's own. Mitsuba's
+frosted glass loses what facets would reflect and refract a second time, raystream's does not: it is so smooth here that this is
 a thousandth. Mitsuba has no glTF surface, so the BSDF below says
 anew, from the published formulas, what raystream's should be; its reflectances are integrated here.
 """
@@ -351,7 +351,8 @@ def define_gltf(mi):
             pdf = self.density(wo, wi)
             bs.pdf = dr.select(mirrored, self.chance(wo), pdf)
             bs.eta = 1.0
-            bs.sampled_type = dr.select(mirrored, mi.UInt32(+mi.BSDFFlags.DeltaReflection), mi.UInt32(+mi.BSDFFlags.GlossyReflection))
+            delta, glossy = mi.BSDFFlags.DeltaReflection, mi.BSDFFlags.GlossyReflection
+            bs.sampled_type = dr.select(mirrored, mi.UInt32(+delta), mi.UInt32(+glossy))
             bs.sampled_component = dr.select(mirrored, mi.UInt32(1), mi.UInt32(0))
             coat = mi.Color3f(self.coat(wo.z) / dr.maximum(self.chance(wo), 1e-6))
             weight = dr.select(mirrored, coat, self.value(wo, wi) / pdf)
@@ -393,7 +394,8 @@ def bsdf(material):
         if kind in material:
             red, green, blue = map(float, material[kind])
             flags = {"metal": kind == "metal", "coated": kind == "coat", "brushed": material.get("brushed", 0.0)}
-            return {"type": "gltf", "red": red, "green": green, "blue": blue, "roughness": material["roughness"], **flags}
+            colour = {"red": red, "green": green, "blue": blue}
+            return {"type": "gltf", **colour, "roughness": material["roughness"], **flags}
     return {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": rgb(material["matte"])}}
 
 

@@ -77,7 +77,8 @@ class Look:
 def look(mesh, material, used):
     texels = lambda k: mesh[f"texture{k}"].view(np.uint8).reshape(*mesh[f"texture{k}"].shape, 4) / np.float32(255)
     image, mask = mesh["base_texture"][material], mesh["opacity_texture"][material]
-    numbers = {k: float(mesh[k][material]) for k in ("metallic", "roughness", "specular", "transmission", "ior", "opacity")}
+    names = ("metallic", "roughness", "specular", "transmission", "ior", "opacity")
+    numbers = {name: float(mesh[name][material]) for name in names}
     normals = mesh["normals"][used] if len(mesh["normals"]) else np.zeros((1, 3))
     channel = [0, 1, 2] if mesh["opacity_channel"][material] == 4 else [mesh["opacity_channel"][material]]
     return Look(
@@ -171,7 +172,8 @@ def mitsuba_surface(mi, look):
     if look.transmission <= 0.5:
         surface = {"type": "twosided", "bsdf": surface}
     if look.opacity < 1 or look.mask is not None:
-        opacity = look.opacity if look.mask is None else bitmap((look.mask * look.opacity)[..., None].astype(np.float32))
+        masked = lambda: bitmap((look.mask * look.opacity)[..., None].astype(np.float32))
+        opacity = look.opacity if look.mask is None else masked()
         surface = {"type": "mask", "opacity": opacity, "bsdf": surface}
     return surface
 
@@ -422,7 +424,8 @@ def compare(args, name):
     for peer, values in speeds.items():
         median = statistics.median(values)
         spread = f"{min(values):.2f}-{max(values):.2f}"
-        row = f"{pathlib.Path(name.split('@')[0]).stem:<20}{peer:<14}{median:>9.2f}{spread:>14}{means[peer]:>12.4f}{best / median:>8.2f}x"
+        row = f"{pathlib.Path(name.split('@')[0]).stem:<20}{peer:<14}{median:>9.2f}"
+        row += f"{spread:>14}{means[peer]:>12.4f}{best / median:>8.2f}x"
         print(row, flush=True)
     tolerance = REAL_TOLERANCE if args.real else TOLERANCE
     return all(abs(mean / means["raystream"] - 1) < tolerance for mean in means.values())

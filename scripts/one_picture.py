@@ -1,8 +1,9 @@
 #!/usr/bin/env python3
 """One picture, whoever traces it: a table of hashes.
 
-Renders each scene with the CPU, a GPU, both, and a GPU that fails in every way that can be injected, and prints a row of
-a Markdown table a scene: whether all hashes are the CPU's, and what share of the GPU's rays was flagged and traced again.
+Renders each scene with the CPU, a GPU, both, and a GPU that fails in every way that can be injected, and prints a row
+of a Markdown table a scene: whether all hashes are the CPU's, and what share of the GPU's rays was flagged and traced
+again.
 
     python scripts/one_picture.py target/release/raystream SCENE.. [-- OPTIONS of raystream render]
 """

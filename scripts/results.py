@@ -167,7 +167,7 @@ def kinds_of(rows):
 
 
 def rays(rows, part):
-    """Scenes by kinds of rays: speed of raystream's tracer (or its `query`, `service`), and ratio to each peer's best."""
+    """Scenes by kinds of rays: speed of raystream's tracer (or `query`, `service`), and ratio to each peer's best."""
     groups, kinds, unit = scenes(rows), kinds_of(rows), " ".join(["raystream", *part])
     peers = {"embree": "Embree's fastest mode", "embree_robust": "Embree's fastest robust mode", "obvhs": "obvhs"}
     blocks = []
