@@ -10,9 +10,9 @@ program's renders is its noise; two programs agree when no block differs by more
 of both and the whole picture by no more than 0.5 % in any channel. Exits with 1 when they do not.
 
 Glass, clear and frosted, mirrors, mixes, lamps, environment maps and the medium of ink are Mitsuba's own. Mitsuba's
-frosted glass loses what facets would reflect and refract a second time, raystream's does not: it is so smooth here that this is
-a thousandth. Mitsuba has no glTF surface, so the BSDF below says
-anew, from the published formulas, what raystream's should be; its reflectances are integrated here.
+frosted glass loses what facets would reflect and refract a second time, raystream's does not; the glass is so smooth
+here that the loss is a thousandth. Mitsuba has no glTF surface, so the BSDF below is written from the published
+formulas, independently of raystream's; its reflectances are integrated here.
 """
 
 import argparse
