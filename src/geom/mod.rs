@@ -15,5 +15,7 @@ pub use canonical::{CanonicalHit, CanonicalRay, MAX_COORDINATE};
 pub(crate) use canonical::{DIRECTION_RANGE, MIN_COMPONENT, SLACK};
 pub use placement::Placement;
 pub use sampler::Sampler;
+#[cfg(any(test, feature = "render"))]
+pub(crate) use sampler::mix;
 #[cfg(feature = "render")]
-pub(crate) use sampler::{mix, mix_lanes, unit};
+pub(crate) use sampler::{mix_lanes, unit};

@@ -132,7 +132,7 @@ impl Mesh {
     }
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "bench"))]
 mod tests {
     use super::*;
     use crate::bench::meshes;

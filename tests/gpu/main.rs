@@ -1,5 +1,4 @@
 //! The GPU tracer against the definition, on any adapter there is: these tests fail without one.
-#![cfg(feature = "gpu")]
 
 mod exact;
 mod failure;
