@@ -1,64 +1,69 @@
-//! Where to cut references in two: bins along each axis, and the cheapest plane between two of them.
+//! Where to split a range of references: the cheapest plane between two bins of an axis, by the surface area
+//! heuristic (Wald 2007, *On fast Construction of SAH-based Bounding Volume Hierarchies*).
 
 use super::collapse_plan::Costs;
-use super::reference::{Bounds, Extent, LONG, PIECE, Reference, key};
+use super::packed_bounds::{PackedBounds, key};
+use super::reference::{Extent, PARALLEL_LEN, PIECE_LEN, Reference};
 use crate::lanes::{LaneTask, Lanes, SimdLevel, columns, load_one, store_one};
 use rayon::prelude::*;
 
-/// Adding this to a number of at most 2²² rounds it to a whole one, which stands in the lowest bits.
+/// Adding this to a number of at most 2²² rounds it to an integer, which is then in the lowest bits.
 const ROUND: f32 = (1 << 23) as f32;
 
-/// From so many references on they go to two sets of bins in turn: neighbours often share a bin, and then one has to wait
-/// for the other.
-const IN_TURN: usize = 256;
+/// From this many references on they are added alternately to two sets of bins. Neighbours often fall into
+/// one bin, and the second would wait for the first.
+const TWO_SETS_FROM: usize = 256;
 
-/// Only axes are cut along which keys spread so far, as a share of how far they do along the longest. The heuristic looks
-/// no further than one cut and is easily misled by others: trees are better without them, and sooner made.
-const SPREAD: f32 = 0.25;
+/// Only axes are split along which keys spread at least this share of the longest spread. The heuristic looks
+/// one split ahead and is easily misled by shorter axes: without them trees are better, and built faster.
+const MIN_SPREAD: f32 = 0.25;
 
-/// From so many references on a plane is chosen by one in [`SAMPLE`] of them.
-pub(super) const MANY: usize = 1 << 10;
+/// From this many references on the plane is chosen by every [`SAMPLE_STEP`]th of them.
+pub(super) const SAMPLED_FROM: usize = 1 << 10;
 
-/// Of one in sixteen the country kitchen's tree costs 7 % more.
-const SAMPLE: usize = 4;
+/// With a step of 16 the country kitchen's tree costs 7 % more.
+const SAMPLE_STEP: usize = 4;
 
-/// Where the bins lie: as many on each axis. Numbers are those of a key's register, of which the first three count.
+/// The bins, equally many on each axis. Arrays of eight have the lanes of a packed key; the first three
+/// count.
 #[derive(Clone, Copy)]
 struct Grid {
     origin: [f32; 8],
+    /// Bins per unit of length.
     scale: [f32; 8],
+    /// Index of the last bin.
     last: f32,
-    /// The axes that may be cut come first.
+    /// The axes; those that may be split come first.
     axes: [usize; 3],
-    /// How many may be.
-    cut: usize,
-    /// In how many references they are counted: see [`Costs::counted_in`].
-    whole: u32,
+    /// Number of axes that may be split.
+    axis_count: usize,
+    /// Numbers of references are rounded up to multiples of this: see [`Costs::count_multiple`].
+    count_multiple: u32,
 }
 
 impl Grid {
     #[inline(always)]
     fn new(extent: &Extent, bins: usize, costs: Costs) -> Self {
         let Extent { bounds, keys } = extent;
-        let whole = costs.counted_in(bounds.half_area());
+        let count_multiple = costs.count_multiple(bounds.half_area());
         let (mut scale, mut sizes) = ([0.0; 8], [0.0; 3]);
         for axis in 0..3 {
             let size = -keys.0[axis + 4] - keys.0[axis];
             sizes[axis] = size;
-            // An axis too short for its reciprocal to be finite is not cut.
+            // An axis so short that its reciprocal would be infinite is not split.
             scale[axis] = if size > 1e-36 { bins as f32 / size } else { 0.0 };
         }
         let longest = sizes[0].max(sizes[1]).max(sizes[2]);
-        let least = longest * SPREAD;
-        let (mut axes, mut cut) = ([0; 3], 0);
+        let shortest = longest * MIN_SPREAD;
+        let (mut axes, mut axis_count) = ([0; 3], 0);
         for axis in 0..3 {
-            axes[cut % 3] = axis;
-            cut += usize::from(scale[axis] > 0.0 && sizes[axis] >= least);
+            axes[axis_count % 3] = axis;
+            axis_count += usize::from(scale[axis] > 0.0 && sizes[axis] >= shortest);
         }
-        Self { origin: keys.0, scale, last: (bins - 1) as f32, axes, cut, whole }
+        Self { origin: keys.0, scale, last: (bins - 1) as f32, axes, axis_count, count_multiple }
     }
 
-    /// The bin of a key on each axis, [`ROUND`] added.
+    /// The bin of a key on each axis, plus [`ROUND`].
     #[inline(always)]
     fn bins<L: Lanes>(&self, l: L, key: L::F) -> L::F {
         let place = l.mul(l.sub(key, load_one(l, &self.origin)), load_one(l, &self.scale));
@@ -66,12 +71,13 @@ impl Grid {
         l.add(l.min(place, l.splat(self.last)), l.splat(ROUND))
     }
 
-    /// How far from the origin a bin after the first begins on an axis: the least distance that [`Grid::bins`] puts there.
+    /// Where a bin after the first begins on an axis: the least distance from the origin that [`Grid::bins`]
+    /// maps to it.
     #[inline(always)]
     fn start(&self, axis: usize, bin: usize) -> f32 {
         let scale = self.scale[axis];
         let is_before = |distance: f32| (distance * scale - 0.5).min(self.last) + ROUND < bin as f32 + ROUND;
-        // A few roundings off at most.
+        // The first guess is wrong by a few roundings at most.
         let mut start = bin as f32 / scale;
         while is_before(start) {
             start = start.next_up();
@@ -83,48 +89,50 @@ impl Grid {
     }
 }
 
-/// A plane between bins, and the boxes of the references on both sides that were counted.
-pub(super) struct Plane {
-    /// The axis, as a lane of keys.
+/// A plane between two bins.
+pub(super) struct SplitPlane {
+    /// Bit of the axis, as a lane of keys.
     axis: u32,
     origin: [f32; 8],
-    /// How far from the origin it is.
+    /// Distance from the origin along the axis.
     distance: f32,
-    pub bounds: [Bounds; 2],
+    /// The boxes of the references on the left and on the right, as far as they were counted.
+    pub bounds: [PackedBounds; 2],
 }
 
-impl Plane {
-    /// Whether the key is on the left.
+impl SplitPlane {
+    /// Whether a key is on the left.
     #[inline(always)]
     pub fn is_left<L: Lanes>(&self, l: L, key: L::F) -> bool {
         l.lt(self.axis, l.sub(key, load_one(l, &self.origin)), l.splat(self.distance)) != 0
     }
 
-    /// The cheapest that leaves something on both sides. Few bins serve few primitives as well, and of many some do.
+    /// The cheapest plane with references on both sides; `None` if there is none. Few references need fewer
+    /// bins, and of many a sample suffices.
     #[inline(always)]
     pub fn best<L: Lanes>(l: L, references: &[Reference], extent: &Extent, costs: Costs) -> Option<Self> {
         match references.len() {
             ..=128 => best::<L, 8>(l, references, extent, costs, 1),
-            129..MANY => best::<L, 16>(l, references, extent, costs, 1),
+            129..SAMPLED_FROM => best::<L, 16>(l, references, extent, costs, 1),
             _ => {
-                let some = best::<L, 16>(l, references, extent, costs, SAMPLE);
-                if some.is_some() { some } else { best::<L, 16>(l, references, extent, costs, 1) }
+                let sampled = best::<L, 16>(l, references, extent, costs, SAMPLE_STEP);
+                if sampled.is_some() { sampled } else { best::<L, 16>(l, references, extent, costs, 1) }
             }
         }
     }
 
-    /// The same for so many that they are counted in parallel.
-    pub fn best_of_long(references: &[Reference], extent: &Extent, costs: Costs) -> Option<Self> {
-        debug_assert!(references.len() >= LONG);
+    /// The same for at least [`PARALLEL_LEN`] references, counted on the current rayon pool.
+    pub fn best_in_parallel(references: &[Reference], extent: &Extent, costs: Costs) -> Option<Self> {
+        debug_assert!(references.len() >= PARALLEL_LEN);
         let grid = Grid::new(extent, 16, costs);
-        let counted = |step: usize| {
-            let pieces = references.par_chunks(PIECE);
+        let best = |step: usize| {
+            let pieces = references.par_chunks(PIECE_LEN);
             let counted =
-                pieces.map(|references| SimdLevel::run_eight(Count { grid: &grid, references, step }));
+                pieces.map(|references| SimdLevel::run_eight(CountTask { grid: &grid, references, step }));
             let bins = counted.reduce_with(Bins::union)?;
-            SimdLevel::run_eight(Cheapest { grid: &grid, bins: &bins })
+            SimdLevel::run_eight(CheapestTask { grid: &grid, bins: &bins })
         };
-        counted(SAMPLE).or_else(|| counted(1))
+        best(SAMPLE_STEP).or_else(|| best(1))
     }
 }
 
@@ -135,27 +143,28 @@ fn best<L: Lanes, const BINS: usize>(
     extent: &Extent,
     costs: Costs,
     step: usize,
-) -> Option<Plane> {
+) -> Option<SplitPlane> {
     let grid = Grid::new(extent, BINS, costs);
     let mut bins = Bins::<BINS>::EMPTY;
     bins.count(l, &grid, references, step);
     bins.cheapest(l, &grid)
 }
 
-/// Boxes and numbers of the references in bins, `BINS` on each axis that may be cut, a power of two from 8 on.
+/// The boxes and numbers of the references in each bin. `BINS`, the number of bins on each axis, is a power
+/// of two and at least 8. The outer index is that of [`Grid::axes`].
 #[derive(Clone)]
 struct Bins<const BINS: usize> {
-    bounds: [[Bounds; BINS]; 3],
+    bounds: [[PackedBounds; BINS]; 3],
     counts: [[u32; BINS]; 3],
 }
 
 impl<const BINS: usize> Bins<BINS> {
-    const EMPTY: Self = Self { bounds: [[Bounds::EMPTY; BINS]; 3], counts: [[0; BINS]; 3] };
+    const EMPTY: Self = Self { bounds: [[PackedBounds::EMPTY; BINS]; 3], counts: [[0; BINS]; 3] };
 
-    /// Counts one in `step`.
+    /// Adds every `step`th reference.
     #[inline(always)]
     fn count<L: Lanes>(&mut self, l: L, grid: &Grid, references: &[Reference], step: usize) {
-        match grid.cut {
+        match grid.axis_count {
             0 => {}
             1 => self.count_on::<L, 1>(l, grid, references, step),
             2 => self.count_on::<L, 2>(l, grid, references, step),
@@ -172,7 +181,7 @@ impl<const BINS: usize> Bins<BINS> {
         step: usize,
     ) {
         let (mut at, mut others) = (0, None);
-        if references.len() >= IN_TURN {
+        if references.len() >= TWO_SETS_FROM {
             let others = others.insert(Self::EMPTY);
             while at + step < references.len() {
                 self.add::<L, AXES>(l, grid, &references[at]);
@@ -196,7 +205,7 @@ impl<const BINS: usize> Bins<BINS> {
         for i in 0..AXES {
             let at = at[grid.axes[i] % 4].to_bits() as usize % BINS;
             let bin = &mut self.bounds[i][at];
-            *bin = Bounds::of(l, l.min(bounds, bin.load(l)));
+            *bin = PackedBounds::store(l, l.min(bounds, bin.load(l)));
             self.counts[i][at] += 1;
         }
     }
@@ -212,35 +221,36 @@ impl<const BINS: usize> Bins<BINS> {
         self
     }
 
-    /// Costs are what the surface area heuristic says. In small boxes blocks that are not full cost
-    /// as much as full ones: that fills them, for an eighth less memory at the same speed of tracing.
+    /// The cheapest plane by the surface area heuristic. In small boxes partly filled leaf blocks cost as
+    /// much as full ones (see [`Costs::count_multiple`]). That fills them: an eighth less memory at the same
+    /// tracing speed.
     #[inline(always)]
-    fn cheapest<L: Lanes>(&self, l: L, grid: &Grid) -> Option<Plane> {
-        // Nothing is left of the first bin.
-        let mut sides = [[Bounds::EMPTY; BINS]; 2];
+    fn cheapest<L: Lanes>(&self, l: L, grid: &Grid) -> Option<SplitPlane> {
+        // Entry `i` is the plane before bin `i`. Nothing is left of the first bin.
+        let mut sides = [[PackedBounds::EMPTY; BINS]; 2];
         let mut counts = [[f32::INFINITY; BINS]; 2];
-        let whole = |count: u32| count.next_multiple_of(grid.whole) as f32;
+        let rounded = |count: u32| count.next_multiple_of(grid.count_multiple) as f32;
         let (mut least, mut best) = (f32::INFINITY, None);
-        for (i, &axis) in grid.axes.iter().enumerate().take(grid.cut) {
+        for (i, &axis) in grid.axes.iter().enumerate().take(grid.axis_count) {
             let (bins, numbers) = (&self.bounds[i], &self.counts[i]);
-            let (mut right, mut count) = (Bounds::EMPTY.load(l), 0);
+            let (mut right, mut count) = (PackedBounds::EMPTY.load(l), 0);
             for i in (1..BINS).rev() {
                 right = l.min(right, bins[i].load(l));
                 count += numbers[i];
-                sides[1][i] = Bounds::of(l, right);
-                counts[1][i] = whole(count.max(1));
+                sides[1][i] = PackedBounds::store(l, right);
+                counts[1][i] = rounded(count.max(1));
             }
-            let (mut left, mut count) = (Bounds::EMPTY.load(l), 0);
+            let (mut left, mut count) = (PackedBounds::EMPTY.load(l), 0);
             for i in 1..BINS {
                 left = l.min(left, bins[i - 1].load(l));
                 count += numbers[i - 1];
-                sides[0][i] = Bounds::of(l, left);
-                counts[0][i] = whole(count.max(1));
+                sides[0][i] = PackedBounds::store(l, left);
+                counts[0][i] = rounded(count.max(1));
             }
             for first in (0..BINS).step_by(8) {
                 let mut cost = l.splat(0.0);
                 for side in 0..2 {
-                    let bounds: &[Bounds; 8] = eight(&sides[side], first);
+                    let bounds: &[PackedBounds; 8] = eight(&sides[side], first);
                     let area = half_areas(l, bytemuck::cast_ref(bounds));
                     cost = l.add(cost, l.mul(area, load_one(l, eight(&counts[side], first))));
                 }
@@ -254,17 +264,17 @@ impl<const BINS: usize> Bins<BINS> {
             }
         }
         let (axis, bin, bounds) = best?;
-        Some(Plane { axis: 1 << axis, origin: grid.origin, distance: grid.start(axis, bin), bounds })
+        Some(SplitPlane { axis: 1 << axis, origin: grid.origin, distance: grid.start(axis, bin), bounds })
     }
 }
 
-/// Eight of a slice's elements, from `first` on.
+/// Eight elements of a slice, from `first` on.
 #[inline(always)]
 fn eight<T>(slice: &[T], first: usize) -> &[T; 8] {
     slice[first..first + 8].try_into().expect("eight")
 }
 
-/// Half the surfaces of eight boxes, in lanes.
+/// Half the surface areas of eight boxes, in lanes.
 #[inline(always)]
 fn half_areas<L: Lanes>(l: L, bounds: &[[f32; 8]; 8]) -> L::F {
     let [a, b, c, _, x, y, z, _] = columns(l, bounds);
@@ -272,14 +282,14 @@ fn half_areas<L: Lanes>(l: L, bounds: &[[f32; 8]; 8]) -> L::F {
     l.add(l.add(l.mul(x, y), l.mul(y, z)), l.mul(z, x))
 }
 
-/// [`Bins::count`] to be run.
-struct Count<'a> {
+/// [`Bins::count`] as a task.
+struct CountTask<'a> {
     grid: &'a Grid,
     references: &'a [Reference],
     step: usize,
 }
 
-impl LaneTask for Count<'_> {
+impl LaneTask for CountTask<'_> {
     type Output = Bins<16>;
 
     #[inline(always)]
@@ -290,17 +300,17 @@ impl LaneTask for Count<'_> {
     }
 }
 
-/// [`Bins::cheapest`] to be run.
-struct Cheapest<'a> {
+/// [`Bins::cheapest`] as a task.
+struct CheapestTask<'a> {
     grid: &'a Grid,
     bins: &'a Bins<16>,
 }
 
-impl LaneTask for Cheapest<'_> {
-    type Output = Option<Plane>;
+impl LaneTask for CheapestTask<'_> {
+    type Output = Option<SplitPlane>;
 
     #[inline(always)]
-    fn run<L: Lanes>(self, l: L) -> Option<Plane> {
+    fn run<L: Lanes>(self, l: L) -> Option<SplitPlane> {
         self.bins.cheapest(l, self.grid)
     }
 }
@@ -311,10 +321,11 @@ mod tests {
     use crate::geom::Aabb;
     use glam::Vec3;
 
-    /// For each bin but the first, whether keys are before it, by their bins and by their distances.
-    struct Before<'a>(&'a Grid, usize, &'a [f32]);
+    /// For each bin but the first and each key: whether the key lies before the bin, by its bin and by its
+    /// distance.
+    struct LiesBefore<'a>(&'a Grid, usize, &'a [f32]);
 
-    impl LaneTask for Before<'_> {
+    impl LaneTask for LiesBefore<'_> {
         type Output = Vec<[bool; 2]>;
 
         fn run<L: Lanes>(self, l: L) -> Self::Output {
@@ -322,7 +333,8 @@ mod tests {
             let mut answers = Vec::new();
             for bin in 1..16 {
                 let (origin, distance) = (grid.origin, grid.start(axis, bin));
-                let plane = Plane { axis: 1 << axis, origin, distance, bounds: [Bounds::EMPTY; 2] };
+                let plane =
+                    SplitPlane { axis: 1 << axis, origin, distance, bounds: [PackedBounds::EMPTY; 2] };
                 for &key in keys {
                     let key = l.splat(key);
                     let bins = store_one(l, grid.bins(l, key));
@@ -334,7 +346,7 @@ mod tests {
     }
 
     #[test]
-    fn planes_lie_where_bins_begin() {
+    fn planes_separate_keys_as_bins_do() {
         for (seed, size) in (0..200u32).zip([1.0, 1e-30, 3e5, 7e17].into_iter().cycle()) {
             let number = |salt: u32| (crate::geom::mix(8 * seed + salt) >> 8) as f32 / (1 << 24) as f32 - 0.5;
             let corner = |salt: u32| Vec3::new(number(salt), number(salt + 1), number(salt + 2)) * size;
@@ -342,7 +354,7 @@ mod tests {
             let bounds = Aabb::around([corner(0) + shift, corner(3) + shift]);
             let references =
                 [bounds.min, bounds.max].map(|corner| Reference::new(0, &Aabb::around([corner; 2])));
-            let grid = Grid::new(&Extent::of_piece(&references), 16, Costs::of(1.0));
+            let grid = Grid::new(&Extent::of(&references), 16, Costs::of_tree(1.0));
             for axis in 0..3 {
                 let (low, high) = (2.0 * bounds.min[axis], 2.0 * bounds.max[axis]);
                 let mut keys = vec![low, high];
@@ -354,7 +366,7 @@ mod tests {
                         keys.push(key);
                     });
                 }
-                let answers = SimdLevel::run_eight(Before(&grid, axis, &keys));
+                let answers = SimdLevel::run_eight(LiesBefore(&grid, axis, &keys));
                 assert!(answers.iter().all(|[by_bin, by_distance]| by_bin == by_distance), "{seed} {axis}");
                 assert!(answers.iter().any(|answer| answer[0]) && answers.iter().any(|answer| !answer[0]));
             }

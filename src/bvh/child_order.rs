@@ -1,47 +1,49 @@
-//! In which order rays meet the children of a node.
+//! The order in which rays visit the children of a wide node.
 
-use super::wide_tree::WIDTH;
+use super::child::WIDTH;
 use bytemuck::{Pod, Zeroable};
 
-/// An order of the slots of a node, read in both directions. What counts is three bits for each, the first lowest: the
-/// octal digits.
+/// A permutation of a node's eight slots, stored in both directions. Each word holds eight numbers of three
+/// bits, the first in the lowest bits: octal digits. The upper eight bits mean nothing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 pub struct ChildOrder {
-    /// The turn of each slot.
+    /// For each slot, when it is visited: 0 is first.
     pub ranks: u32,
-    /// The slot of each turn.
+    /// For each rank, the slot that has it.
     pub slots: u32,
 }
 
 impl ChildOrder {
-    /// Slot after slot.
+    /// Slot 0 first, slot 7 last.
     pub const FORWARD: Self = Self { ranks: 0o7654_3210, slots: 0o7654_3210 };
 
-    /// The least key first, in the order of [`f32::total_cmp`], of equals the first slot.
+    /// Orders the slots by ascending keys, as [`f32::total_cmp`] compares them. Of equal keys the lower slot
+    /// comes first.
     pub(super) fn ascending(keys: &[f32; WIDTH]) -> Self {
         let keys = keys.map(|key| {
             let bits = key.to_bits().cast_signed();
             bits ^ (bits >> 31 & i32::MAX)
         });
-        // Without a branch, which would be guessed wrong.
-        let mut turns = [0; WIDTH];
+        // Counts smaller keys, without a branch: it would be mispredicted.
+        let mut ranks_of_slots = [0; WIDTH];
         for other in 0..WIDTH {
             for slot in 0..WIDTH {
-                let before = if other < slot { keys[other] <= keys[slot] } else { keys[other] < keys[slot] };
-                turns[slot] += u32::from(before);
+                let precedes =
+                    if other < slot { keys[other] <= keys[slot] } else { keys[other] < keys[slot] };
+                ranks_of_slots[slot] += u32::from(precedes);
             }
         }
         let (mut ranks, mut slots) = (0, 0);
-        for (slot, turn) in (0..).zip(turns) {
-            ranks |= turn << (3 * slot);
-            slots |= slot << (3 * turn);
+        for (slot, rank) in (0..).zip(ranks_of_slots) {
+            ranks |= rank << (3 * slot);
+            slots |= slot << (3 * rank);
         }
         Self { ranks, slots }
     }
 
-    /// Whether these are turns, each of one slot.
-    pub(super) fn is_order(self) -> bool {
+    /// Whether both words are permutations, each the inverse of the other.
+    pub(super) fn is_permutation(self) -> bool {
         let digit = |digits: u32, at: u32| digits >> (3 * at) & 7;
         (0..WIDTH as u32).all(|slot| digit(self.slots, digit(self.ranks, slot)) == slot)
     }
@@ -52,17 +54,17 @@ mod tests {
     use super::*;
 
     #[test]
-    fn turns_go_up_with_keys_and_equals_stay_in_their_order() {
+    fn ranks_ascend_with_keys_and_equal_keys_keep_their_order() {
         let (infinite, nan) = (f32::INFINITY, f32::NAN);
         assert_eq!(ChildOrder::ascending(&[0.0; WIDTH]), ChildOrder::FORWARD);
         assert_eq!(
             ChildOrder::ascending(&[-1.0, -0.0, 0.0, 0.0, 1.0, infinite, infinite, nan]),
             ChildOrder::FORWARD
         );
-        let turns = ChildOrder::ascending(&[3.0, infinite, -2.0, 3.0, infinite, -7.5, 0.0, 1e-40]);
-        assert_eq!(turns, ChildOrder { ranks: 0o3207_5164, slots: 0o4130_7625 });
-        assert!(turns.is_order());
-        assert!(!ChildOrder { ranks: 0o3207_5165, ..turns }.is_order());
-        assert!(!ChildOrder { slots: 0o4130_7622, ..turns }.is_order());
+        let order = ChildOrder::ascending(&[3.0, infinite, -2.0, 3.0, infinite, -7.5, 0.0, 1e-40]);
+        assert_eq!(order, ChildOrder { ranks: 0o3207_5164, slots: 0o4130_7625 });
+        assert!(order.is_permutation());
+        assert!(!ChildOrder { ranks: 0o3207_5165, ..order }.is_permutation());
+        assert!(!ChildOrder { slots: 0o4130_7622, ..order }.is_permutation());
     }
 }

@@ -1,130 +1,133 @@
-//! FlatTree tree → eight-wide tree, as planned: the top one node after the other, the subtrees below it
-//! in parallel, each by itself, and then all are put side by side.
+//! Collapses the binary tree into the eight-wide one, as planned (`collapse_plan.rs`). The top of the tree is
+//! collapsed node by node, and the subtrees below it in parallel, each into memory of its own. Then all are
+//! moved together.
 
-use super::Shape;
-use super::huge_pages::Pages;
-use super::leaf_block::{BLOCK_TRIANGLES, LeafBlocks};
-use super::leaf_packing::{LeafPacker, LeafPacking, Triangles};
+use super::binary_tree::{BinaryTree, InnerNodes, Subtree};
+use super::child::{BLOCK_TRIANGLES, Child, WIDTH};
+use super::huge_pages::HugePages;
+use super::indexed_mesh::IndexedMesh;
+use super::leaf_block::LeafBlocks;
+use super::leaf_packing::{BlockTriangles, LeafPacker, LeafPacking, concatenate};
 use super::reference::Reference;
-use super::sah::{Branches, Subtree, Tree};
-use super::shadow_order::ShadowOrder;
-use super::wide_tree::{Child, WIDTH, WideNode, WideTree};
+use super::shadow_order::SubtreeStats;
+use super::wide_tree::{WideNode, WideTree};
 use crate::geom::Aabb;
 use rayon::prelude::*;
 
-/// Subtrees of at most this many primitives are laid out by one thread. Never depends on the number of
-/// threads, nor does then the layout.
-const PART: u32 = 1 << 14;
+/// The largest number of primitives in a subtree that one thread collapses. It does not depend on the number
+/// of threads, so neither does the layout.
+const SUBTREE_LEN: u32 = 1 << 14;
 
-/// Collapses a tree; the second answer says in which block each triangle lies. Blocks take the memory of references, most
-/// of which are larger.
-pub(super) fn collapse(tree: Tree, shape: &impl Shape) -> (WideTree, Vec<Child>) {
+/// Collapses a tree. Also returns the leaf block that holds each triangle. Leaf blocks take the memory of the
+/// tree's references, which are mostly larger. Runs on the current rayon pool.
+pub(super) fn collapse<M: Fn(u32) -> bool + Sync>(
+    tree: BinaryTree,
+    mesh: &IndexedMesh<'_, M>,
+) -> (WideTree, Vec<Child>) {
     let Some(root) = tree.root() else {
-        let mut nodes = Pages::zeroed(1);
-        nodes[0] = WideNode::VACANT;
-        return (WideTree { nodes, blocks: LeafBlocks::none(), depth: 1 }, Vec::new());
+        let mut nodes = HugePages::zeroed(1);
+        nodes[0] = WideNode::EMPTY;
+        return (WideTree { nodes, blocks: LeafBlocks::empty(), depth: 1 }, Vec::new());
     };
-    let top = Top::new(&tree.branches, root);
-    // How large parts become is known when they are there.
-    let mut pile = LeafPacker::new(0, &mut []);
-    let layout = Layout { branches: &tree.branches, shape };
-    let block = |&of: &Subtree| layout.block(of, &tree.primitives(of), &mut pile);
-    let top_blocks: Vec<Laid> = top.blocks.iter().map(block).collect();
-    let Tree { mut references, branches } = tree;
-    let layout = Layout { branches: &branches, shape };
-    let (parts, mut piles): (Vec<Part>, Vec<LeafPacking>) =
-        top.rooms(&mut references).into_par_iter().map(|(part, room)| layout.part(part, room)).unzip();
-    piles.push(pile.done());
-    let mut starts = Vec::with_capacity(parts.len());
+    let top = Top::new(&tree.inner, root);
+    let mut top_packer = LeafPacker::new(0, &mut []);
+    let top_block = |&of: &Subtree| pack_block(&tree.inner, mesh, of, &tree.primitives(of), &mut top_packer);
+    let top_blocks: Vec<CollapsedChild> = top.blocks.iter().map(top_block).collect();
+    let BinaryTree { mut references, inner } = tree;
+    let collapse_one = |(of, references)| collapse_subtree(&inner, mesh, of, references);
+    let (subtrees, mut packings): (Vec<CollapsedSubtree>, Vec<LeafPacking>) =
+        top.split_references(&mut references).into_par_iter().map(collapse_one).unzip();
+    // The top's blocks are the last packing.
+    packings.push(top_packer.finish());
+    let mut starts = Vec::with_capacity(subtrees.len());
     let mut count = top.nodes.len();
-    for part in &parts {
+    for subtree in &subtrees {
         starts.push(count);
-        count += part.nodes.len();
+        count += subtree.nodes.len();
     }
     assert!(count <= Child::LIMIT, "references to children have 28 bits");
 
-    let mut nodes = Pages::zeroed(count);
-    let (top_nodes, mut nodes_left) = nodes.split_at_mut(top.nodes.len());
-    let mut leaves = Vec::with_capacity(top.nodes.len());
+    let mut nodes = HugePages::zeroed(count);
+    let (top_nodes, mut free_nodes) = nodes.split_at_mut(top.nodes.len());
+    let mut stats_by_slot = Vec::with_capacity(top.nodes.len());
     for (node, children) in top_nodes.iter_mut().zip(&top.nodes) {
-        let laid = |(of, place): &(Subtree, TopChild)| match *place {
+        let collapsed = |(of, place): &(Subtree, TopChild)| match *place {
             TopChild::Node(index) => {
-                Laid::node(index, branches.bounds(*of).to_aabb(), ShadowOrder::default())
+                CollapsedChild::node(index, inner.bounds(*of).to_aabb(), SubtreeStats::default())
             }
-            TopChild::LeafBlock(index) => top_blocks[index],
-            TopChild::Part => {
-                let index = top.part(*of);
-                Laid::node(starts[index], branches.bounds(*of).to_aabb(), parts[index].odds)
+            TopChild::Block(index) => top_blocks[index],
+            TopChild::Subtree => {
+                let index = top.subtree_index(*of);
+                CollapsedChild::node(starts[index], inner.bounds(*of).to_aabb(), subtrees[index].stats)
             }
         };
-        let leaves_of_node;
-        (*node, leaves_of_node) = self::node(children.iter().map(laid));
-        leaves.push(leaves_of_node);
+        let stats;
+        (*node, stats) = wide_node(children.iter().map(collapsed));
+        stats_by_slot.push(stats);
     }
-    order(top_nodes, &leaves);
-    let (blocks, block_starts) = LeafBlocks::of(references.cast(), &piles);
-    // The top's blocks are the last pile.
+    sort_children(top_nodes, &stats_by_slot);
+    let (blocks, block_positions) = concatenate(references.cast(), &packings);
     for node in top_nodes.iter_mut() {
-        *node = node.moved(0, block_starts[parts.len()]);
+        *node = node.with_offsets(0, block_positions[subtrees.len()]);
     }
     let mut depth = top.depth;
-    let mut copies = Vec::with_capacity(parts.len());
-    for (((part, (_, above)), &start), &blocks) in
-        parts.iter().zip(&top.parts).zip(&starts).zip(&block_starts)
-    {
-        let room;
-        (room, nodes_left) = nodes_left.split_at_mut(part.nodes.len());
-        copies.push((part, start, blocks, room));
-        depth = depth.max(above + part.depth);
+    let mut copies = Vec::with_capacity(subtrees.len());
+    for (i, subtree) in subtrees.iter().enumerate() {
+        let target;
+        (target, free_nodes) = free_nodes.split_at_mut(subtree.nodes.len());
+        copies.push((subtree, starts[i], block_positions[i], target));
+        let (_, depth_above) = top.subtrees[i];
+        depth = depth.max(depth_above + subtree.depth);
     }
-    copies.into_par_iter().for_each(|(part, start, blocks, room)| {
-        for (to, node) in room.iter_mut().zip(&part.nodes) {
-            *to = node.moved(start, blocks);
+    copies.into_par_iter().for_each(|(subtree, node_start, block_start, target)| {
+        for (to, node) in target.iter_mut().zip(&subtree.nodes) {
+            *to = node.with_offsets(node_start, block_start);
         }
     });
     let wide = WideTree { nodes, blocks, depth };
-    let places = wide.places(root.count as usize, |primitive| primitive as usize);
-    (wide, places)
+    let triangle_blocks = wide.blocks_of_triangles(root.count as usize, |primitive| primitive as usize);
+    (wide, triangle_blocks)
 }
 
-/// Odds of a node's children that are no nodes beside it, by slot.
-type Leaves = [ShadowOrder; WIDTH];
+/// The statistics of a node's children by slot. Those of inner nodes of the same range are not filled in.
+type StatsBySlot = [SubtreeStats; WIDTH];
 
-/// Puts the children of nodes into the slots where they belong, from the last node, which no other is above, to the first,
-/// whose odds it answers.
-fn order(nodes: &mut [WideNode], leaves: &[Leaves]) -> ShadowOrder {
-    let mut odds = vec![ShadowOrder::default(); nodes.len()];
+/// Sorts the children of all `nodes` into shadow order, from the last to the first: children come after their
+/// parents. Returns the statistics of the first node.
+fn sort_children(nodes: &mut [WideNode], stats_by_slot: &[StatsBySlot]) -> SubtreeStats {
+    let mut stats = vec![SubtreeStats::default(); nodes.len()];
     for at in (0..nodes.len()).rev() {
-        odds[at] = ShadowOrder::order(&mut nodes[at], |slot, child| match child.index() {
-            index if !child.is_block() && index < odds.len() => odds[index],
-            _ => leaves[at][slot],
+        stats[at] = SubtreeStats::sort_children(&mut nodes[at], |slot, child| match child.index() {
+            index if !child.is_block() && index < stats.len() => stats[index],
+            _ => stats_by_slot[at][slot],
         });
     }
-    odds.first().copied().unwrap_or_default()
+    stats.first().copied().unwrap_or_default()
 }
 
-/// The children that the plan gives the wide node of a subtree.
-fn children(branches: &Branches, of: Subtree) -> Few {
-    let mut few = Few { subtrees: [of; WIDTH], len: 0 };
+/// The children that the plan gives to the wide node of a subtree.
+fn planned_children(inner: &InnerNodes, of: Subtree) -> PlannedChildren {
+    let mut children = PlannedChildren { subtrees: [of; WIDTH], len: 0 };
     let mut take = |subtree| {
-        few.subtrees[few.len] = subtree;
-        few.len += 1;
+        children.subtrees[children.len] = subtree;
+        children.len += 1;
     };
-    if branches.is_block(of) {
-        take(of); // Only a root of few primitives.
+    if inner.is_block(of) {
+        // Only the root of a tree can be a block: it becomes the only child.
+        take(of);
     } else {
-        branches.gather(of, WIDTH, &mut take);
+        inner.gather(of, WIDTH, &mut take);
     }
-    few
+    children
 }
 
 /// At most eight subtrees.
-struct Few {
+struct PlannedChildren {
     subtrees: [Subtree; WIDTH],
     len: usize,
 }
 
-impl std::ops::Deref for Few {
+impl std::ops::Deref for PlannedChildren {
     type Target = [Subtree];
 
     fn deref(&self) -> &[Subtree] {
@@ -132,156 +135,164 @@ impl std::ops::Deref for Few {
     }
 }
 
-/// The wide nodes in the crown and over more than [`PART`] primitives, and what lies directly below them.
+/// The top of the tree: the wide nodes whose roots are reinserted nodes or hold more than [`SUBTREE_LEN`]
+/// primitives, and what lies directly below them.
 struct Top {
-    /// The children of each.
+    /// The children of each node.
     nodes: Vec<Vec<(Subtree, TopChild)>>,
+    /// The leaf blocks.
     blocks: Vec<Subtree>,
-    /// Subtrees to lay out in parallel, in the order of their references, and how many nodes are above each.
-    parts: Vec<(Subtree, usize)>,
+    /// The subtrees that are collapsed in parallel, in the order of their references, each with the number of
+    /// nodes above it.
+    subtrees: Vec<(Subtree, usize)>,
     depth: usize,
 }
 
-/// Where a child is.
+/// What a child of a top node is.
 enum TopChild {
-    /// Index of a node.
+    /// A top node, by index.
     Node(usize),
-    /// Index of a block.
-    LeafBlock(usize),
-    /// A part.
-    Part,
+    /// A leaf block, by index.
+    Block(usize),
+    /// A subtree that is collapsed in parallel.
+    Subtree,
 }
 
 impl Top {
-    fn new(branches: &Branches, root: Subtree) -> Self {
-        let mut top = Self { nodes: Vec::new(), blocks: Vec::new(), parts: Vec::new(), depth: 0 };
-        let mut subtrees = vec![(root, 1)];
-        while let Some(&(of, depth)) = subtrees.get(top.nodes.len()) {
+    fn new(inner: &InnerNodes, root: Subtree) -> Self {
+        let mut top = Self { nodes: Vec::new(), blocks: Vec::new(), subtrees: Vec::new(), depth: 0 };
+        let mut roots = vec![(root, 1)];
+        while let Some(&(of, depth)) = roots.get(top.nodes.len()) {
             top.depth = top.depth.max(depth);
-            let place = |&child: &Subtree| {
-                let place = if branches.is_block(child) {
+            let classify = |&child: &Subtree| {
+                let kind = if inner.is_block(child) {
                     top.blocks.push(child);
-                    TopChild::LeafBlock(top.blocks.len() - 1)
-                } else if child.is_fork() || child.count > PART {
-                    subtrees.push((child, depth + 1));
-                    TopChild::Node(subtrees.len() - 1)
+                    TopChild::Block(top.blocks.len() - 1)
+                } else if child.is_reinserted() || child.count > SUBTREE_LEN {
+                    roots.push((child, depth + 1));
+                    TopChild::Node(roots.len() - 1)
                 } else {
-                    top.parts.push((child, depth));
-                    TopChild::Part
+                    top.subtrees.push((child, depth));
+                    TopChild::Subtree
                 };
-                (child, place)
+                (child, kind)
             };
-            let places = children(branches, of).iter().map(place).collect();
-            top.nodes.push(places);
+            let children = planned_children(inner, of).iter().map(classify).collect();
+            top.nodes.push(children);
         }
-        top.parts.sort_unstable_by_key(|(part, _)| part.first);
+        top.subtrees.sort_unstable_by_key(|(subtree, _)| subtree.first);
         top
     }
 
-    /// Which part a child is.
-    fn part(&self, of: Subtree) -> usize {
-        self.parts.partition_point(|(part, _)| part.first < of.first)
+    /// Index of a subtree in [`Top::subtrees`].
+    fn subtree_index(&self, of: Subtree) -> usize {
+        self.subtrees.partition_point(|(subtree, _)| subtree.first < of.first)
     }
 
-    /// The parts with their references.
-    fn rooms<'a>(&self, mut references: &'a mut [Reference]) -> Vec<(Subtree, &'a mut [Reference])> {
-        let (mut rooms, mut at) = (Vec::with_capacity(self.parts.len()), 0);
-        for &(part, _) in &self.parts {
-            let (_, rest) = references.split_at_mut((part.first - at) as usize);
-            let room;
-            (room, references) = rest.split_at_mut(part.count as usize);
-            rooms.push((part, room));
-            at = part.first + part.count;
+    /// Each subtree with its references among all.
+    fn split_references<'a>(&self, mut rest: &'a mut [Reference]) -> Vec<(Subtree, &'a mut [Reference])> {
+        let (mut split, mut at) = (Vec::with_capacity(self.subtrees.len()), 0);
+        for &(subtree, _) in &self.subtrees {
+            let (_, tail) = rest.split_at_mut((subtree.first - at) as usize);
+            let references;
+            (references, rest) = tail.split_at_mut(subtree.count as usize);
+            split.push((subtree, references));
+            at = subtree.first + subtree.count;
         }
-        rooms
+        split
     }
 }
 
-/// A subtree laid out.
-struct Part {
-    /// Inner nodes, whose children are nodes of the part.
+/// A subtree after collapsing.
+struct CollapsedSubtree {
+    /// Its wide nodes. They refer to each other by index, and to the blocks of its packing.
     nodes: Vec<WideNode>,
-    /// Inner nodes on the longest way down.
+    /// Number of nodes on the longest path down.
     depth: usize,
-    odds: ShadowOrder,
+    stats: SubtreeStats,
 }
 
-/// A child laid out.
+/// A child after collapsing.
 #[derive(Clone, Copy)]
-struct Laid {
+struct CollapsedChild {
     bounds: Aabb,
     child: Child,
-    odds: ShadowOrder,
+    stats: SubtreeStats,
 }
 
-impl Laid {
-    fn node(index: usize, bounds: Aabb, odds: ShadowOrder) -> Self {
-        Self { bounds, child: Child::node(index), odds }
+impl CollapsedChild {
+    fn node(index: usize, bounds: Aabb, stats: SubtreeStats) -> Self {
+        Self { bounds, child: Child::node(index), stats }
     }
 }
 
-/// Makes nodes and blocks.
-struct Layout<'a, S> {
-    branches: &'a Branches,
-    shape: &'a S,
+/// Collapses a subtree. The children of a node are consecutive. Leaf blocks are packed into the memory of
+/// `references`.
+fn collapse_subtree<M: Fn(u32) -> bool + Sync>(
+    inner: &InnerNodes,
+    mesh: &IndexedMesh<'_, M>,
+    subtree: Subtree,
+    references: &mut [Reference],
+) -> (CollapsedSubtree, LeafPacking) {
+    let primitives: Vec<u32> = references.iter().map(Reference::primitive).collect();
+    let start = subtree.first as usize * (size_of::<Reference>() / size_of::<u32>());
+    let mut packer = LeafPacker::new(start, bytemuck::cast_slice_mut(references));
+    let mut nodes = Vec::with_capacity(subtree.count as usize / WIDTH);
+    nodes.push(WideNode::EMPTY);
+    let mut stats_by_slot = vec![StatsBySlot::default()];
+    let mut deepest = 0;
+    let mut stack = vec![(0, subtree, 1)];
+    while let Some((at, of, depth)) = stack.pop() {
+        deepest = deepest.max(depth);
+        let children = planned_children(inner, of);
+        let collapsed = children.iter().map(|&child| {
+            if inner.is_block(child) {
+                let first = (child.first - subtree.first) as usize;
+                pack_block(inner, mesh, child, &primitives[first..][..child.count as usize], &mut packer)
+            } else {
+                stack.push((nodes.len(), child, depth + 1));
+                nodes.push(WideNode::EMPTY);
+                stats_by_slot.push(StatsBySlot::default());
+                let bounds = inner.bounds(child).to_aabb();
+                CollapsedChild::node(nodes.len() - 1, bounds, SubtreeStats::default())
+            }
+        });
+        let node = wide_node(collapsed);
+        (nodes[at], stats_by_slot[at]) = node;
+    }
+    let stats = sort_children(&mut nodes, &stats_by_slot);
+    (CollapsedSubtree { nodes, depth: deepest, stats }, packer.finish())
 }
 
-impl<S: Shape> Layout<'_, S> {
-    /// Lays a subtree out, children of one node side by side, and piles its blocks up where its references are.
-    fn part(&self, part: Subtree, references: &mut [Reference]) -> (Part, LeafPacking) {
-        let primitives: Vec<u32> = references.iter().map(Reference::primitive).collect();
-        let at = part.first as usize * (size_of::<Reference>() / size_of::<u32>());
-        let mut pile = LeafPacker::new(at, bytemuck::cast_slice_mut(references));
-        let mut nodes = Vec::with_capacity(part.count as usize / WIDTH);
-        nodes.push(WideNode::VACANT);
-        let mut leaves = vec![Leaves::default()];
-        let mut deepest = 0;
-        let mut stack = vec![(0, part, 1)];
-        while let Some((at, of, depth)) = stack.pop() {
-            deepest = deepest.max(depth);
-            let children = children(self.branches, of);
-            let laid = children.iter().map(|&child| {
-                if self.branches.is_block(child) {
-                    let first = (child.first - part.first) as usize;
-                    self.block(child, &primitives[first..][..child.count as usize], &mut pile)
-                } else {
-                    stack.push((nodes.len(), child, depth + 1));
-                    nodes.push(WideNode::VACANT);
-                    leaves.push(Leaves::default());
-                    Laid::node(nodes.len() - 1, self.branches.bounds(child).to_aabb(), ShadowOrder::default())
-                }
-            });
-            let node = node(laid);
-            (nodes[at], leaves[at]) = node;
-        }
-        let odds = order(&mut nodes, &leaves);
-        (Part { nodes, depth: deepest, odds }, pile.done())
+/// Packs the leaf block of a subtree over `primitives`.
+fn pack_block<M: Fn(u32) -> bool + Sync>(
+    inner: &InnerNodes,
+    mesh: &IndexedMesh<'_, M>,
+    of: Subtree,
+    primitives: &[u32],
+    packer: &mut LeafPacker,
+) -> CollapsedChild {
+    let mut ascending = [u32::MAX; BLOCK_TRIANGLES];
+    let ascending = &mut ascending[..primitives.len()];
+    ascending.copy_from_slice(primitives);
+    ascending.sort_unstable();
+    let mut triangles = BlockTriangles::default();
+    for &primitive in &*ascending {
+        triangles.push(primitive, mesh.is_masked(primitive), mesh.corners(primitive));
     }
-
-    /// Puts a block of some primitives on a pile.
-    fn block(&self, of: Subtree, primitives: &[u32], pile: &mut LeafPacker) -> Laid {
-        let mut ascending = [u32::MAX; BLOCK_TRIANGLES];
-        let ascending = &mut ascending[..primitives.len()];
-        ascending.copy_from_slice(primitives);
-        ascending.sort_unstable();
-        let mut triangles = Triangles::default();
-        for &primitive in &*ascending {
-            triangles.push(primitive, self.shape.is_masked(primitive), self.shape.corners(primitive));
-        }
-        let bounds = match *primitives {
-            [primitive] => Aabb::around(self.shape.corners(primitive)),
-            _ => self.branches.bounds(of).to_aabb(),
-        };
-        Laid { bounds, child: pile.push(&triangles), odds: ShadowOrder::of_block(&triangles) }
-    }
+    let bounds = match *primitives {
+        [primitive] => Aabb::around(mesh.corners(primitive)),
+        _ => inner.bounds(of).to_aabb(),
+    };
+    CollapsedChild { bounds, child: packer.push(&triangles), stats: SubtreeStats::of_block(&triangles) }
 }
 
-/// The node of some children, and the odds of those.
-fn node(children: impl Iterator<Item = Laid>) -> (WideNode, Leaves) {
-    let (mut node, mut leaves) = (WideNode::VACANT, Leaves::default());
-    for (slot, laid) in children.enumerate() {
-        node.set(slot, laid.bounds, laid.child);
-        leaves[slot] = laid.odds;
+/// The wide node with the given children, and their statistics by slot.
+fn wide_node(children: impl Iterator<Item = CollapsedChild>) -> (WideNode, StatsBySlot) {
+    let (mut node, mut stats) = (WideNode::EMPTY, StatsBySlot::default());
+    for (slot, child) in children.enumerate() {
+        node.set(slot, child.bounds, child.child);
+        stats[slot] = child.stats;
     }
-    (node, leaves)
+    (node, stats)
 }

@@ -1,91 +1,100 @@
-//! How to make eight-wide nodes of a binary tree: the cheapest of all ways to merge nodes and cut
-//! leaves, found by dynamic programming (Ylitie, Karras and Laine 2017, *Efficient Incoherent Ray
-//! Traversal on GPUs Through Compressed WideTree BVHs*, section 3.1).
+//! The plan for collapsing a binary tree into an eight-wide one: of all ways to merge binary nodes into wide
+//! ones and to make leaf blocks, the cheapest by the surface area heuristic. Found by dynamic programming
+//! (Ylitie, Karras and Laine 2017, *Efficient Incoherent Ray Traversal on GPUs Through Compressed Wide BVHs*,
+//! section 3.1).
 //!
-//! The builder plans on its way back up, so that costs live on its stack and only the choices, four
-//! bytes a node, go to memory.
+//! The builder plans on its way back up. So costs live on its stack, and only the choices go to memory, four
+//! bytes a node.
+//!
+//! All areas here are half the surface of a box.
 
-use super::leaf_block::BLOCK_TRIANGLES;
-use super::wide_tree::{Child, WIDTH};
+use super::child::{BLOCK_TRIANGLES, Child, WIDTH};
 use crate::geom::Aabb;
 
 /// Cost of testing a ray against the boxes of a wide node.
 pub(super) const NODE_COST: f32 = 1.0;
 
-/// Cost of testing a ray that comes alone against a block of no triangles, and of each triangle: the eight of a block are
-/// tested at once. Cheaper blocks make more and emptier ones, which trace no faster.
-const ALONE: [f32; 2] = [1.0, 0.04];
+/// Cost of testing a single ray against a leaf block, and cost of each of its triangles: all eight are tested
+/// at once. If blocks cost less, the plan makes more and emptier ones, which trace no faster.
+const SINGLE_RAY_COST: [f32; 2] = [1.0, 0.04];
 
-/// The same for a ray that comes in a list: many are tested at once, but one triangle after the other.
-const LISTED: [f32; 2] = [0.5, 0.7];
+/// The same for one of a list of rays: many rays are tested at once, but against one triangle after the
+/// other.
+const LISTED_RAY_COST: [f32; 2] = [0.5, 0.7];
 
-/// Share of the whole tree's surface from which on a box is so large that rays come to it in lists.
+/// Boxes larger than this share of the whole tree's surface count as large: rays come to them in lists.
 const LARGE: f32 = 0.01;
 
-/// Share of the whole tree's surface up to which a box is too small for the crown.
-const CROWN: f32 = 1.0 / 512.0;
+/// Nodes whose boxes are larger than this share of the whole tree's surface may take part in reinsertion.
+const REINSERTED: f32 = 1.0 / 512.0;
 
-/// Costs of blocks. They depend on how many rays meet a block together, and that on how large it is in the tree.
+/// The cost model of a tree. The cost of a leaf block depends on how many rays reach it together, and that on
+/// how large its box is in the tree.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Costs {
-    /// Half the surface above which boxes are large.
-    large: f32,
-    /// The same of the crown.
-    crown: f32,
-    /// Whether all of the tree is wanted, down to single primitives.
-    all: bool,
+    /// Boxes of more area are large.
+    large_area: f32,
+    /// Nodes with boxes of more area may take part in reinsertion.
+    reinsertion_area: f32,
+    /// Whether the builder goes down to single primitives everywhere.
+    is_full: bool,
 }
 
 impl Costs {
-    /// Of a tree whose box has half the surface `area`.
-    pub fn of(area: f32) -> Self {
-        Self { large: LARGE * area, crown: CROWN * area, all: false }
+    /// The model of a tree whose box has the given area.
+    pub fn of_tree(area: f32) -> Self {
+        Self { large_area: LARGE * area, reinsertion_area: REINSERTED * area, is_full: false }
     }
 
-    /// The same of a tree that is wanted down to single primitives.
-    pub fn of_all(area: f32) -> Self {
-        Self { all: true, ..Self::of(area) }
+    /// The same for a tree that is built down to single primitives everywhere.
+    pub fn of_full_tree(area: f32) -> Self {
+        Self { is_full: true, ..Self::of_tree(area) }
     }
 
-    /// Whether primitives that are a block are left as they are, in a box of half the surface `area`, when two boxes
-    /// would have no smaller surfaces together.
+    /// Whether up to eight primitives in a box of the given area may become one leaf block without a subtree
+    /// below. The builder makes them one where two boxes would have no less area together.
     #[inline(always)]
-    pub fn may_stay_whole(self, area: f32) -> bool {
-        !self.all && area <= self.large
+    pub fn may_stop(self, area: f32) -> bool {
+        !self.is_full && area <= self.large_area
     }
 
-    /// Whether a node with a box of half the surface `area` may be in the crown.
+    /// Whether a node with a box of the given area may take part in reinsertion.
     #[inline(always)]
-    pub fn may_be_in_crown(self, area: f32) -> bool {
-        area > self.crown
+    pub fn may_reinsert(self, area: f32) -> bool {
+        area > self.reinsertion_area
     }
 
-    /// Cost of testing a ray that meets a box of half the surface `area` with a block of `count` triangles.
+    /// Cost of a leaf block of `count` triangles in a box of the given area: the area times the cost of a ray
+    /// that enters.
     #[inline(always)]
     pub fn block(self, area: f32, count: usize) -> f32 {
-        let [block, triangle] = if area > self.large { LISTED } else { ALONE };
+        let [block, triangle] = if area > self.large_area { LISTED_RAY_COST } else { SINGLE_RAY_COST };
         area * (block + triangle * count as f32)
     }
 
-    /// Cost of testing a ray that meets a child's box with the child.
+    /// Cost of a child of a wide node, without that of nodes below it: the area of its box times the cost of
+    /// a ray that enters.
     pub fn child(self, bounds: &Aabb, child: Child) -> f32 {
         let area = bounds.half_area();
         if child.is_block() { self.block(area, child.triangles()) } else { area * NODE_COST }
     }
 
-    /// In how many primitives the surface area heuristic counts them in parts of a box of half the surface `area`: where
-    /// rays come alone, blocks that are not full cost as much as full ones.
-    pub fn counted_in(self, area: f32) -> u32 {
-        if area > self.large { 1 } else { BLOCK_TRIANGLES as u32 }
+    /// The surface area heuristic rounds numbers of primitives in a box of the given area up to multiples of
+    /// this. Where rays come singly, a partly filled leaf block costs as much as a full one.
+    pub fn count_multiple(self, area: f32) -> u32 {
+        if area > self.large_area { 1 } else { BLOCK_TRIANGLES as u32 }
     }
 }
 
-/// Expected costs of one binary node's primitives: entry `i` when at most `i + 1` children of a wide node hold them.
-/// The last entry is of no use.
+/// The expected costs of the primitives below a binary node. Entry `i` is the least cost if at most `i + 1`
+/// children of a wide node hold them. The last entry is not used.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct CollapsePlan([f32; WIDTH]);
 
 /// What the cheapest plan does with a binary node.
+///
+/// Bit 31: as one child, its primitives are a leaf block. Bits `3 (c - 2)` to `3 (c - 2) + 2`, for `c` = 2 to
+/// 8: how many of `c` children go to the left subtree, or 0 if `c - 1` children are as good.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(transparent)]
 pub(super) struct Choice(u32);
@@ -93,61 +102,55 @@ pub(super) struct Choice(u32);
 impl Choice {
     const BLOCK: u32 = 1 << 31;
 
-    /// A block, and never anything else.
-    pub fn whole() -> Self {
-        Self(Self::BLOCK)
-    }
+    /// A leaf block, however many children there may be.
+    pub const ONE_BLOCK: Self = Self(Self::BLOCK);
 
-    /// Whether, as one child, the primitives are a block and not an inner node.
+    /// Whether the primitives, as one child, are a leaf block and not an inner node.
     pub fn is_block(self) -> bool {
         self.0 & Self::BLOCK != 0
     }
 
-    /// How many of `children` ≥ 2 go to the left; 0: one child fewer is as good.
+    /// How many of `children` ≥ 2 go to the left subtree; 0 if one child fewer is as good.
     pub fn on_left(self, children: usize) -> usize {
         (self.0 >> (3 * (children - 2)) & 7) as usize
     }
 }
 
 impl CollapsePlan {
-    /// A block of `count` primitives, and never anything else.
+    /// The plan of `count` primitives that are one leaf block, however many children there may be
+    /// ([`Choice::ONE_BLOCK`]).
     #[inline(always)]
-    pub fn whole(costs: Costs, area: f32, count: usize) -> Self {
+    pub fn one_block(costs: Costs, area: f32, count: usize) -> Self {
         Self([costs.block(area, count); WIDTH])
     }
 
-    /// A leaf of one primitive.
-    #[inline(always)]
-    pub fn leaf(costs: Costs, area: f32) -> Self {
-        Self([costs.block(area, 1); WIDTH])
-    }
-
-    /// The plan of a node over two primitives: what [`CollapsePlan::merge`] says of their leaves.
+    /// The plan of a node over two primitives whose boxes have the areas `left` and `right`. Equals
+    /// [`CollapsePlan::merge`] of their leaves.
     #[inline(always)]
     pub fn pair(costs: Costs, left: f32, right: f32, area: f32) -> (Self, Choice) {
-        let apart = costs.block(left, 1) + costs.block(right, 1);
+        let two_blocks = costs.block(left, 1) + costs.block(right, 1);
         let block = costs.block(area, 2);
-        let inner = area * NODE_COST + apart;
-        let together = block.min(inner);
+        let inner = area * NODE_COST + two_blocks;
+        let one_child = block.min(inner);
         let mut choice = if block <= inner { Choice::BLOCK } else { 0 };
-        choice |= 1 << (3 * (WIDTH - 2)) | u32::from(apart < together);
-        let mut costs = [apart.min(together); WIDTH];
-        costs[0] = together;
+        choice |= 1 << (3 * (WIDTH - 2)) | u32::from(two_blocks < one_child);
+        let mut costs = [two_blocks.min(one_child); WIDTH];
+        costs[0] = one_child;
         (Self(costs), Choice(choice))
     }
 
-    /// The plan of a node over `count` primitives from those of its children.
+    /// The plan of a node over `count` primitives, from those of its children.
     #[inline(always)]
     pub fn merge(costs: Costs, left: &Self, right: &Self, area: f32, count: usize) -> (Self, Choice) {
-        // forest[c - 1]: cheapest with exactly c children; lanes are children.
+        // forest[c - 1]: the least cost with exactly c children. The inner loop runs over c in lanes.
         let mut shifted = [f32::INFINITY; 2 * WIDTH];
         shifted[WIDTH..].copy_from_slice(&right.0);
         let (mut forest, mut on_left) = ([f32::INFINITY; WIDTH], [0u32; WIDTH]);
         for i in 1..WIDTH {
-            let first = left.0[i - 1];
-            let others: &[f32; WIDTH] = shifted[WIDTH - i..2 * WIDTH - i].try_into().expect("eight");
+            let left_cost = left.0[i - 1];
+            let right_costs: &[f32; WIDTH] = shifted[WIDTH - i..2 * WIDTH - i].try_into().expect("eight");
             for lane in 0..WIDTH {
-                let cost = first + others[lane];
+                let cost = left_cost + right_costs[lane];
                 let better = cost < forest[lane];
                 forest[lane] = if better { cost } else { forest[lane] };
                 on_left[lane] = if better { i as u32 } else { on_left[lane] };
@@ -174,17 +177,17 @@ impl CollapsePlan {
 mod tests {
     use super::*;
 
-    /// Those of small boxes.
-    const SMALL: Costs = Costs { large: f32::INFINITY, crown: f32::INFINITY, all: false };
+    /// A model in which all boxes are small.
+    const SMALL: Costs = Costs { large_area: f32::INFINITY, reinsertion_area: f32::INFINITY, is_full: false };
 
     #[test]
     fn a_block_is_made_where_it_is_cheaper_than_its_parts() {
         let leaf = CollapsePlan([1.0; WIDTH]);
-        // Half of a small box each: one block of two must beat two blocks and an inner node.
+        // In a small box one block of two triangles must beat two blocks and an inner node.
         let (plan, choice) = CollapsePlan::merge(SMALL, &leaf, &leaf, 1.0, 2);
         assert!(choice.is_block());
         assert_eq!(plan.0[0], SMALL.block(1.0, 2));
-        // A dear block is split; two children then cost their sum.
+        // An expensive block is split; two children then cost their sum.
         let (plan, choice) = CollapsePlan::merge(SMALL, &leaf, &leaf, 20.0, 2);
         assert!((plan.0[0] - SMALL.block(20.0, 2)).abs() < 1e-6 && choice.is_block());
         assert_eq!((plan.0[1], choice.on_left(2)), (2.0, 1));
@@ -194,14 +197,14 @@ mod tests {
     }
 
     #[test]
-    fn large_flat_boxes_are_blocks_of_their_own() {
-        // Two walls of a room of half the surface 3: apart each is met by a third of the rays, together by all.
-        let costs = Costs::of(3.0);
+    fn large_flat_boxes_become_blocks_of_their_own() {
+        // Two walls of a room of area 3: as two blocks each is met by a third of the rays, as one by all.
+        let costs = Costs::of_tree(3.0);
         let wall = |area| {
             CollapsePlan::merge(
                 costs,
-                &CollapsePlan::leaf(costs, area),
-                &CollapsePlan::leaf(costs, area),
+                &CollapsePlan::one_block(costs, area, 1),
+                &CollapsePlan::one_block(costs, area, 1),
                 area,
                 2,
             )
@@ -209,22 +212,22 @@ mod tests {
         };
         let (plan, choice) = CollapsePlan::merge(costs, &wall(1.0), &wall(1.0), 3.0, 4);
         assert_eq!((choice.on_left(2), plan.0[1]), (1, 2.0 * costs.block(1.0, 2)));
-        // A hundredth of that and the room is crossed by few.
-        let costs = Costs::of(300.1);
+        // If the room is a hundredth of the tree, few rays cross it.
+        let costs = Costs::of_tree(300.1);
         let (plan, choice) = CollapsePlan::merge(costs, &wall(1.0), &wall(1.0), 3.0, 4);
         assert_eq!((choice.is_block(), plan.0[0]), (true, costs.block(3.0, 4)));
     }
 
     #[test]
-    fn a_pair_s_plan_is_that_of_its_leaves() {
+    fn the_plan_of_a_pair_equals_that_of_its_merged_leaves() {
         for areas in [[1.0, 1.0, 1.0], [1.0, 1.0, 20.0], [3.0, 0.5, 3.1], [0.0, 0.0, 0.0]] {
             let [left, right, area] = areas;
-            for large in [0.0, 2.0, f32::INFINITY] {
-                let costs = Costs { large, ..SMALL };
-                let leaf = |area| CollapsePlan::leaf(costs, area);
+            for large_area in [0.0, 2.0, f32::INFINITY] {
+                let costs = Costs { large_area, ..SMALL };
+                let leaf = |area| CollapsePlan::one_block(costs, area, 1);
                 let (merged, choice) = CollapsePlan::merge(costs, &leaf(left), &leaf(right), area, 2);
                 let (plan, same) = CollapsePlan::pair(costs, left, right, area);
-                // The last entry is of no use.
+                // The last entry is not used.
                 assert_eq!((&plan.0[..WIDTH - 1], same), (&merged.0[..WIDTH - 1], choice), "{areas:?}");
             }
         }
@@ -234,7 +237,7 @@ mod tests {
     fn the_plan_costs_what_the_best_of_all_splits_costs() {
         let number = |i: u32| (crate::geom::mix(i) >> 20) as f32;
         for seed in 0..500 {
-            // Costs that fall with the number of children, as plans do.
+            // Costs that fall with the number of children, as those of plans do.
             let falling = |salt: u32| {
                 let mut costs: [f32; WIDTH] = std::array::from_fn(|i| number(seed * 64 + salt + i as u32));
                 costs.sort_by(|a, b| b.total_cmp(a));

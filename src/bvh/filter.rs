@@ -1,10 +1,11 @@
-//! What stands between a candidate and a hit.
+//! The filter between a candidate and a hit.
 
-/// Decides whether a masked triangle is there at a point: the alpha test. Asked only for triangles
-/// built as masked; a refused candidate is as if the triangle were not there. Must be a pure function
-/// of its arguments, for it may be asked any number of times, in any order, by any unit.
+/// Decides whether a candidate hit on a masked triangle counts: the alpha test. Tracers call it only for
+/// triangles that were built as masked, and treat a rejected candidate as if the triangle were not there.
+///
+/// Must be a pure function of its arguments: any unit may call it any number of times, in any order.
 pub trait Filter: Send + Sync {
-    /// Whether the surface of `primitive` is there at barycentric (`u`, `v`), the weights of its
-    /// second and third vertex.
+    /// Whether the candidate on `primitive` at the barycentric weights `u` of its second vertex and `v` of
+    /// its third counts.
     fn accepts(&self, primitive: u32, u: f32, v: f32) -> bool;
 }

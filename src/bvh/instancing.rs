@@ -1,28 +1,31 @@
-//! Two levels: a tree whose leaves are trees, each placed in the world, so that geometry shown many times is there
-//! once.
+//! Two-level trees: a tree whose leaves are instances of other trees (TLAS over BLAS). Geometry that appears
+//! many times is stored once.
 
-use super::huge_pages::Pages;
+use super::Bvh;
+use super::child::Child;
+use super::huge_pages::HugePages;
 use super::leaf_block::LeafBlocks;
-use super::{Bvh, Child, WideNode, WideTree};
+use super::wide_tree::{WideNode, WideTree};
 use crate::geom::{Aabb, Placement};
 use rayon::prelude::*;
 use std::sync::Arc;
 
-/// A tree placed in the world.
+/// A tree of triangles, placed in the world.
 #[derive(Clone, Debug)]
 pub struct TreeInstance {
     /// The tree, in its own space.
     pub tree: Arc<Bvh>,
-    /// Moves its corners into the world; `None` for a tree that is there already.
+    /// Moves the tree's corners into the world; `None` for a tree in world space.
     pub placement: Option<Placement>,
-    /// What is added to its primitive ids.
+    /// Added to the tree's primitive ids.
     pub first_primitive: u32,
-    /// The smallest box around its moved triangles.
+    /// The smallest box around the moved triangles.
     pub bounds: Aabb,
 }
 
 impl TreeInstance {
-    /// A tree, moved by `placement`, whose primitives are `first_primitive` and the following.
+    /// A tree moved by `placement`. Its primitive ids count from `first_primitive`. Computes the box from all
+    /// corners, on the current rayon pool.
     pub fn placed(tree: Arc<Bvh>, placement: Placement, first_primitive: u32) -> Self {
         let nodes = tree.wide.nodes.par_iter().with_min_len(1 << 6);
         let bounds = nodes
@@ -35,105 +38,109 @@ impl TreeInstance {
         Self { tree, placement: Some(placement), first_primitive, bounds }
     }
 
-    /// A tree that stands in the world, with its own primitive ids.
+    /// A tree in world space, with its own primitive ids.
     pub fn in_world(tree: Arc<Bvh>) -> Self {
         Self { bounds: tree.bounds, tree, placement: None, first_primitive: 0 }
     }
 }
 
-/// The members of a two-level tree. Empty for a tree of triangles.
+/// The instances of a two-level tree.
 #[derive(Clone, Debug, Default)]
-pub(super) struct InstanceTree {
-    pub members: Vec<TreeInstance>,
-    /// Who has the primitives from an id on.
-    spans: Vec<(u32, u32)>,
-    pub triangles: usize,
-}
-
-impl InstanceTree {
-    /// The member that has a primitive.
-    pub fn owner(&self, primitive: u32) -> &TreeInstance {
-        let span = self.spans.partition_point(|&(first, _)| first <= primitive) - 1;
-        &self.members[self.spans[span].1 as usize]
-    }
+pub(super) struct Instances {
+    pub all: Vec<TreeInstance>,
+    /// First primitive id of each run of consecutive ids, ascending, with the index of its instance.
+    runs: Vec<(u32, u32)>,
+    /// Number of triangles of all instances.
+    pub triangle_count: usize,
 }
 
 impl Bvh {
-    /// Puts trees together: a tree over them. Every primitive id is of one member, and all together are
-    /// consecutive from 0. The trees must be of triangles.
+    /// The tree over instances. Those without triangles are left out.
     ///
     /// # Panics
-    /// If ids are missing or given twice, or a member is itself an assembly.
-    pub fn from_instances(members: Vec<TreeInstance>) -> Self {
-        let members: Vec<TreeInstance> =
-            members.into_iter().filter(|member| !member.tree.is_empty()).collect();
-        let corners: Vec<_> = members.iter().flat_map(|m| [m.bounds.min, m.bounds.max]).collect();
-        // A triangle with the box of each member.
-        let boxes: Vec<_> = (0..members.len() as u32).map(|i| [2 * i, 2 * i + 1, 2 * i]).collect();
-        let over = Self::build(&corners, &boxes, |_| false);
-        let assembly = InstanceTree::new(members);
-        Self { wide: assembly.top(&over), places: Vec::new(), assembly: Some(assembly), ..over }
+    /// Unless each primitive id from 0 up to the number of triangles belongs to one instance. If an instance
+    /// is itself a two-level tree.
+    pub fn from_instances(instances: Vec<TreeInstance>) -> Self {
+        let instances: Vec<TreeInstance> =
+            instances.into_iter().filter(|instance| !instance.tree.is_empty()).collect();
+        let corners: Vec<_> = instances.iter().flat_map(|i| [i.bounds.min, i.bounds.max]).collect();
+        // One triangle for each instance, with the same box.
+        let boxes: Vec<_> = (0..instances.len() as u32).map(|i| [2 * i, 2 * i + 1, 2 * i]).collect();
+        let over_boxes = Self::build(&corners, &boxes, |_| false);
+        let instances = Instances::new(instances);
+        let wide = instances.tree_over(&over_boxes);
+        Self { wide, triangle_blocks: Vec::new(), instances: Some(instances), ..over_boxes }
     }
 
-    /// The trees that this one is put together of; none when it is a tree of triangles. The leaves of
-    /// [`Bvh::wide`] are then members: a child that is a block is one, by index.
+    /// The instances of a two-level tree; none in a tree of triangles. In a two-level tree a child of
+    /// [`Bvh::wide`] that is a leaf block stands for the instance with its index.
     pub fn instances(&self) -> &[TreeInstance] {
-        self.assembly.as_ref().map_or(&[], |assembly| &assembly.members)
+        self.instances.as_ref().map_or(&[], |instances| &instances.all)
     }
 }
 
-impl InstanceTree {
-    fn new(members: Vec<TreeInstance>) -> Self {
-        let mut spans: Vec<(u32, u32)> = Vec::new();
-        for (index, member) in (0..).zip(&members) {
-            assert!(member.tree.instances().is_empty(), "two levels, not more");
-            let runs = member.tree.numbering.starts();
-            spans.extend(runs.map(|start| (member.first_primitive + start, index)));
+impl Instances {
+    fn new(all: Vec<TreeInstance>) -> Self {
+        let mut runs: Vec<(u32, u32)> = Vec::new();
+        for (index, instance) in (0..).zip(&all) {
+            assert!(instance.tree.instances().is_empty(), "two levels, not more");
+            let starts = instance.tree.ids.run_starts();
+            runs.extend(starts.map(|start| (instance.first_primitive + start, index)));
         }
-        spans.sort_unstable();
-        let triangles = members.iter().map(|member| member.tree.len()).sum();
-        let assembly = Self { members, spans, triangles };
-        assembly.check_ids();
-        assembly
+        runs.sort_unstable();
+        let triangle_count = all.iter().map(|instance| instance.tree.len()).sum();
+        let instances = Self { all, runs, triangle_count };
+        instances.check_ids();
+        instances
     }
 
-    /// Panics unless every id up to the number of triangles has one owner.
+    /// Panics unless every id below the number of triangles belongs to one instance.
     fn check_ids(&self) {
         let mut next = 0;
-        for (at, &(first, member)) in self.spans.iter().enumerate() {
-            let member = &self.members[member as usize];
+        for (at, &(first, instance)) in self.runs.iter().enumerate() {
+            let TreeInstance { tree, first_primitive, .. } = &self.all[instance as usize];
             assert_eq!(first, next, "primitive ids follow each other");
-            let until = self.spans.get(at + 1).map_or(self.triangles as u32, |&(next, _)| next);
-            let count = until.saturating_sub(first);
-            let place = member.tree.numbering.index(first - member.first_primitive);
-            let last = member.tree.numbering.index((first + count).max(1) - 1 - member.first_primitive);
-            let whole = count > 0 && last + 1 == place + count as usize && last < member.tree.len();
-            assert!(whole, "primitive ids follow each other");
-            next = until;
+            let end = self.runs.get(at + 1).map_or(self.triangle_count as u32, |&(next, _)| next);
+            let count = end.saturating_sub(first);
+            let index = tree.ids.index(first - first_primitive);
+            let last = tree.ids.index((first + count).max(1) - 1 - first_primitive);
+            let is_whole = count > 0 && last + 1 == index + count as usize && last < tree.len();
+            assert!(is_whole, "primitive ids follow each other");
+            next = end;
         }
     }
 
-    /// The tree over members: that over their boxes, each block turned into a node.
-    fn top(&self, over: &Bvh) -> WideTree {
-        let inner = over.wide.nodes.len();
-        let mut nodes = over.wide.nodes.to_vec();
+    /// The instance that a primitive belongs to.
+    pub fn owner(&self, primitive: u32) -> &TreeInstance {
+        let run = self.runs.partition_point(|&(first, _)| first <= primitive) - 1;
+        &self.all[self.runs[run].1 as usize]
+    }
+
+    /// The wide tree over the instances, from the tree over their boxes. Each of its leaf blocks becomes a
+    /// node whose children are instances.
+    fn tree_over(&self, boxes: &Bvh) -> WideTree {
+        let inner_count = boxes.wide.nodes.len();
+        let mut nodes = boxes.wide.nodes.to_vec();
         let mut blocks = Vec::new();
         for node in &mut nodes {
             for child in node.children.iter_mut().filter(|child| **child != Child::NONE && child.is_block()) {
-                blocks.push(over.wide.blocks.get(*child));
-                *child = Child::node(inner + blocks.len() - 1);
+                blocks.push(boxes.wide.blocks.get(*child));
+                *child = Child::node(inner_count + blocks.len() - 1);
             }
         }
         for block in blocks {
-            let members: Vec<u32> = (0..block.len()).map(|row| block.primitive(row)).collect();
-            let boxes: Vec<Aabb> = members.iter().map(|&m| self.members[m as usize].bounds).collect();
-            let mut node = WideNode::VACANT;
-            for (slot, (member, bounds)) in members.iter().zip(boxes).enumerate() {
-                node.set(slot, bounds, Child::block(*member as usize, 1));
+            let mut node = WideNode::EMPTY;
+            for row in 0..block.len() {
+                let instance = block.primitive(row) as usize;
+                node.set(row, self.all[instance].bounds, Child::block(instance, 1));
             }
-            node.face_rays();
+            node.update_front_to_back();
             nodes.push(node);
         }
-        WideTree { nodes: Pages::of(&nodes), blocks: LeafBlocks::none(), depth: over.wide.depth + 1 }
+        WideTree {
+            nodes: HugePages::from_slice(&nodes),
+            blocks: LeafBlocks::empty(),
+            depth: boxes.wide.depth + 1,
+        }
     }
 }

@@ -1,32 +1,34 @@
-//! Blocks of a part of a tree, before all parts lie side by side: in memory that the part has already used for something
-//! else, for memory that is touched for the first time is dear.
+//! Packs leaf blocks. Each subtree's blocks are packed separately, into the memory of the subtree's primitive
+//! references, which are no longer needed: fresh memory would cost page faults. Then all are moved together.
 
-use super::huge_pages::Pages;
-use super::leaf_block::{BLOCK_TRIANGLES, MASKED, NORMAL, SLACK, TABLE, UNIT, Word};
-use super::wide_tree::Child;
+use super::child::{BLOCK_TRIANGLES, Child};
+use super::huge_pages::HugePages;
+use super::leaf_block::{
+    BLOCK_ALIGN, CornerIndices, LeafBlocks, MASKED, MAX_SHARED_CORNERS, NORMAL_BIT, PADDING,
+};
 use crate::lanes::{LaneTask, Lanes, SimdLevel, load_one};
 use glam::Vec3;
 use rayon::prelude::*;
 
-/// Up to eight triangles that are to be a block.
+/// Up to eight triangles, to be packed into a leaf block.
 #[derive(Debug, Default)]
-pub(super) struct Triangles {
+pub(super) struct BlockTriangles {
     ids: [u32; BLOCK_TRIANGLES],
     /// Coordinates as `[vertex][axis][row]`; all zero in rows without a triangle.
     pub columns: [[[f32; BLOCK_TRIANGLES]; 3]; 3],
     count: usize,
 }
 
-impl Triangles {
+impl BlockTriangles {
     /// Number of triangles.
     pub fn len(&self) -> usize {
         self.count
     }
 
-    /// Takes one more.
+    /// Adds a triangle.
     #[inline]
     pub fn push(&mut self, primitive: u32, is_masked: bool, corners: [Vec3; 3]) {
-        self.ids[self.count] = primitive | NORMAL | if is_masked { MASKED } else { 0 };
+        self.ids[self.count] = primitive | NORMAL_BIT | if is_masked { MASKED } else { 0 };
         for (columns, corner) in self.columns.iter_mut().zip(corners) {
             for (column, coordinate) in columns.iter_mut().zip(corner.to_array()) {
                 column[self.count] = coordinate;
@@ -35,179 +37,185 @@ impl Triangles {
         self.count += 1;
     }
 
-    /// A bit for the corner of each vertex and row: that of vertex 1 in row 2 is bit 10.
-    fn corners(&self) -> u32 {
+    /// The mask of all corners. A corner's bit is `8 * vertex + row`.
+    fn corner_mask(&self) -> u32 {
         ((1 << self.count) - 1) * 0x1_0101
     }
 }
 
-/// Blocks one behind the other.
+/// The packed blocks of one subtree.
 #[derive(Debug)]
 pub(super) struct LeafPacking {
-    /// Where its room begins.
-    at: usize,
-    /// Words, at the beginning of its room or elsewhere.
+    /// First word of the memory that was given to the packer.
+    start: usize,
+    /// Size in words, at the start of that memory or in `overflow`.
     len: usize,
-    /// The words, if its room was too small.
-    elsewhere: Vec<u32>,
+    /// All words, if that memory was too small; otherwise empty.
+    overflow: Vec<u32>,
 }
 
-/// A [`LeafPacking`] that grows.
+/// Packs the blocks of one subtree.
 #[derive(Debug)]
 pub(super) struct LeafPacker<'a> {
-    pile: LeafPacking,
-    room: &'a mut [u32],
+    packing: LeafPacking,
+    memory: &'a mut [u32],
 }
 
 impl<'a> LeafPacker<'a> {
-    /// An empty one, that begins at `at` of memory where it has `room`.
-    pub fn new(at: usize, room: &'a mut [u32]) -> Self {
-        Self { pile: LeafPacking { at, len: 0, elsewhere: Vec::new() }, room }
+    /// A packer that fills `memory`, which begins at word `start` of the memory of all subtrees.
+    pub fn new(start: usize, memory: &'a mut [u32]) -> Self {
+        Self { packing: LeafPacking { start, len: 0, overflow: Vec::new() }, memory }
     }
 
-    /// Room for so many words more.
-    fn take(&mut self, words: usize) -> &mut [u32] {
-        let LeafPacking { len, elsewhere, .. } = &mut self.pile;
+    /// The next `words` words. When the memory is exhausted, all words move to a vector that grows.
+    fn allocate(&mut self, words: usize) -> &mut [u32] {
+        let LeafPacking { len, overflow, .. } = &mut self.packing;
         let (start, end) = (*len, *len + words);
         *len = end;
-        if elsewhere.is_empty() && end <= self.room.len() {
-            return &mut self.room[start..end];
+        if overflow.is_empty() && end <= self.memory.len() {
+            return &mut self.memory[start..end];
         }
-        if elsewhere.is_empty() {
-            elsewhere.extend_from_slice(&self.room[..start]);
+        if overflow.is_empty() {
+            overflow.extend_from_slice(&self.memory[..start]);
         }
-        elsewhere.resize(end, 0);
-        &mut elsewhere[start..]
+        overflow.resize(end, 0);
+        &mut overflow[start..]
     }
 
-    /// Puts a block on it.
-    pub fn push(&mut self, triangles: &Triangles) -> Child {
+    /// Packs a block. The position of the returned child counts from this packer's first block.
+    pub fn push(&mut self, triangles: &BlockTriangles) -> Child {
         let count = triangles.count;
-        let Alike { mut first, mut names } = SimdLevel::run_eight(Compare(triangles));
-        let mut corners = first.count_ones() as usize;
-        if corners > TABLE {
-            corners = 3 * count;
-            first = triangles.corners();
-            names = std::array::from_fn(|corner| {
+        let SharedCorners { mut distinct, mut indices } = SimdLevel::run_eight(FindSharedCorners(triangles));
+        let mut corner_count = distinct.count_ones() as usize;
+        if corner_count > MAX_SHARED_CORNERS {
+            corner_count = 3 * count;
+            distinct = triangles.corner_mask();
+            indices = std::array::from_fn(|corner| {
                 (corner / BLOCK_TRIANGLES * count + corner % BLOCK_TRIANGLES) as u8
             });
         }
-        let start = self.pile.len;
-        let block = self.take((2 * count + 3 * corners).next_multiple_of(UNIT));
+        let start = self.packing.len;
+        let block = self.allocate((2 * count + 3 * corner_count).next_multiple_of(BLOCK_ALIGN));
         let (words, rest) = block.split_at_mut(count);
-        let (x, rest) = rest.split_at_mut(corners);
-        let (y, rest) = rest.split_at_mut(corners);
-        let (z, ids) = rest.split_at_mut(corners);
+        let (x, rest) = rest.split_at_mut(corner_count);
+        let (y, rest) = rest.split_at_mut(corner_count);
+        let (z, ids) = rest.split_at_mut(corner_count);
         for ((x, y), z) in x.iter_mut().zip(y).zip(z) {
-            let corner = first.trailing_zeros() as usize;
-            first &= first - 1;
+            let corner = distinct.trailing_zeros() as usize;
+            distinct &= distinct - 1;
             let columns = &triangles.columns[corner / BLOCK_TRIANGLES % 3];
             [*x, *y, *z] = [0, 1, 2].map(|axis| columns[axis][corner % BLOCK_TRIANGLES].to_bits());
         }
         for (row, word) in words.iter_mut().enumerate() {
-            let name = |vertex: usize| usize::from(names[vertex * BLOCK_TRIANGLES + row]);
-            *word = Word::new([name(0), name(1), name(2)], corners).bits();
+            let index = |vertex: usize| usize::from(indices[vertex * BLOCK_TRIANGLES + row]);
+            *word = CornerIndices::new([index(0), index(1), index(2)], corner_count).bits();
         }
-        let (ids, padding) = ids.split_at_mut(count);
+        let (ids, zeros) = ids.split_at_mut(count);
         ids.copy_from_slice(&triangles.ids[..count]);
-        padding.fill(0);
-        Child::block(start / UNIT, count)
+        zeros.fill(0);
+        Child::block(start / BLOCK_ALIGN, count)
     }
 
-    /// What has grown.
-    pub fn done(self) -> LeafPacking {
-        self.pile
+    /// The packed blocks.
+    pub fn finish(self) -> LeafPacking {
+        self.packing
     }
 }
 
 impl LeafPacking {
-    /// Its words.
+    /// The packed words; `memory` is that of all subtrees.
     fn words<'a>(&'a self, memory: &'a [u32]) -> &'a [u32] {
-        if self.elsewhere.is_empty() { &memory[self.at..][..self.len] } else { &self.elsewhere }
+        if self.overflow.is_empty() { &memory[self.start..][..self.len] } else { &self.overflow }
     }
 }
 
-/// Puts piles side by side, with [`SLACK`] behind them, and says in which [`UNIT`] each begins: those in their rooms in the
-/// memory's order, then the others. If that is too much for `memory`, all go to new one.
-pub(super) fn side_by_side(memory: Pages<u32>, piles: &[LeafPacking]) -> (Pages<u32>, Vec<usize>) {
-    let mut order: Vec<usize> = (0..piles.len()).collect();
-    order.sort_unstable_by_key(|&pile| (!piles[pile].elsewhere.is_empty(), piles[pile].at));
-    let (mut starts, mut len) = (vec![0; piles.len()], 0);
-    for &pile in &order {
-        starts[pile] = len / UNIT;
-        len += piles[pile].len;
+/// Moves all packings together and adds [`PADDING`] words. Returns the blocks, and for each packing the
+/// position of its first block, by which its children are to be offset.
+///
+/// Packings in `memory` keep their order; those that overflowed follow. If `memory` is too small for all,
+/// they are copied to new memory. Runs on the current rayon pool.
+pub(super) fn concatenate(memory: HugePages<u32>, packings: &[LeafPacking]) -> (LeafBlocks, Vec<usize>) {
+    let mut order: Vec<usize> = (0..packings.len()).collect();
+    order.sort_unstable_by_key(|&i| (!packings[i].overflow.is_empty(), packings[i].start));
+    let (mut positions, mut len) = (vec![0; packings.len()], 0);
+    for &i in &order {
+        positions[i] = len / BLOCK_ALIGN;
+        len += packings[i].len;
     }
-    let ordered: Vec<&LeafPacking> = order.into_iter().map(|pile| &piles[pile]).collect();
-    let mut memory = if len + SLACK <= memory.len() {
-        close_gaps(memory, &ordered)
+    let ordered: Vec<&LeafPacking> = order.into_iter().map(|i| &packings[i]).collect();
+    let mut words = if len + PADDING <= memory.len() {
+        compact(memory, &ordered)
     } else {
-        let mut there = Pages::zeroed(len + SLACK);
-        copy(&ordered, |pile| pile.words(&memory), &mut there);
-        there
+        let mut words = HugePages::zeroed(len + PADDING);
+        copy(&ordered, |packing| packing.words(&memory), &mut words);
+        words
     };
-    memory[len..len + SLACK].fill(0);
-    (memory.shortened(len + SLACK), starts)
+    words[len..len + PADDING].fill(0);
+    (LeafBlocks::from_words(words.truncated(len + PADDING)), positions)
 }
 
-/// Moves piles together, those in their rooms first.
-fn close_gaps(mut memory: Pages<u32>, mut piles: &[&LeafPacking]) -> Pages<u32> {
+/// Moves packings to the front of `memory`. Those that lie in it come first and ascend.
+fn compact(mut memory: HugePages<u32>, mut packings: &[&LeafPacking]) -> HugePages<u32> {
     let mut end = 0;
-    while let Some(&&LeafPacking { at, len, ref elsewhere }) = piles.first() {
+    while let Some(&&LeafPacking { start, len, ref overflow }) = packings.first() {
         let mut moved = 1;
-        if !elsewhere.is_empty() {
-            moved = piles.len();
-            copy(piles, |pile| &pile.elsewhere, &mut memory[end..]);
-        } else if end + len > at {
-            memory.copy_within(at..at + len, end);
+        if !overflow.is_empty() {
+            moved = packings.len();
+            copy(packings, |packing| &packing.overflow, &mut memory[end..]);
+        } else if end + len > start {
+            // It overlaps its target.
+            memory.copy_within(start..start + len, end);
         } else {
-            // As many as there is room for before the first of them.
-            let (there, rest) = memory.split_at_mut(at);
-            let mut room = there.len() - end;
-            let fits = |pile: &&&LeafPacking| {
-                let fits = pile.elsewhere.is_empty() && pile.len <= room;
-                room -= if fits { pile.len } else { 0 };
+            // Copies as many in parallel as fit before the start of the first.
+            let (target, source) = memory.split_at_mut(start);
+            let mut room = target.len() - end;
+            let fits = |packing: &&&LeafPacking| {
+                let fits = packing.overflow.is_empty() && packing.len <= room;
+                room -= if fits { packing.len } else { 0 };
                 fits
             };
-            moved = piles.iter().take_while(fits).count();
-            copy(&piles[..moved], |pile| &rest[pile.at - at..][..pile.len], &mut there[end..]);
+            moved = packings.iter().take_while(fits).count();
+            let words = |packing: &LeafPacking| &source[packing.start - start..][..packing.len];
+            copy(&packings[..moved], words, &mut target[end..]);
         }
-        end += piles[..moved].iter().map(|pile| pile.len).sum::<usize>();
-        piles = &piles[moved..];
+        end += packings[..moved].iter().map(|packing| packing.len).sum::<usize>();
+        packings = &packings[moved..];
     }
     memory
 }
 
-/// Copies piles, whose words `of` gives, one behind the other.
+/// Copies the words of packings to `target`, one after the other, in parallel.
 fn copy<'a>(
-    piles: &[&'a LeafPacking],
-    of: impl Fn(&'a LeafPacking) -> &'a [u32] + Sync,
-    mut there: &mut [u32],
+    packings: &[&'a LeafPacking],
+    words: impl Fn(&'a LeafPacking) -> &'a [u32] + Sync,
+    mut target: &mut [u32],
 ) {
-    let mut copies = Vec::with_capacity(piles.len());
-    for pile in piles {
-        let room;
-        (room, there) = there.split_at_mut(pile.len);
-        copies.push((room, *pile));
+    let mut copies = Vec::with_capacity(packings.len());
+    for packing in packings {
+        let part;
+        (part, target) = target.split_at_mut(packing.len);
+        copies.push((part, *packing));
     }
-    copies.into_par_iter().for_each(|(room, pile)| room.copy_from_slice(of(pile)));
+    copies.into_par_iter().for_each(|(part, packing)| part.copy_from_slice(words(packing)));
 }
 
-/// Which corners of some triangles are the same, to the bit.
-struct Alike {
-    /// A bit for each corner that none before is like: see [`Triangles::corners`].
-    first: u32,
-    /// For each corner, how many of these lie before the one that it is like.
-    names: [u8; 3 * BLOCK_TRIANGLES],
+/// Which corners of up to eight triangles are equal to the bit. Corners are numbered as in
+/// [`BlockTriangles::corner_mask`].
+struct SharedCorners {
+    /// The corners that equal no earlier one.
+    distinct: u32,
+    /// For each corner, the index of its equal among the distinct ones.
+    indices: [u8; 3 * BLOCK_TRIANGLES],
 }
 
-/// Finds them, each corner compared with all in lanes and without a branch.
-struct Compare<'a>(&'a Triangles);
+/// Compares each corner with all others, in lanes and without a branch.
+struct FindSharedCorners<'a>(&'a BlockTriangles);
 
-impl LaneTask for Compare<'_> {
-    type Output = Alike;
+impl LaneTask for FindSharedCorners<'_> {
+    type Output = SharedCorners;
 
     #[inline(always)]
-    fn run<L: Lanes>(self, l: L) -> Alike {
+    fn run<L: Lanes>(self, l: L) -> SharedCorners {
         const { assert!(L::LANES == BLOCK_TRIANGLES) };
         let columns = &self.0.columns;
         let mut all = [[l.splat_u32(0); 3]; 3];
@@ -216,29 +224,29 @@ impl LaneTask for Compare<'_> {
                 *all = l.bits(load_one(l, column));
             }
         }
-        let there = self.0.corners();
-        let mut alike = Alike { first: 0, names: [0; 3 * BLOCK_TRIANGLES] };
-        let mut left = there;
-        while left != 0 {
-            let at = left.trailing_zeros() as usize;
-            left &= left - 1;
+        let corners = self.0.corner_mask();
+        let mut shared = SharedCorners { distinct: 0, indices: [0; 3 * BLOCK_TRIANGLES] };
+        let mut rest = corners;
+        while rest != 0 {
+            let at = rest.trailing_zeros() as usize;
+            rest &= rest - 1;
             let columns = &columns[at / BLOCK_TRIANGLES];
             let [x, y, z] = [0, 1, 2].map(|axis: usize| columns[axis][at % BLOCK_TRIANGLES].to_bits());
             let corner = [l.splat_u32(x), l.splat_u32(y), l.splat_u32(z)];
-            let same = equal(l, &all[0], &corner)
+            let equal = equal(l, &all[0], &corner)
                 | equal(l, &all[1], &corner) << BLOCK_TRIANGLES
                 | equal(l, &all[2], &corner) << (2 * BLOCK_TRIANGLES);
-            // It is like itself.
-            let same = same & there;
-            let lowest = same & same.wrapping_neg();
-            alike.first |= lowest & 1 << at;
-            alike.names[at] = (alike.first & (lowest - 1)).count_ones() as u8;
+            // Not zero: the corner equals itself.
+            let equal = equal & corners;
+            let first = equal & equal.wrapping_neg();
+            shared.distinct |= first & 1 << at;
+            shared.indices[at] = (shared.distinct & (first - 1)).count_ones() as u8;
         }
-        alike
+        shared
     }
 }
 
-/// The lanes whose corner is this one.
+/// The lanes in which `corners` equals `corner` to the bit.
 #[inline(always)]
 fn equal<L: Lanes>(l: L, corners: &[L::I; 3], corner: &[L::I; 3]) -> u32 {
     let x = l.xor_u32(corners[0], corner[0]);
@@ -251,25 +259,26 @@ fn equal<L: Lanes>(l: L, corners: &[L::I; 3], corner: &[L::I; 3]) -> u32 {
 mod tests {
     use super::*;
     use crate::bvh::LeafBlock;
+    use crate::lanes::store_one;
 
     #[test]
-    fn corners_that_are_the_same_to_the_bit_are_there_once() {
+    fn corners_that_are_equal_to_the_bit_are_stored_once() {
         let corner = |i: u32| Vec3::new((i % 3) as f32, (i / 3 % 2) as f32 - 0.0, -((i / 6) as f32));
         for seed in 0..2000 {
-            let mut triangles = Triangles::default();
+            let mut triangles = BlockTriangles::default();
             let count = 1 + seed as usize % BLOCK_TRIANGLES;
-            // Few places are shared by many, many by few.
-            let places = 1 + (seed / 8) % 40;
+            // With few points many triangles share each, with many points few.
+            let points = 1 + (seed / 8) % 40;
             for row in 0..count as u32 {
-                let random = |vertex: u32| corner(crate::geom::mix(64 * seed + 4 * row + vertex) % places);
+                let random = |vertex: u32| corner(crate::geom::mix(64 * seed + 4 * row + vertex) % points);
                 triangles.push(row, false, [0, 1, 2].map(random));
             }
-            // Its room just does, or does not.
-            let mut room = [seed; 88];
-            let mut pile = LeafPacker::new(0, &mut room[..88 - seed as usize % 2 * 88]);
-            let child = pile.push(&triangles);
-            let pile = pile.done();
-            let words = [pile.words(&room), &[0; SLACK]].concat();
+            // The largest block just fits the memory, or there is none.
+            let mut memory = [seed; 88];
+            let mut packer = LeafPacker::new(0, &mut memory[..88 - seed as usize % 2 * 88]);
+            let child = packer.push(&triangles);
+            let packing = packer.finish();
+            let words = [packing.words(&memory), &[0; PADDING]].concat();
             let block = LeafBlock::new(&words, count);
             assert_eq!(child, Child::block(0, count));
             let mut all = Vec::new();
@@ -281,57 +290,114 @@ mod tests {
             }
             all.sort_unstable();
             all.dedup();
-            let corners = if all.len() > TABLE { 3 * count } else { all.len() };
-            assert_eq!(pile.len, (2 * count + 3 * corners).next_multiple_of(UNIT), "{places} places");
-            assert!(words[2 * count + 3 * corners..].iter().all(|&word| word == 0));
+            let corner_count = if all.len() > MAX_SHARED_CORNERS { 3 * count } else { all.len() };
+            let len = (2 * count + 3 * corner_count).next_multiple_of(BLOCK_ALIGN);
+            assert_eq!(packing.len, len, "{points} points");
+            assert!(words[2 * count + 3 * corner_count..].iter().all(|&word| word == 0));
         }
     }
 
     #[test]
-    fn piles_lie_side_by_side_wherever_they_grew() {
+    fn packings_are_concatenated_wherever_they_were_packed() {
         for seed in 0..400 {
             let number = |salt: u32, below: u32| (crate::geom::mix(100 * seed + salt) % below) as usize;
-            // Rooms with gaps between them, of which piles fill much, all or too little.
+            // Pieces of memory with gaps between them. Packings fill them in part, exactly, or overflow.
             let count = number(0, 30);
-            let rooms: Vec<usize> = (0..count).map(|i| UNIT * number(1 + i as u32, 12)).collect();
+            let sizes: Vec<usize> = (0..count).map(|i| BLOCK_ALIGN * number(1 + i as u32, 12)).collect();
             let gaps: Vec<usize> = (0..count).map(|i| number(31 + i as u32, 3)).collect();
-            let len = rooms.iter().sum::<usize>() + gaps.iter().sum::<usize>() + number(61, 20);
-            let mut memory = Pages::zeroed(len);
+            let len = sizes.iter().sum::<usize>() + gaps.iter().sum::<usize>() + number(61, 20);
+            let mut memory = HugePages::zeroed(len);
             memory.fill(u32::MAX);
             let (mut rest, mut at) = (&mut memory[..], 0);
-            let mut piles = Vec::new();
-            for (i, (&room, &gap)) in rooms.iter().zip(&gaps).enumerate() {
-                let (_, left) = rest.split_at_mut(gap);
-                let (words, left) = left.split_at_mut(room);
-                let mut pile = LeafPacker::new(at + gap, words);
+            let mut packings = Vec::new();
+            for (i, (&size, &gap)) in sizes.iter().zip(&gaps).enumerate() {
+                let (_, tail) = rest.split_at_mut(gap);
+                let (piece, tail) = tail.split_at_mut(size);
+                let mut packer = LeafPacker::new(at + gap, piece);
                 let words = match number(62 + i as u32, 8) {
-                    0 => room + UNIT,
-                    1 => room,
-                    k => room / UNIT * k / 8 * UNIT,
+                    0 => size + BLOCK_ALIGN,
+                    1 => size,
+                    k => size / BLOCK_ALIGN * k / 8 * BLOCK_ALIGN,
                 };
-                for word in 0..words / UNIT {
-                    pile.take(UNIT).fill((100 * i + word) as u32);
+                for word in 0..words / BLOCK_ALIGN {
+                    packer.allocate(BLOCK_ALIGN).fill((100 * i + word) as u32);
                 }
-                piles.push(pile.done());
-                (rest, at) = (left, at + gap + room);
+                packings.push(packer.finish());
+                (rest, at) = (tail, at + gap + size);
             }
-            // Their order in the argument is of no matter to where they go.
-            piles.rotate_left(number(99, 30) % count.max(1));
-            let wanted: Vec<Vec<u32>> = piles.iter().map(|pile| pile.words(&memory).to_vec()).collect();
-            let (memory, starts) = side_by_side(memory, &piles);
-            let total: usize = piles.iter().map(|pile| pile.len).sum();
-            assert_eq!(memory.len(), total + SLACK);
-            assert!(memory[total..].iter().all(|&word| word == 0));
-            for (words, start) in wanted.iter().zip(&starts) {
-                assert_eq!(memory[UNIT * start..][..words.len()], *words, "{seed}");
+            // The result does not depend on their order in the argument.
+            packings.rotate_left(number(99, 30) % count.max(1));
+            let wanted: Vec<Vec<u32>> =
+                packings.iter().map(|packing| packing.words(&memory).to_vec()).collect();
+            let (blocks, positions) = concatenate(memory, &packings);
+            let words = blocks.words();
+            let total: usize = packings.iter().map(|packing| packing.len).sum();
+            assert_eq!(words.len(), total + PADDING);
+            assert!(words[total..].iter().all(|&word| word == 0));
+            for (wanted, position) in wanted.iter().zip(&positions) {
+                assert_eq!(words[BLOCK_ALIGN * position..][..wanted.len()], *wanted, "{seed}");
             }
-            let mut spans: Vec<_> =
-                starts.iter().zip(&wanted).map(|(start, words)| (UNIT * start, words.len())).collect();
+            let mut spans: Vec<_> = positions
+                .iter()
+                .zip(&wanted)
+                .map(|(position, words)| (BLOCK_ALIGN * position, words.len()))
+                .collect();
             spans.sort_unstable();
             assert_eq!(
                 spans.iter().fold(0, |end, &(start, len)| if start == end { end + len } else { end }),
                 total
             );
+        }
+    }
+
+    /// All columns of a block.
+    struct Columns<'a>(LeafBlock<'a>);
+
+    impl LaneTask for Columns<'_> {
+        type Output = Vec<[f32; 8]>;
+
+        fn run<L: Lanes>(self, l: L) -> Self::Output {
+            self.0.vertices(l).into_iter().flatten().map(|column| store_one(l, column)).collect()
+        }
+    }
+
+    #[test]
+    fn blocks_of_all_sizes_hold_what_was_packed() {
+        // Triangles of a strip, of a fan, without shared corners, and all the same.
+        let corner = |i: u32| Vec3::new(i as f32, -1.0 - i as f32, 0.5 * i as f32);
+        let kinds: [fn(u32) -> [u32; 3]; 4] =
+            [|i| [i, i + 1, i + 2], |i| [7, i + 9, i + 10], |i| [3 * i, 3 * i + 1, 3 * i + 2], |_| [5, 5, 6]];
+        let corners = |primitive: u32| kinds[primitive as usize / 36 % 4](primitive).map(corner);
+        let (mut packings, mut children, mut next) = (Vec::new(), Vec::new(), 0u32);
+        for kind in 0..4 {
+            let mut packer = LeafPacker::new(0, &mut []);
+            for count in 1..=BLOCK_TRIANGLES as u32 {
+                let mut triangles = BlockTriangles::default();
+                for primitive in next..next + count {
+                    triangles.push(primitive, primitive.is_multiple_of(3), corners(primitive));
+                }
+                children.push((kind, packer.push(&triangles), next));
+                next += count;
+            }
+            packings.push(packer.finish());
+        }
+        let (mut blocks, positions) = concatenate(HugePages::zeroed(0), &packings);
+        for (kind, child, first) in children {
+            let child = child.offset(positions[kind]);
+            let block = blocks.get(child);
+            let columns = SimdLevel::run_eight(Columns(block));
+            for row in 0..block.len() {
+                let primitive = block.primitive(row);
+                assert_eq!(primitive, first + row as u32);
+                assert_eq!(block.is_masked(row), primitive.is_multiple_of(3));
+                assert_eq!(block.corners(row), corners(primitive));
+                let in_lanes: Vec<f32> = columns.iter().map(|column| column[row]).collect();
+                assert_eq!(in_lanes, corners(primitive).map(|c| c.to_array()).as_flattened());
+            }
+            // The lanes beyond the last triangle hold no denormal numbers.
+            assert!(columns.as_flattened().iter().all(|x| !x.is_subnormal()));
+            blocks.ids_mut(child)[0] = 77;
+            assert_eq!(blocks.get(child).primitive(0), 77);
         }
     }
 }

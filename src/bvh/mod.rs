@@ -1,7 +1,21 @@
-//! Triangles → [`Bvh`]: the eight-wide tree with blocks of triangles that the CPU traces, made of a
-//! binary tree built by the surface area heuristic. Knows no scene and no ray.
+//! The bounding volume hierarchy over triangles, [`Bvh`]. Knows neither scenes nor rays.
+//!
+//! ```text
+//! triangles ─ sah → BinaryTree ─ reinsertion → BinaryTree ─ collapse → WideTree with LeafBlocks ─▶ trace
+//!                                                  └────── flat_tree → FlatTree ─▶ trace::gpu
+//! trees ─ instancing → WideTree over TreeInstances ─▶ trace
+//! ```
+//!
+//! The builder makes a binary tree with the surface area heuristic and plans on the way how to collapse it.
+//! Reinsertion optimises its largest nodes. Collapsing makes nodes of eight children and leaf blocks of up to
+//! eight triangles. `refit` moves triangles of a tree that exists; `validate` checks the invariants that
+//! tracers rely on.
+//!
+//! Words are defined in `docs/glossary.md`.
 
+mod binary_tree;
 mod bins;
+mod child;
 mod child_order;
 mod collapse;
 mod collapse_plan;
@@ -9,9 +23,11 @@ mod filter;
 mod flat_tree;
 mod geometry;
 mod huge_pages;
+mod indexed_mesh;
 mod instancing;
 mod leaf_block;
 mod leaf_packing;
+mod packed_bounds;
 mod partition;
 mod primitive_ids;
 mod reference;
@@ -23,110 +39,90 @@ mod small_subtree;
 mod validate;
 mod wide_tree;
 
+pub use binary_tree::MAX_DEPTH;
+pub use child::{BLOCK_TRIANGLES, Child, WIDTH};
 pub use child_order::ChildOrder;
 pub use filter::Filter;
 pub use flat_tree::{FlatNode, FlatTree};
 pub use geometry::GeometryError;
 pub use instancing::TreeInstance;
-pub use leaf_block::{BLOCK_TRIANGLES, LeafBlock, LeafBlocks, MASKED, PRIMITIVE};
+pub use leaf_block::{LeafBlock, LeafBlocks, MASKED, PRIMITIVE};
 pub use primitive_ids::PrimitiveIds;
-pub use sah::MAX_DEPTH;
 pub use validate::BvhError;
-pub use wide_tree::{Child, WIDTH, WideNode, WideTree};
+pub use wide_tree::{WideNode, WideTree};
 
 use crate::geom::Aabb;
+use binary_tree::BinaryTree;
 use collapse_plan::Costs;
 use glam::Vec3;
-use instancing::InstanceTree;
-use sah::Tree;
+use indexed_mesh::IndexedMesh;
+use instancing::Instances;
 use std::sync::Arc;
 
-/// What a builder wants to know of primitives.
-trait Shape: Sync {
-    /// The corners of a triangle.
-    fn corners(&self, primitive: u32) -> [Vec3; 3];
-    /// Whether the filter has a say in its hits.
-    fn is_masked(&self, primitive: u32) -> bool;
-}
-
-/// An indexed mesh.
-struct Indexed<'a, M> {
-    positions: &'a [Vec3],
-    triangles: &'a [[u32; 3]],
-    masked: M,
-}
-
-impl<M: Fn(u32) -> bool + Sync> Shape for Indexed<'_, M> {
-    #[inline]
-    fn corners(&self, primitive: u32) -> [Vec3; 3] {
-        self.triangles[primitive as usize].map(|i| self.positions[i as usize])
-    }
-
-    #[inline]
-    fn is_masked(&self, primitive: u32) -> bool {
-        (self.masked)(primitive)
-    }
-}
-
-/// A bounding volume hierarchy over the triangles of a scene, with all that tracers need of them: a tree of
-/// triangles, or a tree of such trees ([`Bvh::from_instances`]).
+/// A bounding volume hierarchy over triangles, with everything that tracers need of them. Either a tree of
+/// triangles ([`Bvh::build`]) or a two-level tree over instances of such trees ([`Bvh::from_instances`]).
 ///
-/// Holds about 40 bytes a triangle, up to 75 where triangles share no corners. While it is built it needs some 75 bytes a
-/// triangle more, and nothing that grows faster. Boxes are exact: each is the smallest around its triangles.
+/// Takes about 40 bytes a triangle, up to 75 where triangles share no corners. Building needs some 75 bytes a
+/// triangle more. Each box is the smallest around its triangles.
 #[derive(Clone, Debug)]
 pub struct Bvh {
     wide: WideTree,
-    /// The block that each triangle is in.
-    places: Vec<Child>,
+    /// The leaf block that holds each triangle, by index. Empty in a two-level tree.
+    triangle_blocks: Vec<Child>,
     bounds: Aabb,
-    numbering: PrimitiveIds,
-    assembly: Option<InstanceTree>,
+    /// The primitive ids of the triangles, by index.
+    ids: PrimitiveIds,
+    /// `None` in a tree of triangles.
+    instances: Option<Instances>,
 }
 
 impl Bvh {
-    /// Builds the tree over `triangles`, which index `positions`. Triangles for which `masked` is true
-    /// are the ones that a tracer asks its [`Filter`] about. Runs on the current rayon pool; the
-    /// result depends on nothing but the arguments. Takes any triangles, degenerate ones too: the
-    /// tree is at most [`MAX_DEPTH`] deep. No triangles give a tree that no ray hits.
+    /// Builds the tree over `triangles`, which index `positions`. Primitive `i` is row `i` of `triangles`.
+    /// Where `masked` is true, tracers let a [`Filter`] decide the triangle's hits.
+    ///
+    /// Accepts any triangles, degenerate ones too: the tree is at most [`MAX_DEPTH`] deep. Without triangles
+    /// no ray hits the tree. Runs on the current rayon pool; the result depends on the arguments only.
     ///
     /// # Panics
-    /// If an index is out of range, a coordinate exceeds [`crate::geom::MAX_COORDINATE`] or is NaN, or
-    /// there are more than 130 million triangles: what [`GeometryError::check`] refuses.
+    /// If [`GeometryError::check`] refuses the arguments: an index is out of range, a coordinate exceeds
+    /// [`crate::geom::MAX_COORDINATE`] or is NaN, or there are more than 130 million triangles.
     pub fn build(positions: &[Vec3], triangles: &[[u32; 3]], masked: impl Fn(u32) -> bool + Sync) -> Self {
         if let Err(error) = GeometryError::check(positions, triangles) {
             panic!("{error}");
         }
-        let shape = Indexed { positions, triangles, masked };
-        let tree = Tree::build(triangles.len(), |primitive| shape.corners(primitive), Costs::of);
+        let mesh = IndexedMesh { positions, triangles, masked };
+        let tree = BinaryTree::build(triangles.len(), |primitive| mesh.corners(primitive), Costs::of_tree);
         let bounds = tree.root().map_or(Aabb::EMPTY, |root| tree.bounds(root).to_aabb());
-        let (wide, places) = collapse::collapse(tree, &shape);
-        Self { wide, places, bounds, numbering: PrimitiveIds::default(), assembly: None }
+        let (wide, triangle_blocks) = collapse::collapse(tree, &mesh);
+        Self { wide, triangle_blocks, bounds, ids: PrimitiveIds::default(), instances: None }
     }
 
-    /// The tree with other primitive ids.
+    /// The same tree with other primitive ids, as many as there are triangles.
     ///
     /// # Panics
-    /// If it is an assembly.
-    pub fn with_primitive_ids(mut self, numbering: PrimitiveIds) -> Self {
-        assert!(self.assembly.is_none(), "the ids of an assembly are its members'");
+    /// If it is a two-level tree, whose ids are those of its instances.
+    pub fn with_primitive_ids(mut self, ids: PrimitiveIds) -> Self {
+        assert!(self.instances.is_none(), "a two-level tree has the ids of its instances");
         for child in self.wide.nodes.iter().flat_map(WideNode::block_children) {
             for id in self.wide.blocks.ids_mut(child) {
-                let place = self.numbering.index(*id & PRIMITIVE) as u32;
-                *id = numbering.primitive(place) | *id & !PRIMITIVE;
+                let index = self.ids.index(*id & PRIMITIVE) as u32;
+                *id = ids.primitive(index) | *id & !PRIMITIVE;
             }
         }
-        Self { numbering, ..self }
+        Self { ids, ..self }
     }
 
-    /// The binary tree, one primitive a leaf, or one member if there are members. Built anew at each call,
-    /// for it would take as much memory as all the rest.
+    /// The binary tree, with one primitive a leaf, or one instance a leaf in a two-level tree. Builds it anew
+    /// at each call: it would take as much memory as everything else.
     pub fn to_flat_tree(&self) -> FlatTree {
-        let corners = |place: u32| match self.instances().get(place as usize) {
+        let corners = |index: u32| match self.instances().get(index as usize) {
             Some(TreeInstance { bounds, .. }) => [bounds.min, bounds.max, bounds.min],
-            None => self.corners(self.numbering.primitive(place)),
+            None => self.corners(self.ids.primitive(index)),
         };
-        let count = if self.assembly.is_some() { self.instances().len() } else { self.len() };
-        FlatTree::of(&Tree::build(count, corners, Costs::of_all), |place| self.numbering.primitive(place))
+        let count = if self.instances.is_some() { self.instances().len() } else { self.len() };
+        FlatTree::of(&BinaryTree::build(count, corners, Costs::of_full_tree), |index| {
+            self.ids.primitive(index)
+        })
     }
 
     /// The box around all triangles.
@@ -139,14 +135,15 @@ impl Bvh {
         &self.wide
     }
 
-    /// What the surface area heuristic expects a random line through the scene's box to cost: each
-    /// inner node met counts 1, each block as much and 0.04 a triangle, or, where it is large, 0.5 and 0.7 a triangle.
+    /// The cost that the surface area heuristic expects of a random line through the tree's box. An inner
+    /// node costs 1. A leaf block costs 1 and 0.04 a triangle, or, if its box is large, 0.5 and 0.7 a
+    /// triangle.
     pub fn cost(&self) -> f32 {
-        let costs = Costs::of(self.bounds.half_area());
+        let costs = Costs::of_tree(self.bounds.half_area());
         let node_cost = |node: &WideNode| -> f32 {
             let slots = (0..WIDTH).filter(|&slot| node.children[slot] != Child::NONE);
             let child_cost = |bounds: Aabb, child: Child| match self.instances().get(child.index()) {
-                Some(member) if child.is_block() => bounds.half_area() * member.tree.cost(),
+                Some(instance) if child.is_block() => bounds.half_area() * instance.tree.cost(),
                 _ => costs.child(&bounds, child),
             };
             slots.map(|slot| child_cost(node.bounds(slot), node.children[slot])).sum()
@@ -157,7 +154,7 @@ impl Bvh {
 
     /// Number of triangles.
     pub fn len(&self) -> usize {
-        self.assembly.as_ref().map_or(self.places.len(), |assembly| assembly.triangles)
+        self.instances.as_ref().map_or(self.triangle_blocks.len(), |instances| instances.triangle_count)
     }
 
     /// Whether there are no triangles.
@@ -165,50 +162,50 @@ impl Bvh {
         self.len() == 0
     }
 
-    /// Largest absolute coordinate of all triangles, which [`crate::geom::CanonicalRay::new`] wants.
+    /// Largest absolute coordinate of all triangles, as [`crate::geom::CanonicalRay::new`] needs it.
     pub fn scene_max_abs(&self) -> f32 {
         self.bounds.max_abs()
     }
 
-    /// The corners of a triangle.
+    /// The corners of a triangle, in world space.
     ///
     /// # Panics
     /// If there is no such primitive.
     pub fn corners(&self, primitive: u32) -> [Vec3; 3] {
-        let Some(assembly) = &self.assembly else {
-            let (block, row) = self.place(primitive);
+        let Some(instances) = &self.instances else {
+            let (block, row) = self.block_and_row(primitive);
             return block.corners(row);
         };
-        let owner = assembly.owner(primitive);
+        let owner = instances.owner(primitive);
         let corners = owner.tree.corners(primitive - owner.first_primitive);
         owner.placement.map_or(corners, |placement| corners.map(|corner| placement.point(corner)))
     }
 
-    /// Whether the filter has a say in hits of this triangle.
+    /// Whether the filter decides the hits of a triangle.
     ///
     /// # Panics
     /// If there is no such primitive.
     pub fn is_masked(&self, primitive: u32) -> bool {
-        let Some(assembly) = &self.assembly else {
-            let (block, row) = self.place(primitive);
+        let Some(instances) = &self.instances else {
+            let (block, row) = self.block_and_row(primitive);
             return block.is_masked(row);
         };
-        let owner = assembly.owner(primitive);
+        let owner = instances.owner(primitive);
         owner.tree.is_masked(primitive - owner.first_primitive)
     }
 
-    /// Bytes on the heap; a tree that several members share counts once.
+    /// Bytes on the heap. A tree with several instances counts once.
     pub fn bytes(&self) -> usize {
-        let own = self.wide.bytes() + size_of_val(self.places.as_slice());
-        let mut trees: Vec<_> = self.instances().iter().map(|member| &member.tree).collect();
+        let own = self.wide.bytes() + size_of_val(self.triangle_blocks.as_slice());
+        let mut trees: Vec<_> = self.instances().iter().map(|instance| &instance.tree).collect();
         trees.sort_unstable_by_key(|tree| Arc::as_ptr(tree));
         trees.dedup_by_key(|tree| Arc::as_ptr(tree));
         own + trees.into_iter().map(|tree| tree.bytes()).sum::<usize>()
     }
 
-    /// The block and the row of a primitive.
-    fn place(&self, primitive: u32) -> (LeafBlock<'_>, usize) {
-        let block = self.wide.blocks.get(self.places[self.numbering.index(primitive)]);
+    /// The leaf block of a primitive and its row in there.
+    fn block_and_row(&self, primitive: u32) -> (LeafBlock<'_>, usize) {
+        let block = self.wide.blocks.get(self.triangle_blocks[self.ids.index(primitive)]);
         let row = (0..block.len()).find(|&row| block.primitive(row) == primitive);
         (block, row.expect("its block has it"))
     }

@@ -1,57 +1,66 @@
-//! References sorted to the two sides of a plane.
+//! Partitions references by a split plane.
 
-use super::bins::Plane;
-use super::reference::{Bounds, Extent, LONG, PIECE, Reference, key};
+use super::bins::SplitPlane;
+use super::packed_bounds::{PackedBounds, key};
+use super::reference::{Extent, PARALLEL_LEN, PIECE_LEN, Reference};
 use crate::lanes::{LaneTask, Lanes, SimdLevel};
 use rayon::prelude::*;
 
-/// The two sides of a partition: how many are on the left, and the extents of both.
+/// The two sides of a partitioned range.
 pub(super) struct Sides {
+    /// Number of references on the left; they come first.
     pub middle: usize,
+    /// The extents of the left and of the right.
     pub extents: [Extent; 2],
 }
 
-/// Puts the references on the left of a plane first, without branches, which would be a coin's toss. The boxes of both
-/// sides are the plane's if it was chosen by `ALL`.
+/// Moves the references on the left of a plane to the front, without branches: they would be mispredicted
+/// half the time. With `COUNTED_ALL` the plane was chosen by all references, so its boxes are those of the
+/// sides.
 #[inline(always)]
-pub(super) fn partition<L: Lanes, const ALL: bool>(
+pub(super) fn partition<L: Lanes, const COUNTED_ALL: bool>(
     l: L,
     references: &mut [Reference],
-    plane: &Plane,
+    plane: &SplitPlane,
 ) -> Sides {
     let mut middle = 0;
-    let (mut keys, mut bounds) = ([Bounds::EMPTY.load(l); 2], [Bounds::EMPTY.load(l); 2]);
+    let (mut keys, mut bounds) = ([PackedBounds::EMPTY.load(l); 2], [PackedBounds::EMPTY.load(l); 2]);
     for i in 0..references.len() {
         let reference = references[i];
-        let numbers = reference.0.load(l);
-        let key = key(l, numbers);
+        let packed = reference.0.load(l);
+        let key = key(l, packed);
         let is_left = plane.is_left(l, key);
         references[i] = references[middle];
         references[middle] = reference;
         middle += usize::from(is_left);
-        // Infinity does not count.
-        let away = [f32::INFINITY, f32::NEG_INFINITY][usize::from(is_left)];
-        let away = [l.splat(away), l.splat(-away)];
+        // For the side that the reference is not on, it is raised to infinity, which leaves the union as it
+        // is.
+        let floor = [f32::INFINITY, f32::NEG_INFINITY][usize::from(is_left)];
+        let floor = [l.splat(floor), l.splat(-floor)];
         for side in 0..2 {
-            keys[side] = l.min(keys[side], l.max(key, away[side]));
-            if !ALL {
-                bounds[side] = l.min(bounds[side], l.max(numbers, away[side]));
+            keys[side] = l.min(keys[side], l.max(key, floor[side]));
+            if !COUNTED_ALL {
+                bounds[side] = l.min(bounds[side], l.max(packed, floor[side]));
             }
         }
     }
-    let keys = [Bounds::of(l, keys[0]), Bounds::of(l, keys[1])];
-    let bounds = if ALL { plane.bounds } else { [Bounds::of(l, bounds[0]), Bounds::of(l, bounds[1])] };
+    let keys = [PackedBounds::store(l, keys[0]), PackedBounds::store(l, keys[1])];
+    let bounds = if COUNTED_ALL {
+        plane.bounds
+    } else {
+        [PackedBounds::store(l, bounds[0]), PackedBounds::store(l, bounds[1])]
+    };
     let [left, right] = [0, 1].map(|side| Extent { bounds: bounds[side], keys: keys[side] });
     Sides { middle, extents: [left, right] }
 }
 
-/// [`partition`] to be run.
-struct Partition<'a> {
+/// [`partition`] as a task.
+struct PartitionTask<'a> {
     references: &'a mut [Reference],
-    plane: &'a Plane,
+    plane: &'a SplitPlane,
 }
 
-impl LaneTask for Partition<'_> {
+impl LaneTask for PartitionTask<'_> {
     type Output = Sides;
 
     #[inline(always)]
@@ -60,23 +69,24 @@ impl LaneTask for Partition<'_> {
     }
 }
 
-/// The same for a long range, in parallel.
-pub(super) fn partition_long(references: &mut [Reference], plane: &Plane) -> Sides {
-    debug_assert!(references.len() >= LONG);
-    let pieces = references.par_chunks_mut(PIECE);
+/// The same for at least [`PARALLEL_LEN`] references, on the current rayon pool.
+pub(super) fn partition_in_parallel(references: &mut [Reference], plane: &SplitPlane) -> Sides {
+    debug_assert!(references.len() >= PARALLEL_LEN);
+    let pieces = references.par_chunks_mut(PIECE_LEN);
     let pieces: Vec<Sides> =
-        pieces.map(|references| SimdLevel::run_eight(Partition { references, plane })).collect();
+        pieces.map(|references| SimdLevel::run_eight(PartitionTask { references, plane })).collect();
     let mut all = Sides { middle: 0, extents: [Extent::EMPTY; 2] };
     for piece in &pieces {
         all.middle += piece.middle;
         all.extents = [0, 1].map(|side| all.extents[side].union(&piece.extents[side]));
     }
-    // What lies on the wrong side of the middle, in runs: as much on one as on the other.
+    // Each piece is partitioned. The references on the wrong side of the middle form runs, as many references
+    // on one side as on the other: they are swapped.
     let (front, back) = references.split_at_mut(all.middle);
-    let cuts = || pieces.iter().enumerate().map(|(i, piece)| (i * PIECE, i * PIECE + piece.middle));
-    let in_front = cuts().map(|(start, cut)| (cut, (start + PIECE).min(all.middle)));
-    let in_back =
-        cuts().map(|(start, cut)| (start.max(all.middle) - all.middle, cut.max(all.middle) - all.middle));
+    let splits = || pieces.iter().enumerate().map(|(i, piece)| (i * PIECE_LEN, i * PIECE_LEN + piece.middle));
+    let in_front = splits().map(|(start, split)| (split, (start + PIECE_LEN).min(all.middle)));
+    let in_back = splits()
+        .map(|(start, split)| (start.max(all.middle) - all.middle, split.max(all.middle) - all.middle));
     let wrong_in_front = take_runs(front, in_front);
     let wrong_in_back = take_runs(back, in_back);
     let mut pairs = pair_up(wrong_in_front, wrong_in_back);
@@ -84,7 +94,7 @@ pub(super) fn partition_long(references: &mut [Reference], plane: &Plane) -> Sid
     all
 }
 
-/// The runs of a slice, given by where they start and end, in order.
+/// The given runs of a slice, each from its start to its end. They ascend; empty ones are skipped.
 fn take_runs(
     mut rest: &mut [Reference],
     runs: impl Iterator<Item = (usize, usize)>,
@@ -101,7 +111,7 @@ fn take_runs(
     taken
 }
 
-/// Cuts runs of equal total length so that they match one to one.
+/// Splits runs of equal total length into pairs of equal length.
 fn pair_up<'a>(
     left: Vec<&'a mut [Reference]>,
     right: Vec<&'a mut [Reference]>,
@@ -112,7 +122,7 @@ fn pair_up<'a>(
     for mut run in left {
         while !run.is_empty() {
             if other.is_empty() {
-                other = others.next().expect("as many on one side as on the other");
+                other = others.next().expect("equal total lengths");
             }
             let len = run.len().min(other.len());
             let ((a, run_rest), (b, other_rest)) = (run.split_at_mut(len), other.split_at_mut(len));
@@ -131,7 +141,7 @@ mod tests {
     use glam::Vec3;
 
     /// Whether a reference is on the left.
-    struct IsLeft<'a>(&'a Reference, &'a Plane);
+    struct IsLeft<'a>(&'a Reference, &'a SplitPlane);
 
     impl LaneTask for IsLeft<'_> {
         type Output = bool;
@@ -142,24 +152,26 @@ mod tests {
     }
 
     #[test]
-    fn long_partitions_lose_nothing_and_put_all_where_they_belong() {
-        let at = |i: u32, few: u32| Vec3::X * (crate::geom::mix(i) % few) as f32;
-        for (count, few) in [(LONG, 2), (3 * LONG + 17, 3), (100_000, 50_000), (LONG + 1, 17)] {
-            let new = |i: u32| Reference::new(i, &Aabb { min: at(i, few), max: at(i, few) });
+    fn a_parallel_partition_keeps_all_references_and_their_sides() {
+        let at = |i: u32, points: u32| Vec3::X * (crate::geom::mix(i) % points) as f32;
+        for (count, points) in
+            [(PARALLEL_LEN, 2), (3 * PARALLEL_LEN + 17, 3), (100_000, 50_000), (PARALLEL_LEN + 1, 17)]
+        {
+            let new = |i: u32| Reference::new(i, &Aabb { min: at(i, points), max: at(i, points) });
             let mut references: Vec<Reference> = (0..count as u32).map(new).collect();
-            let extent = Extent::of(&references);
-            let plane =
-                Plane::best_of_long(&references, &extent, Costs::of(0.0)).expect("there are several places");
+            let extent = Extent::in_parallel(&references);
+            let plane = SplitPlane::best_in_parallel(&references, &extent, Costs::of_tree(0.0))
+                .expect("there are several points");
             let is_left = |r: &Reference| SimdLevel::run_eight(IsLeft(r, &plane));
-            let sides = partition_long(&mut references, &plane);
+            let sides = partition_in_parallel(&mut references, &plane);
             let (left, right) = references.split_at(sides.middle);
             assert!(!left.is_empty() && !right.is_empty());
             assert!(left.iter().all(is_left) && !right.iter().any(is_left));
             for (side, references) in [left, right].into_iter().enumerate() {
-                let exact = Extent::of(references);
-                let numbers = |bounds: &Bounds| bounds.to_aabb();
-                assert_eq!(numbers(&sides.extents[side].keys), numbers(&exact.keys));
-                assert_eq!(numbers(&sides.extents[side].bounds), numbers(&exact.bounds));
+                let exact = Extent::in_parallel(references);
+                let aabb = |bounds: &PackedBounds| bounds.to_aabb();
+                assert_eq!(aabb(&sides.extents[side].keys), aabb(&exact.keys));
+                assert_eq!(aabb(&sides.extents[side].bounds), aabb(&exact.bounds));
             }
             let mut primitives: Vec<u32> = references.iter().map(Reference::primitive).collect();
             primitives.sort_unstable();

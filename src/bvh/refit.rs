@@ -1,24 +1,28 @@
-//! New places for the same triangles: the tree keeps its shape, its boxes follow.
+//! Refitting: the tree keeps its shape, and its boxes follow triangles that have moved.
 
-use super::huge_pages::Pages;
-use super::leaf_block::{LeafBlocks, most_words};
-use super::leaf_packing::{LeafPacker, LeafPacking, Triangles};
-use super::{Bvh, Child, GeometryError, WIDTH, WideNode};
+use super::Bvh;
+use super::child::{Child, WIDTH};
+use super::geometry::GeometryError;
+use super::huge_pages::HugePages;
+use super::leaf_block::{LeafBlocks, max_words};
+use super::leaf_packing::{BlockTriangles, LeafPacker, LeafPacking, concatenate};
+use super::wide_tree::WideNode;
 use crate::geom::Aabb;
 use glam::Vec3;
 use rayon::prelude::*;
 
-/// Blocks that one thread moves at a time. Never depends on the number of threads, nor does then the layout.
-const BLOCKS: usize = 1 << 9;
+/// Number of leaf blocks that one thread moves at a time. It does not depend on the number of threads, so
+/// neither does the layout.
+const BLOCKS_AT_ONCE: usize = 1 << 9;
 
 impl Bvh {
-    /// Whether [`Bvh::refit`] would take these.
+    /// Whether [`Bvh::refit`] would accept this mesh.
     ///
     /// # Errors
-    /// Why not.
+    /// Why it would not.
     pub fn accepts(&self, positions: &[Vec3], triangles: &[[u32; 3]]) -> Result<(), GeometryError> {
-        if self.assembly.is_some() {
-            return Err(GeometryError::Assembled);
+        if self.instances.is_some() {
+            return Err(GeometryError::Instanced);
         }
         if triangles.len() != self.len() {
             return Err(GeometryError::Triangles { found: triangles.len(), expected: self.len() });
@@ -26,35 +30,38 @@ impl Bvh {
         GeometryError::check(positions, triangles)
     }
 
-    /// Moves the triangles: as if built anew of `positions` and `triangles`, but for the shape of the
-    /// tree, which stays. Hits are to the bit those of a new tree. Much cheaper than building, and as good as long as
-    /// triangles keep their neighbours; when [`Bvh::cost`] has grown by half, build anew. Runs on the
-    /// current rayon pool. If corners part that were at one place when the tree was built, blocks are laid out anew, which takes
-    /// three times as long, and meanwhile they are there twice.
+    /// Moves the triangles. Hits are to the bit those of a tree built from `positions` and `triangles`; only
+    /// the shape of the tree is kept. Row `i` of `triangles` is triangle `i` of the tree, as in
+    /// [`Bvh::build`].
+    ///
+    /// Much cheaper than building, and the tree traces as well as long as triangles keep their neighbours.
+    /// When [`Bvh::cost`] has grown by half, build a new tree. If triangles that shared a corner move it to
+    /// different points, all leaf blocks are packed again: that takes three times as long and holds the
+    /// blocks in memory twice. Runs on the current rayon pool.
     ///
     /// # Errors
-    /// When the arguments do not fit; the tree is then as it was.
+    /// If the arguments do not fit, as [`Bvh::accepts`] says; the tree is then unchanged.
     pub fn refit(&mut self, positions: &[Vec3], triangles: &[[u32; 3]]) -> Result<(), GeometryError> {
         self.accepts(positions, triangles)?;
-        let Self { wide, numbering, .. } = &mut *self;
+        let Self { wide, ids, .. } = &mut *self;
         let mut children: Vec<Child> = wide.nodes.iter().flat_map(WideNode::block_children).collect();
         children.par_sort_unstable_by_key(|child| child.index());
-        let corners = |primitive: u32| triangles[numbering.index(primitive)].map(|i| positions[i as usize]);
-        let blocks = wide.blocks.each_mut(&children).into_par_iter().with_min_len(BLOCKS);
-        let bounds: Option<Vec<Aabb>> = blocks.map(|mut block| block.move_to(corners)).collect();
-        let parted = bounds.is_none();
+        let corners = |primitive: u32| triangles[ids.index(primitive)].map(|i| positions[i as usize]);
+        let blocks = wide.blocks.blocks_mut(&children).into_par_iter().with_min_len(BLOCKS_AT_ONCE);
+        let bounds: Option<Vec<Aabb>> = blocks.map(|mut block| block.move_corners(corners)).collect();
+        let must_repack = bounds.is_none();
         let moved: Vec<(Child, Aabb)> = match bounds {
             Some(bounds) => children.iter().copied().zip(bounds).collect(),
             None => {
-                let (blocks, moved) = pile_anew(&wide.blocks, &children, corners);
+                let (blocks, moved) = repack(&wide.blocks, &children, corners);
                 wide.blocks = blocks;
                 moved
             }
         };
-        let of_block = |child: Child| {
+        let moved_block = |child: Child| {
             moved[children.binary_search_by_key(&child.index(), |child| child.index()).expect("a block")]
         };
-        // Children lie behind their parents. There are few nodes: one for some thirty triangles.
+        // Children come after their parents. On one thread: there is one node for some thirty triangles.
         let nodes = &mut self.wide.nodes;
         for at in (0..nodes.len()).rev() {
             for slot in 0..WIDTH {
@@ -62,60 +69,64 @@ impl Bvh {
                 if child == Child::NONE {
                     continue;
                 }
-                let (child, around) = if child.is_block() {
-                    of_block(child)
+                let (child, bounds) = if child.is_block() {
+                    moved_block(child)
                 } else {
-                    (child, nodes[child.index()].all_bounds())
+                    (child, nodes[child.index()].union_of_children())
                 };
-                nodes[at].set(slot, around, child);
+                nodes[at].set(slot, bounds, child);
             }
         }
-        self.bounds = nodes[0].all_bounds();
-        nodes.par_iter_mut().with_min_len(1 << 8).for_each(WideNode::face_rays);
-        if parted {
-            self.places = self.wide.places(self.places.len(), |primitive| self.numbering.index(primitive));
+        self.bounds = nodes[0].union_of_children();
+        nodes.par_iter_mut().with_min_len(1 << 8).for_each(WideNode::update_front_to_back);
+        if must_repack {
+            let count = self.triangle_blocks.len();
+            self.triangle_blocks =
+                self.wide.blocks_of_triangles(count, |primitive| self.ids.index(primitive));
         }
         Ok(())
     }
 }
 
-/// The same blocks with the triangles' corners elsewhere, each with the box around it.
-fn pile_anew(
+/// Packs the same blocks again with the new corners of their triangles. Returns each block with its box, in
+/// the order of `children`.
+fn repack(
     blocks: &LeafBlocks,
     children: &[Child],
     corners: impl Fn(u32) -> [Vec3; 3] + Sync,
 ) -> (LeafBlocks, Vec<(Child, Aabb)>) {
-    // Room for blocks whose corners all part.
-    let chunks = || children.par_chunks(BLOCKS);
-    let sizes = chunks().map(|children| children.iter().map(|child| most_words(child.triangles())).sum());
+    // Enough memory for blocks without shared corners.
+    let groups = || children.par_chunks(BLOCKS_AT_ONCE);
+    let sizes = groups().map(|children| children.iter().map(|child| max_words(child.triangles())).sum());
     let sizes: Vec<usize> = sizes.collect();
-    let mut words = Pages::zeroed(sizes.iter().sum());
-    let (mut rooms, mut rest, mut at) = (Vec::with_capacity(sizes.len()), &mut words[..], 0);
+    let mut words = HugePages::zeroed(sizes.iter().sum());
+    let (mut packers, mut rest, mut at) = (Vec::with_capacity(sizes.len()), &mut words[..], 0);
     for size in sizes {
-        let room;
-        (room, rest) = rest.split_at_mut(size);
-        rooms.push(LeafPacker::new(at, room));
+        let memory;
+        (memory, rest) = rest.split_at_mut(size);
+        packers.push(LeafPacker::new(at, memory));
         at += size;
     }
-    let pile = |(children, mut pile): (&[Child], LeafPacker)| {
+    let pack = |(children, mut packer): (&[Child], LeafPacker)| {
         let moved = children.iter().map(|&child| {
             let block = blocks.get(child);
-            let (mut triangles, mut bounds) = (Triangles::default(), Aabb::EMPTY);
+            let (mut triangles, mut bounds) = (BlockTriangles::default(), Aabb::EMPTY);
             for row in 0..block.len() {
                 let corners = corners(block.primitive(row));
                 triangles.push(block.primitive(row), block.is_masked(row), corners);
                 bounds = bounds.union(Aabb::around(corners));
             }
-            (pile.push(&triangles), bounds)
+            (packer.push(&triangles), bounds)
         });
         let moved = moved.collect();
-        (pile.done(), moved)
+        (packer.finish(), moved)
     };
-    let (piles, moved): (Vec<LeafPacking>, Vec<Vec<(Child, Aabb)>>) = chunks().zip(rooms).map(pile).unzip();
-    let (blocks, starts) = LeafBlocks::of(words, &piles);
-    let behind = |(moved, start): (Vec<(Child, Aabb)>, usize)| {
-        moved.into_iter().map(move |(child, bounds)| (child.behind(start), bounds))
+    let (packings, moved): (Vec<LeafPacking>, Vec<Vec<(Child, Aabb)>>) =
+        groups().zip(packers).map(pack).unzip();
+    let (blocks, positions) = concatenate(words, &packings);
+    let with_offset = |(moved, position): (Vec<(Child, Aabb)>, usize)| {
+        moved.into_iter().map(move |(child, bounds)| (child.offset(position), bounds))
     };
-    let moved = moved.into_iter().zip(starts).flat_map(behind).collect();
+    let moved = moved.into_iter().zip(positions).flat_map(with_offset).collect();
     (blocks, moved)
 }

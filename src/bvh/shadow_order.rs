@@ -1,27 +1,27 @@
-//! How likely a ray that meets a box is to hit something in it, and what it costs to find out: the order in which any
-//! hit is looked for follows from them (Nah and Manocha 2014, *SATO: Surface-Area Traversal Order for Shadow Ray
-//! Tracing*).
+//! The order in which any-hit rays visit the children of a node, wherever they come from: by how likely a ray
+//! that enters a child's box hits something in it, and what finding out costs (Nah and Manocha 2014, *SATO:
+//! Surface-Area Traversal Order for Shadow Ray Tracing*).
 
-use super::leaf_block::BLOCK_TRIANGLES;
-use super::leaf_packing::Triangles;
-use super::wide_tree::{Child, WIDTH, WideNode};
+use super::child::{BLOCK_TRIANGLES, Child, WIDTH};
+use super::leaf_packing::BlockTriangles;
+use super::wide_tree::WideNode;
 use crate::geom::Aabb;
 
-/// What is known of a subtree.
+/// What the shadow order needs to know of a subtree.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct ShadowOrder {
-    /// Area of all triangles.
+pub(super) struct SubtreeStats {
+    /// Total area of the triangles.
     area: f32,
-    /// Expected visits of a ray that meets the box.
+    /// Expected cost of a ray that enters the box and hits nothing; the visit of a node costs 1.
     cost: f32,
 }
 
-/// What a block costs beside a node, and each of its triangles.
+/// Cost of a leaf block, and of each of its triangles, relative to the visit of a node.
 const BLOCK_COST: [f32; 2] = [1.0, 0.3];
 
-impl ShadowOrder {
-    /// Those of a block.
-    pub fn of_block(triangles: &Triangles) -> Self {
+impl SubtreeStats {
+    /// The statistics of a leaf block.
+    pub fn of_block(triangles: &BlockTriangles) -> Self {
         // Vacant rows have no area.
         let [a, b, c] = &triangles.columns;
         let mut squares = [0.0; BLOCK_TRIANGLES];
@@ -36,32 +36,35 @@ impl ShadowOrder {
         Self { area, cost: BLOCK_COST[0] + BLOCK_COST[1] * triangles.len() as f32 }
     }
 
-    /// How much speaks for looking in a box of half the surface `half` first. Triangles of area `a` are crossed `a / half`
-    /// times by a line through the box on average, so about `p = x / (1 + x)` of such lines hit something. Were odds
-    /// independent of each other, `p / cost` would give the best order; but costs are of rays that hit nothing,
-    /// and the root lies nearer to what was measured.
-    fn weight(&self, half: f32) -> f32 {
-        let crossed = self.area / half.max(f32::MIN_POSITIVE);
-        crossed.min(f32::MAX) / (1.0 + crossed.min(f32::MAX)) / self.cost.sqrt()
+    /// The priority of a subtree whose box has half the surface area `half_area`.
+    ///
+    /// A line through the box crosses triangles of area `a` on average `x = a / half_area` times, so about `p
+    /// = x / (1 + x)` of such lines hit something. Were the hits in different boxes independent, `p / cost`
+    /// would give the best order. But `cost` is that of rays that hit nothing; dividing by its square root
+    /// agrees better with measurements.
+    fn priority(&self, half_area: f32) -> f32 {
+        let crossings = self.area / half_area.max(f32::MIN_POSITIVE);
+        crossings.min(f32::MAX) / (1.0 + crossings.min(f32::MAX)) / self.cost.sqrt()
     }
 
-    /// Puts the children of a node, whose odds `of` gives for slot and child, into the slots where they belong; the node's own odds.
-    pub fn order(node: &mut WideNode, of: impl Fn(usize, Child) -> Self) -> Self {
-        let mut all = Self { area: 0.0, cost: 0.0 };
+    /// Sorts the children of a node into shadow order and computes the node's front-to-back orders. `stats`
+    /// gives the statistics of a child by its slot before sorting. Returns those of the node.
+    pub fn sort_children(node: &mut WideNode, stats: impl Fn(usize, Child) -> Self) -> Self {
+        let mut total = Self { area: 0.0, cost: 0.0 };
         let mut bounds = Aabb::EMPTY;
-        let mut weights = [-1.0f32; WIDTH];
+        let mut priorities = [-1.0f32; WIDTH];
         for slot in (0..WIDTH).filter(|&slot| node.children[slot] != Child::NONE) {
-            let (child, odds) = (node.bounds(slot), of(slot, node.children[slot]));
-            let half = child.half_area();
-            weights[slot] = odds.weight(half);
-            all.area += odds.area;
-            all.cost += half * odds.cost;
+            let (child, stats) = (node.bounds(slot), stats(slot, node.children[slot]));
+            let half_area = child.half_area();
+            priorities[slot] = stats.priority(half_area);
+            total.area += stats.area;
+            total.cost += half_area * stats.cost;
             bounds = bounds.union(child);
         }
-        node.sort(&weights);
-        node.face_rays();
-        all.cost = 1.0 + all.cost / bounds.half_area().max(f32::MIN_POSITIVE);
-        all
+        node.sort(&priorities);
+        node.update_front_to_back();
+        total.cost = 1.0 + total.cost / bounds.half_area().max(f32::MIN_POSITIVE);
+        total
     }
 }
 
@@ -86,7 +89,7 @@ mod tests {
     }
 
     #[test]
-    fn what_stops_most_rays_for_least_work_comes_first() {
+    fn the_child_that_stops_most_rays_at_least_cost_is_visited_first() {
         let bvh = wall_and_cloud();
         assert_eq!(bvh.validate(), Ok(()));
         let root = &bvh.wide().nodes()[0];
@@ -99,28 +102,29 @@ mod tests {
     }
 
     #[test]
-    fn odds_of_a_node_sum_up_what_is_below() {
+    fn stats_of_a_node_sum_up_its_children() {
         let bvh = wall_and_cloud();
         let WideTree { nodes, blocks, .. } = &bvh.wide;
-        let mut odds = vec![ShadowOrder::default(); nodes.len()];
+        let mut stats = vec![SubtreeStats::default(); nodes.len()];
         for at in (0..nodes.len()).rev() {
-            odds[at] = ShadowOrder::order(&mut nodes[at].clone(), |_, child| match child.index() {
+            let of_child = |_, child: Child| match child.index() {
                 _ if child.is_block() => {
                     let block = blocks.get(child);
-                    let mut triangles = Triangles::default();
+                    let mut triangles = BlockTriangles::default();
                     (0..block.len()).for_each(|row| triangles.push(0, false, block.corners(row)));
-                    ShadowOrder::of_block(&triangles)
+                    SubtreeStats::of_block(&triangles)
                 }
-                index => odds[index],
-            });
+                index => stats[index],
+            };
+            stats[at] = SubtreeStats::sort_children(&mut nodes[at].clone(), of_child);
         }
         let area = 100.0 + 2000.0 * 0.5 * 0.01 * 0.01;
-        assert!((odds[0].area - area).abs() < 1e-3 * area, "{} {area}", odds[0].area);
-        assert!(odds[0].cost > 2.0 && odds[0].cost < nodes.len() as f32, "{}", odds[0].cost);
+        assert!((stats[0].area - area).abs() < 1e-3 * area, "{} {area}", stats[0].area);
+        assert!(stats[0].cost > 2.0 && stats[0].cost < nodes.len() as f32, "{}", stats[0].cost);
     }
 
     #[test]
-    fn the_largest_and_the_smallest_triangles_have_an_order_too() {
+    fn the_largest_and_the_smallest_triangles_are_ordered_too() {
         let size = crate::geom::MAX_COORDINATE;
         let mut positions = Vec::new();
         for i in 0..64 {

@@ -1,97 +1,99 @@
-//! The bottom of the binary tree: up to eight primitives in the lanes of a register. All ways to cut up
-//! to four in two are tried, and of more all planes across the longest axis. Most are better a block as they are, and then
-//! nothing below their root is made.
+//! The bottom of the binary tree: two to eight primitives in the lanes of a register. Three or four are split
+//! in the best of all ways, more at the best of all planes across the longest axis. Most are cheaper as one
+//! leaf block, and then no nodes are made below their root.
 
+use super::binary_tree::InnerNode;
 use super::collapse_plan::{Choice, CollapsePlan, Costs};
-use super::reference::{Bounds, Extent, Reference};
-use super::sah::Inner;
+use super::packed_bounds::PackedBounds;
+use super::reference::{Extent, Reference};
 use crate::lanes::{Lanes, OutlinedTask, columns, eight_ids, load_one, store_one};
 
-/// How many are few.
-pub(super) const FEW: usize = 8;
+/// The largest number of primitives in a small subtree.
+pub(super) const MAX_SMALL: usize = 8;
 
-/// A subtree over at most [`FEW`] and at least two references, to be built by [`Lanes::outlined`].
-pub(super) struct Few<'a> {
+/// Builds the subtree over two to [`MAX_SMALL`] references; run by [`Lanes::outlined`].
+pub(super) struct SmallSubtree<'a> {
     pub references: &'a mut [Reference],
-    pub inner: &'a mut [Inner],
+    pub inner: &'a mut [InnerNode],
     pub costs: Costs,
-    /// Halve, for there is no room for more depth.
-    pub halve: bool,
+    /// Split at the median: the depth that is left suffices for nothing else.
+    pub at_median: bool,
     pub extent: &'a Extent,
 }
 
 /// An inner node while its subtree is built.
 #[derive(Clone, Copy, Default)]
-struct Cut {
+struct SmallNode {
+    /// Number of primitives.
     count: usize,
-    /// Primitives on the left.
-    left: usize,
-    /// Inner nodes, or [`FEW`] more than the lanes of leaves.
+    /// Number of primitives on the left.
+    left_count: usize,
+    /// For an inner node its index, for a leaf its lane plus [`MAX_SMALL`].
     children: [usize; 2],
 }
 
-impl<L: Lanes> OutlinedTask<L> for Few<'_> {
+impl<L: Lanes> OutlinedTask<L> for SmallSubtree<'_> {
     type Output = CollapsePlan;
 
     #[inline(always)]
     fn run(self, l: L) -> CollapsePlan {
-        let Self { references, inner, costs, halve, extent } = self;
+        let Self { references, inner, costs, at_median, extent } = self;
         let count = references.len();
-        let mut rows = [references[0]; FEW];
+        let mut rows = [references[0]; MAX_SMALL];
         for (i, row) in rows.iter_mut().enumerate() {
             *row = references[i.min(count - 1)];
         }
-        let choices = Choices::new(l, &rows);
-        let leaves = store_one(l, half_area(l, choices.columns));
+        let boxes = LaneBoxes::new(l, &rows);
+        let leaf_areas = store_one(l, half_area(l, boxes.columns));
         let first = match count {
-            2 => Way { left: 1, areas: leaves[0] + leaves[1] },
-            _ => choices.best(l, (1 << count) - 1, halve),
+            2 => LaneSplit { left: 1, area: leaf_areas[0] + leaf_areas[1] },
+            _ => boxes.best_split(l, (1 << count) - 1, at_median),
         };
         let area = extent.bounds.half_area();
-        if area <= first.areas && costs.may_stay_whole(area) {
-            inner[0] = Inner::new(&extent.bounds, 1, Choice::whole());
-            return CollapsePlan::whole(costs, area, count);
+        if area <= first.area && costs.may_stop(area) {
+            inner[0] = InnerNode::new(&extent.bounds, 1, Choice::ONE_BLOCK);
+            return CollapsePlan::one_block(costs, area, count);
         }
-        let cuts = choices.cuts(l, references, first, halve);
-        // Children lie behind their parents, and leaves behind inner nodes.
-        let mut bounds = [Bounds::EMPTY; 2 * FEW];
-        let mut areas = [0.0; 2 * FEW];
-        let mut plans = [CollapsePlan::leaf(costs, 0.0); 2 * FEW];
-        areas[FEW..].copy_from_slice(&leaves);
-        for lane in 0..FEW {
-            bounds[FEW + lane] = rows[lane].0;
-            plans[FEW + lane] = CollapsePlan::leaf(costs, areas[FEW + lane]);
+        let nodes = boxes.split_down(l, references, first, at_median);
+        // Inner nodes come before their children, and all inner nodes before the leaves.
+        let mut bounds = [PackedBounds::EMPTY; 2 * MAX_SMALL];
+        let mut areas = [0.0; 2 * MAX_SMALL];
+        let mut plans = [CollapsePlan::one_block(costs, 0.0, 1); 2 * MAX_SMALL];
+        areas[MAX_SMALL..].copy_from_slice(&leaf_areas);
+        for lane in 0..MAX_SMALL {
+            bounds[MAX_SMALL + lane] = rows[lane].0;
+            plans[MAX_SMALL + lane] = CollapsePlan::one_block(costs, areas[MAX_SMALL + lane], 1);
         }
         for root in (0..count - 1).rev() {
-            let Cut { count, left, children } = cuts[root];
-            let [a, b] = children.map(|child| child % (2 * FEW));
-            let around = Bounds::of(l, l.min(bounds[a].load(l), bounds[b].load(l)));
-            let area = around.half_area();
+            let SmallNode { count, left_count, children } = nodes[root];
+            let [a, b] = children.map(|child| child % (2 * MAX_SMALL));
+            let union = PackedBounds::store(l, l.min(bounds[a].load(l), bounds[b].load(l)));
+            let area = union.half_area();
             let (plan, choice) = match count {
                 2 => CollapsePlan::pair(costs, areas[a], areas[b], area),
                 _ => CollapsePlan::merge(costs, &plans[a], &plans[b], area, count),
             };
-            inner[root] = Inner::new(&around, left, choice);
-            (bounds[root], areas[root], plans[root]) = (around, area, plan);
+            inner[root] = InnerNode::new(&union, left_count, choice);
+            (bounds[root], areas[root], plans[root]) = (union, area, plan);
         }
         plans[0]
     }
 }
 
-/// A way to cut some lanes in two.
+/// A split of some lanes in two.
 #[derive(Clone, Copy)]
-struct Way {
-    /// Lanes on the left; none where there is nothing to choose from.
+struct LaneSplit {
+    /// The lanes on the left; 0 if no split was chosen.
     left: u32,
-    /// Half the surfaces of both sides' boxes; infinite where there is nothing to choose from.
-    areas: f32,
+    /// Sum of half the surface areas of both sides' boxes; infinite if no split was chosen.
+    area: f32,
 }
 
-impl Way {
-    const NONE: Self = Self { left: 0, areas: f32::INFINITY };
+impl LaneSplit {
+    const NONE: Self = Self { left: 0, area: f32::INFINITY };
 }
 
-/// The `count` lowest of lanes.
+/// The lowest `count` of `lanes`.
 #[inline(always)]
 fn lowest(lanes: u32, count: usize) -> u32 {
     let mut above = lanes;
@@ -101,11 +103,12 @@ fn lowest(lanes: u32, count: usize) -> u32 {
     lanes & !above
 }
 
-/// All ways to cut three or four in two, in lanes: two tables of what is on the left, three of what is on the right,
-/// with repetitions. Of equals the first way is taken, and halves come first.
-type Ways = [[u32; FEW]; 5];
+/// All splits of three or four primitives, one in each lane. The first two rows name the primitives on the
+/// left, the other three those on the right, with repetitions. Of equally good splits the first is taken;
+/// even ones come first.
+type SplitTable = [[u32; MAX_SMALL]; 5];
 
-const THREE: Ways = [
+const SPLITS_OF_THREE: SplitTable = [
     [0, 1, 2, 0, 0, 0, 0, 0],
     [0, 1, 2, 0, 0, 0, 0, 0],
     [1, 0, 0, 1, 1, 1, 1, 1],
@@ -113,7 +116,7 @@ const THREE: Ways = [
     [2, 2, 1, 2, 2, 2, 2, 2],
 ];
 
-const FOUR: Ways = [
+const SPLITS_OF_FOUR: SplitTable = [
     [0, 0, 0, 0, 1, 2, 3, 0],
     [1, 2, 3, 0, 1, 2, 3, 1],
     [2, 1, 1, 1, 0, 0, 0, 2],
@@ -121,131 +124,143 @@ const FOUR: Ways = [
     [3, 3, 2, 3, 3, 3, 2, 3],
 ];
 
-/// Boxes and keys of few references.
-struct Choices<'a, L: Lanes> {
-    rows: &'a [Reference; FEW],
+/// The boxes and keys of up to eight references, one in each lane.
+struct LaneBoxes<'a, L: Lanes> {
+    rows: &'a [Reference; MAX_SMALL],
+    /// The lower corners, then the negated upper corners.
     columns: [L::F; 6],
     keys: [L::F; 3],
-    key_rows: [[f32; FEW]; 3],
+    /// The keys in memory.
+    key_rows: [[f32; MAX_SMALL]; 3],
 }
 
-impl<'a, L: Lanes> Choices<'a, L> {
+impl<'a, L: Lanes> LaneBoxes<'a, L> {
     #[inline(always)]
-    fn new(l: L, rows: &'a [Reference; FEW]) -> Self {
+    fn new(l: L, rows: &'a [Reference; MAX_SMALL]) -> Self {
         let [a, b, c, _, x, y, z, _] = columns(l, bytemuck::cast_ref(rows));
         let keys = [l.sub(a, x), l.sub(b, y), l.sub(c, z)];
         let key_rows = [store_one(l, keys[0]), store_one(l, keys[1]), store_one(l, keys[2])];
         Self { rows, columns: [a, b, c, x, y, z], keys, key_rows }
     }
 
-    /// The best way to cut lanes in two, unless they are to be halved.
+    /// The best split of some lanes; none for two lanes, or if they are to be split at the median.
     #[inline(always)]
-    fn best(&self, l: L, lanes: u32, halve: bool) -> Way {
+    fn best_split(&self, l: L, lanes: u32, at_median: bool) -> LaneSplit {
         match lanes.count_ones() {
-            3 if !halve => self.best_of_all(l, lanes, &THREE),
-            4 if !halve => self.best_of_all(l, lanes, &FOUR),
-            5.. if !halve => self.best_plane(l, lanes),
-            _ => Way::NONE,
+            3 if !at_median => self.best_of_table(l, lanes, &SPLITS_OF_THREE),
+            4 if !at_median => self.best_of_table(l, lanes, &SPLITS_OF_FOUR),
+            5.. if !at_median => self.best_plane(l, lanes),
+            _ => LaneSplit::NONE,
         }
     }
 
-    /// Cuts the references, each of which goes to its place; all of them in the `first` way.
+    /// Splits the references down to single ones, all of them by `first`, and sorts them into the order of
+    /// the leaves. Returns the inner nodes, the root first.
     #[inline(always)]
-    fn cuts(&self, l: L, references: &mut [Reference], first: Way, halve: bool) -> [Cut; FEW] {
-        let mut cuts = [Cut::default(); FEW];
-        // Lanes of a subtree, its first reference and its inner node.
-        let mut stack = [(0, 0, 0); FEW];
+    fn split_down(
+        &self,
+        l: L,
+        references: &mut [Reference],
+        first: LaneSplit,
+        at_median: bool,
+    ) -> [SmallNode; MAX_SMALL] {
+        let mut nodes = [SmallNode::default(); MAX_SMALL];
+        // For each subtree its lanes, its first reference and its inner node.
+        let mut stack = [(0, 0, 0); MAX_SMALL];
         stack[0] = ((1u32 << references.len()) - 1, 0, 0);
         let mut pending = 1;
         while pending > 0 {
             pending -= 1;
             let (lanes, start, root) = stack[pending];
             let count = lanes.count_ones() as usize;
-            let Way { left, .. } = if root == 0 { first } else { self.best(l, lanes, halve) };
+            let LaneSplit { left, .. } = if root == 0 { first } else { self.best_split(l, lanes, at_median) };
             let left = if left == 0 { lowest(lanes, count / 2) } else { left };
-            let on_left = left.count_ones() as usize;
-            let sides = [(left, start, root + 1), (lanes & !left, start + on_left, root + on_left)];
+            let left_count = left.count_ones() as usize;
+            let sides = [(left, start, root + 1), (lanes & !left, start + left_count, root + left_count)];
             let mut children = [0; 2];
             for side in [1, 0] {
                 let (lanes, start, root) = sides[side];
-                let lane = lanes.trailing_zeros() as usize % FEW;
+                let lane = lanes.trailing_zeros() as usize % MAX_SMALL;
                 if lanes & (lanes - 1) == 0 {
                     references[start] = self.rows[lane];
-                    children[side] = FEW + lane;
+                    children[side] = MAX_SMALL + lane;
                 } else {
                     stack[pending] = sides[side];
                     pending += 1;
                     children[side] = root;
                 }
             }
-            cuts[root] = Cut { count, left: on_left, children };
+            nodes[root] = SmallNode { count, left_count, children };
         }
-        cuts
+        nodes
     }
 
-    /// The cheapest of all `ways` to cut as many as there are in `lanes`. However many there are,
-    /// they will be one block: only surfaces count.
+    /// The cheapest split in `table`, which is for as many primitives as there are `lanes`. Each side will be
+    /// one leaf block, whatever its number of triangles: only the areas count.
     #[inline(always)]
-    fn best_of_all(&self, l: L, lanes: u32, ways: &Ways) -> Way {
-        let members = l.bits(l.pack(lanes, l.from_bits(eight_ids(l, &[0, 1, 2, 3, 4, 5, 6, 7]))));
+    fn best_of_table(&self, l: L, lanes: u32, table: &SplitTable) -> LaneSplit {
+        let lane_of_primitive = l.bits(l.pack(lanes, l.from_bits(eight_ids(l, &[0, 1, 2, 3, 4, 5, 6, 7]))));
         let (mut left, mut right) = ([l.splat(f32::INFINITY); 6], [l.splat(f32::INFINITY); 6]);
-        for (table, places) in ways.iter().enumerate() {
-            let places = l.permute_u32(members, eight_ids(l, places));
-            let side = if table < 2 { &mut left } else { &mut right };
+        for (row, primitives) in table.iter().enumerate() {
+            let lanes = l.permute_u32(lane_of_primitive, eight_ids(l, primitives));
+            let side = if row < 2 { &mut left } else { &mut right };
             for (number, column) in side.iter_mut().zip(self.columns) {
-                *number = l.min(*number, l.from_bits(l.permute_u32(l.bits(column), places)));
+                *number = l.min(*number, l.from_bits(l.permute_u32(l.bits(column), lanes)));
             }
         }
         let cost = l.add(half_area(l, left), half_area(l, right));
-        let areas = l.lowest(cost);
-        let way = l.eq(L::ALL, cost, l.splat(areas)).trailing_zeros() as usize % FEW;
+        let area = l.lowest(cost);
+        let split = l.eq(L::ALL, cost, l.splat(area)).trailing_zeros() as usize % MAX_SMALL;
         let mut left = 0;
-        for places in &ways[..2] {
-            left |= lanes & !lowest(lanes, places[way] as usize) & lowest(lanes, places[way] as usize + 1);
+        for primitives in &table[..2] {
+            let primitive = primitives[split] as usize;
+            left |= lanes & !lowest(lanes, primitive) & lowest(lanes, primitive + 1);
         }
-        Way { left, areas }
+        LaneSplit { left, area }
     }
 
-    /// The cheapest plane across the longest axis that separates some of `lanes` from others; none when all keys are equal.
+    /// The split of `lanes` by the cheapest plane across the longest axis; none if all keys are equal.
     #[inline(always)]
-    fn best_plane(&self, l: L, lanes: u32) -> Way {
-        let nothing = l.splat(f32::INFINITY);
+    fn best_plane(&self, l: L, lanes: u32) -> LaneSplit {
+        let infinite = l.splat(f32::INFINITY);
         let (mut longest, mut axis) = (0.0, 0);
         for (i, &keys) in self.keys.iter().enumerate() {
-            let among = l.select(lanes, keys, nothing);
-            let size = l.highest(l.select(lanes, keys, l.neg(nothing))) - l.lowest(among);
+            let highest = l.highest(l.select(lanes, keys, l.neg(infinite)));
+            let size = highest - l.lowest(l.select(lanes, keys, infinite));
             axis = if size > longest { i } else { axis };
             longest = if size > longest { size } else { longest };
         }
         let (keys, key_row) = (load_one(l, &self.key_rows[axis]), &self.key_rows[axis]);
-        // In each lane, the boxes of what is up to this lane's key and of what is beyond.
-        let (mut left, mut right) = ([nothing; 6], [nothing; 6]);
+        // In each lane: the box of all references whose key is at most this lane's, and the box of the
+        // others.
+        let (mut left, mut right) = ([infinite; 6], [infinite; 6]);
         let mut rest = lanes;
         while rest != 0 {
-            let lane = rest.trailing_zeros() as usize % FEW;
+            let lane = rest.trailing_zeros() as usize % MAX_SMALL;
             rest &= rest - 1;
             let is_left = l.le(L::ALL, l.splat(key_row[lane]), keys);
-            let away = l.select(is_left, l.splat(f32::NEG_INFINITY), nothing);
-            let other_away = l.neg(away);
+            // The box is raised to infinity on the side that it is not on, which leaves the union as it is.
+            let left_floor = l.select(is_left, l.splat(f32::NEG_INFINITY), infinite);
+            let right_floor = l.neg(left_floor);
             let row = &self.rows[lane].0.0;
             for (at, column) in [0, 1, 2, 4, 5, 6].into_iter().enumerate() {
                 let number = l.splat(row[column]);
-                left[at] = l.min(left[at], l.max(number, away));
-                right[at] = l.min(right[at], l.max(number, other_away));
+                left[at] = l.min(left[at], l.max(number, left_floor));
+                right[at] = l.min(right[at], l.max(number, right_floor));
             }
         }
         let cost = l.add(half_area(l, left), half_area(l, right));
-        let cost = l.select(lanes, cost, nothing);
-        let areas = l.lowest(cost);
-        if areas == f32::INFINITY {
-            return Way::NONE;
+        let cost = l.select(lanes, cost, infinite);
+        let area = l.lowest(cost);
+        if area == f32::INFINITY {
+            return LaneSplit::NONE;
         }
-        let lane = l.eq(L::ALL, cost, l.splat(areas)).trailing_zeros() as usize % FEW;
-        Way { left: l.le(lanes, keys, l.splat(key_row[lane])), areas }
+        let lane = l.eq(L::ALL, cost, l.splat(area)).trailing_zeros() as usize % MAX_SMALL;
+        LaneSplit { left: l.le(lanes, keys, l.splat(key_row[lane])), area }
     }
 }
 
-/// Half the surface of boxes, in lanes; infinite for empty ones.
+/// Half the surface area of the box in each lane; infinite for empty ones.
 #[inline(always)]
 fn half_area<L: Lanes>(l: L, [a, b, c, x, y, z]: [L::F; 6]) -> L::F {
     let (x, y, z) = (l.add(a, x), l.add(b, y), l.add(c, z));
@@ -260,13 +275,12 @@ mod tests {
     use glam::Vec3;
 
     #[test]
-    fn ways_are_all_that_there_are() {
-        for (count, ways) in [(3, &THREE), (4, &FOUR)] {
+    fn the_tables_hold_all_splits() {
+        for (count, table) in [(3, &SPLITS_OF_THREE), (4, &SPLITS_OF_FOUR)] {
             let mut found = std::collections::BTreeSet::new();
-            for lane in 0..FEW {
-                let side =
-                    |tables: &[[u32; FEW]]| tables.iter().fold(0, |all, places| all | 1 << places[lane]);
-                let (left, right): (u32, u32) = (side(&ways[..2]), side(&ways[2..]));
+            for lane in 0..MAX_SMALL {
+                let side = |rows: &[[u32; MAX_SMALL]]| rows.iter().fold(0, |all, row| all | 1 << row[lane]);
+                let (left, right): (u32, u32) = (side(&table[..2]), side(&table[2..]));
                 assert_eq!((left & right, left | right), (0, (1 << count) - 1));
                 found.insert(left.min(right));
             }
@@ -274,22 +288,22 @@ mod tests {
         }
     }
 
-    /// The best way to cut lanes.
-    struct Best<'a>(&'a [Reference; FEW], u32);
+    /// The best split of some lanes.
+    struct BestSplit<'a>(&'a [Reference; MAX_SMALL], u32);
 
-    impl LaneTask for Best<'_> {
-        type Output = Way;
+    impl LaneTask for BestSplit<'_> {
+        type Output = LaneSplit;
 
-        fn run<L: Lanes>(self, l: L) -> Way {
-            Choices::new(l, self.0).best(l, self.1, false)
+        fn run<L: Lanes>(self, l: L) -> LaneSplit {
+            LaneBoxes::new(l, self.0).best_split(l, self.1, false)
         }
     }
 
     #[test]
-    fn cuts_are_the_cheapest() {
+    fn the_cheapest_split_is_found() {
         let number = |i: u32| (crate::geom::mix(i) >> 8) as f32 / (1 << 24) as f32;
         for seed in 0..300 {
-            let rows: [Reference; FEW] = std::array::from_fn(|i| {
+            let rows: [Reference; MAX_SMALL] = std::array::from_fn(|i| {
                 let number = |salt: u32| number(seed * 64 + 8 * i as u32 + salt);
                 let min = Vec3::new(8.0 * number(0), number(1), number(2));
                 Reference::new(i as u32, &Aabb { min, max: min + Vec3::new(number(3), number(4), number(5)) })
@@ -301,55 +315,67 @@ mod tests {
             let is_in = |set: u32| move |lane: &usize| set >> lane & 1 == 1;
             let cost = |set: u32| {
                 let bounds = |lane: usize| rows[lane].0;
-                let around = (0..FEW).filter(is_in(set)).map(bounds).fold(Bounds::EMPTY, |a, b| a.union(&b));
+                let around = (0..MAX_SMALL)
+                    .filter(is_in(set))
+                    .map(bounds)
+                    .fold(PackedBounds::EMPTY, |a, b| a.union(&b));
                 around.half_area()
             };
             let total = |left: u32| cost(left) + cost(lanes & !left);
-            let Way { left, areas } = SimdLevel::run_eight(Best(&rows, lanes));
+            let LaneSplit { left, area } = SimdLevel::run_eight(BestSplit(&rows, lanes));
             assert!(left != 0 && left & !lanes == 0 && left != lanes);
             let cheapest = match lanes.count_ones() {
                 3 | 4 => (1..lanes).filter(|left| left & !lanes == 0).map(total).fold(f32::MAX, f32::min),
                 _ => {
-                    // The first axis is the longest, by far.
+                    // The first axis is by far the longest.
                     let key = |lane: usize| rows[lane].key_on(0);
                     let up_to = |last: usize| {
-                        let below = (0..FEW).filter(is_in(lanes)).filter(|&lane| key(lane) <= key(last));
+                        let below =
+                            (0..MAX_SMALL).filter(is_in(lanes)).filter(|&lane| key(lane) <= key(last));
                         below.fold(0, |set, lane| set | 1 << lane)
                     };
-                    let planes = (0..FEW).filter(is_in(lanes)).map(up_to).filter(|&left| left != lanes);
+                    let planes = (0..MAX_SMALL).filter(is_in(lanes)).map(up_to).filter(|&left| left != lanes);
                     planes.map(total).fold(f32::MAX, f32::min)
                 }
             };
-            assert_eq!([total(left), areas], [cheapest; 2], "{lanes:b} {left:b}");
+            assert_eq!([total(left), area], [cheapest; 2], "{lanes:b} {left:b}");
         }
     }
 
-    /// Builds a subtree; whether it stayed whole, and how many of its inner nodes were made.
-    struct Built<'a>(&'a [Reference], Costs);
+    /// Builds a subtree; whether it is one block, and how many inner nodes were made.
+    struct Build<'a>(&'a [Reference], Costs);
 
-    impl LaneTask for Built<'_> {
+    impl LaneTask for Build<'_> {
         type Output = (bool, usize);
 
         fn run<L: Lanes>(self, l: L) -> Self::Output {
             let Self(references, costs) = self;
             let mut references = references.to_vec();
-            let mut inner: Vec<Inner> = bytemuck::zeroed_vec(references.len() - 1);
-            let extent = &Extent::of_few(l, &references);
-            let few = Few { references: &mut references, inner: &mut inner, costs, halve: false, extent };
-            OutlinedTask::run(few, l);
-            let is_whole = inner[0].choice == Choice::whole();
-            (is_whole, inner.iter().filter(|inner| inner.bounds().half_area() > 0.0).count())
+            let mut inner: Vec<InnerNode> = bytemuck::zeroed_vec(references.len() - 1);
+            let extent = &Extent::in_lanes(l, &references);
+            let subtree = SmallSubtree {
+                references: &mut references,
+                inner: &mut inner,
+                costs,
+                at_median: false,
+                extent,
+            };
+            OutlinedTask::run(subtree, l);
+            (
+                inner[0].choice == Choice::ONE_BLOCK,
+                inner.iter().filter(|inner| inner.bounds().half_area() > 0.0).count(),
+            )
         }
     }
 
     #[test]
-    fn what_two_boxes_would_not_serve_better_stays_whole() {
-        let mut stayed = [0; 2];
+    fn primitives_become_one_block_where_two_boxes_have_no_less_area() {
+        let mut found = [0; 2];
         for seed in 0..600 {
             let number = |i: u32| (crate::geom::mix(64 * seed + i) >> 8) as f32 / (1 << 24) as f32;
             let count = 2 + seed as usize % 7;
-            // Spread more and more.
-            let rows: [Reference; FEW] = std::array::from_fn(|i| {
+            // The boxes spread more and more with the seed.
+            let rows: [Reference; MAX_SMALL] = std::array::from_fn(|i| {
                 let corner = |salt: u32| {
                     let salt = 8 * (i % count) as u32 + salt;
                     Vec3::new(1.0 + number(salt), number(salt + 1), number(salt + 2))
@@ -359,23 +385,23 @@ mod tests {
             });
             let around = |set: u32| {
                 let among = (0..count).filter(|lane| set >> lane & 1 == 1).map(|lane| rows[lane].0);
-                among.fold(Bounds::EMPTY, |a, b| a.union(&b)).half_area()
+                among.fold(PackedBounds::EMPTY, |a, b| a.union(&b)).half_area()
             };
             let all = (1 << count) - 1;
-            let areas = match count {
+            let split_area = match count {
                 2 => around(1) + around(2),
-                _ => SimdLevel::run_eight(Best(&rows, all)).areas,
+                _ => SimdLevel::run_eight(BestSplit(&rows, all)).area,
             };
-            let wanted = around(all) <= areas;
-            let built = |costs| SimdLevel::run_eight(Built(&rows[..count], costs));
+            let wanted = around(all) <= split_area;
+            let built = |costs| SimdLevel::run_eight(Build(&rows[..count], costs));
             // The box is small in a large tree.
-            let (is_whole, made) = built(Costs::of(1e9));
-            assert_eq!((is_whole, made), (wanted, if wanted { 1 } else { count - 1 }));
-            // Large boxes, and trees that are wanted as a whole, have everything.
-            assert_eq!(built(Costs::of(0.0)).1, count - 1);
-            assert_eq!(built(Costs::of_all(1e9)).1, count - 1);
-            stayed[usize::from(is_whole)] += 1;
+            let (is_block, made) = built(Costs::of_tree(1e9));
+            assert_eq!((is_block, made), (wanted, if wanted { 1 } else { count - 1 }));
+            // Large boxes, and full trees, have all nodes.
+            assert_eq!(built(Costs::of_tree(0.0)).1, count - 1);
+            assert_eq!(built(Costs::of_full_tree(1e9)).1, count - 1);
+            found[usize::from(is_block)] += 1;
         }
-        assert!(stayed[0] > 50 && stayed[1] > 50, "{stayed:?}");
+        assert!(found[0] > 50 && found[1] > 50, "{found:?}");
     }
 }

@@ -1,25 +1,27 @@
-//! Does a tree keep its promises?
+//! Checks the invariants of a tree.
 
-use super::{Bvh, Child, MAX_DEPTH, WIDTH};
+use super::Bvh;
+use super::binary_tree::MAX_DEPTH;
+use super::child::{Child, WIDTH};
 use crate::geom::Aabb;
 
-/// A promise that a tree breaks.
+/// An invariant that a tree violates.
 #[derive(Debug, PartialEq, thiserror::Error)]
 pub enum BvhError {
     /// A child's box is not inside its parent's.
     #[error("{tree} node {node}: the box of child {child} leaves the node's box")]
     Box {
-        /// Which of the trees.
+        /// Which tree: "binary", "wide", or "top" for the tree over instances.
         tree: &'static str,
         /// The parent.
         node: usize,
         /// The child or slot.
         child: usize,
     },
-    /// A triangle leaves the box of its leaf.
+    /// A triangle is not inside the box of its leaf.
     #[error("triangle {primitive} leaves the box of its leaf in the {tree} tree")]
     Triangle {
-        /// Which of the trees.
+        /// Which tree: "binary", "wide", or "top" for the tree over instances.
         tree: &'static str,
         /// The triangle.
         primitive: u32,
@@ -27,17 +29,17 @@ pub enum BvhError {
     /// A triangle is in no leaf or in several.
     #[error("triangle {primitive} is in {found} leaves of the {tree} tree, expected 1")]
     Occurrences {
-        /// Which of the trees.
+        /// Which tree: "binary", "wide", or "top" for the tree over instances.
         tree: &'static str,
         /// The triangle.
         primitive: u32,
-        /// In how many leaves it is.
+        /// Number of leaves that hold it.
         found: u32,
     },
-    /// A node's turns are not those of eight slots.
-    #[error("{tree} node {node}: the turns of its slots are no order")]
+    /// A front-to-back order of a node is not a permutation of its eight slots.
+    #[error("{tree} node {node}: the order of its slots is not a permutation")]
     Order {
-        /// Which of the trees.
+        /// Which tree: "binary", "wide", or "top" for the tree over instances.
         tree: &'static str,
         /// The node.
         node: usize,
@@ -45,7 +47,7 @@ pub enum BvhError {
     /// A tree is too deep for the traversal stacks.
     #[error("the {tree} tree is {found} nodes deep, allowed are {allowed}")]
     Depth {
-        /// Which of the trees.
+        /// Which tree: "binary", "wide", or "top" for the tree over instances.
         tree: &'static str,
         /// Its depth.
         found: usize,
@@ -56,20 +58,22 @@ pub enum BvhError {
 
 impl Bvh {
     /// Checks that both trees hold every triangle in exactly one leaf, that every box lies inside its
-    /// parent's and around its triangles, that turns are orders, and that the depth is bounded.
+    /// parent's and around its triangles, that the front-to-back orders are permutations, and that the depth
+    /// is at most [`MAX_DEPTH`]. In a tree over instances the instances' trees are checked, too. Builds the
+    /// binary tree anew.
     ///
     /// # Errors
-    /// The first promise found broken.
+    /// The first violation found.
     pub fn validate(&self) -> Result<(), BvhError> {
-        if self.assembly.is_some() {
-            return self.validate_members();
+        if self.instances.is_some() {
+            return self.validate_instances();
         }
         self.validate_binary()?;
         self.validate_wide()
     }
 
-    /// Members' trees, and that the boxes above hold every moved triangle.
-    fn validate_members(&self) -> Result<(), BvhError> {
+    /// Checks the instances' trees, and that the boxes above them hold every moved triangle.
+    fn validate_instances(&self) -> Result<(), BvhError> {
         let tree = "top";
         let everything = Aabb { min: glam::Vec3::NEG_INFINITY, max: glam::Vec3::INFINITY };
         let mut found = vec![0; self.instances().len()];
@@ -86,35 +90,35 @@ impl Bvh {
                     continue;
                 }
                 found[child.index()] += 1;
-                let member = &self.instances()[child.index()];
-                for place in 0..member.tree.len() as u32 {
-                    let primitive = member.first_primitive + member.tree.numbering.primitive(place);
+                let instance = &self.instances()[child.index()];
+                for index in 0..instance.tree.len() as u32 {
+                    let primitive = instance.first_primitive + instance.tree.ids.primitive(index);
                     self.validate_triangle(tree, primitive, &bounds)?;
                 }
             }
         }
-        self.instances().iter().try_for_each(|member| member.tree.validate())?;
+        self.instances().iter().try_for_each(|instance| instance.tree.validate())?;
         once_each(tree, &found)
     }
 
     fn validate_binary(&self) -> Result<(), BvhError> {
         let tree = "binary";
-        let binary = self.to_flat_tree();
-        let nodes = binary.nodes();
+        let flat = self.to_flat_tree();
+        let nodes = flat.nodes();
         let mut found = vec![0; self.len()];
         for (node, parent) in nodes.iter().enumerate() {
             if parent.is_leaf() {
-                found[self.numbering.index(parent.index)] += 1;
+                found[self.ids.index(parent.index)] += 1;
                 self.validate_triangle(tree, parent.index, &parent.bounds())?;
                 continue;
             }
-            for child in binary.children(node) {
+            for child in flat.children(node) {
                 if !parent.bounds().contains(&nodes[child].bounds()) {
                     return Err(BvhError::Box { tree, node, child });
                 }
             }
         }
-        let depth = binary.depth();
+        let depth = flat.depth();
         if depth > MAX_DEPTH {
             return Err(BvhError::Depth { tree, found: depth, allowed: MAX_DEPTH });
         }
@@ -130,7 +134,7 @@ impl Bvh {
         while let Some((node, outer, depth)) = stack.pop() {
             deepest = deepest.max(depth);
             let inner = &self.wide.nodes()[node];
-            if !inner.front_to_back.iter().all(|turns| turns.is_order()) {
+            if !inner.front_to_back.iter().all(|order| order.is_permutation()) {
                 return Err(BvhError::Order { tree, node });
             }
             for slot in (0..WIDTH).filter(|&slot| inner.children[slot] != Child::NONE) {
@@ -144,7 +148,7 @@ impl Bvh {
                 }
                 let block = self.wide.blocks().get(child);
                 for row in 0..child.triangles() {
-                    found[self.numbering.index(block.primitive(row))] += 1;
+                    found[self.ids.index(block.primitive(row))] += 1;
                     self.validate_triangle(tree, block.primitive(row), &bounds)?;
                 }
             }

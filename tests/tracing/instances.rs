@@ -42,7 +42,7 @@ fn instances_without_triangles_are_ignored_and_refits_are_refused() {
     ]);
     assert!(empty.is_empty() && empty.validate().is_ok());
     let (_, InstancedScene { mesh, bvh }, _) = instanced_scenes::all().swap_remove(0);
-    assert_eq!(bvh.accepts(&mesh.positions, &mesh.triangles), Err(GeometryError::Assembled));
+    assert_eq!(bvh.accepts(&mesh.positions, &mesh.triangles), Err(GeometryError::Instanced));
 }
 
 #[test]

@@ -1,0 +1,26 @@
+//! The triangles that a tree is built over.
+
+use glam::Vec3;
+
+/// An indexed triangle mesh with the alpha mask of each triangle.
+pub(super) struct IndexedMesh<'a, M> {
+    pub positions: &'a [Vec3],
+    /// Three indices into `positions` for each triangle.
+    pub triangles: &'a [[u32; 3]],
+    /// Whether the [`super::Filter`] decides the hits of a triangle.
+    pub masked: M,
+}
+
+impl<M: Fn(u32) -> bool + Sync> IndexedMesh<'_, M> {
+    /// The corners of a triangle.
+    #[inline]
+    pub fn corners(&self, primitive: u32) -> [Vec3; 3] {
+        self.triangles[primitive as usize].map(|i| self.positions[i as usize])
+    }
+
+    /// Whether the filter decides the hits of a triangle.
+    #[inline]
+    pub fn is_masked(&self, primitive: u32) -> bool {
+        (self.masked)(primitive)
+    }
+}
