@@ -81,7 +81,7 @@ pub(super) struct Shape {
     pub stack: usize,
     /// What its trees are made of.
     pub tree: TreeKind,
-    /// Whether it is a tree of placed trees.
+    /// Whether it is a two-level tree.
     pub members: bool,
     /// Of a device's own tree: alpha decides about pairs from here on.
     pub first_masked: u32,
