@@ -129,9 +129,12 @@ mod tests {
         let scene = |ball: &str| {
             let text = format!(
                 r#"{{ "camera": {{ "eye": [0, 5, 5], "target": [0, 0, 0], "fov_degrees": 40 }},
-                     "materials": {{ "grey": {{ "colour": [0.5, 0.5, 0.5] }}, "lamp": {{ "colour": [0, 0, 0], "emission": [5, 5, 5] }} }},
-                     "shapes": [ {{ "shape": "quad", "corner": [-9, 0, 9], "u": [18, 0, 0], "v": [0, 0, -18], "material": "grey" }},
-                                 {{ "shape": "quad", "corner": [-1, 9, -1], "u": [2, 0, 0], "v": [0, 0, 2], "material": "lamp" }} {ball} ] }}"#
+                     "materials": {{ "grey": {{ "colour": [0.5, 0.5, 0.5] }},
+                                    "lamp": {{ "colour": [0, 0, 0], "emission": [5, 5, 5] }} }},
+                     "shapes": [ {{ "shape": "quad", "corner": [-9, 0, 9], "u": [18, 0, 0], "v": [0, 0, -18],
+                                    "material": "grey" }},
+                                 {{ "shape": "quad", "corner": [-1, 9, -1], "u": [2, 0, 0], "v": [0, 0, 2],
+                                    "material": "lamp" }} {ball} ] }}"#
             );
             Recipe::parse(&text).and_then(|recipe| recipe.build()).expect("a scene")
         };

@@ -49,7 +49,8 @@ impl Scanner {
 fn write_ply(mut to: impl Write, points: &[(Vec3, u32)]) -> std::io::Result<()> {
     write!(
         to,
-        "ply\nformat binary_little_endian 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\n\
+        "ply\nformat binary_little_endian 1.0\nelement vertex {}\n\
+         property float x\nproperty float y\nproperty float z\n\
          property uint triangle\nend_header\n",
         points.len()
     )?;

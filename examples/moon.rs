@@ -1,5 +1,5 @@
-//! A surface with a BSDF of its own: a full moon of dust beside one of plaster. Plaster is dark at the rim, where the sun grazes
-//! it; dust sends light back out of its gaps, so the moon looks like a flat disk.
+//! A surface with a BSDF of its own: a full moon of dust beside one of plaster. Plaster is dark at the rim, where the
+//! sun grazes it; dust sends light back out of its gaps, so the moon looks like a flat disk.
 //! `cargo run --release --example moon -- [OUT.png [WxH [SPP]]]`.
 
 use anyhow::{Context, Result};
@@ -64,8 +64,10 @@ fn moons(cells: u32) -> Result<Scene> {
     let recipe = format!(
         r#"{{ "camera": {{ "eye": [0, 0, 40], "target": [0, 0, 0], "fov_degrees": 4.2 }},
              "materials": {{ "plaster": {{ "colour": [0.11, 0.11, 0.11] }}, "dust": {{ "colour": [1, 1, 1] }} }},
-             "shapes": [ {{ "shape": "sphere", "centre": [-1.25, 0, 0], "radius": 1, "cells": {cells}, "material": "plaster" }},
-                         {{ "shape": "sphere", "centre": [1.25, 0, 0], "radius": 1, "cells": {cells}, "material": "dust" }} ] }}"#
+             "shapes": [ {{ "shape": "sphere", "centre": [-1.25, 0, 0], "radius": 1, "cells": {cells},
+                            "material": "plaster" }},
+                         {{ "shape": "sphere", "centre": [1.25, 0, 0], "radius": 1, "cells": {cells},
+                            "material": "dust" }} ] }}"#
     );
     let mut scene = Recipe::parse(&recipe)?.build()?;
     scene.scatterings.push(ScatteringSurface::new(Dust { light: 0.88, dark: 0.5 }));

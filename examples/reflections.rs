@@ -104,8 +104,10 @@ mod tests {
         let recipe = Recipe::parse(
             r#"{ "camera": { "eye": [0, 2, 6], "target": [0, 0.6, 0], "fov_degrees": 40 },
                  "materials": { "red": { "colour": [0.8, 0.05, 0.05] }, "grey": { "colour": [0.5, 0.5, 0.5] } },
-                 "shapes": [ { "shape": "quad", "corner": [-9, 0, 9], "u": [18, 0, 0], "v": [0, 0, -18], "material": "grey" },
-                             { "shape": "sphere", "centre": [0, 1, 0], "radius": 0.8, "cells": 32, "material": "red" } ] }"#,
+                 "shapes": [ { "shape": "quad", "corner": [-9, 0, 9], "u": [18, 0, 0], "v": [0, 0, -18],
+                               "material": "grey" },
+                             { "shape": "sphere", "centre": [0, 1, 0], "radius": 0.8, "cells": 32,
+                               "material": "red" } ] }"#,
         );
         let prepared =
             PreparedScene::new(Arc::new(recipe.and_then(|r| r.build()).expect("a scene")), &Units::cpu());

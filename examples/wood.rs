@@ -1,7 +1,7 @@
 //! A scene carved of wood: rings, fibres and pores, all computed where a ray hits, 8 or 16 hits at a time, after RA's
 //! Figure 6 ("the majority of rendering time is spent computing the wood texture").
-//! `cargo run --release --example wood -- [SCENE [OUT.png [WxH [SPP]]]]` writes a picture, and says how fast it was made with and
-//! without SIMD.
+//! `cargo run --release --example wood -- [SCENE [OUT.png [WxH [SPP]]]]` writes a picture, and says how fast it was
+//! made with and without SIMD.
 
 use anyhow::{Context, Result, ensure};
 use raystream::engine::{PreparedScene, Units};
@@ -159,7 +159,8 @@ fn main() -> Result<()> {
     let (same, slow) = render(&prepared, settings, SimdLevel::Scalar)?;
     ensure!(same.hash() == image.hash(), "{simd} and scalar shading made different pictures");
     println!(
-        "{output}: {:.2} Mray/s shaded with {simd}, {:.2} with one lane: {:.1} times as fast, the shading alone {:.1} times",
+        "{output}: {:.2} Mray/s shaded with {simd}, {:.2} with one lane: {:.1} times as fast, \
+         the shading alone {:.1} times",
         fast.mray_per_s,
         slow.mray_per_s,
         fast.mray_per_s / slow.mray_per_s,
@@ -178,7 +179,8 @@ mod tests {
         let recipe = Recipe::parse(
             r#"{ "camera": { "eye": [0, 3, 4], "target": [0, 0, 0], "fov_degrees": 40 }, "environment": [1, 1, 1],
                  "materials": { "any": { "colour": [1, 1, 1] } },
-                 "shapes": [ { "shape": "block", "centre": [0, 0, 0], "half": [1, 0.3, 1], "round": 0.1, "cells": 8, "material": "any" } ] }"#,
+                 "shapes": [ { "shape": "block", "centre": [0, 0, 0], "half": [1, 0.3, 1], "round": 0.1, "cells": 8,
+                               "material": "any" } ] }"#,
         );
         let mut scene = recipe.and_then(|recipe| recipe.build()).expect("a scene");
         carve(&mut scene, 3.0);

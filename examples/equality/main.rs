@@ -2,7 +2,8 @@
 //! not one bit differs; then explains each difference from Embree's robust mode by exact arithmetic.
 //!
 //! `cargo run --release --example equality -- SCENE [--size WxH] [--eye X,Y,Z --target X,Y,Z] [--embree EMBREE.so]`;
-//! SCENE may be terrain:N or fur:N, as for `raystream bench`; 1840x1360, the default, makes up to ten million rays of four kinds.
+//! SCENE may be terrain:N or fur:N, as for `raystream bench`; 1840x1360, the default, makes up to ten million rays of
+//! four kinds.
 
 mod exact;
 

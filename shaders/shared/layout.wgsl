@@ -79,15 +79,15 @@ struct Params {
     spare: u32,
 }
 
-// A child reference is a node's index; or LEAF with one pair less than the leaf has in bits 28 to 30, MASKED where alpha
-// decides about some of it, and the first pair's index; or NOWHERE. If MEMBERS, leaves above the members' trees are LEAF
-// with a member's index.
+// A child reference is a node's index; or LEAF with one pair less than the leaf has in bits 28 to 30, MASKED where
+// alpha decides about some of it, and the first pair's index; or NOWHERE. If MEMBERS, leaves above the members' trees
+// are LEAF with a member's index.
 //
 // A pair's identities are two primitives, MISS where there is no second triangle, each with the turn that it is stored
 // in: in its highest two bits, how many places the canonical first corner is behind the first of a b c, or of c b d.
 //
-// Group 0 binds nodes, pairs and identities, in pages, and members: `trace/gpu/pages.rs` declares them and the functions
-// that read them (`node_at`, `pair_at`, `identity_at`).
+// Group 0 binds nodes, pairs and identities, in pages, and members: `trace/gpu/pages.rs` declares them and the
+// functions that read them (`node_at`, `pair_at`, `identity_at`).
 @group(1) @binding(0) var<storage, read> rays: array<Ray>;
 @group(1) @binding(1) var<uniform> params: Params;
 // Binding 2 of group 1 takes the answers of each kernel.

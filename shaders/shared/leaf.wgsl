@@ -1,5 +1,6 @@
-// Through the triangles of a leaf, which lie in pairs that share an edge (RA section 4): four corners and five edge functions
-// instead of six and six. Coarsely, few triangles may be hit; the judgement of those stands here once for both of a pair.
+// Through the triangles of a leaf, which lie in pairs that share an edge (RA section 4): four corners and five edge
+// functions instead of six and six. Coarsely, few triangles may be hit; the judgement of those stands here once for
+// both of a pair.
 
 fn through_leaf(ray: PreparedRay, reference: u32, member: Member, found: ptr<function, Found>) -> bool {
     let first = reference & PAIR_INDEX;

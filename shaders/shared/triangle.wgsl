@@ -49,7 +49,8 @@ fn side_of(ray: PreparedRay, from_corner: vec3<f32>, to_corner: vec3<f32>) -> f3
 }
 
 // Whether the edge functions leave it open that a triangle is hit, coarsely: most triangles are far outside. With a, b
-// and c seen from the ray's origin, no P exceeds 2 * edge * sum <= 4 * edge * reach. Turning the corners changes nothing.
+// and c seen from the ray's origin, no P exceeds 2 * edge * sum <= 4 * edge * reach. Turning the corners changes
+// nothing.
 fn may_be_hit(ray: PreparedRay, sides: vec3<f32>, a: vec3<f32>, b: vec3<f32>, c: vec3<f32>) -> bool {
     let reach = largest(max(max(abs(a), abs(b)), abs(c)));
     let longest = largest(max(max(abs(c - a), abs(a - b)), abs(b - c)));

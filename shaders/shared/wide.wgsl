@@ -1,10 +1,11 @@
-// The way through the eight-wide tree: of each node on it, the children that wait, in the order in which a ray of its octant
-// meets them.
+// The way through the eight-wide tree: of each node on it, the children that wait, in the order in which a ray of its
+// octant meets them.
 //
 // Where a ray crosses a face q steps from `origin` is computed as fma(q, step * inverse, fma(origin, inverse, shift)),
-// where the product of the step, a power of two, is exact. In units of 2^-24 * scale * |inverse| (see `PreparedRay`) the
-// inner fma may be off by 3 and the outer one, whose product may be twice the scale, by 4: 4 more than the 3 of `outer`.
-// The host compares faces rounded (`flatten/wide.rs`): 1 more. So crossings are within 27 of the 32 units there are.
+// where the product of the step, a power of two, is exact. In units of 2^-24 * scale * |inverse| (see `PreparedRay`)
+// the inner fma may be off by 3 and the outer one, whose product may be twice the scale, by 4: 4 more than the 3 of
+// `outer`. The host compares faces rounded (`flatten/wide.rs`): 1 more. So crossings are within 27 of the 32 units
+// there are.
 
 struct Way {
     // Nodes, and under the same height the places of the children that wait, a bit each.

@@ -64,7 +64,8 @@ fn sizing(adapter: &AdapterInfo) -> String {
     match gpu.sizing() {
         None => "not measured; the paper's sizes are used".into(),
         Some(Sizing { threshold, least, in_flight }) => format!(
-            "full at {threshold} rays, {in_flight} in flight; fewer than {least} rays are for host threads; kernels: {}",
+            "full at {threshold} rays, {in_flight} in flight; fewer than {least} rays are for host threads; \
+             kernels: {}",
             gpu.variant()
         ),
     }

@@ -142,8 +142,8 @@ impl Registry {
         self
     }
 
-    /// Gives all materials of that name, of whatever scene is rendered, this surface instead of their own. What they give off, where they
-    /// are not there, what fills their bodies and their normal maps stay.
+    /// Gives all materials of that name, of whatever scene is rendered, this surface instead of their own. What they
+    /// give off, where they are not there, what fills their bodies and their normal maps stay.
     pub fn with_surface(mut self, material: &'static str, surface: impl Into<CodedSurface>) -> Self {
         self.surfaces.push((material, surface.into()));
         self

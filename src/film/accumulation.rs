@@ -43,7 +43,8 @@ pub struct Film {
 /// A pixel would receive more splats than fit into its sum.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "each pixel may receive {splats} splats, at most {} can be added exactly; ask for fewer samples per pixel or a smaller depth",
+    "each pixel may receive {splats} splats, at most {} can be added exactly; ask for fewer samples per pixel or a \
+     smaller depth",
     Film::MAX_SPLATS
 )]
 pub struct TooManySplats {

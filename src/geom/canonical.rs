@@ -188,8 +188,8 @@ impl CanonicalRay {
     }
 }
 
-/// The edge whose largest component is the smaller. The three edges of a triangle add up to nothing, so any two make its
-/// normal, on one side or the other, but of a sliver the product of the two long ones is nearly all rounding error.
+/// The edge whose largest component is the smaller. The three edges of a triangle add up to nothing, so any two make
+/// its normal, on one side or the other, but of a sliver the product of the two long ones is nearly all rounding error.
 #[inline(always)]
 fn shorter(a: Vec3, b: Vec3) -> Vec3 {
     if a.abs().max_element() <= b.abs().max_element() { a } else { b }

@@ -7,8 +7,8 @@ use std::iter;
 /// The shortest share, but for the last: fewer rays are slower to trace than to wait for.
 const LEAST: usize = 1024;
 
-/// Has the threads of the rayon pool trace `rays` into `answers`, which are as many, in shares of at most `most`. Each takes
-/// the next when it is done with one, and they become shorter towards the end, so that all threads end together.
+/// Has the threads of the rayon pool trace `rays` into `answers`, which are as many, in shares of at most `most`. Each
+/// takes the next when it is done with one, and they become shorter towards the end, so that all threads end together.
 pub fn in_shares<T: Send>(
     rays: &[Ray],
     answers: &mut [T],

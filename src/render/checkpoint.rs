@@ -56,7 +56,7 @@ pub enum CheckpointError {
 
 impl<I: Integrator> Progressive<I> {
     /// Writes all that is needed to go on after the last complete pass. The format, all little-endian: the
-    /// 20 bytes `raystream checkpoint`; a version (u32); the length (u64) and the bytes of a JSON header;
+    /// 20 bytes "raystream checkpoint"; a version (u32); the length (u64) and the bytes of a JSON header;
     /// bits after the point (u32), dropped splats (u64), sums (3 × i64 a pixel) and sample counts (u32 a pixel)
     /// of the film; if the header says so, each pixel's spread (f32) and passes (u16); XXH3 (u64) of all before it.
     ///

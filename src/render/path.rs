@@ -375,8 +375,9 @@ impl Shading<'_, '_> {
         self.out.ray_row(count, rays, states);
     }
 
-    /// Ends paths beyond the last bounce, where nothing counts but what shines: those that pass by all surfaces that do need
-    /// not know what they meet, only whether they reach the sky, if there is one. The same picture. Returns those lanes.
+    /// Ends paths beyond the last bounce, where nothing counts but what shines: those that pass by all surfaces that do
+    /// need not know what they meet, only whether they reach the sky, if there is one. The same picture. Returns those
+    /// lanes.
     #[inline(always)]
     fn end<L: Lanes>(
         &mut self,

@@ -42,10 +42,10 @@ pub struct PassOptions {
 ///
 /// # Where samples go
 /// If a sample in block `i` has the relative variance `s²`, `n` samples leave `s²/n`. Of all ways to bring the mean of
-/// `s²/n` over the blocks down to `target²`, the one with the fewest samples gives each block `n = s · mean(s) / target²`
-/// (Neyman 1934): there a block rests. To ask the same error of every block instead, `n = s² / target²`, takes
-/// exactly as many samples as to spread them evenly, for the same mean. Half of a block's variance is counted as that of
-/// it and its neighbours together, since a rare bright path that it has not met yet may have been met next door.
+/// `s²/n` over the blocks down to `target²`, the one with the fewest samples gives each block `n = s · mean(s) /
+/// target²` (Neyman 1934): there a block rests. To ask the same error of every block instead, `n = s² / target²`, takes
+/// exactly as many samples as to spread them evenly, for the same mean. Half of a block's variance is counted as that
+/// of it and its neighbours together, since a rare bright path that it has not met yet may have been met next door.
 pub struct Progressive<I: Integrator> {
     integrator: Arc<I>,
     options: PassOptions,

@@ -1,5 +1,5 @@
-//! Lanes as arrays: how they travel behind a pointer that hides a type, where there are no generics. That is cheap beside a
-//! surface that is worth computing.
+//! Lanes as arrays: how they travel behind a pointer that hides a type, where there are no generics. That is cheap
+//! beside a surface that is worth computing.
 
 use crate::lanes::{LaneTask, Lanes, MAX_LANES, Num, SimdLevel};
 

@@ -41,7 +41,10 @@ pub enum MeshError {
         z: f32,
     },
     /// A triangle names a vertex that is not there.
-    #[error("triangle {triangle} names vertex {vertex}, but there are {count} vertices (0 to {})", count.saturating_sub(1))]
+    #[error(
+        "triangle {triangle} names vertex {vertex}, but there are {count} vertices (0 to {})",
+        count.saturating_sub(1)
+    )]
     Vertex {
         /// Triangle index.
         triangle: usize,

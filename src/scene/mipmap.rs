@@ -116,7 +116,8 @@ impl Sum {
         let colour = self.colour / self.weight;
         let [r, g, b] = match (space, mean) {
             (_, Averaging::Normals) => {
-                // Unit normals whose slopes vary by s² along each axis have a mean 1 − s² long, and GGX's alpha² is 2 s².
+                // Unit normals whose slopes vary by s² along each axis have a mean 1 − s² long, and GGX's alpha² is 2
+                // s².
                 let bumps = (2.0 * (1.0 - colour.length())).clamp(0.0, 1.0).sqrt();
                 let [x, y, z] = (colour.normalize_or(Vec3::Z) * 0.5 + 0.5).to_array().map(byte);
                 return [x, y, z, byte(1.0 - bumps)];

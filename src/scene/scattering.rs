@@ -6,23 +6,24 @@ use crate::lanes::{LaneTask, Lanes, Num, Vector};
 use std::fmt::Debug;
 use std::sync::Arc;
 
-/// A surface that is its own BSDF, used by every integrator: it evaluates and samples directions for 8 or 16 hits at a time.
-/// Where metallic-roughness will do, a [`super::Procedural`] is less work.
+/// A surface that is its own BSDF, used by every integrator: it evaluates and samples directions for 8 or 16 hits at a
+/// time. Where metallic-roughness will do, a [`super::Procedural`] is less work.
 ///
-/// Directions are unit vectors in the shading basis, away from the surface, its normal along z; `wo` goes where the light
-/// goes and has `z > 0`, `wi` to where it comes from. For light to be the same whichever way it goes, the BSDF (what `evaluate` gives,
-/// without the cosine) must not change when they trade places, and it must not return more light than there is. Perfect mirrors have
-/// no place here.
+/// Directions are unit vectors in the shading basis, away from the surface, its normal along z; `wo` goes where the
+/// light goes and has `z > 0`, `wi` to where it comes from. For light to be the same whichever way it goes, the BSDF
+/// (what `evaluate` gives, without the cosine) must not change when they trade places, and it must not return more
+/// light than there is. Perfect mirrors have no place here.
 ///
-/// Keep to the arithmetic of [`Num`], as [`super::Procedural`] says, and no machine gives other bits. Mark what handles lanes
-/// `#[inline(always)]`.
+/// Keep to the arithmetic of [`Num`], as [`super::Procedural`] says, and no machine gives other bits. Mark what handles
+/// lanes `#[inline(always)]`.
 ///
 /// ```
 /// use raystream::geom::warp::lanes as warp;
 /// use raystream::lanes::{Lanes, Num, Vector};
 /// use raystream::scene::{Points, Scattered, Scattering, ScatteringSurface, Scene, Surface};
 ///
-/// /// Dust on a moon (Lommel and Seeliger's law): seen from the sun's side it is as bright at the rim as in the middle.
+/// /// Dust on a moon (Lommel and Seeliger's law): seen from the sun's side it is as bright at the rim as in the
+/// /// middle.
 /// #[derive(Debug)]
 /// struct Dust;
 ///
@@ -46,11 +47,12 @@ use std::sync::Arc;
 /// # let _ = surface;
 /// ```
 pub trait Scattering: Debug + Send + Sync + 'static {
-    /// BSDF × |cosine of `wi`|, and the density per solid angle with which [`Scattering::sample`] gives `wi`. Where light cannot
-    /// go both are 0, as below the surface unless it [lets light through](Scattering::transmits).
+    /// BSDF × |cosine of `wi`|, and the density per solid angle with which [`Scattering::sample`] gives `wi`. Where
+    /// light cannot go both are 0, as below the surface unless it [lets light through](Scattering::transmits).
     fn evaluate<L: Lanes>(&self, at: &Points<L>, wo: Vector<L>, wi: Vector<L>) -> (Vector<L>, Num<L>);
 
-    /// Samples directions about as the BSDF × cosine is distributed: `u` is for a choice among lobes, `u2` for the direction, both in
+    /// Samples directions about as the BSDF × cosine is distributed: `u` is for a choice among lobes, `u2` for the
+    /// direction, both in
     /// [0, 1).
     fn sample<L: Lanes>(&self, at: &Points<L>, wo: Vector<L>, u: Num<L>, u2: [Num<L>; 2]) -> Scattered<L>;
 

@@ -41,12 +41,14 @@ fn units_agree_to_the_bit_for_all_integrators() {
         "materials": {
             "floor": { "colour": [0.7, 0.7, 0.6] }, "glass": { "colour": [1, 1, 1], "ior": 1.5 },
             "gold": { "colour": [1, 0.8, 0.3], "metallic": 1, "roughness": 0.3 },
-            "mirror": { "colour": [0.9, 0.9, 0.9], "mirror": true }, "lamp": { "colour": [0, 0, 0], "emission": [9, 9, 9] } },
+            "mirror": { "colour": [0.9, 0.9, 0.9], "mirror": true },
+            "lamp": { "colour": [0, 0, 0], "emission": [9, 9, 9] } },
         "shapes": [
             { "shape": "quad", "corner": [-3, 0, 3], "u": [6, 0, 0], "v": [0, 0, -6], "material": "floor" },
             { "shape": "sphere", "centre": [-1, 0.6, 0], "radius": 0.6, "cells": 12, "material": "glass" },
             { "shape": "sphere", "centre": [1, 0.6, 0], "radius": 0.6, "cells": 12, "material": "mirror" },
-            { "shape": "knot", "centre": [0, 1.2, -1.5], "radius": 0.6, "tube": 0.15, "p": 2, "q": 3, "cells": [200, 12], "material": "gold" },
+            { "shape": "knot", "centre": [0, 1.2, -1.5], "radius": 0.6, "tube": 0.15, "p": 2, "q": 3,
+              "cells": [200, 12], "material": "gold" },
             { "shape": "quad", "corner": [-1, 4, 1], "u": [0, 0, -2], "v": [2, 0, 0], "material": "lamp" } ] }"#;
     std::fs::write(folder.path().join("scene.json"), recipe).expect("recipe");
     for integrator in ["path", "whitted", "recursive-whitted", "ambient-occlusion"] {

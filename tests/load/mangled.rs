@@ -118,8 +118,8 @@ fn gltf() {
 
 #[test]
 fn obj() {
-    let text = "mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 1\nvt 0 0\nvn 0 0 1\nusemtl m\nf 1/1/1 2/1/1 3/1/1 4//1\n\
-                g a\nf -1 -2 -3\nf 1 2 3\n";
+    let text = "mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 1\nvt 0 0\nvn 0 0 1\nusemtl m\n\
+                f 1/1/1 2/1/1 3/1/1 4//1\ng a\nf -1 -2 -3\nf 1 2 3\n";
     let folder = Folder::new();
     folder.write("m.mtl", "newmtl m\nKd 1 1 1\n");
     survives(&folder, "a.obj", text.as_bytes(), |path| load(path).is_ok());

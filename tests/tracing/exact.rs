@@ -154,8 +154,8 @@ fn streams_longer_than_any_sub_stream() {
     check("long stream", &mesh, &many, None);
 }
 
-/// `count` rays in runs of 600 that start on a few triangles that follow each other and aim at a few others: what streams of
-/// shadow rays are like.
+/// `count` rays in runs of 600 that start on a few triangles that follow each other and aim at a few others: what
+/// streams of shadow rays are like.
 fn runs(mesh: &Mesh, count: usize, seed: u64) -> Vec<Ray> {
     let mut random = Random::new(seed);
     let mut around = [0, 0];

@@ -13,7 +13,13 @@ pub struct FramesArgs {
     pub frames: Option<Range<u32>>,
     /// Frames in flight at a time: the next ones keep the threads busy while the last paths of one end. Each takes
     /// memory for its rays and its film.
-    #[arg(long, value_name = "K", default_value_t = 3, requires = "frames", value_parser = clap::value_parser!(u32).range(1..=64))]
+    #[arg(
+        long,
+        value_name = "K",
+        default_value_t = 3,
+        requires = "frames",
+        value_parser = clap::value_parser!(u32).range(1..=64)
+    )]
     pub frames_in_flight: u32,
     /// Turn the camera around the middle of the scene, by so much from one frame to the next.
     #[arg(

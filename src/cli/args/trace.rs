@@ -34,10 +34,10 @@ pub struct TraceArgs {
 pub struct MeshArgs {
     /// Scene file.
     pub scene: PathBuf,
-    /// Mesh: .npz with vertices float32 (v, 3), normals (v, 3) and uvs (v, 2) if there are any, triangles uint32 (t, 3),
-    /// material uint32 (t,); of each material, without textures, the radiance that it gives off, emission float32 (m, 3),
-    /// base_colour (m, 3), metallic, roughness, specular, transmission, ior, opacity and thin bool (m,); base_texture,
-    /// opacity_texture and opacity_channel (R, G, B, A, 4: grey) uint32 (m,), 4294967295 for none.
+    /// Mesh: .npz with vertices float32 (v, 3), normals (v, 3) and uvs (v, 2) if there are any, triangles uint32 (t,
+    /// 3), material uint32 (t,); of each material, without textures, the radiance that it gives off, emission float32
+    /// (m, 3), base_colour (m, 3), metallic, roughness, specular, transmission, ior, opacity and thin bool (m,);
+    /// base_texture, opacity_texture and opacity_channel (R, G, B, A, 4: grey) uint32 (m,), 4294967295 for none.
     #[arg(short, long, value_name = "FILE")]
     pub output: PathBuf,
     /// Write the textures, too: texture0, … uint32 (height, width), RGBA in bytes.

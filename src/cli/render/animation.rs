@@ -51,8 +51,8 @@ impl Animation {
         }
         if args.progress.save_every.is_some() {
             bail!(
-                "--save-every is for one picture: each of several frames is written as soon as it is done, and one that \
-                 is not done would look as if it were"
+                "--save-every is for one picture: each of several frames is written as soon as it is done, and one \
+                 that is not done would look as if it were"
             );
         }
         Ok(true)

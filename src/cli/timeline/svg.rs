@@ -28,7 +28,8 @@ pub fn text(timeline: &Timeline) -> String {
     let curves = curves(timeline);
     let height = lanes + (CURVE + 8.0) * curves.len() as f64 + 46.0;
     let mut out = format!(
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {} {height}\" font-family=\"sans-serif\" font-size=\"11\">\n\
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {} {height}\" \
+         font-family=\"sans-serif\" font-size=\"11\">\n\
          <rect width=\"100%\" height=\"100%\" fill=\"white\"/>\n",
         WIDTH + MARGIN + 8.0
     );
@@ -48,7 +49,8 @@ pub fn text(timeline: &Timeline) -> String {
         let y = LANE * f64::from(task.thread) + 2.0;
         let _ = writeln!(
             out,
-            "<rect x=\"{start:.2}\" y=\"{y:.1}\" width=\"{:.2}\" height=\"{:.1}\" fill=\"{}\"><title>{}: {} rays, {:.3} ms</title></rect>",
+            "<rect x=\"{start:.2}\" y=\"{y:.1}\" width=\"{:.2}\" height=\"{:.1}\" fill=\"{}\">\
+             <title>{}: {} rays, {:.3} ms</title></rect>",
             end - start,
             LANE - 4.0,
             colour(task.kind),

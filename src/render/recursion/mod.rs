@@ -107,8 +107,8 @@
 //! - Each path in flight has one stack; a stack grows only by a call, and no higher than `most_calls`,
 //!   which is checked.
 //! - A path in flight has exactly one ray in flight: a turn ends by sending one, or by ending the path.
-//! - So when N · `most_calls` calls would be more than a GiB, [`Recursion`] has the scheduler keep fewer paths in flight
-//!   ([`crate::schedule::Renderer::most_in_flight`]): *spawning waits*, at the cost of smaller streams. One
+//! - So when N · `most_calls` calls would be more than a GiB, [`Recursion`] has the scheduler keep fewer paths in
+//!   flight ([`crate::schedule::Renderer::most_in_flight`]): *spawning waits*, at the cost of smaller streams. One
 //!   tile's paths are always let in, without which nothing would go on.
 //! - In a turn a path emits at most [`Shader::SHADOW_RAYS`] shadow rays. Callers that go on after a return share the
 //!   turn; when there is no room left, *the call waits* for its next turn.

@@ -189,7 +189,8 @@ mod tests {
     fn build(shapes: &str) -> Result<Scene, RecipeError> {
         Recipe::parse(&format!(
             r#"{{ "textures": {{ "t": {{ "pattern": "checker", "colours": [[255,255,255],[0,0,0]], "cells": 2 }} }},
-                 "materials": {{ "b": {{ "colour": [1,1,1], "texture": "t" }}, "a": {{ "colour": [0,0,0], "emission": [1,2,3] }} }},
+                 "materials": {{ "b": {{ "colour": [1,1,1], "texture": "t" }},
+                                    "a": {{ "colour": [0,0,0], "emission": [1,2,3] }} }},
                  "shapes": [{shapes}] }}"#
         ))?
         .build()

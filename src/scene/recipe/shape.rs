@@ -336,7 +336,8 @@ mod tests {
     fn bodies_are_closed_and_their_normals_point_outwards() {
         for shape in [
             r#"{ "shape": "sphere", "centre": [1,2,3], "radius": 2, "cells": 9 }"#,
-            r#"{ "shape": "sphere", "centre": [0,0,0], "radius": 1, "cells": 24, "rough": { "height": 0.2, "frequency": 2, "octaves": 4 } }"#,
+            r#"{ "shape": "sphere", "centre": [0,0,0], "radius": 1, "cells": 24,
+                 "rough": { "height": 0.2, "frequency": 2, "octaves": 4 } }"#,
             r#"{ "shape": "block", "centre": [0,0,0], "half": [1,2,3], "round": 0.2, "turn_degrees": 30, "cells": 8 }"#,
             r#"{ "shape": "knot", "centre": [0,1,0], "radius": 1, "tube": 0.2, "p": 2, "q": 3, "cells": [200, 12] }"#,
         ] {

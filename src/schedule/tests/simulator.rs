@@ -322,13 +322,16 @@ fn simulate(seeds: std::ops::Range<u64>) {
     assert!(least > 100, "every ending is simulated often");
 }
 
+/// How many histories are simulated.
+const HISTORIES: u64 = 30_000;
+
 /// Two halves, to be run side by side.
 #[test]
 fn nothing_is_lost_in_any_interleaving() {
-    simulate(0..15_000);
+    simulate(0..HISTORIES / 2);
 }
 
 #[test]
 fn nothing_is_lost_in_any_other_interleaving() {
-    simulate(15_000..30_000);
+    simulate(HISTORIES / 2..HISTORIES);
 }

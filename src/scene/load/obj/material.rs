@@ -11,7 +11,8 @@
 //! | 4, 6, 7, 9 | dielectric `Ni`, `Tf`: smooth, or frosted by `Pr` |
 //!
 //! Where `Pm` makes a metal of illum 3 or 5 its colour is `Kd`, as the PBR extension has it, or `Ks` if
-//! `Kd` is black. Maps multiply their factors. A Phong exponent n is as glossy as GGX of alpha √(2 / (n + 2)); `Pr` is perceptual: alpha = `Pr`².
+//! `Kd` is black. Maps multiply their factors. A Phong exponent n is as glossy as GGX of alpha √(2 / (n + 2)); `Pr` is
+//! perceptual: alpha = `Pr`².
 
 use super::super::warnings::Warnings;
 use super::super::{LoadError, beside};
