@@ -16,7 +16,7 @@ use std::f32::consts::PI;
 use std::path::Path;
 use std::sync::Arc;
 
-/// Dust in a thick layer, each grain of which scatters light evenly and once (Lommel and Seeliger's law).
+/// Dust in a thick layer. Each grain scatters light evenly and once (Lommel and Seeliger's law).
 #[derive(Clone, Copy, Debug)]
 struct Dust {
     /// Share of light that a grain of the highlands scatters, 0 to 1.

@@ -15,7 +15,7 @@ pub struct Unwritten {
     pub source: io::Error,
 }
 
-/// Writes a file of which nobody ever sees half.
+/// Writes a file that no reader ever sees half written.
 ///
 /// On Linux what is being written has no name, so that nothing of it is left whenever the process is killed. Once
 /// complete it gets a name beside `path` and at once that of `path`; a kill between these two calls leaves a

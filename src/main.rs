@@ -1,7 +1,7 @@
 //! The command line of raystream.
 //!
 //! This file alone changes the process's environment. Invariant 1: `main` does so before any thread is made,
-//! so nobody reads the environment meanwhile.
+//! so no thread reads the environment meanwhile.
 #![allow(unsafe_code, reason = "the invariants above")]
 
 fn main() -> std::process::ExitCode {

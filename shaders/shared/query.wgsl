@@ -4,7 +4,7 @@
 //
 // Vulkan promises a candidate for every box of which the ray has a point within its interval, and allows more ("Ray
 // Intersection Candidate Determination"). It gives no bound on the rounding of the test, so the boxes are pushed out,
-// by QUERY_MARGIN times the scene's largest coordinate (`trace/gpu/flatten/boxes.rs` shows of what that consists), and
+// by QUERY_MARGIN times the scene's largest coordinate (`trace/gpu/flatten/boxes.rs` derives the margin), and
 // rays from so far away that the margin would not do are UNCERTAIN: see `prepare`.
 
 fn traverse(ray: PreparedRay, found: ptr<function, Found>) {

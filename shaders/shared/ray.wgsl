@@ -13,7 +13,7 @@ const CERTAIN: u32 = 2u;
 struct PreparedRay {
     origin: vec3<f32>,
     direction: vec3<f32>,
-    // The direction, no component of which is 0: what slabs are tested with.
+    // The direction without a zero component, for slab tests.
     slanted: vec3<f32>,
     inverse: vec3<f32>,
     shift: vec3<f32>,

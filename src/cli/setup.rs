@@ -28,14 +28,14 @@ pub struct Setup {
 
 impl Setup {
     /// Reads a scene (`prepare` may change it before it is built), builds it, and starts the threads, for so many
-    /// jobs at a time, of which the oldest goes first.
+    /// jobs at a time. The oldest job goes first.
     pub fn new(
         path: &Path,
         args: &UnitArgs,
         max_jobs: usize,
         prepare: impl FnOnce(&mut Scene) -> Result<()>,
     ) -> Result<Self> {
-        // Cheap refusals first: nobody wants to wait for a scene to learn of a mistyped name.
+        // Cheap refusals first: a mistyped name is refused before the scene is loaded.
         let simd = SimdLevel::choose(&args.simd)?;
         let (unit, policy) = units_and_policy(args)?;
         let units = Units::open(&UnitChoice {

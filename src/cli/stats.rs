@@ -224,7 +224,7 @@ pub struct RayCounts {
     pub camera: u64,
     /// Rays from a hit whose nearest hit is wanted.
     pub continuation: u64,
-    /// Rays of which only occlusion is wanted.
+    /// Rays that only ask whether anything occludes them.
     pub shadow: u64,
 }
 

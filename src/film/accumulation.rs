@@ -56,7 +56,7 @@ impl Film {
     /// The most splats that a pixel can be promised.
     pub const MAX_SPLATS: u64 = 1 << (62 - MAX_RADIANCE_BITS - MIN_FRACTION_BITS);
 
-    /// A black film of `width` × `height` pixels, each of which will receive at most `splats` splats.
+    /// A black film of `width` × `height` pixels. Each will receive at most `splats` splats.
     ///
     /// # Errors
     /// When so many splats could overflow.
@@ -76,7 +76,7 @@ impl Film {
             width,
             height,
             fraction_bits,
-            // Memory that nobody has touched costs nothing.
+            // Untouched memory costs nothing.
             sums: bytemuck::zeroed_vec(pixels),
             samples: bytemuck::zeroed_vec(pixels),
             stripes: Stripes::new(pixels),

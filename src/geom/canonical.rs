@@ -21,7 +21,7 @@
 //! relative to the ray's origin (Embree's robust mode; Davis and Wald, see also Woop, Benthin, Wald
 //! 2013). Swapping the two vertices negates every intermediate exactly, so two triangles that share
 //! an edge see opposite signs of the same number, and zero counts as inside for both. The box
-//! planes are pushed apart by `SLACK` times the largest coordinate in play (see
+//! planes are moved outwards by `SLACK` times the largest coordinate in play (see
 //! [`CanonicalRay::new`]), far more than the rounding errors of either test, so a box never cuts off
 //! what an edge test accepts.
 

@@ -40,7 +40,7 @@ pub fn render_single_rays<R: Renderer>(renderer: &R, tracer: &dyn Tracer, thread
 /// A thread's tile, from which others may take too.
 struct Place<P> {
     camera: RwLock<Camera<P>>,
-    /// The first ray that nobody has taken.
+    /// The first ray that no thread has taken.
     next: AtomicUsize,
 }
 
@@ -69,7 +69,7 @@ impl<P: bytemuck::Pod> Place<P> {
         true
     }
 
-    /// Follows the paths of all rays that nobody has taken.
+    /// Follows the paths of all rays that no thread has taken.
     fn empty<R: Renderer<Payload = P>>(&self, walk: &mut Walk<'_, R>) {
         let camera = self.camera.read().unwrap_or_else(PoisonError::into_inner);
         let len = camera.rays.len();

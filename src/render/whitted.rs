@@ -45,7 +45,7 @@ pub struct WhittedState {
     /// Rays before this one in the lower half; above them the ray's [`Cone`].
     depth_and_cone: u32,
     /// Place in the tree of rays: 1 for the camera ray, 2n and 2n + 1 for the reflection and the
-    /// refraction of ray n. Keeps the random numbers of branches apart.
+    /// refraction of ray n. Gives each branch its own random numbers.
     branch: u32,
     /// Topmost loop entry.
     head: u32,

@@ -98,8 +98,8 @@ impl<'a, L: Lanes> Node<'a, L> {
     }
 
     /// The shadow rays to one of [`Node::lights`]. `branch` is the node's place in the tree: 1 for the camera
-    /// ray's, 2n and 2n + 1 for the reflection and the refraction of node n; it keeps the random numbers of
-    /// branches apart.
+    /// ray's, 2n and 2n + 1 for the reflection and the refraction of node n; it gives each branch its own
+    /// random numbers.
     #[inline(always)]
     pub fn lit(&self, light: usize, sampler: &Sampler<L>, branch: Int<L>, throughput: Vector<L>) -> Sent<L> {
         let (at, lights) = (&self.at, self.frame.lights());

@@ -21,7 +21,7 @@ pub struct Camera {
 #[derive(Debug, PartialEq, thiserror::Error)]
 pub enum CameraError {
     /// Eye and target are the same, or not finite.
-    #[error("the camera's eye {0} and target {1} must be finite and apart")]
+    #[error("the camera's eye {0} and target {1} must be finite and differ")]
     View(Vec3, Vec3),
     /// Up gives no direction.
     #[error("the camera's up vector {0} must be finite and must not point along the view")]

@@ -1,4 +1,4 @@
-//! A camera that moves as its scene file says: its node and those above it, of which channels move some.
+//! A camera that moves as its scene file says: channels move its node, and nodes above it.
 
 use super::Camera;
 use glam::{DMat4, DQuat, DVec3};

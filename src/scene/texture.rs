@@ -220,7 +220,7 @@ impl Texture {
     }
 }
 
-/// A lookup, done apart: materials have many.
+/// A lookup, outlined: materials have many.
 struct LookUp<'a, L: Lanes> {
     texture: &'a Texture,
     place: [Num<L>; 2],
@@ -335,7 +335,7 @@ mod tests {
             let mut t = two_by_one(wrap);
             (t.width, t.texels) = (4, [[0; 4], [0; 4], [0; 4], [255; 4]].into());
             t.add_pyramid(Averaging::Light);
-            // The mean over many hits, each of which sees one texel.
+            // The mean over many hits. Each sees one texel.
             let at = |u: f32| {
                 let hits = 4000;
                 let seen = (0..hits).map(|i| {

@@ -56,7 +56,7 @@ impl<B> Arena<B> {
     pub const MAX: usize = (FAN * FAN - 1) * BUCKET;
 
     /// The most paths in flight that are sure to find a place for so many entries each. Half of the
-    /// places are left for the hands of the threads, each of which keeps at most [`HOARD`] and a bucket.
+    /// places are left for the local free lists of the threads. Each keeps at most [`HOARD`] and a bucket.
     pub const fn most_paths(entries_each: usize) -> usize {
         Self::MAX / 2 / if entries_each == 0 { 1 } else { entries_each }
     }

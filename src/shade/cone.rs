@@ -59,7 +59,7 @@ impl<L: Lanes> Cone<L> {
     }
 }
 
-/// About 1 by the root of numbers ≥ 0, to a thirtieth: less than what is stored tells apart.
+/// About one over the square root of numbers ≥ 0, to a thirtieth: finer than what is stored distinguishes.
 #[inline(always)]
 fn by_root<L: Lanes>(x: Num<L>) -> Num<L> {
     // The bits of a number, read as a whole number, are its logarithm but for a slight bend.

@@ -245,8 +245,9 @@ impl<L: Lanes> Interaction<L> {
 /// Meshes of fewer triangles are in a near cache.
 const FAR: usize = 1 << 15;
 
-/// Asks for what [`Interaction::new`] will read of the hits of `rays`, some `lanes` of them before their turn, from `at` on: of the
-/// next ones the corners, and of those behind them where corners lie. In a large mesh every hit is somewhere else.
+/// Asks for what [`Interaction::new`] will read of the hits of `rays`, some `lanes` of them before their turn, from
+/// `at` on: of the next ones the corners, and of those behind them where corners lie. In a large mesh every hit is
+/// somewhere else.
 #[inline(always)]
 pub fn fetch(mesh: &Mesh, hits: &[Hit], rays: &[u32], at: usize, lanes: usize) {
     if mesh.triangles.len() < FAR {
@@ -272,8 +273,8 @@ pub fn fetch(mesh: &Mesh, hits: &[Hit], rays: &[u32], at: usize, lanes: usize) {
 /// How many times as long as wide a footprint may be without being blurred across.
 const FREE_STRETCH: f32 = 4.0;
 
-/// The squares of texture coordinates that are as large as what cones of a width cover of triangles of which twice
-/// the area is `surface`, seen under a cosine to their normals. What grazing angles draw out counts only beyond
+/// The squares of texture coordinates that are as large as what cones of a width cover of triangles (`surface` is
+/// twice their area), seen under a cosine to their normals. What grazing angles draw out counts only beyond
 /// [`FREE_STRETCH`]: the samples
 /// of a pixel, and the directions of a bounce, lie all along it.
 #[inline(always)]

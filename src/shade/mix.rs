@@ -6,7 +6,7 @@ use crate::lanes::{Lanes, SingleLane};
 use crate::scene::{Footprint, Scene, Surface};
 use crate::stream::Hit;
 
-/// Keeps the decision apart from that of [`Scene::alpha_accepts`].
+/// Makes the decision independent of that of [`Scene::alpha_accepts`].
 const SALT: u32 = 0x1f83_d9ab;
 
 /// Of hits on one of [`Scene::mixes`], the lanes that are its second part: a hash of the hit decides, as where

@@ -53,7 +53,7 @@ pub fn plane<L: Lanes>(corners: &[Vector<L>; 3], otherwise: Vector<L>) -> Plane<
 /// The powers of two that are not above magnitudes, and one by them, exactly.
 #[inline(always)]
 fn power_of_two<L: Lanes>(x: Num<L>) -> (Num<L>, Num<L>) {
-    /// The exponent of 1, and the greatest one of which the negative is one too.
+    /// The exponent of 1, and the greatest one whose negative is one too.
     const ONE: u32 = 127 << 23;
     const GREATEST: u32 = 253 << 23;
     let exponent = (x.to_bits() & 0x7f80_0000).at_most(GREATEST);

@@ -28,7 +28,7 @@ fn zoo() -> Vec<(&'static str, Mesh, Vec3, f32)> {
     ]
 }
 
-/// Bytes copied for rays and shadow rays that lie in memory of anybody's.
+/// Bytes copied for rays and shadow rays that lie in a caller's own memory.
 fn copied(rays: usize, shadow_rays: usize) -> u64 {
     (48 * rays + 36 * shadow_rays) as u64
 }

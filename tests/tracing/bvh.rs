@@ -128,7 +128,7 @@ fn a_refitted_tree_is_valid_and_tight_and_knows_its_triangles() {
 
 #[test]
 fn corners_part_and_meet_in_a_refit() {
-    // A sheet whose triangles share corners, and the same triangles flying apart.
+    // A sheet whose triangles share corners, and the same triangles scattered.
     let sheet = meshes::grid(40, 0.3, 21);
     let mut apart = meshes::soup(0, 0.0, 0);
     let mut random = Random::new(22);

@@ -206,7 +206,7 @@ fn pinhole_rays_that_share_an_origin() {
         Ray::new(origin, at - origin)
     };
     let rows: Vec<Ray> = (0..4096).map(|i| through(i % 64, i / 64)).collect();
-    // Row by row in blocks of 16 × 16, as frames' camera rays, of which packets are squares.
+    // Row by row in blocks of 16 × 16, as frames' camera rays, whose packets are squares.
     let in_block = |i: usize| through(i / 256 % 4 * 16 + i % 16, i / 1024 * 16 + i / 16 % 16);
     let blocks: Vec<Ray> = (0..4096).map(in_block).collect();
     // With rays that hit nothing among them, and an end that fills no packet.

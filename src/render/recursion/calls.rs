@@ -134,7 +134,7 @@ where
 
     fn lock(&self, place: u32) -> Held<'_, F> {
         let (bucket, number) = self.places.at(place);
-        // Nobody else looks at the place: its path is with this thread.
+        // No other thread uses the place: its path is with this thread.
         bucket[number].call.lock().unwrap_or_else(PoisonError::into_inner)
     }
 

@@ -235,7 +235,7 @@ fn an_even_sky_takes_one_ray_a_point_and_leaves_no_noise() {
 
 #[test]
 fn rays_beyond_the_last_bounce_are_followed_only_to_what_shines() {
-    // A sliver in nobody's way, whose box is around everything, makes all of them go on if it counts as a lamp.
+    // A sliver that no ray meets, whose box is around everything, makes all of them go on if it counts as a lamp.
     let scene = |environment: &Environment, shines: bool| {
         let mut scene = Scene { environment: environment.clone(), ..one_of_everything() };
         let mut lamp = shining(1.0, 0.5);

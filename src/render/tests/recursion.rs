@@ -116,7 +116,7 @@ fn any_control_flow_gets_the_answers_that_belong_to_it() {
     assert_eq!(counts.shadow, 3 * counts.continuation);
 }
 
-/// Adds light by `LAMPS` shadow rays at each hit, of which `ROOM` fit into one turn, and goes through all
+/// Adds light by `LAMPS` shadow rays at each hit, `ROOM` at a time, and goes through all
 /// sheets by calling itself `depth` times, each time before or after its own light.
 struct Crowd<const ROOM: usize> {
     first: bool,

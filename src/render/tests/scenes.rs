@@ -140,7 +140,7 @@ pub fn room() -> Scene {
     scene
 }
 
-/// `count` parallel sheets across the z axis, a unit apart, the camera of [`camera`] between the
+/// `count` parallel sheets across the z axis, at a distance of one unit, the camera of [`camera`] between the
 /// middle two.
 pub fn sheets(count: u32, material: Material) -> Scene {
     let mut scene = Scene { environment: Environment::Constant(Vec3::ONE), ..Scene::default() };

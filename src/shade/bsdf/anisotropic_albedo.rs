@@ -87,7 +87,7 @@ impl<L: Lanes> AnisotropicAlbedo<L> {
     }
 }
 
-/// A lookup, done apart: hardly any surface is brushed.
+/// A lookup, outlined: hardly any surface is brushed.
 struct Towards<L: Lanes> {
     facets: AnisotropicAlbedo<L>,
     w: Vector<L>,

@@ -97,7 +97,7 @@ impl<L: Lanes> Facets<L> {
     }
 }
 
-/// Anisotropic facets, made apart: hardly any surface is brushed.
+/// Anisotropic facets, made out of line: hardly any surface is brushed.
 struct Anisotropic<L: Lanes> {
     roughness: Num<L>,
     strength: Num<L>,

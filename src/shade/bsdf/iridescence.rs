@@ -9,7 +9,7 @@ use std::f32::consts::{LOG2_E, TAU};
 /// Orders of interference that are summed.
 const ORDERS: usize = 2;
 
-/// What the eye's X, Y, Z and X's second hump see of waves that are a path apart: Gaussians in the frequency of
+/// What the eye's X, Y, Z and X's second hump see of waves with a given path difference: Gaussians in the frequency of
 /// the path. Height, position and variance per metre, and metre².
 const SENSITIVITY: [[f32; 3]; 4] = [
     [5.4856e-13, 1.6810e6, 4.3278e9],
@@ -117,7 +117,7 @@ impl<L: Lanes> Film<L> {
     }
 }
 
-/// Linear Rec. 709 of waves that are a path, in metres, apart.
+/// Linear Rec. 709 of waves with a path difference in metres.
 #[inline(always)]
 fn sensitivity<L: Lanes>(path: Num<L>) -> [Num<L>; 3] {
     let zero = path.only(0);
@@ -141,7 +141,7 @@ fn between<L: Lanes>(a: Num<L>, b: Num<L>) -> Num<L> {
     ((a - b) / (a + b)).squared()
 }
 
-/// A film's interference, done apart: few surfaces have one.
+/// A film's interference, outlined: few surfaces have one.
 struct Interference<L: Lanes> {
     film: Film<L>,
     f0: Vector<L>,

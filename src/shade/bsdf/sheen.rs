@@ -108,7 +108,7 @@ impl<L: Lanes> Sheen<L> {
     }
 }
 
-/// A look at the table, done apart: few surfaces have fibres.
+/// A lookup in the table, outlined: few surfaces have fibres.
 struct Share<L: Lanes> {
     roughness: Num<L>,
     z: Num<L>,

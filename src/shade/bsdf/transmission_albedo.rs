@@ -137,7 +137,7 @@ fn table() -> &'static Table {
         let part = |i: usize, nodes: usize| i as f32 / (nodes - 1) as f32;
         let mut table = Vec::with_capacity(NODES[0] * NODES[1] * 2 * ENTRIES * WORDS);
         for i in 0..NODES[0] {
-            // An index of 1 is no boundary; beside it one still tells sides apart.
+            // An index of 1 is no boundary; beside it one still distinguishes the sides.
             let index = (1.0 + (MAX_INDEX - 1.0) * part(i, NODES[0]).powi(2)).max(1.0 + 1e-3);
             for k in 0..NODES[1] {
                 let roughness = MIN_ROUGHNESS + (1.0 - MIN_ROUGHNESS) * part(k, NODES[1]);

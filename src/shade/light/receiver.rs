@@ -32,7 +32,7 @@ impl<L: Lanes> Receiver<L> {
         Self::new(at.origin(at.raised, at.normal), at.normal)
     }
 
-    /// The same of which nothing but the position is asked, since there are few lights.
+    /// The same where only the position is used, since there are few lights.
     #[inline(always)]
     pub fn place_of(at: &Interaction<L>) -> Self {
         let position = at.origin(at.raised, at.normal);

@@ -1,4 +1,4 @@
-//! Animations, of which the camera's are honoured.
+//! Animations. Only the camera's are honoured.
 
 use super::super::LoadError;
 use super::Context;

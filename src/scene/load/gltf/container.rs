@@ -11,7 +11,7 @@ pub(super) struct Container<'a> {
     pub(super) binary: Option<&'a [u8]>,
 }
 
-/// Takes a GLB file apart; any other file is JSON as a whole.
+/// Splits a GLB file into its chunks; any other file is JSON as a whole.
 ///
 /// # Errors
 /// When the file is shorter than it says or its first chunk is not JSON.

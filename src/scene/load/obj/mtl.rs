@@ -223,7 +223,7 @@ fn map(arguments: &str, about: &mut impl FnMut(&str)) -> Result<Map, String> {
     Ok(map)
 }
 
-/// One to three numbers, of which two count; `missing` stands in for the second.
+/// One to three numbers, the first two count; `missing` stands in for the second.
 fn vector(arguments: &str, missing: f32) -> Result<(Vec2, &str), String> {
     let (word, mut rest) = split_keyword(arguments);
     let mut values = Vec2::new(number(word)?, missing);

@@ -138,7 +138,7 @@ impl Reader<'_> {
         Ok(())
     }
 
-    /// Rows with a list of vertices, which `triangulate` takes apart.
+    /// Rows with a list of vertices, which `triangulate` splits.
     fn faces(
         &mut self,
         element: &Element,
