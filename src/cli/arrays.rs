@@ -1,4 +1,4 @@
-//! NumPy files in and out.
+//! Reads and writes NumPy files.
 
 use crate::files::write_whole;
 use crate::stream::Ray;
@@ -22,7 +22,7 @@ pub fn read_rays(path: &Path) -> Result<Vec<Ray>> {
     let bytes = rows.checked_mul(size_of::<Ray>() as u64);
     ensure!(
         bytes.is_some_and(|b| b <= length),
-        "{name}: the header promises {rows} rays of 32 bytes, but the file has {length} bytes; is it cut short?"
+        "{name}: the header promises {rows} rays of 32 bytes, but the file has {length} bytes; the file is truncated"
     );
     let dtype = npy.dtype().descr();
     let values: Vec<f32> = npy
@@ -43,12 +43,12 @@ pub enum Array<'a> {
     Bool(&'a [u32]),
 }
 
-/// Writes arrays as `.npz`, each with its name and the length of its second axis (0: it has none).
+/// Writes arrays as `.npz`, each with its name and the length of its second axis (0 for one-dimensional arrays).
 pub fn write_npz(path: &Path, arrays: &[(impl AsRef<str>, u64, Array<'_>)]) -> Result<()> {
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default();
     ensure!(
         extension.eq_ignore_ascii_case("npz"),
-        "{}: arrays are written as .npz; name the file so",
+        "{}: arrays are written as .npz; give the file that extension",
         path.display()
     );
     write_whole(path, |file| {

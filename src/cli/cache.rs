@@ -1,9 +1,9 @@
-//! Where things are kept that can be found out again.
+//! The folder for cached calibrations.
 
 use std::path::PathBuf;
 
-/// The system's folder for caches, ours within it: `$XDG_CACHE_HOME` or `~/.cache`, `~/Library/Caches`,
-/// `%LOCALAPPDATA%`. None where the system names none.
+/// raystream's folder within the system's cache folder: `$XDG_CACHE_HOME` or `~/.cache`, `~/Library/Caches`,
+/// `%LOCALAPPDATA%`. `None` where the system names none.
 pub fn folder() -> Option<PathBuf> {
     Some(dirs::cache_dir()?.join("raystream"))
 }

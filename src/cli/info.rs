@@ -8,7 +8,7 @@ use crate::trace::cpu::SimdLevel;
 #[cfg(feature = "gpu")]
 use crate::trace::gpu::{AdapterChoice, AdapterInfo, Gpu};
 
-/// Prints what this machine has.
+/// Prints the processor, threads, SIMD levels and GPU adapters of this machine.
 pub fn run() {
     println!("raystream {}", env!("CARGO_PKG_VERSION"));
     if let Some(processor) = crate::meters::processor() {
@@ -26,7 +26,7 @@ fn print_adapters() {
     let adapters = crate::trace::gpu::adapters();
     if adapters.is_empty() {
         println!(
-            "adapters:     none (no Vulkan, Metal or DirectX 12 driver answers); rays are traced on the CPU"
+            "adapters:     none (no Vulkan, Metal or DirectX 12 driver found); rays are traced on the CPU"
         );
     }
     for adapter in adapters {
@@ -51,7 +51,7 @@ fn print_adapters() {
     }
 }
 
-/// What sizes and kernels an adapter likes, measured unless that has been done before.
+/// The stream sizes and kernels calibrated for an adapter; measures them unless a calibration is cached.
 #[cfg(feature = "gpu")]
 fn sizing(adapter: &AdapterInfo) -> String {
     let choice = AdapterChoice { name: Some(adapter.name.clone()), allow_software: true };
@@ -59,13 +59,12 @@ fn sizing(adapter: &AdapterInfo) -> String {
     let gpu = match (Gpu::open(&choice), super::cache::folder()) {
         (Ok(gpu), Some(folder)) => gpu.calibrate(&folder, host),
         (Ok(gpu), None) => gpu,
-        (Err(error), _) => return format!("not measured: {error}"),
+        (Err(error), _) => return format!("not calibrated: {error}"),
     };
     match gpu.sizing() {
-        None => "not measured; the paper's sizes are used".into(),
+        None => "not calibrated; using the paper's sizes".into(),
         Some(Sizing { threshold, least, in_flight }) => format!(
-            "full at {threshold} rays, {in_flight} in flight; fewer than {least} rays are for host threads; \
-             kernels: {}",
+            "full at {threshold} rays, {in_flight} in flight; fewer than {least} rays stay on the CPU; kernels: {}",
             gpu.variant()
         ),
     }

@@ -1,4 +1,4 @@
-//! What lights a scene besides its own lights.
+//! Applies the options of light to a scene.
 
 use super::args::{LightArgs, vector};
 use crate::scene::{Environment, Scene, load};
@@ -7,13 +7,13 @@ use glam::Vec3;
 use std::path::Path;
 
 impl LightArgs {
-    /// Hangs the environment that the flags ask for, or a white one where there would be no light at all.
+    /// Sets the environment that the options name, or a white one if the scene would have no light.
     pub fn apply_environment(&self, scene: &mut Scene) -> Result<()> {
         match &self.env {
             Some(text) => {
                 scene.environment = match vector(text) {
                     Ok(radiance) if radiance.cmpge(Vec3::ZERO).all() => Environment::Constant(radiance),
-                    Ok(radiance) => bail!("--env {radiance}: radiance is not negative"),
+                    Ok(radiance) => bail!("--env {radiance}: radiance must not be negative"),
                     Err(_) => {
                         let mut map = load::environment(Path::new(text))?;
                         map.rotation_degrees = self.env_rotation;
@@ -22,7 +22,7 @@ impl LightArgs {
                 };
             }
             None if is_dark(scene) => {
-                log::warn!("the scene has no light; lit by a white environment (choose one with --env)");
+                log::warn!("the scene has no light; using a white environment (choose one with --env)");
                 scene.environment = Environment::Constant(Vec3::ONE);
             }
             None => {}

@@ -5,27 +5,28 @@ use super::arrays::{Array, write_npz};
 use crate::scene::{AlphaMode, Colour, Material, Principled, Surface, load};
 use anyhow::Result;
 
-/// No texture.
+/// The texture index that stands for no texture.
 const NONE: u32 = u32::MAX;
 
-/// Writes a scene's triangles as arrays, and of its materials what other programs know, too.
+/// Writes a scene's triangles as arrays, with the material factors that other renderers share.
 pub fn run(args: &MeshArgs) -> Result<()> {
     let scene = load::load(&args.scene)?;
     let mesh = &scene.mesh;
-    let looks: Vec<Look> = scene.materials.iter().map(Look::of).collect();
+    let factors: Vec<Factors> = scene.materials.iter().map(Factors::of).collect();
     let emission: Vec<[f32; 3]> = (scene.materials.iter())
         .map(|material| material.emission.map_or([0.0; 3], |emission| emission.radiance.factor.to_array()))
         .collect();
-    let base_colour: Vec<[f32; 3]> = looks.iter().map(|look| look.base.factor.to_array()).collect();
-    let numbers = |number: fn(&Look) -> f32| -> Vec<f32> { looks.iter().map(number).collect() };
-    let textures = |texture: fn(&Look) -> u32| -> Vec<u32> { looks.iter().map(texture).collect() };
-    let [metallic, roughness] = [numbers(|look| look.metallic), numbers(|look| look.roughness)];
-    let [specular, transmission] = [numbers(|look| look.specular), numbers(|look| look.transmission)];
-    let [ior, opacity] = [numbers(|look| look.ior), numbers(|look| look.opacity)];
-    let thin = textures(|look| look.thin);
-    let base_texture = textures(|look| look.base.texture.map_or(NONE, |texture| texture.texture));
-    let opacity_texture = textures(|look| look.opacity_texture);
-    let opacity_channel = textures(|look| look.opacity_channel);
+    let base_colour: Vec<[f32; 3]> = factors.iter().map(|factors| factors.base.factor.to_array()).collect();
+    let numbers = |number: fn(&Factors) -> f32| -> Vec<f32> { factors.iter().map(number).collect() };
+    let textures = |texture: fn(&Factors) -> u32| -> Vec<u32> { factors.iter().map(texture).collect() };
+    let [metallic, roughness] = [numbers(|factors| factors.metallic), numbers(|factors| factors.roughness)];
+    let [specular, transmission] =
+        [numbers(|factors| factors.specular), numbers(|factors| factors.transmission)];
+    let [ior, opacity] = [numbers(|factors| factors.ior), numbers(|factors| factors.opacity)];
+    let thin = textures(|factors| factors.thin);
+    let base_texture = textures(|factors| factors.base.texture.map_or(NONE, |texture| texture.texture));
+    let opacity_texture = textures(|factors| factors.opacity_texture);
+    let opacity_channel = textures(|factors| factors.opacity_channel);
     let mut arrays: Vec<(String, u64, Array<'_>)> = [
         ("vertices", 3, Array::F32(bytemuck::cast_slice(&mesh.positions))),
         ("normals", 3, Array::F32(bytemuck::cast_slice(&mesh.normals))),
@@ -61,26 +62,26 @@ pub fn run(args: &MeshArgs) -> Result<()> {
     Ok(())
 }
 
-/// What most renderers know of a surface: numbers without their textures.
-struct Look {
+/// The factors of a surface that most renderers share, without textures.
+struct Factors {
     base: Colour,
     metallic: f32,
     roughness: f32,
     specular: f32,
     transmission: f32,
     ior: f32,
-    /// Of what is transmitted: 1 where it passes straight through, 0 where it enters a body.
+    /// 1 if transmitted light passes straight through (a thin wall), 0 if it enters a body.
     thin: u32,
     opacity: f32,
     opacity_texture: u32,
-    /// Of that texture: red, green, blue, alpha, or 4, the mean of the first three.
+    /// Channel of the opacity texture: 0 to 3 for RGBA, 4 for the mean of RGB.
     opacity_channel: u32,
 }
 
-impl Look {
+impl Factors {
     fn of(material: &Material) -> Self {
         let matte = Principled::default();
-        let mut look = Self {
+        let mut factors = Self {
             base: matte.base_colour,
             metallic: 0.0,
             roughness: 1.0,
@@ -93,28 +94,29 @@ impl Look {
             opacity_channel: 0,
         };
         if material.alpha.mode != AlphaMode::Opaque {
-            look.opacity = material.alpha.value.factor;
+            factors.opacity = material.alpha.value.factor;
             if let Some((texture, channel)) = &material.alpha.value.texture {
-                (look.opacity_texture, look.opacity_channel) = (texture.texture, *channel as u32);
+                (factors.opacity_texture, factors.opacity_channel) = (texture.texture, *channel as u32);
             }
         }
         match &material.surface {
-            Surface::Matte { reflectance } => look.base = *reflectance,
+            Surface::Matte { reflectance } => factors.base = *reflectance,
             Surface::Mirror { reflectance } => {
-                (look.base, look.metallic, look.roughness) = (*reflectance, 1.0, 0.0);
+                (factors.base, factors.metallic, factors.roughness) = (*reflectance, 1.0, 0.0);
             }
             Surface::Dielectric { ior, transmittance } => {
-                (look.base, look.ior) = (Colour::constant(*transmittance), *ior);
-                (look.transmission, look.specular, look.roughness) = (1.0, 1.0, 0.0);
+                (factors.base, factors.ior) = (Colour::constant(*transmittance), *ior);
+                (factors.transmission, factors.specular, factors.roughness) = (1.0, 1.0, 0.0);
             }
             Surface::Principled(surface) => {
-                (look.base, look.ior) = (surface.base_colour, surface.ior);
-                (look.metallic, look.roughness) = (surface.metallic.factor, surface.roughness.factor);
-                (look.specular, look.transmission) = (surface.specular.factor, surface.transmission.factor);
-                look.thin = surface.thin.into();
+                (factors.base, factors.ior) = (surface.base_colour, surface.ior);
+                (factors.metallic, factors.roughness) = (surface.metallic.factor, surface.roughness.factor);
+                (factors.specular, factors.transmission) =
+                    (surface.specular.factor, surface.transmission.factor);
+                factors.thin = surface.thin.into();
             }
             Surface::Procedural(_) | Surface::Scattering(_) | Surface::Mix(_) => {}
         }
-        look
+        factors
     }
 }

@@ -24,15 +24,15 @@ use args::{Cli, Command};
 use clap::FromArgMatches;
 use std::process::ExitCode;
 
-/// How a command ended.
+/// How a command ended, if it did not fail.
 enum Outcome {
-    /// As asked: exit code 0.
+    /// Exit code 0.
     Done,
-    /// With a result, but not as asked (a GPU was lost, say): exit code 1.
+    /// With a result, but a degraded one (a GPU was lost, say): exit code 1.
     Degraded,
 }
 
-/// Runs the command line of this process; exit code 2 when it could not run.
+/// Runs the command line of this process. Exit code 2: it could not run.
 pub fn run() -> ExitCode {
     run_with(Registry::built_in())
 }
@@ -67,14 +67,14 @@ pub fn run_with(registry: Registry) -> ExitCode {
         Ok(Outcome::Done) => ExitCode::SUCCESS,
         Ok(Outcome::Degraded) => ExitCode::from(1),
         Err(error) => {
-            eprintln!("error: {}", whole(&error));
+            eprintln!("error: {}", with_causes(&error));
             ExitCode::from(2)
         }
     }
 }
 
-/// An error with its causes, those left out that it already tells.
-fn whole(error: &anyhow::Error) -> String {
+/// An error with its causes, without causes that its text already contains.
+fn with_causes(error: &anyhow::Error) -> String {
     error.chain().map(ToString::to_string).fold(String::new(), |told, cause| {
         if told.is_empty() {
             cause

@@ -4,20 +4,20 @@ use crate::schedule::Progress;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::time::{Duration, Instant};
 
-/// How often the bar moves and Ctrl-C is looked for.
-pub const BEAT: Duration = Duration::from_millis(100);
+/// Interval at which the bar moves and Ctrl-C is polled.
+pub const POLL_INTERVAL: Duration = Duration::from_millis(100);
 
-/// Shows on stderr how far a command is; quiet when stderr is not a terminal.
+/// Shows a command's progress on stderr, if stderr is a terminal.
 pub struct Bar {
     bar: ProgressBar,
     began: Instant,
-    /// Tiles and rays of jobs that are over.
+    /// Tiles and rays of finished jobs.
     tiles_before: u64,
     rays_before: u64,
 }
 
 impl Bar {
-    /// For so many tiles.
+    /// A bar of this many tiles.
     pub fn new(tiles: u64) -> Self {
         let bar = ProgressBar::new(tiles);
         let style = ProgressStyle::with_template("{wide_bar} {percent:>3} %  {msg}  {eta} left")
@@ -26,13 +26,13 @@ impl Bar {
         Self { bar, began: Instant::now(), tiles_before: 0, rays_before: 0 }
     }
 
-    /// Counts a job that is over.
+    /// Adds a finished job.
     pub fn finish_job(&mut self, tiles: u64, rays: u64) {
         self.tiles_before += tiles;
         self.rays_before += rays;
     }
 
-    /// Shows how far the jobs under way are.
+    /// Shows the progress of finished and running jobs.
     pub fn show(&self, jobs: impl Iterator<Item = Progress>) {
         let (mut tiles, mut rays) = (self.tiles_before, self.rays_before);
         for job in jobs {

@@ -1,4 +1,4 @@
-//! The integrators that the command line knows by name, and surfaces that it puts on materials of a name.
+//! The integrators that the command line offers by name, and user surfaces for materials by name.
 
 use super::Outcome;
 use super::args::Cli;
@@ -12,37 +12,37 @@ use clap::builder::{PossibleValue, PossibleValuesParser};
 use clap::{Command, CommandFactory};
 use std::sync::Arc;
 
-/// What an integrator is made from.
+/// What an integrator is constructed from.
 #[derive(Clone, Debug)]
 pub struct IntegratorParams {
-    /// What is rendered.
+    /// The scene.
     pub scene: Arc<Scene>,
-    /// From where.
+    /// The camera.
     pub camera: Camera,
-    /// How.
+    /// Size, samples, bounces, seed.
     pub settings: Settings,
-    /// Bounces after which paths may end by Russian roulette; `None` for never.
+    /// Bounces after which Russian roulette may end a path; `None` disables it.
     pub roulette_bounces: Option<u32>,
-    /// The instruction set to shade with, where it matters.
+    /// The SIMD level to shade with.
     pub simd: SimdLevel,
 }
 
-/// Integrators by name. A binary of yours that knows more of them than `raystream`:
+/// Integrators by name. Your own binary can add to those of `raystream`:
 ///
 /// ```no_run
 /// use raystream::cli::{Registry, run_with};
 /// use raystream::render::AmbientOcclusion;
 ///
 /// fn main() -> std::process::ExitCode {
-///     let registry = Registry::built_in().with("corners", "Dirt in corners: occlusion very near", |brief| {
-///         let reach = brief.scene.bounds().radius() / 100.0;
-///         AmbientOcclusion::new(brief.scene, &brief.camera, brief.settings, reach)
+///     let registry = Registry::built_in().with("corners", "Dirt in corners: occlusion very near", |params| {
+///         let reach = params.scene.bounds().radius() / 100.0;
+///         AmbientOcclusion::new(params.scene, &params.camera, params.settings, reach)
 ///     });
-///     run_with(registry) // mine render scene.glb --integrator corners
+///     run_with(registry) // my-binary render scene.glb --integrator corners
 /// }
 /// ```
 ///
-/// Surfaces of yours go on all materials of a name, whichever scene file has them:
+/// Your surfaces replace those of all materials with a given name, in any scene file:
 ///
 /// ```no_run
 /// use raystream::cli::{Registry, run_with};
@@ -66,12 +66,12 @@ pub struct Registry {
     surfaces: Vec<(&'static str, CodedSurface)>,
 }
 
-/// A surface that code computes.
+/// A surface computed by user code.
 #[derive(Clone, Debug)]
 pub enum CodedSurface {
-    /// How it looks from place to place.
+    /// A metallic-roughness surface whose parameters are computed at each hit.
     Procedural(ProceduralSurface),
-    /// A BSDF of its own.
+    /// A user BSDF.
     Scattering(ScatteringSurface),
 }
 
@@ -93,41 +93,38 @@ struct Entry {
     run: Box<Run>,
 }
 
-/// Makes the integrator and carries the order out with it.
+/// Constructs the integrator and runs the request with it.
 type Run = dyn Fn(IntegratorParams, RenderRequest<'_>) -> Result<Outcome>;
 
 impl Registry {
-    /// Those of raystream.
+    /// The integrators of raystream itself.
     pub fn built_in() -> Self {
         Self { entries: Vec::new(), surfaces: Vec::new() }
-            .with("path", "Path tracing: all light (the default)", |params| {
+            .with("path", "Path tracing: all light paths (the default)", |params| {
                 let path = Path::new(params.scene, &params.camera, params.settings, params.roulette_bounces)?;
                 Ok(path.with_simd(params.simd))
             })
             .with(
                 "whitted",
-                "Whitted's algorithm: direct light, mirrors and glass; fast, without noise",
+                "Whitted's algorithm: direct light, mirrors and glass; fast and noise-free",
                 |params| {
                     let whitted = Whitted::new(params.scene, &params.camera, params.settings)?;
                     Ok(whitted.with_simd(params.simd))
                 },
             )
-            .with("recursive-whitted", "The same picture by a shader written as one async fn", |params| {
-                Recursion::new(RecursiveWhitted, params.scene, &params.camera, params.settings)
-            })
             .with(
-                "ambient-occlusion",
-                "How open the surroundings are; without colours and lights",
-                |params| {
-                    let reach = AmbientOcclusion::usual_reach(&params.scene);
-                    let ambient =
-                        AmbientOcclusion::new(params.scene, &params.camera, params.settings, reach)?;
-                    Ok(ambient.with_simd(params.simd))
-                },
+                "recursive-whitted",
+                "The same picture as whitted, by a shader written as one async fn",
+                |params| Recursion::new(RecursiveWhitted, params.scene, &params.camera, params.settings),
             )
+            .with("ambient-occlusion", "Ambient occlusion; ignores colours and lights", |params| {
+                let reach = AmbientOcclusion::usual_reach(&params.scene);
+                let ambient = AmbientOcclusion::new(params.scene, &params.camera, params.settings, reach)?;
+                Ok(ambient.with_simd(params.simd))
+            })
     }
 
-    /// Adds an integrator under a name, instead of one that has it. `about` is its line in the help.
+    /// Adds an integrator, or replaces the one of this name. `about` is its line in the help.
     pub fn with<I: Integrator>(
         mut self,
         name: &'static str,
@@ -135,21 +132,20 @@ impl Registry {
         make: impl Fn(IntegratorParams) -> Result<I, SettingsError> + 'static,
     ) -> Self {
         self.entries.retain(|entry| entry.name != name);
-        let run = Box::new(move |params: IntegratorParams, order: RenderRequest<'_>| {
-            order.carry_out(make(params)?)
-        });
+        let run =
+            Box::new(move |params: IntegratorParams, request: RenderRequest<'_>| request.run(make(params)?));
         self.entries.push(Entry { name, about, run });
         self
     }
 
-    /// Gives all materials of that name, of whatever scene is rendered, this surface instead of their own. What they
-    /// give off, where they are not there, what fills their bodies and their normal maps stay.
+    /// Replaces the surface of every material with this name, in any scene. Emission, alpha, interior medium and
+    /// normal map are kept.
     pub fn with_surface(mut self, material: &'static str, surface: impl Into<CodedSurface>) -> Self {
         self.surfaces.push((material, surface.into()));
         self
     }
 
-    /// Puts the surfaces on the materials that have their names.
+    /// Replaces the surfaces of the materials named in the registry.
     pub(super) fn apply_surfaces(&self, scene: &mut Scene) {
         for (name, surface) in &self.surfaces {
             if scene.materials.iter().all(|material| material.name != *name) {
@@ -180,15 +176,15 @@ impl Registry {
         })
     }
 
-    /// Carries an order out with the integrator of that name.
+    /// Runs a request with the integrator of this name.
     pub(super) fn run(
         &self,
         name: &str,
         params: IntegratorParams,
-        order: RenderRequest<'_>,
+        request: RenderRequest<'_>,
     ) -> Result<Outcome> {
         let entry = self.entries.iter().find(|entry| entry.name == name);
-        (entry.with_context(|| format!("there is no integrator {name:?}"))?.run)(params, order)
+        (entry.with_context(|| format!("there is no integrator {name:?}"))?.run)(params, request)
     }
 }
 

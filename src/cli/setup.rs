@@ -1,4 +1,4 @@
-//! What the commands that trace have in common: a loaded scene, its stage and the service.
+//! What all commands that trace need: a loaded scene, its tree and tracers, and the service.
 
 use super::args::{PolicyChoice, TracerChoice, UnitArgs};
 use crate::engine::{PreparedScene, UnitChoice, Units};
@@ -10,15 +10,15 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
-/// A scene ready to be traced, and who traces.
+/// A prepared scene and the service that traces it.
 pub struct Setup {
-    /// The scene, its tree, its tracers.
+    /// The scene with its tree and tracers.
     pub prepared: PreparedScene,
-    /// The threads.
+    /// The service with its threads.
     pub service: Service,
     /// The CPU tracer's instruction set.
     pub simd: SimdLevel,
-    /// The policy that was asked for.
+    /// The requested policy.
     pub policy: Option<Policy>,
     /// Seconds spent reading files.
     pub load_s: f64,
@@ -27,15 +27,15 @@ pub struct Setup {
 }
 
 impl Setup {
-    /// Reads a scene (`prepare` may change it before it is built), builds it, and starts the threads, for so many
-    /// jobs at a time. The oldest job goes first.
+    /// Reads a scene, lets `prepare` change it, builds its tree and starts the threads. At most `max_jobs` jobs run
+    /// at a time; the oldest has precedence.
     pub fn new(
         path: &Path,
         args: &UnitArgs,
         max_jobs: usize,
         prepare: impl FnOnce(&mut Scene) -> Result<()>,
     ) -> Result<Self> {
-        // Cheap refusals first: a mistyped name is refused before the scene is loaded.
+        // Options are checked before the scene is read, which may take long.
         let simd = SimdLevel::choose(&args.simd)?;
         let (unit, policy) = units_and_policy(args)?;
         let units = Units::open(&UnitChoice {
@@ -77,9 +77,9 @@ impl Setup {
     }
 }
 
-/// Who traces, and by which policy; a policy of one unit says who.
+/// The requested units and policy; a policy of a single unit implies the unit.
 fn units_and_policy(args: &UnitArgs) -> Result<(Option<Unit>, Option<Policy>)> {
-    let asked = args.tracer.map(|choice| match choice {
+    let requested = args.tracer.map(|choice| match choice {
         TracerChoice::Cpu => Unit::Cpu,
         TracerChoice::Gpu => Unit::Gpu,
         TracerChoice::Hybrid => Unit::Hybrid,
@@ -94,9 +94,9 @@ fn units_and_policy(args: &UnitArgs) -> Result<(Option<Unit>, Option<Policy>)> {
         Some(PolicyChoice::GpuOnly) => (Some(Unit::Gpu), None),
     };
     ensure!(
-        alone.is_none() || asked.is_none() || alone == asked,
-        "--policy {} is for one unit and --tracer asks for other units; leave one of the two out",
+        alone.is_none() || requested.is_none() || alone == requested,
+        "--policy {} uses one unit, but --tracer names others; leave one of the two out",
         if alone == Some(Unit::Cpu) { "cpu-only" } else { "gpu-only" }
     );
-    Ok((alone.or(asked), policy))
+    Ok((alone.or(requested), policy))
 }

@@ -17,11 +17,11 @@ pub const SCHEMA: u32 = 1;
 pub struct RenderStats {
     /// [`SCHEMA`].
     pub schema: u32,
-    /// What was rendered.
+    /// The scene.
     pub scene: SceneStats,
-    /// What came out.
+    /// The picture.
     pub image: ImageStats,
-    /// Where the time went.
+    /// Seconds by stage.
     pub seconds: Seconds,
     /// Rays traced, by kind.
     pub rays: RayCounts,
@@ -29,27 +29,27 @@ pub struct RenderStats {
     pub mray_per_s: f64,
     /// Camera rays per microsecond of `seconds.render`.
     pub mpath_per_s: f64,
-    /// Who traced.
+    /// Rays and time by unit.
     pub units: Units,
-    /// Rays but for shadow rays by depth, from 0 on.
+    /// Rays by depth, shadow rays excluded, starting at depth 0.
     pub depths: Vec<DepthStats>,
     /// One entry a thread.
     pub threads: Vec<ThreadStats>,
     /// Complete passes over the picture.
     pub passes: u64,
-    /// With `--noise`: how noisy the picture is; else null.
+    /// Noise estimate with `--noise`; else null.
     pub noise: Option<NoiseStats>,
     /// Share of host threads' time that was idle after the last camera rays were spawned.
     pub tail_idle_share: f64,
     /// Seconds from then to the end.
     pub tail_s: f64,
-    /// Splats that were not finite and therefore dropped.
+    /// Splats dropped because they were not finite.
     pub dropped_splats: u64,
-    /// Highest memory use of the process so far; null where the system does not tell.
+    /// Highest memory use of the process so far; null where the system does not report it.
     pub peak_memory_bytes: Option<u64>,
-    /// What the memory is for.
+    /// Memory by use.
     pub memory: MemoryStats,
-    /// Most rays of one pass in flight at once.
+    /// Maximum rays of one pass in flight at once.
     pub peak_rays_in_flight: u64,
     /// Memory that loop stacks have allocated (0 for integrators without loop shaders).
     pub peak_loop_stack_bytes: u64,
@@ -57,10 +57,10 @@ pub struct RenderStats {
     pub adapter: Option<String>,
     /// The instruction set of the CPU tracer.
     pub simd: String,
-    /// Energy of the frame by meter, joules; absent where there is none that may be read.
+    /// Energy of the frame by meter, joules; absent if no meter can be read.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub joules: BTreeMap<String, f64>,
-    /// What went wrong on the way, one sentence each.
+    /// Failures that were recovered from, one sentence each.
     pub events: Vec<String>,
 }
 
@@ -69,7 +69,7 @@ pub struct RenderStats {
 pub struct FramesStats {
     /// [`SCHEMA`].
     pub schema: u32,
-    /// What was rendered.
+    /// The scene.
     pub scene: SceneStats,
     /// Columns.
     pub width: u32,
@@ -79,7 +79,7 @@ pub struct FramesStats {
     pub spp: u32,
     /// The frames that were finished, in order.
     pub frames: Vec<FrameStats>,
-    /// The most frames in flight.
+    /// Maximum frames in flight.
     pub frames_in_flight: usize,
     /// From the first camera ray of the first frame to the last splat of the last.
     pub seconds: f64,
@@ -89,51 +89,51 @@ pub struct FramesStats {
     pub mray_per_s: f64,
     /// Camera rays per microsecond of `seconds`.
     pub mpath_per_s: f64,
-    /// Who traced.
+    /// Rays and time by unit.
     pub units: Units,
     /// One entry a thread, over all frames.
     pub threads: Vec<ThreadStats>,
-    /// Share of the host threads' time in `seconds` that they had a task.
+    /// Share of the host threads' time in `seconds` spent on tasks.
     pub busy_share: f64,
-    /// Splats that were not finite and therefore dropped.
+    /// Splats dropped because they were not finite.
     pub dropped_splats: u64,
-    /// Highest memory use of the process so far; null where the system does not tell.
+    /// Highest memory use of the process so far; null where the system does not report it.
     pub peak_memory_bytes: Option<u64>,
-    /// What the memory is for.
+    /// Memory by use.
     pub memory: MemoryStats,
-    /// Most rays of one frame in flight at once.
+    /// Maximum rays of one frame in flight at once.
     pub peak_rays_in_flight: u64,
     /// The GPU adapter, null when none was used.
     pub adapter: Option<String>,
     /// The instruction set of the CPU tracer.
     pub simd: String,
-    /// Energy of all frames by meter, joules; absent where there is none that may be read.
+    /// Energy of all frames by meter, joules; absent if no meter can be read.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub joules: BTreeMap<String, f64>,
-    /// What went wrong on the way, one sentence each.
+    /// Failures that were recovered from, one sentence each.
     pub events: Vec<String>,
 }
 
 /// One of several frames.
 #[derive(Debug, Serialize)]
 pub struct FrameStats {
-    /// Its number.
+    /// Frame number.
     pub frame: u32,
     /// [`crate::film::Image::hash`].
     pub hash: String,
-    /// From its first camera ray to its last splat; frames in flight overlap. Null, as all that follows, if it was done
-    /// before this run.
+    /// From its first camera ray to its last splat; frames in flight overlap. Null, like the fields below, if an
+    /// earlier run finished it.
     pub seconds: Option<f64>,
-    /// Samples per pixel taken, on average.
+    /// Mean samples per pixel taken.
     pub mean_spp: Option<f64>,
-    /// With `--noise`: how noisy it is; else null.
+    /// Noise estimate with `--noise`; else null.
     pub noise: Option<NoiseStats>,
 }
 
 /// Size of a scene.
 #[derive(Debug, Serialize)]
 pub struct SceneStats {
-    /// Triangles, instances counted each time.
+    /// Triangles, each instance counted.
     pub triangles: usize,
     /// Materials.
     pub materials: usize,
@@ -146,52 +146,52 @@ pub struct ImageStats {
     pub width: u32,
     /// Rows.
     pub height: u32,
-    /// Samples per pixel asked for.
+    /// Samples per pixel requested.
     pub spp: u32,
-    /// Samples per pixel taken, on average.
+    /// Mean samples per pixel taken.
     pub mean_spp: f64,
     /// [`crate::film::Image::hash`].
     pub hash: String,
 }
 
-/// Relative standard errors of a picture's pixels, by blocks of 16 × 16; null where too little is known.
+/// Relative standard errors of a picture's pixel blocks (16 × 16); null where there are too few samples.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct NoiseStats {
-    /// Of the worst block.
+    /// The worst block's.
     pub worst: f64,
     /// Root mean square over all blocks.
     pub mean: f64,
-    /// Blocks that got no more samples because they were good enough.
+    /// Blocks that retired early because they were good enough.
     pub resting_blocks: usize,
     /// All blocks.
     pub blocks: usize,
 }
 
 impl NoiseStats {
-    /// As the renderer reports it.
+    /// From the renderer's report.
     pub fn of(report: NoiseReport) -> Self {
         let NoiseReport { worst, mean, resting, blocks } = report;
         Self { worst, mean, resting_blocks: resting, blocks }
     }
 }
 
-/// What takes memory.
+/// Memory by use.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct MemoryStats {
-    /// The tree, with the triangles as it holds them.
+    /// The tree with its leaf blocks.
     pub tree_bytes: usize,
-    /// The same for each triangle of the scene.
+    /// `tree_bytes` per triangle of the scene.
     pub tree_bytes_per_triangle: f64,
-    /// Ray streams of the job that had most, with payloads and answers.
+    /// Maximum over jobs of the ray streams, payloads and answers included.
     pub stream_bytes: usize,
-    /// The same for each ray that was in flight at its peak.
+    /// `stream_bytes` per ray in flight at the peak.
     pub stream_bytes_per_ray: f64,
-    /// Highest memory use of the process by triangles of the scene: everything, textures and files read included.
+    /// Highest memory use of the process per triangle of the scene, textures and files included.
     pub peak_bytes_per_triangle: Option<f64>,
 }
 
 impl MemoryStats {
-    /// For a tree over so many triangles, and ray streams that held at most so many rays.
+    /// From a tree's size and triangles, and the ray streams' size and peak number of rays.
     pub fn of(tree_bytes: usize, triangles: usize, stream_bytes: usize, rays: usize) -> Self {
         let triangles = triangles as f64;
         Self {
@@ -222,13 +222,13 @@ pub struct Seconds {
 pub struct RayCounts {
     /// Rays from the camera.
     pub camera: u64,
-    /// Rays from a hit whose nearest hit is wanted.
+    /// Rays from a hit that ask for the closest hit.
     pub continuation: u64,
-    /// Rays that only ask whether anything occludes them.
+    /// Rays that ask only for occlusion.
     pub shadow: u64,
 }
 
-/// Who traced.
+/// Rays and time by unit.
 #[derive(Debug, Default, Serialize)]
 pub struct Units {
     /// Host threads together.
@@ -246,7 +246,7 @@ pub struct UnitStats {
     pub rays: u64,
     /// Thread seconds spent tracing.
     pub busy_s: f64,
-    /// Rays per microsecond of `busy_s`: what one thread does.
+    /// Rays per microsecond of `busy_s`: the rate of one thread.
     pub mray_per_s: f64,
 }
 
@@ -259,30 +259,30 @@ pub struct GpuStats {
     pub busy_s: f64,
     /// Rays per microsecond of `busy_s`; dispatches may overlap.
     pub mray_per_s: f64,
-    /// Copied between host and device memory, both ways.
+    /// Bytes copied between host and device memory, both ways.
     pub bytes_copied: u64,
-    /// Rays whose answer a rounding error could have changed.
+    /// Undecided rays, whose answer rounding could have changed.
     pub flagged: u64,
     /// Rays traced again by the CPU.
     pub retraced: u64,
-    /// Rays of a sample that the CPU traced again, to catch a device that answers wrongly.
+    /// Rays of the cross-check, traced again by the CPU to detect a faulty device.
     pub checked: u64,
-    /// Of `busy_s`, seconds between streams being full and being submitted.
+    /// Part of `busy_s` between a stream being full and its submission.
     pub sending_s: f64,
-    /// Of `busy_s`, seconds between being submitted and answers being readable.
+    /// Part of `busy_s` between submission and readable answers.
     pub waiting_s: f64,
-    /// From a stream being full to its being submitted; null without streams.
+    /// From a stream being full to its submission; null without streams.
     pub full_to_dispatched_s: Option<LatencyStats>,
-    /// From being submitted to answers being readable; null without streams.
+    /// From submission to readable answers; null without streams.
     pub dispatched_to_readable_s: Option<LatencyStats>,
 }
 
-/// Times of one kind, to a sixteenth.
+/// Quantiles of a latency in seconds, accurate to a sixteenth.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct LatencyStats {
-    /// Half were shorter.
+    /// Median.
     pub median: f64,
-    /// Nineteen of twenty were shorter.
+    /// 95th percentile.
     pub p95: f64,
 }
 
@@ -295,7 +295,7 @@ impl LatencyStats {
 /// Rays of one depth.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct DepthStats {
-    /// Rays before these on their paths; the last entry of very deep frames stands for all beyond.
+    /// Depth; the last entry of very deep frames includes all greater depths.
     pub depth: usize,
     /// Rays traced.
     pub rays: u64,
@@ -303,16 +303,16 @@ pub struct DepthStats {
     pub mray_per_s: f64,
 }
 
-/// One thread's time.
+/// Time of one thread.
 #[derive(Clone, Debug, Serialize)]
 pub struct ThreadStats {
     /// `host` or `dispatch`.
     pub kind: &'static str,
-    /// Seconds with a task.
+    /// Seconds spent on tasks.
     pub busy_s: f64,
-    /// Seconds without.
+    /// Seconds without a task.
     pub idle_s: f64,
-    /// Seconds of these after the last camera rays were spawned.
+    /// Part of `idle_s` after the last camera rays were spawned.
     pub tail_idle_s: f64,
 }
 
@@ -327,15 +327,15 @@ pub struct TraceStats {
     pub hits: usize,
     /// Building the BVH and uploading it, seconds.
     pub build_s: f64,
-    /// Tracing alone, over the repetitions.
+    /// Rate of tracing alone, over the repetitions.
     pub mray_per_s: Spread,
-    /// Who traced, over all repetitions.
+    /// Rays and time by unit, over all repetitions.
     pub units: Units,
     /// The GPU adapter, null when none was used.
     pub adapter: Option<String>,
     /// The instruction set of the CPU tracer.
     pub simd: String,
-    /// What went wrong on the way, one sentence each.
+    /// Failures that were recovered from, one sentence each.
     pub events: Vec<String>,
 }
 
@@ -346,7 +346,7 @@ impl From<schedule::RayCounts> for RayCounts {
 }
 
 impl Units {
-    /// Adds the units of one more job.
+    /// Adds a job.
     pub fn add(&mut self, report: &JobReport) {
         self.cpu.rays += report.cpu.rays;
         self.cpu.busy_s += report.cpu.busy_s;
@@ -366,13 +366,13 @@ impl Units {
     }
 }
 
-/// Rays per microsecond; 0 of no time.
+/// Rays per microsecond; 0 for no time.
 fn rate(rays: u64, seconds: f64) -> f64 {
     if seconds > 0.0 { rays as f64 / (seconds * 1e6) } else { 0.0 }
 }
 
 impl DepthStats {
-    /// Of jobs that took so long together.
+    /// From counts by depth and the seconds that the jobs took together.
     pub fn of(depths: &Depths, seconds: f64) -> Vec<Self> {
         let depth = |(depth, &rays): (usize, &u64)| Self { depth, rays, mray_per_s: rate(rays, seconds) };
         depths.used().iter().enumerate().map(depth).collect()
@@ -380,7 +380,7 @@ impl DepthStats {
 }
 
 impl ThreadStats {
-    /// Of one thread.
+    /// From a thread's report.
     pub fn of(thread: &ThreadReport) -> Self {
         let kind = match thread.kind {
             ThreadKind::Host => "host",
@@ -397,7 +397,7 @@ pub fn write(path: &Path, stats: &impl Serialize) -> Result<()> {
     Ok(())
 }
 
-/// Highest resident memory of this process, where the system tells (Linux).
+/// Highest resident memory of this process, where the system reports it (Linux).
 pub fn peak_memory_bytes() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find_map(|l| l.strip_prefix("VmHWM:"))?;

@@ -11,7 +11,7 @@ use crate::stream::Hit;
 use anyhow::{Context, Result};
 use std::sync::Arc;
 
-/// Traces rays from a file.
+/// Traces the rays of a file and writes their hits.
 pub fn run(args: &TraceArgs) -> Result<Outcome> {
     let rays: Arc<[_]> = read_rays(&args.rays)?.into();
     let setup = Setup::new(&args.scene, &args.units, 1, |_| Ok(()))?;

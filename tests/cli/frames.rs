@@ -114,9 +114,9 @@ fn frames_that_are_done_are_not_done_again() {
         assert!(output.status.code() == Some(2) && text.contains(says), "{more:?}: {text}");
     };
     refused(&["--spp", "3", "--resume"], "--spp was 2, now it is 3");
-    refused(&["--spp", "2"], "there is a checkpoint already");
+    refused(&["--spp", "2"], "the checkpoint exists");
     std::fs::write(folder.join("c.json"), "raystream checkpoint").expect("file");
-    refused(&["--spp", "2", "--resume"], "no checkpoint of several frames");
+    refused(&["--spp", "2", "--resume"], "not a checkpoint of an animation");
 }
 
 /// A matte square seen by a camera whose parent moves by two to the right in two seconds.
@@ -171,5 +171,5 @@ fn a_camera_moves_as_its_file_says() {
     assert!(hash(0) != hash(1) && hash(1) != hash(2));
     let output = raystream(folder, &["render", "a.gltf", "--frames", "0..2", "-o", "%d.png", "--fov", "30"]);
     let text = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(output.status.code() == Some(2) && text.contains("the scene's own moves"), "{text}");
+    assert!(output.status.code() == Some(2) && text.contains("the scene's own camera animation"), "{text}");
 }

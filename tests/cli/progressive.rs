@@ -161,17 +161,17 @@ fn ends_that_make_no_sense_are_refused() {
     for (more, says) in [
         (&["--noise", "0"][..], "between 0 and 1"),
         (&["--noise", "nan"], "between 0 and 1"),
-        (&["--seconds", "0"], "more than no time"),
-        (&["--seconds", "-3"], "seconds"),
-        (&["--save-every", "inf"], "seconds"),
+        (&["--seconds", "0"], "positive number of seconds"),
+        (&["--seconds", "-3"], "positive number of seconds"),
+        (&["--save-every", "inf"], "positive number of seconds"),
         (&["--resume"], "--checkpoint"),
         (&["--checkpoint", "none/c.ray"], "none/c.ray"),
         (&["--frames", "0..2", "--turntable", "3", "-o", "a.%d.png", "--seconds", "9"], "--noise"),
         (
             &["--frames", "0..2", "--turntable", "3", "-o", "a.%d.png", "--save-every", "9"],
-            "as soon as it is done",
+            "written once",
         ),
-        (&["--frames", "0..2", "--fps", "0", "-o", "a.%d.png"], "frames a second"),
+        (&["--frames", "0..2", "--fps", "0", "-o", "a.%d.png"], "frames per second"),
     ] {
         let scene = shipped("cornell.json");
         let output = raystream(folder.path(), &[&["render", &scene][..], more].concat());

@@ -1,17 +1,17 @@
-//! Several pictures after each other.
+//! Options of an animation.
 
 use clap::Args;
 use std::ops::Range;
 use std::path::PathBuf;
 
-/// Pictures after each other.
+/// Options of an animation.
 #[derive(Debug, Args)]
 pub struct FramesArgs {
-    /// Render frames A, A+1, ... up to but without B; -o then numbers them, as in out.%04d.png. Each frame is the
-    /// same whichever others are rendered.
+    /// Render frames A to B - 1. The output name numbers them, as in out.%04d.png. A frame does not depend on
+    /// which others are rendered.
     #[arg(long, value_name = "A..B", value_parser = frame_range)]
     pub frames: Option<Range<u32>>,
-    /// Frames in flight at a time: the next ones keep the threads busy while the last paths of one end. Each takes
+    /// Frames rendered at the same time, so that threads stay busy while the last paths of one frame end. Each takes
     /// memory for its rays and its film.
     #[arg(
         long,
@@ -21,7 +21,7 @@ pub struct FramesArgs {
         value_parser = clap::value_parser!(u32).range(1..=64)
     )]
     pub frames_in_flight: u32,
-    /// Turn the camera around the middle of the scene, by so much from one frame to the next.
+    /// Turn the camera around the centre of the scene by this angle per frame.
     #[arg(
         long,
         value_name = "DEG",
@@ -30,10 +30,10 @@ pub struct FramesArgs {
         conflicts_with = "camera_path"
     )]
     pub turntable: Option<f32>,
-    /// Move the camera through the key poses of a .json file.
+    /// Move the camera along the key poses of a .json file.
     #[arg(long, value_name = "FILE", requires = "frames", conflicts_with_all = ["eye", "target", "up", "fov"])]
     pub camera_path: Option<PathBuf>,
-    /// Frames a second, where the camera moves as the scene's glTF animation says: frame 0 is its beginning.
+    /// Frames per second of the scene's own camera animation (glTF); frame 0 is its start.
     #[arg(
         long,
         value_name = "N",
@@ -47,22 +47,20 @@ pub struct FramesArgs {
 
 /// `A..B`, at least one frame.
 fn frame_range(text: &str) -> Result<Range<u32>, String> {
-    let (a, b) = text.split_once("..").ok_or("write FIRST..END, as in 0..20 for the frames 0 to 19")?;
+    let (a, b) = text.split_once("..").ok_or("write FIRST..END, as in 0..20 for frames 0 to 19")?;
     let number = |s: &str| s.trim().parse::<u32>().map_err(|e| format!("{s:?}: {e}"));
     let range = number(a)?..number(b)?;
     if range.is_empty() {
-        return Err(
-            "there is no frame in it; the end is not rendered, so 0..20 are the frames 0 to 19".into()
-        );
+        return Err("the range is empty; its end is not rendered, so 0..20 means frames 0 to 19".into());
     }
     Ok(range)
 }
 
-/// Frames a second.
+/// Frames per second.
 fn rate(text: &str) -> Result<f64, String> {
     match text.trim().parse::<f64>() {
         Ok(fps) if fps.is_normal() && fps > 0.0 => Ok(fps),
-        _ => Err("write how many frames a second has, as in 24 or 29.97".into()),
+        _ => Err("write a positive number of frames per second, as in 24 or 29.97".into()),
     }
 }
 

@@ -1,52 +1,59 @@
-//! When a picture is done, and what is kept meanwhile.
+//! When a picture is finished, and what is saved meanwhile.
 
+use crate::render::Settings;
 use clap::Args;
 use std::path::PathBuf;
 use std::time::Duration;
 
-/// When a picture is done, and what is kept meanwhile.
+/// Samples per pixel if no option says how many.
+const DEFAULT_SPP: u32 = 64;
+
+/// Maximum samples per pixel with `--seconds` or `--noise`, if `--spp` does not say.
+const OPEN_ENDED_SPP: u32 = 1 << 16;
+
+/// When a picture is finished, and what is saved meanwhile.
 #[derive(Debug, Args)]
 pub struct ProgressArgs {
-    /// Samples per pixel, at most with --seconds or --noise [default: 64; 65536 with --seconds or --noise].
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
+    /// Samples per pixel; with --seconds or --noise the maximum [default: 64; 65536 with --seconds or --noise].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(Settings::MAX_SPP)))]
     pub spp: Option<u32>,
-    /// End after so much time of rendering.
+    /// Stop after this much rendering time.
     #[arg(long, value_name = "SECONDS", value_parser = duration, allow_hyphen_values = true)]
     pub seconds: Option<Duration>,
-    /// Take samples where they are needed, until the relative standard error of pixels is X, as 0.05: root mean square
-    /// over the picture.
+    /// Sample adaptively until the relative standard error of the pixels, root mean square over the picture, is X
+    /// (0.05, say).
     #[arg(long, value_name = "X", value_parser = noise)]
     pub noise: Option<f32>,
-    /// Write the picture so far (and the checkpoint) every so often [default: 10 with --checkpoint].
+    /// Write the unfinished picture and the checkpoint at this interval [default: 10 with --checkpoint].
     #[arg(long, value_name = "SECONDS", value_parser = duration, allow_hyphen_values = true)]
     pub save_every: Option<Duration>,
-    /// Keep what has been rendered in a file, from which --resume goes on whatever happened to this process; of several
-    /// frames, which are done.
+    /// Save what has been rendered, so that --resume can continue after this process ended in any way. For an
+    /// animation: save which frames are finished.
     #[arg(long, value_name = "FILE")]
     pub checkpoint: Option<PathBuf>,
-    /// Go on from the checkpoint if there is one.
+    /// Continue from the checkpoint if it exists.
     #[arg(long, requires = "checkpoint")]
     pub resume: bool,
 }
 
 impl ProgressArgs {
-    /// The most samples per pixel.
+    /// Maximum number of samples per pixel.
     pub fn samples(&self) -> u32 {
         let open = self.seconds.is_some() || self.noise.is_some();
-        self.spp.unwrap_or(if open { 1 << 16 } else { 64 })
+        self.spp.unwrap_or(if open { OPEN_ENDED_SPP } else { DEFAULT_SPP })
     }
 
-    /// How often pictures and checkpoints are written while rendering, if at all.
+    /// Interval at which pictures and checkpoints are written while rendering, if they are.
     pub fn interval(&self) -> Option<Duration> {
         self.save_every.or(self.checkpoint.as_ref().map(|_| Duration::from_secs(10)))
     }
 }
 
-/// Seconds, more than none.
+/// A positive number of seconds.
 fn duration(text: &str) -> Result<Duration, String> {
     let seconds = text.trim().parse::<f64>().map_err(|e| format!("{text:?}: {e}"))?;
-    let duration = Duration::try_from_secs_f64(seconds).map_err(|_| "give a number of seconds")?;
-    if duration.is_zero() { Err("give more than no time".into()) } else { Ok(duration) }
+    let duration = Duration::try_from_secs_f64(seconds).map_err(|_| "write a positive number of seconds")?;
+    if duration.is_zero() { Err("write a positive number of seconds".into()) } else { Ok(duration) }
 }
 
 /// A relative error.

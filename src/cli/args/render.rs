@@ -19,25 +19,25 @@ pub struct RenderArgs {
     /// Picture size in pixels.
     #[arg(long, value_name = "WxH", default_value = "960x540", value_parser = size)]
     pub size: (u32, u32),
-    /// When it is done.
+    /// When the picture is finished, and what is saved meanwhile.
     #[command(flatten)]
     pub progress: ProgressArgs,
-    /// Most bounces; 0 = emission and direct light at the first hit.
+    /// Maximum number of bounces; 0 = emission and direct light at the first hit.
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(0..=1000))]
     pub max_bounces: u32,
     /// Seed of all random numbers.
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub seed: u64,
-    /// Never end a path early by chance.
+    /// Follow every path to its last bounce: no Russian roulette.
     #[arg(long)]
     pub no_russian_roulette: bool,
-    /// From where.
+    /// The camera.
     #[command(flatten)]
     pub camera: CameraArgs,
-    /// Several frames.
+    /// An animation.
     #[command(flatten)]
     pub animation: FramesArgs,
-    /// By which light.
+    /// Light besides the scene's own.
     #[command(flatten)]
     pub light: LightArgs,
     /// Brighten a .png by this many stops.
@@ -49,7 +49,7 @@ pub struct RenderArgs {
     /// Write a timeline of all tasks: .json (Chrome trace) or .svg.
     #[arg(long, value_name = "FILE")]
     pub timeline: Option<PathBuf>,
-    /// Who traces.
+    /// The units that trace.
     #[command(flatten)]
     pub units: UnitArgs,
 }

@@ -15,16 +15,16 @@ pub struct TraceArgs {
     /// Hits: .npz with primitive, t, uv; or occluded.
     #[arg(short, long, value_name = "FILE")]
     pub output: PathBuf,
-    /// Only ask whether anything is hit.
+    /// Report only whether each ray hits anything.
     #[arg(long)]
     pub any_hit: bool,
-    /// Trace this many times, for the statistics.
+    /// Trace the rays this many times, for the statistics.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     pub repeat: u32,
     /// Write statistics as JSON.
     #[arg(long, value_name = "FILE")]
     pub stats: Option<PathBuf>,
-    /// Who traces.
+    /// The units that trace.
     #[command(flatten)]
     pub units: UnitArgs,
 }
@@ -34,13 +34,13 @@ pub struct TraceArgs {
 pub struct MeshArgs {
     /// Scene file.
     pub scene: PathBuf,
-    /// Mesh: .npz with vertices float32 (v, 3), normals (v, 3) and uvs (v, 2) if there are any, triangles uint32 (t,
-    /// 3), material uint32 (t,); of each material, without textures, the radiance that it gives off, emission float32
-    /// (m, 3), base_colour (m, 3), metallic, roughness, specular, transmission, ior, opacity and thin bool (m,);
-    /// base_texture, opacity_texture and opacity_channel (R, G, B, A, 4: grey) uint32 (m,), 4294967295 for none.
+    /// Mesh: .npz with vertices float32 (v, 3), triangles uint32 (t, 3), material uint32 (t,), and, if the scene has
+    /// them, normals (v, 3) and uvs (v, 2). For each material its factors without textures: emission float32 (m, 3),
+    /// base_colour (m, 3), metallic, roughness, specular, transmission, ior, opacity (m,), thin bool (m,). Its textures:
+    /// base_texture, opacity_texture, opacity_channel (0 to 3: RGBA, 4: grey) uint32 (m,), 4294967295 for none.
     #[arg(short, long, value_name = "FILE")]
     pub output: PathBuf,
-    /// Write the textures, too: texture0, … uint32 (height, width), RGBA in bytes.
+    /// Also write the textures: texture0, … uint32 (height, width), RGBA, one byte each.
     #[arg(long)]
     pub images: bool,
 }

@@ -1,38 +1,38 @@
-//! What is seen: from where, by which light, how large.
+//! Options of the view: camera, light, picture size.
 
 use crate::scene::Camera;
 use clap::Args;
 use glam::Vec3;
 
-/// Where the camera stands.
+/// The camera.
 #[derive(Debug, Args)]
 pub struct CameraArgs {
     /// Camera position [default: the scene's camera, else one that frames the scene].
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = vector)]
     pub eye: Option<Vec3>,
-    /// Point the camera looks at.
+    /// Point that the camera looks at.
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = vector)]
     pub target: Option<Vec3>,
-    /// Direction that is up.
+    /// Up direction.
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = vector)]
     pub up: Option<Vec3>,
-    /// Vertical field of view.
+    /// Vertical field of view, in degrees.
     #[arg(long, value_name = "DEG", allow_hyphen_values = true)]
     pub fov: Option<f32>,
 }
 
 impl CameraArgs {
-    /// Whether nothing is asked for.
-    pub fn is_silent(&self) -> bool {
+    /// Whether no option is given.
+    pub fn is_default(&self) -> bool {
         let Self { eye, target, up, fov } = self;
         eye.is_none() && target.is_none() && up.is_none() && fov.is_none()
     }
 
-    /// The camera that the flags ask for, on top of the scene's own or one that frames it.
+    /// The scene's own camera, or one that frames it, changed by the options.
     pub fn apply(&self, own: Option<Camera>, framed: impl FnOnce() -> Camera) -> Camera {
         let base = own.unwrap_or_else(framed);
         let eye = self.eye.unwrap_or(base.eye);
-        // A moved eye keeps looking at the same place.
+        // A moved camera keeps its target.
         Camera {
             eye,
             target: self.target.unwrap_or(base.target),
@@ -42,14 +42,14 @@ impl CameraArgs {
     }
 }
 
-/// What lights the scene besides its own lights.
+/// Light besides the scene's own.
 #[derive(Debug, Args)]
 pub struct LightArgs {
     /// Environment: an equirectangular .hdr or .exr file, or a constant R,G,B
-    /// [default: the scene's; grey 1,1,1 if it has no light at all].
+    /// [default: the scene's; 1,1,1 if the scene has no light].
     #[arg(long, value_name = "FILE|R,G,B")]
     pub env: Option<String>,
-    /// Turn the environment map around the vertical.
+    /// Rotate the environment map around the vertical axis.
     #[arg(long, value_name = "DEG", allow_hyphen_values = true, default_value_t = 0.0)]
     pub env_rotation: f32,
 }
@@ -60,7 +60,7 @@ pub(super) fn size(text: &str) -> Result<(u32, u32), String> {
     let number = |s: &str| s.trim().parse::<u32>().map_err(|e| format!("{s:?}: {e}"));
     let (w, h) = (number(w)?, number(h)?);
     if w == 0 || h == 0 || u64::from(w) * u64::from(h) > 1 << 28 {
-        return Err("width and height must be at least 1 and have at most 268435456 pixels together".into());
+        return Err("width and height must be at least 1, and the picture at most 268435456 pixels".into());
     }
     Ok((w, h))
 }

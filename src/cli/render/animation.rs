@@ -1,4 +1,4 @@
-//! Which frames there are, what they show and what they are called.
+//! An animation: its frames, their cameras and file names.
 
 use crate::cli::args::{FramesArgs, RenderArgs};
 use crate::scene::{Camera, CameraMotion, CameraPath, Scene};
@@ -7,9 +7,9 @@ use glam::Vec3;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-/// Frames after each other.
+/// The frames of an animation.
 pub struct Animation {
-    /// Their numbers.
+    /// Frame numbers.
     pub frames: Range<u32>,
     motion: Motion,
     names: Names,
@@ -17,15 +17,15 @@ pub struct Animation {
 
 /// How the camera moves from frame to frame.
 enum Motion {
-    /// So many degrees a frame around a point.
+    /// Rotation about a point by an angle per frame.
     Turntable { degrees: f32, own: Camera, centre: Vec3 },
     /// Along the key poses of a file.
     Path(CameraPath),
-    /// As the scene's file says, at so many frames a second.
+    /// The scene's own animation, at a number of frames per second.
     Scene(CameraMotion, f64),
 }
 
-/// File names with a number in them.
+/// Numbered file names.
 struct Names {
     before: String,
     digits: usize,
@@ -33,7 +33,7 @@ struct Names {
 }
 
 impl Animation {
-    /// Refuses, before the scene is read, what cannot be asked of several frames. Returns whether there are several.
+    /// Refuses options that exclude an animation, before the scene is read. Returns whether there is an animation.
     pub fn check(args: &RenderArgs) -> Result<bool> {
         let FramesArgs { frames, turntable, .. } = &args.animation;
         if frames.is_none() {
@@ -45,20 +45,19 @@ impl Animation {
         }
         if args.progress.seconds.is_some() {
             bail!(
-                "--seconds is for one picture: each of several frames would end wherever this machine is by then; say \
-                 with --spp or --noise how good they are to be"
+                "--seconds is for single pictures, because frames would differ in quality from machine to machine; use --spp \
+                 or --noise"
             );
         }
         if args.progress.save_every.is_some() {
             bail!(
-                "--save-every is for one picture: each of several frames is written as soon as it is done, and one \
-                 that is not done would look as if it were"
+                "--save-every is for single pictures; each frame of an animation is written once, when it is finished"
             );
         }
         Ok(true)
     }
 
-    /// What the flags ask for in this scene, where `own` is the camera of a still picture.
+    /// The animation that the options describe, if any; `own` is the camera of a still picture.
     pub fn new(args: &RenderArgs, scene: &Scene, own: Camera) -> Result<Option<Self>> {
         let FramesArgs { frames, turntable, camera_path, fps, .. } = &args.animation;
         let Some(frames) = frames.clone() else { return Ok(None) };
@@ -74,14 +73,14 @@ impl Animation {
             }
             (None, None, Some(motion)) => {
                 ensure!(
-                    args.camera.is_silent(),
-                    "--eye, --target, --up and --fov are for cameras that stand still; the scene's own moves"
+                    args.camera.is_default(),
+                    "--eye, --target, --up and --fov cannot be combined with the scene's own camera animation; add --turntable or \
+                     --camera-path"
                 );
                 Motion::Scene(motion.clone(), *fps)
             }
             (None, None, None) => bail!(
-                "--frames: nothing would move; the scene's file moves no camera, so say how with --turntable DEG or \
-                 --camera-path FILE"
+                "--frames: the scene has no camera animation; add --turntable DEG or --camera-path FILE"
             ),
         };
         Ok(Some(Self { frames, motion, names: Names::new(&args.output)? }))
@@ -106,11 +105,11 @@ impl Animation {
 }
 
 impl Names {
-    /// Of a name that holds `%d` or, for a width of three digits, `%03d`, once.
+    /// Parses a pattern that holds `%d`, or `%03d` for three digits, exactly once.
     fn new(pattern: &Path) -> Result<Self> {
         let wrong = || {
             let path = pattern.display();
-            format!("{path}: the name of several frames needs one place for their number, as in out.%04d.png")
+            format!("{path}: the output of an animation needs a frame number in its name, as in out.%04d.png")
         };
         let text = pattern.to_str().with_context(wrong)?;
         let (before, rest) = text.split_once('%').with_context(wrong)?;

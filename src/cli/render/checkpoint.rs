@@ -1,4 +1,4 @@
-//! Checkpoints as files.
+//! Reads and writes checkpoint files.
 
 use crate::cli::args::{ProgressArgs, RenderArgs};
 use crate::cli::setup::Setup;
@@ -9,20 +9,20 @@ use anyhow::{Context, Result, bail};
 use std::io::{ErrorKind, Write};
 use std::path::PathBuf;
 
-/// Refuses to write over the work of another run.
+/// Refuses to overwrite the checkpoint of another run.
 pub fn check(args: &ProgressArgs) -> Result<()> {
     match &args.checkpoint {
         Some(path) if !args.resume && path.exists() => bail!(
-            "{}: there is a checkpoint already; go on from it with --resume, or remove it to begin anew",
+            "{}: the checkpoint exists; continue from it with --resume, or remove it to start over",
             path.display()
         ),
         _ => Ok(()),
     }
 }
 
-/// What pictures are a function of, but for the camera.
+/// Everything that a picture depends on except its camera.
 pub fn identity(args: &RenderArgs, setup: &Setup, settings: &Settings) -> Identity {
-    let noise = args.progress.noise.map_or_else(|| "without a target".into(), |noise| noise.to_string());
+    let noise = args.progress.noise.map_or_else(|| "no target".into(), |noise| noise.to_string());
     let identity = [
         ("the version of raystream", env!("CARGO_PKG_VERSION").to_owned()),
         ("the scene", format!("of hash {}", setup.prepared.scene.content_hash())),
@@ -37,7 +37,7 @@ pub fn identity(args: &RenderArgs, setup: &Setup, settings: &Settings) -> Identi
     identity.map(|(what, value)| (what.to_owned(), value)).into()
 }
 
-/// A file from which a frame can be gone on with, and what it must agree with.
+/// A checkpoint file, and the identity that it must match.
 pub struct Checkpoint {
     path: PathBuf,
     identity: Identity,
@@ -45,7 +45,7 @@ pub struct Checkpoint {
 }
 
 impl Checkpoint {
-    /// What the flags ask for, if they do.
+    /// The checkpoint that the options name, if any.
     pub fn of(
         args: &RenderArgs,
         setup: &Setup,
@@ -58,7 +58,7 @@ impl Checkpoint {
         Some(Self { path, identity, resume: args.progress.resume })
     }
 
-    /// The frame from the start, or from its checkpoint if that is asked for and there is one.
+    /// The frame from its checkpoint if `--resume` is given and the file exists, else from the start.
     pub fn begin<I: Integrator>(&self, integrator: I, options: PassOptions) -> Result<Progressive<I>> {
         let path = self.path.display();
         if !self.resume {
@@ -68,23 +68,23 @@ impl Checkpoint {
             Ok(saved) => {
                 let resumed = Progressive::resume(integrator, options, &self.identity, &saved);
                 let resumed = resumed
-                    .with_context(|| format!("{path}: cannot go on from it; remove it to begin anew"))?;
-                log::info!("{path}: going on after {} passes", resumed.passes());
+                    .with_context(|| format!("{path}: cannot resume from it; remove it to start over"))?;
+                log::info!("{path}: resuming after {} passes", resumed.passes());
                 Ok(resumed)
             }
             Err(error) if error.kind() == ErrorKind::NotFound => {
-                log::info!("{path}: there is no checkpoint yet; beginning from the start");
+                log::info!("{path}: no checkpoint yet; starting from the beginning");
                 Ok(Progressive::new(integrator, options))
             }
             Err(error) => Err(error).with_context(|| format!("{path}: cannot be read")),
         }
     }
 
-    /// Writes what there is; whatever happens, there is the last checkpoint or this one.
+    /// Writes the checkpoint. After a crash the file is either the previous checkpoint or this one.
     pub fn write<I: Integrator>(&self, frame: &Progressive<I>) -> Result<()> {
         write_whole(&self.path, |file| {
             frame.save(&self.identity, &mut *file)?;
-            // A name must not survive a power cut without what it names.
+            // The data must reach the disk before the name does.
             file.flush()?;
             file.get_ref().sync_all()
         })?;

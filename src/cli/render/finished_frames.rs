@@ -1,4 +1,4 @@
-//! Which of several frames are done, kept in a file.
+//! The checkpoint of an animation: which frames are finished.
 
 use super::animation::Animation;
 use super::checkpoint::identity;
@@ -12,58 +12,58 @@ use std::collections::BTreeMap;
 use std::io::{ErrorKind, Write};
 use std::path::PathBuf;
 
-/// A checkpoint of several frames: whole frames, each in its own file. A frame under way is begun anew.
+/// The checkpoint of an animation. It lists finished frames; unfinished ones start over.
 pub struct FinishedFrames {
     path: PathBuf,
-    pages: Pages,
+    content: Content,
 }
 
-/// What the file holds.
+/// The file's content.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Pages {
-    /// What the pictures are a function of, but for the camera.
+struct Content {
+    /// Everything that the pictures depend on except their cameras.
     raystream_frames: Identity,
-    /// Of each frame that is done its camera and its picture's hash.
+    /// Camera and picture hash of each finished frame.
     done: BTreeMap<u32, (String, String)>,
 }
 
 impl FinishedFrames {
-    /// What the flags ask for, if they do: a new one, or the one that is there.
+    /// The checkpoint that the options name, if any: the existing file with `--resume`, else a new one.
     pub fn open(args: &RenderArgs, setup: &Setup, settings: &Settings) -> Result<Option<Self>> {
         let Some(path) = args.progress.checkpoint.clone() else { return Ok(None) };
         let name = path.display().to_string();
         let identity = identity(args, setup, settings);
-        let none = Pages { raystream_frames: identity.clone(), done: BTreeMap::new() };
-        let pages = match std::fs::read(&path) {
+        let none = Content { raystream_frames: identity.clone(), done: BTreeMap::new() };
+        let content = match std::fs::read(&path) {
             Ok(kept) if args.progress.resume => {
-                let pages: Pages = serde_json::from_slice(&kept)
-                    .with_context(|| format!("{name}: it is no checkpoint of several frames"))?;
-                compare(&pages.raystream_frames, &identity)
-                    .with_context(|| format!("{name}: cannot go on from it; remove it to begin anew"))?;
-                log::info!("{name}: {} frames have been done", pages.done.len());
-                pages
+                let content: Content = serde_json::from_slice(&kept)
+                    .with_context(|| format!("{name}: not a checkpoint of an animation"))?;
+                compare(&content.raystream_frames, &identity)
+                    .with_context(|| format!("{name}: cannot resume from it; remove it to start over"))?;
+                log::info!("{name}: {} frames are finished", content.done.len());
+                content
             }
             Err(error) if error.kind() != ErrorKind::NotFound => {
                 return Err(error).with_context(|| format!("{name}: cannot be read"));
             }
             _ => none,
         };
-        Ok(Some(Self { path, pages }))
+        Ok(Some(Self { path, content }))
     }
 
-    /// The hash of a frame that has been done with the same camera, if its picture is still there.
+    /// The hash of a frame finished with the same camera, if its picture still exists.
     pub fn hash(&self, animation: &Animation, frame: u32) -> Option<&str> {
-        let (camera, hash) = self.pages.done.get(&frame)?;
+        let (camera, hash) = self.content.done.get(&frame)?;
         let same = *camera == format!("{:?}", animation.camera(frame));
         (same && animation.file(frame).exists()).then_some(hash)
     }
 
-    /// Notes that a frame is done and written.
+    /// Records that a frame is finished and written.
     pub fn note(&mut self, animation: &Animation, frame: u32, hash: &str) -> Result<()> {
         let camera = format!("{:?}", animation.camera(frame));
-        self.pages.done.insert(frame, (camera, hash.to_owned()));
-        let text = serde_json::to_vec_pretty(&self.pages)?;
+        self.content.done.insert(frame, (camera, hash.to_owned()));
+        let text = serde_json::to_vec_pretty(&self.content)?;
         write_whole(&self.path, |file| {
             file.write_all(&text)?;
             file.flush()?;

@@ -1,11 +1,11 @@
-//! Several pictures: a camera that moves from frame to frame.
+//! Renders an animation, several frames at a time.
 
 use super::animation::Animation;
 use super::finished_frames::FinishedFrames;
 use super::submit;
 use super::totals::Totals;
 use crate::cli::args::RenderArgs;
-use crate::cli::progress::{BEAT, Bar};
+use crate::cli::progress::{Bar, POLL_INTERVAL};
 use crate::cli::setup::Setup;
 use crate::cli::stats::{self, FrameStats, FramesStats, NoiseStats, SCHEMA, SceneStats};
 use crate::cli::{Outcome, interrupt};
@@ -16,16 +16,16 @@ use anyhow::{Context, Result};
 use std::collections::VecDeque;
 use std::time::Duration;
 
-/// A frame under way, in passes if noise decides where it ends.
+/// A frame being rendered, in passes if noise decides when it ends.
 struct Shot<I: Integrator> {
     frame: u32,
     picture: Progressive<I>,
-    /// Seconds of the service's life from its first camera ray to its last splat.
+    /// Seconds since the service began: its first camera ray and its last splat.
     begin_s: f64,
     end_s: f64,
 }
 
-/// Renders all frames; each is written as soon as it and those before it are done.
+/// Renders all frames. A frame is written once it and all before it are finished.
 pub fn run<I: Integrator>(
     args: &RenderArgs,
     setup: &Setup,
@@ -68,11 +68,11 @@ pub fn run<I: Integrator>(
         }
         let Some(oldest) = shots.front() else { break };
         if !oldest.picture.is_complete() {
-            if !oldest.picture.wait_for(BEAT) {
+            if !oldest.picture.wait_for(POLL_INTERVAL) {
                 bar.show(shots.iter().flat_map(|shot| shot.picture.progress()));
             }
-            if interrupt::asked() {
-                // Frames under way would be noisier than the others; they are dropped.
+            if interrupt::requested() {
+                // Unfinished frames would be noisier than the others; they are dropped.
                 totals.events.push(format!(
                     "stopped after {} of {} frames",
                     done.len(),
@@ -82,7 +82,7 @@ pub fn run<I: Integrator>(
             }
             continue;
         }
-        let shot = shots.pop_front().expect("there is an oldest one");
+        let shot = shots.pop_front().expect("the queue is not empty");
         let film = shot.picture.picture();
         dropped_splats += film.dropped_splats();
         let image = Image { width: film.width(), height: film.height(), pixels: film.resolve() };
@@ -135,12 +135,12 @@ pub fn run<I: Integrator>(
     if let Some(path) = &args.timeline {
         totals.timeline(setup, recorded).write(path)?;
     }
-    tell(animation, &stats);
+    print(animation, &stats);
     Ok(if stats.events.is_empty() { Outcome::Done } else { Outcome::Degraded })
 }
 
 impl<I: Integrator> Shot<I> {
-    /// Takes in the passes that have ended and begins the next.
+    /// Collects finished passes and begins the next.
     fn advance(
         &mut self,
         args: &RenderArgs,
@@ -166,9 +166,11 @@ impl<I: Integrator> Shot<I> {
     }
 }
 
-fn tell(animation: &Animation, stats: &FramesStats) {
+fn print(animation: &Animation, stats: &FramesStats) {
     for frame in &stats.frames {
-        let took = frame.seconds.map_or_else(|| "done before".into(), |seconds| format!("{seconds:.2} s"));
+        let took = frame
+            .seconds
+            .map_or_else(|| "finished in an earlier run".into(), |seconds| format!("{seconds:.2} s"));
         println!("{}: {took}, hash {}", animation.file(frame.frame).display(), frame.hash);
     }
     println!(
@@ -188,6 +190,6 @@ fn tell(animation: &Animation, stats: &FramesStats) {
         eprintln!("degraded: {event}");
     }
     if stats.dropped_splats > 0 {
-        println!("{} splats were not finite and were dropped", stats.dropped_splats);
+        println!("dropped {} splats that were not finite", stats.dropped_splats);
     }
 }

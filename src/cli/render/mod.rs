@@ -21,7 +21,7 @@ use anyhow::{Context, Result, bail};
 use std::path::Path;
 use std::sync::Arc;
 
-/// Renders a scene to a picture, or to several.
+/// Renders a scene to one picture or an animation.
 pub fn run(args: &RenderArgs, registry: &Registry) -> Result<Outcome> {
     Format::of(&args.output)?;
     check_folders(
@@ -51,7 +51,7 @@ pub fn run(args: &RenderArgs, registry: &Registry) -> Result<Outcome> {
     registry.run(&args.integrator, params, RenderRequest { args, setup: &setup, animation, camera })
 }
 
-/// What is to be done with an integrator, of whatever type it is.
+/// A render command that waits for its integrator, whose type the registry erases.
 pub struct RenderRequest<'a> {
     args: &'a RenderArgs,
     setup: &'a Setup,
@@ -60,8 +60,8 @@ pub struct RenderRequest<'a> {
 }
 
 impl RenderRequest<'_> {
-    /// Renders the picture, or the pictures.
-    pub fn carry_out(self, integrator: impl Integrator) -> Result<Outcome> {
+    /// Renders the picture or the animation.
+    pub fn run(self, integrator: impl Integrator) -> Result<Outcome> {
         let Self { args, setup, animation, camera } = self;
         match animation {
             Some(animation) => frames::run(args, setup, &animation, &integrator),
@@ -70,7 +70,7 @@ impl RenderRequest<'_> {
     }
 }
 
-/// Has the integrator render its frame.
+/// Submits an integrator's frame to the service.
 fn submit<I: Integrator>(
     setup: &Setup,
     args: &RenderArgs,
@@ -81,12 +81,12 @@ fn submit<I: Integrator>(
     setup.service.submit(Arc::clone(integrator), setup.prepared.tracers.clone(), options)
 }
 
-/// Refuses outputs that cannot be written before minutes are spent.
+/// Refuses outputs that cannot be written, before time is spent on rendering.
 fn check_folders(paths: &[Option<&Path>]) -> Result<()> {
     for path in paths.iter().flatten() {
         let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
         if path.is_dir() {
-            bail!("{}: cannot be written: it is a folder", path.display());
+            bail!("{}: cannot be written: it is a directory", path.display());
         }
         tempfile::tempfile_in(folder).with_context(|| format!("{}: cannot be written", path.display()))?;
     }

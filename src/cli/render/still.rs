@@ -1,10 +1,10 @@
-//! One picture.
+//! A single picture.
 
 use super::checkpoint::Checkpoint;
 use super::submit;
 use super::totals::Totals;
 use crate::cli::args::RenderArgs;
-use crate::cli::progress::{BEAT, Bar};
+use crate::cli::progress::{Bar, POLL_INTERVAL};
 use crate::cli::setup::Setup;
 use crate::cli::stats::{self, ImageStats, NoiseStats, RenderStats, SCHEMA, SceneStats, Seconds};
 use crate::cli::{Outcome, interrupt};
@@ -16,7 +16,7 @@ use anyhow::{Context, Result};
 use std::sync::Arc;
 use std::time::Instant;
 
-/// Renders the integrator's frame, in passes if anything is to be seen or kept meanwhile.
+/// Renders the integrator's frame, in passes if pictures or checkpoints are written meanwhile.
 pub fn run<I: Integrator>(
     args: &RenderArgs,
     setup: &Setup,
@@ -41,7 +41,7 @@ pub fn run<I: Integrator>(
     loop {
         if end == End::Complete {
             let over = args.progress.seconds.is_some_and(|time| started.elapsed() >= time);
-            end = if interrupt::asked() {
+            end = if interrupt::requested() {
                 End::Interrupted
             } else if over {
                 End::Time
@@ -53,7 +53,7 @@ pub fn run<I: Integrator>(
             }
         }
         frame.begin(|pass| submit(setup, args, pass))?;
-        if !frame.wait_for(BEAT) {
+        if !frame.wait_for(POLL_INTERVAL) {
             bar.show(frame.progress());
             continue;
         }
@@ -85,16 +85,16 @@ pub fn run<I: Integrator>(
     if let Some(path) = &args.timeline {
         totals.timeline(setup, recorded).write(path)?;
     }
-    tell(args, &stats);
+    print(args, &stats);
     Ok(if stats.events.is_empty() { Outcome::Done } else { Outcome::Degraded })
 }
 
-/// Why no more samples are taken.
+/// Why rendering ends.
 #[derive(Clone, Copy, PartialEq)]
 enum End {
-    /// There are enough.
+    /// All samples have been taken.
     Complete,
-    /// `--seconds` are over.
+    /// `--seconds` have passed.
     Time,
     /// Ctrl-C.
     Interrupted,
@@ -166,18 +166,18 @@ fn summarise<I: Integrator>(
     }
 }
 
-fn tell(args: &RenderArgs, stats: &RenderStats) {
+fn print(args: &RenderArgs, stats: &RenderStats) {
     let image = &stats.image;
     let samples = match image.mean_spp {
         all if all == f64::from(image.spp) => image.spp.to_string(),
         some => format!("{some:.1}"),
     };
-    let who = match &stats.adapter {
+    let units = match &stats.adapter {
         Some(adapter) => format!("the CPU ({}) and {adapter}", stats.simd),
         None => format!("the CPU ({})", stats.simd),
     };
     println!(
-        "{}: {}x{}, {samples} spp, {:.1} s on {who}: {:.2} Mray/s, {:.2} Mpath/s, hash {}",
+        "{}: {}x{}, {samples} spp, {:.1} s on {units}: {:.2} Mray/s, {:.2} Mpath/s, hash {}",
         args.output.display(),
         image.width,
         image.height,
@@ -188,24 +188,24 @@ fn tell(args: &RenderArgs, stats: &RenderStats) {
     );
     if let Some(noise) = &stats.noise {
         println!(
-            "relative standard error {:.2} %, of the worst block {:.2} %; {} of {} blocks needed no more",
+            "relative standard error {:.2} %, worst block {:.2} %; {} of {} blocks converged early",
             100.0 * noise.mean,
             100.0 * noise.worst,
             noise.resting_blocks,
             noise.blocks
         );
     }
-    tell_threads(stats);
+    log_threads(stats);
     for event in &stats.events {
         eprintln!("degraded: {event}");
     }
     if stats.dropped_splats > 0 {
-        println!("{} splats were not finite and were dropped", stats.dropped_splats);
+        println!("dropped {} splats that were not finite", stats.dropped_splats);
     }
 }
 
-/// Where the threads' time went, and rays by unit and depth.
-fn tell_threads(stats: &RenderStats) {
+/// Logs how threads spent their time, and rays by unit and depth.
+fn log_threads(stats: &RenderStats) {
     let percent = |seconds: f64| 100.0 * seconds / stats.seconds.render.max(f64::MIN_POSITIVE);
     for (i, thread) in stats.threads.iter().enumerate() {
         log::info!(
@@ -217,7 +217,7 @@ fn tell_threads(stats: &RenderStats) {
         );
     }
     let depths: Vec<String> = stats.depths.iter().map(|depth| format!("{:.2}", depth.mray_per_s)).collect();
-    log::info!("Mray/s by depth but for shadow rays: {}", depths.join(", "));
+    log::info!("Mray/s by depth, without shadow rays: {}", depths.join(", "));
     for (unit, rays, rate) in [
         ("a CPU thread", stats.units.cpu.rays, stats.units.cpu.mray_per_s),
         ("a dispatch to the GPU", stats.units.gpu.rays, stats.units.gpu.mray_per_s),

@@ -1,4 +1,4 @@
-//! What the jobs of a command did together.
+//! Totals over the jobs of a command.
 
 use crate::cli::setup::Setup;
 use crate::cli::stats::{MemoryStats, ThreadStats, Units};
@@ -8,29 +8,29 @@ use crate::schedule::{Depths, JobReport, RayCounts, TaskRecord, ThreadKind, Thre
 use std::collections::BTreeMap;
 use std::time::Instant;
 
-/// Adds up jobs that ran after or beside each other in one service.
+/// Sums over jobs of one service, whether they ran in sequence or at the same time.
 #[derive(Default)]
 pub struct Totals {
     pub rays: RayCounts,
     pub units: Units,
     pub events: Vec<String>,
-    /// Energy by meter, as far as the command has read them.
+    /// Energy by meter, in joules.
     pub joules: BTreeMap<String, f64>,
-    /// The most paths of one job.
+    /// Maximum paths in flight of any job.
     pub peak_rays_in_flight: usize,
-    /// The most bytes of one job's ray streams.
+    /// Maximum bytes of any job's ray streams.
     pub stream_bytes: usize,
     /// Rays traced by depth.
     pub depths: Depths,
-    /// Of the job that ended last.
+    /// Idle share of the tail of the job that ended last.
     pub tail_idle_share: f64,
-    /// The same, in seconds.
+    /// Length of that tail in seconds.
     pub tail_s: f64,
-    /// How many there were.
+    /// Number of jobs.
     pub jobs: usize,
     /// All tasks, one job after the other, in nanoseconds since the service began.
     tasks: Vec<TaskRecord>,
-    /// Each thread's time with tasks.
+    /// Busy time by thread.
     pub threads: Vec<ThreadReport>,
     begin_ns: Option<u64>,
     end_ns: u64,
@@ -70,18 +70,18 @@ impl Totals {
         }
     }
 
-    /// What takes memory, beside the tree that all jobs share.
+    /// Memory use: the shared tree and the ray streams.
     pub fn memory(&self, setup: &Setup) -> MemoryStats {
         let (tree_bytes, triangles) = (setup.prepared.bvh.bytes(), setup.prepared.scene.mesh.triangles.len());
         MemoryStats::of(tree_bytes, triangles, self.stream_bytes, self.peak_rays_in_flight)
     }
 
-    /// Seconds from the first job's first turn to the last job's end.
+    /// Seconds from the first job's start to the last job's end.
     pub fn wall_s(&self) -> f64 {
         (self.end_ns - self.begin_ns.unwrap_or(self.end_ns)) as f64 * 1e-9
     }
 
-    /// Everything over time, with what was recorded meanwhile.
+    /// The timeline of all tasks, with the curves recorded meanwhile.
     pub fn timeline(&self, setup: &Setup, recorded: Vec<Series>) -> Timeline {
         let begin_ns = self.begin_ns.unwrap_or(0);
         let task = |task: &TaskRecord| {
@@ -92,7 +92,7 @@ impl Totals {
         let curve = |series: Series| {
             let since = |at: Instant| at.saturating_duration_since(began).as_nanos() as u64;
             let points: Vec<_> = series.points.iter().map(|&(at, number)| (since(at), number)).collect();
-            // What was read last before still holds at the beginning.
+            // The last reading before the start holds at the start.
             let first = points.iter().rposition(|point| point.0 <= begin_ns).unwrap_or(0);
             let during = points[first..].iter().take_while(|point| point.0 <= self.end_ns);
             let points = during.map(|&(at_ns, number)| (at_ns.saturating_sub(begin_ns), number)).collect();
@@ -106,7 +106,7 @@ impl Totals {
         }
     }
 
-    /// Each thread's time with a task of any job, and without.
+    /// Busy and idle time by thread, over all jobs.
     pub fn thread_stats(&self) -> Vec<ThreadStats> {
         let wall_s = self.wall_s();
         let idle_s = |thread: &ThreadReport| (wall_s - thread.busy_s).max(0.0);
@@ -116,7 +116,7 @@ impl Totals {
             .collect()
     }
 
-    /// Share of the host threads' time that they had a task.
+    /// Share of the host threads' time spent on tasks.
     pub fn busy_share(&self) -> f64 {
         let hosts = || self.threads.iter().filter(|thread| thread.kind == ThreadKind::Host);
         let busy_s: f64 = hosts().map(|thread| thread.busy_s).sum();

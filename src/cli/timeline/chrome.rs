@@ -1,10 +1,10 @@
-//! Chrome trace events.
+//! Timelines as Chrome trace events.
 
 use super::{Timeline, name};
 use crate::schedule::Lengths;
 use serde_json::{Value, json};
 
-/// The timeline as JSON.
+/// The timeline as JSON text.
 pub fn text(timeline: &Timeline) -> String {
     let names = timeline.threads.iter().enumerate().map(|(thread, name)| {
         json!({ "name": "thread_name", "ph": "M", "pid": 1, "tid": thread, "args": { "name": name } })

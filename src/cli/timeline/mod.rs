@@ -20,23 +20,26 @@ pub enum Format {
 }
 
 impl Format {
-    /// The format a file's extension names.
+    /// The format that a file's extension names.
     pub fn of(path: &Path) -> Result<Self> {
         match path.extension().and_then(|e| e.to_str()) {
             Some("json") => Ok(Self::Json),
             Some("svg") => Ok(Self::Svg),
-            _ => bail!("{}: a timeline is written as .json or .svg; name the file so", path.display()),
+            _ => bail!(
+                "{}: a timeline is written as .json or .svg; give the file one of these extensions",
+                path.display()
+            ),
         }
     }
 }
 
-/// What a timeline shows; times are in nanoseconds since the first job began.
+/// A timeline; times are in nanoseconds since the first job began.
 pub struct Timeline {
-    /// Threads by name, as tasks number them.
+    /// Names of the threads, by the number in task records.
     pub threads: Vec<String>,
-    /// In the order in which they ended.
+    /// Tasks in the order in which they ended.
     pub tasks: Vec<TaskRecord>,
-    /// Whether the tasks are all one job's, so that its lists can be shown.
+    /// Whether all tasks belong to one job, whose list lengths can then be shown.
     pub is_one_job: bool,
     /// Clocks and power.
     pub curves: Vec<Curve>,
@@ -45,16 +48,16 @@ pub struct Timeline {
 /// A number over time.
 #[derive(Clone)]
 pub struct Curve {
-    /// Of what.
+    /// What is measured.
     pub name: String,
-    /// In what.
+    /// Unit.
     pub unit: &'static str,
-    /// When, and how much.
+    /// Times in nanoseconds, and values.
     pub points: Vec<(u64, f64)>,
 }
 
 impl Timeline {
-    /// Writes it in the format that the file's extension names.
+    /// Writes the timeline in the format that the file's extension names.
     pub fn write(&self, path: &Path) -> Result<()> {
         let text = match Format::of(path)? {
             Format::Json => chrome::text(self),
@@ -64,7 +67,7 @@ impl Timeline {
         Ok(())
     }
 
-    /// The tasks whose records tell the lengths of the lists.
+    /// The tasks whose records hold list lengths.
     fn lists(&self) -> &[TaskRecord] {
         if self.is_one_job { &self.tasks } else { &[] }
     }
@@ -83,7 +86,7 @@ fn name(kind: TaskKind) -> &'static str {
     }
 }
 
-/// Threads by the name of their kind and their number within it.
+/// Thread names: kind and number within the kind.
 pub fn thread_names(threads: &[ThreadReport]) -> Vec<String> {
     let hosts = threads.iter().filter(|t| t.kind == ThreadKind::Host).count();
     (0..threads.len())

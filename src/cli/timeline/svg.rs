@@ -1,4 +1,4 @@
-//! A picture of a timeline.
+//! Timelines as SVG.
 
 use super::{Curve, Timeline, name};
 use crate::schedule::{TaskKind, TaskRecord};
@@ -21,7 +21,7 @@ const LANE: f64 = 26.0;
 /// Height of the curve of paths in flight.
 const CURVE: f64 = 60.0;
 
-/// The timeline as a picture.
+/// The timeline as SVG text.
 pub fn text(timeline: &Timeline) -> String {
     let end_ns = timeline.end_ns();
     let lanes = LANE * timeline.threads.len() as f64;
@@ -84,7 +84,7 @@ pub fn text(timeline: &Timeline) -> String {
     out
 }
 
-/// Paths in flight, if they are known, and the timeline's own curves.
+/// Paths in flight, if known, and the timeline's own curves.
 fn curves(timeline: &Timeline) -> Vec<Curve> {
     let in_flight = |task: &TaskRecord| (task.end_ns, f64::from(task.lists.in_flight));
     let paths = Curve {
@@ -96,7 +96,7 @@ fn curves(timeline: &Timeline) -> Vec<Curve> {
     std::iter::once(paths).chain(own).filter(|curve| !curve.points.is_empty()).collect()
 }
 
-/// Draws a number over time, from 0 up.
+/// Draws a curve over time; the axis starts at 0.
 fn draw(out: &mut String, curve: &Curve, top: f64, end_ns: u64) {
     let Curve { name, unit, points } = curve;
     let most = points.iter().map(|point| point.1).fold(f64::MIN_POSITIVE, f64::max);
@@ -105,7 +105,7 @@ fn draw(out: &mut String, curve: &Curve, top: f64, end_ns: u64) {
     let _ = write!(out, "<path fill=\"#b9c3d0\" d=\"M{:.1} {bottom:.1}", x(points[0].0));
     let (mut last_x, mut last_y) = (f64::NEG_INFINITY, bottom);
     for &(at_ns, number) in points {
-        // No finer than can be seen.
+        // At most two points per unit of width.
         if x(at_ns) - last_x >= 0.5 {
             (last_x, last_y) = (x(at_ns), bottom - CURVE * number / most);
             let _ = write!(out, "L{last_x:.1} {last_y:.1}");
@@ -119,8 +119,8 @@ fn draw(out: &mut String, curve: &Curve, top: f64, end_ns: u64) {
     }
 }
 
-/// Tasks that follow each other on a thread within a thousandth of the picture are drawn as one, so that a
-/// long frame stays a small file.
+/// Merges short tasks of a kind that follow each other on a thread, so that a long frame stays a small file. Gaps and
+/// tasks under a four-thousandth of the timeline count as short.
 fn merged(timeline: &[TaskRecord], end_ns: u64) -> Vec<TaskRecord> {
     let gap = end_ns / 4000;
     let mut tasks = timeline.to_vec();
