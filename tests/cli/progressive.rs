@@ -167,10 +167,7 @@ fn ends_that_make_no_sense_are_refused() {
         (&["--resume"], "--checkpoint"),
         (&["--checkpoint", "none/c.ray"], "none/c.ray"),
         (&["--frames", "0..2", "--turntable", "3", "-o", "a.%d.png", "--seconds", "9"], "--noise"),
-        (
-            &["--frames", "0..2", "--turntable", "3", "-o", "a.%d.png", "--save-every", "9"],
-            "written once",
-        ),
+        (&["--frames", "0..2", "--turntable", "3", "-o", "a.%d.png", "--save-every", "9"], "written once"),
         (&["--frames", "0..2", "--fps", "0", "-o", "a.%d.png"], "frames per second"),
     ] {
         let scene = shipped("cornell.json");
