@@ -59,7 +59,7 @@ fn ease<L: Lanes>(x: Num<L>) -> Num<L> {
 /// Noise of many sizes, each half as large and half as strong as the one before, around 0.
 #[inline(always)]
 fn turbulence<L: Lanes>(p: Vector<L>, octaves: u32) -> Num<L> {
-    let mut sum = p.x.only(0);
+    let mut sum = Num::zero(p.lanes());
     let (mut size, mut strength) = (1.0, 1.0);
     for _ in 0..octaves {
         sum += (noise(p * size) - 0.5) * strength;
@@ -73,6 +73,8 @@ impl Procedural for Wood {
     #[inline(always)]
     fn finish<L: Lanes>(&self, points: &Points<L>) -> Finish<L> {
         let p = points.position * self.rings;
+        let l = p.lanes();
+        let zero = Num::zero(l);
         // The trunk bends, its rings are dented.
         let slow = Vector::new(p.x * 0.11, p.y * 0.03, p.z * 0.11);
         let x = p.x + turbulence(slow, 5) * 5.0;
@@ -81,7 +83,7 @@ impl Procedural for Wood {
         // Within a year wood darkens slowly, and is pale again all at once.
         let year = radius - radius.floor();
         let late = year * year * (1.0 - ease(((year - 0.86) * 7.0).clamp(0.0, 1.0)));
-        let width = noise(Vector::new(radius.floor() * 3.7, p.x.only(0), p.z.only(0)));
+        let width = noise(Vector::new(radius.floor() * 3.7, zero, zero));
         let late = late * (width * 0.7 + 0.5);
         // Fibres and pores run along the trunk; rays from the pith outwards shimmer.
         let fibres = turbulence(Vector::new(x * 3.0, p.y * 0.12, z * 3.0), 6);
@@ -91,14 +93,13 @@ impl Procedural for Wood {
         let rays = noise(Vector::new(turn * 60.0 + 400.0, p.y * 0.3, radius * 0.2));
         let rays = ease(((rays - 0.7) * 4.0).clamp(0.0, 1.0));
 
-        let l = p.lanes();
         let early = Vector::splat(l, glam::Vec3::new(0.62, 0.36, 0.17));
         let dark = Vector::splat(l, glam::Vec3::new(0.27, 0.11, 0.04));
         let light = 1.0 + fibres * 0.4 - pores * 0.35 + rays * 0.12;
         let one = Num::splat(l, 1.0);
         Finish {
             colour: early.lerp(dark, late.clamp(0.0, 1.0)) * light,
-            metallic: one.only(0),
+            metallic: zero,
             roughness: one * 0.42 + pores * 0.35 - late * 0.1,
             clearcoat: one * 0.35 - pores * 0.3,
         }

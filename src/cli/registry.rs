@@ -206,7 +206,7 @@ mod tests {
 
     impl Scattering for Mine {
         fn evaluate<L: Lanes>(&self, _: &Points<L>, _: Vector<L>, wi: Vector<L>) -> (Vector<L>, Num<L>) {
-            (wi.only(0), wi.z.only(0))
+            (Vector::zero(wi.lanes()), Num::zero(wi.lanes()))
         }
 
         fn sample<L: Lanes>(&self, at: &Points<L>, wo: Vector<L>, _: Num<L>, _: [Num<L>; 2]) -> Scattered<L> {

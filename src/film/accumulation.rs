@@ -1,7 +1,7 @@
 //! The film: radiance added in fixed point.
 
 use super::stripe::{Stripe, Stripes};
-use crate::lanes::{Int, Lanes, Num, Vector, nearest};
+use crate::lanes::{Int, Lanes, Mask, Num, Vector, nearest};
 use std::io::Write;
 use std::sync::atomic::{AtomicI64, AtomicU32, AtomicU64, Ordering::Relaxed};
 
@@ -118,37 +118,35 @@ impl Film {
     /// [`Film::splat`] of each lane of a mask. Neighbouring lanes are often of one pixel, whose sums are then
     /// added to once, or of one stripe, which is then locked once.
     #[inline(always)]
-    pub fn splat_lanes<L: Lanes>(&self, lanes: u32, pixel: Int<L>, radiance: Vector<L>) {
-        if lanes == 0 {
+    pub fn splat_lanes<L: Lanes>(&self, lanes: Mask<L>, pixel: Int<L>, radiance: Vector<L>) {
+        if lanes.none() {
             return;
         }
         let (x, y, z) = (radiance.x, radiance.y, radiance.z);
         let zero = Num::splat(x.lanes(), 0.0);
         let finite = x.is_finite() & y.is_finite() & z.is_finite();
         let valid = lanes & finite & x.ge(zero) & y.ge(zero) & z.ge(zero);
-        if valid != lanes {
-            self.dropped.fetch_add((lanes & !valid).count_ones().into(), Relaxed);
-            if valid == 0 {
-                return;
-            }
+        let dropped = lanes & !valid;
+        if dropped.any() {
+            self.dropped.fetch_add(dropped.count() as u64, Relaxed);
         }
+        let Some(first) = valid.iter().next() else { return };
         let (most, scale) = (Num::splat(x.lanes(), MAX_RADIANCE), self.scale());
         let fixed = [x.min(most).to_fixed(scale), y.min(most).to_fixed(scale), z.min(most).to_fixed(scale)];
         let pixels = pixel.to_array();
-        let first = pixels[valid.trailing_zeros() as usize];
-        if valid & !pixel.is(first) == 0 {
-            self.add_lanes::<L>(first, valid, &fixed);
+        if (valid & !pixel.is(pixels[first])).none() {
+            self.add_lanes(pixels[first], valid, &fixed);
         } else {
-            self.add_each::<L>(&pixels, valid, &fixed);
+            self.add_each(&pixels, valid, &fixed);
         }
     }
 
     /// Adds the lanes of a mask to one pixel.
-    fn add_lanes<L: Lanes>(&self, pixel: u32, lanes: u32, fixed: &[L::Array<i64>; 3]) {
+    fn add_lanes<L: Lanes>(&self, pixel: u32, lanes: Mask<L>, fixed: &[L::Array<i64>; 3]) {
         let sums = fixed.each_ref().map(|fixed| {
             let mut sum = 0;
             for (lane, fixed) in fixed.as_ref().iter().enumerate() {
-                sum += fixed & -i64::from(lanes >> lane & 1);
+                sum += fixed & -i64::from(lanes.test(lane));
             }
             sum
         });
@@ -157,11 +155,9 @@ impl Film {
     }
 
     /// Adds each lane of a mask to its pixel.
-    fn add_each<L: Lanes>(&self, pixels: &L::Array<u32>, mut lanes: u32, [r, g, b]: &[L::Array<i64>; 3]) {
+    fn add_each<L: Lanes>(&self, pixels: &L::Array<u32>, lanes: Mask<L>, [r, g, b]: &[L::Array<i64>; 3]) {
         let mut stripe = None;
-        while lanes != 0 {
-            let lane = lanes.trailing_zeros() as usize % L::LANES;
-            lanes &= lanes - 1;
+        for lane in lanes.iter() {
             let pixel = pixels[lane];
             if !stripe.as_ref().is_some_and(|stripe: &Stripe<'_>| stripe.has(pixel)) {
                 // The last one is let go of first: whoever holds two could wait for ever.
@@ -340,7 +336,7 @@ mod tests {
                         radiance[lane as usize] = if n % 17 < 7 { odd[(n % 17) as usize] } else { x };
                     }
                     let x = Num::from_array(l, &radiance);
-                    let lanes = (crate::geom::mix(i) >> part) & L::ALL;
+                    let lanes = Mask::from_bits(l, crate::geom::mix(i) >> part);
                     self.0.splat_lanes(lanes, Int::from_array(l, &pixels), Vector::new(x, x * 0.3, x.sqrt()));
                 }
             }

@@ -1,6 +1,6 @@
 //! Orthonormal frames.
 
-use crate::lanes::{Lanes, SingleLane, Vector};
+use crate::lanes::{Lanes, Mask, SingleLane, Vector};
 use glam::Vec3;
 
 /// A right-handed orthonormal basis in each lane; the normal is its z axis.
@@ -44,7 +44,7 @@ impl<L: Lanes> Basis<L> {
 
     /// `a` in the lanes of `mask`, `b` in the others.
     #[inline(always)]
-    pub fn select(mask: u32, a: Self, b: Self) -> Self {
+    pub fn select(mask: Mask<L>, a: Self, b: Self) -> Self {
         Self {
             tangent: Vector::select(mask, a.tangent, b.tangent),
             bitangent: Vector::select(mask, a.bitangent, b.bitangent),

@@ -1,7 +1,7 @@
 //! Unit vectors in one word: the octahedron unfolded onto a square (Cigolle et al. 2014, *A Survey of
 //! Efficient Representations for Independent Unit Vectors*).
 
-use crate::lanes::{Int, Lanes, Num, Vector};
+use crate::lanes::{Int, Lanes, Mask, Num, Vector};
 
 /// Unit vectors as two numbers of `BITS` bits each, at most 16; off by up to 4.3 / 2^`BITS`.
 #[inline(always)]
@@ -22,7 +22,7 @@ pub fn decode<L: Lanes, const BITS: u32>(code: Int<L>) -> Vector<L> {
 
 /// Turns the corners of the square over, in the lanes of `lower`.
 #[inline(always)]
-fn fold<L: Lanes>(x: Num<L>, y: Num<L>, lower: u32) -> (Num<L>, Num<L>) {
+fn fold<L: Lanes>(x: Num<L>, y: Num<L>, lower: Mask<L>) -> (Num<L>, Num<L>) {
     let (turned_x, turned_y) = ((1.0 - y.abs()) * x.signum(), (1.0 - x.abs()) * y.signum());
     (Num::select(lower, turned_x, x), Num::select(lower, turned_y, y))
 }

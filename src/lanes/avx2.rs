@@ -6,7 +6,7 @@
 #![allow(unsafe_code, reason = "the invariants above")]
 
 use super::order::LANES_OF;
-use super::{Lanes, OutlinedTask, nearest, spill};
+use super::{LaneBits, Lanes, OutlinedTask, nearest, spill};
 use std::arch::x86_64::*;
 
 /// Proof that the processor has AVX2 and FMA, and if `VL` AVX-512 for eight lanes too.
@@ -32,7 +32,7 @@ impl<const VL: bool> Eights<VL> {
 
 /// The lanes of a mask, in order.
 #[inline(always)]
-fn order_of<const VL: bool>(_: Eights<VL>, mask: u32) -> __m256i {
+fn order_of<const VL: bool>(_: Eights<VL>, mask: LaneBits) -> __m256i {
     // SAFETY: invariant 1; there are 256 masks.
     unsafe {
         let order = LANES_OF.get_unchecked(mask as usize & 255).as_ptr();
@@ -90,6 +90,7 @@ impl<const VL: bool> Lanes for Eights<VL> {
     const LANES: usize = 8;
     type F = __m256;
     type I = __m256i;
+    type M = LaneBits;
     type Array<T: Copy> = [T; 8];
 
     #[inline(always)]
@@ -154,7 +155,7 @@ impl<const VL: bool> Lanes for Eights<VL> {
         unsafe { _mm256_castsi256_ps(_mm256_min_epi32(_mm256_castps_si256(a), _mm256_castps_si256(b))) }
     }
     #[inline(always)]
-    fn le_bits(self, among: u32, a: __m256, b: __m256) -> u32 {
+    fn le_bits(self, among: LaneBits, a: __m256, b: __m256) -> LaneBits {
         let (a, b) = (self.bits(a), self.bits(b));
         among & !self.signs(unsafe { _mm256_castsi256_ps(_mm256_cmpgt_epi32(a, b)) })
     }
@@ -167,23 +168,23 @@ impl<const VL: bool> Lanes for Eights<VL> {
         unsafe { _mm256_or_ps(a, _mm256_and_ps(_mm256_set1_ps(-0.0), b)) }
     }
     #[inline(always)]
-    fn le(self, among: u32, a: __m256, b: __m256) -> u32 {
+    fn le(self, among: LaneBits, a: __m256, b: __m256) -> LaneBits {
         among & self.signs(unsafe { _mm256_cmp_ps::<_CMP_LE_OQ>(a, b) })
     }
     #[inline(always)]
-    fn eq(self, among: u32, a: __m256, b: __m256) -> u32 {
+    fn eq(self, among: LaneBits, a: __m256, b: __m256) -> LaneBits {
         among & self.signs(unsafe { _mm256_cmp_ps::<_CMP_EQ_OQ>(a, b) })
     }
     #[inline(always)]
-    fn lt(self, among: u32, a: __m256, b: __m256) -> u32 {
+    fn lt(self, among: LaneBits, a: __m256, b: __m256) -> LaneBits {
         among & self.signs(unsafe { _mm256_cmp_ps::<_CMP_LT_OQ>(a, b) })
     }
     #[inline(always)]
-    fn signs(self, a: __m256) -> u32 {
+    fn signs(self, a: __m256) -> LaneBits {
         unsafe { _mm256_movemask_ps(a) as u32 }
     }
     #[inline(always)]
-    fn select(self, mask: u32, a: __m256, b: __m256) -> __m256 {
+    fn select(self, mask: LaneBits, a: __m256, b: __m256) -> __m256 {
         unsafe {
             if VL {
                 return _mm256_mask_blend_ps(mask as u8, b, a);
@@ -194,7 +195,7 @@ impl<const VL: bool> Lanes for Eights<VL> {
         }
     }
     #[inline(always)]
-    fn pack(self, mask: u32, a: __m256) -> __m256 {
+    fn pack(self, mask: LaneBits, a: __m256) -> __m256 {
         unsafe { _mm256_permutevar8x32_ps(a, order_of(self, mask)) }
     }
     #[inline(always)]
@@ -222,7 +223,7 @@ impl<const VL: bool> Lanes for Eights<VL> {
         }
     }
     #[inline(always)]
-    fn select_u32(self, mask: u32, a: __m256i, b: __m256i) -> __m256i {
+    fn select_u32(self, mask: LaneBits, a: __m256i, b: __m256i) -> __m256i {
         unsafe { _mm256_castps_si256(self.select(mask, _mm256_castsi256_ps(a), _mm256_castsi256_ps(b))) }
     }
     #[inline(always)]
@@ -278,7 +279,7 @@ impl<const VL: bool> Lanes for Eights<VL> {
         }
     }
     #[inline(always)]
-    fn lt_u32(self, among: u32, a: __m256i, b: __m256i) -> u32 {
+    fn lt_u32(self, among: LaneBits, a: __m256i, b: __m256i) -> LaneBits {
         unsafe {
             // Signed comparison with the sign bits turned over.
             let turn = _mm256_set1_epi32(i32::MIN);
@@ -287,7 +288,7 @@ impl<const VL: bool> Lanes for Eights<VL> {
         }
     }
     #[inline(always)]
-    fn eq_u32(self, among: u32, a: __m256i, b: __m256i) -> u32 {
+    fn eq_u32(self, among: LaneBits, a: __m256i, b: __m256i) -> LaneBits {
         among & self.signs(unsafe { _mm256_castsi256_ps(_mm256_cmpeq_epi32(a, b)) })
     }
     #[inline(always)]
@@ -349,7 +350,7 @@ impl<const VL: bool> Lanes for Eights<VL> {
         unsafe { _mm256_storeu_si256(to.cast(), ids) }
     }
     #[inline(always)]
-    unsafe fn append(self, to: *mut u32, mask: u32, ids: __m256i) {
+    unsafe fn append(self, to: *mut u32, mask: LaneBits, ids: __m256i) {
         unsafe {
             let some = if VL {
                 _mm256_maskz_compress_epi32(mask as u8, ids)

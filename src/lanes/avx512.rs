@@ -5,7 +5,7 @@
 //! 2. Every pointer access is within what the caller of the method vouches for, as the trait states it.
 #![allow(unsafe_code, reason = "the invariants above")]
 
-use super::{Lanes, OutlinedTask};
+use super::{LaneBits, Lanes, OutlinedTask};
 use std::arch::x86_64::*;
 
 /// Proof that the processor has AVX-512 F, BW, DQ and VL.
@@ -88,6 +88,7 @@ impl Lanes for Avx512 {
     const LANES: usize = 16;
     type F = __m512;
     type I = __m512i;
+    type M = LaneBits;
     type Array<T: Copy> = [T; 16];
 
     #[inline(always)]
@@ -158,7 +159,7 @@ impl Lanes for Avx512 {
         unsafe { _mm512_castsi512_ps(_mm512_min_epi32(_mm512_castps_si512(a), _mm512_castps_si512(b))) }
     }
     #[inline(always)]
-    fn le_bits(self, among: u32, a: __m512, b: __m512) -> u32 {
+    fn le_bits(self, among: LaneBits, a: __m512, b: __m512) -> LaneBits {
         let (a, b) = (self.bits(a), self.bits(b));
         unsafe { _mm512_mask_cmple_epi32_mask(among as u16, a, b).into() }
     }
@@ -171,27 +172,27 @@ impl Lanes for Avx512 {
         unsafe { _mm512_or_ps(a, _mm512_and_ps(_mm512_set1_ps(-0.0), b)) }
     }
     #[inline(always)]
-    fn le(self, among: u32, a: __m512, b: __m512) -> u32 {
+    fn le(self, among: LaneBits, a: __m512, b: __m512) -> LaneBits {
         unsafe { _mm512_mask_cmp_ps_mask::<_CMP_LE_OQ>(among as u16, a, b).into() }
     }
     #[inline(always)]
-    fn eq(self, among: u32, a: __m512, b: __m512) -> u32 {
+    fn eq(self, among: LaneBits, a: __m512, b: __m512) -> LaneBits {
         unsafe { _mm512_mask_cmp_ps_mask::<_CMP_EQ_OQ>(among as u16, a, b).into() }
     }
     #[inline(always)]
-    fn lt(self, among: u32, a: __m512, b: __m512) -> u32 {
+    fn lt(self, among: LaneBits, a: __m512, b: __m512) -> LaneBits {
         unsafe { _mm512_mask_cmp_ps_mask::<_CMP_LT_OQ>(among as u16, a, b).into() }
     }
     #[inline(always)]
-    fn signs(self, a: __m512) -> u32 {
+    fn signs(self, a: __m512) -> LaneBits {
         unsafe { _mm512_movepi32_mask(_mm512_castps_si512(a)).into() }
     }
     #[inline(always)]
-    fn select(self, mask: u32, a: __m512, b: __m512) -> __m512 {
+    fn select(self, mask: LaneBits, a: __m512, b: __m512) -> __m512 {
         unsafe { _mm512_mask_blend_ps(mask as u16, b, a) }
     }
     #[inline(always)]
-    fn pack(self, mask: u32, a: __m512) -> __m512 {
+    fn pack(self, mask: LaneBits, a: __m512) -> __m512 {
         unsafe { _mm512_maskz_compress_ps(mask as u16, a) }
     }
     #[inline(always)]
@@ -215,7 +216,7 @@ impl Lanes for Avx512 {
         unsafe { _mm512_reduce_max_ps(a) }
     }
     #[inline(always)]
-    fn select_u32(self, mask: u32, a: __m512i, b: __m512i) -> __m512i {
+    fn select_u32(self, mask: LaneBits, a: __m512i, b: __m512i) -> __m512i {
         unsafe { _mm512_mask_blend_epi32(mask as u16, b, a) }
     }
     #[inline(always)]
@@ -269,11 +270,11 @@ impl Lanes for Avx512 {
         }
     }
     #[inline(always)]
-    fn lt_u32(self, among: u32, a: __m512i, b: __m512i) -> u32 {
+    fn lt_u32(self, among: LaneBits, a: __m512i, b: __m512i) -> LaneBits {
         unsafe { _mm512_mask_cmplt_epu32_mask(among as u16, a, b).into() }
     }
     #[inline(always)]
-    fn eq_u32(self, among: u32, a: __m512i, b: __m512i) -> u32 {
+    fn eq_u32(self, among: LaneBits, a: __m512i, b: __m512i) -> LaneBits {
         unsafe { _mm512_mask_cmpeq_epi32_mask(among as u16, a, b).into() }
     }
     #[inline(always)]
@@ -342,7 +343,7 @@ impl Lanes for Avx512 {
         unsafe { _mm512_storeu_si512(to.cast(), ids) }
     }
     #[inline(always)]
-    unsafe fn append(self, to: *mut u32, mask: u32, ids: __m512i) {
+    unsafe fn append(self, to: *mut u32, mask: LaneBits, ids: __m512i) {
         // To a register first: compressing straight to memory is slow on some processors.
         unsafe { _mm512_storeu_si512(to.cast(), _mm512_maskz_compress_epi32(mask as u16, ids)) }
     }

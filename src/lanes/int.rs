@@ -5,7 +5,7 @@
 //! 2. Gathers are checked against the slice before anything is read.
 #![allow(unsafe_code, reason = "the invariants above")]
 
-use super::{Lanes, Num, SingleLane};
+use super::{Lanes, Mask, MaskRepr, Num, SingleLane};
 use std::ops::{Add, BitAnd, BitOr, BitXor, Mul, Shl, Shr};
 
 /// A u32 in each lane. Arithmetic wraps.
@@ -40,15 +40,15 @@ impl<L: Lanes> Int<L> {
 
     /// The numbers of a slice, and its lanes. Lanes that are left over have `beyond`.
     #[inline(always)]
-    pub fn some(l: L, from: &[u32], beyond: u32) -> (Self, u32) {
+    pub fn some(l: L, from: &[u32], beyond: u32) -> (Self, Mask<L>) {
         if from.len() >= L::LANES {
-            return (Self::load(l, from), L::ALL);
+            return (Self::load(l, from), Mask::splat(l, true));
         }
         let mut numbers = L::array(beyond);
         for (number, &some) in numbers.as_mut().iter_mut().zip(from) {
             *number = some;
         }
-        (Self::from_array(l, &numbers), L::ALL & !(L::ALL << from.len()))
+        (Self::from_array(l, &numbers), Mask::first(l, from.len()))
     }
 
     /// Each lane's number: for code that goes lane by lane.
@@ -87,11 +87,11 @@ impl<L: Lanes> Int<L> {
     /// # Panics
     /// When the slice is shorter than there are lanes.
     #[inline(always)]
-    pub fn append(self, mask: u32, to: &mut [u32]) -> usize {
+    pub fn append(self, mask: Mask<L>, to: &mut [u32]) -> usize {
         assert!(to.len() >= L::LANES, "room for each lane");
         // SAFETY: there is as much room as lanes.
-        unsafe { self.l.append(to.as_mut_ptr(), mask, self.i) };
-        (mask & L::ALL).count_ones() as usize
+        unsafe { self.l.append(to.as_mut_ptr(), mask.bits(), self.i) };
+        mask.count()
     }
 
     /// The token.
@@ -102,26 +102,26 @@ impl<L: Lanes> Int<L> {
 
     /// `a` in the lanes of `mask`, `b` in the others.
     #[inline(always)]
-    pub fn select(mask: u32, a: Self, b: Self) -> Self {
-        Self { l: a.l, i: a.l.select_u32(mask, a.i, b.i) }
+    pub fn select(mask: Mask<L>, a: Self, b: Self) -> Self {
+        Self { l: a.l, i: mask.repr().select_u32(a.l, a.i, b.i) }
     }
 
     /// Lanes in which this is less.
     #[inline(always)]
-    pub fn lt(self, other: Self) -> u32 {
-        self.l.lt_u32(L::ALL, self.i, other.i)
+    pub fn lt(self, other: Self) -> Mask<L> {
+        Mask::new(self.l, L::M::lt_u32(self.l, self.i, other.i))
     }
 
     /// Lanes in which this is less than `x`.
     #[inline(always)]
-    pub fn below(self, x: u32) -> u32 {
+    pub fn below(self, x: u32) -> Mask<L> {
         self.lt(Self::splat(self.l, x))
     }
 
     /// Lanes in which this is `x`.
     #[inline(always)]
-    pub fn is(self, x: u32) -> u32 {
-        self.l.eq_u32(L::ALL, self.i, self.l.splat_u32(x))
+    pub fn is(self, x: u32) -> Mask<L> {
+        Mask::new(self.l, L::M::eq_u32(self.l, self.i, self.l.splat_u32(x)))
     }
 
     /// The lesser of this and `x`.
@@ -157,7 +157,7 @@ impl<L: Lanes> Int<L> {
     pub fn rows<const N: usize>(self, table: &[u32]) -> [Self; N] {
         assert!(table.len() < 1 << 30, "byte places are 32 bits");
         let rows = (table.len() / N) as u32;
-        assert!(self.below(rows) == L::ALL, "row {self:?} of {rows}");
+        assert!(self.below(rows).all(), "row {self:?} of {rows}");
         if N == 8 {
             // Whole rows are read at once and turned into columns.
             let bytes = Self { i: self.l.shl_u32(self.i, 5), ..self }.to_array();

@@ -20,6 +20,7 @@ mod avx512;
 pub mod exponential;
 mod int;
 mod level;
+mod mask;
 #[cfg(target_arch = "aarch64")]
 mod neon;
 mod num;
@@ -27,6 +28,8 @@ mod num;
 mod order;
 mod plain;
 mod prefetch;
+#[cfg(test)]
+mod tests;
 pub mod trigonometry;
 mod vector;
 
@@ -36,6 +39,7 @@ pub(crate) use avx2::{Avx2, Avx512Eights};
 pub(crate) use avx512::Avx512;
 pub use int::Int;
 pub use level::{LaneTask, SimdError, SimdLevel};
+pub use mask::{Mask, MaskRepr, SetLanes};
 #[cfg(target_arch = "aarch64")]
 pub(crate) use neon::Neon;
 pub use num::Num;
@@ -48,6 +52,9 @@ use std::ops::{Index, IndexMut};
 /// The number of lanes of the widest instruction set. Memory that lanes of any width read or write whole is this long.
 pub const MAX_LANES: usize = 16;
 
+/// Lanes as bits: one per lane, lane 0 lowest.
+pub type LaneBits = u32;
+
 mod sealed {
     /// What only this crate implements, so that instructions can be added to [`super::Lanes`].
     pub trait Sealed {}
@@ -55,19 +62,21 @@ mod sealed {
 
 /// A vector of [`Lanes::LANES`] numbers and what can be done with it.
 ///
-/// Masks have one bit a lane, lane 0 lowest; bits beyond the lanes are 0 in those that methods return
-/// and do not count in those that they take.
+/// Methods here take and return masks as [`LaneBits`], which tracing uses directly: bits beyond the lanes are 0 in those
+/// that methods return and do not count in those that they take. Shading uses [`Mask`].
 ///
 /// The trait is sealed: its implementations are those of this module.
 pub trait Lanes: Copy + sealed::Sealed {
     /// Number of lanes, 1 to [`MAX_LANES`].
     const LANES: usize;
-    /// The mask of all lanes.
-    const ALL: u32 = u32::MAX >> (32 - Self::LANES);
+    /// The bits of all lanes.
+    const ALL: LaneBits = LaneBits::MAX >> (LaneBits::BITS - Self::LANES as u32);
     /// f32 in each lane.
     type F: Copy;
     /// u32 in each lane.
     type I: Copy;
+    /// A Boolean in each lane: what [`Mask`] holds.
+    type M: MaskRepr<Self>;
     /// As many of anything as there are lanes.
     type Array<T: Copy>: Copy + AsRef<[T]> + AsMut<[T]> + Index<usize, Output = T> + IndexMut<usize>;
 
@@ -112,24 +121,24 @@ pub trait Lanes: Copy + sealed::Sealed {
     /// The lesser in the same order.
     fn min_bits(self, a: Self::F, b: Self::F) -> Self::F;
     /// Lanes of `among` in which `a <= b` in the same order.
-    fn le_bits(self, among: u32, a: Self::F, b: Self::F) -> u32;
+    fn le_bits(self, among: LaneBits, a: Self::F, b: Self::F) -> LaneBits;
     /// `-a`.
     fn neg(self, a: Self::F) -> Self::F;
     /// The magnitude of `a ≥ 0` with the sign of `b`.
     fn with_sign_of(self, a: Self::F, b: Self::F) -> Self::F;
     /// Lanes of `among` in which `a <= b`.
-    fn le(self, among: u32, a: Self::F, b: Self::F) -> u32;
+    fn le(self, among: LaneBits, a: Self::F, b: Self::F) -> LaneBits;
     /// Lanes of `among` in which `a == b`.
-    fn eq(self, among: u32, a: Self::F, b: Self::F) -> u32;
+    fn eq(self, among: LaneBits, a: Self::F, b: Self::F) -> LaneBits;
     /// Lanes of `among` in which `a < b`.
-    fn lt(self, among: u32, a: Self::F, b: Self::F) -> u32;
+    fn lt(self, among: LaneBits, a: Self::F, b: Self::F) -> LaneBits;
     /// Lanes whose sign bit is set.
-    fn signs(self, a: Self::F) -> u32;
+    fn signs(self, a: Self::F) -> LaneBits;
     /// `a` in the lanes of `mask`, `b` in the others.
-    fn select(self, mask: u32, a: Self::F, b: Self::F) -> Self::F;
+    fn select(self, mask: LaneBits, a: Self::F, b: Self::F) -> Self::F;
 
     /// The lanes of `mask`, in order, in the first lanes; what is in the others is unspecified.
-    fn pack(self, mask: u32, a: Self::F) -> Self::F;
+    fn pack(self, mask: LaneBits, a: Self::F) -> Self::F;
     /// The integers nearest to `a * scale`, of numbers ≥ 0 whose product is below 2⁶³.
     fn to_fixed(self, a: Self::F, scale: f64) -> Self::Array<i64>;
 
@@ -138,7 +147,7 @@ pub trait Lanes: Copy + sealed::Sealed {
     /// The greatest of all lanes.
     fn highest(self, a: Self::F) -> f32;
     /// `a` in the lanes of `mask`, `b` in the others.
-    fn select_u32(self, mask: u32, a: Self::I, b: Self::I) -> Self::I;
+    fn select_u32(self, mask: LaneBits, a: Self::I, b: Self::I) -> Self::I;
 
     /// `a + b`, wrapping.
     fn add_u32(self, a: Self::I, b: Self::I) -> Self::I;
@@ -157,9 +166,9 @@ pub trait Lanes: Copy + sealed::Sealed {
     /// The bits in reverse order.
     fn reverse_u32(self, a: Self::I) -> Self::I;
     /// Lanes of `among` in which `a < b`.
-    fn lt_u32(self, among: u32, a: Self::I, b: Self::I) -> u32;
+    fn lt_u32(self, among: LaneBits, a: Self::I, b: Self::I) -> LaneBits;
     /// Lanes of `among` in which `a == b`.
-    fn eq_u32(self, among: u32, a: Self::I, b: Self::I) -> u32;
+    fn eq_u32(self, among: LaneBits, a: Self::I, b: Self::I) -> LaneBits;
     /// The whole part of a number of 0 to 2³¹ − 1.
     fn f32_to_u32(self, a: Self::F) -> Self::I;
     /// The nearest number to an id below 2³¹.
@@ -167,6 +176,7 @@ pub trait Lanes: Copy + sealed::Sealed {
     /// The bits of a number.
     fn bits(self, a: Self::F) -> Self::I;
     /// The number of these bits.
+    #[allow(clippy::wrong_self_convention, reason = "self is the token, not what is converted")]
     fn from_bits(self, a: Self::I) -> Self::F;
     /// Does a piece of work in a function of its own that enables the instructions: for large pieces
     /// that are needed in many places.
@@ -225,7 +235,7 @@ pub trait Lanes: Copy + sealed::Sealed {
     ///
     /// # Safety
     /// `to` is good for writing `LANES` ids.
-    unsafe fn append(self, to: *mut u32, mask: u32, ids: Self::I);
+    unsafe fn append(self, to: *mut u32, mask: LaneBits, ids: Self::I);
     /// Reads rows of eight numbers, the one for lane `i` at byte `ids[i]` after `base`, and turns them
     /// into eight vectors, one a column.
     ///
@@ -362,201 +372,4 @@ pub(crate) fn nearest(x: f64) -> i64 {
     // From here on there is no fraction; below, adding it leaves none.
     const WHOLE: f64 = (1u64 << 52) as f64;
     (if x < WHOLE { (x + WHOLE) - WHOLE } else { x }) as i64
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// Runs every operation on awkward numbers and gives all results, eight lanes at a time.
-    fn everything<L: Lanes>(l: L) -> Vec<u32> {
-        let numbers: Vec<f32> = (0..64u32)
-            .map(|i| {
-                let odd = [0.0, -0.0, 1.0, -1.5, 1e-40, 3e38, f32::INFINITY, f32::NEG_INFINITY];
-                let x = i.wrapping_mul(0x9e37_79b9) ^ (i << 13);
-                if i % 3 == 0 { odd[(i / 3 % 8) as usize] } else { x as f32 / (1u64 << 31) as f32 - 1.0 }
-            })
-            .collect();
-        let mut results = Vec::new();
-        for at in (0..32).step_by(l.lanes()) {
-            let mut keep = |f: L::F| {
-                let mut out = [0.0f32; MAX_LANES];
-                // SAFETY: invariant 1; sixteen numbers are enough for any lanes.
-                unsafe { l.store(out.as_mut_ptr(), f) };
-                // One zero is as good as the other after min and max; NaNs differ in payload.
-                let bits = |x: f32| if x.is_nan() { u32::MAX } else { (x + 0.0).to_bits() };
-                results.push((at, out[..L::LANES].iter().map(|&x| bits(x)).collect::<Vec<_>>()));
-            };
-            // SAFETY: invariant 1; 32 + at + LANES <= 64.
-            let (a, b, c) = unsafe {
-                let p = numbers.as_ptr();
-                (l.load(p.add(at)), l.load(p.add(at + 7)), l.load(p.add(at + 32)))
-            };
-            for f in [l.add(a, b), l.sub(a, b), l.mul(a, b), l.div(a, b), l.fma(a, b, c), l.fms(a, b, c)] {
-                keep(f);
-            }
-            for f in [l.min(a, b), l.max(a, b), l.abs(a), l.neg(a), l.with_sign_of(l.abs(a), b), l.splat(2.5)]
-            {
-                keep(f);
-            }
-            for f in [l.sqrt(a), l.floor(l.mul(a, l.splat(9.0))), l.max_bits(a, b), l.min_bits(a, b)] {
-                keep(f);
-            }
-            let all = L::ALL;
-            let mask = l.le(all, a, b);
-            keep(l.select(mask, a, b));
-            let (i, k) = (l.bits(a), l.bits(b));
-            for id in [
-                l.add_u32(i, k),
-                l.mul_u32(i, k),
-                l.and_u32(i, k),
-                l.or_u32(i, k),
-                l.xor_u32(i, k),
-                l.shl_u32(i, 7),
-                l.shr_u32(i, 11),
-                l.reverse_u32(i),
-                l.f32_to_u32(l.min(l.abs(b), l.splat(1e9))),
-                l.select_u32(l.lt_u32(L::ALL, i, k), i, k),
-                l.select_u32(l.eq_u32(L::ALL, i, l.and_u32(i, k)), i, k),
-            ] {
-                let mut out = [0u32; MAX_LANES];
-                // SAFETY: invariant 1; sixteen ids are enough for any lanes.
-                unsafe { l.store_u32(out.as_mut_ptr(), id) };
-                results.push((at, out[..L::LANES].to_vec()));
-            }
-            let some = 0x5a5a >> (at % 8) & all;
-            for mask in [
-                mask,
-                l.le(some, a, b),
-                l.lt(all, a, b),
-                l.eq(all, a, a),
-                l.eq(all, a, b),
-                l.signs(c),
-                l.le_bits(some, a, b),
-            ] {
-                let lanes = (0..L::LANES).map(|i| mask >> i & 1).collect();
-                results.push((at, lanes));
-                assert_eq!(mask & !all, 0);
-            }
-        }
-        // Sixteen lanes at once or twice eight: bring both to the same order.
-        let per_kind = results.len() / (32 / L::LANES);
-        (0..per_kind)
-            .flat_map(|kind| results.iter().skip(kind).step_by(per_kind).flat_map(|(_, lanes)| lanes.clone()))
-            .collect()
-    }
-
-    /// Gathers, transposes, appends.
-    fn memory<L: Lanes>(l: L) {
-        let rows: Vec<f32> = (0..8 * 40).map(|i| i as f32).collect();
-        let ids: Vec<u32> = (0..L::LANES as u32).map(|i| (i * 7 + 3) % 40 * 32).collect();
-        let odd: Vec<u32> = (0..L::LANES as u32).map(|i| i.wrapping_mul(0x9e37_79b9) ^ i).collect();
-        // SAFETY: invariant 1; all ids lead to one of the 40 rows; every buffer holds what is read and written.
-        unsafe {
-            let columns = l.rows(rows.as_ptr(), ids.as_ptr());
-            for (column, f) in columns.iter().enumerate() {
-                let mut out = [0.0f32; MAX_LANES];
-                l.store(out.as_mut_ptr(), *f);
-                for lane in 0..L::LANES {
-                    assert_eq!(
-                        out[lane],
-                        rows[ids[lane] as usize / 4 + column],
-                        "column {column}, lane {lane}"
-                    );
-                }
-            }
-            let gathered = l.gather(rows.as_ptr().cast(), l.shr_u32(l.load_u32(ids.as_ptr()), 2));
-            let mut out = [0u32; MAX_LANES];
-            l.store_u32(out.as_mut_ptr(), gathered);
-            for lane in 0..L::LANES {
-                assert_eq!(out[lane], rows[ids[lane] as usize / 4].to_bits());
-            }
-            let mut back = vec![0.0f32; 8 * L::LANES];
-            l.put_rows(back.as_mut_ptr(), columns);
-            for lane in 0..L::LANES {
-                let from = ids[lane] as usize / 4;
-                assert_eq!(back[8 * lane..8 * lane + 8], rows[from..from + 8]);
-            }
-            l.put_quads(back.as_mut_ptr(), [columns[7], columns[0], columns[2], columns[5]]);
-            for lane in 0..L::LANES {
-                let row = &rows[ids[lane] as usize / 4..];
-                assert_eq!(back[4 * lane..4 * lane + 4], [row[7], row[0], row[2], row[5]]);
-            }
-            for mask in (0..1u32 << L::LANES).step_by(if L::LANES <= 8 { 1 } else { 37 }) {
-                let mut out = [7u32; MAX_LANES];
-                l.append(out.as_mut_ptr(), mask, l.load_u32(ids.as_ptr()));
-                let expected: Vec<u32> =
-                    (0..L::LANES).filter(|i| mask >> i & 1 == 1).map(|i| ids[i]).collect();
-                assert_eq!(out[..expected.len()], expected);
-                let packed = spill(l, l.pack(mask, l.from_bits(l.load_u32(ids.as_ptr()))));
-                assert!(expected.iter().zip(packed).all(|(&id, packed)| packed.to_bits() == id));
-            }
-            let picked = spill(l, l.pick([rows.as_ptr(), rows.as_ptr().add(20)], l.load_u32(odd.as_ptr())));
-            for lane in 0..L::LANES {
-                assert_eq!(picked[lane], rows[20 * (lane / 8) + odd[lane] as usize % 16], "lane {lane}");
-            }
-            let mut out = [7u32; MAX_LANES];
-            l.store_u32(out.as_mut_ptr(), l.select_u32(0xa6, l.splat_u32(9), l.load_u32(ids.as_ptr())));
-            for lane in 0..L::LANES {
-                assert_eq!(out[lane], if 0xa6 >> lane & 1 == 1 { 9 } else { ids[lane] });
-            }
-            let numbers: Vec<f32> = ids.iter().map(|&id| id as f32 - 600.0).collect();
-            let f = l.load(numbers.as_ptr());
-            assert_eq!(l.lowest(f), numbers.iter().copied().fold(f32::INFINITY, f32::min));
-            assert_eq!(l.highest(f), numbers.iter().copied().fold(f32::NEG_INFINITY, f32::max));
-        }
-    }
-
-    /// Slices shorter and longer than the lanes.
-    fn slices<L: Lanes>(l: L) {
-        let numbers: Vec<u32> = (0..20).map(|i| i * i).collect();
-        for len in 1..=20 {
-            let (some, lanes) = Int::some(l, &numbers[..len], 7);
-            assert_eq!(lanes.count_ones() as usize, len.min(L::LANES));
-            for (lane, &number) in numbers.iter().enumerate().take(L::LANES) {
-                assert_eq!(lanes >> lane & 1 == 1, lane < len);
-                assert_eq!(some.to_array()[lane], if lane < len { number } else { 7 });
-                assert_eq!(Int::iota(l).to_array()[lane], lane as u32);
-            }
-        }
-    }
-
-    trait Width: Lanes {
-        fn lanes(self) -> usize {
-            Self::LANES
-        }
-    }
-    impl<L: Lanes> Width for L {}
-
-    #[test]
-    fn all_instruction_sets_compute_the_same_and_move_data_right() {
-        let reference = everything(Plain::<8>);
-        memory(Plain::<8>);
-        slices(Plain::<8>);
-        assert_eq!(everything(SingleLane::default()), reference);
-        memory(SingleLane::default());
-        slices(SingleLane::default());
-        #[cfg(target_arch = "aarch64")]
-        {
-            assert_eq!(everything(Neon), reference);
-            memory(Neon);
-            slices(Neon);
-        }
-        #[cfg(target_arch = "x86_64")]
-        // SAFETY: invariant 2; each token is made only when the processor has its instructions.
-        unsafe {
-            if SimdLevel::Avx2.is_available() {
-                let token = Avx2::new();
-                assert_eq!(everything(token), reference);
-                memory(token);
-                slices(token);
-            }
-            if SimdLevel::Avx512.is_available() {
-                let token = Avx512::new();
-                assert_eq!(everything(token), reference);
-                memory(token);
-                slices(token);
-            }
-        }
-    }
 }

@@ -11,7 +11,7 @@
 #![allow(unsafe_code, reason = "the invariants above")]
 
 use super::order::LANES_OF;
-use super::{Lanes, OutlinedTask, nearest, spill};
+use super::{LaneBits, Lanes, OutlinedTask, nearest, spill};
 use std::arch::aarch64::*;
 
 /// Eight lanes of NEON.
@@ -35,7 +35,7 @@ fn mask(lanes: I) -> u32 {
 
 /// Lanes of all ones and all zeros, from a bit a lane.
 #[inline(always)]
-fn lanes(mask: u32) -> I {
+fn lanes(mask: LaneBits) -> I {
     // SAFETY: invariant 1; eight words are read.
     unsafe {
         let bits = vld1q_u32_x2([1u32, 2, 4, 8, 16, 32, 64, 128].as_ptr());
@@ -63,7 +63,7 @@ fn numbers(i: I) -> F {
 
 /// The lanes of a mask, in order.
 #[inline(always)]
-fn order_of(mask: u32) -> I {
+fn order_of(mask: LaneBits) -> I {
     // SAFETY: invariant 1; there are 256 masks.
     unsafe {
         let order = vmovl_u8(vld1_u8(LANES_OF.get_unchecked(mask as usize & 255).as_ptr()));
@@ -97,6 +97,7 @@ impl Lanes for Neon {
     const LANES: usize = 8;
     type F = F;
     type I = I;
+    type M = LaneBits;
     type Array<T: Copy> = [T; 8];
 
     #[inline(always)]
@@ -168,7 +169,7 @@ impl Lanes for Neon {
         unsafe { [0, 1].map(|i| vreinterpretq_f32_s32(vminq_s32(a[i], b[i]))) }
     }
     #[inline(always)]
-    fn le_bits(self, among: u32, a: F, b: F) -> u32 {
+    fn le_bits(self, among: LaneBits, a: F, b: F) -> LaneBits {
         let (a, b) = (signed(a), signed(b));
         unsafe { among & mask([vcleq_s32(a[0], b[0]), vcleq_s32(a[1], b[1])]) }
     }
@@ -184,19 +185,19 @@ impl Lanes for Neon {
         }
     }
     #[inline(always)]
-    fn le(self, among: u32, a: F, b: F) -> u32 {
+    fn le(self, among: LaneBits, a: F, b: F) -> LaneBits {
         unsafe { among & mask([vcleq_f32(a[0], b[0]), vcleq_f32(a[1], b[1])]) }
     }
     #[inline(always)]
-    fn eq(self, among: u32, a: F, b: F) -> u32 {
+    fn eq(self, among: LaneBits, a: F, b: F) -> LaneBits {
         unsafe { among & mask([vceqq_f32(a[0], b[0]), vceqq_f32(a[1], b[1])]) }
     }
     #[inline(always)]
-    fn lt(self, among: u32, a: F, b: F) -> u32 {
+    fn lt(self, among: LaneBits, a: F, b: F) -> LaneBits {
         unsafe { among & mask([vcltq_f32(a[0], b[0]), vcltq_f32(a[1], b[1])]) }
     }
     #[inline(always)]
-    fn signs(self, a: F) -> u32 {
+    fn signs(self, a: F) -> LaneBits {
         unsafe {
             let a = ids(a);
             let sign = vdupq_n_u32(1 << 31);
@@ -204,14 +205,14 @@ impl Lanes for Neon {
         }
     }
     #[inline(always)]
-    fn select(self, mask: u32, a: F, b: F) -> F {
+    fn select(self, mask: LaneBits, a: F, b: F) -> F {
         unsafe {
             let lanes = lanes(mask);
             [vbslq_f32(lanes[0], a[0], b[0]), vbslq_f32(lanes[1], a[1], b[1])]
         }
     }
     #[inline(always)]
-    fn pack(self, mask: u32, a: F) -> F {
+    fn pack(self, mask: LaneBits, a: F) -> F {
         numbers(self.permute_u32(ids(a), order_of(mask)))
     }
     #[inline(always)]
@@ -231,7 +232,7 @@ impl Lanes for Neon {
         unsafe { vmaxnmvq_f32(vmaxnmq_f32(a[0], a[1])) }
     }
     #[inline(always)]
-    fn select_u32(self, mask: u32, a: I, b: I) -> I {
+    fn select_u32(self, mask: LaneBits, a: I, b: I) -> I {
         unsafe {
             let lanes = lanes(mask);
             [vbslq_u32(lanes[0], a[0], b[0]), vbslq_u32(lanes[1], a[1], b[1])]
@@ -298,11 +299,11 @@ impl Lanes for Neon {
         }
     }
     #[inline(always)]
-    fn lt_u32(self, among: u32, a: I, b: I) -> u32 {
+    fn lt_u32(self, among: LaneBits, a: I, b: I) -> LaneBits {
         unsafe { among & mask([vcltq_u32(a[0], b[0]), vcltq_u32(a[1], b[1])]) }
     }
     #[inline(always)]
-    fn eq_u32(self, among: u32, a: I, b: I) -> u32 {
+    fn eq_u32(self, among: LaneBits, a: I, b: I) -> LaneBits {
         unsafe { among & mask([vceqq_u32(a[0], b[0]), vceqq_u32(a[1], b[1])]) }
     }
     #[inline(always)]
@@ -375,7 +376,7 @@ impl Lanes for Neon {
         }
     }
     #[inline(always)]
-    unsafe fn append(self, to: *mut u32, mask: u32, ids: I) {
+    unsafe fn append(self, to: *mut u32, mask: LaneBits, ids: I) {
         unsafe { self.store_u32(to, self.permute_u32(ids, order_of(mask))) }
     }
     #[inline(always)]

@@ -4,7 +4,7 @@
 //! as many elements as there are lanes.
 #![allow(unsafe_code, reason = "the invariants above")]
 
-use super::{Int, Lanes, SingleLane};
+use super::{Int, Lanes, Mask, MaskRepr, SingleLane};
 use std::ops::{Add, AddAssign, Div, DivAssign, Mul, MulAssign, Neg, Sub, SubAssign};
 
 /// An f32 in each lane. Arithmetic is lane by lane; comparisons give masks.
@@ -19,6 +19,12 @@ impl<L: Lanes> Num<L> {
     #[inline(always)]
     pub fn splat(l: L, x: f32) -> Self {
         Self { l, f: l.splat(x) }
+    }
+
+    /// 0 in each lane.
+    #[inline(always)]
+    pub fn zero(l: L) -> Self {
+        Self::splat(l, 0.0)
     }
 
     /// A number for each lane.
@@ -49,7 +55,7 @@ impl<L: Lanes> Num<L> {
 
     /// Eight columns as rows, one for each lane of `mask`, in order; what follows them is unspecified.
     #[inline(always)]
-    pub fn packed_rows(mask: u32, columns: [Self; 8]) -> L::Array<[f32; 8]> {
+    pub fn packed_rows(mask: Mask<L>, columns: [Self; 8]) -> L::Array<[f32; 8]> {
         let [a, b, c, d, e, f, g, h] = columns;
         let ([a, b, c, d], [e, f, g, h]) = (
             [a.pack(mask), b.pack(mask), c.pack(mask), d.pack(mask)],
@@ -64,7 +70,7 @@ impl<L: Lanes> Num<L> {
 
     /// Four columns as rows, one for each lane of `mask`, in order; what follows them is unspecified.
     #[inline(always)]
-    pub fn packed_quads(mask: u32, [a, b, c, d]: [Self; 4]) -> L::Array<[f32; 4]> {
+    pub fn packed_quads(mask: Mask<L>, [a, b, c, d]: [Self; 4]) -> L::Array<[f32; 4]> {
         let [a, b, c, d] = [a.pack(mask), b.pack(mask), c.pack(mask), d.pack(mask)];
         let mut rows = L::array([0.0; 4]);
         // SAFETY: invariant 1, four numbers a row.
@@ -74,8 +80,8 @@ impl<L: Lanes> Num<L> {
 
     /// The lanes of `mask`, in order, in the first lanes; what is in the others is unspecified.
     #[inline(always)]
-    pub fn pack(self, mask: u32) -> Self {
-        Self { f: self.l.pack(mask, self.f), ..self }
+    pub fn pack(self, mask: Mask<L>) -> Self {
+        Self { f: self.l.pack(mask.bits(), self.f), ..self }
     }
 
     /// The nearest integers to this times `scale`, ties to even, of numbers ≥ 0 whose product is below 2⁶³.
@@ -92,14 +98,14 @@ impl<L: Lanes> Num<L> {
 
     /// `a` in the lanes of `mask`, `b` in the others.
     #[inline(always)]
-    pub fn select(mask: u32, a: Self, b: Self) -> Self {
-        Self { l: a.l, f: a.l.select(mask, a.f, b.f) }
+    pub fn select(mask: Mask<L>, a: Self, b: Self) -> Self {
+        Self { l: a.l, f: mask.repr().select(a.l, a.f, b.f) }
     }
 
     /// This in the lanes of `mask`, 0 in the others.
     #[inline(always)]
-    pub fn only(self, mask: u32) -> Self {
-        Self::select(mask, self, Self::splat(self.l, 0.0))
+    pub fn only(self, mask: Mask<L>) -> Self {
+        Self::select(mask, self, Self::zero(self.l))
     }
 
     /// Square root.
@@ -158,55 +164,55 @@ impl<L: Lanes> Num<L> {
 
     /// Lanes in which this is less.
     #[inline(always)]
-    pub fn lt(self, other: Self) -> u32 {
-        self.l.lt(L::ALL, self.f, other.f)
+    pub fn lt(self, other: Self) -> Mask<L> {
+        Mask::new(self.l, L::M::lt(self.l, self.f, other.f))
     }
 
     /// Lanes in which this is less or the same.
     #[inline(always)]
-    pub fn le(self, other: Self) -> u32 {
-        self.l.le(L::ALL, self.f, other.f)
+    pub fn le(self, other: Self) -> Mask<L> {
+        Mask::new(self.l, L::M::le(self.l, self.f, other.f))
     }
 
     /// Lanes in which this is greater.
     #[inline(always)]
-    pub fn gt(self, other: Self) -> u32 {
+    pub fn gt(self, other: Self) -> Mask<L> {
         other.lt(self)
     }
 
     /// Lanes in which this is greater or the same.
     #[inline(always)]
-    pub fn ge(self, other: Self) -> u32 {
+    pub fn ge(self, other: Self) -> Mask<L> {
         other.le(self)
     }
 
     /// Lanes in which both are the same.
     #[inline(always)]
-    pub fn same(self, other: Self) -> u32 {
-        self.l.eq(L::ALL, self.f, other.f)
+    pub fn same(self, other: Self) -> Mask<L> {
+        Mask::new(self.l, L::M::eq(self.l, self.f, other.f))
     }
 
     /// Lanes in which this is greater than `x`.
     #[inline(always)]
-    pub fn above(self, x: f32) -> u32 {
+    pub fn above(self, x: f32) -> Mask<L> {
         self.gt(Self::splat(self.l, x))
     }
 
     /// Lanes in which this is less than `x`.
     #[inline(always)]
-    pub fn below(self, x: f32) -> u32 {
+    pub fn below(self, x: f32) -> Mask<L> {
         self.lt(Self::splat(self.l, x))
     }
 
     /// Lanes in which this is 0.
     #[inline(always)]
-    pub fn is_zero(self) -> u32 {
-        self.same(Self::splat(self.l, 0.0))
+    pub fn is_zero(self) -> Mask<L> {
+        self.same(Self::zero(self.l))
     }
 
     /// Lanes in which this is neither infinite nor NaN.
     #[inline(always)]
-    pub fn is_finite(self) -> u32 {
+    pub fn is_finite(self) -> Mask<L> {
         self.abs().below(f32::INFINITY)
     }
 

@@ -7,7 +7,7 @@
 
 #[cfg(target_arch = "x86_64")]
 use super::SimdLevel;
-use super::{Lanes, OutlinedTask, nearest};
+use super::{LaneBits, Lanes, OutlinedTask, nearest};
 use std::array::from_fn;
 
 /// `N` lanes on any processor.
@@ -33,6 +33,7 @@ impl<const N: usize> Lanes for Plain<N> {
     const LANES: usize = N;
     type F = [f32; N];
     type I = [u32; N];
+    type M = LaneBits;
     type Array<T: Copy> = [T; N];
 
     #[inline(always)]
@@ -97,7 +98,7 @@ impl<const N: usize> Lanes for Plain<N> {
         from_fn(|i| if signed(a[i]) < signed(b[i]) { a[i] } else { b[i] })
     }
     #[inline(always)]
-    fn le_bits(self, among: u32, a: Self::F, b: Self::F) -> u32 {
+    fn le_bits(self, among: LaneBits, a: Self::F, b: Self::F) -> LaneBits {
         among & mask::<N>(|i| signed(a[i]) <= signed(b[i]))
     }
     #[inline(always)]
@@ -109,27 +110,27 @@ impl<const N: usize> Lanes for Plain<N> {
         from_fn(|i| a[i].copysign(b[i]))
     }
     #[inline(always)]
-    fn le(self, among: u32, a: Self::F, b: Self::F) -> u32 {
+    fn le(self, among: LaneBits, a: Self::F, b: Self::F) -> LaneBits {
         among & mask::<N>(|i| a[i] <= b[i])
     }
     #[inline(always)]
-    fn eq(self, among: u32, a: Self::F, b: Self::F) -> u32 {
+    fn eq(self, among: LaneBits, a: Self::F, b: Self::F) -> LaneBits {
         among & mask::<N>(|i| a[i] == b[i])
     }
     #[inline(always)]
-    fn lt(self, among: u32, a: Self::F, b: Self::F) -> u32 {
+    fn lt(self, among: LaneBits, a: Self::F, b: Self::F) -> LaneBits {
         among & mask::<N>(|i| a[i] < b[i])
     }
     #[inline(always)]
-    fn signs(self, a: Self::F) -> u32 {
+    fn signs(self, a: Self::F) -> LaneBits {
         mask::<N>(|i| a[i].is_sign_negative())
     }
     #[inline(always)]
-    fn select(self, mask: u32, a: Self::F, b: Self::F) -> Self::F {
+    fn select(self, mask: LaneBits, a: Self::F, b: Self::F) -> Self::F {
         from_fn(|i| if mask >> i & 1 == 1 { a[i] } else { b[i] })
     }
     #[inline(always)]
-    fn pack(self, mask: u32, a: Self::F) -> Self::F {
+    fn pack(self, mask: LaneBits, a: Self::F) -> Self::F {
         let (mut packed, mut len) = (a, 0);
         for (i, x) in a.into_iter().enumerate() {
             packed[len] = x;
@@ -150,7 +151,7 @@ impl<const N: usize> Lanes for Plain<N> {
         a.into_iter().fold(f32::NEG_INFINITY, f32::max)
     }
     #[inline(always)]
-    fn select_u32(self, mask: u32, a: Self::I, b: Self::I) -> Self::I {
+    fn select_u32(self, mask: LaneBits, a: Self::I, b: Self::I) -> Self::I {
         from_fn(|i| if mask >> i & 1 == 1 { a[i] } else { b[i] })
     }
     #[inline(always)]
@@ -194,11 +195,11 @@ impl<const N: usize> Lanes for Plain<N> {
         a.map(u32::reverse_bits)
     }
     #[inline(always)]
-    fn lt_u32(self, among: u32, a: Self::I, b: Self::I) -> u32 {
+    fn lt_u32(self, among: LaneBits, a: Self::I, b: Self::I) -> LaneBits {
         among & mask::<N>(|i| a[i] < b[i])
     }
     #[inline(always)]
-    fn eq_u32(self, among: u32, a: Self::I, b: Self::I) -> u32 {
+    fn eq_u32(self, among: LaneBits, a: Self::I, b: Self::I) -> LaneBits {
         among & mask::<N>(|i| a[i] == b[i])
     }
     #[inline(always)]
@@ -268,7 +269,7 @@ impl<const N: usize> Lanes for Plain<N> {
         from_fn(|i| unsafe { from[i / 8].add(ids[i] as usize % 16).read_unaligned() })
     }
     #[inline(always)]
-    unsafe fn append(self, to: *mut u32, mask: u32, ids: Self::I) {
+    unsafe fn append(self, to: *mut u32, mask: LaneBits, ids: Self::I) {
         let mut len = 0;
         for (i, id) in ids.into_iter().enumerate() {
             // SAFETY: invariant 1; no more are written than there are lanes.

@@ -1,6 +1,6 @@
 //! Vectors of three in lanes.
 
-use super::{Lanes, Num, SingleLane};
+use super::{Lanes, Mask, Num, SingleLane};
 use glam::Vec3;
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub};
 
@@ -28,6 +28,12 @@ impl<L: Lanes> Vector<L> {
         Self { x: Num::splat(l, v.x), y: Num::splat(l, v.y), z: Num::splat(l, v.z) }
     }
 
+    /// The zero vector, or black, in each lane.
+    #[inline(always)]
+    pub fn zero(l: L) -> Self {
+        Self::splat(l, Vec3::ZERO)
+    }
+
     /// Three times the same number.
     #[inline(always)]
     pub fn grey(x: Num<L>) -> Self {
@@ -42,7 +48,7 @@ impl<L: Lanes> Vector<L> {
 
     /// `a` in the lanes of `mask`, `b` in the others.
     #[inline(always)]
-    pub fn select(mask: u32, a: Self, b: Self) -> Self {
+    pub fn select(mask: Mask<L>, a: Self, b: Self) -> Self {
         Self {
             x: Num::select(mask, a.x, b.x),
             y: Num::select(mask, a.y, b.y),
@@ -52,7 +58,7 @@ impl<L: Lanes> Vector<L> {
 
     /// This in the lanes of `mask`, 0 in the others.
     #[inline(always)]
-    pub fn only(self, mask: u32) -> Self {
+    pub fn only(self, mask: Mask<L>) -> Self {
         Self { x: self.x.only(mask), y: self.y.only(mask), z: self.z.only(mask) }
     }
 
@@ -92,7 +98,7 @@ impl<L: Lanes> Vector<L> {
 
     /// The unit vector that goes this way, and the lanes in which there is one; `other` elsewhere.
     #[inline(always)]
-    pub fn normalize_or(self, other: Self) -> (Self, u32) {
+    pub fn normalize_or(self, other: Self) -> (Self, Mask<L>) {
         let scale = 1.0 / self.length();
         let there = scale.is_finite() & scale.above(0.0);
         (Self::select(there, self * scale, other), there)
@@ -136,7 +142,7 @@ impl<L: Lanes> Vector<L> {
 
     /// Lanes in which all components are 0.
     #[inline(always)]
-    pub fn is_zero(self) -> u32 {
+    pub fn is_zero(self) -> Mask<L> {
         self.x.is_zero() & self.y.is_zero() & self.z.is_zero()
     }
 

@@ -4,7 +4,7 @@ use super::Integrator;
 use super::frame::{CAMERA_DIMENSION, Frame, Settings, SettingsError, ray_rows};
 use crate::film::Film;
 use crate::geom::{Sampler, warp::lanes as warp};
-use crate::lanes::{Int, LaneTask, Lanes, Num, SimdLevel, Vector};
+use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, SimdLevel, Vector};
 use crate::scene::{Camera, Material, Scene};
 use crate::schedule::{Batch, Output, Renderer};
 use crate::shade::{Hits, Interaction, sort};
@@ -110,7 +110,7 @@ impl Shading<'_, '_> {
         &mut self,
         material: &Material,
         ids: Int<L>,
-        lanes: u32,
+        lanes: Mask<L>,
         pixel: Int<L>,
         sampler: &Sampler<L>,
     ) {
@@ -119,7 +119,7 @@ impl Shading<'_, '_> {
         let [_, _, _, _, x, y, z, _] = ids.rows_of(bytemuck::cast_slice(self.batch.rays));
         let [t, u, v, primitive] = ids.rows_of(bytemuck::cast_slice(self.batch.hits));
         let hits = Hits { t, u, v, primitive: primitive.to_bits() };
-        let at = Interaction::new(frame.scene(), material, Vector::new(x, y, z), &hits, t.only(0));
+        let at = Interaction::new(frame.scene(), material, Vector::new(x, y, z), &hits, Num::zero(l));
         let up = sampler.two(Int::splat(l, CAMERA_DIMENSION + 1));
         let to = at.basis.world(warp::cosine_hemisphere(up));
         // A bent normal may point a direction into the surface, where nothing is open.

@@ -3,7 +3,7 @@
 use super::Frame;
 use super::frame::ray_rows;
 use crate::film::Film;
-use crate::lanes::{Int, LaneTask, Lanes, Num, Vector};
+use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, Vector};
 use crate::schedule::Output;
 use bytemuck::{Pod, Zeroable};
 
@@ -22,7 +22,7 @@ impl Contribution {
     #[inline(always)]
     pub(super) fn emit<P, L: Lanes>(
         out: &mut Output<'_, P, Self>,
-        lanes: u32,
+        lanes: Mask<L>,
         origin: Vector<L>,
         direction: Vector<L>,
         t_max: Num<L>,
@@ -34,7 +34,7 @@ impl Contribution {
         let contributions = Num::packed_quads(lanes, brought);
         let (rays, contributions) =
             (bytemuck::cast_slice(rays.as_ref()), bytemuck::cast_slice(contributions.as_ref()));
-        out.shadow_row(lanes.count_ones() as usize, rays, contributions);
+        out.shadow_row(lanes.count(), rays, contributions);
     }
 }
 

@@ -3,7 +3,7 @@
 use super::{Blocks, Pass};
 use crate::film::{Film, TooManySplats};
 use crate::geom::Sampler;
-use crate::lanes::{Int, LaneTask, Lanes, Num, SimdLevel, SingleLane, Vector};
+use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, SimdLevel, SingleLane, Vector};
 use crate::scene::{Camera, CameraError, Lens, Scene};
 use crate::shade::{Cone, Lights};
 use crate::stream::Ray;
@@ -279,7 +279,7 @@ impl<E: FnMut(&[Ray], &[u32], &[u32])> LaneTask for PatchRays<'_, E> {
             let direction = frame.lens.directions(x.to_num(), y.to_num(), place);
             let eye = Vector::splat(l, frame.lens.eye);
             let far = Num::splat(l, f32::INFINITY);
-            let rays = ray_rows(L::ALL, eye, direction, far);
+            let rays = ray_rows(Mask::splat(l, true), eye, direction, far);
             let lanes = lanes as usize;
             let pixels = pixel.to_array();
             let (rays, pixels) = (&rays.as_ref()[..lanes], &pixels.as_ref()[..lanes]);
@@ -291,12 +291,12 @@ impl<E: FnMut(&[Ray], &[u32], &[u32])> LaneTask for PatchRays<'_, E> {
 /// Rays as they lie in memory: those of the lanes of a mask, one after the other.
 #[inline(always)]
 pub(super) fn ray_rows<L: Lanes>(
-    lanes: u32,
+    lanes: Mask<L>,
     origin: Vector<L>,
     direction: Vector<L>,
     t_max: Num<L>,
 ) -> L::Array<[f32; 8]> {
-    let t_min = t_max.only(0);
+    let t_min = Num::zero(t_max.lanes());
     let (o, d) = (origin, direction);
     Num::packed_rows(lanes, [o.x, o.y, o.z, t_min, d.x, d.y, d.z, t_max])
 }

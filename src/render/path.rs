@@ -4,7 +4,7 @@ use super::frame::{CAMERA_DIMENSION, Frame, Settings, SettingsError, ray_rows};
 use super::{Contribution, Integrator};
 use crate::film::Film;
 use crate::geom::Sampler;
-use crate::lanes::{Int, LaneTask, Lanes, Num, Plain, SimdLevel, SingleLane, Vector};
+use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, Plain, SimdLevel, SingleLane, Vector};
 use crate::scene::{Camera, Material, Scene};
 use crate::schedule::{Batch, Output, Renderer};
 use crate::shade::bsdf::Smoothness;
@@ -173,7 +173,7 @@ impl<L: Lanes> States<L> {
 
     /// As they lie in memory: those of the lanes of a mask, one after the other.
     #[inline(always)]
-    fn rows(self, lanes: u32) -> L::Array<[f32; 8]> {
+    fn rows(self, lanes: Mask<L>) -> L::Array<[f32; 8]> {
         let [x, y, z] = [self.throughput.x, self.throughput.y, self.throughput.z];
         let depth = self.depth + (self.facing << DEPTH_BITS);
         let [pixel, sample, depth] =
@@ -222,10 +222,10 @@ impl Shading<'_, '_> {
 
     /// Rays that left the scene see the environment.
     #[inline(always)]
-    fn miss<L: Lanes>(&self, ids: Int<L>, lanes: u32) {
+    fn miss<L: Lanes>(&self, ids: Int<L>, lanes: Mask<L>) {
         let frame = &self.path.frame;
         let state = States::of(self.batch.payloads, ids);
-        let mut direction = state.throughput.only(0);
+        let mut direction = Vector::zero(ids.lanes());
         if !frame.lights().environment().is_even() {
             direction = self.rays(ids).1;
         }
@@ -242,7 +242,7 @@ impl Shading<'_, '_> {
 
     /// The hit shader: what shines, then one sample of a light and one of the BSDF.
     #[inline(always)]
-    fn hit<L: Lanes>(&mut self, material: &Material, ids: Int<L>, lanes: u32) {
+    fn hit<L: Lanes>(&mut self, material: &Material, ids: Int<L>, lanes: Mask<L>) {
         let frame = &self.path.frame;
         let scene = frame.scene();
         let mut state = States::of(self.batch.payloads, ids);
@@ -257,7 +257,7 @@ impl Shading<'_, '_> {
         if let Some(emission) = &material.emission {
             let emitted = lookup::emission(scene, emission, at.uv, &at.footprint, at.front);
             let shines = lanes & !emitted.is_zero();
-            if shines != 0 {
+            if shines.any() {
                 let cosine = at.normal.dot(at.wo);
                 let lit = Receiver { position: origin, facing: state.facing };
                 let found = frame.lights().pdf_emitter(&lit, hits.primitive, t * t, cosine);
@@ -266,7 +266,7 @@ impl Shading<'_, '_> {
             }
         }
         let lanes = lanes & state.depth.below(frame.settings().max_bounces + 1);
-        if lanes == 0 {
+        if lanes.none() {
             return;
         }
         let bsdf = Bsdf::new(scene, &material.surface, &at, Smoothness::EXACT);
@@ -293,7 +293,7 @@ impl Shading<'_, '_> {
         bsdf: &Bsdf<'_, L>,
         state: &States<L>,
         sampler: &Sampler<L>,
-        lanes: u32,
+        lanes: Mask<L>,
     ) {
         let frame = &self.path.frame;
         let mut u = None;
@@ -309,7 +309,7 @@ impl Shading<'_, '_> {
             reached = !(reached ^ wi.z.above(0.0));
         }
         let lanes = lanes & light.valid & reached;
-        if lanes == 0 {
+        if lanes.none() {
             return;
         }
         let (value, pdf) = bsdf.evaluate(at.basis.local(at.wo), wi);
@@ -330,9 +330,9 @@ impl Shading<'_, '_> {
         bsdf: &Bsdf<'_, L>,
         state: &States<L>,
         sampler: &Sampler<L>,
-        lanes: u32,
+        lanes: Mask<L>,
     ) {
-        let mut u = at.position.x.only(0);
+        let mut u = Num::zero(at.wo.lanes());
         if bsdf.is_choice() {
             u = sampler.one(Dimension::Lobe.at(state.depth));
         }
@@ -340,7 +340,7 @@ impl Shading<'_, '_> {
         let sample = bsdf.sample(at.basis.local(at.wo), u, u2);
         let specular = sample.specular;
         let mut wi = at.basis.world(sample.wi);
-        if specular != 0 {
+        if specular.any() {
             wi = Vector::select(specular, at.smooth_direction(sample.wi, sample.crosses), wi);
         }
         // A bent normal may scatter light into the surface, or out of it; nothing comes from there.
@@ -351,7 +351,7 @@ impl Shading<'_, '_> {
         let depth = state.depth + 1;
         if let Some(bounces) = self.path.roulette_bounces {
             let played = !depth.below(bounces.saturating_add(1)) & lanes;
-            if played != 0 {
+            if played.any() {
                 let survival = (throughput.max_element() * index2).clamp(MIN_SURVIVAL, MAX_SURVIVAL);
                 let dies = !sampler.one(Dimension::Roulette.at(state.depth)).lt(survival);
                 lanes &= !(played & dies);
@@ -366,11 +366,11 @@ impl Shading<'_, '_> {
         let next = States { throughput, index2, cone, depth, pdf, ..*state };
         let origin = at.origin(from, wi);
         let last = lanes & !depth.below(self.path.frame.settings().max_bounces + 1);
-        if last != 0 {
+        if last.any() {
             lanes &= !self.end(&next, origin, wi, last);
         }
         let (rays, states) = (ray_rows(lanes, origin, wi, far), next.rows(lanes));
-        let count = lanes.count_ones() as usize;
+        let count = lanes.count();
         let (rays, states) = (bytemuck::cast_slice(rays.as_ref()), bytemuck::cast_slice(states.as_ref()));
         self.out.ray_row(count, rays, states);
     }
@@ -384,11 +384,11 @@ impl Shading<'_, '_> {
         next: &States<L>,
         origin: Vector<L>,
         direction: Vector<L>,
-        lanes: u32,
-    ) -> u32 {
+        lanes: Mask<L>,
+    ) -> Mask<L> {
         let lights = self.path.frame.lights();
         let ended = lanes & !lights.glow().lies_ahead(origin, direction);
-        if ended == 0 || lights.environment().is_black() {
+        if ended.none() || lights.environment().is_black() {
             return ended;
         }
         let sky = self.sky(next, direction);

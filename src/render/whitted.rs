@@ -5,7 +5,7 @@ use super::whitted_node::{MAX_BOUNCES, Node, SHADOW_RAYS, Sent, splats};
 use super::{Contribution, Integrator};
 use crate::film::Film;
 use crate::geom::Sampler;
-use crate::lanes::{Int, LaneTask, Lanes, Num, Plain, SimdLevel, Vector};
+use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, Plain, SimdLevel, Vector};
 use crate::scene::{Camera, Material, Scene};
 use crate::schedule::{Batch, Output, Renderer};
 use crate::shade::loop_stack::{EMPTY, LoopStack, Session};
@@ -112,7 +112,7 @@ impl<L: Lanes> States<L> {
 
     /// As they lie in memory: those of the lanes of a mask, one after the other.
     #[inline(always)]
-    fn rows(self, lanes: u32) -> L::Array<[f32; 8]> {
+    fn rows(self, lanes: Mask<L>) -> L::Array<[f32; 8]> {
         let [x, y, z] = [self.throughput.x, self.throughput.y, self.throughput.z];
         let [pixel, sample] = [self.pixel.to_num_bits(), self.sample.to_num_bits()];
         let packed = self.depth + (self.cone.pack() << DEPTH_BITS);
@@ -163,17 +163,17 @@ impl Shading<'_, '_> {
 
     /// Rays that left the scene see the environment; none goes on.
     #[inline(always)]
-    fn miss<L: Lanes>(&self, ids: Int<L>, lanes: u32) -> u32 {
+    fn miss<L: Lanes>(&self, ids: Int<L>, lanes: Mask<L>) -> Mask<L> {
         let frame = &self.whitted.frame;
         let state = States::of(self.batch.payloads, ids);
         let (radiance, _) = frame.lights().sky(self.directions(ids));
         frame.film().splat_lanes(lanes & !radiance.is_zero(), state.pixel, state.throughput * radiance);
-        0
+        Mask::splat(ids.lanes(), false)
     }
 
     /// The hit shader: emission, direct light, and the secondary rays. Returns the lanes whose paths go on.
     #[inline(always)]
-    fn hit<L: Lanes>(&mut self, material: &Material, ids: Int<L>, lanes: u32) -> u32 {
+    fn hit<L: Lanes>(&mut self, material: &Material, ids: Int<L>, lanes: Mask<L>) -> Mask<L> {
         let frame = &self.whitted.frame;
         let state = States::of(self.batch.payloads, ids);
         let [t, u, v, primitive] = ids.rows_of(bytemuck::cast_slice(self.batch.hits));
@@ -189,8 +189,8 @@ impl Shading<'_, '_> {
             Contribution::emit(self.out, lanes, origin, direction, sent.t_max, sent.radiance, state.pixel);
         }
         let lanes = lanes & state.depth.below(frame.settings().max_bounces);
-        if lanes == 0 {
-            return 0;
+        if lanes.none() {
+            return lanes;
         }
         let [reflected, refracted] = node.secondary(state.throughput);
         let (reflects, refracts) = (lanes & reflected.lanes, lanes & refracted.lanes);
@@ -199,7 +199,7 @@ impl Shading<'_, '_> {
         let (cone, branch) = (state.cone.at(t), state.branch * 2 + 1);
         let next = States { throughput: refracted.radiance, depth, cone, branch, ..state };
         let mut head = state.head;
-        if both != 0 {
+        if both.any() {
             head = self.leave(both, &refracted, &next);
         }
         let now = States {
@@ -212,7 +212,7 @@ impl Shading<'_, '_> {
         let direction = Vector::select(reflects, reflected.direction, refracted.direction);
         let lanes = reflects | refracts;
         let (rays, states) = (ray_rows(lanes, origin, direction, reflected.t_max), now.rows(lanes));
-        let count = lanes.count_ones() as usize;
+        let count = lanes.count();
         let (rays, states) = (bytemuck::cast_slice(rays.as_ref()), bytemuck::cast_slice(states.as_ref()));
         self.out.ray_row(count, rays, states);
         lanes
@@ -220,13 +220,14 @@ impl Shading<'_, '_> {
 
     /// Leaves the rays of some lanes on the loop stacks; returns all lanes' heads.
     #[inline(always)]
-    fn leave<L: Lanes>(&mut self, lanes: u32, sent: &Sent<L>, states: &States<L>) -> Int<L> {
-        let rays = ray_rows(L::ALL, sent.origin, sent.direction, sent.t_max);
-        let states_rows = states.rows(L::ALL);
+    fn leave<L: Lanes>(&mut self, lanes: Mask<L>, sent: &Sent<L>, states: &States<L>) -> Int<L> {
+        let all = Mask::splat(states.head.lanes(), true);
+        let rays = ray_rows(all, sent.origin, sent.direction, sent.t_max);
+        let states_rows = states.rows(all);
         let mut heads = states.head.to_array();
-        for (lane, head) in heads.as_mut().iter_mut().enumerate().filter(|(lane, _)| lanes >> lane & 1 == 1) {
+        for lane in lanes.iter() {
             let state: WhittedState = bytemuck::cast(states_rows[lane]);
-            *head = self.session.push(*head, &Pending::new(bytemuck::cast(rays[lane]), &state));
+            heads[lane] = self.session.push(heads[lane], &Pending::new(bytemuck::cast(rays[lane]), &state));
         }
         Int::from_array(states.head.lanes(), &heads)
     }

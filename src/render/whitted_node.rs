@@ -2,7 +2,7 @@
 
 use super::frame::{CAMERA_DIMENSION, Frame};
 use crate::geom::Sampler;
-use crate::lanes::{Int, Lanes, Num, SingleLane, Vector};
+use crate::lanes::{Int, Lanes, Mask, Num, SingleLane, Vector};
 use crate::scene::Material;
 use crate::shade::bsdf::{Smooth, Smoothness};
 use crate::shade::light::Receiver;
@@ -44,7 +44,7 @@ pub(super) struct Node<'a, L: Lanes> {
 #[derive(Clone, Copy)]
 pub(super) struct Sent<L: Lanes> {
     /// Lanes that send one.
-    pub lanes: u32,
+    pub lanes: Mask<L>,
     pub origin: Vector<L>,
     pub direction: Vector<L>,
     pub t_max: Num<L>,
@@ -65,7 +65,7 @@ impl<'a, L: Lanes> Node<'a, L> {
         let scene = frame.scene();
         let at = Interaction::new(scene, material, direction, hits, cone.at(hits.t).width);
         let mut emitted = match &material.emission {
-            None => direction.only(0),
+            None => Vector::zero(direction.lanes()),
             Some(emission) => lookup::emission(scene, emission, at.uv, &at.footprint, at.front),
         };
         let bsdf = Bsdf::new(scene, &material.surface, &at, SMOOTHNESS);
@@ -129,17 +129,18 @@ impl<'a, L: Lanes> Node<'a, L> {
         let Smooth { reflected, reflection, transmitted, transmission, .. } =
             self.bsdf.smooth(self.at.basis.local(self.at.wo));
         let throughput = self.dimmed(throughput);
+        let l = throughput.lanes();
         [
-            self.way(reflected, 0, throughput * reflection),
-            self.way(transmitted, L::ALL, throughput * transmission),
+            self.way(reflected, Mask::splat(l, false), throughput * reflection),
+            self.way(transmitted, Mask::splat(l, true), throughput * transmission),
         ]
     }
 
     #[inline(always)]
-    fn way(&self, local: Vector<L>, crosses: u32, throughput: Vector<L>) -> Sent<L> {
+    fn way(&self, local: Vector<L>, crosses: Mask<L>, throughput: Vector<L>) -> Sent<L> {
         let direction = self.at.smooth_direction(local, crosses);
         Sent {
-            lanes: L::ALL & !throughput.is_zero(),
+            lanes: !throughput.is_zero(),
             origin: self.at.origin(self.at.position, direction),
             direction,
             t_max: Num::splat(direction.lanes(), f32::INFINITY),
@@ -152,6 +153,6 @@ impl Sent<SingleLane> {
     /// Of one lane: the ray and what it counts; none if none is sent.
     pub fn one(self) -> Option<(Ray, Vec3)> {
         let ray = Ray { t_max: self.t_max.get(), ..Ray::new(self.origin.into(), self.direction.into()) };
-        (self.lanes & SingleLane::ALL != 0).then(|| (ray, self.radiance.into()))
+        self.lanes.get().then(|| (ray, self.radiance.into()))
     }
 }

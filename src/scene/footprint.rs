@@ -1,6 +1,6 @@
 //! How much of a texture a lookup covers.
 
-use crate::lanes::{Lanes, Num};
+use crate::lanes::{Lanes, Mask, Num};
 
 /// What rays cover of a surface, in texture coordinates.
 #[derive(Clone, Copy, Debug)]
@@ -19,7 +19,7 @@ impl<L: Lanes> Footprint<L> {
     /// Whether the second of two neighbours is chosen whose weights these are, across and down. By bits of `dither`
     /// that the choice of a copy hardly looks at.
     #[inline(always)]
-    pub fn chosen(&self, seconds: [Num<L>; 2]) -> [u32; 2] {
+    pub fn chosen(&self, seconds: [Num<L>; 2]) -> [Mask<L>; 2] {
         // Eight bits are left for the last.
         let (across, down) = (fraction(self.dither * 256.0), fraction(self.dither * 65_536.0) + 1.0 / 512.0);
         [across.lt(seconds[0]), down.lt(seconds[1])]
@@ -37,7 +37,7 @@ impl<L: Lanes> Footprint<L> {
     #[inline(always)]
     pub fn roughened(&self, roughness: Num<L>) -> Num<L> {
         let even = self.bumps.is_zero();
-        if even == L::ALL {
+        if even.all() {
             return roughness;
         }
         let alpha = roughness * roughness;

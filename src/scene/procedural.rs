@@ -80,8 +80,9 @@ impl<L: Lanes> Finish<L> {
     /// A rough white dielectric without a coat.
     #[inline(always)]
     pub fn matte(points: &Points<L>) -> Self {
-        let one = Num::splat(points.position.lanes(), 1.0);
-        Self { colour: Vector::grey(one), metallic: one.only(0), roughness: one, clearcoat: one.only(0) }
+        let l = points.position.lanes();
+        let (zero, one) = (Num::zero(l), Num::splat(l, 1.0));
+        Self { colour: Vector::grey(one), metallic: zero, roughness: one, clearcoat: zero }
     }
 }
 

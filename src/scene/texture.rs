@@ -166,7 +166,7 @@ impl Texture {
         let texels = footprint.width * (self.width as f32 * self.height as f32).sqrt();
         let level = self.level(texels, footprint.dither);
         let whole = level.is(0);
-        if whole != L::ALL {
+        if !whole.all() {
             [first, width, height] = level.rows(self.pyramid.levels());
         }
         let (x, fx) = taps(u, width, self.wrap_u);
@@ -174,7 +174,7 @@ impl Texture {
         let [above, below] = [first + y[0] * width, first + y[1] * width];
         let wide = texels.ge(Num::splat(l, 1.0));
         let [right, low] = footprint.chosen([fx, fy]);
-        let mut filtered = if wide == L::ALL {
+        let mut filtered = if wide.all() {
             let row = Int::select(low, below, above);
             self.texel(row + Int::select(right, x[1], x[0]))
         } else {

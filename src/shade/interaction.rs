@@ -3,7 +3,7 @@
 use super::normals::{MIN_COSINE, map_normal, rough_direction, settle, tangent_basis};
 use super::offset;
 use crate::geom::Basis;
-use crate::lanes::{Int, Lanes, Num, Prefetch, Vector};
+use crate::lanes::{Int, Lanes, Mask, Num, Prefetch, Vector};
 use crate::scene::{Footprint, Material, Mesh, Scene, Surface};
 use crate::stream::Hit;
 
@@ -28,10 +28,10 @@ pub struct Interaction<L: Lanes> {
     /// How much of the surface the rays cover.
     pub footprint: Footprint<L>,
     /// Lanes whose `wo` is on the side from which the triangle runs counter-clockwise.
-    pub front: u32,
+    pub front: Mask<L>,
     /// Lanes whose `wo` is outside of the body: the side that the vertex normals, if there are any,
     /// point to; else the front.
-    pub outside: u32,
+    pub outside: Mask<L>,
     /// Where scattered (not mirrored or refracted) rays leave: `position`, raised to the surface
     /// that the vertex normals suggest, so that a smooth body of few triangles casts no shadow of
     /// its edges on itself (Hanika 2021, *Hacking the Shadow Terminator*).
@@ -133,7 +133,7 @@ impl<L: Lanes> Interaction<L> {
         let front = wo.dot(winding).ge(Num::splat(l, 0.0));
         let normal = Vector::select(front, winding, -winding);
 
-        let (mut smooth, mut vertex_normals, mut outward) = (0, corners, winding);
+        let (mut smooth, mut vertex_normals, mut outward) = (Mask::splat(l, false), corners, winding);
         if !mesh.normals.is_empty() {
             vertex_normals = vectors(&mesh.normals, &indices);
             let [a, b, c] = vertex_normals;
@@ -176,21 +176,21 @@ impl<L: Lanes> Interaction<L> {
             let x = rough_direction(scene, anisotropy, uv, &footprint, tangents);
             let (tangent, along) = (x - shading * x.dot(shading)).normalize_or(basis.tangent);
             let laid = Basis { tangent, bitangent: shading.cross(tangent), normal: shading };
-            basis = Basis::select(along & there, laid, basis);
+            basis = Basis::select(along & *there, laid, basis);
         }
         let mut coat = None;
         if let Some(map) = coat_map {
-            let (mut own, mut bumps, mut bent) = (outward, outward.x.only(0), smooth);
+            let (mut own, mut bumps, mut bent) = (outward, Num::zero(l), smooth);
             if let (Some(map), Some((tangents, there))) = (map, &tangents) {
                 let (mapped, rough) = map_normal(scene, map, uv, &footprint, tangents);
                 own = Vector::select(*there, mapped, outward);
                 bumps = rough.only(*there);
-                bent |= there;
+                bent |= *there;
             }
             let normal = basis.local(settle(own, bent, normal, wo, false));
             coat = Some(CoatShape { normal, bumps });
         }
-        let raised = if smooth == 0 {
+        let raised = if smooth.none() {
             position
         } else {
             let side = outward.dot(normal).signum();
@@ -216,7 +216,7 @@ impl<L: Lanes> Interaction<L> {
     /// triangle than of the normal; it is then laid along the triangle, on the side where it belongs: it
     /// would otherwise count as having crossed a surface that it did not cross.
     #[inline(always)]
-    pub fn smooth_direction(&self, local: Vector<L>, crosses: u32) -> Vector<L> {
+    pub fn smooth_direction(&self, local: Vector<L>, crosses: Mask<L>) -> Vector<L> {
         let wi = self.basis.world(local).normalize();
         let one = Num::splat(local.lanes(), 1.0);
         let side = Num::select(crosses, -one, one);

@@ -1,6 +1,6 @@
 //! Material inputs at points: factor times texture.
 
-use crate::lanes::{Lanes, Num, Vector};
+use crate::lanes::{Lanes, Mask, Num, Vector};
 use crate::scene::{Colour, Emission, Footprint, Scalar, Scene};
 use glam::Vec3;
 
@@ -81,7 +81,7 @@ pub fn emission<L: Lanes>(
     emission: &Emission,
     uv: [Num<L>; 2],
     footprint: &Footprint<L>,
-    front: u32,
+    front: Mask<L>,
 ) -> Vector<L> {
     let radiance = colour(scene, &emission.radiance, uv, footprint).clamp(0.0, f32::INFINITY);
     if emission.two_sided { radiance } else { radiance.only(front) }

@@ -2,7 +2,7 @@
 
 use super::{Hits, interaction, lookup};
 use crate::geom::{mix_lanes, unit};
-use crate::lanes::{Lanes, SingleLane};
+use crate::lanes::{Lanes, Mask, SingleLane};
 use crate::scene::{Footprint, Scene, Surface};
 use crate::stream::Hit;
 
@@ -12,7 +12,7 @@ const SALT: u32 = 0x1f83_d9ab;
 /// Of hits on one of [`Scene::mixes`], the lanes that are its second part: a hash of the hit decides, as where
 /// alpha blends, so all rays and all units agree. A mix within a mix decides anew.
 #[inline(always)]
-pub(super) fn is_second<L: Lanes>(scene: &Scene, mix: u32, hits: &Hits<L>) -> u32 {
+pub(super) fn is_second<L: Lanes>(scene: &Scene, mix: u32, hits: &Hits<L>) -> Mask<L> {
     let uv = interaction::mesh_uv(&scene.mesh, hits);
     let point = Footprint::point(hits.u.lanes());
     let share = lookup::share(scene, &scene.mixes[mix as usize].share, uv, &point);
@@ -26,8 +26,8 @@ pub fn material_of(scene: &Scene, hit: &Hit) -> u32 {
     let mut material = scene.mesh.materials[hit.primitive as usize];
     if !scene.mixes.is_empty() {
         while let Surface::Mix(mix) = scene.materials[material as usize].surface {
-            let second = is_second::<SingleLane>(scene, mix, &(*hit).into()) & SingleLane::ALL;
-            material = scene.mixes[mix as usize].of[second as usize];
+            let second = is_second::<SingleLane>(scene, mix, &(*hit).into()).get();
+            material = scene.mixes[mix as usize].of[usize::from(second)];
         }
     }
     material

@@ -2,7 +2,7 @@
 
 use super::interaction::{Weights, blend};
 use crate::geom::Basis;
-use crate::lanes::{Int, Lanes, Num, Vector};
+use crate::lanes::{Int, Lanes, Mask, Num, Vector};
 use crate::scene::{Anisotropy, Footprint, NormalMap, Scene};
 
 /// Least cosine between the shading normal and `wo`, and between the triangle's and smooth directions.
@@ -13,12 +13,12 @@ pub const MIN_COSINE: f32 = 1e-3;
 #[inline(always)]
 pub fn settle<L: Lanes>(
     shading: Vector<L>,
-    bent: u32,
+    bent: Mask<L>,
     normal: Vector<L>,
     wo: Vector<L>,
     matte: bool,
 ) -> Vector<L> {
-    if bent == 0 {
+    if bent.none() {
         return normal;
     }
     let shading = Vector::select(shading.dot(normal).below(0.0), -shading, shading);
@@ -32,7 +32,7 @@ fn bend<L: Lanes>(shading: Vector<L>, normal: Vector<L>, wo: Vector<L>, matte: b
     let cosine = shading.dot(wo);
     if matte {
         let low = cosine.below(MIN_COSINE);
-        if low == 0 {
+        if low.none() {
             return shading;
         }
         let turned = (shading + wo * (MIN_COSINE - cosine)).normalize();
@@ -42,7 +42,7 @@ fn bend<L: Lanes>(shading: Vector<L>, normal: Vector<L>, wo: Vector<L>, matte: b
     let height = mirrored.dot(normal);
     let least = (0.5 * wo.dot(normal)).clamp(0.0, 0.01);
     let good = height.ge(least) & cosine.ge(Num::splat(wo.lanes(), 0.0));
-    if good == L::ALL {
+    if good.all() {
         return shading;
     }
     // The half vector of `wo` and the mirrored direction lifted to the least height.
@@ -61,10 +61,10 @@ pub fn tangent_basis<L: Lanes>(
     uvs: &[[Num<L>; 2]; 3],
     weights: &Weights<L>,
     outward: Vector<L>,
-) -> (Basis<L>, u32) {
+) -> (Basis<L>, Mask<L>) {
     let l = outward.lanes();
     let one = Num::splat(l, 1.0);
-    let (mut along, mut handedness, mut there) = (outward, one, 0);
+    let (mut along, mut handedness, mut there) = (outward, one, Mask::splat(l, false));
     if !scene.mesh.uvs.is_empty() {
         let [a, b, c] = *uvs;
         let (d1, d2) = ([b[0] - a[0], b[1] - a[1]], [c[0] - a[0], c[1] - a[1]]);
@@ -107,7 +107,8 @@ pub fn map_normal<L: Lanes>(
     let [x, y, z, length] = texture.look_up(map.texture.place(uv), &map.texture.scaled(footprint));
     let (x, y, z) = (x * 2.0 - 1.0, y * 2.0 - 1.0, z * 2.0 - 1.0);
     let local = Vector::new(x * map.scale, y * map.scale, z.clamp(0.0, 1.0));
-    let bumps = if texture.has_lengths() { (1.0 - length) * map.scale.abs() } else { length.only(0) };
+    let bumps =
+        if texture.has_lengths() { (1.0 - length) * map.scale.abs() } else { Num::zero(length.lanes()) };
     (basis.world(local).normalize_or(basis.normal).0, bumps)
 }
 

@@ -1,6 +1,6 @@
 //! Ray origins that do not hit the surface they leave.
 
-use crate::lanes::{Lanes, Num, Vector};
+use crate::lanes::{Lanes, Mask, Num, Vector};
 
 /// Most that a sliver's aspect ratio raises the offset; thinner ones cover no area worth more.
 const MAX_ASPECT: f32 = 16.0;
@@ -11,7 +11,7 @@ pub struct Plane<L: Lanes> {
     /// Unit normal, counter-clockwise seen from its side; robust for tiny and huge triangles.
     pub normal: Vector<L>,
     /// Lanes in which the corners do not lie on a line, which has no normal.
-    pub there: u32,
+    pub there: Mask<L>,
     /// Area of the parallelogram.
     pub twice_area: Num<L>,
     /// How far from the plane, along the normal, a ray has to start so that rounding cannot place it on the
@@ -72,7 +72,7 @@ mod tests {
 
     fn normal(corners: &[Vec3; 3]) -> Option<Vec3> {
         let plane = plane(&corners.map(Vector::from), Vec3::ZERO.into());
-        (plane.there != 0).then(|| plane.normal.into())
+        plane.there.get().then(|| plane.normal.into())
     }
 
     use crate::geom::{Basis, CanonicalRay, Sampler, warp};

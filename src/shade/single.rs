@@ -3,7 +3,7 @@
 
 use super::{bsdf, light, lookup};
 use crate::geom::Basis;
-use crate::lanes::{Lanes, Num, SingleLane, Vector};
+use crate::lanes::{Num, SingleLane, Vector};
 use crate::scene::{Emission, Footprint, Material, Scene, Surface};
 use crate::shade::Lights;
 use crate::stream::{Hit, Ray};
@@ -42,8 +42,8 @@ impl Interaction {
             normal: lane.normal.into(),
             basis: lane.basis,
             uv: lane.uv.map(Num::get).into(),
-            front: lane.front != 0,
-            outside: lane.outside != 0,
+            front: lane.front.get(),
+            outside: lane.outside.get(),
             raised: lane.raised.into(),
             lane,
         }
@@ -51,8 +51,7 @@ impl Interaction {
 
     /// [`super::Interaction::smooth_direction`]; what goes below crosses the surface.
     pub fn smooth_direction(&self, local: Vec3) -> Vec3 {
-        let crosses = if local.z.is_sign_negative() { SingleLane::ALL } else { 0 };
-        self.lane.smooth_direction(local.into(), crosses).into()
+        self.lane.smooth_direction(local.into(), local.z.is_sign_negative().into()).into()
     }
 
     /// The point that is lit.
@@ -120,11 +119,11 @@ impl<'s> Bsdf<'s> {
     /// [`bsdf::Bsdf::sample`]; `None` when no light comes that way.
     pub fn sample(&self, wo: Vec3, u: f32, u2: [f32; 2]) -> Option<Sample> {
         let sample = self.0.sample(wo.into(), u.into(), u2.map(Num::from));
-        (sample.valid & SingleLane::ALL != 0).then(|| Sample {
+        sample.valid.get().then(|| Sample {
             wi: sample.wi.into(),
             weight: sample.weight.into(),
             pdf: sample.pdf.get(),
-            specular: sample.specular != 0,
+            specular: sample.specular.get(),
             eta: sample.eta.get(),
         })
     }
@@ -183,12 +182,12 @@ pub struct LightSample {
 
 impl LightSample {
     fn of(lane: light::LightSample<SingleLane>) -> Option<Self> {
-        (lane.valid & SingleLane::ALL != 0).then(|| Self {
+        lane.valid.get().then(|| Self {
             wi: lane.wi.into(),
-            target: (lane.near & SingleLane::ALL != 0).then(|| lane.target.into()),
+            target: lane.near.get().then(|| lane.target.into()),
             radiance: lane.radiance.into(),
             pdf: lane.pdf.get(),
-            delta: lane.delta & SingleLane::ALL != 0,
+            delta: lane.delta.get(),
             lane,
         })
     }

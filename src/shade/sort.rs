@@ -129,7 +129,7 @@ impl Storage {
                 let hits = Hits { t, u, v, primitive: primitive.to_bits() };
                 let seconds = mix::is_second(scene, mix, &hits);
                 for (lane, &ray) in rays.iter().enumerate() {
-                    self.keys[ray as usize] = 1 + if seconds >> lane & 1 == 1 { second } else { first };
+                    self.keys[ray as usize] = 1 + if seconds.test(lane) { second } else { first };
                 }
             }
             found = true;
@@ -162,9 +162,9 @@ impl Storage {
         let places = Int::iota(l);
         for (hits, keys) in hits.chunks(L::LANES).zip(self.keys.chunks_mut(L::LANES)) {
             let [_, _, _, primitive] = places.at_most(hits.len() as u32 - 1).rows(bytemuck::cast_slice(hits));
-            let hit = !primitive.is(MISS) & L::ALL;
+            let hit = !primitive.is(MISS);
             let mut key = Int::splat(l, 0);
-            if hit != 0 {
+            if hit.any() {
                 let [material] = Int::select(hit, primitive, key).rows(materials);
                 key = Int::select(hit, material + 1, key);
             }

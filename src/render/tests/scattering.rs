@@ -39,7 +39,8 @@ struct Paper;
 impl Scattering for Paper {
     #[inline(always)]
     fn evaluate<L: Lanes>(&self, _: &Points<L>, _: Vector<L>, wi: Vector<L>) -> (Vector<L>, Num<L>) {
-        let share = Num::select(wi.z.above(0.0), 2.0 + wi.z.only(0), 1.0 + wi.z.only(0)) / 3.0;
+        let l = wi.lanes();
+        let share = Num::select(wi.z.above(0.0), Num::splat(l, 2.0), Num::splat(l, 1.0)) / 3.0;
         let value = wi.z.abs() * share * FRAC_1_PI;
         (Vector::grey(value), value)
     }

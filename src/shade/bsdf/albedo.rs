@@ -3,7 +3,7 @@
 
 use super::fresnel::{Schlick, schlick_weight};
 use super::ggx::Ggx;
-use crate::lanes::{Int, LaneTask, Lanes, Num, SimdLevel, Vector};
+use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, SimdLevel, Vector};
 use std::sync::OnceLock;
 
 /// Nodes over the cosine, and over the roughness.
@@ -39,7 +39,7 @@ impl<L: Lanes> Reflectance<L> {
 
     /// `a` in the lanes of `mask`, `b` in the others.
     #[inline(always)]
-    pub fn select(mask: u32, a: Self, b: Self) -> Self {
+    pub fn select(mask: Mask<L>, a: Self, b: Self) -> Self {
         Self {
             deficit: Num::select(mask, a.deficit, b.deficit),
             grazing: Num::select(mask, a.grazing, b.grazing),

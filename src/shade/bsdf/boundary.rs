@@ -4,7 +4,7 @@ use super::fresnel;
 use super::transmission_albedo::{TransmissionAlbedo, grazing};
 use super::transparency::Frost;
 use crate::geom::warp::lanes as warp;
-use crate::lanes::{Lanes, Num, Vector};
+use crate::lanes::{Lanes, Mask, Num, Vector};
 use std::f32::consts::FRAC_1_PI;
 
 /// Facets that reflect and refract as Fresnel's equations say (Walter et al. 2007, *Microfacet Models for
@@ -32,7 +32,7 @@ impl<'a, L: Lanes> Boundary<'a, L> {
         let [along, across] = frost.facets.ggx.alpha;
         // Where facets are rougher along x: the loss of those that are as rough on the whole.
         let crossing = TransmissionAlbedo::new(through.index, (along * across).sqrt().sqrt());
-        let (inside, outside) = (through.leaving, L::ALL & !through.leaving);
+        let (inside, outside) = (through.leaving, !through.leaving);
         let lost = crossing.towards(frost.wo.z, inside).of(fresnel);
         let means = [crossing.mean(inside).of(fresnel), crossing.mean(outside).of(fresnel)];
         // From inside less crosses by the square of the index: those directions are so many more.
@@ -82,7 +82,7 @@ impl<'a, L: Lanes> Boundary<'a, L> {
             (chance * mirrored).only(there),
             ((1.0 - chance) * refracted * eta2).only(crosses),
         );
-        let side = (through.leaving ^ !above) & L::ALL;
+        let side = through.leaving ^ !above;
         let one = Num::splat(cosine.lanes(), 1.0);
         let lost = self.crossing.towards(cosine, side).of(&self.frost.layer.fresnel);
         let shares = Vector::select(above, Vector::grey(one) - self.crosses, self.crosses / eta2);
@@ -96,7 +96,7 @@ impl<'a, L: Lanes> Boundary<'a, L> {
 
     /// Directions, and the lanes that have one.
     #[inline(always)]
-    pub fn sample(&self, u: Num<L>, u2: [Num<L>; 2]) -> (Vector<L>, u32) {
+    pub fn sample(&self, u: Num<L>, u2: [Num<L>; 2]) -> (Vector<L>, Mask<L>) {
         let Frost { through, facets, wo, .. } = *self.frost;
         let [any, crossing] = self.chances;
         let further = u.lt(any);
@@ -111,13 +111,13 @@ impl<'a, L: Lanes> Boundary<'a, L> {
         let spread = warp::cosine_hemisphere(u2);
         let spread = Vector::new(spread.x, spread.y, Num::select(up, spread.z, -spread.z));
         let wi = Vector::select(further, spread, facet);
-        (wi, (up & wi.z.above(0.0)) | (!up & wi.z.below(0.0)))
+        (wi, Mask::select(up, wi.z.above(0.0), wi.z.below(0.0)))
     }
 }
 
 /// 1, and in the lanes of `inside` the reciprocal of the index's square.
 #[inline(always)]
-fn squeeze<L: Lanes>(index: f32, inside: u32, like: Num<L>) -> Num<L> {
+fn squeeze<L: Lanes>(index: f32, inside: Mask<L>, like: Num<L>) -> Num<L> {
     let l = like.lanes();
     Num::select(inside, Num::splat(l, 1.0 / (index * index)), Num::splat(l, 1.0))
 }

@@ -3,7 +3,7 @@
 use super::albedo::{MIN_ROUGHNESS, Reflectance};
 use super::facets::{Facets, Reflection};
 use super::fresnel::Schlick;
-use crate::lanes::{Lanes, Num, Vector};
+use crate::lanes::{Lanes, Mask, Num, Vector};
 use crate::scene::Footprint;
 
 /// Reflectance of a dielectric of index 1.5 at normal incidence.
@@ -31,7 +31,7 @@ pub struct Polish<L: Lanes> {
     /// What reflects with a lesser roughness is a mirror ..
     pub smooth_below: f32,
     /// .. but in these lanes, where it is as rough as that.
-    pub spread: u32,
+    pub spread: Mask<L>,
 }
 
 impl<L: Lanes> Polish<L> {
@@ -40,7 +40,7 @@ impl<L: Lanes> Polish<L> {
     pub fn facets(&self, roughness: Num<L>) -> Facets<L> {
         let footprint = Footprint { bumps: self.bumps, ..Footprint::point(roughness.lanes()) };
         let mut roughness = footprint.roughened(roughness);
-        if self.spread != 0 {
+        if self.spread.any() {
             let least = Num::splat(roughness.lanes(), self.smooth_below.max(MIN_ROUGHNESS));
             roughness = Num::select(self.spread, roughness.max(least), roughness);
         }
@@ -94,11 +94,11 @@ impl<L: Lanes> Coat<L> {
         wi: Vector<L>,
         half: Vector<L>,
         near: &Reflectance<L>,
-        there: u32,
+        there: Mask<L>,
     ) -> (Vector<L>, Num<L>) {
         let rough = self.facets.rough & there;
-        if rough == 0 {
-            return (wo.only(0), wo.z.only(0));
+        if rough.none() {
+            return (Vector::zero(wo.lanes()), Num::zero(wo.lanes()));
         }
         let (perfect, density) = self.facets.ggx.evaluate(wo, wi, half);
         let bounces = self.reflection.strength * self.facets.bounces(near, &self.facets.at(wi), wi.z);

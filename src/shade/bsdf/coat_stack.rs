@@ -2,7 +2,7 @@
 
 use super::albedo::Reflectance;
 use super::coat::{Coat, Polish};
-use crate::lanes::{Lanes, Num, OutlinedTask, Vector, exponential};
+use crate::lanes::{Lanes, Mask, Num, OutlinedTask, Vector, exponential};
 use crate::scene::{self, Coats};
 
 /// Coats, outermost first. They are described anew whenever they are asked about, which is rare: their numbers take
@@ -96,7 +96,7 @@ impl<L: Lanes> OutlinedTask<L> for See<'_, L> {
     fn run(self, l: L) -> Seen<L> {
         let Self { stack, wo } = self;
         let white = Vector::grey(Num::splat(l, 1.0));
-        let mut seen = Seen { rough: wo.z.only(0), smooth: wo.only(0), passed: white, scattered: white };
+        let mut seen = Seen { rough: Num::zero(l), smooth: Vector::zero(l), passed: white, scattered: white };
         for of in stack.coats.iter() {
             let coat = stack.coat(l, of);
             let near = coat.facets.at(wo);
@@ -120,7 +120,7 @@ pub struct Look<'a, L: Lanes> {
     pub wo: Vector<L>,
     pub wi: Vector<L>,
     pub half: Vector<L>,
-    pub there: u32,
+    pub there: Mask<L>,
 }
 
 impl<L: Lanes> OutlinedTask<L> for Look<'_, L> {
@@ -130,8 +130,12 @@ impl<L: Lanes> OutlinedTask<L> for Look<'_, L> {
     fn run(self, l: L) -> Between<L> {
         let Self { stack, under, wo, wi, half, there } = self;
         let one = Num::splat(l, 1.0);
-        let mut between =
-            Between { passed: Vector::grey(one), scattered: one, light: wo.only(0), density: one.only(0) };
+        let mut between = Between {
+            passed: Vector::grey(one),
+            scattered: one,
+            light: Vector::zero(l),
+            density: Num::zero(l),
+        };
         let (mut reach, mut products) = (between.passed, [one; MEAN.len()]);
         let raised = Vector::new(wi.x, wi.y, wi.z.abs());
         for of in stack.coats.iter() {
@@ -152,7 +156,7 @@ impl<L: Lanes> OutlinedTask<L> for Look<'_, L> {
             between.scattered *= under.passed_on_average();
             multiply(&mut products, under);
         }
-        let mut mean = one.only(0);
+        let mut mean = Num::zero(l);
         for (product, [_, weight]) in products.into_iter().zip(MEAN) {
             mean += product * weight;
         }
@@ -185,7 +189,7 @@ impl<L: Lanes> OutlinedTask<L> for Pick<'_, L> {
     fn run(self, l: L) -> Vector<L> {
         let Self { stack, wo, u, u2 } = self;
         let Seen { rough, .. } = See { stack, wo }.run(l);
-        let (place, mut sum) = (u * rough, u.only(0));
+        let (place, mut sum) = (u * rough, Num::zero(l));
         let (mut reach, mut wi) = (Vector::grey(Num::splat(l, 1.0)), wo);
         for of in stack.coats.iter() {
             let coat = stack.coat(l, of);
@@ -193,7 +197,7 @@ impl<L: Lanes> OutlinedTask<L> for Pick<'_, L> {
             let weight = weight(reach, &coat, &near);
             // The last coat that has a chance takes what rounding leaves over.
             let here = place.ge(sum) & weight.above(0.0);
-            if here != 0 {
+            if here.any() {
                 let normal = coat.facets.ggx.sample(wo, u2);
                 wi = Vector::select(here, normal * (2.0 * wo.dot(normal)) - wo, wi);
             }

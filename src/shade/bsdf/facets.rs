@@ -4,14 +4,14 @@ use super::albedo::{Albedo, MIN_ROUGHNESS, Reflectance};
 use super::anisotropic_albedo::AnisotropicAlbedo;
 use super::fresnel::{Schlick, schlick_weight};
 use super::ggx::Ggx;
-use crate::lanes::{Lanes, Num, OutlinedTask, Vector};
+use crate::lanes::{Lanes, Mask, Num, OutlinedTask, Vector};
 use std::f32::consts::FRAC_1_PI;
 
 /// Facets of one roughness in each lane, whatever their Fresnel term.
 #[derive(Clone, Copy, Debug)]
 pub struct Facets<L: Lanes> {
     /// Lanes that are not a mirror; of the others the fields below say nothing.
-    pub rough: u32,
+    pub rough: Mask<L>,
     /// The distribution.
     pub ggx: Ggx<L>,
     albedo: Albedo<L>,
@@ -52,7 +52,7 @@ impl<L: Lanes> Facets<L> {
 
     /// Lanes that are rough and have at least this perceptual roughness along the rougher axis.
     #[inline(always)]
-    pub fn rougher_than(&self, roughness: f32) -> u32 {
+    pub fn rougher_than(&self, roughness: f32) -> Mask<L> {
         let [along, _] = self.ggx.alpha;
         self.rough & along.ge(Num::splat(along.lanes(), roughness * roughness))
     }
@@ -60,8 +60,8 @@ impl<L: Lanes> Facets<L> {
     /// Single-bounce reflectance towards a direction.
     #[inline(always)]
     pub fn at(&self, w: Vector<L>) -> Reflectance<L> {
-        let mirror = Reflectance { deficit: w.z.only(0), grazing: schlick_weight(w.z) };
-        if self.rough == 0 {
+        let mirror = Reflectance { deficit: Num::zero(w.lanes()), grazing: schlick_weight(w.z) };
+        if self.rough.none() {
             return mirror;
         }
         let table = match &self.brushed {
@@ -123,7 +123,7 @@ impl<L: Lanes> OutlinedTask<L> for Anisotropic<L> {
 #[inline(always)]
 fn mirror_mean<L: Lanes>(l: L) -> Reflectance<L> {
     let grazing = Num::splat(l, 1.0 / 21.0);
-    Reflectance { deficit: grazing.only(0), grazing }
+    Reflectance { deficit: Num::zero(l), grazing }
 }
 
 impl<L: Lanes> Reflection<L> {

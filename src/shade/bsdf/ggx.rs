@@ -78,7 +78,7 @@ impl<L: Lanes> Ggx<L> {
         let z = (1.0 - u2[1]) * (1.0 + stretched.z) - stretched.z;
         let r = (1.0 - z * z).clamp(0.0, 1.0).sqrt();
         let half = Vector::new(r * cosine, r * sine, z) + stretched;
-        let (zero, one) = (along.only(0), Num::splat(wo.lanes(), 1.0));
+        let (zero, one) = (Num::zero(along.lanes()), Num::splat(wo.lanes(), 1.0));
         Vector::new(half.x * along, half.y * across, half.z.max(zero))
             .normalize_or(Vector::new(zero, zero, one))
             .0

@@ -1,7 +1,7 @@
 //! A thin film on a surface: KHR_materials_iridescence.
 
 use super::fresnel::schlick_weight;
-use crate::lanes::{Lanes, Num, OutlinedTask, Vector, exponential, trigonometry};
+use crate::lanes::{Lanes, Mask, Num, OutlinedTask, Vector, exponential, trigonometry};
 use crate::scene::{self, Footprint, Scene};
 use crate::shade::lookup;
 use std::f32::consts::{LOG2_E, TAU};
@@ -50,7 +50,7 @@ impl<L: Lanes> Film<L> {
         film: &scene::Iridescence,
         uv: [Num<L>; 2],
         footprint: &Footprint<L>,
-        lanes: u32,
+        lanes: Mask<L>,
     ) -> Self {
         let l = uv[0].lanes();
         let [thin, thick] = film.thickness_nm;
@@ -120,7 +120,7 @@ impl<L: Lanes> Film<L> {
 /// Linear Rec. 709 of waves with a path difference in metres.
 #[inline(always)]
 fn sensitivity<L: Lanes>(path: Num<L>) -> [Num<L>; 3] {
-    let zero = path.only(0);
+    let zero = Num::zero(path.lanes());
     let mut xyz = [zero; 3];
     for (i, [height, position, variance]) in SENSITIVITY.into_iter().enumerate() {
         let turns = path * position;

@@ -2,7 +2,7 @@
 
 use super::Sample;
 use crate::geom::warp::lanes as warp;
-use crate::lanes::{Lanes, Num, Vector};
+use crate::lanes::{Lanes, Mask, Num, Vector};
 use std::f32::consts::FRAC_1_PI;
 
 /// Reflects `reflectance` of the light evenly over the hemisphere of `wo`.
@@ -24,13 +24,14 @@ impl<L: Lanes> Matte<L> {
     #[inline(always)]
     pub fn sample(&self, u2: [Num<L>; 2]) -> Sample<L> {
         let wi = warp::cosine_hemisphere(u2);
+        let none = Mask::splat(wi.lanes(), false);
         Sample {
             valid: wi.z.above(0.0),
             wi,
             weight: self.reflectance,
             pdf: warp::cosine_hemisphere_pdf(wi.z),
-            specular: 0,
-            crosses: 0,
+            specular: none,
+            crosses: none,
             eta: Num::splat(wi.lanes(), 1.0),
         }
     }

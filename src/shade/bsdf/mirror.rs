@@ -14,7 +14,7 @@ impl<L: Lanes> Mirror<L> {
     /// See [`super::Bsdf::smooth`].
     #[inline(always)]
     pub fn smooth(&self, wo: Vector<L>) -> Smooth<L> {
-        let none = (-wo).only(0);
+        let none = Vector::zero(wo.lanes());
         Smooth {
             reflected: mirrored(wo),
             reflection: self.reflectance,

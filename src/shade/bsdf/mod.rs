@@ -32,7 +32,7 @@ pub use principled::Principled;
 pub use scattering::Scattering;
 
 use super::{Interaction, lookup};
-use crate::lanes::{Lanes, Num, Vector};
+use crate::lanes::{Lanes, Mask, Num, Vector};
 use crate::scene::{Points, Scene, Surface};
 
 /// Which surfaces count as smooth, by their perceptual roughness.
@@ -74,7 +74,7 @@ pub enum Bsdf<'s, L: Lanes> {
 #[derive(Clone, Copy, Debug)]
 pub struct Sample<L: Lanes> {
     /// Lanes that have one; of the others nothing below counts.
-    pub valid: u32,
+    pub valid: Mask<L>,
     /// Where the light comes from.
     pub wi: Vector<L>,
     /// BSDF × |cosine| / density, all in one: what the radiance from `wi` counts.
@@ -82,10 +82,10 @@ pub struct Sample<L: Lanes> {
     /// Density per solid angle with which [`Bsdf::sample`] gives `wi`; +∞ where `specular`.
     pub pdf: Num<L>,
     /// Lanes whose `wi` is one of finitely many possible directions, which light sampling never finds.
-    pub specular: u32,
+    pub specular: Mask<L>,
     /// Lanes whose `wi` is on the other side of the surface. Coats with normals of their own mirror to below the
     /// plane across the shading normal, too, without crossing anything.
-    pub crosses: u32,
+    pub crosses: Mask<L>,
     /// Index of refraction of the medium that `wi` points into relative to that of `wo`. `weight`
     /// holds 1 / eta² (see [`Dielectric`]); a roulette that wants energies takes it out again.
     pub eta: Num<L>,
@@ -93,14 +93,14 @@ pub struct Sample<L: Lanes> {
 
 impl<L: Lanes> Sample<L> {
     #[inline(always)]
-    fn select(mask: u32, a: Self, b: Self) -> Self {
+    fn select(mask: Mask<L>, a: Self, b: Self) -> Self {
         Self {
-            valid: (a.valid & mask) | (b.valid & !mask),
+            valid: Mask::select(mask, a.valid, b.valid),
             wi: Vector::select(mask, a.wi, b.wi),
             weight: Vector::select(mask, a.weight, b.weight),
             pdf: Num::select(mask, a.pdf, b.pdf),
-            specular: (a.specular & mask) | (b.specular & !mask),
-            crosses: (a.crosses & mask) | (b.crosses & !mask),
+            specular: Mask::select(mask, a.specular, b.specular),
+            crosses: Mask::select(mask, a.crosses, b.crosses),
             eta: Num::select(mask, a.eta, b.eta),
         }
     }
@@ -126,7 +126,7 @@ impl<L: Lanes> Smooth<L> {
     /// No such directions.
     #[inline(always)]
     fn none(wo: Vector<L>) -> Self {
-        let none = wo.only(0);
+        let none = Vector::zero(wo.lanes());
         let eta = Num::splat(wo.lanes(), 1.0);
         Self { reflected: wo, reflection: none, transmitted: wo, transmission: none, eta }
     }
@@ -156,7 +156,7 @@ impl<L: Lanes> Smooth<L> {
             wi: Vector::select(first, self.reflected, self.transmitted),
             weight: Vector::select(first, self.reflection, self.transmission) / (share * chance),
             pdf: one * f32::INFINITY,
-            specular: L::ALL,
+            specular: Mask::splat(u.lanes(), true),
             crosses: !first,
             eta: Num::select(first, one, self.eta),
         }
@@ -221,7 +221,7 @@ impl<'s, L: Lanes> Bsdf<'s, L> {
     pub fn evaluate(&self, wo: Vector<L>, wi: Vector<L>) -> (Vector<L>, Num<L>) {
         match self {
             Self::Matte(matte) => matte.evaluate(wi),
-            Self::Mirror(_) | Self::Dielectric(_) => (wo.only(0), wo.z.only(0)),
+            Self::Mirror(_) | Self::Dielectric(_) => (Vector::zero(wo.lanes()), Num::zero(wo.lanes())),
             Self::Principled(surface) => wo.lanes().outlined(outlined::Evaluate { surface, wo, wi }),
             Self::Scattering(scattering) => scattering.evaluate(wo, wi),
         }

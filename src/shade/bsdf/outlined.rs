@@ -1,7 +1,7 @@
 //! The principled surface's work in functions of its own: it is large, and many shaders need it.
 
 use super::{Principled, Sample, Smooth, Smoothness};
-use crate::lanes::{Lanes, Num, OutlinedTask, Vector};
+use crate::lanes::{Lanes, Mask, Num, OutlinedTask, Vector};
 use crate::scene::{self, Finish, Footprint, Scene};
 use crate::shade::CoatShape;
 
@@ -12,7 +12,7 @@ pub struct Describe<'a, L: Lanes> {
     pub uv: [Num<L>; 2],
     pub footprint: &'a Footprint<L>,
     pub coat: &'a Option<CoatShape<L>>,
-    pub outside: u32,
+    pub outside: Mask<L>,
     pub smoothness: Smoothness,
 }
 

@@ -28,7 +28,7 @@ use super::transparency::{Frost, Scattered, Seen, Transparency};
 use super::{Sample, Smooth, Smoothness, mirrored};
 use crate::geom::Basis;
 use crate::geom::warp::lanes as warp;
-use crate::lanes::{Lanes, Num, Vector};
+use crate::lanes::{Lanes, Mask, Num, Vector};
 use crate::scene::{self, Finish, Footprint, Scene};
 use crate::shade::{CoatShape, lookup};
 use std::f32::consts::FRAC_1_PI;
@@ -99,7 +99,7 @@ impl<L: Lanes> Principled<L> {
         uv: [Num<L>; 2],
         footprint: &Footprint<L>,
         coat_shape: &Option<CoatShape<L>>,
-        outside: u32,
+        outside: Mask<L>,
         smoothness: Smoothness,
     ) -> Self {
         let l = uv[0].lanes();
@@ -122,7 +122,8 @@ impl<L: Lanes> Principled<L> {
         let f0 = (tint * (f0 * f0)).clamp(0.0, 1.0) * specular;
         let layer = facets.reflection(Schlick { f0, f90: specular });
         let metal = facets.reflection(Schlick { f0: base, f90: one });
-        let (mut outer, mut opaque, mut transparency, mut leaving) = (layer, one - metallic, None, 0);
+        let (mut outer, mut opaque, mut transparency, mut leaving) =
+            (layer, one - metallic, None, Mask::splat(l, false));
         if surface.transmission.factor != 0.0 {
             let transmission = lookup::share(scene, &surface.transmission, uv, footprint);
             let share = (one - metallic) * transmission;
@@ -136,7 +137,7 @@ impl<L: Lanes> Principled<L> {
         }
         let (mut film, mut sheen, mut coat, mut stack) = (None, None, None, None);
         if let Some(iridescence) = &surface.iridescence {
-            let lies = Film::new(scene, iridescence, uv, footprint, L::ALL & !leaving);
+            let lies = Film::new(scene, iridescence, uv, footprint, !leaving);
             film = Some(match &transparency {
                 None => lies,
                 Some(through) => lies.on(Num::select(through.apart() & !leaving, one - through.share, one)),
@@ -145,10 +146,14 @@ impl<L: Lanes> Principled<L> {
         if let Some(fibres) = &surface.sheen {
             sheen = Some(Sheen::new(scene, fibres, uv, footprint));
         }
-        let mut polish = Polish { bumps: footprint.bumps, smooth_below: smoothness.mirror_below, spread: 0 };
+        let mut polish = Polish {
+            bumps: footprint.bumps,
+            smooth_below: smoothness.mirror_below,
+            spread: Mask::splat(l, false),
+        };
         if let Some(shape) = coat_shape {
             // Only one direction is mirrored into: that of the facets, if they are smooth.
-            polish.spread = L::ALL & !facets.rough;
+            polish.spread = !facets.rough;
             polish.bumps = shape.bumps;
         }
         if surface.clearcoat.factor != 0.0 {
@@ -193,7 +198,7 @@ impl<L: Lanes> Principled<L> {
             sheen: None,
             coat: Some(Coat::new(
                 finish.clearcoat.clamp(0.0, 1.0),
-                Facets::new(one.only(0), smooth_below),
+                Facets::new(Num::zero(l), smooth_below),
                 CLEAR_F0,
             )),
             stack: None,
@@ -247,7 +252,7 @@ impl<L: Lanes> Principled<L> {
         let l = wo.lanes();
         let near = self.facets.at(wo);
         let passed = self.passed(&near, wo.z);
-        let (mut coat, mut under, mut further) = (wo.z.only(0), Num::splat(l, 1.0), wo.z.only(0));
+        let (mut coat, mut under, mut further) = (Num::zero(l), Num::splat(l, 1.0), Num::zero(l));
         let mut near_coat = None;
         if let Some(c) = &self.coat {
             let at = c.facets.at(self.above(wo));
@@ -298,10 +303,10 @@ impl<L: Lanes> Principled<L> {
 
     #[inline(always)]
     fn smooth_of(&self, wo: Vector<L>, lobes: &Lobes<L>) -> Smooth<L> {
-        let none = (-wo).only(0);
+        let none = Vector::zero(wo.lanes());
         let reflected = self.mirrored(wo);
         let mut reflection = lobes.facets.only(!self.facets.rough);
-        if self.coat_normal.is_some() && self.facets.rough != L::ALL {
+        if self.coat_normal.is_some() && !self.facets.rough.all() {
             // The coats are not as steep from there.
             reflection = reflection.over(self.passed_alike(wo, wo)) * self.passed_alike(wo, reflected);
         }
@@ -356,7 +361,7 @@ impl<L: Lanes> Principled<L> {
             passed = passed * coat.passed(&coat.facets.at(wo)).min(coat.passed(&coat.facets.at(raised)));
         }
         if let Some(stack) = &self.stack {
-            let look = Look { stack, under: None, wo, wi, half: wo, there: 0 };
+            let look = Look { stack, under: None, wo, wi, half: wo, there: Mask::splat(wo.lanes(), false) };
             passed = passed * wo.lanes().outlined(look).passed;
         }
         passed
@@ -365,14 +370,14 @@ impl<L: Lanes> Principled<L> {
     /// The frosted share, if there is any, seen from `wo`.
     #[inline(always)]
     fn frost(&self, wo: Vector<L>) -> Option<Frost<'_, L>> {
-        let through = self.transparency.as_ref().filter(|through| through.frosted != 0)?;
+        let through = self.transparency.as_ref().filter(|through| through.frosted.any())?;
         Some(Frost { through, facets: &self.facets, layer: &self.layer, film: &self.film, wo })
     }
 
     /// Whether light from below, too, is found by light sampling.
     #[inline(always)]
     pub fn is_frosted(&self) -> bool {
-        matches!(&self.transparency, Some(through) if through.frosted != 0)
+        matches!(&self.transparency, Some(through) if through.frosted.any())
     }
 
     #[inline(always)]
@@ -387,7 +392,7 @@ impl<L: Lanes> Principled<L> {
         let facets = mean(lobes.facets).only(self.facets.rough);
         let (scattered, mirrors) = (mean(lobes.scattered), smooth.energy());
         let mut sum = coat + facets + scattered + mirrors;
-        let (mut frosted, mut stack) = (wo.z.only(0), wo.z.only(0));
+        let (mut frosted, mut stack) = (Num::zero(wo.lanes()), Num::zero(wo.lanes()));
         if let Some(frost) = self.frost(wo) {
             let through = frost.through;
             let mut light = through.tint * lobes.passed;
@@ -465,7 +470,7 @@ impl<L: Lanes> Principled<L> {
         }
         let facet_cosine = half.dot(wo);
         let rough = self.facets.rough & lit;
-        if rough != 0 {
+        if rough.any() {
             let (perfect, density) = self.facets.ggx.evaluate(wo, wi, half);
             value += (self.facet(facet_cosine) * perfect).only(rough);
             pdf += (chances.facets * density).only(rough);
@@ -505,11 +510,11 @@ impl<L: Lanes> Principled<L> {
         let (first, second) = (u.lt(coat), u.lt(coat + facets));
         let mut rough = coat + facets + scattered;
         let mut wi = warp::cosine_hemisphere(u2);
-        if second != 0 {
+        if second.any() {
             let normal = self.facets.ggx.sample(wo, u2);
             wi = Vector::select(second, normal * (2.0 * wo.dot(normal)) - wo, wi);
         }
-        if first != 0
+        if first.any()
             && let Some(coat) = &self.coat
         {
             let over = self.above(wo);
@@ -517,13 +522,14 @@ impl<L: Lanes> Principled<L> {
             let way = normal * (2.0 * over.dot(normal)) - over;
             wi = Vector::select(first, self.below(way), wi);
         }
-        let (mut valid, mut crosses, mut eta) = (wi.z.above(0.0), 0, Num::splat(wo.lanes(), 1.0));
+        let none = Mask::splat(wo.lanes(), false);
+        let (mut valid, mut crosses, mut eta) = (wi.z.above(0.0), none, Num::splat(wo.lanes(), 1.0));
         if let Some(frost) = self.frost(wo) {
             let through = !u.lt(rough) & frost.through.frosted;
             let rest = ((u - rough) / frosted).clamp(0.0, 1.0);
             let (way, there) = wo.lanes().outlined(Scattered { frost, u: rest, u2 });
             wi = Vector::select(through, way, wi);
-            valid = (through & there) | (valid & !through);
+            valid = Mask::select(through, there, valid);
             crosses = wi.z.below(0.0);
             let inward = frost.through.eta;
             if !frost.through.thin {
@@ -533,11 +539,11 @@ impl<L: Lanes> Principled<L> {
         }
         if let Some(over) = &self.stack {
             let reflects = !u.lt(rough) & u.lt(rough + stack);
-            if reflects != 0 {
+            if reflects.any() {
                 let rest = ((u - rough) / stack).clamp(0.0, 1.0);
                 let way = wo.lanes().outlined(Pick { stack: over, wo: self.above(wo), u: rest, u2 });
                 wi = Vector::select(reflects, self.below(way), wi);
-                valid = (wi.z.above(0.0) & reflects) | (valid & !reflects);
+                valid = Mask::select(reflects, wi.z.above(0.0), valid);
             }
             rough += stack;
         }
@@ -548,8 +554,8 @@ impl<L: Lanes> Principled<L> {
         let scatters = u.lt(rough);
         let (value, pdf) = self.evaluate_lobes(wo, wi, &lobes, &chances);
         let valid = valid & pdf.above(0.0);
-        let mut sample = Sample { valid, wi, weight: value / pdf, pdf, specular: 0, crosses, eta };
-        if scatters != L::ALL {
+        let mut sample = Sample { valid, wi, weight: value / pdf, pdf, specular: none, crosses, eta };
+        if !scatters.all() {
             let rest = ((u - rough) / mirrors).clamp(0.0, 1.0);
             sample = Sample::select(scatters, sample, smooth.sample(rest, mirrors));
         }

@@ -1,7 +1,7 @@
 //! Scattering by code that is not ours.
 
 use super::Sample;
-use crate::lanes::{Lanes, Num, Vector};
+use crate::lanes::{Lanes, Mask, Num, Vector};
 use crate::scene::{Points, Scattered, ScatteringSurface};
 
 /// A [`crate::scene::Scattering`] at points.
@@ -18,7 +18,7 @@ impl<L: Lanes> Scattering<'_, L> {
     #[inline(always)]
     pub fn evaluate(&self, wo: Vector<L>, wi: Vector<L>) -> (Vector<L>, Num<L>) {
         let (value, pdf) = self.surface.evaluate(&self.points, wo, wi);
-        let above = if self.surface.transmits() { L::ALL } else { wi.z.above(0.0) };
+        let above = if self.surface.transmits() { Mask::splat(wi.lanes(), true) } else { wi.z.above(0.0) };
         (value.only(above), pdf.only(above))
     }
 
@@ -33,7 +33,7 @@ impl<L: Lanes> Scattering<'_, L> {
             wi,
             weight,
             pdf,
-            specular: 0,
+            specular: Mask::splat(wo.lanes(), false),
             crosses: below,
             eta: Num::splat(wo.lanes(), 1.0),
         }

@@ -4,7 +4,7 @@
 use super::albedo::MIN_ROUGHNESS;
 use super::fresnel::{self, Schlick};
 use super::ggx::Ggx;
-use crate::lanes::{Int, LaneTask, Lanes, Num, SimdLevel, SingleLane, Vector};
+use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, SimdLevel, SingleLane, Vector};
 use std::sync::OnceLock;
 
 /// Nodes over the index of refraction, the roughness and the cosine.
@@ -77,7 +77,7 @@ impl<L: Lanes> TransmissionAlbedo<L> {
 
     /// Of light towards a cosine, inside the body in the lanes of `inside`.
     #[inline(always)]
-    pub fn towards(&self, z: Num<L>, inside: u32) -> Loss<L> {
+    pub fn towards(&self, z: Num<L>, inside: Mask<L>) -> Loss<L> {
         let z = z.clamp(0.0, 1.0);
         let place = z * (1.0 + self.roughness) / (z + self.roughness) * (NODES[2] - 1) as f32;
         let node = place.clamp(0.0, (NODES[2] - 2) as f32).floor();
@@ -88,7 +88,7 @@ impl<L: Lanes> TransmissionAlbedo<L> {
 
     /// Cosine-weighted over the hemisphere.
     #[inline(always)]
-    pub fn mean(&self, inside: u32) -> Loss<L> {
+    pub fn mean(&self, inside: Mask<L>) -> Loss<L> {
         let [clear, by_f0, by_f90, _] =
             self.read(Int::splat(self.roughness.lanes(), NODES[2] as u32), inside);
         Loss { clear, more: [by_f0, by_f90] }
@@ -97,12 +97,13 @@ impl<L: Lanes> TransmissionAlbedo<L> {
     /// Weight of f90 in the mean of the Fresnel term, seen from outside.
     #[inline(always)]
     pub fn grazing(&self) -> Num<L> {
-        self.read(Int::splat(self.roughness.lanes(), NODES[2] as u32), 0)[WORDS - 1]
+        let l = self.roughness.lanes();
+        self.read(Int::splat(l, NODES[2] as u32), Mask::splat(l, false))[WORDS - 1]
     }
 
     /// Between four rows.
     #[inline(always)]
-    fn read(&self, node: Int<L>, inside: u32) -> [Num<L>; WORDS] {
+    fn read(&self, node: Int<L>, inside: Mask<L>) -> [Num<L>; WORDS] {
         let l = self.roughness.lanes();
         let row = self.row + Int::select(inside, Int::splat(l, 1), Int::splat(l, 0));
         let entry = row * ENTRIES as u32 + node;

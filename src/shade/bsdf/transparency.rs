@@ -4,7 +4,7 @@ use super::boundary::Boundary;
 use super::facets::{Facets, Reflection};
 use super::iridescence::Film;
 use crate::geom::warp::lanes as warp;
-use crate::lanes::{Lanes, Num, OutlinedTask, Vector};
+use crate::lanes::{Lanes, Mask, Num, OutlinedTask, Vector};
 
 /// A lesser index of refraction turns light so little that rough facets show no frost.
 const LEAST_INDEX: f32 = 1.01;
@@ -20,21 +20,28 @@ pub struct Transparency<L: Lanes> {
     pub thin: bool,
     /// Lanes that look at the boundary from inside of the body. There its transparent share is a boundary
     /// of its own and has no outer reflection.
-    pub leaving: u32,
+    pub leaving: Mask<L>,
     /// Index of the body.
     pub index: f32,
     /// Index of the far side relative to the near side.
     pub eta: Num<L>,
     /// Lanes that spread what they let through. The transparent share of a body is a [`Boundary`] there.
-    pub frosted: u32,
+    pub frosted: Mask<L>,
 }
 
 impl<L: Lanes> Transparency<L> {
     /// `frosted` if facets make a difference.
     #[inline(always)]
-    pub fn new(share: Num<L>, colour: Vector<L>, index: f32, outside: Option<u32>, frosted: u32) -> Self {
+    pub fn new(
+        share: Num<L>,
+        colour: Vector<L>,
+        index: f32,
+        outside: Option<Mask<L>>,
+        frosted: Mask<L>,
+    ) -> Self {
         let l = share.lanes();
-        let leaving = outside.map_or(0, |outside| L::ALL & !outside);
+        let none = Mask::splat(l, false);
+        let leaving = outside.map_or(none, |outside| !outside);
         Self {
             share,
             tint: colour * share,
@@ -42,14 +49,14 @@ impl<L: Lanes> Transparency<L> {
             leaving,
             index,
             eta: Num::select(leaving, Num::splat(l, 1.0 / index), Num::splat(l, index)),
-            frosted: if outside.is_none() || index >= LEAST_INDEX { frosted } else { 0 },
+            frosted: if outside.is_none() || index >= LEAST_INDEX { frosted } else { none },
         }
     }
 
     /// Lanes whose transparent share has a reflection of its own.
     #[inline(always)]
-    pub fn apart(&self) -> u32 {
-        if self.thin { 0 } else { self.leaving | self.frosted }
+    pub fn apart(&self) -> Mask<L> {
+        if self.thin { Mask::splat(self.share.lanes(), false) } else { self.leaving | self.frosted }
     }
 }
 
@@ -101,7 +108,7 @@ impl<L: Lanes> Frost<'_, L> {
     }
 
     #[inline(always)]
-    fn sample_pane(&self, u: Num<L>, u2: [Num<L>; 2]) -> (Vector<L>, u32) {
+    fn sample_pane(&self, u: Num<L>, u2: [Num<L>; 2]) -> (Vector<L>, Mask<L>) {
         let further = u.lt(self.facets.at(self.wo).deficit);
         let normal = self.facets.ggx.sample(self.wo, u2);
         let mirrored = normal * (2.0 * self.wo.dot(normal)) - self.wo;
@@ -143,7 +150,7 @@ pub struct Scattered<'a, L: Lanes> {
 }
 
 impl<L: Lanes> OutlinedTask<L> for Scattered<'_, L> {
-    type Output = (Vector<L>, u32);
+    type Output = (Vector<L>, Mask<L>);
 
     #[inline(always)]
     fn run(self, _: L) -> Self::Output {

@@ -1,7 +1,7 @@
 //! Where surfaces shine.
 
 use crate::geom::Aabb;
-use crate::lanes::{Lanes, Num, Vector};
+use crate::lanes::{Lanes, Mask, Num, Vector};
 use crate::scene::{Emission, Scene};
 use glam::Vec3;
 
@@ -42,17 +42,18 @@ impl EmitterBounds {
 
     /// The lanes whose rays, from within the scene, may meet a surface that shines; the others do not.
     #[inline(always)]
-    pub fn lies_ahead<L: Lanes>(&self, origin: Vector<L>, direction: Vector<L>) -> u32 {
+    pub fn lies_ahead<L: Lanes>(&self, origin: Vector<L>, direction: Vector<L>) -> Mask<L> {
         let (o, d) = (origin, direction);
         let (x, y, z) = (inverse(d.x), inverse(d.y), inverse(d.z));
-        let mut ahead = 0;
+        let l = origin.lanes();
+        let (mut ahead, zero) = (Mask::splat(l, false), Num::zero(l));
         for Aabb { min, max } in &self.boxes {
             let (x0, x1) = ((min.x - o.x) * x, (max.x - o.x) * x);
             let (y0, y1) = ((min.y - o.y) * y, (max.y - o.y) * y);
             let (z0, z1) = ((min.z - o.z) * z, (max.z - o.z) * z);
             let enter = x0.min(x1).max(y0.min(y1)).max(z0.min(z1));
             let leave = x0.max(x1).min(y0.max(y1)).min(z0.max(z1));
-            ahead |= enter.le(leave) & leave.ge(leave.only(0));
+            ahead |= enter.le(leave) & leave.ge(zero);
         }
         ahead
     }
@@ -117,7 +118,7 @@ mod tests {
     }
 
     fn ahead(glow: &EmitterBounds, origin: Vec3, direction: Vec3) -> bool {
-        glow.lies_ahead::<SingleLane>(origin.into(), direction.into()) == 1
+        glow.lies_ahead::<SingleLane>(origin.into(), direction.into()).get()
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use super::{AliasTable, FEW, LightBounds, LightTree, Receiver};
 use crate::geom::warp::lanes as warp;
-use crate::lanes::{Int, Lanes, Num, SingleLane, Vector};
+use crate::lanes::{Int, Lanes, Mask, Num, SingleLane, Vector};
 use crate::scene::{Emission, Footprint, Scene};
 use crate::shade::lookup::{self, luminance};
 use crate::shade::offset;
@@ -58,7 +58,7 @@ const NONE: u32 = u32::MAX;
 #[derive(Clone, Copy, Debug)]
 pub struct EmitterSample<L: Lanes> {
     /// Lanes that have one; of the others nothing below counts.
-    pub valid: u32,
+    pub valid: Mask<L>,
     /// The point, a little off the triangle towards whoever asked.
     pub position: Vector<L>,
     /// Unit direction towards it.
@@ -146,7 +146,7 @@ impl Emitters {
         let (flags, offset) = (record[15] & FLAGS, (record[15] & !FLAGS).to_num_bits());
         let mut radiance = vector(&record, 12).only(front | (flags & TWO_SIDED).is(TWO_SIDED));
         let textured = (flags & TEXTURED).is(TEXTURED);
-        if textured != 0 {
+        if textured.any() {
             radiance =
                 Vector::select(textured, self.textured(scene, textured, place, [v, w], front), radiance);
         }
@@ -182,19 +182,19 @@ impl Emitters {
     fn textured<L: Lanes>(
         &self,
         scene: &Scene,
-        lanes: u32,
+        lanes: Mask<L>,
         place: Int<L>,
         [v, w]: [Num<L>; 2],
-        front: u32,
+        front: Mask<L>,
     ) -> Vector<L> {
         let l = v.lanes();
         let (place, v, w) = (place.to_array(), v.to_array(), w.to_array());
         let mut radiance = [L::array(0.0); 3];
-        for lane in (0..L::LANES).filter(|lane| lanes >> lane & 1 == 1) {
+        for lane in lanes.iter() {
             let place = place[lane] as usize;
             let at = [v[lane], w[lane]];
             let primitive = self.primitives[place];
-            let light = radiance_at(scene, &self.emissions[place], primitive, at, front >> lane & 1 == 1);
+            let light = radiance_at(scene, &self.emissions[place], primitive, at, front.test(lane));
             for (channel, light) in radiance.iter_mut().zip(light.to_array()) {
                 channel[lane] = light;
             }
@@ -214,7 +214,7 @@ impl Emitters {
         cosine: Num<L>,
     ) -> Num<L> {
         if self.places.is_empty() {
-            return cosine.only(0);
+            return Num::zero(cosine.lanes());
         }
         let [place] = primitive.rows(&self.places);
         let there = !place.is(NONE);

@@ -22,7 +22,7 @@ pub use receiver::Receiver;
 pub use tree::LightTree;
 
 use super::Interaction;
-use crate::lanes::{Int, Lanes, Num, Vector};
+use crate::lanes::{Int, Lanes, Mask, Num, Vector};
 use crate::scene::Scene;
 
 /// As many lights are as well chosen by power alone: with the eight emissive triangles of a kitchen the tree takes
@@ -54,19 +54,19 @@ pub struct Lights {
 #[derive(Clone, Copy, Debug)]
 pub struct LightSample<L: Lanes> {
     /// Lanes that some light reaches; of the others nothing below counts.
-    pub valid: u32,
+    pub valid: Mask<L>,
     /// Unit direction the light comes from.
     pub wi: Vector<L>,
     /// Where the light is, in the lanes of `near`.
     pub target: Vector<L>,
     /// Lanes whose light is not infinitely far away.
-    pub near: u32,
+    pub near: Mask<L>,
     /// Radiance; irradiance on a facing surface where `delta`.
     pub radiance: Vector<L>,
     /// Density per solid angle; the chance of choosing the light where `delta`.
     pub pdf: Num<L>,
     /// Lanes whose light no other way of sampling can find.
-    pub delta: u32,
+    pub delta: Mask<L>,
 }
 
 impl Lights {
@@ -185,7 +185,7 @@ impl Lights {
         let (mut u, mut chance) = (number.unwrap_or(u2[0]), Num::splat(l, 1.0));
         let emits = u.below(emitter);
         let shines = u.below(emitter + sky) & !emits;
-        let points = L::ALL & !(emits | shines);
+        let points = !(emits | shines);
         if !chances.contains(&1.0) {
             let low = Num::select(emits, Num::splat(l, 0.0), Num::splat(l, emitter));
             let low = Num::select(points, Num::splat(l, emitter + sky), low);
@@ -202,7 +202,7 @@ impl Lights {
             }
         };
         let mut sample = LightSample::none(from);
-        if emits != 0
+        if emits.any()
             && let Some(on) = self.emitters.sample(scene, to, number, u2)
         {
             sample = LightSample {
@@ -212,23 +212,23 @@ impl Lights {
                 near: emits,
                 radiance: on.radiance,
                 pdf: on.pdf,
-                delta: 0,
+                delta: Mask::splat(l, false),
             };
         }
-        if shines != 0 {
+        if shines.any() {
             let (wi, radiance, pdf) = self.environment.sample(u2);
             sample.valid |= pdf.above(0.0) & shines;
             sample.wi = Vector::select(shines, wi, sample.wi);
             sample.radiance = Vector::select(shines, radiance, sample.radiance);
             sample.pdf = Num::select(shines, pdf, sample.pdf);
         }
-        if points != 0 && point > 0.0 {
+        if points.any() && point > 0.0 {
             let light = self.sample_punctual(to, u);
             sample = LightSample {
-                valid: (sample.valid & !points) | (light.valid & points),
+                valid: Mask::select(points, light.valid, sample.valid),
                 wi: Vector::select(points, light.wi, sample.wi),
                 target: Vector::select(points, light.target, sample.target),
-                near: (sample.near & !points) | (light.near & points),
+                near: Mask::select(points, light.near, sample.near),
                 radiance: Vector::select(points, light.radiance, sample.radiance),
                 pdf: Num::select(points, light.pdf, sample.pdf),
                 delta: points,
@@ -257,7 +257,7 @@ impl Lights {
     pub fn sky<L: Lanes>(&self, direction: Vector<L>) -> (Vector<L>, Num<L>) {
         let [_, chance, _] = self.chances;
         let (radiance, pdf) = self.environment.look(direction);
-        (radiance, if chance > 0.0 { pdf * chance } else { pdf.only(0) })
+        (radiance, if chance > 0.0 { pdf * chance } else { Num::zero(pdf.lanes()) })
     }
 }
 
@@ -271,9 +271,10 @@ fn chances<const N: usize>(powers: [f64; N]) -> [f32; N] {
 impl<L: Lanes> LightSample<L> {
     #[inline(always)]
     fn none(from: Vector<L>) -> Self {
-        let zero = from.only(0);
+        let zero = Vector::zero(from.lanes());
         let pdf = Num::splat(from.lanes(), 1.0);
-        Self { valid: 0, wi: zero, target: zero, near: 0, radiance: zero, pdf, delta: 0 }
+        let none = Mask::splat(from.lanes(), false);
+        Self { valid: none, wi: zero, target: zero, near: none, radiance: zero, pdf, delta: none }
     }
 
     /// The shadow rays from surfaces to these lights: where they start, their direction, and how far they go. To lights

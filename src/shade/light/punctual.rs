@@ -1,7 +1,7 @@
 //! Point, spot and directional lights.
 
 use super::{AliasTable, FEW, LightBounds, LightSample, LightTree, Receiver};
-use crate::lanes::{Int, Lanes, Num, Vector};
+use crate::lanes::{Int, Lanes, Mask, Num, Vector};
 use crate::scene::{Light, LightShape};
 use crate::shade::lookup::luminance;
 use bytemuck::{Pod, Zeroable};
@@ -81,7 +81,7 @@ impl Punctual {
         let (place, by_tree, _) = tree.choose(to, (u * (1.0 / chance)).clamp(0.0, 1.0 - f32::EPSILON));
         let [mut index] = place.rows(lights);
         let mut probability = by_tree * *chance;
-        if near != L::ALL {
+        if !near.all() {
             let rest = ((u - *chance) * (1.0 / (1.0 - chance))).clamp(0.0, 1.0 - f32::EPSILON);
             let (far, by_power, _) = self.table.choose(rest)?;
             index = Int::select(near, index, far);
@@ -109,7 +109,15 @@ impl Punctual {
         let share = Num::select(spot, edge * edge, one);
         let radiance = Vector::select(far, intensity, intensity * (share / distance2));
         let valid = wi.length_squared().is_finite() & !radiance.is_zero();
-        LightSample { valid, wi, target: position, near: !far, radiance, pdf: one, delta: L::ALL }
+        LightSample {
+            valid,
+            wi,
+            target: position,
+            near: !far,
+            radiance,
+            pdf: one,
+            delta: Mask::splat(from.lanes(), true),
+        }
     }
 }
 

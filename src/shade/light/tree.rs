@@ -2,7 +2,7 @@
 
 use super::{LightBounds, Receiver};
 use crate::geom::octahedral;
-use crate::lanes::{Int, Lanes, Num, OutlinedTask, Vector};
+use crate::lanes::{Int, Lanes, Mask, Num, OutlinedTask, Vector};
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 
@@ -130,7 +130,7 @@ struct Fork<L: Lanes> {
 
 /// Whether lanes have arrived at a light.
 #[inline(always)]
-fn is_leaf<L: Lanes>(next: Int<L>) -> u32 {
+fn is_leaf<L: Lanes>(next: Int<L>) -> Mask<L> {
     (next & LEAF).is(LEAF)
 }
 
@@ -149,8 +149,8 @@ impl<L: Lanes> OutlinedTask<L> for Choose<'_, L> {
         let (mut u, mut chance) = (self.u, Num::splat(l, 1.0));
         let mut at = Int::splat(l, 0);
         loop {
-            let going = L::ALL & !is_leaf(at);
-            if going == 0 {
+            let going = !is_leaf(at);
+            if going.none() {
                 return (at & INDEX, chance, u);
             }
             // Lanes that have arrived look at the root again.
@@ -182,8 +182,8 @@ impl<L: Lanes> OutlinedTask<L> for Chance<'_, L> {
         let mut chance = Num::splat(l, 1.0);
         let mut at = Int::splat(l, 0);
         loop {
-            let going = L::ALL & !is_leaf(at);
-            if going == 0 {
+            let going = !is_leaf(at);
+            if going.none() {
                 return chance;
             }
             let fork = Int::select(going, at & INDEX, Int::splat(l, 0));

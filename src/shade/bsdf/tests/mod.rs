@@ -2,7 +2,7 @@
 
 use super::{Dielectric, MIN_ROUGHNESS, Matte, Mirror, Principled, Smoothness};
 use crate::geom::{Sampler, warp};
-use crate::lanes::{Lanes, SingleLane};
+use crate::lanes::SingleLane;
 use crate::scene::{self, Colour, Footprint, Scalar, Scene};
 use crate::shade::CoatShape;
 use crate::shade::single::{Bsdf, Smooth};
@@ -33,7 +33,6 @@ fn described(
 ) -> Bsdf<'static> {
     let mut surface = scene::Principled::default();
     edit(&mut surface);
-    let outside = if outside { SingleLane::ALL } else { 0 };
     let (uv, point) = ([0.0.into(); 2], Footprint::point(SingleLane::default()));
     let scene = Scene::default();
     Bsdf(super::Bsdf::Principled(Principled::new(
@@ -42,7 +41,7 @@ fn described(
         uv,
         &point,
         &coat,
-        outside,
+        outside.into(),
         Smoothness::EXACT,
     )))
 }

@@ -1,0 +1,279 @@
+//! Masks: one Boolean per lane.
+//!
+//! Shading handles masks through [`Mask`] alone, so that a level may represent them as it likes ([`MaskRepr`]). The
+//! levels that compute use bits. A level that records operations instead would use an entry of its record; it can answer
+//! [`Mask::any`] with `true` (a branch that no lane needs changes nothing) and refuse what depends on the lanes' values:
+//! [`Mask::bits`] and all that is built on it.
+
+use super::{LaneBits, Lanes, SingleLane, sealed::Sealed};
+use std::marker::PhantomData;
+use std::ops::{BitAnd, BitAndAssign, BitOr, BitOrAssign, BitXor, BitXorAssign, Not};
+
+/// A Boolean in each lane.
+#[derive(Clone, Copy)]
+pub struct Mask<L: Lanes> {
+    l: L,
+    m: L::M,
+}
+
+/// How a level represents the masks of its lanes: the operations behind [`Mask`].
+pub trait MaskRepr<L: Lanes>: Copy + Sealed {
+    /// The same Boolean in each lane.
+    fn splat(l: L, value: bool) -> Self;
+    /// The lanes whose bits are set. Bits beyond the lanes do not count.
+    fn from_bits(l: L, bits: LaneBits) -> Self;
+    /// One bit per lane; bits beyond the lanes are 0.
+    fn bits(self, l: L) -> LaneBits;
+    /// Whether any lane is set.
+    fn any(self, l: L) -> bool;
+    /// Whether all lanes are set.
+    fn all(self, l: L) -> bool;
+    /// `self & other`.
+    fn and(self, l: L, other: Self) -> Self;
+    /// `self | other`.
+    fn or(self, l: L, other: Self) -> Self;
+    /// `self ^ other`.
+    fn xor(self, l: L, other: Self) -> Self;
+    /// `!self`.
+    fn not(self, l: L) -> Self;
+    /// Lanes in which `a < b`.
+    fn lt(l: L, a: L::F, b: L::F) -> Self;
+    /// Lanes in which `a <= b`.
+    fn le(l: L, a: L::F, b: L::F) -> Self;
+    /// Lanes in which `a == b`.
+    fn eq(l: L, a: L::F, b: L::F) -> Self;
+    /// Lanes in which `a < b`.
+    fn lt_u32(l: L, a: L::I, b: L::I) -> Self;
+    /// Lanes in which `a == b`.
+    fn eq_u32(l: L, a: L::I, b: L::I) -> Self;
+    /// `a` in the lanes that are set, `b` in the others.
+    fn select(self, l: L, a: L::F, b: L::F) -> L::F;
+    /// `a` in the lanes that are set, `b` in the others.
+    fn select_u32(self, l: L, a: L::I, b: L::I) -> L::I;
+}
+
+impl Sealed for LaneBits {}
+
+/// Bits beyond the lanes are always 0.
+impl<L: Lanes<M = Self>> MaskRepr<L> for LaneBits {
+    #[inline(always)]
+    fn splat(_: L, value: bool) -> Self {
+        if value { L::ALL } else { 0 }
+    }
+    #[inline(always)]
+    fn from_bits(_: L, bits: LaneBits) -> Self {
+        bits & L::ALL
+    }
+    #[inline(always)]
+    fn bits(self, _: L) -> LaneBits {
+        self
+    }
+    #[inline(always)]
+    fn any(self, _: L) -> bool {
+        self != 0
+    }
+    #[inline(always)]
+    fn all(self, _: L) -> bool {
+        self == L::ALL
+    }
+    #[inline(always)]
+    fn and(self, _: L, other: Self) -> Self {
+        self & other
+    }
+    #[inline(always)]
+    fn or(self, _: L, other: Self) -> Self {
+        self | other
+    }
+    #[inline(always)]
+    fn xor(self, _: L, other: Self) -> Self {
+        self ^ other
+    }
+    #[inline(always)]
+    fn not(self, _: L) -> Self {
+        self ^ L::ALL
+    }
+    #[inline(always)]
+    fn lt(l: L, a: L::F, b: L::F) -> Self {
+        l.lt(L::ALL, a, b)
+    }
+    #[inline(always)]
+    fn le(l: L, a: L::F, b: L::F) -> Self {
+        l.le(L::ALL, a, b)
+    }
+    #[inline(always)]
+    fn eq(l: L, a: L::F, b: L::F) -> Self {
+        l.eq(L::ALL, a, b)
+    }
+    #[inline(always)]
+    fn lt_u32(l: L, a: L::I, b: L::I) -> Self {
+        l.lt_u32(L::ALL, a, b)
+    }
+    #[inline(always)]
+    fn eq_u32(l: L, a: L::I, b: L::I) -> Self {
+        l.eq_u32(L::ALL, a, b)
+    }
+    #[inline(always)]
+    fn select(self, l: L, a: L::F, b: L::F) -> L::F {
+        l.select(self, a, b)
+    }
+    #[inline(always)]
+    fn select_u32(self, l: L, a: L::I, b: L::I) -> L::I {
+        l.select_u32(self, a, b)
+    }
+}
+
+impl<L: Lanes> Mask<L> {
+    #[inline(always)]
+    pub(super) fn new(l: L, m: L::M) -> Self {
+        Self { l, m }
+    }
+
+    #[inline(always)]
+    pub(super) fn repr(self) -> L::M {
+        self.m
+    }
+
+    /// The same Boolean in each lane.
+    #[inline(always)]
+    pub fn splat(l: L, value: bool) -> Self {
+        Self { l, m: L::M::splat(l, value) }
+    }
+
+    /// The lanes whose bits are set, lane 0 lowest. Bits beyond the lanes do not count.
+    #[inline(always)]
+    pub fn from_bits(l: L, bits: LaneBits) -> Self {
+        Self { l, m: L::M::from_bits(l, bits) }
+    }
+
+    /// The first `count` lanes; all of them if there are no more.
+    #[inline(always)]
+    pub fn first(l: L, count: usize) -> Self {
+        if count >= L::LANES { Self::splat(l, true) } else { Self::from_bits(l, !(L::ALL << count)) }
+    }
+
+    /// One bit per lane, lane 0 lowest; bits beyond the lanes are 0. For code that goes lane by lane.
+    #[inline(always)]
+    pub fn bits(self) -> LaneBits {
+        self.m.bits(self.l)
+    }
+
+    /// Number of lanes that are set.
+    #[inline(always)]
+    pub fn count(self) -> usize {
+        self.bits().count_ones() as usize
+    }
+
+    /// Whether lane `lane` is set.
+    #[inline(always)]
+    pub fn test(self, lane: usize) -> bool {
+        self.bits() >> lane & 1 == 1
+    }
+
+    /// The lanes that are set, in ascending order.
+    #[inline(always)]
+    pub fn iter(self) -> SetLanes<L> {
+        SetLanes { left: self.bits(), lanes: PhantomData }
+    }
+
+    /// Whether any lane is set.
+    #[inline(always)]
+    pub fn any(self) -> bool {
+        self.m.any(self.l)
+    }
+
+    /// Whether all lanes are set.
+    #[inline(always)]
+    pub fn all(self) -> bool {
+        self.m.all(self.l)
+    }
+
+    /// Whether no lane is set.
+    #[inline(always)]
+    pub fn none(self) -> bool {
+        !self.any()
+    }
+
+    /// `a` in the lanes of `mask`, `b` in the others.
+    #[inline(always)]
+    pub fn select(mask: Self, a: Self, b: Self) -> Self {
+        (a & mask) | (b & !mask)
+    }
+
+    /// The token.
+    #[inline(always)]
+    pub fn lanes(self) -> L {
+        self.l
+    }
+}
+
+/// The lanes of a [`Mask`] that are set, in ascending order.
+#[derive(Clone, Debug)]
+pub struct SetLanes<L> {
+    left: LaneBits,
+    lanes: PhantomData<L>,
+}
+
+impl<L: Lanes> Iterator for SetLanes<L> {
+    type Item = usize;
+
+    #[inline(always)]
+    fn next(&mut self) -> Option<usize> {
+        // The remainder tells the compiler that lanes index arrays of as many elements.
+        let lane = (self.left != 0).then(|| self.left.trailing_zeros() as usize % L::LANES);
+        self.left &= self.left.wrapping_sub(1);
+        lane
+    }
+}
+
+impl Mask<SingleLane> {
+    /// The Boolean of the one lane.
+    #[inline(always)]
+    pub fn get(self) -> bool {
+        self.any()
+    }
+}
+
+impl From<bool> for Mask<SingleLane> {
+    #[inline(always)]
+    fn from(value: bool) -> Self {
+        Self::splat(SingleLane::default(), value)
+    }
+}
+
+impl<L: Lanes> std::fmt::Debug for Mask<L> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_list().entries((0..L::LANES).map(|lane| self.test(lane))).finish()
+    }
+}
+
+macro_rules! operators {
+    ($($trait:ident $method:ident $assign_trait:ident $assign:ident $of:ident;)*) => {$(
+        impl<L: Lanes> $trait for Mask<L> {
+            type Output = Self;
+            #[inline(always)]
+            fn $method(self, other: Self) -> Self {
+                Self { m: self.m.$of(self.l, other.m), ..self }
+            }
+        }
+        impl<L: Lanes> $assign_trait for Mask<L> {
+            #[inline(always)]
+            fn $assign(&mut self, other: Self) {
+                *self = self.$method(other);
+            }
+        }
+    )*};
+}
+
+operators! {
+    BitAnd bitand BitAndAssign bitand_assign and;
+    BitOr bitor BitOrAssign bitor_assign or;
+    BitXor bitxor BitXorAssign bitxor_assign xor;
+}
+
+impl<L: Lanes> Not for Mask<L> {
+    type Output = Self;
+    #[inline(always)]
+    fn not(self) -> Self {
+        Self { m: self.m.not(self.l), ..self }
+    }
+}
