@@ -1,22 +1,31 @@
-//! The small instruction set that tracing and shading are written in: vectors of f32 and u32, masks as
-//! integers, rows gathered and transposed, lists appended to. One file implements it for each real
-//! instruction set; [`Num`], [`Int`] and [`Vector`] make it read like arithmetic.
+//! SIMD: the small instruction set that tracing and shading are written in. The words are in `docs/glossary.md`.
 //!
-//! Every arithmetic operation is the IEEE-754 binary32 one, lane by lane, so all give the same bits.
-//! Implementations are tokens: to hold one is to know that the processor has the instructions. All
-//! methods are `inline(always)`: they must end up inside a function that enables the instructions,
-//! which [`SimdLevel::run`] is for. Closures in such code do not reliably end up there; loops do.
+//! [`Lanes`] lists the instructions on vectors of f32 and u32. Each of these files implements it for one instruction set:
+//! `avx512` (16 lanes), `avx2` and `neon` (8), `plain` (any number, in plain Rust; one lane is [`SingleLane`]). [`Num`],
+//! [`Int`], [`Mask`] and [`Vector`] wrap them in operators, so that shading reads like scalar arithmetic. [`SimdLevel`]
+//! chooses an instruction set and runs a [`LaneTask`] with it.
+//!
+//! - **Same bits.** Every arithmetic operation is that of IEEE 754 binary32 in each lane, so all instruction sets, with any
+//!   number of lanes, give the same bits. `tests` compares them operation by operation.
+//! - **Tokens.** An implementation of [`Lanes`] is a zero-sized token. Holding one proves that the processor has the
+//!   instructions.
+//! - **Inlining.** All methods are `inline(always)`: they must be inlined into a function that enables the instructions,
+//!   and [`SimdLevel::run`] provides that function. All code between the two must be `inline(always)` as well. Loops are
+//!   safe; closures are not reliably inlined.
 //!
 //! Unsafe code, because methods read and write by pointer. Invariants:
-//! 1. Pointers passed to methods point to at least as many elements as the methods' contracts ask for: the callers here
-//!    pass arrays and slices of a checked length.
-//! 2. A token exists only where the processor has the instructions.
+//! 1. Pointers passed to methods point to at least as many elements as the methods' contracts ask for: callers here pass
+//!    arrays and slices of a checked length.
 #![allow(unsafe_code, reason = "the invariants above")]
+
+#[macro_use]
+mod ops;
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;
 #[cfg(target_arch = "x86_64")]
 mod avx512;
+mod columns;
 pub mod exponential;
 mod int;
 mod level;
@@ -37,6 +46,10 @@ mod vector;
 pub(crate) use avx2::{Avx2, Avx512Eights};
 #[cfg(target_arch = "x86_64")]
 pub(crate) use avx512::Avx512;
+pub(crate) use columns::{
+    columns, each, eight_ids, keep, load, load_eights, load_one, spill, splat, splat_eights, splat_row,
+    store_one, swap_halves, zip,
+};
 pub use int::Int;
 pub use level::{LaneTask, SimdError, SimdLevel};
 pub use mask::{Mask, MaskRepr, SetLanes};
@@ -52,39 +65,39 @@ use std::ops::{Index, IndexMut};
 /// The number of lanes of the widest instruction set. Memory that lanes of any width read or write whole is this long.
 pub const MAX_LANES: usize = 16;
 
-/// Lanes as bits: one per lane, lane 0 lowest.
+/// A mask as bits: one per lane, lane 0 lowest.
 pub type LaneBits = u32;
 
 mod sealed {
-    /// What only this crate implements, so that instructions can be added to [`super::Lanes`].
+    /// Implemented in this crate only, so that instructions can be added to [`super::Lanes`].
     pub trait Sealed {}
 }
 
-/// A vector of [`Lanes::LANES`] numbers and what can be done with it.
+/// The instructions on vectors of [`Lanes::LANES`] numbers.
 ///
-/// Methods here take and return masks as [`LaneBits`], which tracing uses directly: bits beyond the lanes are 0 in those
-/// that methods return and do not count in those that they take. Shading uses [`Mask`].
+/// Methods that take or return [`LaneBits`] are the low level, for tracing: bits beyond the lanes are 0 in what they
+/// return and are ignored in what they take. Shading uses [`Mask`] instead.
 ///
-/// The trait is sealed: its implementations are those of this module.
+/// The trait is sealed: this crate has all implementations.
 pub trait Lanes: Copy + sealed::Sealed {
     /// Number of lanes, 1 to [`MAX_LANES`].
     const LANES: usize;
     /// The bits of all lanes.
     const ALL: LaneBits = LaneBits::MAX >> (LaneBits::BITS - Self::LANES as u32);
-    /// f32 in each lane.
+    /// An f32 in each lane.
     type F: Copy;
-    /// u32 in each lane.
+    /// A u32 in each lane.
     type I: Copy;
-    /// A Boolean in each lane: what [`Mask`] holds.
+    /// A Boolean in each lane: what [`Mask`] wraps.
     type M: MaskRepr<Self>;
-    /// As many of anything as there are lanes.
+    /// An array with one element per lane.
     type Array<T: Copy>: Copy + AsRef<[T]> + AsMut<[T]> + Index<usize, Output = T> + IndexMut<usize>;
 
-    /// The same in each place.
+    /// The same value in each element.
     fn array<T: Copy>(value: T) -> Self::Array<T>;
 
-    /// The ids of the lanes that `order` names in its lowest bits, as many as number the lanes.
-    fn permute_u32(self, a: Self::I, order: Self::I) -> Self::I;
+    // Arithmetic on f32.
+
     /// The same number in each lane.
     fn splat(self, x: f32) -> Self::F;
     /// `a + b`.
@@ -99,56 +112,65 @@ pub trait Lanes: Copy + sealed::Sealed {
     fn fma(self, a: Self::F, b: Self::F, c: Self::F) -> Self::F;
     /// `a * b - c`, rounded once.
     fn fms(self, a: Self::F, b: Self::F, c: Self::F) -> Self::F;
-    /// The lesser: `a` if `a < b`, else `b`.
+    /// `a` if `a < b`, else `b`.
     fn min(self, a: Self::F, b: Self::F) -> Self::F;
-    /// The greater: `a` if `a > b`, else `b`.
+    /// `a` if `a > b`, else `b`.
     fn max(self, a: Self::F, b: Self::F) -> Self::F;
     /// The square root.
     fn sqrt(self, a: Self::F) -> Self::F;
-    /// The greatest whole number that is not greater.
+    /// The greatest integer that is not greater than `a`.
     fn floor(self, a: Self::F) -> Self::F;
     /// `|a|`.
     fn abs(self, a: Self::F) -> Self::F;
-    /// The greater of `|a|` and `|b|`, of numbers.
+    /// The greater of `|a|` and `|b|`; neither may be NaN.
     #[inline(always)]
     fn max_abs(self, a: Self::F, b: Self::F) -> Self::F {
         self.max(self.abs(a), self.abs(b))
     }
-    /// The greater of `a` and `b` as the signed integers that their bits are: the greater number unless both are
-    /// negative, then the lesser. Where numbers are compared with what is not negative, that does, and saves the
-    /// comparison with zero.
-    fn max_bits(self, a: Self::F, b: Self::F) -> Self::F;
-    /// The lesser in the same order.
-    fn min_bits(self, a: Self::F, b: Self::F) -> Self::F;
-    /// Lanes of `among` in which `a <= b` in the same order.
-    fn le_bits(self, among: LaneBits, a: Self::F, b: Self::F) -> LaneBits;
     /// `-a`.
     fn neg(self, a: Self::F) -> Self::F;
     /// The magnitude of `a ≥ 0` with the sign of `b`.
     fn with_sign_of(self, a: Self::F, b: Self::F) -> Self::F;
+    /// The greater of `a` and `b`, compared by their bits as signed integers. This is the greater number, unless both
+    /// are negative: then it is the lesser. It serves where the result is compared with a number that is not negative,
+    /// and saves a comparison with zero there.
+    fn max_bits(self, a: Self::F, b: Self::F) -> Self::F;
+    /// The lesser of `a` and `b` in the order of [`Lanes::max_bits`].
+    fn min_bits(self, a: Self::F, b: Self::F) -> Self::F;
+    /// The least of all lanes.
+    fn lowest(self, a: Self::F) -> f32;
+    /// The greatest of all lanes.
+    fn highest(self, a: Self::F) -> f32;
+    /// The integers nearest to `a * scale`, ties to even; products are at least 0 and below 2⁶³.
+    fn to_fixed(self, a: Self::F, scale: f64) -> Self::Array<i64>;
+
+    // Comparisons and masks as bits.
+
     /// Lanes of `among` in which `a <= b`.
     fn le(self, among: LaneBits, a: Self::F, b: Self::F) -> LaneBits;
     /// Lanes of `among` in which `a == b`.
     fn eq(self, among: LaneBits, a: Self::F, b: Self::F) -> LaneBits;
     /// Lanes of `among` in which `a < b`.
     fn lt(self, among: LaneBits, a: Self::F, b: Self::F) -> LaneBits;
+    /// Lanes of `among` in which `a <= b` in the order of [`Lanes::max_bits`].
+    fn le_bits(self, among: LaneBits, a: Self::F, b: Self::F) -> LaneBits;
+    /// Lanes of `among` in which `a < b`.
+    fn lt_u32(self, among: LaneBits, a: Self::I, b: Self::I) -> LaneBits;
+    /// Lanes of `among` in which `a == b`.
+    fn eq_u32(self, among: LaneBits, a: Self::I, b: Self::I) -> LaneBits;
     /// Lanes whose sign bit is set.
     fn signs(self, a: Self::F) -> LaneBits;
     /// `a` in the lanes of `mask`, `b` in the others.
     fn select(self, mask: LaneBits, a: Self::F, b: Self::F) -> Self::F;
-
-    /// The lanes of `mask`, in order, in the first lanes; what is in the others is unspecified.
-    fn pack(self, mask: LaneBits, a: Self::F) -> Self::F;
-    /// The integers nearest to `a * scale`, of numbers ≥ 0 whose product is below 2⁶³.
-    fn to_fixed(self, a: Self::F, scale: f64) -> Self::Array<i64>;
-
-    /// The least of all lanes.
-    fn lowest(self, a: Self::F) -> f32;
-    /// The greatest of all lanes.
-    fn highest(self, a: Self::F) -> f32;
     /// `a` in the lanes of `mask`, `b` in the others.
     fn select_u32(self, mask: LaneBits, a: Self::I, b: Self::I) -> Self::I;
+    /// Moves the lanes of `mask`, in order, to the first lanes. The other lanes of the result are unspecified.
+    fn pack(self, mask: LaneBits, a: Self::F) -> Self::F;
 
+    // Arithmetic on u32.
+
+    /// The same word in each lane.
+    fn splat_u32(self, x: u32) -> Self::I;
     /// `a + b`, wrapping.
     fn add_u32(self, a: Self::I, b: Self::I) -> Self::I;
     /// `a * b`, wrapping.
@@ -159,217 +181,119 @@ pub trait Lanes: Copy + sealed::Sealed {
     fn or_u32(self, a: Self::I, b: Self::I) -> Self::I;
     /// `a ^ b`.
     fn xor_u32(self, a: Self::I, b: Self::I) -> Self::I;
-    /// `a << count`, `count` below 32.
+    /// `a << count`; `count` is below 32.
     fn shl_u32(self, a: Self::I, count: u32) -> Self::I;
-    /// `a >> count`, `count` below 32.
+    /// `a >> count`; `count` is below 32.
     fn shr_u32(self, a: Self::I, count: u32) -> Self::I;
-    /// The bits in reverse order.
+    /// The bits of each word in reverse order.
     fn reverse_u32(self, a: Self::I) -> Self::I;
-    /// Lanes of `among` in which `a < b`.
-    fn lt_u32(self, among: LaneBits, a: Self::I, b: Self::I) -> LaneBits;
-    /// Lanes of `among` in which `a == b`.
-    fn eq_u32(self, among: LaneBits, a: Self::I, b: Self::I) -> LaneBits;
-    /// The whole part of a number of 0 to 2³¹ − 1.
+    /// Lane `order[i]` of `a` in lane `i`. Of each word of `order` only the lowest bits count, as many as number the lanes.
+    fn permute_u32(self, a: Self::I, order: Self::I) -> Self::I;
+    /// Truncates to an integer; `a` is 0 to 2³¹ − 1.
     fn f32_to_u32(self, a: Self::F) -> Self::I;
-    /// The nearest number to an id below 2³¹.
+    /// The nearest f32; `a` is below 2³¹.
     fn u32_to_f32(self, a: Self::I) -> Self::F;
-    /// The bits of a number.
+    /// The bits of each number.
     fn bits(self, a: Self::F) -> Self::I;
-    /// The number of these bits.
+    /// The number that has these bits.
     #[allow(clippy::wrong_self_convention, reason = "self is the token, not what is converted")]
     fn from_bits(self, a: Self::I) -> Self::F;
-    /// Does a piece of work in a function of its own that enables the instructions: for large pieces
-    /// that are needed in many places.
-    fn outlined<P: OutlinedTask<Self>>(self, piece: P) -> P::Output;
-    /// Reads the words at places `ids`, each below 2³¹.
-    ///
-    /// # Safety
-    /// At each place after `from` is a readable word.
-    unsafe fn gather(self, from: *const u32, ids: Self::I) -> Self::I;
+
+    // Functions.
+
+    /// Runs a task out of line, in a function of its own that enables the instructions: for large code that is needed
+    /// in many places, and for rare code.
+    fn outlined<P: OutlinedTask<Self>>(self, task: P) -> P::Output;
+
+    // Memory. Pointers need not be aligned.
 
     /// Reads a number into each lane.
     ///
     /// # Safety
-    /// `from` is good for reading `LANES` numbers.
+    /// `from` is valid for reading `LANES` numbers.
     unsafe fn load(self, from: *const f32) -> Self::F;
-    /// Reads eight numbers into each eight lanes, each from a place of its own. With eight lanes only the first counts.
+    /// Writes each lane's number.
     ///
     /// # Safety
-    /// Each place is good for reading eight numbers.
-    #[inline(always)]
-    unsafe fn load_eights(self, from: [*const f32; 2]) -> Self::F {
-        const { assert!(Self::LANES == 8) };
-        // SAFETY: the caller vouches for eight.
-        unsafe { self.load(from[0]) }
-    }
-    /// Of sixteen numbers, the one that the lowest four bits of an id name, in each lane; for each eight lanes they are at a
-    /// place of their own. With eight lanes only the first counts.
+    /// `to` is valid for writing `LANES` numbers.
+    unsafe fn store(self, to: *mut f32, a: Self::F);
+    /// Reads a word into each lane.
     ///
     /// # Safety
-    /// Each place is good for reading sixteen numbers.
-    unsafe fn pick(self, from: [*const f32; 2], ids: Self::I) -> Self::F;
-    /// A number in each eight lanes. With eight lanes only the first counts.
+    /// `from` is valid for reading `LANES` words.
+    unsafe fn load_u32(self, from: *const u32) -> Self::I;
+    /// Writes each lane's word.
+    ///
+    /// # Safety
+    /// `to` is valid for writing `LANES` words.
+    unsafe fn store_u32(self, to: *mut u32, a: Self::I);
+    /// Reads word `index` of a table in each lane.
+    ///
+    /// # Safety
+    /// Each index is below 2³¹ and leads to a readable word after `from`.
+    unsafe fn gather(self, from: *const u32, index: Self::I) -> Self::I;
+    /// Writes the words of the lanes in `mask`, in order, one after the other. The words after them, up to `LANES` in
+    /// all, are unspecified.
+    ///
+    /// # Safety
+    /// `to` is valid for writing `LANES` words.
+    unsafe fn append(self, to: *mut u32, mask: LaneBits, a: Self::I);
+    /// Reads rows of eight numbers, the row of lane `i` at byte `offsets[i]` after `base`, and transposes them into eight
+    /// vectors, one per column.
+    ///
+    /// # Safety
+    /// `offsets` is valid for reading `LANES` offsets, and each leads to a readable row.
+    unsafe fn rows(self, base: *const f32, offsets: *const u32) -> [Self::F; 8];
+    /// Writes `LANES` rows of eight numbers, one after the other, from eight columns.
+    ///
+    /// # Safety
+    /// `to` is valid for writing `8 * LANES` numbers.
+    unsafe fn put_rows(self, to: *mut f32, columns: [Self::F; 8]);
+    /// Writes `LANES` rows of four numbers, one after the other, from four columns.
+    ///
+    /// # Safety
+    /// `to` is valid for writing `4 * LANES` numbers.
+    unsafe fn put_quads(self, to: *mut f32, columns: [Self::F; 4]);
+
+    // Pairs of eight. Nodes have eight children and leaf blocks eight triangles: sixteen lanes handle two of them, each
+    // eight lanes with data of their own. With eight lanes only the first of each pair counts.
+
+    /// One number for lanes 0 to 7 and another for lanes 8 to 15.
     #[inline(always)]
     fn splat_eights(self, x: [f32; 2]) -> Self::F {
         const { assert!(Self::LANES == 8) };
         self.splat(x[0])
     }
-    /// Writes each lane's number.
+    /// Reads eight numbers into lanes 0 to 7 and eight from elsewhere into lanes 8 to 15.
     ///
     /// # Safety
-    /// `to` is good for writing `LANES` numbers.
-    unsafe fn store(self, to: *mut f32, a: Self::F);
-    /// Reads an id into each lane.
+    /// Each pointer is valid for reading eight numbers.
+    #[inline(always)]
+    unsafe fn load_eights(self, from: [*const f32; 2]) -> Self::F {
+        const { assert!(Self::LANES == 8) };
+        // SAFETY: the caller vouches for eight numbers.
+        unsafe { self.load(from[0]) }
+    }
+    /// Looks up a table of sixteen numbers by the lowest four bits of `index`. Lanes 0 to 7 use the first table, lanes 8
+    /// to 15 the second.
     ///
     /// # Safety
-    /// `from` is good for reading `LANES` ids.
-    unsafe fn load_u32(self, from: *const u32) -> Self::I;
-    /// The same id in each lane.
-    fn splat_u32(self, id: u32) -> Self::I;
-    /// Writes each lane's id.
-    ///
-    /// # Safety
-    /// `to` is good for writing `LANES` ids.
-    unsafe fn store_u32(self, to: *mut u32, ids: Self::I);
-    /// Writes the ids of the lanes in `mask`, in order, side by side; what follows them is unspecified.
-    ///
-    /// # Safety
-    /// `to` is good for writing `LANES` ids.
-    unsafe fn append(self, to: *mut u32, mask: LaneBits, ids: Self::I);
-    /// Reads rows of eight numbers, the one for lane `i` at byte `ids[i]` after `base`, and turns them
-    /// into eight vectors, one a column.
-    ///
-    /// # Safety
-    /// `ids` is good for reading `LANES` ids, each of which leads to a readable row.
-    unsafe fn rows(self, base: *const f32, ids: *const u32) -> [Self::F; 8];
-    /// Writes `LANES` rows of eight numbers, one after the other, from eight columns.
-    ///
-    /// # Safety
-    /// `to` is good for writing `8 * LANES` numbers.
-    unsafe fn put_rows(self, to: *mut f32, columns: [Self::F; 8]);
-    /// Writes `LANES` rows of four numbers, one after the other, from four columns.
-    ///
-    /// # Safety
-    /// `to` is good for writing `4 * LANES` numbers.
-    unsafe fn put_quads(self, to: *mut f32, columns: [Self::F; 4]);
+    /// Each pointer is valid for reading sixteen numbers.
+    unsafe fn pick(self, from: [*const f32; 2], index: Self::I) -> Self::F;
 }
 
-/// A piece of work on lanes, with all that it needs.
+/// A task that [`Lanes::outlined`] runs out of line, with its arguments.
 pub trait OutlinedTask<L: Lanes> {
-    /// What comes out.
+    /// The result.
     type Output;
-    /// Does it. To be `inline(always)`, like all that it calls and that handles lanes.
+    /// Runs the task. Implementations must be `inline(always)`, as must everything they call that handles lanes.
     fn run(self, l: L) -> Self::Output;
 }
 
-/// `f` of each of three. Unlike `map` of arrays it is sure to be inlined, and `f` with it.
-#[inline(always)]
-pub(crate) fn each<A: Copy, B>(a: [A; 3], f: impl Fn(A) -> B) -> [B; 3] {
-    [f(a[0]), f(a[1]), f(a[2])]
-}
-
-/// `f` of each of three pairs, likewise.
-#[inline(always)]
-pub(crate) fn zip<A: Copy, B: Copy, C>(a: [A; 3], b: [B; 3], f: impl Fn(A, B) -> C) -> [C; 3] {
-    [f(a[0], b[0]), f(a[1], b[1]), f(a[2], b[2])]
-}
-
-/// Three numbers, each in every lane.
-#[inline(always)]
-pub(crate) fn splat<L: Lanes>(l: L, x: [f32; 3]) -> [L::F; 3] {
-    [l.splat(x[0]), l.splat(x[1]), l.splat(x[2])]
-}
-
-/// Three numbers for each eight lanes.
-#[inline(always)]
-pub(crate) fn splat_eights<L: Lanes>(l: L, [a, b]: [[f32; 3]; 2]) -> [L::F; 3] {
-    [l.splat_eights([a[0], b[0]]), l.splat_eights([a[1], b[1]]), l.splat_eights([a[2], b[2]])]
-}
-
-/// Row `row` of three columns, in every lane.
-#[inline(always)]
-pub(crate) fn splat_row<L: Lanes>(l: L, columns: &[[f32; 8]; 3], row: usize) -> [L::F; 3] {
-    [l.splat(columns[0][row]), l.splat(columns[1][row]), l.splat(columns[2][row])]
-}
-
-/// Three columns of eight, row by row in eight lanes.
-#[inline(always)]
-pub(crate) fn load<L: Lanes>(l: L, columns: &[[f32; 8]; 3]) -> [L::F; 3] {
-    [load_one(l, &columns[0]), load_one(l, &columns[1]), load_one(l, &columns[2])]
-}
-
-/// A column of eight.
-#[inline(always)]
-pub(crate) fn load_one<L: Lanes>(l: L, column: &[f32; 8]) -> L::F {
-    const { assert!(L::LANES == 8) };
-    // SAFETY: invariant 1; there are eight numbers, as many as lanes.
-    unsafe { l.load(column.as_ptr()) }
-}
-
-/// Three columns out of eight lanes.
-#[inline(always)]
-pub(crate) fn keep<L: Lanes>(l: L, lanes: [L::F; 3]) -> [[f32; 8]; 3] {
-    let [x, y, z] = lanes;
-    [store_one(l, x), store_one(l, y), store_one(l, z)]
-}
-
-/// A column for each eight lanes.
-#[inline(always)]
-pub(crate) fn load_eights<L: Lanes>(l: L, columns: [&[f32; 8]; 2]) -> L::F {
-    // SAFETY: invariant 1; there are eight numbers in each.
-    unsafe { l.load_eights([columns[0].as_ptr(), columns[1].as_ptr()]) }
-}
-
-/// Eight lanes as a column.
-#[inline(always)]
-pub(crate) fn store_one<L: Lanes>(l: L, f: L::F) -> [f32; 8] {
-    const { assert!(L::LANES == 8) };
-    let mut column = [0.0; 8];
-    // SAFETY: invariant 1; there are eight numbers, as many as lanes.
-    unsafe {
-        l.store(column.as_mut_ptr(), f);
-    }
-    column
-}
-
-/// Eight rows of eight numbers as columns.
-#[inline(always)]
-pub(crate) fn columns<L: Lanes>(l: L, rows: &[[f32; 8]; 8]) -> [L::F; 8] {
-    const { assert!(L::LANES == 8) };
-    // SAFETY: invariant 1; there are eight rows, of 32 bytes each.
-    unsafe { l.rows(rows.as_ptr().cast(), [0, 32, 64, 96, 128, 160, 192, 224].as_ptr()) }
-}
-
-/// Eight lanes with the first four last.
-#[inline(always)]
-pub(crate) fn swap_halves<L: Lanes>(l: L, f: L::F) -> L::F {
-    l.from_bits(l.permute_u32(l.bits(f), eight_ids(l, &[4, 5, 6, 7, 0, 1, 2, 3])))
-}
-
-/// Eight ids.
-#[inline(always)]
-pub(crate) fn eight_ids<L: Lanes>(l: L, ids: &[u32; 8]) -> L::I {
-    const { assert!(L::LANES == 8) };
-    // SAFETY: invariant 1; there are eight ids, as many as lanes.
-    unsafe { l.load_u32(ids.as_ptr()) }
-}
-
-/// Numbers of lanes, for code that goes lane by lane.
-#[inline(always)]
-pub(crate) fn spill<L: Lanes>(l: L, f: L::F) -> [f32; MAX_LANES] {
-    const { assert!(L::LANES <= MAX_LANES) };
-    let mut numbers = [0.0; MAX_LANES];
-    // SAFETY: invariant 1; there is room for as many numbers as any level has lanes.
-    unsafe {
-        l.store(numbers.as_mut_ptr(), f);
-    }
-    numbers
-}
-
-/// The nearest integer to a number ≥ 0 and below 2⁶³, ties to even.
+/// The integer nearest to `x`, ties to even; `x` is at least 0 and below 2⁶³.
 #[inline(always)]
 pub(crate) fn nearest(x: f64) -> i64 {
-    // From here on there is no fraction; below, adding it leaves none.
+    // Numbers from here on have no fraction; adding it to a lesser number rounds the fraction away.
     const WHOLE: f64 = (1u64 << 52) as f64;
     (if x < WHOLE { (x + WHOLE) - WHOLE } else { x }) as i64
 }

@@ -1,6 +1,6 @@
-//! Eight lanes on 64-bit ARM: two NEON registers side by side, as the trees are eight wide.
+//! Eight lanes on 64-bit ARM: two NEON registers side by side, since nodes are eight wide.
 //!
-//! Without such a processor, QEMU runs the tests (with gcc-aarch64-linux-gnu and qemu-user of Debian):
+//! Without such a processor, QEMU runs the tests (with Debian's gcc-aarch64-linux-gnu and qemu-user):
 //! `CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_LINKER=aarch64-linux-gnu-gcc
 //! CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_RUNNER="qemu-aarch64 -L /usr/aarch64-linux-gnu"
 //! cargo test --release --no-default-features --target aarch64-unknown-linux-gnu --test tracing`.
@@ -11,21 +11,21 @@
 #![allow(unsafe_code, reason = "the invariants above")]
 
 use super::order::LANES_OF;
-use super::{LaneBits, Lanes, OutlinedTask, nearest, spill};
+use super::{LaneBits, Lanes, OutlinedTask, nearest, sealed::Sealed, spill};
 use std::arch::aarch64::*;
 
-/// Eight lanes of NEON.
+/// The token of NEON.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Neon;
 
 /// Lanes 0 to 3 and 4 to 7.
 type F = [float32x4_t; 2];
-/// Likewise.
+/// Lanes 0 to 3 and 4 to 7.
 type I = [uint32x4_t; 2];
 
-/// A bit a lane, from lanes of all ones and all zeros.
+/// A mask as bits, from lanes of all ones and all zeros.
 #[inline(always)]
-fn mask(lanes: I) -> u32 {
+fn collect(lanes: I) -> LaneBits {
     // SAFETY: invariant 1; eight words are read.
     unsafe {
         let bits = vld1q_u32_x2([1u32, 2, 4, 8, 16, 32, 64, 128].as_ptr());
@@ -33,9 +33,9 @@ fn mask(lanes: I) -> u32 {
     }
 }
 
-/// Lanes of all ones and all zeros, from a bit a lane.
+/// Whether each lane is in a mask, as all ones or all zeros.
 #[inline(always)]
-fn lanes(mask: LaneBits) -> I {
+fn expand(mask: LaneBits) -> I {
     // SAFETY: invariant 1; eight words are read.
     unsafe {
         let bits = vld1q_u32_x2([1u32, 2, 4, 8, 16, 32, 64, 128].as_ptr());
@@ -43,18 +43,21 @@ fn lanes(mask: LaneBits) -> I {
     }
 }
 
+/// The bits of numbers.
 #[inline(always)]
-fn ids(f: F) -> I {
+fn words(f: F) -> I {
     // SAFETY: invariant 1.
     unsafe { [vreinterpretq_u32_f32(f[0]), vreinterpretq_u32_f32(f[1])] }
 }
 
+/// The bits of numbers as signed integers.
 #[inline(always)]
 fn signed(f: F) -> [int32x4_t; 2] {
     // SAFETY: invariant 1.
     unsafe { [vreinterpretq_s32_f32(f[0]), vreinterpretq_s32_f32(f[1])] }
 }
 
+/// The numbers that have these bits.
 #[inline(always)]
 fn numbers(i: I) -> F {
     // SAFETY: invariant 1.
@@ -64,14 +67,14 @@ fn numbers(i: I) -> F {
 /// The lanes of a mask, in order.
 #[inline(always)]
 fn order_of(mask: LaneBits) -> I {
-    // SAFETY: invariant 1; there are 256 masks.
+    // SAFETY: invariant 1; the table has 256 entries.
     unsafe {
         let order = vmovl_u8(vld1_u8(LANES_OF.get_unchecked(mask as usize & 255).as_ptr()));
         [vmovl_u16(vget_low_u16(order)), vmovl_high_u16(order)]
     }
 }
 
-/// Turns four rows of four into columns, or columns into rows.
+/// Transposes 4 × 4 numbers.
 #[inline(always)]
 fn transpose(r: [float32x4_t; 4]) -> [float32x4_t; 4] {
     // SAFETY: invariant 1.
@@ -89,10 +92,8 @@ fn transpose(r: [float32x4_t; 4]) -> [float32x4_t; 4] {
     }
 }
 
-impl super::sealed::Sealed for Neon {}
+impl Sealed for Neon {}
 
-// SAFETY of every block below: invariant 1 for the instructions, 2 for the pointers.
-#[allow(clippy::undocumented_unsafe_blocks, reason = "the line above speaks for every block")]
 impl Lanes for Neon {
     const LANES: usize = 8;
     type F = F;
@@ -105,116 +106,122 @@ impl Lanes for Neon {
         [value; 8]
     }
 
-    #[inline(always)]
-    fn splat(self, x: f32) -> F {
-        unsafe { [vdupq_n_f32(x); 2] }
+    ops! {
+        fn splat(self, x: f32) -> F = [vdupq_n_f32(x); 2];
+        fn add(self, a: F, b: F) -> F = [vaddq_f32(a[0], b[0]), vaddq_f32(a[1], b[1])];
+        fn sub(self, a: F, b: F) -> F = [vsubq_f32(a[0], b[0]), vsubq_f32(a[1], b[1])];
+        fn mul(self, a: F, b: F) -> F = [vmulq_f32(a[0], b[0]), vmulq_f32(a[1], b[1])];
+        fn div(self, a: F, b: F) -> F = [vdivq_f32(a[0], b[0]), vdivq_f32(a[1], b[1])];
+        fn fma(self, a: F, b: F, c: F) -> F = [vfmaq_f32(c[0], a[0], b[0]), vfmaq_f32(c[1], a[1], b[1])];
+        // Comparisons, because `fmin` and `fmax` treat NaN otherwise than the trait says.
+        fn min(self, a: F, b: F) -> F =
+            [vbslq_f32(vcltq_f32(a[0], b[0]), a[0], b[0]), vbslq_f32(vcltq_f32(a[1], b[1]), a[1], b[1])];
+        fn max(self, a: F, b: F) -> F =
+            [vbslq_f32(vcgtq_f32(a[0], b[0]), a[0], b[0]), vbslq_f32(vcgtq_f32(a[1], b[1]), a[1], b[1])];
+        fn sqrt(self, a: F) -> F = [vsqrtq_f32(a[0]), vsqrtq_f32(a[1])];
+        fn floor(self, a: F) -> F = [vrndmq_f32(a[0]), vrndmq_f32(a[1])];
+        fn abs(self, a: F) -> F = [vabsq_f32(a[0]), vabsq_f32(a[1])];
+        fn neg(self, a: F) -> F = [vnegq_f32(a[0]), vnegq_f32(a[1])];
+        fn with_sign_of(self, a: F, b: F) -> F = {
+            let sign = vdupq_n_u32(1 << 31);
+            [vbslq_f32(sign, b[0], a[0]), vbslq_f32(sign, b[1], a[1])]
+        };
+        fn max_bits(self, a: F, b: F) -> F = {
+            let (a, b) = (signed(a), signed(b));
+            [vreinterpretq_f32_s32(vmaxq_s32(a[0], b[0])), vreinterpretq_f32_s32(vmaxq_s32(a[1], b[1]))]
+        };
+        fn min_bits(self, a: F, b: F) -> F = {
+            let (a, b) = (signed(a), signed(b));
+            [vreinterpretq_f32_s32(vminq_s32(a[0], b[0])), vreinterpretq_f32_s32(vminq_s32(a[1], b[1]))]
+        };
+        fn lowest(self, a: F) -> f32 = vminnmvq_f32(vminnmq_f32(a[0], a[1]));
+        fn highest(self, a: F) -> f32 = vmaxnmvq_f32(vmaxnmq_f32(a[0], a[1]));
+
+        fn le(self, among: LaneBits, a: F, b: F) -> LaneBits =
+            among & collect([vcleq_f32(a[0], b[0]), vcleq_f32(a[1], b[1])]);
+        fn eq(self, among: LaneBits, a: F, b: F) -> LaneBits =
+            among & collect([vceqq_f32(a[0], b[0]), vceqq_f32(a[1], b[1])]);
+        fn lt(self, among: LaneBits, a: F, b: F) -> LaneBits =
+            among & collect([vcltq_f32(a[0], b[0]), vcltq_f32(a[1], b[1])]);
+        fn le_bits(self, among: LaneBits, a: F, b: F) -> LaneBits = {
+            let (a, b) = (signed(a), signed(b));
+            among & collect([vcleq_s32(a[0], b[0]), vcleq_s32(a[1], b[1])])
+        };
+        fn lt_u32(self, among: LaneBits, a: I, b: I) -> LaneBits =
+            among & collect([vcltq_u32(a[0], b[0]), vcltq_u32(a[1], b[1])]);
+        fn eq_u32(self, among: LaneBits, a: I, b: I) -> LaneBits =
+            among & collect([vceqq_u32(a[0], b[0]), vceqq_u32(a[1], b[1])]);
+        fn signs(self, a: F) -> LaneBits = {
+            let (a, sign) = (words(a), vdupq_n_u32(1 << 31));
+            collect([vtstq_u32(a[0], sign), vtstq_u32(a[1], sign)])
+        };
+        fn select(self, mask: LaneBits, a: F, b: F) -> F = {
+            let lanes = expand(mask);
+            [vbslq_f32(lanes[0], a[0], b[0]), vbslq_f32(lanes[1], a[1], b[1])]
+        };
+        fn select_u32(self, mask: LaneBits, a: I, b: I) -> I = {
+            let lanes = expand(mask);
+            [vbslq_u32(lanes[0], a[0], b[0]), vbslq_u32(lanes[1], a[1], b[1])]
+        };
+
+        fn splat_u32(self, x: u32) -> I = [vdupq_n_u32(x); 2];
+        fn add_u32(self, a: I, b: I) -> I = [vaddq_u32(a[0], b[0]), vaddq_u32(a[1], b[1])];
+        fn mul_u32(self, a: I, b: I) -> I = [vmulq_u32(a[0], b[0]), vmulq_u32(a[1], b[1])];
+        fn and_u32(self, a: I, b: I) -> I = [vandq_u32(a[0], b[0]), vandq_u32(a[1], b[1])];
+        fn or_u32(self, a: I, b: I) -> I = [vorrq_u32(a[0], b[0]), vorrq_u32(a[1], b[1])];
+        fn xor_u32(self, a: I, b: I) -> I = [veorq_u32(a[0], b[0]), veorq_u32(a[1], b[1])];
+        fn shl_u32(self, a: I, count: u32) -> I = {
+            let by = vdupq_n_s32(count as i32);
+            [vshlq_u32(a[0], by), vshlq_u32(a[1], by)]
+        };
+        fn shr_u32(self, a: I, count: u32) -> I = {
+            let by = vdupq_n_s32(-(count as i32));
+            [vshlq_u32(a[0], by), vshlq_u32(a[1], by)]
+        };
+        // The bits of each byte, then the bytes of each word.
+        fn reverse_u32(self, a: I) -> I = {
+            let reverse = |a| vreinterpretq_u32_u8(vrev32q_u8(vrbitq_u8(vreinterpretq_u8_u32(a))));
+            [reverse(a[0]), reverse(a[1])]
+        };
+        fn f32_to_u32(self, a: F) -> I = [vcvtq_u32_f32(a[0]), vcvtq_u32_f32(a[1])];
+        fn u32_to_f32(self, a: I) -> F = [vcvtq_f32_u32(a[0]), vcvtq_f32_u32(a[1])];
     }
-    #[inline(always)]
-    fn add(self, a: F, b: F) -> F {
-        unsafe { [vaddq_f32(a[0], b[0]), vaddq_f32(a[1], b[1])] }
+
+    ops! {
+        unsafe fn load(self, from: *const f32) -> F = [vld1q_f32(from), vld1q_f32(from.add(4))];
+        unsafe fn store(self, to: *mut f32, a: F) = {
+            vst1q_f32(to, a[0]);
+            vst1q_f32(to.add(4), a[1]);
+        };
+        unsafe fn load_u32(self, from: *const u32) -> I = [vld1q_u32(from), vld1q_u32(from.add(4))];
+        unsafe fn store_u32(self, to: *mut u32, a: I) = {
+            vst1q_u32(to, a[0]);
+            vst1q_u32(to.add(4), a[1]);
+        };
+        unsafe fn append(self, to: *mut u32, mask: LaneBits, a: I) =
+            self.store_u32(to, self.permute_u32(a, order_of(mask)));
     }
-    #[inline(always)]
-    fn sub(self, a: F, b: F) -> F {
-        unsafe { [vsubq_f32(a[0], b[0]), vsubq_f32(a[1], b[1])] }
-    }
-    #[inline(always)]
-    fn mul(self, a: F, b: F) -> F {
-        unsafe { [vmulq_f32(a[0], b[0]), vmulq_f32(a[1], b[1])] }
-    }
-    #[inline(always)]
-    fn div(self, a: F, b: F) -> F {
-        unsafe { [vdivq_f32(a[0], b[0]), vdivq_f32(a[1], b[1])] }
-    }
-    #[inline(always)]
-    fn fma(self, a: F, b: F, c: F) -> F {
-        unsafe { [vfmaq_f32(c[0], a[0], b[0]), vfmaq_f32(c[1], a[1], b[1])] }
-    }
+
     #[inline(always)]
     fn fms(self, a: F, b: F, c: F) -> F {
         self.fma(a, b, self.neg(c))
     }
-    // The instructions `fmin` and `fmax` treat NaN in another way than the trait says.
+
     #[inline(always)]
-    fn min(self, a: F, b: F) -> F {
-        unsafe {
-            [vbslq_f32(vcltq_f32(a[0], b[0]), a[0], b[0]), vbslq_f32(vcltq_f32(a[1], b[1]), a[1], b[1])]
-        }
+    fn bits(self, a: F) -> I {
+        words(a)
     }
+
     #[inline(always)]
-    fn max(self, a: F, b: F) -> F {
-        unsafe {
-            [vbslq_f32(vcgtq_f32(a[0], b[0]), a[0], b[0]), vbslq_f32(vcgtq_f32(a[1], b[1]), a[1], b[1])]
-        }
+    fn from_bits(self, a: I) -> F {
+        numbers(a)
     }
-    #[inline(always)]
-    fn sqrt(self, a: F) -> F {
-        unsafe { [vsqrtq_f32(a[0]), vsqrtq_f32(a[1])] }
-    }
-    #[inline(always)]
-    fn floor(self, a: F) -> F {
-        unsafe { [vrndmq_f32(a[0]), vrndmq_f32(a[1])] }
-    }
-    #[inline(always)]
-    fn abs(self, a: F) -> F {
-        unsafe { [vabsq_f32(a[0]), vabsq_f32(a[1])] }
-    }
-    #[inline(always)]
-    fn max_bits(self, a: F, b: F) -> F {
-        let (a, b) = (signed(a), signed(b));
-        unsafe { [0, 1].map(|i| vreinterpretq_f32_s32(vmaxq_s32(a[i], b[i]))) }
-    }
-    #[inline(always)]
-    fn min_bits(self, a: F, b: F) -> F {
-        let (a, b) = (signed(a), signed(b));
-        unsafe { [0, 1].map(|i| vreinterpretq_f32_s32(vminq_s32(a[i], b[i]))) }
-    }
-    #[inline(always)]
-    fn le_bits(self, among: LaneBits, a: F, b: F) -> LaneBits {
-        let (a, b) = (signed(a), signed(b));
-        unsafe { among & mask([vcleq_s32(a[0], b[0]), vcleq_s32(a[1], b[1])]) }
-    }
-    #[inline(always)]
-    fn neg(self, a: F) -> F {
-        unsafe { [vnegq_f32(a[0]), vnegq_f32(a[1])] }
-    }
-    #[inline(always)]
-    fn with_sign_of(self, a: F, b: F) -> F {
-        unsafe {
-            let sign = vdupq_n_u32(1 << 31);
-            [vbslq_f32(sign, b[0], a[0]), vbslq_f32(sign, b[1], a[1])]
-        }
-    }
-    #[inline(always)]
-    fn le(self, among: LaneBits, a: F, b: F) -> LaneBits {
-        unsafe { among & mask([vcleq_f32(a[0], b[0]), vcleq_f32(a[1], b[1])]) }
-    }
-    #[inline(always)]
-    fn eq(self, among: LaneBits, a: F, b: F) -> LaneBits {
-        unsafe { among & mask([vceqq_f32(a[0], b[0]), vceqq_f32(a[1], b[1])]) }
-    }
-    #[inline(always)]
-    fn lt(self, among: LaneBits, a: F, b: F) -> LaneBits {
-        unsafe { among & mask([vcltq_f32(a[0], b[0]), vcltq_f32(a[1], b[1])]) }
-    }
-    #[inline(always)]
-    fn signs(self, a: F) -> LaneBits {
-        unsafe {
-            let a = ids(a);
-            let sign = vdupq_n_u32(1 << 31);
-            mask([vtstq_u32(a[0], sign), vtstq_u32(a[1], sign)])
-        }
-    }
-    #[inline(always)]
-    fn select(self, mask: LaneBits, a: F, b: F) -> F {
-        unsafe {
-            let lanes = lanes(mask);
-            [vbslq_f32(lanes[0], a[0], b[0]), vbslq_f32(lanes[1], a[1], b[1])]
-        }
-    }
+
     #[inline(always)]
     fn pack(self, mask: LaneBits, a: F) -> F {
-        numbers(self.permute_u32(ids(a), order_of(mask)))
+        numbers(self.permute_u32(words(a), order_of(mask)))
     }
+
     #[inline(always)]
     fn to_fixed(self, a: F, scale: f64) -> [i64; 8] {
         let mut fixed = [0; 8];
@@ -223,23 +230,10 @@ impl Lanes for Neon {
         }
         fixed
     }
-    #[inline(always)]
-    fn lowest(self, a: F) -> f32 {
-        unsafe { vminnmvq_f32(vminnmq_f32(a[0], a[1])) }
-    }
-    #[inline(always)]
-    fn highest(self, a: F) -> f32 {
-        unsafe { vmaxnmvq_f32(vmaxnmq_f32(a[0], a[1])) }
-    }
-    #[inline(always)]
-    fn select_u32(self, mask: LaneBits, a: I, b: I) -> I {
-        unsafe {
-            let lanes = lanes(mask);
-            [vbslq_u32(lanes[0], a[0], b[0]), vbslq_u32(lanes[1], a[1], b[1])]
-        }
-    }
+
     #[inline(always)]
     fn permute_u32(self, a: I, order: I) -> I {
+        // SAFETY: invariant 1.
         unsafe {
             // Lane n is bytes 4n to 4n + 3.
             let table = uint8x16x2_t(vreinterpretq_u8_u32(a[0]), vreinterpretq_u8_u32(a[1]));
@@ -252,166 +246,76 @@ impl Lanes for Neon {
             ]
         }
     }
+
     #[inline(always)]
-    fn splat_u32(self, id: u32) -> I {
-        unsafe { [vdupq_n_u32(id); 2] }
-    }
-    #[inline(always)]
-    fn add_u32(self, a: I, b: I) -> I {
-        unsafe { [vaddq_u32(a[0], b[0]), vaddq_u32(a[1], b[1])] }
-    }
-    #[inline(always)]
-    fn mul_u32(self, a: I, b: I) -> I {
-        unsafe { [vmulq_u32(a[0], b[0]), vmulq_u32(a[1], b[1])] }
-    }
-    #[inline(always)]
-    fn and_u32(self, a: I, b: I) -> I {
-        unsafe { [vandq_u32(a[0], b[0]), vandq_u32(a[1], b[1])] }
-    }
-    #[inline(always)]
-    fn or_u32(self, a: I, b: I) -> I {
-        unsafe { [vorrq_u32(a[0], b[0]), vorrq_u32(a[1], b[1])] }
-    }
-    #[inline(always)]
-    fn xor_u32(self, a: I, b: I) -> I {
-        unsafe { [veorq_u32(a[0], b[0]), veorq_u32(a[1], b[1])] }
-    }
-    #[inline(always)]
-    fn shl_u32(self, a: I, count: u32) -> I {
-        unsafe {
-            let by = vdupq_n_s32(count as i32);
-            [vshlq_u32(a[0], by), vshlq_u32(a[1], by)]
-        }
-    }
-    #[inline(always)]
-    fn shr_u32(self, a: I, count: u32) -> I {
-        unsafe {
-            let by = vdupq_n_s32(-(count as i32));
-            [vshlq_u32(a[0], by), vshlq_u32(a[1], by)]
-        }
-    }
-    #[inline(always)]
-    fn reverse_u32(self, a: I) -> I {
-        unsafe {
-            // The bits of each byte, then the bytes of each word.
-            let reverse = |a| vreinterpretq_u32_u8(vrev32q_u8(vrbitq_u8(vreinterpretq_u8_u32(a))));
-            [reverse(a[0]), reverse(a[1])]
-        }
-    }
-    #[inline(always)]
-    fn lt_u32(self, among: LaneBits, a: I, b: I) -> LaneBits {
-        unsafe { among & mask([vcltq_u32(a[0], b[0]), vcltq_u32(a[1], b[1])]) }
-    }
-    #[inline(always)]
-    fn eq_u32(self, among: LaneBits, a: I, b: I) -> LaneBits {
-        unsafe { among & mask([vceqq_u32(a[0], b[0]), vceqq_u32(a[1], b[1])]) }
-    }
-    #[inline(always)]
-    fn f32_to_u32(self, a: F) -> I {
-        unsafe { [vcvtq_u32_f32(a[0]), vcvtq_u32_f32(a[1])] }
-    }
-    #[inline(always)]
-    fn u32_to_f32(self, a: I) -> F {
-        unsafe { [vcvtq_f32_u32(a[0]), vcvtq_f32_u32(a[1])] }
-    }
-    #[inline(always)]
-    fn bits(self, a: F) -> I {
-        ids(a)
-    }
-    #[inline(always)]
-    fn from_bits(self, a: I) -> F {
-        numbers(a)
-    }
-    #[inline(always)]
-    fn outlined<P: OutlinedTask<Self>>(self, piece: P) -> P::Output {
+    fn outlined<P: OutlinedTask<Self>>(self, task: P) -> P::Output {
         #[inline(never)]
-        fn run<P: OutlinedTask<Neon>>(l: Neon, piece: P) -> P::Output {
-            piece.run(l)
+        fn run<P: OutlinedTask<Neon>>(l: Neon, task: P) -> P::Output {
+            task.run(l)
         }
-        run(self, piece)
+        run(self, task)
     }
+
     #[inline(always)]
-    unsafe fn gather(self, from: *const u32, ids: I) -> I {
+    unsafe fn gather(self, from: *const u32, index: I) -> I {
         let mut words = [0; 8];
+        // SAFETY: invariants 1 and 2; the array has eight words.
         unsafe {
-            self.store_u32(words.as_mut_ptr(), ids);
-            let words = words.map(|id: u32| from.add(id as usize).read_unaligned());
+            self.store_u32(words.as_mut_ptr(), index);
+            let words = words.map(|index: u32| from.add(index as usize).read_unaligned());
             self.load_u32(words.as_ptr())
         }
     }
+
     #[inline(always)]
-    unsafe fn load(self, from: *const f32) -> F {
-        unsafe { [vld1q_f32(from), vld1q_f32(from.add(4))] }
-    }
-    #[inline(always)]
-    unsafe fn store(self, to: *mut f32, a: F) {
-        unsafe {
-            vst1q_f32(to, a[0]);
-            vst1q_f32(to.add(4), a[1]);
-        }
-    }
-    #[inline(always)]
-    unsafe fn load_u32(self, from: *const u32) -> I {
-        unsafe { [vld1q_u32(from), vld1q_u32(from.add(4))] }
-    }
-    #[inline(always)]
-    unsafe fn store_u32(self, to: *mut u32, ids: I) {
-        unsafe {
-            vst1q_u32(to, ids[0]);
-            vst1q_u32(to.add(4), ids[1]);
-        }
-    }
-    #[inline(always)]
-    unsafe fn pick(self, from: [*const f32; 2], ids: I) -> F {
+    unsafe fn pick(self, from: [*const f32; 2], index: I) -> F {
+        // SAFETY: invariants 1 and 2.
         unsafe {
             // Lane n is bytes 4n to 4n + 3.
             let bytes = |at: usize| vreinterpretq_u8_f32(vld1q_f32(from[0].add(4 * at)));
             let table = uint8x16x4_t(bytes(0), bytes(1), bytes(2), bytes(3));
             let (step, first) = (vdupq_n_u32(0x0404_0404), vdupq_n_u32(0x0302_0100));
-            let at = |ids| vreinterpretq_u8_u32(vmlaq_u32(first, vandq_u32(ids, vdupq_n_u32(15)), step));
+            let at = |index| vreinterpretq_u8_u32(vmlaq_u32(first, vandq_u32(index, vdupq_n_u32(15)), step));
             [
-                vreinterpretq_f32_u8(vqtbl4q_u8(table, at(ids[0]))),
-                vreinterpretq_f32_u8(vqtbl4q_u8(table, at(ids[1]))),
+                vreinterpretq_f32_u8(vqtbl4q_u8(table, at(index[0]))),
+                vreinterpretq_f32_u8(vqtbl4q_u8(table, at(index[1]))),
             ]
         }
     }
+
     #[inline(always)]
-    unsafe fn append(self, to: *mut u32, mask: LaneBits, ids: I) {
-        unsafe { self.store_u32(to, self.permute_u32(ids, order_of(mask))) }
+    unsafe fn rows(self, base: *const f32, offsets: *const u32) -> [F; 8] {
+        // SAFETY: invariants 1 and 2; there are eight offsets.
+        let row = |i| unsafe { self.load(base.byte_add(*offsets.add(i) as usize)) };
+        let [a, b, c, d] = [row(0), row(1), row(2), row(3)];
+        let [e, f, g, h] = [row(4), row(5), row(6), row(7)];
+        // Columns 0 to 3 and 4 to 7, each of the first four rows and of the others.
+        let [low, high] = [0, 1].map(|half| {
+            let first = transpose([a[half], b[half], c[half], d[half]]);
+            let second = transpose([e[half], f[half], g[half], h[half]]);
+            [[first[0], second[0]], [first[1], second[1]], [first[2], second[2]], [first[3], second[3]]]
+        });
+        [low[0], low[1], low[2], low[3], high[0], high[1], high[2], high[3]]
     }
+
     #[inline(always)]
-    unsafe fn rows(self, base: *const f32, ids: *const u32) -> [F; 8] {
-        unsafe {
-            let row = |i| self.load(base.byte_add(*ids.add(i) as usize));
-            let [a, b, c, d] = [row(0), row(1), row(2), row(3)];
-            let [e, f, g, h] = [row(4), row(5), row(6), row(7)];
-            // Columns 0 to 3 and 4 to 7, each of the first four rows and of the others.
-            let [low, high] = [0, 1].map(|half| {
-                let first = transpose([a[half], b[half], c[half], d[half]]);
-                let second = transpose([e[half], f[half], g[half], h[half]]);
-                [[first[0], second[0]], [first[1], second[1]], [first[2], second[2]], [first[3], second[3]]]
-            });
-            [low[0], low[1], low[2], low[3], high[0], high[1], high[2], high[3]]
-        }
-    }
-    #[inline(always)]
-    unsafe fn put_rows(self, to: *mut f32, columns: [F; 8]) {
-        unsafe {
-            let [a, b, c, d, e, f, g, h] = columns;
-            for half in 0..2 {
-                let left = transpose([a[half], b[half], c[half], d[half]]);
-                let right = transpose([e[half], f[half], g[half], h[half]]);
-                for i in 0..4 {
-                    self.store(to.add(8 * (4 * half + i)), [left[i], right[i]]);
-                }
+    unsafe fn put_rows(self, to: *mut f32, [a, b, c, d, e, f, g, h]: [F; 8]) {
+        for half in 0..2 {
+            let left = transpose([a[half], b[half], c[half], d[half]]);
+            let right = transpose([e[half], f[half], g[half], h[half]]);
+            for i in 0..4 {
+                // SAFETY: invariants 1 and 2.
+                unsafe { self.store(to.add(8 * (4 * half + i)), [left[i], right[i]]) };
             }
         }
     }
+
     #[inline(always)]
     unsafe fn put_quads(self, to: *mut f32, [a, b, c, d]: [F; 4]) {
-        unsafe {
-            for half in 0..2 {
-                let [e, f, g, h] = transpose([a[half], b[half], c[half], d[half]]);
+        for half in 0..2 {
+            let [e, f, g, h] = transpose([a[half], b[half], c[half], d[half]]);
+            // SAFETY: invariants 1 and 2: each writes two rows of eight.
+            unsafe {
                 self.store(to.add(16 * half), [e, f]);
                 self.store(to.add(16 * half + 8), [g, h]);
             }
