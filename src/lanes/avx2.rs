@@ -280,7 +280,8 @@ impl<const VL: bool> Lanes for EightLanes<VL> {
                 let (low, high) = (_mm256_loadu_ps(from[0]), _mm256_loadu_ps(from[0].add(8)));
                 return _mm256_permutex2var_ps(low, index, high);
             }
-            // The lowest three bits look up both halves of the table. The fourth, shifted to where the sign is, chooses.
+            // The lowest three bits look up both halves of the table. The fourth, shifted to where the sign is,
+            // chooses.
             let low = _mm256_permutevar8x32_ps(_mm256_loadu_ps(from[0]), index);
             let high = _mm256_permutevar8x32_ps(_mm256_loadu_ps(from[0].add(8)), index);
             _mm256_blendv_ps(low, high, _mm256_castsi256_ps(_mm256_slli_epi32::<28>(index)))

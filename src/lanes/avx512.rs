@@ -1,7 +1,8 @@
 //! Sixteen lanes on x86-64 with AVX-512 F, BW, DQ and VL.
 //!
 //! Unsafe code, because of instructions and pointers. Invariants:
-//! 1. A token exists only where the processor has AVX-512 F, BW, DQ and VL: the caller of [`Avx512::new`] vouches for it.
+//! 1. A token exists only where the processor has AVX-512 F, BW, DQ and VL: the caller of [`Avx512::new`] vouches for
+//!    it.
 //! 2. Every pointer access is within what the caller of the method vouches for, as the trait states it.
 #![allow(unsafe_code, reason = "the invariants above")]
 
@@ -236,8 +237,8 @@ impl Lanes for Avx512 {
 
     #[inline(always)]
     unsafe fn put_rows(self, to: *mut f32, [a, b, c, d, e, f, g, h]: [F; 8]) {
-        // Part `k` of `left[i]` and of `right[i]` is one half of row `4 * k + i`. Two rows are assembled before they are
-        // written, so that a later read of either finds it in one piece.
+        // Part `k` of `left[i]` and of `right[i]` is one half of row `4 * k + i`. Two rows are assembled before they
+        // are written, so that a later read of either finds it in one piece.
         let left = transpose_parts(self, [a, b, c, d]);
         let right = transpose_parts(self, [e, f, g, h]);
         for i in [0, 2] {

@@ -1,8 +1,8 @@
-//! Whole numbers in lanes: indices, and the bits of the sampler.
+//! [`Int`]: u32 in lanes, with operators, for indices and for the sampler's bits.
 //!
 //! Unsafe code, because arrays are read and written by pointer. Invariants:
 //! 1. Every array has at least as many elements as there are lanes.
-//! 2. Gathers are checked against the slice before anything is read.
+//! 2. Indices are checked against the table before anything is read.
 #![allow(unsafe_code, reason = "the invariants above")]
 
 use super::{Lanes, Mask, MaskRepr, Num, SingleLane};
@@ -22,13 +22,13 @@ impl<L: Lanes> Int<L> {
         Self { l, i: l.splat_u32(x) }
     }
 
-    /// A number for each lane.
+    /// One number per lane.
     #[inline(always)]
     pub fn from_array(l: L, numbers: &L::Array<u32>) -> Self {
         Self::load(l, numbers.as_ref())
     }
 
-    /// The number of each lane.
+    /// The index of each lane: 0, 1, 2, ..
     #[inline(always)]
     pub fn iota(l: L) -> Self {
         let mut numbers = L::array(0);
@@ -38,7 +38,7 @@ impl<L: Lanes> Int<L> {
         Self::from_array(l, &numbers)
     }
 
-    /// The numbers of a slice, and its lanes. Lanes that are left over have `beyond`.
+    /// The numbers of a slice, one per lane, and the mask of the lanes that have one. The other lanes get `beyond`.
     #[inline(always)]
     pub fn some(l: L, from: &[u32], beyond: u32) -> (Self, Mask<L>) {
         if from.len() >= L::LANES {
@@ -51,7 +51,7 @@ impl<L: Lanes> Int<L> {
         (Self::from_array(l, &numbers), Mask::first(l, from.len()))
     }
 
-    /// Each lane's number: for code that goes lane by lane.
+    /// The number of each lane, for code that goes lane by lane.
     #[inline(always)]
     pub fn to_array(self) -> L::Array<u32> {
         let mut numbers = L::array(0);
@@ -59,37 +59,37 @@ impl<L: Lanes> Int<L> {
         numbers
     }
 
-    /// The numbers at the start of a slice.
+    /// Reads the first elements of a slice, one per lane.
     ///
     /// # Panics
-    /// When there are fewer than lanes.
+    /// When the slice is shorter than the lanes.
     #[inline(always)]
     pub fn load(l: L, from: &[u32]) -> Self {
-        assert!(from.len() >= L::LANES, "a number for each lane");
-        // SAFETY: there are as many as lanes.
+        assert!(from.len() >= L::LANES, "one number per lane");
+        // SAFETY: invariant 1.
         Self { l, i: unsafe { l.load_u32(from.as_ptr()) } }
     }
 
-    /// Writes each lane's number to the start of a slice.
+    /// Writes the number of each lane to the start of a slice.
     ///
     /// # Panics
-    /// When it is shorter than there are lanes.
+    /// When the slice is shorter than the lanes.
     #[inline(always)]
     pub fn store(self, to: &mut [u32]) {
         assert!(to.len() >= L::LANES, "room for each lane");
-        // SAFETY: there is as much room as lanes.
+        // SAFETY: invariant 1.
         unsafe { self.l.store_u32(to.as_mut_ptr(), self.i) };
     }
 
-    /// Writes the numbers of the lanes of `mask`, in order, to the start of a slice; what follows them, up to
-    /// the number of lanes, is unspecified. Returns how many there are.
+    /// Writes the numbers of the lanes of `mask`, in order, to the start of a slice, and returns how many there are.
+    /// The elements after them, up to the number of lanes, are unspecified.
     ///
     /// # Panics
-    /// When the slice is shorter than there are lanes.
+    /// When the slice is shorter than the lanes.
     #[inline(always)]
     pub fn append(self, mask: Mask<L>, to: &mut [u32]) -> usize {
         assert!(to.len() >= L::LANES, "room for each lane");
-        // SAFETY: there is as much room as lanes.
+        // SAFETY: invariant 1.
         unsafe { self.l.append(to.as_mut_ptr(), mask.bits(), self.i) };
         mask.count()
     }
@@ -106,38 +106,38 @@ impl<L: Lanes> Int<L> {
         Self { l: a.l, i: mask.repr().select_u32(a.l, a.i, b.i) }
     }
 
-    /// Lanes in which this is less.
+    /// Lanes in which `self < other`.
     #[inline(always)]
     pub fn lt(self, other: Self) -> Mask<L> {
         Mask::new(self.l, L::M::lt_u32(self.l, self.i, other.i))
     }
 
-    /// Lanes in which this is less than `x`.
+    /// Lanes in which `self < x`.
     #[inline(always)]
     pub fn below(self, x: u32) -> Mask<L> {
         self.lt(Self::splat(self.l, x))
     }
 
-    /// Lanes in which this is `x`.
+    /// Lanes in which `self == x`.
     #[inline(always)]
     pub fn is(self, x: u32) -> Mask<L> {
         Mask::new(self.l, L::M::eq_u32(self.l, self.i, self.l.splat_u32(x)))
     }
 
-    /// The lesser of this and `x`.
+    /// The lesser of `self` and `x`.
     #[inline(always)]
     pub fn at_most(self, x: u32) -> Self {
         let x = Self::splat(self.l, x);
         Self::select(self.lt(x), self, x)
     }
 
-    /// The nearest f32 of numbers below 2³¹.
+    /// The nearest f32; numbers are below 2³¹.
     #[inline(always)]
     pub fn to_num(self) -> Num<L> {
         Num { l: self.l, f: self.l.u32_to_f32(self.i) }
     }
 
-    /// The number of these bits.
+    /// The f32 that has these bits.
     #[inline(always)]
     pub fn to_num_bits(self) -> Num<L> {
         Num { l: self.l, f: self.l.from_bits(self.i) }
@@ -149,36 +149,36 @@ impl<L: Lanes> Int<L> {
         Self { i: self.l.reverse_u32(self.i), ..self }
     }
 
-    /// Row `self` of a table of rows of `N` words.
+    /// Row `self` of a table of rows of `N` words, as `N` columns.
     ///
     /// # Panics
-    /// When a lane's row is not there, or the table has 2³⁰ words or more.
+    /// When the table has no such row, or 2³⁰ words or more.
     #[inline(always)]
     pub fn rows<const N: usize>(self, table: &[u32]) -> [Self; N] {
-        assert!(table.len() < 1 << 30, "byte places are 32 bits");
+        assert!(table.len() < 1 << 30, "byte offsets are 32 bits");
         let rows = (table.len() / N) as u32;
         assert!(self.below(rows).all(), "row {self:?} of {rows}");
         if N == 8 {
-            // Whole rows are read at once and turned into columns.
-            let bytes = Self { i: self.l.shl_u32(self.i, 5), ..self }.to_array();
+            // Whole rows are read at once and transposed.
+            let offsets = Self { i: self.l.shl_u32(self.i, 5), ..self }.to_array();
             // SAFETY: invariant 2; a row has 32 bytes, the table less than 2³².
-            let turned = unsafe { self.l.rows(table.as_ptr().cast(), bytes.as_ref().as_ptr()) };
+            let transposed = unsafe { self.l.rows(table.as_ptr().cast(), offsets.as_ref().as_ptr()) };
             let mut columns = [self; N];
-            for (column, f) in columns.iter_mut().zip(turned) {
+            for (column, f) in columns.iter_mut().zip(transposed) {
                 column.i = self.l.bits(f);
             }
             return columns;
         }
-        let place = if N == 1 { self.i } else { self.l.mul_u32(self.i, self.l.splat_u32(N as u32)) };
+        let first = if N == 1 { self.i } else { self.l.mul_u32(self.i, self.l.splat_u32(N as u32)) };
         let mut columns = [self; N];
         for (k, column) in columns.iter_mut().enumerate() {
-            // SAFETY: invariant 2: k < N, and place + N is at most the table's length.
-            column.i = unsafe { self.l.gather(table.as_ptr().add(k), place) };
+            // SAFETY: invariant 2: k < N, and first + N is at most the table's length.
+            column.i = unsafe { self.l.gather(table.as_ptr().add(k), first) };
         }
         columns
     }
 
-    /// Row `self` of a table of rows of `N` numbers; panics like [`Int::rows`].
+    /// Row `self` of a table of rows of `N` numbers, as `N` columns. Panics as [`Int::rows`] does.
     #[inline(always)]
     pub fn rows_of<const N: usize>(self, table: &[f32]) -> [Num<L>; N] {
         let words = self.rows::<N>(bytemuck::cast_slice(table));
@@ -189,7 +189,7 @@ impl<L: Lanes> Int<L> {
         columns
     }
 
-    /// Number `self` of a table; panics like [`Int::rows`].
+    /// Number `self` of a table. Panics as [`Int::rows`] does.
     #[inline(always)]
     pub fn of(self, table: &[f32]) -> Num<L> {
         self.rows::<1>(bytemuck::cast_slice(table))[0].to_num_bits()

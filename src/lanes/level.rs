@@ -1,7 +1,10 @@
-//! Instruction set levels, and how code comes to run with one.
+//! [`SimdLevel`]: which instruction set to use, and how to run code with it.
 //!
-//! Unsafe code for calling functions that enable instructions. Invariant 1: such a function is called
-//! only after the processor was asked whether it has them.
+//! A [`LaneTask`] is generic over [`Lanes`]. [`SimdLevel::run`] instantiates it for each level inside a function that
+//! enables the level's instructions (`#[target_feature]`), and calls the one for the chosen level.
+//!
+//! Unsafe code, because functions that enable instructions are called. Invariants:
+//! 1. Such a function is called only where [`SimdLevel::is_available`] has found the instructions.
 #![allow(unsafe_code, reason = "the invariants above")]
 
 #[cfg(target_arch = "aarch64")]
@@ -12,40 +15,40 @@ use super::{Lanes, SingleLane};
 use std::fmt;
 use std::str::FromStr;
 
-/// An instruction set that tracing and shading are written for. All give the same bits.
+/// An instruction set for tracing and shading. All levels give the same bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum SimdLevel {
-    /// Plain Rust, any processor: eight lanes for tracing, one for shading.
+    /// Plain Rust on any processor: eight lanes for tracing, one for shading.
     Scalar,
-    /// Eight lanes: any 64-bit ARM.
+    /// Eight lanes on any 64-bit ARM.
     Neon,
-    /// Eight lanes: x86-64 with AVX2, FMA and BMI.
+    /// Eight lanes on x86-64 with AVX2, FMA, BMI1, BMI2, LZCNT and POPCNT.
     Avx2,
-    /// Sixteen lanes: x86-64 with AVX-512 F, BW, DQ and VL.
+    /// Sixteen lanes on x86-64 with those of [`SimdLevel::Avx2`] and AVX-512 F, BW, DQ and VL.
     Avx512,
 }
 
-/// What can be done at any level.
+/// Work that runs at any level, with its arguments.
 pub trait LaneTask {
-    /// What comes out.
+    /// The result.
     type Output;
-    /// Does it. To be `inline(always)`, like all that it calls and that handles lanes.
+    /// Runs the task. Implementations must be `inline(always)`, as must everything they call that handles lanes.
     fn run<L: Lanes>(self, l: L) -> Self::Output;
 }
 
-/// A level that cannot be had.
+/// Why a level cannot be used.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
 pub enum SimdError {
     /// No level has this name.
     #[error("there is no SIMD level {name:?}; choose auto, {}", names(&SimdLevel::ALL))]
     Unknown {
-        /// What was asked for.
+        /// The requested name.
         name: String,
     },
     /// The processor lacks the instructions.
     #[error("this processor has no {level}; it has {}, or choose auto", names(&SimdLevel::available()))]
     Unavailable {
-        /// What was asked for.
+        /// The requested level.
         level: SimdLevel,
     },
 }
@@ -68,7 +71,7 @@ impl SimdLevel {
         Self::ALL.into_iter().filter(|level| level.is_available()).collect()
     }
 
-    /// Whether this processor has it.
+    /// Whether this processor has the level's instructions.
     pub fn is_available(self) -> bool {
         match self {
             Self::Scalar => true,
@@ -95,10 +98,10 @@ impl SimdLevel {
         }
     }
 
-    /// The level of a `--simd` argument: `auto` is the best there is.
+    /// The level of a `--simd` argument; `auto` is the best one that this processor has.
     ///
     /// # Errors
-    /// When no level has that name or the processor lacks it.
+    /// When no level has this name, or the processor lacks the level.
     pub fn choose(argument: &str) -> Result<Self, SimdError> {
         if argument == "auto" { Ok(Self::detect()) } else { argument.parse::<Self>()?.require() }
     }
@@ -111,58 +114,55 @@ impl SimdLevel {
         if self.is_available() { Ok(self) } else { Err(SimdError::Unavailable { level: self }) }
     }
 
-    /// Runs a kernel with the widest lanes of this level; with one lane at [`SimdLevel::Scalar`].
+    /// Runs a task with the widest lanes of this level; with one lane at [`SimdLevel::Scalar`].
     ///
     /// # Panics
     /// When the processor lacks the level: see [`SimdLevel::require`].
-    pub fn run<K: LaneTask>(self, kernel: K) -> K::Output {
+    pub fn run<T: LaneTask>(self, task: T) -> T::Output {
         assert!(self.is_available(), "this processor has no {self}");
         match self {
-            // One lane gains by the instructions too: without them each fused multiply-add is a call.
+            Self::Scalar => Self::run_one(task),
             #[cfg(target_arch = "x86_64")]
             // SAFETY: invariant 1.
-            Self::Scalar if Self::Avx2.is_available() => unsafe { x86::one(kernel) },
-            Self::Scalar => kernel.run(SingleLane::default()),
+            Self::Avx2 => unsafe { x86::avx2(task) },
             #[cfg(target_arch = "x86_64")]
             // SAFETY: invariant 1.
-            Self::Avx2 => unsafe { x86::avx2(kernel) },
-            #[cfg(target_arch = "x86_64")]
-            // SAFETY: invariant 1.
-            Self::Avx512 => unsafe { x86::avx512(kernel) },
+            Self::Avx512 => unsafe { x86::avx512(task) },
             #[cfg(not(target_arch = "x86_64"))]
             Self::Avx2 | Self::Avx512 => unreachable!("not available"),
             #[cfg(target_arch = "aarch64")]
-            Self::Neon => kernel.run(Neon),
+            Self::Neon => task.run(Neon),
             #[cfg(not(target_arch = "aarch64"))]
             Self::Neon => unreachable!("not available"),
         }
     }
 
-    /// Runs a kernel with one lane and the best instructions for that: what more lanes are measured against.
-    pub fn run_one<K: LaneTask>(kernel: K) -> K::Output {
+    /// Runs a task with one lane. It still gets the best instructions that this processor has: without FMA each fused
+    /// multiply-add is a call of a function.
+    pub fn run_one<T: LaneTask>(task: T) -> T::Output {
         #[cfg(target_arch = "x86_64")]
         if Self::Avx2.is_available() {
             // SAFETY: invariant 1.
-            return unsafe { x86::one(kernel) };
+            return unsafe { x86::one(task) };
         }
-        kernel.run(SingleLane::default())
+        task.run(SingleLane::default())
     }
 
-    /// Runs a kernel with eight lanes and the best instructions for that.
-    pub(crate) fn run_eight<K: LaneTask>(kernel: K) -> K::Output {
+    /// Runs a task with eight lanes and the best instructions for them.
+    pub(crate) fn run_eight<T: LaneTask>(task: T) -> T::Output {
         #[cfg(target_arch = "x86_64")]
         if Self::Avx2.is_available() {
             // SAFETY: invariant 1.
-            return unsafe { x86::avx2(kernel) };
+            return unsafe { x86::avx2(task) };
         }
         #[cfg(target_arch = "aarch64")]
         let eight = Neon;
         #[cfg(not(target_arch = "aarch64"))]
         let eight = Plain::<8>;
-        kernel.run(eight)
+        task.run(eight)
     }
 
-    /// The level whose kernels have so many lanes.
+    /// The level whose tasks have `lanes` lanes.
     #[cfg(feature = "render")]
     pub(crate) fn of_lanes(lanes: usize) -> Self {
         match lanes {
@@ -190,20 +190,20 @@ mod x86 {
     use super::LaneTask;
 
     #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
-    pub fn avx512<K: LaneTask>(kernel: K) -> K::Output {
-        // SAFETY: this function enables the instructions, so whoever calls it has them.
-        kernel.run(unsafe { Avx512::new() })
+    pub fn avx512<T: LaneTask>(task: T) -> T::Output {
+        // SAFETY: this function enables the instructions, so its caller has found them: invariant 1.
+        task.run(unsafe { Avx512::new() })
     }
 
     #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
-    pub fn one<K: LaneTask>(kernel: K) -> K::Output {
-        kernel.run(SingleLane::default())
+    pub fn one<T: LaneTask>(task: T) -> T::Output {
+        task.run(SingleLane::default())
     }
 
     #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
-    pub fn avx2<K: LaneTask>(kernel: K) -> K::Output {
-        // SAFETY: this function enables the instructions, so whoever calls it has them.
-        kernel.run(unsafe { Avx2::new() })
+    pub fn avx2<T: LaneTask>(task: T) -> T::Output {
+        // SAFETY: this function enables the instructions, so its caller has found them: invariant 1.
+        task.run(unsafe { Avx2::new() })
     }
 }
 

@@ -1,21 +1,21 @@
 //! SIMD: the small instruction set that tracing and shading are written in. The words are in `docs/glossary.md`.
 //!
-//! [`Lanes`] lists the instructions on vectors of f32 and u32. Each of these files implements it for one instruction set:
-//! `avx512` (16 lanes), `avx2` and `neon` (8), `plain` (any number, in plain Rust; one lane is [`SingleLane`]). [`Num`],
-//! [`Int`], [`Mask`] and [`Vector`] wrap them in operators, so that shading reads like scalar arithmetic. [`SimdLevel`]
-//! chooses an instruction set and runs a [`LaneTask`] with it.
+//! [`Lanes`] lists the instructions on vectors of f32 and u32. Each of these files implements it for one instruction
+//! set: `avx512` (16 lanes), `avx2` and `neon` (8), `plain` (any number, in plain Rust; one lane is [`SingleLane`]).
+//! [`Num`], [`Int`], [`Mask`] and [`Vector`] wrap them in operators, so that shading reads like scalar arithmetic.
+//! [`SimdLevel`] chooses an instruction set and runs a [`LaneTask`] with it.
 //!
-//! - **Same bits.** Every arithmetic operation is that of IEEE 754 binary32 in each lane, so all instruction sets, with any
-//!   number of lanes, give the same bits. `tests` compares them operation by operation.
+//! - **Same bits.** Every arithmetic operation is that of IEEE 754 binary32 in each lane, so all instruction sets, with
+//!   any number of lanes, give the same bits. `tests` compares them operation by operation.
 //! - **Tokens.** An implementation of [`Lanes`] is a zero-sized token. Holding one proves that the processor has the
 //!   instructions.
-//! - **Inlining.** All methods are `inline(always)`: they must be inlined into a function that enables the instructions,
-//!   and [`SimdLevel::run`] provides that function. All code between the two must be `inline(always)` as well. Loops are
-//!   safe; closures are not reliably inlined.
+//! - **Inlining.** All methods are `inline(always)`: they must be inlined into a function that enables the
+//!   instructions, and [`SimdLevel::run`] provides that function. All code between the two must be `inline(always)` as
+//!   well. Loops are safe; closures are not reliably inlined.
 //!
 //! Unsafe code, because methods read and write by pointer. Invariants:
-//! 1. Pointers passed to methods point to at least as many elements as the methods' contracts ask for: callers here pass
-//!    arrays and slices of a checked length.
+//! 1. Pointers passed to methods point to at least as many elements as the methods' contracts ask for: callers here
+//!    pass arrays and slices of a checked length.
 #![allow(unsafe_code, reason = "the invariants above")]
 
 #[macro_use]
@@ -187,7 +187,8 @@ pub trait Lanes: Copy + sealed::Sealed {
     fn shr_u32(self, a: Self::I, count: u32) -> Self::I;
     /// The bits of each word in reverse order.
     fn reverse_u32(self, a: Self::I) -> Self::I;
-    /// Lane `order[i]` of `a` in lane `i`. Of each word of `order` only the lowest bits count, as many as number the lanes.
+    /// Lane `order[i]` of `a` in lane `i`. Of each word of `order` only the lowest bits count, as many as number the
+    /// lanes.
     fn permute_u32(self, a: Self::I, order: Self::I) -> Self::I;
     /// Truncates to an integer; `a` is 0 to 2³¹ − 1.
     fn f32_to_u32(self, a: Self::F) -> Self::I;
@@ -238,8 +239,8 @@ pub trait Lanes: Copy + sealed::Sealed {
     /// # Safety
     /// `to` is valid for writing `LANES` words.
     unsafe fn append(self, to: *mut u32, mask: LaneBits, a: Self::I);
-    /// Reads rows of eight numbers, the row of lane `i` at byte `offsets[i]` after `base`, and transposes them into eight
-    /// vectors, one per column.
+    /// Reads rows of eight numbers, the row of lane `i` at byte `offsets[i]` after `base`, and transposes them into
+    /// eight vectors, one per column.
     ///
     /// # Safety
     /// `offsets` is valid for reading `LANES` offsets, and each leads to a readable row.
@@ -274,8 +275,8 @@ pub trait Lanes: Copy + sealed::Sealed {
         // SAFETY: the caller vouches for eight numbers.
         unsafe { self.load(from[0]) }
     }
-    /// Looks up a table of sixteen numbers by the lowest four bits of `index`. Lanes 0 to 7 use the first table, lanes 8
-    /// to 15 the second.
+    /// Looks up a table of sixteen numbers by the lowest four bits of `index`. Lanes 0 to 7 use the first table, lanes
+    /// 8 to 15 the second.
     ///
     /// # Safety
     /// Each pointer is valid for reading sixteen numbers.

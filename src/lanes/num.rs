@@ -1,13 +1,16 @@
-//! Numbers in lanes that read like numbers.
+//! [`Num`]: f32 in lanes, with operators.
 //!
-//! Unsafe code, because arrays are read and written by pointer. Invariant 1: every array has at least
-//! as many elements as there are lanes.
+//! There is no fused multiply-add here, on purpose: every operation rounds once, in source order, so that shading gives
+//! the same bits wherever it runs (a test of this module scans the sources for it).
+//!
+//! Unsafe code, because arrays are read and written by pointer. Invariants:
+//! 1. Every array has at least as many elements as there are lanes.
 #![allow(unsafe_code, reason = "the invariants above")]
 
 use super::{Int, Lanes, Mask, MaskRepr, SingleLane};
 use std::ops::{Add, AddAssign, Div, DivAssign, Mul, MulAssign, Neg, Sub, SubAssign};
 
-/// An f32 in each lane. Arithmetic is lane by lane; comparisons give masks.
+/// An f32 in each lane. Arithmetic is lane by lane; comparisons give a [`Mask`].
 #[derive(Clone, Copy)]
 pub struct Num<L: Lanes> {
     pub(super) l: L,
@@ -27,24 +30,24 @@ impl<L: Lanes> Num<L> {
         Self::splat(l, 0.0)
     }
 
-    /// A number for each lane.
+    /// One number per lane.
     #[inline(always)]
     pub fn from_array(l: L, numbers: &L::Array<f32>) -> Self {
         Self::load(l, numbers.as_ref())
     }
 
-    /// The numbers at the start of a slice.
+    /// Reads the first elements of a slice, one per lane.
     ///
     /// # Panics
-    /// When there are fewer than lanes.
+    /// When the slice is shorter than the lanes.
     #[inline(always)]
     pub fn load(l: L, from: &[f32]) -> Self {
-        assert!(from.len() >= L::LANES, "a number for each lane");
+        assert!(from.len() >= L::LANES, "one number per lane");
         // SAFETY: invariant 1.
         Self { l, f: unsafe { l.load(from.as_ptr()) } }
     }
 
-    /// Each lane's number: for code that goes lane by lane.
+    /// The number of each lane, for code that goes lane by lane.
     #[inline(always)]
     pub fn to_array(self) -> L::Array<f32> {
         let mut numbers = L::array(0.0);
@@ -53,7 +56,8 @@ impl<L: Lanes> Num<L> {
         numbers
     }
 
-    /// Eight columns as rows, one for each lane of `mask`, in order; what follows them is unspecified.
+    /// Transposes eight columns into rows, one row for each lane of `mask`, in order. The rows after them are
+    /// unspecified.
     #[inline(always)]
     pub fn packed_rows(mask: Mask<L>, columns: [Self; 8]) -> L::Array<[f32; 8]> {
         let [a, b, c, d, e, f, g, h] = columns;
@@ -63,28 +67,29 @@ impl<L: Lanes> Num<L> {
         );
         let mut rows = L::array([0.0; 8]);
         let columns = [a.f, b.f, c.f, d.f, e.f, f.f, g.f, h.f];
-        // SAFETY: invariant 1, eight numbers a row.
+        // SAFETY: invariant 1, with eight numbers per row.
         unsafe { a.l.put_rows(rows.as_mut().as_mut_ptr().cast(), columns) };
         rows
     }
 
-    /// Four columns as rows, one for each lane of `mask`, in order; what follows them is unspecified.
+    /// Transposes four columns into rows, one row for each lane of `mask`, in order. The rows after them are
+    /// unspecified.
     #[inline(always)]
     pub fn packed_quads(mask: Mask<L>, [a, b, c, d]: [Self; 4]) -> L::Array<[f32; 4]> {
         let [a, b, c, d] = [a.pack(mask), b.pack(mask), c.pack(mask), d.pack(mask)];
         let mut rows = L::array([0.0; 4]);
-        // SAFETY: invariant 1, four numbers a row.
+        // SAFETY: invariant 1, with four numbers per row.
         unsafe { a.l.put_quads(rows.as_mut().as_mut_ptr().cast(), [a.f, b.f, c.f, d.f]) };
         rows
     }
 
-    /// The lanes of `mask`, in order, in the first lanes; what is in the others is unspecified.
+    /// Moves the lanes of `mask`, in order, to the first lanes. The other lanes of the result are unspecified.
     #[inline(always)]
     pub fn pack(self, mask: Mask<L>) -> Self {
         Self { f: self.l.pack(mask.bits(), self.f), ..self }
     }
 
-    /// The nearest integers to this times `scale`, ties to even, of numbers ≥ 0 whose product is below 2⁶³.
+    /// The integers nearest to `self * scale`, ties to even; products are at least 0 and below 2⁶³.
     #[inline(always)]
     pub fn to_fixed(self, scale: f64) -> L::Array<i64> {
         self.l.to_fixed(self.f, scale)
@@ -102,7 +107,7 @@ impl<L: Lanes> Num<L> {
         Self { l: a.l, f: mask.repr().select(a.l, a.f, b.f) }
     }
 
-    /// This in the lanes of `mask`, 0 in the others.
+    /// `self` in the lanes of `mask`, 0 in the others.
     #[inline(always)]
     pub fn only(self, mask: Mask<L>) -> Self {
         Self::select(mask, self, Self::zero(self.l))
@@ -114,7 +119,7 @@ impl<L: Lanes> Num<L> {
         Self { f: self.l.sqrt(self.f), ..self }
     }
 
-    /// The greatest whole number that is not greater.
+    /// The greatest integer that is not greater.
     #[inline(always)]
     pub fn floor(self) -> Self {
         Self { f: self.l.floor(self.f), ..self }
@@ -126,109 +131,109 @@ impl<L: Lanes> Num<L> {
         Self { f: self.l.abs(self.f), ..self }
     }
 
-    /// The lesser, `other` where this is NaN.
+    /// The lesser of both; `other` where `self` is NaN.
     #[inline(always)]
     pub fn min(self, other: Self) -> Self {
         Self { f: self.l.min(self.f, other.f), ..self }
     }
 
-    /// The greater, `other` where this is NaN.
+    /// The greater of both; `other` where `self` is NaN.
     #[inline(always)]
     pub fn max(self, other: Self) -> Self {
         Self { f: self.l.max(self.f, other.f), ..self }
     }
 
-    /// This, at least `low` and at most `high`; `low` for NaN.
+    /// `self`, but at least `low` and at most `high`; `low` for NaN.
     #[inline(always)]
     pub fn clamp(self, low: f32, high: f32) -> Self {
         self.max(Self::splat(self.l, low)).min(Self::splat(self.l, high))
     }
 
-    /// The magnitude of this with the sign of `other`.
+    /// The magnitude of `self` with the sign of `other`.
     #[inline(always)]
     pub fn copysign(self, other: Self) -> Self {
         Self { f: self.l.with_sign_of(self.l.abs(self.f), other.f), ..self }
     }
 
-    /// 1 with this sign.
+    /// 1 with the sign of `self`.
     #[inline(always)]
     pub fn signum(self) -> Self {
         Self::splat(self.l, 1.0).copysign(self)
     }
 
-    /// This times itself.
+    /// `self * self`.
     #[inline(always)]
     pub fn squared(self) -> Self {
         self * self
     }
 
-    /// Lanes in which this is less.
+    /// Lanes in which `self < other`.
     #[inline(always)]
     pub fn lt(self, other: Self) -> Mask<L> {
         Mask::new(self.l, L::M::lt(self.l, self.f, other.f))
     }
 
-    /// Lanes in which this is less or the same.
+    /// Lanes in which `self <= other`.
     #[inline(always)]
     pub fn le(self, other: Self) -> Mask<L> {
         Mask::new(self.l, L::M::le(self.l, self.f, other.f))
     }
 
-    /// Lanes in which this is greater.
+    /// Lanes in which `self > other`.
     #[inline(always)]
     pub fn gt(self, other: Self) -> Mask<L> {
         other.lt(self)
     }
 
-    /// Lanes in which this is greater or the same.
+    /// Lanes in which `self >= other`.
     #[inline(always)]
     pub fn ge(self, other: Self) -> Mask<L> {
         other.le(self)
     }
 
-    /// Lanes in which both are the same.
+    /// Lanes in which `self == other`.
     #[inline(always)]
     pub fn same(self, other: Self) -> Mask<L> {
         Mask::new(self.l, L::M::eq(self.l, self.f, other.f))
     }
 
-    /// Lanes in which this is greater than `x`.
+    /// Lanes in which `self > x`.
     #[inline(always)]
     pub fn above(self, x: f32) -> Mask<L> {
         self.gt(Self::splat(self.l, x))
     }
 
-    /// Lanes in which this is less than `x`.
+    /// Lanes in which `self < x`.
     #[inline(always)]
     pub fn below(self, x: f32) -> Mask<L> {
         self.lt(Self::splat(self.l, x))
     }
 
-    /// Lanes in which this is 0.
+    /// Lanes in which `self` is 0, of either sign.
     #[inline(always)]
     pub fn is_zero(self) -> Mask<L> {
         self.same(Self::zero(self.l))
     }
 
-    /// Lanes in which this is neither infinite nor NaN.
+    /// Lanes in which `self` is neither infinite nor NaN.
     #[inline(always)]
     pub fn is_finite(self) -> Mask<L> {
         self.abs().below(f32::INFINITY)
     }
 
-    /// The whole part of numbers of 0 to 2³¹ − 1.
+    /// Truncates to integers; numbers are 0 to 2³¹ − 1.
     #[inline(always)]
     pub fn to_int(self) -> Int<L> {
         Int { l: self.l, i: self.l.f32_to_u32(self.f) }
     }
 
-    /// The bits.
+    /// The bits of each number.
     #[inline(always)]
     pub fn to_bits(self) -> Int<L> {
         Int { l: self.l, i: self.l.bits(self.f) }
     }
 
-    /// From this to `other`, by `share`.
+    /// Linear interpolation: `self` where `share` is 0, `other` where it is 1.
     #[inline(always)]
     pub fn lerp(self, other: Self, share: Self) -> Self {
         self + (other - self) * share

@@ -1,6 +1,7 @@
-//! The lanes of masks, for instruction sets that can shuffle but not compress.
+//! The lanes of every mask, for instruction sets that permute lanes by a table but cannot compress: AVX2 and NEON pack
+//! the lanes of a mask by permuting with its entry.
 
-/// For every mask of eight lanes the lanes in it, in order.
+/// For every mask of eight lanes the indices of its lanes in ascending order, then zeros.
 pub(super) static LANES_OF: [[u8; 8]; 256] = {
     let mut table = [[0; 8]; 256];
     let mut mask = 0;

@@ -1,33 +1,34 @@
-//! Any number of lanes in plain Rust.
+//! Any number of lanes in plain Rust, on any processor. One lane is the scalar level.
 //!
-//! Unsafe code, because lists and rows are reached by pointer. Invariant 1: every pointer access is
-//! within what the caller of the method vouches for, as the trait states it. 2: what needs instructions is called once
-//! [`SimdLevel::is_available`] has found them.
+//! Unsafe code, because of pointers and of functions that enable instructions. Invariants:
+//! 1. Every pointer access is within what the caller of the method vouches for, as the trait states it.
+//! 2. A function that enables instructions is called only where [`SimdLevel::is_available`] has found them.
 #![allow(unsafe_code, reason = "the invariants above")]
 
 #[cfg(target_arch = "x86_64")]
 use super::SimdLevel;
-use super::{LaneBits, Lanes, OutlinedTask, nearest};
+use super::{LaneBits, Lanes, OutlinedTask, nearest, sealed::Sealed};
 use std::array::from_fn;
 
-/// `N` lanes on any processor.
+/// The token of `N` lanes in plain Rust.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Plain<const N: usize>;
 
-/// One lane: the same code for a single ray.
+/// One lane: the same code for a single ray, with the same bits.
 pub type SingleLane = Plain<1>;
 
-fn mask<const N: usize>(test: impl Fn(usize) -> bool) -> u32 {
-    (0..N).fold(0, |mask, i| mask | u32::from(test(i)) << i)
+/// The mask of the lanes whose index passes a test.
+fn mask<const N: usize>(test: impl Fn(usize) -> bool) -> LaneBits {
+    (0..N).fold(0, |mask, i| mask | LaneBits::from(test(i)) << i)
 }
 
-/// The bits of a number as an integer.
+/// The bits of a number as a signed integer.
 #[inline(always)]
 fn signed(number: f32) -> i32 {
     number.to_bits().cast_signed()
 }
 
-impl<const N: usize> super::sealed::Sealed for Plain<N> {}
+impl<const N: usize> Sealed for Plain<N> {}
 
 impl<const N: usize> Lanes for Plain<N> {
     const LANES: usize = N;
@@ -159,8 +160,8 @@ impl<const N: usize> Lanes for Plain<N> {
         from_fn(|i| a[order[i] as usize % N])
     }
     #[inline(always)]
-    fn splat_u32(self, id: u32) -> Self::I {
-        [id; N]
+    fn splat_u32(self, x: u32) -> Self::I {
+        [x; N]
     }
     #[inline(always)]
     fn add_u32(self, a: Self::I, b: Self::I) -> Self::I {
@@ -218,30 +219,31 @@ impl<const N: usize> Lanes for Plain<N> {
     fn from_bits(self, a: Self::I) -> Self::F {
         a.map(f32::from_bits)
     }
-    // Where the caller stands its instructions are not known, so they are asked for: without them, rounding is a call.
+    // The token says nothing about the processor, so it is asked: without SSE4.1 rounding is a call of a function, and
+    // without FMA each fused multiply-add.
     #[inline(always)]
-    fn outlined<P: OutlinedTask<Self>>(self, piece: P) -> P::Output {
+    fn outlined<P: OutlinedTask<Self>>(self, task: P) -> P::Output {
         #[inline(never)]
-        fn run<const N: usize, P: OutlinedTask<Plain<N>>>(l: Plain<N>, piece: P) -> P::Output {
-            piece.run(l)
+        fn run<const N: usize, P: OutlinedTask<Plain<N>>>(l: Plain<N>, task: P) -> P::Output {
+            task.run(l)
         }
         #[cfg(target_arch = "x86_64")]
         #[inline(never)]
         #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
-        fn with_avx2<const N: usize, P: OutlinedTask<Plain<N>>>(l: Plain<N>, piece: P) -> P::Output {
-            piece.run(l)
+        fn with_avx2<const N: usize, P: OutlinedTask<Plain<N>>>(l: Plain<N>, task: P) -> P::Output {
+            task.run(l)
         }
         #[cfg(target_arch = "x86_64")]
         if SimdLevel::Avx2.is_available() {
             // SAFETY: invariant 2.
-            return unsafe { with_avx2(self, piece) };
+            return unsafe { with_avx2(self, task) };
         }
-        run(self, piece)
+        run(self, task)
     }
     #[inline(always)]
-    unsafe fn gather(self, from: *const u32, ids: Self::I) -> Self::I {
+    unsafe fn gather(self, from: *const u32, index: Self::I) -> Self::I {
         // SAFETY: invariant 1.
-        from_fn(|i| unsafe { from.add(ids[i] as usize).read_unaligned() })
+        from_fn(|i| unsafe { from.add(index[i] as usize).read_unaligned() })
     }
     #[inline(always)]
     unsafe fn load(self, from: *const f32) -> Self::F {
@@ -259,29 +261,29 @@ impl<const N: usize> Lanes for Plain<N> {
         unsafe { from.cast::<[u32; N]>().read_unaligned() }
     }
     #[inline(always)]
-    unsafe fn store_u32(self, to: *mut u32, ids: Self::I) {
+    unsafe fn store_u32(self, to: *mut u32, a: Self::I) {
         // SAFETY: invariant 1.
-        unsafe { to.cast::<[u32; N]>().write_unaligned(ids) }
+        unsafe { to.cast::<[u32; N]>().write_unaligned(a) }
     }
     #[inline(always)]
-    unsafe fn pick(self, from: [*const f32; 2], ids: Self::I) -> Self::F {
+    unsafe fn pick(self, from: [*const f32; 2], index: Self::I) -> Self::F {
         // SAFETY: invariant 1.
-        from_fn(|i| unsafe { from[i / 8].add(ids[i] as usize % 16).read_unaligned() })
+        from_fn(|i| unsafe { from[i / 8].add(index[i] as usize % 16).read_unaligned() })
     }
     #[inline(always)]
-    unsafe fn append(self, to: *mut u32, mask: LaneBits, ids: Self::I) {
+    unsafe fn append(self, to: *mut u32, mask: LaneBits, a: Self::I) {
         let mut len = 0;
-        for (i, id) in ids.into_iter().enumerate() {
+        for (i, word) in a.into_iter().enumerate() {
             // SAFETY: invariant 1; no more are written than there are lanes.
-            unsafe { to.add(len).write(id) };
+            unsafe { to.add(len).write(word) };
             len += (mask >> i & 1) as usize;
         }
     }
     #[inline(always)]
-    unsafe fn rows(self, base: *const f32, ids: *const u32) -> [Self::F; 8] {
+    unsafe fn rows(self, base: *const f32, offsets: *const u32) -> [Self::F; 8] {
         let rows: [[f32; 8]; N] =
             // SAFETY: invariant 1.
-            from_fn(|i| unsafe { base.byte_add(*ids.add(i) as usize).cast::<[f32; 8]>().read_unaligned() });
+            from_fn(|i| unsafe { base.byte_add(*offsets.add(i) as usize).cast::<[f32; 8]>().read_unaligned() });
         from_fn(|column| rows.map(|row| row[column]))
     }
     #[inline(always)]

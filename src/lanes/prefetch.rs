@@ -1,46 +1,49 @@
-//! Asking for memory before it is needed.
+//! [`Prefetch`]: loading cache lines before they are needed.
 //!
-//! Unsafe code for instructions. Invariant 1: a prefetch reads nothing and faults never, whatever the address, and every processor
-//! of its architecture has it.
+//! Unsafe code, because of instructions. Invariants:
+//! 1. A prefetch instruction never faults and changes nothing that a program can read, whatever the address, and every
+//!    processor of its architecture has it.
 #![allow(unsafe_code, reason = "the invariants above")]
 
 use std::sync::LazyLock;
 
-/// Into which cache memory is asked.
+/// The cache that lines are prefetched into.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Prefetch {
-    /// The nearest.
+    /// The first-level cache.
     First,
-    /// The one behind it. A first cache has room for a few dozen lines under way. Asked for one more, Intel's processors wait for
-    /// one to arrive, but AMD's up to Zen 4 drop it (seen there: beyond 24); into the second cache they bring all.
+    /// The second-level cache. A first-level cache can wait for a few dozen lines at once. At one more, Intel's
+    /// processors stall until a line arrives, but AMD's up to Zen 4 drop the prefetch (measured: beyond 24 lines).
+    /// Prefetches into the second-level cache are not dropped.
     #[cfg_attr(
         not(target_arch = "x86_64"),
-        expect(dead_code, reason = "only x86-64 has instructions for it")
+        expect(dead_code, reason = "only x86-64 has processors that need it")
     )]
     Second,
 }
 
-/// Bytes that a core may hope to find in the last of the caches, where lines come from so fast that few are under way.
+/// Bytes that probably fit a core's share of the last-level cache. Lines from there arrive so fast that few are waited
+/// for at once.
 const NEAR: usize = 16 << 20;
 
 impl Prefetch {
-    /// What is best on this processor for places all over so many bytes.
+    /// The best choice on this processor for addresses scattered over `bytes` bytes.
     #[inline]
     pub fn all_over(bytes: usize) -> Self {
         static FAR: LazyLock<Prefetch> = LazyLock::new(Prefetch::by_processor);
         if bytes > NEAR { *FAR } else { Self::First }
     }
 
-    /// The same for more bytes than any cache has.
+    /// The best choice for more bytes than any cache holds.
     #[cfg(target_arch = "x86_64")]
     fn by_processor() -> Self {
         use std::arch::x86_64::__cpuid;
         let leaf = __cpuid(0);
         let vendor: [u8; 12] = bytemuck::cast([leaf.ebx, leaf.edx, leaf.ecx].map(u32::to_le_bytes));
-        // The basic family and the extended one, which counts where the basic one is 15, as all of Zen's are.
+        // The basic family plus the extended family, which is valid where the basic one is 15, as on every Zen.
         let version = __cpuid(1).eax;
         let family = (version >> 8 & 0xf) + (version >> 20 & 0xff);
-        // Hygon's are AMD's design; 25 is Zen 3 and 4, 26 Zen 5.
+        // Hygon's processors are AMD's design. Family 25 is Zen 3 and 4, family 26 is Zen 5.
         let drops = matches!(&vendor, b"AuthenticAMD" | b"HygonGenuine") && family <= 25;
         if drops { Self::Second } else { Self::First }
     }
@@ -50,10 +53,10 @@ impl Prefetch {
         Self::First
     }
 
-    /// Asks for the cache lines at some addresses, which need not lead anywhere.
+    /// Prefetches the cache lines at some addresses, which need not be valid.
     #[inline(always)]
     pub fn each<T, const N: usize>(self, addresses: [*const T; N]) {
-        // Decided once for all of them.
+        // One branch for all addresses.
         match self {
             Self::First => addresses.into_iter().for_each(into_first),
             Self::Second => addresses.into_iter().for_each(into_second),
@@ -106,7 +109,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn any_address_may_be_asked_for() {
+    fn any_address_may_be_prefetched() {
         let number = 7u32;
         for prefetch in [Prefetch::First, Prefetch::Second, Prefetch::all_over(usize::MAX)] {
             prefetch.each([&raw const number, std::ptr::null(), std::ptr::without_provenance(!7)]);

@@ -1,4 +1,4 @@
-//! All levels compute the same bits and move data right.
+//! All instruction sets compute the same bits and move data right.
 //!
 //! Unsafe code, because buffers are read and written by pointer. Invariants:
 //! 1. Every buffer is at least as long as the method's contract asks for.
@@ -6,189 +6,327 @@
 #![allow(unsafe_code, reason = "the invariants above")]
 
 use super::*;
+use std::path::{Path, PathBuf};
 
-/// Runs every operation on awkward numbers and gives all results, eight lanes at a time.
-fn everything<L: Lanes>(l: L) -> Vec<u32> {
-    let numbers: Vec<f32> = (0..64u32)
-        .map(|i| {
-            let odd = [0.0, -0.0, 1.0, -1.5, 1e-40, 3e38, f32::INFINITY, f32::NEG_INFINITY];
-            let x = i.wrapping_mul(0x9e37_79b9) ^ (i << 13);
-            if i % 3 == 0 { odd[(i / 3 % 8) as usize] } else { x as f32 / (1u64 << 31) as f32 - 1.0 }
-        })
-        .collect();
-    let mut results = Vec::new();
-    for at in (0..32).step_by(l.lanes()) {
-        let mut keep = |f: L::F| {
-            let mut out = [0.0f32; MAX_LANES];
-            // SAFETY: invariant 1; sixteen numbers are enough for any lanes.
-            unsafe { l.store(out.as_mut_ptr(), f) };
-            // One zero is as good as the other after min and max; NaNs differ in payload.
-            let bits = |x: f32| if x.is_nan() { u32::MAX } else { (x + 0.0).to_bits() };
-            results.push((at, out[..L::LANES].iter().map(|&x| bits(x)).collect::<Vec<_>>()));
-        };
-        // SAFETY: invariant 1; 32 + at + LANES <= 64.
-        let (a, b, c) = unsafe {
-            let p = numbers.as_ptr();
-            (l.load(p.add(at)), l.load(p.add(at + 7)), l.load(p.add(at + 32)))
-        };
-        for f in [l.add(a, b), l.sub(a, b), l.mul(a, b), l.div(a, b), l.fma(a, b, c), l.fms(a, b, c)] {
-            keep(f);
+/// Runs a task with every implementation of [`Lanes`] that this processor has.
+fn with_each<T: LaneTask + Copy>(task: T) -> Vec<T::Output> {
+    let mut results = vec![task.run(Plain::<8>), task.run(SingleLane::default())];
+    #[cfg(target_arch = "aarch64")]
+    results.push(task.run(Neon));
+    #[cfg(target_arch = "x86_64")]
+    // SAFETY: invariant 2.
+    unsafe {
+        if SimdLevel::Avx2.is_available() {
+            results.push(task.run(Avx2::new()));
         }
-        for f in [l.min(a, b), l.max(a, b), l.abs(a), l.neg(a), l.with_sign_of(l.abs(a), b), l.splat(2.5)] {
-            keep(f);
-        }
-        for f in [l.sqrt(a), l.floor(l.mul(a, l.splat(9.0))), l.max_bits(a, b), l.min_bits(a, b)] {
-            keep(f);
-        }
-        let all = L::ALL;
-        let mask = l.le(all, a, b);
-        keep(l.select(mask, a, b));
-        let (i, k) = (l.bits(a), l.bits(b));
-        for id in [
-            l.add_u32(i, k),
-            l.mul_u32(i, k),
-            l.and_u32(i, k),
-            l.or_u32(i, k),
-            l.xor_u32(i, k),
-            l.shl_u32(i, 7),
-            l.shr_u32(i, 11),
-            l.reverse_u32(i),
-            l.f32_to_u32(l.min(l.abs(b), l.splat(1e9))),
-            l.select_u32(l.lt_u32(L::ALL, i, k), i, k),
-            l.select_u32(l.eq_u32(L::ALL, i, l.and_u32(i, k)), i, k),
-        ] {
-            let mut out = [0u32; MAX_LANES];
-            // SAFETY: invariant 1; sixteen ids are enough for any lanes.
-            unsafe { l.store_u32(out.as_mut_ptr(), id) };
-            results.push((at, out[..L::LANES].to_vec()));
-        }
-        let some = 0x5a5a >> (at % 8) & all;
-        for mask in [
-            mask,
-            l.le(some, a, b),
-            l.lt(all, a, b),
-            l.eq(all, a, a),
-            l.eq(all, a, b),
-            l.signs(c),
-            l.le_bits(some, a, b),
-        ] {
-            let lanes = (0..L::LANES).map(|i| mask >> i & 1).collect();
-            results.push((at, lanes));
-            assert_eq!(mask & !all, 0);
+        if SimdLevel::Avx512.is_available() {
+            results.push(task.run(Avx512Eights::new()));
+            results.push(task.run(Avx512::new()));
         }
     }
-    // Sixteen lanes at once or twice eight: bring both to the same order.
-    let per_kind = results.len() / (32 / L::LANES);
-    (0..per_kind)
-        .flat_map(|kind| results.iter().skip(kind).step_by(per_kind).flat_map(|(_, lanes)| lanes.clone()))
-        .collect()
+    results
 }
 
-/// Gathers, transposes, appends.
-fn memory<L: Lanes>(l: L) {
-    let rows: Vec<f32> = (0..8 * 40).map(|i| i as f32).collect();
-    let ids: Vec<u32> = (0..L::LANES as u32).map(|i| (i * 7 + 3) % 40 * 32).collect();
-    let odd: Vec<u32> = (0..L::LANES as u32).map(|i| i.wrapping_mul(0x9e37_79b9) ^ i).collect();
-    // SAFETY: invariant 1; all ids lead to one of the 40 rows; every buffer holds what is read and written.
-    unsafe {
-        let columns = l.rows(rows.as_ptr(), ids.as_ptr());
-        for (column, f) in columns.iter().enumerate() {
-            let mut out = [0.0f32; MAX_LANES];
-            l.store(out.as_mut_ptr(), *f);
-            for lane in 0..L::LANES {
-                assert_eq!(out[lane], rows[ids[lane] as usize / 4 + column], "column {column}, lane {lane}");
-            }
+/// The lanes of a mask as words, 1 for those that are set.
+fn lanes_of<L: Lanes>(mask: LaneBits) -> Vec<u32> {
+    assert_eq!(mask & !L::ALL, 0, "bits beyond the lanes are 0");
+    (0..L::LANES).map(|lane| mask >> lane & 1).collect()
+}
+
+fn words<L: Lanes>(l: L, a: L::I) -> Vec<u32> {
+    Int { l, i: a }.to_array().as_ref().to_vec()
+}
+
+/// Every operation on 32 awkward numbers: one list per operation, of the results for all numbers.
+#[derive(Clone, Copy)]
+struct Operations;
+
+impl LaneTask for Operations {
+    type Output = Vec<Vec<u32>>;
+
+    fn run<L: Lanes>(self, l: L) -> Vec<Vec<u32>> {
+        let numbers: [f32; 64] = std::array::from_fn(|i| {
+            let odd = [0.0, -0.0, 1.0, -1.5, 1e-40, 3e38, f32::INFINITY, f32::NEG_INFINITY];
+            let x = (i as u32).wrapping_mul(0x9e37_79b9) ^ ((i as u32) << 13);
+            if i % 3 == 0 { odd[i / 3 % 8] } else { x as f32 / (1u64 << 31) as f32 - 1.0 }
+        });
+        let mut all: Vec<Vec<u32>> = Vec::new();
+        for at in (0..32).step_by(L::LANES) {
+            let load = |from: usize| Num::load(l, &numbers[at + from..]).f;
+            let results = results(l, [load(0), load(7), load(32)], 0x5a5a >> (at % 8) & L::ALL);
+            all.resize(results.len(), Vec::new());
+            all.iter_mut().zip(results).for_each(|(all, some)| all.extend(some));
         }
-        let gathered = l.gather(rows.as_ptr().cast(), l.shr_u32(l.load_u32(ids.as_ptr()), 2));
-        let mut out = [0u32; MAX_LANES];
-        l.store_u32(out.as_mut_ptr(), gathered);
-        for lane in 0..L::LANES {
-            assert_eq!(out[lane], rows[ids[lane] as usize / 4].to_bits());
+        all
+    }
+}
+
+/// The result of every operation, one word per lane.
+fn results<L: Lanes>(l: L, [a, b, c]: [L::F; 3], some: LaneBits) -> Vec<Vec<u32>> {
+    let (i, k, all) = (l.bits(a), l.bits(b), L::ALL);
+    let masks = [
+        l.le(all, a, b),
+        l.le(some, a, b),
+        l.lt(all, a, b),
+        l.eq(all, a, a),
+        l.eq(all, a, b),
+        l.signs(c),
+        l.le_bits(some, a, b),
+    ];
+    let numbers = [
+        [l.add(a, b), l.sub(a, b), l.mul(a, b), l.div(a, b)],
+        [l.fma(a, b, c), l.fms(a, b, c), l.min(a, b), l.max(a, b)],
+        [l.abs(a), l.neg(a), l.with_sign_of(l.abs(a), b), l.splat(2.5)],
+        [l.sqrt(a), l.floor(l.mul(a, l.splat(9.0))), l.max_bits(a, b), l.min_bits(a, b)],
+        [l.max_abs(a, b), l.select(masks[0], a, b), l.u32_to_f32(l.shr_u32(i, 1)), l.from_bits(i)],
+    ];
+    let integers = [
+        [l.add_u32(i, k), l.mul_u32(i, k), l.and_u32(i, k), l.or_u32(i, k)],
+        [l.xor_u32(i, k), l.shl_u32(i, 7), l.shr_u32(i, 11), l.reverse_u32(i)],
+        [
+            l.f32_to_u32(l.min(l.abs(b), l.splat(1e9))),
+            l.select_u32(l.lt_u32(all, i, k), i, k),
+            l.select_u32(l.eq_u32(all, i, l.and_u32(i, k)), i, k),
+            l.splat_u32(7),
+        ],
+    ];
+    // After min and max either zero will do; NaNs differ in payload.
+    let bits = |x: u32| match f32::from_bits(x) {
+        x if x.is_nan() => u32::MAX,
+        x => (x + 0.0).to_bits(),
+    };
+    let numbers = numbers.as_flattened().iter().map(|&f| words(l, l.bits(f)).into_iter().map(bits).collect());
+    let integers = integers.as_flattened().iter().map(|&i| words(l, i));
+    numbers.chain(integers).chain(masks.map(lanes_of::<L>)).collect()
+}
+
+#[test]
+fn all_instruction_sets_give_the_same_bits() {
+    let results = with_each(Operations);
+    for (which, result) in results.iter().enumerate() {
+        for (operation, (found, expected)) in result.iter().zip(&results[0]).enumerate() {
+            assert_eq!(found, expected, "operation {operation} of implementation {which}");
         }
+    }
+}
+
+/// Methods that move data: rows, gathers, packing, tables.
+#[derive(Clone, Copy)]
+struct Memory;
+
+impl LaneTask for Memory {
+    type Output = ();
+
+    fn run<L: Lanes>(self, l: L) {
+        let rows: Vec<f32> = (0..8 * 40).map(|i| i as f32).collect();
+        let offsets: Vec<u32> = (0..L::LANES as u32).map(|i| (i * 7 + 3) % 40 * 32).collect();
+        let row = |lane: usize| &rows[offsets[lane] as usize / 4..][..8];
+        // SAFETY: invariant 1; every offset leads to one of the 40 rows.
+        let columns = unsafe { l.rows(rows.as_ptr(), offsets.as_ptr()) };
+        for (k, column) in columns.iter().enumerate() {
+            let found = words(l, l.bits(*column));
+            assert!(found.iter().enumerate().all(|(lane, &x)| x == row(lane)[k].to_bits()), "column {k}");
+        }
+        // SAFETY: invariant 1.
+        let index = l.shr_u32(unsafe { l.load_u32(offsets.as_ptr()) }, 2);
+        // SAFETY: invariant 1; every index leads to one of the 320 numbers.
+        let gathered = words(l, unsafe { l.gather(rows.as_ptr().cast(), index) });
+        assert!(gathered.iter().enumerate().all(|(lane, &x)| x == row(lane)[0].to_bits()));
         let mut back = vec![0.0f32; 8 * L::LANES];
-        l.put_rows(back.as_mut_ptr(), columns);
+        // SAFETY: invariant 1.
+        unsafe { l.put_rows(back.as_mut_ptr(), columns) };
+        assert!((0..L::LANES).all(|lane| back[8 * lane..8 * lane + 8] == *row(lane)));
+        // SAFETY: invariant 1.
+        unsafe { l.put_quads(back.as_mut_ptr(), [columns[7], columns[0], columns[2], columns[5]]) };
         for lane in 0..L::LANES {
-            let from = ids[lane] as usize / 4;
-            assert_eq!(back[8 * lane..8 * lane + 8], rows[from..from + 8]);
-        }
-        l.put_quads(back.as_mut_ptr(), [columns[7], columns[0], columns[2], columns[5]]);
-        for lane in 0..L::LANES {
-            let row = &rows[ids[lane] as usize / 4..];
+            let row = row(lane);
             assert_eq!(back[4 * lane..4 * lane + 4], [row[7], row[0], row[2], row[5]]);
         }
-        for mask in (0..1u32 << L::LANES).step_by(if L::LANES <= 8 { 1 } else { 37 }) {
-            let mut out = [7u32; MAX_LANES];
-            l.append(out.as_mut_ptr(), mask, l.load_u32(ids.as_ptr()));
-            let expected: Vec<u32> = (0..L::LANES).filter(|i| mask >> i & 1 == 1).map(|i| ids[i]).collect();
-            assert_eq!(out[..expected.len()], expected);
-            let packed = spill(l, l.pack(mask, l.from_bits(l.load_u32(ids.as_ptr()))));
-            assert!(expected.iter().zip(packed).all(|(&id, packed)| packed.to_bits() == id));
+        pack(l, &offsets);
+        look_up(l, &rows);
+    }
+}
+
+/// Packs the lanes of every mask, or of many.
+fn pack<L: Lanes>(l: L, numbers: &[u32]) {
+    let a = Int::load(l, numbers).i;
+    for mask in (0..1u32 << L::LANES).step_by(if L::LANES <= 8 { 1 } else { 37 }) {
+        let expected: Vec<u32> = (0..L::LANES).filter(|i| mask >> i & 1 == 1).map(|i| numbers[i]).collect();
+        let mut appended = [7; MAX_LANES];
+        // SAFETY: invariant 1.
+        unsafe { l.append(appended.as_mut_ptr(), mask, a) };
+        assert_eq!(appended[..expected.len()], expected);
+        assert_eq!(words(l, l.bits(l.pack(mask, l.from_bits(a))))[..expected.len()], expected);
+    }
+    let selected = words(l, l.select_u32(0xa6, l.splat_u32(9), a));
+    for lane in 0..L::LANES {
+        assert_eq!(selected[lane], if 0xa6 >> lane & 1 == 1 { 9 } else { numbers[lane] });
+    }
+    let numbers: Vec<f32> = numbers.iter().map(|&x| x as f32 - 600.0).collect();
+    let f = Num::load(l, &numbers).f;
+    assert_eq!(l.lowest(f), numbers.iter().copied().fold(f32::INFINITY, f32::min));
+    assert_eq!(l.highest(f), numbers.iter().copied().fold(f32::NEG_INFINITY, f32::max));
+}
+
+/// Tables of sixteen numbers, and permutations.
+fn look_up<L: Lanes>(l: L, numbers: &[f32]) {
+    let odd: Vec<u32> = (0..L::LANES as u32).map(|i| i.wrapping_mul(0x9e37_79b9) ^ i).collect();
+    let tables = [numbers.as_ptr(), numbers[20..].as_ptr()];
+    // SAFETY: invariant 1.
+    let picked = spill(l, unsafe { l.pick(tables, Int::load(l, &odd).i) });
+    for lane in 0..L::LANES {
+        assert_eq!(picked[lane], numbers[20 * (lane / 8) + odd[lane] as usize % 16], "lane {lane}");
+    }
+    let order = words(l, l.permute_u32(Int::iota(l).i, Int::load(l, &odd).i));
+    assert!(order.iter().zip(&odd).all(|(&found, &asked)| found == asked % L::LANES as u32));
+}
+
+/// Lanes 0 to 7 and lanes 8 to 15, each with data of their own.
+fn pairs_of_eight<L: Lanes>(l: L) {
+    let numbers: [f32; 24] = std::array::from_fn(|i| i as f32);
+    let pair = [&numbers[3..11], &numbers[16..24]];
+    // SAFETY: invariant 1.
+    let loaded = spill(l, unsafe { l.load_eights(pair.map(<[f32]>::as_ptr)) });
+    let splat = spill(l, l.splat_eights([2.0, 5.0]));
+    for lane in 0..L::LANES {
+        assert_eq!(loaded[lane], pair[lane / 8][lane % 8]);
+        assert_eq!(splat[lane], [2.0, 5.0][lane / 8]);
+    }
+}
+
+#[test]
+fn data_moves_to_where_it_belongs() {
+    with_each(Memory);
+    pairs_of_eight(Plain::<8>);
+    #[cfg(target_arch = "aarch64")]
+    pairs_of_eight(Neon);
+    #[cfg(target_arch = "x86_64")]
+    // SAFETY: invariant 2.
+    unsafe {
+        if SimdLevel::Avx2.is_available() {
+            pairs_of_eight(Avx2::new());
         }
-        let picked = spill(l, l.pick([rows.as_ptr(), rows.as_ptr().add(20)], l.load_u32(odd.as_ptr())));
-        for lane in 0..L::LANES {
-            assert_eq!(picked[lane], rows[20 * (lane / 8) + odd[lane] as usize % 16], "lane {lane}");
+        if SimdLevel::Avx512.is_available() {
+            pairs_of_eight(Avx512Eights::new());
+            pairs_of_eight(Avx512::new());
         }
-        let mut out = [7u32; MAX_LANES];
-        l.store_u32(out.as_mut_ptr(), l.select_u32(0xa6, l.splat_u32(9), l.load_u32(ids.as_ptr())));
-        for lane in 0..L::LANES {
-            assert_eq!(out[lane], if 0xa6 >> lane & 1 == 1 { 9 } else { ids[lane] });
-        }
-        let numbers: Vec<f32> = ids.iter().map(|&id| id as f32 - 600.0).collect();
-        let f = l.load(numbers.as_ptr());
-        assert_eq!(l.lowest(f), numbers.iter().copied().fold(f32::INFINITY, f32::min));
-        assert_eq!(l.highest(f), numbers.iter().copied().fold(f32::NEG_INFINITY, f32::max));
     }
 }
 
 /// Slices shorter and longer than the lanes.
-fn slices<L: Lanes>(l: L) {
-    let numbers: Vec<u32> = (0..20).map(|i| i * i).collect();
-    for len in 1..=20 {
-        let (some, lanes) = Int::some(l, &numbers[..len], 7);
-        assert_eq!(lanes.count(), len.min(L::LANES));
-        for (lane, &number) in numbers.iter().enumerate().take(L::LANES) {
-            assert_eq!(lanes.test(lane), lane < len);
-            assert_eq!(some.to_array()[lane], if lane < len { number } else { 7 });
-            assert_eq!(Int::iota(l).to_array()[lane], lane as u32);
+#[derive(Clone, Copy)]
+struct Slices;
+
+impl LaneTask for Slices {
+    type Output = ();
+
+    fn run<L: Lanes>(self, l: L) {
+        let numbers: Vec<u32> = (0..20).map(|i| i * i).collect();
+        for len in 1..=20 {
+            let (some, lanes) = Int::some(l, &numbers[..len], 7);
+            assert_eq!(lanes.count(), len.min(L::LANES));
+            for (lane, &number) in numbers.iter().enumerate().take(L::LANES) {
+                assert_eq!(lanes.test(lane), lane < len);
+                assert_eq!(some.to_array()[lane], if lane < len { number } else { 7 });
+                assert_eq!(Int::iota(l).to_array()[lane], lane as u32);
+            }
         }
     }
 }
-
-trait Width: Lanes {
-    fn lanes(self) -> usize {
-        Self::LANES
-    }
-}
-impl<L: Lanes> Width for L {}
 
 #[test]
-fn all_instruction_sets_compute_the_same_and_move_data_right() {
-    let reference = everything(Plain::<8>);
-    memory(Plain::<8>);
-    slices(Plain::<8>);
-    assert_eq!(everything(SingleLane::default()), reference);
-    memory(SingleLane::default());
-    slices(SingleLane::default());
-    #[cfg(target_arch = "aarch64")]
-    {
-        assert_eq!(everything(Neon), reference);
-        memory(Neon);
-        slices(Neon);
+fn slices_of_any_length_fill_lanes() {
+    with_each(Slices);
+}
+
+/// Masks against Booleans lane by lane.
+#[derive(Clone, Copy)]
+struct Masks;
+
+impl LaneTask for Masks {
+    type Output = ();
+
+    fn run<L: Lanes>(self, l: L) {
+        for (a, b) in [(0, 0), (u32::MAX, u32::MAX), (0x5a5a, 0xff0f), (0x8421, u32::MAX), (0, 0xa5a5)] {
+            let (m, n) = (Mask::from_bits(l, a), Mask::from_bits(l, b));
+            let set = |bits: u32, lane: usize| bits >> lane & 1 == 1;
+            let same = |mask: Mask<L>, f: &dyn Fn(bool, bool) -> bool| {
+                assert_eq!(mask.bits() & !L::ALL, 0, "bits beyond the lanes are 0");
+                assert!((0..L::LANES).all(|lane| mask.test(lane) == f(set(a, lane), set(b, lane))));
+            };
+            same(m & n, &|a, b| a && b);
+            same(m | n, &|a, b| a || b);
+            same(m ^ n, &|a, b| a != b);
+            same(!m, &|a, _| !a);
+            same(Mask::select(m, n, m ^ n), &|a, b| if a { b } else { a != b });
+            let lanes: Vec<usize> = (0..L::LANES).filter(|&lane| set(a, lane)).collect();
+            assert_eq!(m.iter().collect::<Vec<_>>(), lanes);
+            assert_eq!((m.count(), m.any(), m.none()), (lanes.len(), !lanes.is_empty(), lanes.is_empty()));
+            assert_eq!(m.all(), lanes.len() == L::LANES);
+        }
+        assert!(Mask::splat(l, true).all() && Mask::splat(l, false).none());
+        for count in 0..=L::LANES + 1 {
+            assert_eq!(
+                Mask::first(l, count).bits(),
+                (0..count.min(L::LANES)).fold(0, |bits, lane| bits | 1 << lane)
+            );
+        }
     }
-    #[cfg(target_arch = "x86_64")]
-    // SAFETY: invariant 2; each token is made only when the processor has its instructions.
-    unsafe {
-        if SimdLevel::Avx2.is_available() {
-            let token = Avx2::new();
-            assert_eq!(everything(token), reference);
-            memory(token);
-            slices(token);
+}
+
+#[test]
+fn masks_are_booleans_lane_by_lane() {
+    with_each(Masks);
+}
+
+/// What no code may use that a recording level runs: fused multiply-adds, which round once where recorded operations
+/// round twice, and masks as bits.
+const NOT_RECORDABLE: [&str; 6] = ["mul_add", "fma(", "fms(", "L::ALL", "SingleLane::ALL", "LaneBits"];
+
+/// Where such code is, relative to `src`: shading, the scene's look-ups, and the types that both are written with.
+const RECORDED: [&str; 11] = [
+    "shade",
+    "scene",
+    "render",
+    "film",
+    "geom/basis.rs",
+    "geom/octahedral.rs",
+    "geom/sampler.rs",
+    "geom/warp.rs",
+    "lanes/exponential.rs",
+    "lanes/trigonometry.rs",
+    "lanes/vector.rs",
+];
+
+/// The Rust files in a folder and below it, or a file itself.
+fn sources(path: &Path) -> Vec<PathBuf> {
+    if path.is_file() {
+        return vec![path.to_owned()];
+    }
+    let entries = std::fs::read_dir(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+    let below = entries.flat_map(|entry| sources(&entry.expect("a readable folder").path()));
+    below.filter(|file| file.extension().is_some_and(|extension| extension == "rs")).collect()
+}
+
+#[test]
+#[cfg_attr(miri, ignore = "Miri reads no files")]
+fn shading_uses_only_what_can_be_recorded() {
+    let src = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
+    let mut found = Vec::new();
+    for file in RECORDED.iter().flat_map(|path| sources(&src.join(path))) {
+        let text = std::fs::read_to_string(&file).expect("a source file");
+        for (line, text) in (1..).zip(text.lines()) {
+            let words = NOT_RECORDABLE.iter().filter(|&&word| text.contains(word));
+            found.extend(words.map(|word| format!("{}:{line}: {word}", file.display())));
         }
-        if SimdLevel::Avx512.is_available() {
-            let token = Avx512::new();
-            assert_eq!(everything(token), reference);
-            memory(token);
-            slices(token);
-        }
+    }
+    assert!(found.is_empty(), "code that may be recorded uses what cannot be:\n{}", found.join("\n"));
+    // The numbers that shading computes with offer no fused multiply-add.
+    for file in ["num.rs", "int.rs", "mask.rs"] {
+        let text = std::fs::read_to_string(src.join("lanes").join(file)).expect("a source file");
+        assert!(
+            !NOT_RECORDABLE[..3].iter().any(|word| text.contains(word)),
+            "{file} offers a fused multiply-add"
+        );
     }
 }

@@ -1,21 +1,21 @@
-//! Sines and angles in lanes, by fixed polynomials, so that every processor gives the same bits.
+//! Trigonometric functions in lanes, by fixed polynomials, so that every processor gives the same bits. Angles are in
+//! turns (1 turn = 2π) unless said otherwise.
 
 use super::{Lanes, Num};
 use std::f32::consts::{FRAC_PI_2, FRAC_PI_4};
 
-/// Sine and cosine of an angle of at most an eighth of a turn either way, in radians. Off by at most
-/// two units in the last place.
+/// Sine and cosine of an angle in radians, −π/4 to π/4. The error is at most two units in the last place.
 #[inline(always)]
 pub fn small_sin_cos<L: Lanes>(angle: Num<L>) -> (Num<L>, Num<L>) {
     let x2 = angle * angle;
-    // Taylor's series: what is left out is below 2⁻²⁸.
+    // Taylor series; the remainder is below 2⁻²⁸.
     let sine = ((x2 * (1.0 / 362_880.0) - 1.0 / 5040.0) * x2 + 1.0 / 120.0) * x2 - 1.0 / 6.0;
     let cosine =
         (((x2 * (-1.0 / 3_628_800.0) + 1.0 / 40_320.0) * x2 - 1.0 / 720.0) * x2 + 1.0 / 24.0) * x2 - 0.5;
     (angle + angle * x2 * sine, 1.0 + x2 * cosine)
 }
 
-/// Sine and cosine of an angle of 0 to 1 turns.
+/// Sine and cosine of an angle of 0 to 1 turn.
 #[inline(always)]
 pub fn sin_cos_turns<L: Lanes>(turns: Num<L>) -> (Num<L>, Num<L>) {
     let quarters = turns * 4.0;
@@ -28,19 +28,19 @@ pub fn sin_cos_turns<L: Lanes>(turns: Num<L>) -> (Num<L>, Num<L>) {
     (Num::select(flip_sine, -sine, sine), Num::select(flip_cosine, -cosine, cosine))
 }
 
-/// The angle of the point (`x`, `y`) from the x axis, −½ to ½ turns; 0 at the origin. Off by a few
-/// units in the last place.
+/// The angle between the x axis and the point (`x`, `y`), −½ to ½ turn; 0 at the origin. The error is a few units in
+/// the last place.
 #[inline(always)]
 pub fn atan2_turns<L: Lanes>(y: Num<L>, x: Num<L>) -> Num<L> {
     let (ax, ay) = (x.abs(), y.abs());
     let (low, high) = (ax.min(ay), ax.max(ay));
-    // tan(a − 1/8 turn) = (tan a − 1) / (tan a + 1) brings the upper half to the lower.
+    // tan(a − 1/8 turn) = (tan a − 1) / (tan a + 1) maps the upper half of the octant to the lower.
     let upper = (low * (1.0 + std::f32::consts::SQRT_2)).gt(high);
     let top = Num::select(upper, low - high, low);
     let bottom = Num::select(upper, low + high, high);
     let t = Num::select(bottom.above(0.0), top / bottom, bottom);
     let t2 = t * t;
-    // Least-squares fit, made even by reweighting: 2·10⁻⁸ of relative error up to tan(1/16 turn).
+    // Least-squares fit, reweighted until the error is even: 2·10⁻⁸ relative up to tan(1/16 turn).
     let series = ((t2 * 0.080_598_08 - 0.138_797_07) * t2 + 0.199_779_14) * t2 - 0.333_329_55;
     let angle = t + t * t2 * series;
     let octant = Num::select(upper, angle + FRAC_PI_4, angle);

@@ -1,4 +1,4 @@
-//! Vectors of three in lanes.
+//! [`Vector`]: three numbers in lanes, with operators.
 
 use super::{Lanes, Mask, Num, SingleLane};
 use glam::Vec3;
@@ -16,7 +16,7 @@ pub struct Vector<L: Lanes> {
 }
 
 impl<L: Lanes> Vector<L> {
-    /// A vector of its components.
+    /// A vector with these components.
     #[inline(always)]
     pub fn new(x: Num<L>, y: Num<L>, z: Num<L>) -> Self {
         Self { x, y, z }
@@ -34,13 +34,13 @@ impl<L: Lanes> Vector<L> {
         Self::splat(l, Vec3::ZERO)
     }
 
-    /// Three times the same number.
+    /// The same number as each component.
     #[inline(always)]
     pub fn grey(x: Num<L>) -> Self {
         Self { x, y: x, z: x }
     }
 
-    /// From its columns.
+    /// A vector with these components, as an array.
     #[inline(always)]
     pub fn from_columns([x, y, z]: [Num<L>; 3]) -> Self {
         Self { x, y, z }
@@ -56,19 +56,19 @@ impl<L: Lanes> Vector<L> {
         }
     }
 
-    /// This in the lanes of `mask`, 0 in the others.
+    /// `self` in the lanes of `mask`, 0 in the others.
     #[inline(always)]
     pub fn only(self, mask: Mask<L>) -> Self {
         Self { x: self.x.only(mask), y: self.y.only(mask), z: self.z.only(mask) }
     }
 
-    /// Scalar product.
+    /// Dot product.
     #[inline(always)]
     pub fn dot(self, other: Self) -> Num<L> {
         self.x * other.x + self.y * other.y + self.z * other.z
     }
 
-    /// Vector product.
+    /// Cross product.
     #[inline(always)]
     pub fn cross(self, other: Self) -> Self {
         Self {
@@ -90,39 +90,39 @@ impl<L: Lanes> Vector<L> {
         self.length_squared().sqrt()
     }
 
-    /// The unit vector that goes this way, of a vector that is neither zero nor huge.
+    /// The unit vector of the same direction. The vector must be neither zero nor so long that its square overflows.
     #[inline(always)]
     pub fn normalize(self) -> Self {
         self * (1.0 / self.length())
     }
 
-    /// The unit vector that goes this way, and the lanes in which there is one; `other` elsewhere.
+    /// The unit vector of the same direction, and the lanes in which there is one; `other` in the others.
     #[inline(always)]
     pub fn normalize_or(self, other: Self) -> (Self, Mask<L>) {
         let scale = 1.0 / self.length();
-        let there = scale.is_finite() & scale.above(0.0);
-        (Self::select(there, self * scale, other), there)
+        let valid = scale.is_finite() & scale.above(0.0);
+        (Self::select(valid, self * scale, other), valid)
     }
 
-    /// Magnitudes.
+    /// The magnitude of each component.
     #[inline(always)]
     pub fn abs(self) -> Self {
         Self { x: self.x.abs(), y: self.y.abs(), z: self.z.abs() }
     }
 
-    /// The lesser of each component.
+    /// The lesser of both, component by component.
     #[inline(always)]
     pub fn min(self, other: Self) -> Self {
         Self { x: self.x.min(other.x), y: self.y.min(other.y), z: self.z.min(other.z) }
     }
 
-    /// The greater of each component.
+    /// The greater of both, component by component.
     #[inline(always)]
     pub fn max(self, other: Self) -> Self {
         Self { x: self.x.max(other.x), y: self.y.max(other.y), z: self.z.max(other.z) }
     }
 
-    /// Each component, at least `low` and at most `high`; `low` for NaN.
+    /// Each component, but at least `low` and at most `high`; `low` for NaN.
     #[inline(always)]
     pub fn clamp(self, low: f32, high: f32) -> Self {
         Self { x: self.x.clamp(low, high), y: self.y.clamp(low, high), z: self.z.clamp(low, high) }
@@ -146,13 +146,13 @@ impl<L: Lanes> Vector<L> {
         self.x.is_zero() & self.y.is_zero() & self.z.is_zero()
     }
 
-    /// From this to `other`, by `share`.
+    /// Linear interpolation: `self` where `share` is 0, `other` where it is 1.
     #[inline(always)]
     pub fn lerp(self, other: Self, share: Num<L>) -> Self {
         self + (other - self) * share
     }
 
-    /// Component by component.
+    /// `self / other`, component by component.
     #[inline(always)]
     pub fn over(self, other: Self) -> Self {
         Self { x: self.x / other.x, y: self.y / other.y, z: self.z / other.z }
