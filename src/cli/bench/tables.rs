@@ -24,25 +24,37 @@ pub fn run(args: &BenchTablesArgs) -> Result<()> {
     let setup = Setup::new(&args.scene, &args.units, 1, |_| Ok(()))?;
     let prepared = &setup.prepared;
     let camera = args.camera.apply(prepared.scene.camera, || Camera::framing(&prepared.scene.bounds(), 1.0));
-    let rounds = args.rounds as usize;
     let mut rows = Vec::new();
 
+    kernel_table(args, &mut rows);
+    packet_table(args, &setup, &camera, &mut rows)?;
+    effect_table(args, &setup, &camera, &mut rows)?;
+    complexity_table(args, &mut rows)?;
+    match &args.json {
+        Some(path) => write(path, Some(&args.scene), &rows, &[]),
+        None => Ok(()),
+    }
+}
+
+fn kernel_table(args: &BenchTablesArgs, rows: &mut Vec<Row>) {
     println!("a ray/triangle test by kernel, ns (RTRT, Table 1)");
     println!("{:<40} {:>8} {:>8} {:>8}", "kernel", "least", "most", "speedup");
-    for row in kernels::run(rounds) {
+    for row in kernels::run(args.rounds as usize) {
         println!(
             "{:<40} {:>8.2} {:>8.2} {:>8.2}",
             row.kernel, row.least_ns.median, row.most_ns.median, row.speedup
         );
         rows.push(Row::Kernel(row));
     }
+}
 
+fn packet_table(args: &BenchTablesArgs, setup: &Setup, camera: &Camera, rows: &mut Vec<Row>) -> Result<()> {
     println!("\nvisits that packets of camera rays add (RTRT, Table 2)");
     println!(
         "{:<8} {:>10} {:>10} {:>10} {:>9} {:>9}",
         "packet", "resolution", "nodes/ray", "blocks/ray", "nodes", "blocks"
     );
-    for row in packets::run(&prepared.bvh, &camera, args.resolution)? {
+    for row in packets::run(&setup.prepared.bvh, camera, args.resolution)? {
         println!(
             "{:<8} {:>10} {:>10.1} {:>10.1} {:>8.1}% {:>8.1}%",
             format!("{0}x{0}", row.packet),
@@ -54,7 +66,10 @@ pub fn run(args: &BenchTablesArgs) -> Result<()> {
         );
         rows.push(Row::Packet(row));
     }
+    Ok(())
+}
 
+fn effect_table(args: &BenchTablesArgs, setup: &Setup, camera: &Camera, rows: &mut Vec<Row>) -> Result<()> {
     println!("\nreflections and shadows of three lights, Whitted (RTRT, section 6.2)");
     println!(
         "{:<26} {:>9} {:>9} {:>9} {:>9} {:>9} {:>8}",
@@ -62,7 +77,7 @@ pub fn run(args: &BenchTablesArgs) -> Result<()> {
     );
     let (width, height) = (args.resolution, args.resolution);
     let settings = Settings { width, height, spp: 1, max_bounces: args.max_bounces, seed: 0 };
-    for row in effects::run(prepared, &setup.service, &camera, settings, rounds)? {
+    for row in effects::run(&setup.prepared, &setup.service, camera, settings, args.rounds as usize)? {
         println!(
             "{:<26} {:>9} {:>9} {:>9} {:>9.1} {:>9.2} {:>8.2}",
             row.configuration,
@@ -75,12 +90,15 @@ pub fn run(args: &BenchTablesArgs) -> Result<()> {
         );
         rows.push(Row::Effect(row));
     }
+    Ok(())
+}
 
+fn complexity_table(args: &BenchTablesArgs, rows: &mut Vec<Row>) -> Result<()> {
     println!("\nhills of more and more triangles, one thread (RTRT, Figure 5)");
     println!("{:>10} {:>10} {:>14} {:>14}", "triangles", "build ms", "camera Mray/s", "bounce Mray/s");
     let cells = complexity::CELLS.iter().copied();
     let cells: Vec<u32> = cells.filter(|&n| u64::from(n) * u64::from(n) * 2 <= args.most_triangles).collect();
-    for row in complexity::run(&cells, args.resolution, rounds)? {
+    for row in complexity::run(&cells, args.resolution, args.rounds as usize)? {
         println!(
             "{:>10} {:>10.1} {:>14.2} {:>14.2}",
             row.triangles,
@@ -90,8 +108,5 @@ pub fn run(args: &BenchTablesArgs) -> Result<()> {
         );
         rows.push(Row::Complexity(row));
     }
-    match &args.json {
-        Some(path) => write(path, Some(&args.scene), &rows, &[]),
-        None => Ok(()),
-    }
+    Ok(())
 }

@@ -11,7 +11,7 @@ use crate::cli::stats::{self, FrameStats, FramesStats, NoiseStats, SCHEMA, Scene
 use crate::cli::{Outcome, interrupt};
 use crate::film::{Image, write_image};
 use crate::meters::{Meters, Recorder};
-use crate::render::{Integrator, PassOptions, Progressive};
+use crate::render::{Integrator, PassOptions, Progressive, Settings};
 use anyhow::{Context, Result};
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -49,13 +49,8 @@ pub fn run<I: Integrator>(
             && let Some(frame) = todo.next()
         {
             if let Some(hash) = finished.as_ref().and_then(|finished| finished.hash(animation, frame)) {
-                done.push(FrameStats {
-                    frame,
-                    hash: hash.to_owned(),
-                    seconds: None,
-                    mean_spp: None,
-                    noise: None,
-                });
+                let hash = hash.to_owned();
+                done.push(FrameStats { frame, hash, seconds: None, mean_spp: None, noise: None });
                 continue;
             }
             let shot =
@@ -83,51 +78,22 @@ pub fn run<I: Integrator>(
             continue;
         }
         let shot = shots.pop_front().expect("the queue is not empty");
-        let film = shot.picture.picture();
-        dropped_splats += film.dropped_splats();
-        let image = Image { width: film.width(), height: film.height(), pixels: film.resolve() };
-        write_image(&animation.file(shot.frame), &image, args.exposure)?;
-        let hash = image.hash();
+        dropped_splats += shot.picture.picture().dropped_splats();
+        let written = shot.write(args, animation)?;
         if let Some(finished) = &mut finished {
-            finished.note(animation, shot.frame, &hash)?;
+            finished.note(animation, shot.frame, &written.hash)?;
         }
-        done.push(FrameStats {
-            frame: shot.frame,
-            hash,
-            seconds: Some((shot.end_s - shot.begin_s).max(0.0)),
-            mean_spp: Some(film.mean_samples()),
-            noise: shot.picture.noise().map(NoiseStats::of),
-        });
+        done.push(written);
     }
     drop((bar, shots));
     totals.joules = meters.joules();
     let recorded = recorder.map_or_else(Vec::new, Recorder::finish);
     done.sort_by_key(|frame| frame.frame);
-    let micros = (totals.wall_s() * 1e6).max(f64::MIN_POSITIVE);
-    let scene = &setup.prepared.scene;
     let stats = FramesStats {
-        schema: SCHEMA,
-        scene: SceneStats { triangles: scene.mesh.triangles.len(), materials: scene.materials.len() },
-        width: settings.width,
-        height: settings.height,
-        spp: settings.spp,
         frames: done,
         frames_in_flight: in_flight,
-        seconds: totals.wall_s(),
-        rays: totals.rays.into(),
-        mray_per_s: totals.rays.total() as f64 / micros,
-        mpath_per_s: totals.rays.camera as f64 / micros,
-        units: std::mem::take(&mut totals.units),
-        threads: totals.thread_stats(),
-        busy_share: totals.busy_share(),
         dropped_splats,
-        peak_memory_bytes: stats::peak_memory_bytes(),
-        memory: totals.memory(setup),
-        peak_rays_in_flight: totals.peak_rays_in_flight as u64,
-        adapter: setup.prepared.adapter.clone(),
-        simd: setup.simd.name().into(),
-        joules: std::mem::take(&mut totals.joules),
-        events: std::mem::take(&mut totals.events),
+        ..summarise(setup, settings, &mut totals)
     };
     if let Some(path) = &args.stats {
         stats::write(path, &stats)?;
@@ -163,6 +129,50 @@ impl<I: Integrator> Shot<I> {
             bar.finish_job(report.tiles, report.rays.total());
             totals.add(&report);
         }
+    }
+
+    /// Writes the picture of a complete frame.
+    fn write(&self, args: &RenderArgs, animation: &Animation) -> Result<FrameStats> {
+        let film = self.picture.picture();
+        let image = Image { width: film.width(), height: film.height(), pixels: film.resolve() };
+        write_image(&animation.file(self.frame), &image, args.exposure)?;
+        Ok(FrameStats {
+            frame: self.frame,
+            hash: image.hash(),
+            seconds: Some((self.end_s - self.begin_s).max(0.0)),
+            mean_spp: Some(film.mean_samples()),
+            noise: self.picture.noise().map(NoiseStats::of),
+        })
+    }
+}
+
+/// Everything but what is known of single frames.
+fn summarise(setup: &Setup, settings: &Settings, totals: &mut Totals) -> FramesStats {
+    let micros = (totals.wall_s() * 1e6).max(f64::MIN_POSITIVE);
+    let scene = &setup.prepared.scene;
+    FramesStats {
+        schema: SCHEMA,
+        scene: SceneStats { triangles: scene.mesh.triangles.len(), materials: scene.materials.len() },
+        width: settings.width,
+        height: settings.height,
+        spp: settings.spp,
+        frames: Vec::new(),
+        frames_in_flight: 0,
+        seconds: totals.wall_s(),
+        rays: totals.rays.into(),
+        mray_per_s: totals.rays.total() as f64 / micros,
+        mpath_per_s: totals.rays.camera as f64 / micros,
+        units: std::mem::take(&mut totals.units),
+        threads: totals.thread_stats(),
+        busy_share: totals.busy_share(),
+        dropped_splats: 0,
+        peak_memory_bytes: stats::peak_memory_bytes(),
+        memory: totals.memory(setup),
+        peak_rays_in_flight: totals.peak_rays_in_flight as u64,
+        adapter: setup.prepared.adapter.clone(),
+        simd: setup.simd.name().into(),
+        joules: std::mem::take(&mut totals.joules),
+        events: std::mem::take(&mut totals.events),
     }
 }
 

@@ -40,14 +40,7 @@ pub fn run<I: Integrator>(
     interrupt::listen();
     loop {
         if end == End::Complete {
-            let over = args.progress.seconds.is_some_and(|time| started.elapsed() >= time);
-            end = if interrupt::requested() {
-                End::Interrupted
-            } else if over {
-                End::Time
-            } else {
-                End::Complete
-            };
+            end = End::now(args, started);
             if end != End::Complete {
                 frame.stop();
             }
@@ -98,6 +91,19 @@ enum End {
     Time,
     /// Ctrl-C.
     Interrupted,
+}
+
+impl End {
+    /// Whether something ends rendering before it is complete.
+    fn now(args: &RenderArgs, started: Instant) -> Self {
+        if interrupt::requested() {
+            Self::Interrupted
+        } else if args.progress.seconds.is_some_and(|time| started.elapsed() >= time) {
+            Self::Time
+        } else {
+            Self::Complete
+        }
+    }
 }
 
 /// Writes the picture and the checkpoint.

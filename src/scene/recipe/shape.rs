@@ -127,22 +127,7 @@ impl Shape {
                     (*corner + *u * x + *v * y, normal, uv)
                 });
             }
-            Self::Polygon { points } => {
-                if points.len() < 3 {
-                    return Err(format!("{} points; a polygon has at least 3", points.len()));
-                }
-                let normal = (points[1] - points[0]).cross(points[2] - points[0]);
-                normal.try_normalize().ok_or("the first three points lie on a line")?;
-                let first = mesh.positions.len() as u32;
-                mesh.positions.extend(points);
-                // Each triangle's own.
-                mesh.normals.extend(points.iter().map(|_| Vec3::ZERO));
-                mesh.uvs.extend(points.iter().map(|_| Vec2::ZERO));
-                for k in 1..points.len() as u32 - 1 {
-                    mesh.triangles.push([first, first + k, first + k + 1]);
-                    mesh.materials.push(material);
-                }
-            }
+            Self::Polygon { points } => polygon(points, material, mesh)?,
             Self::Block { centre, half, round, turn_degrees, cells } => {
                 within("cells", *cells, 1, 1024)?;
                 let least = half.min_element();
@@ -159,27 +144,7 @@ impl Shape {
                 });
             }
             Self::Sphere { centre, radius, cells, rough } => {
-                within("cells", *cells, 1, 1024)?;
-                positive("radius", *radius)?;
-                match rough {
-                    None => cube(*cells, material, mesh, |_, p| {
-                        let out = p.normalize();
-                        (*centre + out * *radius, out)
-                    }),
-                    Some(rough) => {
-                        let noise = rough.noise()?;
-                        let at = |p: Vec3| {
-                            let out = p.normalize();
-                            out * (*radius + noise(out * *radius))
-                        };
-                        cube(*cells, material, mesh, |face, p| {
-                            let (a, b) = face.any_orthonormal_pair();
-                            let step = 0.5 / *cells as f32;
-                            let slope = |e: Vec3| at(p + e * step) - at(p - e * step);
-                            (*centre + at(p), slope(a).cross(slope(b)).normalize_or(p))
-                        });
-                    }
-                }
+                sphere(*centre, *radius, *cells, rough.as_ref(), material, mesh)?;
             }
             Self::Knot { centre, radius, tube, p, q, turn_degrees, cells } => {
                 positive("radius", *radius)?;
@@ -210,9 +175,7 @@ impl Shape {
                 positive("size", *size)?;
                 let noise = rough.noise()?;
                 let height = |x: f32, z: f32| {
-                    let away = (x * x + z * z).sqrt();
-                    let fade = ((away - *clearing) / clearing.max(1e-6)).clamp(0.0, 1.0);
-                    fade * fade * (3.0 - 2.0 * fade) * noise(Vec3::new(x / *size, 0.5, z / *size)).abs()
+                    faded(x, z, *clearing) * noise(Vec3::new(x / *size, 0.5, z / *size)).abs()
                 };
                 grid([*cells; 2], [false; 2], material, mesh, |[u, v]| {
                     let (x, z) = ((u - 0.5) * *size, (0.5 - v) * *size);
@@ -228,6 +191,64 @@ impl Shape {
         }
         Ok(())
     }
+}
+
+/// A fan of triangles over the corners of a convex polygon.
+fn polygon(points: &[Vec3], material: u32, mesh: &mut Mesh) -> Result<(), String> {
+    if points.len() < 3 {
+        return Err(format!("{} points; a polygon has at least 3", points.len()));
+    }
+    let normal = (points[1] - points[0]).cross(points[2] - points[0]);
+    normal.try_normalize().ok_or("the first three points lie on a line")?;
+    let first = mesh.positions.len() as u32;
+    mesh.positions.extend(points);
+    // Each triangle's own.
+    mesh.normals.extend(points.iter().map(|_| Vec3::ZERO));
+    mesh.uvs.extend(points.iter().map(|_| Vec2::ZERO));
+    for k in 1..points.len() as u32 - 1 {
+        mesh.triangles.push([first, first + k, first + k + 1]);
+        mesh.materials.push(material);
+    }
+    Ok(())
+}
+
+fn sphere(
+    centre: Vec3,
+    radius: f32,
+    cells: u32,
+    rough: Option<&Rough>,
+    material: u32,
+    mesh: &mut Mesh,
+) -> Result<(), String> {
+    within("cells", cells, 1, 1024)?;
+    positive("radius", radius)?;
+    match rough {
+        None => cube(cells, material, mesh, |_, p| {
+            let out = p.normalize();
+            (centre + out * radius, out)
+        }),
+        Some(rough) => {
+            let noise = rough.noise()?;
+            let at = |p: Vec3| {
+                let out = p.normalize();
+                out * (radius + noise(out * radius))
+            };
+            cube(cells, material, mesh, |face, p| {
+                let (a, b) = face.any_orthonormal_pair();
+                let step = 0.5 / cells as f32;
+                let slope = |e: Vec3| at(p + e * step) - at(p - e * step);
+                (centre + at(p), slope(a).cross(slope(b)).normalize_or(p))
+            });
+        }
+    }
+    Ok(())
+}
+
+/// How much of a terrain's height is left near its middle: from 0 within the radius `clearing` to 1 at twice that.
+fn faded(x: f32, z: f32, clearing: f32) -> f32 {
+    let away = (x * x + z * z).sqrt();
+    let fade = ((away - clearing) / clearing.max(1e-6)).clamp(0.0, 1.0);
+    fade * fade * (3.0 - 2.0 * fade)
 }
 
 /// A grid of quads over [0, 1]², counter-clockwise; closed directions meet in vertices with the same
