@@ -6,7 +6,7 @@ use super::binary_tree::InnerNode;
 use super::collapse_plan::{Choice, CollapsePlan, Costs};
 use super::packed_bounds::PackedBounds;
 use super::reference::{Extent, Reference};
-use crate::lanes::{Lanes, OutlinedTask, columns, eight_ids, load_one, store_one};
+use crate::lanes::{Lanes, OutlinedTask, columns, eight_u32, load_one, store_one};
 
 /// The largest number of primitives in a small subtree.
 pub(super) const MAX_SMALL: usize = 8;
@@ -199,10 +199,10 @@ impl<'a, L: Lanes> LaneBoxes<'a, L> {
     /// one leaf block, whatever its number of triangles: only the areas count.
     #[inline(always)]
     fn best_of_table(&self, l: L, lanes: u32, table: &SplitTable) -> LaneSplit {
-        let lane_of_primitive = l.bits(l.pack(lanes, l.from_bits(eight_ids(l, &[0, 1, 2, 3, 4, 5, 6, 7]))));
+        let lane_of_primitive = l.bits(l.pack(lanes, l.from_bits(eight_u32(l, &[0, 1, 2, 3, 4, 5, 6, 7]))));
         let (mut left, mut right) = ([l.splat(f32::INFINITY); 6], [l.splat(f32::INFINITY); 6]);
         for (row, primitives) in table.iter().enumerate() {
-            let lanes = l.permute_u32(lane_of_primitive, eight_ids(l, primitives));
+            let lanes = l.permute_u32(lane_of_primitive, eight_u32(l, primitives));
             let side = if row < 2 { &mut left } else { &mut right };
             for (number, column) in side.iter_mut().zip(self.columns) {
                 *number = l.min(*number, l.from_bits(l.permute_u32(l.bits(column), lanes)));

@@ -89,15 +89,15 @@ pub(crate) fn columns<L: Lanes>(l: L, rows: &[[f32; 8]; 8]) -> [L::F; 8] {
 /// Exchanges the first four of eight lanes with the last four.
 #[inline(always)]
 pub(crate) fn swap_halves<L: Lanes>(l: L, f: L::F) -> L::F {
-    l.from_bits(l.permute_u32(l.bits(f), eight_ids(l, &[4, 5, 6, 7, 0, 1, 2, 3])))
+    l.from_bits(l.permute_u32(l.bits(f), eight_u32(l, &[4, 5, 6, 7, 0, 1, 2, 3])))
 }
 
 /// Reads eight words.
 #[inline(always)]
-pub(crate) fn eight_ids<L: Lanes>(l: L, ids: &[u32; 8]) -> L::I {
+pub(crate) fn eight_u32<L: Lanes>(l: L, words: &[u32; 8]) -> L::I {
     const { assert!(L::LANES == 8) };
     // SAFETY: invariant 1.
-    unsafe { l.load_u32(ids.as_ptr()) }
+    unsafe { l.load_u32(words.as_ptr()) }
 }
 
 /// The numbers of all lanes, for code that goes lane by lane. Elements beyond the lanes are 0.

@@ -47,7 +47,7 @@ pub(crate) use avx2::{Avx2, Avx512Eights};
 #[cfg(target_arch = "x86_64")]
 pub(crate) use avx512::Avx512;
 pub(crate) use columns::{
-    columns, each, eight_ids, keep, load, load_eights, load_one, spill, splat, splat_eights, splat_row,
+    columns, each, eight_u32, keep, load, load_eights, load_one, spill, splat, splat_eights, splat_row,
     store_one, swap_halves, zip,
 };
 pub use int::Int;

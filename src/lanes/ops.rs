@@ -2,7 +2,7 @@
 
 /// Methods of [`super::Lanes`] that are one expression of instructions each, as `fn name(self, ..) -> T = expression;`.
 ///
-/// The safety note stands here once. It cites the invariants that each file of an instruction set states at its top:
+/// The safety note is here once. It cites the invariants at the top of each instruction set's file:
 /// 1. the token proves that the processor has the instructions,
 /// 2. pointers are valid for what the method's contract in the trait asks for.
 macro_rules! ops {

@@ -178,7 +178,7 @@ fn look_up<L: Lanes>(l: L, numbers: &[f32]) {
         assert_eq!(picked[lane], numbers[20 * (lane / 8) + odd[lane] as usize % 16], "lane {lane}");
     }
     let order = words(l, l.permute_u32(Int::iota(l).i, Int::load(l, &odd).i));
-    assert!(order.iter().zip(&odd).all(|(&found, &asked)| found == asked % L::LANES as u32));
+    assert!(order.iter().zip(&odd).all(|(&lane, &index)| lane == index % L::LANES as u32));
 }
 
 /// Lanes 0 to 7 and lanes 8 to 15, each with data of their own.
