@@ -1,9 +1,9 @@
 //! Masks: one Boolean per lane.
 //!
 //! Shading handles masks through [`Mask`] alone. [`MaskRepr`] is how a level represents them: levels that compute use
-//! bits. A level that records operations would use an entry of its record. It could answer [`Mask::any`] with `true` and
-//! [`Mask::all`] with `false`, since a branch that no lane needs changes nothing, and refuse what depends on the values
-//! of single lanes: [`Mask::bits`] and all that is built on it.
+//! bits. A level that records operations would use an entry of its record. It could answer [`Mask::any`] with `true`
+//! and [`Mask::all`] with `false`, since a branch that no lane needs changes nothing, and refuse what depends on the
+//! values of single lanes: [`Mask::bits`] and all that is built on it.
 
 use super::{LaneBits, Lanes, SingleLane, sealed::Sealed};
 use std::marker::PhantomData;
