@@ -3,7 +3,7 @@
 //! a [`Renderer`] with batches of one ray.
 
 use crate::schedule::{Batch, Output, RayCounts, Renderer};
-use crate::stream::{Column, Hit, Ray, Tracer};
+use crate::stream::{Hit, Ray, RayArray, Tracer};
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering::Relaxed};
 use std::sync::{PoisonError, RwLock};
 
@@ -46,13 +46,13 @@ struct Place<P> {
 
 /// Camera rays of a tile.
 struct Camera<P> {
-    rays: Column,
+    rays: RayArray,
     payloads: Vec<P>,
 }
 
 impl<P: bytemuck::Pod> Place<P> {
     fn new(tile_rays: usize) -> Self {
-        let camera = Camera { rays: Column::with_capacity(tile_rays), payloads: Vec::new() };
+        let camera = Camera { rays: RayArray::with_capacity(tile_rays), payloads: Vec::new() };
         Self { camera: RwLock::new(camera), next: AtomicUsize::new(0) }
     }
 
@@ -90,9 +90,9 @@ struct Walk<'a, R: Renderer> {
     renderer: &'a R,
     tracer: &'a dyn Tracer,
     /// What shading one ray emits.
-    rays: Column,
+    rays: RayArray,
     payloads: Vec<R::Payload>,
-    shadow_rays: Column,
+    shadow_rays: RayArray,
     shadow_payloads: Vec<R::ShadowPayload>,
     occluded: Vec<u32>,
     counts: RayCounts,
@@ -103,9 +103,9 @@ impl<'a, R: Renderer> Walk<'a, R> {
         Self {
             renderer,
             tracer,
-            rays: Column::with_capacity(1),
+            rays: RayArray::with_capacity(1),
             payloads: Vec::new(),
-            shadow_rays: Column::with_capacity(renderer.tile_rays().max(renderer.shadow_rays_per_ray())),
+            shadow_rays: RayArray::with_capacity(renderer.tile_rays().max(renderer.shadow_rays_per_ray())),
             shadow_payloads: Vec::new(),
             occluded: Vec::new(),
             counts: RayCounts::default(),

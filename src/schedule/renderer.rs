@@ -1,6 +1,6 @@
 //! What the scheduler asks of a renderer (RA section 3.1): spawn camera rays, shade batches.
 
-use crate::stream::{Appender, Hit, Ray};
+use crate::stream::{Hit, Ray, RayAppender};
 use bytemuck::Pod;
 
 /// A job's own half: it creates rays and says what their hits mean. The scheduler calls it from many
@@ -63,9 +63,9 @@ pub struct Batch<'a, P> {
 /// Where a renderer emits rays.
 #[derive(Debug)]
 pub struct Output<'a, P, S> {
-    pub(crate) rays: Appender<'a>,
+    pub(crate) rays: RayAppender<'a>,
     pub(crate) payloads: &'a mut Vec<P>,
-    pub(crate) shadow_rays: Appender<'a>,
+    pub(crate) shadow_rays: RayAppender<'a>,
     pub(crate) shadow_payloads: &'a mut Vec<S>,
 }
 
@@ -113,7 +113,7 @@ impl<P, S> Output<'_, P, S> {
     }
 }
 
-/// Appends the first `count` of a row, copying all where there is room: see [`Appender::extend_from_row`].
+/// Appends the first `count` of a row, copying all where there is room: see [`RayAppender::extend_from_row`].
 #[inline(always)]
 fn extend_from_row<T: Copy>(to: &mut Vec<T>, row: &[T], count: usize) {
     let len = to.len();

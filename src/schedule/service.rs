@@ -7,7 +7,7 @@ use super::pool::Pool;
 use super::state::{Aftermath, Next, Receiver, State, Submission};
 use super::task::{TaskSlot, Work, Workplace};
 use super::{JobOptions, Limits, LimitsError, Renderer, ServiceOptions, Tracers, Unit};
-use crate::stream::{Scratch, drop_quietly, panic_message};
+use crate::stream::{ChunkScratch, drop_quietly, panic_message};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Condvar, Mutex, PoisonError, Weak};
@@ -279,7 +279,7 @@ impl Inner {
 
     /// Returns when the service closes, or is broken.
     fn work(&self, thread: usize) -> Option<()> {
-        let mut scratch = Scratch::default();
+        let mut scratch = ChunkScratch::default();
         let mut state = self.state.lock().ok()?;
         loop {
             let next = state.next(thread, self.now_ns());

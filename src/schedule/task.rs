@@ -2,8 +2,8 @@
 
 use super::{Batch, Depths, Limits, Output, Renderer, Tracers, Unit};
 use crate::stream::{
-    Chunk, Columns, DeviceReport, Filling, Full, RayStream, Scratch, Traced, TracedChunk, TracedRays,
-    Untraced, panic_message, paths,
+    Chunk, ChunkScratch, DeviceReport, Filling, Full, RayStream, StreamAppender, Traced, TracedChunk,
+    TracedRays, Untraced, panic_message, paths,
 };
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -80,11 +80,11 @@ pub(super) struct Workplace<R: Renderer> {
 /// A job whose type does not matter, as threads see it.
 pub(super) trait Work: Send + Sync {
     /// Does the task on the thread's desk.
-    fn work(&self, thread: usize, scratch: &mut Scratch);
+    fn work(&self, thread: usize, scratch: &mut ChunkScratch);
 }
 
 impl<R: Renderer> Work for Workplace<R> {
-    fn work(&self, thread: usize, scratch: &mut Scratch) {
+    fn work(&self, thread: usize, scratch: &mut ChunkScratch) {
         let task = match self.swap_slot(thread, TaskSlot::Clear) {
             TaskSlot::Task(task) => task,
             TaskSlot::Clear | TaskSlot::Done(_) => unreachable!("a thread works after it was given a task"),
@@ -163,7 +163,7 @@ impl<R: Renderer> Workplace<R> {
     ) -> Emitted {
         let before = (output.rays(), output.shadow_rays());
         let device = self.tracers.device.as_deref().filter(|_| self.tracers.unit != Unit::Cpu);
-        output.append(self.limits.stream, device, |Columns { rays, payloads, shadow_rays, shadow_payloads }| {
+        output.append(self.limits.stream, device, |StreamAppender { rays, payloads, shadow_rays, shadow_payloads }| {
             let mut output = Output { rays, payloads, shadow_rays, shadow_payloads };
             emit(&mut output);
             let (rays, shadow_rays) = (output.rays.len() - before.0, output.shadow_rays.len() - before.1);

@@ -1,34 +1,34 @@
-//! A chunk: the part of a stream that one host thread traces at once (RA section 3, the job slot).
+//! A chunk: the part of a ray stream that one host thread traces at once (RA section 3, the job slot).
 
 use super::device_memory::Memory;
-use super::{Column, Hit, InPlace, Ray, Tracer};
+use super::{Hit, InPlace, Ray, RayArray, Tracer};
 use std::ops::Range;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// What tracers see of a stream. While chunks are out the rays are read by several threads at once;
-/// answers are written under their lock, copied in from the thread's own [`Scratch`].
+/// What tracers use of a stream. While chunks are out, several threads read the rays at once. Each computes
+/// its answers in its own [`ChunkScratch`] and copies them here under the lock.
 #[derive(Debug, Default)]
-pub(super) struct Body {
-    pub(super) rays: Column,
-    pub(super) shadow_rays: Column,
-    pub(super) answers: Mutex<Answers>,
+pub(super) struct StreamData {
+    pub(super) rays: RayArray,
+    pub(super) shadow_rays: RayArray,
+    pub(super) answers: Mutex<StreamAnswers>,
 }
 
-/// Answers to rays and shadow rays. There is a place for each; what is there before tracing is of earlier rays.
+/// The answers to all rays and shadow rays. Before tracing they are those of earlier rays.
 #[derive(Debug, Default)]
-pub(super) struct Answers {
+pub(super) struct StreamAnswers {
     pub(super) hits: Memory<Hit>,
     pub(super) occluded: Memory<u32>,
 }
 
-impl Body {
-    pub(super) fn answers(&mut self) -> &mut Answers {
+impl StreamData {
+    pub(super) fn answers(&mut self) -> &mut StreamAnswers {
         self.answers.get_mut().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Everything, if a device has lent the memory for it.
+    /// Everything, if all of it is stored in device memory.
     pub(super) fn in_place(&mut self) -> Option<InPlace<'_>> {
-        let Answers { hits, occluded } = self.answers.get_mut().unwrap_or_else(PoisonError::into_inner);
+        let StreamAnswers { hits, occluded } = self.answers.get_mut().unwrap_or_else(PoisonError::into_inner);
         Some(InPlace {
             ray_count: self.rays.len(),
             rays: self.rays.memory.device_mut()?,
@@ -39,71 +39,73 @@ impl Body {
         })
     }
 
-    /// Gives answers other places, in host memory: where they were, a lost device may still be writing.
-    pub(super) fn renew_answers(&mut self) {
+    /// Replaces the answers by host memory of the same size. A lost device may still write to the old memory.
+    pub(super) fn move_answers_to_host(&mut self) {
         let (rays, shadow_rays) = (self.rays.memory.len(), self.shadow_rays.memory.len());
-        *self.answers() = Answers { hits: Memory::host(rays), occluded: Memory::host(shadow_rays) };
+        *self.answers() = StreamAnswers { hits: Memory::host(rays), occluded: Memory::host(shadow_rays) };
     }
 }
 
-fn grow<T: Copy>(column: &mut Vec<T>, len: usize, value: T) {
-    if column.len() < len {
-        column.resize(len, value);
+fn grow<T: Copy>(answers: &mut Vec<T>, len: usize, value: T) {
+    if answers.len() < len {
+        answers.resize(len, value);
     }
 }
 
-/// A host thread's own answers, kept from chunk to chunk so that nothing is allocated.
+/// A host thread's answers to a chunk. Reused from chunk to chunk, so that nothing is allocated.
 #[derive(Debug, Default)]
-pub struct Scratch {
+pub struct ChunkScratch {
     hits: Vec<Hit>,
     occluded: Vec<u32>,
 }
 
-/// Part of a stream, to be traced.
+/// A part of a stream that is to be traced.
 #[derive(Debug)]
 pub struct Chunk {
-    body: Arc<Body>,
+    data: Arc<StreamData>,
+    /// Indices of its rays.
     rays: Range<usize>,
+    /// Indices of its shadow rays.
     shadow_rays: Range<usize>,
 }
 
-/// A chunk whose answers are in its stream.
+/// A chunk that has been traced: its answers are in the stream.
 #[derive(Debug)]
 pub struct TracedChunk {
-    body: Arc<Body>,
+    data: Arc<StreamData>,
     rays: usize,
 }
 
 impl Chunk {
-    /// The rays `range` of a stream whose shadow rays are numbered on after its rays.
-    pub(super) fn new(body: Arc<Body>, range: Range<usize>) -> Self {
-        let rays = body.rays.len();
+    /// The rays `range` of a stream, whose shadow rays are numbered after its rays.
+    pub(super) fn new(data: Arc<StreamData>, range: Range<usize>) -> Self {
+        let rays = data.rays.len();
         Self {
             rays: range.start.min(rays)..range.end.min(rays),
             shadow_rays: range.start.max(rays) - rays..range.end.max(rays) - rays,
-            body,
+            data,
         }
     }
 
-    /// Rays and shadow rays together.
+    /// Number of rays and shadow rays.
     pub fn len(&self) -> usize {
         self.rays.len() + self.shadow_rays.len()
     }
 
-    /// Whether there is nothing to trace; no chunk handed out is.
+    /// Whether there is nothing to trace. No chunk of a stream is empty.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
     /// Traces the rays on the calling thread and writes the answers into the stream.
-    pub fn trace(self, tracer: &dyn Tracer, scratch: &mut Scratch) -> TracedChunk {
-        let body = &*self.body;
+    pub fn trace(self, tracer: &dyn Tracer, scratch: &mut ChunkScratch) -> TracedChunk {
+        let data = &*self.data;
         let (rays, shadow_rays) =
-            (&body.rays[self.rays.clone()], &body.shadow_rays[self.shadow_rays.clone()]);
-        if self.len() == body.rays.len() + body.shadow_rays.len() {
-            // Nobody else has a chunk of this stream: write in place.
-            let mut answers = body.answers.lock().unwrap_or_else(PoisonError::into_inner);
-            let Answers { hits, occluded } = &mut *answers;
+            (&data.rays[self.rays.clone()], &data.shadow_rays[self.shadow_rays.clone()]);
+        if self.len() == data.rays.len() + data.shadow_rays.len() {
+            // This chunk is the whole stream, so no other thread waits for the lock: write in place.
+            let mut answers = data.answers.lock().unwrap_or_else(PoisonError::into_inner);
+            let StreamAnswers { hits, occluded } = &mut *answers;
             trace(tracer, rays, &mut hits[self.rays], shadow_rays, &mut occluded[self.shadow_rays]);
         } else {
             grow(&mut scratch.hits, rays.len(), Hit::NONE);
@@ -111,11 +113,11 @@ impl Chunk {
             let hits = &mut scratch.hits[..rays.len()];
             let occluded = &mut scratch.occluded[..shadow_rays.len()];
             trace(tracer, rays, hits, shadow_rays, occluded);
-            let mut answers = body.answers.lock().unwrap_or_else(PoisonError::into_inner);
+            let mut answers = data.answers.lock().unwrap_or_else(PoisonError::into_inner);
             answers.hits[self.rays].copy_from_slice(hits);
             answers.occluded[self.shadow_rays].copy_from_slice(occluded);
         }
-        TracedChunk { rays: rays.len() + shadow_rays.len(), body: self.body }
+        TracedChunk { rays: rays.len() + shadow_rays.len(), data: self.data }
     }
 }
 
@@ -129,12 +131,12 @@ fn trace(tracer: &dyn Tracer, rays: &[Ray], hits: &mut [Hit], shadow_rays: &[Ray
 }
 
 impl TracedChunk {
-    /// Rays and shadow rays traced.
+    /// Number of rays and shadow rays.
     pub fn rays(&self) -> usize {
         self.rays
     }
 
-    pub(super) fn is_of(&self, body: &Arc<Body>) -> bool {
-        Arc::ptr_eq(&self.body, body)
+    pub(super) fn is_of(&self, data: &Arc<StreamData>) -> bool {
+        Arc::ptr_eq(&self.data, data)
     }
 }

@@ -1,5 +1,5 @@
-//! Memory that a stream's rays and answers lie in. Mostly the host's own; where a device lends memory that both can
-//! reach, streams are filled, traced and shaded there, and nothing is copied.
+//! The memory that stores a stream's rays and answers: the host's own, or memory that a device allocates and
+//! shares with the host. In shared memory streams are filled, traced and shaded without copies.
 
 use super::{Hit, Ray};
 use bytemuck::Zeroable;
@@ -7,73 +7,76 @@ use std::any::Any;
 use std::fmt::Debug;
 use std::ops::{Deref, DerefMut};
 
-/// Memory that a device lends for one column of a stream: rays, or answers.
+/// Memory that a device allocates for one array of a stream: its rays, or its answers.
 ///
-/// It belongs to whoever holds the berth, host or device, and changes hands in [`super::DeviceTracer::trace_in_place`]: a
-/// tracer that is lost in there may leave it to the device for good. Then rays can still be read, answers cannot,
-/// and nothing is written.
+/// The stream's state says who owns it. While the stream is [`super::Filling`], [`super::Full`],
+/// [`super::Tracing`] or [`super::Traced`], the host owns the memory and may read and write it. During
+/// [`super::DeviceTracer::trace_in_place`] the device owns it, and the slices below are refused. Normally the
+/// call gives it back. If the device is lost during the call, the memory may stay the device's for good: then
+/// the host may read rays, which the device only reads, but neither read answers nor write anything.
 pub trait DeviceMemory<T>: Any + Debug + Send + Sync {
-    /// All places.
+    /// All elements.
     ///
     /// # Panics
     /// If the device may be writing to them.
-    fn slots(&self) -> &[T];
+    fn as_slice(&self) -> &[T];
 
-    /// All places, to be written to.
+    /// All elements, to be written.
     ///
     /// # Panics
-    /// If the device may be using them.
-    fn slots_mut(&mut self) -> &mut [T];
+    /// If the device may be reading or writing them.
+    fn as_mut_slice(&mut self) -> &mut [T];
 
-    /// Whether rays may be written here: the device has not gone away with it.
+    /// Whether the host owns the memory and the device is not lost. A stream replaces other memory before it
+    /// is filled again.
     fn is_sound(&self) -> bool;
 }
 
-/// Berths for a whole stream.
+/// Device memory for a whole stream.
 #[derive(Debug)]
-pub struct DeviceMemorySource {
+pub struct StreamMemory {
     /// For rays.
     pub rays: Box<dyn DeviceMemory<Ray>>,
-    /// For the hits of these.
+    /// For their hits.
     pub hits: Box<dyn DeviceMemory<Hit>>,
     /// For shadow rays.
     pub shadow_rays: Box<dyn DeviceMemory<Ray>>,
-    /// For the answers to these.
+    /// For their answers: 1 for occluded, else 0.
     pub occluded: Box<dyn DeviceMemory<u32>>,
 }
 
-/// Places for rays or answers, the host's or a device's.
+/// An array of rays or answers, in host memory or in a device's.
 #[derive(Debug)]
 pub(super) enum Memory<T> {
     Host(Box<[T]>),
-    Lent(Box<dyn DeviceMemory<T>>),
+    Device(Box<dyn DeviceMemory<T>>),
 }
 
 impl<T: Zeroable> Memory<T> {
-    /// The host's own. Zeroes that nobody has touched cost nothing.
+    /// Host memory, zeroed. The system provides zeroed pages when they are first touched.
     pub fn host(len: usize) -> Self {
         Self::Host(bytemuck::zeroed_slice_box(len))
     }
 
-    /// The berth, if it is lent.
+    /// The memory, if it is a device's.
     pub fn device(&self) -> Option<&dyn DeviceMemory<T>> {
         match self {
             Self::Host(_) => None,
-            Self::Lent(device) => Some(&**device),
+            Self::Device(memory) => Some(&**memory),
         }
     }
 
-    /// The berth, if it is lent.
+    /// The memory, if it is a device's.
     pub fn device_mut(&mut self) -> Option<&mut dyn DeviceMemory<T>> {
         match self {
             Self::Host(_) => None,
-            Self::Lent(device) => Some(&mut **device),
+            Self::Device(memory) => Some(&mut **memory),
         }
     }
 }
 
 impl<T> Default for Memory<T> {
-    /// None, without an allocation.
+    /// An empty array, without an allocation.
     fn default() -> Self {
         Self::Host(Box::default())
     }
@@ -84,8 +87,8 @@ impl<T: 'static> Deref for Memory<T> {
 
     fn deref(&self) -> &[T] {
         match self {
-            Self::Host(slots) => slots,
-            Self::Lent(device) => device.slots(),
+            Self::Host(elements) => elements,
+            Self::Device(memory) => memory.as_slice(),
         }
     }
 }
@@ -93,21 +96,21 @@ impl<T: 'static> Deref for Memory<T> {
 impl<T: 'static> DerefMut for Memory<T> {
     fn deref_mut(&mut self) -> &mut [T] {
         match self {
-            Self::Host(slots) => slots,
-            Self::Lent(device) => device.slots_mut(),
+            Self::Host(elements) => elements,
+            Self::Device(memory) => memory.as_mut_slice(),
         }
     }
 }
 
-/// Rays one after the other, in memory that does not grow.
+/// A vector of rays with a fixed capacity.
 #[derive(Debug, Default)]
-pub struct Column {
+pub struct RayArray {
     pub(super) memory: Memory<Ray>,
     len: usize,
 }
 
-impl Column {
-    /// Room for so many rays, in host memory.
+impl RayArray {
+    /// An empty array in host memory.
     pub fn with_capacity(capacity: usize) -> Self {
         Self { memory: Memory::host(capacity), len: 0 }
     }
@@ -116,34 +119,34 @@ impl Column {
         Self { memory, len: 0 }
     }
 
-    /// How many rays there are.
+    /// Number of rays.
     pub fn len(&self) -> usize {
         self.len
     }
 
-    /// Whether there is none.
+    /// Whether there are no rays.
     pub fn is_empty(&self) -> bool {
         self.len == 0
     }
 
-    /// Drops all rays.
+    /// Removes all rays.
     pub fn clear(&mut self) {
         self.len = 0;
     }
 
-    /// Takes the last ray.
+    /// Removes the last ray and returns it.
     pub fn pop(&mut self) -> Option<Ray> {
         self.len = self.len.checked_sub(1)?;
         Some(self.memory[self.len])
     }
 
-    /// Where rays are appended.
-    pub fn appender(&mut self) -> Appender<'_> {
-        Appender { slots: &mut self.memory, len: &mut self.len }
+    /// Appends to the array.
+    pub fn appender(&mut self) -> RayAppender<'_> {
+        RayAppender { memory: &mut self.memory, len: &mut self.len }
     }
 }
 
-impl Deref for Column {
+impl Deref for RayArray {
     type Target = [Ray];
 
     fn deref(&self) -> &[Ray] {
@@ -151,23 +154,23 @@ impl Deref for Column {
     }
 }
 
-/// Appends rays to a [`Column`].
+/// Appends rays to a [`RayArray`].
 #[derive(Debug)]
-pub struct Appender<'a> {
-    pub(super) slots: &'a mut [Ray],
+pub struct RayAppender<'a> {
+    pub(super) memory: &'a mut [Ray],
     len: &'a mut usize,
 }
 
-impl Appender<'_> {
+impl RayAppender<'_> {
     /// Appends a ray.
     ///
     /// # Panics
-    /// If there is no room.
+    /// If the capacity is exceeded.
     pub fn push(&mut self, ray: Ray) {
-        let room = self.slots.len();
-        match self.slots.get_mut(*self.len) {
-            Some(slot) => *slot = ray,
-            None => no_room(room),
+        let capacity = self.memory.len();
+        match self.memory.get_mut(*self.len) {
+            Some(place) => *place = ray,
+            None => capacity_exceeded(capacity),
         }
         *self.len += 1;
     }
@@ -175,44 +178,44 @@ impl Appender<'_> {
     /// Appends rays.
     ///
     /// # Panics
-    /// If there is no room.
+    /// If the capacity is exceeded.
     pub fn extend_from_slice(&mut self, rays: &[Ray]) {
-        let (room, end) = (self.slots.len(), *self.len + rays.len());
-        match self.slots.get_mut(*self.len..end) {
-            Some(slots) => slots.copy_from_slice(rays),
-            None => no_room(room),
+        let (capacity, end) = (self.memory.len(), *self.len + rays.len());
+        match self.memory.get_mut(*self.len..end) {
+            Some(places) => places.copy_from_slice(rays),
+            None => capacity_exceeded(capacity),
         }
         *self.len = end;
     }
 
-    /// Appends the first `count` rays of a row. The others are written behind them where there is room: it is
-    /// cheaper to copy as many as the compiler knows of.
+    /// Appends the first `count` rays of `row`. Where the capacity suffices, the whole row is copied and the
+    /// excess overwritten later: copying a number of rays that the compiler knows is cheaper.
     ///
     /// # Panics
-    /// If there is no room for `count`, or they are not in the row.
+    /// If the capacity is exceeded, or `row` has fewer than `count` rays.
     #[inline(always)]
     pub fn extend_from_row(&mut self, row: &[Ray], count: usize) {
-        match self.slots.get_mut(*self.len..*self.len + row.len()) {
-            Some(slots) if count <= row.len() => {
-                slots.copy_from_slice(row);
+        match self.memory.get_mut(*self.len..*self.len + row.len()) {
+            Some(places) if count <= row.len() => {
+                places.copy_from_slice(row);
                 *self.len += count;
             }
             _ => self.extend_from_slice(&row[..count]),
         }
     }
 
-    /// How many rays there are.
+    /// Number of rays.
     pub fn len(&self) -> usize {
         *self.len
     }
 
-    /// Whether there is none.
+    /// Whether there are no rays.
     pub fn is_empty(&self) -> bool {
         *self.len == 0
     }
 }
 
 #[cold]
-fn no_room(room: usize) -> ! {
-    panic!("a stream that takes {room} rays was given more")
+fn capacity_exceeded(capacity: usize) -> ! {
+    panic!("a stream that takes {capacity} rays was given more")
 }

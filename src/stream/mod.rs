@@ -1,6 +1,17 @@
-//! What moves through the house: rays, hits, ray streams, and the tracer traits that turn rays into
-//! hits. Knows no scene and no device.
+//! Ray streams: large buffers of arbitrary rays (RA section 3), and the traits of the tracers that turn rays
+//! into hits. Knows neither scenes nor devices.
+//!
+//! ```text
+//! Empty ─ fill → Filling ─ seal → Full ─ open → Tracing ─ close → Traced ─ recycle → Empty
+//!                append rays        │  chunks → Tracer               ▲  shading takes rays and hits
+//!                                   └────── trace_on DeviceTracer ───┘
+//! ```
+//!
+//! A stream's rays and answers are stored in host memory or in [`DeviceMemory`], which host and device share.
+//!
+//! Words are defined in `docs/glossary.md`.
 
+mod capacity;
 mod chunk;
 mod device_memory;
 mod panic;
@@ -10,12 +21,13 @@ mod ray_stream;
 mod tests;
 mod tracer;
 
-pub use chunk::{Chunk, Scratch, TracedChunk};
-pub use device_memory::{Appender, Column, DeviceMemory, DeviceMemorySource};
+pub use capacity::{Capacity, paths};
+pub use chunk::{Chunk, ChunkScratch, TracedChunk};
+pub use device_memory::{DeviceMemory, RayAppender, RayArray, StreamMemory};
 pub use panic::{drop_quietly, panic_message};
 pub use ray::{Hit, MISS, Ray};
 pub use ray_stream::{
-    Capacity, Columns, Dispatched, Empty, Filling, Full, RayStream, Traced, TracedRays, TracedShadows,
-    Tracing, Untraced, paths,
+    Dispatched, Empty, Filling, Full, RayStream, StreamAppender, Traced, TracedRays, TracedShadows, Tracing,
+    Untraced,
 };
 pub use tracer::{DeviceError, DeviceReport, DeviceTracer, InPlace, Queries, Sizing, Tracer};

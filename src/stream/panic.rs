@@ -1,9 +1,9 @@
-//! Panics of other people's code, caught at the walls of the house.
+//! Panics of foreign code, caught where it is called.
 
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-/// What a caught panic said. Drops the payload, whose own drop may panic as well.
+/// The message of a caught panic. Drops the payload, whose own drop may panic as well.
 pub fn panic_message(payload: Box<dyn Any + Send>) -> String {
     let message = if let Some(text) = payload.downcast_ref::<&str>() {
         (*text).to_owned()
@@ -16,7 +16,7 @@ pub fn panic_message(payload: Box<dyn Any + Send>) -> String {
     message
 }
 
-/// Drops a stranger's value; a panic of its drop ends here.
+/// Drops a value of foreign type. If its drop panics, the panic is caught and its payload leaked.
 pub fn drop_quietly<T>(value: T) {
     if let Err(payload) = catch_unwind(AssertUnwindSafe(|| drop(value))) {
         std::mem::forget(payload);

@@ -1,25 +1,25 @@
-//! Rays and hits as they lie in memory, on CPU and GPU alike (RA section 4: 32 and 16 bytes).
+//! Rays and hits in the layout that the CPU and GPUs share (RA section 4: 32 and 16 bytes).
 
 use bytemuck::{Pod, Zeroable};
 
-/// A ray: origin and direction in world units, hits count for `t_min <= t <= t_max`, `t` in lengths
-/// of `direction` (which need not be normalised). [`crate::geom::CanonicalRay::new`] says which rays
+/// A ray, 32 bytes: origin and direction in world units. Hits count if `t_min <= t <= t_max`, where `t` is in
+/// lengths of `direction`, which need not be normalised. [`crate::geom::CanonicalRay::new`] says which rays
 /// hit nothing by definition.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct Ray {
-    /// Where the ray starts.
+    /// The start.
     pub origin: [f32; 3],
-    /// Least `t` that counts; below 0 counts as 0.
+    /// Least `t` that counts; a negative value counts as 0.
     pub t_min: f32,
-    /// Where it goes.
+    /// The direction, of any length from 1e-9 to 1e9.
     pub direction: [f32; 3],
     /// Greatest `t` that counts; may be +∞.
     pub t_max: f32,
 }
 
 impl Ray {
-    /// A ray that looks as far as there is anything.
+    /// A ray from `t` = 0 to infinity.
     pub fn new(origin: glam::Vec3, direction: glam::Vec3) -> Self {
         Self { origin: origin.into(), t_min: 0.0, direction: direction.into(), t_max: f32::INFINITY }
     }
@@ -30,28 +30,28 @@ impl Ray {
     }
 }
 
-/// The value of [`Hit::primitive`] of a ray that hit nothing.
+/// The value of [`Hit::primitive`] for a miss.
 pub const MISS: u32 = u32::MAX;
 
-/// The nearest hit of a ray, or a miss.
+/// The nearest hit of a ray, or a miss; 16 bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct Hit {
     /// Ray parameter of the hit; +∞ for a miss.
     pub t: f32,
-    /// Barycentric weight of the triangle's second vertex; 0 for a miss.
+    /// Barycentric weight of the triangle's second vertex, 0 to 1; 0 for a miss.
     pub u: f32,
-    /// Barycentric weight of the triangle's third vertex; 0 for a miss.
+    /// Barycentric weight of the triangle's third vertex, 0 to 1; 0 for a miss.
     pub v: f32,
-    /// Index of the triangle in the scene's order, or [`MISS`].
+    /// Primitive id of the triangle, or [`MISS`].
     pub primitive: u32,
 }
 
 impl Hit {
-    /// No hit.
+    /// A miss.
     pub const NONE: Self = Self { t: f32::INFINITY, u: 0.0, v: 0.0, primitive: MISS };
 
-    /// Whether nothing was hit.
+    /// Whether the ray hit nothing.
     pub fn is_miss(&self) -> bool {
         self.primitive == MISS
     }

@@ -1,90 +1,73 @@
-//! The ray stream: a large buffer of arbitrary rays (RA section 3) whose type says what may be done
-//! with it. A stream is a value; it moves from state to state and from list to list, so it is in
-//! exactly one place, and shading an untraced stream does not compile.
+//! The ray stream: a large buffer of arbitrary rays (RA section 3). Its state is part of its type and says
+//! what may be done with it. A stream is a value that moves from state to state and from list to list. So it
+//! is in exactly one place, and shading a stream that is not traced does not compile.
 //!
 //! ```text
 //! Empty ─fill→ Filling ─seal→ Full ─open→ Tracing (chunks out) ─close→ Traced ─recycle→ Empty
 //!                                └──── trace_on a device ──────────────┘
 //! ```
 
-use super::chunk::{Answers, Body};
+use super::chunk::{StreamAnswers, StreamData};
 use super::device_memory::Memory;
 use super::{
-    Appender, Chunk, Column, DeviceError, DeviceMemorySource, DeviceReport, DeviceTracer, Hit, Queries, Ray,
-    TracedChunk, panic_message,
+    Capacity, Chunk, DeviceError, DeviceReport, DeviceTracer, Hit, Queries, Ray, RayAppender, RayArray,
+    StreamMemory, TracedChunk, panic_message,
 };
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, PoisonError};
 
-/// Holds nothing.
+/// State of a stream without rays.
 #[derive(Debug)]
 pub struct Empty;
 
-/// Takes rays; written by one thread at a time.
+/// State of a stream to which one thread at a time appends rays.
 #[derive(Debug)]
 pub struct Filling;
 
-/// Holds rays that wait to be traced and takes no more.
+/// State of a stream that accepts no more rays and waits to be traced.
 #[derive(Debug)]
 pub struct Full;
 
-/// Is being traced by host threads, each at a chunk of it.
+/// State of a stream that host threads trace, a chunk each.
 #[derive(Debug)]
 pub struct Tracing {
-    /// The next ray to hand out; shadow rays are numbered on after the rays.
+    /// Index of the first ray that is in no chunk yet. Shadow rays are numbered after the rays.
     next: usize,
-    /// Chunks handed out and not yet put back.
-    out: usize,
+    /// Number of chunks that are not yet put back.
+    chunks_out: usize,
 }
 
-/// Holds an answer for each of its rays and shadow rays; on its way through shading.
+/// State of a stream with an answer for each ray and shadow ray, which is being shaded.
 #[derive(Debug)]
 pub struct Traced {
-    /// Rays shaded so far.
+    /// Number of rays taken for shading.
     shaded: usize,
     /// Whether the shadow rays have been taken.
     shadows_taken: bool,
 }
 
-/// How much a stream may hold; see [`RayStream::append`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Capacity {
-    /// Most rays.
-    pub rays: usize,
-    /// Most shadow rays.
-    pub shadow_rays: usize,
-}
-
-impl Capacity {
-    /// Bytes of a stream that holds so much, with these payloads.
-    pub fn bytes<P, S>(self) -> usize {
-        self.rays * (size_of::<Ray>() + size_of::<Hit>() + size_of::<P>())
-            + self.shadow_rays * (size_of::<Ray>() + size_of::<u32>() + size_of::<S>())
-    }
-}
-
-/// Rays with their payloads and hits; beside them the shadow rays of the paths they continue, with
-/// payloads and answers of their own. `State` is one of [`Empty`], [`Filling`], [`Full`],
-/// [`Tracing`], [`Traced`].
+/// Rays with a payload and a hit each, and the shadow rays of the same paths, with a payload and an answer
+/// each. `State` is [`Empty`], [`Filling`], [`Full`], [`Tracing`] or [`Traced`]; `P` is the payload of rays,
+/// `S` that of shadow rays.
 #[derive(Debug)]
 pub struct RayStream<State, P, S> {
-    /// What tracers see. Shared with chunks only while `Tracing`, otherwise this stream's alone.
-    body: Arc<Body>,
+    /// What tracers use. Shared with chunks in the state [`Tracing`] only.
+    data: Arc<StreamData>,
     payloads: Vec<P>,
     shadow_payloads: Vec<S>,
     state: State,
 }
 
-/// Where rays are appended; see [`RayStream::append`].
+/// Appends rays with their payloads; see [`RayStream::append`].
 #[derive(Debug)]
-pub struct Columns<'a, P, S> {
-    /// Rays, as many as payloads.
-    pub rays: Appender<'a>,
-    /// What travels with the rays.
+pub struct StreamAppender<'a, P, S> {
+    /// Rays. One is appended for each payload.
+    pub rays: RayAppender<'a>,
+    /// Payloads of the rays.
     pub payloads: &'a mut Vec<P>,
-    /// Shadow rays, as many as shadow payloads.
-    pub shadow_rays: Appender<'a>,
-    /// What travels with the shadow rays.
+    /// Shadow rays. One is appended for each shadow payload.
+    pub shadow_rays: RayAppender<'a>,
+    /// Payloads of the shadow rays.
     pub shadow_payloads: &'a mut Vec<S>,
 }
 
@@ -95,7 +78,7 @@ pub struct TracedRays<'a, P> {
     pub rays: &'a [Ray],
     /// Their nearest hits.
     pub hits: &'a [Hit],
-    /// What travelled with them.
+    /// Their payloads.
     pub payloads: &'a [P],
 }
 
@@ -104,71 +87,63 @@ pub struct TracedRays<'a, P> {
 pub struct TracedShadows<'a, S> {
     /// The shadow rays.
     pub rays: &'a [Ray],
-    /// What travelled with them.
+    /// Their payloads.
     pub payloads: &'a [S],
     /// 1 where something was hit, else 0.
     pub occluded: &'a [u32],
 }
 
-/// A stream that a device has traced, and at what cost.
+/// A stream that a device has traced, and what it cost.
 pub type Dispatched<P, S> = (RayStream<Traced, P, S>, DeviceReport);
 
-/// A stream that a device has not traced, or only in part, which counts as not at all.
+/// A stream that a device failed to trace. If it traced a part, that part is traced again.
 #[derive(Debug)]
 pub struct Untraced<P, S> {
     /// The stream.
     pub stream: RayStream<Full, P, S>,
-    /// What happened to the device.
+    /// Why the device failed.
     pub reason: String,
 }
 
 impl<State, P, S> RayStream<State, P, S> {
-    /// Rays held, shaded ones included.
+    /// Number of rays, shaded ones included.
     pub fn rays(&self) -> usize {
         self.payloads.len()
     }
 
-    /// Shadow rays held, taken ones included.
+    /// Number of shadow rays, taken ones included.
     pub fn shadow_rays(&self) -> usize {
         self.shadow_payloads.len()
     }
 
-    fn body(&mut self) -> &mut Body {
-        Arc::get_mut(&mut self.body).expect("chunks live no longer than the state Tracing")
+    fn data(&mut self) -> &mut StreamData {
+        Arc::get_mut(&mut self.data).expect("chunks live no longer than the state Tracing")
     }
 
     fn into_state<Next>(self, state: Next) -> RayStream<Next, P, S> {
-        let Self { body, payloads, shadow_payloads, .. } = self;
-        RayStream { body, payloads, shadow_payloads, state }
+        let Self { data, payloads, shadow_payloads, .. } = self;
+        RayStream { data, payloads, shadow_payloads, state }
     }
 
-    /// Empties the stream whatever is in it, when its job has been given up; its storage is kept.
+    /// Removes all rays, whatever their state, when the job has been cancelled. The memory is kept.
     ///
     /// # Panics
-    /// If a chunk of it is still with a thread.
+    /// If a thread still has a chunk of the stream.
     pub fn discard(mut self) -> RayStream<Empty, P, S> {
         self.payloads.clear();
         self.shadow_payloads.clear();
-        let body = self.body();
-        body.rays.clear();
-        body.shadow_rays.clear();
+        let data = self.data();
+        data.rays.clear();
+        data.shadow_rays.clear();
         self.into_state(Empty)
     }
 }
 
-/// How many paths `rays` rays and `shadow_rays` shadow rays stand for, when every path has at most
-/// one ray and `shadow_rays_per_path` ≥ 1 shadow rays. Appending what `n` paths emit raises it by at
-/// most `n`.
-pub fn paths(rays: usize, shadow_rays: usize, shadow_rays_per_path: usize) -> usize {
-    rays.max(shadow_rays.div_ceil(shadow_rays_per_path))
-}
-
 impl<P, S> RayStream<Empty, P, S> {
-    /// A stream without storage; [`RayStream::append`] makes it, so that this may be called under a
-    /// lock.
-    #[expect(clippy::new_without_default, reason = "making a stream is a decision")]
+    /// A stream without memory. [`RayStream::append`] allocates, so this may be called under a lock.
+    #[expect(clippy::new_without_default, reason = "streams are counted: creating one is a decision")]
     pub fn new() -> Self {
-        Self { body: Arc::default(), payloads: Vec::new(), shadow_payloads: Vec::new(), state: Empty }
+        Self { data: Arc::default(), payloads: Vec::new(), shadow_payloads: Vec::new(), state: Empty }
     }
 
     /// Opens the stream for appending.
@@ -178,31 +153,31 @@ impl<P, S> RayStream<Empty, P, S> {
 }
 
 impl<P, S> RayStream<Filling, P, S> {
-    /// Appends what `emit` emits. The first time, the stream gets room for `capacity`: memory that `device` lends if it
-    /// does, else the host's own.
+    /// Appends the rays that `emit` emits, and returns its value. If the stream has no rays yet, memory for
+    /// `capacity` is provided first: from `device` if it offers any, else from the host.
     ///
     /// # Panics
-    /// If there is then more in the stream than `capacity`, or a payload without its ray.
+    /// If the stream then holds more than `capacity`, or not as many rays as payloads.
     pub fn append<T>(
         &mut self,
         capacity: Capacity,
         device: Option<&dyn DeviceTracer>,
-        emit: impl FnOnce(Columns<'_, P, S>) -> T,
+        emit: impl FnOnce(StreamAppender<'_, P, S>) -> T,
     ) -> T {
-        let Self { body, payloads, shadow_payloads, .. } = self;
-        let body = Arc::get_mut(body).expect("chunks live no longer than the state Tracing");
-        if body.rays.is_empty() && body.shadow_rays.is_empty() {
-            settle(body, capacity, device);
+        let Self { data, payloads, shadow_payloads, .. } = self;
+        let data = Arc::get_mut(data).expect("chunks live no longer than the state Tracing");
+        if data.rays.is_empty() && data.shadow_rays.is_empty() {
+            provide_memory(data, capacity, device);
             reserve(payloads, capacity.rays);
             reserve(shadow_payloads, capacity.shadow_rays);
         }
-        let value = emit(Columns {
-            rays: body.rays.appender(),
+        let value = emit(StreamAppender {
+            rays: data.rays.appender(),
             payloads,
-            shadow_rays: body.shadow_rays.appender(),
+            shadow_rays: data.shadow_rays.appender(),
             shadow_payloads,
         });
-        let (rays, shadow_rays) = (body.rays.len(), body.shadow_rays.len());
+        let (rays, shadow_rays) = (data.rays.len(), data.shadow_rays.len());
         assert!(
             rays == payloads.len() && shadow_rays == shadow_payloads.len(),
             "every ray has a payload: {rays} rays have {}, {shadow_rays} shadow rays have {}",
@@ -218,60 +193,62 @@ impl<P, S> RayStream<Filling, P, S> {
         value
     }
 
-    /// Closes the stream for appending.
+    /// Ends appending.
     pub fn seal(self) -> RayStream<Full, P, S> {
         self.into_state(Full)
     }
 
-    /// Takes the stream back unused.
+    /// Makes an unused stream empty again.
     ///
     /// # Panics
-    /// If there are rays in it.
+    /// If it holds rays.
     pub fn unfill(self) -> RayStream<Empty, P, S> {
         assert!(self.rays() == 0 && self.shadow_rays() == 0, "rays may not be lost");
         self.into_state(Empty)
     }
 }
 
-/// Finds memory for an empty stream, unless what it has will do.
-fn settle(body: &mut Body, capacity: Capacity, device: Option<&dyn DeviceTracer>) {
-    let lent = device.and_then(|device| device.memory_source(capacity, body.rays.memory.device()));
-    if let Some(DeviceMemorySource { rays, hits, shadow_rays, occluded }) = lent {
-        body.rays = Column::of(Memory::Lent(rays));
-        body.shadow_rays = Column::of(Memory::Lent(shadow_rays));
-        *body.answers() = Answers { hits: Memory::Lent(hits), occluded: Memory::Lent(occluded) };
+/// Provides memory for an empty stream, unless the memory that it has is sound and large enough.
+fn provide_memory(data: &mut StreamData, capacity: Capacity, device: Option<&dyn DeviceTracer>) {
+    let offered = device.and_then(|device| device.stream_memory(capacity, data.rays.memory.device()));
+    if let Some(StreamMemory { rays, hits, shadow_rays, occluded }) = offered {
+        data.rays = RayArray::of(Memory::Device(rays));
+        data.shadow_rays = RayArray::of(Memory::Device(shadow_rays));
+        *data.answers() = StreamAnswers { hits: Memory::Device(hits), occluded: Memory::Device(occluded) };
         return;
     }
-    let fits = |memory: &Memory<Ray>, room| {
-        memory.device().is_none_or(|device| device.is_sound()) && memory.len() >= room
+    let suffices = |memory: &Memory<Ray>, capacity| {
+        memory.device().is_none_or(|memory| memory.is_sound()) && memory.len() >= capacity
     };
-    if !fits(&body.rays.memory, capacity.rays) || !fits(&body.shadow_rays.memory, capacity.shadow_rays) {
-        body.rays = Column::with_capacity(capacity.rays);
-        body.shadow_rays = Column::with_capacity(capacity.shadow_rays);
-        body.renew_answers();
+    if !suffices(&data.rays.memory, capacity.rays)
+        || !suffices(&data.shadow_rays.memory, capacity.shadow_rays)
+    {
+        data.rays = RayArray::with_capacity(capacity.rays);
+        data.shadow_rays = RayArray::with_capacity(capacity.shadow_rays);
+        data.move_answers_to_host();
     }
 }
 
-fn reserve<T>(column: &mut Vec<T>, capacity: usize) {
-    column.reserve_exact(capacity.saturating_sub(column.len()));
+fn reserve<T>(payloads: &mut Vec<T>, capacity: usize) {
+    payloads.reserve_exact(capacity.saturating_sub(payloads.len()));
 }
 
 impl<P, S> RayStream<Full, P, S> {
     /// Opens the stream for tracing in chunks.
     pub fn open(self) -> RayStream<Tracing, P, S> {
-        self.into_state(Tracing { next: 0, out: 0 })
+        self.into_state(Tracing { next: 0, chunks_out: 0 })
     }
 
-    /// Traces the stream on a device: in place if it lies in memory of the device's, else in pieces of at most
-    /// [`DeviceTracer::max_rays`].
+    /// Traces the stream on a device: in place if it is stored in the device's memory, else in pieces of at
+    /// most [`DeviceTracer::max_rays`]. Blocks until the answers are there.
     ///
     /// # Errors
-    /// [`Untraced`] when the device is lost or panics.
+    /// [`Untraced`] if the device is lost or its tracer panics.
     pub fn trace_on(mut self, device: &dyn DeviceTracer) -> Result<Dispatched<P, S>, Untraced<P, S>> {
-        let body = self.body();
+        let data = self.data();
         let traced = catch_unwind(AssertUnwindSafe(|| {
-            let in_place = body.in_place().and_then(|stream| device.trace_in_place(stream));
-            in_place.unwrap_or_else(|| trace_in_pieces(body, device))
+            let in_place = data.in_place().and_then(|stream| device.trace_in_place(stream));
+            in_place.unwrap_or_else(|| trace_in_pieces(data, device))
         }));
         let reason = match traced {
             Ok(Ok(report)) => {
@@ -280,28 +257,28 @@ impl<P, S> RayStream<Full, P, S> {
             Ok(Err(error)) => error.to_string(),
             Err(payload) => format!("it panicked: {}", panic_message(payload)),
         };
-        // Rays are only read by the device, even by one that has gone astray.
-        if self.body().answers().hits.device().is_some() {
-            self.body().renew_answers();
+        // A lost device may still write answers, so they move. It only reads rays, so they stay.
+        if self.data().answers().hits.device().is_some() {
+            self.data().move_answers_to_host();
         }
         Err(Untraced { stream: self, reason })
     }
 }
 
-fn trace_in_pieces(body: &mut Body, device: &dyn DeviceTracer) -> Result<DeviceReport, DeviceError> {
+fn trace_in_pieces(data: &mut StreamData, device: &dyn DeviceTracer) -> Result<DeviceReport, DeviceError> {
     let most = device.max_rays();
     if most == 0 {
         return Err(DeviceError::Lost("it takes no rays".to_owned()));
     }
-    let (rays, shadow_rays) = (body.rays.len(), body.shadow_rays.len());
-    let Answers { hits, occluded } = body.answers.get_mut().unwrap_or_else(PoisonError::into_inner);
+    let (rays, shadow_rays) = (data.rays.len(), data.shadow_rays.len());
+    let StreamAnswers { hits, occluded } = data.answers.get_mut().unwrap_or_else(PoisonError::into_inner);
     let mut report = DeviceReport::default();
     for start in (0..rays.max(shadow_rays)).step_by(most) {
         let piece = |len: usize| start.min(len)..start.saturating_add(most).min(len);
         report += device.trace(Queries {
-            rays: &body.rays[piece(rays)],
+            rays: &data.rays[piece(rays)],
             hits: &mut hits[piece(rays)],
-            shadow_rays: &body.shadow_rays[piece(shadow_rays)],
+            shadow_rays: &data.shadow_rays[piece(shadow_rays)],
             occluded: &mut occluded[piece(shadow_rays)],
         })?;
     }
@@ -309,41 +286,41 @@ fn trace_in_pieces(body: &mut Body, device: &dyn DeviceTracer) -> Result<DeviceR
 }
 
 impl<P, S> RayStream<Tracing, P, S> {
-    /// Rays and shadow rays not yet handed out.
+    /// Number of rays and shadow rays that are in no chunk yet.
     pub fn left(&self) -> usize {
         self.rays() + self.shadow_rays() - self.state.next
     }
 
-    /// Hands out the next chunk, of at most `most` ≥ 1 rays and shadow rays together.
+    /// The next chunk, of at most `most` ≥ 1 rays and shadow rays together.
     ///
     /// # Panics
     /// If nothing is left.
     pub fn next_chunk(&mut self, most: usize) -> Chunk {
         let len = self.left().min(most);
-        assert!(len > 0, "there is a ray left to hand out");
-        let chunk = Chunk::new(Arc::clone(&self.body), self.state.next..self.state.next + len);
+        assert!(len > 0, "there is a ray left");
+        let chunk = Chunk::new(Arc::clone(&self.data), self.state.next..self.state.next + len);
         self.state.next += len;
-        self.state.out += 1;
+        self.state.chunks_out += 1;
         chunk
     }
 
-    /// Whether a chunk is of this stream.
+    /// Whether a chunk belongs to this stream.
     pub fn owns(&self, chunk: &TracedChunk) -> bool {
-        chunk.is_of(&self.body)
+        chunk.is_of(&self.data)
     }
 
-    /// Takes a chunk back, traced.
+    /// Puts a traced chunk back.
     ///
     /// # Panics
-    /// If it is another stream's.
+    /// If it belongs to another stream.
     pub fn put_back(&mut self, chunk: TracedChunk) {
         assert!(self.owns(&chunk), "a chunk returns to its stream");
-        self.state.out -= 1;
+        self.state.chunks_out -= 1;
     }
 
-    /// Whether every chunk has been handed out and put back.
+    /// Whether all rays were in chunks, and all chunks are back.
     pub fn is_traced(&self) -> bool {
-        self.left() == 0 && self.state.out == 0
+        self.left() == 0 && self.state.chunks_out == 0
     }
 
     /// Ends tracing.
@@ -357,12 +334,12 @@ impl<P, S> RayStream<Tracing, P, S> {
 }
 
 impl<P, S> RayStream<Traced, P, S> {
-    /// Rays not yet shaded.
+    /// Number of rays not yet taken for shading.
     pub fn rays_left(&self) -> usize {
         self.rays() - self.state.shaded
     }
 
-    /// Shadow rays not yet taken.
+    /// Number of shadow rays not yet taken.
     pub fn shadow_rays_left(&self) -> usize {
         if self.state.shadows_taken { 0 } else { self.shadow_rays() }
     }
@@ -371,38 +348,38 @@ impl<P, S> RayStream<Traced, P, S> {
     pub fn take_shadows(&mut self) -> TracedShadows<'_, S> {
         let len = self.shadow_rays_left();
         self.state.shadows_taken = true;
-        let Self { body, shadow_payloads, .. } = self;
-        let body = Arc::get_mut(body).expect("chunks live no longer than the state Tracing");
-        let answers = body.answers.get_mut().unwrap_or_else(PoisonError::into_inner);
+        let Self { data, shadow_payloads, .. } = self;
+        let data = Arc::get_mut(data).expect("chunks live no longer than the state Tracing");
+        let answers = data.answers.get_mut().unwrap_or_else(PoisonError::into_inner);
         TracedShadows {
-            rays: &body.shadow_rays[..len],
+            rays: &data.shadow_rays[..len],
             payloads: &shadow_payloads[..len],
             occluded: &answers.occluded[..len],
         }
     }
 
-    /// Takes the next rays, at most `most`; none when all have been shaded.
+    /// Takes the next rays for shading, at most `most`; none once all have been taken.
     ///
     /// # Panics
-    /// If the shadow rays have not been taken: their answers come first (RA section 3.2).
+    /// If the shadow rays have not been taken: their answers are used first (RA section 3.2).
     pub fn next_batch(&mut self, most: usize) -> TracedRays<'_, P> {
         assert!(self.state.shadows_taken, "shadow rays are taken before rays are shaded");
         let range = self.state.shaded..self.state.shaded + self.rays_left().min(most);
         self.state.shaded = range.end;
-        let Self { body, payloads, .. } = self;
-        let body = Arc::get_mut(body).expect("chunks live no longer than the state Tracing");
-        let answers = body.answers.get_mut().unwrap_or_else(PoisonError::into_inner);
+        let Self { data, payloads, .. } = self;
+        let data = Arc::get_mut(data).expect("chunks live no longer than the state Tracing");
+        let answers = data.answers.get_mut().unwrap_or_else(PoisonError::into_inner);
         TracedRays {
-            rays: &body.rays[range.clone()],
+            rays: &data.rays[range.clone()],
             hits: &answers.hits[range.clone()],
             payloads: &payloads[range],
         }
     }
 
-    /// Makes the stream empty again; its storage is kept.
+    /// Makes the stream empty again. The memory is kept.
     ///
     /// # Panics
-    /// If anything in it has not been taken.
+    /// If a ray or shadow ray has not been taken.
     pub fn recycle(self) -> RayStream<Empty, P, S> {
         assert!(self.rays_left() == 0 && self.shadow_rays_left() == 0, "rays may not be lost");
         self.discard()

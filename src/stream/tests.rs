@@ -3,7 +3,7 @@ use std::fmt::Debug;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering::Relaxed};
 
-/// Answers by the ray's origin, and counts calls.
+/// A tracer that answers by the ray's origin and counts calls.
 #[derive(Default)]
 struct ByOrigin {
     calls: AtomicUsize,
@@ -25,7 +25,7 @@ impl Tracer for ByOrigin {
     }
 }
 
-/// Answers some calls and then is lost or panics, leaving rubbish.
+/// A device that answers some calls and then is lost or panics, leaving wrong answers.
 struct Frail {
     calls_left: AtomicUsize,
     panics: bool,
@@ -77,11 +77,11 @@ fn fill(
 ) -> RayStream<Filling, u32, u64> {
     let ray = |i: usize| Ray { origin: [i as f32, 0.0, 0.0], ..Ray::default() };
     let mut stream = stream.fill();
-    stream.append(CAPACITY, device, |mut columns| {
-        (0..rays).for_each(|i| columns.rays.push(ray(i)));
-        columns.payloads.extend(0..rays as u32);
-        (0..shadow_rays).for_each(|i| columns.shadow_rays.push(ray(i)));
-        columns.shadow_payloads.extend(0..shadow_rays as u64);
+    stream.append(CAPACITY, device, |mut appender| {
+        (0..rays).for_each(|i| appender.rays.push(ray(i)));
+        appender.payloads.extend(0..rays as u32);
+        (0..shadow_rays).for_each(|i| appender.shadow_rays.push(ray(i)));
+        appender.shadow_payloads.extend(0..shadow_rays as u64);
     });
     stream
 }
@@ -95,7 +95,7 @@ fn check(
     assert_eq!(shadows.rays.len(), shadow_rays);
     assert!(shadows.payloads.iter().copied().eq(0..shadow_rays as u64));
     assert!(shadows.occluded.iter().copied().eq(10..10 + shadow_rays as u32));
-    assert!(stream.take_shadows().rays.is_empty(), "they are taken once");
+    assert!(stream.take_shadows().rays.is_empty(), "shadow rays are taken once");
     let mut next = 0;
     loop {
         let left = stream.rays_left();
@@ -120,7 +120,7 @@ fn any_split_into_chunks_gives_the_same_answers() {
     for (rays, shadow_rays) in [(10, 7), (10, 0), (0, 7), (1, 1)] {
         for most in 1..=20 {
             let tracer = ByOrigin::default();
-            let mut scratch = Scratch::default();
+            let mut scratch = ChunkScratch::default();
             let mut stream = filled(rays, shadow_rays).seal().open();
             let mut chunks = Vec::new();
             while stream.left() > 0 {
@@ -141,7 +141,7 @@ fn any_split_into_chunks_gives_the_same_answers() {
 }
 
 #[test]
-fn a_device_traces_in_pieces_it_can_take() {
+fn a_device_traces_in_pieces_of_its_size() {
     for (rays, shadow_rays) in [(10, 7), (0, 7), (4, 0), (3, 5)] {
         let device = Frail::new(usize::MAX, false);
         let (stream, report) = filled(rays, shadow_rays).seal().trace_on(&device).unwrap();
@@ -151,7 +151,7 @@ fn a_device_traces_in_pieces_it_can_take() {
 }
 
 #[test]
-fn what_a_dying_device_leaves_is_traced_again() {
+fn answers_of_a_lost_device_are_traced_again() {
     for (calls, panics, reason) in [
         (0, false, "the GPU was lost: gone"),
         (2, false, "the GPU was lost: gone"),
@@ -161,35 +161,35 @@ fn what_a_dying_device_leaves_is_traced_again() {
         assert_eq!(untraced.reason, reason);
         let mut stream = untraced.stream.open();
         let chunk = stream.next_chunk(100);
-        stream.put_back(chunk.trace(&ByOrigin::default(), &mut Scratch::default()));
+        stream.put_back(chunk.trace(&ByOrigin::default(), &mut ChunkScratch::default()));
         check(stream.close(), 10, 7);
     }
 }
 
-/// A device that lends memory, until it is lost; then that may not be written to any more.
-struct Lender {
+/// A device that allocates memory for streams until it is lost. From then on that memory may not be written.
+struct SharingDevice {
     lost: Arc<AtomicBool>,
-    lent: AtomicUsize,
+    allocated: AtomicUsize,
     dies: bool,
 }
 
 #[derive(Debug)]
-struct Lent<T> {
-    slots: Vec<T>,
-    /// With the device for ever.
-    out: bool,
+struct SharedMemory<T> {
+    elements: Vec<T>,
+    /// Whether the device owns it for good.
+    is_device_owned: bool,
     lost: Arc<AtomicBool>,
 }
 
-impl<T: Debug + Send + Sync + 'static> DeviceMemory<T> for Lent<T> {
-    fn slots(&self) -> &[T] {
-        assert!(!self.out || size_of::<T>() == size_of::<Ray>(), "answers are the device's");
-        &self.slots
+impl<T: Debug + Send + Sync + 'static> DeviceMemory<T> for SharedMemory<T> {
+    fn as_slice(&self) -> &[T] {
+        assert!(!self.is_device_owned || size_of::<T>() == size_of::<Ray>(), "the device writes answers");
+        &self.elements
     }
 
-    fn slots_mut(&mut self) -> &mut [T] {
-        assert!(!self.out, "the device has it");
-        &mut self.slots
+    fn as_mut_slice(&mut self) -> &mut [T] {
+        assert!(!self.is_device_owned, "the device owns it");
+        &mut self.elements
     }
 
     fn is_sound(&self) -> bool {
@@ -197,119 +197,126 @@ impl<T: Debug + Send + Sync + 'static> DeviceMemory<T> for Lent<T> {
     }
 }
 
-impl Lender {
+impl SharingDevice {
     fn new(dies: bool) -> Self {
-        Self { lost: Arc::default(), lent: AtomicUsize::new(0), dies }
+        Self { lost: Arc::default(), allocated: AtomicUsize::new(0), dies }
     }
 
-    fn device<T: Clone + Debug + Send + Sync + 'static>(&self, value: T, len: usize) -> Box<Lent<T>> {
-        Box::new(Lent { slots: vec![value; len], out: false, lost: self.lost.clone() })
+    fn allocate<T: Clone + Debug + Send + Sync + 'static>(
+        &self,
+        value: T,
+        len: usize,
+    ) -> Box<SharedMemory<T>> {
+        Box::new(SharedMemory { elements: vec![value; len], is_device_owned: false, lost: self.lost.clone() })
     }
 }
 
-fn own<T: 'static>(device: &mut dyn DeviceMemory<T>) -> &mut Lent<T> {
-    let device: &mut dyn std::any::Any = device;
-    device.downcast_mut().expect("the lender's own")
+fn downcast<T: 'static>(memory: &mut dyn DeviceMemory<T>) -> &mut SharedMemory<T> {
+    let memory: &mut dyn std::any::Any = memory;
+    memory.downcast_mut().expect("memory of this device")
 }
 
-impl DeviceTracer for Lender {
+impl DeviceTracer for SharingDevice {
     fn name(&self) -> &str {
-        "lender"
+        "sharing"
     }
 
     fn max_rays(&self) -> usize {
         100
     }
 
-    fn memory_source(
+    fn stream_memory(
         &self,
         capacity: Capacity,
-        now: Option<&dyn DeviceMemory<Ray>>,
-    ) -> Option<DeviceMemorySource> {
-        if now.is_some() || self.lost.load(Relaxed) {
+        current: Option<&dyn DeviceMemory<Ray>>,
+    ) -> Option<StreamMemory> {
+        if current.is_some() || self.lost.load(Relaxed) {
             return None;
         }
-        self.lent.fetch_add(1, Relaxed);
-        Some(DeviceMemorySource {
-            rays: self.device(Ray::default(), capacity.rays),
-            hits: self.device(Hit::NONE, capacity.rays),
-            shadow_rays: self.device(Ray::default(), capacity.shadow_rays),
-            occluded: self.device(0, capacity.shadow_rays),
+        self.allocated.fetch_add(1, Relaxed);
+        Some(StreamMemory {
+            rays: self.allocate(Ray::default(), capacity.rays),
+            hits: self.allocate(Hit::NONE, capacity.rays),
+            shadow_rays: self.allocate(Ray::default(), capacity.shadow_rays),
+            occluded: self.allocate(0, capacity.shadow_rays),
         })
     }
 
     fn trace_in_place(&self, stream: InPlace<'_>) -> Option<Result<DeviceReport, DeviceError>> {
-        let (rays, hits) = (own(stream.rays), own(stream.hits));
-        let (shadow_rays, occluded) = (own(stream.shadow_rays), own(stream.occluded));
+        let (rays, hits) = (downcast(stream.rays), downcast(stream.hits));
+        let (shadow_rays, occluded) = (downcast(stream.shadow_rays), downcast(stream.occluded));
         if self.dies {
-            (rays.out, hits.out, shadow_rays.out, occluded.out) = (true, true, true, true);
+            rays.is_device_owned = true;
+            hits.is_device_owned = true;
+            shadow_rays.is_device_owned = true;
+            occluded.is_device_owned = true;
             self.lost.store(true, Relaxed);
             return Some(Err(DeviceError::Lost("gone".to_owned())));
         }
         let (n, m) = (stream.ray_count, stream.shadow_ray_count);
-        ByOrigin::default().closest(&rays.slots[..n], &mut hits.slots[..n]);
-        ByOrigin::default().occluded(&shadow_rays.slots[..m], &mut occluded.slots[..m]);
+        ByOrigin::default().closest(&rays.elements[..n], &mut hits.elements[..n]);
+        ByOrigin::default().occluded(&shadow_rays.elements[..m], &mut occluded.elements[..m]);
         Some(Ok(DeviceReport::default()))
     }
 
     fn trace(&self, _: Queries<'_>) -> Result<DeviceReport, DeviceError> {
-        unreachable!("what lies in lent memory is traced there")
+        unreachable!("a stream in device memory is traced in place")
     }
 }
 
 #[test]
-fn a_stream_lies_in_memory_that_its_device_lends() {
-    let lender = Lender::new(false);
+fn a_stream_is_stored_in_memory_of_its_device() {
+    let device = SharingDevice::new(false);
     let mut empty = RayStream::new();
     for (rays, shadow_rays) in [(10, 7), (0, 3), (5, 0)] {
-        let (stream, _) = fill(empty, Some(&lender), rays, shadow_rays).seal().trace_on(&lender).unwrap();
+        let (stream, _) = fill(empty, Some(&device), rays, shadow_rays).seal().trace_on(&device).unwrap();
         empty = check(stream, rays, shadow_rays);
     }
-    // Host threads trace it there too.
-    let mut stream = fill(empty, Some(&lender), 10, 7).seal().open();
+    // Host threads trace it there, too.
+    let mut stream = fill(empty, Some(&device), 10, 7).seal().open();
     while stream.left() > 0 {
         let chunk = stream.next_chunk(3);
-        stream.put_back(chunk.trace(&ByOrigin::default(), &mut Scratch::default()));
+        stream.put_back(chunk.trace(&ByOrigin::default(), &mut ChunkScratch::default()));
     }
     check(stream.close(), 10, 7);
-    assert_eq!(lender.lent.load(Relaxed), 1);
+    assert_eq!(device.allocated.load(Relaxed), 1);
 }
 
 #[test]
-fn rays_outlive_the_device_that_lent_their_memory_which_is_then_let_go_of() {
-    let lender = Lender::new(true);
-    let untraced = fill(RayStream::new(), Some(&lender), 10, 7).seal().trace_on(&lender).unwrap_err();
+fn rays_outlive_the_device_that_stores_them_and_its_memory_is_then_replaced() {
+    let device = SharingDevice::new(true);
+    let untraced = fill(RayStream::new(), Some(&device), 10, 7).seal().trace_on(&device).unwrap_err();
     assert_eq!(untraced.reason, "the GPU was lost: gone");
     let mut stream = untraced.stream.open();
     let chunk = stream.next_chunk(5);
     let other = stream.next_chunk(100);
     for chunk in [chunk, other] {
-        stream.put_back(chunk.trace(&ByOrigin::default(), &mut Scratch::default()));
+        stream.put_back(chunk.trace(&ByOrigin::default(), &mut ChunkScratch::default()));
     }
     let empty = check(stream.close(), 10, 7);
-    // Its places may not be written to: a panic, if they were.
-    let stream = fill(empty, Some(&lender), 4, 4).seal();
-    assert_eq!((stream.rays(), lender.lent.load(Relaxed)), (4, 1));
+    // Writing to the old memory would panic.
+    let stream = fill(empty, Some(&device), 4, 4).seal();
+    assert_eq!((stream.rays(), device.allocated.load(Relaxed)), (4, 1));
 }
 
 #[test]
-fn storage_is_kept() {
+fn memory_is_kept() {
     let mut stream = filled(10, 7).seal().discard().fill();
-    let first = stream.append(CAPACITY, None, |columns| columns.rays.slots.as_ptr());
+    let first = stream.append(CAPACITY, None, |appender| appender.rays.memory.as_ptr());
     let mut again = stream.unfill().fill();
-    assert_eq!(again.append(CAPACITY, None, |columns| columns.rays.slots.as_ptr()), first);
+    assert_eq!(again.append(CAPACITY, None, |appender| appender.rays.memory.as_ptr()), first);
 }
 
 #[test]
-fn paths_are_counted_by_the_greater_need() {
+fn paths_are_counted_by_the_larger_need() {
     assert_eq!([paths(5, 0, 1), paths(5, 7, 1), paths(5, 7, 2), paths(0, 7, 2)], [5, 7, 5, 4]);
 }
 
 #[test]
-fn no_call_is_made_for_nothing() {
+fn tracers_are_not_called_without_rays() {
     let tracer = ByOrigin::default();
     let mut stream = filled(10, 0).seal().open();
-    let traced = stream.next_chunk(10).trace(&tracer, &mut Scratch::default());
+    let traced = stream.next_chunk(10).trace(&tracer, &mut ChunkScratch::default());
     stream.put_back(traced);
     assert_eq!(tracer.calls.load(Relaxed), 1);
 }
@@ -324,7 +331,7 @@ fn a_stream_does_not_take_too_many() {
 #[should_panic(expected = "every ray has a payload")]
 fn a_ray_has_a_payload() {
     let mut stream = RayStream::<_, u32, u32>::new().fill();
-    stream.append(CAPACITY, None, |mut columns| columns.rays.push(Ray::default()));
+    stream.append(CAPACITY, None, |mut appender| appender.rays.push(Ray::default()));
 }
 
 fn traced(rays: usize, shadow_rays: usize) -> RayStream<Traced, u32, u64> {
@@ -363,14 +370,14 @@ fn a_stream_is_traced_when_its_chunks_are_back() {
 
 #[test]
 #[should_panic(expected = "a chunk returns to its stream")]
-fn chunks_do_not_stray() {
+fn chunks_return_to_their_stream() {
     let mut streams = [filled(3, 0).seal().open(), filled(3, 0).seal().open()];
-    let chunk = streams[0].next_chunk(3).trace(&ByOrigin::default(), &mut Scratch::default());
+    let chunk = streams[0].next_chunk(3).trace(&ByOrigin::default(), &mut ChunkScratch::default());
     streams[1].put_back(chunk);
 }
 
 #[test]
-fn a_panic_with_any_payload_is_told() {
+fn a_panic_with_any_payload_has_a_message() {
     struct Loud;
     impl Drop for Loud {
         fn drop(&mut self) {
@@ -383,19 +390,19 @@ fn a_panic_with_any_payload_is_told() {
 }
 
 #[test]
-fn of_a_row_as_many_are_appended_as_counted() {
+fn only_the_counted_rays_of_a_row_are_appended() {
     let ray = |i: usize| Ray::new(glam::Vec3::splat(i as f32), glam::Vec3::X);
     let row: Vec<Ray> = (0..4).map(ray).collect();
-    let mut column = Column::with_capacity(6);
-    // The whole row fits twice; then only what counts does.
+    let mut rays = RayArray::with_capacity(6);
+    // The whole row fits twice, then only the counted rays do.
     for (count, len) in [(2, 2), (0, 2), (1, 3), (3, 6), (0, 6)] {
-        column.appender().extend_from_row(&row, count);
-        assert_eq!(column.len(), len);
+        rays.appender().extend_from_row(&row, count);
+        assert_eq!(rays.len(), len);
     }
-    let origins: Vec<f32> = column.iter().map(|ray| ray.origin[0]).collect();
+    let origins: Vec<f32> = rays.iter().map(|ray| ray.origin[0]).collect();
     assert_eq!(origins, [0.0, 1.0, 0.0, 0.0, 1.0, 2.0]);
     let full = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
-        column.appender().extend_from_row(&row, 1);
+        rays.appender().extend_from_row(&row, 1);
     }));
-    assert!(full.is_err(), "there is no room");
+    assert!(full.is_err(), "the capacity is exceeded");
 }

@@ -1,50 +1,52 @@
-//! The traits of the units that trace: the host's cannot fail, a device can be lost.
+//! The traits of tracers: those of the host cannot fail, a device can be lost.
 
-use super::{Capacity, DeviceMemory, DeviceMemorySource, Hit, Ray};
+use super::{Capacity, DeviceMemory, Hit, Ray, StreamMemory};
 
-/// Traces rays on the calling host thread. The answer for a ray is the canonical one
-/// ([`crate::geom::CanonicalRay`]) and depends on nothing but the ray and the scene.
+/// Traces rays on the calling host thread. The answer to a ray is the canonical one
+/// ([`crate::geom::CanonicalRay`]); it depends on the ray and the scene only.
 pub trait Tracer: Send + Sync {
-    /// Finds the nearest hit of every ray; writes every element of `hits`.
+    /// Finds the nearest hit of every ray. Writes all of `hits`, which are as many as `rays`.
     ///
     /// # Panics
     /// If the two lengths differ.
     fn closest(&self, rays: &[Ray], hits: &mut [Hit]);
 
-    /// Finds whether anything is hit; writes 1 (occluded) or 0 to every element of `occluded`.
+    /// Finds whether each ray hits anything. Writes 1 for occluded, else 0, to all of `occluded`, which are
+    /// as many as `rays`.
     ///
     /// # Panics
     /// If the two lengths differ.
     fn occluded(&self, rays: &[Ray], occluded: &mut [u32]);
 }
 
-/// All that a device is asked in one dispatch: the rays of a stream and its shadow rays.
+/// The queries of one dispatch to a device: rays and shadow rays of a stream.
 #[derive(Debug)]
 pub struct Queries<'a> {
-    /// Rays whose nearest hit is wanted.
+    /// Rays for closest-hit queries.
     pub rays: &'a [Ray],
-    /// As long as `rays`; every element is written.
+    /// Their hits, as many as `rays`. All are written.
     pub hits: &'a mut [Hit],
-    /// Rays of which only occlusion is wanted.
+    /// Rays for any-hit queries.
     pub shadow_rays: &'a [Ray],
-    /// As long as `shadow_rays`; every element is written, 1 for occluded, else 0.
+    /// Their answers, as many as `shadow_rays`. All are written: 1 for occluded, else 0.
     pub occluded: &'a mut [u32],
 }
 
-/// The same, of a stream whose memory a device has lent: the first `ray_count` and `shadow_ray_count` places count.
+/// The queries of a stream that is stored in device memory. Its arrays may be longer than the numbers of
+/// rays.
 #[derive(Debug)]
 pub struct InPlace<'a> {
-    /// Rays whose nearest hit is wanted.
+    /// Rays for closest-hit queries.
     pub rays: &'a mut dyn DeviceMemory<Ray>,
-    /// How many.
+    /// Number of rays.
     pub ray_count: usize,
-    /// Takes their hits.
+    /// Receives their hits.
     pub hits: &'a mut dyn DeviceMemory<Hit>,
-    /// Rays of which only occlusion is wanted.
+    /// Rays for any-hit queries.
     pub shadow_rays: &'a mut dyn DeviceMemory<Ray>,
-    /// How many.
+    /// Number of shadow rays.
     pub shadow_ray_count: usize,
-    /// Takes 1 for occluded, else 0.
+    /// Receives their answers: 1 for occluded, else 0.
     pub occluded: &'a mut dyn DeviceMemory<u32>,
 }
 
@@ -53,11 +55,11 @@ pub struct InPlace<'a> {
 pub struct DeviceReport {
     /// Bytes copied between host and device memory, both ways.
     pub bytes_copied: u64,
-    /// Rays whose device answer a rounding error could have changed.
+    /// Rays whose answer from the device a rounding error could have changed.
     pub flagged: u64,
-    /// Rays traced again by the canonical CPU test.
+    /// Rays that the CPU traced again, by the canonical test.
     pub retraced: u64,
-    /// Rays traced again by the CPU to see whether the device can be trusted.
+    /// Rays that the CPU traced again as a sample, to check the device.
     pub checked: u64,
     /// Nanoseconds from full streams to submitted work.
     pub sending_ns: u64,
@@ -76,51 +78,52 @@ impl std::ops::AddAssign for DeviceReport {
     }
 }
 
-/// What sizes a device likes.
+/// The stream sizes with which a device traces fastest, as calibrated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Sizing {
-    /// Rays of a stream from which what a dispatch costs whatever its size hardly matters.
+    /// Number of rays from which the fixed cost of a dispatch hardly matters. Streams are filled up to it.
     pub threshold: usize,
-    /// Fewer rays come back sooner from a host thread.
+    /// Below this number of rays a host thread is faster than a dispatch.
     pub least: usize,
-    /// Streams in flight that keep it busy.
+    /// Number of streams in flight that keeps the device busy.
     pub in_flight: usize,
 }
 
-/// Why a device did not answer. The queries are then unanswered (their outputs unspecified) and the
-/// caller traces them on the host.
+/// Why a device did not answer. The answers are then unspecified, and the caller traces the rays on the host.
 #[derive(Debug, thiserror::Error)]
 pub enum DeviceError {
-    /// The device is gone; it will not answer again.
+    /// The device is lost and will not answer again.
     #[error("the GPU was lost: {0}")]
     Lost(String),
 }
 
-/// Traces whole ray streams on a device, blocking the calling dispatch thread meanwhile. Several
-/// dispatch threads may call at once.
+/// Traces ray streams on a device. Calls block the calling dispatch thread. Several dispatch threads may call
+/// at once.
 pub trait DeviceTracer: Send + Sync {
-    /// What reports call the device.
+    /// The device's name in reports.
     fn name(&self) -> &str;
 
-    /// The most rays, and the most shadow rays, that one call takes.
+    /// The largest number of rays, and of shadow rays, in one call of [`DeviceTracer::trace`].
     fn max_rays(&self) -> usize;
 
-    /// What sizes it likes, if that is known.
+    /// The stream sizes that suit the device, if it has been calibrated.
     fn sizing(&self) -> Option<Sizing> {
         None
     }
 
-    /// Memory for streams of a capacity, where the device finds rays without a copy or fetches them itself. None if it
-    /// has none to lend, or if rays lie in such already: `now` is where they do.
-    fn memory_source(
+    /// Allocates memory for a stream of the given capacity, in which the device reads rays in place or
+    /// fetches them by itself. `current` is the device memory that stores the stream's rays now, if any.
+    /// Returns `None` if the device has no such memory, or if `current` will do.
+    fn stream_memory(
         &self,
         _capacity: Capacity,
-        _now: Option<&dyn DeviceMemory<Ray>>,
-    ) -> Option<DeviceMemorySource> {
+        _current: Option<&dyn DeviceMemory<Ray>>,
+    ) -> Option<StreamMemory> {
         None
     }
 
-    /// Answers queries where they lie; none if that is no memory of this device's, and nothing was done.
+    /// StreamAnswers queries in place. The device owns the memory during the call: see [`DeviceMemory`].
+    /// Returns `None`, and does nothing, if the memory is not this device's.
     ///
     /// # Errors
     /// As [`DeviceTracer::trace`].
@@ -128,9 +131,9 @@ pub trait DeviceTracer: Send + Sync {
         None
     }
 
-    /// Answers the queries, canonically: the same bytes as [`Tracer`].
+    /// StreamAnswers queries with the same bytes as a [`Tracer`].
     ///
     /// # Errors
-    /// [`DeviceError::Lost`] when the device cannot answer now or ever again.
+    /// [`DeviceError::Lost`] if the device cannot answer, now or ever again.
     fn trace(&self, queries: Queries<'_>) -> Result<DeviceReport, DeviceError>;
 }

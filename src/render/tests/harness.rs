@@ -4,7 +4,7 @@
 use crate::bvh::Bvh;
 use crate::scene::Scene;
 use crate::schedule::{Batch, Output, Renderer};
-use crate::stream::{Column, Hit, Ray, Tracer};
+use crate::stream::{Hit, Ray, RayArray, Tracer};
 use crate::trace::cpu::{CpuTracer, SimdLevel};
 use std::sync::Arc;
 
@@ -42,8 +42,9 @@ pub fn render<R: Renderer>(renderer: &R, batch: usize, tracer: &dyn Tracer) -> C
             for start in (0..rays.len()).step_by(batch) {
                 let part = start..(start + batch).min(rays.len());
                 // Panics if the renderer emits more than it promised.
-                let mut new_rays = Column::with_capacity(part.len());
-                let mut new_shadow_rays = Column::with_capacity(part.len() * renderer.shadow_rays_per_ray());
+                let mut new_rays = RayArray::with_capacity(part.len());
+                let mut new_shadow_rays =
+                    RayArray::with_capacity(part.len() * renderer.shadow_rays_per_ray());
                 renderer.shade(
                     Batch {
                         rays: &rays[part.clone()],
@@ -70,7 +71,7 @@ pub fn render<R: Renderer>(renderer: &R, batch: usize, tracer: &dyn Tracer) -> C
 
 /// Spawns one tile of a renderer whose camera rays come without shadow rays.
 pub fn spawn<R: Renderer>(renderer: &R, tile: u64, rays: &mut Vec<Ray>, payloads: &mut Vec<R::Payload>) {
-    let (mut column, mut shadow_rays) = (Column::with_capacity(renderer.tile_rays()), Column::default());
+    let (mut column, mut shadow_rays) = (RayArray::with_capacity(renderer.tile_rays()), RayArray::default());
     let mut shadow_payloads = Vec::new();
     let appenders = (column.appender(), shadow_rays.appender());
     renderer.spawn(

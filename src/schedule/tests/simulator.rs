@@ -10,7 +10,7 @@ use super::super::state::{JobId, Next, Receiver, State};
 use super::super::task::Work;
 use super::super::{JobOptions, Policy, Sharing, TaskKind, Tracers, Unit};
 use super::ledger::{FakeDevice, Fate, Ledger, Script, mix};
-use crate::stream::Scratch;
+use crate::stream::ChunkScratch;
 use std::sync::{Arc, Mutex};
 
 /// A small seeded generator.
@@ -88,7 +88,7 @@ struct Simulation {
     threads: Vec<Status>,
     cases: Vec<Case>,
     now_ns: u64,
-    scratch: Scratch,
+    scratch: ChunkScratch,
     tasks: usize,
 }
 
@@ -104,7 +104,7 @@ impl Simulation {
             threads: (0..hosts + dispatchers).map(|_| Status::Ready).collect(),
             cases: Vec::new(),
             now_ns: 0,
-            scratch: Scratch::default(),
+            scratch: ChunkScratch::default(),
             random,
             tasks: 0,
         }

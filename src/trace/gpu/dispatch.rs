@@ -75,7 +75,7 @@ impl<A: Pod + Debug + Send + Sync> Submission<'_, A> {
         match self {
             Self::InHostMemory { rays, answers } => (rays, answers),
             Self::InDeviceMemory { rays, answers, range } => {
-                (&rays.slots()[range.clone()], &mut answers.slots_mut()[range.clone()])
+                (&rays.as_slice()[range.clone()], &mut answers.as_mut_slice()[range.clone()])
             }
         }
     }

@@ -10,7 +10,7 @@
 
 use super::Gpu;
 use super::host_memory::HostMemory;
-use crate::stream::{self, Capacity, DeviceMemorySource};
+use crate::stream::{self, Capacity, StreamMemory};
 use bytemuck::Pod;
 use std::any::Any;
 use std::fmt::Debug;
@@ -62,13 +62,13 @@ impl<T: Pod + Debug + Send + Sync> SharedBuffer<T> {
 }
 
 impl<T: Pod + Debug + Send + Sync> stream::DeviceMemory<T> for SharedBuffer<T> {
-    fn slots(&self) -> &[T] {
+    fn as_slice(&self) -> &[T] {
         assert!(!self.out || self.role == Role::Reads, "the device may be writing here");
         // SAFETY: invariants 1 and 2.
         unsafe { std::slice::from_raw_parts(self.memory.start().cast().as_ptr(), self.len) }
     }
 
-    fn slots_mut(&mut self) -> &mut [T] {
+    fn as_mut_slice(&mut self) -> &mut [T] {
         assert!(!self.out, "the device may be at work here");
         // SAFETY: invariants 1 and 2.
         unsafe { std::slice::from_raw_parts_mut(self.memory.start().cast().as_ptr(), self.len) }
@@ -79,12 +79,12 @@ impl<T: Pod + Debug + Send + Sync> stream::DeviceMemory<T> for SharedBuffer<T> {
     }
 }
 
-/// Memory for streams of a capacity; see [`crate::stream::DeviceTracer::shared_buffers`].
+/// Memory for streams of a capacity; see [`crate::stream::DeviceTracer::stream_memory`].
 pub(super) fn shared_buffers(
     gpu: &Arc<Gpu>,
     capacity: Capacity,
     now: Option<&dyn stream::DeviceMemory<crate::stream::Ray>>,
-) -> Option<DeviceMemorySource> {
+) -> Option<StreamMemory> {
     if !gpu.lends() || gpu.lost().is_some() {
         return None;
     }
@@ -92,7 +92,7 @@ pub(super) fn shared_buffers(
     if now.is_some_and(|berth| Arc::ptr_eq(&berth.gpu, gpu) && !berth.out && berth.len >= capacity.rays) {
         return None;
     }
-    Some(DeviceMemorySource {
+    Some(StreamMemory {
         rays: Box::new(SharedBuffer::new(gpu, capacity.rays, Role::Reads)?),
         hits: Box::new(SharedBuffer::new(gpu, capacity.rays, Role::Writes)?),
         shadow_rays: Box::new(SharedBuffer::new(gpu, capacity.shadow_rays, Role::Reads)?),
@@ -115,7 +115,7 @@ mod tests {
     fn what_was_written_stays_when_the_device_is_gone() {
         let gpu = gpu();
         let mut berth = SharedBuffer::<u32>::new(&gpu, 1000, Role::Reads).expect("memory");
-        for (slot, value) in berth.slots_mut().iter_mut().zip(0..) {
+        for (slot, value) in berth.as_mut_slice().iter_mut().zip(0..) {
             *slot = value;
         }
         berth.hand_out();
@@ -124,7 +124,7 @@ mod tests {
         let polled = gpu.guard(|device, _| device.poll(wgpu::PollType::Poll).map_err(|e| e.to_string()));
         assert!(polled.is_err() && !berth.is_sound());
         drop(gpu);
-        assert!(berth.slots().iter().copied().eq(0..1000));
+        assert!(berth.as_slice().iter().copied().eq(0..1000));
     }
 
     #[test]
@@ -132,7 +132,7 @@ mod tests {
     fn answers_are_not_read_while_the_device_writes_them() {
         let mut berth = SharedBuffer::<u32>::new(&gpu(), 10, Role::Writes).expect("memory");
         berth.hand_out();
-        berth.slots();
+        berth.as_slice();
     }
 
     #[test]
@@ -140,6 +140,6 @@ mod tests {
     fn rays_are_not_written_while_the_device_reads_them() {
         let mut berth = SharedBuffer::<u32>::new(&gpu(), 10, Role::Reads).expect("memory");
         berth.hand_out();
-        berth.slots_mut();
+        berth.as_mut_slice();
     }
 }

@@ -10,8 +10,8 @@ use super::with_fma::fused;
 use super::{AdapterKind, Fault, Gpu, GpuError, cross_check, fault, shared_buffer};
 use crate::bvh::{Bvh, Filter};
 use crate::stream::{
-    Capacity, DeviceError, DeviceMemory, DeviceMemorySource, DeviceReport, DeviceTracer, Hit, InPlace,
-    Queries, Ray, Sizing, Tracer,
+    Capacity, DeviceError, DeviceMemory, DeviceReport, DeviceTracer, Hit, InPlace, Queries, Ray, Sizing,
+    StreamMemory, Tracer,
 };
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -279,11 +279,7 @@ impl DeviceTracer for GpuTracer {
         self.shared.live().gpu.sizing()
     }
 
-    fn memory_source(
-        &self,
-        capacity: Capacity,
-        now: Option<&dyn DeviceMemory<Ray>>,
-    ) -> Option<DeviceMemorySource> {
+    fn stream_memory(&self, capacity: Capacity, now: Option<&dyn DeviceMemory<Ray>>) -> Option<StreamMemory> {
         shared_buffer::shared_buffers(&self.shared.live().gpu, capacity, now)
     }
 
