@@ -1,6 +1,6 @@
 //! Reads and writes NumPy files.
 
-use crate::files::write_whole;
+use crate::files::write_atomically;
 use crate::stream::Ray;
 use anyhow::{Context, Result, bail, ensure};
 use npyz::WriterBuilder;
@@ -51,7 +51,7 @@ pub fn write_npz(path: &Path, arrays: &[(impl AsRef<str>, u64, Array<'_>)]) -> R
         "{}: arrays are written as .npz; give the file that extension",
         path.display()
     );
-    write_whole(path, |file| {
+    write_atomically(path, |file| {
         let mut archive = zip::ZipWriter::new(file);
         for (name, columns, array) in arrays {
             append(&mut archive, name.as_ref(), *columns, array)?;

@@ -393,7 +393,7 @@ impl ThreadStats {
 /// Writes statistics; the file appears whole or not at all.
 pub fn write(path: &Path, stats: &impl Serialize) -> Result<()> {
     let text = serde_json::to_vec_pretty(stats).context("statistics cannot be written as JSON")?;
-    crate::files::write_whole(path, |file| std::io::Write::write_all(file, &text))?;
+    crate::files::write_atomically(path, |file| std::io::Write::write_all(file, &text))?;
     Ok(())
 }
 

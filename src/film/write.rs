@@ -1,7 +1,7 @@
 //! Pictures → files.
 
 use super::Image;
-use crate::files::{Unwritten, write_whole};
+use crate::files::{NotWritten, write_atomically};
 use image::{ExtendedColorType, ImageEncoder, ImageFormat};
 use std::io::{Seek, Write};
 use std::path::{Path, PathBuf};
@@ -17,7 +17,7 @@ pub enum WriteError {
     },
     /// The file system or the encoder refused.
     #[error(transparent)]
-    Unwritten(#[from] Unwritten),
+    NotWritten(#[from] NotWritten),
 }
 
 /// File formats of pictures.
@@ -57,7 +57,7 @@ impl Format {
 /// When the format is unknown, or the file cannot be written; then no file is left or changed.
 pub fn write_image(path: &Path, image: &Image, exposure: f32) -> Result<(), WriteError> {
     let format = Format::of(path)?;
-    Ok(write_whole(path, |file| {
+    Ok(write_atomically(path, |file| {
         let bytes: &[u8] = bytemuck::cast_slice(&image.pixels);
         let encoded = match format {
             Format::Png => image::codecs::png::PngEncoder::new(file).write_image(
@@ -159,7 +159,7 @@ mod tests {
     fn what_cannot_be_written_is_refused() {
         let folder = tempfile::tempdir().expect("folder");
         let missing = folder.path().join("none/a.png");
-        assert!(matches!(write_image(&missing, &picture(), 0.0), Err(WriteError::Unwritten(_))));
+        assert!(matches!(write_image(&missing, &picture(), 0.0), Err(WriteError::NotWritten(_))));
         assert!(matches!(write_image(Path::new("a.gif"), &picture(), 0.0), Err(WriteError::Format { .. })));
     }
 }

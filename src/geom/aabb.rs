@@ -2,17 +2,17 @@
 
 use glam::Vec3;
 
-/// An axis-aligned box; empty when `min > max` on some axis.
+/// An axis-aligned box. Empty if `min > max` on some axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Aabb {
-    /// Lowest corner.
+    /// Lower corner.
     pub min: Vec3,
-    /// Highest corner.
+    /// Upper corner.
     pub max: Vec3,
 }
 
 impl Aabb {
-    /// The box that holds nothing: growing it by a point gives that point.
+    /// The empty box: its union with a point is that point.
     pub const EMPTY: Self = Self { min: Vec3::INFINITY, max: Vec3::NEG_INFINITY };
 
     /// The smallest box around `points`.
@@ -30,22 +30,22 @@ impl Aabb {
         self.min.cmple(other.min).all() && self.max.cmpge(other.max).all()
     }
 
-    /// Whether the box holds no point.
+    /// Whether the box contains no point.
     pub fn is_empty(&self) -> bool {
         !self.min.cmple(self.max).all()
     }
 
-    /// Middle of the box.
+    /// Centre of the box.
     pub fn centre(&self) -> Vec3 {
         0.5 * (self.min + self.max)
     }
 
-    /// Half the diagonal: the radius of the sphere around the box; 0 for an empty one.
+    /// Half the diagonal, which is the radius of the sphere around the box; 0 for an empty box.
     pub fn radius(&self) -> f32 {
         if self.is_empty() { 0.0 } else { 0.5 * (self.max - self.min).length() }
     }
 
-    /// Half the surface; 0 for an empty box.
+    /// Half the surface area; 0 for an empty box.
     pub fn half_area(&self) -> f32 {
         if self.is_empty() {
             return 0.0;
@@ -54,7 +54,7 @@ impl Aabb {
         size.x * size.y + size.y * size.z + size.z * size.x
     }
 
-    /// Largest absolute coordinate of the box; 0 for an empty one.
+    /// Largest absolute coordinate; 0 for an empty box.
     pub fn max_abs(&self) -> f32 {
         if self.is_empty() { 0.0 } else { self.min.abs().max(self.max.abs()).max_element() }
     }

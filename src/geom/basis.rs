@@ -1,4 +1,4 @@
-//! Orthonormal frames.
+//! Orthonormal bases around a normal.
 
 use crate::lanes::{Lanes, Mask, SingleLane, Vector};
 use glam::Vec3;
@@ -15,8 +15,8 @@ pub struct Basis<L: Lanes = SingleLane> {
 }
 
 impl<L: Lanes> Basis<L> {
-    /// A basis around a unit `normal`, without a branch at the poles (Duff et al. 2017,
-    /// *Building an Orthonormal Basis, Revisited*).
+    /// A basis around a unit `normal`, without a branch at the poles (Duff et al. 2017, *Building an
+    /// Orthonormal Basis, Revisited*).
     #[inline(always)]
     pub fn around(normal: Vector<L>) -> Self {
         let Vector { x, y, z } = normal;
@@ -30,13 +30,13 @@ impl<L: Lanes> Basis<L> {
         }
     }
 
-    /// World directions → basis coordinates.
+    /// Converts world directions to coordinates of the basis.
     #[inline(always)]
     pub fn local(&self, v: Vector<L>) -> Vector<L> {
         Vector::new(v.dot(self.tangent), v.dot(self.bitangent), v.dot(self.normal))
     }
 
-    /// Basis coordinates → world directions.
+    /// Converts coordinates of the basis to world directions.
     #[inline(always)]
     pub fn world(&self, v: Vector<L>) -> Vector<L> {
         self.tangent * v.x + self.bitangent * v.y + self.normal * v.z
@@ -54,17 +54,17 @@ impl<L: Lanes> Basis<L> {
 }
 
 impl Basis<SingleLane> {
-    /// [`Basis::around`] one normal.
+    /// [`Basis::around`] of one unit normal.
     pub fn from_normal(normal: Vec3) -> Self {
         Self::around(normal.into())
     }
 
-    /// World direction → basis coordinates.
+    /// [`Basis::local`] of one direction.
     pub fn to_local(&self, v: Vec3) -> Vec3 {
         self.local(v.into()).into()
     }
 
-    /// Basis coordinates → world direction.
+    /// [`Basis::world`] of one direction.
     pub fn to_world(&self, v: Vec3) -> Vec3 {
         self.world(v.into()).into()
     }
@@ -75,7 +75,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn frames_are_orthonormal_everywhere_on_the_sphere() {
+    fn bases_are_orthonormal_everywhere_on_the_sphere() {
         for i in 0..2000 {
             let z = -1.0 + 2.0 * (i as f32) / 1999.0;
             let r = (1.0 - z * z).max(0.0).sqrt();

@@ -1,71 +1,70 @@
 //! The canonical ray/triangle test: the one definition of what a ray hits.
 //!
-//! Every unit (scalar oracle, SIMD tracer, GPU after certification) answers as if it ran this code
-//! for every triangle of the scene and kept the nearest `t`, ties to the lowest primitive id. Each
-//! operation below is one IEEE-754 binary32 operation; `mul_add` is a fused multiply-add with one
-//! rounding. No unit may reorder, contract or approximate them. (All is inlined always: `mul_add` is one
-//! instruction only in callers compiled for it, else a call that gives the same bits more slowly.)
+//! Every tracer (scalar oracle, SIMD tracer, GPU with confirmation on the host) answers as if it ran this
+//! code for every triangle of the scene and kept the nearest `t`, of equal ones the lowest primitive id. Each
+//! operation below is one IEEE-754 binary32 operation; `mul_add` is a fused multiply-add with one rounding.
+//! No tracer may reorder, contract or approximate them. All functions are `inline(always)`: `mul_add` is one
+//! instruction only in callers that are compiled for it, and otherwise a slower call with the same result.
 //!
 //! # Why the answer does not depend on the BVH
-//! A triangle is hit at `t` clamped to the interval in which the ray is inside the triangle's *own*
-//! bounding box, computed by the slab test below. For a fixed ray each slab plane is
-//! `fma(plane, inverse, offset)`, which is monotone in `plane` after rounding too. A box that
-//! contains the triangle's box therefore has a computed interval that contains the triangle's
-//! computed interval, bit for bit. So a traversal that (a) tests its boxes with this slab test,
-//! (b) uses boxes that contain the exact boxes of their triangles, and (c) skips a box only when its
-//! interval is empty, begins after the nearest hit so far, or ends before `t_min`, can never skip
-//! a triangle that this test would have accepted. Any tree, any order, any split gives the same bits.
+//! The `t` of a hit is clamped to the interval in which the ray is inside the triangle's *own* bounding box,
+//! computed by the slab test below. For a fixed ray the crossing of a slab plane is `fma(plane, inverse,
+//! offset)`, which is monotone in `plane`, after rounding too. So if a box contains the triangle's box, its
+//! computed interval contains the triangle's computed interval, to the bit. Consider a traversal that (a)
+//! tests its boxes with this slab test, (b) uses boxes that contain the exact boxes of their triangles, and
+//! (c) skips a box only if its interval is empty, begins after the nearest hit so far, or ends before
+//! `t_min`. It never skips a triangle that this test would have accepted. Any tree, any order and any split
+//! give the same bits.
 //!
 //! # Why it is watertight
-//! The edge functions are Plücker products of edge and ray, taken from the two shared vertices
-//! relative to the ray's origin (Embree's robust mode; Davis and Wald, see also Woop, Benthin, Wald
-//! 2013). Swapping the two vertices negates every intermediate exactly, so two triangles that share
-//! an edge see opposite signs of the same number, and zero counts as inside for both. The box
-//! planes are moved outwards by `SLACK` times the largest coordinate in play (see
-//! [`CanonicalRay::new`]), far more than the rounding errors of either test, so a box never cuts off
-//! what an edge test accepts.
+//! The edge functions are Plücker products of edge and ray, computed from the edge's two vertices relative to
+//! the ray's origin (Embree's robust mode; Davis and Wald, see also Woop, Benthin, Wald 2013). Swapping the
+//! two vertices negates every intermediate exactly. So two triangles that share an edge get opposite signs of
+//! the same number, and zero counts as inside for both. The box planes are moved outwards by `SLACK` times
+//! the largest coordinate of scene and origin (see [`CanonicalRay::new`]). That is far more than the rounding
+//! errors of either test, so a box never cuts off a hit that the edge test accepts.
 
 use glam::Vec3;
 
-/// Largest absolute coordinate (of a vertex or a ray origin) that the canonical test is defined
-/// for; scenes beyond it are refused when loaded, rays beyond it hit nothing. No intermediate of
-/// the test overflows below it.
+/// The largest absolute coordinate of a vertex or a ray origin for which the canonical test is defined.
+/// Scenes beyond it are refused when loaded, rays beyond it hit nothing. Up to it no intermediate of the test
+/// overflows.
 pub const MAX_COORDINATE: f32 = 1.0e11;
 
-/// Bounds of the largest direction component: rays beyond them hit nothing.
+/// Range of the largest direction component. Rays outside of it hit nothing.
 pub(crate) const DIRECTION_RANGE: std::ops::RangeInclusive<f32> = 1.0e-9..=1.0e9;
 
-/// Direction components below this share of the largest one are raised to it in the slab test
-/// (only there), so that reciprocals stay finite. The ray moves by less than [`SLACK`] allows.
+/// Direction components below this share of the largest one are raised to it, in the slab test only, so that
+/// reciprocals stay finite. That moves the ray by less than [`SLACK`] allows.
 pub(crate) const MIN_COMPONENT: f32 = 1.0 / (1u64 << 40) as f32;
 
-/// How far box planes are pushed outwards, relative to the largest coordinate of scene and origin.
+/// How far box planes are moved outwards, relative to the largest coordinate of scene and origin.
 pub(crate) const SLACK: f32 = 1.0 / (1u32 << 19) as f32;
 
-/// A ray prepared for the canonical test. Built once per ray and scene.
+/// A ray prepared for the canonical test, once for each ray and scene.
 ///
-/// `inverse`, `near` and `far` make the slab test: the ray crosses the plane `axis = p` at
-/// `fma(p, inverse[axis], near[axis])` (entering side) or `fma(p, inverse[axis], far[axis])`
-/// (leaving side); the entering side is the box's lower face where `inverse >= 0`, else the upper.
+/// The slab test uses `inverse`, `near` and `far`: the ray crosses the plane `axis = p` at `fma(p,
+/// inverse[axis], near[axis])` where it enters and at `fma(p, inverse[axis], far[axis])` where it leaves. It
+/// enters through the box's lower face if `inverse >= 0`, else through the upper.
 #[derive(Clone, Copy, Debug)]
 pub struct CanonicalRay {
     /// Ray origin.
     pub origin: Vec3,
-    /// Ray direction, not normalised: `t` counts in its lengths.
+    /// Ray direction, not normalised: `t` is in lengths of it.
     pub direction: Vec3,
     /// Reciprocal direction, finite on every axis.
     pub inverse: Vec3,
-    /// Additive constant of entering planes.
+    /// Added for planes through which the ray enters.
     pub near: Vec3,
-    /// Additive constant of leaving planes.
+    /// Added for planes through which the ray leaves.
     pub far: Vec3,
     /// Start of the interval, ≥ 0.
     pub t_min: f32,
-    /// End of the interval, may be +∞; below `t_min` for a ray that hits nothing by definition.
+    /// End of the interval; may be +∞. Less than `t_min` for a ray that hits nothing by definition.
     pub t_max: f32,
 }
 
-/// What the canonical test says of one ray and one triangle.
+/// The result of the canonical test of one ray and one triangle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CanonicalHit {
     /// Ray parameter.
@@ -79,11 +78,14 @@ pub struct CanonicalHit {
 impl CanonicalRay {
     /// Prepares a ray for a scene whose largest absolute coordinate is `scene_max_abs`.
     ///
-    /// A ray hits nothing, by definition, when a component of its origin or direction is NaN or
-    /// infinite, an origin coordinate exceeds [`MAX_COORDINATE`], the largest direction component
-    /// is outside 1e-9..=1e9 (so a zero direction too), or `t_min` or `t_max` is NaN, or
-    /// `t_min > t_max`. A negative `t_min` counts as 0. Such a ray comes back with `t_min = 0`,
-    /// `t_max = -1`, a finite set-up, and is refused by every slab test.
+    /// A negative `t_min` counts as 0. By definition a ray hits nothing if
+    /// - a component of its origin or direction is NaN or infinite,
+    /// - an origin coordinate exceeds [`MAX_COORDINATE`],
+    /// - the largest direction component is outside 1e-9..=1e9, as that of a zero direction is, or
+    /// - `t_min` or `t_max` is NaN, or `t_min > t_max`.
+    ///
+    /// Such a ray is returned with `t_min = 0`, `t_max = -1` and otherwise finite values, and every slab test
+    /// rejects it.
     #[inline(always)]
     pub fn new(origin: [f32; 3], t_min: f32, direction: [f32; 3], t_max: f32, scene_max_abs: f32) -> Self {
         let o = Vec3::from_array(origin);
@@ -132,8 +134,8 @@ impl CanonicalRay {
         }
     }
 
-    /// The interval of `t` in which the ray is inside the box, not cut to `t_min..t_max`; empty when
-    /// the first exceeds the second.
+    /// The interval of `t` in which the ray is inside the box, not clipped to `t_min..t_max`. Empty if the
+    /// first number exceeds the second.
     #[inline(always)]
     pub fn slab(&self, min: Vec3, max: Vec3) -> (f32, f32) {
         let mut enter = f32::NEG_INFINITY;
@@ -147,14 +149,14 @@ impl CanonicalRay {
         (enter, leave)
     }
 
-    /// Tests one triangle; `None` unless the hit lies in `t_min..=t_max`, ends included.
+    /// Tests one triangle. `None` unless the hit lies in `t_min..=t_max`.
     #[inline(always)]
     pub fn triangle(&self, v0: Vec3, v1: Vec3, v2: Vec3) -> Option<CanonicalHit> {
         let d = self.direction;
         let a = v0 - self.origin;
         let b = v1 - self.origin;
         let c = v2 - self.origin;
-        // Edge functions: each belongs to the edge opposite the vertex whose weight it is.
+        // Edge functions. Each is of the edge opposite the vertex whose weight it gives.
         let e0 = c - a;
         let e1 = a - b;
         let e2 = b - c;
@@ -173,9 +175,9 @@ impl CanonicalRay {
         }
         let t = dot(normal, a) / facing;
         let (enter, leave) = self.slab(v0.min(v1).min(v2), v0.max(v1).max(v2));
-        // Written so that a NaN is refused.
+        // NaN is rejected.
         let inside = enter <= leave && !t.is_nan();
-        // `+ 0.0` makes a zero positive, whichever zero the clamp chose.
+        // `+ 0.0` turns a zero of either sign, as the clamp may give, into +0.
         let t = t.max(enter).min(leave) + 0.0;
         if !(inside && t >= self.t_min && t <= self.t_max) {
             return None;
@@ -188,8 +190,9 @@ impl CanonicalRay {
     }
 }
 
-/// The edge whose largest component is the smaller. The three edges of a triangle add up to nothing, so any two make
-/// its normal, on one side or the other, but of a sliver the product of the two long ones is nearly all rounding error.
+/// Of two edges the one whose largest component is smaller. The three edges of a triangle add up to zero, so
+/// the cross product of any two is its normal, up to the sign. But in a sliver the product of the two long
+/// edges is nearly all rounding error.
 #[inline(always)]
 fn shorter(a: Vec3, b: Vec3) -> Vec3 {
     if a.abs().max_element() <= b.abs().max_element() { a } else { b }
@@ -233,7 +236,7 @@ mod tests {
 
     #[test]
     fn a_ray_through_a_shared_edge_or_vertex_is_never_lost() {
-        // A fan of triangles around one vertex, rays aimed exactly at the vertex and along edges.
+        // A fan of triangles around one vertex; rays are aimed exactly at the vertex and at points of edges.
         let centre = Vec3::new(0.1, 0.7, 0.3);
         let rim: Vec<Vec3> = (0..7)
             .map(|i| {
@@ -257,7 +260,7 @@ mod tests {
     }
 
     #[test]
-    fn slivers_are_met_where_they_are_whichever_corner_comes_first() {
+    fn slivers_are_hit_on_their_plane_whichever_corner_comes_first() {
         let (mut worst, mut hits) = (0.0f64, 0);
         for i in 0..2000u32 {
             let s = |k: u32| {
@@ -273,8 +276,8 @@ mod tests {
             let origin = target + 0.02 * (normal.as_vec3() + 0.5 * at(10));
             let r = ray(origin.into(), (target - origin).into());
             let exact = normal.dot((base - origin).as_dvec3()) / normal.dot(r.direction.as_dvec3());
-            for turn in 0..3 {
-                let [a, b, c] = [0, 1, 2].map(|k| corners[(turn + k) % 3]);
+            for rotation in 0..3 {
+                let [a, b, c] = [0, 1, 2].map(|k| corners[(rotation + k) % 3]);
                 if let Some(hit) = r.triangle(a, b, c) {
                     let off = (f64::from(hit.t) - exact) * normal.dot(r.direction.as_dvec3());
                     (worst, hits) = (worst.max(off.abs()), hits + 1);
@@ -286,7 +289,7 @@ mod tests {
     }
 
     #[test]
-    fn rays_that_are_not_rays_hit_nothing() {
+    fn invalid_rays_hit_nothing() {
         let tri = |r: CanonicalRay| {
             r.triangle(Vec3::new(-9.0, -9.0, 1.0), Vec3::new(9.0, -9.0, 1.0), Vec3::new(0.0, 9.0, 1.0))
         };

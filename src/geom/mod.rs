@@ -1,5 +1,13 @@
-//! Maths without policy: boxes, the canonical triangle test, frames, sampling warps and the
-//! counter-based sampler. Imports nothing of raystream.
+//! Mathematics that every part of the renderer shares. Of raystream it imports `lanes` only: most of it is
+//! written once for any number of SIMD lanes.
+//!
+//! - [`CanonicalRay`], the one ray/triangle test that defines every hit to the bit, and [`Placement`], which
+//!   moves instances by operations that are as exactly defined. Tracers build on these two.
+//! - [`Sampler`] gives random numbers for a pixel and sample, [`warp`] maps them to directions and points,
+//!   and [`Basis`] turns directions into world space. Cameras, lights and shading build on these three.
+//! - [`Aabb`] is the box type, and [`octahedral`] packs unit vectors.
+//!
+//! Words are defined in `docs/glossary.md`.
 
 mod aabb;
 mod basis;

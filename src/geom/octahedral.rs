@@ -1,9 +1,10 @@
-//! Unit vectors in one word: the octahedron unfolded onto a square (Cigolle et al. 2014, *A Survey of
-//! Efficient Representations for Independent Unit Vectors*).
+//! Unit vectors packed into one word: the octahedron unfolded onto a square (Cigolle et al. 2014, *A Survey
+//! of Efficient Representations for Independent Unit Vectors*).
 
 use crate::lanes::{Int, Lanes, Mask, Num, Vector};
 
-/// Unit vectors as two numbers of `BITS` bits each, at most 16; off by up to 4.3 / 2^`BITS`.
+/// Packs unit vectors into two numbers of `BITS` ≤ 16 bits each. The error of [`decode`] is at most 4.3 /
+/// 2^`BITS`.
 #[inline(always)]
 pub fn encode<L: Lanes, const BITS: u32>(v: Vector<L>) -> Int<L> {
     let scale = 1.0 / (v.x.abs() + v.y.abs() + v.z.abs());
@@ -11,7 +12,7 @@ pub fn encode<L: Lanes, const BITS: u32>(v: Vector<L>) -> Int<L> {
     quantize::<L, BITS>(x) + (quantize::<L, BITS>(y) << BITS)
 }
 
-/// The unit vectors that [`encode`] made words of.
+/// Unpacks the unit vectors that [`encode`] packed.
 #[inline(always)]
 pub fn decode<L: Lanes, const BITS: u32>(code: Int<L>) -> Vector<L> {
     let (x, y) = (expand::<L, BITS>(code), expand::<L, BITS>(code >> BITS));
@@ -20,11 +21,12 @@ pub fn decode<L: Lanes, const BITS: u32>(code: Int<L>) -> Vector<L> {
     Vector::new(x, y, z).normalize()
 }
 
-/// Turns the corners of the square over, in the lanes of `lower`.
+/// Folds the corners of the square, which are the octahedron's lower half, over its edges, in the lanes of
+/// `lower`.
 #[inline(always)]
 fn fold<L: Lanes>(x: Num<L>, y: Num<L>, lower: Mask<L>) -> (Num<L>, Num<L>) {
-    let (turned_x, turned_y) = ((1.0 - y.abs()) * x.signum(), (1.0 - x.abs()) * y.signum());
-    (Num::select(lower, turned_x, x), Num::select(lower, turned_y, y))
+    let (folded_x, folded_y) = ((1.0 - y.abs()) * x.signum(), (1.0 - x.abs()) * y.signum());
+    (Num::select(lower, folded_x, x), Num::select(lower, folded_y, y))
 }
 
 #[inline(always)]
@@ -50,7 +52,7 @@ mod tests {
     }
 
     #[test]
-    fn vectors_come_back_almost_as_they_were() {
+    fn vectors_are_unpacked_within_the_error() {
         let axes = [Vec3::X, Vec3::Y, Vec3::Z, Vec3::NEG_X, Vec3::NEG_Y, Vec3::NEG_Z];
         let all = (0..20_000).map(|i| warp::sphere(Sampler::new(i, 0, 4).pair(0)));
         for v in all.chain(axes) {

@@ -1,67 +1,73 @@
-//! Where an instance stands: the canonical motion of shared geometry into the world.
+//! The placement of an instance: the canonical motion of shared geometry into the world.
 
 use super::Aabb;
 use glam::{DMat4, Vec3};
 
-/// An affine motion, defined to the bit: every product and every sum is one IEEE-754 binary32 operation, in the
-/// order of [`Placement::point`], and nothing is fused. So all units, and those who keep a copy of the moved
-/// vertices, get the same corners.
+/// An affine motion that is defined to the bit: every product and every sum is one IEEE-754 binary32
+/// operation, in the order of [`Placement::point`], and nothing is fused. So all units, and all code that
+/// stores moved vertices, get the same corners.
 ///
 /// # Why boxes need no margin
-/// Rounding is monotone: a larger coordinate gives a product, and then sums, that are at least as large (or at
-/// least as small, where the matrix element is negative). [`Placement::bounds`] takes, for each face, the corner
-/// of the box that makes every product extreme, through the same operations. So it contains the moved copy of
-/// every point of the box, to the bit, and what [`super::CanonicalRay`] says of boxes and trees holds for moved ones.
+/// Rounding is monotone. So a larger coordinate gives a product, and then sums, that are at least as large,
+/// or at least as small where the matrix element is negative. For each face [`Placement::bounds`] applies the
+/// same operations to the corner of the box that makes every product extreme. So it contains the moved copy
+/// of every point of the box, to the bit, and what [`super::CanonicalRay`] proves for boxes and trees holds
+/// for moved ones, too.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Placement {
-    /// Rows of the matrix, each with the translation last.
+    /// Rows of the matrix; the fourth number of each is the translation.
     pub rows: [[f32; 4]; 3],
 }
 
 impl Placement {
-    /// Everything stays where it is.
+    /// The identity.
     pub const IDENTITY: Self =
         Self { rows: [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]] };
 
-    /// An affine matrix, each element rounded.
+    /// The motion of an affine matrix, each element rounded to `f32`.
     pub fn new(matrix: &DMat4) -> Self {
         let row = |i: usize| matrix.row(i).as_vec4().to_array();
         Self { rows: [row(0), row(1), row(2)] }
     }
 
-    /// The moved point.
+    /// Moves a point.
     #[inline(always)]
     pub fn point(&self, p: Vec3) -> Vec3 {
         let [x, y, z] = self.rows;
-        Vec3::new(along(x, p.x, p.y, p.z), along(y, p.x, p.y, p.z), along(z, p.x, p.y, p.z))
+        Vec3::new(
+            transform_row(x, p.x, p.y, p.z),
+            transform_row(y, p.x, p.y, p.z),
+            transform_row(z, p.x, p.y, p.z),
+        )
     }
 
-    /// A box around all moved points of a box; an empty one stays empty.
+    /// A box around all moved points of a box. An empty box stays empty.
     pub fn bounds(&self, of: &Aabb) -> Aabb {
         if of.is_empty() {
             return Aabb::EMPTY;
         }
-        let side = |row: [f32; 4], low: Vec3, high: Vec3| {
-            let pick = |i: usize| if row[i] >= 0.0 { low[i] } else { high[i] };
-            along(row, pick(0), pick(1), pick(2))
+        let coordinate = |row: [f32; 4], low: Vec3, high: Vec3| {
+            let extreme = |i: usize| if row[i] >= 0.0 { low[i] } else { high[i] };
+            transform_row(row, extreme(0), extreme(1), extreme(2))
         };
-        let face = |low, high| Vec3::from_array(self.rows.map(|row| side(row, low, high)));
+        let face = |low, high| Vec3::from_array(self.rows.map(|row| coordinate(row, low, high)));
         Aabb { min: face(of.min, of.max), max: face(of.max, of.min) }
     }
 
-    /// The octant of the directions, in the geometry's own space, that a world direction of an octant about has (axis
-    /// x is bit 0, set for negative). It orders children, so being near is enough.
+    /// The approximate octant, in the geometry's own space, of directions in a world octant. An octant has a
+    /// bit for each axis, x in bit 0, set for negative components. Octants order children, so an
+    /// approximation suffices.
     pub fn octant(&self, world: usize) -> usize {
         let sign = |axis: usize| if world >> axis & 1 == 1 { -1.0 } else { 1.0 };
-        // The transpose turns as the inverse does.
-        let own = |i: usize| (0..3).map(|axis| self.rows[axis][i] * sign(axis)).sum::<f32>();
-        (0..3).fold(0, |octant, i| octant | usize::from(own(i) < 0.0) << i)
+        // The transpose rotates as the inverse does.
+        let local = |i: usize| (0..3).map(|axis| self.rows[axis][i] * sign(axis)).sum::<f32>();
+        (0..3).fold(0, |octant, i| octant | usize::from(local(i) < 0.0) << i)
     }
 }
 
-/// One coordinate of the moved point: `((a x + b y) + c z) + d`.
+/// One coordinate of a moved point: `((a x + b y) + c z) + d`.
 #[inline(always)]
-fn along([a, b, c, d]: [f32; 4], x: f32, y: f32, z: f32) -> f32 {
+fn transform_row([a, b, c, d]: [f32; 4], x: f32, y: f32, z: f32) -> f32 {
     ((a * x + b * y) + c * z) + d
 }
 
@@ -75,7 +81,7 @@ mod tests {
     }
 
     #[test]
-    fn moved_boxes_hold_moved_points_to_the_bit() {
+    fn moved_boxes_contain_moved_points_to_the_bit() {
         for i in 0..20_000 {
             let s = |k| signed(i, k);
             let v = |k: u32| Vec3::new(s(k), s(k + 1), s(k + 2));
@@ -92,7 +98,7 @@ mod tests {
     }
 
     #[test]
-    fn here_moves_nothing_and_turns_no_octant() {
+    fn the_identity_changes_no_point_and_no_octant() {
         for i in 0..8 {
             let p = Vec3::new(signed(i, 1), signed(i, 2), signed(i, 3));
             assert_eq!(Placement::IDENTITY.point(p), p);

@@ -1,36 +1,36 @@
-//! The counter-based sampler: every random number is a pure function of
-//! (pixel, sample, dimension, seed), so no order of work can change one.
+//! The counter-based sampler: every random number is a pure function of (pixel, sample, dimension, seed). So
+//! the order of work cannot change it.
 
 use crate::lanes::{Int, Lanes, Num, SingleLane};
 
-/// Owen-scrambled Sobol points in padded pairs of dimensions (Burley 2020, *Practical Hash-based
-/// Owen Scrambling*): each pair of dimensions is a (0,2)-sequence over the samples of a pixel, its
-/// order shuffled anew for every pixel and pair. Each lane has a sample of its own.
+/// Owen-scrambled Sobol points in padded pairs of dimensions (Burley 2020, *Practical Hash-based Owen
+/// Scrambling*). Each pair of dimensions is a (0,2)-sequence over the samples of a pixel, in an order that is
+/// shuffled for every pixel and pair. Each lane is a sampler of its own.
 #[derive(Clone, Copy, Debug)]
 pub struct Sampler<L: Lanes = SingleLane> {
     key: Int<L>,
-    /// The sample's number, its bits reversed.
+    /// The sample's index with its bits reversed.
     sample: Int<L>,
 }
 
 impl<L: Lanes> Sampler<L> {
-    /// The samplers of one sample of one pixel in each lane.
+    /// The sampler of one sample of one pixel in each lane.
     #[inline(always)]
     pub fn of(pixel: Int<L>, sample: Int<L>, seed: u64) -> Self {
         let seed = mix((seed as u32) ^ mix((seed >> 32) as u32 ^ 0x6a09_e667));
         Self { key: mix_lanes(pixel ^ seed), sample: sample.reverse_bits() }
     }
 
-    /// Two numbers in [0, 1), stratified together over the samples of the pixel. `dimension` names
-    /// the pair; different pairs are independent.
+    /// Two numbers in [0, 1), stratified together over the samples of the pixel. `dimension` selects the
+    /// pair; different pairs are independent.
     #[inline(always)]
     pub fn two(&self, dimension: Int<L>) -> [Num<L>; 2] {
         let key = self.key_of(dimension, 0xbb67_ae85);
-        // Reversed numbers: the first Sobol coordinate is the reversed index.
+        // Bits are reversed: the first Sobol coordinate is the reversed index.
         let index = scramble(self.sample, key).reverse_bits();
         [
-            unit(scramble(index, turned::<_, 11>(key)).reverse_bits()),
-            unit(scramble(sobol_second(index), turned::<_, 21>(key)).reverse_bits()),
+            unit(scramble(index, rotated::<_, 11>(key)).reverse_bits()),
+            unit(scramble(sobol_second(index), rotated::<_, 21>(key)).reverse_bits()),
         ]
     }
 
@@ -39,11 +39,12 @@ impl<L: Lanes> Sampler<L> {
     pub fn one(&self, dimension: Int<L>) -> Num<L> {
         let key = self.key_of(dimension, 0x510e_527f);
         let index = scramble(self.sample, key).reverse_bits();
-        unit(scramble(index, turned::<_, 11>(key)).reverse_bits())
+        unit(scramble(index, rotated::<_, 11>(key)).reverse_bits())
     }
 
-    /// The key of a dimension of one kind. Keys of dimensions are steps of Weyl's sequence from the pixel's, and
-    /// thoroughly mixed, so that a third of a key is as good as another key: see [`turned`].
+    /// The key of a dimension, for single numbers or for pairs (`kind`). Keys of dimensions are steps of
+    /// Weyl's sequence from the pixel's key, thoroughly mixed. So rotations of one key serve as further keys:
+    /// see [`rotated`].
     #[inline(always)]
     fn key_of(&self, dimension: Int<L>, kind: u32) -> Int<L> {
         mix_lanes(self.key + (dimension * 0x9e37_79b9 + kind))
@@ -81,15 +82,15 @@ pub(crate) fn mix_lanes<L: Lanes>(x: Int<L>) -> Int<L> {
     x ^ (x >> 16)
 }
 
-/// A mixed key with its bits in other places: scrambles look at the lowest ones first and at the upper half.
+/// A mixed key rotated by `BITS`. [`scramble`] uses the lowest bits first, and the upper half.
 #[inline(always)]
-fn turned<L: Lanes, const BITS: u32>(key: Int<L>) -> Int<L> {
+fn rotated<L: Lanes, const BITS: u32>(key: Int<L>) -> Int<L> {
     (key << BITS) | (key >> (32 - BITS))
 }
 
-/// Nested uniform (Owen) scrambling of numbers whose bits are reversed, most significant last (Burley
-/// 2020, with Vegdahl's constants; his first multiplication, before the key is added, changes no statistics that
-/// can be measured here and is left out).
+/// Nested uniform (Owen) scrambling of numbers with reversed bits (Burley 2020, with Vegdahl's constants).
+/// Vegdahl's first multiplication, before the key is added, is left out: it changes no statistics that can be
+/// measured here.
 #[inline(always)]
 fn scramble<L: Lanes>(x: Int<L>, key: Int<L>) -> Int<L> {
     let x = (x + key) * ((key >> 16) | 1);
@@ -97,11 +98,11 @@ fn scramble<L: Lanes>(x: Int<L>, key: Int<L>) -> Int<L> {
     x ^ (x * 0x53a2_2864)
 }
 
-/// Second coordinate of the Sobol sequence, as 32 bits before the point, the first one lowest.
+/// Second coordinate of the Sobol sequence, as 32 bits after the binary point, the first of them lowest.
 ///
-/// Its generator matrix is Pascal's triangle modulo 2: bit `i` after the point is the sum of the bits
-/// `k` of the index for which C(k, i) is odd, which are those whose number contains all bits of `i`
-/// (Lucas). Summing over supersets takes one step for each of the five bits of a bit's number.
+/// The generator matrix is Pascal's triangle modulo 2: bit `i` after the point is the sum of the index bits
+/// `k` for which C(k, i) is odd. By Lucas's theorem these are the `k` that contain all bits of `i`. Summing
+/// over supersets takes one step for each of the five bits of `k`.
 #[inline(always)]
 fn sobol_second<L: Lanes>(index: Int<L>) -> Int<L> {
     let y = index ^ ((index >> 1) & 0x5555_5555);

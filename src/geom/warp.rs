@@ -1,10 +1,10 @@
-//! Warps from the unit square to the shapes that are sampled, each with its density.
+//! Warps: maps from the unit square to the shapes that are sampled, each with its density.
 
 use crate::lanes::{Lanes, Num, Vector, trigonometry};
 use glam::Vec3;
 use std::f32::consts::{FRAC_1_PI, FRAC_PI_4};
 
-/// The same for a point in each lane.
+/// The same functions for one point in each lane.
 pub mod lanes {
     use super::*;
 
@@ -50,28 +50,28 @@ pub mod lanes {
     }
 }
 
-/// Uniform point on the unit disk (Shirley and Chiu's concentric map).
+/// Uniform point on the unit disk (Shirley and Chiu's concentric map); density 1/π.
 pub fn disk(u: [f32; 2]) -> [f32; 2] {
     lanes::disk(u.map(Num::from)).map(Num::get)
 }
 
-/// Cosine-weighted direction on the upper hemisphere; density [`cosine_hemisphere_pdf`].
+/// Cosine-weighted unit direction on the hemisphere around z; density [`cosine_hemisphere_pdf`].
 pub fn cosine_hemisphere(u: [f32; 2]) -> Vec3 {
     lanes::cosine_hemisphere(u.map(Num::from)).into()
 }
 
-/// Density per solid angle of [`cosine_hemisphere`] for a direction with cosine `z`.
+/// Density of [`cosine_hemisphere`] per solid angle, for a direction with cosine `z`; 0 below the hemisphere.
 pub fn cosine_hemisphere_pdf(z: f32) -> f32 {
     lanes::cosine_hemisphere_pdf(Num::from(z)).get()
 }
 
-/// Uniform direction on the sphere; density 1/4π.
+/// Uniform unit direction on the sphere; density 1/4π per solid angle.
 pub fn sphere(u: [f32; 2]) -> Vec3 {
     lanes::sphere(u.map(Num::from)).into()
 }
 
-/// Uniform barycentric weights (of the second and third vertex) on a triangle; density 1/area
-/// (Heitz 2019, *A Low-Distortion Map Between Triangle and Square*).
+/// Barycentric weights of the second and third vertex, uniform on a triangle (Heitz 2019, *A Low-Distortion
+/// Map Between Triangle and Square*); density 1/area.
 pub fn triangle(u: [f32; 2]) -> [f32; 2] {
     lanes::triangle(u.map(Num::from)).map(Num::get)
 }

@@ -1,5 +1,11 @@
-//! Ray queries on a mesh of your own: vertices and indices in, hits out. No scene file, no service, no
-//! device; for those see [`crate::schedule::Service::closest`], which answers with the same bits.
+//! Ray queries on a mesh of your own: vertices and indices in, hits out.
+//!
+//! ```text
+//! positions, triangles ─ Mesh::build → Mesh;   rays ─ closest → hits,   rays ─ occluded → booleans
+//! ```
+//!
+//! Needs no scene file, service or device. [`crate::schedule::Service::closest`] has these and answers with
+//! the same bits. Words are defined in `docs/glossary.md`.
 //!
 //! ```
 //! use glam::Vec3;
@@ -16,13 +22,13 @@
 //! ```
 //!
 //! # Speed
-//! Bring many rays at once: a slice is cut into shares of up to 32 thousand rays, which is where tracing
-//! whole streams pays. Rays beside each other in the slice should be alike; they need not be sorted.
+//! Pass many rays at once. A slice is divided into shares of up to 32 thousand rays, as many as the tracer
+//! needs to be at its fastest. Neighbouring rays of a slice should be similar, but need not be sorted.
 //!
 //! # Threads
-//! Everything runs on the rayon pool it is called in: inside `pool.install(|| ...)` on that pool, else
-//! on the global one. Threads of your own call [`Mesh::tracer`]'s, which stay on the calling thread.
-//! The answers do not depend on any of it.
+//! Everything runs on the current rayon pool: inside `pool.install(|| ...)` on that pool, else on the global
+//! one. To trace on threads of your own, call the methods of [`Mesh::tracer`], which stay on the calling
+//! thread. The answers do not depend on the threads.
 
 mod shares;
 
@@ -37,10 +43,11 @@ use crate::trace::cpu::{CpuTracer, SimdLevel};
 use glam::Vec3;
 use std::sync::Arc;
 
-/// The most rays that a thread traces at once.
+/// The largest number of rays that a thread traces at once.
 const SHARE_RAYS: usize = 32 * 1024;
 
-/// Triangles that rays can be sent through. Cheap to clone: clones share the tree until one is refitted.
+/// A triangle mesh with its tree, ready for ray queries. Cheap to clone: clones share the tree until one is
+/// refitted.
 #[derive(Clone)]
 pub struct Mesh {
     bvh: Arc<Bvh>,
@@ -48,12 +55,12 @@ pub struct Mesh {
 }
 
 impl Mesh {
-    /// Builds a tree over `triangles`, which index `positions`; row `i` of `triangles` is
-    /// [`Hit::primitive`] `i`. Both sides of a triangle are hit. Takes any triangles, degenerate ones too.
+    /// Builds a tree over `triangles`, which index `positions`. Row `i` of `triangles` is [`Hit::primitive`]
+    /// `i`. Both sides of a triangle are hit. Accepts any triangles; degenerate ones are never hit.
     ///
     /// # Errors
-    /// When an index is out of range, a coordinate is not finite or beyond
-    /// [`crate::geom::MAX_COORDINATE`], or there are more than 130 million triangles.
+    /// If an index is out of range, a coordinate is not finite or exceeds [`crate::geom::MAX_COORDINATE`], or
+    /// there are more than 130 million triangles.
     pub fn build(positions: &[Vec3], triangles: &[[u32; 3]]) -> Result<Self, GeometryError> {
         GeometryError::check(positions, triangles)?;
         Ok(Self::of(Arc::new(Bvh::build(positions, triangles, |_| false))))
@@ -61,20 +68,20 @@ impl Mesh {
 
     fn of(bvh: Arc<Bvh>) -> Self {
         let tracer = CpuTracer::new(bvh.clone(), None, SimdLevel::detect());
-        Self { bvh, tracer: tracer.expect("a level that was detected is there") }
+        Self { bvh, tracer: tracer.expect("the processor has the detected level") }
     }
 
-    /// Moves the triangles, which must be as many as before: several times cheaper than building, with the
-    /// same answers; tracing slows down as neighbours part (see [`Bvh::refit`]). Others who hold a clone keep
-    /// the old place.
+    /// Moves the triangles, as many as before. Answers are those of a new mesh, at a fraction of the time to
+    /// build it; tracing slows down as neighbouring triangles move away from each other (see [`Bvh::refit`]).
+    /// Clones are not moved.
     ///
     /// # Errors
-    /// As for [`Mesh::build`], and when the number of triangles has changed. The mesh is then as it was.
+    /// As for [`Mesh::build`], and if the number of triangles has changed. The mesh is then unchanged.
     pub fn refit(&mut self, positions: &[Vec3], triangles: &[[u32; 3]]) -> Result<(), GeometryError> {
-        // The tracer's share goes first, so that the tree is not copied when no one else has it.
-        let nothing = Arc::new(Bvh::build(&[], &[], |_| false));
-        let mut bvh = std::mem::replace(&mut self.bvh, nothing.clone());
-        *self = Self::of(nothing);
+        // Drops the tracer's reference first, so that the tree is copied only if a clone has it.
+        let empty = Arc::new(Bvh::build(&[], &[], |_| false));
+        let mut bvh = std::mem::replace(&mut self.bvh, empty.clone());
+        *self = Self::of(empty);
         let refitted = match bvh.accepts(positions, triangles) {
             Ok(()) => Arc::make_mut(&mut bvh).refit(positions, triangles),
             Err(error) => Err(error),
@@ -83,14 +90,15 @@ impl Mesh {
         refitted
     }
 
-    /// The nearest hit of every ray, or [`Hit::NONE`]. Ties go to the lowest primitive.
+    /// The nearest hit of every ray, or [`Hit::NONE`]. Of equally near hits the one with the lowest primitive
+    /// id.
     pub fn closest(&self, rays: &[Ray]) -> Vec<Hit> {
         let mut hits = vec![Hit::NONE; rays.len()];
         self.closest_into(rays, &mut hits);
         hits
     }
 
-    /// The same into memory of yours.
+    /// [`Mesh::closest`] into memory of the caller, as many hits as rays.
     ///
     /// # Panics
     /// If the two lengths differ.
@@ -99,14 +107,14 @@ impl Mesh {
         in_shares(rays, hits, SHARE_RAYS, |rays, hits| self.tracer.closest(rays, hits));
     }
 
-    /// Whether each ray hits anything; faster than asking what.
+    /// Whether each ray hits anything. Faster than [`Mesh::closest`].
     pub fn occluded(&self, rays: &[Ray]) -> Vec<bool> {
         let mut occluded = vec![0; rays.len()];
         self.occluded_into(rays, &mut occluded);
         occluded.into_iter().map(|occluded| occluded != 0).collect()
     }
 
-    /// The same into memory of yours: 1 for occluded, else 0.
+    /// [`Mesh::occluded`] into memory of the caller, as many answers as rays: 1 for occluded, else 0.
     ///
     /// # Panics
     /// If the two lengths differ.
@@ -115,18 +123,18 @@ impl Mesh {
         in_shares(rays, occluded, SHARE_RAYS, |rays, occluded| self.tracer.occluded(rays, occluded));
     }
 
-    /// Whether nothing lies between two points, themselves included. For many pairs send
-    /// [`Ray::between`] through [`Mesh::occluded`].
+    /// Whether no triangle lies between two points; the points are included. For many pairs of points pass
+    /// [`Ray::between`] them to [`Mesh::occluded`].
     pub fn sees(&self, from: Vec3, to: Vec3) -> bool {
         !self.tracer.oracle().occluded_one(&Ray::between(from, to))
     }
 
-    /// The tracer beneath, which stays on the calling thread.
+    /// The mesh's tracer, whose methods stay on the calling thread.
     pub fn tracer(&self) -> &CpuTracer {
         &self.tracer
     }
 
-    /// The tree: its box, size in bytes, and the corners of triangles.
+    /// The tree. It knows its box, its size in bytes and the corners of triangles.
     pub fn bvh(&self) -> &Arc<Bvh> {
         &self.bvh
     }

@@ -1,14 +1,16 @@
-//! A slice of rays → shares for the threads of a pool.
+//! Divides a slice of rays into shares for the threads of a pool (guided self-scheduling).
 
 use crate::stream::Ray;
 use rayon::prelude::*;
 use std::iter;
 
-/// The shortest share, but for the last: fewer rays are slower to trace than to wait for.
-const LEAST: usize = 1024;
+/// Length of the shortest share but the last. Waiting for another thread costs less than tracing fewer rays
+/// at once.
+const MIN_SHARE: usize = 1024;
 
-/// Has the threads of the rayon pool trace `rays` into `answers`, which are as many, in shares of at most `most`. Each
-/// takes the next when it is done with one, and they become shorter towards the end, so that all threads end together.
+/// Traces `rays` into `answers`, as many, on the current rayon pool, in shares of at most `most` rays. A
+/// thread that has finished a share takes the next. Shares become shorter towards the end, so that all
+/// threads finish together.
 pub fn in_shares<T: Send>(
     rays: &[Ray],
     answers: &mut [T],
@@ -27,11 +29,11 @@ pub fn in_shares<T: Send>(
     shares.par_bridge().for_each(|(rays, answers)| trace(rays, answers));
 }
 
-/// Length of the next share when so many rays are left.
+/// Length of the next share if `left` rays are left.
 fn length(left: usize, most: usize, threads: usize) -> usize {
-    // A thread by itself waits for no other.
+    // A single thread waits for no other.
     let fair = if threads == 1 { left } else { left / (2 * threads) };
-    fair.clamp(LEAST.min(most), most).min(left)
+    fair.clamp(MIN_SHARE.min(most), most).min(left)
 }
 
 #[cfg(test)]
@@ -59,13 +61,13 @@ mod tests {
             let lengths = lengths(rays, 32 << 10, threads);
             assert_eq!(lengths.iter().sum::<usize>(), rays);
             assert!(lengths.is_sorted_by(|a, b| a >= b), "{lengths:?}");
-            // Whoever takes a share last, the others wait no longer than it takes.
-            assert!(lengths.iter().rev().take(threads).all(|&len| len <= LEAST), "{lengths:?}");
+            // The last share of every thread is short, so no thread waits longer than that.
+            assert!(lengths.iter().rev().take(threads).all(|&len| len <= MIN_SHARE), "{lengths:?}");
         }
     }
 
     #[test]
-    fn every_ray_is_in_one_share_beside_its_answer() {
+    fn every_ray_is_in_one_share_with_its_answer() {
         let rays: Vec<Ray> = (0..50_000).map(|i| Ray::new(Vec3::splat(i as f32), Vec3::X)).collect();
         for threads in [1, 3] {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");

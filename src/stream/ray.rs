@@ -12,7 +12,7 @@ pub struct Ray {
     pub origin: [f32; 3],
     /// Least `t` that counts; a negative value counts as 0.
     pub t_min: f32,
-    /// The direction, of any length from 1e-9 to 1e9.
+    /// The direction. Its largest component must be 1e-9 to 1e9 in size, else the ray hits nothing.
     pub direction: [f32; 3],
     /// Greatest `t` that counts; may be +∞.
     pub t_max: f32,

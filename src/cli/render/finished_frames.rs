@@ -4,7 +4,7 @@ use super::animation::Animation;
 use super::checkpoint::identity;
 use crate::cli::args::RenderArgs;
 use crate::cli::setup::Setup;
-use crate::files::write_whole;
+use crate::files::write_atomically;
 use crate::render::{Identity, Settings, compare};
 use anyhow::{Context, Result};
 use serde::{Deserialize, Serialize};
@@ -64,7 +64,7 @@ impl FinishedFrames {
         let camera = format!("{:?}", animation.camera(frame));
         self.content.done.insert(frame, (camera, hash.to_owned()));
         let text = serde_json::to_vec_pretty(&self.content)?;
-        write_whole(&self.path, |file| {
+        write_atomically(&self.path, |file| {
             file.write_all(&text)?;
             file.flush()?;
             file.get_ref().sync_all()

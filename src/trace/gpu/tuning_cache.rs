@@ -2,7 +2,7 @@
 
 use super::calibration::{IN_FLIGHT, RAYS};
 use super::{AdapterInfo, Variant};
-use crate::files::{Unwritten, write_whole};
+use crate::files::{NotWritten, write_atomically};
 use crate::stream::Sizing;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -63,10 +63,10 @@ pub(super) fn load(folder: &Path, info: &AdapterInfo) -> Option<TunedSizes> {
 }
 
 /// Keeps what was measured.
-pub(super) fn store(folder: &Path, info: &AdapterInfo, tuned: TunedSizes) -> Result<(), Unwritten> {
+pub(super) fn store(folder: &Path, info: &AdapterInfo, tuned: TunedSizes) -> Result<(), NotWritten> {
     let path = file(folder, info);
-    std::fs::create_dir_all(folder).map_err(|source| Unwritten { path: path.clone(), source })?;
-    write_whole(&path, |file| Ok(serde_json::to_writer_pretty(file, &Entry::of(info, tuned))?))
+    std::fs::create_dir_all(folder).map_err(|source| NotWritten { path: path.clone(), source })?;
+    write_atomically(&path, |file| Ok(serde_json::to_writer_pretty(file, &Entry::of(info, tuned))?))
 }
 
 #[cfg(test)]
