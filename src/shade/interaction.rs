@@ -4,7 +4,7 @@ use super::normals::{MIN_COSINE, map_normal, rough_direction, settle, tangent_ba
 use super::offset;
 use crate::geom::Basis;
 use crate::lanes::{Int, Lanes, Mask, Num, Prefetch, Vector};
-use crate::scene::{Footprint, Material, Mesh, Scene, Surface};
+use crate::scene::{Anisotropy, Footprint, Material, Mesh, NormalMap, Scene, Surface};
 use crate::stream::Hit;
 
 /// Points on surfaces of one material, each seen from its `wo`. Normals lie on `wo`'s side of the
@@ -110,6 +110,71 @@ pub(super) fn mesh_uv<L: Lanes>(mesh: &Mesh, hits: &Hits<L>) -> [Num<L>; 2] {
     blend_uvs(&corner_uvs(mesh, &indices), &[1.0 - hits.u - hits.v, hits.u, hits.v])
 }
 
+/// What vertex normals make of a triangle.
+struct Smooth<L: Lanes> {
+    /// The unit normal that is blended from them; the triangle's where there are none.
+    outward: Vector<L>,
+    /// Whether all three corners have one.
+    there: Mask<L>,
+    /// Those of the corners; of no meaning where the mesh has none.
+    at_corners: [Vector<L>; 3],
+}
+
+impl<L: Lanes> Smooth<L> {
+    #[inline(always)]
+    fn of(
+        mesh: &Mesh,
+        indices: &[Int<L>; 3],
+        corners: &[Vector<L>; 3],
+        weights: &Weights<L>,
+        winding: Vector<L>,
+    ) -> Self {
+        if mesh.normals.is_empty() {
+            let there = Mask::splat(winding.lanes(), false);
+            return Self { outward: winding, there, at_corners: *corners };
+        }
+        let at_corners = vectors(&mesh.normals, indices);
+        let [a, b, c] = at_corners;
+        let (outward, mut there) = blend(&at_corners, weights).normalize_or(winding);
+        there &= !(a.is_zero() | b.is_zero() | c.is_zero());
+        Self { outward: Vector::select(there, outward, winding), there, at_corners }
+    }
+
+    /// A point of the triangle on the surface that the normals make of it ([`Interaction::raised`]).
+    #[inline(always)]
+    fn raised(
+        &self,
+        position: Vector<L>,
+        corners: &[Vector<L>; 3],
+        weights: &Weights<L>,
+        normal: Vector<L>,
+    ) -> Vector<L> {
+        if self.there.none() {
+            return position;
+        }
+        let side = self.outward.dot(normal).signum();
+        Vector::select(self.there, raise(position, corners, &self.at_corners, weights, side), position)
+    }
+}
+
+/// The layers of a material that need directions along the surface: its anisotropy, and the normal map of its coats if
+/// that is not the material's.
+#[inline(always)]
+fn directed_layers(material: &Material) -> (Option<&Anisotropy>, Option<&Option<NormalMap>>) {
+    let Surface::Principled(surface) = &material.surface else { return (None, None) };
+    let own_map = surface.has_coats() && surface.coat_normal_map != material.normal_map;
+    (surface.anisotropy.as_ref(), own_map.then_some(&surface.coat_normal_map))
+}
+
+/// A basis with its tangent as near to `x` as its normal allows, in the lanes of `there`.
+#[inline(always)]
+fn laid_along<L: Lanes>(x: Vector<L>, basis: &Basis<L>, there: Mask<L>) -> Basis<L> {
+    let normal = basis.normal;
+    let (tangent, along) = (x - normal * x.dot(normal)).normalize_or(basis.tangent);
+    let laid = Basis { tangent, bitangent: normal.cross(tangent), normal };
+    Basis::select(along & there, laid, *basis)
+}
+
 impl<L: Lanes> Interaction<L> {
     /// The interactions of rays of unit direction with the triangles they hit, whose material is `material`.
     /// `width` is that of the rays' [`super::Cone`]s there.
@@ -133,14 +198,8 @@ impl<L: Lanes> Interaction<L> {
         let front = wo.dot(winding).ge(Num::splat(l, 0.0));
         let normal = Vector::select(front, winding, -winding);
 
-        let (mut smooth, mut vertex_normals, mut outward) = (Mask::splat(l, false), corners, winding);
-        if !mesh.normals.is_empty() {
-            vertex_normals = vectors(&mesh.normals, &indices);
-            let [a, b, c] = vertex_normals;
-            (outward, smooth) = blend(&vertex_normals, &weights).normalize_or(winding);
-            smooth &= !(a.is_zero() | b.is_zero() | c.is_zero());
-            outward = Vector::select(smooth, outward, winding);
-        }
+        let smooth = Smooth::of(mesh, &indices, &corners, &weights, winding);
+        let outward = smooth.outward;
         let outside = (wo.dot(winding) * outward.dot(winding)).ge(Num::splat(l, 0.0));
         let corner_uvs = corner_uvs(mesh, &indices);
         let uv = blend_uvs(&corner_uvs, &weights);
@@ -150,14 +209,8 @@ impl<L: Lanes> Interaction<L> {
         } else {
             footprint(plane.twice_area, &corner_uvs, width, wo.dot(winding), hits)
         };
-        let (mut shading, mut bent) = (outward, smooth);
-        let (mut anisotropy, mut coat_map) = (None, None);
-        if let Surface::Principled(surface) = &material.surface {
-            anisotropy = surface.anisotropy.as_ref();
-            if surface.has_coats() && surface.coat_normal_map != material.normal_map {
-                coat_map = Some(&surface.coat_normal_map);
-            }
-        }
+        let (mut shading, mut bent) = (outward, smooth.there);
+        let (anisotropy, coat_map) = directed_layers(material);
         let mut tangents = None;
         if material.normal_map.is_some() || anisotropy.is_some() || matches!(coat_map, Some(Some(_))) {
             let (basis, there) = tangent_basis(scene, &indices, &corners, &corner_uvs, &weights, outward);
@@ -174,41 +227,36 @@ impl<L: Lanes> Interaction<L> {
         let mut basis = Basis::around(shading);
         if let (Some(anisotropy), Some((tangents, there))) = (anisotropy, &tangents) {
             let x = rough_direction(scene, anisotropy, uv, &footprint, tangents);
-            let (tangent, along) = (x - shading * x.dot(shading)).normalize_or(basis.tangent);
-            let laid = Basis { tangent, bitangent: shading.cross(tangent), normal: shading };
-            basis = Basis::select(along & *there, laid, basis);
+            basis = laid_along(x, &basis, *there);
         }
-        let mut coat = None;
+        let raised = smooth.raised(position, &corners, &weights, normal);
+        let offset = plane.offset;
+        let mut at =
+            Self { position, wo, normal, basis, coat: None, uv, footprint, front, outside, raised, offset };
         if let Some(map) = coat_map {
-            let (mut own, mut bumps, mut bent) = (outward, Num::zero(l), smooth);
-            if let (Some(map), Some((tangents, there))) = (map, &tangents) {
-                let (mapped, rough) = map_normal(scene, map, uv, &footprint, tangents);
-                own = Vector::select(*there, mapped, outward);
-                bumps = rough.only(*there);
-                bent |= *there;
-            }
-            let normal = basis.local(settle(own, bent, normal, wo, false));
-            coat = Some(CoatShape { normal, bumps });
+            at.coat = Some(at.coat_shape(scene, map.as_ref(), &tangents, &smooth));
         }
-        let raised = if smooth.none() {
-            position
-        } else {
-            let side = outward.dot(normal).signum();
-            Vector::select(smooth, raise(position, &corners, &vertex_normals, &weights, side), position)
-        };
-        Self {
-            position,
-            wo,
-            normal,
-            basis,
-            coat,
-            uv,
-            footprint,
-            front,
-            outside,
-            raised,
-            offset: plane.offset,
+        at
+    }
+
+    /// The shape of coats with a normal map of their own, or of none.
+    #[inline(always)]
+    fn coat_shape(
+        &self,
+        scene: &Scene,
+        map: Option<&NormalMap>,
+        tangents: &Option<(Basis<L>, Mask<L>)>,
+        smooth: &Smooth<L>,
+    ) -> CoatShape<L> {
+        let outward = smooth.outward;
+        let (mut own, mut bumps, mut bent) = (outward, Num::zero(outward.lanes()), smooth.there);
+        if let (Some(map), Some((tangents, there))) = (map, tangents) {
+            let (mapped, rough) = map_normal(scene, map, self.uv, &self.footprint, tangents);
+            own = Vector::select(*there, mapped, outward);
+            bumps = rough.only(*there);
+            bent |= *there;
         }
+        CoatShape { normal: self.basis.local(settle(own, bent, self.normal, self.wo, false)), bumps }
     }
 
     /// The world directions of mirrored or refracted rays that go to `local` in the shading basis, to the other

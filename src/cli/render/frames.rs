@@ -53,10 +53,7 @@ pub fn run<I: Integrator>(
                 done.push(FrameStats { frame, hash, seconds: None, mean_spp: None, noise: None });
                 continue;
             }
-            let shot =
-                integrator.seen_by(&animation.camera(frame)).with_context(|| format!("frame {frame}"))?;
-            let picture = Progressive::new(shot, options);
-            shots.push_back(Shot { frame, picture, begin_s: f64::INFINITY, end_s: 0.0 });
+            shots.push_back(Shot::begin(frame, integrator, animation, options)?);
         }
         for shot in &mut shots {
             shot.advance(args, setup, &mut totals, &mut bar)?;
@@ -68,11 +65,8 @@ pub fn run<I: Integrator>(
             }
             if interrupt::requested() {
                 // Unfinished frames would be noisier than the others; they are dropped.
-                totals.events.push(format!(
-                    "stopped after {} of {} frames",
-                    done.len(),
-                    animation.frames.len()
-                ));
+                let (done, all) = (done.len(), animation.frames.len());
+                totals.events.push(format!("stopped after {done} of {all} frames"));
                 break;
             }
             continue;
@@ -95,17 +89,28 @@ pub fn run<I: Integrator>(
         dropped_splats,
         ..summarise(setup, settings, &mut totals)
     };
-    if let Some(path) = &args.stats {
-        stats::write(path, &stats)?;
-    }
     if let Some(path) = &args.timeline {
         totals.timeline(setup, recorded).write(path)?;
     }
-    print(animation, &stats);
+    report(args, animation, &stats)
+}
+
+/// Writes and prints the statistics.
+fn report(args: &RenderArgs, animation: &Animation, stats: &FramesStats) -> Result<Outcome> {
+    if let Some(path) = &args.stats {
+        stats::write(path, stats)?;
+    }
+    print(animation, stats);
     Ok(if stats.events.is_empty() { Outcome::Done } else { Outcome::Degraded })
 }
 
 impl<I: Integrator> Shot<I> {
+    fn begin(frame: u32, integrator: &I, animation: &Animation, options: PassOptions) -> Result<Self> {
+        let seen = integrator.seen_by(&animation.camera(frame));
+        let picture = Progressive::new(seen.with_context(|| format!("frame {frame}"))?, options);
+        Ok(Self { frame, picture, begin_s: f64::INFINITY, end_s: 0.0 })
+    }
+
     /// Collects finished passes and begins the next.
     fn advance(
         &mut self,

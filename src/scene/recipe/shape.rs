@@ -180,11 +180,8 @@ impl Shape {
                 grid([*cells; 2], [false; 2], material, mesh, |[u, v]| {
                     let (x, z) = ((u - 0.5) * *size, (0.5 - v) * *size);
                     let step = 0.5 * *size / *cells as f32;
-                    let normal = Vec3::new(
-                        height(x - step, z) - height(x + step, z),
-                        2.0 * step,
-                        height(x, z - step) - height(x, z + step),
-                    );
+                    let fall = |dx: f32, dz: f32| height(x - dx, z - dz) - height(x + dx, z + dz);
+                    let normal = Vec3::new(fall(step, 0.0), 2.0 * step, fall(0.0, step));
                     (*centre + Vec3::new(x, height(x, z), z), normal.normalize(), Vec2::new(u, 1.0 - v))
                 });
             }
