@@ -122,7 +122,7 @@ pub trait DeviceTracer: Send + Sync {
         None
     }
 
-    /// StreamAnswers queries in place. The device owns the memory during the call: see [`DeviceMemory`].
+    /// Answers queries in place. The device owns the memory during the call: see [`DeviceMemory`].
     /// Returns `None`, and does nothing, if the memory is not this device's.
     ///
     /// # Errors
@@ -131,7 +131,7 @@ pub trait DeviceTracer: Send + Sync {
         None
     }
 
-    /// StreamAnswers queries with the same bytes as a [`Tracer`].
+    /// Answers queries with the same bytes as a [`Tracer`].
     ///
     /// # Errors
     /// [`DeviceError::Lost`] if the device cannot answer, now or ever again.

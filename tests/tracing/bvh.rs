@@ -1,4 +1,4 @@
-//! The tree keeps its promises for ordinary and for hostile triangles.
+//! The tree keeps its invariants for ordinary and for hostile triangles.
 
 use crate::meshes::{self, Mesh, Random};
 use glam::Vec3;
@@ -12,7 +12,7 @@ fn build(mesh: &Mesh) -> Bvh {
 }
 
 #[test]
-fn ordinary_meshes_give_valid_trees_that_know_their_triangles() {
+fn ordinary_meshes_give_valid_trees_with_the_same_triangles() {
     for mesh in [
         meshes::soup(1000, 0.1, 1),
         meshes::grid(40, 0.2, 2),
@@ -32,7 +32,7 @@ fn ordinary_meshes_give_valid_trees_that_know_their_triangles() {
 }
 
 #[test]
-fn no_one_and_few_triangles() {
+fn trees_of_no_triangles_and_of_up_to_nineteen_are_valid() {
     for count in 0..20 {
         let bvh = build(&meshes::soup(count, 0.5, 7));
         assert_eq!(bvh.is_empty(), count == 0);
@@ -49,7 +49,7 @@ fn a_million_triangles_at_one_point_make_a_shallow_tree() {
 
 #[test]
 fn exponential_spacing_cannot_make_the_tree_deep() {
-    // Every bin of every split but one is empty: the surface area heuristic peels one by one.
+    // All bins of every split but one are empty, so the surface area heuristic splits off one triangle at a time.
     let mut mesh = Mesh::default();
     for i in 0..2000 {
         let x = 1.0e-38 * f32::powi(1.1, i % 900);
@@ -59,7 +59,7 @@ fn exponential_spacing_cannot_make_the_tree_deep() {
 }
 
 #[test]
-fn slivers_and_the_largest_coordinates_are_taken() {
+fn slivers_and_the_largest_coordinates_are_accepted() {
     let mut random = Random::new(8);
     let mut mesh = Mesh::default();
     for _ in 0..3000 {
@@ -90,7 +90,7 @@ fn equal_triangles_and_an_endless_sliver_make_shallow_trees() {
     mesh.triangles = vec![[0, 1, 2]; 100_000];
     let bvh = build(&mesh);
     assert!(bvh.to_flat_tree().depth() <= 18 && bvh.wide().depth() <= 8, "{}", bvh.wide().depth());
-    // One sliver a billion long through ordinary triangles.
+    // A sliver of length 1e9 through ordinary triangles.
     let mut mesh = meshes::soup(50_000, 0.05, 11);
     mesh.push([Vec3::ZERO, Vec3::X * 1e9, Vec3::new(1e9, 1e-3, 0.0)]);
     let bvh = build(&mesh);
@@ -104,7 +104,7 @@ fn coordinates_beyond_the_stated_maximum_are_refused() {
 }
 
 #[test]
-fn a_refitted_tree_is_valid_and_tight_and_knows_its_triangles() {
+fn a_refitted_tree_is_valid_and_tight_and_has_the_moved_triangles() {
     let before = meshes::soup(20_000, 0.03, 13);
     let mut after = before.clone();
     let mut random = Random::new(14);
@@ -119,7 +119,7 @@ fn a_refitted_tree_is_valid_and_tight_and_knows_its_triangles() {
         assert_eq!(bvh.is_masked(primitive), primitive % 3 == 0);
     }
     assert_eq!(bvh.bounds(), build(&after).bounds());
-    // There and back again.
+    // Moving back gives the first tree.
     assert_eq!(bvh.refit(&before.positions, &before.triangles), Ok(()));
     let fresh = build(&before);
     assert_eq!(bvh.wide().nodes(), fresh.wide().nodes());
@@ -127,27 +127,27 @@ fn a_refitted_tree_is_valid_and_tight_and_knows_its_triangles() {
 }
 
 #[test]
-fn corners_part_and_meet_in_a_refit() {
-    // A sheet whose triangles share corners, and the same triangles scattered.
+fn a_refit_separates_and_joins_shared_corners() {
+    // A sheet whose triangles share corners, and the same triangles moved away from each other.
     let sheet = meshes::grid(40, 0.3, 21);
-    let mut apart = meshes::soup(0, 0.0, 0);
+    let mut scattered = meshes::soup(0, 0.0, 0);
     let mut random = Random::new(22);
     for primitive in 0..sheet.triangles.len() {
         let by = random.point();
-        apart.push(sheet.corners(primitive).map(|corner| corner + by));
+        scattered.push(sheet.corners(primitive).map(|corner| corner + by));
     }
     let mut bvh = build(&sheet);
     let small = bvh.bytes();
-    for mesh in [&apart, &sheet] {
+    for mesh in [&scattered, &sheet] {
         assert_eq!(bvh.refit(&mesh.positions, &mesh.triangles), Ok(()));
         assert_eq!(bvh.validate(), Ok(()));
         for primitive in 0..bvh.len() as u32 {
             assert_eq!(bvh.corners(primitive), mesh.corners(primitive as usize));
             assert_eq!(bvh.is_masked(primitive), primitive % 3 == 0);
         }
-        assert!(bvh.bytes() > small + 10 * bvh.len(), "three corners a triangle");
+        assert!(bvh.bytes() > small + 10 * bvh.len(), "three corners are stored for each triangle");
     }
-    // Together they move in place.
+    // Shared corners that move together stay shared.
     let mut raised = sheet.clone();
     raised.positions.iter_mut().for_each(|p| *p = Vec3::new(p.x, 2.0 * p.y, p.z));
     let mut bvh = build(&sheet);
@@ -159,7 +159,7 @@ fn corners_part_and_meet_in_a_refit() {
 }
 
 #[test]
-fn a_refit_that_cannot_be_leaves_the_tree_as_it_was() {
+fn a_refused_refit_leaves_the_tree_unchanged() {
     let mesh = meshes::soup(100, 0.1, 15);
     let mut bvh = build(&mesh);
     let refused = bvh.refit(&mesh.positions, &mesh.triangles[1..]);
