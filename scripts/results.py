@@ -296,18 +296,18 @@ def read(argument):
 
 
 def command(sheet, given):
-    """The words of a file's command as a stranger would give them: without the machine's folders."""
+    """The words of a file's command as a stranger would give them: without folders but `scenes/`."""
     words = shlex.split(given) if given else ["raystream", *sheet.get("command", [])]
     if len(words) == 1:
         sys.exit("this file does not say which command wrote it; give it with --command")
-    kept, skip = [], False
-    for before, word in zip([""] + words, words):
-        if skip or word == "--json":
-            skip = word == "--json"
-        elif before == "--embree":
+    words = [part for word in words for part in (word.split("=", 1) if word.startswith("--") else [word])]
+    kept = []
+    for before, word in zip(["", *words], words):
+        if before == "--embree":
             kept.append("EMBREE.so")
-        else:
-            kept.append(pathlib.PurePath(word).name if "/" in word else word)
+        elif "--json" not in (before, word):
+            folder, _, name = word.rpartition("/")
+            kept.append(word if folder in ("", "scenes") else name)
     return kept
 
 
@@ -315,9 +315,9 @@ def commands(sheets, given):
     """All commands, one with SCENE where they differ by that alone; wide ones go on in a second line."""
     lists = [command(sheet, given) for sheet in sheets]
     scenes = [sheet["rows"][0].get("scene") for sheet in sheets]
-    general = {
-        shlex.join("SCENE" if word == scene else word for word in words) for words, scene in zip(lists, scenes)
-    }
+    general = set()
+    for words, scene in zip(lists, scenes):
+        general.add(shlex.join("SCENE" if pathlib.PurePath(word).name == scene else word for word in words))
     lines = general if len(general) == 1 and len(sheets) > 1 else dict.fromkeys(map(shlex.join, lists))
     wrap = {"width": COLUMNS - 2, "subsequent_indent": "    ", "break_long_words": False, "break_on_hyphens": False}
     return [" \\\n".join(textwrap.wrap(line, **wrap)) for line in lines]
