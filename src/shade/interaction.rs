@@ -1,9 +1,9 @@
-//! Where rays met surfaces.
+//! Surface interactions: where rays hit, in which shading basis, under what footprint.
 
-use super::normals::{MIN_COSINE, map_normal, rough_direction, settle, tangent_basis};
-use super::offset;
+use super::geometry::{Geometry, Hits};
+use super::normals::{MIN_COSINE, bend_where, map_normal, rough_direction, tangent_basis};
 use crate::geom::Basis;
-use crate::lanes::{Int, Lanes, Mask, Num, Prefetch, Vector};
+use crate::lanes::{Lanes, Mask, Num, Prefetch, Vector};
 use crate::scene::{Anisotropy, Footprint, Material, Mesh, NormalMap, Scene, Surface};
 use crate::stream::Hit;
 
@@ -49,132 +49,6 @@ pub struct CoatShape<L: Lanes> {
     pub bumps: Num<L>,
 }
 
-/// Hits in lanes, as [`crate::stream::Hit`] has one; none is a miss.
-#[derive(Clone, Copy, Debug)]
-pub struct Hits<L: Lanes> {
-    /// Ray parameter.
-    pub t: Num<L>,
-    /// Barycentric weight of the triangle's second vertex.
-    pub u: Num<L>,
-    /// Barycentric weight of the triangle's third vertex.
-    pub v: Num<L>,
-    /// Index of the triangle.
-    pub primitive: Int<L>,
-}
-
-/// The weights of a triangle's corners.
-pub(super) type Weights<L> = [Num<L>; 3];
-
-#[inline(always)]
-pub(super) fn blend<L: Lanes>(of: &[Vector<L>; 3], weights: &Weights<L>) -> Vector<L> {
-    of[0] * weights[0] + of[1] * weights[1] + of[2] * weights[2]
-}
-
-/// Rows `indices` of a table of vectors of three.
-#[inline(always)]
-fn vectors<L: Lanes>(table: &[glam::Vec3], indices: &[Int<L>; 3]) -> [Vector<L>; 3] {
-    let table: &[f32] = bytemuck::cast_slice(table);
-    let [a, b, c] = *indices;
-    [
-        Vector::from_columns(a.rows_of(table)),
-        Vector::from_columns(b.rows_of(table)),
-        Vector::from_columns(c.rows_of(table)),
-    ]
-}
-
-/// The corners' mesh texture coordinates, zero if there are none.
-#[inline(always)]
-fn corner_uvs<L: Lanes>(mesh: &Mesh, indices: &[Int<L>; 3]) -> [[Num<L>; 2]; 3] {
-    if mesh.uvs.is_empty() {
-        return [[Num::splat(indices[0].lanes(), 0.0); 2]; 3];
-    }
-    let table: &[f32] = bytemuck::cast_slice(&mesh.uvs);
-    let [a, b, c] = *indices;
-    [a.rows_of(table), b.rows_of(table), c.rows_of(table)]
-}
-
-#[inline(always)]
-fn blend_uvs<L: Lanes>([a, b, c]: &[[Num<L>; 2]; 3], weights: &Weights<L>) -> [Num<L>; 2] {
-    // No closure: it might not be inlined.
-    let mut uv = *a;
-    for (k, uv) in uv.iter_mut().enumerate() {
-        *uv = a[k] * weights[0] + b[k] * weights[1] + c[k] * weights[2];
-    }
-    uv
-}
-
-/// The mesh texture coordinates of hits.
-#[inline(always)]
-pub(super) fn mesh_uv<L: Lanes>(mesh: &Mesh, hits: &Hits<L>) -> [Num<L>; 2] {
-    let indices = hits.primitive.rows::<3>(bytemuck::cast_slice(&mesh.triangles));
-    blend_uvs(&corner_uvs(mesh, &indices), &[1.0 - hits.u - hits.v, hits.u, hits.v])
-}
-
-/// What vertex normals make of a triangle.
-struct Smooth<L: Lanes> {
-    /// The unit normal that is blended from them; the triangle's where there are none.
-    outward: Vector<L>,
-    /// Whether all three corners have one.
-    there: Mask<L>,
-    /// Those of the corners; of no meaning where the mesh has none.
-    at_corners: [Vector<L>; 3],
-}
-
-impl<L: Lanes> Smooth<L> {
-    #[inline(always)]
-    fn of(
-        mesh: &Mesh,
-        indices: &[Int<L>; 3],
-        corners: &[Vector<L>; 3],
-        weights: &Weights<L>,
-        winding: Vector<L>,
-    ) -> Self {
-        if mesh.normals.is_empty() {
-            let there = Mask::splat(winding.lanes(), false);
-            return Self { outward: winding, there, at_corners: *corners };
-        }
-        let at_corners = vectors(&mesh.normals, indices);
-        let [a, b, c] = at_corners;
-        let (outward, mut there) = blend(&at_corners, weights).normalize_or(winding);
-        there &= !(a.is_zero() | b.is_zero() | c.is_zero());
-        Self { outward: Vector::select(there, outward, winding), there, at_corners }
-    }
-
-    /// A point of the triangle on the surface that the normals make of it ([`Interaction::raised`]).
-    #[inline(always)]
-    fn raised(
-        &self,
-        position: Vector<L>,
-        corners: &[Vector<L>; 3],
-        weights: &Weights<L>,
-        normal: Vector<L>,
-    ) -> Vector<L> {
-        if self.there.none() {
-            return position;
-        }
-        let side = self.outward.dot(normal).signum();
-        Vector::select(self.there, raise(position, corners, &self.at_corners, weights, side), position)
-    }
-}
-
-/// The layers of a material that need directions along the surface: its anisotropy, and the normal map of its coats if
-/// that is not the material's.
-#[inline(always)]
-fn directed_layers(material: &Material) -> (Option<&Anisotropy>, Option<&Option<NormalMap>>) {
-    let Surface::Principled(surface) = &material.surface else { return (None, None) };
-    let own_map = surface.has_coats() && surface.coat_normal_map != material.normal_map;
-    (surface.anisotropy.as_ref(), own_map.then_some(&surface.coat_normal_map))
-}
-
-/// A basis with its tangent as near to `x` as its normal allows, in the lanes of `there`.
-#[inline(always)]
-fn laid_along<L: Lanes>(x: Vector<L>, basis: &Basis<L>, there: Mask<L>) -> Basis<L> {
-    let normal = basis.normal;
-    let (tangent, along) = (x - normal * x.dot(normal)).normalize_or(basis.tangent);
-    let laid = Basis { tangent, bitangent: normal.cross(tangent), normal };
-    Basis::select(along & there, laid, *basis)
-}
-
 impl<L: Lanes> Interaction<L> {
     /// The interactions of rays of unit direction with the triangles they hit, whose material is `material`.
     /// `width` is that of the rays' [`super::Cone`]s there.
@@ -186,77 +60,33 @@ impl<L: Lanes> Interaction<L> {
         hits: &Hits<L>,
         width: Num<L>,
     ) -> Self {
-        let l = direction.lanes();
-        let mesh = &scene.mesh;
-        let indices = hits.primitive.rows::<3>(bytemuck::cast_slice(&mesh.triangles));
-        let corners = vectors(&mesh.positions, &indices);
-        let weights = [1.0 - hits.u - hits.v, hits.u, hits.v];
-        let position = blend(&corners, &weights);
-        let wo = -direction;
-        let plane = offset::plane(&corners, wo);
-        let winding = plane.normal;
-        let front = wo.dot(winding).ge(Num::splat(l, 0.0));
-        let normal = Vector::select(front, winding, -winding);
-
-        let smooth = Smooth::of(mesh, &indices, &corners, &weights, winding);
-        let outward = smooth.outward;
-        let outside = (wo.dot(winding) * outward.dot(winding)).ge(Num::splat(l, 0.0));
-        let corner_uvs = corner_uvs(mesh, &indices);
-        let uv = blend_uvs(&corner_uvs, &weights);
-
-        let mut footprint = if mesh.uvs.is_empty() || scene.textures.is_empty() {
-            Footprint::point(l)
+        let at = Geometry::new(&scene.mesh, direction, hits);
+        let mut footprint = if scene.mesh.uvs.is_empty() || scene.textures.is_empty() {
+            Footprint::point(direction.lanes())
         } else {
-            footprint(plane.twice_area, &corner_uvs, width, wo.dot(winding), hits)
+            footprint(at.plane.twice_area, &at.corner_uvs, width, at.wo.dot(at.plane.normal), hits)
         };
-        let (mut shading, mut bent) = (outward, smooth.there);
-        let (anisotropy, coat_map) = directed_layers(material);
-        let mut tangents = None;
-        if material.normal_map.is_some() || anisotropy.is_some() || matches!(coat_map, Some(Some(_))) {
-            let (basis, there) = tangent_basis(scene, &indices, &corners, &corner_uvs, &weights, outward);
-            if let Some(map) = &material.normal_map {
-                let (mapped, bumps) = map_normal(scene, map, uv, &footprint, &basis);
-                shading = Vector::select(there, mapped, outward);
-                footprint.bumps = bumps.only(there);
-                bent |= there;
-            }
-            tangents = Some((basis, there));
+        let maps = Maps::of(material);
+        let tangents = maps.tangents(scene, &at);
+        let basis = shading_basis(scene, material, &at, maps.anisotropy, tangents.as_ref(), &mut footprint);
+        // No closure: it might not be inlined.
+        let coat = match maps.coat {
+            Some(map) => Some(coat_shape(scene, map, &at, tangents.as_ref(), &footprint, &basis)),
+            None => None,
+        };
+        Self {
+            position: at.position,
+            wo: at.wo,
+            normal: at.normal,
+            basis,
+            coat,
+            uv: at.uv,
+            footprint,
+            front: at.front,
+            outside: at.outside,
+            raised: at.raised(),
+            offset: at.plane.offset,
         }
-        let matte = matches!(material.surface, Surface::Matte { .. });
-        let shading = settle(shading, bent, normal, wo, matte);
-        let mut basis = Basis::around(shading);
-        if let (Some(anisotropy), Some((tangents, there))) = (anisotropy, &tangents) {
-            let x = rough_direction(scene, anisotropy, uv, &footprint, tangents);
-            basis = laid_along(x, &basis, *there);
-        }
-        let raised = smooth.raised(position, &corners, &weights, normal);
-        let offset = plane.offset;
-        let mut at =
-            Self { position, wo, normal, basis, coat: None, uv, footprint, front, outside, raised, offset };
-        if let Some(map) = coat_map {
-            at.coat = Some(at.coat_shape(scene, map.as_ref(), &tangents, &smooth));
-        }
-        at
-    }
-
-    /// The shape of coats with a normal map of their own, or of none.
-    #[inline(always)]
-    fn coat_shape(
-        &self,
-        scene: &Scene,
-        map: Option<&NormalMap>,
-        tangents: &Option<(Basis<L>, Mask<L>)>,
-        smooth: &Smooth<L>,
-    ) -> CoatShape<L> {
-        let outward = smooth.outward;
-        let (mut own, mut bumps, mut bent) = (outward, Num::zero(outward.lanes()), smooth.there);
-        if let (Some(map), Some((tangents, there))) = (map, tangents) {
-            let (mapped, rough) = map_normal(scene, map, self.uv, &self.footprint, tangents);
-            own = Vector::select(*there, mapped, outward);
-            bumps = rough.only(*there);
-            bent |= *there;
-        }
-        CoatShape { normal: self.basis.local(settle(own, bent, self.normal, self.wo, false)), bumps }
     }
 
     /// The world directions of mirrored or refracted rays that go to `local` in the shading basis, to the other
@@ -288,6 +118,85 @@ impl<L: Lanes> Interaction<L> {
         let below = wi.dot(self.normal).below(0.0);
         self.origin(Vector::select(below, self.position, self.raised), wi)
     }
+}
+
+/// What a material asks of its shading bases besides the interpolated normal.
+struct Maps<'a> {
+    /// Whether it has a normal map.
+    normal: bool,
+    anisotropy: Option<&'a Anisotropy>,
+    /// The coats' own normal map, or none, if it is not the material's.
+    coat: Option<Option<&'a NormalMap>>,
+}
+
+impl<'a> Maps<'a> {
+    #[inline(always)]
+    fn of(material: &'a Material) -> Self {
+        let normal = material.normal_map.is_some();
+        let Surface::Principled(surface) = &material.surface else {
+            return Self { normal, anisotropy: None, coat: None };
+        };
+        let own_coat = surface.has_coats() && surface.coat_normal_map != material.normal_map;
+        let coat = if own_coat { Some(surface.coat_normal_map.as_ref()) } else { None };
+        Self { normal, anisotropy: surface.anisotropy.as_ref(), coat }
+    }
+
+    /// Tangent bases, and the lanes that have one, if any map needs them.
+    #[inline(always)]
+    fn tangents<L: Lanes>(&self, scene: &Scene, at: &Geometry<L>) -> Option<(Basis<L>, Mask<L>)> {
+        if !self.normal && self.anisotropy.is_none() && !matches!(self.coat, Some(Some(_))) {
+            return None;
+        }
+        Some(tangent_basis(scene, &at.indices, &at.corners, &at.corner_uvs, &at.weights, at.outward))
+    }
+}
+
+/// The shading bases: interpolated and mapped normals, bent; the x axis along the rougher direction where the surface
+/// is anisotropic. Sets the footprint's bumps.
+#[inline(always)]
+fn shading_basis<L: Lanes>(
+    scene: &Scene,
+    material: &Material,
+    at: &Geometry<L>,
+    anisotropy: Option<&Anisotropy>,
+    tangents: Option<&(Basis<L>, Mask<L>)>,
+    footprint: &mut Footprint<L>,
+) -> Basis<L> {
+    let (mut shading, mut bent) = (at.outward, at.smooth);
+    if let (Some(map), Some((basis, there))) = (&material.normal_map, tangents) {
+        let (mapped, bumps) = map_normal(scene, map, at.uv, footprint, basis);
+        shading = Vector::select(*there, mapped, at.outward);
+        footprint.bumps = bumps.only(*there);
+        bent |= *there;
+    }
+    let matte = matches!(material.surface, Surface::Matte { .. });
+    let shading = bend_where(shading, bent, at.normal, at.wo, matte);
+    let basis = Basis::around(shading);
+    let (Some(anisotropy), Some((tangents, there))) = (anisotropy, tangents) else { return basis };
+    let x = rough_direction(scene, anisotropy, at.uv, footprint, tangents);
+    let (tangent, along) = (x - shading * x.dot(shading)).normalize_or(basis.tangent);
+    let rough = Basis { tangent, bitangent: shading.cross(tangent), normal: shading };
+    Basis::select(along & *there, rough, basis)
+}
+
+/// The coats' normals in the shading bases, and their bumps.
+#[inline(always)]
+fn coat_shape<L: Lanes>(
+    scene: &Scene,
+    map: Option<&NormalMap>,
+    at: &Geometry<L>,
+    tangents: Option<&(Basis<L>, Mask<L>)>,
+    footprint: &Footprint<L>,
+    basis: &Basis<L>,
+) -> CoatShape<L> {
+    let (mut normal, mut bumps, mut bent) = (at.outward, Num::zero(at.wo.lanes()), at.smooth);
+    if let (Some(map), Some((tangents, there))) = (map, tangents) {
+        let (mapped, rough) = map_normal(scene, map, at.uv, footprint, tangents);
+        normal = Vector::select(*there, mapped, at.outward);
+        bumps = rough.only(*there);
+        bent |= *there;
+    }
+    CoatShape { normal: basis.local(bend_where(normal, bent, at.normal, at.wo, false)), bumps }
 }
 
 /// Meshes of fewer triangles are in a near cache.
@@ -341,25 +250,6 @@ fn footprint<L: Lanes>(
     let bits = (bits ^ (bits >> 15)) * 0x7feb_352d;
     let dither = ((bits ^ (bits >> 16)) >> 8).to_num() * (1.0 / (1 << 24) as f32);
     Footprint { width: width * share.sqrt(), dither, ..Footprint::point(width.lanes()) }
-}
-
-/// The points of the surface that the vertex normals suggest above `position`: the mean of its
-/// projections onto the planes of those vertices under which it lies. `side` turns the normals.
-#[inline(always)]
-fn raise<L: Lanes>(
-    position: Vector<L>,
-    corners: &[Vector<L>; 3],
-    normals: &[Vector<L>; 3],
-    weights: &Weights<L>,
-    side: Num<L>,
-) -> Vector<L> {
-    let mut raised = position;
-    for k in 0..3 {
-        let normal = normals[k] * side;
-        let under = (position - corners[k]).dot(normal).min(Num::splat(position.lanes(), 0.0));
-        raised = raised - normal * (under * weights[k]);
-    }
-    raised
 }
 
 #[cfg(test)]

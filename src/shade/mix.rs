@@ -1,6 +1,6 @@
 //! Which part of a mix a hit is.
 
-use super::{Hits, interaction, lookup};
+use super::{Hits, geometry, lookup};
 use crate::geom::{mix_lanes, unit};
 use crate::lanes::{Lanes, Mask, SingleLane};
 use crate::scene::{Footprint, Scene, Surface};
@@ -13,7 +13,7 @@ const SALT: u32 = 0x1f83_d9ab;
 /// alpha blends, so all rays and all units agree. A mix within a mix decides anew.
 #[inline(always)]
 pub(super) fn is_second<L: Lanes>(scene: &Scene, mix: u32, hits: &Hits<L>) -> Mask<L> {
-    let uv = interaction::mesh_uv(&scene.mesh, hits);
+    let uv = geometry::mesh_uv(&scene.mesh, hits);
     let point = Footprint::point(hits.u.lanes());
     let share = lookup::share(scene, &scene.mixes[mix as usize].share, uv, &point);
     let bits = mix_lanes(hits.v.to_bits() ^ crate::geom::mix(mix ^ SALT));

@@ -7,6 +7,7 @@
 pub mod arena;
 pub mod bsdf;
 mod cone;
+mod geometry;
 mod interaction;
 pub mod light;
 pub mod lookup;
@@ -21,7 +22,8 @@ mod sort;
 pub use arena::ArenaUse;
 pub use bsdf::Bsdf;
 pub use cone::Cone;
-pub use interaction::{CoatShape, Hits, Interaction, fetch};
+pub use geometry::Hits;
+pub use interaction::{CoatShape, Interaction, fetch};
 pub use light::{LightSample, Lights};
 pub use loop_stack::LoopStack;
 pub use mix::material_of;

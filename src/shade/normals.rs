@@ -1,6 +1,6 @@
-//! Shading normals: whither smooth normals and maps bend them, and how far they may be bent.
+//! Shading normals: smooth normals and normal maps, and how far they may bend from the triangle.
 
-use super::interaction::{Weights, blend};
+use super::geometry::{Weights, blend};
 use crate::geom::Basis;
 use crate::lanes::{Int, Lanes, Mask, Num, Vector};
 use crate::scene::{Anisotropy, Footprint, NormalMap, Scene};
@@ -8,10 +8,10 @@ use crate::scene::{Anisotropy, Footprint, NormalMap, Scene};
 /// Least cosine between the shading normal and `wo`, and between the triangle's and smooth directions.
 pub const MIN_COSINE: f32 = 1e-3;
 
-/// Shading normals that are bent in the lanes of `bent`, turned to the triangle's side of `wo` and bent no further
-/// than [`bend`] allows.
+/// Shading normals: `shading` in the lanes of `bent`, turned to the triangle's side of `wo` and limited by [`bend`];
+/// the triangle's `normal` in the others.
 #[inline(always)]
-pub fn settle<L: Lanes>(
+pub fn bend_where<L: Lanes>(
     shading: Vector<L>,
     bent: Mask<L>,
     normal: Vector<L>,

@@ -1,0 +1,176 @@
+//! Hits in lanes, and what they read of their triangles: corners, vertex normals, texture coordinates.
+
+use super::offset::{self, Plane};
+use crate::lanes::{Int, Lanes, Mask, Num, Vector};
+use crate::scene::Mesh;
+
+/// Hits in lanes, as [`crate::stream::Hit`] has one; none is a miss.
+#[derive(Clone, Copy, Debug)]
+pub struct Hits<L: Lanes> {
+    /// Ray parameter.
+    pub t: Num<L>,
+    /// Barycentric weight of the triangle's second vertex.
+    pub u: Num<L>,
+    /// Barycentric weight of the triangle's third vertex.
+    pub v: Num<L>,
+    /// Index of the triangle.
+    pub primitive: Int<L>,
+}
+
+/// The barycentric weights of a triangle's corners.
+pub type Weights<L> = [Num<L>; 3];
+
+/// The geometry of hits: their triangles, and the smooth surface that vertex normals suggest.
+#[derive(Clone, Copy, Debug)]
+pub struct Geometry<L: Lanes> {
+    /// Vertex indices of the triangles.
+    pub indices: [Int<L>; 3],
+    /// Corner positions.
+    pub corners: [Vector<L>; 3],
+    /// Weights of the corners at the hits.
+    pub weights: Weights<L>,
+    /// The hits, on the triangles.
+    pub position: Vector<L>,
+    /// Unit directions back along the rays.
+    pub wo: Vector<L>,
+    /// The triangles' planes, their normals by winding.
+    pub plane: Plane<L>,
+    /// Lanes whose `wo` is on the side from which the triangle runs counter-clockwise.
+    pub front: Mask<L>,
+    /// Unit normals of the triangles on the side of `wo`.
+    pub normal: Vector<L>,
+    /// Lanes whose triangle has three vertex normals.
+    pub smooth: Mask<L>,
+    /// Unit normals outwards: interpolated where `smooth`, else by winding.
+    pub outward: Vector<L>,
+    /// Vertex normals, meaningful where `smooth`.
+    pub vertex_normals: [Vector<L>; 3],
+    /// Lanes whose `wo` is outside of the body.
+    pub outside: Mask<L>,
+    /// Texture coordinates of the corners, zero if the mesh has none.
+    pub corner_uvs: [[Num<L>; 2]; 3],
+    /// Texture coordinates of the hits.
+    pub uv: [Num<L>; 2],
+}
+
+impl<L: Lanes> Geometry<L> {
+    /// The geometry of hits by rays of unit `direction`.
+    #[inline(always)]
+    pub fn new(mesh: &Mesh, direction: Vector<L>, hits: &Hits<L>) -> Self {
+        let l = direction.lanes();
+        let indices = hits.primitive.rows::<3>(bytemuck::cast_slice(&mesh.triangles));
+        let corners = vectors(&mesh.positions, &indices);
+        let weights = [1.0 - hits.u - hits.v, hits.u, hits.v];
+        let position = blend(&corners, &weights);
+        let wo = -direction;
+        let plane = offset::plane(&corners, wo);
+        let winding = plane.normal;
+        let front = wo.dot(winding).ge(Num::splat(l, 0.0));
+        let normal = Vector::select(front, winding, -winding);
+
+        let (mut smooth, mut vertex_normals, mut outward) = (Mask::splat(l, false), corners, winding);
+        if !mesh.normals.is_empty() {
+            vertex_normals = vectors(&mesh.normals, &indices);
+            let [a, b, c] = vertex_normals;
+            (outward, smooth) = blend(&vertex_normals, &weights).normalize_or(winding);
+            smooth &= !(a.is_zero() | b.is_zero() | c.is_zero());
+            outward = Vector::select(smooth, outward, winding);
+        }
+        let outside = (wo.dot(winding) * outward.dot(winding)).ge(Num::splat(l, 0.0));
+        let corner_uvs = corner_uvs(mesh, &indices);
+        let uv = blend_uvs(&corner_uvs, &weights);
+        Self {
+            indices,
+            corners,
+            weights,
+            position,
+            wo,
+            plane,
+            front,
+            normal,
+            smooth,
+            outward,
+            vertex_normals,
+            outside,
+            corner_uvs,
+            uv,
+        }
+    }
+
+    /// The hits raised to the surface that the vertex normals suggest.
+    #[inline(always)]
+    pub fn raised(&self) -> Vector<L> {
+        if self.smooth.none() {
+            return self.position;
+        }
+        let side = self.outward.dot(self.normal).signum();
+        let raised = raise(self.position, &self.corners, &self.vertex_normals, &self.weights, side);
+        Vector::select(self.smooth, raised, self.position)
+    }
+}
+
+/// The weighted sum of three vectors.
+#[inline(always)]
+pub fn blend<L: Lanes>(of: &[Vector<L>; 3], weights: &Weights<L>) -> Vector<L> {
+    of[0] * weights[0] + of[1] * weights[1] + of[2] * weights[2]
+}
+
+/// Rows `indices` of a table of vectors.
+#[inline(always)]
+fn vectors<L: Lanes>(table: &[glam::Vec3], indices: &[Int<L>; 3]) -> [Vector<L>; 3] {
+    let table: &[f32] = bytemuck::cast_slice(table);
+    let [a, b, c] = *indices;
+    [
+        Vector::from_columns(a.rows_of(table)),
+        Vector::from_columns(b.rows_of(table)),
+        Vector::from_columns(c.rows_of(table)),
+    ]
+}
+
+/// The corners' mesh texture coordinates, zero if there are none.
+#[inline(always)]
+fn corner_uvs<L: Lanes>(mesh: &Mesh, indices: &[Int<L>; 3]) -> [[Num<L>; 2]; 3] {
+    if mesh.uvs.is_empty() {
+        return [[Num::splat(indices[0].lanes(), 0.0); 2]; 3];
+    }
+    let table: &[f32] = bytemuck::cast_slice(&mesh.uvs);
+    let [a, b, c] = *indices;
+    [a.rows_of(table), b.rows_of(table), c.rows_of(table)]
+}
+
+/// The weighted sum of three texture coordinates.
+#[inline(always)]
+fn blend_uvs<L: Lanes>([a, b, c]: &[[Num<L>; 2]; 3], weights: &Weights<L>) -> [Num<L>; 2] {
+    // No closure: it might not be inlined.
+    let mut uv = *a;
+    for (k, uv) in uv.iter_mut().enumerate() {
+        *uv = a[k] * weights[0] + b[k] * weights[1] + c[k] * weights[2];
+    }
+    uv
+}
+
+/// The mesh texture coordinates of hits.
+#[inline(always)]
+pub fn mesh_uv<L: Lanes>(mesh: &Mesh, hits: &Hits<L>) -> [Num<L>; 2] {
+    let indices = hits.primitive.rows::<3>(bytemuck::cast_slice(&mesh.triangles));
+    blend_uvs(&corner_uvs(mesh, &indices), &[1.0 - hits.u - hits.v, hits.u, hits.v])
+}
+
+/// The points of the surface that the vertex normals suggest above `position`: the mean of its
+/// projections onto the planes of those vertices under which it lies. `side` turns the normals.
+#[inline(always)]
+fn raise<L: Lanes>(
+    position: Vector<L>,
+    corners: &[Vector<L>; 3],
+    normals: &[Vector<L>; 3],
+    weights: &Weights<L>,
+    side: Num<L>,
+) -> Vector<L> {
+    let mut raised = position;
+    for k in 0..3 {
+        let normal = normals[k] * side;
+        let under = (position - corners[k]).dot(normal).min(Num::splat(position.lanes(), 0.0));
+        raised = raised - normal * (under * weights[k]);
+    }
+    raised
+}
