@@ -1,4 +1,4 @@
-"""Tests scripts/results.py on a small file like those that `raystream bench build --json` writes."""
+"""Tests scripts/results.py on small files like those that `raystream bench --json` writes."""
 
 import json
 import pathlib
@@ -30,13 +30,41 @@ class Results(unittest.TestCase):
             "overhead_ns": {"median": 436.0, "best": 400.0, "worst": 500.0},
             "ns_per_task": {"median": 436.0, "best": 400.0, "worst": 500.0},
         }
-        sheet = {"machine": {"processor": "P", "threads": 2, "simd": "avx2"}, "command": ["bench", "schedule"], "rows": [row]}
+        sheet = self.sheet("bench schedule", row)
         run, page = self.write(PAGE, sheet)
         self.assertEqual(run.returncode, 0, run.stderr)
         self.assertIn("raystream bench schedule", page)
         self.assertIn("P; 2 threads available, avx2; commit", page)
         self.assertNotIn("old", page)
         self.assertTrue(page.startswith("# Page\n") and page.endswith("\nKept.\n"))
+
+    def sheet(self, words, *rows):
+        machine = {"processor": "P", "threads": 2, "simd": "avx2"}
+        return {"machine": machine, "command": words.split(), "rows": [{"threads": 1, **row} for row in rows]}
+
+    def test_a_build_stands_beside_embree(self):
+        row = lambda unit, seconds, size, cost=None: {
+            "scene": "glass.json", "unit": unit, "seconds": {"median": seconds},
+            "bytes_per_triangle": size, "cost": cost,
+        }
+        rows = [row("raystream", 0.05, 40.0, 5.0), row("raystream, refit", 0.01, 40.0), row("embree medium", 0.1, 80.0)]
+        sheet = self.sheet("bench build /far/glass.json --embree=/far/lib.so --json /far/b.json", *rows)
+        run, page = self.write(PAGE.replace("schedule", "build"), sheet, "build")
+        self.assertEqual(run.returncode, 0, run.stderr)
+        self.assertIn("raystream bench build glass.json --embree EMBREE.so\n", page)
+        self.assertIn("| glass | 50.0 | 100.0 | 0.50 | 10.0 | 40.0 | 80.0 | 0.50 | 5.0 |", page)
+
+    def test_rays_have_ratios_means_and_leasts(self):
+        row = lambda scene, simd, speed, ratio: {
+            "scene": scene, "kind": "bounce", "unit": "raystream", "simd": simd, "order": "rows",
+            "mray_per_s": {"median": speed}, "ratio": {"embree": ratio},
+        }
+        rows = [row("a.obj", "avx2", 5.0, 1.0), row("a.obj", "avx512", 10.0, 2.0), row("b.obj", "avx512", 30.0, 8.0)]
+        sheet = self.sheet("bench rays a.obj b.obj", *rows)
+        run, page = self.write(PAGE.replace("schedule", "rays"), sheet, "rays")
+        self.assertEqual(run.returncode, 0, run.stderr)
+        self.assertIn("| a | 10.0 (2.00) |\n| b | 30.0 (8.00) |\n", page)
+        self.assertIn("| geometric mean of the ratios | 4.00 |\n| least ratio | 2.00 |\n", page)
 
     def test_a_page_without_the_block_is_left_alone(self):
         run, page = self.write("# Page\n", {"machine": {}, "rows": []})
