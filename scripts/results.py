@@ -5,8 +5,8 @@
 
 The page has a line `<!-- begin: NAME -->` and a line `<!-- end: NAME -->`; what stands between them is replaced by the
 command, the machine and the table. NAME's first word says which table: `rays` (`rays query`, `rays service` for these
-two), `contenders`, `threads`, `build`, `ladder`, `frame`, `tail`, `textures`, `adaptive`, `schedule` or `rtrt`; further
-words only tell two blocks of a page apart. Tables over scenes take files of one machine and one build, with one scene
+two), `contenders`, `threads`, `build`, `ladder`, `frame`, `tail`, `textures`, `adaptive`, `noise`, `schedule` or `rtrt`;
+further words only tell two blocks of a page apart. Tables over scenes take files of one machine and one build, with one scene
 or several in each. A scene is called what its file is called, or LABEL where there is one in the file.
 
 --machine TEXT    names the machine where the file does not, or better than the file does
@@ -53,6 +53,16 @@ PLAIN = {
         ("idle at worst, ms", "idle_s.worst", 1e3, "{:.2f}"),
         ("of it in the tail, ms", "tail_idle_s.median", 1e3, "{:.2f}"),
         ("threads busy", "busy_share.median", 100, "{:.1f} %"),
+    ],
+    "noise": [
+        ("scene", "label", None, "{}"),
+        ("paths end by", "configuration", None, "{}"),
+        ("Mpath/s", "mpath_per_s.median", 1, "{:.2f}"),
+        ("s", "seconds.median", 1, "{:.2f}"),
+        ("error", "error.median", 1, "{:.4f}"),
+        ("robust", "robust_error.median", 1, "{:.4f}"),
+        ("robust error × s", "robust_error_seconds", 1, "{:.4f}"),
+        ("ratio", "ratio", 1, "{:.2f}"),
     ],
     "textures": [
         ("scene", "label", None, "{}"),

@@ -5,6 +5,7 @@ pub mod build;
 pub mod embree;
 pub mod frame;
 pub mod meshes;
+pub mod noise;
 pub mod rays;
 pub mod schedule;
 pub mod tables;

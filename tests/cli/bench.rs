@@ -53,3 +53,25 @@ fn scheduling_is_measured_with_more_threads_than_cores() {
     assert_eq!(rows.len(), 2 * 3);
     assert!(rows.iter().all(|row| row["overhead_ns"]["median"].as_f64() > Some(0.0)));
 }
+
+#[test]
+fn the_error_of_pictures_is_measured_beside_their_time() {
+    let folder = folder();
+    let scene = shipped("cornell.json");
+    let args = ["--size", "24x24", "--spp", "4", "--rounds", "2", "--reference-spp", "64", "--threads", "2"];
+    let last = ["--tracer", "cpu", "--json", "b.json"];
+    let text = run(folder.path(), &[&["bench", "noise", &scene][..], &args, &last].concat(), 0);
+    assert!(text.contains("24x24, 4 spp, at most 8 bounces, 2 seeds, against 64 spp"), "{text}");
+    let report = json(&folder.path().join("b.json"));
+    let rows = report["rows"].as_array().expect("rows");
+    let names: Vec<_> = rows.iter().map(|row| row["configuration"].as_str().expect("a name")).collect();
+    assert_eq!(names, ["russian roulette", "depth alone"]);
+    for row in rows {
+        let number = |value: &serde_json::Value| value.as_f64().expect("a number");
+        let (error, robust) = (number(&row["error"]["median"]), number(&row["robust_error"]["median"]));
+        assert!(0.0 < robust && robust <= error && error < 1.0, "{error}, {robust}");
+        assert!(number(&row["error_seconds"]) > 0.0 && number(&row["mpath_per_s"]["median"]) > 0.0);
+        assert_eq!((row["spp"].as_u64(), row["scene"].as_str()), (Some(4), Some("cornell.json")));
+    }
+    assert_eq!(rows[1]["ratio"].as_f64(), Some(1.0));
+}

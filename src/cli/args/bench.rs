@@ -26,6 +26,9 @@ pub enum BenchCommand {
     /// Take samples evenly and where --noise wants them, for the same time: which picture is nearer to one of very many
     /// samples.
     Adaptive(BenchAdaptiveArgs),
+    /// Render pictures with paths that end by Russian roulette and with paths that end by depth alone, interleaved, and
+    /// compare them with a picture of many samples: error, time, and the product of both.
+    Noise(BenchNoiseArgs),
     /// Schedule tasks of one ray that do nothing, or sleep for a known time, on any number of threads: what the
     /// scheduler costs a task, and how much it is contended for.
     Schedule(BenchScheduleArgs),
@@ -245,6 +248,34 @@ pub struct BenchAdaptiveArgs {
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=10_000))]
     pub rounds: u32,
     /// From where, by which light, by whom.
+    #[command(flatten)]
+    pub shot: ShotArgs,
+}
+
+/// `raystream bench noise`.
+#[derive(Debug, Args)]
+pub struct BenchNoiseArgs {
+    /// Scene file.
+    pub scene: PathBuf,
+    /// Picture size in pixels.
+    #[arg(long, value_name = "WxH", default_value = "240x135", value_parser = size)]
+    pub size: (u32, u32),
+    /// Samples per pixel.
+    #[arg(long, value_name = "N", default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
+    pub spp: u32,
+    /// Most bounces.
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(0..=1000))]
+    pub max_bounces: u32,
+    /// Seed of the first round; each round takes the next.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub seed: u64,
+    /// Samples per pixel of the reference picture.
+    #[arg(long, value_name = "N", default_value_t = 4096, value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
+    pub reference_spp: u32,
+    /// Rounds, each with a seed of its own.
+    #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    pub rounds: u32,
+    /// Camera, light, units.
     #[command(flatten)]
     pub shot: ShotArgs,
 }

@@ -11,8 +11,8 @@ mod view;
 
 #[cfg(feature = "bench")]
 pub use bench::{
-    BenchAdaptiveArgs, BenchBuildArgs, BenchCommand, BenchFrameArgs, BenchRaysArgs, BenchScheduleArgs,
-    BenchTablesArgs, BenchTailArgs, BenchTexturesArgs, ShotArgs,
+    BenchAdaptiveArgs, BenchBuildArgs, BenchCommand, BenchFrameArgs, BenchNoiseArgs, BenchRaysArgs,
+    BenchScheduleArgs, BenchTablesArgs, BenchTailArgs, BenchTexturesArgs, ShotArgs,
 };
 pub use frames::FramesArgs;
 pub use progress::ProgressArgs;

@@ -3,6 +3,7 @@
 mod adaptive;
 mod build;
 mod frame;
+mod noise;
 mod rays;
 mod schedule;
 mod tables;
@@ -29,6 +30,7 @@ pub fn run(command: &BenchCommand) -> Result<Outcome> {
         BenchCommand::Tail(args) => tail::run(args).map(|()| Outcome::Done),
         BenchCommand::Textures(args) => textures::run(args).map(|()| Outcome::Done),
         BenchCommand::Adaptive(args) => adaptive::run(args).map(|()| Outcome::Done),
+        BenchCommand::Noise(args) => noise::run(args).map(|()| Outcome::Done),
         BenchCommand::Schedule(args) => schedule::run(args).map(|()| Outcome::Done),
         BenchCommand::Tables(args) => tables::run(args).map(|()| Outcome::Done),
     }

@@ -1,0 +1,182 @@
+//! `raystream bench noise`: the error of pictures of a given number of samples, their time, and the product of both.
+
+use super::Spread;
+use super::frame::FrameError;
+use crate::engine::PreparedScene;
+use crate::render::{Path, ROULETTE_BOUNCES, Settings};
+use crate::scene::Camera;
+use crate::schedule::{JobOptions, Policy, Service};
+use serde::Serialize;
+use std::sync::Arc;
+use std::time::Instant;
+
+/// Share of the pixels, those with the largest errors, that robust errors leave out.
+const OUTLIERS: f64 = 0.001;
+
+/// Share of the squared mean of the reference that is added to each squared value that errors are relative to.
+const DARK: f64 = 0.01;
+
+/// What is rendered, and how often.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// The pictures; the seeds of the rounds count from theirs.
+    pub settings: Settings,
+    /// From where.
+    pub camera: Camera,
+    /// Samples per pixel of the reference, which has a seed that no round has.
+    pub reference_spp: u32,
+    /// Rounds, each with another seed.
+    pub rounds: usize,
+    /// How the scheduler shares out work.
+    pub policy: Option<Policy>,
+}
+
+/// One way of ending paths.
+#[derive(Clone, Debug, Serialize)]
+pub struct Row {
+    /// `russian roulette`, or `depth alone`.
+    pub configuration: &'static str,
+    /// Host threads.
+    pub threads: usize,
+    /// Samples per pixel.
+    pub spp: u32,
+    /// Camera rays per microsecond.
+    pub mpath_per_s: Spread,
+    /// Of the picture.
+    pub seconds: Spread,
+    /// Relative squared error: the mean of (a − b)² / (b² + 0.01·mean(b)²) over pixels and channels, where b is the
+    /// reference.
+    pub error: Spread,
+    /// The same without the worst 0.1 % of the pixels.
+    pub robust_error: Spread,
+    /// Mean error × mean seconds: half as much is the same error in half of the time.
+    pub error_seconds: f64,
+    /// Mean robust error × mean seconds.
+    pub robust_error_seconds: f64,
+    /// `robust_error_seconds` of the last row by that of this row: more than 1 is better.
+    pub ratio: f64,
+}
+
+/// A scene with the threads that render it.
+#[derive(Clone)]
+pub struct Bench<'a> {
+    /// The scene, its tree, its tracers.
+    pub prepared: &'a PreparedScene,
+    /// The threads.
+    pub service: &'a Service,
+    /// The pictures.
+    pub options: Options,
+}
+
+/// Relative squared errors of a picture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Errors {
+    mean: f64,
+    robust: f64,
+}
+
+impl Bench<'_> {
+    /// Measures paths that end by Russian roulette and paths that end by depth alone, interleaved.
+    ///
+    /// # Errors
+    /// When a picture cannot be rendered.
+    pub fn run(&self) -> Result<Vec<Row>, FrameError> {
+        let Options { settings, reference_spp, rounds, .. } = self.options;
+        let reference =
+            Settings { spp: reference_spp, seed: settings.seed.wrapping_add(rounds as u64), ..settings };
+        let (_, reference) = self.render(reference, Some(ROULETTE_BOUNCES))?;
+        let ways = [("russian roulette", Some(ROULETTE_BOUNCES)), ("depth alone", None)];
+        let mut measured = [Vec::new(), Vec::new()];
+        for round in 0..=rounds as u64 {
+            // The first round warms caches and makes streams.
+            let seed = settings.seed.wrapping_add(round.saturating_sub(1));
+            for ((_, roulette), measured) in ways.iter().zip(&mut measured) {
+                let (seconds, picture) = self.render(Settings { seed, ..settings }, *roulette)?;
+                if round > 0 {
+                    measured.push((seconds, Errors::of(&picture, &reference)));
+                }
+            }
+        }
+        let mut rows: Vec<_> =
+            ways.iter().zip(&measured).map(|((name, _), measured)| self.row(name, measured)).collect();
+        let last = rows[rows.len() - 1].robust_error_seconds;
+        rows.iter_mut().for_each(|row| row.ratio = last / row.robust_error_seconds);
+        Ok(rows)
+    }
+
+    /// Renders a picture; returns how long it took.
+    fn render(&self, settings: Settings, roulette: Option<u32>) -> Result<(f64, Vec<[f32; 3]>), FrameError> {
+        let scene = Arc::clone(&self.prepared.scene);
+        let path = Arc::new(Path::new(scene, &self.options.camera, settings, roulette)?);
+        let options = JobOptions { policy: self.options.policy, ..JobOptions::default() };
+        let started = Instant::now();
+        let job = self.service.submit(Arc::clone(&path), self.prepared.tracers.clone(), options)?;
+        job.wait().map_err(|error| FrameError::Job { configuration: "a picture", error })?;
+        Ok((started.elapsed().as_secs_f64(), path.film().resolve()))
+    }
+
+    fn row(&self, configuration: &'static str, measured: &[(f64, Errors)]) -> Row {
+        let Settings { width, height, spp, .. } = self.options.settings;
+        let paths = f64::from(width) * f64::from(height) * f64::from(spp);
+        let values = |of: fn(&(f64, Errors)) -> f64| measured.iter().map(of).collect::<Vec<f64>>();
+        let mean = |of| values(of).iter().sum::<f64>() / measured.len() as f64;
+        let seconds = mean(|(seconds, _)| *seconds);
+        Row {
+            configuration,
+            threads: self.service.host_threads(),
+            spp,
+            mpath_per_s: Spread::of_rates(values(|(s, _)| *s).iter().map(|s| paths / (s * 1e6)).collect()),
+            seconds: Spread::of_times(values(|(seconds, _)| *seconds)),
+            error: Spread::of_times(values(|(_, errors)| errors.mean)),
+            robust_error: Spread::of_times(values(|(_, errors)| errors.robust)),
+            error_seconds: mean(|(_, errors)| errors.mean) * seconds,
+            robust_error_seconds: mean(|(_, errors)| errors.robust) * seconds,
+            ratio: 1.0,
+        }
+    }
+}
+
+impl Errors {
+    /// Of a picture with at least one pixel.
+    fn of(picture: &[[f32; 3]], reference: &[[f32; 3]]) -> Self {
+        let channels = reference.as_flattened();
+        let mean = channels.iter().map(|&x| f64::from(x)).sum::<f64>() / channels.len() as f64;
+        let pixel = |(a, b): (&[f32; 3], &[f32; 3])| {
+            let squares = a.iter().zip(b).map(|(&a, &b)| {
+                let (a, b) = (f64::from(a), f64::from(b));
+                let scale = b * b + DARK * mean * mean;
+                if a == b { 0.0 } else { (a - b) * (a - b) / scale }
+            });
+            squares.sum::<f64>() / 3.0
+        };
+        let mut errors: Vec<f64> = picture.iter().zip(reference).map(pixel).collect();
+        errors.sort_by(f64::total_cmp);
+        let kept = errors.len() - ((errors.len() as f64 * OUTLIERS).ceil() as usize).min(errors.len() - 1);
+        let mean_of = |errors: &[f64]| errors.iter().sum::<f64>() / errors.len() as f64;
+        Self { mean: mean_of(&errors), robust: mean_of(&errors[..kept]) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn errors_are_relative_and_the_robust_one_leaves_out_the_worst() {
+        let reference = vec![[2.0; 3]; 2000];
+        let mut picture = reference.clone();
+        assert_eq!(Errors::of(&picture, &reference), Errors { mean: 0.0, robust: 0.0 });
+        // Two pixels of 2000 are a thousandth.
+        picture[7] = [100.0; 3];
+        picture[9] = [50.0; 3];
+        let errors = Errors::of(&picture, &reference);
+        let expected = (98.0f64.powi(2) + 48.0f64.powi(2)) / (4.0 + 0.04) / 2000.0;
+        assert!((errors.mean / expected - 1.0).abs() < 1e-12 && errors.robust == 0.0, "{errors:?}");
+        picture[11] = [2.2; 3];
+        let robust = Errors::of(&picture, &reference).robust;
+        assert!((robust / (0.04 / 4.04 / 1998.0) - 1.0).abs() < 1e-5, "{robust}");
+        // A black picture of a black scene has no error, and a single pixel is never left out.
+        let black = [[0.0; 3]];
+        assert_eq!(Errors::of(&black, &black), Errors { mean: 0.0, robust: 0.0 });
+    }
+}

@@ -1,0 +1,47 @@
+//! `raystream bench noise`.
+
+use super::super::args::BenchNoiseArgs;
+use super::write;
+use crate::bench::noise::{Bench, Options};
+use crate::render::Settings;
+use anyhow::Result;
+
+/// Measures error and time of pictures.
+pub fn run(args: &BenchNoiseArgs) -> Result<()> {
+    let (setup, camera) = args.shot.set_up(&args.scene, args.size, 1)?;
+    let (width, height) = args.size;
+    let options = Options {
+        settings: Settings { width, height, spp: args.spp, max_bounces: args.max_bounces, seed: args.seed },
+        camera,
+        reference_spp: args.reference_spp,
+        rounds: args.rounds as usize,
+        policy: setup.policy,
+    };
+    let rows = Bench { prepared: &setup.prepared, service: &setup.service, options }.run()?;
+    println!(
+        "{width}x{height}, {} spp, at most {} bounces, {} seeds, against {} spp; a picture:",
+        args.spp, args.max_bounces, args.rounds, args.reference_spp
+    );
+    println!(
+        "{:<17} {:>7} {:>8} {:>8} {:>9} {:>9} {:>11} {:>9} {:>6}",
+        "paths end by", "threads", "Mpath/s", "s", "error", "robust", "error x s", "robust", "ratio"
+    );
+    for row in &rows {
+        println!(
+            "{:<17} {:>7} {:>8.3} {:>8.3} {:>9.5} {:>9.5} {:>11.5} {:>9.5} {:>6.2}",
+            row.configuration,
+            row.threads,
+            row.mpath_per_s.median,
+            row.seconds.median,
+            row.error.median,
+            row.robust_error.median,
+            row.error_seconds,
+            row.robust_error_seconds,
+            row.ratio
+        );
+    }
+    match &args.shot.json {
+        Some(path) => write(path, Some(&args.scene), &rows, &[]),
+        None => Ok(()),
+    }
+}
