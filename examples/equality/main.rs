@@ -2,8 +2,11 @@
 //! not one bit differs; then explains each difference from Embree's robust mode by exact arithmetic.
 //!
 //! `cargo run --release --example equality -- SCENE [--size WxH] [--eye X,Y,Z --target X,Y,Z] [--embree EMBREE.so]`;
-//! SCENE may be terrain:N or fur:N, as for `raystream bench`; 1840x1360, the default, makes up to ten million rays of
-//! four kinds.
+//! SCENE may be a generated scene, as for `raystream bench rays`; 1840x1360, the default, makes up to ten million rays
+//! of four kinds.
+//!
+//! Unsafe code for loading Embree. Invariant 1: the user vouches for the library that they name.
+#![allow(unsafe_code, reason = "loads a foreign library; the invariant above")]
 
 mod exact;
 
@@ -11,14 +14,14 @@ use anyhow::{Context, Result, bail};
 use clap::Parser;
 use glam::Vec3;
 use rayon::prelude::*;
-use raystream::bench::embree::{Embree, EmbreeRays, Mode};
+use raystream::bench::embree::{BuildOptions, Device, Embree, EmbreeRays, Mode};
 use raystream::bench::{Kind, Workload, meshes};
 use raystream::bvh::Bvh;
 use raystream::engine::{PreparedScene, Units};
 use raystream::scene::Camera;
 use raystream::stream::{Hit, Ray, Tracer};
 use raystream::trace::cpu::{CpuTracer, SimdLevel};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 
 /// The most differing rays of a kind that are explained one by one.
@@ -27,7 +30,7 @@ const EXPLAINED: usize = 40;
 /// Not one bit may differ.
 #[derive(Parser)]
 struct Arguments {
-    /// Scene file, terrain:N or fur:N.
+    /// Scene file, or a generated scene as terrain:N.
     scene: PathBuf,
     /// Size of the picture whose rays are traced.
     #[arg(long, value_name = "WxH", value_parser = size, default_value = "1840x1360")]
@@ -61,27 +64,23 @@ fn main() -> Result<()> {
     let base =
         prepared.scene.camera.unwrap_or_else(|| Camera::framing(&bounds, width as f32 / height as f32));
     let camera = Camera { eye: eye.unwrap_or(base.eye), target: target.unwrap_or(base.target), ..base };
-    let workload = Workload::new(&prepared.bvh, &*prepared.tracers.host, &camera, width, height)?;
+    let workload =
+        Workload::new(&prepared.scene, &prepared.bvh, &*prepared.tracers.host, &camera, (width, height))?;
     let kinds = [Kind::Camera, Kind::Bounce, Kind::ShuffledBounce, Kind::SoftShadow];
     let mut total = 0;
     for kind in kinds {
-        let rays = workload.rays(kind);
-        let runs = same_everywhere(&prepared.bvh, rays)?;
+        let rays = workload.rays(kind, kind.orders()[0]);
+        let runs = same_everywhere(&prepared.bvh, &rays)?;
         total += rays.len();
         println!("{kind:?}: {} rays, {runs} runs, 0 differences", rays.len());
     }
     println!("{}: {total} rays, the same bits at every level, thread count and split", scene.display());
     if let Some(library) = embree {
-        let mesh = &prepared.scene.mesh;
+        // SAFETY: invariant 1.
+        let embree = unsafe { Embree::load(&library) }?;
+        let device = embree.device(2)?;
         for kind in kinds {
-            beside_embree(
-                &prepared.bvh,
-                &mesh.positions,
-                &mesh.triangles,
-                workload.rays(kind),
-                kind,
-                &library,
-            )?;
+            beside_embree(&prepared, &device, &workload.rays(kind, kind.orders()[0]), kind)?;
         }
     }
     Ok(())
@@ -150,23 +149,17 @@ struct Verdicts {
 }
 
 /// Lists the rays on which Embree's robust mode differs in hit, or in distance by more than a part in 10⁴.
-fn beside_embree(
-    bvh: &Arc<Bvh>,
-    positions: &[Vec3],
-    triangles: &[[u32; 3]],
-    rays: &[Ray],
-    kind: Kind,
-    library: &Path,
-) -> Result<()> {
-    let embree = Embree::load(library, 2)?;
-    let scene = embree.scene(positions, triangles, true)?;
+fn beside_embree(prepared: &PreparedScene, device: &Device<'_>, rays: &[Ray], kind: Kind) -> Result<()> {
+    let (mesh, bvh) = (&prepared.scene.mesh, &prepared.bvh);
+    let options = BuildOptions { robust: true, ..BuildOptions::default() };
+    let scene = device.build(&mesh.positions, &mesh.triangles, None, options)?;
     let mut theirs = EmbreeRays::new(rays, Mode::Packet);
     scene.trace(&mut theirs, false);
     let tracer = CpuTracer::new(bvh.clone(), None, SimdLevel::detect())?;
     let mut ours = vec![Hit::NONE; rays.len()];
     tracer.closest(rays, &mut ours);
     let differs = |&i: &usize| {
-        let (a, b) = (ours[i], theirs.hit(i));
+        let (a, b) = (ours[i], scene.hit(&theirs, i));
         a.is_miss() != b.is_miss() || !a.is_miss() && (a.t - b.t).abs() > 1e-4 * a.t.abs().max(b.t.abs())
     };
     let differing: Vec<usize> = (0..rays.len()).filter(differs).collect();
@@ -174,7 +167,7 @@ fn beside_embree(
     let answers: Vec<_> =
         differing.par_iter().take(EXPLAINED).map(|&i| exact::nearest(bvh, &rays[i])).collect();
     for (&i, exact) in differing.iter().zip(answers) {
-        let (a, b) = (ours[i], theirs.hit(i));
+        let (a, b) = (ours[i], scene.hit(&theirs, i));
         let t = exact.map_or(f64::INFINITY, |(t, _)| t);
         let far = |hit: Hit| if f64::from(hit.t) == t { 0.0 } else { (f64::from(hit.t) - t).abs() };
         let verdict = match far(a).total_cmp(&far(b)) {

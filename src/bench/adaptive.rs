@@ -1,5 +1,5 @@
-//! `raystream bench adaptive`: samples taken evenly and where noise wants them, for the same time, against
-//! a picture of very many samples.
+//! `raystream bench adaptive`: even and adaptive samples, taken for the same time, compared with a reference picture
+//! of very many samples.
 
 use super::Spread;
 use super::frame::FrameError;
@@ -12,51 +12,51 @@ use serde::Serialize;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Passes into which even samples are divided, so that they end in time.
+/// Passes into which even samples are divided: a frame can end only between two passes.
 const EVEN_PASSES: u32 = 32;
 
-/// What is rendered, and how often.
+/// The frame, and how often it is rendered.
 #[derive(Clone, Debug)]
 pub struct Options {
-    /// Size and depth of the picture; samples per pixel are the most that it may take.
+    /// Size and depth of the picture; `spp` is the most samples per pixel.
     pub settings: Settings,
-    /// From where.
+    /// The camera.
     pub camera: Camera,
     /// Relative standard errors at which adaptive pictures end.
     pub targets: Vec<f32>,
-    /// Samples per pixel of the picture that stands for the truth.
+    /// Samples per pixel of the reference picture.
     pub reference_spp: u32,
     /// Rounds, each with another seed.
     pub rounds: usize,
-    /// How the scheduler shares out work.
+    /// The scheduling policy; by default the one for the units in use.
     pub policy: Option<Policy>,
 }
 
-/// One way of placing samples.
+/// Results of one way of placing samples.
 #[derive(Clone, Debug, Serialize)]
 pub struct Row {
-    /// `adaptive`, or `even` for as long as adaptive took.
+    /// `adaptive`, or `even`: even samples for as long as the adaptive ones took.
     pub configuration: &'static str,
-    /// The target.
+    /// The target: a relative standard error.
     pub noise: f32,
     /// Host threads.
     pub threads: usize,
-    /// Of the picture.
+    /// Seconds of the picture.
     pub seconds: Spread,
     /// Samples per pixel.
     pub mean_spp: Spread,
-    /// Root mean square difference to the truth, over all pixels and channels.
+    /// Root mean square difference to the reference, over all pixels and channels.
     pub rmse: Spread,
-    /// The same of relative differences; channels darker than a tenth of the picture's mean count as that bright.
+    /// Root mean square relative difference; the reference counts as at least a tenth of its mean over the picture.
     pub relative_rmse: Spread,
     /// The root mean square relative error of the worst block of 16 × 16 pixels.
     pub worst_block: Spread,
-    /// Times as much of an error that even samples have at equal time: squared errors fall as time grows, so
-    /// what is compared is their product. More than 1 is better.
+    /// Efficiency relative to even samples: more than 1 is better.
     pub efficiency: Efficiency,
 }
 
-/// What even samples' squared error × time is, divided by a row's.
+/// Squared error × time of even samples, divided by that of the row. The product is what stays the same while samples
+/// are added, because squared errors fall in proportion to time.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Efficiency {
     /// By [`Row::rmse`].
@@ -67,18 +67,18 @@ pub struct Efficiency {
     pub worst_block: f64,
 }
 
-/// A scene with who may render it.
+/// A prepared scene and the service that renders it.
 #[derive(Clone)]
 pub struct Bench<'a> {
-    /// The scene, its tree, its tracers.
+    /// The scene with its tree and tracers.
     pub prepared: &'a PreparedScene,
-    /// The threads, for two jobs at a time.
+    /// The service; it must take two jobs at a time.
     pub service: &'a Service,
-    /// The pictures.
+    /// What to measure.
     pub options: Options,
 }
 
-/// Distances of a picture from the truth, squared.
+/// Squared errors of a picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Errors {
     absolute: f64,
@@ -86,7 +86,7 @@ struct Errors {
     worst_block: f64,
 }
 
-/// What was measured of one way of placing samples.
+/// Measurements of one way of placing samples, one a round.
 #[derive(Clone, Default)]
 struct Measured {
     seconds: Vec<f64>,
@@ -95,7 +95,7 @@ struct Measured {
 }
 
 impl Bench<'_> {
-    /// Measures each target; adaptive and even pictures take turns.
+    /// Measures each target, in interleaved rounds of adaptive and even pictures.
     ///
     /// # Errors
     /// When a picture cannot be rendered.
@@ -130,7 +130,7 @@ impl Bench<'_> {
         Ok(Path::new(self.prepared.scene.clone(), camera, settings, Some(ROULETTE_BOUNCES))?)
     }
 
-    /// Renders a picture to its end, or until its time is over; returns how long it took.
+    /// Renders a picture to its end, or until its time is over; returns its seconds and its film.
     fn render(
         &self,
         path: Path,
@@ -226,7 +226,7 @@ mod tests {
         let truth = vec![[2.0; 3]; 32 * 16];
         let mut picture = truth.clone();
         assert_eq!(Errors::of(&picture, &truth, blocks).absolute, 0.0);
-        // A whole block of two is off by a tenth.
+        // One of two blocks is off by a tenth.
         blocks.indices(1).for_each(|pixel| picture[pixel] = [2.2; 3]);
         let errors = Errors::of(&picture, &truth, blocks);
         assert!(

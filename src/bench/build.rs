@@ -1,12 +1,11 @@
-//! `raystream bench build`: our tree's build beside Embree's qualities, on the same triangles, in one
-//! process, in rounds that take turns.
+//! `raystream bench build`: the build of the tree beside Embree's builds of each quality, of the same triangles, in one
+//! process, in interleaved rounds.
 
 use super::Spread;
-use super::embree::{Embree, EmbreeError, Quality};
+use super::embree::{BuildOptions, Embree, EmbreeError, Quality};
 use crate::bvh::Bvh;
 use glam::Vec3;
 use serde::Serialize;
-use std::path::PathBuf;
 use std::time::Instant;
 
 /// What to measure.
@@ -16,31 +15,29 @@ pub struct Options {
     pub rounds: usize,
     /// Numbers of threads.
     pub threads: Vec<usize>,
-    /// Embree's shared library; without it its rows are missing.
-    pub embree: Option<PathBuf>,
 }
 
-/// One builder on so many threads.
+/// One builder with one number of threads.
 #[derive(Clone, Debug, Serialize)]
 pub struct Row {
-    /// Who built.
+    /// The builder.
     pub unit: String,
     /// Number of threads.
     pub threads: usize,
-    /// How long it took, over the rounds.
+    /// Seconds of the build, over the rounds.
     pub seconds: Spread,
-    /// Bytes a triangle of what was built; its vertices are among them with us, and not with Embree's
-    /// default and robust trees of indexed triangles.
+    /// Bytes of the tree for each triangle. raystream's trees hold the vertices; Embree's trees of indexed triangles
+    /// refer to them, so there they are not counted.
     pub bytes_per_triangle: f64,
-    /// The most bytes a triangle while it was built, where the builder tells.
+    /// The most bytes in use during the build for each triangle, where the builder reports them.
     pub peak_bytes_per_triangle: Option<f64>,
-    /// Expected cost of a random line, of our trees only: see [`Bvh::cost`].
+    /// Expected cost of a random line, for raystream's trees only: see [`Bvh::cost`].
     pub cost: Option<f32>,
-    /// Our median over Embree's of medium quality; below 1 we are faster.
+    /// The median divided by that of Embree's medium quality: less than 1 is faster.
     pub ratio: Option<f64>,
 }
 
-/// What one build tells.
+/// The results of one build.
 struct Built {
     seconds: f64,
     bytes: usize,
@@ -48,19 +45,24 @@ struct Built {
     cost: Option<f32>,
 }
 
-/// A builder that takes part.
+/// A builder's name, and the function that builds once.
 type Unit<'a> = (String, Box<dyn FnMut() -> Result<Built, EmbreeError> + 'a>);
 
 /// Measures every builder.
 ///
 /// # Errors
-/// When Embree was asked for and is not there, or refuses.
-pub fn run(positions: &[Vec3], triangles: &[[u32; 3]], options: &Options) -> Result<Vec<Row>, EmbreeError> {
+/// When Embree reports one.
+pub fn run(
+    positions: &[Vec3],
+    triangles: &[[u32; 3]],
+    embree: Option<&Embree>,
+    options: &Options,
+) -> Result<Vec<Row>, EmbreeError> {
     let mut rows = Vec::new();
     for &threads in &options.threads {
         let pool =
             rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads can be started");
-        let embree = options.embree.as_deref().map(|path| Embree::load(path, threads)).transpose()?;
+        let device = embree.map(|embree| embree.device(threads)).transpose()?;
         let ours = || {
             let start = Instant::now();
             let bvh = pool.install(|| Bvh::build(positions, triangles, |_| false));
@@ -80,10 +82,10 @@ pub fn run(positions: &[Vec3], triangles: &[[u32; 3]], options: &Options) -> Res
             vec![("raystream".to_owned(), Box::new(ours)), ("raystream, refit".to_owned(), Box::new(refit))];
         for (quality, robust) in Quality::ALL.map(|q| (q, false)).into_iter().chain([(Quality::Medium, true)])
         {
-            let Some(embree) = &embree else { continue };
+            let Some(device) = &device else { continue };
             let name = format!("embree {}{}", quality.name(), if robust { ", robust" } else { "" });
             let theirs = move || {
-                let scene = embree.build(positions, triangles, robust, quality)?;
+                let scene = device.build(positions, triangles, None, BuildOptions { robust, quality })?;
                 let (bytes, peak_bytes) = (scene.bytes, Some(scene.peak_bytes));
                 Ok(Built { seconds: scene.build_s, bytes, peak_bytes, cost: None })
             };
@@ -94,7 +96,7 @@ pub fn run(positions: &[Vec3], triangles: &[[u32; 3]], options: &Options) -> Res
     Ok(rows)
 }
 
-/// Times the builders in turns.
+/// Times the builders in interleaved rounds.
 fn measure(
     mut units: Vec<Unit<'_>>,
     triangles: usize,
@@ -137,8 +139,8 @@ mod tests {
     #[test]
     fn without_embree_there_is_a_row_for_each_number_of_threads() {
         let (positions, triangles) = crate::bench::meshes::terrain(20);
-        let options = Options { rounds: 3, threads: vec![1, 2], embree: None };
-        let rows = run(&positions, &triangles, &options).expect("no Embree asked for");
+        let options = Options { rounds: 3, threads: vec![1, 2] };
+        let rows = run(&positions, &triangles, None, &options).expect("no Embree asked for");
         assert_eq!(rows.iter().map(|row| row.threads).collect::<Vec<_>>(), [1, 1, 2, 2]);
         for row in &rows {
             let Spread { median, best, worst } = row.seconds;

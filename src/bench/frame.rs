@@ -1,5 +1,5 @@
-//! `raystream bench frame`: RA's ladder (RA section 5, Table 1). The same frame is path traced by
-//! configurations that each add one thing to the one before, in one process, in rounds that take turns.
+//! `raystream bench frame`: RA's ladder (RA section 5, Table 1). The same frame is path traced by configurations that
+//! each add one thing to the one before, in one process, in interleaved rounds.
 
 use super::Spread;
 use crate::engine::PreparedScene;
@@ -17,14 +17,14 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Instant;
 
-/// Who renders the frame.
+/// A way of rendering the frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub enum Configuration {
     /// A plain renderer: each thread follows one path after the other. No streams, no scheduler; the same
     /// shaders.
     #[serde(rename = "SINGLERAY")]
     SingleRay,
-    /// Streams and scheduler, tracing and shading ray by ray: what the scheduler costs.
+    /// With streams and scheduler, but tracing and shading ray by ray: the cost of the scheduler.
     #[serde(rename = "RA SINGLERAY")]
     RaSingleRay,
     /// Traces streams, shades sorted batches in one lane.
@@ -43,7 +43,7 @@ impl Configuration {
     pub const ALL: [Self; 5] =
         [Self::SingleRay, Self::RaSingleRay, Self::RaPacket, Self::RaSimd, Self::RaHybrid];
 
-    /// RA's name.
+    /// Its name in RA.
     pub fn name(self) -> &'static str {
         match self {
             Self::SingleRay => "SINGLERAY",
@@ -55,16 +55,16 @@ impl Configuration {
     }
 }
 
-/// What is rendered, and how often.
+/// The frame, and how often it is rendered.
 #[derive(Clone, Copy, Debug)]
 pub struct Options {
     /// Size, samples, depth and seed of the frame.
     pub settings: Settings,
-    /// From where.
+    /// The camera.
     pub camera: Camera,
     /// Rounds; each configuration renders the frame once a round.
     pub repeats: usize,
-    /// How the scheduler's configurations share out work; RA's way for the units by default.
+    /// The scheduling policy; by default the one for the units in use.
     pub policy: Option<Policy>,
 }
 
@@ -73,42 +73,42 @@ pub struct Options {
 pub struct Row {
     /// Its name.
     pub configuration: &'static str,
-    /// Who traced: `cpu`, or the adapter.
+    /// The unit that traced: `cpu`, or the adapter's name.
     pub unit: String,
     /// Host threads.
     pub threads: usize,
-    /// Instruction set of the CPU tracer.
+    /// SIMD level of the CPU tracer.
     pub simd: &'static str,
-    /// Rays traced per microsecond of the whole frame: tracing, shading, scheduling, film.
+    /// Millions of rays per second of the whole frame: tracing, shading, scheduling, film.
     pub mray_per_s: Spread,
-    /// Of the whole frame.
+    /// Seconds of the whole frame.
     pub seconds: Spread,
-    /// Thread time of shade tasks (sorting, shading, adding to the film, emitting rays) for each ray traced;
-    /// none without streams.
+    /// Thread time of shade tasks (sorting, shading, adding to the film, emitting rays) for each ray traced; absent
+    /// without streams.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub shade_ns_per_ray: Option<Spread>,
     /// Ratio of medians of `mray_per_s` against the first row's, by its name.
     pub ratio: BTreeMap<&'static str, f64>,
-    /// Energy of a frame by meter, its film's making and hashing included, joules: the mean over the
-    /// rounds; absent where there is none that may
-    /// be read.
+    /// Energy of a frame by meter, in joules: the mean over the rounds, with the film's allocation and hashing. Empty
+    /// where no meter can be read.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub joules: BTreeMap<String, f64>,
-    /// Of the picture, the same in every round.
+    /// The picture's hash, the same in every round.
     pub hash: String,
-    /// What went wrong on the way, one sentence each.
+    /// What failed on the way, one sentence each.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub events: Vec<String>,
 }
 
-/// All configurations' results.
+/// The results of all configurations.
 #[derive(Clone, Debug)]
 pub struct Report {
     /// Rays of the frame.
     pub rays: RayCounts,
-    /// In the order in which they were asked for.
+    /// One for each configuration, in the ladder's order.
     pub rows: Vec<Row>,
-    /// Pictures that are not the first one, by configuration and hash; none if promise 1 holds.
+    /// Pictures that differ from the first one, by configuration and hash. None may: the picture does not depend on the
+    /// configuration.
     pub differing: Vec<(&'static str, String)>,
 }
 
@@ -118,27 +118,27 @@ pub enum FrameError {
     /// A setting is out of range.
     #[error(transparent)]
     Settings(#[from] SettingsError),
-    /// Sizes do not fit each other.
+    /// The job's sizes contradict each other.
     #[error(transparent)]
     Limits(#[from] LimitsError),
     /// A frame failed.
     #[error("{configuration} failed: {error}")]
     Job {
-        /// Whose frame.
+        /// The frame's configuration.
         configuration: &'static str,
-        /// Why.
+        /// The job's error.
         error: JobError,
     },
 }
 
-/// A scene with who may render it.
+/// A prepared scene and the service that renders it.
 #[derive(Clone, Copy)]
 pub struct Bench<'a> {
-    /// The scene, its tree, its tracers.
+    /// The scene with its tree and tracers.
     pub prepared: &'a PreparedScene,
     /// The threads.
     pub service: &'a Service,
-    /// Instruction set of the CPU tracer.
+    /// SIMD level of the CPU tracer.
     pub simd: SimdLevel,
     /// The frame.
     pub options: Options,
@@ -154,7 +154,7 @@ struct Rendered {
     events: Vec<String>,
 }
 
-/// How many rays shaders work on at once.
+/// How many rays a shader works on at once.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Shading {
     OneLane,
@@ -162,7 +162,7 @@ enum Shading {
 }
 
 impl Bench<'_> {
-    /// The configurations that can be had here: all, but RA HYBRID only with an adapter.
+    /// The configurations that this machine can measure: RA HYBRID needs an adapter.
     pub fn configurations(&self) -> Vec<Configuration> {
         let has_device = self.prepared.tracers.device.is_some();
         Configuration::ALL.into_iter().filter(|&c| has_device || c != Configuration::RaHybrid).collect()
@@ -181,8 +181,7 @@ impl Bench<'_> {
         self.measure(contenders.collect())
     }
 
-    /// Measures the policies: with a device all of them and each unit alone, else the orders of rules that
-    /// differ without one.
+    /// Measures the policies: with a GPU all of them and each unit alone, else those that differ without one.
     ///
     /// # Errors
     /// When a frame cannot be rendered.
@@ -214,7 +213,7 @@ impl Bench<'_> {
         }
     }
 
-    /// The integrator of the frame. RA's paths end by depth alone.
+    /// The integrator of the frame. As in RA, paths end by depth alone.
     fn path(&self, shading: Shading) -> Result<Arc<Path>, FrameError> {
         let Options { settings, camera, .. } = self.options;
         let simd = match shading {
@@ -277,7 +276,7 @@ impl Bench<'_> {
         Ok(Rendered { shade_s, ..rendered(seconds, path, rays, events) })
     }
 
-    /// Has the contenders render the frame in turns.
+    /// Renders the frame with each contender, in interleaved rounds.
     fn measure(&self, mut contenders: Vec<Contender<'_>>) -> Result<Report, FrameError> {
         let mut seconds = vec![Vec::new(); contenders.len()];
         let mut shade_ns = vec![Vec::new(); contenders.len()];
@@ -298,7 +297,7 @@ impl Bench<'_> {
                         events[i].push(event);
                     }
                 }
-                // The first round warms caches and makes streams.
+                // The first round warms caches and allocates streams.
                 if round > 0 {
                     seconds[i].push(frame.seconds);
                     shade_ns[i].extend(frame.shade_s.map(|s| s * 1e9 / frame.rays.total() as f64));
@@ -334,7 +333,7 @@ impl Bench<'_> {
     }
 }
 
-/// Who takes part.
+/// A way of rendering the frame, and the function that renders it once.
 struct Contender<'a> {
     name: &'static str,
     unit: String,

@@ -6,6 +6,7 @@ pub mod embree;
 pub mod frame;
 pub mod meshes;
 pub mod noise;
+mod order;
 pub mod rays;
 pub mod schedule;
 pub mod tables;
@@ -15,4 +16,5 @@ pub mod triangle_test;
 mod workload;
 
 pub use crate::meters::Spread;
+pub use order::Order;
 pub use workload::{Kind, Workload};

@@ -16,22 +16,22 @@ const OUTLIERS: f64 = 0.001;
 /// Share of the squared mean of the reference that is added to each squared value that errors are relative to.
 const DARK: f64 = 0.01;
 
-/// What is rendered, and how often.
+/// The frame, and how often it is rendered.
 #[derive(Clone, Debug)]
 pub struct Options {
     /// The pictures; the seeds of the rounds count from theirs.
     pub settings: Settings,
-    /// From where.
+    /// The camera.
     pub camera: Camera,
     /// Samples per pixel of the reference, which has a seed that no round has.
     pub reference_spp: u32,
     /// Rounds, each with another seed.
     pub rounds: usize,
-    /// How the scheduler shares out work.
+    /// The scheduling policy; by default the one for the units in use.
     pub policy: Option<Policy>,
 }
 
-/// One way of ending paths.
+/// Results of one way of ending paths.
 #[derive(Clone, Debug, Serialize)]
 pub struct Row {
     /// `russian roulette`, or `depth alone`.
@@ -40,31 +40,31 @@ pub struct Row {
     pub threads: usize,
     /// Samples per pixel.
     pub spp: u32,
-    /// Camera rays per microsecond.
+    /// Millions of camera rays per second.
     pub mpath_per_s: Spread,
-    /// Of the picture.
+    /// Seconds of the picture.
     pub seconds: Spread,
     /// Relative squared error: the mean of (a − b)² / (b² + 0.01·mean(b)²) over pixels and channels, where b is the
     /// reference.
     pub error: Spread,
     /// The same without the worst 0.1 % of the pixels.
     pub robust_error: Spread,
-    /// Mean error × mean seconds: half as much is the same error in half of the time.
+    /// Mean error × mean seconds: half as much is the same error in half the time.
     pub error_seconds: f64,
     /// Mean robust error × mean seconds.
     pub robust_error_seconds: f64,
-    /// `robust_error_seconds` of the last row by that of this row: more than 1 is better.
+    /// `robust_error_seconds` of the last row divided by that of this row: more than 1 is better.
     pub ratio: f64,
 }
 
-/// A scene with the threads that render it.
+/// A prepared scene and the service that renders it.
 #[derive(Clone)]
 pub struct Bench<'a> {
-    /// The scene, its tree, its tracers.
+    /// The scene with its tree and tracers.
     pub prepared: &'a PreparedScene,
-    /// The threads.
+    /// The service.
     pub service: &'a Service,
-    /// The pictures.
+    /// What to measure.
     pub options: Options,
 }
 
@@ -76,7 +76,7 @@ struct Errors {
 }
 
 impl Bench<'_> {
-    /// Measures paths that end by Russian roulette and paths that end by depth alone, interleaved.
+    /// Measures paths that end by Russian roulette and paths that end by depth alone, in interleaved rounds.
     ///
     /// # Errors
     /// When a picture cannot be rendered.
@@ -88,7 +88,7 @@ impl Bench<'_> {
         let ways = [("russian roulette", Some(ROULETTE_BOUNCES)), ("depth alone", None)];
         let mut measured = [Vec::new(), Vec::new()];
         for round in 0..=rounds as u64 {
-            // The first round warms caches and makes streams.
+            // The first round warms caches and allocates streams.
             let seed = settings.seed.wrapping_add(round.saturating_sub(1));
             for ((_, roulette), measured) in ways.iter().zip(&mut measured) {
                 let (seconds, picture) = self.render(Settings { seed, ..settings }, *roulette)?;
@@ -104,7 +104,7 @@ impl Bench<'_> {
         Ok(rows)
     }
 
-    /// Renders a picture; returns how long it took.
+    /// Renders a picture; returns its seconds and its pixels.
     fn render(&self, settings: Settings, roulette: Option<u32>) -> Result<(f64, Vec<[f32; 3]>), FrameError> {
         let scene = Arc::clone(&self.prepared.scene);
         let path = Arc::new(Path::new(scene, &self.options.camera, settings, roulette)?);
@@ -137,7 +137,7 @@ impl Bench<'_> {
 }
 
 impl Errors {
-    /// Of a picture with at least one pixel.
+    /// The errors of a picture with at least one pixel.
     fn of(picture: &[[f32; 3]], reference: &[[f32; 3]]) -> Self {
         let channels = reference.as_flattened();
         let mean = channels.iter().map(|&x| f64::from(x)).sum::<f64>() / channels.len() as f64;

@@ -1,5 +1,5 @@
-//! `raystream bench schedule`: what the scheduler itself costs. Jobs of tasks that do nothing, or take a
-//! known time, on any number of threads.
+//! `raystream bench schedule`: the cost of the scheduler itself. Jobs of tasks that do nothing, or take a known time,
+//! on any number of threads.
 
 use super::Spread;
 use crate::schedule::{
@@ -17,22 +17,22 @@ use std::time::{Duration, Instant};
 pub struct Options {
     /// Numbers of host threads.
     pub threads: Vec<usize>,
-    /// What a task takes: it sleeps, so that there may be more threads than cores.
+    /// Durations of a task. It sleeps, so that more threads than cores can be measured.
     pub loads: Vec<Duration>,
-    /// Tasks of a job, about.
+    /// About how many tasks a job has.
     pub tasks: u64,
     /// Rounds; each job runs once a round.
     pub rounds: usize,
 }
 
-/// A job on so many threads.
+/// Results of one job with one number of threads.
 #[derive(Clone, Debug, Serialize)]
 pub struct Row {
-    /// Always the same.
+    /// Always `one ray a task`.
     pub configuration: &'static str,
     /// Host threads.
     pub threads: usize,
-    /// What a task was to take, microseconds.
+    /// Duration of a task, in microseconds.
     pub load_us: f64,
     /// Whether every task was recorded.
     pub timeline: bool,
@@ -40,8 +40,8 @@ pub struct Row {
     pub tasks: u64,
     /// Tasks per second.
     pub tasks_per_s: Spread,
-    /// What a thread spent on each task besides the task and suspended for want of one: the scheduler with the
-    /// wait for its lock, and whatever else ran on the thread's core.
+    /// Nanoseconds of a thread for each task, without the task itself and without suspension: the scheduler, the wait
+    /// for its lock, and whatever else ran on the thread's core.
     pub overhead_ns: Spread,
     /// Share of the threads' time that was spent on tasks.
     pub busy_share: Spread,
@@ -50,10 +50,10 @@ pub struct Row {
 /// Why nothing could be measured.
 #[derive(Debug, thiserror::Error)]
 pub enum ScheduleError {
-    /// No threads.
+    /// The threads cannot be started.
     #[error(transparent)]
     Service(#[from] ServiceError),
-    /// Sizes do not fit each other.
+    /// The job's sizes contradict each other.
     #[error(transparent)]
     Limits(#[from] LimitsError),
     /// A job failed.
@@ -67,12 +67,12 @@ const BOUNCES: u32 = 7;
 /// Each tile spawns one ray; each stream holds one; each ray is traced and shaded by a task of its own.
 const TASKS_PER_TILE: u64 = 1 + 2 * (1 + BOUNCES as u64);
 
-/// A renderer and tracer whose every call is a task and takes a known time.
+/// A renderer and tracer: each call is one task and takes a known time.
 struct Drill {
     tiles: u64,
     load: Duration,
     calls: AtomicU64,
-    /// Time in calls; not measured where they do nothing.
+    /// Nanoseconds in calls; not measured where they do nothing.
     worked_ns: AtomicU64,
 }
 
@@ -129,7 +129,7 @@ impl Tracer for Drill {
     }
 }
 
-/// Measures jobs with every number of threads and every load, those without load with a timeline too.
+/// Measures jobs with every number of threads and every load; those without load also with a timeline.
 ///
 /// # Errors
 /// When a job cannot be run.
@@ -163,7 +163,7 @@ fn measure(
     let threads = service.host_threads();
     let (mut rates, mut overheads, mut busy) = (Vec::new(), Vec::new(), Vec::new());
     let mut tasks = 0;
-    // A job that sleeps is as long as one that does not.
+    // A job whose tasks sleep has as many as fit a second.
     let most = Duration::from_secs(1).as_nanos() as u64 * threads as u64 / load.as_nanos().max(1) as u64;
     let tiles = options.tasks.min(most).div_ceil(TASKS_PER_TILE).max(1);
     for round in 0..=options.rounds {
@@ -184,7 +184,7 @@ fn measure(
         let idle_s: f64 = hosts.map(|thread| thread.idle_s).sum();
         let worked_s = drill.worked_ns.load(Relaxed) as f64 * 1e-9;
         let all_s = report.wall_s * threads as f64;
-        // The first round starts threads and makes streams.
+        // The first round starts threads and allocates streams.
         if round > 0 {
             rates.push(tasks as f64 / report.wall_s);
             overheads.push((all_s - idle_s - worked_s) / tasks as f64 * 1e9);

@@ -1,4 +1,4 @@
-//! `raystream bench tail`: how long threads wait for work while a frame ends, with each measure against it.
+//! `raystream bench tail`: how long threads wait for work while a frame ends, with each remedy.
 
 use super::Spread;
 use super::frame::FrameError;
@@ -9,59 +9,59 @@ use crate::schedule::{JobOptions, JobReport, Policy, Service, ThreadKind};
 use serde::Serialize;
 use std::sync::Arc;
 
-/// What is rendered, and how often.
+/// The frame, and how often it is rendered.
 #[derive(Clone, Copy, Debug)]
 pub struct Options {
     /// Size, samples, depth and seed of the frame.
     pub settings: Settings,
-    /// From where.
+    /// The camera.
     pub camera: Camera,
-    /// Frames of those in flight together.
+    /// Number of frames in flight together.
     pub frames_in_flight: usize,
     /// Rounds.
     pub rounds: usize,
-    /// How the scheduler shares out work.
+    /// The scheduling policy; by default the one for the units in use.
     pub policy: Option<Policy>,
 }
 
-/// One measure's idle time.
+/// Idle time with one remedy.
 #[derive(Clone, Debug, Serialize)]
 pub struct Row {
-    /// Which measure.
+    /// The remedy.
     pub configuration: String,
     /// Host threads.
     pub threads: usize,
-    /// Of a frame.
+    /// Seconds of a frame.
     pub seconds: Spread,
-    /// Seconds of a frame that host threads had nothing to do, added up over them.
+    /// Seconds of a frame in which host threads had no task, summed over the threads.
     pub idle_s: Spread,
-    /// Of these, seconds after the last camera rays had been spawned; absent for frames in flight together, whose
-    /// tails others fill.
+    /// The part of `idle_s` after the last camera rays were spawned. Absent for frames in flight together: their tails
+    /// are filled by other frames.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub tail_idle_s: Option<Spread>,
-    /// Share of the host threads' time that they had a task.
+    /// Share of the host threads' time in which they had a task.
     pub busy_share: Spread,
 }
 
-/// A scene with who may render it.
+/// A prepared scene and the service that renders it.
 #[derive(Clone, Copy)]
 pub struct Bench<'a> {
-    /// The scene, its tree, its tracers.
+    /// The scene with its tree and tracers.
     pub prepared: &'a PreparedScene,
-    /// The threads, for as many jobs at a time as there are frames in flight.
+    /// The service; it must take as many jobs at a time as there are frames in flight.
     pub service: &'a Service,
     /// The frame.
     pub options: Options,
 }
 
-/// What is tried.
+/// A remedy to measure.
 struct Plan {
     name: String,
     frames: usize,
     shrink_streams: bool,
 }
 
-/// Seconds of one frame, on average over those rendered together.
+/// Seconds of one frame: the mean over frames rendered together.
 #[derive(Clone, Copy)]
 struct Times {
     wall_s: f64,
@@ -70,7 +70,7 @@ struct Times {
 }
 
 impl Bench<'_> {
-    /// Measures a frame by itself without and with streams that shrink, and several such frames together.
+    /// Measures a frame alone, without and with streams that shrink, and several such frames together.
     ///
     /// # Errors
     /// When a frame cannot be rendered.
@@ -86,7 +86,7 @@ impl Bench<'_> {
         for round in 0..=self.options.rounds {
             for (plan, times) in plans.iter().zip(&mut times) {
                 let measured = self.frames(plan)?;
-                // The first round warms caches and makes streams.
+                // The first round warms caches and allocates streams.
                 if round > 0 {
                     times.push(measured);
                 }
@@ -109,7 +109,7 @@ impl Bench<'_> {
         Ok(plans.iter().zip(times).map(row).collect())
     }
 
-    /// Renders the plan's frames, all of them in flight at once, and as many again after them, as in an animation.
+    /// Renders the plan's frames, four times as many as are in flight at once, as an animation does.
     fn frames(&self, plan: &Plan) -> Result<Times, FrameError> {
         let Options { settings, camera, policy, .. } = self.options;
         let options = JobOptions { policy, shrink_streams: plan.shrink_streams, ..JobOptions::default() };

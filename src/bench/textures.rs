@@ -1,5 +1,5 @@
-//! `raystream bench textures`: what texturing costs a frame (RTRT section 5). The same frame with the means of its
-//! textures, with the textures themselves, and with their smaller copies, in one process, in rounds that take turns.
+//! `raystream bench textures`: the cost of texturing (RTRT section 5). The same frame with the means of its textures,
+//! with the textures themselves, and with their mipmaps, in one process, in interleaved rounds.
 
 use super::Spread;
 use super::frame::FrameError;
@@ -16,22 +16,22 @@ use serde::Serialize;
 use std::sync::Arc;
 use std::time::Instant;
 
-/// What is rendered, and how often.
+/// The frame, and how often it is rendered.
 #[derive(Clone, Copy, Debug)]
 pub struct Options {
-    /// Size, samples, depth and seed of the frame. Paths end by depth alone, so that as many rays are shaded
-    /// whatever the colours.
+    /// Size, samples, depth and seed of the frame. Paths end by depth alone, so that the number of rays does not depend
+    /// on colours.
     pub settings: Settings,
-    /// From where.
+    /// The camera.
     pub camera: Camera,
     /// Rounds.
     pub rounds: usize,
 }
 
-/// One way of texturing.
+/// Results of one way of texturing.
 #[derive(Clone, Debug, Serialize)]
 pub struct Row {
-    /// Which.
+    /// The way of texturing.
     pub configuration: &'static str,
     /// Host threads.
     pub threads: usize,
@@ -39,20 +39,20 @@ pub struct Row {
     pub texel_bytes: usize,
     /// Rays of the frame.
     pub rays: u64,
-    /// Of the frame.
+    /// Seconds of the frame.
     pub seconds: Spread,
-    /// Time of the frame for each ray.
+    /// Nanoseconds of the frame for each ray.
     pub ns_per_ray: Spread,
-    /// Thread time of shade tasks for each ray.
+    /// Thread time of shade tasks for each ray, in nanoseconds.
     pub shade_ns_per_ray: Spread,
-    /// Median of `ns_per_ray` against the first row's.
+    /// Median of `ns_per_ray` divided by the first row's.
     pub ratio: f64,
 }
 
-/// A scene with who may render it.
+/// A prepared scene and the service that renders it.
 #[derive(Clone, Copy)]
 pub struct Bench<'a> {
-    /// The scene, its tree, its tracers.
+    /// The scene with its tree and tracers.
     pub prepared: &'a PreparedScene,
     /// The threads.
     pub service: &'a Service,
@@ -61,7 +61,7 @@ pub struct Bench<'a> {
 }
 
 impl Bench<'_> {
-    /// Measures all three.
+    /// Measures all three ways.
     ///
     /// # Errors
     /// When a frame cannot be rendered.
@@ -72,7 +72,7 @@ impl Bench<'_> {
         let ways = [
             ("the textures' means", Arc::new(constant(scene)), 0),
             ("textures", Arc::new(plain(scene)), images),
-            ("textures with smaller copies", Arc::clone(scene), texels(scene)),
+            ("textures with mipmaps", Arc::clone(scene), texels(scene)),
         ];
         let mut rounds = ways.each_ref().map(|_| Vec::new());
         let mut rays = [0; 3];
@@ -80,7 +80,7 @@ impl Bench<'_> {
             for (((_, scene, _), rounds), rays) in ways.iter().zip(&mut rounds).zip(&mut rays) {
                 let measured = self.frame(scene)?;
                 *rays = measured.rays;
-                // The first round warms caches and makes streams.
+                // The first round warms caches and allocates streams.
                 if round > 0 {
                     rounds.push(measured);
                 }
@@ -119,14 +119,14 @@ impl Bench<'_> {
     }
 }
 
-/// A frame's times.
+/// Measurements of one frame.
 struct Measured {
     seconds: f64,
     shade_s: f64,
     rays: u64,
 }
 
-/// The scene without smaller copies.
+/// The scene without mipmaps.
 fn plain(scene: &Scene) -> Scene {
     let mut scene = scene.clone();
     for texture in &mut scene.textures {
@@ -135,7 +135,8 @@ fn plain(scene: &Scene) -> Scene {
     scene
 }
 
-/// The scene with its textures' means, and without normal maps. Alpha stays, as it decides where rays end.
+/// The scene with the means of its textures and without normal maps. Alpha is kept, because it decides where rays
+/// end.
 fn constant(scene: &Scene) -> Scene {
     let mut even = scene.clone();
     let colour = |of: Colour| Colour::constant(of.factor * of.texture.map_or(Vec3::ONE, |t| mean(scene, t)));
@@ -199,7 +200,7 @@ fn constant(scene: &Scene) -> Scene {
 
 const MIDDLE: [f32; 2] = [0.5; 2];
 
-/// What covers all of any texture.
+/// A footprint that covers all of any texture.
 fn everything() -> Footprint<SingleLane> {
     Footprint { width: f32::MAX.into(), ..Footprint::point(SingleLane::default()) }
 }

@@ -1,7 +1,7 @@
 //! The ray/triangle test on its own, as the tracers run it.
 //!
-//! Unsafe code for loading lanes. Invariant 1: each column ends with [`MAX_LANES`] zeros beyond its numbers, so a vector
-//! can be loaded at every number.
+//! Unsafe code for loading lanes. Invariant 1: each column ends with [`MAX_LANES`] zeros beyond its numbers, so a
+//! vector can be loaded at every number.
 #![allow(unsafe_code, reason = "the invariants above")]
 
 use crate::geom::{CanonicalRay, SLACK};

@@ -2,7 +2,7 @@
 
 use super::alpha_filter::filter;
 use super::{Units, tree};
-use crate::bvh::Bvh;
+use crate::bvh::{Bvh, Filter};
 use crate::scene::Scene;
 use crate::schedule::Tracers;
 use crate::stream::{DeviceTracer, Tracer};
@@ -17,6 +17,8 @@ pub struct PreparedScene {
     pub bvh: Arc<Bvh>,
     /// The units that trace it.
     pub tracers: Tracers,
+    /// The alpha test of its masked triangles, if it has any.
+    pub filter: Option<Arc<dyn Filter>>,
     /// The CPU's tracer for those who have but one ray at a time.
     pub single_ray: Arc<SingleRayTracer>,
     /// The GPU adapter in use.
@@ -35,7 +37,7 @@ impl PreparedScene {
         let host: Arc<dyn Tracer> = Arc::new(host.expect("the units have checked the instruction set"));
         let single_ray = SingleRayTracer::new(bvh.clone(), filter.clone(), units.simd());
         let single_ray = Arc::new(single_ray.expect("the units have checked the instruction set"));
-        let (device, degraded) = match units.device(&bvh, filter, &host) {
+        let (device, degraded) = match units.device(&bvh, filter.clone(), &host) {
             Ok(device) => (device, None),
             Err(reason) => (None, Some(reason)),
         };
@@ -43,7 +45,7 @@ impl PreparedScene {
             Some(device) => (Tracers { host, device: Some(device), unit: units.unit() }, units.adapter()),
             None => (Tracers::cpu(host), None),
         };
-        Self { scene, bvh, tracers, single_ray, adapter, degraded }
+        Self { scene, bvh, tracers, filter, single_ray, adapter, degraded }
     }
 
     /// The GPU's tracers with each kind of kernel, for comparison; none where there is no GPU.
@@ -51,6 +53,6 @@ impl PreparedScene {
     /// # Errors
     /// Why it cannot take the scene.
     pub fn variants(&self, units: &Units) -> Result<Vec<Arc<dyn DeviceTracer>>, String> {
-        units.variants(&self.bvh, filter(&self.scene), &self.tracers.host)
+        units.variants(&self.bvh, self.filter.clone(), &self.tracers.host)
     }
 }

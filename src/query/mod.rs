@@ -44,7 +44,7 @@ use glam::Vec3;
 use std::sync::Arc;
 
 /// The largest number of rays that a thread traces at once.
-const SHARE_RAYS: usize = 32 * 1024;
+pub(crate) const SHARE_RAYS: usize = 32 * 1024;
 
 /// A triangle mesh with its tree, ready for ray queries. Cheap to clone: clones share the tree until one is
 /// refitted.
@@ -66,7 +66,8 @@ impl Mesh {
         Ok(Self::of(Arc::new(Bvh::build(positions, triangles, |_| false))))
     }
 
-    fn of(bvh: Arc<Bvh>) -> Self {
+    /// Of a tree that is already built; masked triangles are hit everywhere.
+    pub(crate) fn of(bvh: Arc<Bvh>) -> Self {
         let tracer = CpuTracer::new(bvh.clone(), None, SimdLevel::detect());
         Self { bvh, tracer: tracer.expect("the processor has the detected level") }
     }

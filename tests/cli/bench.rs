@@ -61,7 +61,7 @@ fn the_error_of_pictures_is_measured_beside_their_time() {
     let args = ["--size", "24x24", "--spp", "4", "--rounds", "2", "--reference-spp", "64", "--threads", "2"];
     let last = ["--tracer", "cpu", "--json", "b.json"];
     let text = run(folder.path(), &[&["bench", "noise", &scene][..], &args, &last].concat(), 0);
-    assert!(text.contains("24x24, 4 spp, at most 8 bounces, 2 seeds, against 64 spp"), "{text}");
+    assert!(text.contains("24x24, 4 spp, at most 8 bounces, 2 seeds, reference of 64 spp"), "{text}");
     let report = json(&folder.path().join("b.json"));
     let rows = report["rows"].as_array().expect("rows");
     let names: Vec<_> = rows.iter().map(|row| row["configuration"].as_str().expect("a name")).collect();
@@ -74,4 +74,31 @@ fn the_error_of_pictures_is_measured_beside_their_time() {
         assert_eq!((row["spp"].as_u64(), row["scene"].as_str()), (Some(4), Some("cornell.json")));
     }
     assert_eq!(rows[1]["ratio"].as_f64(), Some(1.0));
+}
+
+#[test]
+fn rays_of_several_scenes_are_measured_each_in_its_order() {
+    let folder = folder();
+    let scenes = ["terrain:20", "level:3@9,2,9@14,1,5@60", "leaves:30"];
+    let args = ["--size", "64x48", "--rounds", "2", "--simd", "scalar", "--json", "b.json"];
+    let text = run(folder.path(), &[&["bench", "rays"][..], &scenes, &args].concat(), 0);
+    assert!(text.contains("all rays with the alpha test"), "{text}");
+    let report = json(&folder.path().join("b.json"));
+    let rows = report["rows"].as_array().expect("rows");
+    // Per kind: tracer, single rays, query, service, reference, obvhs; with masks neither query nor obvhs.
+    for (scene, count) in [("terrain:20", 5 * 6), ("level:3", 5 * 6), ("leaves:30", 5 * 4)] {
+        let rows: Vec<_> = rows.iter().filter(|row| row["scene"] == scene).collect();
+        assert_eq!(rows.len(), count, "{scene}");
+        for row in rows {
+            let order = row["order"].as_str().expect("an order");
+            assert_eq!(order == "shuffled", row["kind"] == "shuffled-bounce");
+            assert!(["rows", "squares", "morton", "blocks", "shuffled"].contains(&order), "{order}");
+            assert_eq!(row["alpha_test"].as_bool(), Some(scene == "leaves:30"));
+            assert!(row["ratio"]["scalar"].as_f64() > Some(0.0));
+        }
+    }
+    let text = run(folder.path(), &["bench", "rays", "terrain:5", "--embree", "nowhere.so"], 2);
+    assert!(text.contains("nowhere.so: cannot use this as the Embree 4 library"), "{text}");
+    let text = run(folder.path(), &["bench", "rays", "level:0"], 2);
+    assert!(text.contains("level:0: the size is a number from 1 to 512"), "{text}");
 }

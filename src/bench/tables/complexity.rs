@@ -1,6 +1,6 @@
 //! RTRT's Figure 5: time against the number of triangles. Hills of 1k to 8M triangles, seen whole.
 
-use crate::bench::{Kind, Spread, Workload, meshes};
+use crate::bench::{Kind, Order, Spread, Workload, meshes};
 use crate::bvh::Bvh;
 use crate::lanes::SimdLevel;
 use crate::scene::{Camera, CameraError};
@@ -10,47 +10,47 @@ use serde::Serialize;
 use std::sync::Arc;
 use std::time::Instant;
 
-/// Cells along an edge of the terrains: twice the square are its triangles, 968 to 8 million.
+/// Cells along an edge of each terrain. It has twice the square of them as triangles: 968 to 8 million.
 pub const CELLS: [u32; 8] = [22, 70, 224, 500, 707, 1000, 1414, 2000];
 
-/// One terrain.
+/// Results of one terrain.
 #[derive(Clone, Debug, Serialize)]
 pub struct Row {
-    /// RTRT's figure.
+    /// The figure of RTRT.
     pub configuration: &'static str,
-    /// Triangles.
+    /// Number of triangles.
     pub triangles: usize,
-    /// Edge of the picture, rays.
+    /// Edge of the picture, in rays.
     pub resolution: u32,
-    /// Building the tree.
+    /// Seconds of building the tree.
     pub build_s: f64,
-    /// Rays of the camera per second, one thread.
+    /// Millions of camera rays per second, one thread.
     pub camera_mray_per_s: Spread,
-    /// One diffuse bounce of each.
+    /// Millions of diffuse bounces per second, one for each camera ray that hit.
     pub bounce_mray_per_s: Spread,
 }
 
-/// Measures terrains of so many cells along an edge.
+/// Measures one terrain for each number of cells along an edge.
 ///
 /// # Errors
 /// When the camera gives no view.
 pub fn run(cells: &[u32], resolution: u32, rounds: usize) -> Result<Vec<Row>, CameraError> {
     let mut rows = Vec::new();
     for &cells in cells {
-        let (positions, triangles) = meshes::terrain(cells);
+        let scene = meshes::matte(meshes::terrain(cells));
         let started = Instant::now();
-        let bvh = Arc::new(Bvh::build(&positions, &triangles, |_| false));
+        let bvh = Arc::new(Bvh::build(&scene.mesh.positions, &scene.mesh.triangles, |_| false));
         let build_s = started.elapsed().as_secs_f64();
         let tracer =
             CpuTracer::new(bvh.clone(), None, SimdLevel::detect()).expect("what is detected is there");
         let camera = Camera::framing(&bvh.bounds(), 1.0);
-        let workload = Workload::new(&bvh, &tracer, &camera, resolution, resolution)?;
+        let workload = Workload::new(&scene, &bvh, &tracer, &camera, (resolution, resolution))?;
         let speed = |kind| {
-            let rays = workload.rays(kind);
+            let rays = workload.rays(kind, Order::Blocks);
             let mut hits = vec![Hit::NONE; rays.len()];
             let rates = (0..=rounds).map(|_| {
                 let started = Instant::now();
-                tracer.closest(rays, &mut hits);
+                tracer.closest(&rays, &mut hits);
                 rays.len() as f64 / (started.elapsed().as_secs_f64() * 1e6)
             });
             // The first round warms caches.
@@ -58,7 +58,7 @@ pub fn run(cells: &[u32], resolution: u32, rounds: usize) -> Result<Vec<Row>, Ca
         };
         rows.push(Row {
             configuration: "complexity",
-            triangles: triangles.len(),
+            triangles: scene.mesh.triangles.len(),
             resolution,
             build_s,
             camera_mray_per_s: speed(Kind::Camera),

@@ -1,5 +1,5 @@
-//! RTRT's section 6.2: what reflections and shadows of three lights cost beside camera rays alone, in a
-//! Whitted ray tracer.
+//! RTRT's section 6.2: the cost of reflections and of shadows of three lights, beside camera rays alone, in a Whitted
+//! ray tracer.
 
 use crate::bench::Spread;
 use crate::engine::PreparedScene;
@@ -10,22 +10,22 @@ use glam::Vec3;
 use serde::Serialize;
 use std::sync::Arc;
 
-/// One frame.
+/// Results of one frame.
 #[derive(Clone, Debug, Serialize)]
 pub struct Row {
-    /// What is followed.
+    /// The rays that are traced.
     pub configuration: &'static str,
-    /// Rays from the camera.
+    /// Number of camera rays.
     pub camera: u64,
-    /// Reflected and refracted rays.
+    /// Number of reflected and refracted rays.
     pub continuation: u64,
-    /// Shadow rays.
+    /// Number of shadow rays.
     pub shadow: u64,
-    /// Of the whole frame.
+    /// Seconds of the whole frame.
     pub seconds: Spread,
-    /// Rays per microsecond.
+    /// Millions of rays per second.
     pub mray_per_s: Spread,
-    /// How many times as long as camera rays alone.
+    /// The median divided by that of camera rays alone.
     pub times_as_long: f64,
 }
 
@@ -35,7 +35,7 @@ pub enum EffectsError {
     /// A setting is out of range.
     #[error(transparent)]
     Settings(#[from] SettingsError),
-    /// Sizes do not fit each other.
+    /// The job's sizes contradict each other.
     #[error(transparent)]
     Limits(#[from] LimitsError),
     /// A frame failed.
@@ -43,7 +43,7 @@ pub enum EffectsError {
     Job(#[from] JobError),
 }
 
-/// Frames in turns: camera rays alone, then reflections, three lights, and both.
+/// Measures frames of camera rays alone, with reflections, with three lights, and with both, in interleaved rounds.
 ///
 /// # Errors
 /// When a frame cannot be rendered.
@@ -72,7 +72,7 @@ pub fn run(
             let job = service.submit(whitted, prepared.tracers.clone(), JobOptions::default())?;
             let report = job.wait()?;
             rays[i] = report.rays;
-            // The first round makes streams.
+            // The first round allocates streams.
             if round > 0 {
                 seconds[i].push(report.wall_s);
             }
@@ -96,7 +96,7 @@ pub fn run(
     Ok(rows)
 }
 
-/// The same scene where nothing shines: no shadow ray has a reason.
+/// The scene without emitters, so that no shadow rays are sent.
 fn without_light(scene: &Scene) -> Scene {
     let mut scene = scene.clone();
     scene.lights.clear();
@@ -105,7 +105,7 @@ fn without_light(scene: &Scene) -> Scene {
     scene
 }
 
-/// With three lights under the top of the scene.
+/// The scene with three point lights below its top.
 fn with_three_lights(mut scene: Scene) -> Scene {
     let bounds = scene.bounds();
     let size = bounds.max - bounds.min;

@@ -1,5 +1,5 @@
-//! RTRT's Table 1: what a ray/triangle test costs by kernel, when no ray of it passes inside the triangle
-//! (least) and when all hit (most).
+//! RTRT's Table 1: the cost of a ray/triangle test by kernel, when no ray passes inside the triangle (least) and when
+//! all hit (most).
 
 use crate::bench::Spread;
 use crate::bench::triangle_test::{InLanes, count_hits};
@@ -10,25 +10,25 @@ use serde::Serialize;
 use std::hint::black_box;
 use std::time::Instant;
 
-/// Rays, and triangles: both fit into the first-level cache.
+/// Number of rays and of triangles: both fit into the first-level cache.
 const COUNT: usize = 240;
 
-/// One kernel.
+/// Results of one kernel.
 #[derive(Clone, Debug, Serialize)]
 pub struct Row {
-    /// RTRT's table.
+    /// The table of RTRT.
     pub configuration: &'static str,
-    /// What lies in the lanes.
+    /// The kernel: what its lanes hold, and its SIMD level.
     pub kernel: String,
     /// Nanoseconds for a test of one ray and one triangle that ends early.
     pub least_ns: Spread,
     /// Nanoseconds for one that hits.
     pub most_ns: Spread,
-    /// How many times faster than one lane, where tests hit.
+    /// How many times as fast as one lane, where tests hit.
     pub speedup: f64,
 }
 
-/// Measures every kernel, over so many rounds.
+/// Measures every kernel over `rounds` rounds.
 pub fn run(rounds: usize) -> Vec<Row> {
     let mut kernels = vec![("one ray, one triangle".to_owned(), SimdLevel::Scalar, InLanes::Rays)];
     for level in SimdLevel::available().into_iter().rev().filter(|&level| level != SimdLevel::Scalar) {
@@ -62,7 +62,7 @@ pub fn run(rounds: usize) -> Vec<Row> {
     rows
 }
 
-/// Rays from about one point in about one direction.
+/// Rays with similar origins and directions.
 fn rays() -> Vec<Ray> {
     let ray = |i: usize| {
         let [x, y] = [i % 16, i / 16].map(|k| k as f32 / 100.0);
@@ -71,7 +71,7 @@ fn rays() -> Vec<Ray> {
     (0..COUNT).map(ray).collect()
 }
 
-/// Triangles that all these rays hit, or that are beside all of them.
+/// Triangles that all these rays hit, or that all of them miss.
 fn triangles(hit: bool) -> Vec<[Vec3; 3]> {
     let aside = if hit { Vec3::ZERO } else { Vec3::X * 40.0 };
     let triangle = |i: usize| {
@@ -87,7 +87,7 @@ mod tests {
 
     #[test]
     fn every_kernel_counts_the_same_hits() {
-        // `run` asserts the counts; odd numbers leave lanes over.
+        // `run` asserts its counts; odd numbers leave lanes unused.
         let rows = run(1);
         assert_eq!(rows.len(), 1 + 2 * (SimdLevel::available().len() - 1));
         assert!(rows.iter().all(|row| row.least_ns.median > 0.0 && row.most_ns.median > 0.0));

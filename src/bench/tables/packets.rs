@@ -1,5 +1,5 @@
-//! RTRT's Table 2: what it costs to keep a packet of rays together, in visits to nodes. A count, not a time:
-//! the plainest packet traversal there is visits a node when any ray of the packet has to.
+//! RTRT's Table 2: the node visits that packets of rays add. A count, not a time, of the plainest packet traversal: it
+//! visits a node when any ray of the packet enters it.
 
 use crate::bvh::{Bvh, Child, WIDTH};
 use crate::geom::CanonicalRay;
@@ -12,31 +12,31 @@ const EDGES: [u32; 3] = [2, 4, 8];
 /// Visits with packets of one size at one resolution.
 #[derive(Clone, Debug, Serialize)]
 pub struct Row {
-    /// RTRT's table.
+    /// The table of RTRT.
     pub configuration: &'static str,
-    /// Edge of the packet, rays.
+    /// Edge of the packet, in rays.
     pub packet: u32,
-    /// Edge of the picture, rays.
+    /// Edge of the picture, in rays.
     pub resolution: u32,
-    /// Nodes that a ray visits when it goes alone, on the average.
+    /// Mean number of nodes that a ray visits when it travels alone.
     pub nodes_per_ray: f64,
-    /// Blocks of triangles likewise.
+    /// The same for leaf blocks.
     pub blocks_per_ray: f64,
-    /// Share of node visits that are there only because rays go together.
+    /// Visits to nodes that packets add, as a share of the visits of lone rays.
     pub node_overhead: f64,
-    /// Share of visits to blocks likewise.
+    /// The same for visits to leaf blocks.
     pub block_overhead: f64,
 }
 
-/// Visits by a packet, each counted once.
+/// Visits by packets; a visit counts once for the whole packet.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Visits {
     nodes: u64,
     blocks: u64,
 }
 
-/// Counts visits of camera rays: packets of every size at a resolution of `most`², packets of 2×2 at a
-/// quarter and at the whole of it.
+/// Counts visits of camera rays: packets of each size in a picture of `most` × `most` rays, and packets of 2 × 2 in one
+/// of a quarter of the edge.
 ///
 /// # Errors
 /// When the camera gives no view.
@@ -64,7 +64,7 @@ pub fn run(bvh: &Bvh, camera: &Camera, most: u32) -> Result<Vec<Row>, CameraErro
     Ok(rows)
 }
 
-/// Visits of all packets of a picture.
+/// Visits by all packets of a picture.
 fn count(bvh: &Bvh, lens: &Lens, resolution: u32, edge: u32) -> Visits {
     let mut walk = Walk::default();
     for top in (0..resolution).step_by(edge as usize) {
@@ -84,14 +84,14 @@ fn count(bvh: &Bvh, lens: &Lens, resolution: u32, edge: u32) -> Visits {
     walk.visits
 }
 
-/// A packet on its way; memory is kept from one to the next.
+/// The traversal of a packet; its memory is reused by the next one.
 #[derive(Default)]
 struct Walk {
     rays: Vec<CanonicalRay>,
-    /// Of each ray the nearest hit so far.
+    /// Distance of each ray's nearest hit so far.
     limits: Vec<f32>,
     stack: Vec<Child>,
-    /// For each entry of the stack, where each ray enters it; +∞ for those that do not.
+    /// For each entry of the stack, the distance at which each ray enters it; +∞ where it does not.
     enters: Vec<f32>,
     visits: Visits,
 }
@@ -127,7 +127,7 @@ impl Walk {
             }
             self.visits.nodes += 1;
             let node = &wide.nodes()[child.index()];
-            // The farthest first, so that the nearest comes to lie on top.
+            // The farthest child first, so that the nearest is on top of the stack.
             for order in (0..WIDTH).rev() {
                 let slot = order ^ octant;
                 if node.children[slot] == Child::NONE {

@@ -1,52 +1,59 @@
 //! `raystream bench`.
 
 use super::progress::noise;
-use super::view::size;
+use super::view::{size, vector};
 use super::{CameraArgs, LightArgs, UnitArgs};
-use clap::{Args, Subcommand};
+use crate::bench::meshes::SCENE_HELP;
+use crate::render::Settings;
+use crate::scene::Camera;
+use clap::builder::RangedI64ValueParser;
+use clap::{Args, Subcommand, value_parser};
+use glam::Vec3;
 use std::path::PathBuf;
 
-/// What to measure.
+/// The measurements.
 #[derive(Debug, Subcommand)]
 pub enum BenchCommand {
-    /// Trace camera, bounce and shadow rays with the CPU tracer at each instruction set, its scalar reference, obvhs
-    /// and, where its library is given, Embree 4; on the same rays, in rounds that take turns.
+    /// Trace camera, bounce and shadow rays: the CPU tracer at each SIMD level, the service and `query`, beside the
+    /// scalar reference, obvhs and, if its library is given, Embree 4. All trace the same rays in interleaved rounds,
+    /// each in the order in which it is fastest. Several scenes are summarised: geometric mean and least ratio.
     Rays(BenchRaysArgs),
-    /// Build the tree and, where its library is given, Embree 4's of each quality, in rounds that take turns.
+    /// Build the tree, beside Embree 4's of each quality if its library is given, in interleaved rounds.
     Build(BenchBuildArgs),
-    /// Render the same frame as Ray Accelerator's Table 1 does: a plain single-ray renderer; the scheduler ray by ray;
-    /// with streams; with SIMD shading; with the GPU. In rounds that take turns; all pictures must be the same.
+    /// Render the same frame as in Ray Accelerator's Table 1: a plain single-ray renderer; the scheduler ray by ray;
+    /// with streams; with SIMD shading; with the GPU. Rounds are interleaved; all pictures must be the same.
     Frame(BenchFrameArgs),
     /// Render a frame with streams that stay large to its end, with streams that shrink at its tail, and several such
-    /// frames in flight, in rounds that take turns: how long threads wait for work.
+    /// frames in flight, in interleaved rounds: how long threads wait for work.
     Tail(BenchTailArgs),
-    /// Render a frame with the means of its textures, with its textures, and with their smaller copies, in rounds that
-    /// take turns: what texturing costs.
+    /// Render a frame with the means of its textures, with its textures, and with their mipmaps, in interleaved
+    /// rounds: the cost of texturing.
     Textures(BenchTexturesArgs),
-    /// Take samples evenly and where --noise wants them, for the same time: which picture is nearer to one of very many
+    /// Take samples evenly, and adaptively with --noise, for the same time: which picture is nearer to one of very many
     /// samples.
     Adaptive(BenchAdaptiveArgs),
-    /// Render pictures with paths that end by Russian roulette and with paths that end by depth alone, interleaved, and
-    /// compare them with a picture of many samples: error, time, and the product of both.
+    /// Render pictures with paths that end by Russian roulette and with paths that end by depth alone, in interleaved
+    /// rounds, and compare them with a picture of many samples: error, time, and the product of both.
     Noise(BenchNoiseArgs),
-    /// Schedule tasks of one ray that do nothing, or sleep for a known time, on any number of threads: what the
-    /// scheduler costs a task, and how much it is contended for.
+    /// Schedule tasks of one ray that do nothing, or sleep for a known time, on any number of threads: the scheduler's
+    /// overhead for each task, and how it grows with the number of threads.
     Schedule(BenchScheduleArgs),
-    /// Measure the tables of Interactive Rendering with Coherent Ray Tracing: a triangle test by kernel, what packets
-    /// cost in visits, reflections and shadows, and time against the number of triangles.
+    /// Measure the tables of Interactive Rendering with Coherent Ray Tracing: the triangle test in each layout of
+    /// lanes, the visits that packets add, reflections and shadows, and time against the number of triangles.
     Tables(BenchTablesArgs),
 }
 
-/// Measuring beside peers that have one thread or several.
+/// Options of measurements beside peers.
 #[derive(Debug, Args)]
 pub struct PeerArgs {
     /// Rounds; each contender is timed once a round.
-    #[arg(long, value_name = "N", default_value_t = 7, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    #[arg(long, value_name = "N", default_value_t = 7, value_parser = rounds())]
     pub rounds: u32,
     /// Numbers of threads to measure with, as in 1,2.
-    #[arg(long, value_name = "N,..", value_delimiter = ',', default_value = "1", value_parser = clap::value_parser!(u32).range(1..=1024))]
+    #[arg(long, value_name = "N,..", value_delimiter = ',', default_value = "1", value_parser = threads())]
     pub threads: Vec<u32>,
-    /// Embree 4's shared library (the wheel `embreex` carries one); without it that peer is left out.
+    /// Embree 4's shared library, which is loaded and run (the Python wheel `embreex` has one). Without it Embree's
+    /// rows are missing.
     #[arg(long, value_name = "FILE")]
     pub embree: Option<PathBuf>,
     /// Write the results as JSON.
@@ -54,25 +61,50 @@ pub struct PeerArgs {
     pub json: Option<PathBuf>,
 }
 
+/// A scene, and a camera of its own.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SceneView {
+    /// A file or a generated scene.
+    pub scene: PathBuf,
+    /// Eye, target and vertical field of view in degrees.
+    pub view: Option<(Vec3, Vec3, f32)>,
+}
+
+impl SceneView {
+    /// The scene's own camera or one that frames it, changed by the flags, then by this view.
+    pub fn camera(&self, flags: &CameraArgs, own: Option<Camera>, framed: impl FnOnce() -> Camera) -> Camera {
+        let camera = flags.apply(own, framed);
+        match self.view {
+            Some((eye, target, fov_degrees)) => Camera { eye, target, fov_degrees, ..camera },
+            None => camera,
+        }
+    }
+}
+
 /// `raystream bench rays`.
 #[derive(Debug, Args)]
 pub struct BenchRaysArgs {
-    /// Scene file; or terrain:N, hills of 2 N² triangles, or fur:N, a ball with N hairs of 12 triangles.
-    pub scene: PathBuf,
-    /// From where camera rays start.
+    #[arg(required = true, value_name = "SCENE[@EYE@TARGET@FOV]", value_parser = scene_view)]
+    #[arg(help = format!("{SCENE_HELP}. A camera may follow, as in room.glb@0,2,5@0,1,0@40"))]
+    #[allow(missing_docs, reason = "the help above says it")]
+    pub scenes: Vec<SceneView>,
+    /// Camera of all scenes without one of their own on the command line.
     #[command(flatten)]
     pub camera: CameraArgs,
-    /// Camera rays.
+    /// Size of the picture whose rays are traced.
     #[arg(long, value_name = "WxH", default_value = "1024x1024", value_parser = size)]
     pub size: (u32, u32),
-    /// Measure the GPU adapter whose name contains NAME, too (`raystream info` lists them). A software adapter has
+    /// SIMD levels of the CPU tracer, as in avx512,avx2 [default: all that this processor has].
+    #[arg(long, value_name = "LEVEL,..", value_delimiter = ',')]
+    pub simd: Vec<String>,
+    /// Measure the GPU adapter whose name contains NAME, too (`raystream info` lists them). A software adapter uses
     /// all threads of its driver, whatever --threads says.
     #[arg(long, value_name = "NAME")]
     pub adapter: Option<String>,
     /// Measure each kind of kernel of the adapter, and leave out slow peers.
     #[arg(long, requires = "adapter")]
     pub kernels: bool,
-    /// Beside whom.
+    /// Rounds, threads and peers.
     #[command(flatten)]
     pub peers: PeerArgs,
 }
@@ -80,26 +112,27 @@ pub struct BenchRaysArgs {
 /// `raystream bench build`.
 #[derive(Debug, Args)]
 pub struct BenchBuildArgs {
-    /// Scene file; or terrain:N, hills of 2 N² triangles, or fur:N, a ball with N hairs of 12 triangles.
+    #[arg(help = SCENE_HELP)]
+    #[allow(missing_docs, reason = "the help above says it")]
     pub scene: PathBuf,
-    /// Beside whom.
+    /// Rounds, threads and peers.
     #[command(flatten)]
     pub peers: PeerArgs,
 }
 
-/// What benches of whole frames have in common.
+/// Options of measurements of whole frames.
 #[derive(Debug, Args)]
 pub struct ShotArgs {
-    /// From where.
+    /// The camera.
     #[command(flatten)]
     pub camera: CameraArgs,
-    /// By which light.
+    /// Lighting besides the scene's own.
     #[command(flatten)]
     pub light: LightArgs,
     /// Write the results as JSON.
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
-    /// Who traces.
+    /// The units that trace.
     #[command(flatten)]
     pub units: UnitArgs,
 }
@@ -113,21 +146,21 @@ pub struct BenchFrameArgs {
     #[arg(long, value_name = "WxH", default_value = "1280x1024", value_parser = size)]
     pub size: (u32, u32),
     /// Samples per pixel.
-    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = samples())]
     pub spp: u32,
     /// Most bounces; paths end by depth alone.
-    #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(0..=1000))]
+    #[arg(long, value_name = "N", default_value_t = 4, value_parser = bounces())]
     pub max_bounces: u32,
     /// Seed of all random numbers.
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub seed: u64,
     /// Rounds; each configuration renders the frame once a round.
-    #[arg(long, value_name = "N", default_value_t = 7, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    #[arg(long, value_name = "N", default_value_t = 7, value_parser = rounds())]
     pub repeats: u32,
-    /// Measure scheduling policies side by side instead: with a GPU each policy and each unit alone.
+    /// Measure scheduling policies instead: with a GPU each policy and each unit alone.
     #[arg(long, conflicts_with = "policy")]
     pub policies: bool,
-    /// From where, by which light, by whom.
+    /// Camera, light and units.
     #[command(flatten)]
     pub shot: ShotArgs,
 }
@@ -136,16 +169,18 @@ pub struct BenchFrameArgs {
 #[derive(Debug, Args)]
 pub struct BenchScheduleArgs {
     /// Numbers of host threads to measure with.
-    #[arg(long, value_name = "N,..", value_delimiter = ',', default_value = "1,2,4,8,16,32,64", value_parser = clap::value_parser!(u32).range(1..=1024))]
+    #[arg(long, value_name = "N,..", value_delimiter = ',', default_value = "1,2,4,8,16,32,64")]
+    #[arg(value_parser = threads())]
     pub threads: Vec<u32>,
-    /// What tasks take, in microseconds; they sleep.
-    #[arg(long, value_name = "US,..", value_delimiter = ',', default_value = "0,1000", value_parser = clap::value_parser!(u64).range(0..=1_000_000))]
+    /// Durations of a task in microseconds; a task sleeps for as long.
+    #[arg(long, value_name = "US,..", value_delimiter = ',', default_value = "0,1000")]
+    #[arg(value_parser = value_parser!(u64).range(0..=1_000_000))]
     pub load_us: Vec<u64>,
-    /// Tasks of a job, fewer where they would sleep for more than about a second.
-    #[arg(long, value_name = "N", default_value_t = 200_000, value_parser = clap::value_parser!(u64).range(1..=100_000_000))]
+    /// Tasks of a job; fewer where they would sleep for more than about a second.
+    #[arg(long, value_name = "N", default_value_t = 200_000, value_parser = value_parser!(u64).range(1..=100_000_000))]
     pub tasks: u64,
     /// Rounds; each job runs once a round.
-    #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    #[arg(long, value_name = "N", default_value_t = 5, value_parser = rounds())]
     pub rounds: u32,
     /// Write the results as JSON.
     #[arg(long, value_name = "FILE")]
@@ -157,25 +192,26 @@ pub struct BenchScheduleArgs {
 pub struct BenchTablesArgs {
     /// Scene file.
     pub scene: PathBuf,
-    /// Edge of the pictures, rays.
-    #[arg(long, value_name = "N", default_value_t = 1024, value_parser = clap::value_parser!(u32).range(8..=8192))]
+    /// Edge of the pictures, in rays.
+    #[arg(long, value_name = "N", default_value_t = 1024, value_parser = value_parser!(u32).range(8..=8192))]
     pub resolution: u32,
     /// Most bounces of reflections.
-    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=16))]
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = value_parser!(u32).range(1..=16))]
     pub max_bounces: u32,
     /// Triangles of the largest hills.
-    #[arg(long, value_name = "N", default_value_t = 8_000_000, value_parser = clap::value_parser!(u64).range(1000..=8_000_000))]
+    #[arg(long, value_name = "N", default_value_t = 8_000_000)]
+    #[arg(value_parser = value_parser!(u64).range(1000..=8_000_000))]
     pub most_triangles: u64,
     /// Rounds.
-    #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    #[arg(long, value_name = "N", default_value_t = 5, value_parser = rounds())]
     pub rounds: u32,
-    /// From where.
+    /// The camera.
     #[command(flatten)]
     pub camera: CameraArgs,
     /// Write the results as JSON.
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
-    /// Who traces.
+    /// The units that trace.
     #[command(flatten)]
     pub units: UnitArgs,
 }
@@ -189,18 +225,18 @@ pub struct BenchTailArgs {
     #[arg(long, value_name = "WxH", default_value = "640x360", value_parser = size)]
     pub size: (u32, u32),
     /// Samples per pixel.
-    #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
+    #[arg(long, value_name = "N", default_value_t = 2, value_parser = samples())]
     pub spp: u32,
     /// Most bounces.
-    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(0..=1000))]
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = bounces())]
     pub max_bounces: u32,
-    /// Frames of those in flight together.
-    #[arg(long, value_name = "K", default_value_t = 3, value_parser = clap::value_parser!(u32).range(2..=64))]
+    /// Number of frames in flight together.
+    #[arg(long, value_name = "K", default_value_t = 3, value_parser = value_parser!(u32).range(2..=64))]
     pub frames_in_flight: u32,
     /// Rounds.
-    #[arg(long, value_name = "N", default_value_t = 7, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    #[arg(long, value_name = "N", default_value_t = 7, value_parser = rounds())]
     pub rounds: u32,
-    /// From where, by which light, by whom.
+    /// Camera, light and units.
     #[command(flatten)]
     pub shot: ShotArgs,
 }
@@ -214,15 +250,15 @@ pub struct BenchTexturesArgs {
     #[arg(long, value_name = "WxH", default_value = "640x360", value_parser = size)]
     pub size: (u32, u32),
     /// Samples per pixel.
-    #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
+    #[arg(long, value_name = "N", default_value_t = 4, value_parser = samples())]
     pub spp: u32,
     /// Most bounces; paths end by depth alone.
-    #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(0..=1000))]
+    #[arg(long, value_name = "N", default_value_t = 4, value_parser = bounces())]
     pub max_bounces: u32,
     /// Rounds.
-    #[arg(long, value_name = "N", default_value_t = 7, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    #[arg(long, value_name = "N", default_value_t = 7, value_parser = rounds())]
     pub rounds: u32,
-    /// From where, by which light, by whom.
+    /// Camera, light and units.
     #[command(flatten)]
     pub shot: ShotArgs,
 }
@@ -236,18 +272,18 @@ pub struct BenchAdaptiveArgs {
     #[arg(long, value_name = "WxH", default_value = "320x180", value_parser = size)]
     pub size: (u32, u32),
     /// Most bounces.
-    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(0..=1000))]
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = bounces())]
     pub max_bounces: u32,
     /// Targets of --noise to measure with, as in 0.1,0.05.
     #[arg(long, value_name = "X,..", value_delimiter = ',', default_value = "0.1,0.05", value_parser = noise)]
     pub noise: Vec<f32>,
-    /// Samples per pixel of the picture that stands for the truth; taken with another seed.
-    #[arg(long, value_name = "N", default_value_t = 8192, value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
+    /// Samples per pixel of the reference picture, which has another seed.
+    #[arg(long, value_name = "N", default_value_t = 8192, value_parser = samples())]
     pub reference_spp: u32,
     /// Rounds, each with a seed of its own.
-    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = rounds())]
     pub rounds: u32,
-    /// From where, by which light, by whom.
+    /// Camera, light and units.
     #[command(flatten)]
     pub shot: ShotArgs,
 }
@@ -261,21 +297,62 @@ pub struct BenchNoiseArgs {
     #[arg(long, value_name = "WxH", default_value = "240x135", value_parser = size)]
     pub size: (u32, u32),
     /// Samples per pixel.
-    #[arg(long, value_name = "N", default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
+    #[arg(long, value_name = "N", default_value_t = 64, value_parser = samples())]
     pub spp: u32,
     /// Most bounces.
-    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(0..=1000))]
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = bounces())]
     pub max_bounces: u32,
     /// Seed of the first round; each round takes the next.
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub seed: u64,
     /// Samples per pixel of the reference picture.
-    #[arg(long, value_name = "N", default_value_t = 4096, value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
+    #[arg(long, value_name = "N", default_value_t = 4096, value_parser = samples())]
     pub reference_spp: u32,
     /// Rounds, each with a seed of its own.
-    #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    #[arg(long, value_name = "N", default_value_t = 4, value_parser = rounds())]
     pub rounds: u32,
-    /// Camera, light, units.
+    /// Camera, light and units.
     #[command(flatten)]
     pub shot: ShotArgs,
+}
+
+fn rounds() -> RangedI64ValueParser<u32> {
+    value_parser!(u32).range(1..=10_000)
+}
+
+fn threads() -> RangedI64ValueParser<u32> {
+    value_parser!(u32).range(1..=1024)
+}
+
+fn samples() -> RangedI64ValueParser<u32> {
+    value_parser!(u32).range(1..=i64::from(Settings::MAX_SPP))
+}
+
+fn bounces() -> RangedI64ValueParser<u32> {
+    value_parser!(u32).range(0..=1000)
+}
+
+/// `SCENE` or `SCENE@EYE@TARGET@FOV`.
+fn scene_view(text: &str) -> Result<SceneView, String> {
+    let parts: Vec<&str> = text.split('@').collect();
+    let [scene, eye, target, fov] = parts[..] else {
+        return Ok(SceneView { scene: text.into(), view: None });
+    };
+    let fov = fov.parse::<f32>().map_err(|e| format!("field of view {fov:?}: {e}"))?;
+    Ok(SceneView { scene: scene.into(), view: Some((vector(eye)?, vector(target)?, fov)) })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_scene_may_have_a_camera() {
+        let plain = scene_view("a@b.obj").expect("a file with an at sign");
+        assert_eq!(plain, SceneView { scene: "a@b.obj".into(), view: None });
+        let seen = scene_view("level:9@0,1,-2@3,4,5@60").expect("a view");
+        assert_eq!(seen.scene, PathBuf::from("level:9"));
+        assert_eq!(seen.view, Some((Vec3::new(0.0, 1.0, -2.0), Vec3::new(3.0, 4.0, 5.0), 60.0)));
+        assert!(scene_view("a.obj@0,0@1,1,1@40").is_err() && scene_view("a.obj@0,0,0@1,1,1@wide").is_err());
+    }
 }

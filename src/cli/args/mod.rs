@@ -12,7 +12,7 @@ mod view;
 #[cfg(feature = "bench")]
 pub use bench::{
     BenchAdaptiveArgs, BenchBuildArgs, BenchCommand, BenchFrameArgs, BenchNoiseArgs, BenchRaysArgs,
-    BenchScheduleArgs, BenchTablesArgs, BenchTailArgs, BenchTexturesArgs, ShotArgs,
+    BenchScheduleArgs, BenchTablesArgs, BenchTailArgs, BenchTexturesArgs, PeerArgs, SceneView, ShotArgs,
 };
 pub use frames::FramesArgs;
 pub use progress::ProgressArgs;

@@ -6,7 +6,7 @@ use crate::bench::adaptive::{Bench, Options};
 use crate::render::{PASSES_IN_FLIGHT, Settings};
 use anyhow::Result;
 
-/// Measures adaptive against even samples.
+/// Compares adaptive with even samples.
 pub fn run(args: &BenchAdaptiveArgs) -> Result<()> {
     let (setup, camera) = args.shot.set_up(&args.scene, args.size, PASSES_IN_FLIGHT)?;
     let (width, height) = args.size;
@@ -20,7 +20,8 @@ pub fn run(args: &BenchAdaptiveArgs) -> Result<()> {
     };
     let rows = Bench { prepared: &setup.prepared, service: &setup.service, options }.run()?;
     println!(
-        "{width}x{height}, at most {} bounces, against {} spp; efficiency = squared error x time of even samples by that of the row",
+        "{width}x{height}, at most {} bounces, reference of {} spp; efficiency = squared error x time of even samples \
+         divided by that of the row",
         args.max_bounces, args.reference_spp
     );
     println!(
@@ -42,8 +43,5 @@ pub fn run(args: &BenchAdaptiveArgs) -> Result<()> {
             row.efficiency.worst_block
         );
     }
-    match &args.shot.json {
-        Some(path) => write(path, Some(&args.scene), &rows, &[]),
-        None => Ok(()),
-    }
+    write(args.shot.json.as_deref(), Some(&args.scene), &rows)
 }

@@ -9,12 +9,9 @@ use anyhow::Result;
 /// Measures the builder beside its peers.
 pub fn run(args: &BenchBuildArgs) -> Result<()> {
     let Mesh { positions, triangles, .. } = meshes::scene(&args.scene)?.mesh;
-    let options = build::Options {
-        rounds: args.peers.rounds as usize,
-        threads: args.peers.threads.iter().map(|&n| n as usize).collect(),
-        embree: args.peers.embree.clone(),
-    };
-    let rows = build::run(&positions, &triangles, &options)?;
+    let options = build::Options { rounds: args.peers.rounds as usize, threads: args.peers.thread_counts() };
+    let embree = args.peers.load_embree()?;
+    let rows = build::run(&positions, &triangles, embree.as_ref(), &options)?;
     println!("{} triangles", triangles.len());
     println!(
         "{:<24} {:>7} {:>9} {:>9} {:>9} {:>10} {:>10} {:>8}  ratio to medium",
@@ -35,8 +32,5 @@ pub fn run(args: &BenchBuildArgs) -> Result<()> {
             row.ratio.map_or_else(String::new, |ratio| format!("{ratio:.2}")),
         );
     }
-    match &args.peers.json {
-        Some(path) => write(path, Some(&args.scene), &rows, &[]),
-        None => Ok(()),
-    }
+    write(args.peers.json.as_deref(), Some(&args.scene), &rows)
 }

@@ -21,11 +21,9 @@ pub fn run(args: &BenchFrameArgs) -> Result<Outcome> {
     let report = if args.policies { bench.policies()? } else { bench.ladder()? };
     print(args, &report);
     if setup.prepared.tracers.device.is_none() && !args.policies {
-        eprintln!("RA HYBRID is left out: no hardware GPU is in use (name an adapter with --adapter)");
+        eprintln!("RA HYBRID is left out: no hardware GPU is in use (choose an adapter with --adapter)");
     }
-    if let Some(path) = &args.shot.json {
-        write(path, Some(&args.scene), &report.rows, &[])?;
-    }
+    write(args.shot.json.as_deref(), Some(&args.scene), &report.rows)?;
     let whole = report.differing.is_empty() && report.rows.iter().all(|row| row.events.is_empty());
     Ok(if whole { Outcome::Done } else { Outcome::Degraded })
 }

@@ -4,6 +4,7 @@ mod adaptive;
 mod build;
 mod frame;
 mod noise;
+mod peers;
 mod rays;
 mod schedule;
 mod tables;
@@ -21,7 +22,7 @@ use anyhow::Result;
 use serde::Serialize;
 use std::path::Path;
 
-/// Measures what is asked for.
+/// Runs a measurement.
 pub fn run(command: &BenchCommand) -> Result<Outcome> {
     match command {
         BenchCommand::Rays(args) => rays::run(args).map(|()| Outcome::Done),
@@ -37,7 +38,7 @@ pub fn run(command: &BenchCommand) -> Result<Outcome> {
 }
 
 impl ShotArgs {
-    /// Makes a scene ready for so many jobs at a time, and says from where it is seen.
+    /// Prepares a scene and a service for `max_jobs` jobs at a time; returns them with the scene's camera.
     fn set_up(&self, scene: &Path, (width, height): (u32, u32), max_jobs: usize) -> Result<(Setup, Camera)> {
         let setup = Setup::new(scene, &self.units, max_jobs, |scene| self.light.apply_environment(scene))?;
         let scene = &setup.prepared.scene;
@@ -47,16 +48,13 @@ impl ShotArgs {
     }
 }
 
-/// What `--json` writes.
+/// What every file of `--json` begins with.
 #[derive(Serialize)]
-struct Sheet<'a, R> {
+struct Provenance {
     schema: u32,
     /// This process's arguments, without its name.
     command: Vec<String>,
     machine: Machine,
-    rows: Vec<SceneRow<'a, R>>,
-    #[serde(skip_serializing_if = "<[_]>::is_empty")]
-    agreement: &'a [crate::bench::rays::Agreement],
 }
 
 #[derive(Serialize)]
@@ -68,6 +66,17 @@ struct Machine {
     simd: &'static str,
 }
 
+impl Provenance {
+    fn here() -> Self {
+        let threads = std::thread::available_parallelism().map_or(1, usize::from);
+        let machine = Machine { processor: processor(), threads, simd: Units::cpu().simd().name() };
+        let command =
+            std::env::args_os().skip(1).map(|argument| argument.to_string_lossy().into_owned()).collect();
+        Self { schema: SCHEMA, command, machine }
+    }
+}
+
+/// A row with its scene.
 #[derive(Serialize)]
 struct SceneRow<'a, R> {
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -76,17 +85,24 @@ struct SceneRow<'a, R> {
     row: &'a R,
 }
 
-fn write<R: Serialize>(
-    path: &Path,
-    scene: Option<&Path>,
-    rows: &[R],
-    agreement: &[crate::bench::rays::Agreement],
-) -> Result<()> {
+impl<'a, R> SceneRow<'a, R> {
+    fn all(scene: Option<&'a str>, rows: &'a [R]) -> impl Iterator<Item = Self> {
+        rows.iter().map(move |row| Self { scene, row })
+    }
+}
+
+/// What `--json` writes.
+#[derive(Serialize)]
+struct Sheet<'a, R> {
+    #[serde(flatten)]
+    provenance: Provenance,
+    rows: Vec<SceneRow<'a, R>>,
+}
+
+/// Writes the rows of a measurement to the file of `--json`, if there is one.
+fn write<R: Serialize>(path: Option<&Path>, scene: Option<&Path>, rows: &[R]) -> Result<()> {
+    let Some(path) = path else { return Ok(()) };
     let scene = scene.map(|path| path.file_name().and_then(|name| name.to_str()).unwrap_or_default());
-    let threads = std::thread::available_parallelism().map_or(1, usize::from);
-    let machine = Machine { processor: processor(), threads, simd: Units::cpu().simd().name() };
-    let rows = rows.iter().map(|row| SceneRow { scene, row }).collect();
-    let command =
-        std::env::args_os().skip(1).map(|argument| argument.to_string_lossy().into_owned()).collect();
-    stats::write(path, &Sheet { schema: SCHEMA, command, machine, rows, agreement })
+    let rows = SceneRow::all(scene, rows).collect();
+    stats::write(path, &Sheet { provenance: Provenance::here(), rows })
 }

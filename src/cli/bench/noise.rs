@@ -19,7 +19,7 @@ pub fn run(args: &BenchNoiseArgs) -> Result<()> {
     };
     let rows = Bench { prepared: &setup.prepared, service: &setup.service, options }.run()?;
     println!(
-        "{width}x{height}, {} spp, at most {} bounces, {} seeds, against {} spp; a picture:",
+        "{width}x{height}, {} spp, at most {} bounces, {} seeds, reference of {} spp; a picture:",
         args.spp, args.max_bounces, args.rounds, args.reference_spp
     );
     println!(
@@ -40,8 +40,5 @@ pub fn run(args: &BenchNoiseArgs) -> Result<()> {
             row.ratio
         );
     }
-    match &args.shot.json {
-        Some(path) => write(path, Some(&args.scene), &rows, &[]),
-        None => Ok(()),
-    }
+    write(args.shot.json.as_deref(), Some(&args.scene), &rows)
 }

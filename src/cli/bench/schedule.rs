@@ -6,7 +6,7 @@ use crate::bench::schedule::{Options, run as measure};
 use anyhow::Result;
 use std::time::Duration;
 
-/// Measures what scheduling costs.
+/// Measures the cost of scheduling.
 pub fn run(args: &BenchScheduleArgs) -> Result<()> {
     let options = Options {
         threads: args.threads.iter().map(|&n| n as usize).collect(),
@@ -33,8 +33,5 @@ pub fn run(args: &BenchScheduleArgs) -> Result<()> {
             row.busy_share.median
         );
     }
-    match &args.json {
-        Some(path) => write(path, None, &rows, &[]),
-        None => Ok(()),
-    }
+    write(args.json.as_deref(), None, &rows)
 }

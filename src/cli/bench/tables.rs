@@ -30,10 +30,7 @@ pub fn run(args: &BenchTablesArgs) -> Result<()> {
     packet_table(args, &setup, &camera, &mut rows)?;
     effect_table(args, &setup, &camera, &mut rows)?;
     complexity_table(args, &mut rows)?;
-    match &args.json {
-        Some(path) => write(path, Some(&args.scene), &rows, &[]),
-        None => Ok(()),
-    }
+    write(args.json.as_deref(), Some(&args.scene), &rows)
 }
 
 fn kernel_table(args: &BenchTablesArgs, rows: &mut Vec<Row>) {

@@ -36,8 +36,5 @@ pub fn run(args: &BenchTailArgs) -> Result<()> {
             row.busy_share.median
         );
     }
-    match &args.shot.json {
-        Some(path) => write(path, Some(&args.scene), &rows, &[]),
-        None => Ok(()),
-    }
+    write(args.shot.json.as_deref(), Some(&args.scene), &rows)
 }

@@ -6,11 +6,11 @@ use crate::bench::textures::{Bench, Options};
 use crate::render::Settings;
 use anyhow::{Result, ensure};
 
-/// Measures what texturing costs.
+/// Measures the cost of texturing.
 pub fn run(args: &BenchTexturesArgs) -> Result<()> {
     let (setup, camera) = args.shot.set_up(&args.scene, args.size, 1)?;
     let textured = !setup.prepared.scene.textures.is_empty();
-    ensure!(textured, "{}: has no textures; choose a scene that has some", args.scene.display());
+    ensure!(textured, "{} has no textures; give a scene that has some", args.scene.display());
     let (width, height) = args.size;
     let options = Options {
         settings: Settings { width, height, spp: args.spp, max_bounces: args.max_bounces, seed: 0 },
@@ -35,8 +35,5 @@ pub fn run(args: &BenchTexturesArgs) -> Result<()> {
             row.ratio
         );
     }
-    match &args.shot.json {
-        Some(path) => write(path, Some(&args.scene), &rows, &[]),
-        None => Ok(()),
-    }
+    write(args.shot.json.as_deref(), Some(&args.scene), &rows)
 }
