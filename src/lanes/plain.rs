@@ -219,8 +219,8 @@ impl<const N: usize> Lanes for Plain<N> {
     fn from_bits(self, a: Self::I) -> Self::F {
         a.map(f32::from_bits)
     }
-    // The token says nothing about the processor, so its instructions are detected. Without SSE4.1 rounding is a call of
-    // a function, and without FMA so is each fused multiply-add.
+    // The token says nothing about the processor, so its instructions are detected. Without SSE4.1 rounding is a call
+    // of a function, and without FMA so is each fused multiply-add.
     #[inline(always)]
     fn outlined<P: OutlinedTask<Self>>(self, task: P) -> P::Output {
         #[inline(never)]

@@ -6,9 +6,9 @@
 //! [`Session`] each.
 //!
 //! # Memory
-//! Entries live in the recycled buckets of [`super::arena`]. A shader that pushes at most `k` entries at a hit of depth `d < depth_limit`, and
-//! whose entries resume at greater depths than their hits, has at most `k · depth_limit` entries per
-//! camera path: from bottom to top of one stack the hits' depths never fall and no hit occurs twice.
+//! Entries live in the recycled buckets of [`super::arena`]. A shader that pushes at most `k` entries at a hit of depth
+//! `d < depth_limit`, and whose entries resume at greater depths than their hits, has at most `k · depth_limit` entries
+//! per camera path: from bottom to top of one stack the hits' depths never fall and no hit occurs twice.
 //! So at most `k · depth_limit · rays in flight` entries are live, however many rays the recursion
 //! visits, and allocated are at most the peak of those plus [`super::arena::HOARD`] and one bucket per
 //! session. The renderer tells the scheduler how many paths it has memory for

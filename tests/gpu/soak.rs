@@ -1,5 +1,5 @@
-//! A long run in miniature: small frames, one after the other, while devices fail at random points. Every picture is the
-//! CPU's, lost devices are replaced, memory stays flat, nothing hangs.
+//! A long run in miniature: small frames, one after the other, while devices fail at random points. Every picture is
+//! the CPU's, lost devices are replaced, memory stays flat, nothing hangs.
 
 use raystream::engine::{PreparedScene, UnitChoice, Units};
 use raystream::film::Image;
@@ -85,9 +85,10 @@ fn resident_bytes() -> Option<usize> {
     Some(pages.split(' ').nth(1)?.parse::<usize>().ok()? * 4096)
 }
 
-/// Half a minute; `cargo test --release --test gpu soak -- --nocapture` tells what it saw. Memory grows a little towards a bound: kernels are
-/// compiled on the thread that opens a device, another for each, and glibc keeps up to eight arenas a core with what that took.
-/// With one arena (`MALLOC_ARENA_MAX=1`) it grows by a quarter as much, and devices opened, lost and replaced in a loop by nothing.
+/// Half a minute; `cargo test --release --test gpu soak -- --nocapture` tells what it saw. Memory grows a little
+/// towards a bound: kernels are compiled on the thread that opens a device, another for each, and glibc keeps up to
+/// eight arenas a core with what that took. With one arena (`MALLOC_ARENA_MAX=1`) it grows by a quarter as much, and
+/// devices opened, lost and replaced in a loop by nothing.
 #[test]
 fn five_hundred_frames_with_failing_devices_and_flat_memory() {
     let start = Instant::now();

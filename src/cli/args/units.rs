@@ -38,7 +38,8 @@ pub struct UnitArgs {
     /// Which units trace rays [default: hybrid with a hardware GPU, else cpu].
     #[arg(long, value_enum, value_name = "UNITS")]
     pub tracer: Option<TracerChoice>,
-    /// How tasks are distributed among units and threads [default: ra with a GPU, else shade-first]. The result does not depend on it.
+    /// How tasks are distributed among units and threads [default: ra with a GPU, else shade-first]. The result does
+    /// not depend on it.
     #[arg(long, value_enum, value_name = "NAME")]
     pub policy: Option<PolicyChoice>,
     /// Use the GPU adapter whose name contains NAME (`raystream info` lists them); a software adapter is

@@ -45,8 +45,8 @@ impl Animation {
         }
         if args.progress.seconds.is_some() {
             bail!(
-                "--seconds is for single pictures, because frames would differ in quality from machine to machine; use --spp \
-                 or --noise"
+                "--seconds is for single pictures, because frames would differ in quality from machine to machine; \
+                 use --spp or --noise"
             );
         }
         if args.progress.save_every.is_some() {
@@ -74,8 +74,8 @@ impl Animation {
             (None, None, Some(motion)) => {
                 ensure!(
                     args.camera.is_default(),
-                    "--eye, --target, --up and --fov cannot be combined with the scene's own camera animation; add --turntable or \
-                     --camera-path"
+                    "--eye, --target, --up and --fov cannot be combined with the scene's own camera animation; \
+                     add --turntable or --camera-path"
                 );
                 Motion::Scene(motion.clone(), *fps)
             }

@@ -23,7 +23,8 @@ pub struct EmitterBounds {
 }
 
 impl EmitterBounds {
-    /// Around the triangles of a scene, within `bounds`, whose material shines, even those that light sampling leaves out.
+    /// Around the triangles of a scene, within `bounds`, whose material shines, even those that light sampling leaves
+    /// out.
     pub fn new(scene: &Scene, bounds: &Aabb) -> Self {
         let emits = |emission: &Emission| emission.radiance.factor != Vec3::ZERO;
         let shines: Vec<bool> =

@@ -37,7 +37,8 @@ const SHORT: f32 = 1.0 / (1u32 << 13) as f32;
 ///
 /// A light is chosen in two steps: first one of the three kinds, half evenly among those that are
 /// there and half by power, so that none starves however its power was misjudged (an environment
-/// outside of a closed room); then within the kind: few by power, many emissive triangles or lights at points by a [`LightTree`].
+/// outside of a closed room); then within the kind: few by power, many emissive triangles or lights at points by a
+/// [`LightTree`].
 #[derive(Clone, Debug)]
 pub struct Lights {
     emitters: Emitters,

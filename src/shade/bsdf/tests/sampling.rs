@@ -33,7 +33,8 @@ fn samples_are_distributed_as_their_density_says() {
     let mut all = lossless_of(&[0.5, 0.75, 1.0], &[0.0, 0.6]);
     all.extend(lossy().into_iter().filter(|(name, _)| name.ends_with("roughness 1")));
     all.extend(stacked(0.7, &[0.5, 0.8], VARNISH));
-    // An index of 1.1 hardly turns light, however rough: its lobe is narrow. It passes with 160 points a side of a cell.
+    // An index of 1.1 hardly turns light, however rough: its lobe is narrow. It passes with 160 points a side of a
+    // cell.
     for (name, bsdf) in all.iter().filter(|(name, b)| !b.is_smooth() && !name.contains("index 1.1")) {
         for wo in [direction(0.95, 0.3), direction(0.5, 2.0), direction(0.15, 4.0)] {
             let density = expected(bsdf, wo);
