@@ -2,7 +2,7 @@
 // reports is judged here as it is at a leaf of the other trees; when a hit is certain the query is told how far it has
 // to look.
 //
-// Vulkan promises a candidate for every box of which the ray has a point within its interval, and allows more ("Ray
+// Vulkan promises a candidate for every box that holds a point of the ray within its interval, and allows more ("Ray
 // Intersection Candidate Determination"). It gives no bound on the rounding of the test, so the boxes are pushed out,
 // by QUERY_MARGIN times the scene's largest coordinate (`trace/gpu/flatten/boxes.rs` derives the margin), and
 // rays from so far away that the margin would not do are UNCERTAIN: see `prepare`.

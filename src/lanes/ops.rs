@@ -1,10 +1,12 @@
 //! How the files of instruction sets list their instructions.
+//!
+//! Unsafe code for calling instructions. Invariants, stated and kept by the file that lists them:
+//! 1. The token proves that the processor has the instructions.
+//! 2. Pointers are valid for what the method's contract in the trait asks for.
 
 /// Methods of [`super::Lanes`] that are one expression of instructions each, as `fn name(self, ..) -> T = expression;`.
 ///
-/// The safety note is here once. It cites the invariants at the top of each instruction set's file:
-/// 1. the token proves that the processor has the instructions,
-/// 2. pointers are valid for what the method's contract in the trait asks for.
+/// The safety note is here once, for all instructions.
 macro_rules! ops {
     ($(fn $name:ident($self:ident $(, $arg:ident: $t:ty)*) -> $out:ty = $body:expr;)*) => {$(
         #[inline(always)]
