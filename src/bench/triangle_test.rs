@@ -7,7 +7,9 @@
 use crate::geom::{CanonicalRay, SLACK};
 use crate::lanes::{LaneTask, Lanes, MAX_LANES, SimdLevel};
 use crate::stream::Ray;
-use crate::trace::cpu::triangle::{Range, Slabs, Vector, test};
+use crate::trace::cpu::LaneVec3;
+use crate::trace::cpu::slabs::Slabs;
+use crate::trace::cpu::triangle::{Limits, Lines, test};
 use glam::Vec3;
 
 /// What the lanes of a test hold.
@@ -53,12 +55,12 @@ fn columns(points: &[Vec3]) -> [Column; 3] {
 }
 
 #[inline(always)]
-fn load<L: Lanes>(l: L, columns: &[Column; 3], at: usize) -> Vector<L> {
+fn load<L: Lanes>(l: L, columns: &[Column; 3], at: usize) -> LaneVec3<L> {
     [columns[0].load(l, at), columns[1].load(l, at), columns[2].load(l, at)]
 }
 
 #[inline(always)]
-fn splat<L: Lanes>(l: L, columns: &[Column; 3], at: usize) -> Vector<L> {
+fn splat<L: Lanes>(l: L, columns: &[Column; 3], at: usize) -> LaneVec3<L> {
     [l.splat(columns[0].0[at]), l.splat(columns[1].0[at]), l.splat(columns[2].0[at])]
 }
 
@@ -134,13 +136,12 @@ impl CountHits {
         for at in (0..rays.len).step_by(L::LANES) {
             let slabs = Slabs::new(l, load(l, &rays.inverse, at), load(l, &rays.shift, at), l.splat(SLACK));
             let (t_min, limit) = (l.splat(0.0), l.splat(f32::INFINITY));
-            let range = Range { slabs: &slabs, octant: 0, t_min, limit };
-            let (origin, direction) = (load(l, &rays.origin, at), load(l, &rays.direction, at));
+            let limits = Limits { slabs: &slabs, octant: 0, t_min, limit };
+            let lines = Lines { origin: load(l, &rays.origin, at), direction: load(l, &rays.direction, at) };
             for i in 0..triangles.len {
                 let [a, b, c] = &triangles.corners;
                 let triangle = [splat(l, a, i), splat(l, b, i), splat(l, c, i)];
-                if let Some(found) = test(l, among::<L>(rays.len - at), &origin, direction, &triangle, &range)
-                {
+                if let Some(found) = test(l, among::<L>(rays.len - at), &lines, &triangle, &limits) {
                     hits += u64::from(found.mask.count_ones());
                 }
             }
@@ -155,13 +156,13 @@ impl CountHits {
         for i in 0..rays.len {
             let slabs = Slabs::new(l, splat(l, &rays.inverse, i), splat(l, &rays.shift, i), l.splat(SLACK));
             let (t_min, limit) = (l.splat(0.0), l.splat(f32::INFINITY));
-            let range = Range { slabs: &slabs, octant: 0, t_min, limit };
-            let (origin, direction) = (splat(l, &rays.origin, i), splat(l, &rays.direction, i));
+            let limits = Limits { slabs: &slabs, octant: 0, t_min, limit };
+            let lines = Lines { origin: splat(l, &rays.origin, i), direction: splat(l, &rays.direction, i) };
             for at in (0..triangles.len).step_by(L::LANES) {
                 let [a, b, c] = &triangles.corners;
                 let triangle = [load(l, a, at), load(l, b, at), load(l, c, at)];
                 let among = among::<L>(triangles.len - at);
-                if let Some(found) = test(l, among, &origin, direction, &triangle, &range) {
+                if let Some(found) = test(l, among, &lines, &triangle, &limits) {
                     hits += u64::from(found.mask.count_ones());
                 }
             }

@@ -1,4 +1,4 @@
-//! Rays → hits: the CPU tracer and the GPU tracer.
+//! Tracers, which turn rays into hits: one for the CPU and one for GPUs. Both give the same bits.
 
 pub mod cpu;
 #[cfg(feature = "gpu")]

@@ -221,12 +221,47 @@ fn pinhole_rays_that_share_an_origin() {
     }
 }
 
-/// Gives up when it has been asked so often.
-struct Tires(AtomicU32);
+/// Stripes that trace a ray on the same thread before they answer.
+struct TracingStripes {
+    tracers: Vec<Box<dyn Tracer + Send + Sync>>,
+    ray: Ray,
+    expected: Hit,
+}
 
-impl Filter for Tires {
+impl Filter for TracingStripes {
+    fn accepts(&self, primitive: u32, u: f32, v: f32) -> bool {
+        for tracer in &self.tracers {
+            let mut hits = [Hit::NONE];
+            tracer.closest(&[self.ray], &mut hits);
+            assert_eq!(bits(&hits[0]), bits(&self.expected));
+        }
+        Stripes.accepts(primitive, u, v)
+    }
+}
+
+#[test]
+fn a_filter_may_trace_on_the_same_thread() {
+    let other = meshes::soup(40, 0.8, 35);
+    let bvh = Arc::new(Bvh::build(&other.positions, &other.triangles, |_| false));
+    let simd = SimdLevel::detect();
+    let filter = TracingStripes {
+        tracers: vec![
+            Box::new(CpuTracer::new(bvh.clone(), None, simd).expect("available")),
+            Box::new(SingleRayTracer::new(bvh, None, simd).expect("available")),
+        ],
+        ray: Ray::new(Vec3::ZERO, Vec3::X),
+        expected: by_definition(&other, &Ray::new(Vec3::ZERO, Vec3::X), None),
+    };
+    let mesh = meshes::soup(200, 0.4, 36);
+    check("tracing filter", &mesh, &rays::mixed(&mesh, 500, Vec3::ZERO, 1.0, 37), Some(Arc::new(filter)));
+}
+
+/// Panics when it is called once too often.
+struct PanicsAfter(AtomicU32);
+
+impl Filter for PanicsAfter {
     fn accepts(&self, _: u32, u: f32, _: f32) -> bool {
-        assert!(self.0.fetch_sub(1, Ordering::Relaxed) != 0, "tired");
+        assert!(self.0.fetch_sub(1, Ordering::Relaxed) != 0, "called too often");
         u < 0.5
     }
 }
@@ -237,23 +272,23 @@ fn a_filter_that_panics_leaves_no_visits_behind() {
     let bvh = Arc::new(Bvh::build(&mesh.positions, &mesh.triangles, |_| true));
     let rays = rays::mixed(&mesh, 9000, Vec3::ZERO, 1.0, 30);
     let small = meshes::soup(9, 1.0, 31);
-    let few = Arc::new(Bvh::build(&small.positions, &small.triangles, |_| false));
+    let other = Arc::new(Bvh::build(&small.positions, &small.triangles, |_| false));
     let expected: Vec<Hit> = rays[..300].iter().map(|ray| by_definition(&small, ray, None)).collect();
     for level in SimdLevel::available() {
-        for patience in [0, 1, 30, 300] {
-            let tires = Arc::new(Tires(patience.into()));
-            let tracer = CpuTracer::new(bvh.clone(), Some(tires), level).expect("available");
+        for calls in [0, 1, 30, 300] {
+            let filter = Arc::new(PanicsAfter(calls.into()));
+            let tracer = CpuTracer::new(bvh.clone(), Some(filter), level).expect("available");
             let mut hits = vec![Hit::NONE; rays.len()];
             let traced = catch_unwind(AssertUnwindSafe(|| tracer.closest(&rays, &mut hits)));
-            assert!(traced.is_err(), "asked less than {patience} times");
-            // On the same thread, which keeps memory for visits.
-            let other = CpuTracer::new(few.clone(), None, level).expect("available");
+            assert!(traced.is_err(), "called at most {calls} times");
+            // On the same thread, which reuses memory for visits.
+            let tracer = CpuTracer::new(other.clone(), None, level).expect("available");
             let (mut hits, mut occluded) = (vec![Hit::NONE; 300], vec![7; 300]);
-            other.closest(&rays[..300], &mut hits);
-            other.occluded(&rays[..300], &mut occluded);
+            tracer.closest(&rays[..300], &mut hits);
+            tracer.occluded(&rays[..300], &mut occluded);
             for (i, wanted) in expected.iter().enumerate() {
-                assert_eq!(bits(&hits[i]), bits(wanted), "{level}, {patience}: ray {i}");
-                assert_eq!(occluded[i], u32::from(!wanted.is_miss()), "{level}, {patience}: ray {i}");
+                assert_eq!(bits(&hits[i]), bits(wanted), "{level}, {calls}: ray {i}");
+                assert_eq!(occluded[i], u32::from(!wanted.is_miss()), "{level}, {calls}: ray {i}");
             }
         }
     }

@@ -1,33 +1,33 @@
-//! Where the geometry of a tree stands: in the world, or in a space of its own from which it is moved, corner by corner
-//! and box by box, each time that rays visit it. A visit serves a list of rays, which shares the cost; and the
-//! rays stay what they are, so every hit is that of the moved triangles, to the bit ([`Placement`]).
+//! The space that a tree's geometry is stored in: world space, or the local space of an instance.
+//!
+//! Geometry of an instance is moved to world space corner by corner and box by box, each time that a list of rays
+//! visits it; the rays of the list share that cost. Rays are never transformed, so every hit is a hit with the moved
+//! triangles, to the bit ([`Placement`]).
 
-use super::triangle::Vector;
+use super::lane_math::LaneVec3;
+use super::slabs::Boxes;
 use crate::bvh::{LeafBlock, WIDTH, WideNode};
 use crate::geom::Placement;
 use crate::lanes::{Lanes, keep, load, splat_row};
 
-/// Boxes of a node, as they lie in it.
-pub(super) type Boxes = [[[f32; WIDTH]; 3]; 2];
-
-/// Corners of a block as `[vertex][axis][row]`.
+/// The corners of a block's triangles, as `[corner][axis][row]`.
 pub(super) type Corners = [[[f32; WIDTH]; 3]; 3];
 
-/// Gives nodes and blocks in the world. Boxes that are moved lie in `room`.
+/// Reads nodes and blocks of a tree in world space.
 pub(super) trait Space: Copy {
-    /// The boxes of a node; those of vacant slots are inverted.
-    fn boxes<'a, E: Lanes>(self, e: E, node: &'a WideNode, room: &'a mut Boxes) -> &'a Boxes;
-    /// The corners of blocks, one in each eight lanes; with eight lanes only the first counts.
-    fn triangles<L: Lanes>(self, l: L, blocks: &[LeafBlock<'_>; 2]) -> [Vector<L>; 3];
-    /// A corner as it lies in a block, where it stands.
-    fn place<E: Lanes>(self, e: E, corner: Vector<E>) -> Vector<E>;
-    /// What a block stores as id, with the scene's primitive index.
-    fn id(self, stored: u32) -> u32;
-    /// The octant by which children are in order for rays of a world octant.
-    fn order(self, octant: usize) -> usize;
+    /// The boxes of a node in world space; those of vacant slots are inverted. Moved boxes are written to `buffer`.
+    fn boxes<'a, E: Lanes>(self, e: E, node: &'a WideNode, buffer: &'a mut Boxes) -> &'a Boxes;
+    /// The corners of two blocks, one block in each eight lanes. With eight lanes only the first block counts.
+    fn corners<L: Lanes>(self, l: L, blocks: &[LeafBlock<'_>; 2]) -> [LaneVec3<L>; 3];
+    /// A point in world space.
+    fn to_world<L: Lanes>(self, l: L, point: LaneVec3<L>) -> LaneVec3<L>;
+    /// A block's triangle id with the primitive index of the scene.
+    fn scene_id(self, stored: u32) -> u32;
+    /// The octant in the tree's space of rays of a world octant, for the order of children.
+    fn order_octant(self, octant: usize) -> usize;
 }
 
-/// The world itself.
+/// World space.
 #[derive(Clone, Copy)]
 pub(super) struct World;
 
@@ -38,114 +38,110 @@ impl Space for World {
     }
 
     #[inline(always)]
-    fn triangles<L: Lanes>(self, l: L, blocks: &[LeafBlock<'_>; 2]) -> [Vector<L>; 3] {
+    fn corners<L: Lanes>(self, l: L, blocks: &[LeafBlock<'_>; 2]) -> [LaneVec3<L>; 3] {
         LeafBlock::vertices_of(l, blocks)
     }
 
     #[inline(always)]
-    fn place<E: Lanes>(self, _: E, corner: Vector<E>) -> Vector<E> {
-        corner
+    fn to_world<L: Lanes>(self, _: L, point: LaneVec3<L>) -> LaneVec3<L> {
+        point
     }
 
     #[inline(always)]
-    fn id(self, stored: u32) -> u32 {
+    fn scene_id(self, stored: u32) -> u32 {
         stored
     }
 
     #[inline(always)]
-    fn order(self, octant: usize) -> usize {
+    fn order_octant(self, octant: usize) -> usize {
         octant
     }
 }
 
-/// The space of an instance, as rays of one octant see it.
+/// The local space of an instance, visited by rays of one octant.
 #[derive(Clone, Copy)]
-pub(super) struct Own<'a> {
+pub(super) struct InstanceSpace<'a> {
     placement: &'a Placement,
-    first: u32,
-    order: usize,
+    first_primitive: u32,
+    order_octant: usize,
 }
 
-impl<'a> Own<'a> {
-    pub fn new(placement: &'a Placement, first: u32, octant: usize) -> Self {
-        Self { placement, first, order: placement.octant(octant) }
+impl<'a> InstanceSpace<'a> {
+    /// The space of an instance whose primitives are `first_primitive` and the following, for rays of a world octant.
+    pub fn new(placement: &'a Placement, first_primitive: u32, octant: usize) -> Self {
+        Self { placement, first_primitive, order_octant: placement.octant(octant) }
     }
 }
 
-/// [`Placement::point`] in lanes.
+/// One coordinate of [`Placement::point`].
 #[inline(always)]
-fn moved<E: Lanes>(e: E, placement: &Placement, p: Vector<E>) -> Vector<E> {
-    let [x, y, z] = placement.rows;
-    [along(e, x, p), along(e, y, p), along(e, z, p)]
+fn coordinate<L: Lanes>(l: L, [a, b, c, d]: [f32; 4], [x, y, z]: LaneVec3<L>) -> L::F {
+    let sum = l.add(l.mul(l.splat(a), x), l.mul(l.splat(b), y));
+    l.add(l.add(sum, l.mul(l.splat(c), z)), l.splat(d))
 }
 
+/// One face of [`Placement::bounds`]: from `low` where an element of the matrix row is not negative, else from `high`.
 #[inline(always)]
-fn along<E: Lanes>(e: E, [a, b, c, d]: [f32; 4], [x, y, z]: Vector<E>) -> E::F {
-    let sum = e.add(e.mul(e.splat(a), x), e.mul(e.splat(b), y));
-    e.add(e.add(sum, e.mul(e.splat(c), z)), e.splat(d))
-}
-
-/// [`Placement::bounds`] in lanes, one face across one axis: `low` where the element is not negative, else `high`.
-#[inline(always)]
-fn face<E: Lanes>(e: E, row: [f32; 4], low: Vector<E>, high: Vector<E>) -> E::F {
+fn face<E: Lanes>(e: E, row: [f32; 4], low: LaneVec3<E>, high: LaneVec3<E>) -> E::F {
     let x = if row[0] >= 0.0 { low[0] } else { high[0] };
     let y = if row[1] >= 0.0 { low[1] } else { high[1] };
     let z = if row[2] >= 0.0 { low[2] } else { high[2] };
-    along(e, row, [x, y, z])
+    coordinate(e, row, [x, y, z])
 }
 
-impl Space for Own<'_> {
+impl Space for InstanceSpace<'_> {
     #[inline(always)]
-    fn boxes<'a, E: Lanes>(self, e: E, node: &'a WideNode, room: &'a mut Boxes) -> &'a Boxes {
+    fn boxes<'a, E: Lanes>(self, e: E, node: &'a WideNode, buffer: &'a mut Boxes) -> &'a Boxes {
         let [x, y, z] = self.placement.rows;
         let (low, high) = (load(e, &node.faces[0]), load(e, &node.faces[1]));
-        // The product of a vacant slot's infinity and zero is no number.
-        let there = e.le(0xff, low[0], high[0]);
-        let (last, first) = (e.splat(f32::INFINITY), e.splat(f32::NEG_INFINITY));
-        room[0] = keep(
+        // A vacant slot has infinite faces, and infinity times 0 is NaN: its box is set to be inverted.
+        let occupied = e.le(0xff, low[0], high[0]);
+        let (infinity, minus_infinity) = (e.splat(f32::INFINITY), e.splat(f32::NEG_INFINITY));
+        buffer[0] = keep(
             e,
             [
-                e.select(there, face(e, x, low, high), last),
-                e.select(there, face(e, y, low, high), last),
-                e.select(there, face(e, z, low, high), last),
+                e.select(occupied, face(e, x, low, high), infinity),
+                e.select(occupied, face(e, y, low, high), infinity),
+                e.select(occupied, face(e, z, low, high), infinity),
             ],
         );
-        room[1] = keep(
+        buffer[1] = keep(
             e,
             [
-                e.select(there, face(e, x, high, low), first),
-                e.select(there, face(e, y, high, low), first),
-                e.select(there, face(e, z, high, low), first),
+                e.select(occupied, face(e, x, high, low), minus_infinity),
+                e.select(occupied, face(e, y, high, low), minus_infinity),
+                e.select(occupied, face(e, z, high, low), minus_infinity),
             ],
         );
-        room
+        buffer
     }
 
     #[inline(always)]
-    fn triangles<L: Lanes>(self, l: L, blocks: &[LeafBlock<'_>; 2]) -> [Vector<L>; 3] {
-        let [a, b, c] = World.triangles(l, blocks);
-        [self.place(l, a), self.place(l, b), self.place(l, c)]
+    fn corners<L: Lanes>(self, l: L, blocks: &[LeafBlock<'_>; 2]) -> [LaneVec3<L>; 3] {
+        let [a, b, c] = World.corners(l, blocks);
+        [self.to_world(l, a), self.to_world(l, b), self.to_world(l, c)]
     }
 
     #[inline(always)]
-    fn place<E: Lanes>(self, e: E, corner: Vector<E>) -> Vector<E> {
-        moved(e, self.placement, corner)
+    fn to_world<L: Lanes>(self, l: L, point: LaneVec3<L>) -> LaneVec3<L> {
+        let [x, y, z] = self.placement.rows;
+        [coordinate(l, x, point), coordinate(l, y, point), coordinate(l, z, point)]
     }
 
     #[inline(always)]
-    fn id(self, stored: u32) -> u32 {
-        // Ids have 30 bits, the flags above stay.
-        stored + self.first
+    fn scene_id(self, stored: u32) -> u32 {
+        // Primitive indices have 30 bits: the flags above them stay.
+        stored + self.first_primitive
     }
 
     #[inline(always)]
-    fn order(self, _: usize) -> usize {
-        self.order
+    fn order_octant(self, _: usize) -> usize {
+        self.order_octant
     }
 }
 
-/// Row `row` of a block's corners, in every lane.
+/// The corners of the triangle in one row of a block, in every lane.
 #[inline(always)]
-pub(super) fn triangle<L: Lanes>(l: L, corners: &Corners, row: usize) -> [Vector<L>; 3] {
+pub(super) fn splat_triangle<L: Lanes>(l: L, corners: &Corners, row: usize) -> [LaneVec3<L>; 3] {
     [splat_row(l, &corners[0], row), splat_row(l, &corners[1], row), splat_row(l, &corners[2], row)]
 }

@@ -1,75 +1,87 @@
-//! The traversal of a tree of placed trees: lists of rays go down the tree over members as down any other, and each
-//! list that reaches a member goes through that member's tree to the end.
+//! The traversal of a two-level tree: lists of rays visit the top-level nodes as in any tree, and each list that
+//! reaches an instance is traced through the instance's tree before the next one.
 //!
-//! Unsafe code for lists. The invariants are those of `substream`; a block child of a node above is a member's index,
-//! which `Bvh::from_instances` made.
+//! Unsafe code for visits. Invariants 1 to 7 are those of `substream` and `child_lists`. In the top-level tree a block
+//! child is the index of an instance.
 #![allow(unsafe_code, reason = "the invariants above")]
 
-use super::instance_space::{Own, Space, World};
-use super::substream::{Entry, Loose, OctantStack, PADDING, SubStream, Visit, entries_of, inner};
-use super::visit_order::Order;
+use super::instance_space::{InstanceSpace, Space, World};
+use super::ray_lists::{RayVisitor, visit_node};
+use super::substream::{Entry, OctantStack, SubStream, Visitor, Widths, entry_capacity};
+use super::tree_view::TreeView;
+use super::visit_order::VisitOrder;
 use crate::bvh::{Child, TreeInstance};
-use crate::lanes::{Lanes, Prefetch};
+use crate::lanes::{Lanes, MAX_LANES};
 
-/// Visits everything with the lists at the bottom of the arenas, of `counts` lengths. `below` is empty before and
-/// after.
+/// Makes all visits of the lists at the bottom of the arenas, which have `counts` ids. `local` is the stack for visits
+/// of the instances' trees; it has none before and after.
+///
+/// # Safety
+/// The invariants hold for the stacks and the lists. `instances` are those of the top-level tree that `top` is a view
+/// of.
 #[inline(always)]
-pub(super) fn traverse<W: Lanes, E: Lanes, const ANY: bool>(
-    (w, e): (W, E),
+pub(super) unsafe fn traverse<W: Lanes, E: Lanes, const ANY: bool>(
+    widths: Widths<W, E>,
     top: &SubStream<'_>,
-    members: &[TreeInstance],
+    instances: &[TreeInstance],
     stacks: &mut [OctantStack; 8],
     counts: &[usize; 8],
-    below: &mut OctantStack,
+    local: &mut OctantStack,
 ) {
-    let deepest = members.iter().map(|member| member.tree.wide().depth()).max().unwrap_or(0);
-    below.entries.reserve(entries_of(deepest));
+    let max_depth = instances.iter().map(|instance| instance.tree.wide().depth()).max().unwrap_or(0);
+    local.entries.reserve(entry_capacity(max_depth));
     for octant in (0..8).filter(|&octant| counts[octant] > 0) {
         let stack = &mut stacks[octant];
-        stack.entries.push(Entry {
-            child: Child::ROOT,
-            start: 0,
-            len: counts[octant] as u32,
-            mark: stack.done,
-        });
+        stack.push_root(counts[octant]);
         while let Some(entry) = stack.entries.pop() {
             if !entry.child.is_block() {
-                let order = Order::front_to_back(&top.nodes[entry.child.index()], octant);
-                inner::<_, _, _, false>(w, e, World, top, order, octant, stack, entry);
+                // SAFETY: the caller's contract.
+                unsafe {
+                    let order = VisitOrder::front_to_back(top.tree.node(entry.child), octant);
+                    visit_node::<_, _, _, false>(widths, World, top, order, octant, stack, entry);
+                }
                 continue;
             }
-            let member = &members[entry.child.index()];
-            let wide = member.tree.wide();
-            let (nodes, blocks) = (wide.nodes(), wide.blocks());
-            let job = SubStream { nodes, blocks, prefetch: Prefetch::all_over(wide.bytes()), ..*top };
-            let len = entry.len as usize;
-            below.reserve(len + 2 * PADDING);
-            let start = entry.start as usize;
-            below.ids[..len + PADDING].copy_from_slice(&stack.ids[start..start + len + PADDING]);
-            below.done = stack.done;
-            below.entries.push(Entry { child: Child::ROOT, start: 0, ..entry });
-            match &member.placement {
-                None => through::<_, _, _, ANY>(w, e, World, &job, octant, below),
-                Some(placement) => {
-                    let own = Own::new(placement, member.first_primitive, octant);
-                    through::<_, _, _, ANY>(w, e, own, &job, octant, below);
+            let instance = &instances[entry.child.index()];
+            let sub = SubStream { tree: TreeView::new(instance.tree.wide(), top.tree.filter), ..*top };
+            copy_list(entry, stack, local);
+            // SAFETY: the caller's contract; the copied list satisfies invariants 1 to 3.
+            unsafe {
+                match &instance.placement {
+                    None => visit_all::<_, _, _, ANY>(widths, World, &sub, octant, local),
+                    Some(placement) => {
+                        let space = InstanceSpace::new(placement, instance.first_primitive, octant);
+                        visit_all::<_, _, _, ANY>(widths, space, &sub, octant, local);
+                    }
                 }
             }
-            stack.done = below.done;
+            stack.done = local.done;
         }
     }
 }
 
-/// Makes all visits that are pending.
+/// Makes the list of an entry, with its padding, visit the root of an instance's tree.
+fn copy_list(entry: Entry, stack: &OctantStack, local: &mut OctantStack) {
+    let (start, len) = (entry.start as usize, entry.len as usize);
+    local.reserve(len + 2 * MAX_LANES);
+    local.arena[..len + MAX_LANES].copy_from_slice(&stack.arena[start..start + len + MAX_LANES]);
+    local.done = stack.done;
+    local.entries.push(Entry { child: Child::ROOT, start: 0, ..entry });
+}
+
+/// Makes all pending visits of a stack.
+///
+/// # Safety
+/// The invariants hold for the stack.
 #[inline(always)]
-fn through<W: Lanes, E: Lanes, S: Space, const ANY: bool>(
-    w: W,
-    e: E,
+unsafe fn visit_all<W: Lanes, E: Lanes, S: Space, const ANY: bool>(
+    widths: Widths<W, E>,
     space: S,
-    job: &SubStream<'_>,
+    sub: &SubStream<'_>,
     octant: usize,
     stack: &mut OctantStack,
 ) {
-    let loose = Loose::<W, E, S, ANY> { w, e, space, job };
-    while loose.step(octant, stack) {}
+    let visitor = RayVisitor::<W, E, S, ANY> { widths, space, sub };
+    // SAFETY: the caller's contract.
+    while unsafe { visitor.step(octant, stack) } {}
 }

@@ -1,87 +1,92 @@
-//! A list of rays meets a block of triangles.
+//! Rays against the triangles of leaf blocks: lists of rays, and pairs of a ray and a block.
 //!
-//! Unsafe code for rows and answers. The invariants are those of `substream`.
+//! Unsafe code for rows, rays, answers, lists and pairs. Invariants 1, 2, 4, 5 and 6 are those of `substream`.
 #![allow(unsafe_code, reason = "the invariants above")]
 
-use super::instance_space::{Space, triangle};
-use super::ray_node_pairs::{BLOCKS, ids_of_eights};
-use super::substream::{
-    Answers, DONE, OctantStack, PADDING, ROW_BYTES, SubStream, fetch_rows, lanes_of, lines_of_block,
+use super::instance_space::{Space, splat_triangle};
+use super::lane_math::{LaneVec3, first_lanes};
+use super::pair_stack::{BLOCK_BATCH, splat_id_pair};
+use super::slabs::Slabs;
+use super::substream::{OctantStack, SubStream, Widths, prefetch_rows};
+use super::triangle::{
+    Bounds, BoundsFaces, EdgeValues, LaneHits, Limits, Lines, hits_inside, relative_corners, test,
 };
-use super::triangle::{Bounds, Hits, Passing, Range, Slabs, Vector, reach, seen, test};
 use crate::bvh::{Child, LeafBlock, MASKED, PRIMITIVE, WIDTH};
-use crate::lanes::{Lanes, keep, spill, splat_eights, splat_row};
+use crate::lanes::{Lanes, MAX_LANES, keep, spill, splat_eights, splat_row};
 use crate::stream::Hit;
 use std::mem::MaybeUninit;
 
-/// Tests all rays of a list with the triangles of a block, many rays to a register. Answers
-/// for any hit how many rays are done by it.
+/// Triangles of a block that are tested together in any-hit queries: often the first ones decide.
+const ANY_HIT_STEP: usize = 2;
+
+/// Tests all rays of a list against the triangles of a block, many rays in a vector. Returns for any-hit queries how
+/// many rays have become occluded.
 ///
 /// # Safety
-/// `list` is a list of `len` ids (invariants 1 and 2), and all its rays are of the octant.
+/// `list` is a list of `len` ids (invariants 1 and 2) of rays of `octant`.
 #[inline(always)]
-#[allow(clippy::too_many_arguments, reason = "inlined: a struct of them would only be taken apart again")]
-pub(super) unsafe fn test_list<L: Lanes, E: Lanes, S: Space, const ANY: bool>(
-    l: L,
-    e: E,
+pub(super) unsafe fn test_list<W: Lanes, E: Lanes, S: Space, const ANY: bool>(
+    widths: Widths<W, E>,
     space: S,
-    job: &SubStream<'_>,
+    sub: &SubStream<'_>,
     block: LeafBlock<'_>,
     octant: usize,
     list: *const u32,
     len: usize,
 ) -> u32 {
-    let corners = space.triangles(e, &[block; 2]);
-    let [near, far] = Bounds::of(e, &corners).faces(octant);
+    let Widths { wide: w, eight: e } = widths;
+    let corners = space.corners(e, &[block; 2]);
+    let BoundsFaces { near, far } = Bounds::of(e, &corners).faces(octant);
     let (near, far) = (keep(e, near), keep(e, far));
     let corners = [keep(e, corners[0]), keep(e, corners[1]), keep(e, corners[2])];
-    let mut passing = [const { MaybeUninit::<Passing<L>>::uninit() }; WIDTH];
+    let mut edges = [const { MaybeUninit::<EdgeValues<W>>::uninit() }; WIDTH];
     let (mut at, mut done) = (0, 0);
     while at < len {
         // SAFETY: invariant 2.
         let ids = unsafe { list.add(at) };
-        let mut among = lanes_of::<L>(len - at);
-        at += L::LANES;
-        // SAFETY: invariant 1.
-        let (rays, row) = unsafe { (l.rows(job.rays.cast(), ids), l.rows(job.rows.cast(), ids)) };
+        let mut among = first_lanes::<W>(len - at);
+        at += W::LANES;
+        // SAFETY: invariant 2 for the ids, 1 for rays and rows.
+        let (rays, row) = unsafe { (w.rows(sub.rays.cast(), ids), w.rows(sub.rows.cast(), ids)) };
         let [ox, oy, oz, t_min, dx, dy, dz, _] = rays;
         let [ix, iy, iz, sx, sy, sz, slack, limit] = row;
         if at < len {
             // SAFETY: invariant 2.
             unsafe {
-                fetch_rows(l, job.rows.cast_const(), list.add(at));
-                fetch_rows(l, job.rays, list.add(at));
+                prefetch_rows(w, sub.rows.cast_const(), list.add(at));
+                prefetch_rows(w, sub.rays, list.add(at));
             }
         }
-        let slabs = Slabs::new(l, [ix, iy, iz], [sx, sy, sz], slack);
-        let mut range = Range { slabs: &slabs, octant, t_min: l.max(t_min, l.splat(0.0)), limit };
+        let slabs = Slabs::new(w, [ix, iy, iz], [sx, sy, sz], slack);
+        let mut limits = Limits { slabs: &slabs, octant, t_min: w.max(t_min, w.splat(0.0)), limit };
         if ANY {
-            among = l.le(among, l.splat(0.0), limit);
+            among = w.le(among, w.splat(0.0), limit);
             done += among.count_ones();
         }
-        let (origin, direction) = ([ox, oy, oz], [dx, dy, dz]);
+        let lines = Lines { origin: [ox, oy, oz], direction: [dx, dy, dz] };
         let mut inside = [0; WIDTH];
-        let mut nearest = Nearest::none(l);
+        let mut nearest = NearestHits::none(w);
         let mut next = 0;
         while next < block.len() && (!ANY || among != 0) {
-            // First where lines pass the triangles, of which all are in the works at once, then the rest for those that
-            // some pass inside: were that decided one by one, every other guess would be wrong.
+            // First the edge values of several triangles, with all computations in flight at once. Then the rest of the
+            // test for those that some line passes through; decided triangle by triangle, every second branch would be
+            // mispredicted.
             let (first, mut some) = (next, 0);
-            next = block.len().min(first + if ANY { FIRST } else { WIDTH });
+            next = block.len().min(first + if ANY { ANY_HIT_STEP } else { WIDTH });
             for k in first..next {
-                let by = Passing::of(l, &origin, direction, &triangle(l, &corners, k));
-                inside[k] = by.inside(l, among);
+                let values = EdgeValues::of(w, &lines, &splat_triangle(w, &corners, k));
+                inside[k] = values.inside(w, among);
                 some |= u32::from(inside[k] != 0) << k;
-                passing[k].write(by);
+                edges[k].write(values);
             }
             while some != 0 && (!ANY || among != 0) {
                 let k = some.trailing_zeros() as usize % WIDTH;
                 some &= some - 1;
-                let (triangle, id) = (triangle(l, &corners, k), space.id(block.id(k)));
-                // SAFETY: it was written, for otherwise none passed inside.
-                let by = unsafe { passing[k].assume_init_ref() };
-                let faces = [splat_row(l, &near, k), splat_row(l, &far, k)];
-                let (mask, t) = reach(l, inside[k] & among, &origin, direction, &triangle, by, faces, &range);
+                let (triangle, id) = (splat_triangle(w, &corners, k), space.scene_id(block.id(k)));
+                // SAFETY: bit `k` of `some` was set after the values were written.
+                let values = unsafe { edges[k].assume_init_ref() };
+                let faces = BoundsFaces { near: splat_row(w, &near, k), far: splat_row(w, &far, k) };
+                let (mask, t) = hits_inside(w, inside[k] & among, &lines, &triangle, values, &faces, &limits);
                 if mask == 0 {
                     continue;
                 }
@@ -89,15 +94,15 @@ pub(super) unsafe fn test_list<L: Lanes, E: Lanes, S: Space, const ANY: bool>(
                 if ANY && plain {
                     nearest.changed |= mask;
                     among &= !mask;
-                } else if plain && l.eq(mask, t, range.limit) == 0 {
-                    nearest.take(l, id & PRIMITIVE, mask, t, by);
-                    range.limit = l.select(mask, t, range.limit);
+                } else if plain && w.eq(mask, t, limits.limit) == 0 {
+                    nearest.take(w, id & PRIMITIVE, mask, t, values);
+                    limits.limit = w.select(mask, t, limits.limit);
                 } else {
-                    let (u, v) = by.weights(l);
-                    let hits = Hits { mask, t, u, v };
-                    // SAFETY: as the caller vouches.
-                    let taken = unsafe { offer_each::<L, ANY>(l, job, ids, id, &hits, &mut nearest) };
-                    range.limit = l.select(taken, t, range.limit);
+                    let (u, v) = values.barycentrics(w);
+                    let hits = LaneHits { mask, t, u, v };
+                    // SAFETY: invariants 1 and 2.
+                    let taken = unsafe { offer_each::<W, ANY>(w, sub, ids, id, &hits, &mut nearest) };
+                    limits.limit = w.select(taken, t, limits.limit);
                     among &= if ANY { !taken } else { !0 };
                 }
             }
@@ -105,338 +110,287 @@ pub(super) unsafe fn test_list<L: Lanes, E: Lanes, S: Space, const ANY: bool>(
         if ANY {
             done -= among.count_ones();
         }
-        // SAFETY: as the caller vouches.
-        unsafe { nearest.put::<ANY>(l, job, ids) };
+        // SAFETY: invariants 1 and 2.
+        unsafe { nearest.record::<ANY>(w, sub, ids) };
     }
     done
 }
 
-/// Triangles of a block that are tested together for any hit: often the first ones decide.
-const FIRST: usize = 2;
-
-/// The nearest hits of rays in lanes with a block, not yet put where answers go.
-struct Nearest<L: Lanes> {
-    /// Lanes that have one.
+/// The nearest hits of rays in lanes with the triangles of a block that are not recorded yet.
+struct NearestHits<L: Lanes> {
+    /// The lanes that have one.
     changed: u32,
     t: L::F,
-    passing: Passing<L>,
+    edges: EdgeValues<L>,
     primitive: L::I,
 }
 
-impl<L: Lanes> Nearest<L> {
+impl<L: Lanes> NearestHits<L> {
     #[inline(always)]
     fn none(l: L) -> Self {
         let zero = l.splat(0.0);
-        let passing = Passing { u: zero, v: zero, w: zero };
-        Self { changed: 0, t: zero, passing, primitive: l.splat_u32(0) }
+        let edges = EdgeValues { u: zero, v: zero, w: zero };
+        Self { changed: 0, t: zero, edges, primitive: l.splat_u32(0) }
     }
 
-    /// Takes the hits of `mask`, nearer than all before.
+    /// Takes the hits of `mask`, which are nearer than all before.
     #[inline(always)]
-    fn take(&mut self, l: L, primitive: u32, mask: u32, t: L::F, passing: &Passing<L>) {
+    fn take(&mut self, l: L, primitive: u32, mask: u32, t: L::F, edges: &EdgeValues<L>) {
         self.changed |= mask;
         self.t = l.select(mask, t, self.t);
-        self.passing = Passing {
-            u: l.select(mask, passing.u, self.passing.u),
-            v: l.select(mask, passing.v, self.passing.v),
-            w: l.select(mask, passing.w, self.passing.w),
+        self.edges = EdgeValues {
+            u: l.select(mask, edges.u, self.edges.u),
+            v: l.select(mask, edges.v, self.edges.v),
+            w: l.select(mask, edges.w, self.edges.w),
         };
         self.primitive = l.select_u32(mask, l.splat_u32(primitive), self.primitive);
     }
 
-    /// Puts them to the answers of the rays of `ids`, and has none then.
+    /// Records the hits as the answers of the rays with these ids, one id per lane; none remain.
     ///
     /// # Safety
-    /// Invariant 1 for `ids`, one for each lane.
+    /// Invariant 1 for the ids.
     #[inline(always)]
-    unsafe fn put<const ANY: bool>(&mut self, l: L, job: &SubStream<'_>, ids: *const u32) {
+    unsafe fn record<const ANY: bool>(&mut self, l: L, sub: &SubStream<'_>, ids: *const u32) {
         let mut left = std::mem::take(&mut self.changed);
         if left == 0 {
             return;
         }
-        // Any hit is as good as another.
-        let (u, v) = if ANY { (self.t, self.t) } else { self.passing.weights(l) };
+        // Any-hit queries discard the barycentric weights.
+        let (u, v) = if ANY { (self.t, self.t) } else { self.edges.barycentrics(l) };
         let (ts, us, vs) = (spill(l, self.t), spill(l, u), spill(l, v));
-        let mut primitives = [0; 16];
-        // SAFETY: sixteen are enough for any lanes.
+        let mut primitives = [0; MAX_LANES];
+        // SAFETY: the array is as long as the widest vector.
         unsafe { l.store_u32(primitives.as_mut_ptr(), self.primitive) };
         while left != 0 {
-            let lane = left.trailing_zeros() as usize & 15;
+            let lane = left.trailing_zeros() as usize % MAX_LANES;
             left &= left - 1;
-            // SAFETY: as the caller vouches.
-            unsafe {
-                let id = *ids.add(lane);
-                job.put::<ANY>(
-                    id,
-                    Hit { t: ts[lane], u: us[lane], v: vs[lane], primitive: primitives[lane] },
-                );
-            }
+            let hit = Hit { t: ts[lane], u: us[lane], v: vs[lane], primitive: primitives[lane] };
+            // SAFETY: invariant 1.
+            unsafe { sub.record::<ANY>(*ids.add(lane), hit) };
         }
     }
 }
 
-/// Offers hits one by one: those that need the filter's word, or that tie with the nearest so far. Says
-/// which were taken.
+/// Offers hits one by one: those that need the filter, and those that tie with the nearest so far. Returns the lanes
+/// whose hits were recorded.
 ///
 /// # Safety
-/// Invariant 1 for `ids`, one for each lane.
+/// Invariant 1 for the ids, one id per lane.
 #[inline(always)]
 unsafe fn offer_each<L: Lanes, const ANY: bool>(
     l: L,
-    job: &SubStream<'_>,
+    sub: &SubStream<'_>,
     ids: *const u32,
     stored: u32,
-    hits: &Hits<L>,
-    nearest: &mut Nearest<L>,
+    hits: &LaneHits<L>,
+    nearest: &mut NearestHits<L>,
 ) -> u32 {
-    // SAFETY: as the caller vouches.
-    unsafe { nearest.put::<ANY>(l, job, ids) };
+    // SAFETY: invariant 1.
+    unsafe { nearest.record::<ANY>(l, sub, ids) };
     let (ts, us, vs) = (spill(l, hits.t), spill(l, hits.u), spill(l, hits.v));
     let (mut taken, mut left) = (0, hits.mask);
     while left != 0 {
-        let lane = left.trailing_zeros() as usize & 15;
+        let lane = left.trailing_zeros() as usize % MAX_LANES;
         left &= left - 1;
-        // SAFETY: as the caller vouches.
-        let accepted = unsafe { job.offer::<ANY>(*ids.add(lane), stored, ts[lane], us[lane], vs[lane]) };
+        // SAFETY: invariant 1.
+        let accepted = unsafe { sub.offer::<ANY>(*ids.add(lane), stored, ts[lane], us[lane], vs[lane]) };
         taken |= u32::from(accepted) << lane;
     }
     taken
 }
 
-/// Tests the topmost pairs of rays and blocks.
+/// Tests the topmost pairs of rays and leaf blocks.
 ///
-/// First which lines pass inside which triangles, each ray with all triangles of its block in eight lanes and without a branch, so
-/// that many are in the works at once; then the rest for those, a few of a block, one in each lane, as soon as they fill
-/// the lanes.
+/// First come the edge values: each ray against all triangles of its block in eight lanes. Without a branch between
+/// pairs, many are in flight at once. Triangles whose interior a line passes through become candidates, a few per
+/// block, which [`test_candidates`] tests one to a lane as soon as they fill the lanes.
 ///
 /// # Safety
-/// The stack has pairs of blocks. Of these, invariant 1 holds for the ids and 4 for the blocks, and all rays are of the octant.
+/// The stack has pairs with leaf blocks, of rays of `octant`, and invariants 1, 4, 5 and 6 hold for it.
 #[inline(always)]
 pub(super) unsafe fn test_pairs<W: Lanes, S: Space, const ANY: bool>(
     w: W,
     space: S,
-    job: &SubStream<'_>,
+    sub: &SubStream<'_>,
     octant: usize,
     stack: &mut OctantStack,
 ) {
-    let OctantStack { pairs: [_, blocks], candidates, .. } = stack;
-    let len = blocks.len.min(BLOCKS);
-    blocks.len -= len;
+    let OctantStack { block_pairs, candidates, .. } = stack;
+    let len = block_pairs.len().min(BLOCK_BATCH);
     candidates.reserve(len * WIDTH);
-    let (ids, children) = blocks.at(blocks.len);
-    // As many pairs at once as there are eights of lanes.
+    let (ids, children) = block_pairs.pop(len);
+    let batch = PairBatch { ids, children, len };
+    // One pair in each eight lanes.
     let step = W::LANES / WIDTH;
-    // Where there are registers enough the next pairs are made ready before those at hand are tested: a test that waits for its
-    // corners takes up the window in which the processor looks for work. Not in a closure, which need not be inlined.
+    // With enough registers the next pairs are loaded before the current ones are tested: a test that waits for its
+    // corners occupies the window in which the processor looks for work. (Not in a closure, which may not be inlined.)
     let early = W::LANES > WIDTH;
-    // SAFETY: as the caller vouches.
-    let mut next = unsafe { Ready::of(w, space, job, ids, children, 0, len) };
+    // SAFETY: the caller's contract (invariants 1, 4 and 6).
+    let mut next = unsafe { RelativePairs::load(w, space, sub, &batch, 0) };
     for i in (0..len).step_by(step) {
-        for ahead in i + AHEAD..i + AHEAD + step {
-            let ahead = ahead.min(len - 1);
-            // SAFETY: as the caller vouches.
-            unsafe { fetch_pair(job, *ids.add(ahead), *children.add(ahead)) };
+        for ahead in i + PREFETCH_DISTANCE..i + PREFETCH_DISTANCE + step {
+            // SAFETY: the pair is one of the batch.
+            unsafe { batch.prefetch(sub, ahead.min(len - 1)) };
         }
-        let mut now = next;
-        // SAFETY: as the caller vouches.
+        let mut current = next;
+        // SAFETY: the caller's contract (invariants 1, 4 and 6).
         unsafe {
             if early {
-                next = Ready::of(w, space, job, ids, children, (i + step).min(len - 1), len);
+                next = RelativePairs::load(w, space, sub, &batch, (i + step).min(len - 1));
             } else {
-                now = Ready::of(w, space, job, ids, children, i, len);
+                current = RelativePairs::load(w, space, sub, &batch, i);
             }
         }
-        let inside = Passing::seen(w, now.corners, now.direction).inside(w, now.among);
-        // SAFETY: as the caller vouches; there is room for all triangles of all pairs, and for what lanes write behind.
+        let edges = EdgeValues::of_relative(w, current.corners, current.direction);
+        let inside = edges.inside(w, current.among);
+        // SAFETY: the pairs are of the batch; invariant 6: there is room for all triangles of all pairs, and for a
+        // vector beyond them.
         unsafe {
-            let two = [i, other::<W>(i, len)];
-            let rays = w.or_u32(ids_of_eights(w, two.map(|i| *ids.add(i))), w.load_u32(ROWS.as_ptr()));
-            candidates.push_lanes(w, inside, rays, ids_of_eights(w, two.map(|i| *children.add(i))));
+            let pair = [i, batch.second::<W>(i)];
+            let rays = splat_id_pair(w, pair.map(|i| *ids.add(i)));
+            let rays = w.or_u32(rays, w.load_u32(BLOCK_ROWS.as_ptr()));
+            candidates.push_lanes(w, inside, rays, splat_id_pair(w, pair.map(|i| *children.add(i))));
         }
     }
-    // SAFETY: as the caller vouches.
-    unsafe { settle::<W, S, ANY>(w, space, job, octant, stack, W::LANES) };
+    // SAFETY: the caller's contract; what was pushed satisfies invariant 5.
+    unsafe { test_candidates::<W, S, ANY>(w, space, sub, octant, stack, W::LANES) };
 }
 
-/// Tests the topmost candidates as long as there are `least`: triangles whose inside, or edge, a ray's line passes. They are pairs
-/// of the ray's id with the triangle's row in the bits that ids leave free, and the block. Counts for any hit the rays
-/// that are done by it.
+/// The row of a triangle for each lane, when each eight lanes hold a block.
+static BLOCK_ROWS: [u32; MAX_LANES] = [0, 1, 2, 3, 4, 5, 6, 7, 0, 1, 2, 3, 4, 5, 6, 7];
+
+/// Tests the topmost candidates while at least `min` are pending: triangles whose interior or edge a ray's line passes
+/// through. For any-hit queries the stack counts the rays that become occluded.
 ///
 /// # Safety
-/// Of the stack's candidates, invariant 1 holds for the ids and 4 for the blocks, and all rays are of the octant.
+/// The candidates are of rays of `octant`, and invariants 1, 4, 5 and 6 hold for the stack. `min` is at least 1.
 #[inline(always)]
-pub(super) unsafe fn settle<W: Lanes, S: Space, const ANY: bool>(
+pub(super) unsafe fn test_candidates<W: Lanes, S: Space, const ANY: bool>(
     w: W,
     space: S,
-    job: &SubStream<'_>,
+    sub: &SubStream<'_>,
     octant: usize,
     stack: &mut OctantStack,
-    least: usize,
+    min: usize,
 ) {
     let OctantStack { candidates, done, .. } = stack;
-    while candidates.len >= least {
-        let among = lanes_of::<W>(candidates.len);
-        candidates.len -= candidates.len.min(W::LANES);
-        // SAFETY: as the caller vouches; where there are none, in the lanes behind them, the first stands in. Arrays are as long as
-        // the widest lanes.
-        let (rays, row, triangle, ray_ids, stored) = unsafe {
-            let (mut ray_ids, mut stored) = ([0; PADDING], [0; PADDING]);
-            let (ids, children) = candidates.at(candidates.len);
+    while candidates.len() >= min {
+        let among = first_lanes::<W>(candidates.len());
+        let (ids, children) = candidates.pop(candidates.len().min(W::LANES));
+        let (mut ray_ids, mut stored) = ([0; MAX_LANES], [0; MAX_LANES]);
+        // SAFETY: invariant 6 for the vectors of ids and children, of which the first stands in for lanes beyond the
+        // stack's top; 4 and 5 for the triangles; 1 for rays and rows. The arrays are as long as the widest vector.
+        let (rays, row, [a, b, c]) = unsafe {
             let ids = w.select_u32(among, w.load_u32(ids), w.splat_u32(*ids));
             let children = w.select_u32(among, w.load_u32(children), w.splat_u32(*children));
-            let rows = w.and_u32(ids, w.splat_u32(WIDTH as u32 - 1));
-            let (id, [a, b, c]) = job.blocks.gather(w, children, rows);
-            w.store_u32(ray_ids.as_mut_ptr(), w.xor_u32(ids, rows));
+            let block_rows = w.and_u32(ids, w.splat_u32(WIDTH as u32 - 1));
+            let (id, corners) = sub.tree.blocks.gather(w, children, block_rows);
+            w.store_u32(ray_ids.as_mut_ptr(), w.xor_u32(ids, block_rows));
             w.store_u32(stored.as_mut_ptr(), id);
-            let (rays, row) =
-                (w.rows(job.rays.cast(), ray_ids.as_ptr()), w.rows(job.rows.cast(), ray_ids.as_ptr()));
-            (rays, row, [space.place(w, a), space.place(w, b), space.place(w, c)], ray_ids, stored)
+            (w.rows(sub.rays.cast(), ray_ids.as_ptr()), w.rows(sub.rows.cast(), ray_ids.as_ptr()), corners)
         };
+        let triangle = [space.to_world(w, a), space.to_world(w, b), space.to_world(w, c)];
         let [ox, oy, oz, t_min, dx, dy, dz, _] = rays;
         let [ix, iy, iz, sx, sy, sz, slack, limit] = row;
         let slabs = Slabs::new(w, [ix, iy, iz], [sx, sy, sz], slack);
-        let range = Range { slabs: &slabs, octant, t_min: w.max(t_min, w.splat(0.0)), limit };
-        let Some(hits) = test(w, among, &[ox, oy, oz], [dx, dy, dz], &triangle, &range) else {
+        let limits = Limits { slabs: &slabs, octant, t_min: w.max(t_min, w.splat(0.0)), limit };
+        let lines = Lines { origin: [ox, oy, oz], direction: [dx, dy, dz] };
+        let Some(hits) = test(w, among, &lines, &triangle, &limits) else {
             continue;
         };
         let (ts, us, vs) = (spill(w, hits.t), spill(w, hits.u), spill(w, hits.v));
         let mut left = hits.mask;
         while left != 0 {
-            let lane = left.trailing_zeros() as usize & 15;
+            let lane = left.trailing_zeros() as usize % MAX_LANES;
             left &= left - 1;
             let id = ray_ids[lane];
             // SAFETY: invariant 1.
             unsafe {
-                // Another lane may have had the same ray.
-                if ANY && (*job.rows.byte_add(id as usize)).limit < 0.0 {
+                // Another lane may have occluded the same ray.
+                if ANY && (*sub.rows.byte_add(id as usize)).limit < 0.0 {
                     continue;
                 }
-                let taken = job.offer::<ANY>(id, space.id(stored[lane]), ts[lane], us[lane], vs[lane]);
+                let taken = sub.offer::<ANY>(id, space.scene_id(stored[lane]), ts[lane], us[lane], vs[lane]);
                 *done = done.wrapping_add(u32::from(ANY && taken));
             }
         }
     }
 }
 
-/// How many pairs before a pair is tested its memory is asked for. Asked for all at once, they would wait for each other.
-const AHEAD: usize = 16;
+/// How many pairs before a pair is tested its memory is prefetched. If the whole batch were prefetched at once, the
+/// prefetches would wait for each other.
+const PREFETCH_DISTANCE: usize = 16;
 
-/// Asks for what the pairs need that [`test_pairs`] tests first.
+/// Prefetches what the pairs need that [`test_pairs`] tests first.
 #[inline(always)]
-pub(super) fn fetch_first(job: &SubStream<'_>, stack: &OctantStack) {
-    let blocks = &stack.pairs[1];
-    let len = blocks.len.min(BLOCKS);
-    let (ids, children) = blocks.at(blocks.len - len);
-    for i in 0..len.min(AHEAD) {
-        // SAFETY: there are so many pairs.
-        unsafe { fetch_pair(job, *ids.add(i), *children.add(i)) };
+pub(super) fn prefetch_first_pairs(sub: &SubStream<'_>, stack: &OctantStack) {
+    let pairs = &stack.block_pairs;
+    let len = pairs.len().min(BLOCK_BATCH);
+    let (ids, children) = pairs.at(pairs.len() - len);
+    let batch = PairBatch { ids, children, len };
+    for i in 0..len.min(PREFETCH_DISTANCE) {
+        // SAFETY: the pair is one of the batch.
+        unsafe { batch.prefetch(sub, i) };
     }
 }
 
-/// Asks for what a pair needs.
-#[inline(always)]
-fn fetch_pair(job: &SubStream<'_>, id: u32, child: u32) {
-    let [a, b, c, d] = lines_of_block(job, bytemuck::cast(child));
-    job.prefetch.each([a, b, c, d, job.rays.wrapping_byte_add(id as usize).cast()]);
+/// Pairs of rays and leaf blocks that are tested at once: where their ids and children lie, and how many there are.
+struct PairBatch {
+    ids: *const u32,
+    children: *const u32,
+    len: usize,
 }
 
-const _: () = assert!(WIDTH <= ROW_BYTES);
+impl PairBatch {
+    /// The pair in the second eight lanes if pair `i` is in the first. If there is none, the last pair stands in for
+    /// it; its lanes are masked out.
+    #[inline(always)]
+    fn second<W: Lanes>(&self, i: usize) -> usize {
+        (i + W::LANES / WIDTH).min(self.len) - 1
+    }
 
-/// The rows of a block, and those of the next.
-static ROWS: [u32; 2 * WIDTH] = [0, 1, 2, 3, 4, 5, 6, 7, 0, 1, 2, 3, 4, 5, 6, 7];
-
-/// The pair in the second eight lanes when pair `i` is in the first. Behind the last it stands in for another, which counts for
-/// nothing.
-#[inline(always)]
-fn other<W: Lanes>(i: usize, len: usize) -> usize {
-    (i + W::LANES / WIDTH).min(len) - 1
+    /// Prefetches what pair `i` needs.
+    ///
+    /// # Safety
+    /// There is a pair `i`.
+    #[inline(always)]
+    unsafe fn prefetch(&self, sub: &SubStream<'_>, i: usize) {
+        // SAFETY: the caller's contract (invariant 6).
+        let (id, child) = unsafe { (*self.ids.add(i), *self.children.add(i)) };
+        sub.tree.prefetch_block_and_ray(bytemuck::cast(child), sub.rays.wrapping_byte_add(id as usize));
+    }
 }
 
-/// Pairs of rays and blocks, one in each eight lanes, up to where edge functions begin.
+/// Pairs of rays and leaf blocks, one pair in each eight lanes, with the triangles relative to the rays' origins.
 #[derive(Clone, Copy)]
-struct Ready<W: Lanes> {
-    /// From the rays' origins.
-    corners: [Vector<W>; 3],
-    direction: Vector<W>,
-    /// Those with triangles.
+struct RelativePairs<W: Lanes> {
+    corners: [LaneVec3<W>; 3],
+    direction: LaneVec3<W>,
+    /// The lanes that have a triangle.
     among: u32,
 }
 
-impl<W: Lanes> Ready<W> {
-    /// Pair `i` and the one after it.
+impl<W: Lanes> RelativePairs<W> {
+    /// Pair `i` and, with sixteen lanes, the next one.
     ///
     /// # Safety
-    /// `ids` and `children` lead to `len` pairs, for which holds what [`test_pairs`] asks, and `i` is less than that.
+    /// There is a pair `i`. Invariants 1 and 4 hold for the pairs of the batch, whose children are leaf blocks.
     #[inline(always)]
-    unsafe fn of<S: Space>(
-        w: W,
-        space: S,
-        job: &SubStream<'_>,
-        ids: *const u32,
-        children: *const u32,
-        i: usize,
-        len: usize,
-    ) -> Self {
-        let two = [i, other::<W>(i, len)];
-        // SAFETY: as the caller vouches.
-        let rays = unsafe { two.map(|i| &*job.rays.byte_add(*ids.add(i) as usize)) };
-        // SAFETY: as the caller vouches.
-        let blocks: [Child; 2] = unsafe { two.map(|i| bytemuck::cast(*children.add(i))) };
-        // SAFETY: as the caller vouches.
-        let triangles = space.triangles(w, &unsafe { blocks.map(|block| job.blocks.get_unchecked(block)) });
-        let [first, second] = blocks.map(|block| (1 << block.triangles()) - 1);
+    unsafe fn load<S: Space>(w: W, space: S, sub: &SubStream<'_>, batch: &PairBatch, i: usize) -> Self {
+        let pair = [i, batch.second::<W>(i)];
+        // SAFETY: invariants 1 and 6.
+        let rays = unsafe { pair.map(|i| &*sub.rays.byte_add(*batch.ids.add(i) as usize)) };
+        // SAFETY: invariant 6.
+        let children: [Child; 2] = unsafe { pair.map(|i| bytemuck::cast(*batch.children.add(i))) };
+        // SAFETY: invariant 4.
+        let blocks = unsafe { children.map(|child| sub.tree.block(child)) };
+        let triangles = space.corners(w, &blocks);
+        let [first, second] = children.map(|child| (1 << child.triangles()) - 1);
         Self {
-            corners: seen(w, &splat_eights(w, rays.map(|ray| ray.origin)), &triangles),
+            corners: relative_corners(w, &splat_eights(w, rays.map(|ray| ray.origin)), &triangles),
             direction: splat_eights(w, rays.map(|ray| ray.direction)),
-            among: (first | second << WIDTH) & lanes_of::<W>(WIDTH * (len - i)),
-        }
-    }
-}
-
-impl SubStream<'_> {
-    /// Takes a candidate that passed all tests but those of ties, of rivals in other lanes and of the
-    /// filter, if it passes these too; says whether it did.
-    ///
-    /// # Safety
-    /// Invariant 1 holds for `id`.
-    #[inline(always)]
-    unsafe fn offer<const ANY: bool>(&self, id: u32, stored: u32, t: f32, u: f32, v: f32) -> bool {
-        let primitive = stored & PRIMITIVE;
-        let refused =
-            || stored & MASKED != 0 && self.filter.is_some_and(|filter| !filter.accepts(primitive, u, v));
-        let index = id as usize / ROW_BYTES;
-        if let Answers::Hits(hits) = self.answers
-            && !ANY
-        {
-            // SAFETY: invariant 1.
-            let (row, hit) = unsafe { (&*self.rows.add(index).cast_const(), &*hits.add(index).cast_const()) };
-            // The row says how near the hit is: only a tie must read it.
-            if !(t < row.limit || t == row.limit && primitive < hit.primitive) {
-                return false;
-            }
-        }
-        if refused() {
-            return false;
-        }
-        // SAFETY: as the caller vouches.
-        unsafe { self.put::<ANY>(id, Hit { t, u, v, primitive }) };
-        true
-    }
-
-    /// Makes a hit the answer of a ray so far.
-    ///
-    /// # Safety
-    /// Invariant 1 holds for `id`.
-    #[inline(always)]
-    unsafe fn put<const ANY: bool>(&self, id: u32, hit: Hit) {
-        let index = id as usize / ROW_BYTES;
-        // SAFETY: as the caller vouches.
-        unsafe {
-            (*self.rows.add(index)).limit = if ANY { DONE } else { hit.t };
-            match self.answers {
-                Answers::Occluded(occluded) => *occluded.add(index) = 1,
-                Answers::Hits(hits) => *hits.add(index) = hit,
-            }
+            among: (first | second << WIDTH) & first_lanes::<W>(WIDTH * (batch.len - i)),
         }
     }
 }

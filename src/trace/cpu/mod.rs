@@ -1,19 +1,64 @@
-//! The CPU tracer: dynamic ray streams over the eight-wide tree, and the scalar reference that every
-//! other tracer must equal bit for bit.
+//! The CPU tracer: dynamic ray streams over the eight-wide tree (Barringer and Akenine-Möller 2014, *Dynamic Ray Stream
+//! Traversal*), and the scalar reference that every tracer equals bit for bit.
+//!
+//! A slice of rays is traced on the calling thread, as the CPU's unit traces the chunks of a stream (RA section 3). It
+//! is split into sub-streams of up to 16384 rays, whose data fits the second-level cache. A sub-stream that starts at
+//! one point is traced as packets; any other is traced as lists of single rays.
+//!
+//! ```text
+//!  rays ──split_substreams──▶ sub-stream ──one origin?──┬─ yes ─▶ packet::form ─▶ lists of packets ─┐
+//!                                                       └─ no ──▶ setup ────────▶ lists of ids ─────┤
+//!                                                                                                   ▼
+//!    one stack per octant                                  traversal: two octants take turns, a visit each
+//!   ┌──────────────────────┐  pop   ┌──────────────────────────┐
+//!   │ child 7  list of 3   │ ─────▶ │ visit a node:            │  survivors   one list per child,
+//!   │ child 2  list of 41  │        │ 16 rays × 8 boxes        │ ───────────▶ pushed in visit order
+//!   │ child 5  list of 200 │        ├──────────────────────────┤
+//!   └──────────────────────┘  pop   │ visit a leaf block:      │  hits        row.limit shrinks,
+//!    short lists end as pairs ────▶ │ 16 rays × each triangle, │ ───────────▶ answers are written
+//!    (ray, child), in batches       │ or 1 ray × 8 triangles   │
+//!                                   └──────────────────────────┘
+//! ```
+//!
+//! - **Lists by octant.** Rays are sorted by the octant of their direction, so all rays of a list cross a box by the
+//!   same faces and visit children in the same order. A visit tests a list against the eight boxes of a node, many rays
+//!   in a vector, and appends the survivors to a list for each child. A node's memory is thus read once per list, not
+//!   once per ray (`ray_lists`, `child_lists`, `leaf`).
+//! - **Octants take turns**, which gives each prefetch the time of another visit to arrive (`traversal`).
+//! - **Ray-node pairs.** A list that has become too short to fill lanes ends. Its rays go on as pairs of a ray and a
+//!   child, which are visited in batches, one ray against the eight boxes or triangles of a node (`ray_node_pairs`,
+//!   `leaf`).
+//! - **Shafts** bound 512 consecutive rays each and exclude boxes before the rays of a long list are tested (`shaft`).
+//! - **Packets.** Coherent rays of one origin, such as camera rays, are traced in sixteens (RTRT section 4). Boxes are
+//!   tested against the interval of a packet first, and triangle terms that depend on the origin alone are shared
+//!   (`packet`).
+//! - **Instances.** Lists that reach an instance visit its tree, whose boxes and corners are moved to world space once
+//!   per visit (`instances`, `instance_space`).
+//! - **Any-hit queries** visit the child first in which a hit is likeliest, and drop occluded rays from lists.
+//!
+//! Whatever the path, a hit is decided by the canonical test in lanes (`slabs`, `triangle`), after RTRT section 3. What
+//! was tried and measured stands in `docs/lab/tracing.md`.
 
+mod child_lists;
 mod instance_space;
 mod instances;
 mod interval;
+mod lane_math;
 mod leaf;
 mod oracle;
 mod packet;
+mod pair_stack;
+mod ray_lists;
 mod ray_node_pairs;
 mod setup;
 mod shaft;
 mod single;
+pub(crate) mod slabs;
 mod split_substreams;
 mod substream;
 mod tracer;
+mod traversal;
+mod tree_view;
 pub(crate) mod triangle;
 mod visit_order;
 
@@ -21,3 +66,5 @@ pub use crate::lanes::{SimdError, SimdLevel};
 pub use oracle::Oracle;
 pub use single::SingleRayTracer;
 pub use tracer::CpuTracer;
+
+pub(crate) use lane_math::LaneVec3;

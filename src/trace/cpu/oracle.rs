@@ -5,8 +5,8 @@ use crate::geom::{Aabb, CanonicalHit, CanonicalRay};
 use crate::stream::{Hit, Ray, Tracer};
 use std::sync::Arc;
 
-/// The scalar reference: one ray at a time through the tree, with the canonical test as `geom`
-/// states it. Every tracer gives the same bits.
+/// The scalar reference: one ray at a time through the tree, with the canonical test of [`CanonicalRay`]. Every tracer
+/// gives the same bits.
 #[derive(Clone)]
 pub struct Oracle {
     bvh: Arc<Bvh>,
@@ -14,7 +14,7 @@ pub struct Oracle {
 }
 
 impl Oracle {
-    /// A reference for this tree; without a filter masked triangles are there everywhere.
+    /// A reference for this tree. Without a filter masked triangles are hit everywhere.
     pub fn new(bvh: Arc<Bvh>, filter: Option<Arc<dyn Filter>>) -> Self {
         Self { bvh, filter }
     }
@@ -41,7 +41,7 @@ impl Oracle {
         occluded
     }
 
-    /// The nearest hit found by testing every triangle.
+    /// The nearest hit, found by testing every triangle.
     pub fn brute_force(&self, ray: &Ray) -> Hit {
         let prepared = self.prepare(ray);
         (0..self.bvh.len() as u32)
@@ -50,8 +50,8 @@ impl Oracle {
             .unwrap_or(Hit::NONE)
     }
 
-    /// The canonical hit of a ray and one triangle, the filter's word included, whatever lies before
-    /// it: how a candidate found elsewhere is evaluated again.
+    /// The canonical hit of a ray and one triangle, filter included, whatever lies before it. Confirms candidates that
+    /// other units have found.
     ///
     /// # Panics
     /// If there is no such primitive.
@@ -74,55 +74,57 @@ impl Oracle {
     fn test(&self, ray: &CanonicalRay, primitive: u32) -> Option<Hit> {
         let [v0, v1, v2] = self.bvh.corners(primitive);
         let CanonicalHit { t, u, v } = ray.triangle(v0, v1, v2)?;
-        let there = match &self.filter {
+        let accepted = match &self.filter {
             Some(filter) if self.bvh.is_masked(primitive) => filter.accepts(primitive, u, v),
             _ => true,
         };
-        there.then_some(Hit { t, u, v, primitive })
+        accepted.then_some(Hit { t, u, v, primitive })
     }
 
-    /// Calls `visit` for hits of which none nearer than, or as near as, the nearest is left out.
-    /// `visit` answers how far the search still has to look, or that it is over.
+    /// Calls `visit` with hits of the ray, in no particular order, and skips only hits that are beyond the current
+    /// limit. `visit` returns the new limit, or `None` to end the search.
     fn traverse(&self, ray: &Ray, mut visit: impl FnMut(Hit) -> Option<f32>) {
-        let members = self.bvh.instances();
+        let instances = self.bvh.instances();
         let ray = self.prepare(ray);
         let mut limit = ray.t_max;
+        // The instance (none at the top level), the child, and where the ray enters it.
         let mut stack: Vec<(Option<&TreeInstance>, Child, f32)> =
             Vec::with_capacity(WIDTH * self.bvh.wide().depth());
         stack.push((None, Child::ROOT, 0.0));
-        while let Some((member, at, enter)) = stack.pop() {
+        while let Some((instance, child, enter)) = stack.pop() {
             if enter > limit {
                 continue;
             }
-            if at.is_block() && member.is_none() && !members.is_empty() {
-                stack.push((Some(&members[at.index()]), Child::ROOT, enter));
+            if child.is_block() && instance.is_none() && !instances.is_empty() {
+                stack.push((Some(&instances[child.index()]), Child::ROOT, enter));
                 continue;
             }
-            let (wide, first, placement) = match member {
-                Some(member) => (member.tree.wide(), member.first_primitive, member.placement),
+            let (wide, first_primitive, placement) = match instance {
+                Some(instance) => (instance.tree.wide(), instance.first_primitive, instance.placement),
                 None => (self.bvh.wide(), 0, None),
             };
-            if at.is_block() {
-                let block = wide.blocks().get(at);
-                for row in 0..at.triangles() {
-                    let Some(hit) = self.test(&ray, first + block.primitive(row)) else { continue };
+            if child.is_block() {
+                let block = wide.blocks().get(child);
+                for row in 0..child.triangles() {
+                    let primitive = first_primitive + block.primitive(row);
+                    let Some(hit) = self.test(&ray, primitive) else { continue };
                     let Some(new_limit) = visit(hit) else { return };
                     limit = limit.min(new_limit);
                 }
                 continue;
             }
-            let node = &wide.nodes()[at.index()];
-            let below = stack.len();
+            let node = &wide.nodes()[child.index()];
+            let first_pushed = stack.len();
             for (slot, &child) in node.children.iter().enumerate() {
                 let bounds = node.bounds(slot);
                 let Aabb { min, max } = placement.map_or(bounds, |placement| placement.bounds(&bounds));
                 let (enter, leave) = ray.slab(min, max);
                 if enter <= leave && enter <= limit && leave >= ray.t_min && child != Child::NONE {
-                    stack.push((member, child, enter));
+                    stack.push((instance, child, enter));
                 }
             }
-            // The nearest child goes on top.
-            stack[below..].sort_unstable_by(|a, b| b.2.total_cmp(&a.2));
+            // The nearest child on top.
+            stack[first_pushed..].sort_unstable_by(|a, b| b.2.total_cmp(&a.2));
         }
     }
 }

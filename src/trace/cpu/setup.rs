@@ -1,90 +1,113 @@
-//! Before traversal: what the box tests need of each ray, and the lists of rays by octant.
+//! Set-up of a sub-stream: what the box tests need of each ray, and a list of rays per octant.
 //!
-//! Unsafe code for rows and lists. Invariant 1: `SubStream::rows` has room for the rays and
-//! `substream::PADDING` more, and each octant's arena for as many ids.
+//! Unsafe code for reading rays, writing rows and appending to lists. Invariant 1: [`prepare`] makes room for the rays
+//! and [`MAX_LANES`] more, in the rows and in the arena of each octant.
 #![allow(unsafe_code, reason = "the invariants above")]
 
-use super::shaft::{self, Growing};
-use super::substream::{OctantStack, PADDING, ROW_BYTES, SubStream, lanes_of};
+use super::lane_math::first_lanes;
+use super::shaft::{SHAFT_RAYS, ShaftBuilder, Shafts};
+use super::substream::{OctantStack, ROW_BYTES, Row};
 use crate::geom::{DIRECTION_RANGE, MAX_COORDINATE, MIN_COMPONENT, SLACK};
-use crate::lanes::{Lanes, each};
+use crate::lanes::{Lanes, MAX_LANES, each};
 use crate::stream::Ray;
 
-/// Writes the rows of all rays, as [`crate::geom::CanonicalRay::new`] defines them, and puts the ids of
-/// those that may hit something at the bottom of their octant's arena, padded; how many there are in each octant's list.
+/// Byte offsets of consecutive rows, and of rays: the ids of the first rays of a sub-stream.
+static FIRST_IDS: [u32; MAX_LANES] = {
+    let mut ids = [0; MAX_LANES];
+    let mut i = 0;
+    while i < MAX_LANES {
+        ids[i] = (i * ROW_BYTES) as u32;
+        i += 1;
+    }
+    ids
+};
+
+/// Writes the rows and shafts of all rays, as [`crate::geom::CanonicalRay::new`] defines them. Writes the ids of rays
+/// that may hit something to the bottom of their octant's arena, padded, and returns how many each octant has.
+///
+/// # Panics
+/// If there are more rays than a sub-stream holds.
 #[inline(always)]
 pub(super) fn prepare<W: Lanes>(
     w: W,
-    job: &SubStream<'_>,
+    scene_max_abs: f32,
     rays: &[Ray],
+    rows: &mut Vec<Row>,
+    shafts: &mut Shafts,
     stacks: &mut [OctantStack; 8],
 ) -> [usize; 8] {
+    rows.resize(rows.len().max(rays.len() + MAX_LANES), Row::default());
+    let rows = rows.as_mut_ptr();
     for stack in stacks.iter_mut() {
-        stack.reserve(rays.len() + 2 * PADDING);
+        stack.reserve(rays.len() + 2 * MAX_LANES);
     }
     let mut counts = [0; 8];
-    let ids: [u32; PADDING] = std::array::from_fn(|i| (i * ROW_BYTES) as u32);
-    let ray_ids: [u32; PADDING] = std::array::from_fn(|i| (i * size_of::<Ray>()) as u32);
-    let mut growing = Growing::new(w);
+    let mut shaft = ShaftBuilder::new(w);
     for (i, some) in rays.chunks(W::LANES).enumerate() {
         let at = i * W::LANES;
-        let among = lanes_of::<W>(some.len());
-        let mut padded = [Ray::default(); PADDING];
+        let among = first_lanes::<W>(some.len());
+        let mut padded = [Ray::default(); MAX_LANES];
         let from = if some.len() < W::LANES {
             padded[..some.len()].copy_from_slice(some);
             &padded
         } else {
             some
         };
-        // SAFETY: `from` has a ray for each lane; invariant 1 for what is written.
+        // SAFETY: `from` has a ray for each lane.
+        let columns = unsafe { w.rows(from.as_ptr().cast(), FIRST_IDS.as_ptr()) };
+        let origin = [columns[0], columns[1], columns[2]];
+        let RowColumns { columns, valid, negative } = row_columns(w, scene_max_abs, among, columns);
+        shaft.add(w, valid, origin, columns);
+        let next = at + some.len();
+        if next % SHAFT_RAYS == 0 || next == rays.len() {
+            shafts[at / SHAFT_RAYS] = shaft.finish(w);
+            shaft = ShaftBuilder::new(w);
+        }
+        let first = (at * ROW_BYTES) as u32;
+        let ids = FIRST_IDS.map(|id| id + first);
+        // SAFETY: invariant 1; `ids` is as long as the widest vector.
         unsafe {
-            let columns = w.rows(from.as_ptr().cast(), ray_ids.as_ptr());
-            let origin = [columns[0], columns[1], columns[2]];
-            let (columns, valid, signs) = rows(w, job.scene_max_abs, among, columns);
-            growing.add(w, valid, origin, columns);
-            let next = at + some.len();
-            if next % shaft::RAYS == 0 || next == rays.len() {
-                (*job.shafts)[at / shaft::RAYS] = growing.done(w);
-                growing = Growing::new(w);
-            }
-            w.put_rows(job.rows.add(at).cast(), columns);
-            let first = (at * ROW_BYTES) as u32;
-            let here = ids.map(|id| id + first);
-            let here = w.load_u32(here.as_ptr());
+            w.put_rows(rows.add(at).cast(), columns);
+            let ids = w.load_u32(ids.as_ptr());
             for octant in 0..8 {
-                let side = |axis: usize| if octant >> axis & 1 == 1 { signs[axis] } else { !signs[axis] };
-                let members = valid & side(0) & side(1) & side(2);
-                if members != 0 {
-                    w.append(stacks[octant].ids.as_mut_ptr().add(counts[octant]), members, here);
-                    counts[octant] += members.count_ones() as usize;
+                let side =
+                    |axis: usize| if octant >> axis & 1 == 1 { negative[axis] } else { !negative[axis] };
+                let group = valid & side(0) & side(1) & side(2);
+                if group != 0 {
+                    w.append(stacks[octant].arena.as_mut_ptr().add(counts[octant]), group, ids);
+                    counts[octant] += group.count_ones() as usize;
                 }
             }
         }
     }
     for (stack, &count) in stacks.iter_mut().zip(&counts) {
-        let first = stack.ids[0];
-        stack.ids[count..count + PADDING].fill(first);
+        let first = stack.arena[0];
+        stack.arena[count..count + MAX_LANES].fill(first);
     }
     counts
 }
 
-/// Columns of rays to columns of rows; the lanes of rays that may hit something; the lanes whose
-/// direction is negative on each axis.
+/// Rows of rays in lanes.
+pub(super) struct RowColumns<L: Lanes> {
+    /// The fields of [`Row`], one column each.
+    pub columns: [L::F; 8],
+    /// The lanes whose ray may hit something.
+    pub valid: u32,
+    /// For each axis the lanes whose direction is negative.
+    pub negative: [u32; 3],
+}
+
+/// The rows of the rays in the lanes of `among`, from the rays' columns.
 #[inline(always)]
-pub(super) fn rows<W: Lanes>(
-    w: W,
-    scene_max_abs: f32,
-    among: u32,
-    rays: [W::F; 8],
-) -> ([W::F; 8], u32, [u32; 3]) {
+pub(super) fn row_columns<W: Lanes>(w: W, scene_max_abs: f32, among: u32, rays: [W::F; 8]) -> RowColumns<W> {
     let [ox, oy, oz, t_min, dx, dy, dz, t_max] = rays;
     let [ax, ay, az] = each([dx, dy, dz], |d| w.abs(d));
     let [rx, ry, rz] = each([ox, oy, oz], |o| w.abs(o));
     let zero = w.splat(0.0);
-    // And not −0: see `Slabs`.
+    // Adding +0 turns −0 into 0, as the integer comparisons of `Slabs` require of limits.
     let t_max = w.add(t_max, zero);
     let mut valid = w.le(w.le(among, t_min, t_max), zero, t_max);
-    // By their bits NaN is greater than all numbers.
+    // By its bits NaN is greater than all numbers.
     let reach = w.max_bits(w.max_bits(rx, ry), rz);
     let largest = w.max_bits(w.max_bits(ax, ay), az);
     valid = w.le(valid, reach, w.splat(MAX_COORDINATE));
@@ -96,5 +119,5 @@ pub(super) fn rows<W: Lanes>(
     let (ix, iy, iz) = (inverse(ax, dx), inverse(ay, dy), inverse(az, dz));
     let shift = |o, inverse| w.sub(zero, w.mul(o, inverse));
     let columns = [ix, iy, iz, shift(ox, ix), shift(oy, iy), shift(oz, iz), slack, t_max];
-    (columns, valid, each([dx, dy, dz], |d| w.signs(d)))
+    RowColumns { columns, valid, negative: each([dx, dy, dz], |d| w.signs(d)) }
 }

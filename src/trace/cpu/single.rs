@@ -1,41 +1,42 @@
-//! One ray after the other, as renderers without ray streams trace: each ray meets the eight boxes of a
-//! node, or the triangles of a block, in lanes.
+//! Tracing one ray after the other, as renderers without ray streams do: each ray is tested against the eight boxes of
+//! a node, or the triangles of a leaf block, in lanes.
 //!
-//! Unsafe code for calling functions that enable instructions, and because nodes, blocks and the stack
-//! are reached without bounds checks. Invariants:
-//! 1. A `SingleRayTracer` is made only for a level that the processor has.
-//! 2. Children of nodes are in range: `Bvh::build` made them, and slots of `Child::NONE` have inverted
-//!    boxes, which no ray enters.
-//! 3. The stack has room for eight entries for each inner node on the longest way down, and one more: a
-//!    visit takes one entry and leaves at most eight. Over members there is as much again for the deepest.
+//! Unsafe code for calling functions that enable instructions, and because nodes, blocks and the stack are accessed
+//! without bounds checks. Invariants:
+//! 1. A `SingleRayTracer` is made only for a level whose instructions the processor has.
+//! 2. Children that are visited are in range: they are children of nodes of `Bvh::build`'s trees, or a root. Slots of
+//!    `Child::NONE` have inverted boxes, which no ray enters.
+//! 3. The stack has room for eight entries per level of the tree, and one more: a visit pops one entry and pushes at
+//!    most eight. For a two-level tree it has as much room again for the deepest tree of an instance.
 #![allow(unsafe_code, reason = "the invariants above")]
 
-use super::instance_space::{Own, Space, World};
-use super::substream::lanes_of;
-use super::triangle::{Faces, Range, Slabs, Vector, test};
-use super::{SimdError, SimdLevel};
+use super::instance_space::{InstanceSpace, Space, World};
+use super::lane_math::first_lanes;
+use super::slabs::{Faces, Slabs};
+use super::triangle::{Limits, Lines, test};
 use crate::bvh::{Bvh, Child, Filter, LeafBlocks, MASKED, PRIMITIVE, WIDTH, WideTree};
 use crate::geom::CanonicalRay;
 #[cfg(target_arch = "aarch64")]
 use crate::lanes::Neon;
-use crate::lanes::{Lanes, Plain, spill, splat};
+use crate::lanes::{Lanes, Plain, SimdError, SimdLevel, spill, splat};
 use crate::stream::{Hit, Ray, Tracer};
-use std::cell::RefCell;
+use std::cell::Cell;
 use std::sync::Arc;
 
 thread_local! {
-    static STACK: RefCell<Vec<Entry>> = const { RefCell::new(Vec::new()) };
+    /// Taken by a call while it traces, so that a filter may trace on the same thread.
+    static STACK: Cell<Vec<Entry>> = const { Cell::new(Vec::new()) };
 }
 
-/// A child to visit, and where the ray enters it.
+/// A child to visit, and where the ray enters its box.
 #[derive(Clone, Copy)]
 struct Entry {
     child: Child,
     enter: f32,
 }
 
-/// Traces one ray after the other, with the same answers as [`super::CpuTracer`]: what streams are measured
-/// against, and the tracer of those who have but one ray at a time.
+/// Traces one ray after the other, with the same answers as [`super::CpuTracer`]: the baseline that streams are
+/// measured against, and the tracer for callers that have one ray at a time.
 #[derive(Clone)]
 pub struct SingleRayTracer {
     bvh: Arc<Bvh>,
@@ -43,15 +44,15 @@ pub struct SingleRayTracer {
     simd: SimdLevel,
 }
 
-/// What is the same for all rays of a call.
+/// What all rays of a call share.
 #[derive(Clone, Copy)]
-struct Tree<'a> {
+struct Scene<'a> {
     bvh: &'a Bvh,
     filter: Option<&'a dyn Filter>,
 }
 
 impl SingleRayTracer {
-    /// A tracer for this tree; without a filter masked triangles are there everywhere.
+    /// A tracer for this tree. Without a filter masked triangles are hit everywhere.
     ///
     /// # Errors
     /// When this processor lacks the level.
@@ -60,28 +61,28 @@ impl SingleRayTracer {
     }
 
     fn dispatch<const ANY: bool>(&self, rays: &[Ray], answer: impl FnMut(usize, Hit)) {
-        let tree = Tree { bvh: &self.bvh, filter: self.filter.as_deref() };
-        STACK.with_borrow_mut(|stack| {
-            let room = |bvh: &Bvh| WIDTH * bvh.wide().depth() + 1;
-            let below = self.bvh.instances().iter().map(|member| room(&member.tree)).max();
-            let most = room(&self.bvh) + below.unwrap_or(0);
-            if stack.len() < most {
-                stack.resize(most, Entry { child: Child::ROOT, enter: 0.0 });
-            }
-            match self.simd {
-                // SAFETY: invariants 1 and 3.
-                #[cfg(target_arch = "x86_64")]
-                SimdLevel::Avx512 => unsafe { x86::avx512::<ANY>(tree, rays, stack, answer) },
-                // SAFETY: invariants 1 and 3.
-                #[cfg(target_arch = "x86_64")]
-                SimdLevel::Avx2 => unsafe { x86::avx2::<ANY>(tree, rays, stack, answer) },
-                // SAFETY: invariant 3.
-                #[cfg(target_arch = "aarch64")]
-                SimdLevel::Neon => unsafe { trace::<_, ANY>(Neon, tree, rays, stack, answer) },
-                // SAFETY: invariant 3.
-                _ => unsafe { trace::<_, ANY>(Plain::<8>, tree, rays, stack, answer) },
-            }
-        });
+        let scene = Scene { bvh: &self.bvh, filter: self.filter.as_deref() };
+        let room = |bvh: &Bvh| WIDTH * bvh.wide().depth() + 1;
+        let local = self.bvh.instances().iter().map(|instance| room(&instance.tree)).max();
+        let len = room(&self.bvh) + local.unwrap_or(0);
+        let mut stack = STACK.take();
+        if stack.len() < len {
+            stack.resize(len, Entry { child: Child::ROOT, enter: 0.0 });
+        }
+        match self.simd {
+            // SAFETY: invariants 1 and 3.
+            #[cfg(target_arch = "x86_64")]
+            SimdLevel::Avx512 => unsafe { x86::avx512::<ANY>(scene, rays, &mut stack, answer) },
+            // SAFETY: invariants 1 and 3.
+            #[cfg(target_arch = "x86_64")]
+            SimdLevel::Avx2 => unsafe { x86::avx2::<ANY>(scene, rays, &mut stack, answer) },
+            // SAFETY: invariant 3.
+            #[cfg(target_arch = "aarch64")]
+            SimdLevel::Neon => unsafe { trace::<_, ANY>(Neon, scene, rays, &mut stack, answer) },
+            // SAFETY: invariant 3.
+            _ => unsafe { trace::<_, ANY>(Plain::<8>, scene, rays, &mut stack, answer) },
+        }
+        STACK.set(stack);
     }
 }
 
@@ -97,67 +98,75 @@ impl Tracer for SingleRayTracer {
     }
 }
 
-/// Answers each ray with its nearest hit; with some hit if `ANY`.
+/// Answers each ray with its nearest hit, or with any hit if `ANY`.
 ///
 /// # Safety
 /// Invariant 3.
 #[inline(always)]
 unsafe fn trace<E: Lanes, const ANY: bool>(
     e: E,
-    tree: Tree<'_>,
+    scene: Scene<'_>,
     rays: &[Ray],
     stack: &mut [Entry],
     mut answer: impl FnMut(usize, Hit),
 ) {
     for (i, ray) in rays.iter().enumerate() {
-        // SAFETY: as the caller vouches.
-        answer(i, unsafe { one::<E, ANY>(e, tree, ray, stack) });
+        // SAFETY: the caller's contract.
+        answer(i, unsafe { trace_one::<E, ANY>(e, scene, ray, stack) });
     }
 }
 
-/// A ray on its way.
+/// A ray, the same in all lanes.
 struct Query<'a, E: Lanes> {
-    tree: Tree<'a>,
+    scene: Scene<'a>,
     slabs: Slabs<E>,
     octant: usize,
-    origin: Vector<E>,
-    direction: Vector<E>,
+    lines: Lines<E>,
     t_min: E::F,
 }
 
+/// The nearest hit of a ray, or any hit if `ANY`.
+///
 /// # Safety
 /// Invariant 3.
 #[inline(always)]
-unsafe fn one<E: Lanes, const ANY: bool>(e: E, tree: Tree<'_>, ray: &Ray, stack: &mut [Entry]) -> Hit {
-    let wide = tree.bvh.wide();
-    let ray = CanonicalRay::new(ray.origin, ray.t_min, ray.direction, ray.t_max, tree.bvh.scene_max_abs());
+unsafe fn trace_one<E: Lanes, const ANY: bool>(
+    e: E,
+    scene: Scene<'_>,
+    ray: &Ray,
+    stack: &mut [Entry],
+) -> Hit {
+    let wide = scene.bvh.wide();
+    let ray = CanonicalRay::new(ray.origin, ray.t_min, ray.direction, ray.t_max, scene.bvh.scene_max_abs());
     let query = Query {
-        tree,
-        slabs: Slabs::of(e, &ray),
+        scene,
+        slabs: Slabs::of_ray(e, &ray),
         octant: (0..3).map(|axis| usize::from(ray.inverse[axis].is_sign_negative()) << axis).sum(),
-        origin: splat(e, ray.origin.to_array()),
-        direction: splat(e, ray.direction.to_array()),
+        lines: Lines {
+            origin: splat(e, ray.origin.to_array()),
+            direction: splat(e, ray.direction.to_array()),
+        },
         t_min: e.splat(ray.t_min),
     };
     let mut best = Hit { t: ray.t_max, ..Hit::NONE };
-    // SAFETY: as the caller vouches.
+    // SAFETY: the caller's contract.
     unsafe {
-        if tree.bvh.instances().is_empty() {
-            let triangles = Triangles { space: World, blocks: wide.blocks() };
-            walk::<E, _, _, ANY>(e, World, wide, &triangles, &query, stack, &mut best);
+        if scene.bvh.instances().is_empty() {
+            let leaves = TriangleLeaves { space: World, blocks: wide.blocks() };
+            visit_tree::<E, _, _, ANY>(e, World, wide, &leaves, &query, stack, &mut best);
         } else {
-            walk::<E, _, _, ANY>(e, World, wide, &Members, &query, stack, &mut best);
+            visit_tree::<E, _, _, ANY>(e, World, wide, &InstanceLeaves, &query, stack, &mut best);
         }
     }
     if best.is_miss() { Hit::NONE } else { best }
 }
 
-/// What the leaves of a tree are.
+/// The leaves of a tree.
 trait Leaves {
-    /// Visits one: takes nearer hits, says whether the search is over.
+    /// Visits a leaf: takes nearer hits and returns whether the search is over.
     ///
     /// # Safety
-    /// Invariants 2 for the child and 3 for the stack, which nothing is on.
+    /// Invariants 2 for the child and 3 for the stack, which is empty.
     unsafe fn visit<E: Lanes, const ANY: bool>(
         &self,
         e: E,
@@ -168,21 +177,21 @@ trait Leaves {
     ) -> bool;
 }
 
-/// Blocks of triangles.
-struct Triangles<'a, S> {
+/// Leaf blocks of triangles.
+struct TriangleLeaves<'a, S> {
     space: S,
     blocks: &'a LeafBlocks,
 }
 
-/// The members of a tree of placed trees.
-struct Members;
+/// The instances of a two-level tree.
+struct InstanceLeaves;
 
-/// Goes down a tree, nearest children first; says whether the search is over.
+/// Visits a tree, nearest children first. Returns whether the search is over.
 ///
 /// # Safety
-/// Invariants 2 and 3, and what `leaves` asks of the stack above.
+/// Invariants 2 and 3, the latter for the trees of the leaves, too.
 #[inline(always)]
-unsafe fn walk<E: Lanes, S: Space, V: Leaves, const ANY: bool>(
+unsafe fn visit_tree<E: Lanes, S: Space, V: Leaves, const ANY: bool>(
     e: E,
     space: S,
     wide: &WideTree,
@@ -199,27 +208,27 @@ unsafe fn walk<E: Lanes, S: Space, V: Leaves, const ANY: bool>(
         if !child.is_block() {
             // SAFETY: invariant 2.
             let node = unsafe { nodes.get_unchecked(child.index()) };
-            let mut room = [[[0.0; WIDTH]; 3]; 2];
-            let faces = Faces::of(space.boxes(e, node, &mut room), query.octant);
-            let (enter, leave) = query.slabs.cross_each(e, &faces, e.splat(best.t));
+            let mut buffer = [[[0.0; WIDTH]; 3]; 2];
+            let faces = Faces::new(space.boxes(e, node, &mut buffer), query.octant);
+            let (enter, leave) = query.slabs.clamped_distances(e, &faces, e.splat(best.t));
             let mut entered = e.le(0xff, enter, leave);
             if entered.is_power_of_two() {
-                child = node.children[entered.trailing_zeros() as usize & 7];
+                child = node.children[entered.trailing_zeros() as usize % WIDTH];
                 continue;
             }
             let mut enters = [0.0; WIDTH];
-            // SAFETY: there are as many numbers as lanes, as `cross_each` has asserted.
+            // SAFETY: there are as many numbers as lanes, as `clamped_distances` asserts.
             unsafe { e.store(enters.as_mut_ptr(), enter) };
             let first = top;
             while entered != 0 {
-                let slot = entered.trailing_zeros() as usize & 7;
+                let slot = entered.trailing_zeros() as usize % WIDTH;
                 entered &= entered - 1;
                 let entry = Entry { child: node.children[slot], enter: enters[slot] };
                 let mut at = top;
                 top += 1;
                 // SAFETY: invariant 3.
                 unsafe {
-                    // The nearest of this node's comes to lie on top.
+                    // Insertion sort: the nearest of this node's children comes to lie on top.
                     while at > first && (*stack.add(at - 1)).enter < entry.enter {
                         *stack.add(at) = *stack.add(at - 1);
                         at -= 1;
@@ -227,7 +236,7 @@ unsafe fn walk<E: Lanes, S: Space, V: Leaves, const ANY: bool>(
                     *stack.add(at) = entry;
                 }
             }
-        // SAFETY: as the caller vouches.
+        // SAFETY: the caller's contract.
         } else if unsafe { leaves.visit::<E, ANY>(e, child, query, rest, best) } {
             return true;
         }
@@ -236,7 +245,7 @@ unsafe fn walk<E: Lanes, S: Space, V: Leaves, const ANY: bool>(
                 return false;
             }
             top -= 1;
-            // SAFETY: invariant 3; it was written.
+            // SAFETY: invariant 3; the entry was written.
             let entry = unsafe { *stack.add(top) };
             if entry.enter <= best.t {
                 break entry.child;
@@ -245,7 +254,7 @@ unsafe fn walk<E: Lanes, S: Space, V: Leaves, const ANY: bool>(
     }
 }
 
-impl<S: Space> Leaves for Triangles<'_, S> {
+impl<S: Space> Leaves for TriangleLeaves<'_, S> {
     #[inline(always)]
     unsafe fn visit<E: Lanes, const ANY: bool>(
         &self,
@@ -255,13 +264,13 @@ impl<S: Space> Leaves for Triangles<'_, S> {
         _: &mut [Entry],
         best: &mut Hit,
     ) -> bool {
-        let Query { slabs, octant, t_min, .. } = query;
+        let Query { slabs, octant, t_min, lines, .. } = query;
         // SAFETY: invariant 2.
         let block = unsafe { self.blocks.get_unchecked(child) };
-        let range = Range { slabs, octant: *octant, t_min: *t_min, limit: e.splat(best.t) };
-        let among = lanes_of::<E>(child.triangles());
-        let triangles = self.space.triangles(e, &[block; 2]);
-        let Some(hits) = test(e, among, &query.origin, query.direction, &triangles, &range) else {
+        let limits = Limits { slabs, octant: *octant, t_min: *t_min, limit: e.splat(best.t) };
+        let among = first_lanes::<E>(child.triangles());
+        let triangles = self.space.corners(e, &[block; 2]);
+        let Some(hits) = test(e, among, lines, &triangles, &limits) else {
             return false;
         };
         if hits.mask == 0 {
@@ -270,14 +279,14 @@ impl<S: Space> Leaves for Triangles<'_, S> {
         let (ts, us, vs) = (spill(e, hits.t), spill(e, hits.u), spill(e, hits.v));
         let mut left = hits.mask;
         while left != 0 {
-            let lane = left.trailing_zeros() as usize & 7;
+            let lane = left.trailing_zeros() as usize % WIDTH;
             left &= left - 1;
-            let (t, u, v, stored) = (ts[lane], us[lane], vs[lane], self.space.id(block.id(lane)));
+            let (t, u, v, stored) = (ts[lane], us[lane], vs[lane], self.space.scene_id(block.id(lane)));
             let primitive = stored & PRIMITIVE;
             let nearer = t < best.t || t == best.t && primitive < best.primitive;
-            let refused =
-                || stored & MASKED != 0 && query.tree.filter.is_some_and(|f| !f.accepts(primitive, u, v));
-            if nearer && !refused() {
+            let rejected =
+                || stored & MASKED != 0 && query.scene.filter.is_some_and(|f| !f.accepts(primitive, u, v));
+            if nearer && !rejected() {
                 *best = Hit { t, u, v, primitive };
                 if ANY {
                     return true;
@@ -288,7 +297,7 @@ impl<S: Space> Leaves for Triangles<'_, S> {
     }
 }
 
-impl Leaves for Members {
+impl Leaves for InstanceLeaves {
     #[inline(always)]
     unsafe fn visit<E: Lanes, const ANY: bool>(
         &self,
@@ -298,19 +307,19 @@ impl Leaves for Members {
         stack: &mut [Entry],
         best: &mut Hit,
     ) -> bool {
-        let member = &query.tree.bvh.instances()[child.index()];
-        let wide = member.tree.wide();
-        // SAFETY: as the caller vouches.
+        let instance = &query.scene.bvh.instances()[child.index()];
+        let wide = instance.tree.wide();
+        // SAFETY: the caller's contract.
         unsafe {
-            match &member.placement {
+            match &instance.placement {
                 None => {
-                    let triangles = Triangles { space: World, blocks: wide.blocks() };
-                    walk::<E, _, _, ANY>(e, World, wide, &triangles, query, stack, best)
+                    let leaves = TriangleLeaves { space: World, blocks: wide.blocks() };
+                    visit_tree::<E, _, _, ANY>(e, World, wide, &leaves, query, stack, best)
                 }
                 Some(placement) => {
-                    let own = Own::new(placement, member.first_primitive, query.octant);
-                    let triangles = Triangles { space: own, blocks: wide.blocks() };
-                    walk::<E, _, _, ANY>(e, own, wide, &triangles, query, stack, best)
+                    let space = InstanceSpace::new(placement, instance.first_primitive, query.octant);
+                    let leaves = TriangleLeaves { space, blocks: wide.blocks() };
+                    visit_tree::<E, _, _, ANY>(e, space, wide, &leaves, query, stack, best)
                 }
             }
         }
@@ -326,25 +335,27 @@ mod x86 {
     /// Invariant 3.
     #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
     pub unsafe fn avx512<const ANY: bool>(
-        tree: Tree<'_>,
+        scene: Scene<'_>,
         rays: &[Ray],
         stack: &mut [Entry],
         answer: impl FnMut(usize, Hit),
     ) {
-        // SAFETY: this function enables the instructions, so whoever calls it has them; invariant 3.
-        unsafe { trace::<_, ANY>(Avx512Eights::new(), tree, rays, stack, answer) };
+        // SAFETY: this function enables the instructions, so its callers run on a processor that has them (invariant
+        // 1); invariant 3.
+        unsafe { trace::<_, ANY>(Avx512Eights::new(), scene, rays, stack, answer) };
     }
 
     /// # Safety
     /// Invariant 3.
     #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
     pub unsafe fn avx2<const ANY: bool>(
-        tree: Tree<'_>,
+        scene: Scene<'_>,
         rays: &[Ray],
         stack: &mut [Entry],
         answer: impl FnMut(usize, Hit),
     ) {
-        // SAFETY: this function enables the instructions, so whoever calls it has them; invariant 3.
-        unsafe { trace::<_, ANY>(Avx2::new(), tree, rays, stack, answer) };
+        // SAFETY: this function enables the instructions, so its callers run on a processor that has them (invariant
+        // 1); invariant 3.
+        unsafe { trace::<_, ANY>(Avx2::new(), scene, rays, stack, answer) };
     }
 }

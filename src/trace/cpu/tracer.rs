@@ -1,28 +1,30 @@
 //! The tracer that the engine uses.
 //!
-//! Unsafe code for calling functions that enable instructions. Invariant 1: a `CpuTracer` is made
-//! only for a level that the processor has.
+//! Unsafe code for calling functions that enable instructions. Invariant 1: a `CpuTracer` is made only for a level
+//! whose instructions the processor has.
 #![allow(unsafe_code, reason = "the invariants above")]
 
-use super::substream::{Answers, Scratch, trace};
-use super::{Oracle, SimdError, SimdLevel};
+use super::oracle::Oracle;
+use super::substream::{Answers, Widths};
+use super::traversal::{Scratch, trace};
 use crate::bvh::{Bvh, Filter};
 #[cfg(target_arch = "aarch64")]
 use crate::lanes::Neon;
-use crate::lanes::Plain;
+use crate::lanes::{Plain, SimdError, SimdLevel};
 use crate::stream::{Hit, Ray, Tracer};
-use std::cell::RefCell;
+use std::cell::Cell;
 use std::sync::Arc;
 
 thread_local! {
-    static SCRATCH: RefCell<Scratch> = RefCell::default();
+    /// Taken by a call while it traces, so that a filter may trace on the same thread.
+    static SCRATCH: Cell<Option<Box<Scratch>>> = const { Cell::new(None) };
 }
 
-/// Traces ray streams on the calling thread with the instruction set chosen when it was made.
+/// Traces ray streams on the calling thread, with the instruction set chosen when it was made.
 ///
-/// The more rays a call brings, the faster: 16k to 64k are best. Rays that lie near each other in the
-/// slice should be alike; keep image and path order. Each thread that calls keeps a few megabytes of
-/// scratch memory.
+/// The more rays a call brings, the faster: 16k to 64k are best. Rays that are neighbours in the slice should be alike,
+/// so keep image and path order. Each calling thread keeps a few megabytes of scratch memory. A filter that traces on
+/// the same thread is supported, and uses scratch memory of its own.
 #[derive(Clone)]
 pub struct CpuTracer {
     oracle: Oracle,
@@ -30,7 +32,7 @@ pub struct CpuTracer {
 }
 
 impl CpuTracer {
-    /// A tracer for this tree; without a filter masked triangles are there everywhere.
+    /// A tracer for this tree. Without a filter masked triangles are hit everywhere.
     ///
     /// # Errors
     /// When this processor lacks the level.
@@ -53,7 +55,7 @@ impl CpuTracer {
         self.oracle.canonical_hit(ray, primitive)
     }
 
-    fn dispatch<const ANY: bool>(&self, rays: &[Ray], answers: Answers) {
+    fn dispatch<const ANY: bool>(&self, rays: &[Ray], answers: Answers<'_>) {
         if self.oracle.bvh().instances().is_empty() {
             self.dispatch_to::<ANY, false>(rays, answers);
         } else {
@@ -61,19 +63,28 @@ impl CpuTracer {
         }
     }
 
-    fn dispatch_to<const ANY: bool, const MEMBERS: bool>(&self, rays: &[Ray], answers: Answers) {
+    fn dispatch_to<const ANY: bool, const INSTANCED: bool>(&self, rays: &[Ray], answers: Answers<'_>) {
         let (bvh, filter) = (self.oracle.bvh(), self.oracle.filter());
-        SCRATCH.with_borrow_mut(|scratch| match self.simd {
+        let mut scratch = SCRATCH.take().unwrap_or_default();
+        let memory = &mut *scratch;
+        match self.simd {
             // SAFETY: invariant 1.
             #[cfg(target_arch = "x86_64")]
-            SimdLevel::Avx512 => unsafe { x86::avx512::<ANY, MEMBERS>(bvh, filter, rays, answers, scratch) },
+            SimdLevel::Avx512 => unsafe { x86::avx512::<ANY, INSTANCED>(bvh, filter, rays, answers, memory) },
             // SAFETY: invariant 1.
             #[cfg(target_arch = "x86_64")]
-            SimdLevel::Avx2 => unsafe { x86::avx2::<ANY, MEMBERS>(bvh, filter, rays, answers, scratch) },
+            SimdLevel::Avx2 => unsafe { x86::avx2::<ANY, INSTANCED>(bvh, filter, rays, answers, memory) },
             #[cfg(target_arch = "aarch64")]
-            SimdLevel::Neon => trace::<_, _, ANY, MEMBERS>((Neon, Neon), bvh, filter, rays, answers, scratch),
-            _ => trace::<_, _, ANY, MEMBERS>((Plain::<8>, Plain::<8>), bvh, filter, rays, answers, scratch),
-        });
+            SimdLevel::Neon => {
+                let widths = Widths { wide: Neon, eight: Neon };
+                trace::<_, _, ANY, INSTANCED>(widths, bvh, filter, rays, answers, memory);
+            }
+            _ => {
+                let widths = Widths { wide: Plain::<8>, eight: Plain::<8> };
+                trace::<_, _, ANY, INSTANCED>(widths, bvh, filter, rays, answers, memory);
+            }
+        }
+        SCRATCH.set(Some(scratch));
     }
 }
 
@@ -81,13 +92,13 @@ impl Tracer for CpuTracer {
     fn closest(&self, rays: &[Ray], hits: &mut [Hit]) {
         assert_eq!(rays.len(), hits.len(), "one hit per ray");
         hits.fill(Hit::NONE);
-        self.dispatch::<false>(rays, Answers::Hits(hits.as_mut_ptr()));
+        self.dispatch::<false>(rays, Answers::Hits(hits));
     }
 
     fn occluded(&self, rays: &[Ray], occluded: &mut [u32]) {
         assert_eq!(rays.len(), occluded.len(), "one answer per ray");
         occluded.fill(0);
-        self.dispatch::<true>(rays, Answers::Occluded(occluded.as_mut_ptr()));
+        self.dispatch::<true>(rays, Answers::Occluded(occluded));
     }
 }
 
@@ -97,28 +108,31 @@ mod x86 {
     use crate::lanes::{Avx2, Avx512, Avx512Eights};
 
     #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
-    pub fn avx512<const ANY: bool, const MEMBERS: bool>(
+    pub fn avx512<const ANY: bool, const INSTANCED: bool>(
         bvh: &Bvh,
         filter: Option<&dyn Filter>,
         rays: &[Ray],
-        answers: Answers,
+        answers: Answers<'_>,
         scratch: &mut Scratch,
     ) {
-        // SAFETY: this function enables the instructions, so whoever calls it has them.
-        let tokens = unsafe { (Avx512::new(), Avx512Eights::new()) };
-        trace::<_, _, ANY, MEMBERS>(tokens, bvh, filter, rays, answers, scratch);
+        // SAFETY: this function enables the instructions, so its callers run on a processor that has them (invariant
+        // 1).
+        let widths = unsafe { Widths { wide: Avx512::new(), eight: Avx512Eights::new() } };
+        trace::<_, _, ANY, INSTANCED>(widths, bvh, filter, rays, answers, scratch);
     }
 
     #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
-    pub fn avx2<const ANY: bool, const MEMBERS: bool>(
+    pub fn avx2<const ANY: bool, const INSTANCED: bool>(
         bvh: &Bvh,
         filter: Option<&dyn Filter>,
         rays: &[Ray],
-        answers: Answers,
+        answers: Answers<'_>,
         scratch: &mut Scratch,
     ) {
-        // SAFETY: this function enables the instructions, so whoever calls it has them.
+        // SAFETY: this function enables the instructions, so its callers run on a processor that has them (invariant
+        // 1).
         let token = unsafe { Avx2::new() };
-        trace::<_, _, ANY, MEMBERS>((token, token), bvh, filter, rays, answers, scratch);
+        let widths = Widths { wide: token, eight: token };
+        trace::<_, _, ANY, INSTANCED>(widths, bvh, filter, rays, answers, scratch);
     }
 }

@@ -1,39 +1,40 @@
-//! In which order the children of a node are visited.
+//! The order in which a node's children are visited.
 
 use crate::bvh::{WIDTH, WideNode};
 
-/// A turn for each slot.
+/// A permutation of a node's slots: rank 0 is visited first. Rays of opposite octants read one stored
+/// [`ChildOrder`](crate::bvh::ChildOrder) in opposite directions.
 #[derive(Clone, Copy)]
-pub(super) struct Order {
-    /// The turn of each slot, an octal digit each.
+pub(super) struct VisitOrder {
+    /// The rank of each slot, one octal digit per slot.
     ranks: u32,
-    /// The slot of each turn, likewise.
+    /// The slot of each rank before mirroring, one octal digit per rank.
     slots: u32,
-    /// What the turns that slots are told of differ by: all bits where it is the other way round.
+    /// XORed to a rank before `slots` is read: 7 if the stored order is reversed, else 0.
     mirror: usize,
 }
 
-impl Order {
-    /// For any hit: where it is found soonest.
+impl VisitOrder {
+    /// For any-hit queries: last slot first, in which some hit is likeliest.
     pub const LIKELY_FIRST: Self = Self { ranks: 0o0123_4567, slots: 0o0123_4567, mirror: 0 };
 
-    /// For nearest hits: about as rays of an octant meet them.
+    /// For closest-hit queries: about front to back for rays of an octant.
     #[inline(always)]
     pub fn front_to_back(node: &WideNode, octant: usize) -> Self {
         let (mirror, all) = if octant < 4 { (0, 0) } else { (WIDTH - 1, 0o7777_7777) };
-        let turns = node.front_to_back[octant ^ mirror];
-        Self { ranks: turns.ranks ^ all, slots: turns.slots, mirror }
+        let order = node.front_to_back[octant ^ mirror];
+        Self { ranks: order.ranks ^ all, slots: order.slots, mirror }
     }
 
-    /// The turn of a slot.
+    /// The rank of a slot.
     #[inline(always)]
-    pub fn turn(self, slot: usize) -> usize {
+    pub fn rank(self, slot: usize) -> usize {
         (self.ranks >> (3 * slot)) as usize % WIDTH
     }
 
-    /// The slot whose turn it is.
+    /// The slot of a rank.
     #[inline(always)]
-    pub fn slot(self, turn: usize) -> usize {
-        (self.slots >> (3 * (turn ^ self.mirror))) as usize % WIDTH
+    pub fn slot(self, rank: usize) -> usize {
+        (self.slots >> (3 * (rank ^ self.mirror))) as usize % WIDTH
     }
 }

@@ -1,28 +1,32 @@
-//! The triangles of a block as packets meet them.
+//! The triangles of a leaf block, as packets test them.
 
-use super::super::triangle::{Bounds, Hits, Passing, Range, Seen, Vector, dot, hits};
-use super::Origin;
+use super::super::lane_math::{LaneVec3, dot};
+use super::super::triangle::{
+    Bounds, EdgeValues, LaneHits, Limits, OriginTerms, PlaneProducts, hits_of_origin,
+};
+use super::columns::Origin;
 use crate::bvh::{LeafBlock, WIDTH};
 use crate::lanes::{Lanes, keep, load, load_one, splat, splat_row, store_one};
 
-/// The eight triangles of a block as seen from the origin, as columns.
+/// The [`OriginTerms`] and bounding boxes of a block's eight triangles, as columns.
 #[repr(C, align(64))]
-pub struct Triangles {
-    edges: [[[f32; WIDTH]; 3]; 3],
+pub struct BlockTriangles {
+    edge_normals: [[[f32; WIDTH]; 3]; 3],
     normal: [[f32; WIDTH]; 3],
     distance: [f32; WIDTH],
     low: [[f32; WIDTH]; 3],
     high: [[f32; WIDTH]; 3],
 }
 
-impl Triangles {
+impl BlockTriangles {
     #[inline(always)]
     pub fn new<E: Lanes>(e: E, origin: &Origin, block: LeafBlock<'_>) -> Self {
         let corners = block.vertices(e);
-        let Seen { edges, normal, distance } = Seen::from(e, &splat(e, origin.point), &corners);
+        let OriginTerms { edge_normals, normal, distance } =
+            OriginTerms::new(e, &splat(e, origin.point), &corners);
         let Bounds { low, high } = Bounds::of(e, &corners);
         Self {
-            edges: [keep(e, edges[0]), keep(e, edges[1]), keep(e, edges[2])],
+            edge_normals: [keep(e, edge_normals[0]), keep(e, edge_normals[1]), keep(e, edge_normals[2])],
             normal: keep(e, normal),
             distance: store_one(e, distance),
             low: keep(e, low),
@@ -30,47 +34,50 @@ impl Triangles {
         }
     }
 
+    /// The edge values of triangle `k` for many rays.
     #[inline(always)]
-    pub fn passing<L: Lanes>(&self, l: L, k: usize, direction: Vector<L>) -> Passing<L> {
-        let [u, v, w] = &self.edges;
-        Passing::new(l, &[splat_row(l, u, k), splat_row(l, v, k), splat_row(l, w, k)], direction)
+    pub fn edge_values<L: Lanes>(&self, l: L, k: usize, direction: LaneVec3<L>) -> EdgeValues<L> {
+        let [u, v, w] = &self.edge_normals;
+        EdgeValues::new(l, &[splat_row(l, u, k), splat_row(l, v, k), splat_row(l, w, k)], direction)
     }
 
+    /// The hits of rays with triangle `k`, whose interior their lines pass through in the lanes of `inside`.
     #[inline(always)]
     pub fn hits<L: Lanes>(
         &self,
         l: L,
         k: usize,
         inside: u32,
-        passing: &Passing<L>,
-        direction: Vector<L>,
-        range: &Range<'_, L>,
-    ) -> Hits<L> {
+        edges: &EdgeValues<L>,
+        direction: LaneVec3<L>,
+        limits: &Limits<'_, L>,
+    ) -> LaneHits<L> {
         let facing = dot(l, splat_row(l, &self.normal, k), direction);
         let bounds = Bounds::<L> { low: splat_row(l, &self.low, k), high: splat_row(l, &self.high, k) };
-        hits(l, inside, passing, [l.splat(self.distance[k]), facing], bounds.faces(range.octant), range)
+        let plane = PlaneProducts { distance: l.splat(self.distance[k]), facing };
+        hits_of_origin(l, inside, edges, &plane, &bounds.faces(limits.octant), limits)
     }
 
-    /// Where the line of one ray passes all triangles.
+    /// The edge values of all triangles for one ray.
     #[inline(always)]
-    pub fn passed<E: Lanes>(&self, e: E, direction: Vector<E>) -> Passing<E> {
-        let [u, v, w] = &self.edges;
-        Passing::new(e, &[load(e, u), load(e, v), load(e, w)], direction)
+    pub fn edge_values_of_ray<E: Lanes>(&self, e: E, direction: LaneVec3<E>) -> EdgeValues<E> {
+        let [u, v, w] = &self.edge_normals;
+        EdgeValues::new(e, &[load(e, u), load(e, v), load(e, w)], direction)
     }
 
-    /// Where one ray hits those that its line passes `inside`.
+    /// The hits of one ray with the triangles of `inside`, whose interior its line passes through.
     #[inline(always)]
-    pub fn hit<E: Lanes>(
+    pub fn hits_of_ray<E: Lanes>(
         &self,
         e: E,
         inside: u32,
-        passing: &Passing<E>,
-        direction: Vector<E>,
-        range: &Range<'_, E>,
-    ) -> Hits<E> {
+        edges: &EdgeValues<E>,
+        direction: LaneVec3<E>,
+        limits: &Limits<'_, E>,
+    ) -> LaneHits<E> {
         let facing = dot(e, load(e, &self.normal), direction);
         let bounds = Bounds::<E> { low: load(e, &self.low), high: load(e, &self.high) };
-        let distance = load_one(e, &self.distance);
-        hits(e, inside, passing, [distance, facing], bounds.faces(range.octant), range)
+        let plane = PlaneProducts { distance: load_one(e, &self.distance), facing };
+        hits_of_origin(e, inside, edges, &plane, &bounds.faces(limits.octant), limits)
     }
 }
