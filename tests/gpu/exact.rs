@@ -20,7 +20,7 @@ fn zoo() -> Vec<(&'static str, Mesh, Vec3, f32)> {
         ("bumpy grid", meshes::grid(20, 0.1, 5), Vec3::ZERO, 1.0),
         ("flat grid", meshes::grid(20, 0.0, 6), Vec3::ZERO, 1.0),
         ("blocks", meshes::blocks(30, 7), Vec3::ZERO, 1.0),
-        ("wreckage", meshes::wreckage(8), Vec3::ZERO, 1.0),
+        ("degenerate", meshes::degenerate(8), Vec3::ZERO, 1.0),
         ("far away", meshes::soup(500, 0.2, 9), Vec3::new(1000.0, -400.0, 3000.0), 1.0),
         ("huge", meshes::soup(500, 0.2, 10), Vec3::ZERO, 1e9),
         ("tiny", meshes::soup(500, 0.2, 11), Vec3::ZERO, 1e-9),

@@ -18,7 +18,7 @@ fn ordinary_meshes_give_valid_trees_with_the_same_triangles() {
         meshes::grid(40, 0.2, 2),
         meshes::grid(20, 0.0, 3),
         meshes::blocks(50, 4),
-        meshes::wreckage(5),
+        meshes::degenerate(5),
         meshes::soup(20_000, 0.02, 6),
     ] {
         let bvh = build(&mesh);

@@ -17,7 +17,7 @@ fn every_tracer_answers_as_for_the_triangles_written_out() {
 }
 
 #[test]
-fn the_tree_knows_its_triangles_and_stores_shared_ones_once() {
+fn the_tree_has_the_right_triangles_and_stores_shared_ones_once() {
     for (name, InstancedScene { mesh, bvh }, _) in instanced_scenes::all() {
         assert_eq!(bvh.validate(), Ok(()), "{name}");
         assert_eq!(bvh.len(), mesh.triangles.len());

@@ -1,4 +1,4 @@
-//! Meshes to trace: soups, grids, and shapes that builders and tests trip over.
+//! Meshes to trace: soups, grids, coincident boxes, and degenerate triangles.
 
 use glam::Vec3;
 
@@ -110,8 +110,8 @@ pub fn blocks(count: usize, seed: u64) -> Mesh {
     mesh
 }
 
-/// Points, segments, slivers and repeated triangles among ordinary ones.
-pub fn wreckage(seed: u64) -> Mesh {
+/// Points, segments, slivers and repeated triangles between ordinary ones.
+pub fn degenerate(seed: u64) -> Mesh {
     let mut random = Random::new(seed);
     let mut mesh = soup(60, 0.3, seed);
     for i in 0..60 {

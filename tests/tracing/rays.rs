@@ -1,4 +1,4 @@
-//! Rays to trace: ordinary ones, ones that aim at edges and along planes, and ones that are no rays.
+//! Rays to trace: ordinary ones, ones that aim at edges and along planes, and invalid ones.
 
 use crate::meshes::{Mesh, Random};
 use glam::Vec3;
@@ -21,26 +21,26 @@ fn one(mesh: &Mesh, centre: Vec3, scale: f32, random: &mut Random) -> Ray {
         3..6 => ray = towards(a + (b - a) * u * 0.5 + (c - a) * v * 0.5),
         6 => ray = towards(a),
         7 => ray = towards(a + (b - a) * u),
-        // Along an axis, through a vertex: in the planes of boxes and of grids.
+        // Along an axis and through a vertex, so in the planes of boxes and of grids.
         8 | 9 => {
             let axis = Vec3::AXES[random.below(3) as usize] * random.signed().signum();
             ray = Ray::new(a - axis * 3.0 * scale, axis * scale);
         }
         // In the triangle's plane.
         10 => ray = Ray::new(a + (b - a) * -1.5, (b - a) + (c - a) * 0.5 * u),
-        // From the surface, as bounces and shadow rays start.
+        // From the surface, where continuation and shadow rays start.
         11 => ray = Ray::new(a + (b - a) * u * 0.5 + (c - a) * v * 0.5, random.point()),
         12 => {
             ray = towards(a);
             ray.t_min = 0.3 + 0.5 * u;
             ray.t_max = ray.t_min + v;
         }
-        // Exactly as far as the vertex: the ends of the interval count.
+        // Ends exactly at the vertex: the ends of the interval are part of it.
         13 => {
             ray = towards(a);
             ray.t_max = 1.0;
         }
-        // From the vertex and no farther: zero has two signs.
+        // Starts and ends at the vertex: `t_max` is a zero of either sign.
         14 => {
             ray.origin = a.to_array();
             ray.t_max = if u < 0.5 { 0.0 } else { -0.0 };
