@@ -3,11 +3,12 @@
     raystream bench build scenes/glass.json --rounds 9 --json glass.json
     python scripts/results.py docs/results/build.md build glass.json "LABEL=MORE.json" ..
 
-The page has a line `<!-- begin: NAME -->` and a line `<!-- end: NAME -->`; what stands between them is replaced by the
-command, the machine and the table. NAME's first word says which table: `rays` (`rays query`, `rays service` for these
-two), `contenders`, `threads`, `build`, `ladder`, `frame`, `tail`, `textures`, `adaptive`, `noise`, `schedule` or `rtrt`;
-further words only distinguish two blocks of a page. Tables over scenes take files of one machine and one build, with
-one scene or several in each. A scene is called what its file is called, or LABEL where there is one in the file.
+The page has a line `<!-- begin: NAME -->` and a line `<!-- end: NAME -->`; what stands between them is replaced by
+the command, the machine and the table. NAME's first word says which table: `rays` (`rays query`, `rays service` for
+these two), `contenders`, `threads`, `build`, `ladder`, `frame`, `tail`, `textures`, `adaptive`, `noise`, `schedule`
+or `rtrt`; further words only distinguish two blocks of a page. Tables over scenes take files of one machine and one
+build, with one scene or several in each. A scene is called what its file is called, or LABEL where there is one in
+the file.
 
 --machine TEXT    names the machine where the file does not, or better than the file does
 --build COMMIT    the commit that was measured [default: the checkout's, with "changed" if it has changes]
