@@ -5,8 +5,8 @@
 ///
 /// Must be a pure function of its arguments: any unit may call it any number of times, in any order.
 ///
-/// Tracers call it on the thread that traces. It may trace rays itself on that thread; such nested calls of the CPU tracer
-/// work in scratch memory of their own, which costs an allocation for each outer call.
+/// Tracers call it on the thread that traces. It may trace rays itself on that thread; such nested calls of the CPU
+/// tracer work in scratch memory of their own, which costs an allocation for each outer call.
 pub trait Filter: Send + Sync {
     /// Whether the candidate on `primitive` at the barycentric weights `u` of its second vertex and `v` of
     /// its third counts.

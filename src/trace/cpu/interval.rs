@@ -11,8 +11,9 @@ use crate::lanes::{Lanes, keep, load, load_one, splat, splat_row};
 /// Let `x` be the distance of a plane from a ray's origin on one axis, and `i` the ray's inverse direction there. The
 /// slab test lets the ray enter the plane at `x * i - slack * |i|` and leave it at `x * i + slack * |i|`, both up to
 /// rounding. All rounding errors of these terms and of the products here sum to less than 10 half ulps of the largest
-/// coordinate `m` times `|i|`, that is `2⁻²⁰ m |i|`, and `slack` is `2⁻¹⁹ m`. So if planes are moved apart by twice the
-/// slack, `x * i` is a lower bound of the entry and an upper bound of the exit, provided that these are not negative.
+/// coordinate `m` times `|i|`, that is `2⁻²⁰ m |i|`, and `slack` is `2⁻¹⁹ m`. So if planes are moved outwards by
+/// twice the slack, `x * i` is a lower bound of the entry and an upper bound of the exit, provided that these are not
+/// negative.
 ///
 /// For several rays, entries are bounded by `x` times the least `|i|`, exits by `x` times the greatest. If the rays
 /// start at different points, `x` is measured from the last origin along the octant for entries, and from the first one
@@ -27,7 +28,7 @@ pub(super) struct Interval {
     pub limit: f32,
 }
 
-/// The distances of the planes of a node's boxes from the rays' origins, moved apart: see [`Interval`].
+/// The distances of the planes of a node's boxes from the rays' origins, moved outwards: see [`Interval`].
 #[repr(C, align(32))]
 pub(super) struct PlaneDistances {
     near: [[f32; WIDTH]; 3],

@@ -1,6 +1,8 @@
 //! Rays against the triangles of leaf blocks: lists of rays, and pairs of a ray and a block.
 //!
-//! Unsafe code for rows, rays, answers, lists and pairs. Invariants 1, 2, 4, 5 and 6 are those of `substream`.
+//! Unsafe code for rows, rays, answers, lists and pairs. Invariants 1, 2, 4, 5 and 6 are those of `substream`,
+//! and:
+//! 9. Arrays on the stack have an element for each lane of any vector, and are read only where they were written.
 #![allow(unsafe_code, reason = "the invariants above")]
 
 use super::instance_space::{Space, splat_triangle};
@@ -83,7 +85,7 @@ pub(super) unsafe fn test_list<W: Lanes, E: Lanes, S: Space, const ANY: bool>(
                 let k = some.trailing_zeros() as usize % WIDTH;
                 some &= some - 1;
                 let (triangle, id) = (splat_triangle(w, &corners, k), space.scene_id(block.id(k)));
-                // SAFETY: bit `k` of `some` was set after the values were written.
+                // SAFETY: invariant 9: bit `k` of `some` was set after the values were written.
                 let values = unsafe { edges[k].assume_init_ref() };
                 let faces = BoundsFaces { near: splat_row(w, &near, k), far: splat_row(w, &far, k) };
                 let (mask, t) = hits_inside(w, inside[k] & among, &lines, &triangle, values, &faces, &limits);
@@ -160,7 +162,7 @@ impl<L: Lanes> NearestHits<L> {
         let (u, v) = if ANY { (self.t, self.t) } else { self.edges.barycentrics(l) };
         let (ts, us, vs) = (spill(l, self.t), spill(l, u), spill(l, v));
         let mut primitives = [0; MAX_LANES];
-        // SAFETY: the array is as long as the widest vector.
+        // SAFETY: invariant 9.
         unsafe { l.store_u32(primitives.as_mut_ptr(), self.primitive) };
         while left != 0 {
             let lane = left.trailing_zeros() as usize % MAX_LANES;
@@ -230,7 +232,7 @@ pub(super) unsafe fn test_pairs<W: Lanes, S: Space, const ANY: bool>(
     let mut next = unsafe { RelativePairs::load(w, space, sub, &batch, 0) };
     for i in (0..len).step_by(step) {
         for ahead in i + PREFETCH_DISTANCE..i + PREFETCH_DISTANCE + step {
-            // SAFETY: the pair is one of the batch.
+            // SAFETY: invariants 4 and 6; the pair is one of the batch.
             unsafe { batch.prefetch(sub, ahead.min(len - 1)) };
         }
         let mut current = next;
@@ -279,7 +281,7 @@ pub(super) unsafe fn test_candidates<W: Lanes, S: Space, const ANY: bool>(
         let among = first_lanes::<W>(candidates.len());
         let (ids, children) = candidates.pop(candidates.len().min(W::LANES));
         let (mut ray_ids, mut stored) = ([0; MAX_LANES], [0; MAX_LANES]);
-        // SAFETY: invariant 6 for the vectors of ids and children, of which the first stands in for lanes beyond the
+        // SAFETY: invariant 6 for the vectors of ids and children, whose first stands in for lanes beyond the
         // stack's top; 4 and 5 for the triangles; 1 for rays and rows. The arrays are as long as the widest vector.
         let (rays, row, [a, b, c]) = unsafe {
             let ids = w.select_u32(among, w.load_u32(ids), w.splat_u32(*ids));
@@ -330,7 +332,7 @@ pub(super) fn prefetch_first_pairs(sub: &SubStream<'_>, stack: &OctantStack) {
     let (ids, children) = pairs.at(pairs.len() - len);
     let batch = PairBatch { ids, children, len };
     for i in 0..len.min(PREFETCH_DISTANCE) {
-        // SAFETY: the pair is one of the batch.
+        // SAFETY: invariants 4 and 6; the pair is one of the batch.
         unsafe { batch.prefetch(sub, i) };
     }
 }

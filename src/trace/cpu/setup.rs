@@ -1,7 +1,8 @@
 //! Set-up of a sub-stream: what the box tests need of each ray, and a list of rays per octant.
 //!
-//! Unsafe code for reading rays, writing rows and appending to lists. Invariant 1: [`prepare`] makes room for the rays
-//! and [`MAX_LANES`] more, in the rows and in the arena of each octant.
+//! Unsafe code for reading rays, writing rows and appending to lists. Invariants:
+//! 1. [`prepare`] makes room for the rays and [`MAX_LANES`] more, in the rows and in the arena of each octant.
+//! 2. Rays are read from slices that have one for each lane: the last ones are copied to an array first.
 #![allow(unsafe_code, reason = "the invariants above")]
 
 use super::lane_math::first_lanes;
@@ -53,7 +54,7 @@ pub(super) fn prepare<W: Lanes>(
         } else {
             some
         };
-        // SAFETY: `from` has a ray for each lane.
+        // SAFETY: invariant 2.
         let columns = unsafe { w.rows(from.as_ptr().cast(), FIRST_IDS.as_ptr()) };
         let origin = [columns[0], columns[1], columns[2]];
         let RowColumns { columns, valid, negative } = row_columns(w, scene_max_abs, among, columns);

@@ -8,6 +8,7 @@
 //!    `Child::NONE` have inverted boxes, which no ray enters.
 //! 3. The stack has room for eight entries per level of the tree, and one more: a visit pops one entry and pushes at
 //!    most eight. For a two-level tree it has as much room again for the deepest tree of an instance.
+//! 4. Arrays that are written in lanes have as many elements, as `clamped_distances` asserts.
 #![allow(unsafe_code, reason = "the invariants above")]
 
 use super::instance_space::{InstanceSpace, Space, World};
@@ -217,7 +218,7 @@ unsafe fn visit_tree<E: Lanes, S: Space, V: Leaves, const ANY: bool>(
                 continue;
             }
             let mut enters = [0.0; WIDTH];
-            // SAFETY: there are as many numbers as lanes, as `clamped_distances` asserts.
+            // SAFETY: invariant 4.
             unsafe { e.store(enters.as_mut_ptr(), enter) };
             let first = top;
             while entered != 0 {

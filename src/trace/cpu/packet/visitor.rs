@@ -4,6 +4,7 @@
 //! `substream` and `child_lists`, with packet entries in the place of ids, and:
 //! 8. Every entry in a list (padding included) names a packet of the sub-stream, which [`PacketVisitor::packets`]
 //!    holds.
+//! 9. Tests of rays with triangles have room for all parts of a batch with all triangles, and for a vector beyond them.
 #![allow(unsafe_code, reason = "the invariants above")]
 
 use super::super::child_lists::ChildLists;
@@ -180,7 +181,7 @@ impl<W: Lanes, E: Lanes, const ANY: bool> PacketVisitor<'_, W, E, ANY> {
                         let inside = triangles.edge_values(w, k, direction).inside(w, entry.lanes::<W>(at));
                         passed |= u32::from(inside != 0) << k;
                     }
-                    // SAFETY: `tests` has room for all parts of a batch with all triangles, and a vector beyond them.
+                    // SAFETY: invariant 9.
                     unsafe {
                         let here = e.splat_u32(((i * parts + part) * WIDTH) as u32);
                         let here = e.add_u32(e.load_u32(SLOTS.as_ptr()), here);
