@@ -10,10 +10,15 @@ programs compute the same picture, which is checked. SCENE@EYE@TARGET@FOV (x,y,z
 seen from outside. `cornell` is the Cornell box of `scenes/`, with its own colours and lamp, `materials` are balls
 of glass, rough and polished metal, gloss and coat under a lamp (not for Mitsuba's scalar variants, to which
 glTF's surface must be taught). With --real surfaces are as the files have them: textures, masks, metal, gloss,
-glass and vertex normals, as near as each program's own come, so pictures agree less closely. Nobody plays Russian
-roulette, denoises, clamps or adapts samples. Only rendering is timed: every program has the scene and its tree before.
+glass and vertex normals, as near as each program's own come, so pictures agree less closely. No program denoises,
+clamps or adapts samples, or plays Russian roulette; with --roulette each plays its own (Cycles has none here). Only
+rendering is timed: every program has the scene and its tree before.
 Mitsuba's LLVM variants want Debian's libllvm19 (15 fails on processors with AVX-512).
-Prints medians of Mpaths/s, where a path is a camera ray.
+
+Prints medians of Mpaths/s, where a path is a camera ray, and the relative squared error of a picture times its seconds:
+half as much is the same error in half of the time. The error is the mean of (a - b)^2 / (b^2 + 0.01 mean(b)^2) over
+pixels and channels but for the worst 0.1 % of the pixels. b is the mean of --references pictures of the same program
+with other seeds, since materials differ between programs; the error of b itself is taken out.
 """
 
 import argparse
@@ -178,7 +183,7 @@ def mitsuba_surface(mi, look):
     return surface
 
 
-# Each program is a generator: primed, it takes a seed and gives seconds and the mean radiance.
+# Each program is a generator: primed, it takes a seed and gives seconds and the picture, (height, width, 3) float32.
 
 
 def raystream(args, scene, folder):
@@ -186,14 +191,14 @@ def raystream(args, scene, folder):
     width, height = args.size
     command = [args.raystream, "render", scene.file, "-o", out, "--stats", stats, "--tracer", "cpu"]
     command += ["--threads", args.threads, "--size", f"{width}x{height}", "--spp", args.spp]
-    command += ["--max-bounces", args.bounces, "--no-russian-roulette", *scene.words]
+    command += ["--max-bounces", args.bounces, *([] if args.roulette else ["--no-russian-roulette"]), *scene.words]
     answer = None
     while True:
         seed = yield answer
         words = [str(word) for word in [*command, "--seed", seed]]
         subprocess.run(words, check=True, capture_output=True)
         paths = width * height * args.spp / 1e6
-        answer = paths / json.loads(stats.read_text())["mpath_per_s"], float(np.load(out).mean())
+        answer = paths / json.loads(stats.read_text())["mpath_per_s"], np.load(out)
 
 
 def mitsuba(args, scene, folder, variant):
@@ -208,7 +213,7 @@ def mitsuba(args, scene, folder, variant):
     film = {"type": "hdrfilm", "width": width, "height": height, "rfilter": {"type": "box"}}
     sensor = {"type": "perspective", "fov": scene.fov, "fov_axis": "y", "to_world": view, "film": film}
     sensor |= {"near_clip": scene.reach * 1e-4, "far_clip": scene.reach * 1e2}
-    integrator = {"type": "path", "max_depth": args.bounces + 2, "rr_depth": 10_000}
+    integrator = {"type": "path", "max_depth": args.bounces + 2, "rr_depth": 5 if args.roulette else 10_000}
     whole = {"type": "scene", "integrator": integrator, "sensor": sensor}
     if variant.startswith("llvm"):
         agree_with_mitsuba.define_gltf(mi)
@@ -223,14 +228,14 @@ def mitsuba(args, scene, folder, variant):
     if scene.sky:
         whole["sky"] = {"type": "constant", "radiance": rgb(scene.sky)}
     whole = mi.load_dict(whole)
-    np.array(mi.render(whole, spp=args.spp, seed=args.rounds))  # Compiles the kernels.
+    np.array(mi.render(whole, spp=args.spp, seed=args.rounds + args.references))  # Compiles the kernels.
     answer = None
     while True:
         seed = yield answer
         mi.set_variant(variant)
         started = time.perf_counter()
         image = np.array(mi.render(whole, spp=args.spp, seed=seed))
-        answer = time.perf_counter() - started, float(image.mean())
+        answer = time.perf_counter() - started, image
 
 
 def cycles_process(pipe, args, scene, folder):
@@ -380,7 +385,7 @@ def cycles_process(pipe, args, scene, folder):
         pixels = np.empty(len(saved.pixels), np.float32)
         saved.pixels.foreach_get(pixels)
         bpy.data.images.remove(saved)
-        pipe.send((seconds, float(pixels.reshape(-1, 4)[:, :3].mean())))
+        pipe.send((seconds, pixels.reshape(args.size[1], args.size[0], 4)[..., :3]))
 
 
 def cycles(args, scene, folder):
@@ -400,6 +405,14 @@ def cycles(args, scene, folder):
         process.kill()
 
 
+def error(picture, reference, pictures):
+    """The robust relative squared error of a picture, where the reference is the mean of so many others."""
+    a, b = picture.astype(np.float64), reference.astype(np.float64)
+    errors = np.sort(((a - b) ** 2 / (b**2 + 0.01 * b.mean() ** 2)).mean(axis=2).ravel())
+    kept = errors[: errors.size - min(math.ceil(errors.size / 1000), errors.size - 1)]
+    return float(kept.mean()) / (1 + 1 / pictures)
+
+
 def compare(args, name):
     """Prints a row for each program; returns whether their pictures agree."""
     with tempfile.TemporaryDirectory() as folder:
@@ -407,7 +420,7 @@ def compare(args, name):
         made = {"cornell": cornell, "materials": lambda: materials(folder)}
         scene = made[name]() if name in made else of_file(args, name, folder)
         programs = {"raystream": raystream(args, scene, folder)}
-        for peer in args.peers.split(","):
+        for peer in filter(None, args.peers.split(",")):
             programs[peer] = cycles(args, scene, folder) if peer == "cycles" else mitsuba(args, scene, folder, peer)
         for program in programs.values():
             next(program)
@@ -415,17 +428,25 @@ def compare(args, name):
         for turn in range(args.rounds):
             for peer, program in programs.items():
                 answers[peer].append(program.send(turn))
-        for program in programs.values():
+        references = {}
+        for peer, program in programs.items():
+            pictures = (program.send(args.rounds + i)[1].astype(np.float64) for i in range(args.references))
+            references[peer] = sum(pictures) / args.references
             program.close()
     paths = args.size[0] * args.size[1] * args.spp / 1e6
     speeds = {peer: [paths / seconds for seconds, _ in turns] for peer, turns in answers.items()}
-    means = {peer: statistics.mean(mean for _, mean in turns) for peer, turns in answers.items()}
+    means = {peer: statistics.mean(float(picture.mean()) for _, picture in turns) for peer, turns in answers.items()}
+    costs = {}
+    for peer, turns in answers.items():
+        errors = [error(picture, references[peer], args.references) for _, picture in turns]
+        costs[peer] = statistics.mean(errors) * statistics.median(seconds for seconds, _ in turns)
     best = statistics.median(speeds["raystream"])
     for peer, values in speeds.items():
         median = statistics.median(values)
         spread = f"{min(values):.2f}-{max(values):.2f}"
         row = f"{pathlib.Path(name.split('@')[0]).stem:<20}{peer:<14}{median:>9.2f}"
         row += f"{spread:>14}{means[peer]:>12.4f}{best / median:>8.2f}x"
+        row += f"{costs[peer]:>12.5f}{costs[peer] / costs['raystream']:>8.2f}x"
         print(row, flush=True)
     tolerance = REAL_TOLERANCE if args.real else TOLERANCE
     return all(abs(mean / means["raystream"] - 1) < tolerance for mean in means.values())
@@ -442,9 +463,12 @@ def main():
     parser.add_argument("--spp", type=int, default=16)
     parser.add_argument("--bounces", type=int, default=3)
     parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--references", type=int, default=32, help="pictures that errors are measured against")
+    parser.add_argument("--roulette", action="store_true", help="each program plays its own Russian roulette")
     args = parser.parse_args()
     args.raystream = str(pathlib.Path(args.raystream).resolve())
-    print(f"{'scene':<20}{'program':<14}{'Mpaths/s':>9}{'spread':>14}{'radiance':>12}{'ours':>9}")
+    head = f"{'scene':<20}{'program':<14}{'Mpaths/s':>9}{'spread':>14}{'radiance':>12}{'ours':>9}"
+    print(f"{head}{'error x s':>12}{'ours':>9}")
     agree = [compare(args, scene) for scene in args.scenes]
     if not all(agree):
         sys.exit("the pictures' means differ")
