@@ -12,7 +12,7 @@ struct Way {
 
 // Visits an inner node: pushes a child that the ray enters within `limit` if it enters both, and returns the next
 // reference to visit.
-fn descend(ray: PreparedRay, reference: u32, member: Member, limit: f32, way: ptr<function, Way>) -> u32 {
+fn descend(ray: PreparedRay, reference: u32, member: TreeInstance, limit: f32, way: ptr<function, Way>) -> u32 {
     var node = node_at(reference);
     if MEMBERS && (*way).inside {
         node = moved_node(member, node);
@@ -50,7 +50,7 @@ fn next(ray: PreparedRay, limit: f32, way: ptr<function, Way>) -> u32 {
     return NOWHERE;
 }
 
-fn moved_node(member: Member, node: BinaryNode) -> BinaryNode {
+fn moved_node(member: TreeInstance, node: BinaryNode) -> BinaryNode {
     var out = node;
     out.left_min = moved_corner(member, node.left_min, node.left_max);
     out.left_max = moved_corner(member, node.left_max, node.left_min);

@@ -47,7 +47,7 @@ struct Pair {
 
 // A tree instance: the columns of the matrix that moves its tree into the world, its root as a child reference, and
 // what is added to the primitive ids of its tree.
-struct Member {
+struct TreeInstance {
     x: vec3<f32>,
     root: u32,
     y: vec3<f32>,

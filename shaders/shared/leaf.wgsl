@@ -2,7 +2,7 @@
 // functions instead of six and six. A coarse test rejects most triangles; `judge` stands here once, for both triangles
 // of a pair.
 
-fn through_leaf(ray: PreparedRay, reference: u32, member: Member, found: ptr<function, Found>) -> bool {
+fn through_leaf(ray: PreparedRay, reference: u32, member: TreeInstance, found: ptr<function, Found>) -> bool {
     let first = reference & PAIR_INDEX;
     let pairs = ((reference >> PAIRS_SHIFT) & 7u) + 1u;
     for (var index = first; index < first + pairs; index++) {
@@ -49,7 +49,7 @@ fn through_leaf(ray: PreparedRay, reference: u32, member: Member, found: ptr<fun
     return false;
 }
 
-fn pair_in_world(index: u32, member: Member) -> Pair {
+fn pair_in_world(index: u32, member: TreeInstance) -> Pair {
     var pair = pair_at(index);
     if MEMBERS {
         let d = moved(member, vec3<f32>(pair.d_x, pair.d_y, pair.d_z));

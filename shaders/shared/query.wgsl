@@ -8,7 +8,7 @@
 // UNCERTAIN: see `prepare`.
 
 fn traverse(ray: PreparedRay, found: ptr<function, Found>) {
-    var nowhere: Member;
+    var nowhere: TreeInstance;
     var query: ray_query;
     rayQueryInitialize(
         &query,

@@ -4,7 +4,7 @@
 
 fn traverse(ray: PreparedRay, found: ptr<function, Found>) {
     var way: Way;
-    var member: Member;
+    var member: TreeInstance;
     var reference = 0u;
     loop {
         loop {

@@ -19,7 +19,7 @@ struct Way {
 
 // Visits an inner node: pushes its children that the ray enters within `limit`, but for the first, and returns the next
 // reference to visit.
-fn descend(ray: PreparedRay, reference: u32, member: Member, limit: f32, way: ptr<function, Way>) -> u32 {
+fn descend(ray: PreparedRay, reference: u32, member: TreeInstance, limit: f32, way: ptr<function, Way>) -> u32 {
     let node = node_at(reference);
     let steps = vec3<f32>(step_of(node.shape), step_of(node.shape >> 8u), step_of(node.shape >> 16u));
     var slots: u32;
@@ -105,7 +105,7 @@ fn bits_of(are: vec4<bool>) -> u32 {
 }
 
 // Like `met`, for a node of a member's tree, whose boxes are moved into the world.
-fn met_moved(ray: PreparedRay, node: WideNode, steps: vec3<f32>, member: Member, limit: f32) -> u32 {
+fn met_moved(ray: PreparedRay, node: WideNode, steps: vec3<f32>, member: TreeInstance, limit: f32) -> u32 {
     var slots = 0u;
     for (var slot = 0u; slot < 8u; slot++) {
         let half = slot >> 2u;

@@ -180,7 +180,7 @@ mod tests {
 
     #[test]
     fn structs_lie_in_memory_alike_on_both_sides() {
-        use layout::{BinaryNode, Candidates, Member, Pair, Params, WideNode};
+        use layout::{BinaryNode, Candidates, TreeInstance, Pair, Params, WideNode};
         let expected: [Layout; 7] = [
             layout_of!(Ray: origin, t_min, direction, t_max),
             layout_of!(BinaryNode: left_min, left, left_max, spare_0, right_min, right, right_max, spare_1),
@@ -188,7 +188,7 @@ mod tests {
                 WideNode: origin, shape, lower_x, upper_x, lower_y, upper_y, lower_z, upper_z, children
             ),
             layout_of!(Pair: a, d_x, b, d_y, c, d_z),
-            layout_of!(Member: x, root, y, first, z, spare_0, shift, spare_1),
+            layout_of!(TreeInstance: x, root, y, first, z, spare_0, shift, spare_1),
             layout_of!(Candidates: first, second, third, rest),
             layout_of!(Params: count, scene_max_abs, zero, spare),
         ];

@@ -51,7 +51,7 @@ pub(super) type Identities = [u32; 2];
 /// A tree instance: the columns of its placement, its tree and its first primitive.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
-pub(super) struct Member {
+pub(super) struct TreeInstance {
     pub x: [f32; 3],
     /// Child reference to the root of its tree.
     pub root: u32,

@@ -147,7 +147,7 @@ impl ScenePages {
         let last = self.bindings() - 1;
         let variable = match tree {
             TreeKind::Device => "var boxes: acceleration_structure",
-            TreeKind::Binary | TreeKind::Wide => "var<storage, read> members: array<Member>",
+            TreeKind::Binary | TreeKind::Wide => "var<storage, read> members: array<TreeInstance>",
         };
         let _ = writeln!(text, "@group(0) @binding({last}) {variable};");
         text

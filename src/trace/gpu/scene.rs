@@ -3,7 +3,7 @@
 use super::dispatch::{KernelPipeline, bind_whole};
 use super::flatten::{FlatScene, Nodes};
 use super::kernel::{Kernel, Shape};
-use super::layout::Member;
+use super::layout::TreeInstance;
 use super::pages::ScenePages;
 use super::{Gpu, GpuError, TreeKind, Variant, device_tree};
 use crate::bvh::Bvh;
@@ -69,7 +69,7 @@ impl DeviceScene {
         let contents: Vec<(&str, &[u8])> =
             node_pages.chain(pair_pages).chain(identity_pages).chain([last]).collect();
         // A binding must not be empty.
-        let size = |page: &[u8]| page.len().max(size_of::<Member>()) as u64;
+        let size = |page: &[u8]| page.len().max(size_of::<TreeInstance>()) as u64;
         let bytes = contents.iter().map(|(_, page)| size(page)).sum();
         let allocated = gpu.attempt(|device, _| {
             let buffer = |&(label, page): &(&str, &[u8])| {

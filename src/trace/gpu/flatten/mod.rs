@@ -5,7 +5,7 @@ mod boxes;
 mod pairs;
 mod wide;
 
-use super::layout::{BinaryNode, Identities, LEAF, Member, Pair, WideNode};
+use super::layout::{BinaryNode, Identities, LEAF, TreeInstance, Pair, WideNode};
 use super::pages::{Pages, Records};
 use super::variant::{TreeKind, Variant};
 use crate::bvh::{Bvh, FlatTree};
@@ -53,7 +53,7 @@ pub(super) struct FlatScene {
     pub nodes: Nodes,
     pub pairs: Vec<Pair>,
     pub identities: Vec<Identities>,
-    pub members: Vec<Member>,
+    pub members: Vec<TreeInstance>,
     /// The most entries that a traversal has on its stack.
     pub stack: usize,
     /// Index of the first pair about which the filter decides. Used with a device's own tree only.
@@ -84,7 +84,7 @@ impl FlatScene {
             });
             let rows = instance.placement.unwrap_or(Placement::IDENTITY).rows;
             let column = |i: usize| rows.map(|row| row[i]);
-            flat.members.push(Member {
+            flat.members.push(TreeInstance {
                 x: column(0),
                 root,
                 y: column(1),
