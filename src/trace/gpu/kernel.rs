@@ -180,7 +180,7 @@ mod tests {
 
     #[test]
     fn structs_lie_in_memory_alike_on_both_sides() {
-        use layout::{BinaryNode, Candidates, TreeInstance, Pair, Params, WideNode};
+        use layout::{BinaryNode, Candidates, Pair, Params, TreeInstance, WideNode};
         let expected: [Layout; 7] = [
             layout_of!(Ray: origin, t_min, direction, t_max),
             layout_of!(BinaryNode: left_min, left, left_max, spare_0, right_min, right, right_max, spare_1),

@@ -5,7 +5,7 @@ mod boxes;
 mod pairs;
 mod wide;
 
-use super::layout::{BinaryNode, Identities, LEAF, TreeInstance, Pair, WideNode};
+use super::layout::{BinaryNode, Identities, LEAF, Pair, TreeInstance, WideNode};
 use super::pages::{Pages, Records};
 use super::variant::{TreeKind, Variant};
 use crate::bvh::{Bvh, FlatTree};
