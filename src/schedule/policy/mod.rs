@@ -212,7 +212,7 @@ pub(super) const TAIL_STREAMS: usize = 4;
 
 /// Paths from which a stream counts as full when `left` paths of its job have not ended or not begun.
 ///
-/// Without a device this is the limit, and at the tail as few paths as give every host thread [`TAIL_STREAMS`]
+/// Without a device this is the limit, and at the tail as few paths as give every host thread `TAIL_STREAMS`
 /// streams: one thread shades a stream, so a large last stream would leave the other threads idle. With a device it
 /// is always the limit, because small streams are not worth a dispatch. Never grows while a job goes on.
 pub fn threshold(left: u64, host_threads: usize, device_is_fed: bool, limits: &Limits) -> usize {

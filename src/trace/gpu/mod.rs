@@ -38,7 +38,7 @@
 //! # Three nested `catch_unwind`
 //!
 //! A panic during a dispatch meets three handlers, each with a reason of its own. From the inside out:
-//! 1. [`Gpu::guard`] catches panics of wgpu and the driver. It records the panic as the reason why the device is lost,
+//! 1. `Gpu::guard` catches panics of wgpu and the driver. It records the panic as the reason why the device is lost,
 //!    so that every thread sees it and none calls wgpu with this device again.
 //! 2. `RayStream::trace_on` catches panics of any [`crate::stream::DeviceTracer`], those of resolving and of other
 //!    crates' tracers too. It keeps the stream, so that no ray is lost.
