@@ -121,7 +121,7 @@ impl Limits {
             IN_FLIGHT.max(threshold.saturating_mul(streams)).max(tile_rays).min(MOST)
         });
         let in_flight = in_flight.min(most_in_flight);
-        for (what, value) in [
+        in_range(&[
             ("the number of rays in flight", in_flight),
             ("the threshold of full streams", threshold),
             ("the number of rays of a tile", tile_rays),
@@ -129,11 +129,7 @@ impl Limits {
             ("the number of rays of a chunk", options.chunk_rays),
             ("the greatest number of rays of a chunk", options.chunk_rays_most),
             ("the number of shadow rays per ray", shadow_rays_per_path),
-        ] {
-            if value == 0 || value > MOST {
-                return Err(LimitsError::OutOfRange { what, value });
-            }
-        }
+        ])?;
         if tile_rays > in_flight {
             return Err(LimitsError::TileBeyondInFlight { tile_rays, in_flight });
         }
@@ -190,6 +186,14 @@ impl Limits {
             device: None,
         };
         Self::derive(&JobOptions::default(), demand).expect("the paper's own sizes")
+    }
+}
+
+/// Refuses a size that is zero or larger than [`MOST`].
+fn in_range(sizes: &[(&'static str, usize)]) -> Result<(), LimitsError> {
+    match sizes.iter().find(|(_, value)| !(1..=MOST).contains(value)) {
+        Some(&(what, value)) => Err(LimitsError::OutOfRange { what, value }),
+        None => Ok(()),
     }
 }
 

@@ -10,7 +10,7 @@ use super::blind;
 use crate::stream::{ChunkScratch, Ray};
 use std::sync::{Arc, Mutex};
 
-/// One tile of 2000 rays, of which 1500 continue at the first hit, 375 at the second and none at the third. A payload
+/// One tile of 2000 rays: 1500 continue at the first hit, 375 of these at the second and none at the third. A payload
 /// is a ray's depth and its number among the rays of that depth.
 #[derive(Default)]
 struct Example {

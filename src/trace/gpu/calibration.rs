@@ -141,7 +141,7 @@ fn trace(tracer: &GpuTracer, stream: Stream, room: usize, rays: &[Ray]) -> Optio
     Some((stream.discard(), start.elapsed()))
 }
 
-/// Runs rounds of measurements, each of which returns the same times in the same order. Returns the least of each in
+/// Runs rounds of measurements. Each returns the same times in the same order. Returns the least of each in
 /// seconds.
 fn rounds(mut round: impl FnMut() -> Option<Vec<Duration>>) -> Option<Vec<f64>> {
     let start = Instant::now();

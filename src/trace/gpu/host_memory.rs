@@ -11,6 +11,7 @@
 //! 2. The block keeps the device from being dropped, so `raw` is valid.
 //! 3. The Vulkan buffer is destroyed in that callback and nowhere else.
 //! 4. Handles are passed to functions of the device that they came from; structs are filled as Vulkan requires.
+//! 5. A block hands out `start` as an address only; its owner decides who may follow it (`shared_buffer.rs`).
 #![allow(unsafe_code, reason = "the invariants above")]
 
 use ash::vk;
@@ -46,9 +47,9 @@ impl std::fmt::Debug for Block {
     }
 }
 
-// SAFETY: `start` is only an address; its owner decides who may follow it (`shared_buffer.rs`).
+// SAFETY: invariant 5.
 unsafe impl Send for Block {}
-// SAFETY: as above.
+// SAFETY: invariant 5.
 unsafe impl Sync for Block {}
 
 impl Drop for Block {
@@ -63,18 +64,18 @@ impl HostMemory {
     pub fn new(device: &wgpu::Device, bytes: usize) -> Option<Self> {
         let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC | wgpu::BufferUsages::COPY_DST;
         let size = bytes.max(1).next_multiple_of(256) as u64;
-        // SAFETY: the hal device is used while its guard lives, and nothing of it is destroyed. It is what `device`
-        // wraps.
+        // SAFETY: invariant 4. The hal device is used while its guard lives, nothing of it is destroyed, and it is what
+        // `device` wraps.
         let (vk_buffer, block) = unsafe { Block::bound(&*device.as_hal::<Vulkan>()?, device, size) }?;
         let block = Arc::new(block);
         let kept = block.clone();
         // SAFETY: invariant 3; `kept` is dropped after it.
         let callback = Box::new(move || unsafe { kept.raw.destroy_buffer(vk_buffer, None) });
-        // SAFETY: the buffer is of this device, bound to memory that the callback keeps.
+        // SAFETY: invariants 3 and 4; the buffer is bound to memory that the callback keeps.
         let raw = unsafe { vulkan::Buffer::from_raw_externally_owned(vk_buffer, callback) };
         let descriptor =
             wgpu::BufferDescriptor { label: Some("shared"), size, usage, mapped_at_creation: false };
-        // SAFETY: `raw` is of this device, with these usages and this size.
+        // SAFETY: invariant 4; `raw` has these usages and this size.
         let buffer = unsafe { device.create_buffer_from_hal::<Vulkan>(raw, &descriptor) };
         Some(Self { block, buffer })
     }
@@ -109,7 +110,7 @@ impl Block {
         let info = vk::BufferCreateInfo::default().size(size).usage(usage);
         // SAFETY: invariant 4. The buffer is destroyed below if the next step fails.
         let buffer = unsafe { raw.create_buffer(&info, None) }.ok()?;
-        // SAFETY: all are of one device, which is this function's own precondition.
+        // SAFETY: invariant 4, by this function's own contract.
         let block = unsafe { Self::allocate(hal, device, &raw, buffer) };
         if block.is_none() {
             // SAFETY: invariant 4; nothing else has the buffer's handle.

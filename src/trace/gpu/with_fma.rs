@@ -1,6 +1,6 @@
 //! Compiles work for fused multiply-add, the operation of the canonical test. Without the instruction each fused
-//! multiply-add is a call into the C library, which gives the same bits in three times the time: 160 against 48 ns for a
-//! ray and its triangle. What `work` calls must be inlined into it.
+//! multiply-add is a call into the C library, which gives the same bits in three times the time: 160 against 48 ns for
+//! a ray and its triangle. What `work` calls must be inlined into it.
 //!
 //! Unsafe code. Invariant:
 //! 1. A function that enables instructions is called only where the processor has them.
