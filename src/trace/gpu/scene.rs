@@ -77,11 +77,7 @@ impl DeviceScene {
                     label: Some(label),
                     // More than any device has, if the fault is injected.
                     size: if gpu.has_no_memory() { 1 << 62 } else { size(page) },
-                    usage: wgpu::BufferUsages::COPY_DST
-                        | match label {
-                            BOXES => wgpu::BufferUsages::BLAS_INPUT,
-                            _ => wgpu::BufferUsages::STORAGE,
-                        },
+                    usage: usage_of(label),
                     mapped_at_creation: false,
                 })
             };
@@ -108,6 +104,11 @@ impl DeviceScene {
         let group = bound.map_err(GpuError::Lost)?.map_err(out_of_memory)?;
         Ok(Self { group, trace_closest, trace_any, bytes })
     }
+}
+
+fn usage_of(label: &str) -> wgpu::BufferUsages {
+    let read = if label == BOXES { wgpu::BufferUsages::BLAS_INPUT } else { wgpu::BufferUsages::STORAGE };
+    wgpu::BufferUsages::COPY_DST | read
 }
 
 /// The layouts of group 0 (the scene's pages, then members or the device's own tree) and of group 1 (rays, params,
