@@ -7,7 +7,7 @@
 use crate::geom::{CanonicalRay, SLACK};
 use crate::lanes::{LaneTask, Lanes, MAX_LANES, SimdLevel, first_lanes};
 use crate::stream::Ray;
-use crate::trace::cpu::LaneVec3;
+use crate::trace::cpu::lane_math::LaneVec3;
 use crate::trace::cpu::slabs::Slabs;
 use crate::trace::cpu::triangle::{Limits, Lines, test};
 use glam::Vec3;
