@@ -60,6 +60,39 @@ pub(super) struct Demand {
     pub device: Option<Sizing>,
 }
 
+impl Demand {
+    /// Paths from which a stream counts as full, by default.
+    fn threshold(self, options: &JobOptions) -> usize {
+        let Self { tiles, tile_rays, host_threads, dispatch_threads, device, .. } = self;
+        let paths = tiles.saturating_mul(tile_rays as u64);
+        if let Some(device) = device.filter(|_| dispatch_threads > 0) {
+            // A small job still has a few streams for every thread, if they are worth a dispatch.
+            let share = paths / (host_threads + 2 * dispatch_threads) as u64;
+            device.threshold.min((share as usize).max(device.least))
+        } else if dispatch_threads > 0 {
+            DEVICE_THRESHOLD
+        } else {
+            // A small job still has a few streams for each thread.
+            let share = paths / (4 * host_threads as u64);
+            share.clamp(options.chunk_rays as u64, HOST_THRESHOLD.max(options.chunk_rays) as u64) as usize
+        }
+    }
+
+    /// N, by default, if the renderer has memory for as many paths.
+    fn in_flight(self, threshold: usize) -> usize {
+        let Self { tile_rays, host_threads, dispatch_threads, device, .. } = self;
+        let paths = if dispatch_threads == 0 {
+            HOST_IN_FLIGHT.max(threshold.saturating_mul(2)).saturating_mul(host_threads)
+        } else {
+            // A stream for each thread that traces. Dispatch threads of a measured device have one more, which is full
+            // when they come back.
+            let streams = host_threads + if device.is_some() { 2 * dispatch_threads } else { 0 };
+            IN_FLIGHT.max(threshold.saturating_mul(streams))
+        };
+        paths.max(tile_rays).min(MOST)
+    }
+}
+
 /// Sizes that do not fit each other.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum LimitsError {
@@ -93,34 +126,11 @@ pub enum LimitsError {
 
 impl Limits {
     pub(super) fn derive(options: &JobOptions, demand: Demand) -> Result<Self, LimitsError> {
-        let Demand { tiles, tile_rays, shadow_rays_per_ray, most_in_flight, .. } = demand;
-        let Demand { host_threads, dispatch_threads, device, .. } = demand;
+        let Demand { tile_rays, shadow_rays_per_ray, host_threads, dispatch_threads, .. } = demand;
         let shadow_rays_per_path = shadow_rays_per_ray.max(1);
-        let threshold = options.threshold.unwrap_or_else(|| {
-            if let Some(device) = device.filter(|_| dispatch_threads > 0) {
-                // A small job still has a few streams for every thread, if they are worth a dispatch.
-                let share =
-                    tiles.saturating_mul(tile_rays as u64) / (host_threads + 2 * dispatch_threads) as u64;
-                device.threshold.min((share as usize).max(device.least))
-            } else if dispatch_threads > 0 {
-                DEVICE_THRESHOLD
-            } else {
-                // A small job still has a few streams for each thread.
-                let share = tiles.saturating_mul(tile_rays as u64) / (4 * host_threads as u64);
-                share.clamp(options.chunk_rays as u64, HOST_THRESHOLD.max(options.chunk_rays) as u64) as usize
-            }
-        });
-        let in_flight = options.in_flight.unwrap_or_else(|| {
-            if dispatch_threads == 0 {
-                let paths = HOST_IN_FLIGHT.max(threshold.saturating_mul(2));
-                return paths.saturating_mul(host_threads).max(tile_rays).min(MOST);
-            }
-            // A stream for each thread that traces, and for each dispatch thread one more that is full when it comes
-            // back.
-            let streams = host_threads + if device.is_some() { 2 * dispatch_threads } else { 0 };
-            IN_FLIGHT.max(threshold.saturating_mul(streams)).max(tile_rays).min(MOST)
-        });
-        let in_flight = in_flight.min(most_in_flight);
+        let threshold = options.threshold.unwrap_or_else(|| demand.threshold(options));
+        let in_flight = options.in_flight.unwrap_or_else(|| demand.in_flight(threshold));
+        let in_flight = in_flight.min(demand.most_in_flight);
         in_range(&[
             ("the number of rays in flight", in_flight),
             ("the threshold of full streams", threshold),

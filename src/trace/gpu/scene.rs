@@ -68,23 +68,9 @@ impl DeviceScene {
         };
         let contents: Vec<(&str, &[u8])> =
             node_pages.chain(pair_pages).chain(identity_pages).chain([last]).collect();
-        // A binding must not be empty.
-        let size = |page: &[u8]| page.len().max(size_of::<TreeInstance>()) as u64;
-        let bytes = contents.iter().map(|(_, page)| size(page)).sum();
-        let allocated = gpu.attempt(|device, _| {
-            let buffer = |&(label, page): &(&str, &[u8])| {
-                device.create_buffer(&wgpu::BufferDescriptor {
-                    label: Some(label),
-                    // More than any device has, if the fault is injected.
-                    size: if gpu.has_no_memory() { 1 << 62 } else { size(page) },
-                    usage: usage_of(label),
-                    mapped_at_creation: false,
-                })
-            };
-            contents.iter().map(buffer).collect::<Vec<wgpu::Buffer>>()
-        });
+        let bytes = contents.iter().map(|(_, page)| buffer_size(page)).sum();
         let out_of_memory = |reason| GpuError::OutOfMemory { required: bytes, adapter: adapter(), reason };
-        let buffers = allocated.map_err(GpuError::Lost)?.map_err(out_of_memory)?;
+        let buffers = allocate(gpu, &contents).map_err(GpuError::Lost)?.map_err(out_of_memory)?;
         for (buffer, (_, page)) in buffers.iter().zip(&contents) {
             upload(gpu, buffer, page)?;
         }
@@ -109,6 +95,27 @@ impl DeviceScene {
 fn usage_of(label: &str) -> wgpu::BufferUsages {
     let read = if label == BOXES { wgpu::BufferUsages::BLAS_INPUT } else { wgpu::BufferUsages::STORAGE };
     wgpu::BufferUsages::COPY_DST | read
+}
+
+/// Bytes of the buffer for a page. A binding must not be empty.
+fn buffer_size(page: &[u8]) -> u64 {
+    page.len().max(size_of::<TreeInstance>()) as u64
+}
+
+/// Allocates a buffer for each page, which has a label.
+fn allocate(gpu: &Gpu, pages: &[(&str, &[u8])]) -> Result<Result<Vec<wgpu::Buffer>, String>, String> {
+    gpu.attempt(|device, _| {
+        let buffer = |&(label, page): &(&str, &[u8])| {
+            device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some(label),
+                // More than any device has, if the fault is injected.
+                size: if gpu.has_no_memory() { 1 << 62 } else { buffer_size(page) },
+                usage: usage_of(label),
+                mapped_at_creation: false,
+            })
+        };
+        pages.iter().map(buffer).collect()
+    })
 }
 
 /// The layouts of group 0 (the scene's pages, then members or the device's own tree) and of group 1 (rays, params,
