@@ -30,14 +30,22 @@ struct Map {
     image: EnvironmentMap,
     /// Turns added to the image's horizontal coordinate.
     turn: f32,
-    /// Cumulated weight of the rows, `height + 1` of them, the last 1.
-    rows: Vec<f32>,
-    /// Cumulated weight of the texels of each row, `width + 1` each, the last 1.
-    columns: Vec<f32>,
-    /// [`guide`] of `rows`.
-    row_guide: Vec<u32>,
-    /// The guides of the rows of `columns`, `width` each.
-    column_guides: Vec<u32>,
+    /// Chooses a row.
+    rows: Cumulated,
+    /// Chooses a texel of each row.
+    columns: Cumulated,
+    /// The chance of each texel: that of its row times its own in the row.
+    chances: Vec<f32>,
+}
+
+/// Cumulated distributions of as many cells each, one after the other.
+#[derive(Clone, Debug)]
+struct Cumulated {
+    cells: u32,
+    /// `cells + 1` numbers a distribution that do not fall, the first 0, the last 1; or all 0, which is never inverted.
+    edges: Vec<f32>,
+    /// [`guide`] of each.
+    guide: Vec<u32>,
 }
 
 impl EnvironmentLight {
@@ -139,10 +147,14 @@ impl Map {
             return None;
         }
         let rows: Vec<f32> = rows.iter().map(|&r| (r / total) as f32).collect();
-        let row_guide = guide(&rows).collect();
-        let column_guides = columns.chunks_exact(width + 1).flat_map(guide).collect();
+        let chance = |y: usize, x: usize| {
+            let cell = y * (width + 1) + x;
+            (rows[y + 1] - rows[y]) * (columns[cell + 1] - columns[cell])
+        };
+        let chances = (0..height).flat_map(|y| (0..width).map(move |x| chance(y, x))).collect();
+        let (rows, columns) = (Cumulated::new(rows, image.height), Cumulated::new(columns, image.width));
         let turn = image.rotation_degrees / 360.0;
-        let map = Self { image: image.clone(), turn, rows, columns, row_guide, column_guides };
+        let map = Self { image: image.clone(), turn, rows, columns, chances };
         Some((map, (total / area) as f32))
     }
 
@@ -177,24 +189,13 @@ impl Map {
         a.lerp(b, fx).lerp(c.lerp(d, fx), fy)
     }
 
-    fn row(&self, y: usize) -> &[f32] {
-        let stride = self.image.width as usize + 1;
-        &self.columns[y * stride..(y + 1) * stride]
-    }
-
-    /// Image coordinates by brightness, lane by lane: each inverts tables of its own.
+    /// Image coordinates by brightness.
+    #[inline(always)]
     fn sample<L: Lanes>(&self, [u, v]: [Num<L>; 2]) -> [Num<L>; 2] {
-        let (l, u, v) = (u.lanes(), u.to_array(), v.to_array());
-        let width = self.image.width as usize;
-        let mut places = [L::array(0.0); 2];
-        for lane in 0..L::LANES {
-            let (y, fy) = invert(&self.rows, &self.row_guide, v[lane]);
-            let guide = &self.column_guides[y * width..(y + 1) * width];
-            let (x, fx) = invert(self.row(y), guide, u[lane]);
-            places[0][lane] = (x as f32 + fx) / self.image.width as f32;
-            places[1][lane] = (y as f32 + fy) / self.image.height as f32;
-        }
-        [Num::from_array(l, &places[0]), Num::from_array(l, &places[1])]
+        let EnvironmentMap { width, height, .. } = self.image;
+        let (y, fy) = self.rows.invert(Int::splat(u.lanes(), 0), v);
+        let (x, fx) = self.columns.invert(y, u);
+        [(x.to_num() + fx) / width as f32, (y.to_num() + fy) / height as f32]
     }
 
     /// Density of directions whose image coordinates are `place`.
@@ -203,9 +204,7 @@ impl Map {
         let EnvironmentMap { width, height, .. } = self.image;
         let x = (u * width as f32).to_int().at_most(width - 1);
         let y = (v * height as f32).to_int().at_most(height - 1);
-        let cell = y * (width + 1) + x;
-        let chance = ((y + 1).of(&self.rows) - y.of(&self.rows))
-            * ((cell + 1).of(&self.columns) - cell.of(&self.columns));
+        let chance = (y * width + x).of(&self.chances);
         // Density per image area; a piece du dv of the image covers 2π² sin θ du dv.
         let sine = (direction.x * direction.x + direction.z * direction.z).sqrt();
         let density = chance * (width as f32 * height as f32) / (sine * (2.0 * PI * PI));
@@ -214,8 +213,8 @@ impl Map {
 }
 
 /// For each of as many even parts of 0..1 as a cumulated distribution has cells, the first cell that
-/// reaches beyond the part's start: an inversion that starts there takes a step or two (Chen and
-/// Asau 1974).
+/// reaches beyond the part's start: between this cell and that of the next part an inversion takes a step or two (Chen
+/// and Asau 1974).
 fn guide(cumulated: &[f32]) -> impl Iterator<Item = u32> {
     let cells = cumulated.len() - 1;
     let mut cell = 0;
@@ -228,21 +227,40 @@ fn guide(cumulated: &[f32]) -> impl Iterator<Item = u32> {
     })
 }
 
-/// The cell of a cumulated distribution into which `u` falls, never one without weight, and the
-/// place in it, 0..1.
-fn invert(cumulated: &[f32], guide: &[u32], u: f32) -> (usize, f32) {
-    let cells = guide.len();
-    let mut cell = guide[((u * cells as f32) as usize).min(cells - 1)] as usize;
-    // Rounding may have chosen the next part.
-    while cell > 0 && cumulated[cell] > u {
-        cell -= 1;
+impl Cumulated {
+    fn new(edges: Vec<f32>, cells: u32) -> Self {
+        let guide = edges.chunks_exact(cells as usize + 1).flat_map(guide).collect();
+        Self { cells, edges, guide }
     }
-    // The first edge beyond u ends the cell; u < 1 = last edge.
-    while cell + 1 < cells && cumulated[cell + 1] <= u {
-        cell += 1;
+
+    /// The cells of distributions number `which` into which `u`, in [0, 1), falls, never one without weight, and the
+    /// positions in them, 0..1.
+    #[inline(always)]
+    fn invert<L: Lanes>(&self, which: Int<L>, u: Num<L>) -> (Int<L>, Num<L>) {
+        let last = Int::splat(u.lanes(), self.cells - 1);
+        let first_edge = which * (self.cells + 1);
+        let edge = |cell: Int<L>| (first_edge + cell).of(&self.edges);
+        let part = (u * self.cells as f32).to_int().at_most(self.cells - 1);
+        let first_part = which * self.cells;
+        let [low] = (first_part + part).rows(&self.guide);
+        let [high] = (first_part + (part + 1).at_most(self.cells - 1)).rows(&self.guide);
+        // Rounding may have chosen the part before or behind the one of `u`.
+        let mut low = Int::select(edge(low).gt(u), Int::splat(u.lanes(), 0), low);
+        let mut high = Int::select(part.lt(last) & edge(high + 1).gt(u), high, last);
+        // The cell ends at the first edge beyond `u`, and is in low..=high.
+        for _ in 0..=self.cells.ilog2() {
+            let open = low.lt(high);
+            if !open.any() {
+                break;
+            }
+            let middle = (low + high) >> 1;
+            let beyond = edge(middle + 1).gt(u);
+            high = Int::select(open & beyond, middle, high);
+            low = Int::select(open & !beyond, middle + 1, low);
+        }
+        let (start, end) = (edge(low), edge(low + 1));
+        (low, ((u - start) / (end - start)).clamp(0.0, 1.0))
     }
-    let (low, high) = (cumulated[cell], cumulated[cell + 1]);
-    (cell, ((u - low) / (high - low)).clamp(0.0, 1.0))
 }
 
 #[cfg(test)]
@@ -266,11 +284,15 @@ mod tests {
                 .collect();
             edges.iter_mut().for_each(|e| *e /= sum.max(f32::MIN_POSITIVE));
             edges[cells as usize] = 1.0;
-            let guide: Vec<u32> = guide(&edges).collect();
+            // The second of two distributions.
+            let both = [&edges[..], &edges[..]].concat();
+            let cumulated = Cumulated::new(both, cells);
             let places = (0..20_000).map(|i| Sampler::new(i, 9, 5).single(0));
             for u in places.chain(edges.iter().copied().filter(|&e| e < 1.0)) {
                 let bisected = edges.partition_point(|&edge| edge <= u).clamp(1, edges.len() - 1) - 1;
-                assert_eq!(invert(&edges, &guide, u).0, bisected, "{u} of {cells}");
+                let (cell, position) = cumulated.invert(1.into(), Num::from(u));
+                assert_eq!(cell.get() as usize, bisected, "{u} of {cells}");
+                assert!((0.0..=1.0).contains(&position.get()));
             }
         }
     }
