@@ -77,6 +77,8 @@ pub struct FramesStats {
     pub height: u32,
     /// Samples per pixel.
     pub spp: u32,
+    /// [`crate::render::PICTURE_VERSION`]: hashes of different versions are of different pictures.
+    pub picture_version: u32,
     /// The frames that were finished, in order.
     pub frames: Vec<FrameStats>,
     /// Maximum frames in flight.
@@ -152,6 +154,8 @@ pub struct ImageStats {
     pub mean_spp: f64,
     /// [`crate::film::Image::hash`].
     pub hash: String,
+    /// [`crate::render::PICTURE_VERSION`]: hashes of different versions are of different pictures.
+    pub picture_version: u32,
 }
 
 /// Relative standard errors of a picture's pixel blocks (16 × 16); null where there are too few samples.

@@ -1,7 +1,7 @@
 //! What is kept of a frame, so that it can be gone on with after the process has ended in whatever way.
 
 use super::progressive::State;
-use super::{Blocks, Integrator, Pass, PassOptions, Progressive};
+use super::{Blocks, Integrator, PICTURE_VERSION, Pass, PassOptions, Progressive};
 use crate::film::{Noise, take};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -9,15 +9,44 @@ use std::io::Write;
 use std::ops::Range;
 use xxhash_rust::xxh3::{Xxh3, xxh3_64};
 
-/// What a picture is a function of, by name: scene, camera, settings, seed. Only a frame that agrees in
-/// all of it may go on from a checkpoint.
-pub type Identity = BTreeMap<String, String>;
+/// What a picture is a function of, by name: scene, camera, settings, seed, and always [`PICTURE_VERSION`]. A frame
+/// continues from a checkpoint only if it agrees in all of it.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct Identity(BTreeMap<String, String>);
+
+impl Identity {
+    /// The name of [`PICTURE_VERSION`].
+    const PICTURES: &str = "the version of the pictures";
+
+    /// Of a picture of this build that is a function of these, by name.
+    pub fn new(parts: impl IntoIterator<Item = (String, String)>) -> Self {
+        let version = (Self::PICTURES.to_owned(), PICTURE_VERSION.to_string());
+        Self(parts.into_iter().chain([version]).collect())
+    }
+
+    /// Looks for what differs between this, which was kept, and the picture that is requested now.
+    ///
+    /// # Errors
+    /// [`CheckpointError::Mismatch`] names the first thing that does.
+    pub fn compare(&self, now: &Self) -> Result<(), CheckpointError> {
+        let nothing = || "not given".to_owned();
+        for what in self.0.keys().chain(now.0.keys()) {
+            let (was, is) = (self.0.get(what), now.0.get(what));
+            if was != is {
+                let [was, is] = [was, is].map(|value| value.cloned().unwrap_or_else(nothing));
+                return Err(CheckpointError::Mismatch { what: what.clone(), was, is });
+            }
+        }
+        Ok(())
+    }
+}
 
 /// How a checkpoint begins.
 const MAGIC: &[u8; 20] = b"raystream checkpoint";
 
-/// Counts incompatible formats.
-const VERSION: u32 = 2;
+/// Counts incompatible formats of checkpoints, those of several frames included.
+pub const CHECKPOINT_VERSION: u32 = 3;
 
 /// The part of a checkpoint that is text.
 #[derive(Serialize, Deserialize)]
@@ -36,8 +65,8 @@ pub enum CheckpointError {
     /// Something else.
     #[error("it is not a checkpoint of raystream")]
     Foreign,
-    /// From another version of raystream.
-    #[error("it has version {0}, this raystream reads version {VERSION}")]
+    /// In another format.
+    #[error("it is a checkpoint of version {0}, and this raystream reads version {CHECKPOINT_VERSION} only")]
     Version(u32),
     /// Cut or changed.
     #[error("it is damaged")]
@@ -75,7 +104,7 @@ impl<I: Integrator> Progressive<I> {
         let header = serde_json::to_vec(&header)?;
         let mut to = Summed { to, sum: Xxh3::new() };
         to.write_all(MAGIC)?;
-        to.write_all(&VERSION.to_le_bytes())?;
+        to.write_all(&CHECKPOINT_VERSION.to_le_bytes())?;
         to.write_all(&(header.len() as u64).to_le_bytes())?;
         to.write_all(&header)?;
         film.save(&mut to)?;
@@ -100,7 +129,7 @@ impl<I: Integrator> Progressive<I> {
         let rest = saved.strip_prefix(MAGIC).ok_or(CheckpointError::Foreign)?;
         let mut rest = rest;
         let version = u32::from_le_bytes(*take(&mut rest).ok_or(CheckpointError::Damaged)?);
-        if version != VERSION {
+        if version != CHECKPOINT_VERSION {
             return Err(CheckpointError::Version(version));
         }
         let (content, sum) = saved.split_last_chunk().ok_or(CheckpointError::Damaged)?;
@@ -108,7 +137,7 @@ impl<I: Integrator> Progressive<I> {
             return Err(CheckpointError::Damaged);
         }
         let header = header(&mut rest).ok_or(CheckpointError::Damaged)?;
-        compare(&header.identity, identity)?;
+        header.identity.compare(identity)?;
         let state = restore(&integrator, header, rest).ok_or(CheckpointError::Damaged)?;
         Ok(Self::with_state(integrator, options, state))
     }
@@ -119,22 +148,6 @@ fn header(rest: &mut &[u8]) -> Option<Header> {
     let (header, after) = rest.split_at_checked(length)?;
     *rest = after;
     serde_json::from_slice(header).ok()
-}
-
-/// Looks for what differs between two pictures.
-///
-/// # Errors
-/// [`CheckpointError::Mismatch`] names the first thing that does.
-pub fn compare(was: &Identity, is: &Identity) -> Result<(), CheckpointError> {
-    let nothing = || "not given".to_owned();
-    for what in was.keys().chain(is.keys()) {
-        let (was, is) = (was.get(what), is.get(what));
-        if was != is {
-            let [was, is] = [was, is].map(|value| value.cloned().unwrap_or_else(nothing));
-            return Err(CheckpointError::Mismatch { what: what.clone(), was, is });
-        }
-    }
-    Ok(())
 }
 
 fn restore(integrator: &impl Integrator, header: Header, mut rest: &[u8]) -> Option<State> {

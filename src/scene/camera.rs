@@ -17,6 +17,17 @@ pub struct Camera {
     pub fov_degrees: f32,
 }
 
+/// All of it, each number as the shortest decimal fraction that gives its bits: cameras with the same text are the same.
+impl std::fmt::Display for Camera {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self { eye, target, up, fov_degrees } = self;
+        for (name, Vec3 { x, y, z }) in [("eye", eye), ("target", target), ("up", up)] {
+            write!(f, "{name} {x},{y},{z} ")?;
+        }
+        write!(f, "fov {fov_degrees}")
+    }
+}
+
 /// What is wrong with a camera.
 #[derive(Debug, PartialEq, thiserror::Error)]
 pub enum CameraError {
@@ -108,6 +119,29 @@ impl Lens {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_cameras_text_tells_all_of_it() {
+        let camera =
+            Camera { eye: Vec3::new(1.5, 0.1, -2.0), target: Vec3::ZERO, up: Vec3::Y, fov_degrees: 40.0 };
+        assert_eq!(camera.to_string(), "eye 1.5,0.1,-2 target 0,0,0 up 0,1,0 fov 40");
+        let near = |v: Vec3, axis: usize| {
+            let mut v = v;
+            v[axis] = v[axis].next_up();
+            v
+        };
+        for axis in 0..3 {
+            for other in [
+                Camera { eye: near(camera.eye, axis), ..camera },
+                Camera { target: near(camera.target, axis), ..camera },
+                Camera { up: near(camera.up, axis), ..camera },
+            ] {
+                assert_ne!(camera.to_string(), other.to_string());
+            }
+        }
+        let wider = Camera { fov_degrees: camera.fov_degrees.next_up(), ..camera };
+        assert_ne!(camera.to_string(), wider.to_string());
+    }
 
     #[test]
     fn the_middle_pixel_looks_at_the_target_and_x_goes_right() {

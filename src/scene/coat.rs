@@ -1,5 +1,6 @@
 //! Coats of varnish, one over the other.
 
+use super::fingerprint::{Encode, Encoder};
 use glam::Vec3;
 use std::ops::Deref;
 
@@ -57,6 +58,13 @@ impl Deref for Coats {
     #[inline(always)]
     fn deref(&self) -> &[Coat] {
         &self.coats[..self.count]
+    }
+}
+
+impl Encode for Coats {
+    fn encode(&self, to: &mut Encoder) {
+        let Self { coats, count } = self;
+        coats[..*count].encode(to);
     }
 }
 

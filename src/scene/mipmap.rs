@@ -1,5 +1,6 @@
 //! Smaller copies of an image, each half as large as the last: what far surfaces look up.
 
+use super::fingerprint::{Encode, Encoder};
 use super::{Averaging, ColourSpace, srgb};
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
@@ -73,6 +74,15 @@ impl Mipmap {
     /// What a texel of a copy keeps.
     pub(super) fn mean(&self) -> Averaging {
         self.mean
+    }
+}
+
+/// Levels are halvings of the image, so their number tells where they lie.
+impl Encode for Mipmap {
+    fn encode(&self, to: &mut Encoder) {
+        let Self { levels, mean } = self;
+        (levels.len() as u64).encode(to);
+        mean.encode(to);
     }
 }
 

@@ -34,6 +34,7 @@ pub use camera_motion::{CameraMotion, Interpolation, Joint, Key, Track, Tracked}
 pub use camera_path::{CameraPath, CameraPathError};
 pub use coat::{Coat, Coats};
 pub use environment::{Environment, EnvironmentMap};
+pub use fingerprint::FINGERPRINT_VERSION;
 pub use footprint::Footprint;
 pub use instance::{Instance, Shape};
 pub use light::{Light, LightShape};

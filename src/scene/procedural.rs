@@ -13,6 +13,9 @@ use std::sync::Arc;
 /// written in it: keep to it (no `f32` functions of the platform, no state). Mark what handles lanes
 /// `#[inline(always)]`, so that it is compiled for each instruction set.
 ///
+/// Its `Debug` text stands for it in [`super::Scene::fingerprint`]: print each parameter that changes the picture, as
+/// derived implementations do.
+///
 /// ```
 /// use raystream::lanes::{Lanes, Num, Vector};
 /// use raystream::scene::{Finish, Points, Procedural, ProceduralSurface, Scene, Surface};

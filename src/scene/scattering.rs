@@ -15,7 +15,7 @@ use std::sync::Arc;
 /// light than there is. Perfect mirrors have no place here.
 ///
 /// Keep to the arithmetic of [`Num`], as [`super::Procedural`] says, and no machine gives other bits. Mark what handles
-/// lanes `#[inline(always)]`.
+/// lanes `#[inline(always)]`. Its `Debug` text stands for it in [`super::Scene::fingerprint`], as a procedural's does.
 ///
 /// ```
 /// use raystream::geom::warp::lanes as warp;

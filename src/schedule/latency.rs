@@ -1,10 +1,10 @@
-//! A histogram of times, which gives medians without a list that grows.
+//! How long something took, many times over: a histogram, from which medians come without a list that grows.
 
-/// Buckets in an octave: neighbouring bounds differ by at most an eighth.
+/// Buckets an octave: their bounds are at most an eighth apart.
 const STEPS: u32 = 8;
-/// The lower bound, as a power of two of nanoseconds: about 1 µs. Shorter times are counted in the first bucket.
+/// Shorter is counted as this, in powers of two of nanoseconds: a microsecond.
 const SHORTEST: u32 = 10;
-/// The upper bound, as a power of two of nanoseconds: about 69 s. Longer times are counted in the last bucket.
+/// Longer is counted as this: a minute.
 const LONGEST: u32 = 36;
 const BUCKETS: usize = ((LONGEST - SHORTEST) * STEPS) as usize;
 
@@ -21,7 +21,7 @@ impl Default for Latency {
 }
 
 impl Latency {
-    /// Counts a time.
+    /// Counts one.
     pub fn record(&mut self, ns: u64) {
         let octave = ns.max(1).ilog2();
         let index = match octave {
@@ -35,8 +35,7 @@ impl Latency {
         self.counts[index] += 1;
     }
 
-    /// The quantile in seconds: the share `share` (0 to 1) of all times is at most this, to a relative error of 1/16.
-    /// `None` if no time was recorded.
+    /// Seconds within which the share `share` of all lies, to a sixteenth; none if there was none.
     pub fn quantile_s(&self, share: f64) -> Option<f64> {
         let total: u64 = self.counts.iter().map(|&count| u64::from(count)).sum();
         let rank = (share * total as f64).ceil().max(1.0) as u64;
@@ -57,12 +56,12 @@ impl std::ops::AddAssign for Latency {
     }
 }
 
-/// How long streams waited that a device traced.
+/// Where streams that a device traced spent their time.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct DeviceWaits {
-    /// From when a stream became full until it was submitted.
+    /// From being full to being submitted.
     pub full_to_dispatched: Latency,
-    /// From its submission until its answers could be read.
+    /// From there to where answers could be read.
     pub dispatched_to_readable: Latency,
 }
 

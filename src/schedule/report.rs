@@ -1,4 +1,4 @@
-//! What a job reports, while it runs and afterwards.
+//! What a job tells about itself, during and after.
 
 use super::{DeviceWaits, Limits};
 
@@ -11,7 +11,7 @@ pub struct Progress {
     pub tiles_spawned: u64,
     /// Paths in flight.
     pub in_flight: u64,
-    /// The most rays of a tile.
+    /// Most rays of a tile.
     pub tile_rays: u64,
     /// Rays emitted so far.
     pub rays: RayCounts,
@@ -22,7 +22,8 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// Tiles done: those spawned, less as many as the paths in flight would fill. Exact at the end.
+    /// Tiles done, fewer than are spawned by as many as the paths in flight would fill; exact at the
+    /// end.
     pub fn tiles_done(&self) -> u64 {
         self.tiles_spawned.saturating_sub(self.in_flight.div_ceil(self.tile_rays.max(1)))
     }
@@ -33,25 +34,25 @@ impl Progress {
     }
 }
 
-/// Rays emitted, by kind: the same in every run of a job.
+/// Rays emitted, by kind.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct RayCounts {
-    /// Rays that were spawned.
+    /// Rays that tiles spawned.
     pub camera: u64,
     /// Rays that shading emitted.
     pub continuation: u64,
-    /// Shadow rays, spawned or emitted by shading.
+    /// Shadow rays, of tiles and of shading.
     pub shadow: u64,
 }
 
 impl RayCounts {
-    /// Rays of all kinds.
+    /// All of them.
     pub fn total(&self) -> u64 {
         self.camera + self.continuation + self.shadow
     }
 }
 
-/// Number of depths that are counted separately; the last also counts all deeper rays.
+/// Depths that are counted apart; the last stands for all beyond.
 pub const DEPTHS: usize = 16;
 
 /// Rays whose nearest hit was shaded, by depth ([`super::Renderer::depth`]).
@@ -65,7 +66,7 @@ impl Default for Depths {
 }
 
 impl Depths {
-    /// Counts rays. Consecutive rays mostly have the same depth, which is what this is quick for.
+    /// Counts one ray after the other; those of one depth mostly follow each other.
     pub(super) fn count(&mut self, depths: impl Iterator<Item = u32>) {
         let (mut last, mut run) = (0, 0);
         for depth in depths {
@@ -78,7 +79,7 @@ impl Depths {
         self.0[(last as usize).min(DEPTHS - 1)] += run;
     }
 
-    /// The counts down to the deepest ray.
+    /// Down to the deepest ray.
     pub fn used(&self) -> &[u64] {
         let len = self.0.iter().rposition(|&rays| rays > 0).map_or(0, |deepest| deepest + 1);
         &self.0[..len]
@@ -96,8 +97,7 @@ impl std::ops::AddAssign for Depths {
 pub struct UnitReport {
     /// Rays and shadow rays traced.
     pub rays: u64,
-    /// Seconds spent tracing, added up over threads. For a device these are seconds of dispatch threads, which include
-    /// the canonical test of the device's candidates on the CPU.
+    /// Seconds spent tracing, added up over threads.
     pub busy_s: f64,
     /// Bytes copied between host and device memory.
     pub bytes_copied: u64,
@@ -105,11 +105,11 @@ pub struct UnitReport {
     pub flagged: u64,
     /// Rays traced again by the canonical test.
     pub retraced: u64,
-    /// Rays that the CPU traced again to check the device.
+    /// Rays of the device traced again by the CPU as a check.
     pub checked: u64,
-    /// Seconds of `busy_s` until streams were submitted to the device.
+    /// Of `busy_s`, seconds until streams were submitted to the device.
     pub sending_s: f64,
-    /// Seconds of `busy_s` from the submissions until answers could be read.
+    /// Of `busy_s`, seconds from there until answers could be read.
     pub waiting_s: f64,
 }
 
@@ -118,15 +118,8 @@ pub struct UnitReport {
 pub enum ThreadKind {
     /// Spawns, shades and traces.
     Host,
-    /// Waits for a device.
+    /// Feeds a device.
     Dispatch,
-}
-
-impl ThreadKind {
-    /// The kind of a thread of a service, whose first `hosts` threads are host threads.
-    pub(super) fn of(thread: usize, hosts: usize) -> Self {
-        if thread < hosts { Self::Host } else { Self::Dispatch }
-    }
 }
 
 /// What a thread did during a job.
@@ -136,9 +129,10 @@ pub struct ThreadReport {
     pub kind: ThreadKind,
     /// Seconds in this job's tasks.
     pub busy_s: f64,
-    /// Seconds suspended while the job ran. The rest of the job's time went to other jobs and to the scheduler.
+    /// Seconds suspended while the job ran. What is left of the job's time is other jobs' and the
+    /// scheduler's own.
     pub idle_s: f64,
-    /// Seconds of `idle_s` after the last tile had been spawned.
+    /// Seconds of these after the last tile had been spawned.
     pub tail_idle_s: f64,
 }
 
@@ -158,17 +152,17 @@ pub enum TaskKind {
 /// One task of a timeline.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TaskRecord {
-    /// Index of the thread; host threads come first.
+    /// The thread: host threads come first.
     pub thread: u32,
-    /// What the thread did.
+    /// What it did.
     pub kind: TaskKind,
-    /// Rays and shadow rays that the task emitted (spawn), traced (trace, dispatch) or shaded (shade).
+    /// Rays and shadow rays: emitted by a spawn task, traced, or shaded and answered.
     pub rays: u32,
-    /// When the task began, in nanoseconds since the job began.
+    /// When it began, in nanoseconds since the job began.
     pub start_ns: u64,
-    /// When the task ended, in nanoseconds since the job began.
+    /// When it ended, in nanoseconds since the job began.
     pub end_ns: u64,
-    /// The job's lists when the task ended.
+    /// The job's lists then.
     pub lists: Lengths,
 }
 
@@ -185,7 +179,7 @@ pub struct Lengths {
     pub in_flight: u32,
 }
 
-/// What a job did. Only the counts of rays (`rays` and `depths`) are the same in every run.
+/// What a job did. Only the counts of rays by kind are the same in every run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct JobReport {
     /// Whether the job was stopped before all its tiles were spawned.
@@ -196,38 +190,39 @@ pub struct JobReport {
     pub tiles_spawned: u64,
     /// Rays emitted, and so traced.
     pub rays: RayCounts,
-    /// Rays without shadow rays, by depth.
+    /// Rays but for shadow rays, by depth.
     pub depths: Depths,
     /// The host threads as a unit.
     pub cpu: UnitReport,
     /// The device.
     pub gpu: UnitReport,
-    /// How long streams waited for the device.
+    /// How long streams waited for it.
     pub device_waits: DeviceWaits,
     /// Host threads, then dispatch threads.
     pub threads: Vec<ThreadReport>,
-    /// When the job was admitted, in nanoseconds since the service began.
+    /// When its first turn came, in nanoseconds since the service began.
     pub begin_ns: u64,
-    /// Seconds from there to the job's end.
+    /// Seconds from the job's first turn to its end.
     pub wall_s: f64,
-    /// Seconds from the job's submission until it was admitted.
+    /// Seconds the job waited for its turn.
     pub waited_s: f64,
-    /// Share of the host threads' time after the last tile had been spawned that they were suspended, 0 to 1.
+    /// Share of the host threads' time that was idle after the last tile had been spawned, 0 to 1.
     pub tail_idle_share: f64,
-    /// Seconds from the last tile's spawning to the end.
+    /// Seconds from then to the end.
     pub tail_s: f64,
-    /// The most paths that were in flight, counting a tile under way in full; at most `limits.in_flight`.
+    /// The most paths that were in flight, a tile under way counted in full; at most
+    /// `limits.in_flight`.
     pub max_in_flight: usize,
-    /// Streams of the job, including those that an earlier job had left; at most `limits.streams`.
+    /// Streams the job had, those left by an earlier one included; at most `limits.streams`.
     pub streams: usize,
-    /// Bytes of a stream that is full to its capacity, including payloads and answers. Streams are allocated as they
-    /// are needed, so the job's rays took at most `streams` times this.
+    /// Bytes of a stream that is full to its capacity, payloads and answers included. Streams are made as
+    /// they are needed, so the job's rays took at most `streams` times that.
     pub stream_bytes: usize,
     /// The sizes used.
     pub limits: Limits,
-    /// What a user should know, a lost device for instance.
+    /// What a user should know: a lost device, for instance.
     pub events: Vec<String>,
-    /// All tasks in the order in which they ended, if [`super::JobOptions::timeline`] asks for them.
+    /// Every task in the order in which they ended, when asked for.
     pub timeline: Vec<TaskRecord>,
 }
 

@@ -1,4 +1,4 @@
-//! What a thread does between two visits to the lists, without the lock.
+//! What a thread does between two visits to the lists: no lock is held here.
 
 use super::{Batch, Depths, Limits, Output, Renderer, Tracers, Unit};
 use crate::stream::{
@@ -9,13 +9,13 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// A task and its streams.
+/// A task and the streams that go with it.
 pub(super) enum Task<P, S> {
     Spawn {
         tile: u64,
         output: RayStream<Filling, P, S>,
     },
-    /// Ends when the output has `threshold` paths.
+    /// Ends when `threshold` paths are in the output.
     Shade {
         input: RayStream<Traced, P, S>,
         output: RayStream<Filling, P, S>,
@@ -43,7 +43,7 @@ pub(super) enum Done<P, S> {
         report: DeviceReport,
     },
     Undispatched(Untraced<P, S>),
-    /// The renderer or the host's tracer panicked, and the task's streams were dropped.
+    /// The renderer or the host's tracer panicked; the streams of the task are gone.
     Panicked(String),
 }
 
@@ -54,40 +54,40 @@ pub(super) struct Emitted {
     pub shadow_rays: u64,
 }
 
-/// One thread's task of a job, on its way out of the lists and back. The holder of the lists' lock fills and empties
-/// it; between the two only the thread itself uses it.
+/// A thread's place in a job: its task lies here on the way out of the lists and back. Only that
+/// thread and, before and after it, the holder of the lists' lock look at it.
 pub(super) enum TaskSlot<P, S> {
-    Empty,
+    Clear,
     Task(Task<P, S>),
     Done(Done<P, S>),
 }
 
-/// The part of a job that threads use without the lock: all but the lists.
-pub(super) struct SharedJob<R: Renderer> {
+/// What threads share of a job: all but the lists.
+pub(super) struct Workplace<R: Renderer> {
     pub renderer: Arc<R>,
     pub tracers: Tracers,
-    /// For events. Asked for once, since that runs the device tracer's own code.
+    /// For events; asked for once, since it is the device's own code.
     pub device_name: String,
     pub limits: Limits,
     /// Host threads of the service.
     pub hosts: usize,
     /// One for each thread of the service.
-    pub slots: Vec<Mutex<TaskSlot<R::Payload, R::ShadowPayload>>>,
-    /// Set when the job gets no more tasks; those under way end early.
+    pub desks: Vec<Mutex<TaskSlot<R::Payload, R::ShadowPayload>>>,
+    /// Set when the job's result is not wanted any more.
     pub abandoned: AtomicBool,
 }
 
-/// A job of any type, as threads see it.
+/// A job whose type does not matter, as threads see it.
 pub(super) trait Work: Send + Sync {
-    /// Does the task in the thread's slot.
+    /// Does the task on the thread's desk.
     fn work(&self, thread: usize, scratch: &mut ChunkScratch);
 }
 
-impl<R: Renderer> Work for SharedJob<R> {
+impl<R: Renderer> Work for Workplace<R> {
     fn work(&self, thread: usize, scratch: &mut ChunkScratch) {
-        let task = match self.swap_slot(thread, TaskSlot::Empty) {
+        let task = match self.swap_slot(thread, TaskSlot::Clear) {
             TaskSlot::Task(task) => task,
-            TaskSlot::Empty | TaskSlot::Done(_) => unreachable!("a thread works after it was given a task"),
+            TaskSlot::Clear | TaskSlot::Done(_) => unreachable!("a thread works after it was given a task"),
         };
         let done = catch_unwind(AssertUnwindSafe(|| match task {
             Task::Spawn { tile, output } => self.spawn(tile, output),
@@ -100,14 +100,13 @@ impl<R: Renderer> Work for SharedJob<R> {
     }
 }
 
-impl<R: Renderer> SharedJob<R> {
-    /// Replaces the content of a thread's slot.
+impl<R: Renderer> Workplace<R> {
     pub fn swap_slot(
         &self,
         thread: usize,
         with: TaskSlot<R::Payload, R::ShadowPayload>,
     ) -> TaskSlot<R::Payload, R::ShadowPayload> {
-        std::mem::replace(&mut *self.slots[thread].lock().unwrap_or_else(PoisonError::into_inner), with)
+        std::mem::replace(&mut *self.desks[thread].lock().unwrap_or_else(PoisonError::into_inner), with)
     }
 
     fn spawn(
@@ -129,9 +128,9 @@ impl<R: Renderer> SharedJob<R> {
         let limits = &self.limits;
         let shadows = input.take_shadows();
         for start in (0..shadows.rays.len()).step_by(limits.batch_rays) {
-            let batch = start..(start + limits.batch_rays).min(shadows.rays.len());
-            let (rays, payloads) = (&shadows.rays[batch.clone()], &shadows.payloads[batch.clone()]);
-            self.renderer.shadow(rays, payloads, &shadows.occluded[batch]);
+            let piece = start..(start + limits.batch_rays).min(shadows.rays.len());
+            let (rays, payloads) = (&shadows.rays[piece.clone()], &shadows.payloads[piece.clone()]);
+            self.renderer.shadow(rays, payloads, &shadows.occluded[piece]);
         }
         let (mut emitted, mut depths) = (Emitted::default(), Depths::default());
         while !self.abandoned.load(Ordering::Relaxed) {
@@ -146,7 +145,7 @@ impl<R: Renderer> SharedJob<R> {
                 self.emit(&mut output, rays.len(), most_shadows, |out| self.renderer.shade(batch, out));
             emitted.rays += more.rays;
             emitted.shadow_rays += more.shadow_rays;
-            // A full stream is traced before more is shaded (RA section 3).
+            // A stream that has become full goes to be traced before more is shaded (RA section 3).
             if paths(output.rays(), output.shadow_rays(), limits.shadow_rays_per_path) >= threshold {
                 break;
             }
@@ -154,10 +153,7 @@ impl<R: Renderer> SharedJob<R> {
         Done::Shaded { input, output, emitted, depths }
     }
 
-    /// Lets the renderer emit rays.
-    ///
-    /// # Panics
-    /// If the renderer emits more than it promised, which fails its job.
+    /// Lets the renderer emit rays and holds it to its promises.
     fn emit(
         &self,
         output: &mut RayStream<Filling, R::Payload, R::ShadowPayload>,

@@ -4,7 +4,7 @@ use crate::cli::args::{ProgressArgs, RenderArgs};
 use crate::cli::setup::Setup;
 use crate::files::write_atomically;
 use crate::render::{Identity, Integrator, PassOptions, Progressive, Settings};
-use crate::scene::Camera;
+use crate::scene::{Camera, FINGERPRINT_VERSION};
 use anyhow::{Context, Result, bail};
 use std::io::{ErrorKind, Write};
 use std::path::PathBuf;
@@ -20,12 +20,12 @@ pub fn check(args: &ProgressArgs) -> Result<()> {
     }
 }
 
-/// Everything that a picture depends on except its camera.
-pub fn identity(args: &RenderArgs, setup: &Setup, settings: &Settings) -> Identity {
+/// Everything that a picture depends on; without a camera, everything that an animation's pictures share.
+pub fn identity(args: &RenderArgs, setup: &Setup, settings: &Settings, camera: Option<&Camera>) -> Identity {
     let noise = args.progress.noise.map_or_else(|| "no target".into(), |noise| noise.to_string());
-    let identity = [
-        ("the version of raystream", env!("CARGO_PKG_VERSION").to_owned()),
-        ("the scene", format!("of hash {}", setup.prepared.scene.content_hash())),
+    let scene = &setup.prepared.scene;
+    let parts = [
+        ("the scene", format!("of fingerprint {} (encoding {FINGERPRINT_VERSION})", scene.fingerprint())),
         ("--integrator", args.integrator.clone()),
         ("--size", format!("{}x{}", settings.width, settings.height)),
         ("--spp", settings.spp.to_string()),
@@ -34,7 +34,8 @@ pub fn identity(args: &RenderArgs, setup: &Setup, settings: &Settings) -> Identi
         ("--no-russian-roulette", args.no_russian_roulette.to_string()),
         ("--noise", noise),
     ];
-    identity.map(|(what, value)| (what.to_owned(), value)).into()
+    let camera = camera.map(|camera| ("the camera", camera.to_string()));
+    Identity::new(parts.into_iter().chain(camera).map(|(what, value)| (what.to_owned(), value)))
 }
 
 /// A checkpoint file, and the identity that it must match.
@@ -53,8 +54,7 @@ impl Checkpoint {
         integrator: &impl Integrator,
     ) -> Option<Self> {
         let path = args.progress.checkpoint.clone()?;
-        let mut identity = identity(args, setup, integrator.frame().settings());
-        identity.insert("the camera".to_owned(), format!("{camera:?}"));
+        let identity = identity(args, setup, integrator.frame().settings(), Some(camera));
         Some(Self { path, identity, resume: args.progress.resume })
     }
 

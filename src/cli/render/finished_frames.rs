@@ -5,7 +5,7 @@ use super::checkpoint::identity;
 use crate::cli::args::RenderArgs;
 use crate::cli::setup::Setup;
 use crate::files::write_atomically;
-use crate::render::{Identity, Settings, compare};
+use crate::render::{CHECKPOINT_VERSION, CheckpointError, Identity, Settings};
 use anyhow::{Context, Result};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -22,10 +22,20 @@ pub struct FinishedFrames {
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Content {
+    /// [`CHECKPOINT_VERSION`]. Files of version 2 and before do not have it.
+    #[serde(default = "Content::unwritten_version")]
+    version: u32,
     /// Everything that the pictures depend on except their cameras.
     raystream_frames: Identity,
     /// Camera and picture hash of each finished frame.
     done: BTreeMap<u32, (String, String)>,
+}
+
+impl Content {
+    /// The version of a file that does not tell its own.
+    fn unwritten_version() -> u32 {
+        2
+    }
 }
 
 impl FinishedFrames {
@@ -33,14 +43,18 @@ impl FinishedFrames {
     pub fn open(args: &RenderArgs, setup: &Setup, settings: &Settings) -> Result<Option<Self>> {
         let Some(path) = args.progress.checkpoint.clone() else { return Ok(None) };
         let name = path.display().to_string();
-        let identity = identity(args, setup, settings);
-        let none = Content { raystream_frames: identity.clone(), done: BTreeMap::new() };
+        let identity = identity(args, setup, settings, None);
+        let version = CHECKPOINT_VERSION;
+        let none = Content { version, raystream_frames: identity.clone(), done: BTreeMap::new() };
         let content = match std::fs::read(&path) {
             Ok(kept) if args.progress.resume => {
                 let content: Content = serde_json::from_slice(&kept)
                     .with_context(|| format!("{name}: not a checkpoint of an animation"))?;
-                compare(&content.raystream_frames, &identity)
-                    .with_context(|| format!("{name}: cannot resume from it; remove it to start over"))?;
+                let same = match content.version {
+                    CHECKPOINT_VERSION => content.raystream_frames.compare(&identity),
+                    other => Err(CheckpointError::Version(other)),
+                };
+                same.with_context(|| format!("{name}: cannot resume from it; remove it to start over"))?;
                 log::info!("{name}: {} frames are finished", content.done.len());
                 content
             }
@@ -55,13 +69,13 @@ impl FinishedFrames {
     /// The hash of a frame finished with the same camera, if its picture still exists.
     pub fn hash(&self, animation: &Animation, frame: u32) -> Option<&str> {
         let (camera, hash) = self.content.done.get(&frame)?;
-        let same = *camera == format!("{:?}", animation.camera(frame));
+        let same = *camera == animation.camera(frame).to_string();
         (same && animation.file(frame).exists()).then_some(hash)
     }
 
     /// Records that a frame is finished and written.
     pub fn note(&mut self, animation: &Animation, frame: u32, hash: &str) -> Result<()> {
-        let camera = format!("{:?}", animation.camera(frame));
+        let camera = animation.camera(frame).to_string();
         self.content.done.insert(frame, (camera, hash.to_owned()));
         let text = serde_json::to_vec_pretty(&self.content)?;
         write_atomically(&self.path, |file| {

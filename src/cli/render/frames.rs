@@ -11,7 +11,7 @@ use crate::cli::stats::{self, FrameStats, FramesStats, NoiseStats, SCHEMA, Scene
 use crate::cli::{Outcome, interrupt};
 use crate::film::{Image, write_image};
 use crate::meters::{Meters, Recorder};
-use crate::render::{Integrator, PassOptions, Progressive, Settings};
+use crate::render::{Integrator, PICTURE_VERSION, PassOptions, Progressive, Settings};
 use anyhow::{Context, Result};
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -161,6 +161,7 @@ fn summarise(setup: &Setup, settings: &Settings, totals: &mut Totals) -> FramesS
         width: settings.width,
         height: settings.height,
         spp: settings.spp,
+        picture_version: PICTURE_VERSION,
         frames: Vec::new(),
         frames_in_flight: 0,
         seconds: totals.wall_s(),

@@ -10,7 +10,7 @@ use crate::cli::stats::{self, ImageStats, NoiseStats, RenderStats, SCHEMA, Scene
 use crate::cli::{Outcome, interrupt};
 use crate::film::{Film, Image, write_image};
 use crate::meters::{Meters, Recorder};
-use crate::render::{Integrator, PassOptions, Progressive};
+use crate::render::{Integrator, PICTURE_VERSION, PassOptions, Progressive};
 use crate::scene::Camera;
 use anyhow::{Context, Result};
 use std::sync::Arc;
@@ -148,6 +148,7 @@ fn summarise<I: Integrator>(
             spp: settings.spp,
             mean_spp: samples,
             hash: image.hash(),
+            picture_version: PICTURE_VERSION,
         },
         seconds,
         rays: totals.rays.into(),

@@ -3,6 +3,7 @@
 mod ambient_occlusion;
 pub mod harness;
 mod path;
+mod pinned;
 mod progressive;
 mod recursion;
 mod scattering;

@@ -3,7 +3,9 @@
 use super::harness::tracer;
 use super::scenes::{camera, room};
 use crate::film::Film;
-use crate::render::{CheckpointError, Identity, PASSES_IN_FLIGHT, PassOptions, Path, Progressive, Settings};
+use crate::render::{
+    CheckpointError, Identity, PASSES_IN_FLIGHT, PICTURE_VERSION, PassOptions, Path, Progressive, Settings,
+};
 use crate::scene::Camera;
 use crate::schedule::{JobHandle, JobOptions, LimitsError, Service, ServiceOptions, Sharing, Tracers};
 use std::sync::Arc;
@@ -56,7 +58,7 @@ impl Studio {
 }
 
 fn identity(seed: u64) -> Identity {
-    [("seed".to_owned(), seed.to_string()), ("scene".to_owned(), "a room".to_owned())].into()
+    Identity::new([("seed".to_owned(), seed.to_string()), ("scene".to_owned(), "a room".to_owned())])
 }
 
 const NOISY: PassOptions = PassOptions { noise: Some(0.04), pass_time: None };
@@ -137,6 +139,18 @@ fn a_stopped_frame_shows_all_and_keeps_what_is_complete() {
 }
 
 #[test]
+fn pictures_of_another_version_are_not_continued() {
+    let text = serde_json::to_string(&identity(1)).expect("text");
+    let now = format!("\"the version of the pictures\":\"{PICTURE_VERSION}\"");
+    assert!(text.contains(&now), "{text}");
+    let other = text.replace(&now, "\"the version of the pictures\":\"0\"");
+    let other: Identity = serde_json::from_str(&other).expect("an identity");
+    let refused = other.compare(&identity(1)).expect_err("another version").to_string();
+    let expected = format!("the version of the pictures was 0, now it is {PICTURE_VERSION}");
+    assert!(refused.contains(&expected), "{refused}");
+}
+
+#[test]
 fn what_is_no_checkpoint_of_the_frame_is_refused() {
     let studio = Studio::new(1);
     let mut frame = Progressive::new(studio.path(64), NOISY);
@@ -157,6 +171,10 @@ fn what_is_no_checkpoint_of_the_frame_is_refused() {
         assert!(resume(&damaged, 1).is_some(), "byte {place} changed");
     }
     assert_eq!(resume(b"PNG", 1), Some(CheckpointError::Foreign));
+    let mut old = saved.clone();
+    old[20..24].copy_from_slice(&2u32.to_le_bytes());
+    let refused = resume(&old, 1).expect("version 2").to_string();
+    assert!(refused.contains("version 2, and this raystream reads version 3"), "{refused}");
     // A right sum over wrong contents: no panic.
     saved.truncate(saved.len() - 8 - 100);
     saved.extend(xxhash_rust::xxh3::xxh3_64(&saved).to_le_bytes());

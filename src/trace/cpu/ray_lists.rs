@@ -5,13 +5,14 @@
 
 use super::child_lists::ChildLists;
 use super::instance_space::Space;
+use super::lane_math::first_lanes;
 use super::shaft::ShaftSlots;
 use super::slabs::{Faces, Slabs};
 use super::substream::{Entry, OctantStack, ROW_BYTES, SubStream, Visitor, Widths, prefetch_rows, ray_index};
 use super::visit_order::VisitOrder;
 use super::{leaf, ray_node_pairs};
 use crate::bvh::WIDTH;
-use crate::lanes::{LaneBits, Lanes, first_lanes};
+use crate::lanes::Lanes;
 
 /// Follows rays in lists of their ids, and in pairs where lists are short.
 pub(super) struct RayVisitor<'a, W, E, S, const ANY: bool> {
@@ -174,7 +175,7 @@ pub(super) unsafe fn visit_node<W: Lanes, E: Lanes, S: Space, const PAIRS: bool>
 
 /// The rays of one vector of ids in a list.
 struct ListVector<W: Lanes> {
-    among: LaneBits,
+    among: u32,
     ids: W::I,
     slabs: Slabs<W>,
     limit: W::F,

@@ -1,14 +1,14 @@
-//! Lists the machine's adapters and chooses one.
+//! Which adapters there are, and which one is used.
 
 use super::{GpuError, TreeKind, Variant, device_tree};
 use std::fmt;
 
-/// Which adapter to open. The default is the fastest hardware.
+/// What is asked of an adapter. The default takes the fastest hardware.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct AdapterChoice {
-    /// Part of its name, in upper or lower case. May name a software adapter.
+    /// Part of its name, in any case; a software adapter may be named.
     pub name: Option<String>,
-    /// Whether to take a software adapter (a Vulkan driver on the CPU) when there is no hardware.
+    /// Whether a software adapter (a Vulkan driver on the CPU) will do when there is no hardware.
     pub allow_software: bool,
 }
 
@@ -23,7 +23,7 @@ pub enum AdapterKind {
     Virtual,
     /// The driver does not say.
     Other,
-    /// A driver that runs on the CPU.
+    /// The CPU in disguise.
     Software,
 }
 
@@ -42,9 +42,9 @@ impl fmt::Display for AdapterKind {
 /// An adapter and its limits.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AdapterInfo {
-    /// The driver's name for it.
+    /// What the driver calls it.
     pub name: String,
-    /// The graphics interface: Vulkan, Metal or Dx12.
+    /// The interface it is reached through: Vulkan, Metal, Dx12.
     pub backend: String,
     /// What kind of device it is.
     pub kind: AdapterKind,
@@ -58,11 +58,12 @@ pub struct AdapterInfo {
     pub max_storage_bindings: u32,
     /// The most workgroups of one dispatch.
     pub max_workgroups: u32,
-    /// The smallest and the largest subgroup: threads that run in lockstep.
+    /// Least and greatest number of threads that run in step.
     pub subgroup: (u32, u32),
-    /// Whether kernels can use memory that the host also uses at full speed, so that streams need not be copied.
+    /// Whether host and kernels share memory: rays are written where kernels read them, and answers are read where
+    /// kernels write them.
     pub shared_memory: bool,
-    /// The most boxes of a hardware ray query; 0 without ray queries.
+    /// The most boxes of a hardware ray query; 0 where there are no such queries.
     pub max_query_boxes: u32,
 }
 
@@ -85,11 +86,11 @@ impl AdapterInfo {
             max_buffer_bytes: limits.max_buffer_size,
             max_storage_bindings: limits
                 .max_storage_buffers_per_shader_stage
-                // This limit also counts uniform buffers; kernels have one.
+                // These count uniforms, too; kernels have one.
                 .min(limits.max_buffers_and_acceleration_structures_per_shader_stage.saturating_sub(1)),
             max_workgroups: limits.max_compute_workgroups_per_dimension,
             subgroup: (info.subgroup_min_size, info.subgroup_max_size),
-            // Discrete devices reach the host's memory too, but would read each ray across the bus.
+            // Discrete devices reach the host's memory, too, but would read each ray across the bus.
             shared_memory: matches!(
                 info.device_type,
                 wgpu::DeviceType::IntegratedGpu | wgpu::DeviceType::Cpu
@@ -98,13 +99,13 @@ impl AdapterInfo {
         }
     }
 
-    /// The layouts of scenes that the adapter supports, the default first.
+    /// How scenes may be laid out on it, the usual way first.
     pub fn variants(&self) -> impl Iterator<Item = Variant> + use<> {
         let has_queries = self.max_query_boxes > 0;
         Variant::ALL.into_iter().filter(move |variant| has_queries || variant.tree != TreeKind::Device)
     }
 
-    /// The most boxes of a hardware ray query; they must fit one buffer.
+    /// The most boxes of a hardware ray query, which have to lie in one buffer.
     pub(super) fn max_boxes(&self) -> u64 {
         u64::from(self.max_query_boxes).min(self.max_buffer_bytes / device_tree::BOX_BYTES)
     }
@@ -116,22 +117,23 @@ impl fmt::Display for AdapterInfo {
     }
 }
 
-/// All adapters of the machine, including software ones, in the drivers' order. Empty when there is no driver.
+/// All adapters of the machine, software ones too, in the drivers' order. Empty when there is no
+/// driver.
 pub fn adapters() -> Vec<AdapterInfo> {
     enumerate().iter().map(AdapterInfo::of).collect()
 }
 
-/// The graphics interfaces that this build can use.
+/// The interfaces this build can use.
 pub(super) fn backends() -> wgpu::Backends {
     wgpu::Instance::enabled_backend_features() & wgpu::Backends::PRIMARY
 }
 
-/// Lists the adapters of all drivers. Empty when there is no driver, or when one panics.
+/// Asks the drivers. A machine without one answers with nothing; a driver that panics does too.
 pub(super) fn enumerate() -> Vec<wgpu::Adapter> {
     if backends().is_empty() {
         return Vec::new();
     }
-    let enumerate = || {
+    let ask = || {
         let instance = wgpu::Instance::new(wgpu::InstanceDescriptor {
             backends: backends(),
             flags: wgpu::InstanceFlags::empty(),
@@ -139,11 +141,10 @@ pub(super) fn enumerate() -> Vec<wgpu::Adapter> {
         });
         pollster::block_on(instance.enumerate_adapters(backends()))
     };
-    std::panic::catch_unwind(enumerate).unwrap_or_default()
+    std::panic::catch_unwind(ask).unwrap_or_default()
 }
 
-/// The index of the adapter that fits the choice: the fastest kind among those with the name, or among all; of equals
-/// the first.
+/// The index of the adapter that fits: the named one, else the fastest kind; the first of equals.
 pub(super) fn choose(found: &[AdapterInfo], choice: &AdapterChoice) -> Result<usize, GpuError> {
     let list = || found.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
     if found.is_empty() {
@@ -200,7 +201,7 @@ mod tests {
     }
 
     #[test]
-    fn the_fastest_hardware_is_preferred_and_software_is_the_last_choice() {
+    fn the_fastest_hardware_comes_first_and_software_only_when_nothing_else_is_there() {
         let software = AdapterChoice { name: None, allow_software: true };
         assert_eq!(choose(&machine(), &AdapterChoice::default()), Ok(2));
         assert_eq!(choose(&machine(), &software), Ok(2));
@@ -209,14 +210,14 @@ mod tests {
     }
 
     #[test]
-    fn names_match_in_part_and_in_any_case_even_of_software() {
+    fn names_are_matched_in_part_and_in_any_case_software_too() {
         assert_eq!(choose(&machine(), &named("LLVMPIPE")), Ok(0));
         assert_eq!(choose(&machine(), &named("graphics")), Ok(1));
         assert_eq!(choose(&machine(), &named("gpu 9")), Ok(2));
     }
 
     #[test]
-    fn refusals_list_the_adapters_found() {
+    fn refusals_list_what_there_is() {
         let error = choose(&machine()[..2], &named("Radeon")).expect_err("no such adapter").to_string();
         assert!(error.contains("\"Radeon\"") && error.contains("Small Graphics (vulkan, integrated GPU)"));
         assert!(error.contains("llvmpipe (LLVM 15) (vulkan, software)"));

@@ -1,4 +1,4 @@
-//! Why a GPU cannot be used. The caller goes on with the CPU.
+//! Why the GPU cannot be used. The caller goes on with the CPU.
 
 /// Why a GPU cannot be opened or cannot take a scene.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -6,29 +6,29 @@ pub enum GpuError {
     /// No driver, or no device.
     #[error("no GPU adapter: no usable {backends} driver or device found; install one or trace on the CPU")]
     NoAdapter {
-        /// The graphics interfaces that were tried.
+        /// The interfaces that were asked.
         backends: String,
     },
-    /// There are only software adapters, which are used only on request.
+    /// Only software adapters, which are used when asked for.
     #[error("no hardware GPU adapter, only software: {found}; ask for one by name to use it")]
     OnlySoftware {
-        /// The adapters found.
+        /// The adapters there are.
         found: String,
     },
     /// No adapter has the wanted name.
     #[error("no GPU adapter is called {wanted:?}; there is: {found}")]
     NoSuchAdapter {
-        /// The requested part of the name.
+        /// Part of the name that was asked for.
         wanted: String,
-        /// The adapters found.
+        /// The adapters there are.
         found: String,
     },
-    /// The adapter does not provide a device.
+    /// The adapter is there, but does not give a device.
     #[error("the GPU {adapter} cannot be opened: {reason}")]
     Open {
         /// The adapter's name.
         adapter: String,
-        /// The driver's message.
+        /// What the driver said.
         reason: String,
     },
     /// The adapter's arithmetic is not what the kernels' error bounds assume.
@@ -36,17 +36,17 @@ pub enum GpuError {
     Arithmetic {
         /// The adapter's name.
         adapter: String,
-        /// What it computed wrongly.
+        /// What it computed.
         reason: String,
     },
-    /// The scene exceeds what all bindings of the adapter can hold together.
+    /// The scene exceeds what the adapter can bind, all bindings together.
     #[error(
         "the scene needs {required} bytes on the GPU, but {adapter} binds at most {available}; trace on the CPU"
     )]
     TooLarge {
-        /// Bytes of the scene's nodes and triangles.
+        /// Its nodes and triangles, in bytes.
         required: u64,
-        /// Bytes that the adapter's bindings hold.
+        /// What the adapter's bindings take in bytes.
         available: u64,
         /// The adapter's name.
         adapter: String,
@@ -58,18 +58,18 @@ pub enum GpuError {
         required: u64,
         /// The adapter's name.
         adapter: String,
-        /// The driver's message.
+        /// What the driver said.
         reason: String,
     },
     /// A kernel was refused.
     #[error("the GPU {adapter} refuses a kernel: {reason}")]
-    Kernel {
+    KernelKind {
         /// The adapter's name.
         adapter: String,
-        /// The driver's message.
+        /// What the driver said.
         reason: String,
     },
-    /// The device was lost.
+    /// The device was lost meanwhile.
     #[error("the GPU was lost: {0}")]
     Lost(String),
 }

@@ -1,7 +1,6 @@
-//! Stands in for `host_memory.rs` on systems without Vulkan. Devices share no memory there, so streams lie in the
-//! host's own memory and are copied.
+//! Where there is no Vulkan, devices lend no memory: streams lie in the host's own and are copied.
 
-/// Memory that cannot be allocated.
+/// Memory that is never there.
 #[derive(Debug)]
 pub(super) enum HostMemory {}
 
