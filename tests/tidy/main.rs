@@ -1,0 +1,20 @@
+//! Documentation that cannot drift from the code: the rules of CONTRIBUTING.md that a program can check.
+//!
+//! Each rule reads the repository's files, collects all breaches with file and line, and fails once. Each rule also has
+//! tests that plant a breach in a small tree and expect to see it named.
+
+mod breach;
+mod commands;
+mod dependencies;
+mod imports;
+mod links;
+mod lints;
+mod markdown;
+mod numbers;
+mod pins;
+mod rust;
+mod sizes;
+mod text;
+mod tree;
+mod unsafe_code;
+mod words;
