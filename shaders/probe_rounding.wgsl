@@ -1,5 +1,5 @@
-// What the device makes of sums, differences, products and quotients: the error bounds of the
-// kernels assume that the first three are rounded to nearest and the last is within 2.5 ulp.
+// Computes sums, differences, products and quotients, for the host to check how the device rounds. The error bounds of
+// the kernels assume that the first three are rounded to nearest and that quotients are within 2.5 ulp.
 
 @group(0) @binding(0) var<storage, read> pairs: array<vec2<f32>>;
 @group(0) @binding(1) var<storage, read_write> results: array<vec4<f32>>;

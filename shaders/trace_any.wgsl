@@ -1,5 +1,5 @@
-// Whether anything is hit: OCCLUDED, MISS, or a primitive that is in the way unless rounding or alpha
-// takes it away, with the flag MORE when there are others. UNDECIDED when nothing can be said.
+// Any hit. The answer is OCCLUDED, MISS, or a primitive that occludes the ray unless rounding or alpha decides against
+// it, with the flag MORE when there are other such primitives. UNDECIDED when the kernel cannot tell.
 
 @group(1) @binding(2) var<storage, read_write> answers: array<u32>;
 
@@ -14,7 +14,7 @@ fn limit_of(found: ptr<function, Found>) -> f32 {
     return (*found).limit;
 }
 
-// The first certain hit ends the way.
+// The first certain hit ends the traversal.
 fn take(found: ptr<function, Found>, verdict: Verdict, primitive: u32) -> bool {
     let answer = (*found).answer;
     let is_certain = verdict.kind == CERTAIN;

@@ -1,13 +1,13 @@
-// Nearest hits: of every ray, the primitives among which the canonical nearest hit is.
+// Closest hits. The answer names the primitives among which the canonical nearest hit of the ray is.
 
 @group(1) @binding(2) var<storage, read_write> answers: array<Candidates>;
 
-// What waits is not visited when the ray enters it behind what was found.
+// Nodes on the stack are skipped if the ray enters them beyond the limit.
 const CULLS: bool = true;
 
-// `limit` is the least distance within which some triangle is certainly hit, so the canonical hit is
-// at most so far. Triangles that are not refused and may be so near are kept, in order of their least
-// distances; one that does not fit lowers `rest`.
+// `limit` is the least distance within which some triangle is certainly hit, so the canonical hit is not farther.
+// Triangles that are not refused and may be as near are kept, in order of their least possible distances. A triangle
+// that does not fit lowers `rest`.
 struct Found {
     limit: f32,
     kept: vec3<u32>,
@@ -26,7 +26,7 @@ fn take(found: ptr<function, Found>, verdict: Verdict, primitive: u32) -> bool {
     if verdict.kind == CERTAIN {
         (*found).limit = min((*found).limit, verdict.high);
     }
-    // Sorts the triangle in; the last one drops out.
+    // Inserts the triangle in order, and drops the last one.
     let lows = (*found).lows;
     (*found).rest = min((*found).rest, max(lows.z, verdict.low));
     let low = vec3<f32>(verdict.low);

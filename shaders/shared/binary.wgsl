@@ -1,17 +1,18 @@
-// The way through the binary tree: the nearer child first, the other one waits on the stack.
+// Traversal of the binary tree: visits the nearer child first and puts the other one on the stack.
 
 struct Way {
     stack: array<u32, STACK_SIZE>,
-    // Where the ray enters what waits.
+    // The distances at which the ray enters the boxes of the stack's entries.
     enters: array<f32, STACK_SIZE>,
     height: u32,
-    // Whether a member's tree is gone through, and how much of the stack is above that.
+    // Whether a member's tree is being traversed, and the height of the stack below that tree's entries.
     inside: bool,
     bottom: u32,
 }
 
-// The next reference to visit after an inner node, whose children within `limit` join the way.
-fn descend(ray: PreparedRay, reference: u32, member: Member, limit: f32, way: ptr<function, Way>) -> u32 {
+// Visits an inner node: pushes a child that the ray enters within `limit` if it enters both, and returns the next
+// reference to visit.
+fn descend(ray: PreparedRay, reference: u32, member: TreeInstance, limit: f32, way: ptr<function, Way>) -> u32 {
     var node = node_at(reference);
     if MEMBERS && (*way).inside {
         node = moved_node(member, node);
@@ -34,7 +35,7 @@ fn descend(ray: PreparedRay, reference: u32, member: Member, limit: f32, way: pt
     return select(node.right, node.left, left_first);
 }
 
-// The reference to visit after a leaf, NOWHERE at the end of the way.
+// Pops the next reference to visit; NOWHERE at the end of the traversal.
 fn next(ray: PreparedRay, limit: f32, way: ptr<function, Way>) -> u32 {
     loop {
         if (*way).height == 0u {
@@ -49,7 +50,7 @@ fn next(ray: PreparedRay, limit: f32, way: ptr<function, Way>) -> u32 {
     return NOWHERE;
 }
 
-fn moved_node(member: Member, node: BinaryNode) -> BinaryNode {
+fn moved_node(member: TreeInstance, node: BinaryNode) -> BinaryNode {
     var out = node;
     out.left_min = moved_corner(member, node.left_min, node.left_max);
     out.left_max = moved_corner(member, node.left_max, node.left_min);

@@ -1,6 +1,5 @@
-// What host and device share. The structs are written in Rust first (`trace/gpu/layout.rs`); a test
-// compares names, offsets and strides. The constants in capitals are injected by
-// `trace/gpu/kernel.rs`.
+// Structs and bindings that host and device share. The structs are defined in Rust first (`trace/gpu/layout.rs`); a
+// test compares names, offsets and strides. The constants in capitals are injected by `trace/gpu/kernel.rs`.
 
 struct Ray {
     origin: vec3<f32>,
@@ -9,7 +8,7 @@ struct Ray {
     t_max: f32,
 }
 
-// An inner node of the binary tree: both children's boxes and references.
+// An inner node of the binary tree: boxes and references of both children.
 struct BinaryNode {
     left_min: vec3<f32>,
     left: u32,
@@ -21,9 +20,9 @@ struct BinaryNode {
     spare_1: u32,
 }
 
-// An inner node of the eight-wide tree. Its children's boxes have their faces at whole steps from `origin`, a byte a
-// slot; they hold the exact boxes. `shape` has the biased exponents of the steps along x, y and z, a byte each, and
-// in its highest byte a bit for every slot in use.
+// An inner node of the eight-wide tree. The faces of its children's boxes are at whole steps from `origin`, a byte for
+// each slot; these boxes contain the exact ones. `shape` has the biased exponents of the steps along x, y and z, a byte
+// each, and in its highest byte a bit for every slot in use.
 struct WideNode {
     origin: vec3<f32>,
     shape: u32,
@@ -36,7 +35,7 @@ struct WideNode {
     children: array<u32, 8>,
 }
 
-// Two triangles, a b c and c b d, in any turn of their corners; who they are stands in `identities`.
+// Two triangles, a b c and c b d, their corners rotated in any way. `identities` has their primitives.
 struct Pair {
     a: vec3<f32>,
     d_x: f32,
@@ -46,9 +45,9 @@ struct Pair {
     d_z: f32,
 }
 
-// A tree placed in the world: the columns of the matrix that moves it there, its root, as a child reference, and what
-// is added to its primitives.
-struct Member {
+// A tree instance: the columns of the matrix that moves its tree into the world, its root as a child reference, and
+// what is added to the primitive ids of its tree.
+struct TreeInstance {
     x: vec3<f32>,
     root: u32,
     y: vec3<f32>,
@@ -59,9 +58,9 @@ struct Member {
     spare_1: u32,
 }
 
-// What may be the nearest hit of a ray: the canonical one is among up to three primitives in order
-// of distance (MISS where there are fewer), unless what was left out may be as near: that is not
-// nearer than `rest` (LARGEST_FLOAT when nothing was left out).
+// Where the nearest hit of a ray may be. The canonical hit is on one of up to three primitives, in order of distance
+// (MISS where there are fewer), unless a primitive that was left out is as near: none of those is nearer than `rest`
+// (LARGEST_FLOAT when none was left out).
 struct Candidates {
     first: u32,
     second: u32,
@@ -74,19 +73,19 @@ struct Params {
     count: u32,
     // Largest absolute coordinate of the scene.
     scene_max_abs: f32,
-    // Always 0, which no compiler knows; see `rounded`.
+    // Always 0, which compilers do not know; see `rounded`.
     zero: u32,
     spare: u32,
 }
 
-// A child reference is a node's index; or LEAF with one pair less than the leaf has in bits 28 to 30, MASKED where
-// alpha decides about some of it, and the first pair's index; or NOWHERE. If MEMBERS, leaves above the members' trees
-// are LEAF with a member's index.
+// A child reference is one of: a node's index; a leaf; NOWHERE. The reference of a leaf has the bit LEAF, the number of
+// its pairs less one in bits 28 to 30, MASKED if alpha decides about hits of some of its triangles, and the index of
+// its first pair. If MEMBERS, a leaf of the top-level tree is LEAF with a member's index.
 //
-// A pair's identities are two primitives, MISS where there is no second triangle, each with the turn that it is stored
-// in: in its highest two bits, how many places the canonical first corner is behind the first of a b c, or of c b d.
+// A pair's identities are two primitives, MISS where there is no second triangle. The highest two bits of an identity
+// are its turn: how many places the canonical first corner is behind the first of a b c, or of c b d.
 //
-// Group 0 binds nodes, pairs and identities, in pages, and members: `trace/gpu/pages.rs` declares them and the
+// Group 0 binds nodes, pairs and identities, in pages, and members. `trace/gpu/pages.rs` declares them and the
 // functions that read them (`node_at`, `pair_at`, `identity_at`).
 @group(1) @binding(0) var<storage, read> rays: array<Ray>;
 @group(1) @binding(1) var<uniform> params: Params;

@@ -1,8 +1,8 @@
-// Through the triangles of a leaf, which lie in pairs that share an edge (RA section 4): four corners and five edge
-// functions instead of six and six. Coarsely, few triangles may be hit; the judgement of those stands here once for
-// both of a pair.
+// Tests the triangles of a leaf, which lie in pairs that share an edge (RA section 4): four corners and five edge
+// functions instead of six and six. A coarse test rejects most triangles; `judge` stands here once, for both triangles
+// of a pair.
 
-fn through_leaf(ray: PreparedRay, reference: u32, member: Member, found: ptr<function, Found>) -> bool {
+fn through_leaf(ray: PreparedRay, reference: u32, member: TreeInstance, found: ptr<function, Found>) -> bool {
     let first = reference & PAIR_INDEX;
     let pairs = ((reference >> PAIRS_SHIFT) & 7u) + 1u;
     for (var index = first; index < first + pairs; index++) {
@@ -15,7 +15,7 @@ fn through_leaf(ray: PreparedRay, reference: u32, member: Member, found: ptr<fun
         let shared_side = side_of(ray, c, b);
         let abc = vec3<f32>(side_of(ray, a, c), side_of(ray, b, a), shared_side);
         let cbd = vec3<f32>(side_of(ray, c, d), -shared_side, side_of(ray, d, b));
-        // A bit a triangle.
+        // One bit for each triangle that remains.
         var open = select(0u, 1u, may_be_hit(ray, abc, a, b, c)) | select(0u, 2u, may_be_hit(ray, cbd, c, b, d));
         loop {
             if open == 0u {
@@ -49,7 +49,7 @@ fn through_leaf(ray: PreparedRay, reference: u32, member: Member, found: ptr<fun
     return false;
 }
 
-fn pair_in_world(index: u32, member: Member) -> Pair {
+fn pair_in_world(index: u32, member: TreeInstance) -> Pair {
     var pair = pair_at(index);
     if MEMBERS {
         let d = moved(member, vec3<f32>(pair.d_x, pair.d_y, pair.d_z));

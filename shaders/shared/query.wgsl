@@ -1,14 +1,14 @@
-// The device's own way: a ray query through its tree over boxes, each around one pair of triangles. What the query
-// reports is judged here as it is at a leaf of the other trees; when a hit is certain the query is told how far it has
-// to look.
+// Traversal of the device's own tree by a hardware ray query. The tree is over boxes, one around each pair of
+// triangles. A reported box is tested as a leaf of the other trees is. When a hit is certain, the query gets a shorter
+// interval.
 //
 // Vulkan promises a candidate for every box that holds a point of the ray within its interval, and allows more ("Ray
-// Intersection Candidate Determination"). It gives no bound on the rounding of the test, so the boxes are pushed out,
-// by QUERY_MARGIN times the scene's largest coordinate (`trace/gpu/flatten/boxes.rs` derives the margin), and
-// rays from so far away that the margin would not do are UNCERTAIN: see `prepare`.
+// Intersection Candidate Determination"). It gives no bound on the rounding of the test, so the boxes are pushed out by
+// a margin (MARGIN in `trace/gpu/flatten/boxes.rs`, which derives it). Rays that begin too far away for that margin are
+// UNCERTAIN: see `prepare`.
 
 fn traverse(ray: PreparedRay, found: ptr<function, Found>) {
-    var nowhere: Member;
+    var nowhere: TreeInstance;
     var query: ray_query;
     rayQueryInitialize(
         &query,
@@ -25,7 +25,7 @@ fn traverse(ray: PreparedRay, found: ptr<function, Found>) {
         if through_leaf(ray, reference, nowhere, found) {
             return;
         }
-        // Once only: a second time, naga 30.0.1 compares with the candidate's distance instead of the committed one,
+        // Only once: at a second time naga 30.0.1 compares with the candidate's distance instead of the committed one,
         // and a box has no candidate distance.
         let limit = limit_of(found);
         if !is_told && limit < ray.t_max {

@@ -1,10 +1,9 @@
-// A ray prepared for traversal: `geom::CanonicalRay::new`, with room for the device's rounding.
+// A ray prepared for traversal: `geom::CanonicalRay::new`, with margins for the device's rounding.
 //
-// The canonical slab test crosses a plane p at fma(p, inverse, shift -+ pad), pad = SLACK * scale *
-// |inverse|. Here the reciprocal may be off by 2.5 ulp and the fma may round twice. The two shifts
-// differ by at most 22 * 2^-24 * scale * |inverse|, less than one pad (32 of the same units). So
-// planes pushed out by two pads are outside the canonical ones (`near`, `far`), planes not pushed
-// at all are inside them (`shift`).
+// The canonical slab test crosses a plane p at fma(p, inverse, shift -+ pad), pad = SLACK * scale * |inverse|. Here the
+// reciprocal may be off by 2.5 ulp, and the fma may round twice. The two shifts differ by at most 22 * 2^-24 * scale *
+// |inverse|, less than one pad (32 of the same units). So planes pushed out by two pads are outside the canonical ones
+// (`near`, `far`), and planes that are not pushed out are inside them (`shift`).
 
 const REFUSED: u32 = 0u;
 const UNCERTAIN: u32 = 1u;
@@ -19,18 +18,18 @@ struct PreparedRay {
     shift: vec3<f32>,
     near: vec3<f32>,
     far: vec3<f32>,
-    // Per axis: whether the lower plane is the entering one.
+    // For each axis: whether the ray enters through the lower plane.
     forward: vec3<bool>,
-    // The direction's signs, x in bit 0.
+    // The sign bits of the direction, x in bit 0.
     octant: u32,
     t_min: f32,
     t_max: f32,
-    // Slope of the coarse margin of edge functions, and what underflow adds, per unit of reach.
+    // The coarse margin of edge functions, and what underflow adds to it, each for a unit of reach.
     margin: f32,
     tiny: f32,
 }
 
-// What a ray does inside a box.
+// Where a ray enters and leaves a box.
 struct Interval {
     enter: f32,
     leave: f32,
@@ -44,7 +43,7 @@ fn smallest(v: vec3<f32>) -> f32 {
     return min(min(v.x, v.y), v.z);
 }
 
-// NaNs and infinities are told by their bits: a compiler may assume that there are none.
+// Tests the bits for NaN and infinity, because a compiler may assume that numbers are finite.
 fn is_finite(bits: u32) -> bool {
     return (bits & EXPONENT) != EXPONENT;
 }
@@ -54,8 +53,8 @@ fn are_finite(v: vec3<f32>) -> bool {
     return is_finite(bits.x) && is_finite(bits.y) && is_finite(bits.z);
 }
 
-// REFUSED when the ray hits nothing by definition, UNCERTAIN when numbers are so small that the
-// bounds would drown in underflow, else CERTAIN, and `prepared` is filled.
+// REFUSED if the ray hits nothing by definition; UNCERTAIN if numbers are so small that underflow could exceed the
+// bounds; else CERTAIN, and `prepared` is filled.
 fn prepare(ray: Ray, prepared: ptr<function, PreparedRay>) -> u32 {
     if !(are_finite(ray.origin) && are_finite(ray.direction)) {
         return REFUSED;
@@ -65,7 +64,7 @@ fn prepare(ray: Ray, prepared: ptr<function, PreparedRay>) -> u32 {
     if reach > MAX_COORDINATE || length < DIRECTION_MIN || length > DIRECTION_MAX {
         return REFUSED;
     }
-    // The ends of the interval may be infinite on their outer sides.
+    // t_min may be minus infinity, and t_max plus infinity.
     let low = bitcast<u32>(ray.t_min);
     let high = bitcast<u32>(ray.t_max);
     if !(is_finite(low) || low == MINUS_INFINITY) || !(is_finite(high) || high == PLUS_INFINITY) {
@@ -82,7 +81,7 @@ fn prepare(ray: Ray, prepared: ptr<function, PreparedRay>) -> u32 {
     let slanted = bitcast<vec3<f32>>(bitcast<vec3<u32>>(size) | sign);
     let inverse = 1.0 / slanted;
     let pad = (2.0 * SLACK * max(params.scene_max_abs, reach)) * abs(inverse);
-    // Where products of a placement are flushed to zero, moved planes are off by up to the smallest normal number.
+    // If products of a placement are flushed to zero, moved planes are off by up to the smallest normal number.
     let drowned = MEMBERS && SLACK * max(params.scene_max_abs, reach) < LEAST_PAD;
     let too_far = BY_QUERY && reach > QUERY_REACH * params.scene_max_abs;
     if drowned || too_far || smallest(pad) < LEAST_PAD {
@@ -107,7 +106,7 @@ fn prepare(ray: Ray, prepared: ptr<function, PreparedRay>) -> u32 {
     return CERTAIN;
 }
 
-// At least the canonical interval of the box.
+// An interval that contains the canonical one of the box.
 fn outer(ray: PreparedRay, lower: vec3<f32>, upper: vec3<f32>) -> Interval {
     let first = select(upper, lower, ray.forward);
     let last = select(lower, upper, ray.forward);
@@ -117,7 +116,7 @@ fn outer(ray: PreparedRay, lower: vec3<f32>, upper: vec3<f32>) -> Interval {
     );
 }
 
-// At most the canonical interval of the box.
+// An interval within the canonical one of the box.
 fn inner(ray: PreparedRay, lower: vec3<f32>, upper: vec3<f32>) -> Interval {
     let first = select(upper, lower, ray.forward);
     let last = select(lower, upper, ray.forward);

@@ -1,10 +1,10 @@
-// A ray's way through the scene. The kernel says what becomes of a triangle that is not refused: `take`, which answers
-// whether that is enough, and how far the ray still has to be looked at: `limit_of`. The tree says how to go on:
-// `descend` from an inner node, `next` from a leaf.
+// Traversal of the scene, for the kernels and trees that are in the host's layout. The kernel defines `take`, which
+// records a triangle that is not refused and returns whether the ray is done, and `limit_of`, the distance up to which
+// hits matter. The tree defines `descend`, which visits an inner node, and `next`, which follows a leaf.
 
 fn traverse(ray: PreparedRay, found: ptr<function, Found>) {
     var way: Way;
-    var member: Member;
+    var member: TreeInstance;
     var reference = 0u;
     loop {
         loop {

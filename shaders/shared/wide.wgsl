@@ -1,24 +1,25 @@
-// The way through the eight-wide tree: of each node on it, the children that wait, in the order in which a ray of its
-// octant meets them.
+// Traversal of the eight-wide tree. The stack holds nodes, and for each node which of its children are still to be
+// visited, in the order in which a ray of its octant meets them.
 //
-// Where a ray crosses a face q steps from `origin` is computed as fma(q, step * inverse, fma(origin, inverse, shift)),
-// where the product of the step, a power of two, is exact. In units of 2^-24 * scale * |inverse| (see `PreparedRay`)
-// the inner fma may be off by 3 and the outer one, whose product may be twice the scale, by 4: 4 more than the 3 of
-// `outer`. The host compares faces rounded (`flatten/wide.rs`): 1 more. So crossings are within 27 of the 32 units
-// there are.
+// Where a ray crosses a face q steps from `origin` is computed as fma(q, step * inverse, fma(origin, inverse, shift)).
+// The product of the step, a power of two, is exact. In units of 2^-24 * scale * |inverse| (see `PreparedRay`) the
+// inner fma may be off by 3 and the outer one, whose product may be twice the scale, by 4: 4 more than the 3 of
+// `outer`. The host compares faces rounded (`flatten/wide.rs`): 1 more. So crossings are within 27 of the 32 units that
+// the pads allow.
 
 struct Way {
-    // Nodes, and under the same height the places of the children that wait, a bit each.
+    // Nodes, and at the same height their children that are still to be visited: one bit for each place in the order.
     nodes: array<u32, STACK_SIZE>,
     waiting: array<u32, STACK_SIZE>,
     height: u32,
-    // Whether a member's tree is gone through, and how much of the stack is above that.
+    // Whether a member's tree is being traversed, and the height of the stack below that tree's entries.
     inside: bool,
     bottom: u32,
 }
 
-// The next reference to visit after an inner node, whose children within `limit` join the way.
-fn descend(ray: PreparedRay, reference: u32, member: Member, limit: f32, way: ptr<function, Way>) -> u32 {
+// Visits an inner node: pushes its children that the ray enters within `limit`, but for the first, and returns the next
+// reference to visit.
+fn descend(ray: PreparedRay, reference: u32, member: TreeInstance, limit: f32, way: ptr<function, Way>) -> u32 {
     let node = node_at(reference);
     let steps = vec3<f32>(step_of(node.shape), step_of(node.shape >> 8u), step_of(node.shape >> 16u));
     var slots: u32;
@@ -40,7 +41,7 @@ fn descend(ray: PreparedRay, reference: u32, member: Member, limit: f32, way: pt
     return child_at(reference, countTrailingZeros(waiting) ^ ray.octant);
 }
 
-// The reference to visit after a leaf, NOWHERE at the end of the way.
+// Pops the next reference to visit; NOWHERE at the end of the traversal.
 fn next(ray: PreparedRay, limit: f32, way: ptr<function, Way>) -> u32 {
     if (*way).height == 0u {
         return NOWHERE;
@@ -58,7 +59,7 @@ fn step_of(shape: u32) -> f32 {
     return bitcast<f32>((shape & 0xffu) << 23u);
 }
 
-// Slots by place: bit p of the answer is bit p ^ octant of `slots`.
+// Sorts slots by their place in the order of visits: bit p of the result is bit p ^ octant of `slots`.
 fn in_order(slots: u32, octant: u32) -> u32 {
     var bits = slots;
     bits = select(bits, ((bits & 0x55u) << 1u) | ((bits >> 1u) & 0x55u), (octant & 1u) != 0u);
@@ -66,7 +67,7 @@ fn in_order(slots: u32, octant: u32) -> u32 {
     return select(bits, ((bits & 0x0fu) << 4u) | (bits >> 4u), (octant & 4u) != 0u);
 }
 
-// The slots whose boxes the ray meets within `limit`, a bit each.
+// The slots whose boxes the ray enters within `limit`, one bit each.
 fn met(ray: PreparedRay, node: WideNode, steps: vec3<f32>, limit: f32) -> u32 {
     let scale = steps * ray.inverse;
     let near = fma(node.origin, ray.inverse, ray.near);
@@ -93,7 +94,7 @@ fn met(ray: PreparedRay, node: WideNode, steps: vec3<f32>, limit: f32) -> u32 {
     return slots;
 }
 
-// Where the ray crosses four faces.
+// The distances at which the ray crosses four faces.
 fn crossed(faces: u32, scale: f32, shift: f32) -> vec4<f32> {
     return fma(vec4<f32>(unpack4xU8(faces)), vec4<f32>(scale), vec4<f32>(shift));
 }
@@ -103,8 +104,8 @@ fn bits_of(are: vec4<bool>) -> u32 {
     return bits.x | bits.y | bits.z | bits.w;
 }
 
-// The same for a member's node, whose boxes are moved.
-fn met_moved(ray: PreparedRay, node: WideNode, steps: vec3<f32>, member: Member, limit: f32) -> u32 {
+// Like `met`, for a node of a member's tree, whose boxes are moved into the world.
+fn met_moved(ray: PreparedRay, node: WideNode, steps: vec3<f32>, member: TreeInstance, limit: f32) -> u32 {
     var slots = 0u;
     for (var slot = 0u; slot < 8u; slot++) {
         let half = slot >> 2u;
@@ -113,7 +114,7 @@ fn met_moved(ray: PreparedRay, node: WideNode, steps: vec3<f32>, member: Member,
         let faces_above = vec3<u32>(node.upper_x[half], node.upper_y[half], node.upper_z[half]);
         let below = vec3<f32>((faces_below >> vec3<u32>(byte)) & vec3<u32>(0xffu));
         let above = vec3<f32>((faces_above >> vec3<u32>(byte)) & vec3<u32>(0xffu));
-        // The product is exact, so the sum is rounded once whether or not the two are fused.
+        // The product is exact, so the sum is rounded once, fused or not.
         let lower = fma(below, steps, node.origin);
         let upper = fma(above, steps, node.origin);
         let met = outer(ray, moved_corner(member, lower, upper), moved_corner(member, upper, lower));

@@ -103,6 +103,10 @@ impl Renderer for Drill {
         0
     }
 
+    fn most_in_flight(&self) -> usize {
+        usize::MAX
+    }
+
     fn spawn(&self, _tile: u64, out: &mut Output<'_, u32, u32>) {
         self.task();
         out.ray(Ray::default(), BOUNCES);

@@ -5,9 +5,9 @@
 #![allow(unsafe_code, reason = "the invariants above")]
 
 use crate::geom::{CanonicalRay, SLACK};
-use crate::lanes::{LaneTask, Lanes, MAX_LANES, SimdLevel};
+use crate::lanes::{LaneTask, Lanes, MAX_LANES, SimdLevel, first_lanes};
 use crate::stream::Ray;
-use crate::trace::cpu::LaneVec3;
+use crate::trace::cpu::lane_math::LaneVec3;
 use crate::trace::cpu::slabs::Slabs;
 use crate::trace::cpu::triangle::{Limits, Lines, test};
 use glam::Vec3;
@@ -122,12 +122,6 @@ impl LaneTask for CountHits {
     }
 }
 
-/// The lanes in use when `left` numbers are left.
-#[inline(always)]
-fn among<L: Lanes>(left: usize) -> u32 {
-    L::ALL >> (L::LANES - left.min(L::LANES))
-}
-
 impl CountHits {
     #[inline(always)]
     fn rays_in_lanes<L: Lanes>(&self, l: L) -> u64 {
@@ -141,7 +135,7 @@ impl CountHits {
             for i in 0..triangles.len {
                 let [a, b, c] = &triangles.corners;
                 let triangle = [splat(l, a, i), splat(l, b, i), splat(l, c, i)];
-                if let Some(found) = test(l, among::<L>(rays.len - at), &lines, &triangle, &limits) {
+                if let Some(found) = test(l, first_lanes::<L>(rays.len - at), &lines, &triangle, &limits) {
                     hits += u64::from(found.mask.count_ones());
                 }
             }
@@ -161,7 +155,7 @@ impl CountHits {
             for at in (0..triangles.len).step_by(L::LANES) {
                 let [a, b, c] = &triangles.corners;
                 let triangle = [load(l, a, at), load(l, b, at), load(l, c, at)];
-                let among = among::<L>(triangles.len - at);
+                let among = first_lanes::<L>(triangles.len - at);
                 if let Some(found) = test(l, among, &lines, &triangle, &limits) {
                     hits += u64::from(found.mask.count_ones());
                 }

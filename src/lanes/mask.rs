@@ -148,7 +148,7 @@ impl<L: Lanes> Mask<L> {
     /// The first `count` lanes; all of them if there are no more.
     #[inline(always)]
     pub fn first(l: L, count: usize) -> Self {
-        if count >= L::LANES { Self::splat(l, true) } else { Self::from_bits(l, !(L::ALL << count)) }
+        Self::from_bits(l, first_lanes::<L>(count))
     }
 
     /// One bit per lane, lane 0 lowest; bits beyond the lanes are 0. For code that goes lane by lane.
@@ -204,6 +204,12 @@ impl<L: Lanes> Mask<L> {
     pub fn lanes(self) -> L {
         self.l
     }
+}
+
+/// The bits of the first `count` lanes; of all lanes if there are no more.
+#[inline(always)]
+pub(crate) fn first_lanes<L: Lanes>(count: usize) -> LaneBits {
+    if count >= L::LANES { L::ALL } else { (1 << count) - 1 }
 }
 
 /// The lanes of a [`Mask`] that are set, in ascending order.

@@ -52,6 +52,7 @@ pub(crate) use columns::{
 };
 pub use int::Int;
 pub use level::{LaneTask, SimdError, SimdLevel};
+pub(crate) use mask::first_lanes;
 pub use mask::{Mask, MaskRepr, SetLanes};
 #[cfg(target_arch = "aarch64")]
 pub(crate) use neon::Neon;

@@ -119,7 +119,7 @@ impl<L: Lanes> Num<L> {
         Self { f: self.l.sqrt(self.f), ..self }
     }
 
-    /// The greatest integer that is not greater.
+    /// The greatest integer not above `self`.
     #[inline(always)]
     pub fn floor(self) -> Self {
         Self { f: self.l.floor(self.f), ..self }

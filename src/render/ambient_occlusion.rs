@@ -167,6 +167,10 @@ impl Renderer for AmbientOcclusion {
         1
     }
 
+    fn most_in_flight(&self) -> usize {
+        usize::MAX
+    }
+
     fn spawn(&self, tile: u64, out: &mut Output<'_, SampleState, u32>) {
         self.frame.camera_rays(tile, |rays, pixels, samples| {
             let of = |(&pixel, &sample)| SampleState { pixel, sample };

@@ -423,6 +423,10 @@ impl Renderer for Path {
         1 + usize::from(lights.are_sampled() && !lights.environment().is_black())
     }
 
+    fn most_in_flight(&self) -> usize {
+        usize::MAX
+    }
+
     fn spawn(&self, tile: u64, out: &mut Output<'_, PathState, Contribution>) {
         let first = PathState::start(self.frame.cone());
         self.frame.camera_rays(tile, |rays, pixels, samples| {

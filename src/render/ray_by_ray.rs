@@ -1,11 +1,10 @@
-//! A renderer whose batches are cut to single rays.
+//! A renderer whose batches are single rays.
 
 use crate::schedule::{Batch, Output, Renderer};
 use crate::stream::Ray;
 use std::sync::Arc;
 
-/// The same renderer, shading ray by ray: what is gained by shading batches is what it loses (RA section
-/// 5, RA SINGLERAY).
+/// The same renderer, shading ray by ray, to measure what batches gain (RA section 5, RA SINGLERAY).
 #[derive(Debug)]
 pub struct RayByRay<R>(pub Arc<R>);
 
@@ -23,6 +22,10 @@ impl<R: Renderer> Renderer for RayByRay<R> {
 
     fn shadow_rays_per_ray(&self) -> usize {
         self.0.shadow_rays_per_ray()
+    }
+
+    fn most_in_flight(&self) -> usize {
+        self.0.most_in_flight()
     }
 
     fn spawn(&self, tile: u64, out: &mut Output<'_, R::Payload, R::ShadowPayload>) {

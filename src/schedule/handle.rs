@@ -1,67 +1,77 @@
-//! A job as its owner sees it.
+//! A job's handle: what the caller that submitted it holds.
 
 use super::report::{JobReport, Progress};
 use super::service::Inner;
 use super::state::{JobId, Receiver, State};
-use std::sync::{Arc, Condvar, Mutex, PoisonError};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 /// Why a job has no result.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum JobError {
-    /// It was cancelled: by its owner, or with the service.
+    /// The job was cancelled: through its handle, or with the service.
     #[error("the job was cancelled")]
     Cancelled,
     /// The renderer or the host's tracer panicked. Other jobs go on.
     #[error("the job panicked: {0}")]
     Panicked(String),
-    /// The scheduler itself panicked, which it should not; the service is of no more use.
+    /// The scheduler itself panicked, which is a bug; the service is unusable from then on.
     #[error("the scheduler failed: {0}; please report it")]
     Broken(String),
 }
 
+#[derive(Default)]
 struct ResultState {
+    /// Progress at the moment when the job left the scheduler, which is before its outcome is delivered.
     last: Progress,
-    /// Taken by [`JobHandle::wait`].
+    is_delivered: bool,
+    /// `None` before it is delivered, and after [`JobHandle::wait`] has taken it.
     outcome: Option<Result<JobReport, JobError>>,
 }
 
-/// Receives a job's result and keeps it for the owner.
+/// Receives a job's result and keeps it for the handle.
 #[derive(Default)]
 pub(super) struct ResultSlot {
-    letter: Mutex<Option<ResultState>>,
-    arrived: Condvar,
+    state: Mutex<ResultState>,
+    delivered: Condvar,
 }
 
 impl Receiver for ResultSlot {
-    fn receive(&self, last: Progress, outcome: Result<JobReport, JobError>) {
-        *self.letter.lock().unwrap_or_else(PoisonError::into_inner) =
-            Some(ResultState { last, outcome: Some(outcome) });
-        self.arrived.notify_all();
+    fn leave(&self, last: Progress) {
+        self.lock().last = last;
+    }
+
+    fn deliver(&self, outcome: Result<JobReport, JobError>) {
+        self.lock().deliver(outcome);
+        self.delivered.notify_all();
     }
 }
 
 impl ResultSlot {
-    /// Tells the owner that no result will come.
+    /// Delivers [`JobError::Broken`], unless the job has an outcome.
     pub fn give_up(&self, why: &str) {
-        let mut letter = self.letter.lock().unwrap_or_else(PoisonError::into_inner);
-        letter.get_or_insert_with(|| ResultState {
-            last: Progress::default(),
-            outcome: Some(Err(JobError::Broken(why.to_owned()))),
-        });
-        self.arrived.notify_all();
+        let mut state = self.lock();
+        if !state.is_delivered {
+            state.deliver(Err(JobError::Broken(why.to_owned())));
+        }
+        self.delivered.notify_all();
     }
 
-    fn last_progress(&self) -> Option<Progress> {
-        let letter = self.letter.lock().unwrap_or_else(PoisonError::into_inner);
-        letter.as_ref().map(|letter| letter.last)
+    fn lock(&self) -> MutexGuard<'_, ResultState> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl ResultState {
+    fn deliver(&mut self, outcome: Result<JobReport, JobError>) {
+        (self.is_delivered, self.outcome) = (true, Some(outcome));
     }
 }
 
 /// A job's handle. Dropping it cancels the job.
 #[must_use = "dropping the handle cancels the job"]
 pub struct JobHandle {
-    /// None if the service broke before the job got a name.
+    /// `None` if the service broke before the job got an id.
     id: Option<JobId>,
     inner: Arc<Inner>,
     result: Arc<ResultSlot>,
@@ -72,13 +82,10 @@ impl JobHandle {
         Self { id, inner, result }
     }
 
-    /// How far the job is.
+    /// How far the job is; of a job that has ended, its last progress. Never waits, so any code may call it, even the
+    /// `Drop` of the job's own renderer.
     pub fn progress(&self) -> Progress {
-        // A job that has left the scheduler is about to be in the letterbox.
-        self.change(|state, id, _| state.progress(id)).flatten().unwrap_or_else(|| {
-            self.wait_until_finished();
-            self.result.last_progress().expect("the job is finished")
-        })
+        self.change(|state, id, _| state.progress(id)).flatten().unwrap_or_else(|| self.result.lock().last)
     }
 
     fn change<T>(&self, change: impl FnOnce(&mut State, JobId, u64) -> T) -> Option<T> {
@@ -86,43 +93,38 @@ impl JobHandle {
         self.inner.change(|state, now_ns| change(state, id, now_ns))
     }
 
-    /// Abandons the job: tasks under way end, nothing new begins. Returns at once.
+    /// Abandons the job: tasks under way end, no new ones begin. Returns at once.
     pub fn cancel(&self) {
         self.change(State::cancel);
     }
 
-    /// Spawns no more tiles and finishes what is in flight, so that what has been accumulated is
-    /// complete for every tile spawned. Returns at once.
+    /// Spawns no more tiles and finishes the paths in flight, so that every tile spawned is complete. Returns at once.
     pub fn stop(&self) {
         self.change(State::stop);
     }
 
     /// Whether the job has ended.
     pub fn is_finished(&self) -> bool {
-        self.result.last_progress().is_some()
+        self.result.lock().is_delivered
     }
 
-    /// Waits at most that long; returns whether the job has ended.
+    /// Waits for at most `patience`; returns whether the job has ended.
     pub fn wait_for(&self, patience: Duration) -> bool {
-        let letter = self.result.letter.lock().unwrap_or_else(PoisonError::into_inner);
-        let waited = self.result.arrived.wait_timeout_while(letter, patience, |letter| letter.is_none());
-        waited.unwrap_or_else(PoisonError::into_inner).0.is_some()
+        let state = self.result.lock();
+        let waited = self.result.delivered.wait_timeout_while(state, patience, |state| !state.is_delivered);
+        waited.unwrap_or_else(PoisonError::into_inner).0.is_delivered
     }
 
-    /// Waits for the end of the job; the scheduler has then let go of the renderer. Not to be called
-    /// from inside a job of the same service.
+    /// Waits for the end of the job. The service has dropped its reference to the renderer by then. Must not be called
+    /// from inside a job of the same service, which may wait for ever.
     ///
     /// # Errors
     /// [`JobError`] when the job was cancelled or panicked; a stopped job has a report.
     pub fn wait(self) -> Result<JobReport, JobError> {
-        self.wait_until_finished();
-        let mut letter = self.result.letter.lock().unwrap_or_else(PoisonError::into_inner);
-        letter.as_mut().and_then(|letter| letter.outcome.take()).expect("only this takes the outcome")
-    }
-
-    fn wait_until_finished(&self) {
-        let letter = self.result.letter.lock().unwrap_or_else(PoisonError::into_inner);
-        drop(self.result.arrived.wait_while(letter, |letter| letter.is_none()));
+        let state = self.result.lock();
+        let waited = self.result.delivered.wait_while(state, |state| !state.is_delivered);
+        let mut state = waited.unwrap_or_else(PoisonError::into_inner);
+        state.outcome.take().expect("only this takes the outcome, and it consumes the handle")
     }
 }
 

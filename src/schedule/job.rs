@@ -1,54 +1,53 @@
-//! One job under the scheduler's lock: its lists and its account, without its types.
+//! One job under the scheduler's lock: its lists and its account, behind a trait that hides the payload types.
 
 use super::lists::Lists;
 use super::policy::Pace;
 use super::pool::Pool;
-use super::report::{JobReport, Lengths, Progress, TaskKind, TaskRecord, ThreadReport};
-use super::task::{Done, Task, TaskSlot, Workplace};
+use super::report::{JobReport, Lengths, Progress, TaskKind, TaskRecord, ThreadKind, ThreadReport};
+use super::task::{Done, SharedJob, Task, TaskSlot};
 use super::{JobError, JobOptions, Limits, Policy, Renderer, Rule, Unit, UnitReport, View, policy};
 use crate::stream::{Empty, RayStream, Untraced, paths};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
-/// A job whose types do not matter, as the holder of the lock sees it. Every `start` is followed by
-/// one `finish` of the same thread.
+/// A job of any payload types, as the holder of the lock sees it. Every `start` is followed by one `finish` of the
+/// same thread.
 pub(super) trait Job: Send {
-    /// What the policy may know.
+    /// What the policy sees of the job.
     fn view(&self) -> View;
-    /// Takes a task out of the lists and lays it on the thread's desk; returns about how many rays
-    /// there are in it. The rule must be allowed by the view.
+    /// Takes a task out of the lists and puts it into the thread's slot; returns about how many rays the task has.
+    /// The view must allow the rule.
     fn start(&mut self, thread: usize, rule: Rule) -> u64;
-    /// Takes the finished task from the thread's desk back into the lists. Times since the service
-    /// began.
+    /// Takes the finished task out of the thread's slot and returns its streams to the lists. Times count from the
+    /// start of the service.
     fn finish(&mut self, thread: usize, start_ns: u64, end_ns: u64);
     /// Spawns no more tiles.
     fn stop(&mut self);
-    /// Gives the job up: no more tasks.
+    /// Starts no more tasks; the job's outcome is this error, or an earlier one.
     fn abandon(&mut self, why: JobError);
     /// Whether the last tile has been spawned.
     fn all_spawned(&self) -> bool;
-    /// Whether there is nothing to do and no task under way.
+    /// Whether the job has no work left and no task under way.
     fn is_over(&self) -> bool;
     fn progress(&self) -> Progress;
-    /// The result of a job that is over, without what the threads know: their idle time, the wall
-    /// clock, the tail.
+    /// The result of a job that is over. [`super::state::State`] adds wall time, idle time and the tail.
     fn outcome(&mut self, begin_ns: u64) -> Result<JobReport, JobError>;
-    /// Gives the streams of a job that is over to the pool. Not under the lock.
+    /// Returns the streams of a job that is over to the pool. Called without the lock.
     fn retire(self: Box<Self>, pool: &Pool);
     #[cfg(test)]
     fn check(&self);
 }
 
-/// What a thread has of a job.
+/// What a task under way counts for.
 #[derive(Clone, Copy)]
 struct TaskAccount {
     kind: TaskKind,
-    /// Paths in flight that are with the thread: those in its streams, and those it may spawn. A
-    /// chunk's stay with its stream.
+    /// Paths in flight in the task's streams, and those that it may spawn. 0 for a chunk, whose paths are counted with
+    /// its stream.
     paths: usize,
-    /// Rays in the task, for the record; those of a spawn task are known at its end.
+    /// Rays and shadow rays in the task, for its record; 0 for a spawn task, whose rays are known at its end.
     rays: u64,
-    /// Since when a stream that is dispatched has been full, if it had to wait.
+    /// When a dispatched stream became full, if it had to wait.
     full_ns: Option<u64>,
 }
 
@@ -59,20 +58,24 @@ impl TaskAccount {
 }
 
 pub(super) struct TypedJob<R: Renderer> {
-    place: Arc<Workplace<R>>,
+    shared: Arc<SharedJob<R>>,
     lists: Lists<R::Payload, R::ShadowPayload>,
     policy: Policy,
     unit: Unit,
     next_tile: u64,
-    /// Where spawning ends: at all tiles, earlier when stopped.
-    last_tile: u64,
+    /// Spawning ends before this tile: the number of tiles, or less when stopped.
+    end_tile: u64,
     /// Tasks under way.
     tasks: usize,
     ended: Option<JobError>,
     in_flight: usize,
-    holds: Vec<Option<TaskAccount>>,
+    /// The task under way of each thread.
+    accounts: Vec<Option<TaskAccount>>,
+    /// Of each thread.
     busy_ns: Vec<u64>,
+    /// Of all host threads, tracing.
     trace_ns: u64,
+    /// Of all dispatch threads.
     dispatch_ns: u64,
     progress: Progress,
     report: JobReport,
@@ -81,25 +84,25 @@ pub(super) struct TypedJob<R: Renderer> {
 
 impl<R: Renderer> TypedJob<R> {
     pub fn new(
-        place: Arc<Workplace<R>>,
+        shared: Arc<SharedJob<R>>,
         streams: Vec<RayStream<Empty, R::Payload, R::ShadowPayload>>,
         options: &JobOptions,
         unit: Unit,
         tiles: u64,
         events: Vec<String>,
     ) -> Self {
-        let limits = place.limits;
-        let threads = place.desks.len();
+        let limits = shared.limits;
+        let threads = shared.slots.len();
         Self {
             lists: Lists::new(limits, streams),
             policy: options.policy.unwrap_or_else(|| Policy::of(unit)),
             unit,
             next_tile: 0,
-            last_tile: tiles,
+            end_tile: tiles,
             tasks: 0,
             ended: None,
             in_flight: 0,
-            holds: vec![None; threads],
+            accounts: vec![None; threads],
             busy_ns: vec![0; threads],
             trace_ns: 0,
             dispatch_ns: 0,
@@ -127,18 +130,18 @@ impl<R: Renderer> TypedJob<R> {
                 timeline: Vec::new(),
             },
             keep_timeline: options.timeline,
-            place,
+            shared,
         }
     }
 
     fn limits(&self) -> &Limits {
-        &self.place.limits
+        &self.shared.limits
     }
 
-    /// Paths that have not ended or not begun; never grows.
-    fn left(&self) -> u64 {
+    /// Paths that have not ended or not begun. Never grows.
+    fn paths_left(&self) -> u64 {
         let tile_rays = self.limits().tile_rays as u64;
-        (self.last_tile - self.next_tile).saturating_mul(tile_rays).saturating_add(self.in_flight as u64)
+        (self.end_tile - self.next_tile).saturating_mul(tile_rays).saturating_add(self.in_flight as u64)
     }
 
     fn lengths(&self) -> Lengths {
@@ -153,20 +156,20 @@ impl<R: Renderer> TypedJob<R> {
 
     /// Rays that wait to be traced or spawned.
     fn waiting_rays(&self) -> u64 {
-        (self.last_tile - self.next_tile)
+        (self.end_tile - self.next_tile)
             .saturating_mul(self.limits().tile_rays as u64)
             .saturating_add(self.lists.rays_to_trace() as u64)
     }
 
     fn threshold(&self) -> usize {
-        policy::threshold(self.left(), self.place.hosts, self.has_device(), self.limits())
+        policy::threshold(self.paths_left(), self.shared.hosts, self.has_device(), self.limits())
     }
 
     fn paths<State>(&self, stream: &RayStream<State, R::Payload, R::ShadowPayload>) -> usize {
         paths(stream.rays(), stream.shadow_rays(), self.limits().shadow_rays_per_path)
     }
 
-    /// A device is used by this job.
+    /// Whether a device traces for this job.
     fn has_device(&self) -> bool {
         self.unit != Unit::Cpu
     }
@@ -186,8 +189,8 @@ impl<R: Renderer> TypedJob<R> {
                 let input = self.lists.next_to_shade();
                 let output = self.lists.output();
                 let (rays, shadow_rays) = (input.rays_left(), input.shadow_rays_left());
-                let held = paths(rays, shadow_rays, self.limits().shadow_rays_per_path);
-                let paths = self.paths(&output) + held;
+                let input_paths = paths(rays, shadow_rays, self.limits().shadow_rays_per_path);
+                let paths = self.paths(&output) + input_paths;
                 let rays = (rays + shadow_rays) as u64;
                 (
                     Task::Shade { input, output, threshold: self.threshold() },
@@ -197,7 +200,7 @@ impl<R: Renderer> TypedJob<R> {
             Rule::Trace | Rule::Flush => {
                 let most = policy::chunk_rays(
                     self.waiting_rays(),
-                    self.place.hosts,
+                    self.shared.hosts,
                     self.has_device(),
                     self.limits(),
                 );
@@ -209,22 +212,22 @@ impl<R: Renderer> TypedJob<R> {
                 let (stream, full_ns) = self.lists.next_to_dispatch();
                 let rays = (stream.rays() + stream.shadow_rays()) as u64;
                 let paths = self.paths(&stream);
-                let hold = TaskAccount { full_ns, ..TaskAccount::new(TaskKind::Dispatch, paths, rays) };
-                (Task::Dispatch(stream), hold)
+                let account = TaskAccount { full_ns, ..TaskAccount::new(TaskKind::Dispatch, paths, rays) };
+                (Task::Dispatch(stream), account)
             }
         }
     }
 
-    /// Replaces the paths accounted to a task by those it has left.
-    fn account(&mut self, hold: TaskAccount, left: usize) {
-        assert!(left <= hold.paths, "a task leaves no more paths than it was given");
-        self.in_flight -= hold.paths - left;
+    /// Replaces the paths that a task was given by those that it has left.
+    fn end_paths(&mut self, account: TaskAccount, left: usize) {
+        assert!(left <= account.paths, "a task leaves no more paths than it was given");
+        self.in_flight -= account.paths - left;
     }
 
-    /// Returns the rays of the task's record.
+    /// Takes back what a task leaves; returns the rays for the task's record.
     fn put_back(
         &mut self,
-        hold: TaskAccount,
+        account: TaskAccount,
         done: Done<R::Payload, R::ShadowPayload>,
         (start_ns, end_ns): (u64, u64),
     ) -> u64 {
@@ -233,8 +236,8 @@ impl<R: Renderer> TypedJob<R> {
                 self.progress.tiles_spawned += 1;
                 self.progress.rays.camera += emitted.rays;
                 self.progress.rays.shadow += emitted.shadow_rays;
-                self.account(hold, self.paths(&output));
-                self.lists.park(output, self.threshold(), end_ns);
+                self.end_paths(account, self.paths(&output));
+                self.lists.put_back_output(output, self.threshold(), end_ns);
                 emitted.rays + emitted.shadow_rays
             }
             Done::Shaded { input, output, emitted, depths } => {
@@ -242,18 +245,18 @@ impl<R: Renderer> TypedJob<R> {
                 self.progress.rays.continuation += emitted.rays;
                 self.progress.rays.shadow += emitted.shadow_rays;
                 let rays_left = input.rays_left();
-                self.account(hold, self.paths(&output) + rays_left);
-                self.lists.park(output, self.threshold(), end_ns);
+                self.end_paths(account, self.paths(&output) + rays_left);
+                self.lists.put_back_output(output, self.threshold(), end_ns);
                 self.lists.put_back_shaded(input);
-                hold.rays - rays_left as u64
+                account.rays - rays_left as u64
             }
             Done::Traced(chunk) => {
-                self.progress.cpu_rays += hold.rays;
+                self.progress.cpu_rays += account.rays;
                 self.lists.put_back_chunk(chunk);
-                hold.rays
+                account.rays
             }
             Done::Dispatched { stream, report } => {
-                self.progress.gpu_rays += hold.rays;
+                self.progress.gpu_rays += account.rays;
                 let gpu = &mut self.report.gpu;
                 gpu.bytes_copied += report.bytes_copied;
                 gpu.flagged += report.flagged;
@@ -261,18 +264,18 @@ impl<R: Renderer> TypedJob<R> {
                 gpu.checked += report.checked;
                 gpu.sending_s += report.sending_ns as f64 * 1e-9;
                 gpu.waiting_s += report.waiting_ns as f64 * 1e-9;
-                let waited_ns = hold.full_ns.map_or(0, |full_ns| start_ns.saturating_sub(full_ns));
+                let waited_ns = account.full_ns.map_or(0, |full_ns| start_ns.saturating_sub(full_ns));
                 let waits = &mut self.report.device_waits;
                 waits.full_to_dispatched.record(waited_ns + report.sending_ns);
                 waits.dispatched_to_readable.record(report.waiting_ns);
                 self.lists.put_back_dispatched(stream);
-                hold.rays
+                account.rays
             }
             Done::Undispatched(Untraced { stream, reason }) => {
                 self.lists.put_back_untraced(stream, end_ns);
                 if self.has_device() {
                     self.unit = Unit::Cpu;
-                    let device = &self.place.device_name;
+                    let device = &self.shared.device_name;
                     self.report.events.push(format!(
                         "{device} failed ({reason}); the job goes on without it, with the same result"
                     ));
@@ -281,7 +284,7 @@ impl<R: Renderer> TypedJob<R> {
             }
             Done::Panicked(message) => {
                 self.abandon(JobError::Panicked(message));
-                hold.rays
+                account.rays
             }
         }
     }
@@ -293,7 +296,7 @@ impl<R: Renderer> Job for TypedJob<R> {
             unit: self.unit,
             policy: self.policy,
             ended: self.ended.is_some(),
-            tiles_left: self.last_tile - self.next_tile,
+            tiles_left: self.end_tile - self.next_tile,
             tile_fits: self.in_flight + self.limits().tile_rays <= self.limits().in_flight,
             need_more: self.lists.need_more(),
             need_more_rays: self.lists.need_more_rays(),
@@ -303,57 +306,63 @@ impl<R: Renderer> Job for TypedJob<R> {
             slot: self.lists.slot(),
             shade: self.lists.shade(),
             tasks: self.tasks,
-            served: 0,
             cpu: Pace { rays: self.progress.cpu_rays, ns: self.trace_ns },
             gpu: Pace { rays: self.progress.gpu_rays, ns: self.dispatch_ns },
         }
     }
 
     fn start(&mut self, thread: usize, rule: Rule) -> u64 {
-        let (task, hold) = self.take(rule);
+        let (task, account) = self.take(rule);
         assert!(self.in_flight <= self.limits().in_flight, "no more than N paths are in flight");
         self.report.max_in_flight = self.report.max_in_flight.max(self.in_flight);
         self.tasks += 1;
-        let former = self.holds[thread].replace(hold);
+        let former = self.accounts[thread].replace(account);
         assert!(former.is_none(), "a thread has one task at a time");
-        self.place.swap_slot(thread, TaskSlot::Task(task));
-        hold.rays.max(hold.paths as u64)
+        self.shared.swap_slot(thread, TaskSlot::Task(task));
+        account.rays.max(account.paths as u64)
     }
 
     fn finish(&mut self, thread: usize, start_ns: u64, end_ns: u64) {
-        let hold = self.holds[thread].take().expect("a thread finishes what it has started");
-        let done = match self.place.swap_slot(thread, TaskSlot::Clear) {
+        let account = self.accounts[thread].take().expect("a thread finishes what it has started");
+        let done = match self.shared.swap_slot(thread, TaskSlot::Empty) {
             TaskSlot::Done(done) => done,
-            TaskSlot::Clear | TaskSlot::Task(_) => unreachable!("a thread finishes after its work"),
+            TaskSlot::Empty | TaskSlot::Task(_) => unreachable!("a thread finishes after its work"),
         };
         self.tasks -= 1;
         let ns = end_ns - start_ns;
         self.busy_ns[thread] += ns;
-        match hold.kind {
+        match account.kind {
             TaskKind::Trace => self.trace_ns += ns,
             TaskKind::Dispatch => self.dispatch_ns += ns,
             TaskKind::Spawn | TaskKind::Shade => {}
         }
-        let rays = self.put_back(hold, done, (start_ns, end_ns));
+        let rays = self.put_back(account, done, (start_ns, end_ns));
         if self.keep_timeline {
             let (thread, rays) = (thread as u32, rays.min(u64::from(u32::MAX)) as u32);
             let lists = self.lengths();
-            self.report.timeline.push(TaskRecord { thread, kind: hold.kind, rays, start_ns, end_ns, lists });
+            self.report.timeline.push(TaskRecord {
+                thread,
+                kind: account.kind,
+                rays,
+                start_ns,
+                end_ns,
+                lists,
+            });
         }
     }
 
     fn stop(&mut self) {
-        self.report.stopped |= self.next_tile < self.last_tile;
-        self.last_tile = self.next_tile;
+        self.report.stopped |= self.next_tile < self.end_tile;
+        self.end_tile = self.next_tile;
     }
 
     fn abandon(&mut self, why: JobError) {
-        self.place.abandoned.store(true, Ordering::Relaxed);
+        self.shared.abandoned.store(true, Ordering::Relaxed);
         self.ended.get_or_insert(why);
     }
 
     fn all_spawned(&self) -> bool {
-        self.progress.tiles_spawned == self.last_tile
+        self.progress.tiles_spawned == self.end_tile
     }
 
     fn is_over(&self) -> bool {
@@ -390,7 +399,7 @@ impl<R: Renderer> Job for TypedJob<R> {
             .iter()
             .enumerate()
             .map(|(thread, &ns)| ThreadReport {
-                kind: super::state::kind(thread, self.place.hosts),
+                kind: ThreadKind::of(thread, self.shared.hosts),
                 busy_s: ns as f64 * 1e-9,
                 idle_s: 0.0,
                 tail_idle_s: 0.0,
@@ -411,13 +420,13 @@ impl<R: Renderer> Job for TypedJob<R> {
         if self.ended.is_some() {
             return;
         }
-        let held: usize = self.holds.iter().flatten().map(|hold| hold.paths).sum();
-        let with_threads = self.holds.iter().flatten().map(|hold| match hold.kind {
+        let with_tasks: usize = self.accounts.iter().flatten().map(|account| account.paths).sum();
+        let with_threads = self.accounts.iter().flatten().map(|account| match account.kind {
             TaskKind::Shade => 2,
             TaskKind::Spawn | TaskKind::Dispatch => 1,
             TaskKind::Trace => 0,
         });
         assert_eq!(streams + with_threads.sum::<usize>(), self.lists.made(), "streams are conserved");
-        assert_eq!(in_lists + held, self.in_flight, "paths are conserved");
+        assert_eq!(in_lists + with_tasks, self.in_flight, "paths are conserved");
     }
 }

@@ -1,10 +1,10 @@
-//! How long something took, many times over: a histogram, from which medians come without a list that grows.
+//! A histogram of times, which gives medians without a list that grows.
 
-/// Buckets an octave: their bounds are at most an eighth apart.
+/// Buckets in an octave: neighbouring bounds differ by at most an eighth.
 const STEPS: u32 = 8;
-/// Shorter is counted as this, in powers of two of nanoseconds: a microsecond.
+/// The lower bound, as a power of two of nanoseconds: about 1 µs. Shorter times are counted in the first bucket.
 const SHORTEST: u32 = 10;
-/// Longer is counted as this: a minute.
+/// The upper bound, as a power of two of nanoseconds: about 69 s. Longer times are counted in the last bucket.
 const LONGEST: u32 = 36;
 const BUCKETS: usize = ((LONGEST - SHORTEST) * STEPS) as usize;
 
@@ -21,7 +21,7 @@ impl Default for Latency {
 }
 
 impl Latency {
-    /// Counts one.
+    /// Counts a time.
     pub fn record(&mut self, ns: u64) {
         let octave = ns.max(1).ilog2();
         let index = match octave {
@@ -35,7 +35,8 @@ impl Latency {
         self.counts[index] += 1;
     }
 
-    /// Seconds within which the share `share` of all lies, to a sixteenth; none if there was none.
+    /// The quantile in seconds: the share `share` (0 to 1) of all times is at most this, to a relative error of 1/16.
+    /// `None` if no time was recorded.
     pub fn quantile_s(&self, share: f64) -> Option<f64> {
         let total: u64 = self.counts.iter().map(|&count| u64::from(count)).sum();
         let rank = (share * total as f64).ceil().max(1.0) as u64;
@@ -56,12 +57,12 @@ impl std::ops::AddAssign for Latency {
     }
 }
 
-/// Where streams that a device traced spent their time.
+/// How long streams waited that a device traced.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct DeviceWaits {
-    /// From being full to being submitted.
+    /// From when a stream became full until it was submitted.
     pub full_to_dispatched: Latency,
-    /// From there to where answers could be read.
+    /// From its submission until its answers could be read.
     pub dispatched_to_readable: Latency,
 }
 

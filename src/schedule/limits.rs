@@ -1,63 +1,96 @@
-//! Every size in the scheduler, derived in one place and asserted against the others (RA section 4:
-//! N 256k, 42 streams of 27k rays, threshold 11k, chunks of 1024, batches of 8192, tiles of 16k).
+//! Every size in the scheduler, derived in one place and asserted against the others. RA section 4 has N = 256k paths,
+//! 42 streams of 27k rays, a threshold of 11k, chunks of 1024, batches of 8192 and tiles of 16k rays.
 
 use super::{JobOptions, policy};
 use crate::stream::{Capacity, Sizing};
 
-/// RA's N: paths in flight that keep both units of a laptop busy.
+/// RA's N: paths in flight that keep the CPU and the GPU of a laptop busy.
 const IN_FLIGHT: usize = 256 * 1024;
-/// RA's NEEDMORE threshold: the fewest rays that are traced efficiently on its GPU.
+/// RA's threshold of NEEDMORE: the fewest rays that its GPU traces efficiently.
 const DEVICE_THRESHOLD: usize = 11 * 1024;
-/// The same for host threads alone.
+/// The threshold for host threads alone.
 const HOST_THRESHOLD: usize = 16 * 1024;
-/// N for each of them: what it spawns or emits is to be in a cache still, if not the nearest, when it is traced, and
-/// when it is shaded. A path in flight takes 80 to 130 bytes.
+/// N for each host thread without a device. Rays should still be in one of the caches when they are traced, and when
+/// they are shaded; a path in flight takes 80 to 130 bytes.
 const HOST_IN_FLIGHT: usize = 4 * HOST_THRESHOLD;
-/// Nothing is larger than this, so that no product of sizes overflows.
+/// No size is larger than this, so that no product of two sizes overflows.
 const MOST: usize = 1 << 28;
 
 /// The sizes of one job.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
-    /// N: the most paths in flight. A path has at most one ray in flight, and at most
-    /// `shadow_rays_per_path` shadow rays.
+    /// N: the most paths in flight. A path has at most one ray and at most `shadow_rays_per_path` shadow rays in
+    /// flight.
     pub in_flight: usize,
-    /// Paths from which a stream is full and goes from NEEDMORE to TRACE.
+    /// T: paths from which a stream counts as full and goes from NEEDMORE to TRACE.
     pub threshold: usize,
-    /// Most rays, and most shadow rays, that a tile spawns.
+    /// The most rays, and the most shadow rays, that a tile spawns.
     pub tile_rays: usize,
-    /// Most rays that are shaded at once.
+    /// The most rays of a batch.
     pub batch_rays: usize,
-    /// Rays that a host thread traces at once while a device is fed; the fewest otherwise.
+    /// Rays that a host thread traces at once for a job with a device, and the fewest otherwise.
     pub chunk_rays: usize,
     /// The most rays that a host thread traces at once.
     pub chunk_rays_most: usize,
-    /// Most shadow rays emitted per ray shaded.
+    /// The most shadow rays emitted for each ray shaded.
     pub shadow_rays_per_ray: usize,
-    /// Most shadow rays of a path; at least 1, since camera rays may be shadow rays.
+    /// The most shadow rays of a path in flight. At least 1, since a tile may spawn shadow rays.
     pub shadow_rays_per_path: usize,
-    /// What a stream holds at most. One below the threshold has room for one more tile or batch.
+    /// The most that a stream holds. A stream below the threshold has room for one more tile or batch.
     pub stream: Capacity,
-    /// Whether the threshold sinks at the tail.
+    /// Whether the threshold becomes smaller at the tail.
     pub shrink_streams: bool,
-    /// The most streams the job ever has; with these no thread waits for a stream in vain
-    /// (README, "Why there is always an output stream").
+    /// The most streams that the job has at any time. As many as this always suffice (README, "Why there is always an
+    /// output stream").
     pub streams: usize,
 }
 
-/// What the limits are derived from besides the options.
+/// What the limits are derived from, besides the options.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Demand {
     pub tiles: u64,
     pub tile_rays: usize,
     pub shadow_rays_per_ray: usize,
-    /// The most paths that the renderer has memory for.
+    /// [`super::Renderer::most_in_flight`].
     pub most_in_flight: usize,
     pub host_threads: usize,
     /// 0 for a job without a device.
     pub dispatch_threads: usize,
-    /// What is known of the device.
+    /// The device's measured sizes.
     pub device: Option<Sizing>,
+}
+
+impl Demand {
+    /// Paths from which a stream counts as full, by default.
+    fn threshold(self, options: &JobOptions) -> usize {
+        let Self { tiles, tile_rays, host_threads, dispatch_threads, device, .. } = self;
+        let paths = tiles.saturating_mul(tile_rays as u64);
+        if let Some(device) = device.filter(|_| dispatch_threads > 0) {
+            // A small job still has a few streams for every thread, if they are worth a dispatch.
+            let share = paths / (host_threads + 2 * dispatch_threads) as u64;
+            device.threshold.min((share as usize).max(device.least))
+        } else if dispatch_threads > 0 {
+            DEVICE_THRESHOLD
+        } else {
+            // A small job still has a few streams for each thread.
+            let share = paths / (4 * host_threads as u64);
+            share.clamp(options.chunk_rays as u64, HOST_THRESHOLD.max(options.chunk_rays) as u64) as usize
+        }
+    }
+
+    /// N, by default, if the renderer has memory for as many paths.
+    fn in_flight(self, threshold: usize) -> usize {
+        let Self { tile_rays, host_threads, dispatch_threads, device, .. } = self;
+        let paths = if dispatch_threads == 0 {
+            HOST_IN_FLIGHT.max(threshold.saturating_mul(2)).saturating_mul(host_threads)
+        } else {
+            // A stream for each thread that traces. Dispatch threads of a measured device have one more, which is full
+            // when they come back.
+            let streams = host_threads + if device.is_some() { 2 * dispatch_threads } else { 0 };
+            IN_FLIGHT.max(threshold.saturating_mul(streams))
+        };
+        paths.max(tile_rays).min(MOST)
+    }
 }
 
 /// Sizes that do not fit each other.
@@ -81,47 +114,24 @@ pub enum LimitsError {
         /// N.
         in_flight: usize,
     },
-    /// The least chunk is larger than the largest.
+    /// The smallest chunk is larger than the largest.
     #[error("chunks of at least {least} rays cannot be of at most {most}; lower the one or raise the other")]
     Chunks {
-        /// The least.
+        /// Rays of the smallest chunk.
         least: usize,
-        /// The most.
+        /// Rays of the largest chunk.
         most: usize,
     },
 }
 
 impl Limits {
     pub(super) fn derive(options: &JobOptions, demand: Demand) -> Result<Self, LimitsError> {
-        let Demand { tiles, tile_rays, shadow_rays_per_ray, most_in_flight, .. } = demand;
-        let Demand { host_threads, dispatch_threads, device, .. } = demand;
+        let Demand { tile_rays, shadow_rays_per_ray, host_threads, dispatch_threads, .. } = demand;
         let shadow_rays_per_path = shadow_rays_per_ray.max(1);
-        let threshold = options.threshold.unwrap_or_else(|| {
-            if let Some(device) = device.filter(|_| dispatch_threads > 0) {
-                // A small job still has a few streams for everybody, if they are worth a dispatch.
-                let share =
-                    tiles.saturating_mul(tile_rays as u64) / (host_threads + 2 * dispatch_threads) as u64;
-                device.threshold.min((share as usize).max(device.least))
-            } else if dispatch_threads > 0 {
-                DEVICE_THRESHOLD
-            } else {
-                // A small job still has a few streams for each thread.
-                let share = tiles.saturating_mul(tile_rays as u64) / (4 * host_threads as u64);
-                share.clamp(options.chunk_rays as u64, HOST_THRESHOLD.max(options.chunk_rays) as u64) as usize
-            }
-        });
-        let in_flight = options.in_flight.unwrap_or_else(|| {
-            if dispatch_threads == 0 {
-                let paths = HOST_IN_FLIGHT.max(threshold.saturating_mul(2));
-                return paths.saturating_mul(host_threads).max(tile_rays).min(MOST);
-            }
-            // A stream for each that traces, and one that it finds full when it is done.
-            let streams = host_threads + if device.is_some() { 2 * dispatch_threads } else { 0 };
-            IN_FLIGHT.max(threshold.saturating_mul(streams)).max(tile_rays).min(MOST)
-        });
-        // Beyond, spawning waits.
-        let in_flight = in_flight.min(most_in_flight);
-        for (what, value) in [
+        let threshold = options.threshold.unwrap_or_else(|| demand.threshold(options));
+        let in_flight = options.in_flight.unwrap_or_else(|| demand.in_flight(threshold));
+        let in_flight = in_flight.min(demand.most_in_flight);
+        in_range(&[
             ("the number of rays in flight", in_flight),
             ("the threshold of full streams", threshold),
             ("the number of rays of a tile", tile_rays),
@@ -129,11 +139,7 @@ impl Limits {
             ("the number of rays of a chunk", options.chunk_rays),
             ("the greatest number of rays of a chunk", options.chunk_rays_most),
             ("the number of shadow rays per ray", shadow_rays_per_path),
-        ] {
-            if value == 0 || value > MOST {
-                return Err(LimitsError::OutOfRange { what, value });
-            }
-        }
+        ])?;
         if tile_rays > in_flight {
             return Err(LimitsError::TileBeyondInFlight { tile_rays, in_flight });
         }
@@ -147,9 +153,6 @@ impl Limits {
             shadow_rays: shadow_rays_per_path * (threshold - 1)
                 + tile_rays.max(batch_rays * shadow_rays_per_ray),
         };
-        let full = (in_flight / threshold).max(policy::TAIL_STREAMS * host_threads);
-        let flushed = host_threads + dispatch_threads;
-        let (begun, outputs) = (host_threads, host_threads);
         let limits = Self {
             in_flight,
             threshold,
@@ -161,14 +164,14 @@ impl Limits {
             shadow_rays_per_path,
             shrink_streams: options.shrink_streams,
             stream,
-            streams: full + flushed + begun + outputs,
+            streams: streams_needed(in_flight, threshold, host_threads, dispatch_threads),
         };
-        limits.check();
+        limits.check(host_threads, dispatch_threads);
         Ok(limits)
     }
 
-    /// What the rest of the scheduler relies on.
-    fn check(&self) {
+    /// Asserts what the rest of the scheduler relies on.
+    fn check(&self, host_threads: usize, dispatch_threads: usize) {
         let below = self.threshold - 1;
         let step = self.tile_rays.max(self.batch_rays);
         assert!(below + step <= self.stream.rays, "NEEDMORE has room for a tile or a batch");
@@ -176,8 +179,9 @@ impl Limits {
         let most = below * self.shadow_rays_per_path;
         assert!(most + shadows <= self.stream.shadow_rays, "and for its shadow rays");
         assert!(self.tile_rays <= self.in_flight, "an idle job can spawn");
-        assert!(self.streams >= self.in_flight / self.threshold + 3, "there is always an output stream");
-        assert!(self.chunk_rays <= self.chunk_rays_most, "the least chunk is not the largest");
+        let needed = streams_needed(self.in_flight, self.threshold, host_threads, dispatch_threads);
+        assert!(self.streams >= needed, "there is always an output stream");
+        assert!(self.chunk_rays <= self.chunk_rays_most, "the smallest chunk is not larger than the largest");
     }
 
     #[cfg(test)]
@@ -195,6 +199,23 @@ impl Limits {
     }
 }
 
+/// Refuses a size that is zero or larger than [`MOST`].
+fn in_range(sizes: &[(&'static str, usize)]) -> Result<(), LimitsError> {
+    match sizes.iter().find(|(_, value)| !(1..=MOST).contains(value)) {
+        Some(&(what, value)) => Err(LimitsError::OutOfRange { what, value }),
+        None => Ok(()),
+    }
+}
+
+/// How many streams suffice: the README proves that no more than these are in use ("Why there is always an output
+/// stream"), for N paths in flight, threshold T, H host threads and D dispatch threads.
+fn streams_needed(in_flight: usize, threshold: usize, host_threads: usize, dispatch_threads: usize) -> usize {
+    let full = (in_flight / threshold).max(policy::TAIL_STREAMS * host_threads);
+    let flushed = host_threads + dispatch_threads;
+    let (outputs, begun) = (host_threads, host_threads);
+    full + flushed + outputs + begun
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -205,7 +226,7 @@ mod tests {
         assert_eq!((limits.in_flight, limits.threshold), (256 * 1024, 11 * 1024));
         assert_eq!((limits.batch_rays, limits.chunk_rays), (8192, 1024));
         assert_eq!(limits.stream.rays, 27 * 1024 - 1);
-        // RA has 42; the bound proved here allows for small streams, and for smaller ones at the tail.
+        // RA has 42. The bound proved here also counts flushed streams, and smaller ones at the tail.
         assert_eq!(limits.streams, 28 + (7 + 4) + 7 + 7);
     }
 
@@ -222,7 +243,7 @@ mod tests {
     }
 
     #[test]
-    fn a_device_that_has_been_measured_gets_what_it_likes_unless_told_otherwise() {
+    fn a_measured_device_gets_its_sizes_unless_options_say_otherwise() {
         let device = Sizing { threshold: 256 * 1024, least: 2048, in_flight: 4 };
         let demand = Demand { tiles: 10_000, dispatch_threads: 4, device: Some(device), ..small() };
         let limits = Limits::derive(&JobOptions::default(), demand).unwrap();
@@ -249,12 +270,12 @@ mod tests {
     }
 
     #[test]
-    fn what_host_threads_work_on_alone_stays_in_their_caches() {
+    fn without_a_device_streams_stay_in_the_caches() {
         let demand = Demand { tiles: 1000, tile_rays: 4096, ..small() };
         let limits = |options: &JobOptions| Limits::derive(options, demand).unwrap();
         let own = limits(&JobOptions::default());
         assert_eq!((own.threshold, own.in_flight), (16 * 1024, 4 * 64 * 1024));
-        // Streams that are asked to be larger all the same: two for each thread.
+        // The option asks for larger streams: two for each thread.
         let told = limits(&JobOptions { threshold: Some(50_000), ..JobOptions::default() });
         assert_eq!((told.threshold, told.in_flight), (50_000, 4 * 2 * 50_000));
     }

@@ -4,36 +4,36 @@ use super::Limits;
 use crate::stream::{Chunk, Empty, Filling, Full, RayStream, Traced, TracedChunk, Tracing, paths};
 use std::collections::VecDeque;
 
-/// EMPTY, NEEDMORE, TRACE, the job slot and SHADE. All but TRACE are stacks: what was touched last is
-/// still in the cache.
+/// EMPTY, NEEDMORE, TRACE, the job slot and SHADE. All but TRACE are stacks, because the stream used last is still in
+/// the cache.
 pub(super) struct Lists<P, S> {
     limits: Limits,
     empty: Vec<RayStream<Empty, P, S>>,
     need_more: Vec<RayStream<Filling, P, S>>,
-    /// The device takes the oldest, host threads the newest.
+    /// The device takes the oldest stream, host threads take the newest.
     trace: VecDeque<Waiting<P, S>>,
     /// Rays and shadow rays in TRACE.
     trace_rays: usize,
-    /// The stream whose chunks are being handed out to host threads.
+    /// The job slot: the stream whose chunks are being handed out to host threads.
     slot: Option<RayStream<Tracing, P, S>>,
-    /// Streams whose chunks have all been handed out; each has a chunk with a host thread.
+    /// Streams whose chunks have all been handed out. A host thread has a chunk of each.
     handed_out: Vec<RayStream<Tracing, P, S>>,
-    /// Traced streams of which nothing has been shaded.
+    /// Streams of SHADE that have not been shaded at all.
     shade: Vec<RayStream<Traced, P, S>>,
-    /// Partly shaded streams; they go before those in `shade`, so there are few.
+    /// Streams of SHADE that have been shaded in part. They are taken before those in `shade`, so they are few.
     begun: Vec<RayStream<Traced, P, S>>,
-    /// Streams made so far: those in the lists and those with threads.
+    /// Streams allocated so far, in the lists or with threads.
     made: usize,
 }
 
-/// A stream of TRACE, and since when it has been there.
+/// A stream of TRACE, and when it entered.
 struct Waiting<P, S> {
     stream: RayStream<Full, P, S>,
     since_ns: u64,
 }
 
 impl<P, S> Lists<P, S> {
-    /// Begins with streams that another job has left.
+    /// Lists that start with the streams that another job has left.
     pub fn new(limits: Limits, mut empty: Vec<RayStream<Empty, P, S>>) -> Self {
         empty.truncate(limits.streams);
         empty.reserve_exact(limits.streams - empty.len());
@@ -77,7 +77,7 @@ impl<P, S> Lists<P, S> {
         self.trace_rays
     }
 
-    /// Rays and shadow rays in TRACE and in the slot.
+    /// Rays and shadow rays in TRACE and in the job slot.
     pub fn rays_to_trace(&self) -> usize {
         self.trace_rays + self.slot.as_ref().map_or(0, RayStream::left)
     }
@@ -88,11 +88,11 @@ impl<P, S> Lists<P, S> {
         sizes.max().unwrap_or(0)
     }
 
-    /// A stream with room for one more tile or batch: from NEEDMORE if there is one (the fullest, so
-    /// that small streams stay few), else from EMPTY.
+    /// A stream with room for one more tile or batch: the fullest of NEEDMORE, so that small streams stay few, or one
+    /// of EMPTY.
     ///
     /// # Panics
-    /// If there is none; the README proves that there is.
+    /// If there is none. The README proves that there is always one.
     pub fn output(&mut self) -> RayStream<Filling, P, S> {
         if let Some(stream) = self.take_fullest() {
             return stream;
@@ -105,8 +105,9 @@ impl<P, S> Lists<P, S> {
         empty.fill()
     }
 
-    /// Takes back an output stream: to EMPTY, NEEDMORE or, with at least `threshold` paths in it, TRACE.
-    pub fn park(&mut self, stream: RayStream<Filling, P, S>, threshold: usize, now_ns: u64) {
+    /// Puts an output stream back: into TRACE if it has at least `threshold` paths, into EMPTY if it has none, else
+    /// into NEEDMORE.
+    pub fn put_back_output(&mut self, stream: RayStream<Filling, P, S>, threshold: usize, now_ns: u64) {
         match paths(stream.rays(), stream.shadow_rays(), self.limits.shadow_rays_per_path) {
             0 => self.empty.push(stream.unfill()),
             paths if paths < threshold => self.need_more.push(stream),
@@ -125,7 +126,7 @@ impl<P, S> Lists<P, S> {
         self.begun.pop().or_else(|| self.shade.pop()).expect("SHADE has a stream")
     }
 
-    /// Takes back a stream from shading: to SHADE, or to EMPTY when it is done.
+    /// Puts a stream back that has been shaded: into EMPTY if no rays are left, else into SHADE.
     pub fn put_back_shaded(&mut self, stream: RayStream<Traced, P, S>) {
         if stream.rays_left() == 0 {
             self.empty.push(stream.recycle());
@@ -134,8 +135,8 @@ impl<P, S> Lists<P, S> {
         }
     }
 
-    /// A chunk of at most `most` rays of the stream in the slot; the slot is filled from TRACE, else
-    /// from NEEDMORE.
+    /// A chunk of at most `most` rays of the stream in the job slot. An empty slot is filled from TRACE, or else from
+    /// NEEDMORE.
     ///
     /// # Panics
     /// If all three are empty.
@@ -145,7 +146,7 @@ impl<P, S> Lists<P, S> {
             self.trace_rays -= newest.as_ref().map_or(0, weight);
             newest.or_else(|| self.flush()).expect("there is a stream to trace").open()
         });
-        // Equal parts: a crumb at the end would not be worth a task.
+        // Equal chunks: a small rest at the end would not be worth a task.
         let parts = slot.left().div_ceil(most);
         let chunk = slot.next_chunk(slot.left().div_ceil(parts));
         if slot.left() > 0 {
@@ -156,7 +157,7 @@ impl<P, S> Lists<P, S> {
         chunk
     }
 
-    /// Takes back a chunk, traced; its stream goes to SHADE with the last one.
+    /// Puts a traced chunk back. With its last chunk a stream goes to SHADE.
     pub fn put_back_chunk(&mut self, chunk: TracedChunk) {
         if let Some(slot) = self.slot.as_mut().filter(|stream| stream.owns(&chunk)) {
             slot.put_back(chunk);
@@ -170,7 +171,7 @@ impl<P, S> Lists<P, S> {
         }
     }
 
-    /// The next stream for the device, and since when it has been full: from TRACE, else from NEEDMORE, full from now on.
+    /// The next stream for the device, from TRACE or else from NEEDMORE, and when it entered TRACE.
     ///
     /// # Panics
     /// If both are empty.
@@ -182,12 +183,12 @@ impl<P, S> Lists<P, S> {
         (self.flush().expect("there is a stream to dispatch"), None)
     }
 
-    /// Takes back a stream from the device.
+    /// Puts a stream back that the device has traced.
     pub fn put_back_dispatched(&mut self, stream: RayStream<Traced, P, S>) {
         self.shade.push(stream);
     }
 
-    /// Takes back a stream that the device has not traced.
+    /// Puts a stream back that the device failed to trace.
     pub fn put_back_untraced(&mut self, stream: RayStream<Full, P, S>, now_ns: u64) {
         self.trace_rays += weight(&stream);
         self.trace.push_front(Waiting { stream, since_ns: now_ns });
@@ -203,7 +204,7 @@ impl<P, S> Lists<P, S> {
         Some(self.need_more.swap_remove(index))
     }
 
-    /// All streams in the lists, emptied.
+    /// All streams of the lists, emptied.
     pub fn into_empty(self) -> Vec<RayStream<Empty, P, S>> {
         let Self { mut empty, need_more, trace, slot, handed_out, shade, begun, .. } = self;
         empty.extend(need_more.into_iter().map(RayStream::discard));
@@ -213,7 +214,7 @@ impl<P, S> Lists<P, S> {
         empty
     }
 
-    /// Streams in the lists and the paths in them.
+    /// The number of streams in the lists, and of paths in those streams.
     #[cfg(test)]
     pub fn count(&self) -> (usize, usize) {
         let weigh = |rays, shadow_rays| paths(rays, shadow_rays, self.limits.shadow_rays_per_path);
@@ -226,7 +227,7 @@ impl<P, S> Lists<P, S> {
         assert_eq!(
             self.trace_rays,
             self.trace.iter().map(|w| weight(&w.stream)).sum::<usize>(),
-            "TRACE is counted"
+            "the rays of TRACE are counted"
         );
         (sizes.len(), sizes.iter().sum())
     }

@@ -1,9 +1,9 @@
-//! The heart: moves ray streams between EMPTY, NEEDMORE, TRACE and SHADE (RA section 3). Knows
-//! neither scenes, pixels, devices nor SIMD; it meets them through [`Renderer`] and the tracer traits
-//! of [`crate::stream`].
+//! The scheduler: moves ray streams between the lists EMPTY, NEEDMORE, TRACE and SHADE (RA section 3), so that host
+//! threads and a device are busy. It knows no scene, pixel, device or SIMD type; it uses them through [`Renderer`] and
+//! the tracer traits of [`crate::stream`].
 //!
-//! [`Service`] is made once with its threads; [`Service::submit`] takes jobs from any thread.
-//! `README.md` beside this file states the lists, the protocol and why it cannot get stuck.
+//! [`Service`] is made once, with its threads; [`Service::submit`] takes jobs from any thread. `README.md` beside this
+//! file states the lists and the protocol, and proves that no thread gets stuck. `docs/glossary.md` explains the words.
 
 mod handle;
 mod job;
@@ -27,7 +27,7 @@ pub use handle::{JobError, JobHandle};
 pub use latency::{DeviceWaits, Latency};
 pub use limits::{Limits, LimitsError};
 pub use options::{JobOptions, ServiceOptions, Tracers};
-pub use policy::{Choice, Load, Pace, Policy, Rule, Sharing, Unit, View};
+pub use policy::{Choice, Load, Pace, Policy, Rule, Sharing, Turn, Unit, View};
 pub use queries::{QueryError, QueryHandle};
 pub use renderer::{Batch, Output, Renderer};
 pub use report::{

@@ -1,4 +1,4 @@
-//! What a caller chooses: for the service, and for each job.
+//! What a caller chooses for the service and for each job.
 
 use super::{Policy, Sharing, Unit};
 use crate::stream::{DeviceTracer, Tracer};
@@ -9,43 +9,48 @@ use std::sync::Arc;
 pub struct ServiceOptions {
     /// Threads that spawn, shade and trace; at least 1.
     pub host_threads: usize,
-    /// Threads that feed devices; they mostly wait. 0 when no job will have a device.
+    /// Threads that wait for devices. 0 if no job will have a device.
     pub dispatch_threads: usize,
-    /// Jobs that run at a time, at least 1; others wait their turn. Bounds memory.
+    /// The most jobs that run at the same time, at least 1; others are queued. Bounds memory.
     pub max_jobs: usize,
     /// How threads are shared between jobs.
     pub sharing: Sharing,
 }
 
 impl Default for ServiceOptions {
-    /// A host thread for every hardware thread, RA's four dispatch threads, four jobs.
+    /// A host thread for every hardware thread, RA's four dispatch threads, four jobs at the same time.
     fn default() -> Self {
         let host_threads = std::thread::available_parallelism().map_or(1, usize::from);
         Self { host_threads, dispatch_threads: 4, max_jobs: 4, sharing: Sharing::Fair }
     }
 }
 
-/// How a job is run. The picture does not depend on any of it.
+/// How a job is run. The picture does not depend on these options.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct JobOptions {
-    /// N, the most paths in flight. Default: with a device RA's 256k, more for many threads or one that likes large
-    /// streams; without, 32k for each thread.
+    /// N, the most paths in flight.
+    ///
+    /// Default without a device: 64k for each host thread, or twice `threshold` if that is more. Default with a device:
+    /// RA's 256k, or as many full streams as threads trace them if that is more. Never fewer than a tile's, nor more
+    /// than the renderer has memory for ([`super::Renderer::most_in_flight`]).
     pub in_flight: Option<usize>,
-    /// Paths from which a stream counts as full. Default: with a device what it likes
-    /// ([`DeviceTracer::sizing`]), or RA's 11k if that is unknown; up to 8k without; less for small jobs.
+    /// Paths from which a stream counts as full.
+    ///
+    /// Default without a device: 16k, less for small jobs. Default with a device: its measured size
+    /// ([`DeviceTracer::sizing`]), less for small jobs, or RA's 11k if the device has not been measured.
     pub threshold: Option<usize>,
-    /// Most rays of a shade batch (RA: 8192).
+    /// The most rays of a batch (RA: 8192).
     pub batch_rays: usize,
-    /// Rays a host thread traces at once while a device is fed, and the fewest otherwise (RA: 1024).
+    /// Rays that a host thread traces at once for a job with a device, and the fewest otherwise (RA: 1024).
     pub chunk_rays: usize,
-    /// Most rays a host thread traces at once.
+    /// The most rays that a host thread traces at once.
     pub chunk_rays_most: usize,
-    /// Whether streams become full earlier at the tail, so that the last ones keep all host threads busy; only to
-    /// measure what that brings.
+    /// Whether streams become full earlier at the tail, so that the last ones keep all host threads busy. Turned off
+    /// only to measure the gain.
     pub shrink_streams: bool,
-    /// The order of rules. Default: RA's for the unit, [`Policy::of`].
+    /// The order of the rules. Default: RA's for the unit, [`Policy::of`].
     pub policy: Option<Policy>,
-    /// Whether the report holds a record of every task.
+    /// Whether the report gets a record of every task.
     pub timeline: bool,
 }
 
@@ -71,7 +76,7 @@ pub struct Tracers {
     pub host: Arc<dyn Tracer>,
     /// Traces on a device; it may be lost at any time.
     pub device: Option<Arc<dyn DeviceTracer>>,
-    /// Which of them are used. Without a device the host is, and the report says so.
+    /// Which of the two trace. Without a device host threads trace in any case, and the report says so.
     pub unit: Unit,
 }
 

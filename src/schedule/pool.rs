@@ -1,5 +1,4 @@
-//! Streams between jobs: the storage that one job leaves serves the next, so that frame after frame
-//! nothing is allocated.
+//! Streams between jobs: a job uses the streams that an earlier one has left, so that later frames allocate none.
 
 use crate::stream::{Empty, RayStream};
 use std::any::Any;
@@ -7,38 +6,39 @@ use std::sync::{Mutex, PoisonError};
 
 /// Empty streams of jobs that have ended, by the types of their payloads.
 pub(super) struct Pool {
-    shelves: Mutex<Vec<Box<dyn Any + Send>>>,
-    /// Jobs whose streams are kept; those of the oldest go first.
+    /// A `Vec<RayStream<Empty, P, S>>` of each job, oldest first.
+    entries: Mutex<Vec<Box<dyn Any + Send>>>,
+    /// The most jobs whose streams are kept. The oldest entries are dropped first.
     most: usize,
 }
 
 impl Pool {
     pub fn new(most: usize) -> Self {
-        Self { shelves: Mutex::default(), most }
+        Self { entries: Mutex::default(), most }
     }
 
-    /// Streams for a job; none if no job with such payloads has left any.
+    /// Streams for a job; an empty vector if no job with these payload types has left any.
     pub fn take<P: Send + 'static, S: Send + 'static>(&self) -> Vec<RayStream<Empty, P, S>> {
-        let mut shelves = self.shelves.lock().unwrap_or_else(PoisonError::into_inner);
-        let found = shelves.iter().rposition(|shelf| shelf.is::<Vec<RayStream<Empty, P, S>>>());
-        let shelf = found.map(|index| shelves.remove(index)).and_then(|shelf| shelf.downcast().ok());
-        shelf.map_or_else(Vec::new, |streams| *streams)
+        let mut entries = self.entries.lock().unwrap_or_else(PoisonError::into_inner);
+        let found = entries.iter().rposition(|entry| entry.is::<Vec<RayStream<Empty, P, S>>>());
+        let entry = found.map(|index| entries.remove(index)).and_then(|entry| entry.downcast().ok());
+        entry.map_or_else(Vec::new, |streams| *streams)
     }
 
     /// Keeps a job's streams.
     pub fn give<P: Send + 'static, S: Send + 'static>(&self, streams: Vec<RayStream<Empty, P, S>>) {
-        let mut shelves = self.shelves.lock().unwrap_or_else(PoisonError::into_inner);
-        shelves.push(Box::new(streams));
-        let surplus = shelves.len().saturating_sub(self.most);
-        let surplus: Vec<_> = shelves.drain(..surplus).collect();
-        drop(shelves);
+        let mut entries = self.entries.lock().unwrap_or_else(PoisonError::into_inner);
+        entries.push(Box::new(streams));
+        let surplus = entries.len().saturating_sub(self.most);
+        let surplus: Vec<_> = entries.drain(..surplus).collect();
+        drop(entries);
         drop(surplus);
     }
 
-    /// Frees all that is kept.
+    /// Drops all streams that are kept.
     pub fn clear(&self) {
-        let shelves = std::mem::take(&mut *self.shelves.lock().unwrap_or_else(PoisonError::into_inner));
-        drop(shelves);
+        let entries = std::mem::take(&mut *self.entries.lock().unwrap_or_else(PoisonError::into_inner));
+        drop(entries);
     }
 }
 

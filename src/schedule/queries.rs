@@ -1,5 +1,5 @@
-//! Ray queries as jobs: a batch of rays in, hits or occlusion out, by whatever traces the service's
-//! other jobs.
+//! Ray queries as jobs: rays in, hits or occlusion out. Each query is a small renderer, so it is traced by the same
+//! units as frames.
 
 use super::{
     Batch, JobError, JobHandle, JobOptions, JobReport, LimitsError, Output, Progress, Renderer, Service,
@@ -8,10 +8,10 @@ use super::{
 use crate::stream::{Hit, Ray};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Rays of a tile: few locks, and enough tiles for every thread.
+/// Rays of a tile. Large, so that the lists are visited seldom; small enough for several tiles a thread.
 const TILE_RAYS: usize = 16 * 1024;
 
-/// The most rays of one query: their numbers fit 32 bits.
+/// The most rays of one query: ray numbers have 32 bits.
 const MOST_RAYS: usize = u32::MAX as usize;
 
 /// Why a query could not begin.
@@ -20,7 +20,7 @@ pub enum QueryError {
     /// Too many rays.
     #[error("a query takes at most {MOST_RAYS} rays, not {0}; split it")]
     TooManyRays(usize),
-    /// The options do not fit.
+    /// The options do not fit each other.
     #[error(transparent)]
     Limits(#[from] LimitsError),
 }
@@ -29,36 +29,36 @@ impl Service {
     /// Finds the nearest hit of every ray.
     ///
     /// # Errors
-    /// [`QueryError`] for more than 2³² − 1 rays, or sizes that do not fit.
+    /// [`QueryError`] for more than 2³² − 1 rays, or sizes that do not fit each other.
     pub fn closest(
         &self,
         tracers: Tracers,
         rays: Arc<[Ray]>,
         options: JobOptions,
     ) -> Result<QueryHandle<Hit>, QueryError> {
-        self.query(tracers, Closest(Table::new(rays)?), options)
+        self.query(tracers, rays, options)
     }
 
-    /// Finds for every ray whether it hits anything: 1 or 0.
+    /// Finds whether each ray hits anything: 1 if it does, else 0.
     ///
     /// # Errors
-    /// [`QueryError`] for more than 2³² − 1 rays, or sizes that do not fit.
+    /// [`QueryError`] for more than 2³² − 1 rays, or sizes that do not fit each other.
     pub fn occluded(
         &self,
         tracers: Tracers,
         rays: Arc<[Ray]>,
         options: JobOptions,
     ) -> Result<QueryHandle<u32>, QueryError> {
-        self.query(tracers, Occluded(Table::new(rays)?), options)
+        self.query(tracers, rays, options)
     }
 
-    fn query<Q: Renderer + Query>(
+    fn query<A: Answer>(
         &self,
         tracers: Tracers,
-        query: Q,
+        rays: Arc<[Ray]>,
         options: JobOptions,
-    ) -> Result<QueryHandle<Q::Answer>, QueryError> {
-        let query = Arc::new(query);
+    ) -> Result<QueryHandle<A>, QueryError> {
+        let query = Arc::new(Query::new(rays)?);
         let job = self.submit(Arc::clone(&query), tracers, options)?;
         Ok(QueryHandle { job, query })
     }
@@ -68,10 +68,10 @@ impl Service {
 #[must_use = "dropping the handle cancels the query"]
 pub struct QueryHandle<A> {
     job: JobHandle,
-    query: Arc<dyn Query<Answer = A>>,
+    query: Arc<Query<A>>,
 }
 
-impl<A: 'static> QueryHandle<A> {
+impl<A: Copy> QueryHandle<A> {
     /// How far the query is.
     pub fn progress(&self) -> Progress {
         self.job.progress()
@@ -87,7 +87,7 @@ impl<A: 'static> QueryHandle<A> {
         self.job.cancel();
     }
 
-    /// Waits for the answers, one for each ray in their order.
+    /// Waits for the answers: one for each ray, in the order of the rays.
     ///
     /// # Errors
     /// [`JobError`] when the query was cancelled or the host's tracer panicked.
@@ -97,13 +97,54 @@ impl<A: 'static> QueryHandle<A> {
     }
 }
 
-/// Rays, and a place for their answers; a tile of answers is written by one thread at a time.
-struct Table<A> {
+/// A kind of answer, and with it a kind of query: [`Hit`] or, for occlusion, `u32`.
+trait Answer: Copy + Default + Send + Sync + 'static {
+    /// Emits a ray that comes back with an answer of this kind.
+    fn emit(out: &mut Output<'_, u32, u32>, ray: Ray, number: u32);
+
+    /// The answers among these hits.
+    fn of_hits(hits: &[Hit]) -> &[Self];
+
+    /// The answers among these occlusions.
+    fn of_occluded(occluded: &[u32]) -> &[Self];
+}
+
+impl Answer for Hit {
+    fn emit(out: &mut Output<'_, u32, u32>, ray: Ray, number: u32) {
+        out.ray(ray, number);
+    }
+
+    fn of_hits(hits: &[Hit]) -> &[Self] {
+        hits
+    }
+
+    fn of_occluded(_: &[u32]) -> &[Self] {
+        &[]
+    }
+}
+
+impl Answer for u32 {
+    fn emit(out: &mut Output<'_, u32, u32>, ray: Ray, number: u32) {
+        out.shadow(ray, number);
+    }
+
+    fn of_hits(_: &[Hit]) -> &[Self] {
+        &[]
+    }
+
+    fn of_occluded(occluded: &[u32]) -> &[Self] {
+        occluded
+    }
+}
+
+/// A renderer whose picture is a list of answers: rays, and the answers of each tile, which one thread writes at a
+/// time.
+struct Query<A> {
     rays: Arc<[Ray]>,
     tiles: Vec<Mutex<Box<[A]>>>,
 }
 
-impl<A: Copy + Default> Table<A> {
+impl<A: Copy + Default> Query<A> {
     fn new(rays: Arc<[Ray]>) -> Result<Self, QueryError> {
         if rays.len() > MOST_RAYS {
             return Err(QueryError::TooManyRays(rays.len()));
@@ -111,21 +152,12 @@ impl<A: Copy + Default> Table<A> {
         let tiles = rays.chunks(TILE_RAYS).map(|tile| Mutex::new(vec![A::default(); tile.len()].into()));
         Ok(Self { tiles: tiles.collect(), rays })
     }
+}
 
-    fn tile_rays(&self) -> usize {
-        self.rays.len().clamp(1, TILE_RAYS)
-    }
-
-    fn tile(&self, tile: u64) -> impl Iterator<Item = (u32, Ray)> {
-        let start = tile as usize * TILE_RAYS;
-        let tile = &self.rays[start..(start + TILE_RAYS).min(self.rays.len())];
-        (start as u32..).zip(tile.iter().copied())
-    }
-
-    /// Writes answers by ray number.
-    fn write(&self, numbers: &[u32], answers: &[A]) {
+impl<A: Copy> Query<A> {
+    /// Writes the answers of rays with these numbers.
+    fn write(&self, numbers: &[u32], mut answers: &[A]) {
         let tile_of = |number: u32| number as usize / TILE_RAYS;
-        let mut answers = answers;
         for run in numbers.chunk_by(|&a, &b| tile_of(a) == tile_of(b)) {
             let (head, rest) = answers.split_at(run.len());
             let tile = &self.tiles[tile_of(run[0])];
@@ -137,7 +169,7 @@ impl<A: Copy + Default> Table<A> {
         }
     }
 
-    fn take(&self) -> Vec<A> {
+    fn take_answers(&self) -> Vec<A> {
         let mut all = Vec::with_capacity(self.rays.len());
         for tile in &self.tiles {
             all.extend_from_slice(&std::mem::take(&mut *tile.lock().unwrap_or_else(PoisonError::into_inner)));
@@ -146,82 +178,38 @@ impl<A: Copy + Default> Table<A> {
     }
 }
 
-/// A renderer whose picture is a list of answers.
-trait Query: Send + Sync + 'static {
-    type Answer;
-    fn take_answers(&self) -> Vec<Self::Answer>;
-}
-
-struct Closest(Table<Hit>);
-
-impl Query for Closest {
-    type Answer = Hit;
-
-    fn take_answers(&self) -> Vec<Hit> {
-        self.0.take()
-    }
-}
-
-impl Renderer for Closest {
+/// A payload is its ray's number.
+impl<A: Answer> Renderer for Query<A> {
     type Payload = u32;
     type ShadowPayload = u32;
 
     fn tiles(&self) -> u64 {
-        self.0.tiles.len() as u64
+        self.tiles.len() as u64
     }
 
     fn tile_rays(&self) -> usize {
-        self.0.tile_rays()
+        self.rays.len().clamp(1, TILE_RAYS)
     }
 
     fn shadow_rays_per_ray(&self) -> usize {
         0
     }
 
+    fn most_in_flight(&self) -> usize {
+        usize::MAX
+    }
+
     fn spawn(&self, tile: u64, out: &mut Output<'_, u32, u32>) {
-        self.0.tile(tile).for_each(|(number, ray)| out.ray(ray, number));
+        let start = tile as usize * TILE_RAYS;
+        let rays = &self.rays[start..(start + TILE_RAYS).min(self.rays.len())];
+        (start as u32..).zip(rays).for_each(|(number, &ray)| A::emit(out, ray, number));
     }
 
     fn shade(&self, batch: Batch<'_, u32>, _: &mut Output<'_, u32, u32>) {
-        self.0.write(batch.payloads, batch.hits);
+        self.write(batch.payloads, A::of_hits(batch.hits));
     }
-
-    fn shadow(&self, _: &[Ray], _: &[u32], _: &[u32]) {}
-}
-
-struct Occluded(Table<u32>);
-
-impl Query for Occluded {
-    type Answer = u32;
-
-    fn take_answers(&self) -> Vec<u32> {
-        self.0.take()
-    }
-}
-
-impl Renderer for Occluded {
-    type Payload = u32;
-    type ShadowPayload = u32;
-
-    fn tiles(&self) -> u64 {
-        self.0.tiles.len() as u64
-    }
-
-    fn tile_rays(&self) -> usize {
-        self.0.tile_rays()
-    }
-
-    fn shadow_rays_per_ray(&self) -> usize {
-        0
-    }
-
-    fn spawn(&self, tile: u64, out: &mut Output<'_, u32, u32>) {
-        self.0.tile(tile).for_each(|(number, ray)| out.shadow(ray, number));
-    }
-
-    fn shade(&self, _: Batch<'_, u32>, _: &mut Output<'_, u32, u32>) {}
 
     fn shadow(&self, _: &[Ray], payloads: &[u32], occluded: &[u32]) {
-        self.0.write(payloads, occluded);
+        self.write(payloads, A::of_occluded(occluded));
     }
 }

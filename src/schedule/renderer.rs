@@ -1,37 +1,41 @@
-//! What the scheduler asks of a renderer (RA section 3.1): spawn camera rays, shade batches.
+//! What a job runs (RA section 3.1): spawns camera rays, shades batches.
 
 use crate::stream::{Hit, Ray, RayAppender};
 use bytemuck::Pod;
 
-/// A job's own half: it creates rays and says what their hits mean. The scheduler calls it from many
-/// host threads at once, each batch exactly once, in no particular order; results that depend on
-/// order break promise 1, so accumulate in ways that commute (see `film`).
+/// Spawns rays and shades their hits.
+///
+/// The scheduler calls a renderer from many host threads at once, and calls it with each tile and each batch exactly
+/// once, in no particular order. The result must not depend on that order: accumulate in ways that commute, as `film`
+/// does.
 pub trait Renderer: Send + Sync + 'static {
-    /// What travels with every ray (path state). Alignment at most 4, any size that is a multiple of 4.
+    /// What travels with every ray, the path's state for instance. Any size and alignment; streams keep payloads in a
+    /// vector of their own.
     type Payload: Pod + Send + Sync;
     /// What travels with every shadow ray.
     type ShadowPayload: Pod + Send + Sync;
 
-    /// Number of tiles to spawn; tile numbers run from 0 and are spawned once each, about in order.
+    /// Number of tiles to spawn. Tiles are numbered from 0 and spawned once each, roughly in order.
     fn tiles(&self) -> u64;
 
-    /// The most rays (and the most shadow rays) that [`Renderer::spawn`] emits for one tile; ≥ 1.
+    /// The most rays, and the most shadow rays, that [`Renderer::spawn`] emits for one tile; at least 1.
     fn tile_rays(&self) -> usize;
 
-    /// The most shadow rays that [`Renderer::shade`] emits per ray of its batch.
+    /// The most shadow rays that [`Renderer::shade`] emits for each ray of its batch.
     fn shadow_rays_per_ray(&self) -> usize;
 
-    /// The most paths in flight that there is memory for (loop stacks, say); spawning waits until there are
-    /// fewer. At least [`Renderer::tile_rays`], or the job is refused.
-    fn most_in_flight(&self) -> usize {
-        usize::MAX
-    }
+    /// The most paths in flight that the renderer has memory for: loop stacks grow with them. Spawning waits while
+    /// there are as many. At least [`Renderer::tile_rays`], or the job is refused; `usize::MAX` for a renderer that
+    /// needs no memory of its own for a path.
+    ///
+    /// Required, although most renderers have no bound: a renderer that wraps another must forward it.
+    fn most_in_flight(&self) -> usize;
 
     /// Emits the camera rays of one tile.
     fn spawn(&self, tile: u64, out: &mut Output<'_, Self::Payload, Self::ShadowPayload>);
 
-    /// Shades a batch of at most 8192 traced rays. Emits at most one ray per ray of the batch, and at
-    /// most [`Renderer::shadow_rays_per_ray`] shadow rays per ray. (RA's hit shader; loop shaders run
+    /// Shades a batch of at most [`super::JobOptions::batch_rays`] traced rays. Emits at most one ray, and at most
+    /// [`Renderer::shadow_rays_per_ray`] shadow rays, for each ray of the batch. (RA's hit shader; loop shaders run
     /// inside it, RA 3.3.)
     fn shade(
         &self,
@@ -39,24 +43,24 @@ pub trait Renderer: Send + Sync + 'static {
         out: &mut Output<'_, Self::Payload, Self::ShadowPayload>,
     );
 
-    /// How many rays came before this one on its path; for the report alone.
+    /// The number of rays before this one on its path. Used for the report only ([`super::JobReport::depths`]).
     fn depth(&self, _payload: &Self::Payload) -> u32 {
         0
     }
 
-    /// Receives traced shadow rays: `occluded[i]` is 1 when something lies between the ends of
-    /// `rays[i]`, else 0. Called for all shadow rays of a stream before any of its rays is shaded.
+    /// Receives traced shadow rays: `occluded[i]` is 1 if `rays[i]` hits anything between its ends, else 0. Called for
+    /// all shadow rays of a stream before any of its rays is shaded.
     fn shadow(&self, rays: &[Ray], payloads: &[Self::ShadowPayload], occluded: &[u32]);
 }
 
-/// Traced rays to shade: three slices of one length.
+/// Traced rays to shade: three slices of the same length.
 #[derive(Debug)]
 pub struct Batch<'a, P> {
     /// The rays as they were emitted.
     pub rays: &'a [Ray],
     /// Their nearest hits.
     pub hits: &'a [Hit],
-    /// What travelled with them.
+    /// Their payloads.
     pub payloads: &'a [P],
 }
 
@@ -70,7 +74,7 @@ pub struct Output<'a, P, S> {
 }
 
 impl<P, S> Output<'_, P, S> {
-    /// Emits a ray whose nearest hit will come back in a batch.
+    /// Emits a ray. It comes back with its nearest hit in [`Renderer::shade`].
     pub fn ray(&mut self, ray: Ray, payload: P) {
         self.rays.push(ray);
         self.payloads.push(payload);
@@ -79,14 +83,15 @@ impl<P, S> Output<'_, P, S> {
     /// Emits rays, each with its payload.
     ///
     /// # Panics
-    /// Unless there are as many of both.
+    /// If there are not as many payloads as rays.
     pub fn rays(&mut self, rays: &[Ray], payloads: impl Iterator<Item = P>) {
         self.rays.extend_from_slice(rays);
         self.payloads.extend(payloads);
         assert_eq!(self.rays.len(), self.payloads.len(), "every ray has a payload");
     }
 
-    /// Emits the first `count` rays of a row, each with its payload: rows are what lanes write.
+    /// Emits the first `count` rays of a row, each with its payload. A row is what SIMD lanes write: as many elements
+    /// as there are lanes.
     #[inline(always)]
     pub fn ray_row(&mut self, count: usize, rays: &[Ray], payloads: &[P])
     where
@@ -96,13 +101,13 @@ impl<P, S> Output<'_, P, S> {
         extend_from_row(self.payloads, payloads, count);
     }
 
-    /// Emits a ray of which only occlusion matters; it comes back in [`Renderer::shadow`].
+    /// Emits a shadow ray. It comes back in [`Renderer::shadow`].
     pub fn shadow(&mut self, ray: Ray, payload: S) {
         self.shadow_rays.push(ray);
         self.shadow_payloads.push(payload);
     }
 
-    /// Emits the first `count` rays of a row of which only occlusion matters, each with its payload.
+    /// Emits the first `count` shadow rays of a row, each with its payload.
     #[inline(always)]
     pub fn shadow_row(&mut self, count: usize, rays: &[Ray], payloads: &[S])
     where
@@ -113,7 +118,8 @@ impl<P, S> Output<'_, P, S> {
     }
 }
 
-/// Appends the first `count` of a row, copying all where there is room: see [`RayAppender::extend_from_row`].
+/// Appends the first `count` elements of a row. Copies the whole row where there is room for it, which is faster: see
+/// [`RayAppender::extend_from_row`].
 #[inline(always)]
 fn extend_from_row<T: Copy>(to: &mut Vec<T>, row: &[T], count: usize) {
     let len = to.len();

@@ -1,4 +1,4 @@
-//! What a job tells about itself, during and after.
+//! What a job reports, while it runs and afterwards.
 
 use super::{DeviceWaits, Limits};
 
@@ -11,7 +11,7 @@ pub struct Progress {
     pub tiles_spawned: u64,
     /// Paths in flight.
     pub in_flight: u64,
-    /// Most rays of a tile.
+    /// The most rays of a tile.
     pub tile_rays: u64,
     /// Rays emitted so far.
     pub rays: RayCounts,
@@ -22,8 +22,7 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// Tiles done, fewer than are spawned by as many as the paths in flight would fill; exact at the
-    /// end.
+    /// Tiles done: those spawned, less as many as the paths in flight would fill. Exact at the end.
     pub fn tiles_done(&self) -> u64 {
         self.tiles_spawned.saturating_sub(self.in_flight.div_ceil(self.tile_rays.max(1)))
     }
@@ -34,25 +33,25 @@ impl Progress {
     }
 }
 
-/// Rays emitted, by kind.
+/// Rays emitted, by kind: the same in every run of a job.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct RayCounts {
-    /// Rays that tiles spawned.
+    /// Rays that were spawned.
     pub camera: u64,
     /// Rays that shading emitted.
     pub continuation: u64,
-    /// Shadow rays, of tiles and of shading.
+    /// Shadow rays, spawned or emitted by shading.
     pub shadow: u64,
 }
 
 impl RayCounts {
-    /// All of them.
+    /// Rays of all kinds.
     pub fn total(&self) -> u64 {
         self.camera + self.continuation + self.shadow
     }
 }
 
-/// Depths that are counted apart; the last stands for all beyond.
+/// Number of depths that are counted separately; the last also counts all deeper rays.
 pub const DEPTHS: usize = 16;
 
 /// Rays whose nearest hit was shaded, by depth ([`super::Renderer::depth`]).
@@ -66,7 +65,7 @@ impl Default for Depths {
 }
 
 impl Depths {
-    /// Counts one ray after the other; those of one depth mostly follow each other.
+    /// Counts rays. Consecutive rays mostly have the same depth, which is what this is quick for.
     pub(super) fn count(&mut self, depths: impl Iterator<Item = u32>) {
         let (mut last, mut run) = (0, 0);
         for depth in depths {
@@ -79,7 +78,7 @@ impl Depths {
         self.0[(last as usize).min(DEPTHS - 1)] += run;
     }
 
-    /// Down to the deepest ray.
+    /// The counts down to the deepest ray.
     pub fn used(&self) -> &[u64] {
         let len = self.0.iter().rposition(|&rays| rays > 0).map_or(0, |deepest| deepest + 1);
         &self.0[..len]
@@ -97,7 +96,8 @@ impl std::ops::AddAssign for Depths {
 pub struct UnitReport {
     /// Rays and shadow rays traced.
     pub rays: u64,
-    /// Seconds spent tracing, added up over threads.
+    /// Seconds spent tracing, added up over threads. For a device these are seconds of dispatch threads, which include
+    /// the canonical test of the device's candidates on the CPU.
     pub busy_s: f64,
     /// Bytes copied between host and device memory.
     pub bytes_copied: u64,
@@ -105,11 +105,11 @@ pub struct UnitReport {
     pub flagged: u64,
     /// Rays traced again by the canonical test.
     pub retraced: u64,
-    /// Rays of the device traced again by the CPU as a check.
+    /// Rays that the CPU traced again to check the device.
     pub checked: u64,
-    /// Of `busy_s`, seconds until streams were submitted to the device.
+    /// Seconds of `busy_s` until streams were submitted to the device.
     pub sending_s: f64,
-    /// Of `busy_s`, seconds from there until answers could be read.
+    /// Seconds of `busy_s` from the submissions until answers could be read.
     pub waiting_s: f64,
 }
 
@@ -118,8 +118,15 @@ pub struct UnitReport {
 pub enum ThreadKind {
     /// Spawns, shades and traces.
     Host,
-    /// Feeds a device.
+    /// Waits for a device.
     Dispatch,
+}
+
+impl ThreadKind {
+    /// The kind of a thread of a service, whose first `hosts` threads are host threads.
+    pub(super) fn of(thread: usize, hosts: usize) -> Self {
+        if thread < hosts { Self::Host } else { Self::Dispatch }
+    }
 }
 
 /// What a thread did during a job.
@@ -129,10 +136,9 @@ pub struct ThreadReport {
     pub kind: ThreadKind,
     /// Seconds in this job's tasks.
     pub busy_s: f64,
-    /// Seconds suspended while the job ran. What is left of the job's time is other jobs' and the
-    /// scheduler's own.
+    /// Seconds suspended while the job ran. The rest of the job's time went to other jobs and to the scheduler.
     pub idle_s: f64,
-    /// Seconds of these after the last tile had been spawned.
+    /// Seconds of `idle_s` after the last tile had been spawned.
     pub tail_idle_s: f64,
 }
 
@@ -152,17 +158,17 @@ pub enum TaskKind {
 /// One task of a timeline.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TaskRecord {
-    /// The thread: host threads come first.
+    /// Index of the thread; host threads come first.
     pub thread: u32,
-    /// What it did.
+    /// What the thread did.
     pub kind: TaskKind,
-    /// Rays and shadow rays: emitted by a spawn task, traced, or shaded and answered.
+    /// Rays and shadow rays that the task emitted (spawn), traced (trace, dispatch) or shaded (shade).
     pub rays: u32,
-    /// When it began, in nanoseconds since the job began.
+    /// When the task began, in nanoseconds since the job began.
     pub start_ns: u64,
-    /// When it ended, in nanoseconds since the job began.
+    /// When the task ended, in nanoseconds since the job began.
     pub end_ns: u64,
-    /// The job's lists then.
+    /// The job's lists when the task ended.
     pub lists: Lengths,
 }
 
@@ -179,7 +185,7 @@ pub struct Lengths {
     pub in_flight: u32,
 }
 
-/// What a job did. Only the counts of rays by kind are the same in every run.
+/// What a job did. Only the counts of rays (`rays` and `depths`) are the same in every run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct JobReport {
     /// Whether the job was stopped before all its tiles were spawned.
@@ -190,39 +196,38 @@ pub struct JobReport {
     pub tiles_spawned: u64,
     /// Rays emitted, and so traced.
     pub rays: RayCounts,
-    /// Rays but for shadow rays, by depth.
+    /// Rays without shadow rays, by depth.
     pub depths: Depths,
     /// The host threads as a unit.
     pub cpu: UnitReport,
     /// The device.
     pub gpu: UnitReport,
-    /// How long streams waited for it.
+    /// How long streams waited for the device.
     pub device_waits: DeviceWaits,
     /// Host threads, then dispatch threads.
     pub threads: Vec<ThreadReport>,
-    /// When its first turn came, in nanoseconds since the service began.
+    /// When the job was admitted, in nanoseconds since the service began.
     pub begin_ns: u64,
-    /// Seconds from the job's first turn to its end.
+    /// Seconds from there to the job's end.
     pub wall_s: f64,
-    /// Seconds the job waited for its turn.
+    /// Seconds from the job's submission until it was admitted.
     pub waited_s: f64,
-    /// Share of the host threads' time that was idle after the last tile had been spawned, 0 to 1.
+    /// Share of the host threads' time after the last tile had been spawned that they were suspended, 0 to 1.
     pub tail_idle_share: f64,
-    /// Seconds from then to the end.
+    /// Seconds from the last tile's spawning to the end.
     pub tail_s: f64,
-    /// The most paths that were in flight, a tile under way counted in full; at most
-    /// `limits.in_flight`.
+    /// The most paths that were in flight, counting a tile under way in full; at most `limits.in_flight`.
     pub max_in_flight: usize,
-    /// Streams the job had, those left by an earlier one included; at most `limits.streams`.
+    /// Streams of the job, including those that an earlier job had left; at most `limits.streams`.
     pub streams: usize,
-    /// Bytes of a stream that is full to its capacity, payloads and answers included. Streams are made as
-    /// they are needed, so the job's rays took at most `streams` times that.
+    /// Bytes of a stream that is full to its capacity, including payloads and answers. Streams are allocated as they
+    /// are needed, so the job's rays took at most `streams` times this.
     pub stream_bytes: usize,
     /// The sizes used.
     pub limits: Limits,
-    /// What a user should know: a lost device, for instance.
+    /// What a user should know, a lost device for instance.
     pub events: Vec<String>,
-    /// Every task in the order in which they ended, when asked for.
+    /// All tasks in the order in which they ended, if [`super::JobOptions::timeline`] asks for them.
     pub timeline: Vec<TaskRecord>,
 }
 

@@ -1,11 +1,11 @@
-//! The service: threads made once, jobs taken from any thread.
+//! The service: owns the threads, takes jobs from any thread.
 
 use super::handle::{JobHandle, ResultSlot};
 use super::job::TypedJob;
 use super::limits::Demand;
 use super::pool::Pool;
-use super::state::{Aftermath, Next, Receiver, State, Submission};
-use super::task::{TaskSlot, Work, Workplace};
+use super::state::{Effects, Next, Receiver, State, Submission};
+use super::task::{SharedJob, TaskSlot, Work};
 use super::{JobOptions, Limits, LimitsError, Renderer, ServiceOptions, Tracers, Unit};
 use crate::stream::{ChunkScratch, drop_quietly, panic_message};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -14,27 +14,27 @@ use std::sync::{Arc, Condvar, Mutex, PoisonError, Weak};
 use std::thread::JoinHandle;
 use std::time::Instant;
 
-/// Why a service could not be made.
+/// Why a service could not be started.
 #[derive(Debug, thiserror::Error)]
 pub enum ServiceError {
-    /// A number that must not be zero is.
+    /// There are no host threads, or no job may run.
     #[error("a service needs at least one {0}")]
     None(&'static str),
-    /// The system gave no thread.
+    /// The operating system refused a thread.
     #[error("cannot start thread {index} of {threads}: {source}; ask for fewer threads")]
     Thread {
-        /// Which thread.
+        /// Index of the thread.
         index: usize,
-        /// How many were asked for.
+        /// How many threads were requested.
         threads: usize,
-        /// What the system said.
+        /// The system's error.
         source: std::io::Error,
     },
 }
 
-/// Runs jobs: frames of any integrator, batches of ray queries. Host and dispatch threads are made
-/// once and shared by all jobs; may itself be shared between threads. Dropping it cancels all jobs
-/// and waits for its threads.
+/// Runs jobs: frames of any integrator, batches of ray queries. Its host and dispatch threads are started once and
+/// shared by all jobs. The service may be shared between threads. Dropping it cancels all jobs and waits for its
+/// threads.
 ///
 /// ```
 /// use raystream::schedule::{JobOptions, Service, ServiceOptions, Tracers};
@@ -76,11 +76,11 @@ pub struct Service {
 /// What threads and handles share.
 pub(super) struct Inner {
     state: Mutex<State>,
-    /// One for each thread, to be woken singly.
-    bells: Vec<Condvar>,
+    /// One for each thread, so that threads can be woken one by one.
+    wakers: Vec<Condvar>,
     pool: Pool,
-    /// Of the jobs whose owners may be waiting.
-    letterboxes: Mutex<Vec<Weak<ResultSlot>>>,
+    /// Of the jobs for which a thread may be waiting.
+    results: Mutex<Vec<Weak<ResultSlot>>>,
     hosts: usize,
     epoch: Instant,
 }
@@ -89,7 +89,7 @@ impl Service {
     /// Starts the threads.
     ///
     /// # Errors
-    /// [`ServiceError`] when a number is zero or the system gives no more threads.
+    /// [`ServiceError`] when a number is zero or the operating system refuses a thread.
     pub fn new(options: ServiceOptions) -> Result<Self, ServiceError> {
         let ServiceOptions { host_threads, dispatch_threads, max_jobs, sharing } = options;
         if host_threads == 0 {
@@ -101,9 +101,9 @@ impl Service {
         let threads = host_threads + dispatch_threads;
         let inner = Arc::new(Inner {
             state: Mutex::new(State::new(host_threads, dispatch_threads, max_jobs, sharing)),
-            bells: (0..threads).map(|_| Condvar::new()).collect(),
+            wakers: (0..threads).map(|_| Condvar::new()).collect(),
             pool: Pool::new(max_jobs),
-            letterboxes: Mutex::default(),
+            results: Mutex::default(),
             hosts: host_threads,
             epoch: Instant::now(),
         });
@@ -115,7 +115,7 @@ impl Service {
                 Some(index) => format!("dispatch {index}"),
             };
             let thread = std::thread::Builder::new().name(name).spawn(move || inner.serve(index));
-            // An error drops the service, which sends those home that have started.
+            // An error drops the service, which stops the threads that have started.
             service.threads.push(thread.map_err(|source| ServiceError::Thread { index, threads, source })?);
         }
         Ok(service)
@@ -131,13 +131,13 @@ impl Service {
         self.inner.epoch
     }
 
-    /// Frees the storage of streams that is kept for the next job.
+    /// Frees the streams that are kept for the next job.
     pub fn free_streams(&self) {
         self.inner.pool.clear();
     }
 
-    /// Takes a job in. It begins at once or when its turn comes; `renderer` is called from the
-    /// service's threads until the job has ended.
+    /// Submits a job. It begins at once, or when fewer than `max_jobs` run. The service's threads call `renderer` until
+    /// the job has ended.
     ///
     /// # Errors
     /// [`LimitsError`] when sizes do not fit each other.
@@ -148,11 +148,11 @@ impl Service {
         options: JobOptions,
     ) -> Result<JobHandle, LimitsError> {
         let inner = &self.inner;
-        let threads = (inner.hosts, inner.bells.len() - inner.hosts);
+        let threads = (inner.hosts, inner.wakers.len() - inner.hosts);
         let result = Arc::new(ResultSlot::default());
         let receiver = Arc::clone(&result) as _;
         let submission = prepare(renderer, tracers, &options, threads, &inner.pool, receiver)?;
-        inner.expect(&result);
+        inner.track(&result);
         let id = inner.change(|state, now_ns| state.submit(submission, now_ns));
         if id.is_none() {
             result.give_up("it broke earlier");
@@ -161,7 +161,7 @@ impl Service {
     }
 }
 
-/// Makes a job of a renderer.
+/// Makes a job that runs a renderer.
 pub(super) fn prepare<R: Renderer>(
     renderer: Arc<R>,
     tracers: Tracers,
@@ -189,18 +189,18 @@ pub(super) fn prepare<R: Renderer>(
         dispatch_threads: if unit == Unit::Cpu { 0 } else { dispatchers },
         device: tracers.device.as_ref().and_then(|device| device.sizing()),
     };
-    let place = Arc::new(Workplace {
+    let shared = Arc::new(SharedJob {
         limits: Limits::derive(options, demand)?,
         renderer,
         tracers,
         device_name,
         hosts,
-        desks: (0..hosts + dispatchers).map(|_| Mutex::new(TaskSlot::Clear)).collect(),
+        slots: (0..hosts + dispatchers).map(|_| Mutex::new(TaskSlot::Empty)).collect(),
         abandoned: AtomicBool::new(false),
     });
-    let work: Arc<dyn Work> = Arc::clone(&place) as Arc<dyn Work>;
+    let work: Arc<dyn Work> = Arc::clone(&shared) as Arc<dyn Work>;
     let events = event.into_iter().collect();
-    let job = TypedJob::new(place, pool.take(), options, unit, tiles, events);
+    let job = TypedJob::new(shared, pool.take(), options, unit, tiles, events);
     Ok(Submission { job: Box::new(job), work, receiver })
 }
 
@@ -209,8 +209,8 @@ impl Drop for Service {
         self.inner.change(|state, now_ns| state.close(now_ns));
         let this = std::thread::current().id();
         for thread in self.threads.drain(..) {
-            // A renderer may hold the last reference to the service: then one of its own threads is
-            // here, which cannot wait for itself.
+            // A renderer may hold the last reference to the service. Then one of the service's own threads runs this,
+            // and it cannot wait for itself.
             if thread.thread().id() != this
                 && let Err(payload) = thread.join()
             {
@@ -225,48 +225,49 @@ impl Inner {
         self.epoch.elapsed().as_nanos() as u64
     }
 
-    /// Changes the state and does what follows from it; none if a panic has broken the state.
+    /// Changes the state and applies the effects. `None` if a panic has broken the state.
     pub fn change<T>(&self, change: impl FnOnce(&mut State, u64) -> T) -> Option<T> {
         let changed = catch_unwind(AssertUnwindSafe(|| {
             let mut state = self.state.lock().ok()?;
             let value = change(&mut state, self.now_ns());
-            Some((value, state.take_aftermath()))
+            Some((value, state.take_effects()))
         }));
-        let (value, aftermath) = changed.unwrap_or_else(|payload| {
+        let (value, effects) = changed.unwrap_or_else(|payload| {
             self.give_up(&panic_message(payload));
             None
         })?;
-        self.conclude(aftermath);
+        self.apply(effects);
         Some(value)
     }
 
-    fn expect(&self, result: &Arc<ResultSlot>) {
-        let mut letterboxes = self.letterboxes.lock().unwrap_or_else(PoisonError::into_inner);
-        letterboxes.retain(|result| result.strong_count() > 0);
-        letterboxes.push(Arc::downgrade(result));
+    /// Remembers a job's result slot, for [`Inner::give_up`].
+    fn track(&self, result: &Arc<ResultSlot>) {
+        let mut results = self.results.lock().unwrap_or_else(PoisonError::into_inner);
+        results.retain(|result| result.strong_count() > 0);
+        results.push(Arc::downgrade(result));
     }
 
-    /// A panic under the lock is a bug of the scheduler: let nobody wait for ever.
+    /// After a panic under the lock, which is a bug of the scheduler: delivers an error to all who wait.
     fn give_up(&self, why: &str) {
-        let letterboxes = self.letterboxes.lock().unwrap_or_else(PoisonError::into_inner);
-        letterboxes.iter().filter_map(Weak::upgrade).for_each(|result| result.give_up(why));
-        self.bells.iter().for_each(Condvar::notify_one);
+        let results = self.results.lock().unwrap_or_else(PoisonError::into_inner);
+        results.iter().filter_map(Weak::upgrade).for_each(|result| result.give_up(why));
+        self.wakers.iter().for_each(Condvar::notify_one);
     }
 
-    /// Wakes threads, and delivers results once their jobs' own code has been let go of. Not under
-    /// the lock: that code may use the service.
-    fn conclude(&self, aftermath: Aftermath) {
-        let Aftermath { wake, wake_all, ended } = aftermath;
+    /// Wakes threads; drops the renderers of jobs that have ended, then delivers the results. Called without the lock,
+    /// since a renderer's `Drop` may use the service.
+    fn apply(&self, effects: Effects) {
+        let Effects { wake, wake_all, ended } = effects;
         if wake_all {
-            self.bells.iter().for_each(Condvar::notify_one);
+            self.wakers.iter().for_each(Condvar::notify_one);
         } else {
-            wake.into_iter().flatten().for_each(|thread| self.bells[thread].notify_one());
+            wake.into_iter().flatten().for_each(|thread| self.wakers[thread].notify_one());
         }
         for ended in ended {
             let Submission { job, work, receiver } = ended.submission;
             job.retire(&self.pool);
             drop_quietly(work);
-            receiver.receive(ended.last, ended.outcome);
+            receiver.deliver(ended.outcome);
         }
     }
 
@@ -277,15 +278,15 @@ impl Inner {
         }
     }
 
-    /// Returns when the service closes, or is broken.
+    /// Returns when the service closes or is broken.
     fn work(&self, thread: usize) -> Option<()> {
         let mut scratch = ChunkScratch::default();
         let mut state = self.state.lock().ok()?;
         loop {
             let next = state.next(thread, self.now_ns());
-            let aftermath = state.take_aftermath();
+            let effects = state.take_effects();
             drop(state);
-            self.conclude(aftermath);
+            self.apply(effects);
             match next {
                 Next::Work(work) => {
                     work.work(thread, &mut scratch);
@@ -295,7 +296,8 @@ impl Inner {
                 }
                 Next::Sleep => {
                     let state_now = self.state.lock().ok()?;
-                    state = self.bells[thread].wait_while(state_now, |state| state.is_asleep(thread)).ok()?;
+                    state =
+                        self.wakers[thread].wait_while(state_now, |state| state.is_asleep(thread)).ok()?;
                 }
                 Next::Exit => return None,
             }
@@ -311,7 +313,7 @@ mod tests {
     use std::sync::atomic::Ordering::Relaxed;
 
     #[test]
-    fn nobody_waits_for_a_broken_scheduler() {
+    fn a_broken_scheduler_keeps_no_caller_waiting() {
         let service = Service::new(ServiceOptions { host_threads: 2, ..Default::default() }).unwrap();
         let gated = Gated::new();
         let submit = || service.submit(Arc::clone(&gated), blind(), JobOptions::default()).unwrap();

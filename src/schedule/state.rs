@@ -1,54 +1,57 @@
-//! The scheduler as a state machine: all jobs, all threads, no lock and no clock. Threads drive it
-//! under one mutex (`service`), the simulator in one thread.
+//! The scheduler as a state machine: all jobs and all threads, without lock or clock. The service's threads drive it
+//! under one mutex (`service.rs`), the simulator drives it from one thread (`tests/simulator.rs`).
 
 use super::job::Job;
 use super::report::{JobReport, Progress, ThreadKind};
 use super::task::Work;
-use super::{Choice, JobError, Load, Rule, Sharing, View, policy};
+use super::{Choice, JobError, Load, Rule, Sharing, Turn, policy};
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-/// Names a job for as long as the service lives.
+/// Identifies a job for as long as the service lives.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct JobId(u64);
 
 /// Where a job's result goes.
 pub(super) trait Receiver: Send + Sync {
-    fn receive(&self, last: Progress, outcome: Result<JobReport, JobError>);
+    /// The job has left the state, with this progress. Called under the lock, so that a job's progress is always in
+    /// one of the two places.
+    fn leave(&self, last: Progress);
+    /// The job has ended, and its renderer has been dropped. Called once, without the lock.
+    fn deliver(&self, outcome: Result<JobReport, JobError>);
 }
 
-/// A job on its way in.
+/// A job to be admitted.
 pub(super) struct Submission {
     pub job: Box<dyn Job>,
     pub work: Arc<dyn Work>,
     pub receiver: Arc<dyn Receiver>,
 }
 
-/// What a thread is to do.
+/// What a thread does next.
 pub(super) enum Next {
-    /// `work` on the thread's desk, then [`State::finish`].
+    /// Do the task in the thread's slot ([`Work::work`]), then call [`State::finish`].
     Work(Arc<dyn Work>),
-    /// Suspend until [`State::is_asleep`] is false, then ask again.
+    /// Suspend until [`State::is_asleep`] is false, then call [`State::next`] again.
     Sleep,
     /// Return.
     Exit,
 }
 
-/// What a change of state asks of the thread that made it, once the lock is released.
+/// What the thread that changed the state has to do once it has released the lock.
 #[derive(Default)]
-pub(super) struct Aftermath {
+pub(super) struct Effects {
     /// Threads to wake: at most one of each kind.
     pub wake: [Option<usize>; 2],
-    /// Whether all threads are to be woken.
+    /// Whether to wake all threads.
     pub wake_all: bool,
     /// Jobs that have ended.
     pub ended: Vec<Ended>,
 }
 
-/// A job that has ended, out of the state. Dropping it runs the renderer's own code.
+/// A job that has left the state. Dropping it runs the renderer's own code.
 pub(super) struct Ended {
     pub submission: Submission,
-    pub last: Progress,
     pub outcome: Result<JobReport, JobError>,
 }
 
@@ -56,10 +59,10 @@ struct Admitted {
     id: JobId,
     submission: Submission,
     submitted_ns: u64,
-    /// When its turn came, and each thread's idle time up to then.
+    /// When the job was admitted, and each thread's idle time up to then.
     begin_ns: u64,
     idle_ns: Vec<u64>,
-    /// When its last tile was spawned, and each thread's idle time up to then.
+    /// When the last tile had been spawned, and each thread's idle time up to then.
     tail_ns: Option<u64>,
     tail_idle_ns: Vec<u64>,
 }
@@ -67,10 +70,10 @@ struct Admitted {
 #[derive(Clone, Default)]
 struct Thread {
     task: Option<Running>,
-    /// Since when the thread is suspended.
+    /// When the thread was suspended, if it is.
     asleep_ns: Option<u64>,
-    /// Woken, but not yet here.
-    stirring: bool,
+    /// Woken, but has not called [`State::next`] yet.
+    waking: bool,
     /// Time suspended so far.
     idle_ns: u64,
 }
@@ -85,54 +88,49 @@ pub(super) struct State {
     hosts: usize,
     /// Host threads first.
     threads: Vec<Thread>,
-    /// Suspended threads by kind, the last to be suspended on top: its cache is warmest.
+    /// Suspended threads by kind. The last to be suspended is on top, since its cache is warmest.
     sleepers: [Vec<usize>; 2],
-    /// Threads of each kind that have been woken and have not yet come.
-    stirring: [usize; 2],
+    /// Threads of each kind that have been woken and have not called [`State::next`] yet.
+    waking: [usize; 2],
     /// Dispatch threads with a task.
     dispatching: usize,
     max_jobs: usize,
     sharing: Sharing,
     jobs: Vec<Admitted>,
-    /// Of the same jobs.
-    views: Vec<View>,
+    /// The turns of `jobs`, in the same order.
+    turns: Vec<Turn>,
     waiting: VecDeque<Admitted>,
     next_id: u64,
     closing: bool,
-    aftermath: Aftermath,
-}
-
-/// Host threads come first.
-pub(super) fn kind(thread: usize, hosts: usize) -> ThreadKind {
-    if thread < hosts { ThreadKind::Host } else { ThreadKind::Dispatch }
+    effects: Effects,
 }
 
 impl State {
     pub fn new(hosts: usize, dispatchers: usize, max_jobs: usize, sharing: Sharing) -> Self {
-        assert!(hosts > 0 && max_jobs > 0, "somebody works for at least one job");
+        assert!(hosts > 0 && max_jobs > 0, "a service has a host thread and room for a job");
         Self {
             hosts,
             threads: vec![Thread::default(); hosts + dispatchers],
             sleepers: [Vec::with_capacity(hosts), Vec::with_capacity(dispatchers)],
-            stirring: [0; 2],
+            waking: [0; 2],
             dispatching: 0,
             max_jobs,
             sharing,
             jobs: Vec::with_capacity(max_jobs),
-            views: Vec::with_capacity(max_jobs),
+            turns: Vec::with_capacity(max_jobs),
             waiting: VecDeque::new(),
             next_id: 0,
             closing: false,
-            aftermath: Aftermath::default(),
+            effects: Effects::default(),
         }
     }
 
-    /// Takes a job in; it waits its turn when there are `max_jobs`.
+    /// Admits a job, or queues it while there are `max_jobs`.
     pub fn submit(&mut self, submission: Submission, now_ns: u64) -> JobId {
         assert!(!self.closing, "a closed service takes no jobs");
         let id = JobId(self.next_id);
         self.next_id += 1;
-        // With room for all threads: nothing is allocated while a frame is under way.
+        // With room for all threads, so that nothing is allocated while a frame is under way.
         let threads = self.threads.len();
         let job = Admitted {
             id,
@@ -145,16 +143,16 @@ impl State {
         };
         self.waiting.push_back(job);
         self.admit(now_ns);
-        self.ring(now_ns);
+        self.wake_for_work(now_ns);
         id
     }
 
-    /// Stops a job if there still is one of that name: no more tiles.
+    /// Spawns no more tiles of a job, unless it has ended.
     pub fn stop(&mut self, id: JobId, now_ns: u64) {
         self.change(id, now_ns, |job| job.stop());
     }
 
-    /// Cancels a job if there still is one of that name.
+    /// Cancels a job, unless it has ended.
     pub fn cancel(&mut self, id: JobId, now_ns: u64) {
         self.change(id, now_ns, |job| job.abandon(JobError::Cancelled));
     }
@@ -170,18 +168,18 @@ impl State {
             }
         } else if let Some(index) = self.index(id) {
             change(&mut *self.jobs[index].submission.job);
-            self.settle(index, now_ns);
+            self.after_change(index, now_ns);
         }
-        self.ring(now_ns);
+        self.wake_for_work(now_ns);
     }
 
-    /// How far a job is, if there still is one of that name.
+    /// How far a job is; `None` if it has left.
     pub fn progress(&self, id: JobId) -> Option<Progress> {
         let job = self.jobs.iter().chain(&self.waiting).find(|job| job.id == id)?;
         Some(job.submission.job.progress())
     }
 
-    /// Cancels all jobs and sends all threads home.
+    /// Cancels all jobs and has all threads return.
     pub fn close(&mut self, now_ns: u64) {
         self.closing = true;
         let ids: Vec<_> = self.waiting.iter().chain(&self.jobs).map(|job| job.id).collect();
@@ -191,15 +189,15 @@ impl State {
         for thread in 0..self.threads.len() {
             self.wake(thread, now_ns);
         }
-        self.aftermath.wake_all = true;
+        self.effects.wake_all = true;
     }
 
-    /// A thread without a task asks what to do.
+    /// What a thread without a task does next.
     pub fn next(&mut self, thread: usize, now_ns: u64) -> Next {
         assert!(self.threads[thread].task.is_none(), "a thread has one task at a time");
-        let kind = kind(thread, self.hosts) as usize;
-        if std::mem::take(&mut self.threads[thread].stirring) {
-            self.stirring[kind] -= 1;
+        let kind = ThreadKind::of(thread, self.hosts) as usize;
+        if std::mem::take(&mut self.threads[thread].waking) {
+            self.waking[kind] -= 1;
         }
         let next = if self.closing {
             Next::Exit
@@ -210,7 +208,7 @@ impl State {
             self.sleepers[kind].push(thread);
             Next::Sleep
         };
-        self.ring(now_ns);
+        self.wake_for_work(now_ns);
         next
     }
 
@@ -225,24 +223,23 @@ impl State {
         let (id, work) = (job.id, Arc::clone(&job.submission.work));
         self.dispatching += usize::from(choice.rule == Rule::Dispatch);
         self.threads[thread].task = Some(Running { job: id, start_ns: now_ns });
-        self.views[choice.job].served += rays;
-        self.look(choice.job);
+        self.turns[choice.job].served += rays;
+        self.refresh_view(choice.job);
         work
     }
 
-    /// A thread has done its task; it asks for the [`State::next`] at once.
+    /// A thread has done its task; it calls [`State::next`] before it releases the lock.
     pub fn finish(&mut self, thread: usize, now_ns: u64) {
         let task = self.threads[thread].task.take().expect("a thread finishes what it has started");
-        self.dispatching -= usize::from(kind(thread, self.hosts) == ThreadKind::Dispatch);
+        self.dispatching -= usize::from(ThreadKind::of(thread, self.hosts) == ThreadKind::Dispatch);
         let index = self.index(task.job).expect("a job stays until its tasks are done");
         self.jobs[index].submission.job.finish(thread, task.start_ns, now_ns);
-        self.settle(index, now_ns);
+        self.after_change(index, now_ns);
     }
 
-    /// What is to be done now that the state has changed; ask after every call, before or after the
-    /// lock is released.
-    pub fn take_aftermath(&mut self) -> Aftermath {
-        std::mem::take(&mut self.aftermath)
+    /// What the caller has to do now that the state has changed; to be taken after every call, under the lock.
+    pub fn take_effects(&mut self) -> Effects {
+        std::mem::take(&mut self.effects)
     }
 
     fn index(&self, id: JobId) -> Option<usize> {
@@ -256,39 +253,38 @@ impl State {
 
     fn choose(&self, kind: usize) -> Option<Choice> {
         if kind == ThreadKind::Host as usize {
-            policy::choose(&self.views, self.load(), self.sharing)
+            policy::choose(&self.turns, self.load(), self.sharing)
         } else {
-            policy::choose_dispatch(&self.views, self.load(), self.sharing)
+            policy::choose_dispatch(&self.turns, self.load(), self.sharing)
         }
     }
 
-    /// Wakes a thread of each kind for which there is something to do, unless one is on its way. The
-    /// woken thread does the same in its turn: so each wake-up finds work unless somebody was faster,
-    /// and none is missing.
-    fn ring(&mut self, now_ns: u64) {
+    /// Wakes one thread of each kind that has work, unless a thread of the kind is waking already. The woken thread
+    /// calls this too: so no wake-up is missing, and each finds work unless a running thread was faster.
+    fn wake_for_work(&mut self, now_ns: u64) {
         for kind in [ThreadKind::Host as usize, ThreadKind::Dispatch as usize] {
-            if self.stirring[kind] == 0
+            if self.waking[kind] == 0
                 && let Some(&thread) = self.sleepers[kind].last()
                 && self.choose(kind).is_some()
             {
                 self.wake(thread, now_ns);
-                self.aftermath.wake[kind] = Some(thread);
+                self.effects.wake[kind] = Some(thread);
             }
         }
     }
 
     fn wake(&mut self, thread: usize, now_ns: u64) {
         let Some(since_ns) = self.threads[thread].asleep_ns.take() else { return };
-        let kind = kind(thread, self.hosts) as usize;
+        let kind = ThreadKind::of(thread, self.hosts) as usize;
         self.threads[thread].idle_ns += now_ns - since_ns;
-        self.threads[thread].stirring = true;
-        self.stirring[kind] += 1;
+        self.threads[thread].waking = true;
+        self.waking[kind] += 1;
         self.sleepers[kind].retain(|&sleeper| sleeper != thread);
     }
 
-    /// After a change to a job: ends it if it is over, which may let another in.
-    fn settle(&mut self, index: usize, now_ns: u64) {
-        self.look(index);
+    /// After a change to a job: ends the job if it is over, and admits the next.
+    fn after_change(&mut self, index: usize, now_ns: u64) {
+        self.refresh_view(index);
         let job = &mut self.jobs[index];
         if job.tail_ns.is_none() && job.submission.job.all_spawned() {
             job.tail_ns = Some(now_ns);
@@ -298,9 +294,8 @@ impl State {
         self.admit(now_ns);
     }
 
-    fn look(&mut self, index: usize) {
-        let served = self.views[index].served;
-        self.views[index] = View { served, ..self.jobs[index].submission.job.view() };
+    fn refresh_view(&mut self, index: usize) {
+        self.turns[index].view = self.jobs[index].submission.job.view();
     }
 
     fn admit(&mut self, now_ns: u64) {
@@ -308,11 +303,11 @@ impl State {
             && let Some(mut job) = self.waiting.pop_front()
         {
             job.begin(now_ns, &self.threads);
-            // Not served less than the others, lest it have all threads until it has caught up.
-            let served = self.views.iter().map(|view| view.served).min().unwrap_or(0);
-            self.views.push(View { served, ..job.submission.job.view() });
+            // As if served as little as the least served job: with 0 it would get all threads until it had caught up.
+            let served = self.turns.iter().map(|turn| turn.served).min().unwrap_or(0);
+            self.turns.push(Turn { view: job.submission.job.view(), served });
             self.jobs.push(job);
-            // A job without tiles is.
+            // A job without tiles is over at once.
             self.end_if_over(self.jobs.len() - 1, now_ns);
         }
     }
@@ -320,7 +315,7 @@ impl State {
     fn end_if_over(&mut self, index: usize, now_ns: u64) {
         if self.jobs[index].submission.job.is_over() {
             let job = self.jobs.remove(index);
-            self.views.remove(index);
+            self.turns.remove(index);
             self.end(job, now_ns);
         }
     }
@@ -344,8 +339,8 @@ impl State {
             }
             report
         });
-        let last = submission.job.progress();
-        self.aftermath.ended.push(Ended { submission, last, outcome });
+        submission.receiver.leave(submission.job.progress());
+        self.effects.ended.push(Ended { submission, outcome });
     }
 
     #[cfg(test)]
@@ -353,14 +348,14 @@ impl State {
         for job in &self.jobs {
             job.submission.job.check();
         }
-        for (job, view) in self.jobs.iter().zip(&self.views) {
-            assert_eq!(View { served: view.served, ..job.submission.job.view() }, *view, "views are current");
+        for (job, turn) in self.jobs.iter().zip(&self.turns) {
+            assert_eq!(job.submission.job.view(), turn.view, "views are current");
         }
         for kind in [0, 1] {
             let work = !self.closing && self.choose(kind).is_some();
-            let lost = work && self.stirring[kind] == 0 && !self.sleepers[kind].is_empty();
-            assert!(!lost, "while there is work and a thread asleep, one is on its way");
-            assert!(self.closing || self.stirring[kind] <= 1, "and only one");
+            let lost = work && self.waking[kind] == 0 && !self.sleepers[kind].is_empty();
+            assert!(!lost, "while there is work and a thread sleeps, one is waking");
+            assert!(self.closing || self.waking[kind] <= 1, "and only one");
         }
     }
 

@@ -1,4 +1,4 @@
-//! What a thread does between two visits to the lists: no lock is held here.
+//! What a thread does between two visits to the lists, without the lock.
 
 use super::{Batch, Depths, Limits, Output, Renderer, Tracers, Unit};
 use crate::stream::{
@@ -9,13 +9,13 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// A task and the streams that go with it.
+/// A task and its streams.
 pub(super) enum Task<P, S> {
     Spawn {
         tile: u64,
         output: RayStream<Filling, P, S>,
     },
-    /// Ends when `threshold` paths are in the output.
+    /// Ends when the output has `threshold` paths.
     Shade {
         input: RayStream<Traced, P, S>,
         output: RayStream<Filling, P, S>,
@@ -43,7 +43,7 @@ pub(super) enum Done<P, S> {
         report: DeviceReport,
     },
     Undispatched(Untraced<P, S>),
-    /// The renderer or the host's tracer panicked; the streams of the task are gone.
+    /// The renderer or the host's tracer panicked, and the task's streams were dropped.
     Panicked(String),
 }
 
@@ -54,40 +54,40 @@ pub(super) struct Emitted {
     pub shadow_rays: u64,
 }
 
-/// A thread's place in a job: its task lies here on the way out of the lists and back. Only that
-/// thread and, before and after it, the holder of the lists' lock look at it.
+/// One thread's task of a job, on its way out of the lists and back. The holder of the lists' lock fills and empties
+/// it; between the two only the thread itself uses it.
 pub(super) enum TaskSlot<P, S> {
-    Clear,
+    Empty,
     Task(Task<P, S>),
     Done(Done<P, S>),
 }
 
-/// What threads share of a job: all but the lists.
-pub(super) struct Workplace<R: Renderer> {
+/// The part of a job that threads use without the lock: all but the lists.
+pub(super) struct SharedJob<R: Renderer> {
     pub renderer: Arc<R>,
     pub tracers: Tracers,
-    /// For events; asked for once, since it is the device's own code.
+    /// For events. Asked for once, since that runs the device tracer's own code.
     pub device_name: String,
     pub limits: Limits,
     /// Host threads of the service.
     pub hosts: usize,
     /// One for each thread of the service.
-    pub desks: Vec<Mutex<TaskSlot<R::Payload, R::ShadowPayload>>>,
-    /// Set when the job's result is not wanted any more.
+    pub slots: Vec<Mutex<TaskSlot<R::Payload, R::ShadowPayload>>>,
+    /// Set when the job gets no more tasks; those under way end early.
     pub abandoned: AtomicBool,
 }
 
-/// A job whose type does not matter, as threads see it.
+/// A job of any type, as threads see it.
 pub(super) trait Work: Send + Sync {
-    /// Does the task on the thread's desk.
+    /// Does the task in the thread's slot.
     fn work(&self, thread: usize, scratch: &mut ChunkScratch);
 }
 
-impl<R: Renderer> Work for Workplace<R> {
+impl<R: Renderer> Work for SharedJob<R> {
     fn work(&self, thread: usize, scratch: &mut ChunkScratch) {
-        let task = match self.swap_slot(thread, TaskSlot::Clear) {
+        let task = match self.swap_slot(thread, TaskSlot::Empty) {
             TaskSlot::Task(task) => task,
-            TaskSlot::Clear | TaskSlot::Done(_) => unreachable!("a thread works after it was given a task"),
+            TaskSlot::Empty | TaskSlot::Done(_) => unreachable!("a thread works after it was given a task"),
         };
         let done = catch_unwind(AssertUnwindSafe(|| match task {
             Task::Spawn { tile, output } => self.spawn(tile, output),
@@ -100,13 +100,14 @@ impl<R: Renderer> Work for Workplace<R> {
     }
 }
 
-impl<R: Renderer> Workplace<R> {
+impl<R: Renderer> SharedJob<R> {
+    /// Replaces the content of a thread's slot.
     pub fn swap_slot(
         &self,
         thread: usize,
         with: TaskSlot<R::Payload, R::ShadowPayload>,
     ) -> TaskSlot<R::Payload, R::ShadowPayload> {
-        std::mem::replace(&mut *self.desks[thread].lock().unwrap_or_else(PoisonError::into_inner), with)
+        std::mem::replace(&mut *self.slots[thread].lock().unwrap_or_else(PoisonError::into_inner), with)
     }
 
     fn spawn(
@@ -128,9 +129,9 @@ impl<R: Renderer> Workplace<R> {
         let limits = &self.limits;
         let shadows = input.take_shadows();
         for start in (0..shadows.rays.len()).step_by(limits.batch_rays) {
-            let piece = start..(start + limits.batch_rays).min(shadows.rays.len());
-            let (rays, payloads) = (&shadows.rays[piece.clone()], &shadows.payloads[piece.clone()]);
-            self.renderer.shadow(rays, payloads, &shadows.occluded[piece]);
+            let batch = start..(start + limits.batch_rays).min(shadows.rays.len());
+            let (rays, payloads) = (&shadows.rays[batch.clone()], &shadows.payloads[batch.clone()]);
+            self.renderer.shadow(rays, payloads, &shadows.occluded[batch]);
         }
         let (mut emitted, mut depths) = (Emitted::default(), Depths::default());
         while !self.abandoned.load(Ordering::Relaxed) {
@@ -145,7 +146,7 @@ impl<R: Renderer> Workplace<R> {
                 self.emit(&mut output, rays.len(), most_shadows, |out| self.renderer.shade(batch, out));
             emitted.rays += more.rays;
             emitted.shadow_rays += more.shadow_rays;
-            // A stream that has become full goes to be traced before more is shaded (RA section 3).
+            // A full stream is traced before more is shaded (RA section 3).
             if paths(output.rays(), output.shadow_rays(), limits.shadow_rays_per_path) >= threshold {
                 break;
             }
@@ -153,7 +154,10 @@ impl<R: Renderer> Workplace<R> {
         Done::Shaded { input, output, emitted, depths }
     }
 
-    /// Lets the renderer emit rays and holds it to its promises.
+    /// Lets the renderer emit rays.
+    ///
+    /// # Panics
+    /// If the renderer emits more than it promised, which fails its job.
     fn emit(
         &self,
         output: &mut RayStream<Filling, R::Payload, R::ShadowPayload>,

@@ -55,6 +55,10 @@ impl<R: Renderer> Renderer for Watched<R> {
         self.renderer.shadow_rays_per_ray()
     }
 
+    fn most_in_flight(&self) -> usize {
+        self.renderer.most_in_flight()
+    }
+
     fn spawn(&self, tile: u64, out: &mut Output<'_, R::Payload, R::ShadowPayload>) {
         self.watch(|renderer| renderer.spawn(tile, out));
     }

@@ -60,7 +60,7 @@ fn bad_arguments_are_refused() {
         (vec!["--max-bounces", "-1"], "-1"),
         (vec!["--fov", "180"], "field of view"),
         (vec!["--eye", "1,2"], "three finite numbers"),
-        (vec!["--eye", "0,0,0", "--target", "0,0,0"], "apart"),
+        (vec!["--eye", "0,0,0", "--target", "0,0,0"], "must be finite and differ"),
         (vec!["--up", "0,0,0"], "up vector"),
         (vec!["--env", "sky.hdr"], "sky.hdr"),
         (vec!["--env=-1,0,0"], "must not be negative"),
@@ -115,7 +115,7 @@ fn bad_rays_are_refused() {
         ("text.npy", "not a .npy file"),
         ("shape.npy", "(n, 8)"),
         ("type.npy", "float32"),
-        ("short.npy", "cut short"),
+        ("short.npy", "truncated"),
         ("order.npy", "C order"),
     ] {
         refuse(folder.path(), &["trace", &scene, "--rays", rays, "-o", "h.npz"], says);

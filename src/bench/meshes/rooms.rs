@@ -22,14 +22,13 @@ pub fn empty_box(cells: u32) -> Scene {
 /// Thickness of walls and panels.
 const THICK: f32 = 0.05;
 
-/// A closed room with `pieces` pieces of furniture, by turns tables and vases, and a lamp above a ceiling of panels:
-/// the gaps between the panels are all that shows the lamp, so nearly all shadow rays are occluded.
+/// A closed room with `pieces` pieces of furniture, alternately tables and vases, and a lamp above its ceiling. A small
+/// hole in the ceiling is all that shows the lamp, so nearly all shadow rays are occluded by a few large triangles.
 pub fn hidden_lamp(pieces: u32) -> Scene {
     const WIDTH: f32 = 10.0;
     const HEIGHT: f32 = 3.0;
     const DEPTH: f32 = 8.0;
-    const PANELS: u32 = 6;
-    const GAP: f32 = 0.01;
+    const HOLE: f32 = 0.3;
     let mut builder = Builder::seen(Vec3::new(0.5, 1.7, 7.6), Vec3::new(6.0, 0.6, 1.5), 60.0);
     let (wall, wood, clay) =
         (builder.matte("wall", 0.7), builder.matte("wood", 0.4), builder.matte("clay", 0.5));
@@ -37,10 +36,15 @@ pub fn hidden_lamp(pieces: u32) -> Scene {
     let top = HEIGHT + 0.5;
     builder.block(Vec3::new(WIDTH, top, DEPTH), Vec3::ZERO, 1, wall);
     builder.quad(Vec3::new(0.5, top - 0.1, 0.5), Vec3::X * (WIDTH - 1.0), Vec3::Z * (DEPTH - 1.0), 1, lamp);
-    let [across, along] = [WIDTH, DEPTH].map(|length| length / PANELS as f32);
-    for (i, j) in (0..PANELS).flat_map(|i| (0..PANELS).map(move |j| (i as f32, j as f32))) {
-        let min = Vec3::new(across * i, HEIGHT, along * j);
-        builder.block(min, min + Vec3::new(across - GAP, THICK, along - GAP), 1, wall);
+    let [left, right] = [-HOLE, HOLE].map(|edge| 0.5 * (WIDTH + edge));
+    let [back, front] = [-HOLE, HOLE].map(|edge| 0.5 * (DEPTH + edge));
+    for (x, z) in [
+        ([0.0, left], [0.0, DEPTH]),
+        ([right, WIDTH], [0.0, DEPTH]),
+        ([left, right], [0.0, back]),
+        ([left, right], [front, DEPTH]),
+    ] {
+        builder.block(Vec3::new(x[0], HEIGHT, z[0]), Vec3::new(x[1], HEIGHT + THICK, z[1]), 1, wall);
     }
     let columns = (pieces as f32).sqrt().ceil() as u32;
     let pitch = Vec3::new(WIDTH / columns as f32, 0.0, DEPTH / columns as f32);

@@ -45,3 +45,12 @@ fn loop_shaders_work_with_batches_of_one() {
     assert_eq!(single.loop_stack().live_entries, 0);
     assert!(single.tiles() >= 4);
 }
+
+#[test]
+fn wrapping_a_renderer_keeps_its_bound_on_paths() {
+    let scene = Arc::new(room());
+    let whitted = Arc::new(Whitted::new(scene, &camera(), SETTINGS).expect("valid settings"));
+    let most = whitted.most_in_flight();
+    assert!(most < usize::MAX, "the loop stack bounds the paths in flight");
+    assert_eq!(RayByRay(whitted).most_in_flight(), most);
+}

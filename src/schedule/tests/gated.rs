@@ -1,4 +1,4 @@
-//! A renderer whose threads wait at a gate, and a tracer that sees nothing.
+//! A renderer whose calls wait at a gate, and a tracer that finds no hits.
 
 use super::super::{Batch, Output, Renderer, Tracers};
 use crate::stream::{Hit, Ray, Tracer};
@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Condvar, Mutex};
 use std::time::Duration;
 
-/// Holds its threads until the gate opens: in spawn tasks, or in shading.
+/// Blocks until the gate is opened: in spawning, or in shading.
 pub struct Gated {
     tiles: u64,
     tile_rays: usize,
@@ -27,7 +27,7 @@ impl Gated {
         Self::make(tiles, 1, false)
     }
 
-    /// One tile of so many rays.
+    /// One tile of `tile_rays` rays, which waits in shading.
     pub fn in_shading(tile_rays: usize) -> Arc<Self> {
         Self::make(1, tile_rays, true)
     }
@@ -61,6 +61,10 @@ impl Renderer for Gated {
 
     fn shadow_rays_per_ray(&self) -> usize {
         0
+    }
+
+    fn most_in_flight(&self) -> usize {
+        usize::MAX
     }
 
     fn spawn(&self, _: u64, out: &mut Output<'_, u32, u32>) {

@@ -1,5 +1,5 @@
-//! A renderer for tests that keeps books: it knows every ray it emits, what its answer must be, and
-//! what has happened to it. Everything it emits is a pure function of its seed.
+//! A renderer, tracer and device for tests that keep count: they know every ray, its answer, and how often it has been
+//! traced and shaded. All rays are a pure function of a seed.
 
 use super::super::{Batch, Output, Renderer};
 use crate::stream::{DeviceError, DeviceReport, DeviceTracer, Hit, Queries, Ray, Tracer};
@@ -15,7 +15,7 @@ pub fn mix(value: u64) -> u64 {
     value ^ (value >> 31)
 }
 
-/// What a ledger's rays do.
+/// What determines a ledger's rays.
 #[derive(Clone, Copy, Debug)]
 pub struct Script {
     pub seed: u64,
@@ -24,11 +24,11 @@ pub struct Script {
     /// No ray is deeper than this.
     pub max_depth: usize,
     pub shadow_rays_per_ray: usize,
-    /// The call of the renderer or of the host's tracer that panics, counted from 0.
+    /// The call of the renderer or of the host's tracer that panics, numbered from 0.
     pub panic_at: Option<u64>,
 }
 
-/// Counts per ray: what a complete job leaves as 1 for every ray emitted.
+/// Counts for each ray. A complete job leaves a 1 for every ray emitted.
 pub struct Ledger {
     script: Script,
     calls: AtomicU64,
@@ -39,8 +39,8 @@ pub struct Ledger {
     shadow_answered: Vec<AtomicU8>,
 }
 
-/// A ray's name: its path, its depth, and for a shadow ray which of those emitted with that depth.
-/// Shadow rays of a tile have depth `max_depth`.
+/// A ray's name: its path, its depth, and for a shadow ray its number among the shadow rays emitted at that depth.
+/// Shadow rays of a tile have the depth `max_depth`.
 type Name = [u32; 3];
 
 fn counters(len: usize) -> Vec<AtomicU8> {
@@ -93,7 +93,7 @@ impl Ledger {
         (self.random(name) >> 7) as u32 & 1
     }
 
-    /// Camera rays and shadow rays of a tile, by path.
+    /// The paths of a tile's camera rays and of its shadow rays.
     fn camera(&self, tile: u64) -> (impl Iterator<Item = u32>, impl Iterator<Item = u32>) {
         let most = self.script.tile_rays as u64;
         let random = mix(self.script.seed ^ mix(tile + 77));
@@ -191,6 +191,10 @@ impl Renderer for Ledger {
         self.script.shadow_rays_per_ray
     }
 
+    fn most_in_flight(&self) -> usize {
+        usize::MAX
+    }
+
     fn spawn(&self, tile: u64, out: &mut Output<'_, Name, Name>) {
         self.call();
         assert_eq!(self.spawned[tile as usize].fetch_add(1, Relaxed), 0, "a tile is spawned once");
@@ -228,7 +232,11 @@ impl Renderer for Ledger {
         self.call();
         assert!(rays.len() == payloads.len() && rays.len() == occluded.len());
         for ((ray, &name), &occluded) in rays.iter().zip(payloads).zip(occluded) {
-            assert_eq!((to_name(ray), occluded), (name, self.is_occluded(name)), "what belongs together");
+            assert_eq!(
+                (to_name(ray), occluded),
+                (name, self.is_occluded(name)),
+                "ray, answer and payload belong together"
+            );
             let before = self.shadow_answered[self.shadow_index(name)].fetch_add(1, Relaxed);
             assert_eq!(before, 0, "a shadow ray is answered once");
         }
@@ -249,22 +257,22 @@ impl Tracer for Ledger {
     }
 }
 
-/// How a device ends.
+/// What becomes of a device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fate {
     Lives,
-    /// Answers so many dispatches, then says that it is lost.
+    /// Answers this many dispatches, then returns an error.
     Lost(u64),
-    /// Answers so many dispatches, then panics.
+    /// Answers this many dispatches, then panics.
     Panics(u64),
 }
 
-/// A device that answers from a ledger, until its end.
+/// A device that answers from a ledger, as long as its fate lets it.
 pub struct FakeDevice {
     pub ledger: Arc<Ledger>,
     pub fate: Fate,
     pub max_rays: usize,
-    /// What a dispatch waits for.
+    /// How long a dispatch takes.
     pub delay: std::time::Duration,
     pub dispatches: AtomicU64,
 }

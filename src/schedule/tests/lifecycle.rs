@@ -1,13 +1,15 @@
-//! Jobs that wait, stop, are cancelled, dropped or rude, and services that die.
+//! Jobs that wait, are stopped, cancelled or dropped, or break their promises; and services that are dropped.
 
 use super::super::{
-    Batch, JobError, JobOptions, JobReport, Output, Renderer, Service, ServiceOptions, Tracers,
+    Batch, JobError, JobHandle, JobOptions, JobReport, Output, Progress, Renderer, Service, ServiceOptions,
+    Tracers,
 };
 use super::ledger::{Ledger, Script};
 use super::{Gated, SCRIPT, SMALL, blind, outcome, service, wait_until};
 use crate::stream::Ray;
-use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
+use std::sync::mpsc::{Sender, channel};
+use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
 #[test]
@@ -26,7 +28,7 @@ fn a_stopped_job_finishes_what_it_has_spawned() {
 }
 
 #[test]
-fn a_cancelled_job_leaves_others_alone_and_lets_go_of_its_renderer() {
+fn a_cancelled_job_leaves_others_running_and_drops_its_renderer() {
     let service = service(3, 0);
     let gated = Gated::new();
     let cancelled = service.submit(Arc::clone(&gated), blind(), JobOptions::default()).unwrap();
@@ -36,7 +38,7 @@ fn a_cancelled_job_leaves_others_alone_and_lets_go_of_its_renderer() {
     cancelled.cancel();
     gated.open();
     assert_eq!(outcome(cancelled), Err(JobError::Cancelled));
-    assert!(Arc::into_inner(gated).is_some(), "the service has let go of the renderer");
+    assert!(Arc::into_inner(gated).is_some(), "the service has dropped the renderer");
     outcome(other).unwrap();
     ledger.check_complete();
 }
@@ -77,7 +79,7 @@ fn jobs_beyond_the_limit_wait_their_turn() {
     renderers[2].open();
     assert!(!jobs[1].wait_for(Duration::from_millis(5)) && renderers[1].spawned.load(Relaxed) == 0);
     assert_eq!(jobs[1].progress().tiles, 50);
-    // One that waits can be cancelled or stopped.
+    // A waiting job can be cancelled or stopped.
     let waiting = jobs.remove(1);
     waiting.cancel();
     assert_eq!(outcome(waiting), Err(JobError::Cancelled));
@@ -107,14 +109,14 @@ fn two_jobs_share_the_threads() {
     for ledger in &ledgers {
         ledger.check_complete();
     }
-    // Both had the one thread while they ran, so neither had it all.
+    // Both ran on the one thread, so neither had all of its time.
     for report in reports {
         assert!(report.threads[0].busy_s < report.wall_s);
     }
 }
 
 #[test]
-fn an_endless_job_starves_nobody() {
+fn an_endless_job_starves_no_other() {
     let service = service(1, 0);
     let endless = Gated::with_tiles(u64::MAX);
     endless.open();
@@ -141,7 +143,7 @@ fn dropping_the_service_cancels_what_runs_and_what_waits() {
     wait_until(|| gated.spawned.load(Relaxed) == 2);
     std::thread::scope(|scope| {
         scope.spawn(|| drop(service));
-        // The service dies while both threads are at work.
+        // The service is dropped while both threads have tasks.
         wait_until(|| waiting.is_finished());
         gated.open();
     });
@@ -151,7 +153,7 @@ fn dropping_the_service_cancels_what_runs_and_what_waits() {
     assert_eq!(outcome(waiting), Err(JobError::Cancelled));
 }
 
-/// Drops the last reference to its own service while it is dropped itself.
+/// Holds the last reference to its own service, so that dropping it drops the service.
 struct Owner(#[expect(dead_code, reason = "held to be dropped")] Arc<Service>, Arc<Gated>);
 
 impl Renderer for Owner {
@@ -170,6 +172,10 @@ impl Renderer for Owner {
         self.1.shadow_rays_per_ray()
     }
 
+    fn most_in_flight(&self) -> usize {
+        self.1.most_in_flight()
+    }
+
     fn spawn(&self, tile: u64, out: &mut Output<'_, u32, u32>) {
         self.1.spawn(tile, out);
     }
@@ -182,7 +188,7 @@ impl Renderer for Owner {
 }
 
 #[test]
-fn a_service_may_die_on_its_own_thread() {
+fn a_service_may_be_dropped_on_its_own_thread() {
     let service = Arc::new(service(2, 1));
     let gated = Gated::new();
     let owner = Owner(Arc::clone(&service), Arc::clone(&gated));
@@ -192,14 +198,76 @@ fn a_service_may_die_on_its_own_thread() {
     assert_eq!(outcome(job).map(|report| report.tiles_spawned), Ok(50));
 }
 
+/// Reads its own progress when it is dropped.
+struct LastWords {
+    handle: Arc<OnceLock<JobHandle>>,
+    progress: Sender<Progress>,
+    gated: Arc<Gated>,
+}
+
+impl Renderer for LastWords {
+    type Payload = u32;
+    type ShadowPayload = u32;
+
+    fn tiles(&self) -> u64 {
+        self.gated.tiles()
+    }
+
+    fn tile_rays(&self) -> usize {
+        self.gated.tile_rays()
+    }
+
+    fn shadow_rays_per_ray(&self) -> usize {
+        self.gated.shadow_rays_per_ray()
+    }
+
+    fn most_in_flight(&self) -> usize {
+        self.gated.most_in_flight()
+    }
+
+    fn spawn(&self, tile: u64, out: &mut Output<'_, u32, u32>) {
+        self.gated.spawn(tile, out);
+    }
+
+    fn shade(&self, batch: Batch<'_, u32>, out: &mut Output<'_, u32, u32>) {
+        self.gated.shade(batch, out);
+    }
+
+    fn shadow(&self, _: &[Ray], _: &[u32], _: &[u32]) {}
+}
+
+impl Drop for LastWords {
+    fn drop(&mut self) {
+        let handle = self.handle.get().expect("the handle was there before the gate opened");
+        assert!(!handle.is_finished(), "the result is delivered after the renderer is dropped");
+        self.progress.send(handle.progress()).expect("the test listens");
+    }
+}
+
+#[test]
+fn a_renderer_may_read_its_progress_while_it_is_dropped() {
+    let service = service(2, 0);
+    let (handle, gated) = (Arc::new(OnceLock::new()), Gated::new());
+    let (progress, received) = channel();
+    let renderer = LastWords { handle: Arc::clone(&handle), progress, gated: Arc::clone(&gated) };
+    let job = service.submit(Arc::new(renderer), blind(), JobOptions::default()).unwrap();
+    assert!(handle.set(job).is_ok());
+    gated.open();
+    let last = received.recv_timeout(Duration::from_secs(60)).expect("progress returns");
+    assert_eq!((last.tiles, last.tiles_done(), last.rays.camera), (50, 50, 50));
+    let job = handle.get().unwrap();
+    assert!(job.wait_for(Duration::from_secs(60)));
+    assert_eq!(job.progress(), last, "and stays when the job has ended");
+}
+
 /// Breaks its promises, or panics in its drop.
-struct Rude {
+struct Faulty {
     rays: usize,
     shadow_rays: usize,
     panics_in_drop: bool,
 }
 
-impl Renderer for Rude {
+impl Renderer for Faulty {
     type Payload = u32;
     type ShadowPayload = u32;
 
@@ -215,6 +283,10 @@ impl Renderer for Rude {
         1
     }
 
+    fn most_in_flight(&self) -> usize {
+        usize::MAX
+    }
+
     fn spawn(&self, _: u64, out: &mut Output<'_, u32, u32>) {
         (0..10).for_each(|_| out.ray(Ray::default(), 0));
     }
@@ -222,26 +294,26 @@ impl Renderer for Rude {
     fn shade(&self, _: Batch<'_, u32>, out: &mut Output<'_, u32, u32>) {
         (0..self.rays).for_each(|_| out.ray(Ray::default(), 0));
         (0..self.shadow_rays).for_each(|_| out.shadow(Ray::default(), 0));
-        let is_rude = self.panics_in_drop || self.rays + self.shadow_rays > 0;
-        assert!(is_rude, "an unhappy shader");
+        let returns = self.panics_in_drop || self.rays + self.shadow_rays > 0;
+        assert!(returns, "a shader that panics");
     }
 
     fn shadow(&self, _: &[Ray], _: &[u32], _: &[u32]) {}
 }
 
-impl Drop for Rude {
+impl Drop for Faulty {
     fn drop(&mut self) {
         if self.panics_in_drop {
-            std::panic::resume_unwind(Box::new("nor does it go quietly"));
+            std::panic::resume_unwind(Box::new("a drop that panics"));
         }
     }
 }
 
 #[test]
-fn a_rude_renderer_hurts_only_itself() {
+fn a_faulty_renderer_fails_only_its_own_job() {
     let service = service(1, 0);
     let run = |rays, shadow_rays, panics_in_drop| {
-        let renderer = Arc::new(Rude { rays, shadow_rays, panics_in_drop });
+        let renderer = Arc::new(Faulty { rays, shadow_rays, panics_in_drop });
         outcome(service.submit(renderer, blind(), JobOptions::default()).unwrap())
     };
     let message = |outcome: Result<JobReport, JobError>| outcome.unwrap_err().to_string();
@@ -249,7 +321,7 @@ fn a_rude_renderer_hurts_only_itself() {
     assert!(text.contains("emitted 11 rays and 0 shadow rays where it promised at most 10 and 10"), "{text}");
     let text = message(run(0, 11, false));
     assert!(text.contains("emitted 0 rays and 11 shadow rays where it promised at most 10 and 10"), "{text}");
-    assert_eq!(message(run(0, 0, false)), "the job panicked: an unhappy shader");
+    assert_eq!(message(run(0, 0, false)), "the job panicked: a shader that panics");
     run(0, 0, true).unwrap();
     let ledger = Ledger::new(SCRIPT);
     let job = service.submit(Arc::clone(&ledger), Tracers::cpu(Arc::clone(&ledger) as _), SMALL).unwrap();

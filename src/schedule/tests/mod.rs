@@ -1,5 +1,6 @@
 //! Tests of the whole scheduler: simulated interleavings, then real threads.
 
+mod example;
 mod gated;
 mod ledger;
 mod lifecycle;
@@ -33,7 +34,7 @@ fn service(host_threads: usize, dispatch_threads: usize) -> Service {
     Service::new(options).unwrap()
 }
 
-/// Waits for a job, but not for ever.
+/// Waits for a job, for at most a minute.
 fn outcome(job: JobHandle) -> Result<JobReport, JobError> {
     assert!(job.wait_for(Duration::from_secs(60)), "the job hangs: {:?}", job.progress());
     job.wait()

@@ -1,7 +1,7 @@
 //! The rules, one by one.
 
 use super::super::policy::{Pace, choose, choose_dispatch, chunk_rays, threshold};
-use super::super::{Limits, Load, Policy, Rule, Sharing, Unit, View};
+use super::super::{Limits, Load, Policy, Rule, Sharing, Turn, Unit, View};
 
 const IDLE: View = View {
     unit: Unit::Hybrid,
@@ -17,16 +17,25 @@ const IDLE: View = View {
     slot: false,
     shade: 0,
     tasks: 0,
-    served: 0,
     cpu: Pace { rays: 0, ns: 0 },
     gpu: Pace { rays: 0, ns: 0 },
 };
 const ALL: View = View { tiles_left: 1, need_more: 1, trace: 1, slot: true, shade: 1, ..IDLE };
 const BUSY: Load = Load { hosts: 2, dispatchers: 4, idle_dispatchers: 0 };
-const HUNGRY: Load = Load { idle_dispatchers: 1, ..BUSY };
+const IDLE_DEVICE: Load = Load { idle_dispatchers: 1, ..BUSY };
 
+fn turn(view: View, served: u64) -> Turn {
+    Turn { view, served }
+}
+
+/// A host thread's task.
 fn rule(view: View, load: Load) -> Option<Rule> {
-    choose(&[view], load, Sharing::Fair).map(|choice| choice.rule)
+    choose(&[turn(view, 0)], load, Sharing::Fair).map(|choice| choice.rule)
+}
+
+/// Whether a dispatch thread has a task.
+fn dispatched(view: View, load: Load) -> bool {
+    choose_dispatch(&[turn(view, 0)], load, Sharing::Fair).is_some()
 }
 
 #[test]
@@ -42,13 +51,13 @@ fn rules_come_in_the_order_of_the_paper() {
 }
 
 #[test]
-fn host_threads_leave_full_streams_to_a_hungry_device() {
+fn host_threads_leave_full_streams_to_an_idle_device() {
     let full = View { trace: 1, ..IDLE };
-    assert_eq!(rule(full, HUNGRY), None);
+    assert_eq!(rule(full, IDLE_DEVICE), None);
     assert_eq!(rule(full, BUSY), Some(Rule::Trace));
-    // What one host thread has opened others help to finish.
-    assert_eq!(rule(View { slot: true, ..IDLE }, HUNGRY), Some(Rule::Trace));
-    assert_eq!(rule(View { need_more: 1, ..full }, HUNGRY), Some(Rule::Flush));
+    // Other host threads help to finish a stream that one has opened.
+    assert_eq!(rule(View { slot: true, ..IDLE }, IDLE_DEVICE), Some(Rule::Trace));
+    assert_eq!(rule(View { need_more: 1, ..full }, IDLE_DEVICE), Some(Rule::Flush));
 }
 
 #[test]
@@ -56,7 +65,7 @@ fn the_device_alone_traces_unless_lost() {
     let view = View { unit: Unit::Gpu, trace: 1, need_more: 1, ..IDLE };
     assert_eq!(rule(view, BUSY), None);
     assert_eq!(rule(View { unit: Unit::Cpu, ..view }, BUSY), Some(Rule::Trace));
-    let dispatch = |view| choose_dispatch(&[view], HUNGRY, Sharing::Fair).is_some();
+    let dispatch = |view| dispatched(view, IDLE_DEVICE);
     let small = View { trace: 0, ..view };
     assert!(dispatch(view) && dispatch(small));
     assert!(!dispatch(View { tiles_left: 1, ..small }) && !dispatch(View { shade: 1, ..small }));
@@ -87,18 +96,17 @@ fn without_a_device_shading_follows_tracing() {
 
 #[test]
 fn the_job_served_least_is_next() {
-    let views = [View { served: 5, ..ALL }, View { served: 3, ..ALL }, View { served: 3, ..ALL }];
-    assert_eq!(choose(&views, BUSY, Sharing::Fair).map(|c| c.job), Some(1));
-    assert_eq!(choose(&views, BUSY, Sharing::FirstIn).map(|c| c.job), Some(0));
-    assert_eq!(choose_dispatch(&views, BUSY, Sharing::Fair).map(|c| c.job), Some(1));
+    let turns = [turn(ALL, 5), turn(ALL, 3), turn(ALL, 3)];
+    assert_eq!(choose(&turns, BUSY, Sharing::Fair).map(|c| c.job), Some(1));
+    assert_eq!(choose(&turns, BUSY, Sharing::FirstIn).map(|c| c.job), Some(0));
+    assert_eq!(choose_dispatch(&turns, BUSY, Sharing::Fair).map(|c| c.job), Some(1));
 }
 
 #[test]
 fn a_small_stream_waits_only_while_it_may_grow() {
     let small = View { need_more: 1, ..IDLE };
-    let other = View { served: 9, ..ALL };
     let first = |tasks| {
-        let choice = choose(&[View { tasks, ..small }, other], BUSY, Sharing::Fair);
+        let choice = choose(&[turn(View { tasks, ..small }, 0), turn(ALL, 9)], BUSY, Sharing::Fair);
         choice.map(|choice| choice.job)
     };
     assert_eq!(first(1), Some(1));
@@ -113,7 +121,7 @@ fn streams_are_large_until_the_tail() {
     assert_eq!((full(u64::MAX), full(0)), (limits.threshold, limits.chunk_rays));
     assert_eq!(full(8 * 3000 - 1), 3000);
     assert_eq!(threshold(0, 2, true, &limits), limits.threshold);
-    // Those that were full earlier are so now: what is left makes no more than these.
+    // Streams that were full earlier still are, so few can be full: about as many as L makes at this threshold.
     for left in (1..300_000).step_by(37) {
         assert!(full(left) <= full(left + 37));
         assert!(left / full(left) as u64 <= (limits.in_flight / limits.threshold).max(8) as u64 + 4);
@@ -135,9 +143,8 @@ fn chunks_are_large_until_the_tail() {
 #[test]
 fn moonray_keeps_on_the_cpu_what_is_small_or_would_wait() {
     let full = View { policy: Policy::MoonRay, trace: 1, trace_rays: 20_000, ..IDLE };
-    let dispatched = |view, load| choose_dispatch(&[view], load, Sharing::Fair).is_some();
     let load = |dispatchers, idle_dispatchers| Load { hosts: 2, dispatchers, idle_dispatchers };
-    // One is served, and up to three wait.
+    // One dispatch thread is served, and up to three wait.
     for (dispatchers, idle, device) in
         [(4, 4, true), (4, 1, true), (4, 0, false), (8, 5, true), (8, 4, false)]
     {
@@ -146,17 +153,16 @@ fn moonray_keeps_on_the_cpu_what_is_small_or_would_wait() {
         assert_eq!(rule(full, load), (!device).then_some(Rule::Trace), "{load:?}");
     }
     let small = View { need_more: 1, need_more_rays: 1024, trace: 0, ..full };
-    assert!(!dispatched(small, HUNGRY) && rule(small, HUNGRY) == Some(Rule::Flush));
+    assert!(!dispatched(small, IDLE_DEVICE) && rule(small, IDLE_DEVICE) == Some(Rule::Flush));
     let larger = View { need_more_rays: 1025, ..small };
-    assert!(dispatched(larger, HUNGRY) && rule(larger, HUNGRY).is_none());
-    assert!(!dispatched(View { tiles_left: 1, ..larger }, HUNGRY), "it may still grow");
+    assert!(dispatched(larger, IDLE_DEVICE) && rule(larger, IDLE_DEVICE).is_none());
+    assert!(!dispatched(View { tiles_left: 1, ..larger }, IDLE_DEVICE), "a tile may still fill it");
     assert_eq!(rule(larger, BUSY), Some(Rule::Flush));
-    assert_eq!(rule(View { unit: Unit::Cpu, ..larger }, HUNGRY), Some(Rule::Flush));
+    assert_eq!(rule(View { unit: Unit::Cpu, ..larger }, IDLE_DEVICE), Some(Rule::Flush));
 }
 
 #[test]
 fn measured_rates_let_both_units_end_together() {
-    let dispatched = |view, load| choose_dispatch(&[view], load, Sharing::Fair).is_some();
     // A host thread traces a ray in 100 ns.
     let cpu = Pace { rays: 1000, ns: 100_000 };
     let view = |gpu_ns: u64, trace: usize, waiting_rays| View {
@@ -169,22 +175,22 @@ fn measured_rates_let_both_units_end_together() {
         ..IDLE
     };
     // Two host threads need 0.5 ms for a stream, this device 10 ms: only while there is much to do.
-    assert!(dispatched(view(1000, 2, 1_000_000), HUNGRY));
+    assert!(dispatched(view(1000, 2, 1_000_000), IDLE_DEVICE));
     let tail = view(1000, 2, 20_000);
-    assert!(!dispatched(tail, HUNGRY) && rule(tail, HUNGRY) == Some(Rule::Trace));
+    assert!(!dispatched(tail, IDLE_DEVICE) && rule(tail, IDLE_DEVICE) == Some(Rule::Trace));
     assert_eq!(rule(tail, BUSY), Some(Rule::Trace));
-    // A fast device, 0.1 ms a stream, will be through with its streams before host threads with one.
+    // A fast device, 0.1 ms a stream, has traced its streams before host threads have traced one.
     let fast = view(10, 2, 20_000);
-    assert!(dispatched(fast, HUNGRY) && rule(fast, BUSY).is_none());
-    // But not with a great many.
+    assert!(dispatched(fast, IDLE_DEVICE) && rule(fast, BUSY).is_none());
+    // Not if it has a great many.
     assert_eq!(rule(view(10, 40, 400_000), BUSY), Some(Rule::Trace));
-    // What has not been measured is tried.
+    // Units that have not been measured are tried.
     let unknown = View { cpu: Pace::default(), ..tail };
-    assert!(dispatched(unknown, HUNGRY) && rule(unknown, BUSY) == Some(Rule::Trace));
+    assert!(dispatched(unknown, IDLE_DEVICE) && rule(unknown, BUSY) == Some(Rule::Trace));
 }
 
 #[test]
-fn under_every_policy_somebody_takes_a_full_stream() {
+fn under_every_policy_some_thread_takes_a_full_stream() {
     for policy in Policy::ALL {
         for case in 0..10_000u64 {
             let random = |salt: u64| super::ledger::mix(case << 8 | salt);
@@ -206,7 +212,7 @@ fn under_every_policy_somebody_takes_a_full_stream() {
                 ..IDLE
             };
             if view.trace + view.need_more > 0 {
-                let device = choose_dispatch(&[view], load, Sharing::Fair).is_some();
+                let device = dispatched(view, load);
                 let idle = device && load.idle_dispatchers > 0;
                 // A busy device comes back; host threads have to wait for it only if it may take the stream.
                 let busy = device && load.idle_dispatchers == 0 && view.trace > 0;

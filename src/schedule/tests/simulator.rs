@@ -1,6 +1,6 @@
-//! A seeded single-threaded driver of the very state machine that the threads drive: random
-//! interleavings of host and dispatch threads, tasks of random length, jobs that come, are stopped,
-//! cancelled or panic, and devices that die.
+//! A seeded driver in one thread of the same state machine that the service's threads drive: random interleavings of
+//! host and dispatch threads, tasks of random length, jobs that are submitted, stopped, cancelled or panic, and devices
+//! that die. [`HISTORIES`] seeds are run.
 
 use super::super::handle::JobError;
 use super::super::pool::Pool;
@@ -37,25 +37,27 @@ impl Random {
 }
 
 enum Status {
-    /// Will ask for a task.
+    /// Will take a task.
     Ready,
-    /// Has a task; ends it when chosen, one time in so many.
+    /// Has a task. Ends it one time in `slowness` when chosen.
     Working {
         work: Arc<dyn Work>,
         slowness: u64,
     },
-    /// Waits for its bell.
+    /// Waits on its condition variable.
     Suspended {
-        rung: bool,
+        notified: bool,
     },
-    Gone,
+    Exited,
 }
 
 #[derive(Default)]
 struct Outbox(Mutex<Option<Result<JobReport, JobError>>>);
 
 impl Receiver for Outbox {
-    fn receive(&self, _: Progress, outcome: Result<JobReport, JobError>) {
+    fn leave(&self, _: Progress) {}
+
+    fn deliver(&self, outcome: Result<JobReport, JobError>) {
         let former = self.0.lock().unwrap().replace(outcome);
         assert!(former.is_none(), "a job has one result");
     }
@@ -127,7 +129,7 @@ impl Simulation {
         let device = Arc::new(FakeDevice {
             ledger: Arc::clone(&ledger),
             fate,
-            // The books would show the pieces that a dying device has answered as traced twice.
+            // In pieces, a device that dies would have traced some rays already, which would count twice.
             max_rays: if fate == Fate::Lives { random.pick(&[1, 7, 1000]) } else { 1000 },
             delay: Default::default(),
             dispatches: Default::default(),
@@ -156,22 +158,22 @@ impl Simulation {
                 .unwrap();
         let id = self.state.submit(submission, self.now_ns);
         self.cases.push(Case { id, ledger, outbox, panics, cancelled: false, stopped: false });
-        self.conclude();
+        self.apply_effects();
     }
 
-    /// Rings bells and delivers results, as the threads do.
-    fn conclude(&mut self) {
-        let aftermath = self.state.take_aftermath();
-        let all = 0..if aftermath.wake_all { self.threads.len() } else { 0 };
-        for thread in aftermath.wake.into_iter().flatten().chain(all) {
-            if let Status::Suspended { rung } = &mut self.threads[thread] {
-                *rung = true;
+    /// Notifies threads and delivers results, as the service does.
+    fn apply_effects(&mut self) {
+        let effects = self.state.take_effects();
+        let all = 0..if effects.wake_all { self.threads.len() } else { 0 };
+        for thread in effects.wake.into_iter().flatten().chain(all) {
+            if let Status::Suspended { notified } = &mut self.threads[thread] {
+                *notified = true;
             }
         }
-        for ended in aftermath.ended {
+        for ended in effects.ended {
             ended.submission.job.retire(&self.pool);
             drop(ended.submission.work);
-            ended.submission.receiver.receive(ended.last, ended.outcome);
+            ended.submission.receiver.deliver(ended.outcome);
         }
         self.state.check();
     }
@@ -181,8 +183,8 @@ impl Simulation {
         self.now_ns += 1 + self.random.next() % 10;
         let awake = |status: &Status| match status {
             Status::Ready | Status::Working { .. } => true,
-            Status::Suspended { rung } => *rung,
-            Status::Gone => false,
+            Status::Suspended { notified } => *notified,
+            Status::Exited => false,
         };
         let able: Vec<_> = (0..self.threads.len()).filter(|&thread| awake(&self.threads[thread])).collect();
         if able.is_empty() {
@@ -201,15 +203,15 @@ impl Simulation {
                 self.tasks += 1;
             }
             Status::Ready | Status::Suspended { .. } => {}
-            Status::Gone => unreachable!("it is not able"),
+            Status::Exited => unreachable!("threads that have exited make no step"),
         }
-        assert!(!self.state.is_asleep(thread), "only threads that are woken go on");
+        assert!(!self.state.is_asleep(thread), "only threads that have been woken go on");
         self.threads[thread] = match self.state.next(thread, self.now_ns) {
             Next::Work(work) => Status::Working { work, slowness: self.random.pick(&[1, 1, 3, 40]) },
-            Next::Sleep => Status::Suspended { rung: false },
-            Next::Exit => Status::Gone,
+            Next::Sleep => Status::Suspended { notified: false },
+            Next::Exit => Status::Exited,
         };
-        self.conclude();
+        self.apply_effects();
         true
     }
 
@@ -224,7 +226,7 @@ impl Simulation {
             case.stopped |= unfinished;
             self.state.stop(case.id, self.now_ns);
         }
-        self.conclude();
+        self.apply_effects();
     }
 
     fn run(mut self, tally: &mut Tally) {
@@ -255,16 +257,16 @@ impl Simulation {
             }
         }
         self.state.close(self.now_ns);
-        self.conclude();
+        self.apply_effects();
         while self.step() {}
-        assert!(self.threads.iter().all(|thread| matches!(thread, Status::Gone)), "every thread goes home");
+        assert!(self.threads.iter().all(|thread| matches!(thread, Status::Exited)), "every thread exits");
         tally.tasks += self.tasks;
-        self.cases.into_iter().for_each(|case| case.settle(tally));
+        self.cases.into_iter().for_each(|case| case.check(tally));
     }
 }
 
 impl Case {
-    fn settle(self, tally: &mut Tally) {
+    fn check(self, tally: &mut Tally) {
         let outcome = self.outbox.0.lock().unwrap().take().expect("every job has a result");
         match outcome {
             Ok(report) => {
@@ -325,7 +327,7 @@ fn simulate(seeds: std::ops::Range<u64>) {
 /// How many histories are simulated.
 const HISTORIES: u64 = 30_000;
 
-/// Two halves, to be run side by side.
+/// In two halves, which run in parallel.
 #[test]
 fn nothing_is_lost_in_any_interleaving() {
     simulate(0..HISTORIES / 2);

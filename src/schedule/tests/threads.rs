@@ -1,4 +1,4 @@
-//! The service with real threads, and devices that live, dawdle or die.
+//! The service with real threads, and with devices that live, are slow or die.
 
 use super::super::{JobError, TaskKind, ThreadKind, Tracers, Unit};
 use super::ledger::{FakeDevice, Fate, Ledger, Script, mix};

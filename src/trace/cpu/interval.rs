@@ -3,7 +3,7 @@
 use super::lane_math::LaneVec3;
 use super::slabs::Faces;
 use crate::bvh::WIDTH;
-use crate::lanes::{Lanes, keep, load, load_one, splat, splat_row};
+use crate::lanes::{LaneBits, Lanes, keep, load, load_one, splat, splat_row};
 
 /// The extremes of rays of one octant.
 ///
@@ -62,7 +62,7 @@ impl PlaneDistances {
 
     /// The slots whose box some ray of the interval may enter.
     #[inline(always)]
-    pub fn slots_entered<E: Lanes>(&self, e: E, interval: &Interval) -> u32 {
+    pub fn slots_entered<E: Lanes>(&self, e: E, interval: &Interval) -> LaneBits {
         let Interval { low, high, limit } = *interval;
         let (near, far) = (load(e, &self.near), load(e, &self.far));
         may_enter(e, E::ALL, near, splat(e, low), far, splat(e, high), e.splat(limit))
@@ -73,11 +73,11 @@ impl PlaneDistances {
     pub fn rays_entering<L: Lanes>(
         &self,
         l: L,
-        among: u32,
+        among: LaneBits,
         slot: usize,
         inverse: LaneVec3<L>,
         limit: L::F,
-    ) -> u32 {
+    ) -> LaneBits {
         let (near, far) = (splat_row(l, &self.near, slot), splat_row(l, &self.far, slot));
         may_enter(l, among, near, inverse, far, inverse, limit)
     }
@@ -88,13 +88,13 @@ impl PlaneDistances {
 #[inline(always)]
 fn may_enter<L: Lanes>(
     l: L,
-    among: u32,
+    among: LaneBits,
     near: LaneVec3<L>,
     low: LaneVec3<L>,
     far: LaneVec3<L>,
     high: LaneVec3<L>,
     limit: L::F,
-) -> u32 {
+) -> LaneBits {
     let [x, y, z] = [l.mul(near[0], low[0]), l.mul(near[1], low[1]), l.mul(near[2], low[2])];
     let enter = l.max(l.max(x, y), l.max(z, l.splat(0.0)));
     let [x, y, z] = [l.mul(far[0], high[0]), l.mul(far[1], high[1]), l.mul(far[2], high[2])];

@@ -8,12 +8,6 @@ use crate::lanes::Lanes;
 /// A 3-D vector per lane, as x, y and z.
 pub(crate) type LaneVec3<L> = [<L as Lanes>::F; 3];
 
-/// The bits of the first `count` lanes; of all lanes if there are fewer.
-#[inline(always)]
-pub(super) fn first_lanes<L: Lanes>(count: usize) -> u32 {
-    if count >= L::LANES { L::ALL } else { (1 << count) - 1 }
-}
-
 #[inline(always)]
 pub(super) fn add<L: Lanes>(l: L, a: LaneVec3<L>, b: LaneVec3<L>) -> LaneVec3<L> {
     [l.add(a[0], b[0]), l.add(a[1], b[1]), l.add(a[2], b[2])]

@@ -6,7 +6,7 @@
 #![allow(unsafe_code, reason = "the invariants above")]
 
 use super::instance_space::{Space, splat_triangle};
-use super::lane_math::{LaneVec3, first_lanes};
+use super::lane_math::LaneVec3;
 use super::pair_stack::{BLOCK_BATCH, splat_id_pair};
 use super::slabs::Slabs;
 use super::substream::{OctantStack, SubStream, Widths, prefetch_rows};
@@ -14,7 +14,7 @@ use super::triangle::{
     Bounds, BoundsFaces, EdgeValues, LaneHits, Limits, Lines, hits_inside, relative_corners, test,
 };
 use crate::bvh::{Child, LeafBlock, MASKED, PRIMITIVE, WIDTH};
-use crate::lanes::{Lanes, MAX_LANES, keep, spill, splat_eights, splat_row};
+use crate::lanes::{LaneBits, Lanes, MAX_LANES, first_lanes, keep, spill, splat_eights, splat_row};
 use crate::stream::Hit;
 use std::mem::MaybeUninit;
 
@@ -121,7 +121,7 @@ pub(super) unsafe fn test_list<W: Lanes, E: Lanes, S: Space, const ANY: bool>(
 /// The nearest hits of rays in lanes with the triangles of a block that are not recorded yet.
 struct NearestHits<L: Lanes> {
     /// The lanes that have one.
-    changed: u32,
+    changed: LaneBits,
     t: L::F,
     edges: EdgeValues<L>,
     primitive: L::I,
@@ -137,7 +137,7 @@ impl<L: Lanes> NearestHits<L> {
 
     /// Takes the hits of `mask`, which are nearer than all before.
     #[inline(always)]
-    fn take(&mut self, l: L, primitive: u32, mask: u32, t: L::F, edges: &EdgeValues<L>) {
+    fn take(&mut self, l: L, primitive: u32, mask: LaneBits, t: L::F, edges: &EdgeValues<L>) {
         self.changed |= mask;
         self.t = l.select(mask, t, self.t);
         self.edges = EdgeValues {
@@ -187,7 +187,7 @@ unsafe fn offer_each<L: Lanes, const ANY: bool>(
     stored: u32,
     hits: &LaneHits<L>,
     nearest: &mut NearestHits<L>,
-) -> u32 {
+) -> LaneBits {
     // SAFETY: invariant 1.
     unsafe { nearest.record::<ANY>(l, sub, ids) };
     let (ts, us, vs) = (spill(l, hits.t), spill(l, hits.u), spill(l, hits.v));
@@ -370,7 +370,7 @@ struct RelativePairs<W: Lanes> {
     corners: [LaneVec3<W>; 3],
     direction: LaneVec3<W>,
     /// The lanes that have a triangle.
-    among: u32,
+    among: LaneBits,
 }
 
 impl<W: Lanes> RelativePairs<W> {

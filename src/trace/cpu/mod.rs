@@ -43,7 +43,7 @@ mod child_lists;
 mod instance_space;
 mod instances;
 mod interval;
-mod lane_math;
+pub(crate) mod lane_math;
 mod leaf;
 mod oracle;
 mod packet;
@@ -66,5 +66,3 @@ pub use crate::lanes::{SimdError, SimdLevel};
 pub use oracle::Oracle;
 pub use single::SingleRayTracer;
 pub use tracer::CpuTracer;
-
-pub(crate) use lane_math::LaneVec3;

@@ -5,7 +5,7 @@
 #![allow(unsafe_code, reason = "the invariants above")]
 
 use crate::bvh::Child;
-use crate::lanes::{Lanes, MAX_LANES};
+use crate::lanes::{LaneBits, Lanes, MAX_LANES};
 
 /// Lists of at most this many rays end: their rays go on as pairs.
 pub(super) const MAX_PAIRED_LIST: usize = 12;
@@ -101,7 +101,7 @@ impl PairStack {
     /// # Safety
     /// Invariant 6, with room for `MAX_LANES` pairs.
     #[inline(always)]
-    pub unsafe fn push_lanes<W: Lanes>(&mut self, w: W, mask: u32, ids: W::I, children: W::I) {
+    pub unsafe fn push_lanes<W: Lanes>(&mut self, w: W, mask: LaneBits, ids: W::I, children: W::I) {
         // SAFETY: invariant 6.
         unsafe {
             w.append(self.ids.as_mut_ptr().add(self.len), mask, ids);

@@ -5,14 +5,13 @@
 
 use super::child_lists::ChildLists;
 use super::instance_space::Space;
-use super::lane_math::first_lanes;
 use super::shaft::ShaftSlots;
 use super::slabs::{Faces, Slabs};
 use super::substream::{Entry, OctantStack, ROW_BYTES, SubStream, Visitor, Widths, prefetch_rows, ray_index};
 use super::visit_order::VisitOrder;
 use super::{leaf, ray_node_pairs};
 use crate::bvh::WIDTH;
-use crate::lanes::Lanes;
+use crate::lanes::{LaneBits, Lanes, first_lanes};
 
 /// Follows rays in lists of their ids, and in pairs where lists are short.
 pub(super) struct RayVisitor<'a, W, E, S, const ANY: bool> {
@@ -175,7 +174,7 @@ pub(super) unsafe fn visit_node<W: Lanes, E: Lanes, S: Space, const PAIRS: bool>
 
 /// The rays of one vector of ids in a list.
 struct ListVector<W: Lanes> {
-    among: u32,
+    among: LaneBits,
     ids: W::I,
     slabs: Slabs<W>,
     limit: W::F,

@@ -9,12 +9,11 @@
 #![allow(unsafe_code, reason = "the invariants above")]
 
 use super::instance_space::Space;
-use super::lane_math::first_lanes;
 use super::pair_stack::{NODE_BATCH, splat_id_pair};
 use super::slabs::{Faces, Slabs};
 use super::substream::{OctantStack, SubStream, Widths};
 use crate::bvh::{Child, WIDTH};
-use crate::lanes::{Lanes, load_eights, splat_eights};
+use crate::lanes::{Lanes, first_lanes, load_eights, splat_eights};
 
 /// Visits the topmost pairs with inner nodes: tests each ray against the eight boxes of its node and pushes a pair for
 /// each child that it enters, the child in the last slot on top, where a hit is likeliest. So many pairs are pending

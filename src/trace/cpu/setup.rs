@@ -5,11 +5,10 @@
 //! 2. Rays are read from slices that have one for each lane: the last ones are copied to an array first.
 #![allow(unsafe_code, reason = "the invariants above")]
 
-use super::lane_math::first_lanes;
 use super::shaft::{SHAFT_RAYS, ShaftBuilder, Shafts};
 use super::substream::{OctantStack, ROW_BYTES, Row};
 use crate::geom::{DIRECTION_RANGE, MAX_COORDINATE, MIN_COMPONENT, SLACK};
-use crate::lanes::{Lanes, MAX_LANES, each};
+use crate::lanes::{LaneBits, Lanes, MAX_LANES, each, first_lanes};
 use crate::stream::Ray;
 
 /// Byte offsets of consecutive rows, and of rays: the ids of the first rays of a sub-stream.
@@ -93,14 +92,19 @@ pub(super) struct RowColumns<L: Lanes> {
     /// The fields of [`Row`], one column each.
     pub columns: [L::F; 8],
     /// The lanes whose ray may hit something.
-    pub valid: u32,
+    pub valid: LaneBits,
     /// For each axis the lanes whose direction is negative.
-    pub negative: [u32; 3],
+    pub negative: [LaneBits; 3],
 }
 
 /// The rows of the rays in the lanes of `among`, from the rays' columns.
 #[inline(always)]
-pub(super) fn row_columns<W: Lanes>(w: W, scene_max_abs: f32, among: u32, rays: [W::F; 8]) -> RowColumns<W> {
+pub(super) fn row_columns<W: Lanes>(
+    w: W,
+    scene_max_abs: f32,
+    among: LaneBits,
+    rays: [W::F; 8],
+) -> RowColumns<W> {
     let [ox, oy, oz, t_min, dx, dy, dz, t_max] = rays;
     let [ax, ay, az] = each([dx, dy, dz], |d| w.abs(d));
     let [rx, ry, rz] = each([ox, oy, oz], |o| w.abs(o));

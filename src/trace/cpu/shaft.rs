@@ -7,7 +7,7 @@ use super::interval::{Interval, PlaneDistances};
 use super::lane_math::LaneVec3;
 use super::slabs::Faces;
 use super::split_substreams::MAX_RAYS;
-use crate::lanes::{Lanes, each, splat, zip};
+use crate::lanes::{LaneBits, Lanes, each, splat, zip};
 
 /// Consecutive rays of a sub-stream that share a shaft, the last shaft excepted.
 pub(super) const SHAFT_RAYS: usize = 512;
@@ -35,7 +35,7 @@ pub(super) struct Shaft {
 impl Shaft {
     /// The slots whose box some ray of an octant may enter.
     #[inline(always)]
-    fn slots_entered<E: Lanes>(&self, e: E, faces: &Faces<'_>, octant: usize) -> u32 {
+    fn slots_entered<E: Lanes>(&self, e: E, faces: &Faces<'_>, octant: usize) -> LaneBits {
         let sign = |axis: usize| 1.0 - 2.0 * (octant >> axis & 1) as f32;
         let signed = |[x, y, z]: [f32; 3]| [sign(0) * x, sign(1) * y, sign(2) * z];
         let [low, high] = self.inverses;
@@ -63,7 +63,7 @@ impl<L: Lanes> ShaftBuilder<L> {
 
     /// Adds the rays in the lanes of `among`, with these origins and rows.
     #[inline(always)]
-    pub fn add(&mut self, l: L, among: u32, origin: LaneVec3<L>, row: [L::F; 8]) {
+    pub fn add(&mut self, l: L, among: LaneBits, origin: LaneVec3<L>, row: [L::F; 8]) {
         let [ix, iy, iz, _, _, _, slack, limit] = row;
         let size = each([ix, iy, iz], |inverse| l.abs(inverse));
         let least = |x, least| l.select(among, l.min(x, least), least);
@@ -125,7 +125,7 @@ impl ShaftSlots {
 
     /// The slots that rays with indices from `first` to `last` may enter.
     #[inline(always)]
-    pub fn of_rays(&self, first: usize, last: usize) -> u32 {
+    pub fn of_rays(&self, first: usize, last: usize) -> LaneBits {
         let (first, last) = (shaft_of(first), shaft_of(last));
         let mut slots = self.slots[first];
         for at in first + 1..=last {

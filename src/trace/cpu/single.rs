@@ -12,14 +12,13 @@
 #![allow(unsafe_code, reason = "the invariants above")]
 
 use super::instance_space::{InstanceSpace, Space, World};
-use super::lane_math::first_lanes;
 use super::slabs::{Faces, Slabs};
 use super::triangle::{Limits, Lines, test};
 use crate::bvh::{Bvh, Child, Filter, LeafBlocks, MASKED, PRIMITIVE, WIDTH, WideTree};
 use crate::geom::CanonicalRay;
 #[cfg(target_arch = "aarch64")]
 use crate::lanes::Neon;
-use crate::lanes::{Lanes, Plain, SimdError, SimdLevel, spill, splat};
+use crate::lanes::{Lanes, Plain, SimdError, SimdLevel, first_lanes, spill, splat};
 use crate::stream::{Hit, Ray, Tracer};
 use std::cell::Cell;
 use std::sync::Arc;

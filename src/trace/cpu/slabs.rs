@@ -3,7 +3,7 @@
 use super::lane_math::{LaneVec3, add, sub};
 use crate::bvh::WIDTH;
 use crate::geom::CanonicalRay;
-use crate::lanes::{Lanes, each, keep, load_eights, load_one, splat};
+use crate::lanes::{LaneBits, Lanes, each, keep, load_eights, load_one, splat};
 
 /// The boxes of a node's eight slots, as `[lower, upper][axis][slot]`.
 pub(super) type Boxes = [[[f32; WIDTH]; 3]; 2];
@@ -95,7 +95,14 @@ impl<L: Lanes> Slabs<L> {
     /// Rays against one box: the lanes of `among` whose ray is inside the box of a slot somewhere in `0..=limit`.
     /// Whether it is inside after `t_min` is left to the triangle test.
     #[inline(always)]
-    pub(super) fn enter_box(&self, l: L, among: u32, faces: &Faces<'_>, slot: usize, limit: L::F) -> u32 {
+    pub(super) fn enter_box(
+        &self,
+        l: L,
+        among: LaneBits,
+        faces: &Faces<'_>,
+        slot: usize,
+        limit: L::F,
+    ) -> LaneBits {
         let Faces { near, far } = *faces;
         let near = [l.splat(near[0][slot]), l.splat(near[1][slot]), l.splat(near[2][slot])];
         let far = [l.splat(far[0][slot]), l.splat(far[1][slot]), l.splat(far[2][slot])];
@@ -104,7 +111,7 @@ impl<L: Lanes> Slabs<L> {
 
     /// One ray against eight boxes: the slots whose box it enters. Each eight lanes hold a node and a ray of their own.
     #[inline(always)]
-    pub(super) fn enter_boxes(&self, l: L, faces: &[Faces<'_>; 2], limit: L::F) -> u32 {
+    pub(super) fn enter_boxes(&self, l: L, faces: &[Faces<'_>; 2], limit: L::F) -> LaneBits {
         let (near, far) = Faces::load_pair(l, faces);
         self.enter(l, L::ALL, near, far, limit)
     }
@@ -129,7 +136,7 @@ impl<L: Lanes> Slabs<L> {
     /// - −0 is the least integer of all, but it does not occur: `far` is never −0, nor is a sum with `far`, unless it
     ///   was rounded to −0 from below 0. Limits are never −0 either: `setup` and `triangle` add +0 to them.
     #[inline(always)]
-    fn enter(&self, l: L, among: u32, near: LaneVec3<L>, far: LaneVec3<L>, limit: L::F) -> u32 {
+    fn enter(&self, l: L, among: LaneBits, near: LaneVec3<L>, far: LaneVec3<L>, limit: L::F) -> LaneBits {
         let ([x, y, z], [u, v, w]) = self.plane_distances(l, near, far);
         let enter = l.max_bits(l.max_bits(x, y), z);
         let leave = l.min_bits(l.min_bits(u, v), l.min_bits(w, limit));

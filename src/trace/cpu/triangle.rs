@@ -7,7 +7,7 @@
 
 use super::lane_math::{LaneVec3, add, cross, dot, max_abs, sub};
 use super::slabs::Slabs;
-use crate::lanes::{Lanes, zip};
+use crate::lanes::{LaneBits, Lanes, zip};
 
 /// Lines of rays, one per lane.
 #[derive(Clone, Copy)]
@@ -165,7 +165,7 @@ impl<L: Lanes> EdgeValues<L> {
 
     /// The lanes of `among` whose line passes through the triangle's interior or an edge.
     #[inline(always)]
-    pub fn inside(&self, l: L, among: u32) -> u32 {
+    pub fn inside(&self, l: L, among: LaneBits) -> LaneBits {
         let Self { u, v, w } = *self;
         let lowest = l.min(l.min(u, v), w);
         let highest = l.max(l.max(u, v), w);
@@ -176,7 +176,7 @@ impl<L: Lanes> EdgeValues<L> {
 
 /// Hits in the lanes of a mask.
 pub(crate) struct LaneHits<L: Lanes> {
-    pub mask: u32,
+    pub mask: LaneBits,
     pub t: L::F,
     pub u: L::F,
     pub v: L::F,
@@ -207,12 +207,12 @@ pub(super) struct PlaneProducts<L: Lanes> {
 #[inline(always)]
 fn hit_distance<L: Lanes>(
     l: L,
-    inside: u32,
+    inside: LaneBits,
     edges: &EdgeValues<L>,
     plane: &PlaneProducts<L>,
     faces: &BoundsFaces<L>,
     limits: &Limits<'_, L>,
-) -> (u32, L::F) {
+) -> (LaneBits, L::F) {
     let zero = l.splat(0.0);
     // A finite number divided by a number that is not 0, wherever the lane remains in the mask: never NaN.
     let t = l.div(plane.distance, plane.facing);
@@ -231,7 +231,7 @@ fn hit_distance<L: Lanes>(
 #[inline(always)]
 pub(super) fn hits_of_origin<L: Lanes>(
     l: L,
-    inside: u32,
+    inside: LaneBits,
     edges: &EdgeValues<L>,
     plane: &PlaneProducts<L>,
     faces: &BoundsFaces<L>,
@@ -246,13 +246,13 @@ pub(super) fn hits_of_origin<L: Lanes>(
 #[inline(always)]
 pub(super) fn hits_inside<L: Lanes>(
     l: L,
-    inside: u32,
+    inside: LaneBits,
     lines: &Lines<L>,
     triangle: &[LaneVec3<L>; 3],
     edges: &EdgeValues<L>,
     faces: &BoundsFaces<L>,
     limits: &Limits<'_, L>,
-) -> (u32, L::F) {
+) -> (LaneBits, L::F) {
     let of = Edges::of(l, relative_corners(l, &lines.origin, triangle));
     let normal = of.triangle_normal(l);
     let plane = PlaneProducts { distance: dot(l, normal, of.a), facing: dot(l, normal, lines.direction) };
@@ -263,7 +263,7 @@ pub(super) fn hits_inside<L: Lanes>(
 #[inline(always)]
 pub(crate) fn test<L: Lanes>(
     l: L,
-    among: u32,
+    among: LaneBits,
     lines: &Lines<L>,
     triangle: &[LaneVec3<L>; 3],
     limits: &Limits<'_, L>,

@@ -1,14 +1,14 @@
-//! Which adapters there are, and which one is used.
+//! Lists the machine's adapters and chooses one.
 
 use super::{GpuError, TreeKind, Variant, device_tree};
 use std::fmt;
 
-/// What is asked of an adapter. The default takes the fastest hardware.
+/// Which adapter to open. The default is the fastest hardware.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct AdapterChoice {
-    /// Part of its name, in any case; a software adapter may be named.
+    /// Part of its name, in upper or lower case. May name a software adapter.
     pub name: Option<String>,
-    /// Whether a software adapter (a Vulkan driver on the CPU) will do when there is no hardware.
+    /// Whether to take a software adapter (a Vulkan driver on the CPU) when there is no hardware.
     pub allow_software: bool,
 }
 
@@ -23,7 +23,7 @@ pub enum AdapterKind {
     Virtual,
     /// The driver does not say.
     Other,
-    /// The CPU in disguise.
+    /// A driver that runs on the CPU.
     Software,
 }
 
@@ -42,9 +42,9 @@ impl fmt::Display for AdapterKind {
 /// An adapter and its limits.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AdapterInfo {
-    /// What the driver calls it.
+    /// The driver's name for it.
     pub name: String,
-    /// The interface it is reached through: Vulkan, Metal, Dx12.
+    /// The graphics interface: Vulkan, Metal or Dx12.
     pub backend: String,
     /// What kind of device it is.
     pub kind: AdapterKind,
@@ -58,12 +58,11 @@ pub struct AdapterInfo {
     pub max_storage_bindings: u32,
     /// The most workgroups of one dispatch.
     pub max_workgroups: u32,
-    /// Least and greatest number of threads that run in step.
+    /// The smallest and the largest subgroup: threads that run in lockstep.
     pub subgroup: (u32, u32),
-    /// Whether host and kernels share memory: rays are written where kernels read them, and answers are read where
-    /// kernels write them.
+    /// Whether kernels can use memory that the host also uses at full speed, so that streams need not be copied.
     pub shared_memory: bool,
-    /// The most boxes of a hardware ray query; 0 where there are no such queries.
+    /// The most boxes of a hardware ray query; 0 without ray queries.
     pub max_query_boxes: u32,
 }
 
@@ -86,11 +85,11 @@ impl AdapterInfo {
             max_buffer_bytes: limits.max_buffer_size,
             max_storage_bindings: limits
                 .max_storage_buffers_per_shader_stage
-                // These count uniforms, too; kernels have one.
+                // This limit also counts uniform buffers; kernels have one.
                 .min(limits.max_buffers_and_acceleration_structures_per_shader_stage.saturating_sub(1)),
             max_workgroups: limits.max_compute_workgroups_per_dimension,
             subgroup: (info.subgroup_min_size, info.subgroup_max_size),
-            // Discrete devices reach the host's memory, too, but would read each ray across the bus.
+            // Discrete devices reach the host's memory too, but would read each ray across the bus.
             shared_memory: matches!(
                 info.device_type,
                 wgpu::DeviceType::IntegratedGpu | wgpu::DeviceType::Cpu
@@ -99,13 +98,13 @@ impl AdapterInfo {
         }
     }
 
-    /// How scenes may be laid out on it, the usual way first.
+    /// The layouts of scenes that the adapter supports, the default first.
     pub fn variants(&self) -> impl Iterator<Item = Variant> + use<> {
         let has_queries = self.max_query_boxes > 0;
         Variant::ALL.into_iter().filter(move |variant| has_queries || variant.tree != TreeKind::Device)
     }
 
-    /// The most boxes of a hardware ray query, which have to lie in one buffer.
+    /// The most boxes of a hardware ray query; they must fit one buffer.
     pub(super) fn max_boxes(&self) -> u64 {
         u64::from(self.max_query_boxes).min(self.max_buffer_bytes / device_tree::BOX_BYTES)
     }
@@ -117,23 +116,22 @@ impl fmt::Display for AdapterInfo {
     }
 }
 
-/// All adapters of the machine, software ones too, in the drivers' order. Empty when there is no
-/// driver.
+/// All adapters of the machine, including software ones, in the drivers' order. Empty when there is no driver.
 pub fn adapters() -> Vec<AdapterInfo> {
     enumerate().iter().map(AdapterInfo::of).collect()
 }
 
-/// The interfaces this build can use.
+/// The graphics interfaces that this build can use.
 pub(super) fn backends() -> wgpu::Backends {
     wgpu::Instance::enabled_backend_features() & wgpu::Backends::PRIMARY
 }
 
-/// Asks the drivers. A machine without one answers with nothing; a driver that panics does too.
+/// Lists the adapters of all drivers. Empty when there is no driver, or when one panics.
 pub(super) fn enumerate() -> Vec<wgpu::Adapter> {
     if backends().is_empty() {
         return Vec::new();
     }
-    let ask = || {
+    let enumerate = || {
         let instance = wgpu::Instance::new(wgpu::InstanceDescriptor {
             backends: backends(),
             flags: wgpu::InstanceFlags::empty(),
@@ -141,10 +139,11 @@ pub(super) fn enumerate() -> Vec<wgpu::Adapter> {
         });
         pollster::block_on(instance.enumerate_adapters(backends()))
     };
-    std::panic::catch_unwind(ask).unwrap_or_default()
+    std::panic::catch_unwind(enumerate).unwrap_or_default()
 }
 
-/// The index of the adapter that fits: the named one, else the fastest kind; the first of equals.
+/// The index of the adapter that fits the choice: the fastest kind among those with the name, or among all; of equals
+/// the first.
 pub(super) fn choose(found: &[AdapterInfo], choice: &AdapterChoice) -> Result<usize, GpuError> {
     let list = || found.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
     if found.is_empty() {
@@ -201,7 +200,7 @@ mod tests {
     }
 
     #[test]
-    fn the_fastest_hardware_comes_first_and_software_only_when_nothing_else_is_there() {
+    fn the_fastest_hardware_is_preferred_and_software_is_the_last_choice() {
         let software = AdapterChoice { name: None, allow_software: true };
         assert_eq!(choose(&machine(), &AdapterChoice::default()), Ok(2));
         assert_eq!(choose(&machine(), &software), Ok(2));
@@ -210,14 +209,14 @@ mod tests {
     }
 
     #[test]
-    fn names_are_matched_in_part_and_in_any_case_software_too() {
+    fn names_match_in_part_and_in_any_case_even_of_software() {
         assert_eq!(choose(&machine(), &named("LLVMPIPE")), Ok(0));
         assert_eq!(choose(&machine(), &named("graphics")), Ok(1));
         assert_eq!(choose(&machine(), &named("gpu 9")), Ok(2));
     }
 
     #[test]
-    fn refusals_list_what_there_is() {
+    fn refusals_list_the_adapters_found() {
         let error = choose(&machine()[..2], &named("Radeon")).expect_err("no such adapter").to_string();
         assert!(error.contains("\"Radeon\"") && error.contains("Small Graphics (vulkan, integrated GPU)"));
         assert!(error.contains("llvmpipe (LLVM 15) (vulkan, software)"));

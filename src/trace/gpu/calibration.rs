@@ -1,11 +1,11 @@
-//! What a device likes, found out by measuring it, once for an adapter and its driver.
+//! Calibration: measures which kernels and sizes of streams suit a device, once for each adapter and driver.
 //!
-//! A dispatch costs something however few rays it has; streams are so large that this is an eighth of the work
-//! ([`Measured::sizing`]). What is measured is no scene of the user's: the same hills and rays on every machine, so that it can be
-//! kept. Everything is measured in turns, round after round, and of each the fastest counts: whatever else the machine does can
-//! only add to a time.
+//! A dispatch has a fixed cost, however few rays it has. Streams are so large that this is an eighth of a dispatch's
+//! time ([`Measured::sizing`]). The scene is not the user's: the same hills and rays are used on every machine, so that
+//! the result can be kept. All measurements are interleaved, round after round, and the fastest of each counts, because
+//! whatever else the machine does can only add time.
 
-use super::tuning_cache::{self, TunedSizes};
+use super::tuning_cache::{self, IN_FLIGHT, STREAM_RAYS, TunedSizes};
 use super::{Gpu, GpuTracer, Variant};
 use crate::bvh::Bvh;
 use crate::geom::mix;
@@ -15,65 +15,63 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// A dispatch's fixed cost is at most one part in so many of its time.
+/// A dispatch's fixed cost is at most one part in this many of its time.
 const PARTS: f64 = 8.0;
 
-/// Streams are kept within these.
-pub(super) const RAYS: std::ops::RangeInclusive<usize> = 1024..=1 << 18;
+/// Rays of the smallest dispatch that is measured.
+const FEWEST_RAYS: usize = 64;
 
-/// Rays of the smallest dispatch measured.
-const FEW: usize = 64;
-
-/// Larger dispatches are not tried when one took so long.
+/// Dispatches grow until one takes this long.
 const LONG: Duration = Duration::from_millis(2);
 
 /// Rays that the host traces for comparison.
 const HOST_RAYS: usize = 2048;
 
-/// Numbers of streams in flight that are tried, and how many streams are traced for each.
-pub(super) const IN_FLIGHT: [usize; 3] = [1, 2, 4];
+/// Streams that are traced to measure a number of streams in flight.
 const STREAMS: usize = 4;
 
-/// Other kernels than the usual ones, and more streams in flight, have to gain so much.
+/// Kernels other than the default, and more streams in flight, must be faster by this factor.
 const GAIN: f64 = 1.1;
 
-/// There are at least so many rounds of each measurement, and more while its time lasts.
+/// The fewest rounds of a measurement; there are more as long as [`TIME`] has not passed.
 const ROUNDS: usize = 2;
 const TIME: Duration = Duration::from_millis(25);
 
-/// What was measured.
+/// Measured times.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Measured {
-    /// A dispatch of next to no rays.
+    /// The fixed cost of a dispatch.
     dispatch_ns: f64,
-    /// Each ray more.
+    /// The additional cost of each ray.
     ray_ns: f64,
-    /// A ray on one host thread.
+    /// The cost of a ray on one host thread.
     host_ray_ns: f64,
-    /// How long the same work took with [`IN_FLIGHT`] streams in flight.
+    /// How long the same work took with each of [`IN_FLIGHT`] streams in flight.
     seconds: [f64; IN_FLIGHT.len()],
 }
 
 impl Measured {
     fn sizing(&self) -> Sizing {
-        let within = |rays: f64| (rays as usize).clamp(*RAYS.start(), *RAYS.end()).next_multiple_of(1024);
+        let within = |rays: f64| {
+            (rays as usize).clamp(*STREAM_RAYS.start(), *STREAM_RAYS.end()).next_multiple_of(1024)
+        };
         let threshold = within((PARTS - 1.0) * self.dispatch_ns / self.ray_ns);
-        // Where the device catches up with a host thread; a slower one never does.
+        // The size from which the device is faster than a host thread. A device with slower rays never is.
         let ahead = self.host_ray_ns - self.ray_ns;
         let least = if ahead > 0.0 { within(self.dispatch_ns / ahead).min(threshold) } else { threshold };
         Sizing { threshold, least, in_flight: IN_FLIGHT[best(&self.seconds)] }
     }
 }
 
-/// The index of the shortest time, if it is shorter than all before it by [`GAIN`].
+/// The index of the best time. A later time counts as better than an earlier one only if it is shorter by [`GAIN`].
 fn best(times: &[f64]) -> usize {
     (1..times.len()).fold(0, |best, at| if times[at] * GAIN < times[best] { at } else { best })
 }
 
 impl Gpu {
-    /// Measures what kernels and sizes the device likes, or reads from `folder` what was measured before; `host` makes a tracer of
-    /// the host's. Tracers made from now on go by it ([`crate::stream::DeviceTracer::sizing`]). If the device fails
-    /// meanwhile nothing is known.
+    /// Measures which kernels and sizes suit the device, or reads from `folder` what was measured before. `host` makes
+    /// a tracer of the host's. Tracers made from now on use the result ([`crate::stream::DeviceTracer::sizing`]). If
+    /// the device fails meanwhile, there is no result.
     pub fn calibrate(mut self, folder: &Path, host: impl FnOnce(Arc<Bvh>) -> Arc<dyn Tracer>) -> Self {
         self.tuned = tuning_cache::load(folder, self.info());
         if self.tuned.is_some() {
@@ -84,25 +82,25 @@ impl Gpu {
         if let Some(tuned) = measured
             && let Err(error) = tuning_cache::store(folder, gpu.info(), tuned)
         {
-            log::debug!("what was measured of the GPU is not kept: {error}");
+            log::debug!("the measured sizes of the GPU are not kept: {error}");
         }
-        let mut gpu = Arc::into_inner(gpu).expect("what was made of it has been dropped");
+        let mut gpu = Arc::into_inner(gpu).expect("the calibration drops all tracers that it makes");
         gpu.tuned = measured;
         gpu
     }
 
-    /// The sizes that the device likes, if it has been measured.
+    /// The measured sizes of streams, if the device has been calibrated.
     pub fn sizing(&self) -> Option<Sizing> {
         self.tuned.map(|tuned| tuned.sizing)
     }
 
-    /// The kernels that it likes, the usual ones if it has not been measured.
+    /// The layout of scenes with which the device is fastest, or the default if it has not been calibrated.
     pub fn variant(&self) -> Variant {
         self.tuned.map(|tuned| tuned.variant).unwrap_or_default()
     }
 }
 
-/// Hills.
+/// Hills: 64 × 64 squares of two triangles.
 fn scene() -> Bvh {
     let n = 64;
     let height = |i: u32| (mix(i) >> 8) as f32 / (1 << 24) as f32;
@@ -116,7 +114,7 @@ fn scene() -> Bvh {
     Bvh::build(&positions, &triangles, |_| false)
 }
 
-/// Rays like those after a bounce: from everywhere to everywhere.
+/// Rays like those after a bounce, between random points in the scene's box.
 fn rays(count: usize) -> Vec<Ray> {
     let number = |i: u32| (mix(i) >> 8) as f32 / (1 << 24) as f32;
     let ray = |i: u32| {
@@ -130,7 +128,7 @@ fn rays(count: usize) -> Vec<Ray> {
 
 type Stream = RayStream<Empty, (), ()>;
 
-/// Traces a stream of these rays; returns it, and how long that took.
+/// Traces a stream of these rays, allocated for `room` rays; returns the stream and the time.
 fn trace(tracer: &GpuTracer, stream: Stream, room: usize, rays: &[Ray]) -> Option<(Stream, Duration)> {
     let mut stream = stream.fill();
     stream.append(Capacity { rays: room, shadow_rays: 1 }, Some(tracer), |mut columns| {
@@ -143,7 +141,8 @@ fn trace(tracer: &GpuTracer, stream: Stream, room: usize, rays: &[Ray]) -> Optio
     Some((stream.discard(), start.elapsed()))
 }
 
-/// Runs rounds of a measurement, each of which gives the same times in the same order; the least of each, in seconds.
+/// Runs rounds of measurements. Each returns the same times in the same order. Returns the least of each in
+/// seconds.
 fn rounds(mut round: impl FnMut() -> Option<Vec<Duration>>) -> Option<Vec<f64>> {
     let start = Instant::now();
     let mut least = round()?;
@@ -157,22 +156,22 @@ fn rounds(mut round: impl FnMut() -> Option<Vec<Duration>>) -> Option<Vec<f64>> 
     Some(least.iter().map(Duration::as_secs_f64).collect())
 }
 
-/// None if the device fails.
+/// Measures the device; `None` if it fails.
 fn measure(gpu: &Arc<Gpu>, host: impl FnOnce(Arc<Bvh>) -> Arc<dyn Tracer>) -> Option<TunedSizes> {
     let bvh = Arc::new(scene());
     let host = host(bvh.clone());
-    // Pairs are for the better on every device; the usual kernels come first.
+    // Pairs are faster on every device. The default kernels come first.
     let variants: Vec<Variant> = gpu.info().variants().filter(|variant| variant.pairs).collect();
     let tracer = |&variant| GpuTracer::with_variant(gpu.clone(), bvh.clone(), None, host.clone(), variant);
     let tracers: Vec<GpuTracer> = variants.iter().map(tracer).collect::<Result<_, _>>().ok()?;
-    let rays = rays(*RAYS.end());
+    let rays = rays(*STREAM_RAYS.end());
 
-    // The first time is slow: memory is made and touched.
+    // The first dispatch is slow, because memory is allocated and touched.
     let mut stream = Stream::new();
     for tracer in &tracers {
-        stream = trace(tracer, stream, rays.len(), &rays[..FEW])?.0;
+        stream = trace(tracer, stream, rays.len(), &rays[..FEWEST_RAYS])?.0;
     }
-    let (mut count, mut took) = (FEW, Duration::ZERO);
+    let (mut count, mut took) = (FEWEST_RAYS, Duration::ZERO);
     while took < LONG && count < rays.len() {
         count = (count * 4).min(rays.len());
         (stream, took) = trace(&tracers[0], stream, rays.len(), &rays[..count])?;
@@ -181,17 +180,17 @@ fn measure(gpu: &Arc<Gpu>, host: impl FnOnce(Arc<Bvh>) -> Arc<dyn Tracer>) -> Op
     let mut pool = vec![stream];
     let times = rounds(|| {
         let mut times = Vec::new();
-        let mut of = |tracer, count: usize| {
+        let mut time = |tracer, count: usize| {
             let (stream, took) = trace(tracer, pool.pop()?, rays.len(), &rays[..count])?;
             pool.push(stream);
             times.push(took);
             Some(())
         };
         for tracer in &tracers {
-            of(tracer, count)?;
+            time(tracer, count)?;
         }
         for tracer in &tracers {
-            of(tracer, FEW)?;
+            time(tracer, FEWEST_RAYS)?;
         }
         let start = Instant::now();
         host.closest(&rays[..HOST_RAYS], &mut hits);
@@ -200,29 +199,35 @@ fn measure(gpu: &Arc<Gpu>, host: impl FnOnce(Arc<Bvh>) -> Arc<dyn Tracer>) -> Op
     })?;
     let chosen = best(&times[..tracers.len()]);
     let (many, few) = (times[chosen], times[tracers.len() + chosen]);
-    let ray_ns = (1e9 * (many - few) / (count - FEW) as f64).max(1e-3);
-    let dispatch_ns = (1e9 * few - FEW as f64 * ray_ns).max(0.0);
+    let ray_ns = (1e9 * (many - few) / (count - FEWEST_RAYS) as f64).max(1e-3);
+    let dispatch_ns = (1e9 * few - FEWEST_RAYS as f64 * ray_ns).max(0.0);
     let host_ray_ns = 1e9 * times[2 * tracers.len()] / HOST_RAYS as f64;
     let mut measured = Measured { dispatch_ns, ray_ns, host_ray_ns, seconds: [1.0; IN_FLIGHT.len()] };
 
-    let (tracer, of_one) = (&tracers[chosen], &rays[..measured.sizing().threshold.min(count)]);
+    let (tracer, stream_rays) = (&tracers[chosen], &rays[..measured.sizing().threshold.min(count)]);
     pool.resize_with(*IN_FLIGHT.iter().max()?, Stream::new);
     for stream in &mut pool {
         let taken = std::mem::replace(stream, Stream::new());
-        *stream = trace(tracer, taken, rays.len(), of_one)?.0;
+        *stream = trace(tracer, taken, rays.len(), stream_rays)?.0;
     }
-    let times =
-        rounds(|| IN_FLIGHT.iter().map(|&streams| at_once(tracer, &mut pool, streams, of_one)).collect())?;
+    let times = rounds(|| {
+        IN_FLIGHT.iter().map(|&streams| with_in_flight(tracer, &mut pool, streams, stream_rays)).collect()
+    })?;
     measured.seconds.copy_from_slice(&times);
     Some(TunedSizes { sizing: measured.sizing(), variant: variants[chosen] })
 }
 
-/// How long [`STREAMS`] streams of these rays take when so many are in flight.
-fn at_once(tracer: &GpuTracer, pool: &mut Vec<Stream>, in_flight: usize, rays: &[Ray]) -> Option<Duration> {
+/// How long [`STREAMS`] streams of these rays take when `in_flight` of them are in flight.
+fn with_in_flight(
+    tracer: &GpuTracer,
+    pool: &mut Vec<Stream>,
+    in_flight: usize,
+    rays: &[Ray],
+) -> Option<Duration> {
     let taken: Vec<Stream> = pool.drain(..in_flight).collect();
     let work = |mut stream: Stream| {
         for _ in 0..STREAMS / in_flight {
-            stream = trace(tracer, stream, *RAYS.end(), rays)?.0;
+            stream = trace(tracer, stream, *STREAM_RAYS.end(), rays)?.0;
         }
         Some(stream)
     };
@@ -248,7 +253,7 @@ mod tests {
 
     #[test]
     fn sizes_follow_from_times() {
-        // A slow device, which a host thread outruns at any size.
+        // A slow device: a host thread is faster at any size.
         let threshold = 6 * 1024;
         assert_eq!(LAVAPIPE.sizing(), Sizing { threshold, least: threshold, in_flight: 1 });
         // A fast one: 0.1 ms a dispatch, two billion rays a second.
@@ -262,7 +267,7 @@ mod tests {
     #[test]
     fn of_all_rounds_the_least_times_count() {
         let mut count = 0;
-        // In each round another is undisturbed.
+        // Each round disturbs another of the two measurements.
         let times = rounds(|| {
             count += 1;
             let undisturbed = |at| Duration::from_millis(if at == count % 2 { 5 } else { 90 });
@@ -287,7 +292,7 @@ mod tests {
         let folder = tempfile::tempdir().expect("a folder");
         let gpu = gpu().calibrate(folder.path(), host);
         let sizing = gpu.sizing().unwrap_or_else(|| panic!("the device answers: {:?}", gpu.lost()));
-        assert!(RAYS.contains(&sizing.threshold) && sizing.least <= sizing.threshold, "{sizing:?}");
+        assert!(STREAM_RAYS.contains(&sizing.threshold) && sizing.least <= sizing.threshold, "{sizing:?}");
         let variant = gpu.variant();
         assert_eq!(tuning_cache::load(folder.path(), gpu.info()), Some(TunedSizes { sizing, variant }));
         let never = |_| -> Arc<dyn Tracer> { panic!("measured again") };
@@ -296,7 +301,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cache_that_cannot_be_written_is_done_without() {
+    fn a_cache_that_cannot_be_written_is_ignored() {
         let file = tempfile::NamedTempFile::new().expect("a file");
         // A file is no folder.
         let gpu = gpu().calibrate(file.path(), host);

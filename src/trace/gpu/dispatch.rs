@@ -1,12 +1,12 @@
-//! One kernel, and how rays get to it and answers back.
+//! One kernel and its buffers: encodes a dispatch, maps its answers and reads them back.
 //!
-//! | rays lie | the kernel reads and writes | copied a ray |
+//! | rays lie in | the kernel reads and writes | bytes copied a ray |
 //! |---|---|---|
-//! | in lent memory, which the kernel reaches | them, where they are | nothing |
-//! | in lent memory of the host | a lane on the device; the device copies to and fro | 32 + answer |
-//! | in anybody's memory | a lane; wgpu stages the rays, and the answers are mapped and copied | 32 + answer |
+//! | device memory that kernels reach | the stream's own memory | 0 |
+//! | device memory that only copies reach | staging buffers; the device copies to and from them | 32 + answer |
+//! | host memory | staging buffers; wgpu stages the rays, the answers are mapped and copied | 32 + answer |
 
-use super::kernel_kind::KernelKind;
+use super::kernel::Kernel;
 use super::layout::{Params, WORKGROUP_SIZE};
 use super::shared_buffer::SharedBuffer;
 use super::{Gpu, unchecked_module};
@@ -18,51 +18,60 @@ use std::sync::mpsc::{Receiver, sync_channel};
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
-/// A kernel made for a scene, and the buffers that no call is using.
+/// A kernel compiled for a scene, and the buffers that no dispatch uses at the moment.
 #[derive(Debug)]
-pub(super) struct Dispatch {
+pub(super) struct KernelPipeline {
     pipeline: wgpu::ComputePipeline,
     layout: wgpu::BindGroupLayout,
     /// Bytes of one ray's answer.
     answer_bytes: usize,
     shared_memory: bool,
-    idle: Mutex<Vec<Staging>>,
+    idle_staging: Mutex<Vec<StagingBuffers>>,
     idle_params: Mutex<Vec<wgpu::Buffer>>,
 }
 
-/// How long another thread may take between seeing a submission done and telling whom it was for.
+/// How long the thread that saw a submission done may take to run the callbacks of other threads' mappings.
 const CALLBACK_PATIENCE: Duration = Duration::from_secs(10);
 
-/// What one call asks: its rays, and places for their answers. When it has landed these hold what the kernel
-/// answered, bit by bit.
+/// The rays that one kernel traces in a dispatch, and the memory of their answers. Once read back, that memory holds
+/// the kernel's answers, bit by bit.
 #[derive(Debug)]
-pub(super) enum Submission<'a, A> {
-    /// In memory of anybody's.
+pub(super) enum Request<'a, A> {
+    /// In any host memory.
     InHostMemory { rays: &'a [Ray], answers: &'a mut [A] },
-    /// In memory lent by the device: of the places, these.
+    /// A range of memory that this device shares with the host.
     InDeviceMemory { rays: &'a mut SharedBuffer<Ray>, answers: &'a mut SharedBuffer<A>, range: Range<usize> },
 }
 
-/// Buffers on the device for one call.
+/// Buffers on the device for the rays and answers of one dispatch.
 #[derive(Debug)]
-struct Staging {
+struct StagingBuffers {
+    /// In rays.
     capacity: usize,
     rays: wgpu::Buffer,
     answers: wgpu::Buffer,
-    /// Where the host reads answers, unless they are copied to where it wants them.
+    /// Where the host reads answers, unless the device copies them to the stream's memory.
     readback: wgpu::Buffer,
 }
 
-/// A call whose work has been recorded. Kept until that is done.
+/// A request that has been encoded: the buffers that its commands use.
 #[derive(Debug)]
-pub(super) struct InFlight {
+pub(super) struct Encoded {
     params: wgpu::Buffer,
-    lane: Option<Staging>,
-    bytes: u64,
+    staging: Option<StagingBuffers>,
+    answer_bytes: u64,
 }
 
-impl<A: Pod + Debug + Send + Sync> Submission<'_, A> {
-    /// How many rays.
+/// A request that has been submitted.
+#[derive(Debug)]
+pub(super) struct InFlight {
+    encoded: Encoded,
+    /// Receives when the answers can be read, if they have to be mapped.
+    mapped: Option<Receiver<Result<(), wgpu::BufferAsyncError>>>,
+}
+
+impl<A: Pod + Debug + Send + Sync> Request<'_, A> {
+    /// Number of rays.
     pub fn len(&self) -> usize {
         match self {
             Self::InHostMemory { rays, .. } => rays.len(),
@@ -70,7 +79,7 @@ impl<A: Pod + Debug + Send + Sync> Submission<'_, A> {
         }
     }
 
-    /// The rays and the places of their answers.
+    /// The rays and the memory of their answers.
     pub fn slices(&mut self) -> (&[Ray], &mut [A]) {
         match self {
             Self::InHostMemory { rays, answers } => (rays, answers),
@@ -81,11 +90,11 @@ impl<A: Pod + Debug + Send + Sync> Submission<'_, A> {
     }
 }
 
-impl Dispatch {
-    /// Compiles a kernel from its source; `scene` lays out group 0.
+impl KernelPipeline {
+    /// Compiles a kernel from its source; `scene` is the layout of group 0, `layout` that of group 1.
     pub fn new(
         device: &wgpu::Device,
-        kernel: KernelKind,
+        kernel: Kernel,
         source: String,
         scene: &wgpu::BindGroupLayout,
         layout: wgpu::BindGroupLayout,
@@ -105,79 +114,79 @@ impl Dispatch {
             cache: None,
         });
         let answer_bytes = kernel.answer_bytes();
-        let (idle, idle_params) = (Mutex::default(), Mutex::default());
-        Self { pipeline, layout, answer_bytes, shared_memory, idle, idle_params }
+        let (idle_staging, idle_params) = (Mutex::default(), Mutex::default());
+        Self { pipeline, layout, answer_bytes, shared_memory, idle_staging, idle_params }
     }
 
-    /// Bytes that are copied between host and device for a call.
-    pub fn copied<A: Pod + Debug + Send + Sync>(&self, call: &Submission<'_, A>) -> u64 {
-        match call {
-            Submission::InDeviceMemory { .. } if self.shared_memory => 0,
-            _ => (call.len() * (size_of::<Ray>() + self.answer_bytes)) as u64,
+    /// Bytes that are copied between host and device for a request.
+    pub fn bytes_copied<A: Pod + Debug + Send + Sync>(&self, request: &Request<'_, A>) -> u64 {
+        match request {
+            Request::InDeviceMemory { .. } if self.shared_memory => 0,
+            _ => (request.len() * (size_of::<Ray>() + self.answer_bytes)) as u64,
         }
     }
 
-    /// Records all that a call needs: its rays on their way, the kernel, the answers on theirs.
+    /// Encodes all commands of a request: copies of its rays, the kernel, copies of the answers. `None` if the request
+    /// has no rays.
     pub fn encode<A: Pod + Debug + Send + Sync>(
         &self,
         (device, queue): (&wgpu::Device, &wgpu::Queue),
         encoder: &mut wgpu::CommandEncoder,
         scene: &wgpu::BindGroup,
         scene_max_abs: f32,
-        call: &mut Submission<'_, A>,
-    ) -> Option<InFlight> {
+        request: &mut Request<'_, A>,
+    ) -> Option<Encoded> {
         debug_assert_eq!(size_of::<A>(), self.answer_bytes);
-        let count = call.len();
+        let count = request.len();
         if count == 0 {
             return None;
         }
-        let params = self.params(device);
-        let told = Params { count: count as u32, scene_max_abs, zero: 0, spare: 0 };
-        queue.write_buffer(&params, 0, bytemuck::bytes_of(&told));
-        let (ray_bytes, bytes) = ((count * size_of::<Ray>()) as u64, (count * self.answer_bytes) as u64);
-        let lane = match call {
-            Submission::InDeviceMemory { rays, answers, range } if self.shared_memory => {
-                let at = |size: usize| (range.start * size) as u64;
-                let rays = part(rays.hand_out(), at(size_of::<Ray>()), ray_bytes);
-                let answers = part(answers.hand_out(), at(self.answer_bytes), bytes);
-                self.encode_pass(device, encoder, scene, (rays, &params, answers), count);
+        let params = self.take_params(device);
+        let values = Params { count: count as u32, scene_max_abs, zero: 0, spare: 0 };
+        queue.write_buffer(&params, 0, bytemuck::bytes_of(&values));
+        let ray_bytes = (count * size_of::<Ray>()) as u64;
+        let answer_bytes = (count * self.answer_bytes) as u64;
+        let staging = match request {
+            Request::InDeviceMemory { rays, answers, range } if self.shared_memory => {
+                let offset = |size: usize| (range.start * size) as u64;
+                let rays = bind_part(rays.give_to_device(), offset(size_of::<Ray>()), ray_bytes);
+                let answers = bind_part(answers.give_to_device(), offset(self.answer_bytes), answer_bytes);
+                self.encode_kernel(device, encoder, scene, (rays, &params, answers), count);
                 None
             }
-            Submission::InDeviceMemory { rays, answers, range } => {
-                let at = |size: usize| (range.start * size) as u64;
-                let lane = self.take(device, count);
-                encoder.copy_buffer_to_buffer(
-                    rays.hand_out(),
-                    at(size_of::<Ray>()),
-                    &lane.rays,
-                    0,
-                    ray_bytes,
-                );
-                self.encode_pass(device, encoder, scene, lane.bindings(&params, ray_bytes, bytes), count);
-                let answers = answers.hand_out();
-                encoder.copy_buffer_to_buffer(&lane.answers, 0, answers, at(self.answer_bytes), bytes);
-                Some(lane)
+            Request::InDeviceMemory { rays, answers, range } => {
+                let offset = |size: usize| (range.start * size) as u64;
+                let staging = self.take_staging(device, count);
+                let (rays, ray_offset) = (rays.give_to_device(), offset(size_of::<Ray>()));
+                encoder.copy_buffer_to_buffer(rays, ray_offset, &staging.rays, 0, ray_bytes);
+                let bindings = staging.bindings(&params, ray_bytes, answer_bytes);
+                self.encode_kernel(device, encoder, scene, bindings, count);
+                let (answers, answer_offset) = (answers.give_to_device(), offset(self.answer_bytes));
+                encoder.copy_buffer_to_buffer(&staging.answers, 0, answers, answer_offset, answer_bytes);
+                Some(staging)
             }
-            Submission::InHostMemory { rays, .. } => {
-                let lane = self.take(device, count);
-                queue.write_buffer(&lane.rays, 0, bytemuck::cast_slice(rays));
-                self.encode_pass(device, encoder, scene, lane.bindings(&params, ray_bytes, bytes), count);
-                encoder.copy_buffer_to_buffer(&lane.answers, 0, &lane.readback, 0, bytes);
-                Some(lane)
+            Request::InHostMemory { rays, .. } => {
+                let staging = self.take_staging(device, count);
+                queue.write_buffer(&staging.rays, 0, bytemuck::cast_slice(rays));
+                let bindings = staging.bindings(&params, ray_bytes, answer_bytes);
+                self.encode_kernel(device, encoder, scene, bindings, count);
+                encoder.copy_buffer_to_buffer(&staging.answers, 0, &staging.readback, 0, answer_bytes);
+                Some(staging)
             }
         };
-        if let Submission::InDeviceMemory { answers, .. } = call {
-            // What the device has written is to be seen by the host.
-            let (buffer, state) = (answers.hand_out(), wgpu::BufferUses::MAP_READ);
+        if let Request::InDeviceMemory { answers, .. } = request {
+            // Makes the device's writes visible to the host.
+            let (buffer, state) = (answers.give_to_device(), wgpu::BufferUses::MAP_READ);
             encoder.transition_resources(
                 [wgpu::BufferTransition { buffer, state }].into_iter(),
                 std::iter::empty(),
             );
         }
-        Some(InFlight { params, lane, bytes })
+        Some(Encoded { params, staging, answer_bytes })
     }
 
-    fn encode_pass(
+    /// Encodes the kernel's run over `count` rays.
+    fn encode_kernel(
         &self,
         device: &wgpu::Device,
         encoder: &mut wgpu::CommandEncoder,
@@ -186,11 +195,11 @@ impl Dispatch {
         count: usize,
     ) {
         let group = device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some("call"),
+            label: Some("request"),
             layout: &self.layout,
             entries: &[
                 wgpu::BindGroupEntry { binding: 0, resource: rays },
-                entry(1, params),
+                bind_whole(1, params),
                 wgpu::BindGroupEntry { binding: 2, resource: answers },
             ],
         });
@@ -201,83 +210,76 @@ impl Dispatch {
         pass.dispatch_workgroups((count as u32).div_ceil(WORKGROUP_SIZE), 1, 1);
     }
 
-    /// Takes the smallest lane that has room for `rays`, or makes one of a power of two.
-    fn take(&self, device: &wgpu::Device, rays: usize) -> Staging {
-        let mut idle = self.idle.lock().unwrap_or_else(PoisonError::into_inner);
+    /// Takes the smallest idle staging buffers that have room for `rays`, or allocates some for a power of two.
+    fn take_staging(&self, device: &wgpu::Device, rays: usize) -> StagingBuffers {
+        let mut idle = self.idle_staging.lock().unwrap_or_else(PoisonError::into_inner);
         let fits = (0..idle.len()).filter(|&i| idle[i].capacity >= rays).min_by_key(|&i| idle[i].capacity);
         if let Some(index) = fits {
             return idle.swap_remove(index);
         }
-        // A lane that has become too small makes way for a larger one.
+        // Larger buffers replace some that have become too small.
         let outgrown = idle.pop();
         drop((idle, outgrown));
-        Staging::new(device, rays.next_power_of_two(), self.answer_bytes)
+        StagingBuffers::new(device, rays.next_power_of_two(), self.answer_bytes)
     }
 
-    fn params(&self, device: &wgpu::Device) -> wgpu::Buffer {
+    fn take_params(&self, device: &wgpu::Device) -> wgpu::Buffer {
         use wgpu::BufferUsages as U;
         let idle = self.idle_params.lock().unwrap_or_else(PoisonError::into_inner).pop();
         idle.unwrap_or_else(|| buffer(device, "params", size_of::<Params>(), U::UNIFORM | U::COPY_DST))
     }
 
-    /// Brings the answers to where the call wants them, once the submission is done, and frees the buffers.
-    pub fn land<A: Pod + Debug + Send + Sync>(
+    /// Reads the answers back into the request's memory, once the submission is done, and frees the buffers for the
+    /// next dispatch.
+    pub fn read_back<A: Pod + Debug + Send + Sync>(
         &self,
-        call: &mut Submission<'_, A>,
-        encoded: Encoded,
+        request: &mut Request<'_, A>,
+        in_flight: InFlight,
     ) -> Result<(), String> {
-        let Encoded { in_flight: InFlight { params, lane, bytes }, mapped } = encoded;
-        match call {
-            Submission::InDeviceMemory { rays, answers, .. } => {
-                rays.take_back();
-                answers.take_back();
+        let InFlight { encoded: Encoded { params, staging, answer_bytes }, mapped } = in_flight;
+        match request {
+            Request::InDeviceMemory { rays, answers, .. } => {
+                rays.return_to_host();
+                answers.return_to_host();
             }
-            Submission::InHostMemory { answers, .. } => {
-                let readback = &lane.as_ref().expect("rays from anywhere go through a lane").readback;
-                // The submission is done, but the callback runs on whichever thread polled first, perhaps not yet.
+            Request::InHostMemory { answers, .. } => {
+                let readback = &staging.as_ref().expect("rays of host memory are staged").readback;
+                // The submission is done, but the callback runs on the thread that polled first, perhaps not yet.
                 match mapped.map(|mapped| mapped.recv_timeout(CALLBACK_PATIENCE)) {
                     Some(Ok(Ok(()))) => {}
                     Some(Ok(Err(error))) => return Err(error.to_string()),
                     _ => return Err("the answers were not mapped".into()),
                 }
-                let view = readback.get_mapped_range(0..bytes).map_err(|e| e.to_string())?;
+                let view = readback.get_mapped_range(0..answer_bytes).map_err(|e| e.to_string())?;
                 answers.copy_from_slice(bytemuck::cast_slice(&view));
                 drop(view);
                 readback.unmap();
             }
         }
         self.idle_params.lock().unwrap_or_else(PoisonError::into_inner).push(params);
-        self.idle.lock().unwrap_or_else(PoisonError::into_inner).extend(lane);
+        self.idle_staging.lock().unwrap_or_else(PoisonError::into_inner).extend(staging);
         Ok(())
     }
 }
 
-/// A call that has been submitted.
-#[derive(Debug)]
-pub(super) struct Encoded {
-    in_flight: InFlight,
-    /// Tells that answers can be read, where they have to be mapped.
-    mapped: Option<Receiver<Result<(), wgpu::BufferAsyncError>>>,
-}
-
-impl InFlight {
-    /// Asks for the answers, once submitted.
-    pub fn ask<A>(self, call: &Submission<'_, A>) -> Encoded {
-        let mapped = match (call, &self.lane) {
-            (Submission::InHostMemory { .. }, Some(lane)) => {
+impl Encoded {
+    /// Requests that the answers be mapped, after the commands have been submitted.
+    pub fn map<A>(self, request: &Request<'_, A>) -> InFlight {
+        let mapped = match (request, &self.staging) {
+            (Request::InHostMemory { .. }, Some(staging)) => {
                 let (sender, mapped) = sync_channel(1);
-                // Nobody listens when the call has been given up.
-                let told = move |result| drop(sender.send(result));
-                lane.readback.map_async(wgpu::MapMode::Read, 0..self.bytes, told);
+                // The receiver is gone if the dispatch has been given up.
+                let callback = move |result| drop(sender.send(result));
+                staging.readback.map_async(wgpu::MapMode::Read, 0..self.answer_bytes, callback);
                 Some(mapped)
             }
             _ => None,
         };
-        Encoded { in_flight: self, mapped }
+        InFlight { encoded: self, mapped }
     }
 }
 
-impl Staging {
+impl StagingBuffers {
     fn new(device: &wgpu::Device, capacity: usize, answer_bytes: usize) -> Self {
         use wgpu::BufferUsages as U;
         let answer_bytes = capacity * answer_bytes;
@@ -293,9 +295,9 @@ impl Staging {
         &'a self,
         params: &'a wgpu::Buffer,
         ray_bytes: u64,
-        bytes: u64,
+        answer_bytes: u64,
     ) -> (wgpu::BindingResource<'a>, &'a wgpu::Buffer, wgpu::BindingResource<'a>) {
-        (part(&self.rays, 0, ray_bytes), params, part(&self.answers, 0, bytes))
+        (bind_part(&self.rays, 0, ray_bytes), params, bind_part(&self.answers, 0, answer_bytes))
     }
 }
 
@@ -305,21 +307,21 @@ fn buffer(device: &wgpu::Device, label: &str, bytes: usize, usage: wgpu::BufferU
 }
 
 /// Binds a whole buffer.
-pub(super) fn entry(binding: u32, buffer: &wgpu::Buffer) -> wgpu::BindGroupEntry<'_> {
+pub(super) fn bind_whole(binding: u32, buffer: &wgpu::Buffer) -> wgpu::BindGroupEntry<'_> {
     wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() }
 }
 
 /// Binds part of a buffer.
-fn part(buffer: &wgpu::Buffer, offset: u64, bytes: u64) -> wgpu::BindingResource<'_> {
+fn bind_part(buffer: &wgpu::Buffer, offset: u64, bytes: u64) -> wgpu::BindingResource<'_> {
     let size = std::num::NonZeroU64::new(bytes);
     wgpu::BindingResource::Buffer(wgpu::BufferBinding { buffer, offset, size })
 }
 
-/// The most rays of one pass on an adapter with these limits.
+/// The most rays of one request to an adapter with these limits.
 pub(super) fn max_rays(gpu: &Gpu) -> usize {
     let info = gpu.info();
     let bindable = info.max_binding_bytes.min(info.max_buffer_bytes) / size_of::<Ray>() as u64;
-    // Lanes grow by powers of two.
+    // Staging buffers hold a power of two.
     let bindable = (bindable + 1).next_power_of_two() / 2;
     let dispatchable = u64::from(info.max_workgroups) * u64::from(WORKGROUP_SIZE);
     bindable.min(dispatchable) as usize

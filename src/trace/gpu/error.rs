@@ -1,4 +1,4 @@
-//! Why the GPU cannot be used. The caller goes on with the CPU.
+//! Why a GPU cannot be used. The caller goes on with the CPU.
 
 /// Why a GPU cannot be opened or cannot take a scene.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -6,29 +6,29 @@ pub enum GpuError {
     /// No driver, or no device.
     #[error("no GPU adapter: no usable {backends} driver or device found; install one or trace on the CPU")]
     NoAdapter {
-        /// The interfaces that were asked.
+        /// The graphics interfaces that were tried.
         backends: String,
     },
-    /// Only software adapters, which are used when asked for.
+    /// There are only software adapters, which are used only on request.
     #[error("no hardware GPU adapter, only software: {found}; ask for one by name to use it")]
     OnlySoftware {
-        /// The adapters there are.
+        /// The adapters found.
         found: String,
     },
     /// No adapter has the wanted name.
     #[error("no GPU adapter is called {wanted:?}; there is: {found}")]
     NoSuchAdapter {
-        /// Part of the name that was asked for.
+        /// The requested part of the name.
         wanted: String,
-        /// The adapters there are.
+        /// The adapters found.
         found: String,
     },
-    /// The adapter is there, but does not give a device.
+    /// The adapter does not provide a device.
     #[error("the GPU {adapter} cannot be opened: {reason}")]
     Open {
         /// The adapter's name.
         adapter: String,
-        /// What the driver said.
+        /// The driver's message.
         reason: String,
     },
     /// The adapter's arithmetic is not what the kernels' error bounds assume.
@@ -36,17 +36,17 @@ pub enum GpuError {
     Arithmetic {
         /// The adapter's name.
         adapter: String,
-        /// What it computed.
+        /// What it computed wrongly.
         reason: String,
     },
-    /// The scene exceeds what the adapter can bind, all bindings together.
+    /// The scene exceeds what all bindings of the adapter can hold together.
     #[error(
         "the scene needs {required} bytes on the GPU, but {adapter} binds at most {available}; trace on the CPU"
     )]
     TooLarge {
-        /// Its nodes and triangles, in bytes.
+        /// Bytes of the scene's nodes and triangles.
         required: u64,
-        /// What the adapter's bindings take in bytes.
+        /// Bytes that the adapter's bindings hold.
         available: u64,
         /// The adapter's name.
         adapter: String,
@@ -58,18 +58,18 @@ pub enum GpuError {
         required: u64,
         /// The adapter's name.
         adapter: String,
-        /// What the driver said.
+        /// The driver's message.
         reason: String,
     },
     /// A kernel was refused.
     #[error("the GPU {adapter} refuses a kernel: {reason}")]
-    KernelKind {
+    Kernel {
         /// The adapter's name.
         adapter: String,
-        /// What the driver said.
+        /// The driver's message.
         reason: String,
     },
-    /// The device was lost meanwhile.
+    /// The device was lost.
     #[error("the GPU was lost: {0}")]
     Lost(String),
 }

@@ -1,14 +1,13 @@
-//! Faults on purpose: what a device may do wrong, made to happen at a chosen dispatch, so that what is
-//! promised about failing devices can be tried out.
+//! Fault injection: makes a device fail at a chosen dispatch, so that the promises about failing devices can be tested.
 
 use super::layout::{Candidates, OCCLUDED};
 use crate::stream::{Hit, MISS};
 use std::str::FromStr;
 
-/// What is to go wrong, once. Dispatches are counted from 1, over all threads and scenes of a device.
+/// A fault to inject, once. Dispatches are numbered from 1, over all threads and scenes of a device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fault {
-    /// The device is gone while the dispatch is under way, as after a driver reset.
+    /// The device is lost while the dispatch is under way, as after a driver reset.
     Lost(u64),
     /// The dispatch never returns.
     Hang(u64),
@@ -18,7 +17,7 @@ pub enum Fault {
     OutOfMemory,
 }
 
-/// Words that name no fault.
+/// A text that names no fault.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "there is no fault {0:?}; write gpu-lost@N, gpu-hang@N or gpu-corrupt@N, where N is the dispatch at which it \
@@ -30,22 +29,22 @@ impl FromStr for Fault {
     type Err = NoSuchFault;
 
     fn from_str(text: &str) -> Result<Self, NoSuchFault> {
-        let no = || NoSuchFault(text.to_owned());
+        let error = || NoSuchFault(text.to_owned());
         let Some((name, at)) = text.split_once('@') else {
-            return if text == "gpu-oom" { Ok(Self::OutOfMemory) } else { Err(no()) };
+            return if text == "gpu-oom" { Ok(Self::OutOfMemory) } else { Err(error()) };
         };
-        let at = at.parse().ok().filter(|&n: &u64| n > 0).ok_or_else(no)?;
+        let at = at.parse().ok().filter(|&n: &u64| n > 0).ok_or_else(error)?;
         match name {
             "gpu-lost" => Ok(Self::Lost(at)),
             "gpu-hang" => Ok(Self::Hang(at)),
             "gpu-corrupt" => Ok(Self::Corrupt(at)),
-            _ => Err(no()),
+            _ => Err(error()),
         }
     }
 }
 
 impl Fault {
-    /// Whether it happens at the dispatch of this number.
+    /// Whether the fault happens at the dispatch of this number.
     pub(super) fn strikes(self, dispatch: u64) -> bool {
         match self {
             Self::Lost(at) | Self::Hang(at) | Self::Corrupt(at) => at == dispatch,
@@ -54,8 +53,7 @@ impl Fault {
     }
 }
 
-/// Makes answers, as the device gave them, those of a broken one, with nothing in them that looks wrong: every hit is a
-/// miss, and shadow rays find the opposite.
+/// Replaces a device's answers by wrong ones that look sound: every ray misses, and shadow rays find the opposite.
 pub(super) fn corrupt(hits: &mut [Hit], occluded: &mut [u32]) {
     let miss = Candidates { first: MISS, second: MISS, third: MISS, rest: f32::MAX };
     hits.fill(bytemuck::cast(miss));
@@ -67,7 +65,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn words_name_faults() {
+    fn faults_are_parsed_from_their_names() {
         assert_eq!("gpu-lost@1".parse(), Ok(Fault::Lost(1)));
         assert_eq!("gpu-hang@20".parse(), Ok(Fault::Hang(20)));
         assert_eq!("gpu-corrupt@3".parse(), Ok(Fault::Corrupt(3)));

@@ -1,9 +1,9 @@
-//! What host and device share: structs and constants. Written here; the structs' twins in
-//! `shaders/shared/layout.wgsl` are compared with them by a test, the constants are injected.
+//! Structs and constants that host and device share. They are defined here. A test compares the structs with those of
+//! the same names in `shaders/shared/layout.wgsl`; the constants are injected into the kernels' sources.
 
 use bytemuck::{Pod, Zeroable};
 
-/// An inner node of the binary tree: both children.
+/// An inner node of the binary tree: boxes and references of both children.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub(super) struct BinaryNode {
@@ -17,7 +17,7 @@ pub(super) struct BinaryNode {
     pub spare_1: u32,
 }
 
-/// An inner node of the eight-wide tree, its boxes in bytes: 96 bytes instead of the host's 256.
+/// An inner node of the eight-wide tree, its boxes in bytes: 96 bytes instead of the 256 of the host's nodes.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub(super) struct WideNode {
@@ -29,7 +29,7 @@ pub(super) struct WideNode {
     pub upper_y: [u8; 8],
     pub lower_z: [u8; 8],
     pub upper_z: [u8; 8],
-    /// References.
+    /// Child references.
     pub children: [u32; 8],
 }
 
@@ -45,17 +45,18 @@ pub(super) struct Pair {
     pub d_z: f32,
 }
 
-/// The primitives of a pair, each with its turn: see `shaders/shared/layout.wgsl`.
+/// The primitives of a pair, each with its turn (how its corners are rotated): see `shaders/shared/layout.wgsl`.
 pub(super) type Identities = [u32; 2];
 
-/// A tree placed in the world.
+/// A tree instance: the columns of its placement, its tree and its first primitive.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub(super) struct TreeInstance {
     pub x: [f32; 3],
-    /// A child reference.
+    /// Child reference to the root of its tree.
     pub root: u32,
     pub y: [f32; 3],
+    /// What is added to the primitive ids of its tree.
     pub first: u32,
     pub z: [f32; 3],
     pub spare_0: u32,
@@ -63,8 +64,8 @@ pub(super) struct TreeInstance {
     pub spare_1: u32,
 }
 
-/// Where the canonical nearest hit of a ray may be: `kept`, in order of distance, [`crate::stream::MISS`]
-/// where there are fewer; or what was left out, which is not nearer than `rest`.
+/// Where the canonical nearest hit of a ray may be: on one of up to three primitives, in order of distance
+/// ([`crate::stream::MISS`] where there are fewer), or on a primitive that was left out, not nearer than `rest`.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub(super) struct Candidates {
@@ -75,7 +76,7 @@ pub(super) struct Candidates {
     pub rest: f32,
 }
 
-/// What one dispatch is told.
+/// The parameters of one dispatch of a kernel.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub(super) struct Params {
@@ -85,27 +86,27 @@ pub(super) struct Params {
     pub spare: u32,
 }
 
-/// Bit of a child reference: a leaf, or a member above members' trees.
+/// Bit of a child reference: it refers to a leaf, or in a top-level tree to a member.
 pub(super) const LEAF: u32 = 1 << 31;
-/// Bits of a leaf's reference: one pair less than it has.
+/// Lowest bit, in a leaf's reference, of its number of pairs less one (three bits).
 pub(super) const PAIRS_SHIFT: u32 = 28;
-/// Bit of a leaf's reference: alpha decides whether some of its triangles are there.
+/// Bit of a leaf's reference: the filter decides about hits of some of its triangles.
 pub(super) const MASKED: u32 = 1 << 27;
-/// Bits of a leaf's reference: its first pair.
+/// Bits of a leaf's reference: the index of its first pair.
 pub(super) const PAIR_INDEX: u32 = MASKED - 1;
-/// Bits of an identity: the primitive. They have 30 bits.
+/// Bits of an identity: the primitive id, which has 30 bits.
 pub(super) const PRIMITIVE: u32 = (1 << TURN_SHIFT) - 1;
-/// Bits of an identity: the turn.
+/// Lowest bit of an identity's turn (two bits).
 pub(super) const TURN_SHIFT: u32 = 30;
-/// A child reference to nothing: the traversal is over. Has the bit of a leaf.
+/// A child reference to nothing, which ends the traversal. Has the bit of a leaf.
 pub(super) const NOWHERE: u32 = u32::MAX;
-/// An answer of `trace_any`: something is certainly in the way. The others are
-/// [`crate::stream::MISS`] and primitives.
+/// An answer of `trace_any`: the ray is certainly occluded. Other answers are [`crate::stream::MISS`], [`UNDECIDED`]
+/// and primitives.
 pub(super) const OCCLUDED: u32 = u32::MAX - 1;
-/// An answer of `trace_any`: nothing can be said.
+/// An answer of `trace_any`: the kernel cannot decide.
 pub(super) const UNDECIDED: u32 = u32::MAX - 2;
-/// Bit of an answer of `trace_any` that is a primitive: there may be others in the way. Primitives
-/// have 30 bits.
+/// Bit of an answer of `trace_any` that is a primitive: other primitives may occlude the ray too. Primitive ids have 30
+/// bits.
 pub(super) const MORE: u32 = 1 << 30;
 
 /// Threads of a workgroup.
@@ -113,9 +114,11 @@ pub(super) const WORKGROUP_SIZE: u32 = 64;
 
 /// Relative error bound of the triangle test; `shaders/shared/triangle.wgsl` derives it.
 pub(super) const MARGIN: f32 = 16.0 / (1 << 24) as f32;
-/// Relative error bound of a quotient and two sums after it.
+/// Relative error bound of a quotient and of two sums after it.
 pub(super) const T_ROUNDING: f32 = 16.0 / (1 << 24) as f32;
-/// What flushed denormals may add to a result of size 1: 2^6 times the smallest normal number.
+/// The error that flushed denormals may add to a result of size 1: 2^6 times the smallest normal number.
 pub(super) const TINY: f32 = 64.0 * f32::MIN_POSITIVE;
-/// Slabs pushed out by less than this would drown in underflow.
+/// The smallest pad of slabs; underflow could exceed a smaller one.
 pub(super) const LEAST_PAD: f32 = 1.0e-30;
+/// How far away rays may begin that are traced by ray queries, in units of the scene's largest coordinate.
+pub(super) const QUERY_REACH: f32 = 4.0;

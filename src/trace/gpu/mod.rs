@@ -1,17 +1,49 @@
-//! The GPU tracer; the only place that names wgpu.
+//! The GPU tracer: traces whole ray streams on a device. The only module that names wgpu. `docs/glossary.md` explains
+//! the words.
 //!
 //! ```text
-//! AdapterChoice ─▶ Gpu (adapter, device, queue behind one wall) ─┐
-//! bvh ─flatten─▶ scene buffers, kernels ─────────────────────────┴▶ GpuTracer ─▶ candidates
-//!                                                     candidates ─resolve─▶ canonical hits
+//! AdapterChoice ─▶ Gpu (adapter, device, queue) ──────────┐
+//! Bvh ─flatten─▶ scene buffers, kernels (DeviceScene) ────┴▶ GpuTracer
 //! ```
 //!
-//! The device's arithmetic is not trusted to the bit. For each ray it names up to three primitives
-//! among which the canonical hit certainly is, and says when there may be more
-//! (`shaders/shared/triangle.wgsl` has the error analysis). The host evaluates the candidates
-//! canonically, alpha included, and has the CPU tracer trace what is still open. So the result is
-//! that of [`crate::geom::CanonicalRay`] to the bit, on any device that rounds `+`, `-` and `*` to the
-//! nearest number.
+//! The device's arithmetic is not trusted to the bit. For each ray the device names up to three *candidates*:
+//! primitives among which the canonical hit certainly is. It also says when there may be more
+//! (`shaders/shared/triangle.wgsl` has the error analysis). The host evaluates the candidates canonically, alpha
+//! included, and the CPU tracer traces the rays that stay *undecided*. So the result is that of
+//! [`crate::geom::CanonicalRay`] to the bit, on any device that rounds `+`, `-` and `*` to the nearest number.
+//!
+//! # A dispatch's life
+//!
+//! ```text
+//! dispatch thread                                            device
+//!
+//! encode       bind rays, params, answers; record copies
+//!    │         and both kernels (dispatch.rs)
+//! submit ───────────────────────────────────────────────────▶ copy rays, unless it reads them where they lie
+//!    │                                                        trace_closest, trace_any
+//! map          request access to the answers                  copy answers
+//!    │                                                          │
+//!  (wait)      poll, watched by the watchdog ◀──────────────────┘
+//!    │
+//! read back    candidates are in host memory; buffers are free for the next dispatch
+//!    │
+//! resolve      canonical test of each candidate; CPU tracer for undecided rays (resolve.rs)
+//!    │
+//! cross-check  the CPU traces a sample of the rays again (cross_check.rs)
+//!    ▼
+//! canonical hits; or DeviceError::Lost: the stream goes back to the scheduler untraced, and another device is
+//! opened in the background (device_replacement.rs)
+//! ```
+//!
+//! # Three nested `catch_unwind`
+//!
+//! A panic during a dispatch meets three handlers, each with a reason of its own. From the inside out:
+//! 1. `Gpu::guard` catches panics of wgpu and the driver. It records the panic as the reason why the device is lost,
+//!    so that every thread sees it and none calls wgpu with this device again.
+//! 2. `RayStream::trace_on` catches panics of any [`crate::stream::DeviceTracer`], those of resolving and of other
+//!    crates' tracers too. It keeps the stream, so that no ray is lost.
+//! 3. The scheduler's `Work::work` catches panics of a whole task, which is foreign code as well: renderers and host
+//!    tracers. It keeps the thread, and fails the job.
 
 mod adapter;
 mod calibration;
@@ -25,7 +57,7 @@ mod fault;
 mod flatten;
 #[cfg_attr(not(any(target_os = "linux", target_os = "android", windows)), path = "no_host_memory.rs")]
 mod host_memory;
-mod kernel_kind;
+mod kernel;
 mod layout;
 mod pages;
 mod probe;
@@ -37,6 +69,7 @@ mod tests;
 mod tracer;
 mod tuning_cache;
 mod unchecked_module;
+mod variant;
 mod watchdog;
 mod with_fma;
 
@@ -44,6 +77,5 @@ pub use adapter::{AdapterChoice, AdapterInfo, AdapterKind, adapters};
 pub use device::Gpu;
 pub use error::GpuError;
 pub use fault::{Fault, NoSuchFault};
-pub use flatten::Variant;
-pub use kernel_kind::TreeKind;
 pub use tracer::GpuTracer;
+pub use variant::{TreeKind, Variant};

@@ -1,6 +1,7 @@
-//! Where there is no Vulkan, devices lend no memory: streams lie in the host's own and are copied.
+//! Stands in for `host_memory.rs` on systems without Vulkan. Devices share no memory there, so streams lie in the
+//! host's own memory and are copied.
 
-/// Memory that is never there.
+/// Memory that cannot be allocated.
 #[derive(Debug)]
 pub(super) enum HostMemory {}
 

@@ -1,21 +1,28 @@
-//! Records in pages: a scene may have more nodes or pairs than one binding takes, so they lie in as many
-//! buffers as it needs, each of a power of two records but for the last.
+//! Records in pages. A scene may have more nodes or pairs than one binding holds, so they lie in as many buffers as
+//! they need: pages, each of a power of two records but for the last.
 
-use super::flatten::{Flat, Nodes};
-use super::kernel_kind::TreeKind;
-use super::layout::{Identities, Pair};
-use super::{Gpu, GpuError};
+use super::variant::TreeKind;
+use super::{AdapterInfo, GpuError};
 use std::fmt::Write as _;
 
-/// Bindings that a kernel needs beside nodes, pairs and identities: members or the device's own tree, rays and answers.
+/// Storage bindings that a kernel needs beside nodes, pairs and identities: members (or the device's own tree), rays
+/// and answers.
 const OTHER_BINDINGS: u64 = 3;
 
-/// How the records of one kind lie in pages.
+/// Records of one kind.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Records {
+    pub count: usize,
+    /// Bytes of one record.
+    pub bytes: usize,
+}
+
+/// How records of one kind are split into pages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Pages {
-    /// A page has `1 << bits` records.
+    /// A page has `1 << bits` records, the last may have fewer.
     pub bits: u32,
-    /// How many pages there are, at least one.
+    /// Number of pages.
     pub count: u32,
 }
 
@@ -24,19 +31,19 @@ impl Pages {
     #[cfg(test)]
     pub const ONE: Self = Self { bits: 31, count: 1 };
 
-    /// No records to bind.
+    /// No pages: kernels do not read the records.
     const NONE: Self = Self { bits: 31, count: 0 };
 
-    /// The fewest pages that take `records` when a binding takes `available` bytes; `None` when not even one
+    /// The fewest pages for records when a binding holds `available` bytes: at least one. `None` when not even one
     /// record fits.
-    pub fn of(records: usize, record_bytes: usize, available: u64) -> Option<Self> {
-        let fit = available / record_bytes as u64;
+    pub fn of(records: Records, available: u64) -> Option<Self> {
+        let fit = available / records.bytes as u64;
         let bits = fit.checked_ilog2()?.min(31);
-        let records = records.max(1) as u64;
-        Some(if records <= fit {
+        let count = records.count.max(1) as u64;
+        Some(if count <= fit {
             Self { bits: 31, count: 1 }
         } else {
-            Self { bits, count: u32::try_from(records.div_ceil(1 << bits)).ok()? }
+            Self { bits, count: u32::try_from(count.div_ceil(1 << bits)).ok()? }
         })
     }
 
@@ -46,7 +53,7 @@ impl Pages {
         (0..self.count as usize).map(move |page| &records[page * len..records.len().min((page + 1) * len)])
     }
 
-    /// Declares the pages from a binding of group 0 on.
+    /// Declares the pages as bindings of group 0, from `first` on.
     fn declare(self, text: &mut String, first: u32, name: &str, record: &str) {
         for page in 0..self.count {
             let binding = first + page;
@@ -57,8 +64,8 @@ impl Pages {
         }
     }
 
-    /// Defines a function that reads a record, or what `rest` takes of it.
-    fn read(self, text: &mut String, name: &str, function: &str, result: &str, rest: &str) {
+    /// Defines a function that reads a record, or the part of it that the suffix `part` selects.
+    fn read(self, text: &mut String, name: &str, function: &str, result: &str, part: &str) {
         let _ = writeln!(text, "fn {function} -> {result} {{");
         let place = if self.count == 1 { "index" } else { "place" };
         if self.count > 1 {
@@ -66,9 +73,9 @@ impl Pages {
             let _ = writeln!(text, "    let page = index >> {bits}u;\n    let place = index & {mask}u;");
         }
         for page in 1..self.count {
-            let _ = writeln!(text, "    if page == {page}u {{ return {name}_{page}[{place}]{rest}; }}");
+            let _ = writeln!(text, "    if page == {page}u {{ return {name}_{page}[{place}]{part}; }}");
         }
-        let _ = writeln!(text, "    return {name}_0[{place}]{rest};\n}}");
+        let _ = writeln!(text, "    return {name}_0[{place}]{part};\n}}");
     }
 }
 
@@ -85,26 +92,18 @@ impl ScenePages {
     #[cfg(test)]
     pub const ONE: Self = Self { nodes: Pages::ONE, pairs: Pages::ONE, identities: Pages::ONE };
 
-    /// Pages for a scene.
+    /// Pages for a scene's nodes, pairs and identities.
     ///
     /// # Errors
-    /// When the adapter has not enough bindings, told in bytes: what the records take and what all bindings
-    /// together do.
-    pub fn new(gpu: &Gpu, flat: &Flat) -> Result<Self, GpuError> {
-        let info = gpu.info();
+    /// When the adapter has too few bindings, with the bytes that the records need and that all bindings together hold.
+    pub fn new(info: &AdapterInfo, tree: TreeKind, records: [Records; 3]) -> Result<Self, GpuError> {
         let one = info.max_binding_bytes.min(info.max_buffer_bytes);
         let bindings = u64::from(info.max_storage_bindings).saturating_sub(OTHER_BINDINGS);
-        let sizes = [
-            (flat.nodes.len(), flat.nodes.record_bytes()),
-            (flat.pairs.len(), size_of::<Pair>()),
-            (flat.identities.len(), size_of::<Identities>()),
-        ];
-        let required = sizes.iter().map(|(records, bytes)| (records * bytes) as u64).sum();
-        let [nodes, pairs, identities] = sizes.map(|(records, bytes)| Pages::of(records, bytes, one));
-        let nodes = match &flat.nodes {
-            // The device reads them once, when it makes its tree.
-            Nodes::Device(boxes) => (boxes.len() as u64 <= info.max_boxes()).then_some(Pages::NONE),
-            Nodes::Binary(_) | Nodes::Wide(_) => nodes,
+        let [nodes, pairs, identities] = records.map(|records| Pages::of(records, one));
+        let nodes = match tree {
+            // Boxes are no binding: the device reads them once, when it builds its tree.
+            TreeKind::Device => (records[0].count as u64 <= info.max_boxes()).then_some(Pages::NONE),
+            TreeKind::Binary | TreeKind::Wide => nodes,
         };
         match (nodes, pairs, identities) {
             (Some(nodes), Some(pairs), Some(identities))
@@ -113,19 +112,19 @@ impl ScenePages {
                 Ok(Self { nodes, pairs, identities })
             }
             _ => Err(GpuError::TooLarge {
-                required,
+                required: records.iter().map(|records| (records.count * records.bytes) as u64).sum(),
                 available: one.saturating_mul(bindings),
                 adapter: info.to_string(),
             }),
         }
     }
 
-    /// Bindings of group 0: nodes, pairs, identities; members or the device's own tree.
+    /// Number of bindings of group 0: the pages, and members or the device's own tree.
     pub fn bindings(self) -> u32 {
         self.nodes.count + self.pairs.count + self.identities.count + 1
     }
 
-    /// The declarations that kernels read them through.
+    /// WGSL that declares the pages, and the functions through which kernels read them.
     pub fn source(self, tree: TreeKind) -> String {
         let Self { nodes, pairs, identities } = self;
         let mut text = String::from("// Nodes, pairs and identities, in as many bindings as they need.\n");
@@ -148,7 +147,7 @@ impl ScenePages {
         let last = self.bindings() - 1;
         let variable = match tree {
             TreeKind::Device => "var boxes: acceleration_structure",
-            TreeKind::Binary | TreeKind::Wide => "var<storage, read> members: array<Member>",
+            TreeKind::Binary | TreeKind::Wide => "var<storage, read> members: array<TreeInstance>",
         };
         let _ = writeln!(text, "@group(0) @binding({last}) {variable};");
         text
@@ -161,19 +160,19 @@ mod tests {
 
     #[test]
     fn pages_hold_every_record_once_and_none_exceeds_a_binding() {
-        for (records, available) in
+        for (count, available) in
             [(0, 480), (1, 480), (10, 480), (11, 480), (100, 480), (1000, 4800), (7, 48)]
         {
-            let pages = Pages::of(records, 48, available).expect("a record fits");
-            let all: Vec<usize> = (0..records).collect();
+            let pages = Pages::of(Records { count, bytes: 48 }, available).expect("a record fits");
+            let all: Vec<usize> = (0..count).collect();
             let split: Vec<&[usize]> = pages.split(&all).collect();
             assert_eq!(split.len(), pages.count as usize);
             assert!(split.iter().all(|page| page.len() as u64 * 48 <= available), "{pages:?}");
             assert_eq!(split.concat(), all);
-            for (place, page) in split.iter().enumerate().filter(|_| pages.count > 1) {
-                assert!(page.iter().all(|record| record >> pages.bits == place));
+            for (index, page) in split.iter().enumerate().filter(|_| pages.count > 1) {
+                assert!(page.iter().all(|record| record >> pages.bits == index));
             }
         }
-        assert_eq!(Pages::of(1, 48, 47), None);
+        assert_eq!(Pages::of(Records { count: 1, bytes: 48 }, 47), None);
     }
 }

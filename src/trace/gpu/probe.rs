@@ -1,18 +1,18 @@
-//! Whether a device's arithmetic is what the kernels' error bounds assume, asked once when it is
-//! opened. A sample proves nothing, but another rounding mode shows in every second number.
+//! Probes whether a device's arithmetic is what the kernels' error bounds assume, once when the device is opened. A
+//! sample proves nothing, but another rounding mode shows in every second number.
 
 use super::Gpu;
-use super::dispatch::entry;
+use super::dispatch::bind_whole;
 use crate::geom::mix;
 use std::sync::mpsc::sync_channel;
 
-/// Pairs of numbers tried; one workgroup.
+/// Pairs of numbers: one for each thread of a workgroup.
 const PROBES: usize = 64;
 
-/// Division may be off by this many units in the last place.
+/// The largest error of a division, in units in the last place.
 const QUOTIENT_ULPS: u32 = 3;
 
-/// A kernel of its own: the error bounds do not enter.
+/// The source of a kernel of its own, which uses none of the error bounds.
 fn source() -> String {
     format!("const PROBES: u32 = {PROBES}u;\n{}", include_str!("../../../shaders/probe_rounding.wgsl"))
 }
@@ -27,7 +27,7 @@ fn pairs() -> Vec<[f32; 2]> {
     (0..PROBES as u32).map(|i| [number(2 * i), number(2 * i + 1)]).collect()
 }
 
-/// Has the device compute, within [`Gpu::guard`].
+/// Computes `[x + y, x - y, x * y, x / y]` of each pair on the device, within [`Gpu::guard`].
 pub(super) fn compute(
     gpu: &Gpu,
     device: &wgpu::Device,
@@ -63,7 +63,7 @@ pub(super) fn compute(
     let group = device.create_bind_group(&wgpu::BindGroupDescriptor {
         label: Some("probe"),
         layout: &pipeline.get_bind_group_layout(0),
-        entries: &[entry(0, &input), entry(1, &output)],
+        entries: &[bind_whole(0, &input), bind_whole(1, &output)],
     });
     let mut encoder = device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
     let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
@@ -75,7 +75,7 @@ pub(super) fn compute(
     let submission = queue.submit([encoder.finish()]);
     let (sender, receiver) = sync_channel(1);
     readback.map_async(wgpu::MapMode::Read, .., move |result| {
-        // Nobody listens when the wait has failed.
+        // The receiver is gone if the wait has failed.
         let _ = sender.send(result);
     });
     gpu.wait(&submission)?;
@@ -84,7 +84,10 @@ pub(super) fn compute(
     Ok(bytemuck::pod_collect_to_vec(&view))
 }
 
-/// What is wrong with the results, if anything.
+/// Compares results of [`compute`] with the host's.
+///
+/// # Errors
+/// With the first operation whose result differs more than allowed.
 pub(super) fn judge(results: &[[f32; 4]]) -> Result<(), String> {
     for (&[x, y], result) in pairs().iter().zip(results) {
         let exact = [x + y, x - y, x * y, x / y];
@@ -117,7 +120,7 @@ mod tests {
     fn other_rounding_is_noticed() {
         let right: Vec<[f32; 4]> = pairs().iter().map(|&[x, y]| [x + y, x - y, x * y, x / y]).collect();
         assert_eq!(judge(&right), Ok(()));
-        // Towards zero: what is nearer to zero than the exact result stays, else one step down.
+        // Rounds towards zero: one step down if the nearest number is farther from zero than the exact result.
         let truncated = |exact: f64| {
             let near = exact as f32;
             if f64::from(near).abs() > exact.abs() { f32::from_bits(near.to_bits() - 1) } else { near }

@@ -1,30 +1,30 @@
-//! A scene on the device: its buffers, and the kernels made for its tree.
+//! A scene on the device: its buffers, and the kernels compiled for it.
 
-use super::dispatch::{Dispatch, entry};
-use super::flatten::{Flat, Nodes, Variant};
-use super::kernel_kind::{KernelKind, Shape, TreeKind};
+use super::dispatch::{KernelPipeline, bind_whole};
+use super::flatten::{FlatScene, Nodes};
+use super::kernel::{Kernel, Shape};
 use super::layout::TreeInstance;
 use super::pages::ScenePages;
-use super::{Gpu, GpuError, device_tree};
+use super::{Gpu, GpuError, TreeKind, Variant, device_tree};
 use crate::bvh::Bvh;
 
-/// Bytes uploaded at once: each piece passes through staging memory of its size.
+/// Bytes uploaded at once. wgpu allocates staging memory of this size.
 const UPLOAD_BYTES: usize = 16 << 20;
 
-/// What the device makes its own tree of.
+/// Label of the buffer from which the device builds its own tree.
 const BOXES: &str = "boxes";
 
-/// Gives a kernel's source for a shape of scene.
-pub(super) type Source = fn(KernelKind, &Shape) -> String;
+/// Makes a kernel's source for scenes of a shape.
+pub(super) type Source = fn(Kernel, &Shape) -> String;
 
 /// A scene on the device.
 #[derive(Debug)]
 pub(super) struct DeviceScene {
-    /// Binds the pages of nodes, pairs and identities, and members or the device's own tree: group 0.
+    /// Group 0: the pages of nodes, pairs and identities, and members or the device's own tree.
     pub group: wgpu::BindGroup,
-    pub closest: Dispatch,
-    pub any: Dispatch,
-    /// Bytes of all of them.
+    pub trace_closest: KernelPipeline,
+    pub trace_any: KernelPipeline,
+    /// Bytes of the scene's buffers.
     pub bytes: u64,
 }
 
@@ -32,30 +32,31 @@ impl DeviceScene {
     /// Uploads a tree and compiles the kernels for it from `source`.
     ///
     /// # Errors
-    /// When the scene exceeds what the adapter binds (told before anything is allocated), or the
-    /// device refuses or is lost.
+    /// When the scene exceeds what the adapter can bind (before anything is allocated), the device refuses it, or the
+    /// device is lost.
     pub fn new(gpu: &Gpu, bvh: &Bvh, variant: Variant, source: Source) -> Result<Self, GpuError> {
         let adapter = || gpu.info().to_string();
         let by_query = variant.tree == TreeKind::Device;
         if by_query && gpu.info().max_query_boxes == 0 {
-            return Err(GpuError::KernelKind { adapter: adapter(), reason: "it has no ray queries".into() });
+            return Err(GpuError::Kernel { adapter: adapter(), reason: "it has no ray queries".into() });
         }
-        let flat = Flat::of(bvh, variant);
-        let pages = ScenePages::new(gpu, &flat)?;
-        let Flat { nodes, pairs, identities, members, stack, first_masked } = flat;
+        let flat = FlatScene::of(bvh, variant);
+        let pages = ScenePages::new(gpu.info(), variant.tree, flat.records())?;
+        let FlatScene { nodes, pairs, identities, members, stack, first_masked } = flat;
 
         let shape = Shape { stack, tree: variant.tree, members: !members.is_empty(), first_masked, pages };
         let shared = gpu.info().shared_memory;
-        let made = gpu.attempt(|device, _| {
-            let (group, call) = layouts(device, pages.bindings(), by_query);
-            let pass =
-                |kernel| Dispatch::new(device, kernel, source(kernel, &shape), &group, call.clone(), shared);
-            let (closest, any) = (pass(KernelKind::TraceClosest), pass(KernelKind::TraceAny));
-            (group, closest, any)
+        let compiled = gpu.attempt(|device, _| {
+            let (group, request) = layouts(device, pages.bindings(), by_query);
+            let pipeline = |kernel| {
+                KernelPipeline::new(device, kernel, source(kernel, &shape), &group, request.clone(), shared)
+            };
+            let (trace_closest, trace_any) = (pipeline(Kernel::TraceClosest), pipeline(Kernel::TraceAny));
+            (group, trace_closest, trace_any)
         });
-        let (layout, closest, any) = made
+        let (layout, trace_closest, trace_any) = compiled
             .map_err(GpuError::Lost)?
-            .map_err(|reason| GpuError::KernelKind { adapter: adapter(), reason })?;
+            .map_err(|reason| GpuError::Kernel { adapter: adapter(), reason })?;
 
         let node_pages = nodes.split(pages.nodes).into_iter().map(|page| ("nodes", page));
         let pair_pages = pages.pairs.split(&pairs).map(|page| ("pairs", bytemuck::cast_slice(page)));
@@ -67,27 +68,9 @@ impl DeviceScene {
         };
         let contents: Vec<(&str, &[u8])> =
             node_pages.chain(pair_pages).chain(identity_pages).chain([last]).collect();
-        // A binding may not be empty.
-        let size = |page: &[u8]| page.len().max(size_of::<TreeInstance>()) as u64;
-        let bytes = contents.iter().map(|(_, page)| size(page)).sum();
-        let made = gpu.attempt(|device, _| {
-            let buffer = |&(label, page): &(&str, &[u8])| {
-                device.create_buffer(&wgpu::BufferDescriptor {
-                    label: Some(label),
-                    // More than any device has, when it is to refuse.
-                    size: if gpu.has_no_memory() { 1 << 62 } else { size(page) },
-                    usage: wgpu::BufferUsages::COPY_DST
-                        | match label {
-                            BOXES => wgpu::BufferUsages::BLAS_INPUT,
-                            _ => wgpu::BufferUsages::STORAGE,
-                        },
-                    mapped_at_creation: false,
-                })
-            };
-            contents.iter().map(buffer).collect::<Vec<wgpu::Buffer>>()
-        });
+        let bytes = contents.iter().map(|(_, page)| buffer_size(page)).sum();
         let out_of_memory = |reason| GpuError::OutOfMemory { required: bytes, adapter: adapter(), reason };
-        let buffers = made.map_err(GpuError::Lost)?.map_err(out_of_memory)?;
+        let buffers = allocate(gpu, &contents).map_err(GpuError::Lost)?.map_err(out_of_memory)?;
         for (buffer, (_, page)) in buffers.iter().zip(&contents) {
             upload(gpu, buffer, page)?;
         }
@@ -95,21 +78,48 @@ impl DeviceScene {
             (true, Some(boxes)) => Some(device_tree::build(gpu, boxes, last.1.len() as u64)?),
             _ => None,
         };
-        let made = gpu.attempt(|device, _| {
+        let bound = gpu.attempt(|device, _| {
             let mut entries: Vec<_> =
-                (0..).zip(&buffers).map(|(binding, buffer)| entry(binding, buffer)).collect();
+                (0..).zip(&buffers).map(|(binding, buffer)| bind_whole(binding, buffer)).collect();
             if let (Some(last), Some(tree)) = (entries.last_mut(), &tree) {
                 last.resource = wgpu::BindingResource::AccelerationStructure(tree);
             }
             let (label, layout) = (Some("scene"), &layout);
             device.create_bind_group(&wgpu::BindGroupDescriptor { label, layout, entries: &entries })
         });
-        let group = made.map_err(GpuError::Lost)?.map_err(out_of_memory)?;
-        Ok(Self { group, closest, any, bytes })
+        let group = bound.map_err(GpuError::Lost)?.map_err(out_of_memory)?;
+        Ok(Self { group, trace_closest, trace_any, bytes })
     }
 }
 
-/// Group 0: the scene's pages, the last of which may be the device's own tree. Group 1: rays, params, answers.
+fn usage_of(label: &str) -> wgpu::BufferUsages {
+    let read = if label == BOXES { wgpu::BufferUsages::BLAS_INPUT } else { wgpu::BufferUsages::STORAGE };
+    wgpu::BufferUsages::COPY_DST | read
+}
+
+/// Bytes of the buffer for a page. A binding must not be empty.
+fn buffer_size(page: &[u8]) -> u64 {
+    page.len().max(size_of::<TreeInstance>()) as u64
+}
+
+/// Allocates a buffer for each page, which has a label.
+fn allocate(gpu: &Gpu, pages: &[(&str, &[u8])]) -> Result<Result<Vec<wgpu::Buffer>, String>, String> {
+    gpu.attempt(|device, _| {
+        let buffer = |&(label, page): &(&str, &[u8])| {
+            device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some(label),
+                // More than any device has, if the fault is injected.
+                size: if gpu.has_no_memory() { 1 << 62 } else { buffer_size(page) },
+                usage: usage_of(label),
+                mapped_at_creation: false,
+            })
+        };
+        pages.iter().map(buffer).collect()
+    })
+}
+
+/// The layouts of group 0 (the scene's pages, then members or the device's own tree) and of group 1 (rays, params,
+/// answers).
 fn layouts(
     device: &wgpu::Device,
     pages: u32,
@@ -138,10 +148,10 @@ fn layouts(
     if let (true, Some(last)) = (by_query, scene.last_mut()) {
         *last = AccelerationStructure { vertex_return: false };
     }
-    (layout("scene", &scene), layout("call", &[input, buffer(Uniform), output]))
+    (layout("scene", &scene), layout("request", &[input, buffer(Uniform), output]))
 }
 
-/// Writes a buffer piece by piece, waiting for each, so that staging memory stays small.
+/// Writes a buffer piece by piece and waits for each, so that staging memory stays small.
 fn upload(gpu: &Gpu, buffer: &wgpu::Buffer, bytes: &[u8]) -> Result<(), GpuError> {
     for (index, piece) in bytes.chunks(UPLOAD_BYTES).enumerate() {
         let sent = gpu.guard(|_, queue| {

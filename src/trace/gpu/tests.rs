@@ -1,8 +1,8 @@
-//! Tests that need a look behind the wall: arithmetic worse than the test machine's, limits smaller,
-//! patience shorter.
+//! Tests that need the module's internals: arithmetic worse than the test machine's, smaller limits, a shorter
+//! watchdog.
 
 use super::device_replacement::MOST;
-use super::kernel_kind::{KernelKind, Shape};
+use super::kernel::{Kernel, Shape};
 use super::scene::Source;
 use super::watchdog::Watchdog;
 use super::{AdapterChoice, Gpu, GpuError, GpuTracer, Variant};
@@ -29,7 +29,7 @@ fn point(i: u32, k: u32) -> Vec3 {
     Vec3::new(signed(i, k), signed(i, k + 1), signed(i, k + 2))
 }
 
-/// A bumpy grid, and under it the same grid a hair lower: edges, vertices and near ties everywhere.
+/// A bumpy grid, and the same grid 1e-6 lower: edges, vertices and near ties everywhere.
 fn mesh() -> (Vec<Vec3>, Vec<[u32; 3]>) {
     let n = 12;
     let (mut positions, mut triangles) = (Vec::new(), Vec::new());
@@ -75,7 +75,7 @@ fn rays(bvh: &Bvh, count: u32) -> Vec<Ray> {
         .collect()
 }
 
-/// How many answers of a GPU tracer made from `source` are not the reference's.
+/// How many answers of a GPU tracer with kernels from `source` differ from the oracle's.
 fn wrong_answers(variant: Variant, source: Source) -> usize {
     let (positions, triangles) = mesh();
     let bvh = Arc::new(Bvh::build(&positions, &triangles, |_| false));
@@ -135,22 +135,22 @@ fn without_fma(source: &str) -> String {
     out + rest
 }
 
-/// `source` with `from` replaced, which has to be there.
+/// `source` with `from` replaced, which it must contain.
 fn replaced(source: &str, from: &str, to: &str) -> String {
     assert!(source.contains(from), "no {from:?} in the kernel");
     source.replace(from, to)
 }
 
-/// The arithmetic of a device that rounds every fma twice, whose reciprocals are 2 ulp off and whose
-/// quotients are, too.
-fn sloppy(kernel: KernelKind, shape: &Shape) -> String {
+/// A kernel with the arithmetic of a device that rounds every fma twice, and whose reciprocals and quotients are off by
+/// 2 ulp.
+fn inexact(kernel: Kernel, shape: &Shape) -> String {
     let source = without_fma(&kernel.source(shape));
     let source = replaced(&source, "1.0 / slanted", "1.0000002 / slanted");
     replaced(&source, "dot_fma(normal, a) / facing", "dot_fma(normal, a) * 1.0000002 / facing")
 }
 
-/// A kernel that takes its own arithmetic for exact.
-fn trusting(source: &str) -> String {
+/// A kernel without margins, as if its arithmetic were exact.
+fn without_margins(source: &str) -> String {
     let lines = source.lines().map(|line| match line.split_once(": f32 = ") {
         Some((name @ ("const MARGIN" | "const T_ROUNDING" | "const TINY"), _)) => {
             format!("{name}: f32 = 0.0;\n")
@@ -161,16 +161,16 @@ fn trusting(source: &str) -> String {
 }
 
 #[test]
-fn sloppy_arithmetic_gives_the_same_bits() {
+fn inexact_arithmetic_gives_the_same_bits() {
     for variant in open().info().variants() {
-        assert_eq!(wrong_answers(variant, sloppy), 0, "{variant}");
+        assert_eq!(wrong_answers(variant, inexact), 0, "{variant}");
     }
 }
 
 #[test]
-fn the_margins_are_what_keeps_sloppy_arithmetic_right() {
+fn inexact_arithmetic_needs_the_margins() {
     for variant in open().info().variants() {
-        let wrong = wrong_answers(variant, |kernel, shape| trusting(&sloppy(kernel, shape)));
+        let wrong = wrong_answers(variant, |kernel, shape| without_margins(&inexact(kernel, shape)));
         assert!(
             wrong > 20,
             "{variant}: only {wrong} wrong answers without margins: the other test shows nothing"
@@ -178,8 +178,9 @@ fn the_margins_are_what_keeps_sloppy_arithmetic_right() {
     }
 }
 
-/// Traces a stream of so many rays and shadow rays in memory that the device lends; returns the bytes copied.
-fn trace_lent(tracer: &GpuTracer, oracle: &Oracle, rays: &[Ray], shadow_rays: &[Ray]) -> u64 {
+/// Traces a stream of these rays and shadow rays, in memory that the device shares if it does; returns the bytes
+/// copied.
+fn trace_stream(tracer: &GpuTracer, oracle: &Oracle, rays: &[Ray], shadow_rays: &[Ray]) -> u64 {
     let capacity = Capacity { rays: rays.len() + 5, shadow_rays: shadow_rays.len() + 9 };
     let mut stream = RayStream::<_, u32, u32>::new().fill();
     stream.append(capacity, Some(tracer), |mut columns| {
@@ -202,25 +203,25 @@ fn trace_lent(tracer: &GpuTracer, oracle: &Oracle, rays: &[Ray], shadow_rays: &[
 }
 
 #[test]
-fn streams_in_lent_memory_are_traced_there_or_fetched_by_the_device() {
+fn streams_in_device_memory_are_traced_in_place_or_copied_by_the_device() {
     let (positions, triangles) = mesh();
     let bvh = Arc::new(Bvh::build(&positions, &triangles, |_| false));
     let oracle = Oracle::new(bvh.clone(), None);
     let rays = rays(&bvh, 3000);
-    for (shared, lends, per_ray, per_shadow_ray) in
+    for (shared, shares, per_ray, per_shadow_ray) in
         [(true, true, 0, 0), (false, true, 48, 36), (true, false, 48, 36), (false, false, 48, 36)]
     {
         let mut gpu = open();
-        // A discrete adapter's ways, and those of one that does not lend.
-        (gpu.info.shared_memory, gpu.lends) = (shared, lends);
+        // Also as a discrete adapter, and as one that cannot share memory.
+        (gpu.info.shared_memory, gpu.can_share_memory) = (shared, shares);
         // Several dispatches a stream.
         gpu.info.max_binding_bytes = 1 << 15;
         let tracer = GpuTracer::new(Arc::new(gpu), bvh.clone(), None, Arc::new(oracle.clone()));
         let tracer = tracer.expect("the scene fits");
         assert_eq!(tracer.max_rays(), 1024);
         for (n, m) in [(3000, 2000), (1, 0), (0, 1), (1025, 2999)] {
-            let copied = trace_lent(&tracer, &oracle, &rays[..n], &rays[..m]);
-            assert_eq!(copied, (per_ray * n + per_shadow_ray * m) as u64, "{shared} {lends} {n} {m}");
+            let copied = trace_stream(&tracer, &oracle, &rays[..n], &rays[..m]);
+            assert_eq!(copied, (per_ray * n + per_shadow_ray * m) as u64, "{shared} {shares} {n} {m}");
         }
     }
 }
@@ -237,7 +238,7 @@ fn a_scene_in_many_pages_gives_the_same_bits() {
         let tracer = GpuTracer::new(Arc::new(gpu), bvh.clone(), None, Arc::new(oracle.clone()));
         let tracer = tracer.expect("the scene fits in pages");
         let (mut hits, mut occluded) = (vec![Hit::NONE; rays.len()], vec![0; rays.len()]);
-        // The limit counts for rays, too.
+        // The limit applies to rays too.
         assert!(tracer.max_rays() < 512);
         let queries = Queries { rays: &rays, hits: &mut hits, shadow_rays: &rays, occluded: &mut occluded };
         tracer.trace(queries).expect("the device answers");
@@ -271,7 +272,7 @@ fn a_dispatch_that_takes_too_long_is_a_loss() {
     let oracle = Arc::new(Oracle::new(bvh.clone(), None));
     let mut gpu = open();
     gpu.watchdog = Watchdog::new(Duration::from_micros(1), Duration::from_micros(1));
-    // Uploads are waited for, too.
+    // The watchdog also limits uploads.
     let tracer = match GpuTracer::new(Arc::new(gpu), bvh.clone(), None, oracle) {
         Ok(tracer) => tracer,
         Err(GpuError::Lost(reason)) => return assert!(reason.contains("did not return within"), "{reason}"),
@@ -287,7 +288,7 @@ fn a_dispatch_that_takes_too_long_is_a_loss() {
 }
 
 #[test]
-fn lost_devices_have_successors_a_bounded_number_of_times_and_liars_have_none() {
+fn lost_devices_are_replaced_a_bounded_number_of_times_and_untrusted_ones_never() {
     let never = AtomicBool::new(false);
     let mut gpu = Arc::new(open());
     let mut count = 0;
@@ -295,14 +296,14 @@ fn lost_devices_have_successors_a_bounded_number_of_times_and_liars_have_none() 
         gpu.simulate_loss();
         let Some(next) = gpu.successor(&never) else { break };
         let again = gpu.successor(&never).expect("as before");
-        assert!(Arc::ptr_eq(&next, &again), "one successor for all who ask");
+        assert!(Arc::ptr_eq(&next, &again), "one successor for all threads");
         count += 1;
-        assert_eq!((next.lost(), next.succession.number()), (None, count));
+        assert_eq!((next.lost(), next.replacement.number()), (None, count));
         gpu = next;
     }
     assert_eq!(count, MOST);
-    let liar = Arc::new(open());
-    liar.mark_untrusted("wrong answers".into());
-    assert!(liar.successor(&never).is_none());
-    assert!(Arc::new(open()).successor(&AtomicBool::new(true)).is_none(), "nobody wants it");
+    let untrusted = Arc::new(open());
+    untrusted.mark_untrusted("wrong answers".into());
+    assert!(untrusted.successor(&never).is_none());
+    assert!(Arc::new(open()).successor(&AtomicBool::new(true)).is_none(), "cancelled");
 }

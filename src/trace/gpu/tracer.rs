@@ -1,13 +1,12 @@
-//! The GPU tracer: whole ray streams through the kernels and back.
+//! The GPU tracer: traces whole ray streams, replaces lost devices.
 
-use super::dispatch::{Submission, max_rays};
-use super::flatten::Variant;
-use super::kernel_kind::KernelKind;
+use super::dispatch::{Request, max_rays};
+use super::kernel::Kernel;
 use super::resolve::Resolver;
 use super::scene::{DeviceScene, Source};
 use super::shared_buffer::SharedBuffer;
-use super::with_fma::fused;
-use super::{AdapterKind, Fault, Gpu, GpuError, cross_check, fault, shared_buffer};
+use super::with_fma::with_fma;
+use super::{AdapterKind, Fault, Gpu, GpuError, Variant, cross_check, fault, shared_buffer};
 use crate::bvh::{Bvh, Filter};
 use crate::stream::{
     Capacity, DeviceError, DeviceMemory, DeviceReport, DeviceTracer, Hit, InPlace, Queries, Ray, Sizing,
@@ -21,40 +20,39 @@ use std::time::{Duration, Instant};
 /// More rays than this in one dispatch gain nothing on any device.
 const MAX_RAYS: usize = 1 << 20;
 
-/// The same for software adapters, which may take microseconds a ray and have to stay within the
-/// watchdog's patience.
+/// The same for software adapters, which may take microseconds a ray and must not exceed the watchdog's limit.
 const MAX_RAYS_SOFTWARE: usize = 1 << 16;
 
-/// Traces ray streams of one scene on a GPU. The answers are canonical: candidates of the device are
-/// evaluated again on the host, and rays that stay open go to the CPU tracer.
+/// Traces ray streams of one scene on a GPU. The answers are canonical: the host evaluates the device's candidates, and
+/// the CPU tracer traces undecided rays.
 ///
-/// When the device is lost, calls fail at once while another is opened and given the scene in the background;
-/// after that calls are answered again.
+/// When the device is lost, calls fail at once while another device is opened in the background and gets the scene;
+/// from then on calls are answered again.
 pub struct GpuTracer {
     name: String,
     shared: Arc<Shared>,
-    /// Opens another device.
+    /// Opens a replacement of a lost device.
     worker: Mutex<Option<JoinHandle<()>>>,
 }
 
-/// What the tracer and its worker both see.
+/// What the tracer and its worker share.
 struct Shared {
-    live: Mutex<Arc<Live>>,
+    device: Mutex<Arc<SceneDevice>>,
     variant: Variant,
     source: Source,
     resolver: Resolver,
-    /// No device comes any more: none is to be had, or nobody wants one.
-    over: AtomicBool,
+    /// No replacement will come: none can be opened, or the tracer is being dropped.
+    is_final: AtomicBool,
 }
 
 /// A device that has the scene.
-struct Live {
+struct SceneDevice {
     gpu: Arc<Gpu>,
     scene: DeviceScene,
     max_rays: usize,
 }
 
-impl Live {
+impl SceneDevice {
     fn new(gpu: Arc<Gpu>, bvh: &Bvh, variant: Variant, source: Source) -> Result<Self, GpuError> {
         let scene = DeviceScene::new(&gpu, bvh, variant, source)?;
         let most = if gpu.info().kind == AdapterKind::Software { MAX_RAYS_SOFTWARE } else { MAX_RAYS };
@@ -64,36 +62,37 @@ impl Live {
 }
 
 impl Shared {
-    fn live(&self) -> Arc<Live> {
-        self.live.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    fn device(&self) -> Arc<SceneDevice> {
+        self.device.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
     /// Opens devices until one takes the scene or no more may be opened.
     fn replace(&self, lost: &Arc<Gpu>) {
         let mut gpu = lost.clone();
-        while let Some(next) = gpu.successor(&self.over) {
-            match Live::new(next.clone(), &self.resolver.bvh, self.variant, self.source) {
-                Ok(live) => {
-                    let mut place = self.live.lock().unwrap_or_else(PoisonError::into_inner);
-                    let lost = std::mem::replace(&mut *place, Arc::new(live));
-                    drop(place);
+        while let Some(next) = gpu.successor(&self.is_final) {
+            match SceneDevice::new(next.clone(), &self.resolver.bvh, self.variant, self.source) {
+                Ok(device) => {
+                    let mut current = self.device.lock().unwrap_or_else(PoisonError::into_inner);
+                    let lost = std::mem::replace(&mut *current, Arc::new(device));
+                    drop(current);
                     return drop(lost);
                 }
                 Err(GpuError::Lost(_)) => gpu = next,
                 Err(_) => break,
             }
         }
-        self.over.store(true, Ordering::Relaxed);
+        self.is_final.store(true, Ordering::Relaxed);
     }
 }
 
 impl GpuTracer {
-    /// Uploads a scene, laid out as the device likes it, to another device if this one is lost. `filter` has its say in hits of masked triangles;
-    /// `cpu` traces the same scene with the same filter, for rays whose answer the device leaves open.
+    /// Uploads a scene in the layout that suits the device best ([`Gpu::variant`]). If the device is lost, its
+    /// replacements get the scene too. `filter` decides about hits of masked triangles. `cpu` traces the same scene
+    /// with the same filter, for undecided rays.
     ///
     /// # Errors
-    /// When the scene exceeds what the adapter can bind, with both sizes, or the device refuses the
-    /// scene or is lost. The caller goes on with the CPU.
+    /// When the scene exceeds what the adapter can bind (with both sizes), the device refuses the scene, or the device
+    /// is lost. The caller goes on with the CPU.
     pub fn new(
         gpu: Arc<Gpu>,
         bvh: Arc<Bvh>,
@@ -102,20 +101,22 @@ impl GpuTracer {
     ) -> Result<Self, GpuError> {
         let tracer = |variant| {
             let (gpu, bvh, filter, cpu) = (gpu.clone(), bvh.clone(), filter.clone(), cpu.clone());
-            Self::with_source(gpu, bvh, filter, cpu, variant, KernelKind::source)
+            Self::with_source(gpu, bvh, filter, cpu, variant, Kernel::source)
         };
-        let (liked, usual) = (gpu.variant(), Variant::default());
-        match tracer(liked) {
-            // The usual way takes the least memory.
-            Err(GpuError::TooLarge { .. } | GpuError::OutOfMemory { .. }) if liked != usual => tracer(usual),
+        let (tuned, default) = (gpu.variant(), Variant::default());
+        match tracer(tuned) {
+            // The default layout takes the least memory.
+            Err(GpuError::TooLarge { .. } | GpuError::OutOfMemory { .. }) if tuned != default => {
+                tracer(default)
+            }
             answer => answer,
         }
     }
 
-    /// Like [`GpuTracer::new`], with the scene laid out in another way.
+    /// Like [`GpuTracer::new`], with the scene in a given layout.
     ///
     /// # Errors
-    /// As there.
+    /// As [`GpuTracer::new`].
     pub fn with_variant(
         gpu: Arc<Gpu>,
         bvh: Arc<Bvh>,
@@ -123,7 +124,7 @@ impl GpuTracer {
         cpu: Arc<dyn Tracer>,
         variant: Variant,
     ) -> Result<Self, GpuError> {
-        let mut tracer = Self::with_source(gpu, bvh, filter, cpu, variant, KernelKind::source)?;
+        let mut tracer = Self::with_source(gpu, bvh, filter, cpu, variant, Kernel::source)?;
         tracer.name = format!("{}, {variant}", tracer.name);
         Ok(tracer)
     }
@@ -138,56 +139,61 @@ impl GpuTracer {
         source: Source,
     ) -> Result<Self, GpuError> {
         let gpu = gpu.latest();
-        let live = Mutex::new(Arc::new(Live::new(gpu, &bvh, variant, source)?));
-        let name = live.lock().unwrap_or_else(PoisonError::into_inner).gpu.info().name.clone();
+        let name = gpu.info().name.clone();
+        let device = Mutex::new(Arc::new(SceneDevice::new(gpu, &bvh, variant, source)?));
         let resolver = Resolver { bvh, filter, cpu };
-        let shared = Arc::new(Shared { live, variant, source, resolver, over: AtomicBool::new(false) });
+        let shared = Arc::new(Shared { device, variant, source, resolver, is_final: AtomicBool::new(false) });
         Ok(Self { name, shared, worker: Mutex::default() })
     }
 
     /// Bytes that the scene takes on the device.
     pub fn scene_bytes(&self) -> u64 {
-        self.shared.live().scene.bytes
+        self.shared.device().scene.bytes
     }
 
-    /// How many devices were opened in the place of lost ones before the one in use.
+    /// How many attempts to replace a lost device there were before the device in use was opened.
     pub fn replacements(&self) -> u32 {
-        self.shared.live().gpu.succession.number()
+        self.shared.device().gpu.replacement.number()
     }
 
-    /// Has a device do something; if it is lost, or is lost over it, has another opened.
-    fn with<T>(&self, live: &Live, work: impl FnOnce() -> Result<T, DeviceError>) -> Result<T, DeviceError> {
-        let answer = match live.gpu.lost() {
+    /// Runs `work` on a device, unless it is lost. If it is, or becomes so, starts to replace it.
+    fn with<T>(
+        &self,
+        device: &SceneDevice,
+        work: impl FnOnce() -> Result<T, DeviceError>,
+    ) -> Result<T, DeviceError> {
+        let answer = match device.gpu.lost() {
             Some(reason) => Err(DeviceError::Lost(reason.into())),
             None => work(),
         };
         if answer.is_err() {
-            self.replace(&live.gpu);
+            self.replace(&device.gpu);
         }
         answer
     }
 
-    /// Has another device opened in the place of a lost one, unless that is under way, has been done or is in vain.
+    /// Starts to replace a lost device, unless that is under way, has been done or cannot be done.
     fn replace(&self, lost: &Arc<Gpu>) {
         let mut worker = self.worker.lock().unwrap_or_else(PoisonError::into_inner);
-        let busy = worker.as_ref().is_some_and(|worker| !worker.is_finished());
-        if busy || self.shared.over.load(Ordering::Relaxed) || !Arc::ptr_eq(&self.shared.live().gpu, lost) {
+        let is_under_way = worker.as_ref().is_some_and(|worker| !worker.is_finished());
+        let is_current = Arc::ptr_eq(&self.shared.device().gpu, lost);
+        if is_under_way || self.shared.is_final.load(Ordering::Relaxed) || !is_current {
             return;
         }
         let (shared, lost) = (self.shared.clone(), lost.clone());
         let work = move || shared.replace(&lost);
-        // Without a thread there is no other device, and the CPU goes on.
+        // Without a thread there is no replacement, and the CPU goes on.
         *worker = std::thread::Builder::new().name("gpu replacement".into()).spawn(work).ok();
     }
 }
 
 impl Drop for GpuTracer {
-    /// Waits for a device that is being opened: drivers do not like to be left in the middle of it.
+    /// Waits for a device that is being opened: a process should not exit while a driver opens one.
     fn drop(&mut self) {
-        self.shared.over.store(true, Ordering::Relaxed);
+        self.shared.is_final.store(true, Ordering::Relaxed);
         let worker = self.worker.get_mut().unwrap_or_else(PoisonError::into_inner).take();
         if let Some(worker) = worker {
-            // It cannot panic but in the driver, behind the wall.
+            // Only the driver could panic there, and `Gpu::guard` catches that.
             let _ = worker.join();
         }
     }
@@ -195,54 +201,55 @@ impl Drop for GpuTracer {
 
 /// How long a dispatch took.
 struct Times {
-    /// From having the rays to having submitted them.
-    sent: Duration,
-    /// From then to where answers can be read.
-    readable: Duration,
+    /// Until its commands were submitted.
+    until_submitted: Duration,
+    /// From there until its answers had been read back.
+    until_read_back: Duration,
 }
 
-impl Live {
-    /// One submission: both kinds of rays go out, their candidates come back.
+impl SceneDevice {
+    /// Encodes, submits, maps and reads back the rays of both kinds, in one submission.
     fn dispatch(
         &self,
-        closest: &mut Submission<'_, Hit>,
-        any: &mut Submission<'_, u32>,
+        closest: &mut Request<'_, Hit>,
+        any: &mut Request<'_, u32>,
         scene_max_abs: f32,
         fault: Option<Fault>,
     ) -> Result<Times, String> {
         self.gpu.guard(|device, queue| {
             let start = Instant::now();
-            let DeviceScene { group, closest: closest_pass, any: any_pass, .. } = &self.scene;
+            let DeviceScene { group, trace_closest, trace_any, .. } = &self.scene;
             let mut encoder = device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
             let both = (device, queue);
-            let hits = closest_pass.encode(both, &mut encoder, group, scene_max_abs, closest);
-            let occluded = any_pass.encode(both, &mut encoder, group, scene_max_abs, any);
+            let hits = trace_closest.encode(both, &mut encoder, group, scene_max_abs, closest);
+            let occluded = trace_any.encode(both, &mut encoder, group, scene_max_abs, any);
             if let Some(Fault::Hang(_)) = fault {
-                return Err(self.gpu.wait_in_vain());
+                return Err(self.gpu.simulate_hang());
             }
             let submission = queue.submit([encoder.finish()]);
-            let sent = start.elapsed();
+            let until_submitted = start.elapsed();
             if let Some(Fault::Lost(_)) = fault {
                 device.destroy();
             }
-            let hits = hits.map(|in_flight| in_flight.ask(closest));
-            let occluded = occluded.map(|in_flight| in_flight.ask(any));
-            self.gpu.watchdog.note(self.gpu.wait(&submission)?);
-            hits.map_or(Ok(()), |encoded| closest_pass.land(closest, encoded))?;
-            occluded.map_or(Ok(()), |encoded| any_pass.land(any, encoded))?;
-            Ok(Times { sent, readable: start.elapsed() - sent })
+            let hits = hits.map(|encoded| encoded.map(closest));
+            let occluded = occluded.map(|encoded| encoded.map(any));
+            self.gpu.watchdog.record(self.gpu.wait(&submission)?);
+            hits.map_or(Ok(()), |in_flight| trace_closest.read_back(closest, in_flight))?;
+            occluded.map_or(Ok(()), |in_flight| trace_any.read_back(any, in_flight))?;
+            Ok(Times { until_submitted, until_read_back: start.elapsed() - until_submitted })
         })
     }
 
-    /// Answers what fits one dispatch.
+    /// Traces rays that fit one dispatch: dispatches, resolves and cross-checks.
     fn trace(
         &self,
         resolver: &Resolver,
-        mut closest: Submission<'_, Hit>,
-        mut any: Submission<'_, u32>,
+        mut closest: Request<'_, Hit>,
+        mut any: Request<'_, u32>,
     ) -> Result<DeviceReport, DeviceError> {
         let (number, fault) = self.gpu.next_dispatch();
-        let bytes_copied = self.scene.closest.copied(&closest) + self.scene.any.copied(&any);
+        let DeviceScene { trace_closest, trace_any, .. } = &self.scene;
+        let bytes_copied = trace_closest.bytes_copied(&closest) + trace_any.bytes_copied(&any);
         let times = self
             .dispatch(&mut closest, &mut any, resolver.bvh.scene_max_abs(), fault)
             .map_err(DeviceError::Lost)?;
@@ -250,14 +257,14 @@ impl Live {
         if let Some(Fault::Corrupt(_)) = fault {
             fault::corrupt(hits, occluded);
         }
-        let mut report = fused(|| {
+        let mut report = with_fma(|| {
             let mut report = resolver.closest(rays, hits);
             report += resolver.occluded(shadow_rays, occluded);
             report
         });
         report.bytes_copied = bytes_copied;
-        report.sending_ns = times.sent.as_nanos() as u64;
-        report.waiting_ns = times.readable.as_nanos() as u64;
+        report.sending_ns = times.until_submitted.as_nanos() as u64;
+        report.waiting_ns = times.until_read_back.as_nanos() as u64;
         let cpu = &*resolver.cpu;
         let checked = cross_check::closest(cpu, rays, hits, number)
             .and_then(|n| Ok(n + cross_check::occluded(cpu, shadow_rays, occluded, number)?));
@@ -272,51 +279,51 @@ impl DeviceTracer for GpuTracer {
     }
 
     fn max_rays(&self) -> usize {
-        self.shared.live().max_rays
+        self.shared.device().max_rays
     }
 
     fn sizing(&self) -> Option<Sizing> {
-        self.shared.live().gpu.sizing()
+        self.shared.device().gpu.sizing()
     }
 
     fn stream_memory(&self, capacity: Capacity, now: Option<&dyn DeviceMemory<Ray>>) -> Option<StreamMemory> {
-        shared_buffer::shared_buffers(&self.shared.live().gpu, capacity, now)
+        shared_buffer::stream_memory(&self.shared.device().gpu, capacity, now)
     }
 
     fn trace_in_place(&self, stream: InPlace<'_>) -> Option<Result<DeviceReport, DeviceError>> {
-        let live = self.shared.live();
-        let rays = SharedBuffer::own(stream.rays, &live.gpu)?;
-        let hits = SharedBuffer::own(stream.hits, &live.gpu)?;
-        let shadow_rays = SharedBuffer::own(stream.shadow_rays, &live.gpu)?;
-        let occluded = SharedBuffer::own(stream.occluded, &live.gpu)?;
-        Some(self.with(&live, || {
+        let device = self.shared.device();
+        let rays = SharedBuffer::of_device(stream.rays, &device.gpu)?;
+        let hits = SharedBuffer::of_device(stream.hits, &device.gpu)?;
+        let shadow_rays = SharedBuffer::of_device(stream.shadow_rays, &device.gpu)?;
+        let occluded = SharedBuffer::of_device(stream.occluded, &device.gpu)?;
+        Some(self.with(&device, || {
             let (count, shadow_count) = (stream.ray_count, stream.shadow_ray_count);
             let mut report = DeviceReport::default();
-            for start in (0..count.max(shadow_count)).step_by(live.max_rays) {
-                let piece = |count: usize| start.min(count)..(start + live.max_rays).min(count);
-                let closest = Submission::InDeviceMemory { rays, answers: hits, range: piece(count) };
-                let any = Submission::InDeviceMemory {
+            for start in (0..count.max(shadow_count)).step_by(device.max_rays) {
+                let piece = |count: usize| start.min(count)..(start + device.max_rays).min(count);
+                let closest = Request::InDeviceMemory { rays, answers: hits, range: piece(count) };
+                let any = Request::InDeviceMemory {
                     rays: shadow_rays,
                     answers: occluded,
                     range: piece(shadow_count),
                 };
-                report += live.trace(&self.shared.resolver, closest, any)?;
+                report += device.trace(&self.shared.resolver, closest, any)?;
             }
             Ok(report)
         }))
     }
 
-    /// Takes more than [`DeviceTracer::max_rays`] too, in several dispatches.
+    /// More than [`DeviceTracer::max_rays`] rays take several dispatches.
     ///
     /// # Panics
-    /// If outputs are not as long as their rays.
+    /// If there are not as many answers as rays.
     fn trace(&self, queries: Queries<'_>) -> Result<DeviceReport, DeviceError> {
         let Queries { rays, hits, shadow_rays, occluded } = queries;
         assert_eq!(rays.len(), hits.len(), "one hit per ray");
         assert_eq!(shadow_rays.len(), occluded.len(), "one answer per shadow ray");
-        let live = self.shared.live();
-        let most = live.max_rays;
-        self.with(&live, || {
+        let device = self.shared.device();
+        let most = device.max_rays;
+        self.with(&device, || {
             let mut parts = rays.chunks(most).zip(hits.chunks_mut(most));
             let mut shadow_parts = shadow_rays.chunks(most).zip(occluded.chunks_mut(most));
             let mut report = DeviceReport::default();
@@ -326,10 +333,10 @@ impl DeviceTracer for GpuTracer {
                     return Ok(report);
                 }
                 let (rays, answers) = part.unwrap_or_default();
-                let closest = Submission::InHostMemory { rays, answers };
+                let closest = Request::InHostMemory { rays, answers };
                 let (rays, answers) = shadow_part.unwrap_or_default();
                 report +=
-                    live.trace(&self.shared.resolver, closest, Submission::InHostMemory { rays, answers })?;
+                    device.trace(&self.shared.resolver, closest, Request::InHostMemory { rays, answers })?;
             }
         })
     }

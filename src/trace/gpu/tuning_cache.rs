@@ -1,27 +1,32 @@
-//! What a device likes, kept by adapter and driver: a file each in a folder for caches.
+//! The tuning cache: keeps the sizes that were measured for a device, one file for each adapter and driver.
 
-use super::calibration::{IN_FLIGHT, RAYS};
 use super::{AdapterInfo, Variant};
 use crate::files::{NotWritten, write_atomically};
 use crate::stream::Sizing;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
-/// Counts changes of what is measured or kept; files of another version are not read.
+/// Version of what is measured and of the file; files of other versions are not read.
 const VERSION: u32 = 2;
 
-/// What a device likes. No choice of it changes a picture.
+/// The sizes of streams that a calibration may choose, in rays.
+pub(super) const STREAM_RAYS: std::ops::RangeInclusive<usize> = 1024..=1 << 18;
+
+/// The numbers of streams in flight that a calibration may choose.
+pub(super) const IN_FLIGHT: [usize; 3] = [1, 2, 4];
+
+/// The sizes and the layout with which a device is fastest. They do not change a picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct TunedSizes {
     /// Sizes of streams.
     pub sizing: Sizing,
-    /// How scenes are laid out.
+    /// Layout of scenes.
     pub variant: Variant,
 }
 
-/// A file of the cache.
+/// The content of a file.
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
-struct Entry {
+struct CacheFile {
     version: u32,
     adapter: String,
     driver: String,
@@ -32,7 +37,7 @@ struct Entry {
     kernels: String,
 }
 
-impl Entry {
+impl CacheFile {
     fn of(info: &AdapterInfo, tuned: TunedSizes) -> Self {
         let TunedSizes { sizing: Sizing { threshold, least, in_flight }, variant } = tuned;
         let host_threads = std::thread::available_parallelism().map_or(1, usize::from);
@@ -40,33 +45,34 @@ impl Entry {
         Self { version: VERSION, adapter, driver, host_threads, threshold, least, in_flight, kernels }
     }
 
-    /// What was measured, if it was this adapter and makes sense.
+    /// The sizes, if they were measured for this adapter and are in range.
     fn tuned(&self, info: &AdapterInfo) -> Option<TunedSizes> {
         let &Self { threshold, least, in_flight, .. } = self;
         let variant = info.variants().find(|variant| variant.to_string() == self.kernels)?;
         let tuned = TunedSizes { sizing: Sizing { threshold, least, in_flight }, variant };
-        let sound =
-            RAYS.contains(&threshold) && (1..=threshold).contains(&least) && IN_FLIGHT.contains(&in_flight);
-        (sound && *self == Self::of(info, tuned)).then_some(tuned)
+        let is_in_range = STREAM_RAYS.contains(&threshold)
+            && (1..=threshold).contains(&least)
+            && IN_FLIGHT.contains(&in_flight);
+        (is_in_range && *self == Self::of(info, tuned)).then_some(tuned)
     }
 }
 
-fn file(folder: &Path, info: &AdapterInfo) -> PathBuf {
+fn path(folder: &Path, info: &AdapterInfo) -> PathBuf {
     let key = format!("{info}\n{}", info.driver);
     folder.join(format!("gpu-{:016x}.json", xxhash_rust::xxh3::xxh3_64(key.as_bytes())))
 }
 
-/// A file that is not there, cannot be read or holds something else counts as none.
+/// Reads the sizes of an adapter. `None` if the file does not exist, cannot be read, or is not valid.
 pub(super) fn load(folder: &Path, info: &AdapterInfo) -> Option<TunedSizes> {
-    let bytes = std::fs::read(file(folder, info)).ok()?;
-    serde_json::from_slice::<Entry>(&bytes).ok()?.tuned(info)
+    let bytes = std::fs::read(path(folder, info)).ok()?;
+    serde_json::from_slice::<CacheFile>(&bytes).ok()?.tuned(info)
 }
 
-/// Keeps what was measured.
+/// Writes the sizes of an adapter.
 pub(super) fn store(folder: &Path, info: &AdapterInfo, tuned: TunedSizes) -> Result<(), NotWritten> {
-    let path = file(folder, info);
+    let path = path(folder, info);
     std::fs::create_dir_all(folder).map_err(|source| NotWritten { path: path.clone(), source })?;
-    write_atomically(&path, |file| Ok(serde_json::to_writer_pretty(file, &Entry::of(info, tuned))?))
+    write_atomically(&path, |file| Ok(serde_json::to_writer_pretty(file, &CacheFile::of(info, tuned))?))
 }
 
 #[cfg(test)]
@@ -75,7 +81,7 @@ mod tests {
     use crate::trace::gpu::adapters;
 
     #[test]
-    fn files_that_say_something_else_are_not_believed() {
+    fn invalid_files_are_ignored() {
         let folder = tempfile::tempdir().expect("a folder");
         let cache = folder.path().join("not/yet/there");
         let info = adapters().swap_remove(0);
@@ -85,11 +91,15 @@ mod tests {
             let tuned = TunedSizes { sizing, variant };
             store(&cache, &info, tuned).expect("the folder can be made");
             assert_eq!(load(&cache, &info), Some(tuned));
-            assert_eq!(std::fs::read_dir(&cache).expect("a folder").count(), 1, "no crumbs");
+            assert_eq!(
+                std::fs::read_dir(&cache).expect("a folder").count(),
+                1,
+                "one file for each adapter and driver"
+            );
         }
 
-        // Another driver, rubbish, sizes out of range, half a file, kernels that the adapter has not.
-        let path = file(&cache, &info);
+        // Another driver, no JSON, sizes out of range, half a file, kernels that the adapter does not support.
+        let path = path(&cache, &info);
         let text = std::fs::read_to_string(&path).expect("a file");
         assert_eq!(load(&cache, &AdapterInfo { driver: "newer".into(), ..info.clone() }), None);
         for wrong in [

@@ -8,7 +8,7 @@ use super::super::interval::Interval;
 use super::super::lane_math::LaneVec3;
 use super::super::slabs::Slabs;
 use super::super::substream::DONE;
-use crate::lanes::{Lanes, MAX_LANES};
+use crate::lanes::{LaneBits, Lanes, MAX_LANES};
 use crate::stream::MISS;
 
 /// Rays of a packet: one widest vector, and the bits of half an entry.
@@ -91,7 +91,7 @@ impl Packet {
 
     /// Sets the primitive ids of the lanes of `mask` from `at` on.
     #[inline(always)]
-    pub fn set_primitive<L: Lanes>(&mut self, l: L, at: usize, mask: u32, primitive: u32) {
+    pub fn set_primitive<L: Lanes>(&mut self, l: L, at: usize, mask: LaneBits, primitive: u32) {
         debug_assert!(at + L::LANES <= PACKET_RAYS);
         // SAFETY: invariant 1.
         unsafe {
@@ -126,7 +126,7 @@ pub struct PacketEntry(u32);
 
 impl PacketEntry {
     #[inline(always)]
-    pub fn new(packet: usize, mask: u32) -> Self {
+    pub fn new(packet: usize, mask: LaneBits) -> Self {
         Self((packet as u32) << 16 | mask)
     }
 
@@ -147,13 +147,13 @@ impl PacketEntry {
     }
 
     #[inline(always)]
-    pub fn mask(self) -> u32 {
+    pub fn mask(self) -> LaneBits {
         self.0 & 0xffff
     }
 
     /// The mask of the lanes from `at` on.
     #[inline(always)]
-    pub fn lanes<L: Lanes>(self, at: usize) -> u32 {
+    pub fn lanes<L: Lanes>(self, at: usize) -> LaneBits {
         self.0 >> at & L::ALL
     }
 }

@@ -4,11 +4,10 @@
 #![allow(unsafe_code, reason = "the invariants above")]
 
 use super::super::interval::Interval;
-use super::super::lane_math::first_lanes;
 use super::super::setup::{RowColumns, row_columns};
 use super::super::substream::{DONE, OctantStack};
 use super::columns::{Origin, PACKET_RAYS, Packet, PacketEntry};
-use crate::lanes::{Lanes, MAX_LANES, Prefetch, spill};
+use crate::lanes::{LaneBits, Lanes, MAX_LANES, Prefetch, first_lanes, spill};
 use crate::stream::{MISS, Ray};
 
 /// Rays whose directions differ by more than this within packets, on average and relative to their size, are traced
@@ -165,7 +164,7 @@ impl Packet {
     /// Restricts the packet to the lanes of `mask`, whose rays are of `octant`. Returns how much their directions
     /// differ, relative to their size.
     #[inline(always)]
-    fn restrict<L: Lanes>(&mut self, l: L, mask: u32, octant: usize) -> f32 {
+    fn restrict<L: Lanes>(&mut self, l: L, mask: LaneBits, octant: usize) -> f32 {
         let (mut low, mut high) = ([f32::INFINITY; 3], [0.0f32; 3]);
         for part in 0..PACKET_RAYS / L::LANES {
             let at = part * L::LANES;

@@ -6,7 +6,7 @@ use super::super::triangle::{
 };
 use super::columns::Origin;
 use crate::bvh::{LeafBlock, WIDTH};
-use crate::lanes::{Lanes, keep, load, load_one, splat, splat_row, store_one};
+use crate::lanes::{LaneBits, Lanes, keep, load, load_one, splat, splat_row, store_one};
 
 /// The [`OriginTerms`] and bounding boxes of a block's eight triangles, as columns.
 #[repr(C, align(64))]
@@ -47,7 +47,7 @@ impl BlockTriangles {
         &self,
         l: L,
         k: usize,
-        inside: u32,
+        inside: LaneBits,
         edges: &EdgeValues<L>,
         direction: LaneVec3<L>,
         limits: &Limits<'_, L>,
@@ -70,7 +70,7 @@ impl BlockTriangles {
     pub fn hits_of_ray<E: Lanes>(
         &self,
         e: E,
-        inside: u32,
+        inside: LaneBits,
         edges: &EdgeValues<E>,
         direction: LaneVec3<E>,
         limits: &Limits<'_, E>,

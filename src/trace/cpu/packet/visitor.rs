@@ -17,7 +17,7 @@ use super::super::visit_order::VisitOrder;
 use super::columns::{Column, Origin, PACKET_RAYS, Packet, PacketEntry};
 use super::triangles::BlockTriangles;
 use crate::bvh::{LeafBlock, MASKED, PRIMITIVE, WIDTH};
-use crate::lanes::{Lanes, MAX_LANES, spill, splat};
+use crate::lanes::{LaneBits, Lanes, MAX_LANES, spill, splat};
 use crate::stream::{Hit, MISS};
 use std::mem::MaybeUninit;
 
@@ -216,7 +216,7 @@ impl<W: Lanes, E: Lanes, const ANY: bool> PacketVisitor<'_, W, E, ANY> {
     fn test_rays(
         &self,
         packet: &mut Packet,
-        mut rays: u32,
+        mut rays: LaneBits,
         triangles: &BlockTriangles,
         block: LeafBlock<'_>,
         octant: usize,
@@ -286,7 +286,7 @@ impl<W: Lanes, E: Lanes, const ANY: bool> PacketVisitor<'_, W, E, ANY> {
 /// instead of each triangle against the packet. A test of one ray costs about as much as two of one triangle, because
 /// it branches on its result.
 #[inline(always)]
-fn is_few<L: Lanes>(rays: u32, triangles: usize) -> bool {
+fn is_few<L: Lanes>(rays: LaneBits, triangles: usize) -> bool {
     2 * rays.count_ones() as usize <= triangles * (PACKET_RAYS / L::LANES)
 }
 
@@ -336,10 +336,10 @@ impl Packet {
 fn filter_hits(
     tree: &TreeView<'_>,
     primitive: u32,
-    mask: u32,
+    mask: LaneBits,
     u: &[f32; MAX_LANES],
     v: &[f32; MAX_LANES],
-) -> u32 {
+) -> LaneBits {
     (0..MAX_LANES)
         .filter(|&lane| mask >> lane & 1 == 1 && tree.filter_accepts(primitive, u[lane], v[lane]))
         .fold(0, |accepted, lane| accepted | 1 << lane)

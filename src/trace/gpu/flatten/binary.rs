@@ -1,32 +1,31 @@
-//! The binary tree as the kernels read it.
+//! The binary tree as kernels read it.
 
 use super::super::layout::BinaryNode;
+use super::ChildBox;
 use crate::bvh::FlatTree;
 use crate::geom::{Aabb, MAX_COORDINATE};
 use glam::Vec3;
 
-/// Subtrees of at most so many triangles become leaves.
+/// Subtrees of at most this many triangles become leaves.
 pub const LEAF_TRIANGLES: usize = 2;
 
-/// A child as its parent refers to it.
-type Child = (u32, Aabb);
+/// A missing child: its box is inside out, with finite numbers, on which kernels may rely.
+const ABSENT: ChildBox = (0, Aabb { min: Vec3::splat(MAX_COORDINATE), max: Vec3::splat(-MAX_COORDINATE) });
 
-/// A child that is not there: its box is inside out (with finite numbers, which kernels may rely on).
-const ABSENT: Child = (0, Aabb { min: Vec3::splat(MAX_COORDINATE), max: Vec3::splat(-MAX_COORDINATE) });
-
-/// An inner node still to be laid out.
-struct Open {
-    /// Its index in the binary tree.
+/// An inner node still to be appended.
+struct Pending {
+    /// Its index in the host's tree.
     index: usize,
-    /// Its parent's place, and whether it is the right child.
+    /// Its parent's index among the appended nodes, and whether it is the right child.
     parent: Option<(usize, bool)>,
-    /// Inner nodes above it: each may leave one child on the stack.
+    /// Inner nodes above it. A traversal may leave one child of each on its stack.
     above: usize,
 }
 
-/// Lays a tree out behind what there is; `leaf` lays out a subtree of at most `most` and gives the reference. Gives
-/// the root's reference and the entries of the stack. The root is a node, even if it has fewer children than two.
-pub fn lay(
+/// Appends a tree; `leaf` appends a subtree of at most `most` leaves of the host's tree and returns its reference.
+/// Returns the root's reference and the entries of a traversal's stack. The root is a node, even with fewer than two
+/// children.
+pub fn append_tree(
     binary: &FlatTree,
     most: usize,
     out: &mut Vec<BinaryNode>,
@@ -43,12 +42,12 @@ pub fn lay(
         return (start as u32, 1);
     }
     let mut stack = 0;
-    let mut open = vec![Open { index: 0, parent: None, above: 0 }];
-    while let Some(Open { index, parent, above }) = open.pop() {
-        let place = out.len();
+    let mut pending = vec![Pending { index: 0, parent: None, above: 0 }];
+    while let Some(Pending { index, parent, above }) = pending.pop() {
+        let node = out.len();
         match parent {
-            Some((parent, true)) => out[parent].right = place as u32,
-            Some((parent, false)) => out[parent].left = place as u32,
+            Some((parent, true)) => out[parent].right = node as u32,
+            Some((parent, false)) => out[parent].left = node as u32,
             None => {}
         }
         stack = stack.max(above + 1);
@@ -60,14 +59,14 @@ pub fn lay(
         let [left, right] = binary.children(index);
         for (index, is_right) in [(right, true), (left, false)] {
             if nodes[index].count as usize > most {
-                open.push(Open { index, parent: Some((place, is_right)), above: above + 1 });
+                pending.push(Pending { index, parent: Some((node, is_right)), above: above + 1 });
             }
         }
     }
     (start as u32, stack)
 }
 
-fn join(left: Child, right: Child) -> BinaryNode {
+fn join(left: ChildBox, right: ChildBox) -> BinaryNode {
     BinaryNode {
         left_min: left.1.min.into(),
         left: left.0,

@@ -1,43 +1,41 @@
-//! Boxes for a device that has a tree of its own over them: one around each pair of triangles.
+//! Boxes for a device's own tree: one around each pair of triangles.
 //!
-//! How far a box is pushed out, in units of 2^-24 times the larger of the scene's largest coordinate and the ray's, for each
-//! plane: the canonical hit lies within the planes of its triangle's box but for the pad, 32, and the rounding of the
-//! canonical crossing, less than 16 (`shaders/shared/ray.wgsl`). So with 48 a ray has a point of the box at the hit's
-//! distance, exactly. Vulkan demands that such a box is reported, and lets devices compute in floats: a test of slabs that
-//! subtracts, multiplies by a reciprocal (which may be off by 2.5 ulp) or fuses these is off by 14 at most; another 48 are
-//! for that.
+//! How far each plane of a box is pushed out, in units of 2^-24 times the larger of the scene's largest coordinate and
+//! the ray's: the canonical hit lies within the planes of its triangle's box but for the pad (32 units) and the
+//! rounding of the canonical crossing (less than 16 units; `shaders/shared/ray.wgsl`). So with 48 units a ray has a
+//! point of the box at the hit's distance, in exact arithmetic. Vulkan demands that such a box is reported, and lets
+//! devices compute in floats. A test of slabs that subtracts, multiplies by a reciprocal (which may be off by 2.5 ulp)
+//! or fuses the two is off by at most 14 units; another 48 units are for that.
 
-use super::super::layout::{Identities, Pair};
-use super::pairs::{self, Laid, Triangle};
+use super::super::layout::{Identities, Pair, QUERY_REACH};
+use super::pairs::{self, PackedPair, Triangle};
 use crate::bvh::Bvh;
 use crate::geom::SLACK;
 use crate::stream::MISS;
 use bytemuck::{Pod, Zeroable};
 
-/// The rays that a query may be asked about come from at most so many times as far as the scene goes.
-pub const REACH: f32 = 4.0;
+/// How far boxes are pushed out, in units of the scene's largest coordinate: 96 of the units above, for rays that begin
+/// as far away as [`QUERY_REACH`] allows.
+pub const MARGIN: f32 = 3.0 * SLACK * QUERY_REACH;
 
-/// What boxes are pushed out by, as a part of the scene's largest coordinate: 96 units at the farthest.
-pub const MARGIN: f32 = 3.0 * SLACK * REACH;
-
-/// A box, as Vulkan reads it.
+/// A box as Vulkan reads it.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
-pub struct Box {
+pub struct QueryBox {
     pub min: [f32; 3],
     pub max: [f32; 3],
 }
 
-/// Lays a scene out, trees that are placed several times as often: devices move rays in their own way. Pairs of which alpha
-/// decides about some come last; gives the index of the first of those.
-pub fn lay(
+/// Appends a scene. A tree is appended once for each of its instances, because devices transform rays in ways of their
+/// own. Pairs about which the filter decides come last; returns the index of the first of them.
+pub fn append_scene(
     bvh: &Bvh,
     in_pairs: bool,
-    boxes: &mut Vec<Box>,
+    boxes: &mut Vec<QueryBox>,
     pairs: &mut Vec<Pair>,
     identities: &mut Vec<Identities>,
 ) -> u32 {
-    let mut all: Vec<Laid> = Vec::new();
+    let mut all: Vec<PackedPair> = Vec::new();
     let mut add = |tree: &Bvh, first: u32| {
         for block in tree.wide().each_block() {
             let triangle = |row| {
@@ -45,29 +43,29 @@ pub fn lay(
                 Triangle { primitive, corners: bvh.corners(primitive), is_masked: block.is_masked(row) }
             };
             let triangles: Vec<Triangle> = (0..block.len()).map(triangle).collect();
-            all.extend(pairs::of(&triangles, in_pairs));
+            all.extend(pairs::pack(&triangles, in_pairs));
         }
     };
     match bvh.instances() {
         [] => add(bvh, 0),
-        members => members.iter().for_each(|member| add(&member.tree, member.first_primitive)),
+        instances => instances.iter().for_each(|instance| add(&instance.tree, instance.first_primitive)),
     }
-    // In the order of the tree otherwise.
-    all.sort_by_key(Laid::is_masked);
+    // Stable: otherwise in the order of the tree.
+    all.sort_by_key(PackedPair::is_masked);
     let margin = bvh.scene_max_abs() * MARGIN;
-    let bounds = |pair: &Laid| {
+    let bounds = |pair: &PackedPair| {
         let bounds = pair.bounds();
         let min = bounds.min.to_array().map(|x| (x - margin).next_down());
         let max = bounds.max.to_array().map(|x| (x + margin).next_up());
-        Box { min, max }
+        QueryBox { min, max }
     };
     boxes.extend(all.iter().map(bounds));
     for pair in &all {
-        pair.push(pairs, identities);
+        pair.append(pairs, identities);
     }
     if boxes.is_empty() {
-        // A tree has to have something: a pair of no triangles.
-        boxes.push(Box::zeroed());
+        // A device's tree must not be empty: a pair without triangles.
+        boxes.push(QueryBox::zeroed());
         pairs.push(Pair::zeroed());
         identities.push([MISS; 2]);
     }

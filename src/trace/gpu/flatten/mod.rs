@@ -1,83 +1,40 @@
-//! A scene's trees as the kernels read them.
+//! Flattens a scene's trees into the records that kernels read (`layout.rs`).
 
 mod binary;
 mod boxes;
 mod pairs;
 mod wide;
 
-use super::kernel_kind::TreeKind;
 use super::layout::{BinaryNode, Identities, LEAF, Pair, TreeInstance, WideNode};
-use super::pages::Pages;
+use super::pages::{Pages, Records};
+use super::variant::{TreeKind, Variant};
 use crate::bvh::{Bvh, FlatTree};
-use crate::geom::Placement;
-use boxes::Box;
-pub(super) use boxes::REACH as QUERY_REACH;
+use crate::geom::{Aabb, Placement};
+use boxes::QueryBox;
 use pairs::Triangle;
 use std::collections::HashMap;
-use std::fmt;
 use std::sync::Arc;
 
-/// How a scene is laid out on a device.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct Variant {
-    /// The trees.
-    pub tree: TreeKind,
-    /// Whether triangles of a leaf that share an edge share its corners.
-    pub pairs: bool,
-}
+/// A child as its parent stores it: reference and box.
+type ChildBox = (u32, Aabb);
 
-impl Variant {
-    /// All there are.
-    pub const ALL: [Self; 5] = [
-        Self { tree: TreeKind::Wide, pairs: true },
-        Self { tree: TreeKind::Wide, pairs: false },
-        Self { tree: TreeKind::Binary, pairs: true },
-        Self { tree: TreeKind::Binary, pairs: false },
-        Self { tree: TreeKind::Device, pairs: true },
-    ];
-}
-
-impl fmt::Display for Variant {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let tree = match self.tree {
-            TreeKind::Binary => "binary",
-            TreeKind::Wide => "wide",
-            TreeKind::Device => "ray query",
-        };
-        write!(f, "{tree}, {}", if self.pairs { "pairs" } else { "no pairs" })
-    }
-}
-
-impl Default for Variant {
-    fn default() -> Self {
-        Self { tree: TreeKind::Wide, pairs: true }
-    }
-}
-
-/// Nodes of trees of a kind; members' trees follow each other.
+/// Nodes of all trees, one tree after the other.
 #[derive(Debug)]
 pub(super) enum Nodes {
     Binary(Vec<BinaryNode>),
     Wide(Vec<WideNode>),
-    /// The device makes its own over these.
-    Device(Vec<Box>),
+    /// The device builds its own tree over these boxes.
+    Device(Vec<QueryBox>),
 }
 
 impl Nodes {
-    pub fn len(&self) -> usize {
-        match self {
-            Self::Binary(nodes) => nodes.len(),
-            Self::Wide(nodes) => nodes.len(),
-            Self::Device(boxes) => boxes.len(),
-        }
-    }
-
-    pub fn record_bytes(&self) -> usize {
-        match self {
-            Self::Binary(_) => size_of::<BinaryNode>(),
-            Self::Wide(_) => size_of::<WideNode>(),
-            Self::Device(_) => size_of::<Box>(),
-        }
+    fn records(&self) -> Records {
+        let (count, bytes) = match self {
+            Self::Binary(nodes) => (nodes.len(), size_of::<BinaryNode>()),
+            Self::Wide(nodes) => (nodes.len(), size_of::<WideNode>()),
+            Self::Device(boxes) => (boxes.len(), size_of::<QueryBox>()),
+        };
+        Records { count, bytes }
     }
 
     /// The bytes of each page.
@@ -90,21 +47,21 @@ impl Nodes {
     }
 }
 
-/// What a device is given of a scene: nodes, the root first; triangles in leaf order, in pairs.
+/// A scene for a device: nodes, the root first; triangles in leaf order, in pairs; tree instances.
 #[derive(Debug)]
-pub(super) struct Flat {
+pub(super) struct FlatScene {
     pub nodes: Nodes,
     pub pairs: Vec<Pair>,
     pub identities: Vec<Identities>,
     pub members: Vec<TreeInstance>,
-    /// The most entries a traversal has on its stack.
+    /// The most entries that a traversal has on its stack.
     pub stack: usize,
-    /// Of a device's own tree: alpha decides about pairs from here on.
+    /// Index of the first pair about which the filter decides. Used with a device's own tree only.
     pub first_masked: u32,
 }
 
-impl Flat {
-    /// Lays a scene out: the tree of triangles; or the one over members, and theirs, each once.
+impl FlatScene {
+    /// Flattens a scene: its tree of triangles; or its top-level tree, and each instanced tree once.
     pub fn of(bvh: &Bvh, variant: Variant) -> Self {
         let nodes = match variant.tree {
             TreeKind::Binary => Nodes::Binary(Vec::new()),
@@ -114,24 +71,24 @@ impl Flat {
         let (pairs, identities, members) = (Vec::new(), Vec::new(), Vec::new());
         let mut flat = Self { nodes, pairs, identities, members, stack: 0, first_masked: 0 };
         if bvh.instances().is_empty() || variant.tree == TreeKind::Device {
-            flat.stack = flat.lay(bvh, variant).1;
+            flat.stack = flat.append_tree(bvh, variant).1;
             return flat;
         }
-        let above = flat.lay_top(bvh);
+        let top_level_stack = flat.append_top_level(bvh);
         let mut roots = HashMap::new();
-        for member in bvh.instances() {
-            let root = *roots.entry(Arc::as_ptr(&member.tree)).or_insert_with(|| {
-                let (root, stack) = flat.lay(&member.tree, variant);
-                flat.stack = flat.stack.max(above + stack);
+        for instance in bvh.instances() {
+            let root = *roots.entry(Arc::as_ptr(&instance.tree)).or_insert_with(|| {
+                let (root, stack) = flat.append_tree(&instance.tree, variant);
+                flat.stack = flat.stack.max(top_level_stack + stack);
                 root
             });
-            let rows = member.placement.unwrap_or(Placement::IDENTITY).rows;
+            let rows = instance.placement.unwrap_or(Placement::IDENTITY).rows;
             let column = |i: usize| rows.map(|row| row[i]);
             flat.members.push(TreeInstance {
                 x: column(0),
                 root,
                 y: column(1),
-                first: member.first_primitive,
+                first: instance.first_primitive,
                 z: column(2),
                 spare_0: 0,
                 shift: column(3),
@@ -141,41 +98,48 @@ impl Flat {
         flat
     }
 
-    /// Lays out a tree of triangles behind what there is; gives its root and the entries of the stack.
-    fn lay(&mut self, bvh: &Bvh, variant: Variant) -> (u32, usize) {
+    /// The records of nodes, pairs and identities.
+    pub fn records(&self) -> [Records; 3] {
+        let pairs = Records { count: self.pairs.len(), bytes: size_of::<Pair>() };
+        let identities = Records { count: self.identities.len(), bytes: size_of::<Identities>() };
+        [self.nodes.records(), pairs, identities]
+    }
+
+    /// Appends a tree of triangles; returns its root's reference and the entries of a traversal's stack.
+    fn append_tree(&mut self, bvh: &Bvh, variant: Variant) -> (u32, usize) {
         let Self { nodes, pairs, identities, .. } = self;
         match nodes {
             Nodes::Binary(nodes) => {
                 let tree = bvh.to_flat_tree();
                 let leaf = |index: usize| {
-                    let leaf = pairs::of(&below(bvh, &tree, index), variant.pairs);
-                    pairs::lay(&leaf, pairs, identities)
+                    let leaf = pairs::pack(&subtree_triangles(bvh, &tree, index), variant.pairs);
+                    pairs::append_leaf(&leaf, pairs, identities)
                 };
-                binary::lay(&tree, binary::LEAF_TRIANGLES, nodes, leaf)
+                binary::append_tree(&tree, binary::LEAF_TRIANGLES, nodes, leaf)
             }
-            Nodes::Wide(nodes) => wide::lay(bvh.wide(), variant.pairs, nodes, pairs, identities),
-            Nodes::Device(all) => {
-                self.first_masked = boxes::lay(bvh, variant.pairs, all, pairs, identities);
+            Nodes::Wide(nodes) => wide::append_tree(bvh.wide(), variant.pairs, nodes, pairs, identities),
+            Nodes::Device(boxes) => {
+                self.first_masked = boxes::append_scene(bvh, variant.pairs, boxes, pairs, identities);
                 (0, 0)
             }
         }
     }
 
-    /// Lays out the tree over members; gives the entries of the stack.
-    fn lay_top(&mut self, bvh: &Bvh) -> usize {
+    /// Appends the tree over members; returns the entries of a traversal's stack.
+    fn append_top_level(&mut self, bvh: &Bvh) -> usize {
         match &mut self.nodes {
             Nodes::Binary(nodes) => {
                 let tree = bvh.to_flat_tree();
-                binary::lay(&tree, 1, nodes, |index| LEAF | tree.nodes()[index].index).1
+                binary::append_tree(&tree, 1, nodes, |index| LEAF | tree.nodes()[index].index).1
             }
-            Nodes::Wide(nodes) => wide::lay_top(bvh.wide(), nodes),
-            Nodes::Device(_) => unreachable!("all triangles are written out"),
+            Nodes::Wide(nodes) => wide::append_top_level(bvh.wide(), nodes),
+            Nodes::Device(_) => unreachable!("a device's own tree has no instances"),
         }
     }
 }
 
 /// The triangles of a subtree.
-fn below(bvh: &Bvh, tree: &FlatTree, index: usize) -> Vec<Triangle> {
+fn subtree_triangles(bvh: &Bvh, tree: &FlatTree, index: usize) -> Vec<Triangle> {
     let nodes = tree.nodes();
     let subtree = &nodes[index..index + 2 * nodes[index].count as usize - 1];
     let triangle = |primitive| Triangle {
@@ -190,7 +154,6 @@ fn below(bvh: &Bvh, tree: &FlatTree, index: usize) -> Vec<Triangle> {
 mod tests {
     use super::super::layout::{MASKED, PAIR_INDEX, PAIRS_SHIFT, PRIMITIVE, TURN_SHIFT};
     use super::*;
-    use crate::geom::Aabb;
     use crate::stream::MISS;
     use glam::Vec3;
 
@@ -211,8 +174,8 @@ mod tests {
         Bvh::build(&positions, &triangles, |p| p % 16 == 0)
     }
 
-    /// References of a node's children and their boxes, as kernels decode them.
-    fn children(nodes: &Nodes, index: usize) -> Vec<(u32, Aabb)> {
+    /// A node's children, as kernels decode them.
+    fn children(nodes: &Nodes, index: usize) -> Vec<ChildBox> {
         match nodes {
             Nodes::Binary(nodes) => {
                 let BinaryNode { left_min, left, left_max, right_min, right, right_max, .. } = nodes[index];
@@ -240,7 +203,7 @@ mod tests {
     }
 
     /// The triangles of a leaf as kernels read them: primitive and corners in the canonical order.
-    fn triangles(flat: &Flat, reference: u32) -> Vec<(u32, [Vec3; 3])> {
+    fn triangles(flat: &FlatScene, reference: u32) -> Vec<(u32, [Vec3; 3])> {
         let first = (reference & PAIR_INDEX) as usize;
         let count = (reference >> PAIRS_SHIFT & 7) as usize + 1;
         let both = (first..first + count).flat_map(|index| {
@@ -256,7 +219,7 @@ mod tests {
         turned.collect()
     }
 
-    /// Those whose trees are ours.
+    /// The layouts without a device's own tree.
     fn trees() -> impl Iterator<Item = Variant> {
         Variant::ALL.into_iter().filter(|variant| variant.tree != TreeKind::Device)
     }
@@ -266,10 +229,10 @@ mod tests {
         for variant in trees() {
             for (quads, loose) in [(0, 0), (0, 1), (1, 0), (0, 3), (9, 50), (300, 1000)] {
                 let bvh = build(quads, loose);
-                let flat = Flat::of(&bvh, variant);
-                let mut met = Vec::new();
-                let mut open = vec![(0, Aabb { min: Vec3::NEG_INFINITY, max: Vec3::INFINITY }, 0)];
-                while let Some((reference, bounds, above)) = open.pop() {
+                let flat = FlatScene::of(&bvh, variant);
+                let mut reached = Vec::new();
+                let mut pending = vec![(0, Aabb { min: Vec3::NEG_INFINITY, max: Vec3::INFINITY }, 0)];
+                while let Some((reference, bounds, above)) = pending.pop() {
                     if reference & LEAF == 0 {
                         assert!(
                             above < flat.stack,
@@ -277,23 +240,24 @@ mod tests {
                             flat.stack
                         );
                         let children = children(&flat.nodes, reference as usize);
-                        open.extend(children.into_iter().map(|(child, bounds)| (child, bounds, above + 1)));
+                        pending
+                            .extend(children.into_iter().map(|(child, bounds)| (child, bounds, above + 1)));
                         continue;
                     }
-                    let there = triangles(&flat, reference);
-                    let masked = there.iter().any(|&(primitive, _)| primitive % 16 == 0);
+                    let leaf = triangles(&flat, reference);
+                    let masked = leaf.iter().any(|&(primitive, _)| primitive % 16 == 0);
                     assert_eq!(reference & MASKED != 0, masked, "{variant}");
-                    for (primitive, corners) in there {
+                    for (primitive, corners) in leaf {
                         assert_eq!(corners, bvh.corners(primitive), "{variant}");
                         assert!(
                             bounds.contains(&Aabb::around(corners)),
                             "{variant}: {bounds:?}, {corners:?}"
                         );
-                        met.push(primitive);
+                        reached.push(primitive);
                     }
                 }
-                met.sort_unstable();
-                assert_eq!(met, (0..bvh.len() as u32).collect::<Vec<_>>(), "{variant}");
+                reached.sort_unstable();
+                assert_eq!(reached, (0..bvh.len() as u32).collect::<Vec<_>>(), "{variant}");
                 let pairs = flat.identities.iter().filter(|pair| pair[1] != MISS).count();
                 assert!(
                     if variant.pairs { pairs >= quads as usize / 4 } else { pairs == 0 },
@@ -304,7 +268,7 @@ mod tests {
     }
 
     #[test]
-    fn trees_that_are_placed_several_times_are_laid_out_once() {
+    fn trees_with_several_instances_are_stored_once() {
         let tree = Arc::new(build(20, 30));
         let count = tree.len() as u32;
         let placed = (0..3).map(|i| {
@@ -314,41 +278,41 @@ mod tests {
         });
         let bvh = Bvh::from_instances(placed.collect());
         for variant in trees() {
-            let (flat, alone) = (Flat::of(&bvh, variant), Flat::of(&tree, variant));
-            assert_eq!((flat.members.len(), flat.pairs.len()), (3, alone.pairs.len()));
-            assert!(flat.stack > alone.stack && flat.members.iter().all(|m| m.root == flat.members[0].root));
+            let (flat, single) = (FlatScene::of(&bvh, variant), FlatScene::of(&tree, variant));
+            assert_eq!((flat.members.len(), flat.pairs.len()), (3, single.pairs.len()));
+            assert!(flat.stack > single.stack && flat.members.iter().all(|m| m.root == flat.members[0].root));
             assert_eq!(flat.members.iter().map(|m| m.first).collect::<Vec<_>>(), [0, count, 2 * count]);
         }
     }
 
-    /// What [`boxes`] promises of the boxes of a tree that the device makes.
+    /// Checks what [`boxes`] promises of the boxes for a device's own tree.
     fn check_boxes(bvh: &Bvh) {
-        let flat = Flat::of(bvh, Variant { tree: TreeKind::Device, pairs: true });
+        let flat = FlatScene::of(bvh, Variant { tree: TreeKind::Device, pairs: true });
         let Nodes::Device(boxes) = &flat.nodes else { panic!("no boxes") };
         assert!(!boxes.is_empty() && boxes.len() == flat.pairs.len());
         let margin = bvh.scene_max_abs() * boxes::MARGIN;
-        let mut met = Vec::new();
+        let mut reached = Vec::new();
         for (index, bounds) in boxes.iter().enumerate() {
             let is_masked = index as u32 >= flat.first_masked;
-            let there = triangles(&flat, LEAF | index as u32);
+            let pair = triangles(&flat, LEAF | index as u32);
             assert_eq!(
                 is_masked && !bvh.is_empty(),
-                there.iter().any(|&(primitive, _)| bvh.is_masked(primitive))
+                pair.iter().any(|&(primitive, _)| bvh.is_masked(primitive))
             );
-            for (primitive, corners) in there {
+            for (primitive, corners) in pair {
                 assert_eq!(corners, bvh.corners(primitive));
                 let inside = Aabb { min: bounds.min.into(), max: bounds.max.into() };
                 for corner in corners {
-                    // As far as the largest coordinate's rounding tells.
-                    let far = margin - bvh.scene_max_abs() * f32::EPSILON;
-                    let around = Aabb { min: corner - Vec3::splat(far), max: corner + Vec3::splat(far) };
+                    // The margin, but for the rounding of the largest coordinate.
+                    let least = margin - bvh.scene_max_abs() * f32::EPSILON;
+                    let around = Aabb { min: corner - Vec3::splat(least), max: corner + Vec3::splat(least) };
                     assert!(inside.contains(&around), "{inside:?}, {corner:?}");
                 }
-                met.push(primitive);
+                reached.push(primitive);
             }
         }
-        met.sort_unstable();
-        assert_eq!(met, (0..bvh.len() as u32).collect::<Vec<_>>());
+        reached.sort_unstable();
+        assert_eq!(reached, (0..bvh.len() as u32).collect::<Vec<_>>());
     }
 
     #[test]

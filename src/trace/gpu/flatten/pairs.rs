@@ -17,57 +17,57 @@ pub struct Triangle {
 }
 
 impl Triangle {
-    /// Its corners from a corner on.
+    /// The corners, rotated so that this one comes first.
     fn turned(&self, by: usize) -> [Vec3; 3] {
         [0, 1, 2].map(|i| self.corners[(i + by) % 3])
     }
 
-    /// Its identity when its corners are stored from a corner on.
+    /// The identity of a triangle whose corners are stored from this one on.
     fn identity(&self, by: usize) -> u32 {
         self.primitive | ((3 - by as u32) % 3) << TURN_SHIFT
     }
 }
 
-/// A pair, or a triangle without partner.
+/// Two triangles that share an edge, or one triangle.
 #[derive(Clone, Copy, Debug)]
-pub struct Laid {
+pub struct PackedPair {
     pair: Pair,
     identities: Identities,
     is_masked: bool,
 }
 
-impl Laid {
-    /// The box around it.
+impl PackedPair {
+    /// The box around all triangles.
     pub fn bounds(&self) -> Aabb {
         let Pair { a, b, c, d_x, d_y, d_z } = self.pair;
         Aabb::around([a, b, c, [d_x, d_y, d_z]].map(Vec3::from))
     }
 
-    /// Whether alpha decides about some of it.
+    /// Whether the filter decides about one of the triangles.
     pub fn is_masked(&self) -> bool {
         self.is_masked
     }
 
-    /// Lays it out behind what there is.
-    pub fn push(&self, pairs: &mut Vec<Pair>, identities: &mut Vec<Identities>) {
+    /// Appends the records.
+    pub fn append(&self, pairs: &mut Vec<Pair>, identities: &mut Vec<Identities>) {
         pairs.push(self.pair);
         identities.push(self.identities);
     }
 }
 
-/// The triangles of a leaf, in pairs if asked.
-pub fn of(triangles: &[Triangle], in_pairs: bool) -> Vec<Laid> {
-    let mut is_laid = [false; LEAF_TRIANGLES];
+/// Packs the triangles of a leaf, in pairs if `in_pairs`.
+pub fn pack(triangles: &[Triangle], in_pairs: bool) -> Vec<PackedPair> {
+    let mut is_packed = [false; LEAF_TRIANGLES];
     let mut out = Vec::with_capacity(triangles.len());
     for (at, one) in triangles.iter().enumerate() {
-        if std::mem::replace(&mut is_laid[at], true) {
+        if std::mem::replace(&mut is_packed[at], true) {
             continue;
         }
-        let mut others = (at + 1..triangles.len()).filter(|&other| in_pairs && !is_laid[other]);
+        let mut others = (at + 1..triangles.len()).filter(|&other| in_pairs && !is_packed[other]);
         let partner = others.find_map(|other| Some((other, shared_edge(one, &triangles[other])?)));
         let (turn, d, second, masked) = match partner {
             Some((at, (turn, other_turn))) => {
-                is_laid[at] = true;
+                is_packed[at] = true;
                 let other = &triangles[at];
                 (turn, other.turned(other_turn)[2], other.identity(other_turn), other.is_masked)
             }
@@ -76,21 +76,21 @@ pub fn of(triangles: &[Triangle], in_pairs: bool) -> Vec<Laid> {
         let [a, b, c] = one.turned(turn).map(Into::into);
         let pair = Pair { a, d_x: d.x, b, d_y: d.y, c, d_z: d.z };
         let identities = [one.identity(turn), second];
-        out.push(Laid { pair, identities, is_masked: one.is_masked || masked });
+        out.push(PackedPair { pair, identities, is_masked: one.is_masked || masked });
     }
     out
 }
 
-/// Lays out a leaf behind what there is; gives its reference.
-pub fn lay(leaf: &[Laid], pairs: &mut Vec<Pair>, identities: &mut Vec<Identities>) -> u32 {
+/// Appends a leaf; returns its reference.
+pub fn append_leaf(leaf: &[PackedPair], pairs: &mut Vec<Pair>, identities: &mut Vec<Identities>) -> u32 {
     assert!((1..=LEAF_TRIANGLES).contains(&leaf.len()));
     let first = pairs.len();
-    leaf.iter().for_each(|laid| laid.push(pairs, identities));
-    let masked = if leaf.iter().any(|laid| laid.is_masked) { MASKED } else { 0 };
+    leaf.iter().for_each(|pair| pair.append(pairs, identities));
+    let masked = if leaf.iter().any(|pair| pair.is_masked) { MASKED } else { 0 };
     LEAF | ((leaf.len() - 1) as u32) << PAIRS_SHIFT | masked | first as u32 & PAIR_INDEX
 }
 
-/// The turns with which two triangles are `a b c` and `c b d`, to the bit.
+/// The rotations with which two triangles are `a b c` and `c b d`, to the bit.
 fn shared_edge(one: &Triangle, other: &Triangle) -> Option<(usize, usize)> {
     let same = |p: Vec3, q: Vec3| p.to_array().map(f32::to_bits) == q.to_array().map(f32::to_bits);
     (0..9).map(|turns| (turns / 3, turns % 3)).find(|&(turn, other_turn)| {

@@ -1,6 +1,7 @@
-//! The engine's eight-wide tree, its boxes in bytes.
+//! The eight-wide tree as kernels read it: the host's tree, with boxes in bytes.
 
 use super::super::layout::{Identities, LEAF, Pair, WideNode};
+use super::ChildBox;
 use super::pairs::{self, Triangle};
 use crate::bvh::{Child, LeafBlock, WIDTH, WideNode as HostNode, WideTree};
 use crate::geom::Aabb;
@@ -9,7 +10,7 @@ use glam::Vec3;
 /// The most pairs of a leaf.
 const LEAF_PAIRS: usize = 2;
 
-/// Least biased exponent of a step: below it products with reciprocals would drown in underflow.
+/// The least biased exponent of a step. With smaller steps products with reciprocals could underflow.
 const LEAST_EXPONENT: u32 = 127 - 60;
 
 /// The most steps between two faces.
@@ -24,12 +25,13 @@ struct Axis {
 }
 
 impl Axis {
-    /// Counts steps so that `fma(count, step, origin)`, rounded once, is not inside the exact face.
+    /// Chooses the step, and counts steps so that `fma(count, step, origin)`, rounded once, is not inside the exact
+    /// face.
     fn of(lower: &[f32; WIDTH], upper: &[f32; WIDTH], used: u32) -> Self {
         let slots = || (0..WIDTH).filter(move |slot| used & 1 << slot != 0);
         let origin = slots().map(|slot| lower[slot]).fold(f32::INFINITY, f32::min);
         let most = slots().map(|slot| upper[slot]).fold(f32::NEG_INFINITY, f32::max);
-        // A node without children.
+        // Of a node without children.
         let origin = if used == 0 { 0.0 } else { origin };
         let mut exponent = (((most - origin) / STEPS).max(0.0).to_bits() >> 23).max(LEAST_EXPONENT);
         loop {
@@ -57,11 +59,8 @@ impl Axis {
     }
 }
 
-/// A child as its parent refers to it.
-type Entry = (u32, Aabb);
-
-/// A node with these children in its slots.
-fn node(slots: [Option<Entry>; WIDTH]) -> WideNode {
+/// A node with children in these slots.
+fn node(slots: [Option<ChildBox>; WIDTH]) -> WideNode {
     let used = (0..WIDTH).filter(|&slot| slots[slot].is_some()).fold(0, |used, slot| used | 1 << slot);
     let axis = |axis: usize| {
         let face =
@@ -78,20 +77,21 @@ fn node(slots: [Option<Entry>; WIDTH]) -> WideNode {
         upper_y: y.upper,
         lower_z: z.lower,
         upper_z: z.upper,
-        // Slots that are not in use are never entered.
+        // Slots that are not in use are never visited.
         children: slots.map(|slot| slot.map_or(LEAF, |(reference, _)| reference)),
     }
 }
 
 /// The children of a node of the host's tree.
-fn children(host: &HostNode, mut reference: impl FnMut(Child) -> u32) -> Vec<Entry> {
-    let taken = (0..WIDTH).filter(|&slot| host.children[slot] != Child::NONE);
-    taken.map(|slot| (reference(host.children[slot]), host.bounds(slot))).collect()
+fn children(host: &HostNode, mut reference: impl FnMut(Child) -> u32) -> Vec<ChildBox> {
+    let used = (0..WIDTH).filter(|&slot| host.children[slot] != Child::NONE);
+    used.map(|slot| (reference(host.children[slot]), host.bounds(slot))).collect()
 }
 
-/// Slots for at most eight children, such that a ray whose direction has the sign bits `octant` (x is bit 0) meets them about
-/// front to back in the order of `slot ^ octant`: greedily for those first that lie farthest in the direction of a slot's octant.
-fn placed(children: &[Entry]) -> [Option<Entry>; WIDTH] {
+/// Assigns slots to at most eight children, so that a ray whose direction has the sign bits `octant` (x is bit 0) meets
+/// them roughly front to back in the order of `slot ^ octant`. Greedy: the child that lies farthest in the direction of
+/// a free slot's octant gets the slot first.
+fn assign_slots(children: &[ChildBox]) -> [Option<ChildBox>; WIDTH] {
     let centre = children.iter().fold(Aabb::EMPTY, |all, (_, bounds)| all.union(*bounds)).centre();
     let mut gains = [[0.0; WIDTH]; WIDTH];
     for ((_, bounds), gains) in children.iter().zip(&mut gains) {
@@ -118,9 +118,9 @@ fn placed(children: &[Entry]) -> [Option<Entry>; WIDTH] {
     slots
 }
 
-/// Lays out a tree of triangles behind what there is; gives its root and the entries of the stack. Blocks that are cheap
-/// for the host's lanes may be long leaves for a thread: those of more than [`LEAF_PAIRS`] become nodes.
-pub fn lay(
+/// Appends a tree of triangles; returns its root's reference and the entries of a traversal's stack. Leaf blocks that
+/// suit the host's lanes may be long leaves for one GPU thread: those of more than [`LEAF_PAIRS`] pairs become nodes.
+pub fn append_tree(
     tree: &WideTree,
     in_pairs: bool,
     nodes: &mut Vec<WideNode>,
@@ -129,32 +129,33 @@ pub fn lay(
 ) -> (u32, usize) {
     let start = nodes.len();
     let mut next = start + tree.nodes().len();
-    let mut blocks = Vec::new();
+    let mut block_nodes = Vec::new();
     for host in tree.nodes() {
         let reference = |child: Child| {
             if !child.is_block() {
                 return (start + child.index()) as u32;
             }
-            let leaf = pairs::of(&triangles(tree.blocks().get(child)), in_pairs);
+            let leaf = pairs::pack(&triangles(tree.blocks().get(child)), in_pairs);
             if leaf.len() <= LEAF_PAIRS {
-                return pairs::lay(&leaf, pairs, identities);
+                return pairs::append_leaf(&leaf, pairs, identities);
             }
-            let leaves = leaf.iter().map(|pair| (pairs::lay(&[*pair], pairs, identities), pair.bounds()));
-            blocks.push(node(placed(&leaves.collect::<Vec<_>>())));
+            let leaves =
+                leaf.iter().map(|pair| (pairs::append_leaf(&[*pair], pairs, identities), pair.bounds()));
+            block_nodes.push(node(assign_slots(&leaves.collect::<Vec<_>>())));
             next += 1;
             (next - 1) as u32
         };
-        nodes.push(node(placed(&children(host, reference))));
+        nodes.push(node(assign_slots(&children(host, reference))));
     }
-    let below = usize::from(!blocks.is_empty());
-    nodes.append(&mut blocks);
+    let below = usize::from(!block_nodes.is_empty());
+    nodes.append(&mut block_nodes);
     (start as u32, tree.depth() + below)
 }
 
-/// Lays out a tree over members behind what there is; gives the entries of the stack.
-pub fn lay_top(tree: &WideTree, nodes: &mut Vec<WideNode>) -> usize {
+/// Appends a tree over members; returns the entries of a traversal's stack.
+pub fn append_top_level(tree: &WideTree, nodes: &mut Vec<WideNode>) -> usize {
     let reference = |child: Child| child.index() as u32 | if child.is_block() { LEAF } else { 0 };
-    nodes.extend(tree.nodes().iter().map(|host| node(placed(&children(host, reference)))));
+    nodes.extend(tree.nodes().iter().map(|host| node(assign_slots(&children(host, reference)))));
     tree.depth()
 }
 
@@ -172,22 +173,22 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_child_has_a_slot_of_its_own_towards_its_corner() {
+    fn every_child_gets_a_slot_of_its_own_towards_its_corner() {
         let corner = |i: u32| {
             let along = |axis: usize| if i >> axis & 1 == 1 { 1.0 } else { -1.0 };
             (i, Aabb::around([Vec3::new(along(0), along(1), along(2)); 3]))
         };
-        let corners: Vec<Entry> = (0..8).rev().map(corner).collect();
+        let corners: Vec<ChildBox> = (0..8).rev().map(corner).collect();
         assert_eq!(
-            placed(&corners).map(|entry| entry.map(|(child, _)| child)),
+            assign_slots(&corners).map(|entry| entry.map(|(child, _)| child)),
             [0, 1, 2, 3, 4, 5, 6, 7].map(Some)
         );
-        let same: Vec<Entry> = (0..8).map(|i| (i, corner(0).1)).collect();
-        let mut found = placed(&same).map(|entry| entry.map(|(child, _)| child));
+        let same: Vec<ChildBox> = (0..8).map(|i| (i, corner(0).1)).collect();
+        let mut found = assign_slots(&same).map(|entry| entry.map(|(child, _)| child));
         found.sort_unstable();
         assert_eq!(found, [0, 1, 2, 3, 4, 5, 6, 7].map(Some));
-        let opposite = placed(&[corners[0], corners[7]]);
+        let opposite = assign_slots(&[corners[0], corners[7]]);
         assert_eq!((opposite[7], opposite[0]), (Some(corners[0]), Some(corners[7])));
-        assert_eq!(placed(&[]), [None; WIDTH]);
+        assert_eq!(assign_slots(&[]), [None; WIDTH]);
     }
 }

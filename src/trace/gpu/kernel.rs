@@ -1,15 +1,15 @@
-//! The kernels' sources: what is shared, the constants, the kernel itself, one after the other.
+//! The kernels: assembles their sources from the constants, the shared files of `shaders/`, and the kernel's own file.
 
-use super::flatten::QUERY_REACH;
 use super::layout;
 use super::pages::ScenePages;
+use super::variant::TreeKind;
 use crate::geom::{DIRECTION_RANGE, MAX_COORDINATE, MIN_COMPONENT, SLACK};
 use crate::stream::MISS;
 use std::fmt::Write as _;
 
-/// A kernel.
+/// A kernel: a compute entry point that traces rays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum KernelKind {
+pub(super) enum Kernel {
     /// Nearest hits.
     TraceClosest,
     /// Occlusion.
@@ -26,8 +26,8 @@ const BINARY: &str = include_str!("../../../shaders/shared/binary.wgsl");
 const WIDE: &str = include_str!("../../../shaders/shared/wide.wgsl");
 const QUERY: &str = include_str!("../../../shaders/shared/query.wgsl");
 
-impl KernelKind {
-    /// The name of its entry point, and of its file.
+impl Kernel {
+    /// The name of the entry point and of the file.
     pub fn name(self) -> &'static str {
         match self {
             Self::TraceClosest => "trace_closest",
@@ -50,45 +50,34 @@ impl KernelKind {
         }
     }
 
-    /// The whole source for scenes of a shape.
+    /// The whole source for scenes of this shape.
     pub fn source(self, shape: &Shape) -> String {
         let (constants, pages) = (constants(shape), shape.pages.source(shape.tree));
-        let (enabled, way, traverse) = match shape.tree {
+        let (extension, descend, traverse) = match shape.tree {
             TreeKind::Binary => ("", BINARY, TRAVERSE),
             TreeKind::Wide => ("", WIDE, TRAVERSE),
             TreeKind::Device => ("enable wgpu_ray_query;", "", QUERY),
         };
         let common = [LAYOUT, &pages, RAY, TRIANGLE, PLACEMENT, LEAF];
-        [&[enabled, &constants], &common[..], &[way, traverse, self.body()]].concat().join("\n")
+        [&[extension, &constants], &common[..], &[descend, traverse, self.body()]].concat().join("\n")
     }
 }
 
-/// The kind of tree that kernels go through.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum TreeKind {
-    /// Two children a node, at full precision.
-    Binary,
-    /// Eight children a node, their boxes in bytes.
-    Wide,
-    /// The device's own over boxes, for devices with ray queries.
-    Device,
-}
-
-/// What of a scene shapes its kernels.
+/// The properties of a scene that its kernels are compiled for.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Shape {
-    /// Room for so many entries on a traversal's stack.
+    /// Entries of a traversal's stack.
     pub stack: usize,
-    /// What its trees are made of.
+    /// The kind of its trees.
     pub tree: TreeKind,
     /// Whether it is a two-level tree.
     pub members: bool,
-    /// Of a device's own tree: alpha decides about pairs from here on.
+    /// Index of the first pair about which the filter decides. Used with a device's own tree only.
     pub first_masked: u32,
     pub pages: ScenePages,
 }
 
-/// The constants that host and device share, written once: in Rust.
+/// Declarations of the constants that host and device share; Rust defines them.
 fn constants(shape: &Shape) -> String {
     let by_query = shape.tree == TreeKind::Device;
     let mut text = format!("const MEMBERS: bool = {};\nconst BY_QUERY: bool = {by_query};\n", shape.members);
@@ -126,10 +115,10 @@ fn constants(shape: &Shape) -> String {
         ("T_ROUNDING", layout::T_ROUNDING),
         ("TINY", layout::TINY),
         ("LEAST_PAD", layout::LEAST_PAD),
-        ("QUERY_REACH", QUERY_REACH),
+        ("QUERY_REACH", layout::QUERY_REACH),
     ];
     for (name, value) in floats {
-        // The shortest decimal that reads back as the same number.
+        // Rust prints the shortest decimal that reads back as the same number.
         let _ = writeln!(text, "const {name}: f32 = {value:e}f;");
     }
     text
@@ -144,15 +133,15 @@ mod tests {
     use naga::valid::{Capabilities, ValidationFlags, Validator};
     use std::mem::offset_of;
 
-    const ALL: [KernelKind; 2] = [KernelKind::TraceClosest, KernelKind::TraceAny];
+    const ALL: [Kernel; 2] = [Kernel::TraceClosest, Kernel::TraceAny];
 
     const TREES: [TreeKind; 3] = [TreeKind::Binary, TreeKind::Wide, TreeKind::Device];
 
-    fn parse(kernel: KernelKind, tree: TreeKind) -> naga::Module {
+    fn parse(kernel: Kernel, tree: TreeKind) -> naga::Module {
         parse_paged(kernel, tree, ScenePages::ONE)
     }
 
-    fn parse_paged(kernel: KernelKind, tree: TreeKind, pages: ScenePages) -> naga::Module {
+    fn parse_paged(kernel: Kernel, tree: TreeKind, pages: ScenePages) -> naga::Module {
         let members = tree != TreeKind::Device;
         let source = kernel.source(&Shape { stack: 24, tree, members, first_masked: 7, pages });
         wgsl::parse_str(&source).unwrap_or_else(|e| panic!("{}", e.emit_to_string(&source)))
@@ -176,12 +165,16 @@ mod tests {
         }
     }
 
-    /// Name, span, and the name and offset of every member.
+    /// A struct's name, its size, and the name and offset of every field.
     type Layout = (&'static str, usize, Vec<(&'static str, usize)>);
 
     macro_rules! layout_of {
-        ($type:ty: $($member:ident),+) => {
-            (stringify!($type).rsplit(' ').next().expect("a name"), size_of::<$type>(), vec![$((stringify!($member), offset_of!($type, $member))),+])
+        ($type:ty: $($field:ident),+) => {
+            (
+                stringify!($type).rsplit(' ').next().expect("a name"),
+                size_of::<$type>(),
+                vec![$((stringify!($field), offset_of!($type, $field))),+],
+            )
         };
     }
 
@@ -211,7 +204,7 @@ mod tests {
                     found.iter().map(|m| (m.name.as_deref().unwrap_or(""), m.offset as usize)).collect();
                 assert_eq!(&found, members, "{name}");
                 assert_eq!(*found_span as usize, *span, "{name}");
-                // Arrays of it step by its span.
+                // The stride of arrays is the struct's size.
                 for (_, t) in module.types.iter() {
                     if let naga::TypeInner::Array { base, stride, .. } = t.inner
                         && base == handle
@@ -225,7 +218,7 @@ mod tests {
 
     #[test]
     fn constants_arrive_to_the_bit() {
-        let module = parse(KernelKind::TraceClosest, TreeKind::Wide);
+        let module = parse(Kernel::TraceClosest, TreeKind::Wide);
         let value = |name: &str| {
             let found = module.constants.iter().find(|(_, c)| c.name.as_deref() == Some(name));
             let (_, constant) = found.unwrap_or_else(|| panic!("constant {name}"));

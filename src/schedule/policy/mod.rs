@@ -1,0 +1,238 @@
+//! Which task a free thread takes next: a pure function of list lengths, load and limits (RA section 3). It has no
+//! lock and no clock, and knows no job's types.
+//!
+//! `table.rs` holds what the policies differ in; this file holds what is common to them: the conditions of the rules,
+//! the choice between jobs, and the sizes of streams and chunks.
+
+mod table;
+
+use super::Limits;
+pub use table::{MOONRAY_SMALL, MOONRAY_WAITING, Policy};
+
+/// Which units trace a job's rays.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Unit {
+    /// Host threads alone.
+    Cpu,
+    /// The device alone until it is lost, then host threads.
+    Gpu,
+    /// The device, and host threads that have nothing better to do.
+    Hybrid,
+}
+
+/// A kind of task that a thread takes from a job.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Rule {
+    /// RA 1: add a tile's camera rays to a stream of NEEDMORE or EMPTY.
+    Spawn,
+    /// RA 2: shade a stream of SHADE into a stream of NEEDMORE or EMPTY.
+    Shade,
+    /// RA 3: trace a chunk of the stream in the job slot, or of one from TRACE.
+    Trace,
+    /// RA 4: trace a chunk of a stream of NEEDMORE, although the stream is not full.
+    Flush,
+    /// The only task of a dispatch thread: have the device trace a stream.
+    Dispatch,
+}
+
+/// How fast a unit has traced a job's rays so far.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Pace {
+    /// Rays and shadow rays traced.
+    pub rays: u64,
+    /// Nanoseconds that the unit's threads took for them, added up over threads.
+    pub ns: u64,
+}
+
+impl Pace {
+    /// Nanoseconds that one thread would take for `rays`; `None` before the unit has traced any.
+    pub fn ns_for(self, rays: u64) -> Option<u64> {
+        let ns = u128::from(self.ns) * u128::from(rays) / u128::from(self.rays.max(1));
+        (self.rays > 0).then(|| ns.min(u128::from(u64::MAX)) as u64)
+    }
+}
+
+/// How threads are shared between jobs.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Sharing {
+    /// Every job gets the same share: the job that has been served the fewest rays is next.
+    #[default]
+    Fair,
+    /// The oldest job gets all threads that it can use, later ones fill the gaps. For frames that are wanted in the
+    /// order of their submission.
+    FirstIn,
+}
+
+/// What the policy sees of a job.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct View {
+    /// The units that trace; [`Unit::Cpu`] once the device is lost.
+    pub unit: Unit,
+    /// The job's policy.
+    pub policy: Policy,
+    /// Whether the job has been cancelled or has failed: it gets no more tasks.
+    pub ended: bool,
+    /// Tiles not yet spawned.
+    pub tiles_left: u64,
+    /// Whether the paths of one more tile fit into N.
+    pub tile_fits: bool,
+    /// Streams in NEEDMORE.
+    pub need_more: usize,
+    /// Rays and shadow rays in the fullest stream of NEEDMORE.
+    pub need_more_rays: usize,
+    /// Streams in TRACE.
+    pub trace: usize,
+    /// Rays and shadow rays in TRACE.
+    pub trace_rays: usize,
+    /// Rays in TRACE and in the job slot, and those of tiles not yet spawned.
+    pub waiting_rays: u64,
+    /// Whether the stream in the job slot has rays to hand out.
+    pub slot: bool,
+    /// Streams in SHADE.
+    pub shade: usize,
+    /// Tasks under way.
+    pub tasks: usize,
+    /// How fast host threads trace.
+    pub cpu: Pace,
+    /// How fast dispatch threads get streams traced. Several may wait for the device at the same time.
+    pub gpu: Pace,
+}
+
+/// A job as the choice between jobs sees it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Turn {
+    /// What the policy sees of the job.
+    pub view: View,
+    /// Rays given to threads so far, counted at each task.
+    pub served: u64,
+}
+
+/// What the policy sees of the threads.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Load {
+    /// Host threads.
+    pub hosts: usize,
+    /// Dispatch threads.
+    pub dispatchers: usize,
+    /// Dispatch threads without a task.
+    pub idle_dispatchers: usize,
+}
+
+/// A task, and the job that it is taken from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Choice {
+    /// Index of the job's turn.
+    pub job: usize,
+    /// The kind of task.
+    pub rule: Rule,
+}
+
+impl View {
+    /// Whether the rule's condition holds. The condition of [`Rule::Flush`] includes that SHADE and the job slot are
+    /// empty; the README's bound on small streams rests on this.
+    pub(super) fn allows(&self, rule: Rule, load: Load) -> bool {
+        let policy = self.policy.row();
+        match rule {
+            Rule::Spawn => self.tiles_left > 0 && self.tile_fits,
+            Rule::Shade => self.shade > 0,
+            Rule::Trace => match self.unit {
+                Unit::Cpu => self.slot || self.trace > 0,
+                Unit::Hybrid => self.slot || (self.trace > 0 && (policy.hosts_open)(self, load)),
+                Unit::Gpu => false,
+            },
+            Rule::Flush => {
+                self.is_short_of_work()
+                    && match self.unit {
+                        Unit::Cpu => self.trace == 0,
+                        Unit::Hybrid => !(policy.device_flushes)(self, load),
+                        Unit::Gpu => false,
+                    }
+            }
+            Rule::Dispatch => match self.unit {
+                Unit::Cpu => false,
+                Unit::Hybrid => {
+                    (self.trace > 0 && (policy.device_opens)(self, load))
+                        || (self.no_work_is_to_come(load) && (policy.device_flushes)(self, load))
+                }
+                // Host threads do not trace here, so the device takes the last small streams once no more will come.
+                Unit::Gpu => {
+                    self.trace > 0
+                        || (self.need_more > 0 && self.shade == 0 && !self.allows(Rule::Spawn, load))
+                }
+            },
+        }
+    }
+
+    /// NEEDMORE has streams; SHADE and the job slot are empty.
+    fn is_short_of_work(&self) -> bool {
+        self.need_more > 0 && self.shade == 0 && !self.slot
+    }
+
+    /// NEEDMORE has streams; all other lists are empty, and no tile can be spawned.
+    fn no_work_is_to_come(&self, load: Load) -> bool {
+        self.is_short_of_work() && self.trace == 0 && !self.allows(Rule::Spawn, load)
+    }
+
+    fn host_rule(&self, load: Load, flush: bool) -> Option<Rule> {
+        let mut order = self.policy.row().order.into_iter();
+        order.find(|&rule| (flush || rule != Rule::Flush) && self.allows(rule, load))
+    }
+}
+
+/// A host thread's next task. `turns` stand in the order of submission.
+///
+/// A job that has tasks under way flushes its small streams only if no job has better work, because those tasks may
+/// still fill the streams. A job without tasks under way need not wait for that, so no job starves.
+pub fn choose(turns: &[Turn], load: Load, sharing: Sharing) -> Option<Choice> {
+    pick(turns, sharing, |view| view.host_rule(load, view.tasks == 0))
+        .or_else(|| pick(turns, sharing, |view| view.host_rule(load, true)))
+}
+
+/// A dispatch thread's next task. `turns` stand in the order of submission.
+pub fn choose_dispatch(turns: &[Turn], load: Load, sharing: Sharing) -> Option<Choice> {
+    pick(turns, sharing, |view| view.allows(Rule::Dispatch, load).then_some(Rule::Dispatch))
+}
+
+/// The first job, in the order that `sharing` gives, for which `rule` finds a task.
+fn pick(turns: &[Turn], sharing: Sharing, rule: impl Fn(&View) -> Option<Rule>) -> Option<Choice> {
+    let mut choice: Option<(u64, Choice)> = None;
+    for (job, turn) in turns.iter().enumerate().filter(|(_, turn)| !turn.view.ended) {
+        if choice.is_some_and(|(served, _)| sharing == Sharing::FirstIn || served <= turn.served) {
+            continue;
+        }
+        if let Some(rule) = rule(&turn.view) {
+            choice = Some((turn.served, Choice { job, rule }));
+        }
+    }
+    choice.map(|(_, choice)| choice)
+}
+
+/// Streams for each host thread into which the rest of a job is divided at its tail.
+pub(super) const TAIL_STREAMS: usize = 4;
+
+/// Paths from which a stream counts as full when `left` paths of its job have not ended or not begun.
+///
+/// Without a device this is the limit, and at the tail as few paths as give every host thread `TAIL_STREAMS`
+/// streams: one thread shades a stream, so a large last stream would leave the other threads idle. With a device it
+/// is always the limit, because small streams are not worth a dispatch. Never grows while a job goes on.
+pub fn threshold(left: u64, host_threads: usize, device_is_fed: bool, limits: &Limits) -> usize {
+    if device_is_fed || !limits.shrink_streams {
+        return limits.threshold;
+    }
+    let share = left.div_ceil((TAIL_STREAMS * host_threads) as u64);
+    share.max(limits.chunk_rays as u64).min(limits.threshold as u64) as usize
+}
+
+/// Rays that a host thread traces at once when `waiting` rays of its job wait to be traced or spawned.
+///
+/// With a device these are RA's small chunks, so that a host thread is never away for long when the device needs it.
+/// Without one they are as many rays as leave every thread two more chunks of the same size: large while much is left
+/// to do, since large sub-streams trace faster, and small at the tail.
+pub fn chunk_rays(waiting: u64, host_threads: usize, device_is_fed: bool, limits: &Limits) -> usize {
+    if device_is_fed {
+        return limits.chunk_rays;
+    }
+    let share = waiting / (2 * host_threads as u64);
+    let share = share.clamp(limits.chunk_rays as u64, limits.chunk_rays_most as u64) as usize;
+    share.next_multiple_of(limits.chunk_rays).min(limits.chunk_rays_most)
+}
