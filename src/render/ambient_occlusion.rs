@@ -1,4 +1,4 @@
-//! Ambient occlusion: a hit shader that sends shadow rays only.
+//! Ambient occlusion: a hit shader that emits shadow rays only.
 
 use super::Integrator;
 use super::frame::{CAMERA_DIMENSION, Frame, Settings, SettingsError, ray_rows};
@@ -13,11 +13,11 @@ use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 use std::sync::Arc;
 
-/// The most bounces that may be asked for; there are none.
+/// Maximum value of the setting; ambient occlusion has no bounces.
 const MAX_BOUNCES: u32 = 1 << 10;
 
-/// How open the surroundings of what is seen are: the share of cosine-weighted directions above a surface in
-/// which nothing lies within reach; 1 where nothing is seen. The colours and lights of a scene do not matter.
+/// Ambient occlusion: the cosine-weighted fraction of directions above a surface in which nothing is hit within reach;
+/// 1 where the camera ray misses. Colours and lights of the scene are ignored.
 #[derive(Debug)]
 pub struct AmbientOcclusion {
     frame: Frame,
@@ -33,10 +33,10 @@ pub struct SampleState {
 }
 
 impl AmbientOcclusion {
-    /// For one frame, with a reach in world units.
+    /// Ambient occlusion of one frame, with a reach in world units.
     ///
     /// # Errors
-    /// When a setting is out of range.
+    /// If a setting is out of range.
     pub fn new(
         scene: Arc<Scene>,
         camera: &Camera,
@@ -47,17 +47,17 @@ impl AmbientOcclusion {
         Ok(Self { frame, reach })
     }
 
-    /// The same, shaded with this instruction set: see [`Frame::with_simd`].
+    /// The same integrator, shading at this SIMD level: see [`Frame::with_simd`].
     pub fn with_simd(self, simd: SimdLevel) -> Self {
         Self { frame: self.frame.with_simd(simd), ..self }
     }
 
-    /// A reach that shows a scene's creases as well as its rooms: an eighth of its radius.
+    /// The default reach: an eighth of the scene's radius, which shows creases as well as rooms.
     pub fn usual_reach(scene: &Scene) -> f32 {
         scene.bounds().radius() / 8.0
     }
 
-    /// Where openness is added up.
+    /// The film that openness is added to.
     pub fn film(&self) -> &Arc<Film> {
         self.frame.film()
     }
@@ -131,7 +131,7 @@ impl Shading<'_, '_> {
     }
 }
 
-/// Directions in which something may have been in the way.
+/// Directions whose shadow rays have been traced.
 struct Answered<'a> {
     film: &'a Film,
     pixels: &'a [u32],

@@ -1,4 +1,4 @@
-//! What is kept of a frame, so that it can be gone on with after the process has ended in whatever way.
+//! Checkpoints: the state of a frame, from which rendering continues after the process has ended in any way.
 
 use super::progressive::State;
 use super::{Blocks, Integrator, PICTURE_VERSION, Pass, PassOptions, Progressive};
@@ -42,13 +42,13 @@ impl Identity {
     }
 }
 
-/// How a checkpoint begins.
+/// The first bytes of a checkpoint.
 const MAGIC: &[u8; 20] = b"raystream checkpoint";
 
 /// Counts incompatible formats of checkpoints, those of several frames included.
 pub const CHECKPOINT_VERSION: u32 = 3;
 
-/// The part of a checkpoint that is text.
+/// The JSON header of a checkpoint.
 #[derive(Serialize, Deserialize)]
 struct Header {
     identity: Identity,
@@ -59,38 +59,38 @@ struct Header {
     noise: bool,
 }
 
-/// Why a checkpoint is of no use.
+/// Why a checkpoint cannot be used.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
 pub enum CheckpointError {
-    /// Something else.
+    /// The file is not a checkpoint.
     #[error("it is not a checkpoint of raystream")]
     Foreign,
     /// In another format.
     #[error("it is a checkpoint of version {0}, and this raystream reads version {CHECKPOINT_VERSION} only")]
     Version(u32),
-    /// Cut or changed.
+    /// The file is truncated or damaged.
     #[error("it is damaged")]
     Damaged,
-    /// Of another picture.
+    /// The checkpoint is of another picture.
     #[error("it is of another picture: {what} was {was}, now it is {is}")]
     Mismatch {
-        /// What differs.
+        /// The name of what differs.
         what: String,
-        /// In the checkpoint.
+        /// Its value in the checkpoint.
         was: String,
-        /// As asked.
+        /// Its requested value.
         is: String,
     },
 }
 
 impl<I: Integrator> Progressive<I> {
-    /// Writes all that is needed to go on after the last complete pass. The format, all little-endian: the
+    /// Writes the state after the last complete pass. The format, all little-endian: the
     /// 20 bytes "raystream checkpoint"; a version (u32); the length (u64) and the bytes of a JSON header;
     /// bits after the point (u32), dropped splats (u64), sums (3 × i64 a pixel) and sample counts (u32 a pixel)
     /// of the film; if the header says so, each pixel's spread (f32) and passes (u16); XXH3 (u64) of all before it.
     ///
     /// # Errors
-    /// When the file system refuses.
+    /// If the file system refuses.
     pub fn save(&self, identity: &Identity, to: impl Write) -> std::io::Result<()> {
         let State { film, noise, blocks, todo, passes, .. } = self.state();
         let header = Header {
@@ -116,10 +116,10 @@ impl<I: Integrator> Progressive<I> {
         to.to.flush()
     }
 
-    /// Goes on from what [`Progressive::save`] wrote about the same frame.
+    /// Continues from what [`Progressive::save`] wrote for the same frame.
     ///
     /// # Errors
-    /// When it is not that, or not whole.
+    /// If it is of another frame, or damaged.
     pub fn resume(
         integrator: I,
         options: PassOptions,
@@ -170,7 +170,7 @@ fn fits(all: Blocks, blocks: &[u32]) -> bool {
     blocks.iter().all(|&block| (block as usize) < all.count())
 }
 
-/// Writes and takes the sum of what is written.
+/// A writer that hashes what it writes.
 struct Summed<W> {
     to: W,
     sum: Xxh3,

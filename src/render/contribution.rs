@@ -1,4 +1,4 @@
-//! What shadow rays bring.
+//! Contributions of shadow rays.
 
 use super::Frame;
 use super::frame::ray_rows;
@@ -7,18 +7,18 @@ use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, Vector};
 use crate::schedule::Output;
 use bytemuck::{Pod, Zeroable};
 
-/// What a shadow ray adds if nothing is in its way.
+/// The radiance that a shadow ray adds if nothing occludes it.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
 pub struct Contribution {
-    /// Radiance that reaches the film.
+    /// Weighted radiance.
     pub radiance: [f32; 3],
-    /// Where.
+    /// Pixel.
     pub pixel: u32,
 }
 
 impl Contribution {
-    /// Emits the shadow rays of the lanes of a mask, and what they bring to their pixels.
+    /// Emits the shadow rays of a mask with their contributions.
     #[inline(always)]
     pub(super) fn emit<P, L: Lanes>(
         out: &mut Output<'_, P, Self>,
@@ -62,7 +62,7 @@ impl LaneTask for Answered<'_> {
 }
 
 impl Frame {
-    /// Splats the contributions of the shadow rays that nothing is in the way of.
+    /// Splats the contributions of unoccluded shadow rays.
     pub fn add_unoccluded(&self, payloads: &[Contribution], occluded: &[u32]) {
         self.simd().run(Answered { film: self.film(), payloads, occluded });
     }

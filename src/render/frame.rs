@@ -1,4 +1,4 @@
-//! What all integrators of a frame share.
+//! A frame: scene, camera, settings and film, which all integrators share.
 
 use super::{Blocks, Pass};
 use crate::film::{Film, TooManySplats};
@@ -10,13 +10,13 @@ use crate::stream::Ray;
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Side of the patches of pixels within a block whose camera rays follow each other.
+/// Side of a patch in pixels: the camera rays of a patch are consecutive in a stream.
 const PATCH: u32 = 8;
 
-/// The least share of a pixel's width that a sample's cone has: what is narrower gains no sharpness.
+/// Minimum width of a sample's cone, as a fraction of a pixel. A narrower cone adds no sharpness.
 const LEAST_SHARE: f32 = 1.0 / 8.0;
 
-/// What a picture is made with.
+/// The settings of a picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Settings {
     /// Columns.
@@ -25,55 +25,55 @@ pub struct Settings {
     pub height: u32,
     /// Samples per pixel.
     pub spp: u32,
-    /// Rays after the camera ray on any path; 0 leaves emission and direct light at the first hit.
+    /// Maximum number of bounces; 0 leaves emission and direct light at the first hit.
     pub max_bounces: u32,
-    /// Chooses the random numbers.
+    /// Seed of all random numbers.
     pub seed: u64,
 }
 
 /// Why a frame cannot be rendered.
 #[derive(Debug, PartialEq, thiserror::Error)]
 pub enum SettingsError {
-    /// Too small or too large a picture.
+    /// The picture is too small or too large.
     #[error(
         "a picture of {width}x{height} pixels; each side must be at least 1 and the area at most {} pixels",
         Settings::MAX_PIXELS
     )]
     Size {
-        /// Columns asked for.
+        /// Columns requested.
         width: u32,
-        /// Rows asked for.
+        /// Rows requested.
         height: u32,
     },
-    /// Too few or too many samples.
+    /// The number of samples is out of range.
     #[error("{spp} samples per pixel; ask for 1 to {}", Settings::MAX_SPP)]
     Samples {
-        /// Samples asked for.
+        /// Samples requested.
         spp: u32,
     },
-    /// Too deep.
+    /// The number of bounces is out of range.
     #[error("{found} bounces; ask for at most {max}")]
     Bounces {
-        /// Bounces asked for.
+        /// Bounces requested.
         found: u32,
-        /// The most there can be.
+        /// The maximum.
         max: u32,
     },
-    /// Samples and depth together are too many to add up exactly.
+    /// Samples times depth exceeds what the film can add exactly.
     #[error(transparent)]
     Splats(#[from] TooManySplats),
-    /// The camera gives no view.
+    /// The camera is invalid.
     #[error(transparent)]
     Camera(#[from] CameraError),
 }
 
 impl Settings {
-    /// Largest area of a picture, pixels.
+    /// Maximum area of a picture in pixels.
     pub const MAX_PIXELS: u64 = 1 << 28;
-    /// Most samples per pixel.
+    /// Maximum samples per pixel.
     pub const MAX_SPP: u32 = 1 << 20;
 
-    /// Checks everything but the camera; `max_bounces` may go up to `limit`.
+    /// Checks all settings except the camera; `max_bounces` may be at most `limit`.
     ///
     /// # Errors
     /// The first setting out of range.
@@ -92,8 +92,8 @@ impl Settings {
     }
 }
 
-/// A scene, seen by a camera, with the film it falls on: what an integrator works with. Frames made
-/// from it share the scene and its lights.
+/// A picture to render: a scene, a camera, settings and a film. Frames derived from it share the scene and its
+/// lights.
 #[derive(Debug)]
 pub struct Frame {
     scene: Arc<Scene>,
@@ -106,11 +106,11 @@ pub struct Frame {
 }
 
 impl Frame {
-    /// A frame whose integrator adds at most `splats` splats per sample and allows `limit` bounces; its
-    /// pass takes all samples.
+    /// A frame whose integrator adds at most `splats` splats per sample and allows at most `limit` bounces. Its pass
+    /// takes all samples.
     ///
     /// # Errors
-    /// When a setting is out of range.
+    /// If a setting is out of range.
     pub fn new(
         scene: Arc<Scene>,
         camera: &Camera,
@@ -127,16 +127,16 @@ impl Frame {
         Ok(Self { scene, lights, lens, settings, film, pass, simd: SimdLevel::detect() })
     }
 
-    /// The same for another camera, on a film of its own.
+    /// The same frame for another camera, with its own film.
     ///
     /// # Errors
-    /// When the camera gives no view.
+    /// If the camera is invalid.
     pub fn seen_by(&self, camera: &Camera) -> Result<Self, CameraError> {
         let lens = camera.lens(self.settings.width, self.settings.height)?;
         Ok(Self { lens, ..self.with_pass(self.pass.clone()) })
     }
 
-    /// Another pass over the same frame, on a film of its own that can be added to this frame's.
+    /// Another pass over the same frame, with its own film, which can be added to this frame's.
     pub fn with_pass(&self, pass: Pass) -> Self {
         Self {
             scene: Arc::clone(&self.scene),
@@ -149,25 +149,24 @@ impl Frame {
         }
     }
 
-    /// The same, shaded with this instruction set, or with one lane at [`SimdLevel::Scalar`]: the same
-    /// picture.
+    /// The same frame, shaded at this SIMD level; with one lane at [`SimdLevel::Scalar`]. The picture is the same.
     pub fn with_simd(self, simd: SimdLevel) -> Self {
         Self { simd, ..self }
     }
 
-    /// The same for an integrator that follows BSDFs' directions too: see [`Lights::without_uniform_sky`].
+    /// The same frame for an integrator that also samples BSDFs: see [`Lights::without_uniform_sky`].
     pub fn without_uniform_sky(self) -> Self {
         let lights = Arc::new(Arc::unwrap_or_clone(self.lights).without_uniform_sky());
         Self { lights, ..self }
     }
 
-    /// The instruction set to shade with.
+    /// The SIMD level to shade at.
     pub fn simd(&self) -> SimdLevel {
         self.simd
     }
 
-    /// The cones of camera rays. The samples of a pixel share it: with many of them, which lie all over it, each
-    /// covers little, and the picture is as sharp as the textures are.
+    /// The cone of camera rays. The samples of a pixel share its width, so pictures of many samples are as sharp as
+    /// their textures.
     pub fn cone(&self) -> Cone<SingleLane> {
         let share = 1.0 / (self.settings.spp as f32).sqrt();
         Cone { width: 0.0.into(), spread: (self.lens.spread() * share.max(LEAST_SHARE)).into() }
@@ -188,22 +187,22 @@ impl Frame {
         &self.settings
     }
 
-    /// Where radiance is added up.
+    /// The film that radiance is added to.
     pub fn film(&self) -> &Arc<Film> {
         &self.film
     }
 
-    /// The blocks of the picture.
+    /// The pixel blocks of the picture.
     pub fn blocks(&self) -> Blocks {
         Blocks::new(self.settings.width, self.settings.height)
     }
 
-    /// Tiles of the pass: the places where it takes samples, once for every few samples.
+    /// Number of tiles in the pass. Each tile takes a few samples of the pixels of some blocks.
     pub fn tiles(&self) -> u64 {
         self.pass.tiles()
     }
 
-    /// The most camera rays of a tile.
+    /// Maximum camera rays of a tile.
     pub fn tile_rays(&self) -> usize {
         self.pass.tile_rays(self.blocks())
     }
@@ -213,9 +212,9 @@ impl Frame {
         Sampler::new(pixel, sample, self.settings.seed)
     }
 
-    /// Makes the camera rays of a tile, giving some at a time to `emit` with their pixels and samples, and
-    /// counts them on the film. Tiles go over the picture once for every few samples, so a frame that stops
-    /// early is evenly done. Pixels are filtered by their box; dimension 0 of the sampler is the place in it.
+    /// Generates the camera rays of a tile, passes them in groups to `emit` with their pixels and samples, and counts
+    /// them on the film. Tiles cover the picture once for every few samples, so a frame that stops early is even. The
+    /// pixel filter is a box; dimension 0 of the sampler is the position in it.
     pub fn camera_rays(&self, tile: u64, mut emit: impl FnMut(&[Ray], &[u32], &[u32])) {
         let blocks = self.blocks();
         let (places, samples) = self.pass.tile(tile);
@@ -232,7 +231,7 @@ impl Frame {
     }
 }
 
-/// Some pixels of a block.
+/// Some pixels of a pixel block.
 struct Patch<'a> {
     frame: &'a Frame,
     samples: Range<u32>,
@@ -241,7 +240,7 @@ struct Patch<'a> {
     size: [u32; 2],
 }
 
-/// The camera rays of a patch: all of a pixel, then those of the next in its row.
+/// The camera rays of a patch: all samples of a pixel, then those of the next pixel in its row.
 struct PatchRays<'a, E> {
     patch: Patch<'a>,
     emit: &'a mut E,
@@ -288,7 +287,7 @@ impl<E: FnMut(&[Ray], &[u32], &[u32])> LaneTask for PatchRays<'_, E> {
     }
 }
 
-/// Rays as they lie in memory: those of the lanes of a mask, one after the other.
+/// Rays as rows in memory: the lanes of a mask, packed.
 #[inline(always)]
 pub(super) fn ray_rows<L: Lanes>(
     lanes: Mask<L>,
@@ -301,5 +300,5 @@ pub(super) fn ray_rows<L: Lanes>(
     Num::packed_rows(lanes, [o.x, o.y, o.z, t_min, d.x, d.y, d.z, t_max])
 }
 
-/// Sampler dimension of the place within a pixel; all greater ones are the integrator's.
+/// Sampler dimension of the position within a pixel; integrators use all greater dimensions.
 pub const CAMERA_DIMENSION: u32 = 0;

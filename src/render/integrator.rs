@@ -1,31 +1,31 @@
-//! What renders frames in passes and from several cameras.
+//! The trait of integrators: renderers of frames, in passes and from several cameras.
 
 use super::{Frame, Pass};
 use crate::scene::{Camera, CameraError};
 use crate::schedule::Renderer;
 
-/// A renderer that works on a [`Frame`], and could as well on another.
+/// A renderer of a [`Frame`] that can be given another frame of the same scene.
 pub trait Integrator: Renderer + Sized {
-    /// What it works on.
+    /// The frame that it renders.
     fn frame(&self) -> &Frame;
 
-    /// The same integrator at work on another frame.
+    /// The same integrator for another frame of the same scene.
     fn with_frame(&self, frame: Frame) -> Self;
 
-    /// Bytes that it has allocated for loop stacks.
+    /// Bytes allocated for loop stacks.
     fn loop_stack_bytes(&self) -> usize {
         0
     }
 
-    /// The same frame seen by another camera, on a film of its own.
+    /// The same frame seen by another camera, with its own film.
     ///
     /// # Errors
-    /// When the camera gives no view.
+    /// If the camera is invalid (eye equals target, for example).
     fn seen_by(&self, camera: &Camera) -> Result<Self, CameraError> {
         Ok(self.with_frame(self.frame().seen_by(camera)?))
     }
 
-    /// Another pass over the same frame, on a film of its own.
+    /// Another pass over the same frame, with its own film.
     fn with_pass(&self, pass: Pass) -> Self {
         self.with_frame(self.frame().with_pass(pass))
     }

@@ -1,22 +1,22 @@
-//! Which of a frame's samples a job takes.
+//! Passes: which samples of a frame a job takes.
 
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Side of a block, pixels. Small, so that samples go where they are needed; a few hundred pixels still tell how
-/// noisy they are.
+/// Side of a pixel block, in pixels. Small blocks place samples precisely; a few hundred pixels suffice to estimate
+/// noise.
 pub const BLOCK: u32 = 16;
 
-/// Samples of a tile's blocks, each sample of each block counted: 64² camera rays. RA's tiles have 128²; a quarter
-/// is still in the cache when it is traced.
+/// Samples of a tile, summed over its blocks: 64² camera rays. RA's tiles have 128²; a quarter of that is still in the
+/// cache when it is traced.
 const TILE_BLOCKS: usize = 16;
 
-/// The most samples that a tile takes of each of its pixels. Their rays follow each other, and none go more
-/// alike: packets of them are narrow, and they meet the same surfaces and splat to the same pixel.
+/// Maximum samples that a tile takes of each pixel. The rays of a pixel are consecutive and the most coherent: their
+/// packets are narrow, and they hit the same surfaces and splat to the same pixel.
 const TOGETHER: u32 = 16;
 
-/// A picture divided into blocks of [`BLOCK`]² pixels, fewer at its right and lower edges: the places
-/// about which it is decided whether more samples are needed. Numbered row by row.
+/// A picture divided into blocks of [`BLOCK`]² pixels, fewer at its right and lower edges, numbered row by row.
+/// Adaptive sampling decides for each block whether it needs more samples.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Blocks {
     width: u32,
@@ -24,12 +24,12 @@ pub struct Blocks {
 }
 
 impl Blocks {
-    /// Of a picture of `width` × `height` pixels.
+    /// The blocks of a picture of `width` × `height` pixels.
     pub fn new(width: u32, height: u32) -> Self {
         Self { width, height }
     }
 
-    /// How many there are.
+    /// Number of blocks.
     pub fn count(self) -> usize {
         self.columns() as usize * self.height.div_ceil(BLOCK) as usize
     }
@@ -44,13 +44,13 @@ impl Blocks {
         (left..(left + BLOCK).min(self.width), top..(top + BLOCK).min(self.height))
     }
 
-    /// A block's pixels as they lie in a picture, row by row.
+    /// A block's pixel indices, row by row.
     pub fn indices(self, block: u32) -> impl Iterator<Item = usize> {
         let (columns, rows) = self.pixels(block);
         rows.flat_map(move |y| columns.clone().map(move |x| y as usize * self.width as usize + x as usize))
     }
 
-    /// A block and those around it, fewer at the edges of the picture.
+    /// A block and its neighbours, fewer at the edges of the picture.
     pub fn around(self, block: u32) -> impl Iterator<Item = u32> {
         let (columns, rows) = (self.columns(), self.count() as u32 / self.columns());
         let (x, y) = (block % columns, block / columns);
@@ -58,7 +58,7 @@ impl Blocks {
         (y.saturating_sub(1)..=(y + 1).min(rows - 1)).flat_map(row)
     }
 
-    /// All blocks, those of a square of 8 × 8 after each other: camera rays that start together go alike.
+    /// All blocks, grouped by squares of 8 × 8 so that camera rays spawned together are coherent.
     pub fn in_order(self) -> Arc<[u32]> {
         let mut blocks: Vec<u32> = (0..self.count() as u32).collect();
         blocks.sort_by_key(|block| {
@@ -69,7 +69,7 @@ impl Blocks {
     }
 }
 
-/// The samples of a frame that one job takes: the same ones in each of some blocks.
+/// The samples of a frame that one job takes: the same sample numbers in each of its blocks.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Pass {
     blocks: Arc<[u32]>,
@@ -82,27 +82,27 @@ impl Pass {
         Self { blocks, samples }
     }
 
-    /// Where samples are taken.
+    /// The blocks that are sampled.
     pub fn blocks(&self) -> &[u32] {
         &self.blocks
     }
 
-    /// Which samples of a pixel.
+    /// The sample numbers, the same in each pixel.
     pub fn samples(&self) -> Range<u32> {
         self.samples.clone()
     }
 
-    /// Tiles over all blocks, once for each turn of samples.
+    /// Number of tiles: the tiles that cover all blocks, once for each round of samples.
     pub(super) fn tiles(&self) -> u64 {
         self.tiles_per_turn() as u64 * u64::from(self.turns())
     }
 
-    /// How often the pass goes over its blocks.
+    /// Number of rounds over the blocks.
     fn turns(&self) -> u32 {
         (self.samples.len() as u32).div_ceil(TOGETHER)
     }
 
-    /// Samples of a turn; the last may have fewer.
+    /// Samples of a round; the last round may have fewer.
     fn together(&self) -> u32 {
         (self.samples.len() as u32).div_ceil(self.turns().max(1))
     }

@@ -1,4 +1,4 @@
-//! Path tracing: a hit shader only.
+//! Path tracing: a hit shader without loop shaders.
 
 use super::frame::{CAMERA_DIMENSION, Frame, Settings, SettingsError, ray_rows};
 use super::{Contribution, Integrator};
@@ -17,7 +17,7 @@ use std::sync::Arc;
 /// Bounces after which Russian roulette may end a path, unless the caller chooses another number.
 pub const ROULETTE_BOUNCES: u32 = 2;
 
-/// The most bounces.
+/// Maximum number of bounces.
 const MAX_BOUNCES: u32 = 1 << 10;
 
 /// Bits of [`PathState::depth`] that count rays; depths go one beyond the last bounce.
@@ -39,8 +39,8 @@ const MIN_SURVIVAL: f32 = 0.02;
 const LEAST_SQUARE: f32 = 1e-36;
 
 /// Unidirectional path tracing with next-event estimation: at each hit up to depth `max_bounces` one
-/// light and one direction of the BSDF are sampled, weighted against each other by the power
-/// heuristic; the ray beyond the last bounce only collects what shines.
+/// light and one direction of the BSDF are sampled and weighted by the power heuristic. The ray after the last bounce
+/// only collects emission.
 #[derive(Debug)]
 pub struct Path {
     frame: Frame,
@@ -51,22 +51,22 @@ pub struct Path {
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
 pub struct PathState {
-    /// What radiance along the ray counts for its pixel.
+    /// Throughput: the weight of radiance along the ray in its pixel.
     throughput: [f32; 3],
-    /// The upper half of the f32 that is the squared index of refraction where the ray is, relative to where the
-    /// path began; below it the ray's [`Cone`].
+    /// Upper half: the high bits of the f32 squared index of refraction of the ray's medium, relative to the medium in
+    /// which the path began. Lower half: the ray's [`Cone`].
     index2_and_cone: u32,
     pixel: u32,
     sample: u32,
-    /// Rays before this one in the lowest [`DEPTH_BITS`]; above them which way the surface faces that it
-    /// leaves ([`Receiver::facing`]).
+    /// Lowest [`DEPTH_BITS`]: the number of rays before this one. Above them: the quantised shading normal of the
+    /// surface that the ray leaves ([`Receiver::facing`]).
     depth: u32,
-    /// Density per solid angle of the ray's direction; +∞ when no light sample could have found it.
+    /// Probability density of the ray's direction per solid angle; +∞ if light sampling could not have chosen it.
     pdf: f32,
 }
 
 impl PathState {
-    /// Of a camera ray, but for its pixel and sample.
+    /// The state of a camera ray, without pixel and sample.
     fn start(cone: Cone<SingleLane>) -> Self {
         Self {
             throughput: [1.0; 3],
@@ -118,12 +118,12 @@ impl Path {
         Ok(Self { frame, roulette_bounces })
     }
 
-    /// The same, shaded with this instruction set: see [`Frame::with_simd`].
+    /// The same integrator, shading at this SIMD level: see [`Frame::with_simd`].
     pub fn with_simd(self, simd: SimdLevel) -> Self {
         Self { frame: self.frame.with_simd(simd), ..self }
     }
 
-    /// Where radiance is added up.
+    /// The film that radiance is added to.
     pub fn film(&self) -> &Arc<Film> {
         self.frame.film()
     }
@@ -176,7 +176,7 @@ impl<L: Lanes> States<L> {
         }
     }
 
-    /// As they lie in memory: those of the lanes of a mask, one after the other.
+    /// As rows in memory: the lanes of a mask, packed.
     #[inline(always)]
     fn rows(self, lanes: Mask<L>) -> L::Array<[f32; 8]> {
         let [x, y, z] = [self.throughput.x, self.throughput.y, self.throughput.z];
@@ -203,7 +203,7 @@ impl LaneTask for Shading<'_, '_> {
         let scene = self.path.frame.scene();
         for run in sort(l, self.batch.hits, scene).runs() {
             for (i, rays) in run.rays.chunks(L::LANES).enumerate() {
-                // Lanes that are left over repeat the first ray and count for nothing.
+                // Lanes beyond the end of the run repeat its first ray and are masked out.
                 let (ids, lanes) = Int::some(l, rays, rays[0]);
                 match run.material {
                     None => self.miss(ids, lanes),
@@ -238,14 +238,14 @@ impl Shading<'_, '_> {
         frame.film().splat_lanes(lanes & !sky.is_zero(), state.pixel, sky);
     }
 
-    /// What rays bring that leave the scene.
+    /// Adds the environment's radiance for rays that leave the scene.
     #[inline(always)]
     fn sky<L: Lanes>(&self, state: &States<L>, direction: Vector<L>) -> Vector<L> {
         let (radiance, found) = self.path.frame.lights().sky(direction);
         state.throughput * radiance * power_heuristic(state.pdf, found)
     }
 
-    /// The hit shader: what shines, then one sample of a light and one of the BSDF.
+    /// The hit shader: emission, then one light sample and one BSDF sample.
     #[inline(always)]
     fn hit<L: Lanes>(&mut self, material: &Material, ids: Int<L>, lanes: Mask<L>) {
         let frame = &self.path.frame;
@@ -310,7 +310,7 @@ impl Shading<'_, '_> {
         let wi = at.basis.local(light.wi);
         let mut reached = light.wi.dot(at.normal).above(0.0);
         if bsdf.is_frosted() {
-            // From below as well, if both normals agree that it is.
+            // Light from below counts too, if both normals agree that it is below.
             reached = !(reached ^ wi.z.above(0.0));
         }
         let lanes = lanes & light.valid & reached;
@@ -318,7 +318,7 @@ impl Shading<'_, '_> {
             return;
         }
         let (value, pdf) = bsdf.evaluate(at.basis.local(at.wo), wi);
-        // The power heuristic's weight by the light's density; nothing else finds what has no extent.
+        // Lights without extent are found by light sampling alone and have weight 1.
         let other = pdf.only(!light.delta);
         let squares = light.pdf * light.pdf + other * other;
         let share = light.pdf / squares.clamp(LEAST_SQUARE, f32::INFINITY);
@@ -348,7 +348,7 @@ impl Shading<'_, '_> {
         if specular.any() {
             wi = Vector::select(specular, at.smooth_direction(sample.wi, sample.crosses), wi);
         }
-        // A bent normal may scatter light into the surface, or out of it; nothing comes from there.
+        // A bent normal may scatter into the wrong side of the surface; such directions carry no light.
         let crosses = sample.crosses;
         let mut lanes = lanes & sample.valid & (specular | (wi.dot(at.normal).above(0.0) ^ crosses));
         let mut throughput = state.throughput * sample.weight;
@@ -381,9 +381,9 @@ impl Shading<'_, '_> {
         self.out.ray_row(count, rays, states);
     }
 
-    /// Ends paths beyond the last bounce, where nothing counts but what shines: those that pass by all surfaces that do
-    /// need not know what they meet, only whether they reach the sky, if there is one. The same picture. Returns those
-    /// lanes.
+    /// Ends paths after the last bounce, where only emission counts. A ray that misses the bounds of all emitters is
+    /// not traced; under an environment it becomes a shadow ray that adds the environment if it is not occluded. The
+    /// picture is the same. Returns the lanes that became shadow rays.
     #[inline(always)]
     fn end<L: Lanes>(
         &mut self,
@@ -418,7 +418,7 @@ impl Renderer for Path {
     }
 
     fn shadow_rays_per_ray(&self) -> usize {
-        // One to a light; beyond the last bounce one to the sky, which is a light as well unless it is even.
+        // One towards a light; after the last bounce one to the environment.
         let lights = self.frame.lights();
         1 + usize::from(lights.are_sampled() && !lights.environment().is_black())
     }

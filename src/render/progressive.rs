@@ -1,4 +1,4 @@
-//! A frame in passes: a running picture, an end that noise decides, and a state that can be kept.
+//! A frame rendered in passes: intermediate pictures, a target noise, checkpoints.
 
 use super::{Integrator, Pass, Sequence};
 use crate::film::{Film, Noise};
@@ -8,94 +8,93 @@ use std::ops::Range;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Passes in flight: what the last paths of one leave idle the camera rays of the next take up.
+/// Passes in flight. The camera rays of one keep the threads busy while the last paths of another end.
 pub const PASSES_IN_FLIGHT: usize = 2;
 
-/// Fewest samples of a pass whose noise is looked at.
+/// Minimum samples of a pass from which noise is estimated.
 const PASS_SAMPLES: u32 = 8;
 
-/// A block rests after this many samples at the earliest: fewer may all have missed what matters.
+/// Minimum samples before a block may retire: fewer may all have missed rare bright paths.
 const LEAST_SAMPLES: u32 = 32;
 
-/// A block darker than this part of the picture's mean need be no better than one as dark as that.
+/// Errors are relative to a block's luminance, but at least to this fraction of the picture's mean.
 const DARK: f64 = 0.05;
 
-/// How a frame is divided into passes.
+/// Options of passes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PassOptions {
     /// Relative standard error of the whole picture at which the frame ends: that of a pixel's luminance by the mean
     /// of its block of [`super::BLOCK`]² pixels, root mean square over the picture. It ends earlier where blocks have
     /// all samples.
     pub noise: Option<f32>,
-    /// About how long a pass should take; without it, and without `noise`, one pass takes all samples. Does
-    /// not change the picture.
+    /// Approximate duration of a pass. Without it, and without `noise`, one pass takes all samples. It does not change
+    /// the picture.
     pub pass_time: Option<Duration>,
 }
 
-/// A frame that is rendered in passes, each on a film of its own that is added to the whole when the
-/// pass is complete; so what there is between two passes does not depend on scheduling, nor on when it is
-/// looked at.
+/// A frame rendered in passes. Each pass has its own film, which is added to the total when the pass is complete. The
+/// total between two passes therefore does not depend on scheduling or timing.
 ///
 /// # Adaptive sampling that keeps promise 1
 /// With [`PassOptions::noise`] the size of passes is fixed, and where pass `n` takes samples is decided
 /// from the exact sums of the passes up to `n − `[`PASSES_IN_FLIGHT`], whether others have ended by then or not.
 ///
 /// # Where samples go
-/// If a sample in block `i` has the relative variance `s²`, `n` samples leave `s²/n`. Of all ways to bring the mean of
+/// If a sample in a block has the relative variance `s²`, `n` samples leave `s²/n`. Of all ways to bring the mean of
 /// `s²/n` over the blocks down to `target²`, the one with the fewest samples gives each block `n = s · mean(s) /
-/// target²` (Neyman 1934): there a block rests. To ask the same error of every block instead, `n = s² / target²`, takes
-/// exactly as many samples as to spread them evenly, for the same mean. Half of a block's variance is counted as that
-/// of it and its neighbours together, since a rare bright path that it has not met yet may have been met next door.
+/// target²` (Neyman 1934): then the block retires. To demand the same error of every block, `n = s² / target²`, takes
+/// exactly as many samples as an even distribution, for the same mean. Half of a block's variance is that of the block
+/// and its neighbours together, since a neighbour may have found a rare bright path that the block has missed.
 pub struct Progressive<I: Integrator> {
     integrator: Arc<I>,
     options: PassOptions,
     state: State,
     under_way: Sequence<Arc<I>>,
-    /// Passes that a kept state had under way, to be begun again.
+    /// Passes that were unfinished in the checkpoint, to be started again.
     resumed: VecDeque<Pass>,
-    /// What passes that were stopped have brought: only for the eye, never kept.
+    /// Samples of stopped passes: shown in pictures, never saved.
     partial: Vec<Arc<Film>>,
     stopped: bool,
     pace: Pace,
     loop_stack_bytes: usize,
 }
 
-/// What is known between two passes.
+/// The state between two passes.
 pub(super) struct State {
     /// The sum of all complete passes.
     pub film: Arc<Film>,
     pub noise: Option<Noise>,
     /// Blocks that get more samples.
     pub blocks: Arc<[u32]>,
-    /// Samples of these that no pass has been given.
+    /// Sample numbers of these blocks that no pass has been given.
     pub todo: Range<u32>,
-    /// Passes begun and not complete, the oldest first.
+    /// Passes in flight, the oldest first.
     pub begun: Vec<Pass>,
-    /// Complete passes.
+    /// Number of complete passes.
     pub passes: u64,
 }
 
-/// How fast passes are.
+/// Measured speed of passes.
 struct Pace {
     since: Instant,
     samples: u32,
 }
 
-/// How noisy a picture is.
+/// Noise of a picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NoiseReport {
-    /// The relative standard error of the worst block.
+    /// Relative standard error of the worst block.
     pub worst: f64,
-    /// The root mean square over all blocks.
+    /// Root mean square over all blocks.
     pub mean: f64,
-    /// Blocks that get no more samples.
+    /// Number of retired blocks.
     pub resting: usize,
-    /// All blocks.
+    /// Number of blocks.
     pub blocks: usize,
 }
 
 impl<I: Integrator> Progressive<I> {
-    /// The integrator's frame from the start.
+    /// The integrator's frame, from its first sample.
     pub fn new(integrator: I, options: PassOptions) -> Self {
         let frame = integrator.frame();
         let state = State {
@@ -123,11 +122,11 @@ impl<I: Integrator> Progressive<I> {
         }
     }
 
-    /// Begins passes while there is room and need for them; `submit` gives one to a service that has room
-    /// for [`PASSES_IN_FLIGHT`] jobs.
+    /// Starts passes until [`PASSES_IN_FLIGHT`] are in flight or no samples are left. `submit` submits one to a service
+    /// that accepts that many jobs.
     ///
     /// # Errors
-    /// What `submit` says.
+    /// The errors of `submit`.
     pub fn begin(
         &mut self,
         mut submit: impl FnMut(&Arc<I>) -> Result<JobHandle, LimitsError>,
@@ -152,7 +151,7 @@ impl<I: Integrator> Progressive<I> {
             return None;
         }
         let samples = match self.options {
-            // Powers of two that divide what is before them: such passes are stratified in themselves.
+            // A power of two that divides the number of samples before it, so that the pass is stratified by itself.
             PassOptions { noise: Some(_), .. } => PASS_SAMPLES.max(1 << (todo.start / 8).max(1).ilog2()),
             PassOptions { pass_time: Some(_), .. } => self.pace.samples.max(1),
             _ => u32::MAX,
@@ -163,21 +162,21 @@ impl<I: Integrator> Progressive<I> {
         Some(pass)
     }
 
-    /// Waits at most that long for the oldest pass; returns whether it has ended, or there is none.
+    /// Waits for the oldest pass, at most this long. True if it has ended or there is none.
     pub fn wait_for(&self, patience: Duration) -> bool {
         self.under_way.wait_for(patience)
     }
 
-    /// How far the passes under way are.
+    /// Progress of the passes in flight.
     pub fn progress(&self) -> impl Iterator<Item = Progress> {
         self.under_way.progress()
     }
 
-    /// Waits for the oldest pass and adds what it brought; none if there is none. A pass that was stopped
-    /// counts for [`Progressive::picture`] only, and so do those after it.
+    /// Waits for the oldest pass and adds its film; `None` if no pass is in flight. A stopped pass, and all passes
+    /// after it, count for [`Progressive::picture`] only.
     ///
     /// # Errors
-    /// When the job failed.
+    /// If the job failed.
     pub fn finish_pass(&mut self) -> Result<Option<JobReport>, JobError> {
         let Some((exposure, report)) = self.under_way.pop() else { return Ok(None) };
         let report = report?;
@@ -280,7 +279,7 @@ impl<I: Integrator> Progressive<I> {
         &self.integrator
     }
 
-    /// Complete passes.
+    /// Number of complete passes.
     pub fn passes(&self) -> u64 {
         self.state.passes
     }

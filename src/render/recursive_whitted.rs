@@ -7,19 +7,19 @@ use crate::shade::{Cone, material_of, single};
 use crate::stream::{Hit, Ray};
 use glam::Vec3;
 
-/// Whitted's algorithm (1980), as he might have written it. [`super::Whitted`] is the same by hand, as a hit
-/// shader, a loop shader and their states.
+/// Whitted's algorithm (1980) as one recursive function. [`super::Whitted`] is the same algorithm split by hand into a
+/// hit shader and a loop shader.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct RecursiveWhitted;
 
-/// What a ray of the tree is.
+/// The state of a ray of the tree.
 #[derive(Clone, Copy, Debug)]
 pub struct Branch {
     throughput: Vec3,
-    /// The ray's [`Cone`], packed as [`super::Whitted`] has it; none of the camera's.
+    /// The ray's [`Cone`], packed as in [`super::Whitted`]; `None` for camera rays.
     cone: Option<u32>,
     depth: u32,
-    /// Place in the tree, as [`Node::direct_light`] has it.
+    /// Position in the tree, as for [`Node::direct_light`].
     number: u32,
 }
 

@@ -1,16 +1,15 @@
-//! Several frames, or passes of one, in flight.
+//! A sequence of jobs in flight: frames of an animation, or passes of one frame.
 
 use crate::schedule::{JobError, JobHandle, JobReport, Progress};
 use std::collections::VecDeque;
 use std::time::Duration;
 
-/// Jobs in flight whose results are wanted in the order in which they were begun (RA section 6, "several
-/// frames in flight"): while the last paths of one frame end, the camera rays of the next keep the threads
-/// busy. What belongs to a job, its integrator for instance, travels with it.
+/// Jobs in flight whose results are returned in order of submission (RA section 6, "several frames in flight"). While
+/// the last paths of one frame end, the camera rays of the next keep the threads busy. Data of a job, its integrator
+/// for instance, is returned with it.
 ///
-/// Memory is bounded by the number in flight: each job has streams and a film of its own. Use it with a
-/// service of at least as many `max_jobs` that shares by [`crate::schedule::Sharing::FirstIn`], so that
-/// earlier frames get all threads they can use.
+/// Memory is bounded by the number in flight: each job has its own streams and film. Use a service with at least as
+/// many `max_jobs` and [`crate::schedule::Sharing::FirstIn`], so that earlier frames get all threads they can use.
 ///
 /// ```
 /// use raystream::engine::{PreparedScene, Units};
@@ -50,17 +49,17 @@ pub struct Sequence<T> {
 }
 
 impl<T> Sequence<T> {
-    /// Keeps at most `in_flight` jobs, at least one, in flight.
+    /// A sequence of at most `in_flight` jobs, at least one.
     pub fn new(in_flight: usize) -> Self {
         Self { under_way: VecDeque::new(), in_flight: in_flight.max(1) }
     }
 
-    /// Whether one more job may be begun.
+    /// Whether another job may be pushed.
     pub fn has_room(&self) -> bool {
         self.under_way.len() < self.in_flight
     }
 
-    /// Takes in a job that has been submitted, with what belongs to it.
+    /// Adds a submitted job with its data.
     ///
     /// # Panics
     /// Unless [`Sequence::has_room`].
@@ -69,23 +68,23 @@ impl<T> Sequence<T> {
         self.under_way.push_back((job, what));
     }
 
-    /// Waits at most that long for the oldest job; returns whether it has ended, or there is none.
+    /// Waits for the oldest job, at most this long. True if it has ended or there is none.
     pub fn wait_for(&self, patience: Duration) -> bool {
         self.under_way.front().is_none_or(|(job, _)| job.wait_for(patience))
     }
 
-    /// Waits for the oldest job and takes it out; none if there is none.
+    /// Waits for the oldest job and removes it; `None` if there is none.
     pub fn pop(&mut self) -> Option<(T, Result<JobReport, JobError>)> {
         let (job, what) = self.under_way.pop_front()?;
         Some((what, job.wait()))
     }
 
-    /// Has all jobs spawn no more tiles and finish what is in flight.
+    /// Stops all jobs: they spawn no more tiles and finish what is in flight.
     pub fn stop(&self) {
         self.under_way.iter().for_each(|(job, _)| job.stop());
     }
 
-    /// How far each job is, the oldest first.
+    /// Progress of each job, the oldest first.
     pub fn progress(&self) -> impl Iterator<Item = Progress> {
         self.under_way.iter().map(|(job, _)| job.progress())
     }

@@ -1,16 +1,16 @@
-//! The plain renderer that ray streams are measured against (RA section 5, SINGLERAY): no streams and no
-//! scheduler. A thread follows one path to its end before it takes the next, calling the very shaders of
-//! a [`Renderer`] with batches of one ray.
+//! The plain renderer that ray streams are measured against (RA section 5, SINGLERAY), without streams or scheduler. A
+//! thread follows one path to its end before it starts the next. It calls the shaders of a [`Renderer`] with batches of
+//! one ray.
 
 use crate::schedule::{Batch, Output, RayCounts, Renderer};
 use crate::stream::{Hit, Ray, RayArray, Tracer};
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering::Relaxed};
 use std::sync::{PoisonError, RwLock};
 
-/// Camera rays that a thread takes at once. Small, so that threads end together.
+/// Camera rays that a thread takes at once. Small, so that threads finish together.
 const BLOCK: usize = 64;
 
-/// Renders everything on so many threads. `tracer` is asked for one closest hit at a time.
+/// Renders the whole frame on this many threads. `tracer` traces one ray at a time.
 pub fn render_single_rays<R: Renderer>(renderer: &R, tracer: &dyn Tracer, threads: usize) -> RayCounts {
     let places: Vec<Place<R::Payload>> = (0..threads).map(|_| Place::new(renderer.tile_rays())).collect();
     let next_tile = AtomicU64::new(0);
@@ -37,7 +37,7 @@ pub fn render_single_rays<R: Renderer>(renderer: &R, tracer: &dyn Tracer, thread
     })
 }
 
-/// A thread's tile, from which others may take too.
+/// A thread's tile, from which other threads may steal rays.
 struct Place<P> {
     camera: RwLock<Camera<P>>,
     /// The first ray that no thread has taken.
@@ -56,8 +56,8 @@ impl<P: bytemuck::Pod> Place<P> {
         Self { camera: RwLock::new(camera), next: AtomicUsize::new(0) }
     }
 
-    /// Spawns the next tile here; false if there is none. The tile is chosen under the lock, so whoever
-    /// finds that none is left and comes to help finds the last one spawned.
+    /// Spawns the next tile here; false if there is none. The tile is chosen under the lock, so a thread that finds no
+    /// tile left and steals rays finds the last tile spawned.
     fn open<R: Renderer<Payload = P>>(&self, next_tile: &AtomicU64, walk: &mut Walk<'_, R>) -> bool {
         let mut camera = self.camera.write().unwrap_or_else(PoisonError::into_inner);
         let tile = next_tile.fetch_add(1, Relaxed);
@@ -85,11 +85,11 @@ impl<P: bytemuck::Pod> Place<P> {
     }
 }
 
-/// A thread on its way along one path after the other. It allocates for its first few paths only.
+/// A thread that follows one path after another. It allocates for its first few paths only.
 struct Walk<'a, R: Renderer> {
     renderer: &'a R,
     tracer: &'a dyn Tracer,
-    /// What shading one ray emits.
+    /// The rays that shading one ray emits.
     rays: RayArray,
     payloads: Vec<R::Payload>,
     shadow_rays: RayArray,
@@ -141,7 +141,7 @@ impl<'a, R: Renderer> Walk<'a, R> {
         }
     }
 
-    /// Traces the shadow rays emitted last and returns their answers.
+    /// Traces the shadow rays just emitted and returns their answers.
     fn settle_shadows(&mut self) {
         let Self { shadow_rays, shadow_payloads, occluded, .. } = self;
         if shadow_rays.is_empty() {

@@ -19,15 +19,15 @@ const DEPTH_BITS: u32 = 16;
 const DEPTH: u32 = (1 << DEPTH_BITS) - 1;
 const _: () = assert!(MAX_BOUNCES < DEPTH && DEPTH_BITS + Cone::<Plain<8>>::BITS <= 32);
 
-/// Bounces, unless chosen otherwise.
+/// Default maximum number of bounces.
 pub const WHITTED_BOUNCES: u32 = 8;
 
 /// Whitted's algorithm (1980): direct light at every hit, perfect reflection and refraction followed
 /// at every hit that has them, down to depth `max_bounces`; no other indirect light.
 ///
-/// The hit shader sends the reflected ray on and leaves the refracted one on the loop stack; when a
-/// path ends, the loop shader takes up what lies on top of its stack. So a camera ray has one ray in
-/// flight and at most `max_bounces` loop entries, though it may grow a tree of 2^`max_bounces` paths.
+/// The hit shader emits the reflected ray and pushes the refracted one onto the loop stack. When a path ends, the loop
+/// shader pops the topmost entry. So a camera ray has one ray in flight and at most `max_bounces` loop entries, though
+/// its tree may have 2^`max_bounces` paths.
 #[derive(Debug)]
 pub struct Whitted {
     frame: Frame,
@@ -38,20 +38,20 @@ pub struct Whitted {
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
 pub struct WhittedState {
-    /// What radiance along the ray counts for its pixel.
+    /// Throughput: the weight of radiance along the ray in its pixel.
     throughput: [f32; 3],
     pixel: u32,
     sample: u32,
-    /// Rays before this one in the lower half; above them the ray's [`Cone`].
+    /// Lower half: the number of rays before this one. Upper half: the ray's [`Cone`].
     depth_and_cone: u32,
-    /// Place in the tree of rays: 1 for the camera ray, 2n and 2n + 1 for the reflection and the
-    /// refraction of ray n. Gives each branch its own random numbers.
+    /// Position in the tree of rays: 1 for the camera ray, 2n and 2n + 1 for the reflection and the refraction of
+    /// ray n. It selects the branch's random numbers.
     branch: u32,
     /// Topmost loop entry.
     head: u32,
 }
 
-/// A loop entry: a ray that waits for the path before it to end.
+/// A loop entry: a ray that is traced when the path before it has ended.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
 struct Pending {
@@ -67,23 +67,23 @@ impl Whitted {
     /// A Whitted ray tracer for one frame.
     ///
     /// # Errors
-    /// When a setting is out of range.
+    /// If a setting is out of range.
     pub fn new(scene: Arc<Scene>, camera: &Camera, settings: Settings) -> Result<Self, SettingsError> {
         let frame = Frame::new(scene, camera, settings, MAX_BOUNCES, splats)?;
         Ok(Self { frame, stack: LoopStack::new() })
     }
 
-    /// The same, shaded with this instruction set: see [`Frame::with_simd`].
+    /// The same integrator, shading at this SIMD level: see [`Frame::with_simd`].
     pub fn with_simd(self, simd: SimdLevel) -> Self {
         Self { frame: self.frame.with_simd(simd), ..self }
     }
 
-    /// Where radiance is added up.
+    /// The film that radiance is added to.
     pub fn film(&self) -> &Arc<Film> {
         self.frame.film()
     }
 
-    /// What the loop stack has used.
+    /// Use of the loop stack.
     pub fn loop_stack(&self) -> ArenaUse {
         self.stack.usage()
     }
@@ -110,7 +110,7 @@ impl<L: Lanes> States<L> {
         Self { throughput, pixel, sample, depth, cone, branch, head }
     }
 
-    /// As they lie in memory: those of the lanes of a mask, one after the other.
+    /// As rows in memory: the lanes of a mask, packed.
     #[inline(always)]
     fn rows(self, lanes: Mask<L>) -> L::Array<[f32; 8]> {
         let [x, y, z] = [self.throughput.x, self.throughput.y, self.throughput.z];
@@ -161,7 +161,7 @@ impl Shading<'_, '_> {
         Vector::new(x, y, z)
     }
 
-    /// Rays that left the scene see the environment; none goes on.
+    /// Adds the environment for rays that left the scene; their paths end.
     #[inline(always)]
     fn miss<L: Lanes>(&self, ids: Int<L>, lanes: Mask<L>) -> Mask<L> {
         let frame = &self.whitted.frame;
@@ -171,7 +171,7 @@ impl Shading<'_, '_> {
         Mask::splat(ids.lanes(), false)
     }
 
-    /// The hit shader: emission, direct light, and the secondary rays. Returns the lanes whose paths go on.
+    /// The hit shader: emission, direct light, and the secondary rays. Returns the lanes whose paths continue.
     #[inline(always)]
     fn hit<L: Lanes>(&mut self, material: &Material, ids: Int<L>, lanes: Mask<L>) -> Mask<L> {
         let frame = &self.whitted.frame;
@@ -218,7 +218,7 @@ impl Shading<'_, '_> {
         lanes
     }
 
-    /// Leaves the rays of some lanes on the loop stacks; returns all lanes' heads.
+    /// Pushes the rays of a mask onto the loop stacks; returns the new top of every lane.
     #[inline(always)]
     fn leave<L: Lanes>(&mut self, lanes: Mask<L>, sent: &Sent<L>, states: &States<L>) -> Int<L> {
         let all = Mask::splat(states.head.lanes(), true);
@@ -232,8 +232,8 @@ impl Shading<'_, '_> {
         Int::from_array(states.head.lanes(), &heads)
     }
 
-    /// The loop shader: every path that ended takes up its topmost entry. An entry of this renderer always
-    /// sends a ray, so one turn activates all that can be activated.
+    /// The loop shader: every path that ended pops its topmost entry. An entry of this renderer always emits a ray, so
+    /// one pop per path suffices.
     fn take_up(&mut self) {
         for &i in &self.ended {
             let path = &self.batch.payloads[i as usize];
@@ -250,7 +250,7 @@ impl Pending {
         Self { ray, throughput, depth_and_cone, branch }
     }
 
-    /// Sends the ray on its way, as part of the path whose pixel, sample and loop stack `path` has.
+    /// Emits the ray, as part of the path whose pixel, sample and loop stack `path` has.
     fn resume(&self, path: &WhittedState, out: &mut Rays<'_>) {
         let Self { ray, throughput, depth_and_cone, branch } = *self;
         out.ray(ray, WhittedState { throughput, depth_and_cone, branch, ..*path });

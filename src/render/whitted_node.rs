@@ -1,4 +1,4 @@
-//! A node of Whitted's tree of rays: what happens at a hit, whoever sends the rays.
+//! A node of Whitted's tree of rays: the shading of a hit, shared by the loop shader and the recursive one.
 
 use super::frame::{CAMERA_DIMENSION, Frame};
 use crate::geom::Sampler;
@@ -10,21 +10,20 @@ use crate::shade::{Bsdf, Cone, Hits, Interaction, LightSample, lookup, medium};
 use crate::stream::Ray;
 use glam::Vec3;
 
-/// The most bounces: beyond, the tree of rays of one sample outgrows the film's exact sums.
+/// Maximum number of bounces. More would let a sample's tree of rays exceed the film's exact sums.
 pub(super) const MAX_BOUNCES: u32 = 16;
 
-/// Scenes with at most this many punctual lights have them all sampled at every hit, others one.
+/// Up to this many punctual lights are all sampled at every hit; of more, one is chosen.
 const ALL_PUNCTUAL: usize = 3;
 
-/// The most shadow rays of a hit: the punctual lights' and one to an emissive triangle or the
-/// environment.
+/// Maximum shadow rays of a hit: one to each punctual light, and one to an emissive triangle or the environment.
 pub(super) const SHADOW_RAYS: usize = ALL_PUNCTUAL + 1;
 
-/// Glossy reflections of a lesser perceptual roughness are followed like a mirror; rougher ones show
-/// direct light only. Transparent bodies are clear.
+/// Glossy reflections below this perceptual roughness are followed as mirrors; rougher ones show direct light only.
+/// Transparent bodies are clear.
 const SMOOTHNESS: Smoothness = Smoothness::followed(0.25);
 
-/// The most splats of a sample: every node of its tree adds what it sees and its direct light.
+/// Maximum splats of a sample: every node of its tree adds emission and direct light.
 pub(super) fn splats(max_bounces: u32) -> u64 {
     (SHADOW_RAYS as u64 + 1) << (max_bounces + 1)
 }
@@ -34,26 +33,26 @@ pub(super) struct Node<'a, L: Lanes> {
     frame: &'a Frame,
     at: Interaction<L>,
     bsdf: Bsdf<'a, L>,
-    /// What is left of light on its way to the ray's origin.
+    /// Transmittance of the medium between the hit and the ray's origin.
     left: Option<Vector<L>>,
-    /// Radiance given off towards the ray's origin.
+    /// Emitted radiance towards the ray's origin.
     pub emitted: Vector<L>,
 }
 
-/// Rays that a node sends.
+/// Rays that a node emits.
 #[derive(Clone, Copy)]
 pub(super) struct Sent<L: Lanes> {
-    /// Lanes that send one.
+    /// Lanes that emit a ray.
     pub lanes: Mask<L>,
     pub origin: Vector<L>,
     pub direction: Vector<L>,
     pub t_max: Num<L>,
-    /// What arrives along it counts so much; of shadow rays, what arrives along it and is sent on.
+    /// Weight of the radiance along the ray; for shadow rays, the weighted radiance itself.
     pub radiance: Vector<L>,
 }
 
 impl<'a, L: Lanes> Node<'a, L> {
-    /// `cone` is that of the rays where they began.
+    /// `cone` is the rays' cone at their origins.
     #[inline(always)]
     pub fn new(
         frame: &'a Frame,
@@ -78,7 +77,7 @@ impl<'a, L: Lanes> Node<'a, L> {
         Self { frame, at, bsdf, left, emitted }
     }
 
-    /// What light from here counts at the ray's origin, given what light there counts.
+    /// The weight of light from here at the ray's origin, given the weight there.
     #[inline(always)]
     fn dimmed(&self, throughput: Vector<L>) -> Vector<L> {
         match self.left {
@@ -87,7 +86,7 @@ impl<'a, L: Lanes> Node<'a, L> {
         }
     }
 
-    /// How many lights are asked for direct light.
+    /// Number of lights that are sampled for direct light.
     #[inline(always)]
     pub fn lights(&self) -> usize {
         match self.frame.lights().punctual().len() {
@@ -97,9 +96,8 @@ impl<'a, L: Lanes> Node<'a, L> {
         }
     }
 
-    /// The shadow rays to one of [`Node::lights`]. `branch` is the node's place in the tree: 1 for the camera
-    /// ray's, 2n and 2n + 1 for the reflection and the refraction of node n; it gives each branch its own
-    /// random numbers.
+    /// The shadow rays to one of [`Node::lights`]. `branch` is the node's position in the tree: 1 for the camera ray's,
+    /// 2n and 2n + 1 for the reflection and the refraction of node n. It selects the branch's random numbers.
     #[inline(always)]
     pub fn lit(&self, light: usize, sampler: &Sampler<L>, branch: Int<L>, throughput: Vector<L>) -> Sent<L> {
         let (at, lights) = (&self.at, self.frame.lights());
@@ -123,7 +121,7 @@ impl<'a, L: Lanes> Node<'a, L> {
         }
     }
 
-    /// The reflections and the refractions with which the tree goes on.
+    /// The reflected and the refracted rays.
     #[inline(always)]
     pub fn secondary(&self, throughput: Vector<L>) -> [Sent<L>; 2] {
         let Smooth { reflected, reflection, transmitted, transmission, .. } =
@@ -150,7 +148,7 @@ impl<'a, L: Lanes> Node<'a, L> {
 }
 
 impl Sent<SingleLane> {
-    /// Of one lane: the ray and what it counts; none if none is sent.
+    /// Ray and weight of a single lane; `None` if it emits none.
     pub fn one(self) -> Option<(Ray, Vec3)> {
         let ray = Ray { t_max: self.t_max.get(), ..Ray::new(self.origin.into(), self.direction.into()) };
         self.lanes.get().then(|| (ray, self.radiance.into()))
