@@ -17,7 +17,7 @@ pub struct Camera {
     pub fov_degrees: f32,
 }
 
-/// All of it, each number as the shortest decimal fraction that gives its bits: cameras with the same text are the same.
+/// All of it, each number as the shortest decimal fraction that gives its bits: cameras with the same text are equal.
 impl std::fmt::Display for Camera {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let Self { eye, target, up, fov_degrees } = self;

@@ -14,8 +14,8 @@
 //! | slice | the number of elements (`u64`), then the elements |
 //! | text | the number of bytes (`u64`), then UTF-8 |
 //!
-//! Names of materials, textures and lights are not in it: no picture depends on them. The smaller copies of a texture are
-//! functions of its image, its colour space and the kind of average, which are in it.
+//! Names of materials, textures and lights are not in it: no picture depends on them. The smaller copies of a texture
+//! are functions of its image, its colour space and the kind of average, which are in it.
 //!
 //! Every implementation of [`Encode`] destructures its type without `..`: a new field does not compile until it is
 //! encoded, and whoever encodes it raises [`FINGERPRINT_VERSION`].
@@ -29,8 +29,8 @@ use glam::{Vec2, Vec3};
 use std::fmt::Debug;
 use xxhash_rust::xxh3::Xxh3;
 
-/// Version of the encoding that [`Scene::fingerprint`] hashes. It is part of what is hashed, so fingerprints of different
-/// versions differ.
+/// Version of the encoding that [`Scene::fingerprint`] hashes. It is part of what is hashed, so fingerprints of
+/// different versions differ.
 pub const FINGERPRINT_VERSION: u32 = 1;
 
 /// How the encoding of a scene begins.
@@ -254,7 +254,8 @@ impl Encode for Scene {
 
 impl Scene {
     /// XXH3 (64 bits) of the [canonical bytes](self) of everything that a picture of the scene depends on but for the
-    /// camera, as 16 hexadecimal digits: scenes with the same fingerprint look, in practice, the same from every camera.
+    /// camera, as 16 hexadecimal digits: scenes with the same fingerprint look, in practice, the same from every
+    /// camera.
     pub fn fingerprint(&self) -> String {
         let mut to = Encoder(Xxh3::new());
         to.0.update(HEADER);

@@ -29,10 +29,13 @@ fn all_differ<T: Encode>(values: impl IntoIterator<Item = (&'static str, T)>) {
     }
 }
 
-/// Asserts that the bytes change with each field of a value. The pattern has no `..`: a new field does not compile until it
-/// is listed here. Fields after `except` must not count.
+/// Asserts that the bytes change with each field of a value. The pattern has no `..`: a new field does not compile
+/// until it is listed here. Fields after `except` must not count.
 macro_rules! each_field_counts {
-    ($base:expr, $type:ident { $($field:ident: $other:expr),* $(,)? } $(except { $($left_out:ident: $name:expr),* })?) => {{
+    (
+        $base:expr, $type:ident { $($field:ident: $other:expr),* $(,)? }
+        $(except { $($left_out:ident: $name:expr),* })?
+    ) => {{
         let base: $type = $base;
         let $type { $($field: _,)* $($($left_out: _,)*)? } = &base;
         let mut values = vec![("nothing changed", base.clone())];
