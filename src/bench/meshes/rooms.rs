@@ -19,7 +19,7 @@ pub fn empty_box(cells: u32) -> Scene {
     builder.finish()
 }
 
-/// Thickness of walls and panels.
+/// Thickness of inner walls and ceilings.
 const THICK: f32 = 0.05;
 
 /// A closed room with `pieces` pieces of furniture, alternately tables and vases, and a lamp above its ceiling. A small
