@@ -117,6 +117,8 @@ fn frames_that_are_done_are_not_done_again() {
     refused(&["--spp", "2"], "the checkpoint exists");
     std::fs::write(folder.join("c.json"), "raystream checkpoint").expect("file");
     refused(&["--spp", "2", "--resume"], "not a checkpoint of an animation");
+    std::fs::write(folder.join("c.json"), r#"{ "raystream_frames": {}, "done": {} }"#).expect("file");
+    refused(&["--spp", "2", "--resume"], "it is a checkpoint of version 2");
 }
 
 /// A matte square seen by a camera whose parent moves by two to the right in two seconds.

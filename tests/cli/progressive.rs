@@ -100,6 +100,7 @@ fn checkpoints_of_other_pictures_are_refused() {
     for (bytes, says) in [
         (&whole[..whole.len() / 2], "damaged"),
         (b"raystream checkpoint\x09\0\0\0", "version 9"),
+        (b"raystream checkpoint\x02\0\0\0", "it is a checkpoint of version 2"),
         (b"something else", "not a checkpoint"),
         (b"", "not a checkpoint"),
     ] {
