@@ -130,7 +130,7 @@ struct Measured {
 fn plain(scene: &Scene) -> Scene {
     let mut scene = scene.clone();
     for texture in &mut scene.textures {
-        texture.pyramid = Mipmap::default();
+        texture.mipmap = Mipmap::default();
     }
     scene
 }
@@ -227,7 +227,7 @@ mod tests {
             space: ColourSpace::Linear,
             wrap_u: Wrap::Repeat,
             wrap_v: Wrap::Repeat,
-            pyramid: Mipmap::default(),
+            mipmap: Mipmap::default(),
         });
         let texture = TextureRef::plain(0);
         let surface = Principled {
@@ -236,7 +236,7 @@ mod tests {
             ..Principled::default()
         };
         scene.materials.push(Material { surface: Surface::Principled(surface), ..Material::fallback() });
-        scene.add_pyramids();
+        scene.add_mipmaps();
         let map = Some(NormalMap { texture, scale: 1.0 });
         scene.materials[0].normal_map = map;
         let even = constant(&scene);

@@ -1,35 +1,35 @@
-//! Materials as files describe them. `shade` turns them into BSDFs.
+//! Materials as scene files describe them. `shade` converts them to BSDFs.
 
 use super::{Channel, Medium, Principled, TextureRef};
 use glam::Vec3;
 
-/// A colour: a factor times a texture, if there is one.
+/// A colour: a factor, multiplied by a texture's RGB if there is a texture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Colour {
-    /// Linear Rec. 709.
+    /// Linear Rec. 709. The range depends on the use.
     pub factor: Vec3,
-    /// Looked up as RGB.
+    /// Its linear RGB multiplies the factor.
     pub texture: Option<TextureRef>,
 }
 
 impl Colour {
-    /// The same colour everywhere.
+    /// A colour without a texture.
     pub fn constant(factor: Vec3) -> Self {
         Self { factor, texture: None }
     }
 }
 
-/// A number: a factor times one channel of a texture, if there is one.
+/// A number: a factor, multiplied by one channel of a texture if there is a texture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Scalar {
-    /// The factor.
+    /// The range depends on the use.
     pub factor: f32,
-    /// The texture and the channel that counts.
+    /// The texture, and the channel that multiplies the factor.
     pub texture: Option<(TextureRef, Channel)>,
 }
 
 impl Scalar {
-    /// The same number everywhere.
+    /// A number without a texture.
     pub fn constant(factor: f32) -> Self {
         Self { factor, texture: None }
     }
@@ -39,71 +39,72 @@ impl Scalar {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[allow(clippy::large_enum_variant, reason = "there are few, and they stay where they are")]
 pub enum Surface {
-    /// Lambertian reflection, on both sides.
+    /// Lambertian reflection on both sides.
     Matte {
         /// Albedo, 0..=1.
         reflectance: Colour,
     },
-    /// Perfect reflection, on both sides.
+    /// Perfect specular reflection on both sides.
     Mirror {
-        /// Share of light reflected, 0..=1.
+        /// Reflected share of the light, 0..=1.
         reflectance: Colour,
     },
-    /// A smooth boundary between the outside (index 1) and the inside of a closed body.
+    /// A smooth dielectric boundary between the outside (index of refraction 1) and the inside of a closed body.
     Dielectric {
-        /// Index of refraction of the inside, > 0 (1 passes everything).
+        /// Index of refraction of the inside, > 0. An index of 1 neither reflects nor refracts.
         ior: f32,
-        /// Share of the transmitted light that each crossing lets through, 0..=1.
+        /// Share of the transmitted light that remains after each crossing, 0..=1 for each channel of linear Rec.
+        /// 709.
         transmittance: Vec3,
     },
     /// glTF's metallic-roughness surface.
     Principled(Principled),
-    /// One of [`super::Scene::procedurals`].
+    /// Index into [`super::Scene::procedurals`].
     Procedural(u32),
-    /// One of [`super::Scene::scatterings`].
+    /// Index into [`super::Scene::scatterings`].
     Scattering(u32),
-    /// One of [`super::Scene::mixes`]. Hits are resolved to its parts before they are shaded.
+    /// Index into [`super::Scene::mixes`]. A hit on a mix is resolved to one of its parts before it is shaded.
     Mix(u32),
 }
 
-/// Light that a surface gives off, the same in all directions.
+/// Light that a surface emits, with the same radiance in all directions.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Emission {
-    /// Radiance.
+    /// Emitted radiance, ≥ 0, linear Rec. 709.
     pub radiance: Colour,
-    /// Whether the back shines too.
+    /// Whether the back emits too. The front is the side from which the corners are counter-clockwise.
     pub two_sided: bool,
 }
 
-/// A tangent-space normal map.
+/// A tangent-space normal map, as glTF's `normalTexture`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NormalMap {
-    /// Linear RGB, 0..=1 mapped to −1..=1; y points along the bitangent (up in the image).
+    /// Linear RGB, 0..=1 mapped to −1..=1. The y axis points along the bitangent (up in the image).
     pub texture: TextureRef,
-    /// Scales x and y.
+    /// Factor of the normal's x and y.
     pub scale: f32,
 }
 
-/// What alpha means.
+/// Meaning of alpha, as glTF's `alphaMode`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum AlphaMode {
-    /// Nothing.
+    /// Alpha is ignored.
     Opaque,
-    /// The surface is there where alpha reaches the cutoff.
+    /// Hits count where alpha is at least the cutoff.
     Mask {
-        /// The least alpha that counts as there.
+        /// The least alpha at which a hit counts.
         cutoff: f32,
     },
-    /// The surface is there with probability alpha.
+    /// Hits count with probability alpha ([`super::Scene::alpha_accepts`]).
     Blend,
 }
 
-/// Where a surface is not there.
+/// Coverage of a surface. Rays pass where the alpha test fails.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Alpha {
-    /// What alpha means.
+    /// Meaning of alpha.
     pub mode: AlphaMode,
-    /// Alpha, 0..=1.
+    /// Alpha, 0..=1. A texture's alpha is linear.
     pub value: Scalar,
 }
 
@@ -113,30 +114,30 @@ impl Default for Alpha {
     }
 }
 
-/// A material.
+/// A material of triangles.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Material {
-    /// What files and reports call it.
+    /// Name in the file, used by warnings and reports.
     pub name: String,
-    /// How it scatters.
+    /// How the surface scatters light.
     pub surface: Surface,
-    /// What it gives off, if anything (`None` rather than zero).
+    /// Emitted light. `None` if the surface emits nothing, never a radiance of zero.
     pub emission: Option<Emission>,
-    /// Bends the shading normal.
+    /// Perturbs the shading normal.
     pub normal_map: Option<NormalMap>,
-    /// Where it is not there.
+    /// Coverage.
     pub alpha: Alpha,
-    /// What fills the body that it bounds.
+    /// The absorbing medium inside the closed body that the surface bounds. `None` if the body is empty.
     pub medium: Option<Medium>,
 }
 
 impl Material {
-    /// A matte grey surface of albedo 0.8: what a triangle without a material is made of.
+    /// The material of triangles without one: matte grey, albedo 0.8.
     pub fn fallback() -> Self {
         Self::matte("default", Vec3::splat(0.8))
     }
 
-    /// A matte surface.
+    /// A matte surface of the given albedo, 0..=1.
     pub fn matte(name: impl Into<String>, reflectance: Vec3) -> Self {
         Self {
             name: name.into(),

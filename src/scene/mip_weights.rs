@@ -1,25 +1,26 @@
-//! What smaller copies of textures average.
+//! What mipmap levels average, by the texture's use.
 
 use super::{AlphaMode, Channel, Scene, Surface};
 use std::collections::HashMap;
 
-/// What a texel of a smaller copy keeps of the texels that it stands for.
+/// What a texel of a mipmap level stores of the texels that it covers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Averaging {
-    /// The mean of each channel; of colours that is of light, not of bytes.
+    /// The mean of each channel. Colours are averaged as linear light, not as bytes.
     #[default]
     Light,
-    /// The same, but what alpha cuts away has no say in colours: it would darken or tint the fringes of leaves.
+    /// The same mean, but texels that alpha cuts away do not count in colours. They would darken or tint the fringes
+    /// of leaves.
     Covered,
-    /// The direction of the mean normal; alpha is how much shorter than 1 it was, which is how rough the bumps
-    /// are that are too small to be seen.
+    /// The direction of the mean normal. Alpha stores by how much the mean is shorter than 1, which measures the
+    /// roughness of bumps that are smaller than a texel.
     Normals,
 }
 
 impl Scene {
-    /// Gives every texture its smaller copies. Loaders do; scenes made by hand have none before, and then every
-    /// lookup is in the image itself.
-    pub fn add_pyramids(&mut self) {
+    /// Computes the mipmap levels of every texture. Loaders call it. A scene built in code has no levels until it is
+    /// called; then every lookup reads the image itself.
+    pub fn add_mipmaps(&mut self) {
         let mut means = vec![Averaging::Light; self.textures.len()];
         for material in &self.materials {
             let alpha = &material.alpha;
@@ -38,16 +39,16 @@ impl Scene {
                 means[map.texture.texture as usize] = Averaging::Normals;
             }
         }
-        // Textures that differ only in their edges share texels. What is made keeps the images alive, lest another
-        // come to lie in the place of one.
+        // Textures that differ only in addressing share texels. The map keeps the images alive, so that no other
+        // image is allocated at the address of a freed one.
         let mut made = HashMap::new();
         for (texture, mean) in self.textures.iter_mut().zip(means) {
             let image = texture.texels.clone();
-            let (_, copies) = made.entry((image.as_ptr(), texture.space, mean)).or_insert_with(|| {
-                texture.add_pyramid(mean);
-                (image, (texture.texels.clone(), texture.pyramid.clone()))
+            let (_, mipmapped) = made.entry((image.as_ptr(), texture.space, mean)).or_insert_with(|| {
+                texture.add_mipmap(mean);
+                (image, (texture.texels.clone(), texture.mipmap.clone()))
             });
-            (texture.texels, texture.pyramid) = copies.clone();
+            (texture.texels, texture.mipmap) = mipmapped.clone();
         }
     }
 }

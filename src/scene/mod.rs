@@ -1,5 +1,5 @@
-//! What is rendered: a flat triangle mesh with materials and textures, lights, an environment and a
-//! camera. `scene::load` reads it from files. Knows neither streams nor the BVH.
+//! A scene: a triangle mesh with materials and textures, lights, an environment and a camera. `scene::load` reads
+//! scenes from files. This module knows neither streams nor the BVH.
 
 mod camera;
 mod camera_motion;
@@ -53,55 +53,55 @@ pub use texture::{Channel, ColourSpace, Texture, TextureRef, Wrap};
 use crate::geom::Aabb;
 use crate::lanes::Num;
 
-/// A scene, ready to be built and shaded.
+/// A scene, from which a tree can be built and whose hits can be shaded.
 ///
-/// World space is right-handed; radiance is linear Rec. 709. Invariants (kept by the loaders,
-/// checked by [`Mesh::validate`]): every index is in range, coordinates are finite and at most
-/// [`crate::geom::MAX_COORDINATE`], and there is at least one material when there are triangles.
+/// World space is right-handed. Radiance is linear Rec. 709. Invariants, kept by the loaders and checked by
+/// [`Mesh::validate`]: every index is in range; coordinates are finite and at most [`crate::geom::MAX_COORDINATE`];
+/// there is at least one material when there are triangles.
 #[derive(Clone, Debug, Default)]
 pub struct Scene {
-    /// All triangles, instances flattened, in file order.
+    /// All triangles in world space, in file order. Instances are written out.
     pub mesh: Mesh,
-    /// Geometry that the mesh has several moved copies of.
+    /// Geometry that the file instances. The mesh holds a moved copy for each instance.
     pub shapes: Vec<Shape>,
-    /// Materials that [`Mesh::materials`] names.
+    /// Materials, indexed by [`Mesh::materials`].
     pub materials: Vec<Material>,
-    /// Textures that materials name.
+    /// Textures, indexed by [`TextureRef::texture`].
     pub textures: Vec<Texture>,
-    /// Surfaces that code computes.
+    /// Surfaces whose finish user code computes, indexed by [`Surface::Procedural`].
     pub procedurals: Vec<ProceduralSurface>,
-    /// Surfaces that scatter light by code.
+    /// Surfaces whose BSDF is user code, indexed by [`Surface::Scattering`].
     pub scatterings: Vec<ScatteringSurface>,
-    /// Surfaces that are two others.
+    /// Mixes of two materials, indexed by [`Surface::Mix`].
     pub mixes: Vec<Mix>,
     /// Point, spot and directional lights. Emissive triangles are not listed here.
     pub lights: Vec<Light>,
-    /// What a ray sees that leaves the scene.
+    /// Radiance of rays that miss all triangles.
     pub environment: Environment,
-    /// The file's camera, if it has one.
+    /// The file's camera. `None` if the file has none.
     pub camera: Option<Camera>,
-    /// How that camera moves, if it does.
+    /// The animation of that camera. `None` if it does not move.
     pub camera_motion: Option<CameraMotion>,
-    /// What the loader could not honour, one sentence each.
+    /// Features of the file that the loader ignored or changed, one sentence each.
     pub warnings: Vec<String>,
 }
 
 impl Scene {
-    /// The box around all vertices that triangles use.
+    /// The bounding box of all vertices that triangles use.
     pub fn bounds(&self) -> Aabb {
         self.mesh.bounds()
     }
 
-    /// Whether primitive `primitive` lets light through where its material's alpha says so. Only
-    /// such triangles need [`Scene::alpha_accepts`] during traversal.
+    /// Whether the material of `primitive` has an alpha mode other than opaque. Only such triangles need
+    /// [`Scene::alpha_accepts`] during traversal.
     pub fn is_masked(&self, primitive: u32) -> bool {
         let material = self.mesh.materials[primitive as usize];
         self.materials[material as usize].alpha.mode != AlphaMode::Opaque
     }
 
-    /// Whether the surface is there at barycentric (`u`, `v`) of a triangle: the alpha test, a pure
-    /// function of its arguments. `Mask` compares with the cutoff; `Blend` keeps the hit with
-    /// probability alpha, decided by a hash of the arguments, so that all rays and all units agree.
+    /// The alpha test: whether a candidate hit on `primitive` at barycentric (`u`, `v`) counts. It is a pure function
+    /// of its arguments, so all rays and all units agree. `Mask` compares alpha with the cutoff. `Blend` keeps the
+    /// hit with probability alpha, decided by a hash of the arguments.
     pub fn alpha_accepts(&self, primitive: u32, u: f32, v: f32) -> bool {
         let material = &self.materials[self.mesh.materials[primitive as usize] as usize];
         let alpha = || {

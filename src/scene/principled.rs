@@ -1,46 +1,48 @@
-//! glTF's surface.
+//! glTF's metallic-roughness surface.
 
 use super::{Channel, Coats, Colour, NormalMap, Scalar, TextureRef};
 use glam::Vec3;
 
-/// glTF 2.0 metallic-roughness (GGX) with the extensions of the design's section 4.
+/// A glTF 2.0 metallic-roughness surface (GGX) with the extensions that its fields name.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Principled {
-    /// Diffuse albedo of the dielectric share, reflectance at normal incidence of the metallic one.
+    /// `baseColorFactor` and `baseColorTexture`, 0..=1: diffuse albedo of the dielectric share, reflectance at normal
+    /// incidence of the metallic share.
     pub base_colour: Colour,
-    /// Share of metal, 0..=1.
+    /// `metallicFactor`: share of metal, 0..=1.
     pub metallic: Scalar,
-    /// Perceptual roughness, 0..=1, of what is reflected and of what is transmitted; its square is GGX's alpha.
+    /// `roughnessFactor`: perceptual roughness of reflection and transmission, 0..=1. Its square is GGX's alpha.
     pub roughness: Scalar,
-    /// Index of refraction of the dielectric share, ≥ 1.
+    /// Index of refraction of the dielectric share, ≥ 1 (KHR_materials_ior).
     pub ior: f32,
-    /// Strength of its reflection (KHR_materials_specular), 0..=1.
+    /// Strength of the dielectric share's specular reflection, 0..=1 (`specularFactor` of KHR_materials_specular).
     pub specular: Scalar,
-    /// Tint of its reflection at normal incidence, ≥ 0.
+    /// Tint of that reflection at normal incidence, ≥ 0 (`specularColorFactor`).
     pub specular_colour: Colour,
-    /// Share of the diffuse reflection replaced by transmission (KHR_materials_transmission), 0..=1.
+    /// Share of the diffuse reflection that transmission replaces, 0..=1 (KHR_materials_transmission).
     pub transmission: Scalar,
-    /// Whether transmission passes straight through (a thin wall) or enters a closed body that
-    /// refracts (KHR_materials_volume with a thickness above 0).
+    /// Whether the surface is a thin wall, through which light passes without refraction. Otherwise it bounds a
+    /// closed body and refracts (KHR_materials_volume with a thickness above 0).
     pub thin: bool,
-    /// Strength of the clear coat (KHR_materials_clearcoat), 0..=1.
+    /// Strength of the clear coat, 0..=1 (KHR_materials_clearcoat).
     pub clearcoat: Scalar,
-    /// Its perceptual roughness, 0..=1.
+    /// Perceptual roughness of the clear coat, 0..=1.
     pub clearcoat_roughness: Scalar,
-    /// Coats over the clear coat. What is transparent has none.
+    /// Further coats over the clear coat. Transparent surfaces ignore them.
     pub coats: Coats,
-    /// Bends the normal of all coats. Without one they are even, whatever map the material has.
+    /// Normal map of all coats (`clearcoatNormalTexture`). Without one, coats have the interpolated normal, even if
+    /// the material has a normal map.
     pub coat_normal_map: Option<NormalMap>,
-    /// Grooves that spread reflections in one direction.
+    /// Anisotropic roughness.
     pub anisotropy: Option<Anisotropy>,
-    /// Fibres that shine at grazing angles, below the coat.
+    /// A layer of fibres that reflects at grazing angles, below the coats.
     pub sheen: Option<Sheen>,
-    /// A thin film that reflects in colours, below the coat.
+    /// A thin film with interference colours, below the coats.
     pub iridescence: Option<Iridescence>,
 }
 
 impl Default for Principled {
-    /// glTF's defaults, but not metallic.
+    /// glTF's defaults, except that `metallic` is 0.
     fn default() -> Self {
         Self {
             base_colour: Colour::constant(Vec3::ONE),
@@ -63,12 +65,12 @@ impl Default for Principled {
 }
 
 impl Principled {
-    /// Whether anything is coated.
+    /// Whether the surface has a clear coat or other coats.
     pub fn has_coats(&self) -> bool {
         self.clearcoat.factor != 0.0 || !self.coats.is_empty()
     }
 
-    /// A rough body of glass, tinted at each crossing.
+    /// Rough glass that bounds a closed body. Each crossing multiplies light by `tint`.
     pub fn glass(ior: f32, tint: Vec3, roughness: Scalar) -> Self {
         Self {
             base_colour: Colour::constant(tint),
@@ -81,36 +83,38 @@ impl Principled {
     }
 }
 
-/// KHR_materials_anisotropy: along one direction the reflection is rougher, GGX's alpha there being
-/// mix(alpha, 1, strength²).
+/// KHR_materials_anisotropy: reflection is rougher along one direction. GGX's alpha along it is mix(alpha, 1,
+/// strength²).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Anisotropy {
-    /// 0..=1.
+    /// `anisotropyStrength`, 0..=1.
     pub strength: Scalar,
-    /// Of that direction, radians from the tangent towards the bitangent.
+    /// `anisotropyRotation`: angle of the rougher direction, radians from the tangent towards the bitangent.
     pub rotation: f32,
-    /// Its red and green, 0..=1 mapped to −1..=1, are the direction before it is rotated, else the tangent.
+    /// Red and green, 0..=1 mapped to −1..=1, are the direction in tangent space before the rotation. Without a
+    /// texture the direction is the tangent.
     pub direction: Option<TextureRef>,
 }
 
-/// KHR_materials_sheen.
+/// KHR_materials_sheen: reflection of fibres.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sheen {
-    /// 0..=1.
+    /// `sheenColorFactor`, 0..=1.
     pub colour: Colour,
-    /// Perceptual, 0..=1: how far fibres lean.
+    /// Perceptual roughness of the sheen, 0..=1: how far fibres deviate from the normal.
     pub roughness: Scalar,
 }
 
-/// KHR_materials_iridescence.
+/// KHR_materials_iridescence: interference in a thin film.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Iridescence {
-    /// 0..=1.
+    /// `iridescenceFactor`, 0..=1.
     pub strength: Scalar,
-    /// The film's index of refraction, ≥ 1.
+    /// Index of refraction of the film, ≥ 1.
     pub ior: f32,
-    /// Its thickness in nanometres where the texture is 0 and 1; without a texture the latter counts.
+    /// Thickness of the film in nanometres where the texture is 0 and where it is 1. Without a texture the second
+    /// value is the thickness.
     pub thickness_nm: [f32; 2],
-    /// Where between the two it lies.
+    /// Interpolates between the two thicknesses.
     pub thickness_texture: Option<(TextureRef, Channel)>,
 }

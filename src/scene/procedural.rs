@@ -1,20 +1,21 @@
-//! Surfaces that are computed where they are hit, by code that is not ours.
+//! Surfaces whose finish is computed at each hit by user code.
 
 use super::erased_lanes::{LaneColumns, from_columns, run_in, to_columns};
 use crate::lanes::{LaneTask, Lanes, Num, Vector};
 use std::fmt::Debug;
 use std::sync::Arc;
 
-/// A surface whose look is a function of the place, like RA's wood (Figure 6). It is computed for 8 or 16 hits at
-/// a time and used by every integrator: what comes out is the finish of a metallic-roughness surface, whose
-/// evaluation and sampling are there already. One that scatters light in a way of its own is a [`super::Scattering`].
+/// A surface whose finish is a function of position, normal and texture coordinates, like RA's wood (Figure 6). It is
+/// computed for 8 or 16 hits at a time, and every integrator supports it. The result is the finish of a
+/// metallic-roughness surface, so evaluation and sampling need no further code. A surface with a BSDF of its own
+/// implements [`super::Scattering`] instead.
 ///
-/// All arithmetic on [`Num`] gives the same bits with any instruction set, and so does a surface that is
-/// written in it: keep to it (no `f32` functions of the platform, no state). Mark what handles lanes
-/// `#[inline(always)]`, so that it is compiled for each instruction set.
+/// All arithmetic on [`Num`] gives the same bits with any instruction set, and so does a surface that uses nothing
+/// else: no `f32` functions of the platform, no state. Mark functions over lanes `#[inline(always)]`, so that they
+/// are compiled for each instruction set.
 ///
-/// Its `Debug` text stands for it in [`super::Scene::fingerprint`]: print each parameter that changes the picture, as
-/// derived implementations do.
+/// [`super::Scene::fingerprint`] hashes the surface's `Debug` text. The text must contain each parameter that changes
+/// the picture, as derived implementations do.
 ///
 /// ```
 /// use raystream::lanes::{Lanes, Num, Vector};
@@ -38,18 +39,18 @@ use std::sync::Arc;
 /// # let _ = surface;
 /// ```
 pub trait Procedural: Debug + Send + Sync + 'static {
-    /// How the surface looks at these points.
+    /// The finish of the surface at these points.
     fn finish<L: Lanes>(&self, points: &Points<L>) -> Finish<L>;
 }
 
-/// Points on a surface.
+/// Points on a surface, one in each lane.
 #[derive(Clone, Copy, Debug)]
 pub struct Points<L: Lanes> {
-    /// Where they are in the world.
+    /// Positions in world space.
     pub position: Vector<L>,
-    /// Unit shading normals.
+    /// Unit shading normals in world space.
     pub normal: Vector<L>,
-    /// Mesh texture coordinates.
+    /// The mesh's texture coordinates.
     pub uv: [Num<L>; 2],
 }
 
@@ -66,10 +67,10 @@ impl<L: Lanes> Points<L> {
     }
 }
 
-/// How a surface looks at points; what is out of range is clamped.
+/// The finish of a surface at points, one in each lane. Values out of range are clamped.
 #[derive(Clone, Copy, Debug)]
 pub struct Finish<L: Lanes> {
-    /// Diffuse albedo of the dielectric share, reflectance of the metallic one, 0..=1.
+    /// Diffuse albedo of the dielectric share, reflectance of the metallic share, 0..=1, linear Rec. 709.
     pub colour: Vector<L>,
     /// Share of metal, 0..=1.
     pub metallic: Num<L>,
@@ -80,7 +81,7 @@ pub struct Finish<L: Lanes> {
 }
 
 impl<L: Lanes> Finish<L> {
-    /// A rough white dielectric without a coat.
+    /// A white dielectric of roughness 1 without a coat.
     #[inline(always)]
     pub fn matte(points: &Points<L>) -> Self {
         let l = points.position.lanes();
@@ -89,17 +90,17 @@ impl<L: Lanes> Finish<L> {
     }
 }
 
-/// A [`Procedural`] of whatever type.
+/// A shared [`Procedural`] with its type erased.
 #[derive(Clone, Debug)]
 pub struct ProceduralSurface(Arc<dyn ErasedLanes>);
 
 impl ProceduralSurface {
-    /// Hides the type.
+    /// Erases the surface's type.
     pub fn new(surface: impl Procedural) -> Self {
         Self(Arc::new(surface))
     }
 
-    /// [`Procedural::finish`].
+    /// Calls [`Procedural::finish`].
     #[inline(always)]
     pub fn finish<L: Lanes>(&self, points: &Points<L>) -> Finish<L> {
         let finish = self.0.finish(L::LANES, &to_columns(points.columns()));
@@ -108,7 +109,7 @@ impl ProceduralSurface {
     }
 }
 
-/// A [`Procedural`] on arrays.
+/// [`Procedural`] over arrays instead of lanes.
 trait ErasedLanes: Debug + Send + Sync {
     fn finish(&self, lanes: usize, points: &LaneColumns<8>) -> LaneColumns<6>;
 }

@@ -1,4 +1,4 @@
-//! Surfaces that scatter light in a way of their own, by code that is not ours.
+//! Surfaces whose BSDF is user code.
 
 use super::Points;
 use super::erased_lanes::{LaneColumns, from_columns, run_in, to_columns};
@@ -6,16 +6,17 @@ use crate::lanes::{LaneTask, Lanes, Num, Vector};
 use std::fmt::Debug;
 use std::sync::Arc;
 
-/// A surface that is its own BSDF, used by every integrator: it evaluates and samples directions for 8 or 16 hits at a
-/// time. Where metallic-roughness will do, a [`super::Procedural`] is less work.
+/// A surface that is its own BSDF. It evaluates and samples directions for 8 or 16 hits at a time, and every
+/// integrator supports it. If a metallic-roughness surface suffices, a [`super::Procedural`] is less work.
 ///
-/// Directions are unit vectors in the shading basis, away from the surface, its normal along z; `wo` goes where the
-/// light goes and has `z > 0`, `wi` to where it comes from. For light to be the same whichever way it goes, the BSDF
-/// (what `evaluate` gives, without the cosine) must not change when they trade places, and it must not return more
-/// light than there is. Perfect mirrors have no place here.
+/// Directions are unit vectors in the shading basis and point away from the surface. The normal is the z axis. `wo`
+/// is the direction that light leaves in and has `z > 0`; `wi` is the direction that light comes from. The BSDF,
+/// which is what `evaluate` returns without the cosine, must be symmetric in the two directions, and it must not
+/// return more light than arrives. Perfect mirrors cannot be expressed.
 ///
-/// Keep to the arithmetic of [`Num`], as [`super::Procedural`] says, and no machine gives other bits. Mark what handles
-/// lanes `#[inline(always)]`. Its `Debug` text stands for it in [`super::Scene::fingerprint`], as a procedural's does.
+/// Use only the arithmetic of [`Num`], as [`super::Procedural`] says, so that all machines give the same bits. Mark
+/// functions over lanes `#[inline(always)]`. [`super::Scene::fingerprint`] hashes the surface's `Debug` text, as a
+/// procedural's.
 ///
 /// ```
 /// use raystream::geom::warp::lanes as warp;
@@ -47,61 +48,61 @@ use std::sync::Arc;
 /// # let _ = surface;
 /// ```
 pub trait Scattering: Debug + Send + Sync + 'static {
-    /// BSDF × |cosine of `wi`|, and the density per solid angle with which [`Scattering::sample`] gives `wi`. Where
-    /// light cannot go both are 0, as below the surface unless it [lets light through](Scattering::transmits).
+    /// BSDF × |cosine of `wi`|, and the density per solid angle with which [`Scattering::sample`] chooses `wi`. Both
+    /// are 0 where no light is scattered. This includes directions below the surface, unless the surface
+    /// [transmits](Scattering::transmits) light.
     fn evaluate<L: Lanes>(&self, at: &Points<L>, wo: Vector<L>, wi: Vector<L>) -> (Vector<L>, Num<L>);
 
-    /// Samples directions about as the BSDF × cosine is distributed: `u` is for a choice among lobes, `u2` for the
-    /// direction, both in
-    /// [0, 1).
+    /// Samples directions with a density roughly proportional to BSDF × |cosine|. `u` chooses among lobes and `u2`
+    /// the direction; all are in [0, 1).
     fn sample<L: Lanes>(&self, at: &Points<L>, wo: Vector<L>, u: Num<L>, u2: [Num<L>; 2]) -> Scattered<L>;
 
-    /// Whether light from below, `wi.z < 0`, comes through.
+    /// Whether the surface transmits light from below, from directions with `wi.z < 0`.
     fn transmits(&self) -> bool {
         false
     }
 }
 
-/// Sampled directions.
+/// Sampled directions, one in each lane.
 #[derive(Clone, Copy, Debug)]
 pub struct Scattered<L: Lanes> {
-    /// Where the light comes from.
+    /// Unit directions that light comes from, in the shading basis.
     pub wi: Vector<L>,
-    /// BSDF × |cosine| / density: what the radiance from `wi` counts.
+    /// BSDF × |cosine| / density: the factor of the radiance from `wi`.
     pub weight: Vector<L>,
-    /// Density per solid angle of `wi`; lanes in which it is not above 0 have no sample.
+    /// Density per solid angle of `wi`. Lanes in which it is not above 0 have no sample.
     pub pdf: Num<L>,
 }
 
 impl<L: Lanes> Scattered<L> {
-    /// Of directions and what [`Scattering::evaluate`] says of them.
+    /// Makes samples from directions and what [`Scattering::evaluate`] returned for them.
     #[inline(always)]
     pub fn evaluated(wi: Vector<L>, (value, pdf): (Vector<L>, Num<L>)) -> Self {
-        let there = pdf.above(0.0);
-        Self { wi, weight: (value / pdf).only(there), pdf: pdf.only(there) }
+        let has_sample = pdf.above(0.0);
+        Self { wi, weight: (value / pdf).only(has_sample), pdf: pdf.only(has_sample) }
     }
 }
 
-/// A [`Scattering`] of whatever type.
+/// A shared [`Scattering`] with its type erased.
 #[derive(Clone, Debug)]
 pub struct ScatteringSurface(Arc<dyn ErasedLanes>);
 
 impl ScatteringSurface {
-    /// Hides the type.
+    /// Erases the surface's type.
     pub fn new(surface: impl Scattering) -> Self {
         Self(Arc::new(surface))
     }
 
-    /// [`Scattering::evaluate`].
+    /// Calls [`Scattering::evaluate`].
     #[inline(always)]
     pub fn evaluate<L: Lanes>(&self, at: &Points<L>, wo: Vector<L>, wi: Vector<L>) -> (Vector<L>, Num<L>) {
-        let asked = [wo.x, wo.y, wo.z, wi.x, wi.y, wi.z];
-        let answer = self.0.evaluate(L::LANES, &to_columns(at.columns()), &to_columns(asked));
-        let [r, g, b, pdf] = from_columns(wo.lanes(), &answer);
+        let arguments = [wo.x, wo.y, wo.z, wi.x, wi.y, wi.z];
+        let result = self.0.evaluate(L::LANES, &to_columns(at.columns()), &to_columns(arguments));
+        let [r, g, b, pdf] = from_columns(wo.lanes(), &result);
         (Vector::new(r, g, b), pdf)
     }
 
-    /// [`Scattering::sample`].
+    /// Calls [`Scattering::sample`].
     #[inline(always)]
     pub fn sample<L: Lanes>(
         &self,
@@ -110,32 +111,32 @@ impl ScatteringSurface {
         u: Num<L>,
         [x, y]: [Num<L>; 2],
     ) -> Scattered<L> {
-        let asked = [wo.x, wo.y, wo.z, u, x, y];
-        let answer = self.0.sample(L::LANES, &to_columns(at.columns()), &to_columns(asked));
-        let [x, y, z, r, g, b, pdf] = from_columns(wo.lanes(), &answer);
+        let arguments = [wo.x, wo.y, wo.z, u, x, y];
+        let result = self.0.sample(L::LANES, &to_columns(at.columns()), &to_columns(arguments));
+        let [x, y, z, r, g, b, pdf] = from_columns(wo.lanes(), &result);
         Scattered { wi: Vector::new(x, y, z), weight: Vector::new(r, g, b), pdf }
     }
 
-    /// [`Scattering::transmits`].
+    /// Calls [`Scattering::transmits`].
     pub fn transmits(&self) -> bool {
         self.0.transmits()
     }
 }
 
-/// A [`Scattering`] on arrays.
+/// [`Scattering`] over arrays instead of lanes.
 trait ErasedLanes: Debug + Send + Sync {
-    fn evaluate(&self, lanes: usize, at: &LaneColumns<8>, asked: &LaneColumns<6>) -> LaneColumns<4>;
-    fn sample(&self, lanes: usize, at: &LaneColumns<8>, asked: &LaneColumns<6>) -> LaneColumns<7>;
+    fn evaluate(&self, lanes: usize, at: &LaneColumns<8>, arguments: &LaneColumns<6>) -> LaneColumns<4>;
+    fn sample(&self, lanes: usize, at: &LaneColumns<8>, arguments: &LaneColumns<6>) -> LaneColumns<7>;
     fn transmits(&self) -> bool;
 }
 
 impl<S: Scattering> ErasedLanes for S {
-    fn evaluate(&self, lanes: usize, at: &LaneColumns<8>, asked: &LaneColumns<6>) -> LaneColumns<4> {
-        run_in(lanes, Evaluation { surface: self, at, asked })
+    fn evaluate(&self, lanes: usize, at: &LaneColumns<8>, arguments: &LaneColumns<6>) -> LaneColumns<4> {
+        run_in(lanes, Evaluation { surface: self, at, arguments })
     }
 
-    fn sample(&self, lanes: usize, at: &LaneColumns<8>, asked: &LaneColumns<6>) -> LaneColumns<7> {
-        run_in(lanes, Sampling { surface: self, at, asked })
+    fn sample(&self, lanes: usize, at: &LaneColumns<8>, arguments: &LaneColumns<6>) -> LaneColumns<7> {
+        run_in(lanes, Sampling { surface: self, at, arguments })
     }
 
     fn transmits(&self) -> bool {
@@ -146,7 +147,7 @@ impl<S: Scattering> ErasedLanes for S {
 struct Evaluation<'a, S> {
     surface: &'a S,
     at: &'a LaneColumns<8>,
-    asked: &'a LaneColumns<6>,
+    arguments: &'a LaneColumns<6>,
 }
 
 impl<S: Scattering> LaneTask for Evaluation<'_, S> {
@@ -154,7 +155,7 @@ impl<S: Scattering> LaneTask for Evaluation<'_, S> {
 
     #[inline(always)]
     fn run<L: Lanes>(self, l: L) -> LaneColumns<4> {
-        let [x, y, z, to_x, to_y, to_z] = from_columns(l, self.asked);
+        let [x, y, z, to_x, to_y, to_z] = from_columns(l, self.arguments);
         let (wo, wi) = (Vector::new(x, y, z), Vector::new(to_x, to_y, to_z));
         let (value, pdf) = self.surface.evaluate(&Points::of_columns(from_columns(l, self.at)), wo, wi);
         to_columns([value.x, value.y, value.z, pdf])
@@ -164,7 +165,7 @@ impl<S: Scattering> LaneTask for Evaluation<'_, S> {
 struct Sampling<'a, S> {
     surface: &'a S,
     at: &'a LaneColumns<8>,
-    asked: &'a LaneColumns<6>,
+    arguments: &'a LaneColumns<6>,
 }
 
 impl<S: Scattering> LaneTask for Sampling<'_, S> {
@@ -172,7 +173,7 @@ impl<S: Scattering> LaneTask for Sampling<'_, S> {
 
     #[inline(always)]
     fn run<L: Lanes>(self, l: L) -> LaneColumns<7> {
-        let [x, y, z, u, first, second] = from_columns(l, self.asked);
+        let [x, y, z, u, first, second] = from_columns(l, self.arguments);
         let at = Points::of_columns(from_columns(l, self.at));
         let Scattered { wi, weight, pdf } =
             self.surface.sample(&at, Vector::new(x, y, z), u, [first, second]);

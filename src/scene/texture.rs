@@ -7,25 +7,25 @@ use glam::{Vec2, Vec4};
 /// How stored values relate to light.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum ColourSpace {
-    /// The sRGB transfer function: colours.
+    /// The sRGB transfer function, for colours.
     Srgb,
-    /// As they are: roughness, normals, alpha.
+    /// Linear values, for roughness, normals and alpha.
     Linear,
 }
 
-/// What lies beyond the edge of an image.
+/// Addressing mode beyond the edges of an image (glTF's `wrapS` and `wrapT`).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
 pub enum Wrap {
-    /// The image again.
+    /// The image repeats.
     #[default]
     Repeat,
-    /// The image mirrored.
+    /// The image repeats, every second time mirrored.
     Mirror,
-    /// The edge texel.
+    /// The edge texel continues.
     Clamp,
 }
 
-/// One of the four channels of a texture.
+/// A scalar derived from a texture's RGBA.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Channel {
     /// Red.
@@ -36,12 +36,12 @@ pub enum Channel {
     B,
     /// Alpha.
     A,
-    /// The mean of red, green and blue (a grey MTL map read as a scalar).
+    /// The mean of red, green and blue, for grey MTL maps that are read as a scalar.
     Luminance,
 }
 
 impl Channel {
-    /// This one of the four.
+    /// This channel of RGBA values.
     #[inline(always)]
     pub fn of<L: Lanes>(self, [r, g, b, a]: [Num<L>; 4]) -> Num<L> {
         match self {
@@ -54,47 +54,47 @@ impl Channel {
     }
 }
 
-/// An image of 8-bit texels and how to look it up. Alpha is always linear.
+/// An image of 8-bit texels and its addressing. Alpha is always linear.
 #[derive(Clone, Debug)]
 pub struct Texture {
-    /// What warnings call it.
+    /// Name for warnings.
     pub name: String,
     /// Columns, ≥ 1.
     pub width: u32,
     /// Rows, ≥ 1.
     pub height: u32,
-    /// RGBA, first row first; `width × height` of them, then those of its smaller copies.
+    /// RGBA, row major, first row on top: `width × height` texels of the image, then the texels of its mipmap levels.
     pub texels: std::sync::Arc<[[u8; 4]]>,
-    /// What red, green and blue mean.
+    /// Encoding of red, green and blue.
     pub space: ColourSpace,
-    /// Horizontally.
+    /// Horizontal addressing mode.
     pub wrap_u: Wrap,
-    /// Vertically.
+    /// Vertical addressing mode.
     pub wrap_v: Wrap,
-    /// Where the smaller copies lie, for footprints of more than a texel.
-    pub pyramid: Mipmap,
+    /// Where the mipmap levels are in `texels`. Footprints of more than a texel look them up.
+    pub mipmap: Mipmap,
 }
 
-/// A texture as a material uses it, with glTF's texture transform.
+/// A material's reference to a texture, with glTF's texture transform (KHR_texture_transform).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TextureRef {
     /// Index into [`crate::scene::Scene::textures`].
     pub texture: u32,
-    /// Added after rotation and scale.
+    /// Offset in texture coordinates, added after scale and rotation.
     pub offset: Vec2,
-    /// Radians, counter-clockwise in uv as KHR_texture_transform defines it.
+    /// Rotation in radians, counter-clockwise in uv, applied after the scale.
     pub rotation: f32,
-    /// Applied first.
+    /// Factor of the mesh's texture coordinates, applied first.
     pub scale: Vec2,
 }
 
 impl TextureRef {
-    /// The texture as it lies.
+    /// A reference without a transform.
     pub fn plain(texture: u32) -> Self {
         Self { texture, offset: Vec2::ZERO, rotation: 0.0, scale: Vec2::ONE }
     }
 
-    /// Mesh coordinates → texture coordinates.
+    /// Transforms the mesh's texture coordinates.
     #[inline(always)]
     pub fn place<L: Lanes>(&self, [u, v]: [Num<L>; 2]) -> [Num<L>; 2] {
         let (x, y) = (u * self.scale.x, v * self.scale.y);
@@ -105,7 +105,7 @@ impl TextureRef {
         [c * x + s * y + self.offset.x, c * y - s * x + self.offset.y]
     }
 
-    /// What covers `footprint` of mesh coordinates covers of texture coordinates.
+    /// Scales a footprint's width from mesh coordinates to texture coordinates.
     #[inline(always)]
     pub fn scaled<L: Lanes>(&self, footprint: &Footprint<L>) -> Footprint<L> {
         let scale = (self.scale.x * self.scale.y).abs().sqrt();
@@ -114,27 +114,27 @@ impl TextureRef {
 }
 
 impl Texture {
-    /// The image without its smaller copies.
+    /// The texels of the image without its mipmap levels.
     pub fn image(&self) -> &[[u8; 4]] {
         &self.texels[..(self.width * self.height) as usize]
     }
 
-    /// Makes the smaller copies.
-    pub fn add_pyramid(&mut self, mean: Averaging) {
-        (self.texels, self.pyramid) = Mipmap::new(self.image(), (self.width, self.height), self.space, mean);
+    /// Computes the mipmap levels.
+    pub fn add_mipmap(&mut self, mean: Averaging) {
+        (self.texels, self.mipmap) = Mipmap::new(self.image(), (self.width, self.height), self.space, mean);
     }
 
-    /// Whether alpha tells how much of their lengths normals have lost in smaller copies.
+    /// Whether alpha of the mipmap levels stores the roughness of averaged normals ([`Averaging::Normals`]).
     #[inline(always)]
     pub fn has_lengths(&self) -> bool {
-        self.pyramid.mean() == Averaging::Normals
+        self.mipmap.mean() == Averaging::Normals
     }
 
-    /// Bilinear lookup in the copy whose texels are as large as the footprint, linear values; (0, 0) is the outer
-    /// corner of the first texel of the first row. A footprint of a texel of the image or more is given one of
-    /// the four texels, each as often as its weight says (Pharr et al. 2024, *Filtering After Shading with Stochastic
-    /// Texture Filtering*). Coordinates that are not finite count as 0. Of
-    /// [`Averaging::Normals`] alpha is 1 less what the copy has lost of their length.
+    /// Bilinear lookup in the mipmap level whose texels are as large as the footprint. Returns linear values. (0, 0)
+    /// is the outer corner of the first texel of the first row. If the footprint is at least a texel of the image,
+    /// the lookup reads one of the four texels, each with its bilinear weight as probability (Pharr et al. 2024,
+    /// *Filtering After Shading with Stochastic Texture Filtering*). Coordinates that are not finite count as 0. With
+    /// [`Averaging::Normals`], alpha is what the level stores of the bumps' roughness, and 1 in the image itself.
     #[inline(always)]
     pub fn look_up<L: Lanes>(&self, place: [Num<L>; 2], footprint: &Footprint<L>) -> [Num<L>; 4] {
         place[0].lanes().outlined(LookUp { texture: self, place, footprint: *footprint })
@@ -151,7 +151,7 @@ impl Texture {
         channel.of(self.look_up(place, footprint))
     }
 
-    /// [`Texture::look_up`] of the image itself at one place.
+    /// [`Texture::look_up`] of the image itself at one point.
     pub fn sample(&self, uv: Vec2) -> Vec4 {
         self.look_up(uv.to_array().map(Num::from), &Footprint::point(SingleLane::default()))
             .map(Num::get)
@@ -167,7 +167,7 @@ impl Texture {
         let level = self.level(texels, footprint.dither);
         let whole = level.is(0);
         if !whole.all() {
-            [first, width, height] = level.rows(self.pyramid.levels());
+            [first, width, height] = level.rows(self.mipmap.levels());
         }
         let (x, fx) = taps(u, width, self.wrap_u);
         let (y, fy) = taps(v, height, self.wrap_v);
@@ -194,18 +194,18 @@ impl Texture {
         filtered
     }
 
-    /// Which copy to look in for footprints of so many texels of the image; 0 is the image itself.
+    /// The mipmap level for footprints of `texels` texels of the image. Level 0 is the image.
     #[inline(always)]
     fn level<L: Lanes>(&self, texels: Num<L>, dither: Num<L>) -> Int<L> {
-        // The bits of a number, read as a whole number, are its logarithm but for a slight bend.
+        // The bits of a float, read as an integer, are its logarithm up to a small error.
         let bits = texels.clamp(1.0, 1e9).to_bits().to_num();
         let octaves = bits * (1.0 / (1 << 23) as f32) - 127.0;
-        (octaves + dither).clamp(0.0, self.pyramid.last() as f32).to_int()
+        (octaves + dither).clamp(0.0, self.mipmap.last() as f32).to_int()
     }
 
     #[inline(always)]
     fn texel<L: Lanes>(&self, index: Int<L>) -> [Num<L>; 4] {
-        // Behind the counters of an `Arc` texels are aligned like words.
+        // `Arc` aligns texels to words, because its counters precede them.
         let [texel] = index.rows(bytemuck::cast_slice(&self.texels));
         let (r, g, b) = (texel & 0xff, (texel >> 8) & 0xff, (texel >> 16) & 0xff);
         const SCALE: f32 = 1.0 / 255.0;
@@ -220,7 +220,7 @@ impl Texture {
     }
 }
 
-/// A lookup, outlined: materials have many.
+/// A lookup, outlined because materials have many lookups.
 struct LookUp<'a, L: Lanes> {
     texture: &'a Texture,
     place: [Num<L>; 2],
@@ -236,7 +236,7 @@ impl<L: Lanes> OutlinedTask<L> for LookUp<'_, L> {
     }
 }
 
-/// The two texels around a coordinate and the weight of the second.
+/// The two texels around a coordinate, and the weight of the second.
 #[inline(always)]
 pub(crate) fn taps<L: Lanes>(coordinate: Num<L>, size: Int<L>, wrap: Wrap) -> ([Int<L>; 2], Num<L>) {
     let c = coordinate.only(coordinate.is_finite());
@@ -254,7 +254,7 @@ pub(crate) fn taps<L: Lanes>(coordinate: Num<L>, size: Int<L>, wrap: Wrap) -> ([
     let next = (low + 1.0).clamp(0.0, f32::INFINITY).min(count);
     let (at_start, at_end, next) = (next.is_zero(), next.same(count), next.to_int());
     let (zero, last) = (Int::splat(c.lanes(), 0), size + u32::MAX);
-    // Beyond either edge a mirrored image shows the edge texel again.
+    // Beyond either edge a mirrored image repeats the edge texel.
     let (before, after) = match wrap {
         Wrap::Repeat => (last, zero),
         Wrap::Mirror | Wrap::Clamp => (zero, last),
@@ -277,7 +277,7 @@ mod tests {
             space: ColourSpace::Linear,
             wrap_u: wrap,
             wrap_v: wrap,
-            pyramid: Mipmap::default(),
+            mipmap: Mipmap::default(),
         }
     }
 
@@ -309,7 +309,7 @@ mod tests {
     #[test]
     fn wide_footprints_see_the_mean_and_narrow_ones_the_image() {
         let mut t = two_by_one(Wrap::Repeat);
-        t.add_pyramid(Averaging::Light);
+        t.add_mipmap(Averaging::Light);
         let at = |width: f32, dither: f32| {
             let [width, dither] = [width, dither].map(Num::from);
             let footprint = Footprint { width, dither, ..Footprint::point(SingleLane::default()) };
@@ -320,7 +320,7 @@ mod tests {
         assert!((at(1.42, 0.0) - 0.5).abs() < 0.01);
         assert!((at(1e6, 0.5) - 0.5).abs() < 0.01, "there is no smaller copy");
         assert_eq!(at(f32::NAN, 0.5), 0.0);
-        // Between two copies each has its share.
+        // Between two levels each is chosen with its share.
         let smaller =
             (0..100).filter(|&i| at(std::f32::consts::FRAC_1_SQRT_2 * 1.5, i as f32 / 100.0) > 0.0).count();
         assert!((49..=51).contains(&smaller), "{smaller}");
@@ -328,14 +328,14 @@ mod tests {
 
     #[test]
     fn edges_wrap_in_every_copy() {
-        // Four columns, the last one white; in the copy of two columns that is half of the second.
+        // Four columns, the last one white. In the level of two columns, that white is half of the second column.
         for (wrap, before, after) in
             [(Wrap::Repeat, 0.25, 0.25), (Wrap::Mirror, 0.0, 0.5), (Wrap::Clamp, 0.0, 0.5)]
         {
             let mut t = two_by_one(wrap);
             (t.width, t.texels) = (4, [[0; 4], [0; 4], [0; 4], [255; 4]].into());
-            t.add_pyramid(Averaging::Light);
-            // The mean over many hits. Each sees one texel.
+            t.add_mipmap(Averaging::Light);
+            // The mean over many hits, each of which reads one texel.
             let at = |u: f32| {
                 let hits = 4000;
                 let seen = (0..hits).map(|i| {
@@ -361,7 +361,7 @@ mod tests {
     fn normals_tell_what_they_lost_but_the_image_loses_nothing() {
         let mut t = two_by_one(Wrap::Clamp);
         t.texels = [[255, 128, 128, 0], [0, 128, 128, 0]].into();
-        t.add_pyramid(Averaging::Normals);
+        t.add_mipmap(Averaging::Normals);
         let at = |width: f32| {
             let footprint = Footprint { width: width.into(), ..Footprint::point(SingleLane::default()) };
             t.look_up([0.25, 0.5].map(Num::from), &footprint)[3].get()

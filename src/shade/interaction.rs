@@ -333,7 +333,7 @@ mod tests {
             space: ColourSpace::Linear,
             wrap_u: Wrap::Repeat,
             wrap_v: Wrap::Repeat,
-            pyramid: Mipmap::default(),
+            mipmap: Mipmap::default(),
         });
         scene.materials[0].normal_map = Some(NormalMap { texture: TextureRef::plain(0), scale: 1.0 });
         scene.materials[0].surface = Surface::Matte { reflectance: Colour::constant(Vec3::ONE) };

@@ -59,7 +59,7 @@ fn mask() -> Texture {
         space: ColourSpace::Linear,
         wrap_u: Wrap::Clamp,
         wrap_v: Wrap::Clamp,
-        pyramid: Mipmap::default(),
+        mipmap: Mipmap::default(),
     }
 }
 

@@ -394,12 +394,12 @@ fn low_polygons_with_smooth_or_mapped_normals_have_no_black_patches() {
 #[test]
 fn what_is_far_away_does_not_flicker() {
     // A lamp with a pattern much finer than a pixel, one sample each.
-    let picture = |pyramid: bool| {
+    let picture = |mipmap: bool| {
         let mut scene = Scene::default();
         let mut checks = bumps();
         checks.texels = (0..64u32).map(|i| if (i + i / 8) % 2 == 0 { [255; 4] } else { [0; 4] }).collect();
-        if pyramid {
-            checks.add_pyramid(Averaging::Light);
+        if mipmap {
+            checks.add_mipmap(Averaging::Light);
         }
         scene.textures.push(checks);
         let mut lamp = shining(1.0, 0.0);
@@ -422,7 +422,7 @@ fn what_is_far_away_does_not_flicker() {
 fn smaller_copies_do_not_change_the_light_in_a_room() {
     // Walls of black and white texels, in colours whose bytes have another mean than their light. Whoever looks
     // them up, the camera or a bounce, must see as much light as in the image itself.
-    let picture = |pyramid: bool| {
+    let picture = |mipmap: bool| {
         let mut scene = room();
         let mut checks = bumps();
         checks.space = ColourSpace::Srgb;
@@ -435,8 +435,8 @@ fn smaller_copies_do_not_change_the_light_in_a_room() {
             }
         }
         scene.mesh.uvs = scene.mesh.positions.iter().map(|p| Vec2::new(p.x + p.z, p.y - 0.7 * p.z)).collect();
-        if pyramid {
-            scene.add_pyramids();
+        if mipmap {
+            scene.add_mipmaps();
         }
         picture(scene, Settings { spp: 256, ..SETTINGS })
     };

@@ -175,7 +175,7 @@ pub fn bumps() -> Texture {
         space: ColourSpace::Linear,
         wrap_u: Wrap::Repeat,
         wrap_v: Wrap::Repeat,
-        pyramid: Mipmap::default(),
+        mipmap: Mipmap::default(),
     }
 }
 
@@ -279,6 +279,6 @@ pub fn one_of_everything() -> Scene {
         texels: texels.into(),
         rotation_degrees: 40.0,
     });
-    scene.add_pyramids();
+    scene.add_mipmaps();
     scene
 }

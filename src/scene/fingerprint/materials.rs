@@ -129,13 +129,13 @@ impl Encode for Averaging {
 
 impl Encode for Texture {
     fn encode(&self, to: &mut Encoder) {
-        let Self { name: _, width, height, texels: _, space, wrap_u, wrap_v, pyramid } = self;
+        let Self { name: _, width, height, texels: _, space, wrap_u, wrap_v, mipmap } = self;
         width.encode(to);
         height.encode(to);
         to.bytes(self.image());
         space.encode(to);
         wrap_u.encode(to);
         wrap_v.encode(to);
-        pyramid.encode(to);
+        mipmap.encode(to);
     }
 }

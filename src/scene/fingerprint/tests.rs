@@ -73,7 +73,7 @@ fn image() -> Texture {
         space: ColourSpace::Srgb,
         wrap_u: Wrap::Repeat,
         wrap_v: Wrap::Clamp,
-        pyramid: Mipmap::default(),
+        mipmap: Mipmap::default(),
     }
 }
 
@@ -219,8 +219,8 @@ fn every_variant_and_its_fields_count() {
 fn every_field_of_textures_lights_and_meshes_counts() {
     let with_mipmap = |mean| {
         let mut texture = image();
-        texture.add_pyramid(mean);
-        texture.pyramid
+        texture.add_mipmap(mean);
+        texture.mipmap
     };
     let mut other = image().texels.to_vec();
     other[3][3] = 0;
@@ -233,7 +233,7 @@ fn every_field_of_textures_lights_and_meshes_counts() {
             space: ColourSpace::Linear,
             wrap_u: Wrap::Clamp,
             wrap_v: Wrap::Mirror,
-            pyramid: with_mipmap(Averaging::Light),
+            mipmap: with_mipmap(Averaging::Light),
         } except { name: "another".into() }
     );
     all_differ(

@@ -44,7 +44,7 @@ pub fn load(path: &Path) -> Result<Scene, LoadError> {
         .mesh
         .validate(scene.materials.len())
         .map_err(|source| LoadError::Mesh { path: path.to_owned(), source })?;
-    scene.add_pyramids();
+    scene.add_mipmaps();
     Ok(scene)
 }
 

@@ -113,7 +113,7 @@ impl Textures {
                 space,
                 wrap_u: wrap[0],
                 wrap_v: wrap[1],
-                pyramid: Mipmap::default(),
+                mipmap: Mipmap::default(),
             });
             (textures.len() - 1) as u32
         })

@@ -108,7 +108,7 @@ impl Pattern {
             space: ColourSpace::Srgb,
             wrap_u: Wrap::Repeat,
             wrap_v: Wrap::Repeat,
-            pyramid: Mipmap::default(),
+            mipmap: Mipmap::default(),
         })
     }
 }

@@ -152,7 +152,7 @@ fn everything() -> Scene {
         space: ColourSpace::Linear,
         wrap_u: Wrap::Clamp,
         wrap_v: Wrap::Clamp,
-        pyramid: Mipmap::default(),
+        mipmap: Mipmap::default(),
     };
     scene.textures.push(checks);
     let texture = Some(TextureRef::plain(0));
