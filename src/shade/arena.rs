@@ -1,25 +1,26 @@
-//! The places of an arena: numbers that are handed out and taken back, and the buckets behind them.
+//! An arena: slots with numbers that are taken and given back, and buckets that store them.
 //!
-//! Buckets of [`BUCKET`] places are made when first needed and recycled place by place. All threads share
-//! the places; each reaches them through a [`LocalFreeList`] that keeps some free ones to itself.
+//! A bucket of [`BUCKET`] slots is allocated when it is first needed, and its slots are recycled. All threads
+//! share the slots. Each thread accesses them through its [`LocalFreeList`], which keeps some free slots for
+//! that thread.
 
 use crate::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 use crate::sync::{Mutex, PoisonError};
 use std::sync::OnceLock;
 
-/// Places in a bucket.
+/// Slots in a bucket.
 pub const BUCKET: usize = 1024;
 
-/// The most free places that a hand keeps for itself.
-pub const HOARD: usize = 2 * BUCKET;
+/// The most free slots that a local free list keeps.
+pub const MAX_LOCAL_FREE: usize = 2 * BUCKET;
 
-/// Buckets in a row of the two-level directory, and rows.
+/// Rows of the two-level directory, and buckets in a row.
 const FAN: usize = 2048;
 
-/// A number that is no place.
-pub const NOWHERE: u32 = u32::MAX;
+/// Marks the absence of a slot.
+pub const NO_SLOT: u32 = u32::MAX;
 
-/// Places in buckets of type `B`.
+/// An arena of slots in buckets of type `B`.
 #[derive(Debug)]
 pub struct Arena<B> {
     rows: Vec<OnceLock<Box<[OnceLock<B>]>>>,
@@ -30,18 +31,18 @@ pub struct Arena<B> {
 
 #[derive(Debug, Default)]
 struct Free {
-    places: Vec<u32>,
+    slots: Vec<u32>,
     buckets: usize,
 }
 
-/// What an arena has used.
+/// Memory use of an arena.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ArenaUse {
-    /// Entries now.
+    /// Entries that exist now.
     pub live_entries: usize,
-    /// The most there were at once, counted whenever a batch has been shaded.
+    /// The most entries that existed at once, counted after each shaded batch.
     pub peak_entries: usize,
-    /// Bytes allocated for entries; never shrinks.
+    /// Bytes allocated for entries. This number never shrinks.
     pub allocated_bytes: usize,
 }
 
@@ -52,18 +53,19 @@ impl<B> Default for Arena<B> {
 }
 
 impl<B> Arena<B> {
-    /// The most places there can be, the free ones that hands keep included.
+    /// The most slots of an arena, free slots in local free lists included.
     pub const MAX: usize = (FAN * FAN - 1) * BUCKET;
 
-    /// The most paths in flight that are sure to find a place for so many entries each. Half of the
-    /// places are left for the local free lists of the threads. Each keeps at most [`HOARD`] and a bucket.
+    /// The most paths in flight that surely find slots for `entries_each` entries each. Half of the slots are
+    /// reserved for the threads' local free lists, each of which keeps at most [`MAX_LOCAL_FREE`] slots and a
+    /// bucket.
     pub const fn most_paths(entries_each: usize) -> usize {
         Self::MAX / 2 / if entries_each == 0 { 1 } else { entries_each }
     }
 
-    /// No places yet.
+    /// An arena without slots.
     pub fn new() -> Self {
-        const { assert!(Self::MAX <= NOWHERE as usize) };
+        const { assert!(Self::MAX <= NO_SLOT as usize) };
         Self {
             rows: std::iter::repeat_with(OnceLock::new).take(FAN).collect(),
             free: Mutex::default(),
@@ -72,32 +74,32 @@ impl<B> Arena<B> {
         }
     }
 
-    /// A thread's access, for as long as it shades a batch.
-    pub fn hand(&self) -> LocalFreeList<'_, B> {
-        LocalFreeList { places: self, free: Vec::new(), balance: 0 }
+    /// A thread's access while it shades a batch.
+    pub fn local_free_list(&self) -> LocalFreeList<'_, B> {
+        LocalFreeList { arena: self, free: Vec::new(), balance: 0 }
     }
 
-    /// The bucket of a place that is taken, and its number there.
-    pub fn at(&self, place: u32) -> (&B, usize) {
-        let (bucket, number) = (place as usize / BUCKET, place as usize % BUCKET);
-        let row = self.rows[bucket / FAN].get().expect("a place's row was made before the place");
-        (row[bucket % FAN].get().expect("a place's bucket was made before the place"), number)
+    /// The bucket of a taken slot, and the slot's index in the bucket.
+    pub fn at(&self, slot: u32) -> (&B, usize) {
+        let (bucket, number) = (slot as usize / BUCKET, slot as usize % BUCKET);
+        let row = self.rows[bucket / FAN].get().expect("a slot's row was made before the slot");
+        (row[bucket % FAN].get().expect("a slot's bucket was made before the slot"), number)
     }
 
-    /// What has been used so far, where each place takes so many bytes.
-    pub fn usage(&self, place_bytes: usize) -> ArenaUse {
+    /// Memory use so far, with `slot_bytes` bytes a slot.
+    pub fn usage(&self, slot_bytes: usize) -> ArenaUse {
         let buckets = self.free.lock().unwrap_or_else(PoisonError::into_inner).buckets;
         ArenaUse {
             live_entries: self.live.load(Relaxed),
             peak_entries: self.peak.load(Relaxed),
-            allocated_bytes: buckets * BUCKET * place_bytes,
+            allocated_bytes: buckets * BUCKET * slot_bytes,
         }
     }
 
-    /// Moves free places to a hand's own, making a bucket when there are none.
+    /// Moves free slots to the list `own`. Allocates a bucket if there are no free slots.
     fn refill(&self, own: &mut Vec<u32>, make: impl FnOnce() -> B) {
         let mut free = self.free.lock().unwrap_or_else(PoisonError::into_inner);
-        if free.places.is_empty() {
+        if free.slots.is_empty() {
             let bucket = free.buckets;
             assert!(
                 (bucket + 1) * BUCKET <= Self::MAX,
@@ -108,43 +110,44 @@ impl<B> Arena<B> {
             row[bucket % FAN].get_or_init(make);
             free.buckets += 1;
             let first = (bucket * BUCKET) as u32;
-            free.places.extend((first..first + BUCKET as u32).rev());
+            free.slots.extend((first..first + BUCKET as u32).rev());
         }
-        let keep = free.places.len().saturating_sub(BUCKET);
-        own.extend(free.places.drain(keep..));
+        let keep = free.slots.len().saturating_sub(BUCKET);
+        own.extend(free.slots.drain(keep..));
     }
 }
 
 /// One thread's access to [`Arena`].
 #[derive(Debug)]
 pub struct LocalFreeList<'a, B> {
-    places: &'a Arena<B>,
+    arena: &'a Arena<B>,
     free: Vec<u32>,
-    /// Places taken less places given back since the counters were last told.
+    /// Slots taken less slots given back since the arena's counters were last updated.
     balance: isize,
 }
 
 impl<B> LocalFreeList<'_, B> {
-    /// Takes a place; `make` makes a bucket if there is no free place left.
+    /// Takes a slot. If no slot is free, `make` makes a bucket.
     pub fn take(&mut self, make: impl FnOnce() -> B) -> u32 {
         if self.free.is_empty() {
-            self.places.refill(&mut self.free, make);
+            self.arena.refill(&mut self.free, make);
         }
         self.balance += 1;
         self.free.pop().expect("refilled above")
     }
 
-    /// The place that is taken after so many others, unless some are given back meanwhile; if known.
+    /// The slot that will be taken after `others` other slots, if none is given back before; `None` if not
+    /// known.
     pub fn upcoming(&self, others: usize) -> Option<u32> {
         self.free.iter().rev().nth(others).copied()
     }
 
-    /// Gives a place back.
-    pub fn give_back(&mut self, place: u32) {
-        self.free.push(place);
-        if self.free.len() > HOARD {
-            let mut free = self.places.free.lock().unwrap_or_else(PoisonError::into_inner);
-            free.places.extend(self.free.drain(BUCKET..));
+    /// Gives a slot back.
+    pub fn give_back(&mut self, slot: u32) {
+        self.free.push(slot);
+        if self.free.len() > MAX_LOCAL_FREE {
+            let mut free = self.arena.free.lock().unwrap_or_else(PoisonError::into_inner);
+            free.slots.extend(self.free.drain(BUCKET..));
         }
         self.balance -= 1;
     }
@@ -153,15 +156,15 @@ impl<B> LocalFreeList<'_, B> {
 impl<B> Drop for LocalFreeList<'_, B> {
     fn drop(&mut self) {
         if !self.free.is_empty() {
-            let mut free = self.places.free.lock().unwrap_or_else(PoisonError::into_inner);
-            free.places.append(&mut self.free);
+            let mut free = self.arena.free.lock().unwrap_or_else(PoisonError::into_inner);
+            free.slots.append(&mut self.free);
         }
         if self.balance != 0 {
-            // Wraps back when another hand's returns are counted before this one's takings.
-            let before = self.places.live.fetch_add(self.balance as usize, Relaxed);
+            // The count wraps if another thread's returns are counted before this thread's takings.
+            let before = self.arena.live.fetch_add(self.balance as usize, Relaxed);
             let live = before.wrapping_add(self.balance as usize);
             if live as isize > 0 {
-                self.places.peak.fetch_max(live, Relaxed);
+                self.arena.peak.fetch_max(live, Relaxed);
             }
         }
     }

@@ -1,10 +1,10 @@
-//! Hits in lanes, and what they read of their triangles: corners, vertex normals, texture coordinates.
+//! Hits in lanes and the geometry of their triangles: corners, vertex normals and texture coordinates.
 
 use super::offset::{self, Plane};
 use crate::lanes::{Int, Lanes, Mask, Num, Vector};
 use crate::scene::Mesh;
 
-/// Hits in lanes, as [`crate::stream::Hit`] has one; none is a miss.
+/// One [`crate::stream::Hit`] a lane. None of them is a miss.
 #[derive(Clone, Copy, Debug)]
 pub struct Hits<L: Lanes> {
     /// Ray parameter.
@@ -20,30 +20,31 @@ pub struct Hits<L: Lanes> {
 /// The barycentric weights of a triangle's corners.
 pub type Weights<L> = [Num<L>; 3];
 
-/// The geometry of hits: their triangles, and the smooth surface that vertex normals suggest.
+/// The geometry of hits: their triangles, and the smooth surfaces that the vertex normals suggest.
 #[derive(Clone, Copy, Debug)]
 pub struct Geometry<L: Lanes> {
     /// Vertex indices of the triangles.
     pub indices: [Int<L>; 3],
     /// Corner positions.
     pub corners: [Vector<L>; 3],
-    /// Weights of the corners at the hits.
+    /// Barycentric weights of the corners at the hits.
     pub weights: Weights<L>,
-    /// The hits, on the triangles.
+    /// The points on the triangles.
     pub position: Vector<L>,
     /// Unit directions back along the rays.
     pub wo: Vector<L>,
-    /// The triangles' planes, their normals by winding.
+    /// Planes of the triangles. Their normals follow the winding.
     pub plane: Plane<L>,
-    /// Lanes whose `wo` is on the side from which the triangle runs counter-clockwise.
+    /// Lanes that are hit on the front: `wo` is on the side from which the triangle's vertices run
+    /// counter-clockwise.
     pub front: Mask<L>,
     /// Unit normals of the triangles on the side of `wo`.
     pub normal: Vector<L>,
-    /// Lanes whose triangle has three vertex normals.
+    /// Lanes whose triangles have three vertex normals.
     pub smooth: Mask<L>,
-    /// Unit normals outwards: interpolated where `smooth`, else by winding.
+    /// Unit normals that point outwards: interpolated in the lanes of `smooth`, by winding in the others.
     pub outward: Vector<L>,
-    /// Vertex normals, meaningful where `smooth`.
+    /// Vertex normals; meaningful only in the lanes of `smooth`.
     pub vertex_normals: [Vector<L>; 3],
     /// Lanes whose `wo` is outside of the body.
     pub outside: Mask<L>,
@@ -54,7 +55,7 @@ pub struct Geometry<L: Lanes> {
 }
 
 impl<L: Lanes> Geometry<L> {
-    /// The geometry of hits by rays of unit `direction`.
+    /// The geometry of hits by rays of unit direction `direction`.
     #[inline(always)]
     pub fn new(mesh: &Mesh, direction: Vector<L>, hits: &Hits<L>) -> Self {
         let l = direction.lanes();
@@ -97,7 +98,7 @@ impl<L: Lanes> Geometry<L> {
         }
     }
 
-    /// The hits raised to the surface that the vertex normals suggest.
+    /// The hit points, raised to the surface that the vertex normals suggest.
     #[inline(always)]
     pub fn raised(&self) -> Vector<L> {
         if self.smooth.none() {
@@ -115,7 +116,7 @@ pub fn blend<L: Lanes>(of: &[Vector<L>; 3], weights: &Weights<L>) -> Vector<L> {
     of[0] * weights[0] + of[1] * weights[1] + of[2] * weights[2]
 }
 
-/// Rows `indices` of a table of vectors.
+/// The rows `indices` of a table of vectors.
 #[inline(always)]
 fn vectors<L: Lanes>(table: &[glam::Vec3], indices: &[Int<L>; 3]) -> [Vector<L>; 3] {
     let table: &[f32] = bytemuck::cast_slice(table);
@@ -127,7 +128,7 @@ fn vectors<L: Lanes>(table: &[glam::Vec3], indices: &[Int<L>; 3]) -> [Vector<L>;
     ]
 }
 
-/// The corners' mesh texture coordinates, zero if there are none.
+/// Mesh texture coordinates of the corners; zero if the mesh has none.
 #[inline(always)]
 fn corner_uvs<L: Lanes>(mesh: &Mesh, indices: &[Int<L>; 3]) -> [[Num<L>; 2]; 3] {
     if mesh.uvs.is_empty() {
@@ -141,7 +142,7 @@ fn corner_uvs<L: Lanes>(mesh: &Mesh, indices: &[Int<L>; 3]) -> [[Num<L>; 2]; 3] 
 /// The weighted sum of three texture coordinates.
 #[inline(always)]
 fn blend_uvs<L: Lanes>([a, b, c]: &[[Num<L>; 2]; 3], weights: &Weights<L>) -> [Num<L>; 2] {
-    // No closure: it might not be inlined.
+    // No closure: the compiler might not inline it.
     let mut uv = *a;
     for (k, uv) in uv.iter_mut().enumerate() {
         *uv = a[k] * weights[0] + b[k] * weights[1] + c[k] * weights[2];
@@ -149,15 +150,16 @@ fn blend_uvs<L: Lanes>([a, b, c]: &[[Num<L>; 2]; 3], weights: &Weights<L>) -> [N
     uv
 }
 
-/// The mesh texture coordinates of hits.
+/// Mesh texture coordinates of hits.
 #[inline(always)]
 pub fn mesh_uv<L: Lanes>(mesh: &Mesh, hits: &Hits<L>) -> [Num<L>; 2] {
     let indices = hits.primitive.rows::<3>(bytemuck::cast_slice(&mesh.triangles));
     blend_uvs(&corner_uvs(mesh, &indices), &[1.0 - hits.u - hits.v, hits.u, hits.v])
 }
 
-/// The points of the surface that the vertex normals suggest above `position`: the mean of its
-/// projections onto the planes of those vertices under which it lies. `side` turns the normals.
+/// Raises `position` to the surface that the vertex normals suggest. Where the point lies under the tangent
+/// plane of a vertex, it is projected onto that plane. The result is the weighted mean of these projections.
+/// `side` is 1 or −1 and flips the normals.
 #[inline(always)]
 fn raise<L: Lanes>(
     position: Vector<L>,

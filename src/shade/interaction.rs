@@ -1,4 +1,4 @@
-//! Surface interactions: where rays hit, in which shading basis, under what footprint.
+//! Surface interactions: the points that rays hit, their shading bases and their texture footprints.
 
 use super::geometry::{Geometry, Hits};
 use super::normals::{MIN_COSINE, bend_where, map_normal, rough_direction, tangent_basis};
@@ -7,51 +7,52 @@ use crate::lanes::{Lanes, Mask, Num, Prefetch, Vector};
 use crate::scene::{Anisotropy, Footprint, Material, Mesh, NormalMap, Scene, Surface};
 use crate::stream::Hit;
 
-/// Points on surfaces of one material, each seen from its `wo`. Normals lie on `wo`'s side of the
-/// triangle, so BSDFs find `wo` in the upper hemisphere of [`Interaction::basis`], always.
+/// Points on surfaces of one material, each with the direction `wo` towards its viewer. Normals lie on `wo`'s
+/// side of the triangle, so `wo` is always in the upper hemisphere of [`Interaction::basis`].
 #[derive(Clone, Copy, Debug)]
 pub struct Interaction<L: Lanes> {
-    /// The point, on the triangle, from the hit's barycentrics.
+    /// The point on the triangle, interpolated by the hit's barycentrics.
     pub position: Vector<L>,
     /// Unit direction back along the ray.
     pub wo: Vector<L>,
     /// Unit normal of the triangle.
     pub normal: Vector<L>,
-    /// Shading basis: the interpolated and mapped normal, bent as little as keeps `wo` above it and,
-    /// for surfaces with a mirror-like share, the mirrored `wo` above the triangle. Its x axis means something
-    /// only where the surface is anisotropic: there it is rougher along it.
+    /// Shading basis around the interpolated and mapped normal. The normal is bent no further than it takes
+    /// to keep `wo` above it. For surfaces with a mirror-like share, the mirrored `wo` also stays above the
+    /// triangle. The x axis has a meaning only on anisotropic surfaces, which are rougher along it.
     pub basis: Basis<L>,
-    /// Where coats are bent in another way than what is below them.
+    /// The shape of the coats where their normals differ from those of the layers below.
     pub coat: Option<CoatShape<L>>,
     /// Mesh texture coordinates.
     pub uv: [Num<L>; 2],
-    /// How much of the surface the rays cover.
+    /// Size of the area that the rays' cones cover.
     pub footprint: Footprint<L>,
-    /// Lanes whose `wo` is on the side from which the triangle runs counter-clockwise.
+    /// Lanes that are hit on the front: `wo` is on the side from which the triangle's vertices run
+    /// counter-clockwise.
     pub front: Mask<L>,
-    /// Lanes whose `wo` is outside of the body: the side that the vertex normals, if there are any,
-    /// point to; else the front.
+    /// Lanes whose `wo` is outside of the body. The vertex normals point outside; without them the front is
+    /// outside.
     pub outside: Mask<L>,
-    /// Where scattered (not mirrored or refracted) rays leave: `position`, raised to the surface
-    /// that the vertex normals suggest, so that a smooth body of few triangles casts no shadow of
-    /// its edges on itself (Hanika 2021, *Hacking the Shadow Terminator*).
+    /// Start of scattered rays (not mirrored or refracted ones): `position` raised to the surface that the
+    /// vertex normals suggest. The edges of a smooth body of few triangles then cast no shadows on it (Hanika
+    /// 2021, *Hacking the Shadow Terminator*).
     pub raised: Vector<L>,
-    /// Distance that rays start off the triangle.
+    /// Distance from the triangle at which rays start.
     offset: Num<L>,
 }
 
-/// How coats lie on a surface.
+/// Normals and bumps of coats that differ from the surface below.
 #[derive(Clone, Copy, Debug)]
 pub struct CoatShape<L: Lanes> {
-    /// Their unit normals in the shading basis, bent as its own normal is.
+    /// Unit normals of the coats in the shading basis, bent like the surface's own normals.
     pub normal: Vector<L>,
-    /// Their [`Footprint::bumps`].
+    /// [`Footprint::bumps`] of the coats.
     pub bumps: Num<L>,
 }
 
 impl<L: Lanes> Interaction<L> {
-    /// The interactions of rays of unit direction with the triangles they hit, whose material is `material`.
-    /// `width` is that of the rays' [`super::Cone`]s there.
+    /// The interactions of rays of unit direction with the triangles that they hit, all of material
+    /// `material`. `width` is the width of the rays' [`super::Cone`]s at the hits.
     #[inline(always)]
     pub fn new(
         scene: &Scene,
@@ -69,7 +70,7 @@ impl<L: Lanes> Interaction<L> {
         let maps = Maps::of(material);
         let tangents = maps.tangents(scene, &at);
         let basis = shading_basis(scene, material, &at, maps.anisotropy, tangents.as_ref(), &mut footprint);
-        // No closure: it might not be inlined.
+        // No closure: the compiler might not inline it.
         let coat = match maps.coat {
             Some(map) => Some(coat_shape(scene, map, &at, tangents.as_ref(), &footprint, &basis)),
             None => None,
@@ -89,10 +90,12 @@ impl<L: Lanes> Interaction<L> {
         }
     }
 
-    /// The world directions of mirrored or refracted rays that go to `local` in the shading basis, to the other
-    /// side of the surface in the lanes of `crosses`. A bent normal may send one to the other side of the
-    /// triangle than of the normal; it is then laid along the triangle, on the side where it belongs: it
-    /// would otherwise count as having crossed a surface that it did not cross.
+    /// The world directions of mirrored or refracted rays that have direction `local` in the shading basis.
+    /// In the lanes of `crosses` they go to the other side of the surface.
+    ///
+    /// Around a bent normal, a direction may lie on one side of the normal and on the other side of the
+    /// triangle. It is then laid along the triangle, on the side of the normal. Otherwise it would count as
+    /// having crossed a surface that it did not cross.
     #[inline(always)]
     pub fn smooth_direction(&self, local: Vector<L>, crosses: Mask<L>) -> Vector<L> {
         let wi = self.basis.world(local).normalize();
@@ -104,15 +107,16 @@ impl<L: Lanes> Interaction<L> {
         Vector::select(height.below(MIN_COSINE), lifted, wi)
     }
 
-    /// The start of rays from `point` ([`Interaction::position`] or [`Interaction::raised`]) towards
-    /// `wi`, off the triangle on the side that `wi` points to.
+    /// The start of rays from `point` ([`Interaction::position`] or [`Interaction::raised`]) towards `wi`. It
+    /// is offset from the triangle to the side that `wi` points to.
     #[inline(always)]
     pub fn origin(&self, point: Vector<L>, wi: Vector<L>) -> Vector<L> {
         let below = wi.dot(self.normal).below(0.0);
         point + self.normal * Num::select(below, -self.offset, self.offset)
     }
 
-    /// The start of scattered rays towards `wi`: off [`Interaction::raised`], or below the triangle.
+    /// The start of scattered rays towards `wi`: [`Interaction::raised`] or, if `wi` points below the
+    /// triangle, [`Interaction::position`], with an offset.
     #[inline(always)]
     pub fn scattered_origin(&self, wi: Vector<L>) -> Vector<L> {
         let below = wi.dot(self.normal).below(0.0);
@@ -120,12 +124,13 @@ impl<L: Lanes> Interaction<L> {
     }
 }
 
-/// What a material asks of its shading bases besides the interpolated normal.
+/// The maps that change a material's shading bases.
 struct Maps<'a> {
-    /// Whether it has a normal map.
+    /// Whether the material has a normal map.
     normal: bool,
     anisotropy: Option<&'a Anisotropy>,
-    /// The coats' own normal map, or none, if it is not the material's.
+    /// `None` if the coats share the material's normals. Otherwise the coats' own normal map, or `Some(None)`
+    /// if they have no map.
     coat: Option<Option<&'a NormalMap>>,
 }
 
@@ -141,7 +146,7 @@ impl<'a> Maps<'a> {
         Self { normal, anisotropy: surface.anisotropy.as_ref(), coat }
     }
 
-    /// Tangent bases, and the lanes that have one, if any map needs them.
+    /// The tangent bases and the lanes that have one; `None` if no map needs them.
     #[inline(always)]
     fn tangents<L: Lanes>(&self, scene: &Scene, at: &Geometry<L>) -> Option<(Basis<L>, Mask<L>)> {
         if !self.normal && self.anisotropy.is_none() && !matches!(self.coat, Some(Some(_))) {
@@ -151,8 +156,8 @@ impl<'a> Maps<'a> {
     }
 }
 
-/// The shading bases: interpolated and mapped normals, bent; the x axis along the rougher direction where the surface
-/// is anisotropic. Sets the footprint's bumps.
+/// The shading bases: around the interpolated or mapped normals, bent where necessary. On anisotropic
+/// surfaces the x axis is the rougher direction. Sets the footprint's bumps.
 #[inline(always)]
 fn shading_basis<L: Lanes>(
     scene: &Scene,
@@ -179,7 +184,7 @@ fn shading_basis<L: Lanes>(
     Basis::select(along & *there, rough, basis)
 }
 
-/// The coats' normals in the shading bases, and their bumps.
+/// The coats' normals in the shading bases, and the coats' bumps.
 #[inline(always)]
 fn coat_shape<L: Lanes>(
     scene: &Scene,
@@ -199,12 +204,12 @@ fn coat_shape<L: Lanes>(
     CoatShape { normal: basis.local(bend_where(normal, bent, at.normal, at.wo, false)), bumps }
 }
 
-/// Meshes of fewer triangles are in a near cache.
+/// Meshes of fewer triangles fit a cache, and their hits are not prefetched.
 const FAR: usize = 1 << 15;
 
-/// Asks for what [`Interaction::new`] will read of the hits of `rays`, some `lanes` of them before their turn, from
-/// `at` on: of the next ones the corners, and of those behind them where corners lie. In a large mesh every hit is
-/// somewhere else.
+/// Prefetches the data that [`Interaction::new`] will read about the hits of `rays`, starting at index `at`.
+/// It prefetches the corners of the next `lanes` rays, and the vertex indices of the `lanes` rays after them.
+/// In a large mesh each hit reads memory far from that of the hit before.
 #[inline(always)]
 pub fn fetch(mesh: &Mesh, hits: &[Hit], rays: &[u32], at: usize, lanes: usize) {
     if mesh.triangles.len() < FAR {
@@ -227,13 +232,13 @@ pub fn fetch(mesh: &Mesh, hits: &[Hit], rays: &[u32], at: usize, lanes: usize) {
     }
 }
 
-/// How many times as long as wide a footprint may be without being blurred across.
+/// A footprint may be this many times as long as wide before its length counts.
 const FREE_STRETCH: f32 = 4.0;
 
-/// The squares of texture coordinates that are as large as what cones of a width cover of triangles (`surface` is
-/// twice their area), seen under a cosine to their normals. What grazing angles draw out counts only beyond
-/// [`FREE_STRETCH`]: the samples
-/// of a pixel, and the directions of a bounce, lie all along it.
+/// Footprints in texture coordinates: squares of the same area as the cones cover. `surface` is twice the
+/// area of the triangles, `width` the width of the cones, `cosine` the angle between ray and normal. At
+/// grazing angles the covered area is stretched. The stretch counts only beyond [`FREE_STRETCH`]: up to
+/// there, the samples of a pixel and the directions of a bounce are spread along it.
 #[inline(always)]
 fn footprint<L: Lanes>(
     surface: Num<L>,
@@ -245,7 +250,7 @@ fn footprint<L: Lanes>(
     let image = ((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])).abs();
     let stretch = (1.0 / (cosine.abs() * FREE_STRETCH)).clamp(1.0, f32::MAX);
     let share = image / surface * stretch;
-    // Any hit has its own, the same whoever shades it.
+    // A hash of the hit, so that each hit has its own number, the same on all units and thread counts.
     let bits = (hits.u.to_bits() * 0x9e37_79b9) ^ (hits.v.to_bits() * 0x85eb_ca6b);
     let bits = (bits ^ (bits >> 15)) * 0x7feb_352d;
     let dither = ((bits ^ (bits >> 16)) >> 8).to_num() * (1.0 / (1 << 24) as f32);
@@ -346,10 +351,10 @@ mod tests {
         assert!(right.x > 0.4 && right.y.abs() < 0.01, "{right}");
         let up = shading(&seen(&mapped([128, 200, 200, 255]), Vec3::Z));
         assert!(up.y > 0.4 && up.x.abs() < 0.01, "{up}");
-        // The same bump, seen from behind.
+        // The same bump from behind.
         let behind = shading(&seen(&mapped([200, 128, 200, 255]), Vec3::NEG_Z));
         assert!((behind + right).length() < 1e-5);
-        // A mirrored image: u to the left, so is x.
+        // In a mirrored image u grows to the left, and so does x.
         let mut scene = mapped([200, 200, 200, 255]);
         scene.mesh.uvs.iter_mut().for_each(|uv| uv.x = -uv.x);
         let mirrored = shading(&seen(&scene, Vec3::Z));
@@ -391,13 +396,13 @@ mod tests {
             assert!(x.dot(y).abs() < 1e-6 && (x.cross(y) - shading(&at)).length() < 1e-6);
             x
         };
-        // u grows along x, and the image's top lies towards y.
+        // u grows along x, and the top of the image is at +y.
         assert!((laid(0.0, None) - Vec3::X).length() < 1e-6);
         assert!((laid(std::f32::consts::FRAC_PI_2, None) - Vec3::Y).length() < 1e-6);
-        // Red in the middle, green at its end: y.
+        // The red channel is in the middle and green at its end, so the direction is y.
         assert!(laid(0.0, Some(TextureRef::plain(0))).dot(Vec3::Y) > 0.999);
         assert!(laid(0.5, Some(TextureRef::plain(0))).x < -0.4);
-        // Where nothing tells tangents, any direction will do, but it is one.
+        // Without texture coordinates any tangent will do, but it must have unit length.
         scene.mesh.uvs = vec![Vec2::ZERO; 3];
         assert!((Vec3::from(seen(&scene, Vec3::Z).basis.tangent).length() - 1.0).abs() < 1e-6);
     }
@@ -420,9 +425,9 @@ mod tests {
         let centre = Vec3::new(0.5, 0.5, -1.0);
         scene.mesh.normals = scene.mesh.positions.iter().map(|p| (*p - centre).normalize()).collect();
         let height = seen(&scene, Vec3::Z).raised.z;
-        // The sphere is 0.199 above; tangent planes lie outside of it.
+        // The sphere is 0.199 above the triangle, and tangent planes lie outside of the sphere.
         assert!(height > 0.199 && height < 2.5 * 0.199, "{height}");
-        // From inside, the surface is hollow: nothing to raise.
+        // From inside the surface is concave, so the point is not raised.
         assert_eq!(seen(&scene, Vec3::NEG_Z).raised, Vec3::new(0.25, 0.5, 0.0));
     }
 }

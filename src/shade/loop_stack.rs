@@ -1,68 +1,69 @@
-//! Loop stacks (RA section 3.3): what a path left to do, kept outside the ray streams.
+//! Loop stacks (RA section 3.3) keep the unfinished work of paths outside the ray streams.
 //!
-//! A loop shader entry is pushed when a hit has more to do than its one continuation ray, and popped
-//! when the path ends. Entries link to the one below; the index of the topmost, the *head*, travels
-//! in the ray's payload. All paths of a job share one [`LoopStack`]; host threads reach it through a
-//! [`Session`] each.
+//! A hit that has more to do than its one continuation ray pushes a loop entry. The entry is popped when the
+//! path ends. Each entry links to the one below. The index of the topmost entry, the *head*, travels in the
+//! ray's payload. All paths of a job share one [`LoopStack`]. Each host thread accesses it through its own
+//! [`Session`].
 //!
 //! # Memory
-//! Entries live in the recycled buckets of [`super::arena`]. A shader that pushes at most `k` entries at a hit of depth
-//! `d < depth_limit`, and whose entries resume at greater depths than their hits, has at most `k · depth_limit` entries
-//! per camera path: from bottom to top of one stack the hits' depths never fall and no hit occurs twice.
-//! So at most `k · depth_limit · rays in flight` entries are live, however many rays the recursion
-//! visits, and allocated are at most the peak of those plus [`super::arena::HOARD`] and one bucket per
-//! session. The renderer tells the scheduler how many paths it has memory for
-//! ([`crate::schedule::Renderer::most_in_flight`]); beyond, spawning waits, and nothing is dropped.
+//! Entries are stored in the recycled buckets of [`super::arena`]. Assume a shader that pushes at most `k`
+//! entries at a hit of depth `d < depth_limit`, and whose entries resume at greater depths than their hits.
+//! It has at most `k · depth_limit` entries per camera path: from bottom to top of one stack the hits' depths
+//! never fall, and no hit occurs twice. So at most `k · depth_limit · rays in flight` entries are live,
+//! however many rays the recursion visits. The arena allocates at most the peak of live entries plus, for
+//! each session, [`super::arena::MAX_LOCAL_FREE`] entries and one bucket. The renderer tells the scheduler
+//! how many paths it has memory for ([`crate::schedule::Renderer::most_in_flight`]). Beyond that number
+//! spawning waits, and nothing is dropped.
 //!
 //! # Why there is no `unsafe`
-//! An entry is stored as relaxed atomic words, which cost what plain moves do. The thread that pops
-//! it received the head through the scheduler's lists, whose locks order the push before the pop, so
-//! the words read are the words written.
+//! An entry is stored as relaxed atomic words, which cost the same as plain moves. The thread that pops an
+//! entry got the head through the scheduler's lists. Their locks order the push before the pop, so the words
+//! read are the words written.
 
-use super::arena::{Arena, ArenaUse, BUCKET, LocalFreeList, NOWHERE};
+use super::arena::{Arena, ArenaUse, BUCKET, LocalFreeList, NO_SLOT};
 use bytemuck::Pod;
 use std::marker::PhantomData;
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 /// The head of an empty stack.
-pub const EMPTY: u32 = NOWHERE;
+pub const EMPTY: u32 = NO_SLOT;
 
 type Bucket = Box<[AtomicU32]>;
 
-/// Stacks of entries of type `T`, any number of them, in one recycled store.
+/// Any number of stacks of entries of type `T`, in one arena.
 #[derive(Debug)]
 pub struct LoopStack<T> {
-    places: Arena<Bucket>,
+    slots: Arena<Bucket>,
     entry: PhantomData<fn(T) -> T>,
 }
 
 impl<T: Pod> LoopStack<T> {
-    /// Words per entry: its own and the link to the entry below.
+    /// Words per entry: those of `T`, and the link to the entry below.
     const STRIDE: usize = size_of::<T>() / 4 + 1;
 
-    /// The most paths in flight whose stacks are sure to fit, with so many entries on each.
+    /// The most paths in flight whose stacks surely fit, with `entries_each` entries on each.
     pub const fn most_paths(entries_each: usize) -> usize {
         Arena::<Bucket>::most_paths(entries_each)
     }
 
-    /// A store without entries.
+    /// Stacks without entries.
     pub fn new() -> Self {
         const { assert!(size_of::<T>().is_multiple_of(4) && align_of::<T>() <= 4) };
-        Self { places: Arena::new(), entry: PhantomData }
+        Self { slots: Arena::new(), entry: PhantomData }
     }
 
-    /// A thread's access, for as long as it shades a batch.
+    /// A thread's access while it shades a batch.
     pub fn session(&self) -> Session<'_, T> {
-        Session { stack: self, hand: self.places.hand() }
+        Session { stack: self, free: self.slots.local_free_list() }
     }
 
-    /// What has been used so far.
+    /// Memory use so far.
     pub fn usage(&self) -> ArenaUse {
-        self.places.usage(4 * Self::STRIDE)
+        self.slots.usage(4 * Self::STRIDE)
     }
 
     fn words(&self, entry: u32) -> &[AtomicU32] {
-        let (bucket, number) = self.places.at(entry);
+        let (bucket, number) = self.slots.at(entry);
         &bucket[number * Self::STRIDE..(number + 1) * Self::STRIDE]
     }
 
@@ -81,13 +82,13 @@ impl<T: Pod> Default for LoopStack<T> {
 #[derive(Debug)]
 pub struct Session<'a, T: Pod> {
     stack: &'a LoopStack<T>,
-    hand: LocalFreeList<'a, Bucket>,
+    free: LocalFreeList<'a, Bucket>,
 }
 
 impl<T: Pod> Session<'_, T> {
-    /// Puts `entry` on the stack whose head is `head`; returns the new head.
+    /// Pushes `entry` on the stack whose head is `head`. Returns the new head.
     pub fn push(&mut self, head: u32, entry: &T) -> u32 {
-        let index = self.hand.take(LoopStack::<T>::bucket);
+        let index = self.free.take(LoopStack::<T>::bucket);
         let (link, words) = self.stack.words(index).split_first().expect("an entry has at least its link");
         link.store(head, Relaxed);
         for (word, bytes) in words.iter().zip(bytemuck::bytes_of(entry).chunks_exact(4)) {
@@ -96,8 +97,8 @@ impl<T: Pod> Session<'_, T> {
         index
     }
 
-    /// Takes the topmost entry off the stack whose head is `head`, if there is one; returns it and
-    /// the new head.
+    /// Pops the topmost entry of the stack whose head is `head`. Returns it and the new head; `None` if the
+    /// stack is empty.
     pub fn pop(&mut self, head: u32) -> Option<(T, u32)> {
         if head == EMPTY {
             return None;
@@ -108,7 +109,7 @@ impl<T: Pod> Session<'_, T> {
             bytes.copy_from_slice(&word.load(Relaxed).to_ne_bytes());
         }
         let below = link.load(Relaxed);
-        self.hand.give_back(head);
+        self.free.give_back(head);
         Some((entry, below))
     }
 }
@@ -176,7 +177,8 @@ mod tests {
     #[test]
     fn threads_share_the_store() {
         let stack = LoopStack::<Entry>::new();
-        // Each round, each thread pops what another pushed: heads change hands as in ray streams.
+        // In each round, each thread pops entries that another thread pushed, as heads move between threads
+        // in ray streams.
         let mut heads: Vec<Vec<u32>> = vec![vec![EMPTY; 3000]; 4];
         for round in 0..12u32 {
             std::thread::scope(|scope| {

@@ -1,8 +1,8 @@
-//! Hits → radiance: the batch sort, surface interaction, BSDFs, lights, and the loop stack.
+//! Shading turns hits into radiance: batch sort, surface interactions, BSDFs, lights and the loop stack.
 //!
-//! Integrators shade a batch run by run ([`sort()`]): all rays of a run hit the same material, so what
-//! depends on the material alone is done once, and the rest goes in SIMD lanes ([`crate::lanes`]), 8 or 16
-//! rays at a time (RA section 4). [`single`] is the same for one ray.
+//! Integrators shade a batch run by run ([`sort()`]). All rays of a run hit the same material. Work that
+//! depends only on the material is done once a run. The rest is done in SIMD lanes ([`crate::lanes`]), 8 or
+//! 16 rays at a time (RA section 4). [`single`] shades one ray with the same code.
 
 pub mod arena;
 pub mod bsdf;

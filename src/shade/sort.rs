@@ -7,7 +7,8 @@ use crate::stream::{Hit, MISS};
 use std::cell::Cell;
 
 thread_local! {
-    /// Storage of the last batch that the thread sorted: batch after batch nothing is allocated.
+    /// Storage of the last batch that this thread sorted. It is reused, so that no batch after the first
+    /// allocates.
     static SPARE: Cell<Storage> = const { Cell::new(Storage::NONE) };
 }
 
@@ -20,9 +21,9 @@ struct Storage {
     keys: Vec<u32>,
     order: Vec<u32>,
     scratch: Vec<u32>,
-    /// (key, start in `order`), one for each run; keys ascend.
+    /// (key, start in `order`) of each run; keys ascend.
     runs: Vec<(u32, u32)>,
-    /// Rays of the batch.
+    /// Number of rays in the batch.
     len: usize,
 }
 
@@ -40,20 +41,21 @@ impl Default for Storage {
     }
 }
 
-/// Rays of a batch that share an outcome.
+/// Rays of a batch that hit the same material, or that all missed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Run<'a> {
-    /// Index of the material they hit; `None` for the rays that missed.
+    /// Index of the material; `None` for rays that missed.
     pub material: Option<u32>,
-    /// Places in the batch, ascending.
+    /// Indices of the rays in the batch, ascending.
     pub rays: &'a [u32],
 }
 
-/// The most runs that are gathered one after the other, each in lanes; beyond, the radix sort is faster.
+/// Up to this many runs are gathered one after the other, each in lanes. With more runs the radix sort is
+/// faster.
 const FEW_RUNS: usize = 8;
 
-/// Sorts a batch of hits of a scene by [`material_of`]. Stable, so the order of rays within a run is that
-/// of the batch. Linear time.
+/// Sorts a batch of hits of a scene by [`material_of`] in linear time. The sort is stable: rays of a run keep
+/// the order that they have in the batch.
 #[inline(always)]
 pub fn sort<L: Lanes>(l: L, hits: &[Hit], scene: &Scene) -> Sorted {
     l.outlined(Sort { hits, scene })
@@ -78,7 +80,7 @@ impl<L: Lanes> OutlinedTask<L> for Sort<'_> {
         let keys = storage.look_up(l, self.hits, &self.scene.mesh.materials);
         storage.arrange(l, keys);
         if !self.scene.mixes.is_empty() {
-            // Mixes of mixes take a turn each.
+            // A mix whose part is itself a mix takes another round.
             while storage.resolve(l, self.hits, self.scene) {
                 let keys = storage.in_common();
                 storage.arrange(l, keys);
@@ -88,16 +90,17 @@ impl<L: Lanes> OutlinedTask<L> for Sort<'_> {
     }
 }
 
-/// What all keys have in common.
+/// The least key of a batch, and the bits in which its keys differ.
 #[derive(Clone, Copy)]
 struct Keys {
     least: u32,
-    /// Bits that are set in some and not in others.
+    /// Bits that are set in some keys and clear in others.
     varying: u32,
 }
 
 impl Storage {
-    /// Room for the keys and the order of so many rays, and for what lanes write behind them.
+    /// Makes room for the keys and the order of `rays` rays, and for the lanes that are written past their
+    /// end.
     fn make_room(&mut self, rays: usize) {
         self.keys.clear();
         self.keys.resize(rays + MAX_LANES, NEVER);
@@ -105,7 +108,7 @@ impl Storage {
         self.len = rays;
     }
 
-    /// Fills the order and the runs.
+    /// Fills the order and the runs from the keys.
     #[inline(always)]
     fn arrange<L: Lanes>(&mut self, l: L, keys: Keys) {
         self.runs.clear();
@@ -114,7 +117,8 @@ impl Storage {
         }
     }
 
-    /// Gives the hits on mixes the keys of their parts; returns whether there were any.
+    /// Replaces the keys of hits on mixes by the keys of the chosen parts. Returns whether there were any
+    /// such hits.
     #[inline(always)]
     fn resolve<L: Lanes>(&mut self, l: L, hits: &[Hit], scene: &Scene) -> bool {
         let mut found = false;
@@ -146,7 +150,7 @@ impl Storage {
         Keys { least, varying: any & !all }
     }
 
-    /// One ray is sorted: what is shaded ray by ray pays for no more.
+    /// A batch of one ray needs no sort. Shading ray by ray takes this short way.
     fn hold(&mut self, key: u32) {
         self.order.clear();
         self.order.push(0);
@@ -155,7 +159,7 @@ impl Storage {
         self.len = 1;
     }
 
-    /// Key 0 is a miss, key m + 1 is material m.
+    /// Looks up the key of each ray: 0 for a miss, m + 1 for material m.
     #[inline(always)]
     fn look_up<L: Lanes>(&mut self, l: L, hits: &[Hit], materials: &[u32]) -> Keys {
         let (mut least, mut all, mut any) = (Int::splat(l, NEVER), Int::splat(l, NEVER), Int::splat(l, 0));
@@ -168,7 +172,7 @@ impl Storage {
                 let [material] = Int::select(hit, primitive, key).rows(materials);
                 key = Int::select(hit, material + 1, key);
             }
-            // Lanes beyond the rays repeat the last one.
+            // Lanes past the last ray repeat that ray.
             (all, any) = (all & key, any | key);
             least = Int::select(key.lt(least), key, least);
             if keys.len() == L::LANES && hits.len() == L::LANES {
@@ -186,7 +190,7 @@ impl Storage {
         }
     }
 
-    /// Gathers the rays of one key after the other; returns whether there were few enough.
+    /// Gathers the rays of one key after the other. Returns false if there are more than [`FEW_RUNS`] runs.
     #[inline(always)]
     fn gather<L: Lanes>(&mut self, l: L, keys: Keys) -> bool {
         let (places, none) = (Int::iota(l), Int::splat(l, NEVER));
@@ -211,7 +215,7 @@ impl Storage {
         true
     }
 
-    /// A radix sort by bytes that skips the bytes in which all keys agree.
+    /// A radix sort by bytes. It skips bytes in which all keys agree.
     fn radix(&mut self, Keys { varying, .. }: Keys) {
         let Self { keys, order, scratch, runs, len } = self;
         scratch.resize(order.len(), 0);
@@ -244,7 +248,7 @@ impl Storage {
 }
 
 impl Sorted {
-    /// The runs: misses first if there are any, then materials in ascending order.
+    /// The runs: first the misses, if there are any, then the materials in ascending order.
     pub fn runs(&self) -> impl Iterator<Item = Run<'_>> {
         let Storage { order, runs, len, .. } = &self.0;
         runs.iter().enumerate().map(move |(i, &(key, start))| {

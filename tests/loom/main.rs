@@ -50,7 +50,7 @@ fn a_locked_stripe_excludes_other_threads_and_shows_what_they_wrote() {
 }
 
 #[test]
-fn no_place_of_an_arena_has_two_owners_and_every_count_ends_at_zero() {
+fn no_slot_of_an_arena_has_two_owners_and_every_count_ends_at_zero() {
     loom::model(|| {
         let arena: Arc<Arena<()>> = Arc::new(Arena::new());
         let owned = Arc::new(Mutex::new(Vec::new()));
@@ -58,16 +58,16 @@ fn no_place_of_an_arena_has_two_owners_and_every_count_ends_at_zero() {
             .map(|_| {
                 let (arena, owned) = (arena.clone(), owned.clone());
                 thread::spawn(move || {
-                    let mut free = arena.hand();
-                    let place = free.take(|| ());
+                    let mut free = arena.local_free_list();
+                    let slot = free.take(|| ());
                     {
                         let mut owned = owned.lock().expect("no panic");
-                        assert!(!owned.contains(&place), "place {place} has two owners");
-                        owned.push(place);
+                        assert!(!owned.contains(&slot), "slot {slot} has two owners");
+                        owned.push(slot);
                     }
-                    assert_eq!(*arena.at(place).0, ());
-                    owned.lock().expect("no panic").retain(|other| *other != place);
-                    free.give_back(place);
+                    assert_eq!(*arena.at(slot).0, ());
+                    owned.lock().expect("no panic").retain(|other| *other != slot);
+                    free.give_back(slot);
                 })
             })
             .collect();

@@ -6,7 +6,7 @@ use super::{Answered, Cx, Radiance, Shader};
 use crate::lanes::{Prefetch, SingleLane};
 use crate::render::Frame;
 use crate::schedule::{Batch, Output};
-use crate::shade::arena::{Arena, ArenaUse, BUCKET, LocalFreeList, NOWHERE};
+use crate::shade::arena::{Arena, ArenaUse, BUCKET, LocalFreeList, NO_SLOT};
 use crate::shade::sort;
 use crate::stream::{Hit, Ray};
 use bytemuck::{Pod, Zeroable};
@@ -85,7 +85,7 @@ struct Call<F> {
 
 impl<F> Default for Place<F> {
     fn default() -> Self {
-        let call = Call { future: Box::pin(None), below: NOWHERE, height: 0 };
+        let call = Call { future: Box::pin(None), below: NO_SLOT, height: 0 };
         let address = std::ptr::from_ref(&*call.future).addr();
         Self { occluded: AtomicU32::new(0), address, call: Mutex::new(call) }
     }
@@ -164,8 +164,8 @@ where
         let exchange = turn.exchange;
         // The caller of the call, if that has begun in this turn.
         let mut caller = None;
-        let mut call = if path.head == NOWHERE {
-            let (call, place) = self.begin(turn, self.desk.shader.camera(), NOWHERE, 1);
+        let mut call = if path.head == NO_SLOT {
+            let (call, place) = self.begin(turn, self.desk.shader.camera(), NO_SLOT, 1);
             path.head = place;
             call
         } else {
@@ -186,7 +186,7 @@ where
                 Outcome::Returned(value) => {
                     turn.hand.give_back(path.head);
                     path.head = call.below;
-                    if path.head == NOWHERE {
+                    if path.head == NO_SLOT {
                         let radiance = value.radiance();
                         if radiance != Vec3::ZERO {
                             self.desk.frame.film().splat(path.pixel, radiance);
@@ -207,7 +207,7 @@ where
             let (bucket, number) = self.places.at(place);
             &bucket[number]
         };
-        let waits = |ahead| paths(ahead).map(|path| path.head).filter(|&head| head != NOWHERE).map(place);
+        let waits = |ahead| paths(ahead).map(|path| path.head).filter(|&head| head != NO_SLOT).map(place);
         let taken = |ahead| hand.upcoming(ahead).map(place);
         [waits(2 * AHEAD), taken(2 * AHEAD)]
             .into_iter()
@@ -242,13 +242,13 @@ where
         // The first call begins when its ray is back: a path that is only a ray needs no place.
         self.desk.frame.camera_rays(tile, |rays, pixels, samples| {
             for ((&ray, &pixel), &sample) in rays.iter().zip(pixels).zip(samples) {
-                out.ray(ray, CallState { pixel, sample, head: NOWHERE });
+                out.ray(ray, CallState { pixel, sample, head: NO_SLOT });
             }
         });
     }
 
     fn shade(&self, batch: Batch<'_, CallState>, out: &mut Rays<'_>) {
-        let mut hand = self.places.hand();
+        let mut hand = self.places.local_free_list();
         let scene = self.desk.frame.scene();
         Exchange::engine(|exchange| {
             // Calls that hit the same material run one after the other, whatever else they are about.
@@ -260,7 +260,7 @@ where
                     );
                     let path = batch.payloads[i];
                     let hit = (!batch.hits[i].is_miss()).then_some(batch.hits[i]);
-                    let occluded = if path.head == NOWHERE { 0 } else { self.take_answers(path.head) };
+                    let occluded = if path.head == NO_SLOT { 0 } else { self.take_answers(path.head) };
                     exchange.path.set(Some(PathId { pixel: path.pixel, sample: path.sample }));
                     exchange.answered.set(Answered { hit, occluded });
                     exchange.room.set(S::SHADOW_RAYS);

@@ -6,7 +6,7 @@ use crate::render::recursion::{Cx, Recursion, Shader};
 use crate::render::{Frame, RecursiveWhitted, Settings, Whitted};
 use crate::scene::{Light, LightShape, Material, Scalar, Scene, Surface};
 use crate::schedule::{JobOptions, Renderer, Service, ServiceOptions, Tracers};
-use crate::shade::arena::{BUCKET, HOARD};
+use crate::shade::arena::{BUCKET, MAX_LOCAL_FREE};
 use crate::stream::{Hit, Ray};
 use glam::Vec3;
 use std::sync::Arc;
@@ -186,7 +186,7 @@ fn memory_is_bounded_by_paths_in_flight_and_depth_and_spawning_waits_for_it() {
         let tile = recursion.tile_rays();
         assert!(report.max_in_flight <= in_flight && report.max_in_flight >= tile / 2, "{report:?}");
         assert!(used.peak_entries <= 8 * in_flight && used.peak_entries > tile / 2, "{used:?}");
-        let spare = 2 * (HOARD + 2 * BUCKET);
+        let spare = 2 * (MAX_LOCAL_FREE + 2 * BUCKET);
         assert!(used.allocated_bytes <= (used.peak_entries + spare) * recursion.call_bytes(), "{used:?}");
         (recursion.film().resolve(), used)
     };

@@ -25,7 +25,7 @@ pub struct Coat<L: Lanes> {
 
 /// How coats come by their facets, whatever their own roughness.
 #[derive(Clone, Copy, Debug)]
-pub struct Polish<L: Lanes> {
+pub struct CoatRoughness<L: Lanes> {
     /// Bumps of the coats, as [`Footprint::bumps`].
     pub bumps: Num<L>,
     /// What reflects with a lesser roughness is a mirror ..
@@ -34,7 +34,7 @@ pub struct Polish<L: Lanes> {
     pub spread: Mask<L>,
 }
 
-impl<L: Lanes> Polish<L> {
+impl<L: Lanes> CoatRoughness<L> {
     /// The facets of coats of this roughness.
     #[inline(always)]
     pub fn facets(&self, roughness: Num<L>) -> Facets<L> {

@@ -1,10 +1,10 @@
-//! How much light a boundary reflects.
+//! The share of light that a boundary reflects.
 
 use crate::lanes::{Lanes, Num, Vector};
 
-/// Share of unpolarised light that a smooth boundary reflects. `cosine` is that of the incident
-/// direction, ≥ 0; `eta` the index on the far side relative to the near side. Returns the share
-/// (1 on total internal reflection) and the cosine of the refracted direction (0 then).
+/// Share of unpolarised light that a smooth boundary reflects. `cosine` ≥ 0 is the cosine of the incident
+/// direction; `eta` is the index of refraction of the far side relative to the near side. Returns the share,
+/// 1 on total internal reflection, and the cosine of the refracted direction, then 0.
 #[inline(always)]
 pub fn dielectric<L: Lanes>(cosine: Num<L>, eta: Num<L>) -> (Num<L>, Num<L>) {
     let one = Num::splat(eta.lanes(), 1.0);
@@ -20,41 +20,41 @@ pub fn dielectric<L: Lanes>(cosine: Num<L>, eta: Num<L>) -> (Num<L>, Num<L>) {
     (share.only(!same), Num::select(same, cosine, refracted))
 }
 
-/// The directions of refracted light whose cosine below the surface is `cosine`.
+/// Refracted directions whose cosine below the surface is `cosine`.
 #[inline(always)]
 pub fn refracted<L: Lanes>(wo: Vector<L>, eta: Num<L>, cosine: Num<L>) -> Vector<L> {
     Vector::new(-wo.x / eta, -wo.y / eta, -cosine).normalize()
 }
 
-/// Schlick's approximation: from `f0` at normal incidence to `f90` at grazing.
+/// Schlick's approximation, from `f0` at normal incidence to `f90` at grazing incidence.
 #[derive(Clone, Copy, Debug)]
 pub struct Schlick<L: Lanes> {
-    /// At normal incidence, per channel.
+    /// Reflectance at normal incidence, per channel.
     pub f0: Vector<L>,
-    /// At grazing incidence.
+    /// Reflectance at grazing incidence.
     pub f90: Num<L>,
 }
 
 impl<L: Lanes> Schlick<L> {
-    /// The reflected share at a cosine.
+    /// Reflectance at a cosine.
     #[inline(always)]
     pub fn at(&self, cosine: Num<L>) -> Vector<L> {
         self.blend(schlick_weight(cosine))
     }
 
-    /// The cosine-weighted mean over the hemisphere.
+    /// Cosine-weighted mean over the hemisphere.
     #[inline(always)]
     pub fn average(&self) -> Vector<L> {
         self.blend(Num::splat(self.f90.lanes(), 1.0 / 21.0))
     }
 
-    /// The share with weight `s` of `f90`.
+    /// Reflectance where `f90` has weight `s`.
     #[inline(always)]
     pub fn blend(&self, s: Num<L>) -> Vector<L> {
         self.f0 * (1.0 - s) + Vector::grey(self.f90 * s)
     }
 
-    /// A mixture, `share` of it `other`.
+    /// A mixture of `self` and the share `share` of `other`.
     #[inline(always)]
     pub fn mix(&self, other: &Self, share: Num<L>) -> Self {
         Self { f0: self.f0.lerp(other.f0, share), f90: self.f90.lerp(other.f90, share) }
@@ -67,6 +67,12 @@ pub fn schlick_weight<L: Lanes>(cosine: Num<L>) -> Num<L> {
     let m = (1.0 - cosine).clamp(0.0, 1.0);
     let m2 = m * m;
     m2 * m2 * m
+}
+
+/// The mean of the channels.
+#[inline(always)]
+pub fn mean<L: Lanes>(colour: Vector<L>) -> Num<L> {
+    colour.element_sum() * (1.0 / 3.0)
 }
 
 #[cfg(test)]
@@ -87,7 +93,7 @@ mod tests {
         assert_eq!(dielectric(0.0, 1.0).0, 0.0);
         assert_eq!(dielectric(0.0, 1.5).0, 1.0);
         assert_eq!(dielectric(0.5, 1.0 / 1.5), (1.0, 0.0), "beyond the critical angle of 41.8 degrees");
-        // Brewster's angle: only the perpendicular part is reflected.
+        // At Brewster's angle only perpendicularly polarised light is reflected.
         let brewster = 1.0 / (1.0f32 + 1.5 * 1.5).sqrt();
         assert!((dielectric(brewster, 1.5).0 - 0.5 * (1.25f32 / 3.25).powi(2)).abs() < 1e-5);
     }

@@ -1,7 +1,8 @@
-//! BSDFs: how a surface scatters light at one point, one file each.
+//! BSDFs describe how a surface scatters light at one point. Each has its own file.
 //!
-//! Directions are unit vectors in the local shading basis, both pointing away from the surface; `wo`
-//! is where the light goes (back along the ray) and always has `z > 0`, `wi` where it comes from, on either side.
+//! Directions are unit vectors in the local shading basis and point away from the surface. Light leaves along
+//! `wo`, back along the ray, which always has `z > 0`. Light arrives from `wi`, on either side of the
+//! surface.
 
 mod albedo;
 mod anisotropic_albedo;
@@ -11,6 +12,7 @@ mod coat_stack;
 mod dielectric;
 mod facets;
 mod fresnel;
+mod frost;
 mod ggx;
 mod iridescence;
 mod matte;
@@ -35,59 +37,61 @@ use super::{Interaction, lookup};
 use crate::lanes::{Lanes, Mask, Num, Vector};
 use crate::scene::{Points, Scene, Surface};
 
-/// Which surfaces count as smooth, by their perceptual roughness.
+/// The perceptual roughnesses below which surfaces count as smooth.
 #[derive(Clone, Copy, Debug)]
 pub struct Smoothness {
-    /// What reflects with a lesser one, at least [`MIN_ROUGHNESS`], is a mirror.
+    /// A reflection with a lower roughness than this, or lower than [`MIN_ROUGHNESS`], is a mirror.
     pub mirror_below: f32,
-    /// What lets light through with a lesser one is clear, as is what reflects like a mirror.
+    /// A transmission with a lower roughness than this is clear, as is any whose facets are mirrors.
     pub clear_below: f32,
 }
 
 impl Smoothness {
-    /// Only what is so smooth that it makes no difference.
+    /// Only surfaces below [`MIN_ROUGHNESS`], whose roughness makes no difference, count as smooth.
     pub const EXACT: Self = Self { mirror_below: MIN_ROUGHNESS, clear_below: MIN_ROUGHNESS };
 
-    /// For renderers that follow single directions: frosted bodies would be black, so all are clear.
+    /// For renderers that follow single directions. They would render frosted bodies black, so all bodies
+    /// count as clear.
     pub const fn followed(mirror_below: f32) -> Self {
         Self { mirror_below, clear_below: f32::INFINITY }
     }
 }
 
-/// The scattering at points of one surface.
+/// The BSDF at points of one surface.
 #[derive(Clone, Copy, Debug)]
 #[allow(clippy::large_enum_variant, reason = "one is made for many rays, and nothing is allocated for it")]
 pub enum Bsdf<'s, L: Lanes> {
-    /// Lambertian.
+    /// Lambertian reflection.
     Matte(Matte<L>),
-    /// A mirror.
+    /// Perfect specular reflection.
     Mirror(Mirror<L>),
-    /// A smooth boundary.
+    /// A smooth boundary between two media.
     Dielectric(Dielectric<L>),
-    /// Metallic-roughness.
+    /// glTF's metallic-roughness surface and its extensions.
     Principled(Principled<L>),
-    /// Code that is not ours.
+    /// A BSDF computed by user code.
     Scattering(Scattering<'s, L>),
 }
 
 /// Sampled directions.
 #[derive(Clone, Copy, Debug)]
 pub struct Sample<L: Lanes> {
-    /// Lanes that have one; of the others nothing below counts.
+    /// Lanes with a sample; the other fields mean nothing in the other lanes.
     pub valid: Mask<L>,
-    /// Where the light comes from.
+    /// Direction from which the light arrives.
     pub wi: Vector<L>,
-    /// BSDF × |cosine| / density, all in one: what the radiance from `wi` counts.
+    /// BSDF × |cosine| / density: the factor for the radiance from `wi`.
     pub weight: Vector<L>,
-    /// Density per solid angle with which [`Bsdf::sample`] gives `wi`; +∞ where `specular`.
+    /// Density per solid angle with which [`Bsdf::sample`] returns `wi`; +∞ where `specular`.
     pub pdf: Num<L>,
-    /// Lanes whose `wi` is one of finitely many possible directions, which light sampling never finds.
+    /// Lanes whose `wi` is one of finitely many possible directions. Light sampling never finds these
+    /// directions.
     pub specular: Mask<L>,
-    /// Lanes whose `wi` is on the other side of the surface. Coats with normals of their own mirror to below the
-    /// plane across the shading normal, too, without crossing anything.
+    /// Lanes whose `wi` is on the other side of the surface. A coat with its own normal may also mirror light
+    /// to below the plane of the shading normal; such a direction crosses nothing.
     pub crosses: Mask<L>,
-    /// Index of refraction of the medium that `wi` points into relative to that of `wo`. `weight`
-    /// holds 1 / eta² (see [`Dielectric`]); a roulette that wants energies takes it out again.
+    /// Index of refraction of the medium that `wi` points into, relative to that of `wo`. `weight` contains
+    /// the factor 1 / eta² (see [`Dielectric`]); Russian roulette that needs energies multiplies by eta².
     pub eta: Num<L>,
 }
 
@@ -106,24 +110,24 @@ impl<L: Lanes> Sample<L> {
     }
 }
 
-/// The directions that a BSDF reflects and refracts into without any spread, and what the radiance
-/// from there counts: 0 where nothing goes this way.
+/// The directions into which a BSDF reflects and refracts without spread, and the factors for the radiance
+/// from there. A factor is 0 if no light comes from its direction.
 #[derive(Clone, Copy, Debug)]
 pub struct Smooth<L: Lanes> {
     /// Mirrored direction.
     pub reflected: Vector<L>,
-    /// Its weight.
+    /// Factor for the radiance from `reflected`.
     pub reflection: Vector<L>,
-    /// Refracted direction, or straight on through a thin wall.
+    /// Refracted direction; straight on through a thin wall.
     pub transmitted: Vector<L>,
-    /// Its weight.
+    /// Factor for the radiance from `transmitted`.
     pub transmission: Vector<L>,
-    /// As [`Sample::eta`], of the transmission.
+    /// [`Sample::eta`] of the transmission.
     pub eta: Num<L>,
 }
 
 impl<L: Lanes> Smooth<L> {
-    /// No such directions.
+    /// A BSDF without specular directions.
     #[inline(always)]
     fn none(wo: Vector<L>) -> Self {
         let none = Vector::zero(wo.lanes());
@@ -136,14 +140,16 @@ impl<L: Lanes> Smooth<L> {
         [self.reflection.max_element(), self.transmission.max_element() * self.eta * self.eta]
     }
 
-    /// Share of an even environment that comes this way (its brightest channel).
+    /// Share of a uniform environment that is reflected or transmitted without spread, in its brightest
+    /// channel.
     #[inline(always)]
     fn energy(&self) -> Num<L> {
         let [reflection, transmission] = self.shares();
         reflection + transmission
     }
 
-    /// Chooses one of the two by `u`; the choice of this sampling itself had the chance `chance`.
+    /// Chooses reflection or transmission by `u`. `chance` is the probability with which the caller chose the
+    /// specular directions.
     #[inline(always)]
     fn sample(&self, u: Num<L>, chance: Num<L>) -> Sample<L> {
         let [reflection, transmission] = self.shares();
@@ -163,7 +169,7 @@ impl<L: Lanes> Smooth<L> {
     }
 }
 
-/// `wo` mirrored at the normal.
+/// `wo` mirrored at the shading normal.
 #[inline(always)]
 fn mirrored<L: Lanes>(wo: Vector<L>) -> Vector<L> {
     Vector::new(-wo.x, -wo.y, wo.z)
@@ -175,10 +181,10 @@ fn points_of<L: Lanes>(at: &Interaction<L>) -> Points<L> {
 }
 
 impl<'s, L: Lanes> Bsdf<'s, L> {
-    /// The scattering of `surface` where rays met it.
+    /// The BSDF of `surface` at the points `at`.
     ///
     /// # Panics
-    /// When it is a mix: hits are of one of its parts ([`super::material_of`]).
+    /// If `surface` is a mix. A hit on a mix is a hit on one of its parts ([`super::material_of`]).
     #[inline(always)]
     pub fn new(scene: &'s Scene, surface: &Surface, at: &Interaction<L>, smoothness: Smoothness) -> Self {
         let l = at.wo.lanes();
@@ -196,9 +202,9 @@ impl<'s, L: Lanes> Bsdf<'s, L> {
             Surface::Principled(surface) => {
                 let Interaction { uv, footprint, coat, outside, .. } = at;
                 let (uv, outside) = (*uv, *outside);
-                let describe =
-                    outlined::Describe { scene, surface, uv, footprint, coat, outside, smoothness };
-                Self::Principled(l.outlined(describe))
+                let construct =
+                    outlined::Construct { scene, surface, uv, footprint, coat, outside, smoothness };
+                Self::Principled(l.outlined(construct))
             }
             Surface::Procedural(index) => {
                 let finish = scene.procedurals[*index as usize].finish(&points_of(at));
@@ -214,8 +220,8 @@ impl<'s, L: Lanes> Bsdf<'s, L> {
         }
     }
 
-    /// BSDF × |cosine of `wi`| without its smooth part, and the density per solid angle with which
-    /// [`Bsdf::sample`] gives `wi`. Both are 0 where light cannot go: below the surface, unless it
+    /// The BSDF × |cosine of `wi`| without its specular part, and the density per solid angle with which
+    /// [`Bsdf::sample`] returns `wi`. Both are 0 if no light arrives from `wi`: below the surface, unless it
     /// [is frosted](Bsdf::is_frosted).
     #[inline(always)]
     pub fn evaluate(&self, wo: Vector<L>, wi: Vector<L>) -> (Vector<L>, Num<L>) {
@@ -227,8 +233,8 @@ impl<'s, L: Lanes> Bsdf<'s, L> {
         }
     }
 
-    /// Samples directions about as the BSDF × cosine is distributed: `u` chooses among lobes, `u2`
-    /// the direction.
+    /// Samples directions in approximate proportion to BSDF × |cosine|. `u` chooses a lobe, `u2` the
+    /// direction.
     #[inline(always)]
     pub fn sample(&self, wo: Vector<L>, u: Num<L>, u2: [Num<L>; 2]) -> Sample<L> {
         match self {
@@ -240,7 +246,7 @@ impl<'s, L: Lanes> Bsdf<'s, L> {
         }
     }
 
-    /// The smooth part: what [`Bsdf::evaluate`] leaves out.
+    /// The specular part, which [`Bsdf::evaluate`] leaves out.
     #[inline(always)]
     pub fn smooth(&self, wo: Vector<L>) -> Smooth<L> {
         match self {
@@ -251,13 +257,13 @@ impl<'s, L: Lanes> Bsdf<'s, L> {
         }
     }
 
-    /// Whether there are lobes to choose among, so that [`Bsdf::sample`] looks at its `u`.
+    /// Whether there are several lobes, so that [`Bsdf::sample`] reads its `u`.
     #[inline(always)]
     pub fn is_choice(&self) -> bool {
         !matches!(self, Self::Matte(_))
     }
 
-    /// Whether light from below, too, is found by light sampling.
+    /// Whether light sampling must also consider light from below the surface.
     #[inline(always)]
     pub fn is_frosted(&self) -> bool {
         match self {
@@ -267,7 +273,7 @@ impl<'s, L: Lanes> Bsdf<'s, L> {
         }
     }
 
-    /// Whether there is nothing but a smooth part, so that light sampling is in vain.
+    /// Whether the BSDF is purely specular, so that light sampling never contributes.
     #[inline(always)]
     pub fn is_smooth(&self) -> bool {
         matches!(self, Self::Mirror(_) | Self::Dielectric(_))

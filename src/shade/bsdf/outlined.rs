@@ -1,4 +1,4 @@
-//! The principled surface's work in functions of its own: it is large, and many shaders need it.
+//! The principled BSDF's functions, compiled out of line: they are large, and many shaders use them.
 
 use super::{Principled, Sample, Smooth, Smoothness};
 use crate::lanes::{Lanes, Mask, Num, OutlinedTask, Vector};
@@ -6,7 +6,7 @@ use crate::scene::{self, Finish, Footprint, Scene};
 use crate::shade::CoatShape;
 
 /// [`Principled::new`].
-pub struct Describe<'a, L: Lanes> {
+pub struct Construct<'a, L: Lanes> {
     pub scene: &'a Scene,
     pub surface: &'a scene::Principled,
     pub uv: [Num<L>; 2],
@@ -16,7 +16,7 @@ pub struct Describe<'a, L: Lanes> {
     pub smoothness: Smoothness,
 }
 
-impl<L: Lanes> OutlinedTask<L> for Describe<'_, L> {
+impl<L: Lanes> OutlinedTask<L> for Construct<'_, L> {
     type Output = Principled<L>;
 
     #[inline(always)]

@@ -1,30 +1,34 @@
-//! glTF's metallic-roughness surface: coats over sheen over a mixture of metal and dielectric, the dielectric
-//! over a diffuse or transparent base.
+//! glTF's metallic-roughness surface. Coats lie over sheen, and sheen over a mixture of metal and dielectric.
+//! The dielectric lies over a diffuse or transparent base.
 //!
-//! # Where the light goes
-//! With E the share that a layer reflects in all its bounces (single-bounce GGX from a table, the
-//! rest in a lobe of its own, see [`super::facets`]), what it does not reflect reaches the layer below:
-//! - the coat passes `p = 1 − E_coat`: of what the surface below scatters `p(wo) p(wi) / p_mean`, of what its facets
-//!   reflect or refract the lesser of `p(wo)` and `p(wi)`, which are the same for a mirror; further coats over it
-//!   likewise ([`super::coat_stack`]),
-//! - sheen passes the lesser of what it leaves towards `wo` and `wi`,
-//! - the dielectric layer passes `(1 − E(wo)) (1 − E(wi)) / (1 − E_mean)` to the diffuse base, which
-//!   is reciprocal and integrates to `1 − E(wo)`, and `1 − E(wo)` to the transparent base.
+//! # Energy
+//! E is the share that a layer reflects in all its bounces. The single bounce of GGX facets is tabulated;
+//! further bounces have their own lobe ([`super::facets`]). The rest of the light reaches the layer below:
+//! - The coat passes `p = 1 − E_coat`. Light scattered by the surface below passes by `p(wo) p(wi) / p_mean`.
+//!   Light reflected or refracted by its facets passes by the lesser of `p(wo)` and `p(wi)`, which are equal
+//!   for a mirror. Further coats do the same ([`super::coat_stack`]).
+//! - Sheen passes the lesser of the shares that it leaves towards `wo` and towards `wi`.
+//! - The dielectric layer passes `(1 − E(wo)) (1 − E(wi)) / (1 − E_mean)` to the diffuse base. This is
+//!   reciprocal and integrates to `1 − E(wo)`. It passes `1 − E(wo)` to the transparent base.
 //!
-//! So a white surface returns all light that falls on it, at every roughness; sheen loses some, and a coat over
-//! rough facets as much as a twelfth. A thin film
-//! replaces the Fresnel term of facets, but not of further bounces, and under it the base gets the lesser of
-//! what is passed in the brightest channel towards `wo` and `wi`. All is reciprocal, but for a body's film, which is
-//! not seen from inside, and smooth bodies, which reflect from outside as Schlick has it and from inside as Fresnel.
+//! So a white surface returns all light that falls on it, at every roughness. Exceptions are sheen, which
+//! loses some light, and a coat over rough facets, which loses up to a twelfth.
+//!
+//! A thin film replaces the Fresnel term of single bounces, but not that of further bounces. Under a film the
+//! base gets the lesser of the shares that pass towards `wo` and `wi` in the brightest channel.
+//!
+//! The BSDF is reciprocal with two exceptions. A body's film has no effect from inside. Smooth bodies reflect
+//! by Schlick's approximation from outside and by Fresnel's equations from inside.
 
 use super::albedo::Reflectance;
-use super::coat::{CLEAR_F0, Coat, Polish};
-use super::coat_stack::{self, CoatStack, Look, Pick, See};
+use super::coat::{CLEAR_F0, Coat, CoatRoughness};
+use super::coat_stack::{CoatStack, EvaluateStack, SampleStack, StackAlbedo, StackAlbedoTask};
 use super::facets::{Facets, Reflection};
-use super::fresnel::{self, Schlick};
+use super::fresnel::{self, Schlick, mean};
+use super::frost::{EvaluateFrost, SampleFrost};
 use super::iridescence::Film;
 use super::sheen::Sheen;
-use super::transparency::{Frost, Scattered, Seen, Transparency};
+use super::transparency::{Frost, Transparency};
 use super::{Sample, Smooth, Smoothness, mirrored};
 use crate::geom::Basis;
 use crate::geom::warp::lanes as warp;
@@ -33,50 +37,51 @@ use crate::scene::{self, Finish, Footprint, Scene};
 use crate::shade::{CoatShape, lookup};
 use std::f32::consts::FRAC_1_PI;
 
-/// Principled surfaces at points.
+/// Principled BSDFs at points.
 #[derive(Clone, Copy, Debug)]
 pub struct Principled<L: Lanes> {
     facets: Facets<L>,
-    /// Metal and dielectric mixed.
+    /// The mixture of metal and dielectric.
     reflection: Reflection<L>,
-    /// The dielectric alone: what the base does not get.
+    /// The dielectric alone. Its reflection does not reach the base.
     layer: Reflection<L>,
-    /// Diffuse albedo times the share of the surface that is diffuse.
+    /// Diffuse albedo × share of the surface that is diffuse.
     diffuse: Vector<L>,
     transparency: Option<Transparency<L>>,
     film: Option<Film<L>>,
     sheen: Option<Sheen<L>>,
     coat: Option<Coat<L>>,
-    /// Coats over that one.
+    /// Further coats over `coat`.
     stack: Option<CoatStack<L>>,
-    /// Where coats have one of their own.
+    /// Unit normals of the coats in the shading basis, if they differ from it.
     coat_normal: Option<Vector<L>>,
 }
 
-/// What each lobe sends towards `wo` from an even environment, and what lies between.
+/// The light that each lobe sends towards `wo` under a uniform environment of radiance 1, and the shares that
+/// the layers pass.
 struct Lobes<L: Lanes> {
-    /// Of the facets towards `wo`, and of the coat's.
+    /// Reflectances of the facets towards `wo`, and of the coat's facets.
     near: Reflectance<L>,
     near_coat: Option<Reflectance<L>>,
-    /// The sheen's share.
+    /// Share that the sheen reflects towards `wo`.
     near_sheen: Option<Num<L>>,
-    /// The coat's own reflection, single bounce.
+    /// Single-bounce reflection of the coat.
     coat: Num<L>,
-    /// What passes the coat, and the sheen too.
+    /// Share that passes the coat; `base` is the share that also passes the sheen.
     under: Num<L>,
     base: Num<L>,
-    /// Metal and dielectric reflection, single bounce.
+    /// Single-bounce reflection of metal and dielectric.
     facets: Vector<L>,
-    /// The diffuse base, sheen and all further bounces.
+    /// Light from the diffuse base, from the sheen and from all further bounces.
     scattered: Vector<L>,
-    /// What passes the layer towards `wo`.
+    /// Share that passes the dielectric layer towards `wo`.
     passed: Vector<L>,
-    /// Of the coats over the coat.
-    stack: Option<coat_stack::Seen<L>>,
+    /// Albedo of the further coats.
+    stack: Option<StackAlbedo<L>>,
 }
 
-/// Chances of sampling the lobes; `mirrors` are all that are smooth.
-struct Chances<L: Lanes> {
+/// Probabilities of sampling the lobes; `mirrors` is that of all specular ones together.
+struct LobeProbabilities<L: Lanes> {
     coat: Num<L>,
     facets: Num<L>,
     scattered: Num<L>,
@@ -91,7 +96,7 @@ fn white<L: Lanes>(l: L) -> Vector<L> {
 }
 
 impl<L: Lanes> Principled<L> {
-    /// The surface at mesh coordinates `uv`, seen from the outside of its body in the lanes of `outside`.
+    /// The BSDFs at mesh coordinates `uv`. `wo` is outside of the body in the lanes of `outside`.
     #[inline(always)]
     pub fn new(
         scene: &Scene,
@@ -131,38 +136,41 @@ impl<L: Lanes> Principled<L> {
             let outside = (!surface.thin).then_some(outside);
             let through = Transparency::new(share, base, ior, outside, spread);
             leaving = through.leaving;
-            outer = layer.scaled(Num::select(through.apart(), one - transmission, one));
+            outer = layer.scaled(Num::select(through.has_own_reflection(), one - transmission, one));
             opaque *= one - transmission;
             transparency = Some(through);
         }
         let (mut film, mut sheen, mut coat, mut stack) = (None, None, None, None);
         if let Some(iridescence) = &surface.iridescence {
-            let lies = Film::new(scene, iridescence, uv, footprint, !leaving);
+            let covered = Film::new(scene, iridescence, uv, footprint, !leaving);
             film = Some(match &transparency {
-                None => lies,
-                Some(through) => lies.on(Num::select(through.apart() & !leaving, one - through.share, one)),
+                None => covered,
+                Some(through) => {
+                    covered.on(Num::select(through.has_own_reflection() & !leaving, one - through.share, one))
+                }
             });
         }
         if let Some(fibres) = &surface.sheen {
             sheen = Some(Sheen::new(scene, fibres, uv, footprint));
         }
-        let mut polish = Polish {
+        let mut coat_roughness = CoatRoughness {
             bumps: footprint.bumps,
             smooth_below: smoothness.mirror_below,
             spread: Mask::splat(l, false),
         };
         if let Some(shape) = coat_shape {
-            // Only one direction is mirrored into: that of the facets, if they are smooth.
-            polish.spread = !facets.rough;
-            polish.bumps = shape.bumps;
+            // Only one mirrored direction is possible. If the facets are smooth, it is theirs, and the coats
+            // are rough.
+            coat_roughness.spread = !facets.rough;
+            coat_roughness.bumps = shape.bumps;
         }
         if surface.clearcoat.factor != 0.0 {
             let share = lookup::share(scene, &surface.clearcoat, uv, footprint);
             let roughness = lookup::share(scene, &surface.clearcoat_roughness, uv, footprint);
-            coat = Some(Coat::new(share, polish.facets(roughness), CLEAR_F0));
+            coat = Some(Coat::new(share, coat_roughness.facets(roughness), CLEAR_F0));
         }
         if !surface.coats.is_empty() && transparency.is_none() {
-            stack = Some(CoatStack { coats: surface.coats, polish });
+            stack = Some(CoatStack { coats: surface.coats, coat_roughness });
         }
         Self {
             facets,
@@ -178,7 +186,7 @@ impl<L: Lanes> Principled<L> {
         }
     }
 
-    /// The surface with a finish that has been computed.
+    /// The BSDFs of a computed finish.
     #[inline(always)]
     pub fn finished(finish: &Finish<L>, smooth_below: f32) -> Self {
         let l = finish.colour.lanes();
@@ -206,7 +214,7 @@ impl<L: Lanes> Principled<L> {
         }
     }
 
-    /// A direction as the coats see it.
+    /// Transforms a direction from the shading basis to the basis of the coats.
     #[inline(always)]
     fn above(&self, w: Vector<L>) -> Vector<L> {
         match self.coat_normal {
@@ -215,7 +223,7 @@ impl<L: Lanes> Principled<L> {
         }
     }
 
-    /// A direction that coats see, as the rest does.
+    /// Transforms a direction from the basis of the coats to the shading basis.
     #[inline(always)]
     fn below(&self, w: Vector<L>) -> Vector<L> {
         match self.coat_normal {
@@ -224,21 +232,21 @@ impl<L: Lanes> Principled<L> {
         }
     }
 
-    /// What a facet of metal and dielectric reflects at a cosine.
+    /// Reflectance of a facet of metal and dielectric at a cosine.
     #[inline(always)]
     fn facet(&self, cosine: Num<L>) -> Vector<L> {
         let bare = &self.reflection.fresnel;
         match &self.film {
             None => bare.at(cosine),
             Some(film) => {
-                // What the share that it lies on reflects without it.
+                // Reflectance, without the film, of the share that the film covers.
                 let whole = (1.0 / film.share).only(film.share.above(0.0));
                 film.over(bare.at(cosine) * whole, bare.f0 * whole, cosine) * film.share
             }
         }
     }
 
-    /// What passes the dielectric layer towards a direction of cosine `z`.
+    /// Share that passes the dielectric layer towards a direction of cosine `z`.
     #[inline(always)]
     fn passed(&self, at: &Reflectance<L>, z: Num<L>) -> Vector<L> {
         let Some(film) = &self.film else { return white(z.lanes()) - self.layer.share(at) };
@@ -277,15 +285,15 @@ impl<L: Lanes> Principled<L> {
         scattered = scattered * under + Vector::grey(further);
         let mut stack = None;
         if let Some(over) = &self.stack {
-            let seen = l.outlined(See { stack: over, wo: self.above(wo) });
-            facets = facets * seen.passed;
-            scattered = scattered * seen.scattered;
-            stack = Some(seen);
+            let albedo = l.outlined(StackAlbedoTask { stack: over, wo: self.above(wo) });
+            facets = facets * albedo.passed;
+            scattered = scattered * albedo.scattered;
+            stack = Some(albedo);
         }
         Lobes { coat, under, base, facets, scattered, passed, near, near_coat, near_sheen, stack }
     }
 
-    /// The direction into which smooth facets mirror `wo`; where they are rough, smooth coats.
+    /// Direction into which `wo` is mirrored: by the facets if they are smooth, else by smooth coats.
     #[inline(always)]
     fn mirrored(&self, wo: Vector<L>) -> Vector<L> {
         let way = mirrored(wo);
@@ -307,7 +315,7 @@ impl<L: Lanes> Principled<L> {
         let reflected = self.mirrored(wo);
         let mut reflection = lobes.facets.only(!self.facets.rough);
         if self.coat_normal.is_some() && !self.facets.rough.all() {
-            // The coats are not as steep from there.
+            // The coats' angle to the mirrored direction is another than to `wo`.
             reflection = reflection.over(self.passed_alike(wo, wo)) * self.passed_alike(wo, reflected);
         }
         if let Some(coat) = &self.coat {
@@ -333,7 +341,7 @@ impl<L: Lanes> Principled<L> {
                 reflection += Vector::grey(inner);
                 let mut refracted = 1.0 - mirrored;
                 if let Some(coat) = &self.coat {
-                    // As much as from outside; what does not pass stays inside.
+                    // The coat passes as much as from outside. The rest is reflected and stays inside.
                     let outer = coat.passed(&coat.facets.at(Vector::new(wo.x, wo.y, cosine)));
                     let stays = refracted * (1.0 - outer.min(lobes.under) / lobes.under);
                     reflection += Vector::grey(
@@ -351,7 +359,7 @@ impl<L: Lanes> Principled<L> {
         Smooth { reflected, reflection, transmitted, transmission, eta }
     }
 
-    /// What coats pass of what facets below them reflect.
+    /// Share that the coats pass of light reflected by the facets below.
     #[inline(always)]
     fn passed_alike(&self, wo: Vector<L>, wi: Vector<L>) -> Vector<L> {
         let [wo, wi] = [self.above(wo), self.above(wi)];
@@ -361,27 +369,28 @@ impl<L: Lanes> Principled<L> {
             passed = passed * coat.passed(&coat.facets.at(wo)).min(coat.passed(&coat.facets.at(raised)));
         }
         if let Some(stack) = &self.stack {
-            let look = Look { stack, under: None, wo, wi, half: wo, there: Mask::splat(wo.lanes(), false) };
-            passed = passed * wo.lanes().outlined(look).passed;
+            let task =
+                EvaluateStack { stack, under: None, wo, wi, half: wo, there: Mask::splat(wo.lanes(), false) };
+            passed = passed * wo.lanes().outlined(task).passed;
         }
         passed
     }
 
-    /// The frosted share, if there is any, seen from `wo`.
+    /// The frosted transparent share as seen from `wo`; `None` if there is none.
     #[inline(always)]
     fn frost(&self, wo: Vector<L>) -> Option<Frost<'_, L>> {
         let through = self.transparency.as_ref().filter(|through| through.frosted.any())?;
         Some(Frost { through, facets: &self.facets, layer: &self.layer, film: &self.film, wo })
     }
 
-    /// Whether light from below, too, is found by light sampling.
+    /// Whether light sampling must also consider light from below the surface.
     #[inline(always)]
     pub fn is_frosted(&self) -> bool {
         matches!(&self.transparency, Some(through) if through.frosted.any())
     }
 
     #[inline(always)]
-    fn chances(&self, wo: Vector<L>, lobes: &Lobes<L>, smooth: &Smooth<L>) -> Chances<L> {
+    fn probabilities(&self, wo: Vector<L>, lobes: &Lobes<L>, smooth: &Smooth<L>) -> LobeProbabilities<L> {
         let mut coat = match &self.coat {
             Some(coat) => lobes.coat.only(coat.facets.rough),
             None => lobes.coat,
@@ -402,12 +411,12 @@ impl<L: Lanes> Principled<L> {
             frosted = (mean(light) * lobes.base).only(through.frosted);
             sum += frosted;
         }
-        if let Some(seen) = &lobes.stack {
-            stack = seen.rough;
+        if let Some(albedo) = &lobes.stack {
+            stack = albedo.rough;
             sum += stack;
         }
         let scale = (1.0 / sum).only(sum.above(0.0));
-        Chances {
+        LobeProbabilities {
             coat: coat * scale,
             facets: facets * scale,
             scattered: scattered * scale,
@@ -421,8 +430,8 @@ impl<L: Lanes> Principled<L> {
     #[inline(always)]
     pub fn evaluate(&self, wo: Vector<L>, wi: Vector<L>) -> (Vector<L>, Num<L>) {
         let lobes = self.lobes(wo);
-        let chances = self.chances(wo, &lobes, &self.smooth_of(wo, &lobes));
-        self.evaluate_lobes(wo, wi, &lobes, &chances)
+        let probabilities = self.probabilities(wo, &lobes, &self.smooth_of(wo, &lobes));
+        self.evaluate_lobes(wo, wi, &lobes, &probabilities)
     }
 
     #[inline(always)]
@@ -431,7 +440,7 @@ impl<L: Lanes> Principled<L> {
         wo: Vector<L>,
         wi: Vector<L>,
         lobes: &Lobes<L>,
-        chances: &Chances<L>,
+        probabilities: &LobeProbabilities<L>,
     ) -> (Vector<L>, Num<L>) {
         let far = self.facets.at(wi);
         let mut passed = self.passed(&far, wi.z);
@@ -443,11 +452,11 @@ impl<L: Lanes> Principled<L> {
         }
         let mut value = self.diffuse * passed * (wi.z * FRAC_1_PI)
             + self.reflection.strength * self.facets.bounces(&lobes.near, &far, wi.z);
-        let mut pdf = chances.scattered * warp::cosine_hemisphere_pdf(wi.z);
+        let mut pdf = probabilities.scattered * warp::cosine_hemisphere_pdf(wi.z);
         let (half, there) = (wo + wi).normalize_or(wo);
         let mut sides = wi.z.above(0.0);
         let lit = there & sides;
-        // As coats see it.
+        // The same directions in the basis of the coats.
         let ([near_coat, far_coat, half_coat], mut lit_coat) =
             ([self.above(wo), self.above(wi), self.above(half)], lit);
         if self.coat_normal.is_some() {
@@ -460,25 +469,25 @@ impl<L: Lanes> Principled<L> {
             value = value * (under.max(far) / coat.passed_on_average());
             under = under.min(far);
         }
-        let mut between = None;
+        let mut across_stack = None;
         if let Some(stack) = &self.stack {
             let (under, there) = (self.coat.as_ref(), lit_coat);
-            let look = Look { stack, under, wo: near_coat, wi: far_coat, half: half_coat, there };
-            let looked = wo.lanes().outlined(look);
-            value = value * looked.scattered;
-            between = Some(looked);
+            let task = EvaluateStack { stack, under, wo: near_coat, wi: far_coat, half: half_coat, there };
+            let scattering = wo.lanes().outlined(task);
+            value = value * scattering.scattered;
+            across_stack = Some(scattering);
         }
         let facet_cosine = half.dot(wo);
         let rough = self.facets.rough & lit;
         if rough.any() {
             let (perfect, density) = self.facets.ggx.evaluate(wo, wi, half);
             value += (self.facet(facet_cosine) * perfect).only(rough);
-            pdf += (chances.facets * density).only(rough);
+            pdf += (probabilities.facets * density).only(rough);
         }
         if let Some(frost) = self.frost(wo) {
-            let (light, density) = wo.lanes().outlined(Seen { frost, wi });
+            let (light, density) = wo.lanes().outlined(EvaluateFrost { frost, wi });
             value = value.only(sides) + light;
-            pdf = pdf.only(sides) + chances.frosted * density;
+            pdf = pdf.only(sides) + probabilities.frosted * density;
             sides |= frost.through.frosted;
         }
         if let (Some(sheen), Some(near)) = (&self.sheen, lobes.near_sheen) {
@@ -491,11 +500,11 @@ impl<L: Lanes> Principled<L> {
         if let (Some(coat), Some(near)) = (&self.coat, &lobes.near_coat) {
             let (light, density) = coat.evaluate(near_coat, far_coat, half_coat, near, lit_coat);
             value += light;
-            pdf += chances.coat * density;
+            pdf += probabilities.coat * density;
         }
-        if let (Some(between), Some(seen)) = (&between, &lobes.stack) {
-            value = value * between.passed + between.light;
-            pdf += (chances.stack / seen.rough * between.density).only(seen.rough.above(0.0));
+        if let (Some(across_stack), Some(albedo)) = (&across_stack, &lobes.stack) {
+            value = value * across_stack.passed + across_stack.light;
+            pdf += (probabilities.stack / albedo.rough * across_stack.density).only(albedo.rough.above(0.0));
         }
         (value, pdf)
     }
@@ -505,8 +514,8 @@ impl<L: Lanes> Principled<L> {
     pub fn sample(&self, wo: Vector<L>, u: Num<L>, u2: [Num<L>; 2]) -> Sample<L> {
         let lobes = self.lobes(wo);
         let smooth = self.smooth_of(wo, &lobes);
-        let chances = self.chances(wo, &lobes, &smooth);
-        let Chances { coat, facets, scattered, frosted, stack, mirrors } = chances;
+        let probabilities = self.probabilities(wo, &lobes, &smooth);
+        let LobeProbabilities { coat, facets, scattered, frosted, stack, mirrors } = probabilities;
         let (first, second) = (u.lt(coat), u.lt(coat + facets));
         let mut rough = coat + facets + scattered;
         let mut wi = warp::cosine_hemisphere(u2);
@@ -527,7 +536,7 @@ impl<L: Lanes> Principled<L> {
         if let Some(frost) = self.frost(wo) {
             let through = !u.lt(rough) & frost.through.frosted;
             let rest = ((u - rough) / frosted).clamp(0.0, 1.0);
-            let (way, there) = wo.lanes().outlined(Scattered { frost, u: rest, u2 });
+            let (way, there) = wo.lanes().outlined(SampleFrost { frost, u: rest, u2 });
             wi = Vector::select(through, way, wi);
             valid = Mask::select(through, there, valid);
             crosses = wi.z.below(0.0);
@@ -541,18 +550,18 @@ impl<L: Lanes> Principled<L> {
             let reflects = !u.lt(rough) & u.lt(rough + stack);
             if reflects.any() {
                 let rest = ((u - rough) / stack).clamp(0.0, 1.0);
-                let way = wo.lanes().outlined(Pick { stack: over, wo: self.above(wo), u: rest, u2 });
+                let way = wo.lanes().outlined(SampleStack { stack: over, wo: self.above(wo), u: rest, u2 });
                 wi = Vector::select(reflects, self.below(way), wi);
                 valid = Mask::select(reflects, wi.z.above(0.0), valid);
             }
             rough += stack;
         }
         if self.coat_normal.is_some() {
-            // Coats also mirror to where the surface below does not.
+            // Coats may mirror into directions that the surface below does not reach.
             valid |= self.above(wi).z.above(0.0);
         }
         let scatters = u.lt(rough);
-        let (value, pdf) = self.evaluate_lobes(wo, wi, &lobes, &chances);
+        let (value, pdf) = self.evaluate_lobes(wo, wi, &lobes, &probabilities);
         let valid = valid & pdf.above(0.0);
         let mut sample = Sample { valid, wi, weight: value / pdf, pdf, specular: none, crosses, eta };
         if !scatters.all() {
@@ -561,9 +570,4 @@ impl<L: Lanes> Principled<L> {
         }
         sample
     }
-}
-
-#[inline(always)]
-pub(super) fn mean<L: Lanes>(colour: Vector<L>) -> Num<L> {
-    colour.element_sum() * (1.0 / 3.0)
 }

@@ -59,7 +59,7 @@ impl<L: Lanes> Sheen<L> {
     /// The share of light that fibres of full colour reflect towards a cosine, before it is held to 1.
     #[inline(always)]
     pub fn share(&self, z: Num<L>) -> Num<L> {
-        z.lanes().outlined(Share { roughness: self.roughness, z })
+        z.lanes().outlined(AlbedoLookup { roughness: self.roughness, z })
     }
 
     /// The light reflected from `wi` × its cosine, given both directions' shares.
@@ -109,12 +109,12 @@ impl<L: Lanes> Sheen<L> {
 }
 
 /// A lookup in the table, outlined: few surfaces have fibres.
-struct Share<L: Lanes> {
+struct AlbedoLookup<L: Lanes> {
     roughness: Num<L>,
     z: Num<L>,
 }
 
-impl<L: Lanes> OutlinedTask<L> for Share<L> {
+impl<L: Lanes> OutlinedTask<L> for AlbedoLookup<L> {
     type Output = Num<L>;
 
     #[inline(always)]

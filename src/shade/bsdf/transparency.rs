@@ -1,36 +1,36 @@
-//! The share of a surface that lets light through: clear, or frosted by rough facets.
+//! The transparent share of a surface: clear, or frosted by rough facets.
 
-use super::boundary::Boundary;
 use super::facets::{Facets, Reflection};
 use super::iridescence::Film;
-use crate::geom::warp::lanes as warp;
-use crate::lanes::{Lanes, Mask, Num, OutlinedTask, Vector};
+use crate::lanes::{Lanes, Mask, Num, Vector};
 
-/// A lesser index of refraction turns light so little that rough facets show no frost.
+/// With a lower index of refraction, light turns so little that rough facets show no frost.
 const LEAST_INDEX: f32 = 1.01;
 
-/// How the transparent share lets light through.
+/// How the transparent share of a surface transmits light.
 #[derive(Clone, Copy, Debug)]
 pub struct Transparency<L: Lanes> {
     /// Share of the surface that is transparent.
     pub share: Num<L>,
-    /// The same, tinted.
+    /// The transparent share × its tint.
     pub tint: Vector<L>,
-    /// Straight, through a thin wall; else through the boundary of a body.
+    /// True for a thin wall, which light passes straight; false for the boundary of a body.
     pub thin: bool,
-    /// Lanes that look at the boundary from inside of the body. There its transparent share is a boundary
-    /// of its own and has no outer reflection.
+    /// Lanes whose `wo` is inside of the body. From there the transparent share is a boundary with its own
+    /// reflection, and the outer reflection is absent.
     pub leaving: Mask<L>,
-    /// Index of the body.
+    /// Index of refraction of the body.
     pub index: f32,
-    /// Index of the far side relative to the near side.
+    /// Index of refraction of the far side relative to the near side.
     pub eta: Num<L>,
-    /// Lanes that spread what they let through. The transparent share of a body is a [`Boundary`] there.
+    /// Lanes that spread the light that they transmit. The transparent share of a body is then a
+    /// [`super::boundary::Boundary`].
     pub frosted: Mask<L>,
 }
 
 impl<L: Lanes> Transparency<L> {
-    /// `frosted` if facets make a difference.
+    /// A transparent share. `outside` is `None` for a thin wall. `frosted` are the lanes whose facets are
+    /// rough; with an index near 1 they make no difference.
     #[inline(always)]
     pub fn new(
         share: Num<L>,
@@ -53,110 +53,33 @@ impl<L: Lanes> Transparency<L> {
         }
     }
 
-    /// Lanes whose transparent share has a reflection of its own.
+    /// Lanes whose transparent share has its own reflection.
     #[inline(always)]
-    pub fn apart(&self) -> Mask<L> {
+    pub fn has_own_reflection(&self) -> Mask<L> {
         if self.thin { Mask::splat(self.share.lanes(), false) } else { self.leaving | self.frosted }
     }
 }
 
-/// The transparent share where it is frosted, with all that it needs to scatter.
+/// The frosted transparent share and all that its scattering depends on.
 #[derive(Clone, Copy)]
 pub struct Frost<'a, L: Lanes> {
     pub through: &'a Transparency<L>,
     pub facets: &'a Facets<L>,
-    /// What the facets reflect and do not let through.
+    /// Reflection of the facets; the rest is transmitted.
     pub layer: &'a Reflection<L>,
     pub film: &'a Option<Film<L>>,
     pub wo: Vector<L>,
 }
 
 impl<L: Lanes> Frost<'_, L> {
-    /// What facets let through whose cosine to `wo` is this.
+    /// Share that facets transmit. `cosine` is the facets' cosine to `wo`, `reflected` their reflectance.
     #[inline(always)]
     pub fn passed(&self, cosine: Num<L>, reflected: Vector<L>) -> Vector<L> {
         let one = Vector::grey(Num::splat(cosine.lanes(), 1.0));
         match self.film {
             None => one - reflected,
-            // As below a film the brightest channel says what passes.
+            // As under a film, the brightest channel decides what passes.
             Some(_) => one - Vector::grey(reflected.max_element()),
-        }
-    }
-
-    /// A thin wall lets through what its facets do not reflect, in the direction that they would mirror on the
-    /// other side, and of what bounces on between them likewise. So single and further bounces, reflected and
-    /// transmitted, are all light.
-    #[inline(always)]
-    fn pane(&self, wi: Vector<L>) -> (Vector<L>, Num<L>) {
-        let Self { facets, layer, wo, .. } = self;
-        let wi = Vector::new(wi.x, wi.y, -wi.z);
-        let (half, there) = (*wo + wi).normalize_or(*wo);
-        let (near, far) = (facets.at(*wo), facets.at(wi));
-        let (perfect, density) = facets.ggx.evaluate(*wo, wi, half);
-        let cosine = half.dot(*wo);
-        let mut reflected = layer.fresnel.at(cosine);
-        if let Some(film) = self.film {
-            reflected = film.over(reflected, layer.fresnel.f0, cosine);
-        }
-        let further = Vector::grey(Num::splat(cosine.lanes(), 1.0)) - layer.strength;
-        let value = (self.passed(cosine, reflected) * perfect).only(there)
-            + further * facets.bounces(&near, &far, wi.z);
-        let density =
-            ((1.0 - near.deficit) * density).only(there) + near.deficit * warp::cosine_hemisphere_pdf(wi.z);
-        let below = wi.z.above(0.0);
-        ((self.through.tint * value).only(below), density.only(below))
-    }
-
-    #[inline(always)]
-    fn sample_pane(&self, u: Num<L>, u2: [Num<L>; 2]) -> (Vector<L>, Mask<L>) {
-        let further = u.lt(self.facets.at(self.wo).deficit);
-        let normal = self.facets.ggx.sample(self.wo, u2);
-        let mirrored = normal * (2.0 * self.wo.dot(normal)) - self.wo;
-        let wi = Vector::select(further, warp::cosine_hemisphere(u2), mirrored);
-        (Vector::new(wi.x, wi.y, -wi.z), wi.z.above(0.0))
-    }
-
-    #[inline(always)]
-    fn boundary(&self) -> Boundary<'_, L> {
-        Boundary::new(self)
-    }
-}
-
-/// The light from `wi` that a frosted share scatters × |cosine|, and the density of [`Scattered`].
-pub struct Seen<'a, L: Lanes> {
-    pub frost: Frost<'a, L>,
-    pub wi: Vector<L>,
-}
-
-impl<L: Lanes> OutlinedTask<L> for Seen<'_, L> {
-    type Output = (Vector<L>, Num<L>);
-
-    #[inline(always)]
-    fn run(self, _: L) -> Self::Output {
-        let frosted = self.frost.through.frosted;
-        let (value, pdf) = match self.frost.through.thin {
-            true => self.frost.pane(self.wi),
-            false => self.frost.boundary().evaluate(self.wi),
-        };
-        (value.only(frosted), pdf.only(frosted))
-    }
-}
-
-/// Directions about as a frosted share scatters, and the lanes that have one.
-pub struct Scattered<'a, L: Lanes> {
-    pub frost: Frost<'a, L>,
-    pub u: Num<L>,
-    pub u2: [Num<L>; 2],
-}
-
-impl<L: Lanes> OutlinedTask<L> for Scattered<'_, L> {
-    type Output = (Vector<L>, Mask<L>);
-
-    #[inline(always)]
-    fn run(self, _: L) -> Self::Output {
-        match self.frost.through.thin {
-            true => self.frost.sample_pane(self.u, self.u2),
-            false => self.frost.boundary().sample(self.u, self.u2),
         }
     }
 }

@@ -1,5 +1,5 @@
-//! Light sources: emissive triangles, punctual lights and the environment, sampled by power and, where
-//! there are many, by what they may give to a point.
+//! Light sources: emissive triangles, punctual lights and the environment. Lights are sampled by power. Where
+//! there are many, they are sampled by the light that each may contribute at a point.
 
 mod alias;
 mod bounds;
@@ -25,48 +25,48 @@ use super::Interaction;
 use crate::lanes::{Int, Lanes, Mask, Num, Vector};
 use crate::scene::Scene;
 
-/// As many lights are as well chosen by power alone: with the eight emissive triangles of a kitchen the tree takes
-/// 1.5 % of the noise and costs 4 % of the time.
+/// Up to this many lights, sampling by power alone is good enough. With the eight emissive triangles of a
+/// kitchen, the light tree removes 1.5 % of the noise and costs 4 % of the time.
 const FEW: usize = 16;
 
-/// How far short of its end a shadow ray stops, as a share of its length: what rounding may move
-/// the far end's own surface by.
+/// A shadow ray ends short of its light by this share of its length. Rounding may move the surface of the
+/// light by that much.
 const SHORT: f32 = 1.0 / (1u32 << 13) as f32;
 
-/// All light of a scene.
+/// All lights of a scene.
 ///
-/// A light is chosen in two steps: first one of the three kinds, half evenly among those that are
-/// there and half by power, so that none starves however its power was misjudged (an environment
-/// outside of a closed room); then within the kind: few by power, many emissive triangles or lights at points by a
-/// [`LightTree`].
+/// A light is chosen in two steps. The first chooses one of the three kinds, half uniformly among the kinds
+/// that exist and half by power. So each kind gets samples even if its power was misjudged, as that of an
+/// environment outside of a closed room. The second chooses a light of that kind: among few by power, among
+/// many emissive triangles or point and spot lights by a [`LightTree`].
 #[derive(Clone, Debug)]
 pub struct Lights {
     emitters: Emitters,
     punctual: Punctual,
     environment: EnvironmentLight,
     glow: EmitterBounds,
-    /// Power of emissive triangles, of the environment and of punctual lights.
+    /// Power of the emissive triangles, the environment and the punctual lights.
     powers: [f64; 3],
-    /// Their chances.
+    /// Probabilities of choosing these kinds.
     chances: [f32; 3],
 }
 
-/// Light that arrives at points from one direction each, unless something is between.
+/// Light that arrives at points from one direction each, if nothing occludes it.
 #[derive(Clone, Copy, Debug)]
 pub struct LightSample<L: Lanes> {
-    /// Lanes that some light reaches; of the others nothing below counts.
+    /// Lanes that some light reaches; the other fields mean nothing in the other lanes.
     pub valid: Mask<L>,
-    /// Unit direction the light comes from.
+    /// Unit direction towards the light.
     pub wi: Vector<L>,
-    /// Where the light is, in the lanes of `near`.
+    /// Position of the light; meaningful in the lanes of `near`.
     pub target: Vector<L>,
-    /// Lanes whose light is not infinitely far away.
+    /// Lanes whose light is at a finite distance.
     pub near: Mask<L>,
-    /// Radiance; irradiance on a facing surface where `delta`.
+    /// Radiance; where `delta`, irradiance on a surface that faces the light.
     pub radiance: Vector<L>,
-    /// Density per solid angle; the chance of choosing the light where `delta`.
+    /// Density per solid angle; where `delta`, the probability of choosing the light.
     pub pdf: Num<L>,
-    /// Lanes whose light no other way of sampling can find.
+    /// Lanes whose light only light sampling can find.
     pub delta: Mask<L>,
 }
 
@@ -78,7 +78,7 @@ impl Lights {
         let emitters = Emitters::new(scene);
         let punctual = Punctual::new(&scene.lights, radius);
         let environment = EnvironmentLight::new(&scene.environment);
-        // The disk of the scene's size, from all sides.
+        // A disk of the scene's size, lit from all sides.
         let disk = std::f64::consts::PI * f64::from(radius).powi(2);
         let sky = f64::from(environment.mean()) * disk * 4.0 * std::f64::consts::PI;
         let powers = [emitters.power(), sky, punctual.power()];
@@ -86,16 +86,17 @@ impl Lights {
         Self { emitters, punctual, environment, glow, powers, chances: chances(powers) }
     }
 
-    /// The same for integrators that sample the BSDF beside the lights and weight both: an even sky is left
-    /// to the BSDF. Sampling it by the BSDF alone leaves nothing to chance but what is in the way, which
-    /// no sample of the sky knows either: it would cost a shadow ray and, under an open sky, add noise.
+    /// The same lights for integrators that combine BSDF and light sampling by MIS: a uniform environment is
+    /// sampled by the BSDF alone. The BSDF's direction then leaves nothing to chance but occlusion. A sample
+    /// of the environment does not know the occlusion either. It would cost a shadow ray and, under an open
+    /// sky, add noise.
     pub fn without_uniform_sky(self) -> Self {
         let [emitters, sky, punctual] = self.powers;
         let powers = [emitters, if self.environment.is_even() { 0.0 } else { sky }, punctual];
         Self { powers, chances: chances(powers), ..self }
     }
 
-    /// Whether [`Lights::sample`] ever finds any.
+    /// Whether [`Lights::sample`] can return any light.
     pub fn are_sampled(&self) -> bool {
         self.powers.iter().any(|&power| power > 0.0)
     }
@@ -115,18 +116,20 @@ impl Lights {
         &self.environment
     }
 
-    /// Where surfaces shine.
+    /// Bounds of all emissive surfaces.
     pub fn glow(&self) -> &EmitterBounds {
         &self.glow
     }
 
-    /// Whether there are so many that choosing one takes a number of its own, and looks at the receiver's facing.
+    /// Whether there are so many lights that a light tree chooses among them. The choice then takes a random
+    /// number of its own and depends on the receiver's normal.
     pub fn are_many(&self) -> bool {
         self.emitters.are_many() || self.punctual.are_many()
     }
 
-    /// Samples one light of all: `u` chooses it, `u2` a point or direction of it. Without `u` the first of `u2`
-    /// chooses as well, which keeps what `u2` is stratified in, unless the lights [are many](Lights::are_many).
+    /// Samples one of all lights. `u` chooses the light, `u2` a point or direction on it. If `u` is `None`,
+    /// the first number of `u2` also chooses the light; this keeps the stratification of `u2`. Pass `u` if
+    /// the lights [are many](Lights::are_many).
     #[inline(always)]
     pub fn sample<L: Lanes>(
         &self,
@@ -138,7 +141,7 @@ impl Lights {
         self.sample_kinds(scene, to, u, u2, &self.chances)
     }
 
-    /// As [`Lights::sample`], without the punctual lights.
+    /// Like [`Lights::sample`], without the punctual lights.
     #[inline(always)]
     pub fn sample_surfaces<L: Lanes>(
         &self,
@@ -165,7 +168,7 @@ impl Lights {
         LightSample { valid: light.valid & chance.above(0.0), pdf: chance, ..light }
     }
 
-    /// The light of punctual light `index` at points.
+    /// The light that punctual light `index` sends to points.
     #[inline(always)]
     pub fn illuminate<L: Lanes>(&self, index: usize, from: Vector<L>) -> LightSample<L> {
         self.punctual.illuminate(Int::splat(from.lanes(), index as u32), from)
@@ -192,7 +195,7 @@ impl Lights {
             let low = Num::select(points, Num::splat(l, emitter + sky), low);
             chance = Num::select(emits, Num::splat(l, emitter), Num::splat(l, sky));
             chance = Num::select(points, Num::splat(l, point), chance);
-            // Below 1 even after rounding.
+            // The result stays below 1 after rounding.
             u = ((u - low) / chance).clamp(0.0, 1.0 - f32::EPSILON);
         }
         let number = match number {
@@ -239,8 +242,9 @@ impl Lights {
         sample
     }
 
-    /// Density per solid angle with which [`Lights::sample`] finds a point of a triangle for a receiver,
-    /// seen from a squared distance under a cosine to its normal; 0 when it is no emitter.
+    /// Density per solid angle with which [`Lights::sample`] returns a point of a triangle to a receiver.
+    /// `distance2` is the squared distance, `cosine` the cosine to the triangle's normal. 0 if the triangle
+    /// emits nothing.
     #[inline(always)]
     pub fn pdf_emitter<L: Lanes>(
         &self,
@@ -252,8 +256,8 @@ impl Lights {
         self.emitters.pdf(to, primitive, distance2, cosine) * self.chances[0]
     }
 
-    /// Radiance of the environment along unit directions that leave the scene, and the density per
-    /// solid angle with which [`Lights::sample`] finds these directions.
+    /// Radiance of the environment along unit directions that leave the scene, and the density per solid
+    /// angle with which [`Lights::sample`] returns these directions.
     #[inline(always)]
     pub fn sky<L: Lanes>(&self, direction: Vector<L>) -> (Vector<L>, Num<L>) {
         let [_, chance, _] = self.chances;
@@ -262,7 +266,7 @@ impl Lights {
     }
 }
 
-/// Half evenly among those that are there, half by power.
+/// Probabilities: half uniform among those of nonzero power, half by power.
 fn chances<const N: usize>(powers: [f64; N]) -> [f32; N] {
     let total: f64 = powers.iter().sum();
     let present = powers.iter().filter(|&&p| p > 0.0).count() as f64;
@@ -278,8 +282,8 @@ impl<L: Lanes> LightSample<L> {
         Self { valid: none, wi: zero, target: zero, near: none, radiance: zero, pdf, delta: none }
     }
 
-    /// The shadow rays from surfaces to these lights: where they start, their direction, and how far they go. To lights
-    /// that are near the direction is as long as the way: such a ray needs no unit.
+    /// The shadow rays from surfaces to these lights: origins, directions and lengths. The direction to a
+    /// light at a finite distance is as long as the distance, so the ray needs no unit direction.
     #[inline(always)]
     pub fn rays(&self, at: &Interaction<L>) -> (Vector<L>, Vector<L>, Num<L>) {
         let origin = at.scattered_origin(self.wi);

@@ -16,12 +16,12 @@ pub struct Punctual {
     power: f64,
     /// By power, those that the tree has not.
     table: AliasTable,
-    tree: Option<Near>,
+    tree: Option<LocalLights>,
 }
 
 /// The lights that are somewhere.
 #[derive(Clone, Debug)]
-struct Near {
+struct LocalLights {
     tree: LightTree,
     /// The tree's lights among all.
     lights: Vec<u32>,
@@ -44,7 +44,7 @@ impl Punctual {
             places.iter().for_each(|&place| powers[place as usize] = 0.0);
             let far: f64 = powers.iter().sum();
             let [chance, _] = super::chances([total - far, far]);
-            tree = Some(Near { tree: LightTree::new(&near), lights: places, chance });
+            tree = Some(LocalLights { tree: LightTree::new(&near), lights: places, chance });
         }
         let records = lights.iter().map(Record::from).collect();
         Self { records, power: total, table: AliasTable::new(&powers), tree }
@@ -73,7 +73,7 @@ impl Punctual {
     /// Chooses lights for receivers by `u`: their numbers and their chances. `None` when there are none.
     #[inline(always)]
     pub fn choose<L: Lanes>(&self, to: &Receiver<L>, u: Num<L>) -> Option<(Int<L>, Num<L>)> {
-        let Some(Near { tree, lights, chance }) = &self.tree else {
+        let Some(LocalLights { tree, lights, chance }) = &self.tree else {
             let (index, chance, _) = self.table.choose(u)?;
             return Some((index, chance));
         };

@@ -11,16 +11,16 @@ use glam::Vec3;
 /// angle off their axis, the angle of incidence. What cannot be reached has no chance.
 #[derive(Clone, Debug)]
 pub struct LightTree {
-    /// The two sides of each fork, side by side; the root's are the first.
-    sides: Vec<Side>,
-    /// The way to each light: bit `n` says which side the fork at depth `n` takes.
-    ways: Vec<u32>,
+    /// The two children of each fork, side by side; the root's are the first.
+    children: Vec<Child>,
+    /// The path to each light: bit `n` says which side the fork at depth `n` takes.
+    paths: Vec<u32>,
 }
 
 /// One side of a fork.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
-struct Side {
+struct Child {
     centre: [f32; 3],
     radius: f32,
     /// Octahedral, 16 bits each.
@@ -32,15 +32,15 @@ struct Side {
     next: u32,
 }
 
-/// Words of a [`Side`]; two are a fork.
-const WORDS: usize = size_of::<Side>() / 4;
+/// Words of a [`Child`]; two are a fork.
+const WORDS: usize = size_of::<Child>() / 4;
 const _: () = assert!(WORDS == 8, "rows of eight are read at once");
 
 const LEAF: u32 = 1 << 31;
 const TWO_SIDED: u32 = 1 << 30;
 const INDEX: u32 = TWO_SIDED - 1;
 
-/// The most forks on the way to a light: as many as a word has bits.
+/// The most forks on the path to a light: as many as a word has bits.
 const MAX_DEPTH: u32 = 32;
 
 /// Planes tried for each axis.
@@ -56,7 +56,7 @@ impl LightTree {
     pub fn new(lights: &[LightBounds]) -> Self {
         assert!((2..INDEX as usize / 2).contains(&lights.len()), "{} lights", lights.len());
         let mut order: Vec<u32> = (0..lights.len() as u32).collect();
-        let mut tree = Self { sides: Vec::with_capacity(2 * lights.len()), ways: vec![0; lights.len()] };
+        let mut tree = Self { children: Vec::with_capacity(2 * lights.len()), paths: vec![0; lights.len()] };
         tree.fork(lights, &mut order, 0, 0);
         tree
     }
@@ -67,27 +67,27 @@ impl LightTree {
         lights: &[LightBounds],
         order: &mut [u32],
         depth: u32,
-        way: u32,
+        path: u32,
     ) -> (u32, LightBounds) {
-        let first = self.sides.len();
-        self.sides.extend([Side::zeroed(); 2]);
+        let first = self.children.len();
+        self.children.extend([Child::zeroed(); 2]);
         let middle = split(lights, order, depth);
         let (left, right) = order.split_at_mut(middle);
         let mut bounds = [lights[left[0] as usize], lights[right[0] as usize]];
         for (k, part) in [left, right].into_iter().enumerate() {
-            let way = way | (k as u32) << depth;
+            let path = path | (k as u32) << depth;
             let next = match *part {
                 [light] => {
-                    self.ways[light as usize] = way;
+                    self.paths[light as usize] = path;
                     LEAF | light
                 }
                 _ => {
-                    let (fork, around) = self.fork(lights, part, depth + 1, way);
+                    let (fork, around) = self.fork(lights, part, depth + 1, path);
                     bounds[k] = around;
                     fork
                 }
             };
-            self.sides[first + k] = Side::new(&bounds[k], next);
+            self.children[first + k] = Child::new(&bounds[k], next);
         }
         (first as u32 / 2, bounds[0].union(&bounds[1]))
     }
@@ -96,19 +96,19 @@ impl LightTree {
     /// no light reaches the receiver, and what is left of `u`.
     #[inline(always)]
     pub fn choose<L: Lanes>(&self, receiver: &Receiver<L>, u: Num<L>) -> (Int<L>, Num<L>, Num<L>) {
-        u.lanes().outlined(Choose { tree: self, receiver: *receiver, u })
+        u.lanes().outlined(SampleTree { tree: self, receiver: *receiver, u })
     }
 
     /// The chance with which [`LightTree::choose`] gives these lights to these receivers.
     #[inline(always)]
     pub fn chance<L: Lanes>(&self, receiver: &Receiver<L>, light: Int<L>) -> Num<L> {
-        light.lanes().outlined(Chance { tree: self, receiver: *receiver, light })
+        light.lanes().outlined(TreeProbability { tree: self, receiver: *receiver, light })
     }
 
-    /// Weighs the sides of forks.
+    /// Weighs the children of forks.
     #[inline(always)]
     fn weigh<L: Lanes>(&self, fork: Int<L>, receiver: &Receiver<L>, normal: Vector<L>) -> Fork<L> {
-        let table: &[u32] = bytemuck::cast_slice(&self.sides);
+        let table: &[u32] = bytemuck::cast_slice(&self.children);
         let left: [Int<L>; WORDS] = (fork << 1).rows(table);
         let right: [Int<L>; WORDS] = ((fork << 1) + 1).rows(table);
         let (a, b) =
@@ -134,13 +134,13 @@ fn is_leaf<L: Lanes>(next: Int<L>) -> Mask<L> {
     (next & LEAF).is(LEAF)
 }
 
-struct Choose<'a, L: Lanes> {
+struct SampleTree<'a, L: Lanes> {
     tree: &'a LightTree,
     receiver: Receiver<L>,
     u: Num<L>,
 }
 
-impl<L: Lanes> OutlinedTask<L> for Choose<'_, L> {
+impl<L: Lanes> OutlinedTask<L> for SampleTree<'_, L> {
     type Output = (Int<L>, Num<L>, Num<L>);
 
     #[inline(always)]
@@ -166,19 +166,19 @@ impl<L: Lanes> OutlinedTask<L> for Choose<'_, L> {
     }
 }
 
-struct Chance<'a, L: Lanes> {
+struct TreeProbability<'a, L: Lanes> {
     tree: &'a LightTree,
     receiver: Receiver<L>,
     light: Int<L>,
 }
 
-impl<L: Lanes> OutlinedTask<L> for Chance<'_, L> {
+impl<L: Lanes> OutlinedTask<L> for TreeProbability<'_, L> {
     type Output = Num<L>;
 
     #[inline(always)]
     fn run(self, l: L) -> Num<L> {
         let normal = self.receiver.normal();
-        let [mut way] = self.light.rows(&self.tree.ways);
+        let [mut path] = self.light.rows(&self.tree.paths);
         let mut chance = Num::splat(l, 1.0);
         let mut at = Int::splat(l, 0);
         loop {
@@ -188,10 +188,10 @@ impl<L: Lanes> OutlinedTask<L> for Chance<'_, L> {
             }
             let fork = Int::select(going, at & INDEX, Int::splat(l, 0));
             let Fork { chances: [first, second], next } = self.tree.weigh(fork, &self.receiver, normal);
-            let left = (way & 1).is(0);
+            let left = (path & 1).is(0);
             chance = Num::select(going, chance * Num::select(left, first, second), chance);
             at = Int::select(going, Int::select(left, next[0], next[1]), at);
-            way = way >> 1;
+            path = path >> 1;
         }
     }
 }
@@ -250,7 +250,7 @@ fn importance<L: Lanes>(side: &[Int<L>; WORDS], position: Vector<L>, normal: Vec
     power * Num::select(inside, Num::splat(l, 1.0), share) / distance2.max(radius2)
 }
 
-impl Side {
+impl Child {
     fn new(bounds: &LightBounds, next: u32) -> Self {
         let cosine = |angle: f32| ((libm::cosf(angle) * 0.5 + 0.5) * 65535.0).floor() as u32;
         Self {
@@ -265,7 +265,7 @@ impl Side {
     }
 }
 
-/// Sorts lights into two sides; returns where the second begins. By the least cost of a plane across the
+/// Sorts lights into two children; returns where the second begins. By the least cost of a plane across the
 /// longest axis; in halves where that would grow the tree too deep or all are in one place.
 fn split(lights: &[LightBounds], order: &mut [u32], depth: u32) -> usize {
     let centre = |light: u32| lights[light as usize].centre();
@@ -306,7 +306,7 @@ fn bin(x: f32, low: f32, size: f32) -> usize {
     (((x - low) / size * BINS as f32) as usize).min(BINS - 1)
 }
 
-/// The last bin before the cheapest plane across an axis, and the cost of both sides.
+/// The last bin before the cheapest plane across an axis, and the cost of both children.
 fn cheapest(lights: &[LightBounds], order: &[u32], low: f32, size: f32, axis: usize) -> Option<(f32, usize)> {
     let mut bins: [Option<LightBounds>; BINS] = [None; BINS];
     for &light in order {
