@@ -308,9 +308,12 @@ fn the_fingerprint_of_a_scene_is_pinned() {
     );
 }
 
+/// Changes one thing of a scene.
+type Change = fn(&mut Scene);
+
 #[test]
 fn the_fingerprint_sees_each_part_of_a_scene() {
-    let changes: [(&str, fn(&mut Scene)); 9] = [
+    let changes: [(&str, Change); 9] = [
         ("nothing changed", |_| ()),
         ("mesh", |scene| scene.mesh.triangles[0].swap(0, 1)),
         ("materials", |scene| scene.materials.push(Material::fallback())),
