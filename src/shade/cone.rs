@@ -1,68 +1,68 @@
-//! How wide rays are: what decides which copy of a texture they look up.
+//! Ray cones: their width at a hit decides which mipmap level a texture lookup reads.
 
 use crate::lanes::{Int, Lanes, Num};
 
 /// Cones around rays (Akenine-Möller et al. 2021, *Improved Shader and Texture Level of Detail Using Ray
-/// Cones*): how wide they are where the rays begin, and by how much they widen for each unit of length.
+/// Cones*): their width at the rays' origins and its growth along the rays.
 #[derive(Clone, Copy, Debug)]
 pub struct Cone<L: Lanes> {
     /// Diameter at the origin.
     pub width: Num<L>,
-    /// Diameter gained for each unit of length.
+    /// Growth of the diameter per unit of length.
     pub spread: Num<L>,
 }
 
-/// Of a direction that was sampled with a density per solid angle, by how much its cone widens at least, times
-/// the root of the density. A share of the directions: those between neighbouring samples.
+/// A direction sampled with density p per solid angle gets a cone of at least this spread / √p. It is a share
+/// of the distance between neighbouring samples.
 const SHARE: f32 = 1.0 / 8.0;
 
-/// Bits of a number that are stored, and where they lie: eight with a quarter of an octave's resolution.
+/// Shift of the eight bits that are stored of a number. They resolve a quarter of an octave.
 const STEP: u32 = 21;
-/// The least number stored: 2⁻⁴⁸; what is below counts as 0.
+/// The least number stored is 2⁻⁴⁸; smaller numbers count as 0.
 const LEAST: u32 = (127 - 48) << 2;
 
 impl<L: Lanes> Cone<L> {
-    /// Bits of [`Cone::pack`].
+    /// Bits that [`Cone::pack`] returns.
     pub const BITS: u32 = 16;
 
-    /// Rays without extent.
+    /// Cones of width and spread 0.
     #[inline(always)]
     pub fn thin(l: L) -> Self {
         let zero = Num::splat(l, 0.0);
         Self { width: zero, spread: zero }
     }
 
-    /// After a distance.
+    /// The cones after a distance along the rays.
     #[inline(always)]
     pub fn at(self, distance: Num<L>) -> Self {
         Self { width: self.width + self.spread * distance, ..self }
     }
 
-    /// Onwards in directions that were sampled with a density per solid angle; mirrored ones have an infinite
-    /// density and widen no faster than before.
+    /// The cones of continuation rays in directions that were sampled with density `pdf` per solid angle.
+    /// Mirrored directions have an infinite density, and their spread does not grow.
     #[inline(always)]
     pub fn scattered(self, pdf: Num<L>) -> Self {
         let least = by_root(pdf) * SHARE;
         Self { spread: self.spread.max(least.clamp(0.0, 1.0)), ..self }
     }
 
-    /// In sixteen bits: to a quarter of an octave, rounded down.
+    /// Packs the cones in sixteen bits. Width and spread are rounded down to a quarter of an octave.
     #[inline(always)]
     pub fn pack(self) -> Int<L> {
         pack(self.width) + (pack(self.spread) << 8)
     }
 
-    /// What [`Cone::pack`] made bits of.
+    /// The inverse of [`Cone::pack`], up to its rounding.
     #[inline(always)]
     pub fn unpack(bits: Int<L>) -> Self {
         Self { width: unpack(bits & 0xff), spread: unpack((bits >> 8) & 0xff) }
     }
 }
 
-/// About one over the square root of numbers ≥ 0, to a thirtieth: finer than what is stored distinguishes.
+/// Approximately 1 / √x for x ≥ 0, within a thirtieth, which is finer than the stored resolution.
 #[inline(always)]
 fn by_root<L: Lanes>(x: Num<L>) -> Num<L> {
-    // The bits of a number, read as a whole number, are its logarithm but for a slight bend.
+    // Read as an integer, the bits of a float are its logarithm, up to a slight curvature.
     const MIDDLE: u32 = 0x5f37_59df;
     let half = x.to_bits() >> 1;
     ((half ^ u32::MAX) + (MIDDLE + 1)).to_num_bits()

@@ -1,4 +1,4 @@
-//! Material inputs at points: factor times texture.
+//! Material inputs at points: a factor, times a texture if there is one.
 
 use crate::lanes::{Lanes, Mask, Num, Vector};
 use crate::scene::{Colour, Emission, Footprint, Scalar, Scene};
@@ -23,7 +23,8 @@ pub fn colour<L: Lanes>(
     }
 }
 
-/// Colours that are shares of light: [`colour`], each channel within 0..=1, NaN 0.
+/// Colours that are reflectances or other shares of light: [`colour`] with each channel clamped to 0..=1, and
+/// 0 for NaN.
 #[inline(always)]
 pub fn albedo<L: Lanes>(
     scene: &Scene,
@@ -47,13 +48,14 @@ pub fn scalar<L: Lanes>(scene: &Scene, scalar: &Scalar, uv: [Num<L>; 2], footpri
     }
 }
 
-/// Numbers that are shares: [`scalar`], within 0..=1, NaN 0.
+/// Numbers that are shares: [`scalar`] clamped to 0..=1, and 0 for NaN.
 #[inline(always)]
 pub fn share<L: Lanes>(scene: &Scene, value: &Scalar, uv: [Num<L>; 2], footprint: &Footprint<L>) -> Num<L> {
     scalar(scene, value, uv, footprint).clamp(0.0, 1.0)
 }
 
-/// Two [`share`]s: in one lookup where they are channels of one texture, as roughness and metal are in glTF.
+/// Two [`share`]s. They take one lookup if they are channels of one texture, as roughness and metallic are in
+/// glTF.
 #[inline(always)]
 pub fn shares<L: Lanes>(
     scene: &Scene,
@@ -74,7 +76,7 @@ pub fn shares<L: Lanes>(
     }
 }
 
-/// Radiance that a surface gives off towards the side that is its front in the lanes of `front`.
+/// Radiance that a surface emits: on its front in the lanes of `front`, on its back in the others.
 #[inline(always)]
 pub fn emission<L: Lanes>(
     scene: &Scene,

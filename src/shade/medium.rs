@@ -1,11 +1,11 @@
-//! What rays lose between surfaces.
+//! Absorption along rays between surfaces.
 
 use super::Interaction;
 use crate::lanes::{Lanes, Num, Vector, exponential};
 use crate::scene::Medium;
 
-/// The share of light that is left of rays of length `t` that have come through `medium` to a surface: all, in lanes
-/// that met it from outside.
+/// Transmittance of `medium` along rays of length `t` to a surface; 1 in lanes that hit the surface from
+/// outside.
 #[inline(always)]
 pub fn passed<L: Lanes>(medium: &Medium, at: &Interaction<L>, t: Num<L>) -> Vector<L> {
     let one = Num::splat(t.lanes(), 1.0);

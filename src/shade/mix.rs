@@ -1,4 +1,4 @@
-//! Which part of a mix a hit is.
+//! The choice of a mix's part for each hit.
 
 use super::{Hits, geometry, lookup};
 use crate::geom::{mix_lanes, unit};
@@ -6,11 +6,11 @@ use crate::lanes::{Lanes, Mask, SingleLane};
 use crate::scene::{Footprint, Scene, Surface};
 use crate::stream::Hit;
 
-/// Makes the decision independent of that of [`Scene::alpha_accepts`].
+/// Makes the choice independent of that of [`Scene::alpha_accepts`].
 const SALT: u32 = 0x1f83_d9ab;
 
-/// Of hits on one of [`Scene::mixes`], the lanes that are its second part: a hash of the hit decides, as where
-/// alpha blends, so all rays and all units agree. A mix within a mix decides anew.
+/// Lanes whose hits, on the mix `mix` of [`Scene::mixes`], are hits on its second part. A hash of the hit
+/// decides, as in alpha blending, so all rays and units agree. A mix within a mix decides independently.
 #[inline(always)]
 pub(super) fn is_second<L: Lanes>(scene: &Scene, mix: u32, hits: &Hits<L>) -> Mask<L> {
     let uv = geometry::mesh_uv(&scene.mesh, hits);
@@ -21,7 +21,7 @@ pub(super) fn is_second<L: Lanes>(scene: &Scene, mix: u32, hits: &Hits<L>) -> Ma
     unit(bits).lt(share)
 }
 
-/// Index of the material of a hit: that of its triangle or, where this is a mix, of one of its parts.
+/// Index of the material of a hit: that of its triangle or, if this is a mix, that of the chosen part.
 pub fn material_of(scene: &Scene, hit: &Hit) -> u32 {
     let mut material = scene.mesh.materials[hit.primitive as usize];
     if !scene.mixes.is_empty() {

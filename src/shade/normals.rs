@@ -1,15 +1,17 @@
-//! Shading normals: smooth normals and normal maps, and how far they may bend from the triangle.
+//! Shading normals: vertex normals, normal maps, and the limits of how far they may bend from the triangle's
+//! normal.
 
 use super::geometry::{Weights, blend};
 use crate::geom::Basis;
 use crate::lanes::{Int, Lanes, Mask, Num, Vector};
 use crate::scene::{Anisotropy, Footprint, NormalMap, Scene};
 
-/// Least cosine between the shading normal and `wo`, and between the triangle's and smooth directions.
+/// Least cosine between the shading normal and `wo`, and between the triangle's normal and specular
+/// directions.
 pub const MIN_COSINE: f32 = 1e-3;
 
-/// Shading normals: `shading` in the lanes of `bent`, turned to the triangle's side of `wo` and limited by [`bend`];
-/// the triangle's `normal` in the others.
+/// Shading normals. In the lanes of `bent`, `shading` is turned to `wo`'s side of the triangle and limited by
+/// [`bend`]. In the others they are the triangle's `normal`.
 #[inline(always)]
 pub fn bend_where<L: Lanes>(
     shading: Vector<L>,
@@ -25,8 +27,8 @@ pub fn bend_where<L: Lanes>(
     Vector::select(bent, bend(shading, normal, wo, matte), normal)
 }
 
-/// Turns shading normals that lie on the triangle's side of `wo` so that `wo` is above them and,
-/// unless the surface is matte, `wo` mirrored at them stays above the triangle.
+/// Turns shading normals on `wo`'s side of the triangle so that `wo` is above them. Unless the surface is
+/// matte, the mirrored `wo` also stays above the triangle.
 #[inline(always)]
 fn bend<L: Lanes>(shading: Vector<L>, normal: Vector<L>, wo: Vector<L>, matte: bool) -> Vector<L> {
     let cosine = shading.dot(wo);
@@ -45,14 +47,14 @@ fn bend<L: Lanes>(shading: Vector<L>, normal: Vector<L>, wo: Vector<L>, matte: b
     if good.all() {
         return shading;
     }
-    // The half vector of `wo` and the mirrored direction lifted to the least height.
+    // The half vector between `wo` and the mirrored direction, which is lifted to the least height.
     let (lifted, _) = (mirrored + normal * (least - height)).normalize_or(normal);
     let (half, _) = (wo + lifted).normalize_or(normal);
     Vector::select(good, shading, half)
 }
 
-/// The tangent bases of a normal map around the unit normals `outward`: from the mesh's tangents,
-/// else from its texture coordinates; and the lanes in which these give a direction.
+/// The tangent bases of a normal map around the unit normals `outward`, and the lanes that have a tangent.
+/// Tangents come from the mesh or, without these, from its texture coordinates.
 #[inline(always)]
 pub fn tangent_basis<L: Lanes>(
     scene: &Scene,
@@ -72,7 +74,7 @@ pub fn tangent_basis<L: Lanes>(
         let sign = determinant.signum();
         let (e1, e2) = (corners[1] - corners[0], corners[2] - corners[0]);
         let along_u = (e1 * d2[1] - e2 * d1[1]) * sign;
-        // v grows downwards in the image, the map's y upwards.
+        // v grows downwards in the image, and the map's y upwards.
         let up = (e1 * d2[0] - e2 * d1[0]) * sign;
         let left = outward.cross(along_u).dot(up).below(0.0);
         (along, there) = (along_u - outward * along_u.dot(outward)).normalize_or(outward);
@@ -94,7 +96,7 @@ pub fn tangent_basis<L: Lanes>(
     (Basis { tangent: along, bitangent: outward.cross(along) * handedness, normal: outward }, there)
 }
 
-/// The normals of a map, and their [`Footprint::bumps`].
+/// Normals from a normal map, and their [`Footprint::bumps`].
 #[inline(always)]
 pub fn map_normal<L: Lanes>(
     scene: &Scene,
@@ -112,7 +114,7 @@ pub fn map_normal<L: Lanes>(
     (basis.world(local).normalize_or(basis.normal).0, bumps)
 }
 
-/// The world directions along which a surface is rougher.
+/// World directions along which an anisotropic surface is rougher.
 #[inline(always)]
 pub fn rough_direction<L: Lanes>(
     scene: &Scene,
@@ -156,7 +158,7 @@ mod tests {
             assert!((glossy.length() - 1.0).abs() < 1e-5 && glossy.dot(wo) > 0.0, "{normal} from {wo}");
             assert!(mirrored.z > -1e-6, "{normal} from {wo}: mirrored to {mirrored}");
         }
-        // What needs no bending is not bent.
+        // A normal within the limits is not changed.
         let normal = Vec3::new(0.2, 0.1, 1.0).normalize();
         assert_eq!(bend(normal, Vec3::Z, Vec3::new(0.1, -0.2, 1.0).normalize(), false), normal);
     }

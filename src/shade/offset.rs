@@ -1,37 +1,39 @@
-//! Ray origins that do not hit the surface they leave.
+//! Offsets of ray origins, so that rays do not hit the surface that they leave.
 
 use crate::lanes::{Lanes, Mask, Num, Vector};
 
-/// Most that a sliver's aspect ratio raises the offset; thinner ones cover no area worth more.
+/// The offset grows with a triangle's aspect ratio up to this value. Thinner triangles cover too little area
+/// to matter.
 const MAX_ASPECT: f32 = 16.0;
 
-/// What meeting triangles and leaving them takes to know of them.
+/// The triangle's plane and the figures that hits and ray origins depend on.
 #[derive(Clone, Copy, Debug)]
 pub struct Plane<L: Lanes> {
-    /// Unit normal, counter-clockwise seen from its side; robust for tiny and huge triangles.
+    /// Unit normal on the side from which the vertices run counter-clockwise; robust for tiny and huge
+    /// triangles.
     pub normal: Vector<L>,
-    /// Lanes in which the corners do not lie on a line, which has no normal.
+    /// Lanes in which the corners do not lie on a line. A line has no normal.
     pub there: Mask<L>,
-    /// Area of the parallelogram.
+    /// Twice the triangle's area.
     pub twice_area: Num<L>,
-    /// How far from the plane, along the normal, a ray has to start so that rounding cannot place it on the
-    /// other side in the canonical test.
+    /// Distance along the normal at which a ray must start, so that rounding cannot place the origin on the
+    /// other side of the plane in the canonical test.
     pub offset: Num<L>,
 }
 
-/// The planes of triangles, with the normal `otherwise` where there is none.
+/// The planes of triangles. Degenerate triangles get the normal `otherwise`.
 ///
-/// Two errors have to be covered (ε = 2⁻²⁴, C the largest coordinate, L the longest edge, h the
-/// triangle's least height). The interpolated position is off the plane by a few ε·C; adding the
-/// offset and rounding costs another ε·C. The test sees the corners relative to the origin, off by
-/// ε·L, which tilts its plane by ε·L/h and moves it by ε·L²/h at the origin. With half the factors a few
-/// in a million random triangles and rays, of any scale, place and shape, still fail (see the tests).
+/// The offset covers two errors (ε = 2⁻²⁴, C the largest coordinate, L the longest edge, h the triangle's
+/// least height). First, the interpolated position is off the plane by a few ε·C; adding the offset and
+/// rounding costs another ε·C. Second, the test moves the corners relative to the origin, with an error of
+/// ε·L. This tilts the plane by ε·L/h and moves it by ε·L²/h at the origin. With half the factors a few in a
+/// million random triangles and rays, of any scale, place and shape, still fail (see the tests).
 #[inline(always)]
 pub fn plane<L: Lanes>(corners: &[Vector<L>; 3], otherwise: Vector<L>) -> Plane<L> {
     const EPSILON: f32 = f32::EPSILON * 0.5;
     let [a, b, c] = *corners;
     let coordinate = a.abs().max(b.abs()).max(c.abs()).max_element();
-    // Scaled by a power of two so that the product's square cannot underflow or overflow.
+    // Scaled by a power of two, so that the square of the product can neither underflow nor overflow.
     let (e1, e2) = (b - a, c - a);
     let (scale, inverse) = power_of_two(e1.abs().max(e2.abs()).max_element());
     let (e1, e2) = (e1 * inverse, e2 * inverse);
@@ -39,7 +41,7 @@ pub fn plane<L: Lanes>(corners: &[Vector<L>; 3], otherwise: Vector<L>) -> Plane<
     let area = across.length();
     let by_area = 1.0 / area;
     let longest2 = e1.length_squared().max(e2.length_squared()).max((e2 - e1).length_squared());
-    // Where there is no area the ratio is infinite or NaN.
+    // Without an area the ratio is infinite or NaN.
     let aspect = (longest2 * by_area).min(Num::splat(a.lanes(), MAX_ASPECT));
     let there = area.above(0.0);
     Plane {
@@ -50,10 +52,10 @@ pub fn plane<L: Lanes>(corners: &[Vector<L>; 3], otherwise: Vector<L>) -> Plane<
     }
 }
 
-/// The powers of two that are not above magnitudes, and one by them, exactly.
+/// The greatest powers of two that are not above the magnitudes, and their reciprocals, both exact.
 #[inline(always)]
 fn power_of_two<L: Lanes>(x: Num<L>) -> (Num<L>, Num<L>) {
-    /// The exponent of 1, and the greatest one whose negative is one too.
+    /// The exponent of 1, and the greatest exponent whose negative is a valid exponent too.
     const ONE: u32 = 127 << 23;
     const GREATEST: u32 = 253 << 23;
     let exponent = (x.to_bits() & 0x7f80_0000).at_most(GREATEST);
@@ -77,8 +79,8 @@ mod tests {
 
     use crate::geom::{Basis, CanonicalRay, Sampler, warp};
 
-    /// A triangle somewhere between 10⁻³ and 10⁴ in size, up to 10⁵ sizes from the origin, of any
-    /// aspect down to needles of 1 : 1000.
+    /// A random triangle of size 10⁻³ to 10⁴, up to 10⁵ sizes from the origin, of any aspect ratio up to 1 :
+    /// 1000.
     fn any_triangle(s: &Sampler) -> [Vec3; 3] {
         let size = 10.0f32.powi((s.single(0) * 8.0) as i32 - 3);
         let away = 10.0f32.powi((s.single(1) * 7.0) as i32 - 2);
@@ -103,7 +105,7 @@ mod tests {
             let s = Sampler::new(i, 0, 1);
             let corners = any_triangle(&s);
             let Some(normal) = normal(&corners) else { continue };
-            // A needle's plane is not known to the test at all; it has no area to speak of.
+            // The test cannot know a needle's plane, and a needle has hardly any area.
             let longest = (corners[1] - corners[0]).length().max((corners[2] - corners[0]).length());
             if longest * longest > 1000.0 * (corners[1] - corners[0]).cross(corners[2] - corners[0]).length()
             {
@@ -119,7 +121,7 @@ mod tests {
             }
             let side = if i % 3 == 0 { -1.0 } else { 1.0 };
             let wi = (basis.to_world(local) * side).normalize();
-            // Beyond a cosine of 10⁻⁴ the direction itself is not known to lie above the plane.
+            // Below a cosine of 10⁻⁴ rounding decides whether the direction is above the plane.
             if wi.dot(normal) * side < 1e-4 {
                 continue;
             }
@@ -135,11 +137,12 @@ mod tests {
 
     #[test]
     fn the_offset_is_small() {
-        // A metre-sized triangle a kilometre away: less than a millimetre. At home: microns.
+        // For a triangle of a metre, a kilometre from the origin: less than a millimetre. Near the origin:
+        // microns.
         let at = |x: f32| [Vec3::new(x, 0.0, 0.0), Vec3::new(x + 1.0, 0.0, 0.0), Vec3::new(x, 1.0, 0.0)];
         assert!(distance(&at(1000.0)) < 1e-3);
         assert!(distance(&at(0.0)) < 2e-6);
-        // It scales with the scene.
+        // The offset scales with the scene.
         let tiny = at(0.0).map(|c| c * 1e-6);
         assert!((distance(&tiny) / distance(&at(0.0)) / 1e-6 - 1.0).abs() < 1e-3);
     }

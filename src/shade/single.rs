@@ -1,5 +1,5 @@
-//! One ray at a time: shading with one lane, in plain numbers. The same operations as in many lanes, and
-//! so the same bits.
+//! Shading of one ray at a time, in plain numbers. It runs the same operations as many lanes do, with one
+//! lane, and so gives the same bits.
 
 use super::{bsdf, light, lookup};
 use crate::geom::Basis;
@@ -9,10 +9,10 @@ use crate::shade::Lights;
 use crate::stream::{Hit, Ray};
 use glam::{Vec2, Vec3};
 
-/// [`super::Interaction`] of one ray.
+/// A [`super::Interaction`] of one ray.
 #[derive(Clone, Copy, Debug)]
 pub struct Interaction {
-    /// The point, on the triangle.
+    /// The point on the triangle.
     pub position: Vec3,
     /// Unit direction back along the ray.
     pub wo: Vec3,
@@ -22,17 +22,18 @@ pub struct Interaction {
     pub basis: Basis,
     /// Mesh texture coordinates.
     pub uv: Vec2,
-    /// Whether `wo` is on the side from which the triangle runs counter-clockwise.
+    /// Whether the front is hit: `wo` is on the side from which the triangle's vertices run
+    /// counter-clockwise.
     pub front: bool,
     /// Whether `wo` is outside of the body.
     pub outside: bool,
-    /// Where scattered rays leave.
+    /// Start of scattered rays.
     pub raised: Vec3,
     pub(super) lane: super::Interaction<SingleLane>,
 }
 
 impl Interaction {
-    /// The interaction of a ray with the triangle it hit, whose material is `material`.
+    /// The interaction of a ray with the triangle that it hit, of material `material`.
     pub fn new(scene: &Scene, material: &Material, ray: &Ray, hit: &Hit) -> Self {
         let direction = Vector::from(Vec3::from_array(ray.direction)).normalize();
         let lane = super::Interaction::new(scene, material, direction, &(*hit).into(), 0.0.into());
@@ -49,12 +50,12 @@ impl Interaction {
         }
     }
 
-    /// [`super::Interaction::smooth_direction`]; what goes below crosses the surface.
+    /// [`super::Interaction::smooth_direction`]; a direction below the basis crosses the surface.
     pub fn smooth_direction(&self, local: Vec3) -> Vec3 {
         self.lane.smooth_direction(local.into(), local.z.is_sign_negative().into()).into()
     }
 
-    /// The point that is lit.
+    /// The point as a receiver of light.
     pub fn receiver(&self) -> Receiver {
         Receiver::of(&self.lane)
     }
@@ -74,14 +75,14 @@ impl From<Hit> for super::Hits<SingleLane> {
     }
 }
 
-/// [`bsdf::Bsdf`] at one point.
+/// A [`bsdf::Bsdf`] at one point.
 #[derive(Clone, Copy, Debug)]
 pub struct Bsdf<'s>(pub(super) bsdf::Bsdf<'s, SingleLane>);
 
-/// [`bsdf::Sample`] of one direction.
+/// A [`bsdf::Sample`] of one direction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sample {
-    /// Where the light comes from.
+    /// Direction from which the light arrives.
     pub wi: Vec3,
     /// BSDF × |cosine| / density.
     pub weight: Vec3,
@@ -93,19 +94,19 @@ pub struct Sample {
     pub eta: f32,
 }
 
-/// [`bsdf::Smooth`] directions, each with what its radiance counts.
+/// The specular directions of [`bsdf::Smooth`], each with the factor for its radiance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Smooth {
-    /// Mirrored direction.
+    /// Mirrored direction and its factor.
     pub reflection: Option<(Vec3, Vec3)>,
-    /// Refracted direction, or straight on through a thin wall.
+    /// Refracted direction, or straight on through a thin wall, and its factor.
     pub transmission: Option<(Vec3, Vec3)>,
-    /// As [`Sample::eta`], of the transmission.
+    /// [`Sample::eta`] of the transmission.
     pub eta: f32,
 }
 
 impl<'s> Bsdf<'s> {
-    /// The scattering of `surface` where a ray met it: [`bsdf::Bsdf::new`].
+    /// The BSDF of `surface` at a point: [`bsdf::Bsdf::new`].
     pub fn new(scene: &'s Scene, surface: &Surface, at: &Interaction, smoothness: bsdf::Smoothness) -> Self {
         Self(bsdf::Bsdf::new(scene, surface, &at.lane, smoothness))
     }
@@ -116,7 +117,7 @@ impl<'s> Bsdf<'s> {
         (value.into(), pdf.get())
     }
 
-    /// [`bsdf::Bsdf::sample`]; `None` when no light comes that way.
+    /// [`bsdf::Bsdf::sample`]; `None` if no light comes from there.
     pub fn sample(&self, wo: Vec3, u: f32, u2: [f32; 2]) -> Option<Sample> {
         let sample = self.0.sample(wo.into(), u.into(), u2.map(Num::from));
         sample.valid.get().then(|| Sample {
@@ -142,18 +143,18 @@ impl<'s> Bsdf<'s> {
         }
     }
 
-    /// Whether light from below, too, is found by light sampling.
+    /// Whether light sampling must also consider light from below the surface.
     pub fn is_frosted(&self) -> bool {
         self.0.is_frosted()
     }
 
-    /// Whether there is nothing but a smooth part, so that light sampling is in vain.
+    /// Whether the BSDF is purely specular, so that light sampling never contributes.
     pub fn is_smooth(&self) -> bool {
         self.0.is_smooth()
     }
 }
 
-/// Radiance that a surface gives off towards the side that is its front or not.
+/// Radiance that a surface emits on its front or on its back.
 pub fn emission(scene: &Scene, emission: Option<&Emission>, uv: Vec2, front: bool) -> Vec3 {
     match emission {
         None => Vec3::ZERO,
@@ -164,18 +165,18 @@ pub fn emission(scene: &Scene, emission: Option<&Emission>, uv: Vec2, front: boo
     }
 }
 
-/// [`light::LightSample`] at one point.
+/// A [`light::LightSample`] at one point.
 #[derive(Clone, Copy, Debug)]
 pub struct LightSample {
-    /// Unit direction the light comes from.
+    /// Unit direction towards the light.
     pub wi: Vec3,
-    /// Where the light is; `None` for infinitely far away.
+    /// Position of the light; `None` if it is infinitely far away.
     pub target: Option<Vec3>,
-    /// Radiance; irradiance on a facing surface where `delta`.
+    /// Radiance; where `delta`, irradiance on a surface that faces the light.
     pub radiance: Vec3,
-    /// Density per solid angle; the chance of choosing the light where `delta`.
+    /// Density per solid angle; where `delta`, the probability of choosing the light.
     pub pdf: f32,
-    /// Whether no other way of sampling can find this light.
+    /// Whether only light sampling can find this light.
     pub delta: bool,
     lane: light::LightSample<SingleLane>,
 }
@@ -192,7 +193,7 @@ impl LightSample {
         })
     }
 
-    /// [`Lights::sample`]; `None` when no light comes this way.
+    /// [`Lights::sample`]; `None` if no light reaches the receiver.
     pub fn any(lights: &Lights, scene: &Scene, to: &Receiver, u: f32, u2: [f32; 2]) -> Option<Self> {
         Self::of(lights.sample(scene, to, Some(u.into()), u2.map(Num::from)))
     }
@@ -219,7 +220,7 @@ impl LightSample {
     }
 }
 
-/// Radiance of the environment along a unit direction, and its density: [`Lights::sky`].
+/// Radiance of the environment along a unit direction, and the density of sampling it: [`Lights::sky`].
 pub fn sky(lights: &Lights, direction: Vec3) -> (Vec3, f32) {
     let (radiance, pdf) = lights.sky(Vector::from(direction));
     (radiance.into(), pdf.get())

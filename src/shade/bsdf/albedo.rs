@@ -1,36 +1,36 @@
-//! How much a rough surface reflects in one bounce, tabulated once per process, so that what masking
-//! loses can be given back.
+//! The single-bounce reflectance of rough surfaces. It is tabulated once per process, so that the energy lost
+//! to masking can be given back.
 
 use super::fresnel::{Schlick, schlick_weight};
 use super::ggx::Ggx;
 use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, SimdLevel, Vector};
 use std::sync::OnceLock;
 
-/// Nodes over the cosine, and over the roughness.
+/// Nodes of the cosine, and of the roughness.
 const NODES: usize = 32;
 
-/// Steps between two nodes when averaging.
+/// Steps between two nodes for averaging.
 const STEPS: usize = 16;
 
 /// Facets sampled per node.
 const FACETS: u32 = 2048;
 
-/// The least roughness that is rough; smoother facets are a mirror.
+/// The least roughness that counts as rough. Smoother facets are a mirror.
 pub const MIN_ROUGHNESS: f32 = 0.03;
 
-/// What GGX facets of one roughness reflect towards one cosine, or on average, in a single bounce:
-/// two numbers that give the share for any Schlick Fresnel term.
+/// The share that GGX facets of one roughness reflect in a single bounce, towards one cosine or on average.
+/// Two numbers give it for any Schlick Fresnel term.
 #[derive(Clone, Copy, Debug)]
 pub struct Reflectance<L: Lanes> {
-    /// What perfectly reflecting facets lose to masking: 1 − share. Kept instead of the share since
-    /// it is what smooth surfaces have little of.
+    /// Share that perfectly reflecting facets lose to masking. The loss is stored instead of the share, since
+    /// it is small for smooth surfaces.
     pub deficit: Num<L>,
-    /// The share when facets reflect Schlick's (1 − cosine)⁵.
+    /// The share if facets reflect Schlick's (1 − cosine)⁵.
     pub grazing: Num<L>,
 }
 
 impl<L: Lanes> Reflectance<L> {
-    /// The share that facets with this Fresnel term reflect in a single bounce.
+    /// The single-bounce share of facets with this Fresnel term.
     #[inline(always)]
     pub fn single(&self, fresnel: &Schlick<L>) -> Vector<L> {
         let normal = (1.0 - self.deficit - self.grazing).clamp(0.0, 1.0);
@@ -46,7 +46,7 @@ impl<L: Lanes> Reflectance<L> {
         }
     }
 
-    /// A mixture, `share` of it `other`.
+    /// A mixture of `self` and the share `share` of `other`.
     #[inline(always)]
     pub(super) fn lerp(self, other: Self, share: Num<L>) -> Self {
         Self {
@@ -56,24 +56,24 @@ impl<L: Lanes> Reflectance<L> {
     }
 }
 
-/// The reflectances of one roughness in each lane: a place between two rows of the table.
+/// The reflectances of one roughness in each lane: a position between two rows of the table.
 #[derive(Clone, Copy, Debug)]
 pub struct Albedo<L: Lanes> {
-    /// The lower row.
+    /// Index of the lower row.
     row: Int<L>,
     share: Num<L>,
     roughness: Num<L>,
 }
 
-/// The table: rows of [`ENTRIES`] entries, each a deficit and a share at grazing angles. A row has an
-/// entry for each node and one for the mean. It holds `grazing` less that of a mirror, (1 − z)⁵,
-/// which is too curved to interpolate.
+/// The table: rows of [`ENTRIES`] entries. An entry is a deficit and a share at grazing angles. A row has an
+/// entry for each node and one for the mean. The share is stored less that of a mirror, (1 − z)⁵, whose
+/// curvature is too strong for interpolation.
 type Table = Vec<f32>;
 
 const ENTRIES: usize = NODES + 1;
 
 impl<L: Lanes> Albedo<L> {
-    /// For roughnesses of at least [`MIN_ROUGHNESS`].
+    /// The reflectances of roughnesses of at least [`MIN_ROUGHNESS`].
     #[inline(always)]
     pub fn new(roughness: Num<L>) -> Self {
         let place = (roughness - MIN_ROUGHNESS) * ((NODES - 1) as f32 / (1.0 - MIN_ROUGHNESS));
@@ -81,7 +81,7 @@ impl<L: Lanes> Albedo<L> {
         Self { row: row.to_int(), share: (place - row).clamp(0.0, 1.0), roughness }
     }
 
-    /// Towards directions with cosine `z`.
+    /// The reflectance towards directions of cosine `z`.
     #[inline(always)]
     pub fn at(&self, z: Num<L>) -> Reflectance<L> {
         let z = z.clamp(0.0, 1.0);
@@ -91,7 +91,7 @@ impl<L: Lanes> Albedo<L> {
         Reflectance { deficit, grazing: (grazing + schlick_weight(z)).clamp(0.0, 1.0) }
     }
 
-    /// Cosine-weighted over the hemisphere.
+    /// The cosine-weighted mean over the hemisphere.
     #[inline(always)]
     pub fn mean(&self) -> Reflectance<L> {
         let node = Int::splat(self.share.lanes(), NODES as u32);
@@ -122,8 +122,8 @@ fn table() -> &'static Table {
     })
 }
 
-/// Nodes stand evenly in `z (1 + r) / (z + r)`, r the roughness: smooth surfaces change near grazing,
-/// and rows of different roughness are alike in this measure.
+/// A row of the table. Nodes are evenly spaced in `z (1 + r) / (z + r)`, with r the roughness: smooth
+/// surfaces change near grazing angles, and rows of different roughness are similar in this measure.
 fn row(roughness: f32) -> [[f32; 2]; ENTRIES] {
     let cosine = |place: f32| {
         let even = place / (NODES - 1) as f32;
@@ -136,7 +136,7 @@ fn row(roughness: f32) -> [[f32; 2]; ENTRIES] {
         let [deficit, grazing] = measure([roughness * roughness; 2], wo);
         *entry = [deficit, grazing - schlick_weight(Num::from(z)).get()];
     }
-    // The mean of the interpolated function, so that what is missing and what is given back agree.
+    // The mean of the interpolated function, so that the energy given back equals the energy that is missing.
     let mut mean = [0.0; 2];
     let mut total = 0.0;
     for low in 0..NODES - 1 {
@@ -154,7 +154,7 @@ fn row(roughness: f32) -> [[f32; 2]; ENTRIES] {
     entries
 }
 
-/// The deficit and the share at grazing angles towards a direction, from a fixed set of facets.
+/// The deficit and the share at grazing angles towards a direction, by a fixed set of facets.
 pub(super) fn measure(alpha: [f32; 2], wo: glam::Vec3) -> [f32; 2] {
     SimdLevel::detect().run(Measurement { alpha, wo })
 }
@@ -179,7 +179,7 @@ impl LaneTask for Measurement {
             let one = Num::splat(l, 1.0);
             let deficit = Num::select(wi.z.above(0.0), ggx.masked(wo, wi), one);
             let grazing = (one - deficit) * schlick_weight(cosine);
-            // One after the other, so that any number of lanes gives the same sums.
+            // Lanes are added one after the other, so that any number of lanes gives the same sums.
             let (deficit, grazing) = (deficit.to_array(), grazing.to_array());
             for (deficit, grazing) in deficit.as_ref().iter().zip(grazing.as_ref()) {
                 sum[0] += deficit;

@@ -1,31 +1,31 @@
-//! How much facets reflect in one bounce that are rougher in one direction, tabulated once per process.
+//! The single-bounce reflectance of facets that are rougher in one direction, tabulated once per process.
 
 use super::albedo::{MIN_ROUGHNESS, Reflectance, measure};
 use super::fresnel::schlick_weight;
 use crate::lanes::{Int, Lanes, Num, OutlinedTask, SingleLane, Vector};
 use std::sync::OnceLock;
 
-/// Nodes over the roughness across the grooves, the strength of the anisotropy, the azimuth and the cosine.
+/// Nodes of the roughness across the grooves, the strength of the anisotropy, the azimuth and the cosine.
 const NODES: [usize; 4] = [12, 8, 6, 12];
 
-/// Steps between two nodes of the azimuth and of the cosine when averaging.
+/// Steps between two nodes of the azimuth and of the cosine for averaging.
 const STEPS: usize = 8;
 
-/// Anisotropic facets: a place between rows of the table. x runs where the facets are rougher.
+/// The reflectances of anisotropic facets: a position between rows of the table. Facets are rougher along x.
 #[derive(Clone, Copy, Debug)]
 pub struct AnisotropicAlbedo<L: Lanes> {
     roughness: Num<L>,
     strength: Num<L>,
 }
 
-/// Rows of [`ENTRIES`] entries, strength after strength for each roughness, each a deficit and a share at grazing
-/// angles less that of a mirror. A row has an entry for each azimuth and cosine and one for the mean.
+/// Rows of [`ENTRIES`] entries: all strengths for each roughness. An entry is a deficit and a share at
+/// grazing angles less that of a mirror. A row has an entry for each azimuth and cosine and one for the mean.
 type Table = Vec<f32>;
 
 const ENTRIES: usize = NODES[2] * NODES[3] + 1;
 
 impl<L: Lanes> AnisotropicAlbedo<L> {
-    /// For roughnesses of at least [`MIN_ROUGHNESS`] and strengths of 0..=1.
+    /// The reflectances of roughnesses of at least [`MIN_ROUGHNESS`] and strengths of 0..=1.
     #[inline(always)]
     pub fn new(roughness: Num<L>, strength: Num<L>) -> Self {
         Self { roughness, strength }
@@ -38,13 +38,13 @@ impl<L: Lanes> AnisotropicAlbedo<L> {
         [across.lerp(Num::splat(across.lanes(), 1.0), self.strength * self.strength), across]
     }
 
-    /// Towards a direction.
+    /// The reflectance towards a direction.
     #[inline(always)]
     pub fn at(&self, w: Vector<L>) -> Reflectance<L> {
         self.roughness.lanes().outlined(Towards { facets: *self, w })
     }
 
-    /// Cosine-weighted over the hemisphere.
+    /// The cosine-weighted mean over the hemisphere.
     #[inline(always)]
     pub fn mean(&self) -> Reflectance<L> {
         let node = Int::splat(self.strength.lanes(), (ENTRIES - 1) as u32);
@@ -87,7 +87,7 @@ impl<L: Lanes> AnisotropicAlbedo<L> {
     }
 }
 
-/// A lookup, outlined: hardly any surface is brushed.
+/// A lookup, compiled out of line: few surfaces are anisotropic.
 struct Towards<L: Lanes> {
     facets: AnisotropicAlbedo<L>,
     w: Vector<L>,
@@ -102,7 +102,7 @@ impl<L: Lanes> OutlinedTask<L> for Towards<L> {
     }
 }
 
-/// The node before 0..=1 among so many, and the share of the next.
+/// The node before a position in 0..=1, out of `nodes` evenly spaced ones, and the weight of the next node.
 #[inline(always)]
 fn place<L: Lanes>(at: Num<L>, nodes: usize) -> (Int<L>, Num<L>) {
     let place = at * (nodes - 1) as f32;
@@ -134,12 +134,12 @@ fn part(node: usize, nodes: usize) -> f32 {
     node as f32 / (nodes - 1) as f32
 }
 
-/// Nodes stand evenly in the cosine of the azimuth and, as in [`super::albedo`], in `z (1 + r) / (z + r)`, r the
-/// roughness that is seen from there.
+/// A row of the table. Nodes are evenly spaced in the cosine of the azimuth and, as in [`super::albedo`], in
+/// `z (1 + r) / (z + r)`, with r the roughness in that azimuth.
 fn row(roughness: f32, strength: f32) -> Vec<[f32; 2]> {
     let facets = AnisotropicAlbedo::<SingleLane>::new(roughness.into(), strength.into());
     let alpha = facets.alpha().map(Num::get);
-    // The direction of a place between nodes, and its z.
+    // The direction at a position between nodes, and its z.
     let direction = |azimuth: f32, place: f32| {
         let seen = azimuth * azimuth * alpha[0] * alpha[0] + (1.0 - azimuth * azimuth) * alpha[1] * alpha[1];
         let r = seen.sqrt().sqrt();
@@ -155,11 +155,11 @@ fn row(roughness: f32, strength: f32) -> Vec<[f32; 2]> {
             entries.push([deficit, grazing - schlick_weight(Num::<SingleLane>::from(z)).get()]);
         }
     }
-    // The mean of the interpolated function, so that what is missing and what is given back agree.
+    // The mean of the interpolated function, so that the energy given back equals the energy that is missing.
     let (mut mean, mut total) = ([0.0; 2], 0.0);
     let turns = (NODES[2] - 1) * STEPS;
     for turn in 0..turns {
-        // Even in the azimuth's angle.
+        // Evenly spaced in the angle of the azimuth.
         let azimuth = libm::cosf((turn as f32 + 0.5) / turns as f32 * std::f32::consts::FRAC_PI_2);
         let column = ((azimuth * (NODES[2] - 1) as f32) as usize).min(NODES[2] - 2);
         let turned = azimuth * (NODES[2] - 1) as f32 - column as f32;

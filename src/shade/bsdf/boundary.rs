@@ -7,21 +7,23 @@ use crate::geom::warp::lanes as warp;
 use crate::lanes::{Lanes, Mask, Num, Vector};
 use std::f32::consts::FRAC_1_PI;
 
-/// Facets that reflect and refract as Fresnel's equations say (Walter et al. 2007, *Microfacet Models for
-/// Refraction through Rough Surfaces*), complete: what a single event loses is given back in lobes like Kulla and
-/// Conty's, `d(wo) d(wi) / (π D)` with d the loss towards a direction on its side and D its mean there.
+/// Facets that reflect and refract by Fresnel's equations (Walter et al. 2007, *Microfacet Models for
+/// Refraction through Rough Surfaces*), without loss. The energy that a single event loses is given back in
+/// lobes like those of Kulla and Conty, `d(wo) d(wi) / (π D)`. Here d is the loss towards a direction on its
+/// side, and D is the mean of d there.
 ///
-/// Fresnel's term is the same from both sides, and of the light in those lobes the same amount crosses either way;
-/// so all is reciprocal, but for the square of the indices' ratio that radiance has (see [`super::Dielectric`]).
+/// The Fresnel term is the same from both sides. Of the light in those lobes the same amount crosses either
+/// way. So the BSDF is reciprocal, up to the square of the ratio of indices that radiance has (see
+/// [`super::Dielectric`]).
 pub struct Boundary<'a, L: Lanes> {
     frost: &'a Frost<'a, L>,
     crossing: TransmissionAlbedo<L>,
-    /// What a single event loses towards `wo`; its mean on this side and beyond.
+    /// Loss of a single event towards `wo`, and the mean losses on this side and on the far side.
     lost: Vector<L>,
     means: [Vector<L>; 2],
-    /// Share of it that crosses.
+    /// Share of the loss that crosses the boundary.
     crosses: Vector<L>,
-    /// The chance that a sample is of those lobes, and of these that it crosses.
+    /// Probability of sampling the lobes of the loss, and then of crossing the boundary.
     chances: [Num<L>; 2],
 }
 
@@ -30,12 +32,13 @@ impl<'a, L: Lanes> Boundary<'a, L> {
     pub fn new(frost: &'a Frost<'a, L>) -> Self {
         let (through, fresnel) = (frost.through, &frost.layer.fresnel);
         let [along, across] = frost.facets.ggx.alpha;
-        // Where facets are rougher along x: the loss of those that are as rough on the whole.
+        // Anisotropic facets have the loss of isotropic ones of the same mean roughness.
         let crossing = TransmissionAlbedo::new(through.index, (along * across).sqrt().sqrt());
         let (inside, outside) = (through.leaving, !through.leaving);
         let lost = crossing.towards(frost.wo.z, inside).of(fresnel);
         let means = [crossing.mean(inside).of(fresnel), crossing.mean(outside).of(fresnel)];
-        // From inside less crosses by the square of the index: those directions are so many more.
+        // From inside, less light crosses by the square of the index: there are so many more directions
+        // inside.
         let one = Vector::grey(Num::splat(frost.wo.lanes(), 1.0));
         let passed = (one - fresnel.blend(crossing.grazing())) * squeeze(through.index, inside, frost.wo.z);
         let crosses = (passed * means[0].min(means[1])).over(means[0]);
@@ -43,7 +46,7 @@ impl<'a, L: Lanes> Boundary<'a, L> {
         Self { frost, crossing, lost, means, crosses, chances }
     }
 
-    /// What a facet reflects at a cosine, and the chance of sampling that.
+    /// Reflectance of a facet at a cosine, and the probability of sampling the reflection.
     #[inline(always)]
     fn reflected(&self, cosine: Num<L>) -> (Vector<L>, Num<L>) {
         let Frost { through, layer, film, .. } = self.frost;
@@ -60,13 +63,14 @@ impl<'a, L: Lanes> Boundary<'a, L> {
         (reflected, chance)
     }
 
-    /// The light from `wi` × |cosine|, and the density of [`Boundary::sample`].
+    /// BSDF × |cosine| for light from `wi`, and the density of [`Boundary::sample`].
     #[inline(always)]
     pub fn evaluate(&self, wi: Vector<L>) -> (Vector<L>, Num<L>) {
         let Frost { through, facets, wo, .. } = *self.frost;
         let (above, cosine) = (wi.z.above(0.0), wi.z.abs());
         let eta2 = through.eta * through.eta;
-        // The facet between both directions; under the surface its normal is turned up.
+        // The normal of the facet that scatters one direction into the other, flipped to the upper
+        // hemisphere.
         let sum = wo + Vector::select(above, wi, wi * through.eta);
         let (half, there) = sum.normalize_or(wo);
         let half = half * half.z.signum();
@@ -94,7 +98,7 @@ impl<'a, L: Lanes> Boundary<'a, L> {
         (light * Vector::select(above, Vector::grey(through.share), through.tint), pdf)
     }
 
-    /// Directions, and the lanes that have one.
+    /// Samples directions. Returns them and the lanes that have one.
     #[inline(always)]
     pub fn sample(&self, u: Num<L>, u2: [Num<L>; 2]) -> (Vector<L>, Mask<L>) {
         let Frost { through, facets, wo, .. } = *self.frost;
@@ -115,7 +119,7 @@ impl<'a, L: Lanes> Boundary<'a, L> {
     }
 }
 
-/// 1, and in the lanes of `inside` the reciprocal of the index's square.
+/// The reciprocal of the squared index in the lanes of `inside`, and 1 in the others.
 #[inline(always)]
 fn squeeze<L: Lanes>(index: f32, inside: Mask<L>, like: Num<L>) -> Num<L> {
     let l = like.lanes();

@@ -6,31 +6,31 @@ use super::fresnel::Schlick;
 use crate::lanes::{Lanes, Mask, Num, Vector};
 use crate::scene::Footprint;
 
-/// Reflectance of a dielectric of index 1.5 at normal incidence.
+/// Reflectance of a dielectric of index of refraction 1.5 at normal incidence.
 pub const CLEAR_F0: f32 = 0.04;
 
-/// By how much more of scattered light passes a coat than its mean says: what is below scatters where the coat
-/// lets light through, since both reflect at grazing angles. For two smooth dielectrics, the covariance of what
-/// passes them over the mean of what passes one.
+/// Scattered light passes a coat more than the coat's mean suggests, by this amount. The surface below
+/// scatters where the coat passes light, since both reflect at grazing angles. The value is that of two
+/// smooth dielectrics: the covariance of the shares that they pass over the mean share of one.
 const LAYERS_ALIKE: f32 = 0.013;
 
-/// Facets that reflect some of the light and let the rest through.
+/// Facets that reflect some of the light and pass the rest.
 #[derive(Clone, Copy, Debug)]
 pub struct Coat<L: Lanes> {
-    /// Share of the surface that is coated.
+    /// Share of the surface that the coat covers.
     pub share: Num<L>,
     pub facets: Facets<L>,
     pub reflection: Reflection<L>,
 }
 
-/// How coats come by their facets, whatever their own roughness.
+/// Limits and bumps that turn a coat's roughness into its facets.
 #[derive(Clone, Copy, Debug)]
 pub struct CoatRoughness<L: Lanes> {
-    /// Bumps of the coats, as [`Footprint::bumps`].
+    /// [`Footprint::bumps`] of the coats.
     pub bumps: Num<L>,
-    /// What reflects with a lesser roughness is a mirror ..
+    /// Coats of lower roughness are mirrors, except in the lanes of `spread`.
     pub smooth_below: f32,
-    /// .. but in these lanes, where it is as rough as that.
+    /// Lanes in which a smoother coat gets the roughness `smooth_below`, so that it is not a mirror.
     pub spread: Mask<L>,
 }
 
@@ -49,7 +49,7 @@ impl<L: Lanes> CoatRoughness<L> {
 }
 
 impl<L: Lanes> Coat<L> {
-    /// With a reflectance at normal incidence.
+    /// A coat with reflectance `f0` at normal incidence.
     #[inline(always)]
     pub fn new(share: Num<L>, facets: Facets<L>, f0: f32) -> Self {
         let one = Num::splat(share.lanes(), 1.0);
@@ -57,27 +57,30 @@ impl<L: Lanes> Coat<L> {
         Self { share, facets, reflection }
     }
 
-    /// What is reflected in a single bounce towards directions with this reflectance, and in all further ones.
+    /// Shares reflected in a single bounce, and in all further bounces, towards directions of this
+    /// reflectance.
     #[inline(always)]
     pub fn reflected(&self, at: &Reflectance<L>) -> [Num<L>; 2] {
         let single = self.share * at.single(&self.reflection.fresnel).x;
         [single, self.share * self.reflection.strength.x * at.deficit]
     }
 
-    /// What passes towards directions with this reflectance.
+    /// Share that passes towards directions of this reflectance.
     #[inline(always)]
     pub fn passed(&self, at: &Reflectance<L>) -> Num<L> {
         let [single, further] = self.reflected(at);
         1.0 - single - further
     }
 
-    /// What passes of light that the surface below scatters, on the way in and out and to and fro between.
+    /// Mean share that passes of light scattered by the surface below, in and out, bounces between the layers
+    /// included.
     #[inline(always)]
     pub fn passed_on_average(&self) -> Num<L> {
         self.passed(&self.facets.mean()) + self.share * LAYERS_ALIKE
     }
 
-    /// Two numbers a and b: what passes is about a − b (1 − z)⁵ towards a cosine z, and on average exactly so.
+    /// Two numbers a and b. Towards a cosine z approximately a − b (1 − z)⁵ passes. The mean of this is
+    /// exact.
     #[inline(always)]
     pub fn trend(&self) -> [Num<L>; 2] {
         let Schlick { f0, f90 } = self.reflection.fresnel;
@@ -85,8 +88,9 @@ impl<L: Lanes> Coat<L> {
         [self.passed(&self.facets.mean()) + slope * (1.0 / 21.0), slope]
     }
 
-    /// The light from `wi` that is reflected × cosine, and the density of mirroring `wo` at a sampled facet; both
-    /// 0 beside the lanes `there`, in which `half` lies between the two, and where the coat is a mirror.
+    /// Reflection × cosine for light from `wi`, and the density of mirroring `wo` at a sampled facet. Both
+    /// are 0 outside of the lanes `there` and where the coat is a mirror. In the lanes of `there`, `half` is
+    /// the half vector of both directions.
     #[inline(always)]
     pub fn evaluate(
         &self,

@@ -3,13 +3,13 @@
 use super::{Smooth, fresnel, mirrored};
 use crate::lanes::{Lanes, Num, Vector};
 
-/// Reflects and refracts as Fresnel's equations say.
+/// Reflects and refracts by Fresnel's equations.
 ///
-/// Radiance that crosses is scaled by the square of the indices' ratio, (near / far)², since it is
-/// squeezed into another solid angle; along a path that leaves the medium again the factors cancel.
+/// Radiance that crosses is multiplied by the squared ratio of the indices, (near / far)², since refraction
+/// changes its solid angle. Along a path that leaves the medium again, the factors cancel.
 #[derive(Clone, Copy, Debug)]
 pub struct Dielectric<L: Lanes> {
-    /// Index of the far side relative to `wo`'s side.
+    /// Index of refraction of the far side relative to `wo`'s side.
     pub eta: Num<L>,
     /// Share of the crossing light that passes.
     pub transmittance: Vector<L>,

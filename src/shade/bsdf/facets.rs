@@ -1,4 +1,4 @@
-//! Reflection from microfacets, complete: one bounce and all further ones.
+//! Reflection by microfacets without loss: a single bounce and all further ones.
 
 use super::albedo::{Albedo, MIN_ROUGHNESS, Reflectance};
 use super::anisotropic_albedo::AnisotropicAlbedo;
@@ -7,33 +7,33 @@ use super::ggx::Ggx;
 use crate::lanes::{Lanes, Mask, Num, OutlinedTask, Vector};
 use std::f32::consts::FRAC_1_PI;
 
-/// Facets of one roughness in each lane, whatever their Fresnel term.
+/// Facets of one roughness in each lane, without a Fresnel term.
 #[derive(Clone, Copy, Debug)]
 pub struct Facets<L: Lanes> {
-    /// Lanes that are not a mirror; of the others the fields below say nothing.
+    /// Lanes that are not a mirror. The distribution and its tables mean nothing in the other lanes.
     pub rough: Mask<L>,
     /// The distribution.
     pub ggx: Ggx<L>,
     albedo: Albedo<L>,
-    /// Says more than `albedo` where alphas differ.
+    /// Replaces `albedo` where the two alphas differ.
     brushed: Option<AnisotropicAlbedo<L>>,
     mean: Reflectance<L>,
 }
 
-/// A Fresnel term on facets, with the strength of the further bounces: Kulla and Conty's lobe (2017,
-/// *Revisiting Physically Based Shading at Imageworks*), `strength · (1 − E(wo)) (1 − E(wi)) /
-/// (π (1 − E_mean))` with E the single-bounce share of perfect facets. It is reciprocal and, where
-/// nothing is absorbed, exactly what the single bounce lost.
+/// A Fresnel term on facets, with the strength of the further bounces. Their lobe is that of Kulla and Conty
+/// (2017, *Revisiting Physically Based Shading at Imageworks*), `strength · (1 − E(wo)) (1 − E(wi)) / (π (1 −
+/// E_mean))`, with E the single-bounce share of perfect facets. It is reciprocal. If nothing is absorbed, it
+/// returns exactly what the single bounce lost.
 #[derive(Clone, Copy, Debug)]
 pub struct Reflection<L: Lanes> {
-    /// At a facet.
+    /// Fresnel term of a facet.
     pub fresnel: Schlick<L>,
-    /// Share of the masked light that comes out after further bounces.
+    /// Share of the masked light that leaves after further bounces.
     pub strength: Vector<L>,
 }
 
 impl<L: Lanes> Facets<L> {
-    /// Facets of a perceptual roughness; below `smooth_below` (at least [`MIN_ROUGHNESS`]) a mirror.
+    /// Facets of a perceptual roughness. Below `smooth_below`, or below [`MIN_ROUGHNESS`], they are a mirror.
     #[inline(always)]
     pub fn new(roughness: Num<L>, smooth_below: f32) -> Self {
         let rough = roughness.ge(Num::splat(roughness.lanes(), smooth_below.max(MIN_ROUGHNESS)));
@@ -44,7 +44,8 @@ impl<L: Lanes> Facets<L> {
         Self { rough, ggx: Ggx { alpha: [alpha; 2] }, albedo, brushed: None, mean }
     }
 
-    /// The same, rougher along x: KHR_materials_anisotropy. A mirror is what is smooth along both axes.
+    /// Facets that are rougher along x: KHR_materials_anisotropy. They are a mirror only if they are smooth
+    /// along both axes.
     #[inline(always)]
     pub fn anisotropic(roughness: Num<L>, strength: Num<L>, smooth_below: f32) -> Self {
         roughness.lanes().outlined(Anisotropic { roughness, strength, smooth_below })
@@ -77,27 +78,27 @@ impl<L: Lanes> Facets<L> {
         self.mean
     }
 
-    /// A Fresnel term on these facets.
+    /// The reflection of these facets with a Fresnel term.
     #[inline(always)]
     pub fn reflection(&self, fresnel: Schlick<L>) -> Reflection<L> {
         let lost = self.mean.deficit;
         let average = fresnel.average();
-        // Light that bounces on is reflected twice at least, and at every bounce a share 1 − lost of
-        // it leaves: average² (1 − lost) Σ (average · lost)ⁿ.
+        // Light after the single bounce is reflected at least twice, and at each bounce the share 1 − lost
+        // leaves: average² (1 − lost) Σ (average · lost)ⁿ.
         let one = Vector::grey(Num::splat(lost.lanes(), 1.0));
         let strength = (average * average * (1.0 - lost)).over(one - average * lost);
         Reflection { fresnel, strength }
     }
 
-    /// The lobe of further bounces × cosine of `wi`, without its strength, from the reflectances
-    /// towards both directions.
+    /// The lobe of further bounces × cosine of `wi`, without its strength. It is computed from the
+    /// reflectances towards both directions.
     #[inline(always)]
     pub fn bounces(&self, near: &Reflectance<L>, far: &Reflectance<L>, wi_z: Num<L>) -> Num<L> {
         (near.deficit * far.deficit / self.mean.deficit * (wi_z * FRAC_1_PI)).only(self.rough)
     }
 }
 
-/// Anisotropic facets, made out of line: hardly any surface is brushed.
+/// Constructs anisotropic facets, out of line: few surfaces are anisotropic.
 struct Anisotropic<L: Lanes> {
     roughness: Num<L>,
     strength: Num<L>,
@@ -119,7 +120,7 @@ impl<L: Lanes> OutlinedTask<L> for Anisotropic<L> {
     }
 }
 
-/// Cosine-weighted mean of what a mirror reflects.
+/// Cosine-weighted mean reflectance of a mirror.
 #[inline(always)]
 fn mirror_mean<L: Lanes>(l: L) -> Reflectance<L> {
     let grazing = Num::splat(l, 1.0 / 21.0);
@@ -127,13 +128,13 @@ fn mirror_mean<L: Lanes>(l: L) -> Reflectance<L> {
 }
 
 impl<L: Lanes> Reflection<L> {
-    /// The share of light that leaves towards all directions, all bounces.
+    /// Share of light that leaves towards a direction, summed over all bounces.
     #[inline(always)]
     pub fn share(&self, at: &Reflectance<L>) -> Vector<L> {
         at.single(&self.fresnel) + self.strength * at.deficit
     }
 
-    /// A mixture, `share` of it `other`.
+    /// A mixture of `self` and the share `share` of `other`.
     #[inline(always)]
     pub fn mix(&self, other: &Self, share: Num<L>) -> Self {
         Self {
@@ -142,7 +143,7 @@ impl<L: Lanes> Reflection<L> {
         }
     }
 
-    /// Dimmed.
+    /// The reflection multiplied by a factor.
     #[inline(always)]
     pub fn scaled(&self, scale: Num<L>) -> Self {
         let Schlick { f0, f90 } = self.fresnel;

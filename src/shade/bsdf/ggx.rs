@@ -3,50 +3,51 @@
 use crate::lanes::{Int, Lanes, Num, Vector, trigonometry};
 use std::f32::consts::PI;
 
-/// Microfacets distributed after Trowbridge and Reitz (GGX) with Smith's height-correlated masking.
+/// Microfacets of Trowbridge and Reitz's distribution (GGX) with Smith's height-correlated masking.
 #[derive(Clone, Copy, Debug)]
 pub struct Ggx<L: Lanes> {
-    /// Width of the distribution along x and along y, > 0.
+    /// Widths of the distribution along x and y, > 0.
     pub alpha: [Num<L>; 2],
 }
 
 impl<L: Lanes> Ggx<L> {
-    /// π times the reciprocal of the density of facet normals at unit directions of the upper hemisphere.
+    /// π / density of facet normals, at unit directions of the upper hemisphere.
     #[inline(always)]
     fn sparsity(&self, normal: Vector<L>) -> Num<L> {
         let [along, across] = self.alpha;
         let (x, y) = (normal.x / along, normal.y / across);
-        // The sum is accurate for the narrowest lobes, where 1 − z² is not.
+        // This sum is accurate for the narrowest lobes; 1 − z² is not.
         let stretch = x * x + y * y + normal.z * normal.z;
         along * across * stretch * stretch
     }
 
-    /// 1 + 2Λ, Smith's Λ, for directions with `z` other than 0.
+    /// 1 + 2Λ, with Smith's Λ, for directions whose `z` is not 0.
     #[inline(always)]
     fn shadow(&self, w: Vector<L>) -> Num<L> {
         let (x, y) = (w.x * self.alpha[0], w.y * self.alpha[1]);
         (1.0 + (x * x + y * y) / (w.z * w.z)).sqrt()
     }
 
-    /// BRDF × cosine of perfectly reflecting facets, and the density of [`Ggx::sample`], for
-    /// directions of the upper hemisphere whose unit half vector is `half`.
+    /// BRDF × cosine of perfectly reflecting facets, and the density of mirroring `wo` at a normal from
+    /// [`Ggx::sample`]. Both directions are in the upper hemisphere, and `half` is their unit half vector.
     #[inline(always)]
     pub fn evaluate(&self, wo: Vector<L>, wi: Vector<L>, half: Vector<L>) -> (Num<L>, Num<L>) {
-        // D / (4 cos (1 + Λ(wo) + Λ(wi))), and without Λ(wi).
+        // D / (4 cos (1 + Λ(wo) + Λ(wi))), and the same without Λ(wi).
         let common = self.sparsity(half) * wo.z * (2.0 * PI);
         let (near, far) = (self.shadow(wo), self.shadow(wi));
         (1.0 / (common * (near + far)), 1.0 / (common * (near + 1.0)))
     }
 
-    /// What unmasked reflections from `wo` to `wi` lose to masking on the way out, 0..=1, given
-    /// that they were visible from `wo`.
+    /// Share, 0..=1, of unmasked reflections from `wo` to `wi` that masking removes on the way out. The
+    /// facets are given as visible from `wo`.
     #[inline(always)]
     pub fn masked(&self, wo: Vector<L>, wi: Vector<L>) -> Num<L> {
         let (near, far) = (self.shadow(wo), self.shadow(wi));
         (far - 1.0) / (near + far)
     }
 
-    /// Of `count` facets that stand for all that `wo` sees, by Hammersley's points, those from `first` on.
+    /// Samples normals of facets visible from `wo`, one a lane, at the Hammersley points `first` and
+    /// following out of `count`. All `count` together represent the facets that `wo` sees.
     #[inline(always)]
     pub fn some(&self, wo: Vector<L>, first: u32, count: u32) -> Vector<L> {
         let i = Int::iota(wo.lanes()) + first;
@@ -55,21 +56,21 @@ impl<L: Lanes> Ggx<L> {
         self.sample(wo, [u, v])
     }
 
-    /// Share of the facets that is seen from a direction of either hemisphere, Smith's G₁.
+    /// Share of the facets visible from a direction of either hemisphere: Smith's G₁.
     #[inline(always)]
     pub fn unmasked(&self, w: Vector<L>) -> Num<L> {
         2.0 / (self.shadow(w) + 1.0)
     }
 
-    /// Density of [`Ggx::sample`], of unit normals that `wo` is above.
+    /// Density of [`Ggx::sample`] for unit normals that `wo` is above.
     #[inline(always)]
     pub fn visible(&self, wo: Vector<L>, normal: Vector<L>) -> Num<L> {
         wo.dot(normal) * self.unmasked(wo) / (self.sparsity(normal) * wo.z * PI)
     }
 
-    /// Facet normals, distributed as those visible from `wo` (Dupuy and Benyoub 2023, *Sampling
-    /// Visible GGX Normals with Spherical Caps*). Mirroring `wo` at one gives `wi` with the density
-    /// of [`Ggx::evaluate`]; it may lie below the surface and then counts as none.
+    /// Samples the normals of facets visible from `wo` (Dupuy and Benyoub 2023, *Sampling Visible GGX Normals
+    /// with Spherical Caps*). Mirroring `wo` at a normal gives `wi` with the density of [`Ggx::evaluate`]. A
+    /// `wi` below the surface is not a sample.
     #[inline(always)]
     pub fn sample(&self, wo: Vector<L>, u2: [Num<L>; 2]) -> Vector<L> {
         let [along, across] = self.alpha;

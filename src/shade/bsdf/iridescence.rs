@@ -9,8 +9,9 @@ use std::f32::consts::{LOG2_E, TAU};
 /// Orders of interference that are summed.
 const ORDERS: usize = 2;
 
-/// What the eye's X, Y, Z and X's second hump see of waves with a given path difference: Gaussians in the frequency of
-/// the path. Height, position and variance per metre, and metre².
+/// Response of the colour matching functions X, Y, Z, and of X's second peak, to light with a given path
+/// difference. They are Gaussians in the frequency of the path: height, position in 1/m, and variance in
+/// 1/m².
 const SENSITIVITY: [[f32; 3]; 4] = [
     [5.4856e-13, 1.6810e6, 4.3278e9],
     [4.4201e-13, 1.7953e6, 9.3046e9],
@@ -18,7 +19,7 @@ const SENSITIVITY: [[f32; 3]; 4] = [
     [9.7470e-14, 2.2399e6, 4.5282e9],
 ];
 
-/// The heights' common measure: Y of light that does not interfere.
+/// Scale of the heights: Y of light that does not interfere.
 const WHITE: f32 = 1.0685e-7;
 
 /// XYZ to linear Rec. 709, row by row.
@@ -28,22 +29,23 @@ const REC709: [[f32; 3]; 3] = [
     [0.0556434, -0.2040259, 1.0572252],
 ];
 
-/// Belcour and Barla's film (2017, *A Practical Extension to Microfacet Theory for the Modeling of Varying
-/// Iridescence*) as the extension simplifies it: light reflected at the film's faces interferes, what Schlick's
-/// term says of either face taken for all polarisations.
+/// The thin film of Belcour and Barla (2017, *A Practical Extension to Microfacet Theory for the Modeling of
+/// Varying Iridescence*), as simplified by the extension. Light reflected by the film's two faces interferes.
+/// Schlick's approximation of each face stands for all polarisations.
 #[derive(Clone, Copy, Debug)]
 pub struct Film<L: Lanes> {
-    /// How much of it counts beside the surface without a film.
+    /// Weight of the film beside the surface without a film.
     pub strength: Num<L>,
-    /// Share of the surface that it lies on, beside what is a boundary of its own.
+    /// Share of the surface that the film covers. A part that is a boundary with its own reflection is
+    /// excluded.
     pub share: Num<L>,
     thickness_nm: Num<L>,
-    /// Index of refraction relative to the outside.
+    /// Index of refraction relative to that of the outside.
     ior: Num<L>,
 }
 
 impl<L: Lanes> Film<L> {
-    /// At mesh coordinates `uv`, in the lanes of `lanes`.
+    /// The films at mesh coordinates `uv`, in the lanes of `lanes`.
     #[inline(always)]
     pub fn new(
         scene: &Scene,
@@ -61,7 +63,7 @@ impl<L: Lanes> Film<L> {
                 Num::splat(l, thin).lerp(Num::splat(l, thick), lookup::share(scene, &between, uv, footprint))
             }
         };
-        // No film: what is outside goes on to the surface, within the first 0.03 nm.
+        // Below a thickness of 0.03 nm the index falls to that of the outside, which means no film.
         let there = (thickness_nm * (1.0 / 0.03)).clamp(0.0, 1.0);
         let there = there * there * (3.0 - 2.0 * there);
         let ior = 1.0 + there * (film.ior.max(1.0) - 1.0);
@@ -69,14 +71,14 @@ impl<L: Lanes> Film<L> {
         Self { strength, share: Num::splat(l, 1.0), thickness_nm, ior }
     }
 
-    /// The same on a share of the surface.
+    /// The film on a share of the surface.
     #[inline(always)]
     pub fn on(self, share: Num<L>) -> Self {
         Self { share, ..self }
     }
 
-    /// The share that a facet reflects at a cosine, of a surface that reflects `bare` there without the film and
-    /// `f0` at normal incidence.
+    /// Reflectance of a facet at a cosine. `bare` is its reflectance there without the film, and `f0` at
+    /// normal incidence.
     #[inline(always)]
     pub fn over(&self, bare: Vector<L>, f0: Vector<L>, cosine: Num<L>) -> Vector<L> {
         bare.lerp(cosine.lanes().outlined(Interference { film: *self, f0, cosine }), self.strength)
@@ -87,7 +89,7 @@ impl<L: Lanes> Film<L> {
         let one = Num::splat(cosine.lanes(), 1.0);
         let sine2 = (1.0 - cosine * cosine).clamp(0.0, 1.0) / (self.ior * self.ior);
         let inner = (1.0 - sine2).clamp(0.0, 1.0).sqrt();
-        // The film's upper face: as much is reflected from below.
+        // The film's upper face reflects the same share from below.
         let upper = between(self.ior, one);
         let upper = upper + (1.0 - upper) * schlick_weight(cosine);
         let through = 1.0 - upper;
@@ -102,7 +104,8 @@ impl<L: Lanes> Film<L> {
             let further = through * through * lower / (1.0 - both);
             total[channel] = upper + further;
             (term[channel], amplitude[channel]) = (further - through, both.sqrt());
-            // Half a turn is lost at the upper face, and another at the lower one if what follows is thinner.
+            // The upper face shifts the phase by half a turn. The lower face does so too if the index falls
+            // there.
             sign[channel] = Num::select(base.lt(self.ior), one, -one);
         }
         let path = self.ior * self.thickness_nm * inner * 2.0e-9;
@@ -117,7 +120,7 @@ impl<L: Lanes> Film<L> {
     }
 }
 
-/// Linear Rec. 709 of waves with a path difference in metres.
+/// Linear Rec. 709 colour of waves with a path difference in metres.
 #[inline(always)]
 fn sensitivity<L: Lanes>(path: Num<L>) -> [Num<L>; 3] {
     let zero = Num::zero(path.lanes());
@@ -135,13 +138,13 @@ fn sensitivity<L: Lanes>(path: Num<L>) -> [Num<L>; 3] {
     rgb
 }
 
-/// Reflectance at normal incidence between two indices of refraction.
+/// Reflectance at normal incidence of a boundary between two indices of refraction.
 #[inline(always)]
 fn between<L: Lanes>(a: Num<L>, b: Num<L>) -> Num<L> {
     ((a - b) / (a + b)).squared()
 }
 
-/// A film's interference, outlined: few surfaces have one.
+/// The film's interference, compiled out of line: few surfaces have a film.
 struct Interference<L: Lanes> {
     film: Film<L>,
     f0: Vector<L>,
@@ -171,7 +174,7 @@ mod tests {
         film.over(Vec3::ZERO.into(), Vec3::splat(f0).into(), cosine.into()).into()
     }
 
-    /// The same by brute force: Airy's sum for each wave number, weighed by the same sensitivities.
+    /// A reference by brute force: Airy's sum for each wave number, weighted by the same responses.
     fn airy(thickness: f32, ior: f32, f0: f32, cosine: f32) -> [f64; 3] {
         let [thickness, ior, f0, cosine] = [thickness, ior, f0, cosine].map(f64::from);
         let schlick = |r: f64, c: f64| r + (1.0 - r) * (1.0 - c).powi(5);
@@ -179,7 +182,7 @@ mod tests {
         let base = (1.0 + f0.sqrt()) / (1.0 - f0.sqrt());
         let upper = schlick(((ior - 1.0) / (ior + 1.0)).powi(2), cosine);
         let lower = schlick(((base - ior) / (base + ior)).powi(2), inner);
-        // Amplitudes: a face turns the wave round if what follows is denser.
+        // Amplitudes: a face inverts the wave if the index rises there.
         let (a, b) = (-upper.sqrt(), if base > ior { -lower.sqrt() } else { lower.sqrt() });
         let (mut xyz, mut white) = ([0.0; 3], [0.0; 3]);
         for i in 0..20_000 {
@@ -189,7 +192,7 @@ mod tests {
             let share = (a * a + b * b + cross) / (1.0 + a * a * b * b + cross);
             for (k, line) in SENSITIVITY.into_iter().enumerate() {
                 let [height, position, variance] = line.map(f64::from);
-                // Whose Fourier transform the variance is of: its own is twice that.
+                // The variance is that of the Fourier transform. This function's own variance is twice that.
                 let weight = height * (-(waves - position).powi(2) / (4.0 * variance)).exp();
                 xyz[k % 3] += share * weight;
                 white[k % 3] += weight;
@@ -227,7 +230,7 @@ mod tests {
         }
         let thick = seen(film(20_000.0, 1.4), 0.04, 0.9);
         assert!(thick.max_element() - thick.min_element() < 1e-3, "{thick}");
-        // Without a film what is left is the bare surface's own reflection at normal incidence.
+        // Without a film, only the bare surface's reflection at normal incidence remains.
         let none = Film::<SingleLane> { strength: 0.5.into(), ..film(0.0, 1.0) };
         let bare = Vec3::new(0.1, 0.2, 0.3);
         let light = Vec3::from(none.over(bare.into(), Vec3::splat(0.04).into(), 1.0.into()));

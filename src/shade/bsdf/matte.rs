@@ -5,10 +5,10 @@ use crate::geom::warp::lanes as warp;
 use crate::lanes::{Lanes, Mask, Num, Vector};
 use std::f32::consts::FRAC_1_PI;
 
-/// Reflects `reflectance` of the light evenly over the hemisphere of `wo`.
+/// Reflects the share `reflectance` of the light uniformly over the hemisphere of `wo`.
 #[derive(Clone, Copy, Debug)]
 pub struct Matte<L: Lanes> {
-    /// Albedo.
+    /// Albedo per channel.
     pub reflectance: Vector<L>,
 }
 

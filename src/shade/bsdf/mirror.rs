@@ -1,12 +1,12 @@
-//! Perfect reflection.
+//! Perfect specular reflection.
 
 use super::{Smooth, mirrored};
 use crate::lanes::{Lanes, Num, Vector};
 
-/// Reflects `reflectance` of the light like a mirror.
+/// Reflects the share `reflectance` of the light without spread.
 #[derive(Clone, Copy, Debug)]
 pub struct Mirror<L: Lanes> {
-    /// Share of light reflected.
+    /// Share of light that is reflected.
     pub reflectance: Vector<L>,
 }
 

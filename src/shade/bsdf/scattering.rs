@@ -1,4 +1,4 @@
-//! Scattering by code that is not ours.
+//! BSDFs computed by user code.
 
 use super::Sample;
 use crate::lanes::{Lanes, Mask, Num, Vector};
@@ -9,7 +9,7 @@ use crate::scene::{Points, Scattered, ScatteringSurface};
 pub struct Scattering<'s, L: Lanes> {
     /// The surface.
     pub surface: &'s ScatteringSurface,
-    /// The points.
+    /// The surface points.
     pub points: Points<L>,
 }
 

@@ -1,4 +1,4 @@
-//! Fibres that stand up from a surface: KHR_materials_sheen.
+//! Fibres that stand on a surface: KHR_materials_sheen.
 
 use crate::lanes::{Int, LaneTask, Lanes, Num, OutlinedTask, SimdLevel, Vector, exponential};
 use crate::scene::{self, Footprint, Scene};
@@ -6,31 +6,31 @@ use crate::shade::lookup;
 use std::f32::consts::{LOG2_E, PI};
 use std::sync::OnceLock;
 
-/// The least perceptual roughness: below, only the last degree before the horizon shines.
+/// The least perceptual roughness. Below it, only the last degree before the horizon reflects.
 const MIN_ROUGHNESS: f32 = 0.07;
 
-/// Nodes over the cosine, and over the roughness.
+/// Nodes of the cosine, and of the roughness.
 const NODES: usize = 24;
 
-/// Steps over the cosine and over half a turn when the table is made.
+/// Steps of the cosine and of half a turn when the table is computed.
 const STEPS: u32 = 48;
 
-/// Conty and Kulla's sheen (2017, *Production Friendly Microfacet Sheen BRDF*): fibres distributed as a power
-/// of the sine, with a fit of Smith's Λ, over a surface that gets what they do not reflect.
+/// Conty and Kulla's sheen (2017, *Production Friendly Microfacet Sheen BRDF*). The distribution of fibres is
+/// a power of the sine; Smith's Λ is a fit. The surface below gets the light that the fibres do not reflect.
 ///
-/// The smoothest fibres reflect more than falls on them towards grazing directions; there the lobe is divided by
-/// the greater of both directions' shares.
+/// Towards grazing directions the smoothest fibres would reflect more light than they receive. There the lobe
+/// is divided by the greater of both directions' shares.
 #[derive(Clone, Copy, Debug)]
 pub struct Sheen<L: Lanes> {
-    /// Share of what fibres reflect.
+    /// Albedo of the fibres.
     colour: Vector<L>,
     roughness: Num<L>,
-    /// Logarithm of Λ: `a / (1 + b xᶜ) + d x + e` of the cosine.
+    /// Logarithm of Λ as a function of the cosine x: `a / (1 + b xᶜ) + d x + e`.
     fit: [Num<L>; 5],
 }
 
 impl<L: Lanes> Sheen<L> {
-    /// At mesh coordinates `uv`.
+    /// The sheen at mesh coordinates `uv`.
     #[inline(always)]
     pub fn new(scene: &Scene, sheen: &scene::Sheen, uv: [Num<L>; 2], footprint: &Footprint<L>) -> Self {
         let colour = lookup::albedo(scene, &sheen.colour, uv, footprint);
@@ -41,7 +41,7 @@ impl<L: Lanes> Sheen<L> {
     fn of(colour: Vector<L>, roughness: Num<L>) -> Self {
         let roughness = roughness.clamp(MIN_ROUGHNESS, 1.0);
         let smooth = (1.0 - roughness * roughness).squared();
-        // Of alpha 1, and what is added towards alpha 0.
+        // Coefficients at alpha 1, and their differences towards alpha 0.
         let at = [
             (21.5473, 25.3245 - 21.5473),
             (3.82987, 3.32435 - 3.82987),
@@ -56,13 +56,13 @@ impl<L: Lanes> Sheen<L> {
         Self { colour, roughness, fit }
     }
 
-    /// The share of light that fibres of full colour reflect towards a cosine, before it is held to 1.
+    /// Share of light that white fibres reflect towards a cosine, before it is clamped to 1.
     #[inline(always)]
     pub fn share(&self, z: Num<L>) -> Num<L> {
         z.lanes().outlined(AlbedoLookup { roughness: self.roughness, z })
     }
 
-    /// The light reflected from `wi` × its cosine, given both directions' shares.
+    /// Light reflected from `wi` × its cosine, given the shares of both directions.
     #[inline(always)]
     pub fn evaluate(&self, wo: Vector<L>, wi: Vector<L>, half: Vector<L>, shares: [Num<L>; 2]) -> Vector<L> {
         let one = Num::splat(wo.lanes(), 1.0);
@@ -71,19 +71,19 @@ impl<L: Lanes> Sheen<L> {
             * (wo.lanes().outlined(Lobe { sheen: *self, wo_z: wo.z, wi_z: wi.z, half_z: half.z }) / held)
     }
 
-    /// What a share of the fibres' reflects of an even environment.
+    /// Reflection of a uniform environment of radiance 1, given the share of white fibres.
     #[inline(always)]
     pub fn reflected(&self, share: Num<L>) -> Vector<L> {
         self.colour * share.clamp(0.0, 1.0)
     }
 
-    /// What the surface below gets.
+    /// Share that reaches the surface below.
     #[inline(always)]
     pub fn passed(&self, share: Num<L>) -> Num<L> {
         1.0 - self.colour.max_element() * share.clamp(0.0, 1.0)
     }
 
-    /// Distribution × visibility × cosine of `wi`; the cosines are those of `wo`, `wi` and their half vector.
+    /// Distribution × visibility × cosine of `wi`, from the cosines of `wo`, `wi` and their half vector.
     #[inline(always)]
     fn lobe(&self, wo_z: Num<L>, wi_z: Num<L>, half_z: Num<L>) -> Num<L> {
         let power = 1.0 / (self.roughness * self.roughness);
@@ -108,7 +108,7 @@ impl<L: Lanes> Sheen<L> {
     }
 }
 
-/// A lookup in the table, outlined: few surfaces have fibres.
+/// A lookup in the table, compiled out of line: few surfaces have sheen.
 struct AlbedoLookup<L: Lanes> {
     roughness: Num<L>,
     z: Num<L>,
@@ -147,7 +147,7 @@ impl<L: Lanes> OutlinedTask<L> for Lobe<L> {
     }
 }
 
-/// Shares of fibres of each roughness, row after row, at nodes even in the root of the cosine.
+/// Shares of white fibres: a row for each roughness. Nodes are evenly spaced in the root of the cosine.
 fn table() -> &'static [f32] {
     static TABLE: OnceLock<Vec<f32>> = OnceLock::new();
     TABLE.get_or_init(|| {
@@ -161,7 +161,7 @@ fn table() -> &'static [f32] {
     })
 }
 
-/// Integrates the lobe of white fibres over the directions of light.
+/// Integrates the lobe of white fibres over incident directions.
 struct Measurement {
     roughness: f32,
     z: f32,
@@ -179,10 +179,10 @@ impl LaneTask for Measurement {
         let mut sum = 0.0;
         for first in (0..STEPS * STEPS).step_by(L::LANES) {
             let i = Int::iota(l) + first;
-            // Lanes do not divide by whole numbers; STEPS² is far below 2²⁴.
+            // Lanes do not divide integers. STEPS² is far below 2²⁴, so floats are exact.
             let ring = ((i.to_num() + 0.5) * (1.0 / STEPS as f32)).floor();
             let turn = i.to_num() - ring * STEPS as f32;
-            // Even in the root of the cosine, so denser towards the horizon.
+            // Evenly spaced in the root of the cosine, so denser towards the horizon.
             let root = (ring + 0.5) * (1.0 / STEPS as f32);
             let wi_z = root * root;
             let r = (1.0 - wi_z * wi_z).clamp(0.0, 1.0).sqrt();
@@ -191,7 +191,7 @@ impl LaneTask for Measurement {
             let half = Vector::new(wo_x + r * cosine, r * sine, wo_z + wi_z).normalize();
             // dω = dz dφ, dz = 2 root d(root).
             let light = sheen.lobe(wo_z, wi_z, half.z) * root * 2.0;
-            // One after the other, so that any number of lanes gives the same sums.
+            // Lanes are added one after the other, so that any number of lanes gives the same sums.
             for light in light.to_array().as_ref() {
                 sum += light;
             }

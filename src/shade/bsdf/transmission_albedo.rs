@@ -1,5 +1,5 @@
-//! How much light facets lose that reflect and refract it once, tabulated once per process, so that it can be
-//! given back.
+//! The light that facets lose in a single reflection or refraction. It is tabulated once per process, so that
+//! it can be given back.
 
 use super::albedo::MIN_ROUGHNESS;
 use super::fresnel::{self, Schlick};
@@ -7,32 +7,32 @@ use super::ggx::Ggx;
 use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, SimdLevel, SingleLane, Vector};
 use std::sync::OnceLock;
 
-/// Nodes over the index of refraction, the roughness and the cosine.
+/// Nodes of the index of refraction, the roughness and the cosine.
 const NODES: [usize; 3] = [20, 12, 16];
 
-/// Steps between two nodes when averaging.
+/// Steps between two nodes for averaging.
 const STEPS: usize = 16;
 
 /// Facets sampled per node.
 const FACETS: u32 = 512;
 
-/// The greatest index; what is above has its losses.
+/// The greatest index of refraction in the table. Higher indices use its losses.
 const MAX_INDEX: f32 = 4.0;
 
-/// Light lost at a boundary: linear in the Fresnel term.
+/// The loss at a boundary, linear in the Fresnel term.
 ///
-/// A facet reflects `f0` at normal incidence and `f90` at grazing, between the two as Fresnel's equations have
-/// it, and all beyond the critical angle.
+/// A facet reflects `f0` at normal incidence and `f90` at grazing incidence. Between the two it follows
+/// Fresnel's equations, and beyond the critical angle it reflects all light.
 #[derive(Clone, Copy, Debug)]
 pub struct Loss<L: Lanes> {
-    /// Where facets reflect nothing that they can refract.
+    /// Loss if facets reflect nothing below the critical angle.
     clear: Num<L>,
-    /// What f0 and f90 add to it.
+    /// Additions to the loss, for each unit of f0 and of f90.
     more: [Num<L>; 2],
 }
 
 impl<L: Lanes> Loss<L> {
-    /// Of facets with this Fresnel term.
+    /// The loss of facets with this Fresnel term.
     #[inline(always)]
     pub fn of(&self, fresnel: &Schlick<L>) -> Vector<L> {
         let [by_f0, by_f90] = self.more;
@@ -40,25 +40,26 @@ impl<L: Lanes> Loss<L> {
     }
 }
 
-/// A boundary: a place between rows of the table.
+/// A boundary's losses: a position between rows of the table.
 #[derive(Clone, Copy, Debug)]
 pub struct TransmissionAlbedo<L: Lanes> {
-    /// The lowest row, seen from outside.
+    /// Index of the lowest row, for light from outside.
     row: Int<L>,
     index_share: f32,
     roughness: Num<L>,
     roughness_share: Num<L>,
 }
 
-/// Rows of [`ENTRIES`] entries, for each index, roughness and side. A row has an entry for each cosine, of a [`Loss`]'s
-/// numbers, and one for their mean, with [`TransmissionAlbedo::grazing`].
+/// Rows of [`ENTRIES`] entries, for each index, roughness and side. A row has an entry of a [`Loss`]'s
+/// numbers for each cosine, and one for their mean together with [`TransmissionAlbedo::grazing`].
 type Table = Vec<f32>;
 
 const ENTRIES: usize = NODES[2] + 1;
 const WORDS: usize = 4;
 
 impl<L: Lanes> TransmissionAlbedo<L> {
-    /// Into a body of an index above 1, of perceptual roughnesses of at least [`MIN_ROUGHNESS`].
+    /// The losses at the boundary of a body of index above 1, of perceptual roughnesses of at least
+    /// [`MIN_ROUGHNESS`].
     #[inline(always)]
     pub fn new(index: f32, roughness: Num<L>) -> Self {
         let last = (NODES[0] - 1) as f32;
@@ -75,7 +76,7 @@ impl<L: Lanes> TransmissionAlbedo<L> {
         }
     }
 
-    /// Of light towards a cosine, inside the body in the lanes of `inside`.
+    /// The loss of light towards a cosine, inside of the body in the lanes of `inside`.
     #[inline(always)]
     pub fn towards(&self, z: Num<L>, inside: Mask<L>) -> Loss<L> {
         let z = z.clamp(0.0, 1.0);
@@ -86,7 +87,7 @@ impl<L: Lanes> TransmissionAlbedo<L> {
         Loss { clear, more: [by_f0, by_f90] }
     }
 
-    /// Cosine-weighted over the hemisphere.
+    /// The cosine-weighted mean over the hemisphere.
     #[inline(always)]
     pub fn mean(&self, inside: Mask<L>) -> Loss<L> {
         let [clear, by_f0, by_f90, _] =
@@ -94,14 +95,14 @@ impl<L: Lanes> TransmissionAlbedo<L> {
         Loss { clear, more: [by_f0, by_f90] }
     }
 
-    /// Weight of f90 in the mean of the Fresnel term, seen from outside.
+    /// Weight of f90 in the mean of the Fresnel term, for light from outside.
     #[inline(always)]
     pub fn grazing(&self) -> Num<L> {
         let l = self.roughness.lanes();
         self.read(Int::splat(l, NODES[2] as u32), Mask::splat(l, false))[WORDS - 1]
     }
 
-    /// Between four rows.
+    /// Interpolates between four rows.
     #[inline(always)]
     fn read(&self, node: Int<L>, inside: Mask<L>) -> [Num<L>; WORDS] {
         let l = self.roughness.lanes();
@@ -125,7 +126,8 @@ fn blend<L: Lanes>(a: [Num<L>; WORDS], b: [Num<L>; WORDS], share: Num<L>) -> [Nu
     both
 }
 
-/// How far between f0 and f90 a facet reflects, of what Fresnel's equations say and their value at normal incidence.
+/// Position of a facet's reflectance between f0 and f90, given the share by Fresnel's equations and the
+/// index.
 #[inline(always)]
 pub fn grazing<L: Lanes>(share: Num<L>, index: f32) -> Num<L> {
     let normal = ((index - 1.0) / (index + 1.0)).powi(2);
@@ -138,7 +140,7 @@ fn table() -> &'static Table {
         let part = |i: usize, nodes: usize| i as f32 / (nodes - 1) as f32;
         let mut table = Vec::with_capacity(NODES[0] * NODES[1] * 2 * ENTRIES * WORDS);
         for i in 0..NODES[0] {
-            // An index of 1 is no boundary; beside it one still distinguishes the sides.
+            // An index of 1 is no boundary. An index just above 1 still has two sides.
             let index = (1.0 + (MAX_INDEX - 1.0) * part(i, NODES[0]).powi(2)).max(1.0 + 1e-3);
             for k in 0..NODES[1] {
                 let roughness = MIN_ROUGHNESS + (1.0 - MIN_ROUGHNESS) * part(k, NODES[1]);
@@ -151,7 +153,7 @@ fn table() -> &'static Table {
     })
 }
 
-/// Nodes stand as those of [`super::albedo`] do.
+/// A row of the table. Nodes are spaced as in [`super::albedo`].
 fn row(index: f32, eta: f32, roughness: f32) -> [[f32; WORDS]; ENTRIES] {
     let cosine = |place: f32| {
         let even = place / (NODES[2] - 1) as f32;
@@ -162,7 +164,7 @@ fn row(index: f32, eta: f32, roughness: f32) -> [[f32; WORDS]; ENTRIES] {
         let z = cosine(i as f32).clamp(1e-5, 1.0);
         entry[..3].copy_from_slice(&SimdLevel::detect().run(Measurement { index, eta, roughness, z }));
     }
-    // The mean of the interpolated function, so that what is missing and what is given back agree.
+    // The mean of the interpolated function, so that the energy given back equals the energy that is missing.
     let (mut mean, mut total) = ([0.0; WORDS], 0.0);
     for low in 0..NODES[2] - 1 {
         for step in 0..STEPS {
@@ -182,7 +184,7 @@ fn row(index: f32, eta: f32, roughness: f32) -> [[f32; WORDS]; ENTRIES] {
     entries
 }
 
-/// Samples the facets that are seen from a cosine.
+/// Samples the facets visible from a cosine.
 struct Measurement {
     index: f32,
     eta: f32,
@@ -213,7 +215,7 @@ impl LaneTask for Measurement {
             let grazing = grazing(share, self.index);
             let lost = [Num::select(total, reflecting, refracting), more * (1.0 - grazing), more * grazing];
             for (sum, lost) in sums.iter_mut().zip(lost) {
-                // One after the other, so that any number of lanes gives the same sums.
+                // Lanes are added one after the other, so that any number of lanes gives the same sums.
                 for lost in lost.to_array().as_ref() {
                     *sum += lost;
                 }

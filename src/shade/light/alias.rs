@@ -1,9 +1,9 @@
-//! Choosing among many by weight, in constant time.
+//! Sampling of a discrete distribution in constant time.
 
 use crate::lanes::{Int, Lanes, Num};
 use bytemuck::{Pod, Zeroable};
 
-/// An alias table (Walker 1974, built after Vose 1991).
+/// An alias table (Walker 1974, constructed as in Vose 1991).
 #[derive(Clone, Debug, Default)]
 pub struct AliasTable {
     entries: Vec<Entry>,
@@ -13,16 +13,16 @@ pub struct AliasTable {
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
 struct Entry {
-    /// Chance to stay when this entry is drawn.
+    /// Probability of keeping this entry when it is drawn.
     keep: f32,
-    /// Who is chosen otherwise.
+    /// Index that is chosen otherwise.
     other: u32,
-    /// Chance of being chosen, altogether.
+    /// Total probability of this index.
     chance: f32,
 }
 
 impl AliasTable {
-    /// A table of `weights`, at most 2³² of them, each finite and ≥ 0. Empty when all are 0.
+    /// A table of `weights`: at most 2³², each finite and ≥ 0. It is empty if all are 0.
     pub fn new(weights: &[f64]) -> Self {
         let total: f64 = weights.iter().sum();
         if total <= 0.0 {
@@ -46,8 +46,8 @@ impl AliasTable {
                 small.push(rich);
             }
         }
-        // Rounding may leave some with a weight that should be exactly 1; but what has no weight is
-        // never chosen.
+        // Rounding may leave entries whose weight should be exactly 1. An entry without weight must never be
+        // chosen.
         for i in small {
             if weights[i] == 0.0 {
                 entries[i].keep = 0.0;
@@ -57,7 +57,7 @@ impl AliasTable {
         Self { entries, total }
     }
 
-    /// Whether nothing can be chosen.
+    /// Whether there is nothing to choose.
     pub fn is_empty(&self) -> bool {
         self.entries.is_empty()
     }
@@ -67,8 +67,8 @@ impl AliasTable {
         self.total
     }
 
-    /// Chooses by `u` in [0, 1); `None` when empty. Returns the indices, their chances, and what is left of `u`:
-    /// numbers in [0, 1), as even as `u` is, for whatever is chosen next.
+    /// Chooses indices by `u` in [0, 1); `None` if the table is empty. Returns the indices, their
+    /// probabilities, and the remainders of `u`: uniform numbers in [0, 1) for the caller's next choice.
     #[inline(always)]
     pub fn choose<L: Lanes>(&self, u: Num<L>) -> Option<(Int<L>, Num<L>, Num<L>)> {
         let last = self.entries.len().checked_sub(1)?;
@@ -84,7 +84,7 @@ impl AliasTable {
         Some((chosen, chance.to_num_bits(), rest.clamp(0.0, 1.0 - f32::EPSILON)))
     }
 
-    /// The chances of being chosen.
+    /// The probabilities of indices.
     #[inline(always)]
     pub fn chance<L: Lanes>(&self, index: Int<L>) -> Num<L> {
         let [_, _, chance] = index.rows(bytemuck::cast_slice(&self.entries));

@@ -1,31 +1,31 @@
-//! Where lights are and whither they shine, bounded: what a light tree is built of.
+//! Bounds of the positions and emission directions of lights, from which light trees are built.
 
 use glam::Vec3;
 use std::f32::consts::{FRAC_PI_2, PI};
 
-/// Bounds of one light or of several (Conty Estevez and Kulla 2018, *Importance Sampling of Many Lights
-/// with Adaptive Tree Splitting*). All their normals are within `spread` of the axis; all their light leaves
-/// within `reach` of a normal.
+/// Bounds of one or several lights (Conty Estevez and Kulla 2018, *Importance Sampling of Many Lights with
+/// Adaptive Tree Splitting*). All normals are within `spread` of the axis. All light leaves within `reach` of
+/// a normal.
 #[derive(Clone, Copy, Debug)]
 pub struct LightBounds {
-    /// Least corner of the box around them.
+    /// Least corner of the bounding box.
     pub low: Vec3,
-    /// Greatest corner.
+    /// Greatest corner of the bounding box.
     pub high: Vec3,
     /// Unit axis of the cone of normals.
     pub axis: Vec3,
-    /// Radians, 0 to π.
+    /// Greatest angle between the axis and a normal, in radians, 0 to π.
     pub spread: f32,
-    /// Radians, 0 to π / 2.
+    /// Greatest angle between a normal and emitted light, in radians, 0 to π / 2.
     pub reach: f32,
     /// Luminous power, > 0.
     pub power: f32,
-    /// Whether some shine to both sides of their normal.
+    /// Whether some of the lights emit to both sides.
     pub two_sided: bool,
 }
 
 impl LightBounds {
-    /// Bounds of both.
+    /// Bounds of the lights of both.
     pub fn union(&self, other: &Self) -> Self {
         let two_sided = self.two_sided || other.two_sided;
         let (axis, spread) = self.cone_with(other);
@@ -40,12 +40,12 @@ impl LightBounds {
         }
     }
 
-    /// Axis and spread of the least cone around both cones.
+    /// Axis and spread of the smallest cone around both cones.
     fn cone_with(&self, other: &Self) -> (Vec3, f32) {
         let mut cosine = self.axis.dot(other.axis).clamp(-1.0, 1.0);
         let mut towards = other.axis;
         if self.two_sided && other.two_sided && cosine < 0.0 {
-            // Either axis will do for what shines to both sides.
+            // A two-sided light may use either direction of its axis.
             (cosine, towards) = (-cosine, -towards);
         }
         let between = libm::acosf(cosine);
@@ -58,7 +58,7 @@ impl LightBounds {
         let spread = 0.5 * (self.spread + between + other.spread);
         let turn = spread - self.spread;
         let Some(aside) = (towards - self.axis * cosine).try_normalize() else {
-            // The same axis, or opposite ones, between which none is better than another.
+            // The axes are equal or opposite. No axis between opposite ones is better than another.
             return (self.axis, if cosine > 0.0 { self.spread.max(other.spread) } else { PI });
         };
         if spread >= PI {
@@ -68,18 +68,18 @@ impl LightBounds {
         (axis.try_normalize().unwrap_or(self.axis), spread)
     }
 
-    /// The middle of the box.
+    /// Centre of the box.
     pub fn centre(&self) -> Vec3 {
         (self.low + self.high) * 0.5
     }
 
-    /// Radius of the ball around the box.
+    /// Radius of the sphere around the box.
     pub fn radius(&self) -> f32 {
         (self.high - self.low).length() * 0.5
     }
 
-    /// How much light goes astray when these are one node: power × solid angle × surface, which lights in a row
-    /// have too.
+    /// Cost of a node with these bounds: power × solid angle × surface. The measure of surface is nonzero for
+    /// lights in a row too.
     pub fn cost(&self) -> f32 {
         const LEAST: f32 = 1e-3;
         let size = self.high - self.low;
@@ -88,7 +88,7 @@ impl LightBounds {
         self.power * self.solid_angle() * surface
     }
 
-    /// Measure of the directions in which light leaves, weighted by the cosine beyond the spread.
+    /// Measure of the directions of emission, weighted by the cosine beyond the spread.
     fn solid_angle(&self) -> f32 {
         let (sine, cosine) = (libm::sinf(self.spread), libm::cosf(self.spread));
         let outer = (self.spread + self.reach).min(PI);
@@ -145,7 +145,7 @@ mod tests {
             let zero = Vec3::ZERO;
             LightBounds { low: zero, high: zero, axis: Vec3::Y, spread, reach, power: 1.0, two_sided: false }
         };
-        // A ball shines everywhere; a flat lamp into its hemisphere, weighted by the cosine.
+        // A sphere emits in all directions. A flat lamp emits into its hemisphere, weighted by the cosine.
         assert!((lamp(PI, FRAC_PI_2).solid_angle() - 4.0 * PI).abs() < 1e-4);
         assert!((lamp(0.0, FRAC_PI_2).solid_angle() - PI).abs() < 1e-4);
     }

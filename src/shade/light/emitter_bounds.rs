@@ -1,30 +1,30 @@
-//! Where surfaces shine.
+//! Bounds of all emissive surfaces.
 
 use crate::geom::Aabb;
 use crate::lanes::{Lanes, Mask, Num, Vector};
 use crate::scene::{Emission, Scene};
 use glam::Vec3;
 
-/// The most boxes: each is tested with every ray that asks.
+/// The most boxes. Each box is tested with every ray.
 const MOST: usize = 8;
 
-/// How much wider than the triangles the boxes are, as a share of the scene's largest coordinate: far more than
-/// rounding and the slack of hits come to (see [`crate::geom::CanonicalRay`]).
+/// Margin of the boxes around the triangles, as a share of the scene's largest coordinate. It is far greater
+/// than rounding and the slack of hits (see [`crate::geom::CanonicalRay`]).
 const MARGIN: f32 = 1.0 / (1u32 << 14) as f32;
 
 /// Least component of a direction, so that reciprocals stay finite.
 const LEAST: f32 = 1e-20;
 
-/// A few boxes around all surfaces that shine. A ray that is not to go on from what it meets, and that passes them
-/// all by, need not be followed.
+/// A few boxes around all emissive surfaces. A ray that will not be continued at its hit, and that misses all
+/// boxes, need not be traced.
 #[derive(Clone, Debug, Default)]
 pub struct EmitterBounds {
     boxes: Vec<Aabb>,
 }
 
 impl EmitterBounds {
-    /// Around the triangles of a scene, within `bounds`, whose material shines, even those that light sampling leaves
-    /// out.
+    /// Bounds the emissive triangles of a scene that lies within `bounds`. Triangles that light sampling
+    /// leaves out are included.
     pub fn new(scene: &Scene, bounds: &Aabb) -> Self {
         let emits = |emission: &Emission| emission.radiance.factor != Vec3::ZERO;
         let shines: Vec<bool> =
@@ -41,7 +41,7 @@ impl EmitterBounds {
         Self { boxes: divide(boxes).iter().map(|some| around(some)).collect() }
     }
 
-    /// The lanes whose rays, from within the scene, may meet a surface that shines; the others do not.
+    /// Lanes whose rays, from within the scene, may hit an emissive surface. The other rays hit none.
     #[inline(always)]
     pub fn lies_ahead<L: Lanes>(&self, origin: Vector<L>, direction: Vector<L>) -> Mask<L> {
         let (o, d) = (origin, direction);
@@ -65,13 +65,14 @@ fn inverse<L: Lanes>(d: Num<L>) -> Num<L> {
     1.0 / d.abs().max(Num::splat(d.lanes(), LEAST)).copysign(d)
 }
 
-/// Parts of some boxes, at most [`MOST`]: time and again the widest is cut in the middle, if rays then meet less.
+/// Divides boxes into at most [`MOST`] groups. The group of the largest area is halved repeatedly, as long as
+/// rays then hit less of it.
 fn divide(all: Vec<Aabb>) -> Vec<Vec<Aabb>> {
     let area = |boxes: &[Aabb]| boxes.iter().copied().fold(Aabb::EMPTY, Aabb::union).half_area();
     if all.is_empty() {
         return Vec::new();
     }
-    // With the parts' areas; 0 for those that stay whole.
+    // Parts with their areas; the area is 0 for parts that are not divided.
     let mut parts = vec![(area(&all), all)];
     while parts.len() < MOST {
         let Some(widest) = parts.iter_mut().max_by(|a, b| a.0.total_cmp(&b.0)).filter(|part| part.0 > 0.0)
@@ -99,7 +100,7 @@ mod tests {
     use crate::lanes::SingleLane;
     use crate::scene::{Colour, Material};
 
-    /// Triangles that shine, each between three of some points, beside one that does not.
+    /// One emissive triangle for each three points, beside a triangle that emits nothing.
     fn scene(points: Vec<Vec3>) -> Scene {
         let mut scene = Scene::default();
         let emission = Emission { radiance: Colour::constant(Vec3::ONE), two_sided: false };

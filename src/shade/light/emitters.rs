@@ -1,4 +1,4 @@
-//! Triangles that shine.
+//! Emissive triangles.
 
 use super::{AliasTable, FEW, LightBounds, LightTree, Receiver};
 use crate::geom::warp::lanes as warp;
@@ -10,38 +10,38 @@ use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 use std::f32::consts::{FRAC_PI_2, PI};
 
-/// Barycentric points at which a textured emission is looked up to estimate a triangle's power.
+/// Barycentric coordinates at which a textured emission is looked up to estimate a triangle's power.
 const PROBES: [[f32; 2]; 7] =
     [[0.333, 0.333], [0.6, 0.2], [0.2, 0.6], [0.2, 0.2], [0.9, 0.05], [0.05, 0.9], [0.05, 0.05]];
 
-/// All emissive triangles: few are chosen by power, many by what they may give to the receiver.
+/// All emissive triangles. Few are chosen by power, many by the light that they may contribute at the
+/// receiver.
 #[derive(Clone, Debug, Default)]
 pub struct Emitters {
     records: Vec<Record>,
-    /// Areas and numbers of the triangles in `records`.
+    /// Areas of the triangles in `records`, and their indices in the scene.
     areas: Vec<f32>,
     primitives: Vec<u32>,
-    /// What those in `records` give off, for those whose emission is a texture's.
+    /// Emissions of the triangles in `records` whose emission has a texture.
     emissions: Vec<Emission>,
     table: AliasTable,
-    /// Chooses instead of the table when there are more than [`FEW`].
+    /// Light tree that replaces the table if there are more than [`FEW`] triangles.
     tree: Option<LightTree>,
-    /// For each triangle of the scene its place in `records`, or [`NONE`]; empty when no triangle
-    /// shines.
+    /// Index in `records` of each triangle of the scene, or [`NONE`]; empty if no triangle is emissive.
     places: Vec<u32>,
 }
 
-/// A triangle that shines, with all that sampling it needs, in two rows of eight words.
+/// An emissive triangle with all data for sampling it, in two rows of eight words.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
 struct Record {
     corners: [[f32; 3]; 3],
-    /// As long as the area.
+    /// Normal, as long as the area.
     normal: [f32; 3],
-    /// Of the front; before its texture, if there is one.
+    /// Radiance of the front, before multiplication by a texture.
     radiance: [f32; 3],
-    /// Distance off the triangle at which rays to it end, by the area; its two lowest bits are [`TWO_SIDED`] and
-    /// [`TEXTURED`].
+    /// Distance from the triangle at which rays towards it end, relative to the area. The two lowest bits are
+    /// [`TWO_SIDED`] and [`TEXTURED`].
     offset_and_flags: u32,
 }
 
@@ -57,15 +57,15 @@ const NONE: u32 = u32::MAX;
 /// Sampled points of emissive triangles.
 #[derive(Clone, Copy, Debug)]
 pub struct EmitterSample<L: Lanes> {
-    /// Lanes that have one; of the others nothing below counts.
+    /// Lanes that have a sample; the other fields mean nothing in the other lanes.
     pub valid: Mask<L>,
-    /// The point, a little off the triangle towards whoever asked.
+    /// The point, offset a little from the triangle towards the receiver.
     pub position: Vector<L>,
-    /// Unit direction towards it.
+    /// Unit direction from the receiver to the point.
     pub wi: Vector<L>,
-    /// Radiance towards them.
+    /// Radiance towards the receiver.
     pub radiance: Vector<L>,
-    /// Density per solid angle, seen from them.
+    /// Density per solid angle at the receiver.
     pub pdf: Num<L>,
 }
 
@@ -102,28 +102,30 @@ impl Emitters {
         all
     }
 
-    /// Whether there are so many that a [`LightTree`] chooses, which looks at the receiver's facing.
+    /// Whether there are so many triangles that a [`LightTree`] chooses. The choice then depends on the
+    /// receiver's normal.
     pub fn are_many(&self) -> bool {
         self.tree.is_some()
     }
 
-    /// Luminous power of all of them.
+    /// Total luminous power.
     pub fn power(&self) -> f64 {
         self.table.total()
     }
 
-    /// How many there are.
+    /// Number of emissive triangles.
     pub fn len(&self) -> usize {
         self.records.len()
     }
 
-    /// Whether there are none.
+    /// Whether there are no emissive triangles.
     pub fn is_empty(&self) -> bool {
         self.records.is_empty()
     }
 
-    /// Samples points on some of them for receivers: `u` chooses the triangle, `u2` the point. Without `u` the first
-    /// of `u2` chooses as well. `None` when there are none.
+    /// Samples points on emissive triangles for receivers. `u` chooses the triangle, `u2` the point. If `u`
+    /// is `None`, the first number of `u2` also chooses the triangle. Returns `None` if there are no emissive
+    /// triangles.
     #[inline(always)]
     pub fn sample<L: Lanes>(
         &self,
@@ -158,8 +160,8 @@ impl Emitters {
         Some(EmitterSample { valid, position, wi: away * -nearness, radiance, pdf })
     }
 
-    /// Chooses emitters for receivers by `u`: their places among the emitters, their chances, and what is left
-    /// of `u`. `None` when there are none.
+    /// Chooses emissive triangles for receivers by `u`. Returns their indices among the emitters, their
+    /// probabilities and the remainders of `u`; `None` if there are none.
     #[inline(always)]
     pub(super) fn choose<L: Lanes>(&self, to: &Receiver<L>, u: Num<L>) -> Option<(Int<L>, Num<L>, Num<L>)> {
         match &self.tree {
@@ -168,7 +170,7 @@ impl Emitters {
         }
     }
 
-    /// The chances with which [`Emitters::choose`] gives these.
+    /// The probabilities with which [`Emitters::choose`] returns these emitters.
     #[inline(always)]
     pub(super) fn chance<L: Lanes>(&self, to: &Receiver<L>, place: Int<L>) -> Num<L> {
         match &self.tree {
@@ -177,8 +179,8 @@ impl Emitters {
         }
     }
 
-    /// Radiance of textured emitters at points given by the weights of the second and third corner, lane
-    /// by lane: they are few.
+    /// Radiance of textured emitters at points, given by the weights of the second and third corner. Lanes
+    /// are looked up one by one, since textured emitters are few.
     fn textured<L: Lanes>(
         &self,
         scene: &Scene,
@@ -203,8 +205,9 @@ impl Emitters {
         Vector::new(Num::from_array(l, r), Num::from_array(l, g), Num::from_array(l, b))
     }
 
-    /// Density per solid angle with which [`Emitters::sample`] finds a point of a triangle for a receiver,
-    /// seen from a squared distance and under a cosine to its normal; 0 when it is not an emitter.
+    /// Density per solid angle with which [`Emitters::sample`] returns a point of a triangle to a receiver.
+    /// `distance2` is the squared distance, `cosine` the cosine to the triangle's normal. 0 if the triangle
+    /// emits nothing.
     #[inline(always)]
     pub fn pdf<L: Lanes>(
         &self,
@@ -225,7 +228,7 @@ impl Emitters {
 }
 
 impl Record {
-    /// Of a triangle, and its area.
+    /// The record of a triangle, and the triangle's area.
     fn new(scene: &Scene, primitive: u32, emission: &Emission) -> (Self, f32) {
         let corners = scene.mesh.corners(primitive);
         let lanes = corners.map(Vector::from);
@@ -265,13 +268,13 @@ impl Record {
     }
 }
 
-/// Three numbers of records, from word `at` on.
+/// Three numbers of a record, starting at word `at`.
 #[inline(always)]
 fn vector<L: Lanes>(record: &[Int<L>; WORDS], at: usize) -> Vector<L> {
     Vector::new(record[at].to_num_bits(), record[at + 1].to_num_bits(), record[at + 2].to_num_bits())
 }
 
-/// Radiance at a point of a triangle, given by the weights of the second and third corner.
+/// Radiance at a point of a triangle. The point is given by the weights of the second and third corner.
 fn radiance_at(scene: &Scene, emission: &Emission, primitive: u32, [v, w]: [f32; 2], front: bool) -> Vec3 {
     let uv = scene.mesh.uv_at(primitive, v, w).to_array();
     lookup::emission(
@@ -284,7 +287,7 @@ fn radiance_at(scene: &Scene, emission: &Emission, primitive: u32, [v, w]: [f32;
     .into()
 }
 
-/// Luminous power: exact for an even emission, an estimate for a textured one.
+/// Luminous power: exact for a uniform emission, estimated for a textured one.
 fn power(scene: &Scene, primitive: u32, area: f32, emission: &Emission) -> f32 {
     let brightness = match emission.radiance.texture {
         None => luminance(emission.radiance.factor),

@@ -1,4 +1,4 @@
-//! The environment as a light.
+//! The environment as a light source.
 
 use crate::geom::warp::lanes as warp;
 use crate::lanes::{Int, Lanes, Num, Vector, trigonometry};
@@ -7,15 +7,15 @@ use crate::shade::lookup::luminance;
 use glam::Vec3;
 use std::f32::consts::{FRAC_1_PI, PI};
 
-/// The environment, ready to be looked up and sampled by its brightness.
+/// An environment with its tables for lookup and for sampling by brightness.
 ///
-/// A map is looked up bilinearly (columns wrap, rows end at the poles). It is sampled by the mean
-/// luminance of that lookup over each texel's cell, times the sine of the polar angle: so every
-/// direction that shines can be sampled, and no bright texel leaks into a neighbour that hardly is.
+/// A map is looked up bilinearly: columns wrap around, rows end at the poles. A texel's cell is sampled by
+/// the mean luminance of this lookup in the cell, times the sine of the polar angle. So every direction with
+/// radiance can be sampled, and the density of a dark texel accounts for the light of its bright neighbours.
 #[derive(Clone, Debug)]
 pub struct EnvironmentLight {
     kind: Kind,
-    /// Mean radiance over the sphere (luminance).
+    /// Mean luminance over the sphere.
     mean: f32,
 }
 
@@ -28,23 +28,24 @@ enum Kind {
 #[derive(Clone, Debug)]
 struct Map {
     image: EnvironmentMap,
-    /// Turns added to the image's horizontal coordinate.
+    /// Rotation in turns, added to the image's horizontal coordinate.
     turn: f32,
-    /// Chooses a row.
+    /// Distribution of the rows.
     rows: Cumulated,
-    /// Chooses a texel of each row.
+    /// Distribution of the texels in each row.
     columns: Cumulated,
-    /// The chance of each texel: that of its row times its own in the row.
+    /// Probability of each texel: that of its row × that of the texel in the row.
     chances: Vec<f32>,
 }
 
-/// Cumulated distributions of as many cells each, one after the other.
+/// Cumulative distributions of `cells` cells each, one after the other.
 #[derive(Clone, Debug)]
 struct Cumulated {
     cells: u32,
-    /// `cells + 1` numbers a distribution that do not fall, the first 0, the last 1; or all 0, which is never inverted.
+    /// `cells + 1` numbers for each distribution, from 0 to 1 without falling. A distribution of all zeros is
+    /// never inverted.
     edges: Vec<f32>,
-    /// [`guide`] of each.
+    /// [`guide`] of each distribution.
     guide: Vec<u32>,
 }
 
@@ -62,23 +63,23 @@ impl EnvironmentLight {
         }
     }
 
-    /// Mean luminance over the sphere; 0 when there is nothing to sample.
+    /// Mean luminance over the sphere; 0 if there is nothing to sample.
     pub fn mean(&self) -> f32 {
         self.mean
     }
 
-    /// Whether it is the same from everywhere, so that directions do not matter.
+    /// Whether the radiance is the same in all directions.
     pub fn is_even(&self) -> bool {
         matches!(self.kind, Kind::Constant(_))
     }
 
-    /// Whether no light comes from it.
+    /// Whether the radiance is 0 in all directions.
     pub fn is_black(&self) -> bool {
         matches!(self.kind, Kind::Constant(Vec3::ZERO))
     }
 
-    /// Radiance that arrives along rays of unit `direction` that leave the scene, and the density per
-    /// solid angle with which [`EnvironmentLight::sample`] gives these directions.
+    /// Radiance that arrives along rays of unit `direction` which leave the scene, and the density per solid
+    /// angle with which [`EnvironmentLight::sample`] returns these directions.
     #[inline(always)]
     pub fn look<L: Lanes>(&self, direction: Vector<L>) -> (Vector<L>, Num<L>) {
         let l = direction.lanes();
@@ -91,22 +92,22 @@ impl EnvironmentLight {
         }
     }
 
-    /// Samples unit directions; returns them with their radiance and density per solid angle, which is
-    /// not above 0 where there is none.
+    /// Samples unit directions. Returns them with their radiance and density per solid angle. A density that
+    /// is not above 0 marks a lane without a sample.
     #[inline(always)]
     pub fn sample<L: Lanes>(&self, u2: [Num<L>; 2]) -> (Vector<L>, Vector<L>, Num<L>) {
         let direction = match &self.kind {
             Kind::Constant(_) => warp::sphere(u2),
             Kind::Map(map) => map.direction(map.sample(u2)),
         };
-        // By the direction, as the integrators will ask: both then agree to the bit.
+        // Computed from the direction, as integrators will do it, so that both results agree to the bit.
         let (radiance, pdf) = self.look(direction);
         (direction, radiance, pdf)
     }
 }
 
 impl Map {
-    /// The sampling tables, and the mean luminance over the sphere; `None` for a black image.
+    /// The sampling tables and the mean luminance over the sphere; `None` for a black image.
     fn new(image: &EnvironmentMap) -> Option<(Self, f32)> {
         let (width, height) = (image.width as usize, image.height as usize);
         let bright: Vec<f32> =
@@ -117,13 +118,14 @@ impl Map {
         let mut line = vec![0.0f32; width];
         rows.push(0.0f64);
         for y in 0..height {
-            // Over a cell the bilinear lookup is a mean of nine texels: 1/8, 3/4, 1/8 on both axes.
+            // The mean of the bilinear lookup over a cell is a mean of nine texels with weights 1/8, 3/4, 1/8
+            // along both axes.
             let [above, below] = [y.saturating_sub(1), (y + 1).min(height - 1)];
             for (x, value) in line.iter_mut().enumerate() {
                 *value = 0.75 * bright[y * width + x]
                     + 0.125 * (bright[above * width + x] + bright[below * width + x]);
             }
-            // Exact solid angle of the row: the difference of the cosines at its edges.
+            // Exact solid angle of the row, by the difference of the cosines at its edges.
             let polar = |row: usize| libm::cos(std::f64::consts::PI * row as f64 / height as f64);
             let ring = polar(y) - polar(y + 1);
             let mut sum = 0.0f64;
@@ -158,7 +160,7 @@ impl Map {
         Some((map, (total / area) as f32))
     }
 
-    /// Directions → image coordinates, 0..1 from the left and from the top.
+    /// Image coordinates of directions, 0..1 from the left and from the top.
     #[inline(always)]
     fn place<L: Lanes>(&self, direction: Vector<L>) -> [Num<L>; 2] {
         let around = trigonometry::atan2_turns(direction.x, -direction.z) + (0.5 + self.turn);
@@ -167,7 +169,7 @@ impl Map {
         [around - around.floor(), down.clamp(0.0, 1.0)]
     }
 
-    /// Image coordinates → directions.
+    /// Directions of image coordinates.
     #[inline(always)]
     fn direction<L: Lanes>(&self, place: [Num<L>; 2]) -> Vector<L> {
         let turns = place[0] - (0.5 + self.turn);
@@ -189,7 +191,7 @@ impl Map {
         a.lerp(b, fx).lerp(c.lerp(d, fx), fy)
     }
 
-    /// Image coordinates by brightness.
+    /// Samples image coordinates by brightness.
     #[inline(always)]
     fn sample<L: Lanes>(&self, [u, v]: [Num<L>; 2]) -> [Num<L>; 2] {
         let EnvironmentMap { width, height, .. } = self.image;
@@ -198,23 +200,24 @@ impl Map {
         [(x.to_num() + fx) / width as f32, (y.to_num() + fy) / height as f32]
     }
 
-    /// Density of directions whose image coordinates are `place`.
+    /// Density per solid angle of directions with image coordinates `place`.
     #[inline(always)]
     fn pdf<L: Lanes>(&self, direction: Vector<L>, [u, v]: [Num<L>; 2]) -> Num<L> {
         let EnvironmentMap { width, height, .. } = self.image;
         let x = (u * width as f32).to_int().at_most(width - 1);
         let y = (v * height as f32).to_int().at_most(height - 1);
         let chance = (y * width + x).of(&self.chances);
-        // Density per image area; a piece du dv of the image covers 2π² sin θ du dv.
+        // Converts a density per image area: the area du dv of the image covers a solid angle of 2π² sin θ du
+        // dv.
         let sine = (direction.x * direction.x + direction.z * direction.z).sqrt();
         let density = chance * (width as f32 * height as f32) / (sine * (2.0 * PI * PI));
         density.only(sine.above(0.0))
     }
 }
 
-/// For each of as many even parts of 0..1 as a cumulated distribution has cells, the first cell that
-/// reaches beyond the part's start: between this cell and that of the next part an inversion takes a step or two (Chen
-/// and Asau 1974).
+/// A guide table (Chen and Asau 1974). 0..1 is divided into as many equal parts as the distribution has
+/// cells. The table holds, for each part, the first cell that reaches beyond the part's start. An inversion
+/// then takes one or two steps between this cell and that of the next part.
 fn guide(cumulated: &[f32]) -> impl Iterator<Item = u32> {
     let cells = cumulated.len() - 1;
     let mut cell = 0;
@@ -233,8 +236,8 @@ impl Cumulated {
         Self { cells, edges, guide }
     }
 
-    /// The cells of distributions number `which` into which `u`, in [0, 1), falls, never one without weight, and the
-    /// positions in them, 0..1.
+    /// Inverts distributions number `which` at `u` in [0, 1). Returns the cells, which never have weight 0,
+    /// and the positions in them, 0..1.
     #[inline(always)]
     fn invert<L: Lanes>(&self, which: Int<L>, u: Num<L>) -> (Int<L>, Num<L>) {
         let last = Int::splat(u.lanes(), self.cells - 1);
@@ -244,10 +247,10 @@ impl Cumulated {
         let first_part = which * self.cells;
         let [low] = (first_part + part).rows(&self.guide);
         let [high] = (first_part + (part + 1).at_most(self.cells - 1)).rows(&self.guide);
-        // Rounding may have chosen the part before or behind the one of `u`.
+        // Rounding may have chosen the part before or after that of `u`.
         let mut low = Int::select(edge(low).gt(u), Int::splat(u.lanes(), 0), low);
         let mut high = Int::select(part.lt(last) & edge(high + 1).gt(u), high, last);
-        // The cell ends at the first edge beyond `u`, and is in low..=high.
+        // The cell ends at the first edge beyond `u`. This cell is in low..=high.
         for _ in 0..=self.cells.ilog2() {
             let open = low.lt(high);
             if !open.any() {

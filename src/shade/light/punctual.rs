@@ -8,29 +8,29 @@ use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 use std::f32::consts::{FRAC_PI_2, PI};
 
-/// All lights that no ray can hit. A few are chosen by power; of many, those that are somewhere by what they may give
-/// to the receiver.
+/// All lights that no ray can hit. A few are chosen by power. If there are many point and spot lights, a
+/// light tree chooses among those.
 #[derive(Clone, Debug, Default)]
 pub struct Punctual {
     records: Vec<Record>,
     power: f64,
-    /// By power, those that the tree has not.
+    /// The lights that are not in the tree, by power.
     table: AliasTable,
     tree: Option<LocalLights>,
 }
 
-/// The lights that are somewhere.
+/// Point and spot lights with a tree.
 #[derive(Clone, Debug)]
 struct LocalLights {
     tree: LightTree,
-    /// The tree's lights among all.
+    /// Index among all lights of each light of the tree.
     lights: Vec<u32>,
-    /// The chance that it is asked, not the table.
+    /// Probability of choosing from the tree instead of from the table.
     chance: f32,
 }
 
 impl Punctual {
-    /// These lights, in a scene of the given radius.
+    /// The punctual lights of a scene of radius `scene_radius`.
     pub fn new(lights: &[Light], scene_radius: f32) -> Self {
         let mut powers: Vec<f64> = lights.iter().map(|light| f64::from(power(light, scene_radius))).collect();
         let total: f64 = powers.iter().sum();
@@ -50,27 +50,29 @@ impl Punctual {
         Self { records, power: total, table: AliasTable::new(&powers), tree }
     }
 
-    /// How many there are.
+    /// Number of lights.
     pub fn len(&self) -> usize {
         self.records.len()
     }
 
-    /// Whether there are none.
+    /// Whether there are no lights.
     pub fn is_empty(&self) -> bool {
         self.records.is_empty()
     }
 
-    /// Luminous power of all of them.
+    /// Total luminous power.
     pub fn power(&self) -> f64 {
         self.power
     }
 
-    /// Whether there are so many that a [`LightTree`] chooses, which looks at the receiver's facing.
+    /// Whether there are so many lights that a [`LightTree`] chooses. The choice then depends on the
+    /// receiver's normal.
     pub fn are_many(&self) -> bool {
         self.tree.is_some()
     }
 
-    /// Chooses lights for receivers by `u`: their numbers and their chances. `None` when there are none.
+    /// Chooses lights for receivers by `u`. Returns their indices and probabilities; `None` if there are
+    /// none.
     #[inline(always)]
     pub fn choose<L: Lanes>(&self, to: &Receiver<L>, u: Num<L>) -> Option<(Int<L>, Num<L>)> {
         let Some(LocalLights { tree, lights, chance }) = &self.tree else {
@@ -90,8 +92,8 @@ impl Punctual {
         Some((index, probability))
     }
 
-    /// The light of lights `index` that reaches points, unless something is between; none outside of a
-    /// spot's cone. [`LightSample::pdf`] is 1.
+    /// The light that lights `index` send to points, if nothing occludes it. A spot light sends none outside
+    /// of its cone. [`LightSample::pdf`] is 1.
     #[inline(always)]
     pub fn illuminate<L: Lanes>(&self, index: Int<L>, from: Vector<L>) -> LightSample<L> {
         let record: [Num<L>; WORDS] = index.rows_of(bytemuck::cast_slice(&self.records));
@@ -121,15 +123,15 @@ impl Punctual {
     }
 }
 
-/// A light as lanes read it.
+/// A light in the form that lanes gather.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
 struct Record {
     position: [f32; 3],
-    /// Of a spot and of a directional light.
+    /// Direction of a spot or directional light.
     direction: [f32; 3],
     intensity: [f32; 3],
-    /// Cosine beyond which a spot shines not at all, and what to multiply the excess with.
+    /// Cosine of a spot light's outer angle, and the factor for the excess of a cosine over it.
     cos_outer: f32,
     steepness: f32,
     kind: u32,
@@ -163,7 +165,7 @@ impl From<&Light> for Record {
     }
 }
 
-/// Luminous power of a light into a scene of the given radius.
+/// Luminous power that a light sends into a scene of the given radius.
 fn power(light: &Light, scene_radius: f32) -> f32 {
     let solid_angle = match light.shape {
         LightShape::Point { .. } => 4.0 * PI,
@@ -175,9 +177,10 @@ fn power(light: &Light, scene_radius: f32) -> f32 {
     luminance(light.intensity).max(0.0) * solid_angle
 }
 
-/// Where a light is and whither it shines: a point in all directions, a spot evenly up to the inner angle and less and
-/// less beyond. Its power is what it would be all around, since that is what who sees it gets. `None` of one
-/// that is nowhere.
+/// Bounds of a light's position and directions. A point light emits in all directions. A spot light is
+/// constant up to the inner angle and then falls off. Its power counts as if it emitted in all directions,
+/// since that is what a point within the cone receives. `None` for a directional light, which has no
+/// position.
 fn bounds(light: &Light) -> Option<LightBounds> {
     let (at, axis, spread, reach) = match light.shape {
         LightShape::Point { position } => (position, Vec3::Z, PI, FRAC_PI_2),

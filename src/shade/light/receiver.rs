@@ -1,45 +1,46 @@
-//! Who is lit.
+//! Points that receive light.
 
 use crate::geom::octahedral;
 use crate::lanes::{Int, Lanes, Vector};
 use crate::shade::Interaction;
 
-/// Bits of each coordinate of a [`Receiver::facing`].
+/// Bits of each of the two coordinates of [`Receiver::facing`].
 const BITS: u32 = 10;
 
-/// The facing of what sees both sides: of the two codes at the octahedron's lowest corner the one that no normal
-/// has.
+/// The facing of a receiver lit from both sides. Two codes mean the octahedron's lowest corner; no normal
+/// uses this one.
 const AROUND: u32 = 0;
 const LOWEST: u32 = (1 << (2 * BITS)) - 1;
 
-/// Points that ask for light, with all that the choice of a light depends on: so little that a path can
-/// carry it to its next hit, where the density of having chosen that light is asked for.
+/// Points for which a light is chosen, with all data that the choice depends on. They are small enough for a
+/// path to carry to its next hit, where MIS needs the probability of having chosen that light.
 #[derive(Clone, Copy, Debug)]
 pub struct Receiver<L: Lanes> {
-    /// Where scattered rays leave the surface.
+    /// Start of scattered rays.
     pub position: Vector<L>,
-    /// The triangle's normal, octahedral, in [`Receiver::FACING_BITS`].
+    /// Octahedral encoding of the triangle's normal in [`Receiver::FACING_BITS`] bits.
     pub facing: Int<L>,
 }
 
 impl<L: Lanes> Receiver<L> {
-    /// Bits of `facing` that count.
+    /// Number of bits of `facing` that are used.
     pub const FACING_BITS: u32 = 2 * BITS;
 
-    /// Points on surfaces.
+    /// The receivers at surface points.
     #[inline(always)]
     pub fn of(at: &Interaction<L>) -> Self {
         Self::new(at.origin(at.raised, at.normal), at.normal)
     }
 
-    /// The same where only the position is used, since there are few lights.
+    /// Receivers without a facing. They suffice where there are few lights, since then only the position is
+    /// used.
     #[inline(always)]
     pub fn place_of(at: &Interaction<L>) -> Self {
         let position = at.origin(at.raised, at.normal);
         Self { position, facing: Int::splat(position.lanes(), AROUND) }
     }
 
-    /// Points at `position` that see what is above their unit `normal`.
+    /// Receivers at `position` that are lit from above their unit `normal`.
     #[inline(always)]
     pub fn new(position: Vector<L>, normal: Vector<L>) -> Self {
         let facing = octahedral::encode::<L, BITS>(normal);
@@ -47,13 +48,14 @@ impl<L: Lanes> Receiver<L> {
         Self { position, facing: Int::select(facing.is(AROUND), lowest, facing) }
     }
 
-    /// The same points, which see what is below them as well.
+    /// The same receivers, lit from both sides.
     #[inline(always)]
     pub fn around(self) -> Self {
         Self { facing: Int::splat(self.facing.lanes(), AROUND), ..self }
     }
 
-    /// The normal as it was stored, all that light sampling knows of it; 0 of what sees both sides.
+    /// The decoded normal, which light sampling uses instead of the exact one; 0 for receivers lit from both
+    /// sides.
     #[inline(always)]
     pub fn normal(&self) -> Vector<L> {
         octahedral::decode::<L, BITS>(self.facing).only(!self.facing.is(AROUND))

@@ -1,4 +1,4 @@
-//! What light sampling promises: densities that are those of the samples, and the right irradiance.
+//! Light sampling returns the densities that its samples have, and the right irradiance.
 
 use super::{AliasTable, EnvironmentLight, Lights, Receiver};
 use crate::geom::{Sampler, warp};
@@ -41,7 +41,7 @@ fn map(width: u32, height: u32, texel: impl Fn(u32, u32) -> Vec3) -> Environment
     }
 }
 
-/// Dim, with a sun, a black half and some noise.
+/// A dim sky with a sun, a black half and some noise.
 fn outdoor() -> EnvironmentMap {
     map(32, 16, |x, y| match (x, y) {
         (20, 3) => Vec3::splat(5000.0),
@@ -75,7 +75,7 @@ fn the_environment_is_sampled_by_its_density() {
     ] {
         let light = EnvironmentLight::new(&environment);
         let n = 1 << 16;
-        // The integral of the radiance, by uniform directions and by the light's own samples.
+        // The integral of the radiance, by uniform directions and by the environment's own samples.
         let (mut even, mut own, mut density) = (Vec3::ZERO, Vec3::ZERO, 0.0);
         for i in 0..n {
             let u2 = Sampler::new(3, i, 0).pair(0);
@@ -103,8 +103,8 @@ fn lookup_luminance(colour: Vec3) -> f32 {
 
 #[test]
 fn no_sample_of_the_environment_is_much_brighter_than_its_density() {
-    // The bilinear rim of the sun must not be sampled as if it were the dim texels it lies in. In the
-    // corner cell beside a bright texel the lookup reaches 16 times its mean.
+    // The bilinear rim of the sun must not be sampled like the dim texels that it covers. In the corner cell
+    // beside a bright texel, the lookup reaches 16 times its mean.
     let light = EnvironmentLight::new(&Environment::Map(outdoor()));
     for i in 0..20_000 {
         let (_, radiance, pdf) = light.sample(Sampler::new(1, i, 9).pair(0).map(Num::from));
@@ -124,7 +124,7 @@ fn a_black_environment_is_never_sampled() {
     assert_eq!(single::sky(&lights, Vec3::Y).1, 0.0);
 }
 
-/// A square of side 2 at height `y`, its front facing down, of the given material.
+/// Adds a square of side 2 at height `y`, with the given material and its front facing down.
 fn add_square(scene: &mut Scene, y: f32, material: Material) {
     let base = scene.mesh.positions.len() as u32;
     for (x, z) in [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
@@ -165,7 +165,7 @@ fn everything() -> Scene {
     scene
 }
 
-/// Irradiance at `from` on a surface that faces up, without occlusion, by light sampling.
+/// Irradiance at `from` on a surface that faces up, by light sampling without occlusion.
 fn irradiance(scene: &Scene, from: Vec3, samples: u32) -> Vec3 {
     let lights = Lights::new(scene);
     let sum: Vec3 = (0..samples)
@@ -182,7 +182,7 @@ fn irradiance(scene: &Scene, from: Vec3, samples: u32) -> Vec3 {
 fn emissive_triangles_give_the_irradiance_of_their_form_factor() {
     let mut scene = Scene::default();
     add_square(&mut scene, 1.0, shining(Colour::constant(Vec3::new(3.0, 2.0, 1.0)), false));
-    // A square of half side 1 at distance 1, seen from below its centre: four corner factors.
+    // A square of half side 1 at distance 1, seen from below its centre: the sum of four corner form factors.
     let corner = {
         let side = 1.0 / 2.0f32.sqrt();
         2.0 / (2.0 * PI) * side * libm::atanf(side)
@@ -190,7 +190,7 @@ fn emissive_triangles_give_the_irradiance_of_their_form_factor() {
     let expected = Vec3::new(3.0, 2.0, 1.0) * (PI * 4.0 * corner);
     let found = irradiance(&scene, Vec3::ZERO, 1 << 13);
     assert!(((found - expected) / expected).abs().max_element() < 0.01, "{found} for {expected}");
-    // From above the back is dark.
+    // The back, seen from above, is dark.
     assert_eq!(irradiance(&scene, Vec3::Y * 2.0, 512), Vec3::ZERO);
 }
 
@@ -289,7 +289,7 @@ fn textured_emitters_count_where_they_shine() {
     );
 }
 
-/// Squares of all brightnesses and places, some shining up, some down, some both ways.
+/// Squares of random brightness and position. Some emit upwards, some downwards, some to both sides.
 fn thousands() -> Scene {
     let mut scene = Scene::default();
     for i in 0..700 {
@@ -317,8 +317,8 @@ fn lights_are_chosen_with_the_chances_that_are_stated() {
         let to = receiver(from, normal);
         let stated: Vec<f32> = (0..1400).map(|p| emitters.chance(&to, Int::from(p)).get()).collect();
         let sum: f32 = stated.iter().sum();
-        // A fork whose sides both prove out of reach gives nothing; a third of the samples may end so
-        // where the horizon goes through the lights.
+        // A fork whose children both prove out of reach returns no light. A third of the samples may end so
+        // if the horizon goes through the lights.
         assert!((0.5..1.0001).contains(&sum), "chances add up to {sum}");
         let n = 1 << 18;
         let mut counts = vec![0u32; 1400];
@@ -328,7 +328,7 @@ fn lights_are_chosen_with_the_chances_that_are_stated() {
             assert_eq!(chance.get(), stated[place.get() as usize]);
             counts[place.get() as usize] += u32::from(chance.get() > 0.0);
         }
-        // The samples are even, so counts are off by rounding alone.
+        // The samples are evenly spaced, so the counts are off only by rounding.
         for (&count, &stated) in counts.iter().zip(&stated) {
             assert!((count as f32 - stated * n as f32).abs() < 2.0 + 1e-3 * count as f32, "{count} {stated}");
         }
@@ -337,7 +337,7 @@ fn lights_are_chosen_with_the_chances_that_are_stated() {
 
 #[test]
 fn no_light_that_arrives_is_left_out() {
-    // All light at a point on a wall, by the tree and by the sum over all emitters.
+    // All light at a point on a wall, by the tree and by summing over all emitters.
     let scene = thousands();
     let normals = [Vec3::Y, Vec3::NEG_X, Vec3::new(0.6, 0.0, 0.8)];
     for (k, around) in (0..normals.len()).flat_map(|k| [(k, false), (k, true)]) {
@@ -345,7 +345,7 @@ fn no_light_that_arrives_is_left_out() {
         let n = 1 << 16;
         let lights = Lights::new(&scene);
         let to = among((from, normal, around));
-        // From one side, or through a frosted wall.
+        // Lit from one side, or from both through a frosted wall.
         let seen = |cosine: f32| if around { cosine.abs() } else { cosine.max(0.0) };
         let mut by_tree = 0.0;
         for i in 0..n {
@@ -388,7 +388,7 @@ fn thousands_of_emitters_each_have_their_power() {
     assert!((total - 1.0).abs() < 1e-3, "chances add up to {total}");
 }
 
-/// Points and spots of all brightnesses, places and directions, a black one, and two suns.
+/// Points and spots of random brightness, position and direction, one black light, and two suns.
 fn thousands_of_points() -> Scene {
     let light = |i: u32| {
         let s = Sampler::new(i, 0, 78);
@@ -410,13 +410,13 @@ fn thousands_of_points() -> Scene {
     lights[77].intensity = Vec3::ZERO;
     lights.extend([sun(3.0, Vec3::NEG_Y), sun(1.0, Vec3::new(1.0, -1.0, 0.3))]);
     let mut scene = Scene { lights, ..Scene::default() };
-    // What suns give a scene follows from its size.
+    // The power of suns depends on the size of the scene.
     add_square(&mut scene, -1.0, Material::fallback());
     scene.mesh.positions.iter_mut().for_each(|corner| *corner *= 20.0);
     scene
 }
 
-/// Receivers among them: a place, a normal and whether they see both sides.
+/// Receivers among the lights: position, normal, and whether they are lit from both sides.
 const AMONG: [(Vec3, Vec3, bool); 2] =
     [(Vec3::ZERO, Vec3::Y, false), (Vec3::new(19.0, 5.0, -7.0), Vec3::NEG_X, false)];
 
@@ -443,17 +443,18 @@ fn punctual_lights_are_chosen_with_the_chances_that_are_stated() {
             }
         }
         let sum: f32 = stated.iter().sum();
-        // As above: where spots shine in all directions, half of the forks' ends may prove dark.
+        // As above. Where spots count as emitting in all directions, half of the descents may end without
+        // light.
         assert!((0.3..1.001).contains(&sum), "chances add up to {sum}");
         assert!(stated[2000] > stated[2001] && stated[2001] > 0.0 && stated[77] == 0.0);
-        // The samples are even, so counts are off by rounding alone.
+        // The samples are evenly spaced, so the counts are off only by rounding.
         for (&count, &stated) in counts.iter().zip(&stated) {
             assert!((count as f32 - stated * n as f32).abs() < 2.0 + 1e-3 * count as f32, "{count} {stated}");
         }
     }
 }
 
-/// Means and variances of what samples say a receiver gets, when lights are chosen by `choose`.
+/// Means and variances of estimates of the light at a receiver, with lights chosen by `choose`.
 fn mean_and_variance(
     lights: &Lights,
     (from, normal, around): (Vec3, Vec3, bool),
@@ -480,7 +481,7 @@ fn the_tree_of_punctual_lights_finds_all_light_with_less_noise_than_power_does()
         .lights
         .iter()
         .map(|light| {
-            // Of the suns as if the scene were a ball of radius 10.
+            // The suns count as if the scene were a sphere of radius 10.
             let solid_angle = match light.shape {
                 LightShape::Directional { .. } => 100.0 * PI,
                 _ => 4.0 * PI,
@@ -509,7 +510,7 @@ fn the_tree_of_punctual_lights_finds_all_light_with_less_noise_than_power_does()
     }
 }
 
-/// What lanes choose among punctual lights.
+/// The choices of lanes among punctual lights.
 struct Choices<'a>(&'a Lights);
 
 impl LaneTask for Choices<'_> {

@@ -1,4 +1,4 @@
-//! Choosing among many lights by what each may give to a point.
+//! Light trees choose among many lights by the light that each may contribute at a point.
 
 use super::{LightBounds, Receiver};
 use crate::geom::octahedral;
@@ -6,33 +6,34 @@ use crate::lanes::{Int, Lanes, Mask, Num, OutlinedTask, Vector};
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 
-/// A binary tree of bounded lights (Conty Estevez and Kulla 2018, with the bounds of pbrt-v4). From the
-/// root on the side is chosen by how much light its bounds may send to the receiver at most: by distance, the
-/// angle off their axis, the angle of incidence. What cannot be reached has no chance.
+/// A binary tree of bounded lights (Conty Estevez and Kulla 2018, with the bounds of pbrt-v4). From the root
+/// on, a child is chosen in proportion to the most light that its bounds may send to the receiver. This
+/// depends on the distance, the angle off the axis and the angle of incidence. Lights that cannot reach the
+/// receiver have probability 0.
 #[derive(Clone, Debug)]
 pub struct LightTree {
-    /// The two children of each fork, side by side; the root's are the first.
+    /// The two children of each fork, side by side. The root's children are the first.
     children: Vec<Child>,
-    /// The path to each light: bit `n` says which side the fork at depth `n` takes.
+    /// The path from the root to each light. Bit `n` is the child taken at the fork of depth `n`.
     paths: Vec<u32>,
 }
 
-/// One side of a fork.
+/// A child of a fork.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
 struct Child {
     centre: [f32; 3],
     radius: f32,
-    /// Octahedral, 16 bits each.
+    /// Octahedral encoding, 16 bits a coordinate.
     axis: u32,
     power: f32,
-    /// Cosine of the spread, rounded down, in the lower half; of the reach in the upper.
+    /// Lower half: cosine of the spread, rounded down. Upper half: cosine of the reach.
     cosines: u32,
-    /// The fork that follows; or, with [`LEAF`], the light. [`TWO_SIDED`].
+    /// Index of the child's fork or, with [`LEAF`], of its light. May have the flag [`TWO_SIDED`].
     next: u32,
 }
 
-/// Words of a [`Child`]; two are a fork.
+/// Words of a [`Child`]. A fork has two.
 const WORDS: usize = size_of::<Child>() / 4;
 const _: () = assert!(WORDS == 8, "rows of eight are read at once");
 
@@ -40,14 +41,14 @@ const LEAF: u32 = 1 << 31;
 const TWO_SIDED: u32 = 1 << 30;
 const INDEX: u32 = TWO_SIDED - 1;
 
-/// The most forks on the path to a light: as many as a word has bits.
+/// The most forks on a path: a path has one bit for each and is stored in a word.
 const MAX_DEPTH: u32 = 32;
 
-/// Planes tried for each axis.
+/// Candidate planes of each axis.
 const BINS: usize = 12;
 
-/// What rounding may take from a cosine to the receiver's normal, which has ten bits a coordinate, and to
-/// the axis.
+/// Bounds of the rounding errors of cosines: to the receiver's normal, which is stored with ten bits a
+/// coordinate, and to the axis.
 const NORMAL_SLACK: f32 = 0.006;
 const AXIS_SLACK: f32 = 1e-3;
 
@@ -61,7 +62,7 @@ impl LightTree {
         tree
     }
 
-    /// Appends the fork of these lights and all that follows; returns its index and their bounds.
+    /// Appends the fork of these lights and all forks below. Returns the fork's index and the lights' bounds.
     fn fork(
         &mut self,
         lights: &[LightBounds],
@@ -92,20 +93,20 @@ impl LightTree {
         (first as u32 / 2, bounds[0].union(&bounds[1]))
     }
 
-    /// Chooses a light for each receiver by `u` in [0, 1). Returns the lights, their chances, 0 where
-    /// no light reaches the receiver, and what is left of `u`.
+    /// Chooses a light for each receiver by `u` in [0, 1). Returns the lights, their probabilities, which are
+    /// 0 if no light reaches the receiver, and the remainders of `u`.
     #[inline(always)]
     pub fn choose<L: Lanes>(&self, receiver: &Receiver<L>, u: Num<L>) -> (Int<L>, Num<L>, Num<L>) {
         u.lanes().outlined(SampleTree { tree: self, receiver: *receiver, u })
     }
 
-    /// The chance with which [`LightTree::choose`] gives these lights to these receivers.
+    /// The probability with which [`LightTree::choose`] returns these lights for these receivers.
     #[inline(always)]
     pub fn chance<L: Lanes>(&self, receiver: &Receiver<L>, light: Int<L>) -> Num<L> {
         light.lanes().outlined(TreeProbability { tree: self, receiver: *receiver, light })
     }
 
-    /// Weighs the children of forks.
+    /// Computes the probabilities of the children of forks.
     #[inline(always)]
     fn weigh<L: Lanes>(&self, fork: Int<L>, receiver: &Receiver<L>, normal: Vector<L>) -> Fork<L> {
         let table: &[u32] = bytemuck::cast_slice(&self.children);
@@ -122,13 +123,13 @@ impl LightTree {
     }
 }
 
-/// A fork weighed for a receiver.
+/// The probabilities of a fork's children for a receiver, and their `next` words.
 struct Fork<L: Lanes> {
     chances: [Num<L>; 2],
     next: [Int<L>; 2],
 }
 
-/// Whether lanes have arrived at a light.
+/// Lanes that have reached a light.
 #[inline(always)]
 fn is_leaf<L: Lanes>(next: Int<L>) -> Mask<L> {
     (next & LEAF).is(LEAF)
@@ -153,7 +154,7 @@ impl<L: Lanes> OutlinedTask<L> for SampleTree<'_, L> {
             if going.none() {
                 return (at & INDEX, chance, u);
             }
-            // Lanes that have arrived look at the root again.
+            // Lanes that have reached a light read the root again.
             let fork = Int::select(going, at & INDEX, Int::splat(l, 0));
             let Fork { chances: [first, second], next } = self.tree.weigh(fork, &self.receiver, normal);
             let left = u.lt(first);
@@ -210,7 +211,7 @@ impl<L: Lanes> Angle<L> {
         Self { cosine, sine: (1.0 - cosine * cosine).sqrt() }
     }
 
-    /// This less `other`, at least 0.
+    /// This angle less `other`, at least 0.
     #[inline(always)]
     fn less(self, other: Self) -> Self {
         let none = self.cosine.gt(other.cosine);
@@ -222,7 +223,7 @@ impl<L: Lanes> Angle<L> {
     }
 }
 
-/// The most light, up to a factor, that what is in the bounds may send to receivers.
+/// Upper bound, up to a constant factor, of the light that the bounded lights may send to receivers.
 #[inline(always)]
 fn importance<L: Lanes>(side: &[Int<L>; WORDS], position: Vector<L>, normal: Vector<L>) -> Num<L> {
     let l = position.lanes();
@@ -233,7 +234,7 @@ fn importance<L: Lanes>(side: &[Int<L>; WORDS], position: Vector<L>, normal: Vec
     let inside = distance2.le(radius2);
     let inverse = 1.0 / distance2.sqrt();
     let wi = to * inverse;
-    // Half the angle under which the bounds are seen.
+    // Half of the angle that the bounds subtend.
     let sine = (radius * inverse).clamp(0.0, 1.0);
     let extent = Angle { cosine: (1.0 - sine * sine).sqrt(), sine };
     let incidence = Angle::of_cosine(normal.dot(wi)).less(extent).cosine + NORMAL_SLACK;
@@ -255,7 +256,7 @@ impl Child {
         let cosine = |angle: f32| ((libm::cosf(angle) * 0.5 + 0.5) * 65535.0).floor() as u32;
         Self {
             centre: bounds.centre().to_array(),
-            // Never a point: what is at a distance of 0 is inside.
+            // Never 0: a receiver at distance 0 counts as inside.
             radius: (bounds.radius() * (1.0 + 1e-5)).max(1e-15),
             axis: octahedral::encode::<_, 16>(bounds.axis.into()).get(),
             power: bounds.power,
@@ -265,8 +266,9 @@ impl Child {
     }
 }
 
-/// Sorts lights into two children; returns where the second begins. By the least cost of a plane across the
-/// longest axis; in halves where that would grow the tree too deep or all are in one place.
+/// Sorts lights by child and returns where the second child begins. The cheapest plane across the longest
+/// axis divides them. They are halved if that plane would make the tree too deep, or if all lights are in one
+/// place.
 fn split(lights: &[LightBounds], order: &mut [u32], depth: u32) -> usize {
     let centre = |light: u32| lights[light as usize].centre();
     let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
@@ -281,7 +283,7 @@ fn split(lights: &[LightBounds], order: &mut [u32], depth: u32) -> usize {
         let mut best = (f32::INFINITY, 0, 0);
         for axis in (0..3).filter(|&axis| size[axis] > 0.0) {
             if let Some((cost, bin)) = cheapest(lights, order, low[axis], size[axis], axis) {
-                // Thin nodes are worse than their surface says.
+                // Thin nodes are worse than their surface suggests.
                 let cost = cost * size[longest] / size[axis];
                 if cost < best.0 {
                     best = (cost, axis, bin);

@@ -1,4 +1,4 @@
-//! Coats, one and many.
+//! One and several coats.
 
 use super::*;
 
@@ -7,7 +7,7 @@ fn white_stays_white_under_many_coats() {
     for (name, bsdf) in all_stacked(Vec3::ONE) {
         for wo in views() {
             let light = furnace(&bsdf, wo, 1 << 11);
-            // Rough layers lose what they pass at one angle and another one does not at another.
+            // Rough layers lose light that passes one of them at an angle and another at a different one.
             let lost = if name.starts_with("white") && !name.contains('5') { 0.02 } else { 0.15 };
             let is_all = light.max_element() < 1.015 && light.min_element() > 1.0 - lost;
             assert!(is_all, "{name} from {wo}: {light}");
@@ -31,7 +31,7 @@ fn leaning_coats_mirror_around_their_own_normal() {
         assert!((way - (normal * (2.0 * normal.dot(wo)) - wo)).length() < 1e-5);
         let fresnel = 0.04 + 0.96 * (1.0 - normal.dot(wo)).powi(5);
         assert!((weight - fresnel).abs().max_element() < 1e-4, "{weight} for {fresnel}");
-        // Over smooth facets, which mirror elsewhere, it is not quite a mirror, and as bright.
+        // Over smooth facets, which mirror into another direction, the coat is slightly rough and as bright.
         let light = furnace(&over(0.0), wo, 1 << 12);
         assert!((light - fresnel).abs().max_element() < 0.01, "{light} for {fresnel}");
     }

@@ -1,4 +1,4 @@
-//! What every BSDF promises: it samples what it evaluates, loses no light, and is reciprocal.
+//! Tests of all BSDFs: samples follow `evaluate`, no light is lost, and directions are reciprocal.
 
 use super::{Dielectric, MIN_ROUGHNESS, Matte, Mirror, Principled, Smoothness};
 use crate::geom::{Sampler, warp};
@@ -20,7 +20,7 @@ fn seen_from(outside: bool, edit: impl FnOnce(&mut scene::Principled)) -> Bsdf<'
     described(outside, None, edit)
 }
 
-/// Its coats lean to one side.
+/// A surface with coats whose normals are tilted.
 fn leaning(edit: impl FnOnce(&mut scene::Principled)) -> Bsdf<'static> {
     let normal = Vec3::new(0.3, -0.2, 0.9).normalize().into();
     described(true, Some(CoatShape { normal, bumps: 0.0.into() }), edit)
@@ -75,7 +75,7 @@ fn soapy(nanometres: f32) -> impl Fn(&mut scene::Principled) {
     }
 }
 
-/// Surfaces that lose some light even when they are white.
+/// Surfaces that lose some light even if they are white.
 fn lossy() -> Vec<(String, Bsdf<'static>)> {
     let mut all = Vec::new();
     for roughness in [0.1, 0.4, 1.0] {
@@ -121,7 +121,7 @@ fn lossy() -> Vec<(String, Bsdf<'static>)> {
     all
 }
 
-/// Coats of increasing index, outermost first: their roughnesses, and how they tint.
+/// Adds coats of increasing index, outermost first, with these roughnesses and this tint.
 fn varnished(roughnesses: &[f32], tint: Vec3) -> impl Fn(&mut scene::Principled) {
     let mut coats = Vec::new();
     for (i, &roughness) in roughnesses.iter().enumerate() {
@@ -139,7 +139,7 @@ fn lossless() -> Vec<(String, Bsdf<'static>)> {
     lossless_of(&[0.0, 0.04, 0.1, 0.25, 0.5, 0.75, 1.0], &[0.0, 0.3, 1.0])
 }
 
-/// The same, of given roughnesses of the surface and of the coat.
+/// Surfaces that absorb nothing, with the given roughnesses of the surface and of the coat.
 fn lossless_of(roughnesses: &[f32], coats: &[f32]) -> Vec<(String, Bsdf<'static>)> {
     let mut all = vec![
         ("matte".to_owned(), Bsdf(super::Bsdf::Matte(Matte { reflectance: Vec3::ONE.into() }))),
@@ -209,7 +209,7 @@ fn lossless_of(roughnesses: &[f32], coats: &[f32]) -> Vec<(String, Bsdf<'static>
     all
 }
 
-/// Surfaces that scatter, coloured ones too.
+/// Surfaces that scatter, including coloured ones.
 fn scattering() -> Vec<(String, Bsdf<'static>)> {
     let mut all: Vec<(String, Bsdf<'static>)> =
         lossless().into_iter().filter(|(_, bsdf)| !bsdf.is_smooth()).collect();
@@ -234,13 +234,13 @@ fn direction(z: f32, phi: f32) -> Vec3 {
     Vec3::new(r * libm::cosf(phi), r * libm::sinf(phi), z)
 }
 
-/// Views from straight above to grazing.
+/// Directions from straight above to grazing.
 fn views() -> impl Iterator<Item = Vec3> {
     [1.0, 0.8, 0.45, 0.2, 0.07].into_iter().map(|z| direction(z, 0.9))
 }
 
-/// The mean weight of samples: what a white environment returns. What passes into another medium
-/// counts as energy, without the squeeze of its solid angle.
+/// The mean weight of samples: the share of a white environment that is returned. Light that passes into
+/// another medium counts as energy, without the change of its solid angle.
 fn furnace(bsdf: &Bsdf, wo: Vec3, samples: u32) -> Vec3 {
     let sum: Vec3 = (0..samples)
         .filter_map(|i| {
@@ -257,10 +257,11 @@ fn a_white_furnace_returns_all_light() {
     for (name, bsdf) in lossless() {
         for wo in views() {
             let light = furnace(&bsdf, wo, 1 << 12);
-            // What a body's facets lose is interpolated, also over the index.
+            // The loss of a body's facets is interpolated, also over the index.
             let is_body = name.contains("body") || name.contains("solid");
             let allowed = if wo.z < 0.1 || is_body { 0.02 } else { 0.01 };
-            // What passes a coat at one angle and is spread by rough facets may not come out at another.
+            // Light that passes a coat at one angle, and that rough facets then spread, may not leave at
+            // another angle.
             let lost =
                 if name.contains("coated") && !name.ends_with("roughness 0") { 0.085 } else { allowed };
             let is_all = light.max_element() < 1.0 + allowed && light.min_element() > 1.0 - lost;
@@ -269,7 +270,7 @@ fn a_white_furnace_returns_all_light() {
     }
 }
 
-/// Surfaces under several coats: two lie evenly, and one's coats lean to one side.
+/// Surfaces under several coats: two with flat coats, and one with tilted coats.
 fn stacked(roughness: f32, coats: &[f32], tint: Vec3) -> [(String, Bsdf<'static>); 3] {
     let edit = |metallic: f32, clear: f32| {
         move |s: &mut scene::Principled| {
@@ -289,7 +290,7 @@ fn stacked(roughness: f32, coats: &[f32], tint: Vec3) -> [(String, Bsdf<'static>
 
 const STACKS: [&[f32]; 3] = [&[0.0], &[0.5, 0.0, 0.2], &[0.0; 8]];
 
-/// Many of them.
+/// Surfaces under several coats, of many roughnesses.
 fn all_stacked(tint: Vec3) -> impl Iterator<Item = (String, Bsdf<'static>)> {
     let all = [0.0, 0.5].into_iter().flat_map(|roughness| STACKS.map(|coats| (roughness, coats)));
     all.flat_map(move |(roughness, coats)| stacked(roughness, coats, tint))
@@ -312,8 +313,8 @@ fn fibres_and_films_give_back_most_of_what_falls_on_them() {
     for (name, bsdf) in lossy().iter().filter(|(name, _)| !name.contains("at once")) {
         for wo in views() {
             let light = furnace(bsdf, wo, 1 << 12);
-            // A film over a rough white body passes least at grazing angles, by the film's reflection of a facet that
-            // lies flat.
+            // A film over a rough white body passes least at grazing angles, by its reflection at a facet
+            // that lies flat.
             let least = if name.contains("metal velvet") { 0.5 } else { 0.2 };
             assert!(light.max_element() > least, "{name} from {wo}: {light}");
         }
@@ -343,7 +344,7 @@ fn a_sample_weighs_what_evaluation_says() {
 
 #[test]
 fn light_may_go_either_way() {
-    // Leaning coats take another cosine than the rest.
+    // Tilted coats have another cosine than the layers below.
     let stacked = all_stacked(VARNISH).filter(|(name, _)| !name.contains("leaning"));
     for (name, bsdf) in scattering().into_iter().chain(stacked) {
         for (i, wo) in views().enumerate() {

@@ -1,12 +1,12 @@
-//! Samples follow the density that is stated.
+//! Samples follow the stated density.
 
 use super::*;
 
-/// Cells of a histogram over each hemisphere, even in z² (cosine-weighted) and φ.
+/// Cells of a histogram of each hemisphere, evenly spaced in z² (cosine-weighted) and φ.
 const RINGS: usize = 12;
 const SECTORS: usize = 16;
 
-/// The integral of the density over each cell, by fine midpoints.
+/// The integral of the density over each cell, by the midpoint rule.
 fn expected(bsdf: &Bsdf, wo: Vec3) -> Vec<f64> {
     const FINE: usize = 24;
     let sides = if bsdf.is_frosted() { 2 } else { 1 };
@@ -29,12 +29,12 @@ fn expected(bsdf: &Bsdf, wo: Vec3) -> Vec<f64> {
 #[test]
 fn samples_are_distributed_as_their_density_says() {
     let mut tested = 0;
-    // Rough enough for the quadrature above to resolve.
+    // Rough enough for the midpoint rule above to resolve the lobes.
     let mut all = lossless_of(&[0.5, 0.75, 1.0], &[0.0, 0.6]);
     all.extend(lossy().into_iter().filter(|(name, _)| name.ends_with("roughness 1")));
     all.extend(stacked(0.7, &[0.5, 0.8], VARNISH));
-    // An index of 1.1 hardly turns light, however rough: its lobe is narrow. It passes with 160 points a side of a
-    // cell.
+    // An index of 1.1 hardly turns light, however rough the facets. Its lobe is narrow; it passes with 160
+    // points a side of a cell.
     for (name, bsdf) in all.iter().filter(|(name, b)| !b.is_smooth() && !name.contains("index 1.1")) {
         for wo in [direction(0.95, 0.3), direction(0.5, 2.0), direction(0.15, 4.0)] {
             let density = expected(bsdf, wo);
@@ -42,7 +42,7 @@ fn samples_are_distributed_as_their_density_says() {
             let n = 1u32 << 15;
             let mut counts = vec![0u32; density.len()];
             for i in 0..n {
-                // Independent numbers: the statistic below is for those.
+                // Independent numbers: the statistic below assumes them.
                 let sampler = Sampler::new(i, 0, 42);
                 if let Some(s) = bsdf.sample(wo, sampler.single(0), sampler.pair(1))
                     && !s.specular
@@ -62,11 +62,11 @@ fn samples_are_distributed_as_their_density_says() {
                 }
             }
             if cells == 0.0 {
-                // A lobe that is hardly ever chosen beside a smooth one.
+                // The lobe is hardly ever chosen beside a specular one.
                 continue;
             }
             tested += 1;
-            // Wilson and Hilferty: five standard deviations beyond the mean of chi-square.
+            // Wilson and Hilferty's approximation: five standard deviations above the mean of chi-square.
             let spread = 2.0 / (9.0 * cells);
             let z = ((statistic / cells).cbrt() - (1.0 - spread)) / spread.sqrt();
             assert!(z < 5.0, "{name} from {wo}: chi-square {statistic:.0} over {cells} cells");
@@ -77,8 +77,8 @@ fn samples_are_distributed_as_their_density_says() {
 
 #[test]
 fn the_rarest_facets_are_sampled_as_dense_as_narrow_lobes_say() {
-    // Lobes too narrow for the histogram: the mean of 1 / density over a known solid angle around
-    // the mirrored direction is that solid angle.
+    // These lobes are too narrow for the histogram. The mean of 1 / density over a known solid angle around
+    // the mirrored direction must equal that solid angle.
     for roughness in [0.1, 0.2, 0.3] {
         let bsdf = principled(|s| {
             rough(roughness)(s);
