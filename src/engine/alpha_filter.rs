@@ -1,4 +1,4 @@
-//! The scene as the filter that decides at each candidate hit whether its surface is there (alpha).
+//! The scene's alpha test as a filter of candidate hits.
 
 use crate::bvh::Filter;
 use crate::scene::{AlphaMode, Scene};
@@ -10,7 +10,7 @@ impl Filter for Scene {
     }
 }
 
-/// The scene as a filter of hits; `None` where all its materials are opaque.
+/// A filter that applies the scene's alpha test. `None` if all materials are opaque.
 pub(super) fn filter(scene: &Arc<Scene>) -> Option<Arc<dyn Filter>> {
     let is_masked = scene.materials.iter().any(|material| material.alpha.mode != AlphaMode::Opaque);
     is_masked.then(|| scene.clone() as Arc<dyn Filter>)

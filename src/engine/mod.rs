@@ -1,5 +1,5 @@
-//! Makes a scene ready to trace: builds its tree, opens the units (the CPU, a GPU) and gives each a tracer.
-//! The integrators in [`crate::render`] know none of these.
+//! Prepares a scene for tracing: builds its tree, opens the units (the CPU, a GPU) and makes a tracer for each. The
+//! integrators in [`crate::render`] do not depend on trees, units or tracers.
 
 mod alpha_filter;
 mod prepared_scene;

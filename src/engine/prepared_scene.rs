@@ -1,4 +1,4 @@
-//! A scene made ready: its tree and the units that trace it.
+//! A scene with its tree and the units that trace it.
 
 use super::alpha_filter::filter;
 use super::{Units, tree};
@@ -11,25 +11,25 @@ use std::sync::Arc;
 
 /// A scene with its tree and tracers, ready for any number of jobs.
 pub struct PreparedScene {
-    /// What is rendered.
+    /// The scene.
     pub scene: Arc<Scene>,
-    /// The tree over its triangles.
+    /// The tree over the scene's triangles.
     pub bvh: Arc<Bvh>,
-    /// The units that trace it.
+    /// The tracers of all units.
     pub tracers: Tracers,
-    /// The alpha test of its masked triangles, if it has any.
+    /// The alpha test of triangles that are not opaque. `None` if all are opaque.
     pub filter: Option<Arc<dyn Filter>>,
-    /// The CPU's tracer for those who have but one ray at a time.
+    /// The CPU tracer for callers that trace one ray at a time.
     pub single_ray: Arc<SingleRayTracer>,
-    /// The GPU adapter in use.
+    /// Name of the GPU adapter in use.
     pub adapter: Option<String>,
-    /// Why the GPU does not help although it was asked to; the CPU does its work.
+    /// Why a requested GPU is not used. The CPU does its work.
     pub degraded: Option<String>,
 }
 
 impl PreparedScene {
-    /// Builds the tree and the tracers. A GPU that cannot take the scene is no error: the CPU does its
-    /// work, and [`PreparedScene::degraded`] says why.
+    /// Builds the tree and the tracers. It is no error if a GPU cannot trace the scene: the CPU does its work, and
+    /// [`PreparedScene::degraded`] gives the reason.
     pub fn new(scene: Arc<Scene>, units: &Units) -> Self {
         let bvh = Arc::new(tree::build(&scene, tree::WORTH_SAVING));
         let filter = filter(&scene);
@@ -48,10 +48,10 @@ impl PreparedScene {
         Self { scene, bvh, tracers, filter, single_ray, adapter, degraded }
     }
 
-    /// The GPU's tracers with each kind of kernel, for comparison; none where there is no GPU.
+    /// The GPU's tracers with each kind of kernel, for comparison. Empty without a GPU.
     ///
     /// # Errors
-    /// Why it cannot take the scene.
+    /// Why the GPU cannot trace the scene.
     pub fn variants(&self, units: &Units) -> Result<Vec<Arc<dyn DeviceTracer>>, String> {
         units.variants(&self.bvh, self.filter.clone(), &self.tracers.host)
     }

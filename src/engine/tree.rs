@@ -1,16 +1,16 @@
-//! The tree over a scene: one over all triangles, or a tree of trees where shapes are shown so often that it pays.
+//! Builds the tree over a scene: one tree over all triangles, or a two-level tree if instances save enough triangles.
 
 use crate::bvh::{Bvh, PrimitiveIds, TreeInstance};
 use crate::scene::{AlphaMode, Scene, Shape};
 use rayon::prelude::*;
 use std::sync::Arc;
 
-/// Fewer triangles saved are not worth it: rays visit overlapping members one after the other, and boxes of a
-/// turned tree are looser than boxes made for the turned triangles.
+/// A two-level tree does not pay if it saves fewer triangles. Rays visit overlapping instances one after the other,
+/// and the box of a rotated tree is looser than a box around the rotated triangles.
 pub const WORTH_SAVING: usize = 1 << 16;
 
-/// Builds the tree of a scene. Shapes whose instances save at least `worth_saving` triangles together stay shapes. The
-/// hits are the same, to the bit, whatever is saved.
+/// Builds the tree of a scene. Shapes stay shared if their instances save at least `worth_saving` triangles together.
+/// The hits are the same to the bit either way.
 pub fn build(scene: &Scene, worth_saving: usize) -> Bvh {
     let masked: Vec<bool> = scene.materials.iter().map(|m| m.alpha.mode != AlphaMode::Opaque).collect();
     let is_masked = |primitive: u32| masked[scene.mesh.materials[primitive as usize] as usize];

@@ -1,4 +1,4 @@
-//! The units of this machine that trace: opened once, shared by all scenes.
+//! The units of this machine: opened once and shared by all scenes.
 
 use crate::bvh::{Bvh, Filter};
 use crate::schedule::Unit;
@@ -12,26 +12,26 @@ use crate::trace::gpu::{AdapterChoice, Fault, Gpu, GpuError, GpuTracer};
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// Who is asked to trace.
+/// Which units to open.
 #[derive(Clone, Debug)]
 pub struct UnitChoice {
-    /// The units; `None` takes the GPU along when there is a hardware adapter. A software adapter is used
-    /// only when the GPU is asked for, here or by name.
+    /// The units that trace. `None` adds the GPU if there is a hardware adapter. A software adapter is used only if
+    /// this field or `adapter` requests the GPU.
     pub unit: Option<Unit>,
     /// Part of the GPU adapter's name.
     pub adapter: Option<String>,
-    /// The CPU tracer's instruction set.
+    /// Instruction set of the CPU tracer.
     pub simd: SimdLevel,
-    /// Where measurements of the GPU are kept ([`Gpu::calibrate`]). None: nothing is measured, and streams have RA's
-    /// sizes. The picture is the same.
+    /// The folder of calibration results ([`Gpu::calibrate`]). `None`: the GPU is not calibrated, and streams have
+    /// RA's sizes. The picture is the same.
     #[cfg(feature = "gpu")]
     pub cache: Option<PathBuf>,
-    /// What is to go wrong with the GPU on purpose.
+    /// Failures of the GPU to inject, for tests.
     #[cfg(feature = "gpu")]
     pub fault: Option<Fault>,
 }
 
-/// The units that trace: the CPU, and the GPU if it was asked for and can be had.
+/// The units that trace: the CPU, and the GPU if it was requested and could be opened.
 #[derive(Debug)]
 pub struct Units {
     simd: SimdLevel,
@@ -41,42 +41,42 @@ pub struct Units {
 
 #[derive(Debug)]
 enum Gpus {
-    Unwanted,
-    Refused(String),
+    NotRequested,
+    Unavailable(String),
     #[cfg(feature = "gpu")]
     Open(Arc<Gpu>),
 }
 
-/// What was asked for is not there.
+/// Why the requested units cannot be opened.
 #[derive(Debug, thiserror::Error)]
 pub enum UnitsError {
     /// The processor lacks the instruction set.
     #[error(transparent)]
     Simd(#[from] SimdError),
-    /// No adapter has the name; the message lists those there are.
+    /// No adapter has the requested name. The message lists the adapters of this machine.
     #[error("{0}")]
     NoSuchAdapter(String),
-    /// A fault of a GPU where none traces.
+    /// A GPU failure is to be injected, but no GPU traces.
     #[cfg(feature = "gpu")]
     #[error("a fault is to be injected, but no GPU traces; ask for one with --tracer gpu or hybrid")]
     NothingToInject,
 }
 
 impl Units {
-    /// The CPU alone, with the best instruction set it has.
+    /// The CPU alone, with the best instruction set it supports.
     pub fn cpu() -> Self {
-        Self { simd: SimdLevel::detect(), unit: Unit::Cpu, gpu: Gpus::Unwanted }
+        Self { simd: SimdLevel::detect(), unit: Unit::Cpu, gpu: Gpus::NotRequested }
     }
 
-    /// Opens the units. A GPU that was asked for but cannot be had is no error: the CPU does its work, and
-    /// every [`super::PreparedScene`] says why.
+    /// Opens the units. It is no error if a requested GPU cannot be opened: the CPU does its work, and every
+    /// [`super::PreparedScene`] gives the reason.
     ///
     /// # Errors
-    /// When the processor lacks the instruction set, or an adapter is named and there is none of that name.
+    /// When the processor lacks the instruction set, or no adapter has the requested name.
     pub fn open(choice: &UnitChoice) -> Result<Self, UnitsError> {
         let simd = choice.simd.require()?;
         let gpu = match choice.unit {
-            Some(Unit::Cpu) => Gpus::Unwanted,
+            Some(Unit::Cpu) => Gpus::NotRequested,
             _ => open_gpu(choice)?,
         };
         #[cfg(feature = "gpu")]
@@ -86,26 +86,26 @@ impl Units {
         Ok(Self { simd, unit: choice.unit.unwrap_or(Unit::Hybrid), gpu })
     }
 
-    /// The CPU tracer's instruction set.
+    /// Instruction set of the CPU tracer.
     pub fn simd(&self) -> SimdLevel {
         self.simd
     }
 
-    /// Which units trace where there is a GPU.
+    /// Which units trace if there is a GPU.
     pub(super) fn unit(&self) -> Unit {
         self.unit
     }
 
-    /// The GPU adapter in use.
+    /// Name of the GPU adapter in use.
     pub fn adapter(&self) -> Option<String> {
         match &self.gpu {
-            Gpus::Unwanted | Gpus::Refused(_) => None,
+            Gpus::NotRequested | Gpus::Unavailable(_) => None,
             #[cfg(feature = "gpu")]
             Gpus::Open(gpu) => Some(gpu.info().to_string()),
         }
     }
 
-    /// The GPU's tracer of a tree, if there is a GPU; or why it cannot be had although it was asked for.
+    /// The GPU's tracer of a tree. `None` without a GPU; an error if the GPU was requested and cannot trace the tree.
     #[cfg_attr(not(feature = "gpu"), expect(unused_variables, reason = "only the GPU needs them"))]
     pub(super) fn device(
         &self,
@@ -114,8 +114,8 @@ impl Units {
         host: &Arc<dyn Tracer>,
     ) -> Result<Option<Arc<dyn DeviceTracer>>, String> {
         match &self.gpu {
-            Gpus::Unwanted => Ok(None),
-            Gpus::Refused(reason) => Err(reason.clone()),
+            Gpus::NotRequested => Ok(None),
+            Gpus::Unavailable(reason) => Err(reason.clone()),
             #[cfg(feature = "gpu")]
             Gpus::Open(gpu) => match GpuTracer::new(gpu.clone(), bvh.clone(), filter, host.clone()) {
                 Ok(tracer) => Ok(Some(Arc::new(tracer))),
@@ -124,7 +124,7 @@ impl Units {
         }
     }
 
-    /// The GPU's tracers of a tree with each kind of kernel, for comparison; none where there is no GPU.
+    /// The GPU's tracers of a tree with each kind of kernel, for comparison. Empty without a GPU.
     #[cfg_attr(not(feature = "gpu"), expect(unused_variables, reason = "only the GPU needs them"))]
     pub(super) fn variants(
         &self,
@@ -133,7 +133,7 @@ impl Units {
         host: &Arc<dyn Tracer>,
     ) -> Result<Vec<Arc<dyn DeviceTracer>>, String> {
         match &self.gpu {
-            Gpus::Unwanted | Gpus::Refused(_) => Ok(Vec::new()),
+            Gpus::NotRequested | Gpus::Unavailable(_) => Ok(Vec::new()),
             #[cfg(feature = "gpu")]
             Gpus::Open(gpu) => {
                 let tracer = |variant| {
@@ -162,12 +162,12 @@ fn open_gpu(choice: &UnitChoice) -> Result<Gpus, UnitsError> {
             None => gpu,
         }))),
         Err(error @ GpuError::NoSuchAdapter { .. }) => Err(UnitsError::NoSuchAdapter(error.to_string())),
-        Err(GpuError::NoAdapter { .. } | GpuError::OnlySoftware { .. }) if !asked => Ok(Gpus::Unwanted),
-        Err(error) => Ok(Gpus::Refused(error.to_string())),
+        Err(GpuError::NoAdapter { .. } | GpuError::OnlySoftware { .. }) if !asked => Ok(Gpus::NotRequested),
+        Err(error) => Ok(Gpus::Unavailable(error.to_string())),
     }
 }
 
-/// Traces on the host what a GPU is measured with.
+/// The CPU reference that the GPU's calibration compares with.
 #[cfg(feature = "gpu")]
 pub fn calibration_host(bvh: Arc<Bvh>, simd: SimdLevel) -> Arc<dyn Tracer> {
     Arc::new(CpuTracer::new(bvh, None, simd).expect("the instruction set has been checked"))
@@ -177,7 +177,7 @@ pub fn calibration_host(bvh: Arc<Bvh>, simd: SimdLevel) -> Arc<dyn Tracer> {
 fn open_gpu(choice: &UnitChoice) -> Result<Gpus, UnitsError> {
     let without = "this build has no GPU tracer: it was made without the feature `gpu`";
     Ok(match (&choice.unit, &choice.adapter) {
-        (None, None) => Gpus::Unwanted,
-        _ => Gpus::Refused(without.into()),
+        (None, None) => Gpus::NotRequested,
+        _ => Gpus::Unavailable(without.into()),
     })
 }

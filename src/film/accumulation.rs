@@ -1,33 +1,32 @@
-//! The film: radiance added in fixed point.
+//! The film: sums of radiance in fixed point.
 
 use super::stripe::{Stripe, Stripes};
 use crate::lanes::{Int, Lanes, Mask, Num, Vector, nearest};
 use std::io::Write;
 use std::sync::atomic::{AtomicI64, AtomicU32, AtomicU64, Ordering::Relaxed};
 
-/// Splats brighter than this are clamped to it, per channel.
+/// The largest value of a splat's channel. Brighter splats are clamped to it.
 pub const MAX_RADIANCE: f32 = (1u32 << MAX_RADIANCE_BITS) as f32;
 
 const MAX_RADIANCE_BITS: u32 = 20;
 
-/// Fewest bits after the point that a film works with: a rounding error of 2⁻¹³ per splat, far below
-/// a step of an 8-bit picture.
+/// The fewest fraction bits of a film. The rounding error is at most 2⁻¹³ per splat, far below a step of an 8-bit
+/// picture.
 const MIN_FRACTION_BITS: u32 = 12;
 
-/// Most bits after the point; more would not be seen through the 24 bits of the `f32` that splats come in.
+/// The most fraction bits. More would not show, because splats are `f32` values with a precision of 24 bits.
 const MAX_FRACTION_BITS: u32 = 40;
 
-/// Pixels that any number of threads add radiance to at once, with the same bytes in the end.
+/// Pixels to which any number of threads add radiance at the same time. The sums do not depend on the order.
 ///
 /// # Why no order can change a byte
-/// A splat is rounded once to an integer multiple of 2^−`fraction_bits` and added with an integer
-/// addition. Integer additions commute and associate exactly as long as none overflows.
+/// A splat is rounded once to an integer multiple of 2^−`fraction_bits` and added with an integer addition. Integer
+/// additions commute and associate exactly as long as none overflows.
 ///
 /// # Why none overflows
-/// A pixel receives at most `splats` splats, each at most [`MAX_RADIANCE`] = 2²⁰. With
-/// `fraction_bits = 62 − 20 − ⌈log₂ splats⌉` the sum stays at or below
-/// 2^(20 + fraction_bits) · splats ≤ 2⁶² < 2⁶³. A splat beyond the promised number could only
-/// overflow after as many again.
+/// A pixel receives at most `splats` splats, each at most [`MAX_RADIANCE`] = 2²⁰. With `fraction_bits = 62 − 20 −
+/// ⌈log₂ splats⌉` the sum stays at or below 2^(20 + fraction_bits) · splats ≤ 2⁶² < 2⁶³. Splats beyond the promised
+/// number overflow only after as many again.
 #[derive(Debug)]
 pub struct Film {
     width: u32,
@@ -35,12 +34,12 @@ pub struct Film {
     fraction_bits: u32,
     sums: Vec<[AtomicI64; 3]>,
     samples: Vec<AtomicU32>,
-    /// Guard `sums`.
+    /// Locks that guard `sums`.
     stripes: Stripes,
     dropped: AtomicU64,
 }
 
-/// A pixel would receive more splats than fit into its sum.
+/// A pixel could receive more splats than its sum can hold.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "each pixel may receive {splats} splats, at most {} can be added exactly; ask for fewer samples per pixel or a \
@@ -48,18 +47,18 @@ pub struct Film {
     Film::MAX_SPLATS
 )]
 pub struct TooManySplats {
-    /// The number asked for.
+    /// The requested number of splats per pixel.
     pub splats: u64,
 }
 
 impl Film {
-    /// The most splats that a pixel can be promised.
+    /// The largest number of splats per pixel that a film supports.
     pub const MAX_SPLATS: u64 = 1 << (62 - MAX_RADIANCE_BITS - MIN_FRACTION_BITS);
 
-    /// A black film of `width` × `height` pixels. Each will receive at most `splats` splats.
+    /// A black film of `width` × `height` pixels, each of which will receive at most `splats` splats.
     ///
     /// # Errors
-    /// When so many splats could overflow.
+    /// When `splats` exceeds [`Film::MAX_SPLATS`].
     pub fn new(width: u32, height: u32, splats: u64) -> Result<Self, TooManySplats> {
         if splats > Self::MAX_SPLATS {
             return Err(TooManySplats { splats });
@@ -76,7 +75,7 @@ impl Film {
             width,
             height,
             fraction_bits,
-            // Untouched memory costs nothing.
+            // The system maps zeroed pages only when they are written.
             sums: bytemuck::zeroed_vec(pixels),
             samples: bytemuck::zeroed_vec(pixels),
             stripes: Stripes::new(pixels),
@@ -89,24 +88,24 @@ impl Film {
         Self::black(self.width, self.height, self.fraction_bits)
     }
 
-    /// Columns.
+    /// Width in pixels.
     pub fn width(&self) -> u32 {
         self.width
     }
 
-    /// Rows.
+    /// Height in pixels.
     pub fn height(&self) -> u32 {
         self.height
     }
 
-    /// Counts `samples` more camera rays for a pixel (row-major index, first row on top): its mean is
-    /// taken over all of them, whatever they bring.
+    /// Adds to a pixel's number of camera rays (row-major index, first row on top). The pixel's mean is taken over
+    /// all of them, including rays that add no radiance.
     pub fn add_samples(&self, pixel: u32, samples: u32) {
         self.samples[pixel as usize].fetch_add(samples, Relaxed);
     }
 
-    /// Adds radiance to a pixel, clamped to [`MAX_RADIANCE`]. A splat with a negative channel or one
-    /// that is not finite is dropped and counted.
+    /// Adds radiance to a pixel, clamped to [`MAX_RADIANCE`]. A splat with a negative channel, or one that is not
+    /// finite, is dropped and counted.
     pub fn splat(&self, pixel: u32, radiance: glam::Vec3) {
         let sums = &self.sums[pixel as usize];
         if let Some(fixed) = self.fixed(radiance) {
@@ -115,8 +114,8 @@ impl Film {
         }
     }
 
-    /// [`Film::splat`] of each lane of a mask. Neighbouring lanes are often of one pixel, whose sums are then
-    /// added to once, or of one stripe, which is then locked once.
+    /// [`Film::splat`] for each lane of a mask. Neighbouring lanes often belong to one pixel, whose sums are then
+    /// added to once, or to one stripe, which is then locked once.
     #[inline(always)]
     pub fn splat_lanes<L: Lanes>(&self, lanes: Mask<L>, pixel: Int<L>, radiance: Vector<L>) {
         if lanes.none() {
@@ -160,7 +159,7 @@ impl Film {
         for lane in lanes.iter() {
             let pixel = pixels[lane];
             if !stripe.as_ref().is_some_and(|stripe: &Stripe<'_>| stripe.has(pixel)) {
-                // The last one is let go of first: whoever holds two could wait for ever.
+                // Unlock the previous stripe first. A thread that holds two could deadlock.
                 drop(stripe.take());
                 stripe = Some(self.stripes.lock(pixel));
             }
@@ -168,26 +167,26 @@ impl Film {
         }
     }
 
-    /// What radiance is multiplied with before it is rounded.
+    /// The factor from radiance to fixed point.
     fn scale(&self) -> f64 {
         (1u64 << self.fraction_bits) as f64
     }
 
-    /// Radiance in fixed point; `None`, and counted, if it is none.
+    /// Radiance in fixed point. `None` if it is negative or not finite; the dropped splat is counted.
     fn fixed(&self, radiance: glam::Vec3) -> Option<[i64; 3]> {
         let valid = radiance.is_finite() && radiance.cmpge(glam::Vec3::ZERO).all();
         if !valid {
             self.dropped.fetch_add(1, Relaxed);
             return None;
         }
-        // The product is exact (a power of two), the rounding is the only error.
+        // The product is exact (a power of two), so the rounding is the only error.
         Some(radiance.to_array().map(|value| nearest(f64::from(value.min(MAX_RADIANCE)) * self.scale())))
     }
 
-    /// Adds all that another film of the same size and precision has received.
+    /// Adds all sums and counts of another film of the same size and precision.
     ///
     /// # Panics
-    /// If it is of another size or precision.
+    /// If the other film has another size or precision.
     pub fn add(&self, other: &Self) {
         let kind = |film: &Self| (film.width, film.height, film.fraction_bits);
         assert_eq!(kind(self), kind(other), "films of one kind can be added");
@@ -201,7 +200,7 @@ impl Film {
         self.dropped.fetch_add(other.dropped_splats(), Relaxed);
     }
 
-    /// A pixel's mean luminance (Rec. 709) and over how many samples; 0 if there is none.
+    /// A pixel's mean luminance (Rec. 709) and its number of samples. The mean is 0 without samples.
     pub fn luminance(&self, pixel: usize) -> (f64, u32) {
         let samples = self.samples[pixel].load(Relaxed);
         let [r, g, b] = self.sums[pixel].each_ref().map(|sum| sum.load(Relaxed) as f64);
@@ -209,10 +208,10 @@ impl Film {
         ((0.2126 * r + 0.7152 * g + 0.0722 * b) * unit, samples)
     }
 
-    /// Writes all that has been received, as integers.
+    /// Writes all sums and counts as little-endian integers.
     ///
     /// # Errors
-    /// When the file system refuses.
+    /// When the writer fails.
     pub fn save(&self, to: &mut impl Write) -> std::io::Result<()> {
         to.write_all(&self.fraction_bits.to_le_bytes())?;
         to.write_all(&self.dropped_splats().to_le_bytes())?;
@@ -225,8 +224,8 @@ impl Film {
         Ok(())
     }
 
-    /// A film of the same size and precision with what another has written by [`Film::save`]; none if it
-    /// was of another precision, or longer.
+    /// Reads what [`Film::save`] wrote for a film of the same size and precision. `None` if the precision differs or
+    /// bytes are missing.
     pub fn restored(&self, from: &mut &[u8]) -> Option<Self> {
         let film = self.blank();
         if u32::from_le_bytes(*take(from)?) != self.fraction_bits {
@@ -242,23 +241,23 @@ impl Film {
         Some(film)
     }
 
-    /// Splats dropped so far because they were not radiance.
+    /// Number of splats dropped so far, because they were negative or not finite.
     pub fn dropped_splats(&self) -> u64 {
         self.dropped.load(Relaxed)
     }
 
-    /// Samples taken of each pixel so far, row major, first row on top.
+    /// Number of samples of each pixel so far, row major, first row on top.
     pub fn sample_counts(&self) -> Vec<u32> {
         self.samples.iter().map(|n| n.load(Relaxed)).collect()
     }
 
-    /// Samples taken of a pixel on average.
+    /// Mean number of samples of a pixel.
     pub fn mean_samples(&self) -> f64 {
         self.samples.iter().map(|n| f64::from(n.load(Relaxed))).sum::<f64>() / self.samples.len() as f64
     }
 
-    /// The mean radiance of each pixel over its own samples, row major, first row on top; 0 where
-    /// there is no sample yet.
+    /// The mean radiance of each pixel over its own samples, row major, first row on top. 0 for pixels without
+    /// samples.
     pub fn resolve(&self) -> Vec<[f32; 3]> {
         let unit = 1.0 / (1u64 << self.fraction_bits) as f64;
         self.sums
@@ -272,15 +271,15 @@ impl Film {
     }
 }
 
-/// Adds to sums whose stripe is locked: no thread comes between, so reading and writing need not be one
-/// operation, which is several times cheaper.
+/// Adds to sums whose stripe is locked. No other thread writes them, so a load and a store suffice, which are several
+/// times cheaper than an atomic addition.
 fn add(sums: &[AtomicI64; 3], fixed: [i64; 3]) {
     for (sum, fixed) in sums.iter().zip(fixed) {
         sum.store(sum.load(Relaxed) + fixed, Relaxed);
     }
 }
 
-/// The next bytes, if there are so many.
+/// The next `N` bytes, if there are so many.
 pub(crate) fn take<'a, const N: usize>(from: &mut &'a [u8]) -> Option<&'a [u8; N]> {
     let (bytes, rest) = from.split_first_chunk()?;
     *from = rest;
@@ -316,7 +315,7 @@ mod tests {
         assert_eq!(film.resolve(), vec![[0.5, 0.0, MAX_RADIANCE]]);
     }
 
-    /// Splats in lanes: to one pixel, to all, and some that are not radiance.
+    /// Splats in lanes: to one pixel, to all pixels, and some that are negative or not finite.
     struct Splats<'a>(&'a Film);
 
     impl LaneTask for Splats<'_> {

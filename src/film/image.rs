@@ -2,20 +2,20 @@
 
 use xxhash_rust::xxh3::Xxh3;
 
-/// Linear Rec. 709 radiance, row major, first row on top.
+/// A picture of linear Rec. 709 radiance, row major, first row on top.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Image {
-    /// Columns.
+    /// Width in pixels.
     pub width: u32,
-    /// Rows.
+    /// Height in pixels.
     pub height: u32,
     /// `width × height` pixels.
     pub pixels: Vec<[f32; 3]>,
 }
 
 impl Image {
-    /// The picture's identity: XXH3 (64 bits) of the size and of every channel's bits, as hexadecimal
-    /// digits. Equal pictures, and in practice only they, have equal hashes.
+    /// The picture hash: XXH3 (64 bits) of the size and of the bits of every channel, in hexadecimal digits. Equal
+    /// pictures have equal hashes, and in practice different pictures have different ones.
     pub fn hash(&self) -> String {
         let mut hash = Xxh3::new();
         for size in [self.width, self.height] {

@@ -1,4 +1,4 @@
-//! Accumulation, tone mapping and image files. Does not know where radiance came from.
+//! Accumulation, noise estimates, tone mapping and image files. This module does not know how radiance is computed.
 
 mod accumulation;
 mod image;

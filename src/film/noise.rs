@@ -1,21 +1,22 @@
-//! How far the pixels of a film are still from their mean.
+//! Estimates the noise of a film's pixels.
 
 use super::Film;
 use super::accumulation::take;
 use std::io::Write;
 use std::ops::Range;
 
-/// The spread of each pixel's luminance between the passes that were added to a film.
+/// The variance of each pixel's luminance between the passes that were added to a film.
 ///
 /// # Why passes
-/// A path adds several splats, so a film does not see single samples; but it sees what each pass brought.
-/// If a pixel's passes of `n` samples had means `x`, and all together the mean `m`, then
-/// `Σ n (x − m)² / (passes − 1)` estimates the variance of one sample, and that divided by all samples the
-/// variance of `m`. A pass whose samples are stratified varies less than as many independent ones, and
-/// several together less still: the estimate errs to the safe side.
+/// A path adds several splats, so a film does not know single samples, but it knows the sum of each pass. If the
+/// passes of a pixel with `n` samples have means `x`, and all passes together have mean `m`, then `Σ n (x − m)² /
+/// (passes − 1)` estimates the variance of one sample. Divided by the number of all samples, it estimates the
+/// variance of `m`. A pass of stratified samples varies less than one of independent samples, and several passes
+/// together less still, so the estimate is conservative.
 ///
 /// # Why no thread can change it
-/// Films of whole passes are exact sums, and passes are learnt from in their order, by one thread.
+/// Films of whole passes are exact sums, and one thread adds the passes in their order, so the estimate is
+/// deterministic.
 #[derive(Clone, Debug)]
 pub struct Noise {
     width: usize,
@@ -25,18 +26,19 @@ pub struct Noise {
 }
 
 impl Noise {
-    /// Nothing learnt about the pixels of such a film.
+    /// An estimate for a film of this size, without any pass.
     pub fn new(film: &Film) -> Self {
         let (width, pixels) = (film.width() as usize, film.width() as usize * film.height() as usize);
         Self { width, spread: vec![0.0; pixels], passes: vec![0; pixels] }
     }
 
-    /// Learns from a pass that is about to be added to the film of all passes before it.
+    /// Adds a pass to the estimate. `before` is the film of all earlier passes, to which the pass is about to be
+    /// added.
     pub fn learn(&mut self, before: &Film, pass: &Film) {
         for (pixel, (spread, passes)) in self.spread.iter_mut().zip(&mut self.passes).enumerate() {
             let ((mean, samples), (x, more)) = (before.luminance(pixel), pass.luminance(pixel));
             if more > 0 {
-                // Chan, Golub and LeVeque's update (1979): no difference of large numbers.
+                // The update of Chan, Golub and LeVeque (1979), which avoids differences of large numbers.
                 let (samples, more) = (f64::from(samples), f64::from(more));
                 *spread += ((x - mean) * (x - mean) * (samples * more / (samples + more))) as f32;
                 *passes = passes.saturating_add(1);
@@ -44,8 +46,8 @@ impl Noise {
         }
     }
 
-    /// Over some columns and rows of a film: the standard error of a pixel's luminance (root mean square)
-    /// and the mean luminance. The error is infinite before the second pass.
+    /// Over a range of columns and rows: the root mean square of the pixels' standard errors in luminance, and the
+    /// mean luminance. The error is infinite before the second pass.
     pub fn measure(&self, film: &Film, columns: Range<u32>, rows: Range<u32>) -> (f64, f64) {
         let (mut variance, mut sum, mut pixels) = (0.0, 0.0, 0.0);
         for y in rows {
@@ -62,10 +64,10 @@ impl Noise {
         (if error.is_nan() { f64::INFINITY } else { error }, sum / pixels)
     }
 
-    /// Writes what has been learnt.
+    /// Writes the estimate.
     ///
     /// # Errors
-    /// When the file system refuses.
+    /// When the writer fails.
     pub fn save(&self, to: &mut impl Write) -> std::io::Result<()> {
         for (spread, passes) in self.spread.iter().zip(&self.passes) {
             to.write_all(&spread.to_le_bytes())?;
@@ -74,7 +76,7 @@ impl Noise {
         Ok(())
     }
 
-    /// What was written by [`Noise::save`] about such a film; none if there is not so much.
+    /// Reads what [`Noise::save`] wrote for a film of this size. `None` if bytes are missing.
     pub fn restored(film: &Film, from: &mut &[u8]) -> Option<Self> {
         let mut noise = Self::new(film);
         for (spread, passes) in noise.spread.iter_mut().zip(&mut noise.passes) {
@@ -90,7 +92,7 @@ mod tests {
     use super::*;
     use glam::Vec3;
 
-    /// Passes of `samples` random numbers each over a film; returns what was learnt and the film.
+    /// Passes of `samples` random numbers each over a film. Returns the estimate and the film.
     fn passes(samples: &[u32], seed: u32) -> (Noise, Film) {
         let film = Film::new(16, 16, 4096).expect("fits");
         let mut noise = Noise::new(&film);
@@ -113,14 +115,14 @@ mod tests {
 
     #[test]
     fn the_error_is_that_of_the_mean() {
-        // A uniform number varies by 1/12.
+        // The variance of a uniform number is 1/12.
         for (samples, all) in [(&[8, 8, 8, 8][..], 32.0), (&[2, 4, 8, 2, 16, 32], 64.0)] {
             let (noise, film) = passes(samples, all as u32);
             let (error, mean) = noise.measure(&film, 0..16, 0..16);
             let expected = libm::sqrt(1.0 / 12.0 / all);
             assert!((error / expected - 1.0).abs() < 0.1, "{error} where {expected} is expected");
             assert!((mean - 2.5).abs() < 0.02);
-            // And really: the pixels' means are so far from the mean of all.
+            // The true error agrees: the pixels' means deviate by as much from the expected value.
             let square = |pixel: usize| (film.luminance(pixel).0 - 2.5).powi(2);
             let real = libm::sqrt((0..256).map(square).sum::<f64>() / 256.0);
             assert!((error / real - 1.0).abs() < 0.15, "{error} where {real} is found");

@@ -3,18 +3,18 @@
 use crate::sync::atomic::{AtomicBool, Ordering::Acquire, Ordering::Relaxed, Ordering::Release};
 use crate::sync::{spin_loop, yield_now};
 
-/// Pixels of a stripe, neighbours in a row. A batch's lanes then share few stripes, and threads seldom contend.
+/// Pixels of a stripe, neighbours in a row. The lanes of a batch then share few stripes, and threads seldom contend.
 pub const STRIPE_PIXELS: u32 = 64;
 
-/// Spins on a locked stripe before the thread yields. An owner holds the lock for a few nanoseconds unless the
-/// system preempts it.
+/// Spins on a locked stripe before the thread yields. An owner holds the lock for a few nanoseconds unless the system
+/// preempts it.
 const SPINS: u32 = 100;
 
 /// The locks of a film, one for each stripe.
 #[derive(Debug)]
 pub struct Stripes(Vec<AtomicBool>);
 
-/// A locked stripe; unlocks when dropped.
+/// A locked stripe. Unlocks when dropped.
 pub struct Stripe<'a> {
     lock: &'a AtomicBool,
     number: u32,

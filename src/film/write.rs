@@ -1,4 +1,4 @@
-//! Pictures → files.
+//! Writes pictures to files.
 
 use super::Image;
 use crate::files::{NotWritten, write_atomically};
@@ -9,13 +9,13 @@ use std::path::{Path, PathBuf};
 /// Why a picture could not be written.
 #[derive(Debug, thiserror::Error)]
 pub enum WriteError {
-    /// The extension names no known format.
+    /// The extension is not that of a known format.
     #[error("{path}: cannot tell the format from the extension; use .png, .exr, .hdr or .npy")]
     Format {
         /// The file.
         path: PathBuf,
     },
-    /// The file system or the encoder refused.
+    /// An error of the file system or the encoder.
     #[error(transparent)]
     NotWritten(#[from] NotWritten),
 }
@@ -23,21 +23,21 @@ pub enum WriteError {
 /// File formats of pictures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
-    /// 8-bit sRGB, values cut to 0..=1.
+    /// PNG: 8-bit sRGB, values clamped to 0..=1.
     Png,
-    /// OpenEXR, 32-bit float, linear.
+    /// OpenEXR: 32-bit floats, linear.
     Exr,
-    /// Radiance RGBE, linear.
+    /// Radiance RGBE: linear.
     Hdr,
-    /// NumPy, float32 (height, width, 3), linear.
+    /// NumPy: float32 of shape (height, width, 3), linear.
     Npy,
 }
 
 impl Format {
-    /// The format a file's extension names.
+    /// The format of a file name's extension.
     ///
     /// # Errors
-    /// When it names none of them.
+    /// When the extension is not that of a known format.
     pub fn of(path: &Path) -> Result<Self, WriteError> {
         let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
         match extension.as_str() {
@@ -50,11 +50,12 @@ impl Format {
     }
 }
 
-/// Writes a picture in the format its extension names; `exposure` in stops counts for `.png` only,
-/// the other formats hold radiance as it is.
+/// Writes a picture in the format of the file name's extension. `exposure`, in stops, applies to `.png` only; the
+/// other formats store radiance unchanged.
 ///
 /// # Errors
-/// When the format is unknown, or the file cannot be written; then no file is left or changed.
+/// When the format is unknown, or the file cannot be written. An existing file is then unchanged, and no new file is
+/// left.
 pub fn write_image(path: &Path, image: &Image, exposure: f32) -> Result<(), WriteError> {
     let format = Format::of(path)?;
     Ok(write_atomically(path, |file| {
@@ -100,7 +101,7 @@ fn write_npy(file: impl Write + Seek, image: &Image) -> std::io::Result<()> {
     npy.finish()
 }
 
-/// Radiance → 8-bit sRGB.
+/// Converts radiance to 8-bit sRGB.
 fn to_srgb(image: &Image, exposure: f32) -> Vec<u8> {
     let gain = libm::exp2f(exposure);
     let encode = |&radiance: &f32| {

@@ -1,20 +1,20 @@
-//! Clocks of processor cores, as Linux tells them.
+//! Clock frequencies of processor cores, as Linux reports them.
 
 use std::fs::read_to_string;
 use std::path::{Path, PathBuf};
 
-/// Where the clocks are read.
+/// The source of the clock frequencies.
 pub struct Clock(Source);
 
 enum Source {
-    /// A file a core, kHz.
+    /// One file for each core, in kHz.
     Cpufreq(Vec<PathBuf>),
-    /// One text about all cores.
+    /// One file about all cores.
     Cpuinfo(PathBuf),
 }
 
 impl Clock {
-    /// This machine's; none where it does not tell.
+    /// The source on this machine. `None` if the system reports no clock frequencies.
     pub fn find() -> Option<Self> {
         Self::find_in(Path::new("/sys/devices/system/cpu"), Path::new("/proc/cpuinfo"))
     }
@@ -28,7 +28,7 @@ impl Clock {
         Some(Self(source)).filter(|clock| clock.mhz().is_some())
     }
 
-    /// The mean of all cores.
+    /// The mean clock frequency of all cores, in MHz.
     pub fn mhz(&self) -> Option<f64> {
         match &self.0 {
             Source::Cpufreq(files) => {
@@ -50,7 +50,7 @@ fn number(text: &str) -> Option<f64> {
     text.trim().parse().ok()
 }
 
-/// Of the numbers that could be read; none of none.
+/// The mean of the numbers that could be read. `None` if there are none.
 fn mean(numbers: impl Iterator<Item = Option<f64>>) -> Option<f64> {
     let (sum, count) = numbers.flatten().fold((0.0, 0.0), |(sum, count), number| (sum + number, count + 1.0));
     (count > 0.0).then_some(sum / count)

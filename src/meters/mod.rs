@@ -1,4 +1,5 @@
-//! What the machine says of itself, where it can be read: the processor's name, energy (RAPL, NVML), Linux's clocks.
+//! Measurements that the machine reports about itself, where available: the processor's name, energy (RAPL, NVML),
+//! and Linux's clock frequencies.
 
 mod clock;
 #[cfg(feature = "nvml")]
@@ -14,7 +15,7 @@ pub use spread::Spread;
 
 use std::collections::BTreeMap;
 
-/// A machine's energy meters, read when they were started.
+/// A machine's energy meters, with their counts when measuring started.
 pub struct Meters {
     processors: rapl::Meters,
     #[cfg(feature = "nvml")]
@@ -22,7 +23,7 @@ pub struct Meters {
 }
 
 impl Meters {
-    /// Reads all meters of this machine; those that cannot be read are left out.
+    /// Reads all meters of this machine. Meters that cannot be read are left out.
     pub fn start() -> Self {
         Self {
             processors: rapl::Meters::start(),
@@ -31,8 +32,8 @@ impl Meters {
         }
     }
 
-    /// Joules since the start by meter: `package-0` is a whole processor, `package-0/dram` a part of
-    /// what is measured, `gpu 0 (NAME)` a GPU with its memory. Empty without meters.
+    /// Joules since the start, by meter: `package-0` is a whole processor, `package-0/dram` a part of that
+    /// processor's energy, `gpu 0 (NAME)` a GPU with its memory. Empty without meters.
     pub fn joules(&self) -> BTreeMap<String, f64> {
         #[allow(unused_mut, reason = "there are GPUs to be read only in a build with NVML")]
         let mut joules = self.processors.joules();

@@ -1,14 +1,14 @@
-//! NVIDIA's library, where its driver is: energy, power and clocks of GPUs.
+//! NVIDIA's management library, where its driver is installed: energy, power and clock frequencies of GPUs.
 
 use nvml_wrapper::enum_wrappers::device::Clock;
 use nvml_wrapper::{Device, Nvml};
 use std::collections::BTreeMap;
 
-/// The GPUs of the driver that is there; none without one.
+/// The GPUs of the installed driver. Empty without a driver.
 pub struct Devices {
     nvml: Option<Nvml>,
     names: Vec<String>,
-    /// Millijoules since the driver was loaded; none of GPUs that do not count them.
+    /// Millijoules between the driver's start and the start of measuring. `None` for GPUs that do not count energy.
     start_mj: Vec<Option<u64>>,
 }
 
@@ -32,7 +32,7 @@ impl Devices {
         self.nvml.as_ref()?.device_by_index(index).ok()
     }
 
-    /// What each GPU is called.
+    /// The names of the GPUs.
     pub fn names(&self) -> &[String] {
         &self.names
     }
@@ -46,12 +46,12 @@ impl Devices {
         self.names.iter().enumerate().filter_map(joules).collect()
     }
 
-    /// Watts that a GPU draws.
+    /// Power of a GPU, in watts.
     pub fn watts(&self, index: usize) -> Option<f64> {
         Some(f64::from(self.device(index as u32)?.power_usage().ok()?) * 1e-3)
     }
 
-    /// Its clock.
+    /// Clock frequency of a GPU, in MHz.
     pub fn mhz(&self, index: usize) -> Option<f64> {
         Some(f64::from(self.device(index as u32)?.clock_info(Clock::Graphics).ok()?))
     }

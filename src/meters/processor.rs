@@ -1,8 +1,8 @@
 //! The processor's name.
 
-/// Name, family and model of the processor, as `AMD EPYC, family 26, model 2`: virtual machines often shorten the
-/// name, and the numbers then still tell the generation. None where the system does not say (elsewhere than on
-/// Linux, and on ARM).
+/// Name, family and model of the processor, such as `AMD EPYC, family 26, model 2`. Virtual machines often shorten
+/// the name; the numbers then still identify the generation. `None` where the system does not report them (systems
+/// other than Linux, and ARM).
 pub fn processor() -> Option<String> {
     named(&std::fs::read_to_string("/proc/cpuinfo").ok()?)
 }

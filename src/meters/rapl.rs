@@ -1,13 +1,13 @@
-//! RAPL on Linux: the energy of Intel and AMD processors; reading it may need rights.
+//! RAPL on Linux: the energy of Intel and AMD processors. Reading it may require privileges.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// Where Linux shows RAPL.
+/// The folder in which Linux exposes RAPL.
 const POWERCAP: &str = "/sys/class/powercap";
 
-/// A machine's meters, read when they were started.
+/// A machine's meters, with their counts when measuring started.
 #[derive(Clone, Debug, Default)]
 pub struct Meters(Vec<Meter>);
 
@@ -15,13 +15,13 @@ pub struct Meters(Vec<Meter>);
 struct Meter {
     name: String,
     counter: PathBuf,
-    /// Where the counter starts again from 0.
+    /// The counter wraps around to 0 at this value, in microjoules.
     range_uj: u64,
     start_uj: u64,
 }
 
 impl Meters {
-    /// Reads all meters of this machine; those that cannot be read are left out.
+    /// Reads all meters of this machine. Meters that cannot be read are left out.
     pub fn start() -> Self {
         Self::start_in(Path::new(POWERCAP))
     }
@@ -33,8 +33,8 @@ impl Meters {
         Self(meters)
     }
 
-    /// Joules since the start by meter. Counters start again after some minutes of load; of longer times too
-    /// little is told.
+    /// Joules since the start, by meter. Counters wrap around after some minutes of load, so longer measurements
+    /// report too little.
     pub fn joules(&self) -> BTreeMap<String, f64> {
         let joules = |meter: &Meter| {
             let now_uj = number(&meter.counter)?;
@@ -44,14 +44,14 @@ impl Meters {
     }
 }
 
-/// What a meter counted since it was last looked at, by the time between.
+/// Average power of a meter between two readings.
 pub struct Power {
     meter: Meter,
     since: Instant,
 }
 
 impl Meters {
-    /// The same meters, to be looked at again and again.
+    /// The same meters for repeated readings of power.
     pub fn into_power(self) -> Vec<Power> {
         let since = Instant::now();
         self.0.into_iter().map(|meter| Power { meter, since }).collect()
@@ -64,10 +64,10 @@ impl Power {
         &self.meter.name
     }
 
-    /// Watts since the last look; none if too little time has passed to tell.
+    /// Watts since the last reading. `None` if too little time has passed.
     pub fn watts(&mut self, now: Instant) -> Option<f64> {
         let seconds = now.saturating_duration_since(self.since).as_secs_f64();
-        // The counter is renewed every thousandth of a second.
+        // The system updates the counter every millisecond.
         if seconds < 0.005 {
             return None;
         }
@@ -136,7 +136,7 @@ mod tests {
         let mut power = meters.into_power();
         let later = Instant::now() + Duration::from_secs(5);
         assert_eq!(power[0].name(), "package-0");
-        // 2.5 J in a little over five seconds; then nothing, in no time.
+        // 2.5 J in slightly more than five seconds, and then nothing in no time.
         let watts = power[0].watts(later).expect("time has passed");
         assert!((0.49..=0.5).contains(&watts), "{watts} W");
         assert_eq!(power[0].watts(later), None);

@@ -1,4 +1,4 @@
-//! Clocks and power over time (RA, Figure 5).
+//! Records clock frequencies and power over time (RA, Figure 5).
 
 use super::clock::Clock;
 #[cfg(feature = "nvml")]
@@ -8,31 +8,31 @@ use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// How often is read, at most.
+/// The shortest time between two readings.
 pub const PERIOD: Duration = Duration::from_millis(20);
 
-/// Reading takes at most one part in so many of one thread's time.
+/// Reading takes at most 1/`SHARE` of one thread's time.
 const SHARE: u32 = 200;
 
-/// Numbers over time.
+/// A quantity over time.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Series {
-    /// Of what.
+    /// Name of the quantity.
     pub name: String,
-    /// In what.
+    /// Unit of the quantity.
     pub unit: &'static str,
-    /// When, and how much.
+    /// Time and value of each reading.
     pub points: Vec<(Instant, f64)>,
 }
 
-/// Reads clocks and power on a thread of its own until it is asked what it has read.
+/// Reads clock frequencies and power on a thread of its own until it is finished.
 pub struct Recorder {
     stop: Sender<()>,
     thread: JoinHandle<Vec<Series>>,
 }
 
 impl Recorder {
-    /// Reads for the first time, and goes on on its own; none where the system gives no thread.
+    /// Takes the first reading and starts the thread. `None` if the system cannot start a thread.
     pub fn start() -> Option<Self> {
         let (stop, stopped) = channel();
         let mut gauges = Gauges::find();
@@ -51,7 +51,7 @@ impl Recorder {
         Some(Self { stop, thread })
     }
 
-    /// What has been read; empty where nothing can be.
+    /// Stops the thread and returns the readings. Empty if nothing can be read.
     pub fn finish(self) -> Vec<Series> {
         drop(self.stop);
         let mut series = self.thread.join().unwrap_or_default();
@@ -60,7 +60,7 @@ impl Recorder {
     }
 }
 
-/// All that can be read over time.
+/// All quantities that can be read over time.
 struct Gauges {
     clock: Option<Clock>,
     processors: Vec<rapl::Power>,
@@ -78,7 +78,7 @@ impl Gauges {
         }
     }
 
-    /// A series for each number that [`Gauges::read`] reads, in the same order.
+    /// An empty series for each number that [`Gauges::read`] reads, in the same order.
     fn series(&self) -> Vec<Series> {
         let series = |name: &str, unit| Series { name: name.to_owned(), unit, points: Vec::new() };
         let clock = self.clock.iter().map(|_| series("cpu clock", "MHz"));

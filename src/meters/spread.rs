@@ -1,33 +1,33 @@
-//! What repeated measurements say.
+//! Statistics of repeated measurements.
 
 use serde::Serialize;
 
-/// Measurements of one thing over several rounds.
+/// Statistics of one quantity that was measured in several rounds.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Spread {
-    /// In the middle; the mean of the two middle ones if their number is even.
+    /// The median: the mean of the two middle values if their number is even.
     pub median: f64,
-    /// The best round's.
+    /// The best round's value.
     pub best: f64,
-    /// The worst round's.
+    /// The worst round's value.
     pub worst: f64,
 }
 
 impl Spread {
-    /// Of at least one rate: more is better.
+    /// Statistics of at least one rate. Higher is better.
     ///
     /// # Panics
-    /// If there is none.
+    /// If `values` is empty.
     pub fn of_rates(mut values: Vec<f64>) -> Self {
         values.sort_by(f64::total_cmp);
         let n = values.len();
         Self { median: 0.5 * (values[(n - 1) / 2] + values[n / 2]), best: values[n - 1], worst: values[0] }
     }
 
-    /// Of at least one duration: less is better.
+    /// Statistics of at least one duration. Lower is better.
     ///
     /// # Panics
-    /// If there is none.
+    /// If `values` is empty.
     pub fn of_times(values: Vec<f64>) -> Self {
         let Self { median, best, worst } = Self::of_rates(values);
         Self { median, best: worst, worst: best }

@@ -1,24 +1,24 @@
-//! Image files → pixels, within stated limits.
+//! Decodes image files, within stated limits.
 
 use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader};
 use std::io::Cursor;
 use std::path::Path;
 
-/// The most bytes that one decoded image may take (16384² RGBA texels take half of them).
+/// The most bytes that one decoded image may take. RGBA texels of 16384² pixels take half as many.
 const MAX_IMAGE_BYTES: u64 = 1 << 31;
 
-/// An image above this size must be backed by a file of some length: no format but that of a single
-/// colour packs texels tighter than [`MAX_RATIO`], so a larger promise is a damaged header.
+/// Decoded images above this size are compared with the length of their file. Every format but an image of one colour
+/// packs texels less tightly than [`MAX_RATIO`], so a higher ratio means a damaged header.
 const TRUSTED_IMAGE_BYTES: u64 = 1 << 26;
 
-/// Decoded bytes per byte of the file; deflate reaches about 1000.
+/// The most decoded bytes per byte of the file. Deflate reaches about 1000.
 const MAX_RATIO: u64 = 4096;
 
-/// Decodes an image; its first bytes tell the format, or, for formats without a signature (TGA), the
-/// extension of `name`.
+/// Decodes an image. Its first bytes tell the format. For formats without a signature (TGA), the extension of `name`
+/// tells it.
 ///
 /// # Errors
-/// A sentence without the file's name: what is wrong, with both numbers where there is a limit.
+/// A sentence without the file's name. It says what is wrong and gives both numbers if a limit is exceeded.
 pub(super) fn decode(bytes: &[u8], name: &Path) -> Result<DynamicImage, String> {
     let cannot = |problem: &dyn std::fmt::Display| format!("cannot be decoded: {problem}");
     let mut reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(|e| cannot(&e))?;
@@ -36,7 +36,7 @@ pub(super) fn decode(bytes: &[u8], name: &Path) -> Result<DynamicImage, String> 
     if width == 0 || height == 0 {
         return Err(format!("is {width} x {height} pixels; an image needs at least one"));
     }
-    // `total_bytes` saturates where the product overflows.
+    // `total_bytes` saturates when the product overflows.
     let needed = decoder.total_bytes();
     if needed > MAX_IMAGE_BYTES {
         return Err(format!(

@@ -1,26 +1,25 @@
-//! Equirectangular environment maps.
+//! Loads equirectangular environment maps.
 
 use super::decode::decode;
 use super::{LoadError, extension, read};
 use crate::scene::EnvironmentMap;
 use std::path::Path;
 
-/// The most radiance that a texel keeps; finite values beyond it are lowered to it, so that sums over
-/// an image stay finite.
+/// The largest radiance of a texel. Finite values above it are clamped to it, so that sums over an image stay finite.
 pub const LARGEST_RADIANCE: f32 = 1.0e9;
 
-/// What +∞ becomes: the largest half float, since an infinite texel of an EXR file is one that
-/// overflowed that format.
+/// Replaces +∞ in texels. It is the largest half float, because an infinite texel of an EXR file is a value that
+/// overflowed half precision.
 pub const OVERFLOWED_RADIANCE: f32 = 65504.0;
 
-/// Loads an equirectangular image (`.hdr` or `.exr`), unrotated, as linear Rec. 709 radiance.
+/// Loads an equirectangular image (`.hdr` or `.exr`) without rotation, as linear Rec. 709 radiance.
 ///
-/// Texels that are NaN or negative become 0, +∞ becomes [`OVERFLOWED_RADIANCE`], and what exceeds
-/// [`LARGEST_RADIANCE`] is lowered to it; the log says how many there were. Values are taken as stored,
-/// as other renderers do: a Radiance file's `EXPOSURE` is not divided out.
+/// Texels that are NaN or negative become 0, +∞ becomes [`OVERFLOWED_RADIANCE`], and values above
+/// [`LARGEST_RADIANCE`] are clamped to it. The log reports how many texels changed. Values are used as stored, as in
+/// other renderers: a Radiance file's `EXPOSURE` is not divided out.
 ///
 /// # Errors
-/// When the file cannot be read or decoded, is of another kind, or is too large.
+/// When the file cannot be read or decoded, has another extension, or is too large.
 pub fn environment(path: &Path) -> Result<EnvironmentMap, LoadError> {
     let kind = extension(path);
     if kind != "hdr" && kind != "exr" {
@@ -39,7 +38,7 @@ pub fn environment(path: &Path) -> Result<EnvironmentMap, LoadError> {
         .map(|pixel| {
             bad += usize::from(pixel.0.iter().any(|&v| v.is_nan() || v < 0.0));
             bright += usize::from(pixel.0.iter().any(|&v| v > LARGEST_RADIANCE));
-            pixel.0.map(held)
+            pixel.0.map(clamped)
         })
         .collect();
     if bad > 0 {
@@ -55,8 +54,8 @@ pub fn environment(path: &Path) -> Result<EnvironmentMap, LoadError> {
     Ok(EnvironmentMap { width, height, texels, rotation_degrees: 0.0 })
 }
 
-/// A value as the map promises it.
-fn held(value: f32) -> f32 {
+/// Replaces a value that [`EnvironmentMap`] does not allow.
+fn clamped(value: f32) -> f32 {
     if value == f32::INFINITY {
         OVERFLOWED_RADIANCE
     } else if value.is_nan() {

@@ -1,17 +1,17 @@
-//! Why a file could not be loaded.
+//! Errors of loading files.
 
 use crate::scene::MeshError;
 use std::path::PathBuf;
 
-/// Why a scene or an environment map could not be loaded: which file, where in it, and what to do.
+/// Why a scene or an environment map could not be loaded: the file, the place in it, and the remedy.
 #[derive(Debug, thiserror::Error)]
 pub enum LoadError {
-    /// The file, or one that it names, cannot be read.
+    /// The file, or a file that it names, cannot be read.
     #[error("cannot read {}: {source}", path.display())]
     Read {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The system's error.
         source: std::io::Error,
     },
     /// The file name does not end in a known extension.
@@ -19,7 +19,7 @@ pub enum LoadError {
     Kind {
         /// The file.
         path: PathBuf,
-        /// The extensions that would do.
+        /// The extensions that are supported.
         expected: &'static str,
     },
     /// A line of a text file is wrong.
@@ -27,7 +27,7 @@ pub enum LoadError {
     Line {
         /// The file.
         path: PathBuf,
-        /// Its line, counted from 1.
+        /// Line number, counted from 1.
         line: usize,
         /// What is wrong.
         problem: String,
@@ -37,12 +37,12 @@ pub enum LoadError {
     Place {
         /// The file.
         path: PathBuf,
-        /// Which part of it.
+        /// The part, such as `nodes[3]`.
         place: String,
         /// What is wrong.
         problem: String,
     },
-    /// The file as a whole is not what its name says.
+    /// The file as a whole is wrong.
     #[error("{}: {problem}", path.display())]
     File {
         /// The file.
@@ -50,7 +50,7 @@ pub enum LoadError {
         /// What is wrong.
         problem: String,
     },
-    /// A glTF file cannot be shown without an extension that is not supported.
+    /// A glTF file requires an extension that is not supported.
     #[error(
         "{}: requires the glTF extension {extension}, which is not supported; export the scene without it",
         path.display()
@@ -61,24 +61,24 @@ pub enum LoadError {
         /// The extension's name.
         extension: String,
     },
-    /// A texture that a material names is missing or cannot be decoded.
+    /// A material's texture is missing or cannot be decoded.
     #[error("{}, material {material:?}: texture {texture}: {problem}", path.display())]
     Texture {
         /// The file that names the texture.
         path: PathBuf,
-        /// The material.
+        /// The material's name.
         material: String,
-        /// The texture as the file names it.
+        /// The texture's name in the file.
         texture: String,
         /// What is wrong.
         problem: String,
     },
-    /// The triangles break a rule of [`crate::scene::Scene`].
+    /// The mesh breaks an invariant of [`crate::scene::Scene`].
     #[error("{}: {source}", path.display())]
     Mesh {
         /// The file.
         path: PathBuf,
-        /// The rule.
+        /// The invariant.
         source: MeshError,
     },
 }

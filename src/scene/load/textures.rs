@@ -1,5 +1,5 @@
-//! The textures of a scene while it is loaded: each image is decoded once, each use of it in another
-//! colour space or with other edges is a texture that shares its texels.
+//! The textures of a scene while it is loaded. Each image is decoded once. Uses of an image in different colour
+//! spaces or addressing modes are textures that share its texels.
 
 use super::decode::decode;
 use crate::scene::{ColourSpace, Mipmap, Texture, Wrap};
@@ -8,12 +8,12 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Where an image comes from.
+/// The source of an image.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(super) enum Source {
-    /// A file.
+    /// An image file.
     File(PathBuf),
-    /// Numbered by the loader: an image inside the scene file.
+    /// An image inside the scene file, numbered by the loader.
     Embedded(usize),
 }
 
@@ -24,7 +24,7 @@ pub(super) struct Pixels {
     width: u32,
     height: u32,
     texels: Arc<[[u8; 4]]>,
-    /// Decoded from floating point: the values are linear whatever they are used for.
+    /// Whether the file stores floats. Such values are linear whatever they are used for.
     is_float: bool,
 }
 
@@ -37,13 +37,13 @@ impl Pixels {
         Self { name, width, height, texels, is_float }
     }
 
-    /// Whether any texel lets light through.
+    /// Whether any texel's alpha is less than 1.
     pub(super) fn has_alpha(&self) -> bool {
         self.texels.iter().any(|texel| texel[3] != 255)
     }
 
-    /// Whether the image looks like a tangent-space normal map and not like heights: nearly all texels
-    /// decode to vectors that are about as long as 1 and point outwards, and they are not all grey.
+    /// Whether the image looks like a tangent-space normal map and not like a height map: nearly all texels decode to
+    /// vectors that have a length of about 1 and point outwards, and not all texels are grey.
     pub(super) fn looks_like_normals(&self) -> bool {
         let is_normal = |&[r, g, b, _]: &[u8; 4]| {
             let [x, y, z] = [r, g, b].map(|v| f32::from(v) * (2.0 / 255.0) - 1.0);
@@ -64,8 +64,8 @@ pub(super) struct Textures {
 }
 
 impl Textures {
-    /// The number of an image, decoded if it is new. `name` is what warnings call it; `bytes` is asked
-    /// for its file only then.
+    /// The index of an image. The image is decoded if it is new; `bytes` reads its file in that case only. `name` is
+    /// the image's name in warnings.
     ///
     /// # Errors
     /// A sentence without the image's name.
@@ -84,7 +84,7 @@ impl Textures {
         Ok(self.images.len() - 1)
     }
 
-    /// The number of the image in a file.
+    /// The index of the image in a file.
     ///
     /// # Errors
     /// A sentence without the file's name.
@@ -99,7 +99,7 @@ impl Textures {
         &self.images[image]
     }
 
-    /// The index of the texture that shows an image in this way.
+    /// The index of the texture with this image, colour space and addressing.
     pub(super) fn texture(&mut self, image: usize, space: ColourSpace, wrap: [Wrap; 2]) -> u32 {
         let pixels = &self.images[image];
         let space = if pixels.is_float { ColourSpace::Linear } else { space };

@@ -1,11 +1,11 @@
-//! What a loader could not honour.
+//! Warnings about features of a file that the loader ignored or changed.
 
 use std::collections::BTreeSet;
 
-/// The most warnings that are kept: a damaged file could give one a line.
+/// The most warnings that are kept, because a damaged file could cause one for each line.
 const MOST: usize = 100;
 
-/// Warnings in the order in which they first came up, each once.
+/// Warnings in the order of their first occurrence, each once.
 #[derive(Debug, Default)]
 pub(super) struct Warnings {
     list: Vec<String>,
@@ -13,7 +13,7 @@ pub(super) struct Warnings {
 }
 
 impl Warnings {
-    /// Adds a sentence unless it is there already.
+    /// Adds a sentence unless the list contains it already.
     pub(super) fn add(&mut self, sentence: impl Into<String>) {
         let sentence = sentence.into();
         if self.list.len() > MOST || !self.seen.insert(sentence.clone()) {
@@ -26,17 +26,17 @@ impl Warnings {
         });
     }
 
-    /// The value held to `low..=high`, with a warning if it was outside.
+    /// Clamps a value to `low..=high`, with a warning if it is outside.
     pub(super) fn clamp(&mut self, what: impl std::fmt::Display, value: f32, low: f32, high: f32) -> f32 {
-        // NaN becomes the lower end.
-        let held = if value >= low { value.min(high) } else { low };
-        if held != value {
-            self.add(format!("{what} is {value}; it must lie in {low} to {high}, so {held} is used."));
+        // NaN becomes `low`.
+        let clamped = if value >= low { value.min(high) } else { low };
+        if clamped != value {
+            self.add(format!("{what} is {value}; it must lie in {low} to {high}, so {clamped} is used."));
         }
-        held
+        clamped
     }
 
-    /// All of them.
+    /// All warnings.
     pub(super) fn into_list(self) -> Vec<String> {
         self.list
     }

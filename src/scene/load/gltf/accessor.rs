@@ -1,13 +1,12 @@
-//! Accessors → numbers. Every access is checked against the buffers before it is made.
+//! Reads the numbers of accessors. Every access is checked against the buffers first.
 
 use super::buffers::Buffers;
 use ::gltf::accessor::{Accessor, DataType, Dimensions};
 
-/// The most elements of an accessor that has no bytes of its own (only these cost memory without the
-/// file being large).
+/// The most elements of an accessor without a buffer view. Only such accessors can take much memory in a small file.
 const MAX_IMPLICIT: usize = 1 << 24;
 
-/// An accessor's bytes.
+/// The bytes of an accessor's elements.
 struct Elements<'a> {
     bytes: &'a [u8],
     stride: usize,
@@ -17,7 +16,7 @@ struct Elements<'a> {
 }
 
 impl<'a> Elements<'a> {
-    /// `count` elements of `width` numbers from `offset` on, all within `bytes`.
+    /// `count` elements of `width` components, starting at byte `offset`. All must lie within `bytes`.
     fn new(
         bytes: &'a [u8],
         offset: usize,
@@ -45,7 +44,7 @@ impl<'a> Elements<'a> {
         Ok(Self { bytes: bytes.get(offset..).unwrap_or(&[]), stride, size, count, kind })
     }
 
-    /// Component `c` of element `i` as a number, integers as they are.
+    /// Component `c` of element `i` as a number. Integers are not normalised.
     fn number(&self, i: usize, c: usize) -> f64 {
         let at = i * self.stride + c * self.kind.size();
         let b = &self.bytes[at..i * self.stride + self.size];
@@ -60,10 +59,10 @@ impl<'a> Elements<'a> {
     }
 }
 
-/// The vectors of an accessor, normalised integers as numbers of −1..=1 or 0..=1.
+/// Reads an accessor of vectors. Normalised integers become numbers in −1..=1 or 0..=1.
 ///
 /// # Errors
-/// When the accessor has another shape, or names bytes or elements that are not there.
+/// When the accessor has another type, or names bytes or elements that do not exist.
 pub(super) fn vectors<const N: usize>(
     buffers: &Buffers,
     accessor: &Accessor,
@@ -74,7 +73,7 @@ pub(super) fn vectors<const N: usize>(
     }
     let kind = accessor.data_type();
     let scale = if accessor.normalized() { full_scale(kind) } else { 1.0 };
-    // Signed integers have one value too many below −1.
+    // The least signed integer would become less than −1.
     let is_signed = accessor.normalized() && matches!(kind, DataType::I8 | DataType::I16);
     let vector = |elements: &Elements, i| {
         std::array::from_fn(|c| {
@@ -85,10 +84,10 @@ pub(super) fn vectors<const N: usize>(
     read(buffers, accessor, N, [0.0; N], vector)
 }
 
-/// The numbers of an accessor of indices.
+/// Reads an accessor of indices.
 ///
 /// # Errors
-/// When the accessor has another shape, or names bytes that are not there.
+/// When the accessor has another type, or names bytes that do not exist.
 pub(super) fn indices(buffers: &Buffers, accessor: &Accessor) -> Result<Vec<u32>, String> {
     let kind = accessor.data_type();
     if accessor.dimensions() != Dimensions::Scalar
@@ -102,7 +101,7 @@ pub(super) fn indices(buffers: &Buffers, accessor: &Accessor) -> Result<Vec<u32>
     read(buffers, accessor, 1, 0, |elements, i| elements.number(i, 0) as u32)
 }
 
-/// All elements, those of the sparse part in place of the others.
+/// Reads all elements, and replaces the elements that the sparse part lists.
 fn read<T: Clone>(
     buffers: &Buffers,
     accessor: &Accessor,
@@ -135,16 +134,17 @@ fn read<T: Clone>(
         let values = Elements::new(value_bytes, values.offset(), None, kind, width, count)?;
         for i in 0..count {
             let place = places.number(i, 0) as usize;
-            let there = list.len();
-            *list.get_mut(place).ok_or_else(|| {
-                format!("its sparse part replaces element {place}, but there are {there}")
-            })? = get(&values, i);
+            let length = list.len();
+            *list
+                .get_mut(place)
+                .ok_or_else(|| format!("its sparse part replaces element {place}, but it has {length}"))? =
+                get(&values, i);
         }
     }
     Ok(list)
 }
 
-/// What a normalised integer is divided by.
+/// The divisor of a normalised integer.
 fn full_scale(kind: DataType) -> f64 {
     match kind {
         DataType::I8 => f64::from(i8::MAX),

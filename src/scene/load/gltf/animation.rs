@@ -1,15 +1,15 @@
-//! Animations. Only the camera's are honoured.
+//! Reads animations. Only the camera's animation is supported.
 
 use super::super::LoadError;
 use super::Context;
 use super::accessor::vectors;
 use crate::scene::{CameraMotion, Interpolation, Joint, Key, Track, Tracked, unit_turn};
 use ::gltf::Node;
-use ::gltf::animation::{Channel, Interpolation as Between, Property};
+use ::gltf::animation::{Channel, Interpolation as SourceInterpolation, Property};
 use glam::{DQuat, DVec3};
 
-/// How the camera moves at the end of `chain`, its node and those above it from the root on; none if nothing
-/// moves it. Of several animations that do, the first counts.
+/// The animation of the camera. `chain` lists the nodes from the root down to the camera's node. `None` if no
+/// animation moves a node of the chain. If several do, the first is used.
 ///
 /// # Errors
 /// When keys are missing or out of order.
@@ -45,7 +45,7 @@ pub(super) fn camera_motion(
     Ok(Some(CameraMotion::new(fov_degrees, joints)))
 }
 
-/// Says what of the file's animations stands still: all but what moves the camera.
+/// Warns if the file animates anything except the camera.
 pub(super) fn warn_of_others(context: &mut Context, chain: &[Node]) {
     let in_chain =
         |channel: &Channel| chain.iter().any(|node| node.index() == channel.target().node().index());
@@ -79,9 +79,9 @@ fn track<T: Tracked, const N: usize>(
     let finite = values.as_flattened().iter().all(|number| number.is_finite());
     let values: Vec<T> = values.into_iter().map(|v| value(v.map(f64::from))).collect();
     let (interpolation, width) = match sampler.interpolation() {
-        Between::Step => (Interpolation::Step, 1),
-        Between::Linear => (Interpolation::Linear, 1),
-        Between::CubicSpline => (Interpolation::Cubic, 3),
+        SourceInterpolation::Step => (Interpolation::Step, 1),
+        SourceInterpolation::Linear => (Interpolation::Linear, 1),
+        SourceInterpolation::CubicSpline => (Interpolation::Cubic, 3),
     };
     let found = (times.len(), values.len());
     let key = |v: &[T]| Key { arriving: v[0], value: v[width / 2], leaving: v[width - 1] };

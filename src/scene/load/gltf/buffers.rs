@@ -1,4 +1,4 @@
-//! The bytes behind a glTF document: external files, data URIs, GLB's binary chunk.
+//! Reads the bytes of a glTF document: external files, data URIs, and GLB's binary chunk.
 
 use super::super::{LoadError, beside};
 use ::gltf::Document;
@@ -12,7 +12,7 @@ impl Buffers {
     /// Reads the buffers that a document names.
     ///
     /// # Errors
-    /// When one is missing, cannot be read, or is too short.
+    /// When a buffer is missing, cannot be read, or is too short.
     pub(super) fn read(path: &Path, document: &Document, binary: Option<&[u8]>) -> Result<Self, LoadError> {
         let mut list = Vec::new();
         for buffer in document.buffers() {
@@ -39,10 +39,10 @@ impl Buffers {
         Ok(Self(list))
     }
 
-    /// The bytes of a view.
+    /// The bytes of a buffer view.
     ///
     /// # Errors
-    /// When it reaches beyond its buffer.
+    /// When the view exceeds its buffer.
     pub(super) fn view(&self, view: &View) -> Result<&[u8], String> {
         let buffer = &self.0[view.buffer().index()];
         let (start, length) = (view.offset(), view.length());
@@ -57,10 +57,10 @@ impl Buffers {
     }
 }
 
-/// The bytes that a URI in `file` means.
+/// Reads the bytes that a URI in `file` refers to.
 ///
 /// # Errors
-/// A sentence with the file that cannot be read, or what is wrong with the URI.
+/// A sentence with the file that cannot be read, or with what is wrong with the URI.
 pub(super) fn fetch(file: &Path, uri: &str) -> Result<Vec<u8>, String> {
     match locate(file, uri)? {
         Location::File(path) => {
@@ -70,18 +70,18 @@ pub(super) fn fetch(file: &Path, uri: &str) -> Result<Vec<u8>, String> {
     }
 }
 
-/// Where a URI leads.
+/// What a URI refers to.
 pub(super) enum Location {
-    /// To a file.
+    /// An external file.
     File(PathBuf),
-    /// It holds the bytes itself.
+    /// The decoded bytes of a data URI.
     Data(Vec<u8>),
 }
 
-/// Resolves a URI: a data URI, or a path relative to `file`, percent-encoded.
+/// Resolves a URI: a data URI, or a percent-encoded path relative to `file`.
 ///
 /// # Errors
-/// When it has another scheme or its data is not base64.
+/// When the URI has another scheme, or its data is not base64.
 pub(super) fn locate(file: &Path, uri: &str) -> Result<Location, String> {
     if let Some(data) = uri.strip_prefix("data:") {
         let Some((header, payload)) = data.split_once(',') else {
@@ -99,13 +99,13 @@ pub(super) fn locate(file: &Path, uri: &str) -> Result<Location, String> {
     }
     let uri = uri.strip_prefix("file://").unwrap_or(uri);
     let decoded = String::from_utf8_lossy(&percent_decode(uri)).into_owned();
-    // Some exporters do not encode; then the name as it stands is the file.
-    let plain = beside(file, uri);
-    let path = if plain.is_file() { plain } else { beside(file, &decoded) };
+    // Some exporters do not encode. In that case the URI itself is the file name.
+    let unescaped = beside(file, uri);
+    let path = if unescaped.is_file() { unescaped } else { beside(file, &decoded) };
     Ok(Location::File(path))
 }
 
-/// `%41` → `A`; what is not an encoded byte stays.
+/// Decodes `%41` to `A`. An invalid escape sequence stays as it is.
 fn percent_decode(text: &str) -> Vec<u8> {
     let bytes = text.as_bytes();
     let digit = |at: usize| bytes.get(at).and_then(|&b| char::from(b).to_digit(16));
@@ -123,7 +123,7 @@ fn percent_decode(text: &str) -> Vec<u8> {
     out
 }
 
-/// Base64 (RFC 4648, either alphabet), with or without padding; white space does not count.
+/// Decodes base64 (RFC 4648, either alphabet), with or without padding. White space is ignored.
 fn base64(text: &str) -> Result<Vec<u8>, String> {
     let mut out = Vec::with_capacity(text.len() / 4 * 3);
     let mut bits = 0_u32;

@@ -1,9 +1,9 @@
-//! GLB's chunks.
+//! Splits GLB files into chunks.
 
 use super::super::{LoadError, extension};
 use std::path::Path;
 
-/// The parts of a file.
+/// The parts of a `.gltf` or `.glb` file.
 pub(super) struct Container<'a> {
     /// The JSON document.
     pub(super) json: &'a [u8],
@@ -11,10 +11,10 @@ pub(super) struct Container<'a> {
     pub(super) binary: Option<&'a [u8]>,
 }
 
-/// Splits a GLB file into its chunks; any other file is JSON as a whole.
+/// Splits a GLB file into its chunks. Any other file is JSON as a whole.
 ///
 /// # Errors
-/// When the file is shorter than it says or its first chunk is not JSON.
+/// When the file is shorter than its header says, or its first chunk is not JSON.
 pub(super) fn split<'a>(path: &Path, bytes: &'a [u8]) -> Result<Container<'a>, LoadError> {
     if !bytes.starts_with(b"glTF") {
         if extension(path) == "glb" && !bytes.trim_ascii_start().starts_with(b"{") {
@@ -48,7 +48,7 @@ fn chunks(bytes: &[u8]) -> Result<Container<'_>, String> {
         match &kind.to_le_bytes() {
             b"JSON" if json.is_none() => json = Some(data),
             b"BIN\0" if binary.is_none() => binary = Some(data),
-            // The format asks to skip chunks of other kinds.
+            // The GLB specification requires that unknown chunks are skipped.
             _ => {}
         }
         rest = &rest[8 + data.len()..];

@@ -1,5 +1,4 @@
-//! Which geometry the nodes show more than once: not only nodes that name one mesh, but meshes that differ in
-//! material alone.
+//! Finds geometry that the nodes instance: several nodes with the same mesh, and meshes that differ only in material.
 
 use super::super::LoadError;
 use super::Context;
@@ -9,26 +8,26 @@ use ::gltf::{Accessor, Semantic};
 use glam::Vec3;
 use std::collections::BTreeMap;
 
-/// What two uses of geometry must agree in to be the same shape.
+/// Identifies geometry. Primitives with equal keys become instances of one shape.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct Geometry {
     positions: usize,
     indices: Option<usize>,
     mode: u8,
-    /// Whether triangles are turned round, because the node turns the inside out.
+    /// Whether triangles are reversed, because the node's transform mirrors.
     pub(super) mirrored: bool,
-    /// Whether the material's alpha counts.
+    /// Whether the material's alpha mode is not opaque.
     pub(super) masked: bool,
 }
 
-/// The geometry shown so far.
+/// The instances of each geometry so far.
 #[derive(Default)]
-pub(super) struct Uses<'a> {
-    shown: BTreeMap<Geometry, (::gltf::Primitive<'a>, Vec<Instance>)>,
+pub(super) struct InstancesByGeometry<'a> {
+    instances: BTreeMap<Geometry, (::gltf::Primitive<'a>, Vec<Instance>)>,
 }
 
-impl<'a> Uses<'a> {
-    /// A primitive is shown once more.
+impl<'a> InstancesByGeometry<'a> {
+    /// Adds an instance of a primitive.
     pub(super) fn add(
         &mut self,
         primitive: &::gltf::Primitive<'a>,
@@ -40,16 +39,16 @@ impl<'a> Uses<'a> {
         let indices = primitive.indices().as_ref().map(Accessor::index);
         let mode = primitive.mode().as_gl_enum() as u8;
         let key = Geometry { positions: positions.index(), indices, mode, mirrored, masked };
-        self.shown.entry(key).or_insert_with(|| (primitive.clone(), Vec::new())).1.push(instance);
+        self.instances.entry(key).or_insert_with(|| (primitive.clone(), Vec::new())).1.push(instance);
     }
 
-    /// The shapes that are shown more than once, in the order of their first triangles.
+    /// The shapes with more than one instance, in the order of their first triangles.
     ///
     /// # Errors
     /// When an accessor cannot be read.
     pub(super) fn shapes(self, context: &Context) -> Result<Vec<Shape>, LoadError> {
         let mut shapes = Vec::new();
-        for (geometry, (primitive, instances)) in self.shown {
+        for (geometry, (primitive, instances)) in self.instances {
             if instances.len() > 1 {
                 let read = shape(context, &primitive, geometry.mirrored);
                 let (positions, triangles) = read.map_err(|problem| {
@@ -74,6 +73,6 @@ fn shape(
     let positions = accessor::vectors::<3>(context.buffers, &accessor)?;
     let indices = mesh::indices(context, primitive, positions.len())?;
     let triangles = mesh::triangles(primitive.mode(), &indices).into_iter();
-    let turned = |[a, b, c]: [u32; 3]| if mirrored { [a, c, b] } else { [a, b, c] };
-    Ok((positions.into_iter().map(Vec3::from).collect(), triangles.map(turned).collect()))
+    let oriented = |[a, b, c]: [u32; 3]| if mirrored { [a, c, b] } else { [a, b, c] };
+    Ok((positions.into_iter().map(Vec3::from).collect(), triangles.map(oriented).collect()))
 }

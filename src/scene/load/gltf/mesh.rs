@@ -1,9 +1,9 @@
-//! Mesh primitives → world-space triangles.
+//! Converts mesh primitives to world-space triangles.
 
 use super::super::LoadError;
 use super::Context;
 use super::accessor;
-use super::instance::Uses;
+use super::instance::InstancesByGeometry;
 use super::material::Converted;
 use crate::geom::{MAX_COORDINATE, Placement};
 use crate::scene::{AlphaMode, Instance, MAX_TRIANGLES, Mesh, MeshError, Shape};
@@ -12,15 +12,15 @@ use ::gltf::{Accessor, Primitive, Semantic};
 use glam::{DMat3, DMat4, DVec3, Vec2, Vec3, Vec4};
 use std::collections::BTreeMap;
 
-/// The triangles of all nodes so far.
+/// The triangles of all nodes visited so far.
 pub(super) struct Flattened<'a> {
     materials: &'a [Converted],
     mesh: Mesh,
-    uses: Uses<'a>,
+    instances: InstancesByGeometry<'a>,
     uses_fallback: bool,
 }
 
-/// The accessors of a primitive; primitives of one mesh often share them.
+/// The accessors of a primitive's vertices. Primitives of one mesh often share them.
 #[derive(Clone)]
 struct Attributes<'a> {
     positions: Accessor<'a>,
@@ -29,24 +29,24 @@ struct Attributes<'a> {
     tangents: Option<Accessor<'a>>,
 }
 
-/// How a node moves vertices.
-struct Motion {
+/// The transform of a node.
+struct NodeTransform {
     matrix: DMat4,
-    /// The same for positions, as instances are placed.
+    /// The same transform for positions, with the operations that instances use.
     placement: Placement,
-    /// Inverse transpose of the linear part, but for a positive factor.
+    /// Inverse transpose of the linear part, up to a positive factor.
     normals: DMat3,
-    /// Whether it turns the inside out.
+    /// Whether the transform mirrors, which reverses the orientation of triangles.
     mirrors: bool,
 }
 
-impl Motion {
+impl NodeTransform {
     fn new(matrix: &DMat4) -> Self {
         let linear = DMat3::from_mat4(*matrix);
         let [x, y, z] = [linear.x_axis, linear.y_axis, linear.z_axis];
         let mirrors = x.cross(y).dot(z) < 0.0;
         let sign = if mirrors { -1.0 } else { 1.0 };
-        // The cofactors: defined where the inverse is not, too.
+        // The cofactors, which are defined even if the matrix has no inverse.
         let normals = DMat3::from_cols(y.cross(z), z.cross(x), x.cross(y)) * sign;
         Self { matrix: *matrix, placement: Placement::new(matrix), normals, mirrors }
     }
@@ -54,10 +54,15 @@ impl Motion {
 
 impl<'a> Flattened<'a> {
     pub(super) fn new(materials: &'a [Converted]) -> Self {
-        Self { materials, mesh: Mesh::default(), uses: Uses::default(), uses_fallback: false }
+        Self {
+            materials,
+            mesh: Mesh::default(),
+            instances: InstancesByGeometry::default(),
+            uses_fallback: false,
+        }
     }
 
-    /// The mesh, what it has several copies of, and whether any triangle has no material of the file.
+    /// The mesh, the instanced shapes, and whether any triangle needs the fallback material.
     ///
     /// # Errors
     /// When an accessor cannot be read.
@@ -74,20 +79,20 @@ impl<'a> Flattened<'a> {
         if !mesh.tangents.is_empty() {
             pad(&mut mesh.tangents, count);
         }
-        Ok((self.mesh, self.uses.shapes(context)?, self.uses_fallback))
+        Ok((self.mesh, self.instances.shapes(context)?, self.uses_fallback))
     }
 
     /// Adds one instance of a mesh.
     ///
     /// # Errors
-    /// When a primitive names what is not there or a vertex is out of bounds.
+    /// When a primitive names something that does not exist, or a vertex is out of bounds.
     pub(super) fn append(
         &mut self,
         context: &mut Context,
         mesh: &::gltf::Mesh<'a>,
         matrix: &DMat4,
     ) -> Result<(), LoadError> {
-        let motion = Motion::new(matrix);
+        let transform = NodeTransform::new(matrix);
         let mut bases = BTreeMap::new();
         for primitive in mesh.primitives() {
             if primitive.morph_targets().next().is_some() {
@@ -98,7 +103,7 @@ impl<'a> Flattened<'a> {
                 continue;
             }
             let place = || format!("meshes[{}].primitives[{}]", mesh.index(), primitive.index());
-            self.primitive(context, &primitive, &motion, &mut bases)
+            self.primitive(context, &primitive, &transform, &mut bases)
                 .map_err(|problem| context.error(place(), problem))?;
         }
         Ok(())
@@ -108,7 +113,7 @@ impl<'a> Flattened<'a> {
         &mut self,
         context: &mut Context,
         primitive: &Primitive<'a>,
-        motion: &Motion,
+        transform: &NodeTransform,
         bases: &mut BTreeMap<[Option<usize>; 4], u32>,
     ) -> Result<(), String> {
         let material = primitive.material().index();
@@ -116,7 +121,9 @@ impl<'a> Flattened<'a> {
         let count = attributes.positions.count();
         let base = match bases.get(&attributes.key()) {
             Some(&base) => base,
-            None => *bases.entry(attributes.key()).or_insert(self.vertices(context, &attributes, motion)?),
+            None => {
+                *bases.entry(attributes.key()).or_insert(self.vertices(context, &attributes, transform)?)
+            }
         };
         let indices = indices(context, primitive, count)?;
         if primitive.mode() == Mode::Triangles && indices.len() % 3 != 0 {
@@ -130,13 +137,13 @@ impl<'a> Flattened<'a> {
         let triangles = triangles(primitive.mode(), &indices);
         let found = self.mesh.triangles.len() + triangles.len();
         if found > MAX_TRIANGLES {
-            // Before instances of a small file fill the memory.
+            // Checked here, before many instances in a small file fill the memory.
             return Err(MeshError::TooMany { found, max: MAX_TRIANGLES }.to_string());
         }
-        let instance = Instance { placement: motion.placement, first: self.mesh.triangles.len() as u32 };
-        self.uses.add(primitive, motion.mirrors, masked, instance);
+        let instance = Instance { placement: transform.placement, first: self.mesh.triangles.len() as u32 };
+        self.instances.add(primitive, transform.mirrors, masked, instance);
         for [a, b, c] in triangles {
-            let [b, c] = if motion.mirrors { [c, b] } else { [b, c] };
+            let [b, c] = if transform.mirrors { [c, b] } else { [b, c] };
             self.mesh.triangles.push([base + a, base + b, base + c]);
             self.mesh.materials.push(material);
         }
@@ -160,7 +167,7 @@ impl<'a> Flattened<'a> {
         let normals = primitive.get(&Semantic::Normals);
         let attributes = Attributes {
             positions: primitive.get(&Semantic::Positions).ok_or("has no POSITION attribute")?,
-            // Without normals, tangents mean nothing.
+            // Tangents are ignored without normals, as glTF requires.
             tangents: primitive.get(&Semantic::Tangents).filter(|_| normals.is_some()),
             normals,
             uvs,
@@ -178,12 +185,12 @@ impl<'a> Flattened<'a> {
         Ok(attributes)
     }
 
-    /// Adds vertices; returns the index of the first.
+    /// Adds vertices. Returns the index of the first.
     fn vertices(
         &mut self,
         context: &mut Context,
         attributes: &Attributes,
-        motion: &Motion,
+        transform: &NodeTransform,
     ) -> Result<u32, String> {
         let base = self.mesh.positions.len();
         let positions = fetch::<3>(context, "POSITION", &attributes.positions)?;
@@ -191,8 +198,8 @@ impl<'a> Flattened<'a> {
             return Err(format!("the scene has more than {} vertices, more than can be numbered", u32::MAX));
         }
         for (i, position) in positions.iter().enumerate() {
-            let moved = motion.placement.point(Vec3::from(*position));
-            // NaN fails the comparison too.
+            let moved = transform.placement.point(Vec3::from(*position));
+            // The comparison fails for NaN, too.
             if !moved.abs().cmple(Vec3::splat(MAX_COORDINATE)).all() {
                 let [x, y, z] = position;
                 return Err(format!(
@@ -204,8 +211,8 @@ impl<'a> Flattened<'a> {
         }
         if let Some(accessor) = &attributes.normals {
             pad(&mut self.mesh.normals, base);
-            let turn = |n: [f32; 3]| unit(motion.normals * DVec3::from_array(n.map(f64::from)));
-            self.mesh.normals.extend(fetch(context, "NORMAL", accessor)?.into_iter().map(turn));
+            let world_normal = |n: [f32; 3]| unit(transform.normals * DVec3::from_array(n.map(f64::from)));
+            self.mesh.normals.extend(fetch(context, "NORMAL", accessor)?.into_iter().map(world_normal));
         }
         if let Some(accessor) = &attributes.uvs {
             pad(&mut self.mesh.uvs, base);
@@ -215,12 +222,12 @@ impl<'a> Flattened<'a> {
         }
         if let Some(accessor) = &attributes.tangents {
             pad(&mut self.mesh.tangents, base);
-            let sign = if motion.mirrors { -1.0 } else { 1.0 };
-            let turn = |[x, y, z, w]: [f32; 4]| {
-                let tangent = unit(motion.matrix.transform_vector3(Vec3::new(x, y, z).as_dvec3()));
+            let sign = if transform.mirrors { -1.0 } else { 1.0 };
+            let world_normal = |[x, y, z, w]: [f32; 4]| {
+                let tangent = unit(transform.matrix.transform_vector3(Vec3::new(x, y, z).as_dvec3()));
                 if tangent == Vec3::ZERO { Vec4::ZERO } else { tangent.extend(1.0_f32.copysign(w) * sign) }
             };
-            self.mesh.tangents.extend(fetch(context, "TANGENT", accessor)?.into_iter().map(turn));
+            self.mesh.tangents.extend(fetch(context, "TANGENT", accessor)?.into_iter().map(world_normal));
         }
         Ok(base as u32)
     }
@@ -255,17 +262,17 @@ pub(super) fn indices(context: &Context, primitive: &Primitive, count: usize) ->
     }
 }
 
-/// The unit vector, or zero where there is none.
+/// The unit vector, or zero if the length is zero or not finite.
 fn unit(v: DVec3) -> Vec3 {
     v.try_normalize().unwrap_or(DVec3::ZERO).as_vec3()
 }
 
-/// Fills an attribute up with zeros for vertices that have none of it.
+/// Appends zeros for vertices that lack the attribute.
 fn pad<T: Default + Clone>(list: &mut Vec<T>, count: usize) {
     list.resize(count, T::default());
 }
 
-/// The triangles of a run of vertices, in glTF's order.
+/// The triangles that a list of vertices forms, in glTF's order.
 pub(super) fn triangles(mode: Mode, indices: &[u32]) -> Vec<[u32; 3]> {
     match mode {
         Mode::TriangleStrip => {

@@ -1,6 +1,7 @@
-//! glTF 2.0 and GLB, by the `gltf` crate's data model.
+//! Loads glTF 2.0 and GLB files with the data model of the `gltf` crate.
 //!
-//! The crate parses and checks the JSON; bytes are read here, since its own readers trust the file.
+//! The crate parses and checks the JSON. Buffers are read here, because the crate's readers do not check the file's
+//! offsets.
 
 mod accessor;
 mod animation;
@@ -22,7 +23,7 @@ use ::gltf::json::{Path as JsonPath, Root};
 use buffers::Buffers;
 use std::path::Path;
 
-/// The extensions that are honoured, at least in part, or that change nothing in a picture (XMP).
+/// The extensions that are supported at least in part, or that do not change a picture (XMP).
 const SUPPORTED: [&str; 15] = [
     "EXT_texture_webp",
     "KHR_lights_punctual",
@@ -50,13 +51,13 @@ struct Context<'a> {
 }
 
 impl Context<'_> {
-    /// An error in a part of the file.
+    /// An error about one part of the file.
     fn error(&self, place: impl Into<String>, problem: impl Into<String>) -> LoadError {
         LoadError::Place { path: self.path.to_owned(), place: place.into(), problem: problem.into() }
     }
 }
 
-/// Loads a `.gltf` or `.glb` file with the buffers and images that it names.
+/// Loads a `.gltf` or `.glb` file with its buffers and images.
 pub(super) fn load(path: &Path) -> Result<Scene, LoadError> {
     let bytes = read(path)?;
     let container = container::split(path, &bytes)?;
@@ -87,7 +88,7 @@ pub(super) fn load(path: &Path) -> Result<Scene, LoadError> {
     })
 }
 
-/// The JSON part, checked: after this every index in it is in range and every enumeration known.
+/// Parses and checks the JSON. Afterwards every index in it is in range and every enumeration value is known.
 fn parse(path: &Path, json: &[u8], warnings: &mut Warnings) -> Result<Document, LoadError> {
     let file = |problem| LoadError::File { path: path.to_owned(), problem };
     let mut root: Root = ::gltf::json::deserialize::from_slice(json)
@@ -110,10 +111,10 @@ fn parse(path: &Path, json: &[u8], warnings: &mut Warnings) -> Result<Document, 
     Ok(Document::from_json_without_validation(root))
 }
 
-/// The crate's own checks, but for the bounds of positions, which are not needed.
+/// Runs the crate's own checks. The bounds of positions are not needed, so their errors are ignored.
 fn check(path: &Path, root: &Root) -> Result<(), LoadError> {
     let place = |place: String, problem: String| LoadError::Place { path: path.to_owned(), place, problem };
-    // The crate looks these up before it has checked them.
+    // The crate looks up these accessors before it has checked them.
     for (m, mesh) in root.meshes.iter().enumerate() {
         for (p, primitive) in mesh.primitives.iter().enumerate() {
             if let Some(index) = primitive.attributes.values().find(|i| i.value() >= root.accessors.len()) {

@@ -1,4 +1,4 @@
-//! The node hierarchy, flattened: meshes, lights and the camera in world space.
+//! Flattens the node hierarchy: meshes, lights and the camera in world space.
 
 use super::super::LoadError;
 use super::Context;
@@ -12,18 +12,18 @@ use ::gltf::scene::Transform;
 use ::gltf::{Document, Node};
 use glam::{DMat4, DQuat, DVec3, Vec3};
 
-/// What the nodes of a scene hold, in world space.
+/// The contents of a scene's nodes, in world space.
 pub(super) struct World {
     pub(super) mesh: Mesh,
     pub(super) shapes: Vec<Shape>,
     pub(super) lights: Vec<Light>,
     pub(super) camera: Option<Camera>,
     pub(super) camera_motion: Option<CameraMotion>,
-    /// Whether triangles without a material name the one after the last.
+    /// Whether triangles without a material use index `materials.len()`, the fallback material.
     pub(super) uses_fallback: bool,
 }
 
-/// Visits the nodes of the default scene, else of the first, parents before children, in file order.
+/// Visits the nodes of the default scene, or else of the first scene. Parents come before children, in file order.
 ///
 /// # Errors
 /// When the nodes do not form trees, or a mesh is wrong.
@@ -61,7 +61,7 @@ pub(super) fn flatten<'a>(context: &mut Context<'a>, materials: &[Converted]) ->
         pending.extend(children.into_iter().rev().map(|child| (child, matrix)));
     }
     let (mesh, shapes, uses_fallback) = flattened.finish(context)?;
-    let chain = camera.map_or_else(Vec::new, |(_, node)| way_down(document, node));
+    let chain = camera.map_or_else(Vec::new, |(_, node)| path_from_root(document, node));
     let camera_motion = match camera {
         Some((camera, _)) => camera_motion(context, &chain, camera.fov_degrees)?,
         None => None,
@@ -71,8 +71,8 @@ pub(super) fn flatten<'a>(context: &mut Context<'a>, materials: &[Converted]) ->
     Ok(World { mesh, shapes, lights, camera, camera_motion, uses_fallback })
 }
 
-/// The nodes from a root down to a node of a tree.
-fn way_down(document: &Document, node: usize) -> Vec<Node<'_>> {
+/// The nodes on the path from a root to `node`.
+fn path_from_root(document: &Document, node: usize) -> Vec<Node<'_>> {
     let mut parents = vec![None; document.nodes().len()];
     for parent in document.nodes() {
         for child in parent.children() {
@@ -80,12 +80,12 @@ fn way_down(document: &Document, node: usize) -> Vec<Node<'_>> {
         }
     }
     let ancestors = std::iter::successors(Some(node), |&node| parents[node]);
-    let mut way: Vec<_> = ancestors.filter_map(|node| document.nodes().nth(node)).collect();
-    way.reverse();
-    way
+    let mut path: Vec<_> = ancestors.filter_map(|node| document.nodes().nth(node)).collect();
+    path.reverse();
+    path
 }
 
-/// Where to begin: a document without scenes shows all its nodes.
+/// The root nodes. A document without scenes shows all its nodes.
 fn roots(document: &Document) -> Vec<Node<'_>> {
     if let Some(scene) = document.default_scene().or_else(|| document.scenes().next()) {
         return scene.nodes().collect();
@@ -97,7 +97,7 @@ fn roots(document: &Document) -> Vec<Node<'_>> {
     document.nodes().filter(|node| !is_child[node.index()]).collect()
 }
 
-/// In double precision: products of many matrices must not move distant vertices.
+/// A node's matrix in double precision, so that long products of matrices do not displace distant vertices.
 fn local_matrix(node: &Node) -> DMat4 {
     match node.transform() {
         Transform::Matrix { matrix } => {
@@ -114,12 +114,12 @@ fn local_matrix(node: &Node) -> DMat4 {
     }
 }
 
-/// The unit vector that a local direction becomes.
-fn turn(matrix: &DMat4, direction: DVec3) -> Option<Vec3> {
+/// Transforms a direction to a unit vector in world space. `None` if the matrix makes it zero.
+fn world_direction(matrix: &DMat4, direction: DVec3) -> Option<Vec3> {
     matrix.transform_vector3(direction).try_normalize().map(|d| d.as_vec3())
 }
 
-/// Candela count as watts per steradian, lux as watts per square metre.
+/// Converts a light. A candela counts as a watt per steradian, a lux as a watt per square metre.
 fn place_light(
     context: &mut Context,
     light: &::gltf::khr_lights_punctual::Light,
@@ -129,11 +129,11 @@ fn place_light(
     if light.range().is_some() {
         context.warnings.add(format!("Light {name:?}: its range is ignored, light reaches any distance."));
     }
-    let held =
+    let clamped =
         |v: f32| context.warnings.clamp(format_args!("Light {name:?}: its intensity"), v, 0.0, f32::MAX);
-    let intensity = (Vec3::from(light.color()) * light.intensity()).map(held);
+    let intensity = (Vec3::from(light.color()) * light.intensity()).map(clamped);
     let position = matrix.w_axis.truncate().as_vec3();
-    let direction = turn(matrix, DVec3::NEG_Z);
+    let direction = world_direction(matrix, DVec3::NEG_Z);
     let is_point = matches!(light.kind(), Kind::Point);
     if !position.is_finite() || direction.is_none() && !is_point {
         context
@@ -152,7 +152,7 @@ fn place_light(
             };
             let cos_inner = libm::cosf(angle("innerConeAngle", inner_cone_angle));
             let cos_outer = libm::cosf(angle("outerConeAngle", outer_cone_angle));
-            // A fade needs some width.
+            // The transition between the cones needs a positive width.
             LightShape::Spot { position, direction, cos_inner, cos_outer: cos_outer.min(cos_inner - 1.0e-4) }
         }
     };

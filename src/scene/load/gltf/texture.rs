@@ -1,4 +1,4 @@
-//! Textures as glTF materials name them.
+//! Textures as glTF materials refer to them.
 
 use super::super::LoadError;
 use super::super::textures::{Source, Textures};
@@ -11,46 +11,46 @@ use ::gltf::texture::{Info, WrappingMode};
 use ::gltf::{Document, Texture};
 use glam::Vec2;
 
-/// One use of a texture.
-pub(super) struct Use<'a> {
+/// A reference to a texture: glTF's `textureInfo` with KHR_texture_transform.
+pub(super) struct TextureInfo<'a> {
     texture: Texture<'a>,
-    /// Which texture coordinates: 0 for `TEXCOORD_0`.
+    /// The set of texture coordinates: 0 for `TEXCOORD_0`.
     pub(super) set: u32,
     offset: Vec2,
     rotation: f32,
     scale: Vec2,
 }
 
-impl<'a> Use<'a> {
-    fn plain(texture: Texture<'a>, set: u32) -> Self {
+impl<'a> TextureInfo<'a> {
+    fn untransformed(texture: Texture<'a>, set: u32) -> Self {
         Self { texture, set, offset: Vec2::ZERO, rotation: 0.0, scale: Vec2::ONE }
     }
 
-    /// A use that the crate knows.
+    /// The reference in an object for which the `gltf` crate has a type.
     pub(super) fn of(info: &Info<'a>) -> Self {
-        let plain = Self::plain(info.texture(), info.tex_coord());
+        let untransformed = Self::untransformed(info.texture(), info.tex_coord());
         match info.texture_transform() {
-            None => plain,
+            None => untransformed,
             Some(transform) => Self {
-                set: transform.tex_coord().unwrap_or(plain.set),
+                set: transform.tex_coord().unwrap_or(untransformed.set),
                 offset: transform.offset().into(),
                 rotation: transform.rotation(),
                 scale: transform.scale().into(),
-                ..plain
+                ..untransformed
             },
         }
     }
 
-    /// A normal map's.
+    /// The reference of a normal map.
     pub(super) fn of_normal(info: &NormalTexture<'a>) -> Self {
-        let plain = Self::plain(info.texture(), info.tex_coord());
-        plain.transformed(info.extension_value("KHR_texture_transform"))
+        let untransformed = Self::untransformed(info.texture(), info.tex_coord());
+        untransformed.transformed(info.extension_value("KHR_texture_transform"))
     }
 
-    /// One inside an extension that the crate does not know; `None` if there is none.
+    /// The reference in an extension for which the crate has no type. `None` if there is none.
     ///
     /// # Errors
-    /// When it names a texture that is not there.
+    /// When it names a texture that does not exist.
     pub(super) fn of_json(document: &'a Document, info: Option<&Value>) -> Result<Option<Self>, String> {
         let Some(info) = info else { return Ok(None) };
         let index = info["index"].as_u64().ok_or("a texture without an index")?;
@@ -58,7 +58,9 @@ impl<'a> Use<'a> {
         let texture = usize::try_from(index).ok().and_then(|index| document.textures().nth(index));
         let texture = texture.ok_or_else(|| format!("names texture {index}, but there are {count}"))?;
         let set = info["texCoord"].as_u64().unwrap_or(0) as u32;
-        Ok(Some(Self::plain(texture, set).transformed(info["extensions"].get("KHR_texture_transform"))))
+        Ok(Some(
+            Self::untransformed(texture, set).transformed(info["extensions"].get("KHR_texture_transform")),
+        ))
     }
 
     fn transformed(self, transform: Option<&Value>) -> Self {
@@ -76,10 +78,10 @@ impl<'a> Use<'a> {
         }
     }
 
-    /// Decodes the image unless it is decoded already.
+    /// Loads the texture. Each image is decoded once.
     ///
     /// # Errors
-    /// When it is missing or cannot be decoded: names the file, the material and the image.
+    /// When the image is missing or cannot be decoded. The error names the file, the material and the image.
     pub(super) fn load(
         &self,
         context: &Context,
@@ -103,7 +105,7 @@ impl<'a> Use<'a> {
         Ok(TextureRef { texture, offset: self.offset, rotation: self.rotation, scale: self.scale })
     }
 
-    /// The number of the image; on failure its name and what is wrong.
+    /// The index of the image. An error has the image's name and what is wrong.
     fn image(&self, context: &Context, textures: &mut Textures) -> Result<usize, (String, String)> {
         let webp = self.texture.extension_value("EXT_texture_webp").and_then(|webp| webp["source"].as_u64());
         let source = match webp.and_then(|index| usize::try_from(index).ok()) {
@@ -115,7 +117,7 @@ impl<'a> Use<'a> {
             return Err((format!("textures[{}]", self.texture.index()), problem));
         };
         let mut name = image.name().map_or_else(|| format!("images[{}]", image.index()), str::to_owned);
-        // The crate's own accessor trusts that one of the two is there.
+        // The crate's accessor panics if both the URI and the buffer view are missing.
         let json = &context.document.as_json().images[image.index()];
         let view = json.buffer_view.and_then(|view| context.document.views().nth(view.value()));
         let source = Source::Embedded(image.index());

@@ -171,8 +171,8 @@ impl Converter<'_> {
             ior,
             // Ni says how strong the coat is; a black Ks, that there is none.
             specular: Scalar::constant(if ks == Some(Vec3::ZERO) { 0.0 } else { 1.0 }),
-            clearcoat: Scalar::constant(self.held("Pc", d.pc.unwrap_or(0.0))),
-            clearcoat_roughness: Scalar::constant(self.held("Pcr", d.pcr.unwrap_or(0.0))),
+            clearcoat: Scalar::constant(self.clamped("Pc", d.pc.unwrap_or(0.0))),
+            clearcoat_roughness: Scalar::constant(self.clamped("Pcr", d.pcr.unwrap_or(0.0))),
             anisotropy: self.anisotropy(),
             sheen: self.sheen(),
             ..Principled::default()
@@ -189,29 +189,29 @@ impl Converter<'_> {
     fn roughness(&mut self, unset: f32) -> Result<Scalar, LoadError> {
         let d = self.definition;
         let unset = if d.map_pr.is_some() { 1.0 } else { unset };
-        let factor = self.held("Pr", d.pr.unwrap_or(unset));
+        let factor = self.clamped("Pr", d.pr.unwrap_or(unset));
         Ok(Scalar { factor, texture: self.scalar_map(&d.map_pr)? })
     }
 
     fn metallic(&mut self, unset: f32) -> Result<Scalar, LoadError> {
         let d = self.definition;
         let unset = if d.map_pm.is_some() { 1.0 } else { unset };
-        let factor = self.held("Pm", d.pm.unwrap_or(unset));
+        let factor = self.clamped("Pm", d.pm.unwrap_or(unset));
         Ok(Scalar { factor, texture: self.scalar_map(&d.map_pm)? })
     }
 
     /// `aniso` is meant as glTF's strength and `anisor`, in turns, as its rotation: what the extension leaves open.
     fn anisotropy(&mut self) -> Option<Anisotropy> {
         let d = self.definition;
-        let strength = Scalar::constant(self.held("aniso", d.aniso.unwrap_or(0.0)));
+        let strength = Scalar::constant(self.clamped("aniso", d.aniso.unwrap_or(0.0)));
         let rotation = TAU * d.anisor.unwrap_or(0.0);
         (strength.factor > 0.0).then_some(Anisotropy { strength, rotation, direction: None })
     }
 
     /// White fibres, as rough as the surface: the extension knows but their strength.
     fn sheen(&mut self) -> Option<Sheen> {
-        let strength = self.held("Ps", self.definition.ps.unwrap_or(0.0));
-        let roughness = Scalar::constant(self.held("Pr", self.definition.pr.unwrap_or(1.0)));
+        let strength = self.clamped("Ps", self.definition.ps.unwrap_or(0.0));
+        let roughness = Scalar::constant(self.clamped("Pr", self.definition.pr.unwrap_or(1.0)));
         let colour = Colour::constant(Vec3::splat(strength));
         (strength > 0.0).then_some(Sheen { colour, roughness })
     }
@@ -254,7 +254,7 @@ impl Converter<'_> {
     fn alpha(&mut self) -> Result<Alpha, LoadError> {
         let d = self.definition;
         let opacity = d.d.or(d.tr.map(|tr| 1.0 - tr)).unwrap_or(1.0);
-        let factor = self.held("d", opacity);
+        let factor = self.clamped("d", opacity);
         if factor == 0.0 {
             self.warn("it is invisible: d is 0, or Tr is 1");
         }
@@ -306,7 +306,7 @@ impl Converter<'_> {
         Ok((image, TextureRef { scale: map.scale, offset, ..TextureRef::plain(texture) }))
     }
 
-    /// A colour that is a share: each component held to 0..=1.
+    /// A colour that is a share: each component clamped to 0..=1.
     fn share(&mut self, what: &str, colour: Vec3) -> Vec3 {
         let name = &self.definition.name;
         colour.map(|v| {
@@ -314,8 +314,8 @@ impl Converter<'_> {
         })
     }
 
-    /// A number held to 0..=1.
-    fn held(&mut self, what: &str, value: f32) -> f32 {
+    /// A number clamped to 0..=1.
+    fn clamped(&mut self, what: &str, value: f32) -> f32 {
         self.warnings.clamp(format_args!("Material {:?}: {what}", self.definition.name), value, 0.0, 1.0)
     }
 

@@ -1,13 +1,13 @@
-//! The extensions that lie on a surface or change its reflection.
+//! Reads the extensions of layers and specular reflection.
 
 use super::super::super::LoadError;
-use super::super::texture::Use;
+use super::super::texture::TextureInfo;
 use super::Converter;
 use crate::scene::{Anisotropy, Channel, Colour, ColourSpace, Iridescence, NormalMap, Scalar, Sheen};
 use ::gltf::json::Value;
 use glam::Vec3;
 
-/// An extension that the crate does not know: its name and its object.
+/// An extension for which the `gltf` crate has no type: its name and its JSON object.
 type Extension<'a> = (&'static str, &'a Value);
 
 impl<'a, 'b> Converter<'a, 'b> {
@@ -15,24 +15,24 @@ impl<'a, 'b> Converter<'a, 'b> {
         let Some(specular) = self.source.specular() else {
             return Ok((Scalar::constant(1.0), Colour::constant(Vec3::ONE)));
         };
-        let texture = specular.specular_texture().map(|info| Use::of(&info));
+        let texture = specular.specular_texture().map(|info| TextureInfo::of(&info));
         let strength = self.scalar("specularFactor", specular.specular_factor(), texture, Channel::A)?;
         let factor = Vec3::from(specular.specular_color_factor())
-            .map(|v| self.held("a component of specularColorFactor", v, f32::MAX));
-        let texture = specular.specular_color_texture().map(|info| Use::of(&info));
+            .map(|v| self.clamped("a component of specularColorFactor", v, f32::MAX));
+        let texture = specular.specular_color_texture().map(|info| TextureInfo::of(&info));
         Ok((strength, Colour { factor, texture: self.colour(texture)? }))
     }
 
-    /// Strength, roughness and normal map.
+    /// Strength, roughness and normal map of the clear coat.
     pub(super) fn clearcoat(&mut self) -> Result<(Scalar, Scalar, Option<NormalMap>), LoadError> {
         let Some(coat) = self.extension("KHR_materials_clearcoat") else {
             return Ok((Scalar::constant(0.0), Scalar::constant(0.0), None));
         };
-        let strength = self.share(coat, "clearcoatFactor", "clearcoatTexture", Channel::R)?;
+        let strength = self.textured_factor(coat, "clearcoatFactor", "clearcoatTexture", Channel::R)?;
         let roughness =
-            self.share(coat, "clearcoatRoughnessFactor", "clearcoatRoughnessTexture", Channel::G)?;
+            self.textured_factor(coat, "clearcoatRoughnessFactor", "clearcoatRoughnessTexture", Channel::G)?;
         let mut normal_map = None;
-        if let Some(texture) = self.used(coat, "clearcoatNormalTexture")? {
+        if let Some(texture) = self.texture_info(coat, "clearcoatNormalTexture")? {
             let texture = self.texture(&texture, ColourSpace::Linear)?;
             let scale = coat.1["clearcoatNormalTexture"]["scale"].as_f64().unwrap_or(1.0) as f32;
             normal_map = Some(NormalMap { texture, scale });
@@ -42,7 +42,8 @@ impl<'a, 'b> Converter<'a, 'b> {
 
     pub(super) fn anisotropy(&mut self) -> Result<Option<Anisotropy>, LoadError> {
         let Some(extension) = self.extension("KHR_materials_anisotropy") else { return Ok(None) };
-        let strength = self.share(extension, "anisotropyStrength", "anisotropyTexture", Channel::B)?;
+        let strength =
+            self.textured_factor(extension, "anisotropyStrength", "anisotropyTexture", Channel::B)?;
         let rotation = number(extension, "anisotropyRotation", 0.0);
         let direction = strength.texture.map(|(texture, _)| texture);
         Ok((strength.factor > 0.0).then_some(Anisotropy { strength, rotation, direction }))
@@ -52,16 +53,18 @@ impl<'a, 'b> Converter<'a, 'b> {
         let Some(extension) = self.extension("KHR_materials_sheen") else { return Ok(None) };
         let part = |i: usize| extension.1["sheenColorFactor"][i].as_f64().unwrap_or(0.0) as f32;
         let factor = Vec3::new(part(0), part(1), part(2))
-            .map(|v| self.held("a component of sheenColorFactor", v, 1.0));
-        let texture = self.used(extension, "sheenColorTexture")?;
+            .map(|v| self.clamped("a component of sheenColorFactor", v, 1.0));
+        let texture = self.texture_info(extension, "sheenColorTexture")?;
         let colour = Colour { factor, texture: self.colour(texture)? };
-        let roughness = self.share(extension, "sheenRoughnessFactor", "sheenRoughnessTexture", Channel::A)?;
+        let roughness =
+            self.textured_factor(extension, "sheenRoughnessFactor", "sheenRoughnessTexture", Channel::A)?;
         Ok((factor != Vec3::ZERO).then_some(Sheen { colour, roughness }))
     }
 
     pub(super) fn iridescence(&mut self) -> Result<Option<Iridescence>, LoadError> {
         let Some(extension) = self.extension("KHR_materials_iridescence") else { return Ok(None) };
-        let strength = self.share(extension, "iridescenceFactor", "iridescenceTexture", Channel::R)?;
+        let strength =
+            self.textured_factor(extension, "iridescenceFactor", "iridescenceTexture", Channel::R)?;
         let mut ior = number(extension, "iridescenceIor", 1.3);
         if ior < 1.0 {
             self.warn(&format!("iridescenceIor is {ior}; it must be at least 1, so 1 is used"));
@@ -72,9 +75,9 @@ impl<'a, 'b> Converter<'a, 'b> {
             number(extension, "iridescenceThicknessMaximum", 400.0),
         ];
         for thickness in &mut thickness_nm {
-            *thickness = self.held("a thickness of the iridescent film", *thickness, 1e6);
+            *thickness = self.clamped("a thickness of the iridescent film", *thickness, 1e6);
         }
-        let texture = self.used(extension, "iridescenceThicknessTexture")?;
+        let texture = self.texture_info(extension, "iridescenceThicknessTexture")?;
         let texture = texture.map(|texture| self.texture(&texture, ColourSpace::Linear)).transpose()?;
         let thickness_texture = texture.map(|texture| (texture, Channel::G));
         let film = Iridescence { strength, ior, thickness_nm, thickness_texture };
@@ -85,26 +88,30 @@ impl<'a, 'b> Converter<'a, 'b> {
         self.source.extension_value(name).map(|value| (name, value))
     }
 
-    /// The texture of an extension.
-    fn used(&self, (name, value): Extension, key: &str) -> Result<Option<Use<'b>>, LoadError> {
-        Use::of_json(self.context.document, value.get(key))
+    /// The texture reference `key` of an extension.
+    fn texture_info(
+        &self,
+        (name, value): Extension,
+        key: &str,
+    ) -> Result<Option<TextureInfo<'b>>, LoadError> {
+        TextureInfo::of_json(self.context.document, value.get(key))
             .map_err(|problem| self.context.error(format!("material {:?}, {name}", self.name), problem))
     }
 
-    /// A factor, 0 if it is not given, times a channel of a texture.
-    fn share(
+    /// A factor of an extension, 0 by default, times one channel of a texture.
+    fn textured_factor(
         &mut self,
         extension: Extension,
         factor: &str,
         texture: &str,
         channel: Channel,
     ) -> Result<Scalar, LoadError> {
-        let texture = self.used(extension, texture)?;
+        let texture = self.texture_info(extension, texture)?;
         self.scalar(factor, number(extension, factor, 0.0), texture, channel)
     }
 }
 
-/// A number of an extension.
+/// A number of an extension, `unset` by default.
 fn number((_, value): Extension, key: &str, unset: f32) -> f32 {
     value.get(key).and_then(Value::as_f64).map_or(unset, |number| number as f32)
 }

@@ -1,11 +1,11 @@
-//! glTF materials → [`Material`].
+//! Converts glTF materials to [`Material`].
 
 mod layers;
 
 use super::super::LoadError;
 use super::super::textures::Textures;
 use super::Context;
-use super::texture::Use;
+use super::texture::TextureInfo;
 use crate::scene::{
     Alpha, AlphaMode, Channel, Coats, Colour, ColourSpace, Emission, Material, Medium, NormalMap, Principled,
     Scalar, Surface, TextureRef,
@@ -13,14 +13,14 @@ use crate::scene::{
 use ::gltf::Material as Source;
 use glam::Vec3;
 
-/// A material and the texture coordinates that it wants.
+/// A material and the set of texture coordinates that it uses.
 pub(super) struct Converted {
     pub(super) material: Material,
-    /// Which set: the base colour's, else that of the first texture.
+    /// The base colour texture's set, or else the first texture's set: 0 for `TEXCOORD_0`.
     pub(super) uv_set: u32,
 }
 
-/// What a material means.
+/// Converts a material.
 ///
 /// # Errors
 /// When a texture is missing or cannot be decoded.
@@ -54,22 +54,22 @@ impl Converter<'_, '_> {
         let source = self.source;
         let pbr = source.pbr_metallic_roughness();
         let [r, g, b, _] = pbr.base_color_factor();
-        let base_texture = pbr.base_color_texture().map(|info| Use::of(&info));
+        let base_texture = pbr.base_color_texture().map(|info| TextureInfo::of(&info));
         let base_colour = Colour {
-            factor: Vec3::new(r, g, b).map(|v| self.held("a component of baseColorFactor", v, 1.0)),
+            factor: Vec3::new(r, g, b).map(|v| self.clamped("a component of baseColorFactor", v, 1.0)),
             texture: self.colour(base_texture)?,
         };
         if source.extension_value("KHR_materials_unlit").is_some() {
             self.warn("KHR_materials_unlit is not supported; the surface is matte");
             return Ok(Surface::Matte { reflectance: base_colour });
         }
-        let metal_rough = || pbr.metallic_roughness_texture().map(|info| Use::of(&info));
+        let metal_rough = || pbr.metallic_roughness_texture().map(|info| TextureInfo::of(&info));
         let metallic = self.scalar("metallicFactor", pbr.metallic_factor(), metal_rough(), Channel::B)?;
         let roughness = self.scalar("roughnessFactor", pbr.roughness_factor(), metal_rough(), Channel::G)?;
         let transmission = match source.transmission() {
             None => Scalar::constant(0.0),
             Some(transmission) => {
-                let texture = transmission.transmission_texture().map(|info| Use::of(&info));
+                let texture = transmission.transmission_texture().map(|info| TextureInfo::of(&info));
                 let factor = transmission.transmission_factor();
                 self.scalar("transmissionFactor", factor, texture, Channel::R)?
             }
@@ -79,8 +79,8 @@ impl Converter<'_, '_> {
         let (specular, mut specular_colour) = self.specular()?;
         let mut ior = source.ior().unwrap_or(1.5);
         if ior == 0.0 {
-            // By the extension, 0 means reflection of 1 (times the tint) at all angles: undo the 0.04
-            // that an index of 1.5 gives.
+            // In KHR_materials_ior, 0 means a reflectance of 1 (times the tint) at all angles. The factor cancels the
+            // reflectance of 0.04 that an index of 1.5 gives.
             ior = 1.5;
             specular_colour.factor *= 25.0;
         } else if ior < 1.0 {
@@ -117,7 +117,7 @@ impl Converter<'_, '_> {
     fn medium(&mut self) -> Option<Medium> {
         let volume = self.source.volume().filter(|_| !self.is_thin())?;
         let colour = Vec3::from(volume.attenuation_color())
-            .map(|v| self.held("a component of attenuationColor", v, 1.0));
+            .map(|v| self.clamped("a component of attenuationColor", v, 1.0));
         let distance = volume.attenuation_distance();
         if distance.is_nan() || distance <= 0.0 {
             self.warn(&format!(
@@ -130,21 +130,21 @@ impl Converter<'_, '_> {
 
     fn emission(&mut self) -> Result<Option<Emission>, LoadError> {
         let strength = self.source.emissive_strength().unwrap_or(1.0);
-        let strength = self.held("emissiveStrength", strength, f32::MAX);
+        let strength = self.clamped("emissiveStrength", strength, f32::MAX);
         let factor = Vec3::from(self.source.emissive_factor())
-            .map(|v| self.held("a component of emissiveFactor", v, f32::MAX));
+            .map(|v| self.clamped("a component of emissiveFactor", v, f32::MAX));
         let factor = (factor * strength).min(Vec3::splat(f32::MAX));
         if factor == Vec3::ZERO {
             return Ok(None);
         }
-        let texture = self.source.emissive_texture().map(|info| Use::of(&info));
+        let texture = self.source.emissive_texture().map(|info| TextureInfo::of(&info));
         let radiance = Colour { factor, texture: self.colour(texture)? };
         Ok(Some(Emission { radiance, two_sided: self.source.double_sided() }))
     }
 
     fn normal_map(&mut self) -> Result<Option<NormalMap>, LoadError> {
         let Some(info) = self.source.normal_texture() else { return Ok(None) };
-        let texture = self.texture(&Use::of_normal(&info), ColourSpace::Linear)?;
+        let texture = self.texture(&TextureInfo::of_normal(&info), ColourSpace::Linear)?;
         Ok(Some(NormalMap { texture, scale: info.scale() }))
     }
 
@@ -156,8 +156,8 @@ impl Converter<'_, '_> {
             Mode::Blend => AlphaMode::Blend,
         };
         let pbr = self.source.pbr_metallic_roughness();
-        let factor = self.held("the alpha of baseColorFactor", pbr.base_color_factor()[3], 1.0);
-        let texture = pbr.base_color_texture().map(|info| Use::of(&info));
+        let factor = self.clamped("the alpha of baseColorFactor", pbr.base_color_factor()[3], 1.0);
+        let texture = pbr.base_color_texture().map(|info| TextureInfo::of(&info));
         let texture = self.colour(texture)?.filter(|used| !self.textures.is_opaque(used.texture));
         let is_everywhere = match mode {
             AlphaMode::Mask { cutoff } => factor >= cutoff,
@@ -165,13 +165,13 @@ impl Converter<'_, '_> {
             AlphaMode::Opaque => true,
         };
         if is_everywhere && texture.is_none() {
-            // Spares the tracer a test that always passes.
+            // Saves the tracer a test that always passes.
             return Ok(Alpha::default());
         }
         Ok(Alpha { mode, value: Scalar { factor, texture: texture.map(|texture| (texture, Channel::A)) } })
     }
 
-    fn colour(&mut self, texture: Option<Use>) -> Result<Option<TextureRef>, LoadError> {
+    fn colour(&mut self, texture: Option<TextureInfo>) -> Result<Option<TextureRef>, LoadError> {
         texture.map(|texture| self.texture(&texture, ColourSpace::Srgb)).transpose()
     }
 
@@ -179,15 +179,15 @@ impl Converter<'_, '_> {
         &mut self,
         what: &str,
         factor: f32,
-        texture: Option<Use>,
+        texture: Option<TextureInfo>,
         channel: Channel,
     ) -> Result<Scalar, LoadError> {
-        let factor = self.held(what, factor, 1.0);
+        let factor = self.clamped(what, factor, 1.0);
         let texture = texture.map(|texture| self.texture(&texture, ColourSpace::Linear)).transpose()?;
         Ok(Scalar { factor, texture: texture.map(|texture| (texture, channel)) })
     }
 
-    fn texture(&mut self, texture: &Use, space: ColourSpace) -> Result<TextureRef, LoadError> {
+    fn texture(&mut self, texture: &TextureInfo, space: ColourSpace) -> Result<TextureRef, LoadError> {
         let set = *self.uv_set.get_or_insert(texture.set);
         if set != texture.set {
             self.warn(&format!(
@@ -198,8 +198,8 @@ impl Converter<'_, '_> {
         texture.load(self.context, self.textures, &self.name, space)
     }
 
-    /// A factor held to 0 or more, at most `high`.
-    fn held(&mut self, what: &str, value: f32, high: f32) -> f32 {
+    /// A factor, clamped to 0..=`high` with a warning.
+    fn clamped(&mut self, what: &str, value: f32, high: f32) -> f32 {
         self.context.warnings.clamp(format_args!("Material {:?}: {what}", self.name), value, 0.0, high)
     }
 
