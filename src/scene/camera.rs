@@ -7,17 +7,18 @@ use glam::Vec3;
 /// A pinhole camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
-    /// Where it stands.
+    /// Position in world space.
     pub eye: Vec3,
-    /// A point it looks at.
+    /// A point on the view axis, in world space.
     pub target: Vec3,
-    /// Which way is up; not parallel to the view.
+    /// The up direction. It must not be parallel to the view axis.
     pub up: Vec3,
-    /// Vertical field of view, degrees, between 0 and 180.
+    /// Vertical field of view in degrees, between 0 and 180.
     pub fov_degrees: f32,
 }
 
-/// All of it, each number as the shortest decimal fraction that gives its bits: cameras with the same text are equal.
+/// All fields, each number as the shortest decimal fraction that gives its bits. Cameras with the same text are
+/// equal.
 impl std::fmt::Display for Camera {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let Self { eye, target, up, fov_degrees } = self;
@@ -28,13 +29,13 @@ impl std::fmt::Display for Camera {
     }
 }
 
-/// What is wrong with a camera.
+/// Why a camera is invalid.
 #[derive(Debug, PartialEq, thiserror::Error)]
 pub enum CameraError {
-    /// Eye and target are the same, or not finite.
+    /// Eye and target are equal, or not finite.
     #[error("the camera's eye {0} and target {1} must be finite and differ")]
     View(Vec3, Vec3),
-    /// Up gives no direction.
+    /// The up vector is not finite or is parallel to the view axis.
     #[error("the camera's up vector {0} must be finite and must not point along the view")]
     Up(Vec3),
     /// The field of view is out of range.
@@ -43,8 +44,8 @@ pub enum CameraError {
 }
 
 impl Camera {
-    /// A camera that sees the whole of `bounds` from in front, to the right and above, in a picture of
-    /// the given aspect ratio (width / height).
+    /// A camera that sees all of `bounds` from the front, right and above, in a picture with the given aspect ratio
+    /// (width / height).
     pub fn framing(bounds: &Aabb, aspect: f32) -> Self {
         let fov_degrees = 40.0;
         let half = libm::tanf(0.5 * f32::to_radians(fov_degrees)) * aspect.min(1.0);
@@ -54,10 +55,10 @@ impl Camera {
         Self { eye: bounds.centre() + away * distance, target: bounds.centre(), up: Vec3::Y, fov_degrees }
     }
 
-    /// The camera prepared for a picture of `width` × `height` pixels.
+    /// Prepares the camera for a picture of `width` × `height` pixels.
     ///
     /// # Errors
-    /// When the camera gives no view.
+    /// When the camera is invalid.
     pub fn lens(&self, width: u32, height: u32) -> Result<Lens, CameraError> {
         let forward =
             (self.target - self.eye).try_normalize().ok_or(CameraError::View(self.eye, self.target))?;
@@ -84,10 +85,10 @@ impl Camera {
     }
 }
 
-/// A camera with a picture size: turns pixels into directions.
+/// A camera with a picture size. It converts pixels to directions.
 #[derive(Clone, Copy, Debug)]
 pub struct Lens {
-    /// Where all rays start.
+    /// Origin of all camera rays.
     pub eye: Vec3,
     corner: Vec3,
     step_x: Vec3,
@@ -95,8 +96,8 @@ pub struct Lens {
 }
 
 impl Lens {
-    /// The unit directions through points of the picture: pixels (`x`, `y`), (0, 0) top left, and the
-    /// places in them, 0..1 on both axes.
+    /// The unit directions through points of the picture. (`x`, `y`) is the pixel, with (0, 0) at the top left; the
+    /// third argument is the position within the pixel, 0..1 on both axes.
     #[inline(always)]
     pub fn directions<L: Lanes>(&self, x: Num<L>, y: Num<L>, place: [Num<L>; 2]) -> Vector<L> {
         let l = x.lanes();
@@ -105,12 +106,12 @@ impl Lens {
         (Vector::splat(l, self.corner) + across + down).normalize()
     }
 
-    /// By how much a pixel's cone widens for each unit of length.
+    /// The increase of the width of a pixel's cone per unit of distance.
     pub fn spread(&self) -> f32 {
         (self.step_x.length() * self.step_y.length()).sqrt()
     }
 
-    /// [`Lens::directions`] of one point.
+    /// [`Lens::directions`] for one point.
     pub fn direction(&self, x: u32, y: u32, place: [f32; 2]) -> Vec3 {
         self.directions(Num::from(x as f32), Num::from(y as f32), place.map(Num::from)).into()
     }

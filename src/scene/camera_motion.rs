@@ -1,64 +1,64 @@
-//! A camera that moves as its scene file says: channels move its node, and nodes above it.
+//! Animated cameras: channels move the camera's node and its ancestors.
 
 use super::Camera;
 use glam::{DMat4, DQuat, DVec3};
 
-/// How a camera's node and those above it move in time. Before its first key a track rests at it, after its
-/// last one too (glTF 2.0, appendix C).
+/// The animation of a camera's node and its ancestors. Before its first key and after its last key a track keeps that
+/// key's value (glTF 2.0, appendix C).
 #[derive(Clone, Debug, PartialEq)]
 pub struct CameraMotion {
     fov_degrees: f32,
-    /// From the root to the camera's node.
+    /// The nodes from the root to the camera's node.
     joints: Vec<Joint>,
 }
 
-/// A node's place within the one above it.
+/// The animated transform of a node relative to its parent.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Joint {
-    /// Where it is.
+    /// Translation in the parent's space.
     pub translation: Track<DVec3>,
-    /// How it is turned.
+    /// Rotation, a unit quaternion.
     pub rotation: Track<DQuat>,
-    /// How it is stretched.
+    /// Scale along each axis.
     pub scale: Track<DVec3>,
 }
 
-/// Values at increasing times; at least one.
+/// Values at increasing times. A track has at least one key.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Track<T> {
     times: Vec<f64>,
-    /// One a key.
+    /// One key for each time.
     keys: Vec<Key<T>>,
     interpolation: Interpolation,
 }
 
-/// A value; for cubics with the slopes before and after it.
+/// A value. Cubic interpolation also uses the tangents before and after it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Key<T> {
-    /// Change per second as the key is approached.
+    /// Tangent before the key (glTF's in-tangent), per second.
     pub arriving: T,
-    /// There.
+    /// Value at the key's time.
     pub value: T,
-    /// Change per second from there on.
+    /// Tangent after the key (glTF's out-tangent), per second.
     pub leaving: T,
 }
 
-/// What is between two keys.
+/// Interpolation between two keys.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Interpolation {
-    /// The value of the key before.
+    /// Keeps the value of the previous key.
     Step,
-    /// The straight way, or the shortest turn.
+    /// Linear interpolation, or spherical linear interpolation of rotations.
     Linear,
-    /// The cubic with the keys' slopes.
+    /// The cubic Hermite spline through the keys with their tangents.
     Cubic,
 }
 
-/// What a track is of.
+/// A type of values that tracks interpolate.
 pub trait Tracked: Copy {
-    /// The straight way, or the shortest turn, from `self` to `other`.
+    /// Linear interpolation from `self` to `other`, spherical for rotations.
     fn between(self, other: Self, t: f64) -> Self;
-    /// A sum of values with weights, made into a value again.
+    /// A weighted sum, normalised for rotations.
     fn sum(terms: [(f64, Self); 4]) -> Self;
 }
 
@@ -85,20 +85,21 @@ impl Tracked for DQuat {
     }
 }
 
-/// A quaternion of length 1; one of length 0 turns nothing.
+/// A quaternion scaled to length 1. The identity if its length is 0.
 pub fn unit_turn(turn: DQuat) -> DQuat {
     let length = turn.length();
     if length > 0.0 { turn * (1.0 / length) } else { DQuat::IDENTITY }
 }
 
 impl<T: Tracked> Track<T> {
-    /// A value that does not change.
+    /// A track with a constant value.
     pub fn resting(value: T) -> Self {
         let key = Key { arriving: value, value, leaving: value };
         Self { times: vec![0.0], keys: vec![key], interpolation: Interpolation::Step }
     }
 
-    /// Keys at times; none unless there is a key for each time, at least one, and times increase.
+    /// A track of keys. `None` unless there is at least one key, there is one key for each time, and times are finite
+    /// and increase.
     pub fn new(times: Vec<f64>, keys: Vec<Key<T>>, interpolation: Interpolation) -> Option<Self> {
         let increase = times.windows(2).all(|pair| pair[0] < pair[1]) && times.iter().all(|t| t.is_finite());
         let sound = !times.is_empty() && times.len() == keys.len() && increase;
@@ -130,12 +131,13 @@ impl<T: Tracked> Track<T> {
 }
 
 impl CameraMotion {
-    /// Of a camera that looks along −z, y up, at the end of a chain of joints.
+    /// The animation of a camera that looks along −z with y up, at the end of a chain of nodes.
     pub fn new(fov_degrees: f32, joints: Vec<Joint>) -> Self {
         Self { fov_degrees, joints }
     }
 
-    /// The camera at a time. Where the joints give it no direction it sees nothing, which [`Camera::lens`] says.
+    /// The camera at a time. If the transforms give it no direction it is invalid, and [`Camera::lens`] returns the
+    /// error.
     pub fn at(&self, seconds: f64) -> Camera {
         let place = |joint: &Joint| {
             let (scale, rotation) = (joint.scale.at(seconds), joint.rotation.at(seconds));
@@ -147,12 +149,12 @@ impl CameraMotion {
 }
 
 impl Camera {
-    /// The camera that a matrix makes of one in the origin that looks along −z, y up. A matrix that gives it no
-    /// direction leaves its target in its eye.
+    /// A camera in the origin that looks along −z with y up, transformed by a matrix. If the matrix gives it no
+    /// direction, its target equals its eye.
     pub fn placed(matrix: &DMat4, fov_degrees: f32) -> Self {
         let turned = |axis| matrix.transform_vector3(axis).try_normalize().unwrap_or(DVec3::ZERO);
         let eye = matrix.w_axis.truncate();
-        // So far away that rounding the target does not turn the view.
+        // The target is so far away that its rounding does not change the view.
         let distance = eye.abs().max_element().max(1.0);
         let target = eye + turned(DVec3::NEG_Z) * distance;
         let up = turned(DVec3::Y).as_vec3();
@@ -185,7 +187,8 @@ mod tests {
             let motion = motion(track, still());
             let x = |seconds| motion.at(seconds).eye.x;
             assert_eq!([0.0, 1.0, 2.0, 4.0, 9.0].map(x), [0.0, 0.0, 4.0, 2.0, 2.0]);
-            // Slopes of 0 at both ends of a cubic: in the middle it is in the middle, before it lags behind.
+            // With tangents of 0 at both ends, the cubic passes the middle value at the middle time and is behind
+            // before.
             let expected = match interpolation {
                 Interpolation::Step => [0.0, 0.0],
                 Interpolation::Linear => [1.0, 2.0],

@@ -1,10 +1,10 @@
-//! Cameras that move: from frame to frame along key poses, or around the scene.
+//! Camera paths: through key poses from frame to frame, or around the scene.
 
 use super::{Camera, CameraError};
 use glam::{Quat, Vec3};
 use serde::Deserialize;
 
-/// A camera's way through key poses.
+/// A camera path through key poses.
 ///
 /// ```json
 /// { "interpolation": "catmull-rom",
@@ -12,7 +12,7 @@ use serde::Deserialize;
 ///             { "frame": 24, "eye": [6, 2, 0], "target": [0, 1, 0], "up": [0, 1, 0], "fov_degrees": 50 } ] }
 /// ```
 ///
-/// Before the first key and after the last the camera rests.
+/// Before the first key and after the last key the camera does not move.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CameraPath {
@@ -25,10 +25,10 @@ pub struct CameraPath {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum Interpolation {
-    /// At constant speed, straight.
+    /// Linear interpolation.
     Linear,
-    /// Smoothly: along the cubic whose slope at a key is that from the key before to the key after
-    /// (Catmull and Rom 1974).
+    /// Cubic interpolation. The slope at a key is that of the line from the previous key to the next (Catmull and Rom
+    /// 1974).
     #[default]
     CatmullRom,
 }
@@ -48,28 +48,28 @@ fn upright() -> Vec3 {
     Vec3::Y
 }
 
-/// What is wrong with a camera path.
+/// Why a camera path is invalid.
 #[derive(Debug, thiserror::Error)]
 pub enum CameraPathError {
-    /// Not the JSON of a camera path.
+    /// The text is not the JSON of a camera path.
     #[error(transparent)]
     Json(#[from] serde_json::Error),
-    /// No keys.
+    /// The path has no keys.
     #[error("there are no keys; give at least one pose")]
     Empty,
-    /// Keys out of order.
+    /// The keys are not in the order of their frames.
     #[error("keys[{0}]: its frame must be a number greater than that of the key before")]
     Order(usize),
-    /// A pose that gives no view.
+    /// The camera of a key is invalid.
     #[error("keys[{0}]: {1}")]
     Pose(usize, CameraError),
 }
 
 impl CameraPath {
-    /// Reads a path.
+    /// Parses a camera path.
     ///
     /// # Errors
-    /// When the text is not a path of cameras that see something.
+    /// When the text is not a camera path, or a key's camera is invalid.
     pub fn parse(text: &str) -> Result<Self, CameraPathError> {
         let path: Self = serde_json::from_str(text)?;
         if path.keys.is_empty() {
@@ -95,7 +95,7 @@ impl CameraPath {
         let (from, to) = (after - 1, after);
         let span = keys[to].frame - keys[from].frame;
         let t = (frame - keys[from].frame) / span;
-        // Slopes per frame at both ends; at the ends of the path there is no key beyond.
+        // Slopes per frame at both ends. There is no further key beyond the ends of the path.
         let slope = |key: usize, of: fn(&Key) -> f64| {
             let (before, after) = (key.saturating_sub(1), (key + 1).min(keys.len() - 1));
             (of(&keys[after]) - of(&keys[before])) / (keys[after].frame - keys[before].frame)
@@ -134,7 +134,7 @@ impl Key {
 }
 
 impl Camera {
-    /// The camera carried around `centre` by an angle, about the axis that is up for it.
+    /// The camera rotated around `centre` by an angle, about its up direction.
     pub fn turned(&self, centre: Vec3, degrees: f32) -> Self {
         let Some(axis) = self.up.try_normalize() else { return *self };
         let half = 0.5 * degrees.to_radians();

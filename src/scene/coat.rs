@@ -1,35 +1,35 @@
-//! Coats of varnish, one over the other.
+//! Layers of varnish over a surface.
 
 use super::fingerprint::{Encode, Encoder};
 use glam::Vec3;
 use std::ops::Deref;
 
-/// A clear layer that lies on what is below it, and may take colour from light that passes it.
+/// A transparent dielectric layer over other layers. It may tint light that passes it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Coat {
-    /// Share of the surface that is coated, 0..=1.
+    /// Coated share of the surface, 0..=1.
     pub weight: f32,
-    /// Index of refraction, ≥ 1. Each coat reflects as if it lay in air, as glTF's does.
+    /// Index of refraction, ≥ 1. Each coat reflects as if it were surrounded by air, as glTF's clear coat does.
     pub ior: f32,
     /// Perceptual roughness of its upper face, 0..=1.
     pub roughness: f32,
-    /// What white light has become that went down and up through it at right angles, 0..=1; the longer its
-    /// refracted way, the less is left (Beer and Lambert).
+    /// Share of white light that remains after passing the coat down and up at normal incidence, 0..=1 for each
+    /// channel. The longer the refracted path, the less remains (Beer and Lambert).
     pub tint: Vec3,
 }
 
 impl Coat {
-    /// A smooth coat as glTF's is: index 1.5, without a tint.
+    /// A smooth coat like glTF's: index of refraction 1.5, no tint.
     pub const CLEAR: Self = Self { weight: 1.0, ior: 1.5, roughness: 0.0, tint: Vec3::ONE };
 
-    /// What is absorbed on a way as long as the coat is thick, as an exponent of e, per channel.
+    /// Optical depth at normal incidence for one passage, for each channel.
     pub fn depth(&self) -> Vec3 {
-        // Beyond e³⁰ there is nothing left.
+        // Absorption is limited to a factor of e³⁰.
         self.tint.map(|c| -0.5 * libm::logf(c.clamp(1e-13, 1.0)))
     }
 }
 
-/// Several coats, outermost first.
+/// Coats over a surface, outermost first.
 #[derive(Clone, Copy, PartialEq)]
 pub struct Coats {
     coats: [Coat; Coats::MOST],
@@ -37,13 +37,13 @@ pub struct Coats {
 }
 
 impl Coats {
-    /// The most coats. They lie where their surface lies, so what has none pays for the room.
+    /// The largest number of coats. They are stored inline, so surfaces without coats use the memory too.
     pub const MOST: usize = 8;
 
-    /// None.
+    /// No coats.
     pub const NONE: Self = Self { coats: [Coat::CLEAR; Self::MOST], count: 0 };
 
-    /// These, if they are not too many.
+    /// The given coats. `None` if there are more than [`Coats::MOST`].
     pub fn new(coats: &[Coat]) -> Option<Self> {
         let mut all = Self::NONE;
         all.coats.get_mut(..coats.len())?.copy_from_slice(coats);

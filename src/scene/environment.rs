@@ -1,13 +1,13 @@
-//! What surrounds the scene.
+//! The environment of a scene.
 
 use glam::Vec3;
 
-/// Radiance that arrives from infinitely far away.
+/// Radiance from infinitely far away.
 #[derive(Clone, Debug)]
 pub enum Environment {
-    /// The same from everywhere.
+    /// The same radiance from all directions, linear Rec. 709, finite and ≥ 0.
     Constant(Vec3),
-    /// From an equirectangular image.
+    /// Radiance from an equirectangular image.
     Map(EnvironmentMap),
 }
 
@@ -17,16 +17,16 @@ impl Default for Environment {
     }
 }
 
-/// An equirectangular image: row 0 looks up (+y), the middle column looks along −z when the rotation
-/// is 0, columns go to the right (towards +x from there).
+/// An equirectangular image. Row 0 is up (+y). With a rotation of 0 the middle column is the direction −z, and
+/// columns further right turn towards +x.
 #[derive(Clone, Debug)]
 pub struct EnvironmentMap {
     /// Columns, ≥ 1.
     pub width: u32,
     /// Rows, ≥ 1.
     pub height: u32,
-    /// Linear radiance, finite and ≥ 0; `width × height` of them.
+    /// Linear Rec. 709 radiance, finite and ≥ 0: `width × height` texels, row major, first row on top.
     pub texels: std::sync::Arc<[[f32; 3]]>,
-    /// Turns the image around +y, degrees; positive moves what is ahead (−z) to the left (−x).
+    /// Rotation of the image about +y in degrees. A positive angle moves the image's middle from −z towards −x.
     pub rotation_degrees: f32,
 }

@@ -1,9 +1,9 @@
-//! Lanes as arrays: how they travel behind a pointer that hides a type, where there are no generics. That is cheap
-//! beside a surface that is worth computing.
+//! Passes lanes as arrays through trait objects, whose methods cannot be generic. The copies cost little compared
+//! with a user's surface.
 
 use crate::lanes::{LaneTask, Lanes, MAX_LANES, Num, SimdLevel};
 
-/// `N` numbers for each of so many lanes; behind the lanes nothing counts.
+/// `N` numbers for each lane. Elements beyond the number of lanes are unused.
 pub(super) type LaneColumns<const N: usize> = [[f32; MAX_LANES]; N];
 
 #[inline(always)]
@@ -24,7 +24,7 @@ pub(super) fn from_columns<L: Lanes, const N: usize>(l: L, columns: &LaneColumns
     numbers
 }
 
-/// Runs a kernel in so many lanes as the columns came from.
+/// Runs a kernel with the given number of lanes.
 pub(super) fn run_in<K: LaneTask>(lanes: usize, kernel: K) -> K::Output {
     match lanes {
         1 => SimdLevel::run_one(kernel),

@@ -1,38 +1,38 @@
-//! How much of a texture a lookup covers.
+//! The area of a texture that a lookup covers.
 
 use crate::lanes::{Lanes, Mask, Num};
 
-/// What rays cover of a surface, in texture coordinates.
+/// The area that a ray's cone covers on a surface, in texture coordinates.
 #[derive(Clone, Copy, Debug)]
 pub struct Footprint<L: Lanes> {
-    /// Side of a square as large.
+    /// Side of the square with the same area.
     pub width: Num<L>,
-    /// In [0, 1): between two copies of a texture it decides, and between neighbouring texels, which is right on
-    /// average and costs one lookup instead of two, or of four (Pharr et al. 2024, *Filtering After Shading with
-    /// Stochastic Texture Filtering*).
+    /// A number in [0, 1) that chooses between two mipmap levels and between neighbouring texels. The choice is right
+    /// on average. It costs one lookup instead of two or, between texels, four (Pharr et al. 2024, *Filtering After
+    /// Shading with Stochastic Texture Filtering*).
     pub dither: Num<L>,
-    /// Bumps of the surface that are smaller than this, as the alpha of a GGX distribution of their slopes.
+    /// Roughness of bumps that are smaller than the footprint, as the alpha of a GGX distribution of their slopes.
     pub bumps: Num<L>,
 }
 
 impl<L: Lanes> Footprint<L> {
-    /// Whether the second of two neighbours is chosen whose weights these are, across and down. By bits of `dither`
-    /// that the choice of a copy hardly looks at.
+    /// Whether to choose the second of two neighbours, across and down. `seconds` are the weights of the second
+    /// neighbours. The choice uses bits of `dither` that hardly affect the choice of a mipmap level.
     #[inline(always)]
     pub fn chosen(&self, seconds: [Num<L>; 2]) -> [Mask<L>; 2] {
-        // Eight bits are left for the last.
+        // Eight bits remain for the second choice.
         let (across, down) = (fraction(self.dither * 256.0), fraction(self.dither * 65_536.0) + 1.0 / 512.0);
         [across.lt(seconds[0]), down.lt(seconds[1])]
     }
 
-    /// Of rays without extent.
+    /// The footprint of rays without a width.
     #[inline(always)]
     pub fn point(l: L) -> Self {
         let zero = Num::splat(l, 0.0);
         Self { width: zero, dither: zero, bumps: zero }
     }
 
-    /// A perceptual roughness together with that of the bumps: the variances of slopes add up (Toksvig 2005,
+    /// Adds the roughness of the bumps to a perceptual roughness: the variances of slopes add up (Toksvig 2005,
     /// *Mipmapping Normal Maps*).
     #[inline(always)]
     pub fn roughened(&self, roughness: Num<L>) -> Num<L> {

@@ -1,42 +1,42 @@
-//! Lights without a surface (glTF's punctual lights).
+//! Lights without a surface (KHR_lights_punctual).
 
 use glam::Vec3;
 
 /// A light that no ray can hit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Light {
-    /// What files call it.
+    /// Name in the file.
     pub name: String,
-    /// Radiant intensity (per steradian) of a point or spot light; irradiance on a surface that
-    /// faces it of a directional one. Linear Rec. 709, same scale as radiance.
+    /// Point and spot lights: radiant intensity (per steradian). Directional lights: irradiance on a surface
+    /// perpendicular to the light. Linear Rec. 709, ≥ 0, in the same units as radiance.
     pub intensity: Vec3,
-    /// Where and how it shines.
+    /// Position and directions of emission.
     pub shape: LightShape,
 }
 
-/// Where and how a light shines.
+/// Position and directions of emission.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum LightShape {
-    /// From one point in all directions.
+    /// Emits from a point in all directions.
     Point {
-        /// Where it is.
+        /// Position in world space.
         position: Vec3,
     },
-    /// From one point into a cone, full inside the inner angle, fading to none at the outer one
+    /// Emits from a point into a cone: with full intensity inside the inner angle, fading to zero at the outer angle
     /// (glTF's smooth step of the cosine).
     Spot {
-        /// Where it is.
+        /// Position in world space.
         position: Vec3,
-        /// Unit direction it shines in.
+        /// Unit direction of the cone's axis, away from the light.
         direction: Vec3,
         /// Cosine of the inner half angle.
         cos_inner: f32,
-        /// Cosine of the outer half angle, below `cos_inner`.
+        /// Cosine of the outer half angle, less than `cos_inner`.
         cos_outer: f32,
     },
-    /// From infinitely far away.
+    /// Emits parallel light from infinitely far away.
     Directional {
-        /// Unit direction the light travels in.
+        /// Unit direction in which the light travels.
         direction: Vec3,
     },
 }

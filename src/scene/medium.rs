@@ -1,24 +1,24 @@
-//! What fills a body.
+//! Absorbing media inside closed bodies.
 
 use glam::Vec3;
 
-/// A medium that absorbs light and does not scatter it: of light that goes a distance `t` through it, the share
-/// exp(−`absorption` · t) is left (Beer and Lambert).
+/// A homogeneous medium that absorbs light and does not scatter it. After a distance `t` the share exp(−`absorption`
+/// · t) of the light remains (Beer and Lambert).
 ///
-/// A body's material says what fills it, and a ray that meets the body's surface from inside has come
-/// through that. So where bodies overlap or lie within each other, the surface that is met tells the medium
-/// before it: between a glass and what is in it, light that goes inwards is not absorbed.
+/// A body's medium belongs to the material of its surface. A ray that meets the surface from inside has travelled
+/// through that medium. If bodies overlap or contain each other, the surface at the ray's end determines the medium.
+/// Light that travels inwards from a glass to a body inside it is therefore not absorbed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Medium {
-    /// Per unit of distance, per channel, ≥ 0.
+    /// Absorption coefficient per unit of distance for each channel, ≥ 0.
     pub absorption: Vec3,
 }
 
 impl Medium {
-    /// The medium in which white light takes on `colour` after `distance` (KHR_materials_volume); `None` if
-    /// it stays white.
+    /// The medium in which white light becomes `colour` after `distance`: `attenuationColor` and
+    /// `attenuationDistance` of KHR_materials_volume. `None` if nothing is absorbed.
     pub fn tinting(colour: Vec3, distance: f32) -> Option<Self> {
-        // Beyond e³⁰ there is nothing left.
+        // Absorption is limited to a factor of e³⁰.
         let absorption = colour.map(|c| -libm::logf(c.clamp(1e-13, 1.0)) / distance).min(Vec3::splat(1e30));
         (absorption.max_element() > 0.0).then_some(Self { absorption })
     }

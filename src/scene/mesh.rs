@@ -6,24 +6,24 @@ use glam::{Vec2, Vec3, Vec4};
 /// An indexed triangle mesh. Row `i` of `triangles` is primitive `i` everywhere.
 #[derive(Clone, Debug, Default)]
 pub struct Mesh {
-    /// Vertex positions, world space.
+    /// Vertex positions in world space.
     pub positions: Vec<Vec3>,
-    /// Unit shading normals per vertex; empty, or as long as `positions`. A zero vector means the
-    /// vertex has none and the geometric normal counts.
+    /// Unit shading normals, one per vertex. Either empty or as long as `positions`. A zero vector means that the
+    /// vertex has no normal; the geometric normal is then used.
     pub normals: Vec<Vec3>,
-    /// Texture coordinates per vertex, (0, 0) at the *first row* of an image (glTF's convention; the
-    /// OBJ loader flips v); empty, or as long as `positions`.
+    /// Texture coordinates, one pair per vertex. (0, 0) is at the *first row* of an image (glTF's convention; the OBJ
+    /// loader flips v). Either empty or as long as `positions`.
     pub uvs: Vec<Vec2>,
-    /// Tangents per vertex (w = handedness), as glTF has them; empty, or as long as `positions`. A
-    /// zero vector means the vertex has none and it is derived from the texture coordinates.
+    /// Tangents, one per vertex, as in glTF (w is the handedness). Either empty or as long as `positions`. A zero
+    /// vector means that the vertex has no tangent, which is then derived from the texture coordinates.
     pub tangents: Vec<Vec4>,
-    /// Vertex indices; counter-clockwise seen from outside.
+    /// Vertex indices, counter-clockwise seen from outside.
     pub triangles: Vec<[u32; 3]>,
-    /// Material index per triangle.
+    /// Material index, one per triangle.
     pub materials: Vec<u32>,
 }
 
-/// What is wrong with a mesh.
+/// Why a mesh is invalid.
 #[derive(Debug, PartialEq, thiserror::Error)]
 pub enum MeshError {
     /// A coordinate is NaN, infinite or too large.
@@ -33,14 +33,14 @@ pub enum MeshError {
     Position {
         /// Vertex index.
         index: usize,
-        /// Its coordinates.
+        /// The vertex's x coordinate.
         x: f32,
-        /// Its coordinates.
+        /// The vertex's y coordinate.
         y: f32,
-        /// Its coordinates.
+        /// The vertex's z coordinate.
         z: f32,
     },
-    /// A triangle names a vertex that is not there.
+    /// A triangle names a vertex that does not exist.
     #[error(
         "triangle {triangle} names vertex {vertex}, but there are {count} vertices (0 to {})",
         count.saturating_sub(1)
@@ -48,61 +48,61 @@ pub enum MeshError {
     Vertex {
         /// Triangle index.
         triangle: usize,
-        /// The index it names.
+        /// The vertex index.
         vertex: u32,
-        /// How many there are.
+        /// Number of vertices.
         count: usize,
     },
-    /// A triangle names a material that is not there.
+    /// A triangle names a material that does not exist.
     #[error("triangle {triangle} names material {material}, but there are {count}")]
     Material {
         /// Triangle index.
         triangle: usize,
-        /// The index it names.
+        /// The material index.
         material: u32,
-        /// How many there are.
+        /// Number of materials.
         count: usize,
     },
     /// A per-vertex attribute has another length than the positions.
     #[error("{attribute}: {found} entries for {expected} vertices")]
     Attribute {
-        /// Its name.
+        /// The attribute's name.
         attribute: &'static str,
         /// Its length.
         found: usize,
-        /// The number of vertices.
+        /// Number of vertices.
         expected: usize,
     },
-    /// Nothing to render.
+    /// The mesh has no triangles.
     #[error("the scene has no triangles")]
     Empty,
-    /// More triangles than primitive ids (bit 31 is reserved, as are the ids' last values).
+    /// The mesh has more triangles than there are primitive ids. Bit 31 is reserved, and so are the last ids.
     #[error("{found} triangles; at most {max} can be numbered")]
     TooMany {
-        /// How many there are.
+        /// Number of triangles.
         found: usize,
-        /// How many there may be.
+        /// The largest number of triangles.
         max: usize,
     },
 }
 
-/// The most triangles a scene may have.
+/// The largest number of triangles of a scene.
 pub const MAX_TRIANGLES: usize = (1 << 28) - 1;
 
 impl Mesh {
-    /// The box around all vertices that triangles use.
+    /// The bounding box of all vertices that triangles use.
     pub fn bounds(&self) -> Aabb {
         Aabb::around(self.triangles.iter().flatten().map(|&i| self.positions[i as usize]))
     }
 
-    /// Corner positions of a triangle.
+    /// Positions of a triangle's corners.
     pub fn corners(&self, primitive: u32) -> [Vec3; 3] {
-        // Not `map`, which is not always inlined; shading asks for every hit.
+        // `map` is not always inlined, and shading calls this function for every hit.
         let [a, b, c] = self.triangles[primitive as usize];
         [self.positions[a as usize], self.positions[b as usize], self.positions[c as usize]]
     }
 
-    /// Texture coordinates at barycentric (`u`, `v`); zero where the mesh has none.
+    /// Texture coordinates at barycentric (`u`, `v`). Zero if the mesh has none.
     pub fn uv_at(&self, primitive: u32, u: f32, v: f32) -> Vec2 {
         if self.uvs.is_empty() {
             return Vec2::ZERO;
@@ -112,10 +112,10 @@ impl Mesh {
         a * (1.0 - u - v) + b * u + c * v
     }
 
-    /// Checks what [`crate::scene::Scene`] promises.
+    /// Checks the invariants of [`crate::scene::Scene`].
     ///
     /// # Errors
-    /// The first thing that is wrong, with its index.
+    /// The first violation, with its index.
     pub fn validate(&self, materials: usize) -> Result<(), MeshError> {
         let expected = self.positions.len();
         for (attribute, found) in [
@@ -140,7 +140,7 @@ impl Mesh {
         if self.triangles.len() > MAX_TRIANGLES {
             return Err(MeshError::TooMany { found: self.triangles.len(), max: MAX_TRIANGLES });
         }
-        // NaN fails the comparison too.
+        // The comparison fails for NaN, too.
         if let Some(index) =
             self.positions.iter().position(|p| !p.abs().cmple(Vec3::splat(MAX_COORDINATE)).all())
         {

@@ -1,17 +1,18 @@
-//! Two materials in one.
+//! A mix of two materials.
 
 use super::Scalar;
 
-/// A surface that is one material here and another there: each hit is of one of the two, by a hash of the hit
-/// ([`crate::shade::material_of`]), so what is seen on average is both, in proportion.
+/// A surface that has one of two materials at each hit, chosen by a hash of the hit ([`crate::shade::material_of`]).
+/// The average over many hits is the weighted mean of both.
 ///
-/// Either may be a mix in turn, but none may be part of itself. Where a mix is on a surface, the surface's own
-/// material says what it gives off, where it is not there and what it is filled with: light sources are found by
-/// their triangles. So its parts, and theirs, are to say the same of these.
+/// Either part may be a mix, but no mix may contain itself. Emission, alpha and medium are those of the mix's own
+/// material, because lights are found by their triangles. The parts, and parts of parts, must have the same emission,
+/// alpha and medium.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Mix {
-    /// Indices of the two materials.
+    /// Indices of the two materials in [`super::Scene::materials`].
     pub of: [u32; 2],
-    /// How much of the surface is the second, 0..=1. Its texture is looked up in the image itself.
+    /// Probability of the second material, 0..=1. Its texture is looked up in the image itself, without mipmap
+    /// levels.
     pub share: Scalar,
 }

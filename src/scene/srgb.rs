@@ -1,8 +1,8 @@
-//! The sRGB transfer function, byte by byte.
+//! The sRGB transfer function for bytes.
 
 use std::sync::OnceLock;
 
-/// The light of each byte.
+/// The linear value of each byte.
 pub(super) fn table() -> &'static [f32; 256] {
     static TABLE: OnceLock<[f32; 256]> = OnceLock::new();
     TABLE.get_or_init(|| {
@@ -13,9 +13,9 @@ pub(super) fn table() -> &'static [f32; 256] {
     })
 }
 
-/// The byte of the nearest light.
+/// The byte whose linear value is nearest.
 pub(super) fn byte(light: f32) -> u8 {
-    /// So many steps that two bytes never lie within one.
+    /// Enough steps that no two bytes share one.
     const STEPS: usize = 4096;
     static START: OnceLock<Vec<u8>> = OnceLock::new();
     let table = table();

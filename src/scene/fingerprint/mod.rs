@@ -1,7 +1,7 @@
 //! A scene's fingerprint: a hash of canonical bytes of everything that its pictures depend on.
 //!
 //! # The encoding
-//! It begins with [`HEADER`] and [`FINGERPRINT_VERSION`]. All numbers are little-endian.
+//! The bytes begin with [`HEADER`] and [`FINGERPRINT_VERSION`]. All numbers are little-endian.
 //!
 //! | type | bytes |
 //! |---|---|
@@ -14,11 +14,11 @@
 //! | slice | the number of elements (`u64`), then the elements |
 //! | text | the number of bytes (`u64`), then UTF-8 |
 //!
-//! Names of materials, textures and lights are not in it: no picture depends on them. The smaller copies of a texture
-//! are functions of its image, its colour space and the kind of average, which are in it.
+//! Names of materials, textures and lights are not encoded, because no picture depends on them. The mipmap levels of
+//! a texture follow from its image, its colour space and its [`super::Averaging`], which are encoded.
 //!
-//! Every implementation of [`Encode`] destructures its type without `..`: a new field does not compile until it is
-//! encoded, and whoever encodes it raises [`FINGERPRINT_VERSION`].
+//! Every implementation of [`Encode`] destructures its type without `..`. A new field therefore does not compile
+//! until it is encoded, and encoding it requires raising [`FINGERPRINT_VERSION`].
 
 mod materials;
 #[cfg(test)]
@@ -29,20 +29,20 @@ use glam::{Vec2, Vec3};
 use std::fmt::Debug;
 use xxhash_rust::xxh3::Xxh3;
 
-/// Version of the encoding that [`Scene::fingerprint`] hashes. It is part of what is hashed, so fingerprints of
+/// Version of the encoding that [`Scene::fingerprint`] hashes. The version is hashed as well, so fingerprints of
 /// different versions differ.
 pub const FINGERPRINT_VERSION: u32 = 1;
 
-/// How the encoding of a scene begins.
+/// The first bytes of a scene's encoding.
 const HEADER: &[u8; 15] = b"raystream scene";
 
 /// A type with canonical bytes.
 pub(super) trait Encode {
-    /// Appends the bytes.
+    /// Appends the canonical bytes.
     fn encode(&self, to: &mut Encoder);
 }
 
-/// Implements [`Encode`] for a struct: the fields, in this order. Fields after `except` are left out.
+/// Implements [`Encode`] for a struct by encoding the fields in this order. Fields after `except` are left out.
 macro_rules! encode_fields {
     ($type:ident { $($field:ident),* } $(except { $($left_out:ident),* })?) => {
         impl $crate::scene::fingerprint::Encode for $type {
@@ -55,28 +55,29 @@ macro_rules! encode_fields {
 }
 pub(super) use encode_fields;
 
-/// Where canonical bytes go: into a hash.
+/// Hashes the canonical bytes that are appended to it.
 pub(super) struct Encoder(Xxh3);
 
 impl Encoder {
-    /// The number of a variant.
+    /// Appends the number of an enum's variant.
     pub fn variant(&mut self, number: u8) {
         self.0.update(&[number]);
     }
 
-    /// Text with its length.
+    /// Appends text with its length.
     fn text(&mut self, text: &str) {
         (text.len() as u64).encode(self);
         self.0.update(text.as_bytes());
     }
 
-    /// A slice of single bytes with its length.
+    /// Appends a slice of byte rows with its length.
     pub fn bytes<const N: usize>(&mut self, rows: &[[u8; N]]) {
         (rows.len() as u64).encode(self);
         self.0.update(rows.as_flattened());
     }
 
-    /// A long slice of rows of `f32` or `u32`, with its length: the same bytes as element by element, in one piece.
+    /// Appends a long slice of rows of `f32` or `u32` with its length. The bytes are those of element-wise encoding,
+    /// appended at once.
     fn rows<T: bytemuck::NoUninit>(&mut self, rows: &[T]) {
         (rows.len() as u64).encode(self);
         if cfg!(target_endian = "little") {
@@ -87,7 +88,8 @@ impl Encoder {
         }
     }
 
-    /// Surfaces that user code computes: code cannot be encoded, but its `Debug` text with its parameters can.
+    /// Appends surfaces that user code computes. Code cannot be encoded, but its `Debug` text contains its
+    /// parameters.
     fn code(&mut self, surfaces: &[impl Debug]) {
         (surfaces.len() as u64).encode(self);
         for surface in surfaces {
@@ -132,7 +134,7 @@ impl Encode for Vec3 {
     }
 }
 
-/// An array has no length of its own: its type tells it.
+/// The type determines the length of an array, so the length is not encoded.
 impl<T: Encode, const N: usize> Encode for [T; N] {
     fn encode(&self, to: &mut Encoder) {
         self.iter().for_each(|x| x.encode(to));
@@ -235,7 +237,7 @@ impl Encode for Scene {
             mixes,
             lights,
             environment,
-            // The mesh has what they show. Cameras are inputs beside the scene.
+            // The mesh contains the instances' triangles. Cameras are inputs besides the scene.
             shapes: _,
             camera: _,
             camera_motion: _,
@@ -253,9 +255,8 @@ impl Encode for Scene {
 }
 
 impl Scene {
-    /// XXH3 (64 bits) of the [canonical bytes](self) of everything that a picture of the scene depends on but for the
-    /// camera, as 16 hexadecimal digits: scenes with the same fingerprint look, in practice, the same from every
-    /// camera.
+    /// XXH3 (64 bits) of the [canonical bytes](self) of everything that a picture depends on except the camera, as 16
+    /// hexadecimal digits. In practice, scenes with the same fingerprint look the same from every camera.
     pub fn fingerprint(&self) -> String {
         let mut to = Encoder(Xxh3::new());
         to.0.update(HEADER);

@@ -1,4 +1,4 @@
-//! Every field of every type counts, and the encoding does not change by accident.
+//! Tests that every field of every type is encoded, and that the encoding does not change by accident.
 
 use super::{Encode, Encoder, FINGERPRINT_VERSION};
 use crate::lanes::Lanes;
@@ -19,7 +19,7 @@ fn hash(value: &impl Encode) -> u64 {
     to.0.digest()
 }
 
-/// Asserts that all of these have different bytes.
+/// Asserts that the values have different bytes.
 fn all_differ<T: Encode>(values: impl IntoIterator<Item = (&'static str, T)>) {
     let mut seen = BTreeMap::new();
     for (name, value) in values {
@@ -29,8 +29,8 @@ fn all_differ<T: Encode>(values: impl IntoIterator<Item = (&'static str, T)>) {
     }
 }
 
-/// Asserts that the bytes change with each field of a value. The pattern has no `..`: a new field does not compile
-/// until it is listed here. Fields after `except` must not count.
+/// Asserts that the bytes change with each field of a value. The pattern has no `..`, so a new field does not compile
+/// until it is listed here. Fields after `except` must not change the bytes.
 macro_rules! each_field_counts {
     (
         $base:expr, $type:ident { $($field:ident: $other:expr),* $(,)? }

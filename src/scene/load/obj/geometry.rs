@@ -1,4 +1,4 @@
-//! Vertices and faces of an OBJ file.
+//! Reads vertices and faces of an OBJ file.
 
 use super::super::warnings::Warnings;
 use super::super::{LoadError, quote};
@@ -9,22 +9,22 @@ use glam::{Vec2, Vec3};
 use std::collections::HashMap;
 use std::path::Path;
 
-/// What an OBJ file says, but for the definitions of its materials.
+/// The contents of an OBJ file, without the definitions of its materials.
 #[derive(Debug, Default)]
 pub(super) struct Geometry {
-    /// The triangles; `materials` counts in `material_names`.
+    /// The triangles. Its `materials` are indices into `material_names`.
     pub(super) mesh: Mesh,
-    /// The names that faces use, in order of their first use; `None` for faces before any `usemtl`.
+    /// The names that faces use, in order of their first use. `None` for faces before any `usemtl`.
     pub(super) material_names: Vec<Option<String>>,
     /// The arguments of the `mtllib` statements.
     pub(super) libraries: Vec<String>,
 }
 
 impl Geometry {
-    /// Reads the bytes of a file.
+    /// Parses the bytes of a file.
     ///
     /// # Errors
-    /// What is wrong with which line.
+    /// The line, and what is wrong with it.
     pub(super) fn read(path: &Path, bytes: &[u8], warnings: &mut Warnings) -> Result<Self, LoadError> {
         let mut reader = Reader::default();
         for (line, statement) in statements(&String::from_utf8_lossy(bytes)) {
@@ -38,7 +38,7 @@ impl Geometry {
     }
 }
 
-/// Not given.
+/// An index that is not given.
 const NONE: u32 = u32::MAX;
 
 /// A corner of a face: indices of its position, texture coordinates and normal.
@@ -49,19 +49,19 @@ struct Corner {
     normal: u32,
 }
 
-/// What has been read so far.
+/// The statements read so far.
 #[derive(Default)]
 struct Reader {
     positions: Vec<Vec3>,
     uvs: Vec<Vec2>,
     normals: Vec<Vec3>,
-    /// The vertex of the mesh for each distinct corner.
+    /// The mesh's vertex for each distinct corner.
     vertices: HashMap<Corner, u32>,
-    /// The corners of the face at hand.
+    /// The corners of the current face.
     face: Vec<u32>,
-    /// Whether any corner has texture coordinates; a normal.
+    /// Whether any corner has texture coordinates, and whether any has a normal.
     has: [bool; 2],
-    /// The name in force.
+    /// The name of the last `usemtl`.
     name: Option<String>,
     /// Its index in `material_names`, once a face has used it.
     material: Option<u32>,
@@ -89,7 +89,7 @@ impl Reader {
                 self.positions.push(position);
             }
             "vt" => {
-                // The second and third are optional.
+                // The second and the third coordinate are optional.
                 let [u, v, _] = numbers(arguments, 1)?;
                 let mut uv = Vec2::new(u, 1.0 - v);
                 if !uv.is_finite() {
@@ -108,7 +108,7 @@ impl Reader {
                 self.material = None;
             }
             "mtllib" => self.out.libraries.push(arguments.to_owned()),
-            // Names, groups and smoothing: given normals count.
+            // Names and groups do not matter. Smoothing groups are ignored, because normals in the file are used.
             "o" | "g" | "s" | "mg" | "vp" => {}
             "l" | "p" => warnings.add("Lines and points are ignored: they have no surface."),
             _ => warnings.add(format!("The OBJ statement {} is not supported and ignored.", quote(keyword))),
@@ -145,7 +145,7 @@ impl Reader {
         Ok(())
     }
 
-    /// `v`, `v/vt`, `v//vn` or `v/vt/vn`.
+    /// Parses `v`, `v/vt`, `v//vn` or `v/vt/vn`.
     fn corner(&self, word: &str) -> Result<Corner, String> {
         let mut parts = word.split('/');
         let [position, uv, normal] = [(); 3].map(|()| parts.next().filter(|part| !part.is_empty()));
@@ -164,7 +164,7 @@ impl Reader {
         })
     }
 
-    /// The mesh's vertex for a corner, made if there is none yet.
+    /// The mesh's vertex for a corner. It is created if the corner is new.
     fn vertex(&mut self, corner: Corner) -> Result<u32, String> {
         if let Some(&vertex) = self.vertices.get(&corner) {
             return Ok(vertex);
@@ -193,7 +193,7 @@ impl Reader {
     }
 }
 
-/// The index from 0 that an OBJ index means: from 1, or from −1 backwards, among `count` so far.
+/// Converts an OBJ index to an index from 0. OBJ counts from 1, or backwards from −1, among `count` elements so far.
 fn resolve(index: &str, what: &str, count: usize) -> Result<u32, String> {
     let number: i64 = index.parse().map_err(|_| format!("{} is not the index of a {what}", quote(index)))?;
     let from_zero = if number > 0 { number - 1 } else { number.saturating_add(count as i64) };
@@ -210,7 +210,7 @@ fn resolve(index: &str, what: &str, count: usize) -> Result<u32, String> {
     })
 }
 
-/// The first three numbers of a statement, at least `required` of them; 0 for those left out.
+/// The first three numbers of a statement. At least `required` must be given; the others are 0 if left out.
 fn numbers(arguments: &str, required: usize) -> Result<[f32; 3], String> {
     let mut list = [0.0; 3];
     let mut found = 0;

@@ -1,4 +1,4 @@
-//! What an MTL definition means as a [`Material`].
+//! Converts an MTL definition to a [`Material`].
 //!
 //! | illum | surface |
 //! |---|---|
@@ -10,9 +10,9 @@
 //! | 3, 5 | mirror `Ks`; with `Pr` or a partial `Pm` rough metal |
 //! | 4, 6, 7, 9 | dielectric `Ni`, `Tf`: smooth, or frosted by `Pr` |
 //!
-//! Where `Pm` makes a metal of illum 3 or 5 its colour is `Kd`, as the PBR extension has it, or `Ks` if
-//! `Kd` is black. Maps multiply their factors. A Phong exponent n is as glossy as GGX of alpha √(2 / (n + 2)); `Pr` is
-//! perceptual: alpha = `Pr`².
+//! If `Pm` makes a metal of illum 3 or 5, its colour is `Kd`, as in the PBR extension, or `Ks` if `Kd` is black. Maps
+//! multiply their factors. A Phong exponent n corresponds to a GGX alpha of √(2 / (n + 2)). `Pr` is perceptual: alpha
+//! = `Pr`².
 
 use super::super::warnings::Warnings;
 use super::super::{LoadError, beside};
@@ -26,13 +26,13 @@ use glam::{Vec2, Vec3};
 use std::f32::consts::TAU;
 use std::path::Path;
 
-/// Index of refraction where a file gives none: common glass.
+/// Default index of refraction, that of common glass.
 const GLASS: f32 = 1.5;
 
 /// Reflectance at normal incidence of a dielectric of index 1.5.
 const GLASS_REFLECTANCE: f32 = 0.04;
 
-/// What `definition`, from the file `path`, means.
+/// Converts `definition`, which was read from the file `path`.
 ///
 /// # Errors
 /// When a texture is missing or cannot be decoded.
@@ -54,7 +54,7 @@ pub(super) fn convert(
         surface,
         emission: converter.emission()?,
         normal_map: converter.normal_map()?,
-        // What passes through a dielectric is refracted; it must not be thinned out as well.
+        // A dielectric's transparency is refraction, so the material's opacity must not apply as well.
         alpha: if is_body { Alpha::default() } else { converter.alpha()? },
         medium: None,
     })
@@ -132,7 +132,8 @@ impl Converter<'_> {
         }))
     }
 
-    /// `is_coat`: index of refraction or roughness are given; else it is classic Phong.
+    /// `is_coat` means that the file gives an index of refraction or a roughness. Otherwise the material is classic
+    /// Phong.
     fn glossy(&mut self, is_coat: bool) -> Result<Surface, LoadError> {
         let d = self.definition;
         let base_colour = self.kd()?;
@@ -169,7 +170,7 @@ impl Converter<'_> {
             metallic: self.metallic(0.0)?,
             roughness,
             ior,
-            // Ni says how strong the coat is; a black Ks, that there is none.
+            // `Ni` determines the reflectance. A black `Ks` removes the reflection.
             specular: Scalar::constant(if ks == Some(Vec3::ZERO) { 0.0 } else { 1.0 }),
             clearcoat: Scalar::constant(self.clamped("Pc", d.pc.unwrap_or(0.0))),
             clearcoat_roughness: Scalar::constant(self.clamped("Pcr", d.pcr.unwrap_or(0.0))),
@@ -200,7 +201,8 @@ impl Converter<'_> {
         Ok(Scalar { factor, texture: self.scalar_map(&d.map_pm)? })
     }
 
-    /// `aniso` is meant as glTF's strength and `anisor`, in turns, as its rotation: what the extension leaves open.
+    /// `aniso` is read as glTF's strength and `anisor`, in turns, as glTF's rotation. The MTL extension does not
+    /// define them.
     fn anisotropy(&mut self) -> Option<Anisotropy> {
         let d = self.definition;
         let strength = Scalar::constant(self.clamped("aniso", d.aniso.unwrap_or(0.0)));
@@ -208,7 +210,7 @@ impl Converter<'_> {
         (strength.factor > 0.0).then_some(Anisotropy { strength, rotation, direction: None })
     }
 
-    /// White fibres, as rough as the surface: the extension knows but their strength.
+    /// White fibres with the surface's roughness. The extension specifies their strength only.
     fn sheen(&mut self) -> Option<Sheen> {
         let strength = self.clamped("Ps", self.definition.ps.unwrap_or(0.0));
         let roughness = Scalar::constant(self.clamped("Pr", self.definition.pr.unwrap_or(1.0)));
@@ -291,7 +293,7 @@ impl Converter<'_> {
         map.as_ref().map(scalar).transpose()
     }
 
-    /// The image of a map and the texture as the map lays it.
+    /// The index of a map's image, and the texture with the map's options.
     fn texture(&mut self, map: &Map, space: ColourSpace) -> Result<(usize, TextureRef), LoadError> {
         let image =
             self.textures.file(&beside(self.path, &map.file)).map_err(|problem| LoadError::Texture {
@@ -301,12 +303,12 @@ impl Converter<'_> {
                 problem,
             })?;
         let texture = self.textures.texture(image, space, [map.wrap; 2]);
-        // MTL scales and shifts with v upwards, the mesh's v points down.
+        // MTL scales and shifts with v upwards; the mesh's v points downwards.
         let offset = Vec2::new(map.offset.x, 1.0 - map.scale.y - map.offset.y);
         Ok((image, TextureRef { scale: map.scale, offset, ..TextureRef::plain(texture) }))
     }
 
-    /// A colour that is a share: each component clamped to 0..=1.
+    /// A colour whose components are clamped to 0..=1.
     fn share(&mut self, what: &str, colour: Vec3) -> Vec3 {
         let name = &self.definition.name;
         colour.map(|v| {
@@ -314,7 +316,7 @@ impl Converter<'_> {
         })
     }
 
-    /// A number clamped to 0..=1.
+    /// A number, clamped to 0..=1.
     fn clamped(&mut self, what: &str, value: f32) -> f32 {
         self.warnings.clamp(format_args!("Material {:?}: {what}", self.definition.name), value, 0.0, 1.0)
     }

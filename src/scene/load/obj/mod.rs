@@ -1,7 +1,7 @@
-//! Wavefront OBJ.
+//! Loads Wavefront OBJ files.
 //!
-//! Read here rather than by a crate: errors must name the line, faces must keep the file's order
-//! across groups and materials, and faces with and without texture coordinates or normals may mix.
+//! This project has its own parser, because errors must name the line, faces must keep the file's order across groups
+//! and materials, and faces with and without texture coordinates or normals may be mixed.
 
 mod geometry;
 mod material;
@@ -16,7 +16,7 @@ use std::borrow::Cow;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-/// Loads an OBJ file with the MTL files and textures that it names.
+/// Loads an OBJ file with its MTL files and textures.
 pub(super) fn load(path: &Path) -> Result<Scene, LoadError> {
     let mut warnings = Warnings::default();
     let mut geometry = Geometry::read(path, &read(path)?, &mut warnings)?;
@@ -26,7 +26,7 @@ pub(super) fn load(path: &Path) -> Result<Scene, LoadError> {
     for library in libraries(path, &geometry.libraries, &mut warnings) {
         for definition in mtl::parse(&library, &read(&library)?, &mut warnings)? {
             let material = material::convert(&library, &definition, &mut textures, &mut warnings)?;
-            // The first definition of a name counts.
+            // The first definition of a name is used.
             if !by_name.contains_key(&material.name) {
                 by_name.insert(material.name.clone(), materials.len() as u32);
                 materials.push(material);
@@ -63,7 +63,7 @@ pub(super) fn load(path: &Path) -> Result<Scene, LoadError> {
     })
 }
 
-/// The files that `mtllib` statements name: each names one file, spaces included, or several.
+/// The files that `mtllib` statements name. A statement names one file, which may contain spaces, or several.
 fn libraries(path: &Path, statements: &[String], warnings: &mut Warnings) -> Vec<PathBuf> {
     let mut found = Vec::new();
     for statement in statements {
@@ -82,8 +82,8 @@ fn libraries(path: &Path, statements: &[String], warnings: &mut Warnings) -> Vec
     found
 }
 
-/// The statements of a text file with the number, from 1, of the line they begin on: comment lines
-/// and blank ones left out, lines that end in a backslash joined to the next.
+/// The statements of a text file, each with the number, from 1, of its first line. Comments and blank lines are left
+/// out. A line that ends in a backslash continues on the next line.
 fn statements(text: &str) -> impl Iterator<Item = (usize, Cow<'_, str>)> {
     let mut rest = text.strip_prefix('\u{feff}').unwrap_or(text).lines().zip(1..);
     std::iter::from_fn(move || {
@@ -103,12 +103,12 @@ fn statements(text: &str) -> impl Iterator<Item = (usize, Cow<'_, str>)> {
     })
 }
 
-/// The words of a statement that takes numbers, up to a comment.
+/// The words of a statement of numbers, up to a comment.
 fn words(arguments: &str) -> impl Iterator<Item = &str> {
     arguments.split_ascii_whitespace().take_while(|word| !word.starts_with('#'))
 }
 
-/// A statement's keyword and what follows it.
+/// A statement's keyword and the rest of the line.
 fn split_keyword(line: &str) -> (&str, &str) {
     let end = line.find(char::is_whitespace).unwrap_or(line.len());
     (&line[..end], line[end..].trim_start())

@@ -1,4 +1,4 @@
-//! MTL files → what they say of each material.
+//! Reads the material definitions of MTL files.
 
 use super::super::warnings::Warnings;
 use super::super::{LoadError, quote};
@@ -7,7 +7,7 @@ use crate::scene::{Channel, Wrap};
 use glam::{Vec2, Vec3};
 use std::path::Path;
 
-/// A material as its file defines it; `None` for what the file leaves out.
+/// A material as its file defines it. `None` for statements that the file leaves out.
 #[derive(Debug, Default)]
 pub(super) struct Definition {
     pub(super) name: String,
@@ -22,22 +22,22 @@ pub(super) struct Definition {
     pub(super) ni: Option<f32>,
     /// Opacity.
     pub(super) d: Option<f32>,
-    /// 1 − opacity; `d` goes before it.
+    /// 1 − opacity. `d` takes precedence.
     pub(super) tr: Option<f32>,
     pub(super) illum: Option<u32>,
     /// Roughness.
     pub(super) pr: Option<f32>,
     /// Metallic.
     pub(super) pm: Option<f32>,
-    /// Clear coat.
+    /// Strength of the clear coat.
     pub(super) pc: Option<f32>,
-    /// Its roughness.
+    /// Roughness of the clear coat.
     pub(super) pcr: Option<f32>,
-    /// Sheen.
+    /// Strength of the sheen.
     pub(super) ps: Option<f32>,
-    /// Anisotropy.
+    /// Strength of the anisotropy.
     pub(super) aniso: Option<f32>,
-    /// Its rotation, in turns.
+    /// Rotation of the anisotropy, in turns.
     pub(super) anisor: Option<f32>,
     pub(super) map_kd: Option<Map>,
     pub(super) map_ke: Option<Map>,
@@ -48,25 +48,25 @@ pub(super) struct Definition {
     pub(super) norm: Option<Map>,
 }
 
-/// A texture with its options.
+/// A texture map with its options.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Map {
     pub(super) file: String,
     pub(super) wrap: Wrap,
-    /// `-s`: how often the image fits into the unit square.
+    /// `-s`: how often the image repeats in the unit square.
     pub(super) scale: Vec2,
-    /// `-o`: added to the coordinates after that.
+    /// `-o`: offset, added after the scale.
     pub(super) offset: Vec2,
-    /// `-bm`: strength of a bump.
+    /// `-bm`: strength of a bump map.
     pub(super) bump: f32,
     /// `-imfchan`: the channel that a scalar is read from.
     pub(super) channel: Option<Channel>,
 }
 
-/// The definitions of an MTL file, in its order.
+/// Parses the definitions of an MTL file, in its order.
 ///
 /// # Errors
-/// What is wrong with which line.
+/// The line, and what is wrong with it.
 pub(super) fn parse(
     path: &Path,
     bytes: &[u8],
@@ -132,7 +132,7 @@ impl Definition {
             "map_Pm" => self.map_pm = Some(map(arguments, &mut about)?),
             "map_Bump" | "map_bump" | "bump" => self.map_bump = Some(map(arguments, &mut about)?),
             "norm" | "map_Kn" => self.norm = Some(map(arguments, &mut about)?),
-            // Ambient light is computed; sharpness and antialiasing are not of the surface.
+            // Ambient light is computed. Sharpness and antialiasing are not properties of the surface.
             "Ka" | "map_Ka" | "sharpness" | "map_aat" => {}
             _ => about(&format!("the MTL statement {} is not supported and ignored", quote(keyword))),
         }
@@ -140,14 +140,14 @@ impl Definition {
     }
 }
 
-/// The one number of a statement.
+/// The single number of a statement.
 fn number(arguments: &str) -> Result<f32, String> {
     let word = words(arguments).next().ok_or("a number is missing")?;
     let value: f32 = word.parse().map_err(|_| format!("{} is not a number", quote(word)))?;
     if value.is_finite() { Ok(value) } else { Err(format!("{} is not finite", quote(word))) }
 }
 
-/// `r g b`, or one number for all three; nothing, with a warning, for spectra and CIE XYZ.
+/// `r g b`, or one number for all three. `None`, with a warning, for spectra and CIE XYZ.
 fn colour(arguments: &str, about: &mut impl FnMut(&str)) -> Result<Option<Vec3>, String> {
     if let Some(form @ ("spectral" | "xyz")) = words(arguments).next() {
         about(&format!("colours given as {form:?} are not supported and ignored"));
@@ -162,7 +162,7 @@ fn colour(arguments: &str, about: &mut impl FnMut(&str)) -> Result<Option<Vec3>,
     }
 }
 
-/// Options, then the file's name, which may hold spaces.
+/// Parses options and the file name, which may contain spaces.
 fn map(arguments: &str, about: &mut impl FnMut(&str)) -> Result<Map, String> {
     let mut map = Map {
         file: String::new(),
@@ -211,7 +211,7 @@ fn map(arguments: &str, about: &mut impl FnMut(&str)) -> Result<Map, String> {
                     about("range modification (-mm) of a texture is not supported and ignored");
                 }
             }
-            // How an image is filtered or stored: there is one filter.
+            // Filtering and storage of images. There is one filter, so these options are ignored.
             "-blendu" | "-blendv" | "-boost" | "-cc" | "-texres" | "-type" => _ = take(),
             _ => return Err(format!("the texture option {} is not known", quote(option))),
         }
@@ -223,13 +223,13 @@ fn map(arguments: &str, about: &mut impl FnMut(&str)) -> Result<Map, String> {
     Ok(map)
 }
 
-/// One to three numbers, the first two count; `missing` stands in for the second.
+/// Parses one to three numbers. The first two are used; `missing` is the default of the second.
 fn vector(arguments: &str, missing: f32) -> Result<(Vec2, &str), String> {
     let (word, mut rest) = split_keyword(arguments);
     let mut values = Vec2::new(number(word)?, missing);
     for index in 1..3 {
         let (word, after) = split_keyword(rest);
-        // The last word is the file's name, even if it reads as a number.
+        // The last word is the file name, even if it is a number.
         let Some(value) = word.parse::<f32>().ok().filter(|_| !after.is_empty()) else { break };
         if index == 1 {
             values.y = value;

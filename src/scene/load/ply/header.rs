@@ -1,9 +1,9 @@
-//! The header of a PLY file.
+//! Reads the header of a PLY file.
 
 use super::super::{LoadError, quote};
 use std::path::Path;
 
-/// How the rows are written.
+/// The encoding of the rows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Encoding {
     Ascii,
@@ -39,7 +39,7 @@ impl Kind {
         })
     }
 
-    /// In a binary file.
+    /// Size in a binary file.
     pub(super) fn bytes(self) -> usize {
         match self {
             Self::I8 | Self::U8 => 1,
@@ -54,7 +54,7 @@ impl Kind {
     }
 }
 
-/// What a property holds.
+/// The form of a property: a number or a list.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Form {
     Scalar(Kind),
@@ -68,29 +68,29 @@ pub(super) struct Property {
     pub(super) form: Form,
 }
 
-/// A table.
+/// A table of rows.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Element {
     pub(super) name: String,
-    /// Its rows.
+    /// Number of rows.
     pub(super) count: usize,
     pub(super) properties: Vec<Property>,
 }
 
-/// What the header says.
+/// The contents of the header.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Header {
     pub(super) encoding: Encoding,
     pub(super) elements: Vec<Element>,
-    /// Its own length in bytes.
+    /// Length of the header in bytes.
     pub(super) length: usize,
 }
 
 impl Header {
-    /// Reads the lines up to `end_header`.
+    /// Parses the lines up to `end_header`.
     ///
     /// # Errors
-    /// What is wrong with which line.
+    /// The line, and what is wrong with it.
     pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Self, LoadError> {
         let file = |problem: &str| LoadError::File { path: path.to_owned(), problem: problem.to_owned() };
         let mut encoding = None;

@@ -1,7 +1,7 @@
-//! PLY: ASCII, binary little-endian and binary big-endian.
+//! Loads PLY files: ASCII, binary little-endian and binary big-endian.
 //!
-//! Read here rather than by a crate: scans hold numbers such as `1.` and `nan` normals, damaged files
-//! must name the row, and a header of a few bytes must not cost memory for the rows that it promises.
+//! This project has its own parser, because scans contain numbers such as `1.` and `nan` normals, errors must name
+//! the row, and a short header must not allocate memory for rows that the file does not contain.
 
 mod header;
 mod values;
@@ -15,7 +15,7 @@ use header::{Element, Form, Header, Property};
 use std::path::Path;
 use values::Values;
 
-/// Loads a PLY file: its vertices (`x y z`, `nx ny nz`, `u v` or `s t`) and faces or triangle strips,
+/// Loads a PLY file: vertices (`x y z`, `nx ny nz`, `u v` or `s t`) and faces or triangle strips. The material is
 /// matte grey.
 pub(super) fn load(path: &Path) -> Result<Scene, LoadError> {
     let bytes = read(path)?;
@@ -31,7 +31,7 @@ pub(super) fn load(path: &Path) -> Result<Scene, LoadError> {
     Ok(Scene { mesh, materials, warnings: warnings.into_list(), ..Scene::default() })
 }
 
-/// What a property of a vertex means.
+/// The meaning of a vertex property.
 #[derive(Clone, Copy, PartialEq)]
 enum Role {
     Position(usize),
@@ -58,7 +58,7 @@ impl Role {
     }
 }
 
-/// What has been read so far.
+/// The state of reading the rows.
 struct Reader<'a> {
     path: &'a Path,
     values: Values<'a>,
@@ -118,7 +118,7 @@ impl Reader<'_> {
                 result.map_err(|problem| self.error(element, row, problem))?;
             }
             let [x, y, z] = position;
-            // NaN fails the comparison too.
+            // The comparison fails for NaN, too.
             if !Vec3::from(position).abs().cmple(Vec3::splat(MAX_COORDINATE)).all() {
                 let problem = format!(
                     "is at ({x}, {y}, {z}); coordinates must be finite and at most {MAX_COORDINATE:e} in size"
@@ -138,7 +138,7 @@ impl Reader<'_> {
         Ok(())
     }
 
-    /// Rows with a list of vertices, which `triangulate` splits.
+    /// Reads rows with a list of vertices, which `triangulate` splits into triangles.
     fn faces(
         &mut self,
         element: &Element,
@@ -190,7 +190,7 @@ impl Reader<'_> {
     }
 }
 
-/// Every vertex makes a triangle with the two before it; −1 begins anew.
+/// Each vertex forms a triangle with the two before it. −1 begins a new strip.
 fn strip(corners: &[i64], out: &mut Vec<[i64; 3]>) {
     for run in corners.split(|&corner| corner == -1) {
         for (i, w) in run.windows(3).enumerate() {

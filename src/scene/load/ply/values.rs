@@ -1,38 +1,38 @@
-//! The numbers after a PLY header, one after another.
+//! Reads the numbers after a PLY header, one after another.
 
 use super::super::quote;
 use super::header::{Element, Encoding, Form, Header, Kind};
 
-/// A place in the rows of a file.
+/// A position in the rows of a file.
 pub(super) struct Values<'a> {
     bytes: &'a [u8],
-    /// The next byte.
+    /// Offset of the next byte.
     at: usize,
     encoding: Encoding,
 }
 
 impl<'a> Values<'a> {
-    /// The rows of the file `bytes`.
+    /// Begins at the first row of the file `bytes`.
     pub(super) fn new(bytes: &'a [u8], header: &Header) -> Self {
         Self { bytes, at: header.length, encoding: header.encoding }
     }
 
-    /// The line, from 1, of the last value read; `None` in binary files.
+    /// The line, from 1, of the last value read. `None` in binary files.
     pub(super) fn line(&self) -> Option<usize> {
         let is_ascii = self.encoding == Encoding::Ascii;
         is_ascii.then(|| self.bytes[..self.at].iter().filter(|&&b| b == b'\n').count() + 1)
     }
 
-    /// Checks that the rows of an element can be there at all, before any of them costs memory.
+    /// Checks that the rest of the file can contain the rows of an element, before memory is allocated for them.
     ///
     /// # Errors
-    /// When the rest of the file is shorter than the shortest rows.
+    /// When the rest of the file is shorter than the shortest possible rows.
     pub(super) fn check_room(&self, element: &Element) -> Result<(), String> {
         if element.properties.is_empty() && element.count > 0 {
             return Err(format!("{} rows without any property", element.count));
         }
         let shortest = |form: &Form| match (self.encoding, form) {
-            // A digit and a space, which the last one of the file may lack.
+            // A digit and a space. The last value may lack the space.
             (Encoding::Ascii, _) => 2,
             (_, Form::Scalar(kind) | Form::List { count: kind, .. }) => kind.bytes(),
         };
@@ -48,10 +48,10 @@ impl<'a> Values<'a> {
         }
     }
 
-    /// The next number.
+    /// Reads the next number.
     ///
     /// # Errors
-    /// When the file ends or, in an ASCII one, the next word is no number of that type.
+    /// When the file ends or, in an ASCII file, the next word is not a number of that type.
     pub(super) fn number(&mut self, kind: Kind) -> Result<f64, String> {
         if self.encoding == Encoding::Ascii {
             return self.word(kind);
@@ -77,10 +77,10 @@ impl<'a> Values<'a> {
         })
     }
 
-    /// Appends the integers of a list.
+    /// Appends the integers of a list to `out`.
     ///
     /// # Errors
-    /// As [`Values::number`], and when an item is not an integer or the property is not a list.
+    /// The errors of [`Values::number`]. Also when an item is not an integer, or the property is not a list.
     pub(super) fn list(&mut self, form: &Form, out: &mut Vec<i64>) -> Result<(), String> {
         let Form::List { count, item } = *form else { return Err("vertex_indices is not a list".into()) };
         for _ in 0..self.length(count)? {
@@ -93,10 +93,10 @@ impl<'a> Values<'a> {
         Ok(())
     }
 
-    /// Passes over a property.
+    /// Skips a property.
     ///
     /// # Errors
-    /// As [`Values::number`].
+    /// The errors of [`Values::number`].
     pub(super) fn skip(&mut self, form: &Form) -> Result<(), String> {
         match *form {
             Form::Scalar(kind) => self.number(kind).map(drop),
@@ -106,7 +106,7 @@ impl<'a> Values<'a> {
         }
     }
 
-    /// The length of a list.
+    /// Reads the length of a list.
     fn length(&mut self, kind: Kind) -> Result<u64, String> {
         let length = self.number(kind)?;
         if length < 0.0 { Err(format!("a list of {length} items")) } else { Ok(length as u64) }
@@ -121,7 +121,7 @@ impl<'a> Values<'a> {
         let end = rest.iter().position(u8::is_ascii_whitespace).unwrap_or(rest.len());
         self.at += start + end;
         let text = std::str::from_utf8(&rest[..end]).unwrap_or("?");
-        // As a float of its own type, so that it is rounded once.
+        // Parsed as a float of its own type, so that it is rounded once.
         let value = match kind {
             Kind::F32 => text.parse::<f32>().map(f64::from),
             _ => text.parse::<f64>(),
