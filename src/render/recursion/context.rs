@@ -1,7 +1,7 @@
-//! What a shader's call may ask for.
+//! The context of a shader's calls.
 
 use super::Shader;
-use super::exchange::{Exchange, Wish};
+use super::exchange::{Exchange, Request};
 use crate::geom::Sampler;
 use crate::render::{Frame, Settings};
 use crate::scene::{Material, Scene};
@@ -14,19 +14,19 @@ use std::marker::PhantomData;
 use std::pin::Pin;
 use std::task::{Context, Poll};
 
-/// The answers to what was sent out together.
+/// The answers to a ray and the shadow rays sent with it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Answered {
+pub(super) struct Answers {
     pub hit: Option<Hit>,
-    /// One bit for each question, set when it is occluded.
+    /// One bit for each shadow ray, set if it is occluded.
     pub occluded: u32,
 }
 
-/// A ray that hits nothing: it brings a call back that has no ray of its own to send.
+/// A ray that hits nothing. A call that sends only shadow rays sends it as well, so that it gets another turn.
 pub(super) const NO_RAY: Ray = Ray { origin: [0.0; 3], t_min: 0.0, direction: [1.0, 0.0, 0.0], t_max: -1.0 };
 
-/// A call's way to the scene, to rays and to other calls. It works only inside of the shader, while the
-/// engine runs it; elsewhere its methods panic.
+/// Gives a call access to the scene, to rays and to other calls. It works only within the shader while the engine
+/// polls it. Elsewhere its methods panic.
 #[derive(Debug)]
 pub struct Cx<'a, S: ?Sized> {
     frame: &'a Frame,
@@ -46,7 +46,7 @@ impl<'a, S: Shader> Cx<'a, S> {
         Self { frame, shader: PhantomData }
     }
 
-    /// The frame at work.
+    /// The frame that is being rendered.
     pub fn frame(self) -> &'a Frame {
         self.frame
     }
@@ -56,7 +56,7 @@ impl<'a, S: Shader> Cx<'a, S> {
         self.frame.scene()
     }
 
-    /// Its lights.
+    /// The scene's lights.
     pub fn lights(self) -> &'a Lights {
         self.frame.lights()
     }
@@ -66,35 +66,35 @@ impl<'a, S: Shader> Cx<'a, S> {
         self.frame.settings()
     }
 
-    /// The random numbers of this sample of this pixel; dimension 0 is taken by the place in the pixel.
-    /// Give each use a dimension of its own, in each branch of the recursion, or they are correlated.
+    /// The random numbers of this sample of this pixel. Dimension 0 is used for the position within the pixel. Use a
+    /// separate dimension for each decision, also in each branch of the recursion; otherwise they are correlated.
     pub fn sampler(self) -> Sampler {
         Exchange::call(|_, path| self.frame.sampler(path.pixel, path.sample))
     }
 
-    /// What a ray met at its hit, and of what material that is.
+    /// The material at a hit of a ray, and the hit's geometry.
     pub fn surface(self, ray: &Ray, hit: &Hit) -> (&'a Material, Interaction) {
         let scene = self.scene();
         let material = &scene.materials[material_of(scene, hit) as usize];
         (material, Interaction::new(scene, material, ray, hit))
     }
 
-    /// Sends a ray; the nearest hit, if there is one.
+    /// Traces a ray. Returns the closest hit, `None` for a miss.
     pub async fn trace(self, ray: Ray) -> Option<Hit> {
         self.trace_with(ray, []).await.0
     }
 
-    /// Whether anything lies on a ray between its ends.
+    /// Whether a ray is occluded between its ends.
     pub async fn occluded(self, ray: Ray) -> bool {
         self.occluded_each([ray]).await[0]
     }
 
-    /// The same for several rays that travel together: at most [`Shader::SHADOW_RAYS`].
+    /// Whether each ray is occluded. The rays are sent together, at most [`Shader::SHADOW_RAYS`].
     pub async fn occluded_each<const N: usize>(self, rays: [Ray; N]) -> [bool; N] {
         self.trace_with(NO_RAY, rays).await.1
     }
 
-    /// Sends a ray and, together with it, shadow rays: at most [`Shader::SHADOW_RAYS`].
+    /// Traces a ray and, together with it, shadow rays: at most [`Shader::SHADOW_RAYS`].
     pub fn trace_with<const N: usize>(
         self,
         ray: Ray,
@@ -111,21 +111,21 @@ impl<'a, S: Shader> Cx<'a, S> {
         }
     }
 
-    /// Adds radiance to the pixel unless something lies on a shadow ray. The call does not wait for the
-    /// ray; only, if need be, for room to send it: each turn, the time from one ray of the path to the next,
-    /// has room for [`Shader::SHADOW_RAYS`].
+    /// Adds radiance to the pixel unless a shadow ray is occluded. The call does not wait for the answer. It may wait
+    /// until the ray can be sent: in each turn, the time between two rays of the path, at most
+    /// [`Shader::SHADOW_RAYS`] shadow rays are sent.
     pub fn add_unless_occluded(self, ray: Ray, radiance: Vec3) -> impl Future<Output = ()> + Send + use<S> {
         const { assert!(S::SHADOW_RAYS > 0, "Shader::SHADOW_RAYS leaves no room for shadow rays") };
-        LightRay { ray, radiance }
+        UnlessOccluded { ray, radiance }
     }
 
-    /// Sends a ray, calls the shader with its hit, and waits for what it returns: recursion.
+    /// Traces a ray, calls the shader recursively with the hit, and waits for the value that the call returns.
     pub fn call(self, ray: Ray, args: S::Args) -> impl Future<Output = S::Value> + Send + use<S> {
         Callee::<S> { ray, stage: Stage::Called(args) }
     }
 }
 
-/// Rays on their way.
+/// Rays in flight.
 struct Rays<const N: usize> {
     ray: Ray,
     shadows: [Ray; N],
@@ -138,60 +138,61 @@ impl<const N: usize> Future for Rays<N> {
     fn poll(mut self: Pin<&mut Self>, _: &mut Context<'_>) -> Poll<Self::Output> {
         Exchange::call(|exchange, _| {
             if self.sent {
-                let Answered { hit, occluded } = exchange.answered.get();
-                let bits = std::array::from_fn(|question| occluded >> question & 1 != 0);
+                let Answers { hit, occluded } = exchange.answers.get();
+                let bits = std::array::from_fn(|bit| occluded >> bit & 1 != 0);
                 return Poll::Ready((hit, bits));
             }
-            if exchange.make_room(N) {
-                for (question, &ray) in self.shadows.iter().enumerate() {
-                    exchange.question(ray, question);
+            if exchange.reserve(N) {
+                for (bit, &ray) in self.shadows.iter().enumerate() {
+                    exchange.send_query(ray, bit);
                 }
-                exchange.wish(Wish::Rays(self.ray));
+                exchange.request(Request::Rays(self.ray));
                 self.sent = true;
             } else {
-                exchange.wish(Wish::Turn);
+                exchange.request(Request::Turn);
             }
             Poll::Pending
         })
     }
 }
 
-/// Light that arrives unless it is occluded.
-struct LightRay {
+/// A shadow ray whose radiance is added unless the ray is occluded.
+struct UnlessOccluded {
     ray: Ray,
     radiance: Vec3,
 }
 
-impl Future for LightRay {
+impl Future for UnlessOccluded {
     type Output = ();
 
     fn poll(self: Pin<&mut Self>, _: &mut Context<'_>) -> Poll<()> {
         Exchange::call(|exchange, path| {
-            if exchange.make_room(1) {
-                exchange.light(self.ray, self.radiance, path.pixel);
+            if exchange.reserve(1) {
+                exchange.send_radiance(self.ray, self.radiance, path.pixel);
                 return Poll::Ready(());
             }
-            exchange.wish(Wish::Turn);
+            exchange.request(Request::Turn);
             Poll::Pending
         })
     }
 }
 
-/// A call of the shader by itself.
+/// A recursive call of the shader.
 struct Callee<S: Shader> {
     ray: Ray,
     stage: Stage<S::Args>,
 }
 
 enum Stage<A> {
+    /// The ray has not been requested yet.
     Called(A),
-    /// The ray is on its way.
+    /// The ray is in flight.
     Sent(A),
-    /// The callee is above its caller.
+    /// The callee is on the stack above its caller.
     Begun,
 }
 
-// The arguments are moved out, never pinned.
+// The arguments are moved out and never pinned.
 impl<S: Shader> Unpin for Callee<S> {}
 
 impl<S: Shader> Future for Callee<S> {
@@ -200,17 +201,17 @@ impl<S: Shader> Future for Callee<S> {
     fn poll(mut self: Pin<&mut Self>, _: &mut Context<'_>) -> Poll<S::Value> {
         Exchange::call(|exchange, _| match std::mem::replace(&mut self.stage, Stage::Begun) {
             Stage::Called(args) => {
-                exchange.wish(Wish::Rays(self.ray));
+                exchange.request(Request::Rays(self.ray));
                 self.stage = Stage::Sent(args);
                 Poll::Pending
             }
             Stage::Sent(args) => {
-                exchange.wish(Wish::Call);
-                exchange.parcel::<S::Args, S::Value, _>(|parcel| parcel.args = Some(args));
+                exchange.request(Request::Call);
+                exchange.transfer::<S::Args, S::Value, _>(|transfer| transfer.args = Some(args));
                 Poll::Pending
             }
             Stage::Begun => {
-                let value = exchange.parcel::<S::Args, S::Value, _>(|parcel| parcel.value.take());
+                let value = exchange.transfer::<S::Args, S::Value, _>(|transfer| transfer.value.take());
                 Poll::Ready(value.expect("a call is resumed when its callee has returned"))
             }
         })

@@ -1,16 +1,17 @@
 //! Recursive shaders, written as one `async fn` and run on ray streams.
 //!
-//! RA's loop shaders let a path come back to an earlier hit (section 3.3), but the shader has to be cut into
-//! pieces by hand: a hit shader, loop shaders, and the state that each leaves for the next. RA asks for a
-//! compiler that does this ("that automatically splits a single recursive shader into one hit shader and
-//! possibly multiple loop shaders with minimal state footprint", section 6). Rust has one: an `async fn` is
-//! compiled to a state machine that keeps exactly what is needed beyond each `await`.
+//! RA's loop shaders let a path return to an earlier hit (section 3.3). The shader then has to be split by hand into
+//! a hit shader, loop shaders, and the state that each saves for the next. RA asks for a compiler that does this
+//! ("that automatically splits a single recursive shader into one hit shader and possibly multiple loop shaders with
+//! minimal state footprint", section 6). Rust has such a compiler: an `async fn` becomes a state machine that saves
+//! exactly what is needed after each `await`.
 //!
 //! # A first shader
-//! A [`Shader`] is a recursive function: given a ray and its hit, what comes along the ray? It asks its context
-//! [`Cx`] for other rays ([`Cx::call`] sends one and calls the shader with its hit; [`Cx::trace`] gives the
-//! bare hit) and for shadow rays ([`Cx::occluded`]), as often as it likes, in loops and branches, and looks at each
-//! answer before it asks on. Here, mirrors that go on to reflect as long as it shows, and a sun:
+//! A [`Shader`] is a recursive function that takes a ray and its hit and returns the radiance along the ray. Its
+//! context [`Cx`] traces other rays ([`Cx::call`] traces one and calls the shader with its hit; [`Cx::trace`] returns
+//! the hit itself) and shadow rays ([`Cx::occluded`]). The shader may trace any number of rays, in loops and
+//! branches, and each may depend on earlier answers. This example renders mirrors, which reflect each other until the
+//! reflections are too weak to show, and a sun:
 //!
 //! ```
 //! use glam::Vec3;
@@ -77,48 +78,48 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! What a shader must keep to: it awaits only what its context gives, one thing at a time
-//! ([`Cx::trace_with`] sends a ray and shadow rays together); it calls itself at most
-//! [`Shader::most_calls`] deep; and it takes its random numbers from [`Cx::sampler`], so that the picture
-//! does not depend on the order of things. A shader that breaks its word fails its job, with a message.
+//! A shader must follow three rules. It awaits only futures of its context, one at a time ([`Cx::trace_with`] sends a
+//! ray and shadow rays together). Its recursion is at most [`Shader::most_calls`] deep. Its random numbers come from
+//! [`Cx::sampler`], so that the picture does not depend on the order of execution. A shader that breaks one of the
+//! first two rules fails its job with a message.
 //!
-//! Radiance that needs not be looked at is cheaper to add where it is found: [`Cx::add`], and
-//! [`Cx::add_unless_occluded`], which sends a shadow ray but does not wait for it.
-//! [`super::RecursiveWhitted`] does so, and makes the same bytes as the hand-written [`super::Whitted`].
+//! If the shader does not need the radiance of a path itself, it is cheaper to add it where it is found, with
+//! [`Cx::add`] or [`Cx::add_unless_occluded`], which sends a shadow ray but does not wait for it.
+//! [`super::RecursiveWhitted`] does so, and gives the same bytes as the hand-written [`super::Whitted`].
 //!
 //! # How it runs
-//! A camera ray travels alone. When it is back, the first call begins, and has a turn: it runs until it awaits
-//! an answer or returns. A call that awaits has a *place* in an arena of recycled buckets
-//! ([`crate::shade::arena`]), where its future, the state machine, stays until it returns. The ray that it
-//! awaits carries the place's number as its payload, through the streams like any ray. When a batch comes
-//! back, the engine sorts it by material and gives each path a turn: a ray sent by [`Cx::call`] begins a call
-//! on top of its caller, which goes on when the callee has returned. So a path has one ray in flight, and
-//! its calls are RA's stack of loop entries: a call that awaits nothing needs no more memory than a hit
-//! shader. There is no executor and no waker: the scheduler's batches say whose turn it is.
+//! A camera ray travels without a call. When it has been traced, the first call begins and has a turn: it runs until
+//! it awaits an answer or returns. A call that awaits has a *slot* in an arena of recycled buckets
+//! ([`crate::shade::arena`]). Its future, the state machine, stays in the slot until it returns. The awaited ray
+//! carries the slot's number as its payload through the streams, like any ray. When a batch has been traced, the
+//! engine sorts it by material and gives each path a turn. A ray sent by [`Cx::call`] begins a call above its caller
+//! on the path's stack; the caller resumes when the callee has returned. A path therefore has one ray in flight, and
+//! its calls are RA's stack of loop entries. A call that awaits nothing needs no more memory than a hit shader. There
+//! is no executor and no waker: the scheduler's batches determine whose turn it is.
 //!
-//! Shadow rays travel in the stream of the ray that is sent with them and are answered before it is shaded
-//! (RA section 3.2). A call that asks for nothing but shadow rays sends a ray that hits nothing along, which
-//! brings it back; it counts as a ray.
+//! Shadow rays travel in the stream of the ray that is sent with them, and are answered before that ray is shaded (RA
+//! section 3.2). A call that requests only shadow rays also sends a ray that hits nothing, which gives it another
+//! turn. That ray counts as a ray.
 //!
 //! # Memory
-//! With N paths in flight there are at most N · [`Shader::most_calls`] calls, each of the size of
-//! the future (a number known when the shader is compiled: [`Recursion::call_bytes`]), besides what the places'
-//! hands keep:
-//! - Each path in flight has one stack; a stack grows only by a call, and no higher than `most_calls`,
-//!   which is checked.
+//! With N paths in flight there are at most N · [`Shader::most_calls`] calls. Each has the size of the future, a
+//! number known when the shader is compiled ([`Recursion::call_bytes`]). The arena's free lists of the threads add a
+//! few slots.
+//! - Each path in flight has one stack. A stack grows only by a call, and no higher than `most_calls`, which is
+//!   checked.
 //! - A path in flight has exactly one ray in flight: a turn ends by sending one, or by ending the path.
-//! - So when N · `most_calls` calls would be more than a GiB, [`Recursion`] has the scheduler keep fewer paths in
-//!   flight ([`crate::schedule::Renderer::most_in_flight`]): *spawning waits*, at the cost of smaller streams. One
-//!   tile's paths are always let in, without which nothing would go on.
-//! - In a turn a path emits at most [`Shader::SHADOW_RAYS`] shadow rays. Callers that go on after a return share the
-//!   turn; when there is no room left, *the call waits* for its next turn.
+//! - If N · `most_calls` calls would take more than a GiB, [`Recursion`] limits the paths in flight
+//!   ([`crate::schedule::Renderer::most_in_flight`]): *spawning waits*, at the cost of smaller streams. The paths of
+//!   one tile are always allowed, because otherwise no path could begin.
+//! - In a turn a path emits at most [`Shader::SHADOW_RAYS`] shadow rays. Callers that resume after a return share the
+//!   turn. When none are left, *the call waits* for its next turn.
 //!
-//! Nothing is ever dropped, and nothing waits for what another path holds, so no path waits for ever.
-//! Memory is allocated for places only when there are more calls than ever before.
+//! Nothing is ever dropped, and no path waits for a resource that another path holds, so no path waits forever.
+//! Memory for slots is allocated only when there are more calls than ever before.
 //!
 //! # Cost
-//! A turn costs an uncontended lock, a few moves between the thread's exchange and the future, and the
-//! emission. `docs/results/textures-and-instances.md` has what the recursive Whitted takes beside the one by hand.
+//! A turn costs an uncontended lock, a few moves between the thread's exchange and the future, and the emission.
+//! `docs/results/textures-and-instances.md` compares the recursive Whitted with the hand-written one.
 
 mod calls;
 mod context;
@@ -131,41 +132,41 @@ pub use exchange::ShadowState;
 pub use renderer::Recursion;
 
 use crate::stream::{Hit, Ray};
-use context::Answered;
+use context::Answers;
 use glam::Vec3;
 use std::future::Future;
 
-/// A recursive shader. The module's page is a tutorial.
+/// A recursive shader. The [module documentation](self) is a tutorial.
 pub trait Shader: Send + Sync + Sized + 'static {
-    /// What a call is given.
+    /// The arguments of a call, besides the ray and the hit.
     type Args: Send + 'static;
 
-    /// What a call returns. What the camera ray's call returns is added to its pixel.
+    /// The value that a call returns. The value of the camera ray's call is added to its pixel.
     type Value: Radiance;
 
-    /// The most shadow rays of a path on their way at once; beyond, it waits.
+    /// The most shadow rays of a path in flight at once. A call that emits more waits.
     const SHADOW_RAYS: usize;
 
-    /// The most bounces that may be asked for.
+    /// The largest setting of max bounces.
     const MAX_BOUNCES: u32 = 64;
 
-    /// The most calls of a path that are begun and have not returned, the first one included. Each path in
-    /// flight may take up that many places, so say no more than is true.
+    /// The most calls of a path that have begun and not returned, including the first one. Each path in flight may
+    /// occupy this many slots, so return no more than the shader needs.
     fn most_calls(&self, max_bounces: u32) -> usize {
         max_bounces as usize + 1
     }
 
-    /// The most times that one camera ray adds radiance to its pixel, what its call returns included: the
-    /// film's sums have room for that many.
+    /// The most times that one camera ray adds radiance to its pixel, including the value of its call. The film's
+    /// precision depends on it.
     fn splats(&self, _max_bounces: u32) -> u64 {
         1
     }
 
-    /// What the call for a camera ray is given.
+    /// The arguments of a camera ray's call.
     fn camera(&self) -> Self::Args;
 
-    /// A call: what comes along a ray, seen from its origin, when `hit` is what the ray met, if anything.
-    /// Write it as an `async fn`.
+    /// A call: returns the radiance, or another value, along `ray` as seen from its origin. `hit` is the ray's
+    /// closest hit, `None` for a miss. Write it as an `async fn`.
     fn shade(
         &self,
         cx: Cx<'_, Self>,
@@ -175,9 +176,9 @@ pub trait Shader: Send + Sync + Sized + 'static {
     ) -> impl Future<Output = Self::Value> + Send;
 }
 
-/// What the first call of a path may return.
+/// A value that the first call of a path may return.
 pub trait Radiance: Send + 'static {
-    /// What it adds to the pixel.
+    /// The radiance that is added to the pixel.
     fn radiance(&self) -> Vec3;
 }
 
@@ -187,7 +188,7 @@ impl Radiance for Vec3 {
     }
 }
 
-/// For shaders that add radiance as they find it.
+/// For shaders that add radiance where they find it.
 impl Radiance for () {
     fn radiance(&self) -> Vec3 {
         Vec3::ZERO

@@ -1,7 +1,7 @@
-//! A shader as a renderer.
+//! A recursive shader as a renderer.
 
 use super::Shader;
-use super::calls::{CallState, Desk, Engine, engine};
+use super::calls::{CallState, Engine, ShaderFrame, engine};
 use super::exchange::ShadowState;
 use crate::film::Film;
 use crate::render::{Frame, Integrator, Settings, SettingsError};
@@ -15,16 +15,16 @@ use std::any::Any;
 use std::marker::PhantomData;
 use std::sync::Arc;
 
-/// The most memory that calls may take, unless one tile needs more.
-const MOST_BYTES: usize = 1 << 30;
+/// The most memory for calls, unless one tile needs more.
+const MAX_BYTES: usize = 1 << 30;
 
-type AnyDesk = Box<dyn Any + Send + Sync>;
+type AnyShaderFrame = Box<dyn Any + Send + Sync>;
 type BoxedEngine<'a> = Box<dyn Engine + 'a>;
 
 self_cell! {
     /// An engine and what its calls borrow: the shader and the frame.
     struct Running {
-        owner: AnyDesk,
+        owner: AnyShaderFrame,
         #[not_covariant]
         dependent: BoxedEngine,
     }
@@ -38,7 +38,7 @@ pub struct Recursion<S> {
 }
 
 impl<S: Shader> Recursion<S> {
-    /// A shader at work on a frame.
+    /// Makes a renderer of a frame from a shader.
     ///
     /// # Errors
     /// When a setting is out of range.
@@ -56,25 +56,25 @@ impl<S: Shader> Recursion<S> {
     fn at(shader: Arc<S>, frame: Frame) -> Self {
         let tile_rays = frame.tile_rays();
         let most_calls = shader.most_calls(frame.settings().max_bounces);
-        let desk: AnyDesk = Box::new(Desk { shader, frame });
-        let running = Running::new(desk, |desk| engine(known::<S>(desk)));
+        let shader_frame: AnyShaderFrame = Box::new(ShaderFrame { shader, frame });
+        let running = Running::new(shader_frame, |shader_frame| engine(typed::<S>(shader_frame)));
         let call_bytes = running.with_dependent(|_, engine| engine.call_bytes());
         let most_in_flight =
-            (MOST_BYTES / (call_bytes * most_calls)).min(Arena::<()>::most_paths(most_calls)).max(tile_rays);
+            (MAX_BYTES / (call_bytes * most_calls)).min(Arena::<()>::most_paths(most_calls)).max(tile_rays);
         Self { running, most_in_flight, shader: PhantomData }
     }
 
-    /// Where radiance is added up.
+    /// The film to which radiance is added.
     pub fn film(&self) -> &Arc<Film> {
         self.frame().film()
     }
 
-    /// What the calls have used of their arena.
+    /// The calls' use of their arena.
     pub fn calls(&self) -> ArenaUse {
         self.engine(|engine| engine.usage())
     }
 
-    /// Bytes that a call takes: its state between two rays and its place.
+    /// Bytes per call: its future and its slot.
     pub fn call_bytes(&self) -> usize {
         self.engine(|engine| engine.call_bytes())
     }
@@ -84,18 +84,18 @@ impl<S: Shader> Recursion<S> {
     }
 }
 
-/// The desk of a shader of this type.
-fn known<S: Shader>(desk: &AnyDesk) -> &Desk<S> {
-    desk.downcast_ref().expect("a recursion's desk is of its shader's type")
+/// The frame of a shader of this type.
+fn typed<S: Shader>(shader_frame: &AnyShaderFrame) -> &ShaderFrame<S> {
+    shader_frame.downcast_ref().expect("the owner's type is that of the shader")
 }
 
 impl<S: Shader> Integrator for Recursion<S> {
     fn frame(&self) -> &Frame {
-        &known::<S>(self.running.borrow_owner()).frame
+        &typed::<S>(self.running.borrow_owner()).frame
     }
 
     fn with_frame(&self, frame: Frame) -> Self {
-        Self::at(Arc::clone(&known::<S>(self.running.borrow_owner()).shader), frame)
+        Self::at(Arc::clone(&typed::<S>(self.running.borrow_owner()).shader), frame)
     }
 
     fn loop_stack_bytes(&self) -> usize {

@@ -235,8 +235,8 @@ fn a_job_of_a_shader_that_breaks_its_word_fails_and_says_why() {
     let tracers = Tracers::cpu(Arc::new(harness::tracer(&scene)));
     for (shader, says) in [
         (Rude::CallsForEver, "more than 7 deep"),
-        (Rude::AwaitsTwoThings, "one thing at a time"),
-        (Rude::AwaitsSomethingElse, "only what its context gives"),
+        (Rude::AwaitsTwoThings, "one future at a time"),
+        (Rude::AwaitsSomethingElse, "only futures of its context"),
     ] {
         let recursion = Recursion::new(shader, scene.clone(), &camera(), SETTINGS).expect("valid settings");
         let job = service.submit(Arc::new(recursion), tracers.clone(), JobOptions::default()).expect("a job");

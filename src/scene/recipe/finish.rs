@@ -1,4 +1,4 @@
-//! What shapes are made of.
+//! Materials of recipes.
 
 use super::within;
 use crate::scene::{
@@ -8,8 +8,8 @@ use crate::scene::{
 use glam::Vec3;
 use serde::Deserialize;
 
-/// A material: glass when `ior` is given, a mirror when `mirror` is true, else glTF's
-/// metallic-roughness, matte when `roughness` is absent too. These two may be varnished:
+/// A material: glass if `ior` is given, a mirror if `mirror` is true, and otherwise glTF's metallic-roughness
+/// surface, which is matte if `roughness` is absent, too. The last two may have coats:
 ///
 /// ```json
 /// "candy": { "colour": [0.9, 0.9, 0.9], "roughness": 0.3, "metallic": 1,
@@ -18,7 +18,7 @@ use serde::Deserialize;
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Finish {
-    /// Linear Rec. 709, multiplied with the texture.
+    /// Linear Rec. 709. The texture multiplies it.
     pub colour: Vec3,
     /// Name of a texture.
     pub texture: Option<String>,
@@ -30,61 +30,61 @@ pub struct Finish {
     /// Strength of a smooth clear coat, 0..=1.
     #[serde(default)]
     pub clearcoat: f32,
-    /// Coats of varnish over all of it, outermost first, at most [`Coats::MOST`].
+    /// Coats of varnish over the whole surface, outermost first, at most [`Coats::MOST`].
     #[serde(default)]
     pub coats: Vec<Varnish>,
-    /// Grooves that make a reflection rougher along u, 0..=1.
+    /// Strength of anisotropy, 0..=1: reflection is rougher along u.
     #[serde(default)]
     pub anisotropy: f32,
-    /// Turns that direction from u towards the texture's top.
+    /// Rotation of the rougher direction from u towards the texture's top.
     #[serde(default)]
     pub anisotropy_degrees: f32,
-    /// Fibres that shine at grazing angles.
-    pub sheen: Option<Fibres>,
-    /// A thin film that shimmers.
+    /// A layer of fibres that reflects at grazing angles.
+    pub sheen: Option<SheenLayer>,
+    /// A thin film with interference colours.
     pub film: Option<ThinFilm>,
-    /// Index of refraction of a glass tinted by `colour`: frosted by `roughness`, clear without it.
+    /// Index of refraction of glass. `colour` tints it and `roughness` frosts it; without `roughness` it is clear.
     pub ior: Option<f32>,
-    /// What the glass is filled with.
-    pub absorption: Option<Tint>,
+    /// The medium inside the glass.
+    pub absorption: Option<Absorption>,
     /// A perfect mirror.
     #[serde(default)]
     pub mirror: bool,
-    /// Radiance given off by the front.
+    /// Radiance that the front emits.
     pub emission: Option<Vec3>,
 }
 
-/// Fibres: glTF's sheen.
+/// A layer of fibres: glTF's sheen.
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Fibres {
+pub struct SheenLayer {
     /// Linear Rec. 709, 0..=1.
     pub colour: Vec3,
     /// Perceptual roughness, 0..=1.
     pub roughness: f32,
 }
 
-/// A film: glTF's iridescence.
+/// A thin film: glTF's iridescence.
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ThinFilm {
-    /// Thickness, 0..=10000.
+    /// Thickness in nanometres, 0..=10000.
     pub nanometres: f32,
     /// Index of refraction, 1..=4.
     pub ior: f32,
 }
 
-/// A coat, clear and smooth unless it says otherwise. It lies on anything but mirrors and glass.
+/// A coat, clear and smooth by default. Mirrors and glass cannot have coats.
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Varnish {
-    /// Share of the surface that is coated, 0..=1.
+    /// Coated share of the surface, 0..=1.
     pub weight: f32,
     /// Index of refraction, 1..=4.
     pub ior: f32,
     /// Perceptual roughness, 0..=1.
     pub roughness: f32,
-    /// What white light has become that went straight down and up through it, 0..=1.
+    /// Share of white light that remains after passing the coat down and up at normal incidence, 0..=1.
     pub tint: Vec3,
 }
 
@@ -107,18 +107,18 @@ impl Varnish {
     }
 }
 
-/// A medium that takes colour from light.
+/// An absorbing medium.
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Tint {
-    /// What white light has become, linear Rec. 709, 0..=1 ..
+pub struct Absorption {
+    /// Colour of white light after `distance`, linear Rec. 709, 0..=1.
     pub colour: Vec3,
-    /// .. after so long a way.
+    /// The distance, in world units.
     pub distance: f32,
 }
 
 impl Finish {
-    /// The material; what is out of range, and the range, otherwise.
+    /// The material. An error names a number that is out of range, and the range.
     pub(super) fn material(&self, name: &str, texture: Option<TextureRef>) -> Result<Material, String> {
         let colour = Colour { factor: shares("colour", self.colour)?, texture };
         let is_coated = !self.coats.is_empty();
@@ -148,7 +148,7 @@ impl Finish {
                 let rotation = self.anisotropy_degrees.to_radians();
                 surface.anisotropy = Some(Anisotropy { strength, rotation, direction: None });
             }
-            if let Some(Fibres { colour, roughness }) = self.sheen {
+            if let Some(SheenLayer { colour, roughness }) = self.sheen {
                 surface.sheen = Some(Sheen {
                     colour: Colour::constant(shares("sheen", colour)?),
                     roughness: Scalar::constant(share("the roughness of sheen", roughness)?),
@@ -172,18 +172,18 @@ impl Finish {
             Surface::Matte { reflectance: colour }
         };
         let emission = self.emission.map(emission).transpose()?;
-        let medium = self.absorption.map(Tint::medium).transpose()?.flatten();
+        let medium = self.absorption.map(Absorption::medium).transpose()?.flatten();
         let (normal_map, alpha) = (None, Alpha::default());
         Ok(Material { name: name.into(), surface, emission, normal_map, alpha, medium })
     }
 
-    /// The surface below its coats.
+    /// Adds the coats to the surface below them.
     fn coated(&self, mut surface: Principled) -> Result<Principled, String> {
         let coats: Vec<Coat> = self.coats.iter().map(|coat| coat.coat()).collect::<Result<_, _>>()?;
         within("the number of coats", coats.len(), 0, Coats::MOST)?;
         let mut over = &coats[..];
         if let (Some((lowest, rest)), 0.0) = (coats.split_last(), surface.clearcoat.factor) {
-            // The lowest may be glTF's clear coat.
+            // The lowest coat becomes glTF's clear coat if that has the same properties.
             if (Coat { weight: lowest.weight, roughness: lowest.roughness, ..Coat::CLEAR }) == *lowest {
                 surface.clearcoat = Scalar::constant(lowest.weight);
                 surface.clearcoat_roughness = Scalar::constant(lowest.roughness);
@@ -195,15 +195,15 @@ impl Finish {
     }
 }
 
-/// Light given off by the front.
+/// Emission of the front.
 pub(super) fn emission(radiance: Vec3) -> Result<Emission, String> {
     within("emission", radiance.max_element(), 0.0, 1e6)?;
     within("emission", radiance.min_element(), 0.0, 1e6)?;
     Ok(Emission { radiance: Colour::constant(radiance), two_sided: false })
 }
 
-impl Tint {
-    /// The medium, if it takes any light.
+impl Absorption {
+    /// The medium. `None` if it absorbs nothing.
     pub(super) fn medium(self) -> Result<Option<Medium>, String> {
         within("the distance of absorption", self.distance, 1e-6, 1e6)?;
         Ok(Medium::tinting(shares("absorption", self.colour)?, self.distance))

@@ -1,33 +1,34 @@
-//! Materials that are one thing here and another there.
+//! Mixes of two materials.
 
-use super::{Recipe, RecipeError, Tint, finish, position, within};
+use super::{Absorption, Recipe, RecipeError, finish, position, within};
 use crate::scene::{self, Channel, Material, Scalar, Scene, Surface, TextureRef};
 use glam::Vec3;
 use serde::Deserialize;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Two materials in one, as flakes in a paint or rust on a plate. What it gives off and is filled with is said
-/// here and not of its parts.
+/// A mix of two materials, such as flakes in a paint or rust on a plate. Emission and absorption belong to the mix,
+/// not to its parts.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Mix {
     /// Names of two materials, which may be mixes.
     pub of: [String; 2],
-    /// How much of the surface is the second, 0..=1, multiplied with the texture's red.
+    /// Probability of the second material, 0..=1. The texture's red multiplies it.
     pub share: f32,
     /// Name of a texture.
     pub texture: Option<String>,
-    /// Radiance given off by the front.
+    /// Radiance that the front emits.
     pub emission: Option<Vec3>,
-    /// What the body is filled with.
-    pub absorption: Option<Tint>,
+    /// The medium inside the body.
+    pub absorption: Option<Absorption>,
 }
 
 /// Indices of materials by name.
 type Indices<'a> = BTreeMap<&'a str, u32>;
 
 impl Recipe {
-    /// Adds the mixes to the scene, which has all other materials; the indices of both.
+    /// Adds the mixes to the scene, which has all other materials already. Returns the indices of materials and
+    /// mixes.
     pub(super) fn mix(&self, scene: &mut Scene) -> Result<Indices<'_>, RecipeError> {
         let mut indices: Indices = self.materials.keys().map(String::as_str).zip(0..).collect();
         for (name, mix) in &self.mixes {
@@ -36,9 +37,9 @@ impl Recipe {
         for (name, mix) in &self.mixes {
             let wrong = |problem| wrong(name, problem);
             let emission = mix.emission.map(finish::emission).transpose().map_err(wrong)?;
-            let medium = mix.absorption.map(Tint::medium).transpose().map_err(wrong)?.flatten();
+            let medium = mix.absorption.map(Absorption::medium).transpose().map_err(wrong)?.flatten();
             let is_plain = emission.is_none() && medium.is_none();
-            // Parts that say the same as the whole.
+            // Copies of the parts with the mix's own emission and medium.
             let mut own = Indices::new();
             for inner in self.parts_first(name)? {
                 if is_plain && indices.contains_key(inner) {
@@ -85,8 +86,8 @@ impl Recipe {
                 (_, Some(part)) => (part.emission.is_some(), part.absorption.is_some()),
                 (None, None) => return Err(unknown(name, "material", part)),
             };
-            for (what, is_there) in [("emission", emission), ("absorption", absorption)] {
-                if is_there {
+            for (what, is_set) in [("emission", emission), ("absorption", absorption)] {
+                if is_set {
                     let problem =
                         format!("its part {part:?} has {what}, which counts only in the mix itself");
                     return Err(wrong(name, problem));
@@ -96,7 +97,7 @@ impl Recipe {
         Ok(())
     }
 
-    /// The mixes that a mix is made of, each behind its parts, itself last.
+    /// The mixes that a mix contains. Each comes after its parts, and the mix itself is last.
     fn parts_first<'a>(&'a self, name: &'a str) -> Result<Vec<&'a str>, RecipeError> {
         let (mut order, mut path) = (Vec::new(), vec![name]);
         let mut done = BTreeSet::new();

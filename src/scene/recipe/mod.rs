@@ -1,4 +1,4 @@
-//! Scenes described in a few lines of JSON and generated: what raystream ships instead of meshes.
+//! Recipes: scenes that are generated from a few lines of JSON. raystream ships recipes instead of meshes.
 //!
 //! ```json
 //! { "camera": { "eye": [0, 2, 6], "target": [0, 1, 0], "fov_degrees": 35 },
@@ -10,8 +10,9 @@
 //!               { "shape": "quad", "corner": [-1, 4, 1], "u": [0, 0, -2], "v": [2, 0, 0], "material": "lamp" } ] }
 //! ```
 //!
-//! Unknown fields are errors that name the line. [`Shape`] lists the shapes, [`Pattern`] the textures, [`Finish`]
-//! what a material may say. A shape may also be made of one of the `"mixes"` of materials or of mixes:
+//! Unknown fields are errors that name the line. [`Shape`] lists the shapes, [`Pattern`] the textures, and [`Finish`]
+//! the fields of a material. The material of a shape may also be one of the `"mixes"`, which mix two materials or
+//! mixes:
 //!
 //! ```json
 //! "mixes": { "rusty": { "of": ["steel", "rust"], "share": 0.7, "texture": "stains" } }
@@ -22,7 +23,7 @@ mod mix;
 mod pattern;
 mod shape;
 
-pub use finish::{Fibres, Finish, ThinFilm, Tint, Varnish};
+pub use finish::{Absorption, Finish, SheenLayer, ThinFilm, Varnish};
 pub use mix::Mix;
 pub use pattern::Pattern;
 pub use shape::Shape;
@@ -32,13 +33,13 @@ use glam::Vec3;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 
-/// A scene in a few lines. Maps are sorted by name, so the order of materials is stable.
+/// A recipe. Maps are sorted by name, so the order of materials is stable.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Recipe {
-    /// Framed automatically when absent.
+    /// The camera. Without one, the camera frames the scene.
     pub camera: Option<View>,
-    /// Constant radiance from all around; black when absent.
+    /// Constant radiance of the environment. Black by default.
     pub environment: Option<Vec3>,
     /// Textures by name.
     #[serde(default)]
@@ -48,63 +49,63 @@ pub struct Recipe {
     /// Mixes of materials by name.
     #[serde(default)]
     pub mixes: BTreeMap<String, Mix>,
-    /// What stands in the scene, in primitive order.
-    pub shapes: Vec<Placed>,
+    /// The shapes of the scene, in primitive order.
+    pub shapes: Vec<Object>,
 }
 
-/// A camera; up is +y.
+/// A camera. Up is +y.
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct View {
-    /// Where it stands.
+    /// Position.
     pub eye: Vec3,
-    /// What it looks at.
+    /// A point on the view axis.
     pub target: Vec3,
-    /// Vertical field of view.
+    /// Vertical field of view in degrees.
     pub fov_degrees: f32,
 }
 
-/// A shape and what it is made of.
+/// A shape with its material.
 #[derive(Clone, Debug, Deserialize)]
-pub struct Placed {
-    /// The shape, its fields beside `material`.
+pub struct Object {
+    /// The shape. Its fields are beside `material` in the JSON object.
     #[serde(flatten)]
     pub shape: Shape,
     /// Name of a material or a mix.
     pub material: String,
 }
 
-/// What is wrong with a recipe.
+/// Why a recipe is invalid.
 #[derive(Debug, thiserror::Error)]
 pub enum RecipeError {
-    /// Not JSON, or not a recipe.
+    /// The text is not JSON, or not a recipe.
     #[error("{0}")]
     Parse(#[from] serde_json::Error),
-    /// A name that nothing defines.
+    /// A name is not defined.
     #[error("{user} names the {kind} {name:?}, which the recipe does not define")]
     Unknown {
-        /// What names it.
+        /// What uses the name.
         user: String,
-        /// What should be defined.
+        /// The kind of thing that the name should define.
         kind: &'static str,
         /// The name.
         name: String,
     },
-    /// A number out of range.
+    /// A number is out of range.
     #[error("{place}: {problem}")]
     Range {
-        /// Which shape, texture, material or mix.
+        /// The shape, texture, material or mix.
         place: String,
-        /// What is wrong and what is allowed.
+        /// What is wrong, and what is allowed.
         problem: String,
     },
 }
 
 impl Recipe {
-    /// Reads a recipe.
+    /// Parses a recipe.
     ///
     /// # Errors
-    /// When the text is not a recipe; the message names line and column.
+    /// When the text is not a recipe. The message names line and column.
     pub fn parse(text: &str) -> Result<Self, RecipeError> {
         Ok(serde_json::from_str(text)?)
     }
@@ -112,7 +113,7 @@ impl Recipe {
     /// Generates the scene.
     ///
     /// # Errors
-    /// When a name is unknown or a number out of range.
+    /// When a name is not defined, or a number is out of range.
     pub fn build(&self) -> Result<Scene, RecipeError> {
         let mut scene = Scene {
             environment: Environment::Constant(self.environment.unwrap_or_default()),
@@ -162,19 +163,19 @@ impl Recipe {
                 .map_err(|problem| RecipeError::Range { place: place(), problem })?;
         }
         if scene.mesh.normals.iter().all(|&normal| normal == Vec3::ZERO) {
-            // Flat all over: nothing to look up.
+            // All surfaces are flat, so normals are not needed.
             scene.mesh.normals.clear();
         }
         Ok(scene)
     }
 }
 
-/// Index of a name in a sorted map: textures are numbered in that order.
+/// Index of a name in a sorted map. Textures are numbered in that order.
 fn position<T>(map: &BTreeMap<String, T>, name: &str) -> Option<u32> {
     map.keys().position(|k| k == name).map(|i| i as u32)
 }
 
-/// Says which number is out of range, and what the range is.
+/// Checks that a number is within a range. The error names both.
 fn within<T: PartialOrd + std::fmt::Display>(what: &str, value: T, low: T, high: T) -> Result<(), String> {
     if (&low..=&high).contains(&&value) {
         return Ok(());

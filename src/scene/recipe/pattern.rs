@@ -5,39 +5,38 @@ use crate::scene::{ColourSpace, Mipmap, Texture, Wrap};
 use noise::{Fbm, MultiFractal, NoiseFn, Perlin};
 use serde::Deserialize;
 
-/// A texture by rule. Colours are 8-bit sRGB.
+/// A generated texture. Colours are 8-bit sRGB.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(tag = "pattern", rename_all = "snake_case", deny_unknown_fields)]
 pub enum Pattern {
     /// A chessboard.
     Checker {
-        /// Of the two kinds of cells.
+        /// Colours of the two kinds of cells.
         colours: [[u8; 3]; 2],
         /// Cells along each side, 1 to 256.
         cells: u32,
     },
-    /// Tiles with joints: a square of the first colour, slightly different from tile to tile, and lines of
-    /// the second between them.
+    /// Square tiles with joints between them. The first colour varies slightly from tile to tile.
     Tiles {
-        /// Of tiles and joints.
+        /// Colours of tiles and joints.
         colours: [[u8; 3]; 2],
         /// Tiles along each side, 1 to 64.
         cells: u32,
         /// Width of a joint in tiles, 0 to 0.5.
         joint: f32,
     },
-    /// Irregular cells, each of one of the two colours: flakes, stains, gravel.
+    /// Irregular cells, each of one of the two colours, for flakes, stains or gravel.
     Flakes {
-        /// Of most cells, and of the share.
+        /// The first colour of a cell, and the colour of the cells in `share`.
         colours: [[u8; 3]; 2],
         /// Cells along each side, 1 to 512.
         cells: u32,
         /// Share of cells of the second colour, 0 to 1.
         share: f32,
     },
-    /// Wood: rings around an axis a little beside the image, bent by noise, and fine fibres.
+    /// Wood: fine fibres, and rings around an axis slightly beside the image, distorted by noise.
     Wood {
-        /// Of early and late wood.
+        /// Colours of early and late wood.
         colours: [[u8; 3]; 2],
         /// Rings across the image, above 0.
         rings: f64,
@@ -48,7 +47,7 @@ pub enum Pattern {
 const SIZE: u32 = 1024;
 
 impl Pattern {
-    /// Paints the texture, or says which number is out of range.
+    /// Generates the texture. An error names a number that is out of range.
     pub(super) fn paint(&self, name: &str) -> Result<Texture, String> {
         let texels = match self {
             Self::Checker { colours, cells } => {
@@ -113,8 +112,8 @@ impl Pattern {
     }
 }
 
-/// A number of its own for each flake: its middle lies somewhere in its square, and a place belongs to the nearest.
-/// What leaves the image on one side comes back on the other.
+/// The number of the flake at a point: the flake with the nearest centre. Each cell of a grid contains one centre.
+/// The pattern wraps around at the image's edges.
 fn nearest_flake(x: f64, y: f64, cells: u32) -> u32 {
     let (mut nearest, mut found) = (f64::INFINITY, 0);
     for (dx, dy) in (-1..=1).flat_map(|dx| (-1..=1).map(move |dy| (dx, dy))) {
@@ -131,7 +130,7 @@ fn nearest_flake(x: f64, y: f64, cells: u32) -> u32 {
     found
 }
 
-/// Texels from a function of texture coordinates to 0..255 channels.
+/// Computes texels from a function of texture coordinates to channels in 0..255.
 fn texels(colour: impl Fn(f64, f64) -> [f64; 3]) -> std::sync::Arc<[[u8; 4]]> {
     (0..SIZE * SIZE)
         .map(|i| {

@@ -7,46 +7,46 @@ use noise::{Fbm, MultiFractal, NoiseFn, Perlin};
 use serde::Deserialize;
 use std::f32::consts::TAU;
 
-/// A shape. Lengths are world units; `cells` counts quads along an edge, each of two triangles.
+/// A shape. Lengths are in world units. `cells` counts quads along an edge, each of two triangles.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(tag = "shape", rename_all = "snake_case")]
 pub enum Shape {
-    /// A parallelogram; its front is where `u × v` points.
+    /// A parallelogram. Its normal is in the direction of `u × v`.
     Quad {
-        /// First corner, texture coordinate (0, 1).
+        /// First corner, with texture coordinates (0, 1).
         corner: Vec3,
-        /// Along the image's rows.
+        /// Edge along the image's rows.
         u: Vec3,
-        /// Against the image's columns (up).
+        /// Edge against the image's columns (up).
         v: Vec3,
-        /// Copies of the texture along u and v.
+        /// Repetitions of the texture along u and v.
         #[serde(default = "one")]
         repeat: Vec2,
     },
-    /// A flat convex polygon; its front sees the points counter-clockwise.
+    /// A flat convex polygon. Its points are counter-clockwise seen from the front.
     Polygon {
-        /// Three or more.
+        /// At least three corners.
         points: Vec<Vec3>,
     },
     /// A box with rounded edges.
     Block {
-        /// Its middle.
+        /// Its centre.
         centre: Vec3,
-        /// Half its edges.
+        /// Half the lengths of its edges.
         half: Vec3,
-        /// Radius of the edges, 0 to the least half edge.
+        /// Radius of the rounding, 0 to the least half edge.
         round: f32,
-        /// Degrees around +y.
+        /// Rotation about +y in degrees.
         #[serde(default)]
         turn_degrees: f32,
         /// Cells along each edge of each face, 1 to 1024.
         cells: u32,
     },
-    /// A sphere, or with `rough` a stone: displaced outwards and inwards by fractal noise.
+    /// A sphere. With `rough` it is a stone: displaced outwards and inwards by fractal noise.
     Sphere {
-        /// Its middle.
+        /// Its centre.
         centre: Vec3,
-        /// Before displacement; above 0.
+        /// Radius before displacement, above 0.
         radius: f32,
         /// Cells along each edge of each of its six faces, 1 to 1024.
         cells: u32,
@@ -54,19 +54,19 @@ pub enum Shape {
         #[serde(default)]
         rough: Option<Rough>,
     },
-    /// A tube around a (p, q) torus knot, standing upright.
+    /// A tube around an upright (p, q) torus knot.
     Knot {
-        /// Its middle.
+        /// Its centre.
         centre: Vec3,
-        /// Of the torus that the knot winds around.
+        /// Radius of the torus that the knot winds around.
         radius: f32,
-        /// Of the tube.
+        /// Radius of the tube.
         tube: f32,
         /// Windings around the axis, ≥ 1.
         p: u32,
         /// Windings through the hole, ≥ 1.
         q: u32,
-        /// Degrees around +y.
+        /// Rotation about +y in degrees.
         #[serde(default)]
         turn_degrees: f32,
         /// Cells along and around the tube, 3 to 65536 each.
@@ -74,13 +74,14 @@ pub enum Shape {
     },
     /// Hills: a square of ground displaced upwards by fractal noise.
     Terrain {
-        /// Middle of the ground.
+        /// Centre of the ground.
         centre: Vec3,
         /// Length of its edges, above 0.
         size: f32,
-        /// Displacement; `frequency` counts per size.
+        /// Displacement. `frequency` is relative to `size`.
         rough: Rough,
-        /// A flat disk of this radius around the middle, fading into the hills over as much again.
+        /// Radius of a flat disk around the centre. The hills rise to their full height between this radius and twice
+        /// this radius.
         #[serde(default)]
         clearing: f32,
         /// Cells along each edge, 1 to 4096.
@@ -92,13 +93,13 @@ pub enum Shape {
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Rough {
-    /// Largest displacement, about.
+    /// Approximate largest displacement.
     pub height: f32,
-    /// Features per unit.
+    /// Features per unit of length.
     pub frequency: f64,
     /// Octaves, 1 to 12.
     pub octaves: usize,
-    /// Which noise.
+    /// Seed of the noise.
     #[serde(default)]
     pub seed: u32,
 }
@@ -117,7 +118,7 @@ fn one() -> Vec2 {
 }
 
 impl Shape {
-    /// Appends the shape's triangles, or says which number is out of range.
+    /// Appends the shape's triangles. An error names a number that is out of range.
     pub(super) fn tessellate(&self, material: u32, mesh: &mut Mesh) -> Result<(), String> {
         match self {
             Self::Quad { corner, u, v, repeat } => {
@@ -162,7 +163,7 @@ impl Shape {
                 grid(*cells, [true; 2], material, mesh, |[x, y]| {
                     let t = x * TAU;
                     let along = (curve(t + 1e-3) - curve(t - 1e-3)).normalize();
-                    // The curve never passes straight through its own middle: this frame does not flip.
+                    // The tangent never points at the knot's centre, so this frame does not flip.
                     let side = along.cross(curve(t)).normalize();
                     let up = side.cross(along);
                     let out = side * libm::cosf(y * TAU) + up * libm::sinf(y * TAU);
@@ -190,7 +191,7 @@ impl Shape {
     }
 }
 
-/// A fan of triangles over the corners of a convex polygon.
+/// A convex polygon as a fan of triangles.
 fn polygon(points: &[Vec3], material: u32, mesh: &mut Mesh) -> Result<(), String> {
     if points.len() < 3 {
         return Err(format!("{} points; a polygon has at least 3", points.len()));
@@ -199,7 +200,7 @@ fn polygon(points: &[Vec3], material: u32, mesh: &mut Mesh) -> Result<(), String
     normal.try_normalize().ok_or("the first three points lie on a line")?;
     let first = mesh.positions.len() as u32;
     mesh.positions.extend(points);
-    // Each triangle's own.
+    // Zero normals: each triangle has its geometric normal.
     mesh.normals.extend(points.iter().map(|_| Vec3::ZERO));
     mesh.uvs.extend(points.iter().map(|_| Vec2::ZERO));
     for k in 1..points.len() as u32 - 1 {
@@ -241,15 +242,15 @@ fn sphere(
     Ok(())
 }
 
-/// How much of a terrain's height is left near its middle: from 0 within the radius `clearing` to 1 at twice that.
+/// The factor of a terrain's height: 0 within the radius `clearing`, rising to 1 at twice that radius.
 fn faded(x: f32, z: f32, clearing: f32) -> f32 {
     let away = (x * x + z * z).sqrt();
     let fade = ((away - clearing) / clearing.max(1e-6)).clamp(0.0, 1.0);
     fade * fade * (3.0 - 2.0 * fade)
 }
 
-/// A grid of quads over [0, 1]², counter-clockwise; closed directions meet in vertices with the same
-/// position but texture coordinates of their own.
+/// A grid of quads over [0, 1]², counter-clockwise. In closed directions, the first and last vertices have the same
+/// position but different texture coordinates.
 fn grid(
     cells: [u32; 2],
     closed: [bool; 2],
@@ -279,8 +280,8 @@ fn grid(
     }
 }
 
-/// The surface of the cube −1..1, each face a grid, mapped by `place(face normal, point)` to position and
-/// normal. Points on shared edges are the same to the bit.
+/// The surface of the cube −1..1, each face a grid. `place(face normal, point)` maps points to positions and normals.
+/// Points on shared edges are equal to the bit.
 fn cube(cells: u32, material: u32, mesh: &mut Mesh, place: impl Fn(Vec3, Vec3) -> (Vec3, Vec3)) {
     for side in 0..6 {
         let face = Vec3::AXES[side % 3] * if side < 3 { 1.0 } else { -1.0 };
@@ -289,7 +290,7 @@ fn cube(cells: u32, material: u32, mesh: &mut Mesh, place: impl Fn(Vec3, Vec3) -
         let first = mesh.positions.len() as u32;
         let at = |i: u32| -1.0 + 2.0 * i as f32 / cells as f32;
         for j in 0..=cells {
-            // Counted from the other end, so that both faces of an edge compute the same number.
+            // The second half is counted from the other end, so that both faces of an edge compute the same number.
             for i in 0..=cells {
                 let along = |axis: Vec3, i: u32| {
                     if axis.element_sum() > 0.0 { axis * at(i) } else { -axis * at(cells - i) }
@@ -335,7 +336,7 @@ mod tests {
         mesh
     }
 
-    /// Every edge of a closed body belongs to two triangles that run along it in opposite directions.
+    /// Asserts that every edge of a closed body belongs to two triangles, which traverse it in opposite directions.
     fn assert_closed(mesh: &Mesh) {
         let mut edges: BTreeMap<[[u32; 3]; 2], i32> = BTreeMap::new();
         for t in 0..mesh.triangles.len() as u32 {
