@@ -9,7 +9,7 @@ use crate::scene::{Camera, Material, Scene};
 use crate::schedule::{Batch, Output, Renderer};
 use crate::shade::bsdf::Smoothness;
 use crate::shade::light::Receiver;
-use crate::shade::{Bsdf, Cone, Hits, Interaction, fetch, lookup, medium, sort};
+use crate::shade::{Bsdf, Cone, Hits, Interaction, lookup, medium, prefetch_hits, sort};
 use crate::stream::Ray;
 use bytemuck::{Pod, Zeroable};
 use std::sync::Arc;
@@ -208,7 +208,7 @@ impl LaneTask for Shading<'_, '_> {
                 match run.material {
                     None => self.miss(ids, lanes),
                     Some(material) => {
-                        fetch(&scene.mesh, self.batch.hits, run.rays, (i + 1) * L::LANES, L::LANES);
+                        prefetch_hits(&scene.mesh, self.batch.hits, run.rays, (i + 1) * L::LANES, L::LANES);
                         self.hit(&scene.materials[material as usize], ids, lanes);
                     }
                 }
@@ -276,11 +276,11 @@ impl Shading<'_, '_> {
         }
         let bsdf = Bsdf::new(scene, &material.surface, &at, Smoothness::EXACT);
         let sampler = Sampler::of(state.pixel, state.sample, frame.settings().seed);
-        let mut receiver = Receiver::place_of(&at);
+        let mut receiver = Receiver::position_of(&at);
         if frame.lights().are_many() {
             receiver = Receiver::of(&at);
             if bsdf.is_frosted() {
-                receiver = receiver.around();
+                receiver = receiver.two_sided();
             }
         }
         if !bsdf.is_smooth() && frame.lights().are_sampled() {
@@ -393,7 +393,7 @@ impl Shading<'_, '_> {
         lanes: Mask<L>,
     ) -> Mask<L> {
         let lights = self.path.frame.lights();
-        let ended = lanes & !lights.glow().lies_ahead(origin, direction);
+        let ended = lanes & !lights.emitter_bounds().lies_ahead(origin, direction);
         if ended.none() || lights.environment().is_black() {
             return ended;
         }

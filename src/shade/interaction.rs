@@ -205,14 +205,14 @@ fn coat_shape<L: Lanes>(
 }
 
 /// Meshes of fewer triangles fit a cache, and their hits are not prefetched.
-const FAR: usize = 1 << 15;
+const MIN_PREFETCHED: usize = 1 << 15;
 
 /// Prefetches the data that [`Interaction::new`] will read about the hits of `rays`, starting at index `at`.
 /// It prefetches the corners of the next `lanes` rays, and the vertex indices of the `lanes` rays after them.
 /// In a large mesh each hit reads memory far from that of the hit before.
 #[inline(always)]
-pub fn fetch(mesh: &Mesh, hits: &[Hit], rays: &[u32], at: usize, lanes: usize) {
-    if mesh.triangles.len() < FAR {
+pub fn prefetch_hits(mesh: &Mesh, hits: &[Hit], rays: &[u32], at: usize, lanes: usize) {
+    if mesh.triangles.len() < MIN_PREFETCHED {
         return;
     }
     let prefetch = Prefetch::all_over(size_of_val(&*mesh.triangles) + size_of_val(&*mesh.positions));

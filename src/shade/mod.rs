@@ -23,7 +23,7 @@ pub use arena::ArenaUse;
 pub use bsdf::Bsdf;
 pub use cone::Cone;
 pub use geometry::Hits;
-pub use interaction::{CoatShape, Interaction, fetch};
+pub use interaction::{CoatShape, Interaction, prefetch_hits};
 pub use light::{LightSample, Lights};
 pub use loop_stack::LoopStack;
 pub use mix::material_of;

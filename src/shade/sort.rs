@@ -73,17 +73,17 @@ impl<L: Lanes> OutlinedTask<L> for Sort<'_> {
     fn run(self, l: L) -> Sorted {
         let mut storage = SPARE.take();
         if let [hit] = self.hits {
-            storage.hold(if hit.is_miss() { 0 } else { material_of(self.scene, hit) + 1 });
+            storage.sort_one(if hit.is_miss() { 0 } else { material_of(self.scene, hit) + 1 });
             return Sorted(storage);
         }
-        storage.make_room(self.hits.len());
+        storage.resize(self.hits.len());
         let keys = storage.look_up(l, self.hits, &self.scene.mesh.materials);
-        storage.arrange(l, keys);
+        storage.group(l, keys);
         if !self.scene.mixes.is_empty() {
             // A mix whose part is itself a mix takes another round.
             while storage.resolve(l, self.hits, self.scene) {
-                let keys = storage.in_common();
-                storage.arrange(l, keys);
+                let keys = storage.key_range();
+                storage.group(l, keys);
             }
         }
         Sorted(storage)
@@ -92,7 +92,7 @@ impl<L: Lanes> OutlinedTask<L> for Sort<'_> {
 
 /// The least key of a batch, and the bits in which its keys differ.
 #[derive(Clone, Copy)]
-struct Keys {
+struct KeyRange {
     least: u32,
     /// Bits that are set in some keys and clear in others.
     varying: u32,
@@ -101,7 +101,7 @@ struct Keys {
 impl Storage {
     /// Makes room for the keys and the order of `rays` rays, and for the lanes that are written past their
     /// end.
-    fn make_room(&mut self, rays: usize) {
+    fn resize(&mut self, rays: usize) {
         self.keys.clear();
         self.keys.resize(rays + MAX_LANES, NEVER);
         self.order.resize(rays + MAX_LANES, 0);
@@ -110,7 +110,7 @@ impl Storage {
 
     /// Fills the order and the runs from the keys.
     #[inline(always)]
-    fn arrange<L: Lanes>(&mut self, l: L, keys: Keys) {
+    fn group<L: Lanes>(&mut self, l: L, keys: KeyRange) {
         self.runs.clear();
         if L::LANES == 1 || !self.gather(l, keys) {
             self.radix(keys);
@@ -141,17 +141,17 @@ impl Storage {
         found
     }
 
-    fn in_common(&self) -> Keys {
+    fn key_range(&self) -> KeyRange {
         let keys = &self.keys[..self.len];
         let (mut least, mut all, mut any) = (NEVER, NEVER, 0);
         for &key in keys {
             (least, all, any) = (least.min(key), all & key, any | key);
         }
-        Keys { least, varying: any & !all }
+        KeyRange { least, varying: any & !all }
     }
 
     /// A batch of one ray needs no sort. Shading ray by ray takes this short way.
-    fn hold(&mut self, key: u32) {
+    fn sort_one(&mut self, key: u32) {
         self.order.clear();
         self.order.push(0);
         self.runs.clear();
@@ -161,7 +161,7 @@ impl Storage {
 
     /// Looks up the key of each ray: 0 for a miss, m + 1 for material m.
     #[inline(always)]
-    fn look_up<L: Lanes>(&mut self, l: L, hits: &[Hit], materials: &[u32]) -> Keys {
+    fn look_up<L: Lanes>(&mut self, l: L, hits: &[Hit], materials: &[u32]) -> KeyRange {
         let (mut least, mut all, mut any) = (Int::splat(l, NEVER), Int::splat(l, NEVER), Int::splat(l, 0));
         let places = Int::iota(l);
         for (hits, keys) in hits.chunks(L::LANES).zip(self.keys.chunks_mut(L::LANES)) {
@@ -183,7 +183,7 @@ impl Storage {
         }
         let (least, all, any) = (least.to_array(), all.to_array(), any.to_array());
         let lanes = 0..L::LANES;
-        Keys {
+        KeyRange {
             least: lanes.clone().map(|lane| least[lane]).min().unwrap_or(0),
             varying: lanes.clone().fold(0, |bits, lane| bits | any[lane])
                 & !lanes.fold(NEVER, |bits, lane| bits & all[lane]),
@@ -192,7 +192,7 @@ impl Storage {
 
     /// Gathers the rays of one key after the other. Returns false if there are more than [`FEW_RUNS`] runs.
     #[inline(always)]
-    fn gather<L: Lanes>(&mut self, l: L, keys: Keys) -> bool {
+    fn gather<L: Lanes>(&mut self, l: L, keys: KeyRange) -> bool {
         let (places, none) = (Int::iota(l), Int::splat(l, NEVER));
         let (mut key, mut filled) = (keys.least, 0);
         while filled < self.len {
@@ -216,7 +216,7 @@ impl Storage {
     }
 
     /// A radix sort by bytes. It skips bytes in which all keys agree.
-    fn radix(&mut self, Keys { varying, .. }: Keys) {
+    fn radix(&mut self, KeyRange { varying, .. }: KeyRange) {
         let Self { keys, order, scratch, runs, len } = self;
         scratch.resize(order.len(), 0);
         order[..*len].iter_mut().enumerate().for_each(|(place, ray)| *ray = place as u32);

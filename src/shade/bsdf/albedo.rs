@@ -173,7 +173,7 @@ impl LaneTask for Measurement {
         let wo = Vector::splat(l, self.wo);
         let mut sum = [0.0; 2];
         for first in (0..FACETS).step_by(L::LANES) {
-            let facet = ggx.some(wo, first, FACETS);
+            let facet = ggx.hammersley(wo, first, FACETS);
             let cosine = wo.dot(facet);
             let wi = facet * (2.0 * cosine) - wo;
             let one = Num::splat(l, 1.0);

@@ -40,7 +40,8 @@ impl<'a, L: Lanes> Boundary<'a, L> {
         // From inside, less light crosses by the square of the index: there are so many more directions
         // inside.
         let one = Vector::grey(Num::splat(frost.wo.lanes(), 1.0));
-        let passed = (one - fresnel.blend(crossing.grazing())) * squeeze(through.index, inside, frost.wo.z);
+        let passed =
+            (one - fresnel.blend(crossing.grazing())) * inverse_square(through.index, inside, frost.wo.z);
         let crosses = (passed * means[0].min(means[1])).over(means[0]);
         let chances = [mean(lost), mean(crosses)];
         Self { frost, crossing, lost, means, crosses, chances }
@@ -79,7 +80,7 @@ impl<'a, L: Lanes> Boundary<'a, L> {
         let (perfect, mirrored) = facets.ggx.evaluate(wo, wi, half);
         let refracted = facets.ggx.visible(wo, half) * (far.abs() / sum.length_squared());
         let crosses = there & near.above(0.0) & far.below(0.0);
-        let light = self.frost.passed(near, reflected) * (refracted * facets.ggx.unmasked(wi)).only(crosses);
+        let light = self.frost.passed(near, reflected) * (refracted * facets.ggx.g1(wi)).only(crosses);
         let single = Vector::select(above, reflected * perfect.only(there), light);
         let density = Num::select(
             above,
@@ -121,7 +122,7 @@ impl<'a, L: Lanes> Boundary<'a, L> {
 
 /// The reciprocal of the squared index in the lanes of `inside`, and 1 in the others.
 #[inline(always)]
-fn squeeze<L: Lanes>(index: f32, inside: Mask<L>, like: Num<L>) -> Num<L> {
+fn inverse_square<L: Lanes>(index: f32, inside: Mask<L>, like: Num<L>) -> Num<L> {
     let l = like.lanes();
     Num::select(inside, Num::splat(l, 1.0 / (index * index)), Num::splat(l, 1.0))
 }

@@ -12,7 +12,7 @@ pub const CLEAR_F0: f32 = 0.04;
 /// Scattered light passes a coat more than the coat's mean suggests, by this amount. The surface below
 /// scatters where the coat passes light, since both reflect at grazing angles. The value is that of two
 /// smooth dielectrics: the covariance of the shares that they pass over the mean share of one.
-const LAYERS_ALIKE: f32 = 0.013;
+const LAYER_COVARIANCE: f32 = 0.013;
 
 /// Facets that reflect some of the light and pass the rest.
 #[derive(Clone, Copy, Debug)]
@@ -76,13 +76,13 @@ impl<L: Lanes> Coat<L> {
     /// included.
     #[inline(always)]
     pub fn passed_on_average(&self) -> Num<L> {
-        self.passed(&self.facets.mean()) + self.share * LAYERS_ALIKE
+        self.passed(&self.facets.mean()) + self.share * LAYER_COVARIANCE
     }
 
     /// Two numbers a and b. Towards a cosine z approximately a − b (1 − z)⁵ passes. The mean of this is
     /// exact.
     #[inline(always)]
-    pub fn trend(&self) -> [Num<L>; 2] {
+    pub fn linear_fit(&self) -> [Num<L>; 2] {
         let Schlick { f0, f90 } = self.reflection.fresnel;
         let slope = self.share * (f90 - f0.x);
         [self.passed(&self.facets.mean()) + slope * (1.0 / 21.0), slope]

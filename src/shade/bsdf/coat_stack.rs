@@ -173,7 +173,7 @@ impl<L: Lanes> OutlinedTask<L> for EvaluateStack<'_, L> {
 /// Multiplies the products at the quadrature nodes by the share that a coat passes.
 #[inline(always)]
 fn multiply<L: Lanes>(products: &mut [Num<L>; MEAN.len()], coat: &Coat<L>) {
-    let [level, slope] = coat.trend();
+    let [level, slope] = coat.linear_fit();
     for (product, [node, _]) in products.iter_mut().zip(MEAN) {
         *product *= level - slope * node;
     }

@@ -16,7 +16,7 @@ pub struct Facets<L: Lanes> {
     pub ggx: Ggx<L>,
     albedo: Albedo<L>,
     /// Replaces `albedo` where the two alphas differ.
-    brushed: Option<AnisotropicAlbedo<L>>,
+    anisotropic: Option<AnisotropicAlbedo<L>>,
     mean: Reflectance<L>,
 }
 
@@ -41,7 +41,7 @@ impl<L: Lanes> Facets<L> {
         let albedo = Albedo::new(roughness);
         let mean = Reflectance::select(rough, albedo.mean(), mirror_mean(roughness.lanes()));
         let alpha = roughness * roughness;
-        Self { rough, ggx: Ggx { alpha: [alpha; 2] }, albedo, brushed: None, mean }
+        Self { rough, ggx: Ggx { alpha: [alpha; 2] }, albedo, anisotropic: None, mean }
     }
 
     /// Facets that are rougher along x: KHR_materials_anisotropy. They are a mirror only if they are smooth
@@ -65,9 +65,9 @@ impl<L: Lanes> Facets<L> {
         if self.rough.none() {
             return mirror;
         }
-        let table = match &self.brushed {
+        let table = match &self.anisotropic {
             None => self.albedo.at(w.z),
-            Some(brushed) => brushed.at(w),
+            Some(anisotropic) => anisotropic.at(w),
         };
         Reflectance::select(self.rough, table, mirror)
     }
@@ -111,12 +111,18 @@ impl<L: Lanes> OutlinedTask<L> for Anisotropic<L> {
     #[inline(always)]
     fn run(self, l: L) -> Facets<L> {
         let roughness = self.roughness.clamp(MIN_ROUGHNESS, 1.0);
-        let brushed = AnisotropicAlbedo::new(roughness, self.strength);
-        let alpha = brushed.alpha();
+        let anisotropic = AnisotropicAlbedo::new(roughness, self.strength);
+        let alpha = anisotropic.alpha();
         let least = self.smooth_below.max(MIN_ROUGHNESS);
         let rough = alpha[0].ge(Num::splat(l, least * least));
-        let mean = Reflectance::select(rough, brushed.mean(), mirror_mean(l));
-        Facets { rough, ggx: Ggx { alpha }, albedo: Albedo::new(roughness), brushed: Some(brushed), mean }
+        let mean = Reflectance::select(rough, anisotropic.mean(), mirror_mean(l));
+        Facets {
+            rough,
+            ggx: Ggx { alpha },
+            albedo: Albedo::new(roughness),
+            anisotropic: Some(anisotropic),
+            mean,
+        }
     }
 }
 

@@ -49,7 +49,7 @@ impl<L: Lanes> Ggx<L> {
     /// Samples normals of facets visible from `wo`, one a lane, at the Hammersley points `first` and
     /// following out of `count`. All `count` together represent the facets that `wo` sees.
     #[inline(always)]
-    pub fn some(&self, wo: Vector<L>, first: u32, count: u32) -> Vector<L> {
+    pub fn hammersley(&self, wo: Vector<L>, first: u32, count: u32) -> Vector<L> {
         let i = Int::iota(wo.lanes()) + first;
         let u = (i.to_num() + 0.5) * (1.0 / count as f32);
         let v = (i.reverse_bits() >> 8).to_num() * (1.0 / (1 << 24) as f32);
@@ -58,14 +58,14 @@ impl<L: Lanes> Ggx<L> {
 
     /// Share of the facets visible from a direction of either hemisphere: Smith's G₁.
     #[inline(always)]
-    pub fn unmasked(&self, w: Vector<L>) -> Num<L> {
+    pub fn g1(&self, w: Vector<L>) -> Num<L> {
         2.0 / (self.shadow(w) + 1.0)
     }
 
     /// Density of [`Ggx::sample`] for unit normals that `wo` is above.
     #[inline(always)]
     pub fn visible(&self, wo: Vector<L>, normal: Vector<L>) -> Num<L> {
-        wo.dot(normal) * self.unmasked(wo) / (self.sparsity(normal) * wo.z * PI)
+        wo.dot(normal) * self.g1(wo) / (self.sparsity(normal) * wo.z * PI)
     }
 
     /// Samples the normals of facets visible from `wo` (Dupuy and Benyoub 2023, *Sampling Visible GGX Normals

@@ -90,7 +90,7 @@ impl<L: Lanes> Film<L> {
         let sine2 = (1.0 - cosine * cosine).clamp(0.0, 1.0) / (self.ior * self.ior);
         let inner = (1.0 - sine2).clamp(0.0, 1.0).sqrt();
         // The film's upper face reflects the same share from below.
-        let upper = between(self.ior, one);
+        let upper = normal_reflectance(self.ior, one);
         let upper = upper + (1.0 - upper) * schlick_weight(cosine);
         let through = 1.0 - upper;
         let f0 = [f0.x, f0.y, f0.z];
@@ -98,7 +98,7 @@ impl<L: Lanes> Film<L> {
         for channel in 0..3 {
             let root = f0[channel].clamp(0.0, 0.9999).sqrt();
             let base = (1.0 + root) / (1.0 - root);
-            let lower = between(base, self.ior);
+            let lower = normal_reflectance(base, self.ior);
             let lower = lower + (1.0 - lower) * schlick_weight(inner);
             let both = (upper * lower).clamp(0.0, 0.9999);
             let further = through * through * lower / (1.0 - both);
@@ -140,7 +140,7 @@ fn sensitivity<L: Lanes>(path: Num<L>) -> [Num<L>; 3] {
 
 /// Reflectance at normal incidence of a boundary between two indices of refraction.
 #[inline(always)]
-fn between<L: Lanes>(a: Num<L>, b: Num<L>) -> Num<L> {
+fn normal_reflectance<L: Lanes>(a: Num<L>, b: Num<L>) -> Num<L> {
     ((a - b) / (a + b)).squared()
 }
 

@@ -203,13 +203,13 @@ impl LaneTask for Measurement {
         let eta = one * self.eta;
         let mut sums = [0.0; 3];
         for first in (0..FACETS).step_by(L::LANES) {
-            let facet = ggx.some(wo, first, FACETS);
+            let facet = ggx.hammersley(wo, first, FACETS);
             let cosine = wo.dot(facet);
             let (share, inner) = fresnel::dielectric(cosine, eta);
             let mirrored = facet * (2.0 * cosine) - wo;
             let reflecting = Num::select(mirrored.z.above(0.0), ggx.masked(wo, mirrored), one);
             let refracted = facet * (cosine / eta - inner) - wo / eta;
-            let refracting = Num::select(refracted.z.below(0.0), 1.0 - ggx.unmasked(refracted), one);
+            let refracting = Num::select(refracted.z.below(0.0), 1.0 - ggx.g1(refracted), one);
             let total = share.ge(one);
             let more = (reflecting - refracting).only(!total);
             let grazing = grazing(share, self.index);

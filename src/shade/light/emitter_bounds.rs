@@ -115,12 +115,12 @@ mod tests {
         scene
     }
 
-    fn glow_of(scene: &Scene) -> EmitterBounds {
+    fn bounds_of(scene: &Scene) -> EmitterBounds {
         EmitterBounds::new(scene, &scene.bounds())
     }
 
-    fn ahead(glow: &EmitterBounds, origin: Vec3, direction: Vec3) -> bool {
-        glow.lies_ahead::<SingleLane>(origin.into(), direction.into()).get()
+    fn ahead(emitters: &EmitterBounds, origin: Vec3, direction: Vec3) -> bool {
+        emitters.lies_ahead::<SingleLane>(origin.into(), direction.into()).get()
     }
 
     #[test]
@@ -133,8 +133,8 @@ mod tests {
             for count in [1, 2, 3, 30] {
                 let corner = |i| (random(i / 3, 0) + random(i, 1) * 0.1 + far) * size;
                 let scene = scene((0..3 * count + 3).map(corner).collect());
-                let glow = glow_of(&scene);
-                assert!((1..=MOST).contains(&glow.boxes.len()));
+                let emitters = bounds_of(&scene);
+                assert!((1..=MOST).contains(&emitters.boxes.len()));
                 let (mut met, mut passed) = (0, 0);
                 for i in 0..4000 {
                     let origin = (random(i, 2) + far) * size;
@@ -148,7 +148,7 @@ mod tests {
                         let [a, b, c] = scene.mesh.corners(primitive);
                         ray.triangle(a, b, c).is_some()
                     });
-                    let ahead = ahead(&glow, origin, direction);
+                    let ahead = ahead(&emitters, origin, direction);
                     assert!(ahead || !meets, "{origin} to {direction}");
                     (met, passed) = (met + u32::from(meets), passed + u32::from(!ahead));
                 }
@@ -163,11 +163,11 @@ mod tests {
     #[test]
     fn what_is_far_apart_has_boxes_of_its_own_and_what_does_not_shine_has_none() {
         let lamp = |x: f32| [Vec3::ZERO, Vec3::Y, Vec3::Z].map(|corner| corner + Vec3::X * x);
-        let two = glow_of(&scene([lamp(90.0), lamp(1.0), lamp(2.0), lamp(50.0)].concat()));
+        let two = bounds_of(&scene([lamp(90.0), lamp(1.0), lamp(2.0), lamp(50.0)].concat()));
         assert!(ahead(&two, Vec3::ZERO, Vec3::X) && !ahead(&two, Vec3::new(20.0, 9.0, 0.0), -Vec3::Y));
         assert!(ahead(&two, Vec3::new(50.0, 9.0, 0.5), -Vec3::Y) && !ahead(&two, Vec3::ZERO, -Vec3::X));
         assert!(!ahead(&two, Vec3::new(90.0, 9.0, 0.5), -Vec3::Y), "a wall");
-        assert!(glow_of(&scene(lamp(0.0).to_vec())).boxes.is_empty());
-        assert!(glow_of(&Scene::default()).boxes.is_empty());
+        assert!(bounds_of(&scene(lamp(0.0).to_vec())).boxes.is_empty());
+        assert!(bounds_of(&Scene::default()).boxes.is_empty());
     }
 }

@@ -81,7 +81,7 @@ impl EnvironmentLight {
     /// Radiance that arrives along rays of unit `direction` which leave the scene, and the density per solid
     /// angle with which [`EnvironmentLight::sample`] returns these directions.
     #[inline(always)]
-    pub fn look<L: Lanes>(&self, direction: Vector<L>) -> (Vector<L>, Num<L>) {
+    pub fn evaluate<L: Lanes>(&self, direction: Vector<L>) -> (Vector<L>, Num<L>) {
         let l = direction.lanes();
         match &self.kind {
             Kind::Constant(radiance) => (Vector::splat(l, *radiance), Num::splat(l, 0.25 * FRAC_1_PI)),
@@ -101,7 +101,7 @@ impl EnvironmentLight {
             Kind::Map(map) => map.direction(map.sample(u2)),
         };
         // Computed from the direction, as integrators will do it, so that both results agree to the bit.
-        let (radiance, pdf) = self.look(direction);
+        let (radiance, pdf) = self.evaluate(direction);
         (direction, radiance, pdf)
     }
 }

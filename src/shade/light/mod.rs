@@ -31,7 +31,7 @@ const FEW: usize = 16;
 
 /// A shadow ray ends short of its light by this share of its length. Rounding may move the surface of the
 /// light by that much.
-const SHORT: f32 = 1.0 / (1u32 << 13) as f32;
+const SHADOW_MARGIN: f32 = 1.0 / (1u32 << 13) as f32;
 
 /// All lights of a scene.
 ///
@@ -44,7 +44,7 @@ pub struct Lights {
     emitters: Emitters,
     punctual: Punctual,
     environment: EnvironmentLight,
-    glow: EmitterBounds,
+    emitter_bounds: EmitterBounds,
     /// Power of the emissive triangles, the environment and the punctual lights.
     powers: [f64; 3],
     /// Probabilities of choosing these kinds.
@@ -82,8 +82,8 @@ impl Lights {
         let disk = std::f64::consts::PI * f64::from(radius).powi(2);
         let sky = f64::from(environment.mean()) * disk * 4.0 * std::f64::consts::PI;
         let powers = [emitters.power(), sky, punctual.power()];
-        let glow = EmitterBounds::new(scene, &bounds);
-        Self { emitters, punctual, environment, glow, powers, chances: chances(powers) }
+        let emitter_bounds = EmitterBounds::new(scene, &bounds);
+        Self { emitters, punctual, environment, emitter_bounds, powers, chances: chances(powers) }
     }
 
     /// The same lights for integrators that combine BSDF and light sampling by MIS: a uniform environment is
@@ -117,8 +117,8 @@ impl Lights {
     }
 
     /// Bounds of all emissive surfaces.
-    pub fn glow(&self) -> &EmitterBounds {
-        &self.glow
+    pub fn emitter_bounds(&self) -> &EmitterBounds {
+        &self.emitter_bounds
     }
 
     /// Whether there are so many lights that a light tree chooses among them. The choice then takes a random
@@ -261,7 +261,7 @@ impl Lights {
     #[inline(always)]
     pub fn sky<L: Lanes>(&self, direction: Vector<L>) -> (Vector<L>, Num<L>) {
         let [_, chance, _] = self.chances;
-        let (radiance, pdf) = self.environment.look(direction);
+        let (radiance, pdf) = self.environment.evaluate(direction);
         (radiance, if chance > 0.0 { pdf * chance } else { Num::zero(pdf.lanes()) })
     }
 }
@@ -289,7 +289,7 @@ impl<L: Lanes> LightSample<L> {
         let origin = at.scattered_origin(self.wi);
         let direction = Vector::select(self.near, self.target - origin, self.wi);
         let (far, whole) =
-            (Num::splat(origin.lanes(), f32::INFINITY), Num::splat(origin.lanes(), 1.0 - SHORT));
+            (Num::splat(origin.lanes(), f32::INFINITY), Num::splat(origin.lanes(), 1.0 - SHADOW_MARGIN));
         (origin, direction, Num::select(self.near, whole, far))
     }
 }

@@ -9,7 +9,7 @@ const BITS: u32 = 10;
 
 /// The facing of a receiver lit from both sides. Two codes mean the octahedron's lowest corner; no normal
 /// uses this one.
-const AROUND: u32 = 0;
+const TWO_SIDED: u32 = 0;
 const LOWEST: u32 = (1 << (2 * BITS)) - 1;
 
 /// Points for which a light is chosen, with all data that the choice depends on. They are small enough for a
@@ -35,9 +35,9 @@ impl<L: Lanes> Receiver<L> {
     /// Receivers without a facing. They suffice where there are few lights, since then only the position is
     /// used.
     #[inline(always)]
-    pub fn place_of(at: &Interaction<L>) -> Self {
+    pub fn position_of(at: &Interaction<L>) -> Self {
         let position = at.origin(at.raised, at.normal);
-        Self { position, facing: Int::splat(position.lanes(), AROUND) }
+        Self { position, facing: Int::splat(position.lanes(), TWO_SIDED) }
     }
 
     /// Receivers at `position` that are lit from above their unit `normal`.
@@ -45,19 +45,19 @@ impl<L: Lanes> Receiver<L> {
     pub fn new(position: Vector<L>, normal: Vector<L>) -> Self {
         let facing = octahedral::encode::<L, BITS>(normal);
         let lowest = Int::splat(facing.lanes(), LOWEST);
-        Self { position, facing: Int::select(facing.is(AROUND), lowest, facing) }
+        Self { position, facing: Int::select(facing.is(TWO_SIDED), lowest, facing) }
     }
 
     /// The same receivers, lit from both sides.
     #[inline(always)]
-    pub fn around(self) -> Self {
-        Self { facing: Int::splat(self.facing.lanes(), AROUND), ..self }
+    pub fn two_sided(self) -> Self {
+        Self { facing: Int::splat(self.facing.lanes(), TWO_SIDED), ..self }
     }
 
     /// The decoded normal, which light sampling uses instead of the exact one; 0 for receivers lit from both
     /// sides.
     #[inline(always)]
     pub fn normal(&self) -> Vector<L> {
-        octahedral::decode::<L, BITS>(self.facing).only(!self.facing.is(AROUND))
+        octahedral::decode::<L, BITS>(self.facing).only(!self.facing.is(TWO_SIDED))
     }
 }

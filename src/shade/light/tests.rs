@@ -13,7 +13,7 @@ use glam::Vec3;
 use std::f32::consts::PI;
 
 fn look(light: &EnvironmentLight, direction: Vec3) -> (Vec3, f32) {
-    let (radiance, pdf) = light.look(Vector::from(direction));
+    let (radiance, pdf) = light.evaluate(Vector::from(direction));
     (radiance.into(), pdf.get())
 }
 
@@ -422,7 +422,7 @@ const AMONG: [(Vec3, Vec3, bool); 2] =
 
 fn among((from, normal, around): (Vec3, Vec3, bool)) -> Receiver<SingleLane> {
     let to = receiver(from, normal);
-    if around { to.around() } else { to }
+    if around { to.two_sided() } else { to }
 }
 
 #[test]

@@ -213,7 +213,7 @@ impl<L: Lanes> Angle<L> {
 
     /// This angle less `other`, at least 0.
     #[inline(always)]
-    fn less(self, other: Self) -> Self {
+    fn minus(self, other: Self) -> Self {
         let none = self.cosine.gt(other.cosine);
         let cosine = self.cosine * other.cosine + self.sine * other.sine;
         Self {
@@ -237,7 +237,7 @@ fn importance<L: Lanes>(side: &[Int<L>; WORDS], position: Vector<L>, normal: Vec
     // Half of the angle that the bounds subtend.
     let sine = (radius * inverse).clamp(0.0, 1.0);
     let extent = Angle { cosine: (1.0 - sine * sine).sqrt(), sine };
-    let incidence = Angle::of_cosine(normal.dot(wi)).less(extent).cosine + NORMAL_SLACK;
+    let incidence = Angle::of_cosine(normal.dot(wi)).minus(extent).cosine + NORMAL_SLACK;
 
     const SCALE: f32 = 2.0 / 65535.0;
     let spread = Angle::of_cosine((side[6] & 0xffff).to_num() * SCALE - 1.0);
@@ -245,7 +245,7 @@ fn importance<L: Lanes>(side: &[Int<L>; WORDS], position: Vector<L>, normal: Vec
     let axis = octahedral::decode::<L, 16>(side[4]);
     let off = -axis.dot(wi);
     let off = Num::select((side[7] & TWO_SIDED).is(TWO_SIDED), off.abs(), off);
-    let emission = Angle::of_cosine(off).less(spread).less(extent).cosine + AXIS_SLACK;
+    let emission = Angle::of_cosine(off).minus(spread).minus(extent).cosine + AXIS_SLACK;
     let reached = incidence.above(0.0) & emission.gt(reach);
     let share = (incidence * emission.clamp(AXIS_SLACK, f32::INFINITY)).only(reached);
     power * Num::select(inside, Num::splat(l, 1.0), share) / distance2.max(radius2)

@@ -379,7 +379,7 @@ fn light_may_cross_a_frosted_surface_either_way() {
                 })
             };
             let (near, far) = (side(true), side(false));
-            let squeeze = if thin { 1.0 } else { ior * ior };
+            let ratio = if thin { 1.0 } else { ior * ior };
             for (i, wo) in views().enumerate() {
                 for k in 0..200 {
                     let wi = -warp::cosine_hemisphere(Sampler::new(i as u32, k, 8).pair(0));
@@ -387,7 +387,7 @@ fn light_may_cross_a_frosted_surface_either_way() {
                         continue;
                     }
                     let turned = |w: Vec3| Vec3::new(w.x, w.y, -w.z);
-                    let there = near.evaluate(wo, wi).0 / -wi.z * squeeze;
+                    let there = near.evaluate(wo, wi).0 / -wi.z * ratio;
                     let back = far.evaluate(turned(wi), turned(wo)).0 / wo.z;
                     let off = (there - back).abs().max_element();
                     assert!(
