@@ -36,7 +36,7 @@ pub struct Cli {
 #[derive(Debug, Subcommand)]
 pub enum Command {
     /// Render a scene to a picture.
-    Render(RenderArgs),
+    Render(Box<RenderArgs>),
     /// Trace rays from a file and write their hits.
     Trace(TraceArgs),
     /// Write a scene's triangles as NumPy arrays.
