@@ -58,7 +58,7 @@ pub enum UnitsError {
     NoSuchAdapter(String),
     /// A GPU failure is to be injected, but no GPU traces.
     #[cfg(feature = "gpu")]
-    #[error("a fault is to be injected, but no GPU traces; ask for one with --tracer gpu or hybrid")]
+    #[error("a GPU fault is to be injected, but no GPU traces; select one with --tracer gpu or hybrid")]
     NothingToInject,
 }
 
@@ -175,7 +175,7 @@ pub fn calibration_host(bvh: Arc<Bvh>, simd: SimdLevel) -> Arc<dyn Tracer> {
 
 #[cfg(not(feature = "gpu"))]
 fn open_gpu(choice: &UnitChoice) -> Result<Gpus, UnitsError> {
-    let without = "this build has no GPU tracer: it was made without the feature `gpu`";
+    let without = "this build has no GPU tracer: it was built without the feature `gpu`";
     Ok(match (&choice.unit, &choice.adapter) {
         (None, None) => Gpus::NotRequested,
         _ => Gpus::Unavailable(without.into()),

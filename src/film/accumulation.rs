@@ -42,7 +42,7 @@ pub struct Film {
 /// A pixel could receive more splats than its sum can hold.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "each pixel may receive {splats} splats, at most {} can be added exactly; ask for fewer samples per pixel or a \
+    "each pixel may receive {splats} splats, but at most {} can be added exactly; use fewer samples per pixel or a \
      smaller depth",
     Film::MAX_SPLATS
 )]

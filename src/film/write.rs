@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, thiserror::Error)]
 pub enum WriteError {
     /// The extension is not that of a known format.
-    #[error("{path}: cannot tell the format from the extension; use .png, .exr, .hdr or .npy")]
+    #[error("{path}: unknown file extension; the name must end in .png, .exr, .hdr or .npy")]
     Format {
         /// The file.
         path: PathBuf,

@@ -39,7 +39,7 @@ pub enum CameraError {
     #[error("the camera's up vector {0} must be finite and must not point along the view")]
     Up(Vec3),
     /// The field of view is out of range.
-    #[error("a vertical field of view of {0} degrees; it must lie between 0 and 180")]
+    #[error("the vertical field of view is {0} degrees; it must be between 0 and 180")]
     Fov(f32),
 }
 

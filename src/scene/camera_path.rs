@@ -55,10 +55,10 @@ pub enum CameraPathError {
     #[error(transparent)]
     Json(#[from] serde_json::Error),
     /// The path has no keys.
-    #[error("there are no keys; give at least one pose")]
+    #[error("the path has no keys; it needs at least one")]
     Empty,
     /// The keys are not in the order of their frames.
-    #[error("keys[{0}]: its frame must be a number greater than that of the key before")]
+    #[error("keys[{0}]: its frame must be finite and greater than the previous key's")]
     Order(usize),
     /// The camera of a key is invalid.
     #[error("keys[{0}]: {1}")]

@@ -28,7 +28,7 @@ pub struct Mesh {
 pub enum MeshError {
     /// A coordinate is NaN, infinite or too large.
     #[error(
-        "vertex {index} is at ({x}, {y}, {z}); coordinates must be finite and at most {MAX_COORDINATE:e} in size"
+        "vertex {index} is at ({x}, {y}, {z}); coordinates must be finite and at most {MAX_COORDINATE:e} in magnitude"
     )]
     Position {
         /// Vertex index.
@@ -54,7 +54,7 @@ pub enum MeshError {
         count: usize,
     },
     /// A triangle names a material that does not exist.
-    #[error("triangle {triangle} names material {material}, but there are {count}")]
+    #[error("triangle {triangle} names material {material}, but there are {count} materials")]
     Material {
         /// Triangle index.
         triangle: usize,
@@ -77,7 +77,7 @@ pub enum MeshError {
     #[error("the scene has no triangles")]
     Empty,
     /// The mesh has more triangles than there are primitive ids. Bit 31 is reserved, and so are the last ids.
-    #[error("{found} triangles; at most {max} can be numbered")]
+    #[error("the scene has {found} triangles; at most {max} are supported")]
     TooMany {
         /// Number of triangles.
         found: usize,

@@ -362,7 +362,7 @@ fn what_does_not_move_the_camera_stands_still() {
     let mut document = animated("STEP", &[0.0, 1.0], &[0.0; 6]);
     document.json["animations"][0]["channels"][0]["target"]["node"] = json!(0);
     let scene = document.scene();
-    assert!(scene.camera_motion.is_none() && warns(&scene, &["the rest stands still"]));
+    assert!(scene.camera_motion.is_none() && warns(&scene, &["keeps its rest pose"]));
 }
 
 #[test]

@@ -24,7 +24,9 @@ pub(super) fn decode(bytes: &[u8], name: &Path) -> Result<DynamicImage, String> 
     let mut reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(|e| cannot(&e))?;
     if reader.format().is_none() {
         let Ok(format) = ImageFormat::from_path(name) else {
-            return Err("is not an image of a known kind (PNG, JPEG, WebP, TGA, BMP, TIFF, HDR, EXR)".into());
+            return Err(
+                "is an image of an unknown kind; use PNG, JPEG, WebP, TGA, BMP, TIFF, HDR or EXR".into()
+            );
         };
         reader.set_format(format);
     }
@@ -34,7 +36,7 @@ pub(super) fn decode(bytes: &[u8], name: &Path) -> Result<DynamicImage, String> 
     let decoder = reader.into_decoder().map_err(|e| cannot(&e))?;
     let (width, height) = decoder.dimensions();
     if width == 0 || height == 0 {
-        return Err(format!("is {width} x {height} pixels; an image needs at least one"));
+        return Err(format!("is {width} x {height} pixels; an image needs at least one pixel"));
     }
     // `total_bytes` saturates when the product overflows.
     let needed = decoder.total_bytes();

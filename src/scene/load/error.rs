@@ -15,7 +15,7 @@ pub enum LoadError {
         source: std::io::Error,
     },
     /// The file name does not end in a known extension.
-    #[error("{}: cannot tell the file's kind from its name; it must end in {expected}", path.display())]
+    #[error("{}: unknown file extension; the name must end in {expected}", path.display())]
     Kind {
         /// The file.
         path: PathBuf,

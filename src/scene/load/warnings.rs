@@ -31,7 +31,7 @@ impl Warnings {
         // NaN becomes `low`.
         let clamped = if value >= low { value.min(high) } else { low };
         if clamped != value {
-            self.add(format!("{what} is {value}; it must lie in {low} to {high}, so {clamped} is used."));
+            self.add(format!("{what} is {value}; it must be from {low} to {high}, so {clamped} is used."));
         }
         clamped
     }

@@ -124,7 +124,7 @@ impl Finish {
         let is_coated = !self.coats.is_empty();
         if is_coated && (self.ior.is_some() || self.mirror) {
             return Err(
-                "coats lie on neither glass nor mirrors; metal with a roughness of 0 is a mirror, too".into(),
+                "glass and mirrors cannot have coats; metal with a roughness of 0 is a mirror, too".into()
             );
         }
         let surface = if let Some(ior) = self.ior {
@@ -285,9 +285,9 @@ mod tests {
             (r#""coats": [{ "tint": [0, 0, 3] }]"#, "tint of a coat is 3"),
             (
                 r#""coats": [{}, {}, {}, {}, {}, {}, {}, {}, {}]"#,
-                "number of coats is 9; it must lie in 0 to 8",
+                "number of coats is 9; it must be from 0 to 8",
             ),
-            (r#""coats": [{}], "mirror": true"#, "coats lie on neither glass nor mirrors"),
+            (r#""coats": [{}], "mirror": true"#, "glass and mirrors cannot have coats"),
         ] {
             let text = format!(r#"{{ "colour": [1, 1, 1], "roughness": 0.5, {field} }}"#);
             let problem = material(&text).expect_err(field);

@@ -77,7 +77,7 @@ impl Recipe {
 
     fn check_mix(&self, name: &str, mix: &Mix) -> Result<(), RecipeError> {
         if self.materials.contains_key(name) {
-            return Err(wrong(name, "a material has this name, too; choose another".to_owned()));
+            return Err(wrong(name, "a material has this name, too; choose another name".to_owned()));
         }
         within("share", mix.share, 0.0, 1.0).map_err(|problem| wrong(name, problem))?;
         for part in &mix.of {
@@ -88,8 +88,7 @@ impl Recipe {
             };
             for (what, is_set) in [("emission", emission), ("absorption", absorption)] {
                 if is_set {
-                    let problem =
-                        format!("its part {part:?} has {what}, which counts only in the mix itself");
+                    let problem = format!("its part {part:?} has {what}, which only the mix itself may have");
                     return Err(wrong(name, problem));
                 }
             }
@@ -113,7 +112,7 @@ impl Recipe {
                     None => path.push(part),
                     Some(start) => {
                         let round = path[start..].join(", ");
-                        return Err(wrong(part, format!("it is part of itself, by way of {round}")));
+                        return Err(wrong(part, format!("it contains itself, by way of {round}")));
                     }
                 },
             }
@@ -183,14 +182,14 @@ mod tests {
     fn mistakes_are_named() {
         for (mixes, expected) in [
             (r#""m": { "of": ["a", "x"], "share": 0.5 }"#, r#"mix "m" names the material "x""#),
-            (r#""m": { "of": ["a", "b"], "share": 1.5 }"#, "share is 1.5; it must lie in 0 to 1"),
+            (r#""m": { "of": ["a", "b"], "share": 1.5 }"#, "share is 1.5; it must be from 0 to 1"),
             (r#""m": { "of": ["a", "b"], "share": 1, "texture": "x" }"#, r#"names the texture "x""#),
             (r#""m": { "of": ["a", "lamp"], "share": 1 }"#, r#"its part "lamp" has emission"#),
-            (r#""m": { "of": ["a", "m"], "share": 1 }"#, r#"mix "m": it is part of itself"#),
+            (r#""m": { "of": ["a", "m"], "share": 1 }"#, r#"mix "m": it contains itself"#),
             (
                 r#""m": { "of": ["a", "n"], "share": 1 }, "n": { "of": ["o", "b"], "share": 1 },
                    "o": { "of": ["c", "n"], "share": 1 }"#,
-                r#"mix "n": it is part of itself, by way of n, o"#,
+                r#"mix "n": it contains itself, by way of n, o"#,
             ),
             (r#""a": { "of": ["b", "c"], "share": 1 }"#, r#"mix "a": a material has this name"#),
             (r#""m": { "of": ["b"], "share": 1 }"#, "line"),

@@ -180,7 +180,7 @@ fn within<T: PartialOrd + std::fmt::Display>(what: &str, value: T, low: T, high:
     if (&low..=&high).contains(&&value) {
         return Ok(());
     }
-    Err(format!("{what} is {value}; it must lie in {low} to {high}"))
+    Err(format!("{what} is {value}; it must be from {low} to {high}"))
 }
 
 #[cfg(test)]

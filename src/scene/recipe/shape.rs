@@ -122,7 +122,8 @@ impl Shape {
     pub(super) fn tessellate(&self, material: u32, mesh: &mut Mesh) -> Result<(), String> {
         match self {
             Self::Quad { corner, u, v, repeat } => {
-                let normal = u.cross(*v).try_normalize().ok_or("u and v span no area")?;
+                let normal =
+                    u.cross(*v).try_normalize().ok_or("u and v must be neither zero nor parallel")?;
                 grid([1, 1], [false; 2], material, mesh, |[x, y]| {
                     let uv = Vec2::new(x, 1.0 - y) * *repeat;
                     (*corner + *u * x + *v * y, normal, uv)
@@ -133,7 +134,9 @@ impl Shape {
                 within("cells", *cells, 1, 1024)?;
                 let least = half.min_element();
                 if !(least > 0.0 && (0.0..=least).contains(round)) {
-                    return Err(format!("half {half} must be positive and round {round} at most its least"));
+                    return Err(format!(
+                        "half is {half} and round is {round}; half must be positive, and round from 0 to its least component"
+                    ));
                 }
                 let turn = Quat::from_rotation_y(turn_degrees.to_radians());
                 let core = *half - Vec3::splat(*round);
@@ -194,10 +197,10 @@ impl Shape {
 /// A convex polygon as a fan of triangles.
 fn polygon(points: &[Vec3], material: u32, mesh: &mut Mesh) -> Result<(), String> {
     if points.len() < 3 {
-        return Err(format!("{} points; a polygon has at least 3", points.len()));
+        return Err(format!("{} points; a polygon needs at least 3", points.len()));
     }
     let normal = (points[1] - points[0]).cross(points[2] - points[0]);
-    normal.try_normalize().ok_or("the first three points lie on a line")?;
+    normal.try_normalize().ok_or("the first three points must not be on a line")?;
     let first = mesh.positions.len() as u32;
     mesh.positions.extend(points);
     // Zero normals: each triangle has its geometric normal.

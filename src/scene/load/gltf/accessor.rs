@@ -36,7 +36,7 @@ impl<'a> Elements<'a> {
         };
         if needed.is_none_or(|needed| needed > bytes.len()) {
             return Err(format!(
-                "{count} elements of {size} bytes every {stride} bytes from byte {offset} on do not fit the \
+                "its {count} elements of {size} bytes at offset {offset} with a stride of {stride} bytes do not fit into the \
                  {} bytes of its buffer view",
                 bytes.len()
             ));
@@ -118,7 +118,11 @@ fn read<T: Clone>(
             (0..elements.count).map(|i| get(&elements, i)).collect()
         }
         None if count <= MAX_IMPLICIT => vec![zero; count],
-        None => return Err(format!("{count} elements without a buffer view; at most {MAX_IMPLICIT}")),
+        None => {
+            return Err(format!(
+                "has {count} elements without a buffer view; at most {MAX_IMPLICIT} are supported"
+            ));
+        }
     };
     if let Some(sparse) = accessor.sparse() {
         let (places, values) = (sparse.indices(), sparse.values());

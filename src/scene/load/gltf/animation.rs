@@ -26,7 +26,7 @@ pub(super) fn camera_motion(
     let mut moving = document.animations().filter(|animation| animation.channels().any(|c| moves(&c)));
     let Some(animation) = moving.next() else { return Ok(None) };
     if moving.next().is_some() {
-        context.warnings.add("Several animations move the camera; the first counts.");
+        context.warnings.add("Several animations move the camera; the first one is used.");
     }
     let mut joints: Vec<Joint> = chain.iter().map(resting).collect();
     for channel in animation.channels().filter(moves) {
@@ -50,7 +50,9 @@ pub(super) fn warn_of_others(context: &mut Context, chain: &[Node]) {
     let in_chain =
         |channel: &Channel| chain.iter().any(|node| node.index() == channel.target().node().index());
     if context.document.animations().any(|animation| !animation.channels().all(|c| in_chain(&c))) {
-        context.warnings.add("Animations move nothing but the camera; the rest stands still.");
+        context
+            .warnings
+            .add("Only animations of the camera are supported; everything else keeps its rest pose.");
     }
 }
 

@@ -23,7 +23,7 @@ impl Buffers {
             };
             let bytes = match buffer.source() {
                 Source::Bin => binary
-                    .ok_or_else(|| place("has no URI, but the file has no binary chunk".into()))?
+                    .ok_or_else(|| place("has no URI, and the file has no binary chunk".into()))?
                     .to_vec(),
                 Source::Uri(uri) => fetch(path, uri).map_err(place)?,
             };
@@ -48,7 +48,7 @@ impl Buffers {
         let (start, length) = (view.offset(), view.length());
         start.checked_add(length).and_then(|end| buffer.get(start..end)).ok_or_else(|| {
             format!(
-                "bufferViews[{}] takes {length} bytes from byte {start} on, but buffers[{}] has {}",
+                "bufferViews[{}] has {length} bytes at offset {start}, but buffers[{}] has {} bytes",
                 view.index(),
                 view.buffer().index(),
                 buffer.len()
@@ -95,7 +95,7 @@ pub(super) fn locate(file: &Path, uri: &str) -> Result<Location, String> {
     if let Some((scheme, _)) = uri.split_once("://")
         && scheme != "file"
     {
-        return Err(format!("its URI has the scheme {scheme:?}; only files and data URIs are read"));
+        return Err(format!("its URI has the scheme {scheme:?}; only files and data URIs are supported"));
     }
     let uri = uri.strip_prefix("file://").unwrap_or(uri);
     let decoded = String::from_utf8_lossy(&percent_decode(uri)).into_owned();
@@ -137,7 +137,10 @@ fn base64(text: &str) -> Result<Vec<u8>, String> {
             b'/' | b'_' => 63,
             b' ' | b'\t' | b'\r' | b'\n' => continue,
             _ => {
-                return Err(format!("a data URI with the character {:?}; base64 has none", char::from(byte)));
+                return Err(format!(
+                    "a data URI contains {:?}, which is not a character of base64",
+                    char::from(byte)
+                ));
             }
         };
         bits = bits << 6 | u32::from(value);

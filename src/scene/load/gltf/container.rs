@@ -28,13 +28,16 @@ pub(super) fn split<'a>(path: &Path, bytes: &'a [u8]) -> Result<Container<'a>, L
 
 fn chunks(bytes: &[u8]) -> Result<Container<'_>, String> {
     let (Some(version), Some(length)) = (word(bytes, 4), word(bytes, 8)) else {
-        return Err(format!("truncated: a GLB header has 12 bytes, the file {}", bytes.len()));
+        return Err(format!("truncated: a GLB header has 12 bytes, but the file has {}", bytes.len()));
     };
     if version != 2 {
         return Err(format!("GLB version {version}; 2 is supported"));
     }
     let Some(mut rest) = bytes.get(12..length as usize) else {
-        return Err(format!("truncated: its header promises {length} bytes, it has {}", bytes.len()));
+        return Err(format!(
+            "truncated: its header gives a length of {length} bytes, but the file has {}",
+            bytes.len()
+        ));
     };
     let mut json = None;
     let mut binary = None;

@@ -99,7 +99,7 @@ impl<'a> Flattened<'a> {
                 context.warnings.add("Morph targets are not supported; meshes keep their rest shape.");
             }
             if matches!(primitive.mode(), Mode::Points | Mode::Lines | Mode::LineLoop | Mode::LineStrip) {
-                context.warnings.add("Points and lines are ignored: they have no surface.");
+                context.warnings.add("Points and lines are ignored, because they have no surface.");
                 continue;
             }
             let place = || format!("meshes[{}].primitives[{}]", mesh.index(), primitive.index());
@@ -159,9 +159,9 @@ impl<'a> Flattened<'a> {
         let set = material.map_or(0, |material| self.materials[material].uv_set);
         let mut uvs = primitive.get(&Semantic::TexCoords(set));
         if uvs.is_none() && set != 0 {
-            context
-                .warnings
-                .add(format!("A mesh has no TEXCOORD_{set}, which its material wants; TEXCOORD_0 is used."));
+            context.warnings.add(format!(
+                "A mesh has no TEXCOORD_{set}, which its material uses; TEXCOORD_0 is used instead."
+            ));
             uvs = primitive.get(&Semantic::TexCoords(0));
         }
         let normals = primitive.get(&Semantic::Normals);
@@ -195,7 +195,10 @@ impl<'a> Flattened<'a> {
         let base = self.mesh.positions.len();
         let positions = fetch::<3>(context, "POSITION", &attributes.positions)?;
         if u32::try_from(base + positions.len()).is_err() {
-            return Err(format!("the scene has more than {} vertices, more than can be numbered", u32::MAX));
+            return Err(format!(
+                "the scene has more than {} vertices, the most that are supported",
+                u32::MAX
+            ));
         }
         for (i, position) in positions.iter().enumerate() {
             let moved = transform.placement.point(Vec3::from(*position));
@@ -204,7 +207,7 @@ impl<'a> Flattened<'a> {
                 let [x, y, z] = position;
                 return Err(format!(
                     "vertex {i} is at ({x}, {y}, {z}), {moved} in the world; coordinates must be finite \
-                     and at most {MAX_COORDINATE:e} in size"
+                     and at most {MAX_COORDINATE:e} in magnitude"
                 ));
             }
             self.mesh.positions.push(moved);

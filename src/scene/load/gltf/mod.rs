@@ -104,7 +104,7 @@ fn parse(path: &Path, json: &[u8], warnings: &mut Warnings) -> Result<Document, 
     }
     for extension in &root.extensions_used {
         if !SUPPORTED.contains(&extension.as_str()) {
-            warnings.add(format!("The glTF extension {extension} is not supported and ignored."));
+            warnings.add(format!("The glTF extension {extension} is not supported and is ignored."));
         }
     }
     check(path, &root)?;
@@ -137,7 +137,7 @@ fn check(path: &Path, root: &Root) -> Result<(), LoadError> {
     Err(place(
         at,
         match error {
-            Invalid::IndexOutOfBounds => "names an element that is not in the file".into(),
+            Invalid::IndexOutOfBounds => "refers to an element that does not exist".into(),
             Invalid::Invalid => "has a value that glTF 2.0 does not allow".into(),
             Invalid::Missing => "is missing".into(),
             Invalid::Oversize => "is larger than this machine can address".into(),

@@ -37,7 +37,7 @@ pub(super) fn flatten<'a>(context: &mut Context<'a>, materials: &[Converted]) ->
     pending.extend(roots(document).into_iter().rev().map(|node| (node, DMat4::IDENTITY)));
     while let Some((node, parent)) = pending.pop() {
         if std::mem::replace(&mut visited[node.index()], true) {
-            let problem = "is reached twice; every node must have one parent and no cycle";
+            let problem = "is reached twice; a node must have at most one parent, and cycles are not allowed";
             return Err(context.error(format!("nodes[{}]", node.index()), problem));
         }
         let matrix = parent * local_matrix(&node);
@@ -53,7 +53,9 @@ pub(super) fn flatten<'a>(context: &mut Context<'a>, materials: &[Converted]) ->
         if let Some(found) = node.camera() {
             match (&camera, place_camera(context, &found, &matrix)) {
                 (None, placed) => camera = placed.map(|placed| (placed, node.index())),
-                (Some(_), Some(_)) => context.warnings.add("The file has several cameras; the first counts."),
+                (Some(_), Some(_)) => {
+                    context.warnings.add("The file has several cameras; the first one is used.")
+                }
                 (Some(_), None) => {}
             }
         }
@@ -127,7 +129,9 @@ fn place_light(
 ) -> Option<Light> {
     let name = light.name().map_or_else(|| format!("light {}", light.index()), str::to_owned);
     if light.range().is_some() {
-        context.warnings.add(format!("Light {name:?}: its range is ignored, light reaches any distance."));
+        context
+            .warnings
+            .add(format!("Light {name:?}: its range is ignored; its light reaches any distance."));
     }
     let clamped =
         |v: f32| context.warnings.clamp(format_args!("Light {name:?}: its intensity"), v, 0.0, f32::MAX);
@@ -136,9 +140,9 @@ fn place_light(
     let direction = world_direction(matrix, DVec3::NEG_Z);
     let is_point = matches!(light.kind(), Kind::Point);
     if !position.is_finite() || direction.is_none() && !is_point {
-        context
-            .warnings
-            .add(format!("Light {name:?}: its node gives it no place or direction; it is left out."));
+        context.warnings.add(format!(
+            "Light {name:?}: its node gives it no finite position or no direction; it is left out."
+        ));
         return None;
     }
     let direction = direction.unwrap_or(Vec3::NEG_Z);
@@ -161,7 +165,7 @@ fn place_light(
 
 fn place_camera(context: &mut Context, camera: &::gltf::Camera, matrix: &DMat4) -> Option<Camera> {
     let Projection::Perspective(lens) = camera.projection() else {
-        context.warnings.add("Orthographic cameras are not supported and ignored.");
+        context.warnings.add("Orthographic cameras are not supported and are ignored.");
         return None;
     };
     let camera = Camera::placed(matrix, lens.yfov().to_degrees());

@@ -79,7 +79,7 @@ impl Reader {
                 if !(position.abs().max_element() <= MAX_COORDINATE && position.is_finite()) {
                     return Err(format!(
                         "vertex {} is at ({x}, {y}, {z}); coordinates must be finite and at most \
-                         {MAX_COORDINATE:e} in size",
+                         {MAX_COORDINATE:e} in magnitude",
                         self.positions.len() + 1
                     ));
                 }
@@ -110,8 +110,10 @@ impl Reader {
             "mtllib" => self.out.libraries.push(arguments.to_owned()),
             // Names and groups do not matter. Smoothing groups are ignored, because normals in the file are used.
             "o" | "g" | "s" | "mg" | "vp" => {}
-            "l" | "p" => warnings.add("Lines and points are ignored: they have no surface."),
-            _ => warnings.add(format!("The OBJ statement {} is not supported and ignored.", quote(keyword))),
+            "l" | "p" => warnings.add("Lines and points are ignored, because they have no surface."),
+            _ => {
+                warnings.add(format!("The OBJ statement {} is not supported and is ignored.", quote(keyword)))
+            }
         }
         Ok(())
     }
@@ -171,7 +173,7 @@ impl Reader {
         }
         let mesh = &mut self.out.mesh;
         let vertex = u32::try_from(mesh.positions.len()).ok().filter(|&vertex| vertex != NONE);
-        let vertex = vertex.ok_or_else(|| format!("more than {NONE} different corners of faces"))?;
+        let vertex = vertex.ok_or_else(|| format!("the faces have more than {NONE} different corners"))?;
         self.has[0] |= corner.uv != NONE;
         self.has[1] |= corner.normal != NONE;
         mesh.positions.push(self.positions[corner.position as usize]);

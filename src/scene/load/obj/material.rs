@@ -101,7 +101,7 @@ impl Converter<'_> {
             return Ok(Surface::Principled(Principled::glass(ior, transmittance, roughness)));
         }
         if roughness.factor > 0.0 {
-            self.warn("Pr is ignored: what is rough needs an Ni of at least 1");
+            self.warn("Pr is ignored: a rough dielectric needs an Ni of at least 1");
         }
         Ok(Surface::Dielectric { ior, transmittance })
     }
@@ -114,7 +114,7 @@ impl Converter<'_> {
             self.kd()?
         } else {
             if is_coloured {
-                self.warn("Kd is ignored: illum 3 and 5 are mirrors of Ks");
+                self.warn("Kd is ignored: illum 3 and 5 are mirrors with reflectance Ks");
             }
             Colour::constant(self.share("Ks", d.ks.unwrap_or(Vec3::ONE)))
         };
@@ -160,7 +160,9 @@ impl Converter<'_> {
         let ior = match d.ni {
             Some(ni) if ni >= 1.0 => ni,
             Some(ni) => {
-                self.warn(&format!("Ni is {ni}; the coat of a surface needs at least 1, so 1 is used"));
+                self.warn(&format!(
+                    "Ni is {ni}; the index of refraction of a coat must be at least 1, so 1 is used"
+                ));
                 1.0
             }
             None => GLASS,
@@ -223,7 +225,7 @@ impl Converter<'_> {
         let unset = if d.map_ke.is_some() { Vec3::ONE } else { Vec3::ZERO };
         let mut factor = d.ke.unwrap_or(unset);
         if factor.min_element() < 0.0 {
-            self.warn("Ke is negative; it counts as 0");
+            self.warn("Ke is negative; 0 is used");
             factor = factor.max(Vec3::ZERO);
         }
         if factor == Vec3::ZERO {
@@ -249,7 +251,7 @@ impl Converter<'_> {
         if self.textures.pixels(image).looks_like_normals() {
             return Ok(Some(NormalMap { texture, scale: map.bump }));
         }
-        self.warn("map_Bump holds heights, not normals, and is ignored; bake it to a normal map (norm)");
+        self.warn("map_Bump contains heights, not normals, and is ignored; bake it to a normal map (norm)");
         Ok(None)
     }
 
@@ -258,7 +260,7 @@ impl Converter<'_> {
         let opacity = d.d.or(d.tr.map(|tr| 1.0 - tr)).unwrap_or(1.0);
         let factor = self.clamped("d", opacity);
         if factor == 0.0 {
-            self.warn("it is invisible: d is 0, or Tr is 1");
+            self.warn("the material is invisible: d is 0, or Tr is 1");
         }
         let texture = match (&d.map_d, &d.map_kd) {
             (Some(map), _) => {

@@ -106,7 +106,7 @@ impl Definition {
             "d" => {
                 let opacity = arguments.strip_prefix("-halo");
                 if opacity.is_some() {
-                    about("the halo of d is ignored, its factor counts as plain opacity");
+                    about("-halo of d is ignored; its factor is used as opacity");
                 }
                 self.d = Some(number(opacity.unwrap_or(arguments))?);
             }
@@ -115,7 +115,7 @@ impl Definition {
                 let model = number(arguments)?;
                 self.illum = Some(model as u32).filter(|&known| known <= 10 && known as f32 == model);
                 if self.illum.is_none() {
-                    about(&format!("illum {model} is not an illumination model (0 to 10) and ignored"));
+                    about(&format!("illum {model} is not an illumination model (0 to 10) and is ignored"));
                 }
             }
             "Pr" => self.pr = Some(number(arguments)?),
@@ -134,7 +134,7 @@ impl Definition {
             "norm" | "map_Kn" => self.norm = Some(map(arguments, &mut about)?),
             // Ambient light is computed. Sharpness and antialiasing are not properties of the surface.
             "Ka" | "map_Ka" | "sharpness" | "map_aat" => {}
-            _ => about(&format!("the MTL statement {} is not supported and ignored", quote(keyword))),
+            _ => about(&format!("the MTL statement {} is not supported and is ignored", quote(keyword))),
         }
         Ok(())
     }
@@ -150,7 +150,7 @@ fn number(arguments: &str) -> Result<f32, String> {
 /// `r g b`, or one number for all three. `None`, with a warning, for spectra and CIE XYZ.
 fn colour(arguments: &str, about: &mut impl FnMut(&str)) -> Result<Option<Vec3>, String> {
     if let Some(form @ ("spectral" | "xyz")) = words(arguments).next() {
-        about(&format!("colours given as {form:?} are not supported and ignored"));
+        about(&format!("colours given as {form:?} are not supported and are ignored"));
         return Ok(None);
     }
     let r = number(arguments)?;
@@ -158,7 +158,7 @@ fn colour(arguments: &str, about: &mut impl FnMut(&str)) -> Result<Option<Vec3>,
     match rest[..] {
         [] => Ok(Some(Vec3::splat(r))),
         [g, b, ..] => Ok(Some(Vec3::new(r, number(g)?, number(b)?))),
-        _ => Err("2 numbers; a colour needs 3, or 1 for all".into()),
+        _ => Err("has 2 numbers; a colour needs 3, or 1 for all channels".into()),
     }
 }
 
@@ -202,18 +202,18 @@ fn map(arguments: &str, about: &mut impl FnMut(&str)) -> Result<Map, String> {
                 match option {
                     "-s" => map.scale = values,
                     "-o" => map.offset = values,
-                    _ => about("turbulence (-t) of a texture is not supported and ignored"),
+                    _ => about("turbulence (-t) of a texture is not supported and is ignored"),
                 }
             }
             "-mm" => {
                 let (base, gain) = (number(take())?, number(take())?);
                 if (base, gain) != (0.0, 1.0) {
-                    about("range modification (-mm) of a texture is not supported and ignored");
+                    about("range modification (-mm) of a texture is not supported and is ignored");
                 }
             }
             // Filtering and storage of images. There is one filter, so these options are ignored.
             "-blendu" | "-blendv" | "-boost" | "-cc" | "-texres" | "-type" => _ = take(),
-            _ => return Err(format!("the texture option {} is not known", quote(option))),
+            _ => return Err(format!("unknown texture option {}", quote(option))),
         }
     }
     if rest.is_empty() {

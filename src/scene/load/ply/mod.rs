@@ -121,7 +121,7 @@ impl Reader<'_> {
             // The comparison fails for NaN, too.
             if !Vec3::from(position).abs().cmple(Vec3::splat(MAX_COORDINATE)).all() {
                 let problem = format!(
-                    "is at ({x}, {y}, {z}); coordinates must be finite and at most {MAX_COORDINATE:e} in size"
+                    "is at ({x}, {y}, {z}); coordinates must be finite and at most {MAX_COORDINATE:e} in magnitude"
                 );
                 return Err(self.error(element, row, problem));
             }
