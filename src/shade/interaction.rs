@@ -290,7 +290,7 @@ mod tests {
     }
 
     #[test]
-    fn a_hit_knows_its_place_and_side() {
+    fn a_hit_has_its_position_and_side() {
         let above = seen(&triangle(), Vec3::new(0.3, 0.0, 1.0));
         assert_eq!((above.position, above.uv), (Vec3::new(0.25, 0.5, 0.0), Vec2::new(0.25, 0.5)));
         assert_eq!((above.normal, shading(&above), above.raised), (Vec3::Z, Vec3::Z, above.position));
@@ -303,7 +303,7 @@ mod tests {
     }
 
     #[test]
-    fn vertex_normals_say_what_is_outside_and_winding_what_is_the_front() {
+    fn vertex_normals_define_the_outside_and_winding_the_front() {
         let mut scene = triangle();
         scene.mesh.normals = vec![Vec3::new(0.1, 0.0, -1.0).normalize(); 3];
         let above = seen(&scene, Vec3::Z);
@@ -408,7 +408,7 @@ mod tests {
     }
 
     #[test]
-    fn the_meshs_tangents_come_first() {
+    fn mesh_tangents_take_precedence() {
         let mut scene = mapped([200, 200, 200, 255]);
         scene.mesh.tangents = vec![Vec4::new(0.0, 1.0, 0.0, -1.0); 3];
         let normal = shading(&seen(&scene, Vec3::Z));

@@ -126,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn many_stacks_in_one_store_stay_apart() {
+    fn many_stacks_in_one_arena_are_independent() {
         let stack = LoopStack::<Entry>::new();
         let mut paths: Vec<(u32, u32)> = vec![(EMPTY, 0); 5000];
         let mut most = 0usize;

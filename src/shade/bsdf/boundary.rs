@@ -24,7 +24,7 @@ pub struct Boundary<'a, L: Lanes> {
     /// Share of the loss that crosses the boundary.
     crosses: Vector<L>,
     /// Probability of sampling the lobes of the loss, and then of crossing the boundary.
-    chances: [Num<L>; 2],
+    probabilities: [Num<L>; 2],
 }
 
 impl<'a, L: Lanes> Boundary<'a, L> {
@@ -43,8 +43,8 @@ impl<'a, L: Lanes> Boundary<'a, L> {
         let passed =
             (one - fresnel.blend(crossing.grazing())) * inverse_square(through.index, inside, frost.wo.z);
         let crosses = (passed * means[0].min(means[1])).over(means[0]);
-        let chances = [mean(lost), mean(crosses)];
-        Self { frost, crossing, lost, means, crosses, chances }
+        let probabilities = [mean(lost), mean(crosses)];
+        Self { frost, crossing, lost, means, crosses, probabilities }
     }
 
     /// Reflectance of a facet at a cosine, and the probability of sampling the reflection.
@@ -60,8 +60,8 @@ impl<'a, L: Lanes> Boundary<'a, L> {
         let reflected = Vector::select(share.ge(one), Vector::grey(one), reflected);
         let energy = mean(reflected);
         let passed = (1.0 - energy) * (through.tint.max_element() / through.share).clamp(0.0, 1.0);
-        let chance = (energy / (energy + passed)).clamp(0.0, 1.0);
-        (reflected, chance)
+        let probability = (energy / (energy + passed)).clamp(0.0, 1.0);
+        (reflected, probability)
     }
 
     /// BSDF × |cosine| for light from `wi`, and the density of [`Boundary::sample`].
@@ -76,7 +76,7 @@ impl<'a, L: Lanes> Boundary<'a, L> {
         let (half, there) = sum.normalize_or(wo);
         let half = half * half.z.signum();
         let (near, far) = (half.dot(wo), half.dot(wi));
-        let (reflected, chance) = self.reflected(near);
+        let (reflected, probability) = self.reflected(near);
         let (perfect, mirrored) = facets.ggx.evaluate(wo, wi, half);
         let refracted = facets.ggx.visible(wo, half) * (far.abs() / sum.length_squared());
         let crosses = there & near.above(0.0) & far.below(0.0);
@@ -84,15 +84,15 @@ impl<'a, L: Lanes> Boundary<'a, L> {
         let single = Vector::select(above, reflected * perfect.only(there), light);
         let density = Num::select(
             above,
-            (chance * mirrored).only(there),
-            ((1.0 - chance) * refracted * eta2).only(crosses),
+            (probability * mirrored).only(there),
+            ((1.0 - probability) * refracted * eta2).only(crosses),
         );
         let side = through.leaving ^ !above;
         let one = Num::splat(cosine.lanes(), 1.0);
         let lost = self.crossing.towards(cosine, side).of(&self.frost.layer.fresnel);
         let shares = Vector::select(above, Vector::grey(one) - self.crosses, self.crosses / eta2);
         let further = (self.lost * lost * shares).over(Vector::select(above, self.means[0], self.means[1]));
-        let [any, crossing] = self.chances;
+        let [any, crossing] = self.probabilities;
         let side = Num::select(above, 1.0 - crossing, crossing);
         let pdf = (1.0 - any) * density + any * side * warp::cosine_hemisphere_pdf(cosine);
         let light = single + further * (cosine * FRAC_1_PI);
@@ -103,14 +103,14 @@ impl<'a, L: Lanes> Boundary<'a, L> {
     #[inline(always)]
     pub fn sample(&self, u: Num<L>, u2: [Num<L>; 2]) -> (Vector<L>, Mask<L>) {
         let Frost { through, facets, wo, .. } = *self.frost;
-        let [any, crossing] = self.chances;
+        let [any, crossing] = self.probabilities;
         let further = u.lt(any);
         let rest = Num::select(further, u / any, (u - any) / (1.0 - any));
         let normal = facets.ggx.sample(wo, u2);
         let cosine = wo.dot(normal);
-        let (_, chance) = self.reflected(cosine);
+        let (_, probability) = self.reflected(cosine);
         let (_, inner) = fresnel::dielectric(cosine, through.eta);
-        let up = Num::select(further, rest - crossing, chance - rest).above(0.0);
+        let up = Num::select(further, rest - crossing, probability - rest).above(0.0);
         let refracted = (normal * (cosine / through.eta - inner) - wo / through.eta).normalize();
         let facet = Vector::select(up, normal * (2.0 * cosine) - wo, refracted);
         let spread = warp::cosine_hemisphere(u2);

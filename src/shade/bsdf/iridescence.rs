@@ -221,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn films_reflect_shares_and_thick_ones_none_in_colour() {
+    fn films_reflect_at_most_all_light_and_thick_ones_no_colour() {
         for i in 0..500 {
             let s = crate::geom::Sampler::new(i, 0, 0);
             let ([a, b], [f0, cosine]) = (s.pair(0), s.pair(1));

@@ -148,10 +148,10 @@ impl<L: Lanes> Smooth<L> {
         reflection + transmission
     }
 
-    /// Chooses reflection or transmission by `u`. `chance` is the probability with which the caller chose the
+    /// Chooses reflection or transmission by `u`. `probability` is the probability with which the caller chose the
     /// specular directions.
     #[inline(always)]
-    fn sample(&self, u: Num<L>, chance: Num<L>) -> Sample<L> {
+    fn sample(&self, u: Num<L>, probability: Num<L>) -> Sample<L> {
         let [reflection, transmission] = self.shares();
         let sum = reflection + transmission;
         let first = (u * sum).lt(reflection);
@@ -160,7 +160,7 @@ impl<L: Lanes> Smooth<L> {
         Sample {
             valid: share.above(0.0),
             wi: Vector::select(first, self.reflected, self.transmitted),
-            weight: Vector::select(first, self.reflection, self.transmission) / (share * chance),
+            weight: Vector::select(first, self.reflection, self.transmission) / (share * probability),
             pdf: one * f32::INFINITY,
             specular: Mask::splat(u.lanes(), true),
             crosses: !first,

@@ -18,7 +18,7 @@ struct Entry {
     /// Index that is chosen otherwise.
     other: u32,
     /// Total probability of this index.
-    chance: f32,
+    probability: f32,
 }
 
 impl AliasTable {
@@ -33,7 +33,7 @@ impl AliasTable {
         let mut entries: Vec<Entry> = weights
             .iter()
             .enumerate()
-            .map(|(i, w)| Entry { keep: 1.0, other: i as u32, chance: (w / total) as f32 })
+            .map(|(i, w)| Entry { keep: 1.0, other: i as u32, probability: (w / total) as f32 })
             .collect();
         let (mut small, mut large): (Vec<usize>, Vec<usize>) = (0..n).partition(|&i| scaled[i] < 1.0);
         while let (Some(&poor), Some(&rich)) = (small.last(), large.last()) {
@@ -80,15 +80,15 @@ impl AliasTable {
         let stays = share.lt(keep);
         let rest = Num::select(stays, share, share - keep) / Num::select(stays, keep, 1.0 - keep);
         let chosen = Int::select(stays, index, other);
-        let [_, _, chance] = chosen.rows(table);
-        Some((chosen, chance.to_num_bits(), rest.clamp(0.0, 1.0 - f32::EPSILON)))
+        let [_, _, probability] = chosen.rows(table);
+        Some((chosen, probability.to_num_bits(), rest.clamp(0.0, 1.0 - f32::EPSILON)))
     }
 
     /// The probabilities of indices.
     #[inline(always)]
-    pub fn chance<L: Lanes>(&self, index: Int<L>) -> Num<L> {
-        let [_, _, chance] = index.rows(bytemuck::cast_slice(&self.entries));
-        chance.to_num_bits()
+    pub fn probability<L: Lanes>(&self, index: Int<L>) -> Num<L> {
+        let [_, _, probability] = index.rows(bytemuck::cast_slice(&self.entries));
+        probability.to_num_bits()
     }
 }
 
@@ -97,7 +97,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn each_is_chosen_as_often_as_its_weight_says() {
+    fn each_index_is_chosen_in_proportion_to_its_weight() {
         let weights = [0.0, 3.0, 1.0, 0.0, 0.5, 100.0, 1e-3, 7.0];
         let table = AliasTable::new(&weights);
         let total: f64 = weights.iter().sum();
@@ -105,8 +105,8 @@ mod tests {
         let (mut counts, mut rests) = (vec![0u32; weights.len()], vec![0.0; weights.len()]);
         for i in 0..n {
             let u = Num::from((i as f32 + 0.5) / n as f32);
-            let (index, chance, rest) = table.choose(u).expect("not empty");
-            assert_eq!(chance.get(), table.chance(index).get());
+            let (index, probability, rest) = table.choose(u).expect("not empty");
+            assert_eq!(probability.get(), table.probability(index).get());
             assert!((0.0..1.0).contains(&rest.get()));
             counts[index.get() as usize] += 1;
             rests[index.get() as usize] += f64::from(rest.get());
@@ -114,15 +114,15 @@ mod tests {
         for (i, &w) in weights.iter().enumerate() {
             let expected = w / total;
             assert!((f64::from(counts[i]) / f64::from(n) - expected).abs() < 1e-5, "{i}");
-            assert!((f64::from(table.chance(Int::from(i as u32)).get()) - expected).abs() < 1e-6);
+            assert!((f64::from(table.probability(Int::from(i as u32)).get()) - expected).abs() < 1e-6);
             let mean = rests[i] / f64::from(counts[i].max(1));
             assert!(counts[i] < 100 || (mean - 0.5).abs() < 0.01, "what is left is even: {mean}");
         }
-        assert_eq!((counts[0], counts[3]), (0, 0), "no weight, no chance");
+        assert_eq!((counts[0], counts[3]), (0, 0), "no weight, no probability");
     }
 
     #[test]
-    fn nothing_is_chosen_from_nothing() {
+    fn an_empty_table_chooses_nothing() {
         assert!(AliasTable::new(&[]).choose(Num::from(0.3)).is_none());
         assert!(AliasTable::new(&[0.0, 0.0]).choose(Num::from(0.3)).is_none());
     }

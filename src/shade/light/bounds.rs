@@ -140,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn solid_angles_are_those_of_lamps_known() {
+    fn solid_angles_match_known_lamps() {
         let lamp = |spread, reach| {
             let zero = Vec3::ZERO;
             LightBounds { low: zero, high: zero, axis: Vec3::Y, spread, reach, power: 1.0, two_sided: false }

@@ -124,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn no_ray_that_meets_a_lamp_is_told_otherwise_and_few_others_are() {
+    fn every_ray_that_hits_an_emitter_hits_the_bounds_and_few_others_do() {
         let random = |i: u32, k: u32| {
             let ([x, y], z) = (Sampler::new(i, k, 5).pair(0), Sampler::new(i, k, 5).single(1));
             Vec3::new(x, y, z) * 2.0 - 1.0
@@ -161,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_far_apart_has_boxes_of_its_own_and_what_does_not_shine_has_none() {
+    fn distant_emitters_have_separate_boxes_and_dark_triangles_none() {
         let lamp = |x: f32| [Vec3::ZERO, Vec3::Y, Vec3::Z].map(|corner| corner + Vec3::X * x);
         let two = bounds_of(&scene([lamp(90.0), lamp(1.0), lamp(2.0), lamp(50.0)].concat()));
         assert!(ahead(&two, Vec3::ZERO, Vec3::X) && !ahead(&two, Vec3::new(20.0, 9.0, 0.0), -Vec3::Y));

@@ -134,7 +134,7 @@ impl Emitters {
         u: Option<Num<L>>,
         [mut x, y]: [Num<L>; 2],
     ) -> Option<EmitterSample<L>> {
-        let (place, chance, rest) = self.choose(to, u.unwrap_or(x))?;
+        let (place, probability, rest) = self.choose(to, u.unwrap_or(x))?;
         if u.is_none() {
             x = rest;
         }
@@ -154,7 +154,7 @@ impl Emitters {
         }
         let distance2 = away.length_squared();
         let nearness = 1.0 / distance2.sqrt();
-        let pdf = chance * distance2 / (cosine * nearness).abs();
+        let pdf = probability * distance2 / (cosine * nearness).abs();
         let valid = !radiance.is_zero() & !cosine.is_zero() & pdf.above(0.0) & pdf.is_finite();
         let position = on + normal * offset.copysign(cosine);
         Some(EmitterSample { valid, position, wi: away * -nearness, radiance, pdf })
@@ -172,10 +172,10 @@ impl Emitters {
 
     /// The probabilities with which [`Emitters::choose`] returns these emitters.
     #[inline(always)]
-    pub(super) fn chance<L: Lanes>(&self, to: &Receiver<L>, place: Int<L>) -> Num<L> {
+    pub(super) fn probability<L: Lanes>(&self, to: &Receiver<L>, place: Int<L>) -> Num<L> {
         match &self.tree {
-            Some(tree) => tree.chance(to, place),
-            None => self.table.chance(place),
+            Some(tree) => tree.probability(to, place),
+            None => self.table.probability(place),
         }
     }
 
@@ -223,7 +223,7 @@ impl Emitters {
         let there = !place.is(NONE);
         let place = place.at_most(self.records.len() as u32 - 1);
         let area = place.of(&self.areas);
-        (self.chance(to, place) * distance2 / (cosine.abs() * area)).only(there)
+        (self.probability(to, place) * distance2 / (cosine.abs() * area)).only(there)
     }
 }
 

@@ -35,7 +35,7 @@ struct Map {
     /// Distribution of the texels in each row.
     columns: Cumulated,
     /// Probability of each texel: that of its row × that of the texel in the row.
-    chances: Vec<f32>,
+    probabilities: Vec<f32>,
 }
 
 /// Cumulative distributions of `cells` cells each, one after the other.
@@ -149,14 +149,14 @@ impl Map {
             return None;
         }
         let rows: Vec<f32> = rows.iter().map(|&r| (r / total) as f32).collect();
-        let chance = |y: usize, x: usize| {
+        let probability = |y: usize, x: usize| {
             let cell = y * (width + 1) + x;
             (rows[y + 1] - rows[y]) * (columns[cell + 1] - columns[cell])
         };
-        let chances = (0..height).flat_map(|y| (0..width).map(move |x| chance(y, x))).collect();
+        let probabilities = (0..height).flat_map(|y| (0..width).map(move |x| probability(y, x))).collect();
         let (rows, columns) = (Cumulated::new(rows, image.height), Cumulated::new(columns, image.width));
         let turn = image.rotation_degrees / 360.0;
-        let map = Self { image: image.clone(), turn, rows, columns, chances };
+        let map = Self { image: image.clone(), turn, rows, columns, probabilities };
         Some((map, (total / area) as f32))
     }
 
@@ -206,11 +206,11 @@ impl Map {
         let EnvironmentMap { width, height, .. } = self.image;
         let x = (u * width as f32).to_int().at_most(width - 1);
         let y = (v * height as f32).to_int().at_most(height - 1);
-        let chance = (y * width + x).of(&self.chances);
+        let probability = (y * width + x).of(&self.probabilities);
         // Converts a density per image area: the area du dv of the image covers a solid angle of 2π² sin θ du
         // dv.
         let sine = (direction.x * direction.x + direction.z * direction.z).sqrt();
-        let density = chance * (width as f32 * height as f32) / (sine * (2.0 * PI * PI));
+        let density = probability * (width as f32 * height as f32) / (sine * (2.0 * PI * PI));
         density.only(sine.above(0.0))
     }
 }
@@ -272,7 +272,7 @@ mod tests {
     use crate::geom::Sampler;
 
     #[test]
-    fn guided_inversion_finds_what_bisection_finds() {
+    fn guided_inversion_agrees_with_bisection() {
         for (seed, cells) in [(0, 1), (1, 2), (2, 7), (3, 1000)] {
             let weight = |i: u32| {
                 let s = Sampler::new(i, seed, 5);

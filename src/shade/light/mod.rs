@@ -48,7 +48,7 @@ pub struct Lights {
     /// Power of the emissive triangles, the environment and the punctual lights.
     powers: [f64; 3],
     /// Probabilities of choosing these kinds.
-    chances: [f32; 3],
+    probabilities: [f32; 3],
 }
 
 /// Light that arrives at points from one direction each, if nothing occludes it.
@@ -83,17 +83,17 @@ impl Lights {
         let sky = f64::from(environment.mean()) * disk * 4.0 * std::f64::consts::PI;
         let powers = [emitters.power(), sky, punctual.power()];
         let emitter_bounds = EmitterBounds::new(scene, &bounds);
-        Self { emitters, punctual, environment, emitter_bounds, powers, chances: chances(powers) }
+        Self { emitters, punctual, environment, emitter_bounds, powers, probabilities: probabilities(powers) }
     }
 
     /// The same lights for integrators that combine BSDF and light sampling by MIS: a uniform environment is
-    /// sampled by the BSDF alone. The BSDF's direction then leaves nothing to chance but occlusion. A sample
+    /// sampled by the BSDF alone. The BSDF's direction then leaves nothing to probability but occlusion. A sample
     /// of the environment does not know the occlusion either. It would cost a shadow ray and, under an open
     /// sky, add noise.
     pub fn without_uniform_sky(self) -> Self {
         let [emitters, sky, punctual] = self.powers;
         let powers = [emitters, if self.environment.is_even() { 0.0 } else { sky }, punctual];
-        Self { powers, chances: chances(powers), ..self }
+        Self { powers, probabilities: probabilities(powers), ..self }
     }
 
     /// Whether [`Lights::sample`] can return any light.
@@ -138,7 +138,7 @@ impl Lights {
         u: Option<Num<L>>,
         u2: [Num<L>; 2],
     ) -> LightSample<L> {
-        self.sample_kinds(scene, to, u, u2, &self.chances)
+        self.sample_kinds(scene, to, u, u2, &self.probabilities)
     }
 
     /// Like [`Lights::sample`], without the punctual lights.
@@ -150,7 +150,7 @@ impl Lights {
         u: Num<L>,
         u2: [Num<L>; 2],
     ) -> LightSample<L> {
-        let [emitter, sky, _] = self.chances;
+        let [emitter, sky, _] = self.probabilities;
         let sum = emitter + sky;
         if sum <= 0.0 {
             return LightSample::none(to.position);
@@ -161,11 +161,11 @@ impl Lights {
     /// Samples one punctual light.
     #[inline(always)]
     pub fn sample_punctual<L: Lanes>(&self, to: &Receiver<L>, u: Num<L>) -> LightSample<L> {
-        let Some((index, chance)) = self.punctual.choose(to, u) else {
+        let Some((index, probability)) = self.punctual.choose(to, u) else {
             return LightSample::none(to.position);
         };
         let light = self.punctual.illuminate(index, to.position);
-        LightSample { valid: light.valid & chance.above(0.0), pdf: chance, ..light }
+        LightSample { valid: light.valid & probability.above(0.0), pdf: probability, ..light }
     }
 
     /// The light that punctual light `index` sends to points.
@@ -181,22 +181,22 @@ impl Lights {
         to: &Receiver<L>,
         number: Option<Num<L>>,
         mut u2: [Num<L>; 2],
-        chances: &[f32; 3],
+        probabilities: &[f32; 3],
     ) -> LightSample<L> {
         let from = to.position;
         let l = from.lanes();
-        let [emitter, sky, point] = *chances;
-        let (mut u, mut chance) = (number.unwrap_or(u2[0]), Num::splat(l, 1.0));
+        let [emitter, sky, point] = *probabilities;
+        let (mut u, mut probability) = (number.unwrap_or(u2[0]), Num::splat(l, 1.0));
         let emits = u.below(emitter);
         let shines = u.below(emitter + sky) & !emits;
         let points = !(emits | shines);
-        if !chances.contains(&1.0) {
+        if !probabilities.contains(&1.0) {
             let low = Num::select(emits, Num::splat(l, 0.0), Num::splat(l, emitter));
             let low = Num::select(points, Num::splat(l, emitter + sky), low);
-            chance = Num::select(emits, Num::splat(l, emitter), Num::splat(l, sky));
-            chance = Num::select(points, Num::splat(l, point), chance);
+            probability = Num::select(emits, Num::splat(l, emitter), Num::splat(l, sky));
+            probability = Num::select(points, Num::splat(l, point), probability);
             // The result stays below 1 after rounding.
-            u = ((u - low) / chance).clamp(0.0, 1.0 - f32::EPSILON);
+            u = ((u - low) / probability).clamp(0.0, 1.0 - f32::EPSILON);
         }
         let number = match number {
             Some(_) => Some(u),
@@ -238,7 +238,7 @@ impl Lights {
                 delta: points,
             };
         }
-        sample.pdf *= chance;
+        sample.pdf *= probability;
         sample
     }
 
@@ -253,21 +253,21 @@ impl Lights {
         distance2: Num<L>,
         cosine: Num<L>,
     ) -> Num<L> {
-        self.emitters.pdf(to, primitive, distance2, cosine) * self.chances[0]
+        self.emitters.pdf(to, primitive, distance2, cosine) * self.probabilities[0]
     }
 
     /// Radiance of the environment along unit directions that leave the scene, and the density per solid
     /// angle with which [`Lights::sample`] returns these directions.
     #[inline(always)]
     pub fn sky<L: Lanes>(&self, direction: Vector<L>) -> (Vector<L>, Num<L>) {
-        let [_, chance, _] = self.chances;
+        let [_, probability, _] = self.probabilities;
         let (radiance, pdf) = self.environment.evaluate(direction);
-        (radiance, if chance > 0.0 { pdf * chance } else { Num::zero(pdf.lanes()) })
+        (radiance, if probability > 0.0 { pdf * probability } else { Num::zero(pdf.lanes()) })
     }
 }
 
 /// Probabilities: half uniform among those of nonzero power, half by power.
-fn chances<const N: usize>(powers: [f64; N]) -> [f32; N] {
+fn probabilities<const N: usize>(powers: [f64; N]) -> [f32; N] {
     let total: f64 = powers.iter().sum();
     let present = powers.iter().filter(|&&p| p > 0.0).count() as f64;
     powers.map(|power| if power > 0.0 { (0.5 / present + 0.5 * power / total) as f32 } else { 0.0 })

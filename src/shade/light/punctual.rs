@@ -26,7 +26,7 @@ struct LocalLights {
     /// Index among all lights of each light of the tree.
     lights: Vec<u32>,
     /// Probability of choosing from the tree instead of from the table.
-    chance: f32,
+    tree_probability: f32,
 }
 
 impl Punctual {
@@ -43,8 +43,8 @@ impl Punctual {
         if near.len() > FEW {
             places.iter().for_each(|&place| powers[place as usize] = 0.0);
             let far: f64 = powers.iter().sum();
-            let [chance, _] = super::chances([total - far, far]);
-            tree = Some(LocalLights { tree: LightTree::new(&near), lights: places, chance });
+            let [tree_probability, _] = super::probabilities([total - far, far]);
+            tree = Some(LocalLights { tree: LightTree::new(&near), lights: places, tree_probability });
         }
         let records = lights.iter().map(Record::from).collect();
         Self { records, power: total, table: AliasTable::new(&powers), tree }
@@ -75,19 +75,21 @@ impl Punctual {
     /// none.
     #[inline(always)]
     pub fn choose<L: Lanes>(&self, to: &Receiver<L>, u: Num<L>) -> Option<(Int<L>, Num<L>)> {
-        let Some(LocalLights { tree, lights, chance }) = &self.tree else {
-            let (index, chance, _) = self.table.choose(u)?;
-            return Some((index, chance));
+        let Some(LocalLights { tree, lights, tree_probability }) = &self.tree else {
+            let (index, probability, _) = self.table.choose(u)?;
+            return Some((index, probability));
         };
-        let near = u.below(*chance);
-        let (place, by_tree, _) = tree.choose(to, (u * (1.0 / chance)).clamp(0.0, 1.0 - f32::EPSILON));
+        let near = u.below(*tree_probability);
+        let (place, by_tree, _) =
+            tree.choose(to, (u * (1.0 / tree_probability)).clamp(0.0, 1.0 - f32::EPSILON));
         let [mut index] = place.rows(lights);
-        let mut probability = by_tree * *chance;
+        let mut probability = by_tree * *tree_probability;
         if !near.all() {
-            let rest = ((u - *chance) * (1.0 / (1.0 - chance))).clamp(0.0, 1.0 - f32::EPSILON);
+            let rest =
+                ((u - *tree_probability) * (1.0 / (1.0 - tree_probability))).clamp(0.0, 1.0 - f32::EPSILON);
             let (far, by_power, _) = self.table.choose(rest)?;
             index = Int::select(near, index, far);
-            probability = Num::select(near, probability, by_power * (1.0 - chance));
+            probability = Num::select(near, probability, by_power * (1.0 - tree_probability));
         }
         Some((index, probability))
     }

@@ -59,9 +59,9 @@ fn the_image_lies_around_the_scene_as_documented() {
     };
     assert_eq!(at(0.0, Vec3::Y).y, 0.0, "row 0 looks up");
     assert_eq!(at(0.0, Vec3::NEG_Y).y, 3.0);
-    assert!((at(0.0, Vec3::NEG_Z).x - 3.5).abs() < 1e-4, "the middle is ahead");
+    assert!((at(0.0, Vec3::NEG_Z).x - 3.5).abs() < 1e-4, "the middle faces -z");
     assert!((at(0.0, Vec3::X).x - 5.5).abs() < 1e-4, "columns go to the right");
-    assert!((at(90.0, Vec3::NEG_X).x - 3.5).abs() < 1e-4, "what was ahead is to the left");
+    assert!((at(90.0, Vec3::NEG_X).x - 3.5).abs() < 1e-4, "the former middle is to the left");
 }
 
 #[test]
@@ -224,7 +224,7 @@ fn punctual_lights_obey_the_inverse_square_and_their_cone() {
 }
 
 #[test]
-fn the_density_of_a_sample_is_that_of_finding_it() {
+fn pdf_emitter_agrees_with_the_density_of_samples() {
     let scene = everything();
     let lights = Lights::new(&scene);
     let tracer = crate::trace::cpu::CpuTracer::new(
@@ -307,7 +307,7 @@ fn thousands() -> Scene {
 }
 
 #[test]
-fn lights_are_chosen_with_the_chances_that_are_stated() {
+fn lights_are_chosen_with_the_stated_probabilities() {
     let scene = thousands();
     let lights = Lights::new(&scene);
     let emitters = lights.emitters();
@@ -315,18 +315,18 @@ fn lights_are_chosen_with_the_chances_that_are_stated() {
     for (from, normal) in [(Vec3::ZERO, Vec3::Y), (Vec3::splat(19.0), Vec3::NEG_X), (Vec3::X * 60.0, Vec3::Z)]
     {
         let to = receiver(from, normal);
-        let stated: Vec<f32> = (0..1400).map(|p| emitters.chance(&to, Int::from(p)).get()).collect();
+        let stated: Vec<f32> = (0..1400).map(|p| emitters.probability(&to, Int::from(p)).get()).collect();
         let sum: f32 = stated.iter().sum();
         // A fork whose children both prove out of reach returns no light. A third of the samples may end so
         // if the horizon goes through the lights.
-        assert!((0.5..1.0001).contains(&sum), "chances add up to {sum}");
+        assert!((0.5..1.0001).contains(&sum), "probabilities add up to {sum}");
         let n = 1 << 18;
         let mut counts = vec![0u32; 1400];
         for i in 0..n {
             let u = (i as f32 + 0.5) / n as f32;
-            let (place, chance, _) = emitters.choose(&to, Num::from(u)).expect("there are emitters");
-            assert_eq!(chance.get(), stated[place.get() as usize]);
-            counts[place.get() as usize] += u32::from(chance.get() > 0.0);
+            let (place, probability, _) = emitters.choose(&to, Num::from(u)).expect("there are emitters");
+            assert_eq!(probability.get(), stated[place.get() as usize]);
+            counts[place.get() as usize] += u32::from(probability.get() > 0.0);
         }
         // The samples are evenly spaced, so the counts are off only by rounding.
         for (&count, &stated) in counts.iter().zip(&stated) {
@@ -336,7 +336,7 @@ fn lights_are_chosen_with_the_chances_that_are_stated() {
 }
 
 #[test]
-fn no_light_that_arrives_is_left_out() {
+fn the_tree_finds_all_light() {
     // All light at a point on a wall, by the tree and by summing over all emitters.
     let scene = thousands();
     let normals = [Vec3::Y, Vec3::NEG_X, Vec3::new(0.6, 0.0, 0.8)];
@@ -385,7 +385,7 @@ fn thousands_of_emitters_each_have_their_power() {
     assert!((lights.emitters().power() / expected - 1.0).abs() < 1e-5);
     let to = receiver(Vec3::ZERO, Vec3::Y);
     let total: f32 = (0..6000).map(|p| pdf_emitter(&lights, &to, p, 1.0, 1.0) * 2.0).sum();
-    assert!((total - 1.0).abs() < 1e-3, "chances add up to {total}");
+    assert!((total - 1.0).abs() < 1e-3, "probabilities add up to {total}");
 }
 
 /// Points and spots of random brightness, position and direction, one black light, and two suns.
@@ -426,7 +426,7 @@ fn among((from, normal, around): (Vec3, Vec3, bool)) -> Receiver<SingleLane> {
 }
 
 #[test]
-fn punctual_lights_are_chosen_with_the_chances_that_are_stated() {
+fn punctual_lights_are_chosen_with_the_stated_probabilities() {
     let scene = thousands_of_points();
     let lights = Lights::new(&scene);
     let n = 1 << 17;
@@ -434,18 +434,18 @@ fn punctual_lights_are_chosen_with_the_chances_that_are_stated() {
         let (mut counts, mut stated) = (vec![0u32; 2002], vec![0.0; 2002]);
         for i in 0..n {
             let u = Num::from((i as f32 + 0.5) / n as f32);
-            let (index, chance) = lights.punctual().choose(&to, u).expect("there are lights");
-            let (index, chance) = (index.get() as usize, chance.get());
-            if chance > 0.0 {
-                assert!(counts[index] == 0 || stated[index] == chance);
-                stated[index] = chance;
+            let (index, probability) = lights.punctual().choose(&to, u).expect("there are lights");
+            let (index, probability) = (index.get() as usize, probability.get());
+            if probability > 0.0 {
+                assert!(counts[index] == 0 || stated[index] == probability);
+                stated[index] = probability;
                 counts[index] += 1;
             }
         }
         let sum: f32 = stated.iter().sum();
         // As above. Where spots count as emitting in all directions, half of the descents may end without
         // light.
-        assert!((0.3..1.001).contains(&sum), "chances add up to {sum}");
+        assert!((0.3..1.001).contains(&sum), "probabilities add up to {sum}");
         assert!(stated[2000] > stated[2001] && stated[2001] > 0.0 && stated[77] == 0.0);
         // The samples are evenly spaced, so the counts are off only by rounding.
         for (&count, &stated) in counts.iter().zip(&stated) {
@@ -462,11 +462,11 @@ fn mean_and_variance(
 ) -> [f64; 2] {
     let (n, mut sums, to) = (1 << 15, [0.0; 2], among((from, normal, around)));
     for i in 0..n {
-        let (index, chance) = choose(&to, Sampler::new(4, i, 1).single(2));
-        let light = LightSample::of_light(lights, index as usize, from).filter(|_| chance > 0.0);
+        let (index, probability) = choose(&to, Sampler::new(4, i, 1).single(2));
+        let light = LightSample::of_light(lights, index as usize, from).filter(|_| probability > 0.0);
         let cosine = light.map_or(0.0, |light| light.wi.dot(normal));
         let seen = if around { cosine.abs() } else { cosine.max(0.0) };
-        let value = light.map_or(0.0, |light| f64::from(light.radiance.x * seen / chance));
+        let value = light.map_or(0.0, |light| f64::from(light.radiance.x * seen / probability));
         sums = [sums[0] + value, sums[1] + value * value];
     }
     let [mean, square] = sums.map(|sum| sum / f64::from(n));
@@ -498,12 +498,12 @@ fn the_tree_of_punctual_lights_finds_all_light_with_less_noise_than_power_does()
             .map(|(cosine, light)| f64::from(light * if around { cosine.abs() } else { cosine.max(0.0) }))
             .sum();
         let by_tree = mean_and_variance(&lights, at, |to, u| {
-            let (index, chance) = lights.punctual().choose(to, u.into()).expect("there are lights");
-            (index.get(), chance.get())
+            let (index, probability) = lights.punctual().choose(to, u.into()).expect("there are lights");
+            (index.get(), probability.get())
         });
         let by_power = mean_and_variance(&lights, at, |_, u| {
-            let (index, chance, _) = table.choose(Num::from(u)).expect("there are lights");
-            (index.get(), chance.get())
+            let (index, probability, _) = table.choose(Num::from(u)).expect("there are lights");
+            (index.get(), probability.get())
         });
         assert!((by_tree[0] / all - 1.0).abs() < 0.02, "{} and {all}", by_tree[0]);
         assert!(by_tree[1] < 0.5 * by_power[1], "{by_tree:?} and {by_power:?}");
@@ -524,17 +524,17 @@ impl LaneTask for Choices<'_> {
             let [x, y] = s.two(Int::splat(l, 1));
             let position = Vector::new(x * 40.0 - 20.0, y * 40.0 - 20.0, x - y);
             let to = Receiver::new(position, Vector::new(x, y, x * y + 0.1).normalize());
-            let (index, chance) =
+            let (index, probability) =
                 self.0.punctual().choose(&to, s.one(Int::splat(l, 2))).expect("there are lights");
-            let (index, chance) = (index.to_array(), chance.to_bits().to_array());
-            choices.extend((0..L::LANES).map(|lane| [index[lane], chance[lane]]));
+            let (index, probability) = (index.to_array(), probability.to_bits().to_array());
+            choices.extend((0..L::LANES).map(|lane| [index[lane], probability[lane]]));
         }
         choices
     }
 }
 
 #[test]
-fn every_level_chooses_the_same_lights_with_the_same_chances() {
+fn every_level_chooses_the_same_lights_with_the_same_probabilities() {
     let lights = Lights::new(&thousands_of_points());
     let one = SimdLevel::Scalar.run(Choices(&lights));
     for level in SimdLevel::available() {

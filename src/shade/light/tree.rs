@@ -102,7 +102,7 @@ impl LightTree {
 
     /// The probability with which [`LightTree::choose`] returns these lights for these receivers.
     #[inline(always)]
-    pub fn chance<L: Lanes>(&self, receiver: &Receiver<L>, light: Int<L>) -> Num<L> {
+    pub fn probability<L: Lanes>(&self, receiver: &Receiver<L>, light: Int<L>) -> Num<L> {
         light.lanes().outlined(TreeProbability { tree: self, receiver: *receiver, light })
     }
 
@@ -117,7 +117,7 @@ impl LightTree {
         let sum = a + b;
         let there = sum.above(0.0);
         Fork {
-            chances: [(a / sum).only(there), (b / sum).only(there)],
+            probabilities: [(a / sum).only(there), (b / sum).only(there)],
             next: [left[WORDS - 1], right[WORDS - 1]],
         }
     }
@@ -125,7 +125,7 @@ impl LightTree {
 
 /// The probabilities of a fork's children for a receiver, and their `next` words.
 struct Fork<L: Lanes> {
-    chances: [Num<L>; 2],
+    probabilities: [Num<L>; 2],
     next: [Int<L>; 2],
 }
 
@@ -147,21 +147,21 @@ impl<L: Lanes> OutlinedTask<L> for SampleTree<'_, L> {
     #[inline(always)]
     fn run(self, l: L) -> Self::Output {
         let normal = self.receiver.normal();
-        let (mut u, mut chance) = (self.u, Num::splat(l, 1.0));
+        let (mut u, mut probability) = (self.u, Num::splat(l, 1.0));
         let mut at = Int::splat(l, 0);
         loop {
             let going = !is_leaf(at);
             if going.none() {
-                return (at & INDEX, chance, u);
+                return (at & INDEX, probability, u);
             }
             // Lanes that have reached a light read the root again.
             let fork = Int::select(going, at & INDEX, Int::splat(l, 0));
-            let Fork { chances: [first, second], next } = self.tree.weigh(fork, &self.receiver, normal);
+            let Fork { probabilities: [first, second], next } = self.tree.weigh(fork, &self.receiver, normal);
             let left = u.lt(first);
             let taken = Num::select(left, first, second);
             let rest = Num::select(left, u, u - first) / taken;
             u = Num::select(going, rest.clamp(0.0, 1.0 - f32::EPSILON), u);
-            chance = Num::select(going, chance * taken, chance);
+            probability = Num::select(going, probability * taken, probability);
             at = Int::select(going, Int::select(left, next[0], next[1]), at);
         }
     }
@@ -180,17 +180,17 @@ impl<L: Lanes> OutlinedTask<L> for TreeProbability<'_, L> {
     fn run(self, l: L) -> Num<L> {
         let normal = self.receiver.normal();
         let [mut path] = self.light.rows(&self.tree.paths);
-        let mut chance = Num::splat(l, 1.0);
+        let mut probability = Num::splat(l, 1.0);
         let mut at = Int::splat(l, 0);
         loop {
             let going = !is_leaf(at);
             if going.none() {
-                return chance;
+                return probability;
             }
             let fork = Int::select(going, at & INDEX, Int::splat(l, 0));
-            let Fork { chances: [first, second], next } = self.tree.weigh(fork, &self.receiver, normal);
+            let Fork { probabilities: [first, second], next } = self.tree.weigh(fork, &self.receiver, normal);
             let left = (path & 1).is(0);
-            chance = Num::select(going, chance * Num::select(left, first, second), chance);
+            probability = Num::select(going, probability * Num::select(left, first, second), probability);
             at = Int::select(going, Int::select(left, next[0], next[1]), at);
             path = path >> 1;
         }

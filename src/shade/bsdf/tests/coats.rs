@@ -71,7 +71,7 @@ fn one_coat_is_the_same_in_both_notations() {
 }
 
 #[test]
-fn varnish_takes_colour_by_the_refracted_way_through_it() {
+fn tints_deepen_with_the_refracted_path() {
     let tint = Vec3::new(0.9, 0.5, 0.04);
     let mirror = principled(|s| {
         rough(0.0)(s);

@@ -299,7 +299,7 @@ fn all_stacked(tint: Vec3) -> impl Iterator<Item = (String, Bsdf<'static>)> {
 const VARNISH: Vec3 = Vec3::new(1.0, 0.6, 0.2);
 
 #[test]
-fn coloured_surfaces_never_return_more_than_falls_on_them() {
+fn coloured_surfaces_gain_no_energy() {
     for (name, bsdf) in scattering().into_iter().chain(all_stacked(VARNISH)) {
         for wo in views() {
             let light = furnace(&bsdf, wo, 1 << 13);
@@ -309,7 +309,7 @@ fn coloured_surfaces_never_return_more_than_falls_on_them() {
 }
 
 #[test]
-fn fibres_and_films_give_back_most_of_what_falls_on_them() {
+fn sheen_and_films_lose_little_energy() {
     for (name, bsdf) in lossy().iter().filter(|(name, _)| !name.contains("at once")) {
         for wo in views() {
             let light = furnace(bsdf, wo, 1 << 12);
@@ -322,7 +322,7 @@ fn fibres_and_films_give_back_most_of_what_falls_on_them() {
 }
 
 #[test]
-fn a_sample_weighs_what_evaluation_says() {
+fn sample_weights_are_evaluate_over_density() {
     for (name, bsdf) in scattering().into_iter().chain(all_stacked(VARNISH)) {
         for wo in views() {
             for i in 0..300 {

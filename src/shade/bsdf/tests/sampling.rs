@@ -27,7 +27,7 @@ fn expected(bsdf: &Bsdf, wo: Vec3) -> Vec<f64> {
 }
 
 #[test]
-fn samples_are_distributed_as_their_density_says() {
+fn samples_follow_the_stated_density() {
     let mut tested = 0;
     // Rough enough for the midpoint rule above to resolve the lobes.
     let mut all = lossless_of(&[0.5, 0.75, 1.0], &[0.0, 0.6]);
@@ -76,7 +76,7 @@ fn samples_are_distributed_as_their_density_says() {
 }
 
 #[test]
-fn the_rarest_facets_are_sampled_as_dense_as_narrow_lobes_say() {
+fn narrow_lobes_are_sampled_by_their_density() {
     // These lobes are too narrow for the histogram. The mean of 1 / density over a known solid angle around
     // the mirrored direction must equal that solid angle.
     for roughness in [0.1, 0.2, 0.3] {
