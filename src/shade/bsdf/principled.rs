@@ -216,7 +216,7 @@ impl<L: Lanes> Principled<L> {
 
     /// Transforms a direction from the shading basis to the basis of the coats.
     #[inline(always)]
-    fn to_coats(&self, w: Vector<L>) -> Vector<L> {
+    fn in_coat_basis(&self, w: Vector<L>) -> Vector<L> {
         match self.coat_normal {
             None => w,
             Some(normal) => Basis::around(normal).local(w),
@@ -225,7 +225,7 @@ impl<L: Lanes> Principled<L> {
 
     /// Transforms a direction from the basis of the coats to the shading basis.
     #[inline(always)]
-    fn from_coats(&self, w: Vector<L>) -> Vector<L> {
+    fn out_of_coat_basis(&self, w: Vector<L>) -> Vector<L> {
         match self.coat_normal {
             None => w,
             Some(normal) => Basis::around(normal).world(w),
@@ -263,7 +263,7 @@ impl<L: Lanes> Principled<L> {
         let (mut coat, mut under, mut further) = (Num::zero(l), Num::splat(l, 1.0), Num::zero(l));
         let mut near_coat = None;
         if let Some(c) = &self.coat {
-            let at = c.facets.at(self.to_coats(wo));
+            let at = c.facets.at(self.in_coat_basis(wo));
             [coat, further] = c.reflected(&at);
             under = 1.0 - coat - further;
             near_coat = Some(at);
@@ -285,7 +285,7 @@ impl<L: Lanes> Principled<L> {
         scattered = scattered * under + Vector::grey(further);
         let mut stack = None;
         if let Some(over) = &self.stack {
-            let albedo = l.outlined(StackAlbedoTask { stack: over, wo: self.to_coats(wo) });
+            let albedo = l.outlined(StackAlbedoTask { stack: over, wo: self.in_coat_basis(wo) });
             facets = facets * albedo.passed;
             scattered = scattered * albedo.scattered;
             stack = Some(albedo);
@@ -299,7 +299,7 @@ impl<L: Lanes> Principled<L> {
         let way = mirrored(wo);
         match self.coat_normal {
             None => way,
-            Some(_) => Vector::select(self.facets.rough, self.from_coats(mirrored(self.to_coats(wo))), way),
+            Some(_) => Vector::select(self.facets.rough, self.out_of_coat_basis(mirrored(self.in_coat_basis(wo))), way),
         }
     }
 
@@ -362,7 +362,7 @@ impl<L: Lanes> Principled<L> {
     /// Share that the coats pass of light reflected by the facets below.
     #[inline(always)]
     fn coats_passed(&self, wo: Vector<L>, wi: Vector<L>) -> Vector<L> {
-        let [wo, wi] = [self.to_coats(wo), self.to_coats(wi)];
+        let [wo, wi] = [self.in_coat_basis(wo), self.in_coat_basis(wi)];
         let raised = Vector::new(wi.x, wi.y, wi.z.abs());
         let mut passed = white(wo.lanes());
         if let Some(coat) = &self.coat {
@@ -458,7 +458,7 @@ impl<L: Lanes> Principled<L> {
         let lit = there & sides;
         // The same directions in the basis of the coats.
         let ([near_coat, far_coat, half_coat], mut lit_coat) =
-            ([self.to_coats(wo), self.to_coats(wi), self.to_coats(half)], lit);
+            ([self.in_coat_basis(wo), self.in_coat_basis(wi), self.in_coat_basis(half)], lit);
         if self.coat_normal.is_some() {
             lit_coat = there & far_coat.z.above(0.0);
         }
@@ -526,10 +526,10 @@ impl<L: Lanes> Principled<L> {
         if first.any()
             && let Some(coat) = &self.coat
         {
-            let over = self.to_coats(wo);
+            let over = self.in_coat_basis(wo);
             let normal = coat.facets.ggx.sample(over, u2);
             let way = normal * (2.0 * over.dot(normal)) - over;
-            wi = Vector::select(first, self.from_coats(way), wi);
+            wi = Vector::select(first, self.out_of_coat_basis(way), wi);
         }
         let none = Mask::splat(wo.lanes(), false);
         let (mut valid, mut crosses, mut eta) = (wi.z.above(0.0), none, Num::splat(wo.lanes(), 1.0));
@@ -551,15 +551,15 @@ impl<L: Lanes> Principled<L> {
             if reflects.any() {
                 let rest = ((u - rough) / stack).clamp(0.0, 1.0);
                 let way =
-                    wo.lanes().outlined(SampleStack { stack: over, wo: self.to_coats(wo), u: rest, u2 });
-                wi = Vector::select(reflects, self.from_coats(way), wi);
+                    wo.lanes().outlined(SampleStack { stack: over, wo: self.in_coat_basis(wo), u: rest, u2 });
+                wi = Vector::select(reflects, self.out_of_coat_basis(way), wi);
                 valid = Mask::select(reflects, wi.z.above(0.0), valid);
             }
             rough += stack;
         }
         if self.coat_normal.is_some() {
             // Coats may mirror into directions that the surface below does not reach.
-            valid |= self.to_coats(wi).z.above(0.0);
+            valid |= self.in_coat_basis(wi).z.above(0.0);
         }
         let scatters = u.lt(rough);
         let (value, pdf) = self.evaluate_lobes(wo, wi, &lobes, &probabilities);
