@@ -299,7 +299,11 @@ impl<L: Lanes> Principled<L> {
         let way = mirrored(wo);
         match self.coat_normal {
             None => way,
-            Some(_) => Vector::select(self.facets.rough, self.out_of_coat_basis(mirrored(self.in_coat_basis(wo))), way),
+            Some(_) => Vector::select(
+                self.facets.rough,
+                self.out_of_coat_basis(mirrored(self.in_coat_basis(wo))),
+                way,
+            ),
         }
     }
 
