@@ -236,7 +236,7 @@ pub fn prefetch_hits(mesh: &Mesh, hits: &[Hit], rays: &[u32], at: usize, lanes: 
 const FREE_STRETCH: f32 = 4.0;
 
 /// Footprints in texture coordinates: squares of the same area as the cones cover. `surface` is twice the
-/// area of the triangles, `width` the width of the cones, `cosine` the angle between ray and normal. At
+/// area of the triangles, `width` the width of the cones, `cosine` the cosine between ray and normal. At
 /// grazing angles the covered area is stretched. The stretch counts only beyond [`FREE_STRETCH`]: up to
 /// there, the samples of a pixel and the directions of a bounce are spread along it.
 #[inline(always)]

@@ -41,7 +41,7 @@ impl<L: Lanes> AnisotropicAlbedo<L> {
     /// The reflectance towards a direction.
     #[inline(always)]
     pub fn at(&self, w: Vector<L>) -> Reflectance<L> {
-        self.roughness.lanes().outlined(Towards { facets: *self, w })
+        self.roughness.lanes().outlined(Lookup { facets: *self, w })
     }
 
     /// The cosine-weighted mean over the hemisphere.
@@ -88,12 +88,12 @@ impl<L: Lanes> AnisotropicAlbedo<L> {
 }
 
 /// A lookup, compiled out of line: few surfaces are anisotropic.
-struct Towards<L: Lanes> {
+struct Lookup<L: Lanes> {
     facets: AnisotropicAlbedo<L>,
     w: Vector<L>,
 }
 
-impl<L: Lanes> OutlinedTask<L> for Towards<L> {
+impl<L: Lanes> OutlinedTask<L> for Lookup<L> {
     type Output = Reflectance<L>;
 
     #[inline(always)]

@@ -148,8 +148,8 @@ impl<L: Lanes> Smooth<L> {
         reflection + transmission
     }
 
-    /// Chooses reflection or transmission by `u`. `probability` is the probability with which the caller chose the
-    /// specular directions.
+    /// Chooses reflection or transmission by `u`. `probability` is that with which the caller
+    /// chose the specular directions.
     #[inline(always)]
     fn sample(&self, u: Num<L>, probability: Num<L>) -> Sample<L> {
         let [reflection, transmission] = self.shares();

@@ -87,9 +87,9 @@ impl Lights {
     }
 
     /// The same lights for integrators that combine BSDF and light sampling by MIS: a uniform environment is
-    /// sampled by the BSDF alone. The BSDF's direction then leaves nothing to probability but occlusion. A sample
-    /// of the environment does not know the occlusion either. It would cost a shadow ray and, under an open
-    /// sky, add noise.
+    /// sampled by the BSDF alone. The BSDF's direction then leaves nothing to chance but occlusion. A
+    /// sample of the environment does not know the occlusion either. It would cost a shadow ray and, under an
+    /// open sky, add noise.
     pub fn without_uniform_sky(self) -> Self {
         let [emitters, sky, punctual] = self.powers;
         let powers = [emitters, if self.environment.is_even() { 0.0 } else { sky }, punctual];
