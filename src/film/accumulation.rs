@@ -304,7 +304,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_radiance_is_dropped_and_counted() {
+    fn invalid_splats_are_dropped_and_counted() {
         let film = Film::new(1, 1, 8).expect("fits");
         film.add_samples(0, 1);
         film.splat(0, Vec3::new(f32::NAN, 0.0, 0.0));
@@ -343,7 +343,7 @@ mod tests {
     }
 
     #[test]
-    fn lanes_add_what_one_does() {
+    fn splats_in_lanes_equal_single_splats() {
         let film = |level: SimdLevel| {
             let film = Film::new(7, 1, 4096).expect("fits");
             level.run(Splats(&film));
@@ -390,7 +390,7 @@ mod tests {
     }
 
     #[test]
-    fn parts_add_up_and_survive_being_saved() {
+    fn films_of_parts_add_up_and_are_restored() {
         let whole = Film::new(3, 2, 16).expect("fits");
         let parts = [whole.blank(), whole.blank()];
         for i in 0..40u32 {

@@ -33,7 +33,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_hash_sees_every_bit_and_the_shape() {
+    fn the_hash_depends_on_every_bit_and_the_shape() {
         let image = Image { width: 2, height: 3, pixels: vec![[0.25; 3]; 6] };
         assert_eq!(image.hash(), image.clone().hash());
         let turned = Image { width: 3, height: 2, ..image.clone() };

@@ -130,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn one_pass_tells_nothing() {
+    fn one_pass_gives_no_estimate() {
         let (noise, film) = passes(&[8], 0);
         assert_eq!(noise.measure(&film, 3..9, 0..4).0, f64::INFINITY);
         let (noise, film) = passes(&[], 0);
@@ -138,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_learnt_survives_being_saved() {
+    fn a_saved_estimate_is_restored() {
         let (noise, film) = passes(&[4, 2, 3], 5);
         let mut saved = Vec::new();
         noise.save(&mut saved).expect("memory");

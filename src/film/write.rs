@@ -157,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_written_is_refused() {
+    fn failed_writes_return_errors() {
         let folder = tempfile::tempdir().expect("folder");
         let missing = folder.path().join("none/a.png");
         assert!(matches!(write_image(&missing, &picture(), 0.0), Err(WriteError::NotWritten(_))));

@@ -61,7 +61,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn clocks_are_read_from_what_is_there() {
+    fn clocks_are_read_from_either_source() {
         let folder = tempfile::tempdir().expect("a folder");
         let (cores, cpuinfo) = (folder.path().join("cpu"), folder.path().join("cpuinfo"));
         assert!(Clock::find_in(&cores, &cpuinfo).is_none());

@@ -112,7 +112,7 @@ mod tests {
     use std::time::Duration;
 
     #[test]
-    fn meters_are_read_by_name_and_run_over() {
+    fn meters_are_read_by_name_and_wrap_around() {
         let folder = tempfile::tempdir().expect("a folder");
         let write = |zone: &str, file: &str, text: &str| {
             fs::create_dir_all(folder.path().join(zone)).expect("a zone");

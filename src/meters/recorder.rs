@@ -113,7 +113,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_can_be_read_is_read_in_order_and_not_too_often() {
+    fn quantities_are_read_in_order_and_not_too_often() {
         let began = Instant::now();
         let recorder = Recorder::start().expect("a thread");
         std::thread::sleep(4 * PERIOD);

@@ -122,7 +122,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_cameras_text_tells_all_of_it() {
+    fn a_cameras_text_has_all_its_fields() {
         let camera =
             Camera { eye: Vec3::new(1.5, 0.1, -2.0), target: Vec3::ZERO, up: Vec3::Y, fov_degrees: 40.0 };
         assert_eq!(camera.to_string(), "eye 1.5,0.1,-2 target 0,0,0 up 0,1,0 fov 40");
@@ -162,7 +162,7 @@ mod tests {
     }
 
     #[test]
-    fn framing_sees_every_corner() {
+    fn framing_shows_every_corner() {
         for aspect in [0.5, 1.0, 16.0 / 9.0] {
             let b = Aabb { min: Vec3::new(-3.0, 1.0, 2.0), max: Vec3::new(4.0, 9.0, 2.5) };
             let c = Camera::framing(&b, aspect);
@@ -179,7 +179,7 @@ mod tests {
     }
 
     #[test]
-    fn views_that_show_nothing_are_refused() {
+    fn invalid_cameras_are_refused() {
         let good = Camera { eye: Vec3::ZERO, target: Vec3::Z, up: Vec3::Y, fov_degrees: 40.0 };
         assert!(matches!(Camera { target: Vec3::ZERO, ..good }.lens(1, 1), Err(CameraError::View(..))));
         assert!(matches!(Camera { up: Vec3::NEG_Z, ..good }.lens(1, 1), Err(CameraError::Up(_))));

@@ -9,12 +9,12 @@ use glam::{DMat4, DQuat, DVec3};
 pub struct CameraMotion {
     fov_degrees: f32,
     /// The nodes from the root to the camera's node.
-    joints: Vec<Joint>,
+    nodes: Vec<AnimatedNode>,
 }
 
 /// The animated transform of a node relative to its parent.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Joint {
+pub struct AnimatedNode {
     /// Translation in the parent's space.
     pub translation: Track<DVec3>,
     /// Rotation, a unit quaternion.
@@ -55,14 +55,14 @@ pub enum Interpolation {
 }
 
 /// A type of values that tracks interpolate.
-pub trait Tracked: Copy {
+pub trait Interpolate: Copy {
     /// Linear interpolation from `self` to `other`, spherical for rotations.
     fn between(self, other: Self, t: f64) -> Self;
     /// A weighted sum, normalised for rotations.
     fn sum(terms: [(f64, Self); 4]) -> Self;
 }
 
-impl Tracked for DVec3 {
+impl Interpolate for DVec3 {
     fn between(self, other: Self, t: f64) -> Self {
         self.lerp(other, t)
     }
@@ -72,7 +72,7 @@ impl Tracked for DVec3 {
     }
 }
 
-impl Tracked for DQuat {
+impl Interpolate for DQuat {
     fn between(self, other: Self, t: f64) -> Self {
         self.slerp(other, t)
     }
@@ -81,19 +81,19 @@ impl Tracked for DQuat {
         let sum = terms
             .into_iter()
             .fold(DQuat::from_xyzw(0.0, 0.0, 0.0, 0.0), |sum, (weight, value)| sum + value * weight);
-        unit_turn(sum)
+        unit_rotation(sum)
     }
 }
 
 /// A quaternion scaled to length 1. The identity if its length is 0.
-pub fn unit_turn(turn: DQuat) -> DQuat {
-    let length = turn.length();
-    if length > 0.0 { turn * (1.0 / length) } else { DQuat::IDENTITY }
+pub fn unit_rotation(rotation: DQuat) -> DQuat {
+    let length = rotation.length();
+    if length > 0.0 { rotation * (1.0 / length) } else { DQuat::IDENTITY }
 }
 
-impl<T: Tracked> Track<T> {
+impl<T: Interpolate> Track<T> {
     /// A track with a constant value.
-    pub fn resting(value: T) -> Self {
+    pub fn constant(value: T) -> Self {
         let key = Key { arriving: value, value, leaving: value };
         Self { times: vec![0.0], keys: vec![key], interpolation: Interpolation::Step }
     }
@@ -132,26 +132,26 @@ impl<T: Tracked> Track<T> {
 
 impl CameraMotion {
     /// The animation of a camera that looks along −z with y up, at the end of a chain of nodes.
-    pub fn new(fov_degrees: f32, joints: Vec<Joint>) -> Self {
-        Self { fov_degrees, joints }
+    pub fn new(fov_degrees: f32, nodes: Vec<AnimatedNode>) -> Self {
+        Self { fov_degrees, nodes }
     }
 
     /// The camera at a time. If the transforms give it no direction it is invalid, and [`Camera::lens`] returns the
     /// error.
     pub fn at(&self, seconds: f64) -> Camera {
-        let place = |joint: &Joint| {
-            let (scale, rotation) = (joint.scale.at(seconds), joint.rotation.at(seconds));
-            DMat4::from_scale_rotation_translation(scale, rotation, joint.translation.at(seconds))
+        let matrix = |node: &AnimatedNode| {
+            let (scale, rotation) = (node.scale.at(seconds), node.rotation.at(seconds));
+            DMat4::from_scale_rotation_translation(scale, rotation, node.translation.at(seconds))
         };
-        let matrix = self.joints.iter().map(place).fold(DMat4::IDENTITY, |above, joint| above * joint);
-        Camera::placed(&matrix, self.fov_degrees)
+        let matrix = self.nodes.iter().map(matrix).fold(DMat4::IDENTITY, |above, node| above * node);
+        Camera::transformed(&matrix, self.fov_degrees)
     }
 }
 
 impl Camera {
     /// A camera in the origin that looks along −z with y up, transformed by a matrix. If the matrix gives it no
     /// direction, its target equals its eye.
-    pub fn placed(matrix: &DMat4, fov_degrees: f32) -> Self {
+    pub fn transformed(matrix: &DMat4, fov_degrees: f32) -> Self {
         let turned = |axis| matrix.transform_vector3(axis).try_normalize().unwrap_or(DVec3::ZERO);
         let eye = matrix.w_axis.truncate();
         // The target is so far away that its rounding does not change the view.
@@ -167,20 +167,20 @@ mod tests {
     use super::*;
     use glam::Vec3;
 
-    fn keys<T: Tracked>(values: impl IntoIterator<Item = [T; 3]>) -> Vec<Key<T>> {
+    fn keys<T: Interpolate>(values: impl IntoIterator<Item = [T; 3]>) -> Vec<Key<T>> {
         values.into_iter().map(|[arriving, value, leaving]| Key { arriving, value, leaving }).collect()
     }
 
     fn motion(translation: Track<DVec3>, rotation: Track<DQuat>) -> CameraMotion {
-        let rest = || Track::resting(DVec3::ONE);
-        let above = Joint { translation, rotation: Track::resting(DQuat::IDENTITY), scale: rest() };
-        let camera = Joint { translation: Track::resting(DVec3::Z), rotation, scale: rest() };
+        let rest = || Track::constant(DVec3::ONE);
+        let above = AnimatedNode { translation, rotation: Track::constant(DQuat::IDENTITY), scale: rest() };
+        let camera = AnimatedNode { translation: Track::constant(DVec3::Z), rotation, scale: rest() };
         CameraMotion::new(40.0, vec![above, camera])
     }
 
     #[test]
-    fn tracks_meet_their_keys_and_rest_beyond() {
-        let still = || Track::resting(DQuat::IDENTITY);
+    fn tracks_pass_their_keys_and_are_constant_beyond() {
+        let still = || Track::constant(DQuat::IDENTITY);
         for interpolation in [Interpolation::Step, Interpolation::Linear, Interpolation::Cubic] {
             let values = [0.0, 4.0, 2.0].map(|x| [DVec3::ZERO, DVec3::X * x, DVec3::ZERO]);
             let track = Track::new(vec![1.0, 2.0, 4.0], keys(values), interpolation).expect("keys");
@@ -199,7 +199,7 @@ mod tests {
     }
 
     #[test]
-    fn cubics_leave_with_their_slopes() {
+    fn cubics_have_the_slopes_of_their_keys() {
         let values = [[DVec3::ZERO, DVec3::ZERO, DVec3::X * 3.0], [DVec3::X, DVec3::X, DVec3::ZERO]];
         let track = Track::new(vec![0.0, 2.0], keys(values), Interpolation::Cubic).expect("keys");
         let speed = |a: f64, b: f64| (track.at(b) - track.at(a)).x / (b - a);
@@ -207,11 +207,11 @@ mod tests {
     }
 
     #[test]
-    fn turns_are_short_and_cameras_look_where_they_turn() {
+    fn rotations_take_the_short_way_and_turn_the_view() {
         let quarter = DQuat::from_rotation_y(std::f64::consts::FRAC_PI_2);
         let values = [DQuat::IDENTITY, -quarter].map(|q| [q, q, q]);
         let turn = Track::new(vec![0.0, 1.0], keys(values), Interpolation::Linear).expect("keys");
-        let motion = motion(Track::resting(DVec3::Y), turn);
+        let motion = motion(Track::constant(DVec3::Y), turn);
         let forward = |seconds| {
             let camera = motion.at(seconds);
             assert_eq!(camera.eye, Vec3::new(0.0, 1.0, 1.0));
@@ -223,7 +223,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_track_is_none() {
+    fn invalid_tracks_are_refused() {
         let track =
             |times: Vec<f64>, n| Track::new(times, keys(vec![[DVec3::ONE; 3]; n]), Interpolation::Step);
         assert!(track(vec![0.0, 1.0], 2).is_some());
@@ -231,7 +231,7 @@ mod tests {
             assert!(track(times.clone(), times.len()).is_none(), "{times:?}");
         }
         assert!(track(vec![0.0, 1.0], 1).is_none());
-        let nowhere = Camera::placed(&DMat4::from_scale(DVec3::ZERO), 40.0);
-        assert!(nowhere.lens(1, 1).is_err());
+        let singular = Camera::transformed(&DMat4::from_scale(DVec3::ZERO), 40.0);
+        assert!(singular.lens(1, 1).is_err());
     }
 }

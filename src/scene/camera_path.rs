@@ -159,7 +159,7 @@ mod tests {
     }
 
     #[test]
-    fn keys_are_met_and_ends_rest() {
+    fn paths_pass_their_keys_and_are_constant_beyond() {
         for interpolation in ["linear", "catmull-rom"] {
             let path = path(interpolation);
             assert_eq!(path.at(-5.0).eye, Vec3::new(0.0, 0.0, 9.0));
@@ -181,7 +181,7 @@ mod tests {
     }
 
     #[test]
-    fn four_quarter_turns_are_none() {
+    fn four_quarter_turns_are_the_identity() {
         let camera =
             Camera { eye: Vec3::new(3.0, 1.0, 5.0), target: Vec3::X, up: Vec3::Y, fov_degrees: 40.0 };
         let centre = Vec3::new(1.0, 0.0, 2.0);

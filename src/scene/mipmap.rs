@@ -217,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn copies_take_a_third_of_the_image() {
+    fn levels_have_a_third_of_the_texels_of_the_image() {
         let (texels, _) = Mipmap::new(&[[7; 4]; 1 << 16], (256, 256), ColourSpace::Srgb, Averaging::Light);
         assert_eq!(texels.len(), ((1 << 18) - 1) / 3);
     }
@@ -241,7 +241,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_cut_away_does_not_darken_fringes() {
+    fn texels_cut_by_alpha_do_not_darken_fringes() {
         let texels = [[200, 100, 50, 255], [0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0]];
         let one = |mean| levels(&texels, (2, 2), ColourSpace::Srgb, mean)[0][0];
         assert_eq!(one(Averaging::Covered), [200, 100, 50, 64]);
@@ -252,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn normals_become_shorter_and_that_is_kept() {
+    fn levels_store_how_much_normals_shorten() {
         // Slopes of 60/127 to the left and to the right: the mean normal points up and its length is 0.9.
         let tilted = |x: f32| {
             let n = Vec3::new(x, 0.0, 1.0).normalize() * 0.5 + 0.5;

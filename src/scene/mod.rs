@@ -29,8 +29,8 @@ mod texture;
 
 pub use camera::{Camera, CameraError, Lens};
 #[cfg(feature = "formats")]
-pub(crate) use camera_motion::unit_turn;
-pub use camera_motion::{CameraMotion, Interpolation, Joint, Key, Track, Tracked};
+pub(crate) use camera_motion::unit_rotation;
+pub use camera_motion::{AnimatedNode, CameraMotion, Interpolate, Interpolation, Key, Track};
 pub use camera_path::{CameraPath, CameraPathError};
 pub use coat::{Coat, Coats};
 pub use environment::{Environment, EnvironmentMap};
@@ -108,7 +108,7 @@ impl Scene {
             let texel = material.alpha.value.texture.map_or(1.0, |(texture, channel)| {
                 let uv = self.mesh.uv_at(primitive, u, v).to_array().map(Num::from);
                 let point = Footprint::point(uv[0].lanes());
-                self.textures[texture.texture as usize].channel(channel, texture.place(uv), &point).get()
+                self.textures[texture.texture as usize].channel(channel, texture.transform(uv), &point).get()
             });
             material.alpha.value.factor * texel
         };

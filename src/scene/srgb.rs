@@ -36,7 +36,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_byte_is_its_own_nearest_and_so_is_what_lies_beside_it() {
+    fn every_byte_is_nearest_to_its_own_value_and_to_values_beside_it() {
         let table = table();
         for i in 0..=255u8 {
             let at = usize::from(i);

@@ -96,7 +96,7 @@ impl TextureRef {
 
     /// Transforms the mesh's texture coordinates.
     #[inline(always)]
-    pub fn place<L: Lanes>(&self, [u, v]: [Num<L>; 2]) -> [Num<L>; 2] {
+    pub fn transform<L: Lanes>(&self, [u, v]: [Num<L>; 2]) -> [Num<L>; 2] {
         let (x, y) = (u * self.scale.x, v * self.scale.y);
         if self.rotation == 0.0 {
             return [x + self.offset.x, y + self.offset.y];
@@ -165,8 +165,8 @@ impl Texture {
         let (mut width, mut height) = (Int::splat(l, self.width), Int::splat(l, self.height));
         let texels = footprint.width * (self.width as f32 * self.height as f32).sqrt();
         let level = self.level(texels, footprint.dither);
-        let whole = level.is(0);
-        if !whole.all() {
+        let is_image = level.is(0);
+        if !is_image.all() {
             [first, width, height] = level.rows(self.mipmap.levels());
         }
         let (x, fx) = taps(u, width, self.wrap_u);
@@ -189,7 +189,7 @@ impl Texture {
             filtered
         };
         if self.has_lengths() {
-            filtered[3] = Num::select(whole, Num::splat(l, 1.0), filtered[3]);
+            filtered[3] = Num::select(is_image, Num::splat(l, 1.0), filtered[3]);
         }
         filtered
     }
@@ -307,7 +307,7 @@ mod tests {
     }
 
     #[test]
-    fn wide_footprints_see_the_mean_and_narrow_ones_the_image() {
+    fn wide_footprints_read_the_mean_and_narrow_ones_the_image() {
         let mut t = two_by_one(Wrap::Repeat);
         t.add_mipmap(Averaging::Light);
         let at = |width: f32, dither: f32| {
@@ -327,7 +327,7 @@ mod tests {
     }
 
     #[test]
-    fn edges_wrap_in_every_copy() {
+    fn edges_wrap_in_every_level() {
         // Four columns, the last one white. In the level of two columns, that white is half of the second column.
         for (wrap, before, after) in
             [(Wrap::Repeat, 0.25, 0.25), (Wrap::Mirror, 0.0, 0.5), (Wrap::Clamp, 0.0, 0.5)]
@@ -358,7 +358,7 @@ mod tests {
     }
 
     #[test]
-    fn normals_tell_what_they_lost_but_the_image_loses_nothing() {
+    fn levels_report_shortened_normals_and_the_image_does_not() {
         let mut t = two_by_one(Wrap::Clamp);
         t.texels = [[255, 128, 128, 0], [0, 128, 128, 0]].into();
         t.add_mipmap(Averaging::Normals);

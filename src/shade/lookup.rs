@@ -17,7 +17,7 @@ pub fn colour<L: Lanes>(
         None => factor,
         Some(texture) => {
             let image = &scene.textures[texture.texture as usize];
-            let [r, g, b, _] = image.look_up(texture.place(uv), &texture.scaled(footprint));
+            let [r, g, b, _] = image.look_up(texture.transform(uv), &texture.scaled(footprint));
             factor * Vector::new(r, g, b)
         }
     }
@@ -43,7 +43,7 @@ pub fn scalar<L: Lanes>(scene: &Scene, scalar: &Scalar, uv: [Num<L>; 2], footpri
         None => factor,
         Some((texture, channel)) => {
             let image = &scene.textures[texture.texture as usize];
-            factor * image.channel(*channel, texture.place(uv), &texture.scaled(footprint))
+            factor * image.channel(*channel, texture.transform(uv), &texture.scaled(footprint))
         }
     }
 }
@@ -66,7 +66,7 @@ pub fn shares<L: Lanes>(
     match values.map(|value| value.texture) {
         [Some((texture, a)), Some((other, b))] if texture == other => {
             let image = &scene.textures[texture.texture as usize];
-            let texel = image.look_up(texture.place(uv), &texture.scaled(footprint));
+            let texel = image.look_up(texture.transform(uv), &texture.scaled(footprint));
             [
                 (values[0].factor * a.of(texel)).clamp(0.0, 1.0),
                 (values[1].factor * b.of(texel)).clamp(0.0, 1.0),

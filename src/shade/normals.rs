@@ -106,7 +106,7 @@ pub fn map_normal<L: Lanes>(
     basis: &Basis<L>,
 ) -> (Vector<L>, Num<L>) {
     let texture = &scene.textures[map.texture.texture as usize];
-    let [x, y, z, length] = texture.look_up(map.texture.place(uv), &map.texture.scaled(footprint));
+    let [x, y, z, length] = texture.look_up(map.texture.transform(uv), &map.texture.scaled(footprint));
     let (x, y, z) = (x * 2.0 - 1.0, y * 2.0 - 1.0, z * 2.0 - 1.0);
     let local = Vector::new(x * map.scale, y * map.scale, z.clamp(0.0, 1.0));
     let bumps =
@@ -128,7 +128,7 @@ pub fn rough_direction<L: Lanes>(
     let [mut x, mut y] = [Num::splat(l, 1.0), Num::splat(l, 0.0)];
     if let Some(texture) = &anisotropy.direction {
         let image = &scene.textures[texture.texture as usize];
-        let [red, green, _, _] = image.look_up(texture.place(uv), &texture.scaled(footprint));
+        let [red, green, _, _] = image.look_up(texture.transform(uv), &texture.scaled(footprint));
         [x, y] = [red * 2.0 - 1.0, green * 2.0 - 1.0];
     }
     tangents.tangent * (x * cosine - y * sine) + tangents.bitangent * (x * sine + y * cosine)

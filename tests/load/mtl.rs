@@ -190,8 +190,8 @@ fn textures_keep_their_options() {
     assert_eq!((scene.textures[0].wrap_u, scene.textures[0].space), (Wrap::Clamp, ColourSpace::Srgb));
     assert_eq!((scene.textures[0].height, scene.textures[0].texels[0]), (2, red), "first row first");
     // (0.5, 0.125) in the file, v up, is (1.25, 1) in the image: its top edge; v = 0.875 in the mesh.
-    let there: Vec2 = texture.place([0.5, 1.0 - 0.125].map(Num::from)).map(Num::get).into();
-    assert!((there - Vec2::new(1.25, 0.0)).length() < 1e-6, "{there}");
+    let transformed: Vec2 = texture.transform([0.5, 1.0 - 0.125].map(Num::from)).map(Num::get).into();
+    assert!((transformed - Vec2::new(1.25, 0.0)).length() < 1e-6, "{transformed}");
     assert!(scene.warnings.is_empty(), "{:?}", scene.warnings);
     let scene = in_folder(&folder, "map_Kd -mm 0.5 2 -t 1 1 1 two rows.png\nmap_Ks two rows.png");
     assert!(warns(&scene, &["-mm"]) && warns(&scene, &["turbulence"]) && warns(&scene, &["\"map_Ks\""]));

@@ -21,9 +21,9 @@ fn hash(value: &impl Encode) -> u64 {
 
 /// Asserts that the values have different bytes.
 fn all_differ<T: Encode>(values: impl IntoIterator<Item = (&'static str, T)>) {
-    let mut seen = BTreeMap::new();
+    let mut names_by_hash = BTreeMap::new();
     for (name, value) in values {
-        if let Some(other) = seen.insert(hash(&value), name) {
+        if let Some(other) = names_by_hash.insert(hash(&value), name) {
             panic!("{} encodes {name} and {other} alike", std::any::type_name::<T>());
         }
     }
@@ -102,9 +102,9 @@ fn every_field_of_a_material_counts() {
     each_field_counts!(Medium { absorption: Vec3::ONE }, Medium { absorption: Vec3::X });
     each_field_counts!(Mix { of: [1, 2], share: textured(0.5) }, Mix { of: [2, 1], share: textured(0.25) });
     each_field_counts!(Coat::CLEAR, Coat { weight: 0.5, ior: 1.25, roughness: 0.5, tint: Vec3::X });
-    let grooves = Anisotropy { strength: textured(1.0), rotation: 0.0, direction: None };
+    let anisotropy = Anisotropy { strength: textured(1.0), rotation: 0.0, direction: None };
     each_field_counts!(
-        grooves,
+        anisotropy,
         Anisotropy { strength: textured(0.5), rotation: 1.0, direction: Some(TEXTURE) }
     );
     let fibres = Sheen { colour: colour(1.0), roughness: textured(1.0) };
@@ -135,7 +135,7 @@ fn every_field_of_a_material_counts() {
             clearcoat_roughness: textured(0.5),
             coats: Coats::new(&[Coat::CLEAR]).expect("one"),
             coat_normal_map: Some(bumps),
-            anisotropy: Some(grooves),
+            anisotropy: Some(anisotropy),
             sheen: Some(fibres),
             iridescence: Some(film),
         }
@@ -312,7 +312,7 @@ fn the_fingerprint_of_a_scene_is_pinned() {
 type Change = fn(&mut Scene);
 
 #[test]
-fn the_fingerprint_sees_each_part_of_a_scene() {
+fn the_fingerprint_depends_on_each_part_of_a_scene() {
     let changes: [(&str, Change); 9] = [
         ("nothing changed", |_| ()),
         ("mesh", |scene| scene.mesh.triangles[0].swap(0, 1)),

@@ -3,23 +3,23 @@
 use std::collections::BTreeSet;
 
 /// The most warnings that are kept, because a damaged file could cause one for each line.
-const MOST: usize = 100;
+const MAX_WARNINGS: usize = 100;
 
 /// Warnings in the order of their first occurrence, each once.
 #[derive(Debug, Default)]
 pub(super) struct Warnings {
     list: Vec<String>,
-    seen: BTreeSet<String>,
+    sentences: BTreeSet<String>,
 }
 
 impl Warnings {
     /// Adds a sentence unless the list contains it already.
     pub(super) fn add(&mut self, sentence: impl Into<String>) {
         let sentence = sentence.into();
-        if self.list.len() > MOST || !self.seen.insert(sentence.clone()) {
+        if self.list.len() > MAX_WARNINGS || !self.sentences.insert(sentence.clone()) {
             return;
         }
-        self.list.push(if self.list.len() == MOST {
+        self.list.push(if self.list.len() == MAX_WARNINGS {
             "There are more warnings, which are left out.".into()
         } else {
             sentence

@@ -230,14 +230,14 @@ mod tests {
     }
 
     #[test]
-    fn layers_and_media_are_what_gltf_calls_them() {
+    fn layers_and_media_become_gltfs_extensions() {
         let layered = r#"{ "colour": [1, 1, 1], "roughness": 0.5, "anisotropy": 0.6, "anisotropy_degrees": 90,
             "sheen": { "colour": [0.1, 0.2, 0.3], "roughness": 0.4 }, "film": { "nanometres": 300, "ior": 1.4 } }"#;
         let Surface::Principled(surface) = material(layered).expect("valid").surface else {
             panic!("principled")
         };
-        let grooves = surface.anisotropy.expect("grooves");
-        assert_eq!((grooves.strength.factor, grooves.rotation), (0.6, std::f32::consts::FRAC_PI_2));
+        let anisotropy = surface.anisotropy.expect("anisotropic");
+        assert_eq!((anisotropy.strength.factor, anisotropy.rotation), (0.6, std::f32::consts::FRAC_PI_2));
         let fibres = surface.sheen.expect("fibres");
         assert_eq!((fibres.colour.factor, fibres.roughness.factor), (Vec3::new(0.1, 0.2, 0.3), 0.4));
         let film = surface.iridescence.expect("a film");
@@ -256,7 +256,7 @@ mod tests {
     }
 
     #[test]
-    fn the_lowest_coat_may_be_gltfs() {
+    fn the_lowest_coat_may_become_the_clear_coat() {
         let surface = |fields: &str| {
             let text = format!(r#"{{ "colour": [0.5, 0.4, 0.3], {fields} }}"#);
             let Surface::Principled(surface) = material(&text).expect("valid").surface else {
@@ -275,7 +275,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_out_of_range_is_named() {
+    fn errors_name_numbers_out_of_range() {
         for (field, part) in [
             (r#""anisotropy": 2"#, "anisotropy is 2"),
             (r#""sheen": { "colour": [2, 0, 0], "roughness": 0 }"#, "largest channel of sheen is 2"),

@@ -65,8 +65,8 @@ impl Recipe {
                 let surface = Surface::Mix(scene.mixes.len() as u32 - 1);
                 let name = inner.to_owned();
                 scene.materials.push(Material { name, surface, emission, medium, ..Material::fallback() });
-                let known = if is_plain { &mut indices } else { &mut own };
-                known.insert(inner, scene.materials.len() as u32 - 1);
+                let target = if is_plain { &mut indices } else { &mut own };
+                target.insert(inner, scene.materials.len() as u32 - 1);
             }
             if let Some(index) = own.get(&**name) {
                 indices.insert(name, *index);
@@ -155,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn a_mix_may_be_part_of_another_and_its_parts_say_what_it_says() {
+    fn a_mix_may_contain_another_and_its_parts_have_its_emission() {
         let plain = build(
             r#""m": { "of": ["a", "n"], "share": 0.5, "texture": "t" }, "n": { "of": ["b", "c"], "share": 0.1 }"#,
         )

@@ -3,7 +3,7 @@
 use super::super::LoadError;
 use super::Context;
 use super::accessor::vectors;
-use crate::scene::{CameraMotion, Interpolation, Joint, Key, Track, Tracked, unit_turn};
+use crate::scene::{AnimatedNode, CameraMotion, Interpolate, Interpolation, Key, Track, unit_rotation};
 use ::gltf::Node;
 use ::gltf::animation::{Channel, Interpolation as SourceInterpolation, Property};
 use glam::{DQuat, DVec3};
@@ -28,21 +28,21 @@ pub(super) fn camera_motion(
     if moving.next().is_some() {
         context.warnings.add("Several animations move the camera; the first one is used.");
     }
-    let mut joints: Vec<Joint> = chain.iter().map(resting).collect();
+    let mut nodes: Vec<AnimatedNode> = chain.iter().map(constant).collect();
     for channel in animation.channels().filter(moves) {
         let target = channel.target();
-        let joint = chain.iter().position(|node| node.index() == target.node().index());
-        let joint = &mut joints[joint.expect("the channel moves a node of the chain")];
+        let node = chain.iter().position(|node| node.index() == target.node().index());
+        let node = &mut nodes[node.expect("the channel moves a node of the chain")];
         match target.property() {
             Property::Translation => {
-                joint.translation = track(context, &animation, &channel, DVec3::from_array)?
+                node.translation = track(context, &animation, &channel, DVec3::from_array)?
             }
-            Property::Scale => joint.scale = track(context, &animation, &channel, DVec3::from_array)?,
-            Property::Rotation => joint.rotation = track(context, &animation, &channel, DQuat::from_array)?,
+            Property::Scale => node.scale = track(context, &animation, &channel, DVec3::from_array)?,
+            Property::Rotation => node.rotation = track(context, &animation, &channel, DQuat::from_array)?,
             Property::MorphTargetWeights => {}
         }
     }
-    Ok(Some(CameraMotion::new(fov_degrees, joints)))
+    Ok(Some(CameraMotion::new(fov_degrees, nodes)))
 }
 
 /// Warns if the file animates anything except the camera.
@@ -56,16 +56,16 @@ pub(super) fn warn_of_others(context: &mut Context, chain: &[Node]) {
     }
 }
 
-fn resting(node: &Node) -> Joint {
+fn constant(node: &Node) -> AnimatedNode {
     let (translation, rotation, scale) = node.transform().decomposed();
-    Joint {
-        translation: Track::resting(DVec3::from_array(translation.map(f64::from))),
-        rotation: Track::resting(unit_turn(DQuat::from_array(rotation.map(f64::from)))),
-        scale: Track::resting(DVec3::from_array(scale.map(f64::from))),
+    AnimatedNode {
+        translation: Track::constant(DVec3::from_array(translation.map(f64::from))),
+        rotation: Track::constant(unit_rotation(DQuat::from_array(rotation.map(f64::from)))),
+        scale: Track::constant(DVec3::from_array(scale.map(f64::from))),
     }
 }
 
-fn track<T: Tracked, const N: usize>(
+fn track<T: Interpolate, const N: usize>(
     context: &Context,
     animation: &::gltf::Animation,
     channel: &Channel,
@@ -87,12 +87,12 @@ fn track<T: Tracked, const N: usize>(
     };
     let found = (times.len(), values.len());
     let key = |v: &[T]| Key { arriving: v[0], value: v[width / 2], leaving: v[width - 1] };
-    let whole = values.len() == width * times.len() && finite;
+    let is_complete = values.len() == width * times.len() && finite;
     let keys = values.chunks_exact(width).map(key).collect();
     let times = times.into_iter().map(|[time]| f64::from(time)).collect();
-    Track::new(times, keys, interpolation).filter(|_| whole).ok_or_else(|| {
+    Track::new(times, keys, interpolation).filter(|_| is_complete).ok_or_else(|| {
         wrong(format!(
-            "has {} times and {} values; there must be {width} finite values a time, and times must increase",
+            "has {} times and {} values; there must be {width} finite values for each time, and times must increase",
             found.0, found.1
         ))
     })

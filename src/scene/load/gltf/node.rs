@@ -5,7 +5,7 @@ use super::Context;
 use super::animation::{camera_motion, warn_of_others};
 use super::material::Converted;
 use super::mesh::Flattened;
-use crate::scene::{Camera, CameraMotion, Light, LightShape, Mesh, Shape, unit_turn};
+use crate::scene::{Camera, CameraMotion, Light, LightShape, Mesh, Shape, unit_rotation};
 use ::gltf::camera::Projection;
 use ::gltf::khr_lights_punctual::Kind;
 use ::gltf::scene::Transform;
@@ -106,7 +106,7 @@ fn local_matrix(node: &Node) -> DMat4 {
             DMat4::from_cols_array_2d(&matrix.map(|column| column.map(f64::from)))
         }
         Transform::Decomposed { translation, rotation, scale } => {
-            let rotation = unit_turn(DQuat::from_array(rotation.map(f64::from)));
+            let rotation = unit_rotation(DQuat::from_array(rotation.map(f64::from)));
             DMat4::from_scale_rotation_translation(
                 DVec3::from_array(scale.map(f64::from)),
                 rotation,
@@ -168,7 +168,7 @@ fn place_camera(context: &mut Context, camera: &::gltf::Camera, matrix: &DMat4) 
         context.warnings.add("Orthographic cameras are not supported and are ignored.");
         return None;
     };
-    let camera = Camera::placed(matrix, lens.yfov().to_degrees());
+    let camera = Camera::transformed(matrix, lens.yfov().to_degrees());
     if let Err(error) = camera.lens(1, 1) {
         context.warnings.add(format!("A camera is ignored: {error}."));
         return None;

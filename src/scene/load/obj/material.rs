@@ -78,7 +78,7 @@ impl Converter<'_> {
             Some(2 | 8 | 10) => self.glossy(has_pbr || d.ni.is_some()),
             None if has_pbr => self.glossy(true),
             _ => {
-                if [d.pm, d.pc, d.ps].iter().any(|of| of.unwrap_or(0.0) > 0.0) {
+                if [d.pm, d.pc, d.ps].iter().any(|factor| factor.unwrap_or(0.0) > 0.0) {
                     self.warn("Pm, Pc and Ps are ignored: illum 0 and 1 are matte");
                 }
                 Ok(Surface::Matte { reflectance: self.kd()? })
@@ -139,12 +139,12 @@ impl Converter<'_> {
         let base_colour = self.kd()?;
         let ks = d.ks.map(|ks| self.share("Ks", ks));
         let has_gloss = ks.is_some_and(|ks| ks != Vec3::ZERO);
-        let is_dull = ks == Some(Vec3::ZERO)
+        let is_matte = ks == Some(Vec3::ZERO)
             && d.pm.unwrap_or(0.0) <= 0.0
             && d.pc.unwrap_or(0.0) <= 0.0
             && d.ps.unwrap_or(0.0) <= 0.0
             && d.map_pm.is_none();
-        if is_dull || !is_coat && !has_gloss {
+        if is_matte || !is_coat && !has_gloss {
             return Ok(Surface::Matte { reflectance: base_colour });
         }
         let phong = |ns: f32| (2.0 / (ns.max(0.0) + 2.0)).sqrt().sqrt();

@@ -38,12 +38,12 @@ pub(super) fn load(path: &Path) -> Result<Scene, LoadError> {
         .material_names
         .iter()
         .map(|name| {
-            let known = name.as_ref().and_then(|name| by_name.get(name)).copied();
-            if let (None, Some(name)) = (known, name) {
+            let defined = name.as_ref().and_then(|name| by_name.get(name)).copied();
+            if let (None, Some(name)) = (defined, name) {
                 warnings
                     .add(format!("The material {} is not defined; its faces are matte grey.", quote(name)));
             }
-            known.unwrap_or_else(|| {
+            defined.unwrap_or_else(|| {
                 *fallback.get_or_insert_with(|| {
                     materials.push(Material::fallback());
                     (materials.len() - 1) as u32
@@ -67,9 +67,9 @@ pub(super) fn load(path: &Path) -> Result<Scene, LoadError> {
 fn libraries(path: &Path, statements: &[String], warnings: &mut Warnings) -> Vec<PathBuf> {
     let mut found = Vec::new();
     for statement in statements {
-        let whole = beside(path, statement);
+        let single = beside(path, statement);
         let names =
-            if whole.is_file() { vec![statement.as_str()] } else { statement.split_whitespace().collect() };
+            if single.is_file() { vec![statement.as_str()] } else { statement.split_whitespace().collect() };
         for name in names {
             let library = beside(path, name);
             if !library.is_file() {

@@ -95,27 +95,27 @@ pub(super) fn parse(
 impl Definition {
     fn statement(&mut self, keyword: &str, arguments: &str, warnings: &mut Warnings) -> Result<(), String> {
         let name = &self.name;
-        let mut about = |problem: &str| warnings.add(format!("Material {name:?}: {problem}."));
+        let mut warn = |problem: &str| warnings.add(format!("Material {name:?}: {problem}."));
         match keyword {
-            "Kd" => self.kd = colour(arguments, &mut about)?,
-            "Ks" => self.ks = colour(arguments, &mut about)?,
-            "Ke" => self.ke = colour(arguments, &mut about)?,
-            "Tf" => self.tf = colour(arguments, &mut about)?,
+            "Kd" => self.kd = colour(arguments, &mut warn)?,
+            "Ks" => self.ks = colour(arguments, &mut warn)?,
+            "Ke" => self.ke = colour(arguments, &mut warn)?,
+            "Tf" => self.tf = colour(arguments, &mut warn)?,
             "Ns" => self.ns = Some(number(arguments)?),
             "Ni" => self.ni = Some(number(arguments)?),
             "d" => {
                 let opacity = arguments.strip_prefix("-halo");
                 if opacity.is_some() {
-                    about("-halo of d is ignored; its factor is used as opacity");
+                    warn("-halo of d is ignored; its factor is used as opacity");
                 }
                 self.d = Some(number(opacity.unwrap_or(arguments))?);
             }
             "Tr" => self.tr = Some(number(arguments)?),
             "illum" => {
                 let model = number(arguments)?;
-                self.illum = Some(model as u32).filter(|&known| known <= 10 && known as f32 == model);
+                self.illum = Some(model as u32).filter(|&index| index <= 10 && index as f32 == model);
                 if self.illum.is_none() {
-                    about(&format!("illum {model} is not an illumination model (0 to 10) and is ignored"));
+                    warn(&format!("illum {model} is not an illumination model (0 to 10) and is ignored"));
                 }
             }
             "Pr" => self.pr = Some(number(arguments)?),
@@ -125,16 +125,16 @@ impl Definition {
             "Ps" => self.ps = Some(number(arguments)?),
             "aniso" => self.aniso = Some(number(arguments)?),
             "anisor" => self.anisor = Some(number(arguments)?),
-            "map_Kd" => self.map_kd = Some(map(arguments, &mut about)?),
-            "map_Ke" => self.map_ke = Some(map(arguments, &mut about)?),
-            "map_d" => self.map_d = Some(map(arguments, &mut about)?),
-            "map_Pr" => self.map_pr = Some(map(arguments, &mut about)?),
-            "map_Pm" => self.map_pm = Some(map(arguments, &mut about)?),
-            "map_Bump" | "map_bump" | "bump" => self.map_bump = Some(map(arguments, &mut about)?),
-            "norm" | "map_Kn" => self.norm = Some(map(arguments, &mut about)?),
+            "map_Kd" => self.map_kd = Some(map(arguments, &mut warn)?),
+            "map_Ke" => self.map_ke = Some(map(arguments, &mut warn)?),
+            "map_d" => self.map_d = Some(map(arguments, &mut warn)?),
+            "map_Pr" => self.map_pr = Some(map(arguments, &mut warn)?),
+            "map_Pm" => self.map_pm = Some(map(arguments, &mut warn)?),
+            "map_Bump" | "map_bump" | "bump" => self.map_bump = Some(map(arguments, &mut warn)?),
+            "norm" | "map_Kn" => self.norm = Some(map(arguments, &mut warn)?),
             // Ambient light is computed. Sharpness and antialiasing are not properties of the surface.
             "Ka" | "map_Ka" | "sharpness" | "map_aat" => {}
-            _ => about(&format!("the MTL statement {} is not supported and is ignored", quote(keyword))),
+            _ => warn(&format!("the MTL statement {} is not supported and is ignored", quote(keyword))),
         }
         Ok(())
     }
@@ -148,9 +148,9 @@ fn number(arguments: &str) -> Result<f32, String> {
 }
 
 /// `r g b`, or one number for all three. `None`, with a warning, for spectra and CIE XYZ.
-fn colour(arguments: &str, about: &mut impl FnMut(&str)) -> Result<Option<Vec3>, String> {
+fn colour(arguments: &str, warn: &mut impl FnMut(&str)) -> Result<Option<Vec3>, String> {
     if let Some(form @ ("spectral" | "xyz")) = words(arguments).next() {
-        about(&format!("colours given as {form:?} are not supported and are ignored"));
+        warn(&format!("colours given as {form:?} are not supported and are ignored"));
         return Ok(None);
     }
     let r = number(arguments)?;
@@ -163,7 +163,7 @@ fn colour(arguments: &str, about: &mut impl FnMut(&str)) -> Result<Option<Vec3>,
 }
 
 /// Parses options and the file name, which may contain spaces.
-fn map(arguments: &str, about: &mut impl FnMut(&str)) -> Result<Map, String> {
+fn map(arguments: &str, warn: &mut impl FnMut(&str)) -> Result<Map, String> {
     let mut map = Map {
         file: String::new(),
         wrap: Wrap::Repeat,
@@ -202,13 +202,13 @@ fn map(arguments: &str, about: &mut impl FnMut(&str)) -> Result<Map, String> {
                 match option {
                     "-s" => map.scale = values,
                     "-o" => map.offset = values,
-                    _ => about("turbulence (-t) of a texture is not supported and is ignored"),
+                    _ => warn("turbulence (-t) of a texture is not supported and is ignored"),
                 }
             }
             "-mm" => {
                 let (base, gain) = (number(take())?, number(take())?);
                 if (base, gain) != (0.0, 1.0) {
-                    about("range modification (-mm) of a texture is not supported and is ignored");
+                    warn("range modification (-mm) of a texture is not supported and is ignored");
                 }
             }
             // Filtering and storage of images. There is one filter, so these options are ignored.

@@ -87,8 +87,8 @@ impl Converter<'_, '_> {
             self.warn(&format!("ior is {ior}; it must be 0 or at least 1, so 1 is used"));
             ior = 1.0;
         }
-        let is_bare = clearcoat.factor == 0.0 && sheen.is_none() && iridescence.is_none();
-        if specular.factor == 0.0 && metallic.factor == 0.0 && transmission.factor == 0.0 && is_bare {
+        let has_no_layers = clearcoat.factor == 0.0 && sheen.is_none() && iridescence.is_none();
+        if specular.factor == 0.0 && metallic.factor == 0.0 && transmission.factor == 0.0 && has_no_layers {
             return Ok(Surface::Matte { reflectance: base_colour });
         }
         Ok(Surface::Principled(Principled {
