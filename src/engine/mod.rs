@@ -7,7 +7,7 @@ mod tree;
 mod units;
 
 pub use prepared_scene::PreparedScene;
-pub use tree::{WORTH_SAVING, build as build_tree};
+pub use tree::{MIN_SAVED_TRIANGLES, build as build_tree};
 #[cfg(feature = "gpu")]
 pub use units::calibration_host;
 pub use units::{UnitChoice, Units, UnitsError};

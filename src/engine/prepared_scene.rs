@@ -31,7 +31,7 @@ impl PreparedScene {
     /// Builds the tree and the tracers. It is no error if a GPU cannot trace the scene: the CPU does its work, and
     /// [`PreparedScene::degraded`] gives the reason.
     pub fn new(scene: Arc<Scene>, units: &Units) -> Self {
-        let bvh = Arc::new(tree::build(&scene, tree::WORTH_SAVING));
+        let bvh = Arc::new(tree::build(&scene, tree::MIN_SAVED_TRIANGLES));
         let filter = filter(&scene);
         let host = CpuTracer::new(bvh.clone(), filter.clone(), units.simd());
         let host: Arc<dyn Tracer> = Arc::new(host.expect("the units have checked the instruction set"));

@@ -7,15 +7,15 @@ use std::sync::Arc;
 
 /// A two-level tree does not pay if it saves fewer triangles. Rays visit overlapping instances one after the other,
 /// and the box of a rotated tree is looser than a box around the rotated triangles.
-pub const WORTH_SAVING: usize = 1 << 16;
+pub const MIN_SAVED_TRIANGLES: usize = 1 << 16;
 
-/// Builds the tree of a scene. Shapes stay shared if their instances save at least `worth_saving` triangles together.
+/// Builds the tree of a scene. A shape stays shared if its instances together save at least `min_saved_triangles` triangles.
 /// The hits are the same to the bit either way.
-pub fn build(scene: &Scene, worth_saving: usize) -> Bvh {
+pub fn build(scene: &Scene, min_saved_triangles: usize) -> Bvh {
     let masked: Vec<bool> = scene.materials.iter().map(|m| m.alpha.mode != AlphaMode::Opaque).collect();
     let is_masked = |primitive: u32| masked[scene.mesh.materials[primitive as usize] as usize];
     let saved = |shape: &&Shape| shape.triangles.len() * (shape.instances.len() - 1);
-    let kept: Vec<&Shape> = scene.shapes.iter().filter(|shape| saved(shape) >= worth_saving).collect();
+    let kept: Vec<&Shape> = scene.shapes.iter().filter(|shape| saved(shape) >= min_saved_triangles).collect();
     if kept.is_empty() {
         return Bvh::build(&scene.mesh.positions, &scene.mesh.triangles, is_masked);
     }

@@ -34,7 +34,7 @@ impl Noise {
 
     /// Adds a pass to the estimate. `before` is the film of all earlier passes, to which the pass is about to be
     /// added.
-    pub fn learn(&mut self, before: &Film, pass: &Film) {
+    pub fn add_pass(&mut self, before: &Film, pass: &Film) {
         for (pixel, (spread, passes)) in self.spread.iter_mut().zip(&mut self.passes).enumerate() {
             let ((mean, samples), (x, more)) = (before.luminance(pixel), pass.luminance(pixel));
             if more > 0 {
@@ -107,7 +107,7 @@ mod tests {
                     pass.add_samples(pixel, 1);
                 }
             }
-            noise.learn(&film, &pass);
+            noise.add_pass(&film, &pass);
             film.add(&pass);
         }
         (noise, film)

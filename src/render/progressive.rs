@@ -188,7 +188,7 @@ impl<I: Integrator> Progressive<I> {
         }
         let pass = self.state.begun.remove(0);
         if let Some(noise) = &mut self.state.noise {
-            noise.learn(&self.state.film, film);
+            noise.add_pass(&self.state.film, film);
         }
         if self.state.passes == 0 {
             self.state.film = Arc::clone(film);

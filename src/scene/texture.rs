@@ -126,7 +126,7 @@ impl Texture {
 
     /// Whether alpha of the mipmap levels stores the roughness of averaged normals ([`Averaging::Normals`]).
     #[inline(always)]
-    pub fn has_lengths(&self) -> bool {
+    pub fn stores_roughness(&self) -> bool {
         self.mipmap.mean() == Averaging::Normals
     }
 
@@ -188,7 +188,7 @@ impl Texture {
             }
             filtered
         };
-        if self.has_lengths() {
+        if self.stores_roughness() {
             filtered[3] = Num::select(is_image, Num::splat(l, 1.0), filtered[3]);
         }
         filtered

@@ -110,7 +110,7 @@ pub fn map_normal<L: Lanes>(
     let (x, y, z) = (x * 2.0 - 1.0, y * 2.0 - 1.0, z * 2.0 - 1.0);
     let local = Vector::new(x * map.scale, y * map.scale, z.clamp(0.0, 1.0));
     let bumps =
-        if texture.has_lengths() { (1.0 - length) * map.scale.abs() } else { Num::zero(length.lanes()) };
+        if texture.stores_roughness() { (1.0 - length) * map.scale.abs() } else { Num::zero(length.lanes()) };
     (basis.world(local).normalize_or(basis.normal).0, bumps)
 }
 

@@ -2,7 +2,7 @@
 
 use crate::document::Document;
 use raystream::bvh::{Bvh, TreeInstance};
-use raystream::engine::{PreparedScene, Units, WORTH_SAVING, build_tree};
+use raystream::engine::{MIN_SAVED_TRIANGLES, PreparedScene, Units, build_tree};
 use raystream::film::Image;
 use raystream::render::{Path, Settings};
 use raystream::scene::{Camera, Environment, Scene};
@@ -102,7 +102,7 @@ fn hills(cells: u32) -> Document {
 fn a_picture_does_not_depend_on_what_is_shared() {
     let mut scene = hills(200).scene();
     scene.environment = Environment::Constant([1.0, 0.8, 0.6].into());
-    assert!(scene.shapes[0].triangles.len() * 2 >= WORTH_SAVING);
+    assert!(scene.shapes[0].triangles.len() * 2 >= MIN_SAVED_TRIANGLES);
     let written_out = Scene { shapes: Vec::new(), ..scene.clone() };
     let service = Service::new(ServiceOptions { host_threads: 2, ..Default::default() }).expect("threads");
     let [shared, alone] = [scene, written_out].map(|scene| {

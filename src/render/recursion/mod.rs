@@ -27,19 +27,19 @@
 //!     sun: Vec3,
 //! }
 //!
-//! /// What a ray counts for the pixel, and how often it has been reflected.
-//! type Share = (f32, u32);
+//! /// A ray's weight in the pixel, and its number of reflections.
+//! type Weight = (f32, u32);
 //!
 //! impl Shader for Mirrors {
-//!     type Args = Share;            // what a call is given besides the ray and the hit,
-//!     type Value = Vec3;            // what it returns,
-//!     const SHADOW_RAYS: usize = 1; // and how many shadow rays it sends at once.
+//!     type Args = Weight;           // a call's arguments besides the ray and the hit
+//!     type Value = Vec3;            // a call's result
+//!     const SHADOW_RAYS: usize = 1; // most shadow rays at once
 //!
-//!     fn camera(&self) -> Share {
+//!     fn camera(&self) -> Weight {
 //!         (1.0, 0)
 //!     }
 //!
-//!     async fn shade(&self, cx: Cx<'_, Self>, ray: Ray, hit: Option<Hit>, (share, depth): Share) -> Vec3 {
+//!     async fn shade(&self, cx: Cx<'_, Self>, ray: Ray, hit: Option<Hit>, (weight, depth): Weight) -> Vec3 {
 //!         let Some(hit) = hit else {
 //!             return Vec3::new(0.4, 0.6, 0.9); // the sky
 //!         };
@@ -50,10 +50,10 @@
 //!         if facing > 0.0 && !cx.occluded(towards(self.sun)).await {
 //!             light += Vec3::splat(0.5 * facing);
 //!         }
-//!         let share = 0.6 * share;
-//!         if share > 0.05 && depth < cx.settings().max_bounces {
+//!         let weight = 0.6 * weight;
+//!         if weight > 0.05 && depth < cx.settings().max_bounces {
 //!             let mirrored = 2.0 * at.normal.dot(at.wo) * at.normal - at.wo;
-//!             light += 0.6 * cx.call(towards(mirrored), (share, depth + 1)).await;
+//!             light += 0.6 * cx.call(towards(mirrored), (weight, depth + 1)).await;
 //!         }
 //!         light
 //!     }

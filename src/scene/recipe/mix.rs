@@ -1,6 +1,6 @@
 //! Mixes of two materials.
 
-use super::{Absorption, Recipe, RecipeError, finish, position, within};
+use super::{Absorption, Recipe, RecipeError, material, position, within};
 use crate::scene::{self, Channel, Material, Scalar, Scene, Surface, TextureRef};
 use glam::Vec3;
 use serde::Deserialize;
@@ -36,7 +36,7 @@ impl Recipe {
         }
         for (name, mix) in &self.mixes {
             let wrong = |problem| wrong(name, problem);
-            let emission = mix.emission.map(finish::emission).transpose().map_err(wrong)?;
+            let emission = mix.emission.map(material::emission).transpose().map_err(wrong)?;
             let medium = mix.absorption.map(Absorption::medium).transpose().map_err(wrong)?.flatten();
             let is_plain = emission.is_none() && medium.is_none();
             // Copies of the parts with the mix's own emission and medium.

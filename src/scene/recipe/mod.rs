@@ -10,7 +10,7 @@
 //!               { "shape": "quad", "corner": [-1, 4, 1], "u": [0, 0, -2], "v": [2, 0, 0], "material": "lamp" } ] }
 //! ```
 //!
-//! Unknown fields are errors that name the line. [`Shape`] lists the shapes, [`Pattern`] the textures, and [`Finish`]
+//! Unknown fields are errors that name the line. [`Shape`] lists the shapes, [`Pattern`] the textures, and [`MaterialRecipe`]
 //! the fields of a material. The material of a shape may also be one of the `"mixes"`, which mix two materials or
 //! mixes:
 //!
@@ -18,12 +18,12 @@
 //! "mixes": { "rusty": { "of": ["steel", "rust"], "share": 0.7, "texture": "stains" } }
 //! ```
 
-mod finish;
+mod material;
 mod mix;
 mod pattern;
 mod shape;
 
-pub use finish::{Absorption, Finish, SheenLayer, ThinFilm, Varnish};
+pub use material::{Absorption, CoatRecipe, MaterialRecipe, SheenLayer, ThinFilm};
 pub use mix::Mix;
 pub use pattern::Pattern;
 pub use shape::Shape;
@@ -45,7 +45,7 @@ pub struct Recipe {
     #[serde(default)]
     pub textures: BTreeMap<String, Pattern>,
     /// Materials by name.
-    pub materials: BTreeMap<String, Finish>,
+    pub materials: BTreeMap<String, MaterialRecipe>,
     /// Mixes of materials by name.
     #[serde(default)]
     pub mixes: BTreeMap<String, Mix>,
@@ -131,8 +131,8 @@ impl Recipe {
                 pattern.paint(name).map_err(|problem| RecipeError::Range { place: place(), problem })?;
             scene.textures.push(texture);
         }
-        for (name, finish) in &self.materials {
-            let texture = match &finish.texture {
+        for (name, recipe) in &self.materials {
+            let texture = match &recipe.texture {
                 None => None,
                 Some(texture) => {
                     let index = position(&self.textures, texture).ok_or_else(|| RecipeError::Unknown {
@@ -144,20 +144,20 @@ impl Recipe {
                 }
             };
             let place = || format!("material {name:?}");
-            let material = finish
+            let material = recipe
                 .material(name, texture)
                 .map_err(|problem| RecipeError::Range { place: place(), problem })?;
             scene.materials.push(material);
         }
         let materials = self.mix(&mut scene)?;
-        for (index, placed) in self.shapes.iter().enumerate() {
+        for (index, object) in self.shapes.iter().enumerate() {
             let place = || format!("shape {index}");
-            let material = materials.get(&*placed.material).ok_or_else(|| RecipeError::Unknown {
+            let material = materials.get(&*object.material).ok_or_else(|| RecipeError::Unknown {
                 user: place(),
                 kind: "material",
-                name: placed.material.clone(),
+                name: object.material.clone(),
             })?;
-            placed
+            object
                 .shape
                 .tessellate(*material, &mut scene.mesh)
                 .map_err(|problem| RecipeError::Range { place: place(), problem })?;

@@ -52,7 +52,7 @@ pub enum Shape {
         cells: u32,
         /// Displacement.
         #[serde(default)]
-        rough: Option<Rough>,
+        rough: Option<FractalNoise>,
     },
     /// A tube around an upright (p, q) torus knot.
     Knot {
@@ -79,7 +79,7 @@ pub enum Shape {
         /// Length of its edges, above 0.
         size: f32,
         /// Displacement. `frequency` is relative to `size`.
-        rough: Rough,
+        rough: FractalNoise,
         /// Radius of a flat disk around the centre. The hills rise to their full height between this radius and twice
         /// this radius.
         #[serde(default)]
@@ -92,7 +92,7 @@ pub enum Shape {
 /// Fractal noise.
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Rough {
+pub struct FractalNoise {
     /// Approximate largest displacement.
     pub height: f32,
     /// Features per unit of length.
@@ -104,7 +104,7 @@ pub struct Rough {
     pub seed: u32,
 }
 
-impl Rough {
+impl FractalNoise {
     fn noise(&self) -> Result<impl Fn(Vec3) -> f32 + use<>, String> {
         within("octaves", self.octaves, 1, 12)?;
         let fractal = Fbm::<Perlin>::new(self.seed).set_octaves(self.octaves).set_frequency(self.frequency);
@@ -217,7 +217,7 @@ fn sphere(
     centre: Vec3,
     radius: f32,
     cells: u32,
-    rough: Option<&Rough>,
+    rough: Option<&FractalNoise>,
     material: u32,
     mesh: &mut Mesh,
 ) -> Result<(), String> {

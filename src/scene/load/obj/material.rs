@@ -3,11 +3,11 @@
 //! | illum | surface |
 //! |---|---|
 //! | 0, 1 | matte `Kd` |
-//! | none | matte `Kd`; with `Pr`, `Pm`, `Pc`, `Ps` or `aniso` as 2 |
-//! | 2, 8, 10 | with `Ni` or any of these: a dielectric coat over `Kd`, or metal by `Pm` |
-//! | | else a gloss of reflectance `Ks` and Phong exponent `Ns` over `Kd` |
-//! | | with black `Ks`, unless `Pm`, `Pc` or `Ps` is above 0, matte `Kd` |
-//! | 3, 5 | mirror `Ks`; with `Pr` or a partial `Pm` rough metal |
+//! | none | as 2 if `Pr`, `Pm`, `Pc`, `Ps` or `aniso` is given, otherwise matte `Kd` |
+//! | 2, 8, 10 | if `Ni`, `Pr`, `Pm`, `Pc`, `Ps` or `aniso` is given: a dielectric coat over `Kd`, or metal by `Pm` |
+//! | | otherwise: a gloss of reflectance `Ks` and Phong exponent `Ns` over `Kd` |
+//! | | in either case with black `Ks`, unless `Pm`, `Pc` or `Ps` is above 0: matte `Kd` |
+//! | 3, 5 | mirror `Ks`; rough metal if `Pr` is given or `Pm` is partial |
 //! | 4, 6, 7, 9 | dielectric `Ni`, `Tf`: smooth, or frosted by `Pr` |
 //!
 //! If `Pm` makes a metal of illum 3 or 5, its colour is `Kd`, as in the PBR extension, or `Ks` if `Kd` is black. Maps

@@ -9,7 +9,7 @@ use glam::Vec3;
 use serde::Deserialize;
 
 /// A material: glass if `ior` is given, a mirror if `mirror` is true, and otherwise glTF's metallic-roughness
-/// surface, which is matte if `roughness` is absent, too. The last two may have coats:
+/// surface, which is matte if `roughness` is absent, too. Glass and mirrors cannot have coats; other materials may:
 ///
 /// ```json
 /// "candy": { "colour": [0.9, 0.9, 0.9], "roughness": 0.3, "metallic": 1,
@@ -17,7 +17,7 @@ use serde::Deserialize;
 /// ```
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Finish {
+pub struct MaterialRecipe {
     /// Linear Rec. 709. The texture multiplies it.
     pub colour: Vec3,
     /// Name of a texture.
@@ -32,7 +32,7 @@ pub struct Finish {
     pub clearcoat: f32,
     /// Coats of varnish over the whole surface, outermost first, at most [`Coats::MOST`].
     #[serde(default)]
-    pub coats: Vec<Varnish>,
+    pub coats: Vec<CoatRecipe>,
     /// Strength of anisotropy, 0..=1: reflection is rougher along u.
     #[serde(default)]
     pub anisotropy: f32,
@@ -77,7 +77,7 @@ pub struct ThinFilm {
 /// A coat, clear and smooth by default. Mirrors and glass cannot have coats.
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct Varnish {
+pub struct CoatRecipe {
     /// Coated share of the surface, 0..=1.
     pub weight: f32,
     /// Index of refraction, 1..=4.
@@ -88,14 +88,14 @@ pub struct Varnish {
     pub tint: Vec3,
 }
 
-impl Default for Varnish {
+impl Default for CoatRecipe {
     fn default() -> Self {
         let Coat { weight, ior, roughness, tint } = Coat::CLEAR;
         Self { weight, ior, roughness, tint }
     }
 }
 
-impl Varnish {
+impl CoatRecipe {
     fn coat(self) -> Result<Coat, String> {
         within("the ior of a coat", self.ior, 1.0, 4.0)?;
         Ok(Coat {
@@ -117,7 +117,7 @@ pub struct Absorption {
     pub distance: f32,
 }
 
-impl Finish {
+impl MaterialRecipe {
     /// The material. An error names a number that is out of range, and the range.
     pub(super) fn material(&self, name: &str, texture: Option<TextureRef>) -> Result<Material, String> {
         let colour = Colour { factor: shares("colour", self.colour)?, texture };
@@ -225,8 +225,8 @@ mod tests {
     use super::*;
 
     fn material(json: &str) -> Result<Material, String> {
-        let finish: Finish = serde_json::from_str(json).expect("a finish");
-        finish.material("m", None)
+        let recipe: MaterialRecipe = serde_json::from_str(json).expect("a material");
+        recipe.material("m", None)
     }
 
     #[test]
