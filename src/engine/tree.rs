@@ -9,8 +9,8 @@ use std::sync::Arc;
 /// and the box of a rotated tree is looser than a box around the rotated triangles.
 pub const MIN_SAVED_TRIANGLES: usize = 1 << 16;
 
-/// Builds the tree of a scene. A shape stays shared if its instances together save at least `min_saved_triangles` triangles.
-/// The hits are the same to the bit either way.
+/// Builds the tree of a scene. A shape stays shared if its instances together save at least `min_saved_triangles`
+/// triangles. The hits are the same to the bit either way.
 pub fn build(scene: &Scene, min_saved_triangles: usize) -> Bvh {
     let masked: Vec<bool> = scene.materials.iter().map(|m| m.alpha.mode != AlphaMode::Opaque).collect();
     let is_masked = |primitive: u32| masked[scene.mesh.materials[primitive as usize] as usize];

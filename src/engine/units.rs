@@ -150,8 +150,8 @@ impl Units {
 
 #[cfg(feature = "gpu")]
 fn open_gpu(choice: &UnitChoice) -> Result<Gpus, UnitsError> {
-    let asked = choice.unit.is_some() || choice.adapter.is_some();
-    let adapter = AdapterChoice { name: choice.adapter.clone(), allow_software: asked };
+    let is_requested = choice.unit.is_some() || choice.adapter.is_some();
+    let adapter = AdapterChoice { name: choice.adapter.clone(), allow_software: is_requested };
     let measured = |gpu: Gpu| match &choice.cache {
         Some(folder) => gpu.calibrate(folder, |bvh| calibration_host(bvh, choice.simd)),
         None => gpu,
@@ -162,7 +162,9 @@ fn open_gpu(choice: &UnitChoice) -> Result<Gpus, UnitsError> {
             None => gpu,
         }))),
         Err(error @ GpuError::NoSuchAdapter { .. }) => Err(UnitsError::NoSuchAdapter(error.to_string())),
-        Err(GpuError::NoAdapter { .. } | GpuError::OnlySoftware { .. }) if !asked => Ok(Gpus::NotRequested),
+        Err(GpuError::NoAdapter { .. } | GpuError::OnlySoftware { .. }) if !is_requested => {
+            Ok(Gpus::NotRequested)
+        }
         Err(error) => Ok(Gpus::Unavailable(error.to_string())),
     }
 }

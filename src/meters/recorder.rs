@@ -123,7 +123,7 @@ mod tests {
             assert!((1..=most).contains(&(points.len() as u128)), "{name}: {} of {most}", points.len());
             assert!(points.is_sorted_by(|a, b| a.0 < b.0) && points.iter().all(|(_, x)| *x >= 0.0), "{name}");
         }
-        let told = all.iter().any(|series| series.name == "cpu clock");
-        assert_eq!(told, Clock::find().is_some(), "{all:?}");
+        let has_clock = all.iter().any(|series| series.name == "cpu clock");
+        assert_eq!(has_clock, Clock::find().is_some(), "{all:?}");
     }
 }

@@ -31,18 +31,18 @@ pub fn environment(path: &Path) -> Result<EnvironmentMap, LoadError> {
     })?;
     let pixels = image.into_rgb32f();
     let (width, height) = pixels.dimensions();
-    let mut bad = 0_usize;
+    let mut invalid = 0_usize;
     let mut bright = 0_usize;
     let texels = pixels
         .pixels()
         .map(|pixel| {
-            bad += usize::from(pixel.0.iter().any(|&v| v.is_nan() || v < 0.0));
+            invalid += usize::from(pixel.0.iter().any(|&v| v.is_nan() || v < 0.0));
             bright += usize::from(pixel.0.iter().any(|&v| v > LARGEST_RADIANCE));
             pixel.0.map(clamped)
         })
         .collect();
-    if bad > 0 {
-        log::warn!("{}: {bad} texels are NaN or negative; those values count as 0.", path.display());
+    if invalid > 0 {
+        log::warn!("{}: {invalid} texels are NaN or negative; those values count as 0.", path.display());
     }
     if bright > 0 {
         log::warn!(

@@ -135,7 +135,8 @@ impl Shape {
                 let least = half.min_element();
                 if !(least > 0.0 && (0.0..=least).contains(round)) {
                     return Err(format!(
-                        "half is {half} and round is {round}; half must be positive, and round from 0 to its least component"
+                        "half is {half} and round is {round}; half must be positive, and round from 0 \
+                         to its least component"
                     ));
                 }
                 let turn = Quat::from_rotation_y(turn_degrees.to_radians());

@@ -36,8 +36,8 @@ impl<'a> Elements<'a> {
         };
         if needed.is_none_or(|needed| needed > bytes.len()) {
             return Err(format!(
-                "its {count} elements of {size} bytes at offset {offset} with a stride of {stride} bytes do not fit into the \
-                 {} bytes of its buffer view",
+                "its {count} elements of {size} bytes at offset {offset} with a stride of {stride} bytes do not fit \
+                 into the {} bytes of its buffer view",
                 bytes.len()
             ));
         }
@@ -67,9 +67,9 @@ pub(super) fn vectors<const N: usize>(
     buffers: &Buffers,
     accessor: &Accessor,
 ) -> Result<Vec<[f32; N]>, String> {
-    let wanted = [Dimensions::Scalar, Dimensions::Vec2, Dimensions::Vec3, Dimensions::Vec4][N - 1];
-    if accessor.dimensions() != wanted {
-        return Err(format!("is of type {:?}, but {wanted:?} is needed", accessor.dimensions()));
+    let required = [Dimensions::Scalar, Dimensions::Vec2, Dimensions::Vec3, Dimensions::Vec4][N - 1];
+    if accessor.dimensions() != required {
+        return Err(format!("is of type {:?}, but {required:?} is required", accessor.dimensions()));
     }
     let kind = accessor.data_type();
     let scale = if accessor.normalized() { full_scale(kind) } else { 1.0 };
