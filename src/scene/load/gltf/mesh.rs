@@ -193,7 +193,7 @@ impl<'a> Flattened<'a> {
         transform: &NodeTransform,
     ) -> Result<u32, String> {
         let base = self.mesh.positions.len();
-        let positions = fetch::<3>(context, "POSITION", &attributes.positions)?;
+        let positions = read_attribute::<3>(context, "POSITION", &attributes.positions)?;
         if u32::try_from(base + positions.len()).is_err() {
             return Err(format!(
                 "the scene has more than {} vertices, the most that are supported",
@@ -215,22 +215,26 @@ impl<'a> Flattened<'a> {
         if let Some(accessor) = &attributes.normals {
             pad(&mut self.mesh.normals, base);
             let world_normal = |n: [f32; 3]| unit(transform.normals * DVec3::from_array(n.map(f64::from)));
-            self.mesh.normals.extend(fetch(context, "NORMAL", accessor)?.into_iter().map(world_normal));
+            self.mesh
+                .normals
+                .extend(read_attribute(context, "NORMAL", accessor)?.into_iter().map(world_normal));
         }
         if let Some(accessor) = &attributes.uvs {
             pad(&mut self.mesh.uvs, base);
             let finite = |uv: [f32; 2]| Some(Vec2::from_array(uv)).filter(|uv| uv.is_finite());
-            let uvs = fetch(context, "TEXCOORD", accessor)?;
+            let uvs = read_attribute(context, "TEXCOORD", accessor)?;
             self.mesh.uvs.extend(uvs.into_iter().map(|uv| finite(uv).unwrap_or_default()));
         }
         if let Some(accessor) = &attributes.tangents {
             pad(&mut self.mesh.tangents, base);
             let sign = if transform.mirrors { -1.0 } else { 1.0 };
-            let world_normal = |[x, y, z, w]: [f32; 4]| {
+            let world_tangent = |[x, y, z, w]: [f32; 4]| {
                 let tangent = unit(transform.matrix.transform_vector3(Vec3::new(x, y, z).as_dvec3()));
                 if tangent == Vec3::ZERO { Vec4::ZERO } else { tangent.extend(1.0_f32.copysign(w) * sign) }
             };
-            self.mesh.tangents.extend(fetch(context, "TANGENT", accessor)?.into_iter().map(world_normal));
+            self.mesh
+                .tangents
+                .extend(read_attribute(context, "TANGENT", accessor)?.into_iter().map(world_tangent));
         }
         Ok(base as u32)
     }
@@ -243,7 +247,7 @@ impl Attributes<'_> {
     }
 }
 
-fn fetch<const N: usize>(
+fn read_attribute<const N: usize>(
     context: &Context,
     name: &str,
     accessor: &Accessor,
@@ -279,9 +283,9 @@ fn pad<T: Default + Clone>(list: &mut Vec<T>, count: usize) {
 pub(super) fn triangles(mode: Mode, indices: &[u32]) -> Vec<[u32; 3]> {
     match mode {
         Mode::TriangleStrip => {
-            let odd =
+            let triangle =
                 |(i, w): (usize, &[u32])| if i % 2 == 0 { [w[0], w[1], w[2]] } else { [w[0], w[2], w[1]] };
-            indices.windows(3).enumerate().map(odd).collect()
+            indices.windows(3).enumerate().map(triangle).collect()
         }
         Mode::TriangleFan => {
             let Some((&first, rest)) = indices.split_first() else { return Vec::new() };
