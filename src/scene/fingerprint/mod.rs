@@ -255,7 +255,7 @@ impl Encode for Scene {
 }
 
 impl Scene {
-    /// XXH3 (64 bits) of the [canonical bytes](self) of everything that a picture depends on except the camera, as 16
+    /// XXH3 (64 bits) of the canonical bytes of everything that a picture depends on except the camera, as 16
     /// hexadecimal digits. In practice, scenes with the same fingerprint look the same from every camera.
     pub fn fingerprint(&self) -> String {
         let mut to = Encoder(Xxh3::new());
