@@ -236,20 +236,25 @@ impl Cumulated {
         Self { cells, edges, guide }
     }
 
+    /// The lower edges of cells, where `first_edge` is the first edge of each lane's distribution.
+    #[inline(always)]
+    fn edge<L: Lanes>(&self, first_edge: Int<L>, cell: Int<L>) -> Num<L> {
+        (first_edge + cell).of(&self.edges)
+    }
+
     /// Inverts distributions number `which` at `u` in [0, 1). Returns the cells, which never have weight 0,
     /// and the positions in them, 0..1.
     #[inline(always)]
     fn invert<L: Lanes>(&self, which: Int<L>, u: Num<L>) -> (Int<L>, Num<L>) {
         let last = Int::splat(u.lanes(), self.cells - 1);
         let first_edge = which * (self.cells + 1);
-        let edge = |cell: Int<L>| (first_edge + cell).of(&self.edges);
         let part = (u * self.cells as f32).to_int().at_most(self.cells - 1);
         let first_part = which * self.cells;
         let [low] = (first_part + part).rows(&self.guide);
         let [high] = (first_part + (part + 1).at_most(self.cells - 1)).rows(&self.guide);
         // Rounding may have chosen the part before or after that of `u`.
-        let mut low = Int::select(edge(low).gt(u), Int::splat(u.lanes(), 0), low);
-        let mut high = Int::select(part.lt(last) & edge(high + 1).gt(u), high, last);
+        let mut low = Int::select(self.edge(first_edge, low).gt(u), Int::splat(u.lanes(), 0), low);
+        let mut high = Int::select(part.lt(last) & self.edge(first_edge, high + 1).gt(u), high, last);
         // The cell ends at the first edge beyond `u`. This cell is in low..=high.
         for _ in 0..=self.cells.ilog2() {
             let open = low.lt(high);
@@ -257,11 +262,11 @@ impl Cumulated {
                 break;
             }
             let middle = (low + high) >> 1;
-            let beyond = edge(middle + 1).gt(u);
+            let beyond = self.edge(first_edge, middle + 1).gt(u);
             high = Int::select(open & beyond, middle, high);
             low = Int::select(open & !beyond, middle + 1, low);
         }
-        let (start, end) = (edge(low), edge(low + 1));
+        let (start, end) = (self.edge(first_edge, low), self.edge(first_edge, low + 1));
         (low, ((u - start) / (end - start)).clamp(0.0, 1.0))
     }
 }
