@@ -55,7 +55,7 @@ impl Film {
     /// The largest number of splats per pixel that a film supports.
     pub const MAX_SPLATS: u64 = 1 << (62 - MAX_RADIANCE_BITS - MIN_FRACTION_BITS);
 
-    /// A black film of `width` × `height` pixels, each of which will receive at most `splats` splats.
+    /// A black film of `width` × `height` pixels. Each will receive at most `splats` splats.
     ///
     /// # Errors
     /// When `splats` exceeds [`Film::MAX_SPLATS`].

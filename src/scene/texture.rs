@@ -335,7 +335,7 @@ mod tests {
             let mut t = two_by_one(wrap);
             (t.width, t.texels) = (4, [[0; 4], [0; 4], [0; 4], [255; 4]].into());
             t.add_mipmap(Averaging::Light);
-            // The mean over many hits, each of which reads one texel.
+            // The mean over many hits; each reads one texel.
             let at = |u: f32| {
                 let hits = 4000;
                 let seen = (0..hits).map(|i| {

@@ -57,8 +57,7 @@ impl<B> Arena<B> {
     pub const MAX: usize = (FAN * FAN - 1) * BUCKET;
 
     /// The most paths in flight that surely find slots for `entries_each` entries each. Half of the slots are
-    /// reserved for the threads' local free lists, each of which keeps at most [`MAX_LOCAL_FREE`] slots and a
-    /// bucket.
+    /// reserved for the threads' local free lists. Each keeps at most [`MAX_LOCAL_FREE`] slots and a bucket.
     pub const fn most_paths(entries_each: usize) -> usize {
         Self::MAX / 2 / if entries_each == 0 { 1 } else { entries_each }
     }

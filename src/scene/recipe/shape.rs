@@ -159,11 +159,7 @@ impl Shape {
                 within("cells", cells[0].min(cells[1]), 3, 65536)?;
                 within("cells", cells[0].max(cells[1]), 3, 65536)?;
                 let turn = Quat::from_rotation_y(turn_degrees.to_radians());
-                let curve = |t: f32| {
-                    let (a, b) = (*p as f32 * t, *q as f32 * t);
-                    let r = *radius * (1.0 + 0.45 * libm::cosf(b));
-                    Vec3::new(r * libm::cosf(a), r * libm::sinf(a), 0.45 * *radius * libm::sinf(b))
-                };
+                let curve = |t: f32| torus_knot(*radius, *p as f32 * t, *q as f32 * t);
                 grid(*cells, [true; 2], material, mesh, |[x, y]| {
                     let t = x * TAU;
                     let along = (curve(t + 1e-3) - curve(t - 1e-3)).normalize();
@@ -193,6 +189,12 @@ impl Shape {
         }
         Ok(())
     }
+}
+
+/// A point of a torus knot: `a` is the angle around the axis, `b` the angle around the tube of the torus, in radians.
+fn torus_knot(radius: f32, a: f32, b: f32) -> Vec3 {
+    let r = radius * (1.0 + 0.45 * libm::cosf(b));
+    Vec3::new(r * libm::cosf(a), r * libm::sinf(a), 0.45 * radius * libm::sinf(b))
 }
 
 /// A convex polygon as a fan of triangles.
