@@ -32,6 +32,10 @@ pub enum ServiceError {
     },
 }
 
+/// Stack of each thread of a service. Kernels and shaders compiled without optimisation keep every temporary on the
+/// stack, which overflows the usual 2 MiB. Address space only: pages are committed when they are first touched.
+pub(super) const STACK_BYTES: usize = 16 << 20;
+
 /// Runs jobs: frames of any integrator, batches of ray queries. Its host and dispatch threads are started once and
 /// shared by all jobs. The service may be shared between threads. Dropping it cancels all jobs and waits for its
 /// threads.
@@ -114,7 +118,8 @@ impl Service {
                 None => format!("host {index}"),
                 Some(index) => format!("dispatch {index}"),
             };
-            let thread = std::thread::Builder::new().name(name).spawn(move || inner.serve(index));
+            let thread = std::thread::Builder::new().name(name).stack_size(STACK_BYTES);
+            let thread = thread.spawn(move || inner.serve(index));
             // An error drops the service, which stops the threads that have started.
             service.threads.push(thread.map_err(|source| ServiceError::Thread { index, threads, source })?);
         }
