@@ -11,7 +11,7 @@
 
 use glam::Vec3;
 use raystream::engine::{PreparedScene, Units};
-use raystream::render::{Path as PathTracer, Settings};
+use raystream::render::{PathTracer, Settings};
 use raystream::scene::{Camera, load};
 use raystream::schedule::{JobOptions, Service, ServiceOptions};
 use std::error::Error;

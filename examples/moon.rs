@@ -8,7 +8,7 @@ use raystream::engine::{PreparedScene, Units};
 use raystream::film::{Image, write_image};
 use raystream::geom::warp::lanes as warp;
 use raystream::lanes::{Lanes, Num, Vector, trigonometry};
-use raystream::render::{Path as PathTracer, Settings};
+use raystream::render::{PathTracer, Settings};
 use raystream::scene::recipe::Recipe;
 use raystream::scene::{Light, LightShape, Points, Scattered, Scattering, ScatteringSurface, Scene, Surface};
 use raystream::schedule::{JobOptions, Service, ServiceOptions};

@@ -7,7 +7,7 @@ use anyhow::{Context, Result, ensure};
 use raystream::engine::{PreparedScene, Units};
 use raystream::film::{Image, write_image};
 use raystream::lanes::{Int, Lanes, Num, SimdLevel, Vector, trigonometry};
-use raystream::render::{Path as PathTracer, Settings};
+use raystream::render::{PathTracer, Settings};
 use raystream::scene::{
     Camera, Environment, Finish, Points, Procedural, ProceduralSurface, Scene, Surface, load,
 };

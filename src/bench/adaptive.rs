@@ -5,7 +5,7 @@ use super::Spread;
 use super::frame::FrameError;
 use crate::engine::PreparedScene;
 use crate::film::Film;
-use crate::render::{Blocks, PassOptions, Path, Progressive, ROULETTE_BOUNCES, Settings};
+use crate::render::{Blocks, PassOptions, PathTracer, Progressive, ROULETTE_BOUNCES, Settings};
 use crate::scene::Camera;
 use crate::schedule::{JobOptions, Policy, Service};
 use serde::Serialize;
@@ -124,16 +124,16 @@ impl Bench<'_> {
         Ok(rows)
     }
 
-    fn path(&self, seed: u64, spp: u32) -> Result<Path, FrameError> {
+    fn path(&self, seed: u64, spp: u32) -> Result<PathTracer, FrameError> {
         let Options { settings, camera, .. } = &self.options;
         let settings = Settings { seed, spp, ..*settings };
-        Ok(Path::new(self.prepared.scene.clone(), camera, settings, Some(ROULETTE_BOUNCES))?)
+        Ok(PathTracer::new(self.prepared.scene.clone(), camera, settings, Some(ROULETTE_BOUNCES))?)
     }
 
     /// Renders a picture to its end, or until its time is over; returns its seconds and its film.
     fn render(
         &self,
-        path: Path,
+        path: PathTracer,
         options: PassOptions,
         time: Option<Duration>,
     ) -> Result<(f64, Arc<Film>), FrameError> {

@@ -6,7 +6,7 @@ use crate::engine::PreparedScene;
 use crate::film::Image;
 use crate::lanes::SimdLevel;
 use crate::meters::Meters;
-use crate::render::{Path, RayByRay, Settings, SettingsError, render_single_rays};
+use crate::render::{PathTracer, RayByRay, Settings, SettingsError, render_single_rays};
 use crate::scene::Camera;
 use crate::schedule::{
     JobError, JobOptions, JobReport, LimitsError, Policy, RayCounts, Renderer, Service, TaskKind, Tracers,
@@ -214,13 +214,13 @@ impl Bench<'_> {
     }
 
     /// The integrator of the frame. As in RA, paths end by depth alone.
-    fn path(&self, shading: Shading) -> Result<Arc<Path>, FrameError> {
+    fn path(&self, shading: Shading) -> Result<Arc<PathTracer>, FrameError> {
         let Options { settings, camera, .. } = self.options;
         let simd = match shading {
             Shading::OneLane => SimdLevel::Scalar,
             Shading::Lanes => self.simd,
         };
-        Ok(Arc::new(Path::new(self.prepared.scene.clone(), &camera, settings, None)?.with_simd(simd)))
+        Ok(Arc::new(PathTracer::new(self.prepared.scene.clone(), &camera, settings, None)?.with_simd(simd)))
     }
 
     fn configuration(&self, configuration: Configuration) -> Result<Rendered, FrameError> {
@@ -260,7 +260,7 @@ impl Bench<'_> {
     fn frame<R: Renderer>(
         &self,
         configuration: &'static str,
-        path: &Path,
+        path: &PathTracer,
         renderer: Arc<R>,
         tracers: Tracers,
         options: JobOptions,
@@ -340,7 +340,7 @@ struct Contender<'a> {
     frame: Box<dyn FnMut() -> Result<Rendered, FrameError> + 'a>,
 }
 
-fn rendered(seconds: f64, path: &Path, rays: RayCounts, events: Vec<String>) -> Rendered {
+fn rendered(seconds: f64, path: &PathTracer, rays: RayCounts, events: Vec<String>) -> Rendered {
     let film = path.film();
     let image = Image { width: film.width(), height: film.height(), pixels: film.resolve() };
     Rendered { seconds, shade_s: None, rays, hash: image.hash(), events }

@@ -3,7 +3,7 @@
 use super::Spread;
 use super::frame::FrameError;
 use crate::engine::PreparedScene;
-use crate::render::{Path, ROULETTE_BOUNCES, Settings};
+use crate::render::{PathTracer, ROULETTE_BOUNCES, Settings};
 use crate::scene::Camera;
 use crate::schedule::{JobOptions, Policy, Service};
 use serde::Serialize;
@@ -107,7 +107,7 @@ impl Bench<'_> {
     /// Renders a picture; returns its seconds and its pixels.
     fn render(&self, settings: Settings, roulette: Option<u32>) -> Result<(f64, Vec<[f32; 3]>), FrameError> {
         let scene = Arc::clone(&self.prepared.scene);
-        let path = Arc::new(Path::new(scene, &self.options.camera, settings, roulette)?);
+        let path = Arc::new(PathTracer::new(scene, &self.options.camera, settings, roulette)?);
         let options = JobOptions { policy: self.options.policy, ..JobOptions::default() };
         let started = Instant::now();
         let job = self.service.submit(Arc::clone(&path), self.prepared.tracers.clone(), options)?;

@@ -3,7 +3,7 @@
 use super::Spread;
 use super::frame::FrameError;
 use crate::engine::PreparedScene;
-use crate::render::{Integrator, Path, ROULETTE_BOUNCES, Sequence, Settings};
+use crate::render::{Integrator, PathTracer, ROULETTE_BOUNCES, Sequence, Settings};
 use crate::scene::Camera;
 use crate::schedule::{JobOptions, JobReport, Policy, Service, ThreadKind};
 use serde::Serialize;
@@ -113,7 +113,7 @@ impl Bench<'_> {
     fn frames(&self, plan: &Plan) -> Result<Times, FrameError> {
         let Options { settings, camera, policy, .. } = self.options;
         let options = JobOptions { policy, shrink_streams: plan.shrink_streams, ..JobOptions::default() };
-        let path = Path::new(self.prepared.scene.clone(), &camera, settings, Some(ROULETTE_BOUNCES))?;
+        let path = PathTracer::new(self.prepared.scene.clone(), &camera, settings, Some(ROULETTE_BOUNCES))?;
         let mut sequence = Sequence::new(plan.frames);
         let mut todo = if plan.frames == 1 { 1 } else { 4 * plan.frames };
         let count = todo as f64;

@@ -5,7 +5,7 @@ use super::Spread;
 use super::frame::FrameError;
 use crate::engine::PreparedScene;
 use crate::lanes::{Num, SingleLane};
-use crate::render::{Path, Settings};
+use crate::render::{PathTracer, Settings};
 use crate::scene::{
     Anisotropy, Camera, Colour, Emission, Footprint, Iridescence, Mipmap, Principled, Scalar, Scene, Sheen,
     Surface, Texture, TextureRef,
@@ -107,7 +107,7 @@ impl Bench<'_> {
 
     fn frame(&self, scene: &Arc<Scene>) -> Result<Measured, FrameError> {
         let Options { settings, camera, .. } = self.options;
-        let path = Arc::new(Path::new(Arc::clone(scene), &camera, settings, None)?);
+        let path = Arc::new(PathTracer::new(Arc::clone(scene), &camera, settings, None)?);
         let options = JobOptions { timeline: true, ..JobOptions::default() };
         let started = Instant::now();
         let report = self.service.submit(path, self.prepared.tracers.clone(), options)?.wait();

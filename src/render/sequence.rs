@@ -13,7 +13,7 @@ use std::time::Duration;
 ///
 /// ```
 /// use raystream::engine::{PreparedScene, Units};
-/// use raystream::render::{Integrator, Path, Sequence, Settings};
+/// use raystream::render::{Integrator, PathTracer, Sequence, Settings};
 /// use raystream::scene::{Camera, Environment, Scene, recipe::Recipe};
 /// use raystream::schedule::{JobOptions, Service, ServiceOptions, Sharing};
 /// use std::sync::Arc;
@@ -25,7 +25,7 @@ use std::time::Duration;
 /// let service = Service::new(options)?;
 /// let camera = Camera::framing(&prepared.scene.bounds(), 1.0);
 /// let settings = Settings { width: 32, height: 32, spp: 1, max_bounces: 2, seed: 0 };
-/// let still = Path::new(prepared.scene.clone(), &camera, settings, None)?;
+/// let still = PathTracer::new(prepared.scene.clone(), &camera, settings, None)?;
 ///
 /// let mut cameras = (0..5).map(|frame| Camera { fov_degrees: 20.0 + frame as f32, ..camera });
 /// let mut sequence = Sequence::new(3);

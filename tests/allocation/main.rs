@@ -5,7 +5,7 @@ mod counting;
 
 use counting::{Counting, allocations};
 use raystream::engine::{PreparedScene, Units};
-use raystream::render::{Path, RayByRay, Settings, render_single_rays};
+use raystream::render::{PathTracer, RayByRay, Settings, render_single_rays};
 use raystream::scene::load;
 use raystream::schedule::{Batch, JobOptions, Output, Renderer, Service, ServiceOptions};
 use raystream::stream::Ray;
@@ -92,7 +92,7 @@ fn a_frame_allocates_nothing_between_its_first_and_last_task() {
     let camera = scene.camera.expect("it has a camera");
     let prepared = PreparedScene::new(scene.clone(), &Units::cpu());
     let settings = Settings { width: 200, height: 200, spp: 1, max_bounces: 4, seed: 1 };
-    let path = || Path::new(scene.clone(), &camera, settings, None).expect("valid settings");
+    let path = || PathTracer::new(scene.clone(), &camera, settings, None).expect("valid settings");
     for host_threads in [1, 3] {
         let service = Service::new(ServiceOptions { host_threads, ..ServiceOptions::default() });
         let service = service.expect("threads can be started");

@@ -4,18 +4,18 @@ use crate::{compare, meshes, rays, tracers};
 use glam::Vec3;
 use raystream::engine::{PreparedScene, UnitChoice, Units, UnitsError};
 use raystream::film::Image;
-use raystream::render::{Path, Settings};
+use raystream::render::{PathTracer, Settings};
 use raystream::scene::{Camera, load};
 use raystream::schedule::{JobOptions, Service, ServiceOptions, Unit};
 use raystream::stream::{DeviceError, DeviceTracer, Hit, Queries};
 use raystream::trace::cpu::SimdLevel;
 use raystream::trace::gpu::{AdapterChoice, Fault, Gpu};
-use std::path::Path as FilePath;
+use std::path::Path;
 use std::sync::Arc;
 
 /// A picture's hash, and what the reports tell of failures.
 fn render(unit: Unit, fault: Option<Fault>) -> (String, Vec<String>) {
-    let scene = FilePath::new(env!("CARGO_MANIFEST_DIR")).join("scenes/cornell.json");
+    let scene = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/cornell.json");
     let scene = Arc::new(load::load(&scene).expect("scene"));
     let choice =
         UnitChoice { unit: Some(unit), adapter: None, simd: SimdLevel::detect(), cache: None, fault };
@@ -23,7 +23,7 @@ fn render(unit: Unit, fault: Option<Fault>) -> (String, Vec<String>) {
     let camera = scene.camera.unwrap_or_else(|| Camera::framing(&scene.bounds(), 1.0));
     let (width, height) = (48, 48);
     let settings = Settings { width, height, spp: 8, max_bounces: 4, seed: 3 };
-    let path = Arc::new(Path::new(scene, &camera, settings, None).expect("settings"));
+    let path = Arc::new(PathTracer::new(scene, &camera, settings, None).expect("settings"));
     let options = ServiceOptions { host_threads: 2, dispatch_threads: 2, ..Default::default() };
     let service = Service::new(options).expect("threads");
     let job = service.submit(path.clone(), prepared.tracers.clone(), JobOptions::default()).expect("job");

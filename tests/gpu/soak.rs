@@ -3,12 +3,12 @@
 
 use raystream::engine::{PreparedScene, UnitChoice, Units};
 use raystream::film::Image;
-use raystream::render::{Path, Settings};
+use raystream::render::{PathTracer, Settings};
 use raystream::scene::{Camera, load};
 use raystream::schedule::{JobOptions, Service, ServiceOptions, Unit};
 use raystream::trace::cpu::SimdLevel;
 use raystream::trace::gpu::Fault;
-use std::path::Path as FilePath;
+use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -26,7 +26,7 @@ struct Seen {
 
 /// Renders `frames` frames with a device that fails somewhere among each few.
 fn soak(frames: usize, seed: u32) -> Seen {
-    let file = FilePath::new(env!("CARGO_MANIFEST_DIR")).join("scenes/cornell.json");
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/cornell.json");
     let scene = Arc::new(load::load(&file).expect("scene"));
     let camera = scene.camera.unwrap_or_else(|| Camera::framing(&scene.bounds(), 1.0));
     let options = ServiceOptions { host_threads: 2, dispatch_threads: 2, ..Default::default() };
@@ -34,7 +34,7 @@ fn soak(frames: usize, seed: u32) -> Seen {
     let mut random = crate::meshes::Random::new(u64::from(seed));
     let render = |prepared: &PreparedScene| {
         let settings = Settings { width: 24, height: 24, spp: 4, max_bounces: 3, seed: 5 };
-        let path = Arc::new(Path::new(scene.clone(), &camera, settings, None).expect("settings"));
+        let path = Arc::new(PathTracer::new(scene.clone(), &camera, settings, None).expect("settings"));
         let job = service.submit(path.clone(), prepared.tracers.clone(), JobOptions::default()).expect("job");
         let report = job.wait().expect("frame");
         let image = Image { width: 24, height: 24, pixels: path.film().resolve() };

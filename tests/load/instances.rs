@@ -4,7 +4,7 @@ use crate::document::Document;
 use raystream::bvh::{Bvh, TreeInstance};
 use raystream::engine::{MIN_SAVED_TRIANGLES, PreparedScene, Units, build_tree};
 use raystream::film::Image;
-use raystream::render::{Path, Settings};
+use raystream::render::{PathTracer, Settings};
 use raystream::scene::{Camera, Environment, Scene};
 use raystream::schedule::{JobOptions, Service, ServiceOptions};
 use serde_json::json;
@@ -109,7 +109,7 @@ fn a_picture_does_not_depend_on_what_is_shared() {
         let camera = Camera::framing(&scene.bounds(), 1.0);
         let prepared = PreparedScene::new(Arc::new(scene), &Units::cpu());
         let settings = Settings { width: 32, height: 32, spp: 4, max_bounces: 3, seed: 1 };
-        let path = Arc::new(Path::new(prepared.scene.clone(), &camera, settings, None).expect("settings"));
+        let path = Arc::new(PathTracer::new(prepared.scene.clone(), &camera, settings, None).expect("settings"));
         let job = service.submit(path.clone(), prepared.tracers.clone(), JobOptions::default()).expect("job");
         job.wait().expect("frame");
         let image = Image { width: 32, height: 32, pixels: path.film().resolve() };

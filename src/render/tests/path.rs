@@ -4,7 +4,7 @@ use super::harness::{self, render};
 use super::scenes::*;
 use crate::geom::Sampler;
 use crate::lanes::SimdLevel;
-use crate::render::{Integrator, Path, ROULETTE_BOUNCES, Settings, SettingsError};
+use crate::render::{Integrator, PathTracer, ROULETTE_BOUNCES, Settings, SettingsError};
 use crate::scene::{
     Alpha, AlphaMode, Averaging, CameraError, Channel, Colour, ColourSpace, Emission, Environment,
     EnvironmentMap, Light, LightShape, Material, NormalMap, Scalar, Scene, Surface, Texture, TextureRef,
@@ -19,8 +19,8 @@ use std::sync::Arc;
 
 const SETTINGS: Settings = Settings { width: 24, height: 24, spp: 64, max_bounces: 4, seed: 0 };
 
-fn path(scene: Scene, settings: Settings) -> Path {
-    Path::new(Arc::new(scene), &camera(), settings, Some(ROULETTE_BOUNCES)).expect("valid settings")
+fn path(scene: Scene, settings: Settings) -> PathTracer {
+    PathTracer::new(Arc::new(scene), &camera(), settings, Some(ROULETTE_BOUNCES)).expect("valid settings")
 }
 
 /// Renders a scene; the pixels.
@@ -175,7 +175,7 @@ pub fn light_sampling_agrees(scene: &Scene) {
     }
     expected /= (settings.width * settings.height * samples) as f32;
     for roulette in [None, Some(0), Some(2)] {
-        let path = Path::new(Arc::new(scene.clone()), &camera(), settings, roulette).expect("valid");
+        let path = PathTracer::new(Arc::new(scene.clone()), &camera(), settings, roulette).expect("valid");
         render(&path, 8192, &tracer);
         let pixels: Vec<Vec3> = path.film().resolve().into_iter().map(Vec3::from).collect();
         let off = ((mean(&pixels) - expected) / expected).abs().max_element();
@@ -194,7 +194,7 @@ fn a_point_light_and_a_sun_light_a_wall_as_computed() {
     let narrow = crate::scene::Camera { fov_degrees: 0.01, ..camera() };
     let pixel = |scene: &Scene, spp: u32| {
         let settings = Settings { spp, ..settings };
-        let path = Path::new(Arc::new(scene.clone()), &narrow, settings, None).expect("valid");
+        let path = PathTracer::new(Arc::new(scene.clone()), &narrow, settings, None).expect("valid");
         render(&path, 8192, &harness::tracer(scene));
         path.film().resolve()[0][0]
     };
@@ -222,7 +222,7 @@ fn an_even_sky_takes_one_ray_a_point_and_leaves_no_noise() {
         }
         let settings = Settings { width: 16, height: 16, spp: 1, max_bounces: 0, seed: 3 };
         let narrow = crate::scene::Camera { fov_degrees: 0.01, ..camera() };
-        let path = Path::new(Arc::new(scene.clone()), &narrow, settings, None).expect("valid");
+        let path = PathTracer::new(Arc::new(scene.clone()), &narrow, settings, None).expect("valid");
         let counts = render(&path, 8192, &harness::tracer(&scene));
         (counts, path.film().resolve())
     };
@@ -452,7 +452,7 @@ fn every_instruction_set_and_every_batch_size_shades_the_same_picture() {
     let tracer = harness::tracer(&scene);
     let settings = Settings { spp: 16, max_bounces: 6, ..SETTINGS };
     let picture = |simd: SimdLevel, batch: usize| {
-        let path = Path::new(scene.clone(), &camera(), settings, Some(2)).expect("valid").with_simd(simd);
+        let path = PathTracer::new(scene.clone(), &camera(), settings, Some(2)).expect("valid").with_simd(simd);
         render(&path, batch, &tracer);
         path.film().resolve()
     };
@@ -469,7 +469,7 @@ fn every_instruction_set_and_every_batch_size_shades_the_same_picture() {
 fn settings_out_of_range_are_refused_with_what_is_allowed() {
     let error = |settings: Settings| {
         let scene = Arc::new(furnace(Material::fallback(), 0, false));
-        Path::new(scene, &camera(), settings, None).expect_err("out of range").to_string()
+        PathTracer::new(scene, &camera(), settings, None).expect_err("out of range").to_string()
     };
     assert_eq!(
         error(Settings { width: 0, ..SETTINGS }),
@@ -482,7 +482,7 @@ fn settings_out_of_range_are_refused_with_what_is_allowed() {
     let scene = Arc::new(furnace(Material::fallback(), 0, false));
     let blind = crate::scene::Camera { target: camera().eye, ..camera() };
     assert!(matches!(
-        Path::new(scene, &blind, SETTINGS, None),
+        PathTracer::new(scene, &blind, SETTINGS, None),
         Err(SettingsError::Camera(CameraError::View(..)))
     ));
 }

@@ -5,7 +5,7 @@ use super::scenes::*;
 use crate::film::{Film, Image};
 use crate::lanes::SimdLevel;
 use crate::render::{
-    AmbientOcclusion, Integrator, PICTURE_VERSION, Path, ROULETTE_BOUNCES, Settings, SettingsError, Whitted,
+    AmbientOcclusion, Integrator, PICTURE_VERSION, PathTracer, ROULETTE_BOUNCES, Settings, SettingsError, Whitted,
 };
 use crate::scene::{Environment, Material, Scene};
 use glam::Vec3;
@@ -62,8 +62,8 @@ fn hash<I: Integrator>(
 /// The pictures' hashes, in the order of [`PICTURES`].
 fn hashes() -> [String; 7] {
     let path = |scene: &Scene, roulette| {
-        let make = move |scene| Path::new(scene, &camera(), SETTINGS, roulette);
-        hash(scene, make, Path::with_simd)
+        let make = move |scene| PathTracer::new(scene, &camera(), SETTINGS, roulette);
+        hash(scene, make, PathTracer::with_simd)
     };
     let (all, usual) = (one_of_everything(), Some(ROULETTE_BOUNCES));
     let mut open = furnace(Material::matte("", Vec3::splat(0.6)), 3, true);

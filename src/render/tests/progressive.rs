@@ -4,7 +4,7 @@ use super::harness::tracer;
 use super::scenes::{camera, room};
 use crate::film::Film;
 use crate::render::{
-    CheckpointError, Identity, PASSES_IN_FLIGHT, PICTURE_VERSION, PassOptions, Path, Progressive, Settings,
+    CheckpointError, Identity, PASSES_IN_FLIGHT, PICTURE_VERSION, PassOptions, PathTracer, Progressive, Settings,
 };
 use crate::scene::Camera;
 use crate::schedule::{JobHandle, JobOptions, LimitsError, Service, ServiceOptions, Sharing, Tracers};
@@ -36,22 +36,22 @@ impl Studio {
         }
     }
 
-    fn path(&self, spp: u32) -> Path {
+    fn path(&self, spp: u32) -> PathTracer {
         let settings = Settings { width: 100, height: 70, spp, max_bounces: 3, seed: 1 };
-        Path::new(Arc::clone(&self.scene), &self.camera, settings, Some(3)).expect("settings")
+        PathTracer::new(Arc::clone(&self.scene), &self.camera, settings, Some(3)).expect("settings")
     }
 
-    fn submit(&self, pass: &Arc<Path>) -> Result<JobHandle, LimitsError> {
+    fn submit(&self, pass: &Arc<PathTracer>) -> Result<JobHandle, LimitsError> {
         self.service.submit(Arc::clone(pass), self.tracers.clone(), JobOptions::default())
     }
 
     /// One more pass; false when there is none.
-    fn step(&self, frame: &mut Progressive<Path>) -> bool {
+    fn step(&self, frame: &mut Progressive<PathTracer>) -> bool {
         frame.begin(|pass| self.submit(pass)).expect("limits");
         frame.finish_pass().expect("no panic").is_some()
     }
 
-    fn finish(&self, mut frame: Progressive<Path>) -> (Arc<Film>, u64) {
+    fn finish(&self, mut frame: Progressive<PathTracer>) -> (Arc<Film>, u64) {
         while self.step(&mut frame) {}
         (frame.picture(), frame.passes())
     }

@@ -5,7 +5,7 @@ use super::path::light_sampling_agrees;
 use super::scenes::*;
 use crate::geom::warp::lanes as warp;
 use crate::lanes::{Lanes, Num, SimdLevel, Vector};
-use crate::render::{Integrator, Path, Settings, Whitted};
+use crate::render::{Integrator, PathTracer, Settings, Whitted};
 use crate::scene::{
     Colour, Environment, Material, Points, Scattered, Scattering, ScatteringSurface, Scene, Surface,
 };
@@ -83,7 +83,7 @@ fn matte_written_anew_has_the_same_bytes_with_every_integrator_and_instruction_s
     assert_ne!(ours.fingerprint(), theirs.fingerprint());
     let scenes = [Arc::new(ours), Arc::new(theirs)];
     for simd in SimdLevel::available() {
-        let path = |scene: &Arc<Scene>| Path::new(scene.clone(), &camera(), SETTINGS, None).expect("valid");
+        let path = |scene: &Arc<Scene>| PathTracer::new(scene.clone(), &camera(), SETTINGS, None).expect("valid");
         let [ours, theirs] = scenes.each_ref().map(|scene| picture(&path(scene).with_simd(simd)));
         assert_eq!(ours, theirs, "{simd}");
         let whitted = |scene: &Arc<Scene>| Whitted::new(scene.clone(), &camera(), SETTINGS).expect("valid");
@@ -107,7 +107,7 @@ fn a_white_body_of_paper_vanishes_in_a_white_furnace() {
     scene.environment = Environment::Constant(Vec3::ONE);
     scene.materials[0].surface = coded(&mut scene, Paper);
     let settings = Settings { spp: 64, max_bounces: 60, ..SETTINGS };
-    let path = Path::new(Arc::new(scene.clone()), &camera(), settings, None).expect("valid");
+    let path = PathTracer::new(Arc::new(scene.clone()), &camera(), settings, None).expect("valid");
     render(&path, 8192, &harness::tracer(&scene));
     let off = path.film().resolve().into_iter().map(|p| (Vec3::from(p) - 1.0).abs().max_element());
     assert!(off.fold(0.0, f32::max) < 1e-3);

@@ -2,7 +2,7 @@
 
 use super::harness::{self, Counts};
 use super::scenes::*;
-use crate::render::{Path, RayByRay, Settings, Whitted, render_single_rays};
+use crate::render::{PathTracer, RayByRay, Settings, Whitted, render_single_rays};
 use crate::scene::Surface;
 use crate::schedule::{RayCounts, Renderer};
 use glam::Vec3;
@@ -19,7 +19,7 @@ fn counts(rays: RayCounts) -> Counts {
 fn every_number_of_threads_gives_the_picture_of_batches() {
     let scene = Arc::new(room());
     let tracer = harness::tracer(&scene);
-    let path = || Path::new(scene.clone(), &camera(), SETTINGS, None).expect("valid settings");
+    let path = || PathTracer::new(scene.clone(), &camera(), SETTINGS, None).expect("valid settings");
     let batches = path();
     let expected = harness::render(&batches, 8192, &tracer);
     assert!(expected.continuation > 1000 && expected.shadow > 1000);

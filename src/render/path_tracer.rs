@@ -42,7 +42,7 @@ const LEAST_SQUARE: f32 = 1e-36;
 /// light and one direction of the BSDF are sampled and weighted by the power heuristic. The ray after the last bounce
 /// only collects emission.
 #[derive(Debug)]
-pub struct Path {
+pub struct PathTracer {
     frame: Frame,
     roulette_bounces: Option<u32>,
 }
@@ -98,7 +98,7 @@ impl Dimension {
     }
 }
 
-impl Path {
+impl PathTracer {
     /// A path tracer for one frame. After `roulette_bounces` bounces paths may end by Russian roulette, which does not
     /// bias; `None` leaves it out. A path survives with probability 4·T·η², at least 0.02 and at most 1, where T is the
     /// greatest channel of its throughput and η the index of refraction of the medium that it is in, relative to the
@@ -137,7 +137,7 @@ fn power_heuristic<L: Lanes>(pdf: Num<L>, other: Num<L>) -> Num<L> {
     1.0 / (1.0 + ratio * ratio)
 }
 
-impl Integrator for Path {
+impl Integrator for PathTracer {
     fn frame(&self) -> &Frame {
         &self.frame
     }
@@ -190,7 +190,7 @@ impl<L: Lanes> States<L> {
 
 /// A batch being shaded.
 struct Shading<'a, 'o> {
-    path: &'a Path,
+    path: &'a PathTracer,
     batch: Batch<'a, PathState>,
     out: &'a mut Output<'o, PathState, Contribution>,
 }
@@ -405,7 +405,7 @@ impl Shading<'_, '_> {
     }
 }
 
-impl Renderer for Path {
+impl Renderer for PathTracer {
     type Payload = PathState;
     type ShadowPayload = Contribution;
 
