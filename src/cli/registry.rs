@@ -5,7 +5,9 @@ use super::args::Cli;
 use super::render::RenderRequest;
 use crate::lanes::SimdLevel;
 use crate::render::recursion::Recursion;
-use crate::render::{AmbientOcclusion, Integrator, PathTracer, RecursiveWhitted, Settings, SettingsError, Whitted};
+use crate::render::{
+    AmbientOcclusion, Integrator, PathTracer, RecursiveWhitted, Settings, SettingsError, Whitted,
+};
 use crate::scene::{Camera, ProceduralSurface, ScatteringSurface, Scene, Surface};
 use anyhow::{Context, Result};
 use clap::builder::{PossibleValue, PossibleValuesParser};
@@ -101,7 +103,8 @@ impl Registry {
     pub fn built_in() -> Self {
         Self { entries: Vec::new(), surfaces: Vec::new() }
             .with("path", "Path tracing: all light paths (the default)", |params| {
-                let path = PathTracer::new(params.scene, &params.camera, params.settings, params.roulette_bounces)?;
+                let path =
+                    PathTracer::new(params.scene, &params.camera, params.settings, params.roulette_bounces)?;
                 Ok(path.with_simd(params.simd))
             })
             .with(

@@ -25,7 +25,7 @@ pub use contribution::Contribution;
 pub use frame::{Frame, Settings, SettingsError};
 pub use integrator::Integrator;
 pub use pass::{BLOCK, Blocks, Pass};
-pub use path_tracer::{PathTracer, PathState, ROULETTE_BOUNCES};
+pub use path_tracer::{PathState, PathTracer, ROULETTE_BOUNCES};
 pub use picture_version::PICTURE_VERSION;
 pub use progressive::{NoiseReport, PASSES_IN_FLIGHT, PassOptions, Progressive};
 pub use ray_by_ray::RayByRay;

@@ -109,7 +109,8 @@ fn a_picture_does_not_depend_on_what_is_shared() {
         let camera = Camera::framing(&scene.bounds(), 1.0);
         let prepared = PreparedScene::new(Arc::new(scene), &Units::cpu());
         let settings = Settings { width: 32, height: 32, spp: 4, max_bounces: 3, seed: 1 };
-        let path = Arc::new(PathTracer::new(prepared.scene.clone(), &camera, settings, None).expect("settings"));
+        let path =
+            Arc::new(PathTracer::new(prepared.scene.clone(), &camera, settings, None).expect("settings"));
         let job = service.submit(path.clone(), prepared.tracers.clone(), JobOptions::default()).expect("job");
         job.wait().expect("frame");
         let image = Image { width: 32, height: 32, pixels: path.film().resolve() };

@@ -452,7 +452,8 @@ fn every_instruction_set_and_every_batch_size_shades_the_same_picture() {
     let tracer = harness::tracer(&scene);
     let settings = Settings { spp: 16, max_bounces: 6, ..SETTINGS };
     let picture = |simd: SimdLevel, batch: usize| {
-        let path = PathTracer::new(scene.clone(), &camera(), settings, Some(2)).expect("valid").with_simd(simd);
+        let path =
+            PathTracer::new(scene.clone(), &camera(), settings, Some(2)).expect("valid").with_simd(simd);
         render(&path, batch, &tracer);
         path.film().resolve()
     };

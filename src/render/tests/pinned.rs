@@ -5,7 +5,8 @@ use super::scenes::*;
 use crate::film::{Film, Image};
 use crate::lanes::SimdLevel;
 use crate::render::{
-    AmbientOcclusion, Integrator, PICTURE_VERSION, PathTracer, ROULETTE_BOUNCES, Settings, SettingsError, Whitted,
+    AmbientOcclusion, Integrator, PICTURE_VERSION, PathTracer, ROULETTE_BOUNCES, Settings, SettingsError,
+    Whitted,
 };
 use crate::scene::{Environment, Material, Scene};
 use glam::Vec3;

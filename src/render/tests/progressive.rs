@@ -4,7 +4,8 @@ use super::harness::tracer;
 use super::scenes::{camera, room};
 use crate::film::Film;
 use crate::render::{
-    CheckpointError, Identity, PASSES_IN_FLIGHT, PICTURE_VERSION, PassOptions, PathTracer, Progressive, Settings,
+    CheckpointError, Identity, PASSES_IN_FLIGHT, PICTURE_VERSION, PassOptions, PathTracer, Progressive,
+    Settings,
 };
 use crate::scene::Camera;
 use crate::schedule::{JobHandle, JobOptions, LimitsError, Service, ServiceOptions, Sharing, Tracers};

@@ -83,7 +83,8 @@ fn matte_written_anew_has_the_same_bytes_with_every_integrator_and_instruction_s
     assert_ne!(ours.fingerprint(), theirs.fingerprint());
     let scenes = [Arc::new(ours), Arc::new(theirs)];
     for simd in SimdLevel::available() {
-        let path = |scene: &Arc<Scene>| PathTracer::new(scene.clone(), &camera(), SETTINGS, None).expect("valid");
+        let path =
+            |scene: &Arc<Scene>| PathTracer::new(scene.clone(), &camera(), SETTINGS, None).expect("valid");
         let [ours, theirs] = scenes.each_ref().map(|scene| picture(&path(scene).with_simd(simd)));
         assert_eq!(ours, theirs, "{simd}");
         let whitted = |scene: &Arc<Scene>| Whitted::new(scene.clone(), &camera(), SETTINGS).expect("valid");
