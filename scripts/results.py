@@ -179,10 +179,12 @@ def kinds_of(rows):
 
 def rays(rows, part):
     """Scenes by kinds of rays: speed of raystream's tracer (or `query`, `service`), and ratio to each peer's best."""
+    part = [word for word in part if word in ("query", "service")]
     groups, kinds, unit = scenes(rows), kinds_of(rows), " ".join(["raystream", *part])
     peers = {"embree": "Embree's fastest mode", "embree_robust": "Embree's fastest robust mode", "obvhs": "obvhs"}
     blocks = []
-    for peer, title in peers.items():
+    # The peers' modes differ as much beside the tracer; one table says what the way to it costs.
+    for peer, title in list(peers.items())[: 1 if part else None]:
         columns, cells = {kind: [] for kind in kinds}, []
         for name, group in groups.items():
             line = [name]

@@ -35,7 +35,7 @@ pub fn embree<'a>(scenes: &'a [EmbreeScene<'_>], kind: Kind, clock: Clock<'a>) -
     scenes.iter().flat_map(|scene| Mode::ALL.map(|mode| contender(scene, mode))).collect()
 }
 
-/// obvhs' own tree and traversal.
+/// obvhs' own tree, built at its highest quality, and its traversal.
 pub struct Obvhs {
     tree: CwBvh,
     triangles: Vec<Triangle>,
@@ -51,7 +51,7 @@ impl Obvhs {
         let triangles: Vec<Triangle> = (0..bvh.len() as u32).map(triangle).collect();
         let tree = obvhs::cwbvh::builder::build_cwbvh_from_tris(
             &triangles,
-            obvhs::BvhBuildParams::medium_build(),
+            obvhs::BvhBuildParams::very_slow_build(),
             &mut Default::default(),
         );
         let triangles = tree.primitive_indices.iter().map(|&i| triangles[i as usize]).collect();
