@@ -19,6 +19,7 @@ mod mesh;
 mod mip_weights;
 mod mipmap;
 mod mix;
+mod object;
 mod principled;
 mod procedural;
 #[cfg(feature = "formats")]
@@ -44,6 +45,7 @@ pub use mesh::{MAX_TRIANGLES, Mesh, MeshError};
 pub use mip_weights::Averaging;
 pub use mipmap::Mipmap;
 pub use mix::Mix;
+pub use object::{Object, Objects};
 pub use principled::{Anisotropy, Iridescence, Principled, Sheen};
 pub use procedural::{Finish, Points, Procedural, ProceduralSurface};
 pub use scattering::{Scattered, Scattering, ScatteringSurface};
@@ -64,6 +66,8 @@ pub struct Scene {
     pub mesh: Mesh,
     /// Geometry that the file instances. The mesh holds a moved copy for each instance.
     pub shapes: Vec<Shape>,
+    /// The objects of the file, and which triangles belong to each. Empty if nobody filled it.
+    pub objects: Objects,
     /// Materials, indexed by [`Mesh::materials`].
     pub materials: Vec<Material>,
     /// Textures, indexed by [`TextureRef::texture`].

@@ -120,3 +120,26 @@ fn a_picture_does_not_depend_on_what_is_shared() {
     assert!(shared.2 * 2 < alone.2);
     assert_eq!(shared.0, alone.0);
 }
+
+#[test]
+fn each_node_is_an_object_and_copies_are_numbered() {
+    let mut document = document();
+    document.json["nodes"][1]["children"] = json!([2]);
+    document.json["nodes"][1]["name"] = json!("lid");
+    document.json["nodes"][4]["name"] = json!("knob");
+    let mesh = |index: usize| format!("/meshes/{index}/name");
+    assert!(document.json.pointer(&mesh(0)).is_none());
+    document.json["meshes"][0]["name"] = json!("screw");
+    document.json["scenes"] = json!([{ "nodes": [0, 1, 3, 4, 5] }]);
+    let scene = document.scene();
+    let owners: Vec<String> = (0..scene.mesh.triangles.len() as u32)
+        .map(|primitive| scene.objects.path(scene.objects.of(primitive).expect("an object")))
+        .collect();
+    let [screw, knob, last] = ["screw", "knob", "node 5"];
+    assert_eq!(
+        owners,
+        [screw, screw, "lid", "lid/node 2", "lid/node 2", screw, screw, knob, knob, last, last]
+    );
+    let instances: Vec<_> = scene.objects.iter().map(|object| object.instance).collect();
+    assert_eq!(instances, [Some(0), None, Some(0), Some(1), Some(1), None]);
+}

@@ -186,3 +186,15 @@ fn files_without_a_scene_are_refused() {
     folder.write("SCENE.OBJ", TRIANGLE);
     assert_eq!(folder.scene("SCENE.OBJ").mesh.triangles.len(), 1);
 }
+
+#[test]
+fn objects_and_groups_own_their_faces_even_when_opened_again() {
+    let scene = obj("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nf 1 2 3\no house\nf 1 2 3 4\ng empty\n\
+                     g roof tiles\nf 1 2 3\no tree\nf 1 2 3\no house\ng roof tiles\nf 1 2 3\ng\nf 1 2 3\n");
+    let owners: Vec<String> =
+        (0..7).map(|i| scene.objects.path(scene.objects.of(i).expect("an object"))).collect();
+    let roof = "house/roof tiles";
+    assert_eq!(owners, ["default", "house", "house", roof, "tree", roof, "house"]);
+    assert_eq!(scene.objects.len(), 4, "no object for groups without faces");
+    assert!(scene.objects.iter().all(|object| object.instance.is_none()));
+}

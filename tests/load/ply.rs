@@ -157,3 +157,16 @@ fn wrong_headers_are_named() {
         assert_holds(&message(text), parts);
     }
 }
+
+#[test]
+fn a_file_is_one_object_of_its_name() {
+    let folder = Folder::new();
+    folder.write(
+        "bunny.ply",
+        "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n\
+        property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n\
+        0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n",
+    );
+    let objects = folder.scene("bunny.ply").objects;
+    assert_eq!((objects.len(), objects.path(0), objects.of(0)), (1, "bunny".into(), Some(0)));
+}

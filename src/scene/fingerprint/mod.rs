@@ -36,6 +36,9 @@ pub const FINGERPRINT_VERSION: u32 = 1;
 /// The first bytes of a scene's encoding.
 const HEADER: &[u8; 15] = b"raystream scene";
 
+/// Begins the object table, which follows the fields of scenes with user surfaces.
+const OBJECTS: u8 = 1;
+
 /// A type with canonical bytes.
 pub(super) trait Encode {
     /// Appends the canonical bytes.
@@ -239,6 +242,8 @@ impl Encode for Scene {
             environment,
             // The mesh contains the instances' triangles. Cameras are inputs besides the scene.
             shapes: _,
+            // Names and parents do not change a picture.
+            objects,
             camera: _,
             camera_motion: _,
             warnings: _,
@@ -251,6 +256,12 @@ impl Encode for Scene {
         mixes.encode(to);
         lights.encode(to);
         environment.encode(to);
+        // Only user code can look at objects.
+        let has_code = !procedurals.is_empty() || !scatterings.is_empty();
+        if has_code && !objects.is_empty() {
+            to.variant(OBJECTS);
+            objects.columns().into_iter().for_each(|column| to.rows(column));
+        }
     }
 }
 

@@ -157,6 +157,8 @@ impl Recipe {
                 kind: "material",
                 name: object.material.clone(),
             })?;
+            let owner = scene.objects.add(super::Object::new(place()));
+            scene.objects.assign(scene.mesh.triangles.len() as u32, owner);
             object
                 .shape
                 .tessellate(*material, &mut scene.mesh)
@@ -203,6 +205,9 @@ mod tests {
         let lamp = quad.replace(r#""b""#, r#""a""#);
         let scene = build(&format!("{quad}, {lamp}")).expect("valid");
         assert_eq!(scene.mesh.materials, [1, 1, 0, 0]);
+        let owners =
+            [1, 2].map(|primitive| scene.objects.of(primitive).map(|owner| scene.objects.path(owner)));
+        assert_eq!(owners, [Some("shape 0".into()), Some("shape 1".into())]);
         scene.mesh.validate(scene.materials.len()).expect("valid");
         assert!(scene.materials[0].emission.is_some() && scene.materials[1].emission.is_none());
     }

@@ -82,6 +82,11 @@ impl<'a> Flattened<'a> {
         Ok((self.mesh, self.instances.shapes(context)?, self.uses_fallback))
     }
 
+    /// Number of triangles so far.
+    pub(super) fn triangles(&self) -> u32 {
+        self.mesh.triangles.len() as u32
+    }
+
     /// Adds one instance of a mesh.
     ///
     /// # Errors

@@ -11,6 +11,7 @@ mod instance;
 mod material;
 mod mesh;
 mod node;
+mod object;
 mod texture;
 
 use super::textures::Textures;
@@ -78,6 +79,7 @@ pub(super) fn load(path: &Path) -> Result<Scene, LoadError> {
     Ok(Scene {
         mesh: world.mesh,
         shapes: world.shapes,
+        objects: world.objects,
         materials,
         textures: textures.into_list(),
         lights: world.lights,

@@ -5,7 +5,8 @@ use super::Context;
 use super::animation::{camera_motion, warn_of_others};
 use super::material::Converted;
 use super::mesh::Flattened;
-use crate::scene::{Camera, CameraMotion, Light, LightShape, Mesh, Shape, unit_rotation};
+use super::object::ObjectsByNode;
+use crate::scene::{Camera, CameraMotion, Light, LightShape, Mesh, Objects, Shape, unit_rotation};
 use ::gltf::camera::Projection;
 use ::gltf::khr_lights_punctual::Kind;
 use ::gltf::scene::Transform;
@@ -16,6 +17,7 @@ use glam::{DMat4, DQuat, DVec3, Vec3};
 pub(super) struct World {
     pub(super) mesh: Mesh,
     pub(super) shapes: Vec<Shape>,
+    pub(super) objects: Objects,
     pub(super) lights: Vec<Light>,
     pub(super) camera: Option<Camera>,
     pub(super) camera_motion: Option<CameraMotion>,
@@ -33,18 +35,21 @@ pub(super) fn flatten<'a>(context: &mut Context<'a>, materials: &[Converted]) ->
     let mut lights = Vec::new();
     let mut camera: Option<(Camera, usize)> = None;
     let mut visited = vec![false; document.nodes().len()];
-    let mut pending: Vec<(Node, DMat4)> = Vec::new();
-    pending.extend(roots(document).into_iter().rev().map(|node| (node, DMat4::IDENTITY)));
-    while let Some((node, parent)) = pending.pop() {
+    let mut objects = ObjectsByNode::default();
+    let mut pending: Vec<(Node, DMat4, Option<u32>)> = Vec::new();
+    pending.extend(roots(document).into_iter().rev().map(|node| (node, DMat4::IDENTITY, None)));
+    while let Some((node, parent, above)) = pending.pop() {
         if std::mem::replace(&mut visited[node.index()], true) {
             let problem = "is reached twice; a node must have at most one parent, and cycles are not allowed";
             return Err(context.error(format!("nodes[{}]", node.index()), problem));
         }
         let matrix = parent * local_matrix(&node);
+        let object = objects.add(&node, above);
         if node.skin().is_some() {
             context.warnings.add("Skins are not supported; skinned meshes keep their rest pose.");
         }
         if let Some(mesh) = node.mesh() {
+            objects.assign(flattened.triangles(), object);
             flattened.append(context, &mesh, &matrix)?;
         }
         if let Some(light) = node.light() {
@@ -60,7 +65,7 @@ pub(super) fn flatten<'a>(context: &mut Context<'a>, materials: &[Converted]) ->
             }
         }
         let children: Vec<Node> = node.children().collect();
-        pending.extend(children.into_iter().rev().map(|child| (child, matrix)));
+        pending.extend(children.into_iter().rev().map(|child| (child, matrix, Some(object))));
     }
     let (mesh, shapes, uses_fallback) = flattened.finish(context)?;
     let chain = camera.map_or_else(Vec::new, |(_, node)| path_from_root(document, node));
@@ -70,7 +75,8 @@ pub(super) fn flatten<'a>(context: &mut Context<'a>, materials: &[Converted]) ->
     };
     warn_of_others(context, &chain);
     let camera = camera.map(|(camera, _)| camera);
-    Ok(World { mesh, shapes, lights, camera, camera_motion, uses_fallback })
+    let objects = objects.finish();
+    Ok(World { mesh, shapes, objects, lights, camera, camera_motion, uses_fallback })
 }
 
 /// The nodes on the path from a root to `node`.

@@ -4,7 +4,7 @@ use super::super::warnings::Warnings;
 use super::super::{LoadError, quote};
 use super::{split_keyword, statements, words};
 use crate::geom::MAX_COORDINATE;
-use crate::scene::Mesh;
+use crate::scene::{Mesh, Object, Objects};
 use glam::{Vec2, Vec3};
 use std::collections::HashMap;
 use std::path::Path;
@@ -14,6 +14,8 @@ use std::path::Path;
 pub(super) struct Geometry {
     /// The triangles. Its `materials` are indices into `material_names`.
     pub(super) mesh: Mesh,
+    /// Objects and groups.
+    pub(super) objects: Objects,
     /// The names that faces use, in order of their first use. `None` for faces before any `usemtl`.
     pub(super) material_names: Vec<Option<String>>,
     /// The arguments of the `mtllib` statements.
@@ -66,6 +68,12 @@ struct Reader {
     /// Its index in `material_names`, once a face has used it.
     material: Option<u32>,
     indices: HashMap<Option<String>, u32>,
+    /// The names of the last `o` and of the last `g` after it.
+    opened: [Option<String>; 2],
+    /// Their index in the object table, once a face has used it.
+    object: Option<u32>,
+    /// Objects by parent and name.
+    objects: HashMap<(Option<u32>, String), u32>,
     out: Geometry,
 }
 
@@ -103,13 +111,21 @@ impl Reader {
                 self.normals.push(Vec3::new(x, y, z).normalize_or_zero());
             }
             "f" => self.face(arguments)?,
+            "o" => {
+                self.opened = [Some(arguments.to_owned()), None];
+                self.object = None;
+            }
+            "g" => {
+                self.opened[1] = Some(arguments.to_owned()).filter(|name| !name.is_empty());
+                self.object = None;
+            }
             "usemtl" => {
                 self.name = Some(arguments.to_owned());
                 self.material = None;
             }
             "mtllib" => self.out.libraries.push(arguments.to_owned()),
-            // Names and groups do not matter. Smoothing groups are ignored, because normals in the file are used.
-            "o" | "g" | "s" | "mg" | "vp" => {}
+            // Smoothing groups are ignored, because normals in the file are used.
+            "s" | "mg" | "vp" => {}
             "l" | "p" => warnings.add("Lines and points are ignored, because they have no surface."),
             _ => {
                 warnings.add(format!("The OBJ statement {} is not supported and is ignored.", quote(keyword)))
@@ -139,12 +155,32 @@ impl Reader {
                 *self.material.insert(material)
             }
         };
+        let object = self.object();
+        self.out.objects.assign(self.out.mesh.triangles.len() as u32, object);
         let mesh = &mut self.out.mesh;
         for pair in self.face[1..].windows(2) {
             mesh.triangles.push([self.face[0], pair[0], pair[1]]);
             mesh.materials.push(material);
         }
         Ok(())
+    }
+
+    /// The object of the next face: the opened group, below the opened object. Faces before the first `o` or `g` belong
+    /// to the group "default", as the format calls it.
+    fn object(&mut self) -> u32 {
+        if let Some(object) = self.object {
+            return object;
+        }
+        let unnamed = self.opened.iter().all(Option::is_none).then(|| "default".to_owned());
+        let (names, objects) = (self.opened.clone(), &mut self.out.objects);
+        let mut found = None;
+        for name in names.into_iter().chain([unnamed]).flatten() {
+            let add = |(parent, name): &(Option<u32>, String)| {
+                objects.add(Object::new(name.as_str()).below(*parent))
+            };
+            found = Some(*self.objects.entry((found, name)).or_insert_with_key(add));
+        }
+        *self.object.insert(found.unwrap_or_default())
     }
 
     /// Parses `v`, `v/vt`, `v//vn` or `v/vt/vn`.

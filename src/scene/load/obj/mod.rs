@@ -56,6 +56,7 @@ pub(super) fn load(path: &Path) -> Result<Scene, LoadError> {
     }
     Ok(Scene {
         mesh: geometry.mesh,
+        objects: geometry.objects,
         materials,
         textures: textures.into_list(),
         warnings: warnings.into_list(),

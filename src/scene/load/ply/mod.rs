@@ -9,7 +9,7 @@ mod values;
 use super::warnings::Warnings;
 use super::{LoadError, quote, read};
 use crate::geom::MAX_COORDINATE;
-use crate::scene::{Material, Mesh, Scene};
+use crate::scene::{Material, Mesh, Object, Objects, Scene};
 use glam::{Vec2, Vec3};
 use header::{Element, Form, Header, Property};
 use std::path::Path;
@@ -28,7 +28,11 @@ pub(super) fn load(path: &Path) -> Result<Scene, LoadError> {
     let mut mesh = reader.mesh;
     mesh.materials = vec![0; mesh.triangles.len()];
     let materials = vec![Material::fallback()];
-    Ok(Scene { mesh, materials, warnings: warnings.into_list(), ..Scene::default() })
+    let mut objects = Objects::default();
+    let name = path.file_stem().unwrap_or_default().to_string_lossy();
+    let object = objects.add(Object::new(name));
+    objects.assign(0, object);
+    Ok(Scene { mesh, objects, materials, warnings: warnings.into_list(), ..Scene::default() })
 }
 
 /// The meaning of a vertex property.

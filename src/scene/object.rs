@@ -1,0 +1,234 @@
+//! The object table: which triangles belong to which object of the scene file.
+
+use crate::lanes::{Int, Lanes};
+use std::ops::Range;
+
+/// An object of a scene file: a node of glTF, an object or a group of OBJ, a shape of a recipe, or a whole PLY file.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct Object {
+    /// Name in the file. Several objects may have the same name.
+    pub name: String,
+    /// Index of the object above in the file's hierarchy.
+    pub parent: Option<u32>,
+    /// Number of this object among those that show the same geometry, from 0 in file order. `None` if no other object
+    /// shows its geometry.
+    pub instance: Option<u32>,
+}
+
+impl Object {
+    /// An object without a parent.
+    pub fn new(name: impl Into<String>) -> Self {
+        Self { name: name.into(), ..Self::default() }
+    }
+
+    /// The same object below another.
+    pub fn below(self, parent: Option<u32>) -> Self {
+        Self { parent, ..self }
+    }
+}
+
+/// The objects of a scene and the triangles of each.
+///
+/// Memory grows with the number of runs of triangles that belong to one object, not with the number of triangles.
+///
+/// ```
+/// use raystream::scene::{Object, Objects};
+///
+/// let mut objects = Objects::default();
+/// let table = objects.add(Object::new("table"));
+/// let leg = objects.add(Object::new("leg").below(Some(table)));
+/// objects.assign(0, table);
+/// objects.assign(12, leg); // triangles 12, 13, ..
+/// assert_eq!((objects.of(11), objects.of(12)), (Some(table), Some(leg)));
+/// assert_eq!(objects.path(leg), "table/leg");
+/// ```
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Objects {
+    list: Vec<Object>,
+    /// The first triangle of each run, ascending; the first is 0.
+    starts: Vec<u32>,
+    /// The object of each run, or [`Objects::NONE`].
+    owners: Vec<u32>,
+}
+
+impl Objects {
+    /// The index that [`Objects::at`] returns for a triangle without an object.
+    pub const NONE: u32 = u32::MAX;
+
+    /// Adds an object without triangles; returns its index.
+    pub fn add(&mut self, object: Object) -> u32 {
+        self.list.push(object);
+        self.list.len() as u32 - 1
+    }
+
+    /// Assigns the triangles from `first` on to an object, up to the next assignment.
+    ///
+    /// # Panics
+    /// If there is no such object, or `first` is below that of the assignment before.
+    pub fn assign(&mut self, first: u32, object: u32) {
+        assert!((object as usize) < self.list.len(), "object {object} of {}", self.list.len());
+        let last = self.starts.last().copied();
+        assert!(last.is_none_or(|last| last <= first), "triangle {first} after {last:?}");
+        if last.is_none() && first > 0 {
+            self.starts.push(0);
+            self.owners.push(Self::NONE);
+        }
+        if last == Some(first) {
+            self.starts.pop();
+            self.owners.pop();
+        }
+        if self.owners.last() != Some(&object) {
+            self.starts.push(first);
+            self.owners.push(object);
+        }
+    }
+
+    /// Number of objects.
+    pub fn len(&self) -> usize {
+        self.list.len()
+    }
+
+    /// Whether there are no objects.
+    pub fn is_empty(&self) -> bool {
+        self.list.is_empty()
+    }
+
+    /// The object of this index.
+    pub fn get(&self, object: u32) -> Option<&Object> {
+        self.list.get(object as usize)
+    }
+
+    /// The object of this index, to be changed.
+    pub fn get_mut(&mut self, object: u32) -> Option<&mut Object> {
+        self.list.get_mut(object as usize)
+    }
+
+    /// All objects, by index.
+    pub fn iter(&self) -> impl ExactSizeIterator<Item = &Object> {
+        self.list.iter()
+    }
+
+    /// The names of an object and of those above it, outermost first, joined by slashes.
+    pub fn path(&self, object: u32) -> String {
+        let mut names = Vec::new();
+        let mut next = Some(object);
+        // No path is longer than the table, even if parents form a cycle.
+        while let Some(object) = next.and_then(|next| self.get(next)).filter(|_| names.len() < self.len()) {
+            names.push(&*object.name);
+            next = object.parent;
+        }
+        names.reverse();
+        names.join("/")
+    }
+
+    /// The object of a triangle.
+    pub fn of(&self, primitive: u32) -> Option<u32> {
+        let run = self.starts.partition_point(|&start| start <= primitive).checked_sub(1)?;
+        Some(self.owners[run]).filter(|&owner| owner != Self::NONE)
+    }
+
+    /// The objects of triangles, one in each lane; [`Objects::NONE`] where there is none.
+    #[inline(always)]
+    pub fn at<L: Lanes>(&self, primitive: Int<L>) -> Int<L> {
+        let l = primitive.lanes();
+        let Some(last) = self.starts.len().checked_sub(1) else { return Int::splat(l, Self::NONE) };
+        let mut run = Int::splat(l, 0);
+        // The last run that starts at or before the triangle, one bit of its index at a time.
+        let mut step = (last + 1).next_power_of_two() as u32;
+        while step > 0 {
+            let next = run + step;
+            let [start] = next.at_most(last as u32).rows(&self.starts);
+            let reached = next.below(last as u32 + 1) & !primitive.lt(start);
+            run = Int::select(reached, next, run);
+            step >>= 1;
+        }
+        let [owner] = run.rows(&self.owners);
+        owner
+    }
+
+    /// The runs of triangles with their objects, in the order of the triangles, of a mesh of `triangles` triangles.
+    pub fn runs(&self, triangles: u32) -> impl Iterator<Item = (Range<u32>, Option<u32>)> {
+        let ends = self.starts.iter().skip(1).copied().chain([triangles]);
+        self.starts
+            .iter()
+            .zip(ends)
+            .zip(&self.owners)
+            .map(|((&start, end), &owner)| (start..end, Some(owner).filter(|&owner| owner != Self::NONE)))
+    }
+
+    /// What pictures can depend on: the first triangle and the object of each run.
+    pub(super) fn columns(&self) -> [&[u32]; 2] {
+        [&self.starts, &self.owners]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::lanes::{LaneTask, SimdLevel};
+
+    /// Objects 0, 1, 2, .. with these first triangles.
+    fn table(starts: &[u32]) -> Objects {
+        let mut objects = Objects::default();
+        for (i, &start) in starts.iter().enumerate() {
+            let object = objects.add(Object::new(format!("{i}")));
+            objects.assign(start, object);
+        }
+        objects
+    }
+
+    struct Search<'a>(&'a Objects, u32);
+
+    impl LaneTask for Search<'_> {
+        type Output = Vec<u32>;
+
+        #[inline(always)]
+        fn run<L: Lanes>(self, l: L) -> Vec<u32> {
+            self.0.at(Int::iota(l) + self.1).to_array().as_ref().to_vec()
+        }
+    }
+
+    #[test]
+    fn lanes_find_the_object_that_a_search_finds() {
+        for count in [0, 1, 2, 3, 5, 16, 17, 100] {
+            let starts: Vec<u32> = (0..count).map(|i| 3 + i * (i % 5 + 1)).collect();
+            let mut starts = starts;
+            starts.sort_unstable();
+            starts.dedup();
+            let objects = table(&starts);
+            for simd in SimdLevel::available() {
+                for first in (0..600).step_by(13) {
+                    for (i, found) in simd.run(Search(&objects, first)).into_iter().enumerate() {
+                        let expected = objects.of(first + i as u32).unwrap_or(Objects::NONE);
+                        assert_eq!(found, expected, "triangle {} of {starts:?} at {simd}", first + i as u32);
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn an_object_has_all_triangles_up_to_the_next_assignment() {
+        let mut objects = table(&[2, 5]);
+        objects.assign(8, 0);
+        objects.assign(9, 0);
+        let runs: Vec<_> = objects.runs(11).collect();
+        assert_eq!(runs, [(0..2, None), (2..5, Some(0)), (5..8, Some(1)), (8..11, Some(0))]);
+        assert_eq!([1, 2, 7, 10].map(|primitive| objects.of(primitive)), [None, Some(0), Some(1), Some(0)]);
+        // An assignment of no triangles is replaced.
+        objects.assign(9, 1);
+        objects.assign(9, 0);
+        assert_eq!(objects.runs(11).count(), 4);
+    }
+
+    #[test]
+    fn paths_name_all_objects_above_and_cycles_end() {
+        let mut objects = Objects::default();
+        let above = objects.add(Object::new("house"));
+        let below = objects.add(Object::new("roof").below(Some(above)));
+        assert_eq!((objects.path(below), objects.path(7)), ("house/roof".into(), String::new()));
+        objects.get_mut(above).expect("the house").parent = Some(below);
+        assert_eq!(objects.path(below), "house/roof");
+    }
+}
