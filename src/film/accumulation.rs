@@ -105,21 +105,21 @@ impl Film {
     }
 
     /// Adds radiance to a pixel, clamped to [`MAX_RADIANCE`]. A splat with a negative channel, or one that is not
-    /// finite, is dropped and counted.
-    pub fn splat(&self, pixel: u32, radiance: glam::Vec3) {
+    /// finite, is dropped and counted; then the result is false.
+    pub fn splat(&self, pixel: u32, radiance: glam::Vec3) -> bool {
         let sums = &self.sums[pixel as usize];
-        if let Some(fixed) = self.fixed(radiance) {
-            let _stripe = self.stripes.lock(pixel);
-            add(sums, fixed);
-        }
+        let Some(fixed) = self.fixed(radiance) else { return false };
+        let _stripe = self.stripes.lock(pixel);
+        add(sums, fixed);
+        true
     }
 
-    /// [`Film::splat`] for each lane of a mask. Neighbouring lanes often belong to one pixel, whose sums are then
-    /// added to once, or to one stripe, which is then locked once.
+    /// [`Film::splat`] for each lane of a mask. Returns the lanes that were dropped. Neighbouring lanes often belong to
+    /// one pixel, whose sums are then added to once, or to one stripe, which is then locked once.
     #[inline(always)]
-    pub fn splat_lanes<L: Lanes>(&self, lanes: Mask<L>, pixel: Int<L>, radiance: Vector<L>) {
+    pub fn splat_lanes<L: Lanes>(&self, lanes: Mask<L>, pixel: Int<L>, radiance: Vector<L>) -> Mask<L> {
         if lanes.none() {
-            return;
+            return lanes;
         }
         let (x, y, z) = (radiance.x, radiance.y, radiance.z);
         let zero = Num::splat(x.lanes(), 0.0);
@@ -127,9 +127,9 @@ impl Film {
         let valid = lanes & finite & x.ge(zero) & y.ge(zero) & z.ge(zero);
         let dropped = lanes & !valid;
         if dropped.any() {
-            self.dropped.fetch_add(dropped.count() as u64, Relaxed);
+            self.count_dropped(dropped.count() as u64);
         }
-        let Some(first) = valid.iter().next() else { return };
+        let Some(first) = valid.iter().next() else { return dropped };
         let (most, scale) = (Num::splat(x.lanes(), MAX_RADIANCE), self.scale());
         let fixed = [x.min(most).to_fixed(scale), y.min(most).to_fixed(scale), z.min(most).to_fixed(scale)];
         let pixels = pixel.to_array();
@@ -138,6 +138,12 @@ impl Film {
         } else {
             self.add_each(&pixels, valid, &fixed);
         }
+        dropped
+    }
+
+    /// Counts splats that were dropped before they reached the film.
+    pub fn count_dropped(&self, splats: u64) {
+        self.dropped.fetch_add(splats, Relaxed);
     }
 
     /// Adds the lanes of a mask to one pixel.
@@ -257,7 +263,8 @@ impl Film {
     }
 
     /// The mean radiance of each pixel over its own samples, row major, first row on top. 0 for pixels without
-    /// samples.
+    /// samples. Camera rays count as samples when they are emitted, so the film of a job that still runs is too dark by
+    /// what is in flight.
     pub fn resolve(&self) -> Vec<[f32; 3]> {
         let unit = 1.0 / (1u64 << self.fraction_bits) as f64;
         self.sums

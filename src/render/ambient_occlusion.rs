@@ -1,13 +1,13 @@
 //! Ambient occlusion: a hit shader that emits shadow rays only.
 
-use super::Integrator;
-use super::frame::{CAMERA_DIMENSION, Frame, Settings, SettingsError, ray_rows};
+use super::frame::{CAMERA_DIMENSION, Frame, Settings, SettingsError};
+use super::{HitShader, HitShading, NewRays, hits_of, rays_of};
 use crate::film::Film;
 use crate::geom::{Sampler, warp::lanes as warp};
-use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, SimdLevel, Vector};
+use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, Vector};
 use crate::scene::{Camera, Material, Scene};
-use crate::schedule::{Batch, Output, Renderer};
-use crate::shade::{Hits, Interaction, sort};
+use crate::schedule::{Batch, Output};
+use crate::shade::{Interaction, sort};
 use crate::stream::Ray;
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
@@ -18,18 +18,23 @@ const MAX_BOUNCES: u32 = 1 << 10;
 
 /// Ambient occlusion: the cosine-weighted fraction of directions above a surface in which nothing is hit within reach;
 /// 1 where the camera ray misses. Colours and lights of the scene are ignored.
+pub type AmbientOcclusion = HitShading<OcclusionShader>;
+
+/// The hit shader of [`AmbientOcclusion`].
 #[derive(Debug)]
-pub struct AmbientOcclusion {
-    frame: Frame,
-    reach: f32,
+pub struct OcclusionShader {
+    /// Length of the shadow rays in world units.
+    pub reach: f32,
 }
 
 /// The sample that a camera ray belongs to.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
 pub struct SampleState {
-    pixel: u32,
-    sample: u32,
+    /// The pixel, counted row by row from the top.
+    pub pixel: u32,
+    /// The number of the pixel's sample.
+    pub sample: u32,
 }
 
 impl AmbientOcclusion {
@@ -43,39 +48,19 @@ impl AmbientOcclusion {
         settings: Settings,
         reach: f32,
     ) -> Result<Self, SettingsError> {
-        let frame = Frame::new(scene, camera, settings, MAX_BOUNCES, |_| 1)?;
-        Ok(Self { frame, reach })
-    }
-
-    /// The same integrator, shading at this SIMD level: see [`Frame::with_simd`].
-    pub fn with_simd(self, simd: SimdLevel) -> Self {
-        Self { frame: self.frame.with_simd(simd), ..self }
+        Self::of(OcclusionShader { reach }, scene, camera, settings)
     }
 
     /// The default reach: an eighth of the scene's radius, which shows creases as well as rooms.
     pub fn usual_reach(scene: &Scene) -> f32 {
         scene.bounds().radius() / 8.0
     }
-
-    /// The film that openness is added to.
-    pub fn film(&self) -> &Arc<Film> {
-        self.frame.film()
-    }
-}
-
-impl Integrator for AmbientOcclusion {
-    fn frame(&self) -> &Frame {
-        &self.frame
-    }
-
-    fn with_frame(&self, frame: Frame) -> Self {
-        Self { frame, reach: self.reach }
-    }
 }
 
 /// A batch being shaded.
 struct Shading<'a, 'o> {
-    occlusion: &'a AmbientOcclusion,
+    shader: &'a OcclusionShader,
+    frame: &'a Frame,
     batch: Batch<'a, SampleState>,
     out: &'a mut Output<'o, SampleState, u32>,
 }
@@ -85,7 +70,7 @@ impl LaneTask for Shading<'_, '_> {
 
     #[inline(always)]
     fn run<L: Lanes>(mut self, l: L) {
-        let frame = &self.occlusion.frame;
+        let frame = self.frame;
         let scene = frame.scene();
         for run in sort(l, self.batch.hits, scene).runs() {
             for rays in run.rays.chunks(L::LANES) {
@@ -93,7 +78,7 @@ impl LaneTask for Shading<'_, '_> {
                 let (ids, lanes) = Int::some(l, rays, rays[0]);
                 let [pixel, sample] = ids.rows(bytemuck::cast_slice(self.batch.payloads));
                 match run.material {
-                    None => frame.film().splat_lanes(lanes, pixel, Vector::splat(l, Vec3::ONE)),
+                    None => frame.splat_lanes(None, lanes, pixel, Vector::splat(l, Vec3::ONE)),
                     Some(material) => {
                         let sampler = Sampler::of(pixel, sample, frame.settings().seed);
                         self.hit(&scene.materials[material as usize], ids, lanes, pixel, &sampler);
@@ -115,16 +100,15 @@ impl Shading<'_, '_> {
         sampler: &Sampler<L>,
     ) {
         let l = pixel.lanes();
-        let AmbientOcclusion { frame, reach } = self.occlusion;
-        let [_, _, _, _, x, y, z, _] = ids.rows_of(bytemuck::cast_slice(self.batch.rays));
-        let [t, u, v, primitive] = ids.rows_of(bytemuck::cast_slice(self.batch.hits));
-        let hits = Hits { t, u, v, primitive: primitive.to_bits() };
-        let at = Interaction::new(frame.scene(), material, Vector::new(x, y, z), &hits, Num::zero(l));
+        let (_, direction) = rays_of(&self.batch, ids);
+        let hits = hits_of(&self.batch, ids);
+        let at = Interaction::new(self.frame.scene(), material, direction, &hits, Num::zero(l));
         let up = sampler.two(Int::splat(l, CAMERA_DIMENSION + 1));
         let to = at.basis.world(warp::cosine_hemisphere(up));
         // A bent normal may point a direction into the surface, where nothing is open.
         let lanes = lanes & to.dot(at.normal).above(0.0);
-        let rays = ray_rows(lanes, at.origin(at.raised, to), to, Num::splat(l, *reach));
+        let t_max = Num::splat(l, self.shader.reach);
+        let rays = NewRays { origin: at.origin(at.raised, to), direction: to, t_max }.rows(lanes);
         let mut pixels = L::array(0);
         let count = pixel.append(lanes, pixels.as_mut());
         self.out.shadow_row(count, bytemuck::cast_slice(rays.as_ref()), pixels.as_ref());
@@ -151,38 +135,35 @@ impl LaneTask for Answered<'_> {
     }
 }
 
-impl Renderer for AmbientOcclusion {
+impl HitShader for OcclusionShader {
     type Payload = SampleState;
     type ShadowPayload = u32;
+    type Memory = ();
+    const MAX_BOUNCES: u32 = MAX_BOUNCES;
 
-    fn tiles(&self) -> u64 {
-        self.frame.tiles()
-    }
-
-    fn tile_rays(&self) -> usize {
-        self.frame.tile_rays()
-    }
-
-    fn shadow_rays_per_ray(&self) -> usize {
+    fn splats(&self, _: u32) -> u64 {
         1
     }
 
-    fn most_in_flight(&self) -> usize {
-        usize::MAX
+    fn shadow_rays_per_ray(&self, _: &Frame) -> usize {
+        1
     }
 
-    fn spawn(&self, tile: u64, out: &mut Output<'_, SampleState, u32>) {
-        self.frame.camera_rays(tile, |rays, pixels, samples| {
-            let of = |(&pixel, &sample)| SampleState { pixel, sample };
-            out.rays(rays, pixels.iter().zip(samples).map(of));
-        });
+    fn camera(&self, _: &Frame) -> impl Fn(u32, u32) -> SampleState {
+        |pixel, sample| SampleState { pixel, sample }
     }
 
-    fn shade(&self, batch: Batch<'_, SampleState>, out: &mut Output<'_, SampleState, u32>) {
-        self.frame.simd().run(Shading { occlusion: self, batch, out });
+    fn shade(
+        &self,
+        frame: &Frame,
+        _: &(),
+        batch: Batch<'_, SampleState>,
+        out: &mut Output<'_, SampleState, u32>,
+    ) {
+        frame.simd().run(Shading { shader: self, frame, batch, out });
     }
 
-    fn shadow(&self, _rays: &[Ray], payloads: &[u32], occluded: &[u32]) {
-        self.frame.simd().run(Answered { film: self.film(), pixels: payloads, occluded });
+    fn shadow(&self, frame: &Frame, _: &[Ray], payloads: &[u32], occluded: &[u32]) {
+        frame.simd().run(Answered { film: frame.film(), pixels: payloads, occluded });
     }
 }

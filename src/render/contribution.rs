@@ -1,11 +1,12 @@
 //! Contributions of shadow rays.
 
-use super::Frame;
-use super::frame::ray_rows;
+use super::{Frame, NewRays};
 use crate::film::Film;
-use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, Vector};
+use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, SingleLane, Vector};
 use crate::schedule::Output;
+use crate::stream::Ray;
 use bytemuck::{Pod, Zeroable};
+use glam::Vec3;
 
 /// The radiance that a shadow ray adds if nothing occludes it.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
@@ -15,27 +16,6 @@ pub struct Contribution {
     pub radiance: [f32; 3],
     /// Pixel.
     pub pixel: u32,
-}
-
-impl Contribution {
-    /// Emits the shadow rays of a mask with their contributions.
-    #[inline(always)]
-    pub(super) fn emit<P, L: Lanes>(
-        out: &mut Output<'_, P, Self>,
-        lanes: Mask<L>,
-        origin: Vector<L>,
-        direction: Vector<L>,
-        t_max: Num<L>,
-        radiance: Vector<L>,
-        pixel: Int<L>,
-    ) {
-        let rays = ray_rows(lanes, origin, direction, t_max);
-        let brought = [radiance.x, radiance.y, radiance.z, pixel.to_num_bits()];
-        let contributions = Num::packed_quads(lanes, brought);
-        let (rays, contributions) =
-            (bytemuck::cast_slice(rays.as_ref()), bytemuck::cast_slice(contributions.as_ref()));
-        out.shadow_row(lanes.count(), rays, contributions);
-    }
 }
 
 /// Contributions whose shadow rays have been traced.
@@ -62,6 +42,43 @@ impl LaneTask for Answered<'_> {
 }
 
 impl Frame {
+    /// Emits the shadow rays of a mask, each with the radiance that it adds to its pixel if nothing occludes it. The
+    /// radiance was computed at hits on a material, or `None`. A radiance that is negative or not finite is dropped
+    /// instead: see [`Frame::splat_lanes`].
+    #[inline(always)]
+    pub fn send_contributions<P, L: Lanes>(
+        &self,
+        out: &mut Output<'_, P, Contribution>,
+        material: Option<u32>,
+        lanes: Mask<L>,
+        rays: &NewRays<L>,
+        radiance: Vector<L>,
+        pixel: Int<L>,
+    ) {
+        let lanes = self.addable_lanes(material, lanes, pixel, radiance);
+        let rays = rays.rows(lanes);
+        let brought = [radiance.x, radiance.y, radiance.z, pixel.to_num_bits()];
+        let contributions = Num::packed_quads(lanes, brought);
+        let (rays, contributions) =
+            (bytemuck::cast_slice(rays.as_ref()), bytemuck::cast_slice(contributions.as_ref()));
+        out.shadow_row(lanes.count(), rays, contributions);
+    }
+
+    /// [`Frame::send_contributions`] for one ray.
+    pub fn send_contribution<P>(
+        &self,
+        out: &mut Output<'_, P, Contribution>,
+        material: Option<u32>,
+        ray: Ray,
+        contribution: Contribution,
+    ) {
+        let Contribution { radiance, pixel } = contribution;
+        let lanes = Mask::splat(SingleLane::default(), true);
+        if self.addable_lanes(material, lanes, pixel.into(), Vec3::from_array(radiance).into()).any() {
+            out.shadow(ray, contribution);
+        }
+    }
+
     /// Splats the contributions of unoccluded shadow rays.
     pub fn add_unoccluded(&self, payloads: &[Contribution], occluded: &[u32]) {
         self.simd().run(Answered { film: self.film(), payloads, occluded });

@@ -1,9 +1,10 @@
 //! A frame: scene, camera, settings and film, which all integrators share.
 
-use super::{Blocks, Pass};
+use super::dropped_splats::DroppedSplats;
+use super::{Blocks, NewRays, Pass};
 use crate::film::{Film, TooManySplats};
 use crate::geom::Sampler;
-use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, SimdLevel, SingleLane, Vector};
+use crate::lanes::{Int, LaneTask, Lanes, Mask, SimdLevel, SingleLane, Vector};
 use crate::scene::{Camera, CameraError, Lens, Scene};
 use crate::shade::{Cone, Lights};
 use crate::stream::Ray;
@@ -101,6 +102,7 @@ pub struct Frame {
     lens: Lens,
     settings: Settings,
     film: Arc<Film>,
+    dropped: DroppedSplats,
     pass: Pass,
     simd: SimdLevel,
 }
@@ -124,7 +126,8 @@ impl Frame {
         let film = Arc::new(Film::new(width, height, u64::from(spp) * splats(max_bounces))?);
         let lights = Arc::new(Lights::new(&scene));
         let pass = Pass::new(Blocks::new(width, height).in_order(), 0..spp);
-        Ok(Self { scene, lights, lens, settings, film, pass, simd: SimdLevel::detect() })
+        let (dropped, simd) = (DroppedSplats::default(), SimdLevel::detect());
+        Ok(Self { scene, lights, lens, settings, film, dropped, pass, simd })
     }
 
     /// The same frame for another camera, with its own film.
@@ -144,6 +147,7 @@ impl Frame {
             lens: self.lens,
             settings: self.settings,
             film: Arc::new(self.film.blank()),
+            dropped: DroppedSplats::default(),
             pass,
             simd: self.simd,
         }
@@ -187,9 +191,15 @@ impl Frame {
         &self.settings
     }
 
-    /// The film that radiance is added to.
+    /// The film that radiance is added to. While a job renders the frame, the film is too dark by what is in flight,
+    /// because camera rays count as samples when they are emitted. [`super::Preview`] shows pictures that are right
+    /// while [`super::Progressive`] renders.
     pub fn film(&self) -> &Arc<Film> {
         &self.film
+    }
+
+    pub(super) fn dropped(&self) -> &DroppedSplats {
+        &self.dropped
     }
 
     /// The pixel blocks of the picture.
@@ -277,27 +287,13 @@ impl<E: FnMut(&[Ray], &[u32], &[u32])> LaneTask for PatchRays<'_, E> {
             let place = sampler.two(Int::splat(l, CAMERA_DIMENSION));
             let direction = frame.lens.directions(x.to_num(), y.to_num(), place);
             let eye = Vector::splat(l, frame.lens.eye);
-            let far = Num::splat(l, f32::INFINITY);
-            let rays = ray_rows(Mask::splat(l, true), eye, direction, far);
+            let rays = NewRays::new(eye, direction).rows(Mask::splat(l, true));
             let lanes = lanes as usize;
             let pixels = pixel.to_array();
             let (rays, pixels) = (&rays.as_ref()[..lanes], &pixels.as_ref()[..lanes]);
             (self.emit)(bytemuck::cast_slice(rays), pixels, &taken.as_ref()[..lanes]);
         }
     }
-}
-
-/// Rays as rows in memory: the lanes of a mask, packed.
-#[inline(always)]
-pub(super) fn ray_rows<L: Lanes>(
-    lanes: Mask<L>,
-    origin: Vector<L>,
-    direction: Vector<L>,
-    t_max: Num<L>,
-) -> L::Array<[f32; 8]> {
-    let t_min = Num::zero(t_max.lanes());
-    let (o, d) = (origin, direction);
-    Num::packed_rows(lanes, [o.x, o.y, o.z, t_min, d.x, d.y, d.z, t_max])
 }
 
 /// Sampler dimension of the position within a pixel; integrators use all greater dimensions.

@@ -1,15 +1,14 @@
 //! Path tracing: a hit shader without loop shaders.
 
-use super::frame::{CAMERA_DIMENSION, Frame, Settings, SettingsError, ray_rows};
-use super::{Contribution, Integrator};
-use crate::film::Film;
+use super::frame::{CAMERA_DIMENSION, Frame, Settings, SettingsError};
+use super::{Contribution, HitShader, HitShading, NewRays, hits_of, rays_of};
 use crate::geom::Sampler;
-use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, Plain, SimdLevel, SingleLane, Vector};
-use crate::scene::{Camera, Material, Scene};
-use crate::schedule::{Batch, Output, Renderer};
+use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, Plain, SingleLane, Vector};
+use crate::scene::{Camera, Scene};
+use crate::schedule::{Batch, Output};
 use crate::shade::bsdf::Smoothness;
 use crate::shade::light::Receiver;
-use crate::shade::{Bsdf, Cone, Hits, Interaction, lookup, medium, prefetch_hits, sort};
+use crate::shade::{Bsdf, Cone, Interaction, lookup, medium, prefetch_hits, sort};
 use crate::stream::Ray;
 use bytemuck::{Pod, Zeroable};
 use std::sync::Arc;
@@ -41,9 +40,11 @@ const LEAST_SQUARE: f32 = 1e-36;
 /// Unidirectional path tracing with next-event estimation: at each hit up to depth `max_bounces` one
 /// light and one direction of the BSDF are sampled and weighted by the power heuristic. The ray after the last bounce
 /// only collects emission.
+pub type PathTracer = HitShading<PathShader>;
+
+/// The hit shader of the [`PathTracer`].
 #[derive(Debug)]
-pub struct PathTracer {
-    frame: Frame,
+pub struct PathShader {
     roulette_bounces: Option<u32>,
 }
 
@@ -76,6 +77,36 @@ impl PathState {
             depth: 0,
             pdf: f32::INFINITY,
         }
+    }
+
+    /// The weight of radiance along the ray in its pixel.
+    pub fn throughput(&self) -> [f32; 3] {
+        self.throughput
+    }
+
+    /// The pixel, counted row by row from the top.
+    pub fn pixel(&self) -> u32 {
+        self.pixel
+    }
+
+    /// The number of the pixel's sample.
+    pub fn sample(&self) -> u32 {
+        self.sample
+    }
+
+    /// The number of rays before this one.
+    pub fn depth(&self) -> u32 {
+        self.depth & DEPTH
+    }
+
+    /// Probability density of the ray's direction per solid angle; +∞ if light sampling could not have chosen it.
+    pub fn pdf(&self) -> f32 {
+        self.pdf
+    }
+
+    /// The ray's cone.
+    pub fn cone(&self) -> Cone<SingleLane> {
+        Cone::unpack(self.index2_and_cone.into())
     }
 }
 
@@ -112,20 +143,7 @@ impl PathTracer {
         settings: Settings,
         roulette_bounces: Option<u32>,
     ) -> Result<Self, SettingsError> {
-        // At each depth one splat of emission and one of a light sample.
-        let splats = |max_bounces: u32| 2 * (u64::from(max_bounces) + 2);
-        let frame = Frame::new(scene, camera, settings, MAX_BOUNCES, splats)?.without_uniform_sky();
-        Ok(Self { frame, roulette_bounces })
-    }
-
-    /// The same integrator, shading at this SIMD level: see [`Frame::with_simd`].
-    pub fn with_simd(self, simd: SimdLevel) -> Self {
-        Self { frame: self.frame.with_simd(simd), ..self }
-    }
-
-    /// The film that radiance is added to.
-    pub fn film(&self) -> &Arc<Film> {
-        self.frame.film()
+        Self::of(PathShader { roulette_bounces }, scene, camera, settings)
     }
 }
 
@@ -135,16 +153,6 @@ impl PathTracer {
 fn power_heuristic<L: Lanes>(pdf: Num<L>, other: Num<L>) -> Num<L> {
     let ratio = other / pdf;
     1.0 / (1.0 + ratio * ratio)
-}
-
-impl Integrator for PathTracer {
-    fn frame(&self) -> &Frame {
-        &self.frame
-    }
-
-    fn with_frame(&self, frame: Frame) -> Self {
-        Self { frame, roulette_bounces: self.roulette_bounces }
-    }
 }
 
 /// [`PathState`] in lanes.
@@ -188,9 +196,17 @@ impl<L: Lanes> States<L> {
     }
 }
 
+/// Hits on a material, numbered in the scene.
+struct Place<'a, L: Lanes> {
+    number: u32,
+    at: &'a Interaction<L>,
+    bsdf: &'a Bsdf<'a, L>,
+}
+
 /// A batch being shaded.
 struct Shading<'a, 'o> {
-    path: &'a PathTracer,
+    shader: &'a PathShader,
+    frame: &'a Frame,
     batch: Batch<'a, PathState>,
     out: &'a mut Output<'o, PathState, Contribution>,
 }
@@ -200,7 +216,7 @@ impl LaneTask for Shading<'_, '_> {
 
     #[inline(always)]
     fn run<L: Lanes>(mut self, l: L) {
-        let scene = self.path.frame.scene();
+        let scene = self.frame.scene();
         for run in sort(l, self.batch.hits, scene).runs() {
             for (i, rays) in run.rays.chunks(L::LANES).enumerate() {
                 // Lanes beyond the end of the run repeat its first ray and are masked out.
@@ -209,7 +225,7 @@ impl LaneTask for Shading<'_, '_> {
                     None => self.miss(ids, lanes),
                     Some(material) => {
                         prefetch_hits(&scene.mesh, self.batch.hits, run.rays, (i + 1) * L::LANES, L::LANES);
-                        self.hit(&scene.materials[material as usize], ids, lanes);
+                        self.hit(material, ids, lanes);
                     }
                 }
             }
@@ -218,42 +234,36 @@ impl LaneTask for Shading<'_, '_> {
 }
 
 impl Shading<'_, '_> {
-    /// Origins and directions.
-    #[inline(always)]
-    fn rays<L: Lanes>(&self, ids: Int<L>) -> (Vector<L>, Vector<L>) {
-        let [a, b, c, _, x, y, z, _] = ids.rows_of(bytemuck::cast_slice(self.batch.rays));
-        (Vector::new(a, b, c), Vector::new(x, y, z))
-    }
-
     /// Rays that left the scene see the environment.
     #[inline(always)]
     fn miss<L: Lanes>(&self, ids: Int<L>, lanes: Mask<L>) {
-        let frame = &self.path.frame;
+        let frame = self.frame;
         let state = States::of(self.batch.payloads, ids);
         let mut direction = Vector::zero(ids.lanes());
         if !frame.lights().environment().is_even() {
-            direction = self.rays(ids).1;
+            direction = rays_of(&self.batch, ids).1;
         }
         let sky = self.sky(&state, direction);
-        frame.film().splat_lanes(lanes & !sky.is_zero(), state.pixel, sky);
+        frame.splat_lanes(None, lanes & !sky.is_zero(), state.pixel, sky);
     }
 
     /// Adds the environment's radiance for rays that leave the scene.
     #[inline(always)]
     fn sky<L: Lanes>(&self, state: &States<L>, direction: Vector<L>) -> Vector<L> {
-        let (radiance, found) = self.path.frame.lights().sky(direction);
+        let (radiance, found) = self.frame.lights().sky(direction);
         state.throughput * radiance * power_heuristic(state.pdf, found)
     }
 
     /// The hit shader: emission, then one light sample and one BSDF sample.
     #[inline(always)]
-    fn hit<L: Lanes>(&mut self, material: &Material, ids: Int<L>, lanes: Mask<L>) {
-        let frame = &self.path.frame;
+    fn hit<L: Lanes>(&mut self, number: u32, ids: Int<L>, lanes: Mask<L>) {
+        let frame = self.frame;
         let scene = frame.scene();
+        let material = &scene.materials[number as usize];
         let mut state = States::of(self.batch.payloads, ids);
-        let [t, u, v, primitive] = ids.rows_of(bytemuck::cast_slice(self.batch.hits));
-        let hits = Hits { t, u, v, primitive: primitive.to_bits() };
-        let (origin, direction) = self.rays(ids);
+        let hits = hits_of(&self.batch, ids);
+        let t = hits.t;
+        let (origin, direction) = rays_of(&self.batch, ids);
         let cone = state.cone.at(t);
         let at = Interaction::new(scene, material, direction, &hits, cone.width);
         if let Some(medium) = &material.medium {
@@ -267,7 +277,7 @@ impl Shading<'_, '_> {
                 let lit = Receiver { position: origin, facing: state.facing };
                 let found = frame.lights().pdf_emitter(&lit, hits.primitive, t * t, cosine);
                 let weight = power_heuristic(state.pdf, found);
-                frame.film().splat_lanes(shines, state.pixel, state.throughput * emitted * weight);
+                frame.splat_lanes(Some(number), shines, state.pixel, state.throughput * emitted * weight);
             }
         }
         let lanes = lanes & state.depth.below(frame.settings().max_bounces + 1);
@@ -284,23 +294,23 @@ impl Shading<'_, '_> {
             }
         }
         if !bsdf.is_smooth() && frame.lights().are_sampled() {
-            self.sample_light(&at, &receiver, &bsdf, &state, &sampler, lanes);
+            self.sample_light(&Place { number, at: &at, bsdf: &bsdf }, &receiver, &state, &sampler, lanes);
         }
         let state = States { facing: receiver.facing, cone, ..state };
-        self.sample_bsdf(&at, &bsdf, &state, &sampler, lanes);
+        self.sample_bsdf(&Place { number, at: &at, bsdf: &bsdf }, &state, &sampler, lanes);
     }
 
     #[inline(always)]
     fn sample_light<L: Lanes>(
         &mut self,
-        at: &Interaction<L>,
+        place: &Place<'_, L>,
         receiver: &Receiver<L>,
-        bsdf: &Bsdf<'_, L>,
         state: &States<L>,
         sampler: &Sampler<L>,
         lanes: Mask<L>,
     ) {
-        let frame = &self.path.frame;
+        let Place { number, at, bsdf } = *place;
+        let frame = self.frame;
         let mut u = None;
         if frame.lights().are_many() {
             u = Some(sampler.one(Dimension::Light.at(state.depth)));
@@ -325,18 +335,19 @@ impl Shading<'_, '_> {
         let radiance = state.throughput * value * light.radiance * share;
         let (origin, direction, t_max) = light.rays(at);
         let lanes = lanes & !value.is_zero();
-        Contribution::emit(self.out, lanes, origin, direction, t_max, radiance, state.pixel);
+        let rays = NewRays { origin, direction, t_max };
+        frame.send_contributions(self.out, Some(number), lanes, &rays, radiance, state.pixel);
     }
 
     #[inline(always)]
     fn sample_bsdf<L: Lanes>(
         &mut self,
-        at: &Interaction<L>,
-        bsdf: &Bsdf<'_, L>,
+        place: &Place<'_, L>,
         state: &States<L>,
         sampler: &Sampler<L>,
         lanes: Mask<L>,
     ) {
+        let Place { number, at, bsdf } = *place;
         let mut u = Num::zero(at.wo.lanes());
         if bsdf.is_choice() {
             u = sampler.one(Dimension::Lobe.at(state.depth));
@@ -354,7 +365,7 @@ impl Shading<'_, '_> {
         let mut throughput = state.throughput * sample.weight;
         let index2 = state.index2 * sample.eta * sample.eta;
         let depth = state.depth + 1;
-        if let Some(bounces) = self.path.roulette_bounces {
+        if let Some(bounces) = self.shader.roulette_bounces {
             let played = !depth.below(bounces.saturating_add(1)) & lanes;
             if played.any() {
                 let energy = throughput.max_element() * index2;
@@ -365,20 +376,19 @@ impl Shading<'_, '_> {
             }
         }
         lanes &= !throughput.is_zero();
+        lanes = self.frame.finite_lanes(Some(number), lanes, state.pixel, throughput);
         let from = Vector::select(specular | crosses, at.position, at.raised);
         let far = Num::splat(u.lanes(), f32::INFINITY);
         let pdf = Num::select(specular, far, sample.pdf);
         let cone = state.cone.scattered(pdf);
         let next = States { throughput, index2, cone, depth, pdf, ..*state };
         let origin = at.origin(from, wi);
-        let last = lanes & !depth.below(self.path.frame.settings().max_bounces + 1);
+        let last = lanes & !depth.below(self.frame.settings().max_bounces + 1);
         if last.any() {
             lanes &= !self.end(&next, origin, wi, last);
         }
-        let (rays, states) = (ray_rows(lanes, origin, wi, far), next.rows(lanes));
-        let count = lanes.count();
-        let (rays, states) = (bytemuck::cast_slice(rays.as_ref()), bytemuck::cast_slice(states.as_ref()));
-        self.out.ray_row(count, rays, states);
+        let states = next.rows(lanes);
+        NewRays::new(origin, wi).emit(self.out, lanes, bytemuck::cast_slice(states.as_ref()));
     }
 
     /// Ends paths after the last bounce, where only emission counts. A ray that misses the bounds of all emitters is
@@ -392,58 +402,60 @@ impl Shading<'_, '_> {
         direction: Vector<L>,
         lanes: Mask<L>,
     ) -> Mask<L> {
-        let lights = self.path.frame.lights();
+        let lights = self.frame.lights();
         let ended = lanes & !lights.emitter_bounds().lies_ahead(origin, direction);
         if ended.none() || lights.environment().is_black() {
             return ended;
         }
         let sky = self.sky(next, direction);
         let open = ended & !sky.is_zero();
-        let far = Num::splat(next.pdf.lanes(), f32::INFINITY);
-        Contribution::emit(self.out, open, origin, direction, far, sky, next.pixel);
+        let rays = NewRays::new(origin, direction);
+        self.frame.send_contributions(self.out, None, open, &rays, sky, next.pixel);
         ended
     }
 }
 
-impl Renderer for PathTracer {
+impl HitShader for PathShader {
     type Payload = PathState;
     type ShadowPayload = Contribution;
+    type Memory = ();
+    const MAX_BOUNCES: u32 = MAX_BOUNCES;
 
-    fn tiles(&self) -> u64 {
-        self.frame.tiles()
+    fn splats(&self, max_bounces: u32) -> u64 {
+        // At each depth one splat of emission and one of a light sample.
+        2 * (u64::from(max_bounces) + 2)
     }
 
-    fn tile_rays(&self) -> usize {
-        self.frame.tile_rays()
-    }
-
-    fn shadow_rays_per_ray(&self) -> usize {
+    fn shadow_rays_per_ray(&self, frame: &Frame) -> usize {
         // One towards a light; after the last bounce one to the environment.
-        let lights = self.frame.lights();
+        let lights = frame.lights();
         1 + usize::from(lights.are_sampled() && !lights.environment().is_black())
     }
 
-    fn most_in_flight(&self) -> usize {
-        usize::MAX
+    fn prepare(&self, frame: Frame) -> Frame {
+        frame.without_uniform_sky()
     }
 
-    fn spawn(&self, tile: u64, out: &mut Output<'_, PathState, Contribution>) {
-        let first = PathState::start(self.frame.cone());
-        self.frame.camera_rays(tile, |rays, pixels, samples| {
-            let of = |(&pixel, &sample)| PathState { pixel, sample, ..first };
-            out.rays(rays, pixels.iter().zip(samples).map(of));
-        });
+    fn camera(&self, frame: &Frame) -> impl Fn(u32, u32) -> PathState {
+        let first = PathState::start(frame.cone());
+        move |pixel, sample| PathState { pixel, sample, ..first }
     }
 
-    fn shade(&self, batch: Batch<'_, PathState>, out: &mut Output<'_, PathState, Contribution>) {
-        self.frame.simd().run(Shading { path: self, batch, out });
+    fn shade(
+        &self,
+        frame: &Frame,
+        _: &(),
+        batch: Batch<'_, PathState>,
+        out: &mut Output<'_, PathState, Contribution>,
+    ) {
+        frame.simd().run(Shading { shader: self, frame, batch, out });
     }
 
     fn depth(&self, state: &PathState) -> u32 {
-        state.depth & DEPTH
+        state.depth()
     }
 
-    fn shadow(&self, _rays: &[Ray], payloads: &[Contribution], occluded: &[u32]) {
-        self.frame.add_unoccluded(payloads, occluded);
+    fn shadow(&self, frame: &Frame, _: &[Ray], payloads: &[Contribution], occluded: &[u32]) {
+        frame.add_unoccluded(payloads, occluded);
     }
 }

@@ -1,15 +1,14 @@
 //! Whitted ray tracing: a hit shader and a loop shader (RA section 3.3).
 
-use super::frame::{Frame, Settings, SettingsError, ray_rows};
+use super::frame::{Frame, Settings, SettingsError};
 use super::whitted_node::{MAX_BOUNCES, Node, SHADOW_RAYS, Sent, splats};
-use super::{Contribution, Integrator};
-use crate::film::Film;
+use super::{Contribution, HitShader, HitShading, NewRays, hits_of, rays_of};
 use crate::geom::Sampler;
-use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, Plain, SimdLevel, Vector};
-use crate::scene::{Camera, Material, Scene};
-use crate::schedule::{Batch, Output, Renderer};
+use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, Plain, Vector};
+use crate::scene::{Camera, Scene};
+use crate::schedule::{Batch, Output};
 use crate::shade::loop_stack::{EMPTY, LoopStack, Session};
-use crate::shade::{ArenaUse, Cone, Hits, sort};
+use crate::shade::{ArenaUse, Cone, sort};
 use crate::stream::Ray;
 use bytemuck::{Pod, Zeroable};
 use std::sync::Arc;
@@ -28,11 +27,11 @@ pub const WHITTED_BOUNCES: u32 = 8;
 /// The hit shader emits the reflected ray and pushes the refracted one onto the loop stack. When a path ends, the loop
 /// shader pops the topmost entry. So a camera ray has one ray in flight and at most `max_bounces` loop entries, though
 /// its tree may have 2^`max_bounces` paths.
-#[derive(Debug)]
-pub struct Whitted {
-    frame: Frame,
-    stack: LoopStack<Pending>,
-}
+pub type Whitted = HitShading<WhittedShader>;
+
+/// The hit shader and the loop shader of [`Whitted`].
+#[derive(Clone, Copy, Debug)]
+pub struct WhittedShader;
 
 /// The state of a path.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
@@ -54,7 +53,7 @@ pub struct WhittedState {
 /// A loop entry: a ray that is traced when the path before it has ended.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
-struct Pending {
+pub struct Pending {
     ray: Ray,
     throughput: [f32; 3],
     depth_and_cone: u32,
@@ -69,23 +68,12 @@ impl Whitted {
     /// # Errors
     /// If a setting is out of range.
     pub fn new(scene: Arc<Scene>, camera: &Camera, settings: Settings) -> Result<Self, SettingsError> {
-        let frame = Frame::new(scene, camera, settings, MAX_BOUNCES, splats)?;
-        Ok(Self { frame, stack: LoopStack::new() })
-    }
-
-    /// The same integrator, shading at this SIMD level: see [`Frame::with_simd`].
-    pub fn with_simd(self, simd: SimdLevel) -> Self {
-        Self { frame: self.frame.with_simd(simd), ..self }
-    }
-
-    /// The film that radiance is added to.
-    pub fn film(&self) -> &Arc<Film> {
-        self.frame.film()
+        Self::of(WhittedShader, scene, camera, settings)
     }
 
     /// Use of the loop stack.
     pub fn loop_stack(&self) -> ArenaUse {
-        self.stack.usage()
+        self.memory().usage()
     }
 }
 
@@ -123,7 +111,7 @@ impl<L: Lanes> States<L> {
 
 /// A batch being shaded.
 struct Shading<'a, 'o> {
-    whitted: &'a Whitted,
+    frame: &'a Frame,
     batch: Batch<'a, WhittedState>,
     session: Session<'a, Pending>,
     /// Rays whose paths have ended.
@@ -136,14 +124,14 @@ impl LaneTask for Shading<'_, '_> {
 
     #[inline(always)]
     fn run<L: Lanes>(mut self, l: L) {
-        let scene = self.whitted.frame.scene();
+        let scene = self.frame.scene();
         for run in sort(l, self.batch.hits, scene).runs() {
             for rays in run.rays.chunks(L::LANES) {
                 // Lanes that are left over repeat the first ray and count for nothing.
                 let (ids, lanes) = Int::some(l, rays, rays[0]);
                 let goes_on = match run.material {
                     None => self.miss(ids, lanes),
-                    Some(material) => self.hit(&scene.materials[material as usize], ids, lanes),
+                    Some(material) => self.hit(material, ids, lanes),
                 };
                 let mut ended = L::array(0);
                 let count = ids.append(lanes & !goes_on, ended.as_mut());
@@ -155,45 +143,50 @@ impl LaneTask for Shading<'_, '_> {
 }
 
 impl Shading<'_, '_> {
-    #[inline(always)]
-    fn directions<L: Lanes>(&self, ids: Int<L>) -> Vector<L> {
-        let [_, _, _, _, x, y, z, _] = ids.rows_of(bytemuck::cast_slice(self.batch.rays));
-        Vector::new(x, y, z)
-    }
-
     /// Adds the environment for rays that left the scene; their paths end.
     #[inline(always)]
     fn miss<L: Lanes>(&self, ids: Int<L>, lanes: Mask<L>) -> Mask<L> {
-        let frame = &self.whitted.frame;
+        let frame = self.frame;
         let state = States::of(self.batch.payloads, ids);
-        let (radiance, _) = frame.lights().sky(self.directions(ids));
-        frame.film().splat_lanes(lanes & !radiance.is_zero(), state.pixel, state.throughput * radiance);
+        let (radiance, _) = frame.lights().sky(rays_of(&self.batch, ids).1);
+        let sees = lanes & !radiance.is_zero();
+        frame.splat_lanes(None, sees, state.pixel, state.throughput * radiance);
         Mask::splat(ids.lanes(), false)
     }
 
     /// The hit shader: emission, direct light, and the secondary rays. Returns the lanes whose paths continue.
     #[inline(always)]
-    fn hit<L: Lanes>(&mut self, material: &Material, ids: Int<L>, lanes: Mask<L>) -> Mask<L> {
-        let frame = &self.whitted.frame;
+    fn hit<L: Lanes>(&mut self, number: u32, ids: Int<L>, lanes: Mask<L>) -> Mask<L> {
+        let frame = self.frame;
         let state = States::of(self.batch.payloads, ids);
-        let [t, u, v, primitive] = ids.rows_of(bytemuck::cast_slice(self.batch.hits));
-        let hits = Hits { t, u, v, primitive: primitive.to_bits() };
-        let node = Node::new(frame, material, self.directions(ids), &hits, state.cone);
+        let hits = hits_of(&self.batch, ids);
+        let t = hits.t;
+        let material = &frame.scene().materials[number as usize];
+        let node = Node::new(frame, material, rays_of(&self.batch, ids).1, &hits, state.cone);
         let shines = lanes & !node.emitted.is_zero();
-        frame.film().splat_lanes(shines, state.pixel, state.throughput * node.emitted);
+        frame.splat_lanes(Some(number), shines, state.pixel, state.throughput * node.emitted);
         let sampler = Sampler::of(state.pixel, state.sample, frame.settings().seed);
         for light in 0..node.lights() {
             let sent = node.lit(light, &sampler, state.branch, state.throughput);
             let lanes = lanes & sent.lanes;
-            let (origin, direction) = (sent.origin, sent.direction);
-            Contribution::emit(self.out, lanes, origin, direction, sent.t_max, sent.radiance, state.pixel);
+            frame.send_contributions(
+                self.out,
+                Some(number),
+                lanes,
+                &sent.rays(),
+                sent.radiance,
+                state.pixel,
+            );
         }
         let lanes = lanes & state.depth.below(frame.settings().max_bounces);
         if lanes.none() {
             return lanes;
         }
         let [reflected, refracted] = node.secondary(state.throughput);
-        let (reflects, refracts) = (lanes & reflected.lanes, lanes & refracted.lanes);
+        let reflects = lanes & reflected.lanes;
+        let reflects = frame.finite_lanes(Some(number), reflects, state.pixel, reflected.radiance);
+        let refracts = lanes & refracted.lanes;
+        let refracts = frame.finite_lanes(Some(number), refracts, state.pixel, refracted.radiance);
         let both = reflects & refracts;
         let depth = state.depth + 1;
         let (cone, branch) = (state.cone.at(t), state.branch * 2 + 1);
@@ -211,10 +204,8 @@ impl Shading<'_, '_> {
         let origin = Vector::select(reflects, reflected.origin, refracted.origin);
         let direction = Vector::select(reflects, reflected.direction, refracted.direction);
         let lanes = reflects | refracts;
-        let (rays, states) = (ray_rows(lanes, origin, direction, reflected.t_max), now.rows(lanes));
-        let count = lanes.count();
-        let (rays, states) = (bytemuck::cast_slice(rays.as_ref()), bytemuck::cast_slice(states.as_ref()));
-        self.out.ray_row(count, rays, states);
+        let states = now.rows(lanes);
+        NewRays::new(origin, direction).emit(self.out, lanes, bytemuck::cast_slice(states.as_ref()));
         lanes
     }
 
@@ -222,7 +213,7 @@ impl Shading<'_, '_> {
     #[inline(always)]
     fn leave<L: Lanes>(&mut self, lanes: Mask<L>, sent: &Sent<L>, states: &States<L>) -> Int<L> {
         let all = Mask::splat(states.head.lanes(), true);
-        let rays = ray_rows(all, sent.origin, sent.direction, sent.t_max);
+        let rays = sent.rays().rows(all);
         let states_rows = states.rows(all);
         let mut heads = states.head.to_array();
         for lane in lanes.iter() {
@@ -257,61 +248,46 @@ impl Pending {
     }
 }
 
-impl Integrator for Whitted {
-    fn frame(&self) -> &Frame {
-        &self.frame
-    }
-
-    fn with_frame(&self, frame: Frame) -> Self {
-        Self { frame, stack: LoopStack::new() }
-    }
-
-    fn loop_stack_bytes(&self) -> usize {
-        self.stack.usage().allocated_bytes
-    }
-}
-
-impl Renderer for Whitted {
+impl HitShader for WhittedShader {
     type Payload = WhittedState;
     type ShadowPayload = Contribution;
+    type Memory = LoopStack<Pending>;
+    const MAX_BOUNCES: u32 = MAX_BOUNCES;
 
-    fn tiles(&self) -> u64 {
-        self.frame.tiles()
+    fn splats(&self, max_bounces: u32) -> u64 {
+        splats(max_bounces)
     }
 
-    fn tile_rays(&self) -> usize {
-        self.frame.tile_rays()
-    }
-
-    fn shadow_rays_per_ray(&self) -> usize {
+    fn shadow_rays_per_ray(&self, _: &Frame) -> usize {
         SHADOW_RAYS
     }
 
-    fn most_in_flight(&self) -> usize {
+    fn most_in_flight(&self, frame: &Frame) -> usize {
         // One entry for each depth that a hit can have.
-        LoopStack::<Pending>::most_paths(self.frame.settings().max_bounces as usize)
+        LoopStack::<Pending>::most_paths(frame.settings().max_bounces as usize)
     }
 
-    fn spawn(&self, tile: u64, out: &mut Rays<'_>) {
-        let depth_and_cone = self.frame.cone().pack().get() << DEPTH_BITS;
-        self.frame.camera_rays(tile, |rays, pixels, samples| {
-            let (throughput, branch, head) = ([1.0; 3], 1, EMPTY);
-            let of =
-                |(&pixel, &sample)| WhittedState { throughput, pixel, sample, depth_and_cone, branch, head };
-            out.rays(rays, pixels.iter().zip(samples).map(of));
-        });
+    fn camera(&self, frame: &Frame) -> impl Fn(u32, u32) -> WhittedState {
+        let depth_and_cone = frame.cone().pack().get() << DEPTH_BITS;
+        let (throughput, branch, head) = ([1.0; 3], 1, EMPTY);
+        move |pixel, sample| WhittedState { throughput, pixel, sample, depth_and_cone, branch, head }
     }
 
-    fn shade(&self, batch: Batch<'_, WhittedState>, out: &mut Rays<'_>) {
-        let session = self.stack.session();
-        self.frame.simd().run(Shading { whitted: self, batch, session, ended: Vec::new(), out });
+    fn shade(
+        &self,
+        frame: &Frame,
+        stack: &LoopStack<Pending>,
+        batch: Batch<'_, WhittedState>,
+        out: &mut Rays<'_>,
+    ) {
+        frame.simd().run(Shading { frame, batch, session: stack.session(), ended: Vec::new(), out });
     }
 
     fn depth(&self, state: &WhittedState) -> u32 {
         state.depth_and_cone & DEPTH
     }
 
-    fn shadow(&self, _rays: &[Ray], payloads: &[Contribution], occluded: &[u32]) {
-        self.frame.add_unoccluded(payloads, occluded);
+    fn shadow(&self, frame: &Frame, _: &[Ray], payloads: &[Contribution], occluded: &[u32]) {
+        frame.add_unoccluded(payloads, occluded);
     }
 }

@@ -1,5 +1,6 @@
 //! A node of Whitted's tree of rays: the shading of a hit, shared by the loop shader and the recursive one.
 
+use super::NewRays;
 use super::frame::{CAMERA_DIMENSION, Frame};
 use crate::geom::Sampler;
 use crate::lanes::{Int, Lanes, Mask, Num, SingleLane, Vector};
@@ -144,6 +145,14 @@ impl<'a, L: Lanes> Node<'a, L> {
             t_max: Num::splat(direction.lanes(), f32::INFINITY),
             radiance: throughput,
         }
+    }
+}
+
+impl<L: Lanes> Sent<L> {
+    /// The rays of all lanes.
+    #[inline(always)]
+    pub fn rays(&self) -> NewRays<L> {
+        NewRays { origin: self.origin, direction: self.direction, t_max: self.t_max }
     }
 }
 

@@ -1,0 +1,234 @@
+//! Hit shaders, and the integrator that the engine makes of each.
+
+use super::{Frame, Integrator, Settings, SettingsError};
+use crate::film::Film;
+use crate::lanes::SimdLevel;
+use crate::scene::{Camera, Scene};
+use crate::schedule::{Batch, Output, Renderer};
+use crate::shade::LoopStack;
+use crate::stream::Ray;
+use bytemuck::Pod;
+use std::fmt;
+use std::sync::Arc;
+
+/// A hit shader (RA section 3.1): what is computed for a batch of traced rays. [`HitShading`] makes an integrator of
+/// it, with a frame, camera rays, passes and films.
+///
+/// A shader of one ray at a time is shorter: see [`super::RayShader`].
+///
+/// The scheduler calls [`HitShader::shade`] from many threads at once, with the batches of a frame in no particular
+/// order. What a shader accumulates must not depend on the order; the film's sums do not.
+///
+/// # Example
+/// The distance to the first hit, as a grey value:
+///
+/// ```
+/// use raystream::render::{Frame, HitShader, HitShading};
+/// use raystream::schedule::{Batch, Output};
+/// use raystream::stream::Ray;
+///
+/// #[derive(Debug)]
+/// struct Distance;
+///
+/// impl HitShader for Distance {
+///     type Payload = u32; // the pixel
+///     type ShadowPayload = (); // no shadow rays
+///     type Memory = (); // no loop stack
+///     const MAX_BOUNCES: u32 = 0;
+///
+///     fn splats(&self, _max_bounces: u32) -> u64 {
+///         1
+///     }
+///
+///     fn camera(&self, _frame: &Frame) -> impl Fn(u32, u32) -> u32 {
+///         |pixel, _sample| pixel
+///     }
+///
+///     fn shade(&self, frame: &Frame, _: &(), batch: Batch<'_, u32>, _: &mut Output<'_, u32, ()>) {
+///         for (hit, &pixel) in batch.hits.iter().zip(batch.payloads) {
+///             let grey = if hit.is_miss() { 0.0 } else { 1.0 / (1.0 + hit.t) };
+///             frame.film().splat(pixel, glam::Vec3::splat(grey));
+///         }
+///     }
+///
+///     fn shadow(&self, _: &Frame, _: &[Ray], _: &[()], _: &[u32]) {}
+/// }
+/// # type Distances = HitShading<Distance>;
+/// ```
+pub trait HitShader: Send + Sync + Sized + 'static {
+    /// What travels with a ray: its pixel, for instance.
+    type Payload: Pod + Send + Sync;
+
+    /// What travels with a shadow ray. [`super::Contribution`] serves most shaders.
+    type ShadowPayload: Pod + Send + Sync;
+
+    /// What the paths of a frame share while it is rendered: `()`, or a [`LoopStack`].
+    type Memory: PathMemory;
+
+    /// The largest setting of max bounces.
+    const MAX_BOUNCES: u32;
+
+    /// The most splats of a sample. The film's precision depends on it.
+    fn splats(&self, max_bounces: u32) -> u64;
+
+    /// The most shadow rays that [`HitShader::shade`] emits for each ray of its batch.
+    fn shadow_rays_per_ray(&self, _frame: &Frame) -> usize {
+        0
+    }
+
+    /// The most paths in flight that [`HitShader::Memory`] holds: [`LoopStack::most_paths`] for a loop stack.
+    fn most_in_flight(&self, _frame: &Frame) -> usize {
+        usize::MAX
+    }
+
+    /// Prepares a frame for this shader. The path tracer, for instance, calls [`Frame::without_uniform_sky`].
+    fn prepare(&self, frame: Frame) -> Frame {
+        frame
+    }
+
+    /// The payload of a camera ray, as a function of its pixel and its sample. Called once for each tile.
+    fn camera(&self, frame: &Frame) -> impl Fn(u32, u32) -> Self::Payload;
+
+    /// Shades a batch: splats radiance and emits, for each ray, at most one ray and at most
+    /// [`HitShader::shadow_rays_per_ray`] shadow rays.
+    fn shade(
+        &self,
+        frame: &Frame,
+        memory: &Self::Memory,
+        batch: Batch<'_, Self::Payload>,
+        out: &mut Output<'_, Self::Payload, Self::ShadowPayload>,
+    );
+
+    /// Receives traced shadow rays; `occluded[i]` is 1 if `rays[i]` hits anything between its ends, else 0.
+    /// [`Frame::add_unoccluded`] does the rest for [`super::Contribution`].
+    fn shadow(&self, frame: &Frame, rays: &[Ray], payloads: &[Self::ShadowPayload], occluded: &[u32]);
+
+    /// The number of rays before this one on its path, for the report.
+    fn depth(&self, _payload: &Self::Payload) -> u32 {
+        0
+    }
+}
+
+/// What the paths of a frame share while it is rendered.
+pub trait PathMemory: Default + Send + Sync + 'static {
+    /// Bytes allocated.
+    fn bytes(&self) -> usize;
+}
+
+impl PathMemory for () {
+    fn bytes(&self) -> usize {
+        0
+    }
+}
+
+impl<T: Pod> PathMemory for LoopStack<T> {
+    fn bytes(&self) -> usize {
+        self.usage().allocated_bytes
+    }
+}
+
+/// The integrator that shades with a [`HitShader`]. The engine owns the frame: film, passes, tiles, camera rays, other
+/// cameras.
+pub struct HitShading<S: HitShader> {
+    shader: Arc<S>,
+    frame: Frame,
+    memory: S::Memory,
+}
+
+impl<S: HitShader> HitShading<S> {
+    /// Shades a frame of a scene.
+    ///
+    /// # Errors
+    /// If a setting is out of range.
+    pub fn of(
+        shader: S,
+        scene: Arc<Scene>,
+        camera: &Camera,
+        settings: Settings,
+    ) -> Result<Self, SettingsError> {
+        let frame = Frame::new(scene, camera, settings, S::MAX_BOUNCES, |bounces| shader.splats(bounces))?;
+        let frame = shader.prepare(frame);
+        Ok(Self { shader: Arc::new(shader), frame, memory: S::Memory::default() })
+    }
+
+    /// The shader.
+    pub fn shader(&self) -> &S {
+        &self.shader
+    }
+
+    /// What the paths of the frame share.
+    pub fn memory(&self) -> &S::Memory {
+        &self.memory
+    }
+
+    /// The film that radiance is added to. While the frame is rendered it is too dark: see [`Frame::film`].
+    pub fn film(&self) -> &Arc<Film> {
+        self.frame.film()
+    }
+
+    /// The same integrator, shading at this SIMD level: see [`Frame::with_simd`].
+    pub fn with_simd(self, simd: SimdLevel) -> Self {
+        Self { frame: self.frame.with_simd(simd), ..self }
+    }
+}
+
+impl<S: HitShader> fmt::Debug for HitShading<S> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let shader = std::any::type_name::<S>();
+        f.debug_struct("HitShading").field("shader", &shader).field("frame", &self.frame).finish()
+    }
+}
+
+impl<S: HitShader> Integrator for HitShading<S> {
+    fn frame(&self) -> &Frame {
+        &self.frame
+    }
+
+    fn with_frame(&self, frame: Frame) -> Self {
+        Self { shader: Arc::clone(&self.shader), frame, memory: S::Memory::default() }
+    }
+
+    fn loop_stack_bytes(&self) -> usize {
+        self.memory.bytes()
+    }
+}
+
+impl<S: HitShader> Renderer for HitShading<S> {
+    type Payload = S::Payload;
+    type ShadowPayload = S::ShadowPayload;
+
+    fn tiles(&self) -> u64 {
+        self.frame.tiles()
+    }
+
+    fn tile_rays(&self) -> usize {
+        self.frame.tile_rays()
+    }
+
+    fn shadow_rays_per_ray(&self) -> usize {
+        self.shader.shadow_rays_per_ray(&self.frame)
+    }
+
+    fn most_in_flight(&self) -> usize {
+        self.shader.most_in_flight(&self.frame)
+    }
+
+    fn spawn(&self, tile: u64, out: &mut Output<'_, S::Payload, S::ShadowPayload>) {
+        let payload = self.shader.camera(&self.frame);
+        self.frame.camera_rays(tile, |rays, pixels, samples| {
+            out.rays(rays, pixels.iter().zip(samples).map(|(&pixel, &sample)| payload(pixel, sample)));
+        });
+    }
+
+    fn shade(&self, batch: Batch<'_, S::Payload>, out: &mut Output<'_, S::Payload, S::ShadowPayload>) {
+        self.shader.shade(&self.frame, &self.memory, batch, out);
+    }
+
+    fn depth(&self, payload: &S::Payload) -> u32 {
+        self.shader.depth(payload)
+    }
+
+    fn shadow(&self, rays: &[Ray], payloads: &[S::ShadowPayload], occluded: &[u32]) {
+        self.shader.shadow(&self.frame, rays, payloads, occluded);
+    }
+}
