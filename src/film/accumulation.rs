@@ -432,12 +432,12 @@ mod tests {
             })
             .collect();
         let forward = Film::new(1, 1, 4000).expect("fits");
-        values.iter().for_each(|&v| forward.splat(0, v));
+        values.iter().for_each(|&v| assert!(forward.splat(0, v)));
         forward.add_samples(0, 7);
         let shuffled = Film::new(1, 1, 4000).expect("fits");
         std::thread::scope(|scope| {
             for part in values.chunks(997) {
-                scope.spawn(|| part.iter().rev().for_each(|&v| shuffled.splat(0, v)));
+                scope.spawn(|| part.iter().rev().for_each(|&v| assert!(shuffled.splat(0, v))));
             }
         });
         shuffled.add_samples(0, 3);

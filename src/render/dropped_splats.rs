@@ -116,7 +116,13 @@ impl Frame {
 
     /// The valid lanes of a mask. The others are counted as dropped.
     #[inline(always)]
-    fn keep<L: Lanes>(&self, material: Option<u32>, lanes: Mask<L>, valid: Mask<L>, pixel: Int<L>) -> Mask<L> {
+    fn keep<L: Lanes>(
+        &self,
+        material: Option<u32>,
+        lanes: Mask<L>,
+        valid: Mask<L>,
+        pixel: Int<L>,
+    ) -> Mask<L> {
         let dropped = lanes & !valid;
         if dropped.any() {
             self.film().count_dropped(dropped.count() as u64);

@@ -181,6 +181,7 @@ impl<I: Integrator> Progressive<I> {
         let Some((exposure, report)) = self.under_way.pop() else { return Ok(None) };
         let report = report?;
         self.loop_stack_bytes = self.loop_stack_bytes.max(exposure.loop_stack_bytes());
+        self.integrator.frame().dropped().add_all(exposure.frame().dropped());
         let film = exposure.frame().film();
         if report.stopped || !self.partial.is_empty() {
             self.partial.push(Arc::clone(film));
@@ -274,7 +275,7 @@ impl<I: Integrator> Progressive<I> {
         self.incomplete().next().is_none() && (todo.start >= todo.end || blocks.is_empty())
     }
 
-    /// The frame's integrator.
+    /// The frame's integrator. Its frame knows the dropped splats of all passes ([`super::Frame::dropped_by_material`]).
     pub fn integrator(&self) -> &I {
         &self.integrator
     }

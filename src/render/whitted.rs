@@ -169,14 +169,7 @@ impl Shading<'_, '_> {
         for light in 0..node.lights() {
             let sent = node.lit(light, &sampler, state.branch, state.throughput);
             let lanes = lanes & sent.lanes;
-            frame.send_contributions(
-                self.out,
-                Some(number),
-                lanes,
-                &sent.rays(),
-                sent.radiance,
-                state.pixel,
-            );
+            frame.send_contributions(self.out, Some(number), lanes, &sent.rays(), sent.radiance, state.pixel);
         }
         let lanes = lanes & state.depth.below(frame.settings().max_bounces);
         if lanes.none() {
