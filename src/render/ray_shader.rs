@@ -110,7 +110,7 @@ impl<P: Pod + Send + Sync, S: RayShader<P>> PerRay<S, P> {
 /// The payload of a [`RayShader`]'s ray, with what the engine adds.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C, packed)]
-pub struct RayState<P: Pod> {
+pub struct RayState<P> {
     own: P,
     pixel: u32,
     sample: u32,
@@ -122,7 +122,7 @@ pub struct RayState<P: Pod> {
 /// A loop entry: a ray that waits until the path before it has ended.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C, packed)]
-pub struct WaitingRay<P: Pod> {
+pub struct WaitingRay<P> {
     ray: Ray,
     own: P,
     depth: u32,
