@@ -15,6 +15,7 @@ const CHECKED_AT_ONCE: usize = 1 << 14;
 
 /// Why a tree cannot be built over a mesh, or not refitted to it.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum GeometryError {
     /// There are too many triangles.
     #[error("{found} triangles; at most {max} can be numbered")]

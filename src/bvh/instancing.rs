@@ -2,12 +2,11 @@
 //! many times is stored once.
 
 use super::Bvh;
-use super::child::Child;
+use super::child::{Child, WIDTH};
 use super::huge_pages::HugePages;
 use super::leaf_block::LeafBlocks;
 use super::wide_tree::{WideNode, WideTree};
 use crate::geom::{Aabb, Placement};
-use rayon::prelude::*;
 use std::sync::Arc;
 
 /// A tree of triangles, placed in the world.
@@ -24,17 +23,9 @@ pub struct TreeInstance {
 }
 
 impl TreeInstance {
-    /// A tree moved by `placement`. Its primitive ids count from `first_primitive`. Computes the box from all
-    /// corners, on the current rayon pool.
+    /// A tree moved by `placement`. Its primitive ids count from `first_primitive`.
     pub fn placed(tree: Arc<Bvh>, placement: Placement, first_primitive: u32) -> Self {
-        let nodes = tree.wide.nodes.par_iter().with_min_len(1 << 6);
-        let bounds = nodes
-            .map(|node| {
-                let blocks = node.block_children().map(|child| tree.wide.blocks.get(child));
-                let triangles = blocks.flat_map(|block| (0..block.len()).map(move |row| block.corners(row)));
-                Aabb::around(triangles.flatten().map(|corner| placement.point(corner)))
-            })
-            .reduce(|| Aabb::EMPTY, Aabb::union);
+        let bounds = moved_bounds(&tree, &placement);
         Self { tree, placement: Some(placement), first_primitive, bounds }
     }
 
@@ -44,6 +35,30 @@ impl TreeInstance {
     }
 }
 
+/// The smallest box around the moved triangles of a tree. Moves few of them: a subtree whose moved box lies inside the
+/// box found so far cannot enlarge it.
+fn moved_bounds(tree: &Bvh, placement: &Placement) -> Aabb {
+    let (mut found, mut stack) = (Aabb::EMPTY, vec![(Child::ROOT, tree.bounds)]);
+    while let Some((child, bounds)) = stack.pop() {
+        if found.contains(&placement.bounds(&bounds)) {
+            continue;
+        }
+        if child.is_block() {
+            let block = tree.wide.blocks.get(child);
+            let corners = (0..block.len()).flat_map(|row| block.corners(row));
+            found = found.union(Aabb::around(corners.map(|corner| placement.point(corner))));
+            continue;
+        }
+        let node = &tree.wide.nodes[child.index()];
+        let slots = (0..WIDTH).filter(|&slot| node.children[slot] != Child::NONE);
+        stack.extend(slots.map(|slot| (node.children[slot], node.bounds(slot))));
+    }
+    found
+}
+
+/// How much the cost of the tree over instances may grow before it is built anew.
+const MAX_COST_GROWTH: f32 = 1.5;
+
 /// The instances of a two-level tree.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Instances {
@@ -52,6 +67,8 @@ pub(super) struct Instances {
     runs: Vec<(u32, u32)>,
     /// Number of triangles of all instances.
     pub triangle_count: usize,
+    /// [`cost_over_instances`] when the tree over them was built.
+    built_cost: f32,
 }
 
 impl Bvh {
@@ -67,9 +84,50 @@ impl Bvh {
         // One triangle for each instance, with the same box.
         let boxes: Vec<_> = (0..instances.len() as u32).map(|i| [2 * i, 2 * i + 1, 2 * i]).collect();
         let over_boxes = Self::build(&corners, &boxes, |_| false);
-        let instances = Instances::new(instances);
+        let mut instances = Instances::new(instances);
         let wide = instances.tree_over(&over_boxes);
+        instances.built_cost = cost_over_instances(&wide);
         Self { wide, triangle_blocks: Vec::new(), instances: Some(instances), ..over_boxes }
+    }
+
+    /// Moves the instances of a two-level tree, one placement each in the order of [`Bvh::instances`]. Hits are to
+    /// the bit those of a tree that is built over the moved instances.
+    ///
+    /// Refits the tree over the instances; builds it anew where its cost has grown by half.
+    ///
+    /// # Panics
+    /// If there is not one placement for each instance.
+    pub fn move_instances(&mut self, placements: impl ExactSizeIterator<Item = Placement>) {
+        let Some(instances) = &mut self.instances else {
+            assert_eq!(placements.len(), 0, "a tree of triangles has no instances");
+            return;
+        };
+        assert_eq!(placements.len(), instances.all.len(), "one placement per instance");
+        for (instance, placement) in instances.all.iter_mut().zip(placements) {
+            instance.placement = Some(placement);
+            instance.bounds = moved_bounds(&instance.tree, &placement);
+        }
+        // Children come after their parents.
+        let nodes = &mut self.wide.nodes;
+        for at in (0..nodes.len()).rev() {
+            for slot in 0..WIDTH {
+                let child = nodes[at].children[slot];
+                if child == Child::NONE {
+                    continue;
+                }
+                let bounds = if child.is_block() {
+                    instances.all[child.index()].bounds
+                } else {
+                    nodes[child.index()].union_of_children()
+                };
+                nodes[at].set(slot, bounds, child);
+            }
+            nodes[at].update_front_to_back();
+        }
+        self.bounds = nodes[0].union_of_children();
+        if cost_over_instances(&self.wide) > MAX_COST_GROWTH * instances.built_cost {
+            *self = Self::from_instances(std::mem::take(&mut instances.all));
+        }
     }
 
     /// The instances of a two-level tree; none in a tree of triangles. In a two-level tree a child of
@@ -77,6 +135,17 @@ impl Bvh {
     pub fn instances(&self) -> &[TreeInstance] {
         self.instances.as_ref().map_or(&[], |instances| &instances.all)
     }
+}
+
+/// The sum of the surfaces of all boxes over instances by the surface of the whole: what a random line expects to
+/// visit.
+fn cost_over_instances(wide: &WideTree) -> f32 {
+    let bounds = |node: &WideNode| {
+        let slots = (0..WIDTH).filter(|&slot| node.children[slot] != Child::NONE);
+        slots.map(|slot| node.bounds(slot).half_area()).sum::<f32>()
+    };
+    let whole = wide.nodes()[0].union_of_children().half_area();
+    if whole > 0.0 { wide.nodes().iter().map(bounds).sum::<f32>() / whole } else { 0.0 }
 }
 
 impl Instances {
@@ -89,7 +158,7 @@ impl Instances {
         }
         runs.sort_unstable();
         let triangle_count = all.iter().map(|instance| instance.tree.len()).sum();
-        let instances = Self { all, runs, triangle_count };
+        let instances = Self { all, runs, triangle_count, built_cost: 0.0 };
         instances.check_ids();
         instances
     }

@@ -21,7 +21,7 @@ pub use aabb::Aabb;
 pub use basis::Basis;
 pub use canonical::{CanonicalHit, CanonicalRay, MAX_COORDINATE};
 pub(crate) use canonical::{DIRECTION_RANGE, MIN_COMPONENT, SLACK};
-pub use placement::Placement;
+pub use placement::{Placement, PlacementError};
 pub use sampler::Sampler;
 #[cfg(any(test, feature = "render"))]
 pub(crate) use sampler::mix;

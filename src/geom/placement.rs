@@ -1,7 +1,32 @@
 //! The placement of an instance: the canonical motion of shared geometry into the world.
 
 use super::Aabb;
-use glam::{DMat4, Vec3};
+use glam::{Affine3A, DMat4, DVec3, Mat4, Vec3};
+
+/// A transform whose triple product of columns is a smaller share of the product of their lengths is singular.
+const LEAST_VOLUME: f64 = 1e-9;
+
+/// Why a matrix places no geometry.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum PlacementError {
+    /// An element is NaN or infinite, or becomes so as `f32`.
+    #[error("row {row}, column {column} of the transform is {value}; elements must be finite")]
+    NotFinite {
+        /// Row of the element.
+        row: usize,
+        /// Column of the element.
+        column: usize,
+        /// The element.
+        value: f64,
+    },
+    /// The last row of the matrix is not 0 0 0 1.
+    #[error("the last row of the transform is {0:?}, a perspective; it must be [0, 0, 0, 1]")]
+    Perspective([f64; 4]),
+    /// The matrix maps space onto a plane, a line or a point.
+    #[error("the transform is singular: it flattens space, as a scale of 0 does")]
+    Singular,
+}
 
 /// An affine motion that is defined to the bit: every product and every sum is one IEEE-754 binary32
 /// operation, in the order of [`Placement::point`], and nothing is fused. So all units, and all code that
@@ -28,6 +53,23 @@ impl Placement {
     pub fn new(matrix: &DMat4) -> Self {
         let row = |i: usize| matrix.row(i).as_vec4().to_array();
         Self { rows: [row(0), row(1), row(2)] }
+    }
+
+    /// The motion with these rows, whose fourth numbers are the translation.
+    ///
+    /// # Errors
+    /// If an element is not finite or the matrix is singular.
+    fn checked(rows: [[f32; 4]; 3]) -> Result<Self, PlacementError> {
+        for (row, elements) in rows.iter().enumerate() {
+            if let Some(column) = elements.iter().position(|element| !element.is_finite()) {
+                return Err(PlacementError::NotFinite { row, column, value: elements[column].into() });
+            }
+        }
+        let column = |i: usize| DVec3::from_array(rows.map(|row| row[i].into()));
+        let [x, y, z] = [0, 1, 2].map(column);
+        let volume = x.cross(y).dot(z).abs() / (x.length() * y.length() * z.length());
+        // The quotient of a column of zeros is NaN.
+        if volume >= LEAST_VOLUME { Ok(Self { rows }) } else { Err(PlacementError::Singular) }
     }
 
     /// Moves a point.
@@ -65,6 +107,45 @@ impl Placement {
     }
 }
 
+impl TryFrom<[[f32; 4]; 3]> for Placement {
+    type Error = PlacementError;
+
+    /// From the rows of an affine matrix; the fourth number of each is the translation.
+    fn try_from(rows: [[f32; 4]; 3]) -> Result<Self, PlacementError> {
+        Self::checked(rows)
+    }
+}
+
+impl TryFrom<Affine3A> for Placement {
+    type Error = PlacementError;
+
+    fn try_from(transform: Affine3A) -> Result<Self, PlacementError> {
+        let matrix = transform.matrix3;
+        let row = |i: usize| matrix.row(i).extend(transform.translation[i]).to_array();
+        Self::checked([row(0), row(1), row(2)])
+    }
+}
+
+impl TryFrom<Mat4> for Placement {
+    type Error = PlacementError;
+
+    fn try_from(matrix: Mat4) -> Result<Self, PlacementError> {
+        Self::try_from(matrix.as_dmat4())
+    }
+}
+
+impl TryFrom<DMat4> for Placement {
+    type Error = PlacementError;
+
+    /// Each element is rounded to `f32`.
+    fn try_from(matrix: DMat4) -> Result<Self, PlacementError> {
+        if matrix.row(3) != glam::DVec4::W {
+            return Err(PlacementError::Perspective(matrix.row(3).to_array()));
+        }
+        Self::checked(Self::new(&matrix).rows)
+    }
+}
+
 /// One coordinate of a moved point: `((a x + b y) + c z) + d`.
 #[inline(always)]
 fn transform_row([a, b, c, d]: [f32; 4], x: f32, y: f32, z: f32) -> f32 {
@@ -75,6 +156,7 @@ fn transform_row([a, b, c, d]: [f32; 4], x: f32, y: f32, z: f32) -> f32 {
 mod tests {
     use super::*;
     use crate::geom::mix;
+    use glam::Vec4;
 
     fn signed(i: u32, k: u32) -> f32 {
         (mix(i ^ mix(k)) >> 8) as f32 / (1 << 23) as f32 - 1.0
@@ -95,6 +177,24 @@ mod tests {
             assert!(moved.contains(&Aabb::around(points.iter().map(|&p| placement.point(p)))));
         }
         assert!(Placement::IDENTITY.bounds(&Aabb::EMPTY).is_empty());
+    }
+
+    #[test]
+    fn transforms_that_place_nothing_are_refused() {
+        let scale = |x, y, z| Affine3A::from_scale(Vec3::new(x, y, z));
+        assert_eq!(Placement::try_from(Affine3A::IDENTITY), Ok(Placement::IDENTITY));
+        assert_eq!(Placement::try_from(Mat4::IDENTITY), Ok(Placement::IDENTITY));
+        assert!(Placement::try_from(scale(1e-6, 1.0, -1e6)).is_ok(), "neither size nor mirroring matters");
+        assert_eq!(Placement::try_from(scale(1.0, 0.0, 1.0)), Err(PlacementError::Singular));
+        let turn = Affine3A::from_rotation_x(0.3) * Affine3A::from_rotation_y(0.7);
+        assert_eq!(Placement::try_from(turn * scale(1.0, 0.0, 1.0) * turn), Err(PlacementError::Singular));
+        let moved = Affine3A::from_translation(Vec3::new(0.0, f32::NAN, 0.0));
+        let error = Placement::try_from(moved).expect_err("NaN");
+        assert!(matches!(error, PlacementError::NotFinite { row: 1, column: 3, .. }), "{error}");
+        assert!(Placement::try_from(DMat4::from_scale(1e300 * DVec3::ONE)).is_err(), "too large for f32");
+        let perspective = Mat4::from_cols(Vec4::X, Vec4::Y, -Vec4::W, -Vec4::Z);
+        let error = Placement::try_from(perspective).expect_err("a perspective");
+        assert!(matches!(error, PlacementError::Perspective(_)), "{error}");
     }
 
     #[test]

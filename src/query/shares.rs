@@ -8,25 +8,30 @@ use std::iter;
 /// at once.
 const MIN_SHARE: usize = 1024;
 
-/// Traces `rays` into `answers`, as many, on the current rayon pool, in shares of at most `most` rays. A
-/// thread that has finished a share takes the next. Shares become shorter towards the end, so that all
-/// threads finish together.
+/// Traces `rays` into `answers`, as many, in shares of at most `most` rays: `trace` is called with the index of
+/// the first ray of each share, its rays and its answers. A single share is traced on the calling thread and
+/// wakes no other. Several are divided among the current rayon pool. A thread that has finished a share takes
+/// the next. Shares become shorter towards the end, so that all threads finish together.
 pub fn in_shares<T: Send>(
     rays: &[Ray],
     answers: &mut [T],
     most: usize,
-    trace: impl Fn(&[Ray], &mut [T]) + Sync,
+    trace: impl Fn(usize, &[Ray], &mut [T]) + Sync,
 ) {
+    if rays.len() <= MIN_SHARE.min(most) {
+        return trace(0, rays, answers);
+    }
     let threads = rayon::current_num_threads();
-    let mut left = (rays, answers);
+    let (mut first, mut left) = (0, (rays, answers));
     let shares = iter::from_fn(move || {
         let (rays, answers) = std::mem::take(&mut left);
         let len = length(rays.len(), most, threads);
         let (share, rest) = (rays.split_at(len), answers.split_at_mut(len));
         left = (share.1, rest.1);
-        (len > 0).then_some((share.0, rest.0))
+        first += len;
+        (len > 0).then_some((first - len, share.0, rest.0))
     });
-    shares.par_bridge().for_each(|(rays, answers)| trace(rays, answers));
+    shares.par_bridge().for_each(|(first, rays, answers)| trace(first, rays, answers));
 }
 
 /// Length of the next share if `left` rays are left.
@@ -73,7 +78,8 @@ mod tests {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
             let (mut answers, longest) = (vec![-1.0; rays.len()], Mutex::new(0));
             pool.install(|| {
-                in_shares(&rays, &mut answers, 4096, |rays, answers| {
+                in_shares(&rays, &mut answers, 4096, |first, rays, answers| {
+                    assert_eq!(rays[0].origin[0], first as f32);
                     let mut longest = longest.lock().expect("no panic");
                     *longest = rays.len().max(*longest);
                     rays.iter().zip(answers).for_each(|(ray, answer)| *answer = ray.origin[0]);

@@ -159,7 +159,8 @@ impl<L: Lanes> Sent<L> {
 impl Sent<SingleLane> {
     /// Ray and weight of a single lane; `None` if it emits none.
     pub fn one(self) -> Option<(Ray, Vec3)> {
-        let ray = Ray { t_max: self.t_max.get(), ..Ray::new(self.origin.into(), self.direction.into()) };
+        let (origin, direction) = (Vec3::from(self.origin), Vec3::from(self.direction));
+        let ray = Ray { t_max: self.t_max.get(), ..Ray::new(origin, direction) };
         self.lanes.get().then(|| (ray, self.radiance.into()))
     }
 }

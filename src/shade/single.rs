@@ -216,7 +216,7 @@ impl LightSample {
     /// The shadow ray from a surface to this light.
     pub fn ray(&self, at: &Interaction) -> Ray {
         let (origin, direction, t_max) = self.lane.rays(&at.lane);
-        Ray { t_max: t_max.get(), ..Ray::new(origin.into(), direction.into()) }
+        Ray { t_max: t_max.get(), ..Ray::new(Vec3::from(origin), Vec3::from(direction)) }
     }
 }
 

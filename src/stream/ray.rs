@@ -19,14 +19,28 @@ pub struct Ray {
 }
 
 impl Ray {
-    /// A ray from `t` = 0 to infinity.
-    pub fn new(origin: glam::Vec3, direction: glam::Vec3) -> Self {
+    /// A ray from `t` = 0 to infinity. Takes any three numbers: arrays, or vectors of any version of glam.
+    pub fn new(origin: impl Into<[f32; 3]>, direction: impl Into<[f32; 3]>) -> Self {
         Self { origin: origin.into(), t_min: 0.0, direction: direction.into(), t_max: f32::INFINITY }
     }
 
     /// A ray from one point to another: `t` is 0 at the first and 1 at the second, both included.
-    pub fn between(from: glam::Vec3, to: glam::Vec3) -> Self {
-        Self { t_max: 1.0, ..Self::new(from, to - from) }
+    pub fn between(from: impl Into<[f32; 3]>, to: impl Into<[f32; 3]>) -> Self {
+        let (from, to): ([f32; 3], [f32; 3]) = (from.into(), to.into());
+        let direction = [to[0] - from[0], to[1] - from[1], to[2] - from[2]];
+        Self { t_max: 1.0, ..Self::new(from, direction) }
+    }
+
+    /// The point at `t` lengths of the direction from the origin.
+    ///
+    /// ```
+    /// use raystream::stream::Ray;
+    ///
+    /// let ray = Ray::new([0.0, 1.0, 0.0], [0.0, 0.0, 2.0]);
+    /// assert_eq!(ray.at(1.5).to_array(), [0.0, 1.0, 3.0]);
+    /// ```
+    pub fn at(&self, t: f32) -> glam::Vec3 {
+        glam::Vec3::from(self.origin) + glam::Vec3::from(self.direction) * t
     }
 }
 

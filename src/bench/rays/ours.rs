@@ -51,9 +51,9 @@ fn tracer_alone<'a>(
         occluded.resize(if kind.is_any_hit() { rays.len() } else { 0 }, 0);
         Ok(clock.seconds(|| {
             if kind.is_any_hit() {
-                in_shares(rays, &mut occluded, SHARE_RAYS, |rays, answers| tracer.occluded(rays, answers));
+                in_shares(rays, &mut occluded, SHARE_RAYS, |_, rays, answers| tracer.occluded(rays, answers));
             } else {
-                in_shares(rays, &mut hits, SHARE_RAYS, |rays, answers| tracer.closest(rays, answers));
+                in_shares(rays, &mut hits, SHARE_RAYS, |_, rays, answers| tracer.closest(rays, answers));
             }
         }))
     };

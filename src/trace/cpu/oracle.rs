@@ -3,6 +3,7 @@
 use crate::bvh::{Bvh, Child, Filter, TreeInstance, WIDTH};
 use crate::geom::{Aabb, CanonicalHit, CanonicalRay};
 use crate::stream::{Hit, Ray, Tracer};
+use std::fmt;
 use std::sync::Arc;
 
 /// The scalar reference: one ray at a time through the tree, with the canonical test of [`CanonicalRay`]. Every tracer
@@ -126,6 +127,14 @@ impl Oracle {
             // The nearest child on top.
             stack[first_pushed..].sort_unstable_by(|a, b| b.2.total_cmp(&a.2));
         }
+    }
+}
+
+impl fmt::Debug for Oracle {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (triangles, filtered) = (self.bvh.len(), self.filter.is_some());
+        let mut output = f.debug_struct("Oracle");
+        output.field("triangles", &triangles).field("filtered", &filtered).finish_non_exhaustive()
     }
 }
 

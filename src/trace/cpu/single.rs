@@ -21,6 +21,8 @@ use crate::lanes::Neon;
 use crate::lanes::{Lanes, Plain, SimdError, SimdLevel, first_lanes, spill, splat};
 use crate::stream::{Hit, Ray, Tracer};
 use std::cell::Cell;
+use std::fmt;
+use std::slice;
 use std::sync::Arc;
 
 thread_local! {
@@ -36,19 +38,53 @@ struct Entry {
 }
 
 /// Traces one ray after the other, with the same answers as [`super::CpuTracer`]: the baseline that streams are
-/// measured against, and the tracer for callers that have one ray at a time.
+/// measured against, and the tracer for callers that have few rays at a time.
+///
+/// Stays on the calling thread, which keeps a few kilobytes of scratch memory. A filter may trace on the same thread.
 #[derive(Clone)]
 pub struct SingleRayTracer {
     bvh: Arc<Bvh>,
     filter: Option<Arc<dyn Filter>>,
     simd: SimdLevel,
+    /// Entries that the stack needs (invariant 3).
+    stack_len: usize,
 }
 
-/// What all rays of a call share.
-#[derive(Clone, Copy)]
-struct Scene<'a> {
-    bvh: &'a Bvh,
-    filter: Option<&'a dyn Filter>,
+/// Decides which of the hits that are nearer than the best so far count.
+trait Accept {
+    /// Whether a hit of the ray with an index counts; `masked` says whether the triangle is.
+    fn accepts(&mut self, ray: usize, hit: &Hit, masked: bool) -> bool;
+}
+
+/// The filter decides hits on masked triangles; all others count.
+struct Filtered<'a>(Option<&'a dyn Filter>);
+
+impl Accept for Filtered<'_> {
+    #[inline(always)]
+    fn accepts(&mut self, _: usize, hit: &Hit, masked: bool) -> bool {
+        !masked || self.0.is_none_or(|filter| filter.accepts(hit.primitive, hit.u, hit.v))
+    }
+}
+
+/// A function decides hits that the filter accepts.
+struct Where<'a> {
+    filter: Filtered<'a>,
+    accepts: &'a mut dyn FnMut(usize, &Hit) -> bool,
+}
+
+impl Accept for Where<'_> {
+    #[inline(always)]
+    fn accepts(&mut self, ray: usize, hit: &Hit, masked: bool) -> bool {
+        self.filter.accepts(ray, hit, masked) && (self.accepts)(ray, hit)
+    }
+}
+
+/// What the search for a ray's hit has found so far.
+struct Search<'a, A> {
+    best: Hit,
+    /// Index of the ray.
+    ray: usize,
+    accept: &'a mut A,
 }
 
 impl SingleRayTracer {
@@ -57,44 +93,94 @@ impl SingleRayTracer {
     /// # Errors
     /// When this processor lacks the level.
     pub fn new(bvh: Arc<Bvh>, filter: Option<Arc<dyn Filter>>, simd: SimdLevel) -> Result<Self, SimdError> {
-        Ok(Self { bvh, filter, simd: simd.require()? })
+        let room = |bvh: &Bvh| WIDTH * bvh.wide().depth() + 1;
+        let local = bvh.instances().iter().map(|instance| room(&instance.tree)).max();
+        let stack_len = room(&bvh) + local.unwrap_or(0);
+        Ok(Self { bvh, filter, simd: simd.require()?, stack_len })
     }
 
-    fn dispatch<const ANY: bool>(&self, rays: &[Ray], answer: impl FnMut(usize, Hit)) {
-        let scene = Scene { bvh: &self.bvh, filter: self.filter.as_deref() };
-        let room = |bvh: &Bvh| WIDTH * bvh.wide().depth() + 1;
-        let local = self.bvh.instances().iter().map(|instance| room(&instance.tree)).max();
-        let len = room(&self.bvh) + local.unwrap_or(0);
+    /// The nearest hit of a ray.
+    pub fn closest_one(&self, ray: &Ray) -> Hit {
+        let mut hit = Hit::NONE;
+        self.closest(slice::from_ref(ray), slice::from_mut(&mut hit));
+        hit
+    }
+
+    /// Whether a ray hits anything.
+    pub fn occluded_one(&self, ray: &Ray) -> bool {
+        let mut occluded = 0;
+        self.occluded(slice::from_ref(ray), slice::from_mut(&mut occluded));
+        occluded != 0
+    }
+
+    /// The nearest hit of every ray among those that `accepts`, called with the index of the ray and a hit, returns
+    /// true for. It is called for hits in no particular order, not for all of them, and after the filter. It may trace
+    /// on the same thread.
+    pub(crate) fn closest_where(
+        &self,
+        rays: &[Ray],
+        hits: &mut [Hit],
+        accepts: &mut dyn FnMut(usize, &Hit) -> bool,
+    ) {
+        assert_eq!(rays.len(), hits.len(), "one hit per ray");
+        let accept = Where { filter: Filtered(self.filter.as_deref()), accepts };
+        self.dispatch::<_, false>(rays, accept, |i, hit| hits[i] = hit);
+    }
+
+    /// Calls `visit` with the index of the ray and each of its hits, in no particular order.
+    pub(crate) fn visit_hits(&self, rays: &[Ray], mut visit: impl FnMut(usize, &Hit)) {
+        // A search that accepts no hit never narrows, so it finds all.
+        let mut accepts = |ray: usize, hit: &Hit| {
+            visit(ray, hit);
+            false
+        };
+        let accept = Where { filter: Filtered(self.filter.as_deref()), accepts: &mut accepts };
+        self.dispatch::<_, false>(rays, accept, |_, _| {});
+    }
+
+    fn dispatch<A: Accept, const ANY: bool>(&self, rays: &[Ray], accept: A, answer: impl FnMut(usize, Hit)) {
+        let bvh = &*self.bvh;
         let mut stack = STACK.take();
-        if stack.len() < len {
-            stack.resize(len, Entry { child: Child::ROOT, enter: 0.0 });
+        if stack.len() < self.stack_len {
+            stack.resize(self.stack_len, Entry { child: Child::ROOT, enter: 0.0 });
         }
+        let memory = &mut *stack;
         match self.simd {
             // SAFETY: invariants 1 and 3.
             #[cfg(target_arch = "x86_64")]
-            SimdLevel::Avx512 => unsafe { x86::avx512::<ANY>(scene, rays, &mut stack, answer) },
+            SimdLevel::Avx512 => unsafe { x86::avx512::<A, ANY>(bvh, rays, memory, accept, answer) },
             // SAFETY: invariants 1 and 3.
             #[cfg(target_arch = "x86_64")]
-            SimdLevel::Avx2 => unsafe { x86::avx2::<ANY>(scene, rays, &mut stack, answer) },
+            SimdLevel::Avx2 => unsafe { x86::avx2::<A, ANY>(bvh, rays, memory, accept, answer) },
             // SAFETY: invariant 3.
             #[cfg(target_arch = "aarch64")]
-            SimdLevel::Neon => unsafe { trace::<_, ANY>(Neon, scene, rays, &mut stack, answer) },
+            SimdLevel::Neon => unsafe { trace::<_, A, ANY>(Neon, bvh, rays, memory, accept, answer) },
             // SAFETY: invariant 3.
-            _ => unsafe { trace::<_, ANY>(Plain::<8>, scene, rays, &mut stack, answer) },
+            _ => unsafe { trace::<_, A, ANY>(Plain::<8>, bvh, rays, memory, accept, answer) },
         }
         STACK.set(stack);
+    }
+}
+
+impl fmt::Debug for SingleRayTracer {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { bvh, filter, simd, .. } = self;
+        let mut output = f.debug_struct("SingleRayTracer");
+        output.field("triangles", &bvh.len()).field("filtered", &filter.is_some()).field("simd", simd);
+        output.finish_non_exhaustive()
     }
 }
 
 impl Tracer for SingleRayTracer {
     fn closest(&self, rays: &[Ray], hits: &mut [Hit]) {
         assert_eq!(rays.len(), hits.len(), "one hit per ray");
-        self.dispatch::<false>(rays, |i, hit| hits[i] = hit);
+        self.dispatch::<_, false>(rays, Filtered(self.filter.as_deref()), |i, hit| hits[i] = hit);
     }
 
     fn occluded(&self, rays: &[Ray], occluded: &mut [u32]) {
         assert_eq!(rays.len(), occluded.len(), "one answer per ray");
-        self.dispatch::<true>(rays, |i, hit| occluded[i] = u32::from(!hit.is_miss()));
+        let accept = Filtered(self.filter.as_deref());
+        self.dispatch::<_, true>(rays, accept, |i, hit| occluded[i] = u32::from(!hit.is_miss()));
     }
 }
 
@@ -103,43 +189,47 @@ impl Tracer for SingleRayTracer {
 /// # Safety
 /// Invariant 3.
 #[inline(always)]
-unsafe fn trace<E: Lanes, const ANY: bool>(
+unsafe fn trace<E: Lanes, A: Accept, const ANY: bool>(
     e: E,
-    scene: Scene<'_>,
+    bvh: &Bvh,
     rays: &[Ray],
     stack: &mut [Entry],
+    mut accept: A,
     mut answer: impl FnMut(usize, Hit),
 ) {
     for (i, ray) in rays.iter().enumerate() {
+        let mut search = Search { best: Hit::NONE, ray: i, accept: &mut accept };
         // SAFETY: the caller's contract.
-        answer(i, unsafe { trace_one::<E, ANY>(e, scene, ray, stack) });
+        unsafe { trace_one::<E, A, ANY>(e, bvh, ray, stack, &mut search) };
+        answer(i, search.best);
     }
 }
 
 /// A ray, the same in all lanes.
 struct Query<'a, E: Lanes> {
-    scene: Scene<'a>,
+    bvh: &'a Bvh,
     slabs: Slabs<E>,
     octant: usize,
     lines: Lines<E>,
     t_min: E::F,
 }
 
-/// The nearest hit of a ray, or any hit if `ANY`.
+/// Searches the nearest hit of a ray, or any hit if `ANY`.
 ///
 /// # Safety
 /// Invariant 3.
 #[inline(always)]
-unsafe fn trace_one<E: Lanes, const ANY: bool>(
+unsafe fn trace_one<E: Lanes, A: Accept, const ANY: bool>(
     e: E,
-    scene: Scene<'_>,
+    bvh: &Bvh,
     ray: &Ray,
     stack: &mut [Entry],
-) -> Hit {
-    let wide = scene.bvh.wide();
-    let ray = CanonicalRay::new(ray.origin, ray.t_min, ray.direction, ray.t_max, scene.bvh.scene_max_abs());
+    search: &mut Search<'_, A>,
+) {
+    let wide = bvh.wide();
+    let ray = CanonicalRay::new(ray.origin, ray.t_min, ray.direction, ray.t_max, bvh.scene_max_abs());
     let query = Query {
-        scene,
+        bvh,
         slabs: Slabs::of_ray(e, &ray),
         octant: (0..3).map(|axis| usize::from(ray.inverse[axis].is_sign_negative()) << axis).sum(),
         lines: Lines {
@@ -148,17 +238,19 @@ unsafe fn trace_one<E: Lanes, const ANY: bool>(
         },
         t_min: e.splat(ray.t_min),
     };
-    let mut best = Hit { t: ray.t_max, ..Hit::NONE };
+    search.best.t = ray.t_max;
     // SAFETY: the caller's contract.
     unsafe {
-        if scene.bvh.instances().is_empty() {
+        if bvh.instances().is_empty() {
             let leaves = TriangleLeaves { space: World, blocks: wide.blocks() };
-            visit_tree::<E, _, _, ANY>(e, World, wide, &leaves, &query, stack, &mut best);
+            visit_tree::<E, _, _, A, ANY>(e, World, wide, &leaves, &query, stack, search);
         } else {
-            visit_tree::<E, _, _, ANY>(e, World, wide, &InstanceLeaves, &query, stack, &mut best);
+            visit_tree::<E, _, _, A, ANY>(e, World, wide, &InstanceLeaves, &query, stack, search);
         }
     }
-    if best.is_miss() { Hit::NONE } else { best }
+    if search.best.is_miss() {
+        search.best = Hit::NONE;
+    }
 }
 
 /// The leaves of a tree.
@@ -167,13 +259,13 @@ trait Leaves {
     ///
     /// # Safety
     /// Invariants 2 for the child and 3 for the stack, which is empty.
-    unsafe fn visit<E: Lanes, const ANY: bool>(
+    unsafe fn visit<E: Lanes, A: Accept, const ANY: bool>(
         &self,
         e: E,
         child: Child,
         query: &Query<'_, E>,
         stack: &mut [Entry],
-        best: &mut Hit,
+        search: &mut Search<'_, A>,
     ) -> bool;
 }
 
@@ -191,14 +283,14 @@ struct InstanceLeaves;
 /// # Safety
 /// Invariants 2 and 3, the latter for the trees of the leaves, too.
 #[inline(always)]
-unsafe fn visit_tree<E: Lanes, S: Space, V: Leaves, const ANY: bool>(
+unsafe fn visit_tree<E: Lanes, S: Space, V: Leaves, A: Accept, const ANY: bool>(
     e: E,
     space: S,
     wide: &WideTree,
     leaves: &V,
     query: &Query<'_, E>,
     stack: &mut [Entry],
-    best: &mut Hit,
+    search: &mut Search<'_, A>,
 ) -> bool {
     let nodes = wide.nodes();
     let (stack, rest) = stack.split_at_mut(WIDTH * wide.depth() + 1);
@@ -210,7 +302,7 @@ unsafe fn visit_tree<E: Lanes, S: Space, V: Leaves, const ANY: bool>(
             let node = unsafe { nodes.get_unchecked(child.index()) };
             let mut buffer = [[[0.0; WIDTH]; 3]; 2];
             let faces = Faces::new(space.boxes(e, node, &mut buffer), query.octant);
-            let (enter, leave) = query.slabs.clamped_distances(e, &faces, e.splat(best.t));
+            let (enter, leave) = query.slabs.clamped_distances(e, &faces, e.splat(search.best.t));
             let mut entered = e.le(0xff, enter, leave);
             if entered.is_power_of_two() {
                 child = node.children[entered.trailing_zeros() as usize % WIDTH];
@@ -237,7 +329,7 @@ unsafe fn visit_tree<E: Lanes, S: Space, V: Leaves, const ANY: bool>(
                 }
             }
         // SAFETY: the caller's contract.
-        } else if unsafe { leaves.visit::<E, ANY>(e, child, query, rest, best) } {
+        } else if unsafe { leaves.visit::<E, A, ANY>(e, child, query, rest, search) } {
             return true;
         }
         child = loop {
@@ -247,7 +339,7 @@ unsafe fn visit_tree<E: Lanes, S: Space, V: Leaves, const ANY: bool>(
             top -= 1;
             // SAFETY: invariant 3; the entry was written.
             let entry = unsafe { *stack.add(top) };
-            if entry.enter <= best.t {
+            if entry.enter <= search.best.t {
                 break entry.child;
             }
         };
@@ -256,18 +348,18 @@ unsafe fn visit_tree<E: Lanes, S: Space, V: Leaves, const ANY: bool>(
 
 impl<S: Space> Leaves for TriangleLeaves<'_, S> {
     #[inline(always)]
-    unsafe fn visit<E: Lanes, const ANY: bool>(
+    unsafe fn visit<E: Lanes, A: Accept, const ANY: bool>(
         &self,
         e: E,
         child: Child,
         query: &Query<'_, E>,
         _: &mut [Entry],
-        best: &mut Hit,
+        search: &mut Search<'_, A>,
     ) -> bool {
         let Query { slabs, octant, t_min, lines, .. } = query;
         // SAFETY: invariant 2.
         let block = unsafe { self.blocks.get_unchecked(child) };
-        let limits = Limits { slabs, octant: *octant, t_min: *t_min, limit: e.splat(best.t) };
+        let limits = Limits { slabs, octant: *octant, t_min: *t_min, limit: e.splat(search.best.t) };
         let among = first_lanes::<E>(child.triangles());
         let triangles = self.space.corners(e, &[block; 2]);
         let Some(hits) = test(e, among, lines, &triangles, &limits) else {
@@ -283,11 +375,10 @@ impl<S: Space> Leaves for TriangleLeaves<'_, S> {
             left &= left - 1;
             let (t, u, v, stored) = (ts[lane], us[lane], vs[lane], self.space.scene_id(block.id(lane)));
             let primitive = stored & PRIMITIVE;
+            let (hit, best) = (Hit { t, u, v, primitive }, &search.best);
             let nearer = t < best.t || t == best.t && primitive < best.primitive;
-            let rejected =
-                || stored & MASKED != 0 && query.scene.filter.is_some_and(|f| !f.accepts(primitive, u, v));
-            if nearer && !rejected() {
-                *best = Hit { t, u, v, primitive };
+            if nearer && search.accept.accepts(search.ray, &hit, stored & MASKED != 0) {
+                search.best = hit;
                 if ANY {
                     return true;
                 }
@@ -299,27 +390,27 @@ impl<S: Space> Leaves for TriangleLeaves<'_, S> {
 
 impl Leaves for InstanceLeaves {
     #[inline(always)]
-    unsafe fn visit<E: Lanes, const ANY: bool>(
+    unsafe fn visit<E: Lanes, A: Accept, const ANY: bool>(
         &self,
         e: E,
         child: Child,
         query: &Query<'_, E>,
         stack: &mut [Entry],
-        best: &mut Hit,
+        search: &mut Search<'_, A>,
     ) -> bool {
-        let instance = &query.scene.bvh.instances()[child.index()];
+        let instance = &query.bvh.instances()[child.index()];
         let wide = instance.tree.wide();
         // SAFETY: the caller's contract.
         unsafe {
             match &instance.placement {
                 None => {
                     let leaves = TriangleLeaves { space: World, blocks: wide.blocks() };
-                    visit_tree::<E, _, _, ANY>(e, World, wide, &leaves, query, stack, best)
+                    visit_tree::<E, _, _, A, ANY>(e, World, wide, &leaves, query, stack, search)
                 }
                 Some(placement) => {
                     let space = InstanceSpace::new(placement, instance.first_primitive, query.octant);
                     let leaves = TriangleLeaves { space, blocks: wide.blocks() };
-                    visit_tree::<E, _, _, ANY>(e, space, wide, &leaves, query, stack, best)
+                    visit_tree::<E, _, _, A, ANY>(e, space, wide, &leaves, query, stack, search)
                 }
             }
         }
@@ -334,28 +425,30 @@ mod x86 {
     /// # Safety
     /// Invariant 3.
     #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
-    pub unsafe fn avx512<const ANY: bool>(
-        scene: Scene<'_>,
+    pub unsafe fn avx512<A: Accept, const ANY: bool>(
+        bvh: &Bvh,
         rays: &[Ray],
         stack: &mut [Entry],
+        accept: A,
         answer: impl FnMut(usize, Hit),
     ) {
         // SAFETY: this function enables the instructions, so its callers run on a processor that has them (invariant
         // 1); invariant 3.
-        unsafe { trace::<_, ANY>(Avx512Eights::new(), scene, rays, stack, answer) };
+        unsafe { trace::<_, A, ANY>(Avx512Eights::new(), bvh, rays, stack, accept, answer) };
     }
 
     /// # Safety
     /// Invariant 3.
     #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
-    pub unsafe fn avx2<const ANY: bool>(
-        scene: Scene<'_>,
+    pub unsafe fn avx2<A: Accept, const ANY: bool>(
+        bvh: &Bvh,
         rays: &[Ray],
         stack: &mut [Entry],
+        accept: A,
         answer: impl FnMut(usize, Hit),
     ) {
         // SAFETY: this function enables the instructions, so its callers run on a processor that has them (invariant
         // 1); invariant 3.
-        unsafe { trace::<_, ANY>(Avx2::new(), scene, rays, stack, answer) };
+        unsafe { trace::<_, A, ANY>(Avx2::new(), bvh, rays, stack, accept, answer) };
     }
 }

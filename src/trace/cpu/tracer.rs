@@ -13,6 +13,7 @@ use crate::lanes::Neon;
 use crate::lanes::{Plain, SimdError, SimdLevel};
 use crate::stream::{Hit, Ray, Tracer};
 use std::cell::Cell;
+use std::fmt;
 use std::sync::Arc;
 
 thread_local! {
@@ -85,6 +86,13 @@ impl CpuTracer {
             }
         }
         SCRATCH.set(Some(scratch));
+    }
+}
+
+impl fmt::Debug for CpuTracer {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { oracle, simd } = self;
+        f.debug_struct("CpuTracer").field("oracle", oracle).field("simd", simd).finish()
     }
 }
 

@@ -1,0 +1,261 @@
+//! A triangle mesh that answers ray queries.
+
+use super::nearest::{NearestPoint, nearest_point};
+use super::tree_tracers::TreeTracers;
+use crate::bvh::{Bvh, GeometryError};
+use crate::stream::{Hit, Ray};
+use crate::trace::cpu::{CpuTracer, SimdLevel};
+use glam::Vec3;
+use rayon::prelude::*;
+use std::fmt;
+use std::ops::Range;
+use std::sync::Arc;
+
+/// A triangle mesh with its tree, ready for ray queries. Cheap to clone: clones share the tree until one is
+/// refitted.
+#[derive(Clone)]
+pub struct Mesh {
+    tracers: TreeTracers,
+}
+
+impl Mesh {
+    /// Builds a tree over `triangles`, which index `positions`. Row `i` of `triangles` is [`Hit::primitive`]
+    /// `i`. Both sides of a triangle are hit. Accepts any triangles; degenerate ones are never hit.
+    ///
+    /// Positions may be arrays, or vectors of any version of glam. They are copied into the tree.
+    ///
+    /// ```
+    /// use raystream::query::Mesh;
+    ///
+    /// let corners = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+    /// let mesh = Mesh::build(&corners, &[[0, 1, 2]])?;
+    /// assert_eq!(mesh.triangle_count(), 1);
+    /// let error = Mesh::build(&corners, &[[0, 1, 3]]).unwrap_err();
+    /// assert_eq!(error.to_string(), "triangle 0 names vertex 3, but there are 3 vertices");
+    /// # Ok::<(), raystream::query::GeometryError>(())
+    /// ```
+    ///
+    /// # Errors
+    /// If an index is out of range, a coordinate is not finite or exceeds [`crate::geom::MAX_COORDINATE`], or
+    /// there are more than 130 million triangles.
+    pub fn build<P>(positions: &[P], triangles: &[[u32; 3]]) -> Result<Self, GeometryError>
+    where
+        P: Copy + Into<[f32; 3]> + Sync,
+    {
+        let positions = vectors(positions);
+        GeometryError::check(&positions, triangles)?;
+        Ok(Self::of(Arc::new(Bvh::build(&positions, triangles, |_| false))))
+    }
+
+    /// Of a tree that is already built; masked triangles are hit everywhere.
+    pub(crate) fn of(bvh: Arc<Bvh>) -> Self {
+        Self { tracers: TreeTracers::new(bvh, SimdLevel::detect()) }
+    }
+
+    /// Moves the triangles, as many as before. Answers are those of a new mesh, at a fraction of the time to
+    /// build it; tracing slows down as neighbouring triangles move away from each other (see [`Bvh::refit`]).
+    /// Clones are not moved.
+    ///
+    /// # Errors
+    /// As for [`Mesh::build`], and if the number of triangles has changed. The mesh is then unchanged.
+    pub fn refit<P>(&mut self, positions: &[P], triangles: &[[u32; 3]]) -> Result<(), GeometryError>
+    where
+        P: Copy + Into<[f32; 3]> + Sync,
+    {
+        let positions = vectors(positions);
+        self.bvh().accepts(&positions, triangles)?;
+        self.tracers.change(|bvh| bvh.refit(&positions, triangles))
+    }
+
+    /// The nearest hit of every ray, or [`Hit::NONE`]. Of equally near hits the one with the lowest primitive
+    /// id.
+    pub fn closest(&self, rays: &[Ray]) -> Vec<Hit> {
+        let mut hits = vec![Hit::NONE; rays.len()];
+        self.closest_into(rays, &mut hits);
+        hits
+    }
+
+    /// [`Mesh::closest`] into memory of the caller, as many hits as rays.
+    ///
+    /// # Panics
+    /// If the two lengths differ.
+    pub fn closest_into(&self, rays: &[Ray], hits: &mut [Hit]) {
+        assert_eq!(rays.len(), hits.len(), "one hit per ray");
+        self.tracers.closest_into(rays, hits);
+    }
+
+    /// [`Mesh::closest`] of a single ray.
+    ///
+    /// ```
+    /// use raystream::query::{Mesh, Ray};
+    ///
+    /// let mesh = Mesh::build(&[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], &[[0, 1, 2]])?;
+    /// let ray = Ray::new([0.25, 0.5, 2.0], [0.0, 0.0, -1.0]);
+    /// let hit = mesh.closest_one(&ray);
+    /// assert_eq!((hit.t, hit.primitive), (2.0, 0));
+    /// assert_eq!(ray.at(hit.t).to_array(), [0.25, 0.5, 0.0]);
+    /// assert_eq!(mesh.normal(&hit).to_array(), [0.0, 0.0, 1.0]);
+    /// # Ok::<(), raystream::query::GeometryError>(())
+    /// ```
+    pub fn closest_one(&self, ray: &Ray) -> Hit {
+        self.tracers.single().closest_one(ray)
+    }
+
+    /// The nearest hit of every ray among those that `accepts` returns true for. `accepts` gets the index of the
+    /// ray in `rays` and the hit; what it refuses is as if it were not there.
+    ///
+    /// `accepts` must be a pure function. It is called for hits in no particular order, and not for all of
+    /// them: a hit behind an accepted one may be left out. It may trace rays itself, on this mesh or another. If
+    /// it panics, the panic reaches the caller.
+    ///
+    /// Every ray is traced by itself, which takes about twice the time of [`Mesh::closest`], besides that of
+    /// `accepts`.
+    ///
+    /// ```
+    /// use raystream::query::{Mesh, Ray};
+    ///
+    /// // Two triangles, one above the other. No ray may hit the triangle that it starts on.
+    /// let corners = [0.0, 1.0].map(|z| [[0.0, 0.0, z], [1.0, 0.0, z], [0.0, 1.0, z]]);
+    /// let mesh = Mesh::build(corners.as_flattened(), &[[0, 1, 2], [3, 4, 5]])?;
+    /// let starts_on = [0, 1];
+    /// let rays = [0.0, 1.0].map(|z| Ray::new([0.2, 0.2, z], [0.0, 0.0, 1.0]));
+    /// let hits = mesh.closest_where(&rays, |ray, hit| hit.primitive != starts_on[ray]);
+    /// assert_eq!((hits[0].t, hits[0].primitive), (1.0, 1));
+    /// assert!(hits[1].is_miss());
+    /// # Ok::<(), raystream::query::GeometryError>(())
+    /// ```
+    pub fn closest_where(&self, rays: &[Ray], accepts: impl Fn(usize, &Hit) -> bool + Sync) -> Vec<Hit> {
+        let mut hits = vec![Hit::NONE; rays.len()];
+        self.tracers.closest_where(rays, &mut hits, &accepts);
+        hits
+    }
+
+    /// All hits of every ray. The second vector has a range of the first for each ray: its hits, nearest first,
+    /// those at one distance by ascending primitive id. Triangles that lie upon each other are all there. A ray
+    /// through an edge or a vertex hits all triangles that share it.
+    ///
+    /// Every ray is traced by itself, to its end.
+    ///
+    /// ```
+    /// use raystream::query::{Mesh, Ray};
+    ///
+    /// // The second triangle lies upon the first.
+    /// let corners = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+    /// let mesh = Mesh::build(&corners, &[[0, 1, 2], [0, 1, 2]])?;
+    /// let up = [0.25, 2.0].map(|x| Ray::new([x, 0.25, -1.0], [0.0, 0.0, 1.0]));
+    /// let (hits, ranges) = mesh.all_hits(&up);
+    /// assert_eq!(ranges, [0..2, 0..0]);
+    /// assert_eq!(hits[ranges[0].clone()].iter().map(|hit| hit.primitive).collect::<Vec<_>>(), [0, 1]);
+    /// # Ok::<(), raystream::query::GeometryError>(())
+    /// ```
+    pub fn all_hits(&self, rays: &[Ray]) -> (Vec<Hit>, Vec<Range<usize>>) {
+        self.tracers.all_hits(rays)
+    }
+
+    /// Whether each ray hits anything. Faster than [`Mesh::closest`].
+    pub fn occluded(&self, rays: &[Ray]) -> Vec<bool> {
+        let mut occluded = vec![false; rays.len()];
+        self.occluded_into(rays, &mut occluded);
+        occluded
+    }
+
+    /// [`Mesh::occluded`] into memory of the caller, as many answers as rays.
+    ///
+    /// # Panics
+    /// If the two lengths differ.
+    pub fn occluded_into(&self, rays: &[Ray], occluded: &mut [bool]) {
+        assert_eq!(rays.len(), occluded.len(), "one answer per ray");
+        self.tracers.occluded_into(rays, occluded);
+    }
+
+    /// [`Mesh::occluded`] of a single ray.
+    ///
+    /// ```
+    /// use raystream::query::{Mesh, Ray};
+    ///
+    /// let mesh = Mesh::build(&[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], &[[0, 1, 2]])?;
+    /// assert!(mesh.occluded_one(&Ray::new([0.25, 0.5, 2.0], [0.0, 0.0, -1.0])));
+    /// assert!(!mesh.occluded_one(&Ray::new([0.25, 0.5, 2.0], [0.0, 0.0, 1.0])));
+    /// # Ok::<(), raystream::query::GeometryError>(())
+    /// ```
+    pub fn occluded_one(&self, ray: &Ray) -> bool {
+        self.tracers.single().occluded_one(ray)
+    }
+
+    /// Whether no triangle lies between two points; the points are included. For many pairs of points pass
+    /// [`Ray::between`] them to [`Mesh::occluded`].
+    pub fn sees(&self, from: impl Into<[f32; 3]>, to: impl Into<[f32; 3]>) -> bool {
+        !self.occluded_one(&Ray::between(from, to))
+    }
+
+    /// The point of the mesh nearest to `point`, at most `max_distance` away, which may be +∞; of equally near
+    /// points the one of the lowest primitive id. Degenerate triangles count as the segments or points that they
+    /// are. `None` without a triangle so near, for a negative distance, and for a point with a coordinate that is
+    /// NaN or exceeds [`crate::geom::MAX_COORDINATE`].
+    ///
+    /// Computed in `f64`, then rounded. Stays on the calling thread.
+    ///
+    /// ```
+    /// use raystream::query::Mesh;
+    ///
+    /// let mesh = Mesh::build(&[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], &[[0, 1, 2]])?;
+    /// let nearest = mesh.nearest_point([0.25, -3.0, 4.0], f32::INFINITY).expect("a triangle");
+    /// assert_eq!((nearest.position.to_array(), nearest.distance), ([0.25, 0.0, 0.0], 5.0));
+    /// assert!(mesh.nearest_point([0.25, -3.0, 4.0], 4.9).is_none());
+    /// # Ok::<(), raystream::query::GeometryError>(())
+    /// ```
+    pub fn nearest_point(&self, point: impl Into<[f32; 3]>, max_distance: f32) -> Option<NearestPoint> {
+        nearest_point(self.bvh(), Vec3::from_array(point.into()), max_distance)
+    }
+
+    /// The geometric normal of a hit, of length 1: that of the triangle's plane, on the side from which its
+    /// corners are seen in counterclockwise order. Zero for a miss.
+    ///
+    /// # Panics
+    /// If the mesh has no such primitive.
+    pub fn normal(&self, hit: &Hit) -> Vec3 {
+        if hit.is_miss() { Vec3::ZERO } else { normal(self.corners(hit.primitive)) }
+    }
+
+    /// The corners of a triangle.
+    ///
+    /// # Panics
+    /// If the mesh has no such primitive.
+    pub fn corners(&self, primitive: u32) -> [Vec3; 3] {
+        self.bvh().corners(primitive)
+    }
+
+    /// Number of triangles.
+    pub fn triangle_count(&self) -> usize {
+        self.bvh().len()
+    }
+
+    /// The mesh's tracer for many rays at a time, whose methods stay on the calling thread.
+    pub fn tracer(&self) -> &CpuTracer {
+        self.tracers.stream()
+    }
+
+    /// The tree. It knows its box and its size in bytes.
+    pub fn bvh(&self) -> &Arc<Bvh> {
+        self.tracers.bvh()
+    }
+}
+
+impl fmt::Debug for Mesh {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut output = f.debug_struct("Mesh");
+        output.field("triangles", &self.triangle_count()).field("bounds", &self.bvh().bounds());
+        output.finish_non_exhaustive()
+    }
+}
+
+/// Positions as vectors, on the current rayon pool.
+fn vectors<P: Copy + Into<[f32; 3]> + Sync>(positions: &[P]) -> Vec<Vec3> {
+    positions.par_iter().with_min_len(1 << 14).map(|&position| Vec3::from_array(position.into())).collect()
+}
+
+/// The unit normal of a triangle; zero if it has none.
+pub(super) fn normal(corners: [Vec3; 3]) -> Vec3 {
+    let [a, b, c] = corners.map(|corner| corner.as_dvec3());
+    (b - a).cross(c - a).normalize_or_zero().as_vec3()
+}

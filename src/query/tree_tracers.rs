@@ -1,0 +1,143 @@
+//! The tracers of a tree, and which of them a call uses.
+
+use super::shares::in_shares;
+use crate::bvh::Bvh;
+use crate::stream::{Hit, Ray, Tracer};
+use crate::trace::cpu::{CpuTracer, SimdLevel, SingleRayTracer};
+use rayon::prelude::*;
+use std::cell::Cell;
+use std::ops::Range;
+use std::sync::Arc;
+
+/// The largest number of rays that a thread traces at once.
+pub const SHARE_RAYS: usize = 32 * 1024;
+
+/// Up to this many rays are traced one after the other: a ray stream needs more to be faster.
+pub const FEW_RAYS: usize = 32;
+
+/// Number of rays whose hits one thread collects at a time.
+const COLLECTED_AT_ONCE: usize = 1024;
+
+thread_local! {
+    /// Answers of any-hit queries, before they become `bool`.
+    static ANSWERS: Cell<Vec<u32>> = const { Cell::new(Vec::new()) };
+}
+
+/// A tree with its tracers. Clones share the tree.
+#[derive(Clone, Debug)]
+pub struct TreeTracers {
+    bvh: Arc<Bvh>,
+    stream: CpuTracer,
+    single: SingleRayTracer,
+}
+
+impl TreeTracers {
+    /// Of a tree that is built; masked triangles are hit everywhere. The processor must have the level.
+    pub fn new(bvh: Arc<Bvh>, simd: SimdLevel) -> Self {
+        let stream = CpuTracer::new(bvh.clone(), None, simd).expect("the processor has the level");
+        let single = SingleRayTracer::new(bvh.clone(), None, simd).expect("the processor has the level");
+        Self { bvh, stream, single }
+    }
+
+    pub fn bvh(&self) -> &Arc<Bvh> {
+        &self.bvh
+    }
+
+    pub fn stream(&self) -> &CpuTracer {
+        &self.stream
+    }
+
+    pub fn single(&self) -> &SingleRayTracer {
+        &self.single
+    }
+
+    /// Changes the tree, which is copied first if clones share it.
+    pub fn change<T>(&mut self, change: impl FnOnce(&mut Bvh) -> T) -> T {
+        // The tracers' references are dropped first: else the tree would always be shared.
+        let (simd, empty) = (self.stream.simd(), Arc::new(Bvh::build(&[], &[], |_| false)));
+        let mut bvh = std::mem::replace(&mut self.bvh, empty.clone());
+        *self = Self::new(empty, simd);
+        let result = change(Arc::make_mut(&mut bvh));
+        *self = Self::new(bvh, simd);
+        result
+    }
+
+    /// The nearest hit of each ray, as many as rays.
+    pub fn closest_into(&self, rays: &[Ray], hits: &mut [Hit]) {
+        in_shares(rays, hits, SHARE_RAYS, |_, rays, hits| self.closest_here(rays, hits));
+    }
+
+    /// [`TreeTracers::closest_into`] on the calling thread.
+    pub fn closest_here(&self, rays: &[Ray], hits: &mut [Hit]) {
+        if rays.len() <= FEW_RAYS {
+            self.single.closest(rays, hits);
+        } else {
+            self.stream.closest(rays, hits);
+        }
+    }
+
+    /// Whether each ray hits anything, as many answers as rays.
+    pub fn occluded_into(&self, rays: &[Ray], occluded: &mut [bool]) {
+        in_shares(rays, occluded, SHARE_RAYS, |_, rays, occluded| {
+            let mut answers = ANSWERS.take();
+            answers.resize(rays.len(), 0);
+            if rays.len() <= FEW_RAYS {
+                self.single.occluded(rays, &mut answers);
+            } else {
+                self.stream.occluded(rays, &mut answers);
+            }
+            occluded.iter_mut().zip(&answers).for_each(|(occluded, answer)| *occluded = *answer != 0);
+            ANSWERS.set(answers);
+        });
+    }
+
+    /// The nearest hit of each ray among those that `accepts` returns true for, as many as rays.
+    pub fn closest_where(
+        &self,
+        rays: &[Ray],
+        hits: &mut [Hit],
+        accepts: &(dyn Fn(usize, &Hit) -> bool + Sync),
+    ) {
+        in_shares(rays, hits, SHARE_RAYS, |first, rays, hits| {
+            self.single.closest_where(rays, hits, &mut |ray, hit| accepts(first + ray, hit));
+        });
+    }
+
+    /// All hits of all rays, and which of them are of each ray.
+    pub fn all_hits(&self, rays: &[Ray]) -> (Vec<Hit>, Vec<Range<usize>>) {
+        let mut parts: Vec<(Vec<Hit>, Vec<Range<usize>>)> = if rays.len() <= COLLECTED_AT_ONCE {
+            vec![self.collect(rays)]
+        } else {
+            rays.par_chunks(COLLECTED_AT_ONCE).map(|rays| self.collect(rays)).collect()
+        };
+        if parts.len() == 1 {
+            return parts.remove(0);
+        }
+        let mut hits = Vec::with_capacity(parts.iter().map(|(hits, _)| hits.len()).sum());
+        let mut ranges = Vec::with_capacity(rays.len());
+        for (part_hits, part_ranges) in parts {
+            let first = hits.len();
+            ranges.extend(part_ranges.into_iter().map(|range| first + range.start..first + range.end));
+            hits.extend(part_hits);
+        }
+        (hits, ranges)
+    }
+
+    /// [`TreeTracers::all_hits`] on the calling thread.
+    fn collect(&self, rays: &[Ray]) -> (Vec<Hit>, Vec<Range<usize>>) {
+        let (mut hits, mut ranges) = (Vec::new(), vec![0..0; rays.len()]);
+        self.single.visit_hits(rays, |ray, hit| {
+            let range: &mut Range<usize> = &mut ranges[ray];
+            if range.start == range.end {
+                range.start = hits.len();
+            }
+            hits.push(*hit);
+            range.end = hits.len();
+        });
+        for range in &mut ranges {
+            let hits: &mut [Hit] = &mut hits[range.clone()];
+            hits.sort_unstable_by(|a, b| a.t.total_cmp(&b.t).then(a.primitive.cmp(&b.primitive)));
+        }
+        (hits, ranges)
+    }
+}
