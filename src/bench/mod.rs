@@ -9,6 +9,7 @@ pub mod noise;
 mod order;
 pub mod rays;
 pub mod schedule;
+pub mod small;
 pub mod tables;
 pub mod tail;
 pub mod textures;

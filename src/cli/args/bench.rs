@@ -18,6 +18,9 @@ pub enum BenchCommand {
     /// scalar reference, obvhs and, if its library is given, Embree 4. All trace the same rays in interleaved rounds,
     /// each in the order in which it is fastest. Several scenes are summarised: geometric mean and least ratio.
     Rays(BenchRaysArgs),
+    /// Ask for the closest hits of few rays a call: every way that `query` has, beside Embree 4's `rtcIntersect1` if its
+    /// library is given, in interleaved rounds.
+    Small(BenchSmallArgs),
     /// Build the tree, beside Embree 4's of each quality if its library is given, in interleaved rounds.
     Build(BenchBuildArgs),
     /// Render the same frame as in Ray Accelerator's Table 1: a plain single-ray renderer; the scheduler ray by ray;
@@ -43,6 +46,15 @@ pub enum BenchCommand {
     Tables(BenchTablesArgs),
 }
 
+/// Embree as a peer.
+#[derive(Debug, Args)]
+pub struct EmbreeArgs {
+    /// Embree 4's shared library, which is loaded and run (the Python wheel `embreex` has one). Without it Embree's
+    /// rows are missing.
+    #[arg(long, value_name = "FILE")]
+    pub embree: Option<PathBuf>,
+}
+
 /// Options of measurements beside peers.
 #[derive(Debug, Args)]
 pub struct PeerArgs {
@@ -52,10 +64,9 @@ pub struct PeerArgs {
     /// Numbers of threads to measure with, as in 1,2.
     #[arg(long, value_name = "N,..", value_delimiter = ',', default_value = "1", value_parser = threads())]
     pub threads: Vec<u32>,
-    /// Embree 4's shared library, which is loaded and run (the Python wheel `embreex` has one). Without it Embree's
-    /// rows are missing.
-    #[arg(long, value_name = "FILE")]
-    pub embree: Option<PathBuf>,
+    /// The peer.
+    #[command(flatten)]
+    pub library: EmbreeArgs,
     /// Write the results as JSON.
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
@@ -118,6 +129,33 @@ pub struct BenchBuildArgs {
     /// Rounds, threads and peers.
     #[command(flatten)]
     pub peers: PeerArgs,
+}
+
+/// `raystream bench small`.
+#[derive(Debug, Args)]
+pub struct BenchSmallArgs {
+    #[arg(help = SCENE_HELP)]
+    #[allow(missing_docs, reason = "the help above says it")]
+    pub scene: PathBuf,
+    /// The camera.
+    #[command(flatten)]
+    pub camera: CameraArgs,
+    /// Size of the picture whose rays are traced.
+    #[arg(long, value_name = "WxH", default_value = "512x512", value_parser = size)]
+    pub size: (u32, u32),
+    /// Numbers of rays a call.
+    #[arg(long, value_name = "N,..", value_delimiter = ',', default_value = "1,4,16,64,256,512,1024,4096")]
+    #[arg(value_parser = value_parser!(u32).range(1..=1 << 20))]
+    pub rays_a_call: Vec<u32>,
+    /// Rounds; each contender is timed once a round.
+    #[arg(long, value_name = "N", default_value_t = 7, value_parser = rounds())]
+    pub rounds: u32,
+    /// The peer.
+    #[command(flatten)]
+    pub library: EmbreeArgs,
+    /// Write the results as JSON.
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
 }
 
 /// Options of measurements of whole frames.

@@ -12,7 +12,8 @@ mod view;
 #[cfg(feature = "bench")]
 pub use bench::{
     BenchAdaptiveArgs, BenchBuildArgs, BenchCommand, BenchFrameArgs, BenchNoiseArgs, BenchRaysArgs,
-    BenchScheduleArgs, BenchTablesArgs, BenchTailArgs, BenchTexturesArgs, PeerArgs, SceneView, ShotArgs,
+    BenchScheduleArgs, BenchSmallArgs, BenchTablesArgs, BenchTailArgs, BenchTexturesArgs, EmbreeArgs,
+    PeerArgs, SceneView, ShotArgs,
 };
 pub use frames::FramesArgs;
 pub use progress::ProgressArgs;

@@ -10,7 +10,7 @@ use anyhow::Result;
 pub fn run(args: &BenchBuildArgs) -> Result<()> {
     let Mesh { positions, triangles, .. } = meshes::scene(&args.scene)?.mesh;
     let options = build::Options { rounds: args.peers.rounds as usize, threads: args.peers.thread_counts() };
-    let embree = args.peers.load_embree()?;
+    let embree = args.peers.library.load()?;
     let rows = build::run(&positions, &triangles, embree.as_ref(), &options)?;
     println!("{} triangles", triangles.len());
     println!(

@@ -7,6 +7,7 @@ mod noise;
 mod peers;
 mod rays;
 mod schedule;
+mod small;
 mod tables;
 mod tail;
 mod textures;
@@ -27,6 +28,7 @@ pub fn run(command: &BenchCommand) -> Result<Outcome> {
     match command {
         BenchCommand::Rays(args) => rays::run(args).map(|()| Outcome::Done),
         BenchCommand::Build(args) => build::run(args).map(|()| Outcome::Done),
+        BenchCommand::Small(args) => small::run(args).map(|()| Outcome::Done),
         BenchCommand::Frame(args) => frame::run(args),
         BenchCommand::Tail(args) => tail::run(args).map(|()| Outcome::Done),
         BenchCommand::Textures(args) => textures::run(args).map(|()| Outcome::Done),

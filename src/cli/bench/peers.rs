@@ -4,16 +4,18 @@
 //! the help of `--embree` says.
 #![allow(unsafe_code, reason = "loads a foreign library; the invariant above")]
 
-use super::super::args::PeerArgs;
+use super::super::args::{EmbreeArgs, PeerArgs};
 use crate::bench::embree::{Embree, EmbreeError};
 
-impl PeerArgs {
+impl EmbreeArgs {
     /// Loads Embree, if its library is given.
-    pub fn load_embree(&self) -> Result<Option<Embree>, EmbreeError> {
+    pub fn load(&self) -> Result<Option<Embree>, EmbreeError> {
         // SAFETY: invariant 1.
         self.embree.as_deref().map(|library| unsafe { Embree::load(library) }).transpose()
     }
+}
 
+impl PeerArgs {
     /// Numbers of threads.
     pub fn thread_counts(&self) -> Vec<usize> {
         self.threads.iter().map(|&threads| threads as usize).collect()

@@ -53,7 +53,7 @@ pub fn run(args: &BenchRaysArgs) -> Result<()> {
     let (rounds, slow_units) = (args.peers.rounds as usize, !args.kernels);
     let options =
         Options { rounds, threads: args.peers.thread_counts(), levels, slow_units, ..Options::default() };
-    let embree = args.peers.load_embree()?;
+    let embree = args.peers.library.load()?;
     let mut reports = Vec::new();
     for view in &args.scenes {
         let report = one_scene(view, args, &units, embree.as_ref(), &options)?;

@@ -1,0 +1,45 @@
+//! `raystream bench small`.
+
+use super::super::args::BenchSmallArgs;
+use super::write;
+use crate::bench::small::{Options, run as measure};
+use crate::bench::{Workload, meshes};
+use crate::query::Mesh;
+use crate::scene::Camera;
+use anyhow::Result;
+
+/// Measures calls that bring few rays.
+pub fn run(args: &BenchSmallArgs) -> Result<()> {
+    let scene = meshes::scene(&args.scene)?;
+    let (positions, triangles) = (&scene.mesh.positions, &scene.mesh.triangles);
+    let mesh = Mesh::build(positions, triangles)?;
+    let (width, height) = args.size;
+    let framed = || Camera::framing(&scene.bounds(), width as f32 / height as f32);
+    let camera = args.camera.apply(scene.camera, framed);
+    let workload = Workload::new(&scene, mesh.bvh(), mesh.tracer(), &camera, args.size)?;
+    let options = Options {
+        rounds: args.rounds as usize,
+        rays_a_call: args.rays_a_call.iter().map(|&rays| rays as usize).collect(),
+    };
+    let embree = args.library.load()?;
+    let rows = measure(&mesh, &workload, embree.as_ref(), (positions, triangles), &options)?;
+    println!("{} triangles", triangles.len());
+    println!(
+        "{:<16} {:<24} {:>7} {:>11} {:>12} {:>12} {:>12} {:>9}",
+        "rays", "unit", "threads", "rays a call", "call, ns", "best", "worst", "ray, ns"
+    );
+    for row in &rows {
+        println!(
+            "{:<16} {:<24} {:>7} {:>11} {:>12.0} {:>12.0} {:>12.0} {:>9.1}",
+            row.kind.name(),
+            row.unit,
+            row.threads,
+            row.rays_a_call,
+            row.call_ns.median,
+            row.call_ns.best,
+            row.call_ns.worst,
+            row.ray_ns
+        );
+    }
+    write(args.json.as_deref(), Some(&args.scene), &rows)
+}
