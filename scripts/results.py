@@ -5,10 +5,10 @@
 
 The page has a line `<!-- begin: NAME -->` and a line `<!-- end: NAME -->`; what stands between them is replaced by
 the command, the machine and the table. NAME's first word says which table: `rays` (`rays query`, `rays service` for
-these two), `contenders`, `threads`, `build`, `ladder`, `frame`, `tail`, `textures`, `adaptive`, `noise`, `schedule`
-or `rtrt`; further words only distinguish two blocks of a page. Tables over scenes take files of one machine and one
-build, with one scene or several in each. A scene is called what its file is called, or LABEL where there is one in
-the file.
+these two), `contenders`, `threads`, `small`, `build`, `ladder`, `frame`, `tail`, `textures`, `adaptive`, `noise`,
+`schedule` or `rtrt`; further words only distinguish two blocks of a page. Tables over scenes take files of one machine
+and one build, with one scene or several in each. A scene is called what its file is called, or LABEL where there is
+one in the file.
 
 --machine TEXT    names the machine where the file does not, or better than the file does
 --build COMMIT    the commit that was measured [default: the checkout's, with "changed" if it has changes]
@@ -238,6 +238,21 @@ def threads(rows, _):
     return table([f"{most} threads by one", *(KINDS[kind] for kind in kinds), "geometric mean"], cells)
 
 
+def small(rows, _):
+    """Contenders by numbers of rays a call: nanoseconds a ray, for each kind of rays."""
+    blocks = []
+    for kind in kinds_of(rows):
+        group = [row for row in rows if row["kind"] == kind]
+        counts = list(dict.fromkeys(row["rays_a_call"] for row in group))
+        cells = []
+        for unit in dict.fromkeys(row["unit"] for row in group):
+            times = {row["rays_a_call"]: row["ray_ns"] for row in group if row["unit"] == unit}
+            cells.append([unit] + [f"{times[count]:.0f}" if count in times else "" for count in counts])
+        heading = f"{KINDS[kind].capitalize()} rays, ns a ray by the number of rays a call:"
+        blocks.append(heading + "\n\n" + table(["unit", *map(str, counts)], cells))
+    return "\n\n".join(blocks)
+
+
 def build(rows, _):
     """Scenes by time and memory of the tree, beside Embree's of medium quality."""
     titles = ["scene", "ms", "Embree's ms", "ratio", "refit, ms", "bytes a triangle", "Embree's", "ratio", "SAH cost"]
@@ -291,6 +306,7 @@ OTHERS = {
     "rays": rays,
     "contenders": contenders,
     "threads": threads,
+    "small": small,
     "build": build,
     "ladder": ladder,
     "rtrt": rtrt,

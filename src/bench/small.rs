@@ -46,6 +46,9 @@ pub struct Row {
 /// Makes calls that bring these rays, `len` at a time, and returns the seconds that took.
 type Calls<'a> = Box<dyn FnMut(&[Ray], usize) -> f64 + 'a>;
 
+/// Traces the rays of one call.
+type Trace<'a> = Box<dyn Fn(&[Ray], &mut [Hit]) + 'a>;
+
 struct Contender<'a> {
     unit: &'static str,
     threads: usize,
@@ -96,7 +99,7 @@ fn contenders<'a>(mesh: &'a Mesh, scene: Option<&'a EmbreeScene<'_>>) -> Vec<Con
     let (bvh, stream) = (mesh.bvh(), mesh.tracer());
     let single = SingleRayTracer::new(bvh.clone(), None, stream.simd()).expect("the mesh has the level");
     let threads = rayon::current_num_threads();
-    let by_slices = |unit, threads, trace: Box<dyn Fn(&[Ray], &mut [Hit]) + 'a>| {
+    let by_slices = |unit, threads, trace: Trace<'a>| {
         let calls = move |rays: &[Ray], len: usize| {
             let mut hits = vec![Hit::NONE; len];
             let start = Instant::now();

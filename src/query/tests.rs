@@ -103,7 +103,7 @@ fn a_refit_moves_the_mesh_but_not_its_clones() {
 
 #[test]
 fn unsound_geometry_is_refused_by_name() {
-    let error = |positions: &[Vec3]| Mesh::build(positions, &[[0, 1, 2]]).err().expect("unsound").to_string();
+    let error = |positions: &[Vec3]| Mesh::build(positions, &[[0, 1, 2]]).expect_err("unsound").to_string();
     assert!(error(&[Vec3::ZERO; 2]).contains("triangle 0 names vertex 2"));
     assert!(error(&[Vec3::ZERO, Vec3::splat(1e30), Vec3::X]).contains("vertex 1"));
     assert!(error(&[Vec3::ZERO, Vec3::X, Vec3::NAN]).contains("vertex 2"));

@@ -34,6 +34,32 @@ fn the_tree_has_the_right_triangles_and_stores_shared_ones_once() {
 }
 
 #[test]
+fn moved_instances_have_the_boxes_of_a_tree_built_over_them() {
+    let (_, InstancedScene { bvh, .. }, _) = instanced_scenes::all().swap_remove(2);
+    let mut bvh = Arc::unwrap_or_clone(bvh);
+    for (step, distance) in [(1, 0.5), (2, 50.0)] {
+        let shift = |(i, instance): (usize, &TreeInstance)| {
+            let mut placement = instance.placement.unwrap_or(Placement::IDENTITY);
+            placement.rows[i % 3][3] += distance * (i + step) as f32;
+            placement
+        };
+        let placements: Vec<Placement> = bvh.instances().iter().enumerate().map(shift).collect();
+        bvh.move_instances(placements.into_iter());
+        assert_eq!(bvh.validate(), Ok(()));
+        let whole = Aabb::around((0..bvh.len() as u32).flat_map(|primitive| bvh.corners(primitive)));
+        assert_eq!(bvh.bounds(), whole);
+        for TreeInstance { tree, placement, bounds, first_primitive } in bvh.instances() {
+            // The loose triangles have other ids than 0, 1, 2 and so on.
+            if *first_primitive > 0 {
+                let corners = (0..tree.len() as u32).flat_map(|primitive| tree.corners(primitive));
+                let placement = placement.expect("moved");
+                assert_eq!(*bounds, Aabb::around(corners.map(|corner| placement.point(corner))));
+            }
+        }
+    }
+}
+
+#[test]
 fn instances_without_triangles_are_ignored_and_refits_are_refused() {
     let none = Arc::new(Bvh::build(&[], &[], |_| false));
     let empty = Bvh::from_instances(vec![

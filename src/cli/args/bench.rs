@@ -18,8 +18,8 @@ pub enum BenchCommand {
     /// scalar reference, obvhs and, if its library is given, Embree 4. All trace the same rays in interleaved rounds,
     /// each in the order in which it is fastest. Several scenes are summarised: geometric mean and least ratio.
     Rays(BenchRaysArgs),
-    /// Ask for the closest hits of few rays a call: every way that `query` has, beside Embree 4's `rtcIntersect1` if its
-    /// library is given, in interleaved rounds.
+    /// Ask for the closest hits of few rays a call, in every way that `query` has, beside Embree 4's `rtcIntersect1` if
+    /// its library is given, in interleaved rounds.
     Small(BenchSmallArgs),
     /// Build the tree, beside Embree 4's of each quality if its library is given, in interleaved rounds.
     Build(BenchBuildArgs),
