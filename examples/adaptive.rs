@@ -138,8 +138,7 @@ mod tests {
             );
             Recipe::parse(&text).and_then(|recipe| recipe.build()).expect("a scene")
         };
-        let service =
-            Service::new(ServiceOptions { host_threads: 2, ..Default::default() }).expect("threads");
+        let service = Service::new(ServiceOptions::default().with_host_threads(2)).expect("threads");
         let render = |ball: &str| {
             let prepared = PreparedScene::new(Arc::new(scene(ball)), &Units::cpu());
             let camera = prepared.scene.camera.expect("has one");

@@ -112,8 +112,7 @@ mod tests {
         let prepared =
             PreparedScene::new(Arc::new(recipe.and_then(|r| r.build()).expect("a scene")), &Units::cpu());
         let camera = prepared.scene.camera.expect("has one");
-        let service =
-            Service::new(ServiceOptions { host_threads: 2, ..Default::default() }).expect("threads");
+        let service = Service::new(ServiceOptions::default().with_host_threads(2)).expect("threads");
         let picture = |max_bounces: u32| {
             let settings = Settings { width: 64, height: 64, spp: 4, max_bounces, seed: 0 };
             let shader = Reflections::around(&camera);

@@ -257,7 +257,7 @@ impl Bench<'_> {
     }
 
     /// Renders a frame with the scheduler.
-    fn frame<R: Renderer>(
+    fn frame<R: Renderer + 'static>(
         &self,
         configuration: &'static str,
         path: &PathTracer,

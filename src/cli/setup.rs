@@ -71,8 +71,13 @@ impl Setup {
         let dispatch_threads = prepared.tracers.device.as_ref().map_or(0, |device| {
             device.sizing().map_or(ServiceOptions::default().dispatch_threads, |sizing| sizing.in_flight)
         });
-        let sharing = Sharing::FirstIn;
-        let service = Service::new(ServiceOptions { host_threads, dispatch_threads, max_jobs, sharing })?;
+        let service = Service::new(ServiceOptions {
+            host_threads,
+            dispatch_threads,
+            max_jobs,
+            sharing: Sharing::FirstIn,
+            ..ServiceOptions::default()
+        })?;
         Ok(Self { prepared, service, simd, policy, load_s, build_s })
     }
 }

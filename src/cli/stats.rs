@@ -389,6 +389,7 @@ impl ThreadStats {
         let kind = match thread.kind {
             ThreadKind::Host => "host",
             ThreadKind::Dispatch => "dispatch",
+            ThreadKind::Caller => "caller",
         };
         Self { kind, busy_s: thread.busy_s, idle_s: thread.idle_s, tail_idle_s: thread.tail_idle_s }
     }

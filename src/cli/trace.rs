@@ -28,7 +28,7 @@ pub fn run(args: &TraceArgs) -> Result<Outcome> {
         }
     };
     let tracers = || setup.prepared.tracers.clone();
-    let options = || JobOptions { policy: setup.policy, ..JobOptions::default() };
+    let options = || JobOptions { policy: setup.policy, caller_rays: 0, ..JobOptions::default() };
     let mut answer = Answer::Closest(Vec::new());
     for _ in 0..args.repeat {
         if args.any_hit {

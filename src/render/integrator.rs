@@ -5,7 +5,7 @@ use crate::scene::{Camera, CameraError};
 use crate::schedule::Renderer;
 
 /// A renderer of a [`Frame`] that can be given another frame of the same scene.
-pub trait Integrator: Renderer + Sized {
+pub trait Integrator: Renderer + Sized + 'static {
     /// The frame that it renders.
     fn frame(&self) -> &Frame;
 

@@ -1,118 +1,83 @@
 //! A job's handle: what the caller that submitted it holds.
 
 use super::report::{JobReport, Progress};
-use super::service::Inner;
-use super::state::{JobId, Receiver, State};
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use super::{JobControl, JobError, Priority};
+use std::pin::Pin;
+use std::task::{Context, Poll};
 use std::time::Duration;
 
-/// Why a job has no result.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum JobError {
-    /// The job was cancelled: through its handle, or with the service.
-    #[error("the job was cancelled")]
-    Cancelled,
-    /// The renderer or the host's tracer panicked. Other jobs go on.
-    #[error("the job panicked: {0}")]
-    Panicked(String),
-    /// The scheduler itself panicked, which is a bug; the service is unusable from then on.
-    #[error("the scheduler failed: {0}; please report it")]
-    Broken(String),
-}
-
-#[derive(Default)]
-struct ResultState {
-    /// Progress at the moment when the job left the scheduler, which is before its outcome is delivered.
-    last: Progress,
-    is_delivered: bool,
-    /// `None` before it is delivered, and after [`JobHandle::wait`] has taken it.
-    outcome: Option<Result<JobReport, JobError>>,
-}
-
-/// Receives a job's result and keeps it for the handle.
-#[derive(Default)]
-pub(super) struct ResultSlot {
-    state: Mutex<ResultState>,
-    delivered: Condvar,
-}
-
-impl Receiver for ResultSlot {
-    fn leave(&self, last: Progress) {
-        self.lock().last = last;
-    }
-
-    fn deliver(&self, outcome: Result<JobReport, JobError>) {
-        self.lock().deliver(outcome);
-        self.delivered.notify_all();
-    }
-}
-
-impl ResultSlot {
-    /// Delivers [`JobError::Broken`], unless the job has an outcome.
-    pub fn give_up(&self, why: &str) {
-        let mut state = self.lock();
-        if !state.is_delivered {
-            state.deliver(Err(JobError::Broken(why.to_owned())));
-        }
-        self.delivered.notify_all();
-    }
-
-    fn lock(&self) -> MutexGuard<'_, ResultState> {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
-
-impl ResultState {
-    fn deliver(&mut self, outcome: Result<JobReport, JobError>) {
-        (self.is_delivered, self.outcome) = (true, Some(outcome));
-    }
-}
-
-/// A job's handle. Dropping it cancels the job.
+/// A job's handle: the right to its result. Dropping it cancels the job, unless the job has ended or the handle is
+/// [detached](Self::detach). [`Self::control`] makes what steers the job from other threads.
+///
+/// It is a future of the job's result, for any executor. Dropping the future cancels the job.
+#[derive(Debug)]
 #[must_use = "dropping the handle cancels the job"]
 pub struct JobHandle {
-    /// `None` if the service broke before the job got an id.
-    id: Option<JobId>,
-    inner: Arc<Inner>,
-    result: Arc<ResultSlot>,
+    control: JobControl,
+    is_detached: bool,
 }
 
 impl JobHandle {
-    pub(super) fn new(id: Option<JobId>, inner: Arc<Inner>, result: Arc<ResultSlot>) -> Self {
-        Self { id, inner, result }
+    pub(super) fn new(control: JobControl) -> Self {
+        Self { control, is_detached: false }
     }
 
-    /// How far the job is; of a job that has ended, its last progress. Never waits, so any code may call it, even the
-    /// `Drop` of the job's own renderer.
+    /// What steers the job from any thread, as often as one likes.
+    pub fn control(&self) -> JobControl {
+        self.control.clone()
+    }
+
+    /// See [`JobControl::name`].
+    pub fn name(&self) -> Option<&str> {
+        self.control.name()
+    }
+
+    /// See [`JobControl::progress`].
     pub fn progress(&self) -> Progress {
-        self.change(|state, id, _| state.progress(id)).flatten().unwrap_or_else(|| self.result.lock().last)
+        self.control.progress()
     }
 
-    fn change<T>(&self, change: impl FnOnce(&mut State, JobId, u64) -> T) -> Option<T> {
-        let id = self.id?;
-        self.inner.change(|state, now_ns| change(state, id, now_ns))
-    }
-
-    /// Abandons the job: tasks under way end, no new ones begin. Returns at once.
+    /// See [`JobControl::cancel`].
     pub fn cancel(&self) {
-        self.change(State::cancel);
+        self.control.cancel();
     }
 
-    /// Spawns no more tiles and finishes the paths in flight, so that every tile spawned is complete. Returns at once.
+    /// See [`JobControl::stop`].
     pub fn stop(&self) {
-        self.change(State::stop);
+        self.control.stop();
     }
 
-    /// Whether the job has ended.
+    /// See [`JobControl::set_priority`].
+    pub fn set_priority(&self, priority: Priority) {
+        self.control.set_priority(priority);
+    }
+
+    /// See [`JobControl::is_finished`].
     pub fn is_finished(&self) -> bool {
-        self.result.lock().is_delivered
+        self.control.is_finished()
+    }
+
+    /// Calls `callback` once with the job's result: when the job has ended, or at once if it has. It is called on one
+    /// of the service's threads, before [`Self::wait`] returns; so it should be short, and must not wait for this job. A
+    /// panic in it is caught. It is dropped without a call if the result has been taken ([`Self::try_wait`]).
+    pub fn on_end(&self, callback: impl FnOnce(&Result<JobReport, JobError>) + Send + 'static) {
+        self.control.result.on_end(Box::new(callback));
+    }
+
+    /// Gives the handle up and lets the job run to its end. Callbacks are still called; dropping the service still
+    /// cancels the job.
+    pub fn detach(mut self) {
+        self.is_detached = true;
     }
 
     /// Waits for at most `patience`; returns whether the job has ended.
     pub fn wait_for(&self, patience: Duration) -> bool {
-        let state = self.result.lock();
-        let waited = self.result.delivered.wait_timeout_while(state, patience, |state| !state.is_delivered);
-        waited.unwrap_or_else(PoisonError::into_inner).0.is_delivered
+        self.control.result.wait_for(patience)
+    }
+
+    /// The job's result if the job has ended, without waiting; `None` before, and `None` once it has been returned.
+    pub fn try_wait(&mut self) -> Option<Result<JobReport, JobError>> {
+        self.control.result.take()
     }
 
     /// Waits for the end of the job. The service has dropped its reference to the renderer by then. Must not be called
@@ -120,17 +85,27 @@ impl JobHandle {
     ///
     /// # Errors
     /// [`JobError`] when the job was cancelled or panicked; a stopped job has a report.
+    ///
+    /// # Panics
+    /// If [`Self::try_wait`], or polling the handle, has returned the result.
     pub fn wait(self) -> Result<JobReport, JobError> {
-        let state = self.result.lock();
-        let waited = self.result.delivered.wait_while(state, |state| !state.is_delivered);
-        let mut state = waited.unwrap_or_else(PoisonError::into_inner);
-        state.outcome.take().expect("only this takes the outcome, and it consumes the handle")
+        self.control.result.wait().expect("a job's result is taken once")
+    }
+}
+
+impl Future for JobHandle {
+    type Output = Result<JobReport, JobError>;
+
+    /// # Panics
+    /// If the result has been returned before.
+    fn poll(self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Self::Output> {
+        self.control.result.poll(context)
     }
 }
 
 impl Drop for JobHandle {
     fn drop(&mut self) {
-        if !self.is_finished() {
+        if !self.is_detached && !self.is_finished() {
             self.cancel();
         }
     }

@@ -5,7 +5,7 @@ use super::policy::Pace;
 use super::pool::Pool;
 use super::report::{JobReport, Lengths, Progress, TaskKind, TaskRecord, ThreadKind, ThreadReport};
 use super::task::{Done, SharedJob, Task, TaskSlot};
-use super::{JobError, JobOptions, Limits, Policy, Renderer, Rule, Unit, UnitReport, View, policy};
+use super::{JobError, JobOptions, Limits, Policy, Renderer, Rule, TaskSize, Unit, UnitReport, View, policy};
 use crate::stream::{Empty, RayStream, Untraced, paths};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -17,7 +17,7 @@ pub(super) trait Job: Send {
     fn view(&self) -> View;
     /// Takes a task out of the lists and puts it into the thread's slot; returns about how many rays the task has.
     /// The view must allow the rule.
-    fn start(&mut self, thread: usize, rule: Rule) -> u64;
+    fn start(&mut self, thread: usize, rule: Rule, size: TaskSize) -> u64;
     /// Takes the finished task out of the thread's slot and returns its streams to the lists. Times count from the
     /// start of the service.
     fn finish(&mut self, thread: usize, start_ns: u64, end_ns: u64);
@@ -75,6 +75,8 @@ pub(super) struct TypedJob<R: Renderer> {
     busy_ns: Vec<u64>,
     /// Of all host threads, tracing.
     trace_ns: u64,
+    /// Of all host threads, shading.
+    shading: Pace,
     /// Of all dispatch threads.
     dispatch_ns: u64,
     progress: Progress,
@@ -105,29 +107,12 @@ impl<R: Renderer> TypedJob<R> {
             accounts: vec![None; threads],
             busy_ns: vec![0; threads],
             trace_ns: 0,
+            shading: Pace::default(),
             dispatch_ns: 0,
             progress: Progress { tiles, tile_rays: limits.tile_rays as u64, ..Progress::default() },
             report: JobReport {
-                stopped: false,
-                tiles,
-                tiles_spawned: 0,
-                rays: Default::default(),
-                depths: Default::default(),
-                cpu: Default::default(),
-                gpu: Default::default(),
-                device_waits: Default::default(),
-                threads: Vec::new(),
-                begin_ns: 0,
-                wall_s: 0.0,
-                waited_s: 0.0,
-                tail_idle_share: 0.0,
-                tail_s: 0.0,
-                max_in_flight: 0,
-                streams: 0,
                 stream_bytes: limits.stream.bytes::<R::Payload, R::ShadowPayload>(),
-                limits,
-                events,
-                timeline: Vec::new(),
+                ..JobReport::new(options, limits, tiles, events)
             },
             keep_timeline: options.timeline,
             shared,
@@ -161,6 +146,11 @@ impl<R: Renderer> TypedJob<R> {
             .saturating_add(self.lists.rays_to_trace() as u64)
     }
 
+    /// How fast host threads trace.
+    fn tracing(&self) -> Pace {
+        Pace { rays: self.progress.cpu_rays, ns: self.trace_ns }
+    }
+
     fn threshold(&self) -> usize {
         policy::threshold(self.paths_left(), self.shared.hosts, self.has_device(), self.limits())
     }
@@ -174,7 +164,7 @@ impl<R: Renderer> TypedJob<R> {
         self.unit != Unit::Cpu
     }
 
-    fn take(&mut self, rule: Rule) -> (Task<R::Payload, R::ShadowPayload>, TaskAccount) {
+    fn take(&mut self, rule: Rule, size: TaskSize) -> (Task<R::Payload, R::ShadowPayload>, TaskAccount) {
         match rule {
             Rule::Spawn => {
                 let tile = self.next_tile;
@@ -192,10 +182,9 @@ impl<R: Renderer> TypedJob<R> {
                 let input_paths = paths(rays, shadow_rays, self.limits().shadow_rays_per_path);
                 let paths = self.paths(&output) + input_paths;
                 let rays = (rays + shadow_rays) as u64;
-                (
-                    Task::Shade { input, output, threshold: self.threshold() },
-                    TaskAccount::new(TaskKind::Shade, paths, rays),
-                )
+                let most_rays = policy::most_rays(size, self.shading, self.limits());
+                let task = Task::Shade { input, output, threshold: self.threshold(), most_rays };
+                (task, TaskAccount::new(TaskKind::Shade, paths, rays))
             }
             Rule::Trace | Rule::Flush => {
                 let most = policy::chunk_rays(
@@ -204,7 +193,8 @@ impl<R: Renderer> TypedJob<R> {
                     self.has_device(),
                     self.limits(),
                 );
-                let chunk = self.lists.next_chunk(most);
+                let chunk =
+                    self.lists.next_chunk(most.min(policy::most_rays(size, self.tracing(), self.limits())));
                 let rays = chunk.len() as u64;
                 (Task::Trace(chunk), TaskAccount::new(TaskKind::Trace, 0, rays))
             }
@@ -283,7 +273,7 @@ impl<R: Renderer> TypedJob<R> {
                 0
             }
             Done::Panicked(message) => {
-                self.abandon(JobError::Panicked(message));
+                self.abandon(JobError::Panicked { job: self.report.name.clone(), message });
                 account.rays
             }
         }
@@ -306,13 +296,13 @@ impl<R: Renderer> Job for TypedJob<R> {
             slot: self.lists.slot(),
             shade: self.lists.shade(),
             tasks: self.tasks,
-            cpu: Pace { rays: self.progress.cpu_rays, ns: self.trace_ns },
+            cpu: self.tracing(),
             gpu: Pace { rays: self.progress.gpu_rays, ns: self.dispatch_ns },
         }
     }
 
-    fn start(&mut self, thread: usize, rule: Rule) -> u64 {
-        let (task, account) = self.take(rule);
+    fn start(&mut self, thread: usize, rule: Rule, size: TaskSize) -> u64 {
+        let (task, account) = self.take(rule, size);
         assert!(self.in_flight <= self.limits().in_flight, "no more than N paths are in flight");
         self.report.max_in_flight = self.report.max_in_flight.max(self.in_flight);
         self.tasks += 1;
@@ -337,6 +327,9 @@ impl<R: Renderer> Job for TypedJob<R> {
             TaskKind::Spawn | TaskKind::Shade => {}
         }
         let rays = self.put_back(account, done, (start_ns, end_ns));
+        if account.kind == TaskKind::Shade {
+            self.shading += Pace { rays, ns };
+        }
         if self.keep_timeline {
             let (thread, rays) = (thread as u32, rays.min(u64::from(u32::MAX)) as u32);
             let lists = self.lengths();

@@ -5,7 +5,10 @@
 //! [`Service`] is made once, with its threads; [`Service::submit`] takes jobs from any thread. `README.md` beside this
 //! file states the lists and the protocol, and proves that no thread gets stuck. `docs/glossary.md` explains the words.
 
+mod caller;
+mod control;
 mod handle;
+mod interactive;
 mod job;
 mod latency;
 mod limits;
@@ -13,9 +16,11 @@ mod lists;
 mod options;
 pub mod policy;
 mod pool;
+mod priority;
 mod queries;
 mod renderer;
 mod report;
+mod result;
 mod service;
 mod state;
 mod task;
@@ -23,15 +28,19 @@ mod task;
 #[cfg(test)]
 mod tests;
 
-pub use handle::{JobError, JobHandle};
+pub use control::JobControl;
+pub use handle::JobHandle;
+pub use interactive::InteractiveClient;
 pub use latency::{DeviceWaits, Latency};
 pub use limits::{Limits, LimitsError};
 pub use options::{JobOptions, ServiceOptions, Tracers};
-pub use policy::{Choice, Load, Pace, Policy, Rule, Sharing, Turn, Unit, View};
+pub use policy::{Choice, Load, Pace, Policy, Rule, Sharing, TaskSize, Turn, Unit, View};
+pub use priority::Priority;
 pub use queries::{QueryError, QueryHandle};
 pub use renderer::{Batch, Output, Renderer};
 pub use report::{
     DEPTHS, Depths, JobReport, Lengths, Progress, RayCounts, TaskKind, TaskRecord, ThreadKind, ThreadReport,
     UnitReport,
 };
+pub use result::JobError;
 pub use service::{Service, ServiceError};

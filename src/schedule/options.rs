@@ -1,33 +1,84 @@
 //! What a caller chooses for the service and for each job.
 
-use super::{Policy, Sharing, Unit};
+use super::{Policy, Priority, Sharing, Unit};
 use crate::stream::{DeviceTracer, Tracer};
 use std::sync::Arc;
 
 /// How a [`super::Service`] is made.
-#[derive(Clone, Debug, PartialEq, Eq)]
+///
+/// ```
+/// use raystream::schedule::ServiceOptions;
+///
+/// let options = ServiceOptions::default().with_host_threads(2).with_max_jobs(3);
+/// assert_eq!((options.host_threads, options.max_jobs), (2, 3));
+/// ```
+#[derive(Clone, Debug)]
+#[non_exhaustive]
 pub struct ServiceOptions {
     /// Threads that spawn, shade and trace; at least 1.
     pub host_threads: usize,
     /// Threads that wait for devices. 0 if no job will have a device.
     pub dispatch_threads: usize,
-    /// The most jobs that run at the same time, at least 1; others are queued. Bounds memory.
+    /// The most jobs that run at the same time, at least 1; others are queued. Bounds memory. Queries and interactive
+    /// jobs do not count.
     pub max_jobs: usize,
-    /// How threads are shared between jobs.
+    /// The most queries that run at the same time besides those jobs, and the most interactive jobs and queries besides
+    /// both; at least 1. Others are queued. Bounds memory.
+    pub max_queries: usize,
+    /// How threads are shared between jobs of the same priority.
     pub sharing: Sharing,
 }
 
 impl Default for ServiceOptions {
-    /// A host thread for every hardware thread, RA's four dispatch threads, four jobs at the same time.
+    /// A host thread for every hardware thread, RA's four dispatch threads, four jobs at the same time and 32 queries.
     fn default() -> Self {
         let host_threads = std::thread::available_parallelism().map_or(1, usize::from);
-        Self { host_threads, dispatch_threads: 4, max_jobs: 4, sharing: Sharing::Fair }
+        Self { host_threads, dispatch_threads: 4, max_jobs: 4, max_queries: 32, sharing: Sharing::Fair }
+    }
+}
+
+impl ServiceOptions {
+    /// Sets [`Self::host_threads`].
+    pub fn with_host_threads(self, host_threads: usize) -> Self {
+        Self { host_threads, ..self }
+    }
+
+    /// Sets [`Self::dispatch_threads`].
+    pub fn with_dispatch_threads(self, dispatch_threads: usize) -> Self {
+        Self { dispatch_threads, ..self }
+    }
+
+    /// Sets [`Self::max_jobs`].
+    pub fn with_max_jobs(self, max_jobs: usize) -> Self {
+        Self { max_jobs, ..self }
+    }
+
+    /// Sets [`Self::max_queries`].
+    pub fn with_max_queries(self, max_queries: usize) -> Self {
+        Self { max_queries, ..self }
+    }
+
+    /// Sets [`Self::sharing`].
+    pub fn with_sharing(self, sharing: Sharing) -> Self {
+        Self { sharing, ..self }
     }
 }
 
 /// How a job is run. The picture does not depend on these options.
+///
+/// ```
+/// use raystream::schedule::{JobOptions, Priority};
+///
+/// let options = JobOptions::default().with_name("left eye").with_priority(Priority::Interactive);
+/// assert_eq!(options.name.as_deref(), Some("left eye"));
+/// ```
 #[derive(Clone, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct JobOptions {
+    /// What errors and reports call the job.
+    pub name: Option<Arc<str>>,
+    /// Which jobs get threads before others. [`super::JobControl::set_priority`] changes it later.
+    pub priority: Priority,
     /// N, the most paths in flight.
     ///
     /// Default without a device: 64k for each host thread, or twice `threshold` if that is more. Default with a device:
@@ -45,6 +96,9 @@ pub struct JobOptions {
     pub chunk_rays: usize,
     /// The most rays that a host thread traces at once.
     pub chunk_rays_most: usize,
+    /// The most rays of a query that the calling thread traces itself, before [`super::Service::closest`] returns:
+    /// faster than waking another thread. 0 leaves all rays to the service's threads.
+    pub caller_rays: usize,
     /// Whether streams become full earlier at the tail, so that the last ones keep all host threads busy. Turned off
     /// only to measure the gain.
     pub shrink_streams: bool,
@@ -57,15 +111,70 @@ pub struct JobOptions {
 impl Default for JobOptions {
     fn default() -> Self {
         Self {
+            name: None,
+            priority: Priority::Normal,
             in_flight: None,
             threshold: None,
             batch_rays: 8192,
             chunk_rays: 1024,
             chunk_rays_most: 64 * 1024,
+            caller_rays: 512,
             shrink_streams: true,
             policy: None,
             timeline: false,
         }
+    }
+}
+
+impl JobOptions {
+    /// Sets [`Self::name`].
+    pub fn with_name(self, name: impl Into<Arc<str>>) -> Self {
+        Self { name: Some(name.into()), ..self }
+    }
+
+    /// Sets [`Self::priority`].
+    pub fn with_priority(self, priority: Priority) -> Self {
+        Self { priority, ..self }
+    }
+
+    /// Sets [`Self::in_flight`].
+    pub fn with_in_flight(self, paths: usize) -> Self {
+        Self { in_flight: Some(paths), ..self }
+    }
+
+    /// Sets [`Self::threshold`].
+    pub fn with_threshold(self, paths: usize) -> Self {
+        Self { threshold: Some(paths), ..self }
+    }
+
+    /// Sets [`Self::batch_rays`].
+    pub fn with_batch_rays(self, batch_rays: usize) -> Self {
+        Self { batch_rays, ..self }
+    }
+
+    /// Sets [`Self::chunk_rays`] and [`Self::chunk_rays_most`].
+    pub fn with_chunk_rays(self, least: usize, most: usize) -> Self {
+        Self { chunk_rays: least, chunk_rays_most: most, ..self }
+    }
+
+    /// Sets [`Self::caller_rays`].
+    pub fn with_caller_rays(self, caller_rays: usize) -> Self {
+        Self { caller_rays, ..self }
+    }
+
+    /// Sets [`Self::shrink_streams`].
+    pub fn with_shrink_streams(self, shrink_streams: bool) -> Self {
+        Self { shrink_streams, ..self }
+    }
+
+    /// Sets [`Self::policy`]; `None` is RA's for the unit.
+    pub fn with_policy(self, policy: impl Into<Option<Policy>>) -> Self {
+        Self { policy: policy.into(), ..self }
+    }
+
+    /// Sets [`Self::timeline`].
+    pub fn with_timeline(self, timeline: bool) -> Self {
+        Self { timeline, ..self }
     }
 }
 
@@ -78,6 +187,13 @@ pub struct Tracers {
     pub device: Option<Arc<dyn DeviceTracer>>,
     /// Which of the two trace. Without a device host threads trace in any case, and the report says so.
     pub unit: Unit,
+}
+
+impl std::fmt::Debug for Tracers {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let device = self.device.as_ref().map(|device| device.name());
+        f.debug_struct("Tracers").field("unit", &self.unit).field("device", &device).finish_non_exhaustive()
+    }
 }
 
 impl Tracers {

@@ -2,11 +2,15 @@
 //! units as frames.
 
 use super::{
-    Batch, JobError, JobHandle, JobOptions, JobReport, LimitsError, Output, Progress, Renderer, Service,
-    Tracers,
+    Batch, JobControl, JobError, JobHandle, JobOptions, JobReport, LimitsError, Output, Priority, Progress,
+    RayCounts, Renderer, Service, Tracers,
 };
-use crate::stream::{Hit, Ray};
-use std::sync::{Arc, Mutex, PoisonError};
+use crate::stream::{Hit, Ray, Tracer};
+use std::fmt;
+use std::pin::Pin;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::task::{Context, Poll, ready};
+use std::time::Duration;
 
 /// Rays of a tile. Large, so that the lists are visited seldom; small enough for several tiles a thread.
 const TILE_RAYS: usize = 16 * 1024;
@@ -16,6 +20,7 @@ const MOST_RAYS: usize = u32::MAX as usize;
 
 /// Why a query could not begin.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum QueryError {
     /// Too many rays.
     #[error("a query takes at most {MOST_RAYS} rays, not {0}; split it")]
@@ -26,7 +31,8 @@ pub enum QueryError {
 }
 
 impl Service {
-    /// Finds the nearest hit of every ray.
+    /// Finds the nearest hit of every ray. A query of few rays is traced by the calling thread before this returns
+    /// ([`JobOptions::caller_rays`]), and the report counts that thread.
     ///
     /// # Errors
     /// [`QueryError`] for more than 2³² − 1 rays, or sizes that do not fit each other.
@@ -39,7 +45,7 @@ impl Service {
         self.query(tracers, rays, options)
     }
 
-    /// Finds whether each ray hits anything: 1 if it does, else 0.
+    /// Finds whether each ray hits anything: 1 if it does, else 0. As [`Service::closest`] otherwise.
     ///
     /// # Errors
     /// [`QueryError`] for more than 2³² − 1 rays, or sizes that do not fit each other.
@@ -58,13 +64,19 @@ impl Service {
         rays: Arc<[Ray]>,
         options: JobOptions,
     ) -> Result<QueryHandle<A>, QueryError> {
+        if self.is_for_caller(&tracers, rays.len(), &options) {
+            return Ok(self.trace_here(&tracers, &rays, &options)?);
+        }
         let query = Arc::new(Query::new(rays)?);
-        let job = self.submit(Arc::clone(&query), tracers, options)?;
+        let job = self.submit_as(Arc::clone(&query), tracers, &options, true)?;
         Ok(QueryHandle { job, query })
     }
 }
 
-/// A query's handle. Dropping it cancels the query.
+/// A query's answers, one for each ray in the order of the rays, with its report.
+type Answers<A> = Result<(Vec<A>, JobReport), JobError>;
+
+/// A query's handle. Dropping it cancels the query. Like [`JobHandle`] it is a future of the result.
 #[must_use = "dropping the handle cancels the query"]
 pub struct QueryHandle<A> {
     job: JobHandle,
@@ -72,12 +84,26 @@ pub struct QueryHandle<A> {
 }
 
 impl<A: Copy> QueryHandle<A> {
-    /// How far the query is.
+    pub(super) fn new(job: JobHandle, query: Arc<Query<A>>) -> Self {
+        Self { job, query }
+    }
+
+    /// See [`JobHandle::control`].
+    pub fn control(&self) -> JobControl {
+        self.job.control()
+    }
+
+    /// See [`JobControl::name`].
+    pub fn name(&self) -> Option<&str> {
+        self.job.name()
+    }
+
+    /// See [`JobControl::progress`].
     pub fn progress(&self) -> Progress {
         self.job.progress()
     }
 
-    /// Whether the query has ended.
+    /// See [`JobControl::is_finished`].
     pub fn is_finished(&self) -> bool {
         self.job.is_finished()
     }
@@ -87,18 +113,86 @@ impl<A: Copy> QueryHandle<A> {
         self.job.cancel();
     }
 
-    /// Waits for the answers: one for each ray, in the order of the rays.
+    /// Begins no more rays; those under way are answered. The answers are then those of the first rays.
+    pub fn stop(&self) {
+        self.job.stop();
+    }
+
+    /// See [`JobControl::set_priority`].
+    pub fn set_priority(&self, priority: Priority) {
+        self.job.set_priority(priority);
+    }
+
+    /// Calls `callback` once with the answers and the report; else as [`JobHandle::on_end`].
+    pub fn on_end(&self, callback: impl FnOnce(Result<(&[A], &JobReport), &JobError>) + Send + 'static)
+    where
+        A: Send + 'static,
+    {
+        let query = Arc::clone(&self.query);
+        self.job.on_end(move |outcome| match outcome {
+            Ok(report) => {
+                let mut answers = query.collect();
+                answers.truncate(report.rays.total() as usize);
+                callback(Ok((&answers, report)));
+            }
+            Err(error) => callback(Err(error)),
+        });
+    }
+
+    /// See [`JobHandle::detach`].
+    pub fn detach(self) {
+        self.job.detach();
+    }
+
+    /// Waits for at most `patience`; returns whether the query has ended.
+    pub fn wait_for(&self, patience: Duration) -> bool {
+        self.job.wait_for(patience)
+    }
+
+    /// The result if the query has ended, without waiting; `None` before, and `None` once it has been returned.
+    pub fn try_wait(&mut self) -> Option<Result<(Vec<A>, JobReport), JobError>> {
+        let outcome = self.job.try_wait()?;
+        Some(self.query.answers(outcome))
+    }
+
+    /// Waits for the answers: one for each ray, in the order of the rays. A query that was stopped has those of its
+    /// first rays ([`JobReport::rays`] tells how many).
     ///
     /// # Errors
     /// [`JobError`] when the query was cancelled or the host's tracer panicked.
+    ///
+    /// # Panics
+    /// If [`Self::try_wait`], or polling the handle, has returned the result.
     pub fn wait(self) -> Result<(Vec<A>, JobReport), JobError> {
-        let report = self.job.wait()?;
-        Ok((self.query.take_answers(), report))
+        self.query.answers(self.job.wait())
+    }
+}
+
+impl<A: Copy> Future for QueryHandle<A> {
+    type Output = Result<(Vec<A>, JobReport), JobError>;
+
+    /// # Panics
+    /// If the result has been returned before.
+    fn poll(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Self::Output> {
+        let outcome = ready!(Pin::new(&mut self.job).poll(context));
+        Poll::Ready(self.query.answers(outcome))
+    }
+}
+
+impl<A> fmt::Debug for QueryHandle<A> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("QueryHandle").field("job", &self.job).finish_non_exhaustive()
     }
 }
 
 /// A kind of answer, and with it a kind of query: [`Hit`] or, for occlusion, `u32`.
-trait Answer: Copy + Default + Send + Sync + 'static {
+pub(super) trait Answer: Copy + Default + Send + Sync + 'static {
+    /// Traces rays on the calling thread.
+    fn trace(tracer: &dyn Tracer, rays: &[Ray], answers: &mut [Self]);
+
+    /// So many rays of this kind.
+    fn count(rays: u64) -> RayCounts;
+
     /// Emits a ray that comes back with an answer of this kind.
     fn emit(out: &mut Output<'_, u32, u32>, ray: Ray, number: u32);
 
@@ -110,6 +204,14 @@ trait Answer: Copy + Default + Send + Sync + 'static {
 }
 
 impl Answer for Hit {
+    fn trace(tracer: &dyn Tracer, rays: &[Ray], answers: &mut [Self]) {
+        tracer.closest(rays, answers);
+    }
+
+    fn count(camera: u64) -> RayCounts {
+        RayCounts { camera, ..RayCounts::default() }
+    }
+
     fn emit(out: &mut Output<'_, u32, u32>, ray: Ray, number: u32) {
         out.ray(ray, number);
     }
@@ -124,6 +226,14 @@ impl Answer for Hit {
 }
 
 impl Answer for u32 {
+    fn trace(tracer: &dyn Tracer, rays: &[Ray], answers: &mut [Self]) {
+        tracer.occluded(rays, answers);
+    }
+
+    fn count(shadow: u64) -> RayCounts {
+        RayCounts { shadow, ..RayCounts::default() }
+    }
+
     fn emit(out: &mut Output<'_, u32, u32>, ray: Ray, number: u32) {
         out.shadow(ray, number);
     }
@@ -139,9 +249,11 @@ impl Answer for u32 {
 
 /// A renderer whose picture is a list of answers: rays, and the answers of each tile, which one thread writes at a
 /// time.
-struct Query<A> {
+pub(super) struct Query<A> {
     rays: Arc<[Ray]>,
     tiles: Vec<Mutex<Box<[A]>>>,
+    /// All answers, once they have been collected from the tiles.
+    collected: Mutex<Vec<A>>,
 }
 
 impl<A: Copy + Default> Query<A> {
@@ -150,11 +262,16 @@ impl<A: Copy + Default> Query<A> {
             return Err(QueryError::TooManyRays(rays.len()));
         }
         let tiles = rays.chunks(TILE_RAYS).map(|tile| Mutex::new(vec![A::default(); tile.len()].into()));
-        Ok(Self { tiles: tiles.collect(), rays })
+        Ok(Self { tiles: tiles.collect(), rays, collected: Mutex::default() })
     }
 }
 
 impl<A: Copy> Query<A> {
+    /// A query whose answers are there already.
+    pub fn answered(answers: Vec<A>) -> Self {
+        Self { rays: Arc::default(), tiles: Vec::new(), collected: Mutex::new(answers) }
+    }
+
     /// Writes the answers of rays with these numbers.
     fn write(&self, numbers: &[u32], mut answers: &[A]) {
         let tile_of = |number: u32| number as usize / TILE_RAYS;
@@ -169,12 +286,27 @@ impl<A: Copy> Query<A> {
         }
     }
 
-    fn take_answers(&self) -> Vec<A> {
-        let mut all = Vec::with_capacity(self.rays.len());
-        for tile in &self.tiles {
-            all.extend_from_slice(&std::mem::take(&mut *tile.lock().unwrap_or_else(PoisonError::into_inner)));
+    /// All answers of a query that has ended, collected on the first call.
+    fn collect(&self) -> MutexGuard<'_, Vec<A>> {
+        let mut all = self.collected.lock().unwrap_or_else(PoisonError::into_inner);
+        if all.is_empty() {
+            all.reserve_exact(self.rays.len());
+            for tile in &self.tiles {
+                all.extend_from_slice(&std::mem::take(
+                    &mut *tile.lock().unwrap_or_else(PoisonError::into_inner),
+                ));
+            }
         }
         all
+    }
+
+    /// The result that belongs to a job's outcome. Tiles are spawned in order, so a query that was stopped has answers
+    /// to its first rays.
+    fn answers(&self, outcome: Result<JobReport, JobError>) -> Answers<A> {
+        let report = outcome?;
+        let mut answers = std::mem::take(&mut *self.collect());
+        answers.truncate(report.rays.total() as usize);
+        Ok((answers, report))
     }
 }
 

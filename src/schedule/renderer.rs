@@ -8,7 +8,7 @@ use bytemuck::Pod;
 /// The scheduler calls a renderer from many host threads at once, and calls it with each tile and each batch exactly
 /// once, in no particular order. The result must not depend on that order: accumulate in ways that commute, as `film`
 /// does.
-pub trait Renderer: Send + Sync + 'static {
+pub trait Renderer: Send + Sync {
     /// What travels with every ray, the path's state for instance. Any size and alignment; streams keep payloads in a
     /// vector of their own.
     type Payload: Pod + Send + Sync;

@@ -1,6 +1,7 @@
 //! What a job reports, while it runs and afterwards.
 
-use super::{DeviceWaits, Limits};
+use super::{DeviceWaits, JobOptions, Limits};
+use std::sync::Arc;
 
 /// How far a job is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -115,11 +116,14 @@ pub struct UnitReport {
 
 /// What kind of thread.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum ThreadKind {
     /// Spawns, shades and traces.
     Host,
     /// Waits for a device.
     Dispatch,
+    /// The thread that asked a query and traced it itself ([`JobOptions::caller_rays`]).
+    Caller,
 }
 
 impl ThreadKind {
@@ -144,6 +148,7 @@ pub struct ThreadReport {
 
 /// What kind of task.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum TaskKind {
     /// Emitting the camera rays of a tile.
     Spawn,
@@ -187,7 +192,10 @@ pub struct Lengths {
 
 /// What a job did. Only the counts of rays (`rays` and `depths`) are the same in every run.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct JobReport {
+    /// The job's name ([`JobOptions::name`]).
+    pub name: Option<Arc<str>>,
     /// Whether the job was stopped before all its tiles were spawned.
     pub stopped: bool,
     /// Tiles in all.
@@ -198,13 +206,13 @@ pub struct JobReport {
     pub rays: RayCounts,
     /// Rays without shadow rays, by depth.
     pub depths: Depths,
-    /// The host threads as a unit.
+    /// The host threads, or the calling thread, as a unit.
     pub cpu: UnitReport,
     /// The device.
     pub gpu: UnitReport,
     /// How long streams waited for the device.
     pub device_waits: DeviceWaits,
-    /// Host threads, then dispatch threads.
+    /// Host threads, then dispatch threads; or the calling thread alone, if it has traced the query itself.
     pub threads: Vec<ThreadReport>,
     /// When the job was admitted, in nanoseconds since the service began.
     pub begin_ns: u64,
@@ -227,8 +235,37 @@ pub struct JobReport {
     pub limits: Limits,
     /// What a user should know, a lost device for instance.
     pub events: Vec<String>,
-    /// All tasks in the order in which they ended, if [`super::JobOptions::timeline`] asks for them.
+    /// All tasks in the order in which they ended, if [`JobOptions::timeline`] asks for them.
     pub timeline: Vec<TaskRecord>,
+}
+
+impl JobReport {
+    /// Of a job that has done nothing yet.
+    pub(super) fn new(options: &JobOptions, limits: Limits, tiles: u64, events: Vec<String>) -> Self {
+        Self {
+            name: options.name.clone(),
+            stopped: false,
+            tiles,
+            tiles_spawned: 0,
+            rays: Default::default(),
+            depths: Default::default(),
+            cpu: Default::default(),
+            gpu: Default::default(),
+            device_waits: Default::default(),
+            threads: Vec::new(),
+            begin_ns: 0,
+            wall_s: 0.0,
+            waited_s: 0.0,
+            tail_idle_share: 0.0,
+            tail_s: 0.0,
+            max_in_flight: 0,
+            streams: 0,
+            stream_bytes: 0,
+            limits,
+            events,
+            timeline: Vec::new(),
+        }
+    }
 }
 
 #[cfg(test)]

@@ -1,12 +1,14 @@
 //! The service: owns the threads, takes jobs from any thread.
 
-use super::handle::{JobHandle, ResultSlot};
 use super::job::TypedJob;
 use super::limits::Demand;
 use super::pool::Pool;
+use super::result::ResultSlot;
 use super::state::{Effects, Next, Receiver, State, Submission};
 use super::task::{SharedJob, TaskSlot, Work};
-use super::{JobOptions, Limits, LimitsError, Renderer, ServiceOptions, Tracers, Unit};
+use super::{
+    JobControl, JobHandle, JobOptions, Limits, LimitsError, Renderer, ServiceOptions, Tracers, Unit,
+};
 use crate::stream::{ChunkScratch, drop_quietly, panic_message};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::AtomicBool;
@@ -16,6 +18,7 @@ use std::time::Instant;
 
 /// Why a service could not be started.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum ServiceError {
     /// There are no host threads, or no job may run.
     #[error("a service needs at least one {0}")]
@@ -63,7 +66,7 @@ pub(super) const STACK_BYTES: usize = 16 << 20;
 ///     }
 /// }
 ///
-/// let service = Service::new(ServiceOptions { host_threads: 2, ..ServiceOptions::default() })?;
+/// let service = Service::new(ServiceOptions::default().with_host_threads(2))?;
 /// let down = Ray { origin: [0.0, 3.0, 0.0], direction: [0.0, -1.0, 0.0], ..Ray::default() };
 /// let up = Ray { direction: [0.0, 1.0, 0.0], ..down };
 /// let tracers = Tracers::cpu(Arc::new(Floor));
@@ -73,7 +76,7 @@ pub(super) const STACK_BYTES: usize = 16 << 20;
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub struct Service {
-    inner: Arc<Inner>,
+    pub(super) inner: Arc<Inner>,
     threads: Vec<JoinHandle<()>>,
 }
 
@@ -82,11 +85,19 @@ pub(super) struct Inner {
     state: Mutex<State>,
     /// One for each thread, so that threads can be woken one by one.
     wakers: Vec<Condvar>,
-    pool: Pool,
+    pub(super) pool: Pool,
     /// Of the jobs for which a thread may be waiting.
     results: Mutex<Vec<Weak<ResultSlot>>>,
-    hosts: usize,
+    pub(super) hosts: usize,
     epoch: Instant,
+}
+
+impl std::fmt::Debug for Service {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let (hosts, dispatchers) = self.inner.threads();
+        let mut fields = f.debug_struct("Service");
+        fields.field("host_threads", &hosts).field("dispatch_threads", &dispatchers).finish_non_exhaustive()
+    }
 }
 
 impl Service {
@@ -95,16 +106,15 @@ impl Service {
     /// # Errors
     /// [`ServiceError`] when a number is zero or the operating system refuses a thread.
     pub fn new(options: ServiceOptions) -> Result<Self, ServiceError> {
-        let ServiceOptions { host_threads, dispatch_threads, max_jobs, sharing } = options;
-        if host_threads == 0 {
-            return Err(ServiceError::None("host thread"));
-        }
-        if max_jobs == 0 {
-            return Err(ServiceError::None("job at a time"));
+        let &ServiceOptions { host_threads, dispatch_threads, max_jobs, max_queries, .. } = &options;
+        let needed =
+            [(host_threads, "host thread"), (max_jobs, "job at a time"), (max_queries, "query at a time")];
+        if let Some((_, what)) = needed.into_iter().find(|(number, _)| *number == 0) {
+            return Err(ServiceError::None(what));
         }
         let threads = host_threads + dispatch_threads;
         let inner = Arc::new(Inner {
-            state: Mutex::new(State::new(host_threads, dispatch_threads, max_jobs, sharing)),
+            state: Mutex::new(State::new(&options)),
             wakers: (0..threads).map(|_| Condvar::new()).collect(),
             pool: Pool::new(max_jobs),
             results: Mutex::default(),
@@ -146,28 +156,40 @@ impl Service {
     ///
     /// # Errors
     /// [`LimitsError`] when sizes do not fit each other.
-    pub fn submit<R: Renderer>(
+    pub fn submit<R: Renderer + 'static>(
         &self,
         renderer: Arc<R>,
         tracers: Tracers,
         options: JobOptions,
     ) -> Result<JobHandle, LimitsError> {
+        self.submit_as(renderer, tracers, &options, false)
+    }
+
+    pub(super) fn submit_as<R: Renderer + 'static>(
+        &self,
+        renderer: Arc<R>,
+        tracers: Tracers,
+        options: &JobOptions,
+        is_query: bool,
+    ) -> Result<JobHandle, LimitsError> {
         let inner = &self.inner;
-        let threads = (inner.hosts, inner.wakers.len() - inner.hosts);
         let result = Arc::new(ResultSlot::default());
         let receiver = Arc::clone(&result) as _;
-        let submission = prepare(renderer, tracers, &options, threads, &inner.pool, receiver)?;
+        let submission = Submission {
+            is_query,
+            ..prepare(renderer, tracers, options, inner.threads(), &inner.pool, receiver)?
+        };
         inner.track(&result);
         let id = inner.change(|state, now_ns| state.submit(submission, now_ns));
         if id.is_none() {
             result.give_up("it broke earlier");
         }
-        Ok(JobHandle::new(id, Arc::clone(inner), result))
+        Ok(JobHandle::new(JobControl::new(id, options.name.clone(), Arc::clone(inner), result)))
     }
 }
 
 /// Makes a job that runs a renderer.
-pub(super) fn prepare<R: Renderer>(
+pub(super) fn prepare<R: Renderer + 'static>(
     renderer: Arc<R>,
     tracers: Tracers,
     options: &JobOptions,
@@ -176,14 +198,7 @@ pub(super) fn prepare<R: Renderer>(
     receiver: Arc<dyn Receiver>,
 ) -> Result<Submission, LimitsError> {
     let device_name = tracers.device.as_ref().map_or_else(String::new, |device| device.name().to_owned());
-    let (unit, event) = match (tracers.unit, &tracers.device) {
-        (Unit::Cpu, _) => (Unit::Cpu, None),
-        (_, None) => (Unit::Cpu, Some("there is no GPU; host threads trace alone".to_owned())),
-        (_, Some(_)) if dispatchers == 0 => {
-            (Unit::Cpu, Some(format!("{device_name} is not used: the service has no dispatch threads")))
-        }
-        (unit, Some(_)) => (unit, None),
-    };
+    let (unit, event) = unit_used(&tracers, &device_name, dispatchers);
     let tiles = renderer.tiles();
     let demand = Demand {
         tiles,
@@ -206,7 +221,19 @@ pub(super) fn prepare<R: Renderer>(
     let work: Arc<dyn Work> = Arc::clone(&shared) as Arc<dyn Work>;
     let events = event.into_iter().collect();
     let job = TypedJob::new(shared, pool.take(), options, unit, tiles, events);
-    Ok(Submission { job: Box::new(job), work, receiver })
+    Ok(Submission { job: Box::new(job), work, receiver, priority: options.priority, is_query: false })
+}
+
+/// What traces a job's rays on a service with this many dispatch threads, and what there is to say about it.
+pub(super) fn unit_used(tracers: &Tracers, device: &str, dispatchers: usize) -> (Unit, Option<String>) {
+    match (tracers.unit, &tracers.device) {
+        (Unit::Cpu, _) => (Unit::Cpu, None),
+        (_, None) => (Unit::Cpu, Some("there is no GPU; host threads trace alone".to_owned())),
+        (_, Some(_)) if dispatchers == 0 => {
+            (Unit::Cpu, Some(format!("{device} is not used: the service has no dispatch threads")))
+        }
+        (unit, Some(_)) => (unit, None),
+    }
 }
 
 impl Drop for Service {
@@ -226,8 +253,13 @@ impl Drop for Service {
 }
 
 impl Inner {
-    fn now_ns(&self) -> u64 {
+    pub fn now_ns(&self) -> u64 {
         self.epoch.elapsed().as_nanos() as u64
+    }
+
+    /// The numbers of host and dispatch threads.
+    pub fn threads(&self) -> (usize, usize) {
+        (self.hosts, self.wakers.len() - self.hosts)
     }
 
     /// Changes the state and applies the effects. `None` if a panic has broken the state.
@@ -255,7 +287,8 @@ impl Inner {
     /// After a panic under the lock, which is a bug of the scheduler: delivers an error to all who wait.
     fn give_up(&self, why: &str) {
         let results = self.results.lock().unwrap_or_else(PoisonError::into_inner);
-        results.iter().filter_map(Weak::upgrade).for_each(|result| result.give_up(why));
+        let results: Vec<_> = results.iter().filter_map(Weak::upgrade).collect();
+        results.iter().for_each(|result| result.give_up(why));
         self.wakers.iter().for_each(Condvar::notify_one);
     }
 
@@ -269,7 +302,7 @@ impl Inner {
             wake.into_iter().flatten().for_each(|thread| self.wakers[thread].notify_one());
         }
         for ended in ended {
-            let Submission { job, work, receiver } = ended.submission;
+            let Submission { job, work, receiver, .. } = ended.submission;
             job.retire(&self.pool);
             drop_quietly(work);
             receiver.deliver(ended.outcome);

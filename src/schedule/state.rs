@@ -4,7 +4,7 @@
 use super::job::Job;
 use super::report::{JobReport, Progress, ThreadKind};
 use super::task::Work;
-use super::{Choice, JobError, Load, Rule, Sharing, Turn, policy};
+use super::{Choice, JobError, Load, Priority, Rule, ServiceOptions, Sharing, TaskSize, Turn, policy};
 use std::collections::VecDeque;
 use std::sync::Arc;
 
@@ -26,6 +26,31 @@ pub(super) struct Submission {
     pub job: Box<dyn Job>,
     pub work: Arc<dyn Work>,
     pub receiver: Arc<dyn Receiver>,
+    pub priority: Priority,
+    /// Whether the job is a query, which does not count for the most jobs.
+    pub is_query: bool,
+}
+
+/// Jobs of a lane are admitted without regard to those of other lanes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Lane {
+    Jobs,
+    Queries,
+    Interactive,
+}
+
+impl Lane {
+    const ALL: [Self; 3] = [Self::Jobs, Self::Queries, Self::Interactive];
+}
+
+impl Submission {
+    fn lane(&self) -> Lane {
+        match self.priority {
+            Priority::Interactive => Lane::Interactive,
+            _ if self.is_query => Lane::Queries,
+            _ => Lane::Jobs,
+        }
+    }
 }
 
 /// What a thread does next.
@@ -94,11 +119,15 @@ pub(super) struct State {
     waking: [usize; 2],
     /// Dispatch threads with a task.
     dispatching: usize,
-    max_jobs: usize,
+    /// The most jobs of each lane.
+    most: [usize; Lane::ALL.len()],
     sharing: Sharing,
+    /// Registered interactive clients.
+    clients: usize,
     jobs: Vec<Admitted>,
     /// The turns of `jobs`, in the same order.
     turns: Vec<Turn>,
+    /// In the order of submission.
     waiting: VecDeque<Admitted>,
     next_id: u64,
     closing: bool,
@@ -106,16 +135,21 @@ pub(super) struct State {
 }
 
 impl State {
-    pub fn new(hosts: usize, dispatchers: usize, max_jobs: usize, sharing: Sharing) -> Self {
-        assert!(hosts > 0 && max_jobs > 0, "a service has a host thread and room for a job");
+    pub fn new(options: &ServiceOptions) -> Self {
+        let &ServiceOptions { host_threads, dispatch_threads, max_jobs, max_queries, sharing, .. } = options;
+        assert!(
+            host_threads > 0 && max_jobs > 0 && max_queries > 0,
+            "a service has a thread and room for a job"
+        );
         Self {
-            hosts,
-            threads: vec![Thread::default(); hosts + dispatchers],
-            sleepers: [Vec::with_capacity(hosts), Vec::with_capacity(dispatchers)],
+            hosts: host_threads,
+            threads: vec![Thread::default(); host_threads + dispatch_threads],
+            sleepers: [Vec::with_capacity(host_threads), Vec::with_capacity(dispatch_threads)],
             waking: [0; 2],
             dispatching: 0,
-            max_jobs,
+            most: [max_jobs, max_queries, max_queries],
             sharing,
+            clients: 0,
             jobs: Vec::with_capacity(max_jobs),
             turns: Vec::with_capacity(max_jobs),
             waiting: VecDeque::new(),
@@ -125,7 +159,7 @@ impl State {
         }
     }
 
-    /// Admits a job, or queues it while there are `max_jobs`.
+    /// Admits a job, or queues it while there are as many of its lane as may run.
     pub fn submit(&mut self, submission: Submission, now_ns: u64) -> JobId {
         assert!(!self.closing, "a closed service takes no jobs");
         let id = JobId(self.next_id);
@@ -145,6 +179,24 @@ impl State {
         self.admit(now_ns);
         self.wake_for_work(now_ns);
         id
+    }
+
+    /// Registers an interactive client, or with `false` takes it off the list.
+    pub fn register(&mut self, is_there: bool) {
+        self.clients = if is_there { self.clients + 1 } else { self.clients - 1 };
+    }
+
+    /// Changes a job's priority, unless it has ended. A job that runs goes on running, whatever its new lane has.
+    pub fn set_priority(&mut self, id: JobId, priority: Priority, now_ns: u64) {
+        if let Some(job) = self.waiting.iter_mut().find(|job| job.id == id) {
+            job.submission.priority = priority;
+        } else if let Some(index) = self.index(id).filter(|&index| self.turns[index].priority != priority) {
+            self.jobs[index].submission.priority = priority;
+            let served = self.turns[index].served.max(self.least_served(priority));
+            self.turns[index] = Turn { priority, served, ..self.turns[index] };
+        }
+        self.admit(now_ns);
+        self.wake_for_work(now_ns);
     }
 
     /// Spawns no more tiles of a job, unless it has ended.
@@ -218,8 +270,9 @@ impl State {
     }
 
     fn start(&mut self, thread: usize, choice: Choice, now_ns: u64) -> Arc<dyn Work> {
+        let size = self.task_size();
         let job = &mut self.jobs[choice.job];
-        let rays = job.submission.job.start(thread, choice.rule);
+        let rays = job.submission.job.start(thread, choice.rule, size);
         let (id, work) = (job.id, Arc::clone(&job.submission.work));
         self.dispatching += usize::from(choice.rule == Rule::Dispatch);
         self.threads[thread].task = Some(Running { job: id, start_ns: now_ns });
@@ -249,6 +302,13 @@ impl State {
     fn load(&self) -> Load {
         let dispatchers = self.threads.len() - self.hosts;
         Load { hosts: self.hosts, dispatchers, idle_dispatchers: dispatchers - self.dispatching }
+    }
+
+    /// Tasks are small while an interactive client is registered or an interactive job runs.
+    fn task_size(&self) -> TaskSize {
+        let interactive = |turn: &Turn| turn.priority == Priority::Interactive;
+        let is_small = self.clients > 0 || self.turns.iter().any(interactive);
+        if is_small { TaskSize::Small } else { TaskSize::Large }
     }
 
     fn choose(&self, kind: usize) -> Option<Choice> {
@@ -299,17 +359,35 @@ impl State {
     }
 
     fn admit(&mut self, now_ns: u64) {
-        while self.jobs.len() < self.max_jobs
-            && let Some(mut job) = self.waiting.pop_front()
-        {
-            job.begin(now_ns, &self.threads);
-            // As if served as little as the least served job: with 0 it would get all threads until it had caught up.
-            let served = self.turns.iter().map(|turn| turn.served).min().unwrap_or(0);
-            self.turns.push(Turn { view: job.submission.job.view(), served });
-            self.jobs.push(job);
-            // A job without tiles is over at once.
-            self.end_if_over(self.jobs.len() - 1, now_ns);
+        for lane in Lane::ALL {
+            while let Some(index) = self.next_to_admit(lane) {
+                let mut job = self.waiting.remove(index).expect("the job that was found");
+                job.begin(now_ns, &self.threads);
+                // As if served as little as the least served job: with 0 it would get all threads until it had caught
+                // up.
+                let priority = job.submission.priority;
+                let served = self.least_served(priority);
+                self.turns.push(Turn { view: job.submission.job.view(), priority, served });
+                self.jobs.push(job);
+                // A job without tiles is over at once.
+                self.end_if_over(self.jobs.len() - 1, now_ns);
+            }
         }
+    }
+
+    /// The job of a lane that is admitted next, if there is one and the lane has room: the oldest of those with the
+    /// highest priority.
+    fn next_to_admit(&self, lane: Lane) -> Option<usize> {
+        let running = self.jobs.iter().filter(|job| job.submission.lane() == lane).count();
+        let waiting = self.waiting.iter().enumerate().filter(|(_, job)| job.submission.lane() == lane);
+        let next = waiting.min_by_key(|(_, job)| job.submission.priority);
+        next.map(|(index, _)| index).filter(|_| running < self.most[lane as usize])
+    }
+
+    /// Rays given to the job of a priority that has got the fewest.
+    fn least_served(&self, priority: Priority) -> u64 {
+        let turns = self.turns.iter().filter(|turn| turn.priority == priority);
+        turns.map(|turn| turn.served).min().unwrap_or(0)
     }
 
     fn end_if_over(&mut self, index: usize, now_ns: u64) {
@@ -350,6 +428,10 @@ impl State {
         }
         for (job, turn) in self.jobs.iter().zip(&self.turns) {
             assert_eq!(job.submission.job.view(), turn.view, "views are current");
+            assert_eq!(job.submission.priority, turn.priority, "and so are priorities");
+        }
+        for lane in Lane::ALL {
+            assert!(self.next_to_admit(lane).is_none(), "no job waits while its lane has room");
         }
         for kind in [0, 1] {
             let work = !self.closing && self.choose(kind).is_some();

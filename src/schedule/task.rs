@@ -15,11 +15,12 @@ pub(super) enum Task<P, S> {
         tile: u64,
         output: RayStream<Filling, P, S>,
     },
-    /// Ends when the output has `threshold` paths.
+    /// Ends when the output has `threshold` paths, or when one more batch would be more than `most_rays`.
     Shade {
         input: RayStream<Traced, P, S>,
         output: RayStream<Filling, P, S>,
         threshold: usize,
+        most_rays: usize,
     },
     Trace(Chunk),
     Dispatch(RayStream<Full, P, S>),
@@ -91,7 +92,9 @@ impl<R: Renderer> Work for SharedJob<R> {
         };
         let done = catch_unwind(AssertUnwindSafe(|| match task {
             Task::Spawn { tile, output } => self.spawn(tile, output),
-            Task::Shade { input, output, threshold } => self.shade(input, output, threshold),
+            Task::Shade { input, output, threshold, most_rays } => {
+                self.shade(input, output, threshold, most_rays)
+            }
             Task::Trace(chunk) => Done::Traced(chunk.trace(&*self.tracers.host, scratch)),
             Task::Dispatch(stream) => self.dispatch(stream),
         }));
@@ -125,6 +128,7 @@ impl<R: Renderer> SharedJob<R> {
         mut input: RayStream<Traced, R::Payload, R::ShadowPayload>,
         mut output: RayStream<Filling, R::Payload, R::ShadowPayload>,
         threshold: usize,
+        most_rays: usize,
     ) -> Done<R::Payload, R::ShadowPayload> {
         let limits = &self.limits;
         let shadows = input.take_shadows();
@@ -134,11 +138,16 @@ impl<R: Renderer> SharedJob<R> {
             self.renderer.shadow(rays, payloads, &shadows.occluded[batch]);
         }
         let (mut emitted, mut depths) = (Emitted::default(), Depths::default());
-        while !self.abandoned.load(Ordering::Relaxed) {
-            let TracedRays { rays, hits, payloads } = input.next_batch(limits.batch_rays.min(threshold));
+        let batch_rays = limits.batch_rays.min(threshold).min(most_rays);
+        let mut done = shadows.rays.len();
+        while (done == 0 || done.saturating_add(batch_rays) <= most_rays)
+            && !self.abandoned.load(Ordering::Relaxed)
+        {
+            let TracedRays { rays, hits, payloads } = input.next_batch(batch_rays);
             if rays.is_empty() {
                 break;
             }
+            done += rays.len();
             depths.count(payloads.iter().map(|payload| self.renderer.depth(payload)));
             let batch = Batch { rays, hits, payloads };
             let most_shadows = rays.len() * limits.shadow_rays_per_ray;

@@ -94,7 +94,7 @@ fn a_frame_allocates_nothing_between_its_first_and_last_task() {
     let settings = Settings { width: 200, height: 200, spp: 1, max_bounces: 4, seed: 1 };
     let path = || PathTracer::new(scene.clone(), &camera, settings, None).expect("valid settings");
     for host_threads in [1, 3] {
-        let service = Service::new(ServiceOptions { host_threads, ..ServiceOptions::default() });
+        let service = Service::new(ServiceOptions::default().with_host_threads(host_threads));
         let service = service.expect("threads can be started");
         let mut first = None;
         let streams = fewest(64, || {

@@ -24,7 +24,7 @@ fn render(unit: Unit, fault: Option<Fault>) -> (String, Vec<String>) {
     let (width, height) = (48, 48);
     let settings = Settings { width, height, spp: 8, max_bounces: 4, seed: 3 };
     let path = Arc::new(PathTracer::new(scene, &camera, settings, None).expect("settings"));
-    let options = ServiceOptions { host_threads: 2, dispatch_threads: 2, ..Default::default() };
+    let options = ServiceOptions::default().with_host_threads(2).with_dispatch_threads(2);
     let service = Service::new(options).expect("threads");
     let job = service.submit(path.clone(), prepared.tracers.clone(), JobOptions::default()).expect("job");
     let report = job.wait().expect("frame");

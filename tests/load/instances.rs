@@ -104,7 +104,7 @@ fn a_picture_does_not_depend_on_what_is_shared() {
     scene.environment = Environment::Constant([1.0, 0.8, 0.6].into());
     assert!(scene.shapes[0].triangles.len() * 2 >= MIN_SAVED_TRIANGLES);
     let written_out = Scene { shapes: Vec::new(), ..scene.clone() };
-    let service = Service::new(ServiceOptions { host_threads: 2, ..Default::default() }).expect("threads");
+    let service = Service::new(ServiceOptions::default().with_host_threads(2)).expect("threads");
     let [shared, alone] = [scene, written_out].map(|scene| {
         let camera = Camera::framing(&scene.bounds(), 1.0);
         let prepared = PreparedScene::new(Arc::new(scene), &Units::cpu());

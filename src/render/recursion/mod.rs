@@ -69,7 +69,7 @@
 //! // The shader is a renderer like any other: a job for the service.
 //! let sun = Vec3::new(0.3, 0.9, 0.4).normalize();
 //! let mirrors = Arc::new(Recursion::new(Mirrors { sun }, prepared.scene.clone(), &camera, settings)?);
-//! let service = Service::new(ServiceOptions { host_threads: 2, ..Default::default() })?;
+//! let service = Service::new(ServiceOptions::default().with_host_threads(2))?;
 //! service.submit(mirrors.clone(), prepared.tracers.clone(), JobOptions::default())?.wait()?;
 //!
 //! let picture = mirrors.film().resolve();

@@ -28,6 +28,7 @@ impl Studio {
             dispatch_threads: 0,
             max_jobs: PASSES_IN_FLIGHT,
             sharing: Sharing::FirstIn,
+            ..Default::default()
         };
         Self {
             service: Service::new(options).expect("threads"),

@@ -6,7 +6,7 @@
 
 mod table;
 
-use super::Limits;
+use super::{Limits, Priority};
 pub use table::{MOONRAY_SMALL, MOONRAY_WAITING, Policy};
 
 /// Which units trace a job's rays.
@@ -49,6 +49,19 @@ impl Pace {
     pub fn ns_for(self, rays: u64) -> Option<u64> {
         let ns = u128::from(self.ns) * u128::from(rays) / u128::from(self.rays.max(1));
         (self.rays > 0).then(|| ns.min(u128::from(u64::MAX)) as u64)
+    }
+
+    /// Rays that one thread would take `ns` for; `None` before the unit has traced any.
+    pub fn rays_in(self, ns: u64) -> Option<u64> {
+        let rays = u128::from(self.rays) * u128::from(ns) / u128::from(self.ns.max(1));
+        (self.rays > 0).then(|| rays.min(u128::from(u64::MAX)) as u64)
+    }
+}
+
+impl std::ops::AddAssign for Pace {
+    fn add_assign(&mut self, other: Self) {
+        self.rays += other.rays;
+        self.ns += other.ns;
     }
 }
 
@@ -103,6 +116,8 @@ pub struct View {
 pub struct Turn {
     /// What the policy sees of the job.
     pub view: View,
+    /// How urgent the job is now.
+    pub priority: Priority,
     /// Rays given to threads so far, counted at each task.
     pub served: u64,
 }
@@ -116,6 +131,15 @@ pub struct Load {
     pub dispatchers: usize,
     /// Dispatch threads without a task.
     pub idle_dispatchers: usize,
+}
+
+/// How large host threads' tasks are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TaskSize {
+    /// As is fastest for the job.
+    Large,
+    /// Short enough that an interactive client, which waits for the end of one, does not notice.
+    Small,
 }
 
 /// A task, and the job that it is taken from.
@@ -179,24 +203,36 @@ impl View {
     }
 }
 
-/// A host thread's next task. `turns` stand in the order of submission.
+/// A host thread's next task. `turns` stand in the order of admission.
 ///
-/// A job that has tasks under way flushes its small streams only if no job has better work, because those tasks may
-/// still fill the streams. A job without tasks under way need not wait for that, so no job starves.
+/// Among jobs of the same priority, a job that has tasks under way flushes its small streams only if no job has better
+/// work, because those tasks may still fill the streams. A job without tasks under way need not wait for that, so no
+/// job starves among its equals.
 pub fn choose(turns: &[Turn], load: Load, sharing: Sharing) -> Option<Choice> {
-    pick(turns, sharing, |view| view.host_rule(load, view.tasks == 0))
-        .or_else(|| pick(turns, sharing, |view| view.host_rule(load, true)))
+    Priority::ALL.into_iter().find_map(|priority| {
+        pick(turns, priority, sharing, |view| view.host_rule(load, view.tasks == 0))
+            .or_else(|| pick(turns, priority, sharing, |view| view.host_rule(load, true)))
+    })
 }
 
-/// A dispatch thread's next task. `turns` stand in the order of submission.
+/// A dispatch thread's next task. `turns` stand in the order of admission.
 pub fn choose_dispatch(turns: &[Turn], load: Load, sharing: Sharing) -> Option<Choice> {
-    pick(turns, sharing, |view| view.allows(Rule::Dispatch, load).then_some(Rule::Dispatch))
+    Priority::ALL.into_iter().find_map(|priority| {
+        let rule = |view: &View| view.allows(Rule::Dispatch, load).then_some(Rule::Dispatch);
+        pick(turns, priority, sharing, rule)
+    })
 }
 
-/// The first job, in the order that `sharing` gives, for which `rule` finds a task.
-fn pick(turns: &[Turn], sharing: Sharing, rule: impl Fn(&View) -> Option<Rule>) -> Option<Choice> {
+/// The first job of a priority, in the order that `sharing` gives, for which `rule` finds a task.
+fn pick(
+    turns: &[Turn],
+    priority: Priority,
+    sharing: Sharing,
+    rule: impl Fn(&View) -> Option<Rule>,
+) -> Option<Choice> {
     let mut choice: Option<(u64, Choice)> = None;
-    for (job, turn) in turns.iter().enumerate().filter(|(_, turn)| !turn.view.ended) {
+    let able = |turn: &Turn| turn.priority == priority && !turn.view.ended;
+    for (job, turn) in turns.iter().enumerate().filter(|(_, turn)| able(turn)) {
         if choice.is_some_and(|(served, _)| sharing == Sharing::FirstIn || served <= turn.served) {
             continue;
         }
@@ -205,6 +241,18 @@ fn pick(turns: &[Turn], sharing: Sharing, rule: impl Fn(&View) -> Option<Rule>) 
         }
     }
     choice.map(|(_, choice)| choice)
+}
+
+/// How long a small task takes.
+pub(super) const SMALL_TASK_NS: u64 = 500_000;
+
+/// The most rays of a host thread's task, for a job whose threads trace or shade at this pace. Never fewer than the
+/// smallest chunk, which would be much slower; as many until the pace is known.
+pub fn most_rays(size: TaskSize, pace: Pace, limits: &Limits) -> usize {
+    match size {
+        TaskSize::Large => usize::MAX,
+        TaskSize::Small => (pace.rays_in(SMALL_TASK_NS).unwrap_or(0) as usize).max(limits.chunk_rays),
+    }
 }
 
 /// Streams for each host thread into which the rest of a job is divided at its tail.

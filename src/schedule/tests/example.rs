@@ -5,7 +5,7 @@ use super::super::report::{JobReport, Progress};
 use super::super::service::prepare;
 use super::super::state::{Next, Receiver, State};
 use super::super::task::Work;
-use super::super::{Batch, JobError, JobOptions, Lengths, Output, Renderer, Sharing, TaskKind};
+use super::super::{Batch, JobError, JobOptions, Lengths, Output, Renderer, ServiceOptions, TaskKind};
 use super::blind;
 use crate::stream::{ChunkScratch, Ray};
 use std::sync::{Arc, Mutex};
@@ -111,7 +111,12 @@ fn the_example_of_the_readme_happens_as_it_says() {
     let renderer = Arc::new(Example::default());
     let receiver = Arc::clone(&outbox) as _;
     let submission = prepare(renderer, blind(), &options, (2, 0), &pool, receiver).unwrap();
-    let mut state = State::new(2, 0, 1, Sharing::Fair);
+    let mut state = State::new(&ServiceOptions {
+        host_threads: 2,
+        dispatch_threads: 0,
+        max_jobs: 1,
+        ..Default::default()
+    });
     state.submit(submission, 0);
     let mut threads = Threads { state, work: [None, None], ended: false, pool };
 

@@ -314,14 +314,14 @@ fn a_faulty_renderer_fails_only_its_own_job() {
     let service = service(1, 0);
     let run = |rays, shadow_rays, panics_in_drop| {
         let renderer = Arc::new(Faulty { rays, shadow_rays, panics_in_drop });
-        outcome(service.submit(renderer, blind(), JobOptions::default()).unwrap())
+        outcome(service.submit(renderer, blind(), JobOptions::default().with_name("faulty")).unwrap())
     };
     let message = |outcome: Result<JobReport, JobError>| outcome.unwrap_err().to_string();
     let text = message(run(11, 0, false));
     assert!(text.contains("emitted 11 rays and 0 shadow rays where it promised at most 10 and 10"), "{text}");
     let text = message(run(0, 11, false));
     assert!(text.contains("emitted 0 rays and 11 shadow rays where it promised at most 10 and 10"), "{text}");
-    assert_eq!(message(run(0, 0, false)), "the job panicked: a shader that panics");
+    assert_eq!(message(run(0, 0, false)), "job \"faulty\" panicked: a shader that panics");
     run(0, 0, true).unwrap();
     let ledger = Ledger::new(SCRIPT);
     let job = service.submit(Arc::clone(&ledger), Tracers::cpu(Arc::clone(&ledger) as _), SMALL).unwrap();
@@ -337,4 +337,6 @@ fn a_service_without_workers_is_refused() {
     };
     assert_eq!(refused(0, 1), "a service needs at least one host thread");
     assert_eq!(refused(1, 0), "a service needs at least one job at a time");
+    let none = Service::new(ServiceOptions::default().with_max_queries(0)).err().unwrap().to_string();
+    assert_eq!(none, "a service needs at least one query at a time");
 }

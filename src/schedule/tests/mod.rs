@@ -7,9 +7,10 @@ mod lifecycle;
 mod policy;
 mod queries;
 mod simulator;
+mod steering;
 mod threads;
 
-use super::{JobError, JobHandle, JobOptions, JobReport, Service, ServiceOptions};
+use super::{JobError, JobHandle, JobOptions, JobReport, Priority, Service, ServiceOptions};
 use ledger::Script;
 use std::time::Duration;
 
@@ -19,11 +20,14 @@ const SCRIPT: Script =
     Script { seed: 1, tiles: 40, tile_rays: 300, max_depth: 6, shadow_rays_per_ray: 2, panic_at: None };
 
 const SMALL: JobOptions = JobOptions {
+    name: None,
+    priority: Priority::Normal,
     in_flight: Some(3000),
     threshold: Some(400),
     batch_rays: 200,
     chunk_rays: 64,
     chunk_rays_most: 500,
+    caller_rays: 0,
     shrink_streams: true,
     policy: None,
     timeline: true,

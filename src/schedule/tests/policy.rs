@@ -1,7 +1,7 @@
 //! The rules, one by one.
 
-use super::super::policy::{Pace, choose, choose_dispatch, chunk_rays, threshold};
-use super::super::{Limits, Load, Policy, Rule, Sharing, Turn, Unit, View};
+use super::super::policy::{Pace, SMALL_TASK_NS, choose, choose_dispatch, chunk_rays, most_rays, threshold};
+use super::super::{Limits, Load, Policy, Priority, Rule, Sharing, TaskSize, Turn, Unit, View};
 
 const IDLE: View = View {
     unit: Unit::Hybrid,
@@ -25,7 +25,7 @@ const BUSY: Load = Load { hosts: 2, dispatchers: 4, idle_dispatchers: 0 };
 const IDLE_DEVICE: Load = Load { idle_dispatchers: 1, ..BUSY };
 
 fn turn(view: View, served: u64) -> Turn {
-    Turn { view, served }
+    Turn { view, priority: Priority::Normal, served }
 }
 
 /// A host thread's task.
@@ -220,4 +220,36 @@ fn under_every_policy_some_thread_takes_a_full_stream() {
             }
         }
     }
+}
+
+#[test]
+fn a_lower_priority_gets_what_the_higher_ones_leave() {
+    let at = |priority, view| Turn { priority, ..turn(view, 0) };
+    let job = |turns: &[Turn]| choose(turns, BUSY, Sharing::Fair).map(|choice| (choice.job, choice.rule));
+    let (low, normal, high) = (Priority::Background, Priority::Normal, Priority::Interactive);
+    assert_eq!(job(&[at(low, ALL), at(normal, ALL), at(high, ALL)]), Some((2, Rule::Spawn)));
+    // Even the last resort of a job comes before the first choice of one with a lower priority.
+    let last = View { need_more: 1, tasks: 1, ..IDLE };
+    assert_eq!(job(&[at(normal, ALL), at(high, last)]), Some((1, Rule::Flush)));
+    assert_eq!(job(&[at(low, ALL), at(normal, last)]), Some((1, Rule::Flush)));
+    assert_eq!(
+        job(&[at(low, ALL), at(normal, IDLE), at(high, View { ended: true, ..ALL })]),
+        Some((0, Rule::Spawn))
+    );
+    // Dispatch threads too.
+    let full = View { trace: 1, ..IDLE };
+    let choice = choose_dispatch(&[at(low, full), at(normal, full)], IDLE_DEVICE, Sharing::FirstIn);
+    assert_eq!(choice.map(|choice| choice.job), Some(1));
+}
+
+#[test]
+fn small_tasks_take_half_a_millisecond_at_the_pace_of_the_job() {
+    let limits = Limits::for_tests();
+    let pace = |ns_per_ray: u64| Pace { rays: 1000, ns: 1000 * ns_per_ray };
+    assert_eq!(SMALL_TASK_NS, 500_000);
+    assert_eq!(most_rays(TaskSize::Small, pace(100), &limits), 5000);
+    assert_eq!(most_rays(TaskSize::Large, pace(100), &limits), usize::MAX);
+    // Chunks of fewer than 1024 rays would trace more slowly.
+    assert_eq!(most_rays(TaskSize::Small, pace(10_000), &limits), 1024);
+    assert_eq!(most_rays(TaskSize::Small, Pace::default(), &limits), 1024);
 }

@@ -1,10 +1,10 @@
 //! Ray queries.
 
-use super::super::{JobError, JobOptions, Tracers};
+use super::super::{JobError, JobOptions, Priority, TaskKind, ThreadKind, Tracers, Unit};
 use super::{Gated, blind, service, wait_until};
 use crate::stream::{Hit, Ray, Tracer};
-use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
+use std::sync::{Arc, Mutex};
 
 /// Answers by the ray's origin.
 struct ByOrigin;
@@ -26,7 +26,7 @@ impl Tracer for ByOrigin {
 #[test]
 fn queries_answer_each_ray_in_its_place() {
     let service = service(4, 0);
-    for count in [0, 1, 16 * 1024, 100_001_usize] {
+    for count in [0, 1, 512, 513, 16 * 1024, 100_001_usize] {
         let rays = (0..count).map(|i| Ray { origin: [i as f32, 7.0, 0.0], ..Ray::default() });
         let rays: Arc<[Ray]> = rays.collect();
         let tracers = Tracers::cpu(Arc::new(ByOrigin));
@@ -40,6 +40,10 @@ fn queries_answer_each_ray_in_its_place() {
         let (occluded, report) = occluded.wait().unwrap();
         assert_eq!((occluded.len(), report.rays.camera, report.rays.shadow), (count, 0, count as u64));
         assert!(occluded.iter().enumerate().all(|(i, &occluded)| occluded == i as u32 % 2));
+        assert_eq!(
+            (report.cpu.rays, report.tiles, report.stopped),
+            (count as u64, count.div_ceil(16384) as u64, false)
+        );
     }
 }
 
@@ -49,10 +53,81 @@ fn a_query_can_be_cancelled() {
     let gated = Gated::new();
     let gate = service.submit(Arc::clone(&gated), blind(), JobOptions::default()).unwrap();
     wait_until(|| gated.spawned.load(Relaxed) > 0);
-    let query = service.closest(blind(), vec![Ray::default(); 10].into(), JobOptions::default()).unwrap();
+    let options = JobOptions::default().with_caller_rays(0);
+    let query = service.closest(blind(), vec![Ray::default(); 10].into(), options).unwrap();
     assert!(!query.is_finished() && query.progress().tiles == 1);
     query.cancel();
     assert_eq!(query.wait().err(), Some(JobError::Cancelled));
     gated.open();
     gate.wait().unwrap();
+}
+
+/// Remembers the threads that call it.
+#[derive(Default)]
+struct Witness(Mutex<Vec<std::thread::ThreadId>>);
+
+impl Tracer for Witness {
+    fn closest(&self, _: &[Ray], hits: &mut [Hit]) {
+        self.0.lock().unwrap().push(std::thread::current().id());
+        hits.fill(Hit::NONE);
+    }
+
+    fn occluded(&self, _: &[Ray], _: &mut [u32]) {
+        panic!("a tracer that panics");
+    }
+}
+
+#[test]
+fn few_rays_are_traced_by_the_caller_and_the_report_says_so() {
+    let service = service(2, 0);
+    let rays = |count| vec![Ray::default(); count].into();
+    let ask = |count, options: JobOptions, unit| {
+        let witness = Arc::new(Witness::default());
+        let tracers = Tracers { unit, ..Tracers::cpu(Arc::clone(&witness) as _) };
+        let (hits, report) = service.closest(tracers, rays(count), options).unwrap().wait().unwrap();
+        assert_eq!((hits.len(), report.cpu.rays), (count, count as u64));
+        let by_caller = witness.0.lock().unwrap().iter().all(|&thread| thread == std::thread::current().id());
+        let kinds: Vec<_> = report.threads.iter().map(|thread| thread.kind).collect();
+        assert_eq!(kinds == [ThreadKind::Caller], by_caller, "{kinds:?}");
+        assert!(by_caller || kinds == [ThreadKind::Host; 2]);
+        (by_caller, report)
+    };
+    let options = JobOptions::default;
+    let (by_caller, report) = ask(512, options().with_timeline(true).with_name("pick"), Unit::Cpu);
+    assert!(by_caller && report.name.as_deref() == Some("pick") && report.streams == 0);
+    let [task] = report.timeline[..] else { panic!("one task") };
+    assert_eq!((task.kind, task.rays, task.thread), (TaskKind::Trace, 512, 0));
+    assert_eq!(report.threads[0].busy_s, report.wall_s);
+    assert!(!ask(513, options(), Unit::Cpu).0);
+    assert!(!ask(1, options().with_caller_rays(0), Unit::Cpu).0);
+    assert!(!ask(1, options().with_priority(Priority::Background), Unit::Cpu).0);
+    // There is no GPU.
+    let (by_caller, report) = ask(1, options(), Unit::Gpu);
+    assert!(by_caller && report.events == ["there is no GPU; host threads trace alone"]);
+    assert!(service.closest(blind(), rays(1), options().with_batch_rays(0)).is_err(), "as for other queries");
+
+    let occluded =
+        service.occluded(Tracers::cpu(Arc::new(Witness::default())), rays(1), options().with_name("pick"));
+    let error = occluded.unwrap().wait().unwrap_err();
+    assert_eq!(error.to_string(), "job \"pick\" panicked: a tracer that panics");
+}
+
+#[test]
+fn a_stopped_query_has_answers_to_its_first_rays() {
+    let service = service(1, 0);
+    let gated = Gated::new();
+    let gate = service.submit(Arc::clone(&gated), blind(), JobOptions::default()).unwrap();
+    wait_until(|| gated.spawned.load(Relaxed) > 0);
+    let rays: Arc<[Ray]> =
+        (0..50_000).map(|i| Ray { origin: [i as f32, 7.0, 0.0], ..Ray::default() }).collect();
+    let ask = || {
+        service.closest(Tracers::cpu(Arc::new(ByOrigin)), Arc::clone(&rays), JobOptions::default()).unwrap()
+    };
+    let (none, all) = (ask(), ask());
+    none.stop();
+    let (hits, report) = none.wait().unwrap();
+    assert!(hits.is_empty() && report.stopped);
+    gated.open();
+    gate.wait().unwrap();
+    assert_eq!(all.wait().unwrap().0.len(), 50_000);
 }

@@ -2,16 +2,19 @@
 //! host and dispatch threads, tasks of random length, jobs that are submitted, stopped, cancelled or panic, and devices
 //! that die. [`HISTORIES`] seeds are run.
 
-use super::super::handle::JobError;
 use super::super::pool::Pool;
 use super::super::report::{JobReport, Progress};
+use super::super::result::JobError;
 use super::super::service::prepare;
-use super::super::state::{JobId, Next, Receiver, State};
+use super::super::state::{JobId, Next, Receiver, State, Submission};
 use super::super::task::Work;
-use super::super::{JobOptions, Policy, Sharing, TaskKind, Tracers, Unit};
+use super::super::{JobOptions, Policy, Priority, ServiceOptions, Sharing, TaskKind, Tracers, Unit};
 use super::ledger::{FakeDevice, Fate, Ledger, Script, mix};
 use crate::stream::ChunkScratch;
 use std::sync::{Arc, Mutex};
+
+/// Of simulated time. Tasks of a few rays take about as long as a small task should.
+const STEP_NS: u64 = 20_000;
 
 /// A small seeded generator.
 struct Random(u64);
@@ -91,6 +94,8 @@ struct Simulation {
     cases: Vec<Case>,
     now_ns: u64,
     scratch: ChunkScratch,
+    /// Registered interactive clients.
+    clients: usize,
     tasks: usize,
 }
 
@@ -100,13 +105,20 @@ impl Simulation {
         let (hosts, dispatchers) = (random.range(1, 5), random.range(0, 3));
         let sharing = random.pick(&[Sharing::Fair, Sharing::FirstIn]);
         Self {
-            state: State::new(hosts, dispatchers, random.range(1, 3), sharing),
+            state: State::new(&ServiceOptions {
+                host_threads: hosts,
+                dispatch_threads: dispatchers,
+                max_jobs: random.range(1, 3),
+                max_queries: random.range(1, 3),
+                sharing,
+            }),
             pool: Pool::new(2),
             hosts,
             threads: (0..hosts + dispatchers).map(|_| Status::Ready).collect(),
             cases: Vec::new(),
             now_ns: 0,
             scratch: ChunkScratch::default(),
+            clients: 0,
             random,
             tasks: 0,
         }
@@ -141,6 +153,9 @@ impl Simulation {
         };
         let chunk_rays = random.range(1, 8);
         let options = JobOptions {
+            name: Some("scripted".into()),
+            priority: random.pick(&Priority::ALL),
+            caller_rays: 0,
             in_flight: Some(script.tile_rays + random.range(0, 100)),
             threshold: Some(random.range(1, 40)),
             batch_rays: random.range(1, 16),
@@ -153,9 +168,10 @@ impl Simulation {
         let outbox = Arc::new(Outbox::default());
         let receiver = Arc::clone(&outbox) as _;
         let dispatchers = self.threads.len() - self.hosts;
+        let threads = (self.hosts, dispatchers);
         let submission =
-            prepare(Arc::clone(&ledger), tracers, &options, (self.hosts, dispatchers), &self.pool, receiver)
-                .unwrap();
+            prepare(Arc::clone(&ledger), tracers, &options, threads, &self.pool, receiver).unwrap();
+        let submission = Submission { is_query: self.random.one_in(3), ..submission };
         let id = self.state.submit(submission, self.now_ns);
         self.cases.push(Case { id, ledger, outbox, panics, cancelled: false, stopped: false });
         self.apply_effects();
@@ -180,7 +196,7 @@ impl Simulation {
 
     /// One thread makes one step; false when none can.
     fn step(&mut self) -> bool {
-        self.now_ns += 1 + self.random.next() % 10;
+        self.now_ns += (1 + self.random.next() % 10) * STEP_NS;
         let awake = |status: &Status| match status {
             Status::Ready | Status::Working { .. } => true,
             Status::Suspended { notified } => *notified,
@@ -219,7 +235,9 @@ impl Simulation {
         let index = self.random.range(0, self.cases.len() - 1);
         let case = &mut self.cases[index];
         let unfinished = case.outbox.0.lock().unwrap().is_none();
-        if self.random.one_in(2) {
+        if self.random.one_in(3) {
+            self.state.set_priority(case.id, self.random.pick(&Priority::ALL), self.now_ns);
+        } else if self.random.one_in(2) {
             case.cancelled |= unfinished;
             self.state.cancel(case.id, self.now_ns);
         } else {
@@ -227,6 +245,13 @@ impl Simulation {
             self.state.stop(case.id, self.now_ns);
         }
         self.apply_effects();
+    }
+
+    /// An interactive client is registered, or taken off the list.
+    fn come_or_go(&mut self) {
+        let comes = self.clients == 0 || (self.clients < 3 && self.random.one_in(2));
+        self.clients = if comes { self.clients + 1 } else { self.clients - 1 };
+        self.state.register(comes);
     }
 
     fn run(mut self, tally: &mut Tally) {
@@ -241,6 +266,9 @@ impl Simulation {
             }
             if disturbed && !self.cases.is_empty() && self.random.one_in(150) {
                 self.disturb();
+            }
+            if self.random.one_in(100) {
+                self.come_or_go();
             }
             let moved = self.step();
             steps += 1;
@@ -297,7 +325,8 @@ impl Case {
                 assert!(self.cancelled, "only cancelled jobs are");
                 tally.cancelled += 1;
             }
-            Err(JobError::Panicked(message)) => {
+            Err(JobError::Panicked { job, message }) => {
+                assert_eq!(job.as_deref(), Some("scripted"));
                 assert!(self.panics, "only scripted panics happen: {message}");
                 assert_eq!(message, "as the script says");
                 tally.panicked += 1;

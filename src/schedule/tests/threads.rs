@@ -159,7 +159,7 @@ fn many_owners_submit_cancel_and_drop_at_once() {
                 0 => drop(job),
                 1 => {
                     job.cancel();
-                    assert!(!matches!(outcome(job), Err(JobError::Panicked(_))) || panic_at.is_some());
+                    assert!(!matches!(outcome(job), Err(JobError::Panicked { .. })) || panic_at.is_some());
                 }
                 2 => {
                     job.stop();
