@@ -152,7 +152,7 @@ fn the_last_waker_is_woken_once_and_foreign_panics_in_it_are_caught() {
 fn dropping_a_future_half_way_cancels() {
     let service = service(1, 0);
     let (gated, job) = held(&service, JobOptions::default());
-    let mut job = Box::pin(async move { job.await });
+    let mut job = Box::pin(job);
     assert!(job.as_mut().poll(&mut Context::from_waker(Waker::noop())).is_pending());
     drop(job);
     gated.open();
