@@ -140,7 +140,7 @@ mod tests {
         };
         let service = Service::new(ServiceOptions::default().with_host_threads(2)).expect("threads");
         let render = |ball: &str| {
-            let prepared = PreparedScene::new(Arc::new(scene(ball)), &Units::cpu());
+            let prepared = PreparedScene::new(scene(ball), &Units::cpu()).expect("valid");
             let camera = prepared.scene.camera.expect("has one");
             let settings = Settings { width: 48, height: 48, spp: 1, max_bounces: 4, seed: 0 };
             let adaptive =

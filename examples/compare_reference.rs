@@ -75,7 +75,7 @@ fn compare(folder: &Path, reference: &Reference, service: &Service) -> Result<bo
     for emission in scene.materials.iter_mut().filter_map(|material| material.emission.as_mut()) {
         emission.two_sided = false;
     }
-    let prepared = PreparedScene::new(Arc::new(scene), &Units::cpu());
+    let prepared = PreparedScene::new(Arc::new(scene), &Units::cpu())?;
     let camera = Camera {
         eye: Vec3::new(278.0, 273.0, -800.0),
         target: Vec3::new(278.0, 273.0, 0.0),

@@ -5,7 +5,7 @@ use anyhow::{Context, Result, ensure};
 use glam::Vec3;
 use raystream::bench::meshes;
 use raystream::query::{Mesh, Ray};
-use raystream::scene::load;
+use raystream::scene::{Shared, load};
 use std::io::{BufWriter, Write};
 use std::path::Path;
 
@@ -67,7 +67,7 @@ fn main() -> Result<()> {
     let mut arguments = std::env::args().skip(1);
     let (positions, triangles) = match arguments.next() {
         Some(scene) => {
-            let mesh = load::load(Path::new(&scene))?.mesh;
+            let mesh = Shared::into_inner(load::load(Path::new(&scene))?.mesh);
             (mesh.positions, mesh.triangles)
         }
         None => meshes::terrain(512),

@@ -79,7 +79,7 @@ fn moons(cells: u32) -> Result<Scene> {
 }
 
 fn render(scene: Scene, settings: Settings) -> Result<Image> {
-    let prepared = PreparedScene::new(Arc::new(scene), &Units::cpu());
+    let prepared = PreparedScene::new(Arc::new(scene), &Units::cpu())?;
     let camera = prepared.scene.camera.context("the recipe has a camera")?;
     let frame = Arc::new(PathTracer::new(prepared.scene.clone(), &camera, settings, None)?);
     let service = Service::new(ServiceOptions::default())?;

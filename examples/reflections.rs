@@ -109,8 +109,8 @@ mod tests {
                              { "shape": "sphere", "centre": [0, 1, 0], "radius": 0.8, "cells": 32,
                                "material": "red" } ] }"#,
         );
-        let prepared =
-            PreparedScene::new(Arc::new(recipe.and_then(|r| r.build()).expect("a scene")), &Units::cpu());
+        let prepared = PreparedScene::new(recipe.and_then(|r| r.build()).expect("a scene"), &Units::cpu())
+            .expect("valid");
         let camera = prepared.scene.camera.expect("has one");
         let service = Service::new(ServiceOptions::default().with_host_threads(2)).expect("threads");
         let picture = |max_bounces: u32| {

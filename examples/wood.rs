@@ -152,7 +152,7 @@ fn main() -> Result<()> {
         scene.environment = Environment::Constant(glam::Vec3::ONE);
     }
     carve(&mut scene, 180.0);
-    let prepared = PreparedScene::new(Arc::new(scene), &Units::cpu());
+    let prepared = PreparedScene::new(scene, &Units::cpu())?;
     let settings = Settings { width, height, spp, max_bounces: 3, seed: 0 };
     let simd = SimdLevel::detect();
     let (image, fast) = render(&prepared, settings, simd)?;
@@ -185,7 +185,7 @@ mod tests {
         );
         let mut scene = recipe.and_then(|recipe| recipe.build()).expect("a scene");
         carve(&mut scene, 3.0);
-        let prepared = PreparedScene::new(Arc::new(scene), &Units::cpu());
+        let prepared = PreparedScene::new(scene, &Units::cpu()).expect("valid");
         let settings = Settings { width: 48, height: 40, spp: 4, max_bounces: 2, seed: 0 };
         let pictures: Vec<Image> = SimdLevel::available()
             .into_iter()

@@ -59,7 +59,7 @@ fn vector(text: &str) -> Result<Vec3> {
 
 fn main() -> Result<()> {
     let Arguments { scene, size: (width, height), eye, target, embree } = Arguments::parse();
-    let prepared = PreparedScene::new(Arc::new(meshes::scene(&scene)?), &Units::cpu());
+    let prepared = PreparedScene::new(Arc::new(meshes::scene(&scene)?), &Units::cpu())?;
     let bounds = prepared.scene.bounds();
     let base =
         prepared.scene.camera.unwrap_or_else(|| Camera::framing(&bounds, width as f32 / height as f32));

@@ -7,7 +7,6 @@ use crate::schedule::{Policy, Service, ServiceOptions, Sharing, Unit};
 use crate::trace::cpu::SimdLevel;
 use anyhow::{Result, ensure};
 use std::path::Path;
-use std::sync::Arc;
 use std::time::Instant;
 
 /// A prepared scene and the service that traces it.
@@ -38,15 +37,7 @@ impl Setup {
         // Options are checked before the scene is read, which may take long.
         let simd = SimdLevel::choose(&args.simd)?;
         let (unit, policy) = units_and_policy(args)?;
-        let units = Units::open(&UnitChoice {
-            unit,
-            adapter: args.adapter.clone(),
-            simd,
-            #[cfg(feature = "gpu")]
-            cache: super::cache::folder(),
-            #[cfg(feature = "gpu")]
-            fault: args.inject,
-        })?;
+        let units = Units::open(&unit_choice(unit, simd, args))?;
 
         let started = Instant::now();
         let mut scene = load::load(path)?;
@@ -57,7 +48,7 @@ impl Setup {
         let load_s = started.elapsed().as_secs_f64();
 
         let started = Instant::now();
-        let prepared = PreparedScene::new(Arc::new(scene), &units);
+        let prepared = PreparedScene::new(scene, &units)?;
         let build_s = started.elapsed().as_secs_f64();
         match (&prepared.adapter, &prepared.degraded) {
             (Some(adapter), _) => log::info!("tracing on the CPU ({simd}) and on {adapter}"),
@@ -80,6 +71,26 @@ impl Setup {
         })?;
         Ok(Self { prepared, service, simd, policy, load_s, build_s })
     }
+}
+
+/// The units to open.
+fn unit_choice(unit: Option<Unit>, simd: SimdLevel, args: &UnitArgs) -> UnitChoice {
+    let mut choice = UnitChoice::auto().with_simd(simd);
+    if let Some(unit) = unit {
+        choice = choice.with_unit(unit);
+    }
+    if let Some(adapter) = &args.adapter {
+        choice = choice.with_adapter(adapter);
+    }
+    #[cfg(feature = "gpu")]
+    if let Some(folder) = super::cache::folder() {
+        choice = choice.with_cache(folder);
+    }
+    #[cfg(feature = "gpu")]
+    if let Some(fault) = args.inject {
+        choice = choice.with_fault(fault);
+    }
+    choice
 }
 
 /// The requested units and policy; a policy of a single unit implies the unit.

@@ -1,7 +1,7 @@
 //! The scene's alpha test as a filter of candidate hits.
 
 use crate::bvh::Filter;
-use crate::scene::{AlphaMode, Scene};
+use crate::scene::Scene;
 use std::sync::Arc;
 
 impl Filter for Scene {
@@ -12,6 +12,6 @@ impl Filter for Scene {
 
 /// A filter that applies the scene's alpha test. `None` if all materials are opaque.
 pub(super) fn filter(scene: &Arc<Scene>) -> Option<Arc<dyn Filter>> {
-    let is_masked = scene.materials.iter().any(|material| material.alpha.mode != AlphaMode::Opaque);
+    let is_masked = scene.masked_materials().contains(&true);
     is_masked.then(|| scene.clone() as Arc<dyn Filter>)
 }

@@ -1,21 +1,65 @@
 //! A scene with its tree and the units that trace it.
 
 use super::alpha_filter::filter;
+use super::units::Device;
 use super::{Units, tree};
 use crate::bvh::{Bvh, Filter};
-use crate::scene::Scene;
-use crate::schedule::Tracers;
+use crate::render::{HitShader, HitShading, PathTracer, ROULETTE_BOUNCES, Settings, SettingsError};
+use crate::scene::{Camera, Scene, SceneError};
+use crate::schedule::{JobHandle, JobOptions, LimitsError, Renderer, SceneId, Service, Tracers};
+use crate::shade::LitScene;
 use crate::stream::{DeviceTracer, Tracer};
 use crate::trace::cpu::{CpuTracer, SingleRayTracer};
-use std::sync::Arc;
+use std::fmt;
+use std::sync::{Arc, OnceLock};
 
 /// A scene with its tree and tracers, ready for any number of jobs.
+///
+/// ```
+/// use raystream::engine::{PreparedScene, Units};
+/// use glam::Vec3;
+/// use raystream::render::Settings;
+/// use raystream::scene::{Camera, Environment, Material, Mesh, Scene};
+/// use raystream::schedule::{JobOptions, Service, ServiceOptions};
+///
+/// let mesh = Mesh {
+///     positions: vec![Vec3::ZERO, Vec3::X, Vec3::Y],
+///     triangles: vec![[0, 1, 2]],
+///     materials: vec![0],
+///     ..Mesh::default()
+/// };
+/// let scene = Scene {
+///     mesh: mesh.into(),
+///     materials: vec![Material::matte("paper", Vec3::splat(0.8))],
+///     environment: Environment::Constant(Vec3::ONE),
+///     ..Scene::default()
+/// };
+/// let camera = Camera::framing(&scene.bounds(), 1.0);
+/// let prepared = PreparedScene::new(scene, &Units::cpu())?;
+/// let service = Service::new(ServiceOptions::default())?;
+/// let settings = Settings { width: 32, height: 32, spp: 4, max_bounces: 2, seed: 1 };
+///
+/// let white = prepared.path(&camera, settings)?;
+/// prepared.submit(&service, white, JobOptions::default())?.wait()?;
+///
+/// // Another look of the same geometry keeps the tree.
+/// let mut scene = Scene::clone(&prepared.scene);
+/// scene.materials[0] = Material::matte("paper", Vec3::new(0.8, 0.2, 0.1));
+/// let prepared = prepared.with_look(scene)?;
+/// let red = prepared.path(&camera, settings)?;
+/// prepared.submit(&service, red.clone(), JobOptions::default())?.wait()?;
+/// # use raystream::render::Integrator;
+/// assert_eq!(red.frame().film().resolve().len(), 32 * 32);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Clone)]
+#[non_exhaustive]
 pub struct PreparedScene {
     /// The scene.
     pub scene: Arc<Scene>,
     /// The tree over the scene's triangles.
     pub bvh: Arc<Bvh>,
-    /// The tracers of all units.
+    /// The tracers of all units. The service accepts them for renderers of this scene alone.
     pub tracers: Tracers,
     /// The alpha test of triangles that are not opaque. `None` if all are opaque.
     pub filter: Option<Arc<dyn Filter>>,
@@ -25,27 +69,130 @@ pub struct PreparedScene {
     pub adapter: Option<String>,
     /// Why a requested GPU is not used. The CPU does its work.
     pub degraded: Option<String>,
+    units: Units,
+    device: Option<Device>,
+    /// Prepared when first needed.
+    lit: OnceLock<LitScene>,
 }
 
 impl PreparedScene {
-    /// Builds the tree and the tracers. It is no error if a GPU cannot trace the scene: the CPU does its work, and
-    /// [`PreparedScene::degraded`] gives the reason.
-    pub fn new(scene: Arc<Scene>, units: &Units) -> Self {
+    /// Checks the scene and builds the tree and the tracers. It is no error if a GPU cannot trace the scene: the CPU
+    /// does its work, and [`PreparedScene::degraded`] gives the reason.
+    ///
+    /// # Errors
+    /// What [`Scene::validate`] finds.
+    pub fn new(scene: impl Into<Arc<Scene>>, units: &Units) -> Result<Self, SceneError> {
+        let scene = scene.into();
+        scene.validate()?;
+        Ok(Self::of_valid(scene, units))
+    }
+
+    /// Prepares a scene that has passed [`Scene::validate`].
+    fn of_valid(scene: Arc<Scene>, units: &Units) -> Self {
         let bvh = Arc::new(tree::build(&scene, tree::MIN_SAVED_TRIANGLES));
         let filter = filter(&scene);
-        let host = CpuTracer::new(bvh.clone(), filter.clone(), units.simd());
-        let host: Arc<dyn Tracer> = Arc::new(host.expect("the units have checked the instruction set"));
-        let single_ray = SingleRayTracer::new(bvh.clone(), filter.clone(), units.simd());
-        let single_ray = Arc::new(single_ray.expect("the units have checked the instruction set"));
+        let (host, single_ray) = host_tracers(&bvh, filter.as_ref(), units);
         let (device, degraded) = match units.device(&bvh, filter.clone(), &host) {
             Ok(device) => (device, None),
             Err(reason) => (None, Some(reason)),
         };
-        let (tracers, adapter) = match device {
-            Some(device) => (Tracers { host, device: Some(device), unit: units.unit() }, units.adapter()),
-            None => (Tracers::cpu(host), None),
+        let tracers = tracers(host, device.as_ref(), units, &scene);
+        let adapter = device.as_ref().and_then(|_| units.adapter());
+        let (units, lit) = (units.clone(), OnceLock::new());
+        Self { scene, bvh, tracers, filter, single_ray, adapter, degraded, units, device, lit }
+    }
+
+    /// Prepares another look of this scene: a clone of [`PreparedScene::scene`] with other materials, lights,
+    /// environment or camera. The tree, the scene on the GPU and lights that are equal in both stay, so it takes
+    /// milliseconds. This scene stays as it is.
+    ///
+    /// The tree is built anew if the scene has another mesh, or if materials become opaque or cease to be
+    /// ([`crate::scene::AlphaMode`]).
+    ///
+    /// # Errors
+    /// What [`Scene::validate`] finds.
+    pub fn with_look(&self, look: impl Into<Arc<Scene>>) -> Result<Self, SceneError> {
+        let scene = look.into();
+        scene.validate_beside(&self.scene)?;
+        let prepared = if self.keeps_tree(&scene) {
+            self.with_valid_look(scene)
+        } else {
+            Self::of_valid(scene, &self.units)
         };
-        Self { scene, bvh, tracers, filter, single_ray, adapter, degraded }
+        if let Some(lit) = self.lit.get() {
+            prepared.lit.get_or_init(|| lit.with_look(Arc::clone(&prepared.scene)));
+        }
+        Ok(prepared)
+    }
+
+    /// Whether the tree of this scene is that of another.
+    fn keeps_tree(&self, other: &Scene) -> bool {
+        // No triangle has a material that only one of the scenes has.
+        let masks = self.scene.masked_materials().into_iter().zip(other.masked_materials());
+        other.shares_geometry(&self.scene) && masks.into_iter().all(|(old, new)| old == new)
+    }
+
+    /// Another look that has the same tree.
+    fn with_valid_look(&self, scene: Arc<Scene>) -> Self {
+        let filter = filter(&scene);
+        let (mut single_ray, mut device) = (Arc::clone(&self.single_ray), self.device.clone());
+        let mut host = Arc::clone(&self.tracers.host);
+        if filter.is_some() || self.filter.is_some() {
+            (host, single_ray) = host_tracers(&self.bvh, filter.as_ref(), &self.units);
+            device = device.map(|device| device.with_filter(filter.clone(), Arc::clone(&host)));
+        }
+        Self {
+            tracers: tracers(host, device.as_ref(), &self.units, &scene),
+            bvh: Arc::clone(&self.bvh),
+            adapter: self.adapter.clone(),
+            degraded: self.degraded.clone(),
+            units: self.units.clone(),
+            lit: OnceLock::new(),
+            scene,
+            filter,
+            single_ray,
+            device,
+        }
+    }
+
+    /// The scene with its lights, which are prepared by the first call.
+    pub fn lit(&self) -> LitScene {
+        self.lit.get_or_init(|| LitScene::from(Arc::clone(&self.scene))).clone()
+    }
+
+    /// A path tracer of this scene, whose paths may end by Russian roulette after [`ROULETTE_BOUNCES`] bounces. Other
+    /// integrators are made from [`PreparedScene::lit`], or from a shader by [`PreparedScene::shading`].
+    ///
+    /// # Errors
+    /// When a setting is out of range or the camera is invalid.
+    pub fn path(&self, camera: &Camera, settings: Settings) -> Result<Arc<PathTracer>, SettingsError> {
+        Ok(Arc::new(PathTracer::new(self.lit(), camera, settings, Some(ROULETTE_BOUNCES))?))
+    }
+
+    /// An integrator of this scene with a hit shader.
+    ///
+    /// # Errors
+    /// When a setting is out of range or the camera is invalid.
+    pub fn shading<S: HitShader>(
+        &self,
+        shader: S,
+        camera: &Camera,
+        settings: Settings,
+    ) -> Result<Arc<HitShading<S>>, SettingsError> {
+        Ok(Arc::new(HitShading::of(shader, self.lit(), camera, settings)?))
+    }
+
+    /// Submits a job that is traced by this scene's tracers.
+    ///
+    /// # Errors
+    /// When the renderer shades another scene, or sizes do not fit each other.
+    pub fn submit<R: Renderer + 'static>(
+        &self,
+        service: &Service,
+        renderer: Arc<R>,
+        options: JobOptions,
+    ) -> Result<JobHandle, LimitsError> {
+        service.submit(renderer, self.tracers.clone(), options)
     }
 
     /// The GPU's tracers with each kind of kernel, for comparison. Empty without a GPU.
@@ -54,5 +201,39 @@ impl PreparedScene {
     /// Why the GPU cannot trace the scene.
     pub fn variants(&self, units: &Units) -> Result<Vec<Arc<dyn DeviceTracer>>, String> {
         units.variants(&self.bvh, self.filter.clone(), &self.tracers.host)
+    }
+}
+
+impl fmt::Debug for PreparedScene {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("PreparedScene")
+            .field("triangles", &self.scene.mesh.triangles.len())
+            .field("materials", &self.scene.materials.len())
+            .field("tracers", &self.tracers)
+            .field("units", &self.units)
+            .field("adapter", &self.adapter)
+            .field("degraded", &self.degraded)
+            .finish_non_exhaustive()
+    }
+}
+
+/// The CPU's tracers: of streams, and of single rays.
+fn host_tracers(
+    bvh: &Arc<Bvh>,
+    filter: Option<&Arc<dyn Filter>>,
+    units: &Units,
+) -> (Arc<dyn Tracer>, Arc<SingleRayTracer>) {
+    let host = CpuTracer::new(Arc::clone(bvh), filter.cloned(), units.simd());
+    let single_ray = SingleRayTracer::new(Arc::clone(bvh), filter.cloned(), units.simd());
+    let checked = "the units have checked the instruction set";
+    (Arc::new(host.expect(checked)), Arc::new(single_ray.expect(checked)))
+}
+
+/// The tracers of a scene's jobs.
+fn tracers(host: Arc<dyn Tracer>, device: Option<&Device>, units: &Units, scene: &Arc<Scene>) -> Tracers {
+    let tracers = Tracers::cpu(host).for_scene(SceneId::of(scene));
+    match device {
+        Some(device) => tracers.with_device(device.tracer(), units.unit()),
+        None => tracers,
     }
 }

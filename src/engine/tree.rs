@@ -1,7 +1,7 @@
 //! Builds the tree over a scene: one tree over all triangles, or a two-level tree if instances save enough triangles.
 
 use crate::bvh::{Bvh, PrimitiveIds, TreeInstance};
-use crate::scene::{AlphaMode, Scene, Shape};
+use crate::scene::{Scene, Shape};
 use rayon::prelude::*;
 use std::sync::Arc;
 
@@ -12,7 +12,7 @@ pub const MIN_SAVED_TRIANGLES: usize = 1 << 16;
 /// Builds the tree of a scene. A shape stays shared if its instances together save at least `min_saved_triangles`
 /// triangles. The hits are the same to the bit either way.
 pub fn build(scene: &Scene, min_saved_triangles: usize) -> Bvh {
-    let masked: Vec<bool> = scene.materials.iter().map(|m| m.alpha.mode != AlphaMode::Opaque).collect();
+    let masked = scene.masked_materials();
     let is_masked = |primitive: u32| masked[scene.mesh.materials[primitive as usize] as usize];
     let saved = |shape: &&Shape| shape.triangles.len() * (shape.instances.len() - 1);
     let kept: Vec<&Shape> = scene.shapes.iter().filter(|shape| saved(shape) >= min_saved_triangles).collect();

@@ -13,33 +13,84 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 /// Which units to open.
+///
+/// ```no_run
+/// use raystream::engine::{UnitChoice, Units};
+///
+/// let units = Units::open(&UnitChoice::auto().with_adapter("H200"))?;
+/// # Ok::<(), raystream::engine::UnitsError>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct UnitChoice {
-    /// The units that trace. `None` adds the GPU if there is a hardware adapter. A software adapter is used only if
-    /// this field or `adapter` requests the GPU.
-    pub unit: Option<Unit>,
-    /// Part of the GPU adapter's name.
-    pub adapter: Option<String>,
-    /// Instruction set of the CPU tracer.
-    pub simd: SimdLevel,
-    /// The folder of calibration results ([`Gpu::calibrate`]). `None`: the GPU is not calibrated, and streams have
-    /// RA's sizes. The picture is the same.
+    unit: Option<Unit>,
+    adapter: Option<String>,
+    simd: SimdLevel,
     #[cfg(feature = "gpu")]
-    pub cache: Option<PathBuf>,
-    /// Failures of the GPU to inject, for tests.
+    cache: Option<PathBuf>,
     #[cfg(feature = "gpu")]
-    pub fault: Option<Fault>,
+    fault: Option<Fault>,
 }
 
-/// The units that trace: the CPU, and the GPU if it was requested and could be opened.
-#[derive(Debug)]
+impl Default for UnitChoice {
+    fn default() -> Self {
+        Self::auto()
+    }
+}
+
+impl UnitChoice {
+    /// The CPU with the best instruction set it supports, and the GPU if there is a hardware adapter.
+    pub fn auto() -> Self {
+        Self {
+            unit: None,
+            adapter: None,
+            simd: SimdLevel::detect(),
+            #[cfg(feature = "gpu")]
+            cache: None,
+            #[cfg(feature = "gpu")]
+            fault: None,
+        }
+    }
+
+    /// Names the units that trace. A software adapter is used only if this or [`UnitChoice::with_adapter`] requests
+    /// the GPU.
+    pub fn with_unit(self, unit: Unit) -> Self {
+        Self { unit: Some(unit), ..self }
+    }
+
+    /// Requests the GPU adapter whose name contains this text.
+    pub fn with_adapter(self, name: impl Into<String>) -> Self {
+        Self { adapter: Some(name.into()), ..self }
+    }
+
+    /// Chooses the instruction set of the CPU tracer.
+    pub fn with_simd(self, simd: SimdLevel) -> Self {
+        Self { simd, ..self }
+    }
+
+    /// Names the folder of calibration results ([`Gpu::calibrate`]). Without it the GPU is not calibrated, and streams
+    /// have RA's sizes. The picture is the same.
+    #[cfg(feature = "gpu")]
+    pub fn with_cache(self, folder: impl Into<PathBuf>) -> Self {
+        Self { cache: Some(folder.into()), ..self }
+    }
+
+    /// Injects failures of the GPU, for tests.
+    #[cfg(feature = "gpu")]
+    #[doc(hidden)]
+    pub fn with_fault(self, fault: Fault) -> Self {
+        Self { fault: Some(fault), ..self }
+    }
+}
+
+/// The units that trace: the CPU, and the GPU if it was requested and could be opened. Clones share the GPU.
+#[derive(Clone, Debug)]
 pub struct Units {
     simd: SimdLevel,
     unit: Unit,
     gpu: Gpus,
 }
 
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 enum Gpus {
     NotRequested,
     Unavailable(String),
@@ -47,8 +98,37 @@ enum Gpus {
     Open(Arc<Gpu>),
 }
 
+/// A GPU that has a tree.
+#[derive(Clone)]
+pub(super) struct Device {
+    #[cfg(feature = "gpu")]
+    tracer: Arc<GpuTracer>,
+    #[cfg(not(feature = "gpu"))]
+    never: std::convert::Infallible,
+}
+
+impl Device {
+    /// The tracer of the tree.
+    pub(super) fn tracer(&self) -> Arc<dyn DeviceTracer> {
+        #[cfg(feature = "gpu")]
+        return Arc::clone(&self.tracer) as _;
+        #[cfg(not(feature = "gpu"))]
+        match self.never {}
+    }
+
+    /// The same tree on the same GPU with another filter; `host` traces the tree with that filter.
+    #[cfg_attr(not(feature = "gpu"), expect(unused_variables, reason = "only the GPU needs them"))]
+    pub(super) fn with_filter(&self, filter: Option<Arc<dyn Filter>>, host: Arc<dyn Tracer>) -> Self {
+        #[cfg(feature = "gpu")]
+        return Self { tracer: Arc::new(self.tracer.with_filter(filter, host)) };
+        #[cfg(not(feature = "gpu"))]
+        match self.never {}
+    }
+}
+
 /// Why the requested units cannot be opened.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum UnitsError {
     /// The processor lacks the instruction set.
     #[error(transparent)]
@@ -112,13 +192,13 @@ impl Units {
         bvh: &Arc<Bvh>,
         filter: Option<Arc<dyn Filter>>,
         host: &Arc<dyn Tracer>,
-    ) -> Result<Option<Arc<dyn DeviceTracer>>, String> {
+    ) -> Result<Option<Device>, String> {
         match &self.gpu {
             Gpus::NotRequested => Ok(None),
             Gpus::Unavailable(reason) => Err(reason.clone()),
             #[cfg(feature = "gpu")]
             Gpus::Open(gpu) => match GpuTracer::new(gpu.clone(), bvh.clone(), filter, host.clone()) {
-                Ok(tracer) => Ok(Some(Arc::new(tracer))),
+                Ok(tracer) => Ok(Some(Device { tracer: Arc::new(tracer) })),
                 Err(error) => Err(error.to_string()),
             },
         }

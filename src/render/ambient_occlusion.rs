@@ -7,11 +7,10 @@ use crate::geom::{Sampler, warp::lanes as warp};
 use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, Vector};
 use crate::scene::{Camera, Material, Scene};
 use crate::schedule::{Batch, Output};
-use crate::shade::{Interaction, sort};
+use crate::shade::{Interaction, LitScene, sort};
 use crate::stream::Ray;
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
-use std::sync::Arc;
 
 /// Maximum value of the setting; ambient occlusion has no bounces.
 const MAX_BOUNCES: u32 = 1 << 10;
@@ -43,7 +42,7 @@ impl AmbientOcclusion {
     /// # Errors
     /// If a setting is out of range.
     pub fn new(
-        scene: Arc<Scene>,
+        scene: impl Into<LitScene>,
         camera: &Camera,
         settings: Settings,
         reach: f32,

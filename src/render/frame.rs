@@ -6,7 +6,8 @@ use crate::film::{Film, TooManySplats};
 use crate::geom::Sampler;
 use crate::lanes::{Int, LaneTask, Lanes, Mask, SimdLevel, SingleLane, Vector};
 use crate::scene::{Camera, CameraError, Lens, Scene};
-use crate::shade::{Cone, Lights};
+use crate::schedule::SceneId;
+use crate::shade::{Cone, Lights, LitScene};
 use crate::stream::Ray;
 use std::ops::Range;
 use std::sync::Arc;
@@ -97,8 +98,7 @@ impl Settings {
 /// lights.
 #[derive(Debug)]
 pub struct Frame {
-    scene: Arc<Scene>,
-    lights: Arc<Lights>,
+    scene: LitScene,
     lens: Lens,
     settings: Settings,
     film: Arc<Film>,
@@ -114,7 +114,7 @@ impl Frame {
     /// # Errors
     /// If a setting is out of range.
     pub fn new(
-        scene: Arc<Scene>,
+        scene: impl Into<LitScene>,
         camera: &Camera,
         settings: Settings,
         limit: u32,
@@ -124,10 +124,9 @@ impl Frame {
         let Settings { width, height, spp, max_bounces, .. } = settings;
         let lens = camera.lens(width, height)?;
         let film = Arc::new(Film::new(width, height, u64::from(spp) * splats(max_bounces))?);
-        let lights = Arc::new(Lights::new(&scene));
         let pass = Pass::new(Blocks::new(width, height).in_order(), 0..spp);
         let (dropped, simd) = (DroppedSplats::default(), SimdLevel::detect());
-        Ok(Self { scene, lights, lens, settings, film, dropped, pass, simd })
+        Ok(Self { scene: scene.into(), lens, settings, film, dropped, pass, simd })
     }
 
     /// The same frame for another camera, with its own film.
@@ -139,11 +138,15 @@ impl Frame {
         Ok(Self { lens, ..self.with_pass(self.pass.clone()) })
     }
 
+    /// The same frame of another look of the scene ([`LitScene::with_look`]), with its own film.
+    pub fn with_look(&self, scene: &Arc<Scene>) -> Self {
+        Self { scene: self.scene.with_look(Arc::clone(scene)), ..self.with_pass(self.pass.clone()) }
+    }
+
     /// Another pass over the same frame, with its own film, which can be added to this frame's.
     pub fn with_pass(&self, pass: Pass) -> Self {
         Self {
-            scene: Arc::clone(&self.scene),
-            lights: Arc::clone(&self.lights),
+            scene: self.scene.clone(),
             lens: self.lens,
             settings: self.settings,
             film: Arc::new(self.film.blank()),
@@ -160,8 +163,7 @@ impl Frame {
 
     /// The same frame for an integrator that also samples BSDFs: see [`Lights::without_uniform_sky`].
     pub fn without_uniform_sky(self) -> Self {
-        let lights = Arc::new(Arc::unwrap_or_clone(self.lights).without_uniform_sky());
-        Self { lights, ..self }
+        Self { scene: self.scene.without_uniform_sky(), ..self }
     }
 
     /// The SIMD level to shade at.
@@ -178,12 +180,17 @@ impl Frame {
 
     /// The scene.
     pub fn scene(&self) -> &Scene {
-        &self.scene
+        self.scene.scene()
+    }
+
+    /// The identity of the scene, for [`crate::schedule::Renderer::scene_id`].
+    pub fn scene_id(&self) -> SceneId {
+        SceneId::of(self.scene.scene())
     }
 
     /// Its lights.
     pub fn lights(&self) -> &Lights {
-        &self.lights
+        self.scene.lights()
     }
 
     /// The settings.

@@ -3,9 +3,9 @@
 use super::{Frame, Integrator, Settings, SettingsError};
 use crate::film::Film;
 use crate::lanes::SimdLevel;
-use crate::scene::{Camera, Scene};
-use crate::schedule::{Batch, Output, Renderer};
-use crate::shade::LoopStack;
+use crate::scene::Camera;
+use crate::schedule::{Batch, Output, Renderer, SceneId};
+use crate::shade::{LitScene, LoopStack};
 use crate::stream::Ray;
 use bytemuck::Pod;
 use std::fmt;
@@ -142,7 +142,7 @@ impl<S: HitShader> HitShading<S> {
     /// If a setting is out of range.
     pub fn of(
         shader: S,
-        scene: Arc<Scene>,
+        scene: impl Into<LitScene>,
         camera: &Camera,
         settings: Settings,
     ) -> Result<Self, SettingsError> {
@@ -211,6 +211,10 @@ impl<S: HitShader> Renderer for HitShading<S> {
 
     fn most_in_flight(&self) -> usize {
         self.shader.most_in_flight(&self.frame)
+    }
+
+    fn scene_id(&self) -> Option<SceneId> {
+        Some(self.frame.scene_id())
     }
 
     fn spawn(&self, tile: u64, out: &mut Output<'_, S::Payload, S::ShadowPayload>) {

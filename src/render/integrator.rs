@@ -1,8 +1,9 @@
 //! The trait of integrators: renderers of frames, in passes and from several cameras.
 
 use super::{Frame, Pass};
-use crate::scene::{Camera, CameraError};
+use crate::scene::{Camera, CameraError, Scene};
 use crate::schedule::Renderer;
+use std::sync::Arc;
 
 /// A renderer of a [`Frame`] that can be given another frame of the same scene.
 pub trait Integrator: Renderer + Sized + 'static {
@@ -23,6 +24,11 @@ pub trait Integrator: Renderer + Sized + 'static {
     /// If the camera is invalid (eye equals target, for example).
     fn seen_by(&self, camera: &Camera) -> Result<Self, CameraError> {
         Ok(self.with_frame(self.frame().seen_by(camera)?))
+    }
+
+    /// The same frame of another look of the scene ([`crate::engine::PreparedScene::with_look`]), with its own film.
+    fn with_look(&self, scene: &Arc<Scene>) -> Self {
+        self.with_frame(self.frame().with_look(scene))
     }
 
     /// Another pass over the same frame, with its own film.

@@ -4,14 +4,13 @@ use super::frame::{CAMERA_DIMENSION, Frame, Settings, SettingsError};
 use super::{Contribution, HitShader, HitShading, NewRays, hits_of, rays_of};
 use crate::geom::Sampler;
 use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, Plain, SingleLane, Vector};
-use crate::scene::{Camera, Scene};
+use crate::scene::Camera;
 use crate::schedule::{Batch, Output};
 use crate::shade::bsdf::Smoothness;
 use crate::shade::light::Receiver;
-use crate::shade::{Bsdf, Cone, Interaction, lookup, medium, prefetch_hits, sort};
+use crate::shade::{Bsdf, Cone, Interaction, LitScene, lookup, medium, prefetch_hits, sort};
 use crate::stream::Ray;
 use bytemuck::{Pod, Zeroable};
-use std::sync::Arc;
 
 /// Bounces after which Russian roulette may end a path, unless the caller chooses another number.
 pub const ROULETTE_BOUNCES: u32 = 2;
@@ -138,7 +137,7 @@ impl PathTracer {
     /// # Errors
     /// When a setting is out of range.
     pub fn new(
-        scene: Arc<Scene>,
+        scene: impl Into<LitScene>,
         camera: &Camera,
         settings: Settings,
         roulette_bounces: Option<u32>,

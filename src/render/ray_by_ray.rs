@@ -1,6 +1,6 @@
 //! A renderer whose batches are single rays.
 
-use crate::schedule::{Batch, Output, Renderer};
+use crate::schedule::{Batch, Output, Renderer, SceneId};
 use crate::stream::Ray;
 use std::sync::Arc;
 
@@ -37,6 +37,10 @@ impl<R: Renderer> Renderer for RayByRay<R> {
             let (rays, hits, payloads) = (&batch.rays[i..=i], &batch.hits[i..=i], &batch.payloads[i..=i]);
             self.0.shade(Batch { rays, hits, payloads }, out);
         }
+    }
+
+    fn scene_id(&self) -> Option<SceneId> {
+        self.0.scene_id()
     }
 
     fn depth(&self, payload: &R::Payload) -> u32 {

@@ -9,13 +9,12 @@ use crate::schedule::{Batch, Output};
 use crate::shade::bsdf::Smoothness;
 use crate::shade::loop_stack::{EMPTY, LoopStack};
 use crate::shade::single::{self, Bsdf, Interaction, LightSample};
-use crate::shade::sort;
+use crate::shade::{LitScene, sort};
 use crate::stream::{Hit, Ray};
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 use std::marker::PhantomData;
 use std::ops::Deref;
-use std::sync::Arc;
 
 /// The first sampler dimension of [`RayHit::light`]; a shader's own are below.
 pub const LIGHT_DIMENSION: u32 = 1 << 16;
@@ -99,7 +98,7 @@ impl<P: Pod + Send + Sync, S: RayShader<P>> PerRay<S, P> {
     /// If a setting is out of range.
     pub fn shading(
         shader: S,
-        scene: Arc<Scene>,
+        scene: impl Into<LitScene>,
         camera: &Camera,
         settings: Settings,
     ) -> Result<HitShading<Self>, SettingsError> {

@@ -20,7 +20,7 @@ use std::time::Duration;
 ///
 /// let recipe = Recipe::parse(r#"{ "environment": [1, 1, 1], "materials": { "grey": { "colour": [0.5, 0.5, 0.5] } },
 ///     "shapes": [ { "shape": "sphere", "centre": [0, 0, 0], "radius": 1, "cells": 8, "material": "grey" } ] }"#)?;
-/// let prepared = PreparedScene::new(Arc::new(recipe.build()?), &Units::cpu());
+/// let prepared = PreparedScene::new(Arc::new(recipe.build()?), &Units::cpu())?;
 /// let options = ServiceOptions::default().with_host_threads(2).with_max_jobs(3).with_sharing(Sharing::FirstIn);
 /// let service = Service::new(options)?;
 /// let camera = Camera::framing(&prepared.scene.bounds(), 1.0);

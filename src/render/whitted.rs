@@ -5,13 +5,12 @@ use super::whitted_node::{MAX_BOUNCES, Node, SHADOW_RAYS, Sent, splats};
 use super::{Contribution, HitShader, HitShading, NewRays, hits_of, rays_of};
 use crate::geom::Sampler;
 use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, Plain, Vector};
-use crate::scene::{Camera, Scene};
+use crate::scene::Camera;
 use crate::schedule::{Batch, Output};
 use crate::shade::loop_stack::{EMPTY, LoopStack, Session};
-use crate::shade::{ArenaUse, Cone, sort};
+use crate::shade::{ArenaUse, Cone, LitScene, sort};
 use crate::stream::Ray;
 use bytemuck::{Pod, Zeroable};
-use std::sync::Arc;
 
 /// Bits of [`WhittedState::depth_and_cone`] that count rays.
 const DEPTH_BITS: u32 = 16;
@@ -67,7 +66,11 @@ impl Whitted {
     ///
     /// # Errors
     /// If a setting is out of range.
-    pub fn new(scene: Arc<Scene>, camera: &Camera, settings: Settings) -> Result<Self, SettingsError> {
+    pub fn new(
+        scene: impl Into<LitScene>,
+        camera: &Camera,
+        settings: Settings,
+    ) -> Result<Self, SettingsError> {
         Self::of(WhittedShader, scene, camera, settings)
     }
 

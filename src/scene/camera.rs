@@ -30,7 +30,8 @@ impl std::fmt::Display for Camera {
 }
 
 /// Why a camera is invalid.
-#[derive(Debug, PartialEq, thiserror::Error)]
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum CameraError {
     /// Eye and target are equal, or not finite.
     #[error("the camera's eye {0} and target {1} must be finite and differ")]

@@ -43,6 +43,12 @@ pub struct Key<T> {
     pub leaving: T,
 }
 
+impl<T: Copy> Key<T> {
+    fn all(&self, test: impl Fn(T) -> bool) -> bool {
+        test(self.arriving) && test(self.value) && test(self.leaving)
+    }
+}
+
 /// Interpolation between two keys.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Interpolation {
@@ -134,6 +140,16 @@ impl CameraMotion {
     /// The animation of a camera that looks along −z with y up, at the end of a chain of nodes.
     pub fn new(fov_degrees: f32, nodes: Vec<AnimatedNode>) -> Self {
         Self { fov_degrees, nodes }
+    }
+
+    /// Index of the first node with a key that is not finite.
+    pub(super) fn broken_node(&self) -> Option<usize> {
+        let is_finite = |node: &AnimatedNode| {
+            let AnimatedNode { translation, rotation, scale } = node;
+            let values = |track: &Track<DVec3>| track.keys.iter().all(|key| key.all(DVec3::is_finite));
+            values(translation) && values(scale) && rotation.keys.iter().all(|key| key.all(DQuat::is_finite))
+        };
+        self.nodes.iter().position(|node| !is_finite(node))
     }
 
     /// The camera at a time. If the transforms give it no direction it is invalid, and [`Camera::lens`] returns the

@@ -99,6 +99,13 @@ pub enum AlphaMode {
     Blend,
 }
 
+impl AlphaMode {
+    /// Whether rays may pass the surface. Trees mark such triangles.
+    pub fn is_masked(self) -> bool {
+        self != Self::Opaque
+    }
+}
+
 /// Coverage of a surface. Rays pass where the alpha test fails.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Alpha {

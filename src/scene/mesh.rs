@@ -2,9 +2,10 @@
 
 use crate::geom::{Aabb, MAX_COORDINATE};
 use glam::{Vec2, Vec3, Vec4};
+use rayon::prelude::*;
 
 /// An indexed triangle mesh. Row `i` of `triangles` is primitive `i` everywhere.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Mesh {
     /// Vertex positions in world space.
     pub positions: Vec<Vec3>,
@@ -24,7 +25,8 @@ pub struct Mesh {
 }
 
 /// Why a mesh is invalid.
-#[derive(Debug, PartialEq, thiserror::Error)]
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum MeshError {
     /// A coordinate is NaN, infinite or too large.
     #[error(
@@ -62,6 +64,14 @@ pub enum MeshError {
         material: u32,
         /// Number of materials.
         count: usize,
+    },
+    /// A per-vertex attribute contains NaN or infinity.
+    #[error("{attribute}: the entry of vertex {vertex} is not finite; use zeros for vertices without one")]
+    NotFinite {
+        /// The attribute's name.
+        attribute: &'static str,
+        /// Vertex index.
+        vertex: usize,
     },
     /// A per-vertex attribute has another length than the positions.
     #[error("{attribute}: {found} entries for {expected} vertices")]
@@ -112,7 +122,8 @@ impl Mesh {
         a * (1.0 - u - v) + b * u + c * v
     }
 
-    /// Checks the invariants of [`crate::scene::Scene`].
+    /// Checks the invariants of a mesh in a scene of so many materials: lengths, indices, and that all numbers are
+    /// finite. All threads of rayon's pool take part.
     ///
     /// # Errors
     /// The first violation, with its index.
@@ -140,21 +151,76 @@ impl Mesh {
         if self.triangles.len() > MAX_TRIANGLES {
             return Err(MeshError::TooMany { found: self.triangles.len(), max: MAX_TRIANGLES });
         }
-        // The comparison fails for NaN, too.
-        if let Some(index) =
-            self.positions.iter().position(|p| !p.abs().cmple(Vec3::splat(MAX_COORDINATE)).all())
-        {
-            let [x, y, z] = self.positions[index].to_array();
-            return Err(MeshError::Position { index, x, y, z });
-        }
-        for (triangle, (corners, &material)) in self.triangles.iter().zip(&self.materials).enumerate() {
-            if let Some(&vertex) = corners.iter().find(|&&i| i as usize >= expected) {
-                return Err(MeshError::Vertex { triangle, vertex, count: expected });
-            }
-            if material as usize >= materials {
-                return Err(MeshError::Material { triangle, material, count: materials });
-            }
+        check_positions(&self.positions)?;
+        check_finite("normals", &self.normals)?;
+        check_finite("texture coordinates", &self.uvs)?;
+        check_finite("tangents", &self.tangents)?;
+        check_indices(&self.triangles, expected)?;
+        if let Some(triangle) = first_outside(&self.materials, |&m| (m as usize) < materials) {
+            return Err(MeshError::Material {
+                triangle,
+                material: self.materials[triangle],
+                count: materials,
+            });
         }
         Ok(())
+    }
+}
+
+/// Elements that a thread checks at a time.
+const CHUNK: usize = 1 << 14;
+
+/// The index of the first element that fails a test. All threads of rayon's pool search.
+fn first_outside<T: Sync>(elements: &[T], is_inside: impl Fn(&T) -> bool + Sync) -> Option<usize> {
+    // Folding instead of stopping early lets the compiler use vectors.
+    let is_sound = |chunk: &[T]| chunk.iter().fold(true, |sound, element| sound & is_inside(element));
+    if elements.par_chunks(CHUNK).all(is_sound) {
+        return None;
+    }
+    elements.iter().position(|element| !is_inside(element))
+}
+
+/// Checks that coordinates are finite and at most [`MAX_COORDINATE`].
+pub(super) fn check_positions(positions: &[Vec3]) -> Result<(), MeshError> {
+    // The comparison fails for NaN, too.
+    let is_inside = |p: &Vec3| p.abs().cmple(Vec3::splat(MAX_COORDINATE)).all();
+    match first_outside(positions, is_inside) {
+        None => Ok(()),
+        Some(index) => {
+            let [x, y, z] = positions[index].to_array();
+            Err(MeshError::Position { index, x, y, z })
+        }
+    }
+}
+
+/// Checks that triangles name existing vertices.
+pub(super) fn check_indices(triangles: &[[u32; 3]], count: usize) -> Result<(), MeshError> {
+    let is_inside = |[a, b, c]: &[u32; 3]| (*a.max(b).max(c) as usize) < count;
+    match first_outside(triangles, is_inside) {
+        None => Ok(()),
+        Some(triangle) => {
+            let [a, b, c] = triangles[triangle];
+            let vertex = if a as usize >= count {
+                a
+            } else if b as usize >= count {
+                b
+            } else {
+                c
+            };
+            Err(MeshError::Vertex { triangle, vertex, count })
+        }
+    }
+}
+
+/// Checks that an attribute has no NaN and no infinity.
+fn check_finite<const N: usize, V: Copy + Sync + Into<[f32; N]>>(
+    attribute: &'static str,
+    rows: &[V],
+) -> Result<(), MeshError> {
+    // Comparisons with NaN fail.
+    let is_finite = |row: &V| (*row).into().iter().fold(true, |finite, x| finite & (x.abs() <= f32::MAX));
+    match first_outside(rows, is_finite) {
+        None => Ok(()),
+        Some(vertex) => Err(MeshError::NotFinite { attribute, vertex }),
     }
 }

@@ -72,6 +72,16 @@ impl Mipmap {
         (self.levels.len() as u32).saturating_sub(1)
     }
 
+    /// Whether the levels are those of an image of this size and lie within `texels` texels.
+    pub(super) fn fits(&self, (width, height): (u32, u32), texels: usize) -> bool {
+        let is_inside = |level: &Level| {
+            let pixels = u64::from(level.width) * u64::from(level.height);
+            pixels > 0 && u64::from(level.first) + pixels <= texels as u64
+        };
+        let is_of_image = |first: &Level| (first.first, first.width, first.height) == (0, width, height);
+        self.levels.iter().all(is_inside) && self.levels.first().is_none_or(is_of_image)
+    }
+
     /// What a texel of a level averages.
     pub(super) fn mean(&self) -> Averaging {
         self.mean

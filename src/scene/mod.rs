@@ -25,8 +25,10 @@ mod procedural;
 #[cfg(feature = "formats")]
 pub mod recipe;
 mod scattering;
+mod shared;
 mod srgb;
 mod texture;
+mod validate;
 
 pub use camera::{Camera, CameraError, Lens};
 #[cfg(feature = "formats")]
@@ -49,8 +51,10 @@ pub use object::{Object, Objects};
 pub use principled::{Anisotropy, Iridescence, Principled, Sheen};
 pub use procedural::{Finish, Points, Procedural, ProceduralSurface};
 pub use scattering::{Scattered, Scattering, ScatteringSurface};
+pub use shared::Shared;
 pub(crate) use texture::taps;
 pub use texture::{Channel, ColourSpace, Texture, TextureRef, Wrap};
+pub use validate::{SceneError, ScenePart};
 
 use crate::geom::Aabb;
 use crate::lanes::Num;
@@ -58,16 +62,20 @@ use crate::lanes::Num;
 /// A scene, from which a tree can be built and whose hits can be shaded.
 ///
 /// World space is right-handed. Radiance is linear Rec. 709. Invariants, kept by the loaders and checked by
-/// [`Mesh::validate`]: every index is in range; coordinates are finite and at most [`crate::geom::MAX_COORDINATE`];
-/// there is at least one material when there are triangles.
+/// [`Scene::validate`]: every index is in range; coordinates are finite and at most [`crate::geom::MAX_COORDINATE`];
+/// other numbers are finite and in the ranges that their fields state; there is at least one triangle.
+///
+/// A scene is shared geometry (`mesh`, `shapes`, `objects`), shared images (the texels of `textures` and of an environment map) and
+/// a small *look*: all other fields. A clone therefore costs microseconds, and changing the clone's look leaves the
+/// geometry shared. [`crate::engine::PreparedScene::with_look`] then keeps the tree.
 #[derive(Clone, Debug, Default)]
 pub struct Scene {
     /// All triangles in world space, in file order. Instances are written out.
-    pub mesh: Mesh,
+    pub mesh: Shared<Mesh>,
     /// Geometry that the file instances. The mesh holds a moved copy for each instance.
-    pub shapes: Vec<Shape>,
+    pub shapes: Shared<Vec<Shape>>,
     /// The objects of the file, and which triangles belong to each. Empty if nobody filled it.
-    pub objects: Objects,
+    pub objects: Shared<Objects>,
     /// Materials, indexed by [`Mesh::materials`].
     pub materials: Vec<Material>,
     /// Textures, indexed by [`TextureRef::texture`].
@@ -96,11 +104,21 @@ impl Scene {
         self.mesh.bounds()
     }
 
+    /// Whether both scenes have the same mesh and shapes in memory.
+    pub fn shares_geometry(&self, other: &Self) -> bool {
+        Shared::is_same(&self.mesh, &other.mesh) && Shared::is_same(&self.shapes, &other.shapes)
+    }
+
+    /// Whether each material has an alpha mode other than opaque.
+    pub(crate) fn masked_materials(&self) -> Vec<bool> {
+        self.materials.iter().map(|material| material.alpha.mode.is_masked()).collect()
+    }
+
     /// Whether the material of `primitive` has an alpha mode other than opaque. Only such triangles need
     /// [`Scene::alpha_accepts`] during traversal.
     pub fn is_masked(&self, primitive: u32) -> bool {
         let material = self.mesh.materials[primitive as usize];
-        self.materials[material as usize].alpha.mode != AlphaMode::Opaque
+        self.materials[material as usize].alpha.mode.is_masked()
     }
 
     /// The alpha test: whether a candidate hit on `primitive` at barycentric (`u`, `v`) counts. It is a pure function

@@ -122,6 +122,11 @@ pub enum LimitsError {
         /// Rays of the largest chunk.
         most: usize,
     },
+    /// The renderer shades another scene than the tracers trace.
+    #[error(
+        "the renderer shades another scene than the tracers trace; make it from the scene of the same prepared scene"
+    )]
+    OtherScene,
 }
 
 impl Limits {

@@ -21,6 +21,7 @@ mod queries;
 mod renderer;
 mod report;
 mod result;
+mod scene_id;
 mod service;
 mod state;
 mod task;
@@ -43,4 +44,5 @@ pub use report::{
     UnitReport,
 };
 pub use result::JobError;
+pub use scene_id::SceneId;
 pub use service::{Service, ServiceError};

@@ -1,6 +1,6 @@
 //! What a caller chooses for the service and for each job.
 
-use super::{Policy, Priority, Sharing, Unit};
+use super::{Policy, Priority, SceneId, Sharing, Unit};
 use crate::stream::{DeviceTracer, Tracer};
 use std::sync::Arc;
 
@@ -180,6 +180,7 @@ impl JobOptions {
 
 /// What traces a job's rays.
 #[derive(Clone)]
+#[non_exhaustive]
 pub struct Tracers {
     /// Traces on host threads.
     pub host: Arc<dyn Tracer>,
@@ -187,18 +188,31 @@ pub struct Tracers {
     pub device: Option<Arc<dyn DeviceTracer>>,
     /// Which of the two trace. Without a device host threads trace in any case, and the report says so.
     pub unit: Unit,
+    /// The scene that they trace. `None` accepts the renderers of any scene.
+    pub scene: Option<SceneId>,
+}
+
+impl Tracers {
+    /// Host threads alone, for the renderers of any scene.
+    pub fn cpu(host: Arc<dyn Tracer>) -> Self {
+        Self { host, device: None, unit: Unit::Cpu, scene: None }
+    }
+
+    /// Adds a device.
+    pub fn with_device(self, device: Arc<dyn DeviceTracer>, unit: Unit) -> Self {
+        Self { device: Some(device), unit, ..self }
+    }
+
+    /// The same tracers for the renderers of this scene alone.
+    pub fn for_scene(self, scene: SceneId) -> Self {
+        Self { scene: Some(scene), ..self }
+    }
 }
 
 impl std::fmt::Debug for Tracers {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let device = self.device.as_ref().map(|device| device.name());
-        f.debug_struct("Tracers").field("unit", &self.unit).field("device", &device).finish_non_exhaustive()
-    }
-}
-
-impl Tracers {
-    /// Host threads alone.
-    pub fn cpu(host: Arc<dyn Tracer>) -> Self {
-        Self { host, device: None, unit: Unit::Cpu }
+        let Self { host: _, device, unit, scene } = self;
+        let device = device.as_ref().map(|device| device.name());
+        f.debug_struct("Tracers").field("device", &device).field("unit", unit).field("scene", scene).finish()
     }
 }

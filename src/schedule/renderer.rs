@@ -1,5 +1,6 @@
 //! What a job runs (RA section 3.1): spawns camera rays, shades batches.
 
+use super::SceneId;
 use crate::stream::{Hit, Ray, RayAppender};
 use bytemuck::Pod;
 
@@ -42,6 +43,12 @@ pub trait Renderer: Send + Sync {
         batch: Batch<'_, Self::Payload>,
         out: &mut Output<'_, Self::Payload, Self::ShadowPayload>,
     );
+
+    /// The scene whose primitives this renderer shades. Jobs with the tracers of another scene are refused. `None`
+    /// accepts any tracers. A renderer that wraps another should forward it.
+    fn scene_id(&self) -> Option<SceneId> {
+        None
+    }
 
     /// The number of rays before this one on its path. Used for the report only ([`super::JobReport::depths`]).
     fn depth(&self, _payload: &Self::Payload) -> u32 {

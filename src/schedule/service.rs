@@ -155,7 +155,7 @@ impl Service {
     /// the job has ended.
     ///
     /// # Errors
-    /// [`LimitsError`] when sizes do not fit each other.
+    /// [`LimitsError`] when sizes do not fit each other, or when the renderer and the tracers have different scenes.
     pub fn submit<R: Renderer + 'static>(
         &self,
         renderer: Arc<R>,
@@ -197,6 +197,11 @@ pub(super) fn prepare<R: Renderer + 'static>(
     pool: &Pool,
     receiver: Arc<dyn Receiver>,
 ) -> Result<Submission, LimitsError> {
+    if let (Some(traced), Some(shaded)) = (&tracers.scene, renderer.scene_id())
+        && *traced != shaded
+    {
+        return Err(LimitsError::OtherScene);
+    }
     let device_name = tracers.device.as_ref().map_or_else(String::new, |device| device.name().to_owned());
     let (unit, event) = unit_used(&tracers, &device_name, dispatchers);
     let tiles = renderer.tiles();

@@ -24,7 +24,7 @@ pub use bsdf::Bsdf;
 pub use cone::Cone;
 pub use geometry::Hits;
 pub use interaction::{CoatShape, Interaction, prefetch_hits};
-pub use light::{LightSample, Lights};
+pub use light::{LightSample, Lights, LitScene};
 pub use loop_stack::LoopStack;
 pub use mix::material_of;
 pub use sort::{Run, Sorted, sort};

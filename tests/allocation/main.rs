@@ -7,7 +7,7 @@ use counting::{Counting, allocations};
 use raystream::engine::{PreparedScene, Units};
 use raystream::render::{PathTracer, RayByRay, Settings, render_single_rays};
 use raystream::scene::load;
-use raystream::schedule::{Batch, JobOptions, Output, Renderer, Service, ServiceOptions};
+use raystream::schedule::{Batch, JobOptions, Output, Renderer, SceneId, Service, ServiceOptions};
 use raystream::stream::Ray;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering::SeqCst};
@@ -59,6 +59,10 @@ impl<R: Renderer> Renderer for Watched<R> {
         self.renderer.most_in_flight()
     }
 
+    fn scene_id(&self) -> Option<SceneId> {
+        self.renderer.scene_id()
+    }
+
     fn spawn(&self, tile: u64, out: &mut Output<'_, R::Payload, R::ShadowPayload>) {
         self.watch(|renderer| renderer.spawn(tile, out));
     }
@@ -90,7 +94,7 @@ fn a_frame_allocates_nothing_between_its_first_and_last_task() {
     let file = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/cornell.json");
     let scene = Arc::new(load::load(file.as_ref()).expect("our own scene"));
     let camera = scene.camera.expect("it has a camera");
-    let prepared = PreparedScene::new(scene.clone(), &Units::cpu());
+    let prepared = PreparedScene::new(scene.clone(), &Units::cpu()).expect("a valid scene");
     let settings = Settings { width: 200, height: 200, spp: 1, max_bounces: 4, seed: 1 };
     let path = || PathTracer::new(scene.clone(), &camera, settings, None).expect("valid settings");
     for host_threads in [1, 3] {

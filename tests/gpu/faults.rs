@@ -8,7 +8,6 @@ use raystream::render::{PathTracer, Settings};
 use raystream::scene::{Camera, load};
 use raystream::schedule::{JobOptions, Service, ServiceOptions, Unit};
 use raystream::stream::{DeviceError, DeviceTracer, Hit, Queries};
-use raystream::trace::cpu::SimdLevel;
 use raystream::trace::gpu::{AdapterChoice, Fault, Gpu};
 use std::path::Path;
 use std::sync::Arc;
@@ -17,9 +16,12 @@ use std::sync::Arc;
 fn render(unit: Unit, fault: Option<Fault>) -> (String, Vec<String>) {
     let scene = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/cornell.json");
     let scene = Arc::new(load::load(&scene).expect("scene"));
-    let choice =
-        UnitChoice { unit: Some(unit), adapter: None, simd: SimdLevel::detect(), cache: None, fault };
-    let prepared = PreparedScene::new(scene.clone(), &Units::open(&choice).expect("units"));
+    let mut choice = UnitChoice::auto().with_unit(unit);
+    if let Some(fault) = fault {
+        choice = choice.with_fault(fault);
+    }
+    let units = Units::open(&choice).expect("units");
+    let prepared = PreparedScene::new(scene.clone(), &units).expect("a valid scene");
     let camera = scene.camera.unwrap_or_else(|| Camera::framing(&scene.bounds(), 1.0));
     let (width, height) = (48, 48);
     let settings = Settings { width, height, spp: 8, max_bounces: 4, seed: 3 };
@@ -86,12 +88,6 @@ fn wrong_answers_to_either_kind_of_ray_end_the_device() {
 
 #[test]
 fn a_fault_without_a_gpu_is_refused() {
-    let choice = UnitChoice {
-        unit: Some(Unit::Cpu),
-        adapter: None,
-        simd: SimdLevel::detect(),
-        cache: None,
-        fault: Some(Fault::Lost(1)),
-    };
+    let choice = UnitChoice::auto().with_unit(Unit::Cpu).with_fault(Fault::Lost(1));
     assert!(matches!(Units::open(&choice), Err(UnitsError::NothingToInject)));
 }

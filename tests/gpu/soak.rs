@@ -6,7 +6,6 @@ use raystream::film::Image;
 use raystream::render::{PathTracer, Settings};
 use raystream::scene::{Camera, load};
 use raystream::schedule::{JobOptions, Service, ServiceOptions, Unit};
-use raystream::trace::cpu::SimdLevel;
 use raystream::trace::gpu::Fault;
 use std::path::Path;
 use std::sync::Arc;
@@ -40,15 +39,8 @@ fn soak(frames: usize, seed: u32) -> Seen {
         let image = Image { width: 24, height: 24, pixels: path.film().resolve() };
         (image.hash(), report)
     };
-    let choice = |unit, fault| UnitChoice {
-        unit: Some(unit),
-        adapter: None,
-        simd: SimdLevel::detect(),
-        cache: None,
-        fault,
-    };
-    let cpu = Units::open(&choice(Unit::Cpu, None)).expect("the CPU");
-    let (expected, _) = render(&PreparedScene::new(scene.clone(), &cpu));
+    let prepared = |units: &Units| PreparedScene::new(scene.clone(), units).expect("a valid scene");
+    let (expected, _) = render(&prepared(&Units::cpu()));
 
     let mut seen = Seen::default();
     while seen.frames < frames {
@@ -59,8 +51,8 @@ fn soak(frames: usize, seed: u32) -> Seen {
             _ => Fault::Lost(at),
         };
         let unit = if random.below(2) == 0 { Unit::Gpu } else { Unit::Hybrid };
-        let units = Units::open(&choice(unit, Some(fault))).expect("units");
-        let prepared = PreparedScene::new(scene.clone(), &units);
+        let choice = UnitChoice::auto().with_unit(unit).with_fault(fault);
+        let prepared = prepared(&Units::open(&choice).expect("units"));
         let mut lost = false;
         for _ in 0..FRAMES_A_STAGE {
             let (hash, report) = render(&prepared);

@@ -76,7 +76,7 @@ fn tangents_turn_and_change_hand_in_a_mirror() {
     let tangents = document.floats("VEC4", &[2.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, -1.0]);
     document.json["meshes"][0]["primitives"][0]["attributes"]["TANGENT"] = json!(tangents);
     document.node(json!({ "mesh": 0, "scale": [-1.0, 1.0, 1.0] }));
-    let tangents = document.scene().mesh.tangents;
+    let tangents = document.scene().mesh.tangents.clone();
     assert_eq!(tangents, [Vec4::new(-1.0, 0.0, 0.0, -1.0), Vec4::ZERO, Vec4::new(-1.0, 0.0, 0.0, 1.0)]);
 }
 
@@ -113,7 +113,7 @@ fn strips_fans_and_indices_of_every_type() {
         }
         document.mesh(primitive);
         document.node(json!({ "mesh": 0 }));
-        document.scene().mesh.triangles
+        document.scene().mesh.triangles.clone()
     };
     assert_eq!(shape(5, None), [[0, 1, 2], [1, 3, 2], [2, 3, 4]]);
     assert_eq!(shape(6, None), [[1, 2, 0], [2, 3, 0], [3, 4, 0]]);

@@ -49,8 +49,8 @@ fn all_three_encodings_give_the_same_scene() {
         folder.write("a.ply", binary(big));
         let other = folder.scene("a.ply");
         assert_eq!(
-            (other.mesh.triangles, other.mesh.positions),
-            (scene.mesh.triangles.clone(), scene.mesh.positions.clone())
+            (&other.mesh.triangles, &other.mesh.positions),
+            (&scene.mesh.triangles, &scene.mesh.positions)
         );
     }
     let windows = format!("{HEADER}{ROWS}").replace('\n', "\r\n");

@@ -1,6 +1,6 @@
 //! Scenes put together from flat pieces.
 
-use crate::scene::{Camera, Colour, Emission, Material, Mesh, Scene, Surface};
+use crate::scene::{Camera, Colour, Emission, Material, Scene, Surface};
 use glam::{Vec2, Vec3};
 use std::f32::consts::TAU;
 
@@ -17,7 +17,7 @@ impl Builder {
     /// An empty scene, seen from `eye`; y is up.
     pub fn seen(eye: Vec3, target: Vec3, fov_degrees: f32) -> Self {
         let camera = Some(Camera { eye, target, up: Vec3::Y, fov_degrees });
-        Self { scene: Scene { camera, mesh: Mesh::default(), ..Scene::default() } }
+        Self { scene: Scene { camera, ..Scene::default() } }
     }
 
     /// The scene.

@@ -81,7 +81,7 @@ pub fn scene(source: &Path) -> Result<Scene, SourceError> {
 pub fn matte((positions, triangles): Triangles) -> Scene {
     let materials = vec![0; triangles.len()];
     let mesh = Mesh { positions, triangles, materials, ..Mesh::default() };
-    Scene { mesh, materials: vec![Material::fallback()], ..Scene::default() }
+    Scene { mesh: mesh.into(), materials: vec![Material::fallback()], ..Scene::default() }
 }
 
 #[cfg(test)]

@@ -181,7 +181,7 @@ mod tests {
 
     fn report(source: &str) -> Report {
         let scene = meshes::scene(source.as_ref()).expect("a size in range");
-        let prepared = PreparedScene::new(Arc::new(scene), &Units::cpu());
+        let prepared = PreparedScene::new(Arc::new(scene), &Units::cpu()).expect("a valid scene");
         let camera = prepared.scene.camera.unwrap_or_else(|| Camera::framing(&prepared.bvh.bounds(), 1.0));
         let workload =
             Workload::new(&prepared.scene, &prepared.bvh, &*prepared.tracers.host, &camera, (64, 48));

@@ -131,7 +131,7 @@ mod tests {
         let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/showcase.json");
         let scene = Arc::new(load::load(&file).expect("our own scene"));
         let camera = scene.camera.expect("it has a camera");
-        let prepared = PreparedScene::new(scene, &Units::cpu());
+        let prepared = PreparedScene::new(scene, &Units::cpu()).expect("a valid scene");
         let service = Service::new(ServiceOptions::default()).expect("threads can be started");
         let settings = Settings { width: 64, height: 48, spp: 1, max_bounces: 4, seed: 0 };
         let rows = run(&prepared, &service, &camera, settings, 1).expect("a frame");

@@ -8,10 +8,11 @@ use anyhow::Result;
 
 /// Measures the builder beside its peers.
 pub fn run(args: &BenchBuildArgs) -> Result<()> {
-    let Mesh { positions, triangles, .. } = meshes::scene(&args.scene)?.mesh;
+    let scene = meshes::scene(&args.scene)?;
+    let Mesh { positions, triangles, .. } = &*scene.mesh;
     let options = build::Options { rounds: args.peers.rounds as usize, threads: args.peers.thread_counts() };
     let embree = args.peers.library.load()?;
-    let rows = build::run(&positions, &triangles, embree.as_ref(), &options)?;
+    let rows = build::run(positions, triangles, embree.as_ref(), &options)?;
     println!("{} triangles", triangles.len());
     println!(
         "{:<24} {:>7} {:>9} {:>9} {:>9} {:>10} {:>10} {:>8}  ratio to medium",

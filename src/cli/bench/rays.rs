@@ -12,7 +12,6 @@ use crate::scene::Camera;
 use crate::schedule::Unit;
 use anyhow::{Result, bail};
 use serde::Serialize;
-use std::sync::Arc;
 
 /// Contenders whose ratios are summarised.
 const SUMMARISED: [&str; 3] = ["raystream", "raystream query", "raystream service"];
@@ -34,15 +33,7 @@ struct Sheet<'a> {
 pub fn run(args: &BenchRaysArgs) -> Result<()> {
     let units = match &args.adapter {
         None => Units::cpu(),
-        adapter => Units::open(&UnitChoice {
-            unit: Some(Unit::Hybrid),
-            adapter: adapter.clone(),
-            simd: SimdLevel::detect(),
-            #[cfg(feature = "gpu")]
-            cache: None,
-            #[cfg(feature = "gpu")]
-            fault: None,
-        })?,
+        Some(adapter) => Units::open(&UnitChoice::auto().with_unit(Unit::Hybrid).with_adapter(adapter))?,
     };
     let asked: Vec<SimdLevel> = args.simd.iter().map(|s| SimdLevel::choose(s)).collect::<Result<_, _>>()?;
     let levels = match (asked.is_empty(), args.kernels) {
@@ -82,7 +73,7 @@ fn one_scene(
     embree: Option<&Embree>,
     options: &Options,
 ) -> Result<Report> {
-    let prepared = PreparedScene::new(Arc::new(meshes::scene(&view.scene)?), units);
+    let prepared = PreparedScene::new(meshes::scene(&view.scene)?, units)?;
     if let Some(reason) = &prepared.degraded {
         bail!("{reason}");
     }

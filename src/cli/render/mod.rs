@@ -78,7 +78,7 @@ fn submit<I: Integrator>(
 ) -> Result<JobHandle, LimitsError> {
     let (policy, timeline) = (setup.policy, args.timeline.is_some());
     let options = JobOptions { policy, timeline, ..JobOptions::default() };
-    setup.service.submit(Arc::clone(integrator), setup.prepared.tracers.clone(), options)
+    setup.prepared.submit(&setup.service, Arc::clone(integrator), options)
 }
 
 /// Refuses outputs that cannot be written, before time is spent on rendering.

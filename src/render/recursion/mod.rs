@@ -62,7 +62,7 @@
 //! let recipe = Recipe::parse(r#"{ "environment": [1, 1, 1], "materials": { "any": { "colour": [1, 1, 1] } },
 //!     "shapes": [ { "shape": "sphere", "centre": [-1, 0, 0], "radius": 1, "cells": 16, "material": "any" },
 //!                 { "shape": "sphere", "centre": [1, 0, 0], "radius": 1, "cells": 16, "material": "any" } ] }"#)?;
-//! let prepared = PreparedScene::new(Arc::new(recipe.build()?), &Units::cpu());
+//! let prepared = PreparedScene::new(Arc::new(recipe.build()?), &Units::cpu())?;
 //! let camera = Camera::framing(&prepared.scene.bounds(), 1.0);
 //! let settings = Settings { width: 64, height: 64, spp: 4, max_bounces: 8, seed: 0 };
 //!

@@ -5,10 +5,10 @@ use super::calls::{CallState, Engine, ShaderFrame, engine};
 use super::exchange::ShadowState;
 use crate::film::Film;
 use crate::render::{Frame, Integrator, Settings, SettingsError};
-use crate::scene::{Camera, Scene};
-use crate::schedule::{Batch, Output, Renderer};
-use crate::shade::ArenaUse;
+use crate::scene::Camera;
+use crate::schedule::{Batch, Output, Renderer, SceneId};
 use crate::shade::arena::Arena;
+use crate::shade::{ArenaUse, LitScene};
 use crate::stream::Ray;
 use self_cell::self_cell;
 use std::any::Any;
@@ -44,7 +44,7 @@ impl<S: Shader> Recursion<S> {
     /// When a setting is out of range.
     pub fn new(
         shader: S,
-        scene: Arc<Scene>,
+        scene: impl Into<LitScene>,
         camera: &Camera,
         settings: Settings,
     ) -> Result<Self, SettingsError> {
@@ -121,6 +121,10 @@ impl<S: Shader> Renderer for Recursion<S> {
 
     fn most_in_flight(&self) -> usize {
         self.most_in_flight
+    }
+
+    fn scene_id(&self) -> Option<SceneId> {
+        Some(self.frame().scene_id())
     }
 
     fn spawn(&self, tile: u64, out: &mut Output<'_, CallState, ShadowState>) {

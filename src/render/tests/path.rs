@@ -250,7 +250,8 @@ fn rays_beyond_the_last_bounce_are_followed_only_to_what_shines() {
         let sliver = add_material(&mut scene, lamp);
         let (from, to) = (Vec3::new(-10.0, 30.0, -10.0), Vec3::new(30.0, -10.0, 30.0));
         add_quad(&mut scene, from, to - from, Vec3::X * 1e-5, sliver);
-        scene.mesh.uvs.resize(scene.mesh.positions.len(), Vec2::ZERO);
+        let vertices = scene.mesh.positions.len();
+        scene.mesh.uvs.resize(vertices, Vec2::ZERO);
         scene
     };
     let image = EnvironmentMap {

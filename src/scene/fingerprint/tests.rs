@@ -284,7 +284,8 @@ fn scene() -> Scene {
             triangles: vec![[0, 1, 2]],
             materials: vec![0],
             ..Mesh::default()
-        },
+        }
+        .into(),
         materials: vec![Material::matte("grey", Vec3::splat(0.5))],
         textures: vec![image()],
         procedurals: vec![ProceduralSurface::new(Code { parameter: 1.0 })],

@@ -147,9 +147,9 @@ impl Simulation {
             dispatches: Default::default(),
         });
         let tracers = Tracers {
-            host: Arc::clone(&ledger) as _,
             device: (!random.one_in(6)).then_some(device as _),
             unit: random.pick(&[Unit::Cpu, Unit::Gpu, Unit::Hybrid, Unit::Hybrid]),
+            ..Tracers::cpu(Arc::clone(&ledger) as _)
         };
         let chunk_rays = random.range(1, 8);
         let options = JobOptions {

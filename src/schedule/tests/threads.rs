@@ -12,7 +12,7 @@ fn device(ledger: &Arc<Ledger>, fate: Fate) -> Arc<FakeDevice> {
 }
 
 fn tracers(ledger: &Arc<Ledger>, device: Arc<FakeDevice>, unit: Unit) -> Tracers {
-    Tracers { host: Arc::clone(ledger) as _, device: Some(device), unit }
+    Tracers::cpu(Arc::clone(ledger) as _).with_device(device, unit)
 }
 
 #[test]

@@ -146,6 +146,19 @@ impl GpuTracer {
         Ok(Self { name, shared, worker: Mutex::default() })
     }
 
+    /// A tracer of the same scene on the same device, with another filter. `cpu` traces the scene with that filter.
+    pub fn with_filter(&self, filter: Option<Arc<dyn Filter>>, cpu: Arc<dyn Tracer>) -> Self {
+        let Shared { device: _, variant, source, resolver, is_final: _ } = &*self.shared;
+        let shared = Arc::new(Shared {
+            device: Mutex::new(self.shared.device()),
+            variant: *variant,
+            source: *source,
+            resolver: Resolver { bvh: Arc::clone(&resolver.bvh), filter, cpu },
+            is_final: AtomicBool::new(false),
+        });
+        Self { name: self.name.clone(), shared, worker: Mutex::default() }
+    }
+
     /// Bytes that the scene takes on the device.
     pub fn scene_bytes(&self) -> u64 {
         self.shared.device().scene.bytes

@@ -77,9 +77,9 @@ pub(super) fn load(path: &Path) -> Result<Scene, LoadError> {
         materials.push(Material::fallback());
     }
     Ok(Scene {
-        mesh: world.mesh,
-        shapes: world.shapes,
-        objects: world.objects,
+        mesh: world.mesh.into(),
+        shapes: world.shapes.into(),
+        objects: world.objects.into(),
         materials,
         textures: textures.into_list(),
         lights: world.lights,

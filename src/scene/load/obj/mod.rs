@@ -55,8 +55,8 @@ pub(super) fn load(path: &Path) -> Result<Scene, LoadError> {
         *material = indices[*material as usize];
     }
     Ok(Scene {
-        mesh: geometry.mesh,
-        objects: geometry.objects,
+        mesh: geometry.mesh.into(),
+        objects: geometry.objects.into(),
         materials,
         textures: textures.into_list(),
         warnings: warnings.into_list(),

@@ -32,6 +32,7 @@ pub(super) fn load(path: &Path) -> Result<Scene, LoadError> {
     let name = path.file_stem().unwrap_or_default().to_string_lossy();
     let object = objects.add(Object::new(name));
     objects.assign(0, object);
+    let (mesh, objects) = (mesh.into(), objects.into());
     Ok(Scene { mesh, objects, materials, warnings: warnings.into_list(), ..Scene::default() })
 }
 

@@ -1,0 +1,112 @@
+//! Pictures of a look have the bytes of a scene that is prepared from nothing, and the tree is the same.
+
+use super::*;
+
+/// A change of a look.
+type Change = fn(&mut Scene);
+
+/// Changes that keep the tree.
+const KEEPING: [Change; 13] = [
+    |_| (),
+    |s| s.materials[1] = Material::matte("red", Vec3::X),
+    |s| s.materials[4].emission = None,
+    |s| s.materials[1].emission = Some(Emission { radiance: Colour::constant(Vec3::ONE), two_sided: false }),
+    |s| s.materials[7].alpha.mode = AlphaMode::Mask { cutoff: 0.9 },
+    |s| s.materials[7].alpha.mode = AlphaMode::Blend,
+    |s| s.materials[7].alpha.value.factor = 0.7,
+    |s| s.lights.truncate(1),
+    |s| s.lights[1].intensity = Vec3::splat(9.0),
+    |s| s.environment = Environment::Constant(Vec3::new(0.3, 0.4, 0.5)),
+    |s| {
+        let Environment::Map(map) = &mut s.environment else { return };
+        map.rotation_degrees = 170.0;
+    },
+    |s| {
+        // The texture of the lamp, the leaf and the mix.
+        s.textures[0].texels = s.textures[1].image().iter().rev().copied().collect();
+        s.add_mipmaps();
+    },
+    |s| s.materials.push(Material { alpha: s.materials[7].alpha, ..Material::matte("unused", Vec3::ONE) }),
+];
+
+/// Changes that need another tree.
+const REBUILDING: [Change; 3] = [
+    |s| s.materials[7].alpha = Alpha::default(),
+    |s| s.materials[1].alpha.mode = AlphaMode::Blend,
+    |s| s.mesh.positions[0].z += 0.5,
+];
+
+/// Checks that a change of look after another gives the bytes of a fresh scene, and whether the tree is kept.
+fn check(before: Change, change: Change, is_kept: bool) {
+    let (service, units) = (service(), Units::cpu());
+    let mut scene = everything();
+    // Mixes must agree with their parts, which some changes contradict.
+    scene.mixes.clear();
+    scene.materials[5] = Material::matte("no mix", Vec3::Y);
+    scene.materials[6] = Material::matte("no mix", Vec3::Z);
+    before(&mut scene);
+    let old = PreparedScene::new(scene, &units).expect("a valid scene");
+    let old_picture = picture(&service, &old);
+    let old_path = old.path(&camera(), settings()).expect("valid settings");
+
+    let mut look = Scene::clone(&old.scene);
+    change(&mut look);
+    let fresh = PreparedScene::new(look.clone(), &units).expect("a valid scene");
+    let new = old.with_look(look).expect("a valid look");
+    assert_eq!(Arc::ptr_eq(&new.bvh, &old.bvh), is_kept);
+    let expected = picture(&service, &fresh);
+    assert_eq!(picture(&service, &new), expected);
+    let path = Arc::new(old_path.with_look(&new.scene));
+    assert_eq!(hash(&service, &new, path), expected, "the lights of a frame's own scene");
+    let lit = fresh.lit();
+    let whitted = |prepared: &PreparedScene, lit| {
+        let whitted = Whitted::new(lit, &camera(), settings()).expect("valid settings");
+        hash(&service, prepared, Arc::new(whitted))
+    };
+    assert_eq!(whitted(&new, new.lit()), whitted(&fresh, lit));
+    assert_eq!(picture(&service, &old), old_picture, "the old look stays");
+}
+
+#[test]
+fn looks_keep_the_tree_and_have_the_bytes_of_fresh_scenes() {
+    for change in KEEPING {
+        check(|_| (), change, true);
+        check(change, |_| (), true);
+    }
+}
+
+#[test]
+fn the_tree_is_built_anew_if_it_must_be() {
+    for change in REBUILDING {
+        check(|_| (), change, false);
+    }
+}
+
+#[test]
+fn a_scene_without_alpha_keeps_its_tracers() {
+    let mut scene = everything();
+    scene.materials[7].alpha = Alpha::default();
+    let old = PreparedScene::new(scene, &Units::cpu()).expect("a valid scene");
+    let new = old.with_look(Scene::clone(&old.scene)).expect("a valid look");
+    assert!(Arc::ptr_eq(&old.tracers.host, &new.tracers.host));
+    assert!(old.scene.shares_geometry(&new.scene));
+}
+
+#[test]
+fn invalid_looks_are_refused() {
+    let old = PreparedScene::new(everything(), &Units::cpu()).expect("a valid scene");
+    let refused = |change: Change| {
+        let mut look = Scene::clone(&old.scene);
+        change(&mut look);
+        old.with_look(look).expect_err("an invalid look").to_string()
+    };
+    for (message, part) in [
+        (refused(|s| s.materials.truncate(7)), "names material 7"),
+        (refused(|s| s.mesh.positions[0].x = f32::NAN), "vertex 0 is at (NaN"),
+        (refused(|s| s.materials[0].surface = Surface::Procedural(0)), "names procedural surface 0"),
+        (refused(|s| s.lights[0].intensity.x = f32::NAN), "its intensity is NaN"),
+        (refused(|s| s.environment = Environment::Constant(-Vec3::ONE)), "its radiance is -1"),
+    ] {
+        assert!(message.contains(part), "{message}");
+    }
+}

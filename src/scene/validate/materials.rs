@@ -1,0 +1,174 @@
+//! Checks materials.
+
+use super::{FINITE, INDEX_OF_REFRACTION, POSITIVE, Range, SHARE, SceneError, ScenePart};
+use crate::scene::{
+    Alpha, AlphaMode, Anisotropy, Coat, Colour, Emission, Iridescence, Material, Medium, NormalMap,
+    Principled, Scalar, Scene, Sheen, Surface, TextureRef,
+};
+
+impl Scene {
+    /// The name of a material in messages.
+    pub(super) fn material_part(&self, index: usize) -> ScenePart {
+        ScenePart::Material { index, name: self.materials[index].name.clone() }
+    }
+
+    /// Checks all materials.
+    pub(super) fn validate_materials(&self) -> Result<(), SceneError> {
+        (0..self.materials.len()).try_for_each(|index| self.check_material(index))
+    }
+
+    fn check_material(&self, index: usize) -> Result<(), SceneError> {
+        let part = &self.material_part(index);
+        let Material { name: _, surface, emission, normal_map, alpha, medium } = &self.materials[index];
+        self.check_surface(part, surface)?;
+        if let Some(Emission { radiance, two_sided: _ }) = emission {
+            self.check_colour(part, "its emission", radiance, POSITIVE)?;
+        }
+        self.check_normal_map(part, "its normal map", normal_map)?;
+        let Alpha { mode, value } = alpha;
+        self.check_scalar(part, "its alpha", value, SHARE)?;
+        if let AlphaMode::Mask { cutoff } = *mode {
+            FINITE.check(part, "its alpha cutoff", [cutoff])?;
+        }
+        if let Some(Medium { absorption }) = medium {
+            POSITIVE.check(part, "the absorption of its medium", absorption.to_array())?;
+        }
+        Ok(())
+    }
+
+    fn check_surface(&self, part: &ScenePart, surface: &Surface) -> Result<(), SceneError> {
+        let index = |kind, index, count| self.check_index(part, "its surface", kind, index, count);
+        match surface {
+            Surface::Matte { reflectance } | Surface::Mirror { reflectance } => {
+                self.check_colour(part, "its reflectance", reflectance, SHARE)
+            }
+            Surface::Dielectric { ior, transmittance } => {
+                let above = Range { least: f32::MIN_POSITIVE, most: f32::MAX, text: "finite and above 0" };
+                above.check(part, "its index of refraction", [*ior])?;
+                SHARE.check(part, "its transmittance", transmittance.to_array())
+            }
+            Surface::Principled(surface) => self.check_principled(part, surface),
+            Surface::Procedural(i) => index("procedural surface", *i, self.procedurals.len()),
+            Surface::Scattering(i) => index("scattering surface", *i, self.scatterings.len()),
+            Surface::Mix(i) => index("mix", *i, self.mixes.len()),
+        }
+    }
+
+    fn check_principled(&self, part: &ScenePart, surface: &Principled) -> Result<(), SceneError> {
+        let Principled {
+            base_colour,
+            metallic,
+            roughness,
+            ior,
+            specular,
+            specular_colour,
+            transmission,
+            thin: _,
+            clearcoat,
+            clearcoat_roughness,
+            coats,
+            coat_normal_map,
+            anisotropy,
+            sheen,
+            iridescence,
+        } = surface;
+        self.check_colour(part, "its base colour", base_colour, SHARE)?;
+        for (field, value) in [
+            ("metallic", metallic),
+            ("its roughness", roughness),
+            ("specular", specular),
+            ("its transmission", transmission),
+            ("its clear coat", clearcoat),
+            ("the roughness of its clear coat", clearcoat_roughness),
+        ] {
+            self.check_scalar(part, field, value, SHARE)?;
+        }
+        INDEX_OF_REFRACTION.check(part, "its index of refraction", [*ior])?;
+        self.check_colour(part, "its specular colour", specular_colour, POSITIVE)?;
+        for &Coat { weight, ior, roughness, tint } in coats.iter() {
+            SHARE.check(part, "the weight of a coat", [weight])?;
+            INDEX_OF_REFRACTION.check(part, "the index of refraction of a coat", [ior])?;
+            SHARE.check(part, "the roughness of a coat", [roughness])?;
+            SHARE.check(part, "the tint of a coat", tint.to_array())?;
+        }
+        self.check_normal_map(part, "the normal map of its coats", coat_normal_map)?;
+        if let Some(Anisotropy { strength, rotation, direction }) = anisotropy {
+            self.check_scalar(part, "its anisotropy", strength, SHARE)?;
+            FINITE.check(part, "the rotation of its anisotropy", [*rotation])?;
+            self.check_texture_ref(part, "the direction of its anisotropy", direction.as_ref())?;
+        }
+        if let Some(Sheen { colour, roughness }) = sheen {
+            self.check_colour(part, "its sheen", colour, SHARE)?;
+            self.check_scalar(part, "the roughness of its sheen", roughness, SHARE)?;
+        }
+        if let Some(Iridescence { strength, ior, thickness_nm, thickness_texture }) = iridescence {
+            self.check_scalar(part, "its iridescence", strength, SHARE)?;
+            INDEX_OF_REFRACTION.check(part, "the index of refraction of its thin film", [*ior])?;
+            POSITIVE.check(part, "the thickness of its thin film", *thickness_nm)?;
+            let texture = thickness_texture.as_ref().map(|(texture, _)| texture);
+            self.check_texture_ref(part, "the thickness of its thin film", texture)?;
+        }
+        Ok(())
+    }
+
+    fn check_normal_map(
+        &self,
+        part: &ScenePart,
+        field: &'static str,
+        map: &Option<NormalMap>,
+    ) -> Result<(), SceneError> {
+        let Some(NormalMap { texture, scale }) = map else { return Ok(()) };
+        FINITE.check(part, "the scale of a normal map", [*scale])?;
+        self.check_texture_ref(part, field, Some(texture))
+    }
+
+    fn check_colour(
+        &self,
+        part: &ScenePart,
+        field: &'static str,
+        colour: &Colour,
+        range: Range,
+    ) -> Result<(), SceneError> {
+        let Colour { factor, texture } = colour;
+        range.check(part, field, factor.to_array())?;
+        self.check_texture_ref(part, field, texture.as_ref())
+    }
+
+    pub(super) fn check_scalar(
+        &self,
+        part: &ScenePart,
+        field: &'static str,
+        scalar: &Scalar,
+        range: Range,
+    ) -> Result<(), SceneError> {
+        let Scalar { factor, texture } = scalar;
+        range.check(part, field, [*factor])?;
+        self.check_texture_ref(part, field, texture.as_ref().map(|(texture, _)| texture))
+    }
+
+    fn check_texture_ref(
+        &self,
+        part: &ScenePart,
+        field: &'static str,
+        texture: Option<&TextureRef>,
+    ) -> Result<(), SceneError> {
+        let Some(TextureRef { texture, offset, rotation, scale }) = texture else { return Ok(()) };
+        self.check_index(part, field, "texture", *texture, self.textures.len())?;
+        let numbers = [offset.x, offset.y, *rotation, scale.x, scale.y];
+        FINITE.check(part, "the transform of a texture", numbers)
+    }
+
+    pub(super) fn check_index(
+        &self,
+        part: &ScenePart,
+        field: &'static str,
+        kind: &'static str,
+        index: u32,
+        count: usize,
+    ) -> Result<(), SceneError> {
+        if (index as usize) < count {
+            return Ok(());
+        }
+        Err(SceneError::Index { part: part.clone(), field, kind, index, count })
+    }
+}

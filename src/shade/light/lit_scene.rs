@@ -1,0 +1,117 @@
+//! A scene with its lights.
+
+use super::{EmitterBounds, Emitters, EnvironmentLight, Lights, Punctual};
+use crate::scene::{Emission, Environment, EnvironmentMap, Scene, Texture, TextureRef};
+use std::sync::Arc;
+
+/// A scene with its lights prepared for sampling. Clones share both. Made from an `Arc<Scene>` by `From`.
+#[derive(Clone, Debug)]
+pub struct LitScene {
+    scene: Arc<Scene>,
+    lights: Arc<Lights>,
+}
+
+impl From<Arc<Scene>> for LitScene {
+    fn from(scene: Arc<Scene>) -> Self {
+        let lights = Arc::new(Lights::new(&scene));
+        Self { scene, lights }
+    }
+}
+
+impl LitScene {
+    /// The scene.
+    pub fn scene(&self) -> &Arc<Scene> {
+        &self.scene
+    }
+
+    /// Its lights.
+    pub fn lights(&self) -> &Arc<Lights> {
+        &self.lights
+    }
+
+    /// Another look of the same geometry: lights that are equal in both are not prepared again. The result is that of
+    /// `LitScene::from(scene)`.
+    pub fn with_look(&self, scene: Arc<Scene>) -> Self {
+        let lights = Arc::new(self.lights.with_look(&self.scene, &scene));
+        Self { scene, lights }
+    }
+
+    /// The same scene for integrators that also sample BSDFs: see [`Lights::without_uniform_sky`].
+    pub fn without_uniform_sky(self) -> Self {
+        let lights = Arc::new(Arc::unwrap_or_clone(self.lights).without_uniform_sky());
+        Self { lights, ..self }
+    }
+}
+
+impl Lights {
+    /// The lights of `new`, which reuse those of `old` that are equal. These are the lights of `old`.
+    fn with_look(&self, old: &Scene, new: &Scene) -> Self {
+        if !new.shares_geometry(old) {
+            return self.sampled_alike(Self::new(new));
+        }
+        let (emitters, emitter_bounds) = if have_equal_emission(old, new) {
+            // Surfaces of user code may bound emission of their own.
+            let is_built_in = old.procedurals.is_empty() && new.procedurals.is_empty();
+            let bounds = if is_built_in {
+                Arc::clone(&self.emitter_bounds)
+            } else {
+                Arc::new(EmitterBounds::new(new, &self.bounds))
+            };
+            (Arc::clone(&self.emitters), bounds)
+        } else {
+            (Arc::new(Emitters::new(new)), Arc::new(EmitterBounds::new(new, &self.bounds)))
+        };
+        let punctual = if old.lights == new.lights {
+            Arc::clone(&self.punctual)
+        } else {
+            Arc::new(Punctual::new(&new.lights, self.bounds.radius()))
+        };
+        let environment = if are_equal(&old.environment, &new.environment) {
+            Arc::clone(&self.environment)
+        } else {
+            Arc::new(EnvironmentLight::new(&new.environment))
+        };
+        self.sampled_alike(Self::of_parts(self.bounds, emitters, punctual, environment, emitter_bounds))
+    }
+
+    /// Other lights, without a uniform sky if these are.
+    fn sampled_alike(&self, lights: Self) -> Self {
+        if self.skips_uniform_sky { lights.without_uniform_sky() } else { lights }
+    }
+}
+
+/// Whether triangles of all materials emit the same light.
+fn have_equal_emission(old: &Scene, new: &Scene) -> bool {
+    let emission = |scene: &Scene, index: usize| scene.materials.get(index).and_then(|m| m.emission);
+    let is_equal = |index: usize| match (emission(old, index), emission(new, index)) {
+        (None, None) => true,
+        (Some(a), Some(b)) => {
+            let Emission { radiance, two_sided: _ } = a;
+            a == b
+                && radiance.texture.is_none_or(|TextureRef { texture, .. }| {
+                    let texture = texture as usize;
+                    have_equal_texels(&old.textures[texture], &new.textures[texture])
+                })
+        }
+        _ => false,
+    };
+    (0..old.materials.len().max(new.materials.len())).all(is_equal)
+}
+
+/// Whether lookups in both textures are the same. Equal images at different addresses count as different.
+fn have_equal_texels(a: &Texture, b: &Texture) -> bool {
+    let kind = |t: &Texture| (t.width, t.height, t.space, t.wrap_u, t.wrap_v);
+    kind(a) == kind(b) && Arc::ptr_eq(&a.texels, &b.texels)
+}
+
+/// Whether both environments are the same. Equal images at different addresses count as different.
+fn are_equal(a: &Environment, b: &Environment) -> bool {
+    match (a, b) {
+        (Environment::Constant(a), Environment::Constant(b)) => a == b,
+        (Environment::Map(a), Environment::Map(b)) => {
+            let kind = |map: &EnvironmentMap| (map.width, map.height, map.rotation_degrees.to_bits());
+            kind(a) == kind(b) && Arc::ptr_eq(&a.texels, &b.texels)
+        }
+        _ => false,
+    }
+}
