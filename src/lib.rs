@@ -14,6 +14,8 @@
 pub mod files;
 pub mod lanes;
 #[cfg(feature = "render")]
+pub mod memory;
+#[cfg(feature = "render")]
 mod sync;
 
 pub mod geom;

@@ -16,6 +16,8 @@ pub mod load;
 mod material;
 mod medium;
 mod mesh;
+#[cfg(feature = "formats")]
+mod mesh_size;
 mod mip_weights;
 mod mipmap;
 mod mix;
@@ -44,6 +46,8 @@ pub use light::{Light, LightShape};
 pub use material::{Alpha, AlphaMode, Colour, Emission, Material, NormalMap, Scalar, Surface};
 pub use medium::Medium;
 pub use mesh::{MAX_TRIANGLES, Mesh, MeshError};
+#[cfg(feature = "formats")]
+pub(crate) use mesh_size::MeshSize;
 pub use mip_weights::Averaging;
 pub use mipmap::Mipmap;
 pub use mix::Mix;

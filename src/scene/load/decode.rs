@@ -1,6 +1,9 @@
 //! Decodes image files, within stated limits.
 
+use crate::memory::OutOfMemory;
 use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader};
+use std::borrow::Cow;
+use std::fmt;
 use std::io::Cursor;
 use std::path::Path;
 
@@ -14,14 +17,40 @@ const TRUSTED_IMAGE_BYTES: u64 = 1 << 26;
 /// The most decoded bytes per byte of the file. Deflate reaches about 1000.
 const MAX_RATIO: u64 = 4096;
 
+/// The size of an image, which its header tells.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct ImageSize {
+    pub(super) width: u32,
+    pub(super) height: u32,
+    /// Bytes of the decoded image.
+    pub(super) bytes: u64,
+}
+
+impl ImageSize {
+    pub(super) fn texels(&self) -> u64 {
+        u64::from(self.width) * u64::from(self.height)
+    }
+}
+
+impl fmt::Display for ImageSize {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "an image of {} x {} pixels", self.width, self.height)
+    }
+}
+
 /// Decodes an image. Its first bytes tell the format. For formats without a signature (TGA), the extension of `name`
-/// tells it.
+/// tells it. `afford` is asked before memory is taken.
 ///
 /// # Errors
 /// A sentence without the file's name. It says what is wrong and gives both numbers if a limit is exceeded.
-pub(super) fn decode(bytes: &[u8], name: &Path) -> Result<DynamicImage, String> {
-    let cannot = |problem: &dyn std::fmt::Display| format!("cannot be decoded: {problem}");
-    let mut reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(|e| cannot(&e))?;
+pub(super) fn decode(
+    bytes: &[u8],
+    name: &Path,
+    afford: impl FnOnce(ImageSize) -> Result<(), OutOfMemory>,
+) -> Result<DynamicImage, String> {
+    let cannot = |problem: &dyn fmt::Display| format!("cannot be decoded: {problem}");
+    let bytes = with_known_signature(bytes);
+    let mut reader = ImageReader::new(Cursor::new(&*bytes)).with_guessed_format().map_err(|e| cannot(&e))?;
     if reader.format().is_none() {
         let Ok(format) = ImageFormat::from_path(name) else {
             return Err(
@@ -53,5 +82,14 @@ pub(super) fn decode(bytes: &[u8], name: &Path) -> Result<DynamicImage, String> 
             bytes.len()
         ));
     }
+    afford(ImageSize { width, height, bytes: needed }).map_err(|e| e.to_string())?;
     DynamicImage::from_decoder(decoder).map_err(|e| cannot(&e))
+}
+
+/// The file with the signature `#?RADIANCE` if it has the other signature of Radiance files, `#?RGBE`.
+fn with_known_signature(bytes: &[u8]) -> Cow<'_, [u8]> {
+    match bytes.strip_prefix(b"#?RGBE") {
+        Some(rest) => Cow::Owned([b"#?RADIANCE", rest].concat()),
+        None => Cow::Borrowed(bytes),
+    }
 }

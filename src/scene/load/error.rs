@@ -1,11 +1,37 @@
 //! Errors of loading files.
 
+use crate::memory::OutOfMemory;
 use crate::scene::MeshError;
 use std::path::PathBuf;
 
-/// Why a scene or an environment map could not be loaded: the file, the place in it, and the remedy.
+/// Why a scene or an environment map could not be loaded, and what the loader had warned of until then.
 #[derive(Debug, thiserror::Error)]
-pub enum LoadError {
+#[error("{problem}")]
+pub struct LoadError {
+    problem: Box<LoadProblem>,
+    warnings: Vec<String>,
+}
+
+impl LoadError {
+    pub(super) fn new(problem: LoadProblem, warnings: Vec<String>) -> Self {
+        Self { problem: Box::new(problem), warnings }
+    }
+
+    /// What is wrong.
+    pub fn problem(&self) -> &LoadProblem {
+        &self.problem
+    }
+
+    /// Features of the file that the loader had ignored or changed before it gave up, one sentence each.
+    pub fn warnings(&self) -> &[String] {
+        &self.warnings
+    }
+}
+
+/// What is wrong: the file, the place in it, and the remedy.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum LoadProblem {
     /// The file, or a file that it names, cannot be read.
     #[error("cannot read {}: {source}", path.display())]
     Read {
@@ -61,7 +87,7 @@ pub enum LoadError {
         /// The extension's name.
         extension: String,
     },
-    /// A material's texture is missing or cannot be decoded.
+    /// A material's texture is missing or cannot be decoded ([`super::LoadOptions::with_allow_missing`]).
     #[error("{}, material {material:?}: texture {texture}: {problem}", path.display())]
     Texture {
         /// The file that names the texture.
@@ -81,4 +107,25 @@ pub enum LoadError {
         /// The invariant.
         source: MeshError,
     },
+    /// The file contains no triangles. The reasons are the loader's warnings.
+    #[error("{}: the scene has no triangles{}", path.display(), because(reasons))]
+    Empty {
+        /// The file.
+        path: PathBuf,
+        /// What was left out, one sentence each.
+        reasons: Vec<String>,
+    },
+    /// The scene needs more memory than the budget allows ([`super::LoadOptions::with_memory`]).
+    #[error("{}: {source}; make it smaller, or raise the limit (--memory)", path.display())]
+    Memory {
+        /// The file that needs the memory.
+        path: PathBuf,
+        /// Both numbers.
+        source: OutOfMemory,
+    },
+}
+
+/// The reasons as the end of a sentence.
+fn because(reasons: &[String]) -> String {
+    if reasons.is_empty() { String::new() } else { format!(": {}", reasons.join(" ")) }
 }

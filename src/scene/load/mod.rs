@@ -3,57 +3,95 @@
 //!
 //! A loader returns either a scene that satisfies all invariants of [`Scene`], or one error that names the file and
 //! the place in it. An optional feature that is not supported becomes a sentence in [`Scene::warnings`]. Primitive
-//! ids follow the order of the faces in the file. Polygons become fans around their first corner. No input makes a
-//! loader panic.
+//! ids follow the order of the faces in the file. Polygons become fans around their first corner. Faces with a vertex
+//! that is not finite are dropped, with a warning. No input makes a loader panic, or take more memory than
+//! [`LoadOptions::with_memory`] allows: large things are counted before they are allocated. The file that the caller
+//! names may be a pipe; what a scene names must be a regular file.
 
 mod decode;
+mod dropped;
 mod environment;
 mod error;
 mod gltf;
+mod named;
 mod obj;
+mod options;
 mod ply;
+mod session;
 mod textures;
 mod warnings;
 
-pub use environment::{LARGEST_RADIANCE, OVERFLOWED_RADIANCE, environment};
-pub use error::LoadError;
+pub use environment::{LARGEST_RADIANCE, OVERFLOWED_RADIANCE, environment, environment_with};
+pub use error::{LoadError, LoadProblem};
+pub use options::LoadOptions;
 
 #[cfg(doc)]
 use super::EnvironmentMap;
 use super::Scene;
-use super::recipe::Recipe;
+use super::recipe::{Recipe, RecipeError};
+use crate::memory::OutOfMemory;
+use session::Session;
+use std::fs::File;
+use std::io::Read;
 use std::path::{Path, PathBuf};
+
+/// [`load_with`] the default options.
+///
+/// # Errors
+/// As for [`load_with`].
+pub fn load(path: &Path) -> Result<Scene, LoadError> {
+    load_with(path, &LoadOptions::default())
+}
 
 /// Loads a scene. The extension of the file name (`.obj`, `.gltf`, `.glb`, `.ply`, `.json`, in any case) selects the
 /// loader.
 ///
 /// # Errors
 /// When the file, or a file that it names, cannot be read or does not follow its format, requires a feature that is
-/// not supported, or contains no triangles.
-pub fn load(path: &Path) -> Result<Scene, LoadError> {
-    let mut scene = match extension(path).as_str() {
-        "obj" => obj::load(path),
-        "gltf" | "glb" => gltf::load(path),
-        "ply" => ply::load(path),
-        "json" => recipe(path),
+/// not supported, contains no triangles, or needs more memory than the options allow.
+pub fn load_with(path: &Path, options: &LoadOptions) -> Result<Scene, LoadError> {
+    let mut session = Session::new(path, options);
+    match scene(&mut session) {
+        Ok(scene) => Ok(Scene { warnings: session.warnings.into_list(), ..scene }),
+        Err(problem) => Err(LoadError::new(problem, session.warnings.into_list())),
+    }
+}
+
+fn scene(session: &mut Session) -> Result<Scene, LoadProblem> {
+    let path = session.path.clone();
+    let mut scene = match extension(&path).as_str() {
+        "obj" => obj::load(session),
+        "gltf" | "glb" => gltf::load(session),
+        "ply" => ply::load(session),
+        "json" => recipe(session),
         _ => {
             let expected = ".obj, .gltf, .glb, .ply or .json";
-            return Err(LoadError::Kind { path: path.to_owned(), expected });
+            return Err(LoadProblem::Kind { path, expected });
         }
     }?;
-    scene
-        .mesh
-        .validate(scene.materials.len())
-        .map_err(|source| LoadError::Mesh { path: path.to_owned(), source })?;
+    if scene.mesh.triangles.is_empty() {
+        return Err(LoadProblem::Empty { path, reasons: session.warnings.list().to_vec() });
+    }
+    scene.mesh.validate(scene.materials.len()).map_err(|source| LoadProblem::Mesh { path, source })?;
     scene.add_mipmaps();
     Ok(scene)
 }
 
 /// Loads a recipe and generates its scene.
-fn recipe(path: &Path) -> Result<Scene, LoadError> {
-    let text = String::from_utf8_lossy(&read(path)?).into_owned();
-    let scene = Recipe::parse(&text).and_then(|recipe| recipe.build());
-    scene.map_err(|error| LoadError::File { path: path.to_owned(), problem: error.to_string() })
+fn recipe(session: &mut Session) -> Result<Scene, LoadProblem> {
+    let path = session.path.clone();
+    let bytes = read(&path, &session.options)?;
+    check_text(&path, &bytes)?;
+    let recipe = Recipe::parse(&String::from_utf8_lossy(&bytes));
+    let scene = recipe.and_then(|recipe| recipe.build_with(session.options.memory));
+    let mut scene = scene.map_err(|error| match error {
+        RecipeError::Memory(source) => LoadProblem::Memory { path, source },
+        error => LoadProblem::File { path, problem: error.to_string() },
+    })?;
+    for warning in std::mem::take(&mut scene.warnings) {
+        session.warnings.add(warning);
+    }
+    Ok(scene)
 }
 
 /// The extension of a file name in lower case. Empty if there is none.
@@ -69,9 +107,61 @@ fn quote(text: &str) -> String {
     }
 }
 
-/// Reads the bytes of a file.
-fn read(path: &Path) -> Result<Vec<u8>, LoadError> {
-    std::fs::read(path).map_err(|source| LoadError::Read { path: path.to_owned(), source })
+/// Reads the file that the caller names, which may be a pipe.
+fn read(path: &Path, options: &LoadOptions) -> Result<Vec<u8>, LoadProblem> {
+    let cannot = |source| LoadProblem::Read { path: path.to_owned(), source };
+    let file = File::open(path).map_err(cannot)?;
+    let length = file.metadata().map_err(cannot)?.len();
+    contents(path, file, length, u64::MAX, options)
+}
+
+/// Reads the first `most` bytes of a file that a scene names. It must be a regular file: others may never end, or
+/// wait for a writer.
+fn read_named(path: &Path, most: u64, options: &LoadOptions) -> Result<Vec<u8>, LoadProblem> {
+    let cannot = |source| LoadProblem::Read { path: path.to_owned(), source };
+    let about = std::fs::metadata(path).map_err(cannot)?;
+    if !about.is_file() {
+        let kind = if about.is_dir() { "a folder" } else { "a device or a pipe" };
+        let problem = format!("{kind}; what a scene names must be a regular file");
+        return Err(LoadProblem::File { path: path.to_owned(), problem });
+    }
+    contents(path, File::open(path).map_err(cannot)?, about.len(), most, options)
+}
+
+/// The first `most` bytes of a file of `length` bytes, as far as the system knows.
+fn contents(
+    path: &Path,
+    file: File,
+    length: u64,
+    most: u64,
+    options: &LoadOptions,
+) -> Result<Vec<u8>, LoadProblem> {
+    let over = |source| LoadProblem::Memory { path: path.to_owned(), source };
+    let allowed = options.memory.bytes();
+    options.memory.check("the file", length.min(most)).map_err(over)?;
+    let mut bytes = Vec::new();
+    let needed = length.min(most).min(allowed);
+    if bytes.try_reserve_exact(needed as usize).is_err() {
+        return Err(over(OutOfMemory::Refused { what: "the file".into(), needed }));
+    }
+    // A pipe has no length, and a file may have grown.
+    let read = file.take(most.min(allowed.saturating_add(1))).read_to_end(&mut bytes);
+    read.map_err(|source| LoadProblem::Read { path: path.to_owned(), source })?;
+    options.memory.check("the file", bytes.len() as u64).map_err(over)?;
+    Ok(bytes)
+}
+
+/// Refuses what only looks like the text of a scene by its name, as a failed download does.
+fn check_text(path: &Path, bytes: &[u8]) -> Result<(), LoadProblem> {
+    let text = bytes.trim_ascii_start();
+    let problem = if bytes.starts_with(&[0xff, 0xfe]) || bytes.starts_with(&[0xfe, 0xff]) {
+        "the text is encoded as UTF-16; save it as UTF-8"
+    } else if text.starts_with(b"<") {
+        "this is HTML or XML, not a scene; a download may have failed"
+    } else {
+        return Ok(());
+    };
+    Err(LoadProblem::File { path: path.to_owned(), problem: problem.into() })
 }
 
 /// Resolves a name in `file` relative to the file's folder. Either slash separates folders.

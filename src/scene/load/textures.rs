@@ -2,6 +2,8 @@
 //! spaces or addressing modes are textures that share its texels.
 
 use super::decode::decode;
+use super::session::Session;
+use super::{LoadProblem, read_named};
 use crate::scene::{ColourSpace, Mipmap, Texture, Wrap};
 use image::DynamicImage;
 use std::collections::HashMap;
@@ -15,7 +17,15 @@ pub(super) enum Source {
     File(PathBuf),
     /// An image inside the scene file, numbered by the loader.
     Embedded(usize),
+    /// What stands in for images that are missing or broken.
+    StandIn,
 }
+
+/// Bytes that each texel of an image takes in the end: the image itself, and the image with its mipmap levels.
+const HELD_BYTES: u64 = 10;
+
+/// Bytes that each texel takes while an image is decoded or its mipmap levels are computed, beside the decoded file.
+const WORKING_BYTES: u64 = 12;
 
 /// A decoded image.
 #[derive(Debug)]
@@ -35,6 +45,17 @@ impl Pixels {
         let (width, height) = rgba.dimensions();
         let texels = bytemuck::cast_slice::<u8, [u8; 4]>(rgba.as_raw()).into();
         Self { name, width, height, texels, is_float }
+    }
+
+    /// A checker of magenta and black, which no scene has by intention.
+    fn stand_in() -> Self {
+        const SIDE: u32 = 32;
+        let texel = |i: u32| match (i / 4 + i / SIDE / 4) % 2 {
+            0 => [255, 0, 255, 255],
+            _ => [16, 0, 16, 255],
+        };
+        let texels = (0..SIDE * SIDE).map(texel).collect();
+        Self { name: "stand-in".into(), width: SIDE, height: SIDE, texels, is_float: false }
     }
 
     /// Whether any texel's alpha is less than 1.
@@ -71,6 +92,7 @@ impl Textures {
     /// A sentence without the image's name.
     pub(super) fn image(
         &mut self,
+        session: &mut Session,
         source: Source,
         name: &str,
         bytes: impl FnOnce() -> Result<Vec<u8>, String>,
@@ -78,19 +100,48 @@ impl Textures {
         if let Some(&image) = self.by_source.get(&source) {
             return Ok(image);
         }
-        let pixels = Pixels::new(name.to_owned(), decode(&bytes()?, Path::new(name))?);
+        let decoded = decode(&bytes()?, Path::new(name), |size| {
+            session.check(size.to_string(), size.bytes + WORKING_BYTES * size.texels())?;
+            session.hold(size.to_string(), HELD_BYTES * size.texels())
+        })?;
+        Ok(self.add(source, Pixels::new(name.to_owned(), decoded)))
+    }
+
+    fn add(&mut self, source: Source, pixels: Pixels) -> usize {
         self.images.push(pixels);
         self.by_source.insert(source, self.images.len() - 1);
-        Ok(self.images.len() - 1)
+        self.images.len() - 1
+    }
+
+    /// The index of a magenta checker in place of an image that is missing or broken, if the options allow it.
+    ///
+    /// # Errors
+    /// The problem of the image, as `told` tells it.
+    pub(super) fn or_stand_in(
+        &mut self,
+        session: &mut Session,
+        image: Result<usize, String>,
+        told: impl FnOnce(String) -> LoadProblem,
+    ) -> Result<usize, LoadProblem> {
+        let problem = match image {
+            Ok(image) => return Ok(image),
+            Err(problem) => problem,
+        };
+        session.missing(told(problem))?;
+        Ok(match self.by_source.get(&Source::StandIn) {
+            Some(&image) => image,
+            None => self.add(Source::StandIn, Pixels::stand_in()),
+        })
     }
 
     /// The index of the image in a file.
     ///
     /// # Errors
     /// A sentence without the file's name.
-    pub(super) fn file(&mut self, path: &Path) -> Result<usize, String> {
-        self.image(Source::File(path.to_owned()), &path.to_string_lossy(), || {
-            std::fs::read(path).map_err(|e| format!("cannot read {}: {e}", path.display()))
+    pub(super) fn file(&mut self, session: &mut Session, path: &Path) -> Result<usize, String> {
+        let options = session.options;
+        self.image(session, Source::File(path.to_owned()), &path.to_string_lossy(), || {
+            read_named(path, u64::MAX, &options).map_err(|problem| problem.to_string())
         })
     }
 

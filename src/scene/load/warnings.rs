@@ -36,6 +36,11 @@ impl Warnings {
         clamped
     }
 
+    /// All warnings so far.
+    pub(super) fn list(&self) -> &[String] {
+        &self.list
+    }
+
     /// All warnings.
     pub(super) fn into_list(self) -> Vec<String> {
         self.list

@@ -121,6 +121,7 @@ impl MaterialRecipe {
     /// The material. An error names a number that is out of range, and the range.
     pub(super) fn material(&self, name: &str, texture: Option<TextureRef>) -> Result<Material, String> {
         let colour = Colour { factor: shares("colour", self.colour)?, texture };
+        self.check()?;
         let is_coated = !self.coats.is_empty();
         if is_coated && (self.ior.is_some() || self.mirror) {
             return Err(
@@ -128,8 +129,7 @@ impl MaterialRecipe {
             );
         }
         let surface = if let Some(ior) = self.ior {
-            within("ior", ior, 1.0, 4.0)?;
-            match share("roughness", self.roughness.unwrap_or(0.0))? {
+            match self.roughness.unwrap_or(0.0) {
                 0.0 => Surface::Dielectric { ior, transmittance: self.colour },
                 rough => Surface::Principled(Principled::glass(ior, self.colour, Scalar::constant(rough))),
             }
@@ -138,25 +138,21 @@ impl MaterialRecipe {
         } else if let Some(roughness) = self.roughness {
             let mut surface = Principled {
                 base_colour: colour,
-                metallic: Scalar::constant(share("metallic", self.metallic)?),
-                roughness: Scalar::constant(share("roughness", roughness)?),
-                clearcoat: Scalar::constant(share("clearcoat", self.clearcoat)?),
+                metallic: Scalar::constant(self.metallic),
+                roughness: Scalar::constant(roughness),
+                clearcoat: Scalar::constant(self.clearcoat),
                 ..Principled::default()
             };
             if self.anisotropy != 0.0 {
-                let strength = Scalar::constant(share("anisotropy", self.anisotropy)?);
+                let strength = Scalar::constant(self.anisotropy);
                 let rotation = self.anisotropy_degrees.to_radians();
                 surface.anisotropy = Some(Anisotropy { strength, rotation, direction: None });
             }
             if let Some(SheenLayer { colour, roughness }) = self.sheen {
-                surface.sheen = Some(Sheen {
-                    colour: Colour::constant(shares("sheen", colour)?),
-                    roughness: Scalar::constant(share("the roughness of sheen", roughness)?),
-                });
+                let (colour, roughness) = (Colour::constant(colour), Scalar::constant(roughness));
+                surface.sheen = Some(Sheen { colour, roughness });
             }
             if let Some(ThinFilm { nanometres, ior }) = self.film {
-                within("nanometres", nanometres, 0.0, 1e4)?;
-                within("the ior of film", ior, 1.0, 4.0)?;
                 surface.iridescence = Some(Iridescence {
                     strength: Scalar::constant(1.0),
                     ior,
@@ -175,6 +171,47 @@ impl MaterialRecipe {
         let medium = self.absorption.map(Absorption::medium).transpose()?.flatten();
         let (normal_map, alpha) = (None, Alpha::default());
         Ok(Material { name: name.into(), surface, emission, normal_map, alpha, medium })
+    }
+
+    /// Checks all numbers, whether the surface needs them or not.
+    fn check(&self) -> Result<(), String> {
+        let Self { roughness, metallic, clearcoat, anisotropy, anisotropy_degrees, sheen, film, ior, .. } = self;
+        share("roughness", roughness.unwrap_or(0.0))?;
+        share("metallic", *metallic)?;
+        share("clearcoat", *clearcoat)?;
+        share("anisotropy", *anisotropy)?;
+        within("anisotropy_degrees", *anisotropy_degrees, -1e6, 1e6)?;
+        if let Some(SheenLayer { colour, roughness }) = *sheen {
+            shares("sheen", colour)?;
+            share("the roughness of sheen", roughness)?;
+        }
+        if let Some(ThinFilm { nanometres, ior }) = *film {
+            within("nanometres", nanometres, 0.0, 1e4)?;
+            within("the ior of film", ior, 1.0, 4.0)?;
+        }
+        within("ior", ior.unwrap_or(1.0), 1.0, 4.0)
+    }
+
+    /// What is given but has no effect on the kind of surface, as the rest of a sentence.
+    pub(super) fn unused(&self) -> Option<String> {
+        let (kind, layered) = match (self.ior, self.mirror, self.roughness) {
+            (Some(_), ..) => ("glass", false),
+            (None, true, _) => ("mirrors", false),
+            (None, false, None) => ("a surface without roughness", false),
+            (None, false, Some(_)) => ("", true),
+        };
+        let given = [
+            ("mirror", self.mirror && self.ior.is_some()),
+            ("texture", self.texture.is_some() && self.ior.is_some()),
+            ("roughness", self.roughness.is_some() && self.mirror && self.ior.is_none()),
+            ("metallic", self.metallic != 0.0 && !layered && !self.mirror),
+            ("clearcoat", self.clearcoat != 0.0 && !layered),
+            ("anisotropy", self.anisotropy != 0.0 && !layered),
+            ("sheen", self.sheen.is_some() && !layered),
+            ("film", self.film.is_some() && !layered),
+        ];
+        let unused: Vec<&str> = given.iter().filter(|(_, is_unused)| *is_unused).map(|(name, _)| *name).collect();
+        (!unused.is_empty()).then(|| format!("{} has no effect on {kind}", unused.join(", ")))
     }
 
     /// Adds the coats to the surface below them.

@@ -1,10 +1,14 @@
 //! Mixes of two materials.
 
-use super::{Absorption, Recipe, RecipeError, material, position, within};
+use super::{Absorption, Numbers, Recipe, RecipeError, material, within};
+use crate::memory::MemoryBudget;
 use crate::scene::{self, Channel, Material, Scalar, Scene, Surface, TextureRef};
 use glam::Vec3;
 use serde::Deserialize;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
+
+/// Bytes of a material with its name, and of a mix.
+const BYTES_PER_MATERIAL: u64 = (size_of::<Material>() + size_of::<scene::Mix>() + 64) as u64;
 
 /// A mix of two materials, such as flakes in a paint or rust on a plate. Emission and absorption belong to the mix,
 /// not to its parts.
@@ -23,28 +27,30 @@ pub struct Mix {
     pub absorption: Option<Absorption>,
 }
 
-/// Indices of materials by name.
-type Indices<'a> = BTreeMap<&'a str, u32>;
-
 impl Recipe {
     /// Adds the mixes to the scene, which has all other materials already. Returns the indices of materials and
     /// mixes.
-    pub(super) fn mix(&self, scene: &mut Scene) -> Result<Indices<'_>, RecipeError> {
-        let mut indices: Indices = self.materials.keys().map(String::as_str).zip(0..).collect();
+    pub(super) fn mix(
+        &self,
+        scene: &mut Scene,
+        textures: &Numbers<'_>,
+        memory: MemoryBudget,
+    ) -> Result<Numbers<'_>, RecipeError> {
+        let mut indices: Numbers = self.materials.keys().map(String::as_str).zip(0..).collect();
         for (name, mix) in &self.mixes {
             self.check_mix(name, mix)?;
         }
+        // The mixes that are in the scene, and their parts.
+        let mut done = BTreeSet::new();
         for (name, mix) in &self.mixes {
             let wrong = |problem| wrong(name, problem);
             let emission = mix.emission.map(material::emission).transpose().map_err(wrong)?;
             let medium = mix.absorption.map(Absorption::medium).transpose().map_err(wrong)?.flatten();
             let is_plain = emission.is_none() && medium.is_none();
             // Copies of the parts with the mix's own emission and medium.
-            let mut own = Indices::new();
-            for inner in self.parts_first(name)? {
-                if is_plain && indices.contains_key(inner) {
-                    continue;
-                }
+            let mut own = Numbers::new();
+            let mut copied = BTreeSet::new();
+            for inner in self.parts_first(name, if is_plain { &mut done } else { &mut copied })? {
                 let mut of = [0; 2];
                 for (index, part) in of.iter_mut().zip(&self.mixes[inner].of) {
                     *index = match own.get(&**part) {
@@ -60,7 +66,7 @@ impl Recipe {
                         }
                     };
                 }
-                let share = self.share(inner)?;
+                let share = self.share(inner, textures)?;
                 scene.mixes.push(scene::Mix { of, share });
                 let surface = Surface::Mix(scene.mixes.len() as u32 - 1);
                 let name = inner.to_owned();
@@ -68,6 +74,9 @@ impl Recipe {
                 let target = if is_plain { &mut indices } else { &mut own };
                 target.insert(inner, scene.materials.len() as u32 - 1);
             }
+            // Each mix that shines has copies of all its parts.
+            let materials = scene.materials.len();
+            memory.check(format!("{materials} materials"), BYTES_PER_MATERIAL * materials as u64)?;
             if let Some(index) = own.get(&**name) {
                 indices.insert(name, *index);
             }
@@ -96,37 +105,44 @@ impl Recipe {
         Ok(())
     }
 
-    /// The mixes that a mix contains. Each comes after its parts, and the mix itself is last.
-    fn parts_first<'a>(&'a self, name: &'a str) -> Result<Vec<&'a str>, RecipeError> {
-        let (mut order, mut path) = (Vec::new(), vec![name]);
-        let mut done = BTreeSet::new();
-        while let Some(&last) = path.last() {
-            let is_open = |part: &&String| self.mixes.contains_key(*part) && !done.contains(&***part);
-            match self.mixes[last].of.iter().find(is_open) {
-                None => {
-                    done.insert(last);
-                    order.push(last);
-                    path.pop();
+    /// A mix and the mixes that it contains, without those that are `done` already. Each comes after its parts, and
+    /// the mix itself is last. All are done afterwards.
+    fn parts_first<'a>(
+        &'a self,
+        name: &'a str,
+        done: &mut BTreeSet<&'a str>,
+    ) -> Result<Vec<&'a str>, RecipeError> {
+        let (mut order, mut path) = (Vec::new(), Vec::new());
+        let mut on_path = BTreeSet::new();
+        let mut next = (!done.contains(name)).then_some(name);
+        loop {
+            if let Some(name) = next {
+                if !on_path.insert(name) {
+                    let start = path.iter().position(|on_path| *on_path == name).unwrap_or(0);
+                    let round = path[start..].join(", ");
+                    return Err(wrong(name, format!("it contains itself, by way of {round}")));
                 }
-                Some(part) => match path.iter().position(|name| name == part) {
-                    None => path.push(part),
-                    Some(start) => {
-                        let round = path[start..].join(", ");
-                        return Err(wrong(part, format!("it contains itself, by way of {round}")));
-                    }
-                },
+                path.push(name);
+            }
+            let Some(&last) = path.last() else { return Ok(order) };
+            let is_open = |part: &&String| self.mixes.contains_key(*part) && !done.contains(&***part);
+            next = self.mixes[last].of.iter().find(is_open).map(|part| &**part);
+            if next.is_none() {
+                done.insert(last);
+                on_path.remove(last);
+                order.push(last);
+                path.pop();
             }
         }
-        Ok(order)
     }
 
-    fn share(&self, name: &str) -> Result<Scalar, RecipeError> {
+    fn share(&self, name: &str, textures: &Numbers<'_>) -> Result<Scalar, RecipeError> {
         let Mix { share, texture, .. } = &self.mixes[name];
         let texture = match texture {
             None => None,
             Some(texture) => {
-                let index = position(&self.textures, texture);
-                Some(TextureRef::plain(index.ok_or_else(|| unknown(name, "texture", texture))?))
+                let index = textures.get(&**texture).ok_or_else(|| unknown(name, "texture", texture))?;
+                Some(TextureRef::plain(*index))
             }
         };
         Ok(Scalar { factor: *share, texture: texture.map(|texture| (texture, Channel::R)) })

@@ -10,7 +10,7 @@
 //!               { "shape": "quad", "corner": [-1, 4, 1], "u": [0, 0, -2], "v": [2, 0, 0], "material": "lamp" } ] }
 //! ```
 //!
-//! Unknown fields are errors that name the line. [`Shape`] lists the shapes, [`Pattern`] the textures, and
+//! Unknown fields and names that are given twice are errors that name the line. [`Shape`] lists the shapes, [`Pattern`] the textures, and
 //! [`MaterialRecipe`] the fields of a material. The material of a shape may also be one of the `"mixes"`, which mix
 //! two materials or mixes:
 //!
@@ -20,18 +20,24 @@
 
 mod material;
 mod mix;
+mod object;
 mod pattern;
 mod shape;
+mod unique;
 
 pub use material::{Absorption, CoatRecipe, MaterialRecipe, SheenLayer, ThinFilm};
 pub use mix::Mix;
+pub use object::Object;
 pub use pattern::Pattern;
 pub use shape::Shape;
 
-use super::{Camera, Environment, Scene, TextureRef};
+use super::{Camera, Environment, MAX_TRIANGLES, MeshError, MeshSize, Scene, TextureRef};
+use crate::memory::{MemoryBudget, OutOfMemory};
 use glam::Vec3;
 use serde::Deserialize;
 use std::collections::BTreeMap;
+use std::fmt::{Display, LowerExp};
+use unique::unique;
 
 /// A recipe. Maps are sorted by name, so the order of materials is stable.
 #[derive(Clone, Debug, Deserialize)]
@@ -42,12 +48,13 @@ pub struct Recipe {
     /// Constant radiance of the environment. Black by default.
     pub environment: Option<Vec3>,
     /// Textures by name.
-    #[serde(default)]
+    #[serde(default, deserialize_with = "unique")]
     pub textures: BTreeMap<String, Pattern>,
     /// Materials by name.
+    #[serde(deserialize_with = "unique")]
     pub materials: BTreeMap<String, MaterialRecipe>,
     /// Mixes of materials by name.
-    #[serde(default)]
+    #[serde(default, deserialize_with = "unique")]
     pub mixes: BTreeMap<String, Mix>,
     /// The shapes of the scene, in primitive order.
     pub shapes: Vec<Object>,
@@ -63,16 +70,6 @@ pub struct View {
     pub target: Vec3,
     /// Vertical field of view in degrees.
     pub fov_degrees: f32,
-}
-
-/// A shape with its material.
-#[derive(Clone, Debug, Deserialize)]
-pub struct Object {
-    /// The shape. Its fields are beside `material` in the JSON object.
-    #[serde(flatten)]
-    pub shape: Shape,
-    /// Name of a material or a mix.
-    pub material: String,
 }
 
 /// Why a recipe is invalid.
@@ -99,6 +96,9 @@ pub enum RecipeError {
         /// What is wrong, and what is allowed.
         problem: String,
     },
+    /// The scene needs more memory than allowed.
+    #[error(transparent)]
+    Memory(#[from] OutOfMemory),
 }
 
 impl Recipe {
@@ -115,6 +115,20 @@ impl Recipe {
     /// # Errors
     /// When a name is not defined, or a number is out of range.
     pub fn build(&self) -> Result<Scene, RecipeError> {
+        self.build_with(MemoryBudget::default())
+    }
+
+    /// [`Recipe::build`] within a budget of memory.
+    ///
+    /// # Errors
+    /// As for [`Recipe::build`].
+    pub fn build_with(&self, memory: MemoryBudget) -> Result<Scene, RecipeError> {
+        if let Some(radiance) = self.environment {
+            let in_range = within("the least channel", radiance.min_element(), 0.0, MAX_ENVIRONMENT)
+                .and_then(|()| within("the largest channel", radiance.max_element(), 0.0, MAX_ENVIRONMENT));
+            in_range.map_err(|problem| RecipeError::Range { place: "environment".into(), problem })?;
+        }
+        let size = self.affordable(memory)?;
         let mut scene = Scene {
             environment: Environment::Constant(self.environment.unwrap_or_default()),
             camera: self.camera.map(|v| Camera {
@@ -125,6 +139,8 @@ impl Recipe {
             }),
             ..Scene::default()
         };
+        size.reserve(&mut scene.mesh)?;
+        let textures: Numbers = self.textures.keys().map(String::as_str).zip(0..).collect();
         for (name, pattern) in &self.textures {
             let place = || format!("texture {name:?}");
             let texture =
@@ -135,12 +151,12 @@ impl Recipe {
             let texture = match &recipe.texture {
                 None => None,
                 Some(texture) => {
-                    let index = position(&self.textures, texture).ok_or_else(|| RecipeError::Unknown {
+                    let index = textures.get(&**texture).ok_or_else(|| RecipeError::Unknown {
                         user: format!("material {name:?}"),
                         kind: "texture",
                         name: texture.clone(),
                     })?;
-                    Some(TextureRef::plain(index))
+                    Some(TextureRef::plain(*index))
                 }
             };
             let place = || format!("material {name:?}");
@@ -148,8 +164,9 @@ impl Recipe {
                 .material(name, texture)
                 .map_err(|problem| RecipeError::Range { place: place(), problem })?;
             scene.materials.push(material);
+            scene.warnings.extend(recipe.unused().map(|unused| format!("Material {name:?}: {unused}.")));
         }
-        let materials = self.mix(&mut scene)?;
+        let materials = self.mix(&mut scene, &textures, memory)?;
         for (index, object) in self.shapes.iter().enumerate() {
             let place = || format!("shape {index}");
             let material = materials.get(&*object.material).ok_or_else(|| RecipeError::Unknown {
@@ -159,10 +176,8 @@ impl Recipe {
             })?;
             let owner = scene.objects.add(super::Object::new(place()));
             scene.objects.assign(scene.mesh.triangles.len() as u32, owner);
-            object
-                .shape
-                .tessellate(*material, &mut scene.mesh)
-                .map_err(|problem| RecipeError::Range { place: place(), problem })?;
+            let tessellated = object.shape.tessellate(*material, &mut scene.mesh);
+            tessellated.map_err(|problem| RecipeError::Range { place: place(), problem })?;
         }
         if scene.mesh.normals.iter().all(|&normal| normal == Vec3::ZERO) {
             // All surfaces are flat, so normals are not needed.
@@ -170,19 +185,58 @@ impl Recipe {
         }
         Ok(scene)
     }
+
+    /// The size of the whole mesh. Textures and mesh are counted before either is made.
+    fn affordable(&self, memory: MemoryBudget) -> Result<MeshSize, RecipeError> {
+        let textures = Pattern::BYTES * self.textures.len() as u64;
+        memory.check(format!("{} textures", self.textures.len()), textures)?;
+        let mut size = MeshSize { normals: true, uvs: true, ..MeshSize::default() };
+        for (index, object) in self.shapes.iter().enumerate() {
+            let place = || format!("shape {index}");
+            size += object.shape.size().map_err(|problem| RecipeError::Range { place: place(), problem })?;
+        }
+        if size.triangles > MAX_TRIANGLES as u64 {
+            let error = MeshError::TooMany { found: size.triangles as usize, max: MAX_TRIANGLES };
+            return Err(RecipeError::Range { place: "shapes".into(), problem: error.to_string() });
+        }
+        let with = if textures > 0 { ", with the textures," } else { "" };
+        memory.check(format!("{size}{with}"), size.bytes().saturating_add(textures))?;
+        Ok(size)
+    }
 }
 
-/// Index of a name in a sorted map. Textures are numbered in that order.
-fn position<T>(map: &BTreeMap<String, T>, name: &str) -> Option<u32> {
-    map.keys().position(|k| k == name).map(|i| i as u32)
-}
+/// Indices of textures or materials by name. They are numbered in the order of their names.
+type Numbers<'a> = BTreeMap<&'a str, u32>;
+
+/// The largest radiance of a recipe's environment, which is that of an environment map.
+const MAX_ENVIRONMENT: f32 = 1e9;
 
 /// Checks that a number is within a range. The error names both.
-fn within<T: PartialOrd + std::fmt::Display>(what: &str, value: T, low: T, high: T) -> Result<(), String> {
-    if (&low..=&high).contains(&&value) {
+fn within<T: PartialOrd + Copy + Display + LowerExp>(
+    what: &str,
+    value: T,
+    low: T,
+    high: T,
+) -> Result<(), String> {
+    if (low..=high).contains(&value) {
         return Ok(());
     }
+    let [value, low, high] = [value, low, high].map(readable);
     Err(format!("{what} is {value}; it must be from {low} to {high}"))
+}
+
+/// Checks that a number is above 0 and finite.
+fn positive<T: PartialOrd + Copy + Display + LowerExp + Into<f64>>(what: &str, value: T) -> Result<(), String> {
+    if value.into() > 0.0 && value.into().is_finite() {
+        return Ok(());
+    }
+    Err(format!("{what} is {}; it must be above 0 and finite", readable(value)))
+}
+
+/// A number, with an exponent if it is long otherwise.
+fn readable<T: Display + LowerExp>(number: T) -> String {
+    let digits = number.to_string();
+    if digits.len() > 10 { format!("{number:e}") } else { digits }
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! Generated textures.
 
-use super::within;
+use super::{positive, within};
 use crate::scene::{ColourSpace, Mipmap, Texture, Wrap};
 use noise::{Fbm, MultiFractal, NoiseFn, Perlin};
 use serde::Deserialize;
@@ -47,6 +47,9 @@ pub enum Pattern {
 const SIZE: u32 = 1024;
 
 impl Pattern {
+    /// Bytes of a texture while the scene is made: the image, and the image with its mipmap levels.
+    pub(super) const BYTES: u64 = 10 * (SIZE as u64 * SIZE as u64);
+
     /// Generates the texture. An error names a number that is out of range.
     pub(super) fn paint(&self, name: &str) -> Result<Texture, String> {
         let texels = match self {
@@ -84,7 +87,8 @@ impl Pattern {
                 })
             }
             Self::Wood { colours, rings } => {
-                within("rings", *rings, f64::MIN_POSITIVE, 1e3)?;
+                positive("rings", *rings)?;
+                within("rings", *rings, 0.0, 1e3)?;
                 let bend = Fbm::<Perlin>::new(3).set_octaves(3);
                 let fibre = Fbm::<Perlin>::new(11).set_octaves(4);
                 texels(|u, v| {

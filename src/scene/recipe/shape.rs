@@ -1,7 +1,7 @@
 //! Generated shapes. Shared edges have the same vertex positions to the bit, so bodies are watertight.
 
-use super::within;
-use crate::scene::Mesh;
+use super::{positive, readable, within};
+use crate::scene::{Mesh, MeshSize};
 use glam::{Quat, Vec2, Vec3};
 use noise::{Fbm, MultiFractal, NoiseFn, Perlin};
 use serde::Deserialize;
@@ -9,7 +9,7 @@ use std::f32::consts::TAU;
 
 /// A shape. Lengths are in world units. `cells` counts quads along an edge, each of two triangles.
 #[derive(Clone, Debug, Deserialize)]
-#[serde(tag = "shape", rename_all = "snake_case")]
+#[serde(tag = "shape", rename_all = "snake_case", deny_unknown_fields)]
 pub enum Shape {
     /// A parallelogram. Its normal is in the direction of `u × v`.
     Quad {
@@ -104,9 +104,21 @@ pub struct FractalNoise {
     pub seed: u32,
 }
 
+/// Most features of the coarsest octave between the origin of noise and the farthest point. The finest octave has some
+/// 3000 times as many, and the `noise` crate counts them in integers.
+const MAX_FEATURES: f64 = 1e12;
+
 impl FractalNoise {
-    fn noise(&self) -> Result<impl Fn(Vec3) -> f32 + use<>, String> {
+    /// The displacement at points whose coordinates are at most `reach` in magnitude.
+    fn noise(&self, reach: f32) -> Result<impl Fn(Vec3) -> f32 + use<>, String> {
         within("octaves", self.octaves, 1, 12)?;
+        let features = self.frequency * f64::from(reach);
+        if !(features.abs() <= MAX_FEATURES) {
+            return Err(format!(
+                "frequency is {}, which makes {features:e} features; there may be {MAX_FEATURES:e}",
+                readable(self.frequency)
+            ));
+        }
         let fractal = Fbm::<Perlin>::new(self.seed).set_octaves(self.octaves).set_frequency(self.frequency);
         let height = self.height;
         Ok(move |p: Vec3| height * fractal.get(p.as_dvec3().to_array()) as f32)
@@ -118,7 +130,36 @@ fn one() -> Vec2 {
 }
 
 impl Shape {
-    /// Appends the shape's triangles. An error names a number that is out of range.
+    /// The numbers of vertices and triangles. An error names a number of cells that is out of range.
+    pub(super) fn size(&self) -> Result<MeshSize, String> {
+        let sheet = |[across, up]: [u32; 2], sheets: u64| MeshSize {
+            vertices: sheets * (u64::from(across) + 1) * (u64::from(up) + 1),
+            triangles: sheets * 2 * u64::from(across) * u64::from(up),
+            ..MeshSize::default()
+        };
+        Ok(match self {
+            Self::Quad { .. } => sheet([1, 1], 1),
+            Self::Polygon { points } => {
+                let vertices = points.len() as u64;
+                MeshSize { vertices, triangles: vertices.saturating_sub(2), ..MeshSize::default() }
+            }
+            Self::Block { cells, .. } | Self::Sphere { cells, .. } => {
+                within("cells", *cells, 1, 1024)?;
+                sheet([*cells; 2], 6)
+            }
+            Self::Knot { cells, .. } => {
+                within("cells", cells[0].min(cells[1]), 3, 65536)?;
+                within("cells", cells[0].max(cells[1]), 3, 65536)?;
+                sheet(*cells, 1)
+            }
+            Self::Terrain { cells, .. } => {
+                within("cells", *cells, 1, 4096)?;
+                sheet([*cells; 2], 1)
+            }
+        })
+    }
+
+    /// Appends the shape's triangles, as many as [`Shape::size`] says. An error names a number that is out of range.
     pub(super) fn tessellate(&self, material: u32, mesh: &mut Mesh) -> Result<(), String> {
         match self {
             Self::Quad { corner, u, v, repeat } => {
@@ -131,7 +172,6 @@ impl Shape {
             }
             Self::Polygon { points } => polygon(points, material, mesh)?,
             Self::Block { centre, half, round, turn_degrees, cells } => {
-                within("cells", *cells, 1, 1024)?;
                 let least = half.min_element();
                 if !(least > 0.0 && (0.0..=least).contains(round)) {
                     return Err(format!(
@@ -156,8 +196,6 @@ impl Shape {
                 positive("tube", *tube)?;
                 within("p", *p, 1, 64)?;
                 within("q", *q, 1, 64)?;
-                within("cells", cells[0].min(cells[1]), 3, 65536)?;
-                within("cells", cells[0].max(cells[1]), 3, 65536)?;
                 let turn = Quat::from_rotation_y(turn_degrees.to_radians());
                 let curve = |t: f32| torus_knot(*radius, *p as f32 * t, *q as f32 * t);
                 grid(*cells, [true; 2], material, mesh, |[x, y]| {
@@ -172,9 +210,8 @@ impl Shape {
                 });
             }
             Self::Terrain { centre, size, rough, clearing, cells } => {
-                within("cells", *cells, 1, 4096)?;
                 positive("size", *size)?;
-                let noise = rough.noise()?;
+                let noise = rough.noise(1.0)?;
                 let height = |x: f32, z: f32| {
                     faded(x, z, *clearing) * noise(Vec3::new(x / *size, 0.5, z / *size)).abs()
                 };
@@ -224,7 +261,6 @@ fn sphere(
     material: u32,
     mesh: &mut Mesh,
 ) -> Result<(), String> {
-    within("cells", cells, 1, 1024)?;
     positive("radius", radius)?;
     match rough {
         None => cube(cells, material, mesh, |_, p| {
@@ -232,7 +268,7 @@ fn sphere(
             (centre + out * radius, out)
         }),
         Some(rough) => {
-            let noise = rough.noise()?;
+            let noise = rough.noise(radius)?;
             let at = |p: Vec3| {
                 let out = p.normalize();
                 out * (radius + noise(out * radius))
@@ -320,13 +356,6 @@ fn cube(cells: u32, material: u32, mesh: &mut Mesh, place: impl Fn(Vec3, Vec3) -
 fn quad([a, b, c, d]: [u32; 4], material: u32, mesh: &mut Mesh) {
     mesh.triangles.extend([[a, b, c], [a, c, d]]);
     mesh.materials.extend([material; 2]);
-}
-
-fn positive(what: &str, value: f32) -> Result<(), String> {
-    if value > 0.0 && value.is_finite() {
-        return Ok(());
-    }
-    Err(format!("{what} is {value}; it must be above 0"))
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! Reads animations. Only the camera's animation is supported.
 
-use super::super::LoadError;
+use super::super::LoadProblem;
 use super::Context;
 use super::accessor::vectors;
 use crate::scene::{AnimatedNode, CameraMotion, Interpolate, Interpolation, Key, Track, unit_rotation};
@@ -17,7 +17,7 @@ pub(super) fn camera_motion(
     context: &mut Context,
     chain: &[Node],
     fov_degrees: f32,
-) -> Result<Option<CameraMotion>, LoadError> {
+) -> Result<Option<CameraMotion>, LoadProblem> {
     let moves = |channel: &Channel| {
         let in_chain = chain.iter().any(|node| node.index() == channel.target().node().index());
         in_chain && channel.target().property() != Property::MorphTargetWeights
@@ -26,7 +26,7 @@ pub(super) fn camera_motion(
     let mut moving = document.animations().filter(|animation| animation.channels().any(|c| moves(&c)));
     let Some(animation) = moving.next() else { return Ok(None) };
     if moving.next().is_some() {
-        context.warnings.add("Several animations move the camera; the first one is used.");
+        context.session.warnings.add("Several animations move the camera; the first one is used.");
     }
     let mut nodes: Vec<AnimatedNode> = chain.iter().map(constant).collect();
     for channel in animation.channels().filter(moves) {
@@ -51,6 +51,7 @@ pub(super) fn warn_of_others(context: &mut Context, chain: &[Node]) {
         |channel: &Channel| chain.iter().any(|node| node.index() == channel.target().node().index());
     if context.document.animations().any(|animation| !animation.channels().all(|c| in_chain(&c))) {
         context
+            .session
             .warnings
             .add("Only animations of the camera are supported; everything else keeps its rest pose.");
     }
@@ -70,7 +71,7 @@ fn track<T: Interpolate, const N: usize>(
     animation: &::gltf::Animation,
     channel: &Channel,
     value: fn([f64; N]) -> T,
-) -> Result<Track<T>, LoadError> {
+) -> Result<Track<T>, LoadProblem> {
     let sampler = channel.sampler();
     let place = format!("animations[{}].channels[{}]", animation.index(), channel.index());
     let wrong = |problem: String| context.error(place.clone(), problem);

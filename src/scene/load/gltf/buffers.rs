@@ -1,6 +1,7 @@
 //! Reads the bytes of a glTF document: external files, data URIs, and GLB's binary chunk.
 
-use super::super::{LoadError, beside};
+use super::super::session::Session;
+use super::super::{LoadProblem, beside, named, read_named};
 use ::gltf::Document;
 use ::gltf::buffer::{Source, View};
 use std::path::{Path, PathBuf};
@@ -13,11 +14,19 @@ impl Buffers {
     ///
     /// # Errors
     /// When a buffer is missing, cannot be read, or is too short.
-    pub(super) fn read(path: &Path, document: &Document, binary: Option<&[u8]>) -> Result<Self, LoadError> {
+    pub(super) fn read(
+        session: &mut Session,
+        document: &Document,
+        binary: Option<&[u8]>,
+    ) -> Result<Self, LoadProblem> {
+        let path = session.path.clone();
+        let sizes = document.buffers().map(|buffer| buffer.length() as u64);
+        let all = sizes.fold(0, u64::saturating_add);
+        session.check("the sum of its buffers", all).map_err(|source| session.over(source))?;
         let mut list = Vec::new();
         for buffer in document.buffers() {
-            let place = |problem| LoadError::Place {
-                path: path.to_owned(),
+            let place = |problem| LoadProblem::Place {
+                path: path.clone(),
                 place: format!("buffers[{}]", buffer.index()),
                 problem,
             };
@@ -25,7 +34,13 @@ impl Buffers {
                 Source::Bin => binary
                     .ok_or_else(|| place("has no URI, and the file has no binary chunk".into()))?
                     .to_vec(),
-                Source::Uri(uri) => fetch(path, uri).map_err(place)?,
+                Source::Uri(uri) => match locate(&path, uri).map_err(place)? {
+                    Location::Data(bytes) => bytes,
+                    Location::File(file) => {
+                        let read = read_named(&file, buffer.length() as u64, &session.options);
+                        read.map_err(|problem| place(problem.to_string()))?
+                    }
+                },
             };
             if bytes.len() < buffer.length() {
                 return Err(place(format!(
@@ -54,19 +69,6 @@ impl Buffers {
                 buffer.len()
             )
         })
-    }
-}
-
-/// Reads the bytes that a URI in `file` refers to.
-///
-/// # Errors
-/// A sentence with the file that cannot be read, or with what is wrong with the URI.
-pub(super) fn fetch(file: &Path, uri: &str) -> Result<Vec<u8>, String> {
-    match locate(file, uri)? {
-        Location::File(path) => {
-            std::fs::read(&path).map_err(|error| format!("cannot read {}: {error}", path.display()))
-        }
-        Location::Data(bytes) => Ok(bytes),
     }
 }
 
@@ -102,7 +104,7 @@ pub(super) fn locate(file: &Path, uri: &str) -> Result<Location, String> {
     // Some exporters do not encode. In that case the URI itself is the file name.
     let unescaped = beside(file, uri);
     let path = if unescaped.is_file() { unescaped } else { beside(file, &decoded) };
-    Ok(Location::File(path))
+    Ok(Location::File(named::in_any_case(&path).unwrap_or(path)))
 }
 
 /// Decodes `%41` to `A`. An invalid escape sequence stays as it is.

@@ -1,6 +1,6 @@
 //! Splits GLB files into chunks.
 
-use super::super::{LoadError, extension};
+use super::super::{LoadProblem, extension};
 use std::path::Path;
 
 /// The parts of a `.gltf` or `.glb` file.
@@ -15,15 +15,15 @@ pub(super) struct Container<'a> {
 ///
 /// # Errors
 /// When the file is shorter than its header says, or its first chunk is not JSON.
-pub(super) fn split<'a>(path: &Path, bytes: &'a [u8]) -> Result<Container<'a>, LoadError> {
+pub(super) fn split<'a>(path: &Path, bytes: &'a [u8]) -> Result<Container<'a>, LoadProblem> {
     if !bytes.starts_with(b"glTF") {
         if extension(path) == "glb" && !bytes.trim_ascii_start().starts_with(b"{") {
             let problem = "not a GLB file: it does not begin with \"glTF\"".into();
-            return Err(LoadError::File { path: path.to_owned(), problem });
+            return Err(LoadProblem::File { path: path.to_owned(), problem });
         }
         return Ok(Container { json: bytes, binary: None });
     }
-    chunks(bytes).map_err(|problem| LoadError::File { path: path.to_owned(), problem })
+    chunks(bytes).map_err(|problem| LoadProblem::File { path: path.to_owned(), problem })
 }
 
 fn chunks(bytes: &[u8]) -> Result<Container<'_>, String> {

@@ -1,6 +1,6 @@
 //! Finds geometry that the nodes instance: several nodes with the same mesh, and meshes that differ only in material.
 
-use super::super::LoadError;
+use super::super::LoadProblem;
 use super::Context;
 use super::{accessor, mesh};
 use crate::scene::{Instance, Shape};
@@ -46,7 +46,7 @@ impl<'a> InstancesByGeometry<'a> {
     ///
     /// # Errors
     /// When an accessor cannot be read.
-    pub(super) fn shapes(self, context: &Context) -> Result<Vec<Shape>, LoadError> {
+    pub(super) fn shapes(self, context: &Context) -> Result<Vec<Shape>, LoadProblem> {
         let mut shapes = Vec::new();
         for (geometry, (primitive, instances)) in self.instances {
             if instances.len() > 1 {

@@ -1,6 +1,6 @@
 //! Converts mesh primitives to world-space triangles.
 
-use super::super::LoadError;
+use super::super::LoadProblem;
 use super::Context;
 use super::accessor;
 use super::instance::InstancesByGeometry;
@@ -66,7 +66,7 @@ impl<'a> Flattened<'a> {
     ///
     /// # Errors
     /// When an accessor cannot be read.
-    pub(super) fn finish(mut self, context: &Context) -> Result<(Mesh, Vec<Shape>, bool), LoadError> {
+    pub(super) fn finish(mut self, context: &Context) -> Result<(Mesh, Vec<Shape>, bool), LoadProblem> {
         let mesh = &mut self.mesh;
         let count = mesh.positions.len();
         // An attribute that no vertex has stays empty.
@@ -96,15 +96,15 @@ impl<'a> Flattened<'a> {
         context: &mut Context,
         mesh: &::gltf::Mesh<'a>,
         matrix: &DMat4,
-    ) -> Result<(), LoadError> {
+    ) -> Result<(), LoadProblem> {
         let transform = NodeTransform::new(matrix);
         let mut bases = BTreeMap::new();
         for primitive in mesh.primitives() {
             if primitive.morph_targets().next().is_some() {
-                context.warnings.add("Morph targets are not supported; meshes keep their rest shape.");
+                context.session.warnings.add("Morph targets are not supported; meshes keep their rest shape.");
             }
             if matches!(primitive.mode(), Mode::Points | Mode::Lines | Mode::LineLoop | Mode::LineStrip) {
-                context.warnings.add("Points and lines are ignored, because they have no surface.");
+                context.session.warnings.add("Points and lines are ignored, because they have no surface.");
                 continue;
             }
             let place = || format!("meshes[{}].primitives[{}]", mesh.index(), primitive.index());
@@ -132,7 +132,7 @@ impl<'a> Flattened<'a> {
         };
         let indices = indices(context, primitive, count)?;
         if primitive.mode() == Mode::Triangles && indices.len() % 3 != 0 {
-            context.warnings.add("A mesh has indices left over after its last triangle; they are ignored.");
+            context.session.warnings.add("A mesh has indices left over after its last triangle; they are ignored.");
         }
         let masked = material.is_some_and(|m| self.materials[m].material.alpha.mode != AlphaMode::Opaque);
         let material = material.unwrap_or_else(|| {
@@ -164,7 +164,7 @@ impl<'a> Flattened<'a> {
         let set = material.map_or(0, |material| self.materials[material].uv_set);
         let mut uvs = primitive.get(&Semantic::TexCoords(set));
         if uvs.is_none() && set != 0 {
-            context.warnings.add(format!(
+            context.session.warnings.add(format!(
                 "A mesh has no TEXCOORD_{set}, which its material uses; TEXCOORD_0 is used instead."
             ));
             uvs = primitive.get(&Semantic::TexCoords(0));

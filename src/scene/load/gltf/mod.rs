@@ -15,8 +15,9 @@ mod object;
 mod texture;
 
 use super::textures::Textures;
+use super::session::Session;
 use super::warnings::Warnings;
-use super::{LoadError, read};
+use super::{LoadProblem, check_text, read};
 use crate::scene::{Material, Scene};
 use ::gltf::Document;
 use ::gltf::json::validation::{Error as Invalid, Validate};
@@ -45,27 +46,27 @@ const SUPPORTED: [&str; 15] = [
 
 /// What the parts of the loader share.
 struct Context<'a> {
-    path: &'a Path,
+    session: &'a mut Session,
     document: &'a Document,
     buffers: &'a Buffers,
-    warnings: &'a mut Warnings,
 }
 
 impl Context<'_> {
     /// An error about one part of the file.
-    fn error(&self, place: impl Into<String>, problem: impl Into<String>) -> LoadError {
-        LoadError::Place { path: self.path.to_owned(), place: place.into(), problem: problem.into() }
+    fn error(&self, place: impl Into<String>, problem: impl Into<String>) -> LoadProblem {
+        LoadProblem::Place { path: self.session.path.clone(), place: place.into(), problem: problem.into() }
     }
 }
 
 /// Loads a `.gltf` or `.glb` file with its buffers and images.
-pub(super) fn load(path: &Path) -> Result<Scene, LoadError> {
-    let bytes = read(path)?;
-    let container = container::split(path, &bytes)?;
-    let mut warnings = Warnings::default();
-    let document = parse(path, container.json, &mut warnings)?;
-    let buffers = Buffers::read(path, &document, container.binary)?;
-    let mut context = Context { path, document: &document, buffers: &buffers, warnings: &mut warnings };
+pub(super) fn load(session: &mut Session) -> Result<Scene, LoadProblem> {
+    let path = session.path.clone();
+    let bytes = read(&path, &session.options)?;
+    let container = container::split(&path, &bytes)?;
+    check_text(&path, container.json)?;
+    let document = parse(&path, container.json, &mut session.warnings)?;
+    let buffers = Buffers::read(session, &document, container.binary)?;
+    let mut context = Context { session, document: &document, buffers: &buffers };
     let mut textures = Textures::default();
     let mut materials = Vec::new();
     for material in document.materials() {
@@ -85,14 +86,13 @@ pub(super) fn load(path: &Path) -> Result<Scene, LoadError> {
         lights: world.lights,
         camera: world.camera,
         camera_motion: world.camera_motion,
-        warnings: warnings.into_list(),
         ..Scene::default()
     })
 }
 
 /// Parses and checks the JSON. Afterwards every index in it is in range and every enumeration value is known.
-fn parse(path: &Path, json: &[u8], warnings: &mut Warnings) -> Result<Document, LoadError> {
-    let file = |problem| LoadError::File { path: path.to_owned(), problem };
+fn parse(path: &Path, json: &[u8], warnings: &mut Warnings) -> Result<Document, LoadProblem> {
+    let file = |problem| LoadProblem::File { path: path.to_owned(), problem };
     let mut root: Root = ::gltf::json::deserialize::from_slice(json)
         .map_err(|error| file(format!("not valid glTF JSON: {error}")))?;
     let version = root.asset.min_version.as_ref().unwrap_or(&root.asset.version);
@@ -101,7 +101,7 @@ fn parse(path: &Path, json: &[u8], warnings: &mut Warnings) -> Result<Document, 
     }
     for extension in std::mem::take(&mut root.extensions_required) {
         if !SUPPORTED.contains(&extension.as_str()) {
-            return Err(LoadError::RequiredExtension { path: path.to_owned(), extension });
+            return Err(LoadProblem::RequiredExtension { path: path.to_owned(), extension });
         }
     }
     for extension in &root.extensions_used {
@@ -114,8 +114,8 @@ fn parse(path: &Path, json: &[u8], warnings: &mut Warnings) -> Result<Document, 
 }
 
 /// Runs the crate's own checks. The bounds of positions are not needed, so their errors are ignored.
-fn check(path: &Path, root: &Root) -> Result<(), LoadError> {
-    let place = |place: String, problem: String| LoadError::Place { path: path.to_owned(), place, problem };
+fn check(path: &Path, root: &Root) -> Result<(), LoadProblem> {
+    let place = |place: String, problem: String| LoadProblem::Place { path: path.to_owned(), place, problem };
     // The crate looks up these accessors before it has checked them.
     for (m, mesh) in root.meshes.iter().enumerate() {
         for (p, primitive) in mesh.primitives.iter().enumerate() {

@@ -1,6 +1,6 @@
 //! Flattens the node hierarchy: meshes, lights and the camera in world space.
 
-use super::super::LoadError;
+use super::super::LoadProblem;
 use super::Context;
 use super::animation::{camera_motion, warn_of_others};
 use super::material::Converted;
@@ -29,7 +29,7 @@ pub(super) struct World {
 ///
 /// # Errors
 /// When the nodes do not form trees, or a mesh is wrong.
-pub(super) fn flatten<'a>(context: &mut Context<'a>, materials: &[Converted]) -> Result<World, LoadError> {
+pub(super) fn flatten<'a>(context: &mut Context<'a>, materials: &[Converted]) -> Result<World, LoadProblem> {
     let document = context.document;
     let mut flattened = Flattened::new(materials);
     let mut lights = Vec::new();
@@ -46,7 +46,7 @@ pub(super) fn flatten<'a>(context: &mut Context<'a>, materials: &[Converted]) ->
         let matrix = parent * local_matrix(&node);
         let object = objects.add(&node, above);
         if node.skin().is_some() {
-            context.warnings.add("Skins are not supported; skinned meshes keep their rest pose.");
+            context.session.warnings.add("Skins are not supported; skinned meshes keep their rest pose.");
         }
         if let Some(mesh) = node.mesh() {
             objects.assign(flattened.triangles(), object);
@@ -59,7 +59,7 @@ pub(super) fn flatten<'a>(context: &mut Context<'a>, materials: &[Converted]) ->
             match (&camera, place_camera(context, &found, &matrix)) {
                 (None, placed) => camera = placed.map(|placed| (placed, node.index())),
                 (Some(_), Some(_)) => {
-                    context.warnings.add("The file has several cameras; the first one is used.")
+                    context.session.warnings.add("The file has several cameras; the first one is used.")
                 }
                 (Some(_), None) => {}
             }
@@ -136,17 +136,18 @@ fn place_light(
     let name = light.name().map_or_else(|| format!("light {}", light.index()), str::to_owned);
     if light.range().is_some() {
         context
+            .session
             .warnings
             .add(format!("Light {name:?}: its range is ignored; its light reaches any distance."));
     }
     let clamped =
-        |v: f32| context.warnings.clamp(format_args!("Light {name:?}: its intensity"), v, 0.0, f32::MAX);
+        |v: f32| context.session.warnings.clamp(format_args!("Light {name:?}: its intensity"), v, 0.0, f32::MAX);
     let intensity = (Vec3::from(light.color()) * light.intensity()).map(clamped);
     let position = matrix.w_axis.truncate().as_vec3();
     let direction = world_direction(matrix, DVec3::NEG_Z);
     let is_point = matches!(light.kind(), Kind::Point);
     if !position.is_finite() || direction.is_none() && !is_point {
-        context.warnings.add(format!(
+        context.session.warnings.add(format!(
             "Light {name:?}: its node gives it no finite position or no direction; it is left out."
         ));
         return None;
@@ -158,7 +159,7 @@ fn place_light(
         Kind::Spot { inner_cone_angle, outer_cone_angle } => {
             let quarter_turn = std::f32::consts::FRAC_PI_2;
             let mut angle = |what, v| {
-                context.warnings.clamp(format_args!("Light {name:?}: its {what}"), v, 0.0, quarter_turn)
+                context.session.warnings.clamp(format_args!("Light {name:?}: its {what}"), v, 0.0, quarter_turn)
             };
             let cos_inner = libm::cosf(angle("innerConeAngle", inner_cone_angle));
             let cos_outer = libm::cosf(angle("outerConeAngle", outer_cone_angle));
@@ -171,12 +172,12 @@ fn place_light(
 
 fn place_camera(context: &mut Context, camera: &::gltf::Camera, matrix: &DMat4) -> Option<Camera> {
     let Projection::Perspective(lens) = camera.projection() else {
-        context.warnings.add("Orthographic cameras are not supported and are ignored.");
+        context.session.warnings.add("Orthographic cameras are not supported and are ignored.");
         return None;
     };
     let camera = Camera::transformed(matrix, lens.yfov().to_degrees());
     if let Err(error) = camera.lens(1, 1) {
-        context.warnings.add(format!("A camera is ignored: {error}."));
+        context.session.warnings.add(format!("A camera is ignored: {error}."));
         return None;
     }
     Some(camera)

@@ -1,6 +1,6 @@
 //! Textures as glTF materials refer to them.
 
-use super::super::LoadError;
+use super::super::LoadProblem;
 use super::super::textures::{Source, Textures};
 use super::Context;
 use super::buffers::{Location, locate};
@@ -84,15 +84,17 @@ impl<'a> TextureInfo<'a> {
     /// When the image is missing or cannot be decoded. The error names the file, the material and the image.
     pub(super) fn load(
         &self,
-        context: &Context,
+        context: &mut Context,
         textures: &mut Textures,
         material: &str,
         space: ColourSpace,
-    ) -> Result<TextureRef, LoadError> {
-        let image = self.image(context, textures).map_err(|(texture, problem)| LoadError::Texture {
-            path: context.path.to_owned(),
+    ) -> Result<TextureRef, LoadProblem> {
+        let path = context.session.path.clone();
+        let (name, image) = self.image(context, textures);
+        let image = textures.or_stand_in(context.session, image, |problem| LoadProblem::Texture {
+            path,
             material: material.to_owned(),
-            texture,
+            texture: name,
             problem,
         })?;
         let sampler = self.texture.sampler();
@@ -105,8 +107,8 @@ impl<'a> TextureInfo<'a> {
         Ok(TextureRef { texture, offset: self.offset, rotation: self.rotation, scale: self.scale })
     }
 
-    /// The index of the image. An error has the image's name and what is wrong.
-    fn image(&self, context: &Context, textures: &mut Textures) -> Result<usize, (String, String)> {
+    /// The image's name, and its index or what is wrong with it.
+    fn image(&self, context: &mut Context, textures: &mut Textures) -> (String, Result<usize, String>) {
         let webp = self.texture.extension_value("EXT_texture_webp").and_then(|webp| webp["source"].as_u64());
         let source = match webp.and_then(|index| usize::try_from(index).ok()) {
             Some(index) => context.document.images().nth(index),
@@ -114,7 +116,7 @@ impl<'a> TextureInfo<'a> {
         };
         let Some(image) = source else {
             let problem = "has no image of a known kind (PNG, JPEG or WebP)".into();
-            return Err((format!("textures[{}]", self.texture.index()), problem));
+            return (format!("textures[{}]", self.texture.index()), Err(problem));
         };
         let mut name = image.name().map_or_else(|| format!("images[{}]", image.index()), str::to_owned);
         // The crate's accessor panics if both the URI and the buffer view are missing.
@@ -123,18 +125,19 @@ impl<'a> TextureInfo<'a> {
         let source = Source::Embedded(image.index());
         let result = match (view, &json.uri) {
             (Some(view), _) => {
-                textures.image(source, &name, || context.buffers.view(&view).map(<[u8]>::to_vec))
+                let bytes = || context.buffers.view(&view).map(<[u8]>::to_vec);
+                textures.image(context.session, source, &name, bytes)
             }
-            (None, Some(uri)) => match locate(context.path, uri) {
+            (None, Some(uri)) => match locate(&context.session.path, uri) {
                 Ok(Location::File(path)) => {
                     name = format!("{uri:?}");
-                    textures.file(&path)
+                    textures.file(context.session, &path)
                 }
-                Ok(Location::Data(bytes)) => textures.image(source, &name, || Ok(bytes)),
+                Ok(Location::Data(bytes)) => textures.image(context.session, source, &name, || Ok(bytes)),
                 Err(problem) => Err(problem),
             },
             (None, None) => Err("has neither a buffer view nor a URI".into()),
         };
-        result.map_err(|problem| (name, problem))
+        (name, result)
     }
 }

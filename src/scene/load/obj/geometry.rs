@@ -1,9 +1,9 @@
 //! Reads vertices and faces of an OBJ file.
 
+use super::super::dropped::Dropped;
 use super::super::warnings::Warnings;
-use super::super::{LoadError, quote};
+use super::super::{LoadProblem, quote};
 use super::{split_keyword, statements, words};
-use crate::geom::MAX_COORDINATE;
 use crate::scene::{Mesh, Object, Objects};
 use glam::{Vec2, Vec3};
 use std::collections::HashMap;
@@ -27,16 +27,17 @@ impl Geometry {
     ///
     /// # Errors
     /// The line, and what is wrong with it.
-    pub(super) fn read(path: &Path, bytes: &[u8], warnings: &mut Warnings) -> Result<Self, LoadError> {
+    pub(super) fn read(path: &Path, bytes: &[u8], warnings: &mut Warnings) -> Result<Self, LoadProblem> {
         let mut reader = Reader::default();
         for (line, statement) in statements(&String::from_utf8_lossy(bytes)) {
-            reader.statement(&statement, warnings).map_err(|problem| LoadError::Line {
+            reader.line = line;
+            reader.statement(&statement, warnings).map_err(|problem| LoadProblem::Line {
                 path: path.to_owned(),
                 line,
                 problem,
             })?;
         }
-        Ok(reader.finish())
+        Ok(reader.finish(warnings))
     }
 }
 
@@ -54,12 +55,16 @@ struct Corner {
 /// The statements read so far.
 #[derive(Default)]
 struct Reader {
+    /// The number of the current line.
+    line: usize,
+    dropped: Dropped,
     positions: Vec<Vec3>,
     uvs: Vec<Vec2>,
     normals: Vec<Vec3>,
     /// The mesh's vertex for each distinct corner.
     vertices: HashMap<Corner, u32>,
-    /// The corners of the current face.
+    /// The corners of the current face, and their vertices.
+    corners: Vec<Corner>,
     face: Vec<u32>,
     /// Whether any corner has texture coordinates, and whether any has a normal.
     has: [bool; 2],
@@ -83,14 +88,8 @@ impl Reader {
         match keyword {
             "v" => {
                 let [x, y, z] = numbers(arguments, 3)?;
-                let position = Vec3::new(x, y, z);
-                if !(position.abs().max_element() <= MAX_COORDINATE && position.is_finite()) {
-                    return Err(format!(
-                        "vertex {} is at ({x}, {y}, {z}); coordinates must be finite and at most \
-                         {MAX_COORDINATE:e} in magnitude",
-                        self.positions.len() + 1
-                    ));
-                }
+                let place = || format!("vertex {} in line {}", self.positions.len() + 1, self.line);
+                let position = self.dropped.checked(Vec3::new(x, y, z), place);
                 if words(arguments).count() > 4 {
                     warnings.add("Vertex colours are ignored.");
                 }
@@ -135,10 +134,18 @@ impl Reader {
     }
 
     fn face(&mut self, arguments: &str) -> Result<(), String> {
+        self.corners.clear();
         self.face.clear();
         for word in words(arguments) {
             let corner = self.corner(word)?;
-            let vertex = self.vertex(corner)?;
+            self.corners.push(corner);
+        }
+        let corners = self.corners.iter().map(|corner| self.positions[corner.position as usize]);
+        if self.dropped.drops(corners) {
+            return Ok(());
+        }
+        for place in 0..self.corners.len() {
+            let vertex = self.vertex(self.corners[place])?;
             self.face.push(vertex);
         }
         if self.face.len() < 3 {
@@ -219,7 +226,8 @@ impl Reader {
         Ok(vertex)
     }
 
-    fn finish(mut self) -> Geometry {
+    fn finish(mut self, warnings: &mut Warnings) -> Geometry {
+        self.dropped.finish(&mut self.out.mesh.positions, warnings);
         let [uvs, normals] = self.has;
         if !uvs {
             self.out.mesh.uvs = Vec::new();

@@ -14,8 +14,8 @@
 //! multiply their factors. A Phong exponent n corresponds to a GGX alpha of √(2 / (n + 2)). `Pr` is perceptual: alpha
 //! = `Pr`².
 
-use super::super::warnings::Warnings;
-use super::super::{LoadError, beside};
+use super::super::session::Session;
+use super::super::{LoadProblem, beside, named};
 use super::mtl::{Definition, Map};
 use crate::scene::load::textures::Textures;
 use crate::scene::{
@@ -40,9 +40,9 @@ pub(super) fn convert(
     path: &Path,
     definition: &Definition,
     textures: &mut Textures,
-    warnings: &mut Warnings,
-) -> Result<Material, LoadError> {
-    let mut converter = Converter { path, definition, textures, warnings };
+    session: &mut Session,
+) -> Result<Material, LoadProblem> {
+    let mut converter = Converter { path, definition, textures, session };
     let surface = converter.surface()?;
     let is_body = match &surface {
         Surface::Dielectric { .. } => true,
@@ -64,11 +64,11 @@ struct Converter<'a> {
     path: &'a Path,
     definition: &'a Definition,
     textures: &'a mut Textures,
-    warnings: &'a mut Warnings,
+    session: &'a mut Session,
 }
 
 impl Converter<'_> {
-    fn surface(&mut self) -> Result<Surface, LoadError> {
+    fn surface(&mut self) -> Result<Surface, LoadProblem> {
         let d = self.definition;
         let numbers = [d.pr, d.pm, d.pc, d.ps, d.aniso];
         let has_pbr = numbers.iter().any(Option::is_some) || d.map_pr.is_some() || d.map_pm.is_some();
@@ -86,7 +86,7 @@ impl Converter<'_> {
         }
     }
 
-    fn dielectric(&mut self) -> Result<Surface, LoadError> {
+    fn dielectric(&mut self) -> Result<Surface, LoadProblem> {
         let ior = match self.definition.ni {
             Some(ni) if ni > 0.0 => ni,
             Some(ni) => {
@@ -106,7 +106,7 @@ impl Converter<'_> {
         Ok(Surface::Dielectric { ior, transmittance })
     }
 
-    fn mirror(&mut self) -> Result<Surface, LoadError> {
+    fn mirror(&mut self) -> Result<Surface, LoadProblem> {
         let d = self.definition;
         let is_coloured = d.map_kd.is_some() || d.kd.is_some_and(|kd| kd != Vec3::ZERO);
         let metallic = d.pm.unwrap_or(0.0);
@@ -134,7 +134,7 @@ impl Converter<'_> {
 
     /// `is_coat` means that the file gives an index of refraction or a roughness. Otherwise the material is classic
     /// Phong.
-    fn glossy(&mut self, is_coat: bool) -> Result<Surface, LoadError> {
+    fn glossy(&mut self, is_coat: bool) -> Result<Surface, LoadProblem> {
         let d = self.definition;
         let base_colour = self.kd()?;
         let ks = d.ks.map(|ks| self.share("Ks", ks));
@@ -182,21 +182,21 @@ impl Converter<'_> {
         }))
     }
 
-    fn kd(&mut self) -> Result<Colour, LoadError> {
+    fn kd(&mut self) -> Result<Colour, LoadProblem> {
         let d = self.definition;
         let unset = if d.map_kd.is_some() { Vec3::ONE } else { Vec3::splat(0.8) };
         let factor = self.share("Kd", d.kd.unwrap_or(unset));
         Ok(Colour { factor, texture: self.colour_map(&d.map_kd)? })
     }
 
-    fn roughness(&mut self, unset: f32) -> Result<Scalar, LoadError> {
+    fn roughness(&mut self, unset: f32) -> Result<Scalar, LoadProblem> {
         let d = self.definition;
         let unset = if d.map_pr.is_some() { 1.0 } else { unset };
         let factor = self.clamped("Pr", d.pr.unwrap_or(unset));
         Ok(Scalar { factor, texture: self.scalar_map(&d.map_pr)? })
     }
 
-    fn metallic(&mut self, unset: f32) -> Result<Scalar, LoadError> {
+    fn metallic(&mut self, unset: f32) -> Result<Scalar, LoadProblem> {
         let d = self.definition;
         let unset = if d.map_pm.is_some() { 1.0 } else { unset };
         let factor = self.clamped("Pm", d.pm.unwrap_or(unset));
@@ -220,7 +220,7 @@ impl Converter<'_> {
         (strength > 0.0).then_some(Sheen { colour, roughness })
     }
 
-    fn emission(&mut self) -> Result<Option<Emission>, LoadError> {
+    fn emission(&mut self) -> Result<Option<Emission>, LoadProblem> {
         let d = self.definition;
         let unset = if d.map_ke.is_some() { Vec3::ONE } else { Vec3::ZERO };
         let mut factor = d.ke.unwrap_or(unset);
@@ -238,7 +238,7 @@ impl Converter<'_> {
         Ok(Some(Emission { radiance, two_sided: true }))
     }
 
-    fn normal_map(&mut self) -> Result<Option<NormalMap>, LoadError> {
+    fn normal_map(&mut self) -> Result<Option<NormalMap>, LoadProblem> {
         let d = self.definition;
         if let Some(map) = &d.norm {
             return Ok(Some(NormalMap {
@@ -255,7 +255,7 @@ impl Converter<'_> {
         Ok(None)
     }
 
-    fn alpha(&mut self) -> Result<Alpha, LoadError> {
+    fn alpha(&mut self) -> Result<Alpha, LoadProblem> {
         let d = self.definition;
         let opacity = d.d.or(d.tr.map(|tr| 1.0 - tr)).unwrap_or(1.0);
         let factor = self.clamped("d", opacity);
@@ -283,11 +283,11 @@ impl Converter<'_> {
         Ok(Alpha { mode, value: Scalar { factor, texture } })
     }
 
-    fn colour_map(&mut self, map: &Option<Map>) -> Result<Option<TextureRef>, LoadError> {
+    fn colour_map(&mut self, map: &Option<Map>) -> Result<Option<TextureRef>, LoadProblem> {
         map.as_ref().map(|map| Ok(self.texture(map, ColourSpace::Srgb)?.1)).transpose()
     }
 
-    fn scalar_map(&mut self, map: &Option<Map>) -> Result<Option<(TextureRef, Channel)>, LoadError> {
+    fn scalar_map(&mut self, map: &Option<Map>) -> Result<Option<(TextureRef, Channel)>, LoadProblem> {
         let scalar = |map: &Map| {
             let texture = self.texture(map, ColourSpace::Linear)?.1;
             Ok((texture, map.channel.unwrap_or(Channel::Luminance)))
@@ -296,14 +296,15 @@ impl Converter<'_> {
     }
 
     /// The index of a map's image, and the texture with the map's options.
-    fn texture(&mut self, map: &Map, space: ColourSpace) -> Result<(usize, TextureRef), LoadError> {
-        let image =
-            self.textures.file(&beside(self.path, &map.file)).map_err(|problem| LoadError::Texture {
-                path: self.path.to_owned(),
-                material: self.definition.name.clone(),
-                texture: format!("{:?}", map.file),
-                problem,
-            })?;
+    fn texture(&mut self, map: &Map, space: ColourSpace) -> Result<(usize, TextureRef), LoadProblem> {
+        let file = named::file(self.path, &map.file).unwrap_or_else(|| beside(self.path, &map.file));
+        let image = self.textures.file(self.session, &file);
+        let image = self.textures.or_stand_in(self.session, image, |problem| LoadProblem::Texture {
+            path: self.path.to_owned(),
+            material: self.definition.name.clone(),
+            texture: format!("{:?}", map.file),
+            problem,
+        })?;
         let texture = self.textures.texture(image, space, [map.wrap; 2]);
         // MTL scales and shifts with v upwards; the mesh's v points downwards.
         let offset = Vec2::new(map.offset.x, 1.0 - map.scale.y - map.offset.y);
@@ -314,16 +315,16 @@ impl Converter<'_> {
     fn share(&mut self, what: &str, colour: Vec3) -> Vec3 {
         let name = &self.definition.name;
         colour.map(|v| {
-            self.warnings.clamp(format_args!("Material {name:?}: a component of {what}"), v, 0.0, 1.0)
+            self.session.warnings.clamp(format_args!("Material {name:?}: a component of {what}"), v, 0.0, 1.0)
         })
     }
 
     /// A number, clamped to 0..=1.
     fn clamped(&mut self, what: &str, value: f32) -> f32 {
-        self.warnings.clamp(format_args!("Material {:?}: {what}", self.definition.name), value, 0.0, 1.0)
+        self.session.warnings.clamp(format_args!("Material {:?}: {what}", self.definition.name), value, 0.0, 1.0)
     }
 
     fn warn(&mut self, problem: &str) {
-        self.warnings.add(format!("Material {:?}: {problem}.", self.definition.name));
+        self.session.warnings.add(format!("Material {:?}: {problem}.", self.definition.name));
     }
 }

@@ -7,25 +7,36 @@ mod geometry;
 mod material;
 mod mtl;
 
+use super::session::Session;
 use super::textures::Textures;
 use super::warnings::Warnings;
-use super::{LoadError, beside, quote, read};
+use super::{LoadProblem, check_text, named, quote, read, read_named};
 use crate::scene::{Material, Scene};
 use geometry::Geometry;
 use std::borrow::Cow;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
+/// Bytes of vertices and faces per byte of text, at most about.
+const BYTES_PER_BYTE: u64 = 4;
+
 /// Loads an OBJ file with its MTL files and textures.
-pub(super) fn load(path: &Path) -> Result<Scene, LoadError> {
-    let mut warnings = Warnings::default();
-    let mut geometry = Geometry::read(path, &read(path)?, &mut warnings)?;
+pub(super) fn load(session: &mut Session) -> Result<Scene, LoadProblem> {
+    let path = session.path.clone();
+    let bytes = read(&path, &session.options)?;
+    check_text(&path, &bytes)?;
+    let parsed = session.check("the text with its vertices and faces", BYTES_PER_BYTE * bytes.len() as u64);
+    parsed.map_err(|source| session.over(source))?;
+    let mut geometry = Geometry::read(&path, &bytes, &mut session.warnings)?;
+    drop(bytes);
     let mut textures = Textures::default();
     let mut materials = Vec::new();
     let mut by_name = HashMap::new();
-    for library in libraries(path, &geometry.libraries, &mut warnings) {
-        for definition in mtl::parse(&library, &read(&library)?, &mut warnings)? {
-            let material = material::convert(&library, &definition, &mut textures, &mut warnings)?;
+    for library in libraries(&path, &geometry.libraries, &mut session.warnings) {
+        let bytes = read_named(&library, u64::MAX, &session.options)?;
+        check_text(&library, &bytes)?;
+        for definition in mtl::parse(&library, &bytes, &mut session.warnings)? {
+            let material = material::convert(&library, &definition, &mut textures, session)?;
             // The first definition of a name is used.
             if !by_name.contains_key(&material.name) {
                 by_name.insert(material.name.clone(), materials.len() as u32);
@@ -40,8 +51,8 @@ pub(super) fn load(path: &Path) -> Result<Scene, LoadError> {
         .map(|name| {
             let defined = name.as_ref().and_then(|name| by_name.get(name)).copied();
             if let (None, Some(name)) = (defined, name) {
-                warnings
-                    .add(format!("The material {} is not defined; its faces are matte grey.", quote(name)));
+                let warning = format!("The material {} is not defined; its faces are matte grey.", quote(name));
+                session.warnings.add(warning);
             }
             defined.unwrap_or_else(|| {
                 *fallback.get_or_insert_with(|| {
@@ -59,7 +70,6 @@ pub(super) fn load(path: &Path) -> Result<Scene, LoadError> {
         objects: geometry.objects.into(),
         materials,
         textures: textures.into_list(),
-        warnings: warnings.into_list(),
         ..Scene::default()
     })
 }
@@ -68,15 +78,14 @@ pub(super) fn load(path: &Path) -> Result<Scene, LoadError> {
 fn libraries(path: &Path, statements: &[String], warnings: &mut Warnings) -> Vec<PathBuf> {
     let mut found = Vec::new();
     for statement in statements {
-        let single = beside(path, statement);
+        let whole = named::file(path, statement);
         let names =
-            if single.is_file() { vec![statement.as_str()] } else { statement.split_whitespace().collect() };
+            if whole.is_some() { vec![statement.as_str()] } else { statement.split_whitespace().collect() };
         for name in names {
-            let library = beside(path, name);
-            if !library.is_file() {
-                warnings.add(format!("The material library {} is missing.", quote(name)));
-            } else if !found.contains(&library) {
-                found.push(library);
+            match named::file(path, name) {
+                None => warnings.add(format!("The material library {} is missing.", quote(name))),
+                Some(library) if !found.contains(&library) => found.push(library),
+                Some(_) => {}
             }
         }
     }

@@ -1,7 +1,7 @@
 //! Reads the material definitions of MTL files.
 
 use super::super::warnings::Warnings;
-use super::super::{LoadError, quote};
+use super::super::{LoadProblem, quote};
 use super::{split_keyword, statements, words};
 use crate::scene::{Channel, Wrap};
 use glam::{Vec2, Vec3};
@@ -71,7 +71,7 @@ pub(super) fn parse(
     path: &Path,
     bytes: &[u8],
     warnings: &mut Warnings,
-) -> Result<Vec<Definition>, LoadError> {
+) -> Result<Vec<Definition>, LoadProblem> {
     let mut list: Vec<Definition> = Vec::new();
     for (line, statement) in statements(&String::from_utf8_lossy(bytes)) {
         let (keyword, arguments) = split_keyword(&statement);
@@ -83,7 +83,7 @@ pub(super) fn parse(
         } else {
             Err("a statement before the first newmtl".into())
         };
-        result.map_err(|problem| LoadError::Line {
+        result.map_err(|problem| LoadProblem::Line {
             path: path.to_owned(),
             line,
             problem: format!("{}: {problem}", quote(keyword)),

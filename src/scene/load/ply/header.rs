@@ -1,6 +1,6 @@
 //! Reads the header of a PLY file.
 
-use super::super::{LoadError, quote};
+use super::super::{LoadProblem, quote};
 use std::path::Path;
 
 /// The encoding of the rows.
@@ -91,8 +91,8 @@ impl Header {
     ///
     /// # Errors
     /// The line, and what is wrong with it.
-    pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Self, LoadError> {
-        let file = |problem: &str| LoadError::File { path: path.to_owned(), problem: problem.to_owned() };
+    pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Self, LoadProblem> {
+        let file = |problem: &str| LoadProblem::File { path: path.to_owned(), problem: problem.to_owned() };
         let mut encoding = None;
         let mut elements = Vec::new();
         let mut at = 0;
@@ -110,7 +110,7 @@ impl Header {
             if line == "end_header" {
                 break;
             }
-            statement(line, &mut encoding, &mut elements).map_err(|problem| LoadError::Line {
+            statement(line, &mut encoding, &mut elements).map_err(|problem| LoadProblem::Line {
                 path: path.to_owned(),
                 line: number,
                 problem,

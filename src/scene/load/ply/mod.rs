@@ -6,10 +6,10 @@
 mod header;
 mod values;
 
-use super::warnings::Warnings;
-use super::{LoadError, quote, read};
-use crate::geom::MAX_COORDINATE;
-use crate::scene::{Material, Mesh, Object, Objects, Scene};
+use super::dropped::Dropped;
+use super::session::Session;
+use super::{LoadProblem, quote, read};
+use crate::scene::{Material, Mesh, MeshSize, Object, Objects, Scene};
 use glam::{Vec2, Vec3};
 use header::{Element, Form, Header, Property};
 use std::path::Path;
@@ -17,15 +17,17 @@ use values::Values;
 
 /// Loads a PLY file: vertices (`x y z`, `nx ny nz`, `u v` or `s t`) and faces or triangle strips. The material is
 /// matte grey.
-pub(super) fn load(path: &Path) -> Result<Scene, LoadError> {
-    let bytes = read(path)?;
-    let header = Header::read(path, &bytes)?;
-    let mut warnings = Warnings::default();
-    let mut reader = Reader { path, values: Values::new(&bytes, &header), mesh: Mesh::default() };
+pub(super) fn load(session: &mut Session) -> Result<Scene, LoadProblem> {
+    let path = session.path.clone();
+    let bytes = read(&path, &session.options)?;
+    let header = Header::read(&path, &bytes)?;
+    let values = Values::new(&bytes, &header);
+    let mut reader = Reader { path: &path, values, mesh: Mesh::default(), dropped: Dropped::default() };
     for element in &header.elements {
-        reader.element(element, &mut warnings)?;
+        reader.element(element, session)?;
     }
-    let mut mesh = reader.mesh;
+    let Reader { mut mesh, dropped, .. } = reader;
+    dropped.finish(&mut mesh.positions, &mut session.warnings);
     mesh.materials = vec![0; mesh.triangles.len()];
     let materials = vec![Material::fallback()];
     let mut objects = Objects::default();
@@ -33,7 +35,7 @@ pub(super) fn load(path: &Path) -> Result<Scene, LoadError> {
     let object = objects.add(Object::new(name));
     objects.assign(0, object);
     let (mesh, objects) = (mesh.into(), objects.into());
-    Ok(Scene { mesh, objects, materials, warnings: warnings.into_list(), ..Scene::default() })
+    Ok(Scene { mesh, objects, materials, ..Scene::default() })
 }
 
 /// The meaning of a vertex property.
@@ -68,24 +70,25 @@ struct Reader<'a> {
     path: &'a Path,
     values: Values<'a>,
     mesh: Mesh,
+    dropped: Dropped,
 }
 
 impl Reader<'_> {
-    fn element(&mut self, element: &Element, warnings: &mut Warnings) -> Result<(), LoadError> {
-        self.values.check_room(element).map_err(|problem| LoadError::Place {
+    fn element(&mut self, element: &Element, session: &mut Session) -> Result<(), LoadProblem> {
+        self.values.check_room(element).map_err(|problem| LoadProblem::Place {
             path: self.path.to_owned(),
             place: format!("element {}", element.name),
             problem,
         })?;
         match element.name.as_str() {
-            "vertex" => self.vertices(element, warnings),
-            "face" => self.faces(element, warnings, |corners, out| {
+            "vertex" => self.vertices(element, session),
+            "face" => self.faces(element, session, |corners, out| {
                 out.extend(corners[1..].windows(2).map(|pair| [corners[0], pair[0], pair[1]]));
             }),
-            "tristrips" => self.faces(element, warnings, strip),
+            "tristrips" => self.faces(element, session, strip),
             name => {
                 if name != "edge" {
-                    warnings.add(format!("The PLY element {} is ignored.", quote(name)));
+                    session.warnings.add(format!("The PLY element {} is ignored.", quote(name)));
                 }
                 (0..element.count).try_for_each(|row| {
                     let skipped = element.properties.iter().try_for_each(|p| self.values.skip(&p.form));
@@ -95,7 +98,7 @@ impl Reader<'_> {
         }
     }
 
-    fn vertices(&mut self, element: &Element, warnings: &mut Warnings) -> Result<(), LoadError> {
+    fn vertices(&mut self, element: &Element, session: &mut Session) -> Result<(), LoadProblem> {
         let roles: Vec<Role> = element.properties.iter().map(|p| Role::of(&p.name)).collect();
         let has = |role| roles.contains(&role);
         if let Some(axis) = (0..3).find(|&axis| !has(Role::Position(axis))) {
@@ -105,8 +108,10 @@ impl Reader<'_> {
         let normals = (0..3).all(|axis| has(Role::Normal(axis)));
         let uvs = (0..2).all(|axis| has(Role::Uv(axis)));
         if has(Role::Colour) {
-            warnings.add("Vertex colours are ignored.");
+            session.warnings.add("Vertex colours are ignored.");
         }
+        let vertices = element.count as u64;
+        session.reserve(&mut self.mesh, MeshSize { vertices, normals, uvs, ..MeshSize::default() })?;
         for row in 0..element.count {
             let [mut position, mut normal, mut uv] = [[0.0_f32; 3]; 3];
             for (property, role) in element.properties.iter().zip(&roles) {
@@ -122,15 +127,11 @@ impl Reader<'_> {
                 };
                 result.map_err(|problem| self.error(element, row, problem))?;
             }
-            let [x, y, z] = position;
-            // The comparison fails for NaN, too.
-            if !Vec3::from(position).abs().cmple(Vec3::splat(MAX_COORDINATE)).all() {
-                let problem = format!(
-                    "is at ({x}, {y}, {z}); coordinates must be finite and at most {MAX_COORDINATE:e} in magnitude"
-                );
-                return Err(self.error(element, row, problem));
-            }
-            self.mesh.positions.push(position.into());
+            let place = || match self.values.line() {
+                Some(line) => format!("vertex {row} in line {line}"),
+                None => format!("vertex {row}"),
+            };
+            self.mesh.positions.push(self.dropped.checked(position.into(), place));
             if normals {
                 self.mesh.normals.push(Vec3::from(normal).normalize_or_zero());
             }
@@ -147,14 +148,17 @@ impl Reader<'_> {
     fn faces(
         &mut self,
         element: &Element,
-        warnings: &mut Warnings,
+        session: &mut Session,
         triangulate: impl Fn(&[i64], &mut Vec<[i64; 3]>),
-    ) -> Result<(), LoadError> {
+    ) -> Result<(), LoadProblem> {
         let is_list = |p: &&Property| matches!(p.name.as_str(), "vertex_indices" | "vertex_index");
         let Some(list) = element.properties.iter().find(is_list) else {
             return Err(self.error(element, 0, "has no list vertex_indices".into()));
         };
         let vertices = self.mesh.positions.len();
+        // At least one triangle a row.
+        let triangles = element.count as u64;
+        session.reserve(&mut self.mesh, MeshSize { triangles, ..MeshSize::default() })?;
         let mut corners = Vec::new();
         let mut triangles = Vec::new();
         for row in 0..element.count {
@@ -168,7 +172,7 @@ impl Reader<'_> {
                 result.map_err(|problem| self.error(element, row, problem))?;
             }
             if corners.len() < 3 {
-                warnings.add("Faces of fewer than 3 corners are ignored.");
+                session.warnings.add("Faces of fewer than 3 corners are ignored.");
                 continue;
             }
             triangles.clear();
@@ -178,19 +182,22 @@ impl Reader<'_> {
                     let problem = format!("names vertex {index}, but {vertices} are defined before it");
                     return Err(self.error(element, row, problem));
                 }
-                self.mesh.triangles.push(triangle.map(|index| index as u32));
+                let triangle = triangle.map(|index| index as u32);
+                if !self.dropped.drops(triangle.map(|index| self.mesh.positions[index as usize])) {
+                    self.mesh.triangles.push(triangle);
+                }
             }
         }
         Ok(())
     }
 
-    fn error(&self, element: &Element, row: usize, problem: String) -> LoadError {
+    fn error(&self, element: &Element, row: usize, problem: String) -> LoadProblem {
         let path = self.path.to_owned();
         match self.values.line() {
             Some(line) => {
-                LoadError::Line { path, line, problem: format!("{} {row}: {problem}", element.name) }
+                LoadProblem::Line { path, line, problem: format!("{} {row}: {problem}", element.name) }
             }
-            None => LoadError::Place { path, place: format!("{} {row}", element.name), problem },
+            None => LoadProblem::Place { path, place: format!("{} {row}", element.name), problem },
         }
     }
 }

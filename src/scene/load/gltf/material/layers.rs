@@ -1,6 +1,6 @@
 //! Reads the extensions of layers and specular reflection.
 
-use super::super::super::LoadError;
+use super::super::super::LoadProblem;
 use super::super::texture::TextureInfo;
 use super::Converter;
 use crate::scene::{Anisotropy, Channel, Colour, ColourSpace, Iridescence, NormalMap, Scalar, Sheen};
@@ -11,7 +11,7 @@ use glam::Vec3;
 type Extension<'a> = (&'static str, &'a Value);
 
 impl<'a, 'b> Converter<'a, 'b> {
-    pub(super) fn specular(&mut self) -> Result<(Scalar, Colour), LoadError> {
+    pub(super) fn specular(&mut self) -> Result<(Scalar, Colour), LoadProblem> {
         let Some(specular) = self.source.specular() else {
             return Ok((Scalar::constant(1.0), Colour::constant(Vec3::ONE)));
         };
@@ -24,7 +24,7 @@ impl<'a, 'b> Converter<'a, 'b> {
     }
 
     /// Strength, roughness and normal map of the clear coat.
-    pub(super) fn clearcoat(&mut self) -> Result<(Scalar, Scalar, Option<NormalMap>), LoadError> {
+    pub(super) fn clearcoat(&mut self) -> Result<(Scalar, Scalar, Option<NormalMap>), LoadProblem> {
         let Some(coat) = self.extension("KHR_materials_clearcoat") else {
             return Ok((Scalar::constant(0.0), Scalar::constant(0.0), None));
         };
@@ -40,7 +40,7 @@ impl<'a, 'b> Converter<'a, 'b> {
         Ok((strength, roughness, normal_map))
     }
 
-    pub(super) fn anisotropy(&mut self) -> Result<Option<Anisotropy>, LoadError> {
+    pub(super) fn anisotropy(&mut self) -> Result<Option<Anisotropy>, LoadProblem> {
         let Some(extension) = self.extension("KHR_materials_anisotropy") else { return Ok(None) };
         let strength =
             self.textured_factor(extension, "anisotropyStrength", "anisotropyTexture", Channel::B)?;
@@ -49,7 +49,7 @@ impl<'a, 'b> Converter<'a, 'b> {
         Ok((strength.factor > 0.0).then_some(Anisotropy { strength, rotation, direction }))
     }
 
-    pub(super) fn sheen(&mut self) -> Result<Option<Sheen>, LoadError> {
+    pub(super) fn sheen(&mut self) -> Result<Option<Sheen>, LoadProblem> {
         let Some(extension) = self.extension("KHR_materials_sheen") else { return Ok(None) };
         let part = |i: usize| extension.1["sheenColorFactor"][i].as_f64().unwrap_or(0.0) as f32;
         let factor = Vec3::new(part(0), part(1), part(2))
@@ -61,7 +61,7 @@ impl<'a, 'b> Converter<'a, 'b> {
         Ok((factor != Vec3::ZERO).then_some(Sheen { colour, roughness }))
     }
 
-    pub(super) fn iridescence(&mut self) -> Result<Option<Iridescence>, LoadError> {
+    pub(super) fn iridescence(&mut self) -> Result<Option<Iridescence>, LoadProblem> {
         let Some(extension) = self.extension("KHR_materials_iridescence") else { return Ok(None) };
         let strength =
             self.textured_factor(extension, "iridescenceFactor", "iridescenceTexture", Channel::R)?;
@@ -93,7 +93,7 @@ impl<'a, 'b> Converter<'a, 'b> {
         &self,
         (name, value): Extension,
         key: &str,
-    ) -> Result<Option<TextureInfo<'b>>, LoadError> {
+    ) -> Result<Option<TextureInfo<'b>>, LoadProblem> {
         TextureInfo::of_json(self.context.document, value.get(key))
             .map_err(|problem| self.context.error(format!("material {:?}, {name}", self.name), problem))
     }
@@ -105,7 +105,7 @@ impl<'a, 'b> Converter<'a, 'b> {
         factor: &str,
         texture: &str,
         channel: Channel,
-    ) -> Result<Scalar, LoadError> {
+    ) -> Result<Scalar, LoadProblem> {
         let texture = self.texture_info(extension, texture)?;
         self.scalar(factor, number(extension, factor, 0.0), texture, channel)
     }

@@ -2,7 +2,7 @@
 
 mod layers;
 
-use super::super::LoadError;
+use super::super::LoadProblem;
 use super::super::textures::Textures;
 use super::Context;
 use super::texture::TextureInfo;
@@ -28,7 +28,7 @@ pub(super) fn convert<'a>(
     context: &mut Context<'a>,
     textures: &mut Textures,
     source: &Source<'a>,
-) -> Result<Converted, LoadError> {
+) -> Result<Converted, LoadProblem> {
     let name =
         source.name().map_or_else(|| format!("material {}", source.index().unwrap_or(0)), str::to_owned);
     let mut converter = Converter { context, textures, source, name, uv_set: None };
@@ -50,7 +50,7 @@ struct Converter<'a, 'b> {
 }
 
 impl Converter<'_, '_> {
-    fn surface(&mut self) -> Result<Surface, LoadError> {
+    fn surface(&mut self) -> Result<Surface, LoadProblem> {
         let source = self.source;
         let pbr = source.pbr_metallic_roughness();
         let [r, g, b, _] = pbr.base_color_factor();
@@ -128,7 +128,7 @@ impl Converter<'_, '_> {
         Medium::tinting(colour, distance)
     }
 
-    fn emission(&mut self) -> Result<Option<Emission>, LoadError> {
+    fn emission(&mut self) -> Result<Option<Emission>, LoadProblem> {
         let strength = self.source.emissive_strength().unwrap_or(1.0);
         let strength = self.clamped("emissiveStrength", strength, f32::MAX);
         let factor = Vec3::from(self.source.emissive_factor())
@@ -142,13 +142,13 @@ impl Converter<'_, '_> {
         Ok(Some(Emission { radiance, two_sided: self.source.double_sided() }))
     }
 
-    fn normal_map(&mut self) -> Result<Option<NormalMap>, LoadError> {
+    fn normal_map(&mut self) -> Result<Option<NormalMap>, LoadProblem> {
         let Some(info) = self.source.normal_texture() else { return Ok(None) };
         let texture = self.texture(&TextureInfo::of_normal(&info), ColourSpace::Linear)?;
         Ok(Some(NormalMap { texture, scale: info.scale() }))
     }
 
-    fn alpha(&mut self) -> Result<Alpha, LoadError> {
+    fn alpha(&mut self) -> Result<Alpha, LoadProblem> {
         use ::gltf::material::AlphaMode as Mode;
         let mode = match self.source.alpha_mode() {
             Mode::Opaque => return Ok(Alpha::default()),
@@ -171,7 +171,7 @@ impl Converter<'_, '_> {
         Ok(Alpha { mode, value: Scalar { factor, texture: texture.map(|texture| (texture, Channel::A)) } })
     }
 
-    fn colour(&mut self, texture: Option<TextureInfo>) -> Result<Option<TextureRef>, LoadError> {
+    fn colour(&mut self, texture: Option<TextureInfo>) -> Result<Option<TextureRef>, LoadProblem> {
         texture.map(|texture| self.texture(&texture, ColourSpace::Srgb)).transpose()
     }
 
@@ -181,13 +181,13 @@ impl Converter<'_, '_> {
         factor: f32,
         texture: Option<TextureInfo>,
         channel: Channel,
-    ) -> Result<Scalar, LoadError> {
+    ) -> Result<Scalar, LoadProblem> {
         let factor = self.clamped(what, factor, 1.0);
         let texture = texture.map(|texture| self.texture(&texture, ColourSpace::Linear)).transpose()?;
         Ok(Scalar { factor, texture: texture.map(|texture| (texture, channel)) })
     }
 
-    fn texture(&mut self, texture: &TextureInfo, space: ColourSpace) -> Result<TextureRef, LoadError> {
+    fn texture(&mut self, texture: &TextureInfo, space: ColourSpace) -> Result<TextureRef, LoadProblem> {
         let set = *self.uv_set.get_or_insert(texture.set);
         if set != texture.set {
             self.warn(&format!(
@@ -200,10 +200,10 @@ impl Converter<'_, '_> {
 
     /// A factor, clamped to 0..=`high` with a warning.
     fn clamped(&mut self, what: &str, value: f32, high: f32) -> f32 {
-        self.context.warnings.clamp(format_args!("Material {:?}: {what}", self.name), value, 0.0, high)
+        self.context.session.warnings.clamp(format_args!("Material {:?}: {what}", self.name), value, 0.0, high)
     }
 
     fn warn(&mut self, problem: &str) {
-        self.context.warnings.add(format!("Material {:?}: {problem}.", self.name));
+        self.context.session.warnings.add(format!("Material {:?}: {problem}.", self.name));
     }
 }

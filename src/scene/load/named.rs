@@ -1,0 +1,42 @@
+//! Finds files by the names that scenes give them.
+
+use super::beside;
+use std::borrow::Cow;
+use std::path::{Path, PathBuf};
+
+/// The file that an OBJ or MTL file names, or `None` if there is none. The name may be quoted, its blanks may be
+/// escaped, a comment may follow it, and its letters may be of another case.
+pub(super) fn file(named_in: &Path, name: &str) -> Option<PathBuf> {
+    let bare = name.split_once(" #").map_or(name, |(bare, _)| bare).trim();
+    let readings = [
+        Cow::Borrowed(name),
+        Cow::Borrowed(bare),
+        Cow::Borrowed(bare.trim_matches('"')),
+        Cow::Owned(bare.replace("\\ ", " ")),
+    ];
+    let paths = readings.map(|reading| beside(named_in, &reading));
+    paths.iter().find(|path| path.exists()).cloned().or_else(|| paths.iter().find_map(|path| in_any_case(path)))
+}
+
+/// Folders of a name in which other cases of letters are looked for.
+const MAX_FOLDERS: u32 = 16;
+
+/// An existing path that differs from `path` at most in the case of letters.
+pub(super) fn in_any_case(path: &Path) -> Option<PathBuf> {
+    alike(path, MAX_FOLDERS)
+}
+
+fn alike(path: &Path, folders: u32) -> Option<PathBuf> {
+    if path.exists() {
+        return Some(path.to_owned());
+    }
+    let name = path.file_name()?.to_str()?.to_lowercase();
+    let folder = match path.parent()? {
+        here if here.as_os_str().is_empty() => PathBuf::from("."),
+        folder => alike(folder, folders.checked_sub(1)?)?,
+    };
+    let entries = std::fs::read_dir(folder).ok()?.filter_map(Result::ok);
+    let same = entries.filter(|entry| entry.file_name().to_str().is_some_and(|other| other.to_lowercase() == name));
+    // The system lists files in any order.
+    same.map(|entry| entry.path()).min()
+}

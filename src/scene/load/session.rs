@@ -1,0 +1,67 @@
+//! What the parts of a loader share while one scene is loaded.
+
+use super::warnings::Warnings;
+use super::{LoadOptions, LoadProblem};
+use crate::memory::OutOfMemory;
+use crate::scene::{Mesh, MeshSize};
+use std::path::{Path, PathBuf};
+
+/// The scene's file, the options, the warnings so far, and the bytes that the scene holds so far.
+pub(super) struct Session {
+    pub(super) path: PathBuf,
+    pub(super) options: LoadOptions,
+    pub(super) warnings: Warnings,
+    held: u64,
+}
+
+impl Session {
+    pub(super) fn new(path: &Path, options: &LoadOptions) -> Self {
+        Self { path: path.to_owned(), options: *options, warnings: Warnings::default(), held: 0 }
+    }
+
+    /// Counts `bytes` that the scene is about to hold, in addition to all that it holds already. `what` names them.
+    ///
+    /// # Errors
+    /// When the budget does not allow them.
+    pub(super) fn hold(&mut self, what: impl Into<String>, bytes: u64) -> Result<(), OutOfMemory> {
+        self.check(what, bytes)?;
+        self.held += bytes;
+        Ok(())
+    }
+
+    /// Checks that `bytes` can be allocated for a while beside all that the scene holds.
+    ///
+    /// # Errors
+    /// When the budget does not allow them.
+    pub(super) fn check(&self, what: impl Into<String>, bytes: u64) -> Result<(), OutOfMemory> {
+        let what = what.into();
+        let what = if self.held > 0 { format!("{what}, with what is loaded already,") } else { what };
+        self.options.memory.check(what, self.held.saturating_add(bytes))
+    }
+
+    /// Counts a mesh that is about to be made, and takes its memory.
+    ///
+    /// # Errors
+    /// When the budget does not allow it, or the system does not give it.
+    pub(super) fn reserve(&mut self, mesh: &mut Mesh, size: MeshSize) -> Result<(), LoadProblem> {
+        self.hold(size.to_string(), size.bytes()).map_err(|source| self.over(source))?;
+        size.reserve(mesh).map_err(|source| self.over(source))
+    }
+
+    /// The error of a scene that is over the budget.
+    pub(super) fn over(&self, source: OutOfMemory) -> LoadProblem {
+        LoadProblem::Memory { path: self.path.clone(), source }
+    }
+
+    /// Takes note of a texture that is missing or broken.
+    ///
+    /// # Errors
+    /// The problem itself, unless the options allow textures to be missing.
+    pub(super) fn missing(&mut self, problem: LoadProblem) -> Result<(), LoadProblem> {
+        if !self.options.allow_missing {
+            return Err(problem);
+        }
+        self.warnings.add(format!("{problem}; a magenta checker stands in for it (--allow-missing)."));
+        Ok(())
+    }
+}

@@ -1,0 +1,65 @@
+//! The size of a mesh before it is made.
+
+use super::Mesh;
+use crate::memory::OutOfMemory;
+use std::collections::TryReserveError;
+
+/// Numbers of vertices and triangles, and which attributes the vertices have.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct MeshSize {
+    pub(crate) vertices: u64,
+    pub(crate) triangles: u64,
+    pub(crate) normals: bool,
+    pub(crate) uvs: bool,
+    pub(crate) tangents: bool,
+}
+
+impl MeshSize {
+    /// The bytes of such a mesh.
+    pub(crate) fn bytes(&self) -> u64 {
+        let part = |is_there: bool, bytes: u64| if is_there { bytes } else { 0 };
+        let vertex = 12 + part(self.normals, 12) + part(self.uvs, 8) + part(self.tangents, 16);
+        self.vertices.saturating_mul(vertex).saturating_add(self.triangles.saturating_mul(16))
+    }
+
+    /// Takes the memory for as many more vertices and triangles.
+    ///
+    /// # Errors
+    /// When the system does not give it.
+    pub(crate) fn reserve(&self, mesh: &mut Mesh) -> Result<(), OutOfMemory> {
+        let mut reserve = || -> Result<(), TryReserveError> {
+            let [vertices, triangles] =
+                [self.vertices, self.triangles].map(|n| usize::try_from(n).unwrap_or(usize::MAX));
+            mesh.positions.try_reserve_exact(vertices)?;
+            mesh.triangles.try_reserve_exact(triangles)?;
+            mesh.materials.try_reserve_exact(triangles)?;
+            if self.normals {
+                mesh.normals.try_reserve_exact(vertices)?;
+            }
+            if self.uvs {
+                mesh.uvs.try_reserve_exact(vertices)?;
+            }
+            if self.tangents {
+                mesh.tangents.try_reserve_exact(vertices)?;
+            }
+            Ok(())
+        };
+        reserve().map_err(|_| OutOfMemory::Refused { what: self.to_string(), needed: self.bytes() })
+    }
+}
+
+impl std::ops::AddAssign for MeshSize {
+    fn add_assign(&mut self, other: Self) {
+        self.vertices = self.vertices.saturating_add(other.vertices);
+        self.triangles = self.triangles.saturating_add(other.triangles);
+        self.normals |= other.normals;
+        self.uvs |= other.uvs;
+        self.tangents |= other.tangents;
+    }
+}
+
+impl std::fmt::Display for MeshSize {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "a mesh of {} vertices and {} triangles", self.vertices, self.triangles)
+    }
+}
