@@ -194,6 +194,11 @@ impl Bvh {
         owner.tree.is_masked(primitive - owner.first_primitive)
     }
 
+    /// The most bytes that a tree of this number of triangles takes while it is built.
+    pub fn building_bytes(triangles: usize) -> u64 {
+        150 * triangles as u64
+    }
+
     /// Bytes on the heap. A tree with several instances counts once.
     pub fn bytes(&self) -> usize {
         let own = self.wide.bytes() + size_of_val(self.triangle_blocks.as_slice());

@@ -1,21 +1,22 @@
 //! Applies the options of light to a scene.
 
 use super::args::{LightArgs, vector};
-use crate::scene::{Environment, Scene, load};
+use crate::scene::load::{self, LoadOptions};
+use crate::scene::{Environment, Scene};
 use anyhow::{Result, bail};
 use glam::Vec3;
 use std::path::Path;
 
 impl LightArgs {
     /// Sets the environment that the options name, or a white one if the scene would have no light.
-    pub fn apply_environment(&self, scene: &mut Scene) -> Result<()> {
+    pub fn apply_environment(&self, scene: &mut Scene, options: &LoadOptions) -> Result<()> {
         match &self.env {
             Some(text) => {
                 scene.environment = match vector(text) {
                     Ok(radiance) if radiance.cmpge(Vec3::ZERO).all() => Environment::Constant(radiance),
                     Ok(radiance) => bail!("--env {radiance}: radiance must not be negative"),
                     Err(_) => {
-                        let mut map = load::environment(Path::new(text))?;
+                        let mut map = load::environment_with(Path::new(text), options)?;
                         map.rotation_degrees = self.env_rotation;
                         Environment::Map(map)
                     }

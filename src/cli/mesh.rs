@@ -2,7 +2,8 @@
 
 use super::args::MeshArgs;
 use super::arrays::{Array, write_npz};
-use crate::scene::{AlphaMode, Colour, Material, Principled, Surface, load};
+use super::scene_file;
+use crate::scene::{AlphaMode, Colour, Material, Principled, Surface};
 use anyhow::Result;
 
 /// The texture index that stands for no texture.
@@ -10,7 +11,7 @@ const NONE: u32 = u32::MAX;
 
 /// Writes a scene's triangles as arrays, with the material factors that other renderers share.
 pub fn run(args: &MeshArgs) -> Result<()> {
-    let scene = load::load(&args.scene)?;
+    let scene = scene_file::read(&args.scene, &args.loading)?;
     let mesh = &scene.mesh;
     let factors: Vec<Factors> = scene.materials.iter().map(Factors::of).collect();
     let emission: Vec<[f32; 3]> = (scene.materials.iter())

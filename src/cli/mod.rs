@@ -13,6 +13,7 @@ mod mesh;
 mod progress;
 mod registry;
 mod render;
+mod scene_file;
 mod setup;
 mod stats;
 mod timeline;

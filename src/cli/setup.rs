@@ -1,13 +1,18 @@
 //! What all commands that trace need: a loaded scene, its tree and tracers, and the service.
 
-use super::args::{PolicyChoice, TracerChoice, UnitArgs};
+use super::args::{PolicyChoice, SceneArgs, TracerChoice, UnitArgs};
+use crate::bvh::Bvh;
 use crate::engine::{PreparedScene, UnitChoice, Units};
-use crate::scene::{Scene, load};
+use super::scene_file;
+use crate::scene::Scene;
 use crate::schedule::{Policy, Service, ServiceOptions, Sharing, Unit};
 use crate::trace::cpu::SimdLevel;
-use anyhow::{Result, ensure};
+use anyhow::{Context, Result, ensure};
 use std::path::Path;
 use std::time::Instant;
+
+/// What to do where memory is short.
+pub const RAISE_MEMORY: &str = "make it smaller, or raise the limit (--memory)";
 
 /// A prepared scene and the service that traces it.
 pub struct Setup {
@@ -26,10 +31,12 @@ pub struct Setup {
 }
 
 impl Setup {
-    /// Reads a scene, lets `prepare` change it, builds its tree and starts the threads. At most `max_jobs` jobs run
+    /// Reads a scene, lets `prepare` change it, checks that scene, tree and `beside_bytes` fit the memory, builds its tree and starts the threads. At most `max_jobs` jobs run
     /// at a time; the oldest has precedence.
     pub fn new(
         path: &Path,
+        loading: &SceneArgs,
+        beside_bytes: u64,
         args: &UnitArgs,
         max_jobs: usize,
         prepare: impl FnOnce(&mut Scene) -> Result<()>,
@@ -40,11 +47,12 @@ impl Setup {
         let units = Units::open(&unit_choice(unit, simd, args))?;
 
         let started = Instant::now();
-        let mut scene = load::load(path)?;
-        for warning in &scene.warnings {
-            log::warn!("{warning}");
-        }
+        let mut scene = scene_file::read(path, loading)?;
         prepare(&mut scene)?;
+        let triangles = scene.mesh.triangles.len();
+        let all = scene.bytes() + Bvh::building_bytes(triangles) + beside_bytes;
+        let what = format!("the tree of {triangles} triangles, with the scene and what else the command holds,");
+        loading.memory().check(what, all).context(RAISE_MEMORY)?;
         let load_s = started.elapsed().as_secs_f64();
 
         let started = Instant::now();

@@ -83,6 +83,12 @@ impl Film {
         }
     }
 
+    /// Bytes of a film.
+    pub fn bytes(width: u32, height: u32) -> u64 {
+        let pixels = u64::from(width) * u64::from(height);
+        pixels * (size_of::<[AtomicI64; 3]>() + size_of::<AtomicU32>()) as u64 + Stripes::bytes(pixels)
+    }
+
     /// A black film of the same size and precision.
     pub fn blank(&self) -> Self {
         Self::black(self.width, self.height, self.fraction_bits)

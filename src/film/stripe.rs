@@ -26,6 +26,11 @@ impl Stripes {
         Self(std::iter::repeat_with(Default::default).take(pixels.div_ceil(STRIPE_PIXELS as usize)).collect())
     }
 
+    /// Bytes of the stripes of this number of pixels.
+    pub fn bytes(pixels: u64) -> u64 {
+        pixels.div_ceil(u64::from(STRIPE_PIXELS))
+    }
+
     /// Locks the stripe that holds a pixel.
     pub fn lock(&self, pixel: u32) -> Stripe<'_> {
         let number = pixel / STRIPE_PIXELS;

@@ -105,6 +105,13 @@ impl Mesh {
         Aabb::around(self.triangles.iter().flatten().map(|&i| self.positions[i as usize]))
     }
 
+    /// Bytes of all attributes and indices.
+    pub fn bytes(&self) -> usize {
+        let Self { positions, normals, uvs, tangents, triangles, materials } = self;
+        let attributes = size_of_val(&**normals) + size_of_val(&**uvs) + size_of_val(&**tangents);
+        size_of_val(&**positions) + attributes + size_of_val(&**triangles) + size_of_val(&**materials)
+    }
+
     /// Positions of a triangle's corners.
     pub fn corners(&self, primitive: u32) -> [Vec3; 3] {
         // `map` is not always inlined, and shading calls this function for every hit.

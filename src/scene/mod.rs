@@ -118,6 +118,23 @@ impl Scene {
         self.materials.iter().map(|material| material.alpha.mode.is_masked()).collect()
     }
 
+    /// Bytes of triangles and textures, by far the largest parts.
+    pub fn bytes(&self) -> u64 {
+        let mut images: Vec<&[[u8; 4]]> = self.textures.iter().map(|texture| &*texture.texels).collect();
+        // Textures may share texels.
+        images.sort_by_key(|image| image.as_ptr());
+        images.dedup_by_key(|image| image.as_ptr());
+        let textures: usize = images.into_iter().map(size_of_val).sum();
+        let shape = |shape: &Shape| {
+            size_of_val(&*shape.positions) + size_of_val(&*shape.triangles) + size_of_val(&*shape.instances)
+        };
+        let map = match &self.environment {
+            Environment::Constant(_) => 0,
+            Environment::Map(map) => size_of_val(&*map.texels),
+        };
+        (self.mesh.bytes() + self.shapes.iter().map(shape).sum::<usize>() + textures + map) as u64
+    }
+
     /// Whether the material of `primitive` has an alpha mode other than opaque. Only such triangles need
     /// [`Scene::alpha_accepts`] during traversal.
     pub fn is_masked(&self, primitive: u32) -> bool {

@@ -5,6 +5,7 @@ mod bench;
 mod frames;
 mod progress;
 mod render;
+mod scene;
 mod trace;
 mod units;
 mod view;
@@ -18,6 +19,7 @@ pub use bench::{
 pub use frames::FramesArgs;
 pub use progress::ProgressArgs;
 pub use render::RenderArgs;
+pub use scene::SceneArgs;
 pub use trace::{MeshArgs, TraceArgs};
 pub use units::{PolicyChoice, TracerChoice, UnitArgs};
 pub use view::{CameraArgs, LightArgs, vector};

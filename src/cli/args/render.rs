@@ -1,7 +1,7 @@
 //! `raystream render`.
 
 use super::view::size;
-use super::{CameraArgs, FramesArgs, LightArgs, ProgressArgs, UnitArgs};
+use super::{CameraArgs, FramesArgs, LightArgs, ProgressArgs, SceneArgs, UnitArgs};
 use clap::Args;
 use std::path::PathBuf;
 
@@ -49,6 +49,9 @@ pub struct RenderArgs {
     /// Write a timeline of all tasks: .json (Chrome trace) or .svg.
     #[arg(long, value_name = "FILE")]
     pub timeline: Option<PathBuf>,
+    /// How the scene is read.
+    #[command(flatten)]
+    pub loading: SceneArgs,
     /// The units that trace.
     #[command(flatten)]
     pub units: UnitArgs,

@@ -1,6 +1,6 @@
 //! `raystream trace` and `raystream mesh`.
 
-use super::UnitArgs;
+use super::{SceneArgs, UnitArgs};
 use clap::Args;
 use std::path::PathBuf;
 
@@ -24,6 +24,9 @@ pub struct TraceArgs {
     /// Write statistics as JSON.
     #[arg(long, value_name = "FILE")]
     pub stats: Option<PathBuf>,
+    /// How the scene is read.
+    #[command(flatten)]
+    pub loading: SceneArgs,
     /// The units that trace.
     #[command(flatten)]
     pub units: UnitArgs,
@@ -44,4 +47,7 @@ pub struct MeshArgs {
     /// Also write the textures: texture0, … uint32 (height, width), RGBA, one byte each.
     #[arg(long)]
     pub images: bool,
+    /// How the scene is read.
+    #[command(flatten)]
+    pub loading: SceneArgs,
 }

@@ -13,12 +13,12 @@ mod tail;
 mod textures;
 
 use super::Outcome;
-use super::args::{BenchCommand, ShotArgs};
+use super::args::{BenchCommand, SceneArgs, ShotArgs};
 use super::setup::Setup;
 use super::stats::{self, SCHEMA};
 use crate::engine::Units;
 use crate::meters::processor;
-use crate::scene::Camera;
+use crate::scene::{Camera, Scene};
 use anyhow::Result;
 use serde::Serialize;
 use std::path::Path;
@@ -42,7 +42,9 @@ pub fn run(command: &BenchCommand) -> Result<Outcome> {
 impl ShotArgs {
     /// Prepares a scene and a service for `max_jobs` jobs at a time; returns them with the scene's camera.
     fn set_up(&self, scene: &Path, (width, height): (u32, u32), max_jobs: usize) -> Result<(Setup, Camera)> {
-        let setup = Setup::new(scene, &self.units, max_jobs, |scene| self.light.apply_environment(scene))?;
+        let loading = SceneArgs::default();
+        let light = |scene: &mut Scene| self.light.apply_environment(scene, &loading.options());
+        let setup = Setup::new(scene, &loading, 0, &self.units, max_jobs, light)?;
         let scene = &setup.prepared.scene;
         let framed = || Camera::framing(&scene.bounds(), width as f32 / height as f32);
         let camera = self.camera.apply(scene.camera, framed);

@@ -1,6 +1,6 @@
 //! `raystream bench tables`.
 
-use super::super::args::BenchTablesArgs;
+use super::super::args::{BenchTablesArgs, SceneArgs};
 use super::super::setup::Setup;
 use super::write;
 use crate::bench::tables::{complexity, effects, kernels, packets};
@@ -21,7 +21,7 @@ enum Row {
 
 /// Measures RTRT's tables.
 pub fn run(args: &BenchTablesArgs) -> Result<()> {
-    let setup = Setup::new(&args.scene, &args.units, 1, |_| Ok(()))?;
+    let setup = Setup::new(&args.scene, &SceneArgs::default(), 0, &args.units, 1, |_| Ok(()))?;
     let prepared = &setup.prepared;
     let camera = args.camera.apply(prepared.scene.camera, || Camera::framing(&prepared.scene.bounds(), 1.0));
     let mut rows = Vec::new();

@@ -9,10 +9,10 @@ mod totals;
 
 use super::Outcome;
 use super::args::RenderArgs;
-use super::setup::Setup;
+use super::setup::{RAISE_MEMORY, Setup};
 use super::timeline;
 use crate::cli::registry::{IntegratorParams, Registry};
-use crate::film::Format;
+use crate::film::{Film, Format};
 use crate::render::{Integrator, PASSES_IN_FLIGHT, ROULETTE_BOUNCES, Settings};
 use crate::scene::{Camera, Scene};
 use crate::schedule::{JobHandle, JobOptions, LimitsError};
@@ -37,10 +37,14 @@ pub fn run(args: &RenderArgs, registry: &Registry) -> Result<Outcome> {
     let aspect = width as f32 / height as f32;
     let mut animation = None;
     let still = |scene: &Scene| args.camera.apply(scene.camera, || Camera::framing(&scene.bounds(), aspect));
-    let setup = Setup::new(&args.scene, &args.units, pictures * PASSES_IN_FLIGHT, |scene| {
+    let picture_bytes = pictures as u64 * picture_bytes(width, height);
+    let picture = format!("a picture of {width}x{height} pixels");
+    args.loading.memory().check(picture, picture_bytes).context(RAISE_MEMORY)?;
+    let max_jobs = pictures * PASSES_IN_FLIGHT;
+    let setup = Setup::new(&args.scene, &args.loading, picture_bytes, &args.units, max_jobs, |scene| {
         registry.apply_surfaces(scene);
         animation = Animation::new(args, scene, still(scene))?;
-        args.light.apply_environment(scene)
+        args.light.apply_environment(scene, &args.loading.options())
     })?;
     let scene = setup.prepared.scene.clone();
     let camera = still(&scene);
@@ -49,6 +53,13 @@ pub fn run(args: &RenderArgs, registry: &Registry) -> Result<Outcome> {
     let roulette_bounces = (!args.no_russian_roulette).then_some(ROULETTE_BOUNCES);
     let params = IntegratorParams { scene, camera, settings, roulette_bounces, simd: setup.simd };
     registry.run(&args.integrator, params, RenderRequest { args, setup: &setup, animation, camera })
+}
+
+/// Bytes that a picture takes until it is written: the film, the films of passes, their sum, noise, and the encoded
+/// file.
+fn picture_bytes(width: u32, height: u32) -> u64 {
+    let films = 2 + PASSES_IN_FLIGHT as u64;
+    films * Film::bytes(width, height) + 24 * u64::from(width) * u64::from(height)
 }
 
 /// A render command that waits for its integrator, whose type the registry erases.

@@ -1,22 +1,24 @@
 //! Converts mesh primitives to world-space triangles.
 
 use super::super::LoadProblem;
+use super::super::dropped::Dropped;
 use super::Context;
 use super::accessor;
 use super::instance::InstancesByGeometry;
 use super::material::Converted;
-use crate::geom::{MAX_COORDINATE, Placement};
-use crate::scene::{AlphaMode, Instance, MAX_TRIANGLES, Mesh, MeshError, Shape};
+use crate::geom::Placement;
+use crate::scene::{AlphaMode, Instance, MAX_TRIANGLES, Mesh, MeshError, MeshSize, Shape};
 use ::gltf::mesh::Mode;
 use ::gltf::{Accessor, Primitive, Semantic};
 use glam::{DMat3, DMat4, DVec3, Vec2, Vec3, Vec4};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// The triangles of all nodes visited so far.
 pub(super) struct Flattened<'a> {
     materials: &'a [Converted],
     mesh: Mesh,
     instances: InstancesByGeometry<'a>,
+    dropped: Dropped,
     uses_fallback: bool,
 }
 
@@ -58,6 +60,7 @@ impl<'a> Flattened<'a> {
             materials,
             mesh: Mesh::default(),
             instances: InstancesByGeometry::default(),
+            dropped: Dropped::default(),
             uses_fallback: false,
         }
     }
@@ -66,8 +69,9 @@ impl<'a> Flattened<'a> {
     ///
     /// # Errors
     /// When an accessor cannot be read.
-    pub(super) fn finish(mut self, context: &Context) -> Result<(Mesh, Vec<Shape>, bool), LoadProblem> {
+    pub(super) fn finish(mut self, context: &mut Context) -> Result<(Mesh, Vec<Shape>, bool), LoadProblem> {
         let mesh = &mut self.mesh;
+        self.dropped.finish(&mut mesh.positions, &mut context.session.warnings);
         let count = mesh.positions.len();
         // An attribute that no vertex has stays empty.
         if !mesh.normals.is_empty() {
@@ -85,6 +89,18 @@ impl<'a> Flattened<'a> {
     /// Number of triangles so far.
     pub(super) fn triangles(&self) -> u32 {
         self.mesh.triangles.len() as u32
+    }
+
+    /// Takes the memory for all instances, before many of them in a small file fill it.
+    ///
+    /// # Errors
+    /// When there are too many triangles, or the memory cannot be had.
+    pub(super) fn reserve(&mut self, context: &mut Context, size: MeshSize) -> Result<(), LoadProblem> {
+        if size.triangles > MAX_TRIANGLES as u64 {
+            let source = MeshError::TooMany { found: size.triangles as usize, max: MAX_TRIANGLES };
+            return Err(LoadProblem::Mesh { path: context.session.path.clone(), source });
+        }
+        context.session.reserve(&mut self.mesh, size)
     }
 
     /// Adds one instance of a mesh.
@@ -107,8 +123,11 @@ impl<'a> Flattened<'a> {
                 context.session.warnings.add("Points and lines are ignored, because they have no surface.");
                 continue;
             }
-            let place = || format!("meshes[{}].primitives[{}]", mesh.index(), primitive.index());
-            self.primitive(context, &primitive, &transform, &mut bases)
+            if primitive.get(&Semantic::Colors(0)).is_some() {
+                context.session.warnings.add("Vertex colours (COLOR_0) are not supported and are ignored.");
+            }
+            let place = || place(mesh, &primitive);
+            self.primitive(context, mesh, &primitive, &transform, &mut bases)
                 .map_err(|problem| context.error(place(), problem))?;
         }
         Ok(())
@@ -117,6 +136,7 @@ impl<'a> Flattened<'a> {
     fn primitive(
         &mut self,
         context: &mut Context,
+        mesh: &::gltf::Mesh<'a>,
         primitive: &Primitive<'a>,
         transform: &NodeTransform,
         bases: &mut BTreeMap<[Option<usize>; 4], u32>,
@@ -127,7 +147,9 @@ impl<'a> Flattened<'a> {
         let base = match bases.get(&attributes.key()) {
             Some(&base) => base,
             None => {
-                *bases.entry(attributes.key()).or_insert(self.vertices(context, &attributes, transform)?)
+                let name = || place(mesh, primitive);
+                let first = self.vertices(context, name, &attributes, transform)?;
+                *bases.entry(attributes.key()).or_insert(first)
             }
         };
         let indices = indices(context, primitive, count)?;
@@ -140,17 +162,19 @@ impl<'a> Flattened<'a> {
             self.materials.len()
         }) as u32;
         let triangles = triangles(primitive.mode(), &indices);
-        let found = self.mesh.triangles.len() + triangles.len();
-        if found > MAX_TRIANGLES {
-            // Checked here, before many instances in a small file fill the memory.
-            return Err(MeshError::TooMany { found, max: MAX_TRIANGLES }.to_string());
-        }
-        let instance = Instance { placement: transform.placement, first: self.mesh.triangles.len() as u32 };
-        self.instances.add(primitive, transform.mirrors, masked, instance);
-        for [a, b, c] in triangles {
+        let first = self.mesh.triangles.len();
+        for &[a, b, c] in &triangles {
             let [b, c] = if transform.mirrors { [c, b] } else { [b, c] };
-            self.mesh.triangles.push([base + a, base + b, base + c]);
-            self.mesh.materials.push(material);
+            let triangle = [a, b, c].map(|corner| base + corner);
+            if !self.dropped.drops(triangle.map(|corner| self.mesh.positions[corner as usize])) {
+                self.mesh.triangles.push(triangle);
+                self.mesh.materials.push(material);
+            }
+        }
+        // Instances share all triangles of their shape.
+        if self.mesh.triangles.len() == first + triangles.len() {
+            let instance = Instance { placement: transform.placement, first: first as u32 };
+            self.instances.add(primitive, transform.mirrors, masked, instance);
         }
         Ok(())
     }
@@ -194,6 +218,7 @@ impl<'a> Flattened<'a> {
     fn vertices(
         &mut self,
         context: &mut Context,
+        place: impl Fn() -> String,
         attributes: &Attributes,
         transform: &NodeTransform,
     ) -> Result<u32, String> {
@@ -207,15 +232,8 @@ impl<'a> Flattened<'a> {
         }
         for (i, position) in positions.iter().enumerate() {
             let moved = transform.placement.point(Vec3::from(*position));
-            // The comparison fails for NaN, too.
-            if !moved.abs().cmple(Vec3::splat(MAX_COORDINATE)).all() {
-                let [x, y, z] = position;
-                return Err(format!(
-                    "vertex {i} is at ({x}, {y}, {z}), {moved} in the world; coordinates must be finite \
-                     and at most {MAX_COORDINATE:e} in magnitude"
-                ));
-            }
-            self.mesh.positions.push(moved);
+            let place = || format!("vertex {i} of {}, in the world", place());
+            self.mesh.positions.push(self.dropped.checked(moved, place));
         }
         if let Some(accessor) = &attributes.normals {
             pad(&mut self.mesh.normals, base);
@@ -243,6 +261,34 @@ impl<'a> Flattened<'a> {
         }
         Ok(base as u32)
     }
+}
+
+/// The name of a primitive in messages.
+fn place(mesh: &::gltf::Mesh, primitive: &Primitive) -> String {
+    format!("meshes[{}].primitives[{}]", mesh.index(), primitive.index())
+}
+
+/// The size of one copy of a mesh, before any data is read. Accessors tell it; parts that have no surface, or are
+/// wrong, count as empty.
+pub(super) fn size(mesh: &::gltf::Mesh) -> MeshSize {
+    let mut size = MeshSize::default();
+    let mut counted = BTreeSet::new();
+    for primitive in mesh.primitives() {
+        let Some(positions) = primitive.get(&Semantic::Positions) else { continue };
+        let corners = primitive.indices().map_or(positions.count(), |indices| indices.count()) as u64;
+        let triangles = match primitive.mode() {
+            Mode::Points | Mode::Lines | Mode::LineLoop | Mode::LineStrip => continue,
+            Mode::Triangles => corners / 3,
+            Mode::TriangleStrip | Mode::TriangleFan => corners.saturating_sub(2),
+        };
+        let [normals, uvs, tangents] = [Semantic::Normals, Semantic::TexCoords(0), Semantic::Tangents]
+            .map(|semantic| primitive.get(&semantic).is_some());
+        // Primitives that share all their attributes share their vertices.
+        let attributes: Vec<usize> = primitive.attributes().map(|(_, accessor)| accessor.index()).collect();
+        let vertices = if counted.insert(attributes) { positions.count() as u64 } else { 0 };
+        size += MeshSize { vertices, triangles, normals, uvs, tangents };
+    }
+    size
 }
 
 impl Attributes<'_> {

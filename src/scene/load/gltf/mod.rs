@@ -23,6 +23,7 @@ use ::gltf::Document;
 use ::gltf::json::validation::{Error as Invalid, Validate};
 use ::gltf::json::{Path as JsonPath, Root};
 use buffers::Buffers;
+use serde::Deserialize;
 use std::path::Path;
 
 /// The extensions that are supported at least in part, or that do not change a picture (XMP).
@@ -93,11 +94,14 @@ pub(super) fn load(session: &mut Session) -> Result<Scene, LoadProblem> {
 /// Parses and checks the JSON. Afterwards every index in it is in range and every enumeration value is known.
 fn parse(path: &Path, json: &[u8], warnings: &mut Warnings) -> Result<Document, LoadProblem> {
     let file = |problem| LoadProblem::File { path: path.to_owned(), problem };
-    let mut root: Root = ::gltf::json::deserialize::from_slice(json)
-        .map_err(|error| file(format!("not valid glTF JSON: {error}")))?;
-    let version = root.asset.min_version.as_ref().unwrap_or(&root.asset.version);
-    if version.split('.').next() != Some("2") {
-        return Err(file(format!("glTF version {version:?}; 2.0 is supported")));
+    let mut root: Root = ::gltf::json::deserialize::from_slice(json).map_err(|error| {
+        // A file of another version differs in more than its version.
+        let head = ::gltf::json::deserialize::from_slice::<Head>(json);
+        let problem = head.ok().and_then(|head| unsupported(&head.asset.version, None));
+        file(problem.unwrap_or_else(|| format!("not valid glTF JSON: {error}")))
+    })?;
+    if let Some(problem) = unsupported(&root.asset.version, root.asset.min_version.as_deref()) {
+        return Err(file(problem));
     }
     for extension in std::mem::take(&mut root.extensions_required) {
         if !SUPPORTED.contains(&extension.as_str()) {
@@ -113,7 +117,30 @@ fn parse(path: &Path, json: &[u8], warnings: &mut Warnings) -> Result<Document, 
     Ok(Document::from_json_without_validation(root))
 }
 
-/// Runs the crate's own checks. The bounds of positions are not needed, so their errors are ignored.
+/// What documents of all versions have.
+#[derive(Deserialize)]
+struct Head {
+    asset: Asset,
+}
+
+#[derive(Deserialize)]
+struct Asset {
+    version: String,
+}
+
+/// What is wrong if a document needs another version of glTF than 2.0. A later version 2 is read as 2.0 unless the
+/// document says that it needs more.
+fn unsupported(version: &str, least: Option<&str>) -> Option<String> {
+    match least {
+        Some("2.0") => None,
+        Some(least) => Some(format!("needs at least glTF version {least:?}; 2.0 is supported")),
+        None if version.split('.').next() == Some("2") => None,
+        None => Some(format!("glTF version {version:?}; 2.0 is supported")),
+    }
+}
+
+/// Runs the crate's own checks. The bounds of positions are not needed, and elements of accessors without data are 0,
+/// so errors of either are ignored.
 fn check(path: &Path, root: &Root) -> Result<(), LoadProblem> {
     let place = |place: String, problem: String| LoadProblem::Place { path: path.to_owned(), place, problem };
     // The crate looks up these accessors before it has checked them.
@@ -131,7 +158,8 @@ fn check(path: &Path, root: &Root) -> Result<(), LoadProblem> {
     root.validate(root, JsonPath::new, &mut |path, error| {
         let at = path().to_string();
         let is_bound = at.ends_with("POSITION\"].min") || at.ends_with("POSITION\"].max");
-        if first.is_none() && !is_bound {
+        let is_data = at.starts_with("accessors[") && at.ends_with("].bufferView") && error == Invalid::Missing;
+        if first.is_none() && !is_bound && !is_data {
             first = Some((at, error));
         }
     });

@@ -4,9 +4,9 @@ use super::super::LoadProblem;
 use super::Context;
 use super::animation::{camera_motion, warn_of_others};
 use super::material::Converted;
-use super::mesh::Flattened;
+use super::mesh::{self, Flattened};
 use super::object::ObjectsByNode;
-use crate::scene::{Camera, CameraMotion, Light, LightShape, Mesh, Objects, Shape, unit_rotation};
+use crate::scene::{Camera, CameraMotion, Light, LightShape, Mesh, MeshSize, Objects, Shape, unit_rotation};
 use ::gltf::camera::Projection;
 use ::gltf::khr_lights_punctual::Kind;
 use ::gltf::scene::Transform;
@@ -31,20 +31,14 @@ pub(super) struct World {
 /// When the nodes do not form trees, or a mesh is wrong.
 pub(super) fn flatten<'a>(context: &mut Context<'a>, materials: &[Converted]) -> Result<World, LoadProblem> {
     let document = context.document;
+    let nodes = in_world(context)?;
     let mut flattened = Flattened::new(materials);
+    flattened.reserve(context, size(document, &nodes))?;
     let mut lights = Vec::new();
     let mut camera: Option<(Camera, usize)> = None;
-    let mut visited = vec![false; document.nodes().len()];
     let mut objects = ObjectsByNode::default();
-    let mut pending: Vec<(Node, DMat4, Option<u32>)> = Vec::new();
-    pending.extend(roots(document).into_iter().rev().map(|node| (node, DMat4::IDENTITY, None)));
-    while let Some((node, parent, above)) = pending.pop() {
-        if std::mem::replace(&mut visited[node.index()], true) {
-            let problem = "is reached twice; a node must have at most one parent, and cycles are not allowed";
-            return Err(context.error(format!("nodes[{}]", node.index()), problem));
-        }
-        let matrix = parent * local_matrix(&node);
-        let object = objects.add(&node, above);
+    for WorldNode { node, matrix, parent } in nodes {
+        let object = objects.add(&node, parent);
         if node.skin().is_some() {
             context.session.warnings.add("Skins are not supported; skinned meshes keep their rest pose.");
         }
@@ -64,8 +58,6 @@ pub(super) fn flatten<'a>(context: &mut Context<'a>, materials: &[Converted]) ->
                 (Some(_), None) => {}
             }
         }
-        let children: Vec<Node> = node.children().collect();
-        pending.extend(children.into_iter().rev().map(|child| (child, matrix, Some(object))));
     }
     let (mesh, shapes, uses_fallback) = flattened.finish(context)?;
     let chain = camera.map_or_else(Vec::new, |(_, node)| path_from_root(document, node));
@@ -77,6 +69,46 @@ pub(super) fn flatten<'a>(context: &mut Context<'a>, materials: &[Converted]) ->
     let camera = camera.map(|(camera, _)| camera);
     let objects = objects.finish();
     Ok(World { mesh, shapes, objects, lights, camera, camera_motion, uses_fallback })
+}
+
+/// A visible node.
+struct WorldNode<'a> {
+    node: Node<'a>,
+    matrix: DMat4,
+    /// The place of its parent in the list of visible nodes.
+    parent: Option<u32>,
+}
+
+/// The visible nodes. Parents come before children, in file order.
+fn in_world<'a>(context: &Context<'a>) -> Result<Vec<WorldNode<'a>>, LoadProblem> {
+    let document = context.document;
+    let mut visited = vec![false; document.nodes().len()];
+    let mut pending: Vec<WorldNode> = Vec::new();
+    let root = |node| WorldNode { node, matrix: DMat4::IDENTITY, parent: None };
+    pending.extend(roots(document).into_iter().rev().map(root));
+    let mut found = Vec::new();
+    while let Some(WorldNode { node, matrix, parent }) = pending.pop() {
+        if std::mem::replace(&mut visited[node.index()], true) {
+            let problem = "is reached twice; a node must have at most one parent, and cycles are not allowed";
+            return Err(context.error(format!("nodes[{}]", node.index()), problem));
+        }
+        let matrix = matrix * local_matrix(&node);
+        let own = Some(found.len() as u32);
+        let children: Vec<Node> = node.children().collect();
+        pending.extend(children.into_iter().rev().map(|node| WorldNode { node, matrix, parent: own }));
+        found.push(WorldNode { node, matrix, parent });
+    }
+    Ok(found)
+}
+
+/// The size of the mesh of all nodes.
+fn size(document: &Document, nodes: &[WorldNode]) -> MeshSize {
+    let sizes: Vec<MeshSize> = document.meshes().map(|mesh| mesh::size(&mesh)).collect();
+    let mut all = MeshSize::default();
+    for mesh in nodes.iter().filter_map(|found| found.node.mesh()) {
+        all += sizes[mesh.index()];
+    }
+    all
 }
 
 /// The nodes on the path from a root to `node`.

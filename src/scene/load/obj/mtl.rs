@@ -212,6 +212,12 @@ fn map(arguments: &str, warn: &mut impl FnMut(&str)) -> Result<Map, String> {
                 }
             }
             // Filtering and storage of images. There is one filter, so these options are ignored.
+            "-colorspace" => {
+                let space = take();
+                if !matches!(space, "auto" | "sRGB" | "srgb") {
+                    warn("-colorspace of a texture is not supported and is ignored: its use decides");
+                }
+            }
             "-blendu" | "-blendv" | "-boost" | "-cc" | "-texres" | "-type" => _ = take(),
             _ => return Err(format!("unknown texture option {}", quote(option))),
         }
