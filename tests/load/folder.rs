@@ -1,7 +1,7 @@
 //! A folder for the files of one test.
 
 use raystream::scene::Scene;
-use raystream::scene::load::{LoadError, load};
+use raystream::scene::load::{LoadError, LoadOptions, load_with};
 use std::path::PathBuf;
 
 /// Gone when dropped.
@@ -33,7 +33,11 @@ impl Folder {
     }
 
     pub fn load(&self, name: &str) -> Result<Scene, LoadError> {
-        load(&self.path(name))
+        self.load_with(name, &LoadOptions::default())
+    }
+
+    pub fn load_with(&self, name: &str, options: &LoadOptions) -> Result<Scene, LoadError> {
+        load_with(&self.path(name), options)
     }
 
     pub fn scene(&self, name: &str) -> Scene {

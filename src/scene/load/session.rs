@@ -61,7 +61,7 @@ impl Session {
         if !self.options.allow_missing {
             return Err(problem);
         }
-        self.warnings.add(format!("{problem}; a magenta checker stands in for it (--allow-missing)."));
+        self.warnings.add(format!("{problem}."));
         Ok(())
     }
 }

@@ -127,7 +127,12 @@ impl Textures {
             Ok(image) => return Ok(image),
             Err(problem) => problem,
         };
-        session.missing(told(problem))?;
+        let remedy = if session.options.allow_missing {
+            "a magenta checker stands in for it (--allow-missing)"
+        } else {
+            "mend it, or show a checker in its place (--allow-missing)"
+        };
+        session.missing(told(format!("{problem}; {remedy}")))?;
         Ok(match self.by_source.get(&Source::StandIn) {
             Some(&image) => image,
             None => self.add(Source::StandIn, Pixels::stand_in()),

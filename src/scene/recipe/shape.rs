@@ -113,7 +113,7 @@ impl FractalNoise {
     fn noise(&self, reach: f32) -> Result<impl Fn(Vec3) -> f32 + use<>, String> {
         within("octaves", self.octaves, 1, 12)?;
         let features = self.frequency * f64::from(reach);
-        if !(features.abs() <= MAX_FEATURES) {
+        if features.is_nan() || features.abs() > MAX_FEATURES {
             return Err(format!(
                 "frequency is {}, which makes {features:e} features; there may be {MAX_FEATURES:e}",
                 readable(self.frequency)

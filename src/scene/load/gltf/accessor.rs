@@ -59,6 +59,16 @@ impl<'a> Elements<'a> {
     }
 }
 
+/// The number of elements that memory may be taken for before they are read. 0 if there cannot be as many as the
+/// accessor says, which is an error once it is read.
+pub(super) fn expected_count(accessor: &Accessor) -> u64 {
+    let most = match accessor.view() {
+        Some(view) => view.length(),
+        None => MAX_IMPLICIT,
+    };
+    if accessor.count() <= most { accessor.count() as u64 } else { 0 }
+}
+
 /// Reads an accessor of vectors. Normalised integers become numbers in −1..=1 or 0..=1.
 ///
 /// # Errors

@@ -275,7 +275,8 @@ pub(super) fn size(mesh: &::gltf::Mesh) -> MeshSize {
     let mut counted = BTreeSet::new();
     for primitive in mesh.primitives() {
         let Some(positions) = primitive.get(&Semantic::Positions) else { continue };
-        let corners = primitive.indices().map_or(positions.count(), |indices| indices.count()) as u64;
+        let vertices = accessor::expected_count(&positions);
+        let corners = primitive.indices().map_or(vertices, |indices| accessor::expected_count(&indices));
         let triangles = match primitive.mode() {
             Mode::Points | Mode::Lines | Mode::LineLoop | Mode::LineStrip => continue,
             Mode::Triangles => corners / 3,
@@ -285,7 +286,7 @@ pub(super) fn size(mesh: &::gltf::Mesh) -> MeshSize {
             .map(|semantic| primitive.get(&semantic).is_some());
         // Primitives that share all their attributes share their vertices.
         let attributes: Vec<usize> = primitive.attributes().map(|(_, accessor)| accessor.index()).collect();
-        let vertices = if counted.insert(attributes) { positions.count() as u64 } else { 0 };
+        let vertices = if counted.insert(attributes) { vertices } else { 0 };
         size += MeshSize { vertices, triangles, normals, uvs, tangents };
     }
     size
