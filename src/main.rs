@@ -1,8 +1,13 @@
 //! The command line of raystream.
 //!
-//! This file alone changes the process's environment. Invariant 1: `main` does so before any thread is made,
-//! so no thread reads the environment meanwhile.
+//! This file alone changes the process's environment and its allocator. Invariants:
+//! 1. `main` changes the environment before any thread is made, so no thread reads the environment meanwhile.
+//! 2. [`EndingAllocator`] hands every call to the system's allocator as it is, under the contract that its own caller
+//!    keeps, and returns what that returns.
 #![allow(unsafe_code, reason = "the invariants above")]
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::io::Write;
 
 fn main() -> std::process::ExitCode {
     // Mesa's device-selection layer asks for a display server to order the GPUs by, and complains on stderr
@@ -12,4 +17,53 @@ fn main() -> std::process::ExitCode {
         unsafe { std::env::set_var("NODEVICE_SELECT", "1") };
     }
     raystream::cli::run()
+}
+
+/// The system's allocator, which ends the process with one line where there is no memory. Rust would abort it.
+struct EndingAllocator;
+
+#[global_allocator]
+static ALLOCATOR: EndingAllocator = EndingAllocator;
+
+// SAFETY: invariant 2.
+unsafe impl GlobalAlloc for EndingAllocator {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        // SAFETY: invariant 2.
+        given(unsafe { System.alloc(layout) }, layout.size())
+    }
+
+    unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
+        // SAFETY: invariant 2.
+        given(unsafe { System.alloc_zeroed(layout) }, layout.size())
+    }
+
+    unsafe fn realloc(&self, pointer: *mut u8, layout: Layout, size: usize) -> *mut u8 {
+        // SAFETY: invariant 2.
+        given(unsafe { System.realloc(pointer, layout, size) }, size)
+    }
+
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        // SAFETY: invariant 2.
+        unsafe { System.dealloc(pointer, layout) }
+    }
+}
+
+/// Memory that the system has given. Ends the process if it has not.
+#[inline]
+fn given(pointer: *mut u8, bytes: usize) -> *mut u8 {
+    if pointer.is_null() {
+        end(bytes);
+    }
+    pointer
+}
+
+#[cold]
+fn end(bytes: usize) -> ! {
+    // Standard error has no buffer, so this takes no memory.
+    let told = writeln!(
+        std::io::stderr(),
+        "error: out of memory: the system does not give {bytes} bytes; set a limit below what there is (--memory)"
+    );
+    drop(told);
+    std::process::exit(2)
 }

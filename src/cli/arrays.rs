@@ -1,6 +1,7 @@
 //! Reads and writes NumPy files.
 
 use crate::files::write_atomically;
+use crate::memory::MemoryBudget;
 use crate::stream::Ray;
 use anyhow::{Context, Result, bail, ensure};
 use npyz::WriterBuilder;
@@ -8,29 +9,41 @@ use std::fs::File;
 use std::io::{BufReader, Seek, Write};
 use std::path::Path;
 
-/// Reads rays: float32 (n, 8) = origin xyz, `t_min`, direction xyz, `t_max`.
-pub fn read_rays(path: &Path) -> Result<Vec<Ray>> {
+/// Reads rays: float32 (n, 8) = origin xyz, `t_min`, direction xyz, `t_max`. The file may be a pipe.
+pub fn read_rays(path: &Path, memory: MemoryBudget) -> Result<Vec<Ray>> {
     let name = path.display();
     let file = File::open(path).with_context(|| format!("{name}: cannot be read"))?;
-    let length = file.metadata().with_context(|| format!("{name}: cannot be read"))?.len();
+    let about = file.metadata().with_context(|| format!("{name}: cannot be read"))?;
     let npy = npyz::NpyFile::new(BufReader::new(file)).with_context(|| format!("{name}: not a .npy file"))?;
     let shape = npy.shape().to_vec();
     let [rows, 8] = shape[..] else {
         bail!("{name}: rays are float32 of shape (n, 8), but the file's shape is {shape:?}");
     };
     ensure!(npy.order() == npyz::Order::C, "{name}: the array is in Fortran order; save it in C order");
-    let bytes = rows.checked_mul(size_of::<Ray>() as u64);
+    let dtype = npy.dtype().descr();
+    let values = npy
+        .data::<f32>()
+        .with_context(|| format!("{name}: rays are float32, but the file holds {dtype}; convert it with astype"))?;
+    let bytes = rows.saturating_mul(size_of::<Ray>() as u64);
+    // A pipe tells no length.
+    let length = about.len();
     ensure!(
-        bytes.is_some_and(|b| b <= length),
+        !about.is_file() || bytes <= length,
         "{name}: the header promises {rows} rays of 32 bytes, but the file has {length} bytes; the file is truncated"
     );
-    let dtype = npy.dtype().descr();
-    let values: Vec<f32> = npy
-        .data()
-        .with_context(|| format!("{name}: rays are float32, but the file holds {dtype}"))?
-        .collect::<std::io::Result<_>>()
-        .with_context(|| format!("{name}: cannot be read"))?;
-    Ok(bytemuck::cast_slice(&values).to_vec())
+    memory.check(format!("{name}: {rows} rays"), bytes)?;
+    // The rays of a pipe come or do not, whatever its header promises.
+    let mut rays = Vec::with_capacity(if about.is_file() { rows as usize } else { 0 });
+    let mut ray = [0.0_f32; 8];
+    for (i, value) in values.enumerate() {
+        ray[i % 8] = value.with_context(|| {
+            format!("{name}: the header promises {rows} rays, but the file ends after {}", i / 8)
+        })?;
+        if i % 8 == 7 {
+            rays.push(bytemuck::cast(ray));
+        }
+    }
+    Ok(rays)
 }
 
 /// An array to write.

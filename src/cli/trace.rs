@@ -13,7 +13,7 @@ use std::sync::Arc;
 
 /// Traces the rays of a file and writes their hits.
 pub fn run(args: &TraceArgs) -> Result<Outcome> {
-    let rays: Arc<[_]> = read_rays(&args.rays)?.into();
+    let rays: Arc<[_]> = read_rays(&args.rays, args.loading.memory())?.into();
     let setup = Setup::new(&args.scene, &args.loading, 0, &args.units, 1, |_| Ok(()))?;
     let mut rates = Vec::new();
     let mut units = Units::default();

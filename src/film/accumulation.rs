@@ -2,6 +2,7 @@
 
 use super::stripe::{Stripe, Stripes};
 use crate::lanes::{Int, Lanes, Mask, Num, Vector, nearest};
+use crate::memory::OutOfMemory;
 use std::io::Write;
 use std::sync::atomic::{AtomicI64, AtomicU32, AtomicU64, Ordering::Relaxed};
 
@@ -39,16 +40,23 @@ pub struct Film {
     dropped: AtomicU64,
 }
 
-/// A pixel could receive more splats than its sum can hold.
+/// Why there is no film.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
-#[error(
-    "each pixel may receive {splats} splats, but at most {} can be added exactly; use fewer samples per pixel or a \
-     smaller depth",
-    Film::MAX_SPLATS
-)]
-pub struct TooManySplats {
-    /// The requested number of splats per pixel.
-    pub splats: u64,
+#[non_exhaustive]
+pub enum FilmError {
+    /// A pixel could receive more splats than its sum can hold.
+    #[error(
+        "each pixel may receive {splats} splats, but at most {} can be added exactly; use fewer samples per pixel or a \
+         smaller depth",
+        Film::MAX_SPLATS
+    )]
+    TooManySplats {
+        /// The requested number of splats per pixel.
+        splats: u64,
+    },
+    /// There is too little memory.
+    #[error(transparent)]
+    Memory(#[from] OutOfMemory),
 }
 
 impl Film {
@@ -58,29 +66,33 @@ impl Film {
     /// A black film of `width` × `height` pixels. Each will receive at most `splats` splats.
     ///
     /// # Errors
-    /// When `splats` exceeds [`Film::MAX_SPLATS`].
-    pub fn new(width: u32, height: u32, splats: u64) -> Result<Self, TooManySplats> {
+    /// When `splats` exceeds [`Film::MAX_SPLATS`], or the system does not give the memory.
+    pub fn new(width: u32, height: u32, splats: u64) -> Result<Self, FilmError> {
         if splats > Self::MAX_SPLATS {
-            return Err(TooManySplats { splats });
+            return Err(FilmError::TooManySplats { splats });
         }
         let splat_bits = splats.max(1).next_power_of_two().trailing_zeros();
         let fraction_bits = (62 - MAX_RADIANCE_BITS - splat_bits).min(MAX_FRACTION_BITS);
         assert!(fraction_bits >= MIN_FRACTION_BITS && MAX_RADIANCE_BITS + splat_bits + fraction_bits <= 62);
-        Ok(Self::black(width, height, fraction_bits))
+        Ok(Self::black(width, height, fraction_bits)?)
     }
 
-    fn black(width: u32, height: u32, fraction_bits: u32) -> Self {
+    fn black(width: u32, height: u32, fraction_bits: u32) -> Result<Self, OutOfMemory> {
         let pixels = width as usize * height as usize;
-        Self {
+        let refused = |()| OutOfMemory::Refused {
+            what: format!("a film of {width}x{height} pixels"),
+            needed: Self::bytes(width, height),
+        };
+        Ok(Self {
             width,
             height,
             fraction_bits,
             // The system maps zeroed pages only when they are written.
-            sums: bytemuck::zeroed_vec(pixels),
-            samples: bytemuck::zeroed_vec(pixels),
+            sums: bytemuck::try_zeroed_vec(pixels).map_err(refused)?,
+            samples: bytemuck::try_zeroed_vec(pixels).map_err(refused)?,
             stripes: Stripes::new(pixels),
             dropped: AtomicU64::new(0),
-        }
+        })
     }
 
     /// Bytes of a film.
@@ -90,8 +102,11 @@ impl Film {
     }
 
     /// A black film of the same size and precision.
+    ///
+    /// # Panics
+    /// If the system does not give the memory. A caller counts all films beforehand ([`Film::bytes`]).
     pub fn blank(&self) -> Self {
-        Self::black(self.width, self.height, self.fraction_bits)
+        Self::black(self.width, self.height, self.fraction_bits).unwrap_or_else(|error| panic!("{error}"))
     }
 
     /// Width in pixels.
@@ -398,7 +413,7 @@ mod tests {
         assert!(Film::new(1, 1, Film::MAX_SPLATS).is_ok());
         assert_eq!(
             Film::new(1, 1, Film::MAX_SPLATS + 1).err(),
-            Some(TooManySplats { splats: Film::MAX_SPLATS + 1 })
+            Some(FilmError::TooManySplats { splats: Film::MAX_SPLATS + 1 })
         );
     }
 

@@ -8,7 +8,7 @@ mod stripe;
 mod write;
 
 pub(crate) use accumulation::take;
-pub use accumulation::{Film, MAX_RADIANCE, TooManySplats};
+pub use accumulation::{Film, MAX_RADIANCE, FilmError};
 pub use image::Image;
 pub use noise::Noise;
 #[cfg(feature = "formats")]

@@ -2,7 +2,7 @@
 
 use super::dropped_splats::DroppedSplats;
 use super::{Blocks, NewRays, Pass};
-use crate::film::{Film, TooManySplats};
+use crate::film::{Film, FilmError};
 use crate::geom::Sampler;
 use crate::lanes::{Int, LaneTask, Lanes, Mask, SimdLevel, SingleLane, Vector};
 use crate::scene::{Camera, CameraError, Lens, Scene};
@@ -61,9 +61,9 @@ pub enum SettingsError {
         /// The maximum.
         max: u32,
     },
-    /// Samples times depth exceeds what the film can add exactly.
+    /// The film cannot be made: samples times depth exceeds what it can add exactly, or memory is short.
     #[error(transparent)]
-    Splats(#[from] TooManySplats),
+    Film(#[from] FilmError),
     /// The camera is invalid.
     #[error(transparent)]
     Camera(#[from] CameraError),
