@@ -71,8 +71,10 @@ fn scenes_may_name_regular_files_only_and_users_pipes_too() {
         let document = Document::triangle();
         folder.write("a.gltf", document.beside(named));
         assert_holds(&folder.message("a.gltf"), &["buffers[0]", "regular file"]);
-        folder.write("b.obj", OBJ.replace("a.mtl", named));
-        assert_holds(&folder.message("b.obj"), &[named, "regular file"]);
+        if named != "." {
+            folder.write("b.obj", OBJ.replace("a.mtl", named));
+            assert_holds(&folder.message("b.obj"), &[named, "regular file"]);
+        }
     }
     make("pipe.obj");
     let path = folder.path("pipe.obj");

@@ -15,7 +15,9 @@ pub(super) fn file(named_in: &Path, name: &str) -> Option<PathBuf> {
         Cow::Owned(bare.replace("\\ ", " ")),
     ];
     let paths = readings.map(|reading| beside(named_in, &reading));
-    paths.iter().find(|path| path.exists()).cloned().or_else(|| paths.iter().find_map(|path| in_any_case(path)))
+    let is_there = |path: &&PathBuf| path.exists() && !path.is_dir();
+    let found = paths.iter().find(is_there).cloned();
+    found.or_else(|| paths.iter().find_map(|path| in_any_case(path).filter(|path| !path.is_dir())))
 }
 
 /// Folders of a name in which other cases of letters are looked for.

@@ -80,7 +80,7 @@ fn libraries(path: &Path, statements: &[String], warnings: &mut Warnings) -> Vec
     for statement in statements {
         let whole = named::file(path, statement);
         let names =
-            if whole.is_some() { vec![statement.as_str()] } else { statement.split_whitespace().collect() };
+            if whole.is_some() { vec![statement.as_str()] } else { words(statement).collect() };
         for name in names {
             match named::file(path, name) {
                 None => warnings.add(format!("The material library {} is missing.", quote(name))),
