@@ -131,9 +131,8 @@ fn group_limit(line: &str, root: &Path) -> Option<u64> {
         }
         _ => return None,
     };
-    let limit = |group: &Path| -> Option<u64> {
-        std::fs::read_to_string(group.join(file)).ok()?.trim().parse().ok()
-    };
+    let limit =
+        |group: &Path| -> Option<u64> { std::fs::read_to_string(group.join(file)).ok()?.trim().parse().ok() };
     let group = root.join(path.trim_start_matches('/'));
     group.ancestors().take_while(|group| group.starts_with(&root)).filter_map(limit).min()
 }

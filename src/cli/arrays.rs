@@ -21,9 +21,9 @@ pub fn read_rays(path: &Path, memory: MemoryBudget) -> Result<Vec<Ray>> {
     };
     ensure!(npy.order() == npyz::Order::C, "{name}: the array is in Fortran order; save it in C order");
     let dtype = npy.dtype().descr();
-    let values = npy
-        .data::<f32>()
-        .with_context(|| format!("{name}: rays are float32, but the file holds {dtype}; convert it with astype"))?;
+    let values = npy.data::<f32>().with_context(|| {
+        format!("{name}: rays are float32, but the file holds {dtype}; convert it with astype")
+    })?;
     let bytes = rows.saturating_mul(size_of::<Ray>() as u64);
     // A pipe tells no length.
     let length = about.len();

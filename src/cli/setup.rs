@@ -1,9 +1,9 @@
 //! What all commands that trace need: a loaded scene, its tree and tracers, and the service.
 
 use super::args::{PolicyChoice, SceneArgs, TracerChoice, UnitArgs};
+use super::scene_file;
 use crate::bvh::Bvh;
 use crate::engine::{PreparedScene, UnitChoice, Units};
-use super::scene_file;
 use crate::scene::Scene;
 use crate::schedule::{Policy, Service, ServiceOptions, Sharing, Unit};
 use crate::trace::cpu::SimdLevel;
@@ -51,7 +51,8 @@ impl Setup {
         prepare(&mut scene)?;
         let triangles = scene.mesh.triangles.len();
         let all = scene.bytes() + Bvh::building_bytes(triangles) + beside_bytes;
-        let what = format!("the tree of {triangles} triangles, with the scene and what else the command holds,");
+        let what =
+            format!("the tree of {triangles} triangles, with the scene and what else the command holds,");
         loading.memory().check(what, all).context(RAISE_MEMORY)?;
         let load_s = started.elapsed().as_secs_f64();
 

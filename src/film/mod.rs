@@ -8,7 +8,7 @@ mod stripe;
 mod write;
 
 pub(crate) use accumulation::take;
-pub use accumulation::{Film, MAX_RADIANCE, FilmError};
+pub use accumulation::{Film, FilmError, MAX_RADIANCE};
 pub use image::Image;
 pub use noise::Noise;
 #[cfg(feature = "formats")]

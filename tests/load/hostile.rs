@@ -38,7 +38,9 @@ fn images_are_counted_with_their_mipmaps() {
     folder.write("a.mtl", "newmtl m\nmap_Kd a.png\n");
     let message = refusal(&folder, "a.obj", 9_000_000);
     assert_holds(&message, &["\"m\"", "a.png", "1000 x 1000", "13.00 MB", "9.00 MB"]);
-    image::DynamicImage::ImageRgb32F(image::Rgb32FImage::new(1000, 500)).save(folder.path("a.hdr")).expect("a map");
+    image::DynamicImage::ImageRgb32F(image::Rgb32FImage::new(1000, 500))
+        .save(folder.path("a.hdr"))
+        .expect("a map");
     let options = LoadOptions::default().with_memory(MemoryBudget::of_bytes(9_000_000));
     let message = environment_with(&folder.path("a.hdr"), &options).unwrap_err().to_string();
     assert_holds(&message, &["a.hdr", "1000 x 500", "26.00 MB", "9.00 MB"]);
@@ -50,8 +52,11 @@ fn files_are_counted_before_they_are_read() {
     let folder = Folder::new();
     folder.write("a.obj", OBJ);
     assert_holds(&refusal(&folder, "a.obj", 20), &["a.obj", "the file needs 58 bytes", "20 bytes"]);
-    folder.write("a.ply", "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n\
-                           property float z\nend_header\n0 0 0\n1 0 0\n0 1 0\n");
+    folder.write(
+        "a.ply",
+        "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n\
+                           property float z\nend_header\n0 0 0\n1 0 0\n0 1 0\n",
+    );
     assert_holds(&refusal(&folder, "a.ply", 130), &["a.ply", "a mesh of 3 vertices", "36 bytes"]);
 }
 
@@ -154,14 +159,22 @@ fn colours_of_vertices_are_warned_of() {
 fn faces_with_vertices_that_are_not_finite_are_dropped() {
     let folder = Folder::new();
     for bad in ["nan", "inf", "1e39", "2e11"] {
-        folder.write("a.obj", format!("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 {bad} 2\nf 1 2 4\nf 1 2 3\nf 2 3 4 1\n"));
+        folder
+            .write("a.obj", format!("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 {bad} 2\nf 1 2 4\nf 1 2 3\nf 2 3 4 1\n"));
         let scene = folder.scene("a.obj");
         assert_eq!(scene.mesh.triangles.len(), 1);
-        assert!(warns(&scene, &["1 vertices", "vertex 4 in line 4", "2 faces", "1e11"]), "{:?}", scene.warnings);
+        assert!(
+            warns(&scene, &["1 vertices", "vertex 4 in line 4", "2 faces", "1e11"]),
+            "{:?}",
+            scene.warnings
+        );
     }
     let header = "element vertex 4\nproperty float x\nproperty float y\nproperty float z\nelement face 2\n\
                   property list uchar int vertex_indices\nend_header\n";
-    folder.write("a.ply", format!("ply\nformat ascii 1.0\n{header}0 0 0\n1 0 0\n0 nan 0\n0 1 0\n3 0 1 2\n3 0 1 3\n"));
+    folder.write(
+        "a.ply",
+        format!("ply\nformat ascii 1.0\n{header}0 0 0\n1 0 0\n0 nan 0\n0 1 0\n3 0 1 2\n3 0 1 3\n"),
+    );
     let scene = folder.scene("a.ply");
     assert_eq!(scene.mesh.triangles, [[0, 1, 3]]);
     assert!(warns(&scene, &["1 vertices", "vertex 2 in line 12", "1 faces"]), "{:?}", scene.warnings);
@@ -176,7 +189,11 @@ fn faces_with_vertices_that_are_not_finite_are_dropped() {
     let scene = document.scene();
     assert_eq!(scene.mesh.triangles, [[0, 1, 2], [4, 5, 6]]);
     assert!(scene.shapes.is_empty(), "instances share whole shapes only");
-    assert!(warns(&scene, &["2 vertices", "vertex 3 of meshes[0].primitives[0]", "2 faces"]), "{:?}", scene.warnings);
+    assert!(
+        warns(&scene, &["2 vertices", "vertex 3 of meshes[0].primitives[0]", "2 faces"]),
+        "{:?}",
+        scene.warnings
+    );
 }
 
 #[test]
@@ -186,7 +203,8 @@ fn names_may_be_quoted_escaped_commented_or_of_another_case() {
     std::fs::create_dir(folder.path("Maps")).expect("a folder");
     folder.image("Maps/Wall.png", 1, &[[9; 4]]);
     folder.image("tex.png", 1, &[[7; 4]]);
-    for named in ["My File.mtl", "My\\ File.mtl", "\"My File.mtl\"", "My File.mtl # materials", "my file.MTL"] {
+    for named in ["My File.mtl", "My\\ File.mtl", "\"My File.mtl\"", "My File.mtl # materials", "my file.MTL"]
+    {
         folder.write("a.obj", OBJ.replace("a.mtl", named));
         let scene = folder.scene("a.obj");
         assert_eq!((scene.warnings.len(), scene.textures.len()), (0, 1), "{named}: {:?}", scene.warnings);

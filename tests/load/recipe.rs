@@ -75,9 +75,15 @@ fn fields_without_effect_are_warned_of() {
         let material = format!(r#", "b": {{ "colour": [1,1,1], {fields} }}"#);
         load(&recipe(&material, FLOOR, ""), &options).expect("valid")
     };
-    assert!(warns(&scene(r#""metallic": 1, "clearcoat": 1"#), &["\"b\"", "metallic, clearcoat", "without roughness"]));
+    assert!(warns(
+        &scene(r#""metallic": 1, "clearcoat": 1"#),
+        &["\"b\"", "metallic, clearcoat", "without roughness"]
+    ));
     assert!(warns(&scene(r#""mirror": true, "roughness": 0.5"#), &["roughness", "mirrors"]));
-    assert!(warns(&scene(r#""ior": 1.5, "sheen": { "colour": [1,1,1], "roughness": 1 }"#), &["sheen", "glass"]));
+    assert!(warns(
+        &scene(r#""ior": 1.5, "sheen": { "colour": [1,1,1], "roughness": 1 }"#),
+        &["sheen", "glass"]
+    ));
     assert_eq!(scene(r#""metallic": 1, "clearcoat": 1, "roughness": 0.1"#).warnings, [""; 0]);
 }
 
@@ -97,7 +103,8 @@ fn shapes_and_textures_are_counted_before_they_are_made() {
     assert_holds(&refusal(&recipe("", FLOOR, &textures)), &["5000 textures", "52.43 GB", "67.11 MB"]);
     // Each mix that shines needs copies of its parts.
     let chain = (0..500).map(|i| format!(r#""m{i}": {{ "of": ["a", "{}"], "share": 0.5 }}"#, part(i)));
-    let shining = (0..500).map(|i| format!(r#""s{i}": {{ "of": ["a", "m499"], "share": 0.5, "emission": [1,1,1] }}"#));
+    let shining =
+        (0..500).map(|i| format!(r#""s{i}": {{ "of": ["a", "m499"], "share": 0.5, "emission": [1,1,1] }}"#));
     let mixes: Vec<String> = chain.chain(shining).collect();
     let mixes = format!(r#", "mixes": {{ {} }}"#, mixes.join(","));
     assert_holds(&refusal(&recipe("", FLOOR, &mixes)), &["materials", "67.11 MB"]);

@@ -38,7 +38,8 @@ fn alike(path: &Path, folders: u32) -> Option<PathBuf> {
         folder => alike(folder, folders.checked_sub(1)?)?,
     };
     let entries = std::fs::read_dir(folder).ok()?.filter_map(Result::ok);
-    let same = entries.filter(|entry| entry.file_name().to_str().is_some_and(|other| other.to_lowercase() == name));
+    let same =
+        entries.filter(|entry| entry.file_name().to_str().is_some_and(|other| other.to_lowercase() == name));
     // The system lists files in any order.
     same.map(|entry| entry.path()).min()
 }

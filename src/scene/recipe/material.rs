@@ -175,7 +175,8 @@ impl MaterialRecipe {
 
     /// Checks all numbers, whether the surface needs them or not.
     fn check(&self) -> Result<(), String> {
-        let Self { roughness, metallic, clearcoat, anisotropy, anisotropy_degrees, sheen, film, ior, .. } = self;
+        let Self { roughness, metallic, clearcoat, anisotropy, anisotropy_degrees, sheen, film, ior, .. } =
+            self;
         share("roughness", roughness.unwrap_or(0.0))?;
         share("metallic", *metallic)?;
         share("clearcoat", *clearcoat)?;
@@ -210,7 +211,8 @@ impl MaterialRecipe {
             ("sheen", self.sheen.is_some() && !layered),
             ("film", self.film.is_some() && !layered),
         ];
-        let unused: Vec<&str> = given.iter().filter(|(_, is_unused)| *is_unused).map(|(name, _)| *name).collect();
+        let unused: Vec<&str> =
+            given.iter().filter(|(_, is_unused)| *is_unused).map(|(name, _)| *name).collect();
         (!unused.is_empty()).then(|| format!("{} has no effect on {kind}", unused.join(", ")))
     }
 

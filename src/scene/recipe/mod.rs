@@ -226,7 +226,10 @@ fn within<T: PartialOrd + Copy + Display + LowerExp>(
 }
 
 /// Checks that a number is above 0 and finite.
-fn positive<T: PartialOrd + Copy + Display + LowerExp + Into<f64>>(what: &str, value: T) -> Result<(), String> {
+fn positive<T: PartialOrd + Copy + Display + LowerExp + Into<f64>>(
+    what: &str,
+    value: T,
+) -> Result<(), String> {
     if value.into() > 0.0 && value.into().is_finite() {
         return Ok(());
     }

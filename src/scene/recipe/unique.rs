@@ -25,7 +25,9 @@ impl<'de, T: Deserialize<'de>> Visitor<'de> for Names<T> {
         let mut map = BTreeMap::new();
         while let Some(name) = entries.next_key::<String>()? {
             if map.contains_key(&name) {
-                return Err(A::Error::custom(format!("the name {name:?} is given twice; choose another name")));
+                return Err(A::Error::custom(format!(
+                    "the name {name:?} is given twice; choose another name"
+                )));
             }
             map.insert(name, entries.next_value()?);
         }

@@ -117,7 +117,10 @@ impl<'a> Flattened<'a> {
         let mut bases = BTreeMap::new();
         for primitive in mesh.primitives() {
             if primitive.morph_targets().next().is_some() {
-                context.session.warnings.add("Morph targets are not supported; meshes keep their rest shape.");
+                context
+                    .session
+                    .warnings
+                    .add("Morph targets are not supported; meshes keep their rest shape.");
             }
             if matches!(primitive.mode(), Mode::Points | Mode::Lines | Mode::LineLoop | Mode::LineStrip) {
                 context.session.warnings.add("Points and lines are ignored, because they have no surface.");
@@ -154,7 +157,10 @@ impl<'a> Flattened<'a> {
         };
         let indices = indices(context, primitive, count)?;
         if primitive.mode() == Mode::Triangles && indices.len() % 3 != 0 {
-            context.session.warnings.add("A mesh has indices left over after its last triangle; they are ignored.");
+            context
+                .session
+                .warnings
+                .add("A mesh has indices left over after its last triangle; they are ignored.");
         }
         let masked = material.is_some_and(|m| self.materials[m].material.alpha.mode != AlphaMode::Opaque);
         let material = material.unwrap_or_else(|| {

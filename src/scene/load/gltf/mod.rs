@@ -14,8 +14,8 @@ mod node;
 mod object;
 mod texture;
 
-use super::textures::Textures;
 use super::session::Session;
+use super::textures::Textures;
 use super::warnings::Warnings;
 use super::{LoadProblem, check_text, read};
 use crate::scene::{Material, Scene};
@@ -158,7 +158,8 @@ fn check(path: &Path, root: &Root) -> Result<(), LoadProblem> {
     root.validate(root, JsonPath::new, &mut |path, error| {
         let at = path().to_string();
         let is_bound = at.ends_with("POSITION\"].min") || at.ends_with("POSITION\"].max");
-        let is_data = at.starts_with("accessors[") && at.ends_with("].bufferView") && error == Invalid::Missing;
+        let is_data =
+            at.starts_with("accessors[") && at.ends_with("].bufferView") && error == Invalid::Missing;
         if first.is_none() && !is_bound && !is_data {
             first = Some((at, error));
         }

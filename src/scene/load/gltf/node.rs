@@ -172,8 +172,9 @@ fn place_light(
             .warnings
             .add(format!("Light {name:?}: its range is ignored; its light reaches any distance."));
     }
-    let clamped =
-        |v: f32| context.session.warnings.clamp(format_args!("Light {name:?}: its intensity"), v, 0.0, f32::MAX);
+    let clamped = |v: f32| {
+        context.session.warnings.clamp(format_args!("Light {name:?}: its intensity"), v, 0.0, f32::MAX)
+    };
     let intensity = (Vec3::from(light.color()) * light.intensity()).map(clamped);
     let position = matrix.w_axis.truncate().as_vec3();
     let direction = world_direction(matrix, DVec3::NEG_Z);
@@ -191,7 +192,12 @@ fn place_light(
         Kind::Spot { inner_cone_angle, outer_cone_angle } => {
             let quarter_turn = std::f32::consts::FRAC_PI_2;
             let mut angle = |what, v| {
-                context.session.warnings.clamp(format_args!("Light {name:?}: its {what}"), v, 0.0, quarter_turn)
+                context.session.warnings.clamp(
+                    format_args!("Light {name:?}: its {what}"),
+                    v,
+                    0.0,
+                    quarter_turn,
+                )
             };
             let cos_inner = libm::cosf(angle("innerConeAngle", inner_cone_angle));
             let cos_outer = libm::cosf(angle("outerConeAngle", outer_cone_angle));

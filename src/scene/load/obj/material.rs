@@ -321,7 +321,12 @@ impl Converter<'_> {
 
     /// A number, clamped to 0..=1.
     fn clamped(&mut self, what: &str, value: f32) -> f32 {
-        self.session.warnings.clamp(format_args!("Material {:?}: {what}", self.definition.name), value, 0.0, 1.0)
+        self.session.warnings.clamp(
+            format_args!("Material {:?}: {what}", self.definition.name),
+            value,
+            0.0,
+            1.0,
+        )
     }
 
     fn warn(&mut self, problem: &str) {

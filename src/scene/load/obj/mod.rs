@@ -51,7 +51,8 @@ pub(super) fn load(session: &mut Session) -> Result<Scene, LoadProblem> {
         .map(|name| {
             let defined = name.as_ref().and_then(|name| by_name.get(name)).copied();
             if let (None, Some(name)) = (defined, name) {
-                let warning = format!("The material {} is not defined; its faces are matte grey.", quote(name));
+                let warning =
+                    format!("The material {} is not defined; its faces are matte grey.", quote(name));
                 session.warnings.add(warning);
             }
             defined.unwrap_or_else(|| {
@@ -79,8 +80,7 @@ fn libraries(path: &Path, statements: &[String], warnings: &mut Warnings) -> Vec
     let mut found = Vec::new();
     for statement in statements {
         let whole = named::file(path, statement);
-        let names =
-            if whole.is_some() { vec![statement.as_str()] } else { words(statement).collect() };
+        let names = if whole.is_some() { vec![statement.as_str()] } else { words(statement).collect() };
         for name in names {
             match named::file(path, name) {
                 None => warnings.add(format!("The material library {} is missing.", quote(name))),

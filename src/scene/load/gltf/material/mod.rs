@@ -200,7 +200,12 @@ impl Converter<'_, '_> {
 
     /// A factor, clamped to 0..=`high` with a warning.
     fn clamped(&mut self, what: &str, value: f32, high: f32) -> f32 {
-        self.context.session.warnings.clamp(format_args!("Material {:?}: {what}", self.name), value, 0.0, high)
+        self.context.session.warnings.clamp(
+            format_args!("Material {:?}: {what}", self.name),
+            value,
+            0.0,
+            high,
+        )
     }
 
     fn warn(&mut self, problem: &str) {
