@@ -1,7 +1,7 @@
-//! Atomic writing of files: they appear whole or not at all.
+//! Writing of files: regular files appear whole or not at all.
 
 use std::fs::File;
-use std::io::{self, BufWriter};
+use std::io::{self, BufWriter, Seek};
 use std::path::{Path, PathBuf};
 use tempfile::TempPath;
 
@@ -15,8 +15,47 @@ pub struct NotWritten {
     pub source: io::Error,
 }
 
-/// Writes a file atomically: other processes see the old content or the whole new one. `encode` writes the
-/// content. The permissions of an existing file are kept.
+/// The most symbolic links that are followed, as on Linux.
+const MAX_LINKS: usize = 40;
+
+/// What a path to be written names, symbolic links followed.
+enum Destination {
+    /// A regular file of this path, or none yet.
+    Regular(PathBuf),
+    /// A device, a pipe, a socket, or an open file of a process (`/dev/stdout`): whoever holds it waits for the
+    /// content, so another file must not take its name.
+    Stream(PathBuf),
+}
+
+impl Destination {
+    fn of(path: &Path) -> io::Result<Self> {
+        let mut path = path.to_owned();
+        for _ in 0..=MAX_LINKS {
+            let kind = match std::fs::symlink_metadata(&path) {
+                Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Self::Regular(path)),
+                data => data?.file_type(),
+            };
+            if kind.is_dir() {
+                return Err(io::Error::other("it is a directory"));
+            }
+            if kind.is_file() {
+                return Ok(Self::Regular(path));
+            }
+            let folder = folder(&path).canonicalize()?;
+            // Links of /proc name what is open, which may have another path or none.
+            if !kind.is_symlink() || folder.starts_with("/proc") {
+                return Ok(Self::Stream(path));
+            }
+            path = folder.join(std::fs::read_link(&path)?);
+        }
+        Err(io::Error::other("too many symbolic links"))
+    }
+}
+
+/// Writes a file; `encode` writes the content. Symbolic links are followed.
+///
+/// A regular file is replaced atomically: other processes see the old content or the whole new one. The permissions
+/// of an existing file are kept. Into a device or a pipe the whole content is copied once it is encoded.
 ///
 /// On Linux the file has no name while it is written, so nothing is left if the process is killed. Once
 /// complete it gets the name `.raystream-NAME` in the same folder, and is then renamed to `path`. A kill
@@ -24,25 +63,72 @@ pub struct NotWritten {
 /// `path` replaces. Where the system has no unnamed files, a kill while writing leaves a `.raystream-*` file.
 ///
 /// # Errors
-/// If the file system or `encode` fails. Then no file is created or changed.
-pub fn write_atomically(
+/// If the file system or `encode` fails. Then no regular file is created or changed.
+pub fn write(
     path: &Path,
     encode: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
 ) -> Result<(), NotWritten> {
-    let write = || {
-        let (file, name) = create(folder(path))?;
-        if let Ok(replaced) = std::fs::metadata(path) {
-            file.set_permissions(replaced.permissions())?;
-        }
-        let mut file = BufWriter::new(file);
-        encode(&mut file)?;
-        let file = file.into_inner().map_err(io::IntoInnerError::into_error)?;
-        match name {
-            Some(name) => name.persist(path).map_err(|error| error.error),
-            None => publish(&file, path),
+    let write = || match Destination::of(path)? {
+        Destination::Regular(path) => replace(&path, encode),
+        Destination::Stream(path) => {
+            let mut file = BufWriter::new(tempfile::tempfile().map_err(without_name)?);
+            encode(&mut file)?;
+            let mut file = file.into_inner().map_err(io::IntoInnerError::into_error)?;
+            file.rewind()?;
+            // Appending, because an open file of a process may hold other content.
+            io::copy(&mut file, &mut File::options().append(true).open(path)?)?;
+            Ok(())
         }
     };
     write().map_err(|source| NotWritten { path: path.into(), source })
+}
+
+/// Replaces or creates a regular file.
+fn replace(path: &Path, encode: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>) -> io::Result<()> {
+    let (file, name) = create(folder(path))?;
+    if let Ok(replaced) = std::fs::metadata(path) {
+        file.set_permissions(replaced.permissions())?;
+    }
+    let mut file = BufWriter::new(file);
+    encode(&mut file)?;
+    let file = file.into_inner().map_err(io::IntoInnerError::into_error)?;
+    match name {
+        Some(name) => name.persist(path).map_err(|error| error.error),
+        None => publish(&file, path),
+    }
+}
+
+/// Looks whether a file can be written, before time is spent on its content. The file is neither created nor changed.
+///
+/// # Errors
+/// If [`write`] would fail with what is known now.
+pub fn check_writable(path: &Path) -> Result<(), NotWritten> {
+    let check = || match Destination::of(path)? {
+        Destination::Regular(path) => create(folder(&path)).map(drop),
+        // Opening a pipe would wait for its reader.
+        Destination::Stream(_) => Ok(()),
+    };
+    check().map_err(|source| NotWritten { path: path.into(), source })
+}
+
+/// The one path of the regular file that a path names or would create: equal for two paths that name one file. `None`
+/// for devices and pipes, and for what cannot be looked up.
+pub fn identity(path: &Path) -> Option<PathBuf> {
+    let Destination::Regular(path) = Destination::of(path).ok()? else { return None };
+    match path.canonicalize() {
+        Ok(path) => Some(path),
+        Err(_) => Some(folder(&path).canonicalize().ok()?.join(path.file_name()?)),
+    }
+}
+
+/// An error of a temporary file, without the file's name, which would tell the user nothing.
+fn without_name(error: io::Error) -> io::Error {
+    let cause =
+        error.get_ref().and_then(|named| named.source()).and_then(|cause| cause.downcast_ref::<io::Error>());
+    match cause.and_then(io::Error::raw_os_error) {
+        Some(code) => io::Error::from_raw_os_error(code),
+        None => error,
+    }
 }
 
 fn folder(path: &Path) -> &Path {
@@ -58,7 +144,7 @@ fn create(folder: &Path) -> io::Result<(File, Option<TempPath>)> {
     // The permissions of an ordinary new file, not the private ones of a temporary file.
     #[cfg(unix)]
     builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-    let (file, name) = builder.prefix(".raystream-").tempfile_in(folder)?.into_parts();
+    let (file, name) = builder.prefix(".raystream-").tempfile_in(folder).map_err(without_name)?.into_parts();
     Ok((file, Some(name)))
 }
 
@@ -123,14 +209,14 @@ mod tests {
         let folder = tempfile::tempdir().expect("folder");
         let path = folder.path().join("a.png");
         std::fs::write(&path, "old").expect("file");
-        let failure = write_atomically(&path, |file| {
+        let failure = write(&path, |file| {
             file.write_all(b"half")?;
             Err(io::Error::other("disk full"))
         });
         assert!(failure.expect_err("must fail").to_string().contains("disk full"));
         assert_eq!(std::fs::read(&path).expect("file"), b"old");
         assert_eq!(names(folder.path()), ["a.png"]);
-        assert!(write_atomically(&folder.path().join("none/a.png"), |_| Ok(())).is_err());
+        assert!(write(&folder.path().join("none/a.png"), |_| Ok(())).is_err());
     }
 
     /// Whatever exists during the write would be left by a kill.
@@ -139,8 +225,8 @@ mod tests {
     fn nothing_has_a_name_before_it_is_whole() {
         let folder = tempfile::tempdir().expect("folder");
         let path = folder.path().join("a.png");
-        let write = |text: &[u8], there: &[&str]| {
-            let written = write_atomically(&path, |file| {
+        let write_anew = |text: &[u8], there: &[&str]| {
+            let written = write(&path, |file| {
                 file.write_all(text)?;
                 file.flush()?;
                 assert_eq!(names(folder.path()), there);
@@ -150,11 +236,11 @@ mod tests {
             assert_eq!(std::fs::read(&path).expect("file"), text);
             assert_eq!(names(folder.path()), ["a.png"]);
         };
-        write(b"new", &[]);
-        write(b"newer", &["a.png"]);
+        write_anew(b"new", &[]);
+        write_anew(b"newer", &["a.png"]);
         // Left by a process that was killed between the two names.
         std::fs::write(folder.path().join(".raystream-a.png"), "left").expect("file");
-        write(b"newest", &[".raystream-a.png", "a.png"]);
+        write_anew(b"newest", &[".raystream-a.png", "a.png"]);
     }
 
     #[test]
@@ -166,7 +252,7 @@ mod tests {
                 let path = &path;
                 scope.spawn(move || {
                     for _ in 0..50 {
-                        write_atomically(path, |file| file.write_all(&[writer; 10_000])).expect("written");
+                        write(path, |file| file.write_all(&[writer; 10_000])).expect("written");
                         let read = std::fs::read(path).expect("there is always a file");
                         assert!(read.len() == 10_000 && read.iter().all(|&byte| byte == read[0]));
                     }
@@ -174,5 +260,62 @@ mod tests {
             }
         });
         assert_eq!(names(folder.path()), ["a"]);
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn links_are_followed_and_streams_are_written_into() {
+        use std::os::unix::fs::{FileTypeExt, symlink};
+        let folder = tempfile::tempdir().expect("folder");
+        let at = |name: &str| folder.path().join(name);
+        std::fs::create_dir(at("sub")).expect("folder");
+        symlink("sub/a", at("link")).expect("link");
+        symlink("link", at("chain")).expect("link");
+        symlink("round", at("round")).expect("link");
+        let text = |text: &'static [u8]| move |file: &mut BufWriter<File>| file.write_all(text);
+        // The first write creates what a link to nothing names.
+        for (name, content) in [("link", b"one"), ("chain", b"two")] {
+            assert_eq!(identity(&at(name)), identity(&at("sub/../sub/a")));
+            check_writable(&at(name)).expect("writable");
+            write(&at(name), text(content)).expect("written");
+            assert_eq!(std::fs::read(at("sub/a")).expect("file"), content);
+            assert!(std::fs::symlink_metadata(at(name)).expect("link").is_symlink());
+        }
+        assert_ne!(identity(&at("a")), identity(&at("sub/a")));
+        let round = write(&at("round"), text(b"x")).expect_err("a circle").to_string();
+        assert!(round.contains("too many symbolic links"), "{round}");
+
+        rustix::fs::mknodat(
+            rustix::fs::CWD,
+            at("pipe"),
+            rustix::fs::FileType::Fifo,
+            rustix::fs::Mode::from(0o600),
+            0,
+        )
+        .expect("a pipe");
+        assert_eq!(identity(&at("pipe")), None);
+        check_writable(&at("pipe")).expect("does not wait for a reader");
+        let read = std::thread::scope(|scope| {
+            let reader = scope.spawn(|| std::fs::read(at("pipe")).expect("content"));
+            write(&at("pipe"), text(b"through")).expect("written");
+            reader.join().expect("the reader ends")
+        });
+        assert_eq!(read, b"through");
+        assert!(std::fs::symlink_metadata(at("pipe")).expect("pipe").file_type().is_fifo());
+        write(Path::new("/dev/null"), text(b"x")).expect("written");
+        assert!(!std::fs::symlink_metadata("/dev/null").expect("device").is_file());
+    }
+
+    #[test]
+    fn errors_name_the_file_and_nothing_temporary() {
+        let folder = tempfile::tempdir().expect("folder");
+        let missing = folder.path().join("none/a.png");
+        for error in [check_writable(&missing), write(&missing, |_| Ok(()))] {
+            let error = error.expect_err("no such folder").to_string();
+            assert!(error.starts_with(&missing.display().to_string()), "{error}");
+            assert!(!error.replacen("/none/a.png", "", 1).contains("none"), "{error}");
+        }
+        let directory = check_writable(folder.path()).expect_err("a directory").to_string();
+        assert!(directory.contains("it is a directory"), "{directory}");
     }
 }

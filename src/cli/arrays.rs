@@ -1,6 +1,6 @@
 //! Reads and writes NumPy files.
 
-use crate::files::write_atomically;
+use crate::files;
 use crate::memory::MemoryBudget;
 use crate::stream::Ray;
 use anyhow::{Context, Result, bail, ensure};
@@ -56,15 +56,20 @@ pub enum Array<'a> {
     Bool(&'a [u32]),
 }
 
-/// Writes arrays as `.npz`, each with its name and the length of its second axis (0 for one-dimensional arrays).
-pub fn write_npz(path: &Path, arrays: &[(impl AsRef<str>, u64, Array<'_>)]) -> Result<()> {
+/// Refuses names of array files that do not end in `.npz`.
+pub fn check_npz(path: &Path) -> Result<()> {
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default();
     ensure!(
         extension.eq_ignore_ascii_case("npz"),
         "{}: arrays are written as .npz; give the file that extension",
         path.display()
     );
-    write_atomically(path, |file| {
+    Ok(())
+}
+
+/// Writes arrays as `.npz`, each with its name and the length of its second axis (0 for one-dimensional arrays).
+pub fn write_npz(path: &Path, arrays: &[(impl AsRef<str>, u64, Array<'_>)]) -> Result<()> {
+    files::write(path, |file| {
         let mut archive = zip::ZipWriter::new(file);
         for (name, columns, array) in arrays {
             append(&mut archive, name.as_ref(), *columns, array)?;

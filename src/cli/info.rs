@@ -10,14 +10,14 @@ use crate::trace::gpu::{AdapterChoice, AdapterInfo, Gpu};
 
 /// Prints the processor, threads, SIMD levels and GPU adapters of this machine.
 pub fn run() {
-    println!("raystream {}", env!("CARGO_PKG_VERSION"));
+    stdout_line!("raystream {}", env!("CARGO_PKG_VERSION"));
     if let Some(processor) = crate::meters::processor() {
-        println!("processor:    {processor}");
+        stdout_line!("processor:    {processor}");
     }
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
-    println!("host threads: {threads}");
+    stdout_line!("host threads: {threads}");
     let levels: Vec<_> = SimdLevel::available().into_iter().map(SimdLevel::name).collect();
-    println!("simd:         {} (best first)", levels.join(", "));
+    stdout_line!("simd:         {} (best first)", levels.join(", "));
     print_adapters();
 }
 
@@ -25,29 +25,30 @@ pub fn run() {
 fn print_adapters() {
     let adapters = crate::trace::gpu::adapters();
     if adapters.is_empty() {
-        println!(
+        stdout_line!(
             "adapters:     none (no Vulkan, Metal or DirectX 12 driver found); rays are traced on the CPU"
         );
     }
-    for adapter in adapters {
-        println!("adapter:      {adapter}");
-        println!("  driver:         {}", adapter.driver);
-        println!(
+    // The stream sizes of an adapter may take seconds to measure.
+    for adapter in adapters.into_iter().take_while(|_| !super::printing::is_unread()) {
+        stdout_line!("adapter:      {adapter}");
+        stdout_line!("  driver:         {}", adapter.driver);
+        stdout_line!(
             "  storage buffer: {} MiB bound, {} MiB in all, {} to a kernel",
             adapter.max_binding_bytes >> 20,
             adapter.max_buffer_bytes >> 20,
             adapter.max_storage_bindings
         );
-        println!("  subgroup:       {} to {} threads", adapter.subgroup.0, adapter.subgroup.1);
-        println!("  shared memory:  {}", if adapter.shared_memory { "yes" } else { "no" });
-        println!(
+        stdout_line!("  subgroup:       {} to {} threads", adapter.subgroup.0, adapter.subgroup.1);
+        stdout_line!("  shared memory:  {}", if adapter.shared_memory { "yes" } else { "no" });
+        stdout_line!(
             "  ray queries:    {}",
             match adapter.max_query_boxes {
                 0 => "none".to_owned(),
                 boxes => format!("up to {boxes} boxes"),
             }
         );
-        println!("  streams:        {}", sizing(&adapter));
+        stdout_line!("  streams:        {}", sizing(&adapter));
     }
 }
 
@@ -72,5 +73,5 @@ fn sizing(adapter: &AdapterInfo) -> String {
 
 #[cfg(not(feature = "gpu"))]
 fn print_adapters() {
-    println!("adapters:     none, this build has no GPU tracer");
+    stdout_line!("adapters:     none, this build has no GPU tracer");
 }

@@ -11,7 +11,7 @@ pub fn listen() {
         if REQUESTED.swap(true, SeqCst) {
             std::process::exit(130);
         }
-        eprintln!(
+        stderr_line!(
             "stopping: paths in flight finish, then the picture is written (press Ctrl-C again to quit at once)"
         );
     });

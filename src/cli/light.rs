@@ -8,6 +8,11 @@ use glam::Vec3;
 use std::path::Path;
 
 impl LightArgs {
+    /// The environment's file, if the options name one.
+    pub fn env_file(&self) -> Option<&Path> {
+        self.env.as_deref().filter(|text| !is_list_of_numbers(text)).map(Path::new)
+    }
+
     /// Sets the environment that the options name, or a white one if the scene would have no light.
     pub fn apply_environment(&self, scene: &mut Scene, options: &LoadOptions) -> Result<()> {
         match &self.env {
@@ -15,6 +20,7 @@ impl LightArgs {
                 scene.environment = match vector(text) {
                     Ok(radiance) if radiance.cmpge(Vec3::ZERO).all() => Environment::Constant(radiance),
                     Ok(radiance) => bail!("--env {radiance}: radiance must not be negative"),
+                    Err(problem) if is_list_of_numbers(text) => bail!("--env {text}: {problem}"),
                     Err(_) => {
                         let mut map = load::environment_with(Path::new(text), options)?;
                         map.rotation_degrees = self.env_rotation;
@@ -30,6 +36,11 @@ impl LightArgs {
         }
         Ok(())
     }
+}
+
+/// Whether a text is meant as a constant radiance, right or wrong, not as a file.
+fn is_list_of_numbers(text: &str) -> bool {
+    text.split(',').all(|part| part.trim().parse::<f32>().is_ok())
 }
 
 fn is_dark(scene: &Scene) -> bool {

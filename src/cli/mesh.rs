@@ -1,7 +1,8 @@
 //! `raystream mesh`.
 
 use super::args::MeshArgs;
-use super::arrays::{Array, write_npz};
+use super::arrays::{Array, check_npz, write_npz};
+use super::outputs::Outputs;
 use super::scene_file;
 use crate::scene::{AlphaMode, Colour, Material, Principled, Surface};
 use anyhow::Result;
@@ -11,7 +12,10 @@ const NONE: u32 = u32::MAX;
 
 /// Writes a scene's triangles as arrays, with the material factors that other renderers share.
 pub fn run(args: &MeshArgs) -> Result<()> {
+    check_npz(&args.output)?;
+    let outputs = Outputs::check([("-o", Some(&*args.output))], [("the scene", Some(&*args.scene))])?;
     let scene = scene_file::read(&args.scene, &args.loading)?;
+    outputs.check_files_of(&scene)?;
     let mesh = &scene.mesh;
     let factors: Vec<Factors> = scene.materials.iter().map(Factors::of).collect();
     let emission: Vec<[f32; 3]> = (scene.materials.iter())
@@ -54,7 +58,7 @@ pub fn run(args: &MeshArgs) -> Result<()> {
         arrays.push((format!("texture{i}"), texture.width.into(), texels));
     }
     write_npz(&args.output, &arrays)?;
-    println!(
+    stdout_line!(
         "{}: {} vertices, {} triangles",
         args.output.display(),
         mesh.positions.len(),

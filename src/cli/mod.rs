@@ -1,5 +1,11 @@
 //! Arguments, progress, reports; alone prints and exits.
 
+#![deny(clippy::print_stdout, clippy::print_stderr)]
+
+// First, because its macros are in scope of what follows.
+#[macro_use]
+mod printing;
+
 mod args;
 mod arrays;
 #[cfg(feature = "bench")]
@@ -10,6 +16,7 @@ mod info;
 mod interrupt;
 mod light;
 mod mesh;
+mod outputs;
 mod progress;
 mod registry;
 mod render;
@@ -23,6 +30,7 @@ pub use registry::{CodedSurface, IntegratorParams, Registry};
 
 use args::{Cli, Command};
 use clap::FromArgMatches;
+use std::io::ErrorKind;
 use std::process::ExitCode;
 
 /// How a command ended, if it did not fail.
@@ -47,8 +55,10 @@ pub fn run_with(registry: Registry) -> ExitCode {
     .format_timestamp(None)
     .format_target(false)
     .init();
-    let matches = registry.command().get_matches();
-    let cli = Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
+    let cli = match registry.command().try_get_matches().and_then(|matches| Cli::from_arg_matches(&matches)) {
+        Ok(cli) => cli,
+        Err(answer) => return print_answer(&answer),
+    };
     let outcome = match &cli.command {
         Command::Render(args) => render::run(args, &registry),
         Command::Trace(args) => trace::run(args),
@@ -64,13 +74,24 @@ pub fn run_with(registry: Registry) -> ExitCode {
             Ok(Outcome::Done)
         }
     };
-    match outcome {
+    match outcome.and_then(|outcome| printing::finish().map(|()| outcome).map_err(anyhow::Error::msg)) {
         Ok(Outcome::Done) => ExitCode::SUCCESS,
         Ok(Outcome::Degraded) => ExitCode::from(1),
         Err(error) => {
-            eprintln!("error: {}", with_causes(&error));
+            stderr_line!("error: {}", with_causes(&error));
             ExitCode::from(2)
         }
+    }
+}
+
+/// Prints what clap answers instead of running a command: help, the version, or a wrong argument.
+fn print_answer(answer: &clap::Error) -> ExitCode {
+    match answer.print() {
+        Err(error) if error.kind() != ErrorKind::BrokenPipe => {
+            stderr_line!("error: standard output cannot be written: {error}");
+            ExitCode::from(2)
+        }
+        _ => ExitCode::from(answer.exit_code() as u8),
     }
 }
 

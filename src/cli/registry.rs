@@ -174,9 +174,10 @@ impl Registry {
     pub fn command(&self) -> Command {
         let values: Vec<PossibleValue> =
             self.entries.iter().map(|entry| PossibleValue::new(entry.name).help(entry.about)).collect();
-        Cli::command().mut_subcommand("render", |render| {
+        let command = Cli::command().mut_subcommand("render", |render| {
             render.mut_arg("integrator", |arg| arg.value_parser(PossibleValuesParser::new(values)))
-        })
+        });
+        accept_negative_numbers(command)
     }
 
     /// Runs a request with the integrator of this name.
@@ -189,6 +190,16 @@ impl Registry {
         let entry = self.entries.iter().find(|entry| entry.name == name);
         (entry.with_context(|| format!("there is no integrator {name:?}"))?.run)(params, request)
     }
+}
+
+/// Lets every option take a negative number, so that its own parser says what is wrong with one. clap would take it for
+/// an unknown option.
+fn accept_negative_numbers(command: Command) -> Command {
+    let options = command.mut_args(|arg| match arg.get_action().takes_values() && !arg.is_positional() {
+        true => arg.allow_negative_numbers(true),
+        false => arg,
+    });
+    options.mut_subcommands(accept_negative_numbers)
 }
 
 #[cfg(test)]

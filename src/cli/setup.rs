@@ -18,6 +18,7 @@ pub const RAISE_MEMORY: &str = "make it smaller, or raise the limit (--memory)";
 pub struct Setup {
     /// The scene with its tree and tracers.
     pub prepared: PreparedScene,
+    units: Units,
     /// The service with its threads.
     pub service: Service,
     /// The CPU tracer's instruction set.
@@ -48,6 +49,9 @@ impl Setup {
 
         let started = Instant::now();
         let mut scene = scene_file::read(path, loading)?;
+        if !scene.mesh.has_area() {
+            log::warn!("{}: no triangle has an area, so no ray can hit any", path.display());
+        }
         prepare(&mut scene)?;
         let triangles = scene.mesh.triangles.len();
         let all = scene.bytes() + Bvh::building_bytes(triangles) + beside_bytes;
@@ -78,7 +82,13 @@ impl Setup {
             sharing: Sharing::FirstIn,
             ..ServiceOptions::default()
         })?;
-        Ok(Self { prepared, service, simd, policy, load_s, build_s })
+        Ok(Self { prepared, units, service, simd, policy, load_s, build_s })
+    }
+
+    /// Says that the fault of `--inject` has not happened, if it has not.
+    pub fn idle_fault(&self) -> Option<String> {
+        let fault = self.units.idle_fault()?;
+        Some(format!("--inject {fault}: the fault did not happen, because the GPU had fewer dispatches"))
     }
 }
 

@@ -45,6 +45,8 @@ pub struct RenderStats {
     pub tail_s: f64,
     /// Splats dropped because they were not finite.
     pub dropped_splats: u64,
+    /// Splats of which a channel was clamped to [`crate::film::MAX_RADIANCE`].
+    pub clamped_splats: u64,
     /// Highest memory use of the process so far; null where the system does not report it.
     pub peak_memory_bytes: Option<u64>,
     /// Memory by use.
@@ -99,6 +101,8 @@ pub struct FramesStats {
     pub busy_share: f64,
     /// Splats dropped because they were not finite.
     pub dropped_splats: u64,
+    /// Splats of which a channel was clamped to [`crate::film::MAX_RADIANCE`].
+    pub clamped_splats: u64,
     /// Highest memory use of the process so far; null where the system does not report it.
     pub peak_memory_bytes: Option<u64>,
     /// Memory by use.
@@ -329,6 +333,8 @@ pub struct TraceStats {
     pub rays: usize,
     /// Rays that hit something.
     pub hits: usize,
+    /// Rays that cannot be traced, and count as misses.
+    pub untraceable_rays: usize,
     /// Building the BVH and uploading it, seconds.
     pub build_s: f64,
     /// Rate of tracing alone, over the repetitions.
@@ -398,7 +404,7 @@ impl ThreadStats {
 /// Writes statistics; the file appears whole or not at all.
 pub fn write(path: &Path, stats: &impl Serialize) -> Result<()> {
     let text = serde_json::to_vec_pretty(stats).context("statistics cannot be written as JSON")?;
-    crate::files::write_atomically(path, |file| std::io::Write::write_all(file, &text))?;
+    crate::files::write(path, |file| std::io::Write::write_all(file, &text))?;
     Ok(())
 }
 

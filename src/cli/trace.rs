@@ -2,19 +2,28 @@
 
 use super::Outcome;
 use super::args::TraceArgs;
-use super::arrays::{Array, read_rays, write_npz};
+use super::arrays::{Array, check_npz, read_rays, write_npz};
+use super::outputs::Outputs;
 use super::setup::Setup;
 use super::stats::{self, SCHEMA, TraceStats, Units};
 use crate::meters::Spread;
 use crate::schedule::{JobOptions, JobReport};
-use crate::stream::Hit;
+use crate::stream::{Hit, Ray};
+use crate::trace::cpu::is_traceable;
 use anyhow::{Context, Result};
 use std::sync::Arc;
 
 /// Traces the rays of a file and writes their hits.
 pub fn run(args: &TraceArgs) -> Result<Outcome> {
+    check_npz(&args.output)?;
+    let outputs = Outputs::check(
+        [("-o", Some(&*args.output)), ("--stats", args.stats.as_deref())],
+        [("the scene", Some(&*args.scene)), ("the rays", Some(&*args.rays))],
+    )?;
     let rays: Arc<[_]> = read_rays(&args.rays, args.loading.memory())?.into();
-    let setup = Setup::new(&args.scene, &args.loading, 0, &args.units, 1, |_| Ok(()))?;
+    let untraceable_rays = count_untraceable(args, &rays);
+    let setup =
+        Setup::new(&args.scene, &args.loading, 0, &args.units, 1, |scene| outputs.check_files_of(scene))?;
     let mut rates = Vec::new();
     let mut units = Units::default();
     let mut events: Vec<String> = setup.prepared.degraded.iter().cloned().collect();
@@ -50,10 +59,12 @@ pub fn run(args: &TraceArgs) -> Result<Outcome> {
         }
     }
     answer.write(args)?;
+    events.extend(setup.idle_fault());
     let stats = TraceStats {
         schema: SCHEMA,
         rays: rays.len(),
         hits: answer.hits(),
+        untraceable_rays,
         build_s: setup.build_s,
         mray_per_s: Spread::of_rates(rates),
         units,
@@ -64,7 +75,7 @@ pub fn run(args: &TraceArgs) -> Result<Outcome> {
     if let Some(path) = &args.stats {
         stats::write(path, &stats)?;
     }
-    println!(
+    stdout_line!(
         "{}: {} rays, {} hits, {:.2} Mray/s (median of {})",
         args.output.display(),
         stats.rays,
@@ -73,9 +84,23 @@ pub fn run(args: &TraceArgs) -> Result<Outcome> {
         args.repeat
     );
     for event in &stats.events {
-        eprintln!("degraded: {event}");
+        stderr_line!("degraded: {event}");
     }
     Ok(if stats.events.is_empty() { Outcome::Done } else { Outcome::Degraded })
+}
+
+/// Counts the rays that cannot be traced, and warns of them.
+fn count_untraceable(args: &TraceArgs, rays: &[Ray]) -> usize {
+    let mut untraceable = (0..rays.len()).filter(|&ray| !is_traceable(&rays[ray]));
+    let Some(first) = untraceable.next() else { return 0 };
+    let count = 1 + untraceable.count();
+    log::warn!(
+        "{}: {count} of {} rays cannot be traced and count as misses, the first in row {first}: every number must be \
+         finite (t_max may be infinite), and the largest component of a direction from 1e-9 to 1e9",
+        args.rays.display(),
+        rays.len()
+    );
+    count
 }
 
 enum Answer {

@@ -185,6 +185,15 @@ impl Units {
         }
     }
 
+    /// The fault to inject, as its name, if it has not happened yet.
+    pub fn idle_fault(&self) -> Option<String> {
+        match &self.gpu {
+            Gpus::NotRequested | Gpus::Unavailable(_) => None,
+            #[cfg(feature = "gpu")]
+            Gpus::Open(gpu) => gpu.idle_fault().map(|fault| fault.to_string()),
+        }
+    }
+
     /// The GPU's tracer of a tree. `None` without a GPU; an error if the GPU was requested and cannot trace the tree.
     #[cfg_attr(not(feature = "gpu"), expect(unused_variables, reason = "only the GPU needs them"))]
     pub(super) fn device(

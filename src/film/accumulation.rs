@@ -38,6 +38,7 @@ pub struct Film {
     /// Locks that guard `sums`.
     stripes: Stripes,
     dropped: AtomicU64,
+    clamped: AtomicU64,
 }
 
 /// Why there is no film.
@@ -92,6 +93,7 @@ impl Film {
             samples: bytemuck::try_zeroed_vec(pixels).map_err(refused)?,
             stripes: Stripes::new(pixels),
             dropped: AtomicU64::new(0),
+            clamped: AtomicU64::new(0),
         })
     }
 
@@ -125,8 +127,8 @@ impl Film {
         self.samples[pixel as usize].fetch_add(samples, Relaxed);
     }
 
-    /// Adds radiance to a pixel, clamped to [`MAX_RADIANCE`]. A splat with a negative channel, or one that is not
-    /// finite, is dropped and counted; then the result is false.
+    /// Adds radiance to a pixel. A splat with a channel above [`MAX_RADIANCE`] is clamped and counted. One with a
+    /// negative channel, or one that is not finite, is dropped and counted; then the result is false.
     pub fn splat(&self, pixel: u32, radiance: glam::Vec3) -> bool {
         let sums = &self.sums[pixel as usize];
         let Some(fixed) = self.fixed(radiance) else { return false };
@@ -152,6 +154,10 @@ impl Film {
         }
         let Some(first) = valid.iter().next() else { return dropped };
         let (most, scale) = (Num::splat(x.lanes(), MAX_RADIANCE), self.scale());
+        let clamped = valid & x.max(y).max(z).gt(most);
+        if clamped.any() {
+            self.clamped.fetch_add(clamped.count() as u64, Relaxed);
+        }
         let fixed = [x.min(most).to_fixed(scale), y.min(most).to_fixed(scale), z.min(most).to_fixed(scale)];
         let pixels = pixel.to_array();
         if (valid & !pixel.is(pixels[first])).none() {
@@ -206,6 +212,9 @@ impl Film {
             self.dropped.fetch_add(1, Relaxed);
             return None;
         }
+        if radiance.max_element() > MAX_RADIANCE {
+            self.clamped.fetch_add(1, Relaxed);
+        }
         // The product is exact (a power of two), so the rounding is the only error.
         Some(radiance.to_array().map(|value| nearest(f64::from(value.min(MAX_RADIANCE)) * self.scale())))
     }
@@ -225,6 +234,7 @@ impl Film {
             count.fetch_add(more.load(Relaxed), Relaxed);
         }
         self.dropped.fetch_add(other.dropped_splats(), Relaxed);
+        self.clamped.fetch_add(other.clamped_splats(), Relaxed);
     }
 
     /// A pixel's mean luminance (Rec. 709) and its number of samples. The mean is 0 without samples.
@@ -242,6 +252,7 @@ impl Film {
     pub fn save(&self, to: &mut impl Write) -> std::io::Result<()> {
         to.write_all(&self.fraction_bits.to_le_bytes())?;
         to.write_all(&self.dropped_splats().to_le_bytes())?;
+        to.write_all(&self.clamped_splats().to_le_bytes())?;
         for sum in self.sums.as_flattened() {
             to.write_all(&sum.load(Relaxed).to_le_bytes())?;
         }
@@ -259,6 +270,7 @@ impl Film {
             return None;
         }
         film.dropped.store(u64::from_le_bytes(*take(from)?), Relaxed);
+        film.clamped.store(u64::from_le_bytes(*take(from)?), Relaxed);
         for sum in film.sums.as_flattened() {
             sum.store(i64::from_le_bytes(*take(from)?), Relaxed);
         }
@@ -271,6 +283,11 @@ impl Film {
     /// Number of splats dropped so far, because they were negative or not finite.
     pub fn dropped_splats(&self) -> u64 {
         self.dropped.load(Relaxed)
+    }
+
+    /// Number of splats so far of which a channel was clamped to [`MAX_RADIANCE`].
+    pub fn clamped_splats(&self) -> u64 {
+        self.clamped.load(Relaxed)
     }
 
     /// Number of samples of each pixel so far, row major, first row on top.
@@ -339,7 +356,7 @@ mod tests {
         film.splat(0, Vec3::new(0.0, f32::INFINITY, 0.0));
         film.splat(0, Vec3::new(0.0, 0.0, -1.0));
         film.splat(0, Vec3::new(0.5, 1e-30, f32::MAX));
-        assert_eq!(film.dropped_splats(), 3);
+        assert_eq!((film.dropped_splats(), film.clamped_splats()), (3, 1));
         assert_eq!(film.resolve(), vec![[0.5, 0.0, MAX_RADIANCE]]);
     }
 
@@ -379,11 +396,11 @@ mod tests {
             (
                 film.resolve(),
                 film.sums.iter().flatten().map(|s| s.load(Relaxed)).collect::<Vec<_>>(),
-                film.dropped_splats(),
+                [film.dropped_splats(), film.clamped_splats()],
             )
         };
         let one = film(SimdLevel::Scalar);
-        assert!(one.2 > 100);
+        assert!(one.2.into_iter().all(|count| count > 100));
         for level in SimdLevel::ALL.into_iter().filter(|level| level.is_available()) {
             assert_eq!(film(level), one, "{level}");
         }

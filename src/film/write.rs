@@ -1,7 +1,7 @@
 //! Writes pictures to files.
 
 use super::Image;
-use crate::files::{NotWritten, write_atomically};
+use crate::files::{self, NotWritten};
 use image::{ExtendedColorType, ImageEncoder, ImageFormat};
 use std::io::{Seek, Write};
 use std::path::{Path, PathBuf};
@@ -58,7 +58,7 @@ impl Format {
 /// left.
 pub fn write_image(path: &Path, image: &Image, exposure: f32) -> Result<(), WriteError> {
     let format = Format::of(path)?;
-    Ok(write_atomically(path, |file| {
+    Ok(files::write(path, |file| {
         let bytes: &[u8] = bytemuck::cast_slice(&image.pixels);
         let encoded = match format {
             Format::Png => image::codecs::png::PngEncoder::new(file).write_image(

@@ -76,6 +76,17 @@ pub struct CanonicalHit {
 }
 
 impl CanonicalRay {
+    /// Whether a ray has an origin and a direction that can be traced: neither is a reason for [`CanonicalRay::new`] to
+    /// let it hit nothing.
+    #[inline(always)]
+    pub fn can_start(origin: [f32; 3], direction: [f32; 3]) -> bool {
+        let [o, d] = [origin, direction].map(Vec3::from_array);
+        o.is_finite()
+            && d.is_finite()
+            && o.abs().max_element() <= MAX_COORDINATE
+            && DIRECTION_RANGE.contains(&d.abs().max_element())
+    }
+
     /// Prepares a ray for a scene whose largest absolute coordinate is `scene_max_abs`.
     ///
     /// A negative `t_min` counts as 0. By definition a ray hits nothing if
@@ -92,12 +103,7 @@ impl CanonicalRay {
         let d = Vec3::from_array(direction);
         let reach = o.abs().max_element();
         let largest = d.abs().max_element();
-        let valid = o.is_finite()
-            && d.is_finite()
-            && reach <= MAX_COORDINATE
-            && DIRECTION_RANGE.contains(&largest)
-            && t_min <= t_max;
-        if !valid {
+        if !(Self::can_start(origin, direction) && t_min <= t_max) {
             return Self {
                 origin: Vec3::ZERO,
                 direction: Vec3::X,

@@ -1,7 +1,7 @@
 //! Checkpoints: the state of a frame, from which rendering continues after the process has ended in any way.
 
-use super::progressive::State;
-use super::{Blocks, Integrator, PICTURE_VERSION, Pass, PassOptions, Progressive};
+use super::progressive::{State, UnfinishedPass};
+use super::{Frame, Integrator, PICTURE_VERSION, Pass, PassOptions, Progressive};
 use crate::film::{Noise, take};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -46,7 +46,7 @@ impl Identity {
 const MAGIC: &[u8; 20] = b"raystream checkpoint";
 
 /// Counts incompatible formats of checkpoints, those of several frames included.
-pub const CHECKPOINT_VERSION: u32 = 3;
+pub const CHECKPOINT_VERSION: u32 = 4;
 
 /// The JSON header of a checkpoint.
 #[derive(Serialize, Deserialize)]
@@ -54,9 +54,34 @@ struct Header {
     identity: Identity,
     blocks: Vec<u32>,
     todo: Range<u32>,
-    begun: Vec<(Vec<u32>, Range<u32>)>,
+    unfinished: Vec<PassHeader>,
     passes: u64,
     noise: bool,
+}
+
+/// What the header says about an unfinished pass.
+#[derive(Serialize, Deserialize)]
+struct PassHeader {
+    blocks: Vec<u32>,
+    samples: Range<u32>,
+    /// Tiles that have been taken.
+    taken: u64,
+    /// Whether their film follows.
+    film: bool,
+}
+
+impl PassHeader {
+    fn of(UnfinishedPass { rest, film }: &UnfinishedPass) -> Self {
+        let (blocks, taken) = (rest.blocks().to_vec(), rest.taken());
+        Self { blocks, samples: rest.samples(), taken, film: film.is_some() }
+    }
+
+    fn restore(self, frame: &Frame, from: &mut &[u8]) -> Option<UnfinishedPass> {
+        let Self { blocks, samples, taken, film } = self;
+        let whole = is_pass(frame, &blocks, &samples).then(|| Pass::new(blocks.into(), samples))?;
+        let film = if film { Some(frame.film().restored(from)?.into()) } else { None };
+        Some(UnfinishedPass { rest: whole.after(taken)?, film })
+    }
 }
 
 /// Why a checkpoint cannot be used.
@@ -84,20 +109,21 @@ pub enum CheckpointError {
 }
 
 impl<I: Integrator> Progressive<I> {
-    /// Writes the state after the last complete pass. The format, all little-endian: the
-    /// 20 bytes "raystream checkpoint"; a version (u32); the length (u64) and the bytes of a JSON header;
-    /// bits after the point (u32), dropped splats (u64), sums (3 × i64 a pixel) and sample counts (u32 a pixel)
-    /// of the film; if the header says so, each pixel's spread (f32) and passes (u16); XXH3 (u64) of all before it.
+    /// Writes the state after the last complete pass, and what stopped passes have taken. The format, all
+    /// little-endian: the 20 bytes "raystream checkpoint"; a version (u32); the length (u64) and the bytes of a JSON
+    /// header; bits after the point (u32), dropped and clamped splats (2 × u64), sums (3 × i64 a pixel) and sample
+    /// counts (u32 a pixel) of the film; if the header says so, each pixel's spread (f32) and passes (u16); the film of
+    /// each unfinished pass that has one; XXH3 (u64) of all before it.
     ///
     /// # Errors
     /// If the file system refuses.
     pub fn save(&self, identity: &Identity, to: impl Write) -> std::io::Result<()> {
-        let State { film, noise, blocks, todo, passes, .. } = self.state();
+        let State { film, noise, blocks, todo, unfinished, passes } = self.state();
         let header = Header {
             identity: identity.clone(),
             blocks: blocks.to_vec(),
             todo: todo.clone(),
-            begun: self.incomplete().map(|pass| (pass.blocks().to_vec(), pass.samples())).collect(),
+            unfinished: unfinished.iter().map(PassHeader::of).collect(),
             passes: *passes,
             noise: noise.is_some(),
         };
@@ -110,6 +136,9 @@ impl<I: Integrator> Progressive<I> {
         film.save(&mut to)?;
         if let Some(noise) = noise {
             noise.save(&mut to)?;
+        }
+        for film in unfinished.iter().filter_map(|pass| pass.film.as_ref()) {
+            film.save(&mut to)?;
         }
         let sum = to.sum.digest();
         to.to.write_all(&sum.to_le_bytes())?;
@@ -151,23 +180,21 @@ fn header(rest: &mut &[u8]) -> Option<Header> {
 }
 
 fn restore(integrator: &impl Integrator, header: Header, mut rest: &[u8]) -> Option<State> {
-    let Header { blocks, todo, begun, passes, noise, .. } = header;
+    let Header { blocks, todo, unfinished, passes, noise, .. } = header;
     let frame = integrator.frame();
     let film = frame.film().restored(&mut rest)?;
     let noise = if noise { Some(Noise::restored(&film, &mut rest)?) } else { None };
-    let is_pass = |blocks: &[u32], samples: &Range<u32>| {
-        fits(frame.blocks(), blocks) && samples.end <= frame.settings().spp
-    };
+    let unfinished: Option<_> = unfinished.into_iter().map(|pass| pass.restore(frame, &mut rest)).collect();
     // The sum is only there against accidents; whoever forges one gets an error, not a panic.
-    let sound = rest.len() == size_of::<u64>()
-        && is_pass(&blocks, &todo)
-        && begun.iter().all(|(blocks, samples)| is_pass(blocks, samples));
-    let begun = begun.into_iter().map(|(blocks, samples)| Pass::new(blocks.into(), samples)).collect();
-    sound.then(|| State { film: film.into(), noise, blocks: blocks.into(), todo, begun, passes })
+    let sound = rest.len() == size_of::<u64>() && is_pass(frame, &blocks, &todo);
+    let (film, blocks, unfinished) = (film.into(), blocks.into(), unfinished?);
+    sound.then_some(State { film, noise, blocks, todo, unfinished, passes })
 }
 
-fn fits(all: Blocks, blocks: &[u32]) -> bool {
-    blocks.iter().all(|&block| (block as usize) < all.count())
+/// Whether a frame has these blocks and samples.
+fn is_pass(frame: &Frame, blocks: &[u32], samples: &Range<u32>) -> bool {
+    let all = frame.blocks().count();
+    blocks.iter().all(|&block| (block as usize) < all) && samples.end <= frame.settings().spp
 }
 
 /// A writer that hashes what it writes.

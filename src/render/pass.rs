@@ -69,17 +69,29 @@ impl Blocks {
     }
 }
 
-/// The samples of a frame that one job takes: the same sample numbers in each of its blocks.
+/// The samples of a frame that one job takes: the same sample numbers in each of its blocks, or the rest of them.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Pass {
     blocks: Arc<[u32]>,
     samples: Range<u32>,
+    /// Tiles at its start that an earlier job has taken.
+    taken: u64,
 }
 
 impl Pass {
     /// Takes `samples` in each pixel of `blocks`.
     pub fn new(blocks: Arc<[u32]>, samples: Range<u32>) -> Self {
-        Self { blocks, samples }
+        Self { blocks, samples, taken: 0 }
+    }
+
+    /// What is left of the pass when its first `tiles` tiles have been taken. `None` if it has fewer.
+    pub(super) fn after(&self, tiles: u64) -> Option<Self> {
+        (tiles <= self.tiles()).then(|| Self { taken: self.taken + tiles, ..self.clone() })
+    }
+
+    /// Tiles that earlier jobs have taken.
+    pub(super) fn taken(&self) -> u64 {
+        self.taken
     }
 
     /// The blocks that are sampled.
@@ -92,9 +104,9 @@ impl Pass {
         self.samples.clone()
     }
 
-    /// Number of tiles: the tiles that cover all blocks, once for each round of samples.
+    /// Number of tiles left: the tiles that cover all blocks, once for each round of samples.
     pub(super) fn tiles(&self) -> u64 {
-        self.tiles_per_turn() as u64 * u64::from(self.turns())
+        self.tiles_per_turn() as u64 * u64::from(self.turns()) - self.taken
     }
 
     /// Number of rounds over the blocks.
@@ -117,7 +129,7 @@ impl Pass {
 
     /// A tile's blocks and the samples that it takes of each of their pixels.
     pub(super) fn tile(&self, tile: u64) -> (&[u32], Range<u32>) {
-        let per_turn = self.tiles_per_turn() as u64;
+        let (tile, per_turn) = (self.taken + tile, self.tiles_per_turn() as u64);
         let first = (tile % per_turn) as usize * self.tile_blocks();
         let last = (first + self.tile_blocks()).min(self.blocks.len());
         let start = self.samples.start + (tile / per_turn) as u32 * self.together();
@@ -168,6 +180,17 @@ mod tests {
                 assert!(taken.iter().all(|&taken| taken == all), "{width}x{height}");
             }
         }
+    }
+
+    #[test]
+    fn the_rest_of_a_pass_has_its_last_tiles() {
+        let pass = Pass::new(Blocks::new(300, 200).in_order(), 5..40);
+        let tiles = pass.tiles();
+        let rest = pass.after(7).and_then(|rest| rest.after(4)).expect("more tiles");
+        assert_eq!((rest.tiles(), rest.taken()), (tiles - 11, 11));
+        assert!((0..rest.tiles()).all(|tile| rest.tile(tile) == pass.tile(tile + 11)));
+        assert_eq!(pass.after(tiles).map(|rest| rest.tiles()), Some(0));
+        assert_eq!(rest.after(tiles - 10), None);
     }
 
     #[test]

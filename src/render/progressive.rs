@@ -35,6 +35,10 @@ pub struct PassOptions {
 /// A frame rendered in passes. Each pass has its own film, which is added to the total when the pass is complete. The
 /// total between two passes therefore does not depend on scheduling or timing.
 ///
+/// # Stopping loses nothing
+/// A stopped job has completed the tiles that it has spawned, which are the first of its pass. Their film is kept,
+/// shown and saved, and the rest of the pass is taken later. Films add integers, so the pass has the same sums then.
+///
 /// # Adaptive sampling that keeps promise 1
 /// With [`PassOptions::noise`] the size of passes is fixed, and where pass `n` takes samples is decided
 /// from the exact sums of the passes up to `n − `[`PASSES_IN_FLIGHT`], whether others have ended by then or not.
@@ -50,11 +54,9 @@ pub struct Progressive<I: Integrator> {
     options: PassOptions,
     state: State,
     under_way: Sequence<Arc<I>>,
-    /// Passes that were unfinished in the checkpoint, to be started again.
-    resumed: VecDeque<Pass>,
-    /// Samples of stopped passes: shown in pictures, never saved.
-    partial: Vec<Arc<Film>>,
     stopped: bool,
+    /// Number of passes whose jobs have ended since the frame was stopped, all at the front of the unfinished ones.
+    ended: usize,
     pace: Pace,
     loop_stack_bytes: usize,
 }
@@ -68,10 +70,19 @@ pub(super) struct State {
     pub blocks: Arc<[u32]>,
     /// Sample numbers of these blocks that no pass has been given.
     pub todo: Range<u32>,
-    /// Passes in flight, the oldest first.
-    pub begun: Vec<Pass>,
+    /// Passes that have begun and are not part of `film`, the oldest first. Those in flight precede those of a
+    /// checkpoint that have not begun again.
+    pub unfinished: VecDeque<UnfinishedPass>,
     /// Number of complete passes.
     pub passes: u64,
+}
+
+/// A pass that is not complete, or whose predecessor is not.
+pub(super) struct UnfinishedPass {
+    /// What is left of it.
+    pub rest: Pass,
+    /// The samples of the tiles before.
+    pub film: Option<Arc<Film>>,
 }
 
 /// Measured speed of passes.
@@ -102,21 +113,20 @@ impl<I: Integrator> Progressive<I> {
             noise: options.noise.map(|_| Noise::new(frame.film())),
             blocks: frame.blocks().in_order(),
             todo: 0..frame.settings().spp,
-            begun: Vec::new(),
+            unfinished: VecDeque::new(),
             passes: 0,
         };
         Self::with_state(integrator, options, state)
     }
 
-    pub(super) fn with_state(integrator: I, options: PassOptions, mut state: State) -> Self {
+    pub(super) fn with_state(integrator: I, options: PassOptions, state: State) -> Self {
         Self {
             integrator: Arc::new(integrator),
             options,
-            resumed: std::mem::take(&mut state.begun).into(),
             state,
             under_way: Sequence::new(PASSES_IN_FLIGHT),
-            partial: Vec::new(),
             stopped: false,
+            ended: 0,
             loop_stack_bytes: 0,
             pace: Pace { since: Instant::now(), samples: 0 },
         }
@@ -135,17 +145,23 @@ impl<I: Integrator> Progressive<I> {
             && !self.stopped
             && let Some(pass) = self.next_pass()
         {
-            let exposure = Arc::new(self.integrator.with_pass(pass.clone()));
+            let exposure = Arc::new(self.integrator.with_pass(pass));
             self.under_way.push(submit(&exposure)?, exposure);
-            self.state.begun.push(pass);
         }
         Ok(())
     }
 
+    /// The next pass to submit: one of a checkpoint, or a new one.
     fn next_pass(&mut self) -> Option<Pass> {
-        if let Some(pass) = self.resumed.pop_front() {
-            return Some(pass);
+        let begun = self.under_way.under_way();
+        if begun == self.state.unfinished.len() {
+            let rest = self.new_pass()?;
+            self.state.unfinished.push_back(UnfinishedPass { rest, film: None });
         }
+        Some(self.state.unfinished[begun].rest.clone())
+    }
+
+    fn new_pass(&mut self) -> Option<Pass> {
         let State { blocks, todo, .. } = &mut self.state;
         if todo.start >= todo.end || blocks.is_empty() {
             return None;
@@ -172,8 +188,9 @@ impl<I: Integrator> Progressive<I> {
         self.under_way.progress()
     }
 
-    /// Waits for the oldest pass and adds its film; `None` if no pass is in flight. A stopped pass, and all passes
-    /// after it, count for [`Progressive::picture`] only.
+    /// Waits for the oldest pass and adds its film; `None` if no pass is in flight. The films of a stopped pass and of
+    /// all passes after it are added once the stopped one is complete, and count for [`Progressive::picture`] until
+    /// then.
     ///
     /// # Errors
     /// If the job failed.
@@ -183,11 +200,18 @@ impl<I: Integrator> Progressive<I> {
         self.loop_stack_bytes = self.loop_stack_bytes.max(exposure.loop_stack_bytes());
         self.integrator.frame().dropped().add_all(exposure.frame().dropped());
         let film = exposure.frame().film();
-        if report.stopped || !self.partial.is_empty() {
-            self.partial.push(Arc::clone(film));
+        let unfinished = &mut self.state.unfinished[self.ended];
+        if let Some(earlier) = unfinished.film.replace(Arc::clone(film)) {
+            film.add(&earlier);
+        }
+        if report.stopped || self.ended > 0 {
+            unfinished.rest =
+                unfinished.rest.after(report.tiles_spawned).expect("a job has the tiles of its pass");
+            self.ended += 1;
             return Ok(Some(report));
         }
-        let pass = self.state.begun.remove(0);
+        let UnfinishedPass { rest: pass, .. } =
+            self.state.unfinished.pop_front().expect("it was there just now");
         if let Some(noise) = &mut self.state.noise {
             noise.add_pass(&self.state.film, film);
         }
@@ -263,7 +287,7 @@ impl<I: Integrator> Progressive<I> {
     }
 
     /// Ends the frame early: no more camera rays; what is in flight is finished. [`Progressive::finish_pass`]
-    /// still returns the passes under way.
+    /// still returns the passes under way. When it has returned all, [`Progressive::save`] loses nothing.
     pub fn stop(&mut self) {
         self.stopped = true;
         self.under_way.stop();
@@ -271,8 +295,8 @@ impl<I: Integrator> Progressive<I> {
 
     /// Whether all samples have been taken that are wanted.
     pub fn is_complete(&self) -> bool {
-        let State { blocks, todo, .. } = &self.state;
-        self.incomplete().next().is_none() && (todo.start >= todo.end || blocks.is_empty())
+        let State { blocks, todo, unfinished, .. } = &self.state;
+        unfinished.is_empty() && (todo.start >= todo.end || blocks.is_empty())
     }
 
     /// The frame's integrator. Its frame knows the dropped splats of all passes ([`super::Frame::dropped_by_material`]).
@@ -290,23 +314,19 @@ impl<I: Integrator> Progressive<I> {
         self.loop_stack_bytes
     }
 
-    /// What is there to be seen: all complete passes, and what stopped ones have brought.
+    /// The film of all complete passes and of what stopped ones have taken.
     pub fn picture(&self) -> Arc<Film> {
-        if self.partial.is_empty() {
+        let mut parts = self.state.unfinished.iter().filter_map(|pass| pass.film.as_ref()).peekable();
+        if parts.peek().is_none() {
             return Arc::clone(&self.state.film);
         }
         let film = self.state.film.blank();
         film.add(&self.state.film);
-        self.partial.iter().for_each(|partial| film.add(partial));
+        parts.for_each(|part| film.add(part));
         Arc::new(film)
     }
 
     pub(super) fn state(&self) -> &State {
         &self.state
-    }
-
-    /// Passes that are not complete, the oldest first.
-    pub(super) fn incomplete(&self) -> impl Iterator<Item = &Pass> {
-        self.state.begun.iter().chain(&self.resumed)
     }
 }

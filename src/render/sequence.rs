@@ -59,6 +59,11 @@ impl<T> Sequence<T> {
         self.under_way.len() < self.in_flight
     }
 
+    /// Number of jobs whose results have not been returned.
+    pub fn under_way(&self) -> usize {
+        self.under_way.len()
+    }
+
     /// Adds a submitted job with its data.
     ///
     /// # Panics

@@ -34,14 +34,22 @@ impl std::fmt::Display for Camera {
 #[non_exhaustive]
 pub enum CameraError {
     /// Eye and target are equal, or not finite.
-    #[error("the camera's eye {0} and target {1} must be finite and differ")]
+    #[error("the camera's eye ({}) and target ({}) must be finite and differ", coordinates(.0), coordinates(.1))]
     View(Vec3, Vec3),
     /// The up vector is not finite or is parallel to the view axis.
-    #[error("the camera's up vector {0} must be finite and must not point along the view")]
+    #[error(
+        "the camera's up vector ({}) must be finite, not zero, and must not point along the view",
+        coordinates(.0)
+    )]
     Up(Vec3),
     /// The field of view is out of range.
     #[error("the vertical field of view is {0} degrees; it must be between 0 and 180")]
     Fov(f32),
+}
+
+/// A point or vector for a message. Large and small numbers have exponents.
+fn coordinates(Vec3 { x, y, z }: &Vec3) -> String {
+    format!("{x:?}, {y:?}, {z:?}")
 }
 
 impl Camera {
@@ -61,15 +69,11 @@ impl Camera {
     /// # Errors
     /// When the camera is invalid.
     pub fn lens(&self, width: u32, height: u32) -> Result<Lens, CameraError> {
-        let forward =
-            (self.target - self.eye).try_normalize().ok_or(CameraError::View(self.eye, self.target))?;
-        if !self.eye.is_finite() {
-            return Err(CameraError::View(self.eye, self.target));
-        }
+        let forward = direction(self.eye, self.target).ok_or(CameraError::View(self.eye, self.target))?;
         if !(self.fov_degrees > 0.0 && self.fov_degrees < 180.0) {
             return Err(CameraError::Fov(self.fov_degrees));
         }
-        let up = self.up.try_normalize().ok_or(CameraError::Up(self.up))?;
+        let up = direction(Vec3::ZERO, self.up).ok_or(CameraError::Up(self.up))?;
         let side = forward.cross(up);
         if side.length_squared() < 1e-12 {
             return Err(CameraError::Up(self.up));
@@ -84,6 +88,16 @@ impl Camera {
             step_y: right.cross(forward) * (-2.0 * half_height / height as f32),
         })
     }
+}
+
+/// The unit direction from one point to another. `None` if they are equal or not finite. Double precision serves where
+/// the squared length leaves the range of `f32`.
+fn direction(from: Vec3, to: Vec3) -> Option<Vec3> {
+    if !(from.is_finite() && to.is_finite()) {
+        return None;
+    }
+    let precise = || (to.as_dvec3() - from.as_dvec3()).try_normalize().map(|unit| unit.as_vec3());
+    (to - from).try_normalize().or_else(precise)
 }
 
 /// A camera with a picture size. It converts pixels to directions.
@@ -176,6 +190,23 @@ mod tests {
                 assert!(p.dot(right).abs() <= depth * half * aspect * 1.0001);
                 assert!(p.dot(right.cross(forward)).abs() <= depth * half * 1.0001);
             }
+        }
+    }
+
+    #[test]
+    fn vectors_of_any_length_give_the_same_view() {
+        let camera = Camera { eye: Vec3::ZERO, target: Vec3::Z, up: Vec3::Y, fov_degrees: 40.0 };
+        let seen = |camera: Camera| camera.lens(4, 4).expect("valid").direction(0, 1, [0.5; 2]);
+        for length in [f32::MAX, 1e30, 1e-30, f32::MIN_POSITIVE] {
+            assert_eq!(seen(Camera { up: Vec3::Y * length, ..camera }), seen(camera), "{length:e}");
+            assert_eq!(seen(Camera { target: Vec3::Z * length, ..camera }), seen(camera), "{length:e}");
+        }
+        let far = Camera { eye: Vec3::Z * -f32::MAX, target: Vec3::Z * f32::MAX, ..camera };
+        assert_eq!(seen(far), seen(camera));
+        for bad in [Vec3::INFINITY, Vec3::NAN] {
+            assert!(Camera { eye: bad, ..camera }.lens(1, 1).is_err());
+            assert!(Camera { target: bad, ..camera }.lens(1, 1).is_err());
+            assert!(Camera { up: bad, ..camera }.lens(1, 1).is_err());
         }
     }
 

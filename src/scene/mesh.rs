@@ -1,7 +1,7 @@
 //! The triangle mesh.
 
 use crate::geom::{Aabb, MAX_COORDINATE};
-use glam::{Vec2, Vec3, Vec4};
+use glam::{DVec3, Vec2, Vec3, Vec4};
 use rayon::prelude::*;
 
 /// An indexed triangle mesh. Row `i` of `triangles` is primitive `i` everywhere.
@@ -127,6 +127,14 @@ impl Mesh {
         let [a, b, c] = self.triangles[primitive as usize];
         let [a, b, c] = [self.uvs[a as usize], self.uvs[b as usize], self.uvs[c as usize]];
         a * (1.0 - u - v) + b * u + c * v
+    }
+
+    /// Whether any triangle has an area. Rays hit no triangle without one.
+    pub fn has_area(&self) -> bool {
+        (0..self.triangles.len() as u32).any(|primitive| {
+            let [a, b, c] = self.corners(primitive).map(Vec3::as_dvec3);
+            (b - a).cross(c - a) != DVec3::ZERO
+        })
     }
 
     /// Checks the invariants of a mesh in a scene of so many materials: lengths, indices, and that all numbers are

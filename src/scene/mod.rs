@@ -62,6 +62,7 @@ pub use validate::{SceneError, ScenePart};
 
 use crate::geom::Aabb;
 use crate::lanes::Num;
+use std::path::PathBuf;
 
 /// A scene, from which a tree can be built and whose hits can be shaded.
 ///
@@ -100,6 +101,8 @@ pub struct Scene {
     pub camera_motion: Option<CameraMotion>,
     /// Features of the file that the loader ignored or changed, one sentence each.
     pub warnings: Vec<String>,
+    /// The files that the scene's file names and the loader read or looked for: material libraries, buffers, textures.
+    pub files: Vec<PathBuf>,
 }
 
 impl Scene {

@@ -2,6 +2,7 @@
 
 mod bench;
 mod frames;
+mod outputs;
 mod progressive;
 mod refusals;
 mod render;

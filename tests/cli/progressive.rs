@@ -81,6 +81,77 @@ fn a_killed_frame_goes_on_to_the_same_picture() {
     }
 }
 
+/// Ctrl-C, again and again: every run adds to what the one before has shown, until the picture is whole.
+#[cfg(unix)]
+#[test]
+fn an_interrupted_frame_goes_on_where_it_stopped() {
+    let folder = folder();
+    let folder = folder.path();
+    let more = ["--spp", "1200", "--threads", "2"];
+    let expected = render(folder, &more);
+    let (mut interrupts, mut samples) = (0, 0.0);
+    loop {
+        let mut child = start(folder, &[&more[..], &["--checkpoint", "c.ray", "--resume"]].concat());
+        std::thread::sleep(Duration::from_millis(300));
+        let _ = Command::new("kill").args(["-INT", &child.id().to_string()]).status().expect("kill");
+        let status = child.wait().expect("a child");
+        if status.code().is_none() {
+            // The signal came before it was listened to.
+            continue;
+        }
+        let stats = json(&folder.join("s.json"));
+        let now = stats["image"]["mean_spp"].as_f64().expect("number");
+        assert!(now >= samples, "{now} samples after {samples}");
+        samples = now;
+        if status.success() {
+            assert_eq!(stats["image"]["hash"], expected["image"]["hash"], "interrupted {interrupts} times");
+            break;
+        }
+        interrupts += 1;
+        assert!(interrupts < 500, "it comes to an end");
+    }
+    assert!(interrupts > 0);
+}
+
+/// A disk may be full for a moment: what cannot be written is written later.
+#[test]
+fn a_save_that_fails_does_not_end_the_frame() {
+    let folder = folder();
+    let folder = folder.path();
+    let (saves, away) = (folder.join("saves"), folder.join("away"));
+    std::fs::create_dir(&saves).expect("folder");
+    let kept = ["--checkpoint", "saves/c.ray", "--save-every", "0.1"];
+    let start = |more: &[&str]| {
+        Command::new(env!("CARGO_BIN_EXE_raystream"))
+            .current_dir(folder)
+            .args([&["render", &shipped("cornell.json")][..], &SMALL, &kept, more].concat())
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("raystream starts")
+    };
+    let told = |child: Child| {
+        let output = child.wait_with_output().expect("raystream ends");
+        (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+    };
+    let mut child = start(&["--seconds", "4"]);
+    assert!(wait_for(&mut child, &saves.join("c.ray")));
+    std::fs::rename(&saves, &away).expect("rename");
+    std::thread::sleep(Duration::from_millis(800));
+    std::fs::rename(&away, &saves).expect("rename");
+    let (code, text) = told(child);
+    assert_eq!(code, Some(0), "{text}");
+    assert!(text.contains("saves/c.ray: cannot be written") && text.contains("rendering goes on"), "{text}");
+
+    let mut child = start(&["--seconds", "2", "--resume"]);
+    assert!(wait_for(&mut child, &saves.join("c.ray")));
+    std::fs::rename(&saves, &away).expect("rename");
+    let (code, text) = told(child);
+    assert_eq!(code, Some(1), "{text}");
+    assert!(text.contains("degraded: saves/c.ray: cannot be written"), "{text}");
+    assert!(folder.join("out.png").exists(), "the picture is written all the same");
+}
+
 #[test]
 fn checkpoints_of_other_pictures_are_refused() {
     let folder = folder();
@@ -100,7 +171,7 @@ fn checkpoints_of_other_pictures_are_refused() {
     for (bytes, says) in [
         (&whole[..whole.len() / 2], "damaged"),
         (b"raystream checkpoint\x09\0\0\0", "version 9"),
-        (b"raystream checkpoint\x02\0\0\0", "it is a checkpoint of version 2"),
+        (b"raystream checkpoint\x03\0\0\0", "it is a checkpoint of version 3"),
         (b"something else", "not a checkpoint"),
         (b"", "not a checkpoint"),
     ] {
@@ -141,6 +212,8 @@ fn a_frame_ends_when_it_is_asked_to() {
     assert!(samples > 0.0 && samples < 65536.0, "{samples}");
     assert!(timed["seconds"]["render"].as_f64() >= Some(1.5));
     assert_eq!(timed["events"].as_array().map(Vec::len), Some(0), "as asked");
+    let shortest = render(folder, &["--seconds", "1e-9"]);
+    assert!(shortest["image"]["mean_spp"].as_f64() >= Some(1.0), "{shortest}");
 
     let noise = |stats: &serde_json::Value, of: &str| stats["noise"][of].as_f64().expect("number");
     let rough = render(folder, &["--noise", "0.1"]);

@@ -57,7 +57,41 @@ fn bad_arguments_are_refused() {
         (vec!["--size", "100000x100000"], "at most"),
         (vec!["--spp", "0"], "0"),
         (vec!["--spp", "99999999999"], "99999999999"),
-        (vec!["--max-bounces", "-1"], "-1"),
+        (vec!["--max-bounces", "-1"], "-1 is not in 0..=1000"),
+        (vec!["--spp", "-1"], "-1 is not in 1..="),
+        (vec!["--threads", "-1"], "-1 is not in 1..="),
+        (vec!["--seed", "-1"], "invalid value '-1'"),
+        (vec!["--size", "-1x3"], "invalid value '-1x3'"),
+        (vec!["--frames", "-1..3"], "invalid value '-1..3'"),
+        (vec!["--exposure", "nan"], "from -126 to 126"),
+        (vec!["--exposure", "-inf"], "from -126 to 126"),
+        (vec!["--env-rotation", "nan"], "finite angle"),
+        (vec!["--env-rotation", "inf"], "finite angle"),
+        (vec!["--env", "1,1"], "--env 1,1: write three finite numbers"),
+        (vec!["--env", "-1,0,0"], "must not be negative"),
+        (vec!["-o", "p%04d.png"], "add --frames"),
+        (vec!["--frames", "0..5", "--turntable", "inf", "-o", "a.%d.png"], "finite angle"),
+        (vec!["--stats", "a.obj"], "a.obj: --stats would overwrite the scene"),
+        (vec!["--checkpoint", "./folder.png/../a.obj"], "--checkpoint would overwrite the scene"),
+        (vec!["-o", "x.png", "--stats", "x.png"], "x.png: -o and --stats name the same file"),
+        (vec!["--stats", "t.json", "--timeline", "./t.json"], "--stats and --timeline name the same file"),
+        (
+            vec!["--frames", "0..5", "--turntable", "9", "-o", "a.%d.png", "--stats", "a.3.png"],
+            "a.3.png: -o and --stats name the same file",
+        ),
+        (
+            vec![
+                "--frames",
+                "0..5",
+                "--camera-path",
+                "blind.json",
+                "-o",
+                "a.%d.png",
+                "--stats",
+                "blind.json",
+            ],
+            "blind.json: --stats would overwrite the camera path",
+        ),
         (vec!["--fov", "180"], "field of view"),
         (vec!["--eye", "1,2"], "three finite numbers"),
         (vec!["--eye", "0,0,0", "--target", "0,0,0"], "must be finite and differ"),
@@ -93,6 +127,22 @@ fn bad_arguments_are_refused() {
 }
 
 #[test]
+fn files_that_a_scene_names_are_not_overwritten() {
+    let folder = folder();
+    let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).expect("file");
+    write("a.obj", &format!("mtllib a.mtl\nusemtl m\n{SQUARE}"));
+    write("a.mtl", "newmtl m\nKd 1 1 1\nmap_Kd t.png\n");
+    image::RgbImage::new(2, 2).save(folder.path().join("t.png")).expect("texture");
+    for more in [["-o", "t.png"], ["--checkpoint", "a.mtl"], ["--stats", "./t.png"]] {
+        let args = ["render", "a.obj", "--size", "8x8", "--allow-missing"];
+        let says =
+            if more[0] == "--checkpoint" { "a.mtl" } else { "would overwrite a file that the scene names" };
+        refuse(folder.path(), &[&args[..], &more].concat(), says);
+    }
+    assert_eq!(image::open(folder.path().join("t.png")).expect("texture").width(), 2);
+}
+
+#[test]
 fn bad_rays_are_refused() {
     let folder = folder();
     let scene = shipped("cornell.json");
@@ -120,5 +170,18 @@ fn bad_rays_are_refused() {
     ] {
         refuse(folder.path(), &["trace", &scene, "--rays", rays, "-o", "h.npz"], says);
     }
-    refuse(folder.path(), &["trace", &scene, "--rays", "good.npy", "-o", "h.txt"], ".npz");
+    for (more, says) in [
+        (&["-o", "h.txt"][..], "h.txt: arrays are written as .npz"),
+        (&["-o", "none/h.npz"], "none/h.npz: cannot be written"),
+        (&["-o", "h.npz", "--stats", "good.npy"], "good.npy: --stats would overwrite the rays"),
+        (&["-o", "h.npz", "--stats", "./h.npz"], "-o and --stats name the same file"),
+    ] {
+        refuse(folder.path(), &[&["trace", "no-scene.obj", "--rays", "good.npy"][..], more].concat(), says);
+    }
+    let bench = ["bench", "frame", &scene, "--repeats", "10000", "--json"];
+    for (json, says) in
+        [("none/b.json", "none/b.json: cannot be written"), (&scene, "would overwrite the scene")]
+    {
+        refuse(folder.path(), &[&bench[..], &[json]].concat(), says);
+    }
 }

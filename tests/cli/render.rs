@@ -134,6 +134,25 @@ fn a_frame_survives_every_fault_of_the_gpu() {
     }
 }
 
+#[cfg(feature = "gpu")]
+#[test]
+fn a_fault_changes_something_or_is_said_to_have_changed_nothing() {
+    let folder = folder();
+    let scene = shipped("cornell.json");
+    // All rays miss.
+    let away = ["--eye", "0,0,-9e3", "--target", "0,0,-9e4", "--size", "48x40", "--spp", "2"];
+    for (fault, says) in [
+        ("gpu-corrupt@1", "wrong answers"),
+        ("gpu-lost@100000", "--inject gpu-lost@100000: the fault did not happen"),
+    ] {
+        let args = ["render", &scene, "--tracer", "gpu", "--inject", fault, "--stats", "s.json"];
+        let text = run(folder.path(), &[&args[..], &away].concat(), 1);
+        assert!(text.contains(says), "{text}");
+        let stats = json(&folder.path().join("s.json"));
+        assert!(stats["events"][0].as_str().is_some_and(|event| event.contains(says)), "{stats}");
+    }
+}
+
 #[test]
 fn statistics_and_timelines_are_complete() {
     let folder = folder();
@@ -166,6 +185,7 @@ fn statistics_and_timelines_are_complete() {
         "/threads/0/idle_s",
         "/tail_idle_share",
         "/dropped_splats",
+        "/clamped_splats",
         "/peak_rays_in_flight",
     ] {
         assert!(stats.pointer(path).is_some_and(serde_json::Value::is_number), "{path} in {stats}");
@@ -196,6 +216,41 @@ fn a_scene_without_light_is_lit_and_says_so() {
     std::fs::write(folder.path().join("square.obj"), super::SQUARE).expect("scene");
     let text = run(folder.path(), &["render", "square.obj", "--size", "16x16", "--spp", "1"], 0);
     assert!(text.contains("has no light"), "{text}");
+}
+
+#[test]
+fn a_scene_without_area_says_so() {
+    let folder = folder();
+    std::fs::write(folder.path().join("line.obj"), "v 0 0 0\nv 1 1 1\nv 2 2 2\nf 1 2 3\nf 1 1 2\n")
+        .expect("scene");
+    let text = run(folder.path(), &["render", "line.obj", "--size", "16x16", "--spp", "1"], 0);
+    assert!(text.contains("line.obj: no triangle has an area"), "{text}");
+}
+
+#[test]
+fn radiance_beyond_the_film_is_counted_and_told_once() {
+    let folder = folder();
+    std::fs::write(folder.path().join("square.obj"), super::SQUARE).expect("scene");
+    let args =
+        ["render", "square.obj", "--env", "2e6,0,0", "--size", "16x16", "--spp", "2", "--stats", "s.json"];
+    let text = run(folder.path(), &args, 0);
+    let clamped = json(&folder.path().join("s.json"))["clamped_splats"].as_u64().expect("count");
+    assert!(clamped > 0);
+    let told = format!("{clamped} splats brighter than 1048576 were clamped");
+    assert_eq!(text.matches(&told).count(), 1, "{text}");
+}
+
+#[test]
+fn cameras_far_away_and_vectors_of_any_length_are_taken() {
+    let folder = folder();
+    std::fs::write(folder.path().join("square.obj"), super::SQUARE).expect("scene");
+    let small = ["render", "square.obj", "--size", "16x16", "--spp", "1", "--stats", "s.json"];
+    let hash = |more: &[&str]| {
+        run(folder.path(), &[&small[..], more].concat(), 0);
+        json(&folder.path().join("s.json"))["image"]["hash"].clone()
+    };
+    assert_eq!(hash(&["--up", "0,1e30,0"]), hash(&["--up", "0,1,0"]));
+    hash(&["--eye", "1e38,0,0"]);
 }
 
 #[cfg(unix)]

@@ -111,6 +111,37 @@ fn hits_are_those_of_brute_force_for_a_million_rays() {
     assert!(stats["mray_per_s"]["median"].as_f64() > Some(0.0));
 }
 
+#[test]
+fn rays_that_cannot_be_traced_are_counted() {
+    let folder = folder();
+    let scene = shipped("cornell.json");
+    let good = [278.0, 273.0, -800.0, 0.0, 0.0, 0.0, 1.0, f32::INFINITY];
+    let bad = |place: usize, value: f32| {
+        let mut ray = good;
+        ray[place] = value;
+        ray
+    };
+    let wrong = [
+        bad(0, f32::NAN),
+        bad(6, f32::INFINITY),
+        bad(6, 0.0),
+        bad(6, 3e38),
+        bad(3, f32::NAN),
+        bad(7, f32::NAN),
+    ];
+    // An empty interval is no mistake: such a ray asks for nothing.
+    let rays = [&[good, bad(7, -1.0)][..], &wrong, &[good]].concat();
+    write_rays(&folder.path().join("r.npy"), rays.as_flattened());
+    let args = ["trace", &scene, "--rays", "r.npy", "-o", "h.npz", "--repeat", "2", "--stats", "s.json"];
+    let text = run(folder.path(), &args, 0);
+    let told = "r.npy: 6 of 9 rays cannot be traced and count as misses, the first in row 2";
+    assert_eq!(text.matches(told).count(), 1, "{text}");
+    let stats = json(&folder.path().join("s.json"));
+    assert_eq!((&stats["untraceable_rays"], &stats["hits"]), (&6.into(), &2.into()));
+    let primitive = array::<u32>(&folder.path().join("h.npz"), "primitive");
+    assert!(primitive[2..8].iter().all(|&primitive| primitive == u32::MAX) && primitive[8] == primitive[0]);
+}
+
 #[cfg(feature = "gpu")]
 #[test]
 fn cpu_and_gpu_write_the_same_arrays() {

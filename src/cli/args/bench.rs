@@ -9,7 +9,7 @@ use crate::scene::Camera;
 use clap::builder::RangedI64ValueParser;
 use clap::{Args, Subcommand, value_parser};
 use glam::Vec3;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// The measurements.
 #[derive(Debug, Subcommand)]
@@ -44,6 +44,41 @@ pub enum BenchCommand {
     /// Measure the tables of Interactive Rendering with Coherent Ray Tracing: the triangle test in each layout of
     /// lanes, the visits that packets add, reflections and shadows, and time against the number of triangles.
     Tables(BenchTablesArgs),
+}
+
+impl BenchCommand {
+    /// The scenes that are read.
+    pub fn scenes(&self) -> Vec<&Path> {
+        match self {
+            Self::Rays(args) => args.scenes.iter().map(|view| &*view.scene).collect(),
+            Self::Build(args) => vec![&args.scene],
+            Self::Small(args) => vec![&args.scene],
+            Self::Frame(args) => vec![&args.scene],
+            Self::Tail(args) => vec![&args.scene],
+            Self::Textures(args) => vec![&args.scene],
+            Self::Adaptive(args) => vec![&args.scene],
+            Self::Noise(args) => vec![&args.scene],
+            Self::Schedule(_) => Vec::new(),
+            Self::Tables(args) => vec![&args.scene],
+        }
+    }
+
+    /// The file of `--json`.
+    pub fn json(&self) -> Option<&Path> {
+        let json = match self {
+            Self::Rays(args) => &args.peers.json,
+            Self::Build(args) => &args.peers.json,
+            Self::Small(args) => &args.json,
+            Self::Frame(args) => &args.shot.json,
+            Self::Tail(args) => &args.shot.json,
+            Self::Textures(args) => &args.shot.json,
+            Self::Adaptive(args) => &args.shot.json,
+            Self::Noise(args) => &args.shot.json,
+            Self::Schedule(args) => &args.json,
+            Self::Tables(args) => &args.json,
+        };
+        json.as_deref()
+    }
 }
 
 /// Embree as a peer.

@@ -1,5 +1,6 @@
 //! Options of an animation.
 
+use super::view::angle;
 use clap::Args;
 use std::ops::Range;
 use std::path::PathBuf;
@@ -9,7 +10,7 @@ use std::path::PathBuf;
 pub struct FramesArgs {
     /// Render frames A to B - 1. The output name numbers them, as in out.%04d.png. A frame does not depend on
     /// which others are rendered.
-    #[arg(long, value_name = "A..B", value_parser = frame_range)]
+    #[arg(long, value_name = "A..B", allow_hyphen_values = true, value_parser = frame_range)]
     pub frames: Option<Range<u32>>,
     /// Frames rendered at the same time, so that threads stay busy while the last paths of one frame end. Each takes
     /// memory for its rays and its film.
@@ -27,7 +28,8 @@ pub struct FramesArgs {
         value_name = "DEG",
         allow_hyphen_values = true,
         requires = "frames",
-        conflicts_with = "camera_path"
+        conflicts_with = "camera_path",
+        value_parser = angle
     )]
     pub turntable: Option<f32>,
     /// Move the camera along the key poses of a .json file.

@@ -17,7 +17,7 @@ pub struct RenderArgs {
     #[arg(long, value_name = "NAME", default_value = "path")]
     pub integrator: String,
     /// Picture size in pixels.
-    #[arg(long, value_name = "WxH", default_value = "960x540", value_parser = size)]
+    #[arg(long, value_name = "WxH", default_value = "960x540", allow_hyphen_values = true, value_parser = size)]
     pub size: (u32, u32),
     /// When the picture is finished, and what is saved meanwhile.
     #[command(flatten)]
@@ -41,7 +41,7 @@ pub struct RenderArgs {
     #[command(flatten)]
     pub light: LightArgs,
     /// Brighten a .png by this many stops.
-    #[arg(long, value_name = "STOPS", allow_hyphen_values = true, default_value_t = 0.0)]
+    #[arg(long, value_name = "STOPS", allow_hyphen_values = true, default_value_t = 0.0, value_parser = stops)]
     pub exposure: f32,
     /// Write statistics as JSON.
     #[arg(long, value_name = "FILE")]
@@ -55,4 +55,12 @@ pub struct RenderArgs {
     /// The units that trace.
     #[command(flatten)]
     pub units: UnitArgs,
+}
+
+/// A number of stops whose factor is a normal number.
+fn stops(text: &str) -> Result<f32, String> {
+    match text.trim().parse::<f32>() {
+        Ok(stops) if (-126.0..=126.0).contains(&stops) => Ok(stops),
+        _ => Err("write a number of stops from -126 to 126, as in 1.5".into()),
+    }
 }

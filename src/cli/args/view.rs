@@ -47,10 +47,10 @@ impl CameraArgs {
 pub struct LightArgs {
     /// Environment: an equirectangular .hdr or .exr file, or a constant R,G,B
     /// [default: the scene's; 1,1,1 if the scene has no light].
-    #[arg(long, value_name = "FILE|R,G,B")]
+    #[arg(long, value_name = "FILE|R,G,B", allow_hyphen_values = true)]
     pub env: Option<String>,
     /// Rotate the environment map around the vertical axis.
-    #[arg(long, value_name = "DEG", allow_hyphen_values = true, default_value_t = 0.0)]
+    #[arg(long, value_name = "DEG", allow_hyphen_values = true, default_value_t = 0.0, value_parser = angle)]
     pub env_rotation: f32,
 }
 
@@ -63,6 +63,14 @@ pub(super) fn size(text: &str) -> Result<(u32, u32), String> {
         return Err("width and height must be at least 1, and the picture at most 268435456 pixels".into());
     }
     Ok((w, h))
+}
+
+/// A finite angle in degrees.
+pub(super) fn angle(text: &str) -> Result<f32, String> {
+    match text.trim().parse::<f32>() {
+        Ok(degrees) if degrees.is_finite() => Ok(degrees),
+        _ => Err("write a finite angle in degrees, as in 90".into()),
+    }
 }
 
 /// `X,Y,Z`, all finite.

@@ -19,17 +19,24 @@ pub fn run(args: &BenchAdaptiveArgs) -> Result<()> {
         policy: setup.policy,
     };
     let rows = Bench { prepared: &setup.prepared, service: &setup.service, options }.run()?;
-    println!(
+    stdout_line!(
         "{width}x{height}, at most {} bounces, reference of {} spp; efficiency = squared error x time of even samples \
          divided by that of the row",
-        args.max_bounces, args.reference_spp
+        args.max_bounces,
+        args.reference_spp
     );
-    println!(
+    stdout_line!(
         "{:<10} {:>6} {:>8} {:>8} {:>9} {:>9} {:>9}  efficiency: relative, absolute, worst block",
-        "samples", "target", "s", "spp", "rmse", "relative", "worst"
+        "samples",
+        "target",
+        "s",
+        "spp",
+        "rmse",
+        "relative",
+        "worst"
     );
     for row in &rows {
-        println!(
+        stdout_line!(
             "{:<10} {:>6} {:>8.2} {:>8.1} {:>9.5} {:>9.5} {:>9.5}  {:.2}, {:.2}, {:.2}",
             row.configuration,
             row.noise,

@@ -13,14 +13,21 @@ pub fn run(args: &BenchBuildArgs) -> Result<()> {
     let options = build::Options { rounds: args.peers.rounds as usize, threads: args.peers.thread_counts() };
     let embree = args.peers.library.load()?;
     let rows = build::run(positions, triangles, embree.as_ref(), &options)?;
-    println!("{} triangles", triangles.len());
-    println!(
+    stdout_line!("{} triangles", triangles.len());
+    stdout_line!(
         "{:<24} {:>7} {:>9} {:>9} {:>9} {:>10} {:>10} {:>8}  ratio to medium",
-        "builder", "threads", "ms", "best", "worst", "B/triangle", "at most", "cost"
+        "builder",
+        "threads",
+        "ms",
+        "best",
+        "worst",
+        "B/triangle",
+        "at most",
+        "cost"
     );
     let number = |value: Option<f64>| value.map_or_else(String::new, |value| format!("{value:.1}"));
     for row in &rows {
-        println!(
+        stdout_line!(
             "{:<24} {:>7} {:>9.1} {:>9.1} {:>9.1} {:>10.1} {:>10} {:>8}  {}",
             row.unit,
             row.threads,

@@ -21,7 +21,7 @@ pub fn run(args: &BenchFrameArgs) -> Result<Outcome> {
     let report = if args.policies { bench.policies()? } else { bench.ladder()? };
     print(args, &report);
     if setup.prepared.tracers.device.is_none() && !args.policies {
-        eprintln!("RA HYBRID is left out: no hardware GPU is in use (choose an adapter with --adapter)");
+        stderr_line!("RA HYBRID is left out: no hardware GPU is in use (choose an adapter with --adapter)");
     }
     write(args.shot.json.as_deref(), Some(&args.scene), &report.rows)?;
     let whole = report.differing.is_empty() && report.rows.iter().all(|row| row.events.is_empty());
@@ -30,7 +30,7 @@ pub fn run(args: &BenchFrameArgs) -> Result<Outcome> {
 
 fn print(args: &BenchFrameArgs, report: &Report) {
     let (width, height) = args.size;
-    println!(
+    stdout_line!(
         "{width}x{height}, {} spp, at most {} bounces: {} rays ({} camera, {} continuation, {} shadow)",
         args.spp,
         args.max_bounces,
@@ -39,12 +39,19 @@ fn print(args: &BenchFrameArgs, report: &Report) {
         report.rays.continuation,
         report.rays.shadow
     );
-    println!(
+    stdout_line!(
         "{:<17} {:>7} {:>9} {:>9} {:>9} {:>9} {:>9} {:>6}  unit",
-        "configuration", "threads", "Mray/s", "best", "worst", "ms", "shade ns", "ratio"
+        "configuration",
+        "threads",
+        "Mray/s",
+        "best",
+        "worst",
+        "ms",
+        "shade ns",
+        "ratio"
     );
     for row in &report.rows {
-        println!(
+        stdout_line!(
             "{:<17} {:>7} {:>9.3} {:>9.3} {:>9.3} {:>9.1} {:>9} {:>6.3}  {}",
             row.configuration,
             row.threads,
@@ -57,14 +64,14 @@ fn print(args: &BenchFrameArgs, report: &Report) {
             row.unit
         );
         for event in &row.events {
-            eprintln!("degraded: {}: {event}", row.configuration);
+            stderr_line!("degraded: {}: {event}", row.configuration);
         }
     }
     let hash = report.rows.first().map_or("", |row| &row.hash);
     if report.differing.is_empty() {
-        println!("all {} pictures have the hash {hash}", report.rows.len() * (args.repeats as usize + 1));
+        stdout_line!("all {} pictures have the hash {hash}", report.rows.len() * (args.repeats as usize + 1));
     }
     for (configuration, other) in &report.differing {
-        eprintln!("the pictures differ: {configuration} has the hash {other}, the first one {hash}");
+        stderr_line!("the pictures differ: {configuration} has the hash {other}, the first one {hash}");
     }
 }

@@ -14,6 +14,7 @@ mod textures;
 
 use super::Outcome;
 use super::args::{BenchCommand, SceneArgs, ShotArgs};
+use super::outputs::Outputs;
 use super::setup::Setup;
 use super::stats::{self, SCHEMA};
 use crate::engine::Units;
@@ -25,6 +26,8 @@ use std::path::Path;
 
 /// Runs a measurement.
 pub fn run(command: &BenchCommand) -> Result<Outcome> {
+    let scenes = command.scenes().into_iter().map(|scene| ("the scene", Some(scene)));
+    Outputs::check([("--json", command.json())], scenes)?;
     match command {
         BenchCommand::Rays(args) => rays::run(args).map(|()| Outcome::Done),
         BenchCommand::Build(args) => build::run(args).map(|()| Outcome::Done),

@@ -18,16 +18,27 @@ pub fn run(args: &BenchNoiseArgs) -> Result<()> {
         policy: setup.policy,
     };
     let rows = Bench { prepared: &setup.prepared, service: &setup.service, options }.run()?;
-    println!(
+    stdout_line!(
         "{width}x{height}, {} spp, at most {} bounces, {} seeds, reference of {} spp; a picture:",
-        args.spp, args.max_bounces, args.rounds, args.reference_spp
+        args.spp,
+        args.max_bounces,
+        args.rounds,
+        args.reference_spp
     );
-    println!(
+    stdout_line!(
         "{:<17} {:>7} {:>8} {:>8} {:>9} {:>9} {:>11} {:>9} {:>6}",
-        "paths end by", "threads", "Mpath/s", "s", "error", "robust", "error x s", "robust", "ratio"
+        "paths end by",
+        "threads",
+        "Mpath/s",
+        "s",
+        "error",
+        "robust",
+        "error x s",
+        "robust",
+        "ratio"
     );
     for row in &rows {
-        println!(
+        stdout_line!(
             "{:<17} {:>7} {:>8.3} {:>8.3} {:>9.5} {:>9.5} {:>11.5} {:>9.5} {:>6.2}",
             row.configuration,
             row.threads,

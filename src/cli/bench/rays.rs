@@ -1,7 +1,7 @@
 //! `raystream bench rays`.
 
 use super::super::args::{BenchRaysArgs, SceneView};
-use super::super::stats;
+use super::super::{printing, stats};
 use super::{Provenance, SceneRow};
 use crate::bench::embree::Embree;
 use crate::bench::rays::{Agreement, Options, Report, Row, Summary, run as measure, summarise};
@@ -47,6 +47,9 @@ pub fn run(args: &BenchRaysArgs) -> Result<()> {
     let embree = args.peers.library.load()?;
     let mut reports = Vec::new();
     for view in &args.scenes {
+        if printing::is_unread() && args.peers.json.is_none() {
+            return Ok(());
+        }
         let report = one_scene(view, args, &units, embree.as_ref(), &options)?;
         print(view, &report);
         reports.push((name(view), report));
@@ -96,15 +99,21 @@ fn name(view: &SceneView) -> String {
 }
 
 fn print(view: &SceneView, report: &Report) {
-    println!("{}", view.scene.display());
-    println!(
+    stdout_line!("{}", view.scene.display());
+    stdout_line!(
         "{:<16} {:<30} {:<8} {:>7} {:>9} {:>9} {:>9}  ratio to",
-        "rays", "unit", "order", "threads", "Mray/s", "best", "worst"
+        "rays",
+        "unit",
+        "order",
+        "threads",
+        "Mray/s",
+        "best",
+        "worst"
     );
     for row in &report.rows {
         let ratios: Vec<String> = row.ratio.iter().map(|(peer, r)| format!("{peer} {r:.2}")).collect();
         let speed = row.mray_per_s;
-        println!(
+        stdout_line!(
             "{:<16} {:<30} {:<8} {:>7} {:>9.2} {:>9.2} {:>9.2}  {}",
             row.kind.name(),
             unit(&row.unit, row.simd),
@@ -117,10 +126,10 @@ fn print(view: &SceneView, report: &Report) {
         );
     }
     if report.rows.iter().any(|row| row.alpha_test) {
-        println!("all rays with the alpha test of the scene's masks");
+        stdout_line!("all rays with the alpha test of the scene's masks");
     }
     for agreement in &report.agreement {
-        println!(
+        stdout_line!(
             "{}: {} of {} rays differ from Embree's robust mode in hit or miss, {} in distance",
             agreement.kind.name(),
             agreement.hit_or_miss,
@@ -131,12 +140,18 @@ fn print(view: &SceneView, report: &Report) {
 }
 
 fn print_summary(summaries: &[Summary]) {
-    println!(
+    stdout_line!(
         "{:<16} {:<30} {:>7} {:>13} {:>6} {:>14} {:>6}  in",
-        "rays", "unit", "threads", "ratio to", "scenes", "geometric mean", "least"
+        "rays",
+        "unit",
+        "threads",
+        "ratio to",
+        "scenes",
+        "geometric mean",
+        "least"
     );
     for summary in summaries {
-        println!(
+        stdout_line!(
             "{:<16} {:<30} {:>7} {:>13} {:>6} {:>14.2} {:>6.2}  {}",
             summary.kind.name(),
             unit(&summary.unit, summary.simd),

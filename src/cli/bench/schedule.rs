@@ -15,12 +15,20 @@ pub fn run(args: &BenchScheduleArgs) -> Result<()> {
         rounds: args.rounds as usize,
     };
     let rows = measure(&options)?;
-    println!(
+    stdout_line!(
         "{:>7} {:>8} {:>9} {:>9} {:>12} {:>13} {:>9} {:>9} {:>7}",
-        "threads", "load us", "timeline", "tasks", "tasks/s", "overhead ns", "best", "worst", "busy"
+        "threads",
+        "load us",
+        "timeline",
+        "tasks",
+        "tasks/s",
+        "overhead ns",
+        "best",
+        "worst",
+        "busy"
     );
     for row in &rows {
-        println!(
+        stdout_line!(
             "{:>7} {:>8} {:>9} {:>9} {:>12.0} {:>13.0} {:>9.0} {:>9.0} {:>7.3}",
             row.threads,
             row.load_us,

@@ -23,13 +23,20 @@ pub fn run(args: &BenchSmallArgs) -> Result<()> {
     };
     let embree = args.library.load()?;
     let rows = measure(&mesh, &workload, embree.as_ref(), (positions, triangles), &options)?;
-    println!("{} triangles", triangles.len());
-    println!(
+    stdout_line!("{} triangles", triangles.len());
+    stdout_line!(
         "{:<16} {:<24} {:>7} {:>11} {:>12} {:>12} {:>12} {:>9}",
-        "rays", "unit", "threads", "rays a call", "call, ns", "best", "worst", "ray, ns"
+        "rays",
+        "unit",
+        "threads",
+        "rays a call",
+        "call, ns",
+        "best",
+        "worst",
+        "ray, ns"
     );
     for row in &rows {
-        println!(
+        stdout_line!(
             "{:<16} {:<24} {:>7} {:>11} {:>12.0} {:>12.0} {:>12.0} {:>9.1}",
             row.kind.name(),
             row.unit,

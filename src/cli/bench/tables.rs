@@ -34,25 +34,33 @@ pub fn run(args: &BenchTablesArgs) -> Result<()> {
 }
 
 fn kernel_table(args: &BenchTablesArgs, rows: &mut Vec<Row>) {
-    println!("a ray/triangle test by kernel, ns (RTRT, Table 1)");
-    println!("{:<40} {:>8} {:>8} {:>8}", "kernel", "least", "most", "speedup");
+    stdout_line!("a ray/triangle test by kernel, ns (RTRT, Table 1)");
+    stdout_line!("{:<40} {:>8} {:>8} {:>8}", "kernel", "least", "most", "speedup");
     for row in kernels::run(args.rounds as usize) {
-        println!(
+        stdout_line!(
             "{:<40} {:>8.2} {:>8.2} {:>8.2}",
-            row.kernel, row.least_ns.median, row.most_ns.median, row.speedup
+            row.kernel,
+            row.least_ns.median,
+            row.most_ns.median,
+            row.speedup
         );
         rows.push(Row::Kernel(row));
     }
 }
 
 fn packet_table(args: &BenchTablesArgs, setup: &Setup, camera: &Camera, rows: &mut Vec<Row>) -> Result<()> {
-    println!("\nvisits that packets of camera rays add (RTRT, Table 2)");
-    println!(
+    stdout_line!("\nvisits that packets of camera rays add (RTRT, Table 2)");
+    stdout_line!(
         "{:<8} {:>10} {:>10} {:>10} {:>9} {:>9}",
-        "packet", "resolution", "nodes/ray", "blocks/ray", "nodes", "blocks"
+        "packet",
+        "resolution",
+        "nodes/ray",
+        "blocks/ray",
+        "nodes",
+        "blocks"
     );
     for row in packets::run(&setup.prepared.bvh, camera, args.resolution)? {
-        println!(
+        stdout_line!(
             "{:<8} {:>10} {:>10.1} {:>10.1} {:>8.1}% {:>8.1}%",
             format!("{0}x{0}", row.packet),
             row.resolution,
@@ -67,15 +75,21 @@ fn packet_table(args: &BenchTablesArgs, setup: &Setup, camera: &Camera, rows: &m
 }
 
 fn effect_table(args: &BenchTablesArgs, setup: &Setup, camera: &Camera, rows: &mut Vec<Row>) -> Result<()> {
-    println!("\nreflections and shadows of three lights, Whitted (RTRT, section 6.2)");
-    println!(
+    stdout_line!("\nreflections and shadows of three lights, Whitted (RTRT, section 6.2)");
+    stdout_line!(
         "{:<26} {:>9} {:>9} {:>9} {:>9} {:>9} {:>8}",
-        "frame", "camera", "reflected", "shadow", "ms", "Mray/s", "times"
+        "frame",
+        "camera",
+        "reflected",
+        "shadow",
+        "ms",
+        "Mray/s",
+        "times"
     );
     let (width, height) = (args.resolution, args.resolution);
     let settings = Settings { width, height, spp: 1, max_bounces: args.max_bounces, seed: 0 };
     for row in effects::run(&setup.prepared, &setup.service, camera, settings, args.rounds as usize)? {
-        println!(
+        stdout_line!(
             "{:<26} {:>9} {:>9} {:>9} {:>9.1} {:>9.2} {:>8.2}",
             row.configuration,
             row.camera,
@@ -91,12 +105,12 @@ fn effect_table(args: &BenchTablesArgs, setup: &Setup, camera: &Camera, rows: &m
 }
 
 fn complexity_table(args: &BenchTablesArgs, rows: &mut Vec<Row>) -> Result<()> {
-    println!("\nhills of more and more triangles, one thread (RTRT, Figure 5)");
-    println!("{:>10} {:>10} {:>14} {:>14}", "triangles", "build ms", "camera Mray/s", "bounce Mray/s");
+    stdout_line!("\nhills of more and more triangles, one thread (RTRT, Figure 5)");
+    stdout_line!("{:>10} {:>10} {:>14} {:>14}", "triangles", "build ms", "camera Mray/s", "bounce Mray/s");
     let cells = complexity::CELLS.iter().copied();
     let cells: Vec<u32> = cells.filter(|&n| u64::from(n) * u64::from(n) * 2 <= args.most_triangles).collect();
     for row in complexity::run(&cells, args.resolution, args.rounds as usize)? {
-        println!(
+        stdout_line!(
             "{:>10} {:>10.1} {:>14.2} {:>14.2}",
             row.triangles,
             row.build_s * 1e3,

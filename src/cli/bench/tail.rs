@@ -19,13 +19,19 @@ pub fn run(args: &BenchTailArgs) -> Result<()> {
         policy: setup.policy,
     };
     let rows = Bench { prepared: &setup.prepared, service: &setup.service, options }.run()?;
-    println!("{width}x{height}, {} spp, at most {} bounces; a frame:", args.spp, args.max_bounces);
-    println!(
+    stdout_line!("{width}x{height}, {} spp, at most {} bounces; a frame:", args.spp, args.max_bounces);
+    stdout_line!(
         "{:<26} {:>7} {:>9} {:>9} {:>9} {:>12} {:>7}",
-        "configuration", "threads", "ms", "idle ms", "worst", "in the tail", "busy"
+        "configuration",
+        "threads",
+        "ms",
+        "idle ms",
+        "worst",
+        "in the tail",
+        "busy"
     );
     for row in &rows {
-        println!(
+        stdout_line!(
             "{:<26} {:>7} {:>9.1} {:>9.2} {:>9.2} {:>12} {:>7.3}",
             row.configuration,
             row.threads,

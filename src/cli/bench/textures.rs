@@ -18,13 +18,19 @@ pub fn run(args: &BenchTexturesArgs) -> Result<()> {
         rounds: args.rounds as usize,
     };
     let rows = Bench { prepared: &setup.prepared, service: &setup.service, options }.run()?;
-    println!("{width}x{height}, {} spp, at most {} bounces; a frame:", args.spp, args.max_bounces);
-    println!(
+    stdout_line!("{width}x{height}, {} spp, at most {} bounces; a frame:", args.spp, args.max_bounces);
+    stdout_line!(
         "{:<28} {:>7} {:>11} {:>9} {:>7} {:>11} {:>6}",
-        "configuration", "threads", "MB texels", "ms", "ns/ray", "of shading", "ratio"
+        "configuration",
+        "threads",
+        "MB texels",
+        "ms",
+        "ns/ray",
+        "of shading",
+        "ratio"
     );
     for row in &rows {
-        println!(
+        stdout_line!(
             "{:<28} {:>7} {:>11.1} {:>9.1} {:>7.1} {:>11.1} {:>6.3}",
             row.configuration,
             row.threads,

@@ -33,16 +33,19 @@ struct Names {
 }
 
 impl Animation {
-    /// Refuses options that exclude an animation, before the scene is read. Returns whether there is an animation.
-    pub fn check(args: &RenderArgs) -> Result<bool> {
-        let FramesArgs { frames, turntable, .. } = &args.animation;
-        if frames.is_none() {
-            return Ok(false);
-        }
-        Names::new(&args.output)?;
-        if let Some(degrees) = turntable {
-            ensure!(degrees.is_finite(), "--turntable {degrees}: give a finite angle");
-        }
+    /// Refuses options that exclude each other, before the scene is read. Returns the pictures to be written.
+    pub fn check(args: &RenderArgs) -> Result<Vec<PathBuf>> {
+        let FramesArgs { frames, .. } = &args.animation;
+        let names = Names::new(&args.output);
+        let Some(frames) = frames.clone() else {
+            ensure!(
+                names.is_err(),
+                "{}: the name has a place for a frame number, but there is one picture; add --frames A..B",
+                args.output.display()
+            );
+            return Ok(vec![args.output.clone()]);
+        };
+        let names = names?;
         if args.progress.seconds.is_some() {
             bail!(
                 "--seconds is for single pictures, because frames would differ in quality from machine to machine; \
@@ -54,7 +57,7 @@ impl Animation {
                 "--save-every is for single pictures; each frame of an animation is written once, when it is finished"
             );
         }
-        Ok(true)
+        Ok(frames.map(|frame| names.of(frame)).collect())
     }
 
     /// The animation that the options describe, if any; `own` is the camera of a still picture.

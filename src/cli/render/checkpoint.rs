@@ -2,7 +2,7 @@
 
 use crate::cli::args::{ProgressArgs, RenderArgs};
 use crate::cli::setup::Setup;
-use crate::files::write_atomically;
+use crate::files;
 use crate::render::{Identity, Integrator, PassOptions, Progressive, Settings};
 use crate::scene::{Camera, FINGERPRINT_VERSION};
 use anyhow::{Context, Result, bail};
@@ -82,7 +82,7 @@ impl Checkpoint {
 
     /// Writes the checkpoint. After a crash the file is either the previous checkpoint or this one.
     pub fn write<I: Integrator>(&self, frame: &Progressive<I>) -> Result<()> {
-        write_atomically(&self.path, |file| {
+        files::write(&self.path, |file| {
             frame.save(&self.identity, &mut *file)?;
             // The data must reach the disk before the name does.
             file.flush()?;

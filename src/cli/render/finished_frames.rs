@@ -4,7 +4,7 @@ use super::animation::Animation;
 use super::checkpoint::identity;
 use crate::cli::args::RenderArgs;
 use crate::cli::setup::Setup;
-use crate::files::write_atomically;
+use crate::files;
 use crate::render::{CHECKPOINT_VERSION, CheckpointError, Identity, Settings};
 use anyhow::{Context, Result};
 use serde::{Deserialize, Serialize};
@@ -16,6 +16,8 @@ use std::path::PathBuf;
 pub struct FinishedFrames {
     path: PathBuf,
     content: Content,
+    /// Whether the file has another content.
+    has_changed: bool,
 }
 
 /// The file's content.
@@ -63,7 +65,7 @@ impl FinishedFrames {
             }
             _ => none,
         };
-        Ok(Some(Self { path, content }))
+        Ok(Some(Self { path, content, has_changed: false }))
     }
 
     /// The hash of a frame finished with the same camera, if its picture still exists.
@@ -73,16 +75,25 @@ impl FinishedFrames {
         (same && animation.file(frame).exists()).then_some(hash)
     }
 
-    /// Records that a frame is finished and written.
-    pub fn note(&mut self, animation: &Animation, frame: u32, hash: &str) -> Result<()> {
+    /// Notes that a frame is finished and its picture written.
+    pub fn note(&mut self, animation: &Animation, frame: u32, hash: &str) {
         let camera = animation.camera(frame).to_string();
         self.content.done.insert(frame, (camera, hash.to_owned()));
+        self.has_changed = true;
+    }
+
+    /// Writes the notes, if there are new ones.
+    pub fn write(&mut self) -> Result<()> {
+        if !self.has_changed {
+            return Ok(());
+        }
         let text = serde_json::to_vec_pretty(&self.content)?;
-        write_atomically(&self.path, |file| {
+        files::write(&self.path, |file| {
             file.write_all(&text)?;
             file.flush()?;
             file.get_ref().sync_all()
         })?;
+        self.has_changed = false;
         Ok(())
     }
 }

@@ -2,8 +2,8 @@
 
 use super::animation::Animation;
 use super::finished_frames::FinishedFrames;
-use super::submit;
 use super::totals::Totals;
+use super::{insist, submit, warn_of_clamped};
 use crate::cli::args::RenderArgs;
 use crate::cli::progress::{Bar, POLL_INTERVAL};
 use crate::cli::setup::Setup;
@@ -38,7 +38,8 @@ pub fn run<I: Integrator>(
     let options = PassOptions { noise: args.progress.noise, pass_time: None };
     let mut shots: VecDeque<Shot<I>> = VecDeque::new();
     let mut todo = animation.frames.clone();
-    let (mut totals, mut done, mut dropped_splats) = (Totals::default(), Vec::new(), 0);
+    let (mut totals, mut done, mut dropped_splats, mut clamped_splats) =
+        (Totals::default(), Vec::new(), 0, 0);
     totals.events.extend(setup.prepared.degraded.clone());
     let meters = Meters::start();
     let recorder = args.timeline.as_ref().and_then(|_| Recorder::start());
@@ -72,14 +73,24 @@ pub fn run<I: Integrator>(
             continue;
         }
         let shot = shots.pop_front().expect("the queue is not empty");
-        dropped_splats += shot.picture.picture().dropped_splats();
+        let film = shot.picture.picture();
+        dropped_splats += film.dropped_splats();
+        clamped_splats += film.clamped_splats();
         let written = shot.write(args, animation)?;
         if let Some(finished) = &mut finished {
-            finished.note(animation, shot.frame, &written.hash)?;
+            finished.note(animation, shot.frame, &written.hash);
+            // The last one is written below, and again and again if it fails.
+            if let Err(error) = finished.write() {
+                log::warn!("{error:#}; rendering goes on, and the next try is after the next frame");
+            }
         }
         done.push(written);
     }
     drop((bar, shots));
+    if let Some(Err(error)) = finished.map(|mut finished| insist(|| finished.write())) {
+        totals.events.push(format!("{error:#}; a run that resumes renders frames again"));
+    }
+    totals.events.extend(setup.idle_fault());
     totals.joules = meters.joules();
     let recorded = recorder.map_or_else(Vec::new, Recorder::finish);
     done.sort_by_key(|frame| frame.frame);
@@ -87,6 +98,7 @@ pub fn run<I: Integrator>(
         frames: done,
         frames_in_flight: in_flight,
         dropped_splats,
+        clamped_splats,
         ..summarise(setup, settings, &mut totals)
     };
     if let Some(path) = &args.timeline {
@@ -140,7 +152,7 @@ impl<I: Integrator> Shot<I> {
     fn write(&self, args: &RenderArgs, animation: &Animation) -> Result<FrameStats> {
         let film = self.picture.picture();
         let image = Image { width: film.width(), height: film.height(), pixels: film.resolve() };
-        write_image(&animation.file(self.frame), &image, args.exposure)?;
+        insist(|| write_image(&animation.file(self.frame), &image, args.exposure))?;
         Ok(FrameStats {
             frame: self.frame,
             hash: image.hash(),
@@ -172,6 +184,7 @@ fn summarise(setup: &Setup, settings: &Settings, totals: &mut Totals) -> FramesS
         threads: totals.thread_stats(),
         busy_share: totals.busy_share(),
         dropped_splats: 0,
+        clamped_splats: 0,
         peak_memory_bytes: stats::peak_memory_bytes(),
         memory: totals.memory(setup),
         peak_rays_in_flight: totals.peak_rays_in_flight as u64,
@@ -187,9 +200,9 @@ fn print(animation: &Animation, stats: &FramesStats) {
         let took = frame
             .seconds
             .map_or_else(|| "finished in an earlier run".into(), |seconds| format!("{seconds:.2} s"));
-        println!("{}: {took}, hash {}", animation.file(frame.frame).display(), frame.hash);
+        stdout_line!("{}: {took}, hash {}", animation.file(frame.frame).display(), frame.hash);
     }
-    println!(
+    stdout_line!(
         "{} frames of {}x{}, {} spp, {:.1} s on the CPU ({}){}: {:.2} Mray/s, {:.2} Mpath/s, host threads busy {:.1} %",
         stats.frames.len(),
         stats.width,
@@ -203,9 +216,10 @@ fn print(animation: &Animation, stats: &FramesStats) {
         100.0 * stats.busy_share
     );
     for event in &stats.events {
-        eprintln!("degraded: {event}");
+        stderr_line!("degraded: {event}");
     }
+    warn_of_clamped(stats.clamped_splats);
     if stats.dropped_splats > 0 {
-        println!("dropped {} splats that were not finite", stats.dropped_splats);
+        stdout_line!("dropped {} splats that were not finite", stats.dropped_splats);
     }
 }

@@ -9,39 +9,42 @@ mod totals;
 
 use super::Outcome;
 use super::args::RenderArgs;
+use super::outputs::Outputs;
 use super::setup::{RAISE_MEMORY, Setup};
 use super::timeline;
 use crate::cli::registry::{IntegratorParams, Registry};
-use crate::film::{Film, Format};
+use crate::film::{Film, Format, MAX_RADIANCE};
 use crate::render::{Integrator, PASSES_IN_FLIGHT, ROULETTE_BOUNCES, Settings};
 use crate::scene::{Camera, Scene};
 use crate::schedule::{JobHandle, JobOptions, LimitsError};
 use animation::Animation;
-use anyhow::{Context, Result, bail};
-use std::path::Path;
+use anyhow::{Context, Result};
+use std::fmt::Display;
+use std::path::PathBuf;
 use std::sync::Arc;
+use std::time::Duration;
 
 /// Renders a scene to one picture or an animation.
 pub fn run(args: &RenderArgs, registry: &Registry) -> Result<Outcome> {
     Format::of(&args.output)?;
-    check_folders(
-        &[Some(&args.output), args.stats.as_ref(), args.timeline.as_ref(), args.progress.checkpoint.as_ref()]
-            .map(|p| p.map(|p| &**p)),
-    )?;
+    let pictures = Animation::check(args)?;
+    let outputs = check_files(args, &pictures)?;
     checkpoint::check(&args.progress)?;
     if let Some(path) = &args.timeline {
         timeline::Format::of(path)?;
     }
-    let pictures = if Animation::check(args)? { args.animation.frames_in_flight as usize } else { 1 };
+    let in_flight =
+        if args.animation.frames.is_some() { args.animation.frames_in_flight as usize } else { 1 };
     let (width, height) = args.size;
     let aspect = width as f32 / height as f32;
     let mut animation = None;
     let still = |scene: &Scene| args.camera.apply(scene.camera, || Camera::framing(&scene.bounds(), aspect));
-    let picture_bytes = pictures as u64 * picture_bytes(width, height);
+    let picture_bytes = in_flight as u64 * picture_bytes(width, height);
     let picture = format!("a picture of {width}x{height} pixels");
     args.loading.memory().check(picture, picture_bytes).context(RAISE_MEMORY)?;
-    let max_jobs = pictures * PASSES_IN_FLIGHT;
+    let max_jobs = in_flight * PASSES_IN_FLIGHT;
     let setup = Setup::new(&args.scene, &args.loading, picture_bytes, &args.units, max_jobs, |scene| {
+        outputs.check_files_of(scene)?;
         registry.apply_surfaces(scene);
         animation = Animation::new(args, scene, still(scene))?;
         args.light.apply_environment(scene, &args.loading.options())
@@ -55,10 +58,10 @@ pub fn run(args: &RenderArgs, registry: &Registry) -> Result<Outcome> {
     registry.run(&args.integrator, params, RenderRequest { args, setup: &setup, animation, camera })
 }
 
-/// Bytes that a picture takes until it is written: the film, the films of passes, their sum, noise, and the encoded
+/// Bytes that a picture takes until it is written: the film, the films of passes and of their earlier parts, their sum, noise, and the encoded
 /// file.
 fn picture_bytes(width: u32, height: u32) -> u64 {
-    let films = 2 + PASSES_IN_FLIGHT as u64;
+    let films = 2 + 2 * PASSES_IN_FLIGHT as u64;
     films * Film::bytes(width, height) + 24 * u64::from(width) * u64::from(height)
 }
 
@@ -92,14 +95,44 @@ fn submit<I: Integrator>(
     setup.prepared.submit(&setup.service, Arc::clone(integrator), options)
 }
 
-/// Refuses outputs that cannot be written, before time is spent on rendering.
-fn check_folders(paths: &[Option<&Path>]) -> Result<()> {
-    for path in paths.iter().flatten() {
-        let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        if path.is_dir() {
-            bail!("{}: cannot be written: it is a directory", path.display());
+/// Refuses files that cannot be written or would overwrite others, before time is spent on rendering.
+fn check_files(args: &RenderArgs, pictures: &[PathBuf]) -> Result<Outputs> {
+    let pictures = pictures.iter().map(|picture| ("-o", Some(&**picture)));
+    let others = [
+        ("--stats", args.stats.as_deref()),
+        ("--timeline", args.timeline.as_deref()),
+        ("--checkpoint", args.progress.checkpoint.as_deref()),
+    ];
+    let inputs = [
+        ("the scene", Some(&*args.scene)),
+        ("the environment", args.light.env_file()),
+        ("the camera path", args.animation.camera_path.as_deref()),
+    ];
+    Outputs::check(pictures.chain(others), inputs)
+}
+
+/// How often something is written that cannot be lost, and the pause between two tries.
+const TRIES: u32 = 3;
+const PAUSE: Duration = Duration::from_secs(1);
+
+/// Tries to write something that rendering cannot make good any more: a disk may be full for a moment only.
+fn insist<E: Display>(mut write: impl FnMut() -> Result<(), E>) -> Result<(), E> {
+    for _ in 1..TRIES {
+        match write() {
+            Ok(()) => return Ok(()),
+            Err(error) => log::warn!("{error:#}; the next try is in {} s", PAUSE.as_secs()),
         }
-        tempfile::tempfile_in(folder).with_context(|| format!("{}: cannot be written", path.display()))?;
+        std::thread::sleep(PAUSE);
     }
-    Ok(())
+    write()
+}
+
+/// Warns of radiance that the film cannot hold.
+fn warn_of_clamped(splats: u64) {
+    if splats > 0 {
+        log::warn!(
+            "{splats} splats brighter than {MAX_RADIANCE} were clamped to it, so the picture is too dark there; scale \
+             the scene's lights down"
+        );
+    }
 }

@@ -1,8 +1,8 @@
 //! A single picture.
 
 use super::checkpoint::Checkpoint;
-use super::submit;
 use super::totals::Totals;
+use super::{insist, submit, warn_of_clamped};
 use crate::cli::args::RenderArgs;
 use crate::cli::progress::{Bar, POLL_INTERVAL};
 use crate::cli::setup::Setup;
@@ -14,7 +14,7 @@ use crate::render::{Integrator, PICTURE_VERSION, PassOptions, Progressive};
 use crate::scene::Camera;
 use anyhow::{Context, Result};
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// Renders the integrator's frame, in passes if pictures or checkpoints are written meanwhile.
 pub fn run<I: Integrator>(
@@ -24,8 +24,9 @@ pub fn run<I: Integrator>(
     integrator: I,
 ) -> Result<Outcome> {
     let interval = args.progress.interval();
-    // Two passes are in flight between two saves.
-    let options = PassOptions { noise: args.progress.noise, pass_time: interval.map(|time| time / 2) };
+    // Two passes are in flight between two saves. The first is short, so that there is a picture when time is.
+    let pass_time = interval.map(|time| time / 2).or(args.progress.seconds);
+    let options = PassOptions { noise: args.progress.noise, pass_time };
     let checkpoint = Checkpoint::of(args, setup, camera, &integrator);
     let mut bar = Bar::new(integrator.frame().tiles());
     let mut frame = match &checkpoint {
@@ -40,7 +41,7 @@ pub fn run<I: Integrator>(
     interrupt::listen();
     loop {
         if end == End::Complete {
-            end = End::now(args, started);
+            end = End::now(args, started, frame.passes());
             if end != End::Complete {
                 frame.stop();
             }
@@ -53,8 +54,8 @@ pub fn run<I: Integrator>(
         let Some(report) = frame.finish_pass().context("the frame failed")? else { break };
         bar.finish_job(report.tiles_spawned, report.rays.total());
         totals.add(&report);
-        if interval.is_some_and(|time| saved.elapsed() >= time) {
-            save(args, checkpoint.as_ref(), &frame)?;
+        if let Some(time) = interval.filter(|time| saved.elapsed() >= *time) {
+            save_meanwhile(args, checkpoint.as_ref(), &frame, time);
             saved = Instant::now();
         }
     }
@@ -64,7 +65,15 @@ pub fn run<I: Integrator>(
     let recorded = recorder.map_or_else(Vec::new, Recorder::finish);
 
     let started = Instant::now();
-    let (image, film) = save(args, checkpoint.as_ref(), &frame)?;
+    let (film, image) = develop(&frame);
+    // The checkpoint first: a resumed frame never has fewer samples than the picture that it replaces.
+    if let Some(Err(error)) = checkpoint.map(|checkpoint| insist(|| checkpoint.write(&frame))) {
+        totals
+            .events
+            .push(format!("{error:#}; a run that resumes starts from an earlier checkpoint or anew"));
+    }
+    insist(|| write_image(&args.output, &image, args.exposure))?;
+    totals.events.extend(setup.idle_fault());
     let seconds = Seconds {
         load: setup.load_s,
         build: setup.build_s,
@@ -87,7 +96,7 @@ pub fn run<I: Integrator>(
 enum End {
     /// All samples have been taken.
     Complete,
-    /// `--seconds` have passed.
+    /// `--seconds` have passed, and every pixel has a sample.
     Time,
     /// Ctrl-C.
     Interrupted,
@@ -95,10 +104,11 @@ enum End {
 
 impl End {
     /// Whether something ends rendering before it is complete.
-    fn now(args: &RenderArgs, started: Instant) -> Self {
+    fn now(args: &RenderArgs, started: Instant, passes: u64) -> Self {
+        let is_late = args.progress.seconds.is_some_and(|time| started.elapsed() >= time);
         if interrupt::requested() {
             Self::Interrupted
-        } else if args.progress.seconds.is_some_and(|time| started.elapsed() >= time) {
+        } else if is_late && passes > 0 {
             Self::Time
         } else {
             Self::Complete
@@ -106,19 +116,26 @@ impl End {
     }
 }
 
-/// Writes the picture and the checkpoint.
-fn save<I: Integrator>(
+/// The film and the picture so far.
+fn develop<I: Integrator>(frame: &Progressive<I>) -> (Arc<Film>, Image) {
+    let film = frame.picture();
+    let image = Image { width: film.width(), height: film.height(), pixels: film.resolve() };
+    (film, image)
+}
+
+/// Writes the checkpoint and the picture while rendering goes on. A failure is told, because the disk may have space
+/// again the next time.
+fn save_meanwhile<I: Integrator>(
     args: &RenderArgs,
     checkpoint: Option<&Checkpoint>,
     frame: &Progressive<I>,
-) -> Result<(Image, Arc<Film>)> {
-    let film = frame.picture();
-    let image = Image { width: film.width(), height: film.height(), pixels: film.resolve() };
-    write_image(&args.output, &image, args.exposure)?;
-    if let Some(checkpoint) = checkpoint {
-        checkpoint.write(frame)?;
+    interval: Duration,
+) {
+    let kept = checkpoint.map_or(Ok(()), |checkpoint| checkpoint.write(frame));
+    let shown = write_image(&args.output, &develop(frame).1, args.exposure);
+    for error in [kept.err(), shown.err().map(Into::into)].into_iter().flatten() {
+        log::warn!("{error:#}; rendering goes on, and the next try is in {:.1} s", interval.as_secs_f64());
     }
-    Ok((image, film))
 }
 
 fn summarise<I: Integrator>(
@@ -162,6 +179,7 @@ fn summarise<I: Integrator>(
         tail_idle_share: totals.tail_idle_share,
         tail_s: totals.tail_s,
         dropped_splats: film.dropped_splats(),
+        clamped_splats: film.clamped_splats(),
         peak_memory_bytes: stats::peak_memory_bytes(),
         memory: totals.memory(setup),
         peak_rays_in_flight: totals.peak_rays_in_flight as u64,
@@ -183,7 +201,7 @@ fn print(args: &RenderArgs, stats: &RenderStats) {
         Some(adapter) => format!("the CPU ({}) and {adapter}", stats.simd),
         None => format!("the CPU ({})", stats.simd),
     };
-    println!(
+    stdout_line!(
         "{}: {}x{}, {samples} spp, {:.1} s on {units}: {:.2} Mray/s, {:.2} Mpath/s, hash {}",
         args.output.display(),
         image.width,
@@ -194,7 +212,7 @@ fn print(args: &RenderArgs, stats: &RenderStats) {
         image.hash
     );
     if let Some(noise) = &stats.noise {
-        println!(
+        stdout_line!(
             "relative standard error {:.2} %, worst block {:.2} %; {} of {} blocks converged early",
             100.0 * noise.mean,
             100.0 * noise.worst,
@@ -204,10 +222,11 @@ fn print(args: &RenderArgs, stats: &RenderStats) {
     }
     log_threads(stats);
     for event in &stats.events {
-        eprintln!("degraded: {event}");
+        stderr_line!("degraded: {event}");
     }
+    warn_of_clamped(stats.clamped_splats);
     if stats.dropped_splats > 0 {
-        println!("dropped {} splats that were not finite", stats.dropped_splats);
+        stdout_line!("dropped {} splats that were not finite", stats.dropped_splats);
     }
 }
 

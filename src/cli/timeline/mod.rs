@@ -4,7 +4,7 @@
 mod chrome;
 mod svg;
 
-use crate::files::write_atomically;
+use crate::files;
 use crate::schedule::{TaskKind, TaskRecord, ThreadKind, ThreadReport};
 use anyhow::{Result, bail};
 use std::io::Write as _;
@@ -63,7 +63,7 @@ impl Timeline {
             Format::Json => chrome::text(self),
             Format::Svg => svg::text(self),
         };
-        write_atomically(path, |file| file.write_all(text.as_bytes()))?;
+        files::write(path, |file| file.write_all(text.as_bytes()))?;
         Ok(())
     }
 

@@ -247,6 +247,7 @@ impl Encode for Scene {
             camera: _,
             camera_motion: _,
             warnings: _,
+            files: _,
         } = self;
         mesh.encode(to);
         materials.encode(to);

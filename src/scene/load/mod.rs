@@ -52,7 +52,7 @@ pub fn load(path: &Path) -> Result<Scene, LoadError> {
 pub fn load_with(path: &Path, options: &LoadOptions) -> Result<Scene, LoadError> {
     let mut session = Session::new(path, options);
     match scene(&mut session) {
-        Ok(scene) => Ok(Scene { warnings: session.warnings.into_list(), ..scene }),
+        Ok(scene) => Ok(Scene { warnings: session.warnings.into_list(), files: session.files, ..scene }),
         Err(problem) => Err(LoadError::new(problem, session.warnings.into_list())),
     }
 }

@@ -1,22 +1,33 @@
 //! What the parts of a loader share while one scene is loaded.
 
 use super::warnings::Warnings;
-use super::{LoadOptions, LoadProblem};
+use super::{LoadOptions, LoadProblem, read_named};
 use crate::memory::OutOfMemory;
 use crate::scene::{Mesh, MeshSize};
 use std::path::{Path, PathBuf};
 
-/// The scene's file, the options, the warnings so far, and the bytes that the scene holds so far.
+/// The scene's file, the options, the warnings and named files so far, and the bytes that the scene holds so far.
 pub(super) struct Session {
     pub(super) path: PathBuf,
     pub(super) options: LoadOptions,
     pub(super) warnings: Warnings,
+    pub(super) files: Vec<PathBuf>,
     held: u64,
 }
 
 impl Session {
     pub(super) fn new(path: &Path, options: &LoadOptions) -> Self {
-        Self { path: path.to_owned(), options: *options, warnings: Warnings::default(), held: 0 }
+        let warnings = Warnings::default();
+        Self { path: path.to_owned(), options: *options, warnings, files: Vec::new(), held: 0 }
+    }
+
+    /// Takes note of a file that the scene names, and reads its first `most` bytes.
+    ///
+    /// # Errors
+    /// When it cannot be read, is no regular file, or is too large for the budget.
+    pub(super) fn read_named(&mut self, path: &Path, most: u64) -> Result<Vec<u8>, LoadProblem> {
+        self.files.push(path.to_owned());
+        read_named(path, most, &self.options)
     }
 
     /// Counts `bytes` that the scene is about to hold, in addition to all that it holds already. `what` names them.

@@ -1,9 +1,9 @@
 //! The textures of a scene while it is loaded. Each image is decoded once. Uses of an image in different colour
 //! spaces or addressing modes are textures that share its texels.
 
+use super::LoadProblem;
 use super::decode::decode;
 use super::session::Session;
-use super::{LoadProblem, read_named};
 use crate::scene::{ColourSpace, Mipmap, Texture, Wrap};
 use image::DynamicImage;
 use std::collections::HashMap;
@@ -95,12 +95,12 @@ impl Textures {
         session: &mut Session,
         source: Source,
         name: &str,
-        bytes: impl FnOnce() -> Result<Vec<u8>, String>,
+        bytes: impl FnOnce(&mut Session) -> Result<Vec<u8>, String>,
     ) -> Result<usize, String> {
         if let Some(&image) = self.by_source.get(&source) {
             return Ok(image);
         }
-        let decoded = decode(&bytes()?, Path::new(name), |size| {
+        let decoded = decode(&bytes(session)?, Path::new(name), |size| {
             session.check(size.to_string(), size.bytes + WORKING_BYTES * size.texels())?;
             session.hold(size.to_string(), HELD_BYTES * size.texels())
         })?;
@@ -144,9 +144,8 @@ impl Textures {
     /// # Errors
     /// A sentence without the file's name.
     pub(super) fn file(&mut self, session: &mut Session, path: &Path) -> Result<usize, String> {
-        let options = session.options;
-        self.image(session, Source::File(path.to_owned()), &path.to_string_lossy(), || {
-            read_named(path, u64::MAX, &options).map_err(|problem| problem.to_string())
+        self.image(session, Source::File(path.to_owned()), &path.to_string_lossy(), |session| {
+            session.read_named(path, u64::MAX).map_err(|problem| problem.to_string())
         })
     }
 

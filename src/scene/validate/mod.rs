@@ -105,6 +105,7 @@ impl Scene {
             camera,
             camera_motion,
             warnings: _,
+            files: _,
         } = self;
         check_objects(objects)?;
         self.validate_textures()?;

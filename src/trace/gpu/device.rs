@@ -175,7 +175,13 @@ impl Gpu {
     /// Numbers a dispatch, from 1; returns the fault to inject into it.
     pub(super) fn next_dispatch(&self) -> (u64, Option<Fault>) {
         let number = self.history.dispatches.fetch_add(1, Ordering::Relaxed) + 1;
-        (number, self.history.fault.filter(|fault| fault.strikes(number)))
+        (number, self.history.fault.filter(|fault| fault.dispatch() == Some(number)))
+    }
+
+    /// The fault to inject, unless it has happened or cannot happen at a dispatch.
+    pub fn idle_fault(&self) -> Option<Fault> {
+        let dispatches = self.history.dispatches.load(Ordering::Relaxed);
+        self.history.fault.filter(|fault| fault.dispatch().is_some_and(|at| at > dispatches))
     }
 
     /// Whether the fault is injected that the device has no memory for scenes.

@@ -1,7 +1,7 @@
 //! Fault injection: makes a device fail at a chosen dispatch, so that the promises about failing devices can be tested.
 
-use super::layout::{Candidates, OCCLUDED};
-use crate::stream::{Hit, MISS};
+use crate::stream::Hit;
+use std::fmt::{Display, Formatter};
 use std::str::FromStr;
 
 /// A fault to inject, once. Dispatches are numbered from 1, over all threads and scenes of a device.
@@ -44,20 +44,34 @@ impl FromStr for Fault {
 }
 
 impl Fault {
-    /// Whether the fault happens at the dispatch of this number.
-    pub(super) fn strikes(self, dispatch: u64) -> bool {
+    /// The number of the dispatch at which the fault happens.
+    pub(super) fn dispatch(self) -> Option<u64> {
         match self {
-            Self::Lost(at) | Self::Hang(at) | Self::Corrupt(at) => at == dispatch,
-            Self::OutOfMemory => false,
+            Self::Lost(at) | Self::Hang(at) | Self::Corrupt(at) => Some(at),
+            Self::OutOfMemory => None,
         }
     }
 }
 
-/// Replaces a device's answers by wrong ones that look sound: every ray misses, and shadow rays find the opposite.
+/// The name that is parsed.
+impl Display for Fault {
+    fn fmt(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Lost(at) => write!(f, "gpu-lost@{at}"),
+            Self::Hang(at) => write!(f, "gpu-hang@{at}"),
+            Self::Corrupt(at) => write!(f, "gpu-corrupt@{at}"),
+            Self::OutOfMemory => f.write_str("gpu-oom"),
+        }
+    }
+}
+
+/// Replaces canonical answers by wrong ones that look sound, every one of them: rays that hit something miss, those
+/// that miss hit the first triangle, and shadow rays find the opposite.
 pub(super) fn corrupt(hits: &mut [Hit], occluded: &mut [u32]) {
-    let miss = Candidates { first: MISS, second: MISS, third: MISS, rest: f32::MAX };
-    hits.fill(bytemuck::cast(miss));
-    occluded.iter_mut().for_each(|answer| *answer = if *answer == MISS { OCCLUDED } else { MISS });
+    for hit in hits {
+        *hit = if hit.is_miss() { Hit { t: 1.0, u: 0.0, v: 0.0, primitive: 0 } } else { Hit::NONE };
+    }
+    occluded.iter_mut().for_each(|answer| *answer = u32::from(*answer == 0));
 }
 
 #[cfg(test)]
@@ -76,5 +90,16 @@ mod tests {
             let error = bad.parse::<Fault>().expect_err(bad).to_string();
             assert!(error.contains(&format!("{bad:?}")) && error.contains("gpu-corrupt@N"), "{error}");
         }
+        for fault in [Fault::Lost(7), Fault::Hang(1), Fault::Corrupt(2), Fault::OutOfMemory] {
+            assert_eq!(fault.to_string().parse(), Ok(fault));
+        }
+    }
+
+    #[test]
+    fn no_answer_stays_right() {
+        let hit = Hit { t: 2.0, u: 0.1, v: 0.2, primitive: 0 };
+        let (mut hits, mut occluded) = ([Hit::NONE, hit], [0, 1]);
+        corrupt(&mut hits, &mut occluded);
+        assert!(hits[0] != Hit::NONE && hits[1] == Hit::NONE && occluded == [1, 0]);
     }
 }

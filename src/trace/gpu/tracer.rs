@@ -267,14 +267,14 @@ impl SceneDevice {
             .dispatch(&mut closest, &mut any, resolver.bvh.scene_max_abs(), fault)
             .map_err(DeviceError::Lost)?;
         let ((rays, hits), (shadow_rays, occluded)) = (closest.slices(), any.slices());
-        if let Some(Fault::Corrupt(_)) = fault {
-            fault::corrupt(hits, occluded);
-        }
         let mut report = with_fma(|| {
             let mut report = resolver.closest(rays, hits);
             report += resolver.occluded(shadow_rays, occluded);
             report
         });
+        if let Some(Fault::Corrupt(_)) = fault {
+            fault::corrupt(hits, occluded);
+        }
         report.bytes_copied = bytes_copied;
         report.sending_ns = times.until_submitted.as_nanos() as u64;
         report.waiting_ns = times.until_read_back.as_nanos() as u64;

@@ -1,7 +1,7 @@
 //! The tuning cache: keeps the sizes that were measured for a device, one file for each adapter and driver.
 
 use super::{AdapterInfo, Variant};
-use crate::files::{NotWritten, write_atomically};
+use crate::files::{self, NotWritten};
 use crate::stream::Sizing;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -72,7 +72,7 @@ pub(super) fn load(folder: &Path, info: &AdapterInfo) -> Option<TunedSizes> {
 pub(super) fn store(folder: &Path, info: &AdapterInfo, tuned: TunedSizes) -> Result<(), NotWritten> {
     let path = path(folder, info);
     std::fs::create_dir_all(folder).map_err(|source| NotWritten { path: path.clone(), source })?;
-    write_atomically(&path, |file| Ok(serde_json::to_writer_pretty(file, &CacheFile::of(info, tuned))?))
+    files::write(&path, |file| Ok(serde_json::to_writer_pretty(file, &CacheFile::of(info, tuned))?))
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! Reads the bytes of a glTF document: external files, data URIs, and GLB's binary chunk.
 
 use super::super::session::Session;
-use super::super::{LoadProblem, beside, named, read_named};
+use super::super::{LoadProblem, beside, named};
 use ::gltf::Document;
 use ::gltf::buffer::{Source, View};
 use std::path::{Path, PathBuf};
@@ -37,7 +37,7 @@ impl Buffers {
                 Source::Uri(uri) => match locate(&path, uri).map_err(place)? {
                     Location::Data(bytes) => bytes,
                     Location::File(file) => {
-                        let read = read_named(&file, buffer.length() as u64, &session.options);
+                        let read = session.read_named(&file, buffer.length() as u64);
                         read.map_err(|problem| place(problem.to_string()))?
                     }
                 },

@@ -125,7 +125,7 @@ impl<'a> TextureInfo<'a> {
         let source = Source::Embedded(image.index());
         let result = match (view, &json.uri) {
             (Some(view), _) => {
-                let bytes = || context.buffers.view(&view).map(<[u8]>::to_vec);
+                let bytes = |_: &mut _| context.buffers.view(&view).map(<[u8]>::to_vec);
                 textures.image(context.session, source, &name, bytes)
             }
             (None, Some(uri)) => match locate(&context.session.path, uri) {
@@ -133,7 +133,7 @@ impl<'a> TextureInfo<'a> {
                     name = format!("{uri:?}");
                     textures.file(context.session, &path)
                 }
-                Ok(Location::Data(bytes)) => textures.image(context.session, source, &name, || Ok(bytes)),
+                Ok(Location::Data(bytes)) => textures.image(context.session, source, &name, |_| Ok(bytes)),
                 Err(problem) => Err(problem),
             },
             (None, None) => Err("has neither a buffer view nor a URI".into()),

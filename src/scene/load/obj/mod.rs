@@ -10,7 +10,7 @@ mod mtl;
 use super::session::Session;
 use super::textures::Textures;
 use super::warnings::Warnings;
-use super::{LoadProblem, check_text, named, quote, read, read_named};
+use super::{LoadProblem, check_text, named, quote, read};
 use crate::scene::{Material, Scene};
 use geometry::Geometry;
 use std::borrow::Cow;
@@ -33,7 +33,7 @@ pub(super) fn load(session: &mut Session) -> Result<Scene, LoadProblem> {
     let mut materials = Vec::new();
     let mut by_name = HashMap::new();
     for library in libraries(&path, &geometry.libraries, &mut session.warnings) {
-        let bytes = read_named(&library, u64::MAX, &session.options)?;
+        let bytes = session.read_named(&library, u64::MAX)?;
         check_text(&library, &bytes)?;
         for definition in mtl::parse(&library, &bytes, &mut session.warnings)? {
             let material = material::convert(&library, &definition, &mut textures, session)?;
