@@ -1,7 +1,8 @@
 //! Reads the scene that a command names.
 
 use super::args::SceneArgs;
-use crate::scene::Scene;
+use crate::film::MAX_RADIANCE;
+use crate::scene::{Environment, Scene};
 use crate::scene::load::{LoadError, load_with};
 use std::path::Path;
 
@@ -16,4 +17,26 @@ pub fn read(path: &Path, args: &SceneArgs) -> Result<Scene, LoadError> {
         log::warn!("{warning}");
     }
     loaded
+}
+
+/// Warns of light that is brighter than a picture can hold.
+pub fn warn_of_clamped_light(scene: &Scene) {
+    let brightest = |emission: glam::Vec3| emission.max_element() > MAX_RADIANCE;
+    let shining = scene.materials.iter().filter_map(|material| Some((material, material.emission?)));
+    for (material, emission) in shining.filter(|(_, emission)| brightest(emission.radiance.factor)) {
+        log::warn!(
+            "Material {:?} emits {:e}; radiance above {MAX_RADIANCE} is clamped in the picture.",
+            material.name,
+            emission.radiance.factor.max_element()
+        );
+    }
+    let texels = match &scene.environment {
+        Environment::Constant(radiance) => usize::from(brightest(*radiance)),
+        Environment::Map(map) => map.texels.iter().filter(|&&texel| brightest(texel.into())).count(),
+    };
+    if texels > 0 {
+        log::warn!(
+            "{texels} texels of the environment are above {MAX_RADIANCE}, to which a picture clamps radiance."
+        );
+    }
 }

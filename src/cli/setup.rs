@@ -53,6 +53,7 @@ impl Setup {
             log::warn!("{}: no triangle has an area, so no ray can hit any", path.display());
         }
         prepare(&mut scene)?;
+        scene_file::warn_of_clamped_light(&scene);
         let triangles = scene.mesh.triangles.len();
         let all = scene.bytes() + Bvh::building_bytes(triangles) + beside_bytes;
         let what =

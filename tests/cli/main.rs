@@ -2,6 +2,7 @@
 
 mod bench;
 mod frames;
+mod hostile;
 mod outputs;
 mod progressive;
 mod refusals;

@@ -311,3 +311,42 @@ fn an_empty_scene_is_missed() {
         }
     }
 }
+
+#[test]
+fn directions_out_of_range_miss_at_every_level_and_disturb_no_neighbour() {
+    let mesh = meshes::soup(2000, 0.2, 33);
+    let bvh = Arc::new(Bvh::build(&mesh.positions, &mesh.triangles, |_| false));
+    let ordinary = rays::mixed(&mesh, 600, Vec3::ZERO, 1.0, 34);
+    // Powers of two change no bit of a hit but its distance, so these rays hit what ordinary ones hit, if any.
+    let sizes = [2.0_f32.powi(29), 2.0_f32.powi(-29), 2.0_f32.powi(31), 3.0e38, 2.0_f32.powi(-31), 1.0e-38, 0.0];
+    let scaled = |i: usize, ray: &Ray| {
+        let unit = Vec3::from(ray.direction) / Vec3::from(ray.direction).abs().max_element();
+        Ray { direction: (unit * sizes[i % sizes.len()]).into(), t_min: 0.0, t_max: f32::INFINITY, ..*ray }
+    };
+    let mut rays: Vec<Ray> = ordinary.iter().enumerate().map(|(i, ray)| scaled(i, ray)).collect();
+    let expected: Vec<Hit> = rays.iter().map(|ray| by_definition(&mesh, ray, None)).collect();
+    for (kind, size) in sizes.iter().enumerate() {
+        let hits = expected.iter().skip(kind).step_by(sizes.len()).filter(|hit| !hit.is_miss()).count();
+        let in_range = (1e-9..=1e9).contains(size);
+        assert_eq!(hits > 20, in_range, "{hits} hits of directions of size {size}");
+        assert!(in_range || hits == 0);
+    }
+    rays.extend(&ordinary);
+    let expected = [expected, ordinary.iter().map(|ray| by_definition(&mesh, ray, None)).collect()].concat();
+    // Ordinary rays beside odd ones, too.
+    let mixed: Vec<usize> = (0..600).flat_map(|i| [i, 600 + i]).collect();
+    let rays: Vec<Ray> = mixed.iter().map(|&i| rays[i]).collect();
+    for level in SimdLevel::available() {
+        let streams = CpuTracer::new(bvh.clone(), None, level).expect("available");
+        let single = SingleRayTracer::new(bvh.clone(), None, level).expect("available");
+        for tracer in [&streams as &dyn Tracer, &single] {
+            let (mut hits, mut occluded) = (vec![Hit::NONE; rays.len()], vec![7; rays.len()]);
+            tracer.closest(&rays, &mut hits);
+            tracer.occluded(&rays, &mut occluded);
+            for (place, &i) in mixed.iter().enumerate() {
+                assert_eq!(bits(&hits[place]), bits(&expected[i]), "{level}: {:?}", rays[place]);
+                assert_eq!(occluded[place], u32::from(!expected[i].is_miss()), "{level}: {:?}", rays[place]);
+            }
+        }
+    }
+}
