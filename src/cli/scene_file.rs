@@ -2,8 +2,8 @@
 
 use super::args::SceneArgs;
 use crate::film::MAX_RADIANCE;
-use crate::scene::{Environment, Scene};
 use crate::scene::load::{LoadError, load_with};
+use crate::scene::{Environment, Scene};
 use std::path::Path;
 
 /// Reads a scene and prints what the loader warns of, whether it succeeds or not.

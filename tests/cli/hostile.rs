@@ -27,7 +27,10 @@ fn what_does_not_fit_the_memory_is_refused_with_both_numbers() {
     let scene = shipped("cornell.json");
     let render = |args: &[&str]| run(folder.path(), &[&["render", &scene, "--spp", "1"], args].concat(), 2);
     let printed = render(&["--size", "16384x16384", "--memory", "4G"]);
-    assert!(printed.contains("16384x16384") && printed.contains("4.29 GB") && printed.contains("--memory"), "{printed}");
+    assert!(
+        printed.contains("16384x16384") && printed.contains("4.29 GB") && printed.contains("--memory"),
+        "{printed}"
+    );
     let printed = render(&["--size", "8x8", "--memory", "3K"]);
     assert!(printed.contains("3072 bytes"), "{printed}");
     let printed = run(folder.path(), &["mesh", &scene, "-o", "m.npz", "--memory", "100"], 2);
@@ -118,5 +121,8 @@ fn rays_may_come_from_a_pipe() {
     let (code, printed) = trace(npy("<f4", "(100, 8)", &data));
     assert!(code == Some(0) && printed.contains("100 rays, 100 hits"), "{printed}");
     let (code, printed) = trace(npy("<f4", "(150, 8)", &data));
-    assert!(code == Some(2) && printed.contains("promises 150 rays, but the file ends after 100"), "{printed}");
+    assert!(
+        code == Some(2) && printed.contains("promises 150 rays, but the file ends after 100"),
+        "{printed}"
+    );
 }

@@ -318,7 +318,8 @@ fn directions_out_of_range_miss_at_every_level_and_disturb_no_neighbour() {
     let bvh = Arc::new(Bvh::build(&mesh.positions, &mesh.triangles, |_| false));
     let ordinary = rays::mixed(&mesh, 600, Vec3::ZERO, 1.0, 34);
     // Powers of two change no bit of a hit but its distance, so these rays hit what ordinary ones hit, if any.
-    let sizes = [2.0_f32.powi(29), 2.0_f32.powi(-29), 2.0_f32.powi(31), 3.0e38, 2.0_f32.powi(-31), 1.0e-38, 0.0];
+    let sizes =
+        [2.0_f32.powi(29), 2.0_f32.powi(-29), 2.0_f32.powi(31), 3.0e38, 2.0_f32.powi(-31), 1.0e-38, 0.0];
     let scaled = |i: usize, ray: &Ray| {
         let unit = Vec3::from(ray.direction) / Vec3::from(ray.direction).abs().max_element();
         Ray { direction: (unit * sizes[i % sizes.len()]).into(), t_min: 0.0, t_max: f32::INFINITY, ..*ray }
