@@ -5,7 +5,7 @@
 use anyhow::{Context, Result};
 use glam::Vec3;
 use raystream::engine::{PreparedScene, Units};
-use raystream::film::{Image, write_image};
+use raystream::film::{Image, Look, write_image};
 use raystream::geom::warp::lanes as warp;
 use raystream::lanes::{Lanes, Num, Vector, trigonometry};
 use raystream::render::{PathTracer, Settings};
@@ -94,7 +94,7 @@ fn main() -> Result<()> {
     let spp = arguments.next().map_or(Ok(64), |n| n.parse()).context("SPP is a number")?;
     let (width, height) = size.split_once('x').context("the size is WIDTHxHEIGHT")?;
     let settings = Settings { width: width.parse()?, height: height.parse()?, spp, max_bounces: 2, seed: 0 };
-    write_image(Path::new(&output), &render(moons(256)?, settings)?, 0.0)?;
+    write_image(Path::new(&output), &render(moons(256)?, settings)?, &Look::default())?;
     println!("{output}");
     Ok(())
 }

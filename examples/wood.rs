@@ -5,7 +5,7 @@
 
 use anyhow::{Context, Result, ensure};
 use raystream::engine::{PreparedScene, Units};
-use raystream::film::{Image, write_image};
+use raystream::film::{Image, Look, write_image};
 use raystream::lanes::{Int, Lanes, Num, SimdLevel, Vector, trigonometry};
 use raystream::render::{PathTracer, Settings};
 use raystream::scene::{
@@ -156,7 +156,7 @@ fn main() -> Result<()> {
     let settings = Settings { width, height, spp, max_bounces: 3, seed: 0 };
     let simd = SimdLevel::detect();
     let (image, fast) = render(&prepared, settings, simd)?;
-    write_image(Path::new(&output), &image, 0.0)?;
+    write_image(Path::new(&output), &image, &Look::default())?;
     let (same, slow) = render(&prepared, settings, SimdLevel::Scalar)?;
     ensure!(same.hash() == image.hash(), "{simd} and scalar shading made different pictures");
     println!(

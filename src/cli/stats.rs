@@ -160,6 +160,10 @@ pub struct ImageStats {
     pub hash: String,
     /// [`crate::render::PICTURE_VERSION`]: hashes of different versions are of different pictures.
     pub picture_version: u32,
+    /// The view transform of a `.png`.
+    pub view: String,
+    /// Stops by which a `.png` is brightened: those asked for, or what `--exposure auto` found.
+    pub exposure_stops: f32,
 }
 
 /// Relative standard errors of a picture's pixel blocks (16 × 16); null where there are too few samples.

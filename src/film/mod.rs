@@ -2,14 +2,18 @@
 
 mod accumulation;
 mod image;
+mod look;
 mod noise;
 mod stripe;
+mod view;
 #[cfg(feature = "formats")]
 mod write;
 
 pub(crate) use accumulation::take;
 pub use accumulation::{Film, FilmError, MAX_RADIANCE};
 pub use image::Image;
+pub use look::{Exposure, Look};
 pub use noise::Noise;
+pub use view::View;
 #[cfg(feature = "formats")]
 pub use write::{Format, WriteError, write_image};

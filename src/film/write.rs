@@ -1,6 +1,6 @@
 //! Writes pictures to files.
 
-use super::Image;
+use super::{Image, Look};
 use crate::files::{self, NotWritten};
 use image::{ExtendedColorType, ImageEncoder, ImageFormat};
 use std::io::{Seek, Write};
@@ -23,7 +23,7 @@ pub enum WriteError {
 /// File formats of pictures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
-    /// PNG: 8-bit sRGB, values clamped to 0..=1.
+    /// PNG: 8 bits a channel, as the look shows the picture.
     Png,
     /// OpenEXR: 32-bit floats, linear.
     Exr,
@@ -50,19 +50,19 @@ impl Format {
     }
 }
 
-/// Writes a picture in the format of the file name's extension. `exposure`, in stops, applies to `.png` only; the
-/// other formats store radiance unchanged.
+/// Writes a picture in the format of the file name's extension. `look` applies to `.png` only; the other formats store
+/// radiance unchanged.
 ///
 /// # Errors
 /// When the format is unknown, or the file cannot be written. An existing file is then unchanged, and no new file is
 /// left.
-pub fn write_image(path: &Path, image: &Image, exposure: f32) -> Result<(), WriteError> {
+pub fn write_image(path: &Path, image: &Image, look: &Look) -> Result<(), WriteError> {
     let format = Format::of(path)?;
     Ok(files::write(path, |file| {
         let bytes: &[u8] = bytemuck::cast_slice(&image.pixels);
         let encoded = match format {
             Format::Png => image::codecs::png::PngEncoder::new(file).write_image(
-                &to_srgb(image, exposure),
+                &to_bytes(image, look),
                 image.width,
                 image.height,
                 ExtendedColorType::Rgb8,
@@ -101,19 +101,14 @@ fn write_npy(file: impl Write + Seek, image: &Image) -> std::io::Result<()> {
     npy.finish()
 }
 
-/// Converts radiance to 8-bit sRGB.
-fn to_srgb(image: &Image, exposure: f32) -> Vec<u8> {
-    let gain = libm::exp2f(exposure);
-    let encode = |&radiance: &f32| {
-        let v = (radiance * gain).clamp(0.0, 1.0);
-        let s = if v <= 0.003_130_8 { 12.92 * v } else { 1.055 * libm::powf(v, 1.0 / 2.4) - 0.055 };
-        (s * 255.0 + 0.5) as u8
-    };
-    image.pixels.as_flattened().iter().map(encode).collect()
+/// The picture as it is shown, in bytes.
+fn to_bytes(image: &Image, look: &Look) -> Vec<u8> {
+    look.encode(image).map(|value| (value * 255.0 + 0.5) as u8).collect()
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::{Exposure, View};
     use super::*;
 
     fn picture() -> Image {
@@ -125,9 +120,10 @@ mod tests {
     fn every_format_reads_back() {
         let folder = tempfile::tempdir().expect("folder");
         let image = picture();
+        let look = Look::default();
         for name in ["a.png", "a.exr", "a.hdr"] {
             let path = folder.path().join(name);
-            write_image(&path, &image, 0.0).expect(name);
+            write_image(&path, &image, &look).expect(name);
             let back = image::open(&path).expect(name).to_rgb32f();
             assert_eq!((back.width(), back.height()), (4, 3));
             for (i, p) in back.pixels().enumerate() {
@@ -136,14 +132,14 @@ mod tests {
                     let (wanted, bound) = match name {
                         "a.exr" => (wanted, 0.0),
                         "a.hdr" => (wanted, 0.01),
-                        _ => (f32::from(to_srgb(&image, 0.0)[3 * i + c]) / 255.0, 1e-6),
+                        _ => (f32::from(to_bytes(&image, &look)[3 * i + c]) / 255.0, 1e-6),
                     };
                     assert!((p[c] - wanted).abs() <= bound, "{name} pixel {i}: {} {wanted}", p[c]);
                 }
             }
         }
         let path = folder.path().join("a.npy");
-        write_image(&path, &image, 0.0).expect("npy");
+        write_image(&path, &image, &look).expect("npy");
         let npy = npyz::NpyFile::new(std::fs::File::open(&path).expect("file")).expect("header");
         assert_eq!(npy.shape(), &[3, 4, 3]);
         assert_eq!(npy.into_vec::<f32>().expect("data"), image.pixels.as_flattened());
@@ -152,15 +148,22 @@ mod tests {
     #[test]
     fn srgb_is_exposed_cut_and_rounded() {
         let image = Image { width: 1, height: 1, pixels: vec![[0.25, 9.0, f32::NAN]] };
-        assert_eq!(to_srgb(&image, 0.0), [137, 255, 0]);
-        assert_eq!(to_srgb(&image, 2.0)[0], 255);
+        let look = Look::default().with_view(View::Standard);
+        assert_eq!(to_bytes(&image, &look), [137, 255, 0]);
+        assert_eq!(to_bytes(&image, &look.with_exposure(Exposure::Stops(2.0)))[0], 255);
     }
 
     #[test]
     fn failed_writes_return_errors() {
         let folder = tempfile::tempdir().expect("folder");
         let missing = folder.path().join("none/a.png");
-        assert!(matches!(write_image(&missing, &picture(), 0.0), Err(WriteError::NotWritten(_))));
-        assert!(matches!(write_image(Path::new("a.gif"), &picture(), 0.0), Err(WriteError::Format { .. })));
+        assert!(matches!(
+            write_image(&missing, &picture(), &Look::default()),
+            Err(WriteError::NotWritten(_))
+        ));
+        assert!(matches!(
+            write_image(Path::new("a.gif"), &picture(), &Look::default()),
+            Err(WriteError::Format { .. })
+        ));
     }
 }

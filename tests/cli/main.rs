@@ -3,6 +3,7 @@
 mod bench;
 mod frames;
 mod hostile;
+mod look;
 mod outputs;
 mod progressive;
 mod refusals;

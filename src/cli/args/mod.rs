@@ -3,6 +3,7 @@
 #[cfg(feature = "bench")]
 mod bench;
 mod frames;
+mod look;
 mod progress;
 mod render;
 mod scene;
@@ -17,6 +18,7 @@ pub use bench::{
     PeerArgs, SceneView, ShotArgs,
 };
 pub use frames::FramesArgs;
+pub use look::LookArgs;
 pub use progress::ProgressArgs;
 pub use render::RenderArgs;
 pub use scene::SceneArgs;

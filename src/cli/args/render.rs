@@ -1,7 +1,7 @@
 //! `raystream render`.
 
 use super::view::size;
-use super::{CameraArgs, FramesArgs, LightArgs, ProgressArgs, SceneArgs, UnitArgs};
+use super::{CameraArgs, FramesArgs, LightArgs, LookArgs, ProgressArgs, SceneArgs, UnitArgs};
 use clap::Args;
 use std::path::PathBuf;
 
@@ -40,9 +40,9 @@ pub struct RenderArgs {
     /// Light besides the scene's own.
     #[command(flatten)]
     pub light: LightArgs,
-    /// Brighten a .png by this many stops.
-    #[arg(long, value_name = "STOPS", allow_hyphen_values = true, default_value_t = 0.0, value_parser = stops)]
-    pub exposure: f32,
+    /// How a .png shows the picture.
+    #[command(flatten)]
+    pub look: LookArgs,
     /// Write statistics as JSON.
     #[arg(long, value_name = "FILE")]
     pub stats: Option<PathBuf>,
@@ -55,12 +55,4 @@ pub struct RenderArgs {
     /// The units that trace.
     #[command(flatten)]
     pub units: UnitArgs,
-}
-
-/// A number of stops whose factor is a normal number.
-fn stops(text: &str) -> Result<f32, String> {
-    match text.trim().parse::<f32>() {
-        Ok(stops) if (-126.0..=126.0).contains(&stops) => Ok(stops),
-        _ => Err("write a number of stops from -126 to 126, as in 1.5".into()),
-    }
 }

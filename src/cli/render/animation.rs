@@ -1,6 +1,7 @@
 //! An animation: its frames, their cameras and file names.
 
 use crate::cli::args::{FramesArgs, RenderArgs};
+use crate::film::Exposure;
 use crate::scene::{Camera, CameraMotion, CameraPath, Scene};
 use anyhow::{Context, Result, bail, ensure};
 use glam::Vec3;
@@ -64,6 +65,10 @@ impl Animation {
     pub fn new(args: &RenderArgs, scene: &Scene, own: Camera) -> Result<Option<Self>> {
         let FramesArgs { frames, turntable, camera_path, fps, .. } = &args.animation;
         let Some(frames) = frames.clone() else { return Ok(None) };
+        ensure!(
+            args.look.exposure != Exposure::Auto,
+            "--exposure auto: an animation would flicker; render one frame to see its stops and give that number"
+        );
         let motion = match (turntable, camera_path, &scene.camera_motion) {
             (Some(degrees), ..) => {
                 Motion::Turntable { degrees: *degrees, own, centre: scene.bounds().centre() }

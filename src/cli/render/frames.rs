@@ -152,7 +152,7 @@ impl<I: Integrator> Shot<I> {
     fn write(&self, args: &RenderArgs, animation: &Animation) -> Result<FrameStats> {
         let film = self.picture.picture();
         let image = Image { width: film.width(), height: film.height(), pixels: film.resolve() };
-        insist(|| write_image(&animation.file(self.frame), &image, args.exposure))?;
+        insist(|| write_image(&animation.file(self.frame), &image, &args.look.look()))?;
         Ok(FrameStats {
             frame: self.frame,
             hash: image.hash(),

@@ -8,7 +8,7 @@ use crate::cli::progress::{Bar, POLL_INTERVAL};
 use crate::cli::setup::Setup;
 use crate::cli::stats::{self, ImageStats, NoiseStats, RenderStats, SCHEMA, SceneStats, Seconds};
 use crate::cli::{Outcome, interrupt};
-use crate::film::{Film, Image, write_image};
+use crate::film::{Exposure, Film, Image, write_image};
 use crate::meters::{Meters, Recorder};
 use crate::render::{Integrator, PICTURE_VERSION, PassOptions, Progressive};
 use crate::scene::Camera;
@@ -72,7 +72,7 @@ pub fn run<I: Integrator>(
             .events
             .push(format!("{error:#}; a run that resumes starts from an earlier checkpoint or anew"));
     }
-    insist(|| write_image(&args.output, &image, args.exposure))?;
+    insist(|| write_image(&args.output, &image, &args.look.look()))?;
     totals.events.extend(setup.idle_fault());
     let seconds = Seconds {
         load: setup.load_s,
@@ -80,7 +80,8 @@ pub fn run<I: Integrator>(
         render: render_s,
         write: started.elapsed().as_secs_f64(),
     };
-    let stats = summarise(setup, &frame, &film, &image, seconds, &mut totals, end);
+    let stats =
+        summarise(setup, &frame, &film, image_stats(args, &frame, &film, &image), seconds, &mut totals, end);
     if let Some(path) = &args.stats {
         stats::write(path, &stats)?;
     }
@@ -132,9 +133,28 @@ fn save_meanwhile<I: Integrator>(
     interval: Duration,
 ) {
     let kept = checkpoint.map_or(Ok(()), |checkpoint| checkpoint.write(frame));
-    let shown = write_image(&args.output, &develop(frame).1, args.exposure);
+    let shown = write_image(&args.output, &develop(frame).1, &args.look.look());
     for error in [kept.err(), shown.err().map(Into::into)].into_iter().flatten() {
         log::warn!("{error:#}; rendering goes on, and the next try is in {:.1} s", interval.as_secs_f64());
+    }
+}
+
+fn image_stats<I: Integrator>(
+    args: &RenderArgs,
+    frame: &Progressive<I>,
+    film: &Film,
+    image: &Image,
+) -> ImageStats {
+    let look = args.look.look();
+    ImageStats {
+        width: image.width,
+        height: image.height,
+        spp: frame.integrator().frame().settings().spp,
+        mean_spp: film.mean_samples(),
+        hash: image.hash(),
+        picture_version: PICTURE_VERSION,
+        view: look.view().name().into(),
+        exposure_stops: look.stops(image),
     }
 }
 
@@ -142,7 +162,7 @@ fn summarise<I: Integrator>(
     setup: &Setup,
     frame: &Progressive<I>,
     film: &Film,
-    image: &Image,
+    image: ImageStats,
     seconds: Seconds,
     totals: &mut Totals,
     end: End,
@@ -159,14 +179,7 @@ fn summarise<I: Integrator>(
     RenderStats {
         schema: SCHEMA,
         scene: SceneStats { triangles: scene.mesh.triangles.len(), materials: scene.materials.len() },
-        image: ImageStats {
-            width: image.width,
-            height: image.height,
-            spp: settings.spp,
-            mean_spp: samples,
-            hash: image.hash(),
-            picture_version: PICTURE_VERSION,
-        },
+        image,
         seconds,
         rays: totals.rays.into(),
         mray_per_s: totals.rays.total() as f64 / micros,
@@ -211,6 +224,9 @@ fn print(args: &RenderArgs, stats: &RenderStats) {
         stats.mpath_per_s,
         image.hash
     );
+    if args.look.exposure == Exposure::Auto {
+        stdout_line!("exposure {:+.2} stops", image.exposure_stops);
+    }
     if let Some(noise) = &stats.noise {
         stdout_line!(
             "relative standard error {:.2} %, worst block {:.2} %; {} of {} blocks converged early",
