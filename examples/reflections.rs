@@ -5,7 +5,7 @@
 
 use glam::Vec3;
 use raystream::cli::{Registry, run_with};
-use raystream::render::recursion::{Cx, Recursion, Shader};
+use raystream::render::recursion::{Cx, Shader};
 use raystream::scene::Camera;
 use raystream::shade::bsdf::Smoothness;
 use raystream::shade::single::Bsdf;
@@ -86,7 +86,7 @@ fn main() -> ExitCode {
     let about = "Everything reflects, under three point lights (RTRT 6.2)";
     run_with(Registry::built_in().with("reflections", about, |params| {
         let shader = Reflections::around(&params.camera);
-        Recursion::new(shader, params.scene, &params.camera, params.settings)
+        params.recursion(shader)
     }))
 }
 
@@ -95,6 +95,7 @@ mod tests {
     use super::*;
     use raystream::engine::{PreparedScene, Units};
     use raystream::render::Settings;
+    use raystream::render::recursion::Recursion;
     use raystream::scene::recipe::Recipe;
     use raystream::schedule::{JobOptions, Service, ServiceOptions};
     use std::sync::Arc;

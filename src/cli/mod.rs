@@ -12,11 +12,13 @@ mod arrays;
 mod bench;
 #[cfg(feature = "gpu")]
 mod cache;
+mod doctor;
 mod info;
 mod interrupt;
 mod light;
 mod mesh;
 mod outputs;
+mod plugin_options;
 mod progress;
 mod registry;
 mod render;
@@ -26,7 +28,8 @@ mod stats;
 mod timeline;
 mod trace;
 
-pub use registry::{CodedSurface, IntegratorParams, Registry};
+pub use plugin_options::{OptionError, PluginOptions};
+pub use registry::{IntegratorParams, PluginError, Registry};
 
 use args::{Cli, Command};
 use clap::FromArgMatches;
@@ -69,6 +72,7 @@ pub fn run_with(registry: Registry) -> ExitCode {
         Command::Bench(_) => {
             Err(anyhow::anyhow!("this build was made without benches: build it with --features bench"))
         }
+        Command::Doctor(args) => doctor::run(args),
         Command::Info => {
             info::run();
             Ok(Outcome::Done)

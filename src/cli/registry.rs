@@ -2,20 +2,29 @@
 
 use super::Outcome;
 use super::args::Cli;
+use super::plugin_options::{OptionError, OptionSpec, PluginOptions, Setting};
 use super::render::RenderRequest;
-use crate::lanes::SimdLevel;
-use crate::render::recursion::Recursion;
+use crate::render::recursion::{Recursion, Shader};
 use crate::render::{
-    AmbientOcclusion, Integrator, PathTracer, RecursiveWhitted, Settings, SettingsError, Whitted,
+    AmbientOcclusion, HitShader, HitShading, Integrator, PathTracer, PerRay, RayShader, RecursiveWhitted,
+    Settings, Whitted,
 };
-use crate::scene::{Camera, ProceduralSurface, ScatteringSurface, Scene, Surface};
+use crate::scene::{Camera, CodedSurface, Scene};
 use anyhow::{Context, Result};
+use bytemuck::Pod;
 use clap::builder::{PossibleValue, PossibleValuesParser};
 use clap::{Command, CommandFactory};
+use std::collections::BTreeMap;
+use std::error::Error;
+use std::fmt;
 use std::sync::Arc;
+
+/// An error of a plug-in.
+pub type PluginError = Box<dyn Error + Send + Sync>;
 
 /// What an integrator is constructed from.
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub struct IntegratorParams {
     /// The scene.
     pub scene: Arc<Scene>,
@@ -25,22 +34,65 @@ pub struct IntegratorParams {
     pub settings: Settings,
     /// Bounces after which Russian roulette may end a path; `None` disables it.
     pub roulette_bounces: Option<u32>,
-    /// The SIMD level to shade with.
-    pub simd: SimdLevel,
+    /// The options that the integrator declares ([`Registry::with_option`]).
+    pub options: PluginOptions,
 }
 
-/// Integrators by name. Your own binary can add to those of `raystream`:
+impl IntegratorParams {
+    /// The integrator that shades with a [`HitShader`].
+    ///
+    /// # Errors
+    /// If a setting is out of range.
+    pub fn hit_shading<S: HitShader>(self, shader: S) -> Result<HitShading<S>, PluginError> {
+        Ok(HitShading::of(shader, self.scene, &self.camera, self.settings)?)
+    }
+
+    /// The integrator that shades with a [`RayShader`].
+    ///
+    /// # Errors
+    /// If a setting is out of range.
+    pub fn per_ray<P: Pod + Send + Sync, S: RayShader<P>>(
+        self,
+        shader: S,
+    ) -> Result<HitShading<PerRay<S, P>>, PluginError> {
+        self.hit_shading(PerRay::new(shader))
+    }
+
+    /// The integrator that runs a recursive shader.
+    ///
+    /// # Errors
+    /// If a setting is out of range.
+    pub fn recursion<S: Shader>(self, shader: S) -> Result<Recursion<S>, PluginError> {
+        Ok(Recursion::new(shader, self.scene, &self.camera, self.settings)?)
+    }
+}
+
+/// Integrators and surfaces by name. Your own binary can add to those of `raystream`:
 ///
 /// ```no_run
+/// use glam::Vec3;
 /// use raystream::cli::{Registry, run_with};
-/// use raystream::render::AmbientOcclusion;
+/// use raystream::render::{RayHit, RayShader};
+///
+/// /// White near by, black far away.
+/// struct Near {
+///     range: f32,
+/// }
+///
+/// impl RayShader for Near {
+///     fn shade(&self, hit: &mut RayHit<'_>) -> Vec3 {
+///         Vec3::splat(1.0 - (hit.t() / self.range).min(1.0))
+///     }
+/// }
 ///
 /// fn main() -> std::process::ExitCode {
-///     let registry = Registry::built_in().with("corners", "Dirt in corners: occlusion very near", |params| {
-///         let reach = params.scene.bounds().radius() / 100.0;
-///         AmbientOcclusion::new(params.scene, &params.camera, params.settings, reach)
-///     });
-///     run_with(registry) // my-binary render scene.glb --integrator corners
+///     let registry = Registry::built_in()
+///         .with("near", "White near by, black far away", |params| {
+///             let range = params.options.parse("range")?;
+///             params.per_ray(Near { range })
+///         })
+///         .with_option("near", "range", "10", "Distance that is black");
+///     run_with(registry) // my-binary render scene.glb --integrator near --set range=3
 /// }
 /// ```
 ///
@@ -64,120 +116,284 @@ pub struct IntegratorParams {
 /// }
 /// ```
 pub struct Registry {
-    entries: Vec<Entry>,
-    surfaces: Vec<(&'static str, CodedSurface)>,
+    integrators: Vec<IntegratorEntry>,
+    surfaces: Vec<SurfaceEntry>,
 }
 
-/// A surface computed by user code.
-#[derive(Clone, Debug)]
-pub enum CodedSurface {
-    /// A metallic-roughness surface whose parameters are computed at each hit.
-    Procedural(ProceduralSurface),
-    /// A user BSDF.
-    Scattering(ScatteringSurface),
-}
-
-impl From<ProceduralSurface> for CodedSurface {
-    fn from(surface: ProceduralSurface) -> Self {
-        Self::Procedural(surface)
-    }
-}
-
-impl From<ScatteringSurface> for CodedSurface {
-    fn from(surface: ScatteringSurface) -> Self {
-        Self::Scattering(surface)
-    }
-}
-
-struct Entry {
-    name: &'static str,
-    about: &'static str,
+struct IntegratorEntry {
+    name: String,
+    about: String,
+    options: Vec<OptionSpec>,
     run: Box<Run>,
 }
 
 /// Constructs the integrator and runs the request with it.
 type Run = dyn Fn(IntegratorParams, RenderRequest<'_>) -> Result<Outcome>;
 
+struct SurfaceEntry {
+    name: String,
+    options: Vec<OptionSpec>,
+    make: Box<MakeSurface>,
+}
+
+type MakeSurface = dyn Fn(&PluginOptions) -> Result<CodedSurface>;
+
+impl fmt::Debug for Registry {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Registry")
+            .field("integrators", &self.integrators.iter().map(|entry| &entry.name).collect::<Vec<_>>())
+            .field("surfaces", &self.surfaces.iter().map(|entry| &entry.name).collect::<Vec<_>>())
+            .finish()
+    }
+}
+
 impl Registry {
     /// The integrators of raystream itself.
     pub fn built_in() -> Self {
-        Self { entries: Vec::new(), surfaces: Vec::new() }
+        Self { integrators: Vec::new(), surfaces: Vec::new() }
             .with("path", "Path tracing: all light paths (the default)", |params| {
-                let path =
-                    PathTracer::new(params.scene, &params.camera, params.settings, params.roulette_bounces)?;
-                Ok(path.with_simd(params.simd))
+                PathTracer::new(params.scene, &params.camera, params.settings, params.roulette_bounces)
             })
             .with(
                 "whitted",
                 "Whitted's algorithm: direct light, mirrors and glass; fast and noise-free",
-                |params| {
-                    let whitted = Whitted::new(params.scene, &params.camera, params.settings)?;
-                    Ok(whitted.with_simd(params.simd))
-                },
+                |params| Whitted::new(params.scene, &params.camera, params.settings),
             )
             .with(
                 "recursive-whitted",
                 "The same picture as whitted, by a shader written as one async fn",
-                |params| Recursion::new(RecursiveWhitted, params.scene, &params.camera, params.settings),
+                |params| params.recursion(RecursiveWhitted),
             )
             .with("ambient-occlusion", "Ambient occlusion; ignores colours and lights", |params| {
-                let reach = AmbientOcclusion::usual_reach(&params.scene);
+                let reach = match params.options.get("reach") {
+                    Some("auto") => AmbientOcclusion::usual_reach(&params.scene),
+                    _ => params.options.parse("reach")?,
+                };
                 let ambient = AmbientOcclusion::new(params.scene, &params.camera, params.settings, reach)?;
-                Ok(ambient.with_simd(params.simd))
+                Ok::<_, PluginError>(ambient)
             })
+            .with_option(
+                "ambient-occlusion",
+                "reach",
+                "auto",
+                "Distance within which surfaces occlude; auto is an eighth of the scene's radius",
+            )
     }
 
     /// Adds an integrator, or replaces the one of this name. `about` is its line in the help.
-    pub fn with<I: Integrator>(
+    pub fn with<I: Integrator, E: Into<PluginError>>(
         mut self,
-        name: &'static str,
-        about: &'static str,
-        make: impl Fn(IntegratorParams) -> Result<I, SettingsError> + 'static,
+        name: impl Into<String>,
+        about: impl Into<String>,
+        make: impl Fn(IntegratorParams) -> Result<I, E> + 'static,
     ) -> Self {
-        self.entries.retain(|entry| entry.name != name);
-        let run =
-            Box::new(move |params: IntegratorParams, request: RenderRequest<'_>| request.run(make(params)?));
-        self.entries.push(Entry { name, about, run });
+        let name = name.into();
+        self.integrators.retain(|entry| entry.name != name);
+        let run = Box::new(move |params: IntegratorParams, request: RenderRequest<'_>| {
+            let integrator = make(params).map_err(|error| anyhow::Error::from_boxed(error.into()))?;
+            request.run(integrator)
+        });
+        self.integrators.push(IntegratorEntry { name, about: about.into(), options: Vec::new(), run });
         self
     }
 
-    /// Replaces the surface of every material with this name, in any scene. Emission, alpha, interior medium and
-    /// normal map are kept.
-    pub fn with_surface(mut self, material: &'static str, surface: impl Into<CodedSurface>) -> Self {
-        self.surfaces.push((material, surface.into()));
+    /// Replaces the surface of every material with this name, and of every material that asks for a surface of this
+    /// name, in any scene. Emission, alpha, interior medium and normal map are kept.
+    pub fn with_surface(self, name: impl Into<String>, surface: impl Into<CodedSurface>) -> Self {
+        let surface = surface.into();
+        self.with_surface_from(name, move |_| Ok::<_, PluginError>(surface.clone()))
+    }
+
+    /// The same for a surface with options ([`Registry::with_option`]). A scene file may set them for each material: see
+    /// [`crate::scene::SurfaceRequest`].
+    pub fn with_surface_from<S: Into<CodedSurface>, E: Into<PluginError>>(
+        mut self,
+        name: impl Into<String>,
+        make: impl Fn(&PluginOptions) -> Result<S, E> + 'static,
+    ) -> Self {
+        let make = move |options: &PluginOptions| match make(options) {
+            Ok(surface) => Ok(surface.into()),
+            Err(error) => Err(anyhow::Error::from_boxed(error.into())),
+        };
+        let name = name.into();
+        self.surfaces.retain(|entry| entry.name != name);
+        self.surfaces.push(SurfaceEntry { name, options: Vec::new(), make: Box::new(make) });
         self
     }
 
-    /// Replaces the surfaces of the materials named in the registry.
-    pub(super) fn apply_surfaces(&self, scene: &mut Scene) {
-        for (name, surface) in &self.surfaces {
-            if scene.materials.iter().all(|material| material.name != *name) {
-                continue;
-            }
-            let surface = match surface {
-                CodedSurface::Procedural(surface) => {
-                    scene.procedurals.push(surface.clone());
-                    Surface::Procedural(scene.procedurals.len() as u32 - 1)
-                }
-                CodedSurface::Scattering(surface) => {
-                    scene.scatterings.push(surface.clone());
-                    Surface::Scattering(scene.scatterings.len() as u32 - 1)
-                }
-            };
-            for material in scene.materials.iter_mut().filter(|material| material.name == *name) {
-                material.surface = surface;
-            }
-        }
+    /// Declares an option of an integrator or a surface that the registry has. Its value comes from `--set`, else from
+    /// the scene file, else it is the default.
+    ///
+    /// # Panics
+    /// If the registry has neither an integrator nor a surface of this name.
+    pub fn with_option(
+        mut self,
+        plugin: &str,
+        key: impl Into<String>,
+        default: impl Into<String>,
+        help: impl Into<String>,
+    ) -> Self {
+        let spec = OptionSpec { key: key.into(), default: default.into(), help: help.into() };
+        let integrators = self.integrators.iter_mut().map(|entry| (&entry.name, &mut entry.options));
+        let surfaces = self.surfaces.iter_mut().map(|entry| (&entry.name, &mut entry.options));
+        let found = integrators.chain(surfaces).find(|(name, _)| *name == plugin);
+        let (_, options) = found.unwrap_or_else(|| panic!("the registry has no plug-in {plugin:?}"));
+        options.retain(|option| option.key != spec.key);
+        options.push(spec);
+        self
     }
 
     /// The command line with these integrators, as clap sees it: for shell completions, manuals and tests of documents.
     pub fn command(&self) -> Command {
-        let values: Vec<PossibleValue> =
-            self.entries.iter().map(|entry| PossibleValue::new(entry.name).help(entry.about)).collect();
+        let about =
+            |entry: &IntegratorEntry| PossibleValue::new(entry.name.clone()).help(entry.about.clone());
+        let values: Vec<PossibleValue> = self.integrators.iter().map(about).collect();
+        let set = self.options_help();
         let command = Cli::command().mut_subcommand("render", |render| {
-            render.mut_arg("integrator", |arg| arg.value_parser(PossibleValuesParser::new(values)))
+            render
+                .mut_arg("integrator", |arg| arg.value_parser(PossibleValuesParser::new(values)))
+                .mut_arg("set", |arg| arg.long_help(set))
         });
         accept_negative_numbers(command)
+    }
+
+    /// Integrators and surfaces with their options.
+    fn plugins(&self) -> impl Iterator<Item = (&str, &[OptionSpec])> {
+        let integrators = self.integrators.iter().map(|entry| (&*entry.name, &*entry.options));
+        integrators.chain(self.surfaces.iter().map(|entry| (&*entry.name, &*entry.options)))
+    }
+
+    /// The help of `--set`, which lists all options.
+    fn options_help(&self) -> String {
+        let mut help =
+            "Set an option of the integrator or of a surface; NAME.KEY=VALUE says whose. Repeatable. \
+                        The options, with their defaults:"
+                .to_owned();
+        for (name, options) in self.plugins() {
+            for OptionSpec { key, default, help: about } in options {
+                help += &format!("\n  {name}.{key}={default}  {about}");
+            }
+        }
+        help
+    }
+
+    /// Refuses settings of options that neither the integrator nor a surface has.
+    pub(super) fn check_settings(&self, integrator: &str, settings: &[Setting]) -> Result<(), OptionError> {
+        let is_surface = |name: &str| self.surfaces.iter().any(|entry| entry.name == name);
+        let mine = || self.plugins().filter(|(name, _)| *name == integrator || is_surface(name));
+        for Setting { plugin, key, .. } in settings {
+            let named = |name: &str| plugin.as_deref().is_none_or(|plugin| plugin == name);
+            let has_key = |options: &[OptionSpec]| options.iter().any(|option| option.key == *key);
+            let by: Vec<String> = mine()
+                .filter(|(name, options)| named(name) && has_key(options))
+                .map(|(name, _)| name.to_owned())
+                .collect();
+            match by.len() {
+                0 => {
+                    let known: Vec<String> = mine()
+                        .flat_map(|(name, options)| {
+                            options.iter().map(move |option| format!("{name}.{}", option.key))
+                        })
+                        .collect();
+                    let known = match known.is_empty() {
+                        true => "there are no options".to_owned(),
+                        false => format!("the options are {}", known.join(", ")),
+                    };
+                    let by = plugin.clone().unwrap_or_else(|| format!("integrator {integrator}"));
+                    return Err(OptionError::Unknown { by: format!("--set: {by}"), key: key.clone(), known });
+                }
+                1 => {}
+                _ => return Err(OptionError::Ambiguous { key: key.clone(), by }),
+            }
+        }
+        Ok(())
+    }
+
+    /// The values of a plug-in's options.
+    fn options(
+        name: &str,
+        specs: &[OptionSpec],
+        of_scene: &BTreeMap<String, String>,
+        settings: &[Setting],
+    ) -> Result<PluginOptions, OptionError> {
+        let mut options = PluginOptions::of(specs);
+        for (key, value) in of_scene {
+            options.set(&format!("the scene sets an option of {name}, but it"), key, value)?;
+        }
+        for Setting { plugin, key, value } in settings {
+            let is_mine = plugin.as_deref().is_none_or(|plugin| plugin == name);
+            if is_mine && specs.iter().any(|spec| spec.key == *key) {
+                options.set(name, key, value)?;
+            }
+        }
+        Ok(options)
+    }
+
+    /// Replaces the surfaces of the materials named in the registry, and of those that ask for a surface. Returns what
+    /// the user should know: misspelt names.
+    pub(super) fn apply_surfaces(&self, scene: &mut Scene, settings: &[Setting]) -> Result<Vec<String>> {
+        let requests = std::mem::take(&mut scene.surface_requests);
+        let mut warnings = Vec::new();
+        for SurfaceEntry { name, options, make } in &self.surfaces {
+            let construct = |of_scene: &BTreeMap<String, String>, whose: &str| {
+                let options = Self::options(name, options, of_scene, settings)?;
+                make(&options).with_context(|| format!("surface {name:?} of {whose}"))
+            };
+            let is_requested =
+                |material: usize| requests.iter().any(|other| other.material as usize == material);
+            let named: Vec<usize> = (0..scene.materials.len())
+                .filter(|&material| scene.materials[material].name == *name && !is_requested(material))
+                .collect();
+            let mut requested = requests.iter().filter(|request| request.surface == *name).peekable();
+            if named.is_empty() && requested.peek().is_none() {
+                warnings.push(format!("the surface {name:?} is not used: {}", scene.no_such_material(name)));
+            }
+            if !named.is_empty() {
+                let surface = scene.add_surface(construct(&BTreeMap::new(), "a material of this name")?);
+                named.into_iter().for_each(|material| scene.materials[material].surface = surface);
+            }
+            for request in requested {
+                let material = request.material as usize;
+                let whose = format!("material {:?}", scene.materials[material].name);
+                let surface = construct(&request.options, &whose)?;
+                scene.materials[material].surface = scene.add_surface(surface);
+            }
+        }
+        for request in &requests {
+            if self.surfaces.iter().all(|entry| entry.name != request.surface) {
+                warnings.push(format!(
+                    "material {:?} asks for the surface {:?}, which this program does not have; it is shown without",
+                    scene.materials[request.material as usize].name, request.surface
+                ));
+            }
+        }
+        Ok(warnings)
+    }
+
+    /// The values of an integrator's options.
+    pub(super) fn integrator_options(
+        &self,
+        integrator: &str,
+        scene: &Scene,
+        settings: &[Setting],
+    ) -> Result<PluginOptions> {
+        let entry = self.integrator(integrator)?;
+        for key in scene.options.keys() {
+            let has_key = |entry: &IntegratorEntry| entry.options.iter().any(|option| option.key == *key);
+            if !self.integrators.iter().any(has_key) {
+                log::warn!("the scene sets the option {key:?}, which no integrator has");
+            }
+        }
+        // A scene may have options for several integrators.
+        let has = |key: &String| entry.options.iter().any(|option| option.key == *key);
+        let of_scene: BTreeMap<String, String> =
+            scene.options.iter().filter(|(key, _)| has(key)).map(|(k, v)| (k.clone(), v.clone())).collect();
+        Ok(Self::options(integrator, &entry.options, &of_scene, settings)?)
+    }
+
+    fn integrator(&self, name: &str) -> Result<&IntegratorEntry> {
+        let entry = self.integrators.iter().find(|entry| entry.name == name);
+        entry.with_context(|| format!("there is no integrator {name:?}"))
     }
 
     /// Runs a request with the integrator of this name.
@@ -187,8 +403,7 @@ impl Registry {
         params: IntegratorParams,
         request: RenderRequest<'_>,
     ) -> Result<Outcome> {
-        let entry = self.entries.iter().find(|entry| entry.name == name);
-        (entry.with_context(|| format!("there is no integrator {name:?}"))?.run)(params, request)
+        (self.integrator(name)?.run)(params, request)
     }
 }
 
@@ -206,7 +421,10 @@ fn accept_negative_numbers(command: Command) -> Command {
 mod tests {
     use super::*;
     use crate::lanes::{Lanes, Num, Vector};
-    use crate::scene::{Finish, Material, Points, Procedural, Scattered, Scattering};
+    use crate::scene::{
+        Finish, Material, Points, Procedural, ProceduralSurface, Scattered, Scattering, ScatteringSurface,
+        Surface, SurfaceRequest,
+    };
     use glam::Vec3;
 
     #[derive(Debug)]
@@ -229,20 +447,115 @@ mod tests {
     }
 
     #[test]
-    fn surfaces_go_on_the_materials_of_their_name() {
+    fn surfaces_go_on_the_materials_of_their_name_and_misspelt_names_are_told() {
         let registry = Registry::built_in()
             .with_surface("wood", ProceduralSurface::new(Mine))
             .with_surface("dust", ScatteringSurface::new(Mine))
-            .with_surface("nothing", ScatteringSurface::new(Mine));
+            .with_surface(String::from("nothing"), ScatteringSurface::new(Mine));
         let materials =
             ["dust", "stone", "wood", "dust"].map(|name| Material::matte(name, Vec3::ONE)).to_vec();
         let mut scene = Scene { materials, ..Scene::default() };
         let stone = scene.materials[1].surface;
-        registry.apply_surfaces(&mut scene);
+        let warnings = registry.apply_surfaces(&mut scene, &[]).expect("no options");
+        let expected = "the surface \"nothing\" is not used: no material is named \"nothing\"; the scene has \"dust\", \
+                        \"stone\", \"wood\", \"dust\"";
+        assert_eq!(warnings, [expected]);
         let surfaces: Vec<Surface> = scene.materials.iter().map(|material| material.surface).collect();
         let dust = Surface::Scattering(0);
         assert_eq!(surfaces, [dust, stone, Surface::Procedural(0), dust]);
         assert_eq!((scene.procedurals.len(), scene.scatterings.len()), (1, 1));
+    }
+
+    /// A surface that knows its option.
+    #[derive(Debug)]
+    struct Ringed(#[expect(dead_code, reason = "its Debug text is read")] f32);
+
+    impl Procedural for Ringed {
+        fn finish<L: Lanes>(&self, points: &Points<L>) -> Finish<L> {
+            Finish::matte(points)
+        }
+    }
+
+    fn rings(options: &PluginOptions) -> Result<ProceduralSurface, OptionError> {
+        Ok(ProceduralSurface::new(Ringed(options.parse("rings")?)))
+    }
+
+    fn settings(texts: &[&str]) -> Vec<Setting> {
+        texts.iter().map(|text| text.parse().expect("a setting")).collect()
+    }
+
+    #[test]
+    fn surfaces_get_options_from_defaults_the_scene_and_the_command_line() {
+        let registry = Registry::built_in().with_surface_from("wood", rings).with_option(
+            "wood",
+            "rings",
+            "7",
+            "Rings per unit of length",
+        );
+        let scene = || {
+            let materials = ["wood", "door"].map(|name| Material::matte(name, Vec3::ONE)).to_vec();
+            let mut scene = Scene { materials, ..Scene::default() };
+            let request = |surface: &str, rings: &str| SurfaceRequest {
+                material: 1,
+                surface: surface.into(),
+                options: [("rings".to_owned(), rings.to_owned())].into(),
+            };
+            scene.surface_requests.push(request("wood", "9"));
+            (scene, request)
+        };
+        let (mut both, _) = scene();
+        assert_eq!(registry.apply_surfaces(&mut both, &[]).expect("valid"), Vec::<String>::new());
+        let texts = |scene: &Scene| scene.procedurals.iter().map(|p| format!("{p:?}")).collect::<Vec<_>>();
+        let found = texts(&both);
+        assert!(found[0].contains("Ringed(7.0)") && found[1].contains("Ringed(9.0)"), "{found:?}");
+        assert_eq!(both.materials[1].surface, Surface::Procedural(1));
+        let (mut set, _) = scene();
+        registry.apply_surfaces(&mut set, &settings(&["wood.rings=3"])).expect("valid");
+        assert!(texts(&set).iter().all(|text| text.contains("Ringed(3.0)")), "{:?}", texts(&set));
+        let (mut wrong, request) = scene();
+        wrong.surface_requests = vec![request("wood", "many")];
+        let error = format!("{:#}", registry.apply_surfaces(&mut wrong, &[]).expect_err("no number"));
+        assert_eq!(error, "surface \"wood\" of material \"door\": option rings=many: invalid float literal");
+        wrong.surface_requests = vec![request("wod", "1")];
+        let warnings = registry.apply_surfaces(&mut wrong, &[]).expect("a warning");
+        assert!(warnings.iter().any(|text| text.contains("asks for the surface \"wod\"")), "{warnings:?}");
+    }
+
+    #[test]
+    fn settings_of_unknown_options_are_refused_with_the_list() {
+        let registry = Registry::built_in()
+            .with_surface_from("wood", rings)
+            .with_option("wood", "rings", "7", "Rings per unit of length")
+            .with_surface_from("bark", rings)
+            .with_option("bark", "rings", "7", "Rings per unit of length");
+        let check = |integrator, text: &str| registry.check_settings(integrator, &settings(&[text]));
+        assert_eq!(check("ambient-occlusion", "reach=1"), Ok(()));
+        assert_eq!(check("path", "wood.rings=1"), Ok(()));
+        let told = |integrator, text| check(integrator, text).expect_err("refused").to_string();
+        assert_eq!(
+            told("ambient-occlusion", "raech=1"),
+            "--set: integrator ambient-occlusion has no option \"raech\"; the options are ambient-occlusion.reach, \
+             wood.rings, bark.rings"
+        );
+        assert_eq!(
+            told("path", "rings=1"),
+            "--set rings: wood and bark have this option; write --set NAME.rings=VALUE"
+        );
+        assert!(told("path", "reach=1").contains("integrator path has no option \"reach\""));
+        assert!(told("path", "stone.rings=1").starts_with("--set: stone has no option"));
+        let mut help = registry.command();
+        let help = help.find_subcommand_mut("render").expect("there").render_long_help().to_string();
+        assert!(help.contains("ambient-occlusion.reach=auto") && help.contains("wood.rings=7"), "{help}");
+    }
+
+    #[test]
+    fn errors_of_any_type_are_told() {
+        fn refuse(_: IntegratorParams) -> Result<AmbientOcclusion, std::io::Error> {
+            Err(std::io::Error::other("no table"))
+        }
+        // It compiles: names are owned, errors are open.
+        let registry = Registry::built_in().with(format!("mine {}", 1), String::from("Mine"), refuse);
+        assert!(format!("{registry:?}").contains("mine 1"));
     }
 
     #[test]

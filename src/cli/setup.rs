@@ -1,6 +1,7 @@
 //! What all commands that trace need: a loaded scene, its tree and tracers, and the service.
 
 use super::args::{PolicyChoice, SceneArgs, TracerChoice, UnitArgs};
+use super::plugin_options::PluginOptions;
 use super::scene_file;
 use crate::bvh::Bvh;
 use crate::engine::{PreparedScene, UnitChoice, Units};
@@ -25,6 +26,8 @@ pub struct Setup {
     pub simd: SimdLevel,
     /// The requested policy.
     pub policy: Option<Policy>,
+    /// The options of the integrator, if the command has one.
+    pub options: PluginOptions,
     /// Seconds spent reading files.
     pub load_s: f64,
     /// Seconds spent building the tree and uploading it.
@@ -83,7 +86,8 @@ impl Setup {
             sharing: Sharing::FirstIn,
             ..ServiceOptions::default()
         })?;
-        Ok(Self { prepared, units, service, simd, policy, load_s, build_s })
+        let options = PluginOptions::default();
+        Ok(Self { prepared, units, service, simd, policy, options, load_s, build_s })
     }
 
     /// Says that the fault of `--inject` has not happened, if it has not.

@@ -43,10 +43,12 @@ pub struct RenderStats {
     pub tail_idle_share: f64,
     /// Seconds from then to the end.
     pub tail_s: f64,
-    /// Splats dropped because they were not finite.
+    /// Splats dropped because they were negative or not finite.
     pub dropped_splats: u64,
     /// Splats of which a channel was clamped to [`crate::film::MAX_RADIANCE`].
     pub clamped_splats: u64,
+    /// A sentence for each material that made some, with the first pixel.
+    pub dropped_by_material: Vec<String>,
     /// Highest memory use of the process so far; null where the system does not report it.
     pub peak_memory_bytes: Option<u64>,
     /// Memory by use.
@@ -99,10 +101,12 @@ pub struct FramesStats {
     pub threads: Vec<ThreadStats>,
     /// Share of the host threads' time in `seconds` spent on tasks.
     pub busy_share: f64,
-    /// Splats dropped because they were not finite.
+    /// Splats dropped because they were negative or not finite.
     pub dropped_splats: u64,
     /// Splats of which a channel was clamped to [`crate::film::MAX_RADIANCE`].
     pub clamped_splats: u64,
+    /// A sentence for each material that made some, with the first pixel.
+    pub dropped_by_material: Vec<String>,
     /// Highest memory use of the process so far; null where the system does not report it.
     pub peak_memory_bytes: Option<u64>,
     /// Memory by use.

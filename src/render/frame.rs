@@ -214,6 +214,11 @@ impl Frame {
         Blocks::new(self.settings.width, self.settings.height)
     }
 
+    /// The samples that a job takes.
+    pub fn pass(&self) -> &Pass {
+        &self.pass
+    }
+
     /// Number of tiles in the pass. Each tile takes a few samples of the pixels of some blocks.
     pub fn tiles(&self) -> u64 {
         self.pass.tiles()

@@ -188,6 +188,10 @@ impl<S: HitShader> Integrator for HitShading<S> {
         Self { shader: Arc::clone(&self.shader), frame, memory: S::Memory::default() }
     }
 
+    fn with_simd(self, simd: SimdLevel) -> Self {
+        Self::with_simd(self, simd)
+    }
+
     fn loop_stack_bytes(&self) -> usize {
         self.memory.bytes()
     }
@@ -230,6 +234,10 @@ impl<S: HitShader> Renderer for HitShading<S> {
 
     fn depth(&self, payload: &S::Payload) -> u32 {
         self.shader.depth(payload)
+    }
+
+    fn warnings(&self) -> Vec<String> {
+        self.frame.dropped_warnings()
     }
 
     fn shadow(&self, rays: &[Ray], payloads: &[S::ShadowPayload], occluded: &[u32]) {

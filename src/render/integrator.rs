@@ -1,6 +1,7 @@
 //! The trait of integrators: renderers of frames, in passes and from several cameras.
 
 use super::{Frame, Pass};
+use crate::lanes::SimdLevel;
 use crate::scene::{Camera, CameraError, Scene};
 use crate::schedule::Renderer;
 use std::sync::Arc;
@@ -12,6 +13,12 @@ pub trait Integrator: Renderer + Sized + 'static {
 
     /// The same integrator for another frame of the same scene.
     fn with_frame(&self, frame: Frame) -> Self;
+
+    /// The same integrator, shading at this SIMD level; with one lane at [`SimdLevel::Scalar`]. The picture is the same.
+    fn with_simd(self, simd: SimdLevel) -> Self {
+        let frame = self.frame();
+        self.with_frame(frame.with_pass(frame.pass().clone()).with_simd(simd))
+    }
 
     /// Bytes allocated for loop stacks.
     fn loop_stack_bytes(&self) -> usize {

@@ -1,5 +1,6 @@
 //! A frame rendered in passes: intermediate pictures, a target noise, checkpoints.
 
+use super::preview::{PassSum, Preview};
 use super::{Integrator, Pass, Sequence};
 use crate::film::{Film, Noise};
 use crate::schedule::{JobError, JobHandle, JobReport, LimitsError, Progress};
@@ -27,13 +28,13 @@ pub struct PassOptions {
     /// of its block of [`super::BLOCK`]² pixels, root mean square over the picture. It ends earlier where blocks have
     /// all samples.
     pub noise: Option<f32>,
-    /// Approximate duration of a pass. Without it, and without `noise`, one pass takes all samples. It does not change
-    /// the picture.
+    /// Approximate duration of a pass. Without it, and without `noise`, one pass takes all samples, and a [`Preview`]
+    /// shows nothing before the end. It does not change the picture.
     pub pass_time: Option<Duration>,
 }
 
 /// A frame rendered in passes. Each pass has its own film, which is added to the total when the pass is complete. The
-/// total between two passes therefore does not depend on scheduling or timing.
+/// total between two passes therefore does not depend on scheduling or timing. A [`Preview`] shows it to other threads.
 ///
 /// # Stopping loses nothing
 /// A stopped job has completed the tiles that it has spawned, which are the first of its pass. Their film is kept,
@@ -53,6 +54,8 @@ pub struct Progressive<I: Integrator> {
     integrator: Arc<I>,
     options: PassOptions,
     state: State,
+    /// The sum of all complete passes, which [`State::film`] refers to.
+    sum: PassSum,
     under_way: Sequence<Arc<I>>,
     stopped: bool,
     /// Number of passes whose jobs have ended since the frame was stopped, all at the front of the unfinished ones.
@@ -123,6 +126,7 @@ impl<I: Integrator> Progressive<I> {
         Self {
             integrator: Arc::new(integrator),
             options,
+            sum: PassSum::new(&state.film, state.passes),
             state,
             under_way: Sequence::new(PASSES_IN_FLIGHT),
             stopped: false,
@@ -215,11 +219,7 @@ impl<I: Integrator> Progressive<I> {
         if let Some(noise) = &mut self.state.noise {
             noise.add_pass(&self.state.film, film);
         }
-        if self.state.passes == 0 {
-            self.state.film = Arc::clone(film);
-        } else {
-            self.state.film.add(film);
-        }
+        self.state.film = self.sum.add(film);
         self.state.passes += 1;
         if let Some(target) = self.options.noise {
             self.rest(f64::from(target), pass.samples().end);
@@ -314,7 +314,13 @@ impl<I: Integrator> Progressive<I> {
         self.loop_stack_bytes
     }
 
-    /// The film of all complete passes and of what stopped ones have taken.
+    /// A handle by which any thread may look at the frame at any time.
+    pub fn preview(&self) -> Preview {
+        self.sum.preview()
+    }
+
+    /// The film of all complete passes and of what stopped ones have taken. The next complete pass is
+    /// added to this film; a thread that looks meanwhile uses a [`Preview`].
     pub fn picture(&self) -> Arc<Film> {
         let mut parts = self.state.unfinished.iter().filter_map(|pass| pass.film.as_ref()).peekable();
         if parts.peek().is_none() {

@@ -47,6 +47,10 @@ impl<R: Renderer> Renderer for RayByRay<R> {
         self.0.depth(payload)
     }
 
+    fn warnings(&self) -> Vec<String> {
+        self.0.warnings()
+    }
+
     fn shadow(&self, rays: &[Ray], payloads: &[R::ShadowPayload], occluded: &[u32]) {
         self.0.shadow(rays, payloads, occluded);
     }

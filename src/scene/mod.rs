@@ -5,6 +5,7 @@ mod camera;
 mod camera_motion;
 mod camera_path;
 mod coat;
+mod coded_surface;
 mod environment;
 mod erased_lanes;
 mod fingerprint;
@@ -38,6 +39,9 @@ pub(crate) use camera_motion::unit_rotation;
 pub use camera_motion::{AnimatedNode, CameraMotion, Interpolate, Interpolation, Key, Track};
 pub use camera_path::{CameraPath, CameraPathError};
 pub use coat::{Coat, Coats};
+#[cfg(feature = "formats")]
+use coded_surface::option_texts;
+pub use coded_surface::{CodedSurface, NoSuchMaterial, SurfaceRequest};
 pub use environment::{Environment, EnvironmentMap};
 pub use fingerprint::FINGERPRINT_VERSION;
 pub use footprint::Footprint;
@@ -62,6 +66,7 @@ pub use validate::{SceneError, ScenePart};
 
 use crate::geom::Aabb;
 use crate::lanes::Num;
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 /// A scene, from which a tree can be built and whose hits can be shaded.
@@ -99,6 +104,10 @@ pub struct Scene {
     pub camera: Option<Camera>,
     /// The animation of that camera. `None` if it does not move.
     pub camera_motion: Option<CameraMotion>,
+    /// Surfaces of user code that the file asks for by name. The command line resolves them.
+    pub surface_requests: Vec<SurfaceRequest>,
+    /// Options of integrators by name, as a recipe sets them.
+    pub options: BTreeMap<String, String>,
     /// Features of the file that the loader ignored or changed, one sentence each.
     pub warnings: Vec<String>,
     /// The files that the scene's file names and the loader read or looked for: material libraries, buffers, textures.

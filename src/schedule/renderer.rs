@@ -55,6 +55,13 @@ pub trait Renderer: Send + Sync {
         0
     }
 
+    /// What a user should know of the result, for [`super::JobReport::warnings`]. Called once, when the job has ended.
+    ///
+    /// A renderer that wraps another must forward it.
+    fn warnings(&self) -> Vec<String> {
+        Vec::new()
+    }
+
     /// Receives traced shadow rays: `occluded[i]` is 1 if `rays[i]` hits anything between its ends, else 0. Called for
     /// all shadow rays of a stream before any of its rays is shaded.
     fn shadow(&self, rays: &[Ray], payloads: &[Self::ShadowPayload], occluded: &[u32]);

@@ -235,6 +235,8 @@ pub struct JobReport {
     pub limits: Limits,
     /// What a user should know, a lost device for instance.
     pub events: Vec<String>,
+    /// What the renderer says of its result ([`super::Renderer::warnings`]): dropped splats, for instance.
+    pub warnings: Vec<String>,
     /// All tasks in the order in which they ended, if [`JobOptions::timeline`] asks for them.
     pub timeline: Vec<TaskRecord>,
 }
@@ -263,6 +265,7 @@ impl JobReport {
             stream_bytes: 0,
             limits,
             events,
+            warnings: Vec::new(),
             timeline: Vec::new(),
         }
     }

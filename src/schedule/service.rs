@@ -308,9 +308,13 @@ impl Inner {
         }
         for ended in ended {
             let Submission { job, work, receiver, .. } = ended.submission;
+            let mut outcome = ended.outcome;
+            if let Ok(report) = &mut outcome {
+                report.warnings = work.warnings();
+            }
             job.retire(&self.pool);
             drop_quietly(work);
-            receiver.deliver(ended.outcome);
+            receiver.deliver(outcome);
         }
     }
 

@@ -82,6 +82,9 @@ pub(super) struct SharedJob<R: Renderer> {
 pub(super) trait Work: Send + Sync {
     /// Does the task in the thread's slot.
     fn work(&self, thread: usize, scratch: &mut ChunkScratch);
+
+    /// [`Renderer::warnings`]; none if it panics.
+    fn warnings(&self) -> Vec<String>;
 }
 
 impl<R: Renderer> Work for SharedJob<R> {
@@ -100,6 +103,10 @@ impl<R: Renderer> Work for SharedJob<R> {
         }));
         let done = done.unwrap_or_else(|payload| Done::Panicked(panic_message(payload)));
         self.swap_slot(thread, TaskSlot::Done(done));
+    }
+
+    fn warnings(&self) -> Vec<String> {
+        catch_unwind(AssertUnwindSafe(|| self.renderer.warnings())).unwrap_or_default()
     }
 }
 

@@ -353,3 +353,20 @@ fn all_materials_are_kept_and_the_fallback_comes_last() {
     let names: Vec<&str> = scene.materials.iter().map(|m| m.name.as_str()).collect();
     assert_eq!((names, &scene.mesh.materials[..]), (vec!["unused", "material 1", "default"], &[2, 1][..]));
 }
+
+#[test]
+fn extras_ask_for_surfaces_of_user_code() {
+    let asks = scene(json!({ "name": "door", "extras": { "other": [1], "raystream": {
+        "surface": "wood", "options": { "rings": 12, "tint": [1, 0.5] } } } }));
+    let [request] = &asks.surface_requests[..] else { panic!("one request") };
+    assert_eq!((request.material, &*request.surface), (0, "wood"));
+    let options: Vec<_> = request.options.iter().map(|(key, value)| (&**key, &**value)).collect();
+    assert_eq!(options, [("rings", "12"), ("tint", "1,0.5")]);
+    for others in [json!("text"), json!({ "name": 3 }), json!(null)] {
+        let plain = scene(json!({ "extras": others }));
+        assert!(plain.surface_requests.is_empty() && plain.warnings.is_empty(), "{:?}", plain.warnings);
+    }
+    let wrong = scene(json!({ "name": "door", "extras": { "raystream": { "surfce": "wood" } } }));
+    assert!(wrong.surface_requests.is_empty());
+    assert!(warns(&wrong, &["door", "extras.raystream", "surfce"]), "{:?}", wrong.warnings);
+}

@@ -2,6 +2,7 @@
 
 #[cfg(feature = "bench")]
 mod bench;
+mod doctor;
 mod frames;
 mod look;
 mod progress;
@@ -17,6 +18,7 @@ pub use bench::{
     BenchScheduleArgs, BenchSmallArgs, BenchTablesArgs, BenchTailArgs, BenchTexturesArgs, EmbreeArgs,
     PeerArgs, SceneView, ShotArgs,
 };
+pub use doctor::DoctorArgs;
 pub use frames::FramesArgs;
 pub use look::LookArgs;
 pub use progress::ProgressArgs;
@@ -53,6 +55,8 @@ pub enum Command {
     /// Left out of this build: measures speed beside its peers.
     #[cfg(not(feature = "bench"))]
     Bench(LeftOutArgs),
+    /// Look for vector instructions that a program with plug-ins calls instead of inlining them: an attribute is missing.
+    Doctor(DoctorArgs),
     /// Say what this machine has: instruction sets, threads, GPU adapters.
     Info,
 }

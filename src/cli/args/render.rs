@@ -2,6 +2,7 @@
 
 use super::view::size;
 use super::{CameraArgs, FramesArgs, LightArgs, LookArgs, ProgressArgs, SceneArgs, UnitArgs};
+use crate::cli::plugin_options::Setting;
 use clap::Args;
 use std::path::PathBuf;
 
@@ -16,6 +17,9 @@ pub struct RenderArgs {
     /// Integrator.
     #[arg(long, value_name = "NAME", default_value = "path")]
     pub integrator: String,
+    /// Set an option of the integrator or of a surface (repeatable; `--help` lists them).
+    #[arg(long, value_name = "KEY=VALUE", value_parser = clap::value_parser!(Setting))]
+    pub set: Vec<Setting>,
     /// Picture size in pixels.
     #[arg(long, value_name = "WxH", default_value = "960x540", allow_hyphen_values = true, value_parser = size)]
     pub size: (u32, u32),

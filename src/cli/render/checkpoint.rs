@@ -35,7 +35,9 @@ pub fn identity(args: &RenderArgs, setup: &Setup, settings: &Settings, camera: O
         ("--noise", noise),
     ];
     let camera = camera.map(|camera| ("the camera", camera.to_string()));
-    Identity::new(parts.into_iter().chain(camera).map(|(what, value)| (what.to_owned(), value)))
+    let parts = parts.into_iter().chain(camera).map(|(what, value)| (what.to_owned(), value));
+    let options = setup.options.iter().map(|(key, value)| (format!("option {key}"), value.to_owned()));
+    Identity::new(parts.chain(options))
 }
 
 /// A checkpoint file, and the identity that it must match.

@@ -38,8 +38,8 @@ pub fn run<I: Integrator>(
     let options = PassOptions { noise: args.progress.noise, pass_time: None };
     let mut shots: VecDeque<Shot<I>> = VecDeque::new();
     let mut todo = animation.frames.clone();
-    let (mut totals, mut done, mut dropped_splats, mut clamped_splats) =
-        (Totals::default(), Vec::new(), 0, 0);
+    let (mut totals, mut done) = (Totals::default(), Vec::new());
+    let (mut dropped_splats, mut clamped_splats, mut dropped_by_material) = (0, 0, Vec::new());
     totals.events.extend(setup.prepared.degraded.clone());
     let meters = Meters::start();
     let recorder = args.timeline.as_ref().and_then(|_| Recorder::start());
@@ -76,6 +76,8 @@ pub fn run<I: Integrator>(
         let film = shot.picture.picture();
         dropped_splats += film.dropped_splats();
         clamped_splats += film.clamped_splats();
+        let warnings = shot.picture.integrator().frame().dropped_warnings();
+        dropped_by_material.extend(warnings.iter().map(|warning| format!("frame {}: {warning}", shot.frame)));
         let written = shot.write(args, animation)?;
         if let Some(finished) = &mut finished {
             finished.note(animation, shot.frame, &written.hash);
@@ -99,6 +101,7 @@ pub fn run<I: Integrator>(
         frames_in_flight: in_flight,
         dropped_splats,
         clamped_splats,
+        dropped_by_material,
         ..summarise(setup, settings, &mut totals)
     };
     if let Some(path) = &args.timeline {
@@ -185,6 +188,7 @@ fn summarise(setup: &Setup, settings: &Settings, totals: &mut Totals) -> FramesS
         busy_share: totals.busy_share(),
         dropped_splats: 0,
         clamped_splats: 0,
+        dropped_by_material: Vec::new(),
         peak_memory_bytes: stats::peak_memory_bytes(),
         memory: totals.memory(setup),
         peak_rays_in_flight: totals.peak_rays_in_flight as u64,
@@ -219,7 +223,7 @@ fn print(animation: &Animation, stats: &FramesStats) {
         stderr_line!("degraded: {event}");
     }
     warn_of_clamped(stats.clamped_splats);
-    if stats.dropped_splats > 0 {
-        stdout_line!("dropped {} splats that were not finite", stats.dropped_splats);
+    for warning in &stats.dropped_by_material {
+        log::warn!("{warning}");
     }
 }

@@ -30,6 +30,7 @@ pub fn run(args: &RenderArgs, registry: &Registry) -> Result<Outcome> {
     let pictures = Animation::check(args)?;
     let outputs = check_files(args, &pictures)?;
     checkpoint::check(&args.progress)?;
+    registry.check_settings(&args.integrator, &args.set)?;
     if let Some(path) = &args.timeline {
         timeline::Format::of(path)?;
     }
@@ -43,9 +44,11 @@ pub fn run(args: &RenderArgs, registry: &Registry) -> Result<Outcome> {
     let picture = format!("a picture of {width}x{height} pixels");
     args.loading.memory().check(picture, picture_bytes).context(RAISE_MEMORY)?;
     let max_jobs = in_flight * PASSES_IN_FLIGHT;
-    let setup = Setup::new(&args.scene, &args.loading, picture_bytes, &args.units, max_jobs, |scene| {
+    let mut setup = Setup::new(&args.scene, &args.loading, picture_bytes, &args.units, max_jobs, |scene| {
         outputs.check_files_of(scene)?;
-        registry.apply_surfaces(scene);
+        for warning in registry.apply_surfaces(scene, &args.set)? {
+            log::warn!("{warning}");
+        }
         animation = Animation::new(args, scene, still(scene))?;
         args.light.apply_environment(scene, &args.loading.options())
     })?;
@@ -54,7 +57,9 @@ pub fn run(args: &RenderArgs, registry: &Registry) -> Result<Outcome> {
     let spp = args.progress.samples();
     let settings = Settings { width, height, spp, max_bounces: args.max_bounces, seed: args.seed };
     let roulette_bounces = (!args.no_russian_roulette).then_some(ROULETTE_BOUNCES);
-    let params = IntegratorParams { scene, camera, settings, roulette_bounces, simd: setup.simd };
+    setup.options = registry.integrator_options(&args.integrator, &scene, &args.set)?;
+    let options = setup.options.clone();
+    let params = IntegratorParams { scene, camera, settings, roulette_bounces, options };
     registry.run(&args.integrator, params, RenderRequest { args, setup: &setup, animation, camera })
 }
 
@@ -77,6 +82,7 @@ impl RenderRequest<'_> {
     /// Renders the picture or the animation.
     pub fn run(self, integrator: impl Integrator) -> Result<Outcome> {
         let Self { args, setup, animation, camera } = self;
+        let integrator = integrator.with_simd(setup.simd);
         match animation {
             Some(animation) => frames::run(args, setup, &animation, &integrator),
             None => still::run(args, setup, &camera, integrator),

@@ -193,6 +193,7 @@ fn summarise<I: Integrator>(
         tail_s: totals.tail_s,
         dropped_splats: film.dropped_splats(),
         clamped_splats: film.clamped_splats(),
+        dropped_by_material: frame.integrator().frame().dropped_warnings(),
         peak_memory_bytes: stats::peak_memory_bytes(),
         memory: totals.memory(setup),
         peak_rays_in_flight: totals.peak_rays_in_flight as u64,
@@ -241,8 +242,8 @@ fn print(args: &RenderArgs, stats: &RenderStats) {
         stderr_line!("degraded: {event}");
     }
     warn_of_clamped(stats.clamped_splats);
-    if stats.dropped_splats > 0 {
-        stdout_line!("dropped {} splats that were not finite", stats.dropped_splats);
+    for warning in &stats.dropped_by_material {
+        log::warn!("{warning}");
     }
 }
 

@@ -190,7 +190,7 @@ where
                     if path.head == NO_SLOT {
                         let radiance = value.radiance();
                         if radiance != Vec3::ZERO {
-                            self.shader_frame.frame.film().splat(path.pixel, radiance);
+                            self.shader_frame.frame.splat(None, path.pixel, radiance);
                         }
                         return;
                     }
@@ -281,7 +281,7 @@ where
         for (state, &occluded) in payloads.iter().zip(occluded) {
             match (state.bit, occluded) {
                 (RADIANCE, 0) => {
-                    self.shader_frame.frame.film().splat(state.target, Vec3::from_array(state.radiance));
+                    self.shader_frame.frame.splat(None, state.target, Vec3::from_array(state.radiance));
                 }
                 (RADIANCE, _) | (_, 0) => {}
                 (bit, _) => {

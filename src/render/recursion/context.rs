@@ -107,7 +107,7 @@ impl<'a, S: Shader> Cx<'a, S> {
     /// Adds radiance to the pixel.
     pub fn add(self, radiance: Vec3) {
         if radiance != Vec3::ZERO {
-            Exchange::call(|_, path| self.frame.film().splat(path.pixel, radiance));
+            Exchange::call(|_, path| self.frame.splat(None, path.pixel, radiance));
         }
     }
 

@@ -135,6 +135,10 @@ impl<S: Shader> Renderer for Recursion<S> {
         self.engine(|engine| engine.shade(batch, out));
     }
 
+    fn warnings(&self) -> Vec<String> {
+        self.frame().dropped_warnings()
+    }
+
     fn shadow(&self, _rays: &[Ray], payloads: &[ShadowState], occluded: &[u32]) {
         self.engine(|engine| engine.shadow(payloads, occluded));
     }

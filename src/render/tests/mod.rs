@@ -1,10 +1,12 @@
 //! The integrators, driven without a scheduler.
 
 mod ambient_occlusion;
+mod dropped;
 pub mod harness;
 mod path;
 mod pinned;
 mod progressive;
+mod ray_shader;
 mod recursion;
 mod scattering;
 mod scenes;

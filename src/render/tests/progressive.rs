@@ -1,11 +1,11 @@
 //! Passes, noise and checkpoints: the same picture whatever happens in between.
 
-use super::harness::tracer;
+use super::harness::{render, tracer};
 use super::scenes::{camera, room};
 use crate::film::Film;
 use crate::render::{
-    CheckpointError, Identity, PASSES_IN_FLIGHT, PICTURE_VERSION, PassOptions, PathTracer, Progressive,
-    Settings,
+    CheckpointError, Identity, Integrator, PASSES_IN_FLIGHT, PICTURE_VERSION, Pass, PassOptions, PassPicture,
+    PathTracer, Progressive, Settings,
 };
 use crate::scene::Camera;
 use crate::schedule::{JobHandle, JobOptions, LimitsError, Service, ServiceOptions, Sharing, Tracers};
@@ -149,6 +149,55 @@ fn a_stopped_frame_keeps_all_that_it_shows_and_ends_as_if_it_had_not_stopped() {
         assert!(stops > 2, "{stops} stops");
         assert_eq!(frame.picture().resolve(), expected.resolve(), "{options:?}, stopped {stops} times");
         assert_eq!(frame.picture().sample_counts(), expected.sample_counts());
+    }
+}
+
+#[test]
+fn any_thread_sees_whole_passes_while_another_drives_them() {
+    let studio = Studio::new(2);
+    let options = PassOptions { noise: None, pass_time: Some(Duration::from_micros(100)) };
+    let mut frame = Progressive::new(studio.path(120), options);
+    let preview = frame.preview();
+    assert!(preview.picture().is_none(), "no pass is complete");
+    let (looking, waiting) = std::thread::scope(|scope| {
+        let looking = scope.spawn(|| {
+            let mut seen: Vec<PassPicture> = Vec::new();
+            while seen.last().is_none_or(|last| last.mean_samples < 120.0) {
+                seen.extend(preview.picture());
+            }
+            seen
+        });
+        let waiting = scope.spawn(|| {
+            let mut seen: Vec<PassPicture> = Vec::new();
+            while let Some(picture) = preview.wait_beyond(seen.last().map_or(0, |last| last.passes)) {
+                seen.push(picture);
+            }
+            seen
+        });
+        while studio.step(&mut frame) {}
+        drop(frame);
+        (looking.join().expect("no panic"), waiting.join().expect("no panic"))
+    });
+    assert!(waiting.windows(2).all(|pair| pair[0].passes < pair[1].passes), "each picture is a later one");
+    let last = waiting.last().expect("a picture");
+    assert_eq!((preview.passes(), last.mean_samples), (last.passes, 120.0));
+    let mut pictures: Vec<_> = looking.iter().chain(&waiting).collect();
+    pictures.sort_by_key(|picture| picture.passes);
+    pictures.dedup_by_key(|picture| picture.passes);
+    assert!(pictures.len() > 3, "{} pictures", pictures.len());
+    // The same as a frame of so many samples: as bright, and without a part of a pass.
+    let whole = studio.path(120);
+    let tracer = tracer(&studio.scene);
+    for picture in pictures.iter().step_by(pictures.len().div_ceil(6)).chain([&last]) {
+        let samples = picture.mean_samples as u32;
+        let expected = whole.with_pass(Pass::new(whole.frame().blocks().in_order(), 0..samples));
+        render(&expected, 8192, &tracer);
+        assert_eq!(picture.image.pixels, expected.film().resolve(), "{samples} samples");
+    }
+    // All pictures of one pass are equal.
+    for picture in looking.iter().step_by(looking.len().div_ceil(200)) {
+        let same = pictures.iter().find(|other| other.passes == picture.passes).expect("listed");
+        assert!(same.image == picture.image, "{} passes", picture.passes);
     }
 }
 

@@ -246,6 +246,9 @@ impl Encode for Scene {
             objects,
             camera: _,
             camera_motion: _,
+            // Surfaces of user code are encoded above. Options of integrators are inputs besides the scene.
+            surface_requests: _,
+            options: _,
             warnings: _,
             files: _,
         } = self;

@@ -3,10 +3,12 @@
 use super::within;
 use crate::scene::{
     Alpha, Anisotropy, Coat, Coats, Colour, Emission, Iridescence, Material, Medium, Principled, Scalar,
-    Sheen, Surface, TextureRef,
+    Sheen, Surface, SurfaceRequest, TextureRef, option_texts,
 };
 use glam::Vec3;
 use serde::Deserialize;
+use serde_json::Value;
+use std::collections::BTreeMap;
 
 /// A material: glass if `ior` is given, a mirror if `mirror` is true, and otherwise glTF's metallic-roughness
 /// surface, which is matte if `roughness` is absent, too. Glass and mirrors cannot have coats; other materials may:
@@ -52,6 +54,11 @@ pub struct MaterialRecipe {
     pub mirror: bool,
     /// Radiance that the front emits.
     pub emission: Option<Vec3>,
+    /// Name of a surface of user code, which replaces this one in programs that have it.
+    pub surface: Option<String>,
+    /// Options of that surface.
+    #[serde(default)]
+    pub options: BTreeMap<String, Value>,
 }
 
 /// A layer of fibres: glTF's sheen.
@@ -118,6 +125,16 @@ pub struct Absorption {
 }
 
 impl MaterialRecipe {
+    /// The surface of user code that the material asks for; `number` is the material's.
+    pub(super) fn request(&self, number: u32) -> Result<Option<SurfaceRequest>, String> {
+        let options = option_texts(&self.options)?;
+        match &self.surface {
+            Some(surface) => Ok(Some(SurfaceRequest { material: number, surface: surface.clone(), options })),
+            None if options.is_empty() => Ok(None),
+            None => Err("it has options but no surface that they are for".into()),
+        }
+    }
+
     /// The material. An error names a number that is out of range, and the range.
     pub(super) fn material(&self, name: &str, texture: Option<TextureRef>) -> Result<Material, String> {
         let colour = Colour { factor: shares("colour", self.colour)?, texture };

@@ -17,6 +17,13 @@
 //! ```json
 //! "mixes": { "rusty": { "of": ["steel", "rust"], "share": 0.7, "texture": "stains" } }
 //! ```
+//!
+//! A recipe may set options of integrators, and a material may ask for a surface of user code by name, with options:
+//!
+//! ```json
+//! "options": { "reach": 0.5 },
+//! "materials": { "door": { "colour": [0.6, 0.4, 0.2], "surface": "wood", "options": { "rings": 12 } } }
+//! ```
 
 mod material;
 mod mix;
@@ -31,10 +38,11 @@ pub use object::Object;
 pub use pattern::Pattern;
 pub use shape::Shape;
 
-use super::{Camera, Environment, MAX_TRIANGLES, MeshError, MeshSize, Scene, TextureRef};
+use super::{Camera, Environment, MAX_TRIANGLES, MeshError, MeshSize, Scene, TextureRef, option_texts};
 use crate::memory::{MemoryBudget, OutOfMemory};
 use glam::Vec3;
 use serde::Deserialize;
+use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fmt::{Display, LowerExp};
 use unique::unique;
@@ -56,6 +64,9 @@ pub struct Recipe {
     /// Mixes of materials by name.
     #[serde(default, deserialize_with = "unique")]
     pub mixes: BTreeMap<String, Mix>,
+    /// Options of integrators by name, for those that have them.
+    #[serde(default)]
+    pub options: BTreeMap<String, Value>,
     /// The shapes of the scene, in primitive order.
     pub shapes: Vec<Object>,
 }
@@ -139,6 +150,8 @@ impl Recipe {
             }),
             ..Scene::default()
         };
+        scene.options = option_texts(&self.options)
+            .map_err(|problem| RecipeError::Range { place: "options".into(), problem })?;
         size.reserve(&mut scene.mesh)?;
         let textures: Numbers = self.textures.keys().map(String::as_str).zip(0..).collect();
         for (name, pattern) in &self.textures {
@@ -163,6 +176,10 @@ impl Recipe {
             let material = recipe
                 .material(name, texture)
                 .map_err(|problem| RecipeError::Range { place: place(), problem })?;
+            let number = scene.materials.len() as u32;
+            let request =
+                recipe.request(number).map_err(|problem| RecipeError::Range { place: place(), problem })?;
+            scene.surface_requests.extend(request);
             scene.materials.push(material);
             scene.warnings.extend(recipe.unused().map(|unused| format!("Material {name:?}: {unused}.")));
         }
@@ -267,6 +284,30 @@ mod tests {
         assert_eq!(owners, [Some("shape 0".into()), Some("shape 1".into())]);
         scene.mesh.validate(scene.materials.len()).expect("valid");
         assert!(scene.materials[0].emission.is_some() && scene.materials[1].emission.is_none());
+    }
+
+    #[test]
+    fn options_reach_the_scene_as_text() {
+        let recipe = |rest: &str| {
+            let text =
+                format!(r#"{{ "shapes": [], "materials": {{ "door": {{ "colour": [1,1,1] {rest} }} }} }}"#);
+            Recipe::parse(&text).and_then(|recipe| recipe.build())
+        };
+        let asks = r#", "surface": "wood", "options": { "rings": 12, "tint": [1, 0.5, 0], "kind": "oak" }"#;
+        let scene = recipe(asks).expect("valid");
+        let [request] = &scene.surface_requests[..] else { panic!("one request") };
+        let options = [("kind", "oak"), ("rings", "12"), ("tint", "1,0.5,0")];
+        assert_eq!((request.material, &*request.surface), (0, "wood"));
+        assert_eq!(request.options, options.map(|(key, value)| (key.to_owned(), value.to_owned())).into());
+        assert!(recipe("").expect("valid").surface_requests.is_empty());
+        let told = |rest| recipe(rest).expect_err("invalid").to_string();
+        assert!(told(r#", "options": { "rings": 12 }"#).contains("no surface"));
+        assert!(
+            told(r#", "surface": "wood", "options": { "rings": null }"#).contains("option \"rings\" is null")
+        );
+        let recipe = Recipe::parse(r#"{ "shapes": [], "materials": {}, "options": { "reach": 0.5 } }"#);
+        let scene = recipe.and_then(|recipe| recipe.build()).expect("valid");
+        assert_eq!(scene.options["reach"], "0.5");
     }
 
     #[test]

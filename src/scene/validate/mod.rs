@@ -104,6 +104,9 @@ impl Scene {
             environment,
             camera,
             camera_motion,
+            // The command line resolves them; a prepared scene is rendered without.
+            surface_requests: _,
+            options: _,
             warnings: _,
             files: _,
         } = self;

@@ -7,6 +7,7 @@ mod accessor;
 mod animation;
 mod buffers;
 mod container;
+mod extras;
 mod instance;
 mod material;
 mod mesh;
@@ -69,9 +70,10 @@ pub(super) fn load(session: &mut Session) -> Result<Scene, LoadProblem> {
     let buffers = Buffers::read(session, &document, container.binary)?;
     let mut context = Context { session, document: &document, buffers: &buffers };
     let mut textures = Textures::default();
-    let mut materials = Vec::new();
-    for material in document.materials() {
+    let (mut materials, mut surface_requests) = (Vec::new(), Vec::new());
+    for (number, material) in (0..).zip(document.materials()) {
         materials.push(material::convert(&mut context, &mut textures, &material)?);
+        surface_requests.extend(extras::surface_request(number, &material, &mut context.session.warnings));
     }
     let world = node::flatten(&mut context, &materials)?;
     let mut materials: Vec<Material> = materials.into_iter().map(|m| m.material).collect();
@@ -87,6 +89,7 @@ pub(super) fn load(session: &mut Session) -> Result<Scene, LoadProblem> {
         lights: world.lights,
         camera: world.camera,
         camera_motion: world.camera_motion,
+        surface_requests,
         ..Scene::default()
     })
 }

@@ -1,0 +1,148 @@
+//! Pictures of a frame while it is rendered.
+
+use crate::film::{Film, Image};
+use std::fmt;
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+
+/// Shows a frame that [`super::Progressive`] renders, from any thread and at any time. A picture is the sum of complete
+/// passes, never of a part of one, and takes its mean over the samples of these passes. It is therefore as bright as
+/// the finished picture, unlike the film of a job that still runs, in which camera rays count before they are shaded.
+///
+/// ```no_run
+/// # use raystream::render::{Integrator, Progressive};
+/// # use raystream::schedule::{JobHandle, LimitsError};
+/// # use std::sync::Arc;
+/// # fn submit<I: Integrator>(_: &Arc<I>) -> Result<JobHandle, LimitsError> { unimplemented!() }
+/// # fn show(_: raystream::film::Image) {}
+/// # fn render(mut frame: Progressive<impl Integrator>) -> Result<(), Box<dyn std::error::Error>> {
+/// let preview = frame.preview();
+/// std::thread::spawn(move || {
+///     let mut passes = 0;
+///     while let Some(picture) = preview.wait_beyond(passes) {
+///         passes = picture.passes;
+///         show(picture.image);
+///     }
+/// });
+/// while !frame.is_complete() {
+///     frame.begin(submit)?;
+///     frame.finish_pass()?;
+/// }
+/// # Ok(())
+/// # }
+/// ```
+#[derive(Clone)]
+pub struct Preview(Arc<Shared>);
+
+/// A picture of complete passes.
+#[derive(Clone, Debug)]
+#[non_exhaustive]
+pub struct PassPicture {
+    /// The picture.
+    pub image: Image,
+    /// Number of complete passes.
+    pub passes: u64,
+    /// Mean number of samples of a pixel.
+    pub mean_samples: f64,
+    /// Splats that were dropped, because they were negative or not finite.
+    pub dropped_splats: u64,
+}
+
+impl Preview {
+    /// The sum of all complete passes; `None` before the first.
+    pub fn picture(&self) -> Option<PassPicture> {
+        self.0.lock().picture()
+    }
+
+    /// Number of complete passes.
+    pub fn passes(&self) -> u64 {
+        self.0.lock().passes
+    }
+
+    /// Waits until more than this many passes are complete. Returns their sum; `None` once the frame's
+    /// [`super::Progressive`] is gone and no more passes will come.
+    pub fn wait_beyond(&self, passes: u64) -> Option<PassPicture> {
+        let mut films = self.0.lock();
+        while films.passes <= passes && !films.is_over {
+            films = self.0.changed.wait(films).unwrap_or_else(PoisonError::into_inner);
+        }
+        (films.passes > passes).then(|| films.picture()).flatten()
+    }
+}
+
+impl fmt::Debug for Preview {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Preview").field("passes", &self.passes()).finish_non_exhaustive()
+    }
+}
+
+struct Shared {
+    films: Mutex<Films>,
+    changed: Condvar,
+}
+
+impl Shared {
+    fn lock(&self) -> MutexGuard<'_, Films> {
+        self.films.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// The films of a frame.
+struct Films {
+    /// The sum of all complete passes.
+    whole: Arc<Film>,
+    passes: u64,
+    /// No more passes will come.
+    is_over: bool,
+}
+
+impl Films {
+    fn picture(&self) -> Option<PassPicture> {
+        (self.passes > 0).then(|| PassPicture {
+            image: Image {
+                width: self.whole.width(),
+                height: self.whole.height(),
+                pixels: self.whole.resolve(),
+            },
+            passes: self.passes,
+            mean_samples: self.whole.mean_samples(),
+            dropped_splats: self.whole.dropped_splats(),
+        })
+    }
+}
+
+/// Adds complete passes for [`Preview`]s. When it is dropped, they stop waiting.
+pub(super) struct PassSum(Preview);
+
+impl PassSum {
+    /// A sum of this many passes.
+    pub fn new(whole: &Arc<Film>, passes: u64) -> Self {
+        let films = Films { whole: Arc::clone(whole), passes, is_over: false };
+        Self(Preview(Arc::new(Shared { films: Mutex::new(films), changed: Condvar::new() })))
+    }
+
+    pub fn preview(&self) -> Preview {
+        self.0.clone()
+    }
+
+    /// Adds a complete pass and returns the sum. No preview sees a part of the addition.
+    pub fn add(&self, pass: &Arc<Film>) -> Arc<Film> {
+        let shared = &self.0.0;
+        let mut films = shared.lock();
+        if films.passes == 0 {
+            films.whole = Arc::clone(pass);
+        } else {
+            films.whole.add(pass);
+        }
+        films.passes += 1;
+        shared.changed.notify_all();
+        Arc::clone(&films.whole)
+    }
+}
+
+impl Drop for PassSum {
+    fn drop(&mut self) {
+        let shared = &self.0.0;
+        shared.lock().is_over = true;
+        shared.changed.notify_all();
+    }
+}

@@ -1,0 +1,153 @@
+//! Surfaces of user code on materials by name.
+
+use super::{ProceduralSurface, ScatteringSurface, Scene, Surface};
+#[cfg(feature = "formats")]
+use serde_json::Value;
+use std::collections::BTreeMap;
+
+/// A surface computed by user code.
+#[derive(Clone, Debug)]
+#[non_exhaustive]
+pub enum CodedSurface {
+    /// A metallic-roughness surface whose parameters are computed at each hit.
+    Procedural(ProceduralSurface),
+    /// A user BSDF.
+    Scattering(ScatteringSurface),
+}
+
+impl From<ProceduralSurface> for CodedSurface {
+    fn from(surface: ProceduralSurface) -> Self {
+        Self::Procedural(surface)
+    }
+}
+
+impl From<ScatteringSurface> for CodedSurface {
+    fn from(surface: ScatteringSurface) -> Self {
+        Self::Scattering(surface)
+    }
+}
+
+/// A scene file's request for a surface of user code, which it names. Recipes write it as `"surface"` and `"options"`
+/// of a material, glTF files as the same keys of `"raystream"` in a material's `extras`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct SurfaceRequest {
+    /// Index of the material.
+    pub material: u32,
+    /// Name of the surface.
+    pub surface: String,
+    /// Options of the surface by name.
+    pub options: BTreeMap<String, String>,
+}
+
+/// The texts of options that a scene file writes as JSON: text, numbers and truth values as they are, lists of these with
+/// commas between.
+#[cfg(feature = "formats")]
+pub(super) fn option_texts(options: &BTreeMap<String, Value>) -> Result<BTreeMap<String, String>, String> {
+    fn text(value: &Value) -> Option<String> {
+        match value {
+            Value::String(text) => Some(text.clone()),
+            Value::Number(_) | Value::Bool(_) => Some(value.to_string()),
+            Value::Array(list) => Some(list.iter().map(text).collect::<Option<Vec<_>>>()?.join(",")),
+            Value::Null | Value::Object(_) => None,
+        }
+    }
+    let parsed = options.iter().map(|(key, value)| match text(value) {
+        Some(value) => Ok((key.clone(), value)),
+        None => {
+            Err(format!("option {key:?} is {value}; write text, a number, true, false or a list of these"))
+        }
+    });
+    parsed.collect()
+}
+
+/// No material has this name.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("no material is named {name:?}; the scene has {}", listed(.there))]
+pub struct NoSuchMaterial {
+    /// The requested name.
+    pub name: String,
+    /// The names that the scene has.
+    pub there: Vec<String>,
+}
+
+/// Number of names that a message lists.
+const LISTED: usize = 12;
+
+/// The first of these names, and how many more there are.
+fn listed(names: &[String]) -> String {
+    let some = names.iter().take(LISTED).map(|name| format!("{name:?}")).collect::<Vec<_>>().join(", ");
+    match names.len() {
+        0 => "no materials".to_owned(),
+        all if all > LISTED => format!("{some} and {} more", all - LISTED),
+        _ => some,
+    }
+}
+
+impl Scene {
+    /// Adds a surface of user code, for materials to name.
+    pub fn add_surface(&mut self, surface: impl Into<CodedSurface>) -> Surface {
+        match surface.into() {
+            CodedSurface::Procedural(surface) => {
+                self.procedurals.push(surface);
+                Surface::Procedural(self.procedurals.len() as u32 - 1)
+            }
+            CodedSurface::Scattering(surface) => {
+                self.scatterings.push(surface);
+                Surface::Scattering(self.scatterings.len() as u32 - 1)
+            }
+        }
+    }
+
+    /// Replaces the surface of every material of this name and returns their number. Emission, alpha, interior medium
+    /// and normal map are kept.
+    ///
+    /// # Errors
+    /// If no material has this name.
+    pub fn replace_surface(
+        &mut self,
+        material: &str,
+        surface: impl Into<CodedSurface>,
+    ) -> Result<usize, NoSuchMaterial> {
+        if self.materials.iter().all(|other| other.name != material) {
+            return Err(self.no_such_material(material));
+        }
+        let surface = self.add_surface(surface);
+        let replaced = self.materials.iter_mut().filter(|other| other.name == material);
+        Ok(replaced.map(|material| material.surface = surface).count())
+    }
+
+    /// The error that names a material and those that the scene has.
+    pub fn no_such_material(&self, name: &str) -> NoSuchMaterial {
+        let there = self.materials.iter().map(|material| material.name.clone()).collect();
+        NoSuchMaterial { name: name.to_owned(), there }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::lanes::Lanes;
+    use crate::scene::{Finish, Material, Points, Procedural};
+    use glam::Vec3;
+
+    #[derive(Debug)]
+    struct Plain;
+
+    impl Procedural for Plain {
+        fn finish<L: Lanes>(&self, points: &Points<L>) -> Finish<L> {
+            Finish::matte(points)
+        }
+    }
+
+    #[test]
+    fn a_surface_goes_on_all_materials_of_its_name_and_misspelt_names_are_told() {
+        let materials = ["dust", "stone", "dust"].map(|name| Material::matte(name, Vec3::ONE)).to_vec();
+        let mut scene = Scene { materials, ..Scene::default() };
+        let surface = || ProceduralSurface::new(Plain);
+        assert_eq!(scene.replace_surface("dust", surface()), Ok(2));
+        assert_eq!(scene.materials[2].surface, Surface::Procedural(0));
+        let error = scene.replace_surface("dsut", surface()).expect_err("misspelt").to_string();
+        assert_eq!(error, r#"no material is named "dsut"; the scene has "dust", "stone", "dust""#);
+        assert_eq!(scene.procedurals.len(), 1);
+    }
+}

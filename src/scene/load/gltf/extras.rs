@@ -1,0 +1,47 @@
+//! What the `extras` of a glTF file say to raystream.
+
+use super::super::warnings::Warnings;
+use crate::scene::{SurfaceRequest, option_texts};
+use ::gltf::Material as Source;
+use serde::Deserialize;
+use serde_json::Value;
+use std::collections::BTreeMap;
+
+/// `extras` of a material. Other programs' keys are ignored.
+#[derive(Deserialize)]
+struct MaterialExtras {
+    raystream: Option<Request>,
+}
+
+/// `{ "surface": "wood", "options": { "rings": 12 } }`
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Request {
+    surface: String,
+    #[serde(default)]
+    options: BTreeMap<String, Value>,
+}
+
+/// The surface of user code that a material asks for.
+pub(super) fn surface_request(
+    number: u32,
+    material: &Source<'_>,
+    warnings: &mut Warnings,
+) -> Option<SurfaceRequest> {
+    let text = material.extras().as_ref()?.get();
+    // Extras may be any JSON; only an object with this key is meant for raystream.
+    let is_ours = serde_json::from_str::<Value>(text).is_ok_and(|value| value.get("raystream").is_some());
+    if !is_ours {
+        return None;
+    }
+    let request = serde_json::from_str::<MaterialExtras>(text).map_err(|error| error.to_string());
+    let request = request.and_then(|extras| {
+        let Some(Request { surface, options }) = extras.raystream else { return Ok(None) };
+        Ok(Some(SurfaceRequest { material: number, surface, options: option_texts(&options)? }))
+    });
+    request.unwrap_or_else(|error| {
+        let name = material.name().unwrap_or("without a name");
+        warnings.add(format!("material {name:?}: extras.raystream is ignored: {error}"));
+        None
+    })
+}
