@@ -1,6 +1,6 @@
 //! The pinhole camera.
 
-use crate::geom::Aabb;
+use crate::geom::{Aabb, MAX_COORDINATE};
 use crate::lanes::{Lanes, Num, Vector};
 use glam::Vec3;
 
@@ -36,6 +36,9 @@ pub enum CameraError {
     /// Eye and target are equal, or not finite.
     #[error("the camera's eye ({}) and target ({}) must be finite and differ", coordinates(.0), coordinates(.1))]
     View(Vec3, Vec3),
+    /// The eye is farther away than rays can start.
+    #[error("the camera's eye ({}) is too far away; its coordinates may be at most {MAX_COORDINATE:e}", coordinates(.0))]
+    Eye(Vec3),
     /// The up vector is not finite or is parallel to the view axis.
     #[error(
         "the camera's up vector ({}) must be finite, not zero, and must not point along the view",
@@ -70,6 +73,9 @@ impl Camera {
     /// When the camera is invalid.
     pub fn lens(&self, width: u32, height: u32) -> Result<Lens, CameraError> {
         let forward = direction(self.eye, self.target).ok_or(CameraError::View(self.eye, self.target))?;
+        if self.eye.abs().max_element() > MAX_COORDINATE {
+            return Err(CameraError::Eye(self.eye));
+        }
         if !(self.fov_degrees > 0.0 && self.fov_degrees < 180.0) {
             return Err(CameraError::Fov(self.fov_degrees));
         }
@@ -201,8 +207,8 @@ mod tests {
             assert_eq!(seen(Camera { up: Vec3::Y * length, ..camera }), seen(camera), "{length:e}");
             assert_eq!(seen(Camera { target: Vec3::Z * length, ..camera }), seen(camera), "{length:e}");
         }
-        let far = Camera { eye: Vec3::Z * -f32::MAX, target: Vec3::Z * f32::MAX, ..camera };
-        assert_eq!(seen(far), seen(camera));
+        let far = Camera { eye: Vec3::Z * -1e38, ..camera }.lens(4, 4).expect_err("out of range").to_string();
+        assert!(far.contains("(0.0, 0.0, -1e38) is too far away"), "{far}");
         for bad in [Vec3::INFINITY, Vec3::NAN] {
             assert!(Camera { eye: bad, ..camera }.lens(1, 1).is_err());
             assert!(Camera { target: bad, ..camera }.lens(1, 1).is_err());

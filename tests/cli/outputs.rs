@@ -106,7 +106,9 @@ fn a_full_output_is_one_line_after_the_files_are_written() {
     let mut errors = Command::new(env!("CARGO_BIN_EXE_raystream"));
     errors.current_dir(folder.path()).args(["mesh", "none.obj", "-o", "a.npz"]).stderr(full);
     assert_eq!(errors.status().expect("it ends").code(), Some(2), "nowhere to say it");
-    let stats = raystream(folder.path(), &["render", &shipped("cornell.json"), "--stats", "/dev/full"]);
+    let scene = shipped("cornell.json");
+    let args = ["render", &scene, "--stats", "/dev/full"];
+    let stats = raystream(folder.path(), &[&args[..], &SMALL].concat());
     let text = String::from_utf8_lossy(&stats.stderr);
     assert!(stats.status.code() == Some(2) && text.contains("/dev/full: cannot be written"), "{text}");
 }

@@ -96,6 +96,7 @@ fn bad_arguments_are_refused() {
         (vec!["--eye", "1,2"], "three finite numbers"),
         (vec!["--eye", "0,0,0", "--target", "0,0,0"], "must be finite and differ"),
         (vec!["--up", "0,0,0"], "up vector"),
+        (vec!["--eye", "1e38,0,0"], "eye (1e38, 0.0, 0.0) is too far away"),
         (vec!["--env", "sky.hdr"], "sky.hdr"),
         (vec!["--env=-1,0,0"], "must not be negative"),
         (vec!["--integrator", "radiosity"], "path, whitted, recursive-whitted, ambient-occlusion"),

@@ -83,14 +83,14 @@ pub fn run<I: Integrator>(
             finished.note(animation, shot.frame, &written.hash);
             // The last one is written below, and again and again if it fails.
             if let Err(error) = finished.write() {
-                log::warn!("{error:#}; rendering goes on, and the next try is after the next frame");
+                log::warn!("{error}; rendering goes on, and the next try is after the next frame");
             }
         }
         done.push(written);
     }
     drop((bar, shots));
     if let Some(Err(error)) = finished.map(|mut finished| insist(|| finished.write())) {
-        totals.events.push(format!("{error:#}; a run that resumes renders frames again"));
+        totals.events.push(format!("{error}; a run that resumes renders frames again"));
     }
     totals.events.extend(setup.idle_fault());
     totals.joules = meters.joules();

@@ -126,7 +126,7 @@ fn insist<E: Display>(mut write: impl FnMut() -> Result<(), E>) -> Result<(), E>
     for _ in 1..TRIES {
         match write() {
             Ok(()) => return Ok(()),
-            Err(error) => log::warn!("{error:#}; the next try is in {} s", PAUSE.as_secs()),
+            Err(error) => log::warn!("{error}; the next try is in {} s", PAUSE.as_secs()),
         }
         std::thread::sleep(PAUSE);
     }

@@ -68,9 +68,7 @@ pub fn run<I: Integrator>(
     let (film, image) = develop(&frame);
     // The checkpoint first: a resumed frame never has fewer samples than the picture that it replaces.
     if let Some(Err(error)) = checkpoint.map(|checkpoint| insist(|| checkpoint.write(&frame))) {
-        totals
-            .events
-            .push(format!("{error:#}; a run that resumes starts from an earlier checkpoint or anew"));
+        totals.events.push(format!("{error}; a run that resumes starts from an earlier checkpoint or anew"));
     }
     insist(|| write_image(&args.output, &image, &args.look.look()))?;
     totals.events.extend(setup.idle_fault());
@@ -135,7 +133,7 @@ fn save_meanwhile<I: Integrator>(
     let kept = checkpoint.map_or(Ok(()), |checkpoint| checkpoint.write(frame));
     let shown = write_image(&args.output, &develop(frame).1, &args.look.look());
     for error in [kept.err(), shown.err().map(Into::into)].into_iter().flatten() {
-        log::warn!("{error:#}; rendering goes on, and the next try is in {:.1} s", interval.as_secs_f64());
+        log::warn!("{error}; rendering goes on, and the next try is in {:.1} s", interval.as_secs_f64());
     }
 }
 
