@@ -1,10 +1,12 @@
 //! `raystream doctor`.
 
 use super::Outcome;
+use super::Registry;
 use super::args::DoctorArgs;
 use anyhow::{Context, Result, ensure};
 use object::{Architecture, Object, ObjectSection, ObjectSymbol, SectionKind, SymbolKind};
 use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::thread::JoinHandle;
 
 /// Number of instructions that are named for each function.
 const NAMED: usize = 4;
@@ -33,30 +35,59 @@ pub fn run(args: &DoctorArgs) -> Result<Outcome> {
 }
 
 /// Functions by name, with the vector instructions that each calls.
-type Callers = BTreeMap<String, BTreeSet<String>>;
+pub type Callers = BTreeMap<String, BTreeSet<String>>;
+
+/// Looks at the program that runs, on a thread of its own, if the program has plug-ins and is optimised. Without
+/// symbols nothing is found.
+pub fn examine_self(registry: &Registry) -> Option<JoinHandle<Callers>> {
+    if cfg!(debug_assertions) || !registry.has_plugins() {
+        return None;
+    }
+    Some(std::thread::spawn(|| {
+        let bytes = std::env::current_exe().and_then(std::fs::read);
+        bytes.ok().and_then(|bytes| examine(&bytes).ok()).unwrap_or_default()
+    }))
+}
+
+/// Warns of what [`examine_self`] has found.
+pub fn warn_of(examination: Option<JoinHandle<Callers>>) {
+    let found = examination.map(JoinHandle::join).and_then(Result::ok).unwrap_or_default();
+    for function in found.keys() {
+        log::warn!(
+            "{function} is several times slower than it could be: mark it, and what it calls, #[inline(always)] \
+             (`raystream doctor` says more)"
+        );
+    }
+}
 
 fn examine(bytes: &[u8]) -> Result<Callers> {
     let file = object::File::parse(bytes).context("not a program")?;
     // Some symbols have no size: a function reaches up to the next one.
-    let mut functions: Vec<(u64, String)> = file
+    let mut functions: Vec<(u64, &str)> = file
         .symbols()
         .filter(|symbol| symbol.kind() == SymbolKind::Text && symbol.address() != 0)
         .filter_map(|symbol| Some((symbol.address(), symbol.name().ok()?)))
-        .map(|(address, name)| (address, format!("{:#}", rustc_demangle::demangle(name))))
         .collect();
     ensure!(!functions.is_empty(), "it has no symbols; build it without `strip`");
-    functions.sort();
-    let instructions: HashMap<u64, &str> =
-        functions.iter().filter_map(|(address, name)| Some((*address, instruction(name)?))).collect();
+    functions.sort_unstable();
+    let name = |symbol: &str| format!("{:#}", rustc_demangle::demangle(symbol));
+    let instructions: HashMap<u64, String> = functions
+        .iter()
+        .filter(|(_, symbol)| symbol.contains("core_arch"))
+        .filter_map(|&(address, symbol)| Some((address, instruction(&name(symbol))?.to_owned())))
+        .collect();
     let mut callers = Callers::new();
+    if instructions.is_empty() {
+        return Ok(callers);
+    }
     for section in file.sections().filter(|section| section.kind() == SectionKind::Text) {
         let code = section.data().context("its code cannot be read")?;
         for (place, target) in calls(file.architecture(), code, section.address()) {
-            let Some(&instruction) = instructions.get(&target) else { continue };
+            let Some(called) = instructions.get(&target) else { continue };
             let after = functions.partition_point(|(address, _)| *address <= place);
-            let Some((_, caller)) = functions[..after].last() else { continue };
-            if self::instruction(caller).is_none() {
-                callers.entry(caller.clone()).or_default().insert(instruction.to_owned());
+            let Some(&(address, caller)) = functions[..after].last() else { continue };
+            if !instructions.contains_key(&address) {
+                callers.entry(name(caller)).or_default().insert(called.clone());
             }
         }
     }

@@ -63,7 +63,12 @@ pub fn run_with(registry: Registry) -> ExitCode {
         Err(answer) => return print_answer(&answer),
     };
     let outcome = match &cli.command {
-        Command::Render(args) => render::run(args, &registry),
+        Command::Render(args) => {
+            let examination = doctor::examine_self(&registry);
+            let outcome = render::run(args, &registry);
+            doctor::warn_of(examination);
+            outcome
+        }
         Command::Trace(args) => trace::run(args),
         Command::Mesh(args) => mesh::run(args).map(|()| Outcome::Done),
         #[cfg(feature = "bench")]
