@@ -364,6 +364,7 @@ impl Shading<'_, '_> {
         let mut throughput = state.throughput * sample.weight;
         let index2 = state.index2 * sample.eta * sample.eta;
         let depth = state.depth + 1;
+        lanes = self.frame.finite_lanes(Some(number), lanes, state.pixel, throughput);
         if let Some(bounces) = self.shader.roulette_bounces {
             let played = !depth.below(bounces.saturating_add(1)) & lanes;
             if played.any() {
@@ -375,7 +376,6 @@ impl Shading<'_, '_> {
             }
         }
         lanes &= !throughput.is_zero();
-        lanes = self.frame.finite_lanes(Some(number), lanes, state.pixel, throughput);
         let from = Vector::select(specular | crosses, at.position, at.raised);
         let far = Num::splat(u.lanes(), f32::INFINITY);
         let pdf = Num::select(specular, far, sample.pdf);

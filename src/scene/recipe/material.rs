@@ -1,5 +1,6 @@
 //! Materials of recipes.
 
+use super::unique::unique;
 use super::within;
 use crate::scene::{
     Alpha, Anisotropy, Coat, Coats, Colour, Emission, Iridescence, Material, Medium, Principled, Scalar,
@@ -57,7 +58,7 @@ pub struct MaterialRecipe {
     /// Name of a surface of user code, which replaces this one in programs that have it.
     pub surface: Option<String>,
     /// Options of that surface.
-    #[serde(default)]
+    #[serde(default, deserialize_with = "unique")]
     pub options: BTreeMap<String, Value>,
 }
 

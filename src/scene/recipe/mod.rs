@@ -65,7 +65,7 @@ pub struct Recipe {
     #[serde(default, deserialize_with = "unique")]
     pub mixes: BTreeMap<String, Mix>,
     /// Options of integrators by name, for those that have them.
-    #[serde(default)]
+    #[serde(default, deserialize_with = "unique")]
     pub options: BTreeMap<String, Value>,
     /// The shapes of the scene, in primitive order.
     pub shapes: Vec<Object>,
