@@ -8,6 +8,7 @@ use std::sync::{Mutex, PoisonError};
 
 /// Splats of one material that the film dropped, because they were negative or not finite.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct Dropped {
     /// How many.
     pub splats: u64,

@@ -50,6 +50,31 @@ pub struct PassOptions {
 /// target²` (Neyman 1934): then the block retires. To demand the same error of every block, `n = s² / target²`, takes
 /// exactly as many samples as an even distribution, for the same mean. Half of a block's variance is that of the block
 /// and its neighbours together, since a neighbour may have found a rare bright path that the block has missed.
+///
+/// ```
+/// use raystream::engine::{PreparedScene, Units};
+/// use raystream::render::{PASSES_IN_FLIGHT, PassOptions, PathTracer, Progressive, Settings};
+/// use raystream::scene::{Camera, recipe::Recipe};
+/// use raystream::schedule::{JobOptions, Service, ServiceOptions};
+/// use std::time::Duration;
+///
+/// let recipe = Recipe::parse(r#"{ "environment": [1, 1, 1], "materials": { "grey": { "colour": [0.5, 0.5, 0.5] } },
+///     "shapes": [ { "shape": "sphere", "centre": [0, 0, 0], "radius": 1, "cells": 8, "material": "grey" } ] }"#)?;
+/// let prepared = PreparedScene::new(recipe.build()?, &Units::cpu())?;
+/// let service = Service::new(ServiceOptions { max_jobs: PASSES_IN_FLIGHT, ..Default::default() })?;
+/// let camera = Camera::framing(&prepared.scene.bounds(), 1.0);
+/// let settings = Settings { width: 32, height: 32, spp: 64, max_bounces: 2, seed: 0 };
+/// let path = PathTracer::new(prepared.scene.clone(), &camera, settings, None)?;
+///
+/// let pass_time = Some(Duration::from_millis(1));
+/// let mut frame = Progressive::new(path, PassOptions { pass_time, ..Default::default() });
+/// while !frame.is_complete() {
+///     frame.begin(|pass| service.submit(pass.clone(), prepared.tracers.clone(), JobOptions::default()))?;
+///     frame.finish_pass()?;
+/// }
+/// assert_eq!(frame.picture().mean_samples(), 64.0);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub struct Progressive<I: Integrator> {
     integrator: Arc<I>,
     options: PassOptions,

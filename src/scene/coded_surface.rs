@@ -62,6 +62,7 @@ pub(super) fn option_texts(options: &BTreeMap<String, Value>) -> Result<BTreeMap
 
 /// No material has this name.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 #[error("no material is named {name:?}; the scene has {}", listed(.there))]
 pub struct NoSuchMaterial {
     /// The requested name.
@@ -103,6 +104,25 @@ impl Scene {
     ///
     /// # Errors
     /// If no material has this name.
+    ///
+    /// ```
+    /// # use raystream::lanes::Lanes;
+    /// # use raystream::scene::{Finish, Points, Procedural};
+    /// use raystream::scene::{Material, ProceduralSurface, Scene};
+    /// # #[derive(Debug)]
+    /// # struct Wood;
+    /// # impl Procedural for Wood {
+    /// #     fn finish<L: Lanes>(&self, points: &Points<L>) -> Finish<L> {
+    /// #         Finish::matte(points)
+    /// #     }
+    /// # }
+    ///
+    /// let mut scene = Scene { materials: vec![Material::matte("door", glam::Vec3::ONE)], ..Scene::default() };
+    /// scene.replace_surface("door", ProceduralSurface::new(Wood))?;
+    /// let error = scene.replace_surface("dor", ProceduralSurface::new(Wood)).unwrap_err();
+    /// assert_eq!(error.to_string(), r#"no material is named "dor"; the scene has "door""#);
+    /// # Ok::<(), raystream::scene::NoSuchMaterial>(())
+    /// ```
     pub fn replace_surface(
         &mut self,
         material: &str,

@@ -31,6 +31,19 @@ pub const EMPTY: u32 = NO_SLOT;
 type Bucket = Box<[AtomicU32]>;
 
 /// Any number of stacks of entries of type `T`, in one arena.
+///
+/// ```
+/// use raystream::shade::loop_stack::{EMPTY, LoopStack};
+///
+/// let stacks = LoopStack::<[f32; 4]>::new();
+/// let mut session = stacks.session();
+/// // A path's stack is a number, which travels in its ray's payload.
+/// let first = session.push(EMPTY, &[1.0; 4]);
+/// let second = session.push(first, &[2.0; 4]);
+/// assert_eq!(session.pop(second), Some(([2.0; 4], first)));
+/// assert_eq!(session.pop(first), Some(([1.0; 4], EMPTY)));
+/// assert_eq!(session.pop(EMPTY), None);
+/// ```
 #[derive(Debug)]
 pub struct LoopStack<T> {
     slots: Arena<Bucket>,
