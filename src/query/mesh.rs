@@ -56,6 +56,17 @@ impl Mesh {
     /// build it; tracing slows down as neighbouring triangles move away from each other (see [`Bvh::refit`]).
     /// Clones are not moved.
     ///
+    /// ```
+    /// use raystream::query::{Mesh, Ray};
+    ///
+    /// let mut corners = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+    /// let mut mesh = Mesh::build(&corners, &[[0, 1, 2]])?;
+    /// corners.iter_mut().for_each(|corner| corner[2] -= 1.0);
+    /// mesh.refit(&corners, &[[0, 1, 2]])?;
+    /// assert_eq!(mesh.closest_one(&Ray::new([0.2, 0.2, 1.0], [0.0, 0.0, -1.0])).t, 2.0);
+    /// # Ok::<(), raystream::query::GeometryError>(())
+    /// ```
+    ///
     /// # Errors
     /// As for [`Mesh::build`], and if the number of triangles has changed. The mesh is then unchanged.
     pub fn refit<P>(&mut self, positions: &[P], triangles: &[[u32; 3]]) -> Result<(), GeometryError>
@@ -184,6 +195,15 @@ impl Mesh {
 
     /// Whether no triangle lies between two points; the points are included. For many pairs of points pass
     /// [`Ray::between`] them to [`Mesh::occluded`].
+    ///
+    /// ```
+    /// use raystream::query::Mesh;
+    ///
+    /// let mesh = Mesh::build(&[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], &[[0, 1, 2]])?;
+    /// assert!(!mesh.sees([0.2, 0.2, -1.0], [0.2, 0.2, 1.0]));
+    /// assert!(mesh.sees([0.8, 0.8, -1.0], [0.8, 0.8, 1.0]));
+    /// # Ok::<(), raystream::query::GeometryError>(())
+    /// ```
     pub fn sees(&self, from: impl Into<[f32; 3]>, to: impl Into<[f32; 3]>) -> bool {
         !self.occluded_one(&Ray::between(from, to))
     }
@@ -249,9 +269,19 @@ impl fmt::Debug for Mesh {
     }
 }
 
+/// Number of positions that one thread converts at a time.
+const CONVERTED_AT_ONCE: usize = 1 << 14;
+
 /// Positions as vectors, on the current rayon pool.
 fn vectors<P: Copy + Into<[f32; 3]> + Sync>(positions: &[P]) -> Vec<Vec3> {
-    positions.par_iter().with_min_len(1 << 14).map(|&position| Vec3::from_array(position.into())).collect()
+    let mut vectors = vec![Vec3::ZERO; positions.len()];
+    let parts = vectors.par_chunks_mut(CONVERTED_AT_ONCE).zip(positions.par_chunks(CONVERTED_AT_ONCE));
+    parts.for_each(|(vectors, positions)| {
+        for (vector, &position) in vectors.iter_mut().zip(positions) {
+            *vector = Vec3::from_array(position.into());
+        }
+    });
+    vectors
 }
 
 /// The unit normal of a triangle; zero if it has none.
