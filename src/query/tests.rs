@@ -283,6 +283,9 @@ fn check_world(world: &World, instances: &[(Mesh, Affine3A)], rays: &[Ray]) {
         Some(&(instance, primitive)) => WorldHit { t: hit.t, u: hit.u, v: hit.v, instance, primitive },
         None => WorldHit::NONE,
     };
+    let flat_id = |hit: &WorldHit| {
+        ids.binary_search(&(hit.instance, hit.primitive)).expect("a triangle of the world") as u32
+    };
     let expected: Vec<WorldHit> = flat.closest(rays).iter().map(of_world).collect();
     assert!(expected.iter().filter(|hit| !hit.is_miss()).count() > rays.len() / 8);
     for count in [1, 20, 900, rays.len()] {
@@ -293,6 +296,12 @@ fn check_world(world: &World, instances: &[(Mesh, Affine3A)], rays: &[Ray]) {
     for (ray, hit) in rays[..500].iter().zip(&expected) {
         assert_eq!((world.closest_one(ray), world.occluded_one(ray)), (*hit, !hit.is_miss()));
     }
+    let (of_flat, ranges) = flat.all_hits(rays);
+    assert_eq!(world.all_hits(rays), (of_flat.iter().map(of_world).collect(), ranges));
+    let odd = |_: usize, hit: &Hit| hit.primitive % 2 == 1;
+    let odd_in_world = |_: usize, hit: &WorldHit| odd(0, &Hit { primitive: flat_id(hit), ..Hit::NONE });
+    let expected: Vec<WorldHit> = flat.closest_where(rays, odd).iter().map(of_world).collect();
+    assert_eq!(world.closest_where(rays, odd_in_world), expected);
     for (in_flat, &(instance, primitive)) in (0..).zip(&ids).step_by(7) {
         assert_eq!(world.corners(instance, primitive), flat.corners(in_flat));
         let hit = WorldHit { instance, primitive, ..WorldHit::NONE };

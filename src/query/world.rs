@@ -10,6 +10,7 @@ use crate::trace::cpu::SimdLevel;
 use glam::Vec3;
 use std::cell::Cell;
 use std::fmt;
+use std::ops::Range;
 use std::sync::Arc;
 
 thread_local! {
@@ -195,6 +196,23 @@ impl World {
     /// [`World::closest`] of a single ray.
     pub fn closest_one(&self, ray: &Ray) -> WorldHit {
         self.hit(&self.tracers.single().closest_one(ray))
+    }
+
+    /// The nearest hit of every ray among those that `accepts` returns true for, as for [`Mesh::closest_where`].
+    pub fn closest_where(
+        &self,
+        rays: &[Ray],
+        accepts: impl Fn(usize, &WorldHit) -> bool + Sync,
+    ) -> Vec<WorldHit> {
+        let mut of_tree = vec![Hit::NONE; rays.len()];
+        self.tracers.closest_where(rays, &mut of_tree, &|ray, hit| accepts(ray, &self.hit(hit)));
+        of_tree.iter().map(|hit| self.hit(hit)).collect()
+    }
+
+    /// All hits of every ray, as for [`Mesh::all_hits`]; those at one distance by ascending instance, then primitive.
+    pub fn all_hits(&self, rays: &[Ray]) -> (Vec<WorldHit>, Vec<Range<usize>>) {
+        let (of_tree, ranges) = self.tracers.all_hits(rays);
+        (of_tree.iter().map(|hit| self.hit(hit)).collect(), ranges)
     }
 
     /// Whether each ray hits anything. Faster than [`World::closest`].
