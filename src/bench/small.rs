@@ -14,8 +14,12 @@ use serde::Serialize;
 use std::hint::black_box;
 use std::time::Instant;
 
-/// Rays that each contender traces in a round, at least, and calls that it makes, at least.
-const LEAST: (usize, usize) = (16 * 1024, 16);
+/// Rays that each contender traces in a round, at least. So few that most rounds end before the system runs another
+/// process on the processor.
+const LEAST_RAYS: usize = 2048;
+
+/// Calls that each contender makes in a round, at least.
+const LEAST_CALLS: usize = 2;
 
 /// What to measure.
 #[derive(Clone, Debug)]
@@ -73,11 +77,13 @@ pub fn run(
     for (kind, order) in [(Kind::Bounce, Order::Blocks), (Kind::ShuffledBounce, Order::Shuffled)] {
         let rays = workload.rays(kind, order);
         for &len in &options.rays_a_call {
-            let count = LEAST.0.max(LEAST.1 * len).div_ceil(len) * len;
-            let rays: Vec<Ray> = rays.iter().cycle().take(count).copied().collect();
+            let count = LEAST_RAYS.max(LEAST_CALLS * len).div_ceil(len) * len;
             let mut contenders = contenders(mesh, scene.as_ref());
             let mut seconds = vec![Vec::new(); contenders.len()];
             for round in 0..=options.rounds {
+                // Other rays than in the round before, which has left the nodes that it visited in the caches.
+                let from = round * count % rays.len();
+                let rays: Vec<Ray> = rays.iter().cycle().skip(from).take(count).copied().collect();
                 for (contender, seconds) in contenders.iter_mut().zip(&mut seconds) {
                     let took = (contender.calls)(&rays, len);
                     // The first round fills caches and scratch memory.

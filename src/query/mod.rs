@@ -34,8 +34,8 @@
 //! | the mesh moves? | [`Mesh::refit`], [`World::move_instances`] |
 //!
 //! # Speed
-//! A call may bring any number of rays: a few are traced one after the other, more as a ray stream. The more a
-//! call brings, the less each takes; 32 thousand are enough. Neighbouring rays of a slice should be similar, but
+//! A call may bring any number of rays: one or two are traced one after the other, more as a ray stream. The more
+//! a call brings, the less each takes; 32 thousand are enough. Neighbouring rays of a slice should be similar, but
 //! need not be sorted. `docs/results/small-calls.md` has figures.
 //!
 //! # Threads

@@ -57,7 +57,7 @@ fn calls_of_any_number_of_rays_have_the_same_answers_at_every_level() {
     let expected: Vec<Hit> = all.iter().map(|ray| oracle.closest_one(ray)).collect();
     for level in SimdLevel::available() {
         let tracers = TreeTracers::new(bvh.clone(), level);
-        for count in [0, 1, 2, 16, 31, 32, 33, 64, 511, 1024, 1025, 1500] {
+        for count in [0, 1, 2, 3, 16, 64, 511, 1024, 1025, 1500] {
             let (mut hits, mut occluded) = (vec![Hit::NONE; count], vec![false; count]);
             tracers.closest_into(&all[..count], &mut hits);
             tracers.occluded_into(&all[..count], &mut occluded);

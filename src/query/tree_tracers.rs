@@ -12,8 +12,9 @@ use std::sync::Arc;
 /// The largest number of rays that a thread traces at once.
 pub const SHARE_RAYS: usize = 32 * 1024;
 
-/// Up to this many rays are traced one after the other: a ray stream needs more to be faster.
-pub const FEW_RAYS: usize = 32;
+/// Up to this many rays are traced one after the other. From three rays on a ray stream is faster
+/// (`docs/results/small-calls.md`).
+const FEW_RAYS: usize = 2;
 
 /// Number of rays whose hits one thread collects at a time.
 const COLLECTED_AT_ONCE: usize = 1024;

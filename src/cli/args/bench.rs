@@ -183,7 +183,7 @@ pub struct BenchSmallArgs {
     #[arg(value_parser = value_parser!(u32).range(1..=1 << 20))]
     pub rays_a_call: Vec<u32>,
     /// Rounds; each contender is timed once a round.
-    #[arg(long, value_name = "N", default_value_t = 7, value_parser = rounds())]
+    #[arg(long, value_name = "N", default_value_t = 51, value_parser = rounds())]
     pub rounds: u32,
     /// The peer.
     #[command(flatten)]
