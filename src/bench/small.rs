@@ -79,12 +79,12 @@ pub fn run(
         for &len in &options.rays_a_call {
             let count = LEAST_RAYS.max(LEAST_CALLS * len).div_ceil(len) * len;
             let mut contenders = contenders(mesh, scene.as_ref());
-            let mut seconds = vec![Vec::new(); contenders.len()];
+            let (turns, mut seconds) = (contenders.len(), vec![Vec::new(); contenders.len()]);
             for round in 0..=options.rounds {
-                // Other rays than in the round before, which has left the nodes that it visited in the caches.
-                let from = round * count % rays.len();
-                let rays: Vec<Ray> = rays.iter().cycle().skip(from).take(count).copied().collect();
-                for (contender, seconds) in contenders.iter_mut().zip(&mut seconds) {
+                for (i, (contender, seconds)) in contenders.iter_mut().zip(&mut seconds).enumerate() {
+                    // Not the rays of the contender before, which has left the nodes that it visited in the caches.
+                    let from = (round * turns + i) * count % rays.len();
+                    let rays: Vec<Ray> = rays.iter().cycle().skip(from).take(count).copied().collect();
                     let took = (contender.calls)(&rays, len);
                     // The first round fills caches and scratch memory.
                     if round > 0 {
