@@ -1,16 +1,80 @@
-//! **raystream** moves large buffers of arbitrary rays (*ray streams*) between a GPU and the CPU
-//! cores of one machine: after *Ray Accelerator* (Barringer, Andersson, Akenine-Möller 2017; "RA")
-//! and *Interactive Rendering with Coherent Ray Tracing* (Wald et al. 2001; "RTRT").
+//! **raystream** traces rays and renders pictures: on the SIMD lanes of all CPU cores, and on a GPU beside them. It
+//! moves large buffers of arbitrary rays (*ray streams*) between the two, after *Ray Accelerator* (Barringer,
+//! Andersson, Akenine-Möller 2017; "RA") and *Interactive Rendering with Coherent Ray Tracing* (Wald et al. 2001;
+//! "RTRT").
 //!
-//! The modules stand in the order in which the data flows:
+//! # Rays on a mesh
+//! Vertices and indices in, hits out; no scene, service or device: [`query`].
+//!
+//! ```
+//! use raystream::glam::Vec3;
+//! use raystream::query::{Mesh, Ray};
+//!
+//! let mesh = Mesh::build(&[Vec3::ZERO, Vec3::X, Vec3::Y], &[[0, 1, 2]])?;
+//! let ray = Ray::new(Vec3::new(0.2, 0.2, 1.0), -Vec3::Z);
+//! let hit = mesh.closest_one(&ray);
+//! assert_eq!((hit.t, hit.primitive), (1.0, 0));
+//! # Ok::<(), raystream::query::GeometryError>(())
+//! ```
+#![cfg_attr(
+    feature = "formats",
+    doc = r#"
+# A picture of a scene file
+
+```no_run
+use raystream::prelude::*;
+use std::path::Path;
+
+let scene = raystream::scene::load(Path::new("scenes/showcase.json"))?;
+let camera = scene.camera.unwrap_or_else(|| Camera::framing(&scene.bounds(), 16.0 / 9.0));
+let prepared = PreparedScene::new(scene, &Units::open(&UnitChoice::auto())?)?;
+let service = Service::new(ServiceOptions::default())?;
+let settings = Settings::new(640, 360).with_spp(256);
+let frame = prepared.path(&camera, settings)?;
+prepared.submit(&service, frame.clone(), JobOptions::default())?.wait()?;
+let image = Image::new(640, 360, frame.film().resolve());
+write_image(Path::new("picture.png"), &image, &Look::default())?;
+# Ok::<(), Box<dyn std::error::Error>>(())
+```
+"#
+)]
+//!
+//! # Modules
+//! They stand in the order in which the data flows:
 //!
 //! ```text
 //! scene file ─load→ scene ─build→ bvh ─▶ stream ─▶ schedule ⇄ trace, shade, render ─▶ film
 //! ```
 //!
-//! `src/ARCHITECTURE.md` is the map of the modules.
+//! `src/ARCHITECTURE.md` is the map of the modules, `docs/glossary.md` explains the words.
+//!
+//! # Features
+//!
+//! | feature | adds |
+//! |---|---|
+//! | `query` | rays on a mesh: [`query`] and what it stands on; 20-odd crates |
+//! | `render` | scenes, shading, integrators, films, the scheduler |
+//! | `formats` | scene files (OBJ, glTF, PLY, recipes) and image files |
+//! | `gpu` | the wgpu tracer |
+//! | `bench` | what `raystream bench` measures, and its peers |
+//! | `cli` | the command line, with plug-ins of your own |
+//! | `nvml` | energy and power of NVIDIA GPUs |
+//! | `unstable` | documentation of the modules that may change in any release |
+//!
+//! `cli`, `bench`, `gpu` and `nvml` are on by default. A user of ray queries writes
+//! `raystream = { default-features = false, features = ["query"] }`.
+//!
+//! # Versions
+//! What these pages show follows semantic versioning. Modules that they do not show (`bvh`, `trace`, `bench`,
+//! `meters`) may change in any release. [`glam`] and [`bytemuck`] are part of the interface: a release that raises
+//! either is a breaking one. The oldest compiler is the `rust-version` of `Cargo.toml`; raising it is a minor release.
+
+#![cfg_attr(docsrs, feature(doc_cfg))]
+
+pub use {bytemuck, glam};
 
 #[cfg(feature = "formats")]
+#[cfg_attr(not(feature = "unstable"), doc(hidden))]
 pub mod files;
 pub mod lanes;
 #[cfg(feature = "render")]
@@ -22,11 +86,13 @@ pub mod geom;
 #[cfg(feature = "render")]
 pub mod scene;
 
+#[cfg_attr(not(feature = "unstable"), doc(hidden))]
 pub mod bvh;
 pub mod stream;
 
 #[cfg(feature = "render")]
 pub mod schedule;
+#[cfg_attr(not(feature = "unstable"), doc(hidden))]
 pub mod trace;
 
 #[cfg(feature = "query")]
@@ -45,13 +111,28 @@ pub mod engine;
 pub mod film;
 
 #[cfg(any(feature = "bench", feature = "cli"))]
+#[cfg_attr(not(feature = "unstable"), doc(hidden))]
 pub mod meters;
 
 #[cfg(feature = "bench")]
+#[cfg_attr(not(feature = "unstable"), doc(hidden))]
 pub mod bench;
 
 #[cfg(feature = "cli")]
 pub mod cli;
+
+/// What most programs that render use: `use raystream::prelude::*`.
+#[cfg(feature = "render")]
+pub mod prelude {
+    pub use crate::engine::{PreparedScene, UnitChoice, Units};
+    #[cfg(feature = "formats")]
+    pub use crate::film::write_image;
+    pub use crate::film::{Exposure, Film, Image, Look, View};
+    pub use crate::render::{HitShader, HitShading, Integrator, PathTracer, RayHit, RayShader, Settings};
+    pub use crate::scene::{Camera, Environment, Material, Scene};
+    pub use crate::schedule::{JobHandle, JobOptions, Priority, Service, ServiceOptions};
+    pub use crate::stream::{Hit, Ray};
+}
 
 /// The programs of README and guides, compiled, and run where they need no arguments.
 #[cfg(all(doctest, feature = "cli"))]

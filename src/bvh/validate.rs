@@ -7,6 +7,7 @@ use crate::geom::Aabb;
 
 /// An invariant that a tree violates.
 #[derive(Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum BvhError {
     /// A child's box is not inside its parent's.
     #[error("{tree} node {node}: the box of child {child} leaves the node's box")]

@@ -14,6 +14,15 @@ pub struct Image {
 }
 
 impl Image {
+    /// A picture of `width × height` pixels.
+    ///
+    /// # Panics
+    /// If there are not as many pixels.
+    pub fn new(width: u32, height: u32, pixels: Vec<[f32; 3]>) -> Self {
+        assert_eq!(pixels.len() as u64, u64::from(width) * u64::from(height), "width × height pixels");
+        Self { width, height, pixels }
+    }
+
     /// The picture hash: XXH3 (64 bits) of the size and of the bits of every channel, in hexadecimal digits. Equal
     /// pictures have equal hashes, and in practice different pictures have different ones.
     pub fn hash(&self) -> String {

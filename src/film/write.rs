@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 
 /// Why a picture could not be written.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum WriteError {
     /// The extension is not that of a known format.
     #[error("{path}: unknown file extension; the name must end in .png, .exr, .hdr or .npy")]
@@ -22,6 +23,7 @@ pub enum WriteError {
 
 /// File formats of pictures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Format {
     /// PNG: 8 bits a channel, as the look shows the picture.
     Png,

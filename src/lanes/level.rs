@@ -17,6 +17,7 @@ use std::str::FromStr;
 
 /// An instruction set for tracing and shading. All levels give the same bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+#[non_exhaustive]
 pub enum SimdLevel {
     /// Plain Rust on any processor: eight lanes for tracing, one for shading.
     Scalar,
@@ -38,6 +39,7 @@ pub trait LaneTask {
 
 /// Why a level cannot be used.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum SimdError {
     /// No level has this name.
     #[error("there is no SIMD level {name:?}; choose auto, {}", names(&SimdLevel::ALL))]

@@ -51,9 +51,10 @@ mod tests;
 mod tree_tracers;
 mod world;
 
-pub use crate::bvh::GeometryError;
+pub use crate::bvh::{Bvh, GeometryError};
 pub use crate::geom::{Placement, PlacementError};
 pub use crate::stream::{Hit, MISS, Ray};
+pub use crate::trace::cpu::{CpuTracer, SimdError, SimdLevel};
 pub use mesh::Mesh;
 pub use nearest::NearestPoint;
 pub use world::{World, WorldError, WorldHit};

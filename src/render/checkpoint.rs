@@ -86,6 +86,7 @@ impl PassHeader {
 
 /// Why a checkpoint cannot be used.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum CheckpointError {
     /// The file is not a checkpoint.
     #[error("it is not a checkpoint of raystream")]

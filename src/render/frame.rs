@@ -35,6 +35,7 @@ pub struct Settings {
 
 /// Why a frame cannot be rendered.
 #[derive(Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum SettingsError {
     /// The picture is too small or too large.
     #[error(
@@ -70,6 +71,26 @@ pub enum SettingsError {
 }
 
 impl Settings {
+    /// A picture of this size with 64 samples a pixel, 8 bounces and seed 0.
+    pub const fn new(width: u32, height: u32) -> Self {
+        Self { width, height, spp: 64, max_bounces: 8, seed: 0 }
+    }
+
+    /// These settings with another number of samples per pixel.
+    pub const fn with_spp(self, spp: u32) -> Self {
+        Self { spp, ..self }
+    }
+
+    /// These settings with another maximum number of bounces.
+    pub const fn with_max_bounces(self, max_bounces: u32) -> Self {
+        Self { max_bounces, ..self }
+    }
+
+    /// These settings with another seed.
+    pub const fn with_seed(self, seed: u64) -> Self {
+        Self { seed, ..self }
+    }
+
     /// Maximum area of a picture in pixels.
     pub const MAX_PIXELS: u64 = 1 << 28;
     /// Maximum samples per pixel.

@@ -56,6 +56,21 @@ fn coordinates(Vec3 { x, y, z }: &Vec3) -> String {
 }
 
 impl Camera {
+    /// A camera at `eye` that looks at `target`, with +y up and a vertical field of view of 40 degrees.
+    pub const fn new(eye: Vec3, target: Vec3) -> Self {
+        Self { eye, target, up: Vec3::Y, fov_degrees: 40.0 }
+    }
+
+    /// This camera with another up direction.
+    pub const fn with_up(self, up: Vec3) -> Self {
+        Self { up, ..self }
+    }
+
+    /// This camera with another vertical field of view, in degrees.
+    pub const fn with_fov(self, fov_degrees: f32) -> Self {
+        Self { fov_degrees, ..self }
+    }
+
     /// A camera that sees all of `bounds` from the front, right and above, in a picture with the given aspect ratio
     /// (width / height).
     pub fn framing(bounds: &Aabb, aspect: f32) -> Self {

@@ -51,6 +51,7 @@ impl<T: Copy> Key<T> {
 
 /// Interpolation between two keys.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Interpolation {
     /// Keeps the value of the previous key.
     Step,

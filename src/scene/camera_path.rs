@@ -50,6 +50,7 @@ fn upright() -> Vec3 {
 
 /// Why a camera path is invalid.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum CameraPathError {
     /// The text is not the JSON of a camera path.
     #[error(transparent)]

@@ -4,6 +4,7 @@ use glam::Vec3;
 
 /// Radiance from infinitely far away.
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub enum Environment {
     /// The same radiance from all directions, linear Rec. 709, finite and ≥ 0.
     Constant(Vec3),

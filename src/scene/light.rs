@@ -16,6 +16,7 @@ pub struct Light {
 
 /// Position and directions of emission.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum LightShape {
     /// Emits from a point in all directions.
     Point {

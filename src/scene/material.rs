@@ -38,6 +38,7 @@ impl Scalar {
 /// How a surface scatters light.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[allow(clippy::large_enum_variant, reason = "there are few, and they stay where they are")]
+#[non_exhaustive]
 pub enum Surface {
     /// Lambertian reflection on both sides.
     Matte {
@@ -87,6 +88,7 @@ pub struct NormalMap {
 
 /// Meaning of alpha, as glTF's `alphaMode`.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum AlphaMode {
     /// Alpha is ignored.
     Opaque,

@@ -100,6 +100,12 @@ pub enum MeshError {
 pub const MAX_TRIANGLES: usize = (1 << 28) - 1;
 
 impl Mesh {
+    /// A mesh of vertices and triangles, all of material 0. Normals and texture coordinates may be set afterwards.
+    pub fn new(positions: Vec<Vec3>, triangles: Vec<[u32; 3]>) -> Self {
+        let materials = vec![0; triangles.len()];
+        Self { positions, triangles, materials, ..Self::default() }
+    }
+
     /// The bounding box of all vertices that triangles use.
     pub fn bounds(&self) -> Aabb {
         Aabb::around(self.triangles.iter().flatten().map(|&i| self.positions[i as usize]))

@@ -115,6 +115,12 @@ pub struct Scene {
 }
 
 impl Scene {
+    /// A scene of a mesh and its materials, without light: set [`Scene::environment`] or [`Scene::lights`], or give a
+    /// material emission.
+    pub fn new(mesh: impl Into<Shared<Mesh>>, materials: Vec<Material>) -> Self {
+        Self { mesh: mesh.into(), materials, ..Self::default() }
+    }
+
     /// The bounding box of all vertices that triangles use.
     pub fn bounds(&self) -> Aabb {
         self.mesh.bounds()

@@ -6,6 +6,7 @@ use glam::{Vec2, Vec4};
 
 /// How stored values relate to light.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[non_exhaustive]
 pub enum ColourSpace {
     /// The sRGB transfer function, for colours.
     Srgb,
@@ -15,6 +16,7 @@ pub enum ColourSpace {
 
 /// Addressing mode beyond the edges of an image (glTF's `wrapS` and `wrapT`).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
+#[non_exhaustive]
 pub enum Wrap {
     /// The image repeats.
     #[default]
@@ -27,6 +29,7 @@ pub enum Wrap {
 
 /// A scalar derived from a texture's RGBA.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Channel {
     /// Red.
     R,

@@ -95,6 +95,7 @@ impl Demand {
 
 /// Sizes that do not fit each other.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum LimitsError {
     /// A size is zero or absurd.
     #[error("{what} must be between 1 and {MOST}, not {value}")]

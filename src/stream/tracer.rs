@@ -91,6 +91,7 @@ pub struct Sizing {
 
 /// Why a device did not answer. The answers are then unspecified, and the caller traces the rays on the host.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum DeviceError {
     /// The device is lost and will not answer again.
     #[error("the GPU was lost: {0}")]

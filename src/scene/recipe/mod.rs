@@ -85,6 +85,7 @@ pub struct View {
 
 /// Why a recipe is invalid.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum RecipeError {
     /// The text is not JSON, or not a recipe.
     #[error("{0}")]

@@ -11,6 +11,7 @@ pub use table::{MOONRAY_SMALL, MOONRAY_WAITING, Policy};
 
 /// Which units trace a job's rays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Unit {
     /// Host threads alone.
     Cpu,
@@ -67,6 +68,7 @@ impl std::ops::AddAssign for Pace {
 
 /// How threads are shared between jobs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Sharing {
     /// Every job gets the same share: the job that has been served the fewest rays is next.
     #[default]
@@ -135,6 +137,7 @@ pub struct Load {
 
 /// How large host threads' tasks are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum TaskSize {
     /// As is fastest for the job.
     Large,

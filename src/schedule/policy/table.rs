@@ -8,6 +8,7 @@ use super::{Load, Rule, Unit, View};
 /// the README, which rests on what each rule requires and not on the order of the rules. With [`Unit::Cpu`] or
 /// [`Unit::Gpu`] alone, only the order matters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Policy {
     /// RA's rules in RA's order. Camera rays come first, so that long paths start early. The device gets every full
     /// stream while a dispatch thread is idle.

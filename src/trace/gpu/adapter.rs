@@ -14,6 +14,7 @@ pub struct AdapterChoice {
 
 /// What kind of device an adapter is, fastest first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[non_exhaustive]
 pub enum AdapterKind {
     /// A GPU with its own memory.
     Discrete,

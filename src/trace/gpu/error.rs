@@ -2,6 +2,7 @@
 
 /// Why a GPU cannot be opened or cannot take a scene.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum GpuError {
     /// No driver, or no device.
     #[error("no GPU adapter: no usable {backends} driver or device found; install one or trace on the CPU")]

@@ -6,6 +6,7 @@ use std::str::FromStr;
 
 /// A fault to inject, once. Dispatches are numbered from 1, over all threads and scenes of a device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Fault {
     /// The device is lost while the dispatch is under way, as after a driver reset.
     Lost(u64),

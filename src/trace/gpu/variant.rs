@@ -4,6 +4,7 @@ use std::fmt;
 
 /// The kind of tree that kernels traverse.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[non_exhaustive]
 pub enum TreeKind {
     /// Two children a node, with boxes at full precision.
     Binary,
