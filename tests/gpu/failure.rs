@@ -11,7 +11,10 @@ use std::time::{Duration, Instant};
 fn ask(tracer: &GpuTracer, rays: &[raystream::stream::Ray]) -> Result<(), String> {
     let (mut hits, mut occluded) = (vec![Hit::NONE; rays.len()], vec![0; rays.len()]);
     let queries = Queries { rays, hits: &mut hits, shadow_rays: rays, occluded: &mut occluded };
-    tracer.trace(queries).map(|_| ()).map_err(|DeviceError::Lost(text)| text)
+    tracer.trace(queries).map(|_| ()).map_err(|error| match error {
+        DeviceError::Lost(reason) => reason,
+        other => panic!("{other}"),
+    })
 }
 
 #[test]
