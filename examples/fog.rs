@@ -49,9 +49,10 @@ mod tests {
         let recipe = Recipe::parse(
             r#"{ "camera": { "eye": [0, 1, 8], "target": [0, 1, 0], "fov_degrees": 50 }, "environment": [1, 1, 1],
                  "materials": { "red": { "colour": [0.9, 0, 0] } },
-                 "shapes": [ { "shape": "sphere", "centre": [-1.5, 1, 4], "radius": 0.8, "cells": 16, "material": "red" },
-                             { "shape": "sphere", "centre": [4, 1, -12], "radius": 2, "cells": 16, "material": "red" }
-                           ] }"#,
+                 "shapes": [ { "shape": "sphere", "centre": [-1.5, 1, 4], "radius": 0.8, "cells": 16,
+                               "material": "red" },
+                             { "shape": "sphere", "centre": [4, 1, -12], "radius": 2, "cells": 16,
+                               "material": "red" } ] }"#,
         );
         let scene = Arc::new(recipe.and_then(|recipe| recipe.build()).expect("a scene"));
         let prepared = PreparedScene::new(scene, &Units::cpu()).expect("a valid scene");

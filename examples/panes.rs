@@ -138,7 +138,7 @@ mod tests {
         assert_eq!(middle(1), 0.5);
         // Of two: a quarter passes both panes; a quarter is mirrored by the second, and lost at the first.
         assert_eq!(middle(2), 0.75);
-        // Of four: an eighth leaves to the front after three hits, another to the back after four; a sixteenth does not.
+        // Of twelve: nearly all.
         assert!((middle(12) - 1.0).abs() < 2e-3, "{}", middle(12));
     }
 }

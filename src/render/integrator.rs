@@ -14,7 +14,8 @@ pub trait Integrator: Renderer + Sized + 'static {
     /// The same integrator for another frame of the same scene.
     fn with_frame(&self, frame: Frame) -> Self;
 
-    /// The same integrator, shading at this SIMD level; with one lane at [`SimdLevel::Scalar`]. The picture is the same.
+    /// The same integrator, shading at this SIMD level; with one lane at [`SimdLevel::Scalar`]. The picture is the
+    /// same.
     fn with_simd(self, simd: SimdLevel) -> Self {
         let frame = self.frame();
         self.with_frame(frame.with_pass(frame.pass().clone()).with_simd(simd))

@@ -324,7 +324,8 @@ impl<I: Integrator> Progressive<I> {
         unfinished.is_empty() && (todo.start >= todo.end || blocks.is_empty())
     }
 
-    /// The frame's integrator. Its frame knows the dropped splats of all passes ([`super::Frame::dropped_by_material`]).
+    /// The frame's integrator. Its frame knows the dropped splats of all passes
+    /// ([`super::Frame::dropped_by_material`]).
     pub fn integrator(&self) -> &I {
         &self.integrator
     }

@@ -39,8 +39,8 @@ pub struct SurfaceRequest {
     pub options: BTreeMap<String, String>,
 }
 
-/// The texts of options that a scene file writes as JSON: text, numbers and truth values as they are, lists of these with
-/// commas between.
+/// The texts of options that a scene file writes as JSON: text, numbers and truth values as they are, lists of these
+/// with commas between.
 #[cfg(feature = "formats")]
 pub(super) fn option_texts(options: &BTreeMap<String, Value>) -> Result<BTreeMap<String, String>, String> {
     fn text(value: &Value) -> Option<String> {

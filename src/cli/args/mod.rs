@@ -55,7 +55,7 @@ pub enum Command {
     /// Left out of this build: measures speed beside its peers.
     #[cfg(not(feature = "bench"))]
     Bench(LeftOutArgs),
-    /// Look for vector instructions that a program with plug-ins calls instead of inlining them: an attribute is missing.
+    /// Look for functions of a program with plug-ins that call vector instructions: an attribute is missing.
     Doctor(DoctorArgs),
     /// Say what this machine has: instruction sets, threads, GPU adapters.
     Info,

@@ -207,8 +207,8 @@ impl Registry {
         self.with_surface_from(name, move |_| Ok::<_, PluginError>(surface.clone()))
     }
 
-    /// The same for a surface with options ([`Registry::with_option`]). A scene file may set them for each material: see
-    /// [`crate::scene::SurfaceRequest`].
+    /// The same for a surface with options ([`Registry::with_option`]). A scene file may set them for each material:
+    /// see [`crate::scene::SurfaceRequest`].
     pub fn with_surface_from<S: Into<CodedSurface>, E: Into<PluginError>>(
         mut self,
         name: impl Into<String>,

@@ -62,7 +62,8 @@ fn the_material_that_made_them_and_the_first_pixel_are_known_at_every_instructio
         let [warning] = <[String; 1]>::try_from(path.frame().dropped_warnings()).expect("one material");
         let (x, y) = (dropped.first_pixel % 32, dropped.first_pixel / 32);
         let expected = format!(
-            "dropped {} splats of material \"floor\" that were negative or not finite; the first at column {x}, row {y}",
+            "dropped {} splats of material \"floor\" that were negative or not finite; the first at column {x}, \
+             row {y}",
             dropped.splats
         );
         assert_eq!(warning, expected);
