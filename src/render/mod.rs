@@ -1,4 +1,10 @@
 //! The integrators that plug into the scheduler, and what drives them: frames in flight, passes, checkpoints.
+//!
+//! A shader of your own is one of these; `docs/guide/add-an-integrator.md` has an example of each:
+//!
+//! - [`RayShader`]: a hit shader of one ray at a time. The engine keeps pixels, depths, shadow rays and loop stacks.
+//! - [`recursion::Shader`]: one `async fn` that sends rays and awaits answers.
+//! - [`HitShader`]: a hit shader of a batch, one ray or 8 or 16 rays at a time. The built-in integrators are such.
 
 mod ambient_occlusion;
 mod checkpoint;

@@ -1,10 +1,11 @@
 //! Pictures of a frame while it is rendered.
 
 use crate::film::{Film, Image};
+use crate::schedule::JobControl;
 use std::fmt;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 
-/// Shows a frame that [`super::Progressive`] renders, from any thread and at any time. A picture is the sum of complete
+/// Shows a frame that [`super::Progressive`] renders, and stops it, from any thread and at any time. A picture is the sum of complete
 /// passes, never of a part of one, and takes its mean over the samples of these passes. It is therefore as bright as
 /// the finished picture, unlike the film of a job that still runs, in which camera rays count before they are shaded.
 ///
@@ -23,9 +24,11 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 ///         show(picture.image);
 ///     }
 /// });
-/// while !frame.is_complete() {
+/// loop {
 ///     frame.begin(submit)?;
-///     frame.finish_pass()?;
+///     if frame.finish_pass()?.is_none() {
+///         break;
+///     }
 /// }
 /// # Ok(())
 /// # }
@@ -67,6 +70,13 @@ impl Preview {
         }
         (films.passes > passes).then(|| films.picture()).flatten()
     }
+
+    /// Ends the frame early: no more camera rays; what is in flight is finished. Returns at once.
+    pub fn stop(&self) {
+        let mut stops = self.0.stops();
+        stops.requested = true;
+        stops.jobs.drain(..).for_each(|job| job.stop());
+    }
 }
 
 impl fmt::Debug for Preview {
@@ -78,11 +88,24 @@ impl fmt::Debug for Preview {
 struct Shared {
     films: Mutex<Films>,
     changed: Condvar,
+    stops: Mutex<Stops>,
+}
+
+/// What ends a frame early.
+#[derive(Default)]
+struct Stops {
+    requested: bool,
+    /// The passes in flight, and perhaps some that have ended.
+    jobs: Vec<JobControl>,
 }
 
 impl Shared {
     fn lock(&self) -> MutexGuard<'_, Films> {
         self.films.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn stops(&self) -> MutexGuard<'_, Stops> {
+        self.stops.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -117,11 +140,26 @@ impl PassSum {
     /// A sum of this many passes.
     pub fn new(whole: &Arc<Film>, passes: u64) -> Self {
         let films = Films { whole: Arc::clone(whole), passes, is_over: false };
-        Self(Preview(Arc::new(Shared { films: Mutex::new(films), changed: Condvar::new() })))
+        let (films, changed, stops) = (Mutex::new(films), Condvar::new(), Mutex::default());
+        Self(Preview(Arc::new(Shared { films, changed, stops })))
     }
 
     pub fn preview(&self) -> Preview {
         self.0.clone()
+    }
+
+    pub fn is_stopped(&self) -> bool {
+        self.0.0.stops().requested
+    }
+
+    /// Lets previews stop the job of a pass.
+    pub fn watch(&self, job: JobControl) {
+        let mut stops = self.0.0.stops();
+        if stops.requested {
+            return job.stop();
+        }
+        stops.jobs.retain(|job| !job.is_finished());
+        stops.jobs.push(job);
     }
 
     /// Adds a complete pass and returns the sum. No preview sees a part of the addition.

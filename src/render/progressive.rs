@@ -68,9 +68,11 @@ pub struct PassOptions {
 ///
 /// let pass_time = Some(Duration::from_millis(1));
 /// let mut frame = Progressive::new(path, PassOptions { pass_time, ..Default::default() });
-/// while !frame.is_complete() {
+/// loop {
 ///     frame.begin(|pass| service.submit(pass.clone(), prepared.tracers.clone(), JobOptions::default()))?;
-///     frame.finish_pass()?;
+///     if frame.finish_pass()?.is_none() {
+///         break;
+///     }
 /// }
 /// assert_eq!(frame.picture().mean_samples(), 64.0);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
@@ -82,7 +84,6 @@ pub struct Progressive<I: Integrator> {
     /// The sum of all complete passes, which [`State::film`] refers to.
     sum: PassSum,
     under_way: Sequence<Arc<I>>,
-    stopped: bool,
     /// Number of passes whose jobs have ended since the frame was stopped, all at the front of the unfinished ones.
     ended: usize,
     pace: Pace,
@@ -154,7 +155,6 @@ impl<I: Integrator> Progressive<I> {
             sum: PassSum::new(&state.film, state.passes),
             state,
             under_way: Sequence::new(PASSES_IN_FLIGHT),
-            stopped: false,
             ended: 0,
             loop_stack_bytes: 0,
             pace: Pace { since: Instant::now(), samples: 0 },
@@ -171,11 +171,13 @@ impl<I: Integrator> Progressive<I> {
         mut submit: impl FnMut(&Arc<I>) -> Result<JobHandle, LimitsError>,
     ) -> Result<(), LimitsError> {
         while self.under_way.has_room()
-            && !self.stopped
+            && !self.sum.is_stopped()
             && let Some(pass) = self.next_pass()
         {
             let exposure = Arc::new(self.integrator.with_pass(pass));
-            self.under_way.push(submit(&exposure)?, exposure);
+            let job = submit(&exposure)?;
+            self.sum.watch(job.control());
+            self.under_way.push(job, exposure);
         }
         Ok(())
     }
@@ -313,9 +315,9 @@ impl<I: Integrator> Progressive<I> {
 
     /// Ends the frame early: no more camera rays; what is in flight is finished. [`Progressive::finish_pass`]
     /// still returns the passes under way. When it has returned all, [`Progressive::save`] loses nothing.
+    /// [`Preview::stop`] does the same from any thread.
     pub fn stop(&mut self) {
-        self.stopped = true;
-        self.under_way.stop();
+        self.sum.preview().stop();
     }
 
     /// Whether all samples have been taken that are wanted.

@@ -202,6 +202,23 @@ fn any_thread_sees_whole_passes_while_another_drives_them() {
 }
 
 #[test]
+fn any_thread_may_stop_a_frame() {
+    let studio = Studio::new(2);
+    let slow = PassOptions { noise: None, pass_time: Some(Duration::from_millis(20)) };
+    let mut frame = Progressive::new(studio.path(1 << 16), slow);
+    let preview = frame.preview();
+    std::thread::scope(|scope| {
+        scope.spawn(|| {
+            preview.wait_beyond(1);
+            preview.stop();
+        });
+        while studio.step(&mut frame) {}
+    });
+    assert!(!frame.is_complete() && frame.passes() >= 2, "{} passes", frame.passes());
+    frame.begin(|_| panic!("no more passes")).expect("nothing is submitted");
+}
+
+#[test]
 fn pictures_of_another_version_are_not_continued() {
     let text = serde_json::to_string(&identity(1)).expect("text");
     let now = format!("\"the version of the pictures\":\"{PICTURE_VERSION}\"");
