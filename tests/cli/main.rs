@@ -4,6 +4,7 @@ mod bench;
 mod frames;
 mod hostile;
 mod look;
+mod options;
 mod outputs;
 mod progressive;
 mod refusals;
