@@ -79,7 +79,7 @@ mod tests {
         let picture = xray.film().resolve();
         let at = |x: usize| picture[15 * 60 + x][0];
         // The blocks are a unit thick, the one behind another two.
-        for (x, way) in [(30, 0.0f32), (16, 1.0), (43, 3.0)] {
+        for (x, way) in [(30, 0.0f32), (22, 1.0), (37, 3.0)] {
             assert!((at(x).ln() + way).abs() < 0.05, "{} at {x}", at(x));
         }
     }
