@@ -62,9 +62,12 @@ mod tests {
         let recipe = Recipe::parse(
             r#"{ "camera": { "eye": [0, 0, 20], "target": [0, 0, 0], "fov_degrees": 12 },
                  "materials": { "any": { "colour": [1, 1, 1] } },
-                 "shapes": [ { "shape": "block", "centre": [-1, 0, 0], "half": [0.5, 0.5, 0.5], "material": "any" },
-                             { "shape": "block", "centre": [1, 0, 0], "half": [0.5, 0.5, 0.5], "material": "any" },
-                             { "shape": "block", "centre": [1, 0, -3], "half": [0.5, 0.5, 1], "material": "any" } ] }"#,
+                 "shapes": [ { "shape": "block", "centre": [-1, 0, 0], "half": [0.5, 0.5, 0.5], "round": 0, "cells": 1,
+                               "material": "any" },
+                             { "shape": "block", "centre": [1, 0, 0], "half": [0.5, 0.5, 0.5], "round": 0, "cells": 1,
+                               "material": "any" },
+                             { "shape": "block", "centre": [1, 0, -3], "half": [0.5, 0.5, 1], "round": 0, "cells": 1,
+                               "material": "any" } ] }"#,
         );
         let scene = Arc::new(recipe.and_then(|recipe| recipe.build()).expect("a scene"));
         let prepared = PreparedScene::new(scene, &Units::cpu()).expect("a valid scene");
