@@ -147,4 +147,6 @@ mod documents {
     struct AddATracer;
     #[doc = include_str!("../docs/guide/add-an-integrator.md")]
     struct AddAnIntegrator;
+    #[doc = include_str!("../docs/guide/pictures-from-code.md")]
+    struct PicturesFromCode;
 }
