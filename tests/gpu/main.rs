@@ -5,6 +5,7 @@ mod failure;
 mod faults;
 #[path = "../tracing/instanced_scenes.rs"]
 mod instanced_scenes;
+mod looks;
 #[path = "../tracing/meshes.rs"]
 mod meshes;
 #[path = "../tracing/rays.rs"]

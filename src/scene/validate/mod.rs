@@ -78,7 +78,7 @@ impl Scene {
     ///
     /// # Errors
     /// As [`Scene::validate`].
-    pub fn validate_beside(&self, valid: &Self) -> Result<(), SceneError> {
+    pub(crate) fn validate_beside(&self, valid: &Self) -> Result<(), SceneError> {
         let is_shared = self.shares_geometry(valid) && self.materials.len() >= valid.materials.len();
         if !is_shared {
             self.validate_geometry()?;
