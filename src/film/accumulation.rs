@@ -1,5 +1,6 @@
 //! The film: sums of radiance in fixed point.
 
+use super::spare::Spare;
 use super::stripe::{Stripe, Stripes};
 use crate::lanes::{Int, Lanes, Mask, Num, Vector, nearest};
 use crate::memory::OutOfMemory;
@@ -33,13 +34,21 @@ pub struct Film {
     width: u32,
     height: u32,
     fraction_bits: u32,
-    sums: Vec<[AtomicI64; 3]>,
-    samples: Vec<AtomicU32>,
+    sums: Sums,
+    samples: Counts,
     /// Locks that guard `sums`.
     stripes: Stripes,
     dropped: AtomicU64,
     clamped: AtomicU64,
+    /// Memory of dropped films.
+    spare: Spare,
 }
+
+/// The sums of all pixels.
+pub(super) type Sums = Vec<[AtomicI64; 3]>;
+
+/// The number of samples of all pixels.
+pub(super) type Counts = Vec<AtomicU32>;
 
 /// Why there is no film.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
@@ -84,17 +93,21 @@ impl Film {
             what: format!("a film of {width}x{height} pixels"),
             needed: Self::bytes(width, height),
         };
-        Ok(Self {
-            width,
-            height,
-            fraction_bits,
-            // The system maps zeroed pages only when they are written.
-            sums: bytemuck::try_zeroed_vec(pixels).map_err(refused)?,
-            samples: bytemuck::try_zeroed_vec(pixels).map_err(refused)?,
-            stripes: Stripes::new(pixels),
-            dropped: AtomicU64::new(0),
-            clamped: AtomicU64::new(0),
-        })
+        // The system maps zeroed pages only when they are written.
+        let sums = bytemuck::try_zeroed_vec(pixels).map_err(refused)?;
+        let samples = bytemuck::try_zeroed_vec(pixels).map_err(refused)?;
+        Ok(Self::with_memory((width, height), fraction_bits, (sums, samples), Spare::default()))
+    }
+
+    /// A film with zeroed memory.
+    fn with_memory(
+        (width, height): (u32, u32),
+        fraction_bits: u32,
+        (sums, samples): (Sums, Counts),
+        spare: Spare,
+    ) -> Self {
+        let (stripes, dropped, clamped) = (Stripes::new(sums.len()), AtomicU64::new(0), AtomicU64::new(0));
+        Self { width, height, fraction_bits, sums, samples, stripes, dropped, clamped, spare }
     }
 
     /// Bytes of a film.
@@ -103,12 +116,20 @@ impl Film {
         pixels * (size_of::<[AtomicI64; 3]>() + size_of::<AtomicU32>()) as u64 + Stripes::bytes(pixels)
     }
 
-    /// A black film of the same size and precision.
+    /// A black film of the same size and precision. It takes the memory of a film that was made from the same one and
+    /// has been dropped, if there is one.
     ///
     /// # Panics
     /// If the system does not give the memory. A caller counts all films beforehand ([`Film::bytes`]).
     pub fn blank(&self) -> Self {
-        Self::black(self.width, self.height, self.fraction_bits).unwrap_or_else(|error| panic!("{error}"))
+        if let Some(memory) = self.spare.take() {
+            let size = (self.width, self.height);
+            return Self::with_memory(size, self.fraction_bits, memory, self.spare.clone());
+        }
+        let film = Self::black(self.width, self.height, self.fraction_bits);
+        let mut film = film.unwrap_or_else(|error| panic!("{error}"));
+        film.spare = self.spare.clone();
+        film
     }
 
     /// Width in pixels.
@@ -316,6 +337,12 @@ impl Film {
     }
 }
 
+impl Drop for Film {
+    fn drop(&mut self) {
+        self.spare.keep(std::mem::take(&mut self.sums), std::mem::take(&mut self.samples));
+    }
+}
+
 /// Adds to sums whose stripe is locked. No other thread writes them, so a load and a store suffice, which are several
 /// times cheaper than an atomic addition.
 fn add(sums: &[AtomicI64; 3], fixed: [i64; 3]) {
@@ -336,6 +363,23 @@ mod tests {
     use super::*;
     use crate::lanes::{LaneTask, MAX_LANES, SimdLevel};
     use glam::Vec3;
+
+    #[test]
+    fn dropped_films_leave_black_memory_to_the_next() {
+        let first = Film::new(64, 64, 1).expect("fits");
+        let address = |film: &Film| film.sums.as_ptr();
+        let second = first.blank();
+        let memory = address(&second);
+        assert_ne!(memory, address(&first), "the first is in use");
+        assert!(second.splat(7, Vec3::ONE));
+        second.add_samples(9, 3);
+        drop(second);
+        let third = first.blank();
+        assert_eq!(address(&third), memory);
+        assert!(third.resolve().iter().all(|&pixel| pixel == [0.0; 3]));
+        assert!(third.sample_counts().iter().all(|&count| count == 0));
+        assert_ne!(address(&first.blank()), memory, "the third is in use");
+    }
 
     #[test]
     fn the_mean_is_over_the_pixels_own_samples() {

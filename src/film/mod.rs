@@ -4,6 +4,7 @@ mod accumulation;
 mod image;
 mod look;
 mod noise;
+mod spare;
 mod stripe;
 mod view;
 #[cfg(feature = "formats")]
