@@ -42,10 +42,10 @@ use std::sync::{Arc, OnceLock};
 /// let white = prepared.path(&camera, settings)?;
 /// prepared.submit(&service, white, JobOptions::default())?.wait()?;
 ///
-/// // Another look of the same geometry keeps the tree.
+/// // The same geometry with another appearance keeps the tree.
 /// let mut scene = Scene::clone(&prepared.scene);
 /// scene.materials[0] = Material::matte("paper", Vec3::new(0.8, 0.2, 0.1));
-/// let prepared = prepared.with_look(scene)?;
+/// let prepared = prepared.with_scene(scene)?;
 /// let red = prepared.path(&camera, settings)?;
 /// prepared.submit(&service, red.clone(), JobOptions::default())?.wait()?;
 /// # use raystream::render::Integrator;
@@ -102,7 +102,7 @@ impl PreparedScene {
         Self { scene, bvh, tracers, filter, single_ray, adapter, degraded, units, device, lit }
     }
 
-    /// Prepares another look of this scene: a clone of [`PreparedScene::scene`] with other materials, lights,
+    /// Prepares this scene with another appearance: a clone of [`PreparedScene::scene`] with other materials, lights,
     /// environment or camera. The tree, the scene on the GPU and lights that are equal in both stay, so it takes
     /// milliseconds. This scene stays as it is.
     ///
@@ -111,16 +111,16 @@ impl PreparedScene {
     ///
     /// # Errors
     /// What [`Scene::validate`] finds.
-    pub fn with_look(&self, look: impl Into<Arc<Scene>>) -> Result<Self, SceneError> {
-        let scene = look.into();
+    pub fn with_scene(&self, scene: impl Into<Arc<Scene>>) -> Result<Self, SceneError> {
+        let scene = scene.into();
         scene.validate_beside(&self.scene)?;
         let prepared = if self.keeps_tree(&scene) {
-            self.with_valid_look(scene)
+            self.with_valid_scene(scene)
         } else {
             Self::of_valid(scene, &self.units)
         };
         if let Some(lit) = self.lit.get() {
-            prepared.lit.get_or_init(|| lit.with_look(Arc::clone(&prepared.scene)));
+            prepared.lit.get_or_init(|| lit.with_scene(Arc::clone(&prepared.scene)));
         }
         Ok(prepared)
     }
@@ -132,8 +132,8 @@ impl PreparedScene {
         other.shares_geometry(&self.scene) && masks.into_iter().all(|(old, new)| old == new)
     }
 
-    /// Another look that has the same tree.
-    fn with_valid_look(&self, scene: Arc<Scene>) -> Self {
+    /// Prepares a valid scene that has the same tree.
+    fn with_valid_scene(&self, scene: Arc<Scene>) -> Self {
         let filter = filter(&scene);
         let (mut single_ray, mut device) = (Arc::clone(&self.single_ray), self.device.clone());
         let mut host = Arc::clone(&self.tracers.host);

@@ -159,9 +159,9 @@ impl Frame {
         Ok(Self { lens, ..self.with_pass(self.pass.clone()) })
     }
 
-    /// The same frame of another look of the scene ([`LitScene::with_look`]), with its own film.
-    pub fn with_look(&self, scene: &Arc<Scene>) -> Self {
-        Self { scene: self.scene.with_look(Arc::clone(scene)), ..self.with_pass(self.pass.clone()) }
+    /// The same frame of the scene with another appearance ([`LitScene::with_scene`]), with its own film.
+    pub fn with_scene(&self, scene: &Arc<Scene>) -> Self {
+        Self { scene: self.scene.with_scene(Arc::clone(scene)), ..self.with_pass(self.pass.clone()) }
     }
 
     /// Another pass over the same frame, with its own film, which can be added to this frame's.

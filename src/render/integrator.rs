@@ -34,9 +34,9 @@ pub trait Integrator: Renderer + Sized + 'static {
         Ok(self.with_frame(self.frame().seen_by(camera)?))
     }
 
-    /// The same frame of another look of the scene ([`crate::engine::PreparedScene::with_look`]), with its own film.
-    fn with_look(&self, scene: &Arc<Scene>) -> Self {
-        self.with_frame(self.frame().with_look(scene))
+    /// The same frame of the scene with another appearance ([`crate::engine::PreparedScene::with_scene`]), with its own film.
+    fn with_scene(&self, scene: &Arc<Scene>) -> Self {
+        self.with_frame(self.frame().with_scene(scene))
     }
 
     /// Another pass over the same frame, with its own film.

@@ -76,8 +76,8 @@ use std::path::PathBuf;
 /// other numbers are finite and in the ranges that their fields state; there is at least one triangle.
 ///
 /// A scene is shared geometry (`mesh`, `shapes`, `objects`), shared images (the texels of `textures` and of an environment map) and
-/// a small *look*: all other fields. A clone therefore costs microseconds, and changing the clone's look leaves the
-/// geometry shared. [`crate::engine::PreparedScene::with_look`] then keeps the tree.
+/// a small *appearance*: all other fields. A clone therefore costs microseconds, and changing the clone's appearance
+/// leaves the geometry shared. [`crate::engine::PreparedScene::with_scene`] then keeps the tree.
 #[derive(Clone, Debug, Default)]
 pub struct Scene {
     /// All triangles in world space, in file order. Instances are written out.

@@ -1,11 +1,11 @@
 //! The GPU tracer against the definition, on any adapter there is: these tests fail without one.
 
+mod appearances;
 mod exact;
 mod failure;
 mod faults;
 #[path = "../tracing/instanced_scenes.rs"]
 mod instanced_scenes;
-mod looks;
 #[path = "../tracing/meshes.rs"]
 mod meshes;
 #[path = "../tracing/rays.rs"]

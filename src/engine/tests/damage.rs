@@ -154,7 +154,7 @@ fn random_damage_is_refused_or_renders() {
             let _ = damage(&mut scene, &mut random);
         }
         let fresh = scene.validate();
-        match valid.with_look(scene) {
+        match valid.with_scene(scene) {
             Err(error) => {
                 refused += 1;
                 let fresh = fresh.expect_err("refused, too");

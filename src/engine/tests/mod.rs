@@ -1,7 +1,7 @@
-//! Scenes that cannot be rendered are refused, and looks keep what they can.
+//! Scenes that cannot be rendered are refused, and other appearances keep what they can.
 
+mod appearances;
 mod damage;
-mod looks;
 mod refusals;
 
 use super::{PreparedScene, Units};

@@ -184,10 +184,10 @@ fn jobs_of_other_scenes_are_refused() {
     assert_eq!(refused.map(drop), Err(LimitsError::OtherScene));
     let refused = service.submit(path.clone(), other.tracers.clone(), JobOptions::default());
     assert_eq!(refused.map(drop), Err(LimitsError::OtherScene));
-    // A look has tracers of its own, because its alpha may differ.
-    let look = one.with_look(Scene::clone(&one.scene)).expect("a valid look");
+    // Each appearance has tracers of its own, because its alpha may differ.
+    let other = one.with_scene(Scene::clone(&one.scene)).expect("a valid scene");
     assert_eq!(
-        look.submit(&service, path.clone(), JobOptions::default()).map(drop),
+        other.submit(&service, path.clone(), JobOptions::default()).map(drop),
         Err(LimitsError::OtherScene)
     );
     one.submit(&service, path.clone(), JobOptions::default()).expect("its own").wait().expect("a picture");

@@ -64,7 +64,7 @@ impl Scene {
     /// The first violation: the part of the scene, by index and name, its field, and what is expected.
     pub fn validate(&self) -> Result<(), SceneError> {
         self.validate_geometry()?;
-        self.validate_look(None)
+        self.validate_appearance(None)
     }
 
     /// Checks the mesh and the instances.
@@ -85,11 +85,11 @@ impl Scene {
         } else if !self.shapes.is_empty() && self.masked_materials() != valid.masked_materials() {
             self.validate_instances()?;
         }
-        self.validate_look(Some(valid))
+        self.validate_appearance(Some(valid))
     }
 
     /// Checks all but the mesh and the instances.
-    fn validate_look(&self, valid: Option<&Self>) -> Result<(), SceneError> {
+    fn validate_appearance(&self, valid: Option<&Self>) -> Result<(), SceneError> {
         // A new field does not compile until it is checked.
         let Self {
             mesh: _,

@@ -29,10 +29,10 @@ impl LitScene {
         &self.lights
     }
 
-    /// Another look of the same geometry: lights that are equal in both are not prepared again. The result is that of
+    /// The same geometry with another appearance: lights that are equal in both are not prepared again. The result is that of
     /// `LitScene::from(scene)`.
-    pub fn with_look(&self, scene: Arc<Scene>) -> Self {
-        let lights = Arc::new(self.lights.with_look(&self.scene, &scene));
+    pub fn with_scene(&self, scene: Arc<Scene>) -> Self {
+        let lights = Arc::new(self.lights.with_scene(&self.scene, &scene));
         Self { scene, lights }
     }
 
@@ -45,7 +45,7 @@ impl LitScene {
 
 impl Lights {
     /// The lights of `new`, which reuse those of `old` that are equal. These are the lights of `old`.
-    fn with_look(&self, old: &Scene, new: &Scene) -> Self {
+    fn with_scene(&self, old: &Scene, new: &Scene) -> Self {
         if !new.shares_geometry(old) {
             return self.sampled_alike(Self::new(new));
         }

@@ -1,8 +1,8 @@
-//! Pictures of a look have the bytes of a scene that is prepared from nothing, and the tree is the same.
+//! Pictures of a scene with another appearance have the bytes of a scene that is prepared from nothing, and the tree is the same.
 
 use super::*;
 
-/// A change of a look.
+/// A change of a scene.
 type Change = fn(&mut Scene);
 
 /// Changes that keep the tree.
@@ -36,7 +36,7 @@ const REBUILDING: [Change; 3] = [
     |s| s.mesh.positions[0].z += 0.5,
 ];
 
-/// Checks that a change of look after another gives the bytes of a fresh scene, and whether the tree is kept.
+/// Checks that a change after another gives the bytes of a fresh scene, and whether the tree is kept.
 fn check(before: Change, change: Change, is_kept: bool) {
     let (service, units) = (service(), Units::cpu());
     let mut scene = everything();
@@ -49,14 +49,14 @@ fn check(before: Change, change: Change, is_kept: bool) {
     let old_picture = picture(&service, &old);
     let old_path = old.path(&camera(), settings()).expect("valid settings");
 
-    let mut look = Scene::clone(&old.scene);
-    change(&mut look);
-    let fresh = PreparedScene::new(look.clone(), &units).expect("a valid scene");
-    let new = old.with_look(look).expect("a valid look");
+    let mut scene = Scene::clone(&old.scene);
+    change(&mut scene);
+    let fresh = PreparedScene::new(scene.clone(), &units).expect("a valid scene");
+    let new = old.with_scene(scene).expect("a valid scene");
     assert_eq!(Arc::ptr_eq(&new.bvh, &old.bvh), is_kept);
     let expected = picture(&service, &fresh);
     assert_eq!(picture(&service, &new), expected);
-    let path = Arc::new(old_path.with_look(&new.scene));
+    let path = Arc::new(old_path.with_scene(&new.scene));
     assert_eq!(hash(&service, &new, path), expected, "the lights of a frame's own scene");
     let lit = fresh.lit();
     let whitted = |prepared: &PreparedScene, lit| {
@@ -64,11 +64,11 @@ fn check(before: Change, change: Change, is_kept: bool) {
         hash(&service, prepared, Arc::new(whitted))
     };
     assert_eq!(whitted(&new, new.lit()), whitted(&fresh, lit));
-    assert_eq!(picture(&service, &old), old_picture, "the old look stays");
+    assert_eq!(picture(&service, &old), old_picture, "the old scene stays");
 }
 
 #[test]
-fn looks_keep_the_tree_and_have_the_bytes_of_fresh_scenes() {
+fn appearances_keep_the_tree_and_have_the_bytes_of_fresh_scenes() {
     for change in KEEPING {
         check(|_| (), change, true);
         check(change, |_| (), true);
@@ -87,18 +87,18 @@ fn a_scene_without_alpha_keeps_its_tracers() {
     let mut scene = everything();
     scene.materials[7].alpha = Alpha::default();
     let old = PreparedScene::new(scene, &Units::cpu()).expect("a valid scene");
-    let new = old.with_look(Scene::clone(&old.scene)).expect("a valid look");
+    let new = old.with_scene(Scene::clone(&old.scene)).expect("a valid scene");
     assert!(Arc::ptr_eq(&old.tracers.host, &new.tracers.host));
     assert!(old.scene.shares_geometry(&new.scene));
 }
 
 #[test]
-fn invalid_looks_are_refused() {
+fn invalid_appearances_are_refused() {
     let old = PreparedScene::new(everything(), &Units::cpu()).expect("a valid scene");
     let refused = |change: Change| {
-        let mut look = Scene::clone(&old.scene);
-        change(&mut look);
-        old.with_look(look).expect_err("an invalid look").to_string()
+        let mut scene = Scene::clone(&old.scene);
+        change(&mut scene);
+        old.with_scene(scene).expect_err("an invalid scene").to_string()
     };
     for (message, part) in [
         (refused(|s| s.materials.truncate(7)), "names material 7"),

@@ -1,4 +1,4 @@
-//! Another look of a prepared scene keeps the tree on the GPU and has the bytes of a fresh scene on the CPU.
+//! Another appearance of a prepared scene keeps the tree on the GPU and has the bytes of a fresh scene on the CPU.
 
 use raystream::bench::meshes;
 use raystream::engine::{PreparedScene, UnitChoice, Units};
@@ -20,7 +20,7 @@ fn render(service: &Service, prepared: &PreparedScene) -> String {
 }
 
 #[test]
-fn looks_have_the_bytes_of_fresh_scenes() {
+fn appearances_have_the_bytes_of_fresh_scenes() {
     let service = Service::new(ServiceOptions::default().with_host_threads(2).with_dispatch_threads(2));
     let service = service.expect("threads");
     let units = Units::open(&UnitChoice::auto().with_unit(Unit::Gpu)).expect("units");
@@ -34,10 +34,10 @@ fn looks_have_the_bytes_of_fresh_scenes() {
         |s| masked(s).value.texture = None,
     ];
     for change in changes {
-        let mut look = Scene::clone(&prepared.scene);
-        change(&mut look);
-        let fresh = PreparedScene::new(look.clone(), &Units::cpu()).expect("a valid scene");
-        let new = prepared.with_look(look).expect("a valid look");
+        let mut scene = Scene::clone(&prepared.scene);
+        change(&mut scene);
+        let fresh = PreparedScene::new(scene.clone(), &Units::cpu()).expect("a valid scene");
+        let new = prepared.with_scene(scene).expect("a valid scene");
         assert!(Arc::ptr_eq(&new.bvh, &prepared.bvh));
         assert_eq!(render(&service, &new), render(&service, &fresh));
     }

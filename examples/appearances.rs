@@ -1,7 +1,7 @@
-//! Measures how long a scene takes to check, to prepare, and to prepare again with another look: material, lamp, light,
-//! environment, alpha, camera.
+//! Measures how long a scene takes to check, to prepare, and to prepare again with another appearance: material, lamp,
+//! light, environment, alpha, camera.
 //!
-//! `cargo run --release --example looks -- [SCENE]`
+//! `cargo run --release --example appearances -- [SCENE]`
 
 use anyhow::{Context, Result};
 use glam::Vec3;
@@ -19,7 +19,7 @@ use std::time::Instant;
 /// Measurements of each row.
 const ROUNDS: usize = 11;
 
-/// A change of a scene's look.
+/// A change of a scene's appearance.
 type Change = fn(&mut Scene);
 
 const CHANGES: [(&str, Change); 5] = [
@@ -74,12 +74,12 @@ fn main() -> Result<()> {
 
     let path = prepared.path(&camera, settings)?;
     for (name, change) in CHANGES {
-        let mut look = Scene::clone(&prepared.scene);
-        anyhow::ensure!(!look.materials.is_empty(), "the scene has no materials");
-        change(&mut look);
-        let look = Arc::new(look);
+        let mut scene = Scene::clone(&prepared.scene);
+        anyhow::ensure!(!scene.materials.is_empty(), "the scene has no materials");
+        change(&mut scene);
+        let scene = Arc::new(scene);
         let frame = || {
-            let prepared = prepared.with_look(look.clone())?;
+            let prepared = prepared.with_scene(scene.clone())?;
             let path = prepared.path(&camera, settings)?;
             Ok((prepared, path))
         };
