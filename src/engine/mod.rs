@@ -4,8 +4,6 @@
 
 mod alpha_filter;
 mod prepared_scene;
-#[cfg(test)]
-mod tests;
 mod tree;
 mod units;
 

@@ -1,19 +1,19 @@
 //! Random damage to a valid scene is refused, or renders.
 
 use super::*;
-use crate::geom::mix;
+use raystream::geom::Sampler;
 
 /// Numbers that are at home nowhere.
 const ODD: [f32; 12] =
     [f32::NAN, f32::INFINITY, -f32::INFINITY, -1.0, -0.0, 0.0, 1.0, 1.5, 7.0, 1e11, 1e30, f32::MIN_POSITIVE];
 
-/// A sequence of random numbers.
-struct Random(u32);
+/// A sequence of random numbers: its seed, and how many were drawn.
+struct Random(u32, u32);
 
 impl Random {
     fn below(&mut self, count: usize) -> usize {
-        self.0 = mix(self.0.wrapping_add(0x9e37_79b9));
-        self.0 as usize % count.max(1)
+        self.1 += 1;
+        ((Sampler::new(self.0, 0, 35).single(self.1) * count as f32) as usize).min(count.saturating_sub(1))
     }
 
     fn odd(&mut self) -> f32 {
@@ -148,7 +148,7 @@ fn random_damage_is_refused_or_renders() {
     let valid = PreparedScene::new(everything(), &units).expect("a valid scene");
     let (mut rendered, mut refused) = (0, 0);
     for seed in 0..1500 {
-        let mut random = Random(seed);
+        let mut random = Random(seed, 0);
         let mut scene = Scene::clone(&valid.scene);
         for _ in 0..=random.below(3) {
             let _ = damage(&mut scene, &mut random);

@@ -1,8 +1,8 @@
 //! Each invalid scene is refused with its own message, and jobs of other scenes are refused.
 
 use super::*;
-use crate::scene::{MeshError, SceneError, ScenePart};
-use crate::schedule::{LimitsError, Tracers};
+use raystream::scene::{MeshError, SceneError, ScenePart};
+use raystream::schedule::{LimitsError, Tracers};
 
 /// The message with which a damaged scene is refused.
 fn refused(damage: impl FnOnce(&mut Scene)) -> String {

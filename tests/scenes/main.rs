@@ -4,22 +4,22 @@ mod appearances;
 mod damage;
 mod refusals;
 
-use super::{PreparedScene, Units};
-use crate::film::Image;
-use crate::geom::Placement;
-use crate::render::{AmbientOcclusion, Integrator, PathTracer, Settings, Whitted};
-use crate::scene::{
+use glam::{Vec2, Vec3, Vec4};
+use raystream::engine::{PreparedScene, Units};
+use raystream::film::Image;
+use raystream::geom::Placement;
+use raystream::render::{AmbientOcclusion, Integrator, PathTracer, Settings, Whitted};
+use raystream::scene::{
     Alpha, AlphaMode, Anisotropy, Camera, Channel, Coat, Coats, Colour, ColourSpace, Emission, Environment,
     EnvironmentMap, Instance, Iridescence, Light, LightShape, Material, Medium, Mesh, Mipmap, Mix, NormalMap,
     Principled, Scalar, Scene, Shape, Sheen, Surface, Texture, TextureRef, Wrap,
 };
-use crate::schedule::{JobOptions, Service, ServiceOptions};
-use glam::{Vec2, Vec3, Vec4};
+use raystream::schedule::{JobOptions, Service, ServiceOptions};
 use std::sync::Arc;
 
 /// A service of two threads.
 fn service() -> Service {
-    Service::new(ServiceOptions { host_threads: 2, ..ServiceOptions::default() }).expect("threads")
+    Service::new(ServiceOptions::default().with_host_threads(2)).expect("threads")
 }
 
 /// The hash of a small path-traced picture.
