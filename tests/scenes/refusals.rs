@@ -81,7 +81,7 @@ fn numbers_that_are_not_finite_or_out_of_range_are_refused() {
     };
     let nan = f32::NAN;
     for (message, part) in [
-        (refused(|s| s.mesh.positions[2].y = nan), "vertex 2 is at (1, NaN,"),
+        (refused(|s| s.mesh.positions[2].y = nan), "vertex 2 is at (-1, NaN,"),
         (refused(|s| s.mesh.normals[3].z = nan), "normals: the entry of vertex 3 is not finite"),
         (refused(|s| s.mesh.uvs[4].x = f32::INFINITY), "texture coordinates: the entry of vertex 4"),
         (refused(|s| s.mesh.tangents[5].w = nan), "tangents: the entry of vertex 5"),
