@@ -3,7 +3,7 @@
 use super::*;
 use raystream::geom::Sampler;
 
-/// Numbers that are at home nowhere.
+/// Numbers that most fields refuse.
 const ODD: [f32; 12] =
     [f32::NAN, f32::INFINITY, -f32::INFINITY, -1.0, -0.0, 0.0, 1.0, 1.5, 7.0, 1e11, 1e30, f32::MIN_POSITIVE];
 
