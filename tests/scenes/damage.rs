@@ -52,6 +52,7 @@ fn damage(scene: &mut Scene, random: &mut Random) -> Option<()> {
                 LightShape::Point { position } => position.x = odd,
                 LightShape::Spot { cos_inner, .. } => *cos_inner = odd,
                 LightShape::Directional { direction } => direction.y = odd,
+                _ => return None,
             }
         }
         6 => {
