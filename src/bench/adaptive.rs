@@ -68,7 +68,7 @@ pub struct Efficiency {
 }
 
 /// A prepared scene and the service that renders it.
-#[derive(Clone)]
+#[derive(Debug, Clone)]
 pub struct Bench<'a> {
     /// The scene with its tree and tracers.
     pub prepared: &'a PreparedScene,

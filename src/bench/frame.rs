@@ -132,7 +132,7 @@ pub enum FrameError {
 }
 
 /// A prepared scene and the service that renders it.
-#[derive(Clone, Copy)]
+#[derive(Debug, Clone, Copy)]
 pub struct Bench<'a> {
     /// The scene with its tree and tracers.
     pub prepared: &'a PreparedScene,

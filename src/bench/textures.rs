@@ -50,7 +50,7 @@ pub struct Row {
 }
 
 /// A prepared scene and the service that renders it.
-#[derive(Clone, Copy)]
+#[derive(Debug, Clone, Copy)]
 pub struct Bench<'a> {
     /// The scene with its tree and tracers.
     pub prepared: &'a PreparedScene,

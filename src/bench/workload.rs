@@ -56,6 +56,7 @@ impl Kind {
 }
 
 /// The rays of all kinds for one scene: at most one of each kind for each pixel of a picture.
+#[derive(Debug)]
 pub struct Workload {
     width: u32,
     height: u32,

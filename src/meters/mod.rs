@@ -14,12 +14,19 @@ pub use recorder::{PERIOD, Recorder, Series};
 pub use spread::Spread;
 
 use std::collections::BTreeMap;
+use std::fmt;
 
 /// A machine's energy meters, with their counts when measuring started.
 pub struct Meters {
     processors: rapl::Meters,
     #[cfg(feature = "nvml")]
     devices: nvml::Devices,
+}
+
+impl fmt::Debug for Meters {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Meters").finish_non_exhaustive()
+    }
 }
 
 impl Meters {

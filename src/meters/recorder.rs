@@ -26,6 +26,7 @@ pub struct Series {
 }
 
 /// Reads clock frequencies and power on a thread of its own until it is finished.
+#[derive(Debug)]
 pub struct Recorder {
     stop: Sender<()>,
     thread: JoinHandle<Vec<Series>>,

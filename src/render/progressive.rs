@@ -5,6 +5,7 @@ use super::{Integrator, Pass, Sequence};
 use crate::film::{Film, Noise};
 use crate::schedule::{JobError, JobHandle, JobReport, LimitsError, Progress};
 use std::collections::VecDeque;
+use std::fmt;
 use std::ops::Range;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -88,6 +89,12 @@ pub struct Progressive<I: Integrator> {
     ended: usize,
     pace: Pace,
     loop_stack_bytes: usize,
+}
+
+impl<I: Integrator> fmt::Debug for Progressive<I> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Progressive").field("passes", &self.state.passes).finish_non_exhaustive()
+    }
 }
 
 /// The state between two passes.

@@ -42,7 +42,7 @@ use std::time::Duration;
 /// assert_eq!(pictures.len(), 5);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
-#[derive(Default)]
+#[derive(Debug, Default)]
 pub struct Sequence<T> {
     under_way: VecDeque<(JobHandle, T)>,
     in_flight: usize,

@@ -8,6 +8,7 @@
 
 use super::api::FilterArguments;
 use crate::bvh::Filter;
+use std::fmt;
 use std::sync::Arc;
 
 /// Rows of `RTCHitN`.
@@ -21,6 +22,12 @@ pub struct Mask {
     pub masked: Vec<bool>,
     /// The alpha test.
     pub filter: Arc<dyn Filter>,
+}
+
+impl fmt::Debug for Mask {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Mask").finish_non_exhaustive()
+    }
 }
 
 /// The user data of a masked geometry.

@@ -20,6 +20,7 @@ use api::{FLAG_ROBUST, FORMAT_FLOAT3, FORMAT_UINT3, Functions, Handle};
 use glam::Vec3;
 use libloading::Library;
 use std::ffi::{c_int, c_uint};
+use std::fmt;
 use std::mem::ManuallyDrop;
 use std::path::{Path, PathBuf};
 use std::ptr;
@@ -91,6 +92,12 @@ pub struct Embree {
     _library: ManuallyDrop<Library>,
 }
 
+impl fmt::Debug for Embree {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Embree").finish_non_exhaustive()
+    }
+}
+
 impl Embree {
     /// Loads the library.
     ///
@@ -153,6 +160,12 @@ pub struct Device<'a> {
     embree: &'a Embree,
     handle: Handle,
     ledger: Box<Ledger>,
+}
+
+impl fmt::Debug for Device<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Device").finish_non_exhaustive()
+    }
 }
 
 // SAFETY: invariant 3.
@@ -272,6 +285,12 @@ pub struct EmbreeScene<'a> {
     /// In the order of Embree's geometry ids.
     parts: Vec<Part>,
     _vertices: Vec<[f32; 3]>,
+}
+
+impl fmt::Debug for EmbreeScene<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("EmbreeScene").finish_non_exhaustive()
+    }
 }
 
 // SAFETY: invariant 3.

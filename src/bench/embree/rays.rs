@@ -37,7 +37,7 @@ impl Mode {
 }
 
 /// Rays in the layout of a mode; after tracing, their hits.
-#[derive(Clone)]
+#[derive(Debug, Clone)]
 pub struct EmbreeRays {
     mode: Mode,
     one: Vec<RayHit>,

@@ -12,6 +12,7 @@ use crate::shade::{ArenaUse, LitScene};
 use crate::stream::Ray;
 use self_cell::self_cell;
 use std::any::Any;
+use std::fmt;
 use std::marker::PhantomData;
 use std::sync::Arc;
 
@@ -35,6 +36,12 @@ pub struct Recursion<S> {
     running: Running,
     most_in_flight: usize,
     shader: PhantomData<fn(S)>,
+}
+
+impl<S> fmt::Debug for Recursion<S> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Recursion").finish_non_exhaustive()
+    }
 }
 
 impl<S: Shader> Recursion<S> {

@@ -12,6 +12,7 @@ use crate::stream::{
     Capacity, DeviceError, DeviceMemory, DeviceReport, DeviceTracer, Hit, InPlace, Queries, Ray, Sizing,
     StreamMemory, Tracer,
 };
+use std::fmt;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
@@ -33,6 +34,12 @@ pub struct GpuTracer {
     shared: Arc<Shared>,
     /// Opens a replacement of a lost device.
     worker: Mutex<Option<JoinHandle<()>>>,
+}
+
+impl fmt::Debug for GpuTracer {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("GpuTracer").finish_non_exhaustive()
+    }
 }
 
 /// What the tracer and its worker share.
