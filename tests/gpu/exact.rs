@@ -80,7 +80,7 @@ fn hardware_ray_queries_give_the_reference_bits_where_there_are_any() {
         println!("{} has no ray queries: only their refusal is tested", gpu.info());
         let bvh = Arc::new(Bvh::build(&[], &[], |_| false));
         let cpu = Arc::new(Oracle::new(bvh.clone(), None));
-        let refusal = GpuTracer::with_variant(gpu, bvh, None, cpu, by_query).err().expect("no queries");
+        let refusal = GpuTracer::with_variant(gpu, bvh, None, cpu, by_query).expect_err("no queries");
         return assert!(refusal.to_string().contains("no ray queries"), "{refusal}");
     }
     for (name, mesh, centre, scale) in zoo() {
