@@ -110,7 +110,8 @@ impl<L: Lanes> OutlinedTask<L> for SubtreeTask<'_> {
             return BuiltSubtree::small(plan, count);
         }
         let (root, below) = inner.split_first_mut().expect("one node fewer than references");
-        let Sides { middle, extents } = split(l, references, costs, depth, extent);
+        // Out of line, so that its bins are not on the stack while the sides are built.
+        let Sides { middle, extents } = l.outlined(SplitTask { references: &mut *references, costs, depth, extent });
         let (left, right) = references.split_at_mut(middle);
         let (left_inner, right_inner) = below.split_at_mut(middle - 1);
         let depth = depth + 1;
@@ -165,7 +166,16 @@ impl LaneTask for SplitTask<'_> {
     type Output = Sides;
 
     #[inline(always)]
-    fn run<L: Lanes>(self, l: L) -> Self::Output {
+    fn run<L: Lanes>(self, l: L) -> Sides {
+        l.outlined(self)
+    }
+}
+
+impl<L: Lanes> OutlinedTask<L> for SplitTask<'_> {
+    type Output = Sides;
+
+    #[inline(always)]
+    fn run(self, l: L) -> Sides {
         split(l, self.references, self.costs, self.depth, self.extent)
     }
 }
