@@ -73,6 +73,7 @@ write_image(Path::new("picture.png"), &image, &Look::default())?;
 
 pub use {bytemuck, glam};
 
+pub mod build_profile;
 #[cfg(feature = "formats")]
 #[cfg_attr(not(feature = "unstable"), doc(hidden))]
 pub mod files;

@@ -111,7 +111,8 @@ impl<L: Lanes> OutlinedTask<L> for SubtreeTask<'_> {
         }
         let (root, below) = inner.split_first_mut().expect("one node fewer than references");
         // Out of line, so that its bins are not on the stack while the sides are built.
-        let Sides { middle, extents } = l.outlined(SplitTask { references: &mut *references, costs, depth, extent });
+        let Sides { middle, extents } =
+            l.outlined(SplitTask { references: &mut *references, costs, depth, extent });
         let (left, right) = references.split_at_mut(middle);
         let (left_inner, right_inner) = below.split_at_mut(middle - 1);
         let depth = depth + 1;

@@ -1,5 +1,6 @@
 //! The units of this machine: opened once and shared by all scenes.
 
+use crate::build_profile;
 use crate::bvh::{Bvh, Filter};
 use crate::schedule::Unit;
 use crate::stream::{DeviceTracer, Tracer};
@@ -10,7 +11,7 @@ use crate::trace::cpu::{SimdError, SimdLevel};
 use crate::trace::gpu::{AdapterChoice, Fault, Gpu, GpuError, GpuTracer};
 #[cfg(feature = "gpu")]
 use std::path::PathBuf;
-use std::sync::Arc;
+use std::sync::{Arc, Once};
 
 /// Which units to open.
 ///
@@ -142,6 +143,17 @@ pub enum UnitsError {
     NothingToInject,
 }
 
+/// Whether a panic of wgpu cannot be caught.
+const ABORTS: bool = cfg!(all(feature = "gpu", panic = "abort"));
+
+/// One of the warnings below has been given.
+static WARNED_OF_ABORT: Once = Once::new();
+
+const NO_GPU_UNASKED: &str = "the CPU traces alone: this program was compiled with panic = \"abort\", so a panic in a \
+                              GPU's driver would end it; request the GPU to use it all the same";
+const GPU_MAY_ABORT: &str = "this program was compiled with panic = \"abort\": if the GPU's driver fails in a panic, the \
+                             program ends instead of finishing on the CPU";
+
 impl Units {
     /// The CPU alone, with the best instruction set it supports.
     pub fn cpu() -> Self {
@@ -153,11 +165,24 @@ impl Units {
     ///
     /// # Errors
     /// When the processor lacks the instruction set, or no adapter has the requested name.
+    ///
+    /// # Aborts
+    /// A panic of wgpu, after which the CPU goes on otherwise, ends a process that was compiled with
+    /// `panic = "abort"`. There a GPU is used only if `unit` or `adapter` requests it, and a warning says so once.
     pub fn open(choice: &UnitChoice) -> Result<Self, UnitsError> {
         let simd = choice.simd.require()?;
         let gpu = match choice.unit {
             Some(Unit::Cpu) => Gpus::NotRequested,
-            _ => open_gpu(choice)?,
+            None if choice.adapter.is_none() && ABORTS => {
+                WARNED_OF_ABORT.call_once(|| build_profile::warn(NO_GPU_UNASKED));
+                Gpus::NotRequested
+            }
+            _ => {
+                if ABORTS {
+                    WARNED_OF_ABORT.call_once(|| build_profile::warn(GPU_MAY_ABORT));
+                }
+                open_gpu(choice)?
+            }
         };
         #[cfg(feature = "gpu")]
         if choice.fault.is_some() && !matches!(gpu, Gpus::Open(_)) {

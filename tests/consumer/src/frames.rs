@@ -75,7 +75,8 @@ fn render<I: Integrator>(
 pub fn each_integrator(size: (u32, u32), spp: u32, timings: &mut Timings) -> Result<(), Box<dyn Error>> {
     let scene = Arc::new(scene()?);
     let camera: Camera = scene.camera.ok_or("the recipe has a camera")?;
-    let prepared = timings.time("prepare", || PreparedScene::new(scene.clone(), &Units::cpu()));
+    let units = Units::cpu();
+    let prepared = timings.time("prepare", || PreparedScene::new(scene.clone(), &units));
     let service = Service::new(ServiceOptions { dispatch_threads: 0, ..ServiceOptions::default() })?;
     let settings = Settings { width: size.0, height: size.1, spp, max_bounces: 4, seed: 7 };
     let path = || Path::new(scene.clone(), &camera, settings, Some(ROULETTE_BOUNCES));

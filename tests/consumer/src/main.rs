@@ -1,13 +1,19 @@
 //! What a user's first program does, on threads with stacks of 2 MB: a million triangles, a million rays, a frame of
 //! each integrator, all of it also inside a rayon pool of one thread.
 //!
-//! `cargo run -- [small|large] [FILE.json]`: `large` renders a frame of 640 × 480 besides; the file gets the times.
+//! `cargo run -- [FILE.json [SECONDS]]` also renders a frame of 640 × 480 and writes all times into the file, for
+//! `scripts/results.py`. SECONDS is how long raystream took to compile.
 
 mod frames;
 mod queries;
 mod surfaces;
 
+use raystream::build_profile::OPT_LEVEL;
+use raystream::lanes::SimdLevel;
+use serde_json::{Value, json};
 use std::error::Error;
+use std::path::PathBuf;
+use std::thread;
 use std::time::Instant;
 
 /// The stack of threads that are started without saying a size, and of rayon's threads.
@@ -15,7 +21,7 @@ const STACK: usize = 2 << 20;
 
 /// Seconds of each step.
 #[derive(Default)]
-pub struct Timings(serde_json::Map<String, serde_json::Value>);
+pub struct Timings(serde_json::Map<String, Value>);
 
 impl Timings {
     /// Runs a step and says how long it took.
@@ -29,7 +35,7 @@ impl Timings {
     }
 }
 
-/// All steps.
+/// All steps, on this thread and inside a rayon pool of one thread; with the large frame if it is to be timed.
 fn steps(large: bool) -> Result<Timings, Box<dyn Error + Send + Sync>> {
     let told = |error: Box<dyn Error>| error.to_string();
     let mut timings = Timings::default();
@@ -50,11 +56,22 @@ fn steps(large: bool) -> Result<Timings, Box<dyn Error + Send + Sync>> {
 
 fn main() -> Result<(), Box<dyn Error + Send + Sync>> {
     let mut arguments = std::env::args().skip(1);
-    let large = arguments.next().as_deref() == Some("large");
-    let thread = std::thread::Builder::new().stack_size(STACK).spawn(move || steps(large))?;
-    let timings = thread.join().map_err(|_| "the steps panicked")??;
-    if let Some(file) = arguments.next() {
-        std::fs::write(file, serde_json::to_string_pretty(&timings.0)?)?;
+    let file = arguments.next().map(PathBuf::from);
+    let compile_s = arguments.next().map(|seconds| seconds.parse::<f64>()).transpose()?;
+    println!(
+        "raystream has opt-level {OPT_LEVEL}, panics {}",
+        if cfg!(panic = "abort") { "abort" } else { "unwind" }
+    );
+    let large = file.is_some();
+    let steps = thread::Builder::new().stack_size(STACK).spawn(move || steps(large))?;
+    let mut timings = steps.join().map_err(|_| "a step panicked")??;
+    if let Some(file) = file {
+        timings.0.insert("compile_s".into(), json!(compile_s));
+        timings.0.insert("opt_level".into(), OPT_LEVEL.into());
+        let threads = thread::available_parallelism()?.get();
+        let machine = json!({ "threads": threads, "simd": SimdLevel::detect().name() });
+        let sheet = json!({ "machine": machine, "rows": [timings.0] });
+        std::fs::write(file, serde_json::to_string_pretty(&sheet)?)?;
     }
     Ok(())
 }
