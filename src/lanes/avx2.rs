@@ -25,7 +25,7 @@ impl<const VL: bool> EightLanes<VL> {
     ///
     /// # Safety
     /// The processor has AVX2 and FMA, and with `VL` AVX-512 F and VL.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub(crate) unsafe fn new() -> Self {
         Self(())
     }
@@ -35,7 +35,7 @@ type F = __m256;
 type I = __m256i;
 
 /// The lanes of a mask, in order.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 fn order_of<const VL: bool>(_: EightLanes<VL>, mask: LaneBits) -> I {
     // SAFETY: invariant 1; the table has 256 entries.
     unsafe {
@@ -45,7 +45,7 @@ fn order_of<const VL: bool>(_: EightLanes<VL>, mask: LaneBits) -> I {
 }
 
 /// Transposes 4 × 4 numbers in each half: of four vectors, each half holds a row of four.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 fn transpose_parts<const VL: bool>(_: EightLanes<VL>, r: [F; 4]) -> [F; 4] {
     // SAFETY: invariant 1.
     unsafe {
@@ -67,14 +67,14 @@ fn transpose_parts<const VL: bool>(_: EightLanes<VL>, r: [F; 4]) -> [F; 4] {
 }
 
 /// The lower halves of two vectors, and their upper halves.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 fn halves<const VL: bool>(_: EightLanes<VL>, a: F, b: F) -> [F; 2] {
     // SAFETY: invariant 1.
     unsafe { [_mm256_permute2f128_ps::<0x20>(a, b), _mm256_permute2f128_ps::<0x31>(a, b)] }
 }
 
 /// Transposes 8 × 8 numbers.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 fn transpose<const VL: bool>(token: EightLanes<VL>, r: [F; 8]) -> [F; 8] {
     let low = transpose_parts(token, [r[0], r[1], r[2], r[3]]);
     let high = transpose_parts(token, [r[4], r[5], r[6], r[7]]);
@@ -86,7 +86,7 @@ fn transpose<const VL: bool>(token: EightLanes<VL>, r: [F; 8]) -> [F; 8] {
 }
 
 /// Whether each lane is in a mask, as all ones or all zeros.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 fn expand<const VL: bool>(_: EightLanes<VL>, mask: LaneBits) -> F {
     // SAFETY: invariant 1.
     unsafe {
@@ -105,7 +105,7 @@ impl<const VL: bool> Lanes for EightLanes<VL> {
     type M = LaneBits;
     type Array<T: Copy> = [T; 8];
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn array<T: Copy>(value: T) -> [T; 8] {
         [value; 8]
     }
@@ -184,7 +184,7 @@ impl<const VL: bool> Lanes for EightLanes<VL> {
         unsafe fn gather(self, from: *const u32, index: I) -> I = _mm256_i32gather_epi32::<4>(from.cast(), index);
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn to_fixed(self, a: F, scale: f64) -> [i64; 8] {
         let mut fixed = [0; 8];
         for (fixed, x) in fixed.iter_mut().zip(spill(self, a)) {
@@ -193,7 +193,7 @@ impl<const VL: bool> Lanes for EightLanes<VL> {
         fixed
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn reverse_u32(self, a: I) -> I {
         // SAFETY: invariant 1.
         unsafe {
@@ -211,7 +211,7 @@ impl<const VL: bool> Lanes for EightLanes<VL> {
         }
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn outlined<P: OutlinedTask<Self>>(self, task: P) -> P::Output {
         #[inline(never)]
         #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
@@ -222,7 +222,7 @@ impl<const VL: bool> Lanes for EightLanes<VL> {
         unsafe { run(self, task) }
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     unsafe fn append(self, to: *mut u32, mask: LaneBits, a: I) {
         // SAFETY: invariants 1 and 2.
         unsafe {
@@ -235,7 +235,7 @@ impl<const VL: bool> Lanes for EightLanes<VL> {
         }
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     unsafe fn rows(self, base: *const f32, offsets: *const u32) -> [F; 8] {
         // SAFETY: invariants 1 and 2; there are eight offsets.
         let rows = unsafe {
@@ -253,7 +253,7 @@ impl<const VL: bool> Lanes for EightLanes<VL> {
         transpose(self, rows)
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     unsafe fn put_rows(self, to: *mut f32, columns: [F; 8]) {
         for (i, row) in transpose(self, columns).into_iter().enumerate() {
             // SAFETY: invariants 1 and 2.
@@ -261,7 +261,7 @@ impl<const VL: bool> Lanes for EightLanes<VL> {
         }
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     unsafe fn put_quads(self, to: *mut f32, columns: [F; 4]) {
         // Vector `i` holds row `i` and row `i + 4`.
         let [a, b, c, d] = transpose_parts(self, columns);
@@ -272,7 +272,7 @@ impl<const VL: bool> Lanes for EightLanes<VL> {
         }
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     unsafe fn pick(self, from: [*const f32; 2], index: I) -> F {
         // SAFETY: invariants 1 and 2.
         unsafe {

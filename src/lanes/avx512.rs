@@ -18,7 +18,7 @@ impl Avx512 {
     ///
     /// # Safety
     /// The processor has AVX-512 F, BW, DQ and VL.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub(crate) unsafe fn new() -> Self {
         Self(())
     }
@@ -34,7 +34,7 @@ const GREATER_MAGNITUDE: i32 = 0b1011;
 const A_OR_B_AND_C: i32 = 0xf8;
 
 /// Transposes 4 × 4 numbers in each 128-bit part: of four vectors, each part holds a row of four.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 fn transpose_parts(_: Avx512, r: [F; 4]) -> [F; 4] {
     // SAFETY: invariant 1.
     unsafe {
@@ -60,7 +60,7 @@ fn transpose_parts(_: Avx512, r: [F; 4]) -> [F; 4] {
 ///
 /// # Safety
 /// As for [`Lanes::rows`], with eight offsets.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 unsafe fn row_pairs(token: Avx512, base: *const f32, offsets: *const u32) -> [F; 4] {
     // SAFETY: the caller vouches for eight offsets.
     unsafe {
@@ -77,7 +77,7 @@ unsafe fn row_pairs(token: Avx512, base: *const f32, offsets: *const u32) -> [F;
 ///
 /// # Safety
 /// Both offsets lead to a readable row.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 unsafe fn row_pair(_: Avx512, base: *const f32, low: u32, high: u32) -> F {
     // SAFETY: invariants 1 and 2.
     unsafe {
@@ -88,14 +88,14 @@ unsafe fn row_pair(_: Avx512, base: *const f32, low: u32, high: u32) -> F {
 }
 
 /// The lower halves of two vectors, and their upper halves.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 fn halves(_: Avx512, a: F, b: F) -> [F; 2] {
     // SAFETY: invariant 1.
     unsafe { [_mm512_shuffle_f32x4::<0b01_00_01_00>(a, b), _mm512_shuffle_f32x4::<0b11_10_11_10>(a, b)] }
 }
 
 /// The 128-bit parts 0 and 2 of two vectors, and their parts 1 and 3.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 fn alternate_parts(_: Avx512, a: F, b: F) -> [F; 2] {
     // SAFETY: invariant 1.
     unsafe { [_mm512_shuffle_f32x4::<0b10_00_10_00>(a, b), _mm512_shuffle_f32x4::<0b11_01_11_01>(a, b)] }
@@ -110,7 +110,7 @@ impl Lanes for Avx512 {
     type M = LaneBits;
     type Array<T: Copy> = [T; 16];
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn array<T: Copy>(value: T) -> [T; 16] {
         [value; 16]
     }
@@ -182,7 +182,7 @@ impl Lanes for Avx512 {
             _mm512_storeu_si512(to.cast(), _mm512_maskz_compress_epi32(mask as u16, a));
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn to_fixed(self, a: F, scale: f64) -> [i64; 16] {
         let mut fixed = [0; 16];
         // SAFETY: invariant 1; both halves of the array are written.
@@ -196,7 +196,7 @@ impl Lanes for Avx512 {
         fixed
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn reverse_u32(self, a: I) -> I {
         // SAFETY: invariant 1.
         unsafe {
@@ -212,7 +212,7 @@ impl Lanes for Avx512 {
         }
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn outlined<P: OutlinedTask<Self>>(self, task: P) -> P::Output {
         #[inline(never)]
         #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
@@ -223,7 +223,7 @@ impl Lanes for Avx512 {
         unsafe { run(self, task) }
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     unsafe fn rows(self, base: *const f32, offsets: *const u32) -> [F; 8] {
         // SAFETY: invariants 1 and 2; there are sixteen offsets.
         let (low, high) = unsafe { (row_pairs(self, base, offsets), row_pairs(self, base, offsets.add(8))) };
@@ -235,7 +235,7 @@ impl Lanes for Avx512 {
         [a, b, c, d, e, f, g, h]
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     unsafe fn put_rows(self, to: *mut f32, [a, b, c, d, e, f, g, h]: [F; 8]) {
         // Part `k` of `left[i]` and of `right[i]` is one half of row `4 * k + i`. Two rows are assembled before they
         // are written, so that a later read of either finds it in one piece.
@@ -256,7 +256,7 @@ impl Lanes for Avx512 {
         }
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     unsafe fn put_quads(self, to: *mut f32, columns: [F; 4]) {
         // Part `k` of vector `i` is row `4 * k + i`.
         let [a, b, c, d] = transpose_parts(self, columns);
@@ -271,7 +271,7 @@ impl Lanes for Avx512 {
         }
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     unsafe fn load_eights(self, from: [*const f32; 2]) -> F {
         // SAFETY: invariants 1 and 2.
         unsafe {
@@ -280,7 +280,7 @@ impl Lanes for Avx512 {
         }
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     unsafe fn pick(self, from: [*const f32; 2], index: I) -> F {
         // SAFETY: invariants 1 and 2.
         unsafe {

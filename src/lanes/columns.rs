@@ -9,43 +9,43 @@
 use super::{Lanes, MAX_LANES};
 
 /// `f` of each of three. Unlike the `map` of arrays it is certain to be inlined, and `f` with it.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 pub(crate) fn each<A: Copy, B>(a: [A; 3], f: impl Fn(A) -> B) -> [B; 3] {
     [f(a[0]), f(a[1]), f(a[2])]
 }
 
 /// `f` of each of three pairs; certain to be inlined, as [`each`] is.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 pub(crate) fn zip<A: Copy, B: Copy, C>(a: [A; 3], b: [B; 3], f: impl Fn(A, B) -> C) -> [C; 3] {
     [f(a[0], b[0]), f(a[1], b[1]), f(a[2], b[2])]
 }
 
 /// Three numbers, each in every lane.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 pub(crate) fn splat<L: Lanes>(l: L, x: [f32; 3]) -> [L::F; 3] {
     [l.splat(x[0]), l.splat(x[1]), l.splat(x[2])]
 }
 
 /// Three numbers for each eight lanes: see [`Lanes::splat_eights`].
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 pub(crate) fn splat_eights<L: Lanes>(l: L, [a, b]: [[f32; 3]; 2]) -> [L::F; 3] {
     [l.splat_eights([a[0], b[0]]), l.splat_eights([a[1], b[1]]), l.splat_eights([a[2], b[2]])]
 }
 
 /// Row `row` of three columns, in every lane.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 pub(crate) fn splat_row<L: Lanes>(l: L, columns: &[[f32; 8]; 3], row: usize) -> [L::F; 3] {
     [l.splat(columns[0][row]), l.splat(columns[1][row]), l.splat(columns[2][row])]
 }
 
 /// Reads three columns into eight lanes, one row per lane.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 pub(crate) fn load<L: Lanes>(l: L, columns: &[[f32; 8]; 3]) -> [L::F; 3] {
     [load_one(l, &columns[0]), load_one(l, &columns[1]), load_one(l, &columns[2])]
 }
 
 /// Reads one column into eight lanes.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 pub(crate) fn load_one<L: Lanes>(l: L, column: &[f32; 8]) -> L::F {
     const { assert!(L::LANES == 8) };
     // SAFETY: invariant 1.
@@ -53,21 +53,21 @@ pub(crate) fn load_one<L: Lanes>(l: L, column: &[f32; 8]) -> L::F {
 }
 
 /// Reads a column for each eight lanes: see [`Lanes::load_eights`].
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 pub(crate) fn load_eights<L: Lanes>(l: L, columns: [&[f32; 8]; 2]) -> L::F {
     // SAFETY: invariant 1.
     unsafe { l.load_eights([columns[0].as_ptr(), columns[1].as_ptr()]) }
 }
 
 /// Writes eight lanes to three columns.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 pub(crate) fn keep<L: Lanes>(l: L, lanes: [L::F; 3]) -> [[f32; 8]; 3] {
     let [x, y, z] = lanes;
     [store_one(l, x), store_one(l, y), store_one(l, z)]
 }
 
 /// Writes eight lanes to one column.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 pub(crate) fn store_one<L: Lanes>(l: L, f: L::F) -> [f32; 8] {
     const { assert!(L::LANES == 8) };
     let mut column = [0.0; 8];
@@ -79,7 +79,7 @@ pub(crate) fn store_one<L: Lanes>(l: L, f: L::F) -> [f32; 8] {
 }
 
 /// Transposes eight rows of eight numbers into columns.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 pub(crate) fn columns<L: Lanes>(l: L, rows: &[[f32; 8]; 8]) -> [L::F; 8] {
     const { assert!(L::LANES == 8) };
     // SAFETY: invariant 1; a row has 32 bytes.
@@ -87,13 +87,13 @@ pub(crate) fn columns<L: Lanes>(l: L, rows: &[[f32; 8]; 8]) -> [L::F; 8] {
 }
 
 /// Exchanges the first four of eight lanes with the last four.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 pub(crate) fn swap_halves<L: Lanes>(l: L, f: L::F) -> L::F {
     l.from_bits(l.permute_u32(l.bits(f), eight_u32(l, &[4, 5, 6, 7, 0, 1, 2, 3])))
 }
 
 /// Reads eight words.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 pub(crate) fn eight_u32<L: Lanes>(l: L, words: &[u32; 8]) -> L::I {
     const { assert!(L::LANES == 8) };
     // SAFETY: invariant 1.
@@ -101,7 +101,7 @@ pub(crate) fn eight_u32<L: Lanes>(l: L, words: &[u32; 8]) -> L::I {
 }
 
 /// The numbers of all lanes, for code that goes lane by lane. Elements beyond the lanes are 0.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 pub(crate) fn spill<L: Lanes>(l: L, f: L::F) -> [f32; MAX_LANES] {
     const { assert!(L::LANES <= MAX_LANES) };
     let mut numbers = [0.0; MAX_LANES];

@@ -4,7 +4,7 @@ use super::{Lanes, Num};
 use std::f32::consts::{LN_2, LOG2_E, SQRT_2};
 
 /// 2 to the power `x`; 0 below −126, and above 126 the value at 126. The error is a few units in the last place.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 pub fn exp2<L: Lanes>(x: Num<L>) -> Num<L> {
     let held = x.clamp(-126.0, 126.0);
     let whole = (held + 0.5).floor();
@@ -17,14 +17,14 @@ pub fn exp2<L: Lanes>(x: Num<L>) -> Num<L> {
 }
 
 /// e to the power `x`, with the limits of [`exp2`] at `x · log₂ e`.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 pub fn exp<L: Lanes>(x: Num<L>) -> Num<L> {
     exp2(x * LOG2_E)
 }
 
 /// The logarithm to base 2; `x` is positive and normal. The error is a few units in the last place of the result or of
 /// 1, whichever is greater.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 pub fn log2<L: Lanes>(x: Num<L>) -> Num<L> {
     let bits = x.to_bits();
     let power = (bits >> 23).to_num() - 127.0;
@@ -40,7 +40,7 @@ pub fn log2<L: Lanes>(x: Num<L>) -> Num<L> {
 }
 
 /// `base` to the power `power`, neither below 0. A `base` of at most [`f32::MIN_POSITIVE`] gives 0, whatever the power.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 pub fn pow<L: Lanes>(base: Num<L>, power: Num<L>) -> Num<L> {
     let some = base.above(f32::MIN_POSITIVE);
     let safe = Num::select(some, base, Num::splat(base.lanes(), 1.0));

@@ -17,19 +17,19 @@ pub struct Int<L: Lanes> {
 
 impl<L: Lanes> Int<L> {
     /// The same number in each lane.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn splat(l: L, x: u32) -> Self {
         Self { l, i: l.splat_u32(x) }
     }
 
     /// One number per lane.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn from_array(l: L, numbers: &L::Array<u32>) -> Self {
         Self::load(l, numbers.as_ref())
     }
 
     /// The index of each lane: 0, 1, 2, ..
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn iota(l: L) -> Self {
         let mut numbers = L::array(0);
         for lane in 0..L::LANES {
@@ -39,7 +39,7 @@ impl<L: Lanes> Int<L> {
     }
 
     /// The numbers of a slice, one per lane, and the mask of the lanes that have one. The other lanes get `beyond`.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn some(l: L, from: &[u32], beyond: u32) -> (Self, Mask<L>) {
         if from.len() >= L::LANES {
             return (Self::load(l, from), Mask::splat(l, true));
@@ -52,7 +52,7 @@ impl<L: Lanes> Int<L> {
     }
 
     /// The number of each lane, for code that goes lane by lane.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn to_array(self) -> L::Array<u32> {
         let mut numbers = L::array(0);
         self.store(numbers.as_mut());
@@ -63,7 +63,7 @@ impl<L: Lanes> Int<L> {
     ///
     /// # Panics
     /// When the slice is shorter than the lanes.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn load(l: L, from: &[u32]) -> Self {
         assert!(from.len() >= L::LANES, "one number per lane");
         // SAFETY: invariant 1.
@@ -74,7 +74,7 @@ impl<L: Lanes> Int<L> {
     ///
     /// # Panics
     /// When the slice is shorter than the lanes.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn store(self, to: &mut [u32]) {
         assert!(to.len() >= L::LANES, "room for each lane");
         // SAFETY: invariant 1.
@@ -86,7 +86,7 @@ impl<L: Lanes> Int<L> {
     ///
     /// # Panics
     /// When the slice is shorter than the lanes.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn append(self, mask: Mask<L>, to: &mut [u32]) -> usize {
         assert!(to.len() >= L::LANES, "room for each lane");
         // SAFETY: invariant 1.
@@ -95,56 +95,56 @@ impl<L: Lanes> Int<L> {
     }
 
     /// The token.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn lanes(self) -> L {
         self.l
     }
 
     /// `a` in the lanes of `mask`, `b` in the others.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn select(mask: Mask<L>, a: Self, b: Self) -> Self {
         Self { l: a.l, i: mask.repr().select_u32(a.l, a.i, b.i) }
     }
 
     /// Lanes in which `self < other`.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn lt(self, other: Self) -> Mask<L> {
         Mask::new(self.l, L::M::lt_u32(self.l, self.i, other.i))
     }
 
     /// Lanes in which `self < x`.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn below(self, x: u32) -> Mask<L> {
         self.lt(Self::splat(self.l, x))
     }
 
     /// Lanes in which `self == x`.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn is(self, x: u32) -> Mask<L> {
         Mask::new(self.l, L::M::eq_u32(self.l, self.i, self.l.splat_u32(x)))
     }
 
     /// The lesser of `self` and `x`.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn at_most(self, x: u32) -> Self {
         let x = Self::splat(self.l, x);
         Self::select(self.lt(x), self, x)
     }
 
     /// The nearest f32; numbers are below 2³¹.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn to_num(self) -> Num<L> {
         Num { l: self.l, f: self.l.u32_to_f32(self.i) }
     }
 
     /// The f32 that has these bits.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn to_num_bits(self) -> Num<L> {
         Num { l: self.l, f: self.l.from_bits(self.i) }
     }
 
     /// The bits in reverse order.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn reverse_bits(self) -> Self {
         Self { i: self.l.reverse_u32(self.i), ..self }
     }
@@ -153,7 +153,7 @@ impl<L: Lanes> Int<L> {
     ///
     /// # Panics
     /// When the table has no such row, or 2³⁰ words or more.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn rows<const N: usize>(self, table: &[u32]) -> [Self; N] {
         assert!(table.len() < 1 << 30, "byte offsets are 32 bits");
         let rows = (table.len() / N) as u32;
@@ -179,7 +179,7 @@ impl<L: Lanes> Int<L> {
     }
 
     /// Row `self` of a table of rows of `N` numbers, as `N` columns. Panics as [`Int::rows`] does.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn rows_of<const N: usize>(self, table: &[f32]) -> [Num<L>; N] {
         let words = self.rows::<N>(bytemuck::cast_slice(table));
         let mut columns = [words[0].to_num_bits(); N];
@@ -190,7 +190,7 @@ impl<L: Lanes> Int<L> {
     }
 
     /// Number `self` of a table. Panics as [`Int::rows`] does.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn of(self, table: &[f32]) -> Num<L> {
         self.rows::<1>(bytemuck::cast_slice(table))[0].to_num_bits()
     }
@@ -198,14 +198,14 @@ impl<L: Lanes> Int<L> {
 
 impl Int<SingleLane> {
     /// The number of the one lane.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn get(self) -> u32 {
         self.i[0]
     }
 }
 
 impl From<u32> for Int<SingleLane> {
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn from(x: u32) -> Self {
         Self::splat(SingleLane::default(), x)
     }
@@ -221,14 +221,14 @@ macro_rules! arithmetic {
     ($($trait:ident $method:ident $of:ident;)*) => {$(
         impl<L: Lanes> $trait for Int<L> {
             type Output = Self;
-            #[inline(always)]
+            #[cfg_attr(not(unoptimised), inline(always))]
             fn $method(self, other: Self) -> Self {
                 Self { l: self.l, i: self.l.$of(self.i, other.i) }
             }
         }
         impl<L: Lanes> $trait<u32> for Int<L> {
             type Output = Self;
-            #[inline(always)]
+            #[cfg_attr(not(unoptimised), inline(always))]
             fn $method(self, other: u32) -> Self {
                 Self { l: self.l, i: self.l.$of(self.i, self.l.splat_u32(other)) }
             }
@@ -246,7 +246,7 @@ arithmetic! {
 
 impl<L: Lanes> Shl<u32> for Int<L> {
     type Output = Self;
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn shl(self, count: u32) -> Self {
         Self { i: self.l.shl_u32(self.i, count), ..self }
     }
@@ -254,7 +254,7 @@ impl<L: Lanes> Shl<u32> for Int<L> {
 
 impl<L: Lanes> Shr<u32> for Int<L> {
     type Output = Self;
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn shr(self, count: u32) -> Self {
         Self { i: self.l.shr_u32(self.i, count), ..self }
     }

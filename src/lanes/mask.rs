@@ -56,158 +56,158 @@ impl Sealed for LaneBits {}
 
 /// Bits beyond the lanes are always 0.
 impl<L: Lanes<M = Self>> MaskRepr<L> for LaneBits {
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn splat(_: L, value: bool) -> Self {
         if value { L::ALL } else { 0 }
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn from_bits(_: L, bits: LaneBits) -> Self {
         bits & L::ALL
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn bits(self, _: L) -> LaneBits {
         self
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn any(self, _: L) -> bool {
         self != 0
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn all(self, _: L) -> bool {
         self == L::ALL
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn and(self, _: L, other: Self) -> Self {
         self & other
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn or(self, _: L, other: Self) -> Self {
         self | other
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn xor(self, _: L, other: Self) -> Self {
         self ^ other
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn not(self, _: L) -> Self {
         self ^ L::ALL
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn lt(l: L, a: L::F, b: L::F) -> Self {
         l.lt(L::ALL, a, b)
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn le(l: L, a: L::F, b: L::F) -> Self {
         l.le(L::ALL, a, b)
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn eq(l: L, a: L::F, b: L::F) -> Self {
         l.eq(L::ALL, a, b)
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn lt_u32(l: L, a: L::I, b: L::I) -> Self {
         l.lt_u32(L::ALL, a, b)
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn eq_u32(l: L, a: L::I, b: L::I) -> Self {
         l.eq_u32(L::ALL, a, b)
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn select(self, l: L, a: L::F, b: L::F) -> L::F {
         l.select(self, a, b)
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn select_u32(self, l: L, a: L::I, b: L::I) -> L::I {
         l.select_u32(self, a, b)
     }
 }
 
 impl<L: Lanes> Mask<L> {
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub(super) fn new(l: L, m: L::M) -> Self {
         Self { l, m }
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub(super) fn repr(self) -> L::M {
         self.m
     }
 
     /// The same Boolean in each lane.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn splat(l: L, value: bool) -> Self {
         Self { l, m: L::M::splat(l, value) }
     }
 
     /// The lanes whose bits are set, lane 0 lowest. Bits beyond the lanes do not count.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn from_bits(l: L, bits: LaneBits) -> Self {
         Self { l, m: L::M::from_bits(l, bits) }
     }
 
     /// The first `count` lanes; all of them if there are no more.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn first(l: L, count: usize) -> Self {
         Self::from_bits(l, first_lanes::<L>(count))
     }
 
     /// One bit per lane, lane 0 lowest; bits beyond the lanes are 0. For code that goes lane by lane.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn bits(self) -> LaneBits {
         self.m.bits(self.l)
     }
 
     /// Number of lanes that are set.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn count(self) -> usize {
         self.bits().count_ones() as usize
     }
 
     /// Whether lane `lane` is set.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn test(self, lane: usize) -> bool {
         self.bits() >> lane & 1 == 1
     }
 
     /// The lanes that are set, in ascending order.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn iter(self) -> SetLanes<L> {
         SetLanes { left: self.bits(), lanes: PhantomData }
     }
 
     /// Whether any lane is set.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn any(self) -> bool {
         self.m.any(self.l)
     }
 
     /// Whether all lanes are set.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn all(self) -> bool {
         self.m.all(self.l)
     }
 
     /// Whether no lane is set.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn none(self) -> bool {
         !self.any()
     }
 
     /// `a` in the lanes of `mask`, `b` in the others.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn select(mask: Self, a: Self, b: Self) -> Self {
         (a & mask) | (b & !mask)
     }
 
     /// The token.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn lanes(self) -> L {
         self.l
     }
 }
 
 /// The bits of the first `count` lanes; of all lanes if there are no more.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 pub(crate) fn first_lanes<L: Lanes>(count: usize) -> LaneBits {
     if count >= L::LANES { L::ALL } else { (1 << count) - 1 }
 }
@@ -222,7 +222,7 @@ pub struct SetLanes<L> {
 impl<L: Lanes> Iterator for SetLanes<L> {
     type Item = usize;
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn next(&mut self) -> Option<usize> {
         // The remainder tells the compiler that lanes index arrays of as many elements.
         let lane = (self.left != 0).then(|| self.left.trailing_zeros() as usize % L::LANES);
@@ -233,14 +233,14 @@ impl<L: Lanes> Iterator for SetLanes<L> {
 
 impl Mask<SingleLane> {
     /// The Boolean of the one lane.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn get(self) -> bool {
         self.any()
     }
 }
 
 impl From<bool> for Mask<SingleLane> {
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn from(value: bool) -> Self {
         Self::splat(SingleLane::default(), value)
     }
@@ -256,13 +256,13 @@ macro_rules! operators {
     ($($trait:ident $method:ident $assign_trait:ident $assign:ident $of:ident;)*) => {$(
         impl<L: Lanes> $trait for Mask<L> {
             type Output = Self;
-            #[inline(always)]
+            #[cfg_attr(not(unoptimised), inline(always))]
             fn $method(self, other: Self) -> Self {
                 Self { m: self.m.$of(self.l, other.m), ..self }
             }
         }
         impl<L: Lanes> $assign_trait for Mask<L> {
-            #[inline(always)]
+            #[cfg_attr(not(unoptimised), inline(always))]
             fn $assign(&mut self, other: Self) {
                 *self = self.$method(other);
             }
@@ -278,7 +278,7 @@ operators! {
 
 impl<L: Lanes> Not for Mask<L> {
     type Output = Self;
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn not(self) -> Self {
         Self { m: self.m.not(self.l), ..self }
     }

@@ -124,7 +124,7 @@ pub trait Lanes: Copy + sealed::Sealed {
     /// `|a|`.
     fn abs(self, a: Self::F) -> Self::F;
     /// The greater of `|a|` and `|b|`; neither may be NaN.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn max_abs(self, a: Self::F, b: Self::F) -> Self::F {
         self.max(self.abs(a), self.abs(b))
     }
@@ -261,7 +261,7 @@ pub trait Lanes: Copy + sealed::Sealed {
     // eight lanes with data of their own. With eight lanes only the first of each pair counts.
 
     /// One number for lanes 0 to 7 and another for lanes 8 to 15.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn splat_eights(self, x: [f32; 2]) -> Self::F {
         const { assert!(Self::LANES == 8) };
         self.splat(x[0])
@@ -270,7 +270,7 @@ pub trait Lanes: Copy + sealed::Sealed {
     ///
     /// # Safety
     /// Each pointer is valid for reading eight numbers.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     unsafe fn load_eights(self, from: [*const f32; 2]) -> Self::F {
         const { assert!(Self::LANES == 8) };
         // SAFETY: the caller vouches for eight numbers.
@@ -293,7 +293,7 @@ pub trait OutlinedTask<L: Lanes> {
 }
 
 /// The integer nearest to `x`, ties to even; `x` is at least 0 and below 2⁶³.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 pub(crate) fn nearest(x: f64) -> i64 {
     // Numbers from here on have no fraction; adding it to a lesser number rounds the fraction away.
     const WHOLE: f64 = (1u64 << 52) as f64;

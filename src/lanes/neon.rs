@@ -24,7 +24,7 @@ type F = [float32x4_t; 2];
 type I = [uint32x4_t; 2];
 
 /// A mask as bits, from lanes of all ones and all zeros.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 fn collect(lanes: I) -> LaneBits {
     // SAFETY: invariant 1; eight words are read.
     unsafe {
@@ -34,7 +34,7 @@ fn collect(lanes: I) -> LaneBits {
 }
 
 /// Whether each lane is in a mask, as all ones or all zeros.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 fn expand(mask: LaneBits) -> I {
     // SAFETY: invariant 1; eight words are read.
     unsafe {
@@ -44,28 +44,28 @@ fn expand(mask: LaneBits) -> I {
 }
 
 /// The bits of numbers.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 fn words(f: F) -> I {
     // SAFETY: invariant 1.
     unsafe { [vreinterpretq_u32_f32(f[0]), vreinterpretq_u32_f32(f[1])] }
 }
 
 /// The bits of numbers as signed integers.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 fn signed(f: F) -> [int32x4_t; 2] {
     // SAFETY: invariant 1.
     unsafe { [vreinterpretq_s32_f32(f[0]), vreinterpretq_s32_f32(f[1])] }
 }
 
 /// The numbers that have these bits.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 fn numbers(i: I) -> F {
     // SAFETY: invariant 1.
     unsafe { [vreinterpretq_f32_u32(i[0]), vreinterpretq_f32_u32(i[1])] }
 }
 
 /// The lanes of a mask, in order.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 fn order_of(mask: LaneBits) -> I {
     // SAFETY: invariant 1; the table has 256 entries.
     unsafe {
@@ -75,7 +75,7 @@ fn order_of(mask: LaneBits) -> I {
 }
 
 /// Transposes 4 × 4 numbers.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 fn transpose(r: [float32x4_t; 4]) -> [float32x4_t; 4] {
     // SAFETY: invariant 1.
     unsafe {
@@ -101,7 +101,7 @@ impl Lanes for Neon {
     type M = LaneBits;
     type Array<T: Copy> = [T; 8];
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn array<T: Copy>(value: T) -> [T; 8] {
         [value; 8]
     }
@@ -202,27 +202,27 @@ impl Lanes for Neon {
             self.store_u32(to, self.permute_u32(a, order_of(mask)));
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn fms(self, a: F, b: F, c: F) -> F {
         self.fma(a, b, self.neg(c))
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn bits(self, a: F) -> I {
         words(a)
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn from_bits(self, a: I) -> F {
         numbers(a)
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn pack(self, mask: LaneBits, a: F) -> F {
         numbers(self.permute_u32(words(a), order_of(mask)))
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn to_fixed(self, a: F, scale: f64) -> [i64; 8] {
         let mut fixed = [0; 8];
         for (fixed, x) in fixed.iter_mut().zip(spill(self, a)) {
@@ -231,7 +231,7 @@ impl Lanes for Neon {
         fixed
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn permute_u32(self, a: I, order: I) -> I {
         // SAFETY: invariant 1.
         unsafe {
@@ -247,7 +247,7 @@ impl Lanes for Neon {
         }
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn outlined<P: OutlinedTask<Self>>(self, task: P) -> P::Output {
         #[inline(never)]
         fn run<P: OutlinedTask<Neon>>(l: Neon, task: P) -> P::Output {
@@ -256,7 +256,7 @@ impl Lanes for Neon {
         run(self, task)
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     unsafe fn gather(self, from: *const u32, index: I) -> I {
         let mut words = [0; 8];
         // SAFETY: invariants 1 and 2; the array has eight words.
@@ -267,7 +267,7 @@ impl Lanes for Neon {
         }
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     unsafe fn pick(self, from: [*const f32; 2], index: I) -> F {
         // SAFETY: invariants 1 and 2.
         unsafe {
@@ -283,7 +283,7 @@ impl Lanes for Neon {
         }
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     unsafe fn rows(self, base: *const f32, offsets: *const u32) -> [F; 8] {
         // SAFETY: invariants 1 and 2; there are eight offsets.
         let row = |i| unsafe { self.load(base.byte_add(*offsets.add(i) as usize)) };
@@ -298,7 +298,7 @@ impl Lanes for Neon {
         [low[0], low[1], low[2], low[3], high[0], high[1], high[2], high[3]]
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     unsafe fn put_rows(self, to: *mut f32, [a, b, c, d, e, f, g, h]: [F; 8]) {
         for half in 0..2 {
             let left = transpose([a[half], b[half], c[half], d[half]]);
@@ -310,7 +310,7 @@ impl Lanes for Neon {
         }
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     unsafe fn put_quads(self, to: *mut f32, [a, b, c, d]: [F; 4]) {
         for half in 0..2 {
             let [e, f, g, h] = transpose([a[half], b[half], c[half], d[half]]);

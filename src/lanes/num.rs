@@ -19,19 +19,19 @@ pub struct Num<L: Lanes> {
 
 impl<L: Lanes> Num<L> {
     /// The same number in each lane.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn splat(l: L, x: f32) -> Self {
         Self { l, f: l.splat(x) }
     }
 
     /// 0 in each lane.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn zero(l: L) -> Self {
         Self::splat(l, 0.0)
     }
 
     /// One number per lane.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn from_array(l: L, numbers: &L::Array<f32>) -> Self {
         Self::load(l, numbers.as_ref())
     }
@@ -40,7 +40,7 @@ impl<L: Lanes> Num<L> {
     ///
     /// # Panics
     /// When the slice is shorter than the lanes.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn load(l: L, from: &[f32]) -> Self {
         assert!(from.len() >= L::LANES, "one number per lane");
         // SAFETY: invariant 1.
@@ -48,7 +48,7 @@ impl<L: Lanes> Num<L> {
     }
 
     /// The number of each lane, for code that goes lane by lane.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn to_array(self) -> L::Array<f32> {
         let mut numbers = L::array(0.0);
         // SAFETY: invariant 1.
@@ -58,7 +58,7 @@ impl<L: Lanes> Num<L> {
 
     /// Transposes eight columns into rows, one row for each lane of `mask`, in order. The rows after them are
     /// unspecified.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn packed_rows(mask: Mask<L>, columns: [Self; 8]) -> L::Array<[f32; 8]> {
         let [a, b, c, d, e, f, g, h] = columns;
         let ([a, b, c, d], [e, f, g, h]) = (
@@ -74,7 +74,7 @@ impl<L: Lanes> Num<L> {
 
     /// Transposes four columns into rows, one row for each lane of `mask`, in order. The rows after them are
     /// unspecified.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn packed_quads(mask: Mask<L>, [a, b, c, d]: [Self; 4]) -> L::Array<[f32; 4]> {
         let [a, b, c, d] = [a.pack(mask), b.pack(mask), c.pack(mask), d.pack(mask)];
         let mut rows = L::array([0.0; 4]);
@@ -84,157 +84,157 @@ impl<L: Lanes> Num<L> {
     }
 
     /// Moves the lanes of `mask`, in order, to the first lanes. The other lanes of the result are unspecified.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn pack(self, mask: Mask<L>) -> Self {
         Self { f: self.l.pack(mask.bits(), self.f), ..self }
     }
 
     /// The integers nearest to `self * scale`, ties to even; products are at least 0 and below 2⁶³.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn to_fixed(self, scale: f64) -> L::Array<i64> {
         self.l.to_fixed(self.f, scale)
     }
 
     /// The token.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn lanes(self) -> L {
         self.l
     }
 
     /// `a` in the lanes of `mask`, `b` in the others.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn select(mask: Mask<L>, a: Self, b: Self) -> Self {
         Self { l: a.l, f: mask.repr().select(a.l, a.f, b.f) }
     }
 
     /// `self` in the lanes of `mask`, 0 in the others.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn only(self, mask: Mask<L>) -> Self {
         Self::select(mask, self, Self::zero(self.l))
     }
 
     /// Square root.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn sqrt(self) -> Self {
         Self { f: self.l.sqrt(self.f), ..self }
     }
 
     /// The greatest integer not above `self`.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn floor(self) -> Self {
         Self { f: self.l.floor(self.f), ..self }
     }
 
     /// Magnitude.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn abs(self) -> Self {
         Self { f: self.l.abs(self.f), ..self }
     }
 
     /// The lesser of both; `other` where `self` is NaN.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn min(self, other: Self) -> Self {
         Self { f: self.l.min(self.f, other.f), ..self }
     }
 
     /// The greater of both; `other` where `self` is NaN.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn max(self, other: Self) -> Self {
         Self { f: self.l.max(self.f, other.f), ..self }
     }
 
     /// `self`, but at least `low` and at most `high`; `low` for NaN.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn clamp(self, low: f32, high: f32) -> Self {
         self.max(Self::splat(self.l, low)).min(Self::splat(self.l, high))
     }
 
     /// The magnitude of `self` with the sign of `other`.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn copysign(self, other: Self) -> Self {
         Self { f: self.l.with_sign_of(self.l.abs(self.f), other.f), ..self }
     }
 
     /// 1 with the sign of `self`.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn signum(self) -> Self {
         Self::splat(self.l, 1.0).copysign(self)
     }
 
     /// `self * self`.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn squared(self) -> Self {
         self * self
     }
 
     /// Lanes in which `self < other`.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn lt(self, other: Self) -> Mask<L> {
         Mask::new(self.l, L::M::lt(self.l, self.f, other.f))
     }
 
     /// Lanes in which `self <= other`.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn le(self, other: Self) -> Mask<L> {
         Mask::new(self.l, L::M::le(self.l, self.f, other.f))
     }
 
     /// Lanes in which `self > other`.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn gt(self, other: Self) -> Mask<L> {
         other.lt(self)
     }
 
     /// Lanes in which `self >= other`.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn ge(self, other: Self) -> Mask<L> {
         other.le(self)
     }
 
     /// Lanes in which `self == other`.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn same(self, other: Self) -> Mask<L> {
         Mask::new(self.l, L::M::eq(self.l, self.f, other.f))
     }
 
     /// Lanes in which `self > x`.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn above(self, x: f32) -> Mask<L> {
         self.gt(Self::splat(self.l, x))
     }
 
     /// Lanes in which `self < x`.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn below(self, x: f32) -> Mask<L> {
         self.lt(Self::splat(self.l, x))
     }
 
     /// Lanes in which `self` is 0, of either sign.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn is_zero(self) -> Mask<L> {
         self.same(Self::zero(self.l))
     }
 
     /// Lanes in which `self` is neither infinite nor NaN.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn is_finite(self) -> Mask<L> {
         self.abs().below(f32::INFINITY)
     }
 
     /// Truncates to integers; numbers are 0 to 2³¹ − 1.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn to_int(self) -> Int<L> {
         Int { l: self.l, i: self.l.f32_to_u32(self.f) }
     }
 
     /// The bits of each number.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn to_bits(self) -> Int<L> {
         Int { l: self.l, i: self.l.bits(self.f) }
     }
 
     /// Linear interpolation: `self` where `share` is 0, `other` where it is 1.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn lerp(self, other: Self, share: Self) -> Self {
         self + (other - self) * share
     }
@@ -242,14 +242,14 @@ impl<L: Lanes> Num<L> {
 
 impl Num<SingleLane> {
     /// The number of the one lane.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn get(self) -> f32 {
         self.f[0]
     }
 }
 
 impl From<f32> for Num<SingleLane> {
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn from(x: f32) -> Self {
         Self::splat(SingleLane::default(), x)
     }
@@ -265,27 +265,27 @@ macro_rules! arithmetic {
     ($($trait:ident $method:ident $assign_trait:ident $assign:ident;)*) => {$(
         impl<L: Lanes> $trait for Num<L> {
             type Output = Self;
-            #[inline(always)]
+            #[cfg_attr(not(unoptimised), inline(always))]
             fn $method(self, other: Self) -> Self {
                 Self { l: self.l, f: self.l.$method(self.f, other.f) }
             }
         }
         impl<L: Lanes> $trait<f32> for Num<L> {
             type Output = Self;
-            #[inline(always)]
+            #[cfg_attr(not(unoptimised), inline(always))]
             fn $method(self, other: f32) -> Self {
                 Self { l: self.l, f: self.l.$method(self.f, self.l.splat(other)) }
             }
         }
         impl<L: Lanes> $trait<Num<L>> for f32 {
             type Output = Num<L>;
-            #[inline(always)]
+            #[cfg_attr(not(unoptimised), inline(always))]
             fn $method(self, other: Num<L>) -> Num<L> {
                 Num { l: other.l, f: other.l.$method(other.l.splat(self), other.f) }
             }
         }
         impl<L: Lanes> $assign_trait for Num<L> {
-            #[inline(always)]
+            #[cfg_attr(not(unoptimised), inline(always))]
             fn $assign(&mut self, other: Self) {
                 self.f = self.l.$method(self.f, other.f);
             }
@@ -302,7 +302,7 @@ arithmetic! {
 
 impl<L: Lanes> Neg for Num<L> {
     type Output = Self;
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn neg(self) -> Self {
         Self { f: self.l.neg(self.f), ..self }
     }

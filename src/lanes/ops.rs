@@ -9,14 +9,14 @@
 /// The safety note is here once, for all instructions.
 macro_rules! ops {
     ($(fn $name:ident($self:ident $(, $arg:ident: $t:ty)*) -> $out:ty = $body:expr;)*) => {$(
-        #[inline(always)]
+        #[cfg_attr(not(unoptimised), inline(always))]
         fn $name($self $(, $arg: $t)*) -> $out {
             // SAFETY: invariant 1 of the file that lists the instruction.
             unsafe { $body }
         }
     )*};
     ($(unsafe fn $name:ident($self:ident $(, $arg:ident: $t:ty)*) $(-> $out:ty)? = $body:expr;)*) => {$(
-        #[inline(always)]
+        #[cfg_attr(not(unoptimised), inline(always))]
         unsafe fn $name($self $(, $arg: $t)*) $(-> $out)? {
             // SAFETY: invariants 1 and 2 of the file that lists the instruction.
             unsafe { $body }

@@ -23,7 +23,7 @@ fn mask<const N: usize>(test: impl Fn(usize) -> bool) -> LaneBits {
 }
 
 /// The bits of a number as a signed integer.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 fn signed(number: f32) -> i32 {
     number.to_bits().cast_signed()
 }
@@ -37,100 +37,100 @@ impl<const N: usize> Lanes for Plain<N> {
     type M = LaneBits;
     type Array<T: Copy> = [T; N];
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn array<T: Copy>(value: T) -> [T; N] {
         [value; N]
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn splat(self, x: f32) -> Self::F {
         [x; N]
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn add(self, a: Self::F, b: Self::F) -> Self::F {
         from_fn(|i| a[i] + b[i])
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn sub(self, a: Self::F, b: Self::F) -> Self::F {
         from_fn(|i| a[i] - b[i])
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn mul(self, a: Self::F, b: Self::F) -> Self::F {
         from_fn(|i| a[i] * b[i])
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn div(self, a: Self::F, b: Self::F) -> Self::F {
         from_fn(|i| a[i] / b[i])
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn fma(self, a: Self::F, b: Self::F, c: Self::F) -> Self::F {
         from_fn(|i| a[i].mul_add(b[i], c[i]))
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn fms(self, a: Self::F, b: Self::F, c: Self::F) -> Self::F {
         from_fn(|i| a[i].mul_add(b[i], -c[i]))
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn min(self, a: Self::F, b: Self::F) -> Self::F {
         from_fn(|i| if a[i] < b[i] { a[i] } else { b[i] })
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn max(self, a: Self::F, b: Self::F) -> Self::F {
         from_fn(|i| if a[i] > b[i] { a[i] } else { b[i] })
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn sqrt(self, a: Self::F) -> Self::F {
         a.map(f32::sqrt)
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn floor(self, a: Self::F) -> Self::F {
         a.map(f32::floor)
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn abs(self, a: Self::F) -> Self::F {
         a.map(f32::abs)
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn max_bits(self, a: Self::F, b: Self::F) -> Self::F {
         from_fn(|i| if signed(a[i]) > signed(b[i]) { a[i] } else { b[i] })
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn min_bits(self, a: Self::F, b: Self::F) -> Self::F {
         from_fn(|i| if signed(a[i]) < signed(b[i]) { a[i] } else { b[i] })
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn le_bits(self, among: LaneBits, a: Self::F, b: Self::F) -> LaneBits {
         among & mask::<N>(|i| signed(a[i]) <= signed(b[i]))
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn neg(self, a: Self::F) -> Self::F {
         a.map(|x| -x)
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn with_sign_of(self, a: Self::F, b: Self::F) -> Self::F {
         from_fn(|i| a[i].copysign(b[i]))
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn le(self, among: LaneBits, a: Self::F, b: Self::F) -> LaneBits {
         among & mask::<N>(|i| a[i] <= b[i])
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn eq(self, among: LaneBits, a: Self::F, b: Self::F) -> LaneBits {
         among & mask::<N>(|i| a[i] == b[i])
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn lt(self, among: LaneBits, a: Self::F, b: Self::F) -> LaneBits {
         among & mask::<N>(|i| a[i] < b[i])
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn signs(self, a: Self::F) -> LaneBits {
         mask::<N>(|i| a[i].is_sign_negative())
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn select(self, mask: LaneBits, a: Self::F, b: Self::F) -> Self::F {
         from_fn(|i| if mask >> i & 1 == 1 { a[i] } else { b[i] })
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn pack(self, mask: LaneBits, a: Self::F) -> Self::F {
         let (mut packed, mut len) = (a, 0);
         for (i, x) in a.into_iter().enumerate() {
@@ -139,89 +139,89 @@ impl<const N: usize> Lanes for Plain<N> {
         }
         packed
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn to_fixed(self, a: Self::F, scale: f64) -> [i64; N] {
         a.map(|x| nearest(f64::from(x) * scale))
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn lowest(self, a: Self::F) -> f32 {
         a.into_iter().fold(f32::INFINITY, f32::min)
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn highest(self, a: Self::F) -> f32 {
         a.into_iter().fold(f32::NEG_INFINITY, f32::max)
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn select_u32(self, mask: LaneBits, a: Self::I, b: Self::I) -> Self::I {
         from_fn(|i| if mask >> i & 1 == 1 { a[i] } else { b[i] })
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn permute_u32(self, a: Self::I, order: Self::I) -> Self::I {
         from_fn(|i| a[order[i] as usize % N])
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn splat_u32(self, x: u32) -> Self::I {
         [x; N]
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn add_u32(self, a: Self::I, b: Self::I) -> Self::I {
         from_fn(|i| a[i].wrapping_add(b[i]))
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn mul_u32(self, a: Self::I, b: Self::I) -> Self::I {
         from_fn(|i| a[i].wrapping_mul(b[i]))
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn and_u32(self, a: Self::I, b: Self::I) -> Self::I {
         from_fn(|i| a[i] & b[i])
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn or_u32(self, a: Self::I, b: Self::I) -> Self::I {
         from_fn(|i| a[i] | b[i])
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn xor_u32(self, a: Self::I, b: Self::I) -> Self::I {
         from_fn(|i| a[i] ^ b[i])
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn shl_u32(self, a: Self::I, count: u32) -> Self::I {
         a.map(|x| x << count)
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn shr_u32(self, a: Self::I, count: u32) -> Self::I {
         a.map(|x| x >> count)
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn reverse_u32(self, a: Self::I) -> Self::I {
         a.map(u32::reverse_bits)
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn lt_u32(self, among: LaneBits, a: Self::I, b: Self::I) -> LaneBits {
         among & mask::<N>(|i| a[i] < b[i])
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn eq_u32(self, among: LaneBits, a: Self::I, b: Self::I) -> LaneBits {
         among & mask::<N>(|i| a[i] == b[i])
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn f32_to_u32(self, a: Self::F) -> Self::I {
         a.map(|x| x as u32)
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn u32_to_f32(self, a: Self::I) -> Self::F {
         a.map(|x| x as f32)
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn bits(self, a: Self::F) -> Self::I {
         a.map(f32::to_bits)
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn from_bits(self, a: Self::I) -> Self::F {
         a.map(f32::from_bits)
     }
     // The token says nothing about the processor, so its instructions are detected. Without SSE4.1 rounding is a call
     // of a function, and without FMA so is each fused multiply-add.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn outlined<P: OutlinedTask<Self>>(self, task: P) -> P::Output {
         #[inline(never)]
         fn run<const N: usize, P: OutlinedTask<Plain<N>>>(l: Plain<N>, task: P) -> P::Output {
@@ -240,37 +240,37 @@ impl<const N: usize> Lanes for Plain<N> {
         }
         run(self, task)
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     unsafe fn gather(self, from: *const u32, index: Self::I) -> Self::I {
         // SAFETY: invariant 1.
         from_fn(|i| unsafe { from.add(index[i] as usize).read_unaligned() })
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     unsafe fn load(self, from: *const f32) -> Self::F {
         // SAFETY: invariant 1.
         unsafe { from.cast::<[f32; N]>().read_unaligned() }
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     unsafe fn store(self, to: *mut f32, a: Self::F) {
         // SAFETY: invariant 1.
         unsafe { to.cast::<[f32; N]>().write_unaligned(a) }
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     unsafe fn load_u32(self, from: *const u32) -> Self::I {
         // SAFETY: invariant 1.
         unsafe { from.cast::<[u32; N]>().read_unaligned() }
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     unsafe fn store_u32(self, to: *mut u32, a: Self::I) {
         // SAFETY: invariant 1.
         unsafe { to.cast::<[u32; N]>().write_unaligned(a) }
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     unsafe fn pick(self, from: [*const f32; 2], index: Self::I) -> Self::F {
         // SAFETY: invariant 1.
         from_fn(|i| unsafe { from[i / 8].add(index[i] as usize % 16).read_unaligned() })
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     unsafe fn append(self, to: *mut u32, mask: LaneBits, a: Self::I) {
         let mut len = 0;
         for (i, word) in a.into_iter().enumerate() {
@@ -279,21 +279,21 @@ impl<const N: usize> Lanes for Plain<N> {
             len += (mask >> i & 1) as usize;
         }
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     unsafe fn rows(self, base: *const f32, offsets: *const u32) -> [Self::F; 8] {
         let rows: [[f32; 8]; N] =
             // SAFETY: invariant 1.
             from_fn(|i| unsafe { base.byte_add(*offsets.add(i) as usize).cast::<[f32; 8]>().read_unaligned() });
         from_fn(|column| rows.map(|row| row[column]))
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     unsafe fn put_rows(self, to: *mut f32, columns: [Self::F; 8]) {
         for i in 0..N {
             // SAFETY: invariant 1.
             unsafe { to.add(8 * i).cast::<[f32; 8]>().write_unaligned(columns.map(|column| column[i])) };
         }
     }
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     unsafe fn put_quads(self, to: *mut f32, columns: [Self::F; 4]) {
         for i in 0..N {
             // SAFETY: invariant 1.

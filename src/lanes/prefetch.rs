@@ -54,7 +54,7 @@ impl Prefetch {
     }
 
     /// Prefetches the cache lines at some addresses, which need not be valid.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn each<T, const N: usize>(self, addresses: [*const T; N]) {
         // One branch for all addresses.
         match self {
@@ -65,21 +65,21 @@ impl Prefetch {
 }
 
 #[cfg(target_arch = "x86_64")]
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 fn into_first<T>(address: *const T) {
     // SAFETY: invariant 1.
     unsafe { std::arch::x86_64::_mm_prefetch::<{ std::arch::x86_64::_MM_HINT_T0 }>(address.cast()) };
 }
 
 #[cfg(target_arch = "x86_64")]
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 fn into_second<T>(address: *const T) {
     // SAFETY: invariant 1.
     unsafe { std::arch::x86_64::_mm_prefetch::<{ std::arch::x86_64::_MM_HINT_T1 }>(address.cast()) };
 }
 
 #[cfg(target_arch = "aarch64")]
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 fn into_first<T>(address: *const T) {
     // SAFETY: invariant 1.
     unsafe {
@@ -88,7 +88,7 @@ fn into_first<T>(address: *const T) {
 }
 
 #[cfg(target_arch = "aarch64")]
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 fn into_second<T>(address: *const T) {
     // SAFETY: invariant 1.
     unsafe {
@@ -97,11 +97,11 @@ fn into_second<T>(address: *const T) {
 }
 
 #[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 fn into_first<T>(_: *const T) {}
 
 #[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 fn into_second<T>(_: *const T) {}
 
 #[cfg(test)]

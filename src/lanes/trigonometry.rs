@@ -5,7 +5,7 @@ use super::{Lanes, Num};
 use std::f32::consts::{FRAC_PI_2, FRAC_PI_4};
 
 /// Sine and cosine of an angle in radians, −π/4 to π/4. The error is at most two units in the last place.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 pub fn small_sin_cos<L: Lanes>(angle: Num<L>) -> (Num<L>, Num<L>) {
     let x2 = angle * angle;
     // Taylor series; the remainder is below 2⁻²⁸.
@@ -16,7 +16,7 @@ pub fn small_sin_cos<L: Lanes>(angle: Num<L>) -> (Num<L>, Num<L>) {
 }
 
 /// Sine and cosine of an angle of 0 to 1 turn.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 pub fn sin_cos_turns<L: Lanes>(turns: Num<L>) -> (Num<L>, Num<L>) {
     let quarters = turns * 4.0;
     let nearest = (quarters + 0.5).floor();
@@ -30,7 +30,7 @@ pub fn sin_cos_turns<L: Lanes>(turns: Num<L>) -> (Num<L>, Num<L>) {
 
 /// The angle between the x axis and the point (`x`, `y`), −½ to ½ turn; 0 at the origin. The error is a few units in
 /// the last place.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 pub fn atan2_turns<L: Lanes>(y: Num<L>, x: Num<L>) -> Num<L> {
     let (ax, ay) = (x.abs(), y.abs());
     let (low, high) = (ax.min(ay), ax.max(ay));
