@@ -3,34 +3,15 @@
 
 use super::Spread;
 use super::frame::FrameError;
-use crate::engine::PreparedScene;
+use super::pictures::Pictures;
 use crate::film::Film;
-use crate::render::{Blocks, PassOptions, PathTracer, Progressive, ROULETTE_BOUNCES, Settings};
-use crate::scene::Camera;
-use crate::schedule::{JobOptions, Policy, Service};
+use crate::render::{Blocks, PassOptions, PathTracer, Progressive, ROULETTE_BOUNCES};
 use serde::Serialize;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// Passes into which even samples are divided: a frame can end only between two passes.
 const EVEN_PASSES: u32 = 32;
-
-/// The frame, and how often it is rendered.
-#[derive(Clone, Debug)]
-pub struct Options {
-    /// Size and depth of the picture; `spp` is the most samples per pixel.
-    pub settings: Settings,
-    /// The camera.
-    pub camera: Camera,
-    /// Relative standard errors at which adaptive pictures end.
-    pub targets: Vec<f32>,
-    /// Samples per pixel of the reference picture.
-    pub reference_spp: u32,
-    /// Rounds, each with another seed.
-    pub rounds: usize,
-    /// The scheduling policy; by default the one for the units in use.
-    pub policy: Option<Policy>,
-}
 
 /// Results of one way of placing samples.
 #[derive(Clone, Debug, Serialize)]
@@ -67,17 +48,6 @@ pub struct Efficiency {
     pub worst_block: f64,
 }
 
-/// A prepared scene and the service that renders it.
-#[derive(Debug, Clone)]
-pub struct Bench<'a> {
-    /// The scene with its tree and tracers.
-    pub prepared: &'a PreparedScene,
-    /// The service; it must take two jobs at a time.
-    pub service: &'a Service,
-    /// What to measure.
-    pub options: Options,
-}
-
 /// Squared errors of a picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Errors {
@@ -94,88 +64,55 @@ struct Measured {
     errors: Vec<Errors>,
 }
 
-impl Bench<'_> {
-    /// Measures each target, in interleaved rounds of adaptive and even pictures.
-    ///
-    /// # Errors
-    /// When a picture cannot be rendered.
-    pub fn run(&self) -> Result<Vec<Row>, FrameError> {
-        let Settings { seed, spp, .. } = self.options.settings;
-        let truth = self.path(seed.wrapping_add(self.options.rounds as u64), self.options.reference_spp)?;
-        let (_, truth) = self.render(truth, PassOptions::default(), None)?;
-        let mut rows = Vec::new();
-        for &noise in &self.options.targets {
-            let [mut adaptive, mut even] = [Measured::default(), Measured::default()];
-            for round in 0..self.options.rounds as u64 {
-                let path = || self.path(seed.wrapping_add(round), spp);
-                let options = PassOptions { noise: Some(noise), ..PassOptions::default() };
-                let (seconds, film) = self.render(path()?, options, None)?;
-                adaptive.add(seconds, &film, &truth);
-                let time = Duration::from_secs_f64(seconds);
-                let options = PassOptions { pass_time: Some(time / EVEN_PASSES), ..PassOptions::default() };
-                let (seconds, film) = self.render(path()?, options, Some(time))?;
-                even.add(seconds, &film, &truth);
-            }
-            let reference = even.clone();
-            for (name, measured) in [("adaptive", adaptive), ("even", even)] {
-                rows.push(self.row(name, noise, &measured, &reference));
-            }
+/// Measures each target, a relative standard error at which adaptive pictures end, in interleaved rounds of adaptive
+/// and even pictures. The pictures' samples are the most that a pixel gets.
+///
+/// # Errors
+/// When a picture cannot be rendered.
+pub fn run(pictures: &Pictures<'_>, targets: &[f32]) -> Result<Vec<Row>, FrameError> {
+    let (_, truth) = render(pictures, pictures.reference()?, PassOptions::default(), None)?;
+    let mut rows = Vec::new();
+    for &noise in targets {
+        let [mut adaptive, mut even] = [Measured::default(), Measured::default()];
+        for round in 0..pictures.rounds {
+            let path = || pictures.of_round(round, Some(ROULETTE_BOUNCES));
+            let options = PassOptions { noise: Some(noise), ..PassOptions::default() };
+            let (seconds, film) = render(pictures, path()?, options, None)?;
+            adaptive.add(seconds, &film, &truth);
+            let time = Duration::from_secs_f64(seconds);
+            let options = PassOptions { pass_time: Some(time / EVEN_PASSES), ..PassOptions::default() };
+            let (seconds, film) = render(pictures, path()?, options, Some(time))?;
+            even.add(seconds, &film, &truth);
         }
-        Ok(rows)
-    }
-
-    fn path(&self, seed: u64, spp: u32) -> Result<PathTracer, FrameError> {
-        let Options { settings, camera, .. } = &self.options;
-        let settings = Settings { seed, spp, ..*settings };
-        Ok(PathTracer::new(self.prepared.scene.clone(), camera, settings, Some(ROULETTE_BOUNCES))?)
-    }
-
-    /// Renders a picture to its end, or until its time is over; returns its seconds and its film.
-    fn render(
-        &self,
-        path: PathTracer,
-        options: PassOptions,
-        time: Option<Duration>,
-    ) -> Result<(f64, Arc<Film>), FrameError> {
-        let mut frame = Progressive::new(path, options);
-        let started = Instant::now();
-        loop {
-            let job = JobOptions { policy: self.options.policy, ..JobOptions::default() };
-            frame.begin(|pass| {
-                self.service.submit(Arc::clone(pass), self.prepared.tracers.clone(), job.clone())
-            })?;
-            if time.is_some_and(|time| started.elapsed() >= time) {
-                frame.stop();
-            }
-            if !frame.wait_for(Duration::from_millis(1)) {
-                continue;
-            }
-            let pass = frame.finish_pass();
-            if pass.map_err(|error| FrameError::Job { configuration: "a pass", error })?.is_none() {
-                return Ok((started.elapsed().as_secs_f64(), frame.picture()));
-            }
+        let reference = even.clone();
+        let threads = pictures.service.host_threads();
+        for (name, measured) in [("adaptive", adaptive), ("even", even)] {
+            rows.push(measured.row(name, noise, threads, &reference));
         }
     }
+    Ok(rows)
+}
 
-    fn row(&self, configuration: &'static str, noise: f32, measured: &Measured, even: &Measured) -> Row {
-        let spread = |error: fn(&Errors) -> f64| {
-            Spread::of_times(measured.errors.iter().map(|errors| error(errors).sqrt()).collect())
-        };
-        let efficiency = |error: fn(&Errors) -> f64| even.cost(error) / measured.cost(error);
-        Row {
-            configuration,
-            noise,
-            threads: self.service.host_threads(),
-            seconds: Spread::of_times(measured.seconds.clone()),
-            mean_spp: Spread::of_times(measured.mean_spp.clone()),
-            rmse: spread(|e| e.absolute),
-            relative_rmse: spread(|e| e.relative),
-            worst_block: spread(|e| e.worst_block),
-            efficiency: Efficiency {
-                absolute: efficiency(|e| e.absolute),
-                relative: efficiency(|e| e.relative),
-                worst_block: efficiency(|e| e.worst_block),
-            },
+/// Renders a picture to its end, or until its time is over; returns its seconds and its film.
+fn render(
+    pictures: &Pictures<'_>,
+    path: PathTracer,
+    options: PassOptions,
+    time: Option<Duration>,
+) -> Result<(f64, Arc<Film>), FrameError> {
+    let mut frame = Progressive::new(path, options);
+    let started = Instant::now();
+    loop {
+        frame.begin(|pass| pictures.submit(pass))?;
+        if time.is_some_and(|time| started.elapsed() >= time) {
+            frame.stop();
+        }
+        if !frame.wait_for(Duration::from_millis(1)) {
+            continue;
+        }
+        let pass = frame.finish_pass();
+        if pass.map_err(|error| FrameError::Job { configuration: "a pass", error })?.is_none() {
+            return Ok((started.elapsed().as_secs_f64(), frame.picture()));
         }
     }
 }
@@ -186,6 +123,28 @@ impl Measured {
         self.mean_spp.push(film.mean_samples());
         let blocks = Blocks::new(film.width(), film.height());
         self.errors.push(Errors::of(&film.resolve(), &truth.resolve(), blocks));
+    }
+
+    fn row(&self, configuration: &'static str, noise: f32, threads: usize, even: &Self) -> Row {
+        let spread = |error: fn(&Errors) -> f64| {
+            Spread::of_times(self.errors.iter().map(|errors| error(errors).sqrt()).collect())
+        };
+        let efficiency = |error: fn(&Errors) -> f64| even.cost(error) / self.cost(error);
+        Row {
+            configuration,
+            noise,
+            threads,
+            seconds: Spread::of_times(self.seconds.clone()),
+            mean_spp: Spread::of_times(self.mean_spp.clone()),
+            rmse: spread(|e| e.absolute),
+            relative_rmse: spread(|e| e.relative),
+            worst_block: spread(|e| e.worst_block),
+            efficiency: Efficiency {
+                absolute: efficiency(|e| e.absolute),
+                relative: efficiency(|e| e.relative),
+                worst_block: efficiency(|e| e.worst_block),
+            },
+        }
     }
 
     /// Squared error × time, over all rounds.

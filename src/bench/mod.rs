@@ -7,6 +7,7 @@ pub mod frame;
 pub mod meshes;
 pub mod noise;
 mod order;
+pub mod pictures;
 pub mod rays;
 pub mod schedule;
 pub mod small;

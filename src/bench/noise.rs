@@ -2,10 +2,8 @@
 
 use super::Spread;
 use super::frame::FrameError;
-use crate::engine::PreparedScene;
+use super::pictures::Pictures;
 use crate::render::{PathTracer, ROULETTE_BOUNCES, Settings};
-use crate::scene::Camera;
-use crate::schedule::{JobOptions, Policy, Service};
 use serde::Serialize;
 use std::sync::Arc;
 use std::time::Instant;
@@ -15,21 +13,6 @@ const OUTLIERS: f64 = 0.001;
 
 /// Share of the squared mean of the reference that is added to each squared value that errors are relative to.
 const DARK: f64 = 0.01;
-
-/// The frame, and how often it is rendered.
-#[derive(Clone, Debug)]
-pub struct Options {
-    /// The pictures; the seeds of the rounds count from theirs.
-    pub settings: Settings,
-    /// The camera.
-    pub camera: Camera,
-    /// Samples per pixel of the reference, which has a seed that no round has.
-    pub reference_spp: u32,
-    /// Rounds, each with another seed.
-    pub rounds: usize,
-    /// The scheduling policy; by default the one for the units in use.
-    pub policy: Option<Policy>,
-}
 
 /// Results of one way of ending paths.
 #[derive(Clone, Debug, Serialize)]
@@ -57,17 +40,6 @@ pub struct Row {
     pub ratio: f64,
 }
 
-/// A prepared scene and the service that renders it.
-#[derive(Debug, Clone)]
-pub struct Bench<'a> {
-    /// The scene with its tree and tracers.
-    pub prepared: &'a PreparedScene,
-    /// The service.
-    pub service: &'a Service,
-    /// What to measure.
-    pub options: Options,
-}
-
 /// Relative squared errors of a picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Errors {
@@ -75,64 +47,57 @@ struct Errors {
     robust: f64,
 }
 
-impl Bench<'_> {
-    /// Measures paths that end by Russian roulette and paths that end by depth alone, in interleaved rounds.
-    ///
-    /// # Errors
-    /// When a picture cannot be rendered.
-    pub fn run(&self) -> Result<Vec<Row>, FrameError> {
-        let Options { settings, reference_spp, rounds, .. } = self.options;
-        let reference =
-            Settings { spp: reference_spp, seed: settings.seed.wrapping_add(rounds as u64), ..settings };
-        let (_, reference) = self.render(reference, Some(ROULETTE_BOUNCES))?;
-        let ways = [("russian roulette", Some(ROULETTE_BOUNCES)), ("depth alone", None)];
-        let mut measured = [Vec::new(), Vec::new()];
-        for round in 0..=rounds as u64 {
-            // The first round warms caches and allocates streams.
-            let seed = settings.seed.wrapping_add(round.saturating_sub(1));
-            for ((_, roulette), measured) in ways.iter().zip(&mut measured) {
-                let (seconds, picture) = self.render(Settings { seed, ..settings }, *roulette)?;
-                if round > 0 {
-                    measured.push((seconds, Errors::of(&picture, &reference)));
-                }
+/// Measures paths that end by Russian roulette and paths that end by depth alone, in interleaved rounds.
+///
+/// # Errors
+/// When a picture cannot be rendered.
+pub fn run(pictures: &Pictures<'_>) -> Result<Vec<Row>, FrameError> {
+    let (_, reference) = render(pictures, pictures.reference()?)?;
+    let ways = [("russian roulette", Some(ROULETTE_BOUNCES)), ("depth alone", None)];
+    let mut measured = [Vec::new(), Vec::new()];
+    for round in 0..=pictures.rounds {
+        for ((_, roulette), measured) in ways.iter().zip(&mut measured) {
+            // The first round, which is the second's picture, warms caches and allocates streams.
+            let path = pictures.of_round(round.saturating_sub(1), *roulette)?;
+            let (seconds, picture) = render(pictures, path)?;
+            if round > 0 {
+                measured.push((seconds, Errors::of(&picture, &reference)));
             }
         }
-        let mut rows: Vec<_> =
-            ways.iter().zip(&measured).map(|((name, _), measured)| self.row(name, measured)).collect();
-        let last = rows[rows.len() - 1].robust_error_seconds;
-        rows.iter_mut().for_each(|row| row.ratio = last / row.robust_error_seconds);
-        Ok(rows)
     }
+    let row = |((name, _), measured): (&(&'static str, _), &Vec<_>)| row(pictures, name, measured);
+    let mut rows: Vec<_> = ways.iter().zip(&measured).map(row).collect();
+    let last = rows[rows.len() - 1].robust_error_seconds;
+    rows.iter_mut().for_each(|row| row.ratio = last / row.robust_error_seconds);
+    Ok(rows)
+}
 
-    /// Renders a picture; returns its seconds and its pixels.
-    fn render(&self, settings: Settings, roulette: Option<u32>) -> Result<(f64, Vec<[f32; 3]>), FrameError> {
-        let scene = Arc::clone(&self.prepared.scene);
-        let path = Arc::new(PathTracer::new(scene, &self.options.camera, settings, roulette)?);
-        let options = JobOptions { policy: self.options.policy, ..JobOptions::default() };
-        let started = Instant::now();
-        let job = self.service.submit(Arc::clone(&path), self.prepared.tracers.clone(), options)?;
-        job.wait().map_err(|error| FrameError::Job { configuration: "a picture", error })?;
-        Ok((started.elapsed().as_secs_f64(), path.film().resolve()))
-    }
+/// Renders a picture; returns its seconds and its pixels.
+fn render(pictures: &Pictures<'_>, path: PathTracer) -> Result<(f64, Vec<[f32; 3]>), FrameError> {
+    let path = Arc::new(path);
+    let started = Instant::now();
+    let job = pictures.submit(&path)?;
+    job.wait().map_err(|error| FrameError::Job { configuration: "a picture", error })?;
+    Ok((started.elapsed().as_secs_f64(), path.film().resolve()))
+}
 
-    fn row(&self, configuration: &'static str, measured: &[(f64, Errors)]) -> Row {
-        let Settings { width, height, spp, .. } = self.options.settings;
-        let paths = f64::from(width) * f64::from(height) * f64::from(spp);
-        let values = |of: fn(&(f64, Errors)) -> f64| measured.iter().map(of).collect::<Vec<f64>>();
-        let mean = |of| values(of).iter().sum::<f64>() / measured.len() as f64;
-        let seconds = mean(|(seconds, _)| *seconds);
-        Row {
-            configuration,
-            threads: self.service.host_threads(),
-            spp,
-            mpath_per_s: Spread::of_rates(values(|(s, _)| *s).iter().map(|s| paths / (s * 1e6)).collect()),
-            seconds: Spread::of_times(values(|(seconds, _)| *seconds)),
-            error: Spread::of_times(values(|(_, errors)| errors.mean)),
-            robust_error: Spread::of_times(values(|(_, errors)| errors.robust)),
-            error_seconds: mean(|(_, errors)| errors.mean) * seconds,
-            robust_error_seconds: mean(|(_, errors)| errors.robust) * seconds,
-            ratio: 1.0,
-        }
+fn row(pictures: &Pictures<'_>, configuration: &'static str, measured: &[(f64, Errors)]) -> Row {
+    let Settings { width, height, spp, .. } = pictures.settings;
+    let paths = f64::from(width) * f64::from(height) * f64::from(spp);
+    let values = |of: fn(&(f64, Errors)) -> f64| measured.iter().map(of).collect::<Vec<f64>>();
+    let mean = |of| values(of).iter().sum::<f64>() / measured.len() as f64;
+    let seconds = mean(|(seconds, _)| *seconds);
+    Row {
+        configuration,
+        threads: pictures.service.host_threads(),
+        spp,
+        mpath_per_s: Spread::of_rates(values(|(s, _)| *s).iter().map(|s| paths / (s * 1e6)).collect()),
+        seconds: Spread::of_times(values(|(seconds, _)| *seconds)),
+        error: Spread::of_times(values(|(_, errors)| errors.mean)),
+        robust_error: Spread::of_times(values(|(_, errors)| errors.robust)),
+        error_seconds: mean(|(_, errors)| errors.mean) * seconds,
+        robust_error_seconds: mean(|(_, errors)| errors.robust) * seconds,
+        ratio: 1.0,
     }
 }
 

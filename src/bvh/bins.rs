@@ -42,7 +42,7 @@ struct Grid {
 }
 
 impl Grid {
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn new(extent: &Extent, bins: usize, costs: Costs) -> Self {
         let Extent { bounds, keys } = extent;
         let count_multiple = costs.count_multiple(bounds.half_area());
@@ -172,7 +172,7 @@ impl<const BINS: usize> Bins<BINS> {
         }
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn count_on<L: Lanes, const AXES: usize>(
         &mut self,
         l: L,
@@ -224,7 +224,7 @@ impl<const BINS: usize> Bins<BINS> {
     /// The cheapest plane by the surface area heuristic. In small boxes partly filled leaf blocks cost as
     /// much as full ones (see [`Costs::count_multiple`]). That fills them: an eighth less memory at the same
     /// tracing speed.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn cheapest<L: Lanes>(&self, l: L, grid: &Grid) -> Option<SplitPlane> {
         // Entry `i` is the plane before bin `i`. Nothing is left of the first bin.
         let mut sides = [[PackedBounds::EMPTY; BINS]; 2];

@@ -140,7 +140,7 @@ impl CollapsePlan {
     }
 
     /// The plan of a node over `count` primitives, from those of its children.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn merge(costs: Costs, left: &Self, right: &Self, area: f32, count: usize) -> (Self, Choice) {
         // forest[c - 1]: the least cost with exactly c children. The inner loop runs over c in lanes.
         let mut shifted = [f32::INFINITY; 2 * WIDTH];

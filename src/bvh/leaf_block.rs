@@ -108,7 +108,7 @@ impl LeafBlocks {
     ///
     /// # Safety
     /// In every lane the child is a block of this tree and has that row.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub(crate) unsafe fn gather<L: Lanes>(&self, l: L, children: L::I, rows: L::I) -> (L::I, [[L::F; 3]; 3]) {
         let (position, triangle_counts) = Child::index_and_triangles(l, children);
         let start = l.shl_u32(position, BLOCK_ALIGN.ilog2());
@@ -319,7 +319,7 @@ impl<'a> LeafBlock<'a> {
     ///
     /// # Safety
     /// Both have at most [`MAX_SHARED_CORNERS`] corners.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     unsafe fn shared_corners<L: Lanes>(l: L, blocks: [&Self; 2]) -> [[L::F; 3]; 3] {
         let [a, b] = blocks;
         let x = [a.coordinates(0), b.coordinates(0)];

@@ -214,7 +214,7 @@ struct FindSharedCorners<'a>(&'a BlockTriangles);
 impl LaneTask for FindSharedCorners<'_> {
     type Output = SharedCorners;
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn run<L: Lanes>(self, l: L) -> SharedCorners {
         const { assert!(L::LANES == BLOCK_TRIANGLES) };
         let columns = &self.0.columns;

@@ -17,7 +17,7 @@ pub(super) struct Sides {
 /// Moves the references on the left of a plane to the front, without branches: they would be mispredicted
 /// half the time. With `COUNTED_ALL` the plane was chosen by all references, so its boxes are those of the
 /// sides.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 pub(super) fn partition<L: Lanes, const COUNTED_ALL: bool>(
     l: L,
     references: &mut [Reference],

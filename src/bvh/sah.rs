@@ -97,7 +97,7 @@ impl LaneTask for SubtreeTask<'_> {
 impl<L: Lanes> OutlinedTask<L> for SubtreeTask<'_> {
     type Output = BuiltSubtree;
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn run(self, l: L) -> BuiltSubtree {
         let Self { references, inner, costs, depth, extent } = self;
         let (count, area) = (references.len(), extent.bounds.half_area());

@@ -35,7 +35,7 @@ struct SmallNode {
 impl<L: Lanes> OutlinedTask<L> for SmallSubtree<'_> {
     type Output = CollapsePlan;
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn run(self, l: L) -> CollapsePlan {
         let Self { references, inner, costs, at_median, extent } = self;
         let count = references.len();
@@ -156,7 +156,7 @@ impl<'a, L: Lanes> LaneBoxes<'a, L> {
 
     /// Splits the references down to single ones, all of them by `first`, and sorts them into the order of
     /// the leaves. Returns the inner nodes, the root first.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn split_down(
         &self,
         l: L,
@@ -197,7 +197,7 @@ impl<'a, L: Lanes> LaneBoxes<'a, L> {
 
     /// The cheapest split in `table`, which is for as many primitives as there are `lanes`. Each side will be
     /// one leaf block, whatever its number of triangles: only the areas count.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn best_of_table(&self, l: L, lanes: u32, table: &SplitTable) -> LaneSplit {
         let lane_of_primitive = l.bits(l.pack(lanes, l.from_bits(eight_u32(l, &[0, 1, 2, 3, 4, 5, 6, 7]))));
         let (mut left, mut right) = ([l.splat(f32::INFINITY); 6], [l.splat(f32::INFINITY); 6]);
@@ -220,7 +220,7 @@ impl<'a, L: Lanes> LaneBoxes<'a, L> {
     }
 
     /// The split of `lanes` by the cheapest plane across the longest axis; none if all keys are equal.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn best_plane(&self, l: L, lanes: u32) -> LaneSplit {
         let infinite = l.splat(f32::INFINITY);
         let (mut longest, mut axis) = (0.0, 0);

@@ -160,7 +160,7 @@ impl Film {
 
     /// [`Film::splat`] for each lane of a mask. Returns the lanes that were dropped. Neighbouring lanes often belong to
     /// one pixel, whose sums are then added to once, or to one stripe, which is then locked once.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn splat_lanes<L: Lanes>(&self, lanes: Mask<L>, pixel: Int<L>, radiance: Vector<L>) -> Mask<L> {
         if lanes.none() {
             return lanes;
@@ -410,7 +410,7 @@ mod tests {
     impl LaneTask for Splats<'_> {
         type Output = ();
 
-        #[inline(always)]
+        #[cfg_attr(not(unoptimised), inline(always))]
         fn run<L: Lanes>(self, l: L) {
             for i in (0..4096u32).step_by(MAX_LANES) {
                 for part in (0..MAX_LANES).step_by(L::LANES) {

@@ -97,7 +97,7 @@ impl CanonicalRay {
     ///
     /// Such a ray is returned with `t_min = 0`, `t_max = -1` and otherwise finite values, and every slab test
     /// rejects it.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn new(origin: [f32; 3], t_min: f32, direction: [f32; 3], t_max: f32, scene_max_abs: f32) -> Self {
         let o = Vec3::from_array(origin);
         let d = Vec3::from_array(direction);
@@ -156,7 +156,7 @@ impl CanonicalRay {
     }
 
     /// Tests one triangle. `None` unless the hit lies in `t_min..=t_max`.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn triangle(&self, v0: Vec3, v1: Vec3, v2: Vec3) -> Option<CanonicalHit> {
         let d = self.direction;
         let a = v0 - self.origin;

@@ -67,7 +67,7 @@ struct Shading<'a, 'o> {
 impl LaneTask for Shading<'_, '_> {
     type Output = ();
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn run<L: Lanes>(mut self, l: L) {
         let frame = self.frame;
         let scene = frame.scene();

@@ -292,7 +292,7 @@ struct PatchRays<'a, E> {
 impl<E: FnMut(&[Ray], &[u32], &[u32])> LaneTask for PatchRays<'_, E> {
     type Output = ();
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn run<L: Lanes>(self, l: L) {
         let Patch { frame, samples, corner: [left, top], size } = self.patch;
         let Settings { width, seed, .. } = frame.settings;

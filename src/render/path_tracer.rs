@@ -213,7 +213,7 @@ struct Shading<'a, 'o> {
 impl LaneTask for Shading<'_, '_> {
     type Output = ();
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn run<L: Lanes>(mut self, l: L) {
         let scene = self.frame.scene();
         for run in sort(l, self.batch.hits, scene).runs() {
@@ -254,7 +254,7 @@ impl Shading<'_, '_> {
     }
 
     /// The hit shader: emission, then one light sample and one BSDF sample.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn hit<L: Lanes>(&mut self, number: u32, ids: Int<L>, lanes: Mask<L>) {
         let frame = self.frame;
         let scene = frame.scene();
@@ -299,7 +299,7 @@ impl Shading<'_, '_> {
         self.sample_bsdf(&Place { number, at: &at, bsdf: &bsdf }, &state, &sampler, lanes);
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn sample_light<L: Lanes>(
         &mut self,
         place: &Place<'_, L>,
@@ -338,7 +338,7 @@ impl Shading<'_, '_> {
         frame.send_contributions(self.out, Some(number), lanes, &rays, radiance, state.pixel);
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn sample_bsdf<L: Lanes>(
         &mut self,
         place: &Place<'_, L>,

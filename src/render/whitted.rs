@@ -125,7 +125,7 @@ struct Shading<'a, 'o> {
 impl LaneTask for Shading<'_, '_> {
     type Output = ();
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn run<L: Lanes>(mut self, l: L) {
         let scene = self.frame.scene();
         for run in sort(l, self.batch.hits, scene).runs() {
@@ -158,7 +158,7 @@ impl Shading<'_, '_> {
     }
 
     /// The hit shader: emission, direct light, and the secondary rays. Returns the lanes whose paths continue.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn hit<L: Lanes>(&mut self, number: u32, ids: Int<L>, lanes: Mask<L>) -> Mask<L> {
         let frame = self.frame;
         let state = States::of(self.batch.payloads, ids);

@@ -54,7 +54,7 @@ pub(super) struct Sent<L: Lanes> {
 
 impl<'a, L: Lanes> Node<'a, L> {
     /// `cone` is the rays' cone at their origins.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn new(
         frame: &'a Frame,
         material: &Material,
@@ -99,7 +99,7 @@ impl<'a, L: Lanes> Node<'a, L> {
 
     /// The shadow rays to one of [`Node::lights`]. `branch` is the node's position in the tree: 1 for the camera ray's,
     /// 2n and 2n + 1 for the reflection and the refraction of node n. It selects the branch's random numbers.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn lit(&self, light: usize, sampler: &Sampler<L>, branch: Int<L>, throughput: Vector<L>) -> Sent<L> {
         let (at, lights) = (&self.at, self.frame.lights());
         let dimension = branch * 2 + (CAMERA_DIMENSION + 1);

@@ -161,7 +161,7 @@ impl Texture {
             .into()
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn filter<L: Lanes>(&self, [u, v]: [Num<L>; 2], footprint: &Footprint<L>) -> [Num<L>; 4] {
         let l = u.lanes();
         let mut first = Int::splat(l, 0);
@@ -240,7 +240,7 @@ impl<L: Lanes> OutlinedTask<L> for LookUp<'_, L> {
 }
 
 /// The two texels around a coordinate, and the weight of the second.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 pub(crate) fn taps<L: Lanes>(coordinate: Num<L>, size: Int<L>, wrap: Wrap) -> ([Int<L>; 2], Num<L>) {
     let c = coordinate.only(coordinate.is_finite());
     let share = match wrap {

@@ -56,7 +56,7 @@ pub struct Geometry<L: Lanes> {
 
 impl<L: Lanes> Geometry<L> {
     /// The geometry of hits by rays of unit direction `direction`.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn new(mesh: &Mesh, direction: Vector<L>, hits: &Hits<L>) -> Self {
         let l = direction.lanes();
         let indices = hits.primitive.rows::<3>(bytemuck::cast_slice(&mesh.triangles));

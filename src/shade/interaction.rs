@@ -53,7 +53,7 @@ pub struct CoatShape<L: Lanes> {
 impl<L: Lanes> Interaction<L> {
     /// The interactions of rays of unit direction with the triangles that they hit, all of material
     /// `material`. `width` is the width of the rays' [`super::Cone`]s at the hits.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn new(
         scene: &Scene,
         material: &Material,
@@ -158,7 +158,7 @@ impl<'a> Maps<'a> {
 
 /// The shading bases: around the interpolated or mapped normals, bent where necessary. On anisotropic
 /// surfaces the x axis is the rougher direction. Sets the footprint's bumps.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 fn shading_basis<L: Lanes>(
     scene: &Scene,
     material: &Material,
@@ -210,7 +210,7 @@ const MIN_PREFETCHED: usize = 1 << 15;
 /// Prefetches the data that [`Interaction::new`] will read about the hits of `rays`, starting at index `at`.
 /// It prefetches the corners of the next `lanes` rays, and the vertex indices of the `lanes` rays after them.
 /// In a large mesh each hit reads memory far from that of the hit before.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 pub fn prefetch_hits(mesh: &Mesh, hits: &[Hit], rays: &[u32], at: usize, lanes: usize) {
     if mesh.triangles.len() < MIN_PREFETCHED {
         return;

@@ -29,7 +29,7 @@ pub fn bend_where<L: Lanes>(
 
 /// Turns shading normals on `wo`'s side of the triangle so that `wo` is above them. Unless the surface is
 /// matte, the mirrored `wo` also stays above the triangle.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 fn bend<L: Lanes>(shading: Vector<L>, normal: Vector<L>, wo: Vector<L>, matte: bool) -> Vector<L> {
     let cosine = shading.dot(wo);
     if matte {
@@ -55,7 +55,7 @@ fn bend<L: Lanes>(shading: Vector<L>, normal: Vector<L>, wo: Vector<L>, matte: b
 
 /// The tangent bases of a normal map around the unit normals `outward`, and the lanes that have a tangent.
 /// Tangents come from the mesh or, without these, from its texture coordinates.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 pub fn tangent_basis<L: Lanes>(
     scene: &Scene,
     indices: &[Int<L>; 3],

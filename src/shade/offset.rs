@@ -28,7 +28,7 @@ pub struct Plane<L: Lanes> {
 /// rounding costs another ε·C. Second, the test moves the corners relative to the origin, with an error of
 /// ε·L. This tilts the plane by ε·L/h and moves it by ε·L²/h at the origin. With half the factors a few in a
 /// million random triangles and rays, of any scale, place and shape, still fail (see the tests).
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 pub fn plane<L: Lanes>(corners: &[Vector<L>; 3], otherwise: Vector<L>) -> Plane<L> {
     const EPSILON: f32 = f32::EPSILON * 0.5;
     let [a, b, c] = *corners;

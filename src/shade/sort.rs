@@ -69,7 +69,7 @@ struct Sort<'a> {
 impl<L: Lanes> OutlinedTask<L> for Sort<'_> {
     type Output = Sorted;
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn run(self, l: L) -> Sorted {
         let mut storage = SPARE.take();
         if let [hit] = self.hits {
@@ -119,7 +119,7 @@ impl Storage {
 
     /// Replaces the keys of hits on mixes by the keys of the chosen parts. Returns whether there were any
     /// such hits.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn resolve<L: Lanes>(&mut self, l: L, hits: &[Hit], scene: &Scene) -> bool {
         let mut found = false;
         for (i, &(key, start)) in self.runs.iter().enumerate() {
@@ -160,7 +160,7 @@ impl Storage {
     }
 
     /// Looks up the key of each ray: 0 for a miss, m + 1 for material m.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn look_up<L: Lanes>(&mut self, l: L, hits: &[Hit], materials: &[u32]) -> KeyRange {
         let (mut least, mut all, mut any) = (Int::splat(l, NEVER), Int::splat(l, NEVER), Int::splat(l, 0));
         let places = Int::iota(l);
@@ -191,7 +191,7 @@ impl Storage {
     }
 
     /// Gathers the rays of one key after the other. Returns false if there are more than [`FEW_RUNS`] runs.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn gather<L: Lanes>(&mut self, l: L, keys: KeyRange) -> bool {
         let (places, none) = (Int::iota(l), Int::splat(l, NEVER));
         let (mut key, mut filled) = (keys.least, 0);

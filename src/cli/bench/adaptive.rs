@@ -2,7 +2,8 @@
 
 use super::super::args::BenchAdaptiveArgs;
 use super::write;
-use crate::bench::adaptive::{Bench, Options};
+use crate::bench::adaptive;
+use crate::bench::pictures::Pictures;
 use crate::render::{PASSES_IN_FLIGHT, Settings};
 use anyhow::Result;
 
@@ -10,15 +11,16 @@ use anyhow::Result;
 pub fn run(args: &BenchAdaptiveArgs) -> Result<()> {
     let (setup, camera) = args.shot.set_up(&args.scene, args.size, PASSES_IN_FLIGHT)?;
     let (width, height) = args.size;
-    let options = Options {
+    let pictures = Pictures {
+        prepared: &setup.prepared,
+        service: &setup.service,
         settings: Settings { width, height, spp: 1 << 16, max_bounces: args.max_bounces, seed: 0 },
         camera,
-        targets: args.noise.clone(),
         reference_spp: args.reference_spp,
         rounds: args.rounds as usize,
         policy: setup.policy,
     };
-    let rows = Bench { prepared: &setup.prepared, service: &setup.service, options }.run()?;
+    let rows = adaptive::run(&pictures, &args.noise)?;
     stdout_line!(
         "{width}x{height}, at most {} bounces, reference of {} spp; efficiency = squared error x time of even samples \
          divided by that of the row",

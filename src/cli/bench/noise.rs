@@ -2,7 +2,8 @@
 
 use super::super::args::BenchNoiseArgs;
 use super::write;
-use crate::bench::noise::{Bench, Options};
+use crate::bench::noise;
+use crate::bench::pictures::Pictures;
 use crate::render::Settings;
 use anyhow::Result;
 
@@ -10,14 +11,16 @@ use anyhow::Result;
 pub fn run(args: &BenchNoiseArgs) -> Result<()> {
     let (setup, camera) = args.shot.set_up(&args.scene, args.size, 1)?;
     let (width, height) = args.size;
-    let options = Options {
+    let pictures = Pictures {
+        prepared: &setup.prepared,
+        service: &setup.service,
         settings: Settings { width, height, spp: args.spp, max_bounces: args.max_bounces, seed: args.seed },
         camera,
         reference_spp: args.reference_spp,
         rounds: args.rounds as usize,
         policy: setup.policy,
     };
-    let rows = Bench { prepared: &setup.prepared, service: &setup.service, options }.run()?;
+    let rows = noise::run(&pictures)?;
     stdout_line!(
         "{width}x{height}, {} spp, at most {} bounces, {} seeds, reference of {} spp; a picture:",
         args.spp,

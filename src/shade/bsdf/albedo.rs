@@ -167,7 +167,7 @@ struct Measurement {
 impl LaneTask for Measurement {
     type Output = [f32; 2];
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn run<L: Lanes>(self, l: L) -> [f32; 2] {
         let ggx = Ggx { alpha: [Num::splat(l, self.alpha[0]), Num::splat(l, self.alpha[1])] };
         let wo = Vector::splat(l, self.wo);

@@ -64,7 +64,7 @@ impl<L: Lanes> AnisotropicAlbedo<L> {
         upper.lerp(lower, rough)
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn towards(&self, w: Vector<L>) -> Reflectance<L> {
         let z = w.z.clamp(0.0, 1.0);
         let (x2, y2) = (w.x * w.x, w.y * w.y);

@@ -28,7 +28,7 @@ pub struct Boundary<'a, L: Lanes> {
 }
 
 impl<'a, L: Lanes> Boundary<'a, L> {
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn new(frost: &'a Frost<'a, L>) -> Self {
         let (through, fresnel) = (frost.through, &frost.layer.fresnel);
         let [along, across] = frost.facets.ggx.alpha;
@@ -65,7 +65,7 @@ impl<'a, L: Lanes> Boundary<'a, L> {
     }
 
     /// BSDF × |cosine| for light from `wi`, and the density of [`Boundary::sample`].
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn evaluate(&self, wi: Vector<L>) -> (Vector<L>, Num<L>) {
         let Frost { through, facets, wo, .. } = *self.frost;
         let (above, cosine) = (wi.z.above(0.0), wi.z.abs());
@@ -100,7 +100,7 @@ impl<'a, L: Lanes> Boundary<'a, L> {
     }
 
     /// Samples directions. Returns them and the lanes that have one.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn sample(&self, u: Num<L>, u2: [Num<L>; 2]) -> (Vector<L>, Mask<L>) {
         let Frost { through, facets, wo, .. } = *self.frost;
         let [any, crossing] = self.probabilities;

@@ -96,7 +96,7 @@ pub struct StackAlbedoTask<'a, L: Lanes> {
 impl<L: Lanes> OutlinedTask<L> for StackAlbedoTask<'_, L> {
     type Output = StackAlbedo<L>;
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn run(self, l: L) -> StackAlbedo<L> {
         let Self { stack, wo } = self;
         let white = Vector::grey(Num::splat(l, 1.0));
@@ -131,7 +131,7 @@ pub struct EvaluateStack<'a, L: Lanes> {
 impl<L: Lanes> OutlinedTask<L> for EvaluateStack<'_, L> {
     type Output = StackScattering<L>;
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn run(self, l: L) -> StackScattering<L> {
         let Self { stack, under, wo, wi, half, there } = self;
         let one = Num::splat(l, 1.0);
@@ -190,7 +190,7 @@ pub struct SampleStack<'a, L: Lanes> {
 impl<L: Lanes> OutlinedTask<L> for SampleStack<'_, L> {
     type Output = Vector<L>;
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn run(self, l: L) -> Vector<L> {
         let Self { stack, wo, u, u2 } = self;
         let StackAlbedo { rough, .. } = StackAlbedoTask { stack, wo }.run(l);

@@ -9,7 +9,7 @@ impl<L: Lanes> Frost<'_, L> {
     /// BSDF × cosine of a thin wall, and its density. Its facets transmit all light that they do not reflect,
     /// into the mirrored direction on the other side. Further bounces do likewise. So reflected and
     /// transmitted light together are all light.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn evaluate_thin(&self, wi: Vector<L>) -> (Vector<L>, Num<L>) {
         let Self { facets, layer, wo, .. } = self;
         let wi = Vector::new(wi.x, wi.y, -wi.z);

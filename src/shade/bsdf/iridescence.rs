@@ -46,7 +46,7 @@ pub struct Film<L: Lanes> {
 
 impl<L: Lanes> Film<L> {
     /// The films at mesh coordinates `uv`, in the lanes of `lanes`.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn new(
         scene: &Scene,
         film: &scene::Iridescence,
@@ -84,7 +84,7 @@ impl<L: Lanes> Film<L> {
         bare.lerp(cosine.lanes().outlined(Interference { film: *self, f0, cosine }), self.strength)
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn reflected(&self, f0: Vector<L>, cosine: Num<L>) -> Vector<L> {
         let one = Num::splat(cosine.lanes(), 1.0);
         let sine2 = (1.0 - cosine * cosine).clamp(0.0, 1.0) / (self.ior * self.ior);

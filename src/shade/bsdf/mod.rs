@@ -150,7 +150,7 @@ impl<L: Lanes> Smooth<L> {
 
     /// Chooses reflection or transmission by `u`. `probability` is that with which the caller
     /// chose the specular directions.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn sample(&self, u: Num<L>, probability: Num<L>) -> Sample<L> {
         let [reflection, transmission] = self.shares();
         let sum = reflection + transmission;
@@ -185,7 +185,7 @@ impl<'s, L: Lanes> Bsdf<'s, L> {
     ///
     /// # Panics
     /// If `surface` is a mix. A hit on a mix is a hit on one of its parts ([`super::material_of`]).
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn new(scene: &'s Scene, surface: &Surface, at: &Interaction<L>, smoothness: Smoothness) -> Self {
         let l = at.wo.lanes();
         match surface {

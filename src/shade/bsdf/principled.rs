@@ -97,7 +97,7 @@ fn white<L: Lanes>(l: L) -> Vector<L> {
 
 impl<L: Lanes> Principled<L> {
     /// The BSDFs at mesh coordinates `uv`. `wo` is outside of the body in the lanes of `outside`.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn new(
         scene: &Scene,
         surface: &scene::Principled,
@@ -187,7 +187,7 @@ impl<L: Lanes> Principled<L> {
     }
 
     /// The BSDFs of a computed finish.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn finished(finish: &Finish<L>, smooth_below: f32) -> Self {
         let l = finish.colour.lanes();
         let one = Num::splat(l, 1.0);
@@ -255,7 +255,7 @@ impl<L: Lanes> Principled<L> {
         Vector::grey(1.0 - (single + self.layer.strength * at.deficit).max_element())
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn lobes(&self, wo: Vector<L>) -> Lobes<L> {
         let l = wo.lanes();
         let near = self.facets.at(wo);
@@ -313,7 +313,7 @@ impl<L: Lanes> Principled<L> {
         self.smooth_of(wo, &self.lobes(wo))
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn smooth_of(&self, wo: Vector<L>, lobes: &Lobes<L>) -> Smooth<L> {
         let none = Vector::zero(wo.lanes());
         let reflected = self.mirrored(wo);
@@ -393,7 +393,7 @@ impl<L: Lanes> Principled<L> {
         matches!(&self.transparency, Some(through) if through.frosted.any())
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn probabilities(&self, wo: Vector<L>, lobes: &Lobes<L>, smooth: &Smooth<L>) -> LobeProbabilities<L> {
         let mut coat = match &self.coat {
             Some(coat) => lobes.coat.only(coat.facets.rough),
@@ -438,7 +438,7 @@ impl<L: Lanes> Principled<L> {
         self.evaluate_lobes(wo, wi, &lobes, &probabilities)
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn evaluate_lobes(
         &self,
         wo: Vector<L>,
@@ -514,7 +514,7 @@ impl<L: Lanes> Principled<L> {
     }
 
     /// See [`super::Bsdf::sample`].
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn sample(&self, wo: Vector<L>, u: Num<L>, u2: [Num<L>; 2]) -> Sample<L> {
         let lobes = self.lobes(wo);
         let smooth = self.smooth_of(wo, &lobes);

@@ -37,7 +37,7 @@ impl<L: Lanes> Sheen<L> {
         Self::of(colour, lookup::share(scene, &sheen.roughness, uv, footprint))
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn of(colour: Vector<L>, roughness: Num<L>) -> Self {
         let roughness = roughness.clamp(MIN_ROUGHNESS, 1.0);
         let smooth = (1.0 - roughness * roughness).squared();
@@ -170,7 +170,7 @@ struct Measurement {
 impl LaneTask for Measurement {
     type Output = f32;
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn run<L: Lanes>(self, l: L) -> f32 {
         let one = Num::splat(l, 1.0);
         let sheen = Sheen::of(Vector::grey(one), one * self.roughness);

@@ -195,7 +195,7 @@ struct Measurement {
 impl LaneTask for Measurement {
     type Output = [f32; 3];
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn run<L: Lanes>(self, l: L) -> [f32; 3] {
         let one = Num::splat(l, 1.0);
         let ggx = Ggx { alpha: [one * (self.roughness * self.roughness); 2] };

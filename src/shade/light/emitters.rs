@@ -126,7 +126,7 @@ impl Emitters {
     /// Samples points on emissive triangles for receivers. `u` chooses the triangle, `u2` the point. If `u`
     /// is `None`, the first number of `u2` also chooses the triangle. Returns `None` if there are no emissive
     /// triangles.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn sample<L: Lanes>(
         &self,
         scene: &Scene,

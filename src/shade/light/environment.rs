@@ -244,7 +244,7 @@ impl Cumulated {
 
     /// Inverts distributions number `which` at `u` in [0, 1). Returns the cells, which never have weight 0,
     /// and the positions in them, 0..1.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn invert<L: Lanes>(&self, which: Int<L>, u: Num<L>) -> (Int<L>, Num<L>) {
         let last = Int::splat(u.lanes(), self.cells - 1);
         let first_edge = which * (self.cells + 1);

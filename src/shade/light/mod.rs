@@ -202,7 +202,7 @@ impl Lights {
         self.punctual.illuminate(Int::splat(from.lanes(), index as u32), from)
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn sample_kinds<L: Lanes>(
         &self,
         scene: &Scene,

@@ -73,7 +73,7 @@ impl Punctual {
 
     /// Chooses lights for receivers by `u`. Returns their indices and probabilities; `None` if there are
     /// none.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn choose<L: Lanes>(&self, to: &Receiver<L>, u: Num<L>) -> Option<(Int<L>, Num<L>)> {
         let Some(LocalLights { tree, lights, tree_probability }) = &self.tree else {
             let (index, probability, _) = self.table.choose(u)?;
@@ -96,7 +96,7 @@ impl Punctual {
 
     /// The light that lights `index` send to points, if nothing occludes it. A spot light sends none outside
     /// of its cone. [`LightSample::pdf`] is 1.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn illuminate<L: Lanes>(&self, index: Int<L>, from: Vector<L>) -> LightSample<L> {
         let record: [Num<L>; WORDS] = index.rows_of(bytemuck::cast_slice(&self.records));
         let kind = record[11].to_bits();

@@ -144,7 +144,7 @@ struct SampleTree<'a, L: Lanes> {
 impl<L: Lanes> OutlinedTask<L> for SampleTree<'_, L> {
     type Output = (Int<L>, Num<L>, Num<L>);
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn run(self, l: L) -> Self::Output {
         let normal = self.receiver.normal();
         let (mut u, mut probability) = (self.u, Num::splat(l, 1.0));
@@ -176,7 +176,7 @@ struct TreeProbability<'a, L: Lanes> {
 impl<L: Lanes> OutlinedTask<L> for TreeProbability<'_, L> {
     type Output = Num<L>;
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn run(self, l: L) -> Num<L> {
         let normal = self.receiver.normal();
         let [mut path] = self.light.rows(&self.tree.paths);
@@ -224,7 +224,7 @@ impl<L: Lanes> Angle<L> {
 }
 
 /// Upper bound, up to a constant factor, of the light that the bounded lights may send to receivers.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 fn importance<L: Lanes>(side: &[Int<L>; WORDS], position: Vector<L>, normal: Vector<L>) -> Num<L> {
     let l = position.lanes();
     let centre = Vector::new(side[0].to_num_bits(), side[1].to_num_bits(), side[2].to_num_bits());

@@ -47,7 +47,7 @@ impl ChildLists {
     ///
     /// # Safety
     /// The lists end at `ends` (invariant 7), and invariants 3, 4 and 6 hold.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub unsafe fn push<W: Lanes, const PAIRS: bool, const PREFETCH: bool>(
         &self,
         w: W,

@@ -90,7 +90,7 @@ fn face<E: Lanes>(e: E, row: [f32; 4], low: LaneVec3<E>, high: LaneVec3<E>) -> E
 }
 
 impl Space for InstanceSpace<'_> {
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn boxes<'a, E: Lanes>(self, e: E, node: &'a WideNode, buffer: &'a mut Boxes) -> &'a Boxes {
         let [x, y, z] = self.placement.rows;
         let (low, high) = (load(e, &node.faces[0]), load(e, &node.faces[1]));

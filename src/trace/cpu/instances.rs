@@ -19,7 +19,7 @@ use crate::lanes::{Lanes, MAX_LANES};
 /// # Safety
 /// The invariants hold for the stacks and the lists. `instances` are those of the top-level tree that `top` is a view
 /// of.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 pub(super) unsafe fn traverse<W: Lanes, E: Lanes, const ANY: bool>(
     widths: Widths<W, E>,
     top: &SubStream<'_>,

@@ -38,7 +38,7 @@ pub(super) struct PlaneDistances {
 impl PlaneDistances {
     /// For boxes with these faces and rays of one octant. `origins` are the least and the greatest coordinates of their
     /// origins, `slack` is their greatest.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn new<E: Lanes>(e: E, origins: [[f32; 3]; 2], slack: f32, faces: &Faces<'_>, octant: usize) -> Self {
         let negative = [octant & 1, octant >> 1 & 1, octant >> 2 & 1];
         let margin = |axis: usize| 2.0 * slack * (1.0 - 2.0 * negative[axis] as f32);

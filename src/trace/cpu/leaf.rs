@@ -26,7 +26,7 @@ const ANY_HIT_STEP: usize = 2;
 ///
 /// # Safety
 /// `list` is a list of `len` ids (invariants 1 and 2) of rays of `octant`.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 pub(super) unsafe fn test_list<W: Lanes, E: Lanes, S: Space, const ANY: bool>(
     widths: Widths<W, E>,
     space: S,
@@ -152,7 +152,7 @@ impl<L: Lanes> NearestHits<L> {
     ///
     /// # Safety
     /// Invariant 1 for the ids.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     unsafe fn record<const ANY: bool>(&mut self, l: L, sub: &SubStream<'_>, ids: *const u32) {
         let mut left = std::mem::take(&mut self.changed);
         if left == 0 {
@@ -210,7 +210,7 @@ unsafe fn offer_each<L: Lanes, const ANY: bool>(
 ///
 /// # Safety
 /// The stack has pairs with leaf blocks, of rays of `octant`, and invariants 1, 4, 5 and 6 hold for it.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 pub(super) unsafe fn test_pairs<W: Lanes, S: Space, const ANY: bool>(
     w: W,
     space: S,
@@ -267,7 +267,7 @@ static BLOCK_ROWS: [u32; MAX_LANES] = [0, 1, 2, 3, 4, 5, 6, 7, 0, 1, 2, 3, 4, 5,
 ///
 /// # Safety
 /// The candidates are of rays of `octant`, and invariants 1, 4, 5 and 6 hold for the stack. `min` is at least 1.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 pub(super) unsafe fn test_candidates<W: Lanes, S: Space, const ANY: bool>(
     w: W,
     space: S,
@@ -378,7 +378,7 @@ impl<W: Lanes> RelativePairs<W> {
     ///
     /// # Safety
     /// There is a pair `i`. Invariants 1 and 4 hold for the pairs of the batch, whose children are leaf blocks.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     unsafe fn load<S: Space>(w: W, space: S, sub: &SubStream<'_>, batch: &PairBatch, i: usize) -> Self {
         let pair = [i, batch.second::<W>(i)];
         // SAFETY: invariants 1 and 6.

@@ -22,7 +22,7 @@ pub(super) struct RayVisitor<'a, W, E, S, const ANY: bool> {
 
 impl<W: Lanes, E: Lanes, S: Space, const ANY: bool> Visitor for RayVisitor<'_, W, E, S, ANY> {
     /// Pairs are visited first if there are enough of them: the lists below them profit from the hits.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     unsafe fn step(&self, octant: usize, stack: &mut OctantStack) -> bool {
         let Self { widths, space, sub } = *self;
         // SAFETY: the caller's contract.
@@ -52,7 +52,7 @@ impl<W: Lanes, E: Lanes, S: Space, const ANY: bool> RayVisitor<'_, W, E, S, ANY>
     ///
     /// # Safety
     /// The invariants hold for the stack and the entry.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     unsafe fn visit(&self, octant: usize, stack: &mut OctantStack, mut entry: Entry) {
         let Self { widths, space, sub } = *self;
         if ANY && stack.done.wrapping_sub(entry.done_before) > entry.len / COMPACTION_SHARE {
@@ -93,7 +93,7 @@ const COMPACTION_SHARE: u32 = 8;
 ///
 /// # Safety
 /// `list` is a list of `len` ids (invariants 1 and 2).
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 unsafe fn compact<W: Lanes>(w: W, sub: &SubStream<'_>, list: *mut u32, len: u32) -> u32 {
     let (mut kept, mut at) = (0, 0);
     // SAFETY: invariants 1 and 2; what is written lies before what is read next.
@@ -116,7 +116,7 @@ unsafe fn compact<W: Lanes>(w: W, sub: &SubStream<'_>, list: *mut u32, len: u32)
 ///
 /// # Safety
 /// The invariants hold for the stack and the entry, whose child is an inner node.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 pub(super) unsafe fn visit_node<W: Lanes, E: Lanes, S: Space, const PAIRS: bool>(
     widths: Widths<W, E>,
     space: S,
@@ -186,7 +186,7 @@ impl<W: Lanes> ListVector<W> {
     ///
     /// # Safety
     /// `list` is a list of `len` ids, more than `at` (invariants 1 and 2).
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     unsafe fn load<const SLACK: bool>(
         w: W,
         sub: &SubStream<'_>,

@@ -21,7 +21,7 @@ use crate::lanes::{Lanes, first_lanes, load_eights, splat_eights};
 ///
 /// # Safety
 /// Invariants 1, 4 and 6 hold for the stack, whose pairs are of rays of `octant`.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 pub(super) unsafe fn visit_nodes<W: Lanes, E: Lanes, S: Space>(
     widths: Widths<W, E>,
     space: S,

@@ -27,7 +27,7 @@ static FIRST_IDS: [u32; MAX_LANES] = {
 ///
 /// # Panics
 /// If there are more rays than a sub-stream holds.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 pub(super) fn prepare<W: Lanes>(
     w: W,
     scene_max_abs: f32,
@@ -98,7 +98,7 @@ pub(super) struct RowColumns<L: Lanes> {
 }
 
 /// The rows of the rays in the lanes of `among`, from the rays' columns.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 pub(super) fn row_columns<W: Lanes>(
     w: W,
     scene_max_abs: f32,

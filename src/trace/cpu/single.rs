@@ -218,7 +218,7 @@ struct Query<'a, E: Lanes> {
 ///
 /// # Safety
 /// Invariant 3.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 unsafe fn trace_one<E: Lanes, A: Accept, const ANY: bool>(
     e: E,
     bvh: &Bvh,
@@ -282,7 +282,7 @@ struct InstanceLeaves;
 ///
 /// # Safety
 /// Invariants 2 and 3, the latter for the trees of the leaves, too.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 unsafe fn visit_tree<E: Lanes, S: Space, V: Leaves, A: Accept, const ANY: bool>(
     e: E,
     space: S,
@@ -347,7 +347,7 @@ unsafe fn visit_tree<E: Lanes, S: Space, V: Leaves, A: Accept, const ANY: bool>(
 }
 
 impl<S: Space> Leaves for TriangleLeaves<'_, S> {
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     unsafe fn visit<E: Lanes, A: Accept, const ANY: bool>(
         &self,
         e: E,
@@ -389,7 +389,7 @@ impl<S: Space> Leaves for TriangleLeaves<'_, S> {
 }
 
 impl Leaves for InstanceLeaves {
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     unsafe fn visit<E: Lanes, A: Accept, const ANY: bool>(
         &self,
         e: E,

@@ -206,7 +206,7 @@ impl SubStream<'_> {
     ///
     /// # Safety
     /// Invariant 1 for `id`.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub unsafe fn offer<const ANY: bool>(&self, id: u32, stored: u32, t: f32, u: f32, v: f32) -> bool {
         let primitive = stored & PRIMITIVE;
         if let AnswerPointer::Hits(hits) = self.answers

@@ -36,7 +36,7 @@ pub(super) struct Scratch {
 ///
 /// # Panics
 /// If there is not one answer per ray.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 pub(super) fn trace<W: Lanes, E: Lanes, const ANY: bool, const INSTANCED: bool>(
     widths: Widths<W, E>,
     bvh: &Bvh,
@@ -98,7 +98,7 @@ pub(super) fn trace<W: Lanes, E: Lanes, const ANY: bool, const INSTANCED: bool>(
 ///
 /// # Safety
 /// The visitor's invariants hold for the stacks and the lists.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 unsafe fn traverse(visitor: &impl Visitor, stacks: &mut [OctantStack; 8], counts: &[usize; 8]) {
     let mut active = [0; 8];
     let mut len = 0;

@@ -34,7 +34,7 @@ pub fn may_form(rays: &[Ray]) -> bool {
 
 /// Makes packets of rays that follow each other, or that are neighbours in a picture, and a list of packets per octant.
 /// `None` if some rays start elsewhere or their directions differ much; the arenas then hold no lists.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 pub fn form<W: Lanes>(
     w: W,
     scene_max_abs: f32,
@@ -163,7 +163,7 @@ fn lies_in_rows(group: &[Ray]) -> bool {
 impl Packet {
     /// Restricts the packet to the lanes of `mask`, whose rays are of `octant`. Returns how much their directions
     /// differ, relative to their size.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn restrict<L: Lanes>(&mut self, l: L, mask: LaneBits, octant: usize) -> f32 {
         let (mut low, mut high) = ([f32::INFINITY; 3], [0.0f32; 3]);
         for part in 0..PACKET_RAYS / L::LANES {

@@ -65,7 +65,7 @@ pub fn write_answers(answers: Answers<'_>, packets: &[Packet]) {
 }
 
 impl<W: Lanes, E: Lanes, const ANY: bool> Visitor for PacketVisitor<'_, W, E, ANY> {
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     unsafe fn step(&self, octant: usize, stack: &mut OctantStack) -> bool {
         let Some(entry) = stack.entries.pop() else { return false };
         // SAFETY: the caller's contract: invariants 2 to 4 and 8.
@@ -104,7 +104,7 @@ impl<W: Lanes, E: Lanes, const ANY: bool> PacketVisitor<'_, W, E, ANY> {
     ///
     /// # Safety
     /// Invariants 2 to 4 and 6 to 8 hold for the stack and the entry, whose child is an inner node.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     unsafe fn visit_node(&self, order: VisitOrder, octant: usize, stack: &mut OctantStack, at: Entry) {
         let Self { widths: Widths { wide: w, eight: e }, tree, ref origin, .. } = *self;
         let len = at.len as usize;
@@ -157,7 +157,7 @@ impl<W: Lanes, E: Lanes, const ANY: bool> PacketVisitor<'_, W, E, ANY> {
     ///
     /// # Safety
     /// Invariant 8 holds for the list.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     unsafe fn visit_block(&self, block: LeafBlock<'_>, octant: usize, list: &[u32]) {
         let Self { widths: Widths { wide: w, eight: e }, tree, ref origin, .. } = *self;
         let triangles = BlockTriangles::new(e, origin, block);
@@ -233,7 +233,7 @@ impl<W: Lanes, E: Lanes, const ANY: bool> PacketVisitor<'_, W, E, ANY> {
     }
 
     /// Tests one ray of a packet against all triangles of a block. Returns whether a hit was recorded.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn test_ray(
         &self,
         packet: &mut Packet,
