@@ -6,7 +6,7 @@ use glam::Vec3;
 use raystream::engine::{PreparedScene, Units};
 use raystream::render::recursion::{Cx, Recursion, Shader};
 use raystream::render::{
-    AmbientOcclusion, Integrator, Path, ROULETTE_BOUNCES, RecursiveWhitted, Settings, Whitted,
+    AmbientOcclusion, Integrator, PathTracer, ROULETTE_BOUNCES, RecursiveWhitted, Settings, Whitted,
     render_single_rays,
 };
 use raystream::scene::recipe::Recipe;
@@ -76,10 +76,10 @@ pub fn each_integrator(size: (u32, u32), spp: u32, timings: &mut Timings) -> Res
     let scene = Arc::new(scene()?);
     let camera: Camera = scene.camera.ok_or("the recipe has a camera")?;
     let units = Units::cpu();
-    let prepared = timings.time("prepare", || PreparedScene::new(scene.clone(), &units));
-    let service = Service::new(ServiceOptions { dispatch_threads: 0, ..ServiceOptions::default() })?;
+    let prepared = timings.time("prepare", || PreparedScene::new(scene.clone(), &units))?;
+    let service = Service::new(ServiceOptions::default().with_dispatch_threads(0))?;
     let settings = Settings { width: size.0, height: size.1, spp, max_bounces: 4, seed: 7 };
-    let path = || Path::new(scene.clone(), &camera, settings, Some(ROULETTE_BOUNCES));
+    let path = || PathTracer::new(scene.clone(), &camera, settings, Some(ROULETTE_BOUNCES));
     render("path", &service, &prepared, path()?, timings)?;
     render("whitted", &service, &prepared, Whitted::new(scene.clone(), &camera, settings)?, timings)?;
     let reach = AmbientOcclusion::usual_reach(&scene);
@@ -100,14 +100,14 @@ pub fn each_integrator(size: (u32, u32), spp: u32, timings: &mut Timings) -> Res
 pub fn cornell(size: (u32, u32), spp: u32, timings: &mut Timings) -> Result<(), Box<dyn Error>> {
     let scene = Arc::new(Recipe::parse(include_str!("../../../scenes/cornell.json"))?.build()?);
     let camera: Camera = scene.camera.ok_or("the recipe has a camera")?;
-    let prepared = PreparedScene::new(scene.clone(), &Units::cpu());
-    let service = Service::new(ServiceOptions { dispatch_threads: 0, ..ServiceOptions::default() })?;
+    let prepared = PreparedScene::new(scene.clone(), &Units::cpu())?;
+    let service = Service::new(ServiceOptions::default().with_dispatch_threads(0))?;
     let settings = Settings { width: size.0, height: size.1, spp, max_bounces: 4, seed: 7 };
     render(
         "frame",
         &service,
         &prepared,
-        Path::new(scene, &camera, settings, Some(ROULETTE_BOUNCES))?,
+        PathTracer::new(scene, &camera, settings, Some(ROULETTE_BOUNCES))?,
         timings,
     )
 }
