@@ -6,7 +6,7 @@
 The page has a line `<!-- begin: NAME -->` and a line `<!-- end: NAME -->`; what stands between them is replaced by
 the command, the machine and the table. NAME's first word says which table: `rays` (`rays query`, `rays service` for
 these two), `contenders`, `threads`, `small`, `build`, `ladder`, `frame`, `tail`, `textures`, `adaptive`, `noise`,
-`schedule` or `rtrt`; further words only distinguish two blocks of a page. Tables over scenes take files of one machine
+`profiles`, `schedule` or `rtrt`; further words only distinguish two blocks of a page. Tables over scenes take files of one machine
 and one build, with one scene or several in each. A scene is called what its file is called, or LABEL where there is
 one in the file.
 
@@ -93,6 +93,14 @@ PLAIN = {
         ("best", "overhead_ns.best", 1, "{:.0f}"),
         ("worst", "overhead_ns.worst", 1, "{:.0f}"),
         ("threads busy", "busy_share.median", 100, "{:.1f} %"),
+    ],
+    "profiles": [
+        ("raystream", "label", None, "{}"),
+        ("compile, s", "compile_s", 1, "{:.0f}"),
+        ("5 k, ms", "build_5k_s", 1e3, "{:.1f}"),
+        ("1 M, s", "build_s", 1, "{:.2f}"),
+        ("closest, s", "closest_s", 1, "{:.2f}"),
+        ("frame, s", "frame_s", 1, "{:.2f}"),
     ],
     "kernels": [
         ("a ray/triangle test (Table 1)", "kernel", None, "{}"),

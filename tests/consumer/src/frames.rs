@@ -3,7 +3,7 @@
 use crate::Timings;
 use crate::surfaces::dress;
 use glam::Vec3;
-use raystream::engine::{PreparedScene, Units};
+use raystream::engine::{PreparedScene, UnitChoice, Units};
 use raystream::render::recursion::{Cx, Recursion, Shader};
 use raystream::render::{
     AmbientOcclusion, Integrator, PathTracer, ROULETTE_BOUNCES, RecursiveWhitted, Settings, Whitted,
@@ -75,7 +75,9 @@ fn render<I: Integrator>(
 pub fn each_integrator(size: (u32, u32), spp: u32, timings: &mut Timings) -> Result<(), Box<dyn Error>> {
     let scene = Arc::new(scene()?);
     let camera: Camera = scene.camera.ok_or("the recipe has a camera")?;
-    let units = Units::cpu();
+    // Any other than a software adapter; where panics abort, none that is not requested.
+    let units = Units::open(&UnitChoice::auto())?;
+    assert!(units.adapter().is_none() || !cfg!(panic = "abort"));
     let prepared = timings.time("prepare", || PreparedScene::new(scene.clone(), &units))?;
     let service = Service::new(ServiceOptions::default().with_dispatch_threads(0))?;
     let settings = Settings { width: size.0, height: size.1, spp, max_bounces: 4, seed: 7 };
