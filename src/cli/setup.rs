@@ -35,8 +35,8 @@ pub struct Setup {
 }
 
 impl Setup {
-    /// Reads a scene, lets `prepare` change it, checks that scene, tree and `beside_bytes` fit the memory, builds its tree and starts the threads. At most `max_jobs` jobs run
-    /// at a time; the oldest has precedence.
+    /// Reads a scene, lets `prepare` change it, checks that scene, tree and `beside_bytes` fit the memory, builds the
+    /// tree and starts the threads. At most `max_jobs` jobs run at a time; the oldest has precedence.
     pub fn new(
         path: &Path,
         loading: &SceneArgs,

@@ -18,6 +18,16 @@ pub enum Averaging {
 }
 
 impl Scene {
+    /// Bytes that [`Scene::add_mipmaps`] adds: for each image in each of its colour spaces, the image with its levels.
+    #[cfg(feature = "formats")]
+    pub(super) fn mipmap_bytes(&self) -> u64 {
+        let mut images: Vec<_> =
+            self.textures.iter().map(|texture| (texture.image(), texture.space as u8)).collect();
+        images.sort_by_key(|(image, space)| (image.as_ptr(), *space));
+        images.dedup_by_key(|(image, space)| (image.as_ptr(), *space));
+        images.iter().map(|(image, _)| image.len() as u64 * 16 / 3).sum()
+    }
+
     /// Computes the mipmap levels of every texture. Loaders call it. A scene built in code has no levels until it is
     /// called; then every lookup reads the image itself.
     pub fn add_mipmaps(&mut self) {

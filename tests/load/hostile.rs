@@ -36,8 +36,10 @@ fn images_are_counted_with_their_mipmaps() {
     image::GrayImage::new(1000, 1000).save(folder.path("a.png")).expect("an image");
     folder.write("a.obj", OBJ);
     folder.write("a.mtl", "newmtl m\nmap_Kd a.png\n");
-    let message = refusal(&folder, "a.obj", 9_000_000);
-    assert_holds(&message, &["\"m\"", "a.png", "1000 x 1000", "13.00 MB", "9.00 MB"]);
+    let message = refusal(&folder, "a.obj", 8_000_000);
+    assert_holds(&message, &["\"m\"", "a.png", "1000 x 1000", "9.00 MB", "8.00 MB"]);
+    let message = refusal(&folder, "a.obj", 20_000_000);
+    assert_holds(&message, &["a.obj", "mipmaps", "20.33 MB", "20.00 MB", "--memory"]);
     image::DynamicImage::ImageRgb32F(image::Rgb32FImage::new(1000, 500))
         .save(folder.path("a.hdr"))
         .expect("a map");

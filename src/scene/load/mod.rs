@@ -72,7 +72,12 @@ fn scene(session: &mut Session) -> Result<Scene, LoadProblem> {
     if scene.mesh.triangles.is_empty() {
         return Err(LoadProblem::Empty { path, reasons: session.warnings.list().to_vec() });
     }
-    scene.mesh.validate(scene.materials.len()).map_err(|source| LoadProblem::Mesh { path, source })?;
+    let valid = scene.mesh.validate(scene.materials.len());
+    valid.map_err(|source| LoadProblem::Mesh { path, source })?;
+    // Levels are computed from sums that take as much memory again.
+    let largest = scene.textures.iter().map(|texture| 11 * texture.image().len() as u64).max().unwrap_or(0);
+    let mipmaps = session.check("the mipmaps of the textures", scene.mipmap_bytes() + largest);
+    mipmaps.map_err(|source| session.over(source))?;
     scene.add_mipmaps();
     Ok(scene)
 }

@@ -21,11 +21,11 @@ pub(super) enum Source {
     StandIn,
 }
 
-/// Bytes that each texel of an image takes in the end: the image itself, and the image with its mipmap levels.
-const HELD_BYTES: u64 = 10;
+/// Bytes of a texel.
+const HELD_BYTES: u64 = 4;
 
-/// Bytes that each texel takes while an image is decoded or its mipmap levels are computed, beside the decoded file.
-const WORKING_BYTES: u64 = 12;
+/// Bytes that each texel takes while an image is decoded, beside the decoded file: the texels and a copy.
+const WORKING_BYTES: u64 = 8;
 
 /// A decoded image.
 #[derive(Debug)]
