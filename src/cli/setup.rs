@@ -8,12 +8,9 @@ use crate::engine::{PreparedScene, UnitChoice, Units};
 use crate::scene::Scene;
 use crate::schedule::{Policy, Service, ServiceOptions, Sharing, Unit};
 use crate::trace::cpu::SimdLevel;
-use anyhow::{Context, Result, ensure};
+use anyhow::{Result, ensure};
 use std::path::Path;
 use std::time::Instant;
-
-/// What to do where memory is short.
-pub const RAISE_MEMORY: &str = "make it smaller, or raise the limit (--memory)";
 
 /// A prepared scene and the service that traces it.
 pub struct Setup {
@@ -61,7 +58,7 @@ impl Setup {
         let all = scene.bytes() + Bvh::building_bytes(triangles) + beside_bytes;
         let what =
             format!("the tree of {triangles} triangles, with the scene and what else the command holds,");
-        loading.memory().check(what, all).context(RAISE_MEMORY)?;
+        loading.afford(what, all)?;
         let load_s = started.elapsed().as_secs_f64();
 
         let started = Instant::now();

@@ -20,7 +20,7 @@ pub fn run(args: &TraceArgs) -> Result<Outcome> {
         [("-o", Some(&*args.output)), ("--stats", args.stats.as_deref())],
         [("the scene", Some(&*args.scene)), ("the rays", Some(&*args.rays))],
     )?;
-    let rays: Arc<[_]> = read_rays(&args.rays, args.loading.memory())?.into();
+    let rays: Arc<[_]> = read_rays(&args.rays, &args.loading)?.into();
     let untraceable_rays = count_untraceable(args, &rays);
     let setup =
         Setup::new(&args.scene, &args.loading, 0, &args.units, 1, |scene| outputs.check_files_of(scene))?;

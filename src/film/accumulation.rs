@@ -113,7 +113,8 @@ impl Film {
     /// Bytes of a film.
     pub fn bytes(width: u32, height: u32) -> u64 {
         let pixels = u64::from(width) * u64::from(height);
-        pixels * (size_of::<[AtomicI64; 3]>() + size_of::<AtomicU32>()) as u64 + Stripes::bytes(pixels)
+        let pixel = (size_of::<[AtomicI64; 3]>() + size_of::<AtomicU32>()) as u64;
+        pixels.saturating_mul(pixel).saturating_add(Stripes::bytes(pixels))
     }
 
     /// A black film of the same size and precision. It takes the memory of a film that was made from the same one and
@@ -390,6 +391,13 @@ mod tests {
         film.add_samples(1, 1);
         assert_eq!(film.resolve(), vec![[0.0; 3], [0.0; 3], [0.0; 3], [1.0; 3]]);
         assert_eq!(film.sample_counts(), vec![0, 1, 0, 4]);
+    }
+
+    #[test]
+    fn a_film_that_no_memory_holds_is_an_error() {
+        assert_eq!(Film::bytes(64, 64), 64 * 64 * 28 + 64);
+        let error = Film::new(1 << 31, 1 << 31, 1).expect_err("too large").to_string();
+        assert!(error.contains("2147483648x2147483648") && error.contains("does not give"), "{error}");
     }
 
     #[test]

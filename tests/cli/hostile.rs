@@ -122,7 +122,7 @@ fn rays_may_come_from_a_pipe() {
     assert!(code == Some(0) && printed.contains("100 rays, 100 hits"), "{printed}");
     let (code, printed) = trace(npy("<f4", "(150, 8)", &data));
     assert!(
-        code == Some(2) && printed.contains("promises 150 rays, but the file ends after 100"),
+        code == Some(2) && printed.contains("promises 150 rays, but the file is truncated after 100"),
         "{printed}"
     );
 }

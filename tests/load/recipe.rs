@@ -77,7 +77,7 @@ fn fields_without_effect_are_warned_of() {
     };
     assert!(warns(
         &scene(r#""metallic": 1, "clearcoat": 1"#),
-        &["\"b\"", "metallic, clearcoat", "without roughness"]
+        &["\"b\"", "metallic, clearcoat have no effect", "without roughness"]
     ));
     assert!(warns(&scene(r#""mirror": true, "roughness": 0.5"#), &["roughness", "mirrors"]));
     assert!(warns(
@@ -93,7 +93,7 @@ fn shapes_and_textures_are_counted_before_they_are_made() {
     let refusal = |text: &str| load(text, &options).expect_err("too large");
     let sphere = r#"{ "shape": "sphere", "centre": [0,0,0], "radius": 1, "cells": 1024, "material": "a" }"#;
     let spheres = refusal(&recipe("", &vec![sphere; 15].join(","), ""));
-    assert_holds(&spheres, &["a.json", "188743680 triangles", "6.04 GB", "67.11 MB", "--memory"]);
+    assert_holds(&spheres, &["a.json", "188743680 triangles", "6.05 GB", "67.11 MB", "--memory"]);
     let knot = r#"{ "shape": "knot", "centre": [0,0,0], "radius": 1, "tube": 0.1, "p": 2, "q": 3,
                     "cells": [65536, 65536], "material": "a" }"#;
     assert_holds(&refusal(&recipe("", knot, "")), &["8589934592 triangles", "at most 268435455"]);

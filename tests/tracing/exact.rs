@@ -329,7 +329,7 @@ fn directions_out_of_range_miss_at_every_level_and_disturb_no_neighbour() {
     for (kind, size) in sizes.iter().enumerate() {
         let hits = expected.iter().skip(kind).step_by(sizes.len()).filter(|hit| !hit.is_miss()).count();
         let in_range = (1e-9..=1e9).contains(size);
-        assert_eq!(hits > 20, in_range, "{hits} hits of directions of size {size}");
+        assert_eq!(hits > 5, in_range, "{hits} hits of directions of size {size}");
         assert!(in_range || hits == 0);
     }
     rays.extend(&ordinary);

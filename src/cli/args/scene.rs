@@ -2,6 +2,7 @@
 
 use crate::memory::MemoryBudget;
 use crate::scene::load::LoadOptions;
+use anyhow::{Result, anyhow};
 use clap::Args;
 
 /// How a scene is read.
@@ -20,6 +21,12 @@ impl SceneArgs {
     /// The most memory.
     pub fn memory(&self) -> MemoryBudget {
         self.memory.map_or_else(MemoryBudget::of_machine, MemoryBudget::of_bytes)
+    }
+
+    /// Checks that a number of bytes can be had. `what` begins the message.
+    pub fn afford(&self, what: String, bytes: u64) -> Result<()> {
+        let checked = self.memory().check(what, bytes);
+        checked.map_err(|error| anyhow!("{error}; make it smaller, or raise the limit (--memory)"))
     }
 
     /// What the loaders are asked.

@@ -10,7 +10,7 @@ mod totals;
 use super::Outcome;
 use super::args::RenderArgs;
 use super::outputs::Outputs;
-use super::setup::{RAISE_MEMORY, Setup};
+use super::setup::Setup;
 use super::timeline;
 use crate::cli::registry::{IntegratorParams, Registry};
 use crate::film::{Film, Format, MAX_RADIANCE};
@@ -18,7 +18,7 @@ use crate::render::{Integrator, PASSES_IN_FLIGHT, ROULETTE_BOUNCES, Settings};
 use crate::scene::{Camera, Scene};
 use crate::schedule::{JobHandle, JobOptions, LimitsError};
 use animation::Animation;
-use anyhow::{Context, Result};
+use anyhow::Result;
 use std::fmt::Display;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -42,7 +42,7 @@ pub fn run(args: &RenderArgs, registry: &Registry) -> Result<Outcome> {
     let still = |scene: &Scene| args.camera.apply(scene.camera, || Camera::framing(&scene.bounds(), aspect));
     let picture_bytes = in_flight as u64 * picture_bytes(width, height);
     let picture = format!("a picture of {width}x{height} pixels");
-    args.loading.memory().check(picture, picture_bytes).context(RAISE_MEMORY)?;
+    args.loading.afford(picture, picture_bytes)?;
     let max_jobs = in_flight * PASSES_IN_FLIGHT;
     let mut setup = Setup::new(&args.scene, &args.loading, picture_bytes, &args.units, max_jobs, |scene| {
         outputs.check_files_of(scene)?;

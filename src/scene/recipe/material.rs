@@ -231,7 +231,8 @@ impl MaterialRecipe {
         ];
         let unused: Vec<&str> =
             given.iter().filter(|(_, is_unused)| *is_unused).map(|(name, _)| *name).collect();
-        (!unused.is_empty()).then(|| format!("{} has no effect on {kind}", unused.join(", ")))
+        let verb = if unused.len() > 1 { "have" } else { "has" };
+        (!unused.is_empty()).then(|| format!("{} {verb} no effect on {kind}", unused.join(", ")))
     }
 
     /// Adds the coats to the surface below them.

@@ -33,7 +33,12 @@ pub(super) fn load(session: &mut Session) -> Result<Scene, LoadProblem> {
     let mut materials = Vec::new();
     let mut by_name = HashMap::new();
     for library in libraries(&path, &geometry.libraries, &mut session.warnings) {
-        let bytes = session.read_named(&library, u64::MAX)?;
+        let bytes = session.read_named(&library, u64::MAX);
+        let bytes = bytes.map_err(|problem| LoadProblem::Place {
+            path: path.clone(),
+            place: "a material library".into(),
+            problem: problem.to_string(),
+        })?;
         check_text(&library, &bytes)?;
         for definition in mtl::parse(&library, &bytes, &mut session.warnings)? {
             let material = material::convert(&library, &definition, &mut textures, session)?;
