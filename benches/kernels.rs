@@ -13,7 +13,7 @@ use raystream::geom::{Sampler, warp};
 use raystream::lanes::{Int, LaneTask, Lanes, Mask, Num, SimdLevel, Vector};
 use raystream::scene::{Camera, Finish};
 use raystream::shade::Bsdf;
-use raystream::shade::bsdf::{MIN_ROUGHNESS, Matte, Principled};
+use raystream::shade::bsdf::{Matte, Principled, Smoothness};
 use raystream::stream::{Hit, Ray, Tracer};
 use raystream::trace::cpu::CpuTracer;
 use std::sync::Arc;
@@ -165,8 +165,20 @@ mod bsdf {
             let number = Num::splat(l, 0.5);
             let bsdf = if self.is_principled {
                 let (colour, metallic, roughness, clearcoat) = (Vector::grey(number), number, number, number);
-                let finish = Finish { colour, metallic, roughness, clearcoat };
-                Bsdf::Principled(Principled::finished(&finish, MIN_ROUGHNESS))
+                let (black, one) = (Vector::zero(l), Num::splat(l, 1.0));
+                let (transmission, emission, opacity, normal) = (Num::zero(l), black, one, black);
+                let finish = Finish {
+                    colour,
+                    metallic,
+                    roughness,
+                    clearcoat,
+                    transmission,
+                    emission,
+                    opacity,
+                    normal,
+                };
+                let outside = Mask::splat(l, true);
+                Bsdf::Principled(Principled::finished(&finish, None, outside, Smoothness::EXACT))
             } else {
                 Bsdf::Matte(Matte { reflectance: Vector::grey(number) })
             };

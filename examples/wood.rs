@@ -102,6 +102,7 @@ impl Procedural for Wood {
             metallic: zero,
             roughness: one * 0.42 + pores * 0.35 - late * 0.1,
             clearcoat: one * 0.35 - pores * 0.3,
+            ..Finish::matte(points)
         }
     }
 }

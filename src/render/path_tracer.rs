@@ -8,7 +8,7 @@ use crate::scene::Camera;
 use crate::schedule::{Batch, Output};
 use crate::shade::bsdf::Smoothness;
 use crate::shade::light::Receiver;
-use crate::shade::{Bsdf, Cone, Interaction, LitScene, lookup, medium, prefetch_hits, sort};
+use crate::shade::{Bsdf, Cone, Interaction, LitScene, lookup, medium, pass_through, prefetch_hits, sort};
 use crate::stream::Ray;
 use bytemuck::{Pod, Zeroable};
 
@@ -61,7 +61,8 @@ pub struct PathState {
     /// Lowest [`DEPTH_BITS`]: the number of rays before this one. Above them: the quantised shading normal of the
     /// surface that the ray leaves ([`Receiver::facing`]).
     depth: u32,
-    /// Probability density of the ray's direction per solid angle; +∞ if light sampling could not have chosen it.
+    /// Probability density of the ray's direction per solid angle. +∞ if light sampling could not have chosen it; a
+    /// little less if the ray has passed surfaces since ([`pass_through`]).
     pdf: f32,
 }
 
@@ -122,7 +123,7 @@ enum Dimension {
 impl Dimension {
     const COUNT: u32 = 5;
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn at<L: Lanes>(self, depth: Int<L>) -> Int<L> {
         depth * Self::COUNT + (CAMERA_DIMENSION + 1 + self as u32)
     }
@@ -148,7 +149,7 @@ impl PathTracer {
 
 /// Weight of a sample of density `pdf` beside another technique of density `other` (Veach's power
 /// heuristic, exponent 2). An infinite density has weight 1.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 fn power_heuristic<L: Lanes>(pdf: Num<L>, other: Num<L>) -> Num<L> {
     let ratio = other / pdf;
     1.0 / (1.0 + ratio * ratio)
@@ -168,7 +169,7 @@ struct States<L: Lanes> {
 }
 
 impl<L: Lanes> States<L> {
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn of(payloads: &[PathState], ids: Int<L>) -> Self {
         let [r, g, b, packed, pixel, sample, depth, pdf] = ids.rows(bytemuck::cast_slice(payloads));
         Self {
@@ -184,7 +185,7 @@ impl<L: Lanes> States<L> {
     }
 
     /// As rows in memory: the lanes of a mask, packed.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn rows(self, lanes: Mask<L>) -> L::Array<[f32; 8]> {
         let [x, y, z] = [self.throughput.x, self.throughput.y, self.throughput.z];
         let depth = self.depth + (self.facing << DEPTH_BITS);
@@ -234,7 +235,7 @@ impl LaneTask for Shading<'_, '_> {
 
 impl Shading<'_, '_> {
     /// Rays that left the scene see the environment.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn miss<L: Lanes>(&self, ids: Int<L>, lanes: Mask<L>) {
         let frame = self.frame;
         let state = States::of(self.batch.payloads, ids);
@@ -247,7 +248,7 @@ impl Shading<'_, '_> {
     }
 
     /// Adds the environment's radiance for rays that leave the scene.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn sky<L: Lanes>(&self, state: &States<L>, direction: Vector<L>) -> Vector<L> {
         let (radiance, found) = self.frame.lights().sky(direction);
         state.throughput * radiance * power_heuristic(state.pdf, found)
@@ -268,16 +269,29 @@ impl Shading<'_, '_> {
         if let Some(medium) = &material.medium {
             state.throughput = state.throughput * medium::passed(medium, &at, t);
         }
+        let mut lanes = lanes;
+        if let Some(opacity) = at.opacity(scene, material) {
+            lanes &= !self.pass(&at, opacity, &States { cone, ..state }, lanes);
+        }
+        let (mut shines, mut light) = (Mask::splat(t.lanes(), false), Vector::zero(t.lanes()));
         if let Some(emission) = &material.emission {
             let emitted = lookup::emission(scene, emission, at.uv, &at.footprint, at.front);
-            let shines = lanes & !emitted.is_zero();
+            shines = lanes & !emitted.is_zero();
             if shines.any() {
                 let cosine = at.normal.dot(at.wo);
                 let lit = Receiver { position: origin, facing: state.facing };
                 let found = frame.lights().pdf_emitter(&lit, hits.primitive, t * t, cosine);
                 let weight = power_heuristic(state.pdf, found);
-                frame.splat_lanes(Some(number), shines, state.pixel, state.throughput * emitted * weight);
+                light = state.throughput * emitted * weight;
             }
+        }
+        if let Some(emitted) = at.computed_emission(scene, material) {
+            // Light sampling does not find computed emission, so its weight is 1.
+            light = light.only(shines) + state.throughput * emitted;
+            shines |= lanes & !emitted.is_zero();
+        }
+        if shines.any() {
+            frame.splat_lanes(Some(number), shines, state.pixel, light);
         }
         let lanes = lanes & state.depth.below(frame.settings().max_bounces + 1);
         if lanes.none() {
@@ -297,6 +311,29 @@ impl Shading<'_, '_> {
         }
         let state = States { facing: receiver.facing, cone, ..state };
         self.sample_bsdf(&Place { number, at: &at, bsdf: &bsdf }, &state, &sampler, lanes);
+    }
+
+    /// Continues rays that pass a surface of computed opacity, without a bounce. `state` has the cone at the hit.
+    /// Returns the lanes that pass.
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn pass<L: Lanes>(
+        &mut self,
+        at: &Interaction<L>,
+        opacity: Num<L>,
+        state: &States<L>,
+        lanes: Mask<L>,
+    ) -> Mask<L> {
+        let sampler = Sampler::of(state.pixel, state.sample, self.frame.settings().seed);
+        let (pdf, may) = pass_through::passed(state.pdf);
+        let lanes = lanes & may & pass_through::passes(opacity, &sampler, state.depth, at.hits.primitive);
+        let states = States { pdf, ..*state }.rows(lanes);
+        let onwards = -at.wo;
+        NewRays::new(at.origin(at.position, onwards), onwards).emit(
+            self.out,
+            lanes,
+            bytemuck::cast_slice(states.as_ref()),
+        );
+        lanes
     }
 
     #[cfg_attr(not(unoptimised), inline(always))]
@@ -393,7 +430,7 @@ impl Shading<'_, '_> {
     /// Ends paths after the last bounce, where only emission counts. A ray that misses the bounds of all emitters is
     /// not traced; under an environment it becomes a shadow ray that adds the environment if it is not occluded. The
     /// picture is the same. Returns the lanes that became shadow rays.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn end<L: Lanes>(
         &mut self,
         next: &States<L>,

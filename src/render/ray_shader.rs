@@ -259,7 +259,8 @@ impl<'a> SurfaceHit<'a> {
 
     /// The radiance that the surface emits towards the ray's origin.
     pub fn emitted(&self) -> Vec3 {
-        single::emission(self.scene, self.material.emission.as_ref(), self.uv, self.front)
+        let constant = single::emission(self.scene, self.material.emission.as_ref(), self.uv, self.front);
+        constant + self.at.computed_emission(self.scene, self.material)
     }
 
     /// The ray that leaves the surface in a direction.

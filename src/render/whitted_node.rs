@@ -68,6 +68,9 @@ impl<'a, L: Lanes> Node<'a, L> {
             None => Vector::zero(direction.lanes()),
             Some(emission) => lookup::emission(scene, emission, at.uv, &at.footprint, at.front),
         };
+        if let Some(computed) = at.computed_emission(scene, material) {
+            emitted += computed;
+        }
         let bsdf = Bsdf::new(scene, &material.surface, &at, SMOOTHNESS);
         let mut left = None;
         if let Some(medium) = &material.medium {
@@ -79,7 +82,7 @@ impl<'a, L: Lanes> Node<'a, L> {
     }
 
     /// The weight of light from here at the ray's origin, given the weight there.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn dimmed(&self, throughput: Vector<L>) -> Vector<L> {
         match self.left {
             None => throughput,
@@ -88,7 +91,7 @@ impl<'a, L: Lanes> Node<'a, L> {
     }
 
     /// Number of lights that are sampled for direct light.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn lights(&self) -> usize {
         match self.frame.lights().punctual().len() {
             _ if self.bsdf.is_smooth() => 0,
@@ -123,7 +126,7 @@ impl<'a, L: Lanes> Node<'a, L> {
     }
 
     /// The reflected and the refracted rays.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn secondary(&self, throughput: Vector<L>) -> [Sent<L>; 2] {
         let Smooth { reflected, reflection, transmitted, transmission, .. } =
             self.bsdf.smooth(self.at.basis.local(self.at.wo));
@@ -135,7 +138,7 @@ impl<'a, L: Lanes> Node<'a, L> {
         ]
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn way(&self, local: Vector<L>, crosses: Mask<L>, throughput: Vector<L>) -> Sent<L> {
         let direction = self.at.smooth_direction(local, crosses);
         Sent {
@@ -150,7 +153,7 @@ impl<'a, L: Lanes> Node<'a, L> {
 
 impl<L: Lanes> Sent<L> {
     /// The rays of all lanes.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn rays(&self) -> NewRays<L> {
         NewRays { origin: self.origin, direction: self.direction, t_max: self.t_max }
     }

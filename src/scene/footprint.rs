@@ -15,7 +15,33 @@ pub struct Footprint<L: Lanes> {
     pub bumps: Num<L>,
 }
 
+/// A footprint may be this many times as long as wide before its length counts.
+const FREE_STRETCH: f32 = 4.0;
+
 impl<L: Lanes> Footprint<L> {
+    /// The footprints of cones of diameter `width` at hits of barycentrics `hit`: squares of the same area as the cones
+    /// cover, in texture coordinates. `cosine` is the cosine between ray and normal, `twice_area` twice the area of the
+    /// triangles and `uvs` the texture coordinates of their corners. At grazing angles the covered area is stretched.
+    /// The stretch counts only beyond [`FREE_STRETCH`]: up to there, the samples of a pixel and the directions of a
+    /// bounce are spread along it.
+    #[inline(always)]
+    pub(crate) fn of_cone(
+        width: Num<L>,
+        cosine: Num<L>,
+        twice_area: Num<L>,
+        [a, b, c]: &[[Num<L>; 2]; 3],
+        hit: [Num<L>; 2],
+    ) -> Self {
+        let image = ((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])).abs();
+        let stretch = (1.0 / (cosine.abs() * FREE_STRETCH)).clamp(1.0, f32::MAX);
+        let share = image / twice_area * stretch;
+        // A hash of the hit, so that each hit has its own number, the same on all units and thread counts.
+        let bits = (hit[0].to_bits() * 0x9e37_79b9) ^ (hit[1].to_bits() * 0x85eb_ca6b);
+        let bits = (bits ^ (bits >> 15)) * 0x7feb_352d;
+        let dither = ((bits ^ (bits >> 16)) >> 8).to_num() * (1.0 / (1 << 24) as f32);
+        Self { width: width * share.sqrt(), dither, ..Self::point(width.lanes()) }
+    }
+
     /// Whether to choose the second of two neighbours, across and down. `seconds` are the weights of the second
     /// neighbours. The choice uses bits of `dither` that hardly affect the choice of a mipmap level.
     #[inline(always)]

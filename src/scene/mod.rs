@@ -6,9 +6,12 @@ mod camera_motion;
 mod camera_path;
 mod coat;
 mod coded_surface;
+pub(crate) mod corners;
+mod effects;
 mod environment;
 mod erased_lanes;
 mod fingerprint;
+mod finish;
 mod footprint;
 mod instance;
 mod light;
@@ -23,6 +26,7 @@ mod mip_weights;
 mod mipmap;
 mod mix;
 mod object;
+mod points;
 mod principled;
 mod procedural;
 #[cfg(feature = "formats")]
@@ -30,6 +34,7 @@ pub mod recipe;
 mod scattering;
 mod shared;
 mod srgb;
+mod surface_field;
 mod texture;
 mod validate;
 
@@ -42,8 +47,10 @@ pub use coat::{Coat, Coats};
 #[cfg(feature = "formats")]
 use coded_surface::option_texts;
 pub use coded_surface::{CodedSurface, NoSuchMaterial, SurfaceRequest};
+pub use effects::{Effects, Transmission};
 pub use environment::{Environment, EnvironmentMap};
 pub use fingerprint::FINGERPRINT_VERSION;
+pub use finish::{FINISH_FIELDS, Finish};
 pub use footprint::Footprint;
 pub use instance::{Instance, Shape};
 pub use light::{Light, LightShape};
@@ -56,10 +63,12 @@ pub use mip_weights::Averaging;
 pub use mipmap::Mipmap;
 pub use mix::Mix;
 pub use object::{Object, Objects};
+pub use points::{POINT_FIELDS, Points};
 pub use principled::{Anisotropy, Iridescence, Principled, Sheen};
-pub use procedural::{Finish, Points, Procedural, ProceduralSurface};
+pub use procedural::{Procedural, ProceduralSurface};
 pub use scattering::{Scattered, Scattering, ScatteringSurface};
 pub use shared::Shared;
+pub use surface_field::{FieldType, SurfaceField};
 pub(crate) use texture::taps;
 pub use texture::{Channel, ColourSpace, Texture, TextureRef, Wrap};
 pub use validate::{SceneError, ScenePart};
@@ -84,7 +93,7 @@ pub struct Scene {
     pub mesh: Shared<Mesh>,
     /// Geometry that the file instances. The mesh holds a moved copy for each instance.
     pub shapes: Shared<Vec<Shape>>,
-    /// The objects of the file, and which triangles belong to each. Empty if nobody filled it.
+    /// The objects of the file, and which triangles belong to each. Empty if no loader has filled it.
     pub objects: Shared<Objects>,
     /// Materials, indexed by [`Mesh::materials`].
     pub materials: Vec<Material>,

@@ -1,8 +1,11 @@
 //! Surfaces whose finish is computed at each hit by user code.
 
-use super::erased_lanes::{LaneColumns, from_columns, run_in, to_columns};
-use crate::lanes::{LaneTask, Lanes, Num, Vector};
-use std::fmt::Debug;
+use super::erased_lanes::run_in;
+use super::finish::FinishColumns;
+use super::points::PointColumns;
+use super::{Effects, Finish, Points, Scene};
+use crate::lanes::{LaneTask, Lanes};
+use std::fmt::{self, Debug, Formatter};
 use std::sync::Arc;
 
 /// A surface whose finish is a function of position, normal and texture coordinates, like RA's wood (Figure 6). It is
@@ -13,6 +16,15 @@ use std::sync::Arc;
 /// All arithmetic on [`Num`] gives the same bits with any instruction set, and so does a surface that uses nothing
 /// else: no `f32` functions of the platform, no state. Mark functions over lanes `#[inline(always)]`, so that they
 /// are compiled for each instruction set.
+///
+/// A surface may also emit light, let rays pass, bend its normals or transmit light. It declares this in
+/// [`Procedural::effects`]:
+///
+/// - *Emission* is found by rays that hit the surface, not by light sampling. It suits large and dim surfaces. A small
+///   bright lamp of constant radiance has less noise as [`super::Emission`].
+/// - *Opacity* acts at the hit: a random number decides whether the ray continues as if nothing had been hit. Passing
+///   is no bounce. Shadow rays cannot ask and take the surface as opaque; light from behind it is found by the rays
+///   that pass. Light of a punctual light does not pass.
 ///
 /// [`super::Scene::fingerprint`] hashes the surface's `Debug` text. The text must contain each parameter that changes
 /// the picture, as derived implementations do.
@@ -41,97 +53,81 @@ use std::sync::Arc;
 pub trait Procedural: Debug + Send + Sync + 'static {
     /// The finish of the surface at these points.
     fn finish<L: Lanes>(&self, points: &Points<L>) -> Finish<L>;
-}
 
-/// Points on a surface, one in each lane.
-#[derive(Clone, Copy, Debug)]
-pub struct Points<L: Lanes> {
-    /// Positions in world space.
-    pub position: Vector<L>,
-    /// Unit shading normals in world space.
-    pub normal: Vector<L>,
-    /// The mesh's texture coordinates.
-    pub uv: [Num<L>; 2],
-}
-
-impl<L: Lanes> Points<L> {
-    #[inline(always)]
-    pub(super) fn columns(&self) -> [Num<L>; 8] {
-        let Self { position: p, normal: n, uv: [u, v] } = *self;
-        [p.x, p.y, p.z, n.x, n.y, n.z, u, v]
-    }
-
-    #[inline(always)]
-    pub(super) fn of_columns([x, y, z, nx, ny, nz, u, v]: [Num<L>; 8]) -> Self {
-        Self { position: Vector::new(x, y, z), normal: Vector::new(nx, ny, nz), uv: [u, v] }
-    }
-}
-
-/// The finish of a surface at points, one in each lane. Values out of range are clamped.
-#[derive(Clone, Copy, Debug)]
-pub struct Finish<L: Lanes> {
-    /// Diffuse albedo of the dielectric share, reflectance of the metallic share, 0..=1, linear Rec. 709.
-    pub colour: Vector<L>,
-    /// Share of metal, 0..=1.
-    pub metallic: Num<L>,
-    /// Perceptual roughness, 0..=1.
-    pub roughness: Num<L>,
-    /// Strength of a smooth clear coat, 0..=1.
-    pub clearcoat: Num<L>,
-}
-
-impl<L: Lanes> Finish<L> {
-    /// A white dielectric of roughness 1 without a coat.
-    #[inline(always)]
-    pub fn matte(points: &Points<L>) -> Self {
-        let l = points.position.lanes();
-        let (zero, one) = (Num::zero(l), Num::splat(l, 1.0));
-        Self { colour: Vector::grey(one), metallic: zero, roughness: one, clearcoat: zero }
+    /// What [`Procedural::finish`] computes of emission, opacity, normals and transmission. By default nothing.
+    fn effects(&self) -> Effects {
+        Effects::default()
     }
 }
 
 /// A shared [`Procedural`] with its type erased.
-#[derive(Clone, Debug)]
-pub struct ProceduralSurface(Arc<dyn ErasedLanes>);
+#[derive(Clone)]
+pub struct ProceduralSurface {
+    surface: Arc<dyn ErasedLanes>,
+    effects: Effects,
+}
+
+impl Debug for ProceduralSurface {
+    // The fingerprint of a scene contains this text.
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        f.debug_tuple("ProceduralSurface").field(&self.surface).finish()
+    }
+}
 
 impl ProceduralSurface {
     /// Erases the surface's type.
     pub fn new(surface: impl Procedural) -> Self {
-        Self(Arc::new(surface))
+        Self { effects: surface.effects(), surface: Arc::new(surface) }
+    }
+
+    /// What [`Procedural::effects`] returned.
+    pub fn effects(&self) -> &Effects {
+        &self.effects
     }
 
     /// Calls [`Procedural::finish`].
+    ///
+    /// # Panics
+    /// If the surface computes what its [`Effects`] do not declare.
     #[inline(always)]
-    pub fn finish<L: Lanes>(&self, points: &Points<L>) -> Finish<L> {
-        let finish = self.0.finish(L::LANES, &to_columns(points.columns()));
-        let [r, g, b, metallic, roughness, clearcoat] = from_columns(points.position.lanes(), &finish);
-        Finish { colour: Vector::new(r, g, b), metallic, roughness, clearcoat }
+    pub fn finish<L: Lanes>(&self, points: &Points<'_, L>) -> Finish<L> {
+        let finish = self.surface.finish(L::LANES, points.scene, &points.columns());
+        Finish::of_columns(points.lanes(), &finish)
     }
 }
 
 /// [`Procedural`] over arrays instead of lanes.
 trait ErasedLanes: Debug + Send + Sync {
-    fn finish(&self, lanes: usize, points: &LaneColumns<8>) -> LaneColumns<6>;
+    fn finish(&self, lanes: usize, scene: &Scene, points: &PointColumns) -> FinishColumns;
 }
 
 impl<P: Procedural> ErasedLanes for P {
-    fn finish(&self, lanes: usize, points: &LaneColumns<8>) -> LaneColumns<6> {
-        run_in(lanes, Computation { surface: self, points })
+    fn finish(&self, lanes: usize, scene: &Scene, points: &PointColumns) -> FinishColumns {
+        run_in(lanes, Computation { surface: self, scene, points })
     }
 }
 
 struct Computation<'a, P> {
     surface: &'a P,
-    points: &'a LaneColumns<8>,
+    scene: &'a Scene,
+    points: &'a PointColumns,
 }
 
 impl<P: Procedural> LaneTask for Computation<'_, P> {
-    type Output = LaneColumns<6>;
+    type Output = FinishColumns;
 
     #[inline(always)]
-    fn run<L: Lanes>(self, l: L) -> LaneColumns<6> {
-        let points = Points::of_columns(from_columns(l, self.points));
-        let Finish { colour, metallic, roughness, clearcoat } = self.surface.finish(&points);
-        to_columns([colour.x, colour.y, colour.z, metallic, roughness, clearcoat])
+    fn run<L: Lanes>(self, l: L) -> FinishColumns {
+        let points = Points::of_columns(l, self.scene, self.points);
+        let finish = self.surface.finish(&points);
+        if let Some(what) = finish.undeclared(&points, &self.surface.effects()) {
+            refuse(self.surface, what);
+        }
+        finish.columns()
     }
+}
+
+#[cold]
+fn refuse(surface: &dyn Debug, what: &str) -> ! {
+    panic!("{surface:?} computes {what}, which its Procedural::effects does not declare");
 }

@@ -1,7 +1,8 @@
 //! Surfaces whose BSDF is user code.
 
-use super::Points;
 use super::erased_lanes::{LaneColumns, from_columns, run_in, to_columns};
+use super::points::PointColumns;
+use super::{Points, Scene};
 use crate::lanes::{LaneTask, Lanes, Num, Vector};
 use std::fmt::Debug;
 use std::sync::Arc;
@@ -13,6 +14,8 @@ use std::sync::Arc;
 /// is the direction that light leaves in and has `z > 0`; `wi` is the direction that light comes from. The BSDF,
 /// which is what `evaluate` returns without the cosine, must be symmetric in the two directions, and it must not
 /// return more light than arrives. Perfect mirrors cannot be expressed.
+///
+/// Textures of the scene are read by [`Points::texture`].
 ///
 /// Use only the arithmetic of [`Num`], as [`super::Procedural`] says, so that all machines give the same bits. Mark
 /// functions over lanes `#[inline(always)]`. [`super::Scene::fingerprint`] hashes the surface's `Debug` text, as a
@@ -95,9 +98,18 @@ impl ScatteringSurface {
 
     /// Calls [`Scattering::evaluate`].
     #[inline(always)]
-    pub fn evaluate<L: Lanes>(&self, at: &Points<L>, wo: Vector<L>, wi: Vector<L>) -> (Vector<L>, Num<L>) {
+    pub fn evaluate<L: Lanes>(
+        &self,
+        at: &Points<'_, L>,
+        wo: Vector<L>,
+        wi: Vector<L>,
+    ) -> (Vector<L>, Num<L>) {
         let arguments = [wo.x, wo.y, wo.z, wi.x, wi.y, wi.z];
-        let result = self.0.evaluate(L::LANES, &to_columns(at.columns()), &to_columns(arguments));
+        let result = self.0.evaluate(
+            L::LANES,
+            PointsOf { scene: at.scene, columns: &at.columns() },
+            &to_columns(arguments),
+        );
         let [r, g, b, pdf] = from_columns(wo.lanes(), &result);
         (Vector::new(r, g, b), pdf)
     }
@@ -106,13 +118,17 @@ impl ScatteringSurface {
     #[inline(always)]
     pub fn sample<L: Lanes>(
         &self,
-        at: &Points<L>,
+        at: &Points<'_, L>,
         wo: Vector<L>,
         u: Num<L>,
         [x, y]: [Num<L>; 2],
     ) -> Scattered<L> {
         let arguments = [wo.x, wo.y, wo.z, u, x, y];
-        let result = self.0.sample(L::LANES, &to_columns(at.columns()), &to_columns(arguments));
+        let result = self.0.sample(
+            L::LANES,
+            PointsOf { scene: at.scene, columns: &at.columns() },
+            &to_columns(arguments),
+        );
         let [x, y, z, r, g, b, pdf] = from_columns(wo.lanes(), &result);
         Scattered { wi: Vector::new(x, y, z), weight: Vector::new(r, g, b), pdf }
     }
@@ -125,17 +141,31 @@ impl ScatteringSurface {
 
 /// [`Scattering`] over arrays instead of lanes.
 trait ErasedLanes: Debug + Send + Sync {
-    fn evaluate(&self, lanes: usize, at: &LaneColumns<8>, arguments: &LaneColumns<6>) -> LaneColumns<4>;
-    fn sample(&self, lanes: usize, at: &LaneColumns<8>, arguments: &LaneColumns<6>) -> LaneColumns<7>;
+    fn evaluate(&self, lanes: usize, at: PointsOf<'_>, arguments: &LaneColumns<6>) -> LaneColumns<4>;
+    fn sample(&self, lanes: usize, at: PointsOf<'_>, arguments: &LaneColumns<6>) -> LaneColumns<7>;
     fn transmits(&self) -> bool;
 }
 
+/// Points of a scene.
+#[derive(Clone, Copy)]
+struct PointsOf<'a> {
+    scene: &'a Scene,
+    columns: &'a PointColumns,
+}
+
+impl<'a> PointsOf<'a> {
+    #[inline(always)]
+    fn points<L: Lanes>(&self, l: L) -> Points<'a, L> {
+        Points::of_columns(l, self.scene, self.columns)
+    }
+}
+
 impl<S: Scattering> ErasedLanes for S {
-    fn evaluate(&self, lanes: usize, at: &LaneColumns<8>, arguments: &LaneColumns<6>) -> LaneColumns<4> {
+    fn evaluate(&self, lanes: usize, at: PointsOf<'_>, arguments: &LaneColumns<6>) -> LaneColumns<4> {
         run_in(lanes, Evaluation { surface: self, at, arguments })
     }
 
-    fn sample(&self, lanes: usize, at: &LaneColumns<8>, arguments: &LaneColumns<6>) -> LaneColumns<7> {
+    fn sample(&self, lanes: usize, at: PointsOf<'_>, arguments: &LaneColumns<6>) -> LaneColumns<7> {
         run_in(lanes, Sampling { surface: self, at, arguments })
     }
 
@@ -146,7 +176,7 @@ impl<S: Scattering> ErasedLanes for S {
 
 struct Evaluation<'a, S> {
     surface: &'a S,
-    at: &'a LaneColumns<8>,
+    at: PointsOf<'a>,
     arguments: &'a LaneColumns<6>,
 }
 
@@ -157,14 +187,14 @@ impl<S: Scattering> LaneTask for Evaluation<'_, S> {
     fn run<L: Lanes>(self, l: L) -> LaneColumns<4> {
         let [x, y, z, to_x, to_y, to_z] = from_columns(l, self.arguments);
         let (wo, wi) = (Vector::new(x, y, z), Vector::new(to_x, to_y, to_z));
-        let (value, pdf) = self.surface.evaluate(&Points::of_columns(from_columns(l, self.at)), wo, wi);
+        let (value, pdf) = self.surface.evaluate(&self.at.points(l), wo, wi);
         to_columns([value.x, value.y, value.z, pdf])
     }
 }
 
 struct Sampling<'a, S> {
     surface: &'a S,
-    at: &'a LaneColumns<8>,
+    at: PointsOf<'a>,
     arguments: &'a LaneColumns<6>,
 }
 
@@ -174,9 +204,8 @@ impl<S: Scattering> LaneTask for Sampling<'_, S> {
     #[inline(always)]
     fn run<L: Lanes>(self, l: L) -> LaneColumns<7> {
         let [x, y, z, u, first, second] = from_columns(l, self.arguments);
-        let at = Points::of_columns(from_columns(l, self.at));
-        let Scattered { wi, weight, pdf } =
-            self.surface.sample(&at, Vector::new(x, y, z), u, [first, second]);
+        let wo = Vector::new(x, y, z);
+        let Scattered { wi, weight, pdf } = self.surface.sample(&self.at.points(l), wo, u, [first, second]);
         to_columns([wi.x, wi.y, wi.z, weight.x, weight.y, weight.z, pdf])
     }
 }

@@ -3,6 +3,7 @@
 use super::offset::{self, Plane};
 use crate::lanes::{Int, Lanes, Mask, Num, Vector};
 use crate::scene::Mesh;
+use crate::scene::corners::{Weights, blend, blend_uvs, corner_uvs, indices, vectors};
 
 /// One [`crate::stream::Hit`] a lane. None of them is a miss.
 #[derive(Clone, Copy, Debug)]
@@ -16,9 +17,6 @@ pub struct Hits<L: Lanes> {
     /// Index of the triangle.
     pub primitive: Int<L>,
 }
-
-/// The barycentric weights of a triangle's corners.
-pub type Weights<L> = [Num<L>; 3];
 
 /// The geometry of hits: their triangles, and the smooth surfaces that the vertex normals suggest.
 #[derive(Clone, Copy, Debug)]
@@ -59,7 +57,7 @@ impl<L: Lanes> Geometry<L> {
     #[cfg_attr(not(unoptimised), inline(always))]
     pub fn new(mesh: &Mesh, direction: Vector<L>, hits: &Hits<L>) -> Self {
         let l = direction.lanes();
-        let indices = hits.primitive.rows::<3>(bytemuck::cast_slice(&mesh.triangles));
+        let indices = indices(mesh, hits.primitive);
         let corners = vectors(&mesh.positions, &indices);
         let weights = [1.0 - hits.u - hits.v, hits.u, hits.v];
         let position = blend(&corners, &weights);
@@ -99,7 +97,7 @@ impl<L: Lanes> Geometry<L> {
     }
 
     /// The hit points, raised to the surface that the vertex normals suggest.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn raised(&self) -> Vector<L> {
         if self.smooth.none() {
             return self.position;
@@ -110,57 +108,17 @@ impl<L: Lanes> Geometry<L> {
     }
 }
 
-/// The weighted sum of three vectors.
-#[inline(always)]
-pub fn blend<L: Lanes>(of: &[Vector<L>; 3], weights: &Weights<L>) -> Vector<L> {
-    of[0] * weights[0] + of[1] * weights[1] + of[2] * weights[2]
-}
-
-/// The rows `indices` of a table of vectors.
-#[inline(always)]
-fn vectors<L: Lanes>(table: &[glam::Vec3], indices: &[Int<L>; 3]) -> [Vector<L>; 3] {
-    let table: &[f32] = bytemuck::cast_slice(table);
-    let [a, b, c] = *indices;
-    [
-        Vector::from_columns(a.rows_of(table)),
-        Vector::from_columns(b.rows_of(table)),
-        Vector::from_columns(c.rows_of(table)),
-    ]
-}
-
-/// Mesh texture coordinates of the corners; zero if the mesh has none.
-#[inline(always)]
-fn corner_uvs<L: Lanes>(mesh: &Mesh, indices: &[Int<L>; 3]) -> [[Num<L>; 2]; 3] {
-    if mesh.uvs.is_empty() {
-        return [[Num::splat(indices[0].lanes(), 0.0); 2]; 3];
-    }
-    let table: &[f32] = bytemuck::cast_slice(&mesh.uvs);
-    let [a, b, c] = *indices;
-    [a.rows_of(table), b.rows_of(table), c.rows_of(table)]
-}
-
-/// The weighted sum of three texture coordinates.
-#[inline(always)]
-fn blend_uvs<L: Lanes>([a, b, c]: &[[Num<L>; 2]; 3], weights: &Weights<L>) -> [Num<L>; 2] {
-    // No closure: the compiler might not inline it.
-    let mut uv = *a;
-    for (k, uv) in uv.iter_mut().enumerate() {
-        *uv = a[k] * weights[0] + b[k] * weights[1] + c[k] * weights[2];
-    }
-    uv
-}
-
 /// Mesh texture coordinates of hits.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 pub fn mesh_uv<L: Lanes>(mesh: &Mesh, hits: &Hits<L>) -> [Num<L>; 2] {
-    let indices = hits.primitive.rows::<3>(bytemuck::cast_slice(&mesh.triangles));
+    let indices = indices(mesh, hits.primitive);
     blend_uvs(&corner_uvs(mesh, &indices), &[1.0 - hits.u - hits.v, hits.u, hits.v])
 }
 
 /// Raises `position` to the surface that the vertex normals suggest. Where the point lies under the tangent
 /// plane of a vertex, it is projected onto that plane. The result is the weighted mean of these projections.
 /// `side` is 1 or −1 and flips the normals.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 fn raise<L: Lanes>(
     position: Vector<L>,
     corners: &[Vector<L>; 3],

@@ -1,10 +1,13 @@
 //! Surface interactions: the points that rays hit, their shading bases and their texture footprints.
 
 use super::geometry::{Geometry, Hits};
-use super::normals::{MIN_COSINE, bend_where, map_normal, rough_direction, tangent_basis};
+use super::normals::{MIN_COSINE, bend_where, map_normal, rough_direction};
 use crate::geom::Basis;
-use crate::lanes::{Lanes, Mask, Num, Prefetch, Vector};
-use crate::scene::{Anisotropy, Footprint, Material, Mesh, NormalMap, Scene, Surface};
+use crate::lanes::{Lanes, Mask, Num, OutlinedTask, Prefetch, Vector};
+use crate::scene::corners::tangent_basis;
+use crate::scene::{
+    Anisotropy, Finish, Footprint, Material, Mesh, NormalMap, Points, ProceduralSurface, Scene, Surface,
+};
 use crate::stream::Hit;
 
 /// Points on surfaces of one material, each with the direction `wo` towards its viewer. Normals lie on `wo`'s
@@ -33,6 +36,15 @@ pub struct Interaction<L: Lanes> {
     /// Lanes whose `wo` is outside of the body. The vertex normals point outside; without them the front is
     /// outside.
     pub outside: Mask<L>,
+    /// The finish of a procedural surface that emits light, computes opacity or bends normals. For other surfaces
+    /// [`super::Bsdf::new`] computes what it needs.
+    pub finish: Option<Finish<L>>,
+    /// Diameter of the rays' [`super::Cone`]s.
+    pub width: Num<L>,
+    /// Area of the triangle.
+    pub area: Num<L>,
+    /// The triangle and the barycentric weights of its second and third corner.
+    pub hits: Hits<L>,
     /// Start of scattered rays (not mirrored or refracted ones): `position` raised to the surface that the
     /// vertex normals suggest. The edges of a smooth body of few triangles then cast no shadows on it (Hanika
     /// 2021, *Hacking the Shadow Terminator*).
@@ -65,7 +77,8 @@ impl<L: Lanes> Interaction<L> {
         let mut footprint = if scene.mesh.uvs.is_empty() || scene.textures.is_empty() {
             Footprint::point(direction.lanes())
         } else {
-            footprint(at.plane.twice_area, &at.corner_uvs, width, at.wo.dot(at.plane.normal), hits)
+            let cosine = at.wo.dot(at.plane.normal);
+            Footprint::of_cone(width, cosine, at.plane.twice_area, &at.corner_uvs, [hits.u, hits.v])
         };
         let maps = Maps::of(material);
         let tangents = maps.tangents(scene, &at);
@@ -75,19 +88,74 @@ impl<L: Lanes> Interaction<L> {
             Some(map) => Some(coat_shape(scene, map, &at, tangents.as_ref(), &footprint, &basis)),
             None => None,
         };
-        Self {
+        let mut new = Self {
             position: at.position,
             wo: at.wo,
             normal: at.normal,
             basis,
             coat,
+            finish: None,
+            width,
+            area: at.plane.twice_area * 0.5,
+            hits: *hits,
             uv: at.uv,
             footprint,
             front: at.front,
             outside: at.outside,
             raised: at.raised(),
             offset: at.plane.offset,
+        };
+        if let Surface::Procedural(index) = material.surface {
+            let surface = &scene.procedurals[index as usize];
+            if surface.effects().act_before_scattering() {
+                let finish = direction.lanes().outlined(FinishTask { surface, points: new.points(scene) });
+                if surface.effects().has_normals {
+                    let (normal, there) = finish.normal.normalize_or(new.basis.normal);
+                    let bent = bend_where(normal, there, new.normal, new.wo, false);
+                    new.basis = Basis::around(Vector::select(there, bent, new.basis.normal));
+                }
+                new.finish = Some(finish);
+            }
         }
+        new
+    }
+
+    /// The points as user surfaces see them.
+    #[cfg_attr(not(unoptimised), inline(always))]
+    pub fn points<'s>(&self, scene: &'s Scene) -> Points<'s, L> {
+        Points {
+            position: self.position,
+            normal: self.basis.normal,
+            geometric_normal: self.normal,
+            wo: self.wo,
+            uv: self.uv,
+            barycentric: [self.hits.u, self.hits.v],
+            width: self.width,
+            area: self.area,
+            primitive: self.hits.primitive,
+            front: self.front,
+            scene,
+        }
+    }
+
+    /// Radiance that the points emit towards their viewers by computation. `None` if `material` computes none.
+    /// [`super::lookup::emission`] gives what [`Material::emission`] emits.
+    #[cfg_attr(not(unoptimised), inline(always))]
+    pub fn computed_emission(&self, scene: &Scene, material: &Material) -> Option<Vector<L>> {
+        let (Some(finish), Surface::Procedural(index)) = (&self.finish, material.surface) else {
+            return None;
+        };
+        let bound = scene.procedurals[index as usize].effects().emission_bound;
+        Some(finish.emission.clamp(0.0, bound))
+    }
+
+    /// The probability that rays meet the surface instead of passing. `None` if `material` is opaque.
+    #[cfg_attr(not(unoptimised), inline(always))]
+    pub fn opacity(&self, scene: &Scene, material: &Material) -> Option<Num<L>> {
+        let (Some(finish), Surface::Procedural(index)) = (&self.finish, material.surface) else {
+            return None;
+        };
+        scene.procedurals[index as usize].effects().has_opacity.then_some(finish.opacity.clamp(0.0, 1.0))
     }
 
     /// The world directions of mirrored or refracted rays that have direction `local` in the shading basis.
@@ -96,7 +164,7 @@ impl<L: Lanes> Interaction<L> {
     /// Around a bent normal, a direction may lie on one side of the normal and on the other side of the
     /// triangle. It is then laid along the triangle, on the side of the normal. Otherwise it would count as
     /// having crossed a surface that it did not cross.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn smooth_direction(&self, local: Vector<L>, crosses: Mask<L>) -> Vector<L> {
         let wi = self.basis.world(local).normalize();
         let one = Num::splat(local.lanes(), 1.0);
@@ -109,7 +177,7 @@ impl<L: Lanes> Interaction<L> {
 
     /// The start of rays from `point` ([`Interaction::position`] or [`Interaction::raised`]) towards `wi`. It
     /// is offset from the triangle to the side that `wi` points to.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn origin(&self, point: Vector<L>, wi: Vector<L>) -> Vector<L> {
         let below = wi.dot(self.normal).below(0.0);
         point + self.normal * Num::select(below, -self.offset, self.offset)
@@ -117,10 +185,25 @@ impl<L: Lanes> Interaction<L> {
 
     /// The start of scattered rays towards `wi`: [`Interaction::raised`] or, if `wi` points below the
     /// triangle, [`Interaction::position`], with an offset.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn scattered_origin(&self, wi: Vector<L>) -> Vector<L> {
         let below = wi.dot(self.normal).below(0.0);
         self.origin(Vector::select(below, self.position, self.raised), wi)
+    }
+}
+
+/// [`ProceduralSurface::finish`] out of line: few surfaces need it before they scatter light.
+struct FinishTask<'a, L: Lanes> {
+    surface: &'a ProceduralSurface,
+    points: Points<'a, L>,
+}
+
+impl<L: Lanes> OutlinedTask<L> for FinishTask<'_, L> {
+    type Output = Finish<L>;
+
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn run(self, _: L) -> Finish<L> {
+        self.surface.finish(&self.points)
     }
 }
 
@@ -135,7 +218,7 @@ struct Maps<'a> {
 }
 
 impl<'a> Maps<'a> {
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn of(material: &'a Material) -> Self {
         let normal = material.normal_map.is_some();
         let Surface::Principled(surface) = &material.surface else {
@@ -147,12 +230,12 @@ impl<'a> Maps<'a> {
     }
 
     /// The tangent bases and the lanes that have one; `None` if no map needs them.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn tangents<L: Lanes>(&self, scene: &Scene, at: &Geometry<L>) -> Option<(Basis<L>, Mask<L>)> {
         if !self.normal && self.anisotropy.is_none() && !matches!(self.coat, Some(Some(_))) {
             return None;
         }
-        Some(tangent_basis(scene, &at.indices, &at.corners, &at.corner_uvs, &at.weights, at.outward))
+        Some(tangent_basis(&scene.mesh, &at.indices, &at.corners, &at.corner_uvs, &at.weights, at.outward))
     }
 }
 
@@ -185,7 +268,7 @@ fn shading_basis<L: Lanes>(
 }
 
 /// The coats' normals in the shading bases, and the coats' bumps.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 fn coat_shape<L: Lanes>(
     scene: &Scene,
     map: Option<&NormalMap>,
@@ -230,31 +313,6 @@ pub fn prefetch_hits(mesh: &Mesh, hits: &[Hit], rays: &[u32], at: usize, lanes: 
             }
         }
     }
-}
-
-/// A footprint may be this many times as long as wide before its length counts.
-const FREE_STRETCH: f32 = 4.0;
-
-/// Footprints in texture coordinates: squares of the same area as the cones cover. `surface` is twice the
-/// area of the triangles, `width` the width of the cones, `cosine` the cosine between ray and normal. At
-/// grazing angles the covered area is stretched. The stretch counts only beyond [`FREE_STRETCH`]: up to
-/// there, the samples of a pixel and the directions of a bounce are spread along it.
-#[inline(always)]
-fn footprint<L: Lanes>(
-    surface: Num<L>,
-    [a, b, c]: &[[Num<L>; 2]; 3],
-    width: Num<L>,
-    cosine: Num<L>,
-    hits: &Hits<L>,
-) -> Footprint<L> {
-    let image = ((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])).abs();
-    let stretch = (1.0 / (cosine.abs() * FREE_STRETCH)).clamp(1.0, f32::MAX);
-    let share = image / surface * stretch;
-    // A hash of the hit, so that each hit has its own number, the same on all units and thread counts.
-    let bits = (hits.u.to_bits() * 0x9e37_79b9) ^ (hits.v.to_bits() * 0x85eb_ca6b);
-    let bits = (bits ^ (bits >> 15)) * 0x7feb_352d;
-    let dither = ((bits ^ (bits >> 16)) >> 8).to_num() * (1.0 / (1 << 24) as f32);
-    Footprint { width: width * share.sqrt(), dither, ..Footprint::point(width.lanes()) }
 }
 
 #[cfg(test)]

@@ -16,8 +16,11 @@ pub mod medium;
 mod mix;
 mod normals;
 pub mod offset;
+pub mod pass_through;
 pub mod single;
 mod sort;
+#[cfg(test)]
+mod tests;
 
 pub use arena::ArenaUse;
 pub use bsdf::Bsdf;

@@ -1,9 +1,8 @@
 //! Shading normals: vertex normals, normal maps, and the limits of how far they may bend from the triangle's
 //! normal.
 
-use super::geometry::{Weights, blend};
 use crate::geom::Basis;
-use crate::lanes::{Int, Lanes, Mask, Num, Vector};
+use crate::lanes::{Lanes, Mask, Num, Vector};
 use crate::scene::{Anisotropy, Footprint, NormalMap, Scene};
 
 /// Least cosine between the shading normal and `wo`, and between the triangle's normal and specular
@@ -12,7 +11,7 @@ pub const MIN_COSINE: f32 = 1e-3;
 
 /// Shading normals. In the lanes of `bent`, `shading` is turned to `wo`'s side of the triangle and limited by
 /// [`bend`]. In the others they are the triangle's `normal`.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 pub fn bend_where<L: Lanes>(
     shading: Vector<L>,
     bent: Mask<L>,
@@ -53,51 +52,8 @@ fn bend<L: Lanes>(shading: Vector<L>, normal: Vector<L>, wo: Vector<L>, matte: b
     Vector::select(good, shading, half)
 }
 
-/// The tangent bases of a normal map around the unit normals `outward`, and the lanes that have a tangent.
-/// Tangents come from the mesh or, without these, from its texture coordinates.
-#[cfg_attr(not(unoptimised), inline(always))]
-pub fn tangent_basis<L: Lanes>(
-    scene: &Scene,
-    indices: &[Int<L>; 3],
-    corners: &[Vector<L>; 3],
-    uvs: &[[Num<L>; 2]; 3],
-    weights: &Weights<L>,
-    outward: Vector<L>,
-) -> (Basis<L>, Mask<L>) {
-    let l = outward.lanes();
-    let one = Num::splat(l, 1.0);
-    let (mut along, mut handedness, mut there) = (outward, one, Mask::splat(l, false));
-    if !scene.mesh.uvs.is_empty() {
-        let [a, b, c] = *uvs;
-        let (d1, d2) = ([b[0] - a[0], b[1] - a[1]], [c[0] - a[0], c[1] - a[1]]);
-        let determinant = d1[0] * d2[1] - d1[1] * d2[0];
-        let sign = determinant.signum();
-        let (e1, e2) = (corners[1] - corners[0], corners[2] - corners[0]);
-        let along_u = (e1 * d2[1] - e2 * d1[1]) * sign;
-        // v grows downwards in the image, and the map's y upwards.
-        let up = (e1 * d2[0] - e2 * d1[0]) * sign;
-        let left = outward.cross(along_u).dot(up).below(0.0);
-        (along, there) = (along_u - outward * along_u.dot(outward)).normalize_or(outward);
-        there &= determinant.is_finite() & !determinant.is_zero();
-        handedness = Num::select(left, -one, one);
-    }
-    if !scene.mesh.tangents.is_empty() {
-        let table: &[f32] = bytemuck::cast_slice(&scene.mesh.tangents);
-        let [a, b, c] = *indices;
-        let [a, b, c] = [a.rows_of::<4>(table), b.rows_of::<4>(table), c.rows_of::<4>(table)];
-        let of =
-            [Vector::new(a[0], a[1], a[2]), Vector::new(b[0], b[1], b[2]), Vector::new(c[0], c[1], c[2])];
-        let tangent = blend(&of, weights);
-        let (given, is_given) = (tangent - outward * tangent.dot(outward)).normalize_or(outward);
-        along = Vector::select(is_given, given, along);
-        handedness = Num::select(is_given, Num::select(a[3].below(0.0), -one, one), handedness);
-        there |= is_given;
-    }
-    (Basis { tangent: along, bitangent: outward.cross(along) * handedness, normal: outward }, there)
-}
-
 /// Normals from a normal map, and their [`Footprint::bumps`].
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 pub fn map_normal<L: Lanes>(
     scene: &Scene,
     map: &NormalMap,
@@ -115,7 +71,7 @@ pub fn map_normal<L: Lanes>(
 }
 
 /// World directions along which an anisotropic surface is rougher.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 pub fn rough_direction<L: Lanes>(
     scene: &Scene,
     anisotropy: &Anisotropy,

@@ -55,6 +55,11 @@ impl Interaction {
         self.lane.smooth_direction(local.into(), local.z.is_sign_negative().into()).into()
     }
 
+    /// [`super::Interaction::computed_emission`]; 0 if there is none.
+    pub fn computed_emission(&self, scene: &Scene, material: &Material) -> Vec3 {
+        self.lane.computed_emission(scene, material).map_or(Vec3::ZERO, Vec3::from)
+    }
+
     /// The point as a receiver of light.
     pub fn receiver(&self) -> Receiver {
         Receiver::of(&self.lane)

@@ -5,6 +5,7 @@ mod dropped;
 pub mod harness;
 mod path;
 mod pinned;
+mod procedural;
 mod progressive;
 mod ray_shader;
 mod recursion;

@@ -35,7 +35,7 @@ pub use scattering::Scattering;
 
 use super::{Interaction, lookup};
 use crate::lanes::{Lanes, Mask, Num, Vector};
-use crate::scene::{Points, Scene, Surface};
+use crate::scene::{Scene, Surface};
 
 /// The perceptual roughnesses below which surfaces count as smooth.
 #[derive(Clone, Copy, Debug)]
@@ -96,7 +96,7 @@ pub struct Sample<L: Lanes> {
 }
 
 impl<L: Lanes> Sample<L> {
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn select(mask: Mask<L>, a: Self, b: Self) -> Self {
         Self {
             valid: Mask::select(mask, a.valid, b.valid),
@@ -128,21 +128,21 @@ pub struct Smooth<L: Lanes> {
 
 impl<L: Lanes> Smooth<L> {
     /// A BSDF without specular directions.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn none(wo: Vector<L>) -> Self {
         let none = Vector::zero(wo.lanes());
         let eta = Num::splat(wo.lanes(), 1.0);
         Self { reflected: wo, reflection: none, transmitted: wo, transmission: none, eta }
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn shares(&self) -> [Num<L>; 2] {
         [self.reflection.max_element(), self.transmission.max_element() * self.eta * self.eta]
     }
 
     /// Share of a uniform environment that is reflected or transmitted without spread, in its brightest
     /// channel.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn energy(&self) -> Num<L> {
         let [reflection, transmission] = self.shares();
         reflection + transmission
@@ -170,14 +170,9 @@ impl<L: Lanes> Smooth<L> {
 }
 
 /// `wo` mirrored at the shading normal.
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 fn mirrored<L: Lanes>(wo: Vector<L>) -> Vector<L> {
     Vector::new(-wo.x, -wo.y, wo.z)
-}
-
-#[inline(always)]
-fn points_of<L: Lanes>(at: &Interaction<L>) -> Points<L> {
-    Points { position: at.position, normal: at.basis.normal, uv: at.uv }
 }
 
 impl<'s, L: Lanes> Bsdf<'s, L> {
@@ -207,14 +202,18 @@ impl<'s, L: Lanes> Bsdf<'s, L> {
                 Self::Principled(l.outlined(construct))
             }
             Surface::Procedural(index) => {
-                let finish = scene.procedurals[*index as usize].finish(&points_of(at));
-                Self::Principled(
-                    l.outlined(outlined::Finished { finish: &finish, smooth_below: smoothness.mirror_below }),
-                )
+                let surface = &scene.procedurals[*index as usize];
+                let finish = match &at.finish {
+                    Some(finish) => *finish,
+                    None => surface.finish(&at.points(scene)),
+                };
+                let (transmission, outside) = (surface.effects().transmission, at.outside);
+                let finished = outlined::Finished { finish: &finish, transmission, outside, smoothness };
+                Self::Principled(l.outlined(finished))
             }
             Surface::Scattering(index) => {
                 let surface = &scene.scatterings[*index as usize];
-                Self::Scattering(Scattering { surface, points: points_of(at) })
+                Self::Scattering(Scattering { surface, points: at.points(scene) })
             }
             Surface::Mix(_) => panic!("hits on mixes are of one of their parts: see shade::material_of"),
         }
@@ -223,7 +222,7 @@ impl<'s, L: Lanes> Bsdf<'s, L> {
     /// The BSDF × |cosine of `wi`| without its specular part, and the density per solid angle with which
     /// [`Bsdf::sample`] returns `wi`. Both are 0 if no light arrives from `wi`: below the surface, unless it
     /// [is frosted](Bsdf::is_frosted).
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn evaluate(&self, wo: Vector<L>, wi: Vector<L>) -> (Vector<L>, Num<L>) {
         match self {
             Self::Matte(matte) => matte.evaluate(wi),
@@ -235,7 +234,7 @@ impl<'s, L: Lanes> Bsdf<'s, L> {
 
     /// Samples directions in approximate proportion to BSDF × |cosine|. `u` chooses a lobe, `u2` the
     /// direction.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn sample(&self, wo: Vector<L>, u: Num<L>, u2: [Num<L>; 2]) -> Sample<L> {
         match self {
             Self::Matte(matte) => matte.sample(u2),
@@ -247,7 +246,7 @@ impl<'s, L: Lanes> Bsdf<'s, L> {
     }
 
     /// The specular part, which [`Bsdf::evaluate`] leaves out.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn smooth(&self, wo: Vector<L>) -> Smooth<L> {
         match self {
             Self::Matte(_) | Self::Scattering(_) => Smooth::none(wo),
@@ -258,13 +257,13 @@ impl<'s, L: Lanes> Bsdf<'s, L> {
     }
 
     /// Whether there are several lobes, so that [`Bsdf::sample`] reads its `u`.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn is_choice(&self) -> bool {
         !matches!(self, Self::Matte(_))
     }
 
     /// Whether light sampling must also consider light from below the surface.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn is_frosted(&self) -> bool {
         match self {
             Self::Principled(surface) => surface.is_frosted(),
@@ -274,7 +273,7 @@ impl<'s, L: Lanes> Bsdf<'s, L> {
     }
 
     /// Whether the BSDF is purely specular, so that light sampling never contributes.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn is_smooth(&self) -> bool {
         matches!(self, Self::Mirror(_) | Self::Dielectric(_))
     }

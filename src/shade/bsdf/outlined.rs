@@ -2,7 +2,7 @@
 
 use super::{Principled, Sample, Smooth, Smoothness};
 use crate::lanes::{Lanes, Mask, Num, OutlinedTask, Vector};
-use crate::scene::{self, Finish, Footprint, Scene};
+use crate::scene::{self, Finish, Footprint, Scene, Transmission};
 use crate::shade::CoatShape;
 
 /// [`Principled::new`].
@@ -19,7 +19,7 @@ pub struct Construct<'a, L: Lanes> {
 impl<L: Lanes> OutlinedTask<L> for Construct<'_, L> {
     type Output = Principled<L>;
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn run(self, _: L) -> Principled<L> {
         let Self { scene, surface, uv, footprint, coat, outside, smoothness } = self;
         Principled::new(scene, surface, uv, footprint, coat, outside, smoothness)
@@ -29,15 +29,17 @@ impl<L: Lanes> OutlinedTask<L> for Construct<'_, L> {
 /// [`Principled::finished`].
 pub struct Finished<'a, L: Lanes> {
     pub finish: &'a Finish<L>,
-    pub smooth_below: f32,
+    pub transmission: Option<Transmission>,
+    pub outside: Mask<L>,
+    pub smoothness: Smoothness,
 }
 
 impl<L: Lanes> OutlinedTask<L> for Finished<'_, L> {
     type Output = Principled<L>;
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn run(self, _: L) -> Principled<L> {
-        Principled::finished(self.finish, self.smooth_below)
+        Principled::finished(self.finish, self.transmission, self.outside, self.smoothness)
     }
 }
 
@@ -51,7 +53,7 @@ pub struct Evaluate<'a, L: Lanes> {
 impl<L: Lanes> OutlinedTask<L> for Evaluate<'_, L> {
     type Output = (Vector<L>, Num<L>);
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn run(self, _: L) -> Self::Output {
         self.surface.evaluate(self.wo, self.wi)
     }
@@ -68,7 +70,7 @@ pub struct Sampling<'a, L: Lanes> {
 impl<L: Lanes> OutlinedTask<L> for Sampling<'_, L> {
     type Output = Sample<L>;
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn run(self, _: L) -> Sample<L> {
         self.surface.sample(self.wo, self.u, self.u2)
     }
@@ -83,7 +85,7 @@ pub struct Mirroring<'a, L: Lanes> {
 impl<L: Lanes> OutlinedTask<L> for Mirroring<'_, L> {
     type Output = Smooth<L>;
 
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn run(self, _: L) -> Smooth<L> {
         self.surface.smooth(self.wo)
     }

@@ -33,7 +33,7 @@ use super::{Sample, Smooth, Smoothness, mirrored};
 use crate::geom::Basis;
 use crate::geom::warp::lanes as warp;
 use crate::lanes::{Lanes, Mask, Num, Vector};
-use crate::scene::{self, Finish, Footprint, Scene};
+use crate::scene::{self, Finish, Footprint, Scene, Transmission};
 use crate::shade::{CoatShape, lookup};
 use std::f32::consts::FRAC_1_PI;
 
@@ -90,7 +90,7 @@ struct LobeProbabilities<L: Lanes> {
     mirrors: Num<L>,
 }
 
-#[inline(always)]
+#[cfg_attr(not(unoptimised), inline(always))]
 fn white<L: Lanes>(l: L) -> Vector<L> {
     Vector::grey(Num::splat(l, 1.0))
 }
@@ -186,22 +186,42 @@ impl<L: Lanes> Principled<L> {
         }
     }
 
-    /// The BSDFs of a computed finish.
+    /// The BSDFs of a computed finish. `wo` is outside of the body in the lanes of `outside`.
     #[cfg_attr(not(unoptimised), inline(always))]
-    pub fn finished(finish: &Finish<L>, smooth_below: f32) -> Self {
+    pub fn finished(
+        finish: &Finish<L>,
+        transmission: Option<Transmission>,
+        outside: Mask<L>,
+        smoothness: Smoothness,
+    ) -> Self {
+        let smooth_below = smoothness.mirror_below;
         let l = finish.colour.lanes();
         let one = Num::splat(l, 1.0);
         let base = finish.colour.clamp(0.0, 1.0);
         let metallic = finish.metallic.clamp(0.0, 1.0);
         let facets = Facets::new(finish.roughness.clamp(0.0, 1.0), smooth_below);
-        let layer = facets.reflection(Schlick { f0: white(l) * CLEAR_F0, f90: one });
+        // A wall has the clear coat's index of refraction.
+        let (ior, f0, outside) = match transmission {
+            Some(Transmission::Body { ior }) => (ior, ((ior - 1.0) / (ior + 1.0)).powi(2), Some(outside)),
+            Some(Transmission::ThinWall) | None => (1.5, CLEAR_F0, None),
+        };
+        let layer = facets.reflection(Schlick { f0: white(l) * f0, f90: one });
         let metal = facets.reflection(Schlick { f0: base, f90: one });
+        let (mut outer, mut opaque, mut transparency) = (layer, one - metallic, None);
+        if transmission.is_some() {
+            let share = finish.transmission.clamp(0.0, 1.0);
+            let spread = facets.rougher_than(smoothness.clear_below);
+            let through = Transparency::new(opaque * share, base, ior, outside, spread);
+            outer = layer.scaled(Num::select(through.has_own_reflection(), one - share, one));
+            opaque *= one - share;
+            transparency = Some(through);
+        }
         Self {
             facets,
-            reflection: layer.mix(&metal, metallic),
+            reflection: outer.mix(&metal, metallic),
             layer,
-            diffuse: base * (one - metallic),
-            transparency: None,
+            diffuse: base * opaque,
+            transparency,
             film: None,
             sheen: None,
             coat: Some(Coat::new(
@@ -215,7 +235,7 @@ impl<L: Lanes> Principled<L> {
     }
 
     /// Transforms a direction from the shading basis to the basis of the coats.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn in_coat_basis(&self, w: Vector<L>) -> Vector<L> {
         match self.coat_normal {
             None => w,
@@ -224,7 +244,7 @@ impl<L: Lanes> Principled<L> {
     }
 
     /// Transforms a direction from the basis of the coats to the shading basis.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn out_of_coat_basis(&self, w: Vector<L>) -> Vector<L> {
         match self.coat_normal {
             None => w,
@@ -233,7 +253,7 @@ impl<L: Lanes> Principled<L> {
     }
 
     /// Reflectance of a facet of metal and dielectric at a cosine.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn facet(&self, cosine: Num<L>) -> Vector<L> {
         let bare = &self.reflection.fresnel;
         match &self.film {
@@ -247,7 +267,7 @@ impl<L: Lanes> Principled<L> {
     }
 
     /// Share that passes the dielectric layer towards a direction of cosine `z`.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn passed(&self, at: &Reflectance<L>, z: Num<L>) -> Vector<L> {
         let Some(film) = &self.film else { return white(z.lanes()) - self.layer.share(at) };
         let bare = &self.layer.fresnel;
@@ -294,7 +314,7 @@ impl<L: Lanes> Principled<L> {
     }
 
     /// Direction into which `wo` is mirrored: by the facets if they are smooth, else by smooth coats.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn mirrored(&self, wo: Vector<L>) -> Vector<L> {
         let way = mirrored(wo);
         match self.coat_normal {
@@ -308,7 +328,7 @@ impl<L: Lanes> Principled<L> {
     }
 
     /// See [`super::Bsdf::smooth`].
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn smooth(&self, wo: Vector<L>) -> Smooth<L> {
         self.smooth_of(wo, &self.lobes(wo))
     }
@@ -364,7 +384,7 @@ impl<L: Lanes> Principled<L> {
     }
 
     /// Share that the coats pass of light reflected by the facets below.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn coats_passed(&self, wo: Vector<L>, wi: Vector<L>) -> Vector<L> {
         let [wo, wi] = [self.in_coat_basis(wo), self.in_coat_basis(wi)];
         let raised = Vector::new(wi.x, wi.y, wi.z.abs());
@@ -381,14 +401,14 @@ impl<L: Lanes> Principled<L> {
     }
 
     /// The frosted transparent share as seen from `wo`; `None` if there is none.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     fn frost(&self, wo: Vector<L>) -> Option<Frost<'_, L>> {
         let through = self.transparency.as_ref().filter(|through| through.frosted.any())?;
         Some(Frost { through, facets: &self.facets, layer: &self.layer, film: &self.film, wo })
     }
 
     /// Whether light sampling must also consider light from below the surface.
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn is_frosted(&self) -> bool {
         matches!(&self.transparency, Some(through) if through.frosted.any())
     }
@@ -431,7 +451,7 @@ impl<L: Lanes> Principled<L> {
     }
 
     /// See [`super::Bsdf::evaluate`].
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn evaluate(&self, wo: Vector<L>, wi: Vector<L>) -> (Vector<L>, Num<L>) {
         let lobes = self.lobes(wo);
         let probabilities = self.probabilities(wo, &lobes, &self.smooth_of(wo, &lobes));

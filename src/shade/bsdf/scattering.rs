@@ -10,12 +10,12 @@ pub struct Scattering<'s, L: Lanes> {
     /// The surface.
     pub surface: &'s ScatteringSurface,
     /// The surface points.
-    pub points: Points<L>,
+    pub points: Points<'s, L>,
 }
 
 impl<L: Lanes> Scattering<'_, L> {
     /// See [`super::Bsdf::evaluate`].
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn evaluate(&self, wo: Vector<L>, wi: Vector<L>) -> (Vector<L>, Num<L>) {
         let (value, pdf) = self.surface.evaluate(&self.points, wo, wi);
         let above = if self.surface.transmits() { Mask::splat(wi.lanes(), true) } else { wi.z.above(0.0) };
@@ -23,7 +23,7 @@ impl<L: Lanes> Scattering<'_, L> {
     }
 
     /// See [`super::Bsdf::sample`].
-    #[inline(always)]
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn sample(&self, wo: Vector<L>, u: Num<L>, u2: [Num<L>; 2]) -> Sample<L> {
         let Scattered { wi, weight, pdf } = self.surface.sample(&self.points, wo, u, u2);
         let (above, below) = (wi.z.above(0.0), wi.z.below(0.0));

@@ -1,8 +1,8 @@
-//! Bounds of all emissive surfaces.
+//! Bounds of all surfaces that the last rays of paths look for.
 
 use crate::geom::Aabb;
 use crate::lanes::{Lanes, Mask, Num, Vector};
-use crate::scene::{Emission, Scene};
+use crate::scene::{Emission, Material, Scene, Surface};
 use glam::Vec3;
 
 /// The most boxes. Each box is tested with every ray.
@@ -15,20 +15,18 @@ const MARGIN: f32 = 1.0 / (1u32 << 14) as f32;
 /// Least component of a direction, so that reciprocals stay finite.
 const LEAST: f32 = 1e-20;
 
-/// A few boxes around all emissive surfaces. A ray that will not be continued at its hit, and that misses all
-/// boxes, need not be traced.
+/// A few boxes around all emissive surfaces, and around all surfaces that compute opacity. A ray that will not be
+/// continued at its hit, and that misses all boxes, need not be traced.
 #[derive(Clone, Debug, Default)]
 pub struct EmitterBounds {
     boxes: Vec<Aabb>,
 }
 
 impl EmitterBounds {
-    /// Bounds the emissive triangles of a scene that lies within `bounds`. Triangles that light sampling
+    /// Bounds these triangles of a scene that lies within `bounds`. Triangles that light sampling
     /// leaves out are included.
     pub fn new(scene: &Scene, bounds: &Aabb) -> Self {
-        let emits = |emission: &Emission| emission.radiance.factor != Vec3::ZERO;
-        let shines: Vec<bool> =
-            scene.materials.iter().map(|m| m.emission.as_ref().is_some_and(emits)).collect();
+        let shines = sought(scene);
         let shining = |primitive: &u32| shines[scene.mesh.materials[*primitive as usize] as usize];
         let triangles = (0..scene.mesh.triangles.len() as u32).filter(shining);
         let boxes: Vec<Aabb> =
@@ -41,8 +39,8 @@ impl EmitterBounds {
         Self { boxes: divide(boxes).iter().map(|some| around(some)).collect() }
     }
 
-    /// Lanes whose rays, from within the scene, may hit an emissive surface. The other rays hit none.
-    #[inline(always)]
+    /// Lanes whose rays, from within the scene, may hit such a surface. The other rays hit none.
+    #[cfg_attr(not(unoptimised), inline(always))]
     pub fn lies_ahead<L: Lanes>(&self, origin: Vector<L>, direction: Vector<L>) -> Mask<L> {
         let (o, d) = (origin, direction);
         let (x, y, z) = (inverse(d.x), inverse(d.y), inverse(d.z));
@@ -60,7 +58,34 @@ impl EmitterBounds {
     }
 }
 
-#[inline(always)]
+/// Whether each material must be reached by rays that will not be continued: it emits light, or lets such rays pass.
+fn sought(scene: &Scene) -> Vec<bool> {
+    let emits = |emission: &Emission| emission.radiance.factor != Vec3::ZERO;
+    let acts = |surface: &Surface| match surface {
+        Surface::Procedural(index) => {
+            let effects = scene.procedurals[*index as usize].effects();
+            effects.emits() || effects.has_opacity
+        }
+        _ => false,
+    };
+    let own = |m: &Material| m.emission.as_ref().is_some_and(emits) || acts(&m.surface);
+    let mut sought: Vec<bool> = scene.materials.iter().map(own).collect();
+    // A mix is sought if a part is. Mixes may be parts of mixes, so this is repeated until nothing changes.
+    let mut changed = !scene.mixes.is_empty();
+    while std::mem::take(&mut changed) {
+        for (index, material) in scene.materials.iter().enumerate() {
+            if let Surface::Mix(mix) = material.surface
+                && !sought[index]
+                && scene.mixes[mix as usize].of.iter().any(|&part| sought[part as usize])
+            {
+                (sought[index], changed) = (true, true);
+            }
+        }
+    }
+    sought
+}
+
+#[cfg_attr(not(unoptimised), inline(always))]
 fn inverse<L: Lanes>(d: Num<L>) -> Num<L> {
     1.0 / d.abs().max(Num::splat(d.lanes(), LEAST)).copysign(d)
 }
@@ -98,7 +123,7 @@ mod tests {
     use super::*;
     use crate::geom::{CanonicalRay, Sampler};
     use crate::lanes::SingleLane;
-    use crate::scene::{Colour, Material};
+    use crate::scene::Colour;
 
     /// One emissive triangle for each three points, beside a triangle that emits nothing.
     fn scene(points: Vec<Vec3>) -> Scene {

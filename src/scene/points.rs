@@ -1,0 +1,189 @@
+//! Points on surfaces, as user surfaces see them.
+
+use super::corners::{self, Weights, blend, corner_uvs, tangent_basis, vectors};
+use super::erased_lanes::{LaneColumns, LaneValue};
+use super::{FieldType, Footprint, Scene, SurfaceField, TextureRef};
+use crate::geom::Basis;
+use crate::lanes::{Int, Lanes, Mask, Num, Vector};
+
+/// Defines [`Points`] from the table of its fields.
+macro_rules! points {
+    (
+        given {
+            $($name:ident: $kind:ident as $type:ty, $unit:literal, $range:literal, $doc:literal;)*
+        }
+        computed {
+            $(
+                $lazy:ident: $lazy_kind:ident as $lazy_type:ty, $lazy_unit:literal, $lazy_range:literal,
+                $lazy_doc:literal, $by:path;
+            )*
+        }
+    ) => {
+        /// Points on a surface, one in each lane. `docs/guide/surface-fields.md` lists the fields.
+        #[derive(Clone, Copy, Debug)]
+        pub struct Points<'s, L: Lanes> {
+            $(#[doc = concat!($doc, " Unit: ", $unit, ". Range: ", $range, ".")] pub $name: $type,)*
+            pub(crate) scene: &'s Scene,
+        }
+
+        /// The fields of [`Points`].
+        pub const POINT_FIELDS: &[SurfaceField] = &[
+            $(SurfaceField {
+                name: stringify!($name), kind: FieldType::$kind, unit: $unit, range: $range, default: "",
+                is_computed: false, doc: $doc,
+            },)*
+            $(SurfaceField {
+                name: stringify!($lazy), kind: FieldType::$lazy_kind, unit: $lazy_unit, range: $lazy_range,
+                default: "", is_computed: true, doc: $lazy_doc,
+            },)*
+        ];
+
+        /// The given fields of [`Points`] as columns.
+        #[derive(Clone, Copy)]
+        pub(super) struct PointColumns {
+            $($name: LaneColumns<{ FieldType::$kind.numbers() }>,)*
+        }
+
+        impl<'s, L: Lanes> Points<'s, L> {
+            #[inline(always)]
+            pub(super) fn columns(&self) -> PointColumns {
+                PointColumns { $($name: self.$name.columns(),)* }
+            }
+
+            #[inline(always)]
+            pub(super) fn of_columns(l: L, scene: &'s Scene, columns: &PointColumns) -> Self {
+                Self { $($name: LaneValue::of_columns(l, &columns.$name),)* scene }
+            }
+
+            $(
+                #[doc = concat!($lazy_doc, " Unit: ", $lazy_unit, ". Range: ", $lazy_range, ".")]
+                #[inline(always)]
+                pub fn $lazy(&self) -> $lazy_type {
+                    $by(self)
+                }
+            )*
+        }
+    };
+}
+
+points! {
+    given {
+        position: Vec3f as Vector<L>, "world units", "finite", "Position in world space.";
+        normal: Vec3f as Vector<L>, "world space", "unit length", "Shading normal on the viewer's side.";
+        geometric_normal: Vec3f as Vector<L>, "world space", "unit length",
+            "Normal of the triangle on the viewer's side.";
+        wo: Vec3f as Vector<L>, "world space", "unit length", "Outgoing direction, towards the viewer.";
+        uv: Vec2f as [Num<L>; 2], "texture coordinates", "finite", "Texture coordinates of the mesh; 0 without any.";
+        barycentric: Vec2f as [Num<L>; 2], "1", "0 to 1", "Weights of the triangle's second and third corner.";
+        width: F32 as Num<L>, "world units", "at least 0", "Diameter of the ray's cone at the point.";
+        area: F32 as Num<L>, "square world units", "at least 0", "Area of the triangle.";
+        primitive: U32 as Int<L>, "index", "below the number of triangles", "The triangle.";
+        front: Bool as Mask<L>, "1", "false or true",
+            "Whether the corners run counter-clockwise as seen by the viewer.";
+    }
+    computed {
+        tangent: Vec3f as Vector<L>, "world space", "unit length",
+            "Direction in which u grows, at right angles to the normal; any such direction without texture \
+             coordinates.",
+            Points::tangent_here;
+        bitangent: Vec3f as Vector<L>, "world space", "unit length",
+            "Direction to the top of the texture, at right angles to normal and tangent.", Points::bitangent_here;
+        footprint: F32 as Num<L>, "texture coordinates", "at least 0",
+            "Side of the square that the ray's cone covers in the texture; textures are filtered by it.",
+            Points::footprint_here;
+        object: U32 as Int<L>, "index", "below the number of objects, or 4294967295 if the triangle has none",
+            "The object in the scene's object table; each instance is an object of its own.", Points::object_here;
+    }
+}
+
+impl<L: Lanes> Points<'_, L> {
+    /// The points' lanes.
+    #[inline(always)]
+    pub fn lanes(&self) -> L {
+        self.width.lanes()
+    }
+
+    /// Linear RGBA of a texture of the scene at the points' texture coordinates, filtered like all textures.
+    ///
+    /// ```
+    /// use raystream::lanes::{Lanes, Vector};
+    /// use raystream::scene::{Finish, Points, Procedural, TextureRef};
+    ///
+    /// #[derive(Debug)]
+    /// struct Poster {
+    ///     image: TextureRef,
+    /// }
+    ///
+    /// impl Procedural for Poster {
+    ///     #[inline(always)]
+    ///     fn finish<L: Lanes>(&self, points: &Points<L>) -> Finish<L> {
+    ///         let [r, g, b, _] = points.texture(&self.image);
+    ///         Finish { colour: Vector::new(r, g, b), ..Finish::matte(points) }
+    ///     }
+    /// }
+    /// ```
+    ///
+    /// # Panics
+    /// If the scene has no such texture.
+    #[inline(always)]
+    pub fn texture(&self, texture: &TextureRef) -> [Num<L>; 4] {
+        let image = &self.scene.textures[texture.texture as usize];
+        image.look_up(texture.transform(self.uv), &texture.scaled(&self.texture_footprint()))
+    }
+
+    /// The footprint that [`Points::texture`] uses.
+    #[inline(always)]
+    pub fn texture_footprint(&self) -> Footprint<L> {
+        let mesh = &self.scene.mesh;
+        if mesh.uvs.is_empty() {
+            return Footprint::point(self.lanes());
+        }
+        let uvs = corner_uvs(mesh, &corners::indices(mesh, self.primitive));
+        let cosine = self.wo.dot(self.geometric_normal);
+        Footprint::of_cone(self.width, cosine, self.area * 2.0, &uvs, self.barycentric)
+    }
+
+    /// Tangent, bitangent and normal.
+    #[inline(always)]
+    pub fn tangent_frame(&self) -> Basis<L> {
+        let mesh = &self.scene.mesh;
+        let indices = corners::indices(mesh, self.primitive);
+        let [u, v] = self.barycentric;
+        let weights: Weights<L> = [1.0 - u - v, u, v];
+        // A mesh's tangents have a handedness that is meant for normals that point outside.
+        let mut outside = self.front;
+        if !mesh.normals.is_empty() {
+            let side = blend(&vectors(&mesh.normals, &indices), &weights).dot(self.normal);
+            outside = Mask::select(side.is_zero(), outside, side.above(0.0));
+        }
+        let outward = Vector::select(outside, self.normal, -self.normal);
+        let (corners, uvs) = (vectors(&mesh.positions, &indices), corner_uvs(mesh, &indices));
+        let (basis, there) = tangent_basis(mesh, &indices, &corners, &uvs, &weights, outward);
+        let any = Basis::around(self.normal);
+        Basis {
+            tangent: Vector::select(there, basis.tangent, any.tangent),
+            bitangent: Vector::select(there, basis.bitangent, any.bitangent),
+            normal: self.normal,
+        }
+    }
+
+    #[inline(always)]
+    fn tangent_here(&self) -> Vector<L> {
+        self.tangent_frame().tangent
+    }
+
+    #[inline(always)]
+    fn bitangent_here(&self) -> Vector<L> {
+        self.tangent_frame().bitangent
+    }
+
+    #[inline(always)]
+    fn footprint_here(&self) -> Num<L> {
+        self.texture_footprint().width
+    }
+
+    #[inline(always)]
+    fn object_here(&self) -> Int<L> {
+        self.scene.objects.at(self.primitive)
+    }
+}
