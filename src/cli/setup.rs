@@ -3,7 +3,6 @@
 use super::args::{PolicyChoice, SceneArgs, TracerChoice, UnitArgs};
 use super::plugin_options::PluginOptions;
 use super::scene_file;
-use crate::bvh::Bvh;
 use crate::engine::{PreparedScene, UnitChoice, Units};
 use crate::scene::Scene;
 use crate::schedule::{Policy, Service, ServiceOptions, Sharing, Unit};
@@ -55,7 +54,7 @@ impl Setup {
         prepare(&mut scene)?;
         scene_file::warn_of_clamped_light(&scene);
         let triangles = scene.mesh.triangles.len();
-        let all = scene.bytes() + Bvh::building_bytes(triangles) + beside_bytes;
+        let all = PreparedScene::building_bytes(&scene) + beside_bytes;
         let what =
             format!("the tree of {triangles} triangles, with the scene and what else the command holds,");
         loading.afford(what, all)?;

@@ -76,6 +76,12 @@ pub struct PreparedScene {
 }
 
 impl PreparedScene {
+    /// Bytes that a scene and its tree take, at most, while the tree is built. Callers compare them with a budget of
+    /// memory beforehand.
+    pub fn building_bytes(scene: &Scene) -> u64 {
+        scene.bytes() + Bvh::building_bytes(scene.mesh.triangles.len())
+    }
+
     /// Checks the scene and builds the tree and the tracers. It is no error if a GPU cannot trace the scene: the CPU
     /// does its work, and [`PreparedScene::degraded`] gives the reason.
     ///

@@ -159,7 +159,7 @@ fn coordinates_must_be_finite_in_the_world() {
     }
     let mut document = Document::triangle();
     document.json["nodes"][0]["scale"] = json!([1.0e12, 1.0, 1.0]);
-    assert_holds(&document.message(), &["vertex 1", "(1e12, 0.0, 0.0)", "in the world"]);
+    assert_holds(&document.message(), &["vertex 1", "(1000000000000.0, 0.0, 0.0)", "in the world"]);
 }
 
 #[test]

@@ -35,7 +35,7 @@ use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-/// [`load_with`] the default options.
+/// [`load_with`] with the default options.
 ///
 /// # Errors
 /// As for [`load_with`].
