@@ -61,7 +61,7 @@ impl Setup {
         let load_s = started.elapsed().as_secs_f64();
 
         let started = Instant::now();
-        let prepared = PreparedScene::new(scene, &units)?;
+        let prepared = PreparedScene::new(scene, &units).with_context(|| path.display().to_string())?;
         let build_s = started.elapsed().as_secs_f64();
         match (&prepared.adapter, &prepared.degraded) {
             (Some(adapter), _) => log::info!("tracing on the CPU ({simd}) and on {adapter}"),
