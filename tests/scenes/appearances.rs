@@ -1,4 +1,4 @@
-//! Pictures of a scene with another appearance have the bytes of one that is prepared from nothing; the tree is the same.
+//! Pictures of a scene with another appearance have the bytes of one prepared from nothing; the tree is the same.
 
 use super::*;
 
