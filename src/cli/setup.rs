@@ -7,7 +7,7 @@ use crate::engine::{PreparedScene, UnitChoice, Units};
 use crate::scene::Scene;
 use crate::schedule::{Policy, Service, ServiceOptions, Sharing, Unit};
 use crate::trace::cpu::SimdLevel;
-use anyhow::{Result, ensure};
+use anyhow::{Context, Result, ensure};
 use std::path::Path;
 use std::time::Instant;
 
