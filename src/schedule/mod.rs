@@ -5,6 +5,7 @@
 //! [`Service`] is made once, with its threads; [`Service::submit`] takes jobs from any thread. `README.md` beside this
 //! file states the lists and the protocol, and proves that no thread gets stuck. `docs/glossary.md` explains the words.
 
+mod borrowed;
 mod caller;
 mod control;
 mod handle;
@@ -22,6 +23,7 @@ mod renderer;
 mod report;
 mod result;
 mod scene_id;
+mod scope;
 mod service;
 mod state;
 mod task;
@@ -45,4 +47,5 @@ pub use report::{
 };
 pub use result::JobError;
 pub use scene_id::SceneId;
+pub use scope::Scope;
 pub use service::{Service, ServiceError};

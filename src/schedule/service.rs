@@ -293,6 +293,9 @@ impl Inner {
     fn give_up(&self, why: &str) {
         let results = self.results.lock().unwrap_or_else(PoisonError::into_inner);
         let results: Vec<_> = results.iter().filter_map(Weak::upgrade).collect();
+        // A scope waits until the renderers that its jobs have borrowed are dropped.
+        let jobs = self.state.lock().unwrap_or_else(PoisonError::into_inner).abandon();
+        jobs.into_iter().for_each(drop_quietly);
         results.iter().for_each(|result| result.give_up(why));
         self.wakers.iter().for_each(Condvar::notify_one);
     }
@@ -372,5 +375,19 @@ mod tests {
         assert_eq!(job.wait(), Err(JobError::Broken("a bug".to_owned())));
         assert_eq!(submit().wait(), Err(JobError::Broken("it broke earlier".to_owned())));
         gated.open();
+    }
+
+    #[test]
+    fn a_scope_ends_when_the_scheduler_breaks() {
+        let service = Service::new(ServiceOptions { host_threads: 2, ..Default::default() }).unwrap();
+        let gated = Gated::new();
+        let broken = service.scope(|scope| {
+            let jobs = [0, 1].map(|_| scope.submit(&*gated, blind(), JobOptions::default()).unwrap());
+            wait_until(|| gated.spawned.load(Relaxed) > 0);
+            service.inner.change(|_, _| std::panic::resume_unwind(Box::new("a bug")));
+            gated.open();
+            jobs.map(|job| job.wait().unwrap_err())
+        });
+        assert_eq!(broken, [0, 1].map(|_| JobError::Broken("a bug".to_owned())));
     }
 }

@@ -244,6 +244,12 @@ impl State {
         self.effects.wake_all = true;
     }
 
+    /// All jobs, for a scheduler that is broken: no thread comes back to them.
+    pub fn abandon(&mut self) -> Vec<Submission> {
+        let jobs = std::mem::take(&mut self.jobs).into_iter().chain(std::mem::take(&mut self.waiting));
+        jobs.map(|job| job.submission).collect()
+    }
+
     /// What a thread without a task does next.
     pub fn next(&mut self, thread: usize, now_ns: u64) -> Next {
         assert!(self.threads[thread].task.is_none(), "a thread has one task at a time");

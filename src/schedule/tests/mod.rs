@@ -6,6 +6,7 @@ mod ledger;
 mod lifecycle;
 mod policy;
 mod queries;
+mod scope;
 mod simulator;
 mod steering;
 mod threads;
