@@ -4,6 +4,7 @@ pub mod adaptive;
 pub mod build;
 pub mod embree;
 pub mod frame;
+pub mod latency;
 pub mod meshes;
 pub mod noise;
 mod order;

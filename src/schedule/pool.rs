@@ -2,6 +2,7 @@
 
 use crate::stream::{Empty, RayStream};
 use std::any::Any;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 
 /// Empty streams of jobs that have ended, by the types of their payloads.
@@ -9,12 +10,12 @@ pub(super) struct Pool {
     /// A `Vec<RayStream<Empty, P, S>>` of each job, oldest first.
     entries: Mutex<Vec<Box<dyn Any + Send>>>,
     /// The most jobs whose streams are kept. The oldest entries are dropped first.
-    most: usize,
+    most: AtomicUsize,
 }
 
 impl Pool {
     pub fn new(most: usize) -> Self {
-        Self { entries: Mutex::default(), most }
+        Self { entries: Mutex::default(), most: AtomicUsize::new(most) }
     }
 
     /// Streams for a job; an empty vector if no job with these payload types has left any.
@@ -29,10 +30,16 @@ impl Pool {
     pub fn give<P: Send + 'static, S: Send + 'static>(&self, streams: Vec<RayStream<Empty, P, S>>) {
         let mut entries = self.entries.lock().unwrap_or_else(PoisonError::into_inner);
         entries.push(Box::new(streams));
-        let surplus = entries.len().saturating_sub(self.most);
+        let surplus = entries.len().saturating_sub(self.most.load(Ordering::Relaxed));
         let surplus: Vec<_> = entries.drain(..surplus).collect();
         drop(entries);
         drop(surplus);
+    }
+
+    /// Drops all streams that are kept, and keeps none from now on.
+    pub fn close(&self) {
+        self.most.store(0, Ordering::Relaxed);
+        self.clear();
     }
 
     /// Drops all streams that are kept.
@@ -64,6 +71,9 @@ mod tests {
         pool.give::<u32, u64>(vec![RayStream::new()]);
         assert_eq!(pool.take::<u32, u32>().len(), 0);
         pool.clear();
+        assert_eq!(pool.take::<u32, u64>().len(), 0);
+        pool.close();
+        pool.give::<u32, u64>(vec![RayStream::new()]);
         assert_eq!(pool.take::<u32, u64>().len(), 0);
     }
 }

@@ -254,6 +254,8 @@ impl Drop for Service {
                 drop_quietly(payload);
             }
         }
+        // Handles may live on.
+        self.inner.pool.close();
     }
 }
 

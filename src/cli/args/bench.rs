@@ -41,6 +41,9 @@ pub enum BenchCommand {
     /// Schedule tasks of one ray that do nothing, or sleep for a known time, on any number of threads: the scheduler's
     /// overhead for each task, and how it grows with the number of threads.
     Schedule(BenchScheduleArgs),
+    /// Ask ray queries of the service while it is idle and beside frames, at normal and at interactive priority: how
+    /// long they take, and what frames lose while an interactive client is registered.
+    Latency(BenchLatencyArgs),
     /// Measure the tables of Interactive Rendering with Coherent Ray Tracing: the triangle test in each layout of
     /// lanes, the visits that packets add, reflections and shadows, and time against the number of triangles.
     Tables(BenchTablesArgs),
@@ -258,6 +261,33 @@ pub struct BenchScheduleArgs {
     /// Write the results as JSON.
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
+}
+
+/// `raystream bench latency`.
+#[derive(Debug, Args)]
+pub struct BenchLatencyArgs {
+    /// Scene file.
+    pub scene: PathBuf,
+    /// Size of the frames in pixels.
+    #[arg(long, value_name = "WxH", default_value = "640x360", value_parser = size)]
+    pub size: (u32, u32),
+    /// Numbers of frames beside which queries are asked; four of them run at a time.
+    #[arg(long, value_name = "N,..", value_delimiter = ',', default_value = "0,1,4,8")]
+    #[arg(value_parser = value_parser!(u32).range(0..=64))]
+    pub frames: Vec<u32>,
+    /// Rays of a query.
+    #[arg(long, value_name = "N,..", value_delimiter = ',', default_value = "1,100,1000")]
+    #[arg(value_parser = value_parser!(u32).range(1..=100_000))]
+    pub rays: Vec<u32>,
+    /// Queries of each row.
+    #[arg(long, value_name = "N", default_value_t = 500, value_parser = value_parser!(u32).range(1..=1_000_000))]
+    pub queries: u32,
+    /// Rounds in which a frame's speed is measured.
+    #[arg(long, value_name = "N", default_value_t = 7, value_parser = rounds())]
+    pub rounds: u32,
+    /// Camera, light and units.
+    #[command(flatten)]
+    pub shot: ShotArgs,
 }
 
 /// `raystream bench tables`.

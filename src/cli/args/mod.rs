@@ -14,9 +14,9 @@ mod view;
 
 #[cfg(feature = "bench")]
 pub use bench::{
-    BenchAdaptiveArgs, BenchBuildArgs, BenchCommand, BenchFrameArgs, BenchNoiseArgs, BenchRaysArgs,
-    BenchScheduleArgs, BenchSmallArgs, BenchTablesArgs, BenchTailArgs, BenchTexturesArgs, EmbreeArgs,
-    PeerArgs, SceneView, ShotArgs,
+    BenchAdaptiveArgs, BenchBuildArgs, BenchCommand, BenchFrameArgs, BenchLatencyArgs, BenchNoiseArgs,
+    BenchRaysArgs, BenchScheduleArgs, BenchSmallArgs, BenchTablesArgs, BenchTailArgs, BenchTexturesArgs,
+    EmbreeArgs, PeerArgs, SceneView, ShotArgs,
 };
 pub use doctor::DoctorArgs;
 pub use frames::FramesArgs;

@@ -3,6 +3,7 @@
 mod adaptive;
 mod build;
 mod frame;
+mod latency;
 mod noise;
 mod peers;
 mod rays;
@@ -37,6 +38,7 @@ pub fn run(command: &BenchCommand) -> Result<Outcome> {
         BenchCommand::Textures(args) => textures::run(args).map(|()| Outcome::Done),
         BenchCommand::Adaptive(args) => adaptive::run(args).map(|()| Outcome::Done),
         BenchCommand::Noise(args) => noise::run(args).map(|()| Outcome::Done),
+        BenchCommand::Latency(args) => latency::run(args).map(|()| Outcome::Done),
         BenchCommand::Schedule(args) => schedule::run(args).map(|()| Outcome::Done),
         BenchCommand::Tables(args) => tables::run(args).map(|()| Outcome::Done),
     }
