@@ -6,9 +6,9 @@
 The page has a line `<!-- begin: NAME -->` and a line `<!-- end: NAME -->`; what stands between them is replaced by
 the command, the machine and the table. NAME's first word says which table: `rays` (`rays query`, `rays service` for
 these two), `contenders`, `threads`, `small`, `build`, `ladder`, `frame`, `tail`, `textures`, `adaptive`, `noise`,
-`profiles`, `schedule` or `rtrt`; further words only distinguish two blocks of a page. Tables over scenes take files
-of one machine and one build, with one scene or several in each. A scene is called what its file is called, or LABEL
-where there is one in the file.
+`profiles`, `schedule`, `latency` or `rtrt`; further words only distinguish two blocks of a page. Tables over scenes
+take files of one machine and one build, with one scene or several in each. A scene is called what its file is called,
+or LABEL where there is one in the file.
 
 --machine TEXT    names the machine where the file does not, or better than the file does
 --build COMMIT    the commit that was measured [default: the checkout's, with "changed" if it has changes]
@@ -101,6 +101,21 @@ PLAIN = {
         ("1 M, s", "build_s", 1, "{:.2f}"),
         ("closest, s", "closest_s", 1, "{:.2f}"),
         ("frame, s", "frame_s", 1, "{:.2f}"),
+    ],
+    "queries": [
+        ("query", "configuration", None, "{}"),
+        ("frames", "frames", None, "{}"),
+        ("rays", "rays", None, "{}"),
+        ("median, µs", "latency_us.p50", 1, "{:.1f}"),
+        ("p99, µs", "latency_us.p99", 1, "{:.1f}"),
+        ("slowest, µs", "latency_us.worst", 1, "{:.1f}"),
+    ],
+    "beside": [
+        ("a frame", "configuration", None, "{}"),
+        ("Mray/s", "mray_per_s.median", 1, "{:.2f}"),
+        ("best", "mray_per_s.best", 1, "{:.2f}"),
+        ("worst", "mray_per_s.worst", 1, "{:.2f}"),
+        ("loss", "loss", 100, "{:.1f} %"),
     ],
     "kernels": [
         ("a ray/triangle test (Table 1)", "kernel", None, "{}"),
@@ -310,7 +325,15 @@ def rtrt(rows, _):
     return "\n\n".join(plain(name, rows) for name, rows in parts.items() if rows)
 
 
+def latency(rows, _):
+    """Times of queries, then the speed of a frame beside an interactive client."""
+    parts = {"queries": "latency_us", "beside": "mray_per_s"}
+    parts = {name: [row for row in rows if key in row] for name, key in parts.items()}
+    return "\n\n".join(plain(name, rows) for name, rows in parts.items() if rows)
+
+
 OTHERS = {
+    "latency": latency,
     "rays": rays,
     "contenders": contenders,
     "threads": threads,

@@ -6,16 +6,18 @@
 //!    Its pointer is read only through `&self`, so never afterwards.
 //! 2. [`Loans::with`] neither returns nor unwinds before that count is 0. By then nothing more can be borrowed, since
 //!    the [`Loans`] cannot leave the closure. What has been borrowed lives at least as long: the closure works for any
-//!    `'scope`, so it cannot lend what it owns itself, and all else lives for `'env`, which contains the call.
+//!    `'scope`, so it cannot have its own borrowed, and all else lives for `'env`, which contains the call.
 //! 3. A [`Borrowed`] that is leaked is never dropped, so [`Loans::with`] waits for ever; it does not return early.
 #![allow(unsafe_code, reason = "the invariants above")]
 
 use super::{Batch, Output, Renderer};
-use crate::stream::Ray;
+use crate::stream::{Ray, drop_quietly};
 use bytemuck::Pod;
 use std::marker::PhantomData;
 use std::mem::transmute;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
 
 /// A renderer of some type, with its payloads.
 type AnyRenderer<'a, P, S> = dyn Renderer<Payload = P, ShadowPayload = S> + 'a;
@@ -32,6 +34,7 @@ impl Count {
         self.loans.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
+    /// Waits until nothing is borrowed.
     fn wait(&self) {
         let waited = self.returned.wait_while(self.lock(), |loans| *loans > 0);
         drop(waited.unwrap_or_else(PoisonError::into_inner));
@@ -46,16 +49,27 @@ pub(super) struct Loans<'scope, 'env: 'scope> {
 }
 
 impl<'env> Loans<'_, 'env> {
-    /// Calls `work` with a place to borrow renderers from; returns, or unwinds, when no job has any of them.
-    pub fn with<T>(work: impl for<'scope> FnOnce(&'scope Loans<'scope, 'env>) -> T) -> T {
-        struct Wait<'a>(&'a Count);
-        impl Drop for Wait<'_> {
+    /// Calls `work` with a place to borrow renderers from; returns, or unwinds, when no job has any of them. `help` is
+    /// what this thread may do until its first argument is true, or else its second, which naps.
+    pub fn with<T>(
+        help: impl Fn(&dyn Fn() -> bool, &dyn Fn(Duration)),
+        work: impl for<'scope> FnOnce(&'scope Loans<'scope, 'env>) -> T,
+    ) -> T {
+        struct Wait<'a, H: Fn(&dyn Fn() -> bool, &dyn Fn(Duration))>(&'a Count, H);
+        impl<H: Fn(&dyn Fn() -> bool, &dyn Fn(Duration))> Drop for Wait<'_, H> {
             fn drop(&mut self) {
-                self.0.wait();
+                // Foreign code may run here. Invariant 2 holds even if it panics.
+                let count = self.0;
+                let nap = |nap| drop(count.returned.wait_timeout(count.lock(), nap));
+                let help = AssertUnwindSafe(|| (self.1)(&|| *count.lock() == 0, &nap));
+                if let Err(payload) = catch_unwind(help) {
+                    drop_quietly(payload);
+                }
+                count.wait();
             }
         }
         let loans = Loans { count: Arc::default(), lifetimes: PhantomData };
-        let _wait = Wait(&loans.count);
+        let _wait = Wait(&loans.count, help);
         work(&loans)
     }
 }

@@ -55,6 +55,16 @@ impl JobControl {
         self.change(|state, id, now_ns| state.set_priority(id, priority, now_ns));
     }
 
+    /// Waits for the end of the job on a worker of the service's pool. Returns at once on other threads.
+    pub(super) fn help(&self, is_patient: impl Fn() -> bool) {
+        if let Some(workers) = &self.inner.workers {
+            let nap = |nap| {
+                self.result.wait_for(nap);
+            };
+            workers.wait_until(|| self.is_finished() || !is_patient(), nap);
+        }
+    }
+
     /// Whether the job has ended and its callbacks have been called.
     pub fn is_finished(&self) -> bool {
         self.result.is_delivered()

@@ -4,7 +4,7 @@ use super::report::{JobReport, Progress};
 use super::{JobControl, JobError, Priority};
 use std::pin::Pin;
 use std::task::{Context, Poll};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// A job's handle: the right to its result. Dropping it cancels the job, unless the job has ended or the handle is
 /// [detached](Self::detach). [`Self::control`] makes what steers the job from other threads.
@@ -72,7 +72,9 @@ impl JobHandle {
 
     /// Waits for at most `patience`; returns whether the job has ended.
     pub fn wait_for(&self, patience: Duration) -> bool {
-        self.control.result.wait_for(patience)
+        let began = Instant::now();
+        self.control.help(|| began.elapsed() < patience);
+        self.control.result.wait_for(patience.saturating_sub(began.elapsed()))
     }
 
     /// The job's result if the job has ended, without waiting; `None` before, and `None` once it has been returned.
@@ -89,6 +91,7 @@ impl JobHandle {
     /// # Panics
     /// If [`Self::try_wait`], or polling the handle, has returned the result.
     pub fn wait(self) -> Result<JobReport, JobError> {
+        self.control.help(|| true);
         self.control.result.wait().expect("a job's result is taken once")
     }
 }

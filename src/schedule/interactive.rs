@@ -12,8 +12,8 @@ pub struct InteractiveClient {
 }
 
 impl Service {
-    /// Registers an interactive client: somebody who is about to submit jobs or queries of
-    /// [`super::Priority::Interactive`] and waits for them. While one is registered, and while an interactive job
+    /// Registers an interactive client: a caller that is about to submit jobs or queries of
+    /// [`super::Priority::Interactive`] and wait for them. While one is registered, and while an interactive job
     /// runs, no task of a host thread takes much longer than half a millisecond. Frames are up to 5 % slower then.
     pub fn interactive(&self) -> InteractiveClient {
         let inner = Arc::clone(&self.inner);

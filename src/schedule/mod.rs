@@ -27,6 +27,7 @@ mod scope;
 mod service;
 mod state;
 mod task;
+mod workers;
 
 #[cfg(test)]
 mod tests;

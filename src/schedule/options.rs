@@ -2,6 +2,7 @@
 
 use super::{Policy, Priority, SceneId, Sharing, Unit};
 use crate::stream::{DeviceTracer, Tracer};
+use rayon::ThreadPool;
 use std::sync::Arc;
 
 /// How a [`super::Service`] is made.
@@ -15,7 +16,7 @@ use std::sync::Arc;
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct ServiceOptions {
-    /// Threads that spawn, shade and trace; at least 1.
+    /// Threads that spawn, shade and trace; at least 1. As many as there are workers with [`Self::rayon_pool`].
     pub host_threads: usize,
     /// Threads that wait for devices. 0 if no job will have a device.
     pub dispatch_threads: usize,
@@ -27,13 +28,23 @@ pub struct ServiceOptions {
     pub max_queries: usize,
     /// How threads are shared between jobs of the same priority.
     pub sharing: Sharing,
+    /// The pool whose workers are the host threads, instead of threads of the service's own
+    /// ([`Self::with_rayon_pool`]).
+    pub rayon_pool: Option<Arc<ThreadPool>>,
 }
 
 impl Default for ServiceOptions {
     /// A host thread for every hardware thread, RA's four dispatch threads, four jobs at the same time and 32 queries.
     fn default() -> Self {
         let host_threads = std::thread::available_parallelism().map_or(1, usize::from);
-        Self { host_threads, dispatch_threads: 4, max_jobs: 4, max_queries: 32, sharing: Sharing::Fair }
+        Self {
+            host_threads,
+            dispatch_threads: 4,
+            max_jobs: 4,
+            max_queries: 32,
+            sharing: Sharing::Fair,
+            rayon_pool: None,
+        }
     }
 }
 
@@ -61,6 +72,27 @@ impl ServiceOptions {
     /// Sets [`Self::sharing`].
     pub fn with_sharing(self, sharing: Sharing) -> Self {
         Self { sharing, ..self }
+    }
+
+    /// Makes the workers of a rayon pool the host threads, as many as there are. A process that builds trees or traces
+    /// with [`crate::query`] in the same pool has one set of busy threads then, not two:
+    ///
+    /// ```
+    /// use raystream::schedule::{Service, ServiceOptions};
+    /// use std::sync::Arc;
+    ///
+    /// let pool = rayon::ThreadPoolBuilder::new().num_threads(2).stack_size(16 << 20).build()?;
+    /// let pool = Arc::new(pool);
+    /// let service = Service::new(ServiceOptions::default().with_rayon_pool(Arc::clone(&pool)))?;
+    /// assert_eq!(service.host_threads(), 2);
+    /// // pool.install(|| Mesh::build(..)): a worker takes part in it as soon as it has done its task.
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
+    /// Workers are the pool's while the service has nothing for them to do, and between two tasks they do what else
+    /// waits in the pool. A worker may wait for a job of the service: it does tasks meanwhile.
+    pub fn with_rayon_pool(self, pool: Arc<ThreadPool>) -> Self {
+        Self { host_threads: pool.current_num_threads(), rayon_pool: Some(pool), ..self }
     }
 }
 

@@ -5,6 +5,7 @@ use super::{JobControl, JobHandle, JobOptions, LimitsError, Renderer, Service, T
 use std::fmt;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
 
 /// Submits jobs that borrow: see [`Service::scope`].
 pub struct Scope<'scope, 'env: 'scope> {
@@ -75,7 +76,12 @@ impl Service {
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
     pub fn scope<'env, T>(&'env self, work: impl for<'scope> FnOnce(&Scope<'scope, 'env>) -> T) -> T {
-        let result = Loans::with(|loans| {
+        let help = |is_over: &dyn Fn() -> bool, nap: &dyn Fn(Duration)| {
+            if let Some(workers) = &self.inner.workers {
+                workers.wait_until(is_over, nap);
+            }
+        };
+        let result = Loans::with(help, |loans| {
             let scope = Scope { service: self, loans, jobs: Mutex::default() };
             // Caught here, since the jobs would otherwise be waited for before they are cancelled.
             let result = catch_unwind(AssertUnwindSafe(|| work(&scope)));
@@ -94,7 +100,7 @@ impl<'scope> Scope<'scope, '_> {
     ///
     /// ```compile_fail,E0597
     /// # use raystream::schedule::*;
-    /// fn lends_what_it_owns<R: Renderer>(service: &Service, renderer: R, tracers: Tracers) {
+    /// fn borrows_its_own<R: Renderer>(service: &Service, renderer: R, tracers: Tracers) {
     ///     service.scope(|scope| {
     ///         let owned = renderer;
     ///         scope.submit(&owned, tracers, JobOptions::default()).unwrap().detach();

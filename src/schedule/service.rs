@@ -6,6 +6,7 @@ use super::pool::Pool;
 use super::result::ResultSlot;
 use super::state::{Effects, Next, Receiver, State, Submission};
 use super::task::{SharedJob, TaskSlot, Work};
+use super::workers::{Role, Workers, in_role};
 use super::{
     JobControl, JobHandle, JobOptions, Limits, LimitsError, Renderer, ServiceOptions, Tracers, Unit,
 };
@@ -89,6 +90,8 @@ pub(super) struct Inner {
     /// Of the jobs for which a thread may be waiting.
     results: Mutex<Vec<Weak<ResultSlot>>>,
     pub(super) hosts: usize,
+    /// The host threads, if they are a pool's workers.
+    pub(super) workers: Option<Workers>,
     epoch: Instant,
 }
 
@@ -113,8 +116,14 @@ impl Service {
             return Err(ServiceError::None(what));
         }
         let threads = host_threads + dispatch_threads;
-        let inner = Arc::new(Inner {
-            state: Mutex::new(State::new(&options)),
+        let mut state = State::new(&options);
+        if options.rayon_pool.is_some() {
+            // No worker has a seat before there is work.
+            (0..host_threads).for_each(|seat| drop(state.next(seat, 0)));
+        }
+        let inner = Arc::new_cyclic(|inner| Inner {
+            workers: options.rayon_pool.map(|pool| Workers::new(pool, Weak::clone(inner), host_threads)),
+            state: Mutex::new(state),
             wakers: (0..threads).map(|_| Condvar::new()).collect(),
             pool: Pool::new(max_jobs),
             results: Mutex::default(),
@@ -122,7 +131,8 @@ impl Service {
             epoch: Instant::now(),
         });
         let mut service = Self { inner, threads: Vec::with_capacity(threads) };
-        for index in 0..threads {
+        let first = if service.inner.workers.is_some() { host_threads } else { 0 };
+        for index in first..threads {
             let inner = Arc::clone(&service.inner);
             let name = match index.checked_sub(host_threads) {
                 None => format!("host {index}"),
@@ -254,6 +264,9 @@ impl Drop for Service {
                 drop_quietly(payload);
             }
         }
+        if let Some(workers) = &self.inner.workers {
+            workers.wait();
+        }
         // Handles may live on.
         self.inner.pool.close();
     }
@@ -307,9 +320,13 @@ impl Inner {
     fn apply(&self, effects: Effects) {
         let Effects { wake, wake_all, ended } = effects;
         if wake_all {
+            // Only when the service closes, which needs no worker to take a seat.
             self.wakers.iter().for_each(Condvar::notify_one);
         } else {
-            wake.into_iter().flatten().for_each(|thread| self.wakers[thread].notify_one());
+            wake.into_iter().flatten().for_each(|thread| match &self.workers {
+                Some(workers) if thread < self.hosts => workers.seat(thread),
+                _ => self.wakers[thread].notify_one(),
+            });
         }
         for ended in ended {
             let Submission { job, work, receiver, .. } = ended.submission;
@@ -327,6 +344,55 @@ impl Inner {
     fn serve(&self, thread: usize) {
         if let Err(payload) = catch_unwind(AssertUnwindSafe(|| self.work(thread))) {
             self.give_up(&panic_message(payload));
+        }
+    }
+
+    /// What a worker of a rayon pool does in a seat. Returns when there is no work, or when the worker cannot have the
+    /// seat.
+    pub fn serve_seat(&self, seat: usize) {
+        let role = Role::Seated(std::ptr::from_ref(self) as usize);
+        let serve =
+            AssertUnwindSafe(|| in_role(role, |former| self.sit(seat, former == role, former == Role::Free)));
+        if let Err(payload) = catch_unwind(serve) {
+            self.give_up(&panic_message(payload));
+        }
+    }
+
+    /// Does tasks in a seat: all that there are if the worker is `free`, else one, since the worker has something else
+    /// to come back to.
+    fn sit(&self, seat: usize, has_seat: bool, is_free: bool) -> Option<()> {
+        let workers = self.workers.as_ref()?;
+        if has_seat {
+            // This worker has another seat of this service, which it has left between two tasks: it goes back to that.
+            self.state.lock().ok()?.decline(seat, self.now_ns());
+            return None;
+        }
+        let mut scratch = workers.scratch(seat);
+        loop {
+            let mut state = self.state.lock().ok()?;
+            let next = state.next(seat, self.now_ns());
+            let effects = state.take_effects();
+            drop(state);
+            self.apply(effects);
+            let Next::Work(work) = next else { return None };
+            work.work(seat, &mut scratch);
+            drop(work);
+            let mut state = self.state.lock().ok()?;
+            state.finish(seat, self.now_ns());
+            state.pause(self.now_ns());
+            let effects = state.take_effects();
+            drop(state);
+            let has_woken = effects.wake[0].is_some();
+            self.apply(effects);
+            if !is_free {
+                drop(scratch);
+                workers.seat(seat);
+                return None;
+            }
+            // Another worker is to take the seat that has just been woken.
+            if !has_woken {
+                workers.yield_now();
+            }
         }
     }
 

@@ -270,6 +270,20 @@ impl State {
         next
     }
 
+    /// A thread that has finished its task does something else before it calls [`State::next`].
+    pub fn pause(&mut self, now_ns: u64) {
+        self.wake_for_work(now_ns);
+    }
+
+    /// A thread that has been woken cannot come; another that is awake, and is about to call [`State::next`], will wake
+    /// it again if there is work.
+    pub fn decline(&mut self, thread: usize, now_ns: u64) {
+        let kind = ThreadKind::of(thread, self.hosts) as usize;
+        self.waking[kind] -= usize::from(std::mem::take(&mut self.threads[thread].waking));
+        self.threads[thread].asleep_ns = Some(now_ns);
+        self.sleepers[kind].push(thread);
+    }
+
     /// Whether a suspended thread has not been woken yet.
     pub fn is_asleep(&self, thread: usize) -> bool {
         self.threads[thread].asleep_ns.is_some()
@@ -441,8 +455,14 @@ impl State {
         }
         for kind in [0, 1] {
             let work = !self.closing && self.choose(kind).is_some();
-            let lost = work && self.waking[kind] == 0 && !self.sleepers[kind].is_empty();
-            assert!(!lost, "while there is work and a thread sleeps, one is waking");
+            let comes = |(index, thread): (usize, &Thread)| {
+                ThreadKind::of(index, self.hosts) as usize == kind
+                    && thread.task.is_none()
+                    && thread.asleep_ns.is_none()
+            };
+            let none_comes = !self.threads.iter().enumerate().any(comes);
+            let lost = work && none_comes && !self.sleepers[kind].is_empty();
+            assert!(!lost, "while there is work and a thread sleeps, one is on its way to it");
             assert!(self.closing || self.waking[kind] <= 1, "and only one");
         }
     }

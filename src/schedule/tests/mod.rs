@@ -10,6 +10,7 @@ mod scope;
 mod simulator;
 mod steering;
 mod threads;
+mod workers;
 
 use super::{JobError, JobHandle, JobOptions, JobReport, Priority, Service, ServiceOptions};
 use ledger::Script;

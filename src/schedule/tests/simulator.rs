@@ -96,6 +96,8 @@ struct Simulation {
     scratch: ChunkScratch,
     /// Registered interactive clients.
     clients: usize,
+    /// Whether host threads are workers of a pool, which do other things between tasks.
+    in_pool: bool,
     tasks: usize,
 }
 
@@ -104,13 +106,14 @@ impl Simulation {
         let mut random = Random(mix(seed));
         let (hosts, dispatchers) = (random.range(1, 5), random.range(0, 3));
         let sharing = random.pick(&[Sharing::Fair, Sharing::FirstIn]);
-        Self {
+        let mut simulation = Self {
             state: State::new(&ServiceOptions {
                 host_threads: hosts,
                 dispatch_threads: dispatchers,
                 max_jobs: random.range(1, 3),
                 max_queries: random.range(1, 3),
                 sharing,
+                rayon_pool: None,
             }),
             pool: Pool::new(2),
             hosts,
@@ -119,9 +122,17 @@ impl Simulation {
             now_ns: 0,
             scratch: ChunkScratch::default(),
             clients: 0,
+            in_pool: random.one_in(3),
             random,
             tasks: 0,
+        };
+        if simulation.in_pool {
+            for host in 0..hosts {
+                drop(simulation.state.next(host, 0));
+                simulation.threads[host] = Status::Suspended { notified: false };
+            }
         }
+        simulation
     }
 
     fn submit(&mut self) {
@@ -181,7 +192,9 @@ impl Simulation {
     fn apply_effects(&mut self) {
         let effects = self.state.take_effects();
         let all = 0..if effects.wake_all { self.threads.len() } else { 0 };
-        for thread in effects.wake.into_iter().flatten().chain(all) {
+        // A pool's workers need not come to a service that closes.
+        let needed = |thread: &usize| !(effects.wake_all && self.in_pool && *thread < self.hosts);
+        for thread in effects.wake.into_iter().flatten().chain(all).filter(needed) {
             if let Status::Suspended { notified } = &mut self.threads[thread] {
                 *notified = true;
             }
@@ -207,6 +220,17 @@ impl Simulation {
             return false;
         }
         let thread = self.random.pick(&able);
+        let is_seat = self.in_pool && thread < self.hosts;
+        if is_seat && matches!(self.threads[thread], Status::Suspended { .. }) {
+            // The worker that was to take this seat may have one already, which it has left between two tasks.
+            let between = self.threads[..self.hosts].iter().any(|status| matches!(status, Status::Ready));
+            if between && self.random.one_in(2) {
+                self.state.decline(thread, self.now_ns);
+                self.threads[thread] = Status::Suspended { notified: false };
+                self.state.check();
+                return true;
+            }
+        }
         match std::mem::replace(&mut self.threads[thread], Status::Ready) {
             Status::Working { work, slowness } if !self.random.one_in(slowness) => {
                 self.threads[thread] = Status::Working { work, slowness };
@@ -217,6 +241,11 @@ impl Simulation {
                 drop(work);
                 self.state.finish(thread, self.now_ns);
                 self.tasks += 1;
+                if is_seat {
+                    self.state.pause(self.now_ns);
+                    self.apply_effects();
+                    return true;
+                }
             }
             Status::Ready | Status::Suspended { .. } => {}
             Status::Exited => unreachable!("threads that have exited make no step"),
@@ -287,7 +316,11 @@ impl Simulation {
         self.state.close(self.now_ns);
         self.apply_effects();
         while self.step() {}
-        assert!(self.threads.iter().all(|thread| matches!(thread, Status::Exited)), "every thread exits");
+        let seats = if self.in_pool { self.hosts } else { 0 };
+        let gone = |(index, status): (usize, &Status)| {
+            matches!(status, Status::Exited) || (index < seats && matches!(status, Status::Suspended { .. }))
+        };
+        assert!(self.threads.iter().enumerate().all(gone), "every thread exits");
         tally.tasks += self.tasks;
         self.cases.into_iter().for_each(|case| case.check(tally));
     }
