@@ -9,6 +9,28 @@ use std::sync::Arc;
 
 /// Steers a job: any number of clones, on any threads. Unlike [`super::JobHandle`] it does not own the job, so dropping
 /// it changes nothing. On a job that has ended its calls do nothing.
+///
+/// ```
+/// use raystream::schedule::{JobHandle, Priority};
+/// use std::time::Duration;
+///
+/// /// Reports progress from another thread, and lets other jobs go first after a minute.
+/// fn watch(job: &JobHandle) {
+///     let control = job.control();
+///     std::thread::spawn(move || {
+///         for second in 1.. {
+///             std::thread::sleep(Duration::from_secs(1));
+///             if control.is_finished() {
+///                 break;
+///             }
+///             println!("{:?}: {} tiles", control.name(), control.progress().tiles_done());
+///             if second == 60 {
+///                 control.set_priority(Priority::Background);
+///             }
+///         }
+///     });
+/// }
+/// ```
 #[derive(Clone)]
 pub struct JobControl {
     /// `None` if the calling thread did the job itself, or if the service broke before the job got an id.

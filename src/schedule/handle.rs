@@ -10,6 +10,22 @@ use std::time::{Duration, Instant};
 /// [detached](Self::detach). [`Self::control`] makes what steers the job from other threads.
 ///
 /// It is a future of the job's result, for any executor. Dropping the future cancels the job.
+///
+/// ```
+/// use raystream::schedule::{JobOptions, JobReport, Renderer, Service, Tracers};
+/// use std::error::Error;
+/// use std::sync::Arc;
+///
+/// async fn render<R: Renderer + 'static>(
+///     service: &Service,
+///     renderer: Arc<R>,
+///     tracers: Tracers,
+/// ) -> Result<JobReport, Box<dyn Error>> {
+///     let job = service.submit(renderer, tracers, JobOptions::default().with_name("left eye"))?;
+///     job.on_end(|outcome| println!("{}", if outcome.is_ok() { "done" } else { "failed" }));
+///     Ok(job.await?)
+/// }
+/// ```
 #[derive(Debug)]
 #[must_use = "dropping the handle cancels the job"]
 pub struct JobHandle {

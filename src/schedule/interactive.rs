@@ -15,6 +15,19 @@ impl Service {
     /// Registers an interactive client: a caller that is about to submit jobs or queries of
     /// [`super::Priority::Interactive`] and wait for them. While one is registered, and while an interactive job
     /// runs, no task of a host thread takes much longer than half a millisecond. Frames are up to 5 % slower then.
+    ///
+    /// ```
+    /// use raystream::schedule::{JobOptions, Priority, Service, Tracers};
+    /// use raystream::stream::Ray;
+    ///
+    /// /// The primitives that a user points at, while frames are rendered.
+    /// fn pick(service: &Service, tracers: &Tracers, pointer: impl Iterator<Item = Ray>) -> Vec<u32> {
+    ///     let _client = service.interactive();
+    ///     let options = JobOptions::default().with_priority(Priority::Interactive);
+    ///     let ask = |ray: Ray| service.closest(tracers.clone(), [ray].into(), options.clone()).ok()?.wait().ok();
+    ///     pointer.filter_map(ask).map(|(hits, _)| hits[0].primitive).collect()
+    /// }
+    /// ```
     pub fn interactive(&self) -> InteractiveClient {
         let inner = Arc::clone(&self.inner);
         inner.change(|state, _| state.register(true));

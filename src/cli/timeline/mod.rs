@@ -89,7 +89,10 @@ fn name(kind: TaskKind) -> &'static str {
 /// Thread names: kind and number within the kind.
 pub fn thread_names(threads: &[ThreadReport]) -> Vec<String> {
     let hosts = threads.iter().filter(|t| t.kind == ThreadKind::Host).count();
-    (0..threads.len())
-        .map(|i| if i < hosts { format!("host {i}") } else { format!("dispatch {}", i - hosts) })
-        .collect()
+    let name = |(index, thread): (usize, &ThreadReport)| match thread.kind {
+        ThreadKind::Host => format!("host {index}"),
+        ThreadKind::Dispatch => format!("dispatch {}", index - hosts),
+        ThreadKind::Caller => "caller".to_owned(),
+    };
+    threads.iter().enumerate().map(name).collect()
 }
