@@ -55,6 +55,21 @@ fn scheduling_is_measured_with_more_threads_than_cores() {
 }
 
 #[test]
+fn queries_are_measured_beside_frames() {
+    let folder = folder();
+    let scene = shipped("cornell.json");
+    let args = ["--size", "64x48", "--frames", "0,5", "--rays", "1,600", "--queries", "4", "--rounds", "1"];
+    let text =
+        run(folder.path(), &[&["bench", "latency", &scene, "--json", "l.json"][..], &args].concat(), 0);
+    assert!(text.contains("interactive, by threads"), "{text}");
+    let report = json(&folder.path().join("l.json"));
+    let rows = report["rows"].as_array().expect("rows");
+    let times: Vec<_> = rows.iter().filter_map(|row| row["latency_us"]["p99"].as_f64()).collect();
+    assert!(times.len() == 2 * 2 * 4 && times.iter().all(|&us| us > 0.0));
+    assert!(rows.last().is_some_and(|row| row["loss"].as_f64() < Some(1.0)));
+}
+
+#[test]
 fn the_error_of_pictures_is_measured_beside_their_time() {
     let folder = folder();
     let scene = shipped("cornell.json");

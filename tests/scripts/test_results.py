@@ -54,6 +54,16 @@ class Results(unittest.TestCase):
         self.assertIn("raystream bench build glass.json --embree EMBREE.so\n", page)
         self.assertIn("| glass | 50.0 | 100.0 | 0.50 | 10.0 | 40.0 | 80.0 | 0.50 | 5.0 |", page)
 
+    def test_latencies_stand_above_what_a_frame_loses(self):
+        query = {"configuration": "interactive", "frames": 4, "rays": 1, "latency_us": {"p50": 1.5, "p99": 3, "worst": 9}}
+        spread = {"median": 10.0, "best": 11.0, "worst": 9.0}
+        beside = {"configuration": "frame, a client registered", "frames": 1, "mray_per_s": spread, "loss": 0.032}
+        sheet = self.sheet("bench latency cornell.json", query, beside)
+        run, page = self.write(PAGE.replace("schedule", "latency"), sheet, "latency")
+        self.assertEqual(run.returncode, 0, run.stderr)
+        self.assertIn("| interactive | 4 | 1 | 1.5 | 3.0 | 9.0 |", page)
+        self.assertIn("| frame, a client registered | 10.00 | 11.00 | 9.00 | 3.2 % |", page)
+
     def test_rays_have_ratios_means_and_leasts(self):
         row = lambda scene, simd, speed, ratio: {
             "scene": scene, "kind": "bounce", "unit": "raystream", "simd": simd, "order": "rows",
