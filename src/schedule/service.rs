@@ -367,7 +367,6 @@ impl Inner {
             self.state.lock().ok()?.decline(seat, self.now_ns());
             return None;
         }
-        let mut scratch = workers.scratch(seat);
         loop {
             let mut state = self.state.lock().ok()?;
             let next = state.next(seat, self.now_ns());
@@ -375,25 +374,42 @@ impl Inner {
             drop(state);
             self.apply(effects);
             let Next::Work(work) = next else { return None };
-            work.work(seat, &mut scratch);
-            drop(work);
-            let mut state = self.state.lock().ok()?;
-            state.finish(seat, self.now_ns());
-            state.pause(self.now_ns());
-            let effects = state.take_effects();
-            drop(state);
-            let has_woken = effects.wake[0].is_some();
-            self.apply(effects);
+            let has_woken = self.do_work(workers, seat, work)?;
             if !is_free {
-                drop(scratch);
                 workers.seat(seat);
                 return None;
             }
             // Another worker is to take the seat that has just been woken.
             if !has_woken {
-                workers.yield_now();
+                workers.pause(seat);
             }
         }
+    }
+
+    /// Does one task in a seat that this worker has left, if there is one.
+    pub fn do_task(&self, seat: usize) -> Option<()> {
+        let workers = self.workers.as_ref()?;
+        let mut state = self.state.lock().ok()?;
+        let work = state.try_next(seat, self.now_ns());
+        let effects = state.take_effects();
+        drop(state);
+        self.apply(effects);
+        let role = Role::Seated(std::ptr::from_ref(self) as usize);
+        in_role(role, |_| self.do_work(workers, seat, work?)).map(|_| ())
+    }
+
+    /// Does a seat's task; tells whether that has woken another seat.
+    fn do_work(&self, workers: &Workers, seat: usize, work: Arc<dyn Work>) -> Option<bool> {
+        work.work(seat, &mut workers.scratch(seat));
+        drop(work);
+        let mut state = self.state.lock().ok()?;
+        state.finish(seat, self.now_ns());
+        state.pause(self.now_ns());
+        let effects = state.take_effects();
+        drop(state);
+        let has_woken = effects.wake[0].is_some();
+        self.apply(effects);
+        Some(has_woken)
     }
 
     /// Returns when the service closes or is broken.

@@ -275,6 +275,15 @@ impl State {
         self.wake_for_work(now_ns);
     }
 
+    /// As [`State::next`] for a thread that stays awake: `None` if there is no task for it now.
+    pub fn try_next(&mut self, thread: usize, now_ns: u64) -> Option<Arc<dyn Work>> {
+        let kind = ThreadKind::of(thread, self.hosts) as usize;
+        let choice = self.choose(kind).filter(|_| !self.closing)?;
+        let work = self.start(thread, choice, now_ns);
+        self.wake_for_work(now_ns);
+        Some(work)
+    }
+
     /// A thread that has been woken cannot come; another that is awake, and is about to call [`State::next`], will wake
     /// it again if there is work.
     pub fn decline(&mut self, thread: usize, now_ns: u64) {

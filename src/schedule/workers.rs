@@ -7,7 +7,7 @@
 use super::service::Inner;
 use crate::stream::ChunkScratch;
 use rayon::{ThreadPool, Yield};
-use std::cell::Cell;
+use std::cell::{Cell, RefCell};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError, Weak};
 use std::time::Duration;
 
@@ -27,6 +27,8 @@ pub(super) enum Role {
 
 thread_local! {
     static ROLE: Cell<Role> = const { Cell::new(Role::Free) };
+    /// The seats, with the addresses of their services, that this worker has left to do something else.
+    static PAUSED: RefCell<Vec<(usize, usize)>> = const { RefCell::new(Vec::new()) };
 }
 
 /// Does something in a role, unless it panics in the former one again.
@@ -76,18 +78,32 @@ impl Workers {
         self.scratch[seat].lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Does something else that waits in the pool, if there is anything.
-    pub fn yield_now(&self) -> bool {
-        self.pool.yield_now() == Some(Yield::Executed)
+    /// Leaves a seat for a while to do something else that waits in the pool, if there is anything.
+    pub fn pause(&self, seat: usize) {
+        struct Resume;
+        impl Drop for Resume {
+            fn drop(&mut self) {
+                PAUSED.with_borrow_mut(Vec::pop);
+            }
+        }
+        PAUSED.with_borrow_mut(|paused| paused.push((self.service(), seat)));
+        let _resume = Resume;
+        self.pool.yield_now();
     }
 
-    /// Waits until `is_over`, which `nap` waits for a short while, if this is a worker of the pool. Others may wait as
-    /// they like: `None`.
+    /// Waits until `is_over`, which `nap` waits for a short while, if this is a worker of the pool: meanwhile it does
+    /// tasks of the service, in a seat that it has left, and what else waits in the pool. Others may wait as they like:
+    /// `None`.
     pub fn wait_until(&self, is_over: impl Fn() -> bool, nap: impl Fn(Duration)) -> Option<()> {
         self.pool.current_thread_index()?;
+        let service = self.service();
+        let seats = PAUSED.with_borrow(|paused| paused.clone());
+        let seat = seats.into_iter().find(|&(of, _)| of == service).map(|(_, seat)| seat);
         in_role(Role::Waiting, |_| {
             while !is_over() {
-                if !self.yield_now() {
+                let inner = self.inner.upgrade();
+                let worked = seat.zip(inner).is_some_and(|(seat, inner)| inner.do_task(seat).is_some());
+                if !worked && self.pool.yield_now() != Some(Yield::Executed) {
                     nap(NAP);
                 }
             }
@@ -97,13 +113,21 @@ impl Workers {
 
     /// Waits until no worker has a seat but, if it has one, this.
     pub fn wait(&self) {
-        let own = usize::from(ROLE.get() == Role::Seated(self.inner.as_ptr() as usize));
+        let is_own = |&&(service, _): &&(usize, usize)| service == self.service();
+        let paused = PAUSED.with_borrow(|paused| paused.iter().filter(is_own).count());
+        // A renderer that drops its service runs in a seat too.
+        let own = paused.max(usize::from(ROLE.get() == Role::Seated(self.service())));
         let nap = |nap| drop(self.left.wait_timeout(self.taken(), nap));
         let waited = self.wait_until(|| *self.taken() <= own, nap);
         if waited.is_none() {
             let waited = self.left.wait_while(self.taken(), |taken| *taken > own);
             drop(waited.unwrap_or_else(PoisonError::into_inner));
         }
+    }
+
+    /// The service's address, which tells it from others.
+    fn service(&self) -> usize {
+        self.inner.as_ptr() as usize
     }
 
     fn taken(&self) -> MutexGuard<'_, usize> {

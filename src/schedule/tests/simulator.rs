@@ -231,7 +231,9 @@ impl Simulation {
                 return true;
             }
         }
-        match std::mem::replace(&mut self.threads[thread], Status::Ready) {
+        let status = std::mem::replace(&mut self.threads[thread], Status::Ready);
+        let is_ready = matches!(status, Status::Ready);
+        match status {
             Status::Working { work, slowness } if !self.random.one_in(slowness) => {
                 self.threads[thread] = Status::Working { work, slowness };
                 return true;
@@ -251,6 +253,14 @@ impl Simulation {
             Status::Exited => unreachable!("threads that have exited make no step"),
         }
         assert!(!self.state.is_asleep(thread), "only threads that have been woken go on");
+        if is_seat && is_ready && self.random.one_in(4) {
+            // Its worker waits for a job.
+            let work = self.state.try_next(thread, self.now_ns);
+            let slowness = self.random.pick(&[1, 3]);
+            self.threads[thread] = work.map_or(Status::Ready, |work| Status::Working { work, slowness });
+            self.apply_effects();
+            return true;
+        }
         self.threads[thread] = match self.state.next(thread, self.now_ns) {
             Next::Work(work) => Status::Working { work, slowness: self.random.pick(&[1, 1, 3, 40]) },
             Next::Sleep => Status::Suspended { notified: false },
