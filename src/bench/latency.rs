@@ -211,7 +211,7 @@ mod tests {
         let file = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/cornell.json");
         let scene = Arc::new(load::load(file.as_ref()).expect("our own scene"));
         let camera = scene.camera.expect("it has a camera");
-        let prepared = PreparedScene::new(scene, &Units::cpu());
+        let prepared = PreparedScene::new(scene, &Units::cpu()).expect("a valid scene");
         let service =
             Service::new(ServiceOptions::default().with_host_threads(2).with_max_jobs(1)).expect("threads");
         let settings = Settings { width: 64, height: 64, spp: 4096, max_bounces: 4, seed: 1 };

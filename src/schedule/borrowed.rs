@@ -10,7 +10,7 @@
 //! 3. A [`Borrowed`] that is leaked is never dropped, so [`Loans::with`] waits for ever; it does not return early.
 #![allow(unsafe_code, reason = "the invariants above")]
 
-use super::{Batch, Output, Renderer};
+use super::{Batch, Output, Renderer, SceneId};
 use crate::stream::{Ray, drop_quietly};
 use bytemuck::Pod;
 use std::marker::PhantomData;
@@ -137,6 +137,10 @@ impl<P: Pod + Send + Sync, S: Pod + Send + Sync> Renderer for Borrowed<P, S> {
 
     fn shade(&self, batch: Batch<'_, P>, out: &mut Output<'_, P, S>) {
         self.renderer().shade(batch, out);
+    }
+
+    fn scene_id(&self) -> Option<SceneId> {
+        self.renderer().scene_id()
     }
 
     fn depth(&self, payload: &P) -> u32 {

@@ -73,7 +73,10 @@ impl Sequence {
         let random = &mut self.random;
         let host = Arc::new(Blind::new(random, &self.live));
         let device = random.one_in(2).then(|| Arc::new(Device::new(random, &self.live)) as _);
-        Tracers { device, unit: random.pick(&[Unit::Cpu, Unit::Gpu, Unit::Hybrid]), ..Tracers::cpu(host) }
+        let mut tracers = Tracers::cpu(host);
+        tracers.device = device;
+        tracers.unit = random.pick(&[Unit::Cpu, Unit::Gpu, Unit::Hybrid]);
+        tracers
     }
 
     fn options(&mut self) -> JobOptions {

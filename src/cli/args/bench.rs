@@ -61,6 +61,7 @@ impl BenchCommand {
             Self::Textures(args) => vec![&args.scene],
             Self::Adaptive(args) => vec![&args.scene],
             Self::Noise(args) => vec![&args.scene],
+            Self::Latency(args) => vec![&args.scene],
             Self::Schedule(_) => Vec::new(),
             Self::Tables(args) => vec![&args.scene],
         }
@@ -77,6 +78,7 @@ impl BenchCommand {
             Self::Textures(args) => &args.shot.json,
             Self::Adaptive(args) => &args.shot.json,
             Self::Noise(args) => &args.shot.json,
+            Self::Latency(args) => &args.shot.json,
             Self::Schedule(args) => &args.json,
             Self::Tables(args) => &args.json,
         };

@@ -28,23 +28,33 @@ pub fn run(args: &BenchLatencyArgs) -> Result<()> {
     // As many clients have it; the command line's own service runs the oldest job first.
     let service = Service::new(ServiceOptions::default().with_host_threads(setup.service.host_threads()))?;
     let rows = Bench { prepared: &setup.prepared, service: &service, options: &options }.run()?;
-    println!(
+    stdout_line!(
         "{:<27} {:>6} {:>7} {:>10} {:>10} {:>10}",
-        "query", "rays", "frames", "p50 us", "p99 us", "worst us"
+        "query",
+        "rays",
+        "frames",
+        "p50 us",
+        "p99 us",
+        "worst us"
     );
     for row in &rows {
         if let (Some(rays), Some(times)) = (row.rays, row.latency_us) {
             let (name, frames) = (row.configuration, row.frames);
-            println!(
+            stdout_line!(
                 "{name:<27} {rays:>6} {frames:>7} {:>10.1} {:>10.1} {:>10.1}",
-                times.p50, times.p99, times.worst
+                times.p50,
+                times.p99,
+                times.worst
             );
         }
         if let Some(rate) = row.mray_per_s {
             let loss = row.loss.map_or_else(String::new, |loss| format!(", {:.1} % slower", 100.0 * loss));
-            println!(
+            stdout_line!(
                 "{:<27} {:>8.2} Mray/s ({:.2} to {:.2}){loss}",
-                row.configuration, rate.median, rate.worst, rate.best
+                row.configuration,
+                rate.median,
+                rate.worst,
+                rate.best
             );
         }
     }
