@@ -90,7 +90,7 @@ impl Sequence {
             .with_policy(random.one_in(3).then(|| random.pick(&Policy::ALL)))
             .with_timeline(random.one_in(3));
         if random.one_in(2) {
-            options = options.with_threshold(random.pick(&[1, 40, 1000]));
+            options = options.with_threshold(random.pick(&[20, 40, 1000]));
         }
         if random.one_in(3) {
             options = options.with_in_flight(random.pick(&[1, 300, 5000]));
