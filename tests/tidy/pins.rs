@@ -22,6 +22,8 @@ pub const PINS: &[(&str, Value)] = &[
     ("and the fewest otherwise (RA: {n})", Is(|| JobOptions::default().chunk_rays as f64)),
     ("RA's {n} dispatch threads", Is(|| ServiceOptions::default().dispatch_threads as f64)),
     ("dispatch threads, {n} jobs", Is(|| ServiceOptions::default().max_jobs as f64)),
+    ("at the same time and {n} queries", Is(|| ServiceOptions::default().max_queries as f64)),
+    ("queries of at most {n} rays are traced by the caller", Is(|| JobOptions::default().caller_rays as f64)),
     ("Chunks have {n} rays while the job has a device", Is(|| JobOptions::default().chunk_rays as f64)),
     ("same size, from {n} rays up to", Is(|| JobOptions::default().chunk_rays as f64)),
     ("same size, from 1024 rays up to {n}.", Is(|| JobOptions::default().chunk_rays_most as f64)),
