@@ -8,6 +8,7 @@
 //!    the [`Loans`] cannot leave the closure. What has been borrowed lives at least as long: the closure works for any
 //!    `'scope`, so it cannot have its own borrowed, and all else lives for `'env`, which contains the call.
 //! 3. A [`Borrowed`] that is leaked is never dropped, so [`Loans::with`] waits for ever; it does not return early.
+//! 4. A [`Borrowed`] uses its pointer as a shared reference to a renderer, which is `Sync`.
 #![allow(unsafe_code, reason = "the invariants above")]
 
 use super::{Batch, Output, Renderer, SceneId};
@@ -92,9 +93,9 @@ pub(super) struct Borrowed<P: Pod, S: Pod> {
     count: Arc<Count>,
 }
 
-// SAFETY: it is used as a `&AnyRenderer`, which may be sent and shared since a renderer is `Sync`.
+// SAFETY: invariant 4.
 unsafe impl<P: Pod, S: Pod> Send for Borrowed<P, S> {}
-// SAFETY: as above.
+// SAFETY: invariant 4.
 unsafe impl<P: Pod, S: Pod> Sync for Borrowed<P, S> {}
 
 impl<P: Pod, S: Pod> Borrowed<P, S> {
