@@ -85,7 +85,7 @@ const PAUSE: Duration = Duration::from_micros(2300);
 const ROUND: Duration = Duration::from_millis(500);
 
 /// A prepared scene and the service that traces it.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 pub struct Bench<'a> {
     /// The scene with its tree and tracers.
     pub prepared: &'a PreparedScene,
