@@ -62,7 +62,7 @@ pub struct PassOptions {
 /// let recipe = Recipe::parse(r#"{ "environment": [1, 1, 1], "materials": { "grey": { "colour": [0.5, 0.5, 0.5] } },
 ///     "shapes": [ { "shape": "sphere", "centre": [0, 0, 0], "radius": 1, "cells": 8, "material": "grey" } ] }"#)?;
 /// let prepared = PreparedScene::new(recipe.build()?, &Units::cpu())?;
-/// let service = Service::new(ServiceOptions { max_jobs: PASSES_IN_FLIGHT, ..Default::default() })?;
+/// let service = Service::new(ServiceOptions::default().with_max_jobs(PASSES_IN_FLIGHT))?;
 /// let camera = Camera::framing(&prepared.scene.bounds(), 1.0);
 /// let settings = Settings { width: 32, height: 32, spp: 64, max_bounces: 2, seed: 0 };
 /// let path = PathTracer::new(prepared.scene.clone(), &camera, settings, None)?;
