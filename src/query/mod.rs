@@ -46,7 +46,7 @@
 mod mesh;
 mod nearest;
 mod shares;
-#[cfg(all(test, feature = "bench"))]
+#[cfg(test)]
 mod tests;
 mod tree_tracers;
 mod world;

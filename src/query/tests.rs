@@ -3,7 +3,6 @@
 use super::nearest::nearest_point;
 use super::tree_tracers::TreeTracers;
 use super::*;
-use crate::bench::meshes;
 use crate::bvh::Bvh;
 use crate::geom::mix;
 use crate::trace::cpu::{Oracle, SimdLevel};
@@ -20,7 +19,7 @@ fn point(i: u32) -> Vec3 {
 }
 
 fn rays(count: usize) -> Vec<Ray> {
-    let at = |i: u32| 40.0 * signed(i);
+    let at = |i: u32| 70.0 * signed(i);
     let ray =
         |i: u32| Ray::between(Vec3::new(at(3 * i), 30.0, at(3 * i + 1)), Vec3::new(at(3 * i + 2), -9.0, 0.0));
     (0..count as u32).map(ray).collect()
@@ -30,14 +29,25 @@ fn pool(threads: usize) -> rayon::ThreadPool {
     rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool")
 }
 
-fn terrain(edge: u32) -> Mesh {
-    let (positions, triangles) = meshes::terrain(edge);
+/// Hills of twice `edge * edge` triangles around the origin.
+fn hills(edge: u32) -> (Vec<Vec3>, Vec<[u32; 3]>) {
+    let at = |i: u32| 80.0 * i as f32 / edge as f32 - 40.0;
+    let corner = |i: u32| Vec3::new(at(i % (edge + 1)), 2.0 * signed(i), at(i / (edge + 1)));
+    let square = |i: u32| {
+        let a = i / edge * (edge + 1) + i % edge;
+        [[a, a + 1, a + edge + 1], [a + edge + 1, a + 1, a + edge + 2]]
+    };
+    ((0..(edge + 1) * (edge + 1)).map(corner).collect(), (0..edge * edge).flat_map(square).collect())
+}
+
+fn hilly(edge: u32) -> Mesh {
+    let (positions, triangles) = hills(edge);
     Mesh::build(&positions, &triangles).expect("sound")
 }
 
 #[test]
 fn answers_are_those_of_the_oracle_on_any_pool() {
-    let mesh = terrain(40);
+    let mesh = hilly(40);
     let rays = rays(9000);
     let hits: Vec<Hit> = rays.iter().map(|ray| mesh.tracer().oracle().closest_one(ray)).collect();
     assert!(hits.iter().filter(|hit| !hit.is_miss()).count() > 4000);
@@ -52,7 +62,7 @@ fn answers_are_those_of_the_oracle_on_any_pool() {
 
 #[test]
 fn calls_of_any_number_of_rays_have_the_same_answers_at_every_level() {
-    let bvh = terrain(40).bvh().clone();
+    let bvh = hilly(40).bvh().clone();
     let (oracle, all) = (Oracle::new(bvh.clone(), None), rays(1500));
     let expected: Vec<Hit> = all.iter().map(|ray| oracle.closest_one(ray)).collect();
     for level in SimdLevel::available() {
@@ -73,7 +83,7 @@ fn calls_of_any_number_of_rays_have_the_same_answers_at_every_level() {
 
 #[test]
 fn a_few_rays_wake_no_thread() {
-    let mesh = terrain(20);
+    let mesh = hilly(20);
     let rays = rays(1024);
     let caller = std::thread::current().id();
     let on_caller = |_: usize, _: &Hit| {
@@ -86,7 +96,7 @@ fn a_few_rays_wake_no_thread() {
 
 #[test]
 fn a_refit_moves_the_mesh_but_not_its_clones() {
-    let (mut positions, triangles) = meshes::terrain(20);
+    let (mut positions, triangles) = hills(20);
     let mut mesh = Mesh::build(&positions, &triangles).expect("sound");
     let before = mesh.clone();
     let down = [Ray::new(Vec3::new(0.3, 90.0, 0.4), -Vec3::Y)];
@@ -176,7 +186,7 @@ fn a_function_that_knows_ray_and_hit_decides() {
 
 #[test]
 fn a_function_that_decides_may_trace_and_may_panic() {
-    let mesh = terrain(30);
+    let mesh = hilly(30);
     let rays = rays(3000);
     let hits = mesh.closest(&rays);
     let (closest, all) = (|i: usize| mesh.closest(&rays[i..i + 1])[0], |i: usize| mesh.closest(&rays[i..]));
@@ -253,7 +263,7 @@ fn nearest_points_are_those_of_brute_force() {
 fn instances(count: u32) -> Vec<(Mesh, Affine3A)> {
     let (positions, triangles) = coincident(20);
     let none = Mesh::build(&positions, &[]).expect("sound");
-    let meshes = [Mesh::build(&positions, &triangles).expect("sound"), none, terrain(10)];
+    let meshes = [Mesh::build(&positions, &triangles).expect("sound"), none, hilly(10)];
     (0..count).map(|i| (meshes[i as usize % 3].clone(), transform(i))).collect()
 }
 
