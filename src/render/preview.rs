@@ -5,9 +5,10 @@ use crate::schedule::JobControl;
 use std::fmt;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 
-/// Shows a frame that [`super::Progressive`] renders, and stops it, from any thread and at any time. A picture is the sum of complete
-/// passes, never of a part of one, and takes its mean over the samples of these passes. It is therefore as bright as
-/// the finished picture, unlike the film of a job that still runs, in which camera rays count before they are shaded.
+/// Shows a frame that [`super::Progressive`] renders, and stops it, from any thread and at any time. A picture is the
+/// sum of complete passes, never of a part of one, and takes its mean over the samples of these passes. It is therefore
+/// as bright as the finished picture, unlike the film of a job that still runs, in which camera rays count before they
+/// are shaded.
 ///
 /// ```no_run
 /// # use raystream::render::{Integrator, Progressive};

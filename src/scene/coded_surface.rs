@@ -137,7 +137,7 @@ impl Scene {
     }
 
     /// The error that names a material and those that the scene has.
-    pub fn no_such_material(&self, name: &str) -> NoSuchMaterial {
+    pub(crate) fn no_such_material(&self, name: &str) -> NoSuchMaterial {
         let there = self.materials.iter().map(|material| material.name.clone()).collect();
         NoSuchMaterial { name: name.to_owned(), there }
     }
