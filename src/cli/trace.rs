@@ -7,11 +7,15 @@ use super::outputs::Outputs;
 use super::setup::Setup;
 use super::stats::{self, SCHEMA, TraceStats, Units};
 use crate::meters::Spread;
+use crate::scene::Scene;
 use crate::schedule::{JobOptions, JobReport};
 use crate::stream::{Hit, Ray};
 use crate::trace::cpu::is_traceable;
 use anyhow::{Context, Result};
 use std::sync::Arc;
+
+/// Bytes of a ray with its hit, as answered and as written.
+const BYTES_PER_RAY: u64 = (size_of::<Ray>() + 3 * size_of::<Hit>()) as u64;
 
 /// Traces the rays of a file and writes their hits.
 pub fn run(args: &TraceArgs) -> Result<Outcome> {
@@ -22,8 +26,9 @@ pub fn run(args: &TraceArgs) -> Result<Outcome> {
     )?;
     let rays: Arc<[_]> = read_rays(&args.rays, &args.loading)?.into();
     let untraceable_rays = count_untraceable(args, &rays);
-    let setup =
-        Setup::new(&args.scene, &args.loading, 0, &args.units, 1, |scene| outputs.check_files_of(scene))?;
+    let check_files = |scene: &mut Scene| outputs.check_files_of(scene);
+    let rays_bytes = BYTES_PER_RAY * rays.len() as u64;
+    let setup = Setup::new(&args.scene, &args.loading, rays_bytes, &args.units, 1, check_files)?;
     let mut rates = Vec::new();
     let mut units = Units::default();
     let mut events: Vec<String> = setup.prepared.degraded.iter().cloned().collect();
