@@ -64,6 +64,17 @@ write_image(Path::new("picture.png"), &image, &Look::default())?;
 //! `cli`, `bench`, `gpu` and `nvml` are on by default. A user of ray queries writes
 //! `raystream = { default-features = false, features = ["query"] }`.
 //!
+//! # Profiles
+//! Cargo compiles dependencies without optimisation unless the user says otherwise. raystream then works, on threads of
+//! 2 MB too, and warns once: it takes about a hundred times as long. Two lines in the user's `Cargo.toml` cure it:
+//!
+//! ```toml
+//! [profile.dev.package.raystream]
+//! opt-level = 3
+//! ```
+//!
+//! With `panic = "abort"` panics of wgpu cannot be caught: a GPU is then used only if it is requested.
+//!
 //! # Versions
 //! What these pages show follows semantic versioning. Modules that they do not show (`bvh`, `trace`, `bench`,
 //! `meters`) may change in any release. [`glam`] and [`bytemuck`] are part of the interface: a release that raises
@@ -73,13 +84,13 @@ write_image(Path::new("picture.png"), &image, &Look::default())?;
 
 pub use {bytemuck, glam};
 
-pub mod build_profile;
 #[cfg(feature = "formats")]
 #[cfg_attr(not(feature = "unstable"), doc(hidden))]
 pub mod files;
 pub mod lanes;
 #[cfg(feature = "render")]
 pub mod memory;
+pub mod profile;
 #[cfg(feature = "render")]
 mod sync;
 

@@ -51,8 +51,8 @@ pub use primitive_ids::PrimitiveIds;
 pub use validate::BvhError;
 pub use wide_tree::{WideNode, WideTree};
 
-use crate::build_profile;
 use crate::geom::Aabb;
+use crate::profile;
 use binary_tree::BinaryTree;
 use collapse_plan::Costs;
 use glam::Vec3;
@@ -88,7 +88,7 @@ impl Bvh {
     /// If [`GeometryError::check`] refuses the arguments: an index is out of range, a coordinate exceeds
     /// [`crate::geom::MAX_COORDINATE`] or is NaN, or there are more than 130 million triangles.
     pub fn build(positions: &[Vec3], triangles: &[[u32; 3]], masked: impl Fn(u32) -> bool + Sync) -> Self {
-        build_profile::warn_if_unoptimised();
+        profile::warn_if_unoptimised();
         if let Err(error) = GeometryError::check(positions, triangles) {
             panic!("{error}");
         }

@@ -1,7 +1,7 @@
 //! The units of this machine: opened once and shared by all scenes.
 
-use crate::build_profile;
 use crate::bvh::{Bvh, Filter};
+use crate::profile;
 use crate::schedule::Unit;
 use crate::stream::{DeviceTracer, Tracer};
 #[cfg(feature = "gpu")]
@@ -174,12 +174,12 @@ impl Units {
         let gpu = match choice.unit {
             Some(Unit::Cpu) => Gpus::NotRequested,
             None if choice.adapter.is_none() && ABORTS => {
-                WARNED_OF_ABORT.call_once(|| build_profile::warn(NO_GPU_UNASKED));
+                WARNED_OF_ABORT.call_once(|| profile::warn(NO_GPU_UNASKED));
                 Gpus::NotRequested
             }
             _ => {
                 if ABORTS {
-                    WARNED_OF_ABORT.call_once(|| build_profile::warn(GPU_MAY_ABORT));
+                    WARNED_OF_ABORT.call_once(|| profile::warn(GPU_MAY_ABORT));
                 }
                 open_gpu(choice)?
             }

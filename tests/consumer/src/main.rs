@@ -8,8 +8,8 @@ mod frames;
 mod queries;
 mod surfaces;
 
-use raystream::build_profile::OPT_LEVEL;
 use raystream::lanes::SimdLevel;
+use raystream::profile::OPT_LEVEL;
 use serde_json::{Value, json};
 use std::error::Error;
 use std::path::PathBuf;

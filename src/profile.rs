@@ -2,7 +2,7 @@
 //!
 //! Cargo ignores the profiles of dependencies, so in a user's `cargo run` and `cargo test` raystream is compiled
 //! without optimisation unless the user's manifest says otherwise. Everything works in such a build, about a hundred
-//! times slower: vector instructions are then calls of functions. The first tree or service of the process warns.
+//! times slower: vector instructions are then calls of functions. The first tree of the process warns.
 //! `docs/results/profiles.md` has the times.
 
 use std::sync::Once;
