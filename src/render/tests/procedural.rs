@@ -45,6 +45,24 @@ fn floor(sky: f32) -> Scene {
 #[derive(Debug)]
 struct Glow(f32);
 
+/// The finish of [`Glow`] without its light.
+#[derive(Debug)]
+struct Soot;
+
+impl Procedural for Soot {
+    #[inline(always)]
+    fn finish<L: Lanes>(&self, points: &Points<L>) -> Finish<L> {
+        Finish { colour: Vector::zero(points.lanes()), ..Finish::matte(points) }
+    }
+}
+
+/// A material of soot that emits light of constant radiance.
+fn shining_soot(scene: &mut Scene, radiance: f32) -> u32 {
+    let soot = coded(scene, Soot);
+    scene.materials[soot as usize].emission = shining(radiance, 0.0).emission;
+    soot
+}
+
 impl Procedural for Glow {
     #[inline(always)]
     fn finish<L: Lanes>(&self, points: &Points<L>) -> Finish<L> {
@@ -65,13 +83,13 @@ fn computed_light_is_that_of_a_constant_emission_to_the_last_bounce() {
     };
     for sky in [0.0, 0.3] {
         let (mut constant, mut computed) = (floor(sky), floor(sky));
-        let lamp = add_material(&mut constant, shining(2.0, 0.0));
+        let lamp = shining_soot(&mut constant, 2.0);
         panel(&mut constant, lamp);
         // More than the bound is clamped to it.
         let (mut clamped, mut bright) = (floor(sky), floor(sky));
         let glow = coded(&mut clamped, Glow(7.0));
         panel(&mut clamped, glow);
-        let lamp = add_material(&mut bright, shining(3.0, 0.0));
+        let lamp = shining_soot(&mut bright, 3.0);
         panel(&mut bright, lamp);
         let glow = coded(&mut computed, Glow(2.0));
         panel(&mut computed, glow);
@@ -145,12 +163,12 @@ fn rays_pass_as_if_the_surface_were_not_there() {
         for max_bounces in [0, 2] {
             let settings = Settings { max_bounces, ..SETTINGS };
             let (expected, what) = (mean(&open, settings), format!("{max_bounces} bounces, sky {sky}"));
-            assert_near(mean(&gone, settings), expected, 0.02, &what);
+            assert_near(mean(&gone, settings), expected, 0.03, &what);
             assert!(mean(&closed, settings).cmplt(expected * 0.9).all(), "the sheet matters");
             if max_bounces == 0 && sky == 0.0 {
                 // No path crosses the sheet twice.
                 let expected = (expected + mean(&closed, settings)) * 0.5;
-                assert_near(mean(&half, settings), expected, 0.02, &what);
+                assert_near(mean(&half, settings), expected, 0.03, &what);
             }
         }
     }

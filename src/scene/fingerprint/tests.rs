@@ -5,8 +5,8 @@ use crate::lanes::Lanes;
 use crate::scene::{
     Alpha, AlphaMode, Anisotropy, Averaging, Channel, Coat, Coats, Colour, ColourSpace, Emission,
     Environment, EnvironmentMap, Finish, Iridescence, Light, LightShape, Material, Medium, Mesh, Mipmap, Mix,
-    NormalMap, Points, Principled, Procedural, ProceduralSurface, Scalar, Scene, Sheen, Surface, Texture,
-    TextureRef, Wrap,
+    NormalMap, Object, Points, Principled, Procedural, ProceduralSurface, Scalar, Scene, Sheen, Surface,
+    Texture, TextureRef, Wrap,
 };
 use glam::{Vec2, Vec3, Vec4};
 use std::collections::BTreeMap;
@@ -312,9 +312,27 @@ fn the_fingerprint_of_a_scene_is_pinned() {
 /// Changes one thing of a scene.
 type Change = fn(&mut Scene);
 
+/// Gives all triangles to an object of this name.
+fn own(scene: &mut Scene, name: &str) {
+    let object = scene.objects.add(Object::new(name));
+    scene.objects.assign(0, object);
+}
+
+#[test]
+fn objects_count_where_user_code_may_look_at_them_but_their_names_do_not() {
+    let [mut one, mut other] = [scene(), scene()];
+    own(&mut one, "one");
+    own(&mut other, "other");
+    assert_eq!(one.fingerprint(), other.fingerprint());
+    let mut plain = scene();
+    plain.procedurals.clear();
+    one.procedurals.clear();
+    assert_eq!(one.fingerprint(), plain.fingerprint());
+}
+
 #[test]
 fn the_fingerprint_depends_on_each_part_of_a_scene() {
-    let changes: [(&str, Change); 9] = [
+    let changes: [(&str, Change); 10] = [
         ("nothing changed", |_| ()),
         ("mesh", |scene| scene.mesh.triangles[0].swap(0, 1)),
         ("materials", |scene| scene.materials.push(Material::fallback())),
@@ -324,6 +342,7 @@ fn the_fingerprint_depends_on_each_part_of_a_scene() {
         ("lights", |scene| scene.lights.clear()),
         ("environment", |scene| scene.environment = Environment::default()),
         ("one procedural less", |scene| scene.procedurals.clear()),
+        ("objects", |scene| own(scene, "all")),
     ];
     let scenes = changes.map(|(name, change)| {
         let mut scene = scene();
