@@ -1,5 +1,5 @@
-//! `raystream bench latency`: how long ray queries through the service take, while it is idle and beside frames, and what
-//! frames lose while an interactive client is registered.
+//! `raystream bench latency`: how long ray queries through the service take, while it is idle and beside frames, and
+//! what frames lose while an interactive client is registered.
 
 use super::frame::FrameError;
 use super::{Kind, Order, Spread, Workload};

@@ -74,8 +74,8 @@ impl JobHandle {
     }
 
     /// Calls `callback` once with the job's result: when the job has ended, or at once if it has. It is called on one
-    /// of the service's threads, before [`Self::wait`] returns; so it should be short, and must not wait for this job. A
-    /// panic in it is caught. It is dropped without a call if the result has been taken ([`Self::try_wait`]).
+    /// of the service's threads, before [`Self::wait`] returns; so it should be short, and must not wait for this job.
+    /// A panic in it is caught. It is dropped without a call if the result has been taken ([`Self::try_wait`]).
     pub fn on_end(&self, callback: impl FnOnce(&Result<JobReport, JobError>) + Send + 'static) {
         self.control.result.on_end(Box::new(callback));
     }

@@ -1,5 +1,5 @@
-//! Random sequences of calls to the service: jobs and queries that are submitted, steered, awaited, dropped, forgotten or
-//! abandoned with their service, with plug-ins that lie, panic and die. Nothing may abort, hang or leak.
+//! Random sequences of calls to the service: jobs and queries that are submitted, steered, awaited, dropped, forgotten
+//! or abandoned with their service, with plug-ins that lie, panic and die. Nothing may abort, hang or leak.
 //!
 //! Runs `RAYSTREAM_SERVICE_SEQUENCES` sequences (default 1500). A failure names its seed; `RAYSTREAM_SERVICE_SEED` runs
 //! that alone.
