@@ -1,7 +1,10 @@
 //! Each invalid scene is refused with its own message, and jobs of other scenes are refused.
 
 use super::*;
-use raystream::scene::{MeshError, SceneError, ScenePart};
+use raystream::lanes::Lanes;
+use raystream::scene::{
+    Effects, Finish, MeshError, Points, Procedural, ProceduralSurface, SceneError, ScenePart,
+};
 use raystream::schedule::{LimitsError, Tracers};
 
 /// The message with which a damaged scene is refused.
@@ -195,4 +198,39 @@ fn jobs_of_other_scenes_are_refused() {
     one.submit(&service, Arc::new(seen), JobOptions::default()).expect("its own").wait().expect("a picture");
     let anonymous = Tracers::cpu(other.tracers.host.clone());
     service.submit(path, anonymous, JobOptions::default()).expect("any scene").cancel();
+}
+
+/// A surface that declares a bound of its emission.
+#[derive(Debug)]
+struct Glow(f32);
+
+impl Procedural for Glow {
+    fn effects(&self) -> Effects {
+        let mut effects = Effects::default();
+        effects.emission_bound = self.0;
+        effects
+    }
+
+    #[inline(always)]
+    fn finish<L: Lanes>(&self, points: &Points<L>) -> Finish<L> {
+        Finish::matte(points)
+    }
+}
+
+#[test]
+fn effects_of_procedural_surfaces_are_checked() {
+    let glow = |bound: f32| {
+        move |s: &mut Scene| {
+            s.procedurals.push(ProceduralSurface::new(Glow(bound)));
+            s.materials[7].surface = Surface::Procedural(0);
+        }
+    };
+    for bound in [f32::NAN, f32::INFINITY, -1.0] {
+        let message = refused(glow(bound));
+        let part = format!("material 7 (\"leaf\"): the bound of its computed emission is {bound}");
+        assert!(message.contains(&part), "{message}");
+    }
+    let mut scene = everything();
+    glow(2.0)(&mut scene);
+    assert_eq!(scene.validate(), Ok(()));
 }

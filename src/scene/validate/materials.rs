@@ -2,8 +2,8 @@
 
 use super::{FINITE, INDEX_OF_REFRACTION, POSITIVE, Range, SHARE, SceneError, ScenePart};
 use crate::scene::{
-    Alpha, AlphaMode, Anisotropy, Coat, Colour, Emission, Iridescence, Material, Medium, NormalMap,
-    Principled, Scalar, Scene, Sheen, Surface, TextureRef,
+    Alpha, AlphaMode, Anisotropy, Coat, Colour, Effects, Emission, Iridescence, Material, Medium, NormalMap,
+    Principled, Scalar, Scene, Sheen, Surface, TextureRef, Transmission,
 };
 
 impl Scene {
@@ -48,7 +48,10 @@ impl Scene {
                 SHARE.check(part, "its transmittance", transmittance.to_array())
             }
             Surface::Principled(surface) => self.check_principled(part, surface),
-            Surface::Procedural(i) => index("procedural surface", *i, self.procedurals.len()),
+            Surface::Procedural(i) => {
+                index("procedural surface", *i, self.procedurals.len())?;
+                check_effects(part, *self.procedurals[*i as usize].effects())
+            }
             Surface::Scattering(i) => index("scattering surface", *i, self.scatterings.len()),
             Surface::Mix(i) => index("mix", *i, self.mixes.len()),
         }
@@ -170,5 +173,15 @@ impl Scene {
             return Ok(());
         }
         Err(SceneError::Index { part: part.clone(), field, kind, index, count })
+    }
+}
+
+/// Checks what a procedural surface declares.
+fn check_effects(part: &ScenePart, effects: Effects) -> Result<(), SceneError> {
+    let Effects { emission_bound, has_opacity: _, has_normals: _, transmission } = effects;
+    POSITIVE.check(part, "the bound of its computed emission", [emission_bound])?;
+    match transmission {
+        Some(Transmission::Body { ior }) => INDEX_OF_REFRACTION.check(part, "its index of refraction", [ior]),
+        Some(Transmission::ThinWall) | None => Ok(()),
     }
 }
