@@ -142,7 +142,7 @@ mod tests {
         let render = |ball: &str| {
             let prepared = PreparedScene::new(scene(ball), &Units::cpu()).expect("valid");
             let camera = prepared.scene.camera.expect("has one");
-            let settings = Settings { width: 48, height: 48, spp: 1, max_bounces: 4, seed: 0 };
+            let settings = Settings::new(48, 48).with_spp(1).with_max_bounces(4);
             let adaptive =
                 Recursion::new(Adaptive { least: 0.01 }, prepared.scene.clone(), &camera, settings);
             let frame = Arc::new(adaptive.expect("valid settings"));

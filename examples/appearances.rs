@@ -59,7 +59,7 @@ fn main() -> Result<()> {
     let scene = std::env::args().nth(1).unwrap_or_else(|| "scenes/showcase.json".into());
     let scene = Arc::new(load::load(Path::new(&scene))?);
     let units = Units::cpu();
-    let settings = Settings { width: 1280, height: 720, spp: 16, max_bounces: 8, seed: 0 };
+    let settings = Settings::new(1280, 720).with_spp(16).with_max_bounces(8);
     let camera = scene.camera.unwrap_or_else(|| Camera::framing(&scene.bounds(), 16.0 / 9.0));
     println!("{} triangles, {} materials", scene.mesh.triangles.len(), scene.materials.len());
     println!("{:<36} {:>8} {:>8} {:>8}", "ms", "median", "best", "worst");
@@ -85,7 +85,7 @@ fn main() -> Result<()> {
         };
         row(name, milliseconds(frame).context(name)?);
     }
-    let turned = Camera { fov_degrees: 0.5 * camera.fov_degrees, ..camera };
+    let turned = camera.with_fov(0.5 * camera.fov_degrees);
     row("another camera", milliseconds(|| Ok(path.seen_by(&turned)?))?);
     Ok(())
 }

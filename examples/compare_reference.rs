@@ -76,15 +76,13 @@ fn compare(folder: &Path, reference: &Reference, service: &Service) -> Result<bo
         emission.two_sided = false;
     }
     let prepared = PreparedScene::new(Arc::new(scene), &Units::cpu())?;
-    let camera = Camera {
-        eye: Vec3::new(278.0, 273.0, -800.0),
-        target: Vec3::new(278.0, 273.0, 0.0),
-        up: Vec3::Y,
-        fov_degrees: 39.3,
-    };
+    let camera = Camera::new(Vec3::new(278.0, 273.0, -800.0), Vec3::new(278.0, 273.0, 0.0)).with_fov(39.3);
     let render = |seed: u64, spp: u32| -> Result<Blocks, Box<dyn Error>> {
         let (width, height) = (SIZE as u32, SIZE as u32);
-        let settings = Settings { width, height, spp, max_bounces: reference.max_bounces, seed };
+        let settings = Settings::new(width, height)
+            .with_spp(spp)
+            .with_max_bounces(reference.max_bounces)
+            .with_seed(seed);
         let path = Arc::new(PathTracer::new(prepared.scene.clone(), &camera, settings, None)?);
         service.submit(path.clone(), prepared.tracers.clone(), JobOptions::default())?.wait()?;
         Ok(blocks(&path.film().resolve()))

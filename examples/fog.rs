@@ -57,7 +57,7 @@ mod tests {
         let scene = Arc::new(recipe.and_then(|recipe| recipe.build()).expect("a scene"));
         let prepared = PreparedScene::new(scene, &Units::cpu()).expect("a valid scene");
         let camera = prepared.scene.camera.expect("has one");
-        let settings = Settings { width: 48, height: 32, spp: 16, max_bounces: 0, seed: 0 };
+        let settings = Settings::new(48, 32).with_spp(16).with_max_bounces(0);
         let service = Service::new(ServiceOptions::default()).expect("threads");
         let picture = |density| {
             let fog =

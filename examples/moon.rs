@@ -84,7 +84,7 @@ fn render(scene: Scene, settings: Settings) -> Result<Image> {
     let frame = Arc::new(PathTracer::new(prepared.scene.clone(), &camera, settings, None)?);
     let service = Service::new(ServiceOptions::default())?;
     service.submit(frame.clone(), prepared.tracers.clone(), JobOptions::default())?.wait()?;
-    Ok(Image { width: settings.width, height: settings.height, pixels: frame.film().resolve() })
+    Ok(Image::new(settings.width, settings.height, frame.film().resolve()))
 }
 
 fn main() -> Result<()> {
@@ -93,7 +93,7 @@ fn main() -> Result<()> {
     let size = arguments.next().unwrap_or_else(|| "640x320".into());
     let spp = arguments.next().map_or(Ok(64), |n| n.parse()).context("SPP is a number")?;
     let (width, height) = size.split_once('x').context("the size is WIDTHxHEIGHT")?;
-    let settings = Settings { width: width.parse()?, height: height.parse()?, spp, max_bounces: 2, seed: 0 };
+    let settings = Settings::new(width.parse()?, height.parse()?).with_spp(spp).with_max_bounces(2);
     write_image(Path::new(&output), &render(moons(256)?, settings)?, &Look::default())?;
     println!("{output}");
     Ok(())
@@ -105,7 +105,7 @@ mod tests {
 
     #[test]
     fn dust_is_as_bright_at_the_rim_as_in_the_middle_and_plaster_is_not() {
-        let settings = Settings { width: 100, height: 50, spp: 16, max_bounces: 0, seed: 0 };
+        let settings = Settings::new(100, 50).with_spp(16).with_max_bounces(0);
         let mut scene = moons(64).expect("a scene");
         scene.scatterings[0] = ScatteringSurface::new(Dust { light: 0.88, dark: 0.88 });
         let image = render(scene, settings).expect("a picture");

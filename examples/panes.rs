@@ -125,7 +125,7 @@ mod tests {
         let camera = prepared.scene.camera.expect("has one");
         let service = Service::new(ServiceOptions::default()).expect("threads");
         let middle = |max_bounces| {
-            let settings = Settings { width: 33, height: 33, spp: 1, max_bounces, seed: 0 };
+            let settings = Settings::new(33, 33).with_spp(1).with_max_bounces(max_bounces);
             let panes =
                 HitShading::of(Panes, prepared.scene.clone(), &camera, settings).expect("valid settings");
             let panes = Arc::new(panes);

@@ -115,7 +115,7 @@ mod tests {
         let camera = prepared.scene.camera.expect("has one");
         let service = Service::new(ServiceOptions::default().with_host_threads(2)).expect("threads");
         let picture = |max_bounces: u32| {
-            let settings = Settings { width: 64, height: 64, spp: 4, max_bounces, seed: 0 };
+            let settings = Settings::new(64, 64).with_spp(4).with_max_bounces(max_bounces);
             let shader = Reflections::around(&camera);
             let frame =
                 Arc::new(Recursion::new(shader, prepared.scene.clone(), &camera, settings).expect("valid"));

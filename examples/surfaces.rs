@@ -210,7 +210,7 @@ fn render(scene: Scene, settings: Settings) -> Result<Image> {
     let frame = Arc::new(PathTracer::new(prepared.scene.clone(), &camera, settings, Some(3))?);
     let service = Service::new(ServiceOptions::default())?;
     service.submit(frame.clone(), prepared.tracers.clone(), JobOptions::default())?.wait()?;
-    Ok(Image { width: settings.width, height: settings.height, pixels: frame.film().resolve() })
+    Ok(Image::new(settings.width, settings.height, frame.film().resolve()))
 }
 
 fn main() -> Result<()> {
@@ -219,7 +219,7 @@ fn main() -> Result<()> {
     let size = arguments.next().unwrap_or_else(|| "640x360".into());
     let spp = arguments.next().map_or(Ok(64), |n| n.parse()).context("SPP is a number")?;
     let (width, height) = size.split_once('x').context("the size is WIDTHxHEIGHT")?;
-    let settings = Settings { width: width.parse()?, height: height.parse()?, spp, max_bounces: 6, seed: 0 };
+    let settings = Settings::new(width.parse()?, height.parse()?).with_spp(spp).with_max_bounces(6);
     write_image(Path::new(&output), &render(scene()?, settings)?, &Look::default())?;
     println!("{output}");
     Ok(())
@@ -231,7 +231,7 @@ mod tests {
 
     #[test]
     fn each_surface_shows() {
-        let settings = Settings { width: 96, height: 54, spp: 32, max_bounces: 3, seed: 0 };
+        let settings = Settings::new(96, 54).with_spp(32).with_max_bounces(3);
         let picture = |scene: Scene| render(scene, settings).expect("a picture").pixels;
         let whole = picture(scene().expect("a scene"));
         for name in ["lava", "paper", "glass", "studs", "sign"] {

@@ -134,7 +134,7 @@ fn render(prepared: &PreparedScene, settings: Settings, simd: SimdLevel) -> Resu
     let frame = Arc::new(frame);
     let service = Service::new(ServiceOptions::default())?;
     let report = service.submit(frame.clone(), prepared.tracers.clone(), JobOptions::default())?.wait()?;
-    let image = Image { width, height, pixels: frame.film().resolve() };
+    let image = Image::new(width, height, frame.film().resolve());
     let busy_s: f64 = report.threads.iter().map(|thread| thread.busy_s).sum();
     let mray_per_s = report.rays.total() as f64 / report.wall_s / 1e6;
     Ok((image, Speed { mray_per_s, shading_s: busy_s - report.cpu.busy_s }))
@@ -154,7 +154,7 @@ fn main() -> Result<()> {
     }
     carve(&mut scene, 180.0);
     let prepared = PreparedScene::new(scene, &Units::cpu())?;
-    let settings = Settings { width, height, spp, max_bounces: 3, seed: 0 };
+    let settings = Settings::new(width, height).with_spp(spp).with_max_bounces(3);
     let simd = SimdLevel::detect();
     let (image, fast) = render(&prepared, settings, simd)?;
     write_image(Path::new(&output), &image, &Look::default())?;
@@ -187,7 +187,7 @@ mod tests {
         let mut scene = recipe.and_then(|recipe| recipe.build()).expect("a scene");
         carve(&mut scene, 3.0);
         let prepared = PreparedScene::new(scene, &Units::cpu()).expect("valid");
-        let settings = Settings { width: 48, height: 40, spp: 4, max_bounces: 2, seed: 0 };
+        let settings = Settings::new(48, 40).with_spp(4).with_max_bounces(2);
         let pictures: Vec<Image> = SimdLevel::available()
             .into_iter()
             .map(|simd| render(&prepared, settings, simd).expect("a picture").0)

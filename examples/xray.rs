@@ -72,7 +72,7 @@ mod tests {
         let scene = Arc::new(recipe.and_then(|recipe| recipe.build()).expect("a scene"));
         let prepared = PreparedScene::new(scene, &Units::cpu()).expect("a valid scene");
         let camera = prepared.scene.camera.expect("has one");
-        let settings = Settings { width: 60, height: 30, spp: 4, max_bounces: 8, seed: 0 };
+        let settings = Settings::new(60, 30).with_spp(4).with_max_bounces(8);
         let xray = PerRay::shading(XRay { absorption: 1.0 }, prepared.scene.clone(), &camera, settings);
         let xray = Arc::new(xray.expect("valid settings"));
         let service = Service::new(ServiceOptions::default()).expect("threads");

@@ -63,7 +63,9 @@ fn main() -> Result<()> {
     let bounds = prepared.scene.bounds();
     let base =
         prepared.scene.camera.unwrap_or_else(|| Camera::framing(&bounds, width as f32 / height as f32));
-    let camera = Camera { eye: eye.unwrap_or(base.eye), target: target.unwrap_or(base.target), ..base };
+    let mut camera = base;
+    camera.eye = eye.unwrap_or(base.eye);
+    camera.target = target.unwrap_or(base.target);
     let workload =
         Workload::new(&prepared.scene, &prepared.bvh, &*prepared.tracers.host, &camera, (width, height))?;
     let kinds = [Kind::Camera, Kind::Bounce, Kind::ShuffledBounce, Kind::SoftShadow];

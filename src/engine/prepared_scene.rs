@@ -22,22 +22,13 @@ use std::sync::{Arc, OnceLock};
 /// use raystream::scene::{Camera, Environment, Material, Mesh, Scene};
 /// use raystream::schedule::{JobOptions, Service, ServiceOptions};
 ///
-/// let mesh = Mesh {
-///     positions: vec![Vec3::ZERO, Vec3::X, Vec3::Y],
-///     triangles: vec![[0, 1, 2]],
-///     materials: vec![0],
-///     ..Mesh::default()
-/// };
-/// let scene = Scene {
-///     mesh: mesh.into(),
-///     materials: vec![Material::matte("paper", Vec3::splat(0.8))],
-///     environment: Environment::Constant(Vec3::ONE),
-///     ..Scene::default()
-/// };
+/// let mesh = Mesh::new(vec![Vec3::ZERO, Vec3::X, Vec3::Y], vec![[0, 1, 2]]);
+/// let mut scene = Scene::new(mesh, vec![Material::matte("paper", Vec3::splat(0.8))]);
+/// scene.environment = Environment::Constant(Vec3::ONE);
 /// let camera = Camera::framing(&scene.bounds(), 1.0);
 /// let prepared = PreparedScene::new(scene, &Units::cpu())?;
 /// let service = Service::new(ServiceOptions::default())?;
-/// let settings = Settings { width: 32, height: 32, spp: 4, max_bounces: 2, seed: 1 };
+/// let settings = Settings::new(32, 32).with_spp(4).with_max_bounces(2).with_seed(1);
 ///
 /// let white = prepared.path(&camera, settings)?;
 /// prepared.submit(&service, white, JobOptions::default())?.wait()?;

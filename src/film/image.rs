@@ -4,6 +4,7 @@ use xxhash_rust::xxh3::Xxh3;
 
 /// A picture of linear Rec. 709 radiance, row major, first row on top.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Image {
     /// Width in pixels.
     pub width: u32,

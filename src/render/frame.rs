@@ -20,6 +20,7 @@ const LEAST_SHARE: f32 = 1.0 / 8.0;
 
 /// The settings of a picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct Settings {
     /// Columns.
     pub width: u32,

@@ -24,6 +24,7 @@ const DARK: f64 = 0.05;
 
 /// Options of passes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[non_exhaustive]
 pub struct PassOptions {
     /// Relative standard error of the whole picture at which the frame ends: that of a pixel's luminance by the mean
     /// of its block of [`super::BLOCK`]² pixels, root mean square over the picture. It ends earlier where blocks have
@@ -32,6 +33,18 @@ pub struct PassOptions {
     /// Approximate duration of a pass. Without it, and without `noise`, one pass takes all samples, and a [`Preview`]
     /// shows nothing before the end. It does not change the picture.
     pub pass_time: Option<Duration>,
+}
+
+impl PassOptions {
+    /// These options with a noise to end at.
+    pub const fn with_noise(self, noise: f32) -> Self {
+        Self { noise: Some(noise), ..self }
+    }
+
+    /// These options with passes of about this duration.
+    pub const fn with_pass_time(self, pass_time: Duration) -> Self {
+        Self { pass_time: Some(pass_time), ..self }
+    }
 }
 
 /// A frame rendered in passes. Each pass has its own film, which is added to the total when the pass is complete. The
@@ -64,11 +77,11 @@ pub struct PassOptions {
 /// let prepared = PreparedScene::new(recipe.build()?, &Units::cpu())?;
 /// let service = Service::new(ServiceOptions::default().with_max_jobs(PASSES_IN_FLIGHT))?;
 /// let camera = Camera::framing(&prepared.scene.bounds(), 1.0);
-/// let settings = Settings { width: 32, height: 32, spp: 64, max_bounces: 2, seed: 0 };
+/// let settings = Settings::new(32, 32).with_spp(64).with_max_bounces(2);
 /// let path = PathTracer::new(prepared.scene.clone(), &camera, settings, None)?;
 ///
-/// let pass_time = Some(Duration::from_millis(1));
-/// let mut frame = Progressive::new(path, PassOptions { pass_time, ..Default::default() });
+/// let pass_time = Duration::from_millis(1);
+/// let mut frame = Progressive::new(path, PassOptions::default().with_pass_time(pass_time));
 /// loop {
 ///     frame.begin(|pass| service.submit(pass.clone(), prepared.tracers.clone(), JobOptions::default()))?;
 ///     if frame.finish_pass()?.is_none() {

@@ -24,10 +24,10 @@ use std::time::Duration;
 /// let options = ServiceOptions::default().with_host_threads(2).with_max_jobs(3).with_sharing(Sharing::FirstIn);
 /// let service = Service::new(options)?;
 /// let camera = Camera::framing(&prepared.scene.bounds(), 1.0);
-/// let settings = Settings { width: 32, height: 32, spp: 1, max_bounces: 2, seed: 0 };
+/// let settings = Settings::new(32, 32).with_spp(1).with_max_bounces(2);
 /// let still = PathTracer::new(prepared.scene.clone(), &camera, settings, None)?;
 ///
-/// let mut cameras = (0..5).map(|frame| Camera { fov_degrees: 20.0 + frame as f32, ..camera });
+/// let mut cameras = (0..5).map(|frame| camera.with_fov(20.0 + frame as f32));
 /// let mut sequence = Sequence::new(3);
 /// let mut pictures = Vec::new();
 /// loop {

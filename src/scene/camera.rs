@@ -6,6 +6,7 @@ use glam::Vec3;
 
 /// A pinhole camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Camera {
     /// Position in world space.
     pub eye: Vec3,

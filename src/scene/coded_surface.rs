@@ -117,7 +117,8 @@ impl Scene {
     /// #     }
     /// # }
     ///
-    /// let mut scene = Scene { materials: vec![Material::matte("door", glam::Vec3::ONE)], ..Scene::default() };
+    /// let mut scene = Scene::default();
+    /// scene.materials = vec![Material::matte("door", glam::Vec3::ONE)];
     /// scene.replace_surface("door", ProceduralSurface::new(Wood))?;
     /// let error = scene.replace_surface("dor", ProceduralSurface::new(Wood)).unwrap_err();
     /// assert_eq!(error.to_string(), r#"no material is named "dor"; the scene has "door""#);

@@ -6,6 +6,7 @@ use rayon::prelude::*;
 
 /// An indexed triangle mesh. Row `i` of `triangles` is primitive `i` everywhere.
 #[derive(Clone, Debug, Default, PartialEq)]
+#[non_exhaustive]
 pub struct Mesh {
     /// Vertex positions in world space.
     pub positions: Vec<Vec3>,

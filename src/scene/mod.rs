@@ -88,6 +88,7 @@ use std::path::PathBuf;
 /// a small *appearance*: all other fields. A clone therefore costs microseconds, and changing the clone's appearance
 /// leaves the geometry shared. [`crate::engine::PreparedScene::with_scene`] then keeps the tree.
 #[derive(Clone, Debug, Default)]
+#[non_exhaustive]
 pub struct Scene {
     /// All triangles in world space, in file order. Instances are written out.
     pub mesh: Shared<Mesh>,

@@ -95,7 +95,7 @@ fn a_frame_allocates_nothing_between_its_first_and_last_task() {
     let scene = Arc::new(load::load(file.as_ref()).expect("our own scene"));
     let camera = scene.camera.expect("it has a camera");
     let prepared = PreparedScene::new(scene.clone(), &Units::cpu()).expect("a valid scene");
-    let settings = Settings { width: 200, height: 200, spp: 1, max_bounces: 4, seed: 1 };
+    let settings = Settings::new(200, 200).with_spp(1).with_max_bounces(4).with_seed(1);
     let path = || PathTracer::new(scene.clone(), &camera, settings, None).expect("valid settings");
     for host_threads in [1, 3] {
         let service = Service::new(ServiceOptions::default().with_host_threads(host_threads));

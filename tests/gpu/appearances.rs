@@ -10,13 +10,13 @@ use std::path::Path;
 use std::sync::Arc;
 
 fn render(service: &Service, prepared: &PreparedScene) -> String {
-    let settings = Settings { width: 32, height: 32, spp: 4, max_bounces: 3, seed: 7 };
+    let settings = Settings::new(32, 32).with_spp(4).with_max_bounces(3).with_seed(7);
     let camera = prepared.scene.camera.expect("generated scenes have a camera");
     let path = prepared.path(&camera, settings).expect("settings");
     let job = prepared.submit(service, path.clone(), JobOptions::default()).expect("job");
     let report = job.wait().expect("frame");
     assert_eq!(report.events, [""; 0]);
-    Image { width: 32, height: 32, pixels: path.film().resolve() }.hash()
+    Image::new(32, 32, path.film().resolve()).hash()
 }
 
 #[test]

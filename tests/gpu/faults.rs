@@ -24,13 +24,13 @@ fn render(unit: Unit, fault: Option<Fault>) -> (String, Vec<String>) {
     let prepared = PreparedScene::new(scene.clone(), &units).expect("a valid scene");
     let camera = scene.camera.unwrap_or_else(|| Camera::framing(&scene.bounds(), 1.0));
     let (width, height) = (48, 48);
-    let settings = Settings { width, height, spp: 8, max_bounces: 4, seed: 3 };
+    let settings = Settings::new(width, height).with_spp(8).with_max_bounces(4).with_seed(3);
     let path = Arc::new(PathTracer::new(scene, &camera, settings, None).expect("settings"));
     let options = ServiceOptions::default().with_host_threads(2).with_dispatch_threads(2);
     let service = Service::new(options).expect("threads");
     let job = service.submit(path.clone(), prepared.tracers.clone(), JobOptions::default()).expect("job");
     let report = job.wait().expect("frame");
-    let image = Image { width, height, pixels: path.film().resolve() };
+    let image = Image::new(width, height, path.film().resolve());
     (image.hash(), prepared.degraded.into_iter().chain(report.events).collect())
 }
 

@@ -32,11 +32,11 @@ fn soak(frames: usize, seed: u32) -> Seen {
     let service = Service::new(options).expect("threads");
     let mut random = crate::meshes::Random::new(u64::from(seed));
     let render = |prepared: &PreparedScene| {
-        let settings = Settings { width: 24, height: 24, spp: 4, max_bounces: 3, seed: 5 };
+        let settings = Settings::new(24, 24).with_spp(4).with_max_bounces(3).with_seed(5);
         let path = Arc::new(PathTracer::new(scene.clone(), &camera, settings, None).expect("settings"));
         let job = service.submit(path.clone(), prepared.tracers.clone(), JobOptions::default()).expect("job");
         let report = job.wait().expect("frame");
-        let image = Image { width: 24, height: 24, pixels: path.film().resolve() };
+        let image = Image::new(24, 24, path.film().resolve());
         (image.hash(), report)
     };
     let prepared = |units: &Units| PreparedScene::new(scene.clone(), units).expect("a valid scene");

@@ -5,7 +5,7 @@ use raystream::bvh::{Bvh, TreeInstance};
 use raystream::engine::{MIN_SAVED_TRIANGLES, PreparedScene, Units, build_tree};
 use raystream::film::Image;
 use raystream::render::{PathTracer, Settings};
-use raystream::scene::{Camera, Environment, Scene};
+use raystream::scene::{Camera, Environment};
 use raystream::schedule::{JobOptions, Service, ServiceOptions};
 use serde_json::json;
 use std::sync::Arc;
@@ -103,17 +103,18 @@ fn a_picture_does_not_depend_on_what_is_shared() {
     let mut scene = hills(200).scene();
     scene.environment = Environment::Constant([1.0, 0.8, 0.6].into());
     assert!(scene.shapes[0].triangles.len() * 2 >= MIN_SAVED_TRIANGLES);
-    let written_out = Scene { shapes: Vec::new().into(), ..scene.clone() };
+    let mut written_out = scene.clone();
+    written_out.shapes = Vec::new().into();
     let service = Service::new(ServiceOptions::default().with_host_threads(2)).expect("threads");
     let [shared, alone] = [scene, written_out].map(|scene| {
         let camera = Camera::framing(&scene.bounds(), 1.0);
         let prepared = PreparedScene::new(Arc::new(scene), &Units::cpu()).expect("a valid scene");
-        let settings = Settings { width: 32, height: 32, spp: 4, max_bounces: 3, seed: 1 };
+        let settings = Settings::new(32, 32).with_spp(4).with_max_bounces(3).with_seed(1);
         let path =
             Arc::new(PathTracer::new(prepared.scene.clone(), &camera, settings, None).expect("settings"));
         let job = service.submit(path.clone(), prepared.tracers.clone(), JobOptions::default()).expect("job");
         job.wait().expect("frame");
-        let image = Image { width: 32, height: 32, pixels: path.film().resolve() };
+        let image = Image::new(32, 32, path.film().resolve());
         (image.hash(), prepared.bvh.instances().len(), prepared.bvh.bytes())
     });
     assert_eq!((shared.1, alone.1), (3, 0));

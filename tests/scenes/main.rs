@@ -29,43 +29,35 @@ fn picture(service: &Service, prepared: &PreparedScene) -> String {
 }
 
 fn settings() -> Settings {
-    Settings { width: 24, height: 24, spp: 2, max_bounces: 4, seed: 9 }
+    Settings::new(24, 24).with_spp(2).with_max_bounces(4).with_seed(9)
 }
 
 fn camera() -> Camera {
-    Camera { eye: Vec3::new(0.3, 1.6, 5.0), target: Vec3::new(0.0, 0.5, 0.0), up: Vec3::Y, fov_degrees: 50.0 }
+    Camera::new(Vec3::new(0.3, 1.6, 5.0), Vec3::new(0.0, 0.5, 0.0)).with_fov(50.0)
 }
 
 fn hash<I: Integrator>(service: &Service, prepared: &PreparedScene, integrator: Arc<I>) -> String {
     let job = prepared.submit(service, integrator.clone(), JobOptions::default()).expect("a job");
     job.wait().expect("a picture");
     let Settings { width, height, .. } = *integrator.frame().settings();
-    Image { width, height, pixels: integrator.frame().film().resolve() }.hash()
+    Image::new(width, height, integrator.frame().film().resolve()).hash()
 }
 
 /// A scene with every kind of part: two textures, a mix of mixes, all layers, a shape with two instances, lights of
 /// every kind, an environment map, normals, texture coordinates and tangents.
 fn everything() -> Scene {
-    let mut scene = Scene {
-        textures: vec![texture(0), texture(1)],
-        mixes: vec![
-            Mix {
-                of: [0, 1],
-                share: Scalar { factor: 0.5, texture: Some((TextureRef::plain(0), Channel::R)) },
-            },
-            Mix { of: [5, 2], share: Scalar::constant(0.25) },
-        ],
-        materials: materials(),
-        lights: lights(),
-        environment: Environment::Map(EnvironmentMap {
-            width: 4,
-            height: 2,
-            texels: (0..8).map(|i| [0.1 * i as f32, 0.2, 0.3]).collect(),
-            rotation_degrees: 20.0,
-        }),
-        camera: Some(camera()),
-        ..Scene::default()
-    };
+    let mut scene = Scene::new(Mesh::default(), materials());
+    scene.textures = vec![texture(0), texture(1)];
+    let share = Scalar { factor: 0.5, texture: Some((TextureRef::plain(0), Channel::R)) };
+    scene.mixes = vec![Mix { of: [0, 1], share }, Mix { of: [5, 2], share: Scalar::constant(0.25) }];
+    scene.lights = lights();
+    scene.environment = Environment::Map(EnvironmentMap {
+        width: 4,
+        height: 2,
+        texels: (0..8).map(|i| [0.1 * i as f32, 0.2, 0.3]).collect(),
+        rotation_degrees: 20.0,
+    });
+    scene.camera = Some(camera());
     let count = scene.materials.len() as u32;
     for material in 0..count {
         let left = material as f32 * 0.5 - 2.0;
@@ -144,7 +136,7 @@ fn lights() -> Vec<Light> {
 
 /// Adds a unit square that faces z, with normals, texture coordinates and tangents.
 fn quad(scene: &mut Scene, corner: Vec3, material: u32) {
-    let Mesh { positions, normals, uvs, tangents, triangles, materials } = &mut *scene.mesh;
+    let Mesh { positions, normals, uvs, tangents, triangles, materials, .. } = &mut *scene.mesh;
     let base = positions.len() as u32;
     for uv in [Vec2::ZERO, Vec2::X, Vec2::ONE, Vec2::Y] {
         positions.push(corner + uv.extend(0.0));

@@ -194,7 +194,7 @@ fn jobs_of_other_scenes_are_refused() {
         Err(LimitsError::OtherScene)
     );
     one.submit(&service, path.clone(), JobOptions::default()).expect("its own").wait().expect("a picture");
-    let seen = path.seen_by(&Camera { fov_degrees: 20.0, ..camera() }).expect("a valid camera");
+    let seen = path.seen_by(&camera().with_fov(20.0)).expect("a valid camera");
     one.submit(&service, Arc::new(seen), JobOptions::default()).expect("its own").wait().expect("a picture");
     let anonymous = Tracers::cpu(other.tracers.host.clone());
     service.submit(path, anonymous, JobOptions::default()).expect("any scene").cancel();

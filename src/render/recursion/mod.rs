@@ -64,7 +64,7 @@
 //!                 { "shape": "sphere", "centre": [1, 0, 0], "radius": 1, "cells": 16, "material": "any" } ] }"#)?;
 //! let prepared = PreparedScene::new(Arc::new(recipe.build()?), &Units::cpu())?;
 //! let camera = Camera::framing(&prepared.scene.bounds(), 1.0);
-//! let settings = Settings { width: 64, height: 64, spp: 4, max_bounces: 8, seed: 0 };
+//! let settings = Settings::new(64, 64).with_spp(4).with_max_bounces(8);
 //!
 //! // The shader is a renderer like any other: a job for the service.
 //! let sun = Vec3::new(0.3, 0.9, 0.4).normalize();
