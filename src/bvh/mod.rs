@@ -51,7 +51,7 @@ pub use primitive_ids::PrimitiveIds;
 pub use validate::BvhError;
 pub use wide_tree::{WideNode, WideTree};
 
-use crate::geom::Aabb;
+use crate::geom::{Aabb, CanonicalHit, CanonicalRay};
 use crate::profile;
 use binary_tree::BinaryTree;
 use collapse_plan::Costs;
@@ -199,6 +199,27 @@ impl Bvh {
     /// The most bytes that a tree of this number of triangles takes while it is built.
     pub fn building_bytes(triangles: usize) -> u64 {
         150 * triangles as u64
+    }
+
+    /// The canonical hit of a primitive, if there is one and the filter, if it decides this primitive's hits, accepts it.
+    /// Inlined into the caller, which may be compiled for instructions that make it faster.
+    ///
+    /// # Panics
+    /// If there is no such primitive.
+    #[inline(always)]
+    pub(crate) fn accepted_hit(
+        &self,
+        ray: &CanonicalRay,
+        primitive: u32,
+        filter: Option<&dyn Filter>,
+    ) -> Option<CanonicalHit> {
+        let [v0, v1, v2] = self.corners(primitive);
+        let hit = ray.triangle(v0, v1, v2)?;
+        let accepted = match filter {
+            Some(filter) if self.is_masked(primitive) => filter.accepts(primitive, hit.u, hit.v),
+            _ => true,
+        };
+        accepted.then_some(hit)
     }
 
     /// Bytes on the heap. A tree with several instances counts once.

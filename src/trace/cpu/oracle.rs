@@ -73,13 +73,8 @@ impl Oracle {
     }
 
     fn test(&self, ray: &CanonicalRay, primitive: u32) -> Option<Hit> {
-        let [v0, v1, v2] = self.bvh.corners(primitive);
-        let CanonicalHit { t, u, v } = ray.triangle(v0, v1, v2)?;
-        let accepted = match &self.filter {
-            Some(filter) if self.bvh.is_masked(primitive) => filter.accepts(primitive, u, v),
-            _ => true,
-        };
-        accepted.then_some(Hit { t, u, v, primitive })
+        let CanonicalHit { t, u, v } = self.bvh.accepted_hit(ray, primitive, self.filter())?;
+        Some(Hit { t, u, v, primitive })
     }
 
     /// Calls `visit` with hits of the ray, in no particular order, and skips only hits that are beyond the current

@@ -7,7 +7,7 @@
 
 use super::layout::{Candidates, MORE, OCCLUDED};
 use crate::bvh::{Bvh, Filter};
-use crate::geom::CanonicalRay;
+use crate::geom::{CanonicalHit, CanonicalRay};
 use crate::stream::{DeviceReport, Hit, MISS, Ray, Tracer};
 use std::sync::Arc;
 
@@ -110,12 +110,7 @@ impl Resolver {
     /// The canonical hit of one primitive, if there is one and the filter accepts it.
     #[inline(always)]
     fn test(&self, ray: &CanonicalRay, primitive: u32) -> Option<Hit> {
-        let [v0, v1, v2] = self.bvh.corners(primitive);
-        let hit = ray.triangle(v0, v1, v2)?;
-        let is_accepted = match &self.filter {
-            Some(filter) if self.bvh.is_masked(primitive) => filter.accepts(primitive, hit.u, hit.v),
-            _ => true,
-        };
-        is_accepted.then_some(Hit { t: hit.t, u: hit.u, v: hit.v, primitive })
+        let CanonicalHit { t, u, v } = self.bvh.accepted_hit(ray, primitive, self.filter.as_deref())?;
+        Some(Hit { t, u, v, primitive })
     }
 }
