@@ -63,8 +63,8 @@ pub fn run(args: &RenderArgs, registry: &Registry) -> Result<Outcome> {
     registry.run(&args.integrator, params, RenderRequest { args, setup: &setup, animation, camera })
 }
 
-/// Bytes that a picture takes until it is written: the film, the films of passes and of their earlier parts, their sum, noise, and the encoded
-/// file.
+/// Bytes that a picture takes until it is written: the film, the films of passes and of their earlier parts, their
+/// sum, noise, and the encoded file.
 fn picture_bytes(width: u32, height: u32) -> u64 {
     let films = 2 + 2 * PASSES_IN_FLIGHT as u64;
     films * Film::bytes(width, height) + 24 * u64::from(width) * u64::from(height)

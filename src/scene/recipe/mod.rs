@@ -10,9 +10,9 @@
 //!               { "shape": "quad", "corner": [-1, 4, 1], "u": [0, 0, -2], "v": [2, 0, 0], "material": "lamp" } ] }
 //! ```
 //!
-//! Unknown fields and names that are given twice are errors that name the line. [`Shape`] lists the shapes, [`Pattern`] the textures, and
-//! [`MaterialRecipe`] the fields of a material. The material of a shape may also be one of the `"mixes"`, which mix
-//! two materials or mixes:
+//! Unknown fields and names that are given twice are errors that name the line. [`Shape`] lists the shapes,
+//! [`Pattern`] the textures, and [`MaterialRecipe`] the fields of a material. The material of a shape may also be one
+//! of the `"mixes"`, which mix two materials or mixes:
 //!
 //! ```json
 //! "mixes": { "rusty": { "of": ["steel", "rust"], "share": 0.7, "texture": "stains" } }
