@@ -144,7 +144,7 @@ impl World {
     }
 
     /// Moves the instances: a new transform for each, in the order of [`World::build`]. Answers are those of a new
-    /// world. Takes about a microsecond an instance, whatever the size of its mesh. Clones are not moved.
+    /// world. Clones are not moved.
     ///
     /// # Errors
     /// As for [`World::build`], and if there is not one transform for each instance. The world is then unchanged.
