@@ -36,7 +36,7 @@
 //! # Speed
 //! A call may bring any number of rays: one or two are traced one after the other, more as a ray stream. The more
 //! a call brings, the less each takes; 32 thousand are enough. Neighbouring rays of a slice should be similar, but
-//! need not be sorted. `docs/results/small-calls.md` has figures.
+//! need not be sorted. `raystream bench small` measures calls of any length.
 //!
 //! # Threads
 //! Up to 1024 rays are traced on the calling thread. More are divided among the current rayon pool: inside

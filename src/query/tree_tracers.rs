@@ -12,8 +12,8 @@ use std::sync::Arc;
 /// The largest number of rays that a thread traces at once.
 pub const SHARE_RAYS: usize = 32 * 1024;
 
-/// Up to this many rays are traced one after the other. From three rays on a ray stream is faster
-/// (`docs/results/small-calls.md`).
+/// Up to this many rays are traced one after the other. From three rays on a ray stream is faster, as
+/// `raystream bench small` shows.
 const FEW_RAYS: usize = 2;
 
 /// Number of rays whose hits one thread collects at a time.
