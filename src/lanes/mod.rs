@@ -14,8 +14,7 @@
 //!   well. Loops are safe; closures are not reliably inlined.
 //! - **Builds without optimisation.** There each inlined call would add its temporaries to the caller's stack frame,
 //!   which would take megabytes. With `cfg(unoptimised)`, set by `build.rs` at `opt-level = 0`, the methods and all
-//!   large functions over lanes are therefore not inlined. A frame then takes at most some 200 KB, and a whole call less
-//!   than 1 MB, which fits threads of 2 MB.
+//!   large functions over lanes are therefore not inlined. Threads of 2 MB then suffice.
 //!
 //! Unsafe code, because methods read and write by pointer. Invariants:
 //! 1. Pointers passed to methods point to at least as many elements as the methods' contracts ask for: callers here
