@@ -100,8 +100,8 @@ impl PreparedScene {
     }
 
     /// Prepares this scene with another appearance: a clone of [`PreparedScene::scene`] with other materials, lights,
-    /// environment or camera. The tree, the scene on the GPU and lights that are equal in both stay, so it takes
-    /// milliseconds. This scene stays as it is.
+    /// environment or camera. The tree, the scene on the GPU and lights that are equal in both stay. This scene
+    /// stays as it is.
     ///
     /// The tree is built anew if the scene has another mesh, or if materials become opaque or cease to be
     /// ([`crate::scene::AlphaMode`]).

@@ -84,9 +84,9 @@ use std::path::PathBuf;
 /// [`Scene::validate`]: every index is in range; coordinates are finite and at most [`crate::geom::MAX_COORDINATE`];
 /// other numbers are finite and in the ranges that their fields state; there is at least one triangle.
 ///
-/// A scene is shared geometry (`mesh`, `shapes`, `objects`), shared images (the texels of `textures` and of an environment map) and
-/// a small *appearance*: all other fields. A clone therefore costs microseconds, and changing the clone's appearance
-/// leaves the geometry shared. [`crate::engine::PreparedScene::with_scene`] then keeps the tree.
+/// A scene is shared geometry (`mesh`, `shapes`, `objects`), shared images (the texels of `textures` and of an
+/// environment map) and a small *appearance*: all other fields. A clone therefore copies neither geometry nor texels,
+/// and changing the clone's appearance leaves the geometry shared. [`crate::engine::PreparedScene::with_scene`] then keeps the tree.
 #[derive(Clone, Debug, Default)]
 #[non_exhaustive]
 pub struct Scene {
