@@ -86,7 +86,8 @@ use std::path::PathBuf;
 ///
 /// A scene is shared geometry (`mesh`, `shapes`, `objects`), shared images (the texels of `textures` and of an
 /// environment map) and a small *appearance*: all other fields. A clone therefore copies neither geometry nor texels,
-/// and changing the clone's appearance leaves the geometry shared. [`crate::engine::PreparedScene::with_scene`] then keeps the tree.
+/// and changing the clone's appearance leaves the geometry shared.
+/// [`crate::engine::PreparedScene::with_scene`] then keeps the tree.
 #[derive(Clone, Debug, Default)]
 #[non_exhaustive]
 pub struct Scene {
