@@ -33,7 +33,7 @@ pub fn tell(line: Arguments<'_>) {
     let _ = writeln!(io::stderr().lock(), "{line}");
 }
 
-/// Whether nobody reads standard output any more, so that what only prints can end.
+/// Whether standard output has lost its reader, so that what only prints can end.
 pub fn is_unread() -> bool {
     FAILURE.get().is_some_and(|error| error.kind() == ErrorKind::BrokenPipe)
 }

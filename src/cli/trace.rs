@@ -19,11 +19,7 @@ const BYTES_PER_RAY: u64 = (size_of::<Ray>() + 3 * size_of::<Hit>()) as u64;
 
 /// Traces the rays of a file and writes their hits.
 pub fn run(args: &TraceArgs) -> Result<Outcome> {
-    check_npz(&args.output)?;
-    let outputs = Outputs::check(
-        [("-o", Some(&*args.output)), ("--stats", args.stats.as_deref())],
-        [("the scene", Some(&*args.scene)), ("the rays", Some(&*args.rays))],
-    )?;
+    let outputs = check_files(args)?;
     let rays: Arc<[_]> = read_rays(&args.rays, &args.loading)?.into();
     let untraceable_rays = count_untraceable(args, &rays);
     let check_files = |scene: &mut Scene| outputs.check_files_of(scene);
@@ -80,6 +76,20 @@ pub fn run(args: &TraceArgs) -> Result<Outcome> {
     if let Some(path) = &args.stats {
         stats::write(path, &stats)?;
     }
+    print(args, &stats);
+    Ok(if stats.events.is_empty() { Outcome::Done } else { Outcome::Degraded })
+}
+
+/// Refuses files that cannot be written or would overwrite others.
+fn check_files(args: &TraceArgs) -> Result<Outputs> {
+    check_npz(&args.output)?;
+    Outputs::check(
+        [("-o", Some(&*args.output)), ("--stats", args.stats.as_deref())],
+        [("the scene", Some(&*args.scene)), ("the rays", Some(&*args.rays))],
+    )
+}
+
+fn print(args: &TraceArgs, stats: &TraceStats) {
     stdout_line!(
         "{}: {} rays, {} hits, {:.2} Mray/s (median of {})",
         args.output.display(),
@@ -91,7 +101,6 @@ pub fn run(args: &TraceArgs) -> Result<Outcome> {
     for event in &stats.events {
         stderr_line!("degraded: {event}");
     }
-    Ok(if stats.events.is_empty() { Outcome::Done } else { Outcome::Degraded })
 }
 
 /// Counts the rays that cannot be traced, and warns of them.

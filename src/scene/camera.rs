@@ -38,7 +38,7 @@ pub enum CameraError {
     #[error("the camera's eye ({}) and target ({}) must be finite and differ", coordinates(.0), coordinates(.1))]
     View(Vec3, Vec3),
     /// The eye is farther away than rays can start.
-    #[error("the camera's eye ({}) is too far away; its coordinates may be at most {MAX_COORDINATE:e}", coordinates(.0))]
+    #[error("the camera's eye ({}) is too far away; coordinates may be at most {MAX_COORDINATE:e}", coordinates(.0))]
     Eye(Vec3),
     /// The up vector is not finite or is parallel to the view axis.
     #[error(

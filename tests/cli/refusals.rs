@@ -57,41 +57,6 @@ fn bad_arguments_are_refused() {
         (vec!["--size", "100000x100000"], "at most"),
         (vec!["--spp", "0"], "0"),
         (vec!["--spp", "99999999999"], "99999999999"),
-        (vec!["--max-bounces", "-1"], "-1 is not in 0..=1000"),
-        (vec!["--spp", "-1"], "-1 is not in 1..="),
-        (vec!["--threads", "-1"], "-1 is not in 1..="),
-        (vec!["--seed", "-1"], "invalid value '-1'"),
-        (vec!["--size", "-1x3"], "invalid value '-1x3'"),
-        (vec!["--frames", "-1..3"], "invalid value '-1..3'"),
-        (vec!["--exposure", "nan"], "from -126 to 126"),
-        (vec!["--exposure", "-inf"], "from -126 to 126"),
-        (vec!["--env-rotation", "nan"], "finite angle"),
-        (vec!["--env-rotation", "inf"], "finite angle"),
-        (vec!["--env", "1,1"], "--env 1,1: write three finite numbers"),
-        (vec!["--env", "-1,0,0"], "must not be negative"),
-        (vec!["-o", "p%04d.png"], "add --frames"),
-        (vec!["--frames", "0..5", "--turntable", "inf", "-o", "a.%d.png"], "finite angle"),
-        (vec!["--stats", "a.obj"], "a.obj: --stats would overwrite the scene"),
-        (vec!["--checkpoint", "./folder.png/../a.obj"], "--checkpoint would overwrite the scene"),
-        (vec!["-o", "x.png", "--stats", "x.png"], "x.png: -o and --stats name the same file"),
-        (vec!["--stats", "t.json", "--timeline", "./t.json"], "--stats and --timeline name the same file"),
-        (
-            vec!["--frames", "0..5", "--turntable", "9", "-o", "a.%d.png", "--stats", "a.3.png"],
-            "a.3.png: -o and --stats name the same file",
-        ),
-        (
-            vec![
-                "--frames",
-                "0..5",
-                "--camera-path",
-                "blind.json",
-                "-o",
-                "a.%d.png",
-                "--stats",
-                "blind.json",
-            ],
-            "blind.json: --stats would overwrite the camera path",
-        ),
         (vec!["--fov", "180"], "field of view"),
         (vec!["--eye", "1,2"], "three finite numbers"),
         (vec!["--eye", "0,0,0", "--target", "0,0,0"], "must be finite and differ"),
@@ -120,11 +85,60 @@ fn bad_arguments_are_refused() {
         cases.push((vec!["--tracer", "gpu", "--inject", "gpu-lost@0"], "gpu-lost@0"));
         cases.push((vec!["--tracer", "cpu", "--inject", "gpu-oom"], "no GPU traces"));
     }
+    refuse_each(folder.path(), cases);
+}
+
+/// Refuses to render `a.obj` with each of these options.
+fn refuse_each(folder: &Path, cases: Vec<(Vec<&str>, &str)>) {
     for (more, says) in cases {
-        let mut args = vec!["render", "a.obj"];
-        args.extend(more);
-        refuse(folder.path(), &args, says);
+        refuse(folder, &[&["render", "a.obj"][..], &more].concat(), says);
     }
+}
+
+#[test]
+fn numbers_out_of_range_are_refused() {
+    let folder = folder();
+    std::fs::write(folder.path().join("a.obj"), SQUARE).expect("scene");
+    let cases = vec![
+        (vec!["--max-bounces", "-1"], "-1 is not in 0..=1000"),
+        (vec!["--spp", "-1"], "-1 is not in 1..="),
+        (vec!["--threads", "-1"], "-1 is not in 1..="),
+        (vec!["--seed", "-1"], "invalid value '-1'"),
+        (vec!["--size", "-1x3"], "invalid value '-1x3'"),
+        (vec!["--frames", "-1..3"], "invalid value '-1..3'"),
+        (vec!["--exposure", "nan"], "from -126 to 126"),
+        (vec!["--exposure", "-inf"], "from -126 to 126"),
+        (vec!["--env-rotation", "nan"], "finite angle"),
+        (vec!["--env-rotation", "inf"], "finite angle"),
+        (vec!["--env", "1,1"], "--env 1,1: write three finite numbers"),
+        (vec!["--env", "-1,0,0"], "must not be negative"),
+        (vec!["-o", "p%04d.png"], "add --frames"),
+        (vec!["--frames", "0..5", "--turntable", "inf", "-o", "a.%d.png"], "finite angle"),
+    ];
+    refuse_each(folder.path(), cases);
+}
+
+#[test]
+fn outputs_that_are_one_file_or_an_input_are_refused() {
+    let folder = folder();
+    std::fs::write(folder.path().join("a.obj"), SQUARE).expect("scene");
+    std::fs::create_dir(folder.path().join("sub")).expect("folder");
+    std::fs::write(folder.path().join("path.json"), "{}").expect("file");
+    let cases = vec![
+        (vec!["--stats", "a.obj"], "a.obj: --stats would overwrite the scene"),
+        (vec!["--checkpoint", "./sub/../a.obj"], "--checkpoint would overwrite the scene"),
+        (vec!["-o", "x.png", "--stats", "x.png"], "x.png: -o and --stats name the same file"),
+        (vec!["--stats", "t.json", "--timeline", "./t.json"], "--stats and --timeline name the same file"),
+        (
+            vec!["--frames", "0..5", "--turntable", "9", "-o", "a.%d.png", "--stats", "a.3.png"],
+            "a.3.png: -o and --stats name the same file",
+        ),
+        (
+            vec!["--frames", "0..5", "--camera-path", "path.json", "-o", "a.%d.png", "--stats", "path.json"],
+            "path.json: --stats would overwrite the camera path",
+        ),
+    ];
+    refuse_each(folder.path(), cases);
 }
 
 #[test]

@@ -39,7 +39,7 @@ pub fn run<I: Integrator>(
     let mut shots: VecDeque<Shot<I>> = VecDeque::new();
     let mut todo = animation.frames.clone();
     let (mut totals, mut done) = (Totals::default(), Vec::new());
-    let (mut dropped_splats, mut clamped_splats, mut dropped_by_material) = (0, 0, Vec::new());
+    let mut splats = Splats::default();
     totals.events.extend(setup.prepared.degraded.clone());
     let meters = Meters::start();
     let recorder = args.timeline.as_ref().and_then(|_| Recorder::start());
@@ -73,25 +73,15 @@ pub fn run<I: Integrator>(
             continue;
         }
         let shot = shots.pop_front().expect("the queue is not empty");
-        let film = shot.picture.picture();
-        dropped_splats += film.dropped_splats();
-        clamped_splats += film.clamped_splats();
-        let warnings = shot.picture.integrator().frame().dropped_warnings();
-        dropped_by_material.extend(warnings.iter().map(|warning| format!("frame {}: {warning}", shot.frame)));
+        splats.add(&shot);
         let written = shot.write(args, animation)?;
         if let Some(finished) = &mut finished {
-            finished.note(animation, shot.frame, &written.hash);
-            // The last one is written below, and again and again if it fails.
-            if let Err(error) = finished.write() {
-                log::warn!("{error}; rendering goes on, and the next try is after the next frame");
-            }
+            note(finished, animation, &written);
         }
         done.push(written);
     }
     drop((bar, shots));
-    if let Some(Err(error)) = finished.map(|mut finished| insist(|| finished.write())) {
-        totals.events.push(format!("{error}; a run that resumes renders frames again"));
-    }
+    totals.events.extend(finished.and_then(write_last));
     totals.events.extend(setup.idle_fault());
     totals.joules = meters.joules();
     let recorded = recorder.map_or_else(Vec::new, Recorder::finish);
@@ -99,15 +89,48 @@ pub fn run<I: Integrator>(
     let stats = FramesStats {
         frames: done,
         frames_in_flight: in_flight,
-        dropped_splats,
-        clamped_splats,
-        dropped_by_material,
+        dropped_splats: splats.dropped,
+        clamped_splats: splats.clamped,
+        dropped_by_material: splats.dropped_by_material,
         ..summarise(setup, settings, &mut totals)
     };
     if let Some(path) = &args.timeline {
         totals.timeline(setup, recorded).write(path)?;
     }
     report(args, animation, &stats)
+}
+
+/// Splats of finished frames that the film could not take as they were.
+#[derive(Default)]
+struct Splats {
+    dropped: u64,
+    clamped: u64,
+    dropped_by_material: Vec<String>,
+}
+
+impl Splats {
+    fn add<I: Integrator>(&mut self, shot: &Shot<I>) {
+        let film = shot.picture.picture();
+        self.dropped += film.dropped_splats();
+        self.clamped += film.clamped_splats();
+        let warnings = shot.picture.integrator().frame().dropped_warnings();
+        let told = warnings.iter().map(|warning| format!("frame {}: {warning}", shot.frame));
+        self.dropped_by_material.extend(told);
+    }
+}
+
+/// Notes a finished frame in the checkpoint. A failure is told, because the next frame writes the file anew.
+fn note(finished: &mut FinishedFrames, animation: &Animation, written: &FrameStats) {
+    finished.note(animation, written.frame, &written.hash);
+    if let Err(error) = finished.write() {
+        log::warn!("{error}; rendering goes on, and the next try is after the next frame");
+    }
+}
+
+/// Writes what could not be written before. Returns what became of it if it still cannot be.
+fn write_last(mut finished: FinishedFrames) -> Option<String> {
+    let error = insist(|| finished.write()).err()?;
+    Some(format!("{error}; a run that resumes renders frames again"))
 }
 
 /// Writes and prints the statistics.

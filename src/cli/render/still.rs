@@ -66,11 +66,7 @@ pub fn run<I: Integrator>(
 
     let started = Instant::now();
     let (film, image) = develop(&frame);
-    // The checkpoint first: a resumed frame never has fewer samples than the picture that it replaces.
-    if let Some(Err(error)) = checkpoint.map(|checkpoint| insist(|| checkpoint.write(&frame))) {
-        totals.events.push(format!("{error}; a run that resumes starts from an earlier checkpoint or anew"));
-    }
-    insist(|| write_image(&args.output, &image, &args.look.look()))?;
+    totals.events.extend(save_last(args, checkpoint.as_ref(), &frame, &image)?);
     totals.events.extend(setup.idle_fault());
     let seconds = Seconds {
         load: setup.load_s,
@@ -154,6 +150,20 @@ fn image_stats<I: Integrator>(
         view: look.view().name().into(),
         exposure_stops: look.stops(image),
     }
+}
+
+/// Writes the checkpoint and the picture at the end. Returns what became of a checkpoint that cannot be written.
+fn save_last<I: Integrator>(
+    args: &RenderArgs,
+    checkpoint: Option<&Checkpoint>,
+    frame: &Progressive<I>,
+    image: &Image,
+) -> Result<Option<String>> {
+    // The checkpoint first: a resumed frame never has fewer samples than the picture that it replaces.
+    let kept = checkpoint.map_or(Ok(()), |checkpoint| insist(|| checkpoint.write(frame)));
+    insist(|| write_image(&args.output, image, &args.look.look()))?;
+    let told = |error| format!("{error}; a run that resumes starts from an earlier checkpoint or anew");
+    Ok(kept.err().map(told))
 }
 
 fn summarise<I: Integrator>(
