@@ -49,9 +49,9 @@ pub fn run<I: Integrator>(
         while shots.len() < in_flight
             && let Some(frame) = todo.next()
         {
-            if let Some(hash) = finished.as_ref().and_then(|finished| finished.hash(animation, frame)) {
-                let hash = hash.to_owned();
-                done.push(FrameStats { frame, hash, seconds: None, mean_spp: None, noise: None });
+            if let Some(earlier) = finished.as_ref().and_then(|finished| earlier(finished, animation, frame))
+            {
+                done.push(earlier);
                 continue;
             }
             shots.push_back(Shot::begin(frame, integrator, animation, options)?);
@@ -75,9 +75,7 @@ pub fn run<I: Integrator>(
         let shot = shots.pop_front().expect("the queue is not empty");
         splats.add(&shot);
         let written = shot.write(args, animation)?;
-        if let Some(finished) = &mut finished {
-            note(finished, animation, &written);
-        }
+        finished.iter_mut().for_each(|finished| note(finished, animation, &written));
         done.push(written);
     }
     drop((bar, shots));
@@ -117,6 +115,12 @@ impl Splats {
         let told = warnings.iter().map(|warning| format!("frame {}: {warning}", shot.frame));
         self.dropped_by_material.extend(told);
     }
+}
+
+/// A frame that an earlier run finished.
+fn earlier(finished: &FinishedFrames, animation: &Animation, frame: u32) -> Option<FrameStats> {
+    let hash = finished.hash(animation, frame)?.to_owned();
+    Some(FrameStats { frame, hash, seconds: None, mean_spp: None, noise: None })
 }
 
 /// Notes a finished frame in the checkpoint. A failure is told, because the next frame writes the file anew.
