@@ -66,8 +66,11 @@ pub fn run<I: Integrator>(
             }
             if interrupt::requested() {
                 // Unfinished frames would be noisier than the others; they are dropped.
-                let (done, all) = (done.len(), animation.frames.len());
-                totals.events.push(format!("stopped after {done} of {all} frames"));
+                totals.events.push(format!(
+                    "stopped after {} of {} frames",
+                    done.len(),
+                    animation.frames.len()
+                ));
                 break;
             }
             continue;
