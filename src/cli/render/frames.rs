@@ -66,11 +66,7 @@ pub fn run<I: Integrator>(
             }
             if interrupt::requested() {
                 // Unfinished frames would be noisier than the others; they are dropped.
-                totals.events.push(format!(
-                    "stopped after {} of {} frames",
-                    done.len(),
-                    animation.frames.len()
-                ));
+                totals.events.push(stopped(done.len(), animation.frames.len()));
                 break;
             }
             continue;
@@ -118,6 +114,10 @@ impl Splats {
         let told = warnings.iter().map(|warning| format!("frame {}: {warning}", shot.frame));
         self.dropped_by_material.extend(told);
     }
+}
+
+fn stopped(done: usize, all: usize) -> String {
+    format!("stopped after {done} of {all} frames")
 }
 
 /// A frame that an earlier run finished.
