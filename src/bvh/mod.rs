@@ -201,8 +201,8 @@ impl Bvh {
         150 * triangles as u64
     }
 
-    /// The canonical hit of a primitive, if there is one and the filter, if it decides this primitive's hits, accepts it.
-    /// Inlined into the caller, which may be compiled for instructions that make it faster.
+    /// The canonical hit of a primitive, if there is one and the filter accepts it, where it decides this primitive's
+    /// hits. Inlined into the caller, which may be compiled for instructions that make it faster.
     ///
     /// # Panics
     /// If there is no such primitive.

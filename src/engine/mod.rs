@@ -1,6 +1,6 @@
 //! Prepares a scene for tracing: checks it, builds its tree, opens the units (the CPU, a GPU) and makes a tracer for
-//! each. The integrators in [`crate::render`] do not depend on trees, units or tracers; [`PreparedScene::submit`] brings
-//! both together.
+//! each. The integrators in [`crate::render`] do not depend on trees, units or tracers;
+//! [`PreparedScene::submit`] brings both together.
 
 mod alpha_filter;
 mod prepared_scene;

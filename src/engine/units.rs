@@ -151,8 +151,8 @@ static WARNED_OF_ABORT: Once = Once::new();
 
 const NO_GPU_UNASKED: &str = "the CPU traces alone: this program was compiled with panic = \"abort\", so a panic in a \
                               GPU's driver would end it; request the GPU to use it all the same";
-const GPU_MAY_ABORT: &str = "this program was compiled with panic = \"abort\": if the GPU's driver fails in a panic, the \
-                             program ends instead of finishing on the CPU";
+const GPU_MAY_ABORT: &str = "this program was compiled with panic = \"abort\": if the GPU's driver fails in a panic, \
+                             the program ends instead of finishing on the CPU";
 
 impl Units {
     /// The CPU alone, with the best instruction set it supports.

@@ -45,8 +45,8 @@ impl Look {
         Self { exposure, ..self }
     }
 
-    /// This look with light of this colour temperature shown as white (a Bradford adaptation to D65). Below 4000 K it is
-    /// a black body's, above 5000 K daylight's, between the two it is a mixture. Clamped to [`Look::KELVINS`].
+    /// This look with light of this colour temperature shown as white (a Bradford adaptation to D65). Below 4000 K it
+    /// is a black body's, above 5000 K daylight's, between the two it is a mixture. Clamped to [`Look::KELVINS`].
     pub fn with_white_balance(self, kelvin: f32) -> Self {
         let (least, greatest) = (*Self::KELVINS.start(), *Self::KELVINS.end());
         Self { white_kelvin: Some(kelvin.clamp(least, greatest)), ..self }

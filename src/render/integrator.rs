@@ -34,7 +34,8 @@ pub trait Integrator: Renderer + Sized + 'static {
         Ok(self.with_frame(self.frame().seen_by(camera)?))
     }
 
-    /// The same frame of the scene with another appearance ([`crate::engine::PreparedScene::with_scene`]), with its own film.
+    /// The same frame of the scene with another appearance ([`crate::engine::PreparedScene::with_scene`]), with its own
+    /// film.
     fn with_scene(&self, scene: &Arc<Scene>) -> Self {
         self.with_frame(self.frame().with_scene(scene))
     }

@@ -29,8 +29,8 @@ impl LitScene {
         &self.lights
     }
 
-    /// The same geometry with another appearance: lights that are equal in both are not prepared again. The result is that of
-    /// `LitScene::from(scene)`.
+    /// The same geometry with another appearance: lights that are equal in both are not prepared again. The result is
+    /// that of `LitScene::from(scene)`.
     pub fn with_scene(&self, scene: Arc<Scene>) -> Self {
         let lights = Arc::new(self.lights.with_scene(&self.scene, &scene));
         Self { scene, lights }
