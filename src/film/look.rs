@@ -67,7 +67,7 @@ impl Look {
     }
 
     /// What a picture file stores for each channel of each pixel, in 0..=1.
-    pub(super) fn encode<'a>(&self, image: &'a Image) -> impl Iterator<Item = f32> + use<'a> {
+    pub fn encode<'a>(&self, image: &'a Image) -> impl Iterator<Item = f32> + use<'a> {
         let gain = libm::exp2f(self.stops(image));
         let balance = self.white_kelvin.map_or([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], balance);
         let (rows, view) = (balance.map(|row| row.map(|factor| factor * gain)), self.view);
