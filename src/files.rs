@@ -123,12 +123,7 @@ pub fn identity(path: &Path) -> Option<PathBuf> {
 
 /// An error of a temporary file, without the file's name, which would tell the user nothing.
 fn without_name(error: io::Error) -> io::Error {
-    let cause =
-        error.get_ref().and_then(|named| named.source()).and_then(|cause| cause.downcast_ref::<io::Error>());
-    match cause.and_then(io::Error::raw_os_error) {
-        Some(code) => io::Error::from_raw_os_error(code),
-        None => error,
-    }
+    error.kind().into()
 }
 
 fn folder(path: &Path) -> &Path {
@@ -140,6 +135,8 @@ fn create(folder: &Path) -> io::Result<(File, Option<TempPath>)> {
     if let Some(file) = create_unnamed(folder) {
         return Ok((file, None));
     }
+    // The system's own error, if there is no such folder.
+    std::fs::metadata(folder)?;
     let mut builder = tempfile::Builder::new();
     // The permissions of an ordinary new file, not the private ones of a temporary file.
     #[cfg(unix)]

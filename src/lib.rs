@@ -25,7 +25,7 @@
 use raystream::prelude::*;
 use std::path::Path;
 
-let scene = raystream::scene::load(Path::new("scenes/showcase.json"))?;
+let scene = raystream::scene::load::load(Path::new("scenes/showcase.json"))?;
 let camera = scene.camera.unwrap_or_else(|| Camera::framing(&scene.bounds(), 16.0 / 9.0));
 let prepared = PreparedScene::new(scene, &Units::open(&UnitChoice::auto())?)?;
 let service = Service::new(ServiceOptions::default())?;
@@ -62,7 +62,10 @@ write_image(Path::new("picture.png"), &image, &Look::default())?;
 //! | `unstable` | documentation of the modules that may change in any release |
 //!
 //! `cli`, `bench`, `gpu` and `nvml` are on by default. A user of ray queries writes
-//! `raystream = { default-features = false, features = ["query"] }`.
+//!
+//! ```toml
+//! raystream = { version = "0.1", default-features = false, features = ["query"] }
+//! ```
 //!
 //! # Profiles
 //! Cargo compiles dependencies without optimisation unless the user says otherwise. raystream then works, on threads of

@@ -45,7 +45,7 @@ pub struct RenderStats {
     pub tail_s: f64,
     /// Splats dropped because they were negative or not finite.
     pub dropped_splats: u64,
-    /// Splats of which a channel was clamped to [`crate::film::MAX_RADIANCE`].
+    /// Splats with a channel that was clamped to [`crate::film::MAX_RADIANCE`].
     pub clamped_splats: u64,
     /// A sentence for each material that made some, with the first pixel.
     pub dropped_by_material: Vec<String>,
@@ -103,7 +103,7 @@ pub struct FramesStats {
     pub busy_share: f64,
     /// Splats dropped because they were negative or not finite.
     pub dropped_splats: u64,
-    /// Splats of which a channel was clamped to [`crate::film::MAX_RADIANCE`].
+    /// Splats with a channel that was clamped to [`crate::film::MAX_RADIANCE`].
     pub clamped_splats: u64,
     /// A sentence for each material that made some, with the first pixel.
     pub dropped_by_material: Vec<String>,

@@ -307,7 +307,7 @@ impl Film {
         self.dropped.load(Relaxed)
     }
 
-    /// Number of splats so far of which a channel was clamped to [`MAX_RADIANCE`].
+    /// Number of splats so far with a channel that was clamped to [`MAX_RADIANCE`].
     pub fn clamped_splats(&self) -> u64 {
         self.clamped.load(Relaxed)
     }

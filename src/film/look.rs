@@ -71,10 +71,10 @@ impl Look {
         let gain = libm::exp2f(self.stops(image));
         let balance = self.white_kelvin.map_or([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], balance);
         let (rows, view) = (balance.map(|row| row.map(|factor| factor * gain)), self.view);
-        image
-            .pixels
-            .iter()
-            .flat_map(move |&pixel| view.apply(times(&rows, pixel)).map(|light| view.encode(light)))
+        // A channel that is NaN or infinite leaves the others alone.
+        let finite = |channel: f32| if channel > 0.0 { channel.min(1e30) } else { 0.0 };
+        let shown = move |pixel: &[f32; 3]| view.apply(times(&rows, pixel.map(finite)));
+        image.pixels.iter().flat_map(move |pixel| shown(pixel).map(|light| view.encode(light)))
     }
 }
 

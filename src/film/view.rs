@@ -12,7 +12,7 @@ pub enum View {
     Agx,
     /// Khronos PBR Neutral: base colours are shown as they are, up to 0.76; what is brighter is compressed.
     PbrNeutral,
-    /// ACES: the fit of the reference rendering transform by Hill, of which an exposure of 0.6 stays middle grey.
+    /// ACES: Hill's fit of the reference rendering transform, scaled so that middle grey stays about as bright.
     Aces,
     /// Filmic: the curve of Hable (2010), white at 11.2.
     Filmic,

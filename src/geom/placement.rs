@@ -4,7 +4,8 @@ use super::Aabb;
 use glam::{Affine3A, DMat4, DVec3, Mat4, Vec3};
 
 /// A transform whose triple product of columns is a smaller share of the product of their lengths is singular.
-const LEAST_VOLUME: f64 = 1e-9;
+/// A product of rotations with a scale of 0 has some 1e-7, by rounding.
+const LEAST_VOLUME: f64 = 1e-6;
 
 /// Why a matrix places no geometry.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]

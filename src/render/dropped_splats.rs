@@ -1,7 +1,7 @@
 //! Which materials made splats that the film dropped.
 
 use super::Frame;
-use crate::lanes::{Int, LaneBits, Lanes, Mask, Num, Vector};
+use crate::lanes::{Int, Lanes, Mask, Num, Vector};
 use glam::Vec3;
 use std::collections::BTreeMap;
 use std::sync::{Mutex, PoisonError};
@@ -71,7 +71,7 @@ impl Frame {
     ) {
         let dropped = self.film().splat_lanes(lanes, pixel, radiance);
         if dropped.any() {
-            self.note_dropped(material, dropped.bits(), pixel.to_array().as_ref());
+            self.note_dropped(material, dropped, pixel);
         }
     }
 
@@ -127,15 +127,16 @@ impl Frame {
         let dropped = lanes & !valid;
         if dropped.any() {
             self.film().count_dropped(dropped.count() as u64);
-            self.note_dropped(material, dropped.bits(), pixel.to_array().as_ref());
+            self.note_dropped(material, dropped, pixel);
         }
         lanes & valid
     }
 
-    #[cold]
-    fn note_dropped(&self, material: Option<u32>, lanes: LaneBits, pixels: &[u32]) {
-        let is_set = |&(lane, _): &(usize, &u32)| lanes >> lane & 1 != 0;
-        self.dropped().note(material, pixels.iter().enumerate().filter(is_set).map(|(_, &pixel)| pixel));
+    #[inline(always)]
+    fn note_dropped<L: Lanes>(&self, material: Option<u32>, lanes: Mask<L>, pixel: Int<L>) {
+        let mut pixels = L::array(0);
+        let count = pixel.append(lanes, pixels.as_mut());
+        self.dropped().note(material, pixels.as_ref()[..count].iter().copied());
     }
 
     /// Dropped splats so far, by material. Their sum is [`crate::film::Film::dropped_splats`], less what was added to

@@ -225,10 +225,10 @@ mod tests {
     #[test]
     fn paths_name_all_objects_above_and_cycles_end() {
         let mut objects = Objects::default();
-        let above = objects.add(Object::new("house"));
+        let above = objects.add(Object::new("tower"));
         let below = objects.add(Object::new("roof").below(Some(above)));
-        assert_eq!((objects.path(below), objects.path(7)), ("house/roof".into(), String::new()));
-        objects.get_mut(above).expect("the house").parent = Some(below);
-        assert_eq!(objects.path(below), "house/roof");
+        assert_eq!((objects.path(below), objects.path(7)), ("tower/roof".into(), String::new()));
+        objects.get_mut(above).expect("the tower").parent = Some(below);
+        assert_eq!(objects.path(below), "tower/roof");
     }
 }

@@ -19,7 +19,7 @@ const INFINITE: u32 = f32::INFINITY.to_bits();
 /// The first sampler dimension of passing. The dimensions below belong to integrators.
 const FIRST_DIMENSION: u32 = 1 << 31;
 
-/// Lanes whose rays pass surfaces of this opacity. `depth` tells hits of one path on one triangle apart.
+/// Lanes whose rays pass surfaces of this opacity. `depth` distinguishes the hits of one path on one triangle.
 #[cfg_attr(not(unoptimised), inline(always))]
 pub fn passes<L: Lanes>(opacity: Num<L>, sampler: &Sampler<L>, depth: Int<L>, primitive: Int<L>) -> Mask<L> {
     // A ray passes a triangle once, so triangle and depth name the decision. The samples of a pixel that see the same

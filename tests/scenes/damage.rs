@@ -68,7 +68,7 @@ fn damage(scene: &mut Scene, random: &mut Random) -> Option<()> {
             match random.below(3) {
                 0 => texture.width = index,
                 1 => texture.height = index,
-                _ => texture.texels = texture.texels[..random.below(17)].into(),
+                _ => texture.texels = texture.texels[..random.below(17).min(texture.texels.len())].into(),
             }
         }
     }

@@ -13,7 +13,7 @@ const MAP: &str = "src/ARCHITECTURE.md";
 const CONFINED: &[(&str, &str, &[&str])] = &[
     (r"\b(wgpu|naga|ash|pollster)\b\s*(::|;|\{| as )", "the graphics interface", &["src/trace/gpu/"]),
     (r"\b(clap|indicatif|ctrlc|env_logger)\b\s*(::|;|\{| as )", "the command line", &["src/cli/"]),
-    (r"\b(print|println|eprint|eprintln|dbg)!", "printing", &["src/cli/", "src/main.rs"]),
+    (r"\b(print|println|eprint|eprintln|dbg)!", "printing", &["src/cli/", "src/main.rs", "src/profile.rs"]),
     (r"\bprocess\s*::\s*(exit|abort)\b", "ending the process", &["src/cli/", "src/main.rs"]),
 ];
 

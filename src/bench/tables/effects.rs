@@ -4,7 +4,7 @@
 use crate::bench::Spread;
 use crate::engine::PreparedScene;
 use crate::render::{Settings, SettingsError, Whitted};
-use crate::scene::{Camera, Environment, Light, LightShape, Scene};
+use crate::scene::{Camera, Environment, Light, LightShape, Scene, SceneError};
 use crate::schedule::{JobError, JobOptions, LimitsError, RayCounts, Service};
 use glam::Vec3;
 use serde::Serialize;
@@ -35,6 +35,9 @@ pub enum EffectsError {
     /// A setting is out of range.
     #[error(transparent)]
     Settings(#[from] SettingsError),
+    /// The scene is invalid without its light or with other lights.
+    #[error(transparent)]
+    Scene(#[from] SceneError),
     /// The job's sizes contradict each other.
     #[error(transparent)]
     Limits(#[from] LimitsError),
@@ -54,8 +57,8 @@ pub fn run(
     settings: Settings,
     rounds: usize,
 ) -> Result<Vec<Row>, EffectsError> {
-    let dark = Arc::new(without_light(&prepared.scene));
-    let lit = Arc::new(with_three_lights((*dark).clone()));
+    let dark = prepared.with_scene(without_light(&prepared.scene))?;
+    let lit = prepared.with_scene(with_three_lights(Scene::clone(&dark.scene)))?;
     let bounces = settings.max_bounces;
     let frames = [
         ("camera rays", &dark, 0),
@@ -66,10 +69,10 @@ pub fn run(
     let mut seconds = vec![Vec::new(); frames.len()];
     let mut rays = vec![RayCounts::default(); frames.len()];
     for round in 0..=rounds {
-        for (i, &(_, scene, max_bounces)) in frames.iter().enumerate() {
+        for (i, &(_, prepared, max_bounces)) in frames.iter().enumerate() {
             let settings = Settings { max_bounces, ..settings };
-            let whitted = Arc::new(Whitted::new(scene.clone(), camera, settings)?);
-            let job = service.submit(whitted, prepared.tracers.clone(), JobOptions::default())?;
+            let whitted = Arc::new(Whitted::new(prepared.lit(), camera, settings)?);
+            let job = prepared.submit(service, whitted, JobOptions::default())?;
             let report = job.wait()?;
             rays[i] = report.rays;
             // The first round allocates streams.
