@@ -261,6 +261,11 @@ impl<I: Integrator> Progressive<I> {
             self.ended += 1;
             return Ok(Some(report));
         }
+        // Where the next pass takes samples must not depend on this one, even if the frame was stopped before it began.
+        if self.state.unfinished.len() < PASSES_IN_FLIGHT {
+            let next = self.new_pass();
+            self.state.unfinished.extend(next.map(|rest| UnfinishedPass { rest, film: None }));
+        }
         let UnfinishedPass { rest: pass, .. } =
             self.state.unfinished.pop_front().expect("it was there just now");
         if let Some(noise) = &mut self.state.noise {
