@@ -14,8 +14,8 @@ use std::sync::Arc;
 /// implements [`super::Scattering`] instead.
 ///
 /// All arithmetic on [`Num`](crate::lanes::Num) gives the same bits with any instruction set, and so does a surface
-/// that uses nothing else: no `f32` functions of the platform, no state. Mark functions over lanes `#[inline(always)]`, so
-/// that they are compiled for each instruction set.
+/// that uses nothing else: no `f32` functions of the platform, no state. Mark functions over lanes
+/// `#[inline(always)]`, so that they are compiled for each instruction set.
 ///
 /// A surface may also emit light, let rays pass, bend its normals or transmit light. It declares this in
 /// [`Procedural::effects`]:
