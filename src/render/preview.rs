@@ -14,9 +14,11 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 /// # use raystream::render::{Integrator, Progressive};
 /// # use raystream::schedule::{JobHandle, LimitsError};
 /// # use std::sync::Arc;
-/// # fn submit<I: Integrator>(_: &Arc<I>) -> Result<JobHandle, LimitsError> { unimplemented!() }
 /// # fn show(_: raystream::film::Image) {}
-/// # fn render(mut frame: Progressive<impl Integrator>) -> Result<(), Box<dyn std::error::Error>> {
+/// # fn render<I: Integrator>(
+/// #     mut frame: Progressive<I>,
+/// #     submit: impl Fn(&Arc<I>) -> Result<JobHandle, LimitsError>,
+/// # ) -> Result<(), Box<dyn std::error::Error>> {
 /// let preview = frame.preview();
 /// std::thread::spawn(move || {
 ///     let mut passes = 0;
@@ -26,7 +28,7 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 ///     }
 /// });
 /// loop {
-///     frame.begin(submit)?;
+///     frame.begin(&submit)?;
 ///     if frame.finish_pass()?.is_none() {
 ///         break;
 ///     }

@@ -106,7 +106,7 @@ pub struct PeerArgs {
     pub threads: Vec<u32>,
     /// The peer.
     #[command(flatten)]
-    pub library: EmbreeArgs,
+    pub embree: EmbreeArgs,
     /// Write the results as JSON.
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
@@ -192,7 +192,7 @@ pub struct BenchSmallArgs {
     pub rounds: u32,
     /// The peer.
     #[command(flatten)]
-    pub library: EmbreeArgs,
+    pub embree: EmbreeArgs,
     /// Write the results as JSON.
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,

@@ -11,7 +11,7 @@ pub fn run(args: &BenchBuildArgs) -> Result<()> {
     let scene = meshes::scene(&args.scene)?;
     let Mesh { positions, triangles, .. } = &*scene.mesh;
     let options = build::Options { rounds: args.peers.rounds as usize, threads: args.peers.thread_counts() };
-    let embree = args.peers.library.load()?;
+    let embree = args.peers.embree.load()?;
     let rows = build::run(positions, triangles, embree.as_ref(), &options)?;
     stdout_line!("{} triangles", triangles.len());
     stdout_line!(

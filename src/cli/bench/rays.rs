@@ -44,7 +44,7 @@ pub fn run(args: &BenchRaysArgs) -> Result<()> {
     let (rounds, slow_units) = (args.peers.rounds as usize, !args.kernels);
     let options =
         Options { rounds, threads: args.peers.thread_counts(), levels, slow_units, ..Options::default() };
-    let embree = args.peers.library.load()?;
+    let embree = args.peers.embree.load()?;
     let mut reports = Vec::new();
     for view in &args.scenes {
         if printing::is_unread() && args.peers.json.is_none() {

@@ -21,7 +21,7 @@ pub fn run(args: &BenchSmallArgs) -> Result<()> {
         rounds: args.rounds as usize,
         rays_a_call: args.rays_a_call.iter().map(|&rays| rays as usize).collect(),
     };
-    let embree = args.library.load()?;
+    let embree = args.embree.load()?;
     let rows = measure(&mesh, &workload, embree.as_ref(), (positions, triangles), &options)?;
     stdout_line!("{} triangles", triangles.len());
     stdout_line!(
