@@ -2,6 +2,7 @@
 
 mod accumulation;
 mod image;
+mod layer;
 mod look;
 mod noise;
 mod spare;
@@ -13,6 +14,7 @@ mod write;
 pub(crate) use accumulation::take;
 pub use accumulation::{Film, FilmError, MAX_RADIANCE};
 pub use image::Image;
+pub use layer::{Coverage, Layer, LayerValues, Picture};
 pub use look::{Exposure, Look};
 pub use noise::Noise;
 pub use view::View;
