@@ -214,7 +214,7 @@ mod tests {
         let prepared = PreparedScene::new(scene, &Units::cpu()).expect("a valid scene");
         let service =
             Service::new(ServiceOptions::default().with_host_threads(2).with_max_jobs(1)).expect("threads");
-        let settings = Settings { width: 64, height: 64, spp: 4096, max_bounces: 4, seed: 1 };
+        let settings = Settings::new(64, 64).with_spp(4096).with_max_bounces(4).with_seed(1);
         let options =
             Options { settings, camera, frames: vec![0, 2], rays: vec![1, 600], queries: 3, rounds: 1 };
         let rows =

@@ -81,6 +81,11 @@ pub struct FramesStats {
     pub height: u32,
     /// Samples per pixel.
     pub spp: u32,
+    /// The pixel filter, as `--filter` takes it.
+    pub filter: String,
+    /// Radiance to which contributions of indirect light were clamped, so the pictures are too dark; null without
+    /// `--clamp-indirect`.
+    pub indirect_limit: Option<f32>,
     /// [`crate::render::PICTURE_VERSION`]: hashes of different versions are of different pictures.
     pub picture_version: u32,
     /// The frames that were finished, in order.
@@ -160,6 +165,11 @@ pub struct ImageStats {
     pub spp: u32,
     /// Mean samples per pixel taken.
     pub mean_spp: f64,
+    /// The pixel filter, as `--filter` takes it.
+    pub filter: String,
+    /// Radiance to which contributions of indirect light were clamped, so the picture is too dark; null without
+    /// `--clamp-indirect`.
+    pub indirect_limit: Option<f32>,
     /// [`crate::film::Image::hash`].
     pub hash: String,
     /// [`crate::render::PICTURE_VERSION`]: hashes of different versions are of different pictures.

@@ -1,7 +1,8 @@
 //! A frame: scene, camera, settings and film, which all integrators share.
 
 use super::dropped_splats::DroppedSplats;
-use super::{Blocks, NewRays, Pass};
+use super::pixel_filter::FilterTable;
+use super::{Blocks, FilterShape, NewRays, Pass, PixelFilter};
 use crate::film::{Film, FilmError};
 use crate::geom::Sampler;
 use crate::lanes::{Int, LaneTask, Lanes, Mask, SimdLevel, SingleLane, Vector};
@@ -32,6 +33,8 @@ pub struct Settings {
     pub max_bounces: u32,
     /// Seed of all random numbers.
     pub seed: u64,
+    /// The pixel filter.
+    pub filter: PixelFilter,
 }
 
 /// Why a frame cannot be rendered.
@@ -72,9 +75,9 @@ pub enum SettingsError {
 }
 
 impl Settings {
-    /// A picture of this size with 64 samples a pixel, 8 bounces and seed 0.
+    /// A picture of this size with 64 samples a pixel, 8 bounces, seed 0 and a box of one pixel as filter.
     pub const fn new(width: u32, height: u32) -> Self {
-        Self { width, height, spp: 64, max_bounces: 8, seed: 0 }
+        Self { width, height, spp: 64, max_bounces: 8, seed: 0, filter: PixelFilter::new(FilterShape::Box) }
     }
 
     /// These settings with another number of samples per pixel.
@@ -90,6 +93,11 @@ impl Settings {
     /// These settings with another seed.
     pub const fn with_seed(self, seed: u64) -> Self {
         Self { seed, ..self }
+    }
+
+    /// These settings with another pixel filter.
+    pub const fn with_filter(self, filter: PixelFilter) -> Self {
+        Self { filter, ..self }
     }
 
     /// Maximum area of a picture in pixels.
@@ -123,6 +131,8 @@ pub struct Frame {
     scene: LitScene,
     lens: Lens,
     settings: Settings,
+    /// The pixel filter, unless it is the box of one pixel.
+    filter: Option<Arc<FilterTable>>,
     film: Arc<Film>,
     dropped: DroppedSplats,
     pass: Pass,
@@ -148,7 +158,8 @@ impl Frame {
         let film = Arc::new(Film::new(width, height, u64::from(spp) * splats(max_bounces))?);
         let pass = Pass::new(Blocks::new(width, height).in_order(), 0..spp);
         let (dropped, simd) = (DroppedSplats::default(), SimdLevel::detect());
-        Ok(Self { scene: scene.into(), lens, settings, film, dropped, pass, simd })
+        let filter = FilterTable::of(settings.filter).map(Arc::new);
+        Ok(Self { scene: scene.into(), lens, settings, filter, film, dropped, pass, simd })
     }
 
     /// The same frame for another camera, with its own film.
@@ -171,6 +182,7 @@ impl Frame {
             scene: self.scene.clone(),
             lens: self.lens,
             settings: self.settings,
+            filter: self.filter.clone(),
             film: Arc::new(self.film.blank()),
             dropped: DroppedSplats::default(),
             pass,
@@ -257,8 +269,8 @@ impl Frame {
     }
 
     /// Generates the camera rays of a tile, passes them in groups to `emit` with their pixels and samples, and counts
-    /// them on the film. Tiles cover the picture once for every few samples, so a frame that stops early is even. The
-    /// pixel filter is a box; dimension 0 of the sampler is the position in it.
+    /// them on the film. Tiles cover the picture once for every few samples, so a frame that stops early is even.
+    /// Dimension [`CAMERA_DIMENSION`] of the sampler is the position in the pixel filter.
     pub fn camera_rays(&self, tile: u64, mut emit: impl FnMut(&[Ray], &[u32], &[u32])) {
         let blocks = self.blocks();
         let (places, samples) = self.pass.tile(tile);
@@ -318,7 +330,10 @@ impl<E: FnMut(&[Ray], &[u32], &[u32])> LaneTask for PatchRays<'_, E> {
             let (x, y) = (Int::from_array(l, &xs), Int::from_array(l, &ys));
             let pixel = y * width + x;
             let sampler = Sampler::of(pixel, Int::from_array(l, &taken), seed);
-            let place = sampler.two(Int::splat(l, CAMERA_DIMENSION));
+            let mut place = sampler.two(Int::splat(l, CAMERA_DIMENSION));
+            if let Some(filter) = &frame.filter {
+                place = filter.positions(place);
+            }
             let direction = frame.lens.directions(x.to_num(), y.to_num(), place);
             let eye = Vector::splat(l, frame.lens.eye);
             let rays = NewRays::new(eye, direction).rows(Mask::splat(l, true));
@@ -330,5 +345,5 @@ impl<E: FnMut(&[Ray], &[u32], &[u32])> LaneTask for PatchRays<'_, E> {
     }
 }
 
-/// Sampler dimension of the position within a pixel; integrators use all greater dimensions.
+/// Sampler dimension of the position in the pixel filter; integrators use all greater dimensions.
 pub const CAMERA_DIMENSION: u32 = 0;

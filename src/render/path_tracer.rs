@@ -42,9 +42,38 @@ const LEAST_SQUARE: f32 = 1e-36;
 pub type PathTracer = HitShading<PathShader>;
 
 /// The hit shader of the [`PathTracer`].
-#[derive(Debug)]
+#[derive(Clone, Copy, Debug)]
 pub struct PathShader {
     roulette_bounces: Option<u32>,
+    indirect_limit: Option<f32>,
+}
+
+impl PathShader {
+    /// A shader whose paths may end by Russian roulette after `roulette_bounces` bounces: see [`PathTracer::new`].
+    pub const fn new(roulette_bounces: Option<u32>) -> Self {
+        Self { roulette_bounces, indirect_limit: None }
+    }
+
+    /// The same with each contribution of indirect light scaled down until its greatest channel is at most `limit`, a
+    /// radiance. This removes bright dots and light with them: the picture is biased. Emission that the camera sees,
+    /// and direct light at the first hit, are as they were; so is emission seen in a mirror.
+    pub const fn with_indirect_limit(self, limit: f32) -> Self {
+        Self { indirect_limit: Some(limit), ..self }
+    }
+
+    /// Radiance to which contributions of indirect light are clamped, if they are.
+    pub const fn indirect_limit(&self) -> Option<f32> {
+        self.indirect_limit
+    }
+
+    /// Light that reaches a pixel by a path of `bounces` bounces, clamped if it is indirect.
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn clamped<L: Lanes>(&self, light: Vector<L>, bounces: Int<L>) -> Vector<L> {
+        let Some(limit) = self.indirect_limit else { return light };
+        let brightest = light.max_element();
+        let clamps = brightest.above(limit) & !bounces.below(2);
+        Vector::select(clamps, light * (limit / brightest), light)
+    }
 }
 
 /// The state of a path.
@@ -143,7 +172,7 @@ impl PathTracer {
         settings: Settings,
         roulette_bounces: Option<u32>,
     ) -> Result<Self, SettingsError> {
-        Self::of(PathShader { roulette_bounces }, scene, camera, settings)
+        Self::of(PathShader::new(roulette_bounces), scene, camera, settings)
     }
 }
 
@@ -251,7 +280,8 @@ impl Shading<'_, '_> {
     #[cfg_attr(not(unoptimised), inline(always))]
     fn sky<L: Lanes>(&self, state: &States<L>, direction: Vector<L>) -> Vector<L> {
         let (radiance, found) = self.frame.lights().sky(direction);
-        state.throughput * radiance * power_heuristic(state.pdf, found)
+        let light = state.throughput * radiance * power_heuristic(state.pdf, found);
+        self.shader.clamped(light, state.depth)
     }
 
     /// The hit shader: emission, then one light sample and one BSDF sample.
@@ -291,6 +321,7 @@ impl Shading<'_, '_> {
             shines |= lanes & !emitted.is_zero();
         }
         if shines.any() {
+            let light = self.shader.clamped(light, state.depth);
             frame.splat_lanes(Some(number), shines, state.pixel, light);
         }
         let lanes = lanes & state.depth.below(frame.settings().max_bounces + 1);
@@ -369,6 +400,7 @@ impl Shading<'_, '_> {
         let squares = light.pdf * light.pdf + other * other;
         let share = light.pdf / squares.clamp(LEAST_SQUARE, f32::INFINITY);
         let radiance = state.throughput * value * light.radiance * share;
+        let radiance = self.shader.clamped(radiance, state.depth + 1);
         let (origin, direction, t_max) = light.rays(at);
         let lanes = lanes & !value.is_zero();
         let rays = NewRays { origin, direction, t_max };

@@ -177,7 +177,7 @@ impl<'a, P: Pod> RayHit<'a, P> {
         self.state.pixel
     }
 
-    /// The random numbers of this sample of this pixel. Dimension 0 is the position within the pixel; those from
+    /// The random numbers of this sample of this pixel. Dimension 0 is the position in the pixel filter; those from
     /// [`LIGHT_DIMENSION`] on are taken. Use another dimension for each decision and each depth.
     pub fn sampler(&self) -> Sampler {
         self.frame.sampler(self.state.pixel, self.state.sample)

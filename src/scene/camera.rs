@@ -134,7 +134,8 @@ pub struct Lens {
 
 impl Lens {
     /// The unit directions through points of the picture. (`x`, `y`) is the pixel, with (0, 0) at the top left; the
-    /// third argument is the position within the pixel, 0..1 on both axes.
+    /// third argument is the position relative to the pixel's top left corner: 0..1 on both axes within the pixel, and
+    /// beyond for wide pixel filters.
     #[inline(always)]
     pub fn directions<L: Lanes>(&self, x: Num<L>, y: Num<L>, place: [Num<L>; 2]) -> Vector<L> {
         let l = x.lanes();

@@ -9,6 +9,7 @@ mod outputs;
 mod progressive;
 mod refusals;
 mod render;
+mod sampling;
 mod trace;
 
 use std::path::{Path, PathBuf};

@@ -136,7 +136,7 @@ mod tests {
         let camera = scene.camera.expect("it has a camera");
         let prepared = PreparedScene::new(scene, &Units::cpu()).expect("a valid scene");
         let service = Service::new(ServiceOptions::default()).expect("threads can be started");
-        let settings = Settings { width: 64, height: 48, spp: 1, max_bounces: 4, seed: 0 };
+        let settings = Settings::new(64, 48).with_spp(1).with_max_bounces(4);
         let rows = run(&prepared, &service, &camera, settings, 1).expect("a frame");
         let [camera, reflections, lights, both] = &rows[..] else { panic!("four frames") };
         assert!(rows.iter().all(|row| row.camera == 64 * 48));

@@ -1,7 +1,7 @@
 //! `raystream render`.
 
 use super::view::size;
-use super::{CameraArgs, FramesArgs, LightArgs, LookArgs, ProgressArgs, SceneArgs, UnitArgs};
+use super::{CameraArgs, FramesArgs, LightArgs, LookArgs, ProgressArgs, SamplingArgs, SceneArgs, UnitArgs};
 use crate::cli::plugin_options::Setting;
 use clap::Args;
 use std::path::PathBuf;
@@ -35,6 +35,9 @@ pub struct RenderArgs {
     /// Follow every path to its last bounce: no Russian roulette.
     #[arg(long)]
     pub no_russian_roulette: bool,
+    /// How the light of a pixel is sampled.
+    #[command(flatten)]
+    pub sampling: SamplingArgs,
     /// The camera.
     #[command(flatten)]
     pub camera: CameraArgs,

@@ -14,7 +14,7 @@ pub fn run(args: &BenchAdaptiveArgs) -> Result<()> {
     let pictures = Pictures {
         prepared: &setup.prepared,
         service: &setup.service,
-        settings: Settings { width, height, spp: 1 << 16, max_bounces: args.max_bounces, seed: 0 },
+        settings: Settings::new(width, height).with_spp(1 << 16).with_max_bounces(args.max_bounces),
         camera,
         reference_spp: args.reference_spp,
         rounds: args.rounds as usize,

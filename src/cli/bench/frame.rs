@@ -12,7 +12,10 @@ pub fn run(args: &BenchFrameArgs) -> Result<Outcome> {
     let (setup, camera) = args.shot.set_up(&args.scene, args.size, 1)?;
     let (width, height) = args.size;
     let options = Options {
-        settings: Settings { width, height, spp: args.spp, max_bounces: args.max_bounces, seed: args.seed },
+        settings: Settings::new(width, height)
+            .with_spp(args.spp)
+            .with_max_bounces(args.max_bounces)
+            .with_seed(args.seed),
         camera,
         repeats: args.repeats as usize,
         policy: setup.policy,

@@ -18,7 +18,7 @@ pub fn run(args: &BenchLatencyArgs) -> Result<()> {
     let (setup, camera) = args.shot.set_up(&args.scene, args.size, 1)?;
     let (width, height) = args.size;
     let options = Options {
-        settings: Settings { width, height, spp: SPP, max_bounces: MAX_BOUNCES, seed: 0 },
+        settings: Settings::new(width, height).with_spp(SPP).with_max_bounces(MAX_BOUNCES),
         camera,
         frames: args.frames.iter().map(|&frames| frames as usize).collect(),
         rays: args.rays.iter().map(|&rays| rays as usize).collect(),

@@ -14,7 +14,10 @@ pub fn run(args: &BenchNoiseArgs) -> Result<()> {
     let pictures = Pictures {
         prepared: &setup.prepared,
         service: &setup.service,
-        settings: Settings { width, height, spp: args.spp, max_bounces: args.max_bounces, seed: args.seed },
+        settings: Settings::new(width, height)
+            .with_spp(args.spp)
+            .with_max_bounces(args.max_bounces)
+            .with_seed(args.seed),
         camera,
         reference_spp: args.reference_spp,
         rounds: args.rounds as usize,

@@ -87,7 +87,7 @@ fn effect_table(args: &BenchTablesArgs, setup: &Setup, camera: &Camera, rows: &m
         "times"
     );
     let (width, height) = (args.resolution, args.resolution);
-    let settings = Settings { width, height, spp: 1, max_bounces: args.max_bounces, seed: 0 };
+    let settings = Settings::new(width, height).with_spp(1).with_max_bounces(args.max_bounces);
     for row in effects::run(&setup.prepared, &setup.service, camera, settings, args.rounds as usize)? {
         stdout_line!(
             "{:<26} {:>9} {:>9} {:>9} {:>9.1} {:>9.2} {:>8.2}",

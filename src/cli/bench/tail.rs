@@ -12,7 +12,7 @@ pub fn run(args: &BenchTailArgs) -> Result<()> {
     let (setup, camera) = args.shot.set_up(&args.scene, args.size, frames_in_flight)?;
     let (width, height) = args.size;
     let options = Options {
-        settings: Settings { width, height, spp: args.spp, max_bounces: args.max_bounces, seed: 0 },
+        settings: Settings::new(width, height).with_spp(args.spp).with_max_bounces(args.max_bounces),
         camera,
         frames_in_flight,
         rounds: args.rounds as usize,

@@ -13,7 +13,7 @@ pub fn run(args: &BenchTexturesArgs) -> Result<()> {
     ensure!(textured, "{} has no textures; give a scene that has some", args.scene.display());
     let (width, height) = args.size;
     let options = Options {
-        settings: Settings { width, height, spp: args.spp, max_bounces: args.max_bounces, seed: 0 },
+        settings: Settings::new(width, height).with_spp(args.spp).with_max_bounces(args.max_bounces),
         camera,
         rounds: args.rounds as usize,
     };

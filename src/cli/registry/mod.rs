@@ -9,7 +9,7 @@ use super::plugin_options::{OptionError, OptionSpec, PluginOptions, Setting};
 use super::render::RenderRequest;
 use crate::render::recursion::{Recursion, Shader};
 use crate::render::{
-    AmbientOcclusion, HitShader, HitShading, Integrator, PathTracer, PerRay, RayShader, RecursiveWhitted,
+    AmbientOcclusion, HitShader, HitShading, Integrator, PathShader, PerRay, RayShader, RecursiveWhitted,
     Settings, Whitted,
 };
 use crate::scene::{Camera, CodedSurface, Scene};
@@ -33,10 +33,12 @@ pub struct IntegratorParams {
     pub scene: Arc<Scene>,
     /// The camera.
     pub camera: Camera,
-    /// Size, samples, bounces, seed.
+    /// Size, samples, bounces, seed, filter.
     pub settings: Settings,
     /// Bounces after which Russian roulette may end a path; `None` disables it.
     pub roulette_bounces: Option<u32>,
+    /// Radiance to which contributions of indirect light are clamped; `None` clamps none.
+    pub indirect_limit: Option<f32>,
     /// The options that the integrator declares ([`Registry::with_option`]).
     pub options: PluginOptions,
 }
@@ -155,7 +157,9 @@ impl Registry {
     pub fn built_in() -> Self {
         Self { integrators: Vec::new(), surfaces: Vec::new() }
             .with("path", "Path tracing: all light paths (the default)", |params| {
-                PathTracer::new(params.scene, &params.camera, params.settings, params.roulette_bounces)
+                let shader = PathShader::new(params.roulette_bounces);
+                let shader = params.indirect_limit.into_iter().fold(shader, PathShader::with_indirect_limit);
+                params.hit_shading(shader)
             })
             .with(
                 "whitted",

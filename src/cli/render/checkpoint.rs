@@ -23,6 +23,8 @@ pub fn check(args: &ProgressArgs) -> Result<()> {
 /// Everything that a picture depends on; without a camera, everything that an animation's pictures share.
 pub fn identity(args: &RenderArgs, setup: &Setup, settings: &Settings, camera: Option<&Camera>) -> Identity {
     let noise = args.progress.noise.map_or_else(|| "no target".into(), |noise| noise.to_string());
+    let limit = args.sampling.indirect_limit(&args.look);
+    let limit = limit.map_or_else(|| "no limit".into(), |limit| limit.to_string());
     let scene = &setup.prepared.scene;
     let parts = [
         ("the scene", format!("of fingerprint {} (encoding {FINGERPRINT_VERSION})", scene.fingerprint())),
@@ -33,6 +35,8 @@ pub fn identity(args: &RenderArgs, setup: &Setup, settings: &Settings, camera: O
         ("--seed", settings.seed.to_string()),
         ("--no-russian-roulette", args.no_russian_roulette.to_string()),
         ("--noise", noise),
+        ("--filter", settings.filter.to_string()),
+        ("the radiance of --clamp-indirect", limit),
     ];
     let camera = camera.map(|camera| ("the camera", camera.to_string()));
     let parts = parts.into_iter().chain(camera).map(|(what, value)| (what.to_owned(), value));

@@ -89,6 +89,7 @@ pub fn run<I: Integrator>(
         dropped_splats: splats.dropped,
         clamped_splats: splats.clamped,
         dropped_by_material: splats.dropped_by_material,
+        indirect_limit: args.sampling.indirect_limit(&args.look),
         ..summarise(setup, settings, &mut totals)
     };
     if let Some(path) = &args.timeline {
@@ -206,6 +207,8 @@ fn summarise(setup: &Setup, settings: &Settings, totals: &mut Totals) -> FramesS
         width: settings.width,
         height: settings.height,
         spp: settings.spp,
+        filter: settings.filter.to_string(),
+        indirect_limit: None,
         picture_version: PICTURE_VERSION,
         frames: Vec::new(),
         frames_in_flight: 0,

@@ -31,6 +31,7 @@ pub fn run(args: &RenderArgs, registry: &Registry) -> Result<Outcome> {
     let outputs = check_files(args, &pictures)?;
     checkpoint::check(&args.progress)?;
     registry.check_settings(&args.integrator, &args.set)?;
+    args.sampling.check(&args.integrator, &args.look)?;
     if let Some(path) = &args.timeline {
         timeline::Format::of(path)?;
     }
@@ -55,11 +56,16 @@ pub fn run(args: &RenderArgs, registry: &Registry) -> Result<Outcome> {
     let scene = setup.prepared.scene.clone();
     let camera = still(&scene);
     let spp = args.progress.samples();
-    let settings = Settings { width, height, spp, max_bounces: args.max_bounces, seed: args.seed };
+    let settings = Settings::new(width, height)
+        .with_spp(spp)
+        .with_max_bounces(args.max_bounces)
+        .with_seed(args.seed)
+        .with_filter(args.sampling.filter);
     let roulette_bounces = (!args.no_russian_roulette).then_some(ROULETTE_BOUNCES);
     setup.options = registry.integrator_options(&args.integrator, &scene, &args.set)?;
     let options = setup.options.clone();
-    let params = IntegratorParams { scene, camera, settings, roulette_bounces, options };
+    let indirect_limit = args.sampling.indirect_limit(&args.look);
+    let params = IntegratorParams { scene, camera, settings, roulette_bounces, indirect_limit, options };
     registry.run(&args.integrator, params, RenderRequest { args, setup: &setup, animation, camera })
 }
 

@@ -145,6 +145,8 @@ fn image_stats<I: Integrator>(
         height: image.height,
         spp: frame.integrator().frame().settings().spp,
         mean_spp: film.mean_samples(),
+        filter: args.sampling.filter.to_string(),
+        indirect_limit: args.sampling.indirect_limit(&args.look),
         hash: image.hash(),
         picture_version: PICTURE_VERSION,
         view: look.view().name().into(),

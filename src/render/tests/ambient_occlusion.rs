@@ -18,7 +18,7 @@ fn corner(distance: f32) -> Scene {
 }
 
 fn openness(scene: &Scene, reach: f32) -> Vec<f32> {
-    let settings = Settings { width: 5, height: 5, spp: 4096, max_bounces: 0, seed: 1 };
+    let settings = Settings::new(5, 5).with_spp(4096).with_max_bounces(0).with_seed(1);
     // A view so narrow that all pixels see the origin.
     let camera = crate::scene::Camera { fov_degrees: 1e-3, ..camera() };
     let ambient = AmbientOcclusion::new(Arc::new(scene.clone()), &camera, settings, reach).expect("valid");
@@ -50,7 +50,7 @@ fn the_void_is_open() {
 #[test]
 fn every_instruction_set_shades_the_same_picture() {
     let scene = Arc::new(one_of_everything());
-    let settings = Settings { width: 17, height: 16, spp: 4, max_bounces: 0, seed: 1 };
+    let settings = Settings::new(17, 16).with_spp(4).with_max_bounces(0).with_seed(1);
     let picture = |simd: SimdLevel, batch: usize| {
         let ambient =
             AmbientOcclusion::new(scene.clone(), &camera(), settings, 0.5).expect("valid").with_simd(simd);

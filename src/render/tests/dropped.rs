@@ -9,7 +9,7 @@ use crate::scene::{Points, Scattered, Scattering, ScatteringSurface, Scene};
 use glam::Vec3;
 use std::sync::Arc;
 
-const SETTINGS: Settings = Settings { width: 32, height: 24, spp: 4, max_bounces: 4, seed: 3 };
+const SETTINGS: Settings = Settings::new(32, 24).with_spp(4).with_max_bounces(4).with_seed(3);
 
 /// A BSDF that is not a number where x is positive, and white elsewhere.
 #[derive(Debug)]

@@ -2,6 +2,7 @@
 
 mod ambient_occlusion;
 mod dropped;
+mod filters;
 pub mod harness;
 mod path;
 mod pinned;

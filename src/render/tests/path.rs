@@ -17,7 +17,7 @@ use crate::stream::{Hit, Ray, Tracer};
 use glam::{Vec2, Vec3};
 use std::sync::Arc;
 
-const SETTINGS: Settings = Settings { width: 24, height: 24, spp: 64, max_bounces: 4, seed: 0 };
+const SETTINGS: Settings = Settings::new(24, 24).with_spp(64).with_max_bounces(4);
 
 fn path(scene: Scene, settings: Settings) -> PathTracer {
     PathTracer::new(Arc::new(scene), &camera(), settings, Some(ROULETTE_BOUNCES)).expect("valid settings")
@@ -220,7 +220,7 @@ fn an_even_sky_takes_one_ray_a_point_and_leaves_no_noise() {
             let lamp = add_material(&mut scene, shining(emission, 0.0));
             add_quad(&mut scene, Vec3::new(-9.0, -9.0, 1.0), Vec3::X, Vec3::Y, lamp);
         }
-        let settings = Settings { width: 16, height: 16, spp: 1, max_bounces: 0, seed: 3 };
+        let settings = Settings::new(16, 16).with_spp(1).with_max_bounces(0).with_seed(3);
         let narrow = crate::scene::Camera { fov_degrees: 0.01, ..camera() };
         let path = PathTracer::new(Arc::new(scene.clone()), &narrow, settings, None).expect("valid");
         let counts = render(&path, 8192, &harness::tracer(&scene));

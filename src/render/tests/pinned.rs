@@ -27,7 +27,7 @@ const PICTURES: [(&str, &str); 7] = [
 /// Each picture version and the hash of all of its [`PICTURES`]. Append to it; never change a line.
 const VERSIONS: [(u32, &str); 1] = [(1, "47d5446f07eee961")];
 
-const SETTINGS: Settings = Settings { width: 40, height: 30, spp: 8, max_bounces: 6, seed: 11 };
+const SETTINGS: Settings = Settings::new(40, 30).with_spp(8).with_max_bounces(6).with_seed(11);
 
 /// A room lit by so many small lamps that a light tree chooses among them.
 fn many_lamps() -> Scene {

@@ -10,7 +10,7 @@ use crate::scene::{
 use glam::{Vec2, Vec3};
 use std::sync::Arc;
 
-const SETTINGS: Settings = Settings { width: 16, height: 16, spp: 1024, max_bounces: 3, seed: 0 };
+const SETTINGS: Settings = Settings::new(16, 16).with_spp(1024).with_max_bounces(3);
 
 /// A material of code.
 fn coded(scene: &mut Scene, surface: impl Procedural) -> u32 {

@@ -39,7 +39,7 @@ impl Studio {
     }
 
     fn path(&self, spp: u32) -> PathTracer {
-        let settings = Settings { width: 100, height: 70, spp, max_bounces: 3, seed: 1 };
+        let settings = Settings::new(100, 70).with_spp(spp).with_max_bounces(3).with_seed(1);
         PathTracer::new(Arc::clone(&self.scene), &self.camera, settings, Some(3)).expect("settings")
     }
 

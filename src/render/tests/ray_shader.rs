@@ -9,7 +9,7 @@ use crate::stream::Ray;
 use glam::Vec3;
 use std::sync::Arc;
 
-const SETTINGS: Settings = Settings { width: 40, height: 30, spp: 8, max_bounces: 3, seed: 5 };
+const SETTINGS: Settings = Settings::new(40, 30).with_spp(8).with_max_bounces(3).with_seed(5);
 
 fn shading<P: bytemuck::Pod + Send + Sync, S: RayShader<P>>(
     shader: S,

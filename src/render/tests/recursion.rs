@@ -11,7 +11,7 @@ use crate::stream::{Hit, Ray};
 use glam::Vec3;
 use std::sync::Arc;
 
-const SETTINGS: Settings = Settings { width: 24, height: 20, spp: 2, max_bounces: 6, seed: 3 };
+const SETTINGS: Settings = Settings::new(24, 20).with_spp(2).with_max_bounces(6).with_seed(3);
 
 fn recursion<S: Shader>(shader: S, scene: &Scene, settings: Settings) -> Recursion<S> {
     Recursion::new(shader, Arc::new(scene.clone()), &camera(), settings).expect("valid settings")
@@ -172,7 +172,7 @@ fn shadow_rays_beyond_the_room_for_them_wait_and_none_is_lost() {
 #[test]
 fn memory_is_bounded_by_paths_in_flight_and_depth_and_spawning_waits_for_it() {
     let scene = Arc::new(sheets(12, Material::fallback()));
-    let settings = Settings { width: 300, height: 200, spp: 2, max_bounces: 7, seed: 0 };
+    let settings = Settings::new(300, 200).with_spp(2).with_max_bounces(7);
     let service = Service::new(ServiceOptions { host_threads: 2, dispatch_threads: 0, ..Default::default() })
         .expect("threads");
     let host = Arc::new(harness::tracer(&scene));

@@ -63,7 +63,7 @@ fn coded(scene: &mut Scene, surface: impl Scattering) -> Surface {
     Surface::Scattering(scene.scatterings.len() as u32 - 1)
 }
 
-const SETTINGS: Settings = Settings { width: 24, height: 24, spp: 16, max_bounces: 3, seed: 0 };
+const SETTINGS: Settings = Settings::new(24, 24).with_spp(16).with_max_bounces(3);
 
 fn picture<I: Integrator>(made: &I) -> (Vec<[f32; 3]>, Counts) {
     let counts = render(made, 8192, &harness::tracer(made.frame().scene()));

@@ -9,7 +9,7 @@ use glam::Vec3;
 use std::sync::Arc;
 
 /// Four tiles, so that several threads have one each and all help with the last.
-const SETTINGS: Settings = Settings { width: 200, height: 140, spp: 2, max_bounces: 3, seed: 5 };
+const SETTINGS: Settings = Settings::new(200, 140).with_spp(2).with_max_bounces(3).with_seed(5);
 
 fn counts(rays: RayCounts) -> Counts {
     Counts { camera: rays.camera, continuation: rays.continuation, shadow: rays.shadow }

@@ -8,7 +8,7 @@ use crate::scene::{Colour, Light, LightShape, Material, Scalar, Scene, Surface};
 use glam::Vec3;
 use std::sync::Arc;
 
-const SETTINGS: Settings = Settings { width: 16, height: 16, spp: 1, max_bounces: 8, seed: 0 };
+const SETTINGS: Settings = Settings::new(16, 16).with_spp(1).with_max_bounces(8);
 
 fn whitted(scene: &Scene, settings: Settings) -> Whitted {
     Whitted::new(Arc::new(scene.clone()), &camera(), settings).expect("valid settings")
