@@ -167,18 +167,18 @@ impl Film {
             return lanes;
         }
         let (x, y, z) = (radiance.x, radiance.y, radiance.z);
-        let zero = Num::splat(x.lanes(), 0.0);
-        let finite = x.is_finite() & y.is_finite() & z.is_finite();
-        let valid = lanes & finite & x.ge(zero) & y.ge(zero) & z.ge(zero);
+        let (zero, brightest) = (Num::zero(x.lanes()), x.max(y).max(z));
+        // NaN is not at least 0.
+        let valid = lanes & x.ge(zero) & y.ge(zero) & z.ge(zero) & brightest.below(f32::INFINITY);
         let dropped = lanes & !valid;
         if dropped.any() {
             self.count_dropped(dropped.count() as u64);
         }
         let Some(first) = valid.iter().next() else { return dropped };
         let (most, scale) = (Num::splat(x.lanes(), MAX_RADIANCE), self.scale());
-        let clamped = valid & x.max(y).max(z).gt(most);
+        let clamped = valid & brightest.gt(most);
         if clamped.any() {
-            self.clamped.fetch_add(clamped.count() as u64, Relaxed);
+            self.count_clamped(clamped.count() as u64);
         }
         let fixed = [x.min(most).to_fixed(scale), y.min(most).to_fixed(scale), z.min(most).to_fixed(scale)];
         let pixels = pixel.to_array();
@@ -190,7 +190,15 @@ impl Film {
         dropped
     }
 
+    #[cold]
+    #[inline(never)]
+    fn count_clamped(&self, splats: u64) {
+        self.clamped.fetch_add(splats, Relaxed);
+    }
+
     /// Counts splats that were dropped before they reached the film.
+    #[cold]
+    #[inline(never)]
     pub fn count_dropped(&self, splats: u64) {
         self.dropped.fetch_add(splats, Relaxed);
     }

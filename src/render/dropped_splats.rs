@@ -25,8 +25,11 @@ pub type DroppedByMaterial = BTreeMap<Option<u32>, Dropped>;
 pub(super) struct DroppedSplats(Mutex<DroppedByMaterial>);
 
 impl DroppedSplats {
-    fn note(&self, material: Option<u32>, pixels: impl Iterator<Item = u32>) {
-        for first_pixel in pixels {
+    /// Adds a splat for each of these pixels. Out of line, so that the loops that splat stay small.
+    #[cold]
+    #[inline(never)]
+    fn note(&self, material: Option<u32>, pixels: &[u32]) {
+        for &first_pixel in pixels {
             self.add(material, Dropped { splats: 1, first_pixel });
         }
     }
@@ -56,7 +59,7 @@ impl Frame {
     /// negative or not finite are dropped, counted, and known by their material ([`Frame::dropped_by_material`]).
     pub fn splat(&self, material: Option<u32>, pixel: u32, radiance: Vec3) {
         if !self.film().splat(pixel, radiance) {
-            self.dropped().note(material, std::iter::once(pixel));
+            self.dropped().note(material, &[pixel]);
         }
     }
 
@@ -136,7 +139,7 @@ impl Frame {
     fn note_dropped<L: Lanes>(&self, material: Option<u32>, lanes: Mask<L>, pixel: Int<L>) {
         let mut pixels = L::array(0);
         let count = pixel.append(lanes, pixels.as_mut());
-        self.dropped().note(material, pixels.as_ref()[..count].iter().copied());
+        self.dropped().note(material, &pixels.as_ref()[..count]);
     }
 
     /// Dropped splats so far, by material. Their sum is [`crate::film::Film::dropped_splats`], less what was added to
