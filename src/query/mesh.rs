@@ -91,7 +91,6 @@ impl Mesh {
     /// # Panics
     /// If the two lengths differ.
     pub fn closest_into(&self, rays: &[Ray], hits: &mut [Hit]) {
-        assert_eq!(rays.len(), hits.len(), "one hit per ray");
         self.tracers.closest_into(rays, hits);
     }
 
@@ -136,9 +135,7 @@ impl Mesh {
     /// # Ok::<(), raystream::query::GeometryError>(())
     /// ```
     pub fn closest_where(&self, rays: &[Ray], accepts: impl Fn(usize, &Hit) -> bool + Sync) -> Vec<Hit> {
-        let mut hits = vec![Hit::NONE; rays.len()];
-        self.tracers.closest_where(rays, &mut hits, &accepts);
-        hits
+        self.tracers.closest_where(rays, &accepts)
     }
 
     /// All hits of every ray. The second vector has a range of the first for each ray: its hits, nearest first,
@@ -165,9 +162,7 @@ impl Mesh {
 
     /// Whether each ray hits anything. Faster than [`Mesh::closest`].
     pub fn occluded(&self, rays: &[Ray]) -> Vec<bool> {
-        let mut occluded = vec![false; rays.len()];
-        self.occluded_into(rays, &mut occluded);
-        occluded
+        self.tracers.occluded(rays)
     }
 
     /// [`Mesh::occluded`] into memory of the caller, as many answers as rays.
@@ -175,7 +170,6 @@ impl Mesh {
     /// # Panics
     /// If the two lengths differ.
     pub fn occluded_into(&self, rays: &[Ray], occluded: &mut [bool]) {
-        assert_eq!(rays.len(), occluded.len(), "one answer per ray");
         self.tracers.occluded_into(rays, occluded);
     }
 

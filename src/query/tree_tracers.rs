@@ -63,8 +63,12 @@ impl TreeTracers {
         result
     }
 
-    /// The nearest hit of each ray, as many as rays.
+    /// The nearest hit of each ray.
+    ///
+    /// # Panics
+    /// If there are not as many hits as rays.
     pub fn closest_into(&self, rays: &[Ray], hits: &mut [Hit]) {
+        assert_eq!(rays.len(), hits.len(), "one hit per ray");
         in_shares(rays, hits, SHARE_RAYS, |_, rays, hits| self.closest_here(rays, hits));
     }
 
@@ -77,8 +81,19 @@ impl TreeTracers {
         }
     }
 
-    /// Whether each ray hits anything, as many answers as rays.
+    /// Whether each ray hits anything.
+    pub fn occluded(&self, rays: &[Ray]) -> Vec<bool> {
+        let mut occluded = vec![false; rays.len()];
+        self.occluded_into(rays, &mut occluded);
+        occluded
+    }
+
+    /// [`TreeTracers::occluded`] into memory of the caller.
+    ///
+    /// # Panics
+    /// If there are not as many answers as rays.
     pub fn occluded_into(&self, rays: &[Ray], occluded: &mut [bool]) {
+        assert_eq!(rays.len(), occluded.len(), "one answer per ray");
         in_shares(rays, occluded, SHARE_RAYS, |_, rays, occluded| {
             let mut answers = ANSWERS.take();
             answers.resize(rays.len(), 0);
@@ -92,16 +107,13 @@ impl TreeTracers {
         });
     }
 
-    /// The nearest hit of each ray among those that `accepts` returns true for, as many as rays.
-    pub fn closest_where(
-        &self,
-        rays: &[Ray],
-        hits: &mut [Hit],
-        accepts: &(dyn Fn(usize, &Hit) -> bool + Sync),
-    ) {
-        in_shares(rays, hits, SHARE_RAYS, |first, rays, hits| {
+    /// The nearest hit of each ray among those that `accepts` returns true for.
+    pub fn closest_where(&self, rays: &[Ray], accepts: &(dyn Fn(usize, &Hit) -> bool + Sync)) -> Vec<Hit> {
+        let mut hits = vec![Hit::NONE; rays.len()];
+        in_shares(rays, &mut hits, SHARE_RAYS, |first, rays, hits| {
             self.single.closest_where(rays, hits, &mut |ray, hit| accepts(first + ray, hit));
         });
+        hits
     }
 
     /// All hits of all rays, and which of them are of each ray.

@@ -204,8 +204,7 @@ impl World {
         rays: &[Ray],
         accepts: impl Fn(usize, &WorldHit) -> bool + Sync,
     ) -> Vec<WorldHit> {
-        let mut of_tree = vec![Hit::NONE; rays.len()];
-        self.tracers.closest_where(rays, &mut of_tree, &|ray, hit| accepts(ray, &self.hit(hit)));
+        let of_tree = self.tracers.closest_where(rays, &|ray, hit| accepts(ray, &self.hit(hit)));
         of_tree.iter().map(|hit| self.hit(hit)).collect()
     }
 
@@ -217,9 +216,7 @@ impl World {
 
     /// Whether each ray hits anything. Faster than [`World::closest`].
     pub fn occluded(&self, rays: &[Ray]) -> Vec<bool> {
-        let mut occluded = vec![false; rays.len()];
-        self.occluded_into(rays, &mut occluded);
-        occluded
+        self.tracers.occluded(rays)
     }
 
     /// [`World::occluded`] into memory of the caller, as many answers as rays.
@@ -227,7 +224,6 @@ impl World {
     /// # Panics
     /// If the two lengths differ.
     pub fn occluded_into(&self, rays: &[Ray], occluded: &mut [bool]) {
-        assert_eq!(rays.len(), occluded.len(), "one answer per ray");
         self.tracers.occluded_into(rays, occluded);
     }
 
