@@ -2,6 +2,7 @@
 
 use super::super::{Batch, Output, Renderer, Tracers};
 use crate::stream::{Hit, Ray, Tracer};
+use std::ops::Deref;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Condvar, Mutex};
 use std::time::Duration;
@@ -80,6 +81,51 @@ impl Renderer for Gated {
         if self.holds_shading {
             self.hold();
         }
+    }
+
+    fn shadow(&self, _: &[Ray], _: &[u32], _: &[u32]) {}
+}
+
+/// A gated renderer that holds something until it is dropped.
+pub struct Holder<G, T> {
+    pub gated: G,
+    pub held: T,
+}
+
+/// What a [`Holder`] holds.
+pub trait Held: Send + Sync {
+    /// Called before each shading, and after each spawning.
+    fn check(&self) {}
+}
+
+impl<G: Deref<Target = Gated> + Send + Sync, T: Held> Renderer for Holder<G, T> {
+    type Payload = u32;
+    type ShadowPayload = u32;
+
+    fn tiles(&self) -> u64 {
+        self.gated.tiles()
+    }
+
+    fn tile_rays(&self) -> usize {
+        self.gated.tile_rays()
+    }
+
+    fn shadow_rays_per_ray(&self) -> usize {
+        self.gated.shadow_rays_per_ray()
+    }
+
+    fn most_in_flight(&self) -> usize {
+        self.gated.most_in_flight()
+    }
+
+    fn spawn(&self, tile: u64, out: &mut Output<'_, u32, u32>) {
+        self.gated.spawn(tile, out);
+        self.held.check();
+    }
+
+    fn shade(&self, batch: Batch<'_, u32>, out: &mut Output<'_, u32, u32>) {
+        self.held.check();
+        self.gated.shade(batch, out);
     }
 
     fn shadow(&self, _: &[Ray], _: &[u32], _: &[u32]) {}

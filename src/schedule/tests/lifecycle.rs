@@ -4,6 +4,7 @@ use super::super::{
     Batch, JobError, JobHandle, JobOptions, JobReport, Output, Progress, Renderer, Service, ServiceOptions,
     Tracers,
 };
+use super::gated::{Held, Holder};
 use super::ledger::{Ledger, Script};
 use super::{Gated, SCRIPT, SMALL, blind, outcome, service, wait_until};
 use crate::stream::Ray;
@@ -153,88 +154,27 @@ fn dropping_the_service_cancels_what_runs_and_what_waits() {
     assert_eq!(outcome(waiting), Err(JobError::Cancelled));
 }
 
-/// Holds the last reference to its own service, so that dropping it drops the service.
-struct Owner(#[expect(dead_code, reason = "held to be dropped")] Arc<Service>, Arc<Gated>);
-
-impl Renderer for Owner {
-    type Payload = u32;
-    type ShadowPayload = u32;
-
-    fn tiles(&self) -> u64 {
-        self.1.tiles()
-    }
-
-    fn tile_rays(&self) -> usize {
-        self.1.tile_rays()
-    }
-
-    fn shadow_rays_per_ray(&self) -> usize {
-        self.1.shadow_rays_per_ray()
-    }
-
-    fn most_in_flight(&self) -> usize {
-        self.1.most_in_flight()
-    }
-
-    fn spawn(&self, tile: u64, out: &mut Output<'_, u32, u32>) {
-        self.1.spawn(tile, out);
-    }
-
-    fn shade(&self, batch: Batch<'_, u32>, out: &mut Output<'_, u32, u32>) {
-        self.1.shade(batch, out);
-    }
-
-    fn shadow(&self, _: &[Ray], _: &[u32], _: &[u32]) {}
-}
+/// The last reference to a service: who drops it drops the service.
+impl Held for Arc<Service> {}
 
 #[test]
 fn a_service_may_be_dropped_on_its_own_thread() {
     let service = Arc::new(service(2, 1));
     let gated = Gated::new();
-    let owner = Owner(Arc::clone(&service), Arc::clone(&gated));
+    let owner = Holder { gated: Arc::clone(&gated), held: Arc::clone(&service) };
     let job = service.submit(Arc::new(owner), blind(), JobOptions::default()).unwrap();
     drop(service);
     gated.open();
     assert_eq!(outcome(job).map(|report| report.tiles_spawned), Ok(50));
 }
 
-/// Reads its own progress when it is dropped.
+/// Reads its job's progress when it is dropped.
 struct LastWords {
     handle: Arc<OnceLock<JobHandle>>,
     progress: Sender<Progress>,
-    gated: Arc<Gated>,
 }
 
-impl Renderer for LastWords {
-    type Payload = u32;
-    type ShadowPayload = u32;
-
-    fn tiles(&self) -> u64 {
-        self.gated.tiles()
-    }
-
-    fn tile_rays(&self) -> usize {
-        self.gated.tile_rays()
-    }
-
-    fn shadow_rays_per_ray(&self) -> usize {
-        self.gated.shadow_rays_per_ray()
-    }
-
-    fn most_in_flight(&self) -> usize {
-        self.gated.most_in_flight()
-    }
-
-    fn spawn(&self, tile: u64, out: &mut Output<'_, u32, u32>) {
-        self.gated.spawn(tile, out);
-    }
-
-    fn shade(&self, batch: Batch<'_, u32>, out: &mut Output<'_, u32, u32>) {
-        self.gated.shade(batch, out);
-    }
-
-    fn shadow(&self, _: &[Ray], _: &[u32], _: &[u32]) {}
-}
+impl Held for LastWords {}
 
 impl Drop for LastWords {
     fn drop(&mut self) {
@@ -249,7 +189,8 @@ fn a_renderer_may_read_its_progress_while_it_is_dropped() {
     let service = service(2, 0);
     let (handle, gated) = (Arc::new(OnceLock::new()), Gated::new());
     let (progress, received) = channel();
-    let renderer = LastWords { handle: Arc::clone(&handle), progress, gated: Arc::clone(&gated) };
+    let held = LastWords { handle: Arc::clone(&handle), progress };
+    let renderer = Holder { gated: Arc::clone(&gated), held };
     let job = service.submit(Arc::new(renderer), blind(), JobOptions::default()).unwrap();
     assert!(handle.set(job).is_ok());
     gated.open();

@@ -1,57 +1,20 @@
 //! Jobs that borrow their renderers.
 
-use super::super::{Batch, JobError, JobOptions, Output, Renderer, Service, Tracers};
+use super::super::{JobError, JobOptions, Service, Tracers};
+use super::gated::{Held, Holder};
 use super::ledger::{Ledger, Script};
 use super::{Gated, SCRIPT, SMALL, blind, service, wait_until};
-use crate::stream::Ray;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
-/// Borrows all that it uses.
-struct Borrower<'a> {
-    gated: &'a Gated,
-    /// Set once the renderer's owner may have ended.
-    is_over: &'a AtomicBool,
-}
+/// Whether the renderer's owner may have ended.
+struct IsOver<'a>(&'a AtomicBool);
 
-impl Borrower<'_> {
+impl Held for IsOver<'_> {
     fn check(&self) {
-        assert!(!self.is_over.load(Relaxed), "no renderer is called after its scope");
+        assert!(!self.0.load(Relaxed), "no renderer is called after its scope");
     }
-}
-
-impl Renderer for Borrower<'_> {
-    type Payload = u32;
-    type ShadowPayload = u32;
-
-    fn tiles(&self) -> u64 {
-        self.gated.tiles()
-    }
-
-    fn tile_rays(&self) -> usize {
-        self.gated.tile_rays()
-    }
-
-    fn shadow_rays_per_ray(&self) -> usize {
-        self.gated.shadow_rays_per_ray()
-    }
-
-    fn most_in_flight(&self) -> usize {
-        self.gated.most_in_flight()
-    }
-
-    fn spawn(&self, tile: u64, out: &mut Output<'_, u32, u32>) {
-        self.gated.spawn(tile, out);
-        self.check();
-    }
-
-    fn shade(&self, batch: Batch<'_, u32>, out: &mut Output<'_, u32, u32>) {
-        self.check();
-        self.gated.shade(batch, out);
-    }
-
-    fn shadow(&self, _: &[Ray], _: &[u32], _: &[u32]) {}
 }
 
 #[test]
@@ -71,7 +34,7 @@ fn leave(service: &Service, end: impl Fn(super::super::JobHandle)) -> u64 {
     let gated = Gated::new();
     let is_over = AtomicBool::new(false);
     {
-        let borrower = Borrower { gated: &gated, is_over: &is_over };
+        let borrower = Holder { gated: &*gated, held: IsOver(&is_over) };
         service.scope(|scope| {
             let job = scope.submit(&borrower, blind(), JobOptions::default()).unwrap();
             wait_until(|| gated.spawned.load(Relaxed) > 0);
