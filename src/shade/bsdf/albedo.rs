@@ -3,6 +3,7 @@
 
 use super::fresnel::{Schlick, schlick_weight};
 use super::ggx::Ggx;
+use super::table_rows;
 use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, SimdLevel, Vector};
 use std::sync::OnceLock;
 
@@ -118,7 +119,7 @@ fn table() -> &'static Table {
     static TABLE: OnceLock<Table> = OnceLock::new();
     TABLE.get_or_init(|| {
         let roughness = |i: usize| MIN_ROUGHNESS + (1.0 - MIN_ROUGHNESS) * (i as f32 / (NODES - 1) as f32);
-        (0..NODES).flat_map(|i| row(roughness(i))).flatten().collect()
+        table_rows::computed(NODES, |i| row(roughness(i))).into_iter().flatten().flatten().collect()
     })
 }
 

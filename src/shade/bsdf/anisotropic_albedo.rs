@@ -2,6 +2,7 @@
 
 use super::albedo::{MIN_ROUGHNESS, Reflectance, measure};
 use super::fresnel::schlick_weight;
+use super::table_rows;
 use crate::lanes::{Int, Lanes, Num, OutlinedTask, SingleLane, Vector};
 use std::sync::OnceLock;
 
@@ -119,14 +120,11 @@ fn read<L: Lanes>(entry: Int<L>) -> Reflectance<L> {
 fn table() -> &'static Table {
     static TABLE: OnceLock<Table> = OnceLock::new();
     TABLE.get_or_init(|| {
-        let mut table = Vec::with_capacity(NODES[0] * NODES[1] * ENTRIES * 2);
-        for i in 0..NODES[0] {
-            let roughness = MIN_ROUGHNESS + (1.0 - MIN_ROUGHNESS) * part(i, NODES[0]);
-            for k in 0..NODES[1] {
-                table.extend(row(roughness, part(k, NODES[1])).into_iter().flatten());
-            }
-        }
-        table
+        let rows = table_rows::computed(NODES[0] * NODES[1], |i| {
+            let roughness = MIN_ROUGHNESS + (1.0 - MIN_ROUGHNESS) * part(i / NODES[1], NODES[0]);
+            row(roughness, part(i % NODES[1], NODES[1]))
+        });
+        rows.into_iter().flatten().flatten().collect()
     })
 }
 

@@ -21,6 +21,7 @@ mod outlined;
 mod principled;
 mod scattering;
 mod sheen;
+mod table_rows;
 #[cfg(test)]
 mod tests;
 mod transmission_albedo;

@@ -1,5 +1,6 @@
 //! Fibres that stand on a surface: KHR_materials_sheen.
 
+use super::table_rows;
 use crate::lanes::{Int, LaneTask, Lanes, Num, OutlinedTask, SimdLevel, Vector, exponential};
 use crate::scene::{self, Footprint, Scene};
 use crate::shade::lookup;
@@ -157,7 +158,7 @@ fn table() -> &'static [f32] {
         let measure = |(roughness, z): (f32, f32)| {
             SimdLevel::detect().run(Measurement { roughness, z: z.clamp(1e-4, 1.0) })
         };
-        (0..NODES * NODES).map(|i| measure(node(i))).collect()
+        table_rows::computed(NODES * NODES, |i| measure(node(i)))
     })
 }
 

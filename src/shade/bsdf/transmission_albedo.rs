@@ -4,6 +4,7 @@
 use super::albedo::MIN_ROUGHNESS;
 use super::fresnel::{self, Schlick};
 use super::ggx::Ggx;
+use super::table_rows;
 use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, SimdLevel, SingleLane, Vector};
 use std::sync::OnceLock;
 
@@ -138,18 +139,13 @@ fn table() -> &'static Table {
     static TABLE: OnceLock<Table> = OnceLock::new();
     TABLE.get_or_init(|| {
         let part = |i: usize, nodes: usize| i as f32 / (nodes - 1) as f32;
-        let mut table = Vec::with_capacity(NODES[0] * NODES[1] * 2 * ENTRIES * WORDS);
-        for i in 0..NODES[0] {
+        let rows = table_rows::computed(NODES[0] * NODES[1], |i| {
             // An index of 1 is no boundary. An index just above 1 still has two sides.
-            let index = (1.0 + (MAX_INDEX - 1.0) * part(i, NODES[0]).powi(2)).max(1.0 + 1e-3);
-            for k in 0..NODES[1] {
-                let roughness = MIN_ROUGHNESS + (1.0 - MIN_ROUGHNESS) * part(k, NODES[1]);
-                for eta in [index, 1.0 / index] {
-                    table.extend(row(index, eta, roughness).into_iter().flatten());
-                }
-            }
-        }
-        table
+            let index = (1.0 + (MAX_INDEX - 1.0) * part(i / NODES[1], NODES[0]).powi(2)).max(1.0 + 1e-3);
+            let roughness = MIN_ROUGHNESS + (1.0 - MIN_ROUGHNESS) * part(i % NODES[1], NODES[1]);
+            [index, 1.0 / index].map(|eta| row(index, eta, roughness))
+        });
+        rows.into_iter().flatten().flatten().flatten().collect()
     })
 }
 
