@@ -10,6 +10,8 @@ pub enum View {
     /// three.js use: 16.5 stops around middle grey. Bright colours fade to white as on film.
     #[default]
     Agx,
+    /// AgX with the look that Filament and Blender call punchy: after the contrast, power 1.35 and saturation 1.4.
+    AgxPunchy,
     /// Khronos PBR Neutral: base colours are shown as they are, up to 0.76; what is brighter is compressed.
     PbrNeutral,
     /// ACES: Hill's fit of the reference rendering transform, scaled so that middle grey stays about as bright.
@@ -24,13 +26,14 @@ pub enum View {
 
 impl View {
     /// All views.
-    pub const ALL: [Self; 6] =
-        [Self::Agx, Self::PbrNeutral, Self::Aces, Self::Filmic, Self::Standard, Self::Raw];
+    pub const ALL: [Self; 7] =
+        [Self::Agx, Self::AgxPunchy, Self::PbrNeutral, Self::Aces, Self::Filmic, Self::Standard, Self::Raw];
 
     /// The name that arguments and metadata use.
     pub fn name(self) -> &'static str {
         match self {
             Self::Agx => "agx",
+            Self::AgxPunchy => "agx-punchy",
             Self::PbrNeutral => "pbr-neutral",
             Self::Aces => "aces",
             Self::Filmic => "filmic",
@@ -44,7 +47,8 @@ impl View {
         // Written so that NaN becomes 0.
         let radiance = radiance.map(|channel| if channel > 0.0 { channel.min(f32::MAX) } else { 0.0 });
         let shown = match self {
-            Self::Agx => agx(radiance),
+            Self::Agx => agx(radiance, |shown| shown),
+            Self::AgxPunchy => agx(radiance, punchy),
             Self::PbrNeutral => pbr_neutral(radiance),
             Self::Aces => aces(radiance),
             Self::Filmic => radiance.map(|channel| hable(2.0 * channel) / hable(11.2)),
@@ -69,7 +73,8 @@ pub(super) fn times(rows: &[[f32; 3]; 3], [x, y, z]: [f32; 3]) -> [f32; 3] {
     rows.map(|[a, b, c]| a * x + b * y + c * z)
 }
 
-fn agx(radiance: [f32; 3]) -> [f32; 3] {
+/// AgX with a look, which changes colours after the contrast.
+fn agx(radiance: [f32; 3], look: impl Fn([f32; 3]) -> [f32; 3]) -> [f32; 3] {
     const TO_REC2020: [[f32; 3]; 3] =
         [[0.6274, 0.3293, 0.0433], [0.0691, 0.9195, 0.0113], [0.0164, 0.0880, 0.8956]];
     const FROM_REC2020: [[f32; 3]; 3] =
@@ -92,8 +97,16 @@ fn agx(radiance: [f32; 3]) -> [f32; 3] {
         let (x2, x4) = (x * x, x * x * x * x);
         15.5 * x4 * x2 - 40.14 * x4 * x + 31.96 * x4 - 6.868 * x2 * x + 0.4298 * x2 + 0.1191 * x - 0.002_32
     };
-    let shown = times(&OUTSET, times(&INSET, times(&TO_REC2020, radiance)).map(contrast));
-    times(&FROM_REC2020, shown.map(|channel| libm::powf(channel.max(0.0), 2.2)))
+    let shown = look(times(&INSET, times(&TO_REC2020, radiance)).map(contrast));
+    times(&FROM_REC2020, times(&OUTSET, shown).map(|channel| libm::powf(channel.max(0.0), 2.2)))
+}
+
+fn punchy(shown: [f32; 3]) -> [f32; 3] {
+    const POWER: f32 = 1.35;
+    const SATURATION: f32 = 1.4;
+    let [r, g, b] = shown.map(|channel| channel.max(0.0));
+    let luma = 0.2126 * r + 0.7152 * g + 0.0722 * b;
+    [r, g, b].map(|channel| luma + SATURATION * (libm::powf(channel, POWER) - luma))
 }
 
 fn pbr_neutral(radiance: [f32; 3]) -> [f32; 3] {
@@ -171,10 +184,10 @@ mod tests {
         std::array::from_fn(|row| (0..3).map(|column| m[column][row] * v[column]).sum())
     }
 
-    /// AgX as Filament and three.js publish it: matrices by columns.
+    /// AgX as Filament and three.js publish it: matrices by columns. Punchy is Filament's.
     #[test]
     fn agx_is_the_published_formula() {
-        let published = |colour| {
+        let published = |colour, punchy| {
             let v = columns(
                 [[0.6274, 0.0691, 0.0164], [0.3293, 0.9195, 0.0880], [0.0433, 0.0113, 0.8956]],
                 colour,
@@ -194,6 +207,13 @@ mod tests {
                     + 0.1191 * x
                     - 0.00232
             });
+            let v = if punchy {
+                let luma: f64 =
+                    v.iter().zip([0.2126, 0.7152, 0.0722]).map(|(x, weight)| x.max(0.0) * weight).sum();
+                v.map(|x| luma + 1.4 * (x.max(0.0).powf(1.35) - luma))
+            } else {
+                v
+            };
             let v = columns(
                 [
                     [1.1271005818144368, -0.1413297634984383, -0.14132976349843826],
@@ -207,8 +227,10 @@ mod tests {
                 v.map(|x| x.max(0.0).powf(2.2)),
             )
         };
-        let difference = difference(View::Agx, published);
-        assert!(difference < 0.05, "{difference} steps of a byte");
+        for (view, punchy) in [(View::Agx, false), (View::AgxPunchy, true)] {
+            let difference = difference(view, |colour| published(colour, punchy));
+            assert!(difference < 0.05, "{view:?}: {difference} steps of a byte");
+        }
     }
 
     /// PBR Neutral as Khronos publishes it.

@@ -9,8 +9,9 @@ const RENDER: [&str; 10] =
 fn a_look_changes_a_png_and_no_radiance() {
     let folder = folder();
     std::fs::write(folder.path().join("a.obj"), SQUARE).expect("scene");
-    let looks: [&[&str]; 7] = [
+    let looks: [&[&str]; 8] = [
         &[],
+        &["--view", "agx-punchy"],
         &["--view", "pbr-neutral"],
         &["--view", "aces"],
         &["--view", "filmic"],
@@ -30,7 +31,7 @@ fn a_look_changes_a_png_and_no_radiance() {
     assert!(radiances.iter().all(|radiance| *radiance == radiances[0]), "radiance has no look");
     pictures.sort();
     pictures.dedup();
-    assert_eq!(pictures.len(), 7, "every look differs");
+    assert_eq!(pictures.len(), 8, "every look differs");
 }
 
 #[test]
@@ -57,7 +58,7 @@ fn looks_that_mean_nothing_are_refused() {
     std::fs::write(folder.path().join("a.obj"), SQUARE).expect("scene");
     for (look, says) in [
         (&["--exposure", "bright"][..], "as in 1.5, or auto"),
-        (&["--view", "sepia"], "agx, pbr-neutral"),
+        (&["--view", "sepia"], "agx, agx-punchy"),
         (&["--white-balance", "0"], "from 1667 to 25000 kelvin"),
         (&["--exposure", "auto", "--frames", "0..2", "--turntable", "9", "-o", "%d.png"], "would flicker"),
     ] {

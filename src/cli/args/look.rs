@@ -6,7 +6,7 @@ use clap::Args;
 /// How a .png shows the picture; other formats store radiance.
 #[derive(Debug, Args)]
 pub struct LookArgs {
-    /// View transform: agx, pbr-neutral, aces, filmic, standard (cut at 1) or raw (cut at 1, not sRGB).
+    /// View transform: agx, agx-punchy, pbr-neutral, aces, filmic, standard (cut at 1) or raw (cut at 1, not sRGB).
     #[arg(long, value_name = "NAME", default_value = View::default().name(), value_parser = view)]
     pub view: View,
     /// Brighten by this many stops, or `auto`: the mean becomes middle grey.
