@@ -80,9 +80,11 @@ impl Workload {
         (width, height): (u32, u32),
     ) -> Result<Self, CameraError> {
         let lens = camera.lens(width, height)?;
+        // A direction of 0 hits nothing.
         let camera_ray = |pixel: u32| {
             let place = Sampler::new(pixel, 0, 0).pair(0);
-            Ray::new(lens.eye, lens.direction(pixel % width, pixel / width, place))
+            let ray = lens.ray(pixel % width, pixel / width, place);
+            ray.map_or_else(Ray::default, |(origin, direction)| Ray::new(origin, direction))
         };
         let camera: Vec<Ray> = (0..width * height).map(camera_ray).collect();
         let mut hits = vec![Hit::NONE; camera.len()];

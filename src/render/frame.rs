@@ -5,8 +5,8 @@ use super::pixel_filter::FilterTable;
 use super::{Blocks, FilterShape, NewRays, Pass, PixelFilter};
 use crate::film::{Film, FilmError};
 use crate::geom::Sampler;
-use crate::lanes::{Int, LaneTask, Lanes, Mask, SimdLevel, SingleLane, Vector};
-use crate::scene::{Camera, CameraError, Lens, Scene};
+use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, SimdLevel, SingleLane, Vector};
+use crate::scene::{Camera, CameraError, Lens, LensRays, Pinhole, Scene};
 use crate::schedule::SceneId;
 use crate::shade::{Cone, Lights, LitScene};
 use crate::stream::Ray;
@@ -209,7 +209,13 @@ impl Frame {
     /// their textures.
     pub fn cone(&self) -> Cone<SingleLane> {
         let share = 1.0 / (self.settings.spp as f32).sqrt();
-        Cone { width: 0.0.into(), spread: (self.lens.spread() * share.max(LEAST_SHARE)).into() }
+        let [width, spread] = self.lens.cone().map(|size| Num::from(size * share.max(LEAST_SHARE)));
+        Cone { width, spread }
+    }
+
+    /// The camera with the size of the picture.
+    pub fn lens(&self) -> &Lens {
+        &self.lens
     }
 
     /// The scene.
@@ -270,7 +276,8 @@ impl Frame {
 
     /// Generates the camera rays of a tile, passes them in groups to `emit` with their pixels and samples, and counts
     /// them on the film. Tiles cover the picture once for every few samples, so a frame that stops early is even.
-    /// Dimension [`CAMERA_DIMENSION`] of the sampler is the position in the pixel filter.
+    /// Dimension [`CAMERA_DIMENSION`] of the sampler is the position in the pixel filter. A sample for which the lens
+    /// has no ray counts, and stays black.
     pub fn camera_rays(&self, tile: u64, mut emit: impl FnMut(&[Ray], &[u32], &[u32])) {
         let blocks = self.blocks();
         let (places, samples) = self.pass.tile(tile);
@@ -280,7 +287,11 @@ impl Frame {
                 for left in columns.clone().step_by(PATCH as usize) {
                     let size = [(columns.end - left).min(PATCH), (rows.end - top).min(PATCH)];
                     let patch = Patch { frame: self, samples: samples.clone(), corner: [left, top], size };
-                    self.simd.run(PatchRays { patch, emit: &mut emit });
+                    let emit = &mut emit;
+                    match self.lens.pinhole() {
+                        Some(optics) => self.simd.run(PatchRays { patch, optics, emit }),
+                        None => self.simd.run(PatchRays { patch, optics: &self.lens, emit }),
+                    }
                 }
             }
         }
@@ -297,12 +308,57 @@ struct Patch<'a> {
 }
 
 /// The camera rays of a patch: all samples of a pixel, then those of the next pixel in its row.
-struct PatchRays<'a, E> {
+struct PatchRays<'a, O, E> {
     patch: Patch<'a>,
+    optics: O,
     emit: &'a mut E,
 }
 
-impl<E: FnMut(&[Ray], &[u32], &[u32])> LaneTask for PatchRays<'_, E> {
+/// What makes camera rays. A pinhole has code of its own.
+trait Optics {
+    /// Whether there is a ray through every point of the picture.
+    const SEES_ALL: bool;
+
+    fn rays<L: Lanes>(
+        &self,
+        x: Num<L>,
+        y: Num<L>,
+        place: [Num<L>; 2],
+        sampler: &Sampler<L>,
+    ) -> LensRays<L>;
+}
+
+impl Optics for Pinhole {
+    const SEES_ALL: bool = true;
+
+    #[inline(always)]
+    fn rays<L: Lanes>(&self, x: Num<L>, y: Num<L>, place: [Num<L>; 2], _: &Sampler<L>) -> LensRays<L> {
+        let l = x.lanes();
+        let (origin, direction) = (Vector::splat(l, self.eye), self.directions(x, y, place));
+        LensRays { origin, direction, exist: Mask::splat(l, true) }
+    }
+}
+
+impl Optics for &Lens {
+    const SEES_ALL: bool = false;
+
+    #[inline(always)]
+    fn rays<L: Lanes>(
+        &self,
+        x: Num<L>,
+        y: Num<L>,
+        place: [Num<L>; 2],
+        sampler: &Sampler<L>,
+    ) -> LensRays<L> {
+        if !self.has_aperture() {
+            return Lens::rays(self, x, y, place, None);
+        }
+        let through = sampler.two(Int::splat(x.lanes(), APERTURE_DIMENSION));
+        Lens::rays(self, x, y, place, Some(through))
+    }
+}
+
+impl<O: Optics, E: FnMut(&[Ray], &[u32], &[u32])> LaneTask for PatchRays<'_, O, E> {
     type Output = ();
 
     #[cfg_attr(not(unoptimised), inline(always))]
@@ -334,16 +390,24 @@ impl<E: FnMut(&[Ray], &[u32], &[u32])> LaneTask for PatchRays<'_, E> {
             if let Some(filter) = &frame.filter {
                 place = filter.positions(place);
             }
-            let direction = frame.lens.directions(x.to_num(), y.to_num(), place);
-            let eye = Vector::splat(l, frame.lens.eye);
-            let rays = NewRays::new(eye, direction).rows(Mask::splat(l, true));
-            let lanes = lanes as usize;
-            let pixels = pixel.to_array();
+            let rays = self.optics.rays(x.to_num(), y.to_num(), place, &sampler);
+            let mut pixels = pixel.to_array();
+            let mut lanes = lanes as usize;
+            let exist = rays.exist;
+            let rays = NewRays::new(rays.origin, rays.direction).rows(exist);
+            if !O::SEES_ALL && !exist.all() {
+                let there = exist & Mask::first(l, lanes);
+                lanes = pixel.append(there, pixels.as_mut());
+                Int::from_array(l, &taken.clone()).append(there, taken.as_mut());
+            }
             let (rays, pixels) = (&rays.as_ref()[..lanes], &pixels.as_ref()[..lanes]);
             (self.emit)(bytemuck::cast_slice(rays), pixels, &taken.as_ref()[..lanes]);
         }
     }
 }
 
-/// Sampler dimension of the position in the pixel filter; integrators use all greater dimensions.
+/// Sampler dimension of the position in the pixel filter; integrators use greater dimensions.
 pub const CAMERA_DIMENSION: u32 = 0;
+
+/// Sampler dimension of the position in the aperture of a thin lens. No integrator reaches it.
+pub const APERTURE_DIMENSION: u32 = 1 << 30;

@@ -35,7 +35,7 @@ pub use ambient_occlusion::{AmbientOcclusion, OcclusionShader, SampleState};
 pub use checkpoint::{CHECKPOINT_VERSION, CheckpointError, Identity};
 pub use contribution::Contribution;
 pub use dropped_splats::{Dropped, DroppedByMaterial};
-pub use frame::{CAMERA_DIMENSION, Frame, Settings, SettingsError};
+pub use frame::{APERTURE_DIMENSION, CAMERA_DIMENSION, Frame, Settings, SettingsError};
 pub use hit_shader::{HitShader, HitShading, PathMemory};
 pub use integrator::Integrator;
 pub use pass::{BLOCK, Blocks, Pass};

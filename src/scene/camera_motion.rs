@@ -1,13 +1,14 @@
 //! Animated cameras: channels move the camera's node and its ancestors.
 
 use super::Camera;
-use glam::{DMat4, DQuat, DVec3};
+use glam::{DMat4, DQuat, DVec3, Vec3};
 
 /// The animation of a camera's node and its ancestors. Before its first key and after its last key a track keeps that
 /// key's value (glTF 2.0, appendix C).
 #[derive(Clone, Debug, PartialEq)]
 pub struct CameraMotion {
-    fov_degrees: f32,
+    /// The camera in any pose.
+    camera: Camera,
     /// The nodes from the root to the camera's node.
     nodes: Vec<AnimatedNode>,
 }
@@ -138,9 +139,14 @@ impl<T: Interpolate> Track<T> {
 }
 
 impl CameraMotion {
-    /// The animation of a camera that looks along −z with y up, at the end of a chain of nodes.
+    /// The animation of a perspective camera that looks along −z with y up, at the end of a chain of nodes.
     pub fn new(fov_degrees: f32, nodes: Vec<AnimatedNode>) -> Self {
-        Self { fov_degrees, nodes }
+        Self { camera: Camera::new(Vec3::ZERO, Vec3::NEG_Z).with_fov(fov_degrees), nodes }
+    }
+
+    /// The same animation with the projection, shift and aperture of a camera.
+    pub fn with_optics_of(self, camera: Camera) -> Self {
+        Self { camera, ..self }
     }
 
     /// Index of the first node with a key that is not finite.
@@ -161,12 +167,12 @@ impl CameraMotion {
             DMat4::from_scale_rotation_translation(scale, rotation, node.translation.at(seconds))
         };
         let matrix = self.nodes.iter().map(matrix).fold(DMat4::IDENTITY, |above, node| above * node);
-        Camera::transformed(&matrix, self.fov_degrees)
+        self.camera.posed_as(&Camera::transformed(&matrix, 40.0))
     }
 }
 
 impl Camera {
-    /// A camera in the origin that looks along −z with y up, transformed by a matrix. If the matrix gives it no
+    /// A perspective camera in the origin that looks along −z with y up, transformed by a matrix. If the matrix gives it no
     /// direction, its target equals its eye.
     pub fn transformed(matrix: &DMat4, fov_degrees: f32) -> Self {
         let turned = |axis| matrix.transform_vector3(axis).try_normalize().unwrap_or(DVec3::ZERO);
@@ -175,14 +181,13 @@ impl Camera {
         let distance = eye.abs().max_element().max(1.0);
         let target = eye + turned(DVec3::NEG_Z) * distance;
         let up = turned(DVec3::Y).as_vec3();
-        Self { eye: eye.as_vec3(), target: target.as_vec3(), up, fov_degrees }
+        Self::new(eye.as_vec3(), target.as_vec3()).with_up(up).with_fov(fov_degrees)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use glam::Vec3;
 
     fn keys<T: Interpolate>(values: impl IntoIterator<Item = [T; 3]>) -> Vec<Key<T>> {
         values.into_iter().map(|[arriving, value, leaving]| Key { arriving, value, leaving }).collect()

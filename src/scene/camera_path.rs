@@ -109,12 +109,10 @@ impl CameraPath {
             }) as f32
         };
         let vector = |of: [fn(&Key) -> f64; 3]| Vec3::from_array(of.map(number));
-        Camera {
-            eye: vector([|k| k.eye.x.into(), |k| k.eye.y.into(), |k| k.eye.z.into()]),
-            target: vector([|k| k.target.x.into(), |k| k.target.y.into(), |k| k.target.z.into()]),
-            up: vector([|k| k.up.x.into(), |k| k.up.y.into(), |k| k.up.z.into()]),
-            fov_degrees: number(|k| k.fov_degrees.into()),
-        }
+        let eye = vector([|k| k.eye.x.into(), |k| k.eye.y.into(), |k| k.eye.z.into()]);
+        let target = vector([|k| k.target.x.into(), |k| k.target.y.into(), |k| k.target.z.into()]);
+        let up = vector([|k| k.up.x.into(), |k| k.up.y.into(), |k| k.up.z.into()]);
+        Camera::new(eye, target).with_up(up).with_fov(number(|k| k.fov_degrees.into()))
     }
 }
 
@@ -130,7 +128,7 @@ fn hermite(t: f64, a: f64, b: f64, slope_a: f64, slope_b: f64) -> f64 {
 impl Key {
     fn camera(&self) -> Camera {
         let Self { eye, target, up, fov_degrees, .. } = *self;
-        Camera { eye, target, up, fov_degrees }
+        Camera::new(eye, target).with_up(up).with_fov(fov_degrees)
     }
 }
 
@@ -165,7 +163,8 @@ mod tests {
             let path = path(interpolation);
             assert_eq!(path.at(-5.0).eye, Vec3::new(0.0, 0.0, 9.0));
             assert_eq!(path.at(10.0).eye, Vec3::new(10.0, 0.0, 9.0));
-            assert_eq!((path.at(10.0).fov_degrees, path.at(10.0).target.x), (50.0, 1.0));
+            let key = path.at(10.0);
+            assert_eq!((key.with_fov(50.0), key.target.x), (key, 1.0));
             assert_eq!(path.at(31.0).eye, Vec3::new(20.0, 4.0, 9.0));
         }
         assert_eq!(path("linear").at(5.0).eye, Vec3::new(5.0, 0.0, 9.0));
@@ -183,8 +182,7 @@ mod tests {
 
     #[test]
     fn four_quarter_turns_are_the_identity() {
-        let camera =
-            Camera { eye: Vec3::new(3.0, 1.0, 5.0), target: Vec3::X, up: Vec3::Y, fov_degrees: 40.0 };
+        let camera = Camera::new(Vec3::new(3.0, 1.0, 5.0), Vec3::X);
         let centre = Vec3::new(1.0, 0.0, 2.0);
         let quarter = camera.turned(centre, 90.0);
         assert!((quarter.eye - Vec3::new(4.0, 1.0, 0.0)).length() < 1e-5, "{}", quarter.eye);

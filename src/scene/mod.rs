@@ -25,6 +25,7 @@ mod mesh_size;
 mod mip_weights;
 mod mipmap;
 mod mix;
+mod named_camera;
 mod object;
 mod points;
 mod principled;
@@ -38,7 +39,10 @@ mod surface_field;
 mod texture;
 mod validate;
 
-pub use camera::{Camera, CameraError, Lens};
+pub(crate) use camera::Pinhole;
+pub use camera::{
+    Aperture, Camera, CameraError, Distortion, FULL_FRAME_HEIGHT, Intrinsics, Lens, LensRays, Projection,
+};
 #[cfg(feature = "formats")]
 pub(crate) use camera_motion::unit_rotation;
 pub use camera_motion::{AnimatedNode, CameraMotion, Interpolate, Interpolation, Key, Track};
@@ -62,6 +66,7 @@ pub(crate) use mesh_size::MeshSize;
 pub use mip_weights::Averaging;
 pub use mipmap::Mipmap;
 pub use mix::Mix;
+pub use named_camera::NamedCamera;
 pub use object::{Object, Objects};
 pub use points::{POINT_FIELDS, Points};
 pub use principled::{Anisotropy, Iridescence, Principled, Sheen};
@@ -115,6 +120,8 @@ pub struct Scene {
     pub camera: Option<Camera>,
     /// The animation of that camera. `None` if it does not move.
     pub camera_motion: Option<CameraMotion>,
+    /// All cameras of the file, in file order, that one included.
+    pub cameras: Vec<NamedCamera>,
     /// Surfaces of user code that the file asks for by name. The command line resolves them.
     pub surface_requests: Vec<SurfaceRequest>,
     /// Options of integrators by name, as a recipe sets them.

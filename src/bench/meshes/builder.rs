@@ -16,7 +16,7 @@ pub struct Made(u32);
 impl Builder {
     /// An empty scene, seen from `eye`; y is up.
     pub fn seen(eye: Vec3, target: Vec3, fov_degrees: f32) -> Self {
-        let camera = Some(Camera { eye, target, up: Vec3::Y, fov_degrees });
+        let camera = Some(Camera::new(eye, target).with_fov(fov_degrees));
         Self { scene: Scene { camera, ..Scene::default() } }
     }
 

@@ -72,10 +72,9 @@ fn count(bvh: &Bvh, lens: &Lens, resolution: u32, edge: u32) -> Visits {
             walk.rays.clear();
             for y in top..(top + edge).min(resolution) {
                 for x in left..(left + edge).min(resolution) {
-                    let direction = lens.direction(x, y, [0.5; 2]);
-                    let (origin, far) = (lens.eye.to_array(), f32::INFINITY);
-                    let max_abs = bvh.scene_max_abs();
-                    walk.rays.push(CanonicalRay::new(origin, 0.0, direction.to_array(), far, max_abs));
+                    let Some((origin, direction)) = lens.ray(x, y, [0.5; 2]) else { continue };
+                    let (origin, direction) = (origin.to_array(), direction.to_array());
+                    walk.rays.push(CanonicalRay::new(origin, 0.0, direction, f32::INFINITY, bvh.scene_max_abs()));
                 }
             }
             walk.trace(bvh);
@@ -188,7 +187,8 @@ mod tests {
         let mut walk = Walk::default();
         let mut rays = Vec::new();
         for (x, y) in (0..64).map(|i| (i % 8, i / 8)) {
-            let ray = Ray::new(lens.eye, lens.direction(x, y, [0.5; 2]));
+            let (origin, direction) = lens.ray(x, y, [0.5; 2]).expect("a ray");
+            let ray = Ray::new(origin, direction);
             walk.rays.push(CanonicalRay::new(ray.origin, 0.0, ray.direction, ray.t_max, bvh.scene_max_abs()));
             rays.push(ray);
         }

@@ -31,14 +31,10 @@ impl CameraArgs {
     /// The scene's own camera, or one that frames it, changed by the options.
     pub fn apply(&self, own: Option<Camera>, framed: impl FnOnce() -> Camera) -> Camera {
         let base = own.unwrap_or_else(framed);
-        let eye = self.eye.unwrap_or(base.eye);
         // A moved camera keeps its target.
-        Camera {
-            eye,
-            target: self.target.unwrap_or(base.target),
-            up: self.up.unwrap_or(base.up),
-            fov_degrees: self.fov.unwrap_or(base.fov_degrees),
-        }
+        let (eye, target) = (self.eye.unwrap_or(base.eye), self.target.unwrap_or(base.target));
+        let camera = base.posed_as(&Camera::new(eye, target).with_up(self.up.unwrap_or(base.up)));
+        self.fov.map_or(camera, |fov| camera.with_fov(fov))
     }
 }
 

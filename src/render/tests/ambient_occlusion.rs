@@ -20,7 +20,7 @@ fn corner(distance: f32) -> Scene {
 fn openness(scene: &Scene, reach: f32) -> Vec<f32> {
     let settings = Settings::new(5, 5).with_spp(4096).with_max_bounces(0).with_seed(1);
     // A view so narrow that all pixels see the origin.
-    let camera = crate::scene::Camera { fov_degrees: 1e-3, ..camera() };
+    let camera = camera().with_fov(1e-3);
     let ambient = AmbientOcclusion::new(Arc::new(scene.clone()), &camera, settings, reach).expect("valid");
     let counts = render(&ambient, 8192, &harness::tracer(scene));
     assert_eq!(counts.continuation, 0);

@@ -168,7 +168,8 @@ pub fn light_sampling_agrees(scene: &Scene) {
         for x in 0..settings.width {
             for s in 0..samples {
                 let sampler = Sampler::new(y * settings.width + x, s, 99);
-                let ray = Ray::new(lens.eye, lens.direction(x, y, sampler.pair(0)));
+                let (origin, direction) = lens.ray(x, y, sampler.pair(0)).expect("a ray");
+                let ray = Ray::new(origin, direction);
                 expected += plain(scene, &tracer, ray, settings.max_bounces, &sampler);
             }
         }
@@ -191,7 +192,7 @@ fn a_point_light_and_a_sun_light_a_wall_as_computed() {
     let light = |shape| Light { name: String::new(), intensity: Vec3::splat(3.0), shape };
     scene.lights.push(light(LightShape::Directional { direction: Vec3::new(0.0, -0.6, -0.8) }));
     let settings = Settings { width: 1, height: 1, max_bounces: 0, ..SETTINGS };
-    let narrow = crate::scene::Camera { fov_degrees: 0.01, ..camera() };
+    let narrow = camera().with_fov(0.01);
     let pixel = |scene: &Scene, spp: u32| {
         let settings = Settings { spp, ..settings };
         let path = PathTracer::new(Arc::new(scene.clone()), &narrow, settings, None).expect("valid");
@@ -221,7 +222,7 @@ fn an_even_sky_takes_one_ray_a_point_and_leaves_no_noise() {
             add_quad(&mut scene, Vec3::new(-9.0, -9.0, 1.0), Vec3::X, Vec3::Y, lamp);
         }
         let settings = Settings::new(16, 16).with_spp(1).with_max_bounces(0).with_seed(3);
-        let narrow = crate::scene::Camera { fov_degrees: 0.01, ..camera() };
+        let narrow = camera().with_fov(0.01);
         let path = PathTracer::new(Arc::new(scene.clone()), &narrow, settings, None).expect("valid");
         let counts = render(&path, 8192, &harness::tracer(&scene));
         (counts, path.film().resolve())

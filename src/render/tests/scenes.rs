@@ -9,7 +9,7 @@ use glam::{Vec2, Vec3};
 
 /// Looks along −z at the origin from distance 4.
 pub fn camera() -> Camera {
-    Camera { eye: Vec3::new(0.0, 0.0, 4.0), target: Vec3::ZERO, up: Vec3::Y, fov_degrees: 40.0 }
+    Camera::new(Vec3::new(0.0, 0.0, 4.0), Vec3::ZERO)
 }
 
 /// Adds a material; returns its index.

@@ -246,6 +246,7 @@ impl Encode for Scene {
             objects,
             camera: _,
             camera_motion: _,
+            cameras: _,
             // Surfaces of user code are encoded above. Options of integrators are inputs besides the scene.
             surface_requests: _,
             options: _,

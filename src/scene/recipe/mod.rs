@@ -31,14 +31,16 @@ mod object;
 mod pattern;
 mod shape;
 mod unique;
+mod view;
 
 pub use material::{Absorption, CoatRecipe, MaterialRecipe, SheenLayer, ThinFilm};
 pub use mix::Mix;
 pub use object::Object;
 pub use pattern::Pattern;
 pub use shape::Shape;
+pub use view::{ApertureRecipe, IntrinsicsRecipe, View};
 
-use super::{Camera, Environment, MAX_TRIANGLES, MeshError, MeshSize, Scene, TextureRef, option_texts};
+use super::{Environment, MAX_TRIANGLES, MeshError, MeshSize, NamedCamera, Scene, TextureRef, option_texts};
 use crate::memory::{MemoryBudget, OutOfMemory};
 use glam::Vec3;
 use serde::Deserialize;
@@ -51,8 +53,11 @@ use unique::unique;
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Recipe {
-    /// The camera. Without one, the camera frames the scene.
+    /// The camera. Without one it is the first of `cameras`, and without any it frames the scene.
     pub camera: Option<View>,
+    /// More cameras by name. The name of `camera` is "camera".
+    #[serde(default, deserialize_with = "unique")]
+    pub cameras: BTreeMap<String, View>,
     /// Constant radiance of the environment. Black by default.
     pub environment: Option<Vec3>,
     /// Textures by name.
@@ -69,18 +74,6 @@ pub struct Recipe {
     pub options: BTreeMap<String, Value>,
     /// The shapes of the scene, in primitive order.
     pub shapes: Vec<Object>,
-}
-
-/// A camera. Up is +y.
-#[derive(Clone, Copy, Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct View {
-    /// Position.
-    pub eye: Vec3,
-    /// A point on the view axis.
-    pub target: Vec3,
-    /// Vertical field of view in degrees.
-    pub fov_degrees: f32,
 }
 
 /// Why a recipe is invalid.
@@ -140,15 +133,12 @@ impl Recipe {
                 .and_then(|()| within("the largest channel", radiance.max_element(), 0.0, MAX_ENVIRONMENT));
             in_range.map_err(|problem| RecipeError::Range { place: "environment".into(), problem })?;
         }
+        let cameras = self.cameras()?;
         let size = self.affordable(memory)?;
         let mut scene = Scene {
             environment: Environment::Constant(self.environment.unwrap_or_default()),
-            camera: self.camera.map(|v| Camera {
-                eye: v.eye,
-                target: v.target,
-                up: Vec3::Y,
-                fov_degrees: v.fov_degrees,
-            }),
+            camera: cameras.first().map(|named| named.camera),
+            cameras,
             ..Scene::default()
         };
         scene.options = option_texts(&self.options)
@@ -202,6 +192,22 @@ impl Recipe {
             scene.mesh.normals.clear();
         }
         Ok(scene)
+    }
+
+    /// All cameras, the first of which is the scene's.
+    fn cameras(&self) -> Result<Vec<NamedCamera>, RecipeError> {
+        let own = self.camera.iter().map(|view| ("camera", view));
+        let named = own.chain(self.cameras.iter().map(|(name, view)| (&**name, view)));
+        let camera = |(name, view): (&str, &View)| {
+            let place = || if name == "camera" { name.into() } else { format!("camera {name:?}") };
+            let camera = view.camera().map_err(|problem| RecipeError::Range { place: place(), problem })?;
+            Ok(NamedCamera::new(name, camera))
+        };
+        if self.camera.is_some() && self.cameras.contains_key("camera") {
+            let problem = "\"camera\" is the name of the recipe's own camera; choose another".into();
+            return Err(RecipeError::Range { place: "cameras".into(), problem });
+        }
+        named.map(camera).collect()
     }
 
     /// The size of the whole mesh. Textures and mesh are counted before either is made.

@@ -104,6 +104,7 @@ impl Scene {
             environment,
             camera,
             camera_motion,
+            cameras,
             // The command line resolves them; a prepared scene is rendered without.
             surface_requests: _,
             options: _,
@@ -121,10 +122,11 @@ impl Scene {
             }
             Environment::Map(map) => images::check_environment(map, valid)?,
         }
-        if let Some(camera) = camera {
+        for camera in camera.iter().chain(cameras.iter().map(|named| &named.camera)) {
             camera.lens(1, 1)?;
         }
-        match camera_motion.as_ref().and_then(|motion| motion.broken_node()) {
+        let motions = camera_motion.iter().chain(cameras.iter().filter_map(|named| named.motion.as_ref()));
+        match motions.filter_map(|motion| motion.broken_node()).next() {
             Some(node) => Err(SceneError::CameraMotion { node }),
             None => Ok(()),
         }

@@ -3,10 +3,11 @@
 use super::super::LoadProblem;
 use super::Context;
 use super::accessor::vectors;
-use crate::scene::{AnimatedNode, CameraMotion, Interpolate, Interpolation, Key, Track, unit_rotation};
+use crate::scene::{AnimatedNode, Camera, CameraMotion, Interpolate, Interpolation, Key, Track, unit_rotation};
 use ::gltf::Node;
 use ::gltf::animation::{Channel, Interpolation as SourceInterpolation, Property};
 use glam::{DQuat, DVec3};
+use std::collections::BTreeSet;
 
 /// The animation of the camera. `chain` lists the nodes from the root down to the camera's node. `None` if no
 /// animation moves a node of the chain. If several do, the first is used.
@@ -16,7 +17,7 @@ use glam::{DQuat, DVec3};
 pub(super) fn camera_motion(
     context: &mut Context,
     chain: &[Node],
-    fov_degrees: f32,
+    camera: Camera,
 ) -> Result<Option<CameraMotion>, LoadProblem> {
     let moves = |channel: &Channel| {
         let in_chain = chain.iter().any(|node| node.index() == channel.target().node().index());
@@ -26,7 +27,7 @@ pub(super) fn camera_motion(
     let mut moving = document.animations().filter(|animation| animation.channels().any(|c| moves(&c)));
     let Some(animation) = moving.next() else { return Ok(None) };
     if moving.next().is_some() {
-        context.session.warnings.add("Several animations move the camera; the first one is used.");
+        context.session.warnings.add("Several animations move a camera; the first one is used.");
     }
     let mut nodes: Vec<AnimatedNode> = chain.iter().map(constant).collect();
     for channel in animation.channels().filter(moves) {
@@ -42,13 +43,12 @@ pub(super) fn camera_motion(
             Property::MorphTargetWeights => {}
         }
     }
-    Ok(Some(CameraMotion::new(fov_degrees, nodes)))
+    Ok(Some(CameraMotion::new(40.0, nodes).with_optics_of(camera)))
 }
 
-/// Warns if the file animates anything except the camera.
-pub(super) fn warn_of_others(context: &mut Context, chain: &[Node]) {
-    let in_chain =
-        |channel: &Channel| chain.iter().any(|node| node.index() == channel.target().node().index());
+/// Warns if the file animates anything except cameras; `nodes` are theirs and those above them.
+pub(super) fn warn_of_others(context: &mut Context, nodes: &BTreeSet<usize>) {
+    let in_chain = |channel: &Channel| nodes.contains(&channel.target().node().index());
     if context.document.animations().any(|animation| !animation.channels().all(|c| in_chain(&c))) {
         context
             .session

@@ -6,6 +6,7 @@
 mod accessor;
 mod animation;
 mod buffers;
+mod camera;
 mod container;
 mod extras;
 mod instance;
@@ -87,8 +88,9 @@ pub(super) fn load(session: &mut Session) -> Result<Scene, LoadProblem> {
         materials,
         textures: textures.into_list(),
         lights: world.lights,
-        camera: world.camera,
-        camera_motion: world.camera_motion,
+        camera: world.cameras.first().map(|named| named.camera),
+        camera_motion: world.cameras.first().and_then(|named| named.motion.clone()),
+        cameras: world.cameras,
         surface_requests,
         ..Scene::default()
     })

@@ -2,12 +2,11 @@
 
 use super::super::LoadProblem;
 use super::Context;
-use super::animation::{camera_motion, warn_of_others};
+use super::camera::Cameras;
 use super::material::Converted;
 use super::mesh::{self, Flattened};
 use super::object::ObjectsByNode;
-use crate::scene::{Camera, CameraMotion, Light, LightShape, Mesh, MeshSize, Objects, Shape, unit_rotation};
-use ::gltf::camera::Projection;
+use crate::scene::{Light, LightShape, Mesh, MeshSize, NamedCamera, Objects, Shape, unit_rotation};
 use ::gltf::khr_lights_punctual::Kind;
 use ::gltf::scene::Transform;
 use ::gltf::{Document, Node};
@@ -19,8 +18,7 @@ pub(super) struct World {
     pub(super) shapes: Vec<Shape>,
     pub(super) objects: Objects,
     pub(super) lights: Vec<Light>,
-    pub(super) camera: Option<Camera>,
-    pub(super) camera_motion: Option<CameraMotion>,
+    pub(super) cameras: Vec<NamedCamera>,
     /// Whether triangles without a material use index `materials.len()`, the fallback material.
     pub(super) uses_fallback: bool,
 }
@@ -35,7 +33,7 @@ pub(super) fn flatten<'a>(context: &mut Context<'a>, materials: &[Converted]) ->
     let mut flattened = Flattened::new(materials);
     flattened.reserve(context, size(document, &nodes))?;
     let mut lights = Vec::new();
-    let mut camera: Option<(Camera, usize)> = None;
+    let mut cameras = Cameras::default();
     let mut objects = ObjectsByNode::default();
     for WorldNode { node, matrix, parent } in nodes {
         let object = objects.add(&node, parent);
@@ -49,26 +47,12 @@ pub(super) fn flatten<'a>(context: &mut Context<'a>, materials: &[Converted]) ->
         if let Some(light) = node.light() {
             lights.extend(place_light(context, &light, &matrix));
         }
-        if let Some(found) = node.camera() {
-            match (&camera, place_camera(context, &found, &matrix)) {
-                (None, placed) => camera = placed.map(|placed| (placed, node.index())),
-                (Some(_), Some(_)) => {
-                    context.session.warnings.add("The file has several cameras; the first one is used.")
-                }
-                (Some(_), None) => {}
-            }
-        }
+        cameras.add(context, &node, &matrix);
     }
     let (mesh, shapes, uses_fallback) = flattened.finish(context)?;
-    let chain = camera.map_or_else(Vec::new, |(_, node)| path_from_root(document, node));
-    let camera_motion = match camera {
-        Some((camera, _)) => camera_motion(context, &chain, camera.fov_degrees)?,
-        None => None,
-    };
-    warn_of_others(context, &chain);
-    let camera = camera.map(|(camera, _)| camera);
+    let cameras = cameras.finish(context)?;
     let objects = objects.finish();
-    Ok(World { mesh, shapes, objects, lights, camera, camera_motion, uses_fallback })
+    Ok(World { mesh, shapes, objects, lights, cameras, uses_fallback })
 }
 
 /// A visible node.
@@ -109,20 +93,6 @@ fn size(document: &Document, nodes: &[WorldNode]) -> MeshSize {
         all += sizes[mesh.index()];
     }
     all
-}
-
-/// The nodes on the path from a root to `node`.
-fn path_from_root(document: &Document, node: usize) -> Vec<Node<'_>> {
-    let mut parents = vec![None; document.nodes().len()];
-    for parent in document.nodes() {
-        for child in parent.children() {
-            parents[child.index()] = Some(parent.index());
-        }
-    }
-    let ancestors = std::iter::successors(Some(node), |&node| parents[node]);
-    let mut path: Vec<_> = ancestors.filter_map(|node| document.nodes().nth(node)).collect();
-    path.reverse();
-    path
 }
 
 /// The root nodes. A document without scenes shows all its nodes.
@@ -206,17 +176,4 @@ fn place_light(
         }
     };
     Some(Light { name, intensity, shape })
-}
-
-fn place_camera(context: &mut Context, camera: &::gltf::Camera, matrix: &DMat4) -> Option<Camera> {
-    let Projection::Perspective(lens) = camera.projection() else {
-        context.session.warnings.add("Orthographic cameras are not supported and are ignored.");
-        return None;
-    };
-    let camera = Camera::transformed(matrix, lens.yfov().to_degrees());
-    if let Err(error) = camera.lens(1, 1) {
-        context.session.warnings.add(format!("A camera is ignored: {error}."));
-        return None;
-    }
-    Some(camera)
 }
