@@ -16,6 +16,7 @@ mod doctor;
 mod info;
 mod interrupt;
 mod light;
+mod matrix;
 mod mesh;
 mod outputs;
 mod plugin_options;

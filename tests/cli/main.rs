@@ -1,6 +1,7 @@
 //! The command line as a user meets it: pictures, arrays, statistics, refusals.
 
 mod bench;
+mod cameras;
 mod frames;
 mod hostile;
 mod look;

@@ -3,7 +3,7 @@
 use crate::document::Document;
 use crate::folder::{Folder, warns};
 use glam::{Vec2, Vec3, Vec4};
-use raystream::scene::{LightShape, Scene};
+use raystream::scene::{LightShape, Projection, Scene};
 use serde_json::json;
 use std::f64::consts::FRAC_PI_3;
 
@@ -285,26 +285,34 @@ fn punctual_lights_stand_where_their_nodes_do() {
 }
 
 #[test]
-fn the_first_perspective_camera_counts() {
+fn all_cameras_are_found_and_the_first_counts() {
     let mut document = Document::triangle();
     document.json["cameras"] = json!([
-        { "type": "orthographic", "orthographic": { "xmag": 1.0, "ymag": 1.0, "zfar": 9.0, "znear": 0.1 } },
+        { "type": "orthographic", "orthographic": { "xmag": 1.0, "ymag": 1.5, "zfar": 9.0, "znear": 0.1 } },
         { "type": "perspective", "perspective": { "yfov": FRAC_PI_3, "znear": 0.1 } },
-        { "type": "perspective", "perspective": { "yfov": 0.5, "znear": 0.1 } }
+        { "type": "perspective", "perspective": { "yfov": 0.5, "znear": 0.1 }, "name": "close" }
     ]);
-    document.node(json!({ "camera": 0 }));
+    document.node(json!({ "camera": 0, "name": "plan" }));
     document
         .node(json!({ "camera": 1, "translation": [50000.0, 2.0, 0.0], "rotation": [0.0, HALF, 0.0, HALF] }));
     document.node(json!({ "camera": 2 }));
+    document.node(json!({ "camera": 2, "name": "plan" }));
     let scene = document.scene();
-    let camera = scene.camera.expect("a camera");
+    let names: Vec<&str> = scene.cameras.iter().map(|named| &*named.name).collect();
+    assert_eq!(names, ["plan", "camera 1", "close", "plan 2"]);
+    assert_eq!(scene.camera, Some(scene.cameras[0].camera));
+    let Projection::Orthographic { height } = scene.cameras[0].camera.projection else { panic!("parallel") };
+    assert_eq!(height, 3.0);
+    let camera = scene.cameras[1].camera;
     assert_eq!(camera.eye, Vec3::new(50000.0, 2.0, 0.0));
-    assert!((camera.fov_degrees - 60.0).abs() < 1e-4);
+    let Projection::Perspective { fov_degrees } = camera.projection else { panic!("central") };
+    assert!((fov_degrees - 60.0).abs() < 1e-4);
     assert_near((camera.target - camera.eye).normalize(), Vec3::NEG_X);
     assert_near(camera.up, Vec3::Y);
-    assert!(warns(&scene, &["Orthographic"]) && warns(&scene, &["several cameras"]));
+    assert!(scene.warnings.is_empty(), "{:?}", scene.warnings);
     document.json["cameras"][1]["perspective"]["yfov"] = json!(4.0);
-    assert!(warns(&document.scene(), &["camera is ignored", "180"]));
+    let scene = document.scene();
+    assert!(scene.cameras.len() == 3 && warns(&scene, &["\"camera 1\" is ignored", "180"]));
 }
 
 #[test]

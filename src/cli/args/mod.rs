@@ -5,6 +5,7 @@ mod bench;
 mod doctor;
 mod frames;
 mod look;
+mod optics;
 mod progress;
 mod render;
 mod sampling;
@@ -22,6 +23,7 @@ pub use bench::{
 pub use doctor::DoctorArgs;
 pub use frames::FramesArgs;
 pub use look::LookArgs;
+pub use optics::OpticsArgs;
 pub use progress::ProgressArgs;
 pub use render::RenderArgs;
 pub use sampling::SamplingArgs;

@@ -1,7 +1,9 @@
 //! `raystream render`.
 
 use super::view::size;
-use super::{CameraArgs, FramesArgs, LightArgs, LookArgs, ProgressArgs, SamplingArgs, SceneArgs, UnitArgs};
+use super::{
+    CameraArgs, FramesArgs, LightArgs, LookArgs, OpticsArgs, ProgressArgs, SamplingArgs, SceneArgs, UnitArgs,
+};
 use crate::cli::plugin_options::Setting;
 use clap::Args;
 use std::path::PathBuf;
@@ -41,6 +43,9 @@ pub struct RenderArgs {
     /// The camera.
     #[command(flatten)]
     pub camera: CameraArgs,
+    /// Its projection and lens.
+    #[command(flatten)]
+    pub optics: OpticsArgs,
     /// An animation.
     #[command(flatten)]
     pub animation: FramesArgs,

@@ -1,19 +1,21 @@
-//! An animation: its frames, their cameras and file names.
+//! Several pictures of one scene: the frames of an animation or the cameras of a file, with their file names.
 
+use super::names::Names;
 use crate::cli::args::{FramesArgs, RenderArgs};
 use crate::film::Exposure;
-use crate::scene::{Camera, CameraMotion, CameraPath, Scene};
+use crate::scene::{Camera, CameraMotion, CameraPath, NamedCamera, Scene};
 use anyhow::{Context, Result, bail, ensure};
 use glam::Vec3;
 use std::ops::Range;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
-/// The frames of an animation.
-pub struct Animation {
+/// The frames of an animation, or one picture for each of several cameras.
+pub struct Animation<'a> {
     /// Frame numbers.
     pub frames: Range<u32>,
     motion: Motion,
     names: Names,
+    args: &'a RenderArgs,
 }
 
 /// How the camera moves from frame to frame.
@@ -24,29 +26,24 @@ enum Motion {
     Path(CameraPath),
     /// The scene's own animation, at a number of frames per second.
     Scene(CameraMotion, f64),
+    /// Another camera for each picture.
+    Cameras(Vec<NamedCamera>),
 }
 
-/// Numbered file names.
-struct Names {
-    before: String,
-    digits: usize,
-    after: String,
-}
-
-impl Animation {
-    /// Refuses options that exclude each other, before the scene is read. Returns the pictures to be written.
+impl<'a> Animation<'a> {
+    /// Refuses options that exclude each other, before the scene is read. Returns the pictures to be written, as far as
+    /// they do not depend on the scene.
     pub fn check(args: &RenderArgs) -> Result<Vec<PathBuf>> {
         let FramesArgs { frames, .. } = &args.animation;
-        let names = Names::new(&args.output);
-        let Some(frames) = frames.clone() else {
+        if frames.is_none() && !args.optics.is_all() {
             ensure!(
-                names.is_err(),
-                "{}: the name has a place for a frame number, but there is one picture; add --frames A..B",
+                !Names::is_pattern(&args.output),
+                "{}: the name has a place for a frame number or a camera's name, but there is one picture; add \
+                 --frames A..B or --camera all",
                 args.output.display()
             );
             return Ok(vec![args.output.clone()]);
-        };
-        let names = names?;
+        }
         if args.progress.seconds.is_some() {
             bail!(
                 "--seconds is for single pictures, because frames would differ in quality from machine to machine; \
@@ -58,18 +55,47 @@ impl Animation {
                 "--save-every is for single pictures; each frame of an animation is written once, when it is finished"
             );
         }
-        Ok(frames.map(|frame| names.of(frame)).collect())
+        let Some(frames) = frames.clone() else {
+            ensure!(
+                args.camera.is_default() && args.optics.world_to_camera.is_none(),
+                "--camera all renders every camera where it is; leave out --eye, --target, --up, --fov and \
+                 --world-to-camera"
+            );
+            Names::of_cameras(&args.output)?;
+            return Ok(Vec::new());
+        };
+        ensure!(!args.optics.is_all(), "--camera all renders still pictures; animate one camera by --camera NAME");
+        if args.animation.camera_path.is_some() {
+            let other = args.optics.world_to_camera.as_ref().map(|_| "--world-to-camera");
+            if let Some(option) = args.optics.projection_option().or(other) {
+                bail!("{option} and --camera-path exclude each other: the path's keys have a field of view and a pose");
+            }
+        }
+        let names = Names::of_frames(&args.output)?;
+        Ok(frames.map(|frame| names.of(frame, "")).collect())
+    }
+
+    /// The pictures to be written.
+    pub fn files(&self) -> Vec<PathBuf> {
+        self.frames.clone().map(|frame| self.file(frame)).collect()
     }
 
     /// The animation that the options describe, if any; `own` is the camera of a still picture.
-    pub fn new(args: &RenderArgs, scene: &Scene, own: Camera) -> Result<Option<Self>> {
+    pub fn new(args: &'a RenderArgs, scene: &Scene, own: Camera) -> Result<Option<Self>> {
         let FramesArgs { frames, turntable, camera_path, fps, .. } = &args.animation;
+        if args.optics.is_all() {
+            return Self::of_cameras(args, scene).map(Some);
+        }
         let Some(frames) = frames.clone() else { return Ok(None) };
+        let own_motion = match &args.optics.camera {
+            None => scene.camera_motion.as_ref(),
+            Some(name) => named_camera(scene, name)?.motion.as_ref(),
+        };
         ensure!(
             args.look.exposure != Exposure::Auto,
             "--exposure auto: an animation would flicker; render one frame to see its stops and give that number"
         );
-        let motion = match (turntable, camera_path, &scene.camera_motion) {
+        let motion = match (turntable, camera_path, own_motion) {
             (Some(degrees), ..) => {
                 Motion::Turntable { degrees: *degrees, own, centre: scene.bounds().centre() }
             }
@@ -81,9 +107,9 @@ impl Animation {
             }
             (None, None, Some(motion)) => {
                 ensure!(
-                    args.camera.is_default(),
-                    "--eye, --target, --up and --fov cannot be combined with the scene's own camera animation; \
-                     add --turntable or --camera-path"
+                    args.camera.is_default() && args.optics.world_to_camera.is_none(),
+                    "--eye, --target, --up, --fov and --world-to-camera cannot be combined with the scene's own camera \
+                     animation; add --turntable or --camera-path"
                 );
                 Motion::Scene(motion.clone(), *fps)
             }
@@ -91,65 +117,47 @@ impl Animation {
                 "--frames: the scene has no camera animation; add --turntable DEG or --camera-path FILE"
             ),
         };
-        Ok(Some(Self { frames, motion, names: Names::new(&args.output)? }))
+        Ok(Some(Self { frames, motion, names: Names::of_frames(&args.output)?, args }))
+    }
+
+    /// One picture for each camera of the scene.
+    fn of_cameras(args: &'a RenderArgs, scene: &Scene) -> Result<Self> {
+        ensure!(!scene.cameras.is_empty(), "--camera all: the scene has no cameras");
+        let frames = 0..scene.cameras.len() as u32;
+        let (motion, names) = (Motion::Cameras(scene.cameras.clone()), Names::of_cameras(&args.output)?);
+        Ok(Self { frames, motion, names, args })
     }
 
     /// The camera of a frame.
-    pub fn camera(&self, frame: u32) -> Camera {
-        match &self.motion {
+    pub fn camera(&self, frame: u32) -> Result<Camera> {
+        let camera = match &self.motion {
             Motion::Turntable { degrees, own, centre } => {
                 let degrees = (f64::from(*degrees) * f64::from(frame)) % 360.0;
-                own.turned(*centre, degrees as f32)
+                // The options have been applied before.
+                return Ok(own.turned(*centre, degrees as f32));
             }
             Motion::Path(path) => path.at(f64::from(frame)),
             Motion::Scene(motion, fps) => motion.at(f64::from(frame) / fps),
-        }
+            Motion::Cameras(cameras) => cameras[frame as usize].camera,
+        };
+        self.args.optics.apply(camera, self.args.size).with_context(|| format!("picture {frame}"))
     }
 
     /// The file of a frame.
     pub fn file(&self, frame: u32) -> PathBuf {
-        self.names.of(frame)
+        let name = match &self.motion {
+            Motion::Cameras(cameras) => &cameras[frame as usize].name,
+            _ => "",
+        };
+        self.names.of(frame, name)
     }
 }
 
-impl Names {
-    /// Parses a pattern that holds `%d`, or `%03d` for three digits, exactly once.
-    fn new(pattern: &Path) -> Result<Self> {
-        let wrong = || {
-            let path = pattern.display();
-            format!("{path}: the output of an animation needs a frame number in its name, as in out.%04d.png")
-        };
-        let text = pattern.to_str().with_context(wrong)?;
-        let (before, rest) = text.split_once('%').with_context(wrong)?;
-        let (digits, after) = rest.split_once('d').with_context(wrong)?;
-        let digits = if digits.is_empty() {
-            0
-        } else {
-            digits.parse().ok().filter(|&n| n <= 32).with_context(wrong)?
-        };
-        if after.contains('%') {
-            bail!(wrong());
-        }
-        Ok(Self { before: before.into(), digits, after: after.into() })
-    }
-
-    fn of(&self, frame: u32) -> PathBuf {
-        let Self { before, digits, after } = self;
-        format!("{before}{frame:0digits$}{after}").into()
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn names_are_numbered() {
-        let name = |pattern: &str| Names::new(Path::new(pattern)).map(|names| names.of(7));
-        assert_eq!(name("a/out.%04d.png").unwrap(), PathBuf::from("a/out.0007.png"));
-        assert_eq!(name("%d.exr").unwrap(), PathBuf::from("7.exr"));
-        for bad in ["out.png", "out.%04x.png", "%d.%d.png", "%99d.png", "%-3d.png"] {
-            assert!(name(bad).is_err(), "{bad}");
-        }
-    }
+/// The camera of a scene with a name.
+pub fn named_camera<'a>(scene: &'a Scene, name: &str) -> Result<&'a NamedCamera> {
+    let names = || scene.cameras.iter().map(|camera| format!("{:?}", camera.name)).collect::<Vec<_>>();
+    scene.cameras.iter().find(|camera| camera.name == name).with_context(|| match &names()[..] {
+        [] => format!("--camera {name}: the scene has no cameras"),
+        names => format!("--camera {name}: the scene has no camera of that name; it has {}", names.join(", ")),
+    })
 }

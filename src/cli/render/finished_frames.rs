@@ -6,6 +6,7 @@ use crate::cli::args::RenderArgs;
 use crate::cli::setup::Setup;
 use crate::files;
 use crate::render::{CHECKPOINT_VERSION, CheckpointError, Identity, Settings};
+use crate::scene::Camera;
 use anyhow::{Context, Result};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -69,16 +70,15 @@ impl FinishedFrames {
     }
 
     /// The hash of a frame finished with the same camera, if its picture still exists.
-    pub fn hash(&self, animation: &Animation, frame: u32) -> Option<&str> {
-        let (camera, hash) = self.content.done.get(&frame)?;
-        let same = *camera == animation.camera(frame).to_string();
+    pub fn hash(&self, animation: &Animation, frame: u32, camera: &Camera) -> Option<&str> {
+        let (finished, hash) = self.content.done.get(&frame)?;
+        let same = *finished == camera.to_string();
         (same && animation.file(frame).exists()).then_some(hash)
     }
 
     /// Notes that a frame is finished and its picture written.
-    pub fn note(&mut self, animation: &Animation, frame: u32, hash: &str) {
-        let camera = animation.camera(frame).to_string();
-        self.content.done.insert(frame, (camera, hash.to_owned()));
+    pub fn note(&mut self, frame: u32, camera: &Camera, hash: &str) {
+        self.content.done.insert(frame, (camera.to_string(), hash.to_owned()));
         self.has_changed = true;
     }
 

@@ -12,6 +12,7 @@ use crate::cli::{Outcome, interrupt};
 use crate::film::{Image, write_image};
 use crate::meters::{Meters, Recorder};
 use crate::render::{Integrator, PICTURE_VERSION, PassOptions, Progressive, Settings};
+use crate::scene::Camera;
 use anyhow::{Context, Result};
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -19,6 +20,7 @@ use std::time::Duration;
 /// A frame being rendered, in passes if noise decides when it ends.
 struct Shot<I: Integrator> {
     frame: u32,
+    camera: Camera,
     picture: Progressive<I>,
     /// Seconds since the service began: its first camera ray and its last splat.
     begin_s: f64,
@@ -49,12 +51,13 @@ pub fn run<I: Integrator>(
         while shots.len() < in_flight
             && let Some(frame) = todo.next()
         {
-            if let Some(earlier) = finished.as_ref().and_then(|finished| earlier(finished, animation, frame))
-            {
+            let camera = animation.camera(frame)?;
+            let earlier = finished.as_ref().and_then(|finished| earlier(finished, animation, frame, &camera));
+            if let Some(earlier) = earlier {
                 done.push(earlier);
                 continue;
             }
-            shots.push_back(Shot::begin(frame, integrator, animation, options)?);
+            shots.push_back(Shot::begin(frame, camera, integrator, options)?);
         }
         for shot in &mut shots {
             shot.advance(args, setup, &mut totals, &mut bar)?;
@@ -74,7 +77,7 @@ pub fn run<I: Integrator>(
         let shot = shots.pop_front().expect("the queue is not empty");
         splats.add(&shot);
         let written = shot.write(args, animation)?;
-        finished.iter_mut().for_each(|finished| note(finished, animation, &written));
+        finished.iter_mut().for_each(|finished| note(finished, &shot.camera, &written));
         done.push(written);
     }
     drop((bar, shots));
@@ -122,14 +125,19 @@ fn stopped(done: usize, all: usize) -> String {
 }
 
 /// A frame that an earlier run finished.
-fn earlier(finished: &FinishedFrames, animation: &Animation, frame: u32) -> Option<FrameStats> {
-    let hash = finished.hash(animation, frame)?.to_owned();
+fn earlier(
+    finished: &FinishedFrames,
+    animation: &Animation,
+    frame: u32,
+    camera: &Camera,
+) -> Option<FrameStats> {
+    let hash = finished.hash(animation, frame, camera)?.to_owned();
     Some(FrameStats { frame, hash, seconds: None, mean_spp: None, noise: None })
 }
 
 /// Notes a finished frame in the checkpoint. A failure is told, because the next frame writes the file anew.
-fn note(finished: &mut FinishedFrames, animation: &Animation, written: &FrameStats) {
-    finished.note(animation, written.frame, &written.hash);
+fn note(finished: &mut FinishedFrames, camera: &Camera, written: &FrameStats) {
+    finished.note(written.frame, camera, &written.hash);
     if let Err(error) = finished.write() {
         log::warn!("{error}; rendering goes on, and the next try is after the next frame");
     }
@@ -151,10 +159,10 @@ fn report(args: &RenderArgs, animation: &Animation, stats: &FramesStats) -> Resu
 }
 
 impl<I: Integrator> Shot<I> {
-    fn begin(frame: u32, integrator: &I, animation: &Animation, options: PassOptions) -> Result<Self> {
-        let seen = integrator.seen_by(&animation.camera(frame));
+    fn begin(frame: u32, camera: Camera, integrator: &I, options: PassOptions) -> Result<Self> {
+        let seen = integrator.seen_by(&camera);
         let picture = Progressive::new(seen.with_context(|| format!("frame {frame}"))?, options);
-        Ok(Self { frame, picture, begin_s: f64::INFINITY, end_s: 0.0 })
+        Ok(Self { frame, camera, picture, begin_s: f64::INFINITY, end_s: 0.0 })
     }
 
     /// Collects finished passes and begins the next.

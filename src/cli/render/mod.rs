@@ -4,6 +4,7 @@ mod animation;
 mod checkpoint;
 mod finished_frames;
 mod frames;
+mod names;
 mod still;
 mod totals;
 
@@ -17,7 +18,7 @@ use crate::film::{Film, Format, MAX_RADIANCE};
 use crate::render::{Integrator, PASSES_IN_FLIGHT, ROULETTE_BOUNCES, Settings};
 use crate::scene::{Camera, Scene};
 use crate::schedule::{JobHandle, JobOptions, LimitsError};
-use animation::Animation;
+use animation::{Animation, named_camera};
 use anyhow::Result;
 use std::fmt::Display;
 use std::path::PathBuf;
@@ -35,12 +36,19 @@ pub fn run(args: &RenderArgs, registry: &Registry) -> Result<Outcome> {
     if let Some(path) = &args.timeline {
         timeline::Format::of(path)?;
     }
-    let in_flight =
-        if args.animation.frames.is_some() { args.animation.frames_in_flight as usize } else { 1 };
+    let has_several = args.animation.frames.is_some() || args.optics.is_all();
+    let in_flight = if has_several { args.animation.frames_in_flight as usize } else { 1 };
     let (width, height) = args.size;
     let aspect = width as f32 / height as f32;
     let mut animation = None;
-    let still = |scene: &Scene| args.camera.apply(scene.camera, || Camera::framing(&scene.bounds(), aspect));
+    let still = |scene: &Scene| {
+        let own = match &args.optics.camera {
+            Some(name) if !args.optics.is_all() => Some(named_camera(scene, name)?.camera),
+            _ => scene.camera,
+        };
+        let camera = args.camera.apply(own, || Camera::framing(&scene.bounds(), aspect));
+        args.optics.apply(camera, args.size)
+    };
     let picture_bytes = in_flight as u64 * picture_bytes(width, height);
     let picture = format!("a picture of {width}x{height} pixels");
     args.loading.afford(picture, picture_bytes)?;
@@ -50,11 +58,15 @@ pub fn run(args: &RenderArgs, registry: &Registry) -> Result<Outcome> {
         for warning in registry.apply_surfaces(scene, &args.set)? {
             log::warn!("{warning}");
         }
-        animation = Animation::new(args, scene, still(scene))?;
+        animation = Animation::new(args, scene, still(scene)?)?;
+        if let Some(animation) = &animation {
+            check_files(args, &animation.files())?.check_files_of(scene)?;
+        }
         args.light.apply_environment(scene, &args.loading.options())
     })?;
     let scene = setup.prepared.scene.clone();
-    let camera = still(&scene);
+    let camera = still(&scene)?;
+    warn_of_blind_pixels(&camera, args.size);
     let spp = args.progress.samples();
     let settings = Settings::new(width, height)
         .with_spp(spp)
@@ -80,7 +92,7 @@ fn picture_bytes(width: u32, height: u32) -> u64 {
 pub struct RenderRequest<'a> {
     args: &'a RenderArgs,
     setup: &'a Setup,
-    animation: Option<Animation>,
+    animation: Option<Animation<'a>>,
     camera: Camera,
 }
 
@@ -137,6 +149,17 @@ fn insist<E: Display>(mut write: impl FnMut() -> Result<(), E>) -> Result<(), E>
         std::thread::sleep(PAUSE);
     }
     write()
+}
+
+/// Warns of pixels that no light reaches through the lens.
+fn warn_of_blind_pixels(camera: &Camera, (width, height): (u32, u32)) {
+    let blind = camera.lens(width, height).map_or(0, |lens| lens.blind_pixels());
+    if blind > 0 {
+        log::warn!(
+            "{blind} of {} pixels see nothing and stay black: the distortion leads no ray to their centres",
+            u64::from(width) * u64::from(height)
+        );
+    }
 }
 
 /// Warns of radiance that the film cannot hold.

@@ -141,8 +141,8 @@ impl Lens {
         self.aperture.is_some()
     }
 
-    /// The unit vector along the view axis.
-    pub fn forward(&self) -> Vec3 {
+    /// The unit direction of the view axis.
+    pub fn axis(&self) -> Vec3 {
         self.forward
     }
 
