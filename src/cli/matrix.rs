@@ -4,8 +4,8 @@ use anyhow::{Context, Result, bail, ensure};
 use glam::DMat4;
 use std::path::Path;
 
-/// A matrix of 3 or 4 rows of 4 numbers, row after row: the numbers themselves with commas between them, or the name of a
-/// `.json`, `.npy` or `.txt` file. A fourth row that is left out is 0 0 0 1.
+/// A matrix of 3 or 4 rows of 4 numbers, row after row: the numbers themselves with commas between them, or the name of
+/// a `.json`, `.npy` or `.txt` file. A fourth row that is left out is 0 0 0 1.
 pub fn world_to_camera(text: &str) -> Result<DMat4> {
     let name = named(text);
     let path = Path::new(text);
@@ -15,7 +15,10 @@ pub fn world_to_camera(text: &str) -> Result<DMat4> {
         "json" => {
             let value = serde_json::from_slice(&read()?).with_context(|| format!("{name}: not JSON"))?;
             let mut numbers = Vec::new();
-            ensure!(flatten(&value, &mut numbers), "{name}: must be an array of numbers, or of rows of numbers");
+            ensure!(
+                flatten(&value, &mut numbers),
+                "{name}: must be an array of numbers, or of rows of numbers"
+            );
             numbers
         }
         "npy" => npy(&read()?).with_context(|| name.to_owned())?,
@@ -82,6 +85,7 @@ fn npy(bytes: &[u8]) -> Result<Vec<f64>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use npyz::WriterBuilder;
 
     #[test]
     fn matrices_come_from_numbers_and_files() {
@@ -97,11 +101,8 @@ mod tests {
         let nested = file("m.json", b"[[1,0,0,2],[0,1,0,3],[0,0,1,4],[0,0,0,1]]");
         let text = file("m.txt", b"1 0 0 2\n0 1 0 3\n0 0 1 4\n");
         let mut array = Vec::new();
-        let writer = npyz::WriterBuilder::writer(
-            npyz::WriterBuilder::shape(npyz::WriteOptions::<f32>::new().default_dtype(), &[3, 4]),
-            &mut array,
-        );
-        let mut writer = npyz::WriterBuilder::begin_nd(writer).expect("begun");
+        let options = npyz::WriteOptions::<f32>::new().default_dtype().shape(&[3, 4]);
+        let mut writer = options.writer(&mut array).begin_nd().expect("begun");
         writer.extend([1.0_f32, 0.0, 0.0, 2.0, 0.0, 1.0, 0.0, 3.0, 0.0, 0.0, 1.0, 4.0]).expect("written");
         writer.finish().expect("finished");
         let array = file("m.npy", &array);

@@ -319,13 +319,7 @@ trait Optics {
     /// Whether there is a ray through every point of the picture.
     const SEES_ALL: bool;
 
-    fn rays<L: Lanes>(
-        &self,
-        x: Num<L>,
-        y: Num<L>,
-        place: [Num<L>; 2],
-        sampler: &Sampler<L>,
-    ) -> LensRays<L>;
+    fn rays<L: Lanes>(&self, x: Num<L>, y: Num<L>, place: [Num<L>; 2], sampler: &Sampler<L>) -> LensRays<L>;
 }
 
 impl Optics for Pinhole {
@@ -343,13 +337,7 @@ impl Optics for &Lens {
     const SEES_ALL: bool = false;
 
     #[inline(always)]
-    fn rays<L: Lanes>(
-        &self,
-        x: Num<L>,
-        y: Num<L>,
-        place: [Num<L>; 2],
-        sampler: &Sampler<L>,
-    ) -> LensRays<L> {
+    fn rays<L: Lanes>(&self, x: Num<L>, y: Num<L>, place: [Num<L>; 2], sampler: &Sampler<L>) -> LensRays<L> {
         if !self.has_aperture() {
             return Lens::rays(self, x, y, place, None);
         }

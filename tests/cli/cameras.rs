@@ -86,13 +86,12 @@ fn calibrated_cameras_come_from_numbers_and_files() {
     let bent = with(&pose, &["--distortion", "-0.2,0.01,0.001,0.002"]);
     let wide = with(&pose, &["--fisheye", "0.1,0,0,0"]);
     assert!(numbers != bent && bent != wide);
-    let output = raystream(
-        folder,
-        &[&RENDER[..], &k, &pose, &["--distortion", "-2,0,0,0", "-o", "a.npy"]].concat(),
-    );
+    let output =
+        raystream(folder, &[&RENDER[..], &k, &pose, &["--distortion", "-2,0,0,0", "-o", "a.npy"]].concat());
     let text = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.success() && text.contains("of 1536 pixels see nothing"), "{text}");
-    let blind = raystream(folder, &[&RENDER[..], &["--K", "1e-6,1e-6,-1e9,0", "--distortion=-2,0,0,0"]].concat());
+    let blind =
+        raystream(folder, &[&RENDER[..], &["--K", "1e-6,1e-6,-1e9,0", "--distortion=-2,0,0,0"]].concat());
     assert!(blind.status.success(), "a picture without any ray: {}", String::from_utf8_lossy(&blind.stderr));
     for (more, says) in [
         (&["--K", "1,2,3"][..], "FX,FY,CX,CY"),

@@ -74,7 +74,13 @@ fn count(bvh: &Bvh, lens: &Lens, resolution: u32, edge: u32) -> Visits {
                 for x in left..(left + edge).min(resolution) {
                     let Some((origin, direction)) = lens.ray(x, y, [0.5; 2]) else { continue };
                     let (origin, direction) = (origin.to_array(), direction.to_array());
-                    walk.rays.push(CanonicalRay::new(origin, 0.0, direction, f32::INFINITY, bvh.scene_max_abs()));
+                    walk.rays.push(CanonicalRay::new(
+                        origin,
+                        0.0,
+                        direction,
+                        f32::INFINITY,
+                        bvh.scene_max_abs(),
+                    ));
                 }
             }
             walk.trace(bvh);

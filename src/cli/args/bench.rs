@@ -126,7 +126,9 @@ impl SceneView {
     pub fn camera(&self, flags: &CameraArgs, own: Option<Camera>, framed: impl FnOnce() -> Camera) -> Camera {
         let camera = flags.apply(own, framed);
         match self.view {
-            Some((eye, target, fov_degrees)) => camera.with_fov(fov_degrees).posed_as(&Camera::new(eye, target).with_up(camera.up)),
+            Some((eye, target, fov_degrees)) => {
+                camera.with_fov(fov_degrees).posed_as(&Camera::new(eye, target).with_up(camera.up))
+            }
             None => camera,
         }
     }

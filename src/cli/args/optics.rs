@@ -140,8 +140,9 @@ impl OpticsArgs {
             None => self.aperture_radius,
         };
         let own = camera.aperture;
-        let changes =
-            self.focus_distance.is_some() || self.aperture_blades.is_some() || self.aperture_rotation.is_some();
+        let changes = self.focus_distance.is_some()
+            || self.aperture_blades.is_some()
+            || self.aperture_rotation.is_some();
         let Some(radius) = radius.or(own.map(|own| own.radius)) else {
             ensure!(
                 !changes,
@@ -224,10 +225,12 @@ mod tests {
         assert!(apply(f_stop()).expect_err("no focus").to_string().contains("--focus-distance"));
         let blades = OpticsArgs { aperture_blades: Some(6), ..OpticsArgs::default() };
         assert!(apply(blades).expect_err("no aperture").to_string().contains("--f-stop"));
-        let opening = apply(OpticsArgs { focus_distance: Some(3.0), ..f_stop() }).expect("a lens").expect("open");
+        let opening =
+            apply(OpticsArgs { focus_distance: Some(3.0), ..f_stop() }).expect("a lens").expect("open");
         // Focal length 0.012 / tan 20° = 33 mm.
         assert!((opening.radius - 0.25 * 0.032_97).abs() < 1e-5, "{}", opening.radius);
-        let dome = OpticsArgs { panorama: true, aperture_radius: Some(1.0), focus_distance: Some(1.0), ..f_stop() };
+        let dome =
+            OpticsArgs { panorama: true, aperture_radius: Some(1.0), focus_distance: Some(1.0), ..f_stop() };
         assert!(apply(OpticsArgs { f_stop: None, ..dome }).is_err());
     }
 

@@ -64,11 +64,16 @@ impl<'a> Animation<'a> {
             Names::of_cameras(&args.output)?;
             return Ok(Vec::new());
         };
-        ensure!(!args.optics.is_all(), "--camera all renders still pictures; animate one camera by --camera NAME");
+        ensure!(
+            !args.optics.is_all(),
+            "--camera all renders still pictures; animate one camera by --camera NAME"
+        );
         if args.animation.camera_path.is_some() {
             let other = args.optics.world_to_camera.as_ref().map(|_| "--world-to-camera");
             if let Some(option) = args.optics.projection_option().or(other) {
-                bail!("{option} and --camera-path exclude each other: the path's keys have a field of view and a pose");
+                bail!(
+                    "{option} and --camera-path exclude each other: the path's keys have a field of view and a pose"
+                );
             }
         }
         let names = Names::of_frames(&args.output)?;
@@ -158,6 +163,8 @@ pub fn named_camera<'a>(scene: &'a Scene, name: &str) -> Result<&'a NamedCamera>
     let names = || scene.cameras.iter().map(|camera| format!("{:?}", camera.name)).collect::<Vec<_>>();
     scene.cameras.iter().find(|camera| camera.name == name).with_context(|| match &names()[..] {
         [] => format!("--camera {name}: the scene has no cameras"),
-        names => format!("--camera {name}: the scene has no camera of that name; it has {}", names.join(", ")),
+        names => {
+            format!("--camera {name}: the scene has no camera of that name; it has {}", names.join(", "))
+        }
     })
 }

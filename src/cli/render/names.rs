@@ -56,7 +56,8 @@ impl Names {
     pub fn of_cameras(pattern: &Path) -> Result<Self> {
         let names = Self::new(pattern)?;
         ensure!(
-            names.count(|part| *part != Part::Name && !matches!(part, Part::Text(_))) <= 1 && !names.is_single(),
+            names.count(|part| *part != Part::Name && !matches!(part, Part::Text(_))) <= 1
+                && !names.is_single(),
             "{}: the output for several cameras needs a number or a name in its name, as in out.%04d.png or out.%s.png",
             pattern.display()
         );
@@ -65,7 +66,8 @@ impl Names {
 
     /// Whether a file name has a place for a number or a name.
     pub fn is_pattern(path: &Path) -> bool {
-        Self::new(path).map_or(path.to_str().is_some_and(|text| text.contains('%')), |names| !names.is_single())
+        Self::new(path)
+            .map_or(path.to_str().is_some_and(|text| text.contains('%')), |names| !names.is_single())
     }
 
     fn count(&self, is: impl Fn(&Part) -> bool) -> usize {

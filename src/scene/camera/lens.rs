@@ -82,11 +82,7 @@ pub struct LensRays<L: Lanes> {
 
 impl Lens {
     /// See [`Camera::lens`].
-    pub(super) fn new(
-        camera: &Camera,
-        [right, up, forward]: [Vec3; 3],
-        [width, height]: [u32; 2],
-    ) -> Self {
+    pub(super) fn new(camera: &Camera, [right, up, forward]: [Vec3; 3], [width, height]: [u32; 2]) -> Self {
         let eye = camera.eye;
         // A centred grid that is `half_width` and `half_height` large, shifted.
         let grid = |middle: Vec3, half_width: f32, half_height: f32| {
@@ -197,8 +193,7 @@ impl Lens {
         let [width, height] = self.size.map(|size| size as f32);
         let (sin_longitude, cos_longitude) = turned((x + place[0]) * (1.0 / width) - 0.5);
         let (sin_latitude, cos_latitude) = turned(0.25 - (y + place[1]) * (0.5 / height));
-        let direction =
-            Vector::new(cos_latitude * sin_longitude, sin_latitude, cos_latitude * cos_longitude);
+        let direction = Vector::new(cos_latitude * sin_longitude, sin_latitude, cos_latitude * cos_longitude);
         self.in_world(direction)
     }
 

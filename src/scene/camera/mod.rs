@@ -126,7 +126,9 @@ pub enum CameraError {
     #[error("the aperture is rotated by {0} degrees; the angle must be finite")]
     BladeRotation(f32),
     /// The projection has no plane in focus.
-    #[error("a camera of projection {0} has no aperture, because it sees to all sides; leave the aperture out")]
+    #[error(
+        "a camera of projection {0} has no aperture, because it sees to all sides; leave the aperture out"
+    )]
     ApertureOf(&'static str),
     /// A matrix is not a rigid motion.
     #[error(

@@ -93,7 +93,8 @@ impl View {
         let mut given = given.into_iter().flatten();
         let (Some(projection), None) = (given.next(), given.next()) else {
             return Err(
-                "give exactly one of fov_degrees, orthographic_height, intrinsics and \"panorama\": true".into()
+                "give exactly one of fov_degrees, orthographic_height, intrinsics and \"panorama\": true"
+                    .into(),
             );
         };
         let camera = Camera::new(self.eye, self.target)
@@ -118,8 +119,9 @@ impl IntrinsicsRecipe {
         let distortion = match (distortion, fisheye) {
             (None, None) => Distortion::None,
             (None, Some(k)) => Distortion::Fisheye { k },
-            (Some(numbers), None) => Distortion::brown_conrady(numbers)
-                .ok_or_else(|| format!("distortion has {} numbers; it must have 4, 5, 8 or 12", numbers.len()))?,
+            (Some(numbers), None) => Distortion::brown_conrady(numbers).ok_or_else(|| {
+                format!("distortion has {} numbers; it must have 4, 5, 8 or 12", numbers.len())
+            })?,
             (Some(_), Some(_)) => return Err("give distortion or fisheye, not both".into()),
         };
         Ok(Projection::Intrinsics(Intrinsics::new(fx, fy, cx, cy).with_distortion(distortion)))

@@ -96,11 +96,9 @@ fn brown_conrady_lenses_see_known_points_where_opencv_does() {
 
 #[test]
 fn fisheye_lenses_see_known_points_where_opencv_does() {
-    for (focal, k) in [
-        (400.0, [0.0; 4]),
-        (340.0, [-0.013, 0.021, -0.017, 0.0035]),
-        (280.0, [0.06, -0.004, 0.002, -0.0003]),
-    ] {
+    for (focal, k) in
+        [(400.0, [0.0; 4]), (340.0, [-0.013, 0.021, -0.017, 0.0035]), (280.0, [0.06, -0.004, 0.002, -0.0003])]
+    {
         let intrinsics = Intrinsics::new(focal, focal * 1.01, 655.5, 470.25);
         let off = worst(&intrinsics.with_distortion(Distortion::Fisheye { k }), 1.8);
         assert!(off < TOLERANCE, "{k:?}: {off}");
@@ -113,7 +111,8 @@ fn perspective_views_have_intrinsics() {
     let camera = Camera::new(eye, Vec3::ZERO).with_fov(50.0).with_shift(glam::Vec2::new(0.1, -0.2));
     let [width, height] = SIZE;
     let k = camera.intrinsics(width, height).expect("a central projection");
-    let to_camera = DMat4::from_scale(DVec3::new(1.0, -1.0, -1.0)) * camera.to_world().expect("a pose").inverse();
+    let to_camera =
+        DMat4::from_scale(DVec3::new(1.0, -1.0, -1.0)) * camera.to_world().expect("a pose").inverse();
     let same = Camera::calibrated(k, &to_camera).expect("rigid").lens(width, height).expect("a view");
     let lens = camera.lens(width, height).expect("a view");
     for (x, y) in [(0, 0), (1279, 0), (640, 480), (3, 959)] {

@@ -24,7 +24,9 @@ fn all() -> Vec<Camera> {
         camera().with_shift(Vec2::new(0.3, -0.1)),
         camera().with_aperture(Aperture::new(0.3, 5.0)),
         camera().with_projection(Projection::Orthographic { height: 3.0 }),
-        camera().with_projection(Projection::Orthographic { height: 3.0 }).with_aperture(Aperture::new(0.3, 5.0)),
+        camera()
+            .with_projection(Projection::Orthographic { height: 3.0 })
+            .with_aperture(Aperture::new(0.3, 5.0)),
         calibrated(Distortion::None),
         calibrated(brown(&[-0.28, 0.074, 1.2e-3, -4e-4])),
         calibrated(brown(&[-0.5, 0.0, 0.0, 0.0])).with_aperture(Aperture::new(0.1, 9.0).with_blades(5, 20.0)),
@@ -56,9 +58,10 @@ impl LaneTask for Bits {
             let rays = self.0.rays(x, y, place, through);
             let (o, d) = (rays.origin, rays.direction);
             let columns = [o.x, o.y, o.z, d.x, d.y, d.z].map(|column| column.to_bits().to_array());
-            bits.extend((0..chunk.len()).map(|lane| {
-                rays.exist.test(lane).then(|| columns.map(|column| column.as_ref()[lane]))
-            }));
+            bits.extend(
+                (0..chunk.len())
+                    .map(|lane| rays.exist.test(lane).then(|| columns.map(|column| column.as_ref()[lane]))),
+            );
         }
         bits
     }
@@ -147,11 +150,15 @@ fn apertures_are_covered_evenly() {
             let corner = if blades == 0 { 1.0 } else { (std::f32::consts::PI / blades as f32).cos() };
             // Seen along the normal of any side, the point lies inside of it.
             for side in 0..blades {
-                let angle = 33.0_f32.to_radians() + (side as f32 + 0.5) * std::f32::consts::TAU / blades as f32;
+                let angle =
+                    33.0_f32.to_radians() + (side as f32 + 0.5) * std::f32::consts::TAU / blades as f32;
                 assert!(x * angle.cos() + y * angle.sin() <= 2.0 * corner + 1e-5);
             }
         }
-        assert!((squares / expected - 1.0).abs() < 2e-3 && middle.length() < 2e-3, "{blades}: {squares} {middle}");
+        assert!(
+            (squares / expected - 1.0).abs() < 2e-3 && middle.length() < 2e-3,
+            "{blades}: {squares} {middle}"
+        );
     }
 }
 
@@ -189,7 +196,8 @@ fn shift_moves_the_picture() {
     let [plain, moved] = [Vec2::ZERO, Vec2::new(0.25, 0.5)]
         .map(|shift| camera().with_shift(shift).lens(8, 6).expect("a view"));
     for (x, y) in [(2, 3), (5, 5)] {
-        let [a, b] = [plain.ray(x, y, [0.5; 2]), moved.ray(x - 2, y, [0.5; 2])].map(|ray| ray.expect("a ray").1);
+        let [a, b] =
+            [plain.ray(x, y, [0.5; 2]), moved.ray(x - 2, y, [0.5; 2])].map(|ray| ray.expect("a ray").1);
         let up = plain.ray(x, y - 3, [0.5; 2]).expect("a ray").1;
         assert!((up - b).length() < 1e-6 && (a - b).length() > 0.1, "{up} {b}");
     }
@@ -219,14 +227,19 @@ fn invalid_optics_are_refused() {
     let fisheye = calibrated(Distortion::Fisheye { k: [f64::INFINITY, 0.0, 0.0, 0.0] });
     assert!(matches!(error(fisheye), CameraError::Distortion(_)));
     assert!(matches!(error(camera().with_shift(Vec2::NAN)), CameraError::Shift(_)));
-    assert!(matches!(error(with(Projection::Panorama).with_shift(Vec2::X)), CameraError::ShiftOf("panorama")));
+    assert!(matches!(
+        error(with(Projection::Panorama).with_shift(Vec2::X)),
+        CameraError::ShiftOf("panorama")
+    ));
     let thin = |aperture| error(camera().with_aperture(aperture));
     assert!(matches!(thin(Aperture::new(-1.0, 1.0)), CameraError::ApertureRadius(_)));
     assert!(matches!(thin(Aperture::new(1.0, f32::NAN)), CameraError::FocusDistance(_)));
     assert!(matches!(thin(Aperture::new(1.0, 1.0).with_blades(2, 0.0)), CameraError::Blades(2)));
     let dome = with(Projection::Panorama).with_aperture(Aperture::new(1.0, 1.0));
     assert!(matches!(error(dome), CameraError::ApertureOf("panorama")));
-    for matrix in [DMat4::from_scale(glam::DVec3::splat(2.0)), DMat4::from_scale(glam::DVec3::new(1.0, 1.0, -1.0))] {
+    for matrix in
+        [DMat4::from_scale(glam::DVec3::splat(2.0)), DMat4::from_scale(glam::DVec3::new(1.0, 1.0, -1.0))]
+    {
         let refused = Camera::calibrated(Intrinsics::new(1.0, 1.0, 0.0, 0.0), &matrix);
         assert_eq!(refused, Err(CameraError::Rigid));
     }

@@ -3,7 +3,9 @@
 use super::super::LoadProblem;
 use super::Context;
 use super::accessor::vectors;
-use crate::scene::{AnimatedNode, Camera, CameraMotion, Interpolate, Interpolation, Key, Track, unit_rotation};
+use crate::scene::{
+    AnimatedNode, Camera, CameraMotion, Interpolate, Interpolation, Key, Track, unit_rotation,
+};
 use ::gltf::Node;
 use ::gltf::animation::{Channel, Interpolation as SourceInterpolation, Property};
 use glam::{DQuat, DVec3};

@@ -21,7 +21,8 @@ impl Cameras {
     /// Adds the camera of a node, if it has one.
     pub(super) fn add(&mut self, context: &mut Context, node: &Node, matrix: &DMat4) {
         let Some(source) = node.camera() else { return };
-        let name = node.name().or(source.name()).map_or_else(|| format!("camera {}", source.index()), str::to_owned);
+        let name =
+            node.name().or(source.name()).map_or_else(|| format!("camera {}", source.index()), str::to_owned);
         let camera = Camera::transformed(matrix, 40.0).with_projection(projection(&source));
         if let Err(error) = camera.lens(1, 1) {
             context.session.warnings.add(format!("The camera {name:?} is ignored: {error}."));
@@ -55,7 +56,7 @@ impl Cameras {
     }
 }
 
-/// A perspective camera takes its width from the picture, not from the file's aspect ratio; so does an orthographic one.
+/// The width follows from the picture, not from the file's aspect ratio or `xmag`.
 fn projection(camera: &::gltf::Camera) -> Projection {
     match camera.projection() {
         SourceProjection::Perspective(lens) => {
