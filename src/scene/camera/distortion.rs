@@ -148,8 +148,8 @@ impl Radial {
         for _ in 0..PLANE_STEPS {
             let (off, [xx, xy, yx, yy]) = self.distort(plane, point, to);
             let by_determinant = 1.0 / (xx * yy - xy * yx);
-            point[0] = point[0] - (off[0] * yy - off[1] * xy) * by_determinant;
-            point[1] = point[1] - (off[1] * xx - off[0] * yx) * by_determinant;
+            point[0] -= (off[0] * yy - off[1] * xy) * by_determinant;
+            point[1] -= (off[1] * xx - off[0] * yx) * by_determinant;
         }
         let (off, [xx, xy, yx, yy]) = self.distort(plane, point, to);
         let tolerance = (to[0].abs() + to[1].abs() + 1.0) * TOLERANCE;

@@ -264,7 +264,7 @@ impl Camera {
         let axes = self.axes()?;
         self.projection.validate()?;
         let name = self.projection.name();
-        if !(self.shift.abs().max_element() <= 1e3) {
+        if !self.shift.to_array().iter().all(|part| (-1e3..=1e3).contains(part)) {
             return Err(CameraError::Shift(self.shift));
         }
         if self.shift != Vec2::ZERO && matches!(name, "intrinsics" | "fisheye" | "panorama") {

@@ -53,9 +53,9 @@ pub enum Distortion {
     /// A pinhole.
     #[default]
     None,
-    /// The rational model (Brown 1966; OpenCV's `calib3d`): x″ = x′·(1 + k1 r² + k2 r⁴ + k3 r⁶) / (1 + k4 r² + k5 r⁴
-    /// + k6 r⁶) + 2 p1 x′y′ + p2 (r² + 2x′²) + s1 r² + s2 r⁴, and y″ = y′·(the same) + p1 (r² + 2y′²) + 2 p2 x′y′ +
-    /// s3 r² + s4 r⁴, where r² = x′² + y′².
+    /// The rational model (Brown 1966; OpenCV's `calib3d`): x″ = x′·R + 2 p1 x′y′ + p2 (r² + 2x′²) + s1 r² + s2 r⁴ and
+    /// y″ = y′·R + p1 (r² + 2y′²) + 2 p2 x′y′ + s3 r² + s4 r⁴, where r² = x′² + y′² and
+    /// R = (1 + k1 r² + k2 r⁴ + k3 r⁶) / (1 + k4 r² + k5 r⁴ + k6 r⁶).
     BrownConrady {
         /// Radial coefficients k1 to k6.
         k: [f64; 6],
@@ -127,7 +127,7 @@ impl Intrinsics {
         if !(cx.abs() <= 1e9 && cy.abs() <= 1e9) {
             return Err(CameraError::PrincipalPoint { cx: *cx, cy: *cy });
         }
-        match distortion.coefficients().iter().find(|c| !(c.abs() <= 1e9)) {
+        match distortion.coefficients().iter().find(|c| !(-1e9..=1e9).contains(*c)) {
             Some(&coefficient) => Err(CameraError::Distortion(coefficient)),
             None => Ok(()),
         }
