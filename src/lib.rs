@@ -93,6 +93,9 @@ pub mod files;
 pub mod lanes;
 #[cfg(feature = "render")]
 pub mod memory;
+#[cfg(feature = "formats")]
+#[cfg_attr(not(feature = "unstable"), doc(hidden))]
+pub mod numpy;
 pub mod profile;
 #[cfg(feature = "render")]
 mod sync;
@@ -140,9 +143,9 @@ pub mod cli;
 #[cfg(feature = "render")]
 pub mod prelude {
     pub use crate::engine::{PreparedScene, UnitChoice, Units};
-    #[cfg(feature = "formats")]
-    pub use crate::film::write_image;
     pub use crate::film::{Exposure, Film, Image, Look, View};
+    #[cfg(feature = "formats")]
+    pub use crate::film::{WriteOptions, write_image, write_picture};
     pub use crate::render::{HitShader, HitShading, Integrator, PathTracer, RayHit, RayShader, Settings};
     pub use crate::scene::{Camera, Environment, Material, Scene};
     pub use crate::schedule::{JobHandle, JobOptions, Priority, Service, ServiceOptions};

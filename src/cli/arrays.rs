@@ -2,11 +2,11 @@
 
 use super::args::SceneArgs;
 use crate::files;
+use crate::numpy::{Array, Npz, Values};
 use crate::stream::Ray;
 use anyhow::{Context, Result, bail, ensure};
-use npyz::WriterBuilder;
 use std::fs::File;
-use std::io::{BufReader, Seek, Write};
+use std::io::BufReader;
 use std::path::Path;
 
 /// Reads rays: float32 (n, 8) = origin xyz, `t_min`, direction xyz, `t_max`. The file may be a pipe.
@@ -46,16 +46,6 @@ pub fn read_rays(path: &Path, args: &SceneArgs) -> Result<Vec<Ray>> {
     Ok(rays)
 }
 
-/// An array to write.
-pub enum Array<'a> {
-    /// float32.
-    F32(&'a [f32]),
-    /// uint32.
-    U32(&'a [u32]),
-    /// bool, from 0 and 1.
-    Bool(&'a [u32]),
-}
-
 /// Refuses names of array files that do not end in `.npz`.
 pub fn check_npz(path: &Path) -> Result<()> {
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default();
@@ -68,44 +58,15 @@ pub fn check_npz(path: &Path) -> Result<()> {
 }
 
 /// Writes arrays as `.npz`, each with its name and the length of its second axis (0 for one-dimensional arrays).
-pub fn write_npz(path: &Path, arrays: &[(impl AsRef<str>, u64, Array<'_>)]) -> Result<()> {
+pub fn write_npz(path: &Path, arrays: &[(impl AsRef<str>, u64, Values<'_>)]) -> Result<()> {
     files::write(path, |file| {
-        let mut archive = zip::ZipWriter::new(file);
-        for (name, columns, array) in arrays {
-            append(&mut archive, name.as_ref(), *columns, array)?;
+        let mut npz = Npz::new(file);
+        for &(ref name, columns, values) in arrays {
+            let len = values.len() as u64;
+            let shape = len.checked_div(columns).map_or(vec![len], |rows| vec![rows, columns]);
+            npz.array(name.as_ref(), &Array { shape, values })?;
         }
-        archive.finish()?;
-        Ok(())
+        npz.finish()
     })?;
     Ok(())
-}
-
-fn append<W: Write + Seek>(
-    archive: &mut zip::ZipWriter<W>,
-    name: &str,
-    columns: u64,
-    array: &Array<'_>,
-) -> std::io::Result<()> {
-    let stored = zip::write::SimpleFileOptions::default()
-        .compression_method(zip::CompressionMethod::Stored)
-        .large_file(true);
-    archive.start_file(npyz::npz::file_name_from_array_name(name), stored)?;
-    match array {
-        Array::F32(v) => append_values(archive, v.len(), columns, v.iter().copied()),
-        Array::U32(v) => append_values(archive, v.len(), columns, v.iter().copied()),
-        Array::Bool(v) => append_values(archive, v.len(), columns, v.iter().map(|&b| b != 0)),
-    }
-}
-
-fn append_values<T: npyz::AutoSerialize>(
-    file: impl Write,
-    len: usize,
-    columns: u64,
-    values: impl Iterator<Item = T>,
-) -> std::io::Result<()> {
-    let rows = |columns| len as u64 / columns;
-    let shape = std::num::NonZero::new(columns).map_or(vec![len as u64], |c| vec![rows(c), c.get()]);
-    let mut npy = npyz::WriteOptions::new().default_dtype().shape(&shape).writer(file).begin_nd()?;
-    npy.extend(values)?;
-    npy.finish()
 }

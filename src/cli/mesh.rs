@@ -1,9 +1,10 @@
 //! `raystream mesh`.
 
 use super::args::MeshArgs;
-use super::arrays::{Array, check_npz, write_npz};
+use super::arrays::{check_npz, write_npz};
 use super::outputs::Outputs;
 use super::scene_file;
+use crate::numpy::Values;
 use crate::scene::{AlphaMode, Colour, Material, Principled, Surface};
 use anyhow::Result;
 
@@ -32,29 +33,29 @@ pub fn run(args: &MeshArgs) -> Result<()> {
     let base_texture = textures(|factors| factors.base.texture.map_or(NONE, |texture| texture.texture));
     let opacity_texture = textures(|factors| factors.opacity_texture);
     let opacity_channel = textures(|factors| factors.opacity_channel);
-    let mut arrays: Vec<(String, u64, Array<'_>)> = [
-        ("vertices", 3, Array::F32(bytemuck::cast_slice(&mesh.positions))),
-        ("normals", 3, Array::F32(bytemuck::cast_slice(&mesh.normals))),
-        ("uvs", 2, Array::F32(bytemuck::cast_slice(&mesh.uvs))),
-        ("triangles", 3, Array::U32(mesh.triangles.as_flattened())),
-        ("material", 0, Array::U32(&mesh.materials)),
-        ("emission", 3, Array::F32(emission.as_flattened())),
-        ("base_colour", 3, Array::F32(base_colour.as_flattened())),
-        ("base_texture", 0, Array::U32(&base_texture)),
-        ("metallic", 0, Array::F32(&metallic)),
-        ("roughness", 0, Array::F32(&roughness)),
-        ("specular", 0, Array::F32(&specular)),
-        ("transmission", 0, Array::F32(&transmission)),
-        ("ior", 0, Array::F32(&ior)),
-        ("thin", 0, Array::Bool(&thin)),
-        ("opacity", 0, Array::F32(&opacity)),
-        ("opacity_texture", 0, Array::U32(&opacity_texture)),
-        ("opacity_channel", 0, Array::U32(&opacity_channel)),
+    let mut arrays: Vec<(String, u64, Values<'_>)> = [
+        ("vertices", 3, Values::F32(bytemuck::cast_slice(&mesh.positions))),
+        ("normals", 3, Values::F32(bytemuck::cast_slice(&mesh.normals))),
+        ("uvs", 2, Values::F32(bytemuck::cast_slice(&mesh.uvs))),
+        ("triangles", 3, Values::U32(mesh.triangles.as_flattened())),
+        ("material", 0, Values::U32(&mesh.materials)),
+        ("emission", 3, Values::F32(emission.as_flattened())),
+        ("base_colour", 3, Values::F32(base_colour.as_flattened())),
+        ("base_texture", 0, Values::U32(&base_texture)),
+        ("metallic", 0, Values::F32(&metallic)),
+        ("roughness", 0, Values::F32(&roughness)),
+        ("specular", 0, Values::F32(&specular)),
+        ("transmission", 0, Values::F32(&transmission)),
+        ("ior", 0, Values::F32(&ior)),
+        ("thin", 0, Values::Bool(&thin)),
+        ("opacity", 0, Values::F32(&opacity)),
+        ("opacity_texture", 0, Values::U32(&opacity_texture)),
+        ("opacity_channel", 0, Values::U32(&opacity_channel)),
     ]
     .map(|(name, columns, array)| (name.to_owned(), columns, array))
     .into();
     for (i, texture) in scene.textures.iter().enumerate().filter(|_| args.images) {
-        let texels = Array::U32(bytemuck::cast_slice(texture.image()));
+        let texels = Values::U32(bytemuck::cast_slice(texture.image()));
         arrays.push((format!("texture{i}"), texture.width.into(), texels));
     }
     write_npz(&args.output, &arrays)?;

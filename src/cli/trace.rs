@@ -2,11 +2,12 @@
 
 use super::Outcome;
 use super::args::TraceArgs;
-use super::arrays::{Array, check_npz, read_rays, write_npz};
+use super::arrays::{check_npz, read_rays, write_npz};
 use super::outputs::Outputs;
 use super::setup::Setup;
 use super::stats::{self, SCHEMA, TraceStats, Units};
 use crate::meters::Spread;
+use crate::numpy::Values;
 use crate::scene::Scene;
 use crate::schedule::{JobOptions, JobReport};
 use crate::stream::{Hit, Ray};
@@ -132,7 +133,7 @@ impl Answer {
 
     fn write(&self, args: &TraceArgs) -> Result<()> {
         match self {
-            Self::Any(occluded) => write_npz(&args.output, &[("occluded", 0, Array::Bool(occluded))]),
+            Self::Any(occluded) => write_npz(&args.output, &[("occluded", 0, Values::Bool(occluded))]),
             Self::Closest(hits) => {
                 let primitive: Vec<u32> = hits.iter().map(|h| h.primitive).collect();
                 let t: Vec<f32> = hits.iter().map(|h| h.t).collect();
@@ -140,9 +141,9 @@ impl Answer {
                 write_npz(
                     &args.output,
                     &[
-                        ("primitive", 0, Array::U32(&primitive)),
-                        ("t", 0, Array::F32(&t)),
-                        ("uv", 2, Array::F32(&uv)),
+                        ("primitive", 0, Values::U32(&primitive)),
+                        ("t", 0, Values::F32(&t)),
+                        ("uv", 2, Values::F32(&uv)),
                     ],
                 )
             }

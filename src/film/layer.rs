@@ -13,11 +13,24 @@ pub struct Picture {
     pub alpha: Option<Vec<f32>>,
     /// The layers, in the order in which they were asked for.
     pub layers: Vec<Layer>,
-    /// Facts that files store beside the picture, by name: `scene_hash`, `spp`, `seed`, ..
+    /// Facts that files store beside the picture, by name: `scene_hash`, `spp`, `seed`, .. Files interpret those with
+    /// names that are constants of this type.
     pub metadata: BTreeMap<String, String>,
 }
 
 impl Picture {
+    /// `X,Y,WIDTH,HEIGHT` in pixels: the picture is this part of a larger one, of [`Picture::WHOLE_SIZE`]. EXR files
+    /// then have it as data window in the display window of the whole.
+    pub const REGION: &str = "region";
+    /// `WIDTH,HEIGHT` in pixels of the picture that [`Picture::REGION`] is a part of.
+    pub const WHOLE_SIZE: &str = "whole_size";
+    /// 16 numbers with commas between them, row after row: the matrix that turns world coordinates into the camera's,
+    /// as columns; x points right, y down and z forward, as in OpenCV. EXR files then have `worldToCamera`.
+    pub const WORLD_TO_CAMERA: &str = "world_to_camera";
+    /// `fx,fy,cx,cy` in pixels of the whole picture, of a camera without distortion: its focal lengths, and where the
+    /// view axis meets the picture from the corner above on the left. EXR files then have `worldToNDC`.
+    pub const INTRINSICS: &str = "intrinsics";
+
     /// A picture without alpha, layers and metadata.
     pub fn new(image: Image) -> Self {
         Self { image, alpha: None, layers: Vec::new(), metadata: BTreeMap::new() }

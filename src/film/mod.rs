@@ -19,4 +19,6 @@ pub use look::{Exposure, Look};
 pub use noise::Noise;
 pub use view::View;
 #[cfg(feature = "formats")]
-pub use write::{Format, WriteError, write_image};
+pub use write::{
+    ExrCompression, Format, PngBits, WriteError, WriteOptions, picture_files, write_image, write_picture,
+};

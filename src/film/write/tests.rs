@@ -1,0 +1,275 @@
+//! Files hold what they are given.
+
+use super::super::{Coverage, Exposure, Layer, LayerValues, View};
+use super::*;
+use ::exr::meta::attribute::AttributeValue;
+use ::exr::prelude::{FlatSamples, Text};
+
+fn image() -> Image {
+    let pixels = (0..12).map(|i| [i as f32 / 8.0, 0.5, 0.02 * i as f32]).collect();
+    Image { width: 4, height: 3, pixels }
+}
+
+/// A picture with a layer of each kind.
+fn picture() -> Picture {
+    let floats = |name, channels: &'static [&'static str]| {
+        let values = (0..12 * channels.len()).map(|i| i as f32 / 7.0).collect();
+        Layer { name, values: LayerValues::Floats { channels, values } }
+    };
+    let mut ids: Vec<u32> = (0..12).map(|i| i % 2).collect();
+    ids[0] = LayerValues::NO_ID;
+    let names = ["Würfel", "floor"].map(String::from).to_vec();
+    let mut entries = Vec::new();
+    let starts = (0..12).map(|pixel| {
+        let start = entries.len() as u32;
+        entries.extend((pixel > 0).then_some((0, pixel)));
+        entries.extend((pixel % 3 == 1).then_some((1, 12 - pixel)));
+        start
+    });
+    let mut starts: Vec<u32> = starts.collect();
+    starts.push(entries.len() as u32);
+    let coverage = Coverage { names: names.clone(), starts, entries, samples: vec![12; 12] };
+    Picture {
+        alpha: Some((0..12).map(|i| i as f32 / 11.0).collect()),
+        layers: vec![
+            floats("depth", &["Z"]),
+            floats("z", &["Z"]),
+            floats("normal", &["X", "Y", "Z"]),
+            Layer { name: "object", values: LayerValues::Ids { ids, names } },
+            Layer { name: "primitive", values: LayerValues::Ids { ids: vec![7; 12], names: Vec::new() } },
+            Layer { name: "crypto-object", values: LayerValues::Coverage(coverage) },
+        ],
+        metadata: [("spp", "12"), ("scene_hash", "0123"), ("camera", "Größe")]
+            .map(|(name, value)| (name.into(), value.into()))
+            .into(),
+        ..Picture::new(image())
+    }
+}
+
+fn write_to(folder: &Path, name: &str, picture: &Picture, options: WriteOptions) -> PathBuf {
+    let path = folder.join(name);
+    write_picture(&path, picture, &Look::default(), &options).expect(name);
+    path
+}
+
+type ExrLayer = ::exr::image::Layer<::exr::prelude::AnyChannels<FlatSamples>>;
+
+/// The part of an EXR file and the window that shows it.
+fn read_exr(path: &Path) -> (ExrLayer, ::exr::prelude::IntegerBounds) {
+    let image = ::exr::prelude::read_first_flat_layer_from_file(path).expect("an EXR file");
+    (image.layer_data, image.attributes.display_window)
+}
+
+fn channel<'a>(layer: &'a ExrLayer, name: &str) -> &'a FlatSamples {
+    let found = layer.channel_data.list.iter().find(|channel| channel.name.eq(name));
+    &found.unwrap_or_else(|| panic!("no channel {name}")).sample_data
+}
+
+#[test]
+fn every_format_reads_back() {
+    let folder = tempfile::tempdir().expect("folder");
+    let image = image();
+    let look = Look::default();
+    let shown = png::samples(&Picture::new(image.clone()), &look, PngBits::Eight);
+    for name in ["a.png", "a.exr", "a.hdr"] {
+        let path = folder.path().join(name);
+        write_image(&path, &image, &look).expect(name);
+        let back = ::image::open(&path).expect(name).to_rgb32f();
+        assert_eq!((back.width(), back.height()), (4, 3));
+        for (i, p) in back.pixels().enumerate() {
+            for c in 0..3 {
+                let wanted = image.pixels[i][c];
+                let (wanted, bound) = match name {
+                    "a.exr" => (wanted, 0.0),
+                    "a.hdr" => (wanted, 0.01),
+                    _ => (f32::from(shown[3 * i + c]) / 255.0, 1e-6),
+                };
+                assert!((p[c] - wanted).abs() <= bound, "{name} pixel {i}: {} {wanted}", p[c]);
+            }
+        }
+    }
+    let path = folder.path().join("a.npy");
+    write_image(&path, &image, &look).expect("npy");
+    let npy = npyz::NpyFile::new(std::fs::File::open(&path).expect("file")).expect("header");
+    assert_eq!(npy.shape(), &[3, 4, 3]);
+    assert_eq!(npy.into_vec::<f32>().expect("data"), image.pixels.as_flattened());
+}
+
+#[test]
+fn an_exr_file_holds_all_layers() {
+    let folder = tempfile::tempdir().expect("folder");
+    let picture = picture();
+    for compression in ExrCompression::ALL {
+        let options = WriteOptions::default().with_exr_compression(compression);
+        let path = write_to(folder.path(), "a.exr", &picture, options);
+        let (layer, display) = read_exr(&path);
+        assert_eq!((layer.size.0, layer.size.1, display.size.0), (4, 3, 4));
+        for (i, layer_values) in picture.layers.iter().map(|layer| &layer.values).enumerate() {
+            match (picture.layers[i].name, layer_values) {
+                (name, LayerValues::Floats { values, channels }) => {
+                    let prefix = ["depth.", "", "N."][i];
+                    for (c, letter) in channels.iter().enumerate() {
+                        let wanted = values.iter().skip(c).step_by(channels.len()).copied().collect();
+                        assert_eq!(
+                            channel(&layer, &format!("{prefix}{letter}")),
+                            &FlatSamples::F32(wanted),
+                            "{name}"
+                        );
+                    }
+                }
+                (name, LayerValues::Ids { ids, .. }) => {
+                    assert_eq!(channel(&layer, &format!("{name}.X")), &FlatSamples::U32(ids.clone()));
+                }
+                (_, LayerValues::Coverage(coverage)) => {
+                    let ranks = cryptomatte::ranks(coverage);
+                    assert_eq!(channel(&layer, "CryptoObject00.G"), &FlatSamples::F32(ranks[1].clone()));
+                    assert_eq!(channel(&layer, "CryptoObject02.A"), &FlatSamples::F32(ranks[11].clone()));
+                }
+            }
+        }
+        assert_eq!(channel(&layer, "A"), &FlatSamples::F32(picture.alpha.clone().expect("alpha")));
+        let attribute = |name: &str| match layer.attributes.other.get(&Text::from(name)) {
+            Some(AttributeValue::Text(text)) => String::from_utf8(text.as_slice().to_vec()).expect("UTF-8"),
+            other => panic!("{name}: {other:?}"),
+        };
+        assert_eq!(attribute("raystream/camera"), "Größe");
+        assert_eq!(attribute("raystream/object_names"), r#"["Würfel","floor"]"#);
+        assert_eq!(attribute("cryptomatte/d593dd7/name"), "CryptoObject");
+        assert!(attribute("cryptomatte/d593dd7/manifest").contains(r#""floor":"#));
+    }
+}
+
+#[test]
+fn equal_pictures_have_equal_files() {
+    let folder = tempfile::tempdir().expect("folder");
+    for name in ["a.exr", "a.png", "a.npz", "a.npy"] {
+        let write = || std::fs::read(write_to(folder.path(), name, &picture(), WriteOptions::default()));
+        assert_eq!(write().expect("file"), write().expect("file"), "{name}");
+    }
+}
+
+#[test]
+fn a_region_is_a_data_window() {
+    let folder = tempfile::tempdir().expect("folder");
+    let mut picture = picture();
+    let mut say = |name: &str, value: &str| picture.metadata.insert(name.into(), value.into());
+    say(Picture::REGION, "20,10,4,3");
+    say(Picture::WHOLE_SIZE, "64,32");
+    say(Picture::WORLD_TO_CAMERA, "1,0,0,0, 0,-1,0,2, 0,0,-1,5, 0,0,0,1");
+    say(Picture::INTRINSICS, "100,100,32,16");
+    let (layer, display) = read_exr(&write_to(folder.path(), "a.exr", &picture, WriteOptions::default()));
+    assert_eq!((layer.attributes.layer_position.0, layer.attributes.layer_position.1), (20, 10));
+    assert_eq!((display.position.0, display.size.0, display.size.1), (0, 64, 32));
+    // A point as a row, times the matrix.
+    let times = |[x, y, z]: [f32; 3], m: [f32; 16]| -> [f32; 4] {
+        std::array::from_fn(|j| x * m[j] + y * m[4 + j] + z * m[8 + j] + m[12 + j])
+    };
+    let to_camera = layer.attributes.world_to_camera.expect("a camera");
+    assert_eq!(times([1.0, 3.0, -5.0], to_camera), [1.0, 1.0, 10.0, 1.0], "y up, z forward");
+    let to_ndc = layer.attributes.world_to_normalized_device.expect("a projection");
+    let [x, y, _, w] = times([1.0, 3.0, -5.0], to_ndc);
+    assert_eq!([x / w * 64.0, y / w * 32.0], [100.0 * 0.1 + 32.0, 100.0 * -0.1 + 16.0]);
+}
+
+#[test]
+fn half_floats_are_finite_and_ids_stay_whole() {
+    let folder = tempfile::tempdir().expect("folder");
+    let mut picture = picture();
+    picture.image.pixels[0] = [1e9, -1e9, 0.1];
+    let options = WriteOptions::default().with_exr_half(true);
+    let (layer, _) = read_exr(&write_to(folder.path(), "a.exr", &picture, options));
+    let values = |name| channel(&layer, name).values_as_f32().collect::<Vec<_>>();
+    assert_eq!((values("R")[0], values("G")[0]), (65504.0, -65504.0));
+    assert!(matches!(channel(&layer, "N.X"), FlatSamples::F16(_)));
+    assert!(matches!(channel(&layer, "Z"), FlatSamples::F32(_)));
+    assert!(matches!(channel(&layer, "object.X"), FlatSamples::U32(_)));
+}
+
+#[test]
+fn layers_lie_beside_pictures_without_room() {
+    let picture = picture();
+    let layers = || picture.layers.iter().map(|layer| layer.name);
+    for (name, alpha) in
+        [("a.b.png", false), ("a.b.npy", false), ("a.b.hdr", true), ("a.b.exr", false), ("a.b.npz", false)]
+    {
+        let folder = tempfile::tempdir().expect("folder");
+        write_to(folder.path(), name, &picture, WriteOptions::default());
+        let mut planned = picture_files(&folder.path().join(name), layers(), true).expect("a format");
+        let there =
+            std::fs::read_dir(folder.path()).expect("folder").map(|entry| entry.expect("entry").path());
+        let mut there: Vec<_> = there.collect();
+        assert_eq!(planned.contains(&folder.path().join("a.b.alpha.npy")), alpha, "{name}");
+        planned.sort();
+        there.sort();
+        assert_eq!(planned, there, "{name}");
+        let Ok(text) = std::fs::read(folder.path().join("a.b.ids.json")) else { continue };
+        let ids: serde_json::Value = serde_json::from_slice(&text).expect("JSON");
+        assert_eq!(
+            ids,
+            serde_json::json!({"object": ["Würfel", "floor"], "crypto-object": ["Würfel", "floor"]})
+        );
+        let npy = |layer: &str| {
+            let file = std::fs::File::open(folder.path().join(format!("a.b.{layer}.npy"))).expect("a file");
+            npyz::NpyFile::new(file).expect("an array")
+        };
+        assert_eq!((npy("depth").shape(), npy("normal").shape()), (&[3, 4][..], &[3, 4, 3][..]));
+        let rows = npy("crypto-object").into_vec::<u32>().expect("uint32");
+        assert_eq!(rows[..6], [0, LayerValues::NO_ID, 12, 1, 0, 1], "pixel, id, samples");
+        assert_eq!(rows.chunks(3).map(|row| row[2]).sum::<u32>(), 12 * 12, "every sample is told");
+    }
+}
+
+#[test]
+fn png_has_straight_alpha_and_metadata() {
+    let folder = tempfile::tempdir().expect("folder");
+    let mut picture = Picture::new(Image::new(2, 1, vec![[0.25, 0.0, 0.5], [0.0; 3]]));
+    picture.alpha = Some(vec![0.5, 0.0]);
+    picture.metadata = [("spp", "12"), ("camera", "Größe")].map(|(n, v)| (n.into(), v.into())).into();
+    let look = Look::default().with_view(View::Raw);
+    let path = folder.path().join("a.png");
+    for (bits, half) in [(PngBits::Eight, 128.0 / 255.0), (PngBits::Sixteen, 32768.0 / 65535.0)] {
+        write_picture(&path, &picture, &look, &WriteOptions::default().with_png_bits(bits)).expect("png");
+        let back = ::image::open(&path).expect("png").to_rgba32f();
+        assert_eq!(back.as_raw()[..], [half, 0.0, 1.0, half, 0.0, 0.0, 0.0, 0.0]);
+    }
+    let file = std::io::BufReader::new(std::fs::File::open(&path).expect("file"));
+    let mut reader = ::png::Decoder::new(file).read_info().expect("png");
+    reader.finish().expect("png");
+    let info = reader.info();
+    let text =
+        info.uncompressed_latin1_text.iter().find(|text| text.keyword == "raystream/spp").expect("spp");
+    assert_eq!(text.text, "12");
+    assert_eq!(info.utf8_text[0].get_text().expect("text"), "Größe");
+}
+
+#[test]
+fn srgb_is_exposed_cut_and_rounded() {
+    let picture = Picture::new(Image { width: 1, height: 1, pixels: vec![[0.25, 9.0, f32::NAN]] });
+    let look = Look::default().with_view(View::Standard);
+    let bytes = |look: &Look| png::samples(&picture, look, PngBits::Eight);
+    assert_eq!(bytes(&look), [137, 255, 0]);
+    assert_eq!(bytes(&look.with_exposure(Exposure::Stops(2.0)))[0], 255);
+}
+
+#[test]
+fn failed_writes_return_errors() {
+    let folder = tempfile::tempdir().expect("folder");
+    let missing = folder.path().join("none/a.png");
+    assert!(matches!(write_image(&missing, &image(), &Look::default()), Err(WriteError::NotWritten(_))));
+    assert!(matches!(
+        write_image(Path::new("a.gif"), &image(), &Look::default()),
+        Err(WriteError::Format { .. })
+    ));
+    assert!(picture_files(Path::new("a.gif"), ["depth"], false).is_err());
+}
+
+/// No picture without the layers that belong to it.
+#[test]
+fn the_picture_is_written_last() {
+    let folder = tempfile::tempdir().expect("folder");
+    std::fs::create_dir(folder.path().join("a.normal.npy")).expect("folder");
+    let path = folder.path().join("a.png");
+    let failure = write_picture(&path, &picture(), &Look::default(), &WriteOptions::default());
+    assert!(failure.expect_err("a folder has the name").to_string().contains("a.normal.npy"));
+    assert!(!path.exists());
+}
