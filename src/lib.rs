@@ -128,6 +128,9 @@ pub mod engine;
 #[cfg(feature = "render")]
 pub mod film;
 
+#[cfg(feature = "formats")]
+pub mod compare;
+
 #[cfg(any(feature = "bench", feature = "cli"))]
 #[cfg_attr(not(feature = "unstable"), doc(hidden))]
 pub mod meters;

@@ -12,6 +12,7 @@ mod arrays;
 mod bench;
 #[cfg(feature = "gpu")]
 mod cache;
+mod compare;
 mod doctor;
 mod info;
 mod interrupt;
@@ -72,6 +73,7 @@ pub fn run_with(registry: Registry) -> ExitCode {
         }
         Command::Trace(args) => trace::run(args),
         Command::Mesh(args) => mesh::run(args).map(|()| Outcome::Done),
+        Command::Compare(args) => compare::run(args),
         #[cfg(feature = "bench")]
         Command::Bench(command) => bench::run(command),
         #[cfg(not(feature = "bench"))]

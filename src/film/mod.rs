@@ -5,6 +5,8 @@ mod image;
 mod layer;
 mod look;
 mod noise;
+#[cfg(feature = "formats")]
+mod read;
 mod spare;
 mod stripe;
 mod view;
@@ -17,6 +19,8 @@ pub use image::Image;
 pub use layer::{Coverage, Layer, LayerValues, Picture};
 pub use look::{Exposure, Look};
 pub use noise::Noise;
+#[cfg(feature = "formats")]
+pub use read::{Content, ReadError, read_image};
 pub use view::View;
 #[cfg(feature = "formats")]
 pub use write::{

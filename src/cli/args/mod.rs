@@ -2,10 +2,12 @@
 
 #[cfg(feature = "bench")]
 mod bench;
+mod compare;
 mod doctor;
 mod frames;
 mod look;
 mod optics;
+mod picture;
 mod progress;
 mod render;
 mod sampling;
@@ -20,10 +22,12 @@ pub use bench::{
     BenchRaysArgs, BenchScheduleArgs, BenchSmallArgs, BenchTablesArgs, BenchTailArgs, BenchTexturesArgs,
     EmbreeArgs, PeerArgs, SceneView, ShotArgs,
 };
+pub use compare::CompareArgs;
 pub use doctor::DoctorArgs;
 pub use frames::FramesArgs;
 pub use look::LookArgs;
 pub use optics::OpticsArgs;
+pub use picture::PictureArgs;
 pub use progress::ProgressArgs;
 pub use render::RenderArgs;
 pub use sampling::SamplingArgs;
@@ -52,6 +56,8 @@ pub enum Command {
     Trace(TraceArgs),
     /// Write a scene's triangles as NumPy arrays.
     Mesh(MeshArgs),
+    /// Measure how far a picture is from a reference.
+    Compare(Box<CompareArgs>),
     /// Measure speed beside its peers, in one run.
     #[cfg(feature = "bench")]
     #[command(subcommand)]

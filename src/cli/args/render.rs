@@ -2,7 +2,8 @@
 
 use super::view::size;
 use super::{
-    CameraArgs, FramesArgs, LightArgs, LookArgs, OpticsArgs, ProgressArgs, SamplingArgs, SceneArgs, UnitArgs,
+    CameraArgs, FramesArgs, LightArgs, LookArgs, OpticsArgs, PictureArgs, ProgressArgs, SamplingArgs,
+    SceneArgs, UnitArgs,
 };
 use crate::cli::plugin_options::Setting;
 use clap::Args;
@@ -13,7 +14,7 @@ use std::path::PathBuf;
 pub struct RenderArgs {
     /// Scene file: .obj, .gltf, .glb, .ply, or a .json recipe.
     pub scene: PathBuf,
-    /// Picture to write: .png (sRGB), .exr, .hdr or .npy (linear radiance).
+    /// Picture to write: .png (sRGB), .exr, .hdr, .npy or .npz (linear radiance).
     #[arg(short, long, value_name = "FILE", default_value = "out.png")]
     pub output: PathBuf,
     /// Integrator.
@@ -55,6 +56,9 @@ pub struct RenderArgs {
     /// How a .png shows the picture.
     #[command(flatten)]
     pub look: LookArgs,
+    /// How pictures are encoded.
+    #[command(flatten)]
+    pub picture: PictureArgs,
     /// Write statistics as JSON.
     #[arg(long, value_name = "FILE")]
     pub stats: Option<PathBuf>,
