@@ -1,6 +1,7 @@
 //! Renders an animation, several frames at a time.
 
 use super::animation::Animation;
+use super::facts::Facts;
 use super::finished_frames::FinishedFrames;
 use super::totals::Totals;
 use super::{insist, submit, warn_of_clamped};
@@ -9,7 +10,7 @@ use crate::cli::progress::{Bar, POLL_INTERVAL};
 use crate::cli::setup::Setup;
 use crate::cli::stats::{self, FrameStats, FramesStats, NoiseStats, SCHEMA, SceneStats};
 use crate::cli::{Outcome, interrupt};
-use crate::film::{Image, write_image};
+use crate::film::{Image, Picture, write_picture};
 use crate::meters::{Meters, Recorder};
 use crate::render::{Integrator, PICTURE_VERSION, PassOptions, Progressive, Settings};
 use crate::scene::Camera;
@@ -36,6 +37,7 @@ pub fn run<I: Integrator>(
 ) -> Result<Outcome> {
     let in_flight = args.animation.frames_in_flight as usize;
     let settings = integrator.frame().settings();
+    let facts = Facts::new(args, setup, settings);
     let mut finished = FinishedFrames::open(args, setup, settings)?;
     let options = PassOptions { noise: args.progress.noise, pass_time: None };
     let mut shots: VecDeque<Shot<I>> = VecDeque::new();
@@ -76,7 +78,7 @@ pub fn run<I: Integrator>(
         }
         let shot = shots.pop_front().expect("the queue is not empty");
         splats.add(&shot);
-        let written = shot.write(args, animation)?;
+        let written = shot.write(args, animation, &facts)?;
         finished.iter_mut().for_each(|finished| note(finished, &shot.camera, &written));
         done.push(written);
     }
@@ -191,13 +193,15 @@ impl<I: Integrator> Shot<I> {
     }
 
     /// Writes the picture of a complete frame.
-    fn write(&self, args: &RenderArgs, animation: &Animation) -> Result<FrameStats> {
+    fn write(&self, args: &RenderArgs, animation: &Animation, facts: &Facts) -> Result<FrameStats> {
         let film = self.picture.picture();
-        let image = Image { width: film.width(), height: film.height(), pixels: film.resolve() };
-        insist(|| write_image(&animation.file(self.frame), &image, &args.look.look()))?;
+        let mut picture = Picture::new(Image::new(film.width(), film.height(), film.resolve()));
+        picture.metadata = facts.of(&picture.image, &self.camera, film.mean_samples());
+        let (file, look, options) = (animation.file(self.frame), args.look.look(), args.picture.options());
+        insist(|| write_picture(&file, &picture, &look, &options))?;
         Ok(FrameStats {
             frame: self.frame,
-            hash: image.hash(),
+            hash: picture.image.hash(),
             seconds: Some((self.end_s - self.begin_s).max(0.0)),
             mean_spp: Some(film.mean_samples()),
             noise: self.picture.noise().map(NoiseStats::of),

@@ -2,6 +2,7 @@
 
 mod animation;
 mod checkpoint;
+mod facts;
 mod finished_frames;
 mod frames;
 mod names;

@@ -1,6 +1,7 @@
 //! A single picture.
 
 use super::checkpoint::Checkpoint;
+use super::facts::Facts;
 use super::totals::Totals;
 use super::{insist, submit, warn_of_clamped};
 use crate::cli::args::RenderArgs;
@@ -8,7 +9,7 @@ use crate::cli::progress::{Bar, POLL_INTERVAL};
 use crate::cli::setup::Setup;
 use crate::cli::stats::{self, ImageStats, NoiseStats, RenderStats, SCHEMA, SceneStats, Seconds};
 use crate::cli::{Outcome, interrupt};
-use crate::film::{Exposure, Film, Image, write_image};
+use crate::film::{Exposure, Film, Image, Picture, write_picture};
 use crate::meters::{Meters, Recorder};
 use crate::render::{Integrator, PICTURE_VERSION, PassOptions, Progressive};
 use crate::scene::Camera;
@@ -28,6 +29,7 @@ pub fn run<I: Integrator>(
     let pass_time = interval.map(|time| time / 2).or(args.progress.seconds);
     let options = PassOptions { noise: args.progress.noise, pass_time };
     let checkpoint = Checkpoint::of(args, setup, camera, &integrator);
+    let facts = Facts::new(args, setup, integrator.frame().settings());
     let mut bar = Bar::new(integrator.frame().tiles());
     let mut frame = match &checkpoint {
         Some(checkpoint) => checkpoint.begin(integrator, options)?,
@@ -55,7 +57,7 @@ pub fn run<I: Integrator>(
         bar.finish_job(report.tiles_spawned, report.rays.total());
         totals.add(&report);
         if let Some(time) = interval.filter(|time| saved.elapsed() >= *time) {
-            save_meanwhile(args, checkpoint.as_ref(), &frame, time);
+            save_meanwhile(args, checkpoint.as_ref(), &frame, &develop(&frame, &facts, camera).1, time);
             saved = Instant::now();
         }
     }
@@ -65,8 +67,9 @@ pub fn run<I: Integrator>(
     let recorded = recorder.map_or_else(Vec::new, Recorder::finish);
 
     let started = Instant::now();
-    let (film, image) = develop(&frame);
-    totals.events.extend(save_last(args, checkpoint.as_ref(), &frame, &image)?);
+    let (film, picture) = develop(&frame, &facts, camera);
+    let image = &picture.image;
+    totals.events.extend(save_last(args, checkpoint.as_ref(), &frame, &picture)?);
     totals.events.extend(setup.idle_fault());
     let seconds = Seconds {
         load: setup.load_s,
@@ -75,7 +78,7 @@ pub fn run<I: Integrator>(
         write: started.elapsed().as_secs_f64(),
     };
     let stats =
-        summarise(setup, &frame, &film, image_stats(args, &frame, &film, &image), seconds, &mut totals, end);
+        summarise(setup, &frame, &film, image_stats(args, &frame, &film, image), seconds, &mut totals, end);
     if let Some(path) = &args.stats {
         stats::write(path, &stats)?;
     }
@@ -112,10 +115,11 @@ impl End {
 }
 
 /// The film and the picture so far.
-fn develop<I: Integrator>(frame: &Progressive<I>) -> (Arc<Film>, Image) {
+fn develop<I: Integrator>(frame: &Progressive<I>, facts: &Facts, camera: &Camera) -> (Arc<Film>, Picture) {
     let film = frame.picture();
-    let image = Image { width: film.width(), height: film.height(), pixels: film.resolve() };
-    (film, image)
+    let mut picture = Picture::new(Image::new(film.width(), film.height(), film.resolve()));
+    picture.metadata = facts.of(&picture.image, camera, film.mean_samples());
+    (film, picture)
 }
 
 /// Writes the checkpoint and the picture while rendering goes on. A failure is told, because the disk may have space
@@ -124,10 +128,11 @@ fn save_meanwhile<I: Integrator>(
     args: &RenderArgs,
     checkpoint: Option<&Checkpoint>,
     frame: &Progressive<I>,
+    picture: &Picture,
     interval: Duration,
 ) {
     let kept = checkpoint.map_or(Ok(()), |checkpoint| checkpoint.write(frame));
-    let shown = write_image(&args.output, &develop(frame).1, &args.look.look());
+    let shown = write_picture(&args.output, picture, &args.look.look(), &args.picture.options());
     for error in [kept.err(), shown.err().map(Into::into)].into_iter().flatten() {
         log::warn!("{error}; rendering goes on, and the next try is in {:.1} s", interval.as_secs_f64());
     }
@@ -159,11 +164,11 @@ fn save_last<I: Integrator>(
     args: &RenderArgs,
     checkpoint: Option<&Checkpoint>,
     frame: &Progressive<I>,
-    image: &Image,
+    picture: &Picture,
 ) -> Result<Option<String>> {
     // The checkpoint first: a resumed frame never has fewer samples than the picture that it replaces.
     let kept = checkpoint.map_or(Ok(()), |checkpoint| insist(|| checkpoint.write(frame)));
-    insist(|| write_image(&args.output, image, &args.look.look()))?;
+    insist(|| write_picture(&args.output, picture, &args.look.look(), &args.picture.options()))?;
     let told = |error| format!("{error}; a run that resumes starts from an earlier checkpoint or anew");
     Ok(kept.err().map(told))
 }
