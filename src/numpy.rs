@@ -25,7 +25,7 @@ pub enum Values<'a> {
 
 impl Values<'_> {
     /// The number of values.
-    pub fn len(&self) -> usize {
+    pub fn count(&self) -> usize {
         match self {
             Self::F32(values) => values.len(),
             Self::U32(values) | Self::Bool(values) => values.len(),

@@ -62,7 +62,7 @@ pub fn write_npz(path: &Path, arrays: &[(impl AsRef<str>, u64, Values<'_>)]) -> 
     files::write(path, |file| {
         let mut npz = Npz::new(file);
         for &(ref name, columns, values) in arrays {
-            let len = values.len() as u64;
+            let len = values.count() as u64;
             let shape = len.checked_div(columns).map_or(vec![len], |rows| vec![rows, columns]);
             npz.array(name.as_ref(), &Array { shape, values })?;
         }

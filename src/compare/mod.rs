@@ -136,7 +136,7 @@ impl Pair {
     pub fn measure(&self, metric: Metric) -> Result<f64, CompareError> {
         let [reference, test] = &self.radiance;
         Ok(match metric {
-            Metric::Mse => mean(reference, test, |reference, test| squared_error(reference, test)),
+            Metric::Mse => mean(reference, test, squared_error),
             Metric::RelMse => mean(reference, test, |reference, test| {
                 squared_error(reference, test) / (reference * reference + 0.01)
             }),
