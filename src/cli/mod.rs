@@ -14,11 +14,14 @@ mod bench;
 mod cache;
 mod compare;
 mod doctor;
+mod events;
 mod info;
 mod interrupt;
 mod light;
 mod matrix;
+mod merge;
 mod mesh;
+mod options_file;
 mod outputs;
 mod plugin_options;
 mod progress;
@@ -40,10 +43,19 @@ use std::process::ExitCode;
 
 /// How a command ended, if it did not fail.
 enum Outcome {
-    /// Exit code 0.
+    /// With the result that was asked for.
     Done,
-    /// With a result, but a degraded one (a GPU was lost, say): exit code 1.
+    /// With a result that is not whole, or, if that was asked for, after any failure.
     Degraded,
+}
+
+impl Outcome {
+    fn exit_code(&self) -> u8 {
+        match self {
+            Self::Done => 0,
+            Self::Degraded => 1,
+        }
+    }
 }
 
 /// Runs the command line of this process. Exit code 2: it could not run.
@@ -60,9 +72,23 @@ pub fn run_with(registry: Registry) -> ExitCode {
     .format_timestamp(None)
     .format_target(false)
     .init();
-    let cli = match registry.command().try_get_matches().and_then(|matches| Cli::from_arg_matches(&matches)) {
+    let command = registry.command();
+    let arguments = match options_file::expand(&command, std::env::args_os().collect()) {
+        Ok(arguments) => arguments,
+        Err(error) => {
+            stderr_line!("error: {error}");
+            return ExitCode::from(2);
+        }
+    };
+    let matches = command.try_get_matches_from(&arguments.all);
+    let cli = match matches.and_then(|matches| Cli::from_arg_matches(&matches)) {
         Ok(cli) => cli,
-        Err(answer) => return print_answer(&answer),
+        Err(answer) => {
+            if let Some(place) = arguments.place_of(&answer) {
+                stderr_line!("error: {place}:");
+            }
+            return print_answer(&answer);
+        }
     };
     let outcome = match &cli.command {
         Command::Render(args) => {
@@ -71,6 +97,7 @@ pub fn run_with(registry: Registry) -> ExitCode {
             doctor::warn_of(examination);
             outcome
         }
+        Command::Merge(args) => merge::run(args),
         Command::Trace(args) => trace::run(args),
         Command::Mesh(args) => mesh::run(args).map(|()| Outcome::Done),
         Command::Compare(args) => compare::run(args),
@@ -87,8 +114,7 @@ pub fn run_with(registry: Registry) -> ExitCode {
         }
     };
     match outcome.and_then(|outcome| printing::finish().map(|()| outcome).map_err(anyhow::Error::msg)) {
-        Ok(Outcome::Done) => ExitCode::SUCCESS,
-        Ok(Outcome::Degraded) => ExitCode::from(1),
+        Ok(outcome) => ExitCode::from(outcome.exit_code()),
         Err(error) => {
             stderr_line!("error: {}", with_causes(&error));
             ExitCode::from(2)

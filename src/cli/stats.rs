@@ -64,7 +64,9 @@ pub struct RenderStats {
     /// Energy of the frame by meter, joules; absent if no meter can be read.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub joules: BTreeMap<String, f64>,
-    /// Failures that were recovered from, one sentence each.
+    /// Whether the result is all that was asked for; else the exit code is 1.
+    pub complete: bool,
+    /// Failures that were recovered from, and what the result lacks, one sentence each.
     pub events: Vec<String>,
 }
 
@@ -125,8 +127,31 @@ pub struct FramesStats {
     /// Energy of all frames by meter, joules; absent if no meter can be read.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub joules: BTreeMap<String, f64>,
-    /// Failures that were recovered from, one sentence each.
+    /// Whether the result is all that was asked for; else the exit code is 1.
+    pub complete: bool,
+    /// Failures that were recovered from, and what the result lacks, one sentence each.
     pub events: Vec<String>,
+}
+
+/// Statistics of `raystream merge`.
+#[derive(Debug, Serialize)]
+pub struct MergeStats {
+    /// [`SCHEMA`].
+    pub schema: u32,
+    /// The picture.
+    pub image: ImageStats,
+    /// Number of files.
+    pub files: usize,
+    /// Samples that no file has: region and range, in words.
+    pub missing: Vec<String>,
+    /// Splats dropped because they were negative or not finite.
+    pub dropped_splats: u64,
+    /// Splats with a channel that was clamped to [`crate::film::MAX_RADIANCE`].
+    pub clamped_splats: u64,
+    /// Reading and adding films, and writing the picture.
+    pub seconds: f64,
+    /// Highest memory use of the process so far; null where the system does not report it.
+    pub peak_memory_bytes: Option<u64>,
 }
 
 /// One of several frames.
@@ -163,6 +188,10 @@ pub struct ImageStats {
     pub height: u32,
     /// Samples per pixel requested.
     pub spp: u32,
+    /// Column, row, width and height in the whole picture; null for the whole.
+    pub region: Option<[u32; 4]>,
+    /// The first of `--samples` and their end; null for all.
+    pub samples: Option<[u32; 2]>,
     /// Mean samples per pixel taken.
     pub mean_spp: f64,
     /// The pixel filter, as `--filter` takes it.

@@ -3,6 +3,7 @@
 use super::Outcome;
 use super::args::TraceArgs;
 use super::arrays::{check_npz, read_rays, write_npz};
+use super::events::Events;
 use super::outputs::Outputs;
 use super::setup::Setup;
 use super::stats::{self, SCHEMA, TraceStats, Units};
@@ -28,15 +29,12 @@ pub fn run(args: &TraceArgs) -> Result<Outcome> {
     let setup = Setup::new(&args.scene, &args.loading, rays_bytes, &args.units, 1, check_files)?;
     let mut rates = Vec::new();
     let mut units = Units::default();
-    let mut events: Vec<String> = setup.prepared.degraded.iter().cloned().collect();
+    let mut events = Events::default();
+    events.recover(setup.prepared.degraded.clone());
     let mut note = |report: &JobReport| {
         rates.push(rays.len() as f64 / (report.wall_s * 1e6));
         units.add(report);
-        for event in &report.events {
-            if !events.contains(event) {
-                events.push(event.clone());
-            }
-        }
+        events.recover(report.events.iter().cloned());
     };
     let tracers = || setup.prepared.tracers.clone();
     let options = || JobOptions { policy: setup.policy, caller_rays: 0, ..JobOptions::default() };
@@ -61,7 +59,7 @@ pub fn run(args: &TraceArgs) -> Result<Outcome> {
         }
     }
     answer.write(args)?;
-    events.extend(setup.idle_fault());
+    events.recover(setup.idle_fault());
     let stats = TraceStats {
         schema: SCHEMA,
         rays: rays.len(),
@@ -72,13 +70,14 @@ pub fn run(args: &TraceArgs) -> Result<Outcome> {
         units,
         adapter: setup.prepared.adapter.clone(),
         simd: setup.simd.name().into(),
-        events,
+        events: events.all(),
     };
     if let Some(path) = &args.stats {
         stats::write(path, &stats)?;
     }
     print(args, &stats);
-    Ok(if stats.events.is_empty() { Outcome::Done } else { Outcome::Degraded })
+    events.print();
+    Ok(events.outcome(args.strict))
 }
 
 /// Refuses files that cannot be written or would overwrite others.
@@ -99,9 +98,6 @@ fn print(args: &TraceArgs, stats: &TraceStats) {
         stats.mray_per_s.median,
         args.repeat
     );
-    for event in &stats.events {
-        stderr_line!("degraded: {event}");
-    }
 }
 
 /// Counts the rays that cannot be traced, and warns of them.

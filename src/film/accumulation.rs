@@ -14,10 +14,10 @@ const MAX_RADIANCE_BITS: u32 = 20;
 
 /// The fewest fraction bits of a film. The rounding error is at most 2⁻¹³ per splat, far below a step of an 8-bit
 /// picture.
-const MIN_FRACTION_BITS: u32 = 12;
+pub(super) const MIN_FRACTION_BITS: u32 = 12;
 
 /// The most fraction bits. More would not show, because splats are `f32` values with a precision of 24 bits.
-const MAX_FRACTION_BITS: u32 = 40;
+pub(super) const MAX_FRACTION_BITS: u32 = 40;
 
 /// Pixels to which any number of threads add radiance at the same time. The sums do not depend on the order.
 ///
@@ -87,7 +87,7 @@ impl Film {
         Ok(Self::black(width, height, fraction_bits)?)
     }
 
-    fn black(width: u32, height: u32, fraction_bits: u32) -> Result<Self, OutOfMemory> {
+    pub(super) fn black(width: u32, height: u32, fraction_bits: u32) -> Result<Self, OutOfMemory> {
         let pixels = width as usize * height as usize;
         let refused = |()| OutOfMemory::Refused {
             what: format!("a film of {width}x{height} pixels"),
@@ -141,6 +141,10 @@ impl Film {
     /// Height in pixels.
     pub fn height(&self) -> u32 {
         self.height
+    }
+
+    pub(super) fn fraction_bits(&self) -> u32 {
+        self.fraction_bits
     }
 
     /// Adds to a pixel's number of camera rays (row-major index, first row on top). The pixel's mean is taken over
@@ -325,6 +329,11 @@ impl Film {
         self.samples.iter().map(|n| n.load(Relaxed)).collect()
     }
 
+    /// Number of samples of all pixels together.
+    pub fn samples(&self) -> u64 {
+        self.samples.iter().map(|n| u64::from(n.load(Relaxed))).sum()
+    }
+
     /// Mean number of samples of a pixel.
     pub fn mean_samples(&self) -> f64 {
         self.samples.iter().map(|n| f64::from(n.load(Relaxed))).sum::<f64>() / self.samples.len() as f64
@@ -356,7 +365,7 @@ impl Drop for Film {
 /// times cheaper than an atomic addition.
 fn add(sums: &[AtomicI64; 3], fixed: [i64; 3]) {
     for (sum, fixed) in sums.iter().zip(fixed) {
-        sum.store(sum.load(Relaxed) + fixed, Relaxed);
+        sum.store(sum.load(Relaxed).wrapping_add(fixed), Relaxed);
     }
 }
 

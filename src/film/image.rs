@@ -1,5 +1,6 @@
 //! A finished picture.
 
+use super::{Film, Region};
 use xxhash_rust::xxh3::Xxh3;
 
 /// A picture of linear Rec. 709 radiance, row major, first row on top.
@@ -24,6 +25,25 @@ impl Image {
         Self { width, height, pixels }
     }
 
+    /// A film's mean radiance in a region ([`Film::resolve`]).
+    ///
+    /// # Panics
+    /// If the film does not have the region.
+    pub fn of(film: &Film, region: Region) -> Self {
+        Self::new(film.width(), film.height(), film.resolve()).cropped(region)
+    }
+
+    /// The pixels of a region.
+    ///
+    /// # Panics
+    /// If the picture does not have all of them.
+    pub fn cropped(self, region: Region) -> Self {
+        if region == Region::whole(self.width, self.height) {
+            return self;
+        }
+        Self::new(region.width, region.height, region.crop(&self.pixels, self.width, 1))
+    }
+
     /// The picture hash: XXH3 (64 bits) of the size and of the bits of every channel, in hexadecimal digits. Equal
     /// pictures have equal hashes, and in practice different pictures have different ones.
     pub fn hash(&self) -> String {
@@ -41,6 +61,14 @@ impl Image {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_crop_has_the_pixels_of_its_region() {
+        let image = Image::new(3, 2, (0..6).map(|i| [i as f32; 3]).collect());
+        let cropped = |text: &str| image.clone().cropped(text.parse().expect("a region"));
+        assert_eq!(cropped("1,0,2,2"), Image::new(2, 2, [1.0, 2.0, 4.0, 5.0].map(|i| [i; 3]).to_vec()));
+        assert_eq!(cropped("0,0,3,2"), image);
+    }
 
     #[test]
     fn the_hash_depends_on_every_bit_and_the_shape() {

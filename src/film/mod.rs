@@ -2,11 +2,13 @@
 
 mod accumulation;
 mod image;
+mod kind;
 mod layer;
 mod look;
 mod noise;
 #[cfg(feature = "formats")]
 mod read;
+mod region;
 mod spare;
 mod stripe;
 mod view;
@@ -16,11 +18,13 @@ mod write;
 pub(crate) use accumulation::take;
 pub use accumulation::{Film, FilmError, MAX_RADIANCE};
 pub use image::Image;
+pub use kind::FilmKind;
 pub use layer::{Coverage, Layer, LayerValues, Picture};
 pub use look::{Exposure, Look};
 pub use noise::Noise;
 #[cfg(feature = "formats")]
 pub use read::{Content, ReadError, read_image};
+pub use region::Region;
 pub use view::View;
 #[cfg(feature = "formats")]
 pub use write::{

@@ -1,13 +1,14 @@
 //! Checkpoints: the state of a frame, from which rendering continues after the process has ended in any way.
 
 use super::progressive::{State, UnfinishedPass};
+use super::summed::Summed;
 use super::{Frame, Integrator, PICTURE_VERSION, Pass, PassOptions, Progressive};
 use crate::film::{Noise, take};
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::Write;
 use std::ops::Range;
-use xxhash_rust::xxh3::{Xxh3, xxh3_64};
+use xxhash_rust::xxh3::xxh3_64;
 
 /// What a picture is a function of, by name: scene, camera, settings, seed, and always [`PICTURE_VERSION`]. A frame
 /// continues from a checkpoint only if it agrees in all of it.
@@ -31,14 +32,33 @@ impl Identity {
     /// [`CheckpointError::Mismatch`] names the first thing that does.
     pub fn compare(&self, now: &Self) -> Result<(), CheckpointError> {
         let nothing = || "not given".to_owned();
-        for what in self.0.keys().chain(now.0.keys()) {
-            let (was, is) = (self.0.get(what), now.0.get(what));
-            if was != is {
-                let [was, is] = [was, is].map(|value| value.cloned().unwrap_or_else(nothing));
-                return Err(CheckpointError::Mismatch { what: what.clone(), was, is });
+        match self.difference(now) {
+            Some((what, values)) => {
+                let [was, is] = values.map(|value| value.map_or_else(nothing, str::to_owned));
+                Err(CheckpointError::Mismatch { what: what.to_owned(), was, is })
             }
+            None => Ok(()),
         }
-        Ok(())
+    }
+
+    /// The name and the two values of the first thing in which two pictures differ.
+    pub fn difference<'a>(&'a self, other: &'a Self) -> Option<(&'a str, [Option<&'a str>; 2])> {
+        let names: BTreeSet<&String> = self.0.keys().chain(other.0.keys()).collect();
+        names.into_iter().find_map(|what| {
+            let values = [self, other].map(|of| of.0.get(what).map(String::as_str));
+            (values[0] != values[1]).then_some((what.as_str(), values))
+        })
+    }
+
+    /// The same picture with one more thing that it is a function of.
+    pub fn with(mut self, what: impl Into<String>, value: impl Into<String>) -> Self {
+        self.0.insert(what.into(), value.into());
+        self
+    }
+
+    /// All that the picture is a function of, by name.
+    pub fn iter(&self) -> impl Iterator<Item = (&str, &str)> {
+        self.0.iter().map(|(what, value)| (what.as_str(), value.as_str()))
     }
 }
 
@@ -129,7 +149,7 @@ impl<I: Integrator> Progressive<I> {
             noise: noise.is_some(),
         };
         let header = serde_json::to_vec(&header)?;
-        let mut to = Summed { to, sum: Xxh3::new() };
+        let mut to = Summed::new(to);
         to.write_all(MAGIC)?;
         to.write_all(&CHECKPOINT_VERSION.to_le_bytes())?;
         to.write_all(&(header.len() as u64).to_le_bytes())?;
@@ -141,9 +161,7 @@ impl<I: Integrator> Progressive<I> {
         for film in unfinished.iter().filter_map(|pass| pass.film.as_ref()) {
             film.save(&mut to)?;
         }
-        let sum = to.sum.digest();
-        to.to.write_all(&sum.to_le_bytes())?;
-        to.to.flush()
+        to.finish()
     }
 
     /// Continues from what [`Progressive::save`] wrote for the same frame.
@@ -196,22 +214,4 @@ fn restore(integrator: &impl Integrator, header: Header, mut rest: &[u8]) -> Opt
 fn is_pass(frame: &Frame, blocks: &[u32], samples: &Range<u32>) -> bool {
     let all = frame.blocks().count();
     blocks.iter().all(|&block| (block as usize) < all) && samples.end <= frame.settings().spp
-}
-
-/// A writer that hashes what it writes.
-struct Summed<W> {
-    to: W,
-    sum: Xxh3,
-}
-
-impl<W: Write> Write for Summed<W> {
-    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
-        let written = self.to.write(bytes)?;
-        self.sum.update(&bytes[..written]);
-        Ok(written)
-    }
-
-    fn flush(&mut self) -> std::io::Result<()> {
-        self.to.flush()
-    }
 }

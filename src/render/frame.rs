@@ -2,7 +2,7 @@
 
 use super::dropped_splats::DroppedSplats;
 use super::pixel_filter::FilterTable;
-use super::{Blocks, FilterShape, NewRays, Pass, PixelFilter};
+use super::{Blocks, FilterShape, NewRays, Part, Pass, PixelFilter};
 use crate::film::{Film, FilmError};
 use crate::geom::Sampler;
 use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, SimdLevel, SingleLane, Vector};
@@ -65,6 +65,18 @@ pub enum SettingsError {
         found: u32,
         /// The maximum.
         max: u32,
+    },
+    /// A part has samples that the frame does not have, or none.
+    #[error("{part}: the picture has samples 0..{spp} of the region 0,0,{width},{height}")]
+    Part {
+        /// The part requested.
+        part: Part,
+        /// Columns of the picture.
+        width: u32,
+        /// Rows of the picture.
+        height: u32,
+        /// Samples per pixel of the picture.
+        spp: u32,
     },
     /// The film cannot be made: samples times depth exceeds what it can add exactly, or memory is short.
     #[error(transparent)]
@@ -135,6 +147,7 @@ pub struct Frame {
     filter: Option<Arc<FilterTable>>,
     film: Arc<Film>,
     dropped: DroppedSplats,
+    part: Part,
     pass: Pass,
     simd: SimdLevel,
 }
@@ -159,7 +172,23 @@ impl Frame {
         let pass = Pass::new(Blocks::new(width, height).in_order(), 0..spp);
         let (dropped, simd) = (DroppedSplats::default(), SimdLevel::detect());
         let filter = FilterTable::of(settings.filter).map(Arc::new);
-        Ok(Self { scene: scene.into(), lens, settings, filter, film, dropped, pass, simd })
+        let part = Part::whole(&settings);
+        Ok(Self { scene: scene.into(), lens, settings, filter, film, dropped, part, pass, simd })
+    }
+
+    /// A part of the same frame, with its own film. Its pass takes the samples of the part alone. The film has the size
+    /// and precision of the whole frame's, so that films of parts can be added; outside the region it has no samples.
+    ///
+    /// # Errors
+    /// If the frame does not have all samples of the part, or the part has none.
+    pub fn with_part(&self, part: Part) -> Result<Self, SettingsError> {
+        let Settings { width, height, spp, .. } = self.settings;
+        if !part.is_of(&self.settings) {
+            return Err(SettingsError::Part { part, width, height, spp });
+        }
+        let blocks = Blocks::new(width, height).within(part.region);
+        let pass = Pass::new(blocks.in_order(), part.samples.clone());
+        Ok(Self { part, ..self.with_pass(pass) })
     }
 
     /// The same frame for another camera, with its own film.
@@ -185,6 +214,7 @@ impl Frame {
             filter: self.filter.clone(),
             film: Arc::new(self.film.blank()),
             dropped: DroppedSplats::default(),
+            part: self.part.clone(),
             pass,
             simd: self.simd,
         }
@@ -249,9 +279,14 @@ impl Frame {
         &self.dropped
     }
 
-    /// The pixel blocks of the picture.
+    /// The pixel blocks of the picture, with the pixels of the part's region.
     pub fn blocks(&self) -> Blocks {
-        Blocks::new(self.settings.width, self.settings.height)
+        Blocks::new(self.settings.width, self.settings.height).within(self.part.region)
+    }
+
+    /// The part of the picture that is rendered: all of it, unless [`Frame::with_part`] says otherwise.
+    pub fn part(&self) -> &Part {
+        &self.part
     }
 
     /// The samples that a job takes.

@@ -1,6 +1,6 @@
 //! The trait of integrators: renderers of frames, in passes and from several cameras.
 
-use super::{Frame, Pass};
+use super::{Frame, Part, Pass, SettingsError};
 use crate::lanes::SimdLevel;
 use crate::scene::{Camera, CameraError, Scene};
 use crate::schedule::Renderer;
@@ -38,6 +38,14 @@ pub trait Integrator: Renderer + Sized + 'static {
     /// film.
     fn with_scene(&self, scene: &Arc<Scene>) -> Self {
         self.with_frame(self.frame().with_scene(scene))
+    }
+
+    /// A part of the same frame, with its own film ([`Frame::with_part`]).
+    ///
+    /// # Errors
+    /// If the frame does not have all samples of the part, or the part has none.
+    fn with_part(&self, part: Part) -> Result<Self, SettingsError> {
+        Ok(self.with_frame(self.frame().with_part(part)?))
     }
 
     /// Another pass over the same frame, with its own film.

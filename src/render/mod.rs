@@ -13,6 +13,9 @@ mod dropped_splats;
 mod frame;
 mod hit_shader;
 mod integrator;
+mod part;
+#[cfg(feature = "formats")]
+mod partial_film;
 mod pass;
 mod path_tracer;
 mod picture_version;
@@ -26,6 +29,7 @@ pub mod recursion;
 mod recursive_whitted;
 mod sequence;
 mod single_ray;
+mod summed;
 #[cfg(test)]
 mod tests;
 mod whitted;
@@ -38,6 +42,9 @@ pub use dropped_splats::{Dropped, DroppedByMaterial};
 pub use frame::{APERTURE_DIMENSION, CAMERA_DIMENSION, Frame, Settings, SettingsError};
 pub use hit_shader::{HitShader, HitShading, PathMemory};
 pub use integrator::Integrator;
+pub use part::Part;
+#[cfg(feature = "formats")]
+pub use partial_film::{PARTIAL_FILM_VERSION, PartialFilm, PartialFilmError, PartialFilmHeader};
 pub use pass::{BLOCK, Blocks, Pass};
 pub use path_tracer::{PathShader, PathState, PathTracer, ROULETTE_BOUNCES};
 pub use picture_version::PICTURE_VERSION;

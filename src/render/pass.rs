@@ -1,5 +1,6 @@
 //! Passes: which samples of a frame a job takes.
 
+use crate::film::Region;
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -16,20 +17,27 @@ const TILE_BLOCKS: usize = 16;
 const TOGETHER: u32 = 16;
 
 /// A picture divided into blocks of [`BLOCK`]² pixels, fewer at its right and lower edges, numbered row by row.
-/// Adaptive sampling decides for each block whether it needs more samples.
+/// Adaptive sampling decides for each block whether it needs more samples. A region cuts the blocks at its edges, and
+/// blocks outside have no pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Blocks {
     width: u32,
     height: u32,
+    region: Region,
 }
 
 impl Blocks {
     /// The blocks of a picture of `width` × `height` pixels.
     pub fn new(width: u32, height: u32) -> Self {
-        Self { width, height }
+        Self { width, height, region: Region::whole(width, height) }
     }
 
-    /// Number of blocks.
+    /// The same blocks with the pixels of a region alone. Their numbers are the same.
+    pub fn within(self, region: Region) -> Self {
+        Self { region, ..self }
+    }
+
+    /// Number of blocks of the whole picture.
     pub fn count(self) -> usize {
         self.columns() as usize * self.height.div_ceil(BLOCK) as usize
     }
@@ -38,10 +46,14 @@ impl Blocks {
         self.width.div_ceil(BLOCK)
     }
 
-    /// Columns and rows of a block's pixels.
+    /// Columns and rows of a block's pixels in the region. Both are empty if there are none.
     pub fn pixels(self, block: u32) -> (Range<u32>, Range<u32>) {
         let (left, top) = (block % self.columns() * BLOCK, block / self.columns() * BLOCK);
-        (left..(left + BLOCK).min(self.width), top..(top + BLOCK).min(self.height))
+        let (right, bottom) = ((left + BLOCK).min(self.width), (top + BLOCK).min(self.height));
+        let (columns, rows) = (self.region.columns(), self.region.rows());
+        let columns = left.max(columns.start)..right.min(columns.end);
+        let rows = top.max(rows.start)..bottom.min(rows.end);
+        if columns.is_empty() || rows.is_empty() { (left..left, top..top) } else { (columns, rows) }
     }
 
     /// A block's pixel indices, row by row.
@@ -50,17 +62,23 @@ impl Blocks {
         rows.flat_map(move |y| columns.clone().map(move |x| y as usize * self.width as usize + x as usize))
     }
 
-    /// A block and its neighbours, fewer at the edges of the picture.
+    /// Whether a block has pixels in the region.
+    pub fn has(self, block: u32) -> bool {
+        !self.pixels(block).0.is_empty()
+    }
+
+    /// A block and its neighbours, fewer at the edges of the region.
     pub fn around(self, block: u32) -> impl Iterator<Item = u32> {
         let (columns, rows) = (self.columns(), self.count() as u32 / self.columns());
         let (x, y) = (block % columns, block / columns);
         let row = move |y| (x.saturating_sub(1)..=(x + 1).min(columns - 1)).map(move |x| y * columns + x);
-        (y.saturating_sub(1)..=(y + 1).min(rows - 1)).flat_map(row)
+        (y.saturating_sub(1)..=(y + 1).min(rows - 1)).flat_map(row).filter(move |&block| self.has(block))
     }
 
-    /// All blocks, grouped by squares of 8 × 8 so that camera rays spawned together are coherent.
+    /// All blocks with pixels in the region, grouped by squares of 8 × 8 so that camera rays spawned together are
+    /// coherent.
     pub fn in_order(self) -> Arc<[u32]> {
-        let mut blocks: Vec<u32> = (0..self.count() as u32).collect();
+        let mut blocks: Vec<u32> = (0..self.count() as u32).filter(|&block| self.has(block)).collect();
         blocks.sort_by_key(|block| {
             let (x, y) = (block % self.columns(), block / self.columns());
             (y / 8, x / 8, y, x)
@@ -143,7 +161,7 @@ impl Pass {
             columns.len() * rows.len()
         };
         let tiles = self.blocks.chunks(self.tile_blocks()).map(|tile| tile.iter().map(pixels).sum());
-        tiles.max().unwrap_or(1) * self.together().max(1) as usize
+        tiles.max().unwrap_or(1).max(1) * self.together().max(1) as usize
     }
 }
 
@@ -201,6 +219,23 @@ mod tests {
         assert_eq!(around(0), [0, 1, 3, 4]);
         assert_eq!(around(8), [4, 5, 7, 8]);
         assert_eq!(Blocks::new(1, 1).around(0).collect::<Vec<_>>(), [0]);
+    }
+
+    #[test]
+    fn a_region_cuts_the_blocks_at_its_edges() {
+        let all = Blocks::new(100, 70);
+        for region in ["0,0,100,70", "3,5,30,40", "16,16,16,16", "99,69,1,1", "15,15,2,2"] {
+            let region: Region = region.parse().expect("a region");
+            let blocks = all.within(region);
+            let mut pixels: Vec<usize> =
+                blocks.in_order().iter().flat_map(|&block| blocks.indices(block)).collect();
+            pixels.sort_unstable();
+            let of_row = |y: u32| region.columns().map(move |x| (y * 100 + x) as usize);
+            assert_eq!(pixels, region.rows().flat_map(of_row).collect::<Vec<_>>());
+            assert_eq!(blocks.count(), all.count());
+            let has = |block: &u32| blocks.in_order().contains(block);
+            assert!(blocks.in_order().iter().all(|&block| blocks.around(block).all(|near| has(&near))));
+        }
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! Pictures of a frame while it is rendered.
 
-use crate::film::{Film, Image};
+use crate::film::{Film, Image, Region};
 use crate::schedule::JobControl;
 use std::fmt;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -43,7 +43,7 @@ pub struct Preview(Arc<Shared>);
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct PassPicture {
-    /// The picture.
+    /// The picture, of the frame's part if it has one.
     pub image: Image,
     /// Number of complete passes.
     pub passes: u64,
@@ -116,6 +116,8 @@ impl Shared {
 struct Films {
     /// The sum of all complete passes.
     whole: Arc<Film>,
+    /// The pixels that are rendered.
+    region: Region,
     passes: u64,
     /// No more passes will come.
     is_over: bool,
@@ -124,13 +126,9 @@ struct Films {
 impl Films {
     fn picture(&self) -> Option<PassPicture> {
         (self.passes > 0).then(|| PassPicture {
-            image: Image {
-                width: self.whole.width(),
-                height: self.whole.height(),
-                pixels: self.whole.resolve(),
-            },
+            image: Image::of(&self.whole, self.region),
             passes: self.passes,
-            mean_samples: self.whole.mean_samples(),
+            mean_samples: self.whole.samples() as f64 / self.region.area() as f64,
             dropped_splats: self.whole.dropped_splats(),
         })
     }
@@ -140,9 +138,9 @@ impl Films {
 pub(super) struct PassSum(Preview);
 
 impl PassSum {
-    /// A sum of this many passes.
-    pub fn new(whole: &Arc<Film>, passes: u64) -> Self {
-        let films = Films { whole: Arc::clone(whole), passes, is_over: false };
+    /// A sum of this many passes over a region.
+    pub fn new(whole: &Arc<Film>, passes: u64, region: Region) -> Self {
+        let films = Films { whole: Arc::clone(whole), region, passes, is_over: false };
         let (films, changed, stops) = (Mutex::new(films), Condvar::new(), Mutex::default());
         Self(Preview(Arc::new(Shared { films, changed, stops })))
     }

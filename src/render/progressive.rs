@@ -154,14 +154,14 @@ pub struct NoiseReport {
 }
 
 impl<I: Integrator> Progressive<I> {
-    /// The integrator's frame, from its first sample.
+    /// The integrator's frame or part of one, from its first sample.
     pub fn new(integrator: I, options: PassOptions) -> Self {
         let frame = integrator.frame();
         let state = State {
             film: Arc::clone(frame.film()),
             noise: options.noise.map(|_| Noise::new(frame.film())),
             blocks: frame.blocks().in_order(),
-            todo: 0..frame.settings().spp,
+            todo: frame.part().samples.clone(),
             unfinished: VecDeque::new(),
             passes: 0,
         };
@@ -169,10 +169,11 @@ impl<I: Integrator> Progressive<I> {
     }
 
     pub(super) fn with_state(integrator: I, options: PassOptions, state: State) -> Self {
+        let region = integrator.frame().part().region;
         Self {
             integrator: Arc::new(integrator),
             options,
-            sum: PassSum::new(&state.film, state.passes),
+            sum: PassSum::new(&state.film, state.passes, region),
             state,
             under_way: Sequence::new(PASSES_IN_FLIGHT),
             ended: 0,
@@ -291,46 +292,53 @@ impl<I: Integrator> Progressive<I> {
             return;
         }
         let blocks = self.integrator.frame().blocks();
-        let taken = |block: usize| {
-            let pixel = blocks.indices(block as u32).next().expect("a block has pixels");
+        let taken = |block: u32| {
+            let pixel = blocks.indices(block).next().expect("the block has pixels");
             f64::from(self.state.film.luminance(pixel).1)
         };
-        let errors = self.errors().into_iter().enumerate();
-        let variances: Vec<f64> = errors.map(|(block, error)| error * error * taken(block)).collect();
+        let errors = self.errors();
+        let mut variances = vec![0.0; blocks.count()];
+        for &(block, error) in &errors {
+            variances[block as usize] = error * error * taken(block);
+        }
         let deviation = |block: u32| {
             let (sum, count) = blocks
                 .around(block)
                 .fold((0.0, 0.0), |(sum, n), near| (sum + variances[near as usize], n + 1.0));
             libm::sqrt(0.5 * (variances[block as usize] + sum / count))
         };
-        let deviations: Vec<f64> = (0..variances.len() as u32).map(deviation).collect();
+        let mut deviations = vec![0.0; blocks.count()];
+        for &(block, _) in &errors {
+            deviations[block as usize] = deviation(block);
+        }
         // What the mean error² would be if a block had as many samples as its deviation says.
         let of_each = variances.iter().zip(&deviations).filter(|(variance, _)| **variance > 0.0);
         let mean =
-            of_each.map(|(variance, deviation)| variance / deviation).sum::<f64>() / variances.len() as f64;
+            of_each.map(|(variance, deviation)| variance / deviation).sum::<f64>() / errors.len() as f64;
         let needed = |block: u32| deviations[block as usize] * mean / (target * target);
         let needy = self.state.blocks.iter().copied().filter(|&block| needed(block) > f64::from(samples));
         self.state.blocks = needy.collect();
     }
 
-    /// The relative standard error of each block.
-    fn errors(&self) -> Vec<f64> {
+    /// The relative standard error of each block that has pixels in the region, in the order of their numbers.
+    fn errors(&self) -> Vec<(u32, f64)> {
         let Some(noise) = &self.state.noise else { return Vec::new() };
         let blocks = self.integrator.frame().blocks();
-        let measured = (0..blocks.count() as u32).map(|block| {
+        let measured = (0..blocks.count() as u32).filter(|&block| blocks.has(block)).map(|block| {
             let (columns, rows) = blocks.pixels(block);
-            noise.measure(&self.state.film, columns, rows)
+            (block, noise.measure(&self.state.film, columns, rows))
         });
         let measured: Vec<_> = measured.collect();
-        let mean = measured.iter().map(|(_, mean)| mean).sum::<f64>() / measured.len() as f64;
-        let relative =
-            |&(error, of): &(f64, f64)| if error == 0.0 { 0.0 } else { error / of.max(DARK * mean) };
+        let mean = measured.iter().map(|(_, (_, mean))| mean).sum::<f64>() / measured.len() as f64;
+        let relative = |&(block, (error, of)): &(u32, (f64, f64))| {
+            (block, if error == 0.0 { 0.0 } else { error / of.max(DARK * mean) })
+        };
         measured.iter().map(relative).collect()
     }
 
     /// How noisy the sum of all complete passes is; none unless [`PassOptions::noise`] asks.
     pub fn noise(&self) -> Option<NoiseReport> {
-        let errors = self.errors();
+        let errors: Vec<f64> = self.errors().into_iter().map(|(_, error)| error).collect();
         let mean = errors.iter().map(|error| error * error).sum::<f64>() / errors.len() as f64;
         let worst =
             errors.iter().copied().fold(None, |worst: Option<f64>, e| Some(worst.map_or(e, |w| w.max(e))))?;

@@ -2,6 +2,7 @@
 
 mod bench;
 mod cameras;
+mod farm;
 mod frames;
 mod hostile;
 mod look;

@@ -148,7 +148,7 @@ fn a_save_that_fails_does_not_end_the_frame() {
     std::fs::rename(&saves, &away).expect("rename");
     let (code, text) = told(child);
     assert_eq!(code, Some(1), "{text}");
-    assert!(text.contains("degraded: saves/c.ray: cannot be written"), "{text}");
+    assert!(text.contains("incomplete: saves/c.ray: cannot be written"), "{text}");
     assert!(folder.join("out.png").exists(), "the picture is written all the same");
 }
 

@@ -49,11 +49,16 @@ pub struct FramesArgs {
 
 /// `A..B`, at least one frame.
 fn frame_range(text: &str) -> Result<Range<u32>, String> {
-    let (a, b) = text.split_once("..").ok_or("write FIRST..END, as in 0..20 for frames 0 to 19")?;
+    range(text, "write FIRST..END, as in 0..20 for frames 0 to 19")
+}
+
+/// `A..B`, not empty; `help` says how to write it.
+pub(super) fn range(text: &str, help: &str) -> Result<Range<u32>, String> {
+    let (a, b) = text.split_once("..").ok_or(help)?;
     let number = |s: &str| s.trim().parse::<u32>().map_err(|e| format!("{s:?}: {e}"));
     let range = number(a)?..number(b)?;
     if range.is_empty() {
-        return Err("the range is empty; its end is not rendered, so 0..20 means frames 0 to 19".into());
+        return Err(format!("the range is empty; its end is not rendered: {help}"));
     }
     Ok(range)
 }

@@ -6,10 +6,13 @@ mod compare;
 mod doctor;
 mod frames;
 mod look;
+mod merge;
 mod optics;
+mod part;
 mod picture;
 mod progress;
 mod render;
+mod reporting;
 mod sampling;
 mod scene;
 mod trace;
@@ -26,10 +29,13 @@ pub use compare::CompareArgs;
 pub use doctor::DoctorArgs;
 pub use frames::FramesArgs;
 pub use look::LookArgs;
+pub use merge::MergeArgs;
 pub use optics::OpticsArgs;
+pub use part::PartArgs;
 pub use picture::PictureArgs;
 pub use progress::ProgressArgs;
 pub use render::RenderArgs;
+pub use reporting::{ProgressForm, ReportingArgs};
 pub use sampling::SamplingArgs;
 pub use scene::SceneArgs;
 pub use trace::{MeshArgs, TraceArgs};
@@ -37,6 +43,7 @@ pub use units::{PolicyChoice, TracerChoice, UnitArgs};
 pub use view::{CameraArgs, LightArgs, vector};
 
 use clap::{Parser, Subcommand};
+use std::path::Path;
 
 /// raystream: renders scenes and traces rays on CPU and GPU together.
 #[derive(Debug, Parser)]
@@ -52,6 +59,8 @@ pub struct Cli {
 pub enum Command {
     /// Render a scene to a picture.
     Render(Box<RenderArgs>),
+    /// Add up partial films and write their picture.
+    Merge(MergeArgs),
     /// Trace rays from a file and write their hits.
     Trace(TraceArgs),
     /// Write a scene's triangles as NumPy arrays.
@@ -78,6 +87,11 @@ pub struct LeftOutArgs {
     /// Whatever the command takes where it is built in.
     #[arg(trailing_var_arg = true, allow_hyphen_values = true, hide = true)]
     pub rest: Vec<String>,
+}
+
+/// The picture that a command writes: what `-o` names, else `out.png`, or none if it writes a partial film instead.
+fn picture_path<'a>(output: Option<&'a Path>, partial: Option<&Path>) -> Option<&'a Path> {
+    output.or(partial.is_none().then_some(Path::new("out.png")))
 }
 
 #[cfg(test)]

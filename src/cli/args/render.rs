@@ -2,21 +2,22 @@
 
 use super::view::size;
 use super::{
-    CameraArgs, FramesArgs, LightArgs, LookArgs, OpticsArgs, PictureArgs, ProgressArgs, SamplingArgs,
-    SceneArgs, UnitArgs,
+    CameraArgs, FramesArgs, LightArgs, LookArgs, OpticsArgs, PartArgs, PictureArgs, ProgressArgs,
+    ReportingArgs, SamplingArgs, SceneArgs, UnitArgs,
 };
 use crate::cli::plugin_options::Setting;
 use clap::Args;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// `raystream render`.
 #[derive(Debug, Args)]
 pub struct RenderArgs {
     /// Scene file: .obj, .gltf, .glb, .ply, or a .json recipe.
     pub scene: PathBuf,
-    /// Picture to write: .png (sRGB), .exr, .hdr, .npy or .npz (linear radiance).
-    #[arg(short, long, value_name = "FILE", default_value = "out.png")]
-    pub output: PathBuf,
+    /// Picture to write: .png (sRGB), .exr, .hdr, .npy or .npz (linear radiance) [default: out.png; none with
+    /// --partial].
+    #[arg(short, long, value_name = "FILE")]
+    pub output: Option<PathBuf>,
     /// Integrator.
     #[arg(long, value_name = "NAME", default_value = "path")]
     pub integrator: String,
@@ -29,6 +30,9 @@ pub struct RenderArgs {
     /// When the picture is finished, and what is saved meanwhile.
     #[command(flatten)]
     pub progress: ProgressArgs,
+    /// Which part of it is rendered.
+    #[command(flatten)]
+    pub part: PartArgs,
     /// Maximum number of bounces; 0 = emission and direct light at the first hit.
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(0..=1000))]
     pub max_bounces: u32,
@@ -71,4 +75,14 @@ pub struct RenderArgs {
     /// The units that trace.
     #[command(flatten)]
     pub units: UnitArgs,
+    /// What the command tells of its work.
+    #[command(flatten)]
+    pub reporting: ReportingArgs,
+}
+
+impl RenderArgs {
+    /// The picture to write, if one is wanted; of an animation the pattern of its names.
+    pub fn picture_path(&self) -> Option<&Path> {
+        super::picture_path(self.output.as_deref(), self.part.partial.as_deref())
+    }
 }

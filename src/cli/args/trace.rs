@@ -24,6 +24,9 @@ pub struct TraceArgs {
     /// Write statistics as JSON.
     #[arg(long, value_name = "FILE")]
     pub stats: Option<PathBuf>,
+    /// Exit with code 1 if anything failed on the way (a lost GPU, say), even though the result is right.
+    #[arg(long)]
+    pub strict: bool,
     /// How the scene is read.
     #[command(flatten)]
     pub loading: SceneArgs,

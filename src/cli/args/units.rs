@@ -53,7 +53,7 @@ pub struct UnitArgs {
     #[arg(long, value_name = "LEVEL", default_value = "auto")]
     pub simd: String,
     /// Inject a GPU failure at the Nth dispatch: gpu-lost@N, gpu-hang@N, gpu-corrupt@N (wrong hits); or gpu-oom. The
-    /// result is the same; the exit code is 1.
+    /// result is the same; the exit code is 1 with --strict.
     #[cfg(feature = "gpu")]
     #[arg(long, value_name = "FAULT")]
     pub inject: Option<Fault>,

@@ -7,7 +7,7 @@ use crate::scene::{Camera, CameraMotion, CameraPath, NamedCamera, Scene};
 use anyhow::{Context, Result, bail, ensure};
 use glam::Vec3;
 use std::ops::Range;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// The frames of an animation, or one picture for each of several cameras.
 pub struct Animation<'a> {
@@ -35,14 +35,18 @@ impl<'a> Animation<'a> {
     /// they do not depend on the scene.
     pub fn check(args: &RenderArgs) -> Result<Vec<PathBuf>> {
         let FramesArgs { frames, .. } = &args.animation;
+        let Some(output) = args.picture_path() else {
+            ensure!(!args.optics.is_all(), "--partial is for single pictures; name one camera");
+            return Ok(Vec::new());
+        };
         if frames.is_none() && !args.optics.is_all() {
             ensure!(
-                !Names::is_pattern(&args.output),
+                !Names::is_pattern(output),
                 "{}: the name has a place for a frame number or a camera's name, but there is one picture; add \
                  --frames A..B or --camera all",
-                args.output.display()
+                output.display()
             );
-            return Ok(vec![args.output.clone()]);
+            return Ok(vec![output.to_owned()]);
         }
         if args.progress.seconds.is_some() {
             bail!(
@@ -61,7 +65,7 @@ impl<'a> Animation<'a> {
                 "--camera all renders every camera where it is; leave out --eye, --target, --up, --fov and \
                  --world-to-camera"
             );
-            Names::of_cameras(&args.output)?;
+            Names::of_cameras(output)?;
             return Ok(Vec::new());
         };
         ensure!(
@@ -76,7 +80,7 @@ impl<'a> Animation<'a> {
                 );
             }
         }
-        let names = Names::of_frames(&args.output)?;
+        let names = Names::of_frames(output)?;
         Ok(frames.map(|frame| names.of(frame, "")).collect())
     }
 
@@ -88,8 +92,9 @@ impl<'a> Animation<'a> {
     /// The animation that the options describe, if any; `own` is the camera of a still picture.
     pub fn new(args: &'a RenderArgs, scene: &Scene, own: Camera) -> Result<Option<Self>> {
         let FramesArgs { frames, turntable, camera_path, fps, .. } = &args.animation;
+        let Some(output) = args.picture_path() else { return Ok(None) };
         if args.optics.is_all() {
-            return Self::of_cameras(args, scene).map(Some);
+            return Self::of_cameras(args, scene, output).map(Some);
         }
         let Some(frames) = frames.clone() else { return Ok(None) };
         let own_motion = match &args.optics.camera {
@@ -122,14 +127,14 @@ impl<'a> Animation<'a> {
                 "--frames: the scene has no camera animation; add --turntable DEG or --camera-path FILE"
             ),
         };
-        Ok(Some(Self { frames, motion, names: Names::of_frames(&args.output)?, args }))
+        Ok(Some(Self { frames, motion, names: Names::of_frames(output)?, args }))
     }
 
     /// One picture for each camera of the scene.
-    fn of_cameras(args: &'a RenderArgs, scene: &Scene) -> Result<Self> {
+    fn of_cameras(args: &'a RenderArgs, scene: &Scene, output: &Path) -> Result<Self> {
         ensure!(!scene.cameras.is_empty(), "--camera all: the scene has no cameras");
         let frames = 0..scene.cameras.len() as u32;
-        let (motion, names) = (Motion::Cameras(scene.cameras.clone()), Names::of_cameras(&args.output)?);
+        let (motion, names) = (Motion::Cameras(scene.cameras.clone()), Names::of_cameras(output)?);
         Ok(Self { frames, motion, names, args })
     }
 

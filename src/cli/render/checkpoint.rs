@@ -1,6 +1,6 @@
 //! Reads and writes checkpoint files.
 
-use crate::cli::args::{ProgressArgs, RenderArgs};
+use crate::cli::args::{PartArgs, ProgressArgs, RenderArgs};
 use crate::cli::setup::Setup;
 use crate::files;
 use crate::render::{Identity, Integrator, PassOptions, Progressive, Settings};
@@ -44,6 +44,13 @@ pub fn identity(args: &RenderArgs, setup: &Setup, settings: &Settings, camera: O
     Identity::new(parts.chain(options))
 }
 
+/// The identity of the part of a picture that the options name.
+pub fn of_part(identity: Identity, args: &RenderArgs) -> Identity {
+    let PartArgs { region, samples, .. } = &args.part;
+    let identity = region.iter().fold(identity, |of, region| of.with("--region", region.to_string()));
+    samples.iter().fold(identity, |of, some| of.with("--samples", format!("{}..{}", some.start, some.end)))
+}
+
 /// A checkpoint file, and the identity that it must match.
 pub struct Checkpoint {
     path: PathBuf,
@@ -61,6 +68,7 @@ impl Checkpoint {
     ) -> Option<Self> {
         let path = args.progress.checkpoint.clone()?;
         let identity = identity(args, setup, integrator.frame().settings(), Some(camera));
+        let identity = of_part(identity, args);
         Some(Self { path, identity, resume: args.progress.resume })
     }
 

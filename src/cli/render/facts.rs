@@ -43,6 +43,15 @@ impl<'a> Facts<'a> {
             ("white_balance", args.look.white_balance.map(|kelvin| kelvin.to_string())),
             (Picture::WORLD_TO_CAMERA, world_to_camera(camera)),
             (Picture::INTRINSICS, intrinsics(camera, settings)),
+            (Picture::REGION, args.part.region.map(|region| region.to_string())),
+            (
+                Picture::WHOLE_SIZE,
+                args.part.region.map(|_| format!("{},{}", settings.width, settings.height)),
+            ),
+            (
+                "samples",
+                args.part.samples.as_ref().map(|samples| format!("{}..{}", samples.start, samples.end)),
+            ),
         ];
         let optional = optional.into_iter().filter_map(|(name, text)| Some((name, text?)));
         facts.into_iter().chain(optional).map(|(name, text)| (name.to_owned(), text)).collect()

@@ -1,7 +1,7 @@
 //! The checkpoint of an animation: which frames are finished.
 
 use super::animation::Animation;
-use super::checkpoint::identity;
+use super::checkpoint::{identity, of_part};
 use crate::cli::args::RenderArgs;
 use crate::cli::setup::Setup;
 use crate::files;
@@ -46,7 +46,7 @@ impl FinishedFrames {
     pub fn open(args: &RenderArgs, setup: &Setup, settings: &Settings) -> Result<Option<Self>> {
         let Some(path) = args.progress.checkpoint.clone() else { return Ok(None) };
         let name = path.display().to_string();
-        let identity = identity(args, setup, settings, None);
+        let identity = of_part(identity(args, setup, settings, None), args);
         let version = CHECKPOINT_VERSION;
         let none = Content { version, raystream_frames: identity.clone(), done: BTreeMap::new() };
         let content = match std::fs::read(&path) {

@@ -6,7 +6,8 @@ use super::finished_frames::FinishedFrames;
 use super::totals::Totals;
 use super::{insist, submit, warn_of_clamped};
 use crate::cli::args::RenderArgs;
-use crate::cli::progress::{Bar, POLL_INTERVAL};
+use crate::cli::events::Events;
+use crate::cli::progress::{POLL_INTERVAL, Progress};
 use crate::cli::setup::Setup;
 use crate::cli::stats::{self, FrameStats, FramesStats, NoiseStats, SCHEMA, SceneStats};
 use crate::cli::{Outcome, interrupt};
@@ -34,6 +35,7 @@ pub fn run<I: Integrator>(
     setup: &Setup,
     animation: &Animation,
     integrator: &I,
+    progress: &mut Progress,
 ) -> Result<Outcome> {
     let in_flight = args.animation.frames_in_flight as usize;
     let settings = integrator.frame().settings();
@@ -44,11 +46,12 @@ pub fn run<I: Integrator>(
     let mut todo = animation.frames.clone();
     let (mut totals, mut done) = (Totals::default(), Vec::new());
     let mut splats = Splats::default();
-    totals.events.extend(setup.prepared.degraded.clone());
+    totals.events.recover(setup.prepared.degraded.clone());
     let meters = Meters::start();
     let recorder = args.timeline.as_ref().and_then(|_| Recorder::start());
     interrupt::listen();
-    let mut bar = Bar::new(integrator.frame().tiles() * u64::from(todo.end - todo.start));
+    let tiles = integrator.frame().tiles();
+    progress.begin(tiles * u64::from(todo.end - todo.start), 0, None);
     loop {
         while shots.len() < in_flight
             && let Some(frame) = todo.next()
@@ -57,21 +60,22 @@ pub fn run<I: Integrator>(
             let earlier = finished.as_ref().and_then(|finished| earlier(finished, animation, frame, &camera));
             if let Some(earlier) = earlier {
                 done.push(earlier);
+                progress.finish_job(tiles, 0);
                 continue;
             }
             shots.push_back(Shot::begin(frame, camera, integrator, options)?);
         }
         for shot in &mut shots {
-            shot.advance(args, setup, &mut totals, &mut bar)?;
+            shot.advance(args, setup, &mut totals, progress)?;
         }
         let Some(oldest) = shots.front() else { break };
         if !oldest.picture.is_complete() {
             if !oldest.picture.wait_for(POLL_INTERVAL) {
-                bar.show(shots.iter().flat_map(|shot| shot.picture.progress()));
+                progress.show(shots.iter().flat_map(|shot| shot.picture.progress()));
             }
             if interrupt::requested() {
                 // Unfinished frames would be noisier than the others; they are dropped.
-                totals.events.push(stopped(done.len(), animation.frames.len()));
+                totals.events.lack([stopped(done.len(), animation.frames.len())]);
                 break;
             }
             continue;
@@ -82,9 +86,10 @@ pub fn run<I: Integrator>(
         finished.iter_mut().for_each(|finished| note(finished, &shot.camera, &written));
         done.push(written);
     }
-    drop((bar, shots));
-    totals.events.extend(finished.and_then(write_last));
-    totals.events.extend(setup.idle_fault());
+    drop(shots);
+    progress.write();
+    totals.events.lack(finished.and_then(write_last));
+    totals.events.recover(setup.idle_fault());
     totals.joules = meters.joules();
     let recorded = recorder.map_or_else(Vec::new, Recorder::finish);
     done.sort_by_key(|frame| frame.frame);
@@ -100,7 +105,7 @@ pub fn run<I: Integrator>(
     if let Some(path) = &args.timeline {
         totals.timeline(setup, recorded).write(path)?;
     }
-    report(args, animation, &stats)
+    report(args, animation, &stats, &totals.events)
 }
 
 /// Splats of finished frames that the film could not take as they were.
@@ -152,12 +157,13 @@ fn write_last(mut finished: FinishedFrames) -> Option<String> {
 }
 
 /// Writes and prints the statistics.
-fn report(args: &RenderArgs, animation: &Animation, stats: &FramesStats) -> Result<Outcome> {
+fn report(args: &RenderArgs, animation: &Animation, stats: &FramesStats, events: &Events) -> Result<Outcome> {
     if let Some(path) = &args.stats {
         stats::write(path, stats)?;
     }
     print(animation, stats);
-    Ok(if stats.events.is_empty() { Outcome::Done } else { Outcome::Degraded })
+    events.print();
+    Ok(events.outcome(args.reporting.strict))
 }
 
 impl<I: Integrator> Shot<I> {
@@ -173,10 +179,11 @@ impl<I: Integrator> Shot<I> {
         args: &RenderArgs,
         setup: &Setup,
         totals: &mut Totals,
-        bar: &mut Bar,
+        progress: &mut Progress,
     ) -> Result<()> {
+        let name = format!("frame {}", self.frame);
         loop {
-            self.picture.begin(|pass| submit(setup, args, pass))?;
+            self.picture.begin(|pass| submit(setup, args, pass, &name))?;
             if self.picture.is_complete() || !self.picture.wait_for(Duration::ZERO) {
                 return Ok(());
             }
@@ -187,7 +194,7 @@ impl<I: Integrator> Shot<I> {
             let begin_s = report.begin_ns as f64 * 1e-9;
             self.begin_s = self.begin_s.min(begin_s);
             self.end_s = self.end_s.max(begin_s + report.wall_s);
-            bar.finish_job(report.tiles, report.rays.total());
+            progress.finish_job(report.tiles, report.rays.total());
             totals.add(&report);
         }
     }
@@ -195,15 +202,17 @@ impl<I: Integrator> Shot<I> {
     /// Writes the picture of a complete frame.
     fn write(&self, args: &RenderArgs, animation: &Animation, facts: &Facts) -> Result<FrameStats> {
         let film = self.picture.picture();
-        let mut picture = Picture::new(Image::new(film.width(), film.height(), film.resolve()));
-        picture.metadata = facts.of(&picture.image, &self.camera, film.mean_samples());
+        let region = self.picture.integrator().frame().part().region;
+        let mean_spp = film.samples() as f64 / region.area() as f64;
+        let mut picture = Picture::new(Image::of(&film, region));
+        picture.metadata = facts.of(&picture.image, &self.camera, mean_spp);
         let (file, look, options) = (animation.file(self.frame), args.look.look(), args.picture.options());
         insist(|| write_picture(&file, &picture, &look, &options))?;
         Ok(FrameStats {
             frame: self.frame,
             hash: picture.image.hash(),
             seconds: Some((self.end_s - self.begin_s).max(0.0)),
-            mean_spp: Some(film.mean_samples()),
+            mean_spp: Some(mean_spp),
             noise: self.picture.noise().map(NoiseStats::of),
         })
     }
@@ -240,7 +249,8 @@ fn summarise(setup: &Setup, settings: &Settings, totals: &mut Totals) -> FramesS
         adapter: setup.prepared.adapter.clone(),
         simd: setup.simd.name().into(),
         joules: std::mem::take(&mut totals.joules),
-        events: std::mem::take(&mut totals.events),
+        complete: totals.events.is_complete(),
+        events: totals.events.all(),
     }
 }
 
@@ -264,9 +274,6 @@ fn print(animation: &Animation, stats: &FramesStats) {
         stats.mpath_per_s,
         100.0 * stats.busy_share
     );
-    for event in &stats.events {
-        stderr_line!("degraded: {event}");
-    }
     warn_of_clamped(stats.clamped_splats);
     for warning in &stats.dropped_by_material {
         log::warn!("{warning}");

@@ -6,6 +6,7 @@ mod facts;
 mod finished_frames;
 mod frames;
 mod names;
+pub(super) mod partial;
 mod still;
 mod totals;
 
@@ -14,6 +15,7 @@ use super::args::RenderArgs;
 use super::outputs::Outputs;
 use super::setup::Setup;
 use super::timeline;
+use crate::cli::progress::Progress;
 use crate::cli::registry::{IntegratorParams, Registry};
 use crate::film::{Film, Format, MAX_RADIANCE};
 use crate::render::{Integrator, PASSES_IN_FLIGHT, ROULETTE_BOUNCES, Settings};
@@ -26,9 +28,16 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// Renders a scene to one picture or an animation.
+/// Renders a scene to one picture or an animation, and tells how far it is.
 pub fn run(args: &RenderArgs, registry: &Registry) -> Result<Outcome> {
-    Format::of(&args.output)?;
+    let mut progress = Progress::start(args.reporting.progress);
+    let result = render(args, registry, &mut progress);
+    progress.end(&result);
+    result
+}
+
+fn render(args: &RenderArgs, registry: &Registry, progress: &mut Progress) -> Result<Outcome> {
+    args.picture_path().map_or(Ok(()), |path| Format::of(path).map(drop))?;
     let pictures = Animation::check(args)?;
     let outputs = check_files(args, &pictures)?;
     checkpoint::check(&args.progress)?;
@@ -79,7 +88,7 @@ pub fn run(args: &RenderArgs, registry: &Registry) -> Result<Outcome> {
     let options = setup.options.clone();
     let indirect_limit = args.sampling.indirect_limit(&args.look);
     let params = IntegratorParams { scene, camera, settings, roulette_bounces, indirect_limit, options };
-    registry.run(&args.integrator, params, RenderRequest { args, setup: &setup, animation, camera })
+    registry.run(&args.integrator, params, RenderRequest { args, setup: &setup, animation, camera, progress })
 }
 
 /// Bytes that a picture takes until it is written: the film, the films of passes and of their earlier parts, their
@@ -95,16 +104,20 @@ pub struct RenderRequest<'a> {
     setup: &'a Setup,
     animation: Option<Animation<'a>>,
     camera: Camera,
+    progress: &'a mut Progress,
 }
 
 impl RenderRequest<'_> {
     /// Renders the picture or the animation.
     pub fn run(self, integrator: impl Integrator) -> Result<Outcome> {
-        let Self { args, setup, animation, camera } = self;
-        let integrator = integrator.with_simd(setup.simd);
+        let Self { args, setup, animation, camera, progress } = self;
+        let mut integrator = integrator.with_simd(setup.simd);
+        if let Some(part) = args.part.part(integrator.frame().settings()) {
+            integrator = integrator.with_part(part)?;
+        }
         match animation {
-            Some(animation) => frames::run(args, setup, &animation, &integrator),
-            None => still::run(args, setup, &camera, integrator),
+            Some(animation) => frames::run(args, setup, &animation, &integrator, progress),
+            None => still::run(args, setup, &camera, integrator, progress),
         }
     }
 }
@@ -114,9 +127,10 @@ fn submit<I: Integrator>(
     setup: &Setup,
     args: &RenderArgs,
     integrator: &Arc<I>,
+    name: &str,
 ) -> Result<JobHandle, LimitsError> {
     let (policy, timeline) = (setup.policy, args.timeline.is_some());
-    let options = JobOptions { policy, timeline, ..JobOptions::default() };
+    let options = JobOptions { policy, timeline, ..JobOptions::default().with_name(name) };
     setup.prepared.submit(&setup.service, Arc::clone(integrator), options)
 }
 
@@ -127,11 +141,13 @@ fn check_files(args: &RenderArgs, pictures: &[PathBuf]) -> Result<Outputs> {
         ("--stats", args.stats.as_deref()),
         ("--timeline", args.timeline.as_deref()),
         ("--checkpoint", args.progress.checkpoint.as_deref()),
+        ("--partial", args.part.partial.as_deref()),
     ];
     let inputs = [
         ("the scene", Some(&*args.scene)),
         ("the environment", args.light.env_file()),
         ("the camera path", args.animation.camera_path.as_deref()),
+        ("the options", args.reporting.options.as_deref()),
     ];
     Outputs::check(pictures.chain(others), inputs)
 }
@@ -141,7 +157,7 @@ const TRIES: u32 = 3;
 const PAUSE: Duration = Duration::from_secs(1);
 
 /// Tries to write something that rendering cannot make good any more: a disk may be full for a moment only.
-fn insist<E: Display>(mut write: impl FnMut() -> Result<(), E>) -> Result<(), E> {
+pub(super) fn insist<E: Display>(mut write: impl FnMut() -> Result<(), E>) -> Result<(), E> {
     for _ in 1..TRIES {
         match write() {
             Ok(()) => return Ok(()),
@@ -164,7 +180,7 @@ fn warn_of_blind_pixels(camera: &Camera, (width, height): (u32, u32)) {
 }
 
 /// Warns of radiance that the film cannot hold.
-fn warn_of_clamped(splats: u64) {
+pub(super) fn warn_of_clamped(splats: u64) {
     if splats > 0 {
         log::warn!(
             "{splats} splats brighter than {MAX_RADIANCE} were clamped to it, so the picture is too dark there; scale \

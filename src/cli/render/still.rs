@@ -3,17 +3,18 @@
 use super::checkpoint::Checkpoint;
 use super::facts::Facts;
 use super::totals::Totals;
-use super::{insist, submit, warn_of_clamped};
+use super::{insist, partial, submit, warn_of_clamped};
 use crate::cli::args::RenderArgs;
-use crate::cli::progress::{Bar, POLL_INTERVAL};
+use crate::cli::progress::{POLL_INTERVAL, Progress};
 use crate::cli::setup::Setup;
 use crate::cli::stats::{self, ImageStats, NoiseStats, RenderStats, SCHEMA, SceneStats, Seconds};
 use crate::cli::{Outcome, interrupt};
-use crate::film::{Exposure, Film, Image, Picture, write_picture};
+use crate::film::{Exposure, Film, Image, Picture, WriteError, write_picture};
 use crate::meters::{Meters, Recorder};
 use crate::render::{Integrator, PICTURE_VERSION, PassOptions, Progressive};
 use crate::scene::Camera;
 use anyhow::{Context, Result};
+use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -23,6 +24,7 @@ pub fn run<I: Integrator>(
     setup: &Setup,
     camera: &Camera,
     integrator: I,
+    progress: &mut Progress,
 ) -> Result<Outcome> {
     let interval = args.progress.interval();
     // Two passes are in flight between two saves. The first is short, so that there is a picture when time is.
@@ -30,17 +32,19 @@ pub fn run<I: Integrator>(
     let options = PassOptions { noise: args.progress.noise, pass_time };
     let checkpoint = Checkpoint::of(args, setup, camera, &integrator);
     let facts = Facts::new(args, setup, integrator.frame().settings());
-    let mut bar = Bar::new(integrator.frame().tiles());
+    let tiles = integrator.frame().tiles();
     let mut frame = match &checkpoint {
         Some(checkpoint) => checkpoint.begin(integrator, options)?,
         None => Progressive::new(integrator, options),
     };
+    progress.begin(tiles, tiles_taken(&frame, tiles), args.progress.seconds);
     let mut totals = Totals::default();
     let meters = Meters::start();
     let recorder = args.timeline.as_ref().and_then(|_| Recorder::start());
     let started = Instant::now();
     let (mut saved, mut end) = (started, End::Complete);
     interrupt::listen();
+    let name = subject(args).display().to_string();
     loop {
         if end == End::Complete {
             end = End::now(args, started, frame.passes());
@@ -48,37 +52,38 @@ pub fn run<I: Integrator>(
                 frame.stop();
             }
         }
-        frame.begin(|pass| submit(setup, args, pass))?;
+        frame.begin(|pass| submit(setup, args, pass, &name))?;
         if !frame.wait_for(POLL_INTERVAL) {
-            bar.show(frame.progress());
+            progress.show(frame.progress());
             continue;
         }
         let Some(report) = frame.finish_pass().context("the frame failed")? else { break };
-        bar.finish_job(report.tiles_spawned, report.rays.total());
+        progress.finish_job(report.tiles_spawned, report.rays.total());
         totals.add(&report);
         if let Some(time) = interval.filter(|time| saved.elapsed() >= *time) {
             save_meanwhile(args, checkpoint.as_ref(), &frame, &develop(&frame, &facts, camera).1, time);
             saved = Instant::now();
         }
     }
-    drop(bar);
+    progress.write();
     let render_s = started.elapsed().as_secs_f64();
     totals.joules = meters.joules();
     let recorded = recorder.map_or_else(Vec::new, Recorder::finish);
 
     let started = Instant::now();
     let (film, picture) = develop(&frame, &facts, camera);
-    let image = &picture.image;
-    totals.events.extend(save_last(args, checkpoint.as_ref(), &frame, &picture)?);
-    totals.events.extend(setup.idle_fault());
+    totals.events.recover(setup.prepared.degraded.clone().into_iter().chain(setup.idle_fault()));
+    totals.events.lack((end == End::Interrupted).then(|| stopped(&frame, &film)).flatten());
+    totals.events.lack(save_last(args, checkpoint.as_ref(), &frame, &picture)?);
+    totals.events.lack(partial::write_finished(args, setup, camera, &frame, &picture.metadata)?);
     let seconds = Seconds {
         load: setup.load_s,
         build: setup.build_s,
         render: render_s,
         write: started.elapsed().as_secs_f64(),
     };
-    let stats =
-        summarise(setup, &frame, &film, image_stats(args, &frame, &film, image), seconds, &mut totals, end);
+    let image = image_stats(args, &frame, &film, &picture.image);
+    let stats = summarise(setup, &frame, &film, image, seconds, &mut totals);
     if let Some(path) = &args.stats {
         stats::write(path, &stats)?;
     }
@@ -86,7 +91,31 @@ pub fn run<I: Integrator>(
         totals.timeline(setup, recorded).write(path)?;
     }
     print(args, &stats);
-    Ok(if stats.events.is_empty() { Outcome::Done } else { Outcome::Degraded })
+    totals.events.print();
+    Ok(totals.events.outcome(args.reporting.strict))
+}
+
+/// What the command writes first of all.
+fn subject(args: &RenderArgs) -> &Path {
+    args.picture_path().or(args.part.partial.as_deref()).unwrap_or(Path::new("nothing"))
+}
+
+/// Tiles of a frame that an earlier run has taken.
+fn tiles_taken<I: Integrator>(frame: &Progressive<I>, tiles: u64) -> u64 {
+    let taken = frame.picture().samples() as f64 / frame.integrator().frame().part().count() as f64;
+    (taken * tiles as f64) as u64
+}
+
+/// Mean number of samples of the pixels that are rendered.
+fn mean_samples<I: Integrator>(frame: &Progressive<I>, film: &Film) -> f64 {
+    film.samples() as f64 / frame.integrator().frame().part().region.area() as f64
+}
+
+/// That a frame lacks samples, if it does.
+fn stopped<I: Integrator>(frame: &Progressive<I>, film: &Film) -> Option<String> {
+    let samples = mean_samples(frame, film);
+    let all = frame.integrator().frame().part().samples.len();
+    (!frame.is_complete()).then(|| format!("stopped after {samples:.1} of {all} samples per pixel"))
 }
 
 /// Why rendering ends.
@@ -117,8 +146,8 @@ impl End {
 /// The film and the picture so far.
 fn develop<I: Integrator>(frame: &Progressive<I>, facts: &Facts, camera: &Camera) -> (Arc<Film>, Picture) {
     let film = frame.picture();
-    let mut picture = Picture::new(Image::new(film.width(), film.height(), film.resolve()));
-    picture.metadata = facts.of(&picture.image, camera, film.mean_samples());
+    let mut picture = Picture::new(Image::of(&film, frame.integrator().frame().part().region));
+    picture.metadata = facts.of(&picture.image, camera, mean_samples(frame, &film));
     (film, picture)
 }
 
@@ -132,10 +161,16 @@ fn save_meanwhile<I: Integrator>(
     interval: Duration,
 ) {
     let kept = checkpoint.map_or(Ok(()), |checkpoint| checkpoint.write(frame));
-    let shown = write_picture(&args.output, picture, &args.look.look(), &args.picture.options());
+    let shown = write(args, picture);
     for error in [kept.err(), shown.err().map(Into::into)].into_iter().flatten() {
         log::warn!("{error}; rendering goes on, and the next try is in {:.1} s", interval.as_secs_f64());
     }
+}
+
+/// Writes the picture, if one is wanted.
+fn write(args: &RenderArgs, picture: &Picture) -> Result<(), WriteError> {
+    let Some(path) = args.picture_path() else { return Ok(()) };
+    write_picture(path, picture, &args.look.look(), &args.picture.options())
 }
 
 fn image_stats<I: Integrator>(
@@ -149,7 +184,9 @@ fn image_stats<I: Integrator>(
         width: image.width,
         height: image.height,
         spp: frame.integrator().frame().settings().spp,
-        mean_spp: film.mean_samples(),
+        region: args.part.region.map(|region| [region.x, region.y, region.width, region.height]),
+        samples: args.part.samples.as_ref().map(|samples| [samples.start, samples.end]),
+        mean_spp: mean_samples(frame, film),
         filter: args.sampling.filter.to_string(),
         indirect_limit: args.sampling.indirect_limit(&args.look),
         hash: image.hash(),
@@ -168,7 +205,7 @@ fn save_last<I: Integrator>(
 ) -> Result<Option<String>> {
     // The checkpoint first: a resumed frame never has fewer samples than the picture that it replaces.
     let kept = checkpoint.map_or(Ok(()), |checkpoint| insist(|| checkpoint.write(frame)));
-    insist(|| write_picture(&args.output, picture, &args.look.look(), &args.picture.options()))?;
+    insist(|| write(args, picture))?;
     let told = |error| format!("{error}; a run that resumes starts from an earlier checkpoint or anew");
     Ok(kept.err().map(told))
 }
@@ -180,17 +217,9 @@ fn summarise<I: Integrator>(
     image: ImageStats,
     seconds: Seconds,
     totals: &mut Totals,
-    end: End,
 ) -> RenderStats {
-    let settings = frame.integrator().frame().settings();
     let micros = seconds.render * 1e6;
     let scene = &setup.prepared.scene;
-    let samples = film.mean_samples();
-    let mut events: Vec<String> = setup.prepared.degraded.iter().cloned().collect();
-    events.append(&mut totals.events);
-    if end == End::Interrupted && !frame.is_complete() {
-        events.push(format!("stopped after {samples:.1} of {} samples per pixel", settings.spp));
-    }
     RenderStats {
         schema: SCHEMA,
         scene: SceneStats { triangles: scene.mesh.triangles.len(), materials: scene.materials.len() },
@@ -216,7 +245,8 @@ fn summarise<I: Integrator>(
         adapter: setup.prepared.adapter.clone(),
         simd: setup.simd.name().into(),
         joules: std::mem::take(&mut totals.joules),
-        events,
+        complete: totals.events.is_complete(),
+        events: totals.events.all(),
     }
 }
 
@@ -232,7 +262,7 @@ fn print(args: &RenderArgs, stats: &RenderStats) {
     };
     stdout_line!(
         "{}: {}x{}, {samples} spp, {:.1} s on {units}: {:.2} Mray/s, {:.2} Mpath/s, hash {}",
-        args.output.display(),
+        subject(args).display(),
         image.width,
         image.height,
         stats.seconds.render,
@@ -253,9 +283,6 @@ fn print(args: &RenderArgs, stats: &RenderStats) {
         );
     }
     log_threads(stats);
-    for event in &stats.events {
-        stderr_line!("degraded: {event}");
-    }
     warn_of_clamped(stats.clamped_splats);
     for warning in &stats.dropped_by_material {
         log::warn!("{warning}");

@@ -1,5 +1,6 @@
 //! Totals over the jobs of a command.
 
+use crate::cli::events::Events;
 use crate::cli::setup::Setup;
 use crate::cli::stats::{MemoryStats, ThreadStats, Units};
 use crate::cli::timeline::{Curve, Timeline, thread_names};
@@ -13,7 +14,7 @@ use std::time::Instant;
 pub struct Totals {
     pub rays: RayCounts,
     pub units: Units,
-    pub events: Vec<String>,
+    pub events: Events,
     /// Energy by meter, in joules.
     pub joules: BTreeMap<String, f64>,
     /// Maximum paths in flight of any job.
@@ -45,11 +46,7 @@ impl Totals {
         self.rays.continuation += report.rays.continuation;
         self.rays.shadow += report.rays.shadow;
         self.units.add(report);
-        for event in &report.events {
-            if !self.events.contains(event) {
-                self.events.push(event.clone());
-            }
-        }
+        self.events.recover(report.events.iter().cloned());
         self.peak_rays_in_flight = self.peak_rays_in_flight.max(report.max_in_flight);
         self.stream_bytes = self.stream_bytes.max(report.streams * report.stream_bytes);
         self.depths += report.depths;

@@ -4,6 +4,7 @@ mod ambient_occlusion;
 mod dropped;
 mod filters;
 pub mod harness;
+mod parts;
 mod path;
 mod pinned;
 mod procedural;

@@ -1,0 +1,43 @@
+//! Writes partial films.
+
+use super::checkpoint::identity;
+use super::insist;
+use crate::cli::args::RenderArgs;
+use crate::cli::setup::Setup;
+use crate::files::{self, NotWritten};
+use crate::render::{Integrator, PartialFilm, Progressive};
+use crate::scene::Camera;
+use anyhow::{Context, Result};
+use std::collections::BTreeMap;
+use std::io::Write;
+use std::path::Path;
+
+/// Writes the partial film that the options name, if any. Returns why it is not written if the part is not finished.
+pub fn write_finished<I: Integrator>(
+    args: &RenderArgs,
+    setup: &Setup,
+    camera: &Camera,
+    frame: &Progressive<I>,
+    facts: &BTreeMap<String, String>,
+) -> Result<Option<String>> {
+    let Some(path) = &args.part.partial else { return Ok(None) };
+    let name = path.display();
+    if !frame.is_complete() {
+        return Ok(Some(format!("{name}: not written, because not all of its samples have been taken")));
+    }
+    let part = frame.integrator().frame();
+    let identity = identity(args, setup, part.settings(), Some(camera));
+    let film = PartialFilm::new(identity, part, frame.picture()).with_context(|| name.to_string())?;
+    let film = film.with_metadata(facts.clone());
+    insist(|| write(path, &film))?;
+    Ok(None)
+}
+
+/// Writes a partial film. After a crash the file is either the previous one or this one.
+pub fn write(path: &Path, film: &PartialFilm) -> Result<(), NotWritten> {
+    files::write(path, |file| {
+        film.write(&mut *file)?;
+        file.flush()?;
+        file.get_ref().sync_all()
+    })
+}
