@@ -110,12 +110,12 @@ impl PartialFilmHeader {
     /// Whether sizes are in range and the parts are of the picture and do not overlap.
     fn is_sound(&self) -> bool {
         let settings = self.settings();
-        let apart =
+        let is_disjoint =
             |(i, part): (usize, &Part)| self.parts[..i].iter().all(|other| part.overlap(other).is_none());
         settings.validate(u32::MAX).is_ok()
             && self.kind.is_sound()
             && self.parts.iter().all(|part| part.is_of(&settings))
-            && self.parts.iter().enumerate().all(apart)
+            && self.parts.iter().enumerate().all(is_disjoint)
     }
 
     /// Reads the header of a file and checks the file's sum.

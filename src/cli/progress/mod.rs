@@ -109,6 +109,7 @@ impl Progress {
 
     /// Files are written.
     pub fn write(&self) {
+        self.show(std::iter::empty());
         match &self.shown {
             Shown::Bar(bar) => bar.finish_and_clear(),
             Shown::Lines(ticker) => ticker.enter(Stage::Writing),

@@ -72,6 +72,34 @@ impl Checkpoint {
         Some(Self { path, identity, resume: args.progress.resume })
     }
 
+    /// The checkpoint of one frame of an animation, beside that of the animation.
+    pub fn of_frame(
+        args: &RenderArgs,
+        setup: &Setup,
+        camera: &Camera,
+        integrator: &impl Integrator,
+        frame: u32,
+    ) -> Option<Self> {
+        let whole = Self::of(args, setup, camera, integrator)?;
+        let mut path = whole.path.into_os_string();
+        path.push(format!(".frame-{frame}"));
+        Some(Self { path: path.into(), ..whole })
+    }
+
+    /// Whether there is a checkpoint to resume from.
+    pub fn is_kept(&self) -> bool {
+        self.resume && self.path.exists()
+    }
+
+    /// Removes the file, if there is one.
+    pub fn remove(&self) {
+        if let Err(error) = std::fs::remove_file(&self.path)
+            && error.kind() != ErrorKind::NotFound
+        {
+            log::warn!("{}: cannot be removed: {error}", self.path.display());
+        }
+    }
+
     /// The frame from its checkpoint if `--resume` is given and the file exists, else from the start.
     pub fn begin<I: Integrator>(&self, integrator: I, options: PassOptions) -> Result<Progressive<I>> {
         let path = self.path.display();

@@ -13,7 +13,8 @@ use std::collections::BTreeMap;
 use std::io::{ErrorKind, Write};
 use std::path::PathBuf;
 
-/// The checkpoint of an animation. It lists finished frames; unfinished ones start over.
+/// The checkpoint of an animation. It lists finished frames. Beside it, an interrupted run keeps the samples of
+/// unfinished ones (`Checkpoint::of_frame`).
 pub struct FinishedFrames {
     path: PathBuf,
     content: Content,

@@ -3,31 +3,20 @@
 use super::animation::Animation;
 use super::facts::Facts;
 use super::finished_frames::FinishedFrames;
+use super::shot::Shot;
 use super::totals::Totals;
-use super::{insist, submit, warn_of_clamped};
+use super::{insist, warn_of_clamped};
 use crate::cli::args::RenderArgs;
 use crate::cli::events::Events;
 use crate::cli::progress::{POLL_INTERVAL, Progress};
 use crate::cli::setup::Setup;
-use crate::cli::stats::{self, FrameStats, FramesStats, NoiseStats, SCHEMA, SceneStats};
+use crate::cli::stats::{self, FrameStats, FramesStats, SCHEMA, SceneStats};
 use crate::cli::{Outcome, interrupt};
-use crate::film::{Image, Picture, write_picture};
 use crate::meters::{Meters, Recorder};
-use crate::render::{Integrator, PICTURE_VERSION, PassOptions, Progressive, Settings};
+use crate::render::{Integrator, PICTURE_VERSION, PassOptions, Settings};
 use crate::scene::Camera;
-use anyhow::{Context, Result};
+use anyhow::Result;
 use std::collections::VecDeque;
-use std::time::Duration;
-
-/// A frame being rendered, in passes if noise decides when it ends.
-struct Shot<I: Integrator> {
-    frame: u32,
-    camera: Camera,
-    picture: Progressive<I>,
-    /// Seconds since the service began: its first camera ray and its last splat.
-    begin_s: f64,
-    end_s: f64,
-}
 
 /// Renders all frames. A frame is written once it and all before it are finished.
 pub fn run<I: Integrator>(
@@ -63,7 +52,7 @@ pub fn run<I: Integrator>(
                 progress.finish_job(tiles, 0);
                 continue;
             }
-            shots.push_back(Shot::begin(frame, camera, integrator, options)?);
+            shots.push_back(Shot::begin(args, setup, frame, camera, integrator, options)?);
         }
         for shot in &mut shots {
             shot.advance(args, setup, &mut totals, progress)?;
@@ -74,8 +63,10 @@ pub fn run<I: Integrator>(
                 progress.show(shots.iter().flat_map(|shot| shot.picture.progress()));
             }
             if interrupt::requested() {
-                // Unfinished frames would be noisier than the others; they are dropped.
+                // Unfinished frames would be noisier than the others, so no picture shows them.
                 totals.events.lack([stopped(done.len(), animation.frames.len())]);
+                let lost = Shot::keep_all(&mut shots, &mut totals)?;
+                totals.events.lack(lost);
                 break;
             }
             continue;
@@ -83,7 +74,10 @@ pub fn run<I: Integrator>(
         let shot = shots.pop_front().expect("the queue is not empty");
         splats.add(&shot);
         let written = shot.write(args, animation, &facts)?;
-        finished.iter_mut().for_each(|finished| note(finished, &shot.camera, &written));
+        if let Some(finished) = &mut finished {
+            note(finished, &shot.camera, &written);
+            shot.clean_up();
+        }
         done.push(written);
     }
     drop(shots);
@@ -92,19 +86,11 @@ pub fn run<I: Integrator>(
     totals.events.recover(setup.idle_fault());
     totals.joules = meters.joules();
     let recorded = recorder.map_or_else(Vec::new, Recorder::finish);
-    done.sort_by_key(|frame| frame.frame);
-    let stats = FramesStats {
-        frames: done,
-        frames_in_flight: in_flight,
-        dropped_splats: splats.dropped,
-        clamped_splats: splats.clamped,
-        dropped_by_material: splats.dropped_by_material,
-        indirect_limit: args.sampling.indirect_limit(&args.look),
-        ..summarise(setup, settings, &mut totals)
-    };
     if let Some(path) = &args.timeline {
         totals.timeline(setup, recorded).write(path)?;
     }
+    done.sort_by_key(|frame| frame.frame);
+    let stats = summarise(args, setup, settings, &mut totals, (done, splats));
     report(args, animation, &stats, &totals.events)
 }
 
@@ -166,60 +152,13 @@ fn report(args: &RenderArgs, animation: &Animation, stats: &FramesStats, events:
     Ok(events.outcome(args.reporting.strict))
 }
 
-impl<I: Integrator> Shot<I> {
-    fn begin(frame: u32, camera: Camera, integrator: &I, options: PassOptions) -> Result<Self> {
-        let seen = integrator.seen_by(&camera);
-        let picture = Progressive::new(seen.with_context(|| format!("frame {frame}"))?, options);
-        Ok(Self { frame, camera, picture, begin_s: f64::INFINITY, end_s: 0.0 })
-    }
-
-    /// Collects finished passes and begins the next.
-    fn advance(
-        &mut self,
-        args: &RenderArgs,
-        setup: &Setup,
-        totals: &mut Totals,
-        progress: &mut Progress,
-    ) -> Result<()> {
-        let name = format!("frame {}", self.frame);
-        loop {
-            self.picture.begin(|pass| submit(setup, args, pass, &name))?;
-            if self.picture.is_complete() || !self.picture.wait_for(Duration::ZERO) {
-                return Ok(());
-            }
-            let report = self.picture.finish_pass();
-            let Some(report) = report.with_context(|| format!("frame {} failed", self.frame))? else {
-                return Ok(());
-            };
-            let begin_s = report.begin_ns as f64 * 1e-9;
-            self.begin_s = self.begin_s.min(begin_s);
-            self.end_s = self.end_s.max(begin_s + report.wall_s);
-            progress.finish_job(report.tiles, report.rays.total());
-            totals.add(&report);
-        }
-    }
-
-    /// Writes the picture of a complete frame.
-    fn write(&self, args: &RenderArgs, animation: &Animation, facts: &Facts) -> Result<FrameStats> {
-        let film = self.picture.picture();
-        let region = self.picture.integrator().frame().part().region;
-        let mean_spp = film.samples() as f64 / region.area() as f64;
-        let mut picture = Picture::new(Image::of(&film, region));
-        picture.metadata = facts.of(&picture.image, &self.camera, mean_spp);
-        let (file, look, options) = (animation.file(self.frame), args.look.look(), args.picture.options());
-        insist(|| write_picture(&file, &picture, &look, &options))?;
-        Ok(FrameStats {
-            frame: self.frame,
-            hash: picture.image.hash(),
-            seconds: Some((self.end_s - self.begin_s).max(0.0)),
-            mean_spp: Some(mean_spp),
-            noise: self.picture.noise().map(NoiseStats::of),
-        })
-    }
-}
-
-/// Everything but what is known of single frames.
-fn summarise(setup: &Setup, settings: &Settings, totals: &mut Totals) -> FramesStats {
+fn summarise(
+    args: &RenderArgs,
+    setup: &Setup,
+    settings: &Settings,
+    totals: &mut Totals,
+    (frames, splats): (Vec<FrameStats>, Splats),
+) -> FramesStats {
     let micros = (totals.wall_s() * 1e6).max(f64::MIN_POSITIVE);
     let scene = &setup.prepared.scene;
     FramesStats {
@@ -229,10 +168,10 @@ fn summarise(setup: &Setup, settings: &Settings, totals: &mut Totals) -> FramesS
         height: settings.height,
         spp: settings.spp,
         filter: settings.filter.to_string(),
-        indirect_limit: None,
+        indirect_limit: args.sampling.indirect_limit(&args.look),
         picture_version: PICTURE_VERSION,
-        frames: Vec::new(),
-        frames_in_flight: 0,
+        frames,
+        frames_in_flight: args.animation.frames_in_flight as usize,
         seconds: totals.wall_s(),
         rays: totals.rays.into(),
         mray_per_s: totals.rays.total() as f64 / micros,
@@ -240,9 +179,9 @@ fn summarise(setup: &Setup, settings: &Settings, totals: &mut Totals) -> FramesS
         units: std::mem::take(&mut totals.units),
         threads: totals.thread_stats(),
         busy_share: totals.busy_share(),
-        dropped_splats: 0,
-        clamped_splats: 0,
-        dropped_by_material: Vec::new(),
+        dropped_splats: splats.dropped,
+        clamped_splats: splats.clamped,
+        dropped_by_material: splats.dropped_by_material,
         peak_memory_bytes: stats::peak_memory_bytes(),
         memory: totals.memory(setup),
         peak_rays_in_flight: totals.peak_rays_in_flight as u64,

@@ -7,6 +7,7 @@ mod finished_frames;
 mod frames;
 mod names;
 pub(super) mod partial;
+mod shot;
 mod still;
 mod totals;
 

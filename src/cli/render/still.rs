@@ -5,6 +5,7 @@ use super::facts::Facts;
 use super::totals::Totals;
 use super::{insist, partial, submit, warn_of_clamped};
 use crate::cli::args::RenderArgs;
+use crate::cli::events::Events;
 use crate::cli::progress::{POLL_INTERVAL, Progress};
 use crate::cli::setup::Setup;
 use crate::cli::stats::{self, ImageStats, NoiseStats, RenderStats, SCHEMA, SceneStats, Seconds};
@@ -84,15 +85,20 @@ pub fn run<I: Integrator>(
     };
     let image = image_stats(args, &frame, &film, &picture.image);
     let stats = summarise(setup, &frame, &film, image, seconds, &mut totals);
-    if let Some(path) = &args.stats {
-        stats::write(path, &stats)?;
-    }
     if let Some(path) = &args.timeline {
         totals.timeline(setup, recorded).write(path)?;
     }
-    print(args, &stats);
-    totals.events.print();
-    Ok(totals.events.outcome(args.reporting.strict))
+    report(args, &stats, &totals.events)
+}
+
+/// Writes and prints the statistics.
+fn report(args: &RenderArgs, stats: &RenderStats, events: &Events) -> Result<Outcome> {
+    if let Some(path) = &args.stats {
+        stats::write(path, stats)?;
+    }
+    print(args, stats);
+    events.print();
+    Ok(events.outcome(args.reporting.strict))
 }
 
 /// What the command writes first of all.
