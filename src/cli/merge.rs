@@ -8,6 +8,7 @@ use super::stats::{self, ImageStats, MergeStats, SCHEMA};
 use crate::film::{Format, Image, Picture, Region, write_picture};
 use crate::render::{PICTURE_VERSION, Part, PartialFilm, PartialFilmError, PartialFilmHeader};
 use anyhow::{Context, Result, anyhow, bail, ensure};
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
@@ -60,6 +61,7 @@ pub fn run(args: &MergeArgs) -> Result<Outcome> {
             filter: identity("--filter"),
             indirect_limit: identity("the radiance of --clamp-indirect").parse().ok(),
             hash: image.hash(),
+            layers: BTreeMap::new(),
             picture_version: PICTURE_VERSION,
             view: look.view().name().into(),
             exposure_stops: look.stops(image),

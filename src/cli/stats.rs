@@ -161,6 +161,10 @@ pub struct FrameStats {
     pub frame: u32,
     /// [`crate::film::Image::hash`].
     pub hash: String,
+    /// [`crate::film::Picture::layer_hashes`]; absent without layers, and if an earlier run finished the
+    /// frame.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub layers: BTreeMap<&'static str, String>,
     /// From its first camera ray to its last splat; frames in flight overlap. Null, like the fields below, if an
     /// earlier run finished it.
     pub seconds: Option<f64>,
@@ -201,6 +205,9 @@ pub struct ImageStats {
     pub indirect_limit: Option<f32>,
     /// [`crate::film::Image::hash`].
     pub hash: String,
+    /// [`crate::film::Picture::layer_hashes`]; absent without layers.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub layers: BTreeMap<&'static str, String>,
     /// [`crate::render::PICTURE_VERSION`]: hashes of different versions are of different pictures.
     pub picture_version: u32,
     /// The view transform of a `.png`.

@@ -1,5 +1,6 @@
 //! The film: sums of radiance in fixed point.
 
+use super::layer_sums::LayerSums;
 use super::spare::Spare;
 use super::stripe::{Stripe, Stripes};
 use crate::lanes::{Int, Lanes, Mask, Num, Vector, nearest};
@@ -36,6 +37,8 @@ pub struct Film {
     fraction_bits: u32,
     sums: Sums,
     samples: Counts,
+    /// Data besides radiance ([`super::LayerPlan`]).
+    pub(super) layers: Option<Box<LayerSums>>,
     /// Locks that guard `sums`.
     stripes: Stripes,
     dropped: AtomicU64,
@@ -49,6 +52,14 @@ pub(super) type Sums = Vec<[AtomicI64; 3]>;
 
 /// The number of samples of all pixels.
 pub(super) type Counts = Vec<AtomicU32>;
+
+/// The memory of a film.
+#[derive(Debug)]
+pub(super) struct Memory {
+    pub sums: Sums,
+    pub samples: Counts,
+    pub layers: Option<Box<LayerSums>>,
+}
 
 /// Why there is no film.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
@@ -96,28 +107,35 @@ impl Film {
         // The system maps zeroed pages only when they are written.
         let sums = bytemuck::try_zeroed_vec(pixels).map_err(refused)?;
         let samples = bytemuck::try_zeroed_vec(pixels).map_err(refused)?;
-        Ok(Self::with_memory((width, height), fraction_bits, (sums, samples), Spare::default()))
+        let memory = Memory { sums, samples, layers: None };
+        Ok(Self::with_memory((width, height), fraction_bits, memory, Spare::default()))
     }
 
     /// A film with zeroed memory.
     fn with_memory(
         (width, height): (u32, u32),
         fraction_bits: u32,
-        (sums, samples): (Sums, Counts),
+        Memory { sums, samples, layers }: Memory,
         spare: Spare,
     ) -> Self {
         let (stripes, dropped, clamped) = (Stripes::new(sums.len()), AtomicU64::new(0), AtomicU64::new(0));
-        Self { width, height, fraction_bits, sums, samples, stripes, dropped, clamped, spare }
+        Self { width, height, fraction_bits, sums, samples, layers, stripes, dropped, clamped, spare }
     }
 
-    /// Bytes of a film.
+    /// A black film of the same size and precision, without layers.
+    pub(super) fn black_of_kind(&self) -> Result<Self, OutOfMemory> {
+        Self::black(self.width, self.height, self.fraction_bits)
+    }
+
+    /// Bytes of a film without layers: 28 a pixel, and one for 64 pixels. [`super::LayerPlan::bytes`] gives those of
+    /// layers.
     pub fn bytes(width: u32, height: u32) -> u64 {
         let pixels = u64::from(width) * u64::from(height);
         let pixel = (size_of::<[AtomicI64; 3]>() + size_of::<AtomicU32>()) as u64;
         pixels.saturating_mul(pixel).saturating_add(Stripes::bytes(pixels))
     }
 
-    /// A black film of the same size and precision. It takes the memory of a film that was made from the same one and
+    /// A black film of the same size, precision and layers. It takes the memory of a film that was made from the same one and
     /// has been dropped, if there is one.
     ///
     /// # Panics
@@ -127,7 +145,10 @@ impl Film {
             let size = (self.width, self.height);
             return Self::with_memory(size, self.fraction_bits, memory, self.spare.clone());
         }
-        let film = Self::black(self.width, self.height, self.fraction_bits);
+        let film = match self.plan() {
+            None => self.black_of_kind(),
+            Some(plan) => self.with_layers(plan.clone()),
+        };
         let mut film = film.unwrap_or_else(|error| panic!("{error}"));
         film.spare = self.spare.clone();
         film
@@ -147,6 +168,31 @@ impl Film {
         self.fraction_bits
     }
 
+    /// Number of pixels.
+    pub(super) fn pixels(&self) -> usize {
+        self.sums.len()
+    }
+
+    /// Locks the sums of a pixel and its neighbours.
+    pub(super) fn lock(&self, pixel: u32) -> Stripe<'_> {
+        self.stripes.lock(pixel)
+    }
+
+    /// Number of samples of a pixel so far.
+    pub fn samples_of(&self, pixel: usize) -> u32 {
+        self.samples[pixel].load(Relaxed)
+    }
+
+    /// The sums of a pixel and its number of samples.
+    pub(super) fn sums_of(&self, pixel: usize) -> ([i64; 3], u32) {
+        (self.sums[pixel].each_ref().map(|sum| sum.load(Relaxed)), self.samples[pixel].load(Relaxed))
+    }
+
+    /// The sums of the half of the samples that [`Film::HALF`] marks, if it has some.
+    pub(super) fn half(&self) -> Option<&Sums> {
+        self.layers.as_ref().filter(|layers| layers.plan.halves).map(|layers| &layers.half)
+    }
+
     /// Adds to a pixel's number of camera rays (row-major index, first row on top). The pixel's mean is taken over
     /// all of them, including rays that add no radiance.
     pub fn add_samples(&self, pixel: u32, samples: u32) {
@@ -156,10 +202,13 @@ impl Film {
     /// Adds radiance to a pixel. A splat with a channel above [`MAX_RADIANCE`] is clamped and counted. One with a
     /// negative channel, or one that is not finite, is dropped and counted; then the result is false.
     pub fn splat(&self, pixel: u32, radiance: glam::Vec3) -> bool {
-        let sums = &self.sums[pixel as usize];
         let Some(fixed) = self.fixed(radiance) else { return false };
+        let half = self.half().filter(|_| pixel & Self::HALF > 0);
+        let pixel = if self.half().is_some() { pixel & !Self::HALF } else { pixel };
         let _stripe = self.stripes.lock(pixel);
-        add(sums, fixed);
+        for sums in std::iter::once(&self.sums).chain(half) {
+            add(&sums[pixel as usize], fixed);
+        }
         true
     }
 
@@ -185,12 +234,15 @@ impl Film {
             self.count_clamped(clamped.count() as u64);
         }
         let fixed = [x.min(most).to_fixed(scale), y.min(most).to_fixed(scale), z.min(most).to_fixed(scale)];
-        let pixels = pixel.to_array();
-        if (valid & !pixel.is(pixels[first])).none() {
-            self.add_lanes(pixels[first], valid, &fixed);
-        } else {
-            self.add_each(&pixels, valid, &fixed);
+        let mut pixel = pixel;
+        if let Some(half) = self.half() {
+            let marked = valid & !(pixel >> 31).is(0);
+            pixel = pixel & !Self::HALF;
+            if let Some(first) = marked.iter().next() {
+                self.add_fixed(half, pixel, first, marked, &fixed);
+            }
         }
+        self.add_fixed(&self.sums, pixel, first, valid, &fixed);
         dropped
     }
 
@@ -198,6 +250,24 @@ impl Film {
     #[inline(never)]
     fn count_clamped(&self, splats: u64) {
         self.clamped.fetch_add(splats, Relaxed);
+    }
+
+    /// Adds the lanes of a mask to sums; `first` is the first of them.
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn add_fixed<L: Lanes>(
+        &self,
+        sums: &Sums,
+        pixel: Int<L>,
+        first: usize,
+        lanes: Mask<L>,
+        fixed: &[L::Array<i64>; 3],
+    ) {
+        let pixels = pixel.to_array();
+        if (lanes & !pixel.is(pixels[first])).none() {
+            self.add_lanes(sums, pixels[first], lanes, fixed);
+        } else {
+            self.add_each(sums, &pixels, lanes, fixed);
+        }
     }
 
     /// Counts splats that were dropped before they reached the film.
@@ -208,7 +278,7 @@ impl Film {
     }
 
     /// Adds the lanes of a mask to one pixel.
-    fn add_lanes<L: Lanes>(&self, pixel: u32, lanes: Mask<L>, fixed: &[L::Array<i64>; 3]) {
+    fn add_lanes<L: Lanes>(&self, to: &Sums, pixel: u32, lanes: Mask<L>, fixed: &[L::Array<i64>; 3]) {
         let sums = fixed.each_ref().map(|fixed| {
             let mut sum = 0;
             for (lane, fixed) in fixed.as_ref().iter().enumerate() {
@@ -217,11 +287,17 @@ impl Film {
             sum
         });
         let _stripe = self.stripes.lock(pixel);
-        add(&self.sums[pixel as usize], sums);
+        add(&to[pixel as usize], sums);
     }
 
     /// Adds each lane of a mask to its pixel.
-    fn add_each<L: Lanes>(&self, pixels: &L::Array<u32>, lanes: Mask<L>, [r, g, b]: &[L::Array<i64>; 3]) {
+    fn add_each<L: Lanes>(
+        &self,
+        to: &Sums,
+        pixels: &L::Array<u32>,
+        lanes: Mask<L>,
+        [r, g, b]: &[L::Array<i64>; 3],
+    ) {
         let mut stripe = None;
         for lane in lanes.iter() {
             let pixel = pixels[lane];
@@ -230,12 +306,12 @@ impl Film {
                 drop(stripe.take());
                 stripe = Some(self.stripes.lock(pixel));
             }
-            add(&self.sums[pixel as usize], [r[lane], g[lane], b[lane]]);
+            add(&to[pixel as usize], [r[lane], g[lane], b[lane]]);
         }
     }
 
     /// The factor from radiance to fixed point.
-    fn scale(&self) -> f64 {
+    pub(super) fn scale(&self) -> f64 {
         (1u64 << self.fraction_bits) as f64
     }
 
@@ -253,13 +329,12 @@ impl Film {
         Some(radiance.to_array().map(|value| nearest(f64::from(value.min(MAX_RADIANCE)) * self.scale())))
     }
 
-    /// Adds all sums and counts of another film of the same size and precision.
+    /// Adds all sums and counts of another film of the same size, precision and layers.
     ///
     /// # Panics
-    /// If the other film has another size or precision.
+    /// If the other film has another size, precision or other layers.
     pub fn add(&self, other: &Self) {
-        let kind = |film: &Self| (film.width, film.height, film.fraction_bits);
-        assert_eq!(kind(self), kind(other), "films of one kind can be added");
+        assert!(self.is_of_kind(other), "films of one kind can be added");
         for (pixel, (sums, more)) in self.sums.iter().zip(&other.sums).enumerate() {
             let _stripe = self.stripes.lock(pixel as u32);
             add(sums, more.each_ref().map(|sum| sum.load(Relaxed)));
@@ -269,6 +344,12 @@ impl Film {
         }
         self.dropped.fetch_add(other.dropped_splats(), Relaxed);
         self.clamped.fetch_add(other.clamped_splats(), Relaxed);
+        self.add_layers(other);
+    }
+
+    fn is_of_kind(&self, other: &Self) -> bool {
+        let size = |film: &Self| (film.width, film.height, film.fraction_bits);
+        size(self) == size(other) && self.plan() == other.plan()
     }
 
     /// A pixel's mean luminance (Rec. 709) and its number of samples. The mean is 0 without samples.
@@ -279,7 +360,7 @@ impl Film {
         ((0.2126 * r + 0.7152 * g + 0.0722 * b) * unit, samples)
     }
 
-    /// Writes all sums and counts as little-endian integers.
+    /// Writes all sums and counts as little-endian integers, then those of the layers.
     ///
     /// # Errors
     /// When the writer fails.
@@ -293,11 +374,11 @@ impl Film {
         for count in &self.samples {
             to.write_all(&count.load(Relaxed).to_le_bytes())?;
         }
-        Ok(())
+        self.save_layers(to)
     }
 
-    /// Reads what [`Film::save`] wrote for a film of the same size and precision. `None` if the precision differs or
-    /// bytes are missing.
+    /// Reads what [`Film::save`] wrote for a film of the same size, precision and layers. `None` if the precision
+    /// differs or bytes are missing.
     pub fn restored(&self, from: &mut &[u8]) -> Option<Self> {
         let film = self.blank();
         if u32::from_le_bytes(*take(from)?) != self.fraction_bits {
@@ -311,6 +392,7 @@ impl Film {
         for count in &film.samples {
             count.store(u32::from_le_bytes(*take(from)?), Relaxed);
         }
+        film.restore_layers(from)?;
         Some(film)
     }
 
@@ -357,7 +439,8 @@ impl Film {
 
 impl Drop for Film {
     fn drop(&mut self) {
-        self.spare.keep(std::mem::take(&mut self.sums), std::mem::take(&mut self.samples));
+        let (sums, samples) = (std::mem::take(&mut self.sums), std::mem::take(&mut self.samples));
+        self.spare.keep(Memory { sums, samples, layers: self.layers.take() });
     }
 }
 

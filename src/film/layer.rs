@@ -1,7 +1,9 @@
 //! Layers: data of a picture besides its radiance, such as depth, normals and masks.
 
 use super::Image;
+use bytemuck::NoUninit;
 use std::collections::BTreeMap;
+use xxhash_rust::xxh3::Xxh3;
 
 /// A picture with its layers and facts about it, as files store it.
 #[derive(Clone, Debug)]
@@ -34,6 +36,16 @@ impl Picture {
     /// A picture without alpha, layers and metadata.
     pub fn new(image: Image) -> Self {
         Self { image, alpha: None, layers: Vec::new(), metadata: BTreeMap::new() }
+    }
+
+    /// The hash of each layer by name, `alpha` included: XXH3 (64 bits) of the picture's size and of the layer's bytes,
+    /// in hexadecimal digits, like [`Image::hash`]. Names of ids are not part of it.
+    pub fn layer_hashes(&self) -> BTreeMap<&'static str, String> {
+        let size = [self.image.width, self.image.height];
+        let alpha =
+            self.alpha.iter().map(|alpha| ("alpha", hash(size, |hash| hash.update(&le_bytes(alpha)))));
+        let layers = self.layers.iter().map(|layer| (layer.name, hash(size, |hash| layer.values.hash(hash))));
+        alpha.chain(layers).collect()
     }
 }
 
@@ -73,6 +85,29 @@ pub enum LayerValues {
 impl LayerValues {
     /// The id of a pixel that shows nothing.
     pub const NO_ID: u32 = u32::MAX;
+
+    fn hash(&self, hash: &mut Xxh3) {
+        match self {
+            Self::Floats { values, .. } => hash.update(&le_bytes(values)),
+            Self::Ids { ids, .. } => hash.update(&le_bytes(ids)),
+            Self::Coverage(Coverage { starts, entries, samples, .. }) => {
+                let entries: Vec<u32> = entries.iter().flat_map(|&(id, samples)| [id, samples]).collect();
+                [starts, &entries, samples].into_iter().for_each(|numbers| hash.update(&le_bytes(numbers)));
+            }
+        }
+    }
+}
+
+/// The bytes of numbers of 32 bits, little-endian.
+fn le_bytes<T: NoUninit>(numbers: &[T]) -> Vec<u8> {
+    bytemuck::cast_slice::<_, u32>(numbers).iter().flat_map(|number| number.to_le_bytes()).collect()
+}
+
+fn hash(size: [u32; 2], content: impl FnOnce(&mut Xxh3)) -> String {
+    let mut hash = Xxh3::new();
+    size.iter().for_each(|size| hash.update(&size.to_le_bytes()));
+    content(&mut hash);
+    format!("{:016x}", hash.digest())
 }
 
 /// Exact numbers of samples of each (pixel, id), from which Cryptomatte's ranks are made.

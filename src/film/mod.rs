@@ -1,9 +1,12 @@
 //! Accumulation, noise estimates, tone mapping and image files. This module does not know how radiance is computed.
 
 mod accumulation;
+mod coverage_counts;
 mod image;
 mod kind;
 mod layer;
+mod layer_plan;
+mod layer_sums;
 mod look;
 mod noise;
 #[cfg(feature = "formats")]
@@ -20,6 +23,9 @@ pub use accumulation::{Film, FilmError, MAX_RADIANCE};
 pub use image::Image;
 pub use kind::FilmKind;
 pub use layer::{Coverage, Layer, LayerValues, Picture};
+pub use layer_plan::{COVERAGE_ID_BITS, LayerPlan, MEAN_PIXEL_IDS};
+pub use layer_sums::CentreHit;
+pub(crate) use layer_sums::power_of_two;
 pub use look::{Exposure, Look};
 pub use noise::Noise;
 #[cfg(feature = "formats")]

@@ -1,7 +1,7 @@
 //! Ambient occlusion: a hit shader that emits shadow rays only.
 
 use super::frame::{CAMERA_DIMENSION, Frame, Settings, SettingsError};
-use super::{HitShader, HitShading, NewRays, hits_of, rays_of};
+use super::{CameraSample, HitShader, HitShading, NewRays, hits_of, rays_of};
 use crate::film::Film;
 use crate::geom::{Sampler, warp::lanes as warp};
 use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, Vector};
@@ -76,11 +76,12 @@ impl LaneTask for Shading<'_, '_> {
                 // Lanes that are left over repeat the first ray and count for nothing.
                 let (ids, lanes) = Int::some(l, rays, rays[0]);
                 let [pixel, sample] = ids.rows(bytemuck::cast_slice(self.batch.payloads));
+                let target = frame.target(pixel, sample);
                 match run.material {
-                    None => frame.splat_lanes(None, lanes, pixel, Vector::splat(l, Vec3::ONE)),
+                    None => frame.splat_lanes(None, lanes, target, Vector::splat(l, Vec3::ONE)),
                     Some(material) => {
                         let sampler = Sampler::of(pixel, sample, frame.settings().seed);
-                        self.hit(&scene.materials[material as usize], ids, lanes, pixel, &sampler);
+                        self.hit(&scene.materials[material as usize], ids, lanes, target, &sampler);
                     }
                 }
             }
@@ -95,10 +96,10 @@ impl Shading<'_, '_> {
         material: &Material,
         ids: Int<L>,
         lanes: Mask<L>,
-        pixel: Int<L>,
+        target: Int<L>,
         sampler: &Sampler<L>,
     ) {
-        let l = pixel.lanes();
+        let l = target.lanes();
         let (_, direction) = rays_of(&self.batch, ids);
         let hits = hits_of(&self.batch, ids);
         let at = Interaction::new(self.frame.scene(), material, direction, &hits, Num::zero(l));
@@ -109,7 +110,7 @@ impl Shading<'_, '_> {
         let t_max = Num::splat(l, self.shader.reach);
         let rays = NewRays { origin: at.origin(at.raised, to), direction: to, t_max }.rows(lanes);
         let mut pixels = L::array(0);
-        let count = pixel.append(lanes, pixels.as_mut());
+        let count = target.append(lanes, pixels.as_mut());
         self.out.shadow_row(count, bytemuck::cast_slice(rays.as_ref()), pixels.as_ref());
     }
 }
@@ -160,6 +161,11 @@ impl HitShader for OcclusionShader {
         out: &mut Output<'_, SampleState, u32>,
     ) {
         frame.simd().run(Shading { shader: self, frame, batch, out });
+    }
+
+    fn camera_sample(&self, state: &SampleState) -> Option<CameraSample> {
+        let SampleState { pixel, sample } = *state;
+        Some(CameraSample { pixel, sample })
     }
 
     fn shadow(&self, frame: &Frame, _: &[Ray], payloads: &[u32], occluded: &[u32]) {

@@ -66,12 +66,14 @@ impl Identity {
 const MAGIC: &[u8; 20] = b"raystream checkpoint";
 
 /// Counts incompatible formats of checkpoints, those of several frames included.
-pub const CHECKPOINT_VERSION: u32 = 4;
+pub const CHECKPOINT_VERSION: u32 = 5;
 
 /// The JSON header of a checkpoint.
 #[derive(Serialize, Deserialize)]
 struct Header {
     identity: Identity,
+    /// The names of the layers.
+    layers: String,
     blocks: Vec<u32>,
     todo: Range<u32>,
     unfinished: Vec<PassHeader>,
@@ -98,7 +100,8 @@ impl PassHeader {
 
     fn restore(self, frame: &Frame, from: &mut &[u8]) -> Option<UnfinishedPass> {
         let Self { blocks, samples, taken, film } = self;
-        let whole = is_pass(frame, &blocks, &samples).then(|| Pass::new(blocks.into(), samples))?;
+        let whole =
+            is_pass(frame, &blocks, &samples).then(|| frame.whole_pass(Pass::new(blocks.into(), samples)))?;
         let film = if film { Some(frame.film().restored(from)?.into()) } else { None };
         Some(UnfinishedPass { rest: whole.after(taken)?, film })
     }
@@ -133,7 +136,7 @@ impl<I: Integrator> Progressive<I> {
     /// Writes the state after the last complete pass, and what stopped passes have taken. The format, all
     /// little-endian: the 20 bytes "raystream checkpoint"; a version (u32); the length (u64) and the bytes of a JSON
     /// header; bits after the point (u32), dropped and clamped splats (2 × u64), sums (3 × i64 a pixel) and sample
-    /// counts (u32 a pixel) of the film; if the header says so, each pixel's spread (f32) and passes (u16); the film of
+    /// counts (u32 a pixel) of the film, and its layers; if the header says so, each pixel's spread (f32) and passes (u16); the film of
     /// each unfinished pass that has one; XXH3 (u64) of all before it.
     ///
     /// # Errors
@@ -142,6 +145,7 @@ impl<I: Integrator> Progressive<I> {
         let State { film, noise, blocks, todo, unfinished, passes } = self.state();
         let header = Header {
             identity: identity.clone(),
+            layers: layers(self.integrator().frame()),
             blocks: blocks.to_vec(),
             todo: todo.clone(),
             unfinished: unfinished.iter().map(PassHeader::of).collect(),
@@ -186,8 +190,21 @@ impl<I: Integrator> Progressive<I> {
         }
         let header = header(&mut rest).ok_or(CheckpointError::Damaged)?;
         header.identity.compare(identity)?;
+        let layers = layers(integrator.frame());
+        if header.layers != layers {
+            let (what, was) = ("the list of layers".to_owned(), header.layers);
+            return Err(CheckpointError::Mismatch { what, was, is: layers });
+        }
         let state = restore(&integrator, header, rest).ok_or(CheckpointError::Damaged)?;
         Ok(Self::with_state(integrator, options, state))
+    }
+}
+
+/// The names of a frame's layers.
+fn layers(frame: &Frame) -> String {
+    match frame.aovs() {
+        none if none.is_empty() => "empty".into(),
+        aovs => aovs.to_string(),
     }
 }
 

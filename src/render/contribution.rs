@@ -14,7 +14,7 @@ use glam::Vec3;
 pub struct Contribution {
     /// Weighted radiance.
     pub radiance: [f32; 3],
-    /// Pixel.
+    /// Pixel, as [`Frame::target`] gives it.
     pub pixel: u32,
 }
 

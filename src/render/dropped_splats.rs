@@ -1,6 +1,7 @@
 //! Which materials made splats that the film dropped.
 
 use super::Frame;
+use crate::film::Film;
 use crate::lanes::{Int, Lanes, Mask, Num, Vector};
 use glam::Vec3;
 use std::collections::BTreeMap;
@@ -29,7 +30,7 @@ impl DroppedSplats {
     #[cold]
     #[inline(never)]
     fn note(&self, material: Option<u32>, pixels: &[u32]) {
-        for &first_pixel in pixels {
+        for first_pixel in pixels.iter().map(|pixel| pixel & !Film::HALF) {
             self.add(material, Dropped { splats: 1, first_pixel });
         }
     }

@@ -1,10 +1,11 @@
 //! A frame: scene, camera, settings and film, which all integrators share.
 
 use super::dropped_splats::DroppedSplats;
+use super::frame_layers::FrameLayers;
 use super::pixel_filter::FilterTable;
-use super::{Blocks, FilterShape, NewRays, Part, Pass, PixelFilter};
+use super::{Blocks, CameraSample, FilterShape, NewRays, Part, Pass, PixelFilter};
 use crate::film::{Film, FilmError};
-use crate::geom::Sampler;
+use crate::geom::{Sampler, mix_lanes};
 use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, SimdLevel, SingleLane, Vector};
 use crate::scene::{Camera, CameraError, Lens, LensRays, Pinhole, Scene};
 use crate::schedule::SceneId;
@@ -15,6 +16,12 @@ use std::sync::Arc;
 
 /// Side of a patch in pixels: the camera rays of a patch are consecutive in a stream.
 const PATCH: u32 = 8;
+
+/// The most consecutive samples of a pixel that belong to one half ([`Frame::target`]).
+const GROUP: u32 = 8;
+
+/// Makes the choice of halves independent of the sampler.
+const HALF_SALT: u32 = 0x5be0_cd19;
 
 /// Minimum width of a sample's cone, as a fraction of a pixel. A narrower cone adds no sharpness.
 const LEAST_SHARE: f32 = 1.0 / 8.0;
@@ -150,6 +157,7 @@ pub struct Frame {
     part: Part,
     pass: Pass,
     simd: SimdLevel,
+    layers: Option<Arc<FrameLayers>>,
 }
 
 impl Frame {
@@ -173,7 +181,8 @@ impl Frame {
         let (dropped, simd) = (DroppedSplats::default(), SimdLevel::detect());
         let filter = FilterTable::of(settings.filter).map(Arc::new);
         let part = Part::whole(&settings);
-        Ok(Self { scene: scene.into(), lens, settings, filter, film, dropped, part, pass, simd })
+        let scene = scene.into();
+        Ok(Self { scene, lens, settings, filter, film, dropped, part, pass, simd, layers: None })
     }
 
     /// A part of the same frame, with its own film. Its pass takes the samples of the part alone. The film has the size
@@ -188,7 +197,8 @@ impl Frame {
         }
         let blocks = Blocks::new(width, height).within(part.region);
         let pass = Pass::new(blocks.in_order(), part.samples.clone());
-        Ok(Self { part, ..self.with_pass(pass) })
+        let frame = Self { part, ..self.with_film(self.film.blank()) };
+        Ok(Self { pass: frame.whole_pass(pass), ..frame })
     }
 
     /// The same frame for another camera, with its own film.
@@ -207,17 +217,45 @@ impl Frame {
 
     /// Another pass over the same frame, with its own film, which can be added to this frame's.
     pub fn with_pass(&self, pass: Pass) -> Self {
+        Self { pass: self.whole_pass(pass), ..self.with_film(self.film.blank()) }
+    }
+
+    /// The same frame with another film.
+    fn with_film(&self, film: Film) -> Self {
         Self {
             scene: self.scene.clone(),
             lens: self.lens,
             settings: self.settings,
             filter: self.filter.clone(),
-            film: Arc::new(self.film.blank()),
+            film: Arc::new(film),
             dropped: DroppedSplats::default(),
             part: self.part.clone(),
-            pass,
+            pass: self.pass.clone(),
             simd: self.simd,
+            layers: self.layers.clone(),
         }
+    }
+
+    /// The same frame with these layers, for which the film is made.
+    pub(super) fn with_layers(&self, layers: Option<Arc<FrameLayers>>, film: Film) -> Self {
+        let frame = Self { layers, ..self.with_film(film) };
+        Self { pass: frame.whole_pass(self.pass.clone()), ..frame }
+    }
+
+    /// A pass of this frame with all its rays: the one that takes the first samples of the frame's part also takes the
+    /// rays through the centres of pixels, if a layer needs them.
+    pub(super) fn whole_pass(&self, pass: Pass) -> Pass {
+        let has_centres = self.layers.as_ref().is_some_and(|layers| layers.aovs.has_centres());
+        let is_first = pass.samples().start == self.part.samples.start;
+        pass.with_centres(has_centres && is_first)
+    }
+
+    pub(super) fn layers(&self) -> Option<&Arc<FrameLayers>> {
+        self.layers.as_ref()
+    }
+
+    pub(super) fn lit_scene(&self) -> &LitScene {
+        &self.scene
     }
 
     /// The same frame, shaded at this SIMD level; with one lane at [`SimdLevel::Scalar`]. The picture is the same.
@@ -309,10 +347,49 @@ impl Frame {
         Sampler::new(pixel, sample, self.settings.seed)
     }
 
+    /// The pixel to which radiance of a sample is added: a number for [`Frame::splat_lanes`], [`super::Contribution`]
+    /// and [`Film::splat`] that also says to which half of the samples it belongs, if the frame has the AOV
+    /// [`super::Aov::Variance`].
+    #[inline(always)]
+    pub fn target<L: Lanes>(&self, pixel: Int<L>, sample: Int<L>) -> Int<L> {
+        if self.layers.is_none() || !self.has_halves() { pixel } else { pixel | self.half(pixel, sample) }
+    }
+
+    /// [`Frame::target`] of one sample.
+    pub fn target_of(&self, pixel: u32, sample: u32) -> u32 {
+        self.target::<SingleLane>(pixel.into(), sample.into()).get()
+    }
+
+    fn has_halves(&self) -> bool {
+        self.film.plan().is_some_and(|plan| plan.halves)
+    }
+
+    /// [`Film::HALF`] for one half of the samples, 0 for the other.
+    ///
+    /// Neighbouring samples of one dimension lie in different halves of it (`geom::Sampler`), so even and odd ones would
+    /// differ by more than chance. Groups of up to [`GROUP`] consecutive samples are stratified by themselves. A random
+    /// bit decides which of two neighbouring groups belongs to which half.
+    #[inline(always)]
+    fn half<L: Lanes>(&self, pixel: Int<L>, sample: Int<L>) -> Int<L> {
+        let bits = (self.settings.spp / 2).clamp(1, GROUP).ilog2();
+        let group = sample >> bits;
+        let turned = mix_lanes(pixel ^ mix_lanes((group >> 1) ^ HALF_SALT));
+        ((group ^ turned) & 1) << 31
+    }
+
+    /// Counts the samples of a pixel on the film.
+    fn count_samples(&self, pixel: u32, samples: &Range<u32>) {
+        self.film.add_samples(pixel, samples.len() as u32);
+        if self.has_halves() {
+            let marked = samples.clone().filter(|&sample| self.target_of(pixel, sample) != pixel).count();
+            self.film.add_half_samples(pixel, marked as u32);
+        }
+    }
+
     /// Generates the camera rays of a tile, passes them in groups to `emit` with their pixels and samples, and counts
-    /// them on the film. Tiles cover the picture once for every few samples, so a frame that stops early is even.
-    /// Dimension [`CAMERA_DIMENSION`] of the sampler is the position in the pixel filter. A sample for which the lens
-    /// has no ray counts, and stays black.
+    /// them on the film. Rays through the centres of pixels ([`CameraSample::CENTRE`]) are not counted. Tiles cover the
+    /// picture once for every few samples, so a frame that stops early is even. Dimension [`CAMERA_DIMENSION`] of the
+    /// sampler is the position in the pixel filter. A sample for which the lens has no ray counts, and stays black.
     pub fn camera_rays(&self, tile: u64, mut emit: impl FnMut(&[Ray], &[u32], &[u32])) {
         let blocks = self.blocks();
         let (places, samples) = self.pass.tile(tile);
@@ -354,14 +431,28 @@ trait Optics {
     /// Whether there is a ray through every point of the picture.
     const SEES_ALL: bool;
 
-    fn rays<L: Lanes>(&self, x: Num<L>, y: Num<L>, place: [Num<L>; 2], sampler: &Sampler<L>) -> LensRays<L>;
+    /// The rays through points of pixels. The sampler chooses points of the aperture; without it all rays pass the middle
+    /// of the lens.
+    fn rays<L: Lanes>(
+        &self,
+        x: Num<L>,
+        y: Num<L>,
+        place: [Num<L>; 2],
+        sampler: Option<&Sampler<L>>,
+    ) -> LensRays<L>;
 }
 
 impl Optics for Pinhole {
     const SEES_ALL: bool = true;
 
     #[inline(always)]
-    fn rays<L: Lanes>(&self, x: Num<L>, y: Num<L>, place: [Num<L>; 2], _: &Sampler<L>) -> LensRays<L> {
+    fn rays<L: Lanes>(
+        &self,
+        x: Num<L>,
+        y: Num<L>,
+        place: [Num<L>; 2],
+        _: Option<&Sampler<L>>,
+    ) -> LensRays<L> {
         let l = x.lanes();
         let (origin, direction) = (Vector::splat(l, self.eye), self.directions(x, y, place));
         LensRays { origin, direction, exist: Mask::splat(l, true) }
@@ -372,12 +463,20 @@ impl Optics for &Lens {
     const SEES_ALL: bool = false;
 
     #[inline(always)]
-    fn rays<L: Lanes>(&self, x: Num<L>, y: Num<L>, place: [Num<L>; 2], sampler: &Sampler<L>) -> LensRays<L> {
-        if !self.has_aperture() {
-            return Lens::rays(self, x, y, place, None);
+    fn rays<L: Lanes>(
+        &self,
+        x: Num<L>,
+        y: Num<L>,
+        place: [Num<L>; 2],
+        sampler: Option<&Sampler<L>>,
+    ) -> LensRays<L> {
+        let mut through = None;
+        if let Some(sampler) = sampler
+            && self.has_aperture()
+        {
+            through = Some(sampler.two(Int::splat(x.lanes(), APERTURE_DIMENSION)));
         }
-        let through = sampler.two(Int::splat(x.lanes(), APERTURE_DIMENSION));
-        Lens::rays(self, x, y, place, Some(through))
+        Lens::rays(self, x, y, place, through)
     }
 }
 
@@ -390,6 +489,7 @@ impl<O: Optics, E: FnMut(&[Ray], &[u32], &[u32])> LaneTask for PatchRays<'_, O, 
         let Settings { width, seed, .. } = frame.settings;
         let (mut x, mut y, mut sample) = (left, top, samples.start);
         let mut todo = size[0] * size[1] * samples.len() as u32;
+        let is_centre = samples.start == CameraSample::CENTRE;
         while todo > 0 {
             let (mut xs, mut ys, mut taken) = (L::array(0), L::array(0), L::array(0));
             let lanes = todo.min(L::LANES as u32);
@@ -398,7 +498,9 @@ impl<O: Optics, E: FnMut(&[Ray], &[u32], &[u32])> LaneTask for PatchRays<'_, O, 
                 (xs[lane], ys[lane], taken[lane]) = (x, y, sample);
                 sample += 1;
                 if sample == samples.end {
-                    frame.film.add_samples(y * width + x, samples.len() as u32);
+                    if !is_centre {
+                        frame.count_samples(y * width + x, &samples);
+                    }
                     sample = samples.start;
                     x += 1;
                     if x == left + size[0] {
@@ -410,10 +512,14 @@ impl<O: Optics, E: FnMut(&[Ray], &[u32], &[u32])> LaneTask for PatchRays<'_, O, 
             let pixel = y * width + x;
             let sampler = Sampler::of(pixel, Int::from_array(l, &taken), seed);
             let mut place = sampler.two(Int::splat(l, CAMERA_DIMENSION));
-            if let Some(filter) = &frame.filter {
+            if is_centre {
+                place = [Num::splat(l, 0.5); 2];
+            } else if let Some(filter) = &frame.filter {
                 place = filter.positions(place);
             }
-            let rays = self.optics.rays(x.to_num(), y.to_num(), place, &sampler);
+            // Without a sampler all rays pass the middle of the lens.
+            let through = if is_centre { None } else { Some(&sampler) };
+            let rays = self.optics.rays(x.to_num(), y.to_num(), place, through);
             let mut pixels = pixel.to_array();
             let mut lanes = lanes as usize;
             let exist = rays.exist;

@@ -1,6 +1,6 @@
 //! Hit shaders, and the integrator that the engine makes of each.
 
-use super::{Frame, Integrator, Settings, SettingsError};
+use super::{CameraSample, Frame, Integrator, Settings, SettingsError};
 use crate::film::Film;
 use crate::lanes::SimdLevel;
 use crate::scene::Camera;
@@ -107,6 +107,17 @@ pub trait HitShader: Send + Sync + Sized + 'static {
     fn depth(&self, _payload: &Self::Payload) -> u32 {
         0
     }
+
+    /// The pixel and the sample of a camera ray, as [`HitShader::camera`] was given them; `None` for other rays. A frame
+    /// has layers only with shaders that tell. They also pass [`Frame::target`] instead of the pixel to what adds
+    /// radiance, for the AOV variance.
+    fn camera_sample(&self, _payload: &Self::Payload) -> Option<CameraSample> {
+        None
+    }
+
+    /// Whether the shader lets rays pass surfaces of computed opacity, as `shade::pass_through` decides. Rays that have
+    /// only passed surfaces are still camera rays for [`HitShader::camera_sample`].
+    const PASSES: bool = false;
 }
 
 /// What the paths of a frame share while it is rendered.
@@ -195,6 +206,10 @@ impl<S: HitShader> Integrator for HitShading<S> {
     fn loop_stack_bytes(&self) -> usize {
         self.memory.bytes()
     }
+
+    fn tells_camera_rays(&self) -> bool {
+        self.shader.camera_sample(&self.shader.camera(&self.frame)(0, 0)).is_some()
+    }
 }
 
 impl<S: HitShader> Renderer for HitShading<S> {
@@ -229,7 +244,12 @@ impl<S: HitShader> Renderer for HitShading<S> {
     }
 
     fn shade(&self, batch: Batch<'_, S::Payload>, out: &mut Output<'_, S::Payload, S::ShadowPayload>) {
-        self.shader.shade(&self.frame, &self.memory, batch, out);
+        let Self { shader, frame, memory } = self;
+        match frame.add_first_hits(&batch, S::PASSES, |payload| shader.camera_sample(payload)) {
+            None => shader.shade(frame, memory, batch, out),
+            Some(given) if given.is_empty() => {}
+            Some(given) => shader.shade(frame, memory, given.batch(), out),
+        }
     }
 
     fn depth(&self, payload: &S::Payload) -> u32 {

@@ -1,6 +1,6 @@
 //! The trait of integrators: renderers of frames, in passes and from several cameras.
 
-use super::{Frame, Part, Pass, SettingsError};
+use super::{AovError, AovSet, Frame, Part, Pass, SettingsError};
 use crate::lanes::SimdLevel;
 use crate::scene::{Camera, CameraError, Scene};
 use crate::schedule::Renderer;
@@ -19,6 +19,24 @@ pub trait Integrator: Renderer + Sized + 'static {
     fn with_simd(self, simd: SimdLevel) -> Self {
         let frame = self.frame();
         self.with_frame(frame.with_pass(frame.pass().clone()).with_simd(simd))
+    }
+
+    /// Whether the integrator tells which of its rays come from the camera, which layers need
+    /// ([`super::HitShader::camera_sample`]).
+    fn tells_camera_rays(&self) -> bool {
+        false
+    }
+
+    /// The same frame with layers besides the picture, with its own film. [`Frame::develop`] gives the picture with its
+    /// layers. They cost no pass of their own: what camera rays hit is added to them while it is shaded.
+    ///
+    /// # Errors
+    /// If the integrator or the settings allow no such layers, or the system does not give the film's memory.
+    fn with_aovs(&self, aovs: &AovSet) -> Result<Self, AovError> {
+        if !aovs.is_empty() && !self.tells_camera_rays() {
+            return Err(AovError::NoFirstHits);
+        }
+        Ok(self.with_frame(self.frame().with_aovs(aovs)?))
     }
 
     /// Bytes allocated for loop stacks.

@@ -7,10 +7,14 @@
 //! - [`HitShader`]: a hit shader of a batch, one ray or 8 or 16 rays at a time. The built-in integrators are such.
 
 mod ambient_occlusion;
+mod aov;
+mod camera_sample;
 mod checkpoint;
 mod contribution;
 mod dropped_splats;
+mod first_hits;
 mod frame;
+mod frame_layers;
 mod hit_shader;
 mod integrator;
 mod part;
@@ -36,6 +40,8 @@ mod whitted;
 mod whitted_node;
 
 pub use ambient_occlusion::{AmbientOcclusion, OcclusionShader, SampleState};
+pub use aov::{Aov, AovError, AovSet, UnknownAov};
+pub use camera_sample::CameraSample;
 pub use checkpoint::{CHECKPOINT_VERSION, CheckpointError, Identity};
 pub use contribution::Contribution;
 pub use dropped_splats::{Dropped, DroppedByMaterial};

@@ -68,7 +68,7 @@ impl PartialFilmHeader {
 
     /// Bytes of memory that [`PartialFilm::read`] takes, at most.
     pub fn reading_bytes(&self) -> u64 {
-        self.film_bytes.saturating_add(2 * Film::bytes(self.width, self.height))
+        self.film_bytes.saturating_add(self.kind.bytes(self.width, self.height).saturating_mul(2))
     }
 
     /// The samples of the picture that it does not have.

@@ -1,5 +1,6 @@
 //! Passes: which samples of a frame a job takes.
 
+use super::CameraSample;
 use crate::film::Region;
 use std::ops::Range;
 use std::sync::Arc;
@@ -92,6 +93,8 @@ impl Blocks {
 pub struct Pass {
     blocks: Arc<[u32]>,
     samples: Range<u32>,
+    /// Whether its first tiles are the rays through the centres of the pixels.
+    centres: bool,
     /// Tiles at its start that an earlier job has taken.
     taken: u64,
 }
@@ -99,7 +102,12 @@ pub struct Pass {
 impl Pass {
     /// Takes `samples` in each pixel of `blocks`.
     pub fn new(blocks: Arc<[u32]>, samples: Range<u32>) -> Self {
-        Self { blocks, samples, taken: 0 }
+        Self { blocks, samples, centres: false, taken: 0 }
+    }
+
+    /// The same pass, with or without rays through the centres of the pixels.
+    pub(super) fn with_centres(self, centres: bool) -> Self {
+        Self { centres, ..self }
     }
 
     /// What is left of the pass when its first `tiles` tiles have been taken. `None` if it has fewer.
@@ -124,7 +132,12 @@ impl Pass {
 
     /// Number of tiles left: the tiles that cover all blocks, once for each round of samples.
     pub(super) fn tiles(&self) -> u64 {
-        self.tiles_per_turn() as u64 * u64::from(self.turns()) - self.taken
+        self.centre_tiles() + self.tiles_per_turn() as u64 * u64::from(self.turns()) - self.taken
+    }
+
+    /// Number of tiles of rays through centres, [`TILE_BLOCKS`] blocks each.
+    fn centre_tiles(&self) -> u64 {
+        if self.centres { self.blocks.len().div_ceil(TILE_BLOCKS) as u64 } else { 0 }
     }
 
     /// Number of rounds over the blocks.
@@ -145,9 +158,14 @@ impl Pass {
         self.blocks.len().div_ceil(self.tile_blocks())
     }
 
-    /// A tile's blocks and the samples that it takes of each of their pixels.
+    /// A tile's blocks and the samples that it takes of each of their pixels; [`CameraSample::CENTRE`] is one of them.
     pub(super) fn tile(&self, tile: u64) -> (&[u32], Range<u32>) {
         let (tile, per_turn) = (self.taken + tile, self.tiles_per_turn() as u64);
+        let Some(tile) = tile.checked_sub(self.centre_tiles()) else {
+            let first = tile as usize * TILE_BLOCKS;
+            let last = (first + TILE_BLOCKS).min(self.blocks.len());
+            return (&self.blocks[first..last], CameraSample::CENTRE..CameraSample::CENTRE + 1);
+        };
         let first = (tile % per_turn) as usize * self.tile_blocks();
         let last = (first + self.tile_blocks()).min(self.blocks.len());
         let start = self.samples.start + (tile / per_turn) as u32 * self.together();
@@ -160,8 +178,11 @@ impl Pass {
             let (columns, rows) = blocks.pixels(block);
             columns.len() * rows.len()
         };
-        let tiles = self.blocks.chunks(self.tile_blocks()).map(|tile| tile.iter().map(pixels).sum());
-        tiles.max().unwrap_or(1).max(1) * self.together().max(1) as usize
+        let largest =
+            |tile_blocks| self.blocks.chunks(tile_blocks).map(|tile| tile.iter().map(pixels).sum()).max();
+        let samples = largest(self.tile_blocks()).unwrap_or(1).max(1) * self.together().max(1) as usize;
+        let centres = if self.centres { largest(TILE_BLOCKS) } else { None };
+        samples.max(centres.unwrap_or(1))
     }
 }
 

@@ -1,7 +1,7 @@
 //! Path tracing: a hit shader without loop shaders.
 
 use super::frame::{CAMERA_DIMENSION, Frame, Settings, SettingsError};
-use super::{Contribution, HitShader, HitShading, NewRays, hits_of, rays_of};
+use super::{CameraSample, Contribution, HitShader, HitShading, NewRays, hits_of, rays_of};
 use crate::geom::Sampler;
 use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, Plain, SingleLane, Vector};
 use crate::scene::Camera;
@@ -213,6 +213,12 @@ impl<L: Lanes> States<L> {
         }
     }
 
+    /// [`Frame::target`].
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn target(&self, frame: &Frame) -> Int<L> {
+        frame.target(self.pixel, self.sample)
+    }
+
     /// As rows in memory: the lanes of a mask, packed.
     #[cfg_attr(not(unoptimised), inline(always))]
     fn rows(self, lanes: Mask<L>) -> L::Array<[f32; 8]> {
@@ -273,7 +279,7 @@ impl Shading<'_, '_> {
             direction = rays_of(&self.batch, ids).1;
         }
         let sky = self.sky(&state, direction);
-        frame.splat_lanes(None, lanes & !sky.is_zero(), state.pixel, sky);
+        frame.splat_lanes(None, lanes & !sky.is_zero(), state.target(frame), sky);
     }
 
     /// Adds the environment's radiance for rays that leave the scene.
@@ -322,7 +328,7 @@ impl Shading<'_, '_> {
         }
         if shines.any() {
             let light = self.shader.clamped(light, state.depth);
-            frame.splat_lanes(Some(number), shines, state.pixel, light);
+            frame.splat_lanes(Some(number), shines, state.target(frame), light);
         }
         let lanes = lanes & state.depth.below(frame.settings().max_bounces + 1);
         if lanes.none() {
@@ -404,7 +410,7 @@ impl Shading<'_, '_> {
         let (origin, direction, t_max) = light.rays(at);
         let lanes = lanes & !value.is_zero();
         let rays = NewRays { origin, direction, t_max };
-        frame.send_contributions(self.out, Some(number), lanes, &rays, radiance, state.pixel);
+        frame.send_contributions(self.out, Some(number), lanes, &rays, radiance, state.target(frame));
     }
 
     #[cfg_attr(not(unoptimised), inline(always))]
@@ -478,7 +484,7 @@ impl Shading<'_, '_> {
         let sky = self.sky(next, direction);
         let open = ended & !sky.is_zero();
         let rays = NewRays::new(origin, direction);
-        self.frame.send_contributions(self.out, None, open, &rays, sky, next.pixel);
+        self.frame.send_contributions(self.out, None, open, &rays, sky, next.target(self.frame));
         ended
     }
 }
@@ -522,6 +528,13 @@ impl HitShader for PathShader {
     fn depth(&self, state: &PathState) -> u32 {
         state.depth()
     }
+
+    fn camera_sample(&self, state: &PathState) -> Option<CameraSample> {
+        let PathState { pixel, sample, .. } = *state;
+        (state.depth() == 0).then_some(CameraSample { pixel, sample })
+    }
+
+    const PASSES: bool = true;
 
     fn shadow(&self, frame: &Frame, _: &[Ray], payloads: &[Contribution], occluded: &[u32]) {
         frame.add_unoccluded(payloads, occluded);

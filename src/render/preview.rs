@@ -1,6 +1,7 @@
 //! Pictures of a frame while it is rendered.
 
-use crate::film::{Film, Image, Region};
+use super::frame_layers::Developer;
+use crate::film::{Film, Image, Layer, Picture};
 use crate::schedule::JobControl;
 use std::fmt;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -39,12 +40,16 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 #[derive(Clone)]
 pub struct Preview(Arc<Shared>);
 
-/// A picture of complete passes.
+/// A picture of complete passes, with the layers that [`super::Frame::develop`] gives.
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct PassPicture {
-    /// The picture, of the frame's part if it has one.
+    /// Radiance, of the frame's part if it has one.
     pub image: Image,
+    /// As in [`Picture`].
+    pub alpha: Option<Vec<f32>>,
+    /// The layers that the frame was asked for.
+    pub layers: Vec<Layer>,
     /// Number of complete passes.
     pub passes: u64,
     /// Mean number of samples of a pixel.
@@ -56,7 +61,7 @@ pub struct PassPicture {
 impl Preview {
     /// The sum of all complete passes; `None` before the first.
     pub fn picture(&self) -> Option<PassPicture> {
-        self.0.lock().picture()
+        self.0.picture(&self.0.lock())
     }
 
     /// Number of complete passes.
@@ -71,7 +76,7 @@ impl Preview {
         while films.passes <= passes && !films.is_over {
             films = self.0.changed.wait(films).unwrap_or_else(PoisonError::into_inner);
         }
-        (films.passes > passes).then(|| films.picture()).flatten()
+        (films.passes > passes).then(|| self.0.picture(&films)).flatten()
     }
 
     /// Ends the frame early: no more camera rays; what is in flight is finished. Returns at once.
@@ -92,6 +97,7 @@ struct Shared {
     films: Mutex<Films>,
     changed: Condvar,
     stops: Mutex<Stops>,
+    developer: Developer,
 }
 
 /// What ends a frame early.
@@ -110,6 +116,20 @@ impl Shared {
     fn stops(&self) -> MutexGuard<'_, Stops> {
         self.stops.lock().unwrap_or_else(PoisonError::into_inner)
     }
+
+    fn picture(&self, films: &Films) -> Option<PassPicture> {
+        (films.passes > 0).then(|| {
+            let Picture { image, alpha, layers, .. } = self.developer.develop(&films.whole);
+            PassPicture {
+                image,
+                alpha,
+                layers,
+                passes: films.passes,
+                mean_samples: films.whole.samples() as f64 / self.developer.region.area() as f64,
+                dropped_splats: films.whole.dropped_splats(),
+            }
+        })
+    }
 }
 
 /// The films of a frame.
@@ -117,32 +137,20 @@ struct Films {
     /// The sum of all complete passes.
     whole: Arc<Film>,
     /// The pixels that are rendered.
-    region: Region,
     passes: u64,
     /// No more passes will come.
     is_over: bool,
-}
-
-impl Films {
-    fn picture(&self) -> Option<PassPicture> {
-        (self.passes > 0).then(|| PassPicture {
-            image: Image::of(&self.whole, self.region),
-            passes: self.passes,
-            mean_samples: self.whole.samples() as f64 / self.region.area() as f64,
-            dropped_splats: self.whole.dropped_splats(),
-        })
-    }
 }
 
 /// Adds complete passes for [`Preview`]s. When it is dropped, they stop waiting.
 pub(super) struct PassSum(Preview);
 
 impl PassSum {
-    /// A sum of this many passes over a region.
-    pub fn new(whole: &Arc<Film>, passes: u64, region: Region) -> Self {
-        let films = Films { whole: Arc::clone(whole), region, passes, is_over: false };
+    /// A sum of this many passes.
+    pub fn new(whole: &Arc<Film>, passes: u64, developer: Developer) -> Self {
+        let films = Films { whole: Arc::clone(whole), passes, is_over: false };
         let (films, changed, stops) = (Mutex::new(films), Condvar::new(), Mutex::default());
-        Self(Preview(Arc::new(Shared { films, changed, stops })))
+        Self(Preview(Arc::new(Shared { films, changed, stops, developer })))
     }
 
     pub fn preview(&self) -> Preview {

@@ -2,7 +2,7 @@
 
 use super::preview::{PassSum, Preview};
 use super::{Integrator, Pass, Sequence};
-use crate::film::{Film, Noise};
+use crate::film::{Film, Noise, Picture};
 use crate::schedule::{JobError, JobHandle, JobReport, LimitsError, Progress};
 use std::collections::VecDeque;
 use std::fmt;
@@ -169,11 +169,11 @@ impl<I: Integrator> Progressive<I> {
     }
 
     pub(super) fn with_state(integrator: I, options: PassOptions, state: State) -> Self {
-        let region = integrator.frame().part().region;
+        let developer = integrator.frame().developer();
         Self {
             integrator: Arc::new(integrator),
             options,
-            sum: PassSum::new(&state.film, state.passes, region),
+            sum: PassSum::new(&state.film, state.passes, developer),
             state,
             under_way: Sequence::new(PASSES_IN_FLIGHT),
             ended: 0,
@@ -225,7 +225,7 @@ impl<I: Integrator> Progressive<I> {
             _ => u32::MAX,
         };
         let end = todo.start.saturating_add(samples).min(todo.end);
-        let pass = Pass::new(Arc::clone(blocks), todo.start..end);
+        let pass = self.integrator.frame().whole_pass(Pass::new(Arc::clone(blocks), todo.start..end));
         todo.start = end;
         Some(pass)
     }
@@ -391,6 +391,11 @@ impl<I: Integrator> Progressive<I> {
         film.add(&self.state.film);
         parts.for_each(|part| film.add(part));
         Arc::new(film)
+    }
+
+    /// [`Progressive::picture`] with the layers that the frame was asked for ([`Integrator::with_aovs`]).
+    pub fn develop(&self) -> Picture {
+        self.integrator.frame().develop(&self.picture())
     }
 
     pub(super) fn state(&self) -> &State {

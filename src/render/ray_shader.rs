@@ -1,7 +1,7 @@
 //! Hit shaders of one ray at a time.
 
 use super::frame::CAMERA_DIMENSION;
-use super::{Contribution, Frame, HitShader, HitShading, Settings, SettingsError};
+use super::{CameraSample, Contribution, Frame, HitShader, HitShading, Settings, SettingsError};
 use crate::geom::Sampler;
 use crate::lanes::SingleLane;
 use crate::scene::{Camera, Material, Scene};
@@ -210,7 +210,8 @@ impl<'a, P: Pod> RayHit<'a, P> {
     /// Emits a shadow ray, which adds radiance to the pixel if nothing lies between its ends.
     pub fn send_shadow(&mut self, ray: Ray, radiance: Vec3) {
         if radiance != Vec3::ZERO {
-            self.shadows.push((ray, Contribution { radiance: radiance.into(), pixel: self.state.pixel }));
+            let pixel = self.frame.target_of(self.state.pixel, self.state.sample);
+            self.shadows.push((ray, Contribution { radiance: radiance.into(), pixel }));
         }
     }
 
@@ -325,7 +326,7 @@ impl<P: Pod + Send + Sync, S: RayShader<P>> HitShader for PerRay<S, P> {
                 };
                 let radiance = self.shader.shade(&mut hit);
                 if radiance != Vec3::ZERO {
-                    frame.splat(run.material, state.pixel, radiance);
+                    frame.splat(run.material, frame.target_of(state.pixel, state.sample), radiance);
                 }
                 check("shadow rays", "SHADOW_RAYS", shadows.len(), S::SHADOW_RAYS);
                 for (ray, contribution) in shadows.drain(..) {
@@ -351,6 +352,11 @@ impl<P: Pod + Send + Sync, S: RayShader<P>> HitShader for PerRay<S, P> {
 
     fn depth(&self, state: &RayState<P>) -> u32 {
         state.depth
+    }
+
+    fn camera_sample(&self, state: &RayState<P>) -> Option<CameraSample> {
+        let RayState { pixel, sample, depth, .. } = *state;
+        (depth == 0).then_some(CameraSample { pixel, sample })
     }
 }
 

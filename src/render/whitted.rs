@@ -2,7 +2,7 @@
 
 use super::frame::{Frame, Settings, SettingsError};
 use super::whitted_node::{MAX_BOUNCES, Node, SHADOW_RAYS, Sent, splats};
-use super::{Contribution, HitShader, HitShading, NewRays, hits_of, rays_of};
+use super::{CameraSample, Contribution, HitShader, HitShading, NewRays, hits_of, rays_of};
 use crate::geom::Sampler;
 use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, Plain, Vector};
 use crate::scene::Camera;
@@ -153,7 +153,7 @@ impl Shading<'_, '_> {
         let state = States::of(self.batch.payloads, ids);
         let (radiance, _) = frame.lights().sky(rays_of(&self.batch, ids).1);
         let sees = lanes & !radiance.is_zero();
-        frame.splat_lanes(None, sees, state.pixel, state.throughput * radiance);
+        frame.splat_lanes(None, sees, frame.target(state.pixel, state.sample), state.throughput * radiance);
         Mask::splat(ids.lanes(), false)
     }
 
@@ -167,12 +167,13 @@ impl Shading<'_, '_> {
         let material = &frame.scene().materials[number as usize];
         let node = Node::new(frame, material, rays_of(&self.batch, ids).1, &hits, state.cone);
         let shines = lanes & !node.emitted.is_zero();
-        frame.splat_lanes(Some(number), shines, state.pixel, state.throughput * node.emitted);
+        let target = frame.target(state.pixel, state.sample);
+        frame.splat_lanes(Some(number), shines, target, state.throughput * node.emitted);
         let sampler = Sampler::of(state.pixel, state.sample, frame.settings().seed);
         for light in 0..node.lights() {
             let sent = node.lit(light, &sampler, state.branch, state.throughput);
             let lanes = lanes & sent.lanes;
-            frame.send_contributions(self.out, Some(number), lanes, &sent.rays(), sent.radiance, state.pixel);
+            frame.send_contributions(self.out, Some(number), lanes, &sent.rays(), sent.radiance, target);
         }
         let lanes = lanes & state.depth.below(frame.settings().max_bounces);
         if lanes.none() {
@@ -281,6 +282,11 @@ impl HitShader for WhittedShader {
 
     fn depth(&self, state: &WhittedState) -> u32 {
         state.depth_and_cone & DEPTH
+    }
+
+    fn camera_sample(&self, state: &WhittedState) -> Option<CameraSample> {
+        let WhittedState { pixel, sample, .. } = *state;
+        (self.depth(state) == 0).then_some(CameraSample { pixel, sample })
     }
 
     fn shadow(&self, frame: &Frame, _: &[Ray], payloads: &[Contribution], occluded: &[u32]) {

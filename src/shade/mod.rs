@@ -5,6 +5,7 @@
 //! 16 rays at a time (RA section 4). [`single`] shades one ray with the same code.
 
 pub mod arena;
+mod base_colour;
 pub mod bsdf;
 mod cone;
 mod geometry;
@@ -23,6 +24,7 @@ mod sort;
 mod tests;
 
 pub use arena::ArenaUse;
+pub use base_colour::base_colour;
 pub use bsdf::Bsdf;
 pub use cone::Cone;
 pub use geometry::Hits;

@@ -5,6 +5,7 @@ mod bench;
 mod compare;
 mod doctor;
 mod frames;
+mod layers;
 mod look;
 mod merge;
 mod optics;
@@ -28,6 +29,7 @@ pub use bench::{
 pub use compare::CompareArgs;
 pub use doctor::DoctorArgs;
 pub use frames::FramesArgs;
+pub use layers::LayerArgs;
 pub use look::LookArgs;
 pub use merge::MergeArgs;
 pub use optics::OpticsArgs;

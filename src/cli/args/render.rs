@@ -2,7 +2,7 @@
 
 use super::view::size;
 use super::{
-    CameraArgs, FramesArgs, LightArgs, LookArgs, OpticsArgs, PartArgs, PictureArgs, ProgressArgs,
+    CameraArgs, FramesArgs, LayerArgs, LightArgs, LookArgs, OpticsArgs, PartArgs, PictureArgs, ProgressArgs,
     ReportingArgs, SamplingArgs, SceneArgs, UnitArgs,
 };
 use crate::cli::plugin_options::Setting;
@@ -57,6 +57,9 @@ pub struct RenderArgs {
     /// Light besides the scene's own.
     #[command(flatten)]
     pub light: LightArgs,
+    /// Layers besides the picture.
+    #[command(flatten)]
+    pub layers: LayerArgs,
     /// How a .png shows the picture.
     #[command(flatten)]
     pub look: LookArgs,

@@ -16,7 +16,7 @@ use crate::meters::{Meters, Recorder};
 use crate::render::{Integrator, PICTURE_VERSION, PassOptions, Settings};
 use crate::scene::Camera;
 use anyhow::Result;
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 
 /// Renders all frames. A frame is written once it and all before it are finished.
 pub fn run<I: Integrator>(
@@ -125,7 +125,7 @@ fn earlier(
     camera: &Camera,
 ) -> Option<FrameStats> {
     let hash = finished.hash(animation, frame, camera)?.to_owned();
-    Some(FrameStats { frame, hash, seconds: None, mean_spp: None, noise: None })
+    Some(FrameStats { frame, hash, layers: BTreeMap::new(), seconds: None, mean_spp: None, noise: None })
 }
 
 /// Notes a finished frame in the checkpoint. A failure is told, because the next frame writes the file anew.

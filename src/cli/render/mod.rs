@@ -19,7 +19,7 @@ use super::timeline;
 use crate::cli::progress::Progress;
 use crate::cli::registry::{IntegratorParams, Registry};
 use crate::film::{Film, Format, MAX_RADIANCE};
-use crate::render::{Integrator, PASSES_IN_FLIGHT, ROULETTE_BOUNCES, Settings};
+use crate::render::{AovSet, Integrator, PASSES_IN_FLIGHT, ROULETTE_BOUNCES, Settings};
 use crate::scene::{Camera, Scene};
 use crate::schedule::{JobHandle, JobOptions, LimitsError};
 use animation::{Animation, named_camera};
@@ -60,7 +60,9 @@ fn render(args: &RenderArgs, registry: &Registry, progress: &mut Progress) -> Re
         let camera = args.camera.apply(own, || Camera::framing(&scene.bounds(), aspect));
         args.optics.apply(camera, args.size)
     };
-    let picture_bytes = in_flight as u64 * picture_bytes(width, height);
+    let aovs = args.layers.aovs();
+    aovs.check_samples(args.progress.samples())?;
+    let picture_bytes = in_flight as u64 * picture_bytes(width, height, &aovs, args.progress.samples());
     let picture = format!("a picture of {width}x{height} pixels");
     args.loading.afford(picture, picture_bytes)?;
     let max_jobs = in_flight * PASSES_IN_FLIGHT;
@@ -93,10 +95,12 @@ fn render(args: &RenderArgs, registry: &Registry, progress: &mut Progress) -> Re
 }
 
 /// Bytes that a picture takes until it is written: the film, the films of passes and of their earlier parts, their
-/// sum, noise, and the encoded file.
-fn picture_bytes(width: u32, height: u32) -> u64 {
+/// sum, noise, the layers, and the encoded file.
+fn picture_bytes(width: u32, height: u32, aovs: &AovSet, samples: u32) -> u64 {
     let films = 2 + 2 * PASSES_IN_FLIGHT as u64;
-    films * Film::bytes(width, height) + 24 * u64::from(width) * u64::from(height)
+    let pixels = u64::from(width) * u64::from(height);
+    let film = Film::bytes(width, height).saturating_add(aovs.most_bytes(pixels, samples));
+    films.saturating_mul(film).saturating_add((24 + 32 * aovs.iter().count() as u64) * pixels)
 }
 
 /// A render command that waits for its integrator, whose type the registry erases.
@@ -112,7 +116,7 @@ impl RenderRequest<'_> {
     /// Renders the picture or the animation.
     pub fn run(self, integrator: impl Integrator) -> Result<Outcome> {
         let Self { args, setup, animation, camera, progress } = self;
-        let mut integrator = integrator.with_simd(setup.simd);
+        let mut integrator = integrator.with_simd(setup.simd).with_aovs(&args.layers.aovs())?;
         if let Some(part) = args.part.part(integrator.frame().settings()) {
             integrator = integrator.with_part(part)?;
         }

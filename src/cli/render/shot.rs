@@ -9,7 +9,7 @@ use crate::cli::args::RenderArgs;
 use crate::cli::progress::Progress;
 use crate::cli::setup::Setup;
 use crate::cli::stats::{FrameStats, NoiseStats};
-use crate::film::{Image, Picture, write_picture};
+use crate::film::write_picture;
 use crate::render::{Integrator, PassOptions, Progressive};
 use crate::scene::Camera;
 use crate::schedule::JobReport;
@@ -101,13 +101,14 @@ impl<I: Integrator> Shot<I> {
         let film = self.picture.picture();
         let region = self.picture.integrator().frame().part().region;
         let mean_spp = film.samples() as f64 / region.area() as f64;
-        let mut picture = Picture::new(Image::of(&film, region));
+        let mut picture = self.picture.integrator().frame().develop(&film);
         picture.metadata = facts.of(&picture.image, &self.camera, mean_spp);
         let (file, look, options) = (animation.file(self.frame), args.look.look(), args.picture.options());
         insist(|| write_picture(&file, &picture, &look, &options))?;
         Ok(FrameStats {
             frame: self.frame,
             hash: picture.image.hash(),
+            layers: picture.layer_hashes(),
             seconds: Some((self.end_s - self.begin_s).max(0.0)),
             mean_spp: Some(mean_spp),
             noise: self.picture.noise().map(NoiseStats::of),

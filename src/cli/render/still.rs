@@ -10,7 +10,7 @@ use crate::cli::progress::{POLL_INTERVAL, Progress};
 use crate::cli::setup::Setup;
 use crate::cli::stats::{self, ImageStats, NoiseStats, RenderStats, SCHEMA, SceneStats, Seconds};
 use crate::cli::{Outcome, interrupt};
-use crate::film::{Exposure, Film, Image, Picture, WriteError, write_picture};
+use crate::film::{Exposure, Film, Picture, WriteError, write_picture};
 use crate::meters::{Meters, Recorder};
 use crate::render::{Integrator, PICTURE_VERSION, PassOptions, Progressive};
 use crate::scene::Camera;
@@ -83,7 +83,7 @@ pub fn run<I: Integrator>(
         render: render_s,
         write: started.elapsed().as_secs_f64(),
     };
-    let image = image_stats(args, &frame, &film, &picture.image);
+    let image = image_stats(args, &frame, &film, &picture);
     let stats = summarise(setup, &frame, &film, image, seconds, &mut totals);
     if let Some(path) = &args.timeline {
         totals.timeline(setup, recorded).write(path)?;
@@ -152,7 +152,7 @@ impl End {
 /// The film and the picture so far.
 fn develop<I: Integrator>(frame: &Progressive<I>, facts: &Facts, camera: &Camera) -> (Arc<Film>, Picture) {
     let film = frame.picture();
-    let mut picture = Picture::new(Image::of(&film, frame.integrator().frame().part().region));
+    let mut picture = frame.integrator().frame().develop(&film);
     picture.metadata = facts.of(&picture.image, camera, mean_samples(frame, &film));
     (film, picture)
 }
@@ -183,8 +183,9 @@ fn image_stats<I: Integrator>(
     args: &RenderArgs,
     frame: &Progressive<I>,
     film: &Film,
-    image: &Image,
+    picture: &Picture,
 ) -> ImageStats {
+    let image = &picture.image;
     let look = args.look.look();
     ImageStats {
         width: image.width,
@@ -196,6 +197,7 @@ fn image_stats<I: Integrator>(
         filter: args.sampling.filter.to_string(),
         indirect_limit: args.sampling.indirect_limit(&args.look),
         hash: image.hash(),
+        layers: picture.layer_hashes(),
         picture_version: PICTURE_VERSION,
         view: look.view().name().into(),
         exposure_stops: look.stops(image),

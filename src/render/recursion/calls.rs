@@ -4,7 +4,8 @@ use super::context::NO_RAY;
 use super::exchange::{Exchange, PathId, RADIANCE, Request, ShadowState};
 use super::{Answers, Cx, Radiance, Shader};
 use crate::lanes::{Prefetch, SingleLane};
-use crate::render::Frame;
+use crate::render::first_hits::GivenRays;
+use crate::render::{CameraSample, Frame};
 use crate::schedule::{Batch, Output};
 use crate::shade::arena::{Arena, ArenaUse, BUCKET, LocalFreeList, NO_SLOT};
 use crate::shade::sort;
@@ -32,6 +33,13 @@ pub struct CallState {
     /// The slot of the call that waits for the ray: the top of the path's stack of calls. The stack is empty while
     /// the camera ray is in flight.
     head: u32,
+}
+
+impl CallState {
+    fn camera_sample(&self) -> Option<CameraSample> {
+        let Self { pixel, sample, head } = *self;
+        (head == NO_SLOT).then_some(CameraSample { pixel, sample })
+    }
 }
 
 type Rays<'a> = Output<'a, CallState, ShadowState>;
@@ -190,7 +198,8 @@ where
                     if path.head == NO_SLOT {
                         let radiance = value.radiance();
                         if radiance != Vec3::ZERO {
-                            self.shader_frame.frame.splat(None, path.pixel, radiance);
+                            let frame = &self.shader_frame.frame;
+                            frame.splat(None, frame.target_of(path.pixel, path.sample), radiance);
                         }
                         return;
                     }
@@ -253,8 +262,11 @@ where
     }
 
     fn shade(&self, batch: Batch<'_, CallState>, out: &mut Rays<'_>) {
+        let frame = &self.shader_frame.frame;
+        let given = frame.add_first_hits(&batch, false, CallState::camera_sample);
+        let batch = given.as_ref().map_or(batch, GivenRays::batch);
         let mut free_list = self.slots.local_free_list();
-        let scene = self.shader_frame.frame.scene();
+        let scene = frame.scene();
         Exchange::engine(|exchange| {
             // Calls that hit the same material run one after the other, so that they execute similar code.
             for run in sort(SingleLane::default(), batch.hits, scene).runs() {
@@ -266,7 +278,9 @@ where
                     let path = batch.payloads[i];
                     let hit = (!batch.hits[i].is_miss()).then_some(batch.hits[i]);
                     let occluded = if path.head == NO_SLOT { 0 } else { self.take_answers(path.head) };
-                    exchange.path.set(Some(PathId { pixel: path.pixel, sample: path.sample }));
+                    let CallState { pixel, sample, .. } = path;
+                    let target = frame.target_of(pixel, sample);
+                    exchange.path.set(Some(PathId { pixel, sample, target }));
                     exchange.answers.set(Answers { hit, occluded });
                     exchange.shadow_rays_left.set(S::SHADOW_RAYS);
                     let mut turn = Turn { ray: &batch.rays[i], hit, exchange, free_list: &mut free_list };

@@ -107,7 +107,7 @@ impl<'a, S: Shader> Cx<'a, S> {
     /// Adds radiance to the pixel.
     pub fn add(self, radiance: Vec3) {
         if radiance != Vec3::ZERO {
-            Exchange::call(|_, path| self.frame.splat(None, path.pixel, radiance));
+            Exchange::call(|_, path| self.frame.splat(None, path.target, radiance));
         }
     }
 
@@ -168,7 +168,7 @@ impl Future for UnlessOccluded {
     fn poll(self: Pin<&mut Self>, _: &mut Context<'_>) -> Poll<()> {
         Exchange::call(|exchange, path| {
             if exchange.reserve(1) {
-                exchange.send_radiance(self.ray, self.radiance, path.pixel);
+                exchange.send_radiance(self.ray, self.radiance, path.target);
                 return Poll::Ready(());
             }
             exchange.request(Request::Turn);

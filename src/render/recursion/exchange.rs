@@ -17,6 +17,8 @@ thread_local! {
 pub(super) struct PathId {
     pub pixel: u32,
     pub sample: u32,
+    /// The pixel as [`crate::render::Frame::target`] gives it.
+    pub target: u32,
 }
 
 /// What a call waits for.

@@ -105,6 +105,10 @@ impl<S: Shader> Integrator for Recursion<S> {
         Self::at(Arc::clone(&typed::<S>(self.running.borrow_owner()).shader), frame)
     }
 
+    fn tells_camera_rays(&self) -> bool {
+        true
+    }
+
     fn loop_stack_bytes(&self) -> usize {
         self.calls().allocated_bytes
     }

@@ -4,6 +4,7 @@ mod ambient_occlusion;
 mod dropped;
 mod filters;
 pub mod harness;
+mod layers;
 mod parts;
 mod path;
 mod pinned;

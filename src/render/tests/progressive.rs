@@ -2,10 +2,10 @@
 
 use super::harness::{render, tracer};
 use super::scenes::{camera, room};
-use crate::film::Film;
+use crate::film::{Film, Layer};
 use crate::render::{
-    CheckpointError, Identity, Integrator, PASSES_IN_FLIGHT, PICTURE_VERSION, Pass, PassOptions, PassPicture,
-    PathTracer, Progressive, Settings,
+    Aov, AovSet, CheckpointError, Identity, Integrator, PASSES_IN_FLIGHT, PICTURE_VERSION, Pass, PassOptions,
+    PassPicture, PathTracer, Progressive, Settings,
 };
 use crate::scene::Camera;
 use crate::schedule::{JobHandle, JobOptions, LimitsError, Service, ServiceOptions, Sharing, Tracers};
@@ -40,7 +40,15 @@ impl Studio {
 
     fn path(&self, spp: u32) -> PathTracer {
         let settings = Settings::new(100, 70).with_spp(spp).with_max_bounces(3).with_seed(1);
-        PathTracer::new(Arc::clone(&self.scene), &self.camera, settings, Some(3)).expect("settings")
+        let path =
+            PathTracer::new(Arc::clone(&self.scene), &self.camera, settings, Some(3)).expect("settings");
+        let aovs = Aov::ALL.iter().fold(AovSet::default(), |set, aov| set.with(*aov));
+        path.with_aovs(&aovs).expect("layers")
+    }
+
+    /// The layers of a film.
+    fn layers(&self, film: &Film) -> Vec<Layer> {
+        self.path(2).frame().develop(film).layers
     }
 
     fn submit(&self, pass: &Arc<PathTracer>) -> Result<JobHandle, LimitsError> {
@@ -74,6 +82,7 @@ fn passes_make_the_same_picture_as_one_job() {
     assert!(one == 1 && several > 1, "{several} passes");
     assert_eq!(whole.resolve(), sum.resolve());
     assert_eq!(whole.sample_counts(), vec![12; 7000]);
+    assert!(studio.layers(&whole) == studio.layers(&sum));
 }
 
 #[test]
@@ -85,7 +94,7 @@ fn samples_go_where_noise_is_whatever_the_threads() {
         let noise = frame.noise().expect("asked for");
         assert!(noise.resting > 0 && noise.mean < noise.worst, "{noise:?}");
         let film = frame.picture();
-        (film.resolve(), film.sample_counts())
+        (film.resolve(), film.sample_counts(), studio.layers(&film))
     });
     assert!(pictures[0] == pictures[1] && pictures[0] == pictures[2]);
     let counts = &pictures[0].1;
@@ -114,6 +123,7 @@ fn a_resumed_frame_ends_as_if_nothing_had_happened() {
             let (film, _) = studio.finish(frame);
             assert_eq!(film.resolve(), expected.resolve(), "after {interrupted_after} passes");
             assert_eq!(film.sample_counts(), expected.sample_counts());
+            assert!(studio.layers(&film) == studio.layers(&expected));
         }
     }
 }
@@ -149,6 +159,7 @@ fn a_stopped_frame_keeps_all_that_it_shows_and_ends_as_if_it_had_not_stopped() {
         assert!(stops > 2, "{stops} stops");
         assert_eq!(frame.picture().resolve(), expected.resolve(), "{options:?}, stopped {stops} times");
         assert_eq!(frame.picture().sample_counts(), expected.sample_counts());
+        assert!(frame.develop().layers == studio.layers(&expected));
     }
 }
 
@@ -193,6 +204,7 @@ fn any_thread_sees_whole_passes_while_another_drives_them() {
         let expected = whole.with_pass(Pass::new(whole.frame().blocks().in_order(), 0..samples));
         render(&expected, 8192, &tracer);
         assert_eq!(picture.image.pixels, expected.film().resolve(), "{samples} samples");
+        assert!(picture.layers == studio.layers(expected.film()), "{samples} samples");
     }
     // All pictures of one pass are equal.
     for picture in looking.iter().step_by(looking.len().div_ceil(200)) {
@@ -250,11 +262,19 @@ fn what_is_no_checkpoint_of_the_frame_is_refused() {
         damaged[place] ^= 4;
         assert!(resume(&damaged, 1).is_some(), "byte {place} changed");
     }
+    let path = studio.path(64);
+    let plain = path.with_aovs(&AovSet::default()).expect("no layers");
+    let other =
+        Progressive::resume(plain, NOISY, &identity(1), &saved).expect_err("other layers").to_string();
+    assert!(
+        other.contains("the list of layers was depth,z,") && other.ends_with("now it is empty"),
+        "{other}"
+    );
     assert_eq!(resume(b"PNG", 1), Some(CheckpointError::Foreign));
     let mut old = saved.clone();
     old[20..24].copy_from_slice(&2u32.to_le_bytes());
     let refused = resume(&old, 1).expect("version 2").to_string();
-    assert!(refused.contains("version 2, and this raystream reads version 4"), "{refused}");
+    assert!(refused.contains("version 2, and this raystream reads version 5"), "{refused}");
     // A right sum over wrong contents: no panic.
     saved.truncate(saved.len() - 8 - 100);
     saved.extend(xxhash_rust::xxh3::xxh3_64(&saved).to_le_bytes());

@@ -1,0 +1,252 @@
+//! What camera rays hit first: the layers of a frame besides radiance.
+
+use super::aov::{Aov, COUNTS};
+use super::{CameraSample, Frame, hits_of, rays_of};
+use crate::film::{CentreHit, Film, LayerPlan, power_of_two};
+use crate::geom::Sampler;
+use crate::lanes::{Int, LaneTask, Lanes, MAX_LANES, Mask, Num, Vector};
+use crate::scene::{Material, Objects};
+use crate::schedule::Batch;
+use crate::shade::{Cone, Interaction, base_colour, lookup, material_of, pass_through, sort};
+use crate::stream::{Hit, Ray};
+
+/// The most channels that are averaged.
+const MAX_SUMS: usize = 17;
+
+/// Camera rays that have hit something.
+#[derive(Debug, Default)]
+struct FirstHits {
+    rays: Vec<Ray>,
+    hits: Vec<Hit>,
+    samples: Vec<[u32; 2]>,
+}
+
+/// The rays of a batch that a shader is given, if it is not given all.
+#[derive(Debug)]
+pub(super) struct GivenRays<P> {
+    rays: Vec<Ray>,
+    hits: Vec<Hit>,
+    payloads: Vec<P>,
+}
+
+impl<P: Copy> GivenRays<P> {
+    /// The rays of a batch without some of them, which are given by ascending index.
+    fn without(batch: &Batch<'_, P>, left_out: &[u32]) -> Self {
+        let len = batch.rays.len() - left_out.len();
+        let (mut rays, mut hits, mut payloads) =
+            (Vec::with_capacity(len), Vec::with_capacity(len), Vec::with_capacity(len));
+        let mut start = 0;
+        for end in left_out.iter().map(|&i| i as usize).chain([batch.rays.len()]) {
+            rays.extend_from_slice(&batch.rays[start..end]);
+            hits.extend_from_slice(&batch.hits[start..end]);
+            payloads.extend_from_slice(&batch.payloads[start..end]);
+            start = end + 1;
+        }
+        Self { rays, hits, payloads }
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.rays.is_empty()
+    }
+
+    /// As a batch.
+    pub fn batch(&self) -> Batch<'_, P> {
+        Batch { rays: &self.rays, hits: &self.hits, payloads: &self.payloads }
+    }
+}
+
+impl Frame {
+    /// Adds the camera rays of a batch to the frame's layers. Returns the rays that the shader is given if it is not
+    /// given all of them: rays through the centres of pixels are not part of the picture, and neither are camera rays
+    /// that miss if the picture is transparent. `passes` says whether the shader lets rays pass surfaces of computed
+    /// opacity.
+    pub(super) fn add_first_hits<P: Copy>(
+        &self,
+        batch: &Batch<'_, P>,
+        passes: bool,
+        sample_of: impl Fn(&P) -> Option<CameraSample>,
+    ) -> Option<GivenRays<P>> {
+        let (layers, plan) = (self.layers()?, self.film().plan()?);
+        let (transparent, wants_hits) =
+            (layers.aovs.is_transparent(), plan.hits || !plan.coverage.is_empty());
+        let (mut first, mut left_out) = (FirstHits::default(), Vec::new());
+        for (i, payload) in batch.payloads.iter().enumerate() {
+            let Some(CameraSample { pixel, sample }) = sample_of(payload) else { continue };
+            let hit = batch.hits[i];
+            if sample == CameraSample::CENTRE {
+                left_out.push(i as u32);
+                self.film().set_centre(pixel, self.centre_hit(&hit));
+            } else if hit.is_miss() {
+                if transparent {
+                    left_out.push(i as u32);
+                }
+            } else if wants_hits {
+                first.rays.push(batch.rays[i]);
+                first.hits.push(hit);
+                first.samples.push([pixel, sample]);
+            }
+        }
+        if !first.rays.is_empty() {
+            self.simd().run(AddHits { frame: self, plan, first: &first, passes });
+        }
+        (!left_out.is_empty()).then(|| GivenRays::without(batch, &left_out))
+    }
+
+    fn centre_hit(&self, hit: &Hit) -> Option<CentreHit> {
+        let Hit { primitive, t, .. } = *hit;
+        (!hit.is_miss()).then(|| CentreHit { primitive, t, material: material_of(self.scene(), hit) })
+    }
+}
+
+/// Adds hits to the film's layers.
+struct AddHits<'a> {
+    frame: &'a Frame,
+    plan: &'a LayerPlan,
+    first: &'a FirstHits,
+    passes: bool,
+}
+
+impl LaneTask for AddHits<'_> {
+    type Output = ();
+
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn run<L: Lanes>(self, l: L) {
+        let scene = self.frame.scene();
+        for run in sort(l, &self.first.hits, scene).runs() {
+            let Some(material) = run.material else { continue };
+            for rays in run.rays.chunks(L::LANES) {
+                // Lanes that are left over repeat the first ray and are masked out.
+                let (ids, lanes) = Int::some(l, rays, rays[0]);
+                self.add(material, ids, lanes);
+            }
+        }
+    }
+}
+
+impl AddHits<'_> {
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn add<L: Lanes>(&self, number: u32, ids: Int<L>, lanes: Mask<L>) {
+        let Self { frame, first, .. } = *self;
+        let scene = frame.scene();
+        let material = &scene.materials[number as usize];
+        let batch = Batch { rays: &first.rays, hits: &first.hits, payloads: &first.samples };
+        let [pixel, sample] = ids.rows(batch.payloads.as_flattened());
+        let (_, direction) = rays_of(&batch, ids);
+        let hits = hits_of(&batch, ids);
+        let Cone { width, spread } = frame.cone();
+        let width = hits.t * spread.get() + Num::splat(ids.lanes(), width.get());
+        let at = Interaction::new(scene, material, direction, &hits, width);
+        let mut lanes = lanes;
+        if self.passes
+            && let Some(opacity) = at.opacity(scene, material)
+        {
+            let sampler = Sampler::of(pixel, sample, frame.settings().seed);
+            let depth = Int::splat(ids.lanes(), 0);
+            lanes &= !pass_through::passes(opacity, &sampler, depth, hits.primitive);
+        }
+        let (mut pixels, count) = (L::array(0), lanes.count());
+        pixel.append(lanes, pixels.as_mut());
+        let pixels = &pixels.as_ref()[..count];
+        if self.plan.hits {
+            self.add_means(material, &at, lanes, pixels);
+        }
+        if !self.plan.coverage.is_empty() {
+            self.count(number, hits.primitive, lanes, pixels);
+        }
+    }
+
+    /// Adds to the sums, in the order of [`super::aov::MEANS`].
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn add_means<L: Lanes>(&self, material: &Material, at: &Interaction<L>, lanes: Mask<L>, pixels: &[u32]) {
+        let (scene, aovs) = (self.frame.scene(), self.frame.aovs());
+        let mut columns =
+            Columns { plan: self.plan, lanes: lanes.bits(), columns: [[0; MAX_LANES]; MAX_SUMS], count: 0 };
+        if aovs.has(Aov::Normal) {
+            columns.push_vector(at.normal, Aov::Normal.bound_bits(scene));
+        }
+        if aovs.has(Aov::ShadingNormal) {
+            columns.push_vector(at.basis.normal, Aov::ShadingNormal.bound_bits(scene));
+        }
+        if aovs.has(Aov::Position) {
+            columns.push_vector(at.position, self.frame.position_bits());
+        }
+        if aovs.has(Aov::Albedo) {
+            columns.push_vector(base_colour(scene, material, at), Aov::Albedo.bound_bits(scene));
+        }
+        if aovs.has(Aov::Uv) {
+            let [u, v] = at.uv;
+            columns.push(u, Aov::Uv.bound_bits(scene));
+            columns.push(v, Aov::Uv.bound_bits(scene));
+        }
+        if aovs.has(Aov::Emission) {
+            let mut emitted = Vector::zero(at.wo.lanes());
+            if let Some(emission) = &material.emission {
+                emitted = lookup::emission(scene, emission, at.uv, &at.footprint, at.front);
+            }
+            if let Some(computed) = at.computed_emission(scene, material) {
+                emitted += computed;
+            }
+            columns.push_vector(emitted, Aov::Emission.bound_bits(scene));
+        }
+        self.film().add_hits(pixels, &columns.columns[..columns.count]);
+    }
+
+    /// Counts what the hits show, in the order of [`COUNTS`].
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn count<L: Lanes>(&self, material: u32, primitive: Int<L>, lanes: Mask<L>, pixels: &[u32]) {
+        let aovs = self.frame.aovs();
+        let mut objects = L::array(0);
+        self.frame.scene().objects.at(primitive).append(lanes, objects.as_mut());
+        let mut ids = [0; MAX_LANES];
+        let ids = &mut ids[..pixels.len()];
+        for (table, aov) in COUNTS.iter().filter(|aov| aovs.has(**aov)).enumerate() {
+            for (id, &object) in ids.iter_mut().zip(objects.as_ref()) {
+                *id = match aov {
+                    Aov::CryptoMaterial => material,
+                    Aov::CryptoAsset if object != Objects::NONE => self.frame.asset(object),
+                    _ => object,
+                };
+            }
+            self.film().count_ids(table, pixels, ids);
+        }
+    }
+
+    fn film(&self) -> &Film {
+        self.frame.film()
+    }
+}
+
+/// Numbers of hits in fixed point, one column for each sum.
+struct Columns<'a> {
+    plan: &'a LayerPlan,
+    lanes: u32,
+    columns: [[i64; MAX_LANES]; MAX_SUMS],
+    count: usize,
+}
+
+impl Columns<'_> {
+    /// Adds a column of the numbers in the lanes of the mask, packed. Magnitudes are clamped to 2^`bound_bits`; what is
+    /// not finite counts as 0.
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn push<L: Lanes>(&mut self, number: Num<L>, bound_bits: i32) {
+        let bound = power_of_two(bound_bits) as f32;
+        let number = number
+            .only(number.is_finite())
+            .clamp(-bound, bound)
+            .pack(Mask::from_bits(number.lanes(), self.lanes));
+        let negative = number.below(0.0).bits();
+        let magnitudes = number.abs().to_fixed(power_of_two(self.plan.sums[self.count]));
+        for (lane, magnitude) in magnitudes.as_ref().iter().enumerate() {
+            let sign = -i64::from(negative >> lane & 1);
+            self.columns[self.count][lane] = (magnitude ^ sign) - sign;
+        }
+        self.count += 1;
+    }
+
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn push_vector<L: Lanes>(&mut self, v: Vector<L>, bound_bits: i32) {
+        self.push(v.x, bound_bits);
+        self.push(v.y, bound_bits);
+        self.push(v.z, bound_bits);
+    }
+}
