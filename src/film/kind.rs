@@ -1,7 +1,7 @@
 //! What films must share to be added up.
 
-use super::{Film, LayerPlan};
 use super::accumulation::{MAX_FRACTION_BITS, MIN_FRACTION_BITS};
+use super::{Film, LayerPlan};
 use crate::memory::OutOfMemory;
 use serde::{Deserialize, Serialize};
 

@@ -136,7 +136,6 @@ impl Shared {
 struct Films {
     /// The sum of all complete passes.
     whole: Arc<Film>,
-    /// The pixels that are rendered.
     passes: u64,
     /// No more passes will come.
     is_over: bool,
