@@ -2,7 +2,7 @@
 """Do raystream's pictures agree with Mitsuba 3's? A z-test that knows the noise of both sides.
 
     python3 -m venv .venv && .venv/bin/pip install mitsuba==3.9.1 numpy
-    .venv/bin/python scripts/agree_with_mitsuba.py [glass frosted metal brushed coat gloss mix ink sky]
+    .venv/bin/python scripts/agree_with_mitsuba.py [glass frosted metal brushed coat gloss mix ink sky thinlens parallel]
 
 Each scene is made here of flat triangles, written once for each program and rendered many times by both,
 with other seeds each time and without Russian roulette. The spread of a block of 16 x 16 pixels over a
@@ -80,6 +80,8 @@ FLOOR = (quad((-4, 0, 4), (8, 0, 0), (0, 0, -8)), {"matte": (0.5, 0.45, 0.4)})
 WALL = (quad((-4, 0, -2.5), (8, 0, 0), (0, 6, 0)), {"matte": (0.3, 0.5, 0.35)})
 LAMP = (quad((-1.5, 4, -1), (3, 0, 0), (0, 0, 2)), {"matte": (0, 0, 0), "lamp": (9, 8, 7)})
 BALL = sphere((0, 1, 0), 1)
+NEAR = (sphere((-0.7, 0.6, 2.2), 0.6), {"matte": (0.7, 0.2, 0.1)})
+FAR = (sphere((0.8, 0.8, -1.2), 0.8), {"matte": (0.1, 0.2, 0.7)})
 # Two fifths matte, and of the rest a third gloss and two thirds metal.
 METAL, GLOSS = {"metal": (0.9, 0.6, 0.3), "roughness": 0.4}, {"gloss": (0.2, 0.3, 0.8), "roughness": 0.6}
 MIX = {"mix": [{"mix": [METAL, GLOSS], "share": 1 / 3}, {"matte": (0.2, 0.6, 0.1)}], "share": 0.4}
@@ -97,6 +99,9 @@ SCENES = {
     # A ball of nothing but a medium, which takes colour from light by the way through it.
     "ink": dict(parts=[FLOOR, WALL, (BALL, {"ink": (0.2, 0.5, 0.8)})], sky=(0.8, 1.0, 1.2), bounces=16),
     "sky": dict(parts=[FLOOR, (BALL, {"mirror": (0.9, 0.8, 0.7)})], bounces=4),
+    # Balls before and behind the plane in focus, through a wide opening; and a parallel projection.
+    "thinlens": dict(parts=[FLOOR, WALL, LAMP, NEAR, FAR], bounces=4, aperture=0.3, focus=5.5),
+    "parallel": dict(parts=[FLOOR, WALL, LAMP, NEAR, FAR], bounces=4, height=4.5),
 }
 
 
@@ -221,7 +226,10 @@ def ours(args, folder, scene):
     text = lambda vector: ",".join(f"{x:g}" for x in vector)
     command = [args.raystream, "render", path, "-o", out, "--tracer", "cpu", "--size", f"{SIZE}x{SIZE}"]
     command += ["--no-russian-roulette", "--max-bounces", scene["bounces"], "--spp", args.spp]
-    command += [f"--eye={text(EYE)}", f"--target={text(TARGET)}", f"--fov={FOV}"]
+    command += [f"--eye={text(EYE)}", f"--target={text(TARGET)}"]
+    command += ["--orthographic", scene["height"]] if "height" in scene else ["--fov", FOV]
+    if "aperture" in scene:
+        command += ["--aperture-radius", scene["aperture"], "--focus-distance", scene["focus"]]
     if "sky" in scene:
         command += [f"--env={text(scene['sky'])}"]
     elif not any("lamp" in material for _, material in scene["parts"]):
@@ -417,6 +425,12 @@ def theirs(mi, args, folder, scene):
     film = {"type": "hdrfilm", "width": SIZE, "height": SIZE, "rfilter": {"type": "box"}}
     view = mi.ScalarTransform4f().look_at(origin=list(EYE), target=list(TARGET), up=[0, 1, 0])
     sensor = {"type": "perspective", "fov": FOV, "fov_axis": "y", "to_world": view, "film": film}
+    if "aperture" in scene:
+        sensor |= {"type": "thinlens", "aperture_radius": scene["aperture"], "focus_distance": scene["focus"]}
+    if "height" in scene:
+        # Mitsuba's picture is two units wide before it is scaled.
+        scaled = view @ mi.ScalarTransform4f().scale([scene["height"] / 2, scene["height"] / 2, 1])
+        sensor = {"type": "orthographic", "to_world": scaled, "film": film}
     integrator = {"type": "path", "max_depth": scene["bounces"] + 2, "rr_depth": 10_000}
     if any("ink" in material for _, material in scene["parts"]):
         integrator["type"] = "volpath"

@@ -13,6 +13,7 @@ mod refusals;
 mod render;
 mod sampling;
 mod trace;
+mod views;
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};

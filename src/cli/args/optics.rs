@@ -14,6 +14,14 @@ pub struct OpticsArgs {
     /// names (%s) them [default: the first].
     #[arg(long, value_name = "NAME|all")]
     pub camera: Option<String>,
+    /// Render many views in one run, and a transforms.json in NeRF's form beside them: N on a sphere around the scene, or
+    /// the cameras of a .json file (a transforms.json, or a list of cameras as in recipes).
+    #[arg(
+        long,
+        value_name = "FILE|N",
+        conflicts_with_all = ["eye", "target", "up", "world_to_camera", "frames", "orthographic", "panorama"]
+    )]
+    pub views: Option<String>,
     /// Orthographic projection: the height of the picture in world units.
     #[arg(long, value_name = "HEIGHT", allow_hyphen_values = true, conflicts_with = "fov")]
     pub orthographic: Option<f32>,
@@ -87,6 +95,11 @@ impl OpticsArgs {
     /// Whether one picture is rendered for each camera of the scene.
     pub fn is_all(&self) -> bool {
         self.camera.as_deref() == Some("all")
+    }
+
+    /// Whether several pictures are rendered, each by a camera of its own.
+    pub fn has_several(&self) -> bool {
+        self.is_all() || self.views.is_some()
     }
 
     /// An option that gives the projection, if there is one.

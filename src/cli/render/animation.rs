@@ -1,6 +1,7 @@
 //! Several pictures of one scene: the frames of an animation or the cameras of a file, with their file names.
 
 use super::names::Names;
+use super::views::{self, Views};
 use crate::cli::args::{FramesArgs, RenderArgs};
 use crate::film::Exposure;
 use crate::scene::{Camera, CameraMotion, CameraPath, NamedCamera, Scene};
@@ -36,14 +37,14 @@ impl<'a> Animation<'a> {
     pub fn check(args: &RenderArgs) -> Result<Vec<PathBuf>> {
         let FramesArgs { frames, .. } = &args.animation;
         let Some(output) = args.picture_path() else {
-            ensure!(!args.optics.is_all(), "--partial is for single pictures; name one camera");
+            ensure!(!args.optics.has_several(), "--partial is for single pictures; name one camera");
             return Ok(Vec::new());
         };
-        if frames.is_none() && !args.optics.is_all() {
+        if frames.is_none() && !args.optics.has_several() {
             ensure!(
                 !Names::is_pattern(output),
                 "{}: the name has a place for a frame number or a camera's name, but there is one picture; add \
-                 --frames A..B or --camera all",
+                 --frames A..B, --camera all or --views",
                 output.display()
             );
             return Ok(vec![output.to_owned()]);
@@ -61,7 +62,21 @@ impl<'a> Animation<'a> {
         }
         let Some(frames) = frames.clone() else {
             ensure!(
-                args.camera.is_default() && args.optics.world_to_camera.is_none(),
+                !(args.optics.views.is_some() && args.optics.is_all()),
+                "--camera all and --views exclude each other"
+            );
+            ensure!(
+                args.part.region.is_none() && args.part.samples.is_none() || !args.optics.has_several(),
+                "--region and --samples are for single pictures and animations; name one camera"
+            );
+            // Told before the scene is read.
+            args.optics.views.as_ref().map_or(Ok(()), |views| Views::read(views, args.size).map(drop))?;
+            ensure!(
+                views::file(args).is_none() || args.camera.is_default(),
+                "--views with a file of cameras renders each where it is; leave out --fov"
+            );
+            ensure!(
+                !args.optics.is_all() || args.camera.is_default() && args.optics.world_to_camera.is_none(),
                 "--camera all renders every camera where it is; leave out --eye, --target, --up, --fov and \
                  --world-to-camera"
             );
@@ -94,7 +109,13 @@ impl<'a> Animation<'a> {
         let FramesArgs { frames, turntable, camera_path, fps, .. } = &args.animation;
         let Some(output) = args.picture_path() else { return Ok(None) };
         if args.optics.is_all() {
-            return Self::of_cameras(args, scene, output).map(Some);
+            ensure!(!scene.cameras.is_empty(), "--camera all: the scene has no cameras");
+            return Self::of_cameras(args, scene.cameras.clone(), output).map(Some);
+        }
+        if let Some(views) = &args.optics.views {
+            let views = Views::read(views, args.size)?;
+            let cameras = views.cameras(&args.optics, own, &scene.bounds(), args.size)?;
+            return Self::of_cameras(args, cameras, output).map(Some);
         }
         let Some(frames) = frames.clone() else { return Ok(None) };
         let own_motion = match &args.optics.camera {
@@ -130,11 +151,10 @@ impl<'a> Animation<'a> {
         Ok(Some(Self { frames, motion, names: Names::of_frames(output)?, args }))
     }
 
-    /// One picture for each camera of the scene.
-    fn of_cameras(args: &'a RenderArgs, scene: &Scene, output: &Path) -> Result<Self> {
-        ensure!(!scene.cameras.is_empty(), "--camera all: the scene has no cameras");
-        let frames = 0..scene.cameras.len() as u32;
-        let (motion, names) = (Motion::Cameras(scene.cameras.clone()), Names::of_cameras(output)?);
+    /// One picture for each camera.
+    fn of_cameras(args: &'a RenderArgs, cameras: Vec<NamedCamera>, output: &Path) -> Result<Self> {
+        let frames = 0..cameras.len() as u32;
+        let (motion, names) = (Motion::Cameras(cameras), Names::of_cameras(output)?);
         Ok(Self { frames, motion, names, args })
     }
 

@@ -5,7 +5,7 @@ use super::facts::Facts;
 use super::finished_frames::FinishedFrames;
 use super::shot::Shot;
 use super::totals::Totals;
-use super::{insist, warn_of_clamped};
+use super::{insist, views, warn_of_clamped};
 use crate::cli::args::RenderArgs;
 use crate::cli::events::Events;
 use crate::cli::progress::{POLL_INTERVAL, Progress};
@@ -90,6 +90,7 @@ pub fn run<I: Integrator>(
         totals.timeline(setup, recorded).write(path)?;
     }
     done.sort_by_key(|frame| frame.frame);
+    insist(|| views::write_transforms(args, animation, &done))?;
     let stats = summarise(args, setup, settings, &mut totals, (done, splats));
     report(args, animation, &stats, &totals.events)
 }

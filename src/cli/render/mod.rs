@@ -10,6 +10,7 @@ pub(super) mod partial;
 mod shot;
 mod still;
 mod totals;
+mod views;
 
 use super::Outcome;
 use super::args::RenderArgs;
@@ -47,7 +48,7 @@ fn render(args: &RenderArgs, registry: &Registry, progress: &mut Progress) -> Re
     if let Some(path) = &args.timeline {
         timeline::Format::of(path)?;
     }
-    let has_several = args.animation.frames.is_some() || args.optics.is_all();
+    let has_several = args.animation.frames.is_some() || args.optics.has_several();
     let in_flight = if has_several { args.animation.frames_in_flight as usize } else { 1 };
     let (width, height) = args.size;
     let aspect = width as f32 / height as f32;
@@ -142,7 +143,9 @@ fn submit<I: Integrator>(
 /// Refuses files that cannot be written or would overwrite others, before time is spent on rendering.
 fn check_files(args: &RenderArgs, pictures: &[PathBuf]) -> Result<Outputs> {
     let pictures = pictures.iter().map(|picture| ("-o", Some(&**picture)));
+    let transforms = views::transforms_file(args);
     let others = [
+        ("--views", transforms.as_deref()),
         ("--stats", args.stats.as_deref()),
         ("--timeline", args.timeline.as_deref()),
         ("--checkpoint", args.progress.checkpoint.as_deref()),
@@ -153,6 +156,7 @@ fn check_files(args: &RenderArgs, pictures: &[PathBuf]) -> Result<Outputs> {
         ("the environment", args.light.env_file()),
         ("the camera path", args.animation.camera_path.as_deref()),
         ("the options", args.reporting.options.as_deref()),
+        ("the views", views::file(args)),
     ];
     Outputs::check(pictures.chain(others), inputs)
 }

@@ -6,10 +6,12 @@ use crate::lanes::{Lanes, Mask, Num, Vector};
 use std::f32::consts::TAU;
 use std::f64::consts::PI;
 
-/// Steps of the search for a radius. Each either doubles the number of right digits or halves the interval.
-const RADIUS_STEPS: u32 = 14;
+/// Halvings of the interval of radii, after which Newton's method does not run in circles.
+const HALVINGS: u32 = 6;
+/// Newton steps of the search for a radius.
+const RADIUS_STEPS: u32 = 10;
 /// Newton steps in the plane, which start next to the solution.
-const PLANE_STEPS: u32 = 4;
+const PLANE_STEPS: u32 = 6;
 /// How far a solution may be off in distorted coordinates, as a share of 1 + their size. The rounding of polynomials
 /// is some parts in 10⁷; beyond the edge of what a lens sees nothing comes close.
 const TOLERANCE: f32 = 4e-6;
@@ -122,8 +124,8 @@ impl Radial {
     fn solve<L: Lanes>(&self, distance: Num<L>) -> (Num<L>, Mask<L>) {
         let l = distance.lanes();
         let (mut low, mut high) = (Num::zero(l), Num::splat(l, self.limit));
-        let mut radius = distance.min(high);
-        for _ in 0..RADIUS_STEPS {
+        let mut radius = 0.5 * high;
+        for step in 0..HALVINGS + RADIUS_STEPS {
             let s = radius * radius;
             let [ratio, slope] = self.ratio(s);
             let off = radius * ratio - distance;
@@ -131,10 +133,12 @@ impl Radial {
             high = Num::select(is_beyond, radius, high);
             low = Num::select(is_beyond, low, radius);
             let newton = radius - off / (ratio + 2.0 * s * slope);
-            let is_between = newton.ge(low) & newton.le(high);
-            radius = Num::select(is_between, newton, 0.5 * (low + high));
+            let is_taken = newton.ge(low) & newton.le(high) & Mask::splat(l, step >= HALVINGS);
+            radius = Num::select(is_taken, newton, 0.5 * (low + high));
         }
-        (radius, distance.le(Num::splat(l, self.reach)))
+        let [ratio, _] = self.ratio(radius * radius);
+        let is_near = (radius * ratio - distance).abs().le((distance + 1.0) * TOLERANCE);
+        (radius, is_near & distance.le(Num::splat(l, self.reach)))
     }
 
     /// The point that distortion moves to `to`, by Newton's method from `point`, and the lanes in which there is one.

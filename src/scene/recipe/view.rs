@@ -83,7 +83,7 @@ impl View {
     ///
     /// # Errors
     /// What is wrong with it.
-    pub(super) fn camera(&self) -> Result<Camera, String> {
+    pub fn camera(&self) -> Result<Camera, String> {
         let given = [
             self.fov_degrees.map(|fov_degrees| Ok(Projection::Perspective { fov_degrees })),
             self.orthographic_height.map(|height| Ok(Projection::Orthographic { height })),

@@ -1,0 +1,353 @@
+//! Many views of one asset: from a number or a file of cameras, to a `transforms.json`.
+
+use super::animation::Animation;
+use crate::cli::args::{OpticsArgs, RenderArgs};
+use crate::cli::matrix;
+use crate::cli::stats::FrameStats;
+use crate::files;
+use crate::geom::Aabb;
+use crate::scene::recipe::View;
+use crate::scene::{Camera, Distortion, Intrinsics, NamedCamera};
+use anyhow::{Context, Result, bail, ensure};
+use glam::{DMat4, Vec3};
+use serde::Deserialize;
+use serde_json::{Value, json};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+/// The most views of a run.
+const MAX_VIEWS: u32 = 1_000_000;
+
+/// The cameras that `--views` asks for.
+pub enum Views {
+    /// So many on a sphere around the scene.
+    Sphere(u32),
+    /// Those of a file.
+    Cameras(Vec<NamedCamera>),
+}
+
+/// A file in the form of NeRF's `transforms.json`, with nerfstudio's keys. Other keys are allowed.
+#[derive(Deserialize)]
+struct Transforms {
+    /// Horizontal field of view in radians.
+    camera_angle_x: Option<f64>,
+    w: Option<f64>,
+    h: Option<f64>,
+    #[serde(flatten)]
+    lens: TransformsLens,
+    frames: Vec<TransformsFrame>,
+}
+
+#[derive(Deserialize)]
+struct TransformsFrame {
+    file_path: Option<String>,
+    transform_matrix: Vec<Vec<f64>>,
+    #[serde(flatten)]
+    lens: TransformsLens,
+}
+
+/// The intrinsics of all frames or of one.
+#[derive(Default, Deserialize)]
+struct TransformsLens {
+    camera_model: Option<String>,
+    fl_x: Option<f64>,
+    fl_y: Option<f64>,
+    cx: Option<f64>,
+    cy: Option<f64>,
+    k1: Option<f64>,
+    k2: Option<f64>,
+    k3: Option<f64>,
+    k4: Option<f64>,
+    p1: Option<f64>,
+    p2: Option<f64>,
+}
+
+/// A camera of a list: that of a recipe, and its name.
+#[derive(Deserialize)]
+struct ListedView {
+    name: Option<String>,
+    #[serde(flatten)]
+    view: Value,
+}
+
+/// The file named by `--views`, if it names one.
+pub fn file(args: &RenderArgs) -> Option<&Path> {
+    args.optics.views.as_deref().filter(|text| text.parse::<u64>().is_err()).map(Path::new)
+}
+
+/// The file that tells where the pictures were taken from.
+pub fn transforms_file(args: &RenderArgs) -> Option<PathBuf> {
+    args.optics.views.as_ref().and(args.picture_path()).map(|path| path.with_file_name("transforms.json"))
+}
+
+impl Views {
+    /// Reads what `--views` asks for.
+    pub fn read(text: &str, size: (u32, u32)) -> Result<Self> {
+        if let Ok(count) = text.parse::<u64>() {
+            ensure!(
+                (1..=u64::from(MAX_VIEWS)).contains(&count),
+                "--views {count}: ask for 1 to {MAX_VIEWS} views, or name a file of cameras"
+            );
+            return Ok(Self::Sphere(count as u32));
+        }
+        let bytes = std::fs::read(text).with_context(|| format!("{text}: cannot be read"))?;
+        let value: Value = serde_json::from_slice(&bytes).with_context(|| format!("{text}: not JSON"))?;
+        let cameras = if value.is_array() { listed(value) } else { of_transforms(value, size) };
+        let cameras = cameras.with_context(|| text.to_owned())?;
+        ensure!(!cameras.is_empty(), "{text}: there are no cameras in it");
+        ensure!(cameras.len() <= MAX_VIEWS as usize, "{text}: more than {MAX_VIEWS} cameras");
+        Ok(Self::Cameras(cameras))
+    }
+
+    /// The cameras. Those on a sphere look as `own` does, at the middle of `bounds`, from where all of it is seen.
+    pub fn cameras(
+        self,
+        optics: &OpticsArgs,
+        own: Camera,
+        bounds: &Aabb,
+        size: (u32, u32),
+    ) -> Result<Vec<NamedCamera>> {
+        let cameras = match self {
+            Self::Sphere(count) => {
+                let Some(half) = half_tangent(&own, size) else {
+                    bail!(
+                        "--views needs a camera with a field of view, not one of projection {}",
+                        own.projection.name()
+                    )
+                };
+                let name = |index: u32, camera| NamedCamera::new(format!("view {index}"), camera);
+                (0..count).map(|i| name(i, around(&own, bounds, half, on_sphere(i, count)))).collect()
+            }
+            Self::Cameras(cameras) => cameras,
+        };
+        for named in &cameras {
+            let camera = optics.apply(named.camera, size)?;
+            let seen = camera.lens(size.0, size.1).map(|_| camera.intrinsics(size.0, size.1));
+            let seen = seen.with_context(|| format!("camera {:?}", named.name))?;
+            ensure!(
+                seen.is_some(),
+                "camera {:?}: transforms.json describes no camera of projection {}",
+                named.name,
+                camera.projection.name()
+            );
+            if let Some(Distortion::BrownConrady { k: [_, _, _, k @ ..], s, .. }) = seen.map(|k| k.distortion)
+            {
+                ensure!(
+                    k == [0.0; 3] && s == [0.0; 4],
+                    "camera {:?}: transforms.json has no keys for the distortion coefficients k4 to k6 and s1 to s4",
+                    named.name
+                );
+            }
+        }
+        Ok(cameras)
+    }
+}
+
+/// Tangent of half the angle that a camera sees at least, if it has one.
+fn half_tangent(camera: &Camera, (width, height): (u32, u32)) -> Option<f32> {
+    let k = camera.intrinsics(width, height)?;
+    Some((0.5 * f64::min(f64::from(width) / k.fx, f64::from(height) / k.fy)) as f32)
+}
+
+/// A camera outside of the bounds in this direction that sees all of them.
+fn around(own: &Camera, bounds: &Aabb, half: f32, away: Vec3) -> Camera {
+    let distance = bounds.radius().max(1e-6) * (1.0 + half * half).sqrt() / half;
+    own.posed_as(&Camera::new(bounds.centre() + away * distance, bounds.centre()))
+}
+
+/// Unit vectors evenly spread over the sphere (a Fibonacci lattice), none of them upright.
+fn on_sphere(index: u32, count: u32) -> Vec3 {
+    let y = 1.0 - (2.0 * f64::from(index) + 1.0) / f64::from(count);
+    let golden = std::f64::consts::PI * (3.0 - 5.0_f64.sqrt());
+    let (sin, cos) = libm::sincos(golden * f64::from(index));
+    let radius = (1.0 - y * y).sqrt();
+    Vec3::new((radius * sin) as f32, y as f32, (radius * cos) as f32)
+}
+
+fn listed(value: Value) -> Result<Vec<NamedCamera>> {
+    let views: Vec<ListedView> = serde_json::from_value(value)?;
+    let camera = |(index, listed): (usize, ListedView)| {
+        let view: View = serde_json::from_value(listed.view).with_context(|| format!("[{index}]"))?;
+        let camera = view.camera().map_err(|problem| anyhow::anyhow!("[{index}]: {problem}"))?;
+        Ok(NamedCamera::new(listed.name.unwrap_or_else(|| index.to_string()), camera))
+    };
+    views.into_iter().enumerate().map(camera).collect()
+}
+
+fn of_transforms(value: Value, (width, height): (u32, u32)) -> Result<Vec<NamedCamera>> {
+    let file: Transforms = serde_json::from_value(value)
+        .context("neither a list of cameras nor in the form of NeRF's transforms.json")?;
+    let (w, h) = (file.w.unwrap_or(width.into()), file.h.unwrap_or(height.into()));
+    let scale = [f64::from(width) / w, f64::from(height) / h];
+    ensure!(
+        (scale[0] / scale[1] - 1.0).abs() < 0.01,
+        "its pictures are {w} x {h} pixels; render them with --size {w}x{h} or another size of that shape"
+    );
+    let camera = |(index, frame): (usize, &TransformsFrame)| {
+        let place = || format!("frames[{index}]");
+        let intrinsics = file.intrinsics(frame, w, h).with_context(place)?.scaled(scale[0], scale[1]);
+        let rows: Vec<f64> = frame.transform_matrix.concat();
+        let to_world = matrix::from_rows(&rows).with_context(|| format!("{}.transform_matrix", place()))?;
+        let flip = DMat4::from_scale(glam::DVec3::new(1.0, -1.0, -1.0));
+        let camera = Camera::calibrated(intrinsics, &(to_world * flip).inverse()).with_context(place)?;
+        let stem = frame.file_path.as_deref().and_then(|path| Path::new(path).file_stem()?.to_str());
+        Ok(NamedCamera::new(stem.map_or_else(|| index.to_string(), str::to_owned), camera))
+    };
+    file.frames.iter().enumerate().map(camera).collect()
+}
+
+impl Transforms {
+    /// The intrinsics of a frame in pixels of the file's pictures: its own, else those of the file.
+    fn intrinsics(&self, frame: &TransformsFrame, w: f64, h: f64) -> Result<Intrinsics> {
+        let number = |of: fn(&TransformsLens) -> Option<f64>| of(&frame.lens).or(of(&self.lens));
+        let angle = self.camera_angle_x.map(|angle| 0.5 * w / libm::tan(0.5 * angle));
+        let Some(fx) = number(|lens| lens.fl_x).or(angle) else {
+            bail!("it has neither fl_x nor camera_angle_x")
+        };
+        let fy = number(|lens| lens.fl_y).unwrap_or(fx);
+        let (cx, cy) = (number(|lens| lens.cx).unwrap_or(0.5 * w), number(|lens| lens.cy).unwrap_or(0.5 * h));
+        let [k1, k2, k3, k4, p1, p2] = [
+            number(|lens| lens.k1),
+            number(|lens| lens.k2),
+            number(|lens| lens.k3),
+            number(|lens| lens.k4),
+            number(|lens| lens.p1),
+            number(|lens| lens.p2),
+        ]
+        .map(Option::unwrap_or_default);
+        let model = frame.lens.camera_model.as_ref().or(self.lens.camera_model.as_ref());
+        let is_plain = [k1, k2, k3, k4, p1, p2] == [0.0; 6];
+        let distortion = match model.map(String::as_str) {
+            Some("OPENCV_FISHEYE") => Distortion::Fisheye { k: [k1, k2, k3, k4] },
+            None | Some("PINHOLE" | "SIMPLE_PINHOLE" | "OPENCV") if is_plain => Distortion::None,
+            None | Some("PINHOLE" | "SIMPLE_PINHOLE" | "OPENCV") => {
+                ensure!(k4 == 0.0, "k4 is for the camera model OPENCV_FISHEYE");
+                Distortion::brown_conrady(&[k1, k2, p1, p2, k3]).expect("five coefficients")
+            }
+            Some(other) => bail!("its camera model {other:?} is not known; use OPENCV or OPENCV_FISHEYE"),
+        };
+        Ok(Intrinsics::new(fx, fy, cx, cy).with_distortion(distortion))
+    }
+}
+
+/// Writes where the pictures were taken from, beside them: NeRF's `transforms.json` with nerfstudio's keys.
+pub fn write_transforms(args: &RenderArgs, animation: &Animation, frames: &[FrameStats]) -> Result<()> {
+    let Some(path) = transforms_file(args) else { return Ok(()) };
+    let (width, height) = args.size;
+    let mut entries = Vec::new();
+    for &FrameStats { frame, .. } in frames {
+        let (camera, file) = (animation.camera(frame)?, animation.file(frame));
+        let k = camera.intrinsics(width, height).context("views have intrinsics")?;
+        let mut entry = lens_entry(&k);
+        let matrix = camera.to_world()?.transpose().to_cols_array_2d();
+        entry["file_path"] = json!(file_name(&file));
+        entry["transform_matrix"] = json!(matrix);
+        entries.push(entry);
+    }
+    // What all frames share is said once.
+    let mut whole = json!({ "w": width, "h": height });
+    let shared: Vec<String> = entries.first().and_then(Value::as_object).map_or_else(Vec::new, |first| {
+        let is_shared = |key: &&String| entries.iter().all(|entry| entry[*key] == first[*key]);
+        first.keys().filter(is_shared).filter(|key| !is_of_frame(key)).cloned().collect()
+    });
+    for key in shared {
+        whole[&key] = entries[0][&key].clone();
+        entries.iter_mut().filter_map(Value::as_object_mut).for_each(|entry| drop(entry.remove(&key)));
+    }
+    if let Some(fx) = whole["fl_x"].as_f64() {
+        whole["camera_angle_x"] = json!(2.0 * libm::atan(0.5 * f64::from(width) / fx));
+    }
+    whole["frames"] = Value::Array(entries);
+    let text = serde_json::to_vec_pretty(&whole)?;
+    files::write(&path, |file| file.write_all(&text))?;
+    Ok(())
+}
+
+fn is_of_frame(key: &str) -> bool {
+    matches!(key, "file_path" | "depth_file_path" | "transform_matrix")
+}
+
+fn file_name(path: &Path) -> String {
+    path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned())
+}
+
+/// The keys of a lens.
+fn lens_entry(k: &Intrinsics) -> Value {
+    let mut entry = json!({ "camera_model": "OPENCV", "fl_x": k.fx, "fl_y": k.fy, "cx": k.cx, "cy": k.cy });
+    match k.distortion {
+        Distortion::BrownConrady { k: [k1, k2, k3, ..], p: [p1, p2], .. } => {
+            for (key, number) in [("k1", k1), ("k2", k2), ("k3", k3), ("p1", p1), ("p2", p2)] {
+                entry[key] = json!(number);
+            }
+        }
+        Distortion::Fisheye { k } => {
+            entry["camera_model"] = json!("OPENCV_FISHEYE");
+            for (key, number) in ["k1", "k2", "k3", "k4"].into_iter().zip(k) {
+                entry[key] = json!(number);
+            }
+        }
+        _ => {}
+    }
+    entry
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn views_on_a_sphere_see_everything_from_all_sides() {
+        let bounds = Aabb { min: Vec3::new(-3.0, 1.0, 2.0), max: Vec3::new(4.0, 9.0, 2.5) };
+        let (own, size) = (Camera::new(Vec3::ZERO, Vec3::X).with_fov(30.0), (40, 60));
+        for count in [1, 2, 7, 100] {
+            let views =
+                Views::Sphere(count).cameras(&OpticsArgs::default(), own, &bounds, size).expect("views");
+            let mut mean = Vec3::ZERO;
+            for NamedCamera { camera, .. } in &views {
+                let to_camera = camera.to_world().expect("a pose").inverse();
+                let k = camera.intrinsics(size.0, size.1).expect("a field of view");
+                for i in 0..8 {
+                    let corner = Vec3::select(
+                        glam::BVec3::new(i & 1 > 0, i & 2 > 0, i & 4 > 0),
+                        bounds.max,
+                        bounds.min,
+                    );
+                    let p = to_camera.transform_point3(corner.as_dvec3());
+                    let (x, y) = (k.fx * p.x / -p.z + k.cx, k.fy * p.y / p.z + k.cy);
+                    assert!((-0.01..40.01).contains(&x) && (-0.01..60.01).contains(&y), "{x},{y}");
+                }
+                mean += (camera.eye - bounds.centre()).normalize() / count as f32;
+            }
+            assert!(count < 100 || mean.length() < 0.02, "{mean}");
+        }
+    }
+
+    #[test]
+    fn transforms_are_read_as_nerf_has_them() {
+        let frame = json!([[1, 0, 0, 4], [0, 1, 0, 2], [0, 0, 1, 9], [0, 0, 0, 1]]);
+        let frames =
+            |more: Value| json!([{ "file_path": "images/a.png", "transform_matrix": frame, "fl_x": more }]);
+        let mut file = json!({ "w": 80, "h": 40, "camera_angle_x": 1.0, "frames": frames(Value::Null) });
+        let read = |file: &Value| of_transforms(file.clone(), (40, 20));
+        let [named] = &read(&file).expect("one")[..] else { panic!("one frame") };
+        assert_eq!((&*named.name, named.camera.eye), ("a", Vec3::new(4.0, 2.0, 9.0)));
+        assert!(((named.camera.target - named.camera.eye).normalize() - Vec3::NEG_Z).length() < 1e-6);
+        let k = named.camera.intrinsics(40, 20).expect("intrinsics");
+        assert!((k.fx - 20.0 / f64::tan(0.5)).abs() < 1e-9 && (k.cx, k.cy) == (20.0, 10.0), "{k:?}");
+        file["frames"] = frames(json!(100.0));
+        file["k1"] = json!(0.1);
+        let k = read(&file).expect("one")[0].camera.intrinsics(40, 20).expect("intrinsics");
+        let bent = Distortion::brown_conrady(&[0.1, 0.0, 0.0, 0.0]).expect("four");
+        assert_eq!(k, Intrinsics::new(50.0, 50.0, 20.0, 10.0).with_distortion(bent));
+        file["camera_model"] = json!("OPENCV_FISHEYE");
+        let k = read(&file).expect("one")[0].camera.intrinsics(40, 20).expect("intrinsics");
+        assert_eq!(k.distortion, Distortion::Fisheye { k: [0.1, 0.0, 0.0, 0.0] });
+        let told =
+            |file: &Value, size| format!("{:#}", of_transforms(file.clone(), size).expect_err("refused"));
+        assert!(told(&file, (40, 40)).contains("80 x 40"));
+        file["frames"][0]["transform_matrix"][0][0] = json!(3.0);
+        assert!(told(&file, (40, 20)).starts_with("frames[0]: "), "{}", told(&file, (40, 20)));
+        file["camera_model"] = json!("ODD");
+        assert!(told(&file, (40, 20)).contains("ODD"));
+    }
+}
