@@ -225,6 +225,48 @@ fn a_terminated_part_writes_no_partial_film() {
     assert_eq!(json(&folder.join("s.json"))["complete"], false);
 }
 
+/// Ctrl-C, again and again: each run continues the frames that the one before has left.
+#[cfg(unix)]
+#[test]
+fn an_interrupted_animation_keeps_the_work_of_its_frames() {
+    let folder = folder();
+    let folder = folder.path();
+    let scene = shipped("cornell.json");
+    let args = ["render", &scene, "--size", "64x64", "--spp", "600", "--tracer", "cpu", "--stats", "s.json"];
+    let args = [&args[..], &["--frames", "0..3", "--turntable", "7", "-o", "a.%d.npy"]].concat();
+    let hashes = || {
+        let frames = json(&folder.join("s.json"))["frames"].as_array().expect("frames").clone();
+        frames.into_iter().map(|frame| frame["hash"].clone()).collect::<Vec<_>>()
+    };
+    run(folder, &args, 0);
+    let (expected, mut interrupts) = (hashes(), 0);
+    let kept = |frame: u32| folder.join(format!("c.ray.frame-{frame}")).exists();
+    loop {
+        let mut child = Command::new(env!("CARGO_BIN_EXE_raystream"))
+            .current_dir(folder)
+            .args([&args[..], &["--checkpoint", "c.ray", "--resume"]].concat())
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .expect("raystream starts");
+        std::thread::sleep(Duration::from_millis(400));
+        let _ = Command::new("kill").args(["-INT", &child.id().to_string()]).status().expect("kill");
+        let status = child.wait().expect("a child");
+        if status.success() {
+            break;
+        }
+        // Without a code the signal came before it was listened to.
+        if status.code().is_some() {
+            assert!((0..3).any(kept), "the work is kept");
+            interrupts += 1;
+        }
+        assert!(interrupts < 500, "it comes to an end");
+    }
+    assert!(interrupts > 0);
+    assert_eq!(hashes(), expected, "interrupted {interrupts} times");
+    assert!(!(0..3).any(kept), "what is finished is removed");
+}
+
 #[test]
 fn progress_can_be_read_by_programs() {
     let folder = folder();
