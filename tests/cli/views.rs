@@ -37,6 +37,12 @@ fn views_come_with_their_cameras() {
         made["frames"].as_array().expect("frames").iter().map(|f| &f["file_path"]).collect();
     assert_eq!(names, ["000.png", "001.png", "002.png", "003.png", "004.png"]);
     assert!((0..5).all(|i| folder.join(format!("a/00{i}.png")).exists()));
+    for frame in made["frames"].as_array().expect("frames") {
+        let depth = frame["depth_file_path"].as_str().expect("a file");
+        assert!(folder.join("a").join(depth).exists(), "{depth}");
+    }
+    let png = std::fs::read(folder.join("a/000.png")).expect("a picture");
+    assert_eq!(png[25], 6, "red, green, blue and alpha");
     // What was written is read again: the same cameras.
     let again = views(folder, "b/%s.png", &["--views", "a/transforms.json"]);
     let (first, second) = (matrices(&made), matrices(&again));

@@ -6,6 +6,7 @@ use super::{
     ReportingArgs, SamplingArgs, SceneArgs, UnitArgs,
 };
 use crate::cli::plugin_options::Setting;
+use crate::render::{Aov, AovSet};
 use clap::Args;
 use std::path::{Path, PathBuf};
 
@@ -84,6 +85,12 @@ pub struct RenderArgs {
 }
 
 impl RenderArgs {
+    /// All layers that are asked for. Views have alpha and the distance along the view axis.
+    pub fn aovs(&self) -> AovSet {
+        let asked = self.layers.aovs();
+        if self.optics.views.is_some() { asked.with(Aov::Z).with_transparent(true) } else { asked }
+    }
+
     /// The picture to write, if one is wanted; of an animation the pattern of its names.
     pub fn picture_path(&self) -> Option<&Path> {
         super::picture_path(self.output.as_deref(), self.part.partial.as_deref())

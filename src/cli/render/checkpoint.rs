@@ -3,7 +3,7 @@
 use crate::cli::args::{PartArgs, ProgressArgs, RenderArgs};
 use crate::cli::setup::Setup;
 use crate::files;
-use crate::render::{AovSet, Identity, Integrator, PassOptions, Progressive, Settings};
+use crate::render::{Identity, Integrator, PassOptions, Progressive, Settings};
 use crate::scene::{Camera, FINGERPRINT_VERSION};
 use anyhow::{Context, Result, bail};
 use std::io::{ErrorKind, Write};
@@ -26,6 +26,7 @@ pub fn identity(args: &RenderArgs, setup: &Setup, settings: &Settings, camera: O
     let limit = args.sampling.indirect_limit(&args.look);
     let limit = limit.map_or_else(|| "no limit".into(), |limit| limit.to_string());
     let scene = &setup.prepared.scene;
+    let aovs = args.aovs();
     let parts = [
         ("the scene", format!("of fingerprint {} (encoding {FINGERPRINT_VERSION})", scene.fingerprint())),
         ("--integrator", args.integrator.clone()),
@@ -37,8 +38,8 @@ pub fn identity(args: &RenderArgs, setup: &Setup, settings: &Settings, camera: O
         ("--noise", noise),
         ("--filter", settings.filter.to_string()),
         ("the radiance of --clamp-indirect", limit),
-        ("--aov", args.layers.aov.as_ref().map_or_else(|| "nothing".into(), AovSet::to_string)),
-        ("--transparent", args.layers.transparent.to_string()),
+        ("--aov", if aovs.iter().next().is_none() { "nothing".into() } else { aovs.to_string() }),
+        ("--transparent", aovs.is_transparent().to_string()),
     ];
     let camera = camera.map(|camera| ("the camera", camera.to_string()));
     let parts = parts.into_iter().chain(camera).map(|(what, value)| (what.to_owned(), value));

@@ -61,7 +61,7 @@ fn render(args: &RenderArgs, registry: &Registry, progress: &mut Progress) -> Re
         let camera = args.camera.apply(own, || Camera::framing(&scene.bounds(), aspect));
         args.optics.apply(camera, args.size)
     };
-    let aovs = args.layers.aovs();
+    let aovs = args.aovs();
     aovs.check_samples(args.progress.samples())?;
     let picture_bytes = in_flight as u64 * picture_bytes(width, height, &aovs, args.progress.samples());
     let picture = format!("a picture of {width}x{height} pixels");
@@ -117,7 +117,7 @@ impl RenderRequest<'_> {
     /// Renders the picture or the animation.
     pub fn run(self, integrator: impl Integrator) -> Result<Outcome> {
         let Self { args, setup, animation, camera, progress } = self;
-        let mut integrator = integrator.with_simd(setup.simd).with_aovs(&args.layers.aovs())?;
+        let mut integrator = integrator.with_simd(setup.simd).with_aovs(&args.aovs())?;
         if let Some(part) = args.part.part(integrator.frame().settings()) {
             integrator = integrator.with_part(part)?;
         }

@@ -5,7 +5,9 @@ use crate::cli::args::{OpticsArgs, RenderArgs};
 use crate::cli::matrix;
 use crate::cli::stats::FrameStats;
 use crate::files;
+use crate::film::picture_files;
 use crate::geom::Aabb;
+use crate::render::Aov;
 use crate::scene::recipe::View;
 use crate::scene::{Camera, Distortion, Intrinsics, NamedCamera};
 use anyhow::{Context, Result, bail, ensure};
@@ -241,6 +243,9 @@ pub fn write_transforms(args: &RenderArgs, animation: &Animation, frames: &[Fram
         let mut entry = lens_entry(&k);
         let matrix = camera.to_world()?.transpose().to_cols_array_2d();
         entry["file_path"] = json!(file_name(&file));
+        if let [_, depth, ..] = &picture_files(&file, [Aov::Z.name()], false)?[..] {
+            entry["depth_file_path"] = json!(file_name(depth));
+        }
         entry["transform_matrix"] = json!(matrix);
         entries.push(entry);
     }
