@@ -89,7 +89,7 @@ impl Shader for Adaptive {
         let Some(hit) = hit else { return single::sky(cx.lights(), ray.direction.into()).0 };
         let (material, at) = cx.surface(&ray, &hit);
         let bsdf = Bsdf::new(cx.scene(), &material.surface, &at, SMOOTHNESS);
-        let mut radiance = single::emission(cx.scene(), material.emission.as_ref(), at.uv, at.front);
+        let mut radiance = single::emission(cx.scene(), material.emission.as_ref(), &at);
         if !bsdf.is_smooth() {
             radiance += self.direct_light(cx, &at, &bsdf, number).await;
         }

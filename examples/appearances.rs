@@ -26,7 +26,7 @@ const CHANGES: [(&str, Change); 5] = [
     ("another material", |s| s.materials[0] = Material::matte("red", Vec3::new(0.8, 0.1, 0.1))),
     ("a material begins to emit", |s| {
         let radiance = Colour::constant(Vec3::ONE);
-        s.materials[0].emission = Some(Emission { radiance, two_sided: true });
+        s.materials[0].emission = Some(Emission { radiance, two_sided: true, is_light: true });
     }),
     ("another light", |s| {
         let shape = LightShape::Point { position: s.bounds().centre() };

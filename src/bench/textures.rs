@@ -231,7 +231,7 @@ mod tests {
         });
         let texture = TextureRef::plain(0);
         let surface = Principled {
-            base_colour: Colour { factor: Vec3::splat(0.5), texture: Some(texture) },
+            base_colour: Colour { texture: Some(texture), ..Colour::constant(Vec3::splat(0.5)) },
             roughness: Scalar { factor: 1.0, texture: Some((texture, Channel::B)) },
             ..Principled::default()
         };

@@ -44,7 +44,8 @@ fn is_list_of_numbers(text: &str) -> bool {
 }
 
 fn is_dark(scene: &Scene) -> bool {
-    let emits = |material: &u32| scene.materials[*material as usize].emission.is_some();
+    let emission = |material: &u32| scene.materials[*material as usize].emission;
+    let emits = |material: &u32| emission(material).is_some_and(|emission| emission.is_light);
     matches!(scene.environment, Environment::Constant(Vec3::ZERO))
         && scene.lights.is_empty()
         && !scene.mesh.materials.iter().any(emits)

@@ -37,6 +37,7 @@ pub fn run(args: &MeshArgs) -> Result<()> {
         ("vertices", 3, Values::F32(bytemuck::cast_slice(&mesh.positions))),
         ("normals", 3, Values::F32(bytemuck::cast_slice(&mesh.normals))),
         ("uvs", 2, Values::F32(bytemuck::cast_slice(&mesh.uvs))),
+        ("colours", 4, Values::F32(bytemuck::cast_slice(&mesh.colours))),
         ("triangles", 3, Values::U32(mesh.triangles.as_flattened())),
         ("material", 0, Values::U32(&mesh.materials)),
         ("emission", 3, Values::F32(emission.as_flattened())),
@@ -65,6 +66,9 @@ pub fn run(args: &MeshArgs) -> Result<()> {
         mesh.positions.len(),
         mesh.triangles.len()
     );
+    if !scene.variants.is_empty() {
+        stdout_line!("variants: {}", scene.variants.join(", "));
+    }
     Ok(())
 }
 

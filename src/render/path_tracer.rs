@@ -311,7 +311,7 @@ impl Shading<'_, '_> {
         }
         let (mut shines, mut light) = (Mask::splat(t.lanes(), false), Vector::zero(t.lanes()));
         if let Some(emission) = &material.emission {
-            let emitted = lookup::emission(scene, emission, at.uv, &at.footprint, at.front);
+            let emitted = lookup::emission(scene, emission, &at.texture, at.front);
             shines = lanes & !emitted.is_zero();
             if shines.any() {
                 let cosine = at.normal.dot(at.wo);
@@ -362,7 +362,7 @@ impl Shading<'_, '_> {
     ) -> Mask<L> {
         let sampler = Sampler::of(state.pixel, state.sample, self.frame.settings().seed);
         let (pdf, may) = pass_through::passed(state.pdf);
-        let lanes = lanes & may & pass_through::passes(opacity, &sampler, state.depth, at.hits.primitive);
+        let lanes = lanes & may & pass_through::passes(opacity, &sampler, state.depth, at.texture.primitive);
         let states = States { pdf, ..*state }.rows(lanes);
         let onwards = -at.wo;
         NewRays::new(at.origin(at.position, onwards), onwards).emit(

@@ -260,7 +260,7 @@ impl<'a> SurfaceHit<'a> {
 
     /// The radiance that the surface emits towards the ray's origin.
     pub fn emitted(&self) -> Vec3 {
-        let constant = single::emission(self.scene, self.material.emission.as_ref(), self.uv, self.front);
+        let constant = single::emission(self.scene, self.material.emission.as_ref(), &self.at);
         constant + self.at.computed_emission(self.scene, self.material)
     }
 

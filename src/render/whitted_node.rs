@@ -66,7 +66,7 @@ impl<'a, L: Lanes> Node<'a, L> {
         let at = Interaction::new(scene, material, direction, hits, cone.at(hits.t).width);
         let mut emitted = match &material.emission {
             None => Vector::zero(direction.lanes()),
-            Some(emission) => lookup::emission(scene, emission, at.uv, &at.footprint, at.front),
+            Some(emission) => lookup::emission(scene, emission, &at.texture, at.front),
         };
         if let Some(computed) = at.computed_emission(scene, material) {
             emitted += computed;

@@ -31,13 +31,13 @@ pub(crate) fn vectors<L: Lanes>(table: &[glam::Vec3], indices: &[Int<L>; 3]) -> 
     ]
 }
 
-/// Mesh texture coordinates of the corners; zero if the mesh has none.
+/// Texture coordinates of the corners ([`Mesh::uv_set`]); zero without any.
 #[inline(always)]
-pub(crate) fn corner_uvs<L: Lanes>(mesh: &Mesh, indices: &[Int<L>; 3]) -> [[Num<L>; 2]; 3] {
-    if mesh.uvs.is_empty() {
+pub(crate) fn corner_uvs<L: Lanes>(uvs: &[glam::Vec2], indices: &[Int<L>; 3]) -> [[Num<L>; 2]; 3] {
+    if uvs.is_empty() {
         return [[Num::splat(indices[0].lanes(), 0.0); 2]; 3];
     }
-    let table: &[f32] = bytemuck::cast_slice(&mesh.uvs);
+    let table: &[f32] = bytemuck::cast_slice(uvs);
     let [a, b, c] = *indices;
     [a.rows_of(table), b.rows_of(table), c.rows_of(table)]
 }

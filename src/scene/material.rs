@@ -3,19 +3,26 @@
 use super::{Channel, Medium, Principled, TextureRef};
 use glam::Vec3;
 
-/// A colour: a factor, multiplied by a texture's RGB if there is a texture.
+/// A colour: a factor, multiplied by a texture's RGB if there is a texture, and by the mesh's colours if they count.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Colour {
     /// Linear Rec. 709. The range depends on the use.
     pub factor: Vec3,
     /// Its linear RGB multiplies the factor.
     pub texture: Option<TextureRef>,
+    /// Whether the RGB of [`super::Mesh::colours`] multiplies the factor, too.
+    pub vertex: bool,
 }
 
 impl Colour {
     /// A colour without a texture.
     pub fn constant(factor: Vec3) -> Self {
-        Self { factor, texture: None }
+        Self { factor, texture: None, vertex: false }
+    }
+
+    /// Whether the colour is the same everywhere.
+    pub fn is_constant(&self) -> bool {
+        self.texture.is_none() && !self.vertex
     }
 }
 
@@ -75,6 +82,9 @@ pub struct Emission {
     pub radiance: Colour,
     /// Whether the back emits too. The front is the side from which the corners are counter-clockwise.
     pub two_sided: bool,
+    /// Whether the surface is meant to light others. Light sampling then chooses its triangles. The light of other
+    /// surfaces (KHR_materials_unlit) is seen, and rays find it by chance.
+    pub is_light: bool,
 }
 
 /// A tangent-space normal map, as glTF's `normalTexture`.
@@ -115,11 +125,13 @@ pub struct Alpha {
     pub mode: AlphaMode,
     /// Alpha, 0..=1. A texture's alpha is linear.
     pub value: Scalar,
+    /// Whether the alpha of [`super::Mesh::colours`] multiplies the value.
+    pub vertex: bool,
 }
 
 impl Default for Alpha {
     fn default() -> Self {
-        Self { mode: AlphaMode::Opaque, value: Scalar::constant(1.0) }
+        Self { mode: AlphaMode::Opaque, value: Scalar::constant(1.0), vertex: false }
     }
 }
 
@@ -144,6 +156,12 @@ impl Material {
     /// The material of triangles without one: matte grey, albedo 0.8.
     pub fn fallback() -> Self {
         Self::matte("default", Vec3::splat(0.8))
+    }
+
+    /// The material of coloured triangles without one: matte, of the colours of the mesh.
+    pub fn vertex_coloured() -> Self {
+        let reflectance = Colour { vertex: true, ..Colour::constant(Vec3::ONE) };
+        Self { surface: Surface::Matte { reflectance }, ..Self::fallback() }
     }
 
     /// A matte surface of the given albedo, 0..=1.

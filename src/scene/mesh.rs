@@ -1,5 +1,7 @@
 //! The triangle mesh.
 
+#[cfg(doc)]
+use super::TextureRef;
 use crate::geom::{Aabb, MAX_COORDINATE};
 use glam::{DVec3, Vec2, Vec3, Vec4};
 use rayon::prelude::*;
@@ -16,6 +18,12 @@ pub struct Mesh {
     /// Texture coordinates, one pair per vertex. (0, 0) is at the *first row* of an image (glTF's convention; the OBJ
     /// loader flips v). Either empty or as long as `positions`.
     pub uvs: Vec<Vec2>,
+    /// Further sets of texture coordinates: `more_uvs[k]` is set `k + 1` of [`TextureRef::set`], and `uvs` is set 0.
+    /// Each is either empty or as long as `positions`; all are empty if `uvs` is.
+    pub more_uvs: Vec<Vec<Vec2>>,
+    /// Colours, one per vertex: linear Rec. 709 and alpha, 0..=1. Materials whose colours say so
+    /// ([`super::Colour::vertex`]) are multiplied by them. Either empty or as long as `positions`.
+    pub colours: Vec<Vec4>,
     /// Tangents, one per vertex, as in glTF (w is the handedness). Either empty or as long as `positions`. A zero
     /// vector means that the vertex has no tangent, which is then derived from the texture coordinates.
     pub tangents: Vec<Vec4>,
@@ -114,8 +122,10 @@ impl Mesh {
 
     /// Bytes of all attributes and indices.
     pub fn bytes(&self) -> usize {
-        let Self { positions, normals, uvs, tangents, triangles, materials } = self;
+        let Self { positions, normals, uvs, more_uvs, colours, tangents, triangles, materials } = self;
+        let more_uvs: usize = more_uvs.iter().map(|uvs| size_of_val(&**uvs)).sum();
         let attributes = size_of_val(&**normals) + size_of_val(&**uvs) + size_of_val(&**tangents);
+        let attributes = attributes + more_uvs + size_of_val(&**colours);
         size_of_val(&**positions) + attributes + size_of_val(&**triangles) + size_of_val(&**materials)
     }
 
@@ -126,13 +136,32 @@ impl Mesh {
         [self.positions[a as usize], self.positions[b as usize], self.positions[c as usize]]
     }
 
-    /// Texture coordinates at barycentric (`u`, `v`). Zero if the mesh has none.
-    pub fn uv_at(&self, primitive: u32, u: f32, v: f32) -> Vec2 {
-        if self.uvs.is_empty() {
+    /// The texture coordinates of a set ([`TextureRef::set`]); empty if the mesh has none.
+    #[inline(always)]
+    pub fn uv_set(&self, set: u32) -> &[Vec2] {
+        match set.checked_sub(1) {
+            None => &self.uvs,
+            Some(further) => self.more_uvs.get(further as usize).map_or(&[], |uvs| uvs),
+        }
+    }
+
+    /// Texture coordinates of a set at barycentric (`u`, `v`). Zero if the mesh has none.
+    pub fn uv_at(&self, set: u32, primitive: u32, u: f32, v: f32) -> Vec2 {
+        let uvs = self.uv_set(set);
+        if uvs.is_empty() {
             return Vec2::ZERO;
         }
         let [a, b, c] = self.triangles[primitive as usize];
-        let [a, b, c] = [self.uvs[a as usize], self.uvs[b as usize], self.uvs[c as usize]];
+        let [a, b, c] = [uvs[a as usize], uvs[b as usize], uvs[c as usize]];
+        a * (1.0 - u - v) + b * u + c * v
+    }
+
+    /// Colour and alpha at barycentric (`u`, `v`). White and opaque if the mesh has none.
+    pub fn colour_at(&self, primitive: u32, u: f32, v: f32) -> Vec4 {
+        if self.colours.is_empty() {
+            return Vec4::ONE;
+        }
+        let [a, b, c] = self.triangles[primitive as usize].map(|vertex| self.colours[vertex as usize]);
         a * (1.0 - u - v) + b * u + c * v
     }
 
@@ -155,10 +184,16 @@ impl Mesh {
             ("normals", self.normals.len()),
             ("texture coordinates", self.uvs.len()),
             ("tangents", self.tangents.len()),
+            ("colours", self.colours.len()),
         ] {
             if found != 0 && found != expected {
                 return Err(MeshError::Attribute { attribute, found, expected });
             }
+        }
+        let expected_uvs = self.uvs.len();
+        if let Some(uvs) = self.more_uvs.iter().find(|uvs| !uvs.is_empty() && uvs.len() != expected_uvs) {
+            let attribute = "a further set of texture coordinates";
+            return Err(MeshError::Attribute { attribute, found: uvs.len(), expected: expected_uvs });
         }
         if self.materials.len() != self.triangles.len() {
             return Err(MeshError::Attribute {
@@ -177,6 +212,10 @@ impl Mesh {
         check_finite("normals", &self.normals)?;
         check_finite("texture coordinates", &self.uvs)?;
         check_finite("tangents", &self.tangents)?;
+        check_finite("colours", &self.colours)?;
+        for uvs in &self.more_uvs {
+            check_finite("a further set of texture coordinates", uvs)?;
+        }
         check_indices(&self.triangles, expected)?;
         if let Some(triangle) = first_outside(&self.materials, |&m| (m as usize) < materials) {
             return Err(MeshError::Material {

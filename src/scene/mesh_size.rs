@@ -12,6 +12,9 @@ pub(crate) struct MeshSize {
     pub(crate) normals: bool,
     pub(crate) uvs: bool,
     pub(crate) tangents: bool,
+    pub(crate) colours: bool,
+    /// Sets of texture coordinates beyond the first.
+    pub(crate) more_uvs: u32,
 }
 
 impl MeshSize {
@@ -19,6 +22,7 @@ impl MeshSize {
     pub(crate) fn bytes(&self) -> u64 {
         let part = |is_there: bool, bytes: u64| if is_there { bytes } else { 0 };
         let vertex = 12 + part(self.normals, 12) + part(self.uvs, 8) + part(self.tangents, 16);
+        let vertex = vertex + part(self.colours, 16) + 8 * u64::from(self.more_uvs);
         self.vertices.saturating_mul(vertex).saturating_add(self.triangles.saturating_mul(16))
     }
 
@@ -42,6 +46,13 @@ impl MeshSize {
             if self.tangents {
                 mesh.tangents.try_reserve_exact(vertices)?;
             }
+            if self.colours {
+                mesh.colours.try_reserve_exact(vertices)?;
+            }
+            mesh.more_uvs.resize(mesh.more_uvs.len().max(self.more_uvs as usize), Vec::new());
+            for uvs in &mut mesh.more_uvs {
+                uvs.try_reserve_exact(vertices)?;
+            }
             Ok(())
         };
         reserve().map_err(|_| OutOfMemory::Refused { what: self.to_string(), needed: self.bytes() })
@@ -55,6 +66,18 @@ impl std::ops::AddAssign for MeshSize {
         self.normals |= other.normals;
         self.uvs |= other.uvs;
         self.tangents |= other.tangents;
+        self.colours |= other.colours;
+        self.more_uvs = self.more_uvs.max(other.more_uvs);
+    }
+}
+
+/// As many copies.
+impl std::ops::Mul<u64> for MeshSize {
+    type Output = Self;
+
+    fn mul(self, copies: u64) -> Self {
+        let [vertices, triangles] = [self.vertices, self.triangles].map(|n| n.saturating_mul(copies));
+        Self { vertices, triangles, ..self }
     }
 }
 

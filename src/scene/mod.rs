@@ -37,6 +37,7 @@ mod shared;
 mod srgb;
 mod surface_field;
 mod texture;
+mod texture_point;
 mod validate;
 
 pub(crate) use camera::Pinhole;
@@ -76,6 +77,7 @@ pub use shared::Shared;
 pub use surface_field::{FieldType, SurfaceField};
 pub(crate) use texture::taps;
 pub use texture::{Channel, ColourSpace, Texture, TextureRef, Wrap};
+pub use texture_point::TexturePoint;
 pub use validate::{SceneError, ScenePart};
 
 use crate::geom::Aabb;
@@ -128,6 +130,9 @@ pub struct Scene {
     pub options: BTreeMap<String, String>,
     /// Features of the file that the loader ignored or changed, one sentence each.
     pub warnings: Vec<String>,
+    /// The material variants of the file (KHR_materials_variants), of which [`load::LoadOptions::with_variant`]
+    /// chooses one.
+    pub variants: Vec<String>,
     /// The files that the scene's file names and the loader read or looked for: material libraries, buffers, textures.
     pub files: Vec<PathBuf>,
 }
@@ -185,11 +190,12 @@ impl Scene {
         let material = &self.materials[self.mesh.materials[primitive as usize] as usize];
         let alpha = || {
             let texel = material.alpha.value.texture.map_or(1.0, |(texture, channel)| {
-                let uv = self.mesh.uv_at(primitive, u, v).to_array().map(Num::from);
+                let uv = self.mesh.uv_at(texture.set, primitive, u, v).to_array().map(Num::from);
                 let point = Footprint::point(uv[0].lanes());
                 self.textures[texture.texture as usize].channel(channel, texture.transform(uv), &point).get()
             });
-            material.alpha.value.factor * texel
+            let alpha = material.alpha.value.factor * texel;
+            if material.alpha.vertex { alpha * self.mesh.colour_at(primitive, u, v).w } else { alpha }
         };
         match material.alpha.mode {
             AlphaMode::Opaque => true,

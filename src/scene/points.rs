@@ -2,7 +2,7 @@
 
 use super::corners::{self, Weights, blend, corner_uvs, tangent_basis, vectors};
 use super::erased_lanes::{LaneColumns, LaneValue};
-use super::{FieldType, Footprint, Scene, SurfaceField, TextureRef};
+use super::{FieldType, Footprint, Scene, SurfaceField, TexturePoint, TextureRef};
 use crate::geom::Basis;
 use crate::lanes::{Int, Lanes, Mask, Num, Vector};
 
@@ -91,6 +91,10 @@ points! {
         footprint: F32 as Num<L>, "texture coordinates", "at least 0",
             "Side of the square that the ray's cone covers in the texture; textures are filtered by it.",
             Points::footprint_here;
+        vertex_colour: Vec3f as Vector<L>, "linear Rec. 709", "0 to 1",
+            "Colour of the mesh's vertices, blended; white without any.", Points::vertex_colour_here;
+        vertex_alpha: F32 as Num<L>, "1", "0 to 1", "Alpha of the mesh's vertices, blended; 1 without any.",
+            Points::vertex_alpha_here;
         object: U32 as Int<L>, "index", "below the number of objects, or 4294967295 if the triangle has none",
             "The object in the scene's object table; each instance is an object of its own.", Points::object_here;
     }
@@ -127,18 +131,30 @@ impl<L: Lanes> Points<'_, L> {
     /// If the scene has no such texture.
     #[inline(always)]
     pub fn texture(&self, texture: &TextureRef) -> [Num<L>; 4] {
-        let image = &self.scene.textures[texture.texture as usize];
-        image.look_up(texture.transform(self.uv), &texture.scaled(&self.texture_footprint()))
+        TexturePoint { footprint: self.texture_footprint(), ..self.texture_point() }
+            .look_up(self.scene, texture)
     }
 
-    /// The footprint that [`Points::texture`] uses.
+    /// The points without their footprint.
+    #[inline(always)]
+    fn texture_point(&self) -> TexturePoint<L> {
+        let point = TexturePoint::without_width(self.uv, self.primitive, self.barycentric);
+        TexturePoint {
+            width: self.width,
+            cosine: self.wo.dot(self.geometric_normal),
+            area: self.area,
+            ..point
+        }
+    }
+
+    /// The footprint that [`Points::texture`] uses for textures of the first set of texture coordinates.
     #[inline(always)]
     pub fn texture_footprint(&self) -> Footprint<L> {
         let mesh = &self.scene.mesh;
         if mesh.uvs.is_empty() {
             return Footprint::point(self.lanes());
         }
-        let uvs = corner_uvs(mesh, &corners::indices(mesh, self.primitive));
+        let uvs = corner_uvs(&mesh.uvs, &corners::indices(mesh, self.primitive));
         let cosine = self.wo.dot(self.geometric_normal);
         Footprint::of_cone(self.width, cosine, self.area * 2.0, &uvs, self.barycentric)
     }
@@ -157,7 +173,7 @@ impl<L: Lanes> Points<'_, L> {
             outside = Mask::select(side.is_zero(), outside, side.above(0.0));
         }
         let outward = Vector::select(outside, self.normal, -self.normal);
-        let (corners, uvs) = (vectors(&mesh.positions, &indices), corner_uvs(mesh, &indices));
+        let (corners, uvs) = (vectors(&mesh.positions, &indices), corner_uvs(&mesh.uvs, &indices));
         let (basis, there) = tangent_basis(mesh, &indices, &corners, &uvs, &weights, outward);
         let any = Basis::around(self.normal);
         Basis {
@@ -180,6 +196,18 @@ impl<L: Lanes> Points<'_, L> {
     #[inline(always)]
     fn footprint_here(&self) -> Num<L> {
         self.texture_footprint().width
+    }
+
+    #[inline(always)]
+    fn vertex_colour_here(&self) -> Vector<L> {
+        let [r, g, b, _] = self.texture_point().vertex_colour(&self.scene.mesh);
+        Vector::new(r, g, b)
+    }
+
+    #[inline(always)]
+    fn vertex_alpha_here(&self) -> Num<L> {
+        let [_, _, _, alpha] = self.texture_point().vertex_colour(&self.scene.mesh);
+        alpha
     }
 
     #[inline(always)]

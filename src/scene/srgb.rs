@@ -5,12 +5,28 @@ use std::sync::OnceLock;
 /// The linear value of each byte.
 pub(super) fn table() -> &'static [f32; 256] {
     static TABLE: OnceLock<[f32; 256]> = OnceLock::new();
-    TABLE.get_or_init(|| {
-        std::array::from_fn(|i| {
-            let v = i as f64 / 255.0;
-            (if v <= 0.04045 { v / 12.92 } else { libm::pow((v + 0.055) / 1.055, 2.4) }) as f32
-        })
-    })
+    TABLE.get_or_init(|| std::array::from_fn(|i| light(i as f64 / 255.0)))
+}
+
+/// The linear value of a coded value from 0 to 1 (IEC 61966-2-1).
+fn light(v: f64) -> f32 {
+    (if v <= 0.04045 { v / 12.92 } else { libm::pow((v + 0.055) / 1.055, 2.4) }) as f32
+}
+
+/// A colour of floats as linear light, with its alpha. Components are clamped to 0..=1, and NaN counts as 0.
+#[cfg(feature = "formats")]
+pub(super) fn decoded(colour: [f32; 4]) -> glam::Vec4 {
+    // The comparison fails for NaN.
+    let [r, g, b, alpha] = colour.map(|value| if value > 0.0 { value.min(1.0) } else { 0.0 });
+    let linear = |value: f32| {
+        let byte = (value * 255.0).round();
+        if (byte / 255.0).to_bits() == value.to_bits() {
+            table()[byte as usize]
+        } else {
+            light(f64::from(value))
+        }
+    };
+    glam::Vec4::new(linear(r), linear(g), linear(b), alpha)
 }
 
 /// The byte whose linear value is nearest.

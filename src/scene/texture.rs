@@ -83,6 +83,8 @@ pub struct Texture {
 pub struct TextureRef {
     /// Index into [`crate::scene::Scene::textures`].
     pub texture: u32,
+    /// The set of the mesh's texture coordinates ([`super::Mesh::uv_set`]).
+    pub set: u32,
     /// Offset in texture coordinates, added after scale and rotation.
     pub offset: Vec2,
     /// Rotation in radians, counter-clockwise in uv, applied after the scale.
@@ -94,7 +96,7 @@ pub struct TextureRef {
 impl TextureRef {
     /// A reference without a transform.
     pub fn plain(texture: u32) -> Self {
-        Self { texture, offset: Vec2::ZERO, rotation: 0.0, scale: Vec2::ONE }
+        Self { texture, set: 0, offset: Vec2::ZERO, rotation: 0.0, scale: Vec2::ONE }
     }
 
     /// Transforms the mesh's texture coordinates.
@@ -162,7 +164,7 @@ impl Texture {
     }
 
     #[cfg_attr(not(unoptimised), inline(always))]
-    fn filter<L: Lanes>(&self, [u, v]: [Num<L>; 2], footprint: &Footprint<L>) -> [Num<L>; 4] {
+    pub(super) fn filter<L: Lanes>(&self, [u, v]: [Num<L>; 2], footprint: &Footprint<L>) -> [Num<L>; 4] {
         let l = u.lanes();
         let mut first = Int::splat(l, 0);
         let (mut width, mut height) = (Int::splat(l, self.width), Int::splat(l, self.height));

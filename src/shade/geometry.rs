@@ -46,9 +46,9 @@ pub struct Geometry<L: Lanes> {
     pub vertex_normals: [Vector<L>; 3],
     /// Lanes whose `wo` is outside of the body.
     pub outside: Mask<L>,
-    /// Texture coordinates of the corners, zero if the mesh has none.
+    /// Texture coordinates of the corners in set 0, zero if the mesh has none.
     pub corner_uvs: [[Num<L>; 2]; 3],
-    /// Texture coordinates of the hits.
+    /// Texture coordinates of the hits in set 0.
     pub uv: [Num<L>; 2],
 }
 
@@ -76,7 +76,7 @@ impl<L: Lanes> Geometry<L> {
             outward = Vector::select(smooth, outward, winding);
         }
         let outside = (wo.dot(winding) * outward.dot(winding)).ge(Num::splat(l, 0.0));
-        let corner_uvs = corner_uvs(mesh, &indices);
+        let corner_uvs = corner_uvs(&mesh.uvs, &indices);
         let uv = blend_uvs(&corner_uvs, &weights);
         Self {
             indices,
@@ -108,11 +108,11 @@ impl<L: Lanes> Geometry<L> {
     }
 }
 
-/// Mesh texture coordinates of hits.
+/// Mesh texture coordinates of hits, in set 0.
 #[cfg_attr(not(unoptimised), inline(always))]
 pub fn mesh_uv<L: Lanes>(mesh: &Mesh, hits: &Hits<L>) -> [Num<L>; 2] {
     let indices = indices(mesh, hits.primitive);
-    blend_uvs(&corner_uvs(mesh, &indices), &[1.0 - hits.u - hits.v, hits.u, hits.v])
+    blend_uvs(&corner_uvs(&mesh.uvs, &indices), &[1.0 - hits.u - hits.v, hits.u, hits.v])
 }
 
 /// Raises `position` to the surface that the vertex normals suggest. Where the point lies under the tangent

@@ -4,9 +4,10 @@ use super::geometry::{Geometry, Hits};
 use super::normals::{MIN_COSINE, bend_where, map_normal, rough_direction};
 use crate::geom::Basis;
 use crate::lanes::{Lanes, Mask, Num, OutlinedTask, Prefetch, Vector};
-use crate::scene::corners::tangent_basis;
+use crate::scene::corners::{corner_uvs, tangent_basis};
 use crate::scene::{
     Anisotropy, Finish, Footprint, Material, Mesh, NormalMap, Points, ProceduralSurface, Scene, Surface,
+    TexturePoint, TextureRef,
 };
 use crate::stream::Hit;
 
@@ -26,10 +27,8 @@ pub struct Interaction<L: Lanes> {
     pub basis: Basis<L>,
     /// The shape of the coats where their normals differ from those of the layers below.
     pub coat: Option<CoatShape<L>>,
-    /// Mesh texture coordinates.
-    pub uv: [Num<L>; 2],
-    /// Size of the area that the rays' cones cover.
-    pub footprint: Footprint<L>,
+    /// Where the inputs of the material are looked up.
+    pub texture: TexturePoint<L>,
     /// Lanes that are hit on the front: `wo` is on the side from which the triangle's vertices run
     /// counter-clockwise.
     pub front: Mask<L>,
@@ -39,12 +38,6 @@ pub struct Interaction<L: Lanes> {
     /// The finish of a procedural surface that emits light, computes opacity or bends normals. For other surfaces
     /// [`super::Bsdf::new`] computes what it needs.
     pub finish: Option<Finish<L>>,
-    /// Diameter of the rays' [`super::Cone`]s.
-    pub width: Num<L>,
-    /// Area of the triangle.
-    pub area: Num<L>,
-    /// The triangle and the barycentric weights of its second and third corner.
-    pub hits: Hits<L>,
     /// Start of scattered rays (not mirrored or refracted ones): `position` raised to the surface that the
     /// vertex normals suggest. The edges of a smooth body of few triangles then cast no shadows on it (Hanika
     /// 2021, *Hacking the Shadow Terminator*).
@@ -74,18 +67,21 @@ impl<L: Lanes> Interaction<L> {
         width: Num<L>,
     ) -> Self {
         let at = Geometry::new(&scene.mesh, direction, hits);
-        let mut footprint = if scene.mesh.uvs.is_empty() || scene.textures.is_empty() {
-            Footprint::point(direction.lanes())
-        } else {
+        let (barycentric, area) = ([hits.u, hits.v], at.plane.twice_area * 0.5);
+        let mut texture = TexturePoint::without_width(at.uv, hits.primitive, barycentric);
+        (texture.width, texture.area) = (width, area);
+        if !scene.mesh.uvs.is_empty() && !scene.textures.is_empty() {
             let cosine = at.wo.dot(at.plane.normal);
-            Footprint::of_cone(width, cosine, at.plane.twice_area, &at.corner_uvs, [hits.u, hits.v])
-        };
+            texture.footprint =
+                Footprint::of_cone(width, cosine, at.plane.twice_area, &at.corner_uvs, barycentric);
+            texture.cosine = cosine;
+        }
         let maps = Maps::of(material);
         let tangents = maps.tangents(scene, &at);
-        let basis = shading_basis(scene, material, &at, maps.anisotropy, tangents.as_ref(), &mut footprint);
+        let basis = shading_basis(scene, material, &at, maps.anisotropy, tangents.as_ref(), &mut texture);
         // No closure: the compiler might not inline it.
         let coat = match maps.coat {
-            Some(map) => Some(coat_shape(scene, map, &at, tangents.as_ref(), &footprint, &basis)),
+            Some(map) => Some(coat_shape(scene, map, &at, tangents.as_ref(), &texture, &basis)),
             None => None,
         };
         let mut new = Self {
@@ -95,11 +91,7 @@ impl<L: Lanes> Interaction<L> {
             basis,
             coat,
             finish: None,
-            width,
-            area: at.plane.twice_area * 0.5,
-            hits: *hits,
-            uv: at.uv,
-            footprint,
+            texture,
             front: at.front,
             outside: at.outside,
             raised: at.raised(),
@@ -128,11 +120,11 @@ impl<L: Lanes> Interaction<L> {
             normal: self.basis.normal,
             geometric_normal: self.normal,
             wo: self.wo,
-            uv: self.uv,
-            barycentric: [self.hits.u, self.hits.v],
-            width: self.width,
-            area: self.area,
-            primitive: self.hits.primitive,
+            uv: self.texture.uv,
+            barycentric: self.texture.barycentric,
+            width: self.texture.width,
+            area: self.texture.area,
+            primitive: self.texture.primitive,
             front: self.front,
             scene,
         }
@@ -215,18 +207,27 @@ struct Maps<'a> {
     /// `None` if the coats share the material's normals. Otherwise the coats' own normal map, or `Some(None)`
     /// if they have no map.
     coat: Option<Option<&'a NormalMap>>,
+    /// The set of texture coordinates along which the tangents lie where the mesh has none of its own: that of the
+    /// first map of the three.
+    set: u32,
 }
 
 impl<'a> Maps<'a> {
     #[cfg_attr(not(unoptimised), inline(always))]
     fn of(material: &'a Material) -> Self {
-        let normal = material.normal_map.is_some();
+        let set = |map: &NormalMap| map.texture.set;
+        let (normal, mut sets) = (material.normal_map.is_some(), material.normal_map.as_ref().map(set));
         let Surface::Principled(surface) = &material.surface else {
-            return Self { normal, anisotropy: None, coat: None };
+            return Self { normal, anisotropy: None, coat: None, set: sets.unwrap_or(0) };
         };
         let own_coat = surface.has_coats() && surface.coat_normal_map != material.normal_map;
         let coat = if own_coat { Some(surface.coat_normal_map.as_ref()) } else { None };
-        Self { normal, anisotropy: surface.anisotropy.as_ref(), coat }
+        let anisotropy = surface.anisotropy.as_ref();
+        if sets.is_none() {
+            let direction = |grooves: &Anisotropy| grooves.direction.map(|TextureRef { set, .. }| set);
+            sets = coat.flatten().map(set).or_else(|| anisotropy.and_then(direction));
+        }
+        Self { normal, anisotropy, coat, set: sets.unwrap_or(0) }
     }
 
     /// The tangent bases and the lanes that have one; `None` if no map needs them.
@@ -235,12 +236,19 @@ impl<'a> Maps<'a> {
         if !self.normal && self.anisotropy.is_none() && !matches!(self.coat, Some(Some(_))) {
             return None;
         }
-        Some(tangent_basis(&scene.mesh, &at.indices, &at.corners, &at.corner_uvs, &at.weights, at.outward))
+        let set = self.set;
+        let further;
+        let mut uvs = &at.corner_uvs;
+        if set != 0 {
+            further = corner_uvs(scene.mesh.uv_set(set), &at.indices);
+            uvs = &further;
+        }
+        Some(tangent_basis(&scene.mesh, &at.indices, &at.corners, uvs, &at.weights, at.outward))
     }
 }
 
 /// The shading bases: around the interpolated or mapped normals, bent where necessary. On anisotropic
-/// surfaces the x axis is the rougher direction. Sets the footprint's bumps.
+/// surfaces the x axis is the rougher direction. Sets the bumps of the footprint.
 #[cfg_attr(not(unoptimised), inline(always))]
 fn shading_basis<L: Lanes>(
     scene: &Scene,
@@ -248,20 +256,20 @@ fn shading_basis<L: Lanes>(
     at: &Geometry<L>,
     anisotropy: Option<&Anisotropy>,
     tangents: Option<&(Basis<L>, Mask<L>)>,
-    footprint: &mut Footprint<L>,
+    texture: &mut TexturePoint<L>,
 ) -> Basis<L> {
     let (mut shading, mut bent) = (at.outward, at.smooth);
     if let (Some(map), Some((basis, there))) = (&material.normal_map, tangents) {
-        let (mapped, bumps) = map_normal(scene, map, at.uv, footprint, basis);
+        let (mapped, bumps) = map_normal(scene, map, texture, basis);
         shading = Vector::select(*there, mapped, at.outward);
-        footprint.bumps = bumps.only(*there);
+        texture.footprint.bumps = bumps.only(*there);
         bent |= *there;
     }
     let matte = matches!(material.surface, Surface::Matte { .. });
     let shading = bend_where(shading, bent, at.normal, at.wo, matte);
     let basis = Basis::around(shading);
     let (Some(anisotropy), Some((tangents, there))) = (anisotropy, tangents) else { return basis };
-    let x = rough_direction(scene, anisotropy, at.uv, footprint, tangents);
+    let x = rough_direction(scene, anisotropy, texture, tangents);
     let (tangent, along) = (x - shading * x.dot(shading)).normalize_or(basis.tangent);
     let rough = Basis { tangent, bitangent: shading.cross(tangent), normal: shading };
     Basis::select(along & *there, rough, basis)
@@ -274,12 +282,12 @@ fn coat_shape<L: Lanes>(
     map: Option<&NormalMap>,
     at: &Geometry<L>,
     tangents: Option<&(Basis<L>, Mask<L>)>,
-    footprint: &Footprint<L>,
+    texture: &TexturePoint<L>,
     basis: &Basis<L>,
 ) -> CoatShape<L> {
     let (mut normal, mut bumps, mut bent) = (at.outward, Num::zero(at.wo.lanes()), at.smooth);
     if let (Some(map), Some((tangents, there))) = (map, tangents) {
-        let (mapped, rough) = map_normal(scene, map, at.uv, footprint, tangents);
+        let (mapped, rough) = map_normal(scene, map, texture, tangents);
         normal = Vector::select(*there, mapped, at.outward);
         bumps = rough.only(*there);
         bent |= *there;

@@ -3,7 +3,7 @@
 use super::{Hits, geometry, lookup};
 use crate::geom::{mix_lanes, unit};
 use crate::lanes::{Lanes, Mask, SingleLane};
-use crate::scene::{Footprint, Scene, Surface};
+use crate::scene::{Scene, Surface, TexturePoint};
 use crate::stream::Hit;
 
 /// Makes the choice independent of that of [`Scene::alpha_accepts`].
@@ -14,8 +14,8 @@ const SALT: u32 = 0x1f83_d9ab;
 #[inline(always)]
 pub(super) fn is_second<L: Lanes>(scene: &Scene, mix: u32, hits: &Hits<L>) -> Mask<L> {
     let uv = geometry::mesh_uv(&scene.mesh, hits);
-    let point = Footprint::point(hits.u.lanes());
-    let share = lookup::share(scene, &scene.mixes[mix as usize].share, uv, &point);
+    let point = TexturePoint::without_width(uv, hits.primitive, [hits.u, hits.v]);
+    let share = lookup::share(scene, &scene.mixes[mix as usize].share, &point);
     let bits = mix_lanes(hits.v.to_bits() ^ crate::geom::mix(mix ^ SALT));
     let bits = mix_lanes(hits.primitive ^ mix_lanes(hits.u.to_bits() ^ bits));
     unit(bits).lt(share)

@@ -3,7 +3,9 @@
 
 use crate::geom::Basis;
 use crate::lanes::{Lanes, Mask, Num, Vector};
-use crate::scene::{Anisotropy, Footprint, NormalMap, Scene};
+#[cfg(doc)]
+use crate::scene::Footprint;
+use crate::scene::{Anisotropy, NormalMap, Scene, TexturePoint};
 
 /// Least cosine between the shading normal and `wo`, and between the triangle's normal and specular
 /// directions.
@@ -57,12 +59,11 @@ fn bend<L: Lanes>(shading: Vector<L>, normal: Vector<L>, wo: Vector<L>, matte: b
 pub fn map_normal<L: Lanes>(
     scene: &Scene,
     map: &NormalMap,
-    uv: [Num<L>; 2],
-    footprint: &Footprint<L>,
+    at: &TexturePoint<L>,
     basis: &Basis<L>,
 ) -> (Vector<L>, Num<L>) {
     let texture = &scene.textures[map.texture.texture as usize];
-    let [x, y, z, length] = texture.look_up(map.texture.transform(uv), &map.texture.scaled(footprint));
+    let [x, y, z, length] = at.look_up(scene, &map.texture);
     let (x, y, z) = (x * 2.0 - 1.0, y * 2.0 - 1.0, z * 2.0 - 1.0);
     let local = Vector::new(x * map.scale, y * map.scale, z.clamp(0.0, 1.0));
     let bumps =
@@ -75,16 +76,14 @@ pub fn map_normal<L: Lanes>(
 pub fn rough_direction<L: Lanes>(
     scene: &Scene,
     anisotropy: &Anisotropy,
-    uv: [Num<L>; 2],
-    footprint: &Footprint<L>,
+    at: &TexturePoint<L>,
     tangents: &Basis<L>,
 ) -> Vector<L> {
-    let l = uv[0].lanes();
+    let l = at.lanes();
     let (sine, cosine) = (libm::sinf(anisotropy.rotation), libm::cosf(anisotropy.rotation));
     let [mut x, mut y] = [Num::splat(l, 1.0), Num::splat(l, 0.0)];
     if let Some(texture) = &anisotropy.direction {
-        let image = &scene.textures[texture.texture as usize];
-        let [red, green, _, _] = image.look_up(texture.transform(uv), &texture.scaled(footprint));
+        let [red, green, _, _] = at.look_up(scene, texture);
         [x, y] = [red * 2.0 - 1.0, green * 2.0 - 1.0];
     }
     tangents.tangent * (x * cosine - y * sine) + tangents.bitangent * (x * sine + y * cosine)

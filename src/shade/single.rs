@@ -4,7 +4,7 @@
 use super::{bsdf, light, lookup};
 use crate::geom::Basis;
 use crate::lanes::{Num, SingleLane, Vector};
-use crate::scene::{Emission, Footprint, Material, Scene, Surface};
+use crate::scene::{Emission, Footprint, Material, Scene, Surface, TexturePoint};
 use crate::shade::Lights;
 use crate::stream::{Hit, Ray};
 use glam::{Vec2, Vec3};
@@ -20,7 +20,7 @@ pub struct Interaction {
     pub normal: Vec3,
     /// Shading basis.
     pub basis: Basis,
-    /// Mesh texture coordinates.
+    /// Mesh texture coordinates of set 0.
     pub uv: Vec2,
     /// Whether the front is hit: `wo` is on the side from which the triangle's vertices run
     /// counter-clockwise.
@@ -42,7 +42,7 @@ impl Interaction {
             wo: lane.wo.into(),
             normal: lane.normal.into(),
             basis: lane.basis,
-            uv: lane.uv.map(Num::get).into(),
+            uv: lane.texture.uv.map(Num::get).into(),
             front: lane.front.get(),
             outside: lane.outside.get(),
             raised: lane.raised.into(),
@@ -159,13 +159,14 @@ impl<'s> Bsdf<'s> {
     }
 }
 
-/// Radiance that a surface emits on its front or on its back.
-pub fn emission(scene: &Scene, emission: Option<&Emission>, uv: Vec2, front: bool) -> Vec3 {
+/// Radiance that a surface emits towards the viewer of `at`; 0 without an emission.
+pub fn emission(scene: &Scene, emission: Option<&Emission>, at: &Interaction) -> Vec3 {
     match emission {
         None => Vec3::ZERO,
         Some(emission) => {
-            let point = Footprint::point(SingleLane::default());
-            lookup::emission(scene, emission, uv.to_array().map(Num::from), &point, front.into()).into()
+            let point =
+                TexturePoint { footprint: Footprint::point(SingleLane::default()), ..at.lane.texture };
+            lookup::emission(scene, emission, &point, at.front.into()).into()
         }
     }
 }

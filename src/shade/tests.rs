@@ -4,8 +4,8 @@ use super::bsdf::Smoothness;
 use super::{Bsdf, Interaction, lookup};
 use crate::lanes::{Num, SingleLane, Vector};
 use crate::scene::{
-    Colour, ColourSpace, Effects, Finish, Material, Mipmap, NormalMap, Object, Points, Principled,
-    Procedural, ProceduralSurface, Scalar, Scene, Surface, Texture, TextureRef, Wrap,
+    Anisotropy, Colour, ColourSpace, Effects, Finish, Material, Mipmap, NormalMap, Object, Points,
+    Principled, Procedural, ProceduralSurface, Scalar, Scene, Surface, Texture, TextureRef, Wrap,
 };
 use crate::stream::Hit;
 use glam::{Vec2, Vec3, Vec4};
@@ -97,20 +97,20 @@ fn footprints_and_texels_are_those_of_textures() {
             let at = seen(&scene, wo, 1, width);
             let points = at.points(&scene);
             let footprint = points.texture_footprint();
-            assert_eq!(points.footprint().get(), at.footprint.width.get());
-            assert_eq!(footprint.dither.get(), at.footprint.dither.get());
+            assert_eq!(points.footprint().get(), at.texture.footprint.width.get());
+            assert_eq!(footprint.dither.get(), at.texture.footprint.dither.get());
             let image = TextureRef { rotation: 0.3, scale: Vec2::new(2.0, 0.5), ..TextureRef::plain(0) };
-            let colour = Colour { factor: Vec3::ONE, texture: Some(image) };
-            let expected = Vec3::from(lookup::colour(&scene, &colour, at.uv, &at.footprint));
+            let colour = Colour { texture: Some(image), ..Colour::constant(Vec3::ONE) };
+            let expected = Vec3::from(lookup::colour(&scene, &colour, &at.texture));
             let [r, g, b, _] = points.texture(&image).map(Num::get);
             assert_eq!(Vec3::new(r, g, b), expected);
         }
     }
     // The footprint is known in scenes without textures, too.
-    let expected = seen(&scene, VIEWS[0], 1, 0.1).footprint.width.get();
+    let expected = seen(&scene, VIEWS[0], 1, 0.1).texture.footprint.width.get();
     scene.textures.clear();
     let at = seen(&scene, VIEWS[0], 1, 0.1);
-    assert!(at.footprint.width.get() == 0.0 && at.points(&scene).footprint().get() == expected);
+    assert!(at.texture.footprint.width.get() == 0.0 && at.points(&scene).footprint().get() == expected);
 }
 
 #[test]
@@ -240,4 +240,94 @@ fn computed_normals_bend_like_those_of_a_normal_map() {
         let [a, b] = [&mapped, &computed].map(|scene| Vec3::from(seen(scene, wo, 0, 0.0).basis.normal));
         assert!((a - b).length() < 1e-4, "{a} and {b} from {wo}");
     }
+}
+
+/// The same scene with other coordinates in set 0, and with those of its textures in set 2.
+fn with_coordinates_in_set_2(scene: &Scene) -> Scene {
+    let mut moved = scene.clone();
+    let uvs = std::mem::replace(&mut moved.mesh.uvs, vec![Vec2::new(0.3, 0.7); 4]);
+    moved.mesh.more_uvs = vec![Vec::new(), uvs];
+    moved
+}
+
+#[test]
+fn textures_of_a_further_set_look_as_those_of_the_first() {
+    let scene = scene();
+    let moved = with_coordinates_in_set_2(&scene);
+    let image = |set| TextureRef { set, rotation: 0.3, scale: Vec2::new(2.0, 0.5), ..TextureRef::plain(0) };
+    for wo in VIEWS {
+        for width in [0.0, 0.01, 0.4] {
+            let [here, there] = [&scene, &moved].map(|scene| seen(scene, wo, 1, width));
+            let texel = |scene: &Scene, at: &Interaction<SingleLane>, set| {
+                let seen = at.texture.look_up(scene, &image(set)).map(Num::get);
+                assert_eq!(at.points(scene).texture(&image(set)).map(Num::get), seen);
+                seen
+            };
+            assert_eq!(texel(&moved, &there, 2), texel(&scene, &here, 0), "with its mipmap level");
+            assert_ne!(texel(&moved, &there, 0), texel(&scene, &here, 0));
+            assert_ne!(texel(&moved, &there, 1), texel(&scene, &here, 0), "no coordinates count as 0");
+        }
+    }
+}
+
+#[test]
+fn normal_maps_and_grooves_of_a_further_set_lie_along_its_tangents() {
+    let plain = scene();
+    let map = |set| NormalMap { texture: TextureRef { set, ..TextureRef::plain(0) }, scale: 0.5 };
+    let grooves = |set| Anisotropy {
+        strength: Scalar::constant(0.5),
+        rotation: 0.2,
+        direction: Some(TextureRef { set, ..TextureRef::plain(0) }),
+    };
+    let kinds: [fn(&mut Principled, Option<NormalMap>, Anisotropy) -> Option<NormalMap>; 3] = [
+        |_, map, _| map,
+        |surface, _, grooves| {
+            surface.anisotropy = Some(grooves);
+            None
+        },
+        |surface, map, _| {
+            (surface.clearcoat, surface.coat_normal_map) = (Scalar::constant(1.0), map);
+            None
+        },
+    ];
+    for kind in kinds {
+        let described = |scene: &Scene, set: u32| {
+            let mut scene = scene.clone();
+            let mut surface = Principled::default();
+            scene.materials[0].normal_map = kind(&mut surface, Some(map(set)), grooves(set));
+            scene.materials[0].surface = Surface::Principled(surface);
+            let at = seen(&scene, VIEWS[0], 1, 0.1);
+            let coat = at.coat.map(|coat| Vec3::from(coat.normal));
+            [at.basis.tangent, at.basis.normal].map(Vec3::from).into_iter().chain(coat).collect::<Vec<_>>()
+        };
+        assert_eq!(described(&with_coordinates_in_set_2(&plain), 2), described(&plain, 0));
+    }
+}
+
+#[test]
+fn vertex_colours_are_blended_and_multiply_factor_and_texture() {
+    let mut scene = scene();
+    let white = Colour { vertex: true, ..Colour::constant(Vec3::new(0.5, 1.0, 2.0)) };
+    let factor = |scene: &Scene, colour: &Colour| {
+        let at = seen(scene, VIEWS[0], 1, 0.1);
+        Vec3::from(lookup::colour(scene, colour, &at.texture))
+    };
+    assert_eq!(factor(&scene, &white), white.factor, "a mesh without colours is white");
+    let points = seen(&scene, VIEWS[0], 1, 0.1).points(&scene);
+    assert_eq!((Vec3::from(points.vertex_colour()), points.vertex_alpha().get()), (Vec3::ONE, 1.0));
+    scene.mesh.colours =
+        [[0.1, 0.2, 0.3, 0.4], [0.5, 0.6, 0.7, 0.8], [0.9, 0.8, 0.7, 0.6], [0.3, 0.2, 0.1, 0.0]]
+            .map(Vec4::from)
+            .to_vec();
+    let [a, b, c] = scene.mesh.triangles[1].map(|vertex| scene.mesh.colours[vertex as usize]);
+    let blended = a * 0.5 + b * 0.3 + c * 0.2;
+    assert!((factor(&scene, &white) - white.factor * blended.truncate()).length() < 1e-6);
+    assert!((scene.mesh.colour_at(1, 0.3, 0.2) - blended).length() < 1e-6);
+    let textured = Colour { texture: Some(TextureRef::plain(0)), ..white };
+    let expected = factor(&scene, &Colour { vertex: false, ..textured }) * blended.truncate();
+    assert!((factor(&scene, &textured) - expected).length() < 1e-6);
+    assert_eq!(factor(&scene, &Colour::constant(Vec3::ONE)), Vec3::ONE, "a material without them");
+    let points = seen(&scene, VIEWS[0], 1, 0.1).points(&scene);
+    assert!((Vec3::from(points.vertex_colour()) - blended.truncate()).length() < 1e-6);
+    assert!((points.vertex_alpha().get() - blended.w).abs() < 1e-6);
 }

@@ -177,7 +177,7 @@ fn without_specular_reflection_or_light_of_its_own_a_surface_is_matte() {
     coated["KHR_materials_clearcoat"] = json!({ "clearcoatFactor": 1.0 });
     assert!(!is_matte(json!({ "pbrMetallicRoughness": pbr, "extensions": coated })));
     let unlit = scene(json!({ "extensions": { "KHR_materials_unlit": {} } }));
-    assert!(matches!(unlit.materials[0].surface, Surface::Matte { .. }) && warns(&unlit, &["unlit"]));
+    assert!(matches!(unlit.materials[0].surface, Surface::Matte { .. }) && unlit.warnings.is_empty());
 }
 
 #[test]
@@ -304,24 +304,60 @@ fn samplers_wrap_and_transforms_are_kept() {
 }
 
 #[test]
-fn the_base_colour_says_which_texture_coordinates_count() {
+fn every_texture_has_its_own_set_of_coordinates() {
     let mut document = Document::triangle();
-    let first = document.floats("VEC2", &[0.1; 6]);
-    let second = document.floats("VEC2", &[0.2; 6]);
+    let sets = [0.1, 0.2, 0.3].map(|value| document.floats("VEC2", &[value; 6]));
     let attributes = &mut document.json["meshes"][0]["primitives"][0]["attributes"];
-    attributes["TEXCOORD_0"] = json!(first);
-    attributes["TEXCOORD_1"] = json!(second);
+    for (set, accessor) in sets.into_iter().enumerate() {
+        attributes[format!("TEXCOORD_{set}")] = json!(accessor);
+    }
     let texture = document.texture(1, &[[1, 2, 3, 255]]);
     document.material(json!({ "name": "wall", "pbrMetallicRoughness": {
         "baseColorTexture": { "index": texture, "texCoord": 1 } } }));
     let scene = document.scene();
     assert_eq!((scene.mesh.uvs[0], scene.warnings.len()), (Vec2::splat(0.2), 0));
-    document.json["materials"][0]["normalTexture"] = json!({ "index": texture });
-    assert!(warns(&document.scene(), &["\"wall\"", "TEXCOORD_1 and TEXCOORD_0"]));
-    document.json["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"]["texCoord"] = json!(2);
+    assert!(scene.mesh.more_uvs.is_empty(), "sets that no texture uses take no memory");
+    // The transform's set counts, if it has one.
+    let moved = json!({ "KHR_texture_transform": { "texCoord": 2 } });
+    let wall = &mut document.json["materials"][0];
+    wall["normalTexture"] = json!({ "index": texture });
+    wall["emissiveTexture"] = json!({ "index": texture, "texCoord": 1, "extensions": moved });
+    wall["emissiveFactor"] = json!([1.0, 1.0, 1.0]);
+    let scene = document.scene();
+    assert!(scene.warnings.is_empty() && scene.validate().is_ok());
+    let material = &scene.materials[0];
+    let Surface::Principled(surface) = &material.surface else { panic!("{:?}", material.surface) };
+    let emitted = material.emission.expect("light").radiance.texture;
+    for (texture, value) in [
+        (surface.base_colour.texture, 0.2),
+        (material.normal_map.map(|map| map.texture), 0.1),
+        (emitted, 0.3),
+    ] {
+        let uvs = scene.mesh.uv_set(texture.expect("a texture").set);
+        assert_eq!(uvs, [Vec2::splat(value); 3]);
+    }
+    document.json["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"]["texCoord"] = json!(5);
     let scene = document.scene();
     assert_eq!(scene.mesh.uvs[0], Vec2::splat(0.1));
-    assert!(warns(&scene, &["no TEXCOORD_2"]));
+    assert!(warns(&scene, &["no TEXCOORD_5"]));
+}
+
+#[test]
+fn meshes_without_a_second_set_have_zeros_beside_those_with_one() {
+    let mut document = Document::triangle();
+    let texture = document.texture(1, &[[1, 2, 3, 255]]);
+    document.material(json!({ "pbrMetallicRoughness": { "baseColorTexture": { "index": texture } },
+        "normalTexture": { "index": texture, "texCoord": 1 } }));
+    let second = document.floats("VEC2", &[0.2; 6]);
+    // Without the first set, and after a mesh that has neither.
+    document.mesh(json!({ "attributes": { "POSITION": 0, "TEXCOORD_1": second }, "material": 0 }));
+    document.node(json!({ "mesh": 1 }));
+    document.node(json!({ "mesh": 0 }));
+    let scene = document.scene();
+    let (zero, there) = ([Vec2::ZERO; 3], [Vec2::splat(0.2); 3]);
+    assert_eq!(scene.mesh.uv_set(1), [zero, there, zero].concat());
+    assert_eq!(scene.mesh.uvs, [zero; 3].concat());
+    assert!(scene.validate().is_ok());
 }
 
 #[test]

@@ -149,14 +149,6 @@ fn warnings_are_kept_when_loading_fails() {
 }
 
 #[test]
-fn colours_of_vertices_are_warned_of() {
-    let mut document = Document::triangle();
-    let colours = document.floats("VEC3", &[1.0; 9]);
-    document.json["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"] = json!(colours);
-    assert!(warns(&document.scene(), &["COLOR_0"]));
-}
-
-#[test]
 fn faces_with_vertices_that_are_not_finite_are_dropped() {
     let folder = Folder::new();
     for bad in ["nan", "inf", "1e39", "2e11"] {

@@ -1,10 +1,12 @@
 //! The loaders on files that the tests write themselves.
 
+mod colours;
 mod document;
 mod environment;
 mod folder;
 mod gltf;
 mod gltf_broken;
+mod gltf_instancing;
 mod gltf_materials;
 mod hostile;
 mod instances;

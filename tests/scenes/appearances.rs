@@ -10,7 +10,10 @@ const KEEPING: [Change; 13] = [
     |_| (),
     |s| s.materials[1] = Material::matte("red", Vec3::X),
     |s| s.materials[4].emission = None,
-    |s| s.materials[1].emission = Some(Emission { radiance: Colour::constant(Vec3::ONE), two_sided: false }),
+    |s| {
+        s.materials[1].emission =
+            Some(Emission { radiance: Colour::constant(Vec3::ONE), two_sided: false, is_light: true })
+    },
     |s| s.materials[7].alpha.mode = AlphaMode::Mask { cutoff: 0.9 },
     |s| s.materials[7].alpha.mode = AlphaMode::Blend,
     |s| s.materials[7].alpha.value.factor = 0.7,

@@ -122,8 +122,11 @@ fn damage_material(which: usize, scene: &mut Scene, random: &mut Random) -> Opti
             material.surface = kinds[random.below(3)];
         }
         1 => {
-            material.emission =
-                Some(Emission { radiance: Colour::constant(Vec3::splat(odd)), two_sided: true })
+            material.emission = Some(Emission {
+                radiance: Colour::constant(Vec3::splat(odd)),
+                two_sided: true,
+                is_light: true,
+            })
         }
         2 => material.alpha.value.factor = odd,
         3 => material.medium = Some(Medium { absorption: Vec3::splat(odd) }),

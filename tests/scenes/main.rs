@@ -82,7 +82,7 @@ fn texture(seed: u8) -> Texture {
 }
 
 fn materials() -> Vec<Material> {
-    let textured = Colour { factor: Vec3::splat(0.8), texture: Some(TextureRef::plain(0)) };
+    let textured = Colour { texture: Some(TextureRef::plain(0)), ..Colour::constant(Vec3::splat(0.8)) };
     let map = NormalMap { texture: TextureRef::plain(1), scale: 0.5 };
     let of = |name: &str, surface| Material { surface, ..Material::matte(name, Vec3::ONE) };
     let layered = Principled {
@@ -106,10 +106,15 @@ fn materials() -> Vec<Material> {
         }),
         ..Principled::default()
     };
-    let emission = Emission { radiance: Colour { factor: Vec3::splat(4.0), ..textured }, two_sided: true };
+    let emission = Emission {
+        radiance: Colour { factor: Vec3::splat(4.0), ..textured },
+        two_sided: true,
+        is_light: true,
+    };
     let alpha = Alpha {
         mode: AlphaMode::Mask { cutoff: 0.5 },
         value: Scalar { factor: 1.0, texture: Some((TextureRef::plain(0), Channel::A)) },
+        vertex: false,
     };
     let glass = Surface::Dielectric { ior: 1.5, transmittance: Vec3::splat(0.9) };
     vec![

@@ -49,7 +49,8 @@ impl Builder {
 
     /// Adds a lamp's material.
     pub fn lamp(&mut self) -> Made {
-        let emission = Emission { radiance: Colour::constant(Vec3::splat(10.0)), two_sided: false };
+        let emission =
+            Emission { radiance: Colour::constant(Vec3::splat(10.0)), two_sided: false, is_light: true };
         self.material(Material { emission: Some(emission), ..Material::matte("lamp", Vec3::ZERO) })
     }
 

@@ -21,7 +21,7 @@ pub fn leaves(count: u32) -> Scene {
     let lamp = builder.lamp();
     builder.scene().textures.push(mask());
     let value = Scalar { factor: 1.0, texture: Some((TextureRef::plain(0), Channel::A)) };
-    let alpha = Alpha { mode: AlphaMode::Mask { cutoff: 0.5 }, value };
+    let alpha = Alpha { mode: AlphaMode::Mask { cutoff: 0.5 }, value, vertex: false };
     let leaf = builder.material(Material { alpha, ..Material::matte("leaf", Vec3::new(0.2, 0.5, 0.1)) });
     builder.quad(Vec3::new(-20.0, 0.0, -20.0), Vec3::Z * 40.0, Vec3::X * 40.0, 1, ground);
     builder.quad(Vec3::new(-2.0, 14.0, -2.0), Vec3::X * 4.0, Vec3::Z * 4.0, 1, lamp);

@@ -15,6 +15,9 @@ pub struct SceneArgs {
     /// Show a magenta checker in place of textures that are missing or broken.
     #[arg(long)]
     pub allow_missing: bool,
+    /// Show the glTF file's material variant of this name (KHR_materials_variants); `mesh` lists them.
+    #[arg(long, value_name = "NAME")]
+    pub variant: Option<String>,
 }
 
 impl SceneArgs {
@@ -31,7 +34,12 @@ impl SceneArgs {
 
     /// What the loaders are asked.
     pub fn options(&self) -> LoadOptions {
-        LoadOptions::default().with_memory(self.memory()).with_allow_missing(self.allow_missing)
+        let options =
+            LoadOptions::default().with_memory(self.memory()).with_allow_missing(self.allow_missing);
+        match &self.variant {
+            None => options,
+            Some(variant) => options.with_variant(variant),
+        }
     }
 }
 

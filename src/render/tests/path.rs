@@ -128,7 +128,7 @@ fn plain(scene: &Scene, tracer: &dyn Tracer, mut ray: Ray, bounces: u32, sampler
         }
         let material = &scene.materials[scene.mesh.materials[hit.primitive as usize] as usize];
         let at = Interaction::new(scene, material, &ray, &hit);
-        sum += throughput * emission(scene, material.emission.as_ref(), at.uv, at.front);
+        sum += throughput * emission(scene, material.emission.as_ref(), &at);
         let bsdf = Bsdf::new(scene, &material.surface, &at, Smoothness::EXACT);
         let u = sampler.single(100 + 2 * depth);
         let Some(sample) = bsdf.sample(at.basis.to_local(at.wo), u, sampler.pair(101 + 2 * depth)) else {
@@ -356,7 +356,8 @@ fn what_alpha_leaves_is_mixed_as_it_was() {
     let mut scene = room();
     let (mut counts, n) = ([0u32; 4], 100_000u32);
     let halves = add_mix(&mut scene, [0, 1], Scalar::constant(0.5));
-    scene.materials[halves as usize].alpha = Alpha { mode: AlphaMode::Blend, value: Scalar::constant(0.5) };
+    scene.materials[halves as usize].alpha =
+        Alpha { mode: AlphaMode::Blend, value: Scalar::constant(0.5), vertex: false };
     scene.mesh.materials.fill(halves);
     for i in 0..n {
         let [u, v] = Sampler::new(i, 0, 0).pair(0);
@@ -405,7 +406,7 @@ fn what_is_far_away_does_not_flicker() {
         }
         scene.textures.push(checks);
         let mut lamp = shining(1.0, 0.0);
-        let radiance = Colour { factor: Vec3::ONE, texture: Some(TextureRef::plain(0)) };
+        let radiance = Colour { texture: Some(TextureRef::plain(0)), ..Colour::constant(Vec3::ONE) };
         lamp.emission = lamp.emission.map(|emission| Emission { radiance, ..emission });
         let id = add_material(&mut scene, lamp);
         add_quad(&mut scene, Vec3::new(-9.0, -9.0, -3.0), Vec3::X * 18.0, Vec3::Y * 18.0, id);
@@ -433,7 +434,7 @@ fn smaller_copies_do_not_change_the_light_in_a_room() {
         let texture = Some(TextureRef { scale: Vec2::splat(0.7), ..TextureRef::plain(0) });
         for material in &mut scene.materials {
             if let Surface::Matte { reflectance } = &mut material.surface {
-                *reflectance = Colour { factor: Vec3::ONE, texture };
+                *reflectance = Colour { texture, ..Colour::constant(Vec3::ONE) };
             }
         }
         scene.mesh.uvs = scene.mesh.positions.iter().map(|p| Vec2::new(p.x + p.z, p.y - 0.7 * p.z)).collect();

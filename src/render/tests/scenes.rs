@@ -41,7 +41,7 @@ pub fn principled(edit: impl FnOnce(&mut Principled)) -> Material {
 pub fn shining(radiance: f32, albedo: f32) -> Material {
     let radiance = Colour::constant(Vec3::splat(radiance));
     Material {
-        emission: Some(Emission { radiance, two_sided: true }),
+        emission: Some(Emission { radiance, two_sided: true, is_light: true }),
         ..Material::matte("lamp", Vec3::splat(albedo))
     }
 }
@@ -196,7 +196,7 @@ pub fn one_of_everything() -> Scene {
     scene.textures.push(bumps());
     let texture = TextureRef { scale: Vec2::splat(3.0), rotation: 0.3, ..TextureRef::plain(0) };
     let painted = Principled {
-        base_colour: Colour { factor: Vec3::new(0.9, 0.7, 0.5), texture: Some(texture) },
+        base_colour: Colour { texture: Some(texture), ..Colour::constant(Vec3::new(0.9, 0.7, 0.5)) },
         metallic: Scalar::constant(0.3),
         roughness: Scalar { factor: 0.6, texture: Some((texture, Channel::G)) },
         transmission: Scalar::constant(0.3),
@@ -217,7 +217,7 @@ pub fn one_of_everything() -> Scene {
                 direction: Some(texture),
             }),
             sheen: Some(Sheen {
-                colour: Colour { factor: Vec3::new(0.4, 0.6, 0.8), texture: Some(texture) },
+                colour: Colour { texture: Some(texture), ..Colour::constant(Vec3::new(0.4, 0.6, 0.8)) },
                 roughness: Scalar { factor: 0.5, texture: Some((texture, Channel::A)) },
             }),
             transmission: Scalar::constant(0.0),

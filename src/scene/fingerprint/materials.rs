@@ -6,12 +6,12 @@ use crate::scene::{
     Material, Medium, Mix, NormalMap, Principled, Scalar, Sheen, Surface, Texture, TextureRef, Wrap,
 };
 
-encode_fields!(TextureRef { texture, offset, rotation, scale });
-encode_fields!(Colour { factor, texture });
+encode_fields!(TextureRef { texture, set, offset, rotation, scale });
+encode_fields!(Colour { factor, texture, vertex });
 encode_fields!(Scalar { factor, texture });
-encode_fields!(Emission { radiance, two_sided });
+encode_fields!(Emission { radiance, two_sided, is_light });
 encode_fields!(NormalMap { texture, scale });
-encode_fields!(Alpha { mode, value });
+encode_fields!(Alpha { mode, value, vertex });
 encode_fields!(Medium { absorption });
 encode_fields!(Mix { of, share });
 encode_fields!(Coat { weight, ior, roughness, tint });

@@ -31,7 +31,7 @@ use xxhash_rust::xxh3::Xxh3;
 
 /// Version of the encoding that [`Scene::fingerprint`] hashes. The version is hashed as well, so fingerprints of
 /// different versions differ.
-pub const FINGERPRINT_VERSION: u32 = 1;
+pub const FINGERPRINT_VERSION: u32 = 2;
 
 /// The first bytes of a scene's encoding.
 const HEADER: &[u8; 15] = b"raystream scene";
@@ -170,10 +170,13 @@ impl<A: Encode, B: Encode> Encode for (A, B) {
 
 impl Encode for Mesh {
     fn encode(&self, to: &mut Encoder) {
-        let Self { positions, normals, uvs, tangents, triangles, materials } = self;
+        let Self { positions, normals, uvs, more_uvs, colours, tangents, triangles, materials } = self;
         to.rows(positions);
         to.rows(normals);
         to.rows(uvs);
+        (more_uvs.len() as u64).encode(to);
+        more_uvs.iter().for_each(|uvs| to.rows(uvs));
+        to.rows(colours);
         to.rows(tangents);
         to.rows(triangles);
         to.rows(materials);
@@ -251,6 +254,7 @@ impl Encode for Scene {
             surface_requests: _,
             options: _,
             warnings: _,
+            variants: _,
             files: _,
         } = self;
         mesh.encode(to);

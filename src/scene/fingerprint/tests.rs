@@ -53,11 +53,16 @@ macro_rules! each_field_counts {
     }};
 }
 
-const TEXTURE: TextureRef =
-    TextureRef { texture: 3, offset: Vec2::new(0.25, 0.5), rotation: 0.75, scale: Vec2::new(2.0, 4.0) };
+const TEXTURE: TextureRef = TextureRef {
+    texture: 3,
+    set: 0,
+    offset: Vec2::new(0.25, 0.5),
+    rotation: 0.75,
+    scale: Vec2::new(2.0, 4.0),
+};
 
 fn colour(factor: f32) -> Colour {
-    Colour { factor: Vec3::new(factor, 0.5, 0.25), texture: None }
+    Colour { factor: Vec3::new(factor, 0.5, 0.25), texture: None, vertex: false }
 }
 
 fn textured(factor: f32) -> Scalar {
@@ -90,15 +95,18 @@ fn map() -> EnvironmentMap {
 fn every_field_of_a_material_counts() {
     each_field_counts!(
         TEXTURE,
-        TextureRef { texture: 4, offset: Vec2::ONE, rotation: 0.0, scale: Vec2::ONE }
+        TextureRef { texture: 4, set: 1, offset: Vec2::ONE, rotation: 0.0, scale: Vec2::ONE }
     );
-    each_field_counts!(colour(1.0), Colour { factor: Vec3::ZERO, texture: Some(TEXTURE) });
+    each_field_counts!(colour(1.0), Colour { factor: Vec3::ZERO, texture: Some(TEXTURE), vertex: true });
     each_field_counts!(textured(1.0), Scalar { factor: 0.5, texture: None });
-    let emission = Emission { radiance: colour(4.0), two_sided: false };
-    each_field_counts!(emission, Emission { radiance: colour(5.0), two_sided: true });
+    let emission = Emission { radiance: colour(4.0), two_sided: false, is_light: true };
+    each_field_counts!(emission, Emission { radiance: colour(5.0), two_sided: true, is_light: false });
     let bumps = NormalMap { texture: TEXTURE, scale: 1.0 };
     each_field_counts!(bumps, NormalMap { texture: TextureRef::plain(3), scale: -1.0 });
-    each_field_counts!(Alpha::default(), Alpha { mode: AlphaMode::Blend, value: textured(1.0) });
+    each_field_counts!(
+        Alpha::default(),
+        Alpha { mode: AlphaMode::Blend, value: textured(1.0), vertex: true }
+    );
     each_field_counts!(Medium { absorption: Vec3::ONE }, Medium { absorption: Vec3::X });
     each_field_counts!(Mix { of: [1, 2], share: textured(0.5) }, Mix { of: [2, 1], share: textured(0.25) });
     each_field_counts!(Coat::CLEAR, Coat { weight: 0.5, ior: 1.25, roughness: 0.5, tint: Vec3::X });
@@ -256,6 +264,8 @@ fn every_field_of_textures_lights_and_meshes_counts() {
             positions: vec![Vec3::ZERO; 12],
             normals: vec![Vec3::ZERO; 12],
             uvs: vec![Vec2::ZERO; 12],
+            more_uvs: vec![Vec::new(); 12],
+            colours: vec![Vec4::ZERO; 12],
             tangents: vec![Vec4::ZERO; 12],
             triangles: vec![[0; 3]; 12],
             materials: vec![0; 12],
@@ -301,7 +311,7 @@ fn scene() -> Scene {
 
 #[test]
 fn the_fingerprint_of_a_scene_is_pinned() {
-    let pinned = (1, "95778810092144f3");
+    let pinned = (2, "95778810092144f3");
     assert_eq!(
         (FINGERPRINT_VERSION, scene().fingerprint().as_str()),
         pinned,

@@ -87,6 +87,16 @@ pub enum LoadProblem {
         /// The extension's name.
         extension: String,
     },
+    /// The file has no material variant of the requested name ([`super::LoadOptions::with_variant`]).
+    #[error("{}: has no material variant {name:?}; {}", path.display(), known_variants(known))]
+    Variant {
+        /// The file.
+        path: PathBuf,
+        /// The requested name.
+        name: String,
+        /// The variants that the file has.
+        known: Vec<String>,
+    },
     /// A material's texture is missing or cannot be decoded ([`super::LoadOptions::with_allow_missing`]).
     #[error("{}, material {material:?}: texture {texture}: {problem}", path.display())]
     Texture {
@@ -123,6 +133,15 @@ pub enum LoadProblem {
         /// Both numbers.
         source: OutOfMemory,
     },
+}
+
+/// The names that may be requested.
+fn known_variants(known: &[String]) -> String {
+    if known.is_empty() {
+        return "it has no variants".into();
+    }
+    let names: Vec<String> = known.iter().map(|name| format!("{name:?}")).collect();
+    format!("choose one of {}", names.join(", "))
 }
 
 /// The reasons as the end of a sentence.

@@ -59,7 +59,11 @@ pub fn load_with(path: &Path, options: &LoadOptions) -> Result<Scene, LoadError>
 
 fn scene(session: &mut Session) -> Result<Scene, LoadProblem> {
     let path = session.path.clone();
-    let mut scene = match extension(&path).as_str() {
+    let kind = extension(&path);
+    if let Some(name) = session.options.variant.clone().filter(|_| kind != "gltf" && kind != "glb") {
+        return Err(LoadProblem::Variant { path, name, known: Vec::new() });
+    }
+    let mut scene = match kind.as_str() {
         "obj" => obj::load(session),
         "gltf" | "glb" => gltf::load(session),
         "ply" => ply::load(session),

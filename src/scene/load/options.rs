@@ -14,10 +14,11 @@ use crate::memory::MemoryBudget;
 /// # assert!(scene.warnings.is_empty());
 /// # Ok::<(), raystream::scene::load::LoadError>(())
 /// ```
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct LoadOptions {
     pub(super) memory: MemoryBudget,
     pub(super) allow_missing: bool,
+    pub(super) variant: Option<String>,
 }
 
 impl LoadOptions {
@@ -32,5 +33,12 @@ impl LoadOptions {
     #[must_use]
     pub fn with_allow_missing(self, allow_missing: bool) -> Self {
         Self { allow_missing, ..self }
+    }
+
+    /// The material variant of a glTF file to show (KHR_materials_variants; [`crate::scene::Scene::variants`] lists
+    /// them). Otherwise each mesh has its own material.
+    #[must_use]
+    pub fn with_variant(self, variant: impl Into<String>) -> Self {
+        Self { variant: Some(variant.into()), ..self }
     }
 }

@@ -18,7 +18,7 @@ pub(super) struct Session {
 impl Session {
     pub(super) fn new(path: &Path, options: &LoadOptions) -> Self {
         let warnings = Warnings::default();
-        Self { path: path.to_owned(), options: *options, warnings, files: Vec::new(), held: 0 }
+        Self { path: path.to_owned(), options: options.clone(), warnings, files: Vec::new(), held: 0 }
     }
 
     /// Takes note of a file that the scene names, and reads its first `most` bytes.

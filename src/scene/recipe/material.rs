@@ -138,7 +138,7 @@ impl MaterialRecipe {
 
     /// The material. An error names a number that is out of range, and the range.
     pub(super) fn material(&self, name: &str, texture: Option<TextureRef>) -> Result<Material, String> {
-        let colour = Colour { factor: shares("colour", self.colour)?, texture };
+        let colour = Colour { texture, ..Colour::constant(shares("colour", self.colour)?) };
         self.check()?;
         let is_coated = !self.coats.is_empty();
         if is_coated && (self.ior.is_some() || self.mirror) {
@@ -257,7 +257,7 @@ impl MaterialRecipe {
 pub(super) fn emission(radiance: Vec3) -> Result<Emission, String> {
     within("emission", radiance.max_element(), 0.0, 1e6)?;
     within("emission", radiance.min_element(), 0.0, 1e6)?;
-    Ok(Emission { radiance: Colour::constant(radiance), two_sided: false })
+    Ok(Emission { radiance: Colour::constant(radiance), two_sided: false, is_light: true })
 }
 
 impl Absorption {

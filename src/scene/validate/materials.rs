@@ -21,11 +21,11 @@ impl Scene {
         let part = &self.material_part(index);
         let Material { name: _, surface, emission, normal_map, alpha, medium } = &self.materials[index];
         self.check_surface(part, surface)?;
-        if let Some(Emission { radiance, two_sided: _ }) = emission {
+        if let Some(Emission { radiance, two_sided: _, is_light: _ }) = emission {
             self.check_colour(part, "its emission", radiance, POSITIVE)?;
         }
         self.check_normal_map(part, "its normal map", normal_map)?;
-        let Alpha { mode, value } = alpha;
+        let Alpha { mode, value, vertex: _ } = alpha;
         self.check_scalar(part, "its alpha", value, SHARE)?;
         if let AlphaMode::Mask { cutoff } = *mode {
             FINITE.check(part, "its alpha cutoff", [cutoff])?;
@@ -132,7 +132,7 @@ impl Scene {
         colour: &Colour,
         range: Range,
     ) -> Result<(), SceneError> {
-        let Colour { factor, texture } = colour;
+        let Colour { factor, texture, vertex: _ } = colour;
         range.check(part, field, factor.to_array())?;
         self.check_texture_ref(part, field, texture.as_ref())
     }
@@ -155,7 +155,7 @@ impl Scene {
         field: &'static str,
         texture: Option<&TextureRef>,
     ) -> Result<(), SceneError> {
-        let Some(TextureRef { texture, offset, rotation, scale }) = texture else { return Ok(()) };
+        let Some(TextureRef { texture, set: _, offset, rotation, scale }) = texture else { return Ok(()) };
         self.check_index(part, field, "texture", *texture, self.textures.len())?;
         let numbers = [offset.x, offset.y, *rotation, scale.x, scale.y];
         FINITE.check(part, "the transform of a texture", numbers)

@@ -109,6 +109,7 @@ impl Scene {
             surface_requests: _,
             options: _,
             warnings: _,
+            variants: _,
             files: _,
         } = self;
         check_objects(objects)?;

@@ -2,7 +2,7 @@
 
 use super::fresnel::schlick_weight;
 use crate::lanes::{Lanes, Mask, Num, OutlinedTask, Vector, exponential, trigonometry};
-use crate::scene::{self, Footprint, Scene};
+use crate::scene::{self, Scene, TexturePoint};
 use crate::shade::lookup;
 use std::f32::consts::{LOG2_E, TAU};
 
@@ -45,29 +45,23 @@ pub struct Film<L: Lanes> {
 }
 
 impl<L: Lanes> Film<L> {
-    /// The films at mesh coordinates `uv`, in the lanes of `lanes`.
+    /// The films at points, in the lanes of `lanes`.
     #[cfg_attr(not(unoptimised), inline(always))]
-    pub fn new(
-        scene: &Scene,
-        film: &scene::Iridescence,
-        uv: [Num<L>; 2],
-        footprint: &Footprint<L>,
-        lanes: Mask<L>,
-    ) -> Self {
-        let l = uv[0].lanes();
+    pub fn new(scene: &Scene, film: &scene::Iridescence, at: &TexturePoint<L>, lanes: Mask<L>) -> Self {
+        let l = at.lanes();
         let [thin, thick] = film.thickness_nm;
         let thickness_nm = match &film.thickness_texture {
             None => Num::splat(l, thick),
             Some(texture) => {
                 let between = scene::Scalar { factor: 1.0, texture: Some(*texture) };
-                Num::splat(l, thin).lerp(Num::splat(l, thick), lookup::share(scene, &between, uv, footprint))
+                Num::splat(l, thin).lerp(Num::splat(l, thick), lookup::share(scene, &between, at))
             }
         };
         // Below a thickness of 0.03 nm the index falls to that of the outside, which means no film.
         let there = (thickness_nm * (1.0 / 0.03)).clamp(0.0, 1.0);
         let there = there * there * (3.0 - 2.0 * there);
         let ior = 1.0 + there * (film.ior.max(1.0) - 1.0);
-        let strength = lookup::share(scene, &film.strength, uv, footprint).only(lanes);
+        let strength = lookup::share(scene, &film.strength, at).only(lanes);
         Self { strength, share: Num::splat(l, 1.0), thickness_nm, ior }
     }
 

@@ -186,20 +186,19 @@ impl<'s, L: Lanes> Bsdf<'s, L> {
         let l = at.wo.lanes();
         match surface {
             Surface::Matte { reflectance } => {
-                Self::Matte(Matte { reflectance: lookup::albedo(scene, reflectance, at.uv, &at.footprint) })
+                Self::Matte(Matte { reflectance: lookup::albedo(scene, reflectance, &at.texture) })
             }
             Surface::Mirror { reflectance } => {
-                Self::Mirror(Mirror { reflectance: lookup::albedo(scene, reflectance, at.uv, &at.footprint) })
+                Self::Mirror(Mirror { reflectance: lookup::albedo(scene, reflectance, &at.texture) })
             }
             Surface::Dielectric { ior, transmittance } => Self::Dielectric(Dielectric {
                 eta: Num::select(at.outside, Num::splat(l, *ior), Num::splat(l, 1.0 / ior)),
                 transmittance: Vector::splat(l, *transmittance),
             }),
             Surface::Principled(surface) => {
-                let Interaction { uv, footprint, coat, outside, .. } = at;
-                let (uv, outside) = (*uv, *outside);
-                let construct =
-                    outlined::Construct { scene, surface, uv, footprint, coat, outside, smoothness };
+                let Interaction { texture, coat, outside, .. } = at;
+                let outside = *outside;
+                let construct = outlined::Construct { scene, surface, texture, coat, outside, smoothness };
                 Self::Principled(l.outlined(construct))
             }
             Surface::Procedural(index) => {

@@ -2,15 +2,14 @@
 
 use super::{Principled, Sample, Smooth, Smoothness};
 use crate::lanes::{Lanes, Mask, Num, OutlinedTask, Vector};
-use crate::scene::{self, Finish, Footprint, Scene, Transmission};
+use crate::scene::{self, Finish, Scene, TexturePoint, Transmission};
 use crate::shade::CoatShape;
 
 /// [`Principled::new`].
 pub struct Construct<'a, L: Lanes> {
     pub scene: &'a Scene,
     pub surface: &'a scene::Principled,
-    pub uv: [Num<L>; 2],
-    pub footprint: &'a Footprint<L>,
+    pub texture: &'a TexturePoint<L>,
     pub coat: &'a Option<CoatShape<L>>,
     pub outside: Mask<L>,
     pub smoothness: Smoothness,
@@ -21,8 +20,8 @@ impl<L: Lanes> OutlinedTask<L> for Construct<'_, L> {
 
     #[cfg_attr(not(unoptimised), inline(always))]
     fn run(self, _: L) -> Principled<L> {
-        let Self { scene, surface, uv, footprint, coat, outside, smoothness } = self;
-        Principled::new(scene, surface, uv, footprint, coat, outside, smoothness)
+        let Self { scene, surface, texture, coat, outside, smoothness } = self;
+        Principled::new(scene, surface, texture, coat, outside, smoothness)
     }
 }
 

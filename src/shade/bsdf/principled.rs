@@ -33,7 +33,7 @@ use super::{Sample, Smooth, Smoothness, mirrored};
 use crate::geom::Basis;
 use crate::geom::warp::lanes as warp;
 use crate::lanes::{Lanes, Mask, Num, Vector};
-use crate::scene::{self, Finish, Footprint, Scene, Transmission};
+use crate::scene::{self, Finish, Scene, TexturePoint, Transmission};
 use crate::shade::{CoatShape, lookup};
 use std::f32::consts::FRAC_1_PI;
 
@@ -96,41 +96,40 @@ fn white<L: Lanes>(l: L) -> Vector<L> {
 }
 
 impl<L: Lanes> Principled<L> {
-    /// The BSDFs at mesh coordinates `uv`. `wo` is outside of the body in the lanes of `outside`.
+    /// The BSDFs at points. `wo` is outside of the body in the lanes of `outside`.
     #[cfg_attr(not(unoptimised), inline(always))]
     pub fn new(
         scene: &Scene,
         surface: &scene::Principled,
-        uv: [Num<L>; 2],
-        footprint: &Footprint<L>,
+        at: &TexturePoint<L>,
         coat_shape: &Option<CoatShape<L>>,
         outside: Mask<L>,
         smoothness: Smoothness,
     ) -> Self {
-        let l = uv[0].lanes();
+        let l = at.lanes();
         let one = Num::splat(l, 1.0);
-        let base = lookup::albedo(scene, &surface.base_colour, uv, footprint);
+        let base = lookup::albedo(scene, &surface.base_colour, at);
         let given = [&surface.metallic, &surface.roughness];
-        let [metallic, roughness] = lookup::shares(scene, given, uv, footprint);
-        let roughness = footprint.roughened(roughness);
+        let [metallic, roughness] = lookup::shares(scene, given, at);
+        let roughness = at.footprint.roughened(roughness);
         let facets = match &surface.anisotropy {
             None => Facets::new(roughness, smoothness.mirror_below),
             Some(anisotropy) => {
-                let strength = lookup::share(scene, &anisotropy.strength, uv, footprint);
+                let strength = lookup::share(scene, &anisotropy.strength, at);
                 Facets::anisotropic(roughness, strength, smoothness.mirror_below)
             }
         };
         let ior = surface.ior.max(1.0);
         let f0 = (ior - 1.0) / (ior + 1.0);
-        let specular = lookup::share(scene, &surface.specular, uv, footprint);
-        let tint = lookup::colour(scene, &surface.specular_colour, uv, footprint);
+        let specular = lookup::share(scene, &surface.specular, at);
+        let tint = lookup::colour(scene, &surface.specular_colour, at);
         let f0 = (tint * (f0 * f0)).clamp(0.0, 1.0) * specular;
         let layer = facets.reflection(Schlick { f0, f90: specular });
         let metal = facets.reflection(Schlick { f0: base, f90: one });
         let (mut outer, mut opaque, mut transparency, mut leaving) =
             (layer, one - metallic, None, Mask::splat(l, false));
         if surface.transmission.factor != 0.0 {
-            let transmission = lookup::share(scene, &surface.transmission, uv, footprint);
+            let transmission = lookup::share(scene, &surface.transmission, at);
             let share = (one - metallic) * transmission;
             let spread = facets.rougher_than(smoothness.clear_below);
             let outside = (!surface.thin).then_some(outside);
@@ -142,7 +141,7 @@ impl<L: Lanes> Principled<L> {
         }
         let (mut film, mut sheen, mut coat, mut stack) = (None, None, None, None);
         if let Some(iridescence) = &surface.iridescence {
-            let covered = Film::new(scene, iridescence, uv, footprint, !leaving);
+            let covered = Film::new(scene, iridescence, at, !leaving);
             film = Some(match &transparency {
                 None => covered,
                 Some(through) => {
@@ -151,10 +150,10 @@ impl<L: Lanes> Principled<L> {
             });
         }
         if let Some(fibres) = &surface.sheen {
-            sheen = Some(Sheen::new(scene, fibres, uv, footprint));
+            sheen = Some(Sheen::new(scene, fibres, at));
         }
         let mut coat_roughness = CoatRoughness {
-            bumps: footprint.bumps,
+            bumps: at.footprint.bumps,
             smooth_below: smoothness.mirror_below,
             spread: Mask::splat(l, false),
         };
@@ -165,8 +164,8 @@ impl<L: Lanes> Principled<L> {
             coat_roughness.bumps = shape.bumps;
         }
         if surface.clearcoat.factor != 0.0 {
-            let share = lookup::share(scene, &surface.clearcoat, uv, footprint);
-            let roughness = lookup::share(scene, &surface.clearcoat_roughness, uv, footprint);
+            let share = lookup::share(scene, &surface.clearcoat, at);
+            let roughness = lookup::share(scene, &surface.clearcoat_roughness, at);
             coat = Some(Coat::new(share, coat_roughness.facets(roughness), CLEAR_F0));
         }
         if !surface.coats.is_empty() && transparency.is_none() {

@@ -2,7 +2,7 @@
 
 use super::table_rows;
 use crate::lanes::{Int, LaneTask, Lanes, Num, OutlinedTask, SimdLevel, Vector, exponential};
-use crate::scene::{self, Footprint, Scene};
+use crate::scene::{self, Scene, TexturePoint};
 use crate::shade::lookup;
 use std::f32::consts::{LOG2_E, PI};
 use std::sync::OnceLock;
@@ -31,11 +31,11 @@ pub struct Sheen<L: Lanes> {
 }
 
 impl<L: Lanes> Sheen<L> {
-    /// The sheen at mesh coordinates `uv`.
+    /// The sheen at points.
     #[inline(always)]
-    pub fn new(scene: &Scene, sheen: &scene::Sheen, uv: [Num<L>; 2], footprint: &Footprint<L>) -> Self {
-        let colour = lookup::albedo(scene, &sheen.colour, uv, footprint);
-        Self::of(colour, lookup::share(scene, &sheen.roughness, uv, footprint))
+    pub fn new(scene: &Scene, sheen: &scene::Sheen, at: &TexturePoint<L>) -> Self {
+        let colour = lookup::albedo(scene, &sheen.colour, at);
+        Self::of(colour, lookup::share(scene, &sheen.roughness, at))
     }
 
     #[cfg_attr(not(unoptimised), inline(always))]

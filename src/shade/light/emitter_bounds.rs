@@ -128,7 +128,7 @@ mod tests {
     /// One emissive triangle for each three points, beside a triangle that emits nothing.
     fn scene(points: Vec<Vec3>) -> Scene {
         let mut scene = Scene::default();
-        let emission = Emission { radiance: Colour::constant(Vec3::ONE), two_sided: false };
+        let emission = Emission { radiance: Colour::constant(Vec3::ONE), two_sided: false, is_light: true };
         scene.materials = vec![
             Material::matte("wall", Vec3::ONE),
             Material { emission: Some(emission), ..Material::matte("lamp", Vec3::ONE) },

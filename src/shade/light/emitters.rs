@@ -2,8 +2,8 @@
 
 use super::{AliasTable, FEW, LightBounds, LightTree, Receiver};
 use crate::geom::warp::lanes as warp;
-use crate::lanes::{Int, Lanes, Mask, Num, SingleLane, Vector};
-use crate::scene::{Emission, Footprint, Scene};
+use crate::lanes::{Int, Lanes, Mask, Num, Vector};
+use crate::scene::{Emission, Scene, TexturePoint};
 use crate::shade::lookup::{self, luminance};
 use crate::shade::offset;
 use bytemuck::{Pod, Zeroable};
@@ -75,7 +75,8 @@ impl Emitters {
         let mut all = Self::default();
         let mut weights = Vec::new();
         for (primitive, &material) in scene.mesh.materials.iter().enumerate() {
-            if let Some(emission) = scene.materials[material as usize].emission {
+            let emission = scene.materials[material as usize].emission;
+            if let Some(emission) = emission.filter(|emission| emission.is_light) {
                 let primitive = primitive as u32;
                 let (record, area) = Record::new(scene, primitive, &emission);
                 let power = f64::from(power(scene, primitive, area, &emission));
@@ -234,7 +235,7 @@ impl Record {
         let lanes = corners.map(Vector::from);
         let plane = offset::plane(&lanes, Vec3::ZERO.into());
         let area = 0.5 * plane.twice_area.get();
-        let textured = if emission.radiance.texture.is_some() { TEXTURED } else { 0 };
+        let textured = if emission.radiance.is_constant() { 0 } else { TEXTURED };
         let flags = textured | if emission.two_sided { TWO_SIDED } else { 0 };
         let record = Self {
             corners: corners.map(|corner| corner.to_array()),
@@ -276,25 +277,17 @@ fn vector<L: Lanes>(record: &[Int<L>; WORDS], at: usize) -> Vector<L> {
 
 /// Radiance at a point of a triangle. The point is given by the weights of the second and third corner.
 fn radiance_at(scene: &Scene, emission: &Emission, primitive: u32, [v, w]: [f32; 2], front: bool) -> Vec3 {
-    let uv = scene.mesh.uv_at(primitive, v, w).to_array();
-    lookup::emission(
-        scene,
-        emission,
-        uv.map(Num::from),
-        &Footprint::point(SingleLane::default()),
-        front.into(),
-    )
-    .into()
+    let point = TexturePoint::on(&scene.mesh, primitive, v, w);
+    lookup::emission(scene, emission, &point, front.into()).into()
 }
 
 /// Luminous power: exact for a uniform emission, estimated for a textured one.
 fn power(scene: &Scene, primitive: u32, area: f32, emission: &Emission) -> f32 {
-    let brightness = match emission.radiance.texture {
-        None => luminance(emission.radiance.factor),
-        Some(_) => {
-            let probes = PROBES.map(|at| luminance(radiance_at(scene, emission, primitive, at, true)));
-            probes.iter().sum::<f32>() / PROBES.len() as f32
-        }
+    let brightness = if emission.radiance.is_constant() {
+        luminance(emission.radiance.factor)
+    } else {
+        let probes = PROBES.map(|at| luminance(radiance_at(scene, emission, primitive, at, true)));
+        probes.iter().sum::<f32>() / PROBES.len() as f32
     };
     let sides = if emission.two_sided { 2.0 } else { 1.0 };
     sides * PI * brightness.max(0.0) * area

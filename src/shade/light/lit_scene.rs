@@ -86,7 +86,7 @@ fn have_equal_emission(old: &Scene, new: &Scene) -> bool {
     let is_equal = |index: usize| match (emission(old, index), emission(new, index)) {
         (None, None) => true,
         (Some(a), Some(b)) => {
-            let Emission { radiance, two_sided: _ } = a;
+            let Emission { radiance, two_sided: _, is_light: _ } = a;
             a == b
                 && radiance.texture.is_none_or(|TextureRef { texture, .. }| {
                     let texture = texture as usize;

@@ -137,7 +137,10 @@ fn add_square(scene: &mut Scene, y: f32, material: Material) {
 }
 
 fn shining(radiance: Colour, two_sided: bool) -> Material {
-    Material { emission: Some(Emission { radiance, two_sided }), ..Material::matte("lamp", Vec3::ZERO) }
+    Material {
+        emission: Some(Emission { radiance, two_sided, is_light: true }),
+        ..Material::matte("lamp", Vec3::ZERO)
+    }
 }
 
 fn everything() -> Scene {
@@ -156,7 +159,7 @@ fn everything() -> Scene {
     };
     scene.textures.push(checks);
     let texture = Some(TextureRef::plain(0));
-    add_square(&mut scene, -3.0, shining(Colour { factor: Vec3::splat(5.0), texture }, true));
+    add_square(&mut scene, -3.0, shining(Colour { texture, ..Colour::constant(Vec3::splat(5.0)) }, true));
     scene.lights.push(Light {
         name: String::new(),
         intensity: Vec3::splat(2.0),

@@ -2,6 +2,7 @@
 
 use super::buffers::Buffers;
 use ::gltf::accessor::{Accessor, DataType, Dimensions};
+use glam::Vec4;
 
 /// The most elements of an accessor without a buffer view. Only such accessors can take much memory in a small file.
 const MAX_IMPLICIT: usize = 1 << 24;
@@ -92,6 +93,34 @@ pub(super) fn vectors<const N: usize>(
         })
     };
     read(buffers, accessor, N, [0.0; N], vector)
+}
+
+/// Reads an accessor of colours without alpha, which then is 1, or with alpha. Integers count as normalised. Components
+/// are clamped to 0..=1, as glTF requires.
+///
+/// # Errors
+/// When the accessor has another type, or names bytes or elements that do not exist.
+pub(super) fn colours(buffers: &Buffers, accessor: &Accessor) -> Result<Vec<Vec4>, String> {
+    let (kind, dimensions) = (accessor.data_type(), accessor.dimensions());
+    let width = if dimensions == Dimensions::Vec3 { 3 } else { 4 };
+    let is_vector = matches!(dimensions, Dimensions::Vec3 | Dimensions::Vec4);
+    if !is_vector || !matches!(kind, DataType::U8 | DataType::U16 | DataType::F32) {
+        return Err(format!(
+            "is of type {dimensions:?} of {kind:?}, but colours are Vec3 or Vec4 of U8, U16 or F32"
+        ));
+    }
+    let scale = full_scale(kind);
+    let colour = |elements: &Elements, i| {
+        let mut colour = Vec4::ONE;
+        for c in 0..width {
+            let value = (elements.number(i, c) / scale) as f32;
+            // The comparison fails for NaN.
+            colour[c] = if value > 0.0 { value.min(1.0) } else { 0.0 };
+        }
+        colour
+    };
+    let zero = if width == 3 { Vec4::W } else { Vec4::ZERO };
+    read(buffers, accessor, width, zero, colour)
 }
 
 /// Reads an accessor of indices.

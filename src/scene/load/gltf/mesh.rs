@@ -6,6 +6,7 @@ use super::Context;
 use super::accessor;
 use super::instance::InstancesByGeometry;
 use super::material::Converted;
+use super::variant::MaterialsByPrimitive;
 use crate::geom::Placement;
 use crate::scene::{AlphaMode, Instance, MAX_TRIANGLES, Mesh, MeshError, MeshSize, Shape};
 use ::gltf::mesh::Mode;
@@ -13,9 +14,25 @@ use ::gltf::{Accessor, Primitive, Semantic};
 use glam::{DMat3, DMat4, DVec3, Vec2, Vec3, Vec4};
 use std::collections::{BTreeMap, BTreeSet};
 
+/// The materials of a document, and which primitive has which.
+#[derive(Clone, Copy)]
+pub(super) struct Materials<'a> {
+    pub(super) converted: &'a [Converted],
+    pub(super) chosen: &'a MaterialsByPrimitive,
+}
+
+impl Materials<'_> {
+    /// The sets of texture coordinates that a material uses, the first one first.
+    fn uv_sets(&self, material: Option<usize>) -> &[u32] {
+        let sets = material.map_or(&[][..], |material| &self.converted[material].uv_sets);
+        // Surfaces of user code, for instance, see the first set of meshes without textures.
+        if sets.is_empty() { &[0] } else { sets }
+    }
+}
+
 /// The triangles of all nodes visited so far.
 pub(super) struct Flattened<'a> {
-    materials: &'a [Converted],
+    materials: Materials<'a>,
     mesh: Mesh,
     instances: InstancesByGeometry<'a>,
     dropped: Dropped,
@@ -27,9 +44,14 @@ pub(super) struct Flattened<'a> {
 struct Attributes<'a> {
     positions: Accessor<'a>,
     normals: Option<Accessor<'a>>,
-    uvs: Option<Accessor<'a>>,
+    /// The sets of texture coordinates, as the material numbers them.
+    uvs: Vec<Option<Accessor<'a>>>,
     tangents: Option<Accessor<'a>>,
+    colours: Option<Accessor<'a>>,
 }
+
+/// Vertices by their accessors.
+type Bases = BTreeMap<Vec<Option<usize>>, u32>;
 
 /// The transform of a node.
 struct NodeTransform {
@@ -55,7 +77,7 @@ impl NodeTransform {
 }
 
 impl<'a> Flattened<'a> {
-    pub(super) fn new(materials: &'a [Converted]) -> Self {
+    pub(super) fn new(materials: Materials<'a>) -> Self {
         Self {
             materials,
             mesh: Mesh::default(),
@@ -77,11 +99,19 @@ impl<'a> Flattened<'a> {
         if !mesh.normals.is_empty() {
             pad(&mut mesh.normals, count);
         }
-        if !mesh.uvs.is_empty() {
+        let mut has_uvs = !mesh.uvs.is_empty();
+        for uvs in mesh.more_uvs.iter_mut().filter(|uvs| !uvs.is_empty()) {
+            pad(uvs, count);
+            has_uvs = true;
+        }
+        if has_uvs {
             pad(&mut mesh.uvs, count);
         }
         if !mesh.tangents.is_empty() {
             pad(&mut mesh.tangents, count);
+        }
+        if !mesh.colours.is_empty() {
+            mesh.colours.resize(count, Vec4::ONE);
         }
         Ok((self.mesh, self.instances.shapes(context)?, self.uses_fallback))
     }
@@ -126,8 +156,8 @@ impl<'a> Flattened<'a> {
                 context.session.warnings.add("Points and lines are ignored, because they have no surface.");
                 continue;
             }
-            if primitive.get(&Semantic::Colors(0)).is_some() {
-                context.session.warnings.add("Vertex colours (COLOR_0) are not supported and are ignored.");
+            if primitive.get(&Semantic::Colors(1)).is_some() {
+                context.session.warnings.add("A mesh has several sets of colours; COLOR_0 is used.");
             }
             let place = || place(mesh, &primitive);
             self.primitive(context, mesh, &primitive, &transform, &mut bases)
@@ -142,9 +172,9 @@ impl<'a> Flattened<'a> {
         mesh: &::gltf::Mesh<'a>,
         primitive: &Primitive<'a>,
         transform: &NodeTransform,
-        bases: &mut BTreeMap<[Option<usize>; 4], u32>,
+        bases: &mut Bases,
     ) -> Result<(), String> {
-        let material = primitive.material().index();
+        let material = self.materials.chosen.of(mesh.index(), primitive);
         let attributes = self.attributes(context, primitive, material)?;
         let count = attributes.positions.count();
         let base = match bases.get(&attributes.key()) {
@@ -162,10 +192,11 @@ impl<'a> Flattened<'a> {
                 .warnings
                 .add("A mesh has indices left over after its last triangle; they are ignored.");
         }
-        let masked = material.is_some_and(|m| self.materials[m].material.alpha.mode != AlphaMode::Opaque);
+        let converted = self.materials.converted;
+        let masked = material.is_some_and(|m| converted[m].material.alpha.mode != AlphaMode::Opaque);
         let material = material.unwrap_or_else(|| {
             self.uses_fallback = true;
-            self.materials.len()
+            converted.len()
         }) as u32;
         let triangles = triangles(primitive.mode(), &indices);
         let first = self.mesh.triangles.len();
@@ -191,13 +222,16 @@ impl<'a> Flattened<'a> {
         primitive: &Primitive<'p>,
         material: Option<usize>,
     ) -> Result<Attributes<'p>, String> {
-        let set = material.map_or(0, |material| self.materials[material].uv_set);
-        let mut uvs = primitive.get(&Semantic::TexCoords(set));
-        if uvs.is_none() && set != 0 {
-            context.session.warnings.add(format!(
-                "A mesh has no TEXCOORD_{set}, which its material uses; TEXCOORD_0 is used instead."
-            ));
-            uvs = primitive.get(&Semantic::TexCoords(0));
+        let mut uvs = Vec::new();
+        for &set in self.materials.uv_sets(material) {
+            let mut found = primitive.get(&Semantic::TexCoords(set));
+            if found.is_none() && set != 0 {
+                context.session.warnings.add(format!(
+                    "A mesh has no TEXCOORD_{set}, which its material uses; TEXCOORD_0 is used instead."
+                ));
+                found = primitive.get(&Semantic::TexCoords(0));
+            }
+            uvs.push(found);
         }
         let normals = primitive.get(&Semantic::Normals);
         let attributes = Attributes {
@@ -206,13 +240,18 @@ impl<'a> Flattened<'a> {
             tangents: primitive.get(&Semantic::Tangents).filter(|_| normals.is_some()),
             normals,
             uvs,
+            colours: primitive.get(&Semantic::Colors(0)),
         };
         let count = attributes.positions.count();
+        let uvs = attributes.uvs.iter().map(|uvs| ("TEXCOORD", uvs));
         for (name, accessor) in [
             ("NORMAL", &attributes.normals),
-            ("TEXCOORD", &attributes.uvs),
             ("TANGENT", &attributes.tangents),
-        ] {
+            ("COLOR_0", &attributes.colours),
+        ]
+        .into_iter()
+        .chain(uvs)
+        {
             if let Some(found) = accessor.as_ref().map(Accessor::count).filter(|&found| found != count) {
                 return Err(format!("{found} elements of {name} for {count} of POSITION"));
             }
@@ -248,11 +287,21 @@ impl<'a> Flattened<'a> {
                 .normals
                 .extend(read_attribute(context, "NORMAL", accessor)?.into_iter().map(world_normal));
         }
-        if let Some(accessor) = &attributes.uvs {
-            pad(&mut self.mesh.uvs, base);
+        for (set, accessor) in attributes.uvs.iter().enumerate() {
+            let Some(accessor) = accessor else { continue };
+            let mesh = &mut self.mesh;
+            mesh.more_uvs.resize(mesh.more_uvs.len().max(set), Vec::new());
+            let column = if set == 0 { &mut mesh.uvs } else { &mut mesh.more_uvs[set - 1] };
+            pad(column, base);
             let finite = |uv: [f32; 2]| Some(Vec2::from_array(uv)).filter(|uv| uv.is_finite());
             let uvs = read_attribute(context, "TEXCOORD", accessor)?;
-            self.mesh.uvs.extend(uvs.into_iter().map(|uv| finite(uv).unwrap_or_default()));
+            column.extend(uvs.into_iter().map(|uv| finite(uv).unwrap_or_default()));
+        }
+        if let Some(accessor) = &attributes.colours {
+            self.mesh.colours.resize(base, Vec4::ONE);
+            let colours = accessor::colours(context.buffers, accessor)
+                .map_err(|problem| format!("COLOR_0 (accessors[{}]): {problem}", accessor.index()))?;
+            self.mesh.colours.extend(colours);
         }
         if let Some(accessor) = &attributes.tangents {
             pad(&mut self.mesh.tangents, base);
@@ -276,7 +325,7 @@ fn place(mesh: &::gltf::Mesh, primitive: &Primitive) -> String {
 
 /// The size of one copy of a mesh, before any data is read. Accessors tell it; parts that have no surface, or are
 /// wrong, count as empty.
-pub(super) fn size(mesh: &::gltf::Mesh) -> MeshSize {
+pub(super) fn size(mesh: &::gltf::Mesh, materials: Materials) -> MeshSize {
     let mut size = MeshSize::default();
     let mut counted = BTreeSet::new();
     for primitive in mesh.primitives() {
@@ -288,20 +337,24 @@ pub(super) fn size(mesh: &::gltf::Mesh) -> MeshSize {
             Mode::Triangles => corners / 3,
             Mode::TriangleStrip | Mode::TriangleFan => corners.saturating_sub(2),
         };
-        let [normals, uvs, tangents] = [Semantic::Normals, Semantic::TexCoords(0), Semantic::Tangents]
-            .map(|semantic| primitive.get(&semantic).is_some());
+        let [normals, uvs, tangents, colours] =
+            [Semantic::Normals, Semantic::TexCoords(0), Semantic::Tangents, Semantic::Colors(0)]
+                .map(|semantic| primitive.get(&semantic).is_some());
+        let sets = materials.uv_sets(materials.chosen.of(mesh.index(), &primitive)).len();
+        let more_uvs = sets as u32 - 1;
         // Primitives that share all their attributes share their vertices.
         let attributes: Vec<usize> = primitive.attributes().map(|(_, accessor)| accessor.index()).collect();
         let vertices = if counted.insert(attributes) { vertices } else { 0 };
-        size += MeshSize { vertices, triangles, normals, uvs, tangents };
+        size += MeshSize { vertices, triangles, normals, uvs, tangents, colours, more_uvs };
     }
     size
 }
 
 impl Attributes<'_> {
-    fn key(&self) -> [Option<usize>; 4] {
+    fn key(&self) -> Vec<Option<usize>> {
         let index = |accessor: &Option<Accessor>| accessor.as_ref().map(Accessor::index);
-        [Some(self.positions.index()), index(&self.normals), index(&self.uvs), index(&self.tangents)]
+        let fixed = [&self.normals, &self.tangents, &self.colours].into_iter().chain(&self.uvs).map(index);
+        [Some(self.positions.index())].into_iter().chain(fixed).collect()
     }
 }
 

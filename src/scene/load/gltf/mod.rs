@@ -7,14 +7,18 @@ mod accessor;
 mod animation;
 mod buffers;
 mod camera;
+mod colour;
 mod container;
+mod extensions;
 mod extras;
 mod instance;
+mod instancing;
 mod material;
 mod mesh;
 mod node;
 mod object;
 mod texture;
+mod variant;
 
 use super::session::Session;
 use super::textures::Textures;
@@ -25,27 +29,10 @@ use ::gltf::Document;
 use ::gltf::json::validation::{Error as Invalid, Validate};
 use ::gltf::json::{Path as JsonPath, Root};
 use buffers::Buffers;
+use mesh::Materials;
 use serde::Deserialize;
 use std::path::Path;
-
-/// The extensions that are supported at least in part, or that do not change a picture (XMP).
-const SUPPORTED: [&str; 15] = [
-    "EXT_texture_webp",
-    "KHR_lights_punctual",
-    "KHR_materials_anisotropy",
-    "KHR_materials_clearcoat",
-    "KHR_materials_emissive_strength",
-    "KHR_materials_ior",
-    "KHR_materials_iridescence",
-    "KHR_materials_sheen",
-    "KHR_materials_specular",
-    "KHR_materials_transmission",
-    "KHR_materials_unlit",
-    "KHR_materials_volume",
-    "KHR_mesh_quantization",
-    "KHR_texture_transform",
-    "KHR_xmp_json_ld",
-];
+use variant::MaterialsByPrimitive;
 
 /// What the parts of the loader share.
 struct Context<'a> {
@@ -70,16 +57,20 @@ pub(super) fn load(session: &mut Session) -> Result<Scene, LoadProblem> {
     let document = parse(&path, container.json, &mut session.warnings)?;
     let buffers = Buffers::read(session, &document, container.binary)?;
     let mut context = Context { session, document: &document, buffers: &buffers };
+    let variants = variant::names(&document);
+    let chosen = MaterialsByPrimitive::new(&context, &variants)?;
+    let colours = colour::by_material(&document, &chosen);
     let mut textures = Textures::default();
-    let (mut materials, mut surface_requests) = (Vec::new(), Vec::new());
-    for (number, material) in (0..).zip(document.materials()) {
-        materials.push(material::convert(&mut context, &mut textures, &material)?);
+    let (mut converted, mut surface_requests) = (Vec::new(), Vec::new());
+    for ((number, material), &colours) in (0..).zip(document.materials()).zip(&colours) {
+        converted.push(material::convert(&mut context, &mut textures, &material, colours)?);
         surface_requests.extend(extras::surface_request(number, &material, &mut context.session.warnings));
     }
-    let world = node::flatten(&mut context, &materials)?;
-    let mut materials: Vec<Material> = materials.into_iter().map(|m| m.material).collect();
+    let world = node::flatten(&mut context, Materials { converted: &converted, chosen: &chosen })?;
+    let mut materials: Vec<Material> = converted.into_iter().map(|m| m.material).collect();
     if world.uses_fallback {
-        materials.push(Material::fallback());
+        let is_coloured = colours.last().is_some_and(|colours| colours.rgb);
+        materials.push(if is_coloured { Material::vertex_coloured() } else { Material::fallback() });
     }
     Ok(Scene {
         mesh: world.mesh.into(),
@@ -92,6 +83,7 @@ pub(super) fn load(session: &mut Session) -> Result<Scene, LoadProblem> {
         camera_motion: world.cameras.first().and_then(|named| named.motion.clone()),
         cameras: world.cameras,
         surface_requests,
+        variants,
         ..Scene::default()
     })
 }
@@ -109,15 +101,11 @@ fn parse(path: &Path, json: &[u8], warnings: &mut Warnings) -> Result<Document, 
         return Err(file(problem));
     }
     for extension in std::mem::take(&mut root.extensions_required) {
-        if !SUPPORTED.contains(&extension.as_str()) {
+        if !extensions::may_be_required(&extension) {
             return Err(LoadProblem::RequiredExtension { path: path.to_owned(), extension });
         }
     }
-    for extension in &root.extensions_used {
-        if !SUPPORTED.contains(&extension.as_str()) {
-            warnings.add(format!("The glTF extension {extension} is not supported and is ignored."));
-        }
-    }
+    extensions::warn_of_ignored(&root.extensions_used, json, warnings);
     check(path, &root)?;
     Ok(Document::from_json_without_validation(root))
 }

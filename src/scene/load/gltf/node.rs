@@ -3,10 +3,10 @@
 use super::super::LoadProblem;
 use super::Context;
 use super::camera::Cameras;
-use super::material::Converted;
-use super::mesh::{self, Flattened};
+use super::instancing::{Instancing, Transforms};
+use super::mesh::{self, Flattened, Materials};
 use super::object::ObjectsByNode;
-use crate::scene::{Light, LightShape, Mesh, MeshSize, NamedCamera, Objects, Shape, unit_rotation};
+use crate::scene::{Instance, Light, LightShape, Mesh, MeshSize, NamedCamera, Objects, Shape, unit_rotation};
 use ::gltf::khr_lights_punctual::Kind;
 use ::gltf::scene::Transform;
 use ::gltf::{Document, Node};
@@ -27,24 +27,37 @@ pub(super) struct World {
 ///
 /// # Errors
 /// When the nodes do not form trees, or a mesh is wrong.
-pub(super) fn flatten<'a>(context: &mut Context<'a>, materials: &[Converted]) -> Result<World, LoadProblem> {
+pub(super) fn flatten<'a>(context: &mut Context<'a>, materials: Materials) -> Result<World, LoadProblem> {
     let document = context.document;
     let nodes = in_world(context)?;
     let mut flattened = Flattened::new(materials);
-    flattened.reserve(context, size(document, &nodes))?;
+    reserve(context, &mut flattened, &nodes, materials)?;
     let mut lights = Vec::new();
     let mut cameras = Cameras::default();
     let mut objects = ObjectsByNode::default();
-    for WorldNode { node, matrix, parent } in nodes {
-        let object = objects.add(&node, parent);
-        if node.skin().is_some() {
+    for WorldNode { node, matrix, parent, visible, instancing } in nodes {
+        objects.add(&node, parent);
+        if visible && node.skin().is_some() {
             context.session.warnings.add("Skins are not supported; skinned meshes keep their rest pose.");
         }
-        if let Some(mesh) = node.mesh() {
-            objects.assign(flattened.triangles(), object);
-            flattened.append(context, &mesh, &matrix)?;
+        match (node.mesh().filter(|_| visible), instancing) {
+            (None, _) => {}
+            (Some(mesh), None) => {
+                objects.assign(mesh.index(), flattened.triangles());
+                flattened.append(context, &mesh, &matrix)?;
+            }
+            (Some(mesh), Some(instancing)) => {
+                let place = || format!("nodes[{}]", node.index());
+                let read = instancing.read(context);
+                let transforms = read.map_err(|problem| context.error(place(), problem))?;
+                for instance in transforms.matrices() {
+                    objects.add_instance(&node);
+                    objects.assign(mesh.index(), flattened.triangles());
+                    flattened.append(context, &mesh, &(matrix * instance))?;
+                }
+            }
         }
-        if let Some(light) = node.light() {
+        if let Some(light) = node.light().filter(|_| visible) {
             lights.extend(place_light(context, &light, &matrix));
         }
         cameras.add(context, &node, &matrix);
@@ -55,44 +68,79 @@ pub(super) fn flatten<'a>(context: &mut Context<'a>, materials: &[Converted]) ->
     Ok(World { mesh, shapes, objects, lights, cameras, uses_fallback })
 }
 
-/// A visible node.
+/// A node of the scene.
 struct WorldNode<'a> {
     node: Node<'a>,
     matrix: DMat4,
-    /// The place of its parent in the list of visible nodes.
+    /// The place of its parent in the list of nodes.
     parent: Option<u32>,
+    /// Whether its mesh and its light are shown.
+    visible: bool,
+    /// Where its mesh is shown, if it is not shown once.
+    instancing: Option<Instancing<'a>>,
 }
 
-/// The visible nodes. Parents come before children, in file order.
-fn in_world<'a>(context: &Context<'a>) -> Result<Vec<WorldNode<'a>>, LoadProblem> {
+/// The nodes of the scene. Parents come before children, in file order.
+fn in_world<'a>(context: &mut Context<'a>) -> Result<Vec<WorldNode<'a>>, LoadProblem> {
     let document = context.document;
     let mut visited = vec![false; document.nodes().len()];
-    let mut pending: Vec<WorldNode> = Vec::new();
-    let root = |node| WorldNode { node, matrix: DMat4::IDENTITY, parent: None };
-    pending.extend(roots(document).into_iter().rev().map(root));
+    let mut pending = Vec::new();
+    pending.extend(roots(document).into_iter().rev().map(|node| (node, DMat4::IDENTITY, None, true)));
     let mut found = Vec::new();
-    while let Some(WorldNode { node, matrix, parent }) = pending.pop() {
+    while let Some((node, matrix, parent, visible)) = pending.pop() {
         if std::mem::replace(&mut visited[node.index()], true) {
             let problem = "is reached twice; a node must have at most one parent, and cycles are not allowed";
             return Err(context.error(format!("nodes[{}]", node.index()), problem));
         }
         let matrix = matrix * local_matrix(&node);
+        let visible = visible && !is_hidden(&node);
         let own = Some(found.len() as u32);
         let children: Vec<Node> = node.children().collect();
-        pending.extend(children.into_iter().rev().map(|node| WorldNode { node, matrix, parent: own }));
-        found.push(WorldNode { node, matrix, parent });
+        pending.extend(children.into_iter().rev().map(|node| (node, matrix, own, visible)));
+        let instancing = Instancing::of(context, &node)?;
+        found.push(WorldNode { node, matrix, parent, visible, instancing });
     }
     Ok(found)
 }
 
-/// The size of the mesh of all nodes.
-fn size(document: &Document, nodes: &[WorldNode]) -> MeshSize {
-    let sizes: Vec<MeshSize> = document.meshes().map(|mesh| mesh::size(&mesh)).collect();
-    let mut all = MeshSize::default();
-    for mesh in nodes.iter().filter_map(|found| found.node.mesh()) {
-        all += sizes[mesh.index()];
+/// Whether KHR_node_visibility hides the node and all nodes below. Cameras count all the same.
+fn is_hidden(node: &Node) -> bool {
+    let extension = node.extension_value("KHR_node_visibility");
+    extension.is_some_and(|visibility| visibility["visible"].as_bool() == Some(false))
+}
+
+/// Takes the memory for the meshes of all nodes, and counts that for their instances.
+///
+/// # Errors
+/// When there are too many triangles, or the memory cannot be had.
+fn reserve(
+    context: &mut Context,
+    flattened: &mut Flattened,
+    nodes: &[WorldNode],
+    materials: Materials,
+) -> Result<(), LoadProblem> {
+    let sizes: Vec<MeshSize> = context.document.meshes().map(|mesh| mesh::size(&mesh, materials)).collect();
+    let (mut all, mut instances, mut bytes) = (MeshSize::default(), 0_u64, 0_u64);
+    for found in nodes.iter().filter(|found| found.visible) {
+        let Some(mesh) = found.node.mesh() else { continue };
+        let mut count = 1;
+        if let Some(instancing) = &found.instancing {
+            count = instancing.expected_count();
+            let primitives = mesh.primitives().len() as u64;
+            // Lists grow by doubling.
+            let each = 2 * ObjectsByNode::instance_bytes(&found.node)
+                + 2 * primitives * size_of::<Instance>() as u64
+                + Transforms::BYTES;
+            instances = instances.saturating_add(count);
+            bytes = bytes.saturating_add(count.saturating_mul(each));
+        }
+        all += sizes[mesh.index()] * count;
     }
-    all
+    if instances > 0 {
+        let held = context.session.hold(format!("the transforms and names of {instances} instances"), bytes);
+        held.map_err(|source| context.session.over(source))?;
+    }
+    flattened.reserve(context, all)
 }
 
 /// The root nodes. A document without scenes shows all its nodes.

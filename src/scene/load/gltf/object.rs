@@ -1,4 +1,4 @@
-//! The object table of a glTF file: one object for each node.
+//! The object table of a glTF file: one object for each node, and one for each instance below an instancing node.
 
 use crate::scene::{Object, Objects};
 use ::gltf::Node;
@@ -8,26 +8,38 @@ use std::collections::HashMap;
 #[derive(Default)]
 pub(super) struct ObjectsByNode {
     objects: Objects,
+    /// The object of each node, in the order in which nodes are added.
+    nodes: Vec<u32>,
+    /// The object added last.
+    last: u32,
     /// The objects that show each mesh of the file.
     shown: HashMap<usize, Vec<u32>>,
 }
 
 impl ObjectsByNode {
-    /// Adds a node below the object `parent`; returns its object. A node without a name has that of its mesh.
-    pub(super) fn add(&mut self, node: &Node, parent: Option<u32>) -> u32 {
-        let mesh = node.mesh();
-        let named = node.name().or_else(|| mesh.as_ref().and_then(|mesh| mesh.name()));
-        let name = named.map_or_else(|| format!("node {}", node.index()), str::to_owned);
-        let object = self.objects.add(Object::new(name).below(parent));
-        if let Some(mesh) = mesh {
-            self.shown.entry(mesh.index()).or_default().push(object);
-        }
-        object
+    /// Bytes that one instance of a node takes.
+    pub(super) fn instance_bytes(node: &Node) -> u64 {
+        // Beside object and name: its run of triangles, and its entry among those that show the mesh.
+        (size_of::<Object>() + name(node).len() + 3 * size_of::<u32>()) as u64
     }
 
-    /// Assigns the triangles from `first` on to an object.
-    pub(super) fn assign(&mut self, first: u32, object: u32) {
-        self.objects.assign(first, object);
+    /// Adds a node below the node `parent`, counted in the order of the calls. A node without a name has that of its
+    /// mesh.
+    pub(super) fn add(&mut self, node: &Node, parent: Option<u32>) {
+        let parent = parent.map(|parent| self.nodes[parent as usize]);
+        self.last = self.objects.add(Object::new(name(node)).below(parent));
+        self.nodes.push(self.last);
+    }
+
+    /// Adds an instance below the node that was added last, of the same name.
+    pub(super) fn add_instance(&mut self, node: &Node) {
+        self.last = self.objects.add(Object::new(name(node)).below(self.nodes.last().copied()));
+    }
+
+    /// Assigns the triangles of `mesh` from `first` on to the object that was added last.
+    pub(super) fn assign(&mut self, mesh: usize, first: u32) {
+        self.objects.assign(first, self.last);
+        self.shown.entry(mesh).or_default().push(self.last);
     }
 
     /// The table, in which objects that show the same mesh are numbered.
@@ -41,4 +53,10 @@ impl ObjectsByNode {
         }
         self.objects
     }
+}
+
+fn name(node: &Node) -> String {
+    let mesh = node.mesh();
+    let named = node.name().or_else(|| mesh.as_ref().and_then(|mesh| mesh.name()));
+    named.map_or_else(|| format!("node {}", node.index()), str::to_owned)
 }

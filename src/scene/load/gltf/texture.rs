@@ -78,7 +78,7 @@ impl<'a> TextureInfo<'a> {
         }
     }
 
-    /// Loads the texture. Each image is decoded once.
+    /// Loads the texture, as one of the first set of texture coordinates. Each image is decoded once.
     ///
     /// # Errors
     /// When the image is missing or cannot be decoded. The error names the file, the material and the image.
@@ -104,7 +104,7 @@ impl<'a> TextureInfo<'a> {
             WrappingMode::Repeat => Wrap::Repeat,
         });
         let texture = textures.texture(image, space, wrap);
-        Ok(TextureRef { texture, offset: self.offset, rotation: self.rotation, scale: self.scale })
+        Ok(TextureRef { texture, set: 0, offset: self.offset, rotation: self.rotation, scale: self.scale })
     }
 
     /// The image's name, and its index or what is wrong with it.

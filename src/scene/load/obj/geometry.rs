@@ -4,8 +4,8 @@ use super::super::dropped::Dropped;
 use super::super::warnings::Warnings;
 use super::super::{LoadProblem, quote};
 use super::{split_keyword, statements, words};
-use crate::scene::{Mesh, Object, Objects};
-use glam::{Vec2, Vec3};
+use crate::scene::{Mesh, Object, Objects, srgb};
+use glam::{Vec2, Vec3, Vec4};
 use std::collections::HashMap;
 use std::path::Path;
 
@@ -59,6 +59,8 @@ struct Reader {
     line: usize,
     dropped: Dropped,
     positions: Vec<Vec3>,
+    /// Colours of the positions up to the last coloured one. Those without a colour are white.
+    colours: Vec<Vec4>,
     uvs: Vec<Vec2>,
     normals: Vec<Vec3>,
     /// The mesh's vertex for each distinct corner.
@@ -90,8 +92,9 @@ impl Reader {
                 let [x, y, z] = numbers(arguments, 3)?;
                 let place = || format!("vertex {} in line {}", self.positions.len() + 1, self.line);
                 let position = self.dropped.checked(Vec3::new(x, y, z), place);
-                if words(arguments).count() > 4 {
-                    warnings.add("Vertex colours are ignored.");
+                if let Some(colour) = colour(arguments, warnings)? {
+                    self.colours.resize(self.positions.len(), Vec4::ONE);
+                    self.colours.push(colour);
                 }
                 self.positions.push(position);
             }
@@ -219,6 +222,10 @@ impl Reader {
         let vertex = vertex.ok_or_else(|| format!("the faces have more than {NONE} different corners"))?;
         self.has[0] |= corner.uv != NONE;
         self.has[1] |= corner.normal != NONE;
+        if !self.colours.is_empty() {
+            mesh.colours.resize(mesh.positions.len(), Vec4::ONE);
+            mesh.colours.push(self.colours.get(corner.position as usize).copied().unwrap_or(Vec4::ONE));
+        }
         mesh.positions.push(self.positions[corner.position as usize]);
         mesh.uvs.push(self.uvs.get(corner.uv as usize).copied().unwrap_or_default());
         mesh.normals.push(self.normals.get(corner.normal as usize).copied().unwrap_or_default());
@@ -268,4 +275,24 @@ fn numbers(arguments: &str, required: usize) -> Result<[f32; 3], String> {
         return Err(format!("{found} numbers; {required} are needed"));
     }
     Ok(list)
+}
+
+/// The colour after the position of a vertex, `v x y z r g b`, which is not part of the original format: red, green and
+/// blue from 0 to 1, as sRGB.
+fn colour(arguments: &str, warnings: &mut Warnings) -> Result<Option<Vec4>, String> {
+    let mut numbers = words(arguments).skip(3);
+    let [Some(r), Some(g), Some(b)] = [numbers.next(), numbers.next(), numbers.next()] else {
+        return Ok(None);
+    };
+    if numbers.next().is_some() {
+        warnings.add("Numbers after the colour of a vertex are ignored.");
+    }
+    let mut colour = [1.0_f32; 4];
+    for (channel, word) in colour.iter_mut().zip([r, g, b]) {
+        *channel = word.parse().map_err(|_| format!("{} is not a number", quote(word)))?;
+        if !(0.0..=1.0).contains(channel) {
+            warnings.add("Colours of vertices must be from 0 to 1; others are clamped.");
+        }
+    }
+    Ok(Some(srgb::decoded(colour)))
 }

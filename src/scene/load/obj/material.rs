@@ -32,17 +32,18 @@ const GLASS: f32 = 1.5;
 /// Reflectance at normal incidence of a dielectric of index 1.5.
 const GLASS_REFLECTANCE: f32 = 0.04;
 
-/// Converts `definition`, which was read from the file `path`.
+/// Converts `definition`, which was read from the file `path`. `coloured` says whether the mesh has colours.
 ///
 /// # Errors
 /// When a texture is missing or cannot be decoded.
 pub(super) fn convert(
     path: &Path,
     definition: &Definition,
+    coloured: bool,
     textures: &mut Textures,
     session: &mut Session,
 ) -> Result<Material, LoadProblem> {
-    let mut converter = Converter { path, definition, textures, session };
+    let mut converter = Converter { path, definition, coloured, textures, session };
     let surface = converter.surface()?;
     let is_body = match &surface {
         Surface::Dielectric { .. } => true,
@@ -63,6 +64,8 @@ pub(super) fn convert(
 struct Converter<'a> {
     path: &'a Path,
     definition: &'a Definition,
+    /// Whether the mesh has colours. They multiply `Kd`.
+    coloured: bool,
     textures: &'a mut Textures,
     session: &'a mut Session,
 }
@@ -186,7 +189,7 @@ impl Converter<'_> {
         let d = self.definition;
         let unset = if d.map_kd.is_some() { Vec3::ONE } else { Vec3::splat(0.8) };
         let factor = self.share("Kd", d.kd.unwrap_or(unset));
-        Ok(Colour { factor, texture: self.colour_map(&d.map_kd)? })
+        Ok(Colour { factor, texture: self.colour_map(&d.map_kd)?, vertex: self.coloured })
     }
 
     fn roughness(&mut self, unset: f32) -> Result<Scalar, LoadProblem> {
@@ -234,8 +237,8 @@ impl Converter<'_> {
             }
             return Ok(None);
         }
-        let radiance = Colour { factor, texture: self.colour_map(&d.map_ke)? };
-        Ok(Some(Emission { radiance, two_sided: true }))
+        let radiance = Colour { texture: self.colour_map(&d.map_ke)?, ..Colour::constant(factor) };
+        Ok(Some(Emission { radiance, two_sided: true, is_light: true }))
     }
 
     fn normal_map(&mut self) -> Result<Option<NormalMap>, LoadProblem> {
@@ -280,7 +283,7 @@ impl Converter<'_> {
             Some(_) => AlphaMode::Mask { cutoff: 0.5 },
             None => AlphaMode::Opaque,
         };
-        Ok(Alpha { mode, value: Scalar { factor, texture } })
+        Ok(Alpha { mode, value: Scalar { factor, texture }, vertex: false })
     }
 
     fn colour_map(&mut self, map: &Option<Map>) -> Result<Option<TextureRef>, LoadProblem> {

@@ -29,6 +29,7 @@ pub(super) fn load(session: &mut Session) -> Result<Scene, LoadProblem> {
     parsed.map_err(|source| session.over(source))?;
     let mut geometry = Geometry::read(&path, &bytes, &mut session.warnings)?;
     drop(bytes);
+    let coloured = !geometry.mesh.colours.is_empty();
     let mut textures = Textures::default();
     let mut materials = Vec::new();
     let mut by_name = HashMap::new();
@@ -41,7 +42,7 @@ pub(super) fn load(session: &mut Session) -> Result<Scene, LoadProblem> {
         })?;
         check_text(&library, &bytes)?;
         for definition in mtl::parse(&library, &bytes, &mut session.warnings)? {
-            let material = material::convert(&library, &definition, &mut textures, session)?;
+            let material = material::convert(&library, &definition, coloured, &mut textures, session)?;
             // The first definition of a name is used.
             if !by_name.contains_key(&material.name) {
                 by_name.insert(material.name.clone(), materials.len() as u32);
@@ -62,7 +63,7 @@ pub(super) fn load(session: &mut Session) -> Result<Scene, LoadProblem> {
             }
             defined.unwrap_or_else(|| {
                 *fallback.get_or_insert_with(|| {
-                    materials.push(Material::fallback());
+                    materials.push(if coloured { Material::vertex_coloured() } else { Material::fallback() });
                     (materials.len() - 1) as u32
                 })
             })

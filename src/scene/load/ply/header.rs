@@ -49,6 +49,15 @@ impl Kind {
         }
     }
 
+    /// The value of full light in a colour of this type. Colours of 32-bit integers are bytes in longer words.
+    pub(super) fn full_scale(self) -> f64 {
+        match self {
+            Self::I8 | Self::U8 | Self::I32 | Self::U32 => 255.0,
+            Self::I16 | Self::U16 => 65_535.0,
+            Self::F32 | Self::F64 => 1.0,
+        }
+    }
+
     fn is_integer(self) -> bool {
         !matches!(self, Self::F32 | Self::F64)
     }

@@ -8,28 +8,30 @@ mod values;
 
 use super::dropped::Dropped;
 use super::session::Session;
+use super::warnings::Warnings;
 use super::{LoadProblem, quote, read};
-use crate::scene::{Material, Mesh, MeshSize, Object, Objects, Scene};
+use crate::scene::{Alpha, AlphaMode, Material, Mesh, MeshSize, Object, Objects, Scene, srgb};
 use glam::{Vec2, Vec3};
 use header::{Element, Form, Header, Property};
 use std::path::Path;
 use values::Values;
 
-/// Loads a PLY file: vertices (`x y z`, `nx ny nz`, `u v` or `s t`) and faces or triangle strips. The material is
-/// matte grey.
+/// Loads a PLY file: vertices (`x y z`, `nx ny nz`, `u v` or `s t`, `red green blue alpha`) and faces or triangle
+/// strips. The material is matte, of the vertices' colours or grey.
 pub(super) fn load(session: &mut Session) -> Result<Scene, LoadProblem> {
     let path = session.path.clone();
     let bytes = read(&path, &session.options)?;
     let header = Header::read(&path, &bytes)?;
     let values = Values::new(&bytes, &header);
-    let mut reader = Reader { path: &path, values, mesh: Mesh::default(), dropped: Dropped::default() };
+    let (mesh, dropped) = (Mesh::default(), Dropped::default());
+    let mut reader = Reader { path: &path, values, mesh, dropped, has_alpha: false };
     for element in &header.elements {
         reader.element(element, session)?;
     }
-    let Reader { mut mesh, dropped, .. } = reader;
+    let Reader { mut mesh, dropped, has_alpha, .. } = reader;
     dropped.finish(&mut mesh.positions, &mut session.warnings);
     mesh.materials = vec![0; mesh.triangles.len()];
-    let materials = vec![Material::fallback()];
+    let materials = vec![material(&mesh, has_alpha, &mut session.warnings)];
     let mut objects = Objects::default();
     let name = path.file_stem().unwrap_or_default().to_string_lossy();
     let object = objects.add(Object::new(name));
@@ -38,13 +40,31 @@ pub(super) fn load(session: &mut Session) -> Result<Scene, LoadProblem> {
     Ok(Scene { mesh, objects, materials, ..Scene::default() })
 }
 
+/// The material of a mesh: of its colours if it has any.
+fn material(mesh: &Mesh, has_alpha: bool, warnings: &mut Warnings) -> Material {
+    if mesh.colours.is_empty() {
+        return Material::fallback();
+    }
+    let mut material = Material::vertex_coloured();
+    if !has_alpha || mesh.colours.iter().all(|colour| colour.w >= 1.0) {
+        return material;
+    }
+    if mesh.colours.iter().all(|colour| colour.w == 0.0) {
+        warnings.add("All vertices have an alpha of 0; alpha is ignored.");
+        return material;
+    }
+    material.alpha = Alpha { mode: AlphaMode::Blend, vertex: true, ..Alpha::default() };
+    material
+}
+
 /// The meaning of a vertex property.
 #[derive(Clone, Copy, PartialEq)]
 enum Role {
     Position(usize),
     Normal(usize),
     Uv(usize),
-    Colour,
+    /// Red, green, blue or alpha.
+    Colour(usize),
     Other,
 }
 
@@ -59,7 +79,10 @@ impl Role {
             "nz" => Self::Normal(2),
             "u" | "s" | "texture_u" | "texture_s" => Self::Uv(0),
             "v" | "t" | "texture_v" | "texture_t" => Self::Uv(1),
-            "red" | "green" | "blue" => Self::Colour,
+            "red" | "r" | "diffuse_red" => Self::Colour(0),
+            "green" | "g" | "diffuse_green" => Self::Colour(1),
+            "blue" | "b" | "diffuse_blue" => Self::Colour(2),
+            "alpha" | "a" | "diffuse_alpha" => Self::Colour(3),
             _ => Self::Other,
         }
     }
@@ -71,6 +94,8 @@ struct Reader<'a> {
     values: Values<'a>,
     mesh: Mesh,
     dropped: Dropped,
+    /// Whether the vertices' colours have an alpha.
+    has_alpha: bool,
 }
 
 impl Reader<'_> {
@@ -107,22 +132,30 @@ impl Reader<'_> {
         }
         let normals = (0..3).all(|axis| has(Role::Normal(axis)));
         let uvs = (0..2).all(|axis| has(Role::Uv(axis)));
-        if has(Role::Colour) {
-            session.warnings.add("Vertex colours are ignored.");
-        }
+        let colours = (0..3).all(|channel| has(Role::Colour(channel)));
+        self.has_alpha = has(Role::Colour(3));
         let vertices = element.count as u64;
-        session.reserve(&mut self.mesh, MeshSize { vertices, normals, uvs, ..MeshSize::default() })?;
+        session
+            .reserve(&mut self.mesh, MeshSize { vertices, normals, uvs, colours, ..MeshSize::default() })?;
         for row in 0..element.count {
             let [mut position, mut normal, mut uv] = [[0.0_f32; 3]; 3];
+            let mut colour = [1.0_f32; 4];
             for (property, role) in element.properties.iter().zip(&roles) {
                 let slot = match (*role, &property.form) {
                     (Role::Position(axis), Form::Scalar(kind)) => Some((&mut position[axis], kind)),
                     (Role::Normal(axis), Form::Scalar(kind)) => Some((&mut normal[axis], kind)),
                     (Role::Uv(axis), Form::Scalar(kind)) => Some((&mut uv[axis], kind)),
+                    (Role::Colour(channel), Form::Scalar(kind)) => Some((&mut colour[channel], kind)),
                     _ => None,
                 };
+                let full_scale = match (role, &property.form) {
+                    (Role::Colour(_), Form::Scalar(kind)) => kind.full_scale(),
+                    _ => 1.0,
+                };
                 let result = match slot {
-                    Some((slot, kind)) => self.values.number(*kind).map(|value| *slot = value as f32),
+                    Some((slot, kind)) => {
+                        self.values.number(*kind).map(|value| *slot = (value / full_scale) as f32)
+                    }
                     None => self.values.skip(&property.form),
                 };
                 result.map_err(|problem| self.error(element, row, problem))?;
@@ -140,6 +173,9 @@ impl Reader<'_> {
                 let uv = Vec2::new(uv[0], 1.0 - uv[1]);
                 self.mesh.uvs.push(if uv.is_finite() { uv } else { Vec2::ZERO });
             }
+            if colours {
+                self.mesh.colours.push(srgb::decoded(colour));
+            }
         }
         Ok(())
     }
@@ -155,6 +191,9 @@ impl Reader<'_> {
         let Some(list) = element.properties.iter().find(is_list) else {
             return Err(self.error(element, 0, "has no list vertex_indices".into()));
         };
+        if element.properties.iter().any(|p| Role::of(&p.name) == Role::Colour(0)) {
+            session.warnings.add("Colours of faces are ignored; those of vertices are shown.");
+        }
         let vertices = self.mesh.positions.len();
         // At least one triangle a row.
         let triangles = element.count as u64;

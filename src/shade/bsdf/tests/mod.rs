@@ -3,7 +3,7 @@
 use super::{Dielectric, MIN_ROUGHNESS, Matte, Mirror, Principled, Smoothness};
 use crate::geom::{Sampler, warp};
 use crate::lanes::SingleLane;
-use crate::scene::{self, Colour, Footprint, Scalar, Scene};
+use crate::scene::{self, Colour, Scalar, Scene, TexturePoint};
 use crate::shade::CoatShape;
 use crate::shade::single::{Bsdf, Smooth};
 use glam::Vec3;
@@ -33,12 +33,11 @@ fn described(
 ) -> Bsdf<'static> {
     let mut surface = scene::Principled::default();
     edit(&mut surface);
-    let (uv, point) = ([0.0.into(); 2], Footprint::point(SingleLane::default()));
+    let point = TexturePoint::without_width([0.0.into(); 2], 0.into(), [0.0.into(); 2]);
     let scene = Scene::default();
     Bsdf(super::Bsdf::Principled(Principled::new(
         &scene,
         &surface,
-        uv,
         &point,
         &coat,
         outside.into(),

@@ -20,7 +20,7 @@ impl<'a, 'b> Converter<'a, 'b> {
         let factor = Vec3::from(specular.specular_color_factor())
             .map(|v| self.clamped("a component of specularColorFactor", v, f32::MAX));
         let texture = specular.specular_color_texture().map(|info| TextureInfo::of(&info));
-        Ok((strength, Colour { factor, texture: self.colour(texture)? }))
+        Ok((strength, Colour { texture: self.colour(texture)?, ..Colour::constant(factor) }))
     }
 
     /// Strength, roughness and normal map of the clear coat.
@@ -55,7 +55,7 @@ impl<'a, 'b> Converter<'a, 'b> {
         let factor = Vec3::new(part(0), part(1), part(2))
             .map(|v| self.clamped("a component of sheenColorFactor", v, 1.0));
         let texture = self.texture_info(extension, "sheenColorTexture")?;
-        let colour = Colour { factor, texture: self.colour(texture)? };
+        let colour = Colour { texture: self.colour(texture)?, ..Colour::constant(factor) };
         let roughness =
             self.textured_factor(extension, "sheenRoughnessFactor", "sheenRoughnessTexture", Channel::A)?;
         Ok((factor != Vec3::ZERO).then_some(Sheen { colour, roughness }))

@@ -5,6 +5,7 @@ mod layers;
 use super::super::LoadProblem;
 use super::super::textures::Textures;
 use super::Context;
+use super::colour::VertexColours;
 use super::texture::TextureInfo;
 use crate::scene::{
     Alpha, AlphaMode, Channel, Coats, Colour, ColourSpace, Emission, Material, Medium, NormalMap, Principled,
@@ -13,14 +14,15 @@ use crate::scene::{
 use ::gltf::Material as Source;
 use glam::Vec3;
 
-/// A material and the set of texture coordinates that it uses.
+/// A material and the sets of texture coordinates that it uses.
 pub(super) struct Converted {
     pub(super) material: Material,
-    /// The base colour texture's set, or else the first texture's set: 0 for `TEXCOORD_0`.
-    pub(super) uv_set: u32,
+    /// The sets of the file (1 for `TEXCOORD_1`) in the order in which the material's textures name them, the base
+    /// colour's first. Set `k` of the mesh ([`TextureRef::set`]) holds the set `uv_sets[k]` of the file.
+    pub(super) uv_sets: Vec<u32>,
 }
 
-/// Converts a material.
+/// Converts a material. `colours` says whether meshes with vertex colours use it.
 ///
 /// # Errors
 /// When a texture is missing or cannot be decoded.
@@ -28,17 +30,22 @@ pub(super) fn convert<'a>(
     context: &mut Context<'a>,
     textures: &mut Textures,
     source: &Source<'a>,
+    colours: VertexColours,
 ) -> Result<Converted, LoadProblem> {
     let name =
         source.name().map_or_else(|| format!("material {}", source.index().unwrap_or(0)), str::to_owned);
-    let mut converter = Converter { context, textures, source, name, uv_set: None };
-    let surface = converter.surface()?;
-    let alpha = converter.alpha()?;
-    let normal_map = converter.normal_map()?;
-    let emission = converter.emission()?;
-    let medium = converter.medium();
-    let material = Material { name: converter.name, surface, emission, normal_map, alpha, medium };
-    Ok(Converted { material, uv_set: converter.uv_set.unwrap_or(0) })
+    let mut converter = Converter { context, textures, source, name, colours, uv_sets: Vec::new() };
+    let material = if source.extension_value("KHR_materials_unlit").is_some() {
+        converter.unlit()?
+    } else {
+        let surface = converter.surface()?;
+        let alpha = converter.alpha()?;
+        let normal_map = converter.normal_map()?;
+        let emission = converter.emission()?;
+        let medium = converter.medium();
+        Material { name: converter.name, surface, emission, normal_map, alpha, medium }
+    };
+    Ok(Converted { material, uv_sets: converter.uv_sets })
 }
 
 struct Converter<'a, 'b> {
@@ -46,23 +53,32 @@ struct Converter<'a, 'b> {
     textures: &'a mut Textures,
     source: &'a Source<'b>,
     name: String,
-    uv_set: Option<u32>,
+    colours: VertexColours,
+    uv_sets: Vec<u32>,
 }
 
 impl Converter<'_, '_> {
+    /// A surface that looks the same in any light: it shows its base colour as radiance, and reflects nothing.
+    fn unlit(&mut self) -> Result<Material, LoadProblem> {
+        let radiance = self.base_colour()?;
+        let (alpha, name) = (self.alpha()?, self.name.clone());
+        let emission = Emission { radiance, two_sided: true, is_light: false };
+        let emission = Some(emission).filter(|_| radiance.factor != Vec3::ZERO);
+        Ok(Material { emission, alpha, ..Material::matte(name, Vec3::ZERO) })
+    }
+
+    fn base_colour(&mut self) -> Result<Colour, LoadProblem> {
+        let pbr = self.source.pbr_metallic_roughness();
+        let [r, g, b, _] = pbr.base_color_factor();
+        let factor = Vec3::new(r, g, b).map(|v| self.clamped("a component of baseColorFactor", v, 1.0));
+        let texture = pbr.base_color_texture().map(|info| TextureInfo::of(&info));
+        Ok(Colour { factor, texture: self.colour(texture)?, vertex: self.colours.rgb })
+    }
+
     fn surface(&mut self) -> Result<Surface, LoadProblem> {
         let source = self.source;
         let pbr = source.pbr_metallic_roughness();
-        let [r, g, b, _] = pbr.base_color_factor();
-        let base_texture = pbr.base_color_texture().map(|info| TextureInfo::of(&info));
-        let base_colour = Colour {
-            factor: Vec3::new(r, g, b).map(|v| self.clamped("a component of baseColorFactor", v, 1.0)),
-            texture: self.colour(base_texture)?,
-        };
-        if source.extension_value("KHR_materials_unlit").is_some() {
-            self.warn("KHR_materials_unlit is not supported; the surface is matte");
-            return Ok(Surface::Matte { reflectance: base_colour });
-        }
+        let base_colour = self.base_colour()?;
         let metal_rough = || pbr.metallic_roughness_texture().map(|info| TextureInfo::of(&info));
         let metallic = self.scalar("metallicFactor", pbr.metallic_factor(), metal_rough(), Channel::B)?;
         let roughness = self.scalar("roughnessFactor", pbr.roughness_factor(), metal_rough(), Channel::G)?;
@@ -138,8 +154,8 @@ impl Converter<'_, '_> {
             return Ok(None);
         }
         let texture = self.source.emissive_texture().map(|info| TextureInfo::of(&info));
-        let radiance = Colour { factor, texture: self.colour(texture)? };
-        Ok(Some(Emission { radiance, two_sided: self.source.double_sided() }))
+        let radiance = Colour { texture: self.colour(texture)?, ..Colour::constant(factor) };
+        Ok(Some(Emission { radiance, two_sided: self.source.double_sided(), is_light: true }))
     }
 
     fn normal_map(&mut self) -> Result<Option<NormalMap>, LoadProblem> {
@@ -164,11 +180,13 @@ impl Converter<'_, '_> {
             AlphaMode::Blend => factor >= 1.0,
             AlphaMode::Opaque => true,
         };
-        if is_everywhere && texture.is_none() {
+        let vertex = self.colours.alpha;
+        if is_everywhere && texture.is_none() && !vertex {
             // Saves the tracer a test that always passes.
             return Ok(Alpha::default());
         }
-        Ok(Alpha { mode, value: Scalar { factor, texture: texture.map(|texture| (texture, Channel::A)) } })
+        let value = Scalar { factor, texture: texture.map(|texture| (texture, Channel::A)) };
+        Ok(Alpha { mode, value, vertex })
     }
 
     fn colour(&mut self, texture: Option<TextureInfo>) -> Result<Option<TextureRef>, LoadProblem> {
@@ -188,14 +206,15 @@ impl Converter<'_, '_> {
     }
 
     fn texture(&mut self, texture: &TextureInfo, space: ColourSpace) -> Result<TextureRef, LoadProblem> {
-        let set = *self.uv_set.get_or_insert(texture.set);
-        if set != texture.set {
-            self.warn(&format!(
-                "its textures use TEXCOORD_{set} and TEXCOORD_{}; one set is supported, TEXCOORD_{set}",
-                texture.set
-            ));
-        }
-        texture.load(self.context, self.textures, &self.name, space)
+        let set = match self.uv_sets.iter().position(|&set| set == texture.set) {
+            Some(known) => known,
+            None => {
+                self.uv_sets.push(texture.set);
+                self.uv_sets.len() - 1
+            }
+        };
+        let loaded = texture.load(self.context, self.textures, &self.name, space)?;
+        Ok(TextureRef { set: set as u32, ..loaded })
     }
 
     /// A factor, clamped to 0..=`high` with a warning.
