@@ -6,7 +6,7 @@ use super::*;
 type Change = fn(&mut Scene);
 
 /// Changes that keep the tree.
-const KEEPING: [Change; 13] = [
+const KEEPING: [Change; 15] = [
     |_| (),
     |s| s.materials[1] = Material::matte("red", Vec3::X),
     |s| s.materials[4].emission = None,
@@ -17,6 +17,11 @@ const KEEPING: [Change; 13] = [
     |s| s.materials[7].alpha.mode = AlphaMode::Mask { cutoff: 0.9 },
     |s| s.materials[7].alpha.mode = AlphaMode::Blend,
     |s| s.materials[7].alpha.value.factor = 0.7,
+    |s| s.materials[7].alpha.vertex = false,
+    |s| {
+        let Some(emission) = &mut s.materials[4].emission else { return };
+        (emission.is_light, emission.radiance.vertex) = (false, true);
+    },
     |s| s.lights.truncate(1),
     |s| s.lights[1].intensity = Vec3::splat(9.0),
     |s| s.environment = Environment::Constant(Vec3::new(0.3, 0.4, 0.5)),

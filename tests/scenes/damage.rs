@@ -84,7 +84,7 @@ fn random_triangle<'a>(scene: &'a mut Scene, random: &mut Random) -> Option<&'a 
 /// Makes an array shorter or longer, or empty.
 fn damage_arrays(scene: &mut Scene, random: &mut Random) {
     let count = [0, 1, 19, 20, 21, 39, 41][random.below(7)];
-    match random.below(8) {
+    match random.below(10) {
         0 => scene.mesh.positions.resize(count, Vec3::ZERO),
         1 => scene.mesh.normals.resize(count, Vec3::ZERO),
         2 => scene.mesh.uvs.resize(count, Vec2::ZERO),
@@ -92,6 +92,8 @@ fn damage_arrays(scene: &mut Scene, random: &mut Random) {
         4 => scene.mesh.triangles.resize(count, [0, 1, 2]),
         5 => scene.mesh.materials.resize(count, 0),
         6 => scene.materials.truncate(random.below(9)),
+        7 => scene.mesh.colours.resize(count, Vec4::ONE),
+        8 => scene.mesh.more_uvs[0].resize(count, Vec2::ZERO),
         _ => scene.shapes[0].instances.truncate(random.below(3)),
     }
 }
@@ -99,12 +101,14 @@ fn damage_arrays(scene: &mut Scene, random: &mut Random) {
 /// Writes an odd number into the geometry.
 fn damage_numbers(scene: &mut Scene, random: &mut Random) -> Option<()> {
     let odd = random.odd();
-    match random.below(6) {
+    match random.below(8) {
         0 => random.of(&mut scene.mesh.positions)?.x = odd,
         1 => random.of(&mut scene.mesh.normals)?.y = odd,
         2 => random.of(&mut scene.mesh.uvs)?.x = odd,
         3 => random.of(&mut scene.mesh.tangents)?.z = odd,
         4 => random.of(&mut scene.shapes[0].positions)?.z = odd,
+        5 => random.of(&mut scene.mesh.colours)?.w = odd,
+        6 => random.of(&mut scene.mesh.more_uvs[0])?.y = odd,
         _ => {
             let instance = random.of(&mut scene.shapes[0].instances)?;
             instance.placement.rows[random.below(3)][random.below(4)] = odd;

@@ -44,7 +44,7 @@ fn hash<I: Integrator>(service: &Service, prepared: &PreparedScene, integrator: 
 }
 
 /// A scene with every kind of part: two textures, a mix of mixes, all layers, a shape with two instances, lights of
-/// every kind, an environment map, normals, texture coordinates and tangents.
+/// every kind, an environment map, normals, two sets of texture coordinates, tangents and colours.
 fn everything() -> Scene {
     let mut scene = Scene::new(Mesh::default(), materials());
     scene.textures = vec![texture(0), texture(1)];
@@ -83,7 +83,7 @@ fn texture(seed: u8) -> Texture {
 
 fn materials() -> Vec<Material> {
     let textured = Colour { texture: Some(TextureRef::plain(0)), ..Colour::constant(Vec3::splat(0.8)) };
-    let map = NormalMap { texture: TextureRef::plain(1), scale: 0.5 };
+    let map = NormalMap { texture: TextureRef { set: 1, ..TextureRef::plain(1) }, scale: 0.5 };
     let of = |name: &str, surface| Material { surface, ..Material::matte(name, Vec3::ONE) };
     let layered = Principled {
         base_colour: textured,
@@ -114,12 +114,12 @@ fn materials() -> Vec<Material> {
     let alpha = Alpha {
         mode: AlphaMode::Mask { cutoff: 0.5 },
         value: Scalar { factor: 1.0, texture: Some((TextureRef::plain(0), Channel::A)) },
-        vertex: false,
+        vertex: true,
     };
     let glass = Surface::Dielectric { ior: 1.5, transmittance: Vec3::splat(0.9) };
     vec![
         Material { normal_map: Some(map), ..of("layered", Surface::Principled(layered)) },
-        of("matte", Surface::Matte { reflectance: textured }),
+        of("matte", Surface::Matte { reflectance: Colour { vertex: true, ..textured } }),
         of("mirror", Surface::Mirror { reflectance: Colour::constant(Vec3::splat(0.9)) }),
         Material { medium: Some(Medium { absorption: Vec3::splat(0.1) }), ..of("glass", glass) },
         Material { emission: Some(emission), ..Material::matte("lamp", Vec3::ZERO) },
@@ -139,14 +139,18 @@ fn lights() -> Vec<Light> {
     ]
 }
 
-/// Adds a unit square that faces z, with normals, texture coordinates and tangents.
+/// Adds a unit square that faces z, with all attributes of vertices.
 fn quad(scene: &mut Scene, corner: Vec3, material: u32) {
-    let Mesh { positions, normals, uvs, tangents, triangles, materials, .. } = &mut *scene.mesh;
+    let Mesh { positions, normals, uvs, more_uvs, tangents, colours, triangles, materials, .. } =
+        &mut *scene.mesh;
+    more_uvs.resize(1, Vec::new());
     let base = positions.len() as u32;
     for uv in [Vec2::ZERO, Vec2::X, Vec2::ONE, Vec2::Y] {
         positions.push(corner + uv.extend(0.0));
         normals.push(Vec3::Z);
         uvs.push(uv);
+        more_uvs[0].push(uv * 0.5);
+        colours.push(Vec4::new(1.0, uv.x, uv.y, 0.5 + 0.5 * uv.x));
         tangents.push(Vec4::new(1.0, 0.0, 0.0, 1.0));
     }
     triangles.extend([[base, base + 1, base + 2], [base, base + 2, base + 3]]);

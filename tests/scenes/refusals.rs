@@ -20,6 +20,8 @@ fn short_and_long_arrays_are_refused() {
         (refused(|s| s.mesh.normals.truncate(39)), "normals: 39 entries for 40 vertices"),
         (refused(|s| s.mesh.uvs.truncate(39)), "texture coordinates: 39 entries"),
         (refused(|s| s.mesh.tangents.push(Vec4::ZERO)), "tangents: 41 entries"),
+        (refused(|s| s.mesh.colours.truncate(3)), "colours: 3 entries"),
+        (refused(|s| s.mesh.more_uvs[0].truncate(7)), "a further set of texture coordinates: 7 entries"),
         (refused(|s| s.mesh.materials.truncate(19)), "materials per triangle: 19 entries"),
         (refused(|s| s.mesh.triangles.clear()), "materials per triangle"),
         (refused(|s| s.mesh = Mesh::default().into()), "no triangles"),
@@ -88,6 +90,11 @@ fn numbers_that_are_not_finite_or_out_of_range_are_refused() {
         (refused(|s| s.mesh.normals[3].z = nan), "normals: the entry of vertex 3 is not finite"),
         (refused(|s| s.mesh.uvs[4].x = f32::INFINITY), "texture coordinates: the entry of vertex 4"),
         (refused(|s| s.mesh.tangents[5].w = nan), "tangents: the entry of vertex 5"),
+        (refused(|s| s.mesh.colours[6].w = nan), "colours: the entry of vertex 6"),
+        (
+            refused(|s| s.mesh.more_uvs[0][7].y = nan),
+            "a further set of texture coordinates: the entry of vertex 7",
+        ),
         (
             refused(|s| s.materials[1] = Material::matte("wall", Vec3::new(0.5, nan, 0.5))),
             "material 1 (\"wall\"): its reflectance is NaN; it must be from 0 to 1",

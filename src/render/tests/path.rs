@@ -11,10 +11,10 @@ use crate::scene::{
 };
 use crate::schedule::Renderer;
 use crate::shade::bsdf::Smoothness;
-use crate::shade::material_of;
 use crate::shade::single::{Bsdf, Interaction, emission};
+use crate::shade::{Lights, material_of};
 use crate::stream::{Hit, Ray, Tracer};
-use glam::{Vec2, Vec3};
+use glam::{Vec2, Vec3, Vec4};
 use std::sync::Arc;
 
 const SETTINGS: Settings = Settings::new(24, 24).with_spp(64).with_max_bounces(4);
@@ -489,4 +489,20 @@ fn settings_out_of_range_are_refused_with_what_is_allowed() {
         PathTracer::new(scene, &blind, SETTINGS, None),
         Err(SettingsError::Camera(CameraError::View(..)))
     ));
+}
+
+#[test]
+fn surfaces_that_are_no_lights_show_their_colours_and_light_others_by_chance() {
+    let mut scene = Scene::default();
+    let radiance = Colour { vertex: true, ..Colour::constant(Vec3::new(1.0, 0.5, 0.25)) };
+    let emission = Some(Emission { radiance, two_sided: true, is_light: false });
+    let unlit = add_material(&mut scene, Material { emission, ..Material::matte("unlit", Vec3::ZERO) });
+    add_cube(&mut scene, 100.0, unlit);
+    let white = add_material(&mut scene, Material::matte("white", Vec3::ONE));
+    add_cube(&mut scene, 0.5, white);
+    scene.mesh.colours = vec![Vec4::new(0.5, 1.0, 1.0, 1.0); scene.mesh.positions.len()];
+    assert!(Lights::new(&scene).emitters().is_empty(), "light sampling leaves them out");
+    for pixel in picture(scene, Settings { spp: 4, ..SETTINGS }) {
+        assert!((pixel - Vec3::new(0.5, 0.5, 0.25)).abs().max_element() < 1e-4, "{pixel}");
+    }
 }
