@@ -189,3 +189,25 @@ fn bench_rays_compares_every_instruction_set_with_its_peers() {
     }
     run(folder.path(), &["bench", "rays", &scene, "--size", "8x8", "--embree", "no-such-library.so"], 2);
 }
+
+#[test]
+fn variants_are_listed_and_chosen_by_name() {
+    let folder = folder();
+    // Accessors without data are 0.
+    let scene = r#"{ "asset": { "version": "2.0" }, "accessors": [{ "componentType": 5126, "type": "VEC3", "count": 3 }],
+        "materials": [{ "pbrMetallicRoughness": { "baseColorFactor": [1, 0, 0, 1] } }, {}], "nodes": [{ "mesh": 0 }],
+        "meshes": [{ "primitives": [{ "attributes": { "POSITION": 0, "COLOR_0": 0 }, "material": 0,
+            "extensions": { "KHR_materials_variants": { "mappings": [{ "material": 1, "variants": [1] }] } } }] }],
+        "extensions": { "KHR_materials_variants": { "variants": [{ "name": "day" }, { "name": "night" }] } } }"#;
+    std::fs::write(folder.path().join("a.gltf"), scene).expect("scene");
+    let mesh = |variant: &[&str], code| {
+        run(folder.path(), &[&["mesh", "a.gltf", "-o", "m.npz"], variant].concat(), code)
+    };
+    assert!(mesh(&[], 0).contains("variants: day, night"));
+    let file = folder.path().join("m.npz");
+    assert_eq!((array::<u32>(&file, "material"), array::<f32>(&file, "colours").len()), (vec![0], 12));
+    mesh(&["--variant", "night"], 0);
+    assert_eq!(array::<u32>(&file, "material"), [1]);
+    let message = mesh(&["--variant", "dusk"], 2);
+    assert!(message.contains("\"dusk\"") && message.contains("\"day\", \"night\""), "{message}");
+}
