@@ -9,7 +9,7 @@ use ::gltf::{Document, Node};
 use glam::DMat4;
 use std::collections::BTreeSet;
 
-/// The cameras of the visible nodes, in file order.
+/// The cameras of the nodes, in file order.
 #[derive(Default)]
 pub(super) struct Cameras {
     /// Each with its node.

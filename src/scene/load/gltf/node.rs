@@ -28,7 +28,6 @@ pub(super) struct World {
 /// # Errors
 /// When the nodes do not form trees, or a mesh is wrong.
 pub(super) fn flatten<'a>(context: &mut Context<'a>, materials: Materials) -> Result<World, LoadProblem> {
-    let document = context.document;
     let nodes = in_world(context)?;
     let mut flattened = Flattened::new(materials);
     reserve(context, &mut flattened, &nodes, materials)?;
