@@ -270,6 +270,9 @@ fn textures_of_a_further_set_look_as_those_of_the_first() {
     }
 }
 
+/// Gives a surface a normal map or grooves; returns the normal map of the material.
+type Bump = fn(&mut Principled, Option<NormalMap>, Anisotropy) -> Option<NormalMap>;
+
 #[test]
 fn normal_maps_and_grooves_of_a_further_set_lie_along_its_tangents() {
     let plain = scene();
@@ -279,7 +282,7 @@ fn normal_maps_and_grooves_of_a_further_set_lie_along_its_tangents() {
         rotation: 0.2,
         direction: Some(TextureRef { set, ..TextureRef::plain(0) }),
     };
-    let kinds: [fn(&mut Principled, Option<NormalMap>, Anisotropy) -> Option<NormalMap>; 3] = [
+    let kinds: [Bump; 3] = [
         |_, map, _| map,
         |surface, _, grooves| {
             surface.anisotropy = Some(grooves);
