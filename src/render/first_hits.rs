@@ -174,14 +174,14 @@ impl AddHits<'_> {
             columns.push_vector(base_colour(scene, material, at), Aov::Albedo.bound_bits(scene));
         }
         if aovs.has(Aov::Uv) {
-            let [u, v] = at.uv;
+            let [u, v] = at.texture.uv;
             columns.push(u, Aov::Uv.bound_bits(scene));
             columns.push(v, Aov::Uv.bound_bits(scene));
         }
         if aovs.has(Aov::Emission) {
             let mut emitted = Vector::zero(at.wo.lanes());
             if let Some(emission) = &material.emission {
-                emitted = lookup::emission(scene, emission, at.uv, &at.footprint, at.front);
+                emitted = lookup::emission(scene, emission, &at.texture, at.front);
             }
             if let Some(computed) = at.computed_emission(scene, material) {
                 emitted += computed;

@@ -6,16 +6,19 @@ use crate::scene::{Material, Scene, Surface};
 use glam::Vec3;
 
 /// The base colours of surfaces of one material, 0..=1: the albedo of diffuse surfaces, the reflectance of mirrors and
-/// metals at normal incidence, and the share of light that passes a smooth dielectric boundary. A surface whose BSDF is
-/// user code is white.
+/// metals at normal incidence, and the share of light that passes a smooth dielectric boundary. Surfaces whose radiance is
+/// no light ([`crate::scene::Emission::is_light`]) have that as their colour. A surface whose BSDF is user code is white.
 #[cfg_attr(not(unoptimised), inline(always))]
 pub fn base_colour<L: Lanes>(scene: &Scene, material: &Material, at: &Interaction<L>) -> Vector<L> {
     let l = at.wo.lanes();
+    if let Some(unlit) = material.emission.filter(|emission| !emission.is_light) {
+        return lookup::albedo(scene, &unlit.radiance, &at.texture);
+    }
     match &material.surface {
         Surface::Matte { reflectance: colour } | Surface::Mirror { reflectance: colour } => {
-            lookup::albedo(scene, colour, at.uv, &at.footprint)
+            lookup::albedo(scene, colour, &at.texture)
         }
-        Surface::Principled(surface) => lookup::albedo(scene, &surface.base_colour, at.uv, &at.footprint),
+        Surface::Principled(surface) => lookup::albedo(scene, &surface.base_colour, &at.texture),
         Surface::Dielectric { transmittance, .. } => {
             Vector::splat(l, transmittance.clamp(Vec3::ZERO, Vec3::ONE))
         }

@@ -170,7 +170,7 @@ fn square() -> Scene {
         mipmap: Mipmap::default(),
     });
     let texture = Some(TextureRef::plain(0));
-    let reflectance = Colour { factor: Vec3::splat(0.5), texture };
+    let reflectance = Colour { texture, ..Colour::constant(Vec3::splat(0.5)) };
     let paper = Material { surface: Surface::Matte { reflectance }, ..Material::fallback() };
     let paper = add_material(&mut scene, paper);
     let lamp = add_material(&mut scene, shining(3.0, 0.25));
