@@ -1,6 +1,7 @@
 //! The command line as a user meets it: pictures, arrays, statistics, refusals.
 
 mod bench;
+mod compare;
 mod cameras;
 mod farm;
 mod frames;
