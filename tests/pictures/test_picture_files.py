@@ -63,7 +63,8 @@ class PictureFiles(raystream.Case):
         channels, header = self.open(self.render("a.exr", "--aov", LAYERS, "--transparent"))
         arrays = np.load(self.render("a.npz", "--aov", LAYERS, "--transparent"))
         names = json.loads(arrays["ids.json"])
-        kinds = {header[f"{key[:-4]}name"]: key[:-4] for key in header if key.startswith("cryptomatte/") and key.endswith("name")}
+        keys = [key[:-4] for key in header if key.startswith("cryptomatte/") and key.endswith("/name")]
+        kinds = {header[f"{key}name"]: key for key in keys}
         self.assertEqual(set(kinds), set(CRYPTOMATTES.values()))
         for kind, type_name in CRYPTOMATTES.items():
             key = kinds[type_name]

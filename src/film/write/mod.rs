@@ -85,8 +85,8 @@ pub fn write_image(path: &Path, image: &Image, look: &Look) -> Result<(), WriteE
     write_picture(path, &Picture::new(image.clone()), look, &WriteOptions::default())
 }
 
-/// Writes a picture, its alpha, layers and metadata in the format of the file name's extension. `look` applies to `.png`
-/// only; the other formats store radiance unchanged. [`picture_files`] tells which files are written.
+/// Writes a picture, its alpha, layers and metadata in the format of the file name's extension. `look` applies to
+/// `.png` only; the other formats store radiance unchanged. [`picture_files`] tells which files are written.
 ///
 /// ```no_run
 /// use raystream::film::{Image, Look, Picture, WriteOptions, write_picture};
