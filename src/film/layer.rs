@@ -59,6 +59,13 @@ pub struct Layer {
     pub values: LayerValues,
 }
 
+impl Layer {
+    /// A layer.
+    pub fn new(name: &'static str, values: LayerValues) -> Self {
+        Self { name, values }
+    }
+}
+
 /// The values of a layer.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]

@@ -31,11 +31,14 @@ fn a_picture_is_compared_with_a_better_one() {
 fn what_cannot_be_compared_is_refused() {
     let folder = folder();
     let scene = shipped("cornell.json");
-    let render = |name, size| run(folder.path(), &["render", &scene, "-o", name, "--spp", "1", "--size", size], 0);
+    let render =
+        |name, size| run(folder.path(), &["render", &scene, "-o", name, "--spp", "1", "--size", size], 0);
     render("a.png", "16x16");
     render("b.png", "16x12");
     let refused = |args: &[&str]| run(folder.path(), &[&["compare"], args].concat(), 2);
-    assert!(refused(&["a.png", "b.png"]).contains("the reference has 16x16 pixels and the test picture 16x12"));
+    assert!(
+        refused(&["a.png", "b.png"]).contains("the reference has 16x16 pixels and the test picture 16x12")
+    );
     assert!(refused(&["a.png", "none.png"]).contains("none.png: cannot be read"));
     assert!(refused(&["a.png", "a.png", "-o", "a.png"]).contains("would overwrite the reference"));
     assert!(refused(&["a.png", "a.png", "-o", "a.hdr"]).contains("they may be negative"));

@@ -1,8 +1,8 @@
 //! The command line as a user meets it: pictures, arrays, statistics, refusals.
 
 mod bench;
-mod compare;
 mod cameras;
+mod compare;
 mod farm;
 mod frames;
 mod hostile;

@@ -20,7 +20,7 @@ CRYPTOMATTES = {"object": "CryptoObject", "material": "CryptoMaterial", "asset":
 
 
 def channels_of(layer):
-    letters = {"depth": "Z", "z": "Z", "uv": "UV", "samples": "X"}
+    letters = {"depth": "Z", "z": "Z", "uv": "UV", "samples": "Y"}
     colours = layer in ("albedo", "emission", "variance")
     ids = layer in ("object", "material", "instance", "primitive")
     return letters.get(layer, "X" if ids else "RGB" if colours else "XYZ")

@@ -19,8 +19,8 @@ use super::setup::Setup;
 use super::timeline;
 use crate::cli::progress::Progress;
 use crate::cli::registry::{IntegratorParams, Registry};
-use crate::film::{Film, Format, MAX_RADIANCE};
-use crate::render::{AovSet, Integrator, PASSES_IN_FLIGHT, ROULETTE_BOUNCES, Settings};
+use crate::film::{Film, Format, MAX_RADIANCE, picture_files};
+use crate::render::{Aov, AovSet, Integrator, PASSES_IN_FLIGHT, ROULETTE_BOUNCES, Settings};
 use crate::scene::{Camera, Scene};
 use crate::schedule::{JobHandle, JobOptions, LimitsError};
 use animation::{Animation, named_camera};
@@ -142,8 +142,13 @@ fn submit<I: Integrator>(
 
 /// Refuses files that cannot be written or would overwrite others, before time is spent on rendering.
 fn check_files(args: &RenderArgs, pictures: &[PathBuf]) -> Result<Outputs> {
-    let pictures = pictures.iter().map(|picture| ("-o", Some(&**picture)));
     let transforms = views::transforms_file(args);
+    let aovs = args.layers.aovs();
+    let mut files = Vec::new();
+    for picture in pictures {
+        files.extend(picture_files(picture, aovs.iter().map(Aov::name), aovs.is_transparent())?);
+    }
+    let pictures = files.iter().map(|file| ("-o", Some(&**file)));
     let others = [
         ("--views", transforms.as_deref()),
         ("--stats", args.stats.as_deref()),

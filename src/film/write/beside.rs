@@ -65,7 +65,8 @@ pub fn plane(width: u32, height: u32, values: Values<'_>) -> Array<'_> {
 }
 
 /// Gives `take` a layer as an array: float32 of shape (height, width) or (height, width, channels); uint32 ids of shape
-/// (height, width); or coverage as uint32 rows (pixel, id, samples), with id 4294967295 for samples that hit nothing.
+/// (height, width); or coverage as uint32 rows (pixel, id, samples), with id 4294967295 for
+/// samples that have no entry.
 pub fn with_array<T>(layer: &Layer, width: u32, height: u32, take: impl FnOnce(&Array<'_>) -> T) -> T {
     let rows;
     let mut array = plane(width, height, Values::U32(&[]));
@@ -89,7 +90,7 @@ fn coverage_rows(coverage: &Coverage) -> Vec<[u32; 3]> {
     for (pixel, &samples) in coverage.samples.iter().enumerate() {
         let entries = &coverage.entries[coverage.starts[pixel] as usize..coverage.starts[pixel + 1] as usize];
         rows.extend(entries.iter().map(|&(id, count)| [pixel as u32, id, count]));
-        let missed = samples - entries.iter().map(|&(_, count)| count).sum::<u32>();
+        let missed = samples.saturating_sub(entries.iter().map(|&(_, count)| count).sum());
         rows.extend((missed > 0).then_some([pixel as u32, LayerValues::NO_ID, missed]));
     }
     rows

@@ -18,7 +18,7 @@ pub fn as_json(picture: &Picture) -> String {
 
 /// Whether the layer of this name has ids with names.
 pub fn has_names(layer: &str) -> bool {
-    matches!(layer, "object" | "material" | "instance") || layer.starts_with("crypto-")
+    matches!(layer, "object" | "material") || layer.starts_with("crypto-")
 }
 
 /// The names of a layer's ids.
