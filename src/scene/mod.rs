@@ -130,7 +130,7 @@ pub struct Scene {
     pub options: BTreeMap<String, String>,
     /// Features of the file that the loader ignored or changed, one sentence each.
     pub warnings: Vec<String>,
-    /// The material variants of the file (KHR_materials_variants), of which [`load::LoadOptions::with_variant`]
+    /// Names of the material variants of the file (KHR_materials_variants). [`load::LoadOptions::with_variant`]
     /// chooses one.
     pub variants: Vec<String>,
     /// The files that the scene's file names and the loader read or looked for: material libraries, buffers, textures.

@@ -194,7 +194,8 @@ fn bench_rays_compares_every_instruction_set_with_its_peers() {
 fn variants_are_listed_and_chosen_by_name() {
     let folder = folder();
     // Accessors without data are 0.
-    let scene = r#"{ "asset": { "version": "2.0" }, "accessors": [{ "componentType": 5126, "type": "VEC3", "count": 3 }],
+    let scene = r#"{ "asset": { "version": "2.0" },
+        "accessors": [{ "componentType": 5126, "type": "VEC3", "count": 3 }],
         "materials": [{ "pbrMetallicRoughness": { "baseColorFactor": [1, 0, 0, 1] } }, {}], "nodes": [{ "mesh": 0 }],
         "meshes": [{ "primitives": [{ "attributes": { "POSITION": 0, "COLOR_0": 0 }, "material": 0,
             "extensions": { "KHR_materials_variants": { "mappings": [{ "material": 1, "variants": [1] }] } } }] }],

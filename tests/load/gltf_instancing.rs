@@ -60,7 +60,9 @@ fn rotations_may_be_normalised_integers_and_attributes_may_be_left_out() {
     let mut document = Document::triangle();
     let rotations = document.accessor("VEC4", 5120, 2, &[0, 0, 127, 0, 0, 0, 0, 127]);
     document.json["accessors"][rotations]["normalized"] = json!(true);
-    document.json["nodes"][0]["extensions"] = json!({ "EXT_mesh_gpu_instancing": { "attributes": { "ROTATION": rotations, "_ID": 0, "TINT": 0 } } });
+    let attributes = json!({ "ROTATION": rotations, "_ID": 0, "TINT": 0 });
+    document.json["nodes"][0]["extensions"] =
+        json!({ "EXT_mesh_gpu_instancing": { "attributes": attributes } });
     let scene = document.scene();
     assert!((scene.mesh.corners(0)[1] - Vec3::NEG_X).length() < 1e-6, "half a turn");
     assert_eq!(scene.mesh.corners(1)[1], Vec3::X);

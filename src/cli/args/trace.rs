@@ -41,10 +41,10 @@ pub struct MeshArgs {
     /// Scene file.
     pub scene: PathBuf,
     /// Mesh: .npz with vertices float32 (v, 3), triangles uint32 (t, 3), material uint32 (t,), and, if the scene has
-    /// them, normals (v, 3), uvs (v, 2) and linear colours (v, 4). For each material its factors without textures: emission float32 (m, 3),
-    /// base_colour (m, 3), metallic, roughness, specular, transmission, ior, opacity (m,), thin bool (m,). Its
-    /// textures: base_texture, opacity_texture, opacity_channel (0 to 3: RGBA, 4: grey) uint32 (m,), 4294967295 for
-    /// none.
+    /// them, normals (v, 3), uvs (v, 2) and linear colours (v, 4). For each material its factors without textures:
+    /// emission float32 (m, 3), base_colour (m, 3), metallic, roughness, specular, transmission, ior, opacity (m,),
+    /// thin bool (m,). Its textures: base_texture, opacity_texture, opacity_channel (0 to 3: RGBA, 4: grey) uint32
+    /// (m,), 4294967295 for none.
     #[arg(short, long, value_name = "FILE")]
     pub output: PathBuf,
     /// Also write the textures: texture0, … uint32 (height, width), RGBA, one byte each.
