@@ -5,10 +5,9 @@ use super::args::MergeArgs;
 use super::outputs::Outputs;
 use super::render::{insist, partial, warn_of_clamped};
 use super::stats::{self, ImageStats, MergeStats, SCHEMA};
-use crate::film::{Format, Image, Picture, Region, write_picture};
+use crate::film::{Format, Picture, Region, write_picture};
 use crate::render::{PICTURE_VERSION, Part, PartialFilm, PartialFilmError, PartialFilmHeader};
 use anyhow::{Context, Result, anyhow, bail, ensure};
-use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
@@ -61,7 +60,7 @@ pub fn run(args: &MergeArgs) -> Result<Outcome> {
             filter: identity("--filter"),
             indirect_limit: identity("the radiance of --clamp-indirect").parse().ok(),
             hash: image.hash(),
-            layers: BTreeMap::new(),
+            layers: picture.layer_hashes(),
             picture_version: PICTURE_VERSION,
             view: look.view().name().into(),
             exposure_stops: look.stops(image),
@@ -163,7 +162,7 @@ fn add(args: &MergeArgs, joined: &PartialFilmHeader) -> Result<PartialFilm> {
 
 /// The picture of a region, with the facts that the films have.
 fn develop(args: &MergeArgs, sum: &PartialFilm, region: Region, mean_spp: f64) -> Picture {
-    let mut picture = Picture::new(Image::of(sum.film(), region));
+    let mut picture = sum.develop(region);
     let (image, look) = (&picture.image, args.look.look());
     let mut facts = sum.header().metadata().clone();
     let (width, height) = sum.header().size();

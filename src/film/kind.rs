@@ -20,6 +20,11 @@ impl FilmKind {
         (MIN_FRACTION_BITS..=MAX_FRACTION_BITS).contains(&self.fraction_bits) && self.layers.is_sound()
     }
 
+    /// What it holds besides radiance.
+    pub fn layers(&self) -> &LayerPlan {
+        &self.layers
+    }
+
     /// Bytes of a film of this kind, at most.
     pub fn bytes(&self, width: u32, height: u32) -> u64 {
         let pixels = u64::from(width) * u64::from(height);

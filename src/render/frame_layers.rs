@@ -3,8 +3,12 @@
 use super::Frame;
 use super::aov::{Aov, AovError, AovSet, COUNTS, MEANS};
 use crate::film::{Coverage, Film, Image, Layer, LayerValues, Picture, Region};
-use crate::scene::{Lens, Objects};
-use crate::shade::LitScene;
+use crate::scene::{Lens, Objects, Scene};
+#[cfg(feature = "formats")]
+use crate::{film::LayerPlan, scene::Material};
+#[cfg(feature = "formats")]
+use glam::Vec3;
+use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
@@ -21,7 +25,7 @@ pub(super) struct FrameLayers {
 /// Makes pictures of a frame's films.
 #[derive(Clone, Debug)]
 pub(super) struct Developer {
-    scene: LitScene,
+    scene: Arc<Scene>,
     lens: Lens,
     /// The part of the film that pictures show.
     pub region: Region,
@@ -60,7 +64,7 @@ impl Frame {
     }
 
     pub(super) fn developer(&self) -> Developer {
-        let (scene, region) = (self.lit_scene().clone(), self.part().region);
+        let (scene, region) = (Arc::clone(self.lit_scene().scene()), self.part().region);
         Developer { scene, lens: *self.lens(), region, layers: self.layers().cloned() }
     }
 
@@ -115,6 +119,64 @@ impl Developer {
     }
 }
 
+/// What the layers of a film are made with, for files: the scene's names and the lens, but no geometry.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct LayerRecord {
+    aovs: Vec<String>,
+    transparent: bool,
+    lens: Lens,
+    objects: Objects,
+    materials: Vec<String>,
+}
+
+impl LayerRecord {
+    /// Of a frame; `None` if it has no layers.
+    pub fn of(frame: &Frame) -> Option<Self> {
+        let (aovs, scene) = (frame.aovs(), frame.scene());
+        (!aovs.is_empty()).then(|| Self {
+            aovs: aovs.iter().map(|aov| aov.name().to_owned()).collect(),
+            transparent: aovs.is_transparent(),
+            lens: *frame.lens(),
+            objects: Objects::clone(&scene.objects),
+            materials: scene.materials.iter().map(|material| material.name.clone()).collect(),
+        })
+    }
+
+    /// Whether a film of this kind has these layers.
+    #[cfg(feature = "formats")]
+    pub fn is_of(&self, plan: &LayerPlan) -> bool {
+        let Some(aovs) = self.aovs() else { return false };
+        let wanted = aovs.plan(&self.names(), plan.samples);
+        (wanted.hits, wanted.halves, wanted.centres) == (plan.hits, plan.halves, plan.centres)
+            && wanted.sums.len() == plan.sums.len()
+            && wanted.coverage == plan.coverage
+    }
+
+    #[cfg(feature = "formats")]
+    fn aovs(&self) -> Option<AovSet> {
+        let aovs: Option<Vec<Aov>> = self.aovs.iter().map(|name| name.parse().ok()).collect();
+        let aovs = aovs?.into_iter().fold(AovSet::default(), AovSet::with);
+        Some(aovs.with_transparent(self.transparent))
+    }
+
+    /// A scene that has names alone.
+    #[cfg(feature = "formats")]
+    fn names(&self) -> Scene {
+        let materials = self.materials.iter().map(|name| Material::matte(name, Vec3::ZERO)).collect();
+        Scene { objects: self.objects.clone().into(), materials, ..Scene::default() }
+    }
+
+    /// The picture of a region of a film with these layers.
+    #[cfg(feature = "formats")]
+    pub fn develop(&self, film: &Film, region: Region) -> Picture {
+        let aovs = self.aovs().unwrap_or_default();
+        let layers = FrameLayers { aovs, assets: Vec::new(), position_bits: 0 };
+        let scene = Arc::new(self.names());
+        Developer { scene, lens: self.lens, region, layers: Some(Arc::new(layers)) }.develop(film)
+    }
+}
+
 /// A film being developed.
 struct Seen<'a> {
     developer: &'a Developer,
@@ -157,7 +219,7 @@ impl Seen<'_> {
     }
 
     fn ids(&self, aov: Aov) -> LayerValues {
-        let objects = &self.developer.scene.scene().objects;
+        let objects = &self.developer.scene.objects;
         let id = |pixel| {
             let hit = self.film.centre(pixel)?;
             match aov {
@@ -172,7 +234,7 @@ impl Seen<'_> {
     }
 
     fn names(&self, aov: Aov) -> Vec<String> {
-        let scene = self.developer.scene.scene();
+        let scene = &self.developer.scene;
         match aov {
             Aov::Object | Aov::CryptoObject | Aov::CryptoAsset => object_names(&scene.objects),
             Aov::Material | Aov::CryptoMaterial => {

@@ -1,8 +1,9 @@
 //! Partial films: files of the sums of some of a frame's samples, which add up to the whole frame's in any order.
 
+use super::frame_layers::LayerRecord;
 use super::summed::Summed;
 use super::{Frame, Identity, Part, Settings};
-use crate::film::{Film, FilmKind, take};
+use crate::film::{Film, FilmKind, Image, Picture, Region, take};
 use crate::memory::OutOfMemory;
 use flate2::Compression;
 use flate2::read::ZlibDecoder;
@@ -19,14 +20,14 @@ const MAGIC: &[u8; 22] = b"raystream partial film";
 /// Counts incompatible formats of partial films.
 pub const PARTIAL_FILM_VERSION: u32 = 1;
 
-/// The most bytes of a header. Ten thousand parts take about one million.
-const MAX_HEADER_BYTES: u64 = 1 << 26;
+/// The most bytes of a header. Ten thousand parts, or as many objects with names, take about one million.
+const MAX_HEADER_BYTES: u64 = 1 << 28;
 
 /// Bytes that are read at a time.
 const READ_BYTES: usize = 1 << 16;
 
 /// What a partial film says about itself: which picture it is of, and which of its samples it has.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PartialFilmHeader {
     identity: Identity,
@@ -34,6 +35,9 @@ pub struct PartialFilmHeader {
     height: u32,
     spp: u32,
     kind: FilmKind,
+    /// What its layers are made with, if it has any.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    layers: Option<LayerRecord>,
     /// Bytes of the film before compression.
     film_bytes: u64,
     parts: Vec<Part>,
@@ -114,6 +118,10 @@ impl PartialFilmHeader {
             |(i, part): (usize, &Part)| self.parts[..i].iter().all(|other| part.overlap(other).is_none());
         settings.validate(u32::MAX).is_ok()
             && self.kind.is_sound()
+            && self
+                .layers
+                .as_ref()
+                .map_or(self.kind.layers().is_empty(), |layers| layers.is_of(self.kind.layers()))
             && self.parts.iter().all(|part| part.is_of(&settings))
             && self.parts.iter().enumerate().all(is_disjoint)
     }
@@ -226,7 +234,9 @@ impl PartialFilm {
     pub fn new(identity: Identity, frame: &Frame, film: Arc<Film>) -> Result<Self, PartialFilmError> {
         let Settings { width, height, spp, .. } = *frame.settings();
         let (parts, kind, metadata) = (vec![frame.part().clone()], film.kind(), BTreeMap::new());
-        let header = PartialFilmHeader { identity, width, height, spp, kind, film_bytes: 0, parts, metadata };
+        let layers = LayerRecord::of(frame);
+        let header =
+            PartialFilmHeader { identity, width, height, spp, kind, layers, film_bytes: 0, parts, metadata };
         Self { header, film }.checked()
     }
 
@@ -251,6 +261,17 @@ impl PartialFilm {
         &self.film
     }
 
+    /// The picture of a region, with the layers that the frame was asked for.
+    ///
+    /// # Panics
+    /// If the picture does not have the region.
+    pub fn develop(&self, region: Region) -> Picture {
+        match &self.header.layers {
+            Some(layers) => layers.develop(&self.film, region),
+            None => Picture::new(Image::of(&self.film, region)),
+        }
+    }
+
     /// Adds another film of the same picture.
     ///
     /// # Errors
@@ -262,8 +283,9 @@ impl PartialFilm {
     }
 
     /// Writes the film. The format, all numbers little-endian: the 22 bytes "raystream partial film"; a version (u32);
-    /// the length (u64) and the bytes of a JSON header, which is [`PartialFilmHeader`]; a zlib stream of what
-    /// [`Film::save`] writes for the whole picture; XXH3 (u64) of all before it.
+    /// the length (u64) and the bytes of a JSON header, which is [`PartialFilmHeader`]: the identity of the picture,
+    /// its size and samples, the film's precision and layers, the parts, and facts for picture files; a zlib stream of
+    /// what [`Film::save`] writes for the whole picture; XXH3 (u64) of all before it.
     ///
     /// # Errors
     /// If the file system refuses.

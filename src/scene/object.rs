@@ -1,10 +1,11 @@
 //! The object table: which triangles belong to which object of the scene file.
 
 use crate::lanes::{Int, Lanes};
+use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
 /// An object of a scene file: a node of glTF, an object or a group of OBJ, a shape of a recipe, or a whole PLY file.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct Object {
     /// Name in the file. Several objects may have the same name.
@@ -43,7 +44,7 @@ impl Object {
 /// assert_eq!((objects.of(11), objects.of(12)), (Some(table), Some(leg)));
 /// assert_eq!(objects.path(leg), "table/leg");
 /// ```
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Objects {
     list: Vec<Object>,
     /// The first triangle of each run, ascending; the first is 0.

@@ -59,9 +59,13 @@ fn split(random: &mut impl FnMut(usize) -> usize) -> Vec<([usize; 4], [usize; 2]
 fn seven_random_parts_merge_to_the_whole_picture_even_if_gpus_fail() {
     let folder = folder();
     let folder = folder.path();
-    let whole = render(folder, &["-o", "whole.npy", "--tracer", "cpu"]);
     let mut random = random();
     for turn in 0..2 {
+        let layers: &[&str] = match turn {
+            0 => &[],
+            _ => &["--transparent", "--aov", "depth,z,normal,position,object,samples,variance,crypto-material"],
+        };
+        let whole = render(folder, &[&["-o", "whole.npz", "--tracer", "cpu"], layers].concat());
         let mut names = Vec::new();
         for (i, ([x, y, w, h], [a, b])) in split(&mut random).into_iter().enumerate() {
             let name = format!("p{turn}-{i}.rayfilm");
@@ -73,7 +77,7 @@ fn seven_random_parts_merge_to_the_whole_picture_even_if_gpus_fail() {
                 1 => &["--tracer", "gpu", "--inject", "gpu-corrupt@1"],
                 _ => &["--tracer", "cpu", "--threads", "2"],
             };
-            let stats = render(folder, &[&part[..], units].concat());
+            let stats = render(folder, &[&part[..], units, layers].concat());
             assert_eq!(stats["image"]["region"], serde_json::json!([x, y, w, h]));
             assert_eq!(stats["image"]["mean_spp"], (b - a) as f64);
             names.insert(random(names.len() + 1), name);
@@ -82,12 +86,14 @@ fn seven_random_parts_merge_to_the_whole_picture_even_if_gpus_fail() {
         let names: Vec<&str> = names.iter().map(String::as_str).collect();
         // Some of them first, as farms that merge in steps do.
         merge(folder, &[&names[..4], &["--partial", "some.rayfilm"]].concat(), 0);
-        merge(folder, &[&names[4..], &["some.rayfilm", "-o", "merged.npy"]].concat(), 0);
+        merge(folder, &[&names[4..], &["some.rayfilm", "-o", "merged.npz"]].concat(), 0);
         let merged = json(&folder.join("m.json"));
         assert_eq!(merged["image"]["hash"], whole["image"]["hash"]);
+        assert_eq!(merged["image"]["layers"], whole["image"]["layers"]);
+        assert_eq!(merged["image"]["layers"].as_object().map_or(0, serde_json::Map::len), 9 * turn);
         assert_eq!(merged["missing"], serde_json::json!([]));
         let read = |name: &str| std::fs::read(folder.join(name)).expect("picture");
-        assert_eq!(read("merged.npy"), read("whole.npy"));
+        assert_eq!(read("merged.npz"), read("whole.npz"), "metadata and all");
     }
 }
 
@@ -184,6 +190,7 @@ fn parts_that_make_no_sense_are_refused() {
         (&["--partial", "p.rayfilm", "--seconds", "1"], "cannot be used with"),
         (&["--partial", "p.rayfilm", "-o", "p.rayfilm"], "the name must end in"),
         (&["--partial", "none/p.rayfilm"], "none/p.rayfilm"),
+        (&["--partial", "p.rayfilm", "-o", "a.%d.png", "--views", "3"], "--partial is for single pictures"),
     ] {
         let told = run(folder.path(), &[&["render", &scene][..], &SMALL, more].concat(), 2);
         assert!(told.contains(says), "{more:?} does not say {says:?} but {told}");

@@ -36,10 +36,11 @@ impl<'a> Animation<'a> {
     /// they do not depend on the scene.
     pub fn check(args: &RenderArgs) -> Result<Vec<PathBuf>> {
         let FramesArgs { frames, .. } = &args.animation;
-        let Some(output) = args.picture_path() else {
-            ensure!(!args.optics.has_several(), "--partial is for single pictures; name one camera");
-            return Ok(Vec::new());
-        };
+        ensure!(
+            args.part.partial.is_none() || !args.optics.has_several(),
+            "--partial is for single pictures; name one camera"
+        );
+        let Some(output) = args.picture_path() else { return Ok(Vec::new()) };
         if frames.is_none() && !args.optics.has_several() {
             ensure!(
                 !Names::is_pattern(output),

@@ -4,11 +4,12 @@ use super::CameraError;
 use crate::geom::MAX_COORDINATE;
 use crate::geom::warp;
 use crate::lanes::{Lanes, Num, trigonometry};
+use serde::{Deserialize, Serialize};
 use std::fmt;
 
 /// The opening of a thin lens. Points at [`Aperture::focus_distance`] are sharp; others are blurred, the more the
 /// larger the opening.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct Aperture {
     /// Radius of the opening in world units, above 0. For a polygon, the distance of its corners from the middle.

@@ -3,6 +3,7 @@
 use super::aperture::turned;
 use super::{Distortion, Intrinsics};
 use crate::lanes::{Lanes, Mask, Num, Vector};
+use serde::{Deserialize, Serialize};
 use std::f32::consts::TAU;
 use std::f64::consts::PI;
 
@@ -19,7 +20,7 @@ const TOLERANCE: f32 = 4e-6;
 const MAX_RADIUS: f64 = 1e3;
 
 /// Intrinsics with distortion, prepared for a picture: finds the directions that pixels see.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub(super) struct Undistortion {
     /// Whole and fractional parts of the principal point, so that pixel coordinates lose no digits.
     centre: [[f32; 2]; 2],
@@ -30,7 +31,7 @@ pub(super) struct Undistortion {
 
 /// The distance of a point from the view axis after distortion: r·N(r²)/D(r²). For fisheye lenses r is an angle, for
 /// others the tangent of an angle.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 struct Radial {
     /// Coefficients of N(s) = 1 + n1 s + .. + n4 s⁴.
     numerator: [f32; 4],
@@ -43,7 +44,7 @@ struct Radial {
 }
 
 /// Tangential and prism coefficients.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 struct Plane {
     p: [f32; 2],
     s: [f32; 4],

@@ -5,9 +5,10 @@ use super::distortion::Undistortion;
 use super::{Aperture, Camera, Intrinsics, Projection};
 use crate::lanes::{LaneTask, Lanes, Mask, Num, SimdLevel, Vector};
 use glam::Vec3;
+use serde::{Deserialize, Serialize};
 
 /// A camera with a picture size. It converts points of the picture to rays.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub struct Lens {
     /// Position of the camera: the middle of its lens.
     pub eye: Vec3,
@@ -21,7 +22,7 @@ pub struct Lens {
 }
 
 /// How pixels are converted.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 enum Form {
     Central(Pinhole),
     /// The rays start on a plane: its corner and steps, relative to the eye.
@@ -31,7 +32,7 @@ enum Form {
 }
 
 /// A parallelogram of pixels.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 struct Grid {
     /// The top left corner.
     corner: Vec3,
@@ -54,7 +55,7 @@ impl Grid {
 }
 
 /// A lens whose rays all start at the eye and pass through a plane.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub(crate) struct Pinhole {
     /// Origin of all camera rays.
     pub(crate) eye: Vec3,
