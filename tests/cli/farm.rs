@@ -63,7 +63,9 @@ fn seven_random_parts_merge_to_the_whole_picture_even_if_gpus_fail() {
     for turn in 0..2 {
         let layers: &[&str] = match turn {
             0 => &[],
-            _ => &["--transparent", "--aov", "depth,z,normal,position,object,samples,variance,crypto-material"],
+            _ => {
+                &["--transparent", "--aov", "depth,z,normal,position,object,samples,variance,crypto-material"]
+            }
         };
         let whole = render(folder, &[&["-o", "whole.npz", "--tracer", "cpu"], layers].concat());
         let mut names = Vec::new();
