@@ -101,6 +101,8 @@ pub mod profile;
 mod sync;
 
 pub mod geom;
+#[cfg(feature = "wgsl")]
+pub mod program;
 #[cfg(feature = "render")]
 pub mod scene;
 

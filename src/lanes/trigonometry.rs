@@ -2,7 +2,7 @@
 //! turns (1 turn = 2π) unless said otherwise.
 
 use super::{Lanes, Num};
-use std::f32::consts::{FRAC_PI_2, FRAC_PI_4};
+use std::f32::consts::{FRAC_2_PI, FRAC_PI_2, FRAC_PI_4};
 
 /// Sine and cosine of an angle in radians, −π/4 to π/4. The error is at most two units in the last place.
 #[cfg_attr(not(unoptimised), inline(always))]
@@ -22,6 +22,22 @@ pub fn sin_cos_turns<L: Lanes>(turns: Num<L>) -> (Num<L>, Num<L>) {
     let nearest = (quarters + 0.5).floor();
     let (s, c) = small_sin_cos((quarters - nearest) * FRAC_PI_2);
     let quadrant = nearest.clamp(0.0, 4.0).to_int();
+    let swap = (quadrant & 1).is(1);
+    let (sine, cosine) = (Num::select(swap, c, s), Num::select(swap, s, c));
+    let (flip_sine, flip_cosine) = ((quadrant & 2).is(2), ((quadrant + 1) & 2).is(2));
+    (Num::select(flip_sine, -sine, sine), Num::select(flip_cosine, -cosine, cosine))
+}
+
+/// Sine and cosine of an angle in radians. The error is a few units in the last place of 1 up to 10⁴ radians and grows
+/// with the angle beyond; 0 and 1 where the angle is not finite.
+#[cfg_attr(not(unoptimised), inline(always))]
+pub fn sin_cos<L: Lanes>(angle: Num<L>) -> (Num<L>, Num<L>) {
+    let quarters = (angle * FRAC_2_PI + 0.5).floor();
+    // π/2 in three parts (Cody and Waite 1980). The first two products are exact for few quarters.
+    let rest = angle - quarters * 1.570_312_5 - quarters * 4.837_513e-4 - quarters * 7.549_79e-8;
+    let (s, c) = small_sin_cos(rest.clamp(-0.8, 0.8));
+    let turn = quarters - (quarters * 0.25).floor() * 4.0;
+    let quadrant = turn.clamp(0.0, 3.0).to_int();
     let swap = (quadrant & 1).is(1);
     let (sine, cosine) = (Num::select(swap, c, s), Num::select(swap, s, c));
     let (flip_sine, flip_cosine) = ((quadrant & 2).is(2), ((quadrant + 1) & 2).is(2));
@@ -53,6 +69,22 @@ pub fn atan2_turns<L: Lanes>(y: Num<L>, x: Num<L>) -> Num<L> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn sines_of_radians_are_accurate() {
+        let mut worst = 0.0f64;
+        for i in -100_000..=100_000i32 {
+            let angle = i as f32 * 0.1001;
+            let (sine, cosine) = sin_cos(Num::from(angle));
+            let (s, c) = f64::from(angle).sin_cos();
+            worst = worst.max((f64::from(sine.get()) - s).abs()).max((f64::from(cosine.get()) - c).abs());
+        }
+        assert!(worst < 3e-7, "{worst}");
+        for odd in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX] {
+            let (sine, cosine) = sin_cos(Num::from(odd));
+            assert!(sine.get().abs() <= 1.0 && cosine.get().abs() <= 1.0, "{odd}");
+        }
+    }
 
     #[test]
     fn angles_are_accurate_and_lead_back() {

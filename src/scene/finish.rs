@@ -2,7 +2,7 @@
 
 use super::erased_lanes::{LaneColumns, LaneValue};
 use super::{Effects, FieldType, Points, SurfaceField};
-use crate::lanes::{Lanes, Mask, Num, Vector};
+use crate::lanes::{Lanes, MAX_LANES, Mask, Num, Vector};
 
 /// The default of a field: its value in lanes, or its text.
 macro_rules! default {
@@ -36,6 +36,13 @@ macro_rules! default {
     (text, shading_normal) => {
         "the shading normal"
     };
+}
+
+/// What gives the scalars of a finish, one column each.
+#[cfg(feature = "wgsl")]
+pub(crate) trait FinishSource {
+    /// Writes the column of a scalar. Scalars are counted over all fields.
+    fn get(&self, scalar: usize, column: &mut [f32; MAX_LANES]);
 }
 
 /// Defines [`Finish`] from the table of its fields.
@@ -75,6 +82,25 @@ macro_rules! finish {
             #[inline(always)]
             pub(super) fn columns(&self) -> FinishColumns {
                 FinishColumns { $($name: self.$name.columns(),)* }
+            }
+
+            /// The finish whose scalars a source has.
+            #[cfg(feature = "wgsl")]
+            #[inline(always)]
+            pub(crate) fn read_from(l: L, source: &impl FinishSource) -> Self {
+                let mut scalar = 0;
+                let finish = Self {
+                    $($name: {
+                        let mut columns = [[0.0; MAX_LANES]; FieldType::$kind.numbers()];
+                        for column in &mut columns {
+                            source.get(scalar, column);
+                            scalar += 1;
+                        }
+                        LaneValue::of_columns(l, &columns)
+                    },)*
+                };
+                debug_assert!(scalar > 0);
+                finish
             }
 
             #[inline(always)]

@@ -55,6 +55,8 @@ pub use coded_surface::{CodedSurface, NoSuchMaterial, SurfaceRequest};
 pub use effects::{Effects, Transmission};
 pub use environment::{Environment, EnvironmentMap};
 pub use fingerprint::FINGERPRINT_VERSION;
+#[cfg(feature = "wgsl")]
+pub(crate) use finish::FinishSource;
 pub use finish::{FINISH_FIELDS, Finish};
 pub use footprint::Footprint;
 pub use instance::{Instance, Shape};
@@ -69,6 +71,8 @@ pub use mipmap::Mipmap;
 pub use mix::Mix;
 pub use named_camera::NamedCamera;
 pub use object::{Object, Objects};
+#[cfg(feature = "wgsl")]
+pub(crate) use points::PointSink;
 pub use points::{POINT_FIELDS, Points};
 pub use principled::{Anisotropy, Iridescence, Principled, Sheen};
 pub use procedural::{Procedural, ProceduralSurface};

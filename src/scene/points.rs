@@ -4,7 +4,14 @@ use super::corners::{self, Weights, blend, corner_uvs, tangent_basis, vectors};
 use super::erased_lanes::{LaneColumns, LaneValue};
 use super::{FieldType, Footprint, Scene, SurfaceField, TexturePoint, TextureRef};
 use crate::geom::Basis;
-use crate::lanes::{Int, Lanes, Mask, Num, Vector};
+use crate::lanes::{Int, Lanes, MAX_LANES, Mask, Num, Vector};
+
+/// What takes the scalars of points, one column each. Truth values are 1 and 0.
+#[cfg(feature = "wgsl")]
+pub(crate) trait PointSink {
+    /// Takes the column of a scalar. Scalars are counted over all fields.
+    fn put(&mut self, scalar: usize, column: &[f32; MAX_LANES]);
+}
 
 /// Defines [`Points`] from the table of its fields.
 macro_rules! points {
@@ -53,6 +60,30 @@ macro_rules! points {
             #[inline(always)]
             pub(super) fn of_columns(l: L, scene: &'s Scene, columns: &PointColumns) -> Self {
                 Self { $($name: LaneValue::of_columns(l, &columns.$name),)* scene }
+            }
+
+            /// Passes the scalars of the fields in `wanted` to a sink: bit `i` is field `i` of [`POINT_FIELDS`].
+            #[cfg(feature = "wgsl")]
+            #[inline(always)]
+            pub(crate) fn write_to(&self, wanted: u64, sink: &mut impl PointSink) {
+                let (mut field, mut scalar) = (0, 0);
+                $(
+                    if wanted >> field & 1 == 1 {
+                        let columns = LaneValue::columns(&self.$name);
+                        columns.iter().enumerate().for_each(|(i, column)| sink.put(scalar + i, column));
+                    }
+                    field += 1;
+                    scalar += FieldType::$kind.numbers();
+                )*
+                $(
+                    if wanted >> field & 1 == 1 {
+                        let columns = LaneValue::columns(&self.$lazy());
+                        columns.iter().enumerate().for_each(|(i, column)| sink.put(scalar + i, column));
+                    }
+                    field += 1;
+                    scalar += FieldType::$lazy_kind.numbers();
+                )*
+                debug_assert_eq!((field, scalar > 0), (POINT_FIELDS.len(), true));
             }
 
             $(

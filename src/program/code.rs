@@ -1,0 +1,191 @@
+//! Lowered programs: instructions over columns of words.
+
+use super::native::Native;
+use super::operation::Operation;
+use std::collections::BTreeSet;
+use std::ops::Range;
+
+/// A column of words, one for each point of a block.
+pub(super) type Register = u32;
+
+/// One step of a program. Masks are registers of truth values.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum Instruction {
+    /// Computes an operation at all points.
+    Compute { operation: Operation, operands: [Register; 3], to: Register },
+    /// Calls a native function at all points: operands and results are ranges of [`Code::lists`].
+    Call { native: Native, operands: Range<u32>, results: Range<u32> },
+    /// Copies from the register of `lists[columns]` that the index names at each point, the last one for greater
+    /// indices.
+    Element { columns: Range<u32>, index: Register, to: Register },
+    /// Continues at another instruction unless the mask has a point.
+    Skip { mask: Register, to: u32 },
+    /// Continues at another instruction, before this one, if the mask has a point. `line` is that of the loop.
+    Repeat { mask: Register, to: u32, line: u32 },
+}
+
+/// A program as instructions.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Code {
+    pub instructions: Vec<Instruction>,
+    /// Registers of calls and elements.
+    pub lists: Vec<Register>,
+    /// Registers that hold the same word at all points, and never anything else.
+    pub constants: Vec<(Register, u32)>,
+    /// Registers that the caller fills, by number of the input.
+    pub inputs: Vec<(u32, Register)>,
+    /// Registers that hold the results.
+    pub outputs: Vec<Register>,
+    /// Number of registers.
+    pub registers: u32,
+}
+
+impl Code {
+    fn list(&self, range: &Range<u32>) -> &[Register] {
+        &self.lists[range.start as usize..range.end as usize]
+    }
+
+    /// The registers that an instruction reads.
+    fn reads(&self, instruction: &Instruction) -> Vec<Register> {
+        match instruction {
+            Instruction::Compute { operation, operands, .. } => operands[..operation.operands()].to_vec(),
+            Instruction::Call { operands, .. } => self.list(operands).to_vec(),
+            Instruction::Element { columns, index, .. } => {
+                [self.list(columns), std::slice::from_ref(index)].concat()
+            }
+            Instruction::Skip { mask, .. } | Instruction::Repeat { mask, .. } => vec![*mask],
+        }
+    }
+
+    /// The registers that an instruction writes.
+    fn writes(&self, instruction: &Instruction) -> Vec<Register> {
+        match instruction {
+            Instruction::Compute { to, .. } | Instruction::Element { to, .. } => vec![*to],
+            Instruction::Call { results, .. } => self.list(results).to_vec(),
+            Instruction::Skip { .. } | Instruction::Repeat { .. } => Vec::new(),
+        }
+    }
+
+    /// Removes instructions whose results nothing needs.
+    pub fn without_dead_instructions(mut self) -> Self {
+        let mut needed: BTreeSet<Register> = self.outputs.iter().copied().collect();
+        let mut alive = vec![false; self.instructions.len()];
+        loop {
+            let before = needed.len();
+            for (index, instruction) in self.instructions.iter().enumerate().rev() {
+                let writes = self.writes(instruction);
+                if writes.is_empty() || writes.iter().any(|register| needed.contains(register)) {
+                    alive[index] = true;
+                    needed.extend(self.reads(instruction));
+                }
+            }
+            if needed.len() == before {
+                break;
+            }
+        }
+        // The new index of each instruction, and of the end.
+        let mut moved = Vec::with_capacity(alive.len() + 1);
+        let mut kept = 0;
+        for &alive in &alive {
+            moved.push(kept);
+            kept += u32::from(alive);
+        }
+        moved.push(kept);
+        let instructions = std::mem::take(&mut self.instructions).into_iter().zip(alive);
+        self.instructions = instructions
+            .filter_map(|(instruction, alive)| alive.then_some(instruction))
+            .map(|instruction| match instruction {
+                Instruction::Skip { mask, to } => Instruction::Skip { mask, to: moved[to as usize] },
+                Instruction::Repeat { mask, to, line } => {
+                    Instruction::Repeat { mask, to: moved[to as usize], line }
+                }
+                other => other,
+            })
+            .collect();
+        self.constants.retain(|(register, _)| needed.contains(register));
+        self.inputs.retain(|(_, register)| needed.contains(register));
+        self
+    }
+
+    /// Maps registers that are never needed at the same time to the same one, so that the columns of a program stay in
+    /// the nearest cache.
+    pub fn with_few_registers(mut self) -> Self {
+        let lives = self.lives();
+        let mut starts: Vec<(usize, Register)> =
+            lives.iter().enumerate().filter_map(|(r, life)| Some((life.as_ref()?.start, r as u32))).collect();
+        starts.sort_unstable();
+        let mut names = vec![u32::MAX; self.registers as usize];
+        let (mut free, mut count) = (Vec::new(), 0);
+        // Registers in use, by the end of their lives.
+        let mut used: BTreeSet<(usize, Register)> = BTreeSet::new();
+        for (start, register) in starts {
+            while let Some(&(end, name)) = used.first()
+                && end < start
+            {
+                used.pop_first();
+                free.push(name);
+            }
+            let name = free.pop().unwrap_or_else(|| {
+                count += 1;
+                count - 1
+            });
+            names[register as usize] = name;
+            used.insert((lives[register as usize].as_ref().map_or(0, |life| life.end), name));
+        }
+        let named = |register: &mut Register| *register = names[*register as usize];
+        self.lists.iter_mut().for_each(named);
+        self.outputs.iter_mut().for_each(named);
+        self.constants.iter_mut().for_each(|(register, _)| named(register));
+        self.inputs.iter_mut().for_each(|(_, register)| named(register));
+        for instruction in &mut self.instructions {
+            match instruction {
+                Instruction::Compute { operation, operands, to } => {
+                    operands[..operation.operands()].iter_mut().for_each(named);
+                    operands[operation.operands()..].fill(0);
+                    named(to);
+                }
+                Instruction::Element { index, to, .. } => {
+                    named(index);
+                    named(to);
+                }
+                Instruction::Skip { mask, .. } | Instruction::Repeat { mask, .. } => named(mask),
+                Instruction::Call { .. } => {}
+            }
+        }
+        self.registers = count;
+        self
+    }
+
+    /// From the first to the last instruction that needs each register; constants always, inputs from the start,
+    /// outputs to the end. Positions count from 1.
+    fn lives(&self) -> Vec<Option<Range<usize>>> {
+        let end = self.instructions.len() + 1;
+        let mut lives: Vec<Option<Range<usize>>> = vec![None; self.registers as usize];
+        let mut seen = |register: Register, at: usize| {
+            let life = lives[register as usize].get_or_insert(at..at);
+            *life = life.start.min(at)..life.end.max(at);
+        };
+        for &(register, _) in &self.constants {
+            seen(register, 0);
+            seen(register, end);
+        }
+        self.inputs.iter().for_each(|&(_, register)| seen(register, 0));
+        for (index, instruction) in self.instructions.iter().enumerate() {
+            for register in self.reads(instruction).into_iter().chain(self.writes(instruction)) {
+                seen(register, index + 1);
+            }
+        }
+        self.outputs.iter().for_each(|&register| seen(register, end));
+        // What a loop reads from before it is needed until its last turn. Inner loops end first.
+        for (index, instruction) in self.instructions.iter().enumerate() {
+            let Instruction::Repeat { to, .. } = instruction else { continue };
+            let (start, end) = (*to as usize + 1, index + 1);
+            for life in lives.iter_mut().flatten() {
+                if life.start < start && life.end >= start {
+                    life.end = life.end.max(end);
+                }
+            }
+        }
+        lives
+    }
+}

@@ -1,0 +1,120 @@
+//! Calls, which are inlined.
+
+use super::{Frame, Lowerer, Scalar, Value};
+use crate::program::code::Instruction;
+use crate::program::native::Native;
+use crate::program::source::Fault;
+use naga::{AddressSpace, Expression, Function, Handle};
+use std::rc::Rc;
+
+impl Lowerer<'_> {
+    /// Makes the module's private variables.
+    pub(super) fn declare_globals(&mut self) -> Result<(), Fault> {
+        let module = self.input.module;
+        for (handle, global) in module.global_variables.iter() {
+            let span = module.global_variables.get_span(handle);
+            if global.space != AddressSpace::Private {
+                return Err(Fault::new(
+                    span,
+                    "programs have no buffers, textures and samplers",
+                    "pass numbers as `override`s; variables of a module are `var<private>`",
+                ));
+            }
+            let value = match global.init {
+                Some(init) => self.global_scalars(init)?,
+                None => self.zeros(&module.types[global.ty].inner).map_err(|fault| fault.at(span))?,
+            };
+            let variable = self.declare(value);
+            self.globals.insert(handle, variable);
+        }
+        Ok(())
+    }
+
+    pub(super) fn zeros(&self, inner: &naga::TypeInner) -> Result<Rc<[Scalar]>, Fault> {
+        Ok(vec![Scalar::Word(0); self.width(inner)? as usize].into())
+    }
+
+    pub(super) fn call(
+        &mut self,
+        function: Handle<Function>,
+        arguments: &[Handle<Expression>],
+        result: Option<Handle<Expression>>,
+    ) -> Result<(), Fault> {
+        let values = arguments.iter().map(|&argument| self.value(argument)).collect::<Result<Vec<_>, _>>()?;
+        let name = self.input.module.functions[function].name.as_deref().unwrap_or_default();
+        let native = if self.input.natives { Native::named(name) } else { None };
+        let scalars = match native {
+            Some(native) => [self.call_native(native, &values)].into(),
+            None => self.inline(function, values)?,
+        };
+        if let Some(result) = result {
+            self.set(result, Value::Scalars(scalars));
+        }
+        Ok(())
+    }
+
+    fn call_native(&mut self, native: Native, arguments: &[Value]) -> Scalar {
+        let mut operands = Vec::new();
+        for argument in arguments {
+            let Value::Scalars(scalars) = argument else { continue };
+            operands.extend(scalars.iter().map(|&scalar| self.column(scalar)));
+        }
+        let start = self.code.lists.len() as u32;
+        self.code.lists.extend(operands);
+        let end = self.code.lists.len() as u32;
+        let to = self.register();
+        self.code.lists.push(to);
+        let call = Instruction::Call { native, operands: start..end, results: end..end + 1 };
+        self.code.instructions.push(call);
+        Scalar::Column(to)
+    }
+
+    /// Lowers a function's body in place. Returns its result.
+    pub(super) fn inline(
+        &mut self,
+        handle: Handle<Function>,
+        arguments: Vec<Value>,
+    ) -> Result<Rc<[Scalar]>, Fault> {
+        let module = self.input.module;
+        let function = &module.functions[handle];
+        let entry = self.mask;
+        let live = self.mask_register(entry);
+        let result = match &function.result {
+            Some(result) => {
+                let zeros = self.zeros(&module.types[result.ty].inner)?;
+                Some(self.declare(zeros))
+            }
+            None => None,
+        };
+        self.frames.push(Frame {
+            function,
+            info: &self.input.info[handle],
+            values: vec![None; function.expressions.len()],
+            arguments,
+            locals: Vec::new(),
+            result,
+            entry,
+            live,
+            returned: false,
+            varied: false,
+            exits: self.exits.len(),
+        });
+        for (_, local) in function.local_variables.iter() {
+            let value = match local.init {
+                Some(init) => self.scalars(init)?,
+                None => self.zeros(&module.types[local.ty].inner)?,
+            };
+            let variable = self.declare(value);
+            if let Some(frame) = self.frames.last_mut() {
+                frame.locals.push(variable);
+            }
+        }
+        self.block(&function.body)?;
+        self.frames.pop();
+        self.mask = entry;
+        Ok(match result {
+            Some(result) => self.value_of(result),
+            None => [].into(),
+        })
+    }
+}

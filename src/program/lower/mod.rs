@@ -1,0 +1,308 @@
+//! Lowers naga's IR to instructions. This folder alone names naga's IR.
+//!
+//! The lowerer evaluates what it can. A scalar is a known word or a register; operations on known words are folded, a
+//! branch on a known condition is taken, and a loop whose end is known is unrolled. Vectors, structs and arrays are
+//! scalars, calls are inlined, and a variable is the value that it was assigned last. What depends on a point remains:
+//! operations at all points, under masks of the points that take a branch.
+//!
+//! A mask is `None` where it holds all points. Inside a branch or a loop a variable also has *homes*: registers that
+//! each assignment writes under the mask, so that points that skip the branch keep their values.
+
+mod call;
+mod expression;
+mod flow;
+mod math;
+mod shape;
+mod unroll;
+mod variable;
+
+use super::code::{Code, Instruction, Register};
+use super::operation::Operation;
+use super::source::Fault;
+use naga::valid::ModuleInfo;
+use naga::{Function, Handle, Module, Span};
+use std::collections::{BTreeMap, HashMap, HashSet};
+use std::rc::Rc;
+use variable::{Place, VariableId, Variables};
+
+/// The most instructions of a program.
+const MOST_INSTRUCTIONS: usize = 1 << 16;
+
+/// A scalar at all points.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+enum Scalar {
+    /// The same known word.
+    Word(u32),
+    /// A register that is never written again.
+    Column(Register),
+}
+
+impl Scalar {
+    fn number(x: f32) -> Self {
+        Self::Word(x.to_bits())
+    }
+
+    fn truth(truth: bool) -> Self {
+        Self::Word(if truth { u32::MAX } else { 0 })
+    }
+}
+
+/// What an expression denotes.
+#[derive(Clone, Debug)]
+enum Value {
+    /// Its scalars: the components of a vector, the members of a struct, ..
+    Scalars(Rc<[Scalar]>),
+    /// A pointer.
+    Place(Place),
+}
+
+/// The points at which a statement acts.
+type PointMask = Option<Register>;
+
+/// A call that is being inlined.
+struct Frame<'m> {
+    function: &'m Function,
+    info: &'m naga::valid::FunctionInfo,
+    values: Vec<Option<Value>>,
+    arguments: Vec<Value>,
+    locals: Vec<VariableId>,
+    result: Option<VariableId>,
+    /// The points at which the function was called.
+    entry: PointMask,
+    /// A mask that loses the points that return.
+    live: Register,
+    /// Whether all points have returned.
+    returned: bool,
+    /// Whether some points have returned before others.
+    varied: bool,
+    /// Loops and switches around the current statement: where they start in [`Lowerer::exits`].
+    exits: usize,
+}
+
+/// A loop or a switch around the current statement.
+struct Exit {
+    is_loop: bool,
+    /// The points that entered.
+    entry: PointMask,
+    /// The points with which the present turn began; `None` if one turn is lowered for all.
+    turn: Option<PointMask>,
+    /// A mask that loses the points that leave it.
+    live: Register,
+    /// A mask that loses the points that leave this turn of it.
+    running: Register,
+    /// Whether some points have left before others.
+    varied: bool,
+    /// Whether all points have left.
+    left: bool,
+    /// Number of decisions about leaving that were known.
+    known_decisions: u32,
+}
+
+/// A module as the lowerer sees it.
+#[derive(Clone, Copy)]
+pub(super) struct Input<'m> {
+    pub module: &'m Module,
+    pub info: &'m ModuleInfo,
+    /// The words of overrides by name.
+    pub overrides: &'m BTreeMap<String, u32>,
+    /// Whether functions of the prelude become calls of native kernels.
+    pub natives: bool,
+    /// The source, for the lines of loops.
+    pub source: &'m str,
+}
+
+/// What is known of a scalar of the result.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Output {
+    /// It is this word at all points.
+    Known(u32),
+    /// It is an input, by its number.
+    Input(u32),
+    /// It is computed.
+    Computed,
+}
+
+struct Lowerer<'m> {
+    input: Input<'m>,
+    code: Code,
+    constants: HashMap<u32, Register>,
+    /// Operations computed before, by scope: what a branch computes is unknown after it.
+    known: Vec<HashMap<(Operation, [Scalar; 3]), Scalar>>,
+    variables: Variables,
+    /// The scalars of variables with homes that have been assigned since the innermost region began.
+    assigned: HashSet<(VariableId, usize)>,
+    globals: HashMap<Handle<naga::GlobalVariable>, VariableId>,
+    frames: Vec<Frame<'m>>,
+    exits: Vec<Exit>,
+    mask: PointMask,
+    /// Number of times that some points left before others.
+    departures: u64,
+}
+
+/// Lowers a function whose arguments are the inputs, one number for each scalar, and whose outputs are the scalars of
+/// its result.
+///
+/// # Errors
+/// When the function uses what programs lack, or is too long.
+pub(super) fn lower(input: Input<'_>, function: Handle<Function>) -> Result<(Code, Vec<Output>), Fault> {
+    let mut lowerer = Lowerer {
+        input,
+        code: Code::default(),
+        constants: HashMap::new(),
+        known: vec![HashMap::new()],
+        variables: Variables::default(),
+        assigned: HashSet::new(),
+        globals: HashMap::new(),
+        frames: Vec::new(),
+        exits: Vec::new(),
+        mask: None,
+        departures: 0,
+    };
+    lowerer.declare_globals()?;
+    let mut arguments = Vec::new();
+    let mut inputs = 0;
+    for argument in &input.module.functions[function].arguments {
+        let width = lowerer.width(&input.module.types[argument.ty].inner)?;
+        let scalars: Rc<[Scalar]> = (0..width).map(|_| Scalar::Column(lowerer.register())).collect();
+        for scalar in &*scalars {
+            let Scalar::Column(register) = *scalar else { continue };
+            lowerer.code.inputs.push((inputs, register));
+            inputs += 1;
+        }
+        arguments.push(Value::Scalars(scalars));
+    }
+    let results = lowerer.inline(function, arguments)?;
+    let inputs: HashMap<Register, u32> =
+        lowerer.code.inputs.iter().map(|&(input, register)| (register, input)).collect();
+    let outputs = results
+        .iter()
+        .map(|scalar| match scalar {
+            Scalar::Word(word) => Output::Known(*word),
+            Scalar::Column(register) => {
+                inputs.get(register).map_or(Output::Computed, |&input| Output::Input(input))
+            }
+        })
+        .collect();
+    lowerer.code.outputs = results.iter().map(|&scalar| lowerer.column(scalar)).collect();
+    let Lowerer { mut code, constants, .. } = lowerer;
+    code.constants = constants.into_iter().map(|(word, register)| (register, word)).collect();
+    code.constants.sort_unstable();
+    Ok((code.without_dead_instructions().with_few_registers(), outputs))
+}
+
+impl<'m> Lowerer<'m> {
+    /// A new register.
+    fn register(&mut self) -> Register {
+        self.code.registers += 1;
+        self.code.registers - 1
+    }
+
+    /// The register of a scalar.
+    fn column(&mut self, scalar: Scalar) -> Register {
+        match scalar {
+            Scalar::Column(register) => register,
+            Scalar::Word(word) => match self.constants.get(&word) {
+                Some(&register) => register,
+                None => {
+                    let register = self.register();
+                    self.constants.insert(word, register);
+                    register
+                }
+            },
+        }
+    }
+
+    /// The result of an operation: folded, known from before, or computed by a new instruction.
+    fn compute(&mut self, operation: Operation, operands: &[Scalar]) -> Scalar {
+        let mut all = [Scalar::Word(0); 3];
+        all[..operands.len()].copy_from_slice(operands);
+        if let Some(scalar) = simplified(operation, all) {
+            return scalar;
+        }
+        let key = (operation, all);
+        if let Some(&scalar) = self.known.iter().rev().find_map(|scope| scope.get(&key)) {
+            return scalar;
+        }
+        let to = self.register();
+        self.write(operation, operands, to);
+        let scalar = Scalar::Column(to);
+        if let Some(scope) = self.known.last_mut() {
+            scope.insert(key, scalar);
+        }
+        scalar
+    }
+
+    /// Writes the result of an operation to a register that may be written several times.
+    fn write(&mut self, operation: Operation, operands: &[Scalar], to: Register) {
+        let mut columns = [0; 3];
+        for (column, &operand) in columns.iter_mut().zip(operands) {
+            *column = self.column(operand);
+        }
+        self.code.instructions.push(Instruction::Compute { operation, operands: columns, to });
+    }
+
+    /// The present value of a register that may be written again.
+    fn copied(&mut self, from: Register) -> Register {
+        let to = self.register();
+        self.write(Operation::Copy, &[Scalar::Column(from)], to);
+        to
+    }
+
+    /// A mask as a scalar.
+    fn mask_scalar(mask: PointMask) -> Scalar {
+        mask.map_or(Scalar::truth(true), Scalar::Column)
+    }
+
+    /// A register that holds a mask now and may be written later.
+    fn mask_register(&mut self, mask: PointMask) -> Register {
+        let to = self.register();
+        self.write(Operation::Copy, &[Self::mask_scalar(mask)], to);
+        to
+    }
+
+    /// The number of the line of a place in the source, from 1.
+    fn line(&self, span: Span) -> u32 {
+        if span.is_defined() { span.location(self.input.source).line_number } else { 0 }
+    }
+
+    fn check_length(&self, span: Span) -> Result<(), Fault> {
+        if self.code.instructions.len() <= MOST_INSTRUCTIONS {
+            return Ok(());
+        }
+        Err(Fault::new(
+            span,
+            format!("the program has more than {MOST_INSTRUCTIONS} operations once calls are inlined"),
+            "call fewer or shorter functions, or put the calls into a loop",
+        ))
+    }
+}
+
+/// The result of an operation that needs no instruction.
+fn simplified(operation: Operation, [a, b, c]: [Scalar; 3]) -> Option<Scalar> {
+    let all = Scalar::truth(true);
+    let one = Scalar::number(1.0);
+    match (operation, a, b, c) {
+        (Operation::Copy, a, ..) => return Some(a),
+        (Operation::Select, Scalar::Word(truth), b, c) => return Some(if truth == 0 { c } else { b }),
+        (Operation::Select, _, b, c) if b == c => return Some(b),
+        (Operation::And, x, y, _) if y == all || x == y => return Some(x),
+        (Operation::And, x, y, _) if x == all => return Some(y),
+        (Operation::And | Operation::AndNot, x @ Scalar::Word(0), ..) => return Some(x),
+        (Operation::And, _, y @ Scalar::Word(0), _) => return Some(y),
+        (Operation::AndNot | Operation::Or | Operation::AddInt, x, Scalar::Word(0), _) => return Some(x),
+        (Operation::Or | Operation::AddInt, Scalar::Word(0), y, _) => return Some(y),
+        (Operation::Mul, x, y, _) if y == one => return Some(x),
+        (Operation::Mul, x, y, _) if x == one => return Some(y),
+        (Operation::MulInt, x, Scalar::Word(1), _) | (Operation::MulInt, Scalar::Word(1), x, _) => {
+            return Some(x);
+        }
+        _ => {}
+    }
+    let word = |scalar| match scalar {
+        Scalar::Word(word) => Some(word),
+        Scalar::Column(_) => None,
+    };
+    let operands = [a, b, c].map(word);
+    let known = operands[..operation.operands()].iter().all(Option::is_some);
+    known.then(|| Scalar::Word(operation.of(operands.map(Option::unwrap_or_default))))
+}

@@ -1,0 +1,25 @@
+//! Shaders in WGSL: loaded while raystream runs, and computed for blocks of hits in SIMD lanes.
+//!
+//! ```text
+//! file ─naga→ valid module ─lower→ code: operations over columns ─run→ results
+//!                                  (folded, inlined, unrolled)          a block of points at a time
+//! ```
+//!
+//! Each operation is one operation of IEEE 754 binary32 or of 32-bit integers at each point, in the order of the
+//! source, so every processor gives the same bits. `docs/design/wgsl-arithmetic.md` states what each means.
+
+mod code;
+mod lower;
+mod native;
+mod operation;
+mod prelude;
+mod run;
+mod source;
+mod surface;
+#[cfg(test)]
+mod tests;
+
+pub use prelude::prelude;
+pub use run::BLOCK;
+pub use source::{MAX_SOURCE_BYTES, ShaderError};
+pub use surface::{Parameter, PatternShader};

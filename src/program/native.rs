@@ -1,0 +1,89 @@
+//! Functions of the prelude that the executor computes with kernels in lanes. `shaders/prelude.wgsl` holds the same
+//! functions in WGSL; a test compares their bits.
+
+use crate::lanes::{Int, Lanes, Num, Vector, exponential, trigonometry};
+
+/// A native function.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) enum Native {
+    Sin,
+    Cos,
+    Atan2,
+    Exp2,
+    Log2,
+    Noise,
+}
+
+impl Native {
+    /// All native functions.
+    pub const ALL: [Self; 6] = [Self::Sin, Self::Cos, Self::Atan2, Self::Exp2, Self::Log2, Self::Noise];
+
+    /// The function of the prelude.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Sin => "sin",
+            Self::Cos => "cos",
+            Self::Atan2 => "atan2",
+            Self::Exp2 => "exp2",
+            Self::Log2 => "log2",
+            Self::Noise => "noise",
+        }
+    }
+
+    /// The native function of this name.
+    pub fn named(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|native| native.name() == name)
+    }
+
+    /// The result; operands beyond the function's number are ignored.
+    #[inline(always)]
+    pub fn of<L: Lanes>(self, [a, b, c]: [Num<L>; 3]) -> Num<L> {
+        match self {
+            Self::Sin => trigonometry::sin_cos(a).0,
+            Self::Cos => trigonometry::sin_cos(a).1,
+            Self::Atan2 => trigonometry::atan2_turns(a, b) * std::f32::consts::TAU,
+            Self::Exp2 => exponential::exp2(a),
+            Self::Log2 => exponential::log2(a),
+            Self::Noise => noise(Vector::new(a, b, c)),
+        }
+    }
+}
+
+/// The lattice coordinate of the origin. Coordinates are counted from there, to be positive.
+const MIDDLE: f32 = 65_536.0;
+
+/// A random number of 0 to 1 for each point of the lattice.
+#[inline(always)]
+fn lattice<L: Lanes>(x: Int<L>, y: Int<L>, z: Int<L>) -> Num<L> {
+    let mixed = (x * 0x8da6_b343) ^ (y * 0xd816_3841) ^ (z * 0xcb1a_b31f);
+    let mixed = (mixed ^ (mixed >> 15)) * 0x2c1b_3c6d;
+    let mixed = (mixed ^ (mixed >> 12)) * 0x297a_2d39;
+    ((mixed ^ (mixed >> 15)) >> 8).to_num() * (1.0 / (1 << 24) as f32)
+}
+
+/// From 0 to 1 with a slope of 0 at either end (Perlin 2002).
+#[inline(always)]
+fn ease<L: Lanes>(x: Num<L>) -> Num<L> {
+    x * x * x * (x * (x * 6.0 - 15.0) + 10.0)
+}
+
+/// The lattice coordinate of a whole number; the lattice ends at ±[`MIDDLE`].
+#[inline(always)]
+fn place<L: Lanes>(whole: Num<L>) -> Int<L> {
+    (whole + MIDDLE).clamp(0.0, 2.0 * MIDDLE).to_int()
+}
+
+/// Smooth noise of 0 to 1 with features of unit size.
+#[inline(always)]
+fn noise<L: Lanes>(p: Vector<L>) -> Num<L> {
+    let (fx, fy, fz) = (p.x.floor(), p.y.floor(), p.z.floor());
+    let [x, y, z] = [place(fx), place(fy), place(fz)];
+    let [x1, y1, z1] = [x + 1, y + 1, z + 1];
+    let (u, v, w) = (ease(p.x - fx), ease(p.y - fy), ease(p.z - fz));
+    let near =
+        lattice(x, y, z).lerp(lattice(x1, y, z), u).lerp(lattice(x, y1, z).lerp(lattice(x1, y1, z), u), v);
+    let far = lattice(x, y, z1)
+        .lerp(lattice(x1, y, z1), u)
+        .lerp(lattice(x, y1, z1).lerp(lattice(x1, y1, z1), u), v);
+    near.lerp(far, w)
+}

@@ -1,0 +1,38 @@
+//! The prelude: what every shader file can use.
+
+use crate::scene::{FINISH_FIELDS, POINT_FIELDS};
+use std::fmt::Write;
+
+/// The functions of the prelude.
+const FUNCTIONS: &str = include_str!("../../shaders/prelude.wgsl");
+
+/// The text of the prelude: the structs `Point` and `Finish` with the fields of `docs/guide/surface-fields.md`, the
+/// function `matte`, and the functions of `shaders/prelude.wgsl`. It follows the text of a file, so that lines keep
+/// their numbers.
+pub fn prelude() -> String {
+    let mut text = String::from("// A point on a surface.\nstruct Point {\n");
+    for field in POINT_FIELDS {
+        let _ = writeln!(text, "    // {}\n    {}: {},", field.doc, field.name, field.kind.wgsl());
+    }
+    text += "}\n\n// What a pattern returns.\nstruct Finish {\n";
+    for field in FINISH_FIELDS {
+        let _ = writeln!(text, "    // {}\n    {}: {},", field.doc, field.name, field.kind.wgsl());
+    }
+    text += "}\n\n// A white, rough, opaque dielectric: all fields at their defaults.\nfn matte(at: Point) -> Finish {\n";
+    text += "    return Finish(";
+    let defaults: Vec<&str> = FINISH_FIELDS.iter().map(|field| default_value(field.default)).collect();
+    text += &defaults.join(", ");
+    text += ");\n}\n\n";
+    text + FUNCTIONS
+}
+
+/// A field's default in WGSL.
+fn default_value(default: &str) -> &'static str {
+    match default {
+        "0" => "0.0",
+        "1" => "1.0",
+        "black" => "vec3f(0.0)",
+        "white" => "vec3f(1.0)",
+        _ => "at.normal",
+    }
+}

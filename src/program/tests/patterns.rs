@@ -1,0 +1,142 @@
+//! Patterns as surfaces.
+
+use crate::lanes::{Int, Mask, Num, SingleLane, Vector};
+use crate::program::PatternShader;
+use crate::scene::{Finish, Points, Procedural, Scene};
+
+/// A finish at one point.
+fn finish_at(shader: &PatternShader, position: [f32; 3]) -> Finish<SingleLane> {
+    let l = SingleLane::default();
+    let scene = Scene::default();
+    let n = |x: f32| Num::splat(l, x);
+    let up = Vector::new(n(0.0), n(0.0), n(1.0));
+    let [x, y, z] = position;
+    let points = Points {
+        position: Vector::new(n(x), n(y), n(z)),
+        normal: up,
+        geometric_normal: up,
+        wo: up,
+        uv: [n(0.25), n(0.75)],
+        barycentric: [n(0.1), n(0.2)],
+        width: n(0.01),
+        area: n(1.0),
+        primitive: Int::splat(l, 3),
+        front: Mask::splat(l, true),
+        scene: &scene,
+    };
+    shader.finish(&points)
+}
+
+fn colour_at(text: &str, position: [f32; 3]) -> [f32; 3] {
+    let body = format!("fn pattern(at: Point) -> Finish {{ var f = matte(at); {text} return f; }}");
+    let shader = PatternShader::load("test.wgsl", &body, []).unwrap_or_else(|error| panic!("{error}"));
+    let colour = finish_at(&shader, position).colour;
+    [colour.x.get(), colour.y.get(), colour.z.get()]
+}
+
+#[test]
+fn control_flow_acts_point_by_point() {
+    let text = "
+        var x = at.position.x;
+        var turns = 0u;
+        loop {
+            if (x > 100.0) { break; }
+            x = x * 2.0 + 1.0;
+            turns += 1u;
+            if (turns == 3u) { continue; }
+            if (turns > 50u) { x = -1.0; break; }
+        }
+        switch (turns % 3u) {
+            case 0u: { f.colour.x = 1.0; }
+            case 1u, 5u: { f.colour.x = 2.0; if (x > 150.0) { break; } f.colour.y = 3.0; }
+            default: { f.colour.x = 4.0; }
+        }
+        f.colour.z = x;";
+    let expected = |mut x: f32| {
+        let mut turns = 0u32;
+        loop {
+            if x > 100.0 {
+                break;
+            }
+            x = x * 2.0 + 1.0;
+            turns += 1;
+            if turns == 3 {
+                continue;
+            }
+            if turns > 50 {
+                x = -1.0;
+                break;
+            }
+        }
+        let mut colour = [1.0, 1.0, x];
+        match turns % 3 {
+            0 => colour[0] = 1.0,
+            1 => {
+                colour[0] = 2.0;
+                if x <= 150.0 {
+                    colour[1] = 3.0;
+                }
+            }
+            _ => colour[0] = 4.0,
+        }
+        colour
+    };
+    for x in [0.0, 1.0, 7.5, 99.0, 100.5, -1.0, -0.9, 3.3, 12.0, 47.0] {
+        assert_eq!(colour_at(text, [x, 0.0, 0.0]), expected(x), "{x}");
+    }
+}
+
+#[test]
+fn natives_have_the_bits_of_their_wgsl() {
+    let body = "fn pattern(at: Point) -> Finish {
+        var f = matte(at);
+        let p = at.position;
+        f.colour = vec3f(noise(p * 3.0), sin(p.x * 10.0), cos(p.y * 100.0));
+        f.roughness = atan2(p.y, p.z);
+        f.metallic = exp2(p.x) + log2(abs(p.y) + 1e-3);
+        f.clearcoat = turbulence(p, 4u) + pow(abs(p.z), p.x) + exp(p.y) + log(abs(p.z) + 0.5) + tan(p.x);
+        return f;
+    }";
+    let [native, written] = [true, false].map(|natives| {
+        PatternShader::load_with("test.wgsl", body, [], natives).unwrap_or_else(|error| panic!("{error}"))
+    });
+    assert!(native.operations() * 4 < written.operations());
+    for i in 0..5000u32 {
+        let part = |k: u32| (crate::geom::mix(3 * i + k) as f32 / u32::MAX as f32 - 0.5) * 10.0;
+        let position = [part(0), part(1), part(2)];
+        let [a, b] = [&native, &written].map(|shader| {
+            let f = finish_at(shader, position);
+            [f.colour.x, f.colour.y, f.colour.z, f.roughness, f.metallic, f.clearcoat]
+                .map(|x| x.get().to_bits())
+        });
+        assert_eq!(a, b, "{position:?}: {:?} {:?}", a.map(f32::from_bits), b.map(f32::from_bits));
+    }
+}
+
+#[test]
+fn errors_show_the_place_and_the_remedy() {
+    let cases = [
+        ("fn pattern(at: Point) -> Finish { return mate(at); }", "test.wgsl:1:42", "mate"),
+        (
+            "fn patern(at: Point) -> Finish { return matte(at); }",
+            "--> test.wgsl",
+            "fn pattern(at: Point) -> Finish",
+        ),
+        ("fn pattern(at: Point) -> f32 { return 1.0; }", "test.wgsl:1:1", "fn pattern(at: Point) -> Finish"),
+        ("fn pattern(at: Point) -> Finish {\n  return at.uv;\n}", "test.wgsl:2:", ""),
+        (
+            "fn pattern(at: Point) -> Finish { var f = matte(at); f.roughness = dpdx(at.uv.x); return f; }",
+            "test.wgsl:1:68",
+            "at.width",
+        ),
+        (
+            "fn pattern(at: Point) -> Finish { var f = matte(at); f.emission = vec3f(1.0); return f; }",
+            "",
+            "max_emission",
+        ),
+    ];
+    for (text, place, words) in cases {
+        let error = PatternShader::load("test.wgsl", text, []).expect_err(text).to_string();
+        assert!(error.contains(place) && error.contains(words), "{text}\n{error}");
+    }
+}
