@@ -29,6 +29,7 @@ mod registry;
 mod render;
 mod scene_file;
 mod setup;
+mod shaders;
 mod stats;
 mod timeline;
 mod trace;
@@ -99,6 +100,7 @@ pub fn run_with(registry: Registry) -> ExitCode {
         }
         Command::Merge(args) => merge::run(args),
         Command::Trace(args) => trace::run(args),
+        Command::Shaders(command) => shaders::run(command).map(|()| Outcome::Done),
         Command::Mesh(args) => mesh::run(args).map(|()| Outcome::Done),
         Command::Compare(args) => compare::run(args),
         #[cfg(feature = "bench")]

@@ -140,6 +140,25 @@ impl PatternShader {
         })
     }
 
+    /// The parameters of a file's text.
+    ///
+    /// # Errors
+    /// When the text is no valid WGSL.
+    pub fn parameters_of(file: &str, text: &str) -> Result<Vec<Parameter>, ShaderError> {
+        Ok(parameters(&Source::parse(file, text, &prelude())?))
+    }
+
+    /// Loads a pattern to see whether it can be loaded. Parameters without a default count as 1.
+    ///
+    /// # Errors
+    /// Those of [`PatternShader::load`].
+    pub fn check(file: &str, text: &str) -> Result<Self, ShaderError> {
+        let parameters = Self::parameters_of(file, text)?;
+        let needed = parameters.iter().filter(|parameter| !parameter.has_default);
+        let ones = needed.map(|parameter| (&*parameter.name, if parameter.kind == "bool" { "true" } else { "1" }));
+        Self::load(file, text, ones)
+    }
+
     /// The file's name.
     pub fn file(&self) -> &str {
         &self.file

@@ -16,6 +16,7 @@ mod render;
 mod reporting;
 mod sampling;
 mod scene;
+mod shaders;
 mod trace;
 mod units;
 mod view;
@@ -40,6 +41,7 @@ pub use render::RenderArgs;
 pub use reporting::{ProgressForm, ReportingArgs};
 pub use sampling::SamplingArgs;
 pub use scene::SceneArgs;
+pub use shaders::ShadersCommand;
 pub use trace::{MeshArgs, TraceArgs};
 pub use units::{PolicyChoice, TracerChoice, UnitArgs};
 pub use view::{CameraArgs, LightArgs, vector};
@@ -69,6 +71,9 @@ pub enum Command {
     Mesh(MeshArgs),
     /// Measure how far a picture is from a reference.
     Compare(Box<CompareArgs>),
+    /// Check shaders in WGSL, or print what they can use.
+    #[command(subcommand)]
+    Shaders(ShadersCommand),
     /// Measure speed beside its peers, in one run.
     #[cfg(feature = "bench")]
     #[command(subcommand)]

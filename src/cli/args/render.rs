@@ -7,6 +7,7 @@ use super::{
 };
 use crate::cli::plugin_options::Setting;
 use crate::render::{Aov, AovSet};
+use crate::cli::shaders::ShaderSurface;
 use clap::Args;
 use std::path::{Path, PathBuf};
 
@@ -25,6 +26,10 @@ pub struct RenderArgs {
     /// Set an option of the integrator or of a surface (repeatable; `--help` lists them).
     #[arg(long, value_name = "KEY=VALUE", value_parser = clap::value_parser!(Setting))]
     pub set: Vec<Setting>,
+    /// Give the materials of a name a surface of a shader, with values of its parameters:
+    /// MATERIAL=FILE.wgsl[,NAME=VALUE..]. Repeatable.
+    #[arg(long, value_name = "MATERIAL=FILE.wgsl", value_parser = clap::value_parser!(ShaderSurface))]
+    pub surface: Vec<ShaderSurface>,
     /// Picture size in pixels.
     #[arg(long, value_name = "WxH", default_value = "960x540", allow_hyphen_values = true, value_parser = size)]
     pub size: (u32, u32),

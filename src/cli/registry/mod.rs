@@ -291,6 +291,26 @@ impl Registry {
         help
     }
 
+    /// Splits settings into those of the integrator and of surfaces of the registry, and others.
+    ///
+    /// # Errors
+    /// If several plug-ins have an option that is set without a name.
+    pub(super) fn split_settings(
+        &self,
+        integrator: &str,
+        settings: &[Setting],
+    ) -> Result<(Vec<Setting>, Vec<Setting>), OptionError> {
+        let (mut own, mut others) = (Vec::new(), Vec::new());
+        for setting in settings {
+            match self.check_settings(integrator, std::slice::from_ref(setting)) {
+                Ok(()) => own.push(setting.clone()),
+                Err(OptionError::Unknown { .. }) => others.push(setting.clone()),
+                Err(error) => return Err(error),
+            }
+        }
+        Ok((own, others))
+    }
+
     /// Refuses settings of options that neither the integrator nor a surface has.
     pub(super) fn check_settings(&self, integrator: &str, settings: &[Setting]) -> Result<(), OptionError> {
         let is_surface = |name: &str| self.surfaces.iter().any(|entry| entry.name == name);

@@ -16,6 +16,7 @@ use super::Outcome;
 use super::args::RenderArgs;
 use super::outputs::Outputs;
 use super::setup::Setup;
+use super::shaders;
 use super::timeline;
 use crate::cli::progress::Progress;
 use crate::cli::registry::{IntegratorParams, Registry};
@@ -26,7 +27,7 @@ use crate::schedule::{JobHandle, JobOptions, LimitsError};
 use animation::{Animation, named_camera};
 use anyhow::Result;
 use std::fmt::Display;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -43,7 +44,11 @@ fn render(args: &RenderArgs, registry: &Registry, progress: &mut Progress) -> Re
     let pictures = Animation::check(args)?;
     let outputs = check_files(args, &pictures)?;
     checkpoint::check(&args.progress)?;
-    registry.check_settings(&args.integrator, &args.set)?;
+    // Shaders have settings of their own, which are known once the scene is.
+    let (own, foreign) = registry.split_settings(&args.integrator, &args.set)?;
+    if args.surface.is_empty() && !may_name_shaders(&args.scene) {
+        registry.check_settings(&args.integrator, &foreign)?;
+    }
     args.sampling.check(&args.integrator, &args.look)?;
     if let Some(path) = &args.timeline {
         timeline::Format::of(path)?;
@@ -69,7 +74,9 @@ fn render(args: &RenderArgs, registry: &Registry, progress: &mut Progress) -> Re
     let max_jobs = in_flight * PASSES_IN_FLIGHT;
     let mut setup = Setup::new(&args.scene, &args.loading, picture_bytes, &args.units, max_jobs, |scene| {
         outputs.check_files_of(scene)?;
-        for warning in registry.apply_surfaces(scene, &args.set)? {
+        let unknown = shaders::apply(scene, &args.scene, &args.surface, &foreign)?;
+        registry.check_settings(&args.integrator, &unknown)?;
+        for warning in registry.apply_surfaces(scene, &own)? {
             log::warn!("{warning}");
         }
         animation = Animation::new(args, scene, still(scene)?)?;
@@ -88,11 +95,17 @@ fn render(args: &RenderArgs, registry: &Registry, progress: &mut Progress) -> Re
         .with_seed(args.seed)
         .with_filter(args.sampling.filter);
     let roulette_bounces = (!args.no_russian_roulette).then_some(ROULETTE_BOUNCES);
-    setup.options = registry.integrator_options(&args.integrator, &scene, &args.set)?;
+    setup.options = registry.integrator_options(&args.integrator, &scene, &own)?;
     let options = setup.options.clone();
     let indirect_limit = args.sampling.indirect_limit(&args.look);
     let params = IntegratorParams { scene, camera, settings, roulette_bounces, indirect_limit, options };
     registry.run(&args.integrator, params, RenderRequest { args, setup: &setup, animation, camera, progress })
+}
+
+/// Whether scenes of this format name shaders.
+fn may_name_shaders(scene: &Path) -> bool {
+    let extension = scene.extension().map(|extension| extension.to_ascii_lowercase());
+    extension.is_none_or(|extension| ["json", "gltf", "glb"].iter().any(|format| extension == *format))
 }
 
 /// Bytes that a picture takes until it is written: the film, the films of passes and of their earlier parts, their
@@ -156,6 +169,7 @@ fn check_files(args: &RenderArgs, pictures: &[PathBuf]) -> Result<Outputs> {
         ("--checkpoint", args.progress.checkpoint.as_deref()),
         ("--partial", args.part.partial.as_deref()),
     ];
+    let shaders = args.surface.iter().map(|surface| ("the shader", Some(&*surface.file)));
     let inputs = [
         ("the scene", Some(&*args.scene)),
         ("the environment", args.light.env_file()),
@@ -163,7 +177,7 @@ fn check_files(args: &RenderArgs, pictures: &[PathBuf]) -> Result<Outputs> {
         ("the options", args.reporting.options.as_deref()),
         ("the views", views::file(args)),
     ];
-    Outputs::check(pictures.chain(others), inputs)
+    Outputs::check(pictures.chain(others), inputs.into_iter().chain(shaders))
 }
 
 /// How often something is written that cannot be lost, and the pause between two tries.
