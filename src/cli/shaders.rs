@@ -39,7 +39,11 @@ impl FromStr for ShaderSurface {
             let (name, value) = value.split_once('=').ok_or(form)?;
             Ok((name.trim().to_owned(), value.trim().to_owned()))
         });
-        Ok(Self { material: material.into(), file: file.into(), values: values.collect::<Result<_, String>>()? })
+        Ok(Self {
+            material: material.into(),
+            file: file.into(),
+            values: values.collect::<Result<_, String>>()?,
+        })
     }
 }
 

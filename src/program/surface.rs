@@ -155,7 +155,8 @@ impl PatternShader {
     pub fn check(file: &str, text: &str) -> Result<Self, ShaderError> {
         let parameters = Self::parameters_of(file, text)?;
         let needed = parameters.iter().filter(|parameter| !parameter.has_default);
-        let ones = needed.map(|parameter| (&*parameter.name, if parameter.kind == "bool" { "true" } else { "1" }));
+        let ones =
+            needed.map(|parameter| (&*parameter.name, if parameter.kind == "bool" { "true" } else { "1" }));
         Self::load(file, text, ones)
     }
 

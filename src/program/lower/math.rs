@@ -91,8 +91,8 @@ impl Lowerer<'_> {
                 self.compute(O::Add, &[a, part])
             }
             M::Step => {
-                let below = self.compute(O::Less, &[b, a]);
-                self.compute(O::Select, &[below, Scalar::Word(0), one])
+                let reached = self.compute(O::LessEqual, &[a, b]);
+                self.compute(O::And, &[reached, one])
             }
             M::SmoothStep => self.smooth_step(a, b, c),
             M::Radians => self.compute(O::Mul, &[a, Scalar::number(std::f32::consts::PI / 180.0)]),

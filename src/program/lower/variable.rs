@@ -81,10 +81,11 @@ impl<'m> Lowerer<'m> {
             };
         }
         if self.variables.0[variable].is_homed {
-            for i in first..first + scalars.len() {
+            // The homes also hold what points of another branch have assigned.
+            for (i, &scalar) in (first..).zip(scalars) {
                 self.assigned.insert((variable, i));
                 let home = self.variables.0[variable].homes[i];
-                self.write(Operation::Copy, &[new[i]], home);
+                self.write(Operation::Select, &[Self::mask_scalar(mask), scalar, Scalar::Column(home)], home);
             }
         }
         self.variables.0[variable].value = Some(new.into());

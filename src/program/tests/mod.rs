@@ -1,3 +1,5 @@
 //! Tests of programs.
 
+mod generated;
+mod oracle;
 mod patterns;
