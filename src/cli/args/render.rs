@@ -6,8 +6,8 @@ use super::{
     ReportingArgs, SamplingArgs, SceneArgs, UnitArgs,
 };
 use crate::cli::plugin_options::Setting;
-use crate::render::{Aov, AovSet};
 use crate::cli::shaders::ShaderSurface;
+use crate::render::{Aov, AovSet};
 use clap::Args;
 use std::path::{Path, PathBuf};
 

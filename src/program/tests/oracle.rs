@@ -284,10 +284,10 @@ impl<'m> Oracle<'m> {
             }
             Expression::Relational { fun, argument } => {
                 let words = self.value(function, *argument).words();
-                let truths = words.into_iter().map(|word| word == Word::B(true));
+                let mut truths = words.into_iter().map(|word| word == Word::B(true));
                 Value::Word(Word::B(match fun {
-                    RelationalFunction::All => truths.fold(true, |a, b| a && b),
-                    _ => truths.fold(false, |a, b| a || b),
+                    RelationalFunction::All => truths.all(|truth| truth),
+                    _ => truths.any(|truth| truth),
                 }))
             }
             Expression::Math { fun, arg, arg1, arg2, .. } => {
@@ -387,7 +387,7 @@ fn binary(op: BinaryOperator, a: Word, b: Word) -> Word {
             O::Add => Word::U(a.wrapping_add(b)),
             O::Subtract => Word::U(a.wrapping_sub(b)),
             O::Multiply => Word::U(a.wrapping_mul(b)),
-            O::Divide => Word::U(if b == 0 { a } else { a / b }),
+            O::Divide => Word::U(a.checked_div(b).unwrap_or(a)),
             O::Modulo => Word::U(if b == 0 { 0 } else { a % b }),
             O::And => Word::U(a & b),
             O::InclusiveOr => Word::U(a | b),
