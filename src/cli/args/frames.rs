@@ -12,13 +12,12 @@ pub struct FramesArgs {
     /// which others are rendered.
     #[arg(long, value_name = "A..B", allow_hyphen_values = true, value_parser = frame_range)]
     pub frames: Option<Range<u32>>,
-    /// Frames rendered at the same time, so that threads stay busy while the last paths of one frame end. Each takes
-    /// memory for its rays and its film.
+    /// Frames, or views, rendered at the same time, so that threads stay busy while the last paths of one frame end. Each
+    /// takes memory for its rays and its film.
     #[arg(
         long,
         value_name = "K",
         default_value_t = 3,
-        requires = "frames",
         value_parser = clap::value_parser!(u32).range(1..=64)
     )]
     pub frames_in_flight: u32,
