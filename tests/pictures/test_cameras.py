@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import raystream
 
-WIDTH, HEIGHT = 240, 180
-K = np.array([[165.0, 0, 123.25], [0, 161.0, 88.5], [0, 0, 1]])
+WIDTH, HEIGHT = 336, 252
+K = np.array([[231.0, 0, 172.55], [0, 225.4, 123.9], [0, 0, 1]])
 # World to camera.
 ROTATION = cv2.Rodrigues(np.array([0.4, -1.1, 0.15]))[0]
 TRANSLATION = np.array([0.7, -1.3, 2.2])

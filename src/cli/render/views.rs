@@ -241,7 +241,8 @@ pub fn write_transforms(args: &RenderArgs, animation: &Animation, frames: &[Fram
         let (camera, file) = (animation.camera(frame)?, animation.file(frame));
         let k = camera.intrinsics(width, height).context("views have intrinsics")?;
         let mut entry = lens_entry(&k);
-        let matrix = camera.to_world()?.transpose().to_cols_array_2d();
+        // Without negative zeros.
+        let matrix = camera.to_world()?.transpose().to_cols_array_2d().map(|row| row.map(|x| x + 0.0));
         entry["file_path"] = json!(file_name(&file));
         if let [_, depth, ..] = &picture_files(&file, [Aov::Z.name()], false)?[..] {
             entry["depth_file_path"] = json!(file_name(depth));
