@@ -2,13 +2,21 @@
 
 use super::args::SceneArgs;
 use crate::film::MAX_RADIANCE;
-use crate::scene::load::{LoadError, load_with};
+use crate::scene::load::{LoadError, load_from, load_with};
 use crate::scene::{Environment, Scene};
 use std::path::Path;
 
-/// Reads a scene and prints what the loader warns of, whether it succeeds or not.
+/// The name of a scene that is read from standard input.
+const STANDARD_INPUT: &str = "-";
+
+/// Reads a scene and prints what the loader warns of, whether it succeeds or not. `-` is standard input, whose content
+/// tells the format.
 pub fn read(path: &Path, args: &SceneArgs) -> Result<Scene, LoadError> {
-    let loaded = load_with(path, &args.options());
+    let loaded = if path == Path::new(STANDARD_INPUT) {
+        load_from(std::io::stdin().lock(), "standard input".as_ref(), &args.options())
+    } else {
+        load_with(path, &args.options())
+    };
     let warnings = match &loaded {
         Ok(scene) => &scene.warnings[..],
         Err(error) => error.warnings(),

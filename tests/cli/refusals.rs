@@ -38,7 +38,7 @@ fn bad_scenes_are_refused() {
         ("cut.glb", "cut.glb"),
         ("texture.obj", "broken.png"),
         ("typo.json", "shapess"),
-        ("scene.fbx", ".obj, .gltf, .glb, .ply or .json"),
+        ("scene.fbx", ".obj, .gltf, .glb, .ply, .stl, .off or .json"),
     ] {
         refuse(folder.path(), &["render", scene, "-o", "out.png", "--size", "8x8"], says);
         refuse(folder.path(), &["mesh", scene, "-o", "out.npz"], says);

@@ -13,5 +13,8 @@ mod instances;
 mod mangled;
 mod mtl;
 mod obj;
+mod off;
 mod ply;
 mod recipe;
+mod stl;
+mod streams;

@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 /// `raystream render`.
 #[derive(Debug, Args)]
 pub struct RenderArgs {
-    /// Scene file: .obj, .gltf, .glb, .ply, or a .json recipe.
+    /// Scene file: .obj, .gltf, .glb, .ply, .stl, .off, or a .json recipe; - is standard input.
     pub scene: PathBuf,
     /// Picture to write: .png (sRGB), .exr, .hdr, .npy or .npz (linear radiance) [default: out.png; none with
     /// --partial].

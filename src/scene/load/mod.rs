@@ -1,5 +1,5 @@
-//! Loads scene files: Wavefront OBJ with MTL, glTF 2.0 and GLB, PLY, and recipes ([`super::recipe`], `.json`). Also
-//! loads equirectangular `.hdr` and `.exr` images as [`EnvironmentMap`].
+//! Loads scene files: Wavefront OBJ with MTL, glTF 2.0 and GLB, PLY, STL, OFF, and recipes ([`super::recipe`],
+//! `.json`). Also loads equirectangular `.hdr` and `.exr` images as [`EnvironmentMap`].
 //!
 //! A loader returns either a scene that satisfies all invariants of [`Scene`], or one error that names the file and
 //! the place in it. An optional feature that is not supported becomes a sentence in [`Scene::warnings`]. Primitive
@@ -13,11 +13,15 @@ mod dropped;
 mod environment;
 mod error;
 mod gltf;
+mod kind;
 mod named;
 mod obj;
+mod off;
 mod options;
+mod plain;
 mod ply;
 mod session;
+mod stl;
 mod textures;
 mod warnings;
 
@@ -30,6 +34,7 @@ use super::EnvironmentMap;
 use super::Scene;
 use super::recipe::{Recipe, RecipeError};
 use crate::memory::OutOfMemory;
+use kind::Kind;
 use session::Session;
 use std::fs::File;
 use std::io::Read;
@@ -43,35 +48,69 @@ pub fn load(path: &Path) -> Result<Scene, LoadError> {
     load_with(path, &LoadOptions::default())
 }
 
-/// Loads a scene. The extension of the file name (`.obj`, `.gltf`, `.glb`, `.ply`, `.json`, in any case) selects the
-/// loader.
+/// Loads a scene. The extension of the file name (`.obj`, `.gltf`, `.glb`, `.ply`, `.stl`, `.off`, `.json`, in any
+/// case) selects the loader.
 ///
 /// # Errors
 /// When the file, or a file that it names, cannot be read or does not follow its format, requires a feature that is
 /// not supported, contains no triangles, or needs more memory than the options allow.
 pub fn load_with(path: &Path, options: &LoadOptions) -> Result<Scene, LoadError> {
     let mut session = Session::new(path, options);
-    match scene(&mut session) {
+    let kind = Kind::of_name(path);
+    let kind = kind.ok_or_else(|| LoadProblem::Kind { path: path.to_owned(), expected: Kind::EXTENSIONS });
+    let scene = kind.and_then(|kind| scene(&mut session, kind));
+    loaded(scene, session)
+}
+
+/// Loads a scene from a stream, standard input for example. The content tells what it is: GLB, glTF, PLY, STL, OFF or a
+/// recipe. OBJ cannot be told by its content. `path` names the stream in messages, and files that the scene names are
+/// looked for beside it; it need not exist.
+///
+/// ```
+/// use raystream::scene::load::{LoadOptions, load_from};
+///
+/// let triangle = "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n";
+/// let scene = load_from(triangle.as_bytes(), "a triangle".as_ref(), &LoadOptions::default())?;
+/// assert_eq!(scene.mesh.triangles, [[0, 1, 2]]);
+/// # Ok::<(), raystream::scene::load::LoadError>(())
+/// ```
+///
+/// # Errors
+/// As for [`load_with`], and if the content is none of these.
+pub fn load_from(stream: impl Read, path: &Path, options: &LoadOptions) -> Result<Scene, LoadError> {
+    let mut session = Session::new(path, options);
+    let scene = contents(path, stream, 0, u64::MAX, options).and_then(|bytes| {
+        let Some(kind) = Kind::of_content(&bytes) else {
+            let problem =
+                "the content is none of GLB, glTF, PLY, STL, OFF or a recipe; an OBJ file must be named";
+            return Err(LoadProblem::File { path: path.to_owned(), problem: problem.into() });
+        };
+        session.given = Some(bytes);
+        scene(&mut session, kind)
+    });
+    loaded(scene, session)
+}
+
+/// The scene with what the session took note of, or the error with its warnings.
+fn loaded(scene: Result<Scene, LoadProblem>, session: Session) -> Result<Scene, LoadError> {
+    match scene {
         Ok(scene) => Ok(Scene { warnings: session.warnings.into_list(), files: session.files, ..scene }),
         Err(problem) => Err(LoadError::new(problem, session.warnings.into_list())),
     }
 }
 
-fn scene(session: &mut Session) -> Result<Scene, LoadProblem> {
+fn scene(session: &mut Session, kind: Kind) -> Result<Scene, LoadProblem> {
     let path = session.path.clone();
-    let kind = extension(&path);
-    if let Some(name) = session.options.variant.clone().filter(|_| kind != "gltf" && kind != "glb") {
+    if let Some(name) = session.options.variant.clone().filter(|_| kind != Kind::Gltf) {
         return Err(LoadProblem::Variant { path, name, known: Vec::new() });
     }
-    let mut scene = match kind.as_str() {
-        "obj" => obj::load(session),
-        "gltf" | "glb" => gltf::load(session),
-        "ply" => ply::load(session),
-        "json" => recipe(session),
-        _ => {
-            let expected = ".obj, .gltf, .glb, .ply or .json";
-            return Err(LoadProblem::Kind { path, expected });
-        }
+    let mut scene = match kind {
+        Kind::Obj => obj::load(session),
+        Kind::Gltf => gltf::load(session),
+        Kind::Ply => ply::load(session),
+        Kind::Stl => stl::load(session),
+        Kind::Off => off::load(session),
+        Kind::Recipe => recipe(session),
     }?;
     if scene.mesh.triangles.is_empty() {
         return Err(LoadProblem::Empty { path, reasons: session.warnings.list().to_vec() });
@@ -89,7 +128,7 @@ fn scene(session: &mut Session) -> Result<Scene, LoadProblem> {
 /// Loads a recipe and generates its scene.
 fn recipe(session: &mut Session) -> Result<Scene, LoadProblem> {
     let path = session.path.clone();
-    let bytes = read(&path, &session.options)?;
+    let bytes = session.read()?;
     check_text(&path, &bytes)?;
     let recipe = Recipe::parse(&String::from_utf8_lossy(&bytes));
     let scene = recipe.and_then(|recipe| recipe.build_with(session.options.memory));
@@ -140,7 +179,7 @@ fn read_named(path: &Path, most: u64, options: &LoadOptions) -> Result<Vec<u8>, 
 /// The first `most` bytes of a file of `length` bytes, as far as the system knows.
 fn contents(
     path: &Path,
-    file: File,
+    file: impl Read,
     length: u64,
     most: u64,
     options: &LoadOptions,

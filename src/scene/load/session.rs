@@ -1,7 +1,7 @@
 //! What the parts of a loader share while one scene is loaded.
 
 use super::warnings::Warnings;
-use super::{LoadOptions, LoadProblem, read_named};
+use super::{LoadOptions, LoadProblem, read, read_named};
 use crate::memory::OutOfMemory;
 use crate::scene::{Mesh, MeshSize};
 use std::path::{Path, PathBuf};
@@ -12,13 +12,26 @@ pub(super) struct Session {
     pub(super) options: LoadOptions,
     pub(super) warnings: Warnings,
     pub(super) files: Vec<PathBuf>,
+    /// The bytes of the scene's file, if they are not to be read from `path`.
+    pub(super) given: Option<Vec<u8>>,
     held: u64,
 }
 
 impl Session {
     pub(super) fn new(path: &Path, options: &LoadOptions) -> Self {
         let warnings = Warnings::default();
-        Self { path: path.to_owned(), options: options.clone(), warnings, files: Vec::new(), held: 0 }
+        Self { path: path.to_owned(), options: options.clone(), warnings, files: Vec::new(), given: None, held: 0 }
+    }
+
+    /// The bytes of the scene's file. A loader asks for them once.
+    ///
+    /// # Errors
+    /// When it cannot be read, or is too large for the budget.
+    pub(super) fn read(&mut self) -> Result<Vec<u8>, LoadProblem> {
+        match self.given.take() {
+            Some(bytes) => Ok(bytes),
+            None => read(&self.path, &self.options),
+        }
     }
 
     /// Takes note of a file that the scene names, and reads its first `most` bytes.

@@ -10,7 +10,7 @@ mod mtl;
 use super::session::Session;
 use super::textures::Textures;
 use super::warnings::Warnings;
-use super::{LoadProblem, check_text, named, quote, read};
+use super::{LoadProblem, check_text, named, quote};
 use crate::scene::{Material, Scene};
 use geometry::Geometry;
 use std::borrow::Cow;
@@ -23,7 +23,7 @@ const BYTES_PER_BYTE: u64 = 4;
 /// Loads an OBJ file with its MTL files and textures.
 pub(super) fn load(session: &mut Session) -> Result<Scene, LoadProblem> {
     let path = session.path.clone();
-    let bytes = read(&path, &session.options)?;
+    let bytes = session.read()?;
     check_text(&path, &bytes)?;
     let parsed = session.check("the text with its vertices and faces", BYTES_PER_BYTE * bytes.len() as u64);
     parsed.map_err(|source| session.over(source))?;

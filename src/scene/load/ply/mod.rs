@@ -8,9 +8,8 @@ mod values;
 
 use super::dropped::Dropped;
 use super::session::Session;
-use super::warnings::Warnings;
-use super::{LoadProblem, quote, read};
-use crate::scene::{Alpha, AlphaMode, Material, Mesh, MeshSize, Object, Objects, Scene, srgb};
+use super::{LoadProblem, plain, quote};
+use crate::scene::{Mesh, MeshSize, Scene, srgb};
 use glam::{Vec2, Vec3};
 use header::{Element, Form, Header, Property};
 use std::path::Path;
@@ -20,7 +19,7 @@ use values::Values;
 /// strips. The material is matte, of the vertices' colours or grey.
 pub(super) fn load(session: &mut Session) -> Result<Scene, LoadProblem> {
     let path = session.path.clone();
-    let bytes = read(&path, &session.options)?;
+    let bytes = session.read()?;
     let header = Header::read(&path, &bytes)?;
     let values = Values::new(&bytes, &header);
     let (mesh, dropped) = (Mesh::default(), Dropped::default());
@@ -30,31 +29,7 @@ pub(super) fn load(session: &mut Session) -> Result<Scene, LoadProblem> {
     }
     let Reader { mut mesh, dropped, has_alpha, .. } = reader;
     dropped.finish(&mut mesh.positions, &mut session.warnings);
-    mesh.materials = vec![0; mesh.triangles.len()];
-    let materials = vec![material(&mesh, has_alpha, &mut session.warnings)];
-    let mut objects = Objects::default();
-    let name = path.file_stem().unwrap_or_default().to_string_lossy();
-    let object = objects.add(Object::new(name));
-    objects.assign(0, object);
-    let (mesh, objects) = (mesh.into(), objects.into());
-    Ok(Scene { mesh, objects, materials, ..Scene::default() })
-}
-
-/// The material of a mesh: of its colours if it has any.
-fn material(mesh: &Mesh, has_alpha: bool, warnings: &mut Warnings) -> Material {
-    if mesh.colours.is_empty() {
-        return Material::fallback();
-    }
-    let mut material = Material::vertex_coloured();
-    if !has_alpha || mesh.colours.iter().all(|colour| colour.w >= 1.0) {
-        return material;
-    }
-    if mesh.colours.iter().all(|colour| colour.w == 0.0) {
-        warnings.add("All vertices have an alpha of 0; alpha is ignored.");
-        return material;
-    }
-    material.alpha = Alpha { mode: AlphaMode::Blend, vertex: true, ..Alpha::default() };
-    material
+    Ok(plain::scene(mesh, plain::one_object(&path), has_alpha, &mut session.warnings))
 }
 
 /// The meaning of a vertex property.
