@@ -7,8 +7,8 @@ use crate::engine::PreparedScene;
 use crate::lanes::{Num, SingleLane};
 use crate::render::{PathTracer, Settings};
 use crate::scene::{
-    Anisotropy, Camera, Colour, Emission, Footprint, Iridescence, Mipmap, Principled, Scalar, Scene, Sheen,
-    Surface, Texture, TextureRef,
+    Anisotropy, Camera, Colour, DiffuseTransmission, Emission, Footprint, Iridescence, Mipmap, Principled,
+    Scalar, Scene, Sheen, Surface, Texture, TextureRef,
 };
 use crate::schedule::{JobOptions, Service, TaskKind};
 use glam::Vec3;
@@ -190,6 +190,10 @@ fn constant(scene: &Scene) -> Scene {
                         thickness_texture: None,
                         ..of
                     }),
+                    glossiness: of.glossiness.map(scalar),
+                    diffuse_transmission: of
+                        .diffuse_transmission
+                        .map(|of| DiffuseTransmission { share: scalar(of.share), colour: colour(of.colour) }),
                     ..*of
                 };
             }

@@ -123,6 +123,9 @@ impl Factors {
                 (factors.metallic, factors.roughness) = (surface.metallic.factor, surface.roughness.factor);
                 (factors.specular, factors.transmission) =
                     (surface.specular.factor, surface.transmission.factor);
+                if let Some(glossiness) = surface.glossiness {
+                    factors.roughness = 1.0 - glossiness.factor;
+                }
                 factors.thin = surface.thin.into();
             }
             Surface::Procedural(_) | Surface::Scattering(_) | Surface::Mix(_) => {}

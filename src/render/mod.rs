@@ -11,6 +11,7 @@ mod aov;
 mod camera_sample;
 mod checkpoint;
 mod contribution;
+mod dispersion;
 mod dropped_splats;
 mod first_hits;
 mod frame;

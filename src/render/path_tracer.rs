@@ -1,5 +1,6 @@
 //! Path tracing: a hit shader without loop shaders.
 
+use super::dispersion::{ByChannel, OneChannel};
 use super::frame::{CAMERA_DIMENSION, Frame, Settings, SettingsError};
 use super::{CameraSample, Contribution, HitShader, HitShading, NewRays, hits_of, rays_of};
 use crate::geom::Sampler;
@@ -19,9 +20,13 @@ pub const ROULETTE_BOUNCES: u32 = 2;
 const MAX_BOUNCES: u32 = 1 << 10;
 
 /// Bits of [`PathState::depth`] that count rays; depths go one beyond the last bounce.
-const DEPTH_BITS: u32 = 12;
+const DEPTH_BITS: u32 = 11;
 const DEPTH: u32 = (1 << DEPTH_BITS) - 1;
-const _: () = assert!(MAX_BOUNCES < DEPTH && DEPTH_BITS + Receiver::<Plain<8>>::FACING_BITS <= 32);
+
+/// The bit of [`PathState::depth`] that paths of one channel have.
+const ONE_CHANNEL: u32 = 1 << DEPTH_BITS;
+const FACING_SHIFT: u32 = DEPTH_BITS + 1;
+const _: () = assert!(MAX_BOUNCES < DEPTH && FACING_SHIFT + Receiver::<Plain<8>>::FACING_BITS <= 32);
 
 /// Bits of [`PathState::index2_and_cone`] that are the index.
 const INDEX2: u32 = u32::MAX << Cone::<Plain<8>>::BITS;
@@ -87,8 +92,8 @@ pub struct PathState {
     index2_and_cone: u32,
     pixel: u32,
     sample: u32,
-    /// Lowest [`DEPTH_BITS`]: the number of rays before this one. Above them: the quantised shading normal of the
-    /// surface that the ray leaves ([`Receiver::facing`]).
+    /// Lowest [`DEPTH_BITS`]: the number of rays before this one. Above them: [`ONE_CHANNEL`], and the quantised
+    /// shading normal of the surface that the ray leaves ([`Receiver::facing`]).
     depth: u32,
     /// Probability density of the ray's direction per solid angle. +∞ if light sampling could not have chosen it; a
     /// little less if the ray has passed surfaces since ([`pass_through`]).
@@ -193,6 +198,8 @@ struct States<L: Lanes> {
     pixel: Int<L>,
     sample: Int<L>,
     depth: Int<L>,
+    /// [`ONE_CHANNEL`] or 0.
+    one_channel: Int<L>,
     facing: Int<L>,
     pdf: Num<L>,
 }
@@ -208,7 +215,8 @@ impl<L: Lanes> States<L> {
             pixel,
             sample,
             depth: depth & DEPTH,
-            facing: depth >> DEPTH_BITS,
+            one_channel: depth & ONE_CHANNEL,
+            facing: depth >> FACING_SHIFT,
             pdf: pdf.to_num_bits(),
         }
     }
@@ -223,7 +231,7 @@ impl<L: Lanes> States<L> {
     #[cfg_attr(not(unoptimised), inline(always))]
     fn rows(self, lanes: Mask<L>) -> L::Array<[f32; 8]> {
         let [x, y, z] = [self.throughput.x, self.throughput.y, self.throughput.z];
-        let depth = self.depth + (self.facing << DEPTH_BITS);
+        let depth = self.depth + self.one_channel + (self.facing << FACING_SHIFT);
         let [pixel, sample, depth] =
             [self.pixel.to_num_bits(), self.sample.to_num_bits(), depth.to_num_bits()];
         let packed = (self.index2.to_bits() & INDEX2) + self.cone.pack();
@@ -236,6 +244,18 @@ struct Place<'a, L: Lanes> {
     number: u32,
     at: &'a Interaction<L>,
     bsdf: &'a Bsdf<'a, L>,
+    /// The channel of the paths, if the surface is dispersive.
+    dispersed: Option<&'a OneChannel>,
+}
+
+impl<L: Lanes> Place<'_, L> {
+    /// Light that crosses the surface in the lanes of `crosses`, and the lanes whose paths take one channel.
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn dispersed(&self, light: Vector<L>, crosses: Mask<L>, state: &States<L>) -> (Vector<L>, Mask<L>) {
+        let Some(one) = self.dispersed else { return (light, Mask::splat(light.lanes(), false)) };
+        let takes = (crosses | !self.at.outside) & state.one_channel.is(0);
+        (one.of(light, takes), takes)
+    }
 }
 
 /// A batch being shaded.
@@ -253,14 +273,27 @@ impl LaneTask for Shading<'_, '_> {
     fn run<L: Lanes>(mut self, l: L) {
         let scene = self.frame.scene();
         for run in sort(l, self.batch.hits, scene).runs() {
-            for (i, rays) in run.rays.chunks(L::LANES).enumerate() {
-                // Lanes beyond the end of the run repeat its first ray and are masked out.
-                let (ids, lanes) = Int::some(l, rays, rays[0]);
-                match run.material {
-                    None => self.miss(ids, lanes),
-                    Some(material) => {
-                        prefetch_hits(&scene.mesh, self.batch.hits, run.rays, (i + 1) * L::LANES, L::LANES);
-                        self.hit(material, ids, lanes);
+            let mut by_channel = None;
+            if let Some(material) = run.material {
+                let material = &scene.materials[material as usize];
+                let seed = self.frame.settings().seed;
+                by_channel = ByChannel::sorted(material, run.rays, self.batch.payloads, seed);
+            }
+            for part in 0..if by_channel.is_none() { 1 } else { ByChannel::PARTS } {
+                let (of_part, dispersed) = match &by_channel {
+                    None => (run.rays, None),
+                    Some(sorted) => sorted.part(part),
+                };
+                for (i, rays) in of_part.chunks(L::LANES).enumerate() {
+                    // Lanes beyond the end of the part repeat a ray and are masked out.
+                    let (ids, lanes) = Int::some(l, rays, rays[0]);
+                    match run.material {
+                        None => self.miss(ids, lanes),
+                        Some(material) => {
+                            let next = (i + 1) * L::LANES;
+                            prefetch_hits(&scene.mesh, self.batch.hits, of_part, next, L::LANES);
+                            self.hit(material, dispersed, ids, lanes);
+                        }
                     }
                 }
             }
@@ -292,7 +325,7 @@ impl Shading<'_, '_> {
 
     /// The hit shader: emission, then one light sample and one BSDF sample.
     #[cfg_attr(not(unoptimised), inline(always))]
-    fn hit<L: Lanes>(&mut self, number: u32, ids: Int<L>, lanes: Mask<L>) {
+    fn hit<L: Lanes>(&mut self, number: u32, dispersed: Option<&OneChannel>, ids: Int<L>, lanes: Mask<L>) {
         let frame = self.frame;
         let scene = frame.scene();
         let material = &scene.materials[number as usize];
@@ -334,7 +367,11 @@ impl Shading<'_, '_> {
         if lanes.none() {
             return;
         }
-        let bsdf = Bsdf::new(scene, &material.surface, &at, Smoothness::EXACT);
+        let surface = match dispersed {
+            None => &material.surface,
+            Some(one) => &one.surface,
+        };
+        let bsdf = Bsdf::new(scene, surface, &at, Smoothness::EXACT);
         let sampler = Sampler::of(state.pixel, state.sample, frame.settings().seed);
         let mut receiver = Receiver::position_of(&at);
         if frame.lights().are_many() {
@@ -343,11 +380,12 @@ impl Shading<'_, '_> {
                 receiver = receiver.two_sided();
             }
         }
+        let place = Place { number, at: &at, bsdf: &bsdf, dispersed };
         if !bsdf.is_smooth() && frame.lights().are_sampled() {
-            self.sample_light(&Place { number, at: &at, bsdf: &bsdf }, &receiver, &state, &sampler, lanes);
+            self.sample_light(&place, &receiver, &state, &sampler, lanes);
         }
         let state = States { facing: receiver.facing, cone, ..state };
-        self.sample_bsdf(&Place { number, at: &at, bsdf: &bsdf }, &state, &sampler, lanes);
+        self.sample_bsdf(&place, &state, &sampler, lanes);
     }
 
     /// Continues rays that pass a surface of computed opacity, without a bounce. `state` has the cone at the hit.
@@ -382,7 +420,7 @@ impl Shading<'_, '_> {
         sampler: &Sampler<L>,
         lanes: Mask<L>,
     ) {
-        let Place { number, at, bsdf } = *place;
+        let Place { number, at, bsdf, .. } = *place;
         let frame = self.frame;
         let mut u = None;
         if frame.lights().are_many() {
@@ -401,6 +439,7 @@ impl Shading<'_, '_> {
             return;
         }
         let (value, pdf) = bsdf.evaluate(at.basis.local(at.wo), wi);
+        let (value, _) = place.dispersed(value, wi.z.below(0.0), state);
         // Lights without extent are found by light sampling alone and have weight 1.
         let other = pdf.only(!light.delta);
         let squares = light.pdf * light.pdf + other * other;
@@ -421,7 +460,7 @@ impl Shading<'_, '_> {
         sampler: &Sampler<L>,
         lanes: Mask<L>,
     ) {
-        let Place { number, at, bsdf } = *place;
+        let Place { number, at, bsdf, .. } = *place;
         let mut u = Num::zero(at.wo.lanes());
         if bsdf.is_choice() {
             u = sampler.one(Dimension::Lobe.at(state.depth));
@@ -436,7 +475,8 @@ impl Shading<'_, '_> {
         // A bent normal may scatter into the wrong side of the surface; such directions carry no light.
         let crosses = sample.crosses;
         let mut lanes = lanes & sample.valid & (specular | (wi.dot(at.normal).above(0.0) ^ crosses));
-        let mut throughput = state.throughput * sample.weight;
+        let (weight, takes) = place.dispersed(sample.weight, crosses, state);
+        let mut throughput = state.throughput * weight;
         let index2 = state.index2 * sample.eta * sample.eta;
         let depth = state.depth + 1;
         lanes = self.frame.finite_lanes(Some(number), lanes, state.pixel, throughput);
@@ -455,7 +495,11 @@ impl Shading<'_, '_> {
         let far = Num::splat(u.lanes(), f32::INFINITY);
         let pdf = Num::select(specular, far, sample.pdf);
         let cone = state.cone.scattered(pdf);
-        let next = States { throughput, index2, cone, depth, pdf, ..*state };
+        let mut next = States { throughput, index2, cone, depth, pdf, ..*state };
+        if place.dispersed.is_some() {
+            let one_channel = Int::splat(u.lanes(), ONE_CHANNEL);
+            next.one_channel = Int::select(takes, one_channel, next.one_channel);
+        }
         let origin = at.origin(from, wi);
         let last = lanes & !depth.below(self.frame.settings().max_bounces + 1);
         if last.any() {

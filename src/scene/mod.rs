@@ -74,7 +74,7 @@ pub use object::{Object, Objects};
 #[cfg(feature = "wgsl")]
 pub(crate) use points::PointSink;
 pub use points::{POINT_FIELDS, Points};
-pub use principled::{Anisotropy, Iridescence, Principled, Sheen};
+pub use principled::{Anisotropy, DiffuseTransmission, Iridescence, Principled, Sheen};
 pub use procedural::{Procedural, ProceduralSurface};
 pub use scattering::{Scattered, Scattering, ScatteringSurface};
 pub use shared::Shared;

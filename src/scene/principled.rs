@@ -39,6 +39,16 @@ pub struct Principled {
     pub sheen: Option<Sheen>,
     /// A thin film with interference colours, below the coats.
     pub iridescence: Option<Iridescence>,
+    /// KHR_materials_pbrSpecularGlossiness: glossiness, 0..=1. If it is there, the roughness is 1 − glossiness instead
+    /// of `roughness`. The base then gets, in all channels alike, what the dielectric's reflection leaves in its
+    /// brightest channel. The reflection at normal incidence is that of `ior` times `specular_colour`, as without it.
+    pub glossiness: Option<Scalar>,
+    /// The share of the diffuse base that transmits light.
+    pub diffuse_transmission: Option<DiffuseTransmission>,
+    /// KHR_materials_dispersion: 20 divided by the Abbe number, ≥ 0; 0 if all colours are refracted alike. Has an
+    /// effect on transparent bodies (`transmission`, not `thin`), and in the path tracer alone. Other integrators
+    /// refract all colours with `ior`.
+    pub dispersion: f32,
 }
 
 impl Default for Principled {
@@ -60,11 +70,43 @@ impl Default for Principled {
             anisotropy: None,
             sheen: None,
             iridescence: None,
+            glossiness: None,
+            diffuse_transmission: None,
+            dispersion: 0.0,
         }
     }
 }
 
+/// The wavelengths in nanometres at which red, green and blue light is refracted: Fraunhofer's lines C, d and F, which
+/// define the Abbe number.
+const LINES_NM: [f32; 3] = [656.3, 587.6, 486.1];
+
 impl Principled {
+    /// Whether the surface refracts red, green and blue light differently.
+    pub fn is_dispersive(&self) -> bool {
+        self.dispersion > 0.0 && self.transmission.factor != 0.0 && !self.thin
+    }
+
+    /// The index of refraction for red (0), green (1) or blue light (2): the first two terms of Cauchy's equation, as
+    /// KHR_materials_dispersion gives them, at Fraunhofer's lines C, d and F. At least 1.
+    pub fn index_of_refraction(&self, channel: usize) -> f32 {
+        let spread = (self.ior - 1.0) * self.dispersion / 20.0;
+        let place = 523_655.0 / (LINES_NM[channel] * LINES_NM[channel]) - 1.5168;
+        (self.ior + spread * place).max(1.0)
+    }
+
+    /// The surface for red (0), green (1) or blue light (2). It refracts with that light's index of refraction, and
+    /// outside of the body it reflects as the surface does.
+    pub fn of_channel(&self, channel: usize) -> Self {
+        let ior = self.index_of_refraction(channel);
+        let mut one = Self { ior, ..*self };
+        let reflectance = |ior: f32| ((ior - 1.0) / (ior + 1.0)).powi(2);
+        if ior > 1.0 {
+            one.specular_colour.factor *= reflectance(self.ior) / reflectance(ior);
+        }
+        one
+    }
+
     /// Whether the surface has a clear coat or other coats.
     pub fn has_coats(&self) -> bool {
         self.clearcoat.factor != 0.0 || !self.coats.is_empty()
@@ -105,6 +147,16 @@ pub struct Sheen {
     pub roughness: Scalar,
 }
 
+/// KHR_materials_diffuse_transmission: light that leaves on the other side, evenly in all directions. A thin wall or a
+/// body.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DiffuseTransmission {
+    /// `diffuseTransmissionFactor`: share of the diffuse base that transmits instead of reflecting, 0..=1.
+    pub share: Scalar,
+    /// `diffuseTransmissionColorFactor`: share of that light which is not absorbed, 0..=1 for each channel.
+    pub colour: Colour,
+}
+
 /// KHR_materials_iridescence: interference in a thin film.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Iridescence {
@@ -117,4 +169,26 @@ pub struct Iridescence {
     pub thickness_nm: [f32; 2],
     /// Interpolates between the two thicknesses.
     pub thickness_texture: Option<(TextureRef, Channel)>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_indices_of_refraction_have_the_given_abbe_number() {
+        for (ior, abbe) in [(1.5, 59.0), (2.4168, 55.0), (2.6, 9.8)] {
+            let glass = Principled {
+                dispersion: 20.0 / abbe,
+                ..Principled::glass(ior, Vec3::ONE, Scalar::constant(0.0))
+            };
+            let [red, green, blue] = [0, 1, 2].map(|channel| glass.index_of_refraction(channel));
+            assert!((green - ior).abs() < 1e-4, "{green}");
+            assert!(((ior - 1.0) / (blue - red) / abbe - 1.0).abs() < 1e-3, "{red} {green} {blue}");
+        }
+        let glass =
+            Principled { dispersion: 1e6, ..Principled::glass(1.2, Vec3::ONE, Scalar::constant(0.0)) };
+        assert_eq!(glass.index_of_refraction(0), 1.0, "never below that of a vacuum");
+        assert!(!Principled { thin: true, ..glass }.is_dispersive() && glass.is_dispersive());
+    }
 }

@@ -361,6 +361,83 @@ fn meshes_without_a_second_set_have_zeros_beside_those_with_one() {
 }
 
 #[test]
+fn specular_reflection_and_glossiness_replace_metal_and_roughness() {
+    let gold = principled(json!({ "pbrMetallicRoughness": { "baseColorFactor": [0.0, 1.0, 0.0, 1.0] },
+        "extensions": { "KHR_materials_pbrSpecularGlossiness": { "diffuseFactor": [0.1, 0.2, 0.3, 1.0],
+            "specularFactor": [1.0, 0.766, 0.336], "glossinessFactor": 0.75 } } }));
+    assert_eq!((gold.base_colour.factor, gold.metallic.factor), (Vec3::new(0.1, 0.2, 0.3), 0.0));
+    assert_eq!((gold.ior, gold.specular.factor), (1.5, 1.0));
+    let reflected = gold.specular_colour.factor * 0.04;
+    assert!((reflected - Vec3::new(1.0, 0.766, 0.336)).abs().max_element() < 1e-6, "{reflected}");
+    assert_eq!(gold.glossiness.expect("a glossiness").factor, 0.75);
+    let plain = principled(json!({ "extensions": { "KHR_materials_pbrSpecularGlossiness": {} } }));
+    assert_eq!((plain.base_colour.factor, plain.specular_colour.factor * 0.04), (Vec3::ONE, Vec3::ONE));
+    assert_eq!(plain.glossiness.expect("the default").factor, 1.0);
+    let both =
+        scene(json!({ "extensions": { "KHR_materials_pbrSpecularGlossiness": { "glossinessFactor": 2.0 },
+        "KHR_materials_transmission": { "transmissionFactor": 1.0 } } }));
+    assert!(
+        warns(&both, &["glossinessFactor is 2"])
+            && warns(&both, &["KHR_materials_transmission has no effect"])
+    );
+}
+
+#[test]
+fn textures_of_specular_reflection_and_glossiness_have_colour_in_srgb_and_linear_alpha() {
+    let mut document = Document::triangle();
+    let diffuse = document.texture(1, &[[1, 2, 3, 77]]);
+    let specular = document.texture(1, &[[200, 100, 50, 128]]);
+    document.material(json!({ "alphaMode": "BLEND", "extensions": { "KHR_materials_pbrSpecularGlossiness": {
+        "diffuseTexture": { "index": diffuse }, "diffuseFactor": [1.0, 1.0, 1.0, 0.5],
+        "specularGlossinessTexture": { "index": specular } } } }));
+    let scene = document.scene();
+    let Surface::Principled(surface) = &scene.materials[0].surface else { panic!("{scene:?}") };
+    let used = surface.specular_colour.texture.expect("a texture");
+    assert_eq!(scene.textures[used.texture as usize].texels[0], [200, 100, 50, 128]);
+    assert_eq!(scene.textures[used.texture as usize].space, ColourSpace::Srgb);
+    let glossiness = surface.glossiness.expect("a glossiness");
+    assert_eq!(glossiness.texture, Some((used, Channel::A)));
+    let alpha = scene.materials[0].alpha;
+    assert_eq!((alpha.mode, alpha.value.factor), (AlphaMode::Blend, 0.5));
+    assert_eq!(alpha.value.texture.map(|(texture, _)| texture), surface.base_colour.texture);
+}
+
+#[test]
+fn diffuse_transmission_and_its_textures() {
+    let mut document = Document::triangle();
+    let texture = document.texture(1, &[[1, 2, 3, 77]]);
+    document.material(json!({ "extensions": { "KHR_materials_diffuse_transmission": {
+        "diffuseTransmissionFactor": 0.25, "diffuseTransmissionTexture": { "index": texture },
+        "diffuseTransmissionColorFactor": [1.0, 0.5, 0.25], "diffuseTransmissionColorTexture": { "index": texture } },
+        "KHR_materials_specular": { "specularFactor": 0.0 } },
+        "pbrMetallicRoughness": { "metallicFactor": 0.0 } }));
+    let scene = document.scene();
+    let Surface::Principled(surface) = &scene.materials[0].surface else { panic!("{scene:?}") };
+    let leaf = surface.diffuse_transmission.expect("it transmits");
+    let space = |texture: TextureRef| scene.textures[texture.texture as usize].space;
+    let (share, channel) = leaf.share.texture.expect("a texture");
+    assert_eq!((leaf.share.factor, space(share), channel), (0.25, ColourSpace::Linear, Channel::A));
+    assert_eq!(leaf.colour.factor, Vec3::new(1.0, 0.5, 0.25));
+    assert_eq!(leaf.colour.texture.map(space), Some(ColourSpace::Srgb));
+    let none = principled(json!({ "extensions": { "KHR_materials_diffuse_transmission": {} } }));
+    assert_eq!(none.diffuse_transmission, None);
+}
+
+#[test]
+fn dispersion_needs_a_body_that_transmits() {
+    let material = |thickness: f32| {
+        json!({ "extensions": { "KHR_materials_dispersion": { "dispersion": 0.36 },
+            "KHR_materials_transmission": { "transmissionFactor": 1.0 },
+            "KHR_materials_volume": { "thicknessFactor": thickness } } })
+    };
+    let body = principled(material(1.0));
+    assert!(body.dispersion == 0.36 && body.is_dispersive());
+    assert!(warns(&scene(material(0.0)), &["KHR_materials_dispersion has no effect"]));
+    let below = scene(json!({ "extensions": { "KHR_materials_dispersion": { "dispersion": -1.0 } } }));
+    assert!(warns(&below, &["dispersion is -1"]));
+}
+
+#[test]
 fn images_may_be_files_or_data_uris() {
     let folder = Folder::new();
     folder.image("blue sky.png", 1, &[[0, 0, 255, 255]]);

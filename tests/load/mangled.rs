@@ -92,7 +92,10 @@ fn rich() -> Document {
         "indices": { "bufferView": places, "componentType": 5121 }, "values": { "bufferView": values } });
     let texture = document.texture(1, &[[1, 2, 3, 4]]);
     document.material(json!({ "pbrMetallicRoughness": { "baseColorTexture": { "index": texture } },
-        "extensions": { "KHR_materials_clearcoat": { "clearcoatFactor": 1.0, "clearcoatTexture": { "index": 0 } } } }));
+        "extensions": { "KHR_materials_clearcoat": { "clearcoatFactor": 1.0, "clearcoatTexture": { "index": 0 } },
+            "KHR_materials_diffuse_transmission": { "diffuseTransmissionFactor": 0.5,
+                "diffuseTransmissionColorFactor": [1.0, 0.5, 0.25], "diffuseTransmissionColorTexture": { "index": 0 } },
+            "KHR_materials_dispersion": { "dispersion": 0.25 } } }));
     document.json["cameras"] =
         json!([{ "type": "perspective", "perspective": { "yfov": 1.0, "znear": 0.1 } }]);
     document.json["extensions"] =
@@ -145,6 +148,23 @@ fn ply() {
     bytes.extend([0.0_f32, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0].iter().flat_map(|v| v.to_be_bytes()));
     bytes.extend([3, 0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 2]);
     survives(&Folder::new(), "b.ply", &bytes, |path| load(path).is_ok());
+}
+
+#[test]
+fn stl() {
+    let facet =
+        "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n";
+    let text = format!("solid a\n{facet}{facet}endsolid a\n");
+    survives(&Folder::new(), "a.stl", text.as_bytes(), |path| load(path).is_ok());
+    let corners = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+    survives(&Folder::new(), "b.stl", &crate::stl::binary("", &[corners; 2]), |path| load(path).is_ok());
+}
+
+#[test]
+fn off() {
+    let text = "STCNOFF\n4 2 0\n0 0 0 0 0 1 255 0 0 255 0 0\n1 0 0 0 0 1 0 1 0 1 1 0\n0 1 0 0 0 1 9 9 9 9 0 1\n\
+                1 1 1 0 0 1 1 1 1 1 1 1\n4 0 1 3 2 255 0 0\n3 0 1 2\n";
+    survives(&Folder::new(), "a.off", text.as_bytes(), |path| load(path).is_ok());
 }
 
 #[test]

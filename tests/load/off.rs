@@ -40,6 +40,13 @@ fn prefixes_name_what_vertices_have() {
     assert_eq!(all.mesh.normals, [Vec3::Z, Vec3::ZERO, Vec3::ZERO], "NaN and zero normals are none");
     assert_eq!(all.mesh.uvs, [Vec2::new(0.25, 0.75), Vec2::new(1.0, 1.0), Vec2::new(0.0, 0.0)]);
     assert!(warns(&all, &["Colours of faces"]), "{:?}", all.warnings);
+    let linear = |srgb: f32| ((srgb / 255.0 + 0.055) / 1.055).powf(2.4);
+    assert_eq!(all.mesh.colours, [Vec3::X, Vec3::Y, Vec3::Z].map(|colour| colour.extend(1.0)));
+    let shares = scene("COFF\n3 1 0\n0 0 0 1 0 0\n1 0 0 0.5 0 0 0.25\n0 1 0 nan 2e-1 0 1\n3 0 1 2\n");
+    let [red, half, rest] = shares.mesh.colours[..] else { panic!("three colours") };
+    assert_eq!((red.to_array(), half.w, rest.x), ([1.0, 0.0, 0.0, 1.0], 0.25, 0.0));
+    assert!((half.x - linear(127.5)).abs() < 1e-5 && (rest.y - linear(51.0)).abs() < 1e-5, "{half} {rest}");
+    assert!(shares.materials[0].alpha.vertex && !all.materials[0].alpha.vertex);
     let more = scene("OFF\n3 1 0\n0 0 0 255\n1 0 0\n0 1 0\n3 0 1 2\n");
     assert!(warns(&more, &["does not name"]), "{:?}", more.warnings);
 }
@@ -63,6 +70,7 @@ fn errors_name_the_line() {
         ("OFF\n3 1 0\n0 0 0\n1 0 zero\n0 1 0\n3 0 1 2\n", &["line 4", "\"zero\" is not a number"]),
         ("OFF\n3 1 0\n0 0 0\n1 0\n0 1 0\n3 0 1 2     \n", &["line 4", "no three coordinates"]),
         ("NOFF\n3 1 0\n0 0 0 1 1\n1 0 0 1 1 1\n0 1 0 1 1 1\n3 0 1 2\n", &["line 3", "no normal"]),
+        ("COFF\n3 1 0\n0 0 0 1 1\n1 0 0 1 1 1\n0 1 0 1 1 1\n3 0 1 2\n", &["line 3", "a colour of 2 numbers"]),
         ("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 3\n", &["line 6", "names vertex 3, but there are 3"]),
         ("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 -1\n", &["line 6", "\"-1\" is not the index"]),
         ("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n4 0 1 2\n", &["line 6", "fewer than 4 corners"]),

@@ -1,6 +1,7 @@
 //! The integrators, driven without a scheduler.
 
 mod ambient_occlusion;
+mod dispersion;
 mod dropped;
 mod filters;
 pub mod harness;

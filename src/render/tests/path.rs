@@ -6,8 +6,9 @@ use crate::geom::Sampler;
 use crate::lanes::SimdLevel;
 use crate::render::{Integrator, PathTracer, ROULETTE_BOUNCES, Settings, SettingsError};
 use crate::scene::{
-    Alpha, AlphaMode, Averaging, CameraError, Channel, Colour, ColourSpace, Emission, Environment,
-    EnvironmentMap, Light, LightShape, Material, NormalMap, Scalar, Scene, Surface, Texture, TextureRef,
+    Alpha, AlphaMode, Averaging, CameraError, Channel, Colour, ColourSpace, DiffuseTransmission, Emission,
+    Environment, EnvironmentMap, Light, LightShape, Material, NormalMap, Scalar, Scene, Surface, Texture,
+    TextureRef,
 };
 use crate::schedule::Renderer;
 use crate::shade::bsdf::Smoothness;
@@ -59,6 +60,17 @@ fn white_bodies_vanish_in_a_white_furnace() {
             }),
         ),
     ];
+    for (name, thin, transmission) in [("leaf", true, 0.0), ("wax", false, 0.0), ("milk", false, 0.5)] {
+        materials.push((
+            name,
+            principled(|s| {
+                (s.thin, s.transmission, s.roughness) =
+                    (thin, Scalar::constant(transmission), Scalar::constant(0.3));
+                let (share, colour) = (Scalar::constant(0.6), Colour::constant(Vec3::ONE));
+                s.diffuse_transmission = Some(DiffuseTransmission { share, colour });
+            }),
+        ));
+    }
     for roughness in [0.0, 0.1, 0.4, 1.0] {
         materials.push(("plastic", principled(|s| s.roughness = Scalar::constant(roughness))));
         materials.push((
@@ -90,12 +102,13 @@ fn white_bodies_vanish_in_a_white_furnace() {
         let pixels = picture(furnace(material, 2, false), Settings { max_bounces: 100, ..SETTINGS });
         let off = mean(&pixels) - Vec3::ONE;
         // A coat over rough facets loses some; what a body's facets lose at each of many events is interpolated.
-        let least = if ["coat", "frosted"].contains(&name) { -0.02 } else { -4e-3 };
-        let most = if name == "frosted" { 0.02 } else { 4e-3 };
+        let is_frosted = ["frosted", "milk"].contains(&name);
+        let least = if is_frosted || name == "coat" { -0.02 } else { -4e-3 };
+        let most = if is_frosted { 0.02 } else { 4e-3 };
         assert!(off.max_element() < most && off.min_element() > least, "{name}: {off} from {surface:?}");
         let worst = pixels.iter().fold(0.0f32, |w, p| w.max((*p - Vec3::ONE).abs().max_element()));
         // Its paths meet many facets, each with a weight of its own.
-        let noise = if name == "frosted" { 0.6 } else { 0.25 };
+        let noise = if is_frosted { 0.6 } else { 0.25 };
         assert!(worst < noise, "{name}: a pixel is off by {worst}");
     }
 }
@@ -156,6 +169,23 @@ fn light_sampling_finds_what_shines_through_frosted_panes() {
     let pane = add_material(&mut scene, frosted);
     add_quad(&mut scene, Vec3::new(-1.0, 1.2, -1.0), Vec3::X * 2.0, Vec3::Z * 2.0, pane);
     light_sampling_agrees(&scene);
+}
+
+#[test]
+fn light_sampling_finds_what_shines_through_leaves() {
+    for thin in [true, false] {
+        let mut scene = room();
+        let leaf = principled(|s| {
+            s.thin = thin;
+            s.base_colour = Colour::constant(Vec3::new(0.2, 0.5, 0.1));
+            s.roughness = Scalar::constant(0.4);
+            let (share, colour) = (Scalar::constant(0.7), Colour::constant(Vec3::new(0.6, 0.9, 0.2)));
+            s.diffuse_transmission = Some(DiffuseTransmission { share, colour });
+        });
+        let leaf = add_material(&mut scene, leaf);
+        add_quad(&mut scene, Vec3::new(-1.0, 1.2, -1.0), Vec3::X * 2.0, Vec3::Z * 2.0, leaf);
+        light_sampling_agrees(&scene);
+    }
 }
 
 pub fn light_sampling_agrees(scene: &Scene) {

@@ -2,8 +2,9 @@
 
 use super::{Encode, Encoder, encode_fields};
 use crate::scene::{
-    Alpha, AlphaMode, Anisotropy, Averaging, Channel, Coat, Colour, ColourSpace, Emission, Iridescence,
-    Material, Medium, Mix, NormalMap, Principled, Scalar, Sheen, Surface, Texture, TextureRef, Wrap,
+    Alpha, AlphaMode, Anisotropy, Averaging, Channel, Coat, Colour, ColourSpace, DiffuseTransmission,
+    Emission, Iridescence, Material, Medium, Mix, NormalMap, Principled, Scalar, Sheen, Surface, Texture,
+    TextureRef, Wrap,
 };
 
 encode_fields!(TextureRef { texture, set, offset, rotation, scale });
@@ -17,6 +18,7 @@ encode_fields!(Mix { of, share });
 encode_fields!(Coat { weight, ior, roughness, tint });
 encode_fields!(Anisotropy { strength, rotation, direction });
 encode_fields!(Sheen { colour, roughness });
+encode_fields!(DiffuseTransmission { share, colour });
 encode_fields!(Iridescence { strength, ior, thickness_nm, thickness_texture });
 encode_fields!(Principled {
     base_colour,
@@ -33,7 +35,10 @@ encode_fields!(Principled {
     coat_normal_map,
     anisotropy,
     sheen,
-    iridescence
+    iridescence,
+    glossiness,
+    diffuse_transmission,
+    dispersion
 });
 encode_fields!(Material { surface, emission, normal_map, alpha, medium } except { name });
 

@@ -3,10 +3,10 @@
 use super::{Encode, Encoder, FINGERPRINT_VERSION};
 use crate::lanes::Lanes;
 use crate::scene::{
-    Alpha, AlphaMode, Anisotropy, Averaging, Channel, Coat, Coats, Colour, ColourSpace, Emission,
-    Environment, EnvironmentMap, Finish, Iridescence, Light, LightShape, Material, Medium, Mesh, Mipmap, Mix,
-    NormalMap, Object, Points, Principled, Procedural, ProceduralSurface, Scalar, Scene, Sheen, Surface,
-    Texture, TextureRef, Wrap,
+    Alpha, AlphaMode, Anisotropy, Averaging, Channel, Coat, Coats, Colour, ColourSpace, DiffuseTransmission,
+    Emission, Environment, EnvironmentMap, Finish, Iridescence, Light, LightShape, Material, Medium, Mesh,
+    Mipmap, Mix, NormalMap, Object, Points, Principled, Procedural, ProceduralSurface, Scalar, Scene, Sheen,
+    Surface, Texture, TextureRef, Wrap,
 };
 use glam::{Vec2, Vec3, Vec4};
 use std::collections::BTreeMap;
@@ -128,6 +128,8 @@ fn every_field_of_a_material_counts() {
             thickness_texture: Some((TEXTURE, Channel::A)),
         }
     );
+    let leaf = DiffuseTransmission { share: textured(1.0), colour: colour(1.0) };
+    each_field_counts!(leaf, DiffuseTransmission { share: textured(0.5), colour: colour(0.5) });
     each_field_counts!(
         Principled::default(),
         Principled {
@@ -146,6 +148,9 @@ fn every_field_of_a_material_counts() {
             anisotropy: Some(anisotropy),
             sheen: Some(fibres),
             iridescence: Some(film),
+            glossiness: Some(textured(0.5)),
+            diffuse_transmission: Some(leaf),
+            dispersion: 0.5,
         }
     );
     each_field_counts!(

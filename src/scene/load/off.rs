@@ -56,7 +56,12 @@ pub(super) fn load(session: &mut Session) -> Result<Scene, LoadProblem> {
     let path = session.path.clone();
     check_text(&path, &bytes)?;
     let text = String::from_utf8_lossy(&bytes);
-    let mut reader = Reader { lines: Lines::new(&text), mesh: Mesh::default(), dropped: Dropped::default(), has_alpha: false };
+    let mut reader = Reader {
+        lines: Lines::new(&text),
+        mesh: Mesh::default(),
+        dropped: Dropped::default(),
+        has_alpha: false,
+    };
     let read = reader.read(session);
     let line = reader.lines.number;
     read.map_err(|problem| match problem {

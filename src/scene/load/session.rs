@@ -20,7 +20,14 @@ pub(super) struct Session {
 impl Session {
     pub(super) fn new(path: &Path, options: &LoadOptions) -> Self {
         let warnings = Warnings::default();
-        Self { path: path.to_owned(), options: options.clone(), warnings, files: Vec::new(), given: None, held: 0 }
+        Self {
+            path: path.to_owned(),
+            options: options.clone(),
+            warnings,
+            files: Vec::new(),
+            given: None,
+            held: 0,
+        }
     }
 
     /// The bytes of the scene's file. A loader asks for them once.

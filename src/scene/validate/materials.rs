@@ -2,8 +2,8 @@
 
 use super::{FINITE, INDEX_OF_REFRACTION, POSITIVE, Range, SHARE, SceneError, ScenePart};
 use crate::scene::{
-    Alpha, AlphaMode, Anisotropy, Coat, Colour, Effects, Emission, Iridescence, Material, Medium, NormalMap,
-    Principled, Scalar, Scene, Sheen, Surface, TextureRef, Transmission,
+    Alpha, AlphaMode, Anisotropy, Coat, Colour, DiffuseTransmission, Effects, Emission, Iridescence,
+    Material, Medium, NormalMap, Principled, Scalar, Scene, Sheen, Surface, TextureRef, Transmission,
 };
 
 impl Scene {
@@ -74,6 +74,9 @@ impl Scene {
             anisotropy,
             sheen,
             iridescence,
+            glossiness,
+            diffuse_transmission,
+            dispersion,
         } = surface;
         self.check_colour(part, "its base colour", base_colour, SHARE)?;
         for (field, value) in [
@@ -111,6 +114,14 @@ impl Scene {
             let texture = thickness_texture.as_ref().map(|(texture, _)| texture);
             self.check_texture_ref(part, "the thickness of its thin film", texture)?;
         }
+        if let Some(glossiness) = glossiness {
+            self.check_scalar(part, "its glossiness", glossiness, SHARE)?;
+        }
+        if let Some(DiffuseTransmission { share, colour }) = diffuse_transmission {
+            self.check_scalar(part, "its diffuse transmission", share, SHARE)?;
+            self.check_colour(part, "the colour of its diffuse transmission", colour, SHARE)?;
+        }
+        POSITIVE.check(part, "its dispersion", [*dispersion])?;
         Ok(())
     }
 

@@ -11,10 +11,12 @@ mod coat;
 mod coat_stack;
 mod dielectric;
 mod facets;
+mod finished;
 mod fresnel;
 mod frost;
 mod ggx;
 mod iridescence;
+mod lobes;
 mod matte;
 mod mirror;
 mod outlined;
@@ -24,6 +26,7 @@ mod sheen;
 mod table_rows;
 #[cfg(test)]
 mod tests;
+mod translucency;
 mod transmission_albedo;
 mod transparency;
 

@@ -9,7 +9,12 @@
 //!   for a mirror. Further coats do the same ([`super::coat_stack`]).
 //! - Sheen passes the lesser of the shares that it leaves towards `wo` and towards `wi`.
 //! - The dielectric layer passes `(1 − E(wo)) (1 − E(wi)) / (1 − E_mean)` to the diffuse base. This is
-//!   reciprocal and integrates to `1 − E(wo)`. It passes `1 − E(wo)` to the transparent base.
+//!   reciprocal and integrates to `1 − E(wo)`. It passes `1 − E(wo)` to the transparent base. Where glossiness
+//!   is given, E is that of the brightest channel.
+//! - Of light that the diffuse base gets, a share leaves on the other side. The layers pass it as they pass
+//!   light that leaves at the same angle on this side. Where a body refracts, the crossing radiance changes by the
+//!   squared index, as everywhere. From inside, only the reciprocal of that square of it crosses, and the rest is
+//!   scattered back.
 //!
 //! So a white surface returns all light that falls on it, at every roughness. Exceptions are sheen, which
 //! loses some light, and a coat over rough facets, which loses up to a twelfth.
@@ -22,76 +27,46 @@
 
 use super::albedo::Reflectance;
 use super::coat::{CLEAR_F0, Coat, CoatRoughness};
-use super::coat_stack::{CoatStack, EvaluateStack, SampleStack, StackAlbedo, StackAlbedoTask};
+use super::coat_stack::{CoatStack, EvaluateStack, SampleStack, StackAlbedoTask};
 use super::facets::{Facets, Reflection};
 use super::fresnel::{self, Schlick, mean};
 use super::frost::{EvaluateFrost, SampleFrost};
 use super::iridescence::Film;
+use super::lobes::{LobeProbabilities, Lobes};
 use super::sheen::Sheen;
 use super::transparency::{Frost, Transparency};
 use super::{Sample, Smooth, Smoothness, mirrored};
 use crate::geom::Basis;
 use crate::geom::warp::lanes as warp;
 use crate::lanes::{Lanes, Mask, Num, Vector};
-use crate::scene::{self, Finish, Scene, TexturePoint, Transmission};
+use crate::scene::{self, Scene, TexturePoint};
 use crate::shade::{CoatShape, lookup};
 use std::f32::consts::FRAC_1_PI;
 
 /// Principled BSDFs at points.
 #[derive(Clone, Copy, Debug)]
 pub struct Principled<L: Lanes> {
-    facets: Facets<L>,
+    pub(super) facets: Facets<L>,
     /// The mixture of metal and dielectric.
-    reflection: Reflection<L>,
+    pub(super) reflection: Reflection<L>,
     /// The dielectric alone. Its reflection does not reach the base.
-    layer: Reflection<L>,
+    pub(super) layer: Reflection<L>,
     /// Diffuse albedo × share of the surface that is diffuse.
-    diffuse: Vector<L>,
-    transparency: Option<Transparency<L>>,
-    film: Option<Film<L>>,
-    sheen: Option<Sheen<L>>,
-    coat: Option<Coat<L>>,
+    pub(super) diffuse: Vector<L>,
+    /// Share of the surface that transmits diffusely × share that it does not absorb.
+    pub(super) translucency: Option<Vector<L>>,
+    pub(super) transparency: Option<Transparency<L>>,
+    pub(super) film: Option<Film<L>>,
+    pub(super) sheen: Option<Sheen<L>>,
+    pub(super) coat: Option<Coat<L>>,
     /// Further coats over `coat`.
-    stack: Option<CoatStack<L>>,
+    pub(super) stack: Option<CoatStack<L>>,
     /// Unit normals of the coats in the shading basis, if they differ from it.
-    coat_normal: Option<Vector<L>>,
-}
-
-/// The light that each lobe sends towards `wo` under a uniform environment of radiance 1, and the shares that
-/// the layers pass.
-struct Lobes<L: Lanes> {
-    /// Reflectances of the facets towards `wo`, and of the coat's facets.
-    near: Reflectance<L>,
-    near_coat: Option<Reflectance<L>>,
-    /// Share that the sheen reflects towards `wo`.
-    near_sheen: Option<Num<L>>,
-    /// Single-bounce reflection of the coat.
-    coat: Num<L>,
-    /// Share that passes the coat; `base` is the share that also passes the sheen.
-    under: Num<L>,
-    base: Num<L>,
-    /// Single-bounce reflection of metal and dielectric.
-    facets: Vector<L>,
-    /// Light from the diffuse base, from the sheen and from all further bounces.
-    scattered: Vector<L>,
-    /// Share that passes the dielectric layer towards `wo`.
-    passed: Vector<L>,
-    /// Albedo of the further coats.
-    stack: Option<StackAlbedo<L>>,
-}
-
-/// Probabilities of sampling the lobes; `mirrors` is that of all specular ones together.
-struct LobeProbabilities<L: Lanes> {
-    coat: Num<L>,
-    facets: Num<L>,
-    scattered: Num<L>,
-    frosted: Num<L>,
-    stack: Num<L>,
-    mirrors: Num<L>,
+    pub(super) coat_normal: Option<Vector<L>>,
 }
 
 #[cfg_attr(not(unoptimised), inline(always))]
-fn white<L: Lanes>(l: L) -> Vector<L> {
+pub(super) fn white<L: Lanes>(l: L) -> Vector<L> {
     Vector::grey(Num::splat(l, 1.0))
 }
 
@@ -110,7 +85,10 @@ impl<L: Lanes> Principled<L> {
         let one = Num::splat(l, 1.0);
         let base = lookup::albedo(scene, &surface.base_colour, at);
         let given = [&surface.metallic, &surface.roughness];
-        let [metallic, roughness] = lookup::shares(scene, given, at);
+        let [metallic, mut roughness] = lookup::shares(scene, given, at);
+        if let Some(glossiness) = &surface.glossiness {
+            roughness = one - lookup::share(scene, glossiness, at);
+        }
         let roughness = at.footprint.roughened(roughness);
         let facets = match &surface.anisotropy {
             None => Facets::new(roughness, smoothness.mirror_below),
@@ -124,10 +102,13 @@ impl<L: Lanes> Principled<L> {
         let specular = lookup::share(scene, &surface.specular, at);
         let tint = lookup::colour(scene, &surface.specular_colour, at);
         let f0 = (tint * (f0 * f0)).clamp(0.0, 1.0) * specular;
-        let layer = facets.reflection(Schlick { f0, f90: specular });
+        let mut layer = facets.reflection(Schlick { f0, f90: specular });
         let metal = facets.reflection(Schlick { f0: base, f90: one });
         let (mut outer, mut opaque, mut transparency, mut leaving) =
             (layer, one - metallic, None, Mask::splat(l, false));
+        if surface.glossiness.is_some() {
+            layer = facets.reflection(Schlick { f0: Vector::grey(f0.max_element()), f90: specular });
+        }
         if surface.transmission.factor != 0.0 {
             let transmission = lookup::share(scene, &surface.transmission, at);
             let share = (one - metallic) * transmission;
@@ -138,6 +119,19 @@ impl<L: Lanes> Principled<L> {
             outer = layer.scaled(Num::select(through.has_own_reflection(), one - transmission, one));
             opaque *= one - transmission;
             transparency = Some(through);
+        }
+        let (mut translucency, mut diffuse) = (None, base * opaque);
+        if let Some(of) = &surface.diffuse_transmission {
+            let share = lookup::share(scene, &of.share, at);
+            let mut crosses = lookup::albedo(scene, &of.colour, at) * (opaque * share);
+            diffuse = base * (opaque * (one - share));
+            if leaving.any() {
+                // There are more directions inside than outside by the squared index, so some light returns.
+                let returned = crosses * Num::splat(l, 1.0 - 1.0 / (ior * ior)).only(leaving);
+                diffuse += returned;
+                crosses = crosses - returned;
+            }
+            translucency = Some(crosses);
         }
         let (mut film, mut sheen, mut coat, mut stack) = (None, None, None, None);
         if let Some(iridescence) = &surface.iridescence {
@@ -175,61 +169,14 @@ impl<L: Lanes> Principled<L> {
             facets,
             reflection: outer.mix(&metal, metallic),
             layer,
-            diffuse: base * opaque,
+            diffuse,
+            translucency,
             transparency,
             film,
             sheen,
             coat,
             stack,
             coat_normal: coat_shape.map(|shape| shape.normal),
-        }
-    }
-
-    /// The BSDFs of a computed finish. `wo` is outside of the body in the lanes of `outside`.
-    #[cfg_attr(not(unoptimised), inline(always))]
-    pub fn finished(
-        finish: &Finish<L>,
-        transmission: Option<Transmission>,
-        outside: Mask<L>,
-        smoothness: Smoothness,
-    ) -> Self {
-        let smooth_below = smoothness.mirror_below;
-        let l = finish.colour.lanes();
-        let one = Num::splat(l, 1.0);
-        let base = finish.colour.clamp(0.0, 1.0);
-        let metallic = finish.metallic.clamp(0.0, 1.0);
-        let facets = Facets::new(finish.roughness.clamp(0.0, 1.0), smooth_below);
-        // A wall has the clear coat's index of refraction.
-        let (ior, f0, outside) = match transmission {
-            Some(Transmission::Body { ior }) => (ior, ((ior - 1.0) / (ior + 1.0)).powi(2), Some(outside)),
-            Some(Transmission::ThinWall) | None => (1.5, CLEAR_F0, None),
-        };
-        let layer = facets.reflection(Schlick { f0: white(l) * f0, f90: one });
-        let metal = facets.reflection(Schlick { f0: base, f90: one });
-        let (mut outer, mut opaque, mut transparency) = (layer, one - metallic, None);
-        if transmission.is_some() {
-            let share = finish.transmission.clamp(0.0, 1.0);
-            let spread = facets.rougher_than(smoothness.clear_below);
-            let through = Transparency::new(opaque * share, base, ior, outside, spread);
-            outer = layer.scaled(Num::select(through.has_own_reflection(), one - share, one));
-            opaque *= one - share;
-            transparency = Some(through);
-        }
-        Self {
-            facets,
-            reflection: outer.mix(&metal, metallic),
-            layer,
-            diffuse: base * opaque,
-            transparency,
-            film: None,
-            sheen: None,
-            coat: Some(Coat::new(
-                finish.clearcoat.clamp(0.0, 1.0),
-                Facets::new(Num::zero(l), smooth_below),
-                CLEAR_F0,
-            )),
-            stack: None,
-            coat_normal: None,
         }
     }
 
@@ -293,6 +240,9 @@ impl<L: Lanes> Principled<L> {
         };
         let (mut base, mut near_sheen) = (under, None);
         let mut scattered = self.diffuse * passed + self.reflection.strength * near.deficit;
+        if let Some(colour) = &self.translucency {
+            scattered += *colour * passed;
+        }
         if let Some(sheen) = &self.sheen {
             let share = sheen.share(wo.z);
             let left = sheen.passed(share);
@@ -309,7 +259,28 @@ impl<L: Lanes> Principled<L> {
             scattered = scattered * albedo.scattered;
             stack = Some(albedo);
         }
-        Lobes { coat, under, base, facets, scattered, passed, near, near_coat, near_sheen, stack }
+        let mut translucent = None;
+        if let Some(colour) = &self.translucency {
+            let mut light = *colour * passed * base;
+            if let Some(albedo) = &stack {
+                light = light * albedo.scattered;
+            }
+            let all = mean(scattered);
+            translucent = Some((mean(light) / all).only(all.above(0.0)));
+        }
+        Lobes {
+            coat,
+            under,
+            base,
+            facets,
+            scattered,
+            translucent,
+            passed,
+            near,
+            near_coat,
+            near_sheen,
+            stack,
+        }
     }
 
     /// Direction into which `wo` is mirrored: by the facets if they are smooth, else by smooth coats.
@@ -409,7 +380,19 @@ impl<L: Lanes> Principled<L> {
     /// Whether light sampling must also consider light from below the surface.
     #[cfg_attr(not(unoptimised), inline(always))]
     pub fn is_frosted(&self) -> bool {
-        matches!(&self.transparency, Some(through) if through.frosted.any())
+        self.translucency.is_some() || matches!(&self.transparency, Some(through) if through.frosted.any())
+    }
+
+    /// The factor of a diffuse base's light from `wi` for what the dielectric layer passes in both directions.
+    /// `far` is the reflectance towards `wi`, whose cosine is `z`.
+    #[cfg_attr(not(unoptimised), inline(always))]
+    pub(super) fn passed_both_ways(&self, lobes: &Lobes<L>, far: &Reflectance<L>, z: Num<L>) -> Vector<L> {
+        let passed = self.passed(far, z);
+        if self.film.is_some() {
+            return passed.min(lobes.passed);
+        }
+        let mean = white(z.lanes()) - self.layer.share(&self.facets.mean());
+        lobes.passed.over(mean.clamp(f32::MIN_POSITIVE, 1.0)) * passed
     }
 
     #[cfg_attr(not(unoptimised), inline(always))]
@@ -466,19 +449,19 @@ impl<L: Lanes> Principled<L> {
         probabilities: &LobeProbabilities<L>,
     ) -> (Vector<L>, Num<L>) {
         let far = self.facets.at(wi);
-        let mut passed = self.passed(&far, wi.z);
-        if self.film.is_some() {
-            passed = passed.min(lobes.passed);
-        } else {
-            let mean = white(wo.lanes()) - self.layer.share(&self.facets.mean());
-            passed = lobes.passed.over(mean.clamp(f32::MIN_POSITIVE, 1.0)) * passed;
-        }
+        let passed = self.passed_both_ways(lobes, &far, wi.z);
         let mut value = self.diffuse * passed * (wi.z * FRAC_1_PI)
             + self.reflection.strength * self.facets.bounces(&lobes.near, &far, wi.z);
         let mut pdf = probabilities.scattered * warp::cosine_hemisphere_pdf(wi.z);
         let (half, there) = (wo + wi).normalize_or(wo);
         let mut sides = wi.z.above(0.0);
         let lit = there & sides;
+        if let (Some(colour), Some(translucent)) = (&self.translucency, lobes.translucent) {
+            value = Vector::select(sides, value, self.transmitted(colour, lobes, wi));
+            let below = probabilities.scattered * translucent * warp::cosine_hemisphere_pdf(-wi.z);
+            pdf = Num::select(sides, pdf * (1.0 - translucent), below);
+            sides = !wi.z.is_zero();
+        }
         // The same directions in the basis of the coats.
         let ([near_coat, far_coat, half_coat], mut lit_coat) =
             ([self.in_coat_basis(wo), self.in_coat_basis(wi), self.in_coat_basis(half)], lit);
@@ -556,6 +539,12 @@ impl<L: Lanes> Principled<L> {
         }
         let none = Mask::splat(wo.lanes(), false);
         let (mut valid, mut crosses, mut eta) = (wi.z.above(0.0), none, Num::splat(wo.lanes(), 1.0));
+        if let Some(translucent) = lobes.translucent {
+            crosses = !second & u.lt(coat + facets + scattered * translucent);
+            wi.z = Num::select(crosses, -wi.z, wi.z);
+            valid |= crosses;
+            eta = Num::select(crosses, self.far_index(wo.lanes()), eta);
+        }
         if let Some(frost) = self.frost(wo) {
             let through = !u.lt(rough) & frost.through.frosted;
             let rest = ((u - rough) / frosted).clamp(0.0, 1.0);

@@ -28,7 +28,7 @@ const NO_LIGHT: Support = Ignored("its light is left out");
 const PLAIN_MATERIAL: Support = Ignored("the rest of the material is used");
 
 /// What is known, by name. Names that are missing here are ignored with a warning, and refused if a file requires them.
-const EXTENSIONS: [(&str, Support); 64] = [
+const EXTENSIONS: [(&str, Support); 67] = [
     ("ADOBE_materials_clearcoat_specular", PLAIN_MATERIAL),
     ("ADOBE_materials_clearcoat_tint", PLAIN_MATERIAL),
     ("ADOBE_materials_thin_transparency", PLAIN_MATERIAL),
@@ -60,9 +60,12 @@ const EXTENSIONS: [(&str, Support); 64] = [
     ("KHR_lights_punctual", Full),
     ("KHR_materials_anisotropy", Full),
     ("KHR_materials_clearcoat", Full),
+    ("KHR_materials_diffuse_transmission", Full),
+    ("KHR_materials_dispersion", Full),
     ("KHR_materials_emissive_strength", Full),
     ("KHR_materials_ior", Full),
     ("KHR_materials_iridescence", Full),
+    ("KHR_materials_pbrSpecularGlossiness", Full),
     ("KHR_materials_sheen", Full),
     ("KHR_materials_specular", Full),
     ("KHR_materials_subsurface", PLAIN_MATERIAL),

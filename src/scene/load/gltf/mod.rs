@@ -23,7 +23,7 @@ mod variant;
 use super::session::Session;
 use super::textures::Textures;
 use super::warnings::Warnings;
-use super::{LoadProblem, check_text, read};
+use super::{LoadProblem, check_text};
 use crate::scene::{Material, Scene};
 use ::gltf::Document;
 use ::gltf::json::validation::{Error as Invalid, Validate};
@@ -51,7 +51,7 @@ impl Context<'_> {
 /// Loads a `.gltf` or `.glb` file with its buffers and images.
 pub(super) fn load(session: &mut Session) -> Result<Scene, LoadProblem> {
     let path = session.path.clone();
-    let bytes = read(&path, &session.options)?;
+    let bytes = session.read()?;
     let container = container::split(&path, &bytes)?;
     check_text(&path, container.json)?;
     let document = parse(&path, container.json, &mut session.warnings)?;

@@ -63,6 +63,13 @@ fn velvet(colour: Vec3, roughness: f32) -> impl Fn(&mut scene::Principled) {
     }
 }
 
+fn translucent(share: f32) -> impl Fn(&mut scene::Principled) {
+    move |s| {
+        let (share, colour) = (Scalar::constant(share), Colour::constant(Vec3::ONE));
+        s.diffuse_transmission = Some(scene::DiffuseTransmission { share, colour });
+    }
+}
+
 fn soapy(nanometres: f32) -> impl Fn(&mut scene::Principled) {
     move |s| {
         s.iridescence = Some(scene::Iridescence {
@@ -166,6 +173,20 @@ fn lossless_of(roughnesses: &[f32], coats: &[f32]) -> Vec<(String, Bsdf<'static>
             });
             add(&format!("white, brushed by {strength}"), true, &brushed(strength));
         }
+        add("leaf", true, &translucent(1.0));
+        add("half a leaf, coated", true, &|s| {
+            translucent(0.5)(s);
+            s.clearcoat = Scalar::constant(0.7);
+            s.clearcoat_roughness = Scalar::constant(coats[0]);
+        });
+        add("half thin glass, half a leaf", true, &|s| {
+            translucent(0.5)(s);
+            s.transmission = Scalar::constant(0.5);
+        });
+        add("glossy", true, &|s| {
+            s.glossiness = Some(Scalar::constant(1.0 - roughness));
+            s.specular_colour = Colour::constant(Vec3::splat(0.5 / 0.04));
+        });
         add("thin glass", true, &|s| s.transmission = Scalar::constant(1.0));
         add("half thin glass", true, &|s| s.transmission = Scalar::constant(0.5));
         for outside in [true, false] {
@@ -180,6 +201,11 @@ fn lossless_of(roughnesses: &[f32], coats: &[f32]) -> Vec<(String, Bsdf<'static>
                     s.ior = ior;
                 });
             }
+            add("body of wax and glass", outside, &|s| {
+                translucent(0.4)(s);
+                s.transmission = Scalar::constant(0.5);
+                s.thin = false;
+            });
             add("body with a dull reflection", outside, &|s| {
                 s.transmission = Scalar::constant(1.0);
                 s.thin = false;
@@ -374,6 +400,9 @@ fn light_may_cross_a_frosted_surface_either_way() {
                     s.specular_colour = Colour::constant(Vec3::new(1.0, 0.5, 0.2));
                     s.metallic = Scalar::constant(0.2);
                     s.clearcoat = Scalar::constant(if roughness > 0.5 { 0.6 } else { 0.0 });
+                    if roughness < 0.1 {
+                        translucent(0.5)(s);
+                    }
                     (s.thin, s.ior) = (thin, ior);
                 })
             };
@@ -399,6 +428,21 @@ fn light_may_cross_a_frosted_surface_either_way() {
         }
     }
     assert!(crossed > 10_000, "{crossed}");
+}
+
+#[test]
+fn a_coloured_reflection_at_normal_incidence_does_not_tint_the_base() {
+    let specular = Vec3::new(0.9, 0.5, 0.1);
+    let bsdf = principled(|s| {
+        s.glossiness = Some(Scalar::constant(1.0));
+        s.specular_colour = Colour::constant(specular / 0.04);
+        s.base_colour = Colour::constant(Vec3::splat(0.8));
+    });
+    let (way, reflected) = bsdf.smooth(Vec3::Z).reflection.expect("it is smooth");
+    assert!((way - Vec3::Z).length() < 1e-6 && (reflected - specular).abs().max_element() < 1e-3);
+    // The diffuse base gets what the brightest channel leaves: its albedo is the specification's c_diff.
+    let diffuse = furnace(&bsdf, Vec3::Z, 1 << 12) - specular;
+    assert!((diffuse - Vec3::splat(0.8 * 0.1)).abs().max_element() < 0.01, "{diffuse}");
 }
 
 #[test]

@@ -114,9 +114,20 @@ fn example(name: &str) -> Document {
         }
         "KHR_materials_anisotropy" => material(json!({ "anisotropyStrength": 0.5 })),
         "KHR_materials_clearcoat" => material(json!({ "clearcoatFactor": 1.0 })),
+        "KHR_materials_diffuse_transmission" => material(json!({ "diffuseTransmissionFactor": 0.5 })),
+        "KHR_materials_dispersion" => {
+            document.extend(
+                "/materials/0",
+                "KHR_materials_transmission",
+                json!({ "transmissionFactor": 1.0 }),
+            );
+            document.extend("/materials/0", "KHR_materials_volume", json!({ "thicknessFactor": 1.0 }));
+            material(json!({ "dispersion": 0.36 }))
+        }
         "KHR_materials_emissive_strength" => material(json!({ "emissiveStrength": 5.0 })),
         "KHR_materials_ior" => material(json!({ "ior": 1.3 })),
         "KHR_materials_iridescence" => material(json!({ "iridescenceFactor": 1.0 })),
+        "KHR_materials_pbrSpecularGlossiness" => material(json!({ "glossinessFactor": 0.5 })),
         "KHR_materials_sheen" => material(json!({ "sheenColorFactor": [1.0, 1.0, 1.0] })),
         "KHR_materials_specular" => material(json!({ "specularFactor": 0.5 })),
         "KHR_materials_transmission" => material(json!({ "transmissionFactor": 1.0 })),

@@ -3,12 +3,16 @@
 use super::super::super::LoadProblem;
 use super::super::texture::TextureInfo;
 use super::Converter;
-use crate::scene::{Anisotropy, Channel, Colour, ColourSpace, Iridescence, NormalMap, Scalar, Sheen};
+use super::base::numbers;
+use crate::scene::{
+    Anisotropy, Channel, Colour, ColourSpace, DiffuseTransmission, Iridescence, NormalMap, Principled,
+    Scalar, Sheen,
+};
 use ::gltf::json::Value;
 use glam::Vec3;
 
 /// An extension for which the `gltf` crate has no type: its name and its JSON object.
-type Extension<'a> = (&'static str, &'a Value);
+pub(super) type Extension<'a> = (&'static str, &'a Value);
 
 impl<'a, 'b> Converter<'a, 'b> {
     pub(super) fn specular(&mut self) -> Result<(Scalar, Colour), LoadProblem> {
@@ -24,7 +28,7 @@ impl<'a, 'b> Converter<'a, 'b> {
     }
 
     /// Strength, roughness and normal map of the clear coat.
-    pub(super) fn clearcoat(&mut self) -> Result<(Scalar, Scalar, Option<NormalMap>), LoadProblem> {
+    fn clearcoat(&mut self) -> Result<(Scalar, Scalar, Option<NormalMap>), LoadProblem> {
         let Some(coat) = self.extension("KHR_materials_clearcoat") else {
             return Ok((Scalar::constant(0.0), Scalar::constant(0.0), None));
         };
@@ -40,7 +44,7 @@ impl<'a, 'b> Converter<'a, 'b> {
         Ok((strength, roughness, normal_map))
     }
 
-    pub(super) fn anisotropy(&mut self) -> Result<Option<Anisotropy>, LoadProblem> {
+    fn anisotropy(&mut self) -> Result<Option<Anisotropy>, LoadProblem> {
         let Some(extension) = self.extension("KHR_materials_anisotropy") else { return Ok(None) };
         let strength =
             self.textured_factor(extension, "anisotropyStrength", "anisotropyTexture", Channel::B)?;
@@ -49,10 +53,9 @@ impl<'a, 'b> Converter<'a, 'b> {
         Ok((strength.factor > 0.0).then_some(Anisotropy { strength, rotation, direction }))
     }
 
-    pub(super) fn sheen(&mut self) -> Result<Option<Sheen>, LoadProblem> {
+    fn sheen(&mut self) -> Result<Option<Sheen>, LoadProblem> {
         let Some(extension) = self.extension("KHR_materials_sheen") else { return Ok(None) };
-        let part = |i: usize| extension.1["sheenColorFactor"][i].as_f64().unwrap_or(0.0) as f32;
-        let factor = Vec3::new(part(0), part(1), part(2))
+        let factor = Vec3::from(numbers(&extension.1["sheenColorFactor"], 0.0))
             .map(|v| self.clamped("a component of sheenColorFactor", v, 1.0));
         let texture = self.texture_info(extension, "sheenColorTexture")?;
         let colour = Colour { texture: self.colour(texture)?, ..Colour::constant(factor) };
@@ -61,7 +64,7 @@ impl<'a, 'b> Converter<'a, 'b> {
         Ok((factor != Vec3::ZERO).then_some(Sheen { colour, roughness }))
     }
 
-    pub(super) fn iridescence(&mut self) -> Result<Option<Iridescence>, LoadProblem> {
+    fn iridescence(&mut self) -> Result<Option<Iridescence>, LoadProblem> {
         let Some(extension) = self.extension("KHR_materials_iridescence") else { return Ok(None) };
         let strength =
             self.textured_factor(extension, "iridescenceFactor", "iridescenceTexture", Channel::R)?;
@@ -84,12 +87,54 @@ impl<'a, 'b> Converter<'a, 'b> {
         Ok((strength.factor > 0.0).then_some(film))
     }
 
-    fn extension(&self, name: &'static str) -> Option<Extension<'a>> {
+    /// The layers over the base, on a surface that is the default otherwise.
+    pub(super) fn layers(&mut self) -> Result<Principled, LoadProblem> {
+        let (clearcoat, clearcoat_roughness, coat_normal_map) = self.clearcoat()?;
+        Ok(Principled {
+            clearcoat,
+            clearcoat_roughness,
+            coat_normal_map,
+            anisotropy: self.anisotropy()?,
+            sheen: self.sheen()?,
+            iridescence: self.iridescence()?,
+            ..Principled::default()
+        })
+    }
+
+    pub(super) fn diffuse_transmission(&mut self) -> Result<Option<DiffuseTransmission>, LoadProblem> {
+        let Some(extension) = self.extension("KHR_materials_diffuse_transmission") else { return Ok(None) };
+        let share = self.textured_factor(
+            extension,
+            "diffuseTransmissionFactor",
+            "diffuseTransmissionTexture",
+            Channel::A,
+        )?;
+        let factor = Vec3::from(numbers(&extension.1["diffuseTransmissionColorFactor"], 1.0))
+            .map(|v| self.clamped("a component of diffuseTransmissionColorFactor", v, 1.0));
+        let texture = self.texture_info(extension, "diffuseTransmissionColorTexture")?;
+        let colour = Colour { texture: self.colour(texture)?, ..Colour::constant(factor) };
+        Ok((share.factor > 0.0).then_some(DiffuseTransmission { share, colour }))
+    }
+
+    /// The number of KHR_materials_dispersion, 0 by default.
+    pub(super) fn dispersion(&mut self, is_transparent: bool) -> f32 {
+        let Some(extension) = self.extension("KHR_materials_dispersion") else { return 0.0 };
+        let dispersion = self.clamped("dispersion", number(extension, "dispersion", 0.0), f32::MAX);
+        if dispersion > 0.0 && (!is_transparent || self.is_thin()) {
+            self.warn(
+                "KHR_materials_dispersion has no effect without KHR_materials_transmission and the thickness of \
+                 KHR_materials_volume",
+            );
+        }
+        dispersion
+    }
+
+    pub(super) fn extension(&self, name: &'static str) -> Option<Extension<'a>> {
         self.source.extension_value(name).map(|value| (name, value))
     }
 
     /// The texture reference `key` of an extension.
-    fn texture_info(
+    pub(super) fn texture_info(
         &self,
         (name, value): Extension,
         key: &str,
@@ -112,6 +157,6 @@ impl<'a, 'b> Converter<'a, 'b> {
 }
 
 /// A number of an extension, `unset` by default.
-fn number((_, value): Extension, key: &str, unset: f32) -> f32 {
+pub(super) fn number((_, value): Extension, key: &str, unset: f32) -> f32 {
     value.get(key).and_then(Value::as_f64).map_or(unset, |number| number as f32)
 }

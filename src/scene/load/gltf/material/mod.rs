@@ -1,5 +1,6 @@
 //! Converts glTF materials to [`Material`].
 
+mod base;
 mod layers;
 
 use super::super::LoadProblem;
@@ -8,10 +9,11 @@ use super::Context;
 use super::colour::VertexColours;
 use super::texture::TextureInfo;
 use crate::scene::{
-    Alpha, AlphaMode, Channel, Coats, Colour, ColourSpace, Emission, Material, Medium, NormalMap, Principled,
+    Alpha, AlphaMode, Channel, Colour, ColourSpace, Emission, Material, Medium, NormalMap, Principled,
     Scalar, Surface, TextureRef,
 };
 use ::gltf::Material as Source;
+use base::SpecularGlossiness;
 use glam::Vec3;
 
 /// A material and the sets of texture coordinates that it uses.
@@ -57,7 +59,7 @@ struct Converter<'a, 'b> {
     uv_sets: Vec<u32>,
 }
 
-impl Converter<'_, '_> {
+impl<'b> Converter<'_, 'b> {
     /// A surface that looks the same in any light: it shows its base colour as radiance, and reflects nothing.
     fn unlit(&mut self) -> Result<Material, LoadProblem> {
         let radiance = self.base_colour()?;
@@ -68,17 +70,24 @@ impl Converter<'_, '_> {
     }
 
     fn base_colour(&mut self) -> Result<Colour, LoadProblem> {
-        let pbr = self.source.pbr_metallic_roughness();
-        let [r, g, b, _] = pbr.base_color_factor();
-        let factor = Vec3::new(r, g, b).map(|v| self.clamped("a component of baseColorFactor", v, 1.0));
-        let texture = pbr.base_color_texture().map(|info| TextureInfo::of(&info));
-        Ok(Colour { factor, texture: self.colour(texture)?, vertex: self.colours.rgb })
+        let base = self.base()?;
+        Ok(Colour { factor: base.colour, texture: self.colour(base.texture)?, vertex: self.colours.rgb })
     }
 
     fn surface(&mut self) -> Result<Surface, LoadProblem> {
         let source = self.source;
         let pbr = source.pbr_metallic_roughness();
         let base_colour = self.base_colour()?;
+        if let Some(SpecularGlossiness { tint, glossiness }) = self.specular_glossiness()? {
+            let (specular_colour, glossiness) = (tint, Some(glossiness));
+            let layers = self.layers()?;
+            return Ok(Surface::Principled(Principled {
+                base_colour,
+                specular_colour,
+                glossiness,
+                ..layers
+            }));
+        }
         let metal_rough = || pbr.metallic_roughness_texture().map(|info| TextureInfo::of(&info));
         let metallic = self.scalar("metallicFactor", pbr.metallic_factor(), metal_rough(), Channel::B)?;
         let roughness = self.scalar("roughnessFactor", pbr.roughness_factor(), metal_rough(), Channel::G)?;
@@ -90,8 +99,8 @@ impl Converter<'_, '_> {
                 self.scalar("transmissionFactor", factor, texture, Channel::R)?
             }
         };
-        let (clearcoat, clearcoat_roughness, coat_normal_map) = self.clearcoat()?;
-        let (anisotropy, sheen, iridescence) = (self.anisotropy()?, self.sheen()?, self.iridescence()?);
+        let layers = self.layers()?;
+        let diffuse_transmission = self.diffuse_transmission()?;
         let (specular, mut specular_colour) = self.specular()?;
         let mut ior = source.ior().unwrap_or(1.5);
         if ior == 0.0 {
@@ -103,7 +112,10 @@ impl Converter<'_, '_> {
             self.warn(&format!("ior is {ior}; it must be 0 or at least 1, so 1 is used"));
             ior = 1.0;
         }
-        let has_no_layers = clearcoat.factor == 0.0 && sheen.is_none() && iridescence.is_none();
+        let has_no_layers = layers.clearcoat.factor == 0.0
+            && layers.sheen.is_none()
+            && layers.iridescence.is_none()
+            && diffuse_transmission.is_none();
         if specular.factor == 0.0 && metallic.factor == 0.0 && transmission.factor == 0.0 && has_no_layers {
             return Ok(Surface::Matte { reflectance: base_colour });
         }
@@ -116,13 +128,9 @@ impl Converter<'_, '_> {
             specular_colour,
             transmission,
             thin: self.is_thin(),
-            clearcoat,
-            clearcoat_roughness,
-            coats: Coats::NONE,
-            coat_normal_map,
-            anisotropy,
-            sheen,
-            iridescence,
+            diffuse_transmission,
+            dispersion: self.dispersion(transmission.factor > 0.0),
+            ..layers
         }))
     }
 
@@ -171,10 +179,9 @@ impl Converter<'_, '_> {
             Mode::Mask => AlphaMode::Mask { cutoff: self.source.alpha_cutoff().unwrap_or(0.5) },
             Mode::Blend => AlphaMode::Blend,
         };
-        let pbr = self.source.pbr_metallic_roughness();
-        let factor = self.clamped("the alpha of baseColorFactor", pbr.base_color_factor()[3], 1.0);
-        let texture = pbr.base_color_texture().map(|info| TextureInfo::of(&info));
-        let texture = self.colour(texture)?.filter(|used| !self.textures.is_opaque(used.texture));
+        let base = self.base()?;
+        let factor = base.alpha;
+        let texture = self.colour(base.texture)?.filter(|used| !self.textures.is_opaque(used.texture));
         let is_everywhere = match mode {
             AlphaMode::Mask { cutoff } => factor >= cutoff,
             AlphaMode::Blend => factor >= 1.0,
