@@ -6,6 +6,7 @@ mod compare;
 mod farm;
 mod frames;
 mod hostile;
+mod layers;
 mod look;
 mod options;
 mod outputs;

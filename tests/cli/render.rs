@@ -57,6 +57,8 @@ fn units_agree_to_the_bit_for_all_integrators() {
             let args = [
                 "render",
                 "scene.json",
+                "-o",
+                "out.exr",
                 "--integrator",
                 integrator,
                 "--size",
@@ -65,6 +67,9 @@ fn units_agree_to_the_bit_for_all_integrators() {
                 "4",
                 "--tracer",
                 tracer,
+                "--aov",
+                super::layers::ALL,
+                "--transparent",
                 "--stats",
                 "s.json",
             ];
@@ -83,7 +88,7 @@ fn units_agree_to_the_bit_for_all_integrators() {
                 _ => {}
             }
             check_device_stats(&stats);
-            hashes.push(stats["image"]["hash"].clone());
+            hashes.push((stats["image"]["hash"].clone(), stats["image"]["layers"].clone()));
         }
         assert!(hashes.iter().all(|h| h == &hashes[0]), "{integrator}: {hashes:?}");
     }

@@ -5,7 +5,7 @@ use raystream::scene::{Colour, Surface, load};
 use std::io::Read;
 use std::path::Path;
 
-fn write_rays(path: &Path, rays: &[f32]) {
+pub fn write_rays(path: &Path, rays: &[f32]) {
     let file = std::fs::File::create(path).expect("file");
     let options = npyz::WriteOptions::new().default_dtype().shape(&[rays.len() as u64 / 8, 8]);
     let mut npy = options.writer(file).begin_nd().expect("header");
@@ -13,7 +13,7 @@ fn write_rays(path: &Path, rays: &[f32]) {
     npy.finish().expect("rays");
 }
 
-fn array<T: npyz::Deserialize>(path: &Path, name: &str) -> Vec<T> {
+pub fn array<T: npyz::Deserialize>(path: &Path, name: &str) -> Vec<T> {
     let mut archive = zip::ZipArchive::new(std::fs::File::open(path).expect("npz")).expect("zip");
     let mut bytes = Vec::new();
     archive.by_name(&format!("{name}.npy")).expect(name).read_to_end(&mut bytes).expect(name);

@@ -1,0 +1,98 @@
+//! Layers besides the picture: files, statistics, refusals.
+
+use super::trace::{array, write_rays};
+use super::{SQUARE, folder, json, run, shipped};
+use raystream::scene::load;
+use std::path::Path;
+
+/// All AOVs.
+pub const ALL: &str = "depth,z,normal,shading-normal,position,albedo,uv,emission,object,material,instance,primitive,\
+                       samples,variance,crypto-object,crypto-material,crypto-asset";
+
+fn npy<T: npyz::Deserialize>(path: &Path) -> Vec<T> {
+    let bytes = std::fs::read(path).expect("a layer");
+    npyz::NpyFile::new(&bytes[..]).expect("header").into_vec().expect("data")
+}
+
+#[test]
+fn depths_have_the_bits_of_traced_rays() {
+    let folder = folder();
+    let scene = shipped("cornell.json");
+    let args = ["render", &scene, "-o", "a.npy", "--size", "40x30", "--spp", "1", "--aov", "depth,primitive"];
+    run(folder.path(), &args, 0);
+    let camera = load::load(Path::new(&scene)).expect("scene").camera.expect("the scene's own");
+    let lens = camera.lens(40, 30).expect("a camera");
+    let mut rays = Vec::new();
+    for (x, y) in (0..30).flat_map(|y| (0..40).map(move |x| (x, y))) {
+        let (origin, direction) = lens.ray(x, y, [0.5; 2]).expect("a pinhole sees all");
+        rays.extend([
+            origin.x,
+            origin.y,
+            origin.z,
+            0.0,
+            direction.x,
+            direction.y,
+            direction.z,
+            f32::INFINITY,
+        ]);
+    }
+    write_rays(&folder.path().join("r.npy"), &rays);
+    run(folder.path(), &["trace", &scene, "--rays", "r.npy", "-o", "h.npz"], 0);
+    let hits = folder.path().join("h.npz");
+    let bits = |numbers: Vec<f32>| numbers.into_iter().map(f32::to_bits).collect::<Vec<_>>();
+    let depths: Vec<f32> = npy(&folder.path().join("a.depth.npy"));
+    assert!(depths.iter().all(|depth| depth.is_finite() || *depth == f32::INFINITY));
+    assert_eq!(bits(depths), bits(array(&hits, "t")));
+    let primitives: Vec<u32> = npy(&folder.path().join("a.primitive.npy"));
+    assert_eq!(primitives, array::<u32>(&hits, "primitive"));
+}
+
+#[test]
+fn frames_and_checkpoints_have_layers() {
+    let folder = folder();
+    std::fs::write(folder.path().join("a.obj"), SQUARE).expect("scene");
+    let still = |more: &[&str]| {
+        let mut args = vec!["render", "a.obj", "-o", "a.exr", "--size", "32x24", "--spp", "64", "--aov", ALL];
+        args.extend(["--transparent", "--stats", "s.json"]);
+        args.extend(more);
+        run(folder.path(), &args, 0);
+        json(&folder.path().join("s.json"))["image"]["layers"].clone()
+    };
+    let layers = still(&[]);
+    assert_eq!(layers.as_object().expect("hashes").len(), 18, "{layers}");
+    assert_eq!(still(&["--threads", "1", "--simd", "scalar"]), layers);
+    assert_eq!(still(&["--checkpoint", "c", "--save-every", "0.01"]), layers);
+    assert_eq!(still(&["--checkpoint", "c", "--resume"]), layers);
+    let mut args =
+        vec!["render", "a.obj", "-o", "f%d.npy", "--size", "32x24", "--spp", "2", "--frames", "0..2"];
+    args.extend(["--turntable", "9", "--aov", "depth,object", "--stats", "s.json"]);
+    run(folder.path(), &args, 0);
+    let stats = json(&folder.path().join("s.json"));
+    let depth = |frame: usize| stats["frames"][frame]["layers"]["depth"].as_str().expect("a hash").to_owned();
+    assert_ne!(depth(0), depth(1));
+    for name in ["f0.npy", "f0.depth.npy", "f1.depth.npy", "f1.object.npy", "f1.ids.json"] {
+        assert!(folder.path().join(name).exists(), "{name}");
+    }
+}
+
+#[test]
+fn layers_that_cannot_be_made_are_refused() {
+    let folder = folder();
+    std::fs::write(folder.path().join("a.obj"), SQUARE).expect("scene");
+    std::fs::create_dir(folder.path().join("a.depth.npy")).expect("folder");
+    for (more, says) in [
+        (vec!["--aov", "depth,colour"], "there are depth, z, normal, shading-normal, position"),
+        (vec!["--aov", "variance", "--spp", "1"], "at least 2 samples"),
+        (vec!["--aov", "depth", "--partial", "p"], "--partial"),
+        (vec!["--transparent", "--partial", "p"], "--partial"),
+        (vec!["--aov", "depth"], "a.depth.npy"),
+        (vec!["--aov", ALL, "--size", "8000x8000", "--spp", "4096", "--memory", "9G"], "--memory"),
+    ] {
+        let mut args = vec!["render", "a.obj", "-o", "a.npy", "--size", "8x8"];
+        args.retain(|arg| !more.contains(&"--size") || (*arg != "--size" && *arg != "8x8"));
+        args.extend(&more);
+        let printed = run(folder.path(), &args, 2);
+        assert!(printed.contains(says), "{more:?} does not say {says:?} but:\n{printed}");
+        assert!(!folder.path().join("a.npy").exists(), "{more:?} left a file");
+    }
+}
