@@ -16,8 +16,8 @@ const _: () = assert!(STRIPE_PIXELS.is_power_of_two() && STRIPE_PIXELS <= 1 << (
 /// How many samples of each pixel show what.
 ///
 /// # Why no order can change it
-/// Counts are integers. A stripe keeps the [`MAX_ENTRIES`] entries of the least hashes among those seen so far. An entry
-/// that is dropped never returns, and one that is kept at the end was never dropped, so its count is exact.
+/// Counts are integers. A stripe keeps the [`MAX_ENTRIES`] entries of the least hashes among those seen so far. An
+/// entry that is dropped never returns, and one that is kept at the end was never dropped, so its count is exact.
 #[derive(Debug)]
 pub(super) struct CoverageCounts(Vec<Mutex<Vec<Entry>>>);
 

@@ -3,8 +3,9 @@
 use super::coverage_counts::CoverageCounts;
 use serde::{Deserialize, Serialize};
 
-/// The most different ids of a pixel that [`LayerPlan::coverage`] counts, on average over 64 neighbours in a row. If they
-/// show more, those of the least hashes are kept, with exact counts; the choice does not depend on the order of samples.
+/// The most different ids of a pixel that [`LayerPlan::coverage`] counts, on average over 64 neighbours in a row. If
+/// they show more, those of the least hashes are kept, with exact counts; the choice does not depend on the order of
+/// samples.
 pub const MEAN_PIXEL_IDS: u32 = 8;
 
 /// The most sums and counts that a file may ask for.
@@ -46,14 +47,14 @@ impl LayerPlan {
         sums.len() + coverage.len() <= MAX_ENTRIES && coverage.iter().all(|ids| *ids <= 1 << COVERAGE_ID_BITS)
     }
 
-    /// The most fraction bits with which `samples` numbers of magnitude up to 2^`bound_bits` are added without overflow:
-    /// their sum stays below 2⁶².
+    /// The most fraction bits with which `samples` numbers of magnitude up to 2^`bound_bits` are added without
+    /// overflow: their sum stays below 2⁶².
     pub fn fraction_bits(bound_bits: i32, samples: u32) -> i32 {
         62 - bound_bits - samples.max(1).next_power_of_two().trailing_zeros() as i32
     }
 
-    /// Bytes of the layers of a film of this many pixels, at most: 8 a pixel for each sum, 4 for hits, 28 for halves, 12
-    /// for centres. Counts of (pixel, id) grow as ids are seen, up to 10 bytes for each of `min(samples, ids,
+    /// Bytes of the layers of a film of this many pixels, at most: 8 a pixel for each sum, 4 for hits, 28 for halves,
+    /// 12 for centres. Counts of (pixel, id) grow as ids are seen, up to 10 bytes for each of `min(samples, ids,
     /// `[`MEAN_PIXEL_IDS`]`)` ids of a pixel, and one byte more.
     pub fn bytes(&self, pixels: u64) -> u64 {
         let Self { sums, hits, halves, centres, coverage, samples } = self;

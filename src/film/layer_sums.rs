@@ -129,8 +129,8 @@ impl Centre {
 
 /// Layers.
 impl Film {
-    /// Set in the number of a pixel, this bit says that a splat belongs to the half of the pixel's samples that has sums
-    /// of its own. Only films with [`LayerPlan::halves`] know it.
+    /// Set in the number of a pixel, this bit says that a splat belongs to the half of the pixel's samples that has
+    /// sums of its own. Only films with [`LayerPlan::halves`] know it.
     pub const HALF: u32 = 1 << 31;
 
     /// A black film of the same size and precision, with these layers.
@@ -232,9 +232,9 @@ impl Film {
         self.held().coverage[table].resolve(self.pixels())
     }
 
-    /// An estimate of the variance of a pixel's mean from the means `a` and `b` of its two halves of `m` and `n` samples:
-    /// `(a − b)² m n / (m + n)²`, which is a quarter of the squared difference if the halves are equally large. Infinite
-    /// before both have a sample. Needs [`LayerPlan::halves`].
+    /// An estimate of the variance of a pixel's mean from the means `a` and `b` of its two halves of `m` and `n`
+    /// samples: `(a − b)² m n / (m + n)²`, which is a quarter of the squared difference if the halves are equally
+    /// large. Infinite before both have a sample. Needs [`LayerPlan::halves`].
     pub fn variance(&self, pixel: usize) -> [f32; 3] {
         let LayerSums { half, half_samples, .. } = self.held();
         let (half, count) = (&half[pixel], half_samples[pixel].load(Relaxed));

@@ -136,8 +136,8 @@ impl<I: Integrator> Progressive<I> {
     /// Writes the state after the last complete pass, and what stopped passes have taken. The format, all
     /// little-endian: the 20 bytes "raystream checkpoint"; a version (u32); the length (u64) and the bytes of a JSON
     /// header; bits after the point (u32), dropped and clamped splats (2 × u64), sums (3 × i64 a pixel) and sample
-    /// counts (u32 a pixel) of the film, and its layers; if the header says so, each pixel's spread (f32) and passes (u16); the film of
-    /// each unfinished pass that has one; XXH3 (u64) of all before it.
+    /// counts (u32 a pixel) of the film, and its layers; if the header says so, each pixel's spread (f32) and passes
+    /// (u16); the film of each unfinished pass that has one; XXH3 (u64) of all before it.
     ///
     /// # Errors
     /// If the file system refuses.

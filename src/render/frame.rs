@@ -366,9 +366,9 @@ impl Frame {
 
     /// [`Film::HALF`] for one half of the samples, 0 for the other.
     ///
-    /// Neighbouring samples of one dimension lie in different halves of it (`geom::Sampler`), so even and odd ones would
-    /// differ by more than chance. Groups of up to [`GROUP`] consecutive samples are stratified by themselves. A random
-    /// bit decides which of two neighbouring groups belongs to which half.
+    /// Neighbouring samples of one dimension lie in different halves of it (`geom::Sampler`), so even and odd ones
+    /// would differ by more than chance. Groups of up to [`GROUP`] consecutive samples are stratified by themselves. A
+    /// random bit decides which of two neighbouring groups belongs to which half.
     #[inline(always)]
     fn half<L: Lanes>(&self, pixel: Int<L>, sample: Int<L>) -> Int<L> {
         let bits = (self.settings.spp / 2).clamp(1, GROUP).ilog2();
@@ -431,8 +431,8 @@ trait Optics {
     /// Whether there is a ray through every point of the picture.
     const SEES_ALL: bool;
 
-    /// The rays through points of pixels. The sampler chooses points of the aperture; without it all rays pass the middle
-    /// of the lens.
+    /// The rays through points of pixels. The sampler chooses points of the aperture; without it all rays pass the
+    /// middle of the lens.
     fn rays<L: Lanes>(
         &self,
         x: Num<L>,

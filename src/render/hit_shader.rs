@@ -108,8 +108,8 @@ pub trait HitShader: Send + Sync + Sized + 'static {
         0
     }
 
-    /// The pixel and the sample of a camera ray, as [`HitShader::camera`] was given them; `None` for other rays. A frame
-    /// has layers only with shaders that tell. They also pass [`Frame::target`] instead of the pixel to what adds
+    /// The pixel and the sample of a camera ray, as [`HitShader::camera`] was given them; `None` for other rays. A
+    /// frame has layers only with shaders that tell. They also pass [`Frame::target`] instead of the pixel to what adds
     /// radiance, for the AOV variance.
     fn camera_sample(&self, _payload: &Self::Payload) -> Option<CameraSample> {
         None

@@ -6,8 +6,9 @@ use clap::Args;
 /// Layers besides the picture.
 #[derive(Debug, Args)]
 pub struct LayerArgs {
-    /// Layers to write besides the picture, separated by commas: depth, z, normal, shading-normal, position, albedo, uv,
-    /// emission, object, material, instance, primitive, samples, variance, crypto-object, crypto-material, crypto-asset.
+    /// Layers to write besides the picture, separated by commas: depth, z, normal, shading-normal, position, albedo,
+    /// uv, emission, object, material, instance, primitive, samples, variance, crypto-object, crypto-material,
+    /// crypto-asset.
     #[arg(long, value_name = "LIST", conflicts_with = "partial")]
     pub aov: Option<AovSet>,
     /// Leave the environment out where the camera sees it directly, and write alpha.
