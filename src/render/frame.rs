@@ -18,7 +18,7 @@ use std::sync::Arc;
 const PATCH: u32 = 8;
 
 /// The most consecutive samples of a pixel that belong to one half ([`Frame::target`]).
-const GROUP: u32 = 8;
+const GROUP: u32 = 16;
 
 /// Makes the choice of halves independent of the sampler.
 const HALF_SALT: u32 = 0x5be0_cd19;

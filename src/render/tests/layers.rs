@@ -343,7 +343,7 @@ fn coverage_counts_every_sample_that_hits() {
 fn variance_agrees_with_the_spread_between_seeds() {
     let scene = Arc::new(room());
     let tracer = tracer(&scene);
-    for spp in [16, 24] {
+    for (spp, most) in [(16, 2.0), (64, 3.5)] {
         let pictures: Vec<Picture> = (0..12)
             .map(|seed| {
                 let settings = Settings::new(32, 24).with_spp(spp).with_max_bounces(2).with_seed(seed);
@@ -363,7 +363,7 @@ fn variance_agrees_with_the_spread_between_seeds() {
         let ratio = estimate / spread;
 
         // The samples of a pixel are stratified together, so their mean varies less than two halves tell.
-        assert!((0.9..2.0).contains(&ratio), "{ratio} of the spread with {spp} samples");
+        assert!((0.9..most).contains(&ratio), "{ratio} of the spread with {spp} samples");
     }
 }
 
