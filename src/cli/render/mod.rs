@@ -156,7 +156,7 @@ fn submit<I: Integrator>(
 /// Refuses files that cannot be written or would overwrite others, before time is spent on rendering.
 fn check_files(args: &RenderArgs, pictures: &[PathBuf]) -> Result<Outputs> {
     let transforms = views::transforms_file(args);
-    let aovs = args.layers.aovs();
+    let aovs = args.aovs();
     let mut files = Vec::new();
     for picture in pictures {
         files.extend(picture_files(picture, aovs.iter().map(Aov::name), aovs.is_transparent())?);
