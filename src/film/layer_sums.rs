@@ -156,7 +156,8 @@ impl Film {
 
     /// Adds the numbers of hits to the sums of their pixels, and counts the hits. `columns` are the entries of
     /// [`LayerPlan::sums`], one number in fixed point for each of `pixels`.
-    pub(crate) fn add_hits<C: AsRef<[i64]>>(&self, pixels: &[u32], columns: &[C]) {
+    #[cfg_attr(not(unoptimised), inline(always))]
+    pub(crate) fn add_hits<const N: usize>(&self, pixels: &[u32], columns: &[[i64; N]]) {
         let layers = self.held();
         assert_eq!(columns.len(), layers.plan.sums.len(), "one column for each sum");
         let mut start = 0;
@@ -166,11 +167,12 @@ impl Film {
             let _stripe: Stripe<'_> = self.lock(pixel);
             let sums = &layers.sums[pixel as usize * columns.len()..][..columns.len()];
             for (sum, column) in sums.iter().zip(columns) {
-                let more: i64 = column.as_ref()[start..end].iter().sum();
+                let more: i64 = column[start..end].iter().sum();
                 sum.store(sum.load(Relaxed) + more, Relaxed);
             }
             if layers.plan.hits {
-                layers.hits[pixel as usize].fetch_add((end - start) as u32, Relaxed);
+                let hits = &layers.hits[pixel as usize];
+                hits.store(hits.load(Relaxed) + (end - start) as u32, Relaxed);
             }
             start = end;
         }

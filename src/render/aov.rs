@@ -79,6 +79,11 @@ impl Aov {
         )
     }
 
+    /// Its bit in [`AovSet::bits`].
+    pub(super) const fn bit(self) -> u32 {
+        1 << self as u32
+    }
+
     /// Bits of the greatest magnitude of a mean's channel.
     pub(super) fn bound_bits(self, scene: &Scene) -> i32 {
         match self {
@@ -139,6 +144,11 @@ impl AovSet {
     /// Whether the set has an AOV.
     pub fn has(&self, aov: Aov) -> bool {
         self.list.contains(&aov)
+    }
+
+    /// One bit for each AOV of the set: see [`Aov::bit`].
+    pub(super) fn bits(&self) -> u32 {
+        self.iter().fold(0, |bits, aov| bits | aov.bit())
     }
 
     /// Whether the set has alpha.

@@ -1,24 +1,47 @@
 //! What camera rays hit first: the layers of a frame besides radiance.
 
 use super::aov::{Aov, COUNTS};
+use super::frame_layers::{Column, FrameLayers};
 use super::{CameraSample, Frame, hits_of, rays_of};
-use crate::film::{CentreHit, Film, LayerPlan, power_of_two};
+use crate::film::{CentreHit, Film, LayerPlan};
 use crate::geom::Sampler;
 use crate::lanes::{Int, LaneTask, Lanes, MAX_LANES, Mask, Num, Vector};
 use crate::scene::{Material, Objects};
 use crate::schedule::Batch;
 use crate::shade::{Cone, Interaction, base_colour, lookup, material_of, pass_through, sort};
 use crate::stream::{Hit, Ray};
+use std::cell::Cell;
 
 /// The most channels that are averaged.
 const MAX_SUMS: usize = 17;
 
+thread_local! {
+    /// The lists of the last batch of this thread. They are reused, so that no batch after the first allocates.
+    static SPARE: Cell<FirstHits> = const { Cell::new(FirstHits::NONE) };
+}
+
 /// Camera rays that have hit something.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 struct FirstHits {
     rays: Vec<Ray>,
     hits: Vec<Hit>,
     samples: Vec<[u32; 2]>,
+}
+
+impl FirstHits {
+    const NONE: Self = Self { rays: Vec::new(), hits: Vec::new(), samples: Vec::new() };
+
+    fn clear(&mut self) {
+        self.rays.clear();
+        self.hits.clear();
+        self.samples.clear();
+    }
+}
+
+impl Default for FirstHits {
+    fn default() -> Self {
+        Self::NONE
+    }
 }
 
 /// The rays of a batch that a shader is given, if it is not given all.
@@ -69,7 +92,8 @@ impl Frame {
         let (layers, plan) = (self.layers()?, self.film().plan()?);
         let (transparent, wants_hits) =
             (layers.aovs.is_transparent(), plan.hits || !plan.coverage.is_empty());
-        let (mut first, mut left_out) = (FirstHits::default(), Vec::new());
+        let (mut first, mut left_out) = (SPARE.take(), Vec::new());
+        first.clear();
         for (i, payload) in batch.payloads.iter().enumerate() {
             let Some(CameraSample { pixel, sample }) = sample_of(payload) else { continue };
             let hit = batch.hits[i];
@@ -87,8 +111,9 @@ impl Frame {
             }
         }
         if !first.rays.is_empty() {
-            self.simd().run(AddHits { frame: self, plan, first: &first, passes });
+            self.simd().run(AddHits { frame: self, layers, plan, first: &first, passes });
         }
+        SPARE.set(first);
         (!left_out.is_empty()).then(|| GivenRays::without(batch, &left_out))
     }
 
@@ -101,6 +126,7 @@ impl Frame {
 /// Adds hits to the film's layers.
 struct AddHits<'a> {
     frame: &'a Frame,
+    layers: &'a FrameLayers,
     plan: &'a LayerPlan,
     first: &'a FirstHits,
     passes: bool,
@@ -155,30 +181,36 @@ impl AddHits<'_> {
         }
     }
 
+    /// Whether the frame has an AOV.
+    #[inline(always)]
+    fn has(&self, aov: Aov) -> bool {
+        self.layers.bits & aov.bit() > 0
+    }
+
     /// Adds to the sums, in the order of [`super::aov::MEANS`].
     #[cfg_attr(not(unoptimised), inline(always))]
     fn add_means<L: Lanes>(&self, material: &Material, at: &Interaction<L>, lanes: Mask<L>, pixels: &[u32]) {
-        let (scene, aovs) = (self.frame.scene(), self.frame.aovs());
-        let mut columns =
-            Columns { plan: self.plan, lanes: lanes.bits(), columns: [[0; MAX_LANES]; MAX_SUMS], count: 0 };
-        if aovs.has(Aov::Normal) {
-            columns.push_vector(at.normal, Aov::Normal.bound_bits(scene));
+        let scene = self.frame.scene();
+        let kinds = &self.layers.columns;
+        let mut columns = Columns { kinds, lanes, integers: [[0; MAX_LANES]; MAX_SUMS], count: 0 };
+        if self.has(Aov::Normal) {
+            columns.push_vector(at.normal);
         }
-        if aovs.has(Aov::ShadingNormal) {
-            columns.push_vector(at.basis.normal, Aov::ShadingNormal.bound_bits(scene));
+        if self.has(Aov::ShadingNormal) {
+            columns.push_vector(at.basis.normal);
         }
-        if aovs.has(Aov::Position) {
-            columns.push_vector(at.position, self.frame.position_bits());
+        if self.has(Aov::Position) {
+            columns.push_vector(at.position);
         }
-        if aovs.has(Aov::Albedo) {
-            columns.push_vector(base_colour(scene, material, at), Aov::Albedo.bound_bits(scene));
+        if self.has(Aov::Albedo) {
+            columns.push_vector(base_colour(scene, material, at));
         }
-        if aovs.has(Aov::Uv) {
+        if self.has(Aov::Uv) {
             let [u, v] = at.texture.uv;
-            columns.push(u, Aov::Uv.bound_bits(scene));
-            columns.push(v, Aov::Uv.bound_bits(scene));
+            columns.push(u);
+            columns.push(v);
         }
-        if aovs.has(Aov::Emission) {
+        if self.has(Aov::Emission) {
             let mut emitted = Vector::zero(at.wo.lanes());
             if let Some(emission) = &material.emission {
                 emitted = lookup::emission(scene, emission, &at.texture, at.front);
@@ -186,24 +218,23 @@ impl AddHits<'_> {
             if let Some(computed) = at.computed_emission(scene, material) {
                 emitted += computed;
             }
-            columns.push_vector(emitted, Aov::Emission.bound_bits(scene));
+            columns.push_vector(emitted);
         }
-        self.film().add_hits(pixels, &columns.columns[..columns.count]);
+        self.film().add_hits(pixels, &columns.integers[..columns.count]);
     }
 
     /// Counts what the hits show, in the order of [`COUNTS`].
     #[cfg_attr(not(unoptimised), inline(always))]
     fn count<L: Lanes>(&self, material: u32, primitive: Int<L>, lanes: Mask<L>, pixels: &[u32]) {
-        let aovs = self.frame.aovs();
         let mut objects = L::array(0);
         self.frame.scene().objects.at(primitive).append(lanes, objects.as_mut());
         let mut ids = [0; MAX_LANES];
         let ids = &mut ids[..pixels.len()];
-        for (table, aov) in COUNTS.iter().filter(|aov| aovs.has(**aov)).enumerate() {
+        for (table, aov) in COUNTS.iter().filter(|aov| self.has(**aov)).enumerate() {
             for (id, &object) in ids.iter_mut().zip(objects.as_ref()) {
                 *id = match aov {
                     Aov::CryptoMaterial => material,
-                    Aov::CryptoAsset if object != Objects::NONE => self.frame.asset(object),
+                    Aov::CryptoAsset if object != Objects::NONE => self.layers.asset(object),
                     _ => object,
                 };
             }
@@ -217,36 +248,34 @@ impl AddHits<'_> {
 }
 
 /// Numbers of hits in fixed point, one column for each sum.
-struct Columns<'a> {
-    plan: &'a LayerPlan,
-    lanes: u32,
-    columns: [[i64; MAX_LANES]; MAX_SUMS],
+struct Columns<'a, L: Lanes> {
+    kinds: &'a [Column],
+    lanes: Mask<L>,
+    integers: [[i64; MAX_LANES]; MAX_SUMS],
     count: usize,
 }
 
-impl Columns<'_> {
-    /// Adds a column of the numbers in the lanes of the mask, packed. Magnitudes are clamped to 2^`bound_bits`; what is
-    /// not finite counts as 0.
+impl<L: Lanes> Columns<'_, L> {
+    /// Adds a column of the numbers in the lanes of the mask, packed. What is not finite counts as 0.
     #[cfg_attr(not(unoptimised), inline(always))]
-    fn push<L: Lanes>(&mut self, number: Num<L>, bound_bits: i32) {
-        let bound = power_of_two(bound_bits) as f32;
-        let number = number
-            .only(number.is_finite())
-            .clamp(-bound, bound)
-            .pack(Mask::from_bits(number.lanes(), self.lanes));
-        let negative = number.below(0.0).bits();
-        let magnitudes = number.abs().to_fixed(power_of_two(self.plan.sums[self.count]));
-        for (lane, magnitude) in magnitudes.as_ref().iter().enumerate() {
-            let sign = -i64::from(negative >> lane & 1);
-            self.columns[self.count][lane] = (magnitude ^ sign) - sign;
+    fn push(&mut self, number: Num<L>) {
+        let Column { bound, scale } = self.kinds[self.count];
+        let number = number.only(number.is_finite()).clamp(-bound, bound).pack(self.lanes);
+        let magnitudes = number.abs().to_fixed(scale);
+        let signs = number.to_array();
+        let integers = &mut self.integers[self.count][..L::LANES];
+        for ((integer, magnitude), number) in integers.iter_mut().zip(magnitudes.as_ref()).zip(signs.as_ref())
+        {
+            let sign = i64::from(number.to_bits() as i32 >> 31);
+            *integer = (magnitude ^ sign) - sign;
         }
         self.count += 1;
     }
 
     #[cfg_attr(not(unoptimised), inline(always))]
-    fn push_vector<L: Lanes>(&mut self, v: Vector<L>, bound_bits: i32) {
-        self.push(v.x, bound_bits);
-        self.push(v.y, bound_bits);
-        self.push(v.z, bound_bits);
+    fn push_vector(&mut self, v: Vector<L>) {
+        self.push(v.x);
+        self.push(v.y);
+        self.push(v.z);
     }
 }

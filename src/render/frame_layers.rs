@@ -2,7 +2,7 @@
 
 use super::Frame;
 use super::aov::{Aov, AovError, AovSet, COUNTS, MEANS};
-use crate::film::{Coverage, Film, Image, Layer, LayerValues, Picture, Region};
+use crate::film::{Coverage, Film, Image, Layer, LayerValues, Picture, Region, power_of_two};
 use crate::scene::{Lens, Objects, Scene};
 #[cfg(feature = "formats")]
 use crate::{film::LayerPlan, scene::Material};
@@ -16,10 +16,28 @@ use std::sync::Arc;
 #[derive(Debug)]
 pub(super) struct FrameLayers {
     pub aovs: AovSet,
+    /// [`AovSet::bits`].
+    pub bits: u32,
+    /// How the numbers of hits become integers, one for each sum.
+    pub columns: Vec<Column>,
     /// The topmost object above each object.
     assets: Vec<u32>,
-    /// [`Aov::bound_bits`] of positions.
-    position_bits: i32,
+}
+
+/// How numbers become integers.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Column {
+    /// The greatest magnitude; greater ones are clamped.
+    pub bound: f32,
+    /// The factor from numbers to integers.
+    pub scale: f64,
+}
+
+impl FrameLayers {
+    /// The topmost object above an object.
+    pub fn asset(&self, object: u32) -> u32 {
+        self.assets[object as usize]
+    }
 }
 
 /// Makes pictures of a frame's films.
@@ -40,10 +58,17 @@ impl Frame {
     /// If a layer cannot be made, or the system does not give the film's memory.
     pub fn with_aovs(&self, aovs: &AovSet) -> Result<Self, AovError> {
         aovs.check(self)?;
-        let film = self.film().with_layers(aovs.plan(self.scene(), self.settings().spp))?;
+        let plan = aovs.plan(self.scene(), self.settings().spp);
+        let means = MEANS.iter().filter(|(aov, _)| aovs.has(*aov));
+        let bounds = means.flat_map(|(aov, channels)| channels.iter().map(|_| aov.bound_bits(self.scene())));
+        let column = |(bound, &bits): (i32, &i32)| Column {
+            bound: power_of_two(bound) as f32,
+            scale: power_of_two(bits),
+        };
+        let columns = bounds.zip(&plan.sums).map(column).collect();
+        let film = self.film().with_layers(plan)?;
         let assets = if aovs.has(Aov::CryptoAsset) { assets(&self.scene().objects) } else { Vec::new() };
-        let position_bits = Aov::Position.bound_bits(self.scene());
-        let layers = FrameLayers { aovs: aovs.clone(), assets, position_bits };
+        let layers = FrameLayers { aovs: aovs.clone(), bits: aovs.bits(), columns, assets };
         Ok(self.with_layers((!aovs.is_empty()).then(|| Arc::new(layers)), film))
     }
 
@@ -51,16 +76,6 @@ impl Frame {
     pub fn aovs(&self) -> &AovSet {
         const NONE: &AovSet = &AovSet::NONE;
         self.layers().map_or(NONE, |layers| &layers.aovs)
-    }
-
-    /// The topmost object above an object.
-    pub(super) fn asset(&self, object: u32) -> u32 {
-        self.layers().map_or(object, |layers| layers.assets[object as usize])
-    }
-
-    /// Bits of the greatest magnitude of a position.
-    pub(super) fn position_bits(&self) -> i32 {
-        self.layers().map_or(0, |layers| layers.position_bits)
     }
 
     pub(super) fn developer(&self) -> Developer {
