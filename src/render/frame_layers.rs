@@ -185,7 +185,7 @@ impl LayerRecord {
     #[cfg(feature = "formats")]
     pub fn develop(&self, film: &Film, region: Region) -> Picture {
         let aovs = self.aovs().unwrap_or_default();
-        let layers = FrameLayers { aovs, assets: Vec::new(), position_bits: 0 };
+        let layers = FrameLayers { bits: aovs.bits(), aovs, columns: Vec::new(), assets: Vec::new() };
         let scene = Arc::new(self.names());
         Developer { scene, lens: self.lens, region, layers: Some(Arc::new(layers)) }.develop(film)
     }
