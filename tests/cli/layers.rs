@@ -83,8 +83,6 @@ fn layers_that_cannot_be_made_are_refused() {
     for (more, says) in [
         (vec!["--aov", "depth,colour"], "there are depth, z, normal, shading-normal, position"),
         (vec!["--aov", "variance", "--spp", "1"], "at least 2 samples"),
-        (vec!["--aov", "depth", "--partial", "p"], "--partial"),
-        (vec!["--transparent", "--partial", "p"], "--partial"),
         (vec!["--aov", "depth"], "a.depth.npy"),
         (vec!["--aov", ALL, "--size", "8000x8000", "--spp", "4096", "--memory", "9G"], "--memory"),
     ] {

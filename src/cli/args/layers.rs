@@ -9,10 +9,10 @@ pub struct LayerArgs {
     /// Layers to write besides the picture, separated by commas: depth, z, normal, shading-normal, position, albedo,
     /// uv, emission, object, material, instance, primitive, samples, variance, crypto-object, crypto-material,
     /// crypto-asset.
-    #[arg(long, value_name = "LIST", conflicts_with = "partial")]
+    #[arg(long, value_name = "LIST")]
     pub aov: Option<AovSet>,
     /// Leave the environment out where the camera sees it directly, and write alpha.
-    #[arg(long, conflicts_with = "partial")]
+    #[arg(long)]
     pub transparent: bool,
 }
 
