@@ -37,6 +37,6 @@ class Case(unittest.TestCase):
         self.assertEqual(run.returncode, code, run.stdout + run.stderr)
         return run.stdout
 
-    def render(self, output, *options):
-        self.raystream("render", "scene.obj", "-o", output, "--spp", "16", "--tracer", "cpu", *VIEW, *options)
+    def render(self, output, *options, spp=16):
+        self.raystream("render", "scene.obj", "-o", output, "--spp", spp, "--tracer", "cpu", *VIEW, *options)
         return self.folder / output

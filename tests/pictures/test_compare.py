@@ -48,7 +48,7 @@ class Compare(raystream.Case):
             images = reference.astype(np.float32), test.astype(np.float32)
             _, flip, settings = flip_evaluator.evaluate(*images, "LDR", applyMagma=False)
             self.assertAlmostEqual(settings["ppd"], 3840 * np.pi / 180, delta=0.1)
-            self.assertAlmostEqual(values["flip"], flip, delta=5e-4 * max(flip, 0.1))
+            self.assertAlmostEqual(values["flip"], flip, delta=2e-5)
 
     def test_flip_of_each_pixel(self):
         for pair in pictures():

@@ -117,7 +117,7 @@ class PictureFiles(raystream.Case):
             self.assert_same_bits(np.ascontiguousarray(bgra[..., i]), channels[name], name)
 
     def test_world_to_ndc_finds_positions(self):
-        channels, header = self.open(self.render("a.exr", "--aov", "position,object", "--spp", "64"))
+        channels, header = self.open(self.render("a.exr", "--aov", "position,object", spp=64))
         to_ndc, to_camera = (np.asarray(header[name]) for name in ("worldToNDC", "worldToCamera"))
         height, width = channels["R"].shape
         inside = cv2.erode((channels["object.X"] == 0).astype(np.uint8), np.ones((3, 3))) == 1
