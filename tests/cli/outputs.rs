@@ -28,6 +28,18 @@ fn links_are_followed_and_devices_are_written_into() {
     assert!(json(Path::new(&scene)).is_object());
 }
 
+#[test]
+fn files_of_layers_are_checked_before_work_begins() {
+    let folder = folder();
+    let scene = shipped("cornell.json");
+    let clash = ["render", &scene, "-o", "a.png", "--aov", "depth", "--stats", "a.depth.npy"];
+    let text = run(folder.path(), &[&clash[..], &SMALL].concat(), 2);
+    assert!(text.contains("-o and --stats name the same file"), "{text}");
+    assert!(!folder.path().join("a.png").exists());
+    let separate = ["render", &scene, "-o", "a.exr", "--aov", "depth", "--stats", "a.depth.npy"];
+    run(folder.path(), &[&separate[..], &SMALL].concat(), 0);
+}
+
 fn image(path: &Path) -> Vec<u8> {
     std::fs::read(path).expect("a picture")
 }
