@@ -109,6 +109,9 @@ impl Reader<'_> {
         let uvs = (0..2).all(|axis| has(Role::Uv(axis)));
         let colours = (0..3).all(|channel| has(Role::Colour(channel)));
         self.has_alpha = has(Role::Colour(3));
+        if !colours && (0..3).any(|channel| has(Role::Colour(channel))) {
+            session.warnings.add("Vertex colours need red, green and blue; parts of colours are ignored.");
+        }
         let vertices = element.count as u64;
         session
             .reserve(&mut self.mesh, MeshSize { vertices, normals, uvs, colours, ..MeshSize::default() })?;
