@@ -76,7 +76,7 @@ class Farm(unittest.TestCase):
         self.assertEqual((self.folder / "merged.npy").read_bytes(), self.render("whole.npy", "--spp=21"))
 
     def test_a_task_that_cannot_run_says_why(self):
-        command = [OPENJD, "run", TEMPLATES / "openjd.yaml", "--step=Render", "--maximum-tasks=1", "--output=json"]
+        command = [OPENJD, "run", TEMPLATES / "openjd.yaml", "--step=Render", "--maximum-tasks=1"]
         parameters = {"Scene": "missing.glb", "Output": "a.npy", "Folder": "."}
         command += [f"--job-param={name}={value}" for name, value in parameters.items()]
         run = subprocess.run(command, capture_output=True, text=True, cwd=self.folder, env=self.environment)
