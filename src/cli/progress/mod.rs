@@ -182,7 +182,8 @@ impl Ticker {
 
     fn enter(&self, stage: Stage) {
         let mut now = self.lock();
-        now.stage = stage;
+        // What is left of rendering is known once it has begun.
+        (now.stage, now.left_s) = (stage, None);
         self.lines.enter(&now);
     }
 
