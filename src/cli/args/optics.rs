@@ -14,8 +14,8 @@ pub struct OpticsArgs {
     /// names (%s) them [default: the first].
     #[arg(long, value_name = "NAME|all")]
     pub camera: Option<String>,
-    /// Render many views in one run, and a transforms.json in NeRF's form beside them: N on a sphere around the scene, or
-    /// the cameras of a .json file (a transforms.json, or a list of cameras as in recipes).
+    /// Render many views in one run, and a transforms.json in NeRF's form beside them: N on a sphere around the scene,
+    /// or the cameras of a .json file (a transforms.json, or a list of cameras as in recipes).
     #[arg(
         long,
         value_name = "FILE|N",

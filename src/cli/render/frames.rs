@@ -63,10 +63,8 @@ pub fn run<I: Integrator>(
                 progress.show(shots.iter().flat_map(|shot| shot.picture.progress()));
             }
             if interrupt::requested() {
-                // Unfinished frames would be noisier than the others, so no picture shows them.
                 totals.events.lack([stopped(done.len(), animation.frames.len())]);
-                let lost = Shot::keep_all(&mut shots, &mut totals)?;
-                totals.events.lack(lost);
+                keep(&mut shots, &mut totals)?;
                 break;
             }
             continue;
@@ -85,14 +83,28 @@ pub fn run<I: Integrator>(
     totals.events.lack(finished.and_then(write_last));
     totals.events.recover(setup.idle_fault());
     totals.joules = meters.joules();
-    let recorded = recorder.map_or_else(Vec::new, Recorder::finish);
-    if let Some(path) = &args.timeline {
-        totals.timeline(setup, recorded).write(path)?;
-    }
+    write_timeline(args, setup, &totals, recorder)?;
     done.sort_by_key(|frame| frame.frame);
     insist(|| views::write_transforms(args, animation, &done))?;
     let stats = summarise(args, setup, settings, &mut totals, (done, splats));
     report(args, animation, &stats, &totals.events)
+}
+
+/// Stops unfinished frames. They would be noisier than the others, so no picture shows them.
+fn keep<I: Integrator>(shots: &mut VecDeque<Shot<I>>, totals: &mut Totals) -> Result<()> {
+    let lost = Shot::keep_all(shots, totals)?;
+    totals.events.lack(lost);
+    Ok(())
+}
+
+fn write_timeline(
+    args: &RenderArgs,
+    setup: &Setup,
+    totals: &Totals,
+    recorder: Option<Recorder>,
+) -> Result<()> {
+    let recorded = recorder.map_or_else(Vec::new, Recorder::finish);
+    args.timeline.as_ref().map_or(Ok(()), |path| totals.timeline(setup, recorded).write(path))
 }
 
 /// Splats of finished frames that the film could not take as they were.
