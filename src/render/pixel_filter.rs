@@ -7,8 +7,8 @@ use std::str::FromStr;
 
 /// A pixel filter. It is a density of positions around the centre of a pixel, the product of one density across and one
 /// down. The sampler draws positions from it, and all samples weigh the same (filter importance sampling; Ernst,
-/// Stamminger and Greiner 2006, *Filter Importance Sampling*). A sample counts for its own pixel only, so a filter costs
-/// no memory, and pixels stay independent of each other.
+/// Stamminger and Greiner 2006, *Filter Importance Sampling*). A sample counts for its own pixel only, so a filter
+/// costs no memory, and pixels stay independent of each other.
 ///
 /// Filters with negative lobes (Mitchell, Lanczos) are no densities, so they are not offered.
 ///
