@@ -25,7 +25,7 @@ MODELS = [
     (
         "BoxVertexColors",
         "BoxVertexColors/glTF-Binary/BoxVertexColors.glb",
-        ["--eye", "2.1,1.6,1.9", "--target", "0.5,0.5,0.5"],
+        ["--eye", "2.3,1.75,2.1", "--target", "0.5,0.5,0.5"],
     ),
     ("Cameras, perspective", "Cameras/glTF-Embedded/Cameras.gltf", ["--camera", "camera 0"]),
     ("Cameras, orthographic", "Cameras/glTF-Embedded/Cameras.gltf", ["--camera", "camera 1"]),
@@ -58,7 +58,7 @@ def render(args, folder, name, arguments):
     out = folder / "out.png"
     size = f"{TILE[0]}x{TILE[1]}"
     command = [args.raystream, "render", args.folder / name, "-o", out, "--size", size, "--spp", args.spp]
-    command += ["--env", folder / "sky.hdr", "--view", "pbr-neutral", "--tracer", "cpu", *arguments]
+    command += ["--env", folder / "sky.hdr", "--view", "standard", "--tracer", "cpu", *arguments]
     subprocess.run([str(part) for part in command], check=True)
     return Image.open(out).convert("RGB")
 
