@@ -2,7 +2,7 @@
 """Do raystream's pictures agree with Mitsuba 3's? A z-test that knows the noise of both sides.
 
     python3 -m venv .venv && .venv/bin/pip install mitsuba==3.9.1 numpy
-    .venv/bin/python scripts/agree_with_mitsuba.py [glass frosted metal brushed coat gloss mix ink sky thinlens parallel]
+    .venv/bin/python scripts/agree_with_mitsuba.py [glass frosted metal coat mix ink sky thinlens ..]
 
 Each scene is made here of flat triangles, written once for each program and rendered many times by both,
 with other seeds each time and without Russian roulette. The spread of a block of 16 x 16 pixels over a

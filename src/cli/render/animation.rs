@@ -115,7 +115,7 @@ impl<'a> Animation<'a> {
         }
         if let Some(views) = &args.optics.views {
             let views = Views::read(views, args.size)?;
-            let cameras = views.cameras(&args.optics, own, &scene.bounds(), args.size)?;
+            let cameras = views.cameras(&args.optics, own, scene, args.size)?;
             return Self::of_cameras(args, cameras, output).map(Some);
         }
         let Some(frames) = frames.clone() else { return Ok(None) };

@@ -6,10 +6,9 @@ use crate::cli::matrix;
 use crate::cli::stats::FrameStats;
 use crate::files;
 use crate::film::picture_files;
-use crate::geom::Aabb;
 use crate::render::Aov;
 use crate::scene::recipe::View;
-use crate::scene::{Camera, Distortion, Intrinsics, NamedCamera};
+use crate::scene::{Camera, Distortion, Intrinsics, NamedCamera, Scene};
 use anyhow::{Context, Result, bail, ensure};
 use glam::{DMat4, Vec3};
 use serde::Deserialize;
@@ -101,24 +100,25 @@ impl Views {
         Ok(Self::Cameras(cameras))
     }
 
-    /// The cameras. Those on a sphere look as `own` does, at the middle of `bounds`, from where all of it is seen.
+    /// The cameras. Those on a sphere look as `own` does, at the middle of the scene, from where all of it is seen.
     pub fn cameras(
         self,
         optics: &OpticsArgs,
         own: Camera,
-        bounds: &Aabb,
+        scene: &Scene,
         size: (u32, u32),
     ) -> Result<Vec<NamedCamera>> {
         let cameras = match self {
             Self::Sphere(count) => {
-                let Some(half) = half_tangent(&own, size) else {
-                    bail!(
-                        "--views needs a camera with a field of view, not one of projection {}",
-                        own.projection.name()
-                    )
+                let bounds = scene.bounds();
+                let view = |index: u32| {
+                    let camera = own.seeing(&bounds, on_sphere(index, count), size.0, size.1)?;
+                    Some(NamedCamera::new(format!("view {index}"), camera))
                 };
-                let name = |index: u32, camera| NamedCamera::new(format!("view {index}"), camera);
-                (0..count).map(|i| name(i, around(&own, bounds, half, on_sphere(i, count)))).collect()
+                (0..count).map(view).collect::<Option<_>>().with_context(|| {
+                    let name = own.projection.name();
+                    format!("--views needs a camera with a field of view, not one of projection {name}")
+                })?
             }
             Self::Cameras(cameras) => cameras,
         };
@@ -143,18 +143,6 @@ impl Views {
         }
         Ok(cameras)
     }
-}
-
-/// Tangent of half the angle that a camera sees at least, if it has one.
-fn half_tangent(camera: &Camera, (width, height): (u32, u32)) -> Option<f32> {
-    let k = camera.intrinsics(width, height)?;
-    Some((0.5 * f64::min(f64::from(width) / k.fx, f64::from(height) / k.fy)) as f32)
-}
-
-/// A camera outside of the bounds in this direction that sees all of them.
-fn around(own: &Camera, bounds: &Aabb, half: f32, away: Vec3) -> Camera {
-    let distance = bounds.radius().max(1e-6) * (1.0 + half * half).sqrt() / half;
-    own.posed_as(&Camera::new(bounds.centre() + away * distance, bounds.centre()))
 }
 
 /// Unit vectors evenly spread over the sphere (a Fibonacci lattice), none of them upright.
@@ -300,29 +288,27 @@ fn lens_entry(k: &Intrinsics) -> Value {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::Mesh;
 
     #[test]
     fn views_on_a_sphere_see_everything_from_all_sides() {
-        let bounds = Aabb { min: Vec3::new(-3.0, 1.0, 2.0), max: Vec3::new(4.0, 9.0, 2.5) };
+        let (min, max) = (Vec3::new(-3.0, 1.0, 2.0), Vec3::new(4.0, 9.0, 2.5));
+        let scene = Scene::new(Mesh::new(vec![min, max, min], vec![[0, 1, 2]]), Vec::new());
         let (own, size) = (Camera::new(Vec3::ZERO, Vec3::X).with_fov(30.0), (40, 60));
         for count in [1, 2, 7, 100] {
             let views =
-                Views::Sphere(count).cameras(&OpticsArgs::default(), own, &bounds, size).expect("views");
+                Views::Sphere(count).cameras(&OpticsArgs::default(), own, &scene, size).expect("views");
             let mut mean = Vec3::ZERO;
             for NamedCamera { camera, .. } in &views {
                 let to_camera = camera.to_world().expect("a pose").inverse();
                 let k = camera.intrinsics(size.0, size.1).expect("a field of view");
                 for i in 0..8 {
-                    let corner = Vec3::select(
-                        glam::BVec3::new(i & 1 > 0, i & 2 > 0, i & 4 > 0),
-                        bounds.max,
-                        bounds.min,
-                    );
+                    let corner = Vec3::select(glam::BVec3::new(i & 1 > 0, i & 2 > 0, i & 4 > 0), max, min);
                     let p = to_camera.transform_point3(corner.as_dvec3());
                     let (x, y) = (k.fx * p.x / -p.z + k.cx, k.fy * p.y / p.z + k.cy);
                     assert!((-0.01..40.01).contains(&x) && (-0.01..60.01).contains(&y), "{x},{y}");
                 }
-                mean += (camera.eye - bounds.centre()).normalize() / count as f32;
+                mean += (camera.eye - 0.5 * (min + max)).normalize() / count as f32;
             }
             assert!(count < 100 || mean.length() < 0.02, "{mean}");
         }

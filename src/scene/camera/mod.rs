@@ -183,17 +183,21 @@ impl Camera {
     /// A camera that sees all of `bounds` from the front, right and above, in a picture with the given aspect ratio
     /// (width / height).
     pub fn framing(bounds: &Aabb, aspect: f32) -> Self {
-        Self::framing_from(bounds, aspect, Vec3::new(0.45, 0.35, 1.0))
-    }
-
-    /// [`Camera::framing`] from the direction `away` from the middle of the bounds.
-    pub fn framing_from(bounds: &Aabb, aspect: f32, away: Vec3) -> Self {
         let fov_degrees = 40.0;
         let half = libm::tanf(0.5 * f32::to_radians(fov_degrees)) * aspect.min(1.0);
         let radius = bounds.radius().max(1e-6);
         let distance = radius * (1.0 + half * half).sqrt() / half;
-        let away = away.normalize();
+        let away = Vec3::new(0.45, 0.35, 1.0).normalize();
         Self::new(bounds.centre() + away * distance, bounds.centre()).with_fov(fov_degrees)
+    }
+
+    /// This camera with +y up where it sees all of `bounds` in a picture of `width` × `height` pixels, in the direction
+    /// `away` (a unit vector) from their middle. `None` if its projection has no field of view.
+    pub fn seeing(&self, bounds: &Aabb, away: Vec3, width: u32, height: u32) -> Option<Self> {
+        let k = self.intrinsics(width, height)?;
+        let half = (0.5 * f64::min(f64::from(width) / k.fx, f64::from(height) / k.fy)) as f32;
+        let distance = bounds.radius().max(1e-6) * (1.0 + half * half).sqrt() / half;
+        Some(self.posed_as(&Self::new(bounds.centre() + away * distance, bounds.centre())))
     }
 
     /// A camera with these intrinsics and extrinsics as OpenCV has them. The matrix takes points of the world to the
