@@ -14,6 +14,7 @@ mod progressive;
 mod refusals;
 mod render;
 mod sampling;
+mod shaders;
 mod trace;
 mod views;
 
