@@ -113,7 +113,7 @@ impl<'m> Lowerer<'m> {
                 self.load(&place)?
             }
             Expression::CallResult(_) => return Err(unsupported("results of calls that have not returned")),
-            ref other => self.pure(other, handle, false)?,
+            ref other => self.pure(other, false)?,
         };
         Ok(Value::Scalars(scalars))
     }
@@ -122,7 +122,7 @@ impl<'m> Lowerer<'m> {
     pub(super) fn global_scalars(&mut self, handle: Handle<Expression>) -> Result<Rc<[Scalar]>, Fault> {
         let module = self.input.module;
         let frames = std::mem::take(&mut self.frames);
-        let scalars = self.pure(&module.global_expressions[handle], handle, true);
+        let scalars = self.pure(&module.global_expressions[handle], true);
         self.frames = frames;
         scalars.map_err(|fault| fault.at(module.global_expressions.get_span(handle)))
     }
@@ -133,12 +133,7 @@ impl<'m> Lowerer<'m> {
     }
 
     /// The scalars of an expression that depends on nothing but its operands.
-    fn pure(
-        &mut self,
-        expression: &Expression,
-        handle: Handle<Expression>,
-        is_global: bool,
-    ) -> Result<Rc<[Scalar]>, Fault> {
+    fn pure(&mut self, expression: &Expression, is_global: bool) -> Result<Rc<[Scalar]>, Fault> {
         let module = self.input.module;
         Ok(match *expression {
             Expression::Literal(literal) => [literal_word(literal)?].into(),
@@ -170,6 +165,13 @@ impl<'m> Lowerer<'m> {
                 let (a, b) = (self.operand(left, is_global)?, self.operand(right, is_global)?);
                 self.binary(op, (left, &a), (right, &b))?
             }
+            ref other => self.applied(other, is_global)?,
+        })
+    }
+
+    /// [`Lowerer::pure`] of functions, choices and conversions.
+    fn applied(&mut self, expression: &Expression, is_global: bool) -> Result<Rc<[Scalar]>, Fault> {
+        Ok(match *expression {
             Expression::Select { condition, accept, reject } => {
                 let [condition, a, b] = [condition, accept, reject].map(|part| self.operand(part, is_global));
                 let (condition, a, b) = (condition?, a?, b?);
@@ -202,20 +204,13 @@ impl<'m> Lowerer<'m> {
             }
             Expression::Derivative { .. } => {
                 let message = "derivatives have no meaning here: each point is computed by itself";
-                return Err(Fault::new(
-                    Span::UNDEFINED,
-                    message,
-                    "use `at.width` and `at.footprint`, the sizes of a pixel",
-                ));
+                let remedy = "use `at.width` and `at.footprint`, the sizes of a pixel";
+                return Err(Fault::new(Span::UNDEFINED, message, remedy));
             }
             _ => {
                 let message = "textures and buffers cannot be read here";
-                let _ = handle;
-                return Err(Fault::new(
-                    Span::UNDEFINED,
-                    message,
-                    "compute from the point's fields and parameters",
-                ));
+                let remedy = "compute from the point's fields and parameters";
+                return Err(Fault::new(Span::UNDEFINED, message, remedy));
             }
         })
     }
@@ -306,8 +301,6 @@ impl<'m> Lowerer<'m> {
         {
             return Ok(product);
         }
-        let shift = matches!(op, BinaryOperator::ShiftLeft | BinaryOperator::ShiftRight);
-        let _ = shift;
         let at = |scalars: &[Scalar], i: usize| scalars[if scalars.len() == 1 { 0 } else { i }];
         let mut results = Vec::with_capacity(a.len().max(b.len()));
         for i in 0..a.len().max(b.len()) {
