@@ -3,7 +3,7 @@
 
 use naga::{
     BinaryOperator, Block, Expression, Function, Handle, Literal, MathFunction, Module, RelationalFunction,
-    ScalarKind, Statement, SwitchValue, TypeInner, UnaryOperator,
+    ScalarKind, Statement, SwitchCase, SwitchValue, TypeInner, UnaryOperator,
 };
 use std::collections::BTreeMap;
 
@@ -151,24 +151,7 @@ impl<'m> Oracle<'m> {
                 let taken = self.value(function, *condition).word() == Word::B(true);
                 return self.block(function, if taken { accept } else { reject });
             }
-            Statement::Switch { selector, cases } => {
-                let selector = self.value(function, *selector).word();
-                let matches = |value: &SwitchValue| match (value, selector) {
-                    (SwitchValue::I32(a), Word::I(b)) => *a == b,
-                    (SwitchValue::U32(a), Word::U(b)) => *a == b,
-                    _ => false,
-                };
-                let first = cases.iter().position(|case| matches(&case.value));
-                let first =
-                    first.or_else(|| cases.iter().position(|case| case.value == SwitchValue::Default));
-                for case in &cases[first.expect("a default")..] {
-                    match self.block(function, &case.body) {
-                        Flow::On if case.fall_through => {}
-                        Flow::On | Flow::Break => break,
-                        flow => return flow,
-                    }
-                }
-            }
+            Statement::Switch { selector, cases } => return self.switch(function, *selector, cases),
             Statement::Loop { body, continuing, break_if } => loop {
                 match self.block(function, body) {
                     Flow::Break => break,
@@ -210,6 +193,30 @@ impl<'m> Oracle<'m> {
         Flow::On
     }
 
+    fn switch(
+        &mut self,
+        function: &'m Function,
+        selector: Handle<Expression>,
+        cases: &'m [SwitchCase],
+    ) -> Flow {
+        let selector = self.value(function, selector).word();
+        let matches = |value: &SwitchValue| match (value, selector) {
+            (SwitchValue::I32(a), Word::I(b)) => *a == b,
+            (SwitchValue::U32(a), Word::U(b)) => *a == b,
+            _ => false,
+        };
+        let first = cases.iter().position(|case| matches(&case.value));
+        let first = first.or_else(|| cases.iter().position(|case| case.value == SwitchValue::Default));
+        for case in &cases[first.expect("a default")..] {
+            match self.block(function, &case.body) {
+                Flow::On if case.fall_through => {}
+                Flow::On | Flow::Break => break,
+                flow => return flow,
+            }
+        }
+        Flow::On
+    }
+
     fn value(&mut self, function: &'m Function, handle: Handle<Expression>) -> Value {
         match self.frame().values.get(&handle) {
             Some(value) => value.clone(),
@@ -230,6 +237,23 @@ impl<'m> Oracle<'m> {
         }
     }
 
+    fn composed(
+        &mut self,
+        function: &'m Function,
+        ty: Handle<naga::Type>,
+        parts: &[Handle<Expression>],
+    ) -> Value {
+        let is_vector = matches!(self.module.types[ty].inner, TypeInner::Vector { .. });
+        let mut list = Vec::new();
+        for &part in parts {
+            match self.value(function, part) {
+                Value::List(components) if is_vector => list.extend(components),
+                part => list.push(part),
+            }
+        }
+        Value::List(list)
+    }
+
     fn compute(&mut self, function: &'m Function, handle: Handle<Expression>) -> Value {
         let depth = self.frames.len() - 1;
         match &function.expressions[handle] {
@@ -239,18 +263,7 @@ impl<'m> Oracle<'m> {
             Expression::FunctionArgument(index) => self.frame().arguments[*index as usize].clone(),
             Expression::GlobalVariable(global) => Value::Pointer(0, global.index(), Vec::new()),
             Expression::LocalVariable(local) => Value::Pointer(depth, local.index(), Vec::new()),
-            Expression::Compose { ty, components } => {
-                let is_vector = matches!(self.module.types[*ty].inner, TypeInner::Vector { .. });
-                let parts = components.iter().map(|&component| self.value(function, component));
-                Value::List(
-                    parts
-                        .flat_map(|part| match part {
-                            Value::List(list) if is_vector => list,
-                            part => vec![part],
-                        })
-                        .collect(),
-                )
-            }
+            Expression::Compose { ty, components } => self.composed(function, *ty, components),
             Expression::Splat { size, value } => {
                 Value::List(vec![self.value(function, *value); *size as usize])
             }
