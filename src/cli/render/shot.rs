@@ -78,8 +78,8 @@ impl<I: Integrator> Shot<I> {
         Ok(report)
     }
 
-    /// Stops frames, and keeps their samples if the animation has a checkpoint. Returns what became of those that cannot
-    /// be kept.
+    /// Stops frames, and keeps their samples if the animation has a checkpoint. Returns what became of those that
+    /// cannot be kept.
     pub fn keep_all(shots: &mut VecDeque<Self>, totals: &mut Totals) -> Result<Vec<String>> {
         shots.iter_mut().for_each(|shot| shot.picture.stop());
         let mut lost = Vec::new();
