@@ -67,7 +67,7 @@ fn bad_arguments_are_refused() {
         (vec!["--integrator", "radiosity"], "path, whitted, recursive-whitted, ambient-occlusion"),
         (vec!["--simd", "mmx"], "mmx"),
         (vec!["--threads", "0"], "0"),
-        (vec!["-o", "out.gif"], ".png, .exr, .hdr or .npy"),
+        (vec!["-o", "out.gif"], ".png, .exr, .hdr, .npy or .npz"),
         (vec!["-o", "none/out.png"], "none/out.png"),
         (vec!["-o", "folder.png"], "folder.png"),
         (vec!["--timeline", "t.txt"], ".json or .svg"),
