@@ -37,6 +37,19 @@ fn mean(pixels: &[Vec3]) -> Vec3 {
     pixels.iter().sum::<Vec3>() / pixels.len() as f32
 }
 
+/// White materials that transmit diffusely.
+fn translucent_bodies() -> [(&'static str, Material); 3] {
+    [("leaf", true, 0.0), ("wax", false, 0.0), ("milk", false, 0.5)].map(|(name, thin, transmission)| {
+        let material = principled(|s| {
+            (s.thin, s.transmission, s.roughness) =
+                (thin, Scalar::constant(transmission), Scalar::constant(0.3));
+            let (share, colour) = (Scalar::constant(0.6), Colour::constant(Vec3::ONE));
+            s.diffuse_transmission = Some(DiffuseTransmission { share, colour });
+        });
+        (name, material)
+    })
+}
+
 #[test]
 fn white_bodies_vanish_in_a_white_furnace() {
     let mut materials = vec![
@@ -60,17 +73,7 @@ fn white_bodies_vanish_in_a_white_furnace() {
             }),
         ),
     ];
-    for (name, thin, transmission) in [("leaf", true, 0.0), ("wax", false, 0.0), ("milk", false, 0.5)] {
-        materials.push((
-            name,
-            principled(|s| {
-                (s.thin, s.transmission, s.roughness) =
-                    (thin, Scalar::constant(transmission), Scalar::constant(0.3));
-                let (share, colour) = (Scalar::constant(0.6), Colour::constant(Vec3::ONE));
-                s.diffuse_transmission = Some(DiffuseTransmission { share, colour });
-            }),
-        ));
-    }
+    materials.extend(translucent_bodies());
     for roughness in [0.0, 0.1, 0.4, 1.0] {
         materials.push(("plastic", principled(|s| s.roughness = Scalar::constant(roughness))));
         materials.push((

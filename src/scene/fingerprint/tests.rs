@@ -92,13 +92,17 @@ fn map() -> EnvironmentMap {
 }
 
 #[test]
-fn every_field_of_a_material_counts() {
+fn every_field_of_a_textured_input_counts() {
     each_field_counts!(
         TEXTURE,
         TextureRef { texture: 4, set: 1, offset: Vec2::ONE, rotation: 0.0, scale: Vec2::ONE }
     );
     each_field_counts!(colour(1.0), Colour { factor: Vec3::ZERO, texture: Some(TEXTURE), vertex: true });
     each_field_counts!(textured(1.0), Scalar { factor: 0.5, texture: None });
+}
+
+#[test]
+fn every_field_of_a_material_counts() {
     let emission = Emission { radiance: colour(4.0), two_sided: false, is_light: true };
     each_field_counts!(emission, Emission { radiance: colour(5.0), two_sided: true, is_light: false });
     let bumps = NormalMap { texture: TEXTURE, scale: 1.0 };

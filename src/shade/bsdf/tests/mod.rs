@@ -155,6 +155,7 @@ fn lossless_of(roughnesses: &[f32], coats: &[f32]) -> Vec<(String, Bsdf<'static>
         all.push((format!("dielectric {eta}"), glass(eta)));
     }
     for &roughness in roughnesses {
+        all.extend(translucent_of(roughness, coats[0]));
         let mut add = |name: &str, outside: bool, edit: &dyn Fn(&mut scene::Principled)| {
             let bsdf = seen_from(outside, |s| {
                 rough(roughness)(s);
@@ -173,20 +174,6 @@ fn lossless_of(roughnesses: &[f32], coats: &[f32]) -> Vec<(String, Bsdf<'static>
             });
             add(&format!("white, brushed by {strength}"), true, &brushed(strength));
         }
-        add("leaf", true, &translucent(1.0));
-        add("half a leaf, coated", true, &|s| {
-            translucent(0.5)(s);
-            s.clearcoat = Scalar::constant(0.7);
-            s.clearcoat_roughness = Scalar::constant(coats[0]);
-        });
-        add("half thin glass, half a leaf", true, &|s| {
-            translucent(0.5)(s);
-            s.transmission = Scalar::constant(0.5);
-        });
-        add("glossy", true, &|s| {
-            s.glossiness = Some(Scalar::constant(1.0 - roughness));
-            s.specular_colour = Colour::constant(Vec3::splat(0.5 / 0.04));
-        });
         add("thin glass", true, &|s| s.transmission = Scalar::constant(1.0));
         add("half thin glass", true, &|s| s.transmission = Scalar::constant(0.5));
         for outside in [true, false] {
@@ -201,11 +188,6 @@ fn lossless_of(roughnesses: &[f32], coats: &[f32]) -> Vec<(String, Bsdf<'static>
                     s.ior = ior;
                 });
             }
-            add("body of wax and glass", outside, &|s| {
-                translucent(0.4)(s);
-                s.transmission = Scalar::constant(0.5);
-                s.thin = false;
-            });
             add("body with a dull reflection", outside, &|s| {
                 s.transmission = Scalar::constant(1.0);
                 s.thin = false;
@@ -230,6 +212,40 @@ fn lossless_of(roughnesses: &[f32], coats: &[f32]) -> Vec<(String, Bsdf<'static>
                 s.clearcoat_roughness = Scalar::constant(coat);
             });
         }
+    }
+    all
+}
+
+/// Surfaces that absorb nothing and transmit diffusely, and one of given glossiness.
+fn translucent_of(roughness: f32, coat: f32) -> Vec<(String, Bsdf<'static>)> {
+    let mut all = Vec::new();
+    let mut add = |name: &str, outside: bool, edit: &dyn Fn(&mut scene::Principled)| {
+        let bsdf = seen_from(outside, |s| {
+            rough(roughness)(s);
+            edit(s);
+        });
+        all.push((format!("{name} of roughness {roughness}"), bsdf));
+    };
+    add("leaf", true, &translucent(1.0));
+    add("half a leaf, coated", true, &|s| {
+        translucent(0.5)(s);
+        s.clearcoat = Scalar::constant(0.7);
+        s.clearcoat_roughness = Scalar::constant(coat);
+    });
+    add("half thin glass, half a leaf", true, &|s| {
+        translucent(0.5)(s);
+        s.transmission = Scalar::constant(0.5);
+    });
+    add("glossy", true, &|s| {
+        s.glossiness = Some(Scalar::constant(1.0 - roughness));
+        s.specular_colour = Colour::constant(Vec3::splat(0.5 / 0.04));
+    });
+    for outside in [true, false] {
+        add("body of wax and glass", outside, &|s| {
+            translucent(0.4)(s);
+            s.transmission = Scalar::constant(0.5);
+            s.thin = false;
+        });
     }
     all
 }
