@@ -15,7 +15,7 @@ const PLY: &str = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\npr
 const STL: &str = "solid\nfacet normal 0 0 1 outer loop vertex 0 0 0 vertex 1 0 0 vertex 0 1 0 endloop endfacet\n\
     endsolid\n";
 const RECIPE: &str = r#"{ "materials": { "asset": { "colour": [1, 1, 1] } }, "shapes": [
-    { "quad": { "corner": [0, 0, 0], "edges": [[1, 0, 0], [0, 1, 0]] }, "material": "asset" }] }"#;
+    { "shape": "quad", "corner": [0, 0, 0], "u": [1, 0, 0], "v": [0, 1, 0], "material": "asset" }] }"#;
 
 #[test]
 fn the_content_tells_the_format() {

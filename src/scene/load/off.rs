@@ -44,8 +44,12 @@ fn header(word: &str) -> Option<Result<(Attributes, &str), String>> {
     })
 }
 
-/// Whether a text begins as an OFF file does.
-pub(super) fn is_off(text: &[u8]) -> bool {
+/// Whether a text begins as an OFF file does, after comments.
+pub(super) fn is_off(mut text: &[u8]) -> bool {
+    while text.starts_with(b"#") {
+        let end = text.iter().position(|&byte| byte == b'\n').unwrap_or(text.len());
+        text = text[end..].trim_ascii_start();
+    }
     let end = text.iter().position(u8::is_ascii_whitespace).unwrap_or(text.len()).min(32);
     std::str::from_utf8(&text[..end]).is_ok_and(|word| header(word).is_some())
 }
