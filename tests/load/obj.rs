@@ -178,7 +178,10 @@ fn files_without_a_scene_are_refused() {
     assert_holds(&message(""), &["a.obj", "no triangles"]);
     assert_holds(&folder.message("lost.obj"), &["cannot read", "lost.obj"]);
     folder.write("scene.txt", TRIANGLE);
-    assert_holds(&folder.message("scene.txt"), &["scene.txt", ".obj, .gltf, .glb, .ply or .json"]);
+    assert_holds(
+        &folder.message("scene.txt"),
+        &["scene.txt", ".obj, .gltf, .glb, .ply, .stl, .off or .json"],
+    );
     folder.write("SCENE.OBJ", TRIANGLE);
     assert_eq!(folder.scene("SCENE.OBJ").mesh.triangles.len(), 1);
 }

@@ -14,10 +14,6 @@ const REFLECTANCE: f32 = 0.04;
 /// The extension that replaces metal and roughness.
 const SPECULAR_GLOSSINESS: &str = "KHR_materials_pbrSpecularGlossiness";
 
-/// Extensions that must not be combined with specular reflection and glossiness.
-const EXCLUDED: [&str; 3] =
-    ["KHR_materials_transmission", "KHR_materials_specular", "KHR_materials_diffuse_transmission"];
-
 /// The base colour or the diffuse colour, with alpha.
 pub(super) struct Base<'a> {
     pub(super) colour: Vec3,
@@ -54,8 +50,17 @@ impl<'a, 'b> Converter<'a, 'b> {
     /// The reflection of KHR_materials_pbrSpecularGlossiness. `None` if the material does not have the extension.
     pub(super) fn specular_glossiness(&mut self) -> Result<Option<SpecularGlossiness>, LoadProblem> {
         let Some(extension) = self.extension(SPECULAR_GLOSSINESS) else { return Ok(None) };
-        for other in EXCLUDED {
-            if self.source.extension_value(other).is_some() {
+        // The crate keeps only the extensions without a type of its own by name.
+        let [diffuse, dispersion] = ["KHR_materials_diffuse_transmission", "KHR_materials_dispersion"];
+        let excluded = [
+            ("KHR_materials_transmission", self.source.transmission().is_some()),
+            ("KHR_materials_specular", self.source.specular().is_some()),
+            ("KHR_materials_ior", self.source.ior().is_some()),
+            (diffuse, self.extension(diffuse).is_some()),
+            (dispersion, self.extension(dispersion).is_some()),
+        ];
+        for (other, is_there) in excluded {
+            if is_there {
                 self.warn(&format!("{other} has no effect beside {SPECULAR_GLOSSINESS}"));
             }
         }
