@@ -1,6 +1,6 @@
 // Functions that every shader file can use. Transcendental functions replace WGSL's own: each is a fixed polynomial, so
-// that all processors give the same bits. They take one number; for vectors there are functions with a 2 or 3 at the end
-// of their names.
+// that all processors give the same bits. They take one number; for vectors there are functions with a 2 or 3 at the
+// end of their names.
 
 const TAU: f32 = 6.2831855;
 

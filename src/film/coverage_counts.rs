@@ -29,7 +29,7 @@ impl CoverageCounts {
         Self(std::iter::repeat_with(Mutex::default).take(pixels.div_ceil(STRIPE_PIXELS as usize)).collect())
     }
 
-    /// Bytes of the counts of this many pixels, each of which shows at most `ids` ids.
+    /// Bytes of the counts of this many pixels. Each shows at most `ids` ids.
     pub fn bytes(pixels: u64, ids: u32) -> u64 {
         // Stripes grow by a quarter.
         let entries = pixels.saturating_mul(u64::from(ids.min(MEAN_PIXEL_IDS)) * 10);

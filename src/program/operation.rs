@@ -138,7 +138,8 @@ pub(super) const CHUNK: usize = crate::lanes::MAX_LANES;
 macro_rules! chunks {
     ($($name:ident($($operand:ident),*) $doc:literal => $meaning:expr;)*) => {
         impl Operation {
-            /// The results for [`CHUNK`] points at once. It is compiled into vector instructions wherever it is inlined.
+            /// The results for [`CHUNK`] points at once. It is compiled into vector instructions wherever it is
+            /// inlined.
             #[inline(always)]
             #[allow(unused_variables, reason = "operations of fewer operands")]
             pub(super) fn chunks<'a>(

@@ -18,8 +18,8 @@ pub fn prelude() -> String {
     for field in FINISH_FIELDS {
         let _ = writeln!(text, "    // {}\n    {}: {},", field.doc, field.name, field.kind.wgsl());
     }
-    text += "}\n\n// A white, rough, opaque dielectric: all fields at their defaults.\nfn matte(at: Point) -> Finish {\n";
-    text += "    return Finish(";
+    text += "}\n\n// A white, rough, opaque dielectric: all fields at their defaults.\n";
+    text += "fn matte(at: Point) -> Finish {\n    return Finish(";
     let defaults: Vec<&str> = FINISH_FIELDS.iter().map(|field| default_value(field.default)).collect();
     text += &defaults.join(", ");
     text += ");\n}\n\n";

@@ -77,7 +77,7 @@ pub struct PatternShader {
     /// The register of each used scalar of points, and whether it is a truth value.
     inputs: Vec<Option<(u32, bool)>>,
     effects: Effects,
-    /// Tells the programs of a process apart.
+    /// Differs between all programs of a process.
     number: u64,
 }
 

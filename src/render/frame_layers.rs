@@ -319,7 +319,7 @@ fn object_names(objects: &Objects) -> Vec<String> {
     unique((0..).zip(objects.iter()).map(name).collect(), "object")
 }
 
-/// The names, of which those that repeat an earlier one get a number; `what` stands for an empty name.
+/// The names. One that repeats an earlier one gets a number; `what` stands for an empty name.
 fn unique(mut names: Vec<String>, what: &str) -> Vec<String> {
     let (mut uses, mut taken) = (BTreeMap::<String, u32>::new(), BTreeSet::new());
     for name in &mut names {

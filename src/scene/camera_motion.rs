@@ -172,8 +172,8 @@ impl CameraMotion {
 }
 
 impl Camera {
-    /// A perspective camera in the origin that looks along −z with y up, transformed by a matrix. If the matrix gives it
-    /// no direction, its target equals its eye.
+    /// A perspective camera in the origin that looks along −z with y up, transformed by a matrix. If the matrix gives
+    /// it no direction, its target equals its eye.
     pub fn transformed(matrix: &DMat4, fov_degrees: f32) -> Self {
         let turned = |axis| matrix.transform_vector3(axis).try_normalize().unwrap_or(DVec3::ZERO);
         let eye = matrix.w_axis.truncate();

@@ -6,8 +6,8 @@ use crate::scene::{Material, Scene, Surface};
 use glam::Vec3;
 
 /// The base colours of surfaces of one material, 0..=1: the albedo of diffuse surfaces, the reflectance of mirrors and
-/// metals at normal incidence, and the share of light that passes a smooth dielectric boundary. The base colour of unlit
-/// surfaces is their radiance. A surface whose BSDF is user code is white.
+/// metals at normal incidence, and the share of light that passes a smooth dielectric boundary. The base colour of
+/// unlit surfaces is their radiance. A surface whose BSDF is user code is white.
 #[cfg_attr(not(unoptimised), inline(always))]
 pub fn base_colour<L: Lanes>(scene: &Scene, material: &Material, at: &Interaction<L>) -> Vector<L> {
     let l = at.wo.lanes();

@@ -12,8 +12,8 @@ pub struct FramesArgs {
     /// which others are rendered.
     #[arg(long, value_name = "A..B", allow_hyphen_values = true, value_parser = frame_range)]
     pub frames: Option<Range<u32>>,
-    /// Frames, or views, rendered at the same time, so that threads stay busy while the last paths of one frame end. Each
-    /// takes memory for its rays and its film.
+    /// Frames, or views, rendered at the same time, so that threads stay busy while the last paths of one frame end.
+    /// Each takes memory for its rays and its film.
     #[arg(
         long,
         value_name = "K",

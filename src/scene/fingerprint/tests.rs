@@ -157,6 +157,12 @@ fn every_field_of_a_material_counts() {
             dispersion: 0.5,
         }
     );
+}
+
+#[test]
+fn every_part_of_a_material_counts() {
+    let emission = Emission { radiance: colour(4.0), two_sided: false, is_light: true };
+    let bumps = NormalMap { texture: TEXTURE, scale: 1.0 };
     each_field_counts!(
         Material::fallback(),
         Material {

@@ -194,7 +194,7 @@ impl Recipe {
         Ok(scene)
     }
 
-    /// All cameras, the first of which is the scene's.
+    /// All cameras. The first is the scene's.
     fn cameras(&self) -> Result<Vec<NamedCamera>, RecipeError> {
         let own = self.camera.iter().map(|view| ("camera", view));
         let named = own.chain(self.cameras.iter().map(|(name, view)| (&**name, view)));
