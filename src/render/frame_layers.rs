@@ -8,6 +8,7 @@ use crate::scene::{Lens, Objects, Scene};
 use crate::{film::LayerPlan, scene::Material};
 #[cfg(feature = "formats")]
 use glam::Vec3;
+#[cfg(feature = "formats")]
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -134,6 +135,7 @@ impl Developer {
 }
 
 /// What the layers of a film are made with, for files: the scene's names and the lens, but no geometry.
+#[cfg(feature = "formats")]
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct LayerRecord {
@@ -144,6 +146,7 @@ pub(super) struct LayerRecord {
     materials: Vec<String>,
 }
 
+#[cfg(feature = "formats")]
 impl LayerRecord {
     /// Of a frame; `None` if it has no layers.
     pub fn of(frame: &Frame) -> Option<Self> {
@@ -158,7 +161,6 @@ impl LayerRecord {
     }
 
     /// Whether a film of this kind has these layers.
-    #[cfg(feature = "formats")]
     pub fn is_of(&self, plan: &LayerPlan) -> bool {
         let Some(aovs) = self.aovs() else { return false };
         let wanted = aovs.plan(&self.names(), plan.samples);
@@ -167,7 +169,6 @@ impl LayerRecord {
             && wanted.coverage == plan.coverage
     }
 
-    #[cfg(feature = "formats")]
     fn aovs(&self) -> Option<AovSet> {
         let aovs: Option<Vec<Aov>> = self.aovs.iter().map(|name| name.parse().ok()).collect();
         let aovs = aovs?.into_iter().fold(AovSet::default(), AovSet::with);
@@ -175,14 +176,12 @@ impl LayerRecord {
     }
 
     /// A scene that has names alone.
-    #[cfg(feature = "formats")]
     fn names(&self) -> Scene {
         let materials = self.materials.iter().map(|name| Material::matte(name, Vec3::ZERO)).collect();
         Scene { objects: self.objects.clone().into(), materials, ..Scene::default() }
     }
 
     /// The picture of a region of a film with these layers.
-    #[cfg(feature = "formats")]
     pub fn develop(&self, film: &Film, region: Region) -> Picture {
         let aovs = self.aovs().unwrap_or_default();
         let layers = FrameLayers { bits: aovs.bits(), aovs, columns: Vec::new(), assets: Vec::new() };

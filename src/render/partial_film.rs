@@ -165,6 +165,7 @@ impl PartialFilmHeader {
 ///     let mut file = Cursor::new(Vec::new());
 ///     let film = PartialFilm::new(identity.clone(), part.frame(), part.frame().film().clone())?;
 ///     film.write(&mut file)?;
+///     file.set_position(0);
 ///     files.push(file);
 /// }
 /// let mut sum = PartialFilm::read(&mut files[0])?;

@@ -2,7 +2,9 @@
 
 use super::erased_lanes::{LaneColumns, LaneValue};
 use super::{Effects, FieldType, Points, SurfaceField};
-use crate::lanes::{Lanes, MAX_LANES, Mask, Num, Vector};
+#[cfg(feature = "wgsl")]
+use crate::lanes::MAX_LANES;
+use crate::lanes::{Lanes, Mask, Num, Vector};
 
 /// The default of a field: its value in lanes, or its text.
 macro_rules! default {

@@ -4,7 +4,9 @@ use super::corners::{self, Weights, blend, corner_uvs, tangent_basis, vectors};
 use super::erased_lanes::{LaneColumns, LaneValue};
 use super::{FieldType, Footprint, Scene, SurfaceField, TexturePoint, TextureRef};
 use crate::geom::Basis;
-use crate::lanes::{Int, Lanes, MAX_LANES, Mask, Num, Vector};
+#[cfg(feature = "wgsl")]
+use crate::lanes::MAX_LANES;
+use crate::lanes::{Int, Lanes, Mask, Num, Vector};
 
 /// What takes the scalars of points, one column each. Truth values are 1 and 0.
 #[cfg(feature = "wgsl")]
