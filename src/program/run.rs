@@ -11,7 +11,7 @@ use std::cell::Cell;
 pub const BLOCK: usize = 128;
 
 /// The most operations that a block may compute. A loop that takes more is taken to be endless.
-const BUDGET: u64 = 1 << 26;
+const BUDGET: u64 = 1 << 24;
 
 /// The registers of a program while it runs.
 #[derive(Debug, Default)]

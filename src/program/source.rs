@@ -11,6 +11,9 @@ pub const MAX_SOURCE_BYTES: usize = 1 << 20;
 /// The deepest nesting of parentheses and braces. Parsing takes stack for each level.
 const MAX_NESTING: usize = 64;
 
+/// The most operators, dots and brackets of a statement. Each may be a level of its expression's tree.
+const MAX_OPERATORS: usize = 512;
+
 /// What is wrong with a shader, and where.
 #[derive(Clone, Debug)]
 pub(super) struct Fault {
@@ -93,7 +96,10 @@ impl Source {
             ));
         }
         if let Some(at) = too_deep(own) {
-            let message = format!("parentheses and braces are nested more than {MAX_NESTING} deep");
+            let message = format!(
+                "parentheses are nested more than {MAX_NESTING} deep, or a statement has more than {MAX_OPERATORS} \
+                 operators"
+            );
             return refused(Fault::new(
                 Span::new(at, at + 1),
                 message,
@@ -137,18 +143,27 @@ impl Source {
     }
 }
 
-/// The byte at which nesting becomes too deep.
+/// The byte at which nesting becomes too deep, or a statement too long.
 fn too_deep(text: &str) -> Option<u32> {
-    let mut depth = 0usize;
-    for (at, byte) in text.bytes().enumerate() {
-        match byte {
-            b'(' | b'{' | b'[' => depth += 1,
-            b')' | b'}' | b']' => depth = depth.saturating_sub(1),
-            _ => {}
+    let (mut depth, mut operators, mut at) = (0usize, 0usize, 0);
+    for line in text.split_inclusive('\n') {
+        let code = line.split("//").next().unwrap_or_default();
+        for (offset, byte) in code.bytes().enumerate() {
+            match byte {
+                b'(' | b'{' | b'[' => depth += 1,
+                b')' | b'}' | b']' => depth = depth.saturating_sub(1),
+                _ => {}
+            }
+            match byte {
+                b';' | b'{' | b'}' | b',' => operators = 0,
+                _ if b"+-*/%<>=!~&|^.[".contains(&byte) => operators += 1,
+                _ => {}
+            }
+            if depth > MAX_NESTING || operators > MAX_OPERATORS {
+                return Some((at + offset) as u32);
+            }
         }
-        if depth > MAX_NESTING {
-            return Some(at as u32);
-        }
+        at += line.len();
     }
     None
 }

@@ -28,6 +28,9 @@ use variable::{Place, VariableId, Variables};
 /// The most instructions of a program.
 const MOST_INSTRUCTIONS: usize = 1 << 16;
 
+/// The most statements that are lowered, those of calls and turns counted each time.
+const MOST_STATEMENTS: u32 = 1 << 20;
+
 /// A scalar at all points.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 enum Scalar {
@@ -137,6 +140,8 @@ struct Lowerer<'m> {
     mask: PointMask,
     /// Number of times that some points left before others.
     departures: u64,
+    /// Number of statements lowered so far.
+    statements: u32,
 }
 
 /// Lowers a function whose arguments are the inputs, one number for each scalar, and whose outputs are the scalars of
@@ -157,6 +162,7 @@ pub(super) fn lower(input: Input<'_>, function: Handle<Function>) -> Result<(Cod
         exits: Vec::new(),
         mask: None,
         departures: 0,
+        statements: 0,
     };
     lowerer.declare_globals()?;
     let mut arguments = Vec::new();
@@ -265,13 +271,16 @@ impl<'m> Lowerer<'m> {
         if span.is_defined() { span.location(self.input.source).line_number } else { 0 }
     }
 
-    fn check_length(&self, span: Span) -> Result<(), Fault> {
-        if self.code.instructions.len() <= MOST_INSTRUCTIONS {
+    fn check_length(&mut self, span: Span) -> Result<(), Fault> {
+        self.statements += 1;
+        if self.code.instructions.len() <= MOST_INSTRUCTIONS && self.statements <= MOST_STATEMENTS {
             return Ok(());
         }
         Err(Fault::new(
             span,
-            format!("the program has more than {MOST_INSTRUCTIONS} operations once calls are inlined"),
+            format!(
+                "the program has more than {MOST_INSTRUCTIONS} operations or {MOST_STATEMENTS} statements, calls inlined"
+            ),
             "call fewer or shorter functions, or put the calls into a loop",
         ))
     }

@@ -12,6 +12,9 @@ const MOST_TURNS: u32 = 1024;
 /// The most instructions of such a loop.
 const MOST_INSTRUCTIONS: usize = 1 << 13;
 
+/// The most statements of a program after which loops are no longer unrolled: nested attempts multiply.
+const MOST_STATEMENTS: u32 = 1 << 18;
+
 impl Lowerer<'_> {
     /// Lowers each turn of a loop by itself, so that what counts turns is known. `None` if the end is not known, or too
     /// far away; then nothing has been lowered.
@@ -21,6 +24,9 @@ impl Lowerer<'_> {
         continuing: &Block,
         break_if: Option<Handle<Expression>>,
     ) -> Result<Option<Flow>, Fault> {
+        if self.statements > MOST_STATEMENTS {
+            return Ok(None);
+        }
         let (instructions, lists) = (self.code.instructions.len(), self.code.lists.len());
         let (variables, before, departures) = (self.variables_now(), self.mask, self.departures);
         let varied: Vec<bool> = self.exits.iter().map(|exit| exit.varied).collect();
@@ -32,7 +38,8 @@ impl Lowerer<'_> {
             flow = self.turn(exit, body, continuing, break_if)?;
             let is_known = turn > 0 || self.exits[exit].known_decisions > 0;
             let length = self.code.instructions.len() - instructions;
-            if flow.is_some() || !is_known || length > MOST_INSTRUCTIONS {
+            if flow.is_some() || !is_known || length > MOST_INSTRUCTIONS || self.statements > MOST_STATEMENTS
+            {
                 break;
             }
         }

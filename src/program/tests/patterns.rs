@@ -140,3 +140,55 @@ fn errors_show_the_place_and_the_remedy() {
         assert!(error.contains(place) && error.contains(words), "{text}\n{error}");
     }
 }
+
+/// A pattern whose colour is an expression.
+fn pattern_of(expression: &str) -> String {
+    format!("fn pattern(at: Point) -> Finish {{ var f = matte(at); f.roughness = {expression}; return f; }}")
+}
+
+#[test]
+fn hostile_shaders_are_refused_soon() {
+    let x = "at.position.x";
+    let calls =
+        (0..40).map(|i| format!("fn g{i}(x: f32) -> f32 {{ return g{}(x) + g{}(x); }}\n", i + 1, i + 1));
+    let tower =
+        calls.collect::<String>() + "fn g40(x: f32) -> f32 { return 1.0; }\n" + &pattern_of("g0(1.0)");
+    let mut loops = String::from("1.0; ");
+    for i in 0..30 {
+        loops += &format!("for (var i{i} = 0u; i{i} < 1000000u; i{i}++) {{ ");
+    }
+    loops += "f.metallic += 0.5; ";
+    loops += &"}".repeat(30);
+    for (text, words) in [
+        (pattern_of(&format!("{}{x}{}", "(".repeat(5000), ")".repeat(5000))), "deep"),
+        (pattern_of(&vec![x; 20_000].join(" + ")), "operators"),
+        (pattern_of(&format!("{}{x}", "-".repeat(100_000))), "operators"),
+        (format!("{}{}", pattern_of(x), " ".repeat(2 << 20)), "bytes"),
+        (tower, "statements"),
+        ("fn f(x: f32) -> f32 { return f(x); }".to_owned() + &pattern_of("f(1.0)"), ""),
+        ("\0\u{feff}é{{{{".to_owned(), ""),
+    ] {
+        let error = PatternShader::load("hostile.wgsl", &text, []).expect_err(words).to_string();
+        assert!(error.contains(words), "{words}: {}", &error[..error.len().min(2000)]);
+    }
+    PatternShader::load("loops.wgsl", &pattern_of(&loops), [])
+        .expect("long loops are no error before they run");
+}
+
+#[test]
+fn integers_and_indices_have_results_everywhere() {
+    let text = "
+        let zero = i32(at.position.x);
+        var a = array<f32, 3>(1.0, 2.0, 4.0);
+        let far = a[u32(zero) + 7u] + a[zero - 5];
+        f.colour = vec3f(far, f32(7 / zero) + f32(7 % zero), f32(7u << (u32(zero) + 33u)));";
+    assert_eq!(colour_at(text, [0.25, 0.0, 0.0]), [8.0, 7.0, 14.0]);
+}
+
+#[test]
+#[should_panic(expected = "endless.wgsl:2: this loop takes too many turns")]
+fn endless_loops_are_told() {
+    let text = "fn pattern(at: Point) -> Finish { var f = matte(at); var x = at.position.x;\n\
+                loop { x = x * 0.5; if (x > 9.0) { break; } } f.roughness = x; return f; }";
+    finish_at(&PatternShader::load("endless.wgsl", text, []).expect("valid"), [1.0; 3]);
+}
