@@ -84,12 +84,11 @@ fn layers_that_cannot_be_made_are_refused() {
         (vec!["--aov", "depth,colour"], "there are depth, z, normal, shading-normal, position"),
         (vec!["--aov", "variance", "--spp", "1"], "at least 2 samples"),
         (vec!["--aov", "depth"], "a.depth.npy"),
-        (
-            vec!["--aov", ALL, "--size", "8000x8000", "--spp", "4096", "--memory", "9G", "-o", "b.npy"],
-            "--memory",
-        ),
+        (vec!["--aov", ALL, "--size", "8000x8000", "--spp", "4096", "--memory", "9G"], "--memory"),
     ] {
-        let mut args = vec!["render", "a.obj", "-o", "a.npy", "--size", "8x8"];
+        // The files of layers are checked before the memory.
+        let output = if says == "--memory" { "b.npy" } else { "a.npy" };
+        let mut args = vec!["render", "a.obj", "-o", output, "--size", "8x8"];
         args.retain(|arg| !more.contains(&"--size") || (*arg != "--size" && *arg != "8x8"));
         args.extend(&more);
         let printed = run(folder.path(), &args, 2);
