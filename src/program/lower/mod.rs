@@ -279,7 +279,7 @@ impl<'m> Lowerer<'m> {
         Err(Fault::new(
             span,
             format!(
-                "the program has more than {MOST_INSTRUCTIONS} operations or {MOST_STATEMENTS} statements, calls inlined"
+                "calls inlined, there are over {MOST_INSTRUCTIONS} operations or {MOST_STATEMENTS} statements"
             ),
             "call fewer or shorter functions, or put the calls into a loop",
         ))
