@@ -95,10 +95,11 @@ impl Frame {
     /// use raystream::schedule::{JobOptions, Service, ServiceOptions};
     /// use std::sync::Arc;
     ///
-    /// let recipe = Recipe::parse(r#"{ "environment": [1, 1, 1], "materials": { "grey": { "colour": [0.5, 0.5, 0.5] }
-    /// },     "shapes": [ { "shape": "sphere", "centre": [0, 0, 0], "radius": 1, "cells": 8, "material": "grey" } ]
-    /// }"#)?; let prepared = PreparedScene::new(recipe.build()?, &Units::cpu())?; let service =
-    /// Service::new(ServiceOptions::default())?; let camera = Camera::framing(&prepared.scene.bounds(), 1.0);
+    /// let text = r#"{ "environment": [1, 1, 1], "materials": { "grey": { "colour": [0.5, 0.5, 0.5] } },
+    ///     "shapes": [ { "shape": "sphere", "centre": [0, 0, 0], "radius": 1, "cells": 8, "material": "grey" } ] }"#;
+    /// let prepared = PreparedScene::new(Recipe::parse(text)?.build()?, &Units::cpu())?;
+    /// let service = Service::new(ServiceOptions::default())?;
+    /// let camera = Camera::framing(&prepared.scene.bounds(), 1.0);
     ///
     /// let aovs = AovSet::default().with(Aov::Depth).with(Aov::Normal).with_transparent(true);
     /// let path = prepared.path(&camera, Settings::new(32, 32).with_spp(4).with_max_bounces(2))?;
