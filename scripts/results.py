@@ -5,8 +5,8 @@
 
 The page has a line `<!-- begin: NAME -->` and a line `<!-- end: NAME -->`; what stands between them is replaced by
 the command, the machine and the table. NAME's first word says which table: `rays` (`rays query`, `rays service` for
-these two), `contenders`, `threads`, `small`, `build`, `ladder`, `frame`, `tail`, `textures`, `adaptive`, `noise`,
-`profiles`, `schedule`, `latency` or `rtrt`; further words only distinguish two blocks of a page. Tables over scenes
+these two), `contenders`, `threads`, `small`, `build`, `ladder`, `frame`, `tail`, `textures`, `shaders`, `adaptive`,
+`noise`, `profiles`, `schedule`, `latency` or `rtrt`; further words only distinguish two blocks of a page. Tables over scenes
 take files of one machine and one build, with one scene or several in each. A scene is called what its file is called,
 or LABEL where there is one in the file.
 
@@ -72,6 +72,15 @@ PLAIN = {
         ("shading, ns a ray", "shade_ns_per_ray.median", 1, "{:.1f}"),
         ("texels, MB", "texel_bytes", 1e-6, "{:.1f}"),
         ("times constants", "ratio", 1, "{:.2f}"),
+    ],
+    "shaders": [
+        ("what", "configuration", None, "{}"),
+        ("block", "block", None, "{}"),
+        ("shading, ns a ray", "shade_ns_per_ray.median", 1, "{:.1f}"),
+        ("shading, times Rust lanes", "shading_ratio", 1, "{:.2f}"),
+        ("frame, times Rust lanes", "frame_ratio", 1, "{:.2f}"),
+        ("cycles", "cycles", 1, "{:.2f}"),
+        ("frame, operation or loading, ms", "seconds.median", 1e3, "{:.4g}"),
     ],
     "adaptive": [
         ("scene", "label", None, "{}"),

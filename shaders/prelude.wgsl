@@ -162,3 +162,36 @@ fn turbulence(p: vec3f, octaves: u32) -> f32 {
     }
     return sum;
 }
+
+// A point on the unit disk for two random numbers (Shirley and Chiu's concentric map).
+fn disk(u: vec2f) -> vec2f {
+    let x = 2.0 * u.x - 1.0;
+    let y = 2.0 * u.y - 1.0;
+    let wide = abs(x) > abs(y);
+    let r = select(y, x, wide);
+    let other = select(x, y, wide);
+    let share = select(other / r, r, r == 0.0);
+    let angle = share * 0.7853982;
+    let sine = small_sin(angle);
+    let cosine = small_cos(angle);
+    return vec2f(r * select(sine, cosine, wide), r * select(cosine, sine, wide));
+}
+
+// A unit direction around z for two random numbers, with a density proportional to its cosine.
+fn cosine_hemisphere(u: vec2f) -> vec3f {
+    let p = disk(u);
+    return vec3f(p.x, p.y, sqrt(clamp(1.0 - p.x * p.x - p.y * p.y, 0.0, 1.0)));
+}
+
+// The density of cosine_hemisphere for a direction whose cosine is z.
+fn cosine_hemisphere_pdf(z: f32) -> f32 {
+    return clamp(z, 0.0, 1.0) * 0.31830987;
+}
+
+// A sample from a direction and what `evaluate` returned for it.
+fn scattered(wi: vec3f, lobe: Lobe) -> Scattered {
+    if (lobe.pdf > 0.0) {
+        return Scattered(wi, lobe.value / lobe.pdf, lobe.pdf);
+    }
+    return Scattered(wi, vec3f(0.0), 0.0);
+}

@@ -11,6 +11,8 @@ mod order;
 pub mod pictures;
 pub mod rays;
 pub mod schedule;
+#[cfg(feature = "wgsl")]
+pub mod shaders;
 pub mod small;
 pub mod tables;
 pub mod tail;

@@ -2,12 +2,13 @@
 
 use super::args::ShadersCommand;
 use super::plugin_options::Setting;
-use crate::program::{MAX_SOURCE_BYTES, PatternShader, prelude};
-use crate::scene::{ProceduralSurface, Scene};
+use crate::program::{MAX_SOURCE_BYTES, SurfaceShader, prelude};
+use crate::scene::Scene;
 use anyhow::{Context, Result, bail, ensure};
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
+use std::time::SystemTime;
 
 /// The extension of shader files. A surface of a scene whose name ends so is a shader file.
 const EXTENSION: &str = ".wgsl";
@@ -35,25 +36,82 @@ impl FromStr for ShaderSurface {
         if material.is_empty() || !file.ends_with(EXTENSION) {
             return Err(form.into());
         }
-        let values = values.split(',').filter(|value| !value.is_empty()).map(|value| {
-            let (name, value) = value.split_once('=').ok_or(form)?;
-            Ok((name.trim().to_owned(), value.trim().to_owned()))
-        });
-        Ok(Self {
-            material: material.into(),
-            file: file.into(),
-            values: values.collect::<Result<_, String>>()?,
-        })
+        let mut named: Vec<(String, String)> = Vec::new();
+        for value in values.split(',').filter(|value| !value.is_empty()) {
+            // Numbers of a vector have commas between.
+            match (value.split_once('='), named.last_mut()) {
+                (Some((name, value)), _) => named.push((name.trim().to_owned(), value.trim().to_owned())),
+                (None, Some((_, vector))) => *vector += &format!(",{}", value.trim()),
+                (None, None) => return Err(form.into()),
+            }
+        }
+        Ok(Self { material: material.into(), file: file.into(), values: named })
     }
 }
 
-/// Gives materials the surfaces that the command line and the scene ask for. Returns the settings that no shader has.
+/// A shader's file, its values, and the materials that have it.
+#[derive(Clone, Debug)]
+struct Applied {
+    file: PathBuf,
+    material: String,
+    materials: Vec<usize>,
+    values: Vec<(String, String)>,
+    /// When the file was last changed before it was read.
+    modified: Option<SystemTime>,
+}
+
+/// The shaders of a scene, to be loaded again when their files change.
+#[derive(Clone, Debug, Default)]
+pub struct Shaders {
+    all: Vec<Applied>,
+    settings: Vec<Setting>,
+}
+
+impl Shaders {
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.all.is_empty()
+    }
+
+    /// The scene with the shaders whose files have changed since they were read; `None` if none has changed or one has
+    /// an error, which is told.
+    pub fn changed(&mut self, scene: &Scene) -> Option<Scene> {
+        let mut changed = None;
+        for shader in &mut self.all {
+            let now = modified(&shader.file);
+            if now.is_none() || now == shader.modified {
+                continue;
+            }
+            shader.modified = now;
+            let Applied { file, material, materials, values, .. } = shader;
+            let mut used = vec![false; self.settings.len()];
+            match load(file, material, values, &self.settings, &mut used) {
+                Ok(shader) => {
+                    let new = changed.get_or_insert_with(|| scene.clone());
+                    let surface = new.add_surface(shader);
+                    materials.iter().for_each(|&number| new.materials[number].surface = surface.clone());
+                    log::info!("{}: loaded anew", file.display());
+                }
+                Err(error) => log::warn!("{error:#}\nthe picture keeps the last good shader"),
+            }
+        }
+        changed
+    }
+}
+
+fn modified(file: &Path) -> Option<SystemTime> {
+    std::fs::metadata(file).and_then(|found| found.modified()).ok()
+}
+
+/// Gives materials the surfaces that the command line and the scene ask for. Returns the shaders, and the settings that
+/// none of them has.
 pub fn apply(
     scene: &mut Scene,
     scene_file: &Path,
     surfaces: &[ShaderSurface],
     settings: &[Setting],
-) -> Result<Vec<Setting>> {
+) -> Result<(Shaders, Vec<Setting>)> {
+    let mut all = Vec::new();
     let mut used = vec![false; settings.len()];
     let requests = std::mem::take(&mut scene.surface_requests);
     let (shaders, others) = requests.into_iter().partition(|request| request.surface.ends_with(EXTENSION));
@@ -69,18 +127,26 @@ pub fn apply(
         let is_regular = std::fs::metadata(&file).map_or(true, |found| found.is_file());
         ensure!(is_regular, "{}: a scene may name regular files only", file.display());
         let values = request.options.into_iter().collect::<Vec<_>>();
+        let modified = modified(&file);
         let shader = load(&file, &name, &values, settings, &mut used)
             .with_context(|| format!("the shader of material {name:?}"))?;
-        scene.materials[material].surface = scene.add_surface(ProceduralSurface::new(shader));
+        scene.materials[material].surface = scene.add_surface(shader);
+        all.push(Applied { file, material: name, materials: vec![material], values, modified });
     }
     for ShaderSurface { material, file, values } in surfaces {
+        let modified = modified(file);
         let shader = load(file, material, values, settings, &mut used)?;
         scene
-            .replace_surface(material, ProceduralSurface::new(shader))
+            .replace_surface(material, shader)
             .with_context(|| format!("--surface {material}={}", file.display()))?;
+        let named = scene.materials.iter().enumerate().filter(|(_, other)| other.name == *material);
+        let materials = named.map(|(number, _)| number).collect();
+        let (file, material, values) = (file.clone(), material.clone(), values.clone());
+        all.push(Applied { file, material, materials, values, modified });
     }
     let unused = settings.iter().zip(used).filter(|(_, used)| !used);
-    Ok(unused.map(|(setting, _)| setting.clone()).collect())
+    let unused = unused.map(|(setting, _)| setting.clone()).collect();
+    Ok((Shaders { all, settings: settings.to_vec() }, unused))
 }
 
 /// Loads a shader with values and with the settings that are meant for it.
@@ -90,11 +156,11 @@ fn load(
     values: &[(String, String)],
     settings: &[Setting],
     used: &mut [bool],
-) -> Result<PatternShader> {
+) -> Result<SurfaceShader> {
     let text = read(file)?;
     let shown = file.display().to_string();
     // What the parameters are called is known only now.
-    let plain = PatternShader::parameters_of(&shown, &text)?;
+    let plain = SurfaceShader::parameters_of(&shown, &text)?;
     let stem = file.file_stem().map(|stem| stem.to_string_lossy()).unwrap_or_default();
     let mut all: Vec<(&str, &str)> = values.iter().map(|(name, value)| (&**name, &**value)).collect();
     for (setting, used) in settings.iter().zip(used) {
@@ -105,7 +171,7 @@ fn load(
             all.push((key, value));
         }
     }
-    Ok(PatternShader::load(&shown, &text, all)?)
+    Ok(SurfaceShader::load(&shown, &text, all)?)
 }
 
 /// Reads a shader file.
@@ -132,8 +198,8 @@ pub fn run(command: &ShadersCommand) -> Result<()> {
             for file in files {
                 let shown = file.display().to_string();
                 let text = read(file)?;
-                let shader = PatternShader::check(&shown, &text)?;
-                stdout_line!("{shown}: a pattern of {} operations", shader.operations());
+                let shader = SurfaceShader::check(&shown, &text)?;
+                stdout_line!("{shown}: {}", shader.description());
                 for parameter in shader.parameters() {
                     let must = if parameter.has_default { "" } else { ", must be set" };
                     stdout_line!("  {}: {}{must}", parameter.name, parameter.kind);
@@ -156,6 +222,10 @@ mod tests {
         assert_eq!(
             parse("a=b=c,d.wgsl,rings=3,tint=0.5"),
             Ok(("a=b".into(), "c,d.wgsl".into(), vec![pair("rings", "3"), pair("tint", "0.5")]))
+        );
+        assert_eq!(
+            parse("a=b.wgsl,tint=1,0.5,0,rings=3"),
+            Ok(("a".into(), "b.wgsl".into(), vec![pair("tint", "1,0.5,0"), pair("rings", "3")]))
         );
         for bad in ["wall", "wall=a.png", "=a.wgsl", "a.wgsl", "wall=a.wgsl,rings"] {
             assert!(parse(bad).is_err(), "{bad}");

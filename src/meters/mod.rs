@@ -9,6 +9,7 @@ mod rapl;
 mod recorder;
 mod spread;
 
+pub use clock::Clock;
 pub use processor::processor;
 pub use recorder::{PERIOD, Recorder, Series};
 pub use spread::Spread;

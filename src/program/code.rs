@@ -30,7 +30,8 @@ pub(super) struct Code {
     pub instructions: Vec<Instruction>,
     /// Registers of calls and elements.
     pub lists: Vec<Register>,
-    /// Registers that hold the same word at all points, and never anything else.
+    /// Registers that hold the same word at all points, and never anything else. In a finished program they are the
+    /// first registers, in this order.
     pub constants: Vec<(Register, u32)>,
     /// Registers that the caller fills, by number of the input.
     pub inputs: Vec<(u32, Register)>,
@@ -46,7 +47,7 @@ impl Code {
     }
 
     /// The registers that an instruction reads.
-    fn reads(&self, instruction: &Instruction) -> Vec<Register> {
+    pub(super) fn reads(&self, instruction: &Instruction) -> Vec<Register> {
         match instruction {
             Instruction::Compute { operation, operands, .. } => operands[..operation.operands()].to_vec(),
             Instruction::Call { operands, .. } => self.list(operands).to_vec(),
@@ -58,7 +59,7 @@ impl Code {
     }
 
     /// The registers that an instruction writes.
-    fn writes(&self, instruction: &Instruction) -> Vec<Register> {
+    pub(super) fn writes(&self, instruction: &Instruction) -> Vec<Register> {
         match instruction {
             Instruction::Compute { to, .. } | Instruction::Element { to, .. } => vec![*to],
             Instruction::Call { results, .. } => self.list(results).to_vec(),
@@ -67,7 +68,7 @@ impl Code {
     }
 
     /// Removes instructions whose results nothing needs.
-    pub fn without_dead_instructions(mut self) -> Self {
+    pub fn without_dead_instructions(self) -> Self {
         let mut needed: BTreeSet<Register> = self.outputs.iter().copied().collect();
         let mut alive = vec![false; self.instructions.len()];
         loop {
@@ -83,17 +84,26 @@ impl Code {
                 break;
             }
         }
+        let gone: Vec<bool> = alive.into_iter().map(|alive| !alive).collect();
+        let mut code = self.without(&gone);
+        code.constants.retain(|(register, _)| needed.contains(register));
+        code.inputs.retain(|(_, register)| needed.contains(register));
+        code
+    }
+
+    /// The program without some of its instructions.
+    pub(super) fn without(mut self, gone: &[bool]) -> Self {
         // The new index of each instruction, and of the end.
-        let mut moved = Vec::with_capacity(alive.len() + 1);
+        let mut moved = Vec::with_capacity(gone.len() + 1);
         let mut kept = 0;
-        for &alive in &alive {
+        for &gone in gone {
             moved.push(kept);
-            kept += u32::from(alive);
+            kept += u32::from(!gone);
         }
         moved.push(kept);
-        let instructions = std::mem::take(&mut self.instructions).into_iter().zip(alive);
+        let instructions = std::mem::take(&mut self.instructions).into_iter().zip(gone);
         self.instructions = instructions
-            .filter_map(|(instruction, alive)| alive.then_some(instruction))
+            .filter_map(|(instruction, gone)| (!gone).then_some(instruction))
             .map(|instruction| match instruction {
                 Instruction::Skip { mask, to } => Instruction::Skip { mask, to: moved[to as usize] },
                 Instruction::Repeat { mask, to, line } => {
@@ -102,8 +112,6 @@ impl Code {
                 other => other,
             })
             .collect();
-        self.constants.retain(|(register, _)| needed.contains(register));
-        self.inputs.retain(|(_, register)| needed.contains(register));
         self
     }
 
@@ -115,10 +123,16 @@ impl Code {
             lives.iter().enumerate().filter_map(|(r, life)| Some((life.as_ref()?.start, r as u32))).collect();
         starts.sort_unstable();
         let mut names = vec![u32::MAX; self.registers as usize];
-        let (mut free, mut count) = (Vec::new(), 0);
+        let (mut free, mut count) = (Vec::new(), self.constants.len() as u32);
+        for (name, &(register, _)) in (0..).zip(&self.constants) {
+            names[register as usize] = name;
+        }
         // Registers in use, by the end of their lives.
         let mut used: BTreeSet<(usize, Register)> = BTreeSet::new();
         for (start, register) in starts {
+            if names[register as usize] != u32::MAX {
+                continue;
+            }
             while let Some(&(end, name)) = used.first()
                 && end < start
             {

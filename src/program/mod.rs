@@ -8,18 +8,29 @@
 //! Each operation is one operation of IEEE 754 binary32 or of 32-bit integers at each point, in the order of the
 //! source, so every processor gives the same bits. `docs/design/wgsl-arithmetic.md` states what each means.
 
+mod bsdf;
 mod code;
+mod fuse;
+mod kernel;
+mod loaded;
 mod lower;
 mod native;
 mod operation;
+mod parameter;
 mod prelude;
 mod run;
+mod shader;
 mod source;
 mod surface;
 #[cfg(test)]
 mod tests;
 
+pub use bsdf::BsdfShader;
+#[cfg(feature = "bench")]
+pub(crate) use native::{ease, noise};
+pub use parameter::Parameter;
 pub use prelude::prelude;
 pub use run::BLOCK;
+pub use shader::SurfaceShader;
 pub use source::{MAX_SOURCE_BYTES, ShaderError};
-pub use surface::{Parameter, PatternShader};
+pub use surface::PatternShader;

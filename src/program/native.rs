@@ -63,7 +63,7 @@ fn lattice<L: Lanes>(x: Int<L>, y: Int<L>, z: Int<L>) -> Num<L> {
 
 /// From 0 to 1 with a slope of 0 at either end (Perlin 2002).
 #[inline(always)]
-fn ease<L: Lanes>(x: Num<L>) -> Num<L> {
+pub fn ease<L: Lanes>(x: Num<L>) -> Num<L> {
     x * x * x * (x * (x * 6.0 - 15.0) + 10.0)
 }
 
@@ -75,7 +75,7 @@ fn place<L: Lanes>(whole: Num<L>) -> Int<L> {
 
 /// Smooth noise of 0 to 1 with features of unit size.
 #[inline(always)]
-fn noise<L: Lanes>(p: Vector<L>) -> Num<L> {
+pub fn noise<L: Lanes>(p: Vector<L>) -> Num<L> {
     let (fx, fy, fz) = (p.x.floor(), p.y.floor(), p.z.floor());
     let [x, y, z] = [place(fx), place(fy), place(fz)];
     let [x1, y1, z1] = [x + 1, y + 1, z + 1];

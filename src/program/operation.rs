@@ -4,6 +4,8 @@
 //! executor, so they cannot differ. Truth values are words: all bits or none. `docs/design/wgsl-arithmetic.md` says
 //! what the operations do with NaN, infinities, subnormals and out-of-range conversions.
 
+use std::cell::Cell;
+
 /// The number that a word is.
 #[inline(always)]
 fn n(word: u32) -> f32 {
@@ -58,6 +60,23 @@ macro_rules! with_operations {
             Less(a, b) "a < b" => t(n(a) < n(b));
             LessEqual(a, b) "a <= b" => t(n(a) <= n(b));
             Equal(a, b) "a == b" => t(n(a) == n(b));
+            // Pairs of operations on numbers: each still rounds by itself.
+            MulAdd(a, b, c) "(a * b) + c" => w(n(a) * n(b) + n(c));
+            MulSub(a, b, c) "(a * b) - c" => w(n(a) * n(b) - n(c));
+            SubMul(a, b, c) "c - (a * b)" => w(n(c) - n(a) * n(b));
+            ScaledSum(a, b, c) "(a + b) * c" => w((n(a) + n(b)) * n(c));
+            ScaledDifference(a, b, c) "(a - b) * c" => w((n(a) - n(b)) * n(c));
+            MulMul(a, b, c) "(a * b) * c" => w(n(a) * n(b) * n(c));
+            AddAdd(a, b, c) "(a + b) + c" => w(n(a) + n(b) + n(c));
+            Lerp(a, b, c) "a + ((b - a) * c)" => w(n(a) + (n(b) - n(a)) * n(c));
+            Clamp(a, b, c) "min(max(a, b), c)" => {
+                let raised = if n(a) > n(b) { a } else { b };
+                if n(raised) < n(c) { raised } else { c }
+            };
+            // Pairs of operations on integers.
+            MulXor(a, b, c) "(a * b) ^ c" => a.wrapping_mul(b) ^ c;
+            XorMul(a, b, c) "(a ^ b) * c" => (a ^ b).wrapping_mul(c);
+            ShrXor(a, b, c) "(a >> (b mod 32)) ^ c" => a.wrapping_shr(b) ^ c;
             // Integers.
             AddInt(a, b) "a + b, wrapping" => a.wrapping_add(b);
             SubInt(a, b) "a - b, wrapping" => a.wrapping_sub(b);
@@ -135,22 +154,53 @@ with_operations!(define);
 /// Operands in chunks, as the executor's loops read them.
 pub(super) const CHUNK: usize = crate::lanes::MAX_LANES;
 
+/// A register as operations read it: a column of words, or one chunk that stands for all.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Operand<'a> {
+    /// At least [`CHUNK`] words.
+    pub words: &'a [Cell<u32>],
+    /// All bits of a point's index for a column, none for one chunk.
+    pub mask: usize,
+}
+
+impl Operand<'_> {
+    /// The words of a chunk that starts at a point.
+    #[inline(always)]
+    fn chunk(self, start: usize) -> [u32; CHUNK] {
+        let start = start & self.mask;
+        let mut words = [0; CHUNK];
+        for (word, cell) in words.iter_mut().zip(&self.words[start..start + CHUNK]) {
+            *word = cell.get();
+        }
+        words
+    }
+
+    /// The word of a point.
+    #[inline(always)]
+    pub fn at(self, point: usize) -> u32 {
+        self.words[point & (self.mask | (CHUNK - 1))].get()
+    }
+
+    /// Some words from a point on; no chunk may end among them.
+    #[inline(always)]
+    pub fn some(&self, start: usize, count: usize) -> &[Cell<u32>] {
+        &self.words[start & (self.mask | (CHUNK - 1))..][..count]
+    }
+}
+
 macro_rules! chunks {
     ($($name:ident($($operand:ident),*) $doc:literal => $meaning:expr;)*) => {
         impl Operation {
-            /// The results for [`CHUNK`] points at once. It is compiled into vector instructions wherever it is
+            /// The results of all points, a chunk at a time. It is compiled into vector instructions wherever it is
             /// inlined.
             #[inline(always)]
             #[allow(unused_variables, reason = "operations of fewer operands")]
-            pub(super) fn chunks<'a>(
-                self,
-                operands: [&'a [std::cell::Cell<u32>]; 3],
-                to: &'a [std::cell::Cell<u32>],
-            ) {
+            pub(super) fn chunks(self, operands: [Operand<'_>; 3], to: &[Cell<u32>]) {
                 let [from_a, from_b, from_c] = operands;
                 match self {
                     $(Self::$name => {
-                        for start in (0..to.len()).step_by(CHUNK) {
+                        for (chunk, to) in to.chunks_exact(CHUNK).enumerate() {
+                            let start = chunk * CHUNK;
                             chunk_loop!(($($operand),*), (from_a, from_b, from_c), to, start, $meaning);
                         }
                     })*
@@ -169,7 +219,7 @@ macro_rules! chunk_loop {
             chunk_bind!(($($operand),*), columns, lane);
             results[lane] = $meaning;
         }
-        for (to, result) in $to[$start..$start + CHUNK].iter().zip(results) {
+        for (to, result) in $to.iter().zip(results) {
             to.set(result);
         }
     }};
@@ -177,13 +227,13 @@ macro_rules! chunk_loop {
 
 macro_rules! chunk_columns {
     (($x:ident), ($a:ident, $b:ident, $c:ident), $start:ident) => {
-        [chunk($a, $start)]
+        [$a.chunk($start)]
     };
     (($x:ident, $y:ident), ($a:ident, $b:ident, $c:ident), $start:ident) => {
-        [chunk($a, $start), chunk($b, $start)]
+        [$a.chunk($start), $b.chunk($start)]
     };
     (($x:ident, $y:ident, $z:ident), ($a:ident, $b:ident, $c:ident), $start:ident) => {
-        [chunk($a, $start), chunk($b, $start), chunk($c, $start)]
+        [$a.chunk($start), $b.chunk($start), $c.chunk($start)]
     };
 }
 
@@ -197,15 +247,6 @@ macro_rules! chunk_bind {
     (($x:ident, $y:ident, $z:ident), $columns:ident, $lane:ident) => {
         let ($x, $y, $z) = ($columns[0][$lane], $columns[1][$lane], $columns[2][$lane]);
     };
-}
-
-#[inline(always)]
-fn chunk(column: &[std::cell::Cell<u32>], start: usize) -> [u32; CHUNK] {
-    let mut words = [0; CHUNK];
-    for (word, cell) in words.iter_mut().zip(&column[start..start + CHUNK]) {
-        *word = cell.get();
-    }
-    words
 }
 
 with_operations!(chunks);

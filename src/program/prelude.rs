@@ -18,6 +18,10 @@ pub fn prelude() -> String {
     for field in FINISH_FIELDS {
         let _ = writeln!(text, "    // {}\n    {}: {},", field.doc, field.name, field.kind.wgsl());
     }
+    text += "}\n\n// What `evaluate` of a BSDF returns: BSDF times |cosine|, and the density of `sample`.\n\
+             struct Lobe {\n    value: vec3f,\n    pdf: f32,\n}\n\n\
+             // What `sample` of a BSDF returns: a direction, BSDF times |cosine| / density, and the density.\n\
+             struct Scattered {\n    wi: vec3f,\n    weight: vec3f,\n    pdf: f32,\n";
     text += "}\n\n// A white, rough, opaque dielectric: all fields at their defaults.\n";
     text += "fn matte(at: Point) -> Finish {\n    return Finish(";
     let defaults: Vec<&str> = FINISH_FIELDS.iter().map(|field| default_value(field.default)).collect();

@@ -2,12 +2,12 @@
 
 use super::code::{Code, Instruction, Register};
 use super::native::Native;
-use super::operation::{CHUNK, Operation};
+use super::operation::{CHUNK, Operand, Operation};
 use crate::lanes::{Lanes, Num};
 use std::cell::Cell;
 
-/// The most points of a block. A program's columns then fit the nearest cache, and the cost of choosing operations is
-/// shared by many points.
+/// The points of a block, as `raystream bench shaders` finds best: a program's columns then fit the nearest cache, and
+/// the cost of choosing operations is shared by many points.
 pub const BLOCK: usize = 128;
 
 /// The most operations that a block may compute. A loop that takes more is taken to be endless.
@@ -16,7 +16,12 @@ const BUDGET: u64 = 1 << 24;
 /// The registers of a program while it runs.
 #[derive(Debug, Default)]
 pub(super) struct Columns {
+    /// A chunk for each constant, then a column for each other register.
     words: Vec<Cell<u32>>,
+    /// Number of constants.
+    constants: usize,
+    /// Points of a column.
+    block: usize,
     /// The program whose constants they hold.
     program: u64,
 }
@@ -29,23 +34,48 @@ pub(super) struct Endless {
 }
 
 impl Columns {
-    /// Makes room for a program's registers and writes its constants, unless they are there.
-    pub fn prepare(&mut self, code: &Code, program: u64) {
-        if self.program == program {
+    /// Makes room for a program's registers at `block` points, a multiple of [`CHUNK`], and writes its constants, unless
+    /// they are there.
+    pub fn prepare(&mut self, code: &Code, program: u64, block: usize) {
+        debug_assert!(block.is_multiple_of(CHUNK) && block > 0);
+        if self.program == program && self.block == block {
             return;
         }
+        let constants = code.constants.len();
         self.words.clear();
-        self.words.resize(code.registers as usize * BLOCK, Cell::new(0));
-        for &(register, word) in &code.constants {
-            self.column(register, BLOCK).iter().for_each(|cell| cell.set(word));
+        self.words.resize(constants * CHUNK + (code.registers as usize - constants) * block, Cell::new(0));
+        (self.constants, self.block) = (constants, block);
+        for (&(_, word), cells) in code.constants.iter().zip(self.words.chunks_exact(CHUNK)) {
+            cells.iter().for_each(|cell| cell.set(word));
         }
         self.program = program;
     }
 
-    /// The first points of a register.
+    /// Where the words of a register start, and whether it is a constant.
+    #[inline(always)]
+    fn place(&self, register: Register) -> (usize, bool) {
+        let (register, constants) = (register as usize, self.constants);
+        match register < constants {
+            true => (register * CHUNK, true),
+            false => (constants * CHUNK + (register - constants) * self.block, false),
+        }
+    }
+
+    /// The first points of a register that is no constant.
     #[inline(always)]
     pub fn column(&self, register: Register, points: usize) -> &[Cell<u32>] {
-        &self.words[register as usize * BLOCK..][..points]
+        &self.words[self.place(register).0..][..points]
+    }
+
+    /// A register as operations read it.
+    #[inline(always)]
+    pub fn operand(&self, register: Register, points: usize) -> Operand<'_> {
+        let (start, is_constant) = self.place(register);
+        let (length, mask) = match is_constant {
+            true => (CHUNK, 0),
+            false => (points.next_multiple_of(CHUNK), usize::MAX),
+        };
+        Operand { words: &self.words[start..][..length], mask }
     }
 }
 
@@ -55,14 +85,14 @@ impl Columns {
 /// When a loop takes too many turns.
 #[inline(always)]
 pub(super) fn run<L: Lanes>(l: L, code: &Code, columns: &Columns, points: usize) -> Result<(), Endless> {
-    let points = points.next_multiple_of(CHUNK).min(BLOCK);
+    let points = points.next_multiple_of(CHUNK).min(columns.block);
     let mut at = 0;
     let mut spent = 0u64;
     while let Some(instruction) = code.instructions.get(at) {
         at += 1;
         match instruction {
             Instruction::Compute { operation, operands, to } => {
-                let operands = operands.map(|register| columns.column(register, points));
+                let operands = operands.map(|register| columns.operand(register, points));
                 compute(*operation, operands, columns.column(*to, points));
             }
             Instruction::Call { native, operands, results } => {
@@ -75,13 +105,13 @@ pub(super) fn run<L: Lanes>(l: L, code: &Code, columns: &Columns, points: usize)
                 element(columns, from, *index, *to, points);
             }
             Instruction::Skip { mask, to } => {
-                if is_empty(columns.column(*mask, points)) {
+                if is_empty(columns.operand(*mask, points).words) {
                     at = *to as usize;
                 }
             }
             Instruction::Repeat { mask, to, line } => {
                 spent += (at - *to as usize) as u64;
-                if is_empty(columns.column(*mask, points)) {
+                if is_empty(columns.operand(*mask, points).words) {
                     continue;
                 }
                 if spent > BUDGET {
@@ -95,7 +125,7 @@ pub(super) fn run<L: Lanes>(l: L, code: &Code, columns: &Columns, points: usize)
 }
 
 #[inline(always)]
-fn compute(operation: Operation, operands: [&[Cell<u32>]; 3], to: &[Cell<u32>]) {
+fn compute(operation: Operation, operands: [Operand<'_>; 3], to: &[Cell<u32>]) {
     operation.chunks(operands, to);
 }
 
@@ -123,7 +153,8 @@ fn call<L: Lanes>(
         let mut numbers = [Num::zero(l); 3];
         for (number, &operand) in numbers.iter_mut().zip(operands) {
             let mut words = L::array(0.0f32);
-            let cells = &columns.column(operand, points)[start..start + L::LANES];
+            let operand = columns.operand(operand, points);
+            let cells = operand.some(start, L::LANES);
             for (word, cell) in words.as_mut().iter_mut().zip(cells) {
                 *word = f32::from_bits(cell.get());
             }
@@ -139,9 +170,9 @@ fn call<L: Lanes>(
 #[inline(always)]
 fn element(columns: &Columns, from: &[Register], index: Register, to: Register, points: usize) {
     let last = from.len() - 1;
-    let indices = columns.column(index, points);
-    for (point, (index, to)) in indices.iter().zip(columns.column(to, points)).enumerate() {
-        let from = from[(index.get() as usize).min(last)];
-        to.set(columns.column(from, points)[point].get());
+    let indices = columns.operand(index, points);
+    for (point, to) in columns.column(to, points).iter().enumerate() {
+        let from = from[(indices.at(point) as usize).min(last)];
+        to.set(columns.operand(from, points).at(point));
     }
 }

@@ -2,7 +2,7 @@
 
 use naga::front::wgsl::Frontend;
 use naga::valid::{Capabilities, ModuleInfo, ValidationFlags, Validator};
-use naga::{Module, Span};
+use naga::{Handle, Module, Scalar, ScalarKind, Span, Type, TypeInner};
 use std::fmt;
 
 /// The longest shader file in bytes.
@@ -135,6 +135,26 @@ impl Source {
             }
         };
         Ok(Self { file: file.into(), own: own.len(), text, module, info })
+    }
+
+    /// The name of a type as WGSL writes it: of structs their own, of numbers and vectors `f32`, `vec3f`, ..
+    pub fn type_name(&self, ty: Handle<Type>) -> String {
+        let ty = &self.module.types[ty];
+        if let Some(name) = &ty.name {
+            return name.clone();
+        }
+        let letter = |scalar: Scalar| match scalar.kind {
+            ScalarKind::Float => "f",
+            ScalarKind::Sint => "i",
+            ScalarKind::Uint => "u",
+            _ => "",
+        };
+        match ty.inner {
+            TypeInner::Scalar(scalar) if scalar.kind == ScalarKind::Bool => "bool".into(),
+            TypeInner::Scalar(scalar) => format!("{}32", letter(scalar)),
+            TypeInner::Vector { size, scalar } => format!("vec{}{}", size as u8, letter(scalar)),
+            _ => "another type".into(),
+        }
     }
 
     /// The error for a fault.

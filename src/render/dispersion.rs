@@ -5,7 +5,7 @@
 //! same for all surfaces of a path. So the mean over paths is right in each channel, and a path that does not enter
 //! such a body is not noisier than without.
 
-use super::path_tracer::PathState;
+use super::path_state::PathState;
 use crate::geom::Sampler;
 use crate::lanes::{Lanes, Mask, Vector};
 use crate::scene::{Material, Surface};

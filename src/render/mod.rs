@@ -22,6 +22,7 @@ mod part;
 #[cfg(feature = "formats")]
 mod partial_film;
 mod pass;
+mod path_state;
 mod path_tracer;
 mod picture_version;
 mod pixel_filter;
@@ -53,7 +54,8 @@ pub use part::Part;
 #[cfg(feature = "formats")]
 pub use partial_film::{PARTIAL_FILM_VERSION, PartialFilm, PartialFilmError, PartialFilmHeader};
 pub use pass::{BLOCK, Blocks, Pass};
-pub use path_tracer::{PathShader, PathState, PathTracer, ROULETTE_BOUNCES};
+pub use path_state::PathState;
+pub use path_tracer::{PathShader, PathTracer, ROULETTE_BOUNCES};
 pub use picture_version::PICTURE_VERSION;
 pub use pixel_filter::{FilterError, FilterShape, PixelFilter};
 pub use preview::{PassPicture, Preview};

@@ -2,26 +2,25 @@
 
 use super::dispersion::{ByChannel, OneChannel};
 use super::frame::{CAMERA_DIMENSION, Frame, Settings, SettingsError};
+use super::path_state::{DEPTH, DEPTH_BITS, PathState};
 use super::{CameraSample, Contribution, HitShader, HitShading, NewRays, hits_of, rays_of};
 use crate::geom::Sampler;
-use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, Plain, SingleLane, Vector};
-use crate::scene::Camera;
+use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, Plain, Vector};
+use crate::scene::{Camera, StagedFinish};
 use crate::schedule::{Batch, Output};
 use crate::shade::bsdf::Smoothness;
 use crate::shade::light::Receiver;
-use crate::shade::{Bsdf, Cone, Interaction, LitScene, lookup, medium, pass_through, prefetch_hits, sort};
+use crate::shade::stage::{HitSource, Stage};
+use crate::shade::{
+    Bsdf, Cone, Hits, Interaction, LitScene, lookup, medium, pass_through, prefetch_hits, sort,
+};
 use crate::stream::Ray;
-use bytemuck::{Pod, Zeroable};
 
 /// Bounces after which Russian roulette may end a path, unless the caller chooses another number.
 pub const ROULETTE_BOUNCES: u32 = 2;
 
 /// Maximum number of bounces.
 const MAX_BOUNCES: u32 = 1 << 10;
-
-/// Bits of [`PathState::depth`] that count rays; depths go one beyond the last bounce.
-const DEPTH_BITS: u32 = 11;
-const DEPTH: u32 = (1 << DEPTH_BITS) - 1;
 
 /// The bit of [`PathState::depth`] that paths of one channel have.
 const ONE_CHANNEL: u32 = 1 << DEPTH_BITS;
@@ -78,69 +77,6 @@ impl PathShader {
         let brightest = light.max_element();
         let clamps = brightest.above(limit) & !bounces.below(2);
         Vector::select(clamps, light * (limit / brightest), light)
-    }
-}
-
-/// The state of a path.
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-#[repr(C)]
-pub struct PathState {
-    /// Throughput: the weight of radiance along the ray in its pixel.
-    throughput: [f32; 3],
-    /// Upper half: the high bits of the f32 squared index of refraction of the ray's medium, relative to the medium in
-    /// which the path began. Lower half: the ray's [`Cone`].
-    index2_and_cone: u32,
-    pixel: u32,
-    sample: u32,
-    /// Lowest [`DEPTH_BITS`]: the number of rays before this one. Above them: [`ONE_CHANNEL`], and the quantised
-    /// shading normal of the surface that the ray leaves ([`Receiver::facing`]).
-    depth: u32,
-    /// Probability density of the ray's direction per solid angle. +∞ if light sampling could not have chosen it; a
-    /// little less if the ray has passed surfaces since ([`pass_through`]).
-    pdf: f32,
-}
-
-impl PathState {
-    /// The state of a camera ray, without pixel and sample.
-    fn start(cone: Cone<SingleLane>) -> Self {
-        Self {
-            throughput: [1.0; 3],
-            index2_and_cone: 1.0f32.to_bits() + cone.pack().get(),
-            pixel: 0,
-            sample: 0,
-            depth: 0,
-            pdf: f32::INFINITY,
-        }
-    }
-
-    /// The weight of radiance along the ray in its pixel.
-    pub fn throughput(&self) -> [f32; 3] {
-        self.throughput
-    }
-
-    /// The pixel, counted row by row from the top.
-    pub fn pixel(&self) -> u32 {
-        self.pixel
-    }
-
-    /// The number of the pixel's sample.
-    pub fn sample(&self) -> u32 {
-        self.sample
-    }
-
-    /// The number of rays before this one.
-    pub fn depth(&self) -> u32 {
-        self.depth & DEPTH
-    }
-
-    /// Probability density of the ray's direction per solid angle; +∞ if light sampling could not have chosen it.
-    pub fn pdf(&self) -> f32 {
-        self.pdf
-    }
-
-    /// The ray's cone.
-    pub fn cone(&self) -> Cone<SingleLane> {
-        Cone::unpack(self.index2_and_cone.into())
     }
 }
 
@@ -280,6 +216,8 @@ impl LaneTask for Shading<'_, '_> {
                 by_channel = ByChannel::sorted(material, run.rays, self.batch.payloads, seed);
             }
             for part in 0..if by_channel.is_none() { 1 } else { ByChannel::PARTS } {
+                let mut stage =
+                    run.material.and_then(|number| Stage::of(scene, &scene.materials[number as usize]));
                 let (of_part, dispersed) = match &by_channel {
                     None => (run.rays, None),
                     Some(sorted) => sorted.part(part),
@@ -292,7 +230,11 @@ impl LaneTask for Shading<'_, '_> {
                         Some(material) => {
                             let next = (i + 1) * L::LANES;
                             prefetch_hits(&scene.mesh, self.batch.hits, of_part, next, L::LANES);
-                            self.hit(material, dispersed, ids, lanes);
+                            let staged = match &mut stage {
+                                Some(stage) => Some(stage.reach(l, of_part, i * L::LANES, &self)),
+                                None => None,
+                            };
+                            self.hit(material, dispersed, staged, ids, lanes);
                         }
                     }
                 }
@@ -325,7 +267,14 @@ impl Shading<'_, '_> {
 
     /// The hit shader: emission, then one light sample and one BSDF sample.
     #[cfg_attr(not(unoptimised), inline(always))]
-    fn hit<L: Lanes>(&mut self, number: u32, dispersed: Option<&OneChannel>, ids: Int<L>, lanes: Mask<L>) {
+    fn hit<L: Lanes>(
+        &mut self,
+        number: u32,
+        dispersed: Option<&OneChannel>,
+        staged: Option<StagedFinish<'_>>,
+        ids: Int<L>,
+        lanes: Mask<L>,
+    ) {
         let frame = self.frame;
         let scene = frame.scene();
         let material = &scene.materials[number as usize];
@@ -334,7 +283,7 @@ impl Shading<'_, '_> {
         let t = hits.t;
         let (origin, direction) = rays_of(&self.batch, ids);
         let cone = state.cone.at(t);
-        let at = Interaction::new(scene, material, direction, &hits, cone.width);
+        let at = Interaction::staged(scene, material, direction, &hits, cone.width, staged);
         if let Some(medium) = &material.medium {
             state.throughput = state.throughput * medium::passed(medium, &at, t);
         }
@@ -530,6 +479,15 @@ impl Shading<'_, '_> {
         let rays = NewRays::new(origin, direction);
         self.frame.send_contributions(self.out, None, open, &rays, sky, next.target(self.frame));
         ended
+    }
+}
+
+impl HitSource for Shading<'_, '_> {
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn hits<L: Lanes>(&self, ids: Int<L>) -> (Vector<L>, Hits<L>, Num<L>) {
+        let hits = hits_of(&self.batch, ids);
+        let cone = States::of(self.batch.payloads, ids).cone.at(hits.t);
+        (rays_of(&self.batch, ids).1, hits, cone.width)
     }
 }
 

@@ -51,7 +51,7 @@ impl Shader for RecursiveWhitted {
             let direction = Vec3::from_array(ray.direction).into();
             let material = &scene.materials[material_of(scene, &hit) as usize];
             let cone = Cone::unpack(cone.map_or_else(|| cx.frame().cone().pack(), Int::from));
-            let node = Node::new(cx.frame(), material, direction, &hit.into(), cone);
+            let node = Node::new(cx.frame(), material, direction, &hit.into(), cone, None);
             met = cone.at(hit.t.into()).pack().get();
             cx.add(throughput * Vec3::from(node.emitted));
             for (light, sent) in lights.iter_mut().enumerate().take(node.lights()) {

@@ -5,10 +5,11 @@ use super::whitted_node::{MAX_BOUNCES, Node, SHADOW_RAYS, Sent, splats};
 use super::{CameraSample, Contribution, HitShader, HitShading, NewRays, hits_of, rays_of};
 use crate::geom::Sampler;
 use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, Plain, Vector};
-use crate::scene::Camera;
+use crate::scene::{Camera, StagedFinish};
 use crate::schedule::{Batch, Output};
 use crate::shade::loop_stack::{EMPTY, LoopStack, Session};
-use crate::shade::{ArenaUse, Cone, LitScene, sort};
+use crate::shade::stage::{HitSource, Stage};
+use crate::shade::{ArenaUse, Cone, Hits, LitScene, sort};
 use crate::stream::Ray;
 use bytemuck::{Pod, Zeroable};
 
@@ -129,12 +130,20 @@ impl LaneTask for Shading<'_, '_> {
     fn run<L: Lanes>(mut self, l: L) {
         let scene = self.frame.scene();
         for run in sort(l, self.batch.hits, scene).runs() {
-            for rays in run.rays.chunks(L::LANES) {
+            let mut stage =
+                run.material.and_then(|number| Stage::of(scene, &scene.materials[number as usize]));
+            for (i, rays) in run.rays.chunks(L::LANES).enumerate() {
                 // Lanes that are left over repeat the first ray and count for nothing.
                 let (ids, lanes) = Int::some(l, rays, rays[0]);
                 let goes_on = match run.material {
                     None => self.miss(ids, lanes),
-                    Some(material) => self.hit(material, ids, lanes),
+                    Some(material) => {
+                        let staged = match &mut stage {
+                            Some(stage) => Some(stage.reach(l, run.rays, i * L::LANES, &self)),
+                            None => None,
+                        };
+                        self.hit(material, staged, ids, lanes)
+                    }
                 };
                 let mut ended = L::array(0);
                 let count = ids.append(lanes & !goes_on, ended.as_mut());
@@ -159,13 +168,19 @@ impl Shading<'_, '_> {
 
     /// The hit shader: emission, direct light, and the secondary rays. Returns the lanes whose paths continue.
     #[cfg_attr(not(unoptimised), inline(always))]
-    fn hit<L: Lanes>(&mut self, number: u32, ids: Int<L>, lanes: Mask<L>) -> Mask<L> {
+    fn hit<L: Lanes>(
+        &mut self,
+        number: u32,
+        staged: Option<StagedFinish<'_>>,
+        ids: Int<L>,
+        lanes: Mask<L>,
+    ) -> Mask<L> {
         let frame = self.frame;
         let state = States::of(self.batch.payloads, ids);
         let hits = hits_of(&self.batch, ids);
         let t = hits.t;
         let material = &frame.scene().materials[number as usize];
-        let node = Node::new(frame, material, rays_of(&self.batch, ids).1, &hits, state.cone);
+        let node = Node::new(frame, material, rays_of(&self.batch, ids).1, &hits, state.cone, staged);
         let shines = lanes & !node.emitted.is_zero();
         let target = frame.target(state.pixel, state.sample);
         frame.splat_lanes(Some(number), shines, target, state.throughput * node.emitted);
@@ -242,6 +257,15 @@ impl Pending {
     fn resume(&self, path: &WhittedState, out: &mut Rays<'_>) {
         let Self { ray, throughput, depth_and_cone, branch } = *self;
         out.ray(ray, WhittedState { throughput, depth_and_cone, branch, ..*path });
+    }
+}
+
+impl HitSource for Shading<'_, '_> {
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn hits<L: Lanes>(&self, ids: Int<L>) -> (Vector<L>, Hits<L>, Num<L>) {
+        let hits = hits_of(&self.batch, ids);
+        let cone = States::of(self.batch.payloads, ids).cone.at(hits.t);
+        (rays_of(&self.batch, ids).1, hits, cone.width)
     }
 }
 

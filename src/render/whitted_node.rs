@@ -4,7 +4,7 @@ use super::NewRays;
 use super::frame::{CAMERA_DIMENSION, Frame};
 use crate::geom::Sampler;
 use crate::lanes::{Int, Lanes, Mask, Num, SingleLane, Vector};
-use crate::scene::Material;
+use crate::scene::{Material, StagedFinish};
 use crate::shade::bsdf::{Smooth, Smoothness};
 use crate::shade::light::Receiver;
 use crate::shade::{Bsdf, Cone, Hits, Interaction, LightSample, lookup, medium};
@@ -53,7 +53,7 @@ pub(super) struct Sent<L: Lanes> {
 }
 
 impl<'a, L: Lanes> Node<'a, L> {
-    /// `cone` is the rays' cone at their origins.
+    /// `cone` is the rays' cone at their origins; `staged` are finishes that a [`crate::shade::Stage`] has computed.
     #[cfg_attr(not(unoptimised), inline(always))]
     pub fn new(
         frame: &'a Frame,
@@ -61,9 +61,11 @@ impl<'a, L: Lanes> Node<'a, L> {
         direction: Vector<L>,
         hits: &Hits<L>,
         cone: Cone<L>,
+        staged: Option<StagedFinish<'_>>,
     ) -> Self {
         let scene = frame.scene();
-        let at = Interaction::new(scene, material, direction, hits, cone.at(hits.t).width);
+        let width = cone.at(hits.t).width;
+        let at = Interaction::staged(scene, material, direction, hits, width, staged);
         let mut emitted = match &material.emission {
             None => Vector::zero(direction.lanes()),
             Some(emission) => lookup::emission(scene, emission, &at.texture, at.front),

@@ -2,9 +2,7 @@
 
 use super::erased_lanes::{LaneColumns, LaneValue};
 use super::{Effects, FieldType, Points, SurfaceField};
-#[cfg(feature = "wgsl")]
-use crate::lanes::MAX_LANES;
-use crate::lanes::{Lanes, Mask, Num, Vector};
+use crate::lanes::{Lanes, MAX_LANES, Mask, Num, Vector};
 
 /// The default of a field: its value in lanes, or its text.
 macro_rules! default {
@@ -41,7 +39,6 @@ macro_rules! default {
 }
 
 /// What gives the scalars of a finish, one column each.
-#[cfg(feature = "wgsl")]
 pub(crate) trait FinishSource {
     /// Writes the column of a scalar. Scalars are counted over all fields.
     fn get(&self, scalar: usize, column: &mut [f32; MAX_LANES]);
@@ -87,7 +84,6 @@ macro_rules! finish {
             }
 
             /// The finish whose scalars a source has.
-            #[cfg(feature = "wgsl")]
             #[inline(always)]
             pub(crate) fn read_from(l: L, source: &impl FinishSource) -> Self {
                 let mut scalar = 0;

@@ -1,6 +1,7 @@
 //! A scene: a triangle mesh with materials and textures, lights, an environment and a camera. `scene::load` reads
 //! scenes from files. This module knows neither streams nor the BVH.
 
+mod block;
 mod camera;
 mod camera_motion;
 mod camera_path;
@@ -40,6 +41,7 @@ mod texture;
 mod texture_point;
 mod validate;
 
+pub use block::{BlockColumns, BlockSurface, StagedFinish};
 pub(crate) use camera::Pinhole;
 pub use camera::{
     Aperture, Camera, CameraError, Distortion, FULL_FRAME_HEIGHT, Intrinsics, Lens, LensRays, Projection,
@@ -50,12 +52,13 @@ pub use camera_motion::{AnimatedNode, CameraMotion, Interpolate, Interpolation, 
 pub use camera_path::{CameraPath, CameraPathError};
 pub use coat::{Coat, Coats};
 #[cfg(feature = "formats")]
+pub use coded_surface::SurfaceName;
+#[cfg(feature = "formats")]
 use coded_surface::option_texts;
 pub use coded_surface::{CodedSurface, NoSuchMaterial, SurfaceRequest};
 pub use effects::{Effects, Transmission};
 pub use environment::{Environment, EnvironmentMap};
 pub use fingerprint::FINGERPRINT_VERSION;
-#[cfg(feature = "wgsl")]
 pub(crate) use finish::FinishSource;
 pub use finish::{FINISH_FIELDS, Finish};
 pub use footprint::Footprint;
@@ -71,7 +74,6 @@ pub use mipmap::Mipmap;
 pub use mix::Mix;
 pub use named_camera::NamedCamera;
 pub use object::{Object, Objects};
-#[cfg(feature = "wgsl")]
 pub(crate) use points::PointSink;
 pub use points::{POINT_FIELDS, Points};
 pub use principled::{Anisotropy, DiffuseTransmission, Iridescence, Principled, Sheen};

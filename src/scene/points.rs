@@ -4,12 +4,9 @@ use super::corners::{self, Weights, blend, corner_uvs, tangent_basis, vectors};
 use super::erased_lanes::{LaneColumns, LaneValue};
 use super::{FieldType, Footprint, Scene, SurfaceField, TexturePoint, TextureRef};
 use crate::geom::Basis;
-#[cfg(feature = "wgsl")]
-use crate::lanes::MAX_LANES;
-use crate::lanes::{Int, Lanes, Mask, Num, Vector};
+use crate::lanes::{Int, Lanes, MAX_LANES, Mask, Num, Vector};
 
 /// What takes the scalars of points, one column each. Truth values are 1 and 0.
-#[cfg(feature = "wgsl")]
 pub(crate) trait PointSink {
     /// Takes the column of a scalar. Scalars are counted over all fields.
     fn put(&mut self, scalar: usize, column: &[f32; MAX_LANES]);
@@ -65,7 +62,6 @@ macro_rules! points {
             }
 
             /// Passes the scalars of the fields in `wanted` to a sink: bit `i` is field `i` of [`POINT_FIELDS`].
-            #[cfg(feature = "wgsl")]
             #[inline(always)]
             pub(crate) fn write_to(&self, wanted: u64, sink: &mut impl PointSink) {
                 let (mut field, mut scalar) = (0, 0);

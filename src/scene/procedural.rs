@@ -3,7 +3,7 @@
 use super::erased_lanes::run_in;
 use super::finish::FinishColumns;
 use super::points::PointColumns;
-use super::{Effects, Finish, Points, Scene};
+use super::{BlockSurface, Effects, Finish, Points, Scene};
 use crate::lanes::{LaneTask, Lanes};
 use std::fmt::{self, Debug, Formatter};
 use std::sync::Arc;
@@ -58,6 +58,12 @@ pub trait Procedural: Debug + Send + Sync + 'static {
     fn effects(&self) -> Effects {
         Effects::default()
     }
+
+    /// The surface as one that is computed for blocks of many hits, if that costs less. Its finishes must have the same
+    /// bits.
+    fn in_blocks(&self) -> Option<&dyn BlockSurface> {
+        None
+    }
 }
 
 /// A shared [`Procedural`] with its type erased.
@@ -85,6 +91,11 @@ impl ProceduralSurface {
         &self.effects
     }
 
+    /// Calls [`Procedural::in_blocks`].
+    pub fn in_blocks(&self) -> Option<&dyn BlockSurface> {
+        self.surface.in_blocks()
+    }
+
     /// Calls [`Procedural::finish`].
     ///
     /// # Panics
@@ -99,11 +110,16 @@ impl ProceduralSurface {
 /// [`Procedural`] over arrays instead of lanes.
 trait ErasedLanes: Debug + Send + Sync {
     fn finish(&self, lanes: usize, scene: &Scene, points: &PointColumns) -> FinishColumns;
+    fn in_blocks(&self) -> Option<&dyn BlockSurface>;
 }
 
 impl<P: Procedural> ErasedLanes for P {
     fn finish(&self, lanes: usize, scene: &Scene, points: &PointColumns) -> FinishColumns {
         run_in(lanes, Computation { surface: self, scene, points })
+    }
+
+    fn in_blocks(&self) -> Option<&dyn BlockSurface> {
+        Procedural::in_blocks(self)
     }
 }
 

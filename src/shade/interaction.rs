@@ -6,8 +6,8 @@ use crate::geom::Basis;
 use crate::lanes::{Lanes, Mask, Num, OutlinedTask, Prefetch, Vector};
 use crate::scene::corners::{corner_uvs, tangent_basis};
 use crate::scene::{
-    Anisotropy, Finish, Footprint, Material, Mesh, NormalMap, Points, ProceduralSurface, Scene, Surface,
-    TexturePoint, TextureRef,
+    Anisotropy, Finish, Footprint, Material, Mesh, NormalMap, Points, ProceduralSurface, Scene, StagedFinish,
+    Surface, TexturePoint, TextureRef,
 };
 use crate::stream::Hit;
 
@@ -35,8 +35,8 @@ pub struct Interaction<L: Lanes> {
     /// Lanes whose `wo` is outside of the body. The vertex normals point outside; without them the front is
     /// outside.
     pub outside: Mask<L>,
-    /// The finish of a procedural surface that emits light, computes opacity or bends normals. For other surfaces
-    /// [`super::Bsdf::new`] computes what it needs.
+    /// The finish of a procedural surface that emits light, computes opacity, bends normals or is computed in blocks.
+    /// For other surfaces [`super::Bsdf::new`] computes what it needs.
     pub finish: Option<Finish<L>>,
     /// Start of scattered rays (not mirrored or refracted ones): `position` raised to the surface that the
     /// vertex normals suggest. The edges of a smooth body of few triangles then cast no shadows on it (Hanika
@@ -66,6 +66,50 @@ impl<L: Lanes> Interaction<L> {
         hits: &Hits<L>,
         width: Num<L>,
     ) -> Self {
+        Self::staged(scene, material, direction, hits, width, None)
+    }
+
+    /// [`Interaction::new`] with the finishes of a procedural surface that is computed in blocks
+    /// ([`super::Stage`]).
+    #[cfg_attr(not(unoptimised), inline(always))]
+    pub fn staged(
+        scene: &Scene,
+        material: &Material,
+        direction: Vector<L>,
+        hits: &Hits<L>,
+        width: Num<L>,
+        staged: Option<StagedFinish<'_>>,
+    ) -> Self {
+        let mut new = Self::without_finish(scene, material, direction, hits, width);
+        if let Surface::Procedural(index) = material.surface {
+            let surface = &scene.procedurals[index as usize];
+            let l = direction.lanes();
+            let finish = match staged {
+                Some(staged) => staged.finish(l),
+                None if surface.effects().act_before_scattering() => {
+                    l.outlined(FinishTask { surface, points: new.points(scene) })
+                }
+                None => return new,
+            };
+            if surface.effects().has_normals {
+                let (normal, there) = finish.normal.normalize_or(new.basis.normal);
+                let bent = bend_where(normal, there, new.normal, new.wo, false);
+                new.basis = Basis::around(Vector::select(there, bent, new.basis.normal));
+            }
+            new.finish = Some(finish);
+        }
+        new
+    }
+
+    /// The interactions before a procedural surface has computed their finishes.
+    #[cfg_attr(not(unoptimised), inline(always))]
+    pub(super) fn without_finish(
+        scene: &Scene,
+        material: &Material,
+        direction: Vector<L>,
+        hits: &Hits<L>,
+        width: Num<L>,
+    ) -> Self {
         let at = Geometry::new(&scene.mesh, direction, hits);
         let (barycentric, area) = ([hits.u, hits.v], at.plane.twice_area * 0.5);
         let mut texture = TexturePoint::without_width(at.uv, hits.primitive, barycentric);
@@ -84,7 +128,7 @@ impl<L: Lanes> Interaction<L> {
             Some(map) => Some(coat_shape(scene, map, &at, tangents.as_ref(), &texture, &basis)),
             None => None,
         };
-        let mut new = Self {
+        Self {
             position: at.position,
             wo: at.wo,
             normal: at.normal,
@@ -96,20 +140,7 @@ impl<L: Lanes> Interaction<L> {
             outside: at.outside,
             raised: at.raised(),
             offset: at.plane.offset,
-        };
-        if let Surface::Procedural(index) = material.surface {
-            let surface = &scene.procedurals[index as usize];
-            if surface.effects().act_before_scattering() {
-                let finish = direction.lanes().outlined(FinishTask { surface, points: new.points(scene) });
-                if surface.effects().has_normals {
-                    let (normal, there) = finish.normal.normalize_or(new.basis.normal);
-                    let bent = bend_where(normal, there, new.normal, new.wo, false);
-                    new.basis = Basis::around(Vector::select(there, bent, new.basis.normal));
-                }
-                new.finish = Some(finish);
-            }
         }
-        new
     }
 
     /// The points as user surfaces see them.
@@ -137,8 +168,11 @@ impl<L: Lanes> Interaction<L> {
         let (Some(finish), Surface::Procedural(index)) = (&self.finish, material.surface) else {
             return None;
         };
-        let bound = scene.procedurals[index as usize].effects().emission_bound;
-        Some(finish.emission.clamp(0.0, bound))
+        let effects = scene.procedurals[index as usize].effects();
+        if !effects.emits() {
+            return None;
+        }
+        Some(finish.emission.clamp(0.0, effects.emission_bound))
     }
 
     /// The probability that rays meet the surface instead of passing. `None` if `material` is opaque.

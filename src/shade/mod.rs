@@ -20,6 +20,7 @@ pub mod offset;
 pub mod pass_through;
 pub mod single;
 mod sort;
+pub mod stage;
 #[cfg(test)]
 mod tests;
 
@@ -33,3 +34,4 @@ pub use light::{LightSample, Lights, LitScene};
 pub use loop_stack::LoopStack;
 pub use mix::material_of;
 pub use sort::{Run, Sorted, sort};
+pub use stage::Stage;

@@ -33,6 +33,10 @@ fn shipped_shaders_are_valid_and_list_their_parameters() {
         let text = run(folder.path(), &["shaders", "check", &shipped(&format!("shaders/{name}.wgsl"))], 0);
         assert!(text.contains("a pattern of") && text.contains(parameter), "{text}");
     }
+    for name in ["dust", "velvet"] {
+        let text = run(folder.path(), &["shaders", "check", &shipped(&format!("shaders/{name}.wgsl"))], 0);
+        assert!(text.contains("a BSDF of") && text.contains("vec3f"), "{text}");
+    }
     let prelude = run(folder.path(), &["shaders", "prelude"], 0);
     assert!(prelude.contains("fn noise(p: vec3f) -> f32") && prelude.contains("struct Finish"), "{prelude}");
 }
@@ -51,6 +55,22 @@ fn scenes_and_the_command_line_name_shaders_and_set_their_parameters() {
     assert_ne!(larger, asked);
     assert_eq!(hash(folder, "scene.json", &["--set", "spots.size=0.6"]), larger, "by the file's name");
     assert_eq!(hash(folder, "scene.json", &["--surface", "ball=spots.wgsl,size=0.6"]), larger);
+    let object = RECIPE.replace(
+        r#""surface": "spots.wgsl", "options": { "size": 0.3 }"#,
+        r#""surface": { "shader": "spots.wgsl", "size": 0.3 }"#,
+    );
+    std::fs::write(folder.join("object.json"), object).expect("written");
+    assert_eq!(hash(folder, "object.json", &[]), asked, "both forms of a scene");
+    let velvet = format!("ball={}", shipped("shaders/velvet.wgsl"));
+    let red = hash(folder, "scene.json", &["--surface", &velvet]);
+    assert_ne!(red, asked);
+    let blue = hash(folder, "scene.json", &["--surface", &format!("{velvet},colour=0.1,0.1,0.6")]);
+    assert_ne!(blue, red);
+    assert_eq!(
+        hash(folder, "scene.json", &["--surface", &velvet, "--set", "velvet.colour=0.1,0.1,0.6"]),
+        blue,
+        "by --set"
+    );
     let wood = shipped("shaders/wood.wgsl");
     let showcase = shipped("showcase.json");
     let plain = hash(folder, &showcase, &[]);

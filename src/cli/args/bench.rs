@@ -32,6 +32,9 @@ pub enum BenchCommand {
     /// Render a frame with the means of its textures, with its textures, and with their mipmaps, in interleaved
     /// rounds: the cost of texturing.
     Textures(BenchTexturesArgs),
+    /// Render a frame with surfaces in WGSL and with the same in Rust, in lanes and in one lane, in interleaved rounds;
+    /// and measure what an operation costs by the number of hits of a block.
+    Shaders(BenchShadersArgs),
     /// Take samples evenly, and adaptively with --noise, for the same time: which picture is nearer to one of very many
     /// samples.
     Adaptive(BenchAdaptiveArgs),
@@ -59,6 +62,7 @@ impl BenchCommand {
             Self::Frame(args) => vec![&args.scene],
             Self::Tail(args) => vec![&args.scene],
             Self::Textures(args) => vec![&args.scene],
+            Self::Shaders(args) => vec![&args.scene],
             Self::Adaptive(args) => vec![&args.scene],
             Self::Noise(args) => vec![&args.scene],
             Self::Latency(args) => vec![&args.scene],
@@ -76,6 +80,7 @@ impl BenchCommand {
             Self::Frame(args) => &args.shot.json,
             Self::Tail(args) => &args.shot.json,
             Self::Textures(args) => &args.shot.json,
+            Self::Shaders(args) => &args.shot.json,
             Self::Adaptive(args) => &args.shot.json,
             Self::Noise(args) => &args.shot.json,
             Self::Latency(args) => &args.shot.json,
@@ -364,6 +369,28 @@ pub struct BenchTexturesArgs {
     pub max_bounces: u32,
     /// Rounds.
     #[arg(long, value_name = "N", default_value_t = 7, value_parser = rounds())]
+    pub rounds: u32,
+    /// Camera, light and units.
+    #[command(flatten)]
+    pub shot: ShotArgs,
+}
+
+/// `raystream bench shaders`.
+#[derive(Debug, Args)]
+pub struct BenchShadersArgs {
+    /// Scene file. All of its materials that do not shine get the surfaces.
+    pub scene: PathBuf,
+    /// Picture size in pixels.
+    #[arg(long, value_name = "WxH", default_value = "480x270", value_parser = size)]
+    pub size: (u32, u32),
+    /// Samples per pixel.
+    #[arg(long, value_name = "N", default_value_t = 4, value_parser = samples())]
+    pub spp: u32,
+    /// Most bounces; paths end by depth alone.
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = bounces())]
+    pub max_bounces: u32,
+    /// Rounds.
+    #[arg(long, value_name = "N", default_value_t = 5, value_parser = rounds())]
     pub rounds: u32,
     /// Camera, light and units.
     #[command(flatten)]

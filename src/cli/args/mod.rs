@@ -24,8 +24,8 @@ mod view;
 #[cfg(feature = "bench")]
 pub use bench::{
     BenchAdaptiveArgs, BenchBuildArgs, BenchCommand, BenchFrameArgs, BenchLatencyArgs, BenchNoiseArgs,
-    BenchRaysArgs, BenchScheduleArgs, BenchSmallArgs, BenchTablesArgs, BenchTailArgs, BenchTexturesArgs,
-    EmbreeArgs, PeerArgs, SceneView, ShotArgs,
+    BenchRaysArgs, BenchScheduleArgs, BenchShadersArgs, BenchSmallArgs, BenchTablesArgs, BenchTailArgs,
+    BenchTexturesArgs, EmbreeArgs, PeerArgs, SceneView, ShotArgs,
 };
 pub use compare::CompareArgs;
 pub use doctor::DoctorArgs;

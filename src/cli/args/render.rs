@@ -30,6 +30,10 @@ pub struct RenderArgs {
     /// MATERIAL=FILE.wgsl[,NAME=VALUE..]. Repeatable.
     #[arg(long, value_name = "MATERIAL=FILE.wgsl", value_parser = clap::value_parser!(ShaderSurface))]
     pub surface: Vec<ShaderSurface>,
+    /// Render until Ctrl-C, and begin the picture anew whenever the file of a shader changes. A shader with an error
+    /// leaves the picture as it is.
+    #[arg(long, conflicts_with_all = ["checkpoint", "frames", "noise", "seconds", "stats", "timeline", "partial"])]
+    pub watch: bool,
     /// Picture size in pixels.
     #[arg(long, value_name = "WxH", default_value = "960x540", allow_hyphen_values = true, value_parser = size)]
     pub size: (u32, u32),

@@ -8,6 +8,7 @@ mod noise;
 mod peers;
 mod rays;
 mod schedule;
+mod shaders;
 mod small;
 mod tables;
 mod tail;
@@ -36,6 +37,7 @@ pub fn run(command: &BenchCommand) -> Result<Outcome> {
         BenchCommand::Frame(args) => frame::run(args),
         BenchCommand::Tail(args) => tail::run(args).map(|()| Outcome::Done),
         BenchCommand::Textures(args) => textures::run(args).map(|()| Outcome::Done),
+        BenchCommand::Shaders(args) => shaders::run(args).map(|()| Outcome::Done),
         BenchCommand::Adaptive(args) => adaptive::run(args).map(|()| Outcome::Done),
         BenchCommand::Noise(args) => noise::run(args).map(|()| Outcome::Done),
         BenchCommand::Latency(args) => latency::run(args).map(|()| Outcome::Done),

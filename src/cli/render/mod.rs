@@ -11,12 +11,13 @@ mod shot;
 mod still;
 mod totals;
 mod views;
+mod watch;
 
 use super::Outcome;
 use super::args::RenderArgs;
 use super::outputs::Outputs;
 use super::setup::Setup;
-use super::shaders;
+use super::shaders::{self, Shaders};
 use super::timeline;
 use crate::cli::progress::Progress;
 use crate::cli::registry::{IntegratorParams, Registry};
@@ -25,7 +26,7 @@ use crate::render::{Aov, AovSet, Integrator, PASSES_IN_FLIGHT, ROULETTE_BOUNCES,
 use crate::scene::{Camera, Scene};
 use crate::schedule::{JobHandle, JobOptions, LimitsError};
 use animation::{Animation, named_camera};
-use anyhow::Result;
+use anyhow::{Result, ensure};
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -58,6 +59,7 @@ fn render(args: &RenderArgs, registry: &Registry, progress: &mut Progress) -> Re
     let (width, height) = args.size;
     let aspect = width as f32 / height as f32;
     let mut animation = None;
+    let mut watched = Shaders::default();
     let still = |scene: &Scene| {
         let own = match &args.optics.camera {
             Some(name) if !args.optics.is_all() => Some(named_camera(scene, name)?.camera),
@@ -74,7 +76,8 @@ fn render(args: &RenderArgs, registry: &Registry, progress: &mut Progress) -> Re
     let max_jobs = in_flight * PASSES_IN_FLIGHT;
     let mut setup = Setup::new(&args.scene, &args.loading, picture_bytes, &args.units, max_jobs, |scene| {
         outputs.check_files_of(scene)?;
-        let unknown = shaders::apply(scene, &args.scene, &args.surface, &foreign)?;
+        let (found, unknown) = shaders::apply(scene, &args.scene, &args.surface, &foreign)?;
+        watched = found;
         registry.check_settings(&args.integrator, &unknown)?;
         for warning in registry.apply_surfaces(scene, &own)? {
             log::warn!("{warning}");
@@ -98,8 +101,10 @@ fn render(args: &RenderArgs, registry: &Registry, progress: &mut Progress) -> Re
     setup.options = registry.integrator_options(&args.integrator, &scene, &own)?;
     let options = setup.options.clone();
     let indirect_limit = args.sampling.indirect_limit(&args.look);
+    ensure!(!args.watch || !watched.is_empty(), "--watch: no material has a shader; see --surface");
     let params = IntegratorParams { scene, camera, settings, roulette_bounces, indirect_limit, options };
-    registry.run(&args.integrator, params, RenderRequest { args, setup: &setup, animation, camera, progress })
+    let request = RenderRequest { args, setup: &setup, animation, camera, shaders: watched, progress };
+    registry.run(&args.integrator, params, request)
 }
 
 /// Whether scenes of this format name shaders.
@@ -123,19 +128,21 @@ pub struct RenderRequest<'a> {
     setup: &'a Setup,
     animation: Option<Animation<'a>>,
     camera: Camera,
+    shaders: Shaders,
     progress: &'a mut Progress,
 }
 
 impl RenderRequest<'_> {
     /// Renders the picture or the animation.
     pub fn run(self, integrator: impl Integrator) -> Result<Outcome> {
-        let Self { args, setup, animation, camera, progress } = self;
+        let Self { args, setup, animation, camera, shaders, progress } = self;
         let mut integrator = integrator.with_simd(setup.simd).with_aovs(&args.aovs())?;
         if let Some(part) = args.part.part(integrator.frame().settings()) {
             integrator = integrator.with_part(part)?;
         }
         match animation {
             Some(animation) => frames::run(args, setup, &animation, &integrator, progress),
+            None if args.watch => watch::run(args, setup, integrator, shaders, progress),
             None => still::run(args, setup, &camera, integrator, progress),
         }
     }

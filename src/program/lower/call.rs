@@ -3,8 +3,9 @@
 use super::{Frame, Lowerer, Scalar, Value};
 use crate::program::code::Instruction;
 use crate::program::native::Native;
+use crate::program::parameter;
 use crate::program::source::Fault;
-use naga::{AddressSpace, Expression, Function, Handle};
+use naga::{AddressSpace, Expression, Function, Handle, TypeInner};
 use std::rc::Rc;
 
 impl Lowerer<'_> {
@@ -24,10 +25,33 @@ impl Lowerer<'_> {
                 Some(init) => self.global_scalars(init)?,
                 None => self.zeros(&module.types[global.ty].inner).map_err(|fault| fault.at(span))?,
             };
+            let value = match global.name.as_deref() == Some(parameter::VARIABLE) {
+                true => self.with_parameters(&module.types[global.ty], value)?,
+                false => value,
+            };
             let variable = self.declare(value);
             self.globals.insert(handle, variable);
         }
         Ok(())
+    }
+
+    /// The value of the variable of parameters: those that are set replace the defaults.
+    fn with_parameters(&self, ty: &naga::Type, value: Rc<[Scalar]>) -> Result<Rc<[Scalar]>, Fault> {
+        let TypeInner::Struct { members, .. } = &ty.inner else { return Ok(value) };
+        let mut scalars = value.to_vec();
+        let mut at = 0;
+        for member in members {
+            let name = member.name.as_deref().unwrap_or_default();
+            let width = self.width(&self.input.module.types[member.ty].inner)? as usize;
+            for (i, scalar) in scalars[at..at + width].iter_mut().enumerate() {
+                let set = self.input.overrides.get(&format!("{name}.{i}"));
+                if let Some(&word) = set.or_else(|| self.input.overrides.get(name)) {
+                    *scalar = Scalar::Word(word);
+                }
+            }
+            at += width;
+        }
+        Ok(scalars.into())
     }
 
     pub(super) fn zeros(&self, inner: &naga::TypeInner) -> Result<Rc<[Scalar]>, Fault> {

@@ -193,7 +193,7 @@ pub(super) fn lower(input: Input<'_>, function: Handle<Function>) -> Result<(Cod
     let Lowerer { mut code, constants, .. } = lowerer;
     code.constants = constants.into_iter().map(|(word, register)| (register, word)).collect();
     code.constants.sort_unstable();
-    Ok((code.without_dead_instructions().with_few_registers(), outputs))
+    Ok((code.without_dead_instructions().with_pairs().with_few_registers(), outputs))
 }
 
 impl<'m> Lowerer<'m> {

@@ -4,6 +4,7 @@ use super::oracle::{Oracle, Value, Word};
 use crate::lanes::{LaneTask, Lanes, SimdLevel};
 use crate::program::code::Code;
 use crate::program::lower::{Input, lower};
+use crate::program::operation::CHUNK;
 use crate::program::run::{BLOCK, Columns, run};
 use crate::program::source::Source;
 use std::collections::BTreeMap;
@@ -258,6 +259,7 @@ fn test(x: array<f32, 4>, n: array<u32, 3>, k: array<i32, 2>) -> array<f32, 8> {
 struct Running<'a> {
     code: &'a Code,
     columns: &'a Columns,
+    points: usize,
 }
 
 impl LaneTask for Running<'_> {
@@ -265,7 +267,7 @@ impl LaneTask for Running<'_> {
 
     #[inline(always)]
     fn run<L: Lanes>(self, l: L) {
-        run(l, self.code, self.columns, BLOCK).expect("loops end");
+        run(l, self.code, self.columns, self.points).expect("loops end");
     }
 }
 
@@ -322,18 +324,21 @@ fn compare_text(text: &str, seed: u32) -> usize {
             result.expect("a result").words().into_iter().map(Word::bits).collect()
         })
         .collect();
-    for level in SimdLevel::available() {
+    let levels = SimdLevel::available();
+    let blocks = [CHUNK, 2 * CHUNK, 64, BLOCK, 256];
+    for (level, block) in levels.into_iter().zip((seed as usize..).map(|i| blocks[i % blocks.len()])) {
+        let points = &points[..block.min(BLOCK)];
         let mut columns = Columns::default();
-        columns.prepare(&code, 1);
+        columns.prepare(&code, 1, block);
         for &(scalar, register) in &code.inputs {
-            for (cell, words) in columns.column(register, BLOCK).iter().zip(&points) {
+            for (cell, words) in columns.column(register, block).iter().zip(points) {
                 cell.set(words[scalar as usize].bits());
             }
         }
-        level.run(Running { code: &code, columns: &columns });
-        for (point, expected) in expected.iter().enumerate() {
+        level.run(Running { code: &code, columns: &columns, points: points.len() });
+        for (point, expected) in expected.iter().take(points.len()).enumerate() {
             for (output, &wanted) in code.outputs.iter().zip(expected) {
-                let found = columns.column(*output, BLOCK)[point].get();
+                let found = columns.operand(*output, block).at(point);
                 assert!(
                     same(found, wanted),
                     "{level}, seed {seed}, point {point} {:?}: {} instead of {}\n{text}",

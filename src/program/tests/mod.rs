@@ -1,5 +1,6 @@
 //! Tests of programs.
 
+mod fuzz;
 mod generated;
 mod oracle;
 mod patterns;

@@ -15,5 +15,7 @@ mod ray_shader;
 mod recursion;
 mod scattering;
 mod scenes;
+#[cfg(feature = "wgsl")]
+mod shaders;
 mod single_ray;
 mod whitted;

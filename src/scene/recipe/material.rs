@@ -4,7 +4,7 @@ use super::unique::unique;
 use super::within;
 use crate::scene::{
     Alpha, Anisotropy, Coat, Coats, Colour, Emission, Iridescence, Material, Medium, Principled, Scalar,
-    Sheen, Surface, SurfaceRequest, TextureRef, option_texts,
+    Sheen, Surface, SurfaceName, SurfaceRequest, TextureRef, option_texts,
 };
 use glam::Vec3;
 use serde::Deserialize;
@@ -55,8 +55,9 @@ pub struct MaterialRecipe {
     pub mirror: bool,
     /// Radiance that the front emits.
     pub emission: Option<Vec3>,
-    /// Name of a surface of user code, which replaces this one in programs that have it.
-    pub surface: Option<String>,
+    /// A surface of user code, which replaces this one in programs that have it: its name, or `{ "shader":
+    /// "wood.wgsl", "rings": 12 }`, a shader's file beside the scene with its parameters.
+    pub surface: Option<SurfaceName>,
     /// Options of that surface.
     #[serde(default, deserialize_with = "unique")]
     pub options: BTreeMap<String, Value>,
@@ -130,7 +131,7 @@ impl MaterialRecipe {
     pub(super) fn request(&self, number: u32) -> Result<Option<SurfaceRequest>, String> {
         let options = option_texts(&self.options)?;
         match &self.surface {
-            Some(surface) => Ok(Some(SurfaceRequest { material: number, surface: surface.clone(), options })),
+            Some(surface) => surface.request(number, options).map(Some),
             None if options.is_empty() => Ok(None),
             None => Err("it has options but no surface that they are for".into()),
         }

@@ -306,6 +306,10 @@ mod tests {
         let options = [("kind", "oak"), ("rings", "12"), ("tint", "1,0.5,0")];
         assert_eq!((request.material, &*request.surface), (0, "wood"));
         assert_eq!(request.options, options.map(|(key, value)| (key.to_owned(), value.to_owned())).into());
+        let shader = r#", "surface": { "shader": "wood.wgsl", "rings": 12, "tint": [1, 0.5, 0] }"#;
+        let scene = recipe(shader).expect("valid");
+        let [request] = &scene.surface_requests[..] else { panic!("one request") };
+        assert_eq!((&*request.surface, &*request.options["tint"]), ("wood.wgsl", "1,0.5,0"));
         assert!(recipe("").expect("valid").surface_requests.is_empty());
         let told = |rest| recipe(rest).expect_err("invalid").to_string();
         assert!(told(r#", "options": { "rings": 12 }"#).contains("no surface"));

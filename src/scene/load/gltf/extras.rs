@@ -1,7 +1,7 @@
 //! What the `extras` of a glTF file say to raystream.
 
 use super::super::warnings::Warnings;
-use crate::scene::{SurfaceRequest, option_texts};
+use crate::scene::{SurfaceName, SurfaceRequest, option_texts};
 use ::gltf::Material as Source;
 use serde::Deserialize;
 use serde_json::Value;
@@ -13,11 +13,11 @@ struct MaterialExtras {
     raystream: Option<Request>,
 }
 
-/// `{ "surface": "wood", "options": { "rings": 12 } }`
+/// `{ "surface": "wood", "options": { "rings": 12 } }`, or `{ "surface": { "shader": "wood.wgsl", "rings": 12 } }`.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Request {
-    surface: String,
+    surface: SurfaceName,
     #[serde(default)]
     options: BTreeMap<String, Value>,
 }
@@ -37,7 +37,7 @@ pub(super) fn surface_request(
     let request = serde_json::from_str::<MaterialExtras>(text).map_err(|error| error.to_string());
     let request = request.and_then(|extras| {
         let Some(Request { surface, options }) = extras.raystream else { return Ok(None) };
-        Ok(Some(SurfaceRequest { material: number, surface, options: option_texts(&options)? }))
+        surface.request(number, option_texts(&options)?).map(Some)
     });
     request.unwrap_or_else(|error| {
         let name = material.name().unwrap_or("without a name");

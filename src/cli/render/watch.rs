@@ -1,0 +1,107 @@
+//! `render --watch`: shaders that are edited while the picture is rendered.
+
+use super::submit;
+use crate::cli::Outcome;
+use crate::cli::args::RenderArgs;
+use crate::cli::interrupt;
+use crate::cli::progress::Progress;
+use crate::cli::setup::Setup;
+use crate::cli::shaders::Shaders;
+use crate::film::{Picture, write_picture};
+use crate::render::{Integrator, PassOptions, Progressive};
+use crate::scene::Scene;
+use anyhow::{Context, Result};
+use std::path::Path;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// How often files are looked at.
+const LOOK_INTERVAL: Duration = Duration::from_millis(20);
+
+/// Time of a pass: a change is seen in a picture soon.
+const PASS_TIME: Duration = Duration::from_millis(200);
+
+/// Renders until Ctrl-C. When a shader's file changes, the picture begins anew with the new shader; an error is told,
+/// and the picture goes on with the last good one. The picture's file is written after the first pass of each shader,
+/// then at the interval of `--save-every`.
+pub fn run<I: Integrator>(
+    args: &RenderArgs,
+    setup: &Setup,
+    mut integrator: I,
+    mut shaders: Shaders,
+    progress: &mut Progress,
+) -> Result<Outcome> {
+    let path = args.picture_path().context("--watch needs -o, the picture that it keeps up to date")?;
+    interrupt::listen();
+    let mut scene = setup.prepared.scene.clone();
+    loop {
+        let next = integrator.with_scene(&scene);
+        let watching = Watching { args, setup, path, shaders: &mut shaders };
+        match watching.render(integrator, &scene, progress)? {
+            None => return Ok(Outcome::Done),
+            Some(changed) => {
+                scene = Arc::new(changed);
+                integrator = next.with_scene(&scene);
+            }
+        }
+    }
+}
+
+struct Watching<'a> {
+    args: &'a RenderArgs,
+    setup: &'a Setup,
+    path: &'a Path,
+    shaders: &'a mut Shaders,
+}
+
+impl Watching<'_> {
+    /// Renders until Ctrl-C, or until a shader changes: then returns the new scene.
+    fn render<I: Integrator>(
+        self,
+        integrator: I,
+        scene: &Scene,
+        progress: &mut Progress,
+    ) -> Result<Option<Scene>> {
+        let Self { args, setup, path, shaders } = self;
+        let name = path.display().to_string();
+        let interval = args.progress.interval().unwrap_or(Duration::from_secs(2));
+        let tiles = integrator.frame().tiles();
+        let mut frame = Progressive::new(integrator, PassOptions { noise: None, pass_time: Some(PASS_TIME) });
+        progress.begin(tiles, 0, None);
+        let (started, mut saved) = (Instant::now(), None::<Instant>);
+        let mut is_complete = false;
+        loop {
+            if interrupt::requested() {
+                write(args, path, &frame.develop())?;
+                return Ok(None);
+            }
+            if let Some(changed) = shaders.changed(scene) {
+                return Ok(Some(changed));
+            }
+            if is_complete {
+                std::thread::sleep(LOOK_INTERVAL);
+                continue;
+            }
+            frame.begin(|pass| submit(setup, args, pass, &name))?;
+            if !frame.wait_for(LOOK_INTERVAL) {
+                progress.show(frame.progress());
+                continue;
+            }
+            match frame.finish_pass().context("the frame failed")? {
+                Some(report) => progress.finish_job(report.tiles_spawned, report.rays.total()),
+                None => is_complete = true,
+            }
+            if saved.is_none() {
+                log::info!("the first pass took {:.0} ms", started.elapsed().as_secs_f64() * 1e3);
+            }
+            if is_complete || saved.is_none_or(|time| time.elapsed() >= interval) {
+                write(args, path, &frame.develop())?;
+                saved = Some(Instant::now());
+            }
+        }
+    }
+}
+
+fn write(args: &RenderArgs, path: &Path, picture: &Picture) -> Result<()> {
+    Ok(write_picture(path, picture, &args.look.look(), &args.picture.options())?)
+}

@@ -1,0 +1,192 @@
+//! BSDFs in WGSL.
+
+use super::kernel::{Kernel, PointInputs, Signature, read_lanes, write_lanes};
+use super::loaded::Loaded;
+use super::operation::CHUNK;
+use super::parameter::Parameter;
+use super::run::Columns;
+use super::source::ShaderError;
+use crate::lanes::{Lanes, Num, Vector};
+use crate::scene::{Points, Scattered, Scattering};
+use std::fmt;
+
+const PREPARE: Signature = Signature {
+    name: "prepare",
+    arguments: &["Point"],
+    result: "State",
+    text: "fn prepare(at: Point) -> State",
+};
+const EVALUATE: Signature = Signature {
+    name: "evaluate",
+    arguments: &["State", "vec3f", "vec3f"],
+    result: "Lobe",
+    text: "fn evaluate(s: State, wo: vec3f, wi: vec3f) -> Lobe",
+};
+const SAMPLE: Signature = Signature {
+    name: "sample",
+    arguments: &["State", "vec3f", "f32", "vec2f"],
+    result: "Scattered",
+    text: "fn sample(s: State, wo: vec3f, u: f32, u2: vec2f) -> Scattered",
+};
+
+/// Functions by which a file is told to be a BSDF.
+pub(super) const FUNCTIONS: [&str; 2] = [EVALUATE.name, SAMPLE.name];
+
+/// A BSDF in WGSL. It is a [`Scattering`] surface like those in Rust, and every integrator supports it.
+///
+/// The file defines a `struct State` of what depends on the point alone, and three functions. Directions are those of
+/// [`Scattering`]: unit vectors in the shading basis, away from the surface, with the normal along z.
+///
+/// ```
+/// use raystream::program::BsdfShader;
+/// use raystream::scene::{Material, ScatteringSurface, Scene};
+///
+/// let shader = BsdfShader::load(
+///     "plaster.wgsl",
+///     "override albedo: f32 = 0.8;
+///      struct State { colour: vec3f }
+///      fn prepare(at: Point) -> State { return State(vec3f(albedo)); }
+///      fn evaluate(s: State, wo: vec3f, wi: vec3f) -> Lobe {
+///          let pdf = cosine_hemisphere_pdf(wi.z);
+///          return Lobe(s.colour * pdf, pdf);
+///      }
+///      fn sample(s: State, wo: vec3f, u: f32, u2: vec2f) -> Scattered {
+///          let wi = cosine_hemisphere(u2);
+///          return scattered(wi, evaluate(s, wo, wi));
+///      }",
+///     [("albedo", "0.5")],
+/// )?;
+/// let mut scene = Scene::default();
+/// scene.materials = vec![Material::matte("wall", glam::Vec3::ONE)];
+/// scene.replace_surface("wall", ScatteringSurface::new(shader)).expect("there is a wall");
+/// # Ok::<(), raystream::program::ShaderError>(())
+/// ```
+///
+/// With `const transmits = true;` light also comes from below, from directions with `wi.z < 0`.
+pub struct BsdfShader {
+    file: String,
+    hash: u64,
+    parameters: Vec<Parameter>,
+    prepare: Kernel,
+    evaluate: Kernel,
+    sample: Kernel,
+    inputs: PointInputs,
+    transmits: bool,
+}
+
+impl fmt::Debug for BsdfShader {
+    // The fingerprint of a scene contains this text. The file's name does not change the picture.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("BsdfShader")
+            .field("hash", &format_args!("{:016x}", self.hash))
+            .finish_non_exhaustive()
+    }
+}
+
+impl BsdfShader {
+    /// Loads a BSDF from the text of a file, whose name messages show, with values of its parameters.
+    ///
+    /// # Errors
+    /// When the text is no valid WGSL, lacks a function, uses what shaders lack, or a parameter is unknown or has no
+    /// valid value. The message shows the place, or the right signature.
+    pub fn load<'a>(
+        file: &str,
+        text: &str,
+        values: impl IntoIterator<Item = (&'a str, &'a str)>,
+    ) -> Result<Self, ShaderError> {
+        Self::of(file, Loaded::new(file, text, values, true)?)
+    }
+
+    pub(super) fn of(file: &str, loaded: Loaded) -> Result<Self, ShaderError> {
+        let (prepare, _) = loaded.kernel(&PREPARE)?;
+        let (evaluate, _) = loaded.kernel(&EVALUATE)?;
+        let (sample, _) = loaded.kernel(&SAMPLE)?;
+        Ok(Self {
+            file: file.into(),
+            hash: loaded.hash(),
+            inputs: prepare.inputs(),
+            transmits: loaded.constant("transmits").is_some_and(|(truth, _)| truth != 0.0),
+            parameters: loaded.parameters,
+            prepare,
+            evaluate,
+            sample,
+        })
+    }
+
+    /// The parameters, in the order of the file.
+    pub fn parameters(&self) -> &[Parameter] {
+        &self.parameters
+    }
+
+    /// Number of operations of `prepare`, `evaluate` and `sample`, loops counted once.
+    pub fn operations(&self) -> [usize; 3] {
+        [&self.prepare, &self.evaluate, &self.sample].map(|kernel| kernel.code.instructions.len())
+    }
+
+    /// Runs `prepare` at the points.
+    #[inline(always)]
+    fn state<L: Lanes>(&self, at: &Points<'_, L>) -> Columns {
+        let columns = self.prepare.columns(CHUNK);
+        at.write_to(self.inputs.wanted, &mut self.inputs.sink(&columns));
+        self.prepare.run(at.lanes(), &self.file, &columns, L::LANES);
+        columns
+    }
+
+    /// Runs a function whose arguments are the state and numbers.
+    #[inline(always)]
+    fn call<L: Lanes, const N: usize>(
+        &self,
+        at: &Points<'_, L>,
+        kernel: &Kernel,
+        arguments: [Num<L>; 6],
+    ) -> [Num<L>; N] {
+        let l = at.lanes();
+        let state = self.state(at);
+        let columns = kernel.columns(CHUNK);
+        let of_state = &self.prepare.code.outputs;
+        for &(scalar, register) in &kernel.code.inputs {
+            let to = columns.column(register, CHUNK);
+            match of_state.get(scalar as usize) {
+                Some(&from) => {
+                    let from = state.operand(from, CHUNK);
+                    to.iter().zip(from.some(0, CHUNK)).for_each(|(to, from)| to.set(from.get()));
+                }
+                None => write_lanes(to, arguments[scalar as usize - of_state.len()]),
+            }
+        }
+        kernel.run(l, &self.file, &columns, L::LANES);
+        let mut results = [Num::zero(l); N];
+        for (result, &register) in results.iter_mut().zip(&kernel.code.outputs) {
+            *result = read_lanes(l, &columns, register);
+        }
+        kernel.keep(columns, CHUNK);
+        self.prepare.keep(state, CHUNK);
+        results
+    }
+}
+
+impl Scattering for BsdfShader {
+    #[inline(always)]
+    fn evaluate<L: Lanes>(&self, at: &Points<L>, wo: Vector<L>, wi: Vector<L>) -> (Vector<L>, Num<L>) {
+        let arguments = [wo.x, wo.y, wo.z, wi.x, wi.y, wi.z];
+        let [r, g, b, pdf] = self.call(at, &self.evaluate, arguments);
+        (Vector::new(r, g, b), pdf)
+    }
+
+    #[inline(always)]
+    fn sample<L: Lanes>(
+        &self,
+        at: &Points<L>,
+        wo: Vector<L>,
+        u: Num<L>,
+        [x, y]: [Num<L>; 2],
+    ) -> Scattered<L> {
+        let arguments = [wo.x, wo.y, wo.z, u, x, y];
+        let [x, y, z, r, g, b, pdf] = self.call(at, &self.sample, arguments);
+        Scattered { wi: Vector::new(x, y, z), weight: Vector::new(r, g, b), pdf }
+    }
+
+    fn transmits(&self) -> bool {
+        self.transmits
+    }
+}

@@ -1,0 +1,98 @@
+//! What all kinds of shaders have in common: a file, its parameters, and a hash.
+
+use super::kernel::{Kernel, Signature};
+use super::lower::{Input, Output, lower};
+use super::parameter::{Parameter, parameters, words};
+use super::prelude::prelude;
+use super::source::{Fault, ShaderError, Source};
+use naga::{Expression, Literal, Span};
+use std::collections::BTreeMap;
+use xxhash_rust::xxh3::xxh3_64;
+
+/// A valid file with values of its parameters.
+#[derive(Debug)]
+pub(super) struct Loaded {
+    pub source: Source,
+    pub parameters: Vec<Parameter>,
+    overrides: BTreeMap<String, u32>,
+    /// Whether functions of the prelude become native.
+    natives: bool,
+}
+
+impl Loaded {
+    /// Parses a file's text and sets parameters.
+    ///
+    /// # Errors
+    /// When the text is no valid WGSL, or a parameter is unknown or has no valid value.
+    pub fn new<'a>(
+        file: &str,
+        text: &str,
+        values: impl IntoIterator<Item = (&'a str, &'a str)>,
+        natives: bool,
+    ) -> Result<Self, ShaderError> {
+        let source = Source::parse(file, text, &prelude())?;
+        let parameters = parameters(&source);
+        let overrides = words(&parameters, values).map_err(|fault| source.error(&fault))?;
+        Ok(Self { source, parameters, overrides, natives })
+    }
+
+    /// Parses a file's text. Parameters without a default count as 1.
+    ///
+    /// # Errors
+    /// When the text is no valid WGSL.
+    pub fn with_ones(file: &str, text: &str) -> Result<Self, ShaderError> {
+        let mut loaded = Self::new(file, text, [], true)?;
+        let needed = loaded.parameters.iter().filter(|parameter| !parameter.has_default);
+        let one = |kind: &str| match kind {
+            "f32" => 1.0f32.to_bits(),
+            "bool" => u32::MAX,
+            _ => 1,
+        };
+        let ones = needed.map(|parameter| (parameter.name.clone(), one(parameter.kind))).collect();
+        loaded.overrides = ones;
+        Ok(loaded)
+    }
+
+    /// Lowers a function.
+    ///
+    /// # Errors
+    /// When there is no such function, or it uses what shaders lack.
+    pub fn kernel(&self, signature: &Signature) -> Result<(Kernel, Vec<Output>), ShaderError> {
+        let function = signature.find(&self.source).map_err(|fault| self.error(&fault))?;
+        let Source { module, info, text, .. } = &self.source;
+        let input = Input { module, info, overrides: &self.overrides, natives: self.natives, source: text };
+        let (code, outputs) = lower(input, function).map_err(|fault| self.error(&fault))?;
+        Ok((Kernel::new(code), outputs))
+    }
+
+    /// Whether the file has a function of this name.
+    pub fn has(&self, function: &str) -> bool {
+        self.source.module.functions.iter().any(|(_, other)| other.name.as_deref() == Some(function))
+    }
+
+    pub fn error(&self, fault: &Fault) -> ShaderError {
+        self.source.error(fault)
+    }
+
+    /// Hash of the source, the prelude and the parameters.
+    pub fn hash(&self) -> u64 {
+        xxh3_64(format!("{}\0{:?}", self.source.text, self.overrides).as_bytes())
+    }
+
+    /// A number or a truth value (1 or 0) that the file defines as a constant, and where.
+    pub fn constant(&self, name: &str) -> Option<(f32, Span)> {
+        let module = &self.source.module;
+        let (handle, constant) =
+            module.constants.iter().find(|(_, constant)| constant.name.as_deref() == Some(name))?;
+        let number = match module.global_expressions[constant.init] {
+            Expression::Literal(Literal::F32(x)) => x,
+            Expression::Literal(Literal::AbstractFloat(x)) => x as f32,
+            Expression::Literal(Literal::I32(x)) => x as f32,
+            Expression::Literal(Literal::U32(x)) => x as f32,
+            Expression::Literal(Literal::AbstractInt(x)) => x as f32,
+            Expression::Literal(Literal::Bool(truth)) => f32::from(truth),
+            _ => f32::NAN,
+        };
+        Some((number, module.constants.get_span(handle)))
+    }
+}

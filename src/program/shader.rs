@@ -1,0 +1,86 @@
+//! Shaders of surfaces, of whatever kind a file defines.
+
+use super::bsdf::{self, BsdfShader};
+use super::loaded::Loaded;
+use super::parameter::Parameter;
+use super::source::ShaderError;
+use super::surface::PatternShader;
+use crate::scene::{CodedSurface, ProceduralSurface, ScatteringSurface};
+
+/// A shader of a surface: a pattern, or a BSDF if the file defines `evaluate` or `sample`.
+#[derive(Debug)]
+#[non_exhaustive]
+#[allow(clippy::large_enum_variant, reason = "few exist")]
+pub enum SurfaceShader {
+    /// `fn pattern(at: Point) -> Finish`
+    Pattern(PatternShader),
+    /// `prepare`, `evaluate` and `sample`.
+    Bsdf(BsdfShader),
+}
+
+impl SurfaceShader {
+    /// Loads a shader from the text of a file, whose name messages show, with values of its parameters.
+    ///
+    /// # Errors
+    /// Those of [`PatternShader::load`] and [`BsdfShader::load`].
+    pub fn load<'a>(
+        file: &str,
+        text: &str,
+        values: impl IntoIterator<Item = (&'a str, &'a str)>,
+    ) -> Result<Self, ShaderError> {
+        Self::of(file, Loaded::new(file, text, values, true)?)
+    }
+
+    /// Loads a shader to see whether it can be loaded. Parameters without a default count as 1.
+    ///
+    /// # Errors
+    /// Those of [`SurfaceShader::load`].
+    pub fn check(file: &str, text: &str) -> Result<Self, ShaderError> {
+        Self::of(file, Loaded::with_ones(file, text)?)
+    }
+
+    fn of(file: &str, loaded: Loaded) -> Result<Self, ShaderError> {
+        if bsdf::FUNCTIONS.iter().any(|function| loaded.has(function)) {
+            return BsdfShader::of(file, loaded).map(Self::Bsdf);
+        }
+        PatternShader::of(file, loaded).map(Self::Pattern)
+    }
+
+    /// The parameters of a file's text.
+    ///
+    /// # Errors
+    /// When the text is no valid WGSL.
+    pub fn parameters_of(file: &str, text: &str) -> Result<Vec<Parameter>, ShaderError> {
+        Ok(Loaded::new(file, text, [], true)?.parameters)
+    }
+
+    /// The parameters, in the order of the file.
+    pub fn parameters(&self) -> &[Parameter] {
+        match self {
+            Self::Pattern(pattern) => pattern.parameters(),
+            Self::Bsdf(bsdf) => bsdf.parameters(),
+        }
+    }
+
+    /// What the shader is, for people: its kind and its numbers of operations.
+    pub fn description(&self) -> String {
+        match self {
+            Self::Pattern(pattern) => format!("a pattern of {} operations", pattern.operations()),
+            Self::Bsdf(bsdf) => {
+                let [prepare, evaluate, sample] = bsdf.operations();
+                format!(
+                    "a BSDF of {prepare} (prepare), {evaluate} (evaluate) and {sample} (sample) operations"
+                )
+            }
+        }
+    }
+}
+
+impl From<SurfaceShader> for CodedSurface {
+    fn from(shader: SurfaceShader) -> Self {
+        match shader {
+            SurfaceShader::Pattern(pattern) => ProceduralSurface::new(pattern).into(),
+            SurfaceShader::Bsdf(bsdf) => ScatteringSurface::new(bsdf).into(),
+        }
+    }
+}
