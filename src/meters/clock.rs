@@ -4,8 +4,10 @@ use std::fs::read_to_string;
 use std::path::{Path, PathBuf};
 
 /// The source of the clock frequencies.
+#[derive(Debug)]
 pub struct Clock(Source);
 
+#[derive(Debug)]
 enum Source {
     /// One file for each core, in kHz.
     Cpufreq(Vec<PathBuf>),
