@@ -89,7 +89,7 @@ impl Shaders {
                 Ok(shader) => {
                     let new = changed.get_or_insert_with(|| scene.clone());
                     let surface = new.add_surface(shader);
-                    materials.iter().for_each(|&number| new.materials[number].surface = surface.clone());
+                    materials.iter().for_each(|&number| new.materials[number].surface = surface);
                     log::info!("{}: loaded anew", file.display());
                 }
                 Err(error) => log::warn!("{error:#}\nthe picture keeps the last good shader"),

@@ -230,10 +230,7 @@ impl LaneTask for Shading<'_, '_> {
                         Some(material) => {
                             let next = (i + 1) * L::LANES;
                             prefetch_hits(&scene.mesh, self.batch.hits, of_part, next, L::LANES);
-                            let staged = match &mut stage {
-                                Some(stage) => Some(stage.reach(l, of_part, i * L::LANES, &self)),
-                                None => None,
-                            };
+                            let staged = Stage::reach(&mut stage, l, of_part, i * L::LANES, &self);
                             self.hit(material, dispersed, staged, ids, lanes);
                         }
                     }

@@ -138,10 +138,7 @@ impl LaneTask for Shading<'_, '_> {
                 let goes_on = match run.material {
                     None => self.miss(ids, lanes),
                     Some(material) => {
-                        let staged = match &mut stage {
-                            Some(stage) => Some(stage.reach(l, run.rays, i * L::LANES, &self)),
-                            None => None,
-                        };
+                        let staged = Stage::reach(&mut stage, l, run.rays, i * L::LANES, &self);
                         self.hit(material, staged, ids, lanes)
                     }
                 };

@@ -46,21 +46,23 @@ impl<'s> Stage<'s> {
         Some(Self { scene, material, surface, columns, begin: 0, end: 0 })
     }
 
-    /// The finishes of the rays of a run from index `at` on, one in each lane. `at` grows from call to call.
+    /// The finishes of the rays of a run from index `at` on, one in each lane, if there is a stage. `at` grows from call
+    /// to call.
     #[cfg_attr(not(unoptimised), inline(always))]
-    pub fn reach<L: Lanes>(
-        &mut self,
+    pub fn reach<'a, L: Lanes>(
+        stage: &'a mut Option<Self>,
         l: L,
         rays: &[u32],
         at: usize,
         source: &impl HitSource,
-    ) -> StagedFinish<'_> {
-        if at >= self.end {
-            self.begin = at;
-            self.end = rays.len().min(at + self.surface.block());
-            l.outlined(Filling { stage: self, rays: &rays[at..], source });
+    ) -> Option<StagedFinish<'a>> {
+        let stage = stage.as_mut()?;
+        if at >= stage.end {
+            stage.begin = at;
+            stage.end = rays.len().min(at + stage.surface.block());
+            l.outlined(Filling { stage, rays: &rays[at..], source });
         }
-        StagedFinish { columns: &self.columns.finishes, at: at - self.begin }
+        Some(StagedFinish { columns: &stage.columns.finishes, at: at - stage.begin })
     }
 }
 

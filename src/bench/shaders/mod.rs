@@ -171,7 +171,7 @@ impl Bench<'_> {
         let mut scene = Scene::clone(&self.prepared.scene);
         let surface = scene.add_surface(surface);
         for material in scene.materials.iter_mut().filter(|material| material.emission.is_none()) {
-            (material.surface, material.normal_map) = (surface.clone(), None);
+            (material.surface, material.normal_map) = (surface, None);
         }
         Arc::new(scene)
     }
