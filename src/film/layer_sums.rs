@@ -166,8 +166,11 @@ impl Film {
             let end = start + pixels[start..].iter().take_while(|&&other| other == pixel).count();
             let _stripe: Stripe<'_> = self.lock(pixel);
             let sums = &layers.sums[pixel as usize * columns.len()..][..columns.len()];
+            // Of a fixed length: in lanes.
+            let mut mask = [0; N];
+            mask[start..end].fill(-1);
             for (sum, column) in sums.iter().zip(columns) {
-                let more: i64 = column[start..end].iter().sum();
+                let more: i64 = column.iter().zip(&mask).map(|(number, mask)| number & mask).sum();
                 sum.store(sum.load(Relaxed) + more, Relaxed);
             }
             if layers.plan.hits {

@@ -20,9 +20,10 @@ thread_local! {
     static SPARE: Cell<FirstHits> = const { Cell::new(FirstHits::NONE) };
 }
 
-/// Camera rays that have hit something.
+/// Camera rays of a batch, and their pixels and samples.
 #[derive(Debug)]
 struct FirstHits {
+    /// Empty if all rays of the batch are camera rays.
     rays: Vec<Ray>,
     hits: Vec<Hit>,
     samples: Vec<[u32; 2]>,
@@ -30,6 +31,22 @@ struct FirstHits {
 
 impl FirstHits {
     const NONE: Self = Self { rays: Vec::new(), hits: Vec::new(), samples: Vec::new() };
+
+    /// Fills `samples` if all rays of the batch are samples of the picture; returns whether they are.
+    fn fill_if_all<P>(&mut self, payloads: &[P], sample_of: impl Fn(&P) -> Option<CameraSample>) -> bool {
+        for payload in payloads {
+            match sample_of(payload) {
+                Some(CameraSample { pixel, sample }) if sample != CameraSample::CENTRE => {
+                    self.samples.push([pixel, sample]);
+                }
+                _ => {
+                    self.samples.clear();
+                    return false;
+                }
+            }
+        }
+        true
+    }
 
     fn clear(&mut self) {
         self.rays.clear();
@@ -94,6 +111,13 @@ impl Frame {
             (layers.aovs.is_transparent(), plan.hits || !plan.coverage.is_empty());
         let (mut first, mut left_out) = (SPARE.take(), Vec::new());
         first.clear();
+        if !transparent && wants_hits && first.fill_if_all(batch.payloads, &sample_of) {
+            // Misses among them are passed over while sorting.
+            let first_hits = Batch { rays: batch.rays, hits: batch.hits, payloads: &first.samples };
+            self.simd().run(AddHits { frame: self, layers, plan, first: first_hits, passes });
+            SPARE.set(first);
+            return None;
+        }
         for (i, payload) in batch.payloads.iter().enumerate() {
             let Some(CameraSample { pixel, sample }) = sample_of(payload) else { continue };
             let hit = batch.hits[i];
@@ -111,7 +135,8 @@ impl Frame {
             }
         }
         if !first.rays.is_empty() {
-            self.simd().run(AddHits { frame: self, layers, plan, first: &first, passes });
+            let first_hits = Batch { rays: &first.rays, hits: &first.hits, payloads: &first.samples };
+            self.simd().run(AddHits { frame: self, layers, plan, first: first_hits, passes });
         }
         SPARE.set(first);
         (!left_out.is_empty()).then(|| GivenRays::without(batch, &left_out))
@@ -128,7 +153,8 @@ struct AddHits<'a> {
     frame: &'a Frame,
     layers: &'a FrameLayers,
     plan: &'a LayerPlan,
-    first: &'a FirstHits,
+    /// Camera rays with their pixels and samples.
+    first: Batch<'a, [u32; 2]>,
     passes: bool,
 }
 
@@ -138,7 +164,7 @@ impl LaneTask for AddHits<'_> {
     #[cfg_attr(not(unoptimised), inline(always))]
     fn run<L: Lanes>(self, l: L) {
         let scene = self.frame.scene();
-        for run in sort(l, &self.first.hits, scene).runs() {
+        for run in sort(l, self.first.hits, scene).runs() {
             let Some(material) = run.material else { continue };
             for rays in run.rays.chunks(L::LANES) {
                 // Lanes that are left over repeat the first ray and are masked out.
@@ -152,13 +178,12 @@ impl LaneTask for AddHits<'_> {
 impl AddHits<'_> {
     #[cfg_attr(not(unoptimised), inline(always))]
     fn add<L: Lanes>(&self, number: u32, ids: Int<L>, lanes: Mask<L>) {
-        let Self { frame, first, .. } = *self;
+        let Self { frame, first: batch, .. } = self;
         let scene = frame.scene();
         let material = &scene.materials[number as usize];
-        let batch = Batch { rays: &first.rays, hits: &first.hits, payloads: &first.samples };
         let [pixel, sample] = ids.rows(batch.payloads.as_flattened());
-        let (_, direction) = rays_of(&batch, ids);
-        let hits = hits_of(&batch, ids);
+        let (_, direction) = rays_of(batch, ids);
+        let hits = hits_of(batch, ids);
         let Cone { width, spread } = frame.cone();
         let width = hits.t * spread.get() + Num::splat(ids.lanes(), width.get());
         let at = Interaction::new(scene, material, direction, &hits, width);
