@@ -8,7 +8,6 @@ use raystream::geom::{Basis, Sampler, warp};
 use raystream::query::{Mesh, Ray};
 use raystream::scene::{Shared, load};
 use std::io::{BufWriter, Write};
-use std::path::Path;
 
 /// Directions for each vertex.
 const DIRECTIONS: u32 = 64;
@@ -53,7 +52,7 @@ fn openness(mesh: &Mesh, positions: &[Vec3], normals: &[Vec3], reach: f32) -> Ve
 fn main() -> Result<()> {
     let (positions, triangles) = match std::env::args().nth(1) {
         Some(scene) => {
-            let mesh = Shared::into_inner(load::load(Path::new(&scene))?.mesh);
+            let mesh = Shared::into_inner(load::load(&scene)?.mesh);
             (mesh.positions, mesh.triangles)
         }
         None => meshes::terrain(256),

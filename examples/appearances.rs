@@ -12,7 +12,6 @@ use raystream::scene::{
     AlphaMode, Camera, Colour, Emission, Environment, EnvironmentMap, Light, LightShape, Material, Scene,
     load,
 };
-use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -57,7 +56,7 @@ fn milliseconds<T>(mut work: impl FnMut() -> Result<T>) -> Result<Spread> {
 
 fn main() -> Result<()> {
     let scene = std::env::args().nth(1).unwrap_or_else(|| "scenes/showcase.json".into());
-    let scene = Arc::new(load::load(Path::new(&scene))?);
+    let scene = Arc::new(load::load(&scene)?);
     let units = Units::cpu();
     let settings = Settings::new(1280, 720).with_spp(16).with_max_bounces(8);
     let camera = scene.camera.unwrap_or_else(|| Camera::framing(&scene.bounds(), 16.0 / 9.0));

@@ -70,7 +70,7 @@ fn compare(folder: &Path, reference: &Reference, service: &Service) -> Result<bo
     let values: Vec<f32> = npy.into_vec()?;
     let wanted = blocks(bytemuck::cast_slice(&values));
 
-    let mut scene = load::load(&file("obj"))?;
+    let mut scene = load::load(file("obj"))?;
     // The reference's lamp shines on its front alone; a back that shines would light the ceiling above it.
     for emission in scene.materials.iter_mut().filter_map(|material| material.emission.as_mut()) {
         emission.two_sided = false;

@@ -7,7 +7,6 @@ use raystream::bench::meshes;
 use raystream::query::{Mesh, Ray};
 use raystream::scene::{Shared, load};
 use std::io::{BufWriter, Write};
-use std::path::Path;
 
 /// A scanner that turns once around the vertical.
 struct Scanner {
@@ -67,7 +66,7 @@ fn main() -> Result<()> {
     let mut arguments = std::env::args().skip(1);
     let (positions, triangles) = match arguments.next() {
         Some(scene) => {
-            let mesh = Shared::into_inner(load::load(Path::new(&scene))?.mesh);
+            let mesh = Shared::into_inner(load::load(&scene)?.mesh);
             (mesh.positions, mesh.triangles)
         }
         None => meshes::terrain(512),

@@ -13,7 +13,6 @@ use raystream::scene::recipe::Recipe;
 use raystream::scene::{Light, LightShape, Points, Scattered, Scattering, ScatteringSurface, Scene, Surface};
 use raystream::schedule::{JobOptions, Service, ServiceOptions};
 use std::f32::consts::PI;
-use std::path::Path;
 use std::sync::Arc;
 
 /// Dust in a thick layer. Each grain scatters light evenly and once (Lommel and Seeliger's law).
@@ -94,7 +93,7 @@ fn main() -> Result<()> {
     let spp = arguments.next().map_or(Ok(64), |n| n.parse()).context("SPP is a number")?;
     let (width, height) = size.split_once('x').context("the size is WIDTHxHEIGHT")?;
     let settings = Settings::new(width.parse()?, height.parse()?).with_spp(spp).with_max_bounces(2);
-    write_image(Path::new(&output), &render(moons(256)?, settings)?, &Look::default())?;
+    write_image(&output, &render(moons(256)?, settings)?, &Look::default())?;
     println!("{output}");
     Ok(())
 }

@@ -16,7 +16,6 @@ use raystream::scene::{
     TextureRef,
 };
 use raystream::schedule::{JobOptions, Service, ServiceOptions};
-use std::path::Path;
 use std::sync::Arc;
 
 /// A wave of period 1 between −1 and 1.
@@ -220,7 +219,7 @@ fn main() -> Result<()> {
     let spp = arguments.next().map_or(Ok(64), |n| n.parse()).context("SPP is a number")?;
     let (width, height) = size.split_once('x').context("the size is WIDTHxHEIGHT")?;
     let settings = Settings::new(width.parse()?, height.parse()?).with_spp(spp).with_max_bounces(6);
-    write_image(Path::new(&output), &render(scene()?, settings)?, &Look::default())?;
+    write_image(&output, &render(scene()?, settings)?, &Look::default())?;
     println!("{output}");
     Ok(())
 }

@@ -12,7 +12,6 @@ use raystream::scene::{
     Camera, Environment, Finish, Points, Procedural, ProceduralSurface, Scene, Surface, load,
 };
 use raystream::schedule::{JobOptions, Service, ServiceOptions};
-use std::path::Path;
 use std::sync::Arc;
 
 /// Wood of a tree that grew along y.
@@ -148,7 +147,7 @@ fn main() -> Result<()> {
     let spp = arguments.next().map_or(Ok(8), |n| n.parse()).context("SPP is a number")?;
     let (width, height) = size.split_once('x').context("the size is WIDTHxHEIGHT")?;
     let (width, height) = (width.parse()?, height.parse()?);
-    let mut scene = load::load(Path::new(&scene))?;
+    let mut scene = load::load(&scene)?;
     if scene.lights.is_empty() && scene.materials.iter().all(|material| material.emission.is_none()) {
         scene.environment = Environment::Constant(glam::Vec3::ONE);
     }
@@ -157,7 +156,7 @@ fn main() -> Result<()> {
     let settings = Settings::new(width, height).with_spp(spp).with_max_bounces(3);
     let simd = SimdLevel::detect();
     let (image, fast) = render(&prepared, settings, simd)?;
-    write_image(Path::new(&output), &image, &Look::default())?;
+    write_image(&output, &image, &Look::default())?;
     let (same, slow) = render(&prepared, settings, SimdLevel::Scalar)?;
     ensure!(same.hash() == image.hash(), "{simd} and scalar shading made different pictures");
     println!(

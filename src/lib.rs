@@ -23,9 +23,8 @@
 
 ```no_run
 use raystream::prelude::*;
-use std::path::Path;
 
-let scene = raystream::scene::load::load(Path::new("scenes/showcase.json"))?;
+let scene = raystream::scene::load::load("scenes/showcase.json")?;
 let camera = scene.camera.unwrap_or_else(|| Camera::framing(&scene.bounds(), 16.0 / 9.0));
 let prepared = PreparedScene::new(scene, &Units::open(&UnitChoice::auto())?)?;
 let service = Service::new(ServiceOptions::default())?;
@@ -33,7 +32,7 @@ let settings = Settings::new(640, 360).with_spp(256);
 let frame = prepared.path(&camera, settings)?;
 prepared.submit(&service, frame.clone(), JobOptions::default())?.wait()?;
 let image = Image::new(640, 360, frame.film().resolve());
-write_image(Path::new("picture.png"), &image, &Look::default())?;
+write_image("picture.png", &image, &Look::default())?;
 # Ok::<(), Box<dyn std::error::Error>>(())
 ```
 "#
@@ -69,12 +68,16 @@ write_image(Path::new("picture.png"), &image, &Look::default())?;
 //!
 //! # Profiles
 //! Cargo compiles dependencies without optimisation unless the user says otherwise. raystream then works, on threads of
-//! 2 MB too, and warns once: it takes about a hundred times as long. Two lines in the user's `Cargo.toml` cure it:
+//! 2 MB too, and warns once: it takes about a hundred times as long. Two lines in the user's `Cargo.toml` cure it. They
+//! optimise raystream and what it loads scenes with, and leave the user's own code to the debugger:
 //!
 //! ```toml
-//! [profile.dev.package.raystream]
+//! [profile.dev.package."*"]
 //! opt-level = 3
 //! ```
+//!
+//! Code that is generic over the user's types (integrators, surfaces, BSDFs) is compiled with the user's crate, in its
+//! profile.
 //!
 //! With `panic = "abort"` panics of wgpu cannot be caught: a GPU is then used only if it is requested.
 //!

@@ -21,7 +21,7 @@ pub(crate) fn warn_if_unoptimised() {
 
 const UNOPTIMISED: &str = "raystream was compiled without optimisation and is about 100 times slower. Put these two \
                            lines into the Cargo.toml of your workspace:\n\
-                           [profile.dev.package.raystream]\n\
+                           [profile.dev.package.\"*\"]\n\
                            opt-level = 3";
 
 /// Logs a warning, or prints it where no logger is installed.

@@ -209,7 +209,7 @@ mod tests {
     #[test]
     fn every_kind_of_query_is_measured_beside_every_number_of_frames() {
         let file = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/cornell.json");
-        let scene = Arc::new(load::load(file.as_ref()).expect("our own scene"));
+        let scene = Arc::new(load::load(file).expect("our own scene"));
         let camera = scene.camera.expect("it has a camera");
         let prepared = PreparedScene::new(scene, &Units::cpu()).expect("a valid scene");
         let service =

@@ -68,7 +68,8 @@ type Result<T> = std::result::Result<T, Box<dyn std::error::Error + Send + Sync>
 ///
 /// # Errors
 /// When the format is not one of these, or the file cannot be read.
-pub fn read_image(path: &Path) -> std::result::Result<Content, ReadError> {
+pub fn read_image(path: impl AsRef<Path>) -> std::result::Result<Content, ReadError> {
+    let path = path.as_ref();
     let content = match Format::of(path) {
         Ok(Format::Png) => read_png(path).map(Content::Shown),
         Ok(Format::Exr) => read_exr(path).map(Content::Radiance),

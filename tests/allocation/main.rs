@@ -92,7 +92,7 @@ fn fewest(frames: usize, mut frame: impl FnMut() -> u64) -> u64 {
 #[test]
 fn a_frame_allocates_nothing_between_its_first_and_last_task() {
     let file = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/cornell.json");
-    let scene = Arc::new(load::load(file.as_ref()).expect("our own scene"));
+    let scene = Arc::new(load::load(file).expect("our own scene"));
     let camera = scene.camera.expect("it has a camera");
     let prepared = PreparedScene::new(scene.clone(), &Units::cpu()).expect("a valid scene");
     let settings = Settings::new(200, 200).with_spp(1).with_max_bounces(4).with_seed(1);

@@ -20,7 +20,7 @@ fn depths_have_the_bits_of_traced_rays() {
     let scene = shipped("cornell.json");
     let args = ["render", &scene, "-o", "a.npy", "--size", "40x30", "--spp", "1", "--aov", "depth,primitive"];
     run(folder.path(), &args, 0);
-    let camera = load::load(Path::new(&scene)).expect("scene").camera.expect("the scene's own");
+    let camera = load::load(&scene).expect("scene").camera.expect("the scene's own");
     let lens = camera.lens(40, 30).expect("a camera");
     let mut rays = Vec::new();
     for (x, y) in (0..30).flat_map(|y| (0..40).map(move |x| (x, y))) {

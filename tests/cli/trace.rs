@@ -41,7 +41,7 @@ fn a_mesh_file_says_what_its_materials_are() {
     for name in ["cornell.json", "showcase.json"] {
         let path = shipped(name);
         run(folder.path(), &["mesh", &path, "-o", "m.npz", "--images"], 0);
-        let scene = load::load(Path::new(&path)).expect("scene");
+        let scene = load::load(&path).expect("scene");
         assert_eq!(array::<f32>(&file, "uvs").len(), 2 * scene.mesh.uvs.len());
         assert_eq!(array::<f32>(&file, "normals").len(), 3 * scene.mesh.normals.len());
         let (base, texture) = (array::<f32>(&file, "base_colour"), array::<u32>(&file, "base_texture"));
@@ -81,7 +81,7 @@ fn hits_are_those_of_brute_force_for_a_million_rays() {
     let (primitive, t, uv) =
         (array::<u32>(&hits, "primitive"), array::<f32>(&hits, "t"), array::<f32>(&hits, "uv"));
     let occluded: Vec<bool> = array(&folder.path().join("o.npz"), "occluded");
-    let mesh = load::load(Path::new(&scene)).expect("scene").mesh;
+    let mesh = load::load(&scene).expect("scene").mesh;
     let triangles: Vec<u32> = array(&folder.path().join("m.npz"), "triangles");
     assert_eq!(triangles, mesh.triangles.as_flattened());
     let emission: Vec<f32> = array(&folder.path().join("m.npz"), "emission");

@@ -37,7 +37,7 @@ impl Folder {
     }
 
     pub fn load_with(&self, name: &str, options: &LoadOptions) -> Result<Scene, LoadError> {
-        load_with(&self.path(name), options)
+        load_with(self.path(name), options)
     }
 
     pub fn scene(&self, name: &str) -> Scene {

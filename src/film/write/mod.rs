@@ -81,7 +81,7 @@ impl Format {
 /// # Errors
 /// When the format is unknown, or the file cannot be written. An existing file is then unchanged, and no new file is
 /// left.
-pub fn write_image(path: &Path, image: &Image, look: &Look) -> Result<(), WriteError> {
+pub fn write_image(path: impl AsRef<Path>, image: &Image, look: &Look) -> Result<(), WriteError> {
     write_picture(path, &Picture::new(image.clone()), look, &WriteOptions::default())
 }
 
@@ -93,7 +93,7 @@ pub fn write_image(path: &Path, image: &Image, look: &Look) -> Result<(), WriteE
 /// let mut picture = Picture::new(Image::new(1, 1, vec![[0.5; 3]]));
 /// picture.alpha = Some(vec![1.0]);
 /// picture.metadata.insert("spp".into(), "16".into());
-/// write_picture("out.exr".as_ref(), &picture, &Look::default(), &WriteOptions::default())?;
+/// write_picture("out.exr", &picture, &Look::default(), &WriteOptions::default())?;
 /// # Ok::<(), raystream::film::WriteError>(())
 /// ```
 ///
@@ -104,11 +104,12 @@ pub fn write_image(path: &Path, image: &Image, look: &Look) -> Result<(), WriteE
 /// # Panics
 /// If alpha or a layer has not as many pixels as the image.
 pub fn write_picture(
-    path: &Path,
+    path: impl AsRef<Path>,
     picture: &Picture,
     look: &Look,
     options: &WriteOptions,
 ) -> Result<(), WriteError> {
+    let path = path.as_ref();
     let format = Format::of(path)?;
     if !format.holds_layers() {
         beside::write_beside(path, picture)?;

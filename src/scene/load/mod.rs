@@ -44,7 +44,7 @@ use std::path::{Path, PathBuf};
 ///
 /// # Errors
 /// As for [`load_with`].
-pub fn load(path: &Path) -> Result<Scene, LoadError> {
+pub fn load(path: impl AsRef<Path>) -> Result<Scene, LoadError> {
     load_with(path, &LoadOptions::default())
 }
 
@@ -54,7 +54,8 @@ pub fn load(path: &Path) -> Result<Scene, LoadError> {
 /// # Errors
 /// When the file, or a file that it names, cannot be read or does not follow its format, requires a feature that is
 /// not supported, contains no triangles, or needs more memory than the options allow.
-pub fn load_with(path: &Path, options: &LoadOptions) -> Result<Scene, LoadError> {
+pub fn load_with(path: impl AsRef<Path>, options: &LoadOptions) -> Result<Scene, LoadError> {
+    let path = path.as_ref();
     let mut session = Session::new(path, options);
     let kind = Kind::of_name(path);
     let kind = kind.ok_or_else(|| LoadProblem::Kind { path: path.to_owned(), expected: Kind::EXTENSIONS });

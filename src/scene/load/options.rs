@@ -10,7 +10,7 @@ use crate::memory::MemoryBudget;
 /// use raystream::scene::load::{LoadOptions, load_with};
 ///
 /// let options = LoadOptions::default().with_memory(MemoryBudget::of_bytes(4 << 30)).with_allow_missing(true);
-/// let scene = load_with("scenes/cornell.json".as_ref(), &options)?;
+/// let scene = load_with("scenes/cornell.json", &options)?;
 /// # assert!(scene.warnings.is_empty());
 /// # Ok::<(), raystream::scene::load::LoadError>(())
 /// ```
