@@ -5,10 +5,10 @@
 
 The page has a line `<!-- begin: NAME -->` and a line `<!-- end: NAME -->`; what stands between them is replaced by
 the command, the machine and the table. NAME's first word says which table: `rays` (`rays query`, `rays service` for
-these two), `contenders`, `threads`, `small`, `build`, `ladder`, `frame`, `tail`, `textures`, `shaders`, `adaptive`,
-`noise`, `profiles`, `schedule`, `latency` or `rtrt`; further words only distinguish two blocks of a page. Tables over scenes
-take files of one machine and one build, with one scene or several in each. A scene is called what its file is called,
-or LABEL where there is one in the file.
+these two), `contenders`, `threads`, `small`, `build`, `ladder`, `frame`, `tail`, `textures`, `shaders`,
+`adaptive`, `noise`, `profiles`, `schedule`, `latency` or `rtrt`; further words only distinguish two blocks of a page.
+Tables over scenes take files of one machine and one build, with one scene or several in each. A scene is called what
+its file is called, or LABEL where there is one in the file.
 
 --machine TEXT    names the machine where the file does not, or better than the file does
 --build COMMIT    the commit that was measured [default: the checkout's, with "changed" if it has changes]

@@ -1,5 +1,5 @@
-// A thick layer of dust (Lommel and Seeliger's law): each grain scatters light evenly and once. Seen from the sun's side
-// a ball of it is as bright at its rim as in its middle, like the moon.
+// A thick layer of dust (Lommel and Seeliger's law): each grain scatters light evenly and once. Seen from the sun's
+// side a ball of it is as bright at its rim as in its middle, like the moon.
 
 // Share of the light that a grain scatters, 0 to 1.
 override albedo: f32 = 0.9;

@@ -34,8 +34,8 @@ pub(super) struct Endless {
 }
 
 impl Columns {
-    /// Makes room for a program's registers at `block` points, a multiple of [`CHUNK`], and writes its constants, unless
-    /// they are there.
+    /// Makes room for a program's registers at `block` points, a multiple of [`CHUNK`], and writes its constants,
+    /// unless they are there.
     pub fn prepare(&mut self, code: &Code, program: u64, block: usize) {
         debug_assert!(block.is_multiple_of(CHUNK) && block > 0);
         if self.program == program && self.block == block {

@@ -46,8 +46,8 @@ impl<'s> Stage<'s> {
         Some(Self { scene, material, surface, columns, begin: 0, end: 0 })
     }
 
-    /// The finishes of the rays of a run from index `at` on, one in each lane, if there is a stage. `at` grows from call
-    /// to call.
+    /// The finishes of the rays of a run from index `at` on, one in each lane, if there is a stage. `at` grows from
+    /// call to call.
     #[cfg_attr(not(unoptimised), inline(always))]
     pub fn reach<'a, L: Lanes>(
         stage: &'a mut Option<Self>,

@@ -9,8 +9,10 @@ const CORPUS: [&str; 5] = [
     include_str!("../../../scenes/shaders/dust.wgsl"),
     include_str!("../../../scenes/shaders/velvet.wgsl"),
     "override a: i32; fn pattern(at: Point) -> Finish { var f = matte(at); var x = array<f32, 4>(); \
-     switch a { case 1, 2: { x[a] = 1.0; } default: { loop { if x[a] > 3.0 { break; } continuing { x[a] += 1.0; } } } } \
+     switch a { case 1, 2: { x[a] = 1.0; } \
+     default: { loop { if x[a] > 3.0 { break; } continuing { x[a] += 1.0; } } } } \
      f.roughness = x[a]; return f; }",
+]; return f; }",
 ];
 
 /// Words that turn up where they do not belong.
