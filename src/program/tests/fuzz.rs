@@ -12,7 +12,6 @@ const CORPUS: [&str; 5] = [
      switch a { case 1, 2: { x[a] = 1.0; } \
      default: { loop { if x[a] > 3.0 { break; } continuing { x[a] += 1.0; } } } } \
      f.roughness = x[a]; return f; }",
-]; return f; }",
 ];
 
 /// Words that turn up where they do not belong.
