@@ -10,7 +10,11 @@
 
 mod bsdf;
 mod code;
+#[cfg(feature = "gpu")]
+mod device;
 mod fuse;
+#[cfg(feature = "gpu")]
+pub mod gpu;
 mod kernel;
 mod loaded;
 mod lower;

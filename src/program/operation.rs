@@ -123,6 +123,14 @@ macro_rules! define {
                 }
             }
 
+            /// What it computes, in words.
+            #[cfg(feature = "gpu")]
+            pub fn meaning(self) -> &'static str {
+                match self {
+                    $(Self::$name => $doc,)*
+                }
+            }
+
             /// Number of operands.
             pub fn operands(self) -> usize {
                 match self {

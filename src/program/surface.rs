@@ -122,6 +122,12 @@ impl PatternShader {
         &self.parameters
     }
 
+    /// The program.
+    #[cfg(feature = "gpu")]
+    pub(super) fn code(&self) -> &Code {
+        &self.code
+    }
+
     /// Number of operations that a point takes, loops counted once.
     pub fn operations(&self) -> usize {
         self.kernel.code.instructions.len()

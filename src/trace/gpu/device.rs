@@ -43,8 +43,10 @@ pub struct Gpu {
 struct AdapterHistory {
     /// The fault to inject.
     fault: Option<Fault>,
-    /// Dispatches so far.
+    /// Dispatches of rays so far.
     dispatches: AtomicU64,
+    /// Dispatches of patterns so far.
+    shadings: AtomicU64,
 }
 
 impl Gpu {
@@ -135,7 +137,7 @@ impl Gpu {
 
     /// Runs `work`, which uses wgpu. Any failure loses the device for good: an error that `work` returns, an uncaptured
     /// error of wgpu, or a panic.
-    pub(super) fn guard<T>(
+    pub(crate) fn guard<T>(
         &self,
         work: impl FnOnce(&wgpu::Device, &wgpu::Queue) -> Result<T, String>,
     ) -> Result<T, String> {
@@ -153,7 +155,7 @@ impl Gpu {
 
     /// Like [`Gpu::guard`], for work that may be refused without losing the device: errors that wgpu reports meanwhile
     /// are returned as the inner error.
-    pub(super) fn attempt<T>(
+    pub(crate) fn attempt<T>(
         &self,
         work: impl FnOnce(&wgpu::Device, &wgpu::Queue) -> T,
     ) -> Result<Result<T, String>, String> {
@@ -178,10 +180,24 @@ impl Gpu {
         (number, self.history.fault.filter(|fault| fault.dispatch() == Some(number)))
     }
 
+    /// Numbers a dispatch of a pattern, from 1; returns the fault to inject into it.
+    pub(crate) fn next_shading(&self) -> (u64, Option<Fault>) {
+        let number = self.history.shadings.fetch_add(1, Ordering::Relaxed) + 1;
+        (number, self.history.fault.filter(|fault| fault.shading() == Some(number)))
+    }
+
     /// The fault to inject, unless it has happened or cannot happen at a dispatch.
     pub fn idle_fault(&self) -> Option<Fault> {
         let dispatches = self.history.dispatches.load(Ordering::Relaxed);
-        self.history.fault.filter(|fault| fault.dispatch().is_some_and(|at| at > dispatches))
+        let shadings = self.history.shadings.load(Ordering::Relaxed);
+        self.history.fault.filter(|fault| {
+            fault.dispatch().is_some_and(|at| at > dispatches) || fault.shading().is_some_and(|at| at > shadings)
+        })
+    }
+
+    /// The fault to inject.
+    pub(crate) fn fault(&self) -> Option<Fault> {
+        self.history.fault
     }
 
     /// Whether the fault is injected that the device has no memory for scenes.
@@ -197,7 +213,7 @@ impl Gpu {
 
     /// Waits for a submission, within [`Gpu::guard`]; returns how long that took. A submission that takes longer than
     /// the watchdog allows counts as a loss, and no thread waits for the device again.
-    pub(super) fn wait(&self, submission: &wgpu::SubmissionIndex) -> Result<Duration, String> {
+    pub(crate) fn wait(&self, submission: &wgpu::SubmissionIndex) -> Result<Duration, String> {
         self.wait_until(|timeout| {
             let wait =
                 wgpu::PollType::Wait { submission_index: Some(submission.clone()), timeout: Some(timeout) };
@@ -210,7 +226,7 @@ impl Gpu {
     }
 
     /// Waits as for a dispatch that never returns.
-    pub(super) fn simulate_hang(&self) -> String {
+    pub(crate) fn simulate_hang(&self) -> String {
         let never = |timeout| {
             std::thread::sleep(timeout);
             Ok(false)
@@ -253,6 +269,8 @@ fn descriptor(adapter: &wgpu::Adapter, boxes: u32) -> wgpu::DeviceDescriptor<'st
             max_compute_workgroups_per_dimension: limits.max_compute_workgroups_per_dimension,
             ..wgpu::Limits::downlevel_defaults()
         },
+        // Patterns' kernels go to the driver as they are (`program::gpu`).
+        required_features: adapter.features() & wgpu::Features::PASSTHROUGH_SHADERS,
         memory_hints: wgpu::MemoryHints::Performance,
         ..Default::default()
     };

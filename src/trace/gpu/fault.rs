@@ -16,13 +16,23 @@ pub enum Fault {
     Corrupt(u64),
     /// The device has no memory for the scene.
     OutOfMemory,
+    /// The device is lost while it computes a pattern. Dispatches of patterns are numbered by themselves.
+    ShadeLost(u64),
+    /// The dispatch of a pattern never returns.
+    ShadeHang(u64),
+    /// The dispatch of a pattern returns wrong finishes.
+    ShadeCorrupt(u64),
+    /// The device refuses the kernels of patterns.
+    ShadeRefused,
+    /// Products in patterns have another last bit in some cases.
+    ShadeInexact,
 }
 
 /// A text that names no fault.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "there is no fault {0:?}; write gpu-lost@N, gpu-hang@N or gpu-corrupt@N, where N is the dispatch at which it \
-     happens, from 1; or gpu-oom"
+    "there is no fault {0:?}; write gpu-lost@N, gpu-hang@N or gpu-corrupt@N, or shade-lost@N, shade-hang@N or \
+     shade-corrupt@N, where N is the dispatch at which it happens, from 1; or gpu-oom, shade-refused or shade-inexact"
 )]
 pub struct NoSuchFault(String);
 
@@ -32,13 +42,21 @@ impl FromStr for Fault {
     fn from_str(text: &str) -> Result<Self, NoSuchFault> {
         let error = || NoSuchFault(text.to_owned());
         let Some((name, at)) = text.split_once('@') else {
-            return if text == "gpu-oom" { Ok(Self::OutOfMemory) } else { Err(error()) };
+            return match text {
+                "gpu-oom" => Ok(Self::OutOfMemory),
+                "shade-refused" => Ok(Self::ShadeRefused),
+                "shade-inexact" => Ok(Self::ShadeInexact),
+                _ => Err(error()),
+            };
         };
         let at = at.parse().ok().filter(|&n: &u64| n > 0).ok_or_else(error)?;
         match name {
             "gpu-lost" => Ok(Self::Lost(at)),
             "gpu-hang" => Ok(Self::Hang(at)),
             "gpu-corrupt" => Ok(Self::Corrupt(at)),
+            "shade-lost" => Ok(Self::ShadeLost(at)),
+            "shade-hang" => Ok(Self::ShadeHang(at)),
+            "shade-corrupt" => Ok(Self::ShadeCorrupt(at)),
             _ => Err(error()),
         }
     }
@@ -49,7 +67,15 @@ impl Fault {
     pub(super) fn dispatch(self) -> Option<u64> {
         match self {
             Self::Lost(at) | Self::Hang(at) | Self::Corrupt(at) => Some(at),
-            Self::OutOfMemory => None,
+            _ => None,
+        }
+    }
+
+    /// The number of the dispatch of a pattern at which the fault happens.
+    pub(super) fn shading(self) -> Option<u64> {
+        match self {
+            Self::ShadeLost(at) | Self::ShadeHang(at) | Self::ShadeCorrupt(at) => Some(at),
+            _ => None,
         }
     }
 }
@@ -62,6 +88,11 @@ impl Display for Fault {
             Self::Hang(at) => write!(f, "gpu-hang@{at}"),
             Self::Corrupt(at) => write!(f, "gpu-corrupt@{at}"),
             Self::OutOfMemory => f.write_str("gpu-oom"),
+            Self::ShadeLost(at) => write!(f, "shade-lost@{at}"),
+            Self::ShadeHang(at) => write!(f, "shade-hang@{at}"),
+            Self::ShadeCorrupt(at) => write!(f, "shade-corrupt@{at}"),
+            Self::ShadeRefused => f.write_str("shade-refused"),
+            Self::ShadeInexact => f.write_str("shade-inexact"),
         }
     }
 }
@@ -91,7 +122,15 @@ mod tests {
             let error = bad.parse::<Fault>().expect_err(bad).to_string();
             assert!(error.contains(&format!("{bad:?}")) && error.contains("gpu-corrupt@N"), "{error}");
         }
-        for fault in [Fault::Lost(7), Fault::Hang(1), Fault::Corrupt(2), Fault::OutOfMemory] {
+        let shading = [
+            Fault::ShadeLost(3),
+            Fault::ShadeHang(1),
+            Fault::ShadeCorrupt(9),
+            Fault::ShadeRefused,
+            Fault::ShadeInexact,
+        ];
+        let tracing = [Fault::Lost(7), Fault::Hang(1), Fault::Corrupt(2), Fault::OutOfMemory];
+        for fault in tracing.into_iter().chain(shading) {
             assert_eq!(fault.to_string().parse(), Ok(fault));
         }
     }

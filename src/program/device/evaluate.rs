@@ -1,0 +1,63 @@
+//! The host's results for the points of a kernel.
+
+use crate::lanes::{LaneTask, Lanes, SimdLevel};
+use crate::program::PatternShader;
+use crate::program::device::Kernel;
+use crate::program::run::{BLOCK, Columns, run};
+
+/// A loop does not end.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Endless {
+    /// Its line in the shader.
+    pub line: u32,
+}
+
+impl PatternShader {
+    /// Computes the columns of a kernel's results from those of its inputs, both of `points` words each.
+    ///
+    /// # Errors
+    /// When a loop takes too many turns.
+    pub(crate) fn evaluate(&self, kernel: &Kernel, points: usize, inputs: &[u32]) -> Result<Vec<u32>, Endless> {
+        let mut results = vec![0; kernel.outputs.len() * points];
+        let task = Evaluation { shader: self, kernel, points, inputs, results: &mut results };
+        SimdLevel::detect().run(task)?;
+        Ok(results)
+    }
+}
+
+struct Evaluation<'a> {
+    shader: &'a PatternShader,
+    kernel: &'a Kernel,
+    points: usize,
+    inputs: &'a [u32],
+    results: &'a mut [u32],
+}
+
+impl LaneTask for Evaluation<'_> {
+    type Output = Result<(), Endless>;
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, l: L) -> Self::Output {
+        let Self { shader, kernel, points, inputs, results } = self;
+        let code = shader.code();
+        let mut columns = Columns::default();
+        columns.prepare(code, 1);
+        for start in (0..points).step_by(BLOCK) {
+            let count = BLOCK.min(points - start);
+            for (column, scalar) in inputs.chunks(points).zip(&kernel.inputs) {
+                for (_, register) in code.inputs.iter().filter(|(input, _)| input == scalar) {
+                    // Points beyond the last repeat it, so that they end where it does.
+                    let words = column[start..start + count].iter();
+                    let words = words.chain(std::iter::repeat(&column[start + count - 1]));
+                    columns.column(*register, BLOCK).iter().zip(words).for_each(|(cell, &word)| cell.set(word));
+                }
+            }
+            run(l, code, &columns, count).map_err(|endless| Endless { line: endless.line })?;
+            for (column, &scalar) in results.chunks_mut(points).zip(&kernel.outputs) {
+                let from = columns.column(code.outputs[scalar as usize], count);
+                column[start..].iter_mut().zip(from).for_each(|(word, cell)| *word = cell.get());
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,87 @@
+//! Whether a device computes a kernel as the host does: each operation of the kernel alone, in the kernel's own module,
+//! since drivers decide kernel by kernel; then the whole pattern at points.
+
+use super::dispatch::{Entry, Pipelines};
+use super::{GpuPatternError, SAMPLE};
+use crate::program::PatternShader;
+use crate::program::device::{Kernel, cases, sample_points};
+use crate::trace::gpu::Gpu;
+
+/// Points at which a pattern is compared before it is used.
+const POINTS: usize = 10_000;
+
+/// One in this many cases must be decided.
+const LEAST_DECIDED: usize = 8;
+
+/// Compares every operation of a kernel with the host's.
+///
+/// # Errors
+/// With the first operation that differs, or when the device is lost.
+pub(super) fn operations(gpu: &Gpu, pipelines: &Pipelines, kernel: &Kernel) -> Result<(), GpuPatternError> {
+    let cases = cases();
+    let count = cases.len();
+    let columns: Vec<u32> = (0..3).flat_map(|column| cases.iter().map(move |case| case[column])).collect();
+    let mut results = vec![0; 2 * count];
+    for (number, probe) in (0..).zip(&kernel.probes) {
+        let entry = (Entry::Probe(number), count);
+        pipelines.run(gpu, entry, &columns, &mut results, None).map_err(GpuPatternError::Lost)?;
+        let (words, undecided) = results.split_at(count);
+        let mut decided = 0;
+        for ((case, &word), _) in cases.iter().zip(words).zip(undecided).filter(|(_, undecided)| **undecided == 0) {
+            let expected = probe.expected(*case);
+            decided += 1;
+            if word != expected {
+                let operation = probe.name().to_owned();
+                return Err(GpuPatternError::Operation { operation, operands: *case, word, expected });
+            }
+        }
+        if decided * LEAST_DECIDED < count {
+            let operation = probe.name().to_owned();
+            return Err(GpuPatternError::Undecided { operation });
+        }
+    }
+    Ok(())
+}
+
+/// Compares a pattern with the host's at random points.
+///
+/// # Errors
+/// When a point differs, or the device is lost.
+pub(super) fn points(
+    gpu: &Gpu,
+    pipelines: &Pipelines,
+    kernel: &Kernel,
+    shader: &PatternShader,
+) -> Result<(), GpuPatternError> {
+    let inputs = sample_points(shader, &kernel.inputs, POINTS, 0);
+    // A loop that does not end at some point is told when a picture needs that point.
+    let Ok(expected) = shader.evaluate(kernel, POINTS, &inputs) else { return Ok(()) };
+    let mut results = vec![0; (kernel.outputs.len() + 1) * POINTS];
+    pipelines.run(gpu, (Entry::Pattern, POINTS), &inputs, &mut results, None).map_err(GpuPatternError::Lost)?;
+    match different(&results, &expected, POINTS) {
+        0 => Ok(()),
+        wrong => Err(GpuPatternError::Points { wrong, checked: POINTS }),
+    }
+}
+
+/// Number of decided points whose results differ from the host's.
+pub(super) fn different(results: &[u32], expected: &[u32], points: usize) -> usize {
+    let undecided = &results[expected.len()..];
+    let differs = |&point: &usize| {
+        let mut columns = results.chunks(points).zip(expected.chunks(points));
+        undecided[point] == 0 && columns.any(|(result, expected)| result[point] != expected[point])
+    };
+    (0..points).filter(differs).count()
+}
+
+/// Points of a dispatch that the host computes again: one in [`SAMPLE`], but at least that many, spread by `number`.
+pub(super) fn sample(points: usize, number: u64) -> Vec<usize> {
+    let samples = points.div_ceil(SAMPLE).max(SAMPLE).min(points);
+    (0..samples)
+        .map(|sample| {
+            let (start, end) = (sample * points / samples, (sample + 1) * points / samples);
+            let hash = crate::geom::mix(sample as u32 ^ crate::geom::mix(number as u32));
+            start + hash as usize % (end - start)
+        })
+        .collect()
+}

@@ -1,0 +1,181 @@
+//! A kernel's pipelines and buffers: sends columns of words, runs an entry point, reads columns back.
+
+use super::passthrough;
+use crate::program::device::WORKGROUP;
+use crate::trace::gpu::Gpu;
+use std::sync::mpsc::sync_channel;
+use std::sync::{Mutex, PoisonError};
+use std::time::Duration;
+
+/// The most points of a dispatch.
+pub(super) const MOST_POINTS: usize = 1 << 18;
+
+/// How long the thread that saw a submission done may take to run the callbacks of other threads' mappings.
+const CALLBACK_PATIENCE: Duration = Duration::from_secs(10);
+
+/// An entry point of a kernel.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Entry {
+    /// The pattern.
+    Pattern,
+    /// The case of this number.
+    Probe(u32),
+}
+
+/// A failure to make happen.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Failure {
+    /// The device is lost while the dispatch is under way.
+    Loss,
+    /// The dispatch never returns.
+    Hang,
+}
+
+/// A compiled kernel.
+#[derive(Debug)]
+pub(super) struct Pipelines {
+    pattern: wgpu::ComputePipeline,
+    probe: wgpu::ComputePipeline,
+    layout: wgpu::BindGroupLayout,
+    idle: Mutex<Vec<Buffers>>,
+}
+
+/// Buffers of one dispatch.
+#[derive(Debug)]
+struct Buffers {
+    inputs: wgpu::Buffer,
+    results: wgpu::Buffer,
+    readback: wgpu::Buffer,
+    params: wgpu::Buffer,
+}
+
+impl Pipelines {
+    /// Compiles the words of a kernel.
+    pub fn new(device: &wgpu::Device, words: &[u32]) -> Self {
+        let buffer = |binding, ty| wgpu::BindGroupLayoutEntry {
+            binding,
+            visibility: wgpu::ShaderStages::COMPUTE,
+            ty: wgpu::BindingType::Buffer { ty, has_dynamic_offset: false, min_binding_size: None },
+            count: None,
+        };
+        let layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+            label: Some("pattern"),
+            entries: &[
+                buffer(0, wgpu::BufferBindingType::Storage { read_only: true }),
+                buffer(1, wgpu::BufferBindingType::Storage { read_only: false }),
+                buffer(2, wgpu::BufferBindingType::Uniform),
+            ],
+        });
+        let whole = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+            label: Some("pattern"),
+            bind_group_layouts: &[Some(&layout)],
+            immediate_size: 0,
+        });
+        let module = passthrough::module(device, words);
+        let pipeline = |entry| {
+            device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+                label: Some(entry),
+                layout: Some(&whole),
+                module: &module,
+                entry_point: Some(entry),
+                compilation_options: wgpu::PipelineCompilationOptions::default(),
+                cache: None,
+            })
+        };
+        Self { pattern: pipeline("pattern"), probe: pipeline("probe"), idle: Mutex::default(), layout }
+    }
+
+    /// Runs an entry point for as many points as a column has words, at most [`MOST_POINTS`].
+    ///
+    /// # Errors
+    /// When the device is lost.
+    pub fn run(
+        &self,
+        gpu: &Gpu,
+        (entry, points): (Entry, usize),
+        inputs: &[u32],
+        results: &mut [u32],
+        failure: Option<Failure>,
+    ) -> Result<(), String> {
+        debug_assert!(points <= MOST_POINTS);
+        gpu.guard(|device, queue| {
+            let buffers = self.buffers(device, size_of_val(inputs), size_of_val(results));
+            let (pipeline, case) = match entry {
+                Entry::Pattern => (&self.pattern, 0),
+                Entry::Probe(case) => (&self.probe, case),
+            };
+            queue.write_buffer(&buffers.inputs, 0, bytemuck::cast_slice(inputs));
+            queue.write_buffer(&buffers.params, 0, bytemuck::cast_slice(&[points as u32, case, 0, 0]));
+            let group = self.group(device, &buffers);
+            let mut encoder = device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
+            pass.set_pipeline(pipeline);
+            pass.set_bind_group(0, &group, &[]);
+            pass.dispatch_workgroups((points as u32).div_ceil(WORKGROUP), 1, 1);
+            drop(pass);
+            let bytes = size_of_val(results) as u64;
+            encoder.copy_buffer_to_buffer(&buffers.results, 0, &buffers.readback, 0, bytes);
+            if failure == Some(Failure::Hang) {
+                return Err(gpu.simulate_hang());
+            }
+            let submission = queue.submit([encoder.finish()]);
+            if failure == Some(Failure::Loss) {
+                device.destroy();
+            }
+            let (sender, receiver) = sync_channel(1);
+            buffers.readback.map_async(wgpu::MapMode::Read, ..bytes, move |result| {
+                // The receiver is gone if the wait has failed.
+                let _ = sender.send(result);
+            });
+            gpu.wait(&submission)?;
+            let mapped = receiver.recv_timeout(CALLBACK_PATIENCE).map_err(|e| e.to_string())?;
+            mapped.map_err(|e| e.to_string())?;
+            let view = buffers.readback.get_mapped_range(..bytes).map_err(|e| e.to_string())?;
+            bytemuck::cast_slice_mut(results).copy_from_slice(&view);
+            drop(view);
+            buffers.readback.unmap();
+            self.idle.lock().unwrap_or_else(PoisonError::into_inner).push(buffers);
+            Ok(())
+        })
+    }
+
+    /// Idle buffers that are large enough, or new ones.
+    fn buffers(&self, device: &wgpu::Device, input_bytes: usize, result_bytes: usize) -> Buffers {
+        use wgpu::BufferUsages as U;
+        let is_enough = |buffers: &Buffers| {
+            buffers.inputs.size() >= input_bytes as u64 && buffers.results.size() >= result_bytes as u64
+        };
+        let idle = self.idle.lock().unwrap_or_else(PoisonError::into_inner).pop();
+        if let Some(buffers) = idle.filter(is_enough) {
+            return buffers;
+        }
+        let buffer = |label, bytes: usize, usage| {
+            let size = bytes.max(16).next_power_of_two() as u64;
+            device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some(label),
+                size,
+                usage,
+                mapped_at_creation: false,
+            })
+        };
+        Buffers {
+            inputs: buffer("inputs", input_bytes, U::STORAGE | U::COPY_DST),
+            results: buffer("results", result_bytes, U::STORAGE | U::COPY_SRC),
+            readback: buffer("readback", result_bytes, U::MAP_READ | U::COPY_DST),
+            params: buffer("params", 16, U::UNIFORM | U::COPY_DST),
+        }
+    }
+
+    fn group(&self, device: &wgpu::Device, buffers: &Buffers) -> wgpu::BindGroup {
+        let bindings = [&buffers.inputs, &buffers.results, &buffers.params];
+        let entries: Vec<wgpu::BindGroupEntry<'_>> = (0..)
+            .zip(bindings)
+            .map(|(binding, buffer)| wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() })
+            .collect();
+        device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some("pattern"),
+            layout: &self.layout,
+            entries: &entries,
+        })
+    }
+}

@@ -1,0 +1,282 @@
+//! Patterns on a GPU, with the bits of the host's.
+//!
+//! A pattern's kernel (`program::device`) is compiled when a scene is prepared. The device is not trusted: each operation
+//! of the kernel is compared with the host's in 10⁵ cases, the whole pattern at 10⁴ points, and later a sample of every
+//! dispatch. A device that flushes subnormal numbers gets a kernel that tells which points come near them; the host
+//! computes those, and points with infinities or NaN. Any difference leaves the pattern to the host.
+
+mod check;
+mod dispatch;
+#[cfg_attr(not(any(target_os = "linux", target_os = "android", windows)), path = "no_passthrough.rs")]
+mod passthrough;
+#[cfg(test)]
+mod tests;
+
+use super::PatternShader;
+use super::device::{FloatControls, Kernel, spirv};
+use crate::trace::gpu::{Fault, Gpu};
+use dispatch::{Entry, Failure, MOST_POINTS, Pipelines};
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+use std::sync::{Arc, OnceLock};
+
+/// One point in this many is computed again by the host, and at least as many of each dispatch.
+const SAMPLE: usize = 64;
+
+/// Why a pattern stays on the host.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum GpuPatternError {
+    /// Arithmetic can be fixed with Vulkan alone.
+    #[error("{adapter} is used through {backend}, which cannot forbid that arithmetic is reordered; Vulkan can")]
+    NoVulkan {
+        /// The adapter.
+        adapter: String,
+        /// Its graphics interface.
+        backend: String,
+    },
+    /// The kernel cannot be made, or the driver refuses it.
+    #[error("no kernel: {0}")]
+    Kernel(String),
+    /// An operation has other bits.
+    #[error(
+        "the device computes \"{operation}\" of {:#x}, {:#x}, {:#x} as {word:#x}, the host as {expected:#x}",
+        operands[0], operands[1], operands[2]
+    )]
+    Operation {
+        /// The operation.
+        operation: String,
+        /// Words of its operands.
+        operands: [u32; 3],
+        /// The device's result.
+        word: u32,
+        /// The host's result.
+        expected: u32,
+    },
+    /// The device decides too few cases of an operation to be of use.
+    #[error("the device leaves \"{operation}\" to the host in nearly all cases")]
+    Undecided {
+        /// The operation.
+        operation: String,
+    },
+    /// Each operation has the host's bits, the pattern has not.
+    #[error("{wrong} of {checked} points differ, though each operation alone has the host's bits")]
+    Points {
+        /// Points that differ.
+        wrong: usize,
+        /// Points compared.
+        checked: usize,
+    },
+    /// The device was lost.
+    #[error("the device was lost: {0}")]
+    Lost(String),
+    /// A loop of the shader does not end.
+    #[error("line {line}: this loop takes too many turns; does it end at every point?")]
+    Endless {
+        /// The loop's line.
+        line: u32,
+    },
+}
+
+/// What a device has computed of a pattern.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct GpuPatternReport {
+    /// Points.
+    pub points: u64,
+    /// Points among them that the host computed, because the device could not decide.
+    pub undecided: u64,
+    /// Points of the cross-check, computed again by the host.
+    pub checked: u64,
+}
+
+/// A pattern compiled for a GPU and compared with the host.
+#[derive(Debug)]
+pub struct GpuPattern {
+    gpu: Arc<Gpu>,
+    kernel: Kernel,
+    pipelines: Pipelines,
+    /// Whether points near subnormal numbers are left to the host.
+    flushes: bool,
+    refused: OnceLock<GpuPatternError>,
+    points: AtomicU64,
+    undecided: AtomicU64,
+    checked: AtomicU64,
+}
+
+impl GpuPattern {
+    /// Compiles a pattern and compares it with the host.
+    ///
+    /// # Errors
+    /// When the device cannot compute the pattern, or not with the host's bits.
+    pub fn new(gpu: &Arc<Gpu>, shader: &PatternShader) -> Result<Self, GpuPatternError> {
+        if gpu.fault() == Some(Fault::ShadeRefused) {
+            return Err(GpuPatternError::Kernel("refused, as requested".into()));
+        }
+        let make = |flushes: bool| {
+            let mut kernel = Kernel::new(shader, flushes).map_err(GpuPatternError::Kernel)?;
+            if gpu.fault() == Some(Fault::ShadeInexact) {
+                kernel = with_inexact_products(kernel);
+            }
+            Self::of_kernel(gpu, shader, kernel, flushes)
+        };
+        match make(false) {
+            Err(GpuPatternError::Operation { .. } | GpuPatternError::Points { .. }) => make(true),
+            made => made,
+        }
+    }
+
+    fn of_kernel(
+        gpu: &Arc<Gpu>,
+        shader: &PatternShader,
+        kernel: Kernel,
+        flushes: bool,
+    ) -> Result<Self, GpuPatternError> {
+        let info = gpu.info();
+        let controls = gpu.guard(|device, _| {
+            let has_passthrough = device.features().contains(wgpu::Features::PASSTHROUGH_SHADERS);
+            Ok(if has_passthrough { passthrough::float_controls(device) } else { None })
+        });
+        let no_vulkan =
+            || GpuPatternError::NoVulkan { adapter: info.name.clone(), backend: info.backend.clone() };
+        let controls: FloatControls = controls.map_err(GpuPatternError::Lost)?.ok_or_else(no_vulkan)?;
+        let words = spirv(&kernel.source, controls).map_err(GpuPatternError::Kernel)?;
+        let pipelines = gpu.attempt(|device, _| Pipelines::new(device, &words));
+        let pipelines = pipelines.map_err(GpuPatternError::Lost)?.map_err(GpuPatternError::Kernel)?;
+        check::operations(gpu, &pipelines, &kernel)?;
+        check::points(gpu, &pipelines, &kernel, shader)?;
+        Ok(Self {
+            gpu: gpu.clone(),
+            kernel,
+            pipelines,
+            flushes,
+            refused: OnceLock::new(),
+            points: AtomicU64::new(0),
+            undecided: AtomicU64::new(0),
+            checked: AtomicU64::new(0),
+        })
+    }
+
+    /// Whether points near subnormal numbers are left to the host, because the device flushes those.
+    pub fn flushes(&self) -> bool {
+        self.flushes
+    }
+
+    /// The scalars of points that the pattern reads, in the order of the columns.
+    pub fn inputs(&self) -> &[u32] {
+        &self.kernel.inputs
+    }
+
+    /// The scalars of finishes that the pattern computes, in the order of the columns. The others are as given.
+    pub fn outputs(&self) -> &[u32] {
+        &self.kernel.outputs
+    }
+
+    /// Why the pattern is back on the host, if it is.
+    pub fn refused(&self) -> Option<&GpuPatternError> {
+        self.refused.get()
+    }
+
+    /// What the device has computed so far.
+    pub fn report(&self) -> GpuPatternReport {
+        GpuPatternReport {
+            points: self.points.load(Relaxed),
+            undecided: self.undecided.load(Relaxed),
+            checked: self.checked.load(Relaxed),
+        }
+    }
+
+    /// Computes columns of results from columns of inputs, `points` words each. `shader` is the pattern that was
+    /// compiled.
+    ///
+    /// # Errors
+    /// When the device is lost or has answered wrongly; the pattern is then back on the host for good. When a loop of
+    /// the shader does not end.
+    pub fn evaluate(
+        &self,
+        shader: &PatternShader,
+        points: usize,
+        inputs: &[u32],
+    ) -> Result<Vec<u32>, GpuPatternError> {
+        assert_eq!(inputs.len(), points * self.kernel.inputs.len(), "a word for each point and input");
+        if let Some(error) = self.refused() {
+            return Err(error.clone());
+        }
+        let mut all = vec![0; points * self.kernel.outputs.len()];
+        for start in (0..points).step_by(MOST_POINTS) {
+            let end = points.min(start + MOST_POINTS);
+            let piece: Vec<u32> =
+                inputs.chunks(points).flat_map(|column| &column[start..end]).copied().collect();
+            let results = self.piece(shader, end - start, &piece).inspect_err(|error| {
+                if !matches!(error, GpuPatternError::Endless { .. }) {
+                    let _ = self.refused.set(error.clone());
+                }
+            })?;
+            for (to, from) in all.chunks_mut(points).zip(results.chunks(end - start)) {
+                to[start..end].copy_from_slice(from);
+            }
+        }
+        Ok(all)
+    }
+
+    /// Computes the points of one dispatch.
+    fn piece(&self, shader: &PatternShader, points: usize, inputs: &[u32]) -> Result<Vec<u32>, GpuPatternError> {
+        let outputs = self.kernel.outputs.len() * points;
+        let mut results = vec![0; outputs + points];
+        let (number, fault) = self.gpu.next_shading();
+        let failure = match fault {
+            Some(Fault::ShadeLost(_)) => Some(Failure::Loss),
+            Some(Fault::ShadeHang(_)) => Some(Failure::Hang),
+            _ => None,
+        };
+        let entry = (Entry::Pattern, points);
+        self.pipelines
+            .run(&self.gpu, entry, inputs, &mut results, failure)
+            .map_err(GpuPatternError::Lost)?;
+        if let Some(Fault::ShadeCorrupt(_)) = fault {
+            results[..outputs].iter_mut().for_each(|word| *word ^= 1);
+        }
+        let again = check::sample(points, number);
+        let expected = self.on_host(shader, points, inputs, &again)?;
+        let picked: Vec<u32> =
+            results.chunks(points).flat_map(|column| again.iter().map(|&point| column[point])).collect();
+        let wrong = check::different(&picked, &expected, again.len());
+        if wrong > 0 {
+            return Err(GpuPatternError::Points { wrong, checked: again.len() });
+        }
+        let undecided: Vec<usize> = (0..points).filter(|&point| results[outputs + point] != 0).collect();
+        let decided = self.on_host(shader, points, inputs, &undecided)?;
+        results.truncate(outputs);
+        for (to, from) in results.chunks_mut(points).zip(decided.chunks(undecided.len().max(1))) {
+            undecided.iter().zip(from).for_each(|(&point, &word)| to[point] = word);
+        }
+        self.points.fetch_add(points as u64, Relaxed);
+        self.undecided.fetch_add(undecided.len() as u64, Relaxed);
+        self.checked.fetch_add(again.len() as u64, Relaxed);
+        Ok(results)
+    }
+
+    /// The host's results for some of the points.
+    fn on_host(
+        &self,
+        shader: &PatternShader,
+        points: usize,
+        inputs: &[u32],
+        some: &[usize],
+    ) -> Result<Vec<u32>, GpuPatternError> {
+        if some.is_empty() {
+            return Ok(Vec::new());
+        }
+        let picked: Vec<u32> =
+            inputs.chunks(points).flat_map(|column| some.iter().map(|&point| column[point])).collect();
+        let results = shader.evaluate(&self.kernel, some.len(), &picked);
+        results.map_err(|endless| GpuPatternError::Endless { line: endless.line })
+    }
+}
+
+/// A kernel whose products have another last bit in a quarter of the cases, as on a device that lies.
+fn with_inexact_products(kernel: Kernel) -> Kernel {
+    let exact = "bitcast<u32>(bitcast<f32>(a) * bitcast<f32>(b))";
+    assert!(kernel.source.contains(exact), "the product has another form");
+    let inexact = format!("({exact} ^ select(0u, 1u, (a & 3u) == 3u))");
+    Kernel { source: kernel.source.replace(exact, &inexact), ..kernel }
+}

@@ -1,0 +1,195 @@
+//! Patterns on any adapter there is: these tests fail without one.
+
+use super::dispatch::{Entry, Pipelines};
+use super::{GpuPattern, GpuPatternError, check, passthrough};
+use crate::program::PatternShader;
+use crate::program::device::tests::examples;
+use crate::program::device::{Kernel, sample_points, spirv};
+use crate::trace::gpu::{AdapterChoice, Fault, Gpu};
+use std::sync::Arc;
+
+/// Opens an adapter, a software one if there is no other.
+fn open() -> Gpu {
+    let choice = AdapterChoice { name: None, allow_software: true };
+    Gpu::open(&choice).expect("tests need a GPU; a software adapter will do")
+}
+
+fn pattern(text: &str) -> PatternShader {
+    let text = format!("fn pattern(at: Point) -> Finish {{ var f = matte(at); {text} return f; }}");
+    PatternShader::load("test.wgsl", &text, []).unwrap_or_else(|error| panic!("{error}"))
+}
+
+/// Points of each example: few here, 10⁷ in the long run (`scripts/soak`).
+fn points() -> usize {
+    let asked = std::env::var("RAYSTREAM_PATTERN_POINTS").ok();
+    asked.map_or(40_000, |text| text.parse().expect("a number of points"))
+}
+
+#[test]
+fn examples_have_the_hosts_bits_at_every_point() {
+    let gpu = Arc::new(open());
+    for (name, shader) in examples() {
+        let compiled = GpuPattern::new(&gpu, &shader).unwrap_or_else(|error| panic!("{name}: {error}"));
+        let (mut done, mut seed) = (0, 1);
+        while done < points() {
+            let count = (points() - done).min(300_001);
+            let inputs = sample_points(&shader, compiled.inputs(), count, seed);
+            let results = compiled.evaluate(&shader, count, &inputs).unwrap_or_else(|e| panic!("{name}: {e}"));
+            let expected = shader.evaluate(&compiled.kernel, count, &inputs).expect("loops end");
+            let different = results.iter().zip(&expected).filter(|(result, expected)| result != expected).count();
+            assert_eq!((different, results.len()), (0, expected.len()), "{name}");
+            (done, seed) = (done + count, seed + 1);
+        }
+        let report = compiled.report();
+        println!("{name}: {report:?}, flushes: {}", compiled.flushes());
+        assert!(report.points >= points() as u64 && report.checked * 64 >= report.points);
+        assert!(report.undecided * 10 < report.points, "{name}: {report:?}");
+    }
+}
+
+/// The kernel for devices that flush, on any device: it may leave more points to the host, but errs at none.
+#[test]
+fn the_kernel_for_devices_that_flush_has_the_hosts_bits() {
+    let gpu = Arc::new(open());
+    for (name, shader) in examples() {
+        let kernel = Kernel::new(&shader, true).expect("a kernel");
+        let compiled = GpuPattern::of_kernel(&gpu, &shader, kernel, true).unwrap_or_else(|e| panic!("{name}: {e}"));
+        let inputs = sample_points(&shader, compiled.inputs(), 5000, 9);
+        let results = compiled.evaluate(&shader, 5000, &inputs).unwrap_or_else(|e| panic!("{name}: {e}"));
+        assert_eq!(Ok(results), shader.evaluate(&compiled.kernel, 5000, &inputs), "{name}");
+    }
+}
+
+/// A device that treats numbers below 2⁻¹²⁶ as 0, as some do, in sums, differences and products.
+#[test]
+fn a_device_that_flushes_is_found_and_gets_its_kernel() {
+    let gpu = Arc::new(open());
+    let shader = pattern("f.roughness = at.position.x * at.position.y + at.uv.x; f.metallic = at.uv.y * 1e-30;");
+    let flushing = |flushes| {
+        let kernel = Kernel::new(&shader, flushes).expect("a kernel");
+        let mut source = kernel.source.clone();
+        for operator in ["+", "-", "*"] {
+            let exact = format!("bitcast<u32>(bitcast<f32>(a) {operator} bitcast<f32>(b))");
+            assert!(source.contains(&exact));
+            let flushed = format!("flushed(bitcast<u32>(bitcast<f32>(flushed(a)) {operator} bitcast<f32>(flushed(b))))");
+            source = source.replace(&exact, &flushed);
+        }
+        source += "fn flushed(x: u32) -> u32 { return select(x, x & SIGN, (x & MAGNITUDE) < 0x800000u); }";
+        Kernel { source, ..kernel }
+    };
+    let refusal = GpuPattern::of_kernel(&gpu, &shader, flushing(false), false).expect_err("it flushes");
+    assert!(matches!(refusal, GpuPatternError::Operation { .. }), "{refusal}");
+    let compiled = GpuPattern::of_kernel(&gpu, &shader, flushing(true), true).expect("the host helps");
+    let mut inputs = sample_points(&shader, compiled.inputs(), 3000, 2);
+    // Every third number is tiny.
+    inputs.iter_mut().step_by(3).for_each(|word| *word = *word & 0x80ff_ffff | 1);
+    let results = compiled.evaluate(&shader, 3000, &inputs);
+    assert_eq!(results.ok(), shader.evaluate(&compiled.kernel, 3000, &inputs).ok());
+    assert!(compiled.report().undecided > 500, "{:?}", compiled.report());
+}
+
+#[test]
+fn a_device_that_contracts_rounds_otherwise_or_lies_is_refused_with_the_operation() {
+    let gpu = Arc::new(open());
+    let shader = pattern(
+        "f.roughness = sqrt(at.position.x / at.position.y) + at.uv.x * at.uv.y;
+         f.metallic = floor(at.position.z) + round(at.uv.x) + f32(at.primitive) + max(at.uv.x, at.uv.y);
+         f.clearcoat = f32(u32(at.uv.y)) - select(1.0, 0.0, at.uv.x < 0.5);",
+    );
+    let lies = [
+        // The lie, and the operation that shows it.
+        ("bitcast<f32>(a) + bitcast<f32>(b))", "bitcast<f32>(a) + bitcast<f32>(b)) & 0xfffffffeu", "a + b"),
+        ("return sign | min(word, INFINITE);", "return sign | min(word - (word & 1u), INFINITE);", "a / b"),
+        ("let up = (root & 1u) == 1u &&", "let up = false &&", "square root"),
+        ("return select(b, a, is_less(b, a));", "return select(b, a, !is_less(a, b));", "a if a > b, else b"),
+        ("let up = cut > 0x80u ||", "let up = cut >= 0x80u ||", "nearest number, ties to even"),
+        ("if (a >= 0x4f800000u) {", "if (a > 0x7f800000u) {", "truncated and clamped to the range; 0 for NaN"),
+        ("if ((a & SIGN) != 0u && whole != a) {", "if (false) {", "greatest integer not above a"),
+        ("x > 0x3f000000u);", "x >= 0x3f000000u);", "nearest integer, ties to even"),
+    ];
+    for (exact, lie, operation) in lies {
+        let kernel = Kernel::new(&shader, false).expect("a kernel");
+        assert!(kernel.source.contains(exact), "{exact}");
+        let kernel = Kernel { source: kernel.source.replace(exact, lie), ..kernel };
+        let refusal = GpuPattern::of_kernel(&gpu, &shader, kernel, false).expect_err(operation).to_string();
+        assert!(refusal.contains(&format!("{operation:?}")), "{operation}: {refusal}");
+    }
+    // A contraction shows in no single operation.
+    let kernel = Kernel::new(&shader, false).expect("a kernel");
+    let fused = kernel.source.replace(
+        "result = op_add(op_mul(a, b), c);",
+        "result = op_add(op_mul(a, b), c) + u32((a & 1u) == 1u && !undecided);",
+    );
+    assert_ne!(fused, kernel.source);
+    let refusal = GpuPattern::of_kernel(&gpu, &shader, Kernel { source: fused, ..kernel }, false);
+    assert!(refusal.expect_err("it contracts").to_string().contains("\"a * b + c\""));
+    // What no operation shows, points show.
+    let kernel = Kernel::new(&shader, false).expect("a kernel");
+    let wrong = kernel.source.replacen("results[0u * points + point] = ", "results[0u * points + point] = 1u ^ ", 1);
+    assert_ne!(wrong, kernel.source);
+    let refusal = GpuPattern::of_kernel(&gpu, &shader, Kernel { source: wrong, ..kernel }, false);
+    assert!(matches!(refusal.expect_err("points differ"), GpuPatternError::Points { .. }));
+}
+
+#[test]
+fn every_fault_is_an_error_and_leaves_the_pattern_to_the_host() {
+    let shader = pattern("f.roughness = noise(at.position) * at.uv.x;");
+    let faults = [
+        (Fault::ShadeLost(2), "lost"),
+        (Fault::ShadeHang(2), "did not return within"),
+        (Fault::ShadeCorrupt(2), "points differ"),
+    ];
+    for (fault, says) in faults {
+        let gpu = Arc::new(open().with_fault(fault));
+        let compiled = GpuPattern::new(&gpu, &shader).expect("the device is sound so far");
+        let inputs = sample_points(&shader, compiled.inputs(), 1000, 3);
+        let expected = shader.evaluate(&compiled.kernel, 1000, &inputs).expect("no loops");
+        assert_eq!(compiled.evaluate(&shader, 1000, &inputs), Ok(expected), "{fault}");
+        for _ in 0..2 {
+            let error = compiled.evaluate(&shader, 1000, &inputs).expect_err(says);
+            assert!(error.to_string().contains(says), "{fault}: {error}");
+        }
+        assert!(compiled.refused().is_some() && compiled.report().points == 1000);
+    }
+    for (fault, says) in [(Fault::ShadeRefused, "no kernel"), (Fault::ShadeInexact, "\"a * b\"")] {
+        let error = GpuPattern::new(&Arc::new(open().with_fault(fault)), &shader).expect_err(says);
+        assert!(error.to_string().contains(says), "{fault}: {error}");
+    }
+}
+
+#[test]
+fn a_loop_without_end_ends_on_the_device_and_is_told_by_the_host() {
+    let gpu = Arc::new(open());
+    let shader = pattern(
+        "var x = at.position.x; loop { if (at.position.y > -1000.0) { break; } x += 1.0; } f.roughness = x;",
+    );
+    let compiled = GpuPattern::new(&gpu, &shader).expect("it ends at ordinary points");
+    let mut inputs = sample_points(&shader, compiled.inputs(), 100, 1);
+    assert!(compiled.evaluate(&shader, 100, &inputs).is_ok());
+    let height = compiled.inputs().iter().position(|&scalar| scalar == 1).expect("it reads y");
+    inputs[height * 100 + 50] = (-2000.0f32).to_bits();
+    let error = compiled.evaluate(&shader, 100, &inputs).expect_err("no end");
+    assert!(error.to_string().contains("line 1"), "{error}");
+    assert!(compiled.refused().is_none(), "the device is sound");
+}
+
+/// Says what plain SPIR-V would do: not a promise, but the reason for `NoContraction`.
+#[test]
+fn the_probe_runs_within_the_module_of_the_pattern() {
+    let gpu = open();
+    let shader = pattern("f.roughness = at.position.x * 0.1 * 3.7 + at.uv.x;");
+    let kernel = Kernel::new(&shader, false).expect("a kernel");
+    let controls = gpu.guard(|device, _| Ok(passthrough::float_controls(device))).expect("the device is there");
+    let words = spirv(&kernel.source, controls.expect("Vulkan")).expect("a module");
+    let pipelines = gpu.guard(|device, _| Ok(Pipelines::new(device, &words))).expect("pipelines");
+    assert_eq!(check::operations(&gpu, &pipelines, &kernel), Ok(()));
+    let mut results = vec![0; 2 * 64];
+    let inputs: Vec<u32> = (0..3 * 64).map(|i| (i as f32 * 0.37).to_bits()).collect();
+    for (number, probe) in (0..).zip(&kernel.probes) {
+        pipelines.run(&gpu, (Entry::Probe(number), 64), &inputs, &mut results, None).expect("an answer");
+        for point in 0..64 {
+            let case = [0, 1, 2].map(|column| inputs[column * 64 + point]);
+            assert!(results[64 + point] != 0 || results[point] == probe.expected(case), "{}", probe.name());
+        }
+    }
+}
