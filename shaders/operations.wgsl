@@ -32,9 +32,9 @@ fn is_near_zero(a: u32) -> bool {
     return magnitude != 0u && magnitude < NEAR_ZERO;
 }
 
-// Notes operands and the result that a device may treat otherwise than the host.
+// Notes operands and results that a device may treat otherwise than the host.
 fn noted(a: u32, b: u32, result: u32) -> u32 {
-    if ((result & MAGNITUDE) >= INFINITE) {
+    if (max(max(a & MAGNITUDE, b & MAGNITUDE), result & MAGNITUDE) >= INFINITE) {
         undecided = true;
     }
     if (FLUSHES && (is_near_zero(a) || is_near_zero(b) || is_near_zero(result))) {

@@ -194,6 +194,9 @@ impl<'c> Writer<'c> {
 
     fn operand(&self, register: Register) -> String {
         match self.words.get(&register) {
+            // A zero that the driver knows: lavapipe drops sums and products with it, and signs of zero with them.
+            Some(0) => "params.z".into(),
+            Some(0x8000_0000) => "(params.z ^ SIGN)".into(),
             Some(word) => format!("{word:#x}u"),
             None => format!("r{register}"),
         }

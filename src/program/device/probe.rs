@@ -20,7 +20,7 @@ pub(crate) enum Probe {
 }
 
 /// What drivers are known to contract, reorder or drop.
-const SHAPES: [Probe; 10] = [
+const SHAPES: [Probe; 12] = [
     Probe::Shape("a * b + c", "op_add(op_mul(a, b), c)", |[a, b, c]| a * b + c),
     Probe::Shape("a * b - c", "op_sub(op_mul(a, b), c)", |[a, b, c]| a * b - c),
     Probe::Shape("c - a * b", "op_sub(c, op_mul(a, b))", |[a, b, c]| c - a * b),
@@ -30,7 +30,9 @@ const SHAPES: [Probe; 10] = [
     Probe::Shape("a * b + a * c", "op_add(op_mul(a, b), op_mul(a, c))", |[a, b, c]| a * b + a * c),
     Probe::Shape("(a * 0.1) * 3.7", "op_mul(op_mul(a, 0x3dcccccdu), 0x406ccccdu)", |[a, ..]| (a * 0.1) * 3.7),
     Probe::Shape("(a + 0.1) + 3.7", "op_add(op_add(a, 0x3dcccccdu), 0x406ccccdu)", |[a, ..]| (a + 0.1) + 3.7),
-    Probe::Shape("a + 0", "op_add(a, 0u)", |[a, ..]| a + 0.0),
+    Probe::Shape("a + 0", "op_add(a, params.z)", |[a, ..]| a + 0.0),
+    Probe::Shape("a * 0", "op_mul(a, params.z)", |[a, ..]| a * 0.0),
+    Probe::Shape("a - a", "op_sub(a, a)", |[a, ..]| a - a),
 ];
 
 impl Probe {

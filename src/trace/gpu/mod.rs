@@ -1,5 +1,5 @@
-//! The GPU tracer: traces whole ray streams on a device. The only module that names wgpu. `docs/glossary.md` explains
-//! the words.
+//! The GPU tracer: traces whole ray streams on a device. Beside `program::gpu` the only module that names wgpu.
+//! `docs/glossary.md` explains the words.
 //!
 //! ```text
 //! AdapterChoice ─▶ Gpu (adapter, device, queue) ──────────┐
