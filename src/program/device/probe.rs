@@ -150,7 +150,7 @@ pub(crate) fn sample_points(shader: &PatternShader, inputs: &[u32], points: usiz
         POINT_FIELDS.iter().flat_map(|field| std::iter::repeat_n(field.kind, field.kind.numbers())).collect();
     let seed = mix(seed ^ shader.code().registers);
     let word = |column: usize, point: usize| {
-        let random = mix(mix(point as u32 ^ seed).wrapping_add(0x85eb_ca6b * column as u32));
+        let random = mix(mix(point as u32 ^ seed).wrapping_add(0x85eb_ca6bu32.wrapping_mul(column as u32)));
         match kinds[inputs[column] as usize] {
             FieldType::Bool => 0u32.wrapping_sub(random & 1),
             FieldType::U32 => random >> (random & 31),
