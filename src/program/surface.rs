@@ -125,7 +125,7 @@ impl PatternShader {
     /// The program.
     #[cfg(feature = "gpu")]
     pub(super) fn code(&self) -> &Code {
-        &self.code
+        &self.kernel.code
     }
 
     /// Number of operations that a point takes, loops counted once.

@@ -41,7 +41,7 @@ impl LaneTask for Evaluation<'_> {
         let Self { shader, kernel, points, inputs, results } = self;
         let code = shader.code();
         let mut columns = Columns::default();
-        columns.prepare(code, 1);
+        columns.prepare(code, 1, BLOCK);
         for start in (0..points).step_by(BLOCK) {
             let count = BLOCK.min(points - start);
             for (column, scalar) in inputs.chunks(points).zip(&kernel.inputs) {
@@ -54,8 +54,9 @@ impl LaneTask for Evaluation<'_> {
             }
             run(l, code, &columns, count).map_err(|endless| Endless { line: endless.line })?;
             for (column, &scalar) in results.chunks_mut(points).zip(&kernel.outputs) {
-                let from = columns.column(code.outputs[scalar as usize], count);
-                column[start..].iter_mut().zip(from).for_each(|(word, cell)| *word = cell.get());
+                let from = columns.operand(code.outputs[scalar as usize], count);
+                let words = column[start..start + count].iter_mut().enumerate();
+                words.for_each(|(point, word)| *word = from.at(point));
             }
         }
         Ok(())

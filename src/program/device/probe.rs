@@ -64,7 +64,7 @@ impl Probe {
     }
 }
 
-/// The operations of programs, each once, and the shapes if they compute with numbers.
+/// The operations of programs, each once, and the shapes.
 pub(super) fn probes<'c>(codes: impl Iterator<Item = &'c Code>) -> Vec<Probe> {
     let mut operations: Vec<Operation> = Vec::new();
     for instruction in codes.flat_map(|code| &code.instructions) {
@@ -74,9 +74,7 @@ pub(super) fn probes<'c>(codes: impl Iterator<Item = &'c Code>) -> Vec<Probe> {
             operations.push(*operation);
         }
     }
-    let computes = |operation| matches!(operation, &Operation::Add | &Operation::Sub | &Operation::Mul);
-    let shapes: &[Probe] = if operations.iter().any(computes) { &SHAPES } else { &[] };
-    operations.into_iter().map(Probe::Operation).chain(shapes.iter().copied()).collect()
+    operations.into_iter().map(Probe::Operation).chain(SHAPES).collect()
 }
 
 /// Words that are often special cases.

@@ -117,12 +117,12 @@ fn a_device_that_contracts_rounds_otherwise_or_lies_is_refused_with_the_operatio
     // A contraction shows in no single operation.
     let kernel = Kernel::new(&shader, false).expect("a kernel");
     let fused = kernel.source.replace(
-        "result = op_add(op_mul(a, b), c);",
-        "result = op_add(op_mul(a, b), c) + u32((a & 1u) == 1u && !undecided);",
+        "result = op_add(op_mul(a, b), op_mul(a, c));",
+        "result = op_add(op_mul(a, b), op_mul(a, c)) + u32((a & 1u) == 1u && !undecided);",
     );
     assert_ne!(fused, kernel.source);
     let refusal = GpuPattern::of_kernel(&gpu, &shader, Kernel { source: fused, ..kernel }, false);
-    assert!(refusal.expect_err("it contracts").to_string().contains("\"a * b + c\""));
+    assert!(refusal.expect_err("it contracts").to_string().contains("\"a * b + a * c\""));
     // What no operation shows, points show.
     let kernel = Kernel::new(&shader, false).expect("a kernel");
     let wrong = kernel.source.replacen("results[0u * points + point] = ", "results[0u * points + point] = 1u ^ ", 1);
