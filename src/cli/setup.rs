@@ -1,8 +1,13 @@
 //! What all commands that trace need: a loaded scene, its tree and tracers, and the service.
 
+#[cfg(feature = "gpu")]
+use super::args::ShadeChoice;
 use super::args::{PolicyChoice, SceneArgs, TracerChoice, UnitArgs};
 use super::plugin_options::PluginOptions;
 use super::scene_file;
+use super::stats::ShadingStats;
+#[cfg(feature = "gpu")]
+use crate::engine::Shading;
 use crate::engine::{PreparedScene, UnitChoice, Units};
 use crate::scene::Scene;
 use crate::schedule::{Policy, Service, ServiceOptions, Sharing, Unit};
@@ -86,6 +91,20 @@ impl Setup {
         Ok(Self { prepared, units, service, simd, policy, options, load_s, build_s })
     }
 
+    /// What a GPU has computed of patterns, and why some are back on the CPU.
+    pub fn shading(&self) -> (Option<ShadingStats>, Vec<String>) {
+        let mut events = self.prepared.unshaded.clone();
+        #[cfg(feature = "gpu")]
+        {
+            let reports = self.prepared.shading();
+            let refusals = reports.iter().filter_map(|report| report.refused.as_ref());
+            events.extend(refusals.map(|reason| format!("a pattern is shaded on the CPU: {reason}")));
+            return (ShadingStats::of(&reports), events);
+        }
+        #[cfg(not(feature = "gpu"))]
+        (None, events)
+    }
+
     /// Says that the fault of `--inject` has not happened, if it has not.
     pub fn idle_fault(&self) -> Option<String> {
         let fault = self.units.idle_fault()?;
@@ -93,9 +112,23 @@ impl Setup {
     }
 }
 
+/// The unit that computes patterns.
+#[cfg(feature = "gpu")]
+fn shading(choice: ShadeChoice) -> Shading {
+    match choice {
+        ShadeChoice::Cpu => Shading::Cpu,
+        ShadeChoice::Gpu => Shading::Gpu,
+        ShadeChoice::Auto => Shading::Auto,
+    }
+}
+
 /// The units to open.
 fn unit_choice(unit: Option<Unit>, simd: SimdLevel, args: &UnitArgs) -> UnitChoice {
     let mut choice = UnitChoice::auto().with_simd(simd);
+    #[cfg(feature = "gpu")]
+    {
+        choice = choice.with_shading(shading(args.shade));
+    }
     if let Some(unit) = unit {
         choice = choice.with_unit(unit);
     }

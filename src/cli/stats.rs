@@ -297,8 +297,42 @@ pub struct Units {
     pub cpu: UnitStats,
     /// The GPU.
     pub gpu: GpuStats,
+    /// Patterns in WGSL that the GPU computes; absent without any.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub shading: Option<ShadingStats>,
     #[serde(skip)]
     device_waits: DeviceWaits,
+}
+
+/// Patterns in WGSL that the GPU computes.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub struct ShadingStats {
+    /// Batches of hits that the GPU could have computed.
+    pub eligible_batches: u64,
+    /// Batches that it computed.
+    pub gpu_batches: u64,
+    /// Hits in these.
+    pub hits: u64,
+    /// Hits among them that the CPU computed, because the GPU could not decide.
+    pub undecided: u64,
+    /// Hits that the CPU computed again to detect a faulty device.
+    pub checked: u64,
+}
+
+#[cfg(feature = "gpu")]
+impl ShadingStats {
+    /// Sums over patterns; `None` without any.
+    pub fn of(reports: &[crate::program::gpu::ShadingReport]) -> Option<Self> {
+        let mut sum = Self::default();
+        for report in reports {
+            sum.eligible_batches += report.eligible;
+            sum.gpu_batches += report.shaded;
+            sum.hits += report.points;
+            sum.undecided += report.undecided;
+            sum.checked += report.checked;
+        }
+        (!reports.is_empty()).then_some(sum)
+    }
 }
 
 /// The CPU's share.

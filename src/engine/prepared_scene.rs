@@ -60,6 +60,8 @@ pub struct PreparedScene {
     pub adapter: Option<String>,
     /// Why a requested GPU is not used. The CPU does its work.
     pub degraded: Option<String>,
+    /// Why patterns in WGSL are computed by the CPU that a GPU was to compute.
+    pub unshaded: Vec<String>,
     units: Units,
     device: Option<Device>,
     /// Prepared when first needed.
@@ -96,7 +98,8 @@ impl PreparedScene {
         let tracers = tracers(host, device.as_ref(), units, &scene);
         let adapter = device.as_ref().and_then(|_| units.adapter());
         let (units, lit) = (units.clone(), OnceLock::new());
-        Self { scene, bvh, tracers, filter, single_ray, adapter, degraded, units, device, lit }
+        let unshaded = unshaded(&units, &scene);
+        Self { scene, bvh, tracers, filter, single_ray, adapter, degraded, unshaded, units, device, lit }
     }
 
     /// Prepares this scene with another appearance: a clone of [`PreparedScene::scene`] with other materials, lights,
@@ -143,6 +146,7 @@ impl PreparedScene {
             bvh: Arc::clone(&self.bvh),
             adapter: self.adapter.clone(),
             degraded: self.degraded.clone(),
+            unshaded: unshaded(&self.units, &scene),
             units: self.units.clone(),
             lit: OnceLock::new(),
             scene,
@@ -192,6 +196,12 @@ impl PreparedScene {
         service.submit(renderer, self.tracers.clone(), options)
     }
 
+    /// What the GPU has computed of each pattern that it was given.
+    #[cfg(all(feature = "gpu", feature = "wgsl"))]
+    pub fn shading(&self) -> Vec<crate::program::gpu::ShadingReport> {
+        super::shading::reports(&self.scene)
+    }
+
     /// The GPU's tracers with each kind of kernel, for comparison. Empty without a GPU.
     ///
     /// # Errors
@@ -212,6 +222,15 @@ impl fmt::Debug for PreparedScene {
             .field("degraded", &self.degraded)
             .finish_non_exhaustive()
     }
+}
+
+/// Gives patterns to the GPU; returns why some stay on the CPU.
+#[cfg_attr(not(all(feature = "gpu", feature = "wgsl")), expect(unused_variables, reason = "only the GPU needs them"))]
+fn unshaded(units: &Units, scene: &Scene) -> Vec<String> {
+    #[cfg(all(feature = "gpu", feature = "wgsl"))]
+    return units.attach_patterns(scene);
+    #[cfg(not(all(feature = "gpu", feature = "wgsl")))]
+    Vec::new()
 }
 
 /// The CPU's tracers: of streams, and of single rays.

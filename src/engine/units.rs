@@ -1,5 +1,7 @@
 //! The units of this machine: opened once and shared by all scenes.
 
+#[cfg(all(feature = "gpu", feature = "wgsl"))]
+use super::Shading;
 use crate::bvh::{Bvh, Filter};
 use crate::profile;
 use crate::schedule::Unit;
@@ -8,7 +10,7 @@ use crate::stream::{DeviceTracer, Tracer};
 use crate::trace::cpu::CpuTracer;
 use crate::trace::cpu::{SimdError, SimdLevel};
 #[cfg(feature = "gpu")]
-use crate::trace::gpu::{AdapterChoice, Fault, Gpu, GpuError, GpuTracer};
+use crate::trace::gpu::{AdapterChoice, AdapterKind, Fault, Gpu, GpuError, GpuTracer};
 #[cfg(feature = "gpu")]
 use std::path::PathBuf;
 use std::sync::{Arc, Once};
@@ -30,6 +32,8 @@ pub struct UnitChoice {
     cache: Option<PathBuf>,
     #[cfg(feature = "gpu")]
     fault: Option<Fault>,
+    #[cfg(all(feature = "gpu", feature = "wgsl"))]
+    shading: Shading,
 }
 
 impl Default for UnitChoice {
@@ -49,6 +53,8 @@ impl UnitChoice {
             cache: None,
             #[cfg(feature = "gpu")]
             fault: None,
+            #[cfg(all(feature = "gpu", feature = "wgsl"))]
+            shading: Shading::Cpu,
         }
     }
 
@@ -75,6 +81,20 @@ impl UnitChoice {
         Self { cache: Some(folder.into()), ..self }
     }
 
+    /// Chooses the unit that computes patterns in WGSL; by default the CPU.
+    #[cfg(all(feature = "gpu", feature = "wgsl"))]
+    pub fn with_shading(self, shading: Shading) -> Self {
+        Self { shading, ..self }
+    }
+
+    /// Whether a GPU is to compute patterns, and even a software adapter.
+    fn shades(&self) -> (bool, bool) {
+        #[cfg(all(feature = "gpu", feature = "wgsl"))]
+        return (self.shading != Shading::Cpu, self.shading == Shading::Gpu);
+        #[cfg(not(all(feature = "gpu", feature = "wgsl")))]
+        (false, false)
+    }
+
     /// Injects failures of the GPU, for tests.
     #[cfg(feature = "gpu")]
     #[doc(hidden)]
@@ -88,11 +108,15 @@ impl UnitChoice {
 pub struct Units {
     simd: SimdLevel,
     unit: Unit,
-    gpu: Gpus,
+    pub(super) gpu: Gpus,
+    /// Whether a GPU traces; it may be there for patterns alone.
+    traces: bool,
+    #[cfg(all(feature = "gpu", feature = "wgsl"))]
+    pub(super) shading: Shading,
 }
 
 #[derive(Clone, Debug)]
-enum Gpus {
+pub(super) enum Gpus {
     NotRequested,
     Unavailable(String),
     #[cfg(feature = "gpu")]
@@ -154,10 +178,29 @@ const NO_GPU_UNASKED: &str = "the CPU traces alone: this program was compiled wi
 const GPU_MAY_ABORT: &str = "this program was compiled with panic = \"abort\": if the GPU's driver fails in a panic, \
                              the program ends instead of finishing on the CPU";
 
+impl Gpus {
+    /// Whether the GPU is there to trace. Software traces only on request.
+    fn may_trace(&self, choice: &UnitChoice) -> bool {
+        match (choice.unit, self) {
+            (Some(unit), _) => unit != Unit::Cpu,
+            #[cfg(feature = "gpu")]
+            (None, Self::Open(gpu)) => choice.adapter.is_some() || gpu.info().kind != AdapterKind::Software,
+            (None, _) => true,
+        }
+    }
+}
+
 impl Units {
     /// The CPU alone, with the best instruction set it supports.
     pub fn cpu() -> Self {
-        Self { simd: SimdLevel::detect(), unit: Unit::Cpu, gpu: Gpus::NotRequested }
+        Self {
+            simd: SimdLevel::detect(),
+            unit: Unit::Cpu,
+            gpu: Gpus::NotRequested,
+            traces: false,
+            #[cfg(all(feature = "gpu", feature = "wgsl"))]
+            shading: Shading::Cpu,
+        }
     }
 
     /// Opens the units. It is no error if a requested GPU cannot be opened: the CPU does its work, and every
@@ -172,8 +215,8 @@ impl Units {
     pub fn open(choice: &UnitChoice) -> Result<Self, UnitsError> {
         let simd = choice.simd.require()?;
         let gpu = match choice.unit {
-            Some(Unit::Cpu) => Gpus::NotRequested,
-            None if choice.adapter.is_none() && ABORTS => {
+            Some(Unit::Cpu) if !choice.shades().0 => Gpus::NotRequested,
+            None if choice.adapter.is_none() && ABORTS && !choice.shades().0 => {
                 WARNED_OF_ABORT.call_once(|| profile::warn(NO_GPU_UNASKED));
                 Gpus::NotRequested
             }
@@ -188,7 +231,14 @@ impl Units {
         if choice.fault.is_some() && !matches!(gpu, Gpus::Open(_)) {
             return Err(UnitsError::NothingToInject);
         }
-        Ok(Self { simd, unit: choice.unit.unwrap_or(Unit::Hybrid), gpu })
+        Ok(Self {
+            simd,
+            unit: choice.unit.unwrap_or(Unit::Hybrid),
+            traces: gpu.may_trace(choice),
+            gpu,
+            #[cfg(all(feature = "gpu", feature = "wgsl"))]
+            shading: choice.shading,
+        })
     }
 
     /// Instruction set of the CPU tracer.
@@ -228,6 +278,7 @@ impl Units {
         host: &Arc<dyn Tracer>,
     ) -> Result<Option<Device>, String> {
         match &self.gpu {
+            _ if !self.traces => Ok(None),
             Gpus::NotRequested => Ok(None),
             Gpus::Unavailable(reason) => Err(reason.clone()),
             #[cfg(feature = "gpu")]
@@ -264,7 +315,7 @@ impl Units {
 
 #[cfg(feature = "gpu")]
 fn open_gpu(choice: &UnitChoice) -> Result<Gpus, UnitsError> {
-    let is_requested = choice.unit.is_some() || choice.adapter.is_some();
+    let is_requested = choice.unit.is_some_and(|unit| unit != Unit::Cpu) || choice.adapter.is_some() || choice.shades().1;
     let adapter = AdapterChoice { name: choice.adapter.clone(), allow_software: is_requested };
     let measured = |gpu: Gpu| match &choice.cache {
         Some(folder) => gpu.calibrate(folder, |bvh| calibration_host(bvh, choice.simd)),

@@ -96,7 +96,7 @@ impl Kernel {
 }
 
 #[cold]
-fn endless_loop(file: &str, line: u32) -> ! {
+pub(super) fn endless_loop(file: &str, line: u32) -> ! {
     panic!("{file}:{line}: this loop takes too many turns; does it end at every point?");
 }
 

@@ -1,5 +1,9 @@
 //! Patterns: shaders that compute the finish of a surface.
 
+#[cfg(feature = "gpu")]
+use super::device::{PatternDevice, ShadingReport};
+#[cfg(feature = "gpu")]
+use super::kernel::endless_loop;
 use super::kernel::{Kernel, PointInputs, Signature, write};
 use super::loaded::Loaded;
 use super::lower::Output;
@@ -13,7 +17,11 @@ use crate::scene::{
     Procedural,
 };
 use naga::Span;
+use std::any::Any;
 use std::fmt;
+use std::ops::Range;
+#[cfg(feature = "gpu")]
+use std::sync::OnceLock;
 
 const PATTERN: Signature = Signature {
     name: "pattern",
@@ -62,6 +70,9 @@ pub struct PatternShader {
     inputs: PointInputs,
     effects: Effects,
     block: Option<usize>,
+    /// What computes blocks instead of the host.
+    #[cfg(feature = "gpu")]
+    device: OnceLock<Box<dyn PatternDevice>>,
 }
 
 impl fmt::Debug for PatternShader {
@@ -109,6 +120,8 @@ impl PatternShader {
             block: (kernel.code.instructions.len() >= MIN_STAGED).then_some(BLOCK),
             kernel,
             effects,
+            #[cfg(feature = "gpu")]
+            device: OnceLock::new(),
         })
     }
 
@@ -131,6 +144,26 @@ impl PatternShader {
     /// Number of operations that a point takes, loops counted once.
     pub fn operations(&self) -> usize {
         self.kernel.code.instructions.len()
+    }
+
+    /// Lets a device compute blocks from now on, unless there is one already.
+    #[cfg(feature = "gpu")]
+    pub(super) fn attach(&self, device: Box<dyn PatternDevice>) {
+        let _ = self.device.set(device);
+    }
+
+    /// What the device has computed, if there is one.
+    #[cfg(feature = "gpu")]
+    pub(super) fn shading_report(&self) -> Option<ShadingReport> {
+        Some(self.device.get()?.report())
+    }
+
+    /// Whether a device computes blocks.
+    fn has_device(&self) -> bool {
+        #[cfg(feature = "gpu")]
+        return self.device.get().is_some();
+        #[cfg(not(feature = "gpu"))]
+        false
     }
 
     /// The same pattern, computed for blocks of this many hits, a multiple of 16; `None` for as many as there are
@@ -170,20 +203,42 @@ impl BlockSurface for PatternShader {
     }
 
     fn block(&self) -> usize {
-        self.block.unwrap_or(CHUNK)
+        if self.has_device() { DEVICE_BLOCK } else { self.block.unwrap_or(CHUNK) }
+    }
+
+    fn as_any(&self) -> &dyn Any {
+        self
     }
 
     fn compute(&self, lanes: usize, points: usize, from: &BlockColumns, to: &mut BlockColumns) {
-        let block = BlockSurface::block(self);
+        #[cfg(feature = "gpu")]
+        if let Some(device) = self.device.get() {
+            match device.compute(self, points, from, to) {
+                Ok(true) => return,
+                Ok(false) => {}
+                Err(line) => endless_loop(&self.file, line),
+            }
+        }
+        let block = self.block.unwrap_or(CHUNK);
+        for start in (0..points).step_by(block) {
+            self.compute_piece(lanes, start..points.min(start + block), from, to);
+        }
+    }
+}
+
+impl PatternShader {
+    /// Computes at most as many points as a block has.
+    fn compute_piece(&self, lanes: usize, piece: Range<usize>, from: &BlockColumns, to: &mut BlockColumns) {
+        let (block, points) = (self.block.unwrap_or(CHUNK), piece.len());
         let columns = self.kernel.columns(block);
         for (scalar, input) in self.inputs.registers.iter().enumerate() {
             let Some((register, is_truth)) = *input else { continue };
-            write(columns.column(register, points), from.column(scalar), is_truth);
+            write(columns.column(register, points), &from.column(scalar)[piece.clone()], is_truth);
         }
         self.kernel.run_block(lanes, &self.file, &columns, points);
         for (scalar, &register) in self.kernel.code.outputs.iter().enumerate() {
             let from = columns.operand(register, points);
-            for (chunk, to) in to.column_mut(scalar)[..points].chunks_mut(CHUNK).enumerate() {
+            for (chunk, to) in to.column_mut(scalar)[piece.clone()].chunks_mut(CHUNK).enumerate() {
                 for (number, cell) in to.iter_mut().zip(from.some(chunk * CHUNK, CHUNK)) {
                     *number = f32::from_bits(cell.get());
                 }
@@ -210,6 +265,9 @@ impl FinishSource for Outputs<'_> {
 }
 
 const _: () = assert!(MAX_LANES == CHUNK && BLOCK.is_multiple_of(CHUNK));
+
+/// Hits of a block that a device computes: a whole batch.
+const DEVICE_BLOCK: usize = 1024;
 
 /// What a pattern computes beside colours.
 fn effects(loaded: &Loaded, outputs: &[Output]) -> Result<Effects, Fault> {

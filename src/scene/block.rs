@@ -2,6 +2,7 @@
 
 use super::{FINISH_FIELDS, Finish, FinishSource, POINT_FIELDS, PointSink, SurfaceField};
 use crate::lanes::{Lanes, MAX_LANES};
+use std::any::Any;
 use std::fmt::Debug;
 
 /// A procedural surface that costs less for a block of many hits than for 8 or 16.
@@ -11,6 +12,9 @@ pub trait BlockSurface: Debug + Send + Sync {
 
     /// The most points of a block, a multiple of 16.
     fn block(&self) -> usize;
+
+    /// The surface itself, for those who know its type.
+    fn as_any(&self) -> &dyn Any;
 
     /// Computes the finishes of the first `points` points, with this many lanes.
     fn compute(&self, lanes: usize, points: usize, from: &BlockColumns, to: &mut BlockColumns);

@@ -19,6 +19,8 @@ pub struct Stage<'s> {
     material: &'s Material,
     surface: &'s dyn BlockSurface,
     columns: Box<Columns>,
+    /// The most points of a block.
+    block: usize,
     /// Points that are computed, counted from the start of the run.
     begin: usize,
     end: usize,
@@ -41,9 +43,10 @@ impl<'s> Stage<'s> {
         let Surface::Procedural(index) = material.surface else { return None };
         let surface = scene.procedurals[index as usize].in_blocks()?;
         let mut columns = SPARE.take().unwrap_or_default();
-        columns.points.for_points(surface.block());
-        columns.finishes.for_finishes(surface.block());
-        Some(Self { scene, material, surface, columns, begin: 0, end: 0 })
+        let block = surface.block();
+        columns.points.for_points(block);
+        columns.finishes.for_finishes(block);
+        Some(Self { scene, material, surface, columns, block, begin: 0, end: 0 })
     }
 
     /// The finishes of the rays of a run from index `at` on, one in each lane, if there is a stage. `at` grows from
@@ -59,7 +62,7 @@ impl<'s> Stage<'s> {
         let stage = stage.as_mut()?;
         if at >= stage.end {
             stage.begin = at;
-            stage.end = rays.len().min(at + stage.surface.block());
+            stage.end = rays.len().min(at + stage.block);
             l.outlined(Filling { stage, rays: &rays[at..], source });
         }
         Some(StagedFinish { columns: &stage.columns.finishes, at: at - stage.begin })
@@ -85,7 +88,7 @@ impl<L: Lanes, S: HitSource> OutlinedTask<L> for Filling<'_, '_, S> {
     #[cfg_attr(not(unoptimised), inline(always))]
     fn run(self, l: L) {
         let Self { stage, rays, source } = self;
-        let Stage { scene, material, surface, columns, begin, end } = stage;
+        let Stage { scene, material, surface, columns, begin, end, .. } = stage;
         let wanted = surface.wanted();
         let rays = &rays[..*end - *begin];
         for (i, some) in rays.chunks(L::LANES).enumerate() {

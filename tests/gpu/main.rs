@@ -10,6 +10,8 @@ mod instanced_scenes;
 mod meshes;
 #[path = "../tracing/rays.rs"]
 mod rays;
+#[cfg(feature = "wgsl")]
+mod shading;
 mod soak;
 
 use meshes::Mesh;

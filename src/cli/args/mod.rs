@@ -43,6 +43,8 @@ pub use sampling::SamplingArgs;
 pub use scene::SceneArgs;
 pub use shaders::ShadersCommand;
 pub use trace::{MeshArgs, TraceArgs};
+#[cfg(feature = "gpu")]
+pub use units::ShadeChoice;
 pub use units::{PolicyChoice, TracerChoice, UnitArgs};
 pub use view::{CameraArgs, LightArgs, vector};
 

@@ -3,6 +3,7 @@
 //! Registers are variables of the kernel, one word each. A skip is an `if` and a repetition a `loop`: the lowerer nests
 //! them. Functions that the host computes with kernels in lanes are lowered from the prelude's text.
 
+use super::block::Given;
 use super::probe::{Probe, probes};
 use crate::program::PatternShader;
 use crate::program::code::{Code, Instruction, Register};
@@ -32,6 +33,8 @@ pub(crate) struct Kernel {
     pub inputs: Vec<u32>,
     /// The scalars of the finish that it computes, a column each. The others are inputs or the same everywhere.
     pub outputs: Vec<u32>,
+    /// The other scalars of the finish.
+    pub given: Vec<(u32, Given)>,
     /// What the entry point `probe` computes of three columns, by number of the case.
     pub probes: Vec<Probe>,
 }
@@ -56,7 +59,8 @@ impl Kernel {
         }
         source += &pattern_entry(code, &inputs, &outputs);
         source += &probe_entry(&probes);
-        Ok(Self { source, inputs, outputs, probes })
+        let given = given(code, &outputs);
+        Ok(Self { source, inputs, outputs, given, probes })
     }
 }
 
@@ -79,6 +83,17 @@ pub(super) fn outputs(code: &Code) -> Vec<u32> {
         })
         .collect();
     (0..).zip(&code.outputs).filter(|(_, register)| written.contains(register)).map(|(scalar, _)| scalar).collect()
+}
+
+/// The scalars of the finish that a program does not compute.
+fn given(code: &Code, computed: &[u32]) -> Vec<(u32, Given)> {
+    let given = |register: &Register| {
+        let word = code.constants.iter().find(|(constant, _)| constant == register);
+        let input = code.inputs.iter().find(|(_, input)| input == register);
+        word.map(|&(_, word)| Given::Word(word)).or(input.map(|&(input, _)| Given::Input(input)))
+    };
+    let others = (0..).zip(&code.outputs).filter(|(scalar, _)| !computed.contains(scalar));
+    others.filter_map(|(scalar, register)| Some((scalar, given(register)?))).collect()
 }
 
 /// The native functions that a program calls, lowered from their text.

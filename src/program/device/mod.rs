@@ -10,6 +10,7 @@
 //! defined by itself (`operation.rs`), and none is one of WGSL's built-in functions. So kernel and host are equal if
 //! each operation is, which `shaders/operations.wgsl` shows operation by operation.
 
+mod block;
 mod evaluate;
 mod kernel;
 mod probe;
@@ -18,6 +19,8 @@ mod spirv;
 pub(super) mod tests;
 
 
+pub use block::ShadingReport;
+pub(crate) use block::{Given, PatternDevice, words};
 pub(crate) use kernel::{Kernel, WORKGROUP};
 pub(crate) use probe::{cases, sample_points};
 pub(crate) use spirv::{FloatControls, spirv};

@@ -5,12 +5,16 @@
 //! dispatch. A device that flushes subnormal numbers gets a kernel that tells which points come near them; the host
 //! computes those, and points with infinities or NaN. Any difference leaves the pattern to the host.
 
+mod attached;
 mod check;
 mod dispatch;
 #[cfg_attr(not(any(target_os = "linux", target_os = "android", windows)), path = "no_passthrough.rs")]
 mod passthrough;
 #[cfg(test)]
 mod tests;
+
+pub use super::device::ShadingReport;
+pub use attached::{attach, shading_report};
 
 use super::PatternShader;
 use super::device::{FloatControls, Kernel, spirv};

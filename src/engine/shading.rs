@@ -1,0 +1,43 @@
+//! Which unit computes patterns in WGSL.
+
+use super::Units;
+use super::units::Gpus;
+use crate::program::gpu::{ShadingReport, attach, shading_report};
+use crate::scene::Scene;
+use crate::trace::gpu::AdapterKind;
+
+/// Operations of a hit from which a device pays: fewer are computed while their operands are copied.
+const WORTH: usize = 1000;
+
+/// Which unit computes patterns in WGSL. The picture is the same.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Shading {
+    /// The CPU.
+    #[default]
+    Cpu,
+    /// The GPU, even if it is a software adapter.
+    Gpu,
+    /// The GPU if it is hardware, for patterns of many operations.
+    Auto,
+}
+
+impl Units {
+    /// Gives the patterns of a scene to the GPU, as requested. Returns why some stay on the CPU.
+    pub(super) fn attach_patterns(&self, scene: &Scene) -> Vec<String> {
+        let gpu = match (self.shading, &self.gpu) {
+            (Shading::Cpu, _) | (_, Gpus::NotRequested) => return Vec::new(),
+            (_, Gpus::Unavailable(reason)) => return vec![reason.clone()],
+            (Shading::Auto, Gpus::Open(gpu)) if gpu.info().kind == AdapterKind::Software => return Vec::new(),
+            (_, Gpus::Open(gpu)) => gpu,
+        };
+        let least = if self.shading == Shading::Auto { WORTH } else { 0 };
+        let surfaces = scene.procedurals.iter().filter_map(|surface| surface.in_blocks());
+        surfaces.filter_map(|surface| attach(gpu, surface, least)?.err()).collect()
+    }
+}
+
+/// What devices have shaded of each pattern of a scene.
+pub(super) fn reports(scene: &Scene) -> Vec<ShadingReport> {
+    scene.procedurals.iter().filter_map(|surface| shading_report(surface.in_blocks()?)).collect()
+}
