@@ -93,9 +93,10 @@ impl Setup {
 
     /// What a GPU has computed of patterns, and why some are back on the CPU.
     pub fn shading(&self) -> (Option<ShadingStats>, Vec<String>) {
-        let mut events = self.prepared.unshaded.clone();
+        let events = self.prepared.unshaded.clone();
         #[cfg(feature = "gpu")]
         {
+            let mut events = events;
             let reports = self.prepared.shading();
             let refusals = reports.iter().filter_map(|report| report.refused.as_ref());
             events.extend(refusals.map(|reason| format!("a pattern is shaded on the CPU: {reason}")));
