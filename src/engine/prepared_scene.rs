@@ -225,7 +225,10 @@ impl fmt::Debug for PreparedScene {
 }
 
 /// Gives patterns to the GPU; returns why some stay on the CPU.
-#[cfg_attr(not(all(feature = "gpu", feature = "wgsl")), expect(unused_variables, reason = "only the GPU needs them"))]
+#[cfg_attr(
+    not(all(feature = "gpu", feature = "wgsl")),
+    expect(unused_variables, reason = "only the GPU needs them")
+)]
 fn unshaded(units: &Units, scene: &Scene) -> Vec<String> {
     #[cfg(all(feature = "gpu", feature = "wgsl"))]
     return units.attach_patterns(scene);

@@ -28,7 +28,9 @@ impl Units {
         let gpu = match (self.shading, &self.gpu) {
             (Shading::Cpu, _) | (_, Gpus::NotRequested) => return Vec::new(),
             (_, Gpus::Unavailable(reason)) => return vec![reason.clone()],
-            (Shading::Auto, Gpus::Open(gpu)) if gpu.info().kind == AdapterKind::Software => return Vec::new(),
+            (Shading::Auto, Gpus::Open(gpu)) if gpu.info().kind == AdapterKind::Software => {
+                return Vec::new();
+            }
             (_, Gpus::Open(gpu)) => gpu,
         };
         let least = if self.shading == Shading::Auto { WORTH } else { 0 };

@@ -315,7 +315,8 @@ impl Units {
 
 #[cfg(feature = "gpu")]
 fn open_gpu(choice: &UnitChoice) -> Result<Gpus, UnitsError> {
-    let is_requested = choice.unit.is_some_and(|unit| unit != Unit::Cpu) || choice.adapter.is_some() || choice.shades().1;
+    let is_requested =
+        choice.unit.is_some_and(|unit| unit != Unit::Cpu) || choice.adapter.is_some() || choice.shades().1;
     let adapter = AdapterChoice { name: choice.adapter.clone(), allow_software: is_requested };
     let measured = |gpu: Gpu| match &choice.cache {
         Some(folder) => gpu.calibrate(folder, |bvh| calibration_host(bvh, choice.simd)),

@@ -24,7 +24,8 @@ fn render(shading: Shading, fault: Option<Fault>) -> (String, Vec<ShadingReport>
     let prepared = PreparedScene::new(scene, &Units::open(&choice).expect("units")).expect("a valid scene");
     assert!(prepared.adapter.is_none(), "the CPU alone traces");
     let camera = prepared.scene.camera.unwrap_or_else(|| Camera::framing(&prepared.scene.bounds(), 1.0));
-    let path = prepared.path(&camera, Settings::new(40, 40).with_spp(4).with_max_bounces(2)).expect("settings");
+    let path =
+        prepared.path(&camera, Settings::new(40, 40).with_spp(4).with_max_bounces(2)).expect("settings");
     let service = Service::new(ServiceOptions::default().with_host_threads(2)).expect("threads");
     let report = prepared.submit(&service, path.clone(), JobOptions::default()).expect("job").wait();
     assert_eq!(report.expect("frame").events, [""; 0]);

@@ -11,7 +11,11 @@ const MAP: &str = "src/ARCHITECTURE.md";
 
 /// What is named only in these files and folders: patterns of code, what they are, where they belong.
 const CONFINED: &[(&str, &str, &[&str])] = &[
-    (r"\b(wgpu|ash|pollster)\b\s*(::|;|\{| as )", "the graphics interface", &["src/trace/gpu/", "src/program/gpu/"]),
+    (
+        r"\b(wgpu|ash|pollster)\b\s*(::|;|\{| as )",
+        "the graphics interface",
+        &["src/trace/gpu/", "src/program/gpu/"],
+    ),
     (r"\bnaga\b\s*(::|;|\{| as )", "the IR of shaders", &["src/program/", "src/trace/gpu/"]),
     (r"\b(clap|indicatif|ctrlc|env_logger)\b\s*(::|;|\{| as )", "the command line", &["src/cli/"]),
     (r"\b(print|println|eprint|eprintln|dbg)!", "printing", &["src/cli/", "src/main.rs", "src/profile.rs"]),

@@ -17,7 +17,12 @@ impl PatternShader {
     ///
     /// # Errors
     /// When a loop takes too many turns.
-    pub(crate) fn evaluate(&self, kernel: &Kernel, points: usize, inputs: &[u32]) -> Result<Vec<u32>, Endless> {
+    pub(crate) fn evaluate(
+        &self,
+        kernel: &Kernel,
+        points: usize,
+        inputs: &[u32],
+    ) -> Result<Vec<u32>, Endless> {
         let mut results = vec![0; kernel.outputs.len() * points];
         let task = Evaluation { shader: self, kernel, points, inputs, results: &mut results };
         SimdLevel::detect().run(task)?;
@@ -49,7 +54,11 @@ impl LaneTask for Evaluation<'_> {
                     // Points beyond the last repeat it, so that they end where it does.
                     let words = column[start..start + count].iter();
                     let words = words.chain(std::iter::repeat(&column[start + count - 1]));
-                    columns.column(*register, BLOCK).iter().zip(words).for_each(|(cell, &word)| cell.set(word));
+                    columns
+                        .column(*register, BLOCK)
+                        .iter()
+                        .zip(words)
+                        .for_each(|(cell, &word)| cell.set(word));
                 }
             }
             run(l, code, &columns, count).map_err(|endless| Endless { line: endless.line })?;

@@ -47,9 +47,12 @@ impl Kernel {
     pub fn new(shader: &PatternShader, flushes: bool) -> Result<Self, String> {
         let code = shader.code();
         let natives = natives(code);
-        let length = code.instructions.len() + natives.iter().map(|(_, c)| c.instructions.len()).sum::<usize>();
+        let length =
+            code.instructions.len() + natives.iter().map(|(_, c)| c.instructions.len()).sum::<usize>();
         if length > MOST_INSTRUCTIONS {
-            return Err(format!("{length} operations are too many for a device; at most {MOST_INSTRUCTIONS} are"));
+            return Err(format!(
+                "{length} operations are too many for a device; at most {MOST_INSTRUCTIONS} are"
+            ));
         }
         let (inputs, outputs) = (inputs(code), outputs(code));
         let probes = probes(std::iter::once(code).chain(natives.iter().map(|(_, code)| code)));
@@ -78,11 +81,17 @@ pub(super) fn outputs(code: &Code) -> Vec<u32> {
         .iter()
         .flat_map(|instruction| match instruction {
             Instruction::Compute { to, .. } | Instruction::Element { to, .. } => vec![*to],
-            Instruction::Call { results, .. } => code.lists[results.start as usize..results.end as usize].to_vec(),
+            Instruction::Call { results, .. } => {
+                code.lists[results.start as usize..results.end as usize].to_vec()
+            }
             Instruction::Skip { .. } | Instruction::Repeat { .. } => Vec::new(),
         })
         .collect();
-    (0..).zip(&code.outputs).filter(|(_, register)| written.contains(register)).map(|(scalar, _)| scalar).collect()
+    (0..)
+        .zip(&code.outputs)
+        .filter(|(_, register)| written.contains(register))
+        .map(|(scalar, _)| scalar)
+        .collect()
 }
 
 /// The scalars of the finish that a program does not compute.
@@ -99,7 +108,8 @@ fn given(code: &Code, computed: &[u32]) -> Vec<(u32, Given)> {
 /// The native functions that a program calls, lowered from their text.
 fn natives(code: &Code) -> Vec<(Native, Code)> {
     let called = |native: &Native| {
-        let is_call = |i: &Instruction| matches!(i, Instruction::Call { native: other, .. } if other == native);
+        let is_call =
+            |i: &Instruction| matches!(i, Instruction::Call { native: other, .. } if other == native);
         code.instructions.iter().any(is_call)
     };
     let wanted: Vec<Native> = Native::ALL.into_iter().filter(called).collect();

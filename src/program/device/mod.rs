@@ -18,7 +18,6 @@ mod spirv;
 #[cfg(test)]
 pub(super) mod tests;
 
-
 pub use block::ShadingReport;
 pub(crate) use block::{Given, PatternDevice, words};
 pub(crate) use kernel::{Kernel, WORKGROUP};

@@ -99,14 +99,17 @@ fn exact(words: &[u32], controls: FloatControls) -> Result<Vec<u32>, String> {
                 return Err(format!("the kernel has function {} of GLSL.std.450", instruction[4]));
             }
             _ if !ON_OTHERS.contains(&number) && ON_NUMBERS.iter().any(|range| range.contains(&number)) => {
-                return Err(format!("the kernel has operation {number}, which is no sum, difference or product"));
+                return Err(format!(
+                    "the kernel has operation {number}, which is no sum, difference or product"
+                ));
             }
             _ => {}
         }
     }
     let annotations = annotations.ok_or("the kernel has no decorations")?;
     // Capability and execution mode of each control.
-    let wanted = [(controls.rounding, 4467, 4462), (controls.subnormals, 4464, 4459), (controls.special, 4466, 4461)];
+    let wanted =
+        [(controls.rounding, 4467, 4462), (controls.subnormals, 4464, 4459), (controls.special, 4466, 4461)];
     let wanted: Vec<(u32, u32)> = wanted.iter().filter(|w| w.0).map(|&(_, c, mode)| (c, mode)).collect();
     let mut exact = words[..after_capabilities].to_vec();
     exact.extend(wanted.iter().flat_map(|&(capability, _)| [2 << 16 | OP_CAPABILITY, capability]));
@@ -161,10 +164,19 @@ mod tests {
         let controlled = compiled("words[0] + words[1]", all).expect("a sum");
         let modes = instructions(&controlled).filter(|(_, number, _)| *number == OP_EXECUTION_MODE).count();
         assert_eq!(modes, 4, "the workgroup's size and three float controls");
-        for other in ["words[0] / words[1]", "-words[0]", "sqrt(words[0])", "min(words[0], words[1])", "f32(id.y)",
-            "fma(words[0], words[1], words[2])", "select(0.0, 1.0, words[0] < words[1])", "floor(words[0])",
-            "words[0] % words[1]", "dot(vec2f(words[0]), vec2f(words[1]))", "bitcast<f32>(u32(words[0]))"]
-        {
+        for other in [
+            "words[0] / words[1]",
+            "-words[0]",
+            "sqrt(words[0])",
+            "min(words[0], words[1])",
+            "f32(id.y)",
+            "fma(words[0], words[1], words[2])",
+            "select(0.0, 1.0, words[0] < words[1])",
+            "floor(words[0])",
+            "words[0] % words[1]",
+            "dot(vec2f(words[0]), vec2f(words[1]))",
+            "bitcast<f32>(u32(words[0]))",
+        ] {
             assert!(compiled(other, all).is_err(), "{other}");
         }
     }

@@ -36,7 +36,8 @@ pub(crate) const FLOW: &str = "
 
 /// The examples under `scenes/shaders`.
 pub(crate) fn examples() -> Vec<(&'static str, PatternShader)> {
-    let load = |name, text| (name, PatternShader::load(name, text, []).unwrap_or_else(|error| panic!("{error}")));
+    let load =
+        |name, text| (name, PatternShader::load(name, text, []).unwrap_or_else(|error| panic!("{error}")));
     vec![
         load("wood.wgsl", include_str!("../../../scenes/shaders/wood.wgsl")),
         load("marble.wgsl", include_str!("../../../scenes/shaders/marble.wgsl")),

@@ -27,7 +27,9 @@ pub(super) fn operations(gpu: &Gpu, pipelines: &Pipelines, kernel: &Kernel) -> R
         pipelines.run(gpu, entry, &columns, &mut results, None).map_err(GpuPatternError::Lost)?;
         let (words, undecided) = results.split_at(count);
         let mut decided = 0;
-        for ((case, &word), _) in cases.iter().zip(words).zip(undecided).filter(|(_, undecided)| **undecided == 0) {
+        for ((case, &word), _) in
+            cases.iter().zip(words).zip(undecided).filter(|(_, undecided)| **undecided == 0)
+        {
             let expected = probe.expected(*case);
             decided += 1;
             if word != expected {
@@ -57,7 +59,9 @@ pub(super) fn points(
     // A loop that does not end at some point is told when a picture needs that point.
     let Ok(expected) = shader.evaluate(kernel, POINTS, &inputs) else { return Ok(()) };
     let mut results = vec![0; (kernel.outputs.len() + 1) * POINTS];
-    pipelines.run(gpu, (Entry::Pattern, POINTS), &inputs, &mut results, None).map_err(GpuPatternError::Lost)?;
+    pipelines
+        .run(gpu, (Entry::Pattern, POINTS), &inputs, &mut results, None)
+        .map_err(GpuPatternError::Lost)?;
     match different(&results, &expected, POINTS) {
         0 => Ok(()),
         wrong => Err(GpuPatternError::Points { wrong, checked: POINTS }),

@@ -31,7 +31,9 @@ const SAMPLE: usize = 64;
 #[non_exhaustive]
 pub enum GpuPatternError {
     /// Arithmetic can be fixed with Vulkan alone.
-    #[error("{adapter} is used through {backend}, which cannot forbid that arithmetic is reordered; Vulkan can")]
+    #[error(
+        "{adapter} is used through {backend}, which cannot forbid that arithmetic is reordered; Vulkan can"
+    )]
     NoVulkan {
         /// The adapter.
         adapter: String,
@@ -223,7 +225,12 @@ impl GpuPattern {
     }
 
     /// Computes the points of one dispatch.
-    fn piece(&self, shader: &PatternShader, points: usize, inputs: &[u32]) -> Result<Vec<u32>, GpuPatternError> {
+    fn piece(
+        &self,
+        shader: &PatternShader,
+        points: usize,
+        inputs: &[u32],
+    ) -> Result<Vec<u32>, GpuPatternError> {
         let outputs = self.kernel.outputs.len() * points;
         let mut results = vec![0; outputs + points];
         let (number, fault) = self.gpu.next_shading();
@@ -233,9 +240,7 @@ impl GpuPattern {
             _ => None,
         };
         let entry = (Entry::Pattern, points);
-        self.pipelines
-            .run(&self.gpu, entry, inputs, &mut results, failure)
-            .map_err(GpuPatternError::Lost)?;
+        self.pipelines.run(&self.gpu, entry, inputs, &mut results, failure).map_err(GpuPatternError::Lost)?;
         if let Some(Fault::ShadeCorrupt(_)) = fault {
             results[..outputs].iter_mut().for_each(|word| *word ^= 1);
         }

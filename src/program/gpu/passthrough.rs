@@ -40,7 +40,9 @@ pub(super) fn float_controls(device: &wgpu::Device) -> Option<FloatControls> {
         let hal = device.as_hal::<Vulkan>()?;
         let instance = hal.shared_instance().raw_instance();
         let version = instance.get_physical_device_properties(hal.raw_physical_device()).api_version;
-        if version >= vk::API_VERSION_1_2 && hal.shared_instance().instance_api_version() >= vk::API_VERSION_1_1 {
+        if version >= vk::API_VERSION_1_2
+            && hal.shared_instance().instance_api_version() >= vk::API_VERSION_1_1
+        {
             instance.get_physical_device_properties2(hal.raw_physical_device(), &mut properties);
         }
     }

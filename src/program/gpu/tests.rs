@@ -34,9 +34,11 @@ fn examples_have_the_hosts_bits_at_every_point() {
         while done < points() {
             let count = (points() - done).min(300_001);
             let inputs = sample_points(&shader, compiled.inputs(), count, seed);
-            let results = compiled.evaluate(&shader, count, &inputs).unwrap_or_else(|e| panic!("{name}: {e}"));
+            let results =
+                compiled.evaluate(&shader, count, &inputs).unwrap_or_else(|e| panic!("{name}: {e}"));
             let expected = shader.evaluate(&compiled.kernel, count, &inputs).expect("loops end");
-            let different = results.iter().zip(&expected).filter(|(result, expected)| result != expected).count();
+            let different =
+                results.iter().zip(&expected).filter(|(result, expected)| result != expected).count();
             assert_eq!((different, results.len()), (0, expected.len()), "{name}");
             (done, seed) = (done + count, seed + 1);
         }
@@ -53,7 +55,8 @@ fn the_kernel_for_devices_that_flush_has_the_hosts_bits() {
     let gpu = Arc::new(open());
     for (name, shader) in examples() {
         let kernel = Kernel::new(&shader, true).expect("a kernel");
-        let compiled = GpuPattern::of_kernel(&gpu, &shader, kernel, true).unwrap_or_else(|e| panic!("{name}: {e}"));
+        let compiled =
+            GpuPattern::of_kernel(&gpu, &shader, kernel, true).unwrap_or_else(|e| panic!("{name}: {e}"));
         let inputs = sample_points(&shader, compiled.inputs(), 5000, 9);
         let results = compiled.evaluate(&shader, 5000, &inputs).unwrap_or_else(|e| panic!("{name}: {e}"));
         assert_eq!(Ok(results), shader.evaluate(&compiled.kernel, 5000, &inputs), "{name}");
@@ -64,14 +67,17 @@ fn the_kernel_for_devices_that_flush_has_the_hosts_bits() {
 #[test]
 fn a_device_that_flushes_is_found_and_gets_its_kernel() {
     let gpu = Arc::new(open());
-    let shader = pattern("f.roughness = at.position.x * at.position.y + at.uv.x; f.metallic = at.uv.y * 1e-30;");
+    let shader =
+        pattern("f.roughness = at.position.x * at.position.y + at.uv.x; f.metallic = at.uv.y * 1e-30;");
     let flushing = |flushes| {
         let kernel = Kernel::new(&shader, flushes).expect("a kernel");
         let mut source = kernel.source.clone();
         for operator in ["+", "-", "*"] {
             let exact = format!("bitcast<u32>(bitcast<f32>(a) {operator} bitcast<f32>(b))");
             assert!(source.contains(&exact));
-            let flushed = format!("flushed(bitcast<u32>(bitcast<f32>(flushed(a)) {operator} bitcast<f32>(flushed(b))))");
+            let flushed = format!(
+                "flushed(bitcast<u32>(bitcast<f32>(flushed(a)) {operator} bitcast<f32>(flushed(b))))"
+            );
             source = source.replace(&exact, &flushed);
         }
         source += "fn flushed(x: u32) -> u32 { return select(x, x & SIGN, (x & MAGNITUDE) < 0x800000u); }";
@@ -103,7 +109,11 @@ fn a_device_that_contracts_rounds_otherwise_or_lies_is_refused_with_the_operatio
         ("let up = (root & 1u) == 1u &&", "let up = false &&", "square root"),
         ("return select(b, a, is_less(b, a));", "return select(b, a, !is_less(a, b));", "a if a > b, else b"),
         ("let up = cut > 0x80u ||", "let up = cut >= 0x80u ||", "nearest number, ties to even"),
-        ("if (a >= 0x4f800000u) {", "if (a > 0x7f800000u) {", "truncated and clamped to the range; 0 for NaN"),
+        (
+            "if (a >= 0x4f800000u) {",
+            "if (a > 0x7f800000u) {",
+            "truncated and clamped to the range; 0 for NaN",
+        ),
         ("if ((a & SIGN) != 0u && whole != a) {", "if (false) {", "greatest integer not above a"),
         ("x > 0x3f000000u);", "x >= 0x3f000000u);", "nearest integer, ties to even"),
     ];
@@ -125,7 +135,8 @@ fn a_device_that_contracts_rounds_otherwise_or_lies_is_refused_with_the_operatio
     assert!(refusal.expect_err("it contracts").to_string().contains("\"a * b + a * c\""));
     // What no operation shows, points show.
     let kernel = Kernel::new(&shader, false).expect("a kernel");
-    let wrong = kernel.source.replacen("results[0u * points + point] = ", "results[0u * points + point] = 1u ^ ", 1);
+    let wrong =
+        kernel.source.replacen("results[0u * points + point] = ", "results[0u * points + point] = 1u ^ ", 1);
     assert_ne!(wrong, kernel.source);
     let refusal = GpuPattern::of_kernel(&gpu, &shader, Kernel { source: wrong, ..kernel }, false);
     assert!(matches!(refusal.expect_err("points differ"), GpuPatternError::Points { .. }));
@@ -179,7 +190,8 @@ fn the_probe_runs_within_the_module_of_the_pattern() {
     let gpu = open();
     let shader = pattern("f.roughness = at.position.x * 0.1 * 3.7 + at.uv.x;");
     let kernel = Kernel::new(&shader, false).expect("a kernel");
-    let controls = gpu.guard(|device, _| Ok(passthrough::float_controls(device))).expect("the device is there");
+    let controls =
+        gpu.guard(|device, _| Ok(passthrough::float_controls(device))).expect("the device is there");
     let words = spirv(&kernel.source, controls.expect("Vulkan")).expect("a module");
     let pipelines = gpu.guard(|device, _| Ok(Pipelines::new(device, &words))).expect("pipelines");
     assert_eq!(check::operations(&gpu, &pipelines, &kernel), Ok(()));

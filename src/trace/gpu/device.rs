@@ -191,7 +191,8 @@ impl Gpu {
         let dispatches = self.history.dispatches.load(Ordering::Relaxed);
         let shadings = self.history.shadings.load(Ordering::Relaxed);
         self.history.fault.filter(|fault| {
-            fault.dispatch().is_some_and(|at| at > dispatches) || fault.shading().is_some_and(|at| at > shadings)
+            fault.dispatch().is_some_and(|at| at > dispatches)
+                || fault.shading().is_some_and(|at| at > shadings)
         })
     }
 
