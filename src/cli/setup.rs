@@ -100,10 +100,12 @@ impl Setup {
             let reports = self.prepared.shading();
             let refusals = reports.iter().filter_map(|report| report.refused.as_ref());
             events.extend(refusals.map(|reason| format!("a pattern is shaded on the CPU: {reason}")));
-            return (ShadingStats::of(&reports), events);
+            (ShadingStats::of(&reports), events)
         }
         #[cfg(not(feature = "gpu"))]
-        (None, events)
+        {
+            (None, events)
+        }
     }
 
     /// Says that the fault of `--inject` has not happened, if it has not.

@@ -127,7 +127,7 @@ impl Pipelines {
                 // The receiver is gone if the wait has failed.
                 let _ = sender.send(result);
             });
-            gpu.wait(&submission)?;
+            gpu.wait_for_shading(&submission)?;
             let mapped = receiver.recv_timeout(CALLBACK_PATIENCE).map_err(|e| e.to_string())?;
             mapped.map_err(|e| e.to_string())?;
             let view = buffers.readback.get_mapped_range(..bytes).map_err(|e| e.to_string())?;

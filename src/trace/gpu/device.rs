@@ -214,7 +214,7 @@ impl Gpu {
 
     /// Waits for a submission, within [`Gpu::guard`]; returns how long that took. A submission that takes longer than
     /// the watchdog allows counts as a loss, and no thread waits for the device again.
-    pub(crate) fn wait(&self, submission: &wgpu::SubmissionIndex) -> Result<Duration, String> {
+    pub(super) fn wait(&self, submission: &wgpu::SubmissionIndex) -> Result<Duration, String> {
         self.wait_until(|timeout| {
             let wait =
                 wgpu::PollType::Wait { submission_index: Some(submission.clone()), timeout: Some(timeout) };
@@ -224,6 +224,12 @@ impl Gpu {
                 Err(error) => Err(error.to_string()),
             }
         })
+    }
+
+    /// [`Gpu::wait`] for a dispatch of a pattern; the watchdog learns how long it took.
+    pub(crate) fn wait_for_shading(&self, submission: &wgpu::SubmissionIndex) -> Result<(), String> {
+        self.watchdog.record(self.wait(submission)?);
+        Ok(())
     }
 
     /// Waits as for a dispatch that never returns.
