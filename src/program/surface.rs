@@ -137,7 +137,7 @@ impl PatternShader {
 
     /// The program.
     #[cfg(feature = "gpu")]
-    pub(super) fn code(&self) -> &Code {
+    pub(super) fn code(&self) -> &super::code::Code {
         &self.kernel.code
     }
 
