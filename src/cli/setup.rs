@@ -97,7 +97,7 @@ impl Setup {
         #[cfg(feature = "gpu")]
         {
             let mut events = events;
-            let reports = self.prepared.shading();
+            let reports = self.prepared.shading_reports();
             let refusals = reports.iter().filter_map(|report| report.refused.as_ref());
             events.extend(refusals.map(|reason| format!("a pattern is shaded on the CPU: {reason}")));
             (ShadingStats::of(&reports), events)

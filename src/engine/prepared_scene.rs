@@ -198,7 +198,7 @@ impl PreparedScene {
 
     /// What the GPU has computed of each pattern that it was given.
     #[cfg(all(feature = "gpu", feature = "wgsl"))]
-    pub fn shading(&self) -> Vec<crate::program::gpu::ShadingReport> {
+    pub fn shading_reports(&self) -> Vec<crate::program::gpu::ShadingReport> {
         super::shading::reports(&self.scene)
     }
 

@@ -30,7 +30,7 @@ fn render(shading: Shading, fault: Option<Fault>) -> (String, Vec<ShadingReport>
     let report = prepared.submit(&service, path.clone(), JobOptions::default()).expect("job").wait();
     assert_eq!(report.expect("frame").events, [""; 0]);
     let hash = Image::new(40, 40, path.film().resolve()).hash();
-    (hash, prepared.shading(), prepared.unshaded.clone())
+    (hash, prepared.shading_reports(), prepared.unshaded.clone())
 }
 
 #[test]
