@@ -32,7 +32,7 @@ const SHAPES: [Probe; 12] = [
     Probe::Shape("(a + 0.1) + 3.7", "op_add(op_add(a, 0x3dcccccdu), 0x406ccccdu)", |[a, ..]| (a + 0.1) + 3.7),
     Probe::Shape("a + 0", "op_add(a, params.z)", |[a, ..]| a + 0.0),
     Probe::Shape("a * 0", "op_mul(a, params.z)", |[a, ..]| a * 0.0),
-    Probe::Shape("a - a", "op_sub(a, a)", |[a, ..]| a - a),
+    Probe::Shape("a - a", "op_sub(a, a)", |[a, ..]| if a.is_finite() { 0.0 } else { f32::NAN }),
 ];
 
 impl Probe {
