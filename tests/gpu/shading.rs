@@ -13,7 +13,7 @@ use std::path::Path;
 /// A picture's hash, what the GPU computed, and why it did not compute more.
 fn render(shading: Shading, fault: Option<Fault>) -> (String, Vec<ShadingReport>, Vec<String>) {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let mut scene = load::load(&root.join("scenes/cornell.json")).expect("scene");
+    let mut scene = load::load(root.join("scenes/cornell.json")).expect("scene");
     let text = std::fs::read_to_string(root.join("scenes/shaders/wood.wgsl")).expect("a shader");
     let shader = PatternShader::load("wood.wgsl", &text, []).expect("valid");
     scene.replace_surface("white", ProceduralSurface::new(shader)).expect("the box has white walls");
