@@ -1,15 +1,16 @@
 //! `render --watch`: shaders that are edited while the picture is rendered.
 
-use super::submit;
 use crate::cli::Outcome;
 use crate::cli::args::RenderArgs;
 use crate::cli::interrupt;
 use crate::cli::progress::Progress;
 use crate::cli::setup::Setup;
 use crate::cli::shaders::Shaders;
+use crate::engine::PreparedScene;
 use crate::film::{Picture, write_picture};
 use crate::render::{Integrator, PassOptions, Progressive};
 use crate::scene::Scene;
+use crate::schedule::JobOptions;
 use anyhow::{Context, Result};
 use std::path::Path;
 use std::sync::Arc;
@@ -33,36 +34,30 @@ pub fn run<I: Integrator>(
 ) -> Result<Outcome> {
     let path = args.picture_path().context("--watch needs -o, the picture that it keeps up to date")?;
     interrupt::listen();
-    let mut scene = setup.prepared.scene.clone();
+    let mut changed: Option<PreparedScene> = None;
     loop {
-        let next = integrator.with_scene(&scene);
-        let watching = Watching { args, setup, path, shaders: &mut shaders };
-        match watching.render(integrator, &scene, progress)? {
-            None => return Ok(Outcome::Done),
-            Some(changed) => {
-                scene = Arc::new(changed);
-                integrator = next.with_scene(&scene);
-            }
-        }
+        let prepared = changed.as_ref().unwrap_or(&setup.prepared);
+        let next = integrator.with_scene(&prepared.scene);
+        let watching = Watching { args, setup, prepared, path, shaders: &mut shaders };
+        let Some(scene) = watching.render(integrator, progress)? else { return Ok(Outcome::Done) };
+        let prepared = prepared.with_scene(scene)?;
+        integrator = next.with_scene(&prepared.scene);
+        changed = Some(prepared);
     }
 }
 
 struct Watching<'a> {
     args: &'a RenderArgs,
     setup: &'a Setup,
+    prepared: &'a PreparedScene,
     path: &'a Path,
     shaders: &'a mut Shaders,
 }
 
 impl Watching<'_> {
     /// Renders until Ctrl-C, or until a shader changes: then returns the new scene.
-    fn render<I: Integrator>(
-        self,
-        integrator: I,
-        scene: &Scene,
-        progress: &mut Progress,
-    ) -> Result<Option<Scene>> {
-        let Self { args, setup, path, shaders } = self;
+    fn render<I: Integrator>(self, integrator: I, progress: &mut Progress) -> Result<Option<Scene>> {
+        let Self { args, setup, prepared, path, shaders } = self;
         let name = path.display().to_string();
         let interval = args.progress.interval().unwrap_or(Duration::from_secs(2));
         let tiles = integrator.frame().tiles();
@@ -75,14 +70,17 @@ impl Watching<'_> {
                 write(args, path, &frame.develop())?;
                 return Ok(None);
             }
-            if let Some(changed) = shaders.changed(scene) {
+            if let Some(changed) = shaders.changed(&prepared.scene) {
                 return Ok(Some(changed));
             }
             if is_complete {
                 std::thread::sleep(LOOK_INTERVAL);
                 continue;
             }
-            frame.begin(|pass| submit(setup, args, pass, &name))?;
+            frame.begin(|pass| {
+                let options = JobOptions { policy: setup.policy, ..JobOptions::default().with_name(&name) };
+                prepared.submit(&setup.service, Arc::clone(pass), options)
+            })?;
             if !frame.wait_for(LOOK_INTERVAL) {
                 progress.show(frame.progress());
                 continue;
