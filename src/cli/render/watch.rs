@@ -78,7 +78,7 @@ impl Watching<'_> {
                 continue;
             }
             frame.begin(|pass| {
-                let options = JobOptions { policy: setup.policy, ..JobOptions::default().with_name(&name) };
+                let options = JobOptions { policy: setup.policy, ..JobOptions::default().with_name(&*name) };
                 prepared.submit(&setup.service, Arc::clone(pass), options)
             })?;
             if !frame.wait_for(LOOK_INTERVAL) {
