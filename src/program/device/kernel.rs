@@ -155,7 +155,7 @@ fn pattern_entry(code: &Code, inputs: &[u32], outputs: &[u32]) -> String {
         let result = writer.operand(code.outputs[scalar as usize]);
         writer.line(&format!("results[{column}u * points + point] = {result};"));
     }
-    writer.line(&format!("results[{}u * points + point] = u32(undecided);", outputs.len()));
+    writer.line(&format!("results[{}u * points + point] = is_undecided();", outputs.len()));
     entry("pattern", &writer.body())
 }
 
@@ -165,7 +165,7 @@ fn probe_entry(probes: &[Probe]) -> String {
     for (number, probe) in probes.iter().enumerate() {
         let _ = writeln!(body, "        case {number}u: {{ result = {}; }}", probe.expression());
     }
-    body += "        default: {}\n    }\n    results[point] = result;\n    results[points + point] = u32(undecided);\n";
+    body += "        default: {}\n    }\n    results[point] = result;\n    results[points + point] = is_undecided();\n";
     entry("probe", &body)
 }
 
