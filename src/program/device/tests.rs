@@ -81,6 +81,6 @@ fn long_programs_are_refused_with_their_length() {
         }}"
     );
     let shader = PatternShader::load("long.wgsl", &text, []).unwrap_or_else(|error| panic!("{error}"));
-    let refusal = Kernel::new(&shader, false).err().expect("too long");
+    let Err(refusal) = Kernel::new(&shader, false) else { panic!("too long") };
     assert!(refusal.contains("too many for a device"), "{refusal}");
 }
