@@ -121,6 +121,14 @@ pub fn identity(path: &Path) -> Option<PathBuf> {
     }
 }
 
+/// Makes the names in a folder last: what was renamed into it is there after a power failure too.
+///
+/// # Errors
+/// If the file system refuses. Systems that cannot open folders are not asked.
+pub fn sync_folder(folder: &Path) -> io::Result<()> {
+    if cfg!(unix) { File::open(folder)?.sync_all() } else { Ok(()) }
+}
+
 /// An error of a temporary file, without the file's name, which would tell the user nothing.
 fn without_name(error: io::Error) -> io::Error {
     error.kind().into()

@@ -57,6 +57,7 @@ write_image("picture.png", &image, &Look::default())?;
 //! | `gpu` | the wgpu tracer |
 //! | `bench` | what `raystream bench` measures, and its peers |
 //! | `cli` | the command line, with plug-ins of your own |
+//! | `serve` | `raystream serve`: jobs over HTTP, and the commands that talk to it |
 //! | `nvml` | energy and power of NVIDIA GPUs |
 //! | `unstable` | documentation of the modules that may change in any release |
 //!
@@ -143,6 +144,10 @@ pub mod meters;
 #[cfg(feature = "bench")]
 #[cfg_attr(not(feature = "unstable"), doc(hidden))]
 pub mod bench;
+
+#[cfg(feature = "serve")]
+#[cfg_attr(not(feature = "unstable"), doc(hidden))]
+pub mod serve;
 
 #[cfg(feature = "cli")]
 pub mod cli;

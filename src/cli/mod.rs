@@ -28,6 +28,8 @@ mod progress;
 mod registry;
 mod render;
 mod scene_file;
+#[cfg(feature = "serve")]
+mod serve;
 mod setup;
 mod shaders;
 mod stats;
@@ -92,6 +94,27 @@ pub fn run_with(registry: Registry) -> ExitCode {
         }
     };
     let outcome = match &cli.command {
+        #[cfg(feature = "serve")]
+        Command::Serve(args) => serve::run(args, registry),
+        #[cfg(feature = "serve")]
+        Command::Submit(args) => serve::submit(args, &registry),
+        #[cfg(feature = "serve")]
+        Command::Jobs(args) => serve::jobs(args),
+        #[cfg(feature = "serve")]
+        Command::Fetch(args) => serve::fetch(args),
+        #[cfg(feature = "serve")]
+        Command::Cancel(args) => serve::cancel(args),
+        #[cfg(feature = "serve")]
+        Command::CheckScene(args) => serve::check_scene(args),
+        #[cfg(not(feature = "serve"))]
+        Command::Serve(_)
+        | Command::Submit(_)
+        | Command::Jobs(_)
+        | Command::Fetch(_)
+        | Command::Cancel(_)
+        | Command::View(_) => {
+            Err(anyhow::anyhow!("this build was made without the service: build it with --features serve"))
+        }
         Command::Render(args) => {
             let examination = doctor::examine_self(&registry);
             let outcome = render::run(args, &registry);
@@ -115,6 +138,11 @@ pub fn run_with(registry: Registry) -> ExitCode {
             Ok(Outcome::Done)
         }
     };
+    ended(outcome)
+}
+
+/// What the process says of how its command ended.
+fn ended(outcome: anyhow::Result<Outcome>) -> ExitCode {
     match outcome.and_then(|outcome| printing::finish().map(|()| outcome).map_err(anyhow::Error::msg)) {
         Ok(outcome) => ExitCode::from(outcome.exit_code()),
         Err(error) => {

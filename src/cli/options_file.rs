@@ -122,6 +122,23 @@ fn parse(path: &Path, text: &str) -> Result<Vec<(String, Value)>, String> {
     }
 }
 
+/// The arguments that stand for options by their long names.
+///
+/// # Errors
+/// If the command has no such option, or it takes no such value.
+#[cfg(feature = "serve")]
+pub fn of_options(
+    command: &Command,
+    options: &serde_json::Map<String, Value>,
+) -> Result<Vec<OsString>, String> {
+    let mut all = Vec::new();
+    for (key, value) in options {
+        let option = command.get_arguments().find(|arg| arg.get_long() == Some(key));
+        all.extend(tokens(option.ok_or_else(|| unknown(command, key))?, key, value)?);
+    }
+    Ok(all)
+}
+
 /// The arguments that stand for an option of the file.
 fn tokens(option: &Arg, key: &str, value: &Value) -> Result<Vec<OsString>, String> {
     let given = |value: &str| OsString::from(format!("--{key}={value}"));

@@ -2,7 +2,7 @@
 
 use super::args::SceneArgs;
 use crate::film::MAX_RADIANCE;
-use crate::scene::load::{LoadError, load_from, load_with};
+use crate::scene::load::{LoadError, LoadOptions, load_from, load_with};
 use crate::scene::{Environment, Scene};
 use std::path::Path;
 
@@ -12,10 +12,15 @@ const STANDARD_INPUT: &str = "-";
 /// Reads a scene and prints what the loader warns of, whether it succeeds or not. `-` is standard input, whose content
 /// tells the format.
 pub fn read(path: &Path, args: &SceneArgs) -> Result<Scene, LoadError> {
+    read_with(path, &args.options())
+}
+
+/// [`read`] with options of the loaders.
+pub fn read_with(path: &Path, options: &LoadOptions) -> Result<Scene, LoadError> {
     let loaded = if path == Path::new(STANDARD_INPUT) {
-        load_from(std::io::stdin().lock(), "standard input".as_ref(), &args.options())
+        load_from(std::io::stdin().lock(), "standard input".as_ref(), options)
     } else {
-        load_with(path, &args.options())
+        load_with(path, options)
     };
     let warnings = match &loaded {
         Ok(scene) => &scene.warnings[..],

@@ -14,6 +14,7 @@ use crate::schedule::{Policy, Service, ServiceOptions, Sharing, Unit};
 use crate::trace::cpu::SimdLevel;
 use anyhow::{Context, Result, ensure};
 use std::path::Path;
+use std::sync::Arc;
 use std::time::Instant;
 
 /// A prepared scene and the service that traces it.
@@ -22,7 +23,7 @@ pub struct Setup {
     pub prepared: PreparedScene,
     units: Units,
     /// The service with its threads.
-    pub service: Service,
+    pub service: Arc<Service>,
     /// The CPU tracer's instruction set.
     pub simd: SimdLevel,
     /// The requested policy.
@@ -73,22 +74,25 @@ impl Setup {
             (None, Some(reason)) => log::warn!("tracing on the CPU ({simd}) alone: {reason}"),
             (None, None) => log::info!("tracing on the CPU ({simd}); no hardware GPU is in use"),
         }
-        let host_threads = match args.threads {
-            Some(n) => n as usize,
-            None => std::thread::available_parallelism().map_or(1, usize::from),
-        };
         let dispatch_threads = prepared.tracers.device.as_ref().map_or(0, |device| {
             device.sizing().map_or(ServiceOptions::default().dispatch_threads, |sizing| sizing.in_flight)
         });
         let service = Service::new(ServiceOptions {
-            host_threads,
+            host_threads: host_threads(args),
             dispatch_threads,
             max_jobs,
             sharing: Sharing::FirstIn,
             ..ServiceOptions::default()
         })?;
         let options = PluginOptions::default();
-        Ok(Self { prepared, units, service, simd, policy, options, load_s, build_s })
+        Ok(Self { prepared, units, service: Arc::new(service), simd, policy, options, load_s, build_s })
+    }
+
+    /// A scene that was prepared before, on a service that others use too.
+    #[cfg(feature = "serve")]
+    pub fn shared(prepared: PreparedScene, shared: &SharedUnits, options: PluginOptions) -> Self {
+        let SharedUnits { units, service, simd, policy } = shared.clone();
+        Self { prepared, units, service, simd, policy, options, load_s: 0.0, build_s: 0.0 }
     }
 
     /// What a GPU has computed of patterns, and why some are back on the CPU.
@@ -123,6 +127,41 @@ fn shading(choice: ShadeChoice) -> Shading {
         ShadeChoice::Gpu => Shading::Gpu,
         ShadeChoice::Auto => Shading::Auto,
     }
+}
+
+/// What all scenes of a process share.
+#[cfg(feature = "serve")]
+#[derive(Clone, Debug)]
+pub struct SharedUnits {
+    /// The units that trace.
+    pub units: Units,
+    /// The service with its threads.
+    pub service: Arc<Service>,
+    simd: SimdLevel,
+    policy: Option<Policy>,
+}
+
+#[cfg(feature = "serve")]
+impl SharedUnits {
+    /// Opens the units and starts the threads. At most `max_jobs` jobs run at a time, in fair shares.
+    pub fn open(args: &UnitArgs, max_jobs: usize) -> Result<Self> {
+        let simd = SimdLevel::choose(&args.simd)?;
+        let (unit, policy) = units_and_policy(args)?;
+        let units = Units::open(&unit_choice(unit, simd, args))?;
+        let service = Service::new(ServiceOptions {
+            host_threads: host_threads(args),
+            max_jobs,
+            sharing: Sharing::Fair,
+            ..ServiceOptions::default()
+        })?;
+        Ok(Self { units, service: Arc::new(service), simd, policy })
+    }
+}
+
+/// The number of host threads.
+fn host_threads(args: &UnitArgs) -> usize {
+    let all = || std::thread::available_parallelism().map_or(1, usize::from);
+    args.threads.map_or_else(all, |threads| threads as usize)
 }
 
 /// The units to open.

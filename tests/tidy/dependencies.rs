@@ -28,8 +28,10 @@ const ALLOWED: [&str; 14] = [
 ];
 
 /// Packages with another licence, and why they may be used all the same.
-const EXCEPTIONS: &[(&str, &str, &str)] =
-    &[("option-ext", "MPL-2.0", "its terms are about changes to its own files, and it is used as it is")];
+const EXCEPTIONS: &[(&str, &str, &str)] = &[
+    ("option-ext", "MPL-2.0", "its terms are about changes to its own files, and it is used as it is"),
+    ("webpki-roots", "CDLA-Permissive-2.0", "a list of certificates, which its terms let anyone share"),
+];
 
 /// What cargo knows of the packages, without the network. Of all targets where their packages are here (`cargo fetch`),
 /// else of this machine's.

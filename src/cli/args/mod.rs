@@ -16,6 +16,8 @@ mod render;
 mod reporting;
 mod sampling;
 mod scene;
+#[cfg(feature = "serve")]
+mod serve;
 mod shaders;
 mod trace;
 mod units;
@@ -41,6 +43,8 @@ pub use render::RenderArgs;
 pub use reporting::{ProgressForm, ReportingArgs};
 pub use sampling::SamplingArgs;
 pub use scene::SceneArgs;
+#[cfg(feature = "serve")]
+pub use serve::{CancelArgs, CheckSceneArgs, ClientArgs, FetchArgs, JobsArgs, ServeArgs, SubmitArgs};
 pub use shaders::ShadersCommand;
 pub use trace::{MeshArgs, TraceArgs};
 #[cfg(feature = "gpu")]
@@ -83,6 +87,43 @@ pub enum Command {
     /// Left out of this build: measures speed beside its peers.
     #[cfg(not(feature = "bench"))]
     Bench(LeftOutArgs),
+    /// Run a service that accepts jobs over HTTP.
+    #[cfg(feature = "serve")]
+    Serve(Box<ServeArgs>),
+    /// Send a scene and a job to a service.
+    #[cfg(feature = "serve")]
+    Submit(SubmitArgs),
+    /// List the jobs of a service.
+    #[cfg(feature = "serve")]
+    Jobs(JobsArgs),
+    /// Get a picture from a service.
+    #[cfg(feature = "serve")]
+    Fetch(FetchArgs),
+    /// Abandon a job of a service.
+    #[cfg(feature = "serve")]
+    Cancel(CancelArgs),
+    /// Read a scene for the service.
+    #[cfg(feature = "serve")]
+    #[command(hide = true)]
+    CheckScene(Box<CheckSceneArgs>),
+    /// Left out of this build: runs a service that accepts jobs over HTTP.
+    #[cfg(not(feature = "serve"))]
+    Serve(LeftOutArgs),
+    /// Left out of this build: sends a scene and a job to a service.
+    #[cfg(not(feature = "serve"))]
+    Submit(LeftOutArgs),
+    /// Left out of this build: lists the jobs of a service.
+    #[cfg(not(feature = "serve"))]
+    Jobs(LeftOutArgs),
+    /// Left out of this build: gets a picture from a service.
+    #[cfg(not(feature = "serve"))]
+    Fetch(LeftOutArgs),
+    /// Left out of this build: abandons a job of a service.
+    #[cfg(not(feature = "serve"))]
+    Cancel(LeftOutArgs),
+    /// Left out of this build: shows a scene in a browser.
+    #[cfg(not(feature = "serve"))]
+    View(LeftOutArgs),
     /// Look for functions of a program with plug-ins that call vector instructions: an attribute is missing.
     Doctor(DoctorArgs),
     /// Say what this machine has: instruction sets, threads, GPU adapters.
@@ -90,7 +131,7 @@ pub enum Command {
 }
 
 /// The arguments of a command whose feature this build was made without.
-#[cfg(not(feature = "bench"))]
+#[cfg(any(not(feature = "bench"), not(feature = "serve")))]
 #[derive(Debug, clap::Args)]
 pub struct LeftOutArgs {
     /// Whatever the command takes where it is built in.

@@ -4,6 +4,8 @@ use crate::memory::MemoryBudget;
 use crate::scene::load::LoadOptions;
 use anyhow::{Result, anyhow};
 use clap::Args;
+#[cfg(feature = "serve")]
+use std::path::PathBuf;
 
 /// How a scene is read.
 #[derive(Debug, Default, Args)]
@@ -18,6 +20,10 @@ pub struct SceneArgs {
     /// Show the glTF file's material variant of this name (KHR_materials_variants); `mesh` lists them.
     #[arg(long, value_name = "NAME")]
     pub variant: Option<String>,
+    /// The folder that a scene's files lie in.
+    #[cfg(feature = "serve")]
+    #[arg(skip)]
+    pub root: Option<PathBuf>,
 }
 
 impl SceneArgs {
@@ -36,6 +42,8 @@ impl SceneArgs {
     pub fn options(&self) -> LoadOptions {
         let options =
             LoadOptions::default().with_memory(self.memory()).with_allow_missing(self.allow_missing);
+        #[cfg(feature = "serve")]
+        let options = self.root.iter().fold(options, |options, root| options.with_root(root));
         match &self.variant {
             None => options,
             Some(variant) => options.with_variant(variant),

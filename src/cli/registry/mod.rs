@@ -133,7 +133,7 @@ struct IntegratorEntry {
 }
 
 /// Constructs the integrator and runs the request with it.
-type Run = dyn Fn(IntegratorParams, RenderRequest<'_>) -> Result<Outcome>;
+type Run = dyn Fn(IntegratorParams, RenderRequest<'_>) -> Result<Outcome> + Send + Sync;
 
 struct SurfaceEntry {
     name: String,
@@ -141,7 +141,7 @@ struct SurfaceEntry {
     make: Box<MakeSurface>,
 }
 
-type MakeSurface = dyn Fn(&PluginOptions) -> Result<CodedSurface>;
+type MakeSurface = dyn Fn(&PluginOptions) -> Result<CodedSurface> + Send + Sync;
 
 impl fmt::Debug for Registry {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -192,7 +192,7 @@ impl Registry {
         mut self,
         name: impl Into<String>,
         about: impl Into<String>,
-        make: impl Fn(IntegratorParams) -> Result<I, E> + 'static,
+        make: impl Fn(IntegratorParams) -> Result<I, E> + Send + Sync + 'static,
     ) -> Self {
         let name = name.into();
         self.integrators.retain(|entry| entry.name != name);
@@ -216,7 +216,7 @@ impl Registry {
     pub fn with_surface_from<S: Into<CodedSurface>, E: Into<PluginError>>(
         mut self,
         name: impl Into<String>,
-        make: impl Fn(&PluginOptions) -> Result<S, E> + 'static,
+        make: impl Fn(&PluginOptions) -> Result<S, E> + Send + Sync + 'static,
     ) -> Self {
         let make = move |options: &PluginOptions| match make(options) {
             Ok(surface) => Ok(surface.into()),

@@ -176,11 +176,15 @@ impl<'a> Animation<'a> {
 
     /// The file of a frame.
     pub fn file(&self, frame: u32) -> PathBuf {
-        let name = match &self.motion {
+        self.names.of(frame, self.name(frame))
+    }
+
+    /// The name of a frame's camera; empty if one camera moves.
+    pub fn name(&self, frame: u32) -> &str {
+        match &self.motion {
             Motion::Cameras(cameras) => &cameras[frame as usize].name,
             _ => "",
-        };
-        self.names.of(frame, name)
+        }
     }
 }
 

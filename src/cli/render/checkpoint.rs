@@ -62,6 +62,12 @@ pub struct Checkpoint {
 }
 
 impl Checkpoint {
+    /// A checkpoint in a file, which is gone on from if it is there.
+    #[cfg(feature = "serve")]
+    pub fn at(path: PathBuf, identity: Identity) -> Self {
+        Self { path, identity, resume: true }
+    }
+
     /// The checkpoint that the options name, if any.
     pub fn of(
         args: &RenderArgs,

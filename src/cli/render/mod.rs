@@ -1,8 +1,8 @@
 //! `raystream render`.
 
-mod animation;
+pub(super) mod animation;
 mod checkpoint;
-mod facts;
+pub(super) mod facts;
 mod finished_frames;
 mod frames;
 mod names;
@@ -10,7 +10,9 @@ pub(super) mod partial;
 mod shot;
 mod still;
 mod totals;
-mod views;
+#[cfg(feature = "serve")]
+pub(super) mod unit;
+pub(super) mod views;
 mod watch;
 
 use super::Outcome;
@@ -19,6 +21,7 @@ use super::outputs::Outputs;
 use super::setup::Setup;
 use super::shaders::{self, Shaders};
 use super::timeline;
+use crate::cli::plugin_options::Setting;
 use crate::cli::progress::Progress;
 use crate::cli::registry::{IntegratorParams, Registry};
 use crate::film::{Film, Format, MAX_RADIANCE, picture_files};
@@ -45,66 +48,92 @@ fn render(args: &RenderArgs, registry: &Registry, progress: &mut Progress) -> Re
     let pictures = Animation::check(args)?;
     let outputs = check_files(args, &pictures)?;
     checkpoint::check(&args.progress)?;
-    // Shaders have settings of their own, which are known once the scene is.
-    let (own, foreign) = registry.split_settings(&args.integrator, &args.set)?;
-    if args.surface.is_empty() && !may_name_shaders(&args.scene) {
-        registry.check_settings(&args.integrator, &foreign)?;
-    }
-    args.sampling.check(&args.integrator, &args.look)?;
+    let (own, foreign) = check_options(args, registry)?;
     if let Some(path) = &args.timeline {
         timeline::Format::of(path)?;
     }
     let has_several = args.animation.frames.is_some() || args.optics.has_several();
     let in_flight = if has_several { args.animation.frames_in_flight as usize } else { 1 };
     let (width, height) = args.size;
-    let aspect = width as f32 / height as f32;
     let mut animation = None;
     let mut watched = Shaders::default();
-    let still = |scene: &Scene| {
-        let own = match &args.optics.camera {
-            Some(name) if !args.optics.is_all() => Some(named_camera(scene, name)?.camera),
-            _ => scene.camera,
-        };
-        let camera = args.camera.apply(own, || Camera::framing(&scene.bounds(), aspect));
-        args.optics.apply(camera, args.size)
-    };
-    let aovs = args.aovs();
-    aovs.check_samples(args.progress.samples())?;
-    let picture_bytes = in_flight as u64 * picture_bytes(width, height, &aovs, args.progress.samples());
-    let picture = format!("a picture of {width}x{height} pixels");
-    args.loading.afford(picture, picture_bytes)?;
+    let bytes = in_flight as u64 * picture_bytes(width, height, &args.aovs(), args.progress.samples());
+    args.loading.afford(format!("a picture of {width}x{height} pixels"), bytes)?;
     let max_jobs = in_flight * PASSES_IN_FLIGHT;
-    let mut setup = Setup::new(&args.scene, &args.loading, picture_bytes, &args.units, max_jobs, |scene| {
+    let mut setup = Setup::new(&args.scene, &args.loading, bytes, &args.units, max_jobs, |scene| {
         outputs.check_files_of(scene)?;
-        let (found, unknown) = shaders::apply(scene, &args.scene, &args.surface, &foreign)?;
-        watched = found;
-        registry.check_settings(&args.integrator, &unknown)?;
-        for warning in registry.apply_surfaces(scene, &own)? {
-            log::warn!("{warning}");
-        }
-        animation = Animation::new(args, scene, still(scene)?)?;
+        watched = apply_surfaces(args, registry, scene, &own, &foreign)?;
+        animation = Animation::new(args, scene, still_camera(args, scene)?)?;
         if let Some(animation) = &animation {
             check_files(args, &animation.files())?.check_files_of(scene)?;
         }
         args.light.apply_environment(scene, &args.loading.options())
     })?;
     let scene = setup.prepared.scene.clone();
-    let camera = still(&scene)?;
+    let camera = still_camera(args, &scene)?;
     warn_of_blind_pixels(&camera, args.size);
-    let spp = args.progress.samples();
-    let settings = Settings::new(width, height)
-        .with_spp(spp)
+    setup.options = registry.integrator_options(&args.integrator, &scene, &own)?;
+    let params = params(args, &setup, camera);
+    ensure!(!args.watch || !watched.is_empty(), "--watch: no material has a shader; see --surface");
+    let goal = Goal::Files { animation, camera, shaders: watched, progress };
+    registry.run(&args.integrator, params, RenderRequest { args, setup: &setup, goal })
+}
+
+/// Refuses options that are wrong in any scene. Returns the settings of the integrator and of surfaces of the registry,
+/// and others: shaders have settings of their own, which are known once the scene is.
+pub(super) fn check_options(args: &RenderArgs, registry: &Registry) -> Result<(Vec<Setting>, Vec<Setting>)> {
+    let (own, foreign) = registry.split_settings(&args.integrator, &args.set)?;
+    if args.surface.is_empty() && !may_name_shaders(&args.scene) {
+        registry.check_settings(&args.integrator, &foreign)?;
+    }
+    args.sampling.check(&args.integrator, &args.look)?;
+    args.aovs().check_samples(args.progress.samples())?;
+    Ok((own, foreign))
+}
+
+/// The camera of a still picture.
+pub(super) fn still_camera(args: &RenderArgs, scene: &Scene) -> Result<Camera> {
+    let own = match &args.optics.camera {
+        Some(name) if !args.optics.is_all() => Some(named_camera(scene, name)?.camera),
+        _ => scene.camera,
+    };
+    let (width, height) = args.size;
+    let framed = || Camera::framing(&scene.bounds(), width as f32 / height as f32);
+    args.optics.apply(args.camera.apply(own, framed), args.size)
+}
+
+/// Gives a scene the surfaces that it, the options and the registry name. Returns its shaders.
+pub(super) fn apply_surfaces(
+    args: &RenderArgs,
+    registry: &Registry,
+    scene: &mut Scene,
+    own: &[Setting],
+    foreign: &[Setting],
+) -> Result<Shaders> {
+    let (found, unknown) = shaders::apply(scene, &args.scene, &args.surface, foreign)?;
+    registry.check_settings(&args.integrator, &unknown)?;
+    for warning in registry.apply_surfaces(scene, own)? {
+        log::warn!("{warning}");
+    }
+    Ok(found)
+}
+
+/// Size, samples, bounces, seed, filter.
+fn settings(args: &RenderArgs) -> Settings {
+    Settings::new(args.size.0, args.size.1)
+        .with_spp(args.progress.samples())
         .with_max_bounces(args.max_bounces)
         .with_seed(args.seed)
-        .with_filter(args.sampling.filter);
+        .with_filter(args.sampling.filter)
+}
+
+/// What the integrator is made from.
+pub(super) fn params(args: &RenderArgs, setup: &Setup, camera: Camera) -> IntegratorParams {
+    let settings = settings(args);
     let roulette_bounces = (!args.no_russian_roulette).then_some(ROULETTE_BOUNCES);
-    setup.options = registry.integrator_options(&args.integrator, &scene, &own)?;
-    let options = setup.options.clone();
     let indirect_limit = args.sampling.indirect_limit(&args.look);
-    ensure!(!args.watch || !watched.is_empty(), "--watch: no material has a shader; see --surface");
-    let params = IntegratorParams { scene, camera, settings, roulette_bounces, indirect_limit, options };
-    let request = RenderRequest { args, setup: &setup, animation, camera, shaders: watched, progress };
-    registry.run(&args.integrator, params, request)
+    let (scene, options) = (setup.prepared.scene.clone(), setup.options.clone());
+    IntegratorParams { scene, camera, settings, roulette_bounces, indirect_limit, options }
 }
 
 /// Whether scenes of this format name shaders.
@@ -115,35 +144,47 @@ fn may_name_shaders(scene: &Path) -> bool {
 
 /// Bytes that a picture takes until it is written: the film, the films of passes and of their earlier parts, their
 /// sum, noise, the layers, and the encoded file.
-fn picture_bytes(width: u32, height: u32, aovs: &AovSet, samples: u32) -> u64 {
+pub(super) fn picture_bytes(width: u32, height: u32, aovs: &AovSet, samples: u32) -> u64 {
     let films = 2 + 2 * PASSES_IN_FLIGHT as u64;
     let pixels = u64::from(width) * u64::from(height);
     let film = Film::bytes(width, height).saturating_add(aovs.most_bytes(pixels, samples));
     films.saturating_mul(film).saturating_add((24 + 32 * aovs.iter().count() as u64) * pixels)
 }
 
-/// A render command that waits for its integrator, whose type the registry erases.
+/// Something to render that waits for its integrator, whose type the registry erases.
 pub struct RenderRequest<'a> {
-    args: &'a RenderArgs,
-    setup: &'a Setup,
-    animation: Option<Animation<'a>>,
-    camera: Camera,
-    shaders: Shaders,
-    progress: &'a mut Progress,
+    pub(super) args: &'a RenderArgs,
+    pub(super) setup: &'a Setup,
+    pub(super) goal: Goal<'a>,
+}
+
+/// What is wanted of the integrator.
+pub(super) enum Goal<'a> {
+    /// The files of the command.
+    Files { animation: Option<Animation<'a>>, camera: Camera, shaders: Shaders, progress: &'a mut Progress },
+    /// A unit of a job.
+    #[cfg(feature = "serve")]
+    Unit(unit::Unit<'a>),
 }
 
 impl RenderRequest<'_> {
-    /// Renders the picture or the animation.
+    /// Renders the picture, the animation or the unit.
     pub fn run(self, integrator: impl Integrator) -> Result<Outcome> {
-        let Self { args, setup, animation, camera, shaders, progress } = self;
+        let Self { args, setup, goal } = self;
         let mut integrator = integrator.with_simd(setup.simd).with_aovs(&args.aovs())?;
         if let Some(part) = args.part.part(integrator.frame().settings()) {
             integrator = integrator.with_part(part)?;
         }
-        match animation {
-            Some(animation) => frames::run(args, setup, &animation, &integrator, progress),
-            None if args.watch => watch::run(args, setup, integrator, shaders, progress),
-            None => still::run(args, setup, &camera, integrator, progress),
+        match goal {
+            Goal::Files { animation: Some(animation), progress, .. } => {
+                frames::run(args, setup, &animation, &integrator, progress)
+            }
+            Goal::Files { shaders, progress, .. } if args.watch => {
+                watch::run(args, setup, integrator, shaders, progress)
+            }
+            Goal::Files { camera, progress, .. } => still::run(args, setup, &camera, integrator, progress),
+            #[cfg(feature = "serve")]
+            Goal::Unit(unit) => unit.run(args, setup, &integrator),
         }
     }
 }

@@ -1,6 +1,7 @@
 //! What a caller may ask of the loaders.
 
 use crate::memory::MemoryBudget;
+use std::path::{Component, Path, PathBuf};
 
 /// Options of loading a scene. By default a scene may take most of the machine's memory, and a texture that is missing
 /// is an error.
@@ -19,6 +20,7 @@ pub struct LoadOptions {
     pub(super) memory: MemoryBudget,
     pub(super) allow_missing: bool,
     pub(super) variant: Option<String>,
+    pub(super) root: Option<PathBuf>,
 }
 
 impl LoadOptions {
@@ -40,5 +42,53 @@ impl LoadOptions {
     #[must_use]
     pub fn with_variant(self, variant: impl Into<String>) -> Self {
         Self { variant: Some(variant.into()), ..self }
+    }
+
+    /// The folder that a scene's files lie in: to name one outside of it is an error, whether it is there or not. The
+    /// folder must hold no links. Without it a scene may name any file.
+    #[must_use]
+    pub fn with_root(self, root: impl Into<PathBuf>) -> Self {
+        Self { root: Some(root.into()), ..self }
+    }
+
+    /// Whether a scene may name a file.
+    pub fn allows(&self, path: &Path) -> bool {
+        let Some(root) = &self.root else { return true };
+        let Ok(rest) = path.strip_prefix(root) else { return false };
+        let mut depth = 0_u32;
+        rest.components().all(|part| match part {
+            Component::Normal(_) => {
+                depth += 1;
+                true
+            }
+            Component::CurDir => true,
+            Component::ParentDir => match depth.checked_sub(1) {
+                Some(above) => {
+                    depth = above;
+                    true
+                }
+                None => false,
+            },
+            Component::RootDir | Component::Prefix(_) => false,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn files_lie_in_the_root() {
+        let options = LoadOptions::default().with_root("/data/scene");
+        for inside in ["/data/scene/a.png", "/data/scene/b/../a.png", "/data/scene/./b/a.png"] {
+            assert!(options.allows(inside.as_ref()), "{inside}");
+        }
+        let outside =
+            ["/etc/passwd", "/data/scene/../token", "/data/scene/b/../../token", "/data/scenes/a", "a.png"];
+        for outside in outside {
+            assert!(!options.allows(outside.as_ref()), "{outside}");
+            assert!(LoadOptions::default().allows(outside.as_ref()));
+        }
     }
 }

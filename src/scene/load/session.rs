@@ -46,6 +46,10 @@ impl Session {
     /// # Errors
     /// When it cannot be read, is no regular file, or is too large for the budget.
     pub(super) fn read_named(&mut self, path: &Path, most: u64) -> Result<Vec<u8>, LoadProblem> {
+        if !self.options.allows(path) {
+            let problem = "it lies outside the folder of the scene's files";
+            return Err(LoadProblem::File { path: path.to_owned(), problem: problem.into() });
+        }
         self.files.push(path.to_owned());
         read_named(path, most, &self.options)
     }

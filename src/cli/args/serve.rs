@@ -1,0 +1,143 @@
+//! Arguments of the service and of the commands that talk to it.
+
+use super::{LightArgs, SceneArgs, UnitArgs};
+use crate::serve::Failpoint;
+use clap::Args;
+use std::net::SocketAddr;
+use std::path::PathBuf;
+
+/// `raystream serve`.
+#[derive(Debug, Args)]
+pub struct ServeArgs {
+    /// Address to listen at; port 0 is any free one.
+    #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:7878")]
+    pub listen: SocketAddr,
+    /// Folder of all that is kept: scenes, jobs, pictures, the token.
+    #[arg(long, value_name = "FOLDER", default_value = "raystream-data")]
+    pub data: PathBuf,
+    /// Certificate chain for TLS, as a PEM file.
+    #[arg(long, value_name = "FILE", requires = "tls_key")]
+    pub tls_certificate: Option<PathBuf>,
+    /// Key of the certificate, as a PEM file.
+    #[arg(long, value_name = "FILE", requires = "tls_certificate")]
+    pub tls_key: Option<PathBuf>,
+    /// Listen at an address of other machines without TLS.
+    #[arg(long)]
+    pub insecure: bool,
+    /// A name by which this service may be called, besides localhost and addresses. Repeatable.
+    #[arg(long, value_name = "NAME")]
+    pub name: Vec<String>,
+    /// Most memory of a scene with its tree, and of the scenes that are kept ready, in bytes or as 500M, 12G
+    /// [default: 7/16 of the machine's].
+    #[arg(long, value_name = "BYTES", value_parser = super::scene::bytes)]
+    pub memory: Option<u64>,
+    /// Most bytes of an upload.
+    #[arg(long, value_name = "BYTES", default_value = "2G", value_parser = super::scene::bytes)]
+    pub max_upload: u64,
+    /// Most bytes of a pack's files.
+    #[arg(long, value_name = "BYTES", default_value = "8G", value_parser = super::scene::bytes)]
+    pub max_unpacked: u64,
+    /// Most jobs that have not ended.
+    #[arg(long, value_name = "N", default_value_t = 10_000)]
+    pub max_jobs: u64,
+    /// Pixels × samples of a unit, for tests.
+    #[arg(long, value_name = "N", hide = true)]
+    pub unit_samples: Option<u64>,
+    /// End the process at a place, for tests.
+    #[arg(long, value_name = "PLACE[:N]", hide = true)]
+    pub failpoint: Option<Failpoint>,
+    /// The units that trace.
+    #[command(flatten)]
+    pub units: UnitArgs,
+}
+
+/// Where the service is.
+#[derive(Debug, Args)]
+pub struct ClientArgs {
+    /// Address of the service.
+    #[arg(long, value_name = "URL", default_value = "http://127.0.0.1:7878")]
+    pub server: String,
+    /// File with the service's token.
+    #[arg(long, value_name = "FILE", default_value = "raystream-data/token")]
+    pub token_file: PathBuf,
+    /// Print JSON.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `raystream submit`.
+#[derive(Debug, Args)]
+pub struct SubmitArgs {
+    /// The service.
+    #[command(flatten)]
+    pub client: ClientArgs,
+    /// Name of the request: a second one of the same name gets the job of the first.
+    #[arg(long, value_name = "KEY")]
+    pub idempotency_key: Option<String>,
+    /// How urgent the job is: interactive, normal or background.
+    #[arg(long, value_name = "NAME", default_value = "normal")]
+    pub priority: String,
+    /// Scene file. Files that it names must lie in its folder.
+    pub scene: PathBuf,
+    /// Options of `raystream render`.
+    #[arg(trailing_var_arg = true, allow_hyphen_values = true, value_name = "OPTIONS")]
+    pub options: Vec<String>,
+}
+
+/// `raystream jobs`.
+#[derive(Debug, Args)]
+pub struct JobsArgs {
+    /// The service.
+    #[command(flatten)]
+    pub client: ClientArgs,
+    /// Show this job alone, with its pictures.
+    pub id: Option<String>,
+    /// Show jobs of this state: queued, running, paused, done, failed, cancelled.
+    #[arg(long, value_name = "STATE")]
+    pub state: Option<String>,
+}
+
+/// `raystream fetch`.
+#[derive(Debug, Args)]
+pub struct FetchArgs {
+    /// The service.
+    #[command(flatten)]
+    pub client: ClientArgs,
+    /// The job.
+    pub id: String,
+    /// Picture to write: .png, .exr, .npz or .npy.
+    #[arg(short, long, value_name = "FILE", default_value = "out.png")]
+    pub output: PathBuf,
+    /// The frame.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub frame: u32,
+    /// Wait until the job has ended.
+    #[arg(long)]
+    pub wait: bool,
+}
+
+/// `raystream cancel`.
+#[derive(Debug, Args)]
+pub struct CancelArgs {
+    /// The service.
+    #[command(flatten)]
+    pub client: ClientArgs,
+    /// The job.
+    pub id: String,
+}
+
+/// Reads a scene and counts its triangles, in a process that the service starts.
+#[derive(Debug, Args)]
+pub struct CheckSceneArgs {
+    /// Scene file.
+    pub scene: PathBuf,
+    /// The folder that its files lie in.
+    #[arg(long, value_name = "FOLDER")]
+    pub root: PathBuf,
+    /// How it is read.
+    #[command(flatten)]
+    pub loading: SceneArgs,
+    /// Light besides its own.
+    #[command(flatten)]
+    pub light: LightArgs,
+}

@@ -1,0 +1,38 @@
+//! `raystream check-scene`: reads a scene for the service, whose own process survives whatever happens here.
+
+use crate::cli::args::CheckSceneArgs;
+use crate::cli::{Outcome, scene_file};
+use crate::engine::PreparedScene;
+use anyhow::{Context, Result};
+use std::path::Path;
+
+/// Address space beside what a scene may take: the program, its threads' stacks, files that are mapped.
+const BESIDE_BYTES: u64 = 2 << 30;
+
+/// Reads the scene and prints the number of its triangles.
+pub fn run(args: &CheckSceneArgs) -> Result<Outcome> {
+    limit_memory(args.loading.memory().bytes())?;
+    let options = args.loading.options().with_root(&args.root);
+    let mut scene = scene_file::read_with(&args.scene, &options)?;
+    args.light.apply_environment(&mut scene, &options)?;
+    scene.validate().with_context(|| Path::new(&args.scene).display().to_string())?;
+    args.loading.afford("the scene and its tree".into(), PreparedScene::building_bytes(&scene))?;
+    stdout_line!("{}", scene.mesh.triangles.len());
+    Ok(Outcome::Done)
+}
+
+/// Lets the system give this process no more memory, whatever the scene makes it ask for.
+fn limit_memory(bytes: u64) -> Result<()> {
+    #[cfg(unix)]
+    {
+        use rustix::process::{Resource, Rlimit, setrlimit};
+        let most = Some(bytes.saturating_mul(2).saturating_add(BESIDE_BYTES));
+        let limit = Rlimit { current: most, maximum: most };
+        setrlimit(Resource::As, limit).context("the memory of this process cannot be limited")?;
+        let none = Rlimit { current: Some(0), maximum: Some(0) };
+        setrlimit(Resource::Core, none).context("dumps of this process cannot be limited")?;
+    }
+    #[cfg(not(unix))]
+    let _ = (bytes, BESIDE_BYTES);
+    Ok(())
+}

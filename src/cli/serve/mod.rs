@@ -1,0 +1,73 @@
+//! `raystream serve`, and the commands that talk to it.
+
+mod check_scene;
+mod client;
+mod options;
+mod pack;
+mod shots;
+mod studio;
+
+pub use check_scene::run as check_scene;
+pub use client::{cancel, fetch, jobs, submit};
+
+use super::args::ServeArgs;
+use super::{Outcome, Registry};
+use crate::serve::{Limits, Options, Stop, TOKEN_FILE, Tls};
+use anyhow::Result;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering::SeqCst};
+use studio::Studio;
+
+/// Runs the service until Ctrl-C or a termination signal.
+pub fn run(args: &ServeArgs, registry: Registry) -> Result<Outcome> {
+    let ServeArgs { listen, data, tls_certificate, tls_key, insecure, name, .. } = args;
+    let tls = tls_certificate.clone().zip(tls_key.clone());
+    let is_encrypted = tls.is_some();
+    let mut limits = Limits::default();
+    limits.scene_bytes = args.max_upload;
+    limits.unpacked_bytes = args.max_unpacked;
+    limits.open_jobs = args.max_jobs;
+    limits.unit_samples = args.unit_samples.unwrap_or(limits.unit_samples);
+    let options = Options {
+        listen: *listen,
+        data: data.clone(),
+        tls: tls.map(|(certificate, key)| Tls { certificate, key }),
+        insecure: *insecure,
+        names: name.clone(),
+        limits,
+    };
+    let studio = Arc::new(Studio::open(registry, args)?);
+    if let Some(failpoint) = args.failpoint.clone() {
+        failpoint.choose();
+    }
+    let stop = Stop::default();
+    listen_for_signals(&stop);
+    let token = data.join(TOKEN_FILE);
+    crate::serve::run(&options, studio, &stop, move |address| {
+        let scheme = if is_encrypted { "https" } else { "http" };
+        // The token stands behind `#`, which browsers send to nobody.
+        match std::fs::read_to_string(&token) {
+            Ok(token) => stdout_line!("{scheme}://{address}/#token={}", token.trim()),
+            Err(_) => stdout_line!("{scheme}://{address}/"),
+        }
+    })?;
+    Ok(Outcome::Done)
+}
+
+/// The first signal ends the service in an orderly way, a second one at once.
+fn listen_for_signals(stop: &Stop) {
+    static REQUESTED: AtomicBool = AtomicBool::new(false);
+    let stop = stop.clone();
+    let installed = ctrlc::set_handler(move || {
+        if REQUESTED.swap(true, SeqCst) {
+            std::process::exit(130);
+        }
+        stderr_line!(
+            "stopping: jobs go on when the service is started again (press Ctrl-C again to quit at once)"
+        );
+        stop.stop();
+    });
+    if let Err(error) = installed {
+        log::warn!("Ctrl-C will end the process at once: {error}");
+    }
+}

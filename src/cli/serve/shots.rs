@@ -1,0 +1,114 @@
+//! A job whose scene has been read.
+
+use super::options::Parsed;
+use crate::cli::args::RenderArgs;
+use crate::cli::registry::Registry;
+use crate::cli::render::animation::Animation;
+use crate::cli::render::unit::{self, Rendered, Unit, Work};
+use crate::cli::render::{Goal, RenderRequest, params, still_camera};
+use crate::cli::setup::{Setup, SharedUnits};
+use crate::cli::with_causes;
+use crate::engine::PreparedScene;
+use crate::film::{Picture, write_picture};
+use crate::render::PartialFilm;
+use crate::scene::Camera;
+use crate::serve::{Frame, Shots, Watch};
+use anyhow::{Context, Result, bail};
+use std::ops::Range;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// A job with its scene.
+pub struct Scene {
+    args: RenderArgs,
+    setup: Setup,
+    registry: Arc<Registry>,
+}
+
+impl Scene {
+    /// A job of a prepared scene.
+    pub fn new(
+        parsed: Parsed,
+        prepared: &PreparedScene,
+        registry: Arc<Registry>,
+        units: SharedUnits,
+    ) -> Result<Self> {
+        let Parsed { args, own, .. } = parsed;
+        let options = registry.integrator_options(&args.integrator, &prepared.scene, &own)?;
+        Ok(Self { setup: Setup::shared(prepared.clone(), &units, options), args, registry })
+    }
+
+    fn animation(&self) -> Result<Option<Animation<'_>>> {
+        let scene = &self.setup.prepared.scene;
+        Animation::new(&self.args, scene, still_camera(&self.args, scene)?)
+    }
+
+    fn camera(&self, frame: u32) -> Result<Camera> {
+        match self.animation()? {
+            Some(animation) if animation.frames.contains(&frame) => animation.camera(frame),
+            None if frame == 0 => still_camera(&self.args, &self.setup.prepared.scene),
+            _ => bail!("the job has no frame {frame}"),
+        }
+    }
+
+    fn render(&self, frame: u32, work: Work, watch: &dyn Watch) -> Result<Option<Rendered>> {
+        let camera = self.camera(frame)?;
+        let params = params(&self.args, &self.setup, camera);
+        let mut rendered = None;
+        let goal = Goal::Unit(Unit { camera, work, watch, rendered: &mut rendered });
+        let request = RenderRequest { args: &self.args, setup: &self.setup, goal };
+        self.registry.run(&self.args.integrator, params, request)?;
+        Ok(rendered)
+    }
+}
+
+impl Shots for Scene {
+    fn prepared(&self) -> &PreparedScene {
+        &self.setup.prepared
+    }
+
+    fn frames(&self) -> Result<Vec<Frame>, String> {
+        match self.animation().map_err(|error| with_causes(&error))? {
+            Some(animation) => {
+                let frames = animation.frames.clone();
+                Ok(frames.map(|number| Frame::new(number, animation.name(number))).collect())
+            }
+            None => Ok(vec![Frame::new(0, "")]),
+        }
+    }
+
+    fn film(&self, frame: u32, samples: Range<u32>, watch: &dyn Watch) -> Result<PartialFilm, String> {
+        match self.render(frame, Work::Samples(samples), watch).map_err(|error| with_causes(&error))? {
+            Some(Rendered::Film(film)) => Ok(film),
+            _ => Err("the unit has no film".into()),
+        }
+    }
+
+    fn whole(
+        &self,
+        frame: u32,
+        checkpoint: &Path,
+        spent: Duration,
+        watch: &dyn Watch,
+    ) -> Result<Option<Picture>, String> {
+        let work = Work::Whole { checkpoint: checkpoint.to_owned(), spent };
+        match self.render(frame, work, watch).map_err(|error| with_causes(&error))? {
+            Some(Rendered::Picture(picture)) => Ok(Some(picture)),
+            _ => Ok(None),
+        }
+    }
+
+    fn develop(&self, frame: u32, film: &PartialFilm) -> Result<Picture, String> {
+        let picture = self
+            .camera(frame)
+            .and_then(|camera| unit::of_film(&self.args, &self.setup, &camera, film))
+            .context("the picture");
+        picture.map_err(|error| with_causes(&error))
+    }
+
+    fn write(&self, picture: &Picture, path: &Path) -> Result<(), String> {
+        let written = write_picture(path, picture, &self.args.look.look(), &self.args.picture.options());
+        written.map_err(|error| error.to_string())
+    }
+}

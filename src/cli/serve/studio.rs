@@ -1,0 +1,164 @@
+//! What renders the jobs of the service: the command line's own code.
+
+use super::options::{self, Parsed};
+use super::shots::Scene;
+use crate::cli::args::ServeArgs;
+use crate::cli::render::apply_surfaces;
+use crate::cli::setup::SharedUnits;
+use crate::cli::{Registry, scene_file, with_causes};
+use crate::engine::PreparedScene;
+use crate::memory::MemoryBudget;
+use crate::schedule::Service;
+use crate::serve::{Demand, Pictures, SceneCache, Shots};
+use anyhow::{Context, Result, bail};
+use serde_json::{Map, Value};
+use std::io::Read;
+use std::path::Path;
+use std::process::{Command, Stdio};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// Jobs of the scheduler at the same time: units with their passes, and views.
+const SCHEDULED: usize = 16;
+
+/// The options that decide what a prepared scene is.
+const OF_SCENE: &[&str] =
+    &["allow-missing", "env", "env-rotation", "integrator", "set", "surface", "variant"];
+
+/// How long a process that reads a scene is waited for between two looks.
+const LOOK: Duration = Duration::from_millis(5);
+
+/// Checks and renders with the options of `raystream render`.
+pub struct Studio {
+    registry: Arc<Registry>,
+    command: clap::Command,
+    units: SharedUnits,
+    memory: MemoryBudget,
+    cache: SceneCache,
+}
+
+impl Studio {
+    /// Opens the units and starts the threads.
+    pub fn open(registry: Registry, args: &ServeArgs) -> Result<Self> {
+        let half = || MemoryBudget::of_machine().bytes() / 2;
+        let memory = args.memory.unwrap_or_else(half);
+        Ok(Self {
+            command: registry.command(),
+            registry: Arc::new(registry),
+            units: SharedUnits::open(&args.units, SCHEDULED)?,
+            memory: MemoryBudget::of_bytes(memory),
+            cache: SceneCache::new(memory),
+        })
+    }
+
+    fn parse(&self, options: &Map<String, Value>, scene: &Path, folder: &Path) -> Result<Parsed> {
+        options::parse(&self.registry, &self.command, options, scene, folder, self.memory)
+    }
+
+    /// Reads a scene and prepares it.
+    fn prepare(&self, parsed: &Parsed) -> Result<PreparedScene> {
+        let Parsed { args, own, foreign } = parsed;
+        let mut scene = scene_file::read(&args.scene, &args.loading)?;
+        refuse_foreign_shaders(&scene)?;
+        // Shaders are part of the scene's hash, so nobody changes them.
+        drop(apply_surfaces(args, &self.registry, &mut scene, own, foreign)?);
+        args.light.apply_environment(&mut scene, &args.loading.options())?;
+        args.loading.afford("the scene and its tree".into(), PreparedScene::building_bytes(&scene))?;
+        Ok(PreparedScene::new(scene, &self.units.units)?)
+    }
+
+    fn open_job(&self, options: &Map<String, Value>, scene: &Path, folder: &Path) -> Result<Box<dyn Shots>> {
+        let parsed = self.parse(options, scene, folder)?;
+        let of_scene: Map<String, Value> = options
+            .iter()
+            .filter(|(key, _)| OF_SCENE.contains(&&***key))
+            .map(|(key, value)| (key.clone(), value.clone()))
+            .collect();
+        let key = format!("{} {}", scene.display(), Value::Object(of_scene));
+        let prepared = self.cache.get(&key, || self.prepare(&parsed))?;
+        Ok(Box::new(Scene::new(parsed, &prepared, Arc::clone(&self.registry), self.units.clone())?))
+    }
+}
+
+/// Shaders of a scene lie beside it or below.
+fn refuse_foreign_shaders(scene: &crate::scene::Scene) -> Result<()> {
+    for request in scene.surface_requests.iter().filter(|request| request.surface.ends_with(".wgsl")) {
+        if crate::serve::inside(Path::new(""), &request.surface).is_none() {
+            bail!("{:?}: a shader that a scene names lies beside it or below", request.surface);
+        }
+    }
+    Ok(())
+}
+
+/// Runs a process that reads a scene. Returns the number of triangles that it prints.
+fn try_scene(parsed: &Parsed, folder: &Path, memory: MemoryBudget, time: Duration) -> Result<u64> {
+    let args = &parsed.args;
+    let mut command = Command::new(std::env::current_exe().context("this program has no file")?);
+    command.arg("check-scene").arg("--root").arg(folder).args(["--memory", &memory.bytes().to_string()]);
+    if args.loading.allow_missing {
+        command.arg("--allow-missing");
+    }
+    if let Some(variant) = &args.loading.variant {
+        command.arg(format!("--variant={variant}"));
+    }
+    if let Some(env) = &args.light.env {
+        command.arg(format!("--env={env}"));
+    }
+    command.arg("--").arg(&args.scene);
+    command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let mut child = command.spawn().context("no process can be started that reads the scene")?;
+    let began = Instant::now();
+    let status = loop {
+        if let Some(status) = child.try_wait()? {
+            break status;
+        }
+        if began.elapsed() > time {
+            child.kill()?;
+            child.wait()?;
+            bail!("load_time: reading the scene took more than {} s, which is the limit", time.as_secs());
+        }
+        std::thread::sleep(LOOK);
+    };
+    let (mut printed, mut told) = (String::new(), String::new());
+    child.stdout.take().map_or(Ok(0), |mut pipe| pipe.read_to_string(&mut printed))?;
+    child.stderr.take().map_or(Ok(0), |pipe| pipe.take(1 << 16).read_to_string(&mut told))?;
+    if status.success() {
+        return printed.trim().parse().context("the process that reads the scene prints no number");
+    }
+    match told.lines().rev().find_map(|line| line.strip_prefix("error: ")) {
+        Some(error) => bail!("{}", error.replace(&format!("{}/", folder.display()), "")),
+        None => bail!("the process that reads the scene ended with {status}; the service goes on"),
+    }
+}
+
+impl Pictures for Studio {
+    fn service(&self) -> &Arc<Service> {
+        &self.units.service
+    }
+
+    fn check(&self, options: &Map<String, Value>, scene: &Path, folder: &Path) -> Result<Demand, String> {
+        let parsed = self.parse(options, scene, folder);
+        parsed.map(|parsed| parsed.demand()).map_err(|error| with_causes(&error))
+    }
+
+    fn try_scene(
+        &self,
+        options: &Map<String, Value>,
+        scene: &Path,
+        folder: &Path,
+        time: Duration,
+    ) -> Result<u64, String> {
+        let parsed = self.parse(options, scene, folder);
+        let tried = parsed.and_then(|parsed| try_scene(&parsed, folder, self.memory, time));
+        tried.map_err(|error| with_causes(&error))
+    }
+
+    fn open(
+        &self,
+        options: &Map<String, Value>,
+        scene: &Path,
+        folder: &Path,
+    ) -> Result<Box<dyn Shots>, String> {
+        self.open_job(options, scene, folder).map_err(|error| with_causes(&error))
+    }
+}

@@ -1,0 +1,31 @@
+//! Whether the service lives, whether it can work, and what it has done.
+
+use crate::serve::{Problem, State};
+use axum::extract::State as Given;
+use axum::http::{StatusCode, header};
+use axum::response::IntoResponse;
+
+/// `GET /healthz`: the process answers.
+pub async fn healthz() -> &'static str {
+    "ok\n"
+}
+
+/// `GET /readyz`: the ledger answers too, and the service is not ending.
+pub async fn readyz(Given(state): Given<State>) -> Result<&'static str, Problem> {
+    if *state.ending().borrow() {
+        return Err(Problem::new(StatusCode::SERVICE_UNAVAILABLE, "the service is ending"));
+    }
+    state.blocking(|state| Ok(state.ledger().last_event()?)).await?;
+    Ok("ready\n")
+}
+
+/// `GET /metrics`, in Prometheus' text format.
+pub async fn metrics(Given(state): Given<State>) -> Result<impl IntoResponse, Problem> {
+    let counts = state.blocking(|state| Ok(state.ledger().counts()?)).await?;
+    for (job, count) in counts {
+        metrics::gauge!("raystream_jobs", "state" => job.name()).set(count as f64);
+    }
+    state.metrics().run_upkeep();
+    let text = state.metrics().render();
+    Ok(([(header::CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")], text))
+}

@@ -1,0 +1,118 @@
+//! What each request passes first: the host and origin that it names, and the token or cookie that it shows.
+
+use super::auth::COOKIE;
+use super::{Problem, State};
+use axum::extract::{MatchedPath, Request, State as Given};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode, header};
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Response};
+use std::net::IpAddr;
+use std::time::Instant;
+
+/// Headers of every answer.
+const HEADERS: [(&str, &str); 5] = [
+    ("x-content-type-options", "nosniff"),
+    ("referrer-policy", "no-referrer"),
+    ("x-frame-options", "DENY"),
+    ("cross-origin-resource-policy", "same-origin"),
+    ("content-security-policy", "default-src 'self'; img-src 'self' blob: data:; frame-ancestors 'none'"),
+];
+
+/// Refuses requests that a foreign page or a foreign name leads here, and counts all.
+pub async fn origin(Given(state): Given<State>, request: Request, next: Next) -> Response {
+    let (began, method) = (Instant::now(), request.method().clone());
+    let route = request.extensions().get::<MatchedPath>().map_or("none", MatchedPath::as_str).to_owned();
+    let mut response = match check_names(&state, request.headers()) {
+        Ok(()) => next.run(request).await,
+        Err(problem) => problem.into_response(),
+    };
+    for (name, value) in HEADERS {
+        let name = HeaderName::from_static(name);
+        response.headers_mut().entry(name).or_insert(HeaderValue::from_static(value));
+    }
+    let code = response.status().as_u16().to_string();
+    let labels = [("route", route), ("method", method.to_string()), ("code", code)];
+    metrics::histogram!("raystream_http_request_seconds", &labels).record(began.elapsed().as_secs_f64());
+    response
+}
+
+/// Refuses requests without the token or a cookie that was given for it.
+pub async fn token(Given(state): Given<State>, request: Request, next: Next) -> Response {
+    match check_token(&state, request.method(), request.headers()) {
+        Ok(()) => next.run(request).await,
+        Err(problem) => problem.into_response(),
+    }
+}
+
+fn text(headers: &HeaderMap, name: HeaderName) -> Option<&str> {
+    headers.get(name).and_then(|value| value.to_str().ok())
+}
+
+/// Compares host and origin. A name that resolves to this machine is no permission: pages of others can have one.
+fn check_names(state: &State, headers: &HeaderMap) -> Result<(), Problem> {
+    let host = text(headers, header::HOST).ok_or_else(|| Problem::malformed("there is no Host header"))?;
+    let name = host_name(host);
+    let is_known = name == "localhost"
+        || name.trim_matches(['[', ']']).parse::<IpAddr>().is_ok()
+        || state.host_names().iter().any(|known| known.eq_ignore_ascii_case(name));
+    if !is_known {
+        return Err(Problem::new(
+            StatusCode::FORBIDDEN,
+            format!("{name:?} is no name of this service; start it with --name {name} to allow it"),
+        ));
+    }
+    if let Some(origin) = text(headers, header::ORIGIN) {
+        let authority = origin.split_once("://").map(|(_, authority)| authority);
+        if authority != Some(host) {
+            return Err(Problem::new(
+                StatusCode::FORBIDDEN,
+                format!("a page of {origin:?} may not use this service; open the service's own page"),
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// The name of a host without its port.
+fn host_name(host: &str) -> &str {
+    match host.rsplit_once(':') {
+        Some((name, port)) if port.bytes().all(|byte| byte.is_ascii_digit()) && !name.is_empty() => name,
+        _ => host,
+    }
+}
+
+fn check_token(state: &State, method: &Method, headers: &HeaderMap) -> Result<(), Problem> {
+    if let Some(given) = text(headers, header::AUTHORIZATION) {
+        let is_token = given.strip_prefix("Bearer ").is_some_and(|token| state.auth().is_token(token));
+        return if is_token { Ok(()) } else { Err(refused("the token is wrong")) };
+    }
+    let cookies = headers.get_all(header::COOKIE).iter().filter_map(|value| value.to_str().ok());
+    let mut sessions = cookies
+        .flat_map(|cookies| cookies.split(';'))
+        .filter_map(|cookie| cookie.trim().strip_prefix(COOKIE)?.strip_prefix('='));
+    match sessions.next() {
+        Some(session) if state.auth().is_session(session) => {}
+        Some(_) => return Err(refused("the session has expired")),
+        None => return Err(refused("there is no token")),
+    }
+    // The origin has been compared; programs use the header.
+    let changes = !matches!(*method, Method::GET | Method::HEAD);
+    if changes && text(headers, header::ORIGIN).is_none() {
+        return Err(Problem::new(
+            StatusCode::FORBIDDEN,
+            "a cookie changes nothing without an Origin header; programs send `Authorization: Bearer TOKEN`",
+        ));
+    }
+    Ok(())
+}
+
+fn refused(why: &str) -> Problem {
+    metrics::counter!("raystream_refused_tokens_total").increment(1);
+    Problem::new(
+        StatusCode::UNAUTHORIZED,
+        format!(
+            "{why}; programs send `Authorization: Bearer TOKEN`, the page asks for the token. It is in the file \
+             `token` of the data folder"
+        ),
+    )
+}

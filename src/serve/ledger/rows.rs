@@ -1,0 +1,205 @@
+//! Rows of the tables.
+
+use crate::schedule::Priority;
+use crate::serve::Demand;
+use rusqlite::Row;
+use serde::{Deserialize, Serialize};
+use std::fmt;
+use std::str::FromStr;
+
+/// What a job does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum JobState {
+    /// Waits for its first unit.
+    Queued,
+    /// Has begun.
+    Running,
+    /// Waits until someone resumes it.
+    Paused,
+    /// Has all its pictures.
+    Done,
+    /// Cannot go on.
+    Failed,
+    /// Was abandoned by a request.
+    Cancelled,
+}
+
+impl JobState {
+    /// All states.
+    pub const ALL: [Self; 6] =
+        [Self::Queued, Self::Running, Self::Paused, Self::Done, Self::Failed, Self::Cancelled];
+
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Queued => "queued",
+            Self::Running => "running",
+            Self::Paused => "paused",
+            Self::Done => "done",
+            Self::Failed => "failed",
+            Self::Cancelled => "cancelled",
+        }
+    }
+
+    /// Whether the job has ended.
+    pub fn has_ended(self) -> bool {
+        matches!(self, Self::Done | Self::Failed | Self::Cancelled)
+    }
+}
+
+impl fmt::Display for JobState {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl FromStr for JobState {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let names = || Self::ALL.map(Self::name).join(", ");
+        let found = Self::ALL.into_iter().find(|state| state.name() == text);
+        found.ok_or_else(|| format!("{text:?} is no state; ask for one of {}", names()))
+    }
+}
+
+/// A job.
+#[derive(Clone, Debug)]
+pub struct Job {
+    /// Its place in the order of arrival.
+    pub seq: i64,
+    /// Its name in requests.
+    pub id: String,
+    /// What it does.
+    pub state: JobState,
+    /// The request, as JSON.
+    pub request: String,
+    /// What it asks for.
+    pub demand: Demand,
+    /// The SHA-256 of its scene.
+    pub scene: String,
+    /// How urgent it is.
+    pub priority: Priority,
+    /// Milliseconds since 1970.
+    pub created_ms: i64,
+    /// Milliseconds since 1970.
+    pub ended_ms: Option<i64>,
+    /// Why it failed.
+    pub error: Option<String>,
+    /// Whether its frames and units are known.
+    pub is_planned: bool,
+    /// Time that its pictures by seconds have taken.
+    pub spent_ms: i64,
+}
+
+impl Job {
+    pub(super) const COLUMNS: &str = "seq, id, state, request, demand, scene, priority, created_ms, ended_ms, error, \
+        planned, spent_ms";
+
+    pub(super) fn of(row: &Row<'_>) -> rusqlite::Result<Self> {
+        let text = |column: usize| row.get::<_, String>(column);
+        let wrong = |column: usize| {
+            rusqlite::Error::InvalidColumnType(column, "job".into(), rusqlite::types::Type::Text)
+        };
+        let priority = priority(&text(6)?).ok_or_else(|| wrong(6))?;
+        Ok(Self {
+            seq: row.get(0)?,
+            id: text(1)?,
+            state: text(2)?.parse().map_err(|_| wrong(2))?,
+            request: text(3)?,
+            demand: serde_json::from_str(&text(4)?).map_err(|_| wrong(4))?,
+            scene: text(5)?,
+            priority,
+            created_ms: row.get(7)?,
+            ended_ms: row.get(8)?,
+            error: row.get(9)?,
+            is_planned: row.get(10)?,
+            spent_ms: row.get(11)?,
+        })
+    }
+}
+
+/// The priority of a name.
+pub fn priority(name: &str) -> Option<Priority> {
+    Priority::ALL.into_iter().find(|priority| priority.name() == name)
+}
+
+/// A job to be accepted.
+#[derive(Clone, Debug)]
+pub struct NewJob {
+    /// Its name in requests.
+    pub id: String,
+    /// The request, as JSON.
+    pub request: String,
+    /// The SHA-256 of what its pictures depend on.
+    pub request_hash: String,
+    /// What it asks for.
+    pub demand: Demand,
+    /// The SHA-256 of its scene.
+    pub scene: String,
+    /// How urgent it is.
+    pub priority: Priority,
+    /// The client's name of the request, if it gives one.
+    pub idempotency_key: Option<String>,
+    /// Whether someone is to be called when it ends.
+    pub has_webhook: bool,
+}
+
+/// Something that happened to a job.
+#[derive(Clone, Debug, Serialize)]
+pub struct Event {
+    /// Its number; later events have larger ones.
+    pub seq: i64,
+    /// The job.
+    pub job: String,
+    /// Milliseconds since 1970.
+    pub time_ms: i64,
+    /// What happened.
+    pub kind: String,
+    /// More about it, as JSON.
+    pub data: String,
+}
+
+/// A picture of a job.
+#[derive(Clone, Debug)]
+pub struct FrameRow {
+    /// Its number.
+    pub number: u32,
+    /// The name of its camera.
+    pub name: String,
+    /// The hash of its radiance, once it is finished.
+    pub hash: Option<String>,
+    /// The hashes of its layers by name, as JSON, once it is finished.
+    pub layers: Option<String>,
+    /// Facts about the picture, as JSON, once it is finished.
+    pub metadata: Option<String>,
+}
+
+/// Samples of a frame.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct UnitRow {
+    /// The frame.
+    pub frame: u32,
+    /// Its first sample.
+    pub first: u32,
+    /// The sample after its last.
+    pub end: u32,
+    /// Whether its film is kept.
+    pub is_done: bool,
+    /// How often it has failed.
+    pub attempts: u32,
+}
+
+/// How much of a job is done.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Totals {
+    /// Frames in all.
+    pub frames: u64,
+    /// Finished frames.
+    pub frames_done: u64,
+    /// Units in all.
+    pub units: u64,
+    /// Units whose films are kept or whose frames are finished.
+    pub units_done: u64,
+}

@@ -1,0 +1,81 @@
+//! The tables, and how older ones become them.
+
+use super::LedgerError;
+use rusqlite::Connection;
+use std::path::Path;
+
+/// The version of the tables, which the database keeps as its `user_version`.
+pub(super) const VERSION: i64 = MIGRATIONS.len() as i64;
+
+/// What makes each version from the one before.
+const MIGRATIONS: [&str; 1] = ["
+    CREATE TABLE job (
+        seq INTEGER PRIMARY KEY AUTOINCREMENT,
+        id TEXT NOT NULL UNIQUE,
+        state TEXT NOT NULL,
+        request TEXT NOT NULL,
+        request_hash TEXT NOT NULL,
+        demand TEXT NOT NULL,
+        scene TEXT NOT NULL,
+        priority TEXT NOT NULL,
+        idempotency_key TEXT UNIQUE,
+        created_ms INTEGER NOT NULL,
+        ended_ms INTEGER,
+        error TEXT,
+        planned INTEGER NOT NULL DEFAULT 0,
+        spent_ms INTEGER NOT NULL DEFAULT 0
+    );
+    CREATE INDEX job_state ON job (state);
+    CREATE INDEX job_request ON job (request_hash);
+    CREATE TABLE frame (
+        job TEXT NOT NULL REFERENCES job (id) ON DELETE CASCADE,
+        number INTEGER NOT NULL,
+        name TEXT NOT NULL,
+        hash TEXT,
+        layers TEXT,
+        metadata TEXT,
+        PRIMARY KEY (job, number)
+    ) WITHOUT ROWID;
+    CREATE TABLE unit (
+        job TEXT NOT NULL REFERENCES job (id) ON DELETE CASCADE,
+        frame INTEGER NOT NULL,
+        first INTEGER NOT NULL,
+        end INTEGER NOT NULL,
+        is_done INTEGER NOT NULL DEFAULT 0,
+        attempts INTEGER NOT NULL DEFAULT 0,
+        PRIMARY KEY (job, frame, first)
+    ) WITHOUT ROWID;
+    CREATE TABLE event (
+        seq INTEGER PRIMARY KEY AUTOINCREMENT,
+        job TEXT NOT NULL REFERENCES job (id) ON DELETE CASCADE,
+        time_ms INTEGER NOT NULL,
+        kind TEXT NOT NULL,
+        data TEXT NOT NULL
+    );
+    CREATE INDEX event_job ON event (job, seq);
+    CREATE TABLE scene (
+        sha256 TEXT PRIMARY KEY,
+        bytes INTEGER NOT NULL,
+        created_ms INTEGER NOT NULL
+    ) WITHOUT ROWID;
+    CREATE TABLE call (
+        job TEXT PRIMARY KEY REFERENCES job (id) ON DELETE CASCADE,
+        attempts INTEGER NOT NULL DEFAULT 0,
+        next_ms INTEGER NOT NULL
+    ) WITHOUT ROWID;
+"];
+
+/// Brings the tables up to date.
+pub(super) fn migrate(connection: &mut Connection, path: &Path) -> Result<(), LedgerError> {
+    let version: i64 = connection.query_row("PRAGMA user_version", [], |row| row.get(0))?;
+    if version > VERSION {
+        return Err(LedgerError::Newer { path: path.to_owned(), version });
+    }
+    for (before, migration) in MIGRATIONS.iter().enumerate().skip(version.max(0) as usize) {
+        let transaction = connection.transaction()?;
+        transaction.execute_batch(migration)?;
+        transaction.pragma_update(None, "user_version", before as i64 + 1)?;
+        transaction.commit()?;
+    }
+    Ok(())
+}

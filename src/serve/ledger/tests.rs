@@ -1,0 +1,82 @@
+//! Tests of the ledger.
+
+use super::*;
+use crate::schedule::Priority;
+use crate::serve::{Demand, Frame, Kind};
+
+fn new(id: &str, key: Option<&str>) -> NewJob {
+    NewJob {
+        id: id.into(),
+        request: "{}".into(),
+        request_hash: format!("hash of {}", &id[..1]),
+        demand: Demand::new((4, 4), 8, Some(2), Kind::Samples),
+        scene: "s".into(),
+        priority: Priority::Normal,
+        idempotency_key: key.map(str::to_owned),
+        has_webhook: false,
+    }
+}
+
+#[test]
+fn a_job_goes_from_its_request_to_its_pictures_across_restarts() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let ledger = Ledger::open(folder.path()).expect("a ledger");
+    assert_eq!(ledger.accept(new("a1", Some("k")), 2).expect("accepted"), Accepted::New);
+    assert_eq!(ledger.accept(new("a2", Some("k")), 2).expect("known"), Accepted::Earlier("a1".into(), true));
+    assert_eq!(ledger.accept(new("b1", Some("k")), 2).expect("other"), Accepted::Earlier("a1".into(), false));
+    assert_eq!(ledger.accept(new("c1", None), 1).expect("counted"), Accepted::TooMany(1));
+    let frames = vec![Frame::new(0, "front"), Frame::new(1, "back")];
+    for _ in 0..2 {
+        ledger.plan("a1", frames.clone(), vec![0..4, 4..8]).expect("planned once");
+    }
+    drop(ledger);
+    let ledger = Ledger::open(folder.path()).expect("the same ledger");
+    assert_eq!(ledger.active(9).expect("jobs").len(), 1);
+    let units = ledger.open_units("a1", 9).expect("units");
+    assert_eq!(units.len(), 4);
+    assert!(!ledger.finish_unit("a1", units[0].clone()).expect("done"));
+    assert!(ledger.finish_unit("a1", units[1].clone()).expect("done"));
+    assert_eq!(ledger.unfolded("a1").expect("frames"), [0]);
+    assert_eq!(ledger.reopen_unit("a1", units[1].clone()).expect("again"), 1);
+    assert!(ledger.unfolded("a1").expect("frames").is_empty());
+    for number in 0..2 {
+        let hash = Some(format!("hash {number}"));
+        let row = FrameRow { number, name: String::new(), hash, layers: None, metadata: None };
+        ledger.finish_frame("a1", row).expect("finished");
+    }
+    let job = ledger.job("a1").expect("a ledger").expect("the job");
+    assert_eq!(
+        (job.state, ledger.known("hash of a").expect("a ledger")),
+        (JobState::Done, Some("a1".into()))
+    );
+    let refused = ledger.set_state("a1", &[JobState::Running], JobState::Cancelled, None).expect("a ledger");
+    assert_eq!(refused, Some(JobState::Done));
+    let kinds: Vec<String> =
+        ledger.events(Some("a1"), 0, 99).expect("events").into_iter().map(|event| event.kind).collect();
+    assert_eq!(kinds, ["queued", "running", "unit", "unit", "frame", "frame", "done"]);
+}
+
+#[test]
+fn a_change_that_fails_undoes_itself_alone() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let ledger = Ledger::open(folder.path()).expect("a ledger");
+    let failed = ledger.change(|connection| {
+        connection.execute("INSERT INTO scene VALUES ('half', 1, 1)", [])?;
+        connection.execute("INSERT INTO nowhere VALUES (1)", [])
+    });
+    assert!(failed.is_err());
+    ledger.keep_scene("whole", 7).expect("kept");
+    assert_eq!(ledger.scene("half").expect("a ledger"), None);
+    assert_eq!(ledger.scene("whole").expect("a ledger"), Some(7));
+}
+
+#[test]
+fn damage_and_newer_versions_are_told() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let ledger = Ledger::open(folder.path()).expect("a ledger");
+    ledger.change(|connection| connection.pragma_update(None, "user_version", 99)).expect("changed");
+    drop(ledger);
+    assert!(matches!(Ledger::open(folder.path()), Err(LedgerError::Newer { version: 99, .. })));
+    std::fs::write(folder.path().join(FILE), b"SQLite format 3\0 and no more than that").expect("a file");
+    assert!(Ledger::open(folder.path()).is_err());
+}

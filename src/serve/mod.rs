@@ -1,0 +1,37 @@
+//! Jobs over HTTP: scenes come in, pictures go out, and what was accepted is done in spite of any crash.
+//!
+//! ```text
+//! HTTP ─ guard (host, origin, token) ─ api ─▶ ledger (SQLite) ─▶ runner ─▶ Pictures ─▶ schedule::Service
+//!                                       └──▶ store (scenes by hash)   └── partial films, then results in files
+//! ```
+//!
+//! The service knows neither options nor formats of scenes: [`Pictures`] checks and renders, and the command line
+//! implements it, so that a job has the bytes of `raystream render`. `docs/guide/service.md` is the user's page.
+
+mod api;
+mod auth;
+mod failpoint;
+mod guard;
+mod ledger;
+mod limits;
+pub mod live;
+mod openapi;
+pub mod page;
+mod pictures;
+mod problem;
+mod runner;
+mod scene_cache;
+mod server;
+mod state;
+mod store;
+mod webhook;
+
+pub use auth::{TOKEN_FILE, hex};
+pub use failpoint::Failpoint;
+pub use limits::Limits;
+pub use pictures::{Demand, Frame, Kind, Pictures, Shots, Watch};
+pub use problem::Problem;
+pub use scene_cache::SceneCache;
+pub use server::{Options, ServeError, Stop, Tls, run};
+pub use state::State;
+pub use store::inside;

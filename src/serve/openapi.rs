@@ -1,0 +1,176 @@
+//! The description of the API (OpenAPI 3.1).
+
+use axum::Json;
+use serde_json::{Value, json};
+
+/// A route: method, path, what it does, codes of success with their media type, and the schema of its body.
+struct Route(&'static str, &'static str, &'static str, &'static [u16], &'static str, Option<&'static str>);
+
+const JSON: &str = "application/json";
+const ANY: &str = "application/octet-stream";
+const TEXT: &str = "text/plain";
+
+const ROUTES: &[Route] = &[
+    Route("get", "/healthz", "Whether the process answers", &[200], TEXT, None),
+    Route("get", "/readyz", "Whether the service can work", &[200], TEXT, None),
+    Route("get", "/openapi.json", "This document", &[200], JSON, None),
+    Route("get", "/metrics", "Measurements for Prometheus", &[200], TEXT, None),
+    Route("post", "/api/v1/session", "Token in, cookie out", &[204], JSON, Some("Login")),
+    Route("delete", "/api/v1/session", "Forget the cookie", &[204], JSON, None),
+    Route("get", "/api/v1/scenes/{sha256}", "Whether a scene is here", &[200], JSON, None),
+    Route(
+        "put",
+        "/api/v1/scenes/{sha256}",
+        "Upload a GLB, or a zip of files",
+        &[200, 201],
+        JSON,
+        Some("Bytes"),
+    ),
+    Route("get", "/api/v1/jobs", "Jobs, the latest first", &[200], JSON, None),
+    Route("post", "/api/v1/jobs", "Submit a job", &[200, 202], JSON, Some("JobRequest")),
+    Route("get", "/api/v1/jobs/{id}", "A job and its pictures", &[200], JSON, None),
+    Route("post", "/api/v1/jobs/{id}/cancel", "Abandon a job", &[200], JSON, None),
+    Route("post", "/api/v1/jobs/{id}/pause", "Let a job wait", &[200], JSON, None),
+    Route("post", "/api/v1/jobs/{id}/resume", "Go on with a paused job", &[200], JSON, None),
+    Route("post", "/api/v1/jobs/{id}/retry", "Go on with a failed or cancelled job", &[200], JSON, None),
+    Route("post", "/api/v1/jobs/{id}/priority", "Change the priority", &[200], JSON, Some("Priority")),
+    Route(
+        "get",
+        "/api/v1/jobs/{id}/events",
+        "Events of a job as they happen",
+        &[200],
+        "text/event-stream",
+        None,
+    ),
+    Route("get", "/api/v1/events", "Events of all jobs as they happen", &[200], "text/event-stream", None),
+    Route("get", "/api/v1/jobs/{id}/frames/{file}", "FRAME.png, .exr, .npz or .npy", &[200, 304], ANY, None),
+    Route("get", "/api/v1/jobs/{id}/frames/{frame}/{file}", "LAYER.npy of a frame", &[200, 304], ANY, None),
+    Route(
+        "post",
+        "/api/v1/query",
+        "Rays in (.npy), hits out (.npz)",
+        &[200],
+        "application/zip",
+        Some("Bytes"),
+    ),
+];
+
+/// Codes of refusals, any of which a route may answer.
+const REFUSALS: [u16; 13] = [400, 401, 403, 404, 405, 408, 409, 413, 415, 422, 429, 503, 507];
+
+/// Parameters of addresses and queries, by route.
+const QUERIES: &[(&str, &[(&str, &str, bool)])] = &[
+    (
+        "/api/v1/jobs",
+        &[("state", "string", false), ("cursor", "integer", false), ("limit", "integer", false)],
+    ),
+    ("/api/v1/jobs/{id}/frames/{file}", &[("view", "string", false), ("exposure", "string", false)]),
+    (
+        "/api/v1/query",
+        &[("scene", "string", true), ("entry", "string", false), ("any_hit", "boolean", false)],
+    ),
+];
+
+/// `GET /openapi.json`.
+pub async fn document() -> Json<Value> {
+    Json(described())
+}
+
+fn described() -> Value {
+    let mut paths = serde_json::Map::new();
+    for route in ROUTES {
+        let path = paths.entry(route.1).or_insert_with(|| json!({}));
+        path[route.0] = operation(route);
+    }
+    json!({
+        "openapi": "3.1.0",
+        "info": { "title": "raystream", "version": env!("CARGO_PKG_VERSION"), "license": { "name": "MIT" } },
+        "paths": paths,
+        "security": [{ "token": [] }, { "cookie": [] }],
+        "components": {
+            "securitySchemes": {
+                "token": { "type": "http", "scheme": "bearer" },
+                "cookie": { "type": "apiKey", "in": "cookie", "name": super::auth::COOKIE }
+            },
+            "schemas": schemas()
+        }
+    })
+}
+
+fn operation(&Route(method, path, summary, codes, media, body): &Route) -> Value {
+    let mut parameters: Vec<Value> = path
+        .split(['{', '}'])
+        .skip(1)
+        .step_by(2)
+        .map(|name| json!({ "name": name, "in": "path", "required": true, "schema": { "type": "string" } }))
+        .collect();
+    let queries =
+        QUERIES.iter().filter(|(of, _)| *of == path && (method == "get" || path.ends_with("query")));
+    for &(name, kind, required) in queries.flat_map(|(_, parameters)| *parameters) {
+        let schema = json!({ "type": kind });
+        parameters.push(json!({ "name": name, "in": "query", "required": required, "schema": schema }));
+    }
+    let mut responses = serde_json::Map::new();
+    for &code in codes {
+        let content = match code {
+            204 | 304 => json!({ "description": "nothing more" }),
+            _ => json!({ "description": summary, "content": { media: {} } }),
+        };
+        responses.insert(code.to_string(), content);
+    }
+    for code in REFUSALS {
+        let schema = json!({ "$ref": "#/components/schemas/Problem" });
+        let content = json!({ "application/problem+json": { "schema": schema } });
+        responses.insert(code.to_string(), json!({ "description": "refused", "content": content }));
+    }
+    let mut operation = json!({ "summary": summary, "parameters": parameters, "responses": responses });
+    match body {
+        None => {}
+        Some("Bytes") => {
+            let schema = json!({ "type": "string", "format": "binary" });
+            operation["requestBody"] = json!({ "required": true, "content": { ANY: { "schema": schema } } });
+        }
+        Some(schema) => {
+            let schema = json!({ "$ref": format!("#/components/schemas/{schema}") });
+            operation["requestBody"] = json!({ "required": true, "content": { JSON: { "schema": schema } } });
+        }
+    }
+    operation
+}
+
+fn schemas() -> Value {
+    let text = || json!({ "type": "string" });
+    let object = |required: &[&str], properties: Value| json!({ "type": "object", "additionalProperties": false, "required": required, "properties": properties });
+    json!({
+        "Login": object(&["token"], json!({ "token": text() })),
+        "Priority": object(&["priority"], json!({ "priority": text() })),
+        "Webhook": object(&["url", "secret"], json!({ "url": text(), "secret": text() })),
+        "JobRequest": object(&["scene"], json!({
+            "scene": { "type": "string", "pattern": "^[0-9a-fA-F]{64}$" },
+            "entry": { "type": ["string", "null"] },
+            "options": { "type": "object", "description": "options of `raystream render` by their long names" },
+            "priority": { "type": ["string", "null"] },
+            "webhook": { "oneOf": [{ "type": "null" }, { "$ref": "#/components/schemas/Webhook" }] }
+        })),
+        "Problem": { "type": "object", "required": ["type", "title", "status", "detail"], "properties": {
+            "type": text(), "title": text(), "status": { "type": "integer" }, "detail": text(),
+            "limit": text(), "value": { "type": "integer" }, "state": text() } }
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The document names each route of the router, and no other.
+    #[test]
+    fn all_routes_are_described() {
+        let code = include_str!("api/mod.rs");
+        let routes: Vec<&str> =
+            code.split(".route(\"").skip(1).filter_map(|rest| rest.split('"').next()).collect();
+        let described = described();
+        let paths = described["paths"].as_object().expect("paths");
+        assert!(routes.iter().all(|route| paths.contains_key(*route)), "{routes:?}");
+        assert_eq!(routes.len(), paths.len());
+    }
+}

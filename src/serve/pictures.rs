@@ -1,0 +1,168 @@
+//! What the service leaves to its owner: checking options, reading scenes, rendering.
+
+use crate::engine::PreparedScene;
+use crate::film::Picture;
+use crate::render::PartialFilm;
+use crate::schedule::{Priority, Service};
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
+use std::ops::Range;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// Checks options, reads scenes and renders. Errors are sentences for whoever sent the request.
+pub trait Pictures: Send + Sync + 'static {
+    /// The scheduler that all jobs and views share.
+    fn service(&self) -> &Arc<Service>;
+
+    /// Checks the options of a job, by their long names on the command line of `raystream render`, before its scene is
+    /// read. Files that options name lie in `folder`.
+    ///
+    /// # Errors
+    /// What is wrong with an option.
+    fn check(&self, options: &Map<String, Value>, scene: &Path, folder: &Path) -> Result<Demand, String>;
+
+    /// Looks whether a scene can be read, in a process of its own whose memory and time are limited.
+    ///
+    /// # Errors
+    /// Why it cannot be read.
+    fn try_scene(
+        &self,
+        options: &Map<String, Value>,
+        scene: &Path,
+        folder: &Path,
+        time: Duration,
+    ) -> Result<u64, String>;
+
+    /// Reads the scene of a job that has been checked, or finds it in the cache.
+    ///
+    /// # Errors
+    /// Why it cannot be read, or what options and scene have against each other.
+    fn open(
+        &self,
+        options: &Map<String, Value>,
+        scene: &Path,
+        folder: &Path,
+    ) -> Result<Box<dyn Shots>, String>;
+}
+
+/// How the samples of a job's pictures are decided.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+#[non_exhaustive]
+pub enum Kind {
+    /// A number of samples: any units add up to the picture.
+    Samples,
+    /// A noise to end at: one unit a frame.
+    Noise,
+    /// A time: one unit a frame, and a picture that is no function of the request.
+    Seconds,
+}
+
+/// What a job asks for, as far as its options tell.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
+pub struct Demand {
+    /// Width and height of the whole picture in pixels.
+    pub size: (u32, u32),
+    /// The most samples per pixel.
+    pub spp: u32,
+    /// The number of frames; `None` if the scene decides.
+    pub frames: Option<u32>,
+    /// How samples are decided.
+    pub kind: Kind,
+}
+
+impl Demand {
+    /// A demand.
+    pub const fn new(size: (u32, u32), spp: u32, frames: Option<u32>, kind: Kind) -> Self {
+        Self { size, spp, frames, kind }
+    }
+
+    /// Pixels of a picture.
+    pub fn pixels(&self) -> u64 {
+        u64::from(self.size.0) * u64::from(self.size.1)
+    }
+
+    /// Pixels × samples × frames, with one frame where the scene decides.
+    pub fn samples(&self) -> u64 {
+        let frames = u64::from(self.frames.unwrap_or(1));
+        self.pixels().saturating_mul(self.spp.into()).saturating_mul(frames)
+    }
+}
+
+/// A picture of a job.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct Frame {
+    /// Its number.
+    pub number: u32,
+    /// The name of its camera, where cameras have names.
+    pub name: String,
+}
+
+impl Frame {
+    /// A frame.
+    pub fn new(number: u32, name: impl Into<String>) -> Self {
+        Self { number, name: name.into() }
+    }
+}
+
+/// What a unit under way tells and is told.
+pub trait Watch: Sync {
+    /// How urgent the unit is.
+    fn priority(&self) -> Priority;
+
+    /// Whether the unit is to stop.
+    fn is_stopped(&self) -> bool;
+
+    /// Counts rays that have been traced.
+    fn traced(&self, rays: u64, seconds: f64);
+
+    /// Tells what share of the unit is done, from 0 to 1.
+    fn progress(&self, share: f64);
+}
+
+/// A job whose scene has been read.
+pub trait Shots: Send + Sync {
+    /// Its scene.
+    fn prepared(&self) -> &PreparedScene;
+
+    /// Its pictures.
+    ///
+    /// # Errors
+    /// What options and scene have against each other.
+    fn frames(&self) -> Result<Vec<Frame>, String>;
+
+    /// Renders samples of a frame.
+    ///
+    /// # Errors
+    /// Why not.
+    fn film(&self, frame: u32, samples: Range<u32>, watch: &dyn Watch) -> Result<PartialFilm, String>;
+
+    /// Renders a frame whose samples its noise or the time decides. What has been rendered is kept in `checkpoint` from
+    /// time to time and when the unit is stopped, and is gone on from. `None` if it was stopped.
+    ///
+    /// # Errors
+    /// Why not.
+    fn whole(
+        &self,
+        frame: u32,
+        checkpoint: &Path,
+        spent: Duration,
+        watch: &dyn Watch,
+    ) -> Result<Option<Picture>, String>;
+
+    /// The picture of a frame that has all samples.
+    ///
+    /// # Errors
+    /// What options and scene have against each other.
+    fn develop(&self, frame: u32, film: &PartialFilm) -> Result<Picture, String>;
+
+    /// Writes a picture as the options ask, in the format of the file's name.
+    ///
+    /// # Errors
+    /// Why it cannot be written.
+    fn write(&self, picture: &Picture, path: &Path) -> Result<(), String>;
+}

@@ -1,0 +1,208 @@
+//! Listens, and ends in an orderly way.
+
+use super::auth::Auth;
+use super::ledger::{Ledger, LedgerError};
+use super::limits::Limits;
+use super::runner::Runner;
+use super::state::{Inner, State};
+use super::store::Store;
+use super::{Pictures, api, webhook};
+use axum_server::Handle;
+use axum_server::tls_rustls::RustlsConfig;
+use metrics_exporter_prometheus::PrometheusBuilder;
+use std::io;
+use std::net::{SocketAddr, TcpListener};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::sync::{Semaphore, watch};
+
+/// Requests that have begun get this long to end.
+const GRACE: Duration = Duration::from_secs(5);
+
+/// A certificate chain and its key, as PEM files.
+#[derive(Clone, Debug)]
+pub struct Tls {
+    /// The chain.
+    pub certificate: PathBuf,
+    /// The key.
+    pub key: PathBuf,
+}
+
+/// How the service is started.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// The address; port 0 is any free one.
+    pub listen: SocketAddr,
+    /// The folder of all that is kept.
+    pub data: PathBuf,
+    /// Encryption.
+    pub tls: Option<Tls>,
+    /// Whether an address of other machines is allowed without encryption.
+    pub insecure: bool,
+    /// Names of this service besides `localhost` and addresses.
+    pub names: Vec<String>,
+    /// What one request may ask for.
+    pub limits: Limits,
+}
+
+/// Why the service cannot run.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ServeError {
+    /// Others could listen in.
+    #[error(
+        "{0} can be reached from other machines: add --tls-certificate and --tls-key, or --insecure if the network is \
+         trusted"
+    )]
+    Open(SocketAddr),
+    /// The address cannot be listened at.
+    #[error("{address}: cannot listen there: {source}")]
+    Listen {
+        /// The address.
+        address: SocketAddr,
+        /// The system's error.
+        source: io::Error,
+    },
+    /// Another service uses the data folder.
+    #[error("{0}: another service uses this folder; end it, or choose another (--data)")]
+    InUse(PathBuf),
+    /// A file cannot be used.
+    #[error("{path}: {source}")]
+    File {
+        /// The file or folder.
+        path: PathBuf,
+        /// The system's error.
+        source: io::Error,
+    },
+    /// The ledger cannot be used.
+    #[error(transparent)]
+    Ledger(#[from] LedgerError),
+    /// The system refuses threads or sockets.
+    #[error("the service cannot run: {0}")]
+    System(#[from] io::Error),
+}
+
+/// Ends the service from any thread.
+#[derive(Clone, Debug)]
+pub struct Stop(Arc<watch::Sender<bool>>);
+
+impl Default for Stop {
+    fn default() -> Self {
+        Self(Arc::new(watch::Sender::new(false)))
+    }
+}
+
+impl Stop {
+    /// Ends the service: requests end, units that are under way are given up or kept, and the process may end.
+    pub fn stop(&self) {
+        self.0.send_replace(true);
+    }
+}
+
+/// Runs the service until it is stopped. `listening` gets the address once requests are answered.
+///
+/// # Errors
+/// [`ServeError`] if it cannot begin.
+pub fn run(
+    options: &Options,
+    pictures: Arc<dyn Pictures>,
+    stop: &Stop,
+    listening: impl FnOnce(SocketAddr) + Send + 'static,
+) -> Result<(), ServeError> {
+    let Options { listen, data, tls, insecure, names, limits } = options.clone();
+    if !listen.ip().is_loopback() && tls.is_none() && !insecure {
+        return Err(ServeError::Open(listen));
+    }
+    let failed = |path: &Path| {
+        let path = path.to_owned();
+        move |source| ServeError::File { path, source }
+    };
+    make_private(&data).map_err(failed(&data))?;
+    let _lock = lock(&data)?;
+    let auth = Auth::open(&data).map_err(failed(&data))?;
+    let ledger = Arc::new(Ledger::open(&data)?);
+    let store = Arc::new(Store::open(&data).map_err(failed(&data))?);
+    let recorder = PrometheusBuilder::new().build_recorder();
+    let metrics = recorder.handle();
+    // A process has one recorder; a second service of a test shares it.
+    let _ = metrics::set_global_recorder(recorder);
+    let runner = Runner::start(Arc::clone(&ledger), Arc::clone(&store), Arc::clone(&pictures), limits)?;
+    let state = State::new(Inner {
+        auth,
+        limits,
+        pictures,
+        ledger,
+        store,
+        runner: Arc::clone(&runner),
+        host_names: names,
+        is_secure: tls.is_some(),
+        metrics,
+        uploads: Semaphore::new(limits.uploads),
+        ending: stop.0.subscribe(),
+    });
+    let runtime = tokio::runtime::Builder::new_multi_thread()
+        .worker_threads(2)
+        .thread_name("http")
+        .enable_io()
+        .enable_time()
+        .build()?;
+    let _calls = webhook::start(state.clone())?;
+    let served = runtime.block_on(serve(listen, tls, state, stop.0.subscribe(), listening));
+    stop.stop();
+    runner.stop();
+    runtime.shutdown_timeout(GRACE);
+    served
+}
+
+async fn serve(
+    listen: SocketAddr,
+    tls: Option<Tls>,
+    state: State,
+    mut ending: watch::Receiver<bool>,
+    listening: impl FnOnce(SocketAddr) + Send + 'static,
+) -> Result<(), ServeError> {
+    let cannot = |source| ServeError::Listen { address: listen, source };
+    let listener = TcpListener::bind(listen).map_err(cannot)?;
+    listener.set_nonblocking(true).map_err(cannot)?;
+    let address = listener.local_addr().map_err(cannot)?;
+    let handle = Handle::new();
+    let stopper = handle.clone();
+    tokio::spawn(async move {
+        // The sender lives as long as the service.
+        let _ = ending.wait_for(|ending| *ending).await;
+        stopper.graceful_shutdown(Some(GRACE));
+    });
+    let app = api::router(state).into_make_service();
+    listening(address);
+    match tls {
+        None => axum_server::from_tcp(listener)?.handle(handle).serve(app).await?,
+        Some(Tls { certificate, key }) => {
+            let config = RustlsConfig::from_pem_file(&certificate, &key).await;
+            let config = config.map_err(|source| ServeError::File { path: certificate, source })?;
+            axum_server::from_tcp_rustls(listener, config)?.handle(handle).serve(app).await?;
+        }
+    }
+    Ok(())
+}
+
+/// Makes the data folder, for its owner alone.
+fn make_private(data: &Path) -> io::Result<()> {
+    if data.is_dir() {
+        return Ok(());
+    }
+    let mut builder = std::fs::DirBuilder::new();
+    builder.recursive(true);
+    #[cfg(unix)]
+    std::os::unix::fs::DirBuilderExt::mode(&mut builder, 0o700);
+    builder.create(data)
+}
+
+/// Keeps other services out of the data folder for as long as the file is open.
+fn lock(data: &Path) -> Result<std::fs::File, ServeError> {
+    let path = data.join("lock");
+    let file = std::fs::File::create(&path);
+    let file = file.map_err(|source| ServeError::File { path, source })?;
+    file.try_lock().map_err(|_| ServeError::InUse(data.to_owned()))?;
+    Ok(file)
+}

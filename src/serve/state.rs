@@ -1,0 +1,107 @@
+//! What all requests share.
+
+use super::auth::Auth;
+use super::ledger::Ledger;
+use super::runner::Runner;
+use super::store::Store;
+use super::{Limits, Pictures, Problem};
+use axum::http::StatusCode;
+use metrics_exporter_prometheus::PrometheusHandle;
+use std::sync::Arc;
+use tokio::sync::{Semaphore, watch};
+
+/// The service's state; clones share it.
+#[derive(Clone)]
+pub struct State(Arc<Inner>);
+
+/// What the state is made of.
+pub(super) struct Inner {
+    pub auth: Auth,
+    pub limits: Limits,
+    pub pictures: Arc<dyn Pictures>,
+    pub ledger: Arc<Ledger>,
+    pub store: Arc<Store>,
+    pub runner: Arc<Runner>,
+    pub host_names: Vec<String>,
+    pub is_secure: bool,
+    pub metrics: PrometheusHandle,
+    pub uploads: Semaphore,
+    /// True once the service is to end.
+    pub ending: watch::Receiver<bool>,
+}
+
+impl std::fmt::Debug for State {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("State").field("limits", &self.0.limits).finish_non_exhaustive()
+    }
+}
+
+impl State {
+    pub(super) fn new(inner: Inner) -> Self {
+        Self(Arc::new(inner))
+    }
+
+    /// Who may use the service.
+    pub fn auth(&self) -> &Auth {
+        &self.0.auth
+    }
+
+    /// What one request may ask for.
+    pub fn limits(&self) -> &Limits {
+        &self.0.limits
+    }
+
+    /// What checks and renders.
+    pub fn pictures(&self) -> &Arc<dyn Pictures> {
+        &self.0.pictures
+    }
+
+    /// Scenes by hash.
+    pub fn store(&self) -> &Arc<Store> {
+        &self.0.store
+    }
+
+    /// The record of jobs.
+    pub(super) fn ledger(&self) -> &Arc<Ledger> {
+        &self.0.ledger
+    }
+
+    pub(super) fn runner(&self) -> &Arc<Runner> {
+        &self.0.runner
+    }
+
+    pub(super) fn host_names(&self) -> &[String] {
+        &self.0.host_names
+    }
+
+    pub(super) fn is_secure(&self) -> bool {
+        self.0.is_secure
+    }
+
+    pub(super) fn metrics(&self) -> &PrometheusHandle {
+        &self.0.metrics
+    }
+
+    pub(super) fn uploads(&self) -> &Semaphore {
+        &self.0.uploads
+    }
+
+    /// Becomes true when the service is to end; open connections then end too.
+    pub fn ending(&self) -> watch::Receiver<bool> {
+        self.0.ending.clone()
+    }
+
+    /// Runs what waits for files or the ledger on a thread that may.
+    ///
+    /// # Errors
+    /// The problem of the work; 500 if it panicked.
+    pub async fn blocking<T: Send + 'static>(
+        &self,
+        work: impl FnOnce(&Self) -> Result<T, Problem> + Send + 'static,
+    ) -> Result<T, Problem> {
+        let state = self.clone();
+        let done = tokio::task::spawn_blocking(move || work(&state)).await;
+        let failed = |_| Problem::new(StatusCode::INTERNAL_SERVER_ERROR, "the request failed; see the log");
+        done.map_err(failed)?
+    }
+}

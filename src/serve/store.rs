@@ -1,0 +1,303 @@
+//! Scenes on the disk, by the SHA-256 of what was uploaded, and the files of jobs.
+
+use super::auth::hex;
+use super::{Limits, Problem};
+use crate::files::sync_folder;
+use axum::http::StatusCode;
+use sha2::{Digest, Sha256};
+use std::fs::File;
+use std::io::{self, Read, Seek, Write};
+use std::path::{Component, Path, PathBuf};
+
+/// The names of scene files by their extensions, in the order in which a pack is looked through.
+const SCENES: [&str; 7] = ["json", "glb", "gltf", "obj", "ply", "stl", "off"];
+
+/// The folder that files of the service lie in.
+#[derive(Debug)]
+pub struct Store {
+    data: PathBuf,
+}
+
+/// An upload whose bytes come one after another.
+#[derive(Debug)]
+pub struct Upload {
+    file: tempfile::NamedTempFile,
+    hash: Sha256,
+    bytes: u64,
+}
+
+impl Upload {
+    /// Adds bytes.
+    ///
+    /// # Errors
+    /// If the disk refuses them.
+    pub fn write(&mut self, bytes: &[u8]) -> io::Result<()> {
+        self.hash.update(bytes);
+        self.bytes += bytes.len() as u64;
+        self.file.write_all(bytes)
+    }
+
+    /// The number of bytes so far.
+    pub fn bytes(&self) -> u64 {
+        self.bytes
+    }
+}
+
+impl Store {
+    /// The folders of a data folder; what an earlier process left half-written is removed.
+    ///
+    /// # Errors
+    /// If the folders cannot be made.
+    pub fn open(data: &Path) -> io::Result<Self> {
+        let store = Self { data: data.to_owned() };
+        if store.temporary().exists() {
+            std::fs::remove_dir_all(store.temporary())?;
+        }
+        for folder in [store.temporary(), data.join("scenes"), data.join("jobs")] {
+            std::fs::create_dir_all(folder)?;
+        }
+        sync_folder(data)?;
+        Ok(store)
+    }
+
+    /// The folder of what is not whole yet.
+    pub fn temporary(&self) -> PathBuf {
+        self.data.join("temporary")
+    }
+
+    /// The folder of a scene's files. Nothing in it is a link.
+    pub fn scene_folder(&self, sha256: &str) -> PathBuf {
+        self.data.join("scenes").join(sha256)
+    }
+
+    /// The folder of a job's films and pictures.
+    pub fn job_folder(&self, job: &str) -> PathBuf {
+        self.data.join("jobs").join(job)
+    }
+
+    /// Begins an upload.
+    ///
+    /// # Errors
+    /// If no file can be made.
+    pub fn begin(&self) -> io::Result<Upload> {
+        let file = tempfile::NamedTempFile::new_in(self.temporary())?;
+        Ok(Upload { file, hash: Sha256::new(), bytes: 0 })
+    }
+
+    /// Keeps an upload whose hash is right. A pack is unpacked first. When this returns, the scene is on the disk.
+    ///
+    /// # Errors
+    /// If the hash is another, the pack is damaged or too large, or the disk refuses.
+    pub fn keep(&self, upload: Upload, sha256: &str, limits: &Limits) -> Result<u64, Problem> {
+        let Upload { file, hash, bytes } = upload;
+        let found = hex(&hash.finalize());
+        if found != sha256 {
+            let detail = format!("the body's SHA-256 is {found}, not that of the address; upload it again");
+            return Err(Problem::unprocessable(detail));
+        }
+        let folder = tempfile::tempdir_in(self.temporary()).map_err(refused)?;
+        let mut file = file.into_file();
+        file.rewind().map_err(refused)?;
+        let mut start = Vec::new();
+        (&mut file).take(512).read_to_end(&mut start).map_err(refused)?;
+        file.rewind().map_err(refused)?;
+        if start.starts_with(b"PK\x03\x04") {
+            unpack(file, folder.path(), limits)?;
+        } else {
+            let extension = kind(&start).ok_or_else(|| {
+                let detail = "the body is neither a GLB, a recipe, nor a zip archive of a scene's files";
+                Problem::new(StatusCode::UNSUPPORTED_MEDIA_TYPE, detail)
+            })?;
+            let path = folder.path().join("scene").with_extension(extension);
+            let mut kept = File::create(path).map_err(refused)?;
+            io::copy(&mut file, &mut kept).and_then(|_| kept.sync_all()).map_err(refused)?;
+        }
+        sync_folder(folder.path()).map_err(refused)?;
+        let kept = self.scene_folder(sha256);
+        // Another upload of the same bytes may have been faster.
+        if !kept.exists() {
+            let renamed = std::fs::rename(folder.path(), &kept);
+            renamed.or_else(|error| if kept.exists() { Ok(()) } else { Err(error) }).map_err(refused)?;
+        }
+        sync_folder(&self.data.join("scenes")).map_err(refused)?;
+        Ok(bytes)
+    }
+
+    /// The scene file of a pack: the one that is named, or the only one.
+    ///
+    /// # Errors
+    /// If there is none, or several and none is named.
+    pub fn entry(&self, sha256: &str, name: Option<&str>) -> Result<PathBuf, Problem> {
+        let folder = self.scene_folder(sha256);
+        if let Some(name) = name {
+            let path = inside(&folder, name)
+                .ok_or_else(|| Problem::unprocessable(format!("{name:?} does not lie in the pack")))?;
+            let is_file = path.is_file();
+            return is_file.then_some(path).ok_or_else(|| Problem::unprocessable(no_file(name)));
+        }
+        let mut found = Vec::new();
+        scene_files(&folder, &mut found).map_err(refused)?;
+        for extension in SCENES {
+            let mut of_kind = found.iter().filter(|path| has_extension(path, extension));
+            match (of_kind.next(), of_kind.next()) {
+                (Some(only), None) => return Ok(only.clone()),
+                (Some(_), Some(_)) => {
+                    let detail = format!("the pack has several .{extension} files; name one as `entry`");
+                    return Err(Problem::unprocessable(detail));
+                }
+                _ => {}
+            }
+        }
+        Err(Problem::unprocessable(format!("the pack has no scene: no file of {}", SCENES.join(", "))))
+    }
+}
+
+fn no_file(name: &str) -> String {
+    format!("the pack has no file {name:?}")
+}
+
+/// What a file is by its first bytes, if it needs no other files.
+fn kind(start: &[u8]) -> Option<&'static str> {
+    if start.starts_with(b"glTF") {
+        return Some("glb");
+    }
+    if start.starts_with(b"ply") {
+        return Some("ply");
+    }
+    // A recipe or a glTF file whose buffers are data.
+    let text = start.trim_ascii_start();
+    let is_gltf = || text.windows(7).any(|window| window == b"\"asset\"");
+    text.starts_with(b"{").then(|| if is_gltf() { "gltf" } else { "json" })
+}
+
+fn has_extension(path: &Path, extension: &str) -> bool {
+    path.extension().is_some_and(|own| own.eq_ignore_ascii_case(extension))
+}
+
+/// Collects the scene files of a folder and the folders in it.
+fn scene_files(folder: &Path, found: &mut Vec<PathBuf>) -> io::Result<()> {
+    for entry in std::fs::read_dir(folder)? {
+        let path = entry?.path();
+        if path.is_dir() {
+            scene_files(&path, found)?;
+        } else if SCENES.iter().any(|extension| has_extension(&path, extension)) {
+            found.push(path);
+        }
+    }
+    Ok(())
+}
+
+/// The path of a name in a folder, unless it leads out of it.
+pub fn inside(folder: &Path, name: &str) -> Option<PathBuf> {
+    let name = name.replace('\\', "/");
+    let name = Path::new(&name);
+    let is_plain = |part: Component<'_>| matches!(part, Component::Normal(_) | Component::CurDir);
+    let is_inside = name.components().next().is_some() && name.components().all(is_plain);
+    is_inside.then(|| folder.join(name))
+}
+
+/// Writes the files of a zip archive into a folder. Bytes are counted as they are decompressed.
+fn unpack(pack: File, folder: &Path, limits: &Limits) -> Result<(), Problem> {
+    let damaged =
+        |error: zip::result::ZipError| Problem::unprocessable(format!("the pack is damaged: {error}"));
+    let too_large = |name: &str, limit: u64, detail: &str| {
+        Problem::limit(StatusCode::PAYLOAD_TOO_LARGE, name, limit, format!("{detail}; make the pack smaller"))
+    };
+    let mut archive = zip::ZipArchive::new(pack).map_err(damaged)?;
+    if archive.len() > limits.pack_files {
+        let most = limits.pack_files as u64;
+        return Err(too_large("pack_files", most, &format!("a pack has at most {most} files")));
+    }
+    let mut left = limits.unpacked_bytes;
+    for index in 0..archive.len() {
+        let entry = archive.by_index(index).map_err(damaged)?;
+        let name = entry.name().map_err(damaged)?.into_owned();
+        let outside = || Problem::unprocessable(format!("the pack names {name:?}, which lies outside of it"));
+        let path = inside(folder, &name).ok_or_else(outside)?;
+        if entry.is_dir() {
+            std::fs::create_dir_all(&path).map_err(refused)?;
+            continue;
+        }
+        if entry.is_symlink() {
+            let detail = format!("the pack holds the link {name:?}; put the file itself into it");
+            return Err(Problem::unprocessable(detail));
+        }
+        let parent = path.parent().unwrap_or(folder);
+        let clash = |_| Problem::unprocessable(format!("the pack has two things of the name {name:?}"));
+        std::fs::create_dir_all(parent).map_err(clash)?;
+        let mut file = File::create_new(&path).map_err(clash)?;
+        // One byte more shows that there is more.
+        let copied = io::copy(&mut entry.take(left + 1), &mut file);
+        let copied = copied.map_err(|error| Problem::unprocessable(format!("{name}: {error}")))?;
+        left = left.checked_sub(copied).ok_or_else(|| {
+            let most = limits.unpacked_bytes;
+            too_large("unpacked_bytes", most, &format!("the files of a pack have at most {most} bytes"))
+        })?;
+        file.sync_all().map_err(refused)?;
+        sync_folder(parent).map_err(refused)?;
+    }
+    Ok(())
+}
+
+/// The answer when the file system refuses.
+pub fn refused(error: io::Error) -> Problem {
+    let status = match error.kind() {
+        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => StatusCode::INSUFFICIENT_STORAGE,
+        _ => StatusCode::SERVICE_UNAVAILABLE,
+    };
+    Problem::new(status, format!("the data folder cannot be written: {error}; make space and try again"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use zip::write::SimpleFileOptions;
+
+    fn pack(files: &[(&str, &[u8])]) -> Vec<u8> {
+        let mut zip = zip::ZipWriter::new(io::Cursor::new(Vec::new()));
+        for (name, bytes) in files {
+            let options = SimpleFileOptions::default().compression_method(zip::CompressionMethod::Deflated);
+            zip.start_file(*name, options).expect("a file");
+            zip.write_all(bytes).expect("bytes");
+        }
+        zip.finish().expect("an archive").into_inner()
+    }
+
+    fn keep(store: &Store, bytes: &[u8], limits: &Limits) -> Result<String, Problem> {
+        let sha256 = hex(&Sha256::digest(bytes));
+        let mut upload = store.begin().expect("an upload");
+        upload.write(bytes).expect("a disk");
+        store.keep(upload, &sha256, limits).map(|_| sha256)
+    }
+
+    #[test]
+    fn packs_hold_their_files_and_nothing_leads_out_of_them() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let store = Store::open(folder.path()).expect("a store");
+        let limits = Limits { unpacked_bytes: 1000, pack_files: 3, ..Limits::default() };
+        let good = pack(&[("a/scene.obj", b"v 0 0 0"), ("a/scene.mtl", b"")]);
+        let sha256 = keep(&store, &good, &limits).expect("a pack");
+        assert_eq!(keep(&store, &good, &limits).expect("again"), sha256);
+        let entry = store.entry(&sha256, None).expect("one scene");
+        assert_eq!(std::fs::read(entry).expect("its file"), b"v 0 0 0");
+        for bad in ["../../token", "/etc/passwd", "..", "", "a/../../x"] {
+            assert!(store.entry(&sha256, Some(bad)).is_err(), "{bad}");
+        }
+        let zeros = vec![0; 100_000];
+        for (files, status) in [
+            (&[("../out.obj", &b"x"[..])][..], 422),
+            (&[("/tmp/out.obj", b"x")], 422),
+            (&[("a", b"x"), ("a/b", b"x")], 422),
+            (&[("bomb.obj", &zeros[..])], 413),
+            (&[("1", b""), ("2", b""), ("3", b""), ("4", b"")], 413),
+        ] {
+            let problem = keep(&store, &pack(files), &limits).expect_err("refused");
+            assert_eq!(problem.status().as_u16(), status, "{problem:?}");
+        }
+        assert_eq!(keep(&store, b"MZ", &limits).expect_err("no scene").status().as_u16(), 415);
+        let left = std::fs::read_dir(store.temporary()).expect("a folder").count();
+        assert_eq!(left, 0, "nothing is left of what was refused");
+        let upload = store.begin().expect("an upload");
+        assert_eq!(store.keep(upload, &sha256, &limits).expect_err("another").status().as_u16(), 422);
+    }
+}

@@ -1,0 +1,147 @@
+//! Who and what is refused, and how.
+
+use crate::{Service, folder, shipped};
+use serde_json::json;
+use std::io::Write;
+use std::process::Command;
+
+#[test]
+fn nobody_gets_in_without_the_token_or_from_elsewhere() {
+    let data = folder();
+    let service = Service::start(data.path(), &[]);
+    let get = |path: &str, headers: &[(&str, &str)]| service.send("GET", path, headers, Vec::new());
+    assert_eq!(get("/healthz", &[("Authorization", "")]).status, 200);
+    assert_eq!(get("/readyz", &[("Authorization", "")]).status, 200);
+    assert_eq!(get("/openapi.json", &[("Authorization", "")]).status, 200);
+    for path in ["/api/v1/jobs", "/metrics", "/api/v1/events", "/api/v1/jobs/x/frames/0.png"] {
+        for token in ["", "Bearer wrong", "Basic abc", &service.token] {
+            let answer = get(path, &[("Authorization", token)]);
+            assert_eq!(answer.status, 401, "{path} {token}");
+            assert_eq!(answer.header("content-type"), "application/problem+json");
+        }
+    }
+    assert_eq!(get("/api/v1/jobs", &[("Origin", "https://evil.example")]).status, 403);
+    assert_eq!(get("/api/v1/jobs", &[("Host", "evil.example:7878")]).status, 403);
+    assert_eq!(get("/api/v1/jobs", &[("Origin", &service.url)]).status, 200);
+    assert_eq!(get("/nothing", &[]).status, 404);
+    assert_eq!(service.send("DELETE", "/api/v1/jobs", &[], Vec::new()).status, 405);
+
+    let login = |token: &str| {
+        let headers =
+            [("Authorization", ""), ("Content-Type", "application/json"), ("Origin", &*service.url)];
+        service.send("POST", "/api/v1/session", &headers, json!({ "token": token }).to_string().into_bytes())
+    };
+    assert_eq!(login("wrong").status, 401);
+    let answer = login(&service.token);
+    let cookie = answer.header("set-cookie").split(';').next().expect("a cookie").to_owned();
+    assert!(answer.header("set-cookie").contains("HttpOnly; SameSite=Strict"));
+    let with = [("Authorization", ""), ("Cookie", &*cookie)];
+    assert_eq!(get("/api/v1/jobs", &with).status, 200);
+    let cancel = "/api/v1/jobs/x/cancel";
+    assert_eq!(service.send("POST", cancel, &with, Vec::new()).status, 403, "a cookie without an origin");
+    let own = [with[0], with[1], ("Origin", &*service.url)];
+    assert_eq!(service.send("POST", cancel, &own, Vec::new()).status, 404);
+    let (url, token) = (service.url.clone(), service.token.clone());
+    drop(service);
+    let service = Service::start(data.path(), &[]);
+    assert_eq!(service.token, token);
+    assert_ne!(service.url, url, "another port");
+    assert_eq!(service.send("GET", "/api/v1/jobs", &with, Vec::new()).status, 200, "the cookie still holds");
+}
+
+#[test]
+fn other_addresses_need_encryption_and_a_folder_has_one_service() {
+    let data = folder();
+    let start = |options: &[&str]| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_raystream"));
+        let output =
+            command.args(["serve", "--tracer", "cpu", "--data"]).arg(data.path()).args(options).output();
+        let output = output.expect("raystream starts");
+        (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+    };
+    let (code, text) = start(&["--listen", "0.0.0.0:0"]);
+    assert!(code == Some(2) && text.contains("--insecure"), "{text}");
+    let _service = Service::start(data.path(), &[]);
+    let (code, text) = start(&["--listen", "127.0.0.1:0"]);
+    assert!(code == Some(2) && text.contains("another service uses this folder"), "{text}");
+}
+
+#[test]
+fn what_is_wrong_with_a_request_is_named() {
+    let data = folder();
+    let service =
+        Service::start(data.path(), &["--max-upload", "100K", "--max-unpacked", "1M", "--max-jobs", "1"]);
+    let scene = service.upload_file(&shipped("cornell.json"));
+    let (_, answer) = service.upload(&vec![b'{'; 200_000]);
+    assert_eq!((answer.status, &answer.json()["limit"]), (413, &json!("scene_bytes")));
+    let put = |sha: &str, body: &[u8]| {
+        service.send("PUT", &format!("/api/v1/scenes/{sha}"), &[], body.to_vec()).status
+    };
+    assert_eq!(put(&"0".repeat(64), b"{}"), 422, "another hash");
+    assert_eq!(put("../../token", b"{}"), 404);
+    let jobs = |body: &str, kind: &str| {
+        service.send("POST", "/api/v1/jobs", &[("Content-Type", kind)], body.as_bytes().to_vec())
+    };
+    assert_eq!(jobs("{", "application/json").status, 400);
+    assert_eq!(jobs("{}", "text/plain").status, 415);
+    assert_eq!(jobs(&"x".repeat(2 << 20), "application/json").status, 413);
+    for (options, says) in [
+        (json!({ "output": "/etc/passwd" }), "no option of a job"),
+        (json!({ "threads": 1 }), "no option of a job"),
+        (json!({ "spp": 0 }), "spp"),
+        (json!({ "size": "0x3" }), "width and height"),
+        (json!({ "size": "16000x16000" }), "pixels"),
+        (json!({ "size": "2000x2000", "spp": 65536, "frames": "0..100", "turntable": 1 }), "samples"),
+        (json!({ "env": "/etc/passwd" }), "does not lie in the pack"),
+        (json!({ "env": "../../../token.hdr" }), "does not lie in the pack"),
+        (json!({ "surface": ["a=../x.wgsl"] }), "does not lie in the pack"),
+        (json!({ "clamp-indirect": 1, "integrator": "whitted" }), "clamp-indirect"),
+        (json!({ "integrator": "none" }), "none"),
+    ] {
+        let answer = service.post("/api/v1/jobs", &json!({ "scene": scene, "options": options }));
+        let body = answer.json();
+        assert_eq!(answer.status, 422, "{options}: {body}");
+        assert!(body["detail"].as_str().is_some_and(|detail| detail.contains(says)), "{options}: {body}");
+    }
+    let long = json!({ "scene": scene, "options": { "size": "64x48", "spp": 60000 } });
+    assert_eq!(service.post("/api/v1/jobs", &long).status, 202);
+    let answer = service.post("/api/v1/jobs", &json!({ "scene": scene }));
+    assert_eq!((answer.status, &answer.json()["limit"]), (429, &json!("open_jobs")));
+    assert!(!answer.header("retry-after").is_empty());
+    assert_eq!(service.post("/api/v1/jobs/nobody/cancel", &json!({})).status, 404);
+}
+
+#[test]
+fn hostile_scenes_fail_alone() {
+    let data = folder();
+    let service = Service::start(data.path(), &["--memory", "200M"]);
+    let pack = |files: &[(&str, &str)]| {
+        let mut zip = zip::ZipWriter::new(std::io::Cursor::new(Vec::new()));
+        for (name, text) in files {
+            zip.start_file(*name, zip::write::SimpleFileOptions::default()).expect("a file");
+            zip.write_all(text.as_bytes()).expect("bytes");
+        }
+        zip.finish().expect("an archive").into_inner()
+    };
+    let triangle = "usemtl a\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
+    let secret = data.path().join("token").display().to_string();
+    let up = "../../../token";
+    let huge = r#"{ "materials": { "a": { "colour": [1, 1, 1] } }, "shapes": [ { "shape": "sphere",
+        "centre": [0, 0, 0], "radius": 1, "cells": 1024, "material": "a" } ] }"#;
+    for (bytes, says) in [
+        (pack(&[("a.obj", &format!("mtllib {secret}\n{triangle}"))]), "outside"),
+        (pack(&[("b/a.obj", &format!("mtllib {up}\n{triangle}"))]), "outside"),
+        (pack(&[("a.obj", "nothing")]), "triangle"),
+        (huge.as_bytes().to_vec(), "memory"),
+    ] {
+        let (scene, answer) = service.upload(&bytes);
+        assert_eq!(answer.status, 201, "{}", answer.json());
+        let id = service.submit(&scene, &json!({ "size": "8x8", "spp": 1 }));
+        let job = service.wait_for(&id, &["done", "failed"]);
+        let error = job["error"].as_str().unwrap_or_default();
+        assert!(job["state"] == "failed" && error.contains(says), "{says}: {job}");
+    }
+    let scene = service.upload_file(&shipped("cornell.json"));
+    let id = service.submit(&scene, &json!({ "size": "8x8", "spp": 1 }));
+    assert_eq!(service.hashes(&id).len(), 1, "the service goes on");
+}
