@@ -58,8 +58,11 @@ const ROUTES: &[Route] = &[
 /// Codes of refusals, any of which a route may answer.
 const REFUSALS: [u16; 13] = [400, 401, 403, 404, 405, 408, 409, 413, 415, 422, 429, 503, 507];
 
+/// Name, type and whether it is required.
+type Parameter = (&'static str, &'static str, bool);
+
 /// Parameters of addresses and queries, by route.
-const QUERIES: &[(&str, &[(&str, &str, bool)])] = &[
+const QUERIES: &[(&str, &[Parameter])] = &[
     (
         "/api/v1/jobs",
         &[("state", "string", false), ("cursor", "integer", false), ("limit", "integer", false)],

@@ -75,7 +75,7 @@ fn render(args: &RenderArgs, registry: &Registry, progress: &mut Progress) -> Re
     setup.options = registry.integrator_options(&args.integrator, &scene, &own)?;
     let params = params(args, &setup, camera);
     ensure!(!args.watch || !watched.is_empty(), "--watch: no material has a shader; see --surface");
-    let goal = Goal::Files { animation, camera, shaders: watched, progress };
+    let goal = Goal::Files(FilesGoal { animation, camera, shaders: watched, progress }.into());
     registry.run(&args.integrator, params, RenderRequest { args, setup: &setup, goal })
 }
 
@@ -161,10 +161,18 @@ pub struct RenderRequest<'a> {
 /// What is wanted of the integrator.
 pub(super) enum Goal<'a> {
     /// The files of the command.
-    Files { animation: Option<Animation<'a>>, camera: Camera, shaders: Shaders, progress: &'a mut Progress },
+    Files(Box<FilesGoal<'a>>),
     /// A unit of a job.
     #[cfg(feature = "serve")]
-    Unit(unit::Unit<'a>),
+    Unit(Box<unit::Unit<'a>>),
+}
+
+/// What the files of the command show, and how they are made.
+pub(super) struct FilesGoal<'a> {
+    animation: Option<Animation<'a>>,
+    camera: Camera,
+    shaders: Shaders,
+    progress: &'a mut Progress,
 }
 
 impl RenderRequest<'_> {
@@ -175,16 +183,16 @@ impl RenderRequest<'_> {
         if let Some(part) = args.part.part(integrator.frame().settings()) {
             integrator = integrator.with_part(part)?;
         }
-        match goal {
-            Goal::Files { animation: Some(animation), progress, .. } => {
-                frames::run(args, setup, &animation, &integrator, progress)
-            }
-            Goal::Files { shaders, progress, .. } if args.watch => {
-                watch::run(args, setup, integrator, shaders, progress)
-            }
-            Goal::Files { camera, progress, .. } => still::run(args, setup, &camera, integrator, progress),
+        let files = match goal {
+            Goal::Files(files) => *files,
             #[cfg(feature = "serve")]
-            Goal::Unit(unit) => unit.run(args, setup, &integrator),
+            Goal::Unit(unit) => return unit.run(args, setup, &integrator),
+        };
+        let FilesGoal { animation, camera, shaders, progress } = files;
+        match animation {
+            Some(animation) => frames::run(args, setup, &animation, &integrator, progress),
+            None if args.watch => watch::run(args, setup, integrator, shaders, progress),
+            None => still::run(args, setup, &camera, integrator, progress),
         }
     }
 }

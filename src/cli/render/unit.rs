@@ -37,7 +37,7 @@ pub enum Work {
 
 /// What a unit has become. A unit that was stopped has become nothing.
 pub enum Rendered {
-    Film(PartialFilm),
+    Film(Box<PartialFilm>),
     Picture(Picture),
 }
 
@@ -49,7 +49,9 @@ impl Unit<'_> {
     pub fn run<I: Integrator>(self, args: &RenderArgs, setup: &Setup, integrator: &I) -> Result<Outcome> {
         let seen = integrator.seen_by(&self.camera)?;
         *self.rendered = match &self.work {
-            Work::Samples(samples) => Some(Rendered::Film(self.film(args, setup, &seen, samples.clone())?)),
+            Work::Samples(samples) => {
+                Some(Rendered::Film(self.film(args, setup, &seen, samples.clone())?.into()))
+            }
             Work::Whole { checkpoint, spent } => {
                 let picture = self.whole(args, setup, seen, checkpoint.clone(), *spent)?;
                 picture.map(Rendered::Picture)

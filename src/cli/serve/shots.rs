@@ -56,7 +56,7 @@ impl Scene {
         let camera = self.camera(frame)?;
         let params = params(&self.args, &self.setup, camera);
         let mut rendered = None;
-        let goal = Goal::Unit(Unit { camera, work, watch, rendered: &mut rendered });
+        let goal = Goal::Unit(Unit { camera, work, watch, rendered: &mut rendered }.into());
         let request = RenderRequest { args: &self.args, setup: &self.setup, goal };
         self.registry.run(&self.args.integrator, params, request)?;
         Ok(rendered)
@@ -80,7 +80,7 @@ impl Shots for Scene {
 
     fn film(&self, frame: u32, samples: Range<u32>, watch: &dyn Watch) -> Result<PartialFilm, String> {
         match self.render(frame, Work::Samples(samples), watch).map_err(|error| with_causes(&error))? {
-            Some(Rendered::Film(film)) => Ok(film),
+            Some(Rendered::Film(film)) => Ok(*film),
             _ => Err("the unit has no film".into()),
         }
     }

@@ -211,10 +211,13 @@ fn shown(state: &State, found: &Found, look: &LookQuery, headers: &HeaderMap) ->
     })
 }
 
+/// The shape of an array and its values.
+type Values = (Vec<u64>, Vec<f32>);
+
 /// Radiance and alpha of a finished frame.
 fn radiance(folder: &FilePath) -> Result<Picture, Problem> {
     let path = folder.join(PICTURE).with_extension("npz");
-    let values = |name: &str| -> Result<Option<(Vec<u64>, Vec<f32>)>, Problem> {
+    let values = |name: &str| -> Result<Option<Values>, Problem> {
         let Some(bytes) = member(&path, name)? else { return Ok(None) };
         let npy = npyz::NpyFile::new(&bytes[..]).map_err(|error| gone(&path, &error))?;
         let shape = npy.shape().to_vec();

@@ -9,11 +9,9 @@ const MOST_UNITS: u32 = 64;
 /// The samples of each unit of a frame, of about so many pixels × samples. They are disjoint and together all samples.
 pub fn cut(demand: &Demand, unit_samples: u64) -> Vec<Range<u32>> {
     let spp = demand.spp;
-    if demand.kind != Kind::Samples {
-        return vec![0..spp];
-    }
     let each = u32::try_from(unit_samples / demand.pixels().max(1)).unwrap_or(u32::MAX).max(1);
-    let each = each.max(spp.div_ceil(MOST_UNITS));
+    // Noise and time decide about whole frames.
+    let each = if demand.kind == Kind::Samples { each.max(spp.div_ceil(MOST_UNITS)) } else { u32::MAX };
     (0..spp).step_by(each as usize).map(|first| first..spp.min(first.saturating_add(each))).collect()
 }
 
@@ -29,6 +27,7 @@ mod tests {
             assert_eq!((units[0].start, units.last().map(|unit| unit.end)), (0, Some(spp)));
             assert!(units.windows(2).all(|pair| pair[0].end == pair[1].start && !pair[0].is_empty()));
         }
-        assert_eq!(cut(&Demand::new((9, 9), 1 << 16, None, Kind::Noise), 1), vec![0..1 << 16]);
+        let whole = cut(&Demand::new((9, 9), 1 << 16, None, Kind::Noise), 1);
+        assert_eq!((whole.len(), &whole[0]), (1, &(0..1 << 16)));
     }
 }
