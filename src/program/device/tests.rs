@@ -18,7 +18,7 @@ pub(crate) const FLOW: &str = "
         var table = array<f32, 5>(0.1, 0.2, at.uv.x, 0.7, at.position.y);
         var x = at.position.x;
         loop {
-            if (x > 100.0) { break; }
+            if (x > 100.0 || x < -1e6) { break; }
             x = x * 1.5 + 1.0;
             if (at.front) { x += 0.5; continue; }
             if (x < -50.0) { x = 200.0; }

@@ -3,6 +3,7 @@
 use super::passthrough;
 use crate::program::device::WORKGROUP;
 use crate::trace::gpu::Gpu;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::mpsc::sync_channel;
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
@@ -38,6 +39,8 @@ pub(super) struct Pipelines {
     probe: wgpu::ComputePipeline,
     layout: wgpu::BindGroupLayout,
     idle: Mutex<Vec<Buffers>>,
+    /// Whether the pattern has been computed before.
+    is_warm: AtomicBool,
 }
 
 /// Buffers of one dispatch.
@@ -82,7 +85,13 @@ impl Pipelines {
                 cache: None,
             })
         };
-        Self { pattern: pipeline("pattern"), probe: pipeline("probe"), idle: Mutex::default(), layout }
+        Self {
+            pattern: pipeline("pattern"),
+            probe: pipeline("probe"),
+            idle: Mutex::default(),
+            is_warm: AtomicBool::new(false),
+            layout,
+        }
     }
 
     /// Runs an entry point for as many points as a column has words, at most [`MOST_POINTS`].
@@ -127,7 +136,9 @@ impl Pipelines {
                 // The receiver is gone if the wait has failed.
                 let _ = sender.send(result);
             });
-            gpu.wait_for_shading(&submission)?;
+            let is_first = matches!(entry, Entry::Probe(_)) || !self.is_warm.load(Relaxed);
+            gpu.wait_for_shading(&submission, is_first)?;
+            self.is_warm.fetch_or(matches!(entry, Entry::Pattern), Relaxed);
             let mapped = receiver.recv_timeout(CALLBACK_PATIENCE).map_err(|e| e.to_string())?;
             mapped.map_err(|e| e.to_string())?;
             let view = buffers.readback.get_mapped_range(..bytes).map_err(|e| e.to_string())?;

@@ -215,7 +215,16 @@ impl Gpu {
     /// Waits for a submission, within [`Gpu::guard`]; returns how long that took. A submission that takes longer than
     /// the watchdog allows counts as a loss, and no thread waits for the device again.
     pub(super) fn wait(&self, submission: &wgpu::SubmissionIndex) -> Result<Duration, String> {
-        self.wait_until(|timeout| {
+        self.wait_within(submission, || self.watchdog.limit())
+    }
+
+    /// [`Gpu::wait`] within another limit.
+    fn wait_within(
+        &self,
+        submission: &wgpu::SubmissionIndex,
+        limit: impl Fn() -> Duration,
+    ) -> Result<Duration, String> {
+        let poll = |timeout| {
             let wait =
                 wgpu::PollType::Wait { submission_index: Some(submission.clone()), timeout: Some(timeout) };
             match self.device.poll(wait) {
@@ -223,11 +232,20 @@ impl Gpu {
                 Err(wgpu::PollError::Timeout) => Ok(false),
                 Err(error) => Err(error.to_string()),
             }
-        })
+        };
+        self.wait_until(poll, limit)
     }
 
-    /// [`Gpu::wait`] for a dispatch of a pattern; the watchdog learns how long it took.
-    pub(crate) fn wait_for_shading(&self, submission: &wgpu::SubmissionIndex) -> Result<(), String> {
+    /// [`Gpu::wait`] for a dispatch of a pattern; the watchdog learns how long it took. The first dispatches of a
+    /// kernel have the watchdog's upper bound, because drivers may compile meanwhile.
+    pub(crate) fn wait_for_shading(
+        &self,
+        submission: &wgpu::SubmissionIndex,
+        is_first: bool,
+    ) -> Result<(), String> {
+        if is_first {
+            return self.wait_within(submission, || self.watchdog.most()).map(drop);
+        }
         self.watchdog.record(self.wait(submission)?);
         Ok(())
     }
@@ -238,21 +256,25 @@ impl Gpu {
             std::thread::sleep(timeout);
             Ok(false)
         };
-        self.wait_until(never).expect_err("it never returns")
+        self.wait_until(never, || self.watchdog.limit()).expect_err("it never returns")
     }
 
     /// Polls until something is done; returns how long that took.
-    fn wait_until(&self, mut poll: impl FnMut(Duration) -> Result<bool, String>) -> Result<Duration, String> {
+    fn wait_until(
+        &self,
+        mut poll: impl FnMut(Duration) -> Result<bool, String>,
+        limit: impl Fn() -> Duration,
+    ) -> Result<Duration, String> {
         let start = Instant::now();
         loop {
-            if poll(POLL_INTERVAL.min(self.watchdog.limit()))? {
+            if poll(POLL_INTERVAL.min(limit()))? {
                 return Ok(start.elapsed());
             }
             // Another thread may have noticed a loss meanwhile.
             if let Some(reason) = self.lost() {
                 return Err(reason.to_owned());
             }
-            let limit = self.watchdog.limit();
+            let limit = limit();
             if start.elapsed() >= limit {
                 // Dropping the queue would wait for the submission without end.
                 std::mem::forget((self.device.clone(), self.queue.clone()));

@@ -33,6 +33,11 @@ impl Watchdog {
         Self::new(Duration::from_secs(least), Duration::from_secs(most))
     }
 
+    /// The upper bound of the limit.
+    pub fn most(&self) -> Duration {
+        self.most
+    }
+
     /// How long a dispatch may take now.
     pub fn limit(&self) -> Duration {
         match self.slowest_ns.load(Ordering::Relaxed) {
