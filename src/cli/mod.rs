@@ -84,7 +84,7 @@ pub fn run_with(registry: Registry) -> ExitCode {
         }
     };
     let matches = command.try_get_matches_from(&arguments.all);
-    let cli = match matches.and_then(|matches| Cli::from_arg_matches(&matches)) {
+    let mut cli = match matches.and_then(|matches| Cli::from_arg_matches(&matches)) {
         Ok(cli) => cli,
         Err(answer) => {
             if let Some(place) = arguments.place_of(&answer) {
@@ -93,7 +93,7 @@ pub fn run_with(registry: Registry) -> ExitCode {
             return print_answer(&answer);
         }
     };
-    let outcome = match &cli.command {
+    let outcome = match &mut cli.command {
         #[cfg(feature = "serve")]
         Command::Serve(args) => serve::run(args, registry),
         #[cfg(feature = "serve")]
@@ -117,7 +117,8 @@ pub fn run_with(registry: Registry) -> ExitCode {
         }
         Command::Render(args) => {
             let examination = doctor::examine_self(&registry);
-            let outcome = render::run(args, &registry);
+            let outcome =
+                shaders::with_integrator(args, registry).and_then(|registry| render::run(args, &registry));
             doctor::warn_of(examination);
             outcome
         }

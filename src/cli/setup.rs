@@ -30,6 +30,8 @@ pub struct Setup {
     pub policy: Option<Policy>,
     /// The options of the integrator, if the command has one.
     pub options: PluginOptions,
+    /// What the pictures of an integrator in WGSL depend on besides its options.
+    pub shader: Option<String>,
     /// Seconds spent reading files.
     pub load_s: f64,
     /// Seconds spent building the tree and uploading it.
@@ -85,14 +87,15 @@ impl Setup {
             ..ServiceOptions::default()
         })?;
         let options = PluginOptions::default();
-        Ok(Self { prepared, units, service: Arc::new(service), simd, policy, options, load_s, build_s })
+        let (service, integrator) = (Arc::new(service), String::new());
+        Ok(Self { prepared, units, service, simd, policy, options, integrator, load_s, build_s })
     }
 
     /// A scene that was prepared before, on a service that others use too.
     #[cfg(feature = "serve")]
     pub fn shared(prepared: PreparedScene, shared: &SharedUnits, options: PluginOptions) -> Self {
         let SharedUnits { units, service, simd, policy } = shared.clone();
-        Self { prepared, units, service, simd, policy, options, load_s: 0.0, build_s: 0.0 }
+        Self { prepared, units, service, simd, policy, options, integrator: String::new(), load_s: 0.0, build_s: 0.0 }
     }
 
     /// What a GPU has computed of patterns, and why some are back on the CPU.

@@ -1,8 +1,10 @@
 //! Shaders in WGSL: `--surface`, those that scenes name, and `raystream shaders`.
 
-use super::args::ShadersCommand;
+use super::args::{RenderArgs, ShadersCommand};
 use super::plugin_options::Setting;
-use crate::program::{MAX_SOURCE_BYTES, SurfaceShader, prelude};
+use super::registry::Registry;
+use crate::program::integrator::{IntegratorShader, integrator_prelude};
+use crate::program::{MAX_SOURCE_BYTES, Parameter, SurfaceShader};
 use crate::scene::Scene;
 use anyhow::{Context, Result, bail, ensure};
 use std::io::Read;
@@ -11,7 +13,7 @@ use std::str::FromStr;
 use std::time::SystemTime;
 
 /// The extension of shader files. A surface of a scene whose name ends so is a shader file.
-const EXTENSION: &str = ".wgsl";
+pub const EXTENSION: &str = ".wgsl";
 
 /// `--surface MATERIAL=FILE.wgsl[,NAME=VALUE..]`.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -149,6 +151,18 @@ pub fn apply(
     Ok((Shaders { all, settings: settings.to_vec() }, unused))
 }
 
+/// Adds the integrator of `--integrator FILE.wgsl`, and names it.
+pub fn with_integrator(args: &mut RenderArgs, registry: Registry) -> Result<Registry> {
+    if !args.integrator.ends_with(EXTENSION) {
+        return Ok(registry);
+    }
+    let file = PathBuf::from(std::mem::take(&mut args.integrator));
+    let text = read(&file)?;
+    let (registry, name) = registry.with_shader(&file, text)?;
+    args.integrator = name;
+    Ok(registry)
+}
+
 /// Loads a shader with values and with the settings that are meant for it.
 fn load(
     file: &Path,
@@ -175,7 +189,7 @@ fn load(
 }
 
 /// Reads a shader file.
-fn read(path: &Path) -> Result<String> {
+pub fn read(path: &Path) -> Result<String> {
     let told = || path.display().to_string();
     let file = std::fs::File::open(path).with_context(told)?;
     let mut bytes = Vec::new();
@@ -193,14 +207,19 @@ fn read(path: &Path) -> Result<String> {
 /// `raystream shaders`.
 pub fn run(command: &ShadersCommand) -> Result<()> {
     match command {
-        ShadersCommand::Prelude => stdout_line!("{}", prelude().trim_end()),
+        ShadersCommand::Prelude => stdout_line!("{}", integrator_prelude().trim_end()),
         ShadersCommand::Check { files } => {
             for file in files {
                 let shown = file.display().to_string();
                 let text = read(file)?;
-                let shader = SurfaceShader::check(&shown, &text)?;
-                stdout_line!("{shown}: {}", shader.description());
-                for parameter in shader.parameters() {
+                let parameters = if IntegratorShader::is_integrator(&text) {
+                    check_integrator(&shown, &text)?
+                } else {
+                    let shader = SurfaceShader::check(&shown, &text)?;
+                    stdout_line!("{shown}: {}", shader.description());
+                    shader.parameters().to_vec()
+                };
+                for parameter in parameters {
                     let must = if parameter.has_default { "" } else { ", must be set" };
                     stdout_line!("  {}: {}{must}", parameter.name, parameter.kind);
                 }
@@ -208,6 +227,25 @@ pub fn run(command: &ShadersCommand) -> Result<()> {
         }
     }
     Ok(())
+}
+
+/// Tells what an integrator consists of.
+fn check_integrator(shown: &str, text: &str) -> Result<Vec<Parameter>> {
+    let shader = IntegratorShader::check(shown, text)?;
+    let (hit, miss) = (shader.hit().operations(), shader.miss().operations());
+    let payload = 4 * shader.start().len();
+    stdout_line!(
+        "{shown}: an integrator; hit takes {hit} operations, miss {miss}; its payload has {payload} bytes"
+    );
+    for (number, piece) in shader.loop_shaders().iter().enumerate() {
+        let what = match shader.resume() == Some(number as u32) {
+            true => "resume".to_owned(),
+            false => format!("loop shader {number}"),
+        };
+        let bytes = piece.entry_bytes();
+        stdout_line!("  {what} takes {} operations; its entry keeps {bytes} bytes", piece.operations());
+    }
+    Ok(shader.parameters().to_vec())
 }
 
 #[cfg(test)]

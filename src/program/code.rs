@@ -1,5 +1,6 @@
 //! Lowered programs: instructions over columns of words.
 
+use super::integrator::HostFunction;
 use super::native::Native;
 use super::operation::Operation;
 use std::collections::BTreeSet;
@@ -15,6 +16,9 @@ pub(super) enum Instruction {
     Compute { operation: Operation, operands: [Register; 3], to: Register },
     /// Calls a native function at all points: operands and results are ranges of [`Code::lists`].
     Call { native: Native, operands: Range<u32>, results: Range<u32> },
+    /// Asks the caller for something at the points of a mask: results mean nothing at others. `line` is that of the
+    /// call.
+    Host { function: HostFunction, mask: Register, operands: Range<u32>, results: Range<u32>, line: u32 },
     /// Copies from the register of `lists[columns]` that the index names at each point, the last one for greater
     /// indices.
     Element { columns: Range<u32>, index: Register, to: Register },
@@ -42,15 +46,18 @@ pub(super) struct Code {
 }
 
 impl Code {
-    fn list(&self, range: &Range<u32>) -> &[Register] {
+    pub fn list(&self, range: &Range<u32>) -> &[Register] {
         &self.lists[range.start as usize..range.end as usize]
     }
 
     /// The registers that an instruction reads.
-    pub(super) fn reads(&self, instruction: &Instruction) -> Vec<Register> {
+    pub fn reads(&self, instruction: &Instruction) -> Vec<Register> {
         match instruction {
             Instruction::Compute { operation, operands, .. } => operands[..operation.operands()].to_vec(),
             Instruction::Call { operands, .. } => self.list(operands).to_vec(),
+            Instruction::Host { mask, operands, .. } => {
+                [self.list(operands), std::slice::from_ref(mask)].concat()
+            }
             Instruction::Element { columns, index, .. } => {
                 [self.list(columns), std::slice::from_ref(index)].concat()
             }
@@ -59,10 +66,12 @@ impl Code {
     }
 
     /// The registers that an instruction writes.
-    pub(super) fn writes(&self, instruction: &Instruction) -> Vec<Register> {
+    pub fn writes(&self, instruction: &Instruction) -> Vec<Register> {
         match instruction {
             Instruction::Compute { to, .. } | Instruction::Element { to, .. } => vec![*to],
-            Instruction::Call { results, .. } => self.list(results).to_vec(),
+            Instruction::Call { results, .. } | Instruction::Host { results, .. } => {
+                self.list(results).to_vec()
+            }
             Instruction::Skip { .. } | Instruction::Repeat { .. } => Vec::new(),
         }
     }
@@ -75,7 +84,9 @@ impl Code {
             let before = needed.len();
             for (index, instruction) in self.instructions.iter().enumerate().rev() {
                 let writes = self.writes(instruction);
-                if writes.is_empty() || writes.iter().any(|register| needed.contains(register)) {
+                let is_effect =
+                    matches!(instruction, Instruction::Host { function, .. } if function.is_effect());
+                if is_effect || writes.is_empty() || writes.iter().any(|register| needed.contains(register)) {
                     alive[index] = true;
                     needed.extend(self.reads(instruction));
                 }
@@ -162,7 +173,9 @@ impl Code {
                     named(index);
                     named(to);
                 }
-                Instruction::Skip { mask, .. } | Instruction::Repeat { mask, .. } => named(mask),
+                Instruction::Skip { mask, .. }
+                | Instruction::Repeat { mask, .. }
+                | Instruction::Host { mask, .. } => named(mask),
                 Instruction::Call { .. } => {}
             }
         }

@@ -1,6 +1,7 @@
 //! Lowered functions with the columns that they run in.
 
 use super::code::Code;
+use super::integrator::NoHost;
 use super::operation::CHUNK;
 use super::run::{Columns, run};
 use super::source::{Fault, Source};
@@ -65,7 +66,7 @@ impl Kernel {
     /// When a loop takes too many turns.
     #[inline(always)]
     pub fn run<L: Lanes>(&self, l: L, file: &str, columns: &Columns, points: usize) {
-        if let Err(endless) = run(l, &self.code, columns, points) {
+        if let Err(endless) = run(l, &self.code, columns, points, &mut NoHost) {
             endless_loop(file, endless.line);
         }
     }

@@ -14,7 +14,7 @@ use xxhash_rust::xxh3::xxh3_64;
 pub(super) struct Loaded {
     pub source: Source,
     pub parameters: Vec<Parameter>,
-    overrides: BTreeMap<String, u32>,
+    pub overrides: BTreeMap<String, u32>,
     /// Whether functions of the prelude become native.
     natives: bool,
 }
@@ -30,7 +30,18 @@ impl Loaded {
         values: impl IntoIterator<Item = (&'a str, &'a str)>,
         natives: bool,
     ) -> Result<Self, ShaderError> {
-        let source = Source::parse(file, text, &prelude())?;
+        Self::before(&prelude(), file, text, values, natives)
+    }
+
+    /// [`Loaded::new`] with another prelude.
+    pub fn before<'a>(
+        prelude: &str,
+        file: &str,
+        text: &str,
+        values: impl IntoIterator<Item = (&'a str, &'a str)>,
+        natives: bool,
+    ) -> Result<Self, ShaderError> {
+        let source = Source::parse(file, text, prelude)?;
         let parameters = parameters(&source);
         let overrides = words(&parameters, values).map_err(|fault| source.error(&fault))?;
         Ok(Self { source, parameters, overrides, natives })
@@ -41,16 +52,20 @@ impl Loaded {
     /// # Errors
     /// When the text is no valid WGSL.
     pub fn with_ones(file: &str, text: &str) -> Result<Self, ShaderError> {
-        let mut loaded = Self::new(file, text, [], true)?;
-        let needed = loaded.parameters.iter().filter(|parameter| !parameter.has_default);
+        Ok(Self::new(file, text, [], true)?.ones())
+    }
+
+    /// Sets parameters without a default to 1.
+    pub fn ones(mut self) -> Self {
+        let needed = self.parameters.iter().filter(|parameter| !parameter.has_default);
         let one = |kind: &str| match kind {
             "f32" => 1.0f32.to_bits(),
             "bool" => u32::MAX,
             _ => 1,
         };
         let ones = needed.map(|parameter| (parameter.name.clone(), one(parameter.kind))).collect();
-        loaded.overrides = ones;
-        Ok(loaded)
+        self.overrides = ones;
+        self
     }
 
     /// Lowers a function.
@@ -60,7 +75,7 @@ impl Loaded {
     pub fn kernel(&self, signature: &Signature) -> Result<(Kernel, Vec<Output>), ShaderError> {
         let function = signature.find(&self.source).map_err(|fault| self.error(&fault))?;
         let Source { module, info, text, .. } = &self.source;
-        let input = Input { module, info, overrides: &self.overrides, natives: self.natives, source: text };
+        let input = Input { module, info, overrides: &self.overrides, natives: self.natives, source: text, host: None };
         let (code, outputs) = lower(input, function).map_err(|fault| self.error(&fault))?;
         Ok((Kernel::new(code), outputs))
     }

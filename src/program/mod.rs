@@ -15,6 +15,7 @@ mod device;
 mod fuse;
 #[cfg(feature = "gpu")]
 pub mod gpu;
+pub mod integrator;
 mod kernel;
 mod loaded;
 mod lower;

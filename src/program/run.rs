@@ -1,6 +1,7 @@
 //! Runs programs over blocks of points.
 
 use super::code::{Code, Instruction, Register};
+use super::integrator::{Host, HostCall};
 use super::native::Native;
 use super::operation::{CHUNK, Operand, Operation};
 use crate::lanes::{Lanes, Num};
@@ -15,7 +16,7 @@ const BUDGET: u64 = 1 << 24;
 
 /// The registers of a program while it runs.
 #[derive(Debug, Default)]
-pub(super) struct Columns {
+pub struct Columns {
     /// A chunk for each constant, then a column for each other register.
     words: Vec<Cell<u32>>,
     /// Number of constants.
@@ -36,7 +37,7 @@ pub(super) struct Endless {
 impl Columns {
     /// Makes room for a program's registers at `block` points, a multiple of [`CHUNK`], and writes its constants,
     /// unless they are there.
-    pub fn prepare(&mut self, code: &Code, program: u64, block: usize) {
+    pub(super) fn prepare(&mut self, code: &Code, program: u64, block: usize) {
         debug_assert!(block.is_multiple_of(CHUNK) && block > 0);
         if self.program == program && self.block == block {
             return;
@@ -63,13 +64,13 @@ impl Columns {
 
     /// The first points of a register that is no constant.
     #[inline(always)]
-    pub fn column(&self, register: Register, points: usize) -> &[Cell<u32>] {
+    pub(super) fn column(&self, register: Register, points: usize) -> &[Cell<u32>] {
         &self.words[self.place(register).0..][..points]
     }
 
     /// A register as operations read it.
     #[inline(always)]
-    pub fn operand(&self, register: Register, points: usize) -> Operand<'_> {
+    pub(super) fn operand(&self, register: Register, points: usize) -> Operand<'_> {
         let (start, is_constant) = self.place(register);
         let (length, mask) = match is_constant {
             true => (CHUNK, 0),
@@ -84,7 +85,13 @@ impl Columns {
 /// # Errors
 /// When a loop takes too many turns.
 #[inline(always)]
-pub(super) fn run<L: Lanes>(l: L, code: &Code, columns: &Columns, points: usize) -> Result<(), Endless> {
+pub(super) fn run<L: Lanes>(
+    l: L,
+    code: &Code,
+    columns: &Columns,
+    points: usize,
+    host: &mut impl Host<L>,
+) -> Result<(), Endless> {
     let points = points.next_multiple_of(CHUNK).min(columns.block);
     let mut at = 0;
     let mut spent = 0u64;
@@ -99,6 +106,11 @@ pub(super) fn run<L: Lanes>(l: L, code: &Code, columns: &Columns, points: usize)
                 let operands = &code.lists[operands.start as usize..operands.end as usize];
                 let to = code.lists[results.start as usize];
                 call(l, *native, columns, operands, to, points);
+            }
+            Instruction::Host { function, mask, operands, results, line } => {
+                let (operands, results) = (code.list(operands), code.list(results));
+                let (function, mask, line) = (*function, *mask, *line);
+                host.call(l, &HostCall { function, columns, operands, results, mask, points, line });
             }
             Instruction::Element { columns: from, index, to } => {
                 let from = &code.lists[from.start as usize..from.end as usize];

@@ -38,6 +38,8 @@ mod single_ray;
 mod summed;
 #[cfg(test)]
 mod tests;
+#[cfg(feature = "wgsl")]
+mod wgsl;
 mod whitted;
 mod whitted_node;
 
@@ -66,4 +68,6 @@ pub use ray_shader::{LIGHT_DIMENSION, PerRay, RayHit, RayShader, RayState, Surfa
 pub use recursive_whitted::RecursiveWhitted;
 pub use sequence::Sequence;
 pub use single_ray::render_single_rays;
+#[cfg(feature = "wgsl")]
+pub use wgsl::{LoopEntries, WgslIntegrator, WgslShader, WgslState};
 pub use whitted::{Pending, WHITTED_BOUNCES, Whitted, WhittedShader, WhittedState};

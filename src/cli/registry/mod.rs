@@ -7,19 +7,23 @@ use super::Outcome;
 use super::args::Cli;
 use super::plugin_options::{OptionError, OptionSpec, PluginOptions, Setting};
 use super::render::RenderRequest;
+use super::shaders::EXTENSION;
+use crate::program::integrator::IntegratorShader;
 use crate::render::recursion::{Recursion, Shader};
 use crate::render::{
     AmbientOcclusion, HitShader, HitShading, Integrator, PathShader, PerRay, RayShader, RecursiveWhitted,
-    Settings, Whitted,
+    Settings, WgslShader, Whitted,
 };
 use crate::scene::{Camera, CodedSurface, Scene};
 use anyhow::{Context, Result};
 use bytemuck::Pod;
-use clap::builder::{PossibleValue, PossibleValuesParser};
-use clap::{Command, CommandFactory};
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+use clap::{Arg, Command, CommandFactory};
 use std::collections::BTreeMap;
 use std::error::Error;
+use std::ffi::OsStr;
 use std::fmt;
+use std::path::Path;
 use std::sync::Arc;
 
 /// An error of a plug-in.
@@ -123,6 +127,8 @@ impl IntegratorParams {
 pub struct Registry {
     integrators: Vec<IntegratorEntry>,
     surfaces: Vec<SurfaceEntry>,
+    /// What the pictures of an integrator in WGSL depend on.
+    shader: Option<String>,
 }
 
 struct IntegratorEntry {
@@ -155,7 +161,7 @@ impl fmt::Debug for Registry {
 impl Registry {
     /// The integrators of raystream itself.
     pub fn built_in() -> Self {
-        Self { integrators: Vec::new(), surfaces: Vec::new() }
+        Self { integrators: Vec::new(), surfaces: Vec::new(), shader: None }
             .with("path", "Path tracing: all light paths (the default)", |params| {
                 let shader = PathShader::new(params.roulette_bounces);
                 let shader = params.indirect_limit.into_iter().fold(shader, PathShader::with_indirect_limit);
@@ -258,7 +264,7 @@ impl Registry {
         let set = self.options_help();
         let command = Cli::command().mut_subcommand("render", |render| {
             render
-                .mut_arg("integrator", |arg| arg.value_parser(PossibleValuesParser::new(values)))
+                .mut_arg("integrator", |arg| arg.value_parser(IntegratorName(values)))
                 .mut_arg("set", |arg| arg.long_help(set))
         });
         accept_negative_numbers(command)
@@ -316,7 +322,7 @@ impl Registry {
         let is_surface = |name: &str| self.surfaces.iter().any(|entry| entry.name == name);
         let mine = || self.plugins().filter(|(name, _)| *name == integrator || is_surface(name));
         for Setting { plugin, key, .. } in settings {
-            let named = |name: &str| plugin.as_deref().is_none_or(|plugin| plugin == name);
+            let named = |name: &str| plugin.as_deref().is_none_or(|plugin| is_named(plugin, name));
             let has_key = |options: &[OptionSpec]| options.iter().any(|option| option.key == *key);
             let by: Vec<String> = mine()
                 .filter(|(name, options)| named(name) && has_key(options))
@@ -355,7 +361,7 @@ impl Registry {
             options.set(&format!("the scene sets an option of {name}, but it"), key, value)?;
         }
         for Setting { plugin, key, value } in settings {
-            let is_mine = plugin.as_deref().is_none_or(|plugin| plugin == name);
+            let is_mine = plugin.as_deref().is_none_or(|plugin| is_named(plugin, name));
             if is_mine && specs.iter().any(|spec| spec.key == *key) {
                 options.set(name, key, value)?;
             }
@@ -430,6 +436,32 @@ impl Registry {
         entry.with_context(|| format!("there is no integrator {name:?}"))
     }
 
+    /// Adds the integrator of a shader file, whose text this is. Its name is the file's.
+    ///
+    /// # Errors
+    /// If the shader cannot be loaded.
+    pub(super) fn with_shader(mut self, file: &Path, text: String) -> Result<(Self, String)> {
+        let shown = file.display().to_string();
+        let name = file.file_name().map_or(shown.clone(), |name| name.to_string_lossy().into_owned());
+        // What does not depend on values of parameters is told before the scene is loaded.
+        let parameters = IntegratorShader::check(&shown, &text)?.parameters().to_vec();
+        self.shader = Some(format!("a shader of hash {:016x}", IntegratorShader::source_hash(&text)));
+        let mut with = self.with(&name, "A shader in WGSL", move |params| {
+            let set = params.options.iter().filter(|(_, value)| !value.is_empty());
+            let shader = IntegratorShader::load(&shown, &text, set).map_err(PluginError::from)?;
+            params.hit_shading(WgslShader::from(shader))
+        });
+        for parameter in parameters {
+            with = with.with_option(&name, parameter.name, "", "");
+        }
+        Ok((with, name))
+    }
+
+    /// What the pictures of an integrator in WGSL depend on, besides its options.
+    pub(super) fn shader(&self) -> Option<&str> {
+        self.shader.as_deref()
+    }
+
     /// Runs a request with the integrator of this name.
     pub(super) fn run(
         &self,
@@ -438,6 +470,31 @@ impl Registry {
         request: RenderRequest<'_>,
     ) -> Result<Outcome> {
         (self.integrator(name)?.run)(params, request)
+    }
+}
+
+/// Whether an option is meant for the plug-in of this name; shader files may be named without their extension.
+fn is_named(plugin: &str, name: &str) -> bool {
+    plugin == name || name.strip_suffix(EXTENSION) == Some(plugin)
+}
+
+/// Parses `--integrator`: a name of the registry, or a shader file.
+#[derive(Clone)]
+struct IntegratorName(Vec<PossibleValue>);
+
+impl TypedValueParser for IntegratorName {
+    type Value = String;
+
+    fn parse_ref(&self, command: &Command, arg: Option<&Arg>, value: &OsStr) -> Result<String, clap::Error> {
+        match value.to_str() {
+            Some(file) if file.ends_with(EXTENSION) => Ok(file.to_owned()),
+            _ => PossibleValuesParser::new(self.0.clone()).parse_ref(command, arg, value),
+        }
+    }
+
+    fn possible_values(&self) -> Option<Box<dyn Iterator<Item = PossibleValue> + '_>> {
+        let file = PossibleValue::new("FILE.wgsl").help("A shader in WGSL");
+        Some(Box::new(self.0.iter().cloned().chain([file])))
     }
 }
 

@@ -29,7 +29,7 @@ pub fn identity(args: &RenderArgs, setup: &Setup, settings: &Settings, camera: O
     let aovs = args.aovs();
     let parts = [
         ("the scene", format!("of fingerprint {} (encoding {FINGERPRINT_VERSION})", scene.fingerprint())),
-        ("--integrator", args.integrator.clone()),
+        ("--integrator", setup.shader.clone().unwrap_or_else(|| args.integrator.clone())),
         ("--size", format!("{}x{}", settings.width, settings.height)),
         ("--spp", settings.spp.to_string()),
         ("--max-bounces", settings.max_bounces.to_string()),

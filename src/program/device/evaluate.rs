@@ -61,7 +61,7 @@ impl LaneTask for Evaluation<'_> {
                         .for_each(|(cell, &word)| cell.set(word));
                 }
             }
-            run(l, code, &columns, count).map_err(|endless| Endless { line: endless.line })?;
+            run(l, code, &columns, count, &mut NoHost).map_err(|endless| Endless { line: endless.line })?;
             for (column, &scalar) in results.chunks_mut(points).zip(&kernel.outputs) {
                 let from = columns.operand(code.outputs[scalar as usize], count);
                 let words = column[start..start + count].iter_mut().enumerate();

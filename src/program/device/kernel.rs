@@ -81,7 +81,7 @@ pub(super) fn outputs(code: &Code) -> Vec<u32> {
         .iter()
         .flat_map(|instruction| match instruction {
             Instruction::Compute { to, .. } | Instruction::Element { to, .. } => vec![*to],
-            Instruction::Call { results, .. } => {
+            Instruction::Call { results, .. } | Instruction::Host { results, .. } => {
                 code.lists[results.start as usize..results.end as usize].to_vec()
             }
             Instruction::Skip { .. } | Instruction::Repeat { .. } => Vec::new(),
@@ -123,7 +123,7 @@ fn natives(code: &Code) -> Vec<(Native, Code)> {
         let named = functions.find(|(_, function)| function.name.as_deref() == Some(native.name()));
         let (handle, _) = named.expect("the prelude has its functions");
         let Source { module, info, text, .. } = &source;
-        let input = Input { module, info, overrides: &overrides, natives: false, source: text };
+        let input = Input { module, info, overrides: &overrides, natives: false, source: text, host: None };
         let (code, _) = lower(input, handle).expect("the prelude can be lowered");
         (native, code)
     };
@@ -298,6 +298,7 @@ impl<'c> Writer<'c> {
                 self.line("}");
             }
             Instruction::Skip { .. } => {}
+            Instruction::Host { function, .. } => unreachable!("`{}` in a pattern", function.name()),
         }
     }
 }

@@ -2,6 +2,7 @@
 
 use super::{Frame, Lowerer, Scalar, Value};
 use crate::program::code::Instruction;
+use crate::program::integrator::HostFunction;
 use crate::program::native::Native;
 use crate::program::parameter;
 use crate::program::source::Fault;
@@ -67,9 +68,11 @@ impl Lowerer<'_> {
         let values = arguments.iter().map(|&argument| self.value(argument)).collect::<Result<Vec<_>, _>>()?;
         let name = self.input.module.functions[function].name.as_deref().unwrap_or_default();
         let native = if self.input.natives { Native::named(name) } else { None };
-        let scalars = match native {
-            Some(native) => [self.call_native(native, &values)].into(),
-            None => self.inline(function, values)?,
+        let host = self.input.host.and_then(|_| HostFunction::named(name));
+        let scalars = match (native, host) {
+            (Some(native), _) => [self.call_native(native, &values)].into(),
+            (None, Some(host)) => self.call_host(host, function, &values)?,
+            (None, None) => self.inline(function, values)?,
         };
         if let Some(result) = result {
             self.set(result, Value::Scalars(scalars));

@@ -22,6 +22,7 @@ impl Lowerer<'_> {
     pub(super) fn block(&mut self, block: &Block) -> Result<Flow, Fault> {
         for (statement, &span) in block.span_iter() {
             self.check_length(span)?;
+            self.line = self.line(span);
             if self.statement(statement, span).map_err(|fault| fault.at(span))? == Flow::Ended {
                 return Ok(Flow::Ended);
             }
@@ -110,9 +111,12 @@ impl Lowerer<'_> {
         self.stored_in(reject, &mut stored);
         let homed = self.homed(&stored);
         let region = self.open_region(stored);
+        let counts = self.counts;
         let accepted = self.masked_block(then, accept)?;
         self.restore(&region);
+        let accepting = std::mem::replace(&mut self.counts, counts);
         let rejected = if reject.is_empty() { Flow::On } else { self.masked_block(other, reject)? };
+        self.counts = self.counts.most(accepting);
         self.close_region(region, &homed);
         self.mask = before;
         self.drop_departed(departures);
@@ -125,14 +129,15 @@ impl Lowerer<'_> {
             return Ok(if block.is_empty() { Flow::On } else { Flow::Ended });
         }
         let register = self.column(mask);
+        let acting = self.acting(register);
         let skip = self.code.instructions.len();
-        self.code.instructions.push(Instruction::Skip { mask: register, to: 0 });
+        self.code.instructions.push(Instruction::Skip { mask: acting, to: 0 });
         self.known.push(Default::default());
         self.mask = Some(register);
         let flow = self.block(block);
         self.known.pop();
         let end = self.code.instructions.len() as u32;
-        self.code.instructions[skip] = Instruction::Skip { mask: register, to: end };
+        self.code.instructions[skip] = Instruction::Skip { mask: acting, to: end };
         flow
     }
 
@@ -280,6 +285,9 @@ impl Lowerer<'_> {
         let exit = self.enter(true);
         self.exits[exit].turn = None;
         let (live, running) = (self.exits[exit].live, self.exits[exit].running);
+        if self.waits {
+            self.write(Operation::AndNot, &[Scalar::Column(live), Scalar::Column(self.waiting)], live);
+        }
         self.known.push(Default::default());
         let start = self.code.instructions.len() as u32;
         let turn = self.copied(live);

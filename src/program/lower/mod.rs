@@ -11,6 +11,7 @@
 mod call;
 mod expression;
 mod flow;
+mod host;
 mod math;
 mod shape;
 mod unroll;
@@ -19,8 +20,10 @@ mod variable;
 use super::code::{Code, Instruction, Register};
 use super::operation::Operation;
 use super::source::Fault;
+use host::Asked;
+pub(super) use host::{Counts, HostInput};
 use naga::valid::ModuleInfo;
-use naga::{Function, Handle, Module, Span};
+use naga::{Function, Handle, Module, Span, TypeInner};
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::rc::Rc;
 use variable::{Place, VariableId, Variables};
@@ -33,7 +36,7 @@ const MOST_STATEMENTS: u32 = 1 << 20;
 
 /// A scalar at all points.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-enum Scalar {
+pub(super) enum Scalar {
     /// The same known word.
     Word(u32),
     /// A register that is never written again.
@@ -41,11 +44,11 @@ enum Scalar {
 }
 
 impl Scalar {
-    fn number(x: f32) -> Self {
+    pub(super) fn number(x: f32) -> Self {
         Self::Word(x.to_bits())
     }
 
-    fn truth(truth: bool) -> Self {
+    pub(super) fn truth(truth: bool) -> Self {
         Self::Word(if truth { u32::MAX } else { 0 })
     }
 }
@@ -112,6 +115,8 @@ pub(super) struct Input<'m> {
     pub natives: bool,
     /// The source, for the lines of loops.
     pub source: &'m str,
+    /// What calls of host functions become; `None` in shaders that have none.
+    pub host: Option<HostInput<'m>>,
 }
 
 /// What is known of a scalar of the result.
@@ -142,6 +147,27 @@ struct Lowerer<'m> {
     departures: u64,
     /// Number of statements lowered so far.
     statements: u32,
+    /// Line of the current statement.
+    line: u32,
+    /// A mask that gains the points that wait for a ray: see [`host`].
+    waiting: Register,
+    /// Whether some points may wait.
+    waits: bool,
+    /// Effects so far.
+    counts: Counts,
+    /// What host functions were asked, at which points, and their results.
+    asked: Vec<Asked>,
+}
+
+/// A lowered function before its instructions are optimised.
+pub(super) struct Lowered {
+    pub code: Code,
+    /// What is known of each scalar of the result.
+    pub outputs: Vec<Output>,
+    /// The mask of points that wait for a ray.
+    pub waiting: Register,
+    /// The most effects of a point.
+    pub counts: Counts,
 }
 
 /// Lowers a function whose arguments are the inputs, one number for each scalar, and whose outputs are the scalars of
@@ -150,6 +176,15 @@ struct Lowerer<'m> {
 /// # Errors
 /// When the function uses what programs lack, or is too long.
 pub(super) fn lower(input: Input<'_>, function: Handle<Function>) -> Result<(Code, Vec<Output>), Fault> {
+    let Lowered { code, outputs, .. } = lowered(input, function)?;
+    Ok((code.without_dead_instructions().with_pairs().with_few_registers(), outputs))
+}
+
+/// [`lower`] without the optimisations that follow. The last argument may be a pointer to a result; it points to zeros.
+///
+/// # Errors
+/// When the function uses what programs lack, or is too long.
+pub(super) fn lowered(input: Input<'_>, function: Handle<Function>) -> Result<Lowered, Fault> {
     let mut lowerer = Lowerer {
         input,
         code: Code::default(),
@@ -163,12 +198,30 @@ pub(super) fn lower(input: Input<'_>, function: Handle<Function>) -> Result<(Cod
         mask: None,
         departures: 0,
         statements: 0,
+        line: 0,
+        waiting: 0,
+        waits: false,
+        counts: Counts::default(),
+        asked: Vec::new(),
     };
+    lowerer.waiting = lowerer.register();
+    let waiting = lowerer.waiting;
+    lowerer.write(Operation::Copy, &[Scalar::truth(false)], waiting);
     lowerer.declare_globals()?;
     let mut arguments = Vec::new();
+    let mut pointed = None;
     let mut inputs = 0;
     for argument in &input.module.functions[function].arguments {
-        let width = lowerer.width(&input.module.types[argument.ty].inner)?;
+        let inner = &input.module.types[argument.ty].inner;
+        if let TypeInner::Pointer { base, .. } = inner {
+            let inner = input.module.types[*base].inner.clone();
+            let zeros = lowerer.zeros(&inner)?;
+            let variable = lowerer.declare(zeros);
+            pointed = Some(variable);
+            arguments.push(Value::Place(Place { variable, offset: 0, inner, indices: Vec::new() }));
+            continue;
+        }
+        let width = lowerer.width(inner)?;
         let scalars: Rc<[Scalar]> = (0..width).map(|_| Scalar::Column(lowerer.register())).collect();
         for scalar in &*scalars {
             let Scalar::Column(register) = *scalar else { continue };
@@ -177,7 +230,10 @@ pub(super) fn lower(input: Input<'_>, function: Handle<Function>) -> Result<(Cod
         }
         arguments.push(Value::Scalars(scalars));
     }
-    let results = lowerer.inline(function, arguments)?;
+    let mut results = lowerer.inline(function, arguments)?;
+    if let Some(variable) = pointed {
+        results = lowerer.value_of(variable);
+    }
     let inputs: HashMap<Register, u32> =
         lowerer.code.inputs.iter().map(|&(input, register)| (register, input)).collect();
     let outputs = results
@@ -190,10 +246,10 @@ pub(super) fn lower(input: Input<'_>, function: Handle<Function>) -> Result<(Cod
         })
         .collect();
     lowerer.code.outputs = results.iter().map(|&scalar| lowerer.column(scalar)).collect();
-    let Lowerer { mut code, constants, .. } = lowerer;
+    let Lowerer { mut code, constants, counts, .. } = lowerer;
     code.constants = constants.into_iter().map(|(word, register)| (register, word)).collect();
     code.constants.sort_unstable();
-    Ok((code.without_dead_instructions().with_pairs().with_few_registers(), outputs))
+    Ok(Lowered { code, outputs, waiting, counts })
 }
 
 impl<'m> Lowerer<'m> {
@@ -287,7 +343,7 @@ impl<'m> Lowerer<'m> {
 }
 
 /// The result of an operation that needs no instruction.
-fn simplified(operation: Operation, [a, b, c]: [Scalar; 3]) -> Option<Scalar> {
+pub(super) fn simplified(operation: Operation, [a, b, c]: [Scalar; 3]) -> Option<Scalar> {
     let all = Scalar::truth(true);
     let one = Scalar::number(1.0);
     match (operation, a, b, c) {
@@ -298,6 +354,8 @@ fn simplified(operation: Operation, [a, b, c]: [Scalar; 3]) -> Option<Scalar> {
         (Operation::And, x, y, _) if x == all => return Some(y),
         (Operation::And | Operation::AndNot, x @ Scalar::Word(0), ..) => return Some(x),
         (Operation::And, _, y @ Scalar::Word(0), _) => return Some(y),
+        (Operation::AndNot, _, y, _) if y == all => return Some(Scalar::Word(0)),
+        (Operation::Or, x, y, _) if x == all || y == all => return Some(all),
         (Operation::AndNot | Operation::Or | Operation::AddInt, x, Scalar::Word(0), _) => return Some(x),
         (Operation::Or | Operation::AddInt, Scalar::Word(0), y, _) => return Some(y),
         (Operation::Mul, x, y, _) if y == one => return Some(x),

@@ -29,6 +29,7 @@ impl Lowerer<'_> {
         }
         let (instructions, lists) = (self.code.instructions.len(), self.code.lists.len());
         let (variables, before, departures) = (self.variables_now(), self.mask, self.departures);
+        let (counts, asked) = (self.counts, self.asked.len());
         let varied: Vec<bool> = self.exits.iter().map(|exit| exit.varied).collect();
         let has_returned = self.frames.last().is_some_and(|frame| frame.varied);
         self.known.push(Default::default());
@@ -51,6 +52,8 @@ impl Lowerer<'_> {
             self.code.lists.truncate(lists);
             self.variables = variables;
             self.departures = departures;
+            self.counts = counts;
+            self.asked.truncate(asked);
             for (exit, varied) in self.exits.iter_mut().zip(varied) {
                 exit.varied = varied;
             }

@@ -3,6 +3,7 @@
 use super::oracle::{Oracle, Value, Word};
 use crate::lanes::{LaneTask, Lanes, SimdLevel};
 use crate::program::code::Code;
+use crate::program::integrator::NoHost;
 use crate::program::lower::{Input, lower};
 use crate::program::operation::CHUNK;
 use crate::program::run::{BLOCK, Columns, run};
@@ -267,7 +268,7 @@ impl LaneTask for Running<'_> {
 
     #[inline(always)]
     fn run<L: Lanes>(self, l: L) {
-        run(l, self.code, self.columns, self.points).expect("loops end");
+        run(l, self.code, self.columns, self.points, &mut NoHost).expect("loops end");
     }
 }
 
@@ -310,6 +311,7 @@ fn compare_text(text: &str, seed: u32) -> usize {
         overrides: &BTreeMap::new(),
         natives: true,
         source: text,
+        host: None,
     };
     let (code, _) = lower(input, handle).unwrap_or_else(|fault| panic!("{fault:?}\n{text}"));
     let points: Vec<Vec<Word>> =

@@ -18,4 +18,6 @@ mod scenes;
 #[cfg(feature = "wgsl")]
 mod shaders;
 mod single_ray;
+#[cfg(feature = "wgsl")]
+mod wgsl;
 mod whitted;
