@@ -75,7 +75,14 @@ impl Loaded {
     pub fn kernel(&self, signature: &Signature) -> Result<(Kernel, Vec<Output>), ShaderError> {
         let function = signature.find(&self.source).map_err(|fault| self.error(&fault))?;
         let Source { module, info, text, .. } = &self.source;
-        let input = Input { module, info, overrides: &self.overrides, natives: self.natives, source: text, host: None };
+        let input = Input {
+            module,
+            info,
+            overrides: &self.overrides,
+            natives: self.natives,
+            source: text,
+            host: None,
+        };
         let (code, outputs) = lower(input, function).map_err(|fault| self.error(&fault))?;
         Ok((Kernel::new(code), outputs))
     }

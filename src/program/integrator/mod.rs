@@ -19,10 +19,10 @@ pub use piece::{Piece, PieceColumns};
 
 use super::loaded::Loaded;
 use super::lower::{Counts, HostInput, Input, Lowered, Output, lowered};
+use super::parameter::Parameter;
 use super::prelude::prelude;
 pub use super::run::Columns;
 use super::source::{Fault, ShaderError, Source};
-use super::parameter::Parameter;
 use crate::lanes::SingleLane;
 use naga::{Function, Handle, Span};
 use split::{MOST_TRACES, Rest, split, traces};

@@ -159,7 +159,7 @@ impl<'a, 'b, L: Lanes> Block<'a, 'b, L> {
                 too_many_turns(self.shader, call.line);
             }
             let mut entry = [0; LARGE];
-            entry[0] = (resume + 1) | turn << 8;
+            entry[0] = (resume + 1) | (turn << 8);
             entry[1] = self.points.onward[point];
             for (i, word) in entry[HEADER..][..call.operands()].iter_mut().enumerate() {
                 *word = call.word(i, point);
@@ -192,7 +192,7 @@ impl<'a, 'b, L: Lanes> Block<'a, 'b, L> {
             let mut head = self.points.head[point];
             if let Some(next) = next {
                 let mut entry = [0; LARGE];
-                entry[0] = next + 1 | self.points.turn[point] << 8;
+                entry[0] = (next + 1) | (self.points.turn[point] << 8);
                 entry[1] = self.points.onward[point];
                 let bits = truths.div_ceil(32);
                 for truth in 0..truths {

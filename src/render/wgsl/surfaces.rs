@@ -137,7 +137,7 @@ impl<'a, L: Lanes> Surfaces<'a, L> {
                     call.set_word(place, start + lane, words[lane]);
                 }
             }
-            left = left & !same;
+            left &= !same;
         }
     }
 
