@@ -3,6 +3,7 @@
 use crate::lanes::{LaneTask, Lanes, SimdLevel};
 use crate::program::PatternShader;
 use crate::program::device::Kernel;
+use crate::program::integrator::NoHost;
 use crate::program::run::{BLOCK, Columns, run};
 
 /// A loop does not end.
