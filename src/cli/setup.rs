@@ -95,7 +95,17 @@ impl Setup {
     #[cfg(feature = "serve")]
     pub fn shared(prepared: PreparedScene, shared: &SharedUnits, options: PluginOptions) -> Self {
         let SharedUnits { units, service, simd, policy } = shared.clone();
-        Self { prepared, units, service, simd, policy, options, integrator: String::new(), load_s: 0.0, build_s: 0.0 }
+        Self {
+            prepared,
+            units,
+            service,
+            simd,
+            policy,
+            options,
+            integrator: String::new(),
+            load_s: 0.0,
+            build_s: 0.0,
+        }
     }
 
     /// What a GPU has computed of patterns, and why some are back on the CPU.
