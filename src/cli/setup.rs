@@ -88,24 +88,14 @@ impl Setup {
         })?;
         let options = PluginOptions::default();
         let (service, integrator) = (Arc::new(service), String::new());
-        Ok(Self { prepared, units, service, simd, policy, options, integrator, load_s, build_s })
+        Ok(Self { prepared, units, service, simd, policy, options, shader: None, load_s, build_s })
     }
 
     /// A scene that was prepared before, on a service that others use too.
     #[cfg(feature = "serve")]
     pub fn shared(prepared: PreparedScene, shared: &SharedUnits, options: PluginOptions) -> Self {
         let SharedUnits { units, service, simd, policy } = shared.clone();
-        Self {
-            prepared,
-            units,
-            service,
-            simd,
-            policy,
-            options,
-            integrator: String::new(),
-            load_s: 0.0,
-            build_s: 0.0,
-        }
+        Self { prepared, units, service, simd, policy, options, shader: None, load_s: 0.0, build_s: 0.0 }
     }
 
     /// What a GPU has computed of patterns, and why some are back on the CPU.

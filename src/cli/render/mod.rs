@@ -72,7 +72,6 @@ fn render(args: &RenderArgs, registry: &Registry, progress: &mut Progress) -> Re
     let scene = setup.prepared.scene.clone();
     let camera = still_camera(args, &scene)?;
     warn_of_blind_pixels(&camera, args.size);
-    setup.integrator = registry.identity_of(&args.integrator);
     setup.shader = registry.shader().map(str::to_owned);
     setup.options = registry.integrator_options(&args.integrator, &scene, &own)?;
     let params = params(args, &setup, camera);
