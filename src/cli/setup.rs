@@ -87,7 +87,7 @@ impl Setup {
             ..ServiceOptions::default()
         })?;
         let options = PluginOptions::default();
-        let (service, integrator) = (Arc::new(service), String::new());
+        let service = Arc::new(service);
         Ok(Self { prepared, units, service, simd, policy, options, shader: None, load_s, build_s })
     }
 
