@@ -1,9 +1,43 @@
-//! The live view.
+//! The live view: a picture that follows a camera at once and becomes better while the camera rests.
+//!
+//! [`LiveView`] knows no network. A thread renders: while the camera moves, small frames of one path a pixel, whose
+//! size [`Resolution`] chooses; 150 ms after the last change the full picture, pass after pass. A second thread encodes
+//! beside it. [`socket`] joins a view to a WebSocket.
+//!
+//! ```text
+//! requests ─▶ inbox ─▶ render thread ── pictures of passes ──▶ encoder ── newest frame ─▶ outbox ─▶ socket
+//!                          │  ▲ ends of jobs                                              ▲
+//!                          ▼  │                                 replies, statistics ──────┘
+//!                       schedule::Service
+//! ```
 
-use super::State;
-use axum::Router;
+mod camera;
+mod display;
+mod edit;
+mod encoder;
+mod layer_colours;
+mod message;
+mod outbox;
+mod pick;
+mod renderer;
+mod reply;
+mod request;
+mod resolution;
+mod saved;
+mod session;
+pub mod socket;
+mod statistics;
+#[cfg(test)]
+mod tests;
+mod view;
 
-/// Routes of the live view, behind the token.
-pub fn router() -> Router<State> {
-    Router::new()
-}
+pub use camera::{Lens, Pose};
+pub use edit::MaterialEdit;
+pub use message::{Frame, FrameFlags, HEADER_BYTES, MAGIC};
+pub use pick::{MaterialFacts, Picked};
+pub use reply::Reply;
+pub use request::{PictureFile, Request};
+pub use resolution::Resolution;
+pub use session::{LiveLimits, LiveViews, TooManyViews};
+pub use statistics::{Lists, RaysPerSecond, State, Statistics, Timeline};
+pub use view::{LiveView, Stage};

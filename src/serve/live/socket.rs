@@ -1,0 +1,115 @@
+//! A live view on a WebSocket: frames as binary messages, requests and replies as JSON.
+
+use super::{LiveViews, Reply, Request, Stage};
+use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::sync::Notify;
+
+/// Frames that the client has been sent and has not shown yet, at most.
+const CREDITS: usize = 2;
+
+/// The longest message of a client in bytes: a shader and what is around it.
+const MOST_BYTES: usize = crate::program::MAX_SOURCE_BYTES + 4096;
+
+/// The time after which a ping is sent to a silent client.
+const PING_AFTER: Duration = Duration::from_secs(15);
+
+/// The time after which a client that does not even answer pings is given up.
+const GIVE_UP_AFTER: Duration = Duration::from_secs(50);
+
+/// The limits of an upgrade that are to be set before it is accepted.
+pub fn limited(upgrade: WebSocketUpgrade) -> WebSocketUpgrade {
+    upgrade.max_message_size(MOST_BYTES).max_frame_size(MOST_BYTES)
+}
+
+/// Runs a view until its client leaves.
+pub async fn run(mut socket: WebSocket, views: Arc<LiveViews>, stage: Stage) {
+    let notify = Arc::new(Notify::new());
+    let waking = Arc::clone(&notify);
+    // Making a table and starting threads may take some hundredths of a second.
+    let opening = Arc::clone(&views);
+    let opened = tokio::task::spawn_blocking(move || opening.open(stage, move || waking.notify_one())).await;
+    let view = match opened {
+        Ok(Ok(view)) => view,
+        Ok(Err(error)) => return refuse(socket, error.to_string()).await,
+        Err(_) => return refuse(socket, "the view could not be started; try again".into()).await,
+    };
+    let mut unshown: Vec<u32> = Vec::with_capacity(CREDITS);
+    let mut heard = tokio::time::Instant::now();
+    loop {
+        while let Some(reply) = view.take_reply() {
+            if send_reply(&mut socket, &reply).await.is_err() {
+                return close(view);
+            }
+        }
+        while let Some(file) = view.take_file() {
+            if socket.send(Message::Binary(file.to_bytes().into())).await.is_err() {
+                return close(view);
+            }
+        }
+        if unshown.len() < CREDITS
+            && let Some(frame) = view.take_frame()
+        {
+            unshown.push(frame.sequence);
+            if socket.send(Message::Binary(frame.to_bytes().into())).await.is_err() {
+                return close(view);
+            }
+        }
+        tokio::select! {
+            () = notify.notified() => {}
+            message = socket.recv() => {
+                heard = tokio::time::Instant::now();
+                let answered = match message {
+                    Some(Ok(Message::Text(text))) => answer(&text, &views, &view, &mut unshown),
+                    Some(Ok(Message::Close(_)) | Err(_)) | None => return close(view),
+                    Some(Ok(_)) => Ok(()),
+                };
+                if let Err(reason) = answered
+                    && send_reply(&mut socket, &Reply::Refused { reason }).await.is_err()
+                {
+                    return close(view);
+                }
+            }
+            () = tokio::time::sleep(PING_AFTER) => {
+                let is_silent = heard.elapsed() > GIVE_UP_AFTER;
+                if is_silent || socket.send(Message::Ping(Default::default())).await.is_err() {
+                    return close(view);
+                }
+            }
+        }
+    }
+}
+
+/// Passes a request on. An error is a reason to refuse it.
+fn answer(
+    text: &str,
+    views: &LiveViews,
+    view: &super::LiveView,
+    unshown: &mut Vec<u32>,
+) -> Result<(), String> {
+    let request: Request =
+        serde_json::from_str(text).map_err(|error| format!("a message is not understood: {error}"))?;
+    views.limits().check(&request)?;
+    match request {
+        Request::Ack { sequence } => unshown.retain(|&frame| frame > sequence),
+        request => view.ask(request),
+    }
+    Ok(())
+}
+
+async fn send_reply(socket: &mut WebSocket, reply: &Reply) -> Result<(), axum::Error> {
+    let text = serde_json::to_string(reply).map_err(axum::Error::new)?;
+    socket.send(Message::Text(text.into())).await
+}
+
+async fn refuse(mut socket: WebSocket, reason: String) {
+    // The client may have left already.
+    send_reply(&mut socket, &Reply::Refused { reason }).await.ok();
+    socket.send(Message::Close(None)).await.ok();
+}
+
+/// Ends a view on a thread that may wait for it.
+fn close(view: super::session::CountedView) {
+    tokio::task::spawn_blocking(move || drop(view));
+}
