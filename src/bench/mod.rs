@@ -5,6 +5,8 @@ pub mod build;
 pub mod embree;
 pub mod frame;
 pub mod latency;
+#[cfg(feature = "serve")]
+pub mod live;
 pub mod meshes;
 pub mod noise;
 mod order;

@@ -47,6 +47,9 @@ pub enum BenchCommand {
     /// Ask ray queries of the service while it is idle and beside frames, at normal and at interactive priority: how
     /// long they take, and what frames lose while an interactive client is registered.
     Latency(BenchLatencyArgs),
+    /// Measure the live view of a scene: the first frame of a new pose, frames a second while the camera moves, and the
+    /// time to the full picture after it stops. Needs the feature `serve`.
+    Live(BenchLiveArgs),
     /// Measure the tables of Interactive Rendering with Coherent Ray Tracing: the triangle test in each layout of
     /// lanes, the visits that packets add, reflections and shadows, and time against the number of triangles.
     Tables(BenchTablesArgs),
@@ -66,6 +69,7 @@ impl BenchCommand {
             Self::Adaptive(args) => vec![&args.scene],
             Self::Noise(args) => vec![&args.scene],
             Self::Latency(args) => vec![&args.scene],
+            Self::Live(args) => vec![&args.scene],
             Self::Schedule(_) => Vec::new(),
             Self::Tables(args) => vec![&args.scene],
         }
@@ -84,6 +88,7 @@ impl BenchCommand {
             Self::Adaptive(args) => &args.shot.json,
             Self::Noise(args) => &args.shot.json,
             Self::Latency(args) => &args.shot.json,
+            Self::Live(args) => &args.shot.json,
             Self::Schedule(args) => &args.json,
             Self::Tables(args) => &args.json,
         };
@@ -294,6 +299,28 @@ pub struct BenchLatencyArgs {
     /// Rounds in which a frame's speed is measured.
     #[arg(long, value_name = "N", default_value_t = 7, value_parser = rounds())]
     pub rounds: u32,
+    /// Camera, light and units.
+    #[command(flatten)]
+    pub shot: ShotArgs,
+}
+
+/// `raystream bench live`.
+#[derive(Debug, Args)]
+pub struct BenchLiveArgs {
+    /// Scene file.
+    pub scene: PathBuf,
+    /// Size of the full picture in pixels.
+    #[arg(long, value_name = "WxH", default_value = "1280x720", value_parser = size)]
+    pub size: (u32, u32),
+    /// Samples per pixel of the full picture.
+    #[arg(long, value_name = "N", default_value_t = 16, value_parser = value_parser!(u32).range(1..=65_536))]
+    pub spp: u32,
+    /// Poses whose first frames and full pictures are timed.
+    #[arg(long, value_name = "N", default_value_t = 9, value_parser = rounds())]
+    pub poses: u32,
+    /// Seconds for which the camera moves.
+    #[arg(long, value_name = "N", default_value_t = 6, value_parser = value_parser!(u32).range(1..=600))]
+    pub seconds: u32,
     /// Camera, light and units.
     #[command(flatten)]
     pub shot: ShotArgs,

@@ -25,8 +25,8 @@ mod view;
 
 #[cfg(feature = "bench")]
 pub use bench::{
-    BenchAdaptiveArgs, BenchBuildArgs, BenchCommand, BenchFrameArgs, BenchLatencyArgs, BenchNoiseArgs,
-    BenchRaysArgs, BenchScheduleArgs, BenchShadersArgs, BenchSmallArgs, BenchTablesArgs, BenchTailArgs,
+    BenchAdaptiveArgs, BenchBuildArgs, BenchCommand, BenchFrameArgs, BenchLatencyArgs, BenchLiveArgs,
+    BenchNoiseArgs, BenchRaysArgs, BenchScheduleArgs, BenchShadersArgs, BenchSmallArgs, BenchTablesArgs, BenchTailArgs,
     BenchTexturesArgs, EmbreeArgs, PeerArgs, SceneView, ShotArgs,
 };
 pub use compare::CompareArgs;

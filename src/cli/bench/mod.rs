@@ -4,6 +4,8 @@ mod adaptive;
 mod build;
 mod frame;
 mod latency;
+#[cfg(feature = "serve")]
+mod live;
 mod noise;
 mod peers;
 mod rays;
@@ -41,6 +43,12 @@ pub fn run(command: &BenchCommand) -> Result<Outcome> {
         BenchCommand::Adaptive(args) => adaptive::run(args).map(|()| Outcome::Done),
         BenchCommand::Noise(args) => noise::run(args).map(|()| Outcome::Done),
         BenchCommand::Latency(args) => latency::run(args).map(|()| Outcome::Done),
+        #[cfg(feature = "serve")]
+        BenchCommand::Live(args) => live::run(args).map(|()| Outcome::Done),
+        #[cfg(not(feature = "serve"))]
+        BenchCommand::Live(_) => {
+            anyhow::bail!("this build was made without the live view: build it with --features serve")
+        }
         BenchCommand::Schedule(args) => schedule::run(args).map(|()| Outcome::Done),
         BenchCommand::Tables(args) => tables::run(args).map(|()| Outcome::Done),
     }

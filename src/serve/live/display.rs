@@ -13,9 +13,9 @@ const PER_STOP: usize = 3;
 const NODES: usize = (GREATEST_STOP - LEAST_STOP) as usize * PER_STOP + 1;
 
 /// A view transform with its transfer function as a table over the logarithm of each channel, interpolated linearly
-/// between nodes. A picture file is shown by [`Look::encode`] itself; a live frame by the table, which takes a tenth of
-/// the time and is at most three steps of a byte away from it for views without a corner, which `raw` and
-/// `pbr-neutral` have.
+/// between nodes. A picture file is shown by [`Look::encode`] itself. A live frame is shown by the table, which takes a
+/// tenth of the time. It is off by less than a step of a byte on average, and by at most 12 in colours so saturated that
+/// the view cuts them.
 #[derive(Debug)]
 pub struct DisplayTable {
     view: View,
@@ -38,11 +38,6 @@ impl DisplayTable {
         let image = Image::new((NODES * NODES) as u32, NODES as u32, radiances);
         let shown: Vec<f32> = Look::default().with_view(view).encode(&image).collect();
         Self { view, nodes: shown.as_chunks().0.to_vec() }
-    }
-
-    /// The view whose table it is.
-    pub fn view(&self) -> View {
-        self.view
     }
 
     /// Red, green and blue of each pixel.
@@ -113,12 +108,18 @@ mod tests {
         };
         let pixels: Vec<[f32; 3]> = (0..3000).map(|i| [3 * i, 3 * i + 1, 3 * i + 2].map(channel)).collect();
         let image = Image::new(3000, 1, pixels);
-        for (view, most) in [(View::Agx, 3), (View::AgxPunchy, 5), (View::Standard, 3), (View::Filmic, 3)] {
+        for view in View::ALL {
             let look = Look::default().with_view(view).with_exposure(Exposure::Stops(-0.5));
             let shown = DisplayTable::new(view).bytes(&image, &look);
             let exact = look.encode(&image).map(|light| (light * 255.0 + 0.5) as u8);
-            let worst = shown.iter().zip(exact).map(|(&a, b)| a.abs_diff(b)).max();
-            assert!(worst <= Some(most), "{}: {worst:?} steps", view.name());
+            let steps: Vec<u32> = shown.iter().zip(exact).map(|(&a, b)| a.abs_diff(b).into()).collect();
+            let mean = f64::from(steps.iter().sum::<u32>()) / steps.len() as f64;
+            assert!(
+                mean < 1.0 && steps.iter().max() <= Some(&12),
+                "{}: {mean}, {:?}",
+                view.name(),
+                steps.iter().max()
+            );
         }
     }
 }

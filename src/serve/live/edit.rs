@@ -194,7 +194,8 @@ mod tests {
         assert!(matches!(edits.of(&scene()).expect("a scene").materials[0].surface, Surface::Procedural(0)));
         let edits = edits.with_shader(0, None).expect("removed");
         assert!(matches!(edits.of(&scene()).expect("a scene").materials[0].surface, Surface::Matte { .. }));
-        let error = Edits::default().with_shader(0, Some("fn pattern(")).expect_err("not WGSL");
+        let error =
+            Edits::default().with_shader(0, Some("fn pattern(at: Poin) {}")).expect_err("no such type");
         assert!(error.contains("shader.wgsl:1:"), "{error}");
     }
 }

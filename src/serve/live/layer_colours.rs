@@ -63,7 +63,7 @@ mod tests {
     fn each_kind_of_layer_has_three_bytes_a_pixel() {
         let floats = |name, channels, values| Layer::new(name, LayerValues::Floats { channels, values });
         let depth = layer_colours(&floats("depth", &["Z"], vec![1.0, 3.0, f32::INFINITY]), 3);
-        assert_eq!((depth[0], depth[3], depth[6]), (242, 26, 0));
+        assert_eq!((depth[0], depth[3], depth[6]), (242, 25, 0));
         let normal = layer_colours(&floats("normal", &["X", "Y", "Z"], vec![0.0, 1.0, -1.0]), 1);
         assert_eq!(normal, [128, 255, 0]);
         assert_eq!(layer_colours(&floats("uv", &["U", "V"], vec![1.25, -0.5]), 1), [64, 128, 0]);

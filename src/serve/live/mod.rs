@@ -25,6 +25,7 @@ mod request;
 mod resolution;
 mod saved;
 mod session;
+mod routes;
 pub mod socket;
 mod statistics;
 #[cfg(test)]
@@ -38,6 +39,7 @@ pub use pick::{MaterialFacts, Picked};
 pub use reply::Reply;
 pub use request::{PictureFile, Request};
 pub use resolution::Resolution;
+pub use routes::router;
 pub use session::{LiveLimits, LiveViews, TooManyViews};
 pub use statistics::{Lists, RaysPerSecond, State, Statistics, Timeline};
 pub use view::{LiveView, Stage};

@@ -4,7 +4,7 @@ use super::{LiveViews, Reply, Request, Stage};
 use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
 use std::sync::Arc;
 use std::time::Duration;
-use tokio::sync::Notify;
+use tokio::sync::{Notify, watch};
 
 /// Frames that the client has been sent and has not shown yet, at most.
 const CREDITS: usize = 2;
@@ -23,8 +23,17 @@ pub fn limited(upgrade: WebSocketUpgrade) -> WebSocketUpgrade {
     upgrade.max_message_size(MOST_BYTES).max_frame_size(MOST_BYTES)
 }
 
-/// Runs a view until its client leaves.
-pub async fn run(mut socket: WebSocket, views: Arc<LiveViews>, stage: Stage) {
+/// Runs a view of a stage until its client leaves or the service ends. Without a stage the client is told why.
+pub async fn run(
+    mut socket: WebSocket,
+    views: Arc<LiveViews>,
+    stage: Result<Stage, String>,
+    mut ending: watch::Receiver<bool>,
+) {
+    let stage = match stage {
+        Ok(stage) => stage,
+        Err(reason) => return refuse(socket, reason).await,
+    };
     let notify = Arc::new(Notify::new());
     let waking = Arc::clone(&notify);
     // Making a table and starting threads may take some hundredths of a second.
@@ -58,6 +67,11 @@ pub async fn run(mut socket: WebSocket, views: Arc<LiveViews>, stage: Stage) {
         }
         tokio::select! {
             () = notify.notified() => {}
+            _ = ending.wait_for(|ending| *ending) => {
+                // The client connects again when the service is back.
+                socket.send(Message::Close(None)).await.ok();
+                return close(view);
+            }
             message = socket.recv() => {
                 heard = tokio::time::Instant::now();
                 let answered = match message {

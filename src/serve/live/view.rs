@@ -74,7 +74,9 @@ impl Stage {
 /// let stage = Stage::new("sphere", prepared, service).with_settings(Settings::new(64, 36).with_spp(4));
 ///
 /// let (wake, woken) = mpsc::channel();
-/// let view = LiveView::new(stage, move || drop(wake.send(())))?;
+/// let view = LiveView::new(stage, move || {
+///     wake.send(()).ok();
+/// })?;
 /// let last = loop {
 ///     woken.recv()?;
 ///     match view.take_frame() {

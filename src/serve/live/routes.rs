@@ -1,0 +1,74 @@
+//! The address of live views.
+
+use super::{LiveLimits, LiveViews, Stage, socket};
+use crate::serve::{Problem, State};
+use axum::Router;
+use axum::extract::rejection::QueryRejection;
+use axum::extract::{Extension, Query, State as Given, WebSocketUpgrade};
+use axum::response::Response;
+use axum::routing::get;
+use serde::Deserialize;
+use serde_json::Map;
+use std::sync::Arc;
+
+/// Routes of the live view, behind the token.
+pub fn router() -> Router<State> {
+    let views = Arc::new(LiveViews::new(LiveLimits::default()));
+    Router::new().route("/api/v1/live", get(live)).layer(Extension(views))
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Which {
+    /// SHA-256 of the scene; without it the service's own scene, or that of the newest job.
+    scene: Option<String>,
+}
+
+/// `GET /api/v1/live`, upgraded to a WebSocket. Host, origin and token have been checked.
+async fn live(
+    Given(state): Given<State>,
+    Extension(views): Extension<Arc<LiveViews>>,
+    query: Result<Query<Which>, QueryRejection>,
+    upgrade: WebSocketUpgrade,
+) -> Result<Response, Problem> {
+    let Query(Which { scene }) = query.map_err(|error| Problem::malformed(error.body_text()))?;
+    let ending = state.ending();
+    let upgraded = socket::limited(upgrade).on_upgrade(async move |socket| {
+        // A browser shows why only if it is told after the upgrade.
+        let stage = state.blocking(move |state| stage(state, scene)).await;
+        socket::run(socket, views, stage.map_err(|problem| problem.detail().to_owned()), ending).await;
+    });
+    Ok(upgraded)
+}
+
+/// Reads a scene, or finds it in the cache.
+fn stage(state: &State, scene: Option<String>) -> Result<Stage, Problem> {
+    let scene = match scene {
+        Some(scene) => Some(scene),
+        None if state.own_scene().is_some() => None,
+        None => {
+            let newest = state.ledger().jobs(None, None, 1)?;
+            let nothing = || Problem::missing("scene to show yet; drop one on the page of jobs");
+            Some(newest.into_iter().next().ok_or_else(nothing)?.scene)
+        }
+    };
+    let (path, folder) = match (&scene, state.own_scene()) {
+        (Some(sha256), _) => {
+            // The name becomes a folder's.
+            let is_hash = sha256.len() == 64 && sha256.bytes().all(|byte| byte.is_ascii_hexdigit());
+            if !is_hash || state.ledger().scene(sha256)?.is_none() {
+                return Err(Problem::missing("such scene; upload it first"));
+            }
+            (state.store().entry(sha256, None)?, state.store().scene_folder(sha256))
+        }
+        (None, Some(own)) => (own.to_owned(), own.parent().unwrap_or(own).to_owned()),
+        (None, None) => return Err(Problem::missing("scene to show")),
+    };
+    let shots = state.pictures().open(&Map::new(), &path, &folder).map_err(Problem::unprocessable)?;
+    let name = match &scene {
+        Some(sha256) => sha256[..8].to_owned(),
+        None => path.file_name().unwrap_or_default().to_string_lossy().into_owned(),
+    };
+    let service = Arc::clone(state.pictures().service());
+    Ok(Stage::new(name, Arc::new(shots.prepared().clone()), service))
+}

@@ -1,0 +1,156 @@
+"""Runs raystream's service in a temporary folder, and pages of it in headless Chromium."""
+
+import json
+import os
+import pathlib
+import shutil
+import socket
+import struct
+import subprocess
+import tempfile
+import time
+import unittest
+import urllib.error
+import urllib.request
+
+from playwright.sync_api import sync_playwright
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+PROGRAM = os.environ.get("RAYSTREAM", ROOT / "target" / "release" / "raystream")
+CHROMIUM = os.environ.get("CHROMIUM", "/usr/bin/chromium")
+FLAGS = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking",
+         "--disable-component-update", "--disable-sync"]
+
+# A red sphere on a grey floor.
+SCENE = {
+    "environment": [0.9, 0.95, 1.0],
+    "materials": {"floor": {"colour": [0.5, 0.5, 0.5]}, "ball": {"colour": [0.8, 0.1, 0.05]}},
+    "shapes": [
+        {"shape": "sphere", "centre": [0, 1, 0], "radius": 1, "cells": 24, "material": "ball"},
+        {"shape": "sphere", "centre": [0, -100, 0], "radius": 100, "cells": 64, "material": "floor"},
+    ],
+    "camera": {"eye": [0, 1.5, 5], "target": [0, 1, 0], "fov_degrees": 40},
+}
+
+
+def free_port():
+    with socket.socket() as found:
+        found.bind(("127.0.0.1", 0))
+        return found.getsockname()[1]
+
+
+def triangle_glb():
+    """The smallest GLB: one triangle."""
+    positions = struct.pack("<9f", 0, 0, 0, 1, 0, 0, 0, 1, 0)
+    document = {
+        "asset": {"version": "2.0"},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+        "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3", "min": [0, 0, 0],
+                       "max": [1, 1, 0]}],
+        "bufferViews": [{"buffer": 0, "byteLength": 36}],
+        "buffers": [{"byteLength": 36}],
+    }
+    text = json.dumps(document).encode()
+    text += b" " * (-len(text) % 4)
+    chunks = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", 36, b"BIN\0") + positions
+    return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
+
+
+class Service:
+    """`raystream view` of a scene; `start` and `kill` may alternate."""
+
+    def __init__(self, folder, *options):
+        self.folder, self.options = folder, options
+        self.port = free_port()
+        self.scene = folder / "scene.json"
+        self.scene.write_text(json.dumps(SCENE))
+        self.process = None
+
+    @property
+    def url(self):
+        return f"http://127.0.0.1:{self.port}/"
+
+    @property
+    def token(self):
+        return (self.folder / "data" / "token").read_text().strip()
+
+    def start(self):
+        command = [PROGRAM, "view", self.scene, "--listen", f"127.0.0.1:{self.port}", "--data", self.folder / "data",
+                   "--no-browser", *self.options]
+        self.log = open(self.folder / "log", "ab")
+        self.process = subprocess.Popen(list(map(str, command)), stdout=self.log, stderr=self.log)
+        until = time.monotonic() + 60
+        while time.monotonic() < until:
+            try:
+                urllib.request.urlopen(self.url + "healthz", timeout=5).close()
+                return
+            except (urllib.error.URLError, ConnectionError):
+                if self.process.poll() is not None:
+                    break
+                time.sleep(0.05)
+        raise AssertionError("the service did not start:\n" + (self.folder / "log").read_text())
+
+    def kill(self):
+        if self.process:
+            self.process.kill()
+            self.process.wait()
+            self.log.close()
+            self.process = None
+
+
+class Case(unittest.TestCase):
+    """A test with a service and a browser."""
+
+    OPTIONS = ()
+
+    @classmethod
+    def setUpClass(cls):
+        if not shutil.which(CHROMIUM):
+            raise AssertionError(f"{CHROMIUM} is missing; install Chromium, or set CHROMIUM")
+        cls.folder = pathlib.Path(cls.enterClassContext(tempfile.TemporaryDirectory()))
+        cls.service = Service(cls.folder, *cls.OPTIONS)
+        cls.addClassCleanup(cls.service.kill)
+        cls.service.start()
+        playwright = cls.enterClassContext(sync_playwright())
+        cls.browser = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+        cls.addClassCleanup(cls.browser.close)
+
+    def page(self, *, token=None, width=1280, height=800, **options):
+        """A page of a new profile, logged in with the token unless another one is given."""
+        context = self.browser.new_context(viewport={"width": width, "height": height}, **options)
+        self.addCleanup(context.close)
+        page = context.new_page()
+        self.errors = []
+        page.on("pageerror", lambda error: self.errors.append(str(error)))
+        given = self.service.token if token is None else token
+        page.goto(self.service.url + (f"#token={given}" if given else ""))
+        return page
+
+    def live(self, **options):
+        """A page whose live view has shown the full picture."""
+        page = self.page(**options)
+        self.wait_for(page, "raystream.frames > 0 && !raystream.moving")
+        return page
+
+    def wait_for(self, page, expression, timeout=60):
+        page.wait_for_function(f"() => window.raystream && ({expression.replace('raystream.', 'window.raystream.')})",
+                               timeout=1000 * timeout)
+
+    def tearDown(self):
+        self.assertEqual(getattr(self, "errors", []), [])
+
+    def pixels(self, page):
+        """The canvas as a string: equal pictures have equal ones."""
+        return page.evaluate("document.getElementById('picture').toDataURL()")
+
+    def drag(self, page, dx, dy, steps=8, button="left"):
+        box = page.get_by_test_id("picture").bounding_box()
+        x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+        page.mouse.move(x, y)
+        page.mouse.down(button=button)
+        for step in range(1, steps + 1):
+            page.mouse.move(x + dx * step / steps, y + dy * step / steps)
+        page.mouse.up(button=button)

@@ -1,0 +1,57 @@
+"""Jobs in a browser."""
+
+import service
+
+
+class Jobs(service.Case):
+    OPTIONS = ("--max-upload", "4K")
+
+    def jobs(self):
+        page = self.page()
+        page.get_by_test_id("to-jobs").click()
+        page.get_by_test_id("jobs").wait_for()
+        return page
+
+    def give(self, page, name, content):
+        file = {"name": name, "mimeType": "model/gltf-binary", "buffer": content}
+        page.get_by_test_id("file").set_input_files(files=[file])
+
+    def test_an_upload_is_rendered(self):
+        page = self.jobs()
+        self.give(page, "triangle.glb", service.triangle_glb())
+        page.get_by_test_id("upload").get_by_text("is being rendered").wait_for()
+        job = page.get_by_test_id("job").first
+        job.get_by_text("done").wait_for(timeout=60000)
+        page.wait_for_function("() => document.querySelector('.thumb')?.naturalWidth > 0")
+
+    def test_an_upload_that_is_too_large_is_explained(self):
+        page = self.jobs()
+        self.give(page, "large.glb", b"glTF" + bytes(10000))
+        told = page.get_by_test_id("upload")
+        told.get_by_text("refused").wait_for()
+        self.assertRegex(told.inner_text(), "limit|too large")
+
+    def test_a_job_is_cancelled_and_tried_again(self):
+        page = self.jobs()
+        answer = page.evaluate("""async () => {
+            const glb = document.getElementById('file');
+            return (await fetch('api/v1/jobs?limit=1')).status;
+        }""")
+        self.assertEqual(answer, 200)
+        self.give(page, "triangle.glb", service.triangle_glb())
+        page.get_by_test_id("upload").get_by_text("is being rendered").wait_for()
+        scene = page.evaluate("async () => (await (await fetch('api/v1/jobs?limit=1')).json()).jobs[0].scene")
+        page.evaluate("""async (scene) => fetch('api/v1/jobs', { method: 'POST', headers: { 'Content-Type':
+            'application/json' }, body: JSON.stringify({ scene, options: { size: '1920x1080', spp: 100000 } }) })""",
+                      scene)
+        job = page.get_by_test_id("job").first
+        job.get_by_text("running").wait_for()
+        job.get_by_test_id("job-cancel").click()
+        job.get_by_text("cancelled").wait_for()
+        job.get_by_test_id("job-retry").click()
+        job.get_by_text("running").wait_for()
+        job.get_by_test_id("job-cancel").click()
+
+
+if __name__ == "__main__":
+    service.unittest.main()
