@@ -105,6 +105,8 @@ pub fn run_with(registry: Registry) -> ExitCode {
         #[cfg(feature = "serve")]
         Command::Cancel(args) => serve::cancel(args),
         #[cfg(feature = "serve")]
+        Command::View(args) => serve::view(args, registry),
+        #[cfg(feature = "serve")]
         Command::CheckScene(args) => serve::check_scene(args),
         #[cfg(not(feature = "serve"))]
         Command::Serve(_)

@@ -44,6 +44,8 @@ pub struct Options {
     pub names: Vec<String>,
     /// What one request may ask for.
     pub limits: Limits,
+    /// The scene that the live view shows unless another one is asked for.
+    pub scene: Option<PathBuf>,
 }
 
 /// Why the service cannot run.
@@ -110,7 +112,7 @@ pub fn run(
     stop: &Stop,
     listening: impl FnOnce(SocketAddr) + Send + 'static,
 ) -> Result<(), ServeError> {
-    let Options { listen, data, tls, insecure, names, limits } = options.clone();
+    let Options { listen, data, tls, insecure, names, limits, scene } = options.clone();
     if !listen.ip().is_loopback() && tls.is_none() && !insecure {
         return Err(ServeError::Open(listen));
     }
@@ -136,6 +138,7 @@ pub fn run(
         store,
         runner: Arc::clone(&runner),
         host_names: names,
+        own_scene: scene,
         is_secure: tls.is_some(),
         metrics,
         uploads: Semaphore::new(limits.uploads),

@@ -7,6 +7,7 @@ use super::store::Store;
 use super::{Limits, Pictures, Problem};
 use axum::http::StatusCode;
 use metrics_exporter_prometheus::PrometheusHandle;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use tokio::sync::{Semaphore, watch};
 
@@ -23,6 +24,7 @@ pub(super) struct Inner {
     pub store: Arc<Store>,
     pub runner: Arc<Runner>,
     pub host_names: Vec<String>,
+    pub own_scene: Option<PathBuf>,
     pub is_secure: bool,
     pub metrics: PrometheusHandle,
     pub uploads: Semaphore,
@@ -72,6 +74,11 @@ impl State {
 
     pub(super) fn host_names(&self) -> &[String] {
         &self.0.host_names
+    }
+
+    /// The scene that the live view shows unless another one is asked for.
+    pub(super) fn own_scene(&self) -> Option<&Path> {
+        self.0.own_scene.as_deref()
     }
 
     pub(super) fn is_secure(&self) -> bool {

@@ -44,7 +44,9 @@ pub use reporting::{ProgressForm, ReportingArgs};
 pub use sampling::SamplingArgs;
 pub use scene::SceneArgs;
 #[cfg(feature = "serve")]
-pub use serve::{CancelArgs, CheckSceneArgs, ClientArgs, FetchArgs, JobsArgs, ServeArgs, SubmitArgs};
+pub use serve::{
+    CancelArgs, CheckSceneArgs, ClientArgs, FetchArgs, JobsArgs, ServeArgs, SubmitArgs, ViewArgs,
+};
 pub use shaders::ShadersCommand;
 pub use trace::{MeshArgs, TraceArgs};
 #[cfg(feature = "gpu")]
@@ -102,6 +104,9 @@ pub enum Command {
     /// Abandon a job of a service.
     #[cfg(feature = "serve")]
     Cancel(CancelArgs),
+    /// Show a scene in a browser: walk through it while it renders.
+    #[cfg(feature = "serve")]
+    View(Box<ViewArgs>),
     /// Read a scene for the service.
     #[cfg(feature = "serve")]
     #[command(hide = true)]

@@ -51,6 +51,19 @@ pub struct ServeArgs {
     pub units: UnitArgs,
 }
 
+/// `raystream view`.
+#[derive(Debug, Args)]
+pub struct ViewArgs {
+    /// Scene file: .obj, .gltf, .glb, .ply, .stl, .off, or a .json recipe.
+    pub scene: PathBuf,
+    /// Start no browser; only print the address.
+    #[arg(long)]
+    pub no_browser: bool,
+    /// The service.
+    #[command(flatten)]
+    pub service: ServeArgs,
+}
+
 /// Where the service is.
 #[derive(Debug, Args)]
 pub struct ClientArgs {

@@ -6,20 +6,34 @@ mod options;
 mod pack;
 mod shots;
 mod studio;
+mod view;
 
 pub use check_scene::run as check_scene;
 pub use client::{cancel, fetch, jobs, submit};
+pub use view::run as view;
 
 use super::args::ServeArgs;
 use super::{Outcome, Registry};
 use crate::serve::{Limits, Options, Stop, TOKEN_FILE, Tls};
 use anyhow::Result;
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::SeqCst};
 use studio::Studio;
 
-/// Runs the service until Ctrl-C or a termination signal.
+/// `raystream serve`.
 pub fn run(args: &ServeArgs, registry: Registry) -> Result<Outcome> {
+    let studio = Arc::new(Studio::open(registry, args)?);
+    serve(args, studio, None, |_| {})
+}
+
+/// Runs the service until Ctrl-C or a termination signal. `listening` gets the address of the page.
+fn serve(
+    args: &ServeArgs,
+    studio: Arc<Studio>,
+    scene: Option<PathBuf>,
+    listening: impl FnOnce(&str) + Send + 'static,
+) -> Result<Outcome> {
     let ServeArgs { listen, data, tls_certificate, tls_key, insecure, name, .. } = args;
     let tls = tls_certificate.clone().zip(tls_key.clone());
     let is_encrypted = tls.is_some();
@@ -35,8 +49,8 @@ pub fn run(args: &ServeArgs, registry: Registry) -> Result<Outcome> {
         insecure: *insecure,
         names: name.clone(),
         limits,
+        scene,
     };
-    let studio = Arc::new(Studio::open(registry, args)?);
     if let Some(failpoint) = args.failpoint.clone() {
         failpoint.choose();
     }
@@ -45,11 +59,13 @@ pub fn run(args: &ServeArgs, registry: Registry) -> Result<Outcome> {
     let token = data.join(TOKEN_FILE);
     crate::serve::run(&options, studio, &stop, move |address| {
         let scheme = if is_encrypted { "https" } else { "http" };
-        // The token stands behind `#`, which browsers send to nobody.
-        match std::fs::read_to_string(&token) {
-            Ok(token) => stdout_line!("{scheme}://{address}/#token={}", token.trim()),
-            Err(_) => stdout_line!("{scheme}://{address}/"),
-        }
+        // The token stands behind `#`, which browsers send to no one.
+        let page = match std::fs::read_to_string(&token) {
+            Ok(token) => format!("{scheme}://{address}/#token={}", token.trim()),
+            Err(_) => format!("{scheme}://{address}/"),
+        };
+        stdout_line!("{page}");
+        listening(&page);
     })?;
     Ok(Outcome::Done)
 }

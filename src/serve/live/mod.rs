@@ -23,9 +23,9 @@ mod renderer;
 mod reply;
 mod request;
 mod resolution;
+mod routes;
 mod saved;
 mod session;
-mod routes;
 pub mod socket;
 mod statistics;
 #[cfg(test)]

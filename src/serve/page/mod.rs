@@ -48,7 +48,10 @@ mod tests {
         for (address, _, content) in FILES {
             let imports = content.split("from \"./").skip(1).filter_map(|rest| rest.split('"').next());
             for name in imports {
-                assert!(FILES.iter().any(|(other, ..)| other.strip_prefix('/') == Some(name)), "{address}: {name}");
+                assert!(
+                    FILES.iter().any(|(other, ..)| other.strip_prefix('/') == Some(name)),
+                    "{address}: {name}"
+                );
             }
         }
     }
