@@ -33,12 +33,15 @@ async fn live(
 ) -> Result<Response, Problem> {
     let Query(Which { scene }) = query.map_err(|error| Problem::malformed(error.body_text()))?;
     let ending = state.ending();
-    let upgraded = socket::limited(upgrade).on_upgrade(async move |socket| {
+    Ok(socket::limited(upgrade).on_upgrade(move |socket| async move {
         // A browser shows why only if it is told after the upgrade.
-        let stage = state.blocking(move |state| stage(state, scene)).await;
-        socket::run(socket, views, stage.map_err(|problem| problem.detail().to_owned()), ending).await;
-    });
-    Ok(upgraded)
+        let staged = tokio::task::spawn_blocking(move || stage(&state, scene)).await;
+        let stage = match staged {
+            Ok(stage) => stage.map_err(|problem| problem.detail().to_owned()),
+            Err(_) => Err("the scene could not be read; see the log".to_owned()),
+        };
+        socket::run(socket, views, stage, ending).await;
+    }))
 }
 
 /// Reads a scene, or finds it in the cache.
