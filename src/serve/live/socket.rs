@@ -67,7 +67,7 @@ pub async fn run(
         }
         tokio::select! {
             () = notify.notified() => {}
-            _ = ending.wait_for(|ending| *ending) => {
+            () = ended(&mut ending) => {
                 // The client connects again when the service is back.
                 socket.send(Message::Close(None)).await.ok();
                 return close(view);
@@ -93,6 +93,12 @@ pub async fn run(
             }
         }
     }
+}
+
+/// Waits until the service is to end.
+async fn ended(ending: &mut watch::Receiver<bool>) {
+    // The sender lives as long as the service.
+    ending.wait_for(|ending| *ending).await.ok();
 }
 
 /// Passes a request on. An error is a reason to refuse it.
