@@ -29,15 +29,10 @@ class Jobs(service.Case):
         self.give(page, "large.glb", b"glTF" + bytes(10000))
         told = page.get_by_test_id("upload")
         told.get_by_text("refused").wait_for()
-        self.assertRegex(told.inner_text(), "limit|too large")
+        self.assertIn("4096 bytes", told.inner_text())
 
     def test_a_job_is_cancelled_and_tried_again(self):
         page = self.jobs()
-        answer = page.evaluate("""async () => {
-            const glb = document.getElementById('file');
-            return (await fetch('api/v1/jobs?limit=1')).status;
-        }""")
-        self.assertEqual(answer, 200)
         self.give(page, "triangle.glb", service.triangle_glb())
         page.get_by_test_id("upload").get_by_text("is being rendered").wait_for()
         scene = page.evaluate("async () => (await (await fetch('api/v1/jobs?limit=1')).json()).jobs[0].scene")
