@@ -26,8 +26,8 @@ mod view;
 #[cfg(feature = "bench")]
 pub use bench::{
     BenchAdaptiveArgs, BenchBuildArgs, BenchCommand, BenchFrameArgs, BenchLatencyArgs, BenchLiveArgs,
-    BenchNoiseArgs, BenchRaysArgs, BenchScheduleArgs, BenchShadersArgs, BenchSmallArgs, BenchTablesArgs, BenchTailArgs,
-    BenchTexturesArgs, EmbreeArgs, PeerArgs, SceneView, ShotArgs,
+    BenchNoiseArgs, BenchRaysArgs, BenchScheduleArgs, BenchShadersArgs, BenchSmallArgs, BenchTablesArgs,
+    BenchTailArgs, BenchTexturesArgs, EmbreeArgs, PeerArgs, SceneView, ShotArgs,
 };
 pub use compare::CompareArgs;
 pub use doctor::DoctorArgs;
