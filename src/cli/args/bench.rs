@@ -48,8 +48,12 @@ pub enum BenchCommand {
     /// long they take, and what frames lose while an interactive client is registered.
     Latency(BenchLatencyArgs),
     /// Measure the live view of a scene: the first frame of a new pose, frames a second while the camera moves, and the
-    /// time to the full picture after it stops. Needs the feature `serve`.
+    /// time to the full picture after it stops.
+    #[cfg(feature = "serve")]
     Live(BenchLiveArgs),
+    /// Left out of this build: measures the live view of a scene.
+    #[cfg(not(feature = "serve"))]
+    Live(super::LeftOutArgs),
     /// Measure the tables of Interactive Rendering with Coherent Ray Tracing: the triangle test in each layout of
     /// lanes, the visits that packets add, reflections and shadows, and time against the number of triangles.
     Tables(BenchTablesArgs),
@@ -69,7 +73,10 @@ impl BenchCommand {
             Self::Adaptive(args) => vec![&args.scene],
             Self::Noise(args) => vec![&args.scene],
             Self::Latency(args) => vec![&args.scene],
+            #[cfg(feature = "serve")]
             Self::Live(args) => vec![&args.scene],
+            #[cfg(not(feature = "serve"))]
+            Self::Live(_) => Vec::new(),
             Self::Schedule(_) => Vec::new(),
             Self::Tables(args) => vec![&args.scene],
         }
@@ -88,7 +95,10 @@ impl BenchCommand {
             Self::Adaptive(args) => &args.shot.json,
             Self::Noise(args) => &args.shot.json,
             Self::Latency(args) => &args.shot.json,
+            #[cfg(feature = "serve")]
             Self::Live(args) => &args.shot.json,
+            #[cfg(not(feature = "serve"))]
+            Self::Live(_) => return None,
             Self::Schedule(args) => &args.json,
             Self::Tables(args) => &args.json,
         };
@@ -305,6 +315,7 @@ pub struct BenchLatencyArgs {
 }
 
 /// `raystream bench live`.
+#[cfg(feature = "serve")]
 #[derive(Debug, Args)]
 pub struct BenchLiveArgs {
     /// Scene file.

@@ -23,11 +23,13 @@ mod trace;
 mod units;
 mod view;
 
+#[cfg(all(feature = "bench", feature = "serve"))]
+pub use bench::BenchLiveArgs;
 #[cfg(feature = "bench")]
 pub use bench::{
-    BenchAdaptiveArgs, BenchBuildArgs, BenchCommand, BenchFrameArgs, BenchLatencyArgs, BenchLiveArgs,
-    BenchNoiseArgs, BenchRaysArgs, BenchScheduleArgs, BenchShadersArgs, BenchSmallArgs, BenchTablesArgs,
-    BenchTailArgs, BenchTexturesArgs, EmbreeArgs, PeerArgs, SceneView, ShotArgs,
+    BenchAdaptiveArgs, BenchBuildArgs, BenchCommand, BenchFrameArgs, BenchLatencyArgs, BenchNoiseArgs,
+    BenchRaysArgs, BenchScheduleArgs, BenchShadersArgs, BenchSmallArgs, BenchTablesArgs, BenchTailArgs,
+    BenchTexturesArgs, EmbreeArgs, PeerArgs, SceneView, ShotArgs,
 };
 pub use compare::CompareArgs;
 pub use doctor::DoctorArgs;
