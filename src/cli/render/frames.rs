@@ -82,9 +82,7 @@ pub fn run<I: Integrator>(
     progress.write();
     totals.events.lack(finished.and_then(write_last));
     totals.events.recover(setup.idle_fault());
-    let (shading, unshaded) = setup.shading();
-    totals.units.shading = shading;
-    totals.events.recover(unshaded);
+    totals.add_shading(setup);
     totals.joules = meters.joules();
     write_timeline(args, setup, &totals, recorder)?;
     done.sort_by_key(|frame| frame.frame);

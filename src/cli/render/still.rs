@@ -74,9 +74,7 @@ pub fn run<I: Integrator>(
     let started = Instant::now();
     let (film, picture) = develop(&frame, &facts, camera);
     totals.events.recover(setup.prepared.degraded.clone().into_iter().chain(setup.idle_fault()));
-    let (shading, unshaded) = setup.shading();
-    totals.units.shading = shading;
-    totals.events.recover(unshaded);
+    totals.add_shading(setup);
     totals.events.lack((end == End::Interrupted).then(|| stopped(&frame, &film)).flatten());
     totals.events.lack(save_last(args, checkpoint.as_ref(), &frame, &picture)?);
     totals.events.lack(partial::write_finished(args, setup, camera, &frame, &picture.metadata)?);

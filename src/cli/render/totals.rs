@@ -67,6 +67,13 @@ impl Totals {
         }
     }
 
+    /// Adds what a GPU has computed of patterns, and why some are back on the CPU.
+    pub fn add_shading(&mut self, setup: &Setup) {
+        let (shading, unshaded) = setup.shading();
+        self.units.shading = shading;
+        self.events.recover(unshaded);
+    }
+
     /// Memory use: the shared tree and the ray streams.
     pub fn memory(&self, setup: &Setup) -> MemoryStats {
         let (tree_bytes, triangles) = (setup.prepared.bvh.bytes(), setup.prepared.scene.mesh.triangles.len());

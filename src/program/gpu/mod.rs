@@ -2,8 +2,8 @@
 //!
 //! A pattern's kernel (`program::device`) is compiled when a scene is prepared. The device is not trusted: each
 //! operation of the kernel is compared with the host's in 10⁵ cases, the whole pattern at 10⁴ points, and later a
-//! sample of every dispatch. A device that flushes subnormal numbers gets a kernel that tells which points come near them; the host
-//! computes those, and points with infinities or NaN. Any difference leaves the pattern to the host.
+//! sample of every dispatch. A device that flushes subnormal numbers gets a kernel that tells which points come near
+//! them; the host computes those, and points with infinities or NaN. Any difference leaves the pattern to the host.
 
 mod attached;
 mod check;
