@@ -1,10 +1,10 @@
 //! Splits a function at its calls of `trace` into a hit shader and loop shaders (RA sections 3.3 and 5).
 //!
 //! A lowered function is a list of instructions in which control only goes forwards, but for loops, and no ray is
-//! traced in those. So the rest of the list behind a call is what is left to do at a point that has waited there. The rest is
-//! specialised: what is known at such a point (the masks of the branches that lead to the call hold it) is folded, and
-//! branches that it cannot take disappear. The registers that the rest then reads before it writes them are what a loop
-//! entry keeps.
+//! traced in those. So the rest of the list behind a call is what is left to do at a point that has waited there. The
+//! rest is specialised: what is known at such a point (the masks of the branches that lead to the call hold it) is
+//! folded, and branches that it cannot take disappear. The registers that the rest then reads before it writes them
+//! are what a loop entry keeps.
 
 use super::HostFunction;
 use crate::program::code::{Code, Instruction, Register};
