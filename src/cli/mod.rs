@@ -93,7 +93,12 @@ pub fn run_with(registry: Registry) -> ExitCode {
             return print_answer(&answer);
         }
     };
-    let outcome = match &mut cli.command {
+    ended(execute(&mut cli.command, registry))
+}
+
+/// Runs a command.
+fn execute(command: &mut Command, registry: Registry) -> anyhow::Result<Outcome> {
+    match command {
         #[cfg(feature = "serve")]
         Command::Serve(args) => serve::run(args, registry),
         #[cfg(feature = "serve")]
@@ -140,8 +145,7 @@ pub fn run_with(registry: Registry) -> ExitCode {
             info::run();
             Ok(Outcome::Done)
         }
-    };
-    ended(outcome)
+    }
 }
 
 /// What the process says of how its command ended.

@@ -1,4 +1,4 @@
-//! Who may use the service: a token of 256 random bits, of which the service keeps the SHA-256 alone.
+//! Who may use the service: a token of 256 random bits. The service keeps its SHA-256 alone.
 
 use hmac::{Hmac, KeyInit, Mac};
 use sha2::{Digest, Sha256};

@@ -55,7 +55,7 @@ const ROUTES: &[Route] = &[
     ),
 ];
 
-/// Codes of refusals, any of which a route may answer.
+/// Codes of refusals. A route may answer any of them.
 const REFUSALS: [u16; 13] = [400, 401, 403, 404, 405, 408, 409, 413, 415, 422, 429, 503, 507];
 
 /// Name, type and whether it is required.
@@ -143,7 +143,12 @@ fn operation(&Route(method, path, summary, codes, media, body): &Route) -> Value
 
 fn schemas() -> Value {
     let text = || json!({ "type": "string" });
-    let object = |required: &[&str], properties: Value| json!({ "type": "object", "additionalProperties": false, "required": required, "properties": properties });
+    let object = |required: &[&str], properties: Value| {
+        json!({
+            "type": "object", "additionalProperties": false,
+            "required": required, "properties": properties,
+        })
+    };
     json!({
         "Login": object(&["token"], json!({ "token": text() })),
         "Priority": object(&["priority"], json!({ "priority": text() })),

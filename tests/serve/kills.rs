@@ -15,7 +15,7 @@ fn requests() -> [Value; 2] {
     ]
 }
 
-/// The hashes of an undisturbed service, the first of which is also that of the command line.
+/// The hashes of an undisturbed service. The first is also that of the command line.
 fn expected(scene: &str) -> Vec<Vec<String>> {
     let data = folder();
     let service = Service::start(data.path(), &[]);

@@ -135,6 +135,10 @@ fn wrong(tree: &Tree, shown: &Shown) -> Option<String> {
 
 /// Whether the first word of a command is a script of the repository.
 fn is_script(tree: &Tree, word: &str) -> bool {
+    // Paths of the service's addresses begin with a slash.
+    if word.starts_with('/') {
+        return false;
+    }
     let word = word.trim_start_matches("./");
     let of_project =
         |folder: &str| !matches!(folder, "target" | "src" | "docs" | "scenes") && tree.exists(folder);

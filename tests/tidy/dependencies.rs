@@ -162,9 +162,10 @@ fn licences_are_allowed() {
         eprintln!(
             "packages of other targets are not here (cargo fetch --locked): their licences are not checked"
         );
-        metadata(&["--filter-platform", &host()])
+        metadata(&["--all-features", "--filter-platform", &host()])
     };
-    let metadata = metadata(&[]).or_else(of_host).expect("cargo knows the packages that it built");
+    let metadata =
+        metadata(&["--all-features"]).or_else(of_host).expect("cargo knows the packages that it built");
     super::breach::assert_none("licences", licences(Tree::repository(), &metadata));
     let packages = metadata["packages"].as_array().map_or(&[][..], Vec::as_slice);
     for (name, licence, reason) in EXCEPTIONS {

@@ -60,7 +60,7 @@ impl Studio {
         let Parsed { args, own, foreign } = parsed;
         let mut scene = scene_file::read(&args.scene, &args.loading)?;
         refuse_foreign_shaders(&scene)?;
-        // Shaders are part of the scene's hash, so nobody changes them.
+        // Shaders are part of the scene's hash, so they are not changed.
         drop(apply_surfaces(args, &self.registry, &mut scene, own, foreign)?);
         args.light.apply_environment(&mut scene, &args.loading.options())?;
         args.loading.afford("the scene and its tree".into(), PreparedScene::building_bytes(&scene))?;

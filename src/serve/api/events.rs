@@ -13,7 +13,7 @@ use std::time::Duration;
 /// Events that are read at a time.
 const READ: usize = 256;
 
-/// Connections get a comment at this interval, so that nobody in between ends them.
+/// Connections get a comment at this interval, so that proxies do not end them.
 const KEEP_ALIVE: Duration = Duration::from_secs(15);
 
 /// `GET /api/v1/jobs/{id}/events`.

@@ -57,7 +57,7 @@ impl Ledger {
                 ],
             )?;
             if new.has_webhook {
-                // Nobody is called before the job has ended.
+                // The address is called when the job has ended.
                 let insert = "INSERT INTO call (job, next_ms) VALUES (?1, 0)";
                 transaction.execute(insert, [&new.id])?;
             }

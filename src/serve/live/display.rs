@@ -14,7 +14,7 @@ const NODES: usize = (GREATEST_STOP - LEAST_STOP) as usize * PER_STOP + 1;
 
 /// A view transform with its transfer function as a table over the logarithm of each channel, interpolated linearly
 /// between nodes. A picture file is shown by [`Look::encode`] itself. A live frame is shown by the table, which takes a
-/// tenth of the time. It is off by less than a step of a byte on average, and by at most 12 in colours so saturated that
+/// tenth of the time. It is off by less than a step of a byte on average, by at most 12 in colours so saturated that
 /// the view cuts them.
 #[derive(Debug)]
 pub struct DisplayTable {

@@ -23,7 +23,8 @@ pub fn order(candidates: &[Candidate]) -> Vec<usize> {
     order
 }
 
-/// What a job that enters counts as given: as much as the job that has least, so that it catches up with nobody.
+/// What a job that enters counts as given: as much as the job that has least, so that it does not
+/// overtake jobs that waited.
 pub fn entry(others: impl IntoIterator<Item = u64>) -> u64 {
     others.into_iter().min().unwrap_or(0)
 }
