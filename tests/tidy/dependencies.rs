@@ -29,6 +29,11 @@ const ALLOWED: [&str; 14] = [
 
 /// Packages with another licence, and why they may be used all the same.
 const EXCEPTIONS: &[(&str, &str, &str)] = &[
+    (
+        "jpeg-encoder",
+        "(MIT OR Apache-2.0) AND IJG",
+        "the IJG's terms ask for a mention in documents, which is there",
+    ),
     ("option-ext", "MPL-2.0", "its terms are about changes to its own files, and it is used as it is"),
     ("webpki-roots", "CDLA-Permissive-2.0", "a list of certificates, which its terms let anyone share"),
 ];

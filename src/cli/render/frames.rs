@@ -33,8 +33,7 @@ pub fn run<I: Integrator>(
     let options = PassOptions { noise: args.progress.noise, pass_time: None };
     let mut shots: VecDeque<Shot<I>> = VecDeque::new();
     let mut todo = animation.frames.clone();
-    let (mut totals, mut done) = (Totals::default(), Vec::new());
-    let mut splats = Splats::default();
+    let (mut totals, mut done, mut splats) = (Totals::default(), Vec::new(), Splats::default());
     totals.events.recover(setup.prepared.degraded.clone());
     let meters = Meters::start();
     let recorder = args.timeline.as_ref().and_then(|_| Recorder::start());

@@ -70,7 +70,6 @@ pub fn run<I: Integrator>(
     let render_s = started.elapsed().as_secs_f64();
     totals.joules = meters.joules();
     let recorded = recorder.map_or_else(Vec::new, Recorder::finish);
-
     let started = Instant::now();
     let (film, picture) = develop(&frame, &facts, camera);
     totals.events.recover(setup.prepared.degraded.clone().into_iter().chain(setup.idle_fault()));
