@@ -1,7 +1,7 @@
 //! Integrators in WGSL: what becomes of the light along rays.
 //!
 //! A file has `fn hit`, `fn miss` and, if it pushes entries on the loop stack, `fn resume`. Where `hit` calls `trace`,
-//! [`split`] makes a loop shader of the rest of the function. All pieces run in lanes, over blocks of points that wait
+//! `split` makes a loop shader of the rest of the function. All pieces run in lanes, over blocks of points that wait
 //! for the same piece.
 
 mod function;
