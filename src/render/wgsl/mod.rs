@@ -33,6 +33,7 @@ const DEPTH: u32 = (1 << DEPTH_BITS) - 1;
 /// use raystream::program::integrator::IntegratorShader;
 /// use raystream::render::{Settings, WgslIntegrator, WgslShader};
 /// use raystream::scene::{Camera, Scene};
+/// use std::sync::Arc;
 ///
 /// let shader = IntegratorShader::load(
 ///     "facing.wgsl",
@@ -40,7 +41,7 @@ const DEPTH: u32 = (1 << DEPTH_BITS) - 1;
 ///      fn miss(direction: vec3f, p: Payload) -> vec3f { return vec3f(0.0); }",
 ///     [],
 /// )?;
-/// # fn f(shader: IntegratorShader, scene: Scene, camera: Camera) -> Result<(), Box<dyn std::error::Error>> {
+/// # fn f(shader: IntegratorShader, scene: Arc<Scene>, camera: Camera) -> Result<(), Box<dyn std::error::Error>> {
 /// let integrator = WgslShader::shading(shader, scene, &camera, Settings::new(64, 64))?;
 /// # let _: WgslIntegrator = integrator;
 /// # Ok(())
