@@ -104,8 +104,8 @@ impl Loaded {
     /// A number or a truth value (1 or 0) that the file defines as a constant, and where.
     pub fn constant(&self, name: &str) -> Option<(f32, Span)> {
         let module = &self.source.module;
-        let (handle, constant) =
-            module.constants.iter().find(|(_, constant)| constant.name.as_deref() == Some(name))?;
+        let named = module.constants.iter().find(|(_, constant)| constant.name.as_deref() == Some(name));
+        let Some((handle, constant)) = named else { return untyped_constant(self.source.own(), name) };
         let number = match module.global_expressions[constant.init] {
             Expression::Literal(Literal::F32(x)) => x,
             Expression::Literal(Literal::AbstractFloat(x)) => x as f32,
@@ -117,4 +117,53 @@ impl Loaded {
         };
         Some((number, module.constants.get_span(handle)))
     }
+}
+
+/// A number that a text defines as a constant without a type: naga's module has no constants of abstract types. What is
+/// more than a literal is not a number.
+fn untyped_constant(text: &str, name: &str) -> Option<(f32, Span)> {
+    let code = without_comments(text);
+    let mut from = 0;
+    while let Some(found) = code[from..].find(name) {
+        let (start, end) = (from + found, from + found + name.len());
+        from = end;
+        let value = code[end..].trim_start().strip_prefix('=').and_then(|rest| rest.split(';').next());
+        let before = code[..start].trim_end();
+        if let (Some(value), true) = (value, before.ends_with("const") && before.len() < start) {
+            let span = Span::new(start as u32, end as u32);
+            return Some((value.trim().parse().unwrap_or(f32::NAN), span));
+        }
+    }
+    None
+}
+
+/// A text with blanks in place of its comments, so that places stay. Block comments nest.
+fn without_comments(text: &str) -> String {
+    let mut code = text.as_bytes().to_vec();
+    let (mut depth, mut in_line, mut i) = (0, false, 0);
+    while i < code.len() {
+        let pair = [code[i], code.get(i + 1).copied().unwrap_or(0)];
+        in_line &= code[i] != b'\n';
+        let length = match &pair {
+            b"//" if depth == 0 => {
+                in_line = true;
+                2
+            }
+            b"/*" if !in_line => {
+                depth += 1;
+                2
+            }
+            b"*/" if depth > 0 => {
+                depth -= 1;
+                code[i..i + 2].fill(b' ');
+                2
+            }
+            _ => 1,
+        };
+        if in_line || depth > 0 {
+            code[i..i + length].fill(b' ');
+        }
+        i += length;
+    }
+    String::from_utf8(code).unwrap_or_default()
 }

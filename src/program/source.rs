@@ -80,6 +80,11 @@ pub(super) struct Source {
 }
 
 impl Source {
+    /// The file's text.
+    pub fn own(&self) -> &str {
+        &self.text[..self.own]
+    }
+
     /// Parses and validates a file's text with the prelude.
     ///
     /// # Errors
@@ -159,7 +164,7 @@ impl Source {
 
     /// The error for a fault.
     pub fn error(&self, fault: &Fault) -> ShaderError {
-        error(&self.file, &self.text[..self.own], fault)
+        error(&self.file, self.own(), fault)
     }
 }
 

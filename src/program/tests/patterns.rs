@@ -141,6 +141,28 @@ fn errors_show_the_place_and_the_remedy() {
     }
 }
 
+#[test]
+fn constants_need_no_type() {
+    let glass = "fn pattern(at: Point) -> Finish { var f = matte(at); f.transmission = 1.0; return f; }";
+    let effects = |constant: &str| {
+        let shader = PatternShader::load("test.wgsl", &format!("{constant}\n{glass}"), []);
+        format!("{:?}", shader.expect(constant).effects())
+    };
+    let body = effects("const ior: f32 = 1.5;");
+    assert_eq!(effects("const ior = 1.5;"), body);
+    assert_eq!(effects("/* a /* body */ */ const prior = 2.0; const ior=1.5; // of glass"), body);
+    let thin = effects("");
+    assert_ne!(thin, body);
+    assert_eq!(effects("// const ior = 1.5;\n/* const ior = 1.5;\n */ const prior = 2.0;"), thin);
+    for wrong in ["const ior = 0.5;", "const ior = 3.0 / 2.0;"] {
+        let error = PatternShader::load("test.wgsl", &format!("{wrong}\n{glass}"), []).expect_err(wrong);
+        assert!(error.to_string().contains("test.wgsl:1:7"), "{error}");
+    }
+    let lamp = "const max_emission = 8.0;\n\
+                fn pattern(at: Point) -> Finish { var f = matte(at); f.emission = vec3f(2.0); return f; }";
+    PatternShader::load("lamp.wgsl", lamp, []).expect("the bound is there");
+}
+
 /// A pattern whose colour is an expression.
 fn pattern_of(expression: &str) -> String {
     format!("fn pattern(at: Point) -> Finish {{ var f = matte(at); f.roughness = {expression}; return f; }}")
