@@ -36,16 +36,17 @@ class Jobs(service.Case):
         self.give(page, "triangle.glb", service.triangle_glb())
         page.get_by_test_id("upload").get_by_text("is being rendered").wait_for()
         scene = page.evaluate("async () => (await (await fetch('api/v1/jobs?limit=1')).json()).jobs[0].scene")
-        page.evaluate("""async (scene) => fetch('api/v1/jobs', { method: 'POST', headers: { 'Content-Type':
-            'application/json' }, body: JSON.stringify({ scene, options: { size: '1920x1080', spp: 100000 } }) })""",
-                      scene)
-        job = page.get_by_test_id("job").first
+        name = page.evaluate("""async (scene) => (await (await fetch('api/v1/jobs', { method: 'POST', headers: {
+            'Content-Type': 'application/json' }, body: JSON.stringify({ scene, options: { size: '1920x1080',
+            spp: 100000 } }) })).json()).id""", scene)
+        job = page.locator(f"[data-testid=job][data-id='{name}']")
         job.get_by_text("running").wait_for()
         job.get_by_test_id("job-cancel").click()
         job.get_by_text("cancelled").wait_for()
         job.get_by_test_id("job-retry").click()
         job.get_by_text("running").wait_for()
         job.get_by_test_id("job-cancel").click()
+        job.get_by_text("cancelled").wait_for()
 
 
 if __name__ == "__main__":

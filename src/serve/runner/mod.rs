@@ -28,6 +28,10 @@ use watch::UnitWatch;
 /// Units under way at the same time: while the last paths of one end, others keep the threads busy.
 const UNITS_IN_FLIGHT: usize = 3;
 
+/// Tasks under way at the same time. Those beyond [`UNITS_IN_FLIGHT`] are for jobs with none: a job does not wait for
+/// the long units of others, and the scheduler shares the processors.
+const TASKS_IN_FLIGHT: usize = 8;
+
 /// Active jobs that are looked at for the next unit.
 const LOOKED_AT: usize = 64;
 
@@ -99,9 +103,9 @@ impl Runner {
             ending: AtomicBool::new(false),
             threads: Mutex::default(),
         });
-        for index in 0..UNITS_IN_FLIGHT {
+        for index in 0..TASKS_IN_FLIGHT {
             let own = Arc::clone(&runner);
-            let thread = std::thread::Builder::new().name(format!("unit {index}")).stack_size(8 << 20);
+            let thread = std::thread::Builder::new().name(format!("task {index}")).stack_size(8 << 20);
             let thread = thread.spawn(move || own.work())?;
             runner.threads.lock().expect("no holder panics").push(thread);
         }
@@ -189,12 +193,16 @@ impl Runner {
                 Candidate { priority: job.priority, given, seq: job.seq }
             })
             .collect();
+        let in_flight: usize = state.runs.values().map(|run| run.tasks.len()).sum();
         for index in fair::order(&candidates) {
             let job = &jobs[index];
             let under_way: Vec<TaskKey> = state
                 .runs
                 .get(&job.id)
                 .map_or(Vec::new(), |run| run.tasks.iter().map(|task| task.0).collect());
+            if in_flight >= UNITS_IN_FLIGHT && !under_way.is_empty() {
+                continue;
+            }
             let Some(task) = self.task_of(job, &under_way)? else { continue };
             let weight = task.samples(job) as f64 / job.demand.samples().max(1) as f64;
             let watch = Arc::new(UnitWatch::new(job.priority, weight));
