@@ -7,7 +7,7 @@
 #![allow(unsafe_code, reason = "the invariants above")]
 
 use super::order::LANES_OF;
-use super::{LaneBits, Lanes, OutlinedTask, nearest, sealed::Sealed, spill};
+use super::{LaneBits, Lanes, OutOfLine, OutlinedTask, nearest, sealed::Sealed, spill};
 use std::arch::x86_64::*;
 
 /// Proof that the processor has AVX2 and FMA, and with `VL` AVX-512 F and VL, whose masked instructions are used then.
@@ -97,6 +97,14 @@ fn expand<const VL: bool>(_: EightLanes<VL>, mask: LaneBits) -> F {
 }
 
 impl<const VL: bool> Sealed for EightLanes<VL> {}
+
+impl<const VL: bool, P: OutlinedTask<EightLanes<VL>>> OutOfLine<EightLanes<VL>> for P {
+    #[inline(never)]
+    #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
+    unsafe fn out_of_line(self, l: EightLanes<VL>) -> P::Output {
+        self.run(l)
+    }
+}
 
 impl<const VL: bool> Lanes for EightLanes<VL> {
     const LANES: usize = 8;
@@ -213,13 +221,8 @@ impl<const VL: bool> Lanes for EightLanes<VL> {
 
     #[cfg_attr(not(unoptimised), inline(always))]
     fn outlined<P: OutlinedTask<Self>>(self, task: P) -> P::Output {
-        #[inline(never)]
-        #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
-        fn run<const VL: bool, P: OutlinedTask<EightLanes<VL>>>(l: EightLanes<VL>, task: P) -> P::Output {
-            task.run(l)
-        }
         // SAFETY: invariant 1.
-        unsafe { run(self, task) }
+        unsafe { task.out_of_line(self) }
     }
 
     #[cfg_attr(not(unoptimised), inline(always))]

@@ -6,7 +6,7 @@
 //! 2. Every pointer access is within what the caller of the method vouches for, as the trait states it.
 #![allow(unsafe_code, reason = "the invariants above")]
 
-use super::{LaneBits, Lanes, OutlinedTask, sealed::Sealed};
+use super::{LaneBits, Lanes, OutOfLine, OutlinedTask, sealed::Sealed};
 use std::arch::x86_64::*;
 
 /// Proof that the processor has AVX-512 F, BW, DQ and VL.
@@ -102,6 +102,14 @@ fn alternate_parts(_: Avx512, a: F, b: F) -> [F; 2] {
 }
 
 impl Sealed for Avx512 {}
+
+impl<P: OutlinedTask<Avx512>> OutOfLine<Avx512> for P {
+    #[inline(never)]
+    #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
+    unsafe fn out_of_line(self, l: Avx512) -> P::Output {
+        self.run(l)
+    }
+}
 
 impl Lanes for Avx512 {
     const LANES: usize = 16;
@@ -214,13 +222,8 @@ impl Lanes for Avx512 {
 
     #[cfg_attr(not(unoptimised), inline(always))]
     fn outlined<P: OutlinedTask<Self>>(self, task: P) -> P::Output {
-        #[inline(never)]
-        #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
-        fn run<P: OutlinedTask<Avx512>>(l: Avx512, task: P) -> P::Output {
-            task.run(l)
-        }
         // SAFETY: invariant 1.
-        unsafe { run(self, task) }
+        unsafe { task.out_of_line(self) }
     }
 
     #[cfg_attr(not(unoptimised), inline(always))]

@@ -126,10 +126,10 @@ impl SimdLevel {
             Self::Scalar => Self::run_one(task),
             #[cfg(target_arch = "x86_64")]
             // SAFETY: invariant 1.
-            Self::Avx2 => unsafe { x86::avx2(task) },
+            Self::Avx2 => unsafe { task.avx2() },
             #[cfg(target_arch = "x86_64")]
             // SAFETY: invariant 1.
-            Self::Avx512 => unsafe { x86::avx512(task) },
+            Self::Avx512 => unsafe { task.avx512() },
             #[cfg(not(target_arch = "x86_64"))]
             Self::Avx2 | Self::Avx512 => unreachable!("not available"),
             #[cfg(target_arch = "aarch64")]
@@ -145,9 +145,9 @@ impl SimdLevel {
         #[cfg(target_arch = "x86_64")]
         if Self::Avx2.is_available() {
             // SAFETY: invariant 1.
-            return unsafe { x86::one(task) };
+            return unsafe { task.one_with_avx2() };
         }
-        task.run(SingleLane::default())
+        task.one()
     }
 
     /// Runs a task with eight lanes and the best instructions for them.
@@ -155,13 +155,13 @@ impl SimdLevel {
         #[cfg(target_arch = "x86_64")]
         if Self::Avx2.is_available() {
             // SAFETY: invariant 1.
-            return unsafe { x86::avx2(task) };
+            return unsafe { task.avx2() };
         }
         #[cfg(target_arch = "aarch64")]
         let eight = Neon;
         #[cfg(not(target_arch = "aarch64"))]
         let eight = Plain::<8>;
-        task.run(eight)
+        task.eight(eight)
     }
 
     /// The level whose tasks have `lanes` lanes.
@@ -186,26 +186,63 @@ impl SimdLevel {
     }
 }
 
-#[cfg(target_arch = "x86_64")]
-mod x86 {
-    use super::super::{Avx2, Avx512, SingleLane};
-    use super::LaneTask;
+/// The instances of a task. They are methods of the task, not functions of this module, because the compiler puts what
+/// is generic into the codegen unit of the type it is a method of: so it works on several tasks at the same time, and
+/// after an edit only on those that changed.
+trait Instances: LaneTask + Sized {
+    /// One lane, without any instructions that not all processors have.
+    #[inline(never)]
+    fn one(self) -> Self::Output {
+        self.run(SingleLane::default())
+    }
 
+    /// Eight lanes that all processors have.
+    #[inline(never)]
+    fn eight<L: Lanes>(self, eight: L) -> Self::Output {
+        self.run(eight)
+    }
+
+    /// One lane, with the instructions of [`SimdLevel::Avx2`].
+    ///
+    /// # Safety
+    /// The processor has them.
+    #[cfg(target_arch = "x86_64")]
+    unsafe fn one_with_avx2(self) -> Self::Output;
+
+    /// The lanes of [`SimdLevel::Avx2`].
+    ///
+    /// # Safety
+    /// The processor has the instructions.
+    #[cfg(target_arch = "x86_64")]
+    unsafe fn avx2(self) -> Self::Output;
+
+    /// The lanes of [`SimdLevel::Avx512`].
+    ///
+    /// # Safety
+    /// The processor has the instructions.
+    #[cfg(target_arch = "x86_64")]
+    unsafe fn avx512(self) -> Self::Output;
+}
+
+impl<T: LaneTask> Instances for T {
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
+    unsafe fn one_with_avx2(self) -> T::Output {
+        self.run(SingleLane::default())
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
+    unsafe fn avx2(self) -> T::Output {
+        // SAFETY: this function enables the instructions, so its caller has found them: invariant 1.
+        self.run(unsafe { super::Avx2::new() })
+    }
+
+    #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
-    pub fn avx512<T: LaneTask>(task: T) -> T::Output {
+    unsafe fn avx512(self) -> T::Output {
         // SAFETY: this function enables the instructions, so its caller has found them: invariant 1.
-        task.run(unsafe { Avx512::new() })
-    }
-
-    #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
-    pub fn one<T: LaneTask>(task: T) -> T::Output {
-        task.run(SingleLane::default())
-    }
-
-    #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
-    pub fn avx2<T: LaneTask>(task: T) -> T::Output {
-        // SAFETY: this function enables the instructions, so its caller has found them: invariant 1.
-        task.run(unsafe { Avx2::new() })
+        self.run(unsafe { super::Avx512::new() })
     }
 }
 

@@ -295,6 +295,16 @@ pub trait OutlinedTask<L: Lanes> {
     fn run(self, l: L) -> Self::Output;
 }
 
+/// The instance of an outlined task. It is a method of the task, so that the compiler puts it into the codegen unit of
+/// the task's module and not into that of the lanes, which would become the largest.
+trait OutOfLine<L: Lanes>: OutlinedTask<L> {
+    /// [`OutlinedTask::run`] in a function that enables the instructions of the lanes.
+    ///
+    /// # Safety
+    /// The processor has the instructions.
+    unsafe fn out_of_line(self, l: L) -> Self::Output;
+}
+
 /// The integer nearest to `x`, ties to even; `x` is at least 0 and below 2⁶³.
 #[cfg_attr(not(unoptimised), inline(always))]
 pub(crate) fn nearest(x: f64) -> i64 {

@@ -11,7 +11,7 @@
 #![allow(unsafe_code, reason = "the invariants above")]
 
 use super::order::LANES_OF;
-use super::{LaneBits, Lanes, OutlinedTask, nearest, sealed::Sealed, spill};
+use super::{LaneBits, Lanes, OutOfLine, OutlinedTask, nearest, sealed::Sealed, spill};
 use std::arch::aarch64::*;
 
 /// The token of NEON.
@@ -93,6 +93,13 @@ fn transpose(r: [float32x4_t; 4]) -> [float32x4_t; 4] {
 }
 
 impl Sealed for Neon {}
+
+impl<P: OutlinedTask<Neon>> OutOfLine<Neon> for P {
+    #[inline(never)]
+    unsafe fn out_of_line(self, l: Neon) -> P::Output {
+        self.run(l)
+    }
+}
 
 impl Lanes for Neon {
     const LANES: usize = 8;
@@ -249,11 +256,8 @@ impl Lanes for Neon {
 
     #[cfg_attr(not(unoptimised), inline(always))]
     fn outlined<P: OutlinedTask<Self>>(self, task: P) -> P::Output {
-        #[inline(never)]
-        fn run<P: OutlinedTask<Neon>>(l: Neon, task: P) -> P::Output {
-            task.run(l)
-        }
-        run(self, task)
+        // SAFETY: invariant 1.
+        unsafe { task.out_of_line(self) }
     }
 
     #[cfg_attr(not(unoptimised), inline(always))]

@@ -7,7 +7,7 @@
 
 #[cfg(target_arch = "x86_64")]
 use super::SimdLevel;
-use super::{LaneBits, Lanes, OutlinedTask, nearest, sealed::Sealed};
+use super::{LaneBits, Lanes, OutOfLine, OutlinedTask, nearest, sealed::Sealed};
 use std::array::from_fn;
 
 /// The token of `N` lanes in plain Rust.
@@ -29,6 +29,32 @@ fn signed(number: f32) -> i32 {
 }
 
 impl<const N: usize> Sealed for Plain<N> {}
+
+impl<const N: usize, P: OutlinedTask<Plain<N>>> OutOfLine<Plain<N>> for P {
+    #[inline(never)]
+    unsafe fn out_of_line(self, l: Plain<N>) -> P::Output {
+        self.run(l)
+    }
+}
+
+/// A second instance: without AVX2's instructions each fused multiply-add is a call of a function.
+#[cfg(target_arch = "x86_64")]
+trait WithAvx2<const N: usize>: OutlinedTask<Plain<N>> {
+    /// [`OutlinedTask::run`] in a function that enables the instructions of [`SimdLevel::Avx2`].
+    ///
+    /// # Safety
+    /// The processor has the instructions.
+    unsafe fn with_avx2(self, l: Plain<N>) -> Self::Output;
+}
+
+#[cfg(target_arch = "x86_64")]
+impl<const N: usize, P: OutlinedTask<Plain<N>>> WithAvx2<N> for P {
+    #[inline(never)]
+    #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
+    unsafe fn with_avx2(self, l: Plain<N>) -> P::Output {
+        self.run(l)
+    }
+}
 
 impl<const N: usize> Lanes for Plain<N> {
     const LANES: usize = N;
@@ -223,22 +249,13 @@ impl<const N: usize> Lanes for Plain<N> {
     // of a function, and without FMA so is each fused multiply-add.
     #[cfg_attr(not(unoptimised), inline(always))]
     fn outlined<P: OutlinedTask<Self>>(self, task: P) -> P::Output {
-        #[inline(never)]
-        fn run<const N: usize, P: OutlinedTask<Plain<N>>>(l: Plain<N>, task: P) -> P::Output {
-            task.run(l)
-        }
-        #[cfg(target_arch = "x86_64")]
-        #[inline(never)]
-        #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
-        fn with_avx2<const N: usize, P: OutlinedTask<Plain<N>>>(l: Plain<N>, task: P) -> P::Output {
-            task.run(l)
-        }
         #[cfg(target_arch = "x86_64")]
         if SimdLevel::Avx2.is_available() {
             // SAFETY: invariant 2.
-            return unsafe { with_avx2(self, task) };
+            return unsafe { task.with_avx2(self) };
         }
-        run(self, task)
+        // SAFETY: it needs no instructions.
+        unsafe { task.out_of_line(self) }
     }
     #[cfg_attr(not(unoptimised), inline(always))]
     unsafe fn gather(self, from: *const u32, index: Self::I) -> Self::I {

@@ -3,8 +3,8 @@
 use super::code::{Code, Instruction, Register};
 use super::integrator::{Host, HostCall};
 use super::native::Native;
-use super::operation::{CHUNK, Operand, Operation};
-use crate::lanes::{Lanes, Num};
+use super::operation::{CHUNK, Operand};
+use crate::lanes::{LaneTask, Lanes, Num, SimdLevel};
 use std::cell::Cell;
 
 /// The points of a block, as `raystream bench shaders` finds best: a program's columns then fit the nearest cache, and
@@ -93,52 +93,75 @@ pub(super) fn run<L: Lanes>(
     host: &mut impl Host<L>,
 ) -> Result<(), Endless> {
     let points = points.next_multiple_of(CHUNK).min(columns.block);
-    let mut at = 0;
-    let mut spent = 0u64;
-    while let Some(instruction) = code.instructions.get(at) {
-        at += 1;
-        match instruction {
-            Instruction::Compute { operation, operands, to } => {
-                let operands = operands.map(|register| columns.operand(register, points));
-                compute(*operation, operands, columns.column(*to, points));
-            }
-            Instruction::Call { native, operands, results } => {
-                let operands = &code.lists[operands.start as usize..operands.end as usize];
-                let to = code.lists[results.start as usize];
-                call(l, *native, columns, operands, to, points);
-            }
-            Instruction::Host { function, mask, operands, results, line } => {
-                let (operands, results) = (code.list(operands), code.list(results));
-                let (function, mask, line) = (*function, *mask, *line);
-                host.call(l, &HostCall { function, columns, operands, results, mask, points, line });
-            }
-            Instruction::Element { columns: from, index, to } => {
-                let from = &code.lists[from.start as usize..from.end as usize];
-                element(columns, from, *index, *to, points);
-            }
-            Instruction::Skip { mask, to } => {
-                if is_empty(columns.operand(*mask, points).words) {
+    let (mut at, mut spent) = (0, 0);
+    loop {
+        let until_host = UntilHost { code, columns, points, at: &mut at, spent: &mut spent };
+        let Some(call) = SimdLevel::of_lanes(L::LANES).run(until_host)? else { return Ok(()) };
+        host.call(l, &call);
+    }
+}
+
+/// Runs a program up to its next call of the host. All programs run in this one function of each level: it has a loop
+/// for every operation, and wherever it were inlined the compiler would take many seconds.
+struct UntilHost<'a> {
+    code: &'a Code,
+    columns: &'a Columns,
+    points: usize,
+    /// The next instruction.
+    at: &'a mut usize,
+    /// Operations that loops have computed so far.
+    spent: &'a mut u64,
+}
+
+impl<'a> LaneTask for UntilHost<'a> {
+    type Output = Result<Option<HostCall<'a>>, Endless>;
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, l: L) -> Self::Output {
+        let Self { code, columns, points, at: at_next, spent } = self;
+        let mut at = *at_next;
+        while let Some(instruction) = code.instructions.get(at) {
+            at += 1;
+            match instruction {
+                Instruction::Compute { operation, operands, to } => {
+                    let operands = operands.map(|register| columns.operand(register, points));
+                    operation.chunks(operands, columns.column(*to, points));
+                }
+                Instruction::Call { native, operands, results } => {
+                    let operands = &code.lists[operands.start as usize..operands.end as usize];
+                    let to = code.lists[results.start as usize];
+                    call(l, *native, columns, operands, to, points);
+                }
+                Instruction::Host { function, mask, operands, results, line } => {
+                    let (operands, results) = (code.list(operands), code.list(results));
+                    let (function, mask, line) = (*function, *mask, *line);
+                    *at_next = at;
+                    return Ok(Some(HostCall { function, columns, operands, results, mask, points, line }));
+                }
+                Instruction::Element { columns: from, index, to } => {
+                    let from = &code.lists[from.start as usize..from.end as usize];
+                    element(columns, from, *index, *to, points);
+                }
+                Instruction::Skip { mask, to } => {
+                    if is_empty(columns.operand(*mask, points).words) {
+                        at = *to as usize;
+                    }
+                }
+                Instruction::Repeat { mask, to, line } => {
+                    *spent += (at - *to as usize) as u64;
+                    if is_empty(columns.operand(*mask, points).words) {
+                        continue;
+                    }
+                    if *spent > BUDGET {
+                        return Err(Endless { line: *line });
+                    }
                     at = *to as usize;
                 }
             }
-            Instruction::Repeat { mask, to, line } => {
-                spent += (at - *to as usize) as u64;
-                if is_empty(columns.operand(*mask, points).words) {
-                    continue;
-                }
-                if spent > BUDGET {
-                    return Err(Endless { line: *line });
-                }
-                at = *to as usize;
-            }
         }
+        *at_next = at;
+        Ok(None)
     }
-    Ok(())
-}
-
-#[inline(always)]
-fn compute(operation: Operation, operands: [Operand<'_>; 3], to: &[Cell<u32>]) {
-    operation.chunks(operands, to);
 }
 
 /// Whether no point is in a mask.

@@ -5,7 +5,7 @@ use super::shading::{Emitted, Ended};
 use super::surfaces::{Surfaces, truth};
 use super::{DEPTH, PAYLOAD, WgslState};
 use crate::geom::{Sampler, warp::lanes as warp};
-use crate::lanes::{Int, Lanes, Mask, Num, Vector};
+use crate::lanes::{Int, Lanes, Mask, Num, OutlinedTask, Vector};
 use crate::program::BLOCK;
 use crate::program::integrator::{Columns, Host, HostCall, HostFunction, IntegratorShader, Piece};
 use crate::render::frame::CAMERA_DIMENSION;
@@ -339,15 +339,31 @@ fn too_many_turns(shader: &IntegratorShader, line: u32) -> ! {
 impl<L: Lanes> Host<L> for Block<'_, '_, L> {
     #[inline(always)]
     fn call(&mut self, l: L, call: &HostCall<'_>) {
+        l.outlined(Answer { block: self, call });
+    }
+}
+
+/// A call of a block, answered out of line: hit, miss and loop shaders share the code.
+struct Answer<'a, 'b, 'c, L: Lanes> {
+    block: &'c mut Block<'a, 'b, L>,
+    call: &'c HostCall<'c>,
+}
+
+impl<L: Lanes> OutlinedTask<L> for Answer<'_, '_, '_, L> {
+    type Output = ();
+
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn run(self, l: L) {
+        let Self { block, call } = self;
         match call.function {
-            HostFunction::Splat => self.splat(l, call),
-            HostFunction::Shadow => self.shadow(l, call),
-            HostFunction::Spawn => self.spawn(call),
-            HostFunction::Push => self.push(call),
-            HostFunction::Trace(trace) => self.trace(call, trace),
-            HostFunction::Random | HostFunction::Random2 => self.random(l, call),
-            function if function.needs_hit() => self.surface(l, call),
-            _ => self.plain(l, call),
+            HostFunction::Splat => block.splat(l, call),
+            HostFunction::Shadow => block.shadow(l, call),
+            HostFunction::Spawn => block.spawn(call),
+            HostFunction::Push => block.push(call),
+            HostFunction::Trace(trace) => block.trace(call, trace),
+            HostFunction::Random | HostFunction::Random2 => block.random(l, call),
+            function if function.needs_hit() => block.surface(l, call),
+            _ => block.plain(l, call),
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use super::block::{Block, Points, component, set_lanes};
 use super::loop_entries::{EntrySession, HEADER, LARGE};
-use super::surfaces::Surfaces;
+use super::surfaces::{MakeSurfaces, ReadFact, Surfaces};
 use super::{DEPTH_BITS, PAYLOAD, WgslState};
 use crate::lanes::{Int, LaneTask, Lanes};
 use crate::program::BLOCK;
@@ -165,10 +165,14 @@ impl<'a> Shading<'a> {
             let cone = Cone::unpack(packed >> DEPTH_BITS).at(hits.t);
             let onward = (packed & super::DEPTH) + (cone.pack() << DEPTH_BITS);
             onward.store(&mut self.points.onward[start..]);
-            let made = Surfaces::new(frame, material, direction, &hits, cone.width, self.smoothness);
+            let (width, smoothness) = (cone.width, self.smoothness);
+            let hits = &hits;
+            let made = l.outlined(MakeSurfaces { frame, material, direction, hits, width, smoothness });
             for &(input, register) in piece.inputs() {
                 let words = match self.facts.get(input as usize) {
-                    Some(&(what, component)) => made.fact(frame, material, what, component),
+                    Some(&(what, component)) => {
+                        l.outlined(ReadFact { surfaces: &made, frame, material, what, component })
+                    }
                     None => self.payload(ids, input as usize - self.facts.len()),
                 };
                 set_lanes(&piece.column(&columns, register)[start..], words);

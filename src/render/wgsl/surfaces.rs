@@ -1,6 +1,6 @@
 //! The surfaces of a block of hits, which shaders ask by host functions.
 
-use crate::lanes::{Int, Lanes, Mask, Num, Vector};
+use crate::lanes::{Int, Lanes, Mask, Num, OutlinedTask, Vector};
 use crate::program::integrator::{HitFact, HostCall};
 use crate::render::Frame;
 use crate::scene::Material;
@@ -11,6 +11,52 @@ use crate::shade::{Bsdf, Hits, Interaction, LightSample, base_colour, lookup, me
 /// Up to this many punctual lights have a number each.
 const ALL_PUNCTUAL: usize = 3;
 
+/// Makes the surfaces of some hits, out of line.
+pub(super) struct MakeSurfaces<'a, 'b, L: Lanes> {
+    pub frame: &'a Frame,
+    pub material: &'a Material,
+    pub direction: Vector<L>,
+    pub hits: &'b Hits<L>,
+    /// Of the ray's cone at the hit.
+    pub width: Num<L>,
+    /// How the BSDF is made, if the shader asks for one.
+    pub smoothness: Option<Smoothness>,
+}
+
+impl<'a, L: Lanes> OutlinedTask<L> for MakeSurfaces<'a, '_, L> {
+    type Output = Surfaces<'a, L>;
+
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn run(self, _: L) -> Self::Output {
+        let Self { frame, material, direction, hits, width, smoothness } = self;
+        let scene = frame.scene();
+        let at = Interaction::new(scene, material, direction, hits, width);
+        let bsdf = match smoothness {
+            Some(smoothness) => Some(Bsdf::new(scene, &material.surface, &at, smoothness)),
+            None => None,
+        };
+        Surfaces { at, bsdf, t: hits.t }
+    }
+}
+
+/// A number that the shader reads of hits, out of line.
+pub(super) struct ReadFact<'a, 'b, L: Lanes> {
+    pub surfaces: &'b Surfaces<'a, L>,
+    pub frame: &'a Frame,
+    pub material: &'a Material,
+    pub what: HitFact,
+    pub component: usize,
+}
+
+impl<L: Lanes> OutlinedTask<L> for ReadFact<'_, '_, L> {
+    type Output = Int<L>;
+
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn run(self, _: L) -> Int<L> {
+        self.surfaces.fact(self.frame, self.material, self.what, self.component)
+    }
+}
+
 /// Some hits on one material, one in each lane.
 pub(super) struct Surfaces<'a, L: Lanes> {
     at: Interaction<L>,
@@ -19,27 +65,9 @@ pub(super) struct Surfaces<'a, L: Lanes> {
 }
 
 impl<'a, L: Lanes> Surfaces<'a, L> {
-    #[inline(always)]
-    pub fn new(
-        frame: &'a Frame,
-        material: &Material,
-        direction: Vector<L>,
-        hits: &Hits<L>,
-        width: Num<L>,
-        smoothness: Option<Smoothness>,
-    ) -> Self {
-        let scene = frame.scene();
-        let at = Interaction::new(scene, material, direction, hits, width);
-        let bsdf = match smoothness {
-            Some(smoothness) => Some(Bsdf::new(scene, &material.surface, &at, smoothness)),
-            None => None,
-        };
-        Self { at, bsdf, t: hits.t }
-    }
-
     /// A number that the shader reads of a hit, as a word.
     #[inline(always)]
-    pub fn fact(&self, frame: &Frame, material: &Material, what: HitFact, component: usize) -> Int<L> {
+    fn fact(&self, frame: &Frame, material: &Material, what: HitFact, component: usize) -> Int<L> {
         let at = &self.at;
         let l = self.t.lanes();
         let vector = match what {
@@ -154,15 +182,13 @@ impl<'a, L: Lanes> Surfaces<'a, L> {
         let (u, u2) = (call.number(l, 1, start), [call.number(l, 2, start), call.number(l, 3, start)]);
         let punctual = lights.punctual().len();
         let number = number as usize;
-        if number == 0 {
-            lights.sample_surfaces(frame.scene(), &Receiver::of(at), u, u2)
-        } else if punctual > ALL_PUNCTUAL {
+        if number != 0 && punctual > ALL_PUNCTUAL {
             lights.sample_punctual(&Receiver::of(at), u)
-        } else if number <= punctual {
+        } else if (1..=punctual).contains(&number) {
             lights.illuminate(number - 1, at.raised)
         } else {
-            let none = lights.sample_surfaces(frame.scene(), &Receiver::of(at), u, u2);
-            LightSample { valid: Mask::splat(l, false), ..none }
+            let sample = lights.sample_surfaces(frame.scene(), &Receiver::of(at), u, u2);
+            LightSample { valid: sample.valid & Mask::splat(l, number == 0), ..sample }
         }
     }
 
