@@ -123,7 +123,7 @@ impl SimdLevel {
     pub fn run<T: LaneTask>(self, task: T) -> T::Output {
         assert!(self.is_available(), "this processor has no {self}");
         match self {
-            Self::Scalar => Self::run_one(task),
+            Self::Scalar => task.one(),
             #[cfg(target_arch = "x86_64")]
             // SAFETY: invariant 1.
             Self::Avx2 => unsafe { task.avx2() },
@@ -137,17 +137,6 @@ impl SimdLevel {
             #[cfg(not(target_arch = "aarch64"))]
             Self::Neon => unreachable!("not available"),
         }
-    }
-
-    /// Runs a task with one lane. It still gets the best instructions that this processor has: without FMA each fused
-    /// multiply-add is a call of a function.
-    pub fn run_one<T: LaneTask>(task: T) -> T::Output {
-        #[cfg(target_arch = "x86_64")]
-        if Self::Avx2.is_available() {
-            // SAFETY: invariant 1.
-            return unsafe { task.one_with_avx2() };
-        }
-        task.one()
     }
 
     /// Runs a task with eight lanes and the best instructions for them.
@@ -202,13 +191,6 @@ trait Instances: LaneTask + Sized {
         self.run(eight)
     }
 
-    /// One lane, with the instructions of [`SimdLevel::Avx2`].
-    ///
-    /// # Safety
-    /// The processor has them.
-    #[cfg(target_arch = "x86_64")]
-    unsafe fn one_with_avx2(self) -> Self::Output;
-
     /// The lanes of [`SimdLevel::Avx2`].
     ///
     /// # Safety
@@ -225,12 +207,6 @@ trait Instances: LaneTask + Sized {
 }
 
 impl<T: LaneTask> Instances for T {
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
-    unsafe fn one_with_avx2(self) -> T::Output {
-        self.run(SingleLane::default())
-    }
-
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
     unsafe fn avx2(self) -> T::Output {

@@ -2,11 +2,8 @@
 //!
 //! Unsafe code, because of pointers and of functions that enable instructions. Invariants:
 //! 1. Every pointer access is within what the caller of the method vouches for, as the trait states it.
-//! 2. A function that enables instructions is called only where [`SimdLevel::is_available`] has found them.
 #![allow(unsafe_code, reason = "the invariants above")]
 
-#[cfg(target_arch = "x86_64")]
-use super::SimdLevel;
 use super::{LaneBits, Lanes, OutOfLine, OutlinedTask, nearest, sealed::Sealed};
 use std::array::from_fn;
 
@@ -33,25 +30,6 @@ impl<const N: usize> Sealed for Plain<N> {}
 impl<const N: usize, P: OutlinedTask<Plain<N>>> OutOfLine<Plain<N>> for P {
     #[inline(never)]
     unsafe fn out_of_line(self, l: Plain<N>) -> P::Output {
-        self.run(l)
-    }
-}
-
-/// A second instance: without AVX2's instructions each fused multiply-add is a call of a function.
-#[cfg(target_arch = "x86_64")]
-trait WithAvx2<const N: usize>: OutlinedTask<Plain<N>> {
-    /// [`OutlinedTask::run`] in a function that enables the instructions of [`SimdLevel::Avx2`].
-    ///
-    /// # Safety
-    /// The processor has the instructions.
-    unsafe fn with_avx2(self, l: Plain<N>) -> Self::Output;
-}
-
-#[cfg(target_arch = "x86_64")]
-impl<const N: usize, P: OutlinedTask<Plain<N>>> WithAvx2<N> for P {
-    #[inline(never)]
-    #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
-    unsafe fn with_avx2(self, l: Plain<N>) -> P::Output {
         self.run(l)
     }
 }
@@ -249,11 +227,6 @@ impl<const N: usize> Lanes for Plain<N> {
     // of a function, and without FMA so is each fused multiply-add.
     #[cfg_attr(not(unoptimised), inline(always))]
     fn outlined<P: OutlinedTask<Self>>(self, task: P) -> P::Output {
-        #[cfg(target_arch = "x86_64")]
-        if SimdLevel::Avx2.is_available() {
-            // SAFETY: invariant 2.
-            return unsafe { task.with_avx2(self) };
-        }
         // SAFETY: it needs no instructions.
         unsafe { task.out_of_line(self) }
     }

@@ -104,8 +104,5 @@ impl<L: Lanes> LaneValue<L> for Vector<L> {
 
 /// Runs a kernel with the given number of lanes.
 pub(super) fn run_in<K: LaneTask>(lanes: usize, kernel: K) -> K::Output {
-    match lanes {
-        1 => SimdLevel::run_one(kernel),
-        _ => SimdLevel::of_lanes(lanes).run(kernel),
-    }
+    SimdLevel::of_lanes(lanes).run(kernel)
 }
