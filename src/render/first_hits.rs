@@ -4,11 +4,10 @@ use super::aov::{Aov, COUNTS};
 use super::frame_layers::{Column, FrameLayers};
 use super::{CameraSample, Frame, hits_of, rays_of};
 use crate::film::{CentreHit, Film, LayerPlan};
-use crate::geom::Sampler;
-use crate::lanes::{Int, LaneTask, Lanes, MAX_LANES, Mask, Num, Vector};
+use crate::lanes::{Int, LaneTask, Lanes, MAX_LANES, Mask, Num, OutlinedTask, Vector};
 use crate::scene::{Material, Objects};
 use crate::schedule::Batch;
-use crate::shade::{Cone, Interaction, base_colour, lookup, material_of, pass_through, sort};
+use crate::shade::{Cone, Interaction, base_colour, lookup, material_of, sort};
 use crate::stream::{Hit, Ray};
 use std::cell::Cell;
 
@@ -96,25 +95,25 @@ impl<P: Copy> GivenRays<P> {
 }
 
 impl Frame {
-    /// Adds the camera rays of a batch to the frame's layers. Returns the rays that the shader is given if it is not
-    /// given all of them: rays through the centres of pixels are not part of the picture, and neither are camera rays
-    /// that miss if the picture is transparent. `passes` says whether the shader lets rays pass surfaces of computed
-    /// opacity.
+    /// Adds the camera rays of a batch to the frame's layers; without `adds_hits` only those through the centres of
+    /// pixels, since the shader adds the others by [`Frame::add_first_hits_on`]. Returns the rays that the shader is
+    /// given if it is not given all of them: rays through the centres of pixels are not part of the picture, and
+    /// neither are camera rays that miss if the picture is transparent.
     pub(super) fn add_first_hits<P: Copy>(
         &self,
         batch: &Batch<'_, P>,
-        passes: bool,
+        adds_hits: bool,
         sample_of: impl Fn(&P) -> Option<CameraSample>,
     ) -> Option<GivenRays<P>> {
         let (layers, plan) = (self.layers()?, self.film().plan()?);
-        let (transparent, wants_hits) =
-            (layers.aovs.is_transparent(), plan.hits || !plan.coverage.is_empty());
+        let transparent = layers.aovs.is_transparent();
+        let wants_hits = adds_hits && (plan.hits || !plan.coverage.is_empty());
         let (mut first, mut left_out) = (SPARE.take(), Vec::new());
         first.clear();
         if !transparent && wants_hits && first.fill_if_all(batch.payloads, &sample_of) {
             // Misses among them are passed over while sorting.
             let first_hits = Batch { rays: batch.rays, hits: batch.hits, payloads: &first.samples };
-            self.simd().run(AddHits { frame: self, layers, plan, first: first_hits, passes });
+            self.simd().run(AddHits { frame: self, layers, plan, first: first_hits });
             SPARE.set(first);
             return None;
         }
@@ -136,10 +135,25 @@ impl Frame {
         }
         if !first.rays.is_empty() {
             let first_hits = Batch { rays: &first.rays, hits: &first.hits, payloads: &first.samples };
-            self.simd().run(AddHits { frame: self, layers, plan, first: first_hits, passes });
+            self.simd().run(AddHits { frame: self, layers, plan, first: first_hits });
         }
         SPARE.set(first);
         (!left_out.is_empty()).then(|| GivenRays::without(batch, &left_out))
+    }
+
+    /// Adds what camera rays hit on a material to the frame's layers, if it has any: the lanes of a mask.
+    #[cfg_attr(not(unoptimised), inline(always))]
+    pub(super) fn add_first_hits_on<L: Lanes>(
+        &self,
+        material: u32,
+        at: &Interaction<L>,
+        pixel: Int<L>,
+        lanes: Mask<L>,
+    ) {
+        let (Some(layers), Some(plan)) = (self.layers(), self.film().plan()) else { return };
+        if lanes.any() && (plan.hits || !plan.coverage.is_empty()) {
+            pixel.lanes().outlined(AddHit { frame: self, layers, plan, material, at, pixel, lanes });
+        }
     }
 
     fn centre_hit(&self, hit: &Hit) -> Option<CentreHit> {
@@ -155,7 +169,6 @@ struct AddHits<'a> {
     plan: &'a LayerPlan,
     /// Camera rays with their pixels and samples.
     first: Batch<'a, [u32; 2]>,
-    passes: bool,
 }
 
 impl LaneTask for AddHits<'_> {
@@ -163,49 +176,58 @@ impl LaneTask for AddHits<'_> {
 
     #[cfg_attr(not(unoptimised), inline(always))]
     fn run<L: Lanes>(self, l: L) {
-        let scene = self.frame.scene();
-        for run in sort(l, self.first.hits, scene).runs() {
+        let Self { frame, layers, plan, first: batch } = self;
+        let scene = frame.scene();
+        // The cone that paths begin with.
+        let cone = Cone::unpack(Int::splat(l, frame.cone().pack().to_array()[0]));
+        for run in sort(l, batch.hits, scene).runs() {
             let Some(material) = run.material else { continue };
             for rays in run.rays.chunks(L::LANES) {
                 // Lanes that are left over repeat the first ray and are masked out.
                 let (ids, lanes) = Int::some(l, rays, rays[0]);
-                self.add(material, ids, lanes);
+                let [pixel, _] = ids.rows(batch.payloads.as_flattened());
+                let (_, direction) = rays_of(&batch, ids);
+                let hits = hits_of(&batch, ids);
+                let width = cone.at(hits.t).width;
+                let at =
+                    &Interaction::new(scene, &scene.materials[material as usize], direction, &hits, width);
+                l.outlined(AddHit { frame, layers, plan, material, at, pixel, lanes });
             }
         }
     }
 }
 
-impl AddHits<'_> {
+/// Adds hits on a material to the film's layers, out of line.
+struct AddHit<'a, 'b, L: Lanes> {
+    frame: &'a Frame,
+    layers: &'a FrameLayers,
+    plan: &'a LayerPlan,
+    /// Its number.
+    material: u32,
+    at: &'b Interaction<L>,
+    pixel: Int<L>,
+    lanes: Mask<L>,
+}
+
+impl<L: Lanes> OutlinedTask<L> for AddHit<'_, '_, L> {
+    type Output = ();
+
     #[cfg_attr(not(unoptimised), inline(always))]
-    fn add<L: Lanes>(&self, number: u32, ids: Int<L>, lanes: Mask<L>) {
-        let Self { frame, first: batch, .. } = self;
-        let scene = frame.scene();
-        let material = &scene.materials[number as usize];
-        let [pixel, sample] = ids.rows(batch.payloads.as_flattened());
-        let (_, direction) = rays_of(batch, ids);
-        let hits = hits_of(batch, ids);
-        let Cone { width, spread } = frame.cone();
-        let width = hits.t * spread.get() + Num::splat(ids.lanes(), width.get());
-        let at = Interaction::new(scene, material, direction, &hits, width);
-        let mut lanes = lanes;
-        if self.passes
-            && let Some(opacity) = at.opacity(scene, material)
-        {
-            let sampler = Sampler::of(pixel, sample, frame.settings().seed);
-            let depth = Int::splat(ids.lanes(), 0);
-            lanes &= !pass_through::passes(opacity, &sampler, depth, hits.primitive);
-        }
+    fn run(self, _: L) {
+        let Self { frame, material, at, pixel, lanes, .. } = self;
         let (mut pixels, count) = (L::array(0), lanes.count());
         pixel.append(lanes, pixels.as_mut());
         let pixels = &pixels.as_ref()[..count];
         if self.plan.hits {
-            self.add_means(material, &at, lanes, pixels);
+            self.add_means(&frame.scene().materials[material as usize], at, lanes, pixels);
         }
         if !self.plan.coverage.is_empty() {
-            self.count(number, hits.primitive, lanes, pixels);
+            self.count(material, at.texture.primitive, lanes, pixels);
         }
     }
+}
 
+impl<L: Lanes> AddHit<'_, '_, L> {
     /// Whether the frame has an AOV.
     #[inline(always)]
     fn has(&self, aov: Aov) -> bool {
@@ -214,7 +236,7 @@ impl AddHits<'_> {
 
     /// Adds to the sums, in the order of [`super::aov::MEANS`].
     #[cfg_attr(not(unoptimised), inline(always))]
-    fn add_means<L: Lanes>(&self, material: &Material, at: &Interaction<L>, lanes: Mask<L>, pixels: &[u32]) {
+    fn add_means(&self, material: &Material, at: &Interaction<L>, lanes: Mask<L>, pixels: &[u32]) {
         let scene = self.frame.scene();
         let kinds = &self.layers.columns;
         let mut columns = Columns { kinds, lanes, integers: [[0; MAX_LANES]; MAX_SUMS], count: 0 };
@@ -250,7 +272,7 @@ impl AddHits<'_> {
 
     /// Counts what the hits show, in the order of [`COUNTS`].
     #[cfg_attr(not(unoptimised), inline(always))]
-    fn count<L: Lanes>(&self, material: u32, primitive: Int<L>, lanes: Mask<L>, pixels: &[u32]) {
+    fn count(&self, material: u32, primitive: Int<L>, lanes: Mask<L>, pixels: &[u32]) {
         let mut objects = L::array(0);
         self.frame.scene().objects.at(primitive).append(lanes, objects.as_mut());
         let mut ids = [0; MAX_LANES];

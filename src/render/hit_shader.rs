@@ -115,9 +115,10 @@ pub trait HitShader: Send + Sync + Sized + 'static {
         None
     }
 
-    /// Whether the shader lets rays pass surfaces of computed opacity, as `shade::pass_through` decides. Rays that have
-    /// only passed surfaces are still camera rays for [`HitShader::camera_sample`].
-    const PASSES: bool = false;
+    /// Whether the shader itself adds what its camera rays hit to the frame's layers. Only shaders of this crate can:
+    /// they compute the interactions anyway, and may let camera rays pass surfaces.
+    #[doc(hidden)]
+    const ADDS_FIRST_HITS: bool = false;
 }
 
 /// What the paths of a frame share while it is rendered.
@@ -245,7 +246,8 @@ impl<S: HitShader> Renderer for HitShading<S> {
 
     fn shade(&self, batch: Batch<'_, S::Payload>, out: &mut Output<'_, S::Payload, S::ShadowPayload>) {
         let Self { shader, frame, memory } = self;
-        match frame.add_first_hits(&batch, S::PASSES, |payload| shader.camera_sample(payload)) {
+        let camera_sample = |payload: &S::Payload| shader.camera_sample(payload);
+        match frame.add_first_hits(&batch, !S::ADDS_FIRST_HITS, camera_sample) {
             None => shader.shade(frame, memory, batch, out),
             Some(given) if given.is_empty() => {}
             Some(given) => shader.shade(frame, memory, given.batch(), out),

@@ -288,6 +288,7 @@ impl Shading<'_, '_> {
         if let Some(opacity) = at.opacity(scene, material) {
             lanes &= !self.pass(&at, opacity, &States { cone, ..state }, lanes);
         }
+        frame.add_first_hits_on(number, &at, state.pixel, lanes & state.depth.is(0));
         let (mut shines, mut light) = (Mask::splat(t.lanes(), false), Vector::zero(t.lanes()));
         if let Some(emission) = &material.emission {
             let emitted = lookup::emission(scene, emission, &at.texture, at.front);
@@ -533,7 +534,7 @@ impl HitShader for PathShader {
         (state.depth() == 0).then_some(CameraSample { pixel, sample })
     }
 
-    const PASSES: bool = true;
+    const ADDS_FIRST_HITS: bool = true;
 
     fn shadow(&self, frame: &Frame, _: &[Ray], payloads: &[Contribution], occluded: &[u32]) {
         frame.add_unoccluded(payloads, occluded);

@@ -263,7 +263,7 @@ where
 
     fn shade(&self, batch: Batch<'_, CallState>, out: &mut Rays<'_>) {
         let frame = &self.shader_frame.frame;
-        let given = frame.add_first_hits(&batch, false, CallState::camera_sample);
+        let given = frame.add_first_hits(&batch, true, CallState::camera_sample);
         let batch = given.as_ref().map_or(batch, GivenRays::batch);
         let mut free_list = self.slots.local_free_list();
         let scene = frame.scene();
