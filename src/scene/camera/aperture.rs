@@ -58,7 +58,8 @@ impl Aperture {
     #[inline(always)]
     pub(super) fn point<L: Lanes>(&self, u: [Num<L>; 2]) -> [Num<L>; 2] {
         if self.blades == 0 {
-            return warp::lanes::disk(u).map(|x| x * self.radius);
+            let [x, y] = warp::lanes::disk(u);
+            return [x * self.radius, y * self.radius];
         }
         // The triangle between the middle and a side, and a point in it.
         let blades = self.blades as f32;
