@@ -219,3 +219,52 @@ impl LaneTask for Splats<'_> {
         }
     }
 }
+
+/// A scene from its own files, and from a flat file.
+#[cfg(feature = "serve")]
+mod flat {
+    use super::*;
+    use raystream::memory::MemoryBudget;
+    use raystream::scene::{flat, load};
+    use std::fmt::Write;
+
+    /// A grid of 320 thousand triangles as OBJ, and a shipped scene with textures.
+    const SCENES: [&str; 2] = ["a grid.obj", "showcase.json"];
+    const EDGE: usize = 400;
+
+    /// The scene's file in a folder, which is made if need be.
+    fn file(folder: &tempfile::TempDir, name: &str) -> std::path::PathBuf {
+        if !name.ends_with(".obj") {
+            return [env!("CARGO_MANIFEST_DIR"), "scenes", name].iter().collect();
+        }
+        let mut text = String::new();
+        let at = |x: usize, y: usize| 1 + x + y * (EDGE + 1);
+        for (y, x) in (0..=EDGE).flat_map(|y| (0..=EDGE).map(move |x| (y, x))) {
+            writeln!(text, "v {x} {y} {}\nvt {} {}", (x * y) % 7, x as f32 * 0.01, y as f32 * 0.01)
+                .expect("memory");
+        }
+        for (y, x) in (0..EDGE).flat_map(|y| (0..EDGE).map(move |x| (y, x))) {
+            let [a, b, c, d] = [at(x, y), at(x + 1, y), at(x + 1, y + 1), at(x, y + 1)];
+            writeln!(text, "f {a}/{a} {b}/{b} {c}/{c}\nf {a}/{a} {c}/{c} {d}/{d}").expect("memory");
+        }
+        let path = folder.path().join(name);
+        std::fs::write(&path, text).expect("a disk");
+        path
+    }
+
+    #[divan::bench(args = SCENES)]
+    fn own_files(bencher: Bencher, name: &str) {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = file(&folder, name);
+        bencher.bench_local(|| load::load(black_box(&path)).expect("a scene"));
+    }
+
+    #[divan::bench(args = SCENES)]
+    fn flat_file(bencher: Bencher, name: &str) {
+        let folder = tempfile::tempdir().expect("a folder");
+        let scene = load::load(file(&folder, name)).expect("a scene");
+        let path = folder.path().join("scene.flat");
+        flat::write(&scene, std::fs::File::create(&path).expect("a file")).expect("a disk");
+        bencher.bench_local(|| flat::read(black_box(&path), &MemoryBudget::of_machine()).expect("a scene"));
+    }
+}

@@ -3,12 +3,12 @@
     raystream bench build scenes/glass.json --rounds 9 --json glass.json
     python scripts/results.py docs/results/build.md build glass.json "LABEL=MORE.json" ..
 
-The page has a line `<!-- begin: NAME -->` and a line `<!-- end: NAME -->`; what stands between them is replaced by
-the command, the machine and the table. NAME's first word says which table: `rays` (`rays query`, `rays service` for
-these two), `contenders`, `threads`, `small`, `build`, `ladder`, `frame`, `tail`, `textures`, `shaders`,
-`adaptive`, `noise`, `profiles`, `schedule`, `latency` or `rtrt`; further words only distinguish two blocks of a page.
-Tables over scenes take files of one machine and one build, with one scene or several in each. A scene is called what
-its file is called, or LABEL where there is one in the file.
+The page has a line `<!-- begin: NAME -->` and a line `<!-- end: NAME -->`; what stands between them is replaced by the
+command, the machine and the table. NAME's first word says which table: `rays` (`rays query`, `rays service` for these
+two), `contenders`, `threads`, `small`, `build`, `ladder`, `frame`, `tail`, `textures`, `shaders`, `adaptive`, `noise`,
+`profiles`, `schedule`, `latency`, `rtrt` or `service`; further words only distinguish two blocks of a page. Tables over
+scenes take files of one machine and one build, with one scene or several in each. A scene is called what its file is
+called, or LABEL where there is one in the file.
 
 --machine TEXT    names the machine where the file does not, or better than the file does
 --build COMMIT    the commit that was measured [default: the checkout's, with "changed" if it has changes]
@@ -124,6 +124,30 @@ PLAIN = {
         ("Mray/s", "mray_per_s.median", 1, "{:.2f}"),
         ("best", "mray_per_s.best", 1, "{:.2f}"),
         ("worst", "mray_per_s.worst", 1, "{:.2f}"),
+        ("loss", "loss", 100, "{:.1f} %"),
+    ],
+    "accepted": [
+        ("submitted", "configuration", None, "{}"),
+        ("accepted a second", "accepted_per_s", 1, "{:.0f}"),
+        ("median, ms", "latency.p50", 1e3, "{:.1f}"),
+        ("p99, ms", "latency.p99", 1e3, "{:.1f}"),
+        ("slowest, ms", "latency.worst", 1e3, "{:.1f}"),
+    ],
+    "answered": [
+        ("requests under load", "configuration", None, "{}"),
+        ("number", "requests", None, "{}"),
+        ("median, ms", "latency.p50", 1e3, "{:.1f}"),
+        ("p99, ms", "latency.p99", 1e3, "{:.1f}"),
+        ("slowest, ms", "latency.worst", 1e3, "{:.1f}"),
+        ("MB at first", "memory_start", 1e-6, "{:.1f}"),
+        ("MB at last", "memory_end", 1e-6, "{:.1f}"),
+        ("most MB", "memory_most", 1e-6, "{:.1f}"),
+    ],
+    "served": [
+        ("a long job", "configuration", None, "{}"),
+        ("s", "job_s.median", 1, "{:.2f}"),
+        ("best", "job_s.best", 1, "{:.2f}"),
+        ("worst", "job_s.worst", 1, "{:.2f}"),
         ("loss", "loss", 100, "{:.1f} %"),
     ],
     "kernels": [
@@ -341,7 +365,15 @@ def latency(rows, _):
     return "\n\n".join(plain(name, rows) for name, rows in parts.items() if rows)
 
 
+def service(rows, _):
+    """What `scripts/load` measures: jobs accepted, requests answered, a long job."""
+    parts = {"accepted": "accepted_per_s", "answered": "requests", "served": "job_s"}
+    parts = {name: [row for row in rows if key in row] for name, key in parts.items()}
+    return "\n\n".join(plain(name, rows) for name, rows in parts.items() if rows)
+
+
 OTHERS = {
+    "service": service,
     "latency": latency,
     "rays": rays,
     "contenders": contenders,
@@ -366,7 +398,9 @@ def read(argument):
 
 def command(sheet, given):
     """The words of a file's command as a stranger would give them: without folders but `scenes/`."""
-    words = shlex.split(given) if given else ["raystream", *sheet.get("command", [])]
+    own = sheet.get("command", [])
+    of_script = bool(own) and own[0].startswith("scripts/")
+    words = shlex.split(given) if given else own if of_script else ["raystream", *own]
     if len(words) == 1:
         sys.exit("this file does not say which command wrote it; give it with --command")
     words = [part for word in words for part in (word.split("=", 1) if word.startswith("--") else [word])]
@@ -376,7 +410,7 @@ def command(sheet, given):
             kept.append("EMBREE.so")
         elif "--json" not in (before, word):
             folder, _, name = word.rpartition("/")
-            kept.append(word if folder in ("", "scenes") else name)
+            kept.append(word if folder in ("", "scenes", "scripts") else name)
     return kept
 
 

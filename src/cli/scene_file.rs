@@ -26,10 +26,15 @@ pub fn read_with(path: &Path, options: &LoadOptions) -> Result<Scene, LoadError>
         Ok(scene) => &scene.warnings[..],
         Err(error) => error.warnings(),
     };
+    tell(warnings);
+    loaded
+}
+
+/// Prints what a loader warns of.
+pub fn tell(warnings: &[String]) {
     for warning in warnings {
         log::warn!("{warning}");
     }
-    loaded
 }
 
 /// Warns of light that is brighter than a picture can hold.

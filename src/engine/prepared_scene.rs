@@ -66,6 +66,8 @@ pub struct PreparedScene {
     device: Option<Device>,
     /// Prepared when first needed.
     lit: OnceLock<LitScene>,
+    /// Computed when first needed.
+    scene_hash: OnceLock<String>,
 }
 
 impl PreparedScene {
@@ -97,9 +99,22 @@ impl PreparedScene {
         };
         let tracers = tracers(host, device.as_ref(), units, &scene);
         let adapter = device.as_ref().and_then(|_| units.adapter());
-        let (units, lit) = (units.clone(), OnceLock::new());
+        let (units, lit, scene_hash) = (units.clone(), OnceLock::new(), OnceLock::new());
         let unshaded = unshaded(&units, &scene);
-        Self { scene, bvh, tracers, filter, single_ray, adapter, degraded, unshaded, units, device, lit }
+        Self {
+            scene,
+            bvh,
+            tracers,
+            filter,
+            single_ray,
+            adapter,
+            degraded,
+            unshaded,
+            units,
+            device,
+            lit,
+            scene_hash,
+        }
     }
 
     /// Prepares this scene with another appearance: a clone of [`PreparedScene::scene`] with other materials, lights,
@@ -149,6 +164,7 @@ impl PreparedScene {
             unshaded: unshaded(&self.units, &scene),
             units: self.units.clone(),
             lit: OnceLock::new(),
+            scene_hash: OnceLock::new(),
             scene,
             filter,
             single_ray,
@@ -156,9 +172,14 @@ impl PreparedScene {
         }
     }
 
-    /// The scene with its lights, which are prepared by the first call.
+    /// The scene with its lights, which are prepared by the first call. Clones that are made later have them, too.
     pub fn lit(&self) -> LitScene {
         self.lit.get_or_init(|| LitScene::from(Arc::clone(&self.scene))).clone()
+    }
+
+    /// [`Scene::fingerprint`], which is computed by the first call. Clones that are made later have it, too.
+    pub fn scene_hash(&self) -> &str {
+        self.scene_hash.get_or_init(|| self.scene.fingerprint())
     }
 
     /// A path tracer of this scene, whose paths may end by Russian roulette after [`ROULETTE_BOUNCES`] bounces. Other

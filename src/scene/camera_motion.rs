@@ -2,10 +2,11 @@
 
 use super::Camera;
 use glam::{DMat4, DQuat, DVec3, Vec3};
+use serde::{Deserialize, Serialize};
 
 /// The animation of a camera's node and its ancestors. Before its first key and after its last key a track keeps that
 /// key's value (glTF 2.0, appendix C).
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CameraMotion {
     /// The camera in any pose.
     camera: Camera,
@@ -14,7 +15,7 @@ pub struct CameraMotion {
 }
 
 /// The animated transform of a node relative to its parent.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AnimatedNode {
     /// Translation in the parent's space.
     pub translation: Track<DVec3>,
@@ -25,7 +26,8 @@ pub struct AnimatedNode {
 }
 
 /// Values at increasing times. A track has at least one key.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "Keys<T>", bound(deserialize = "T: Interpolate + Deserialize<'de>"))]
 pub struct Track<T> {
     times: Vec<f64>,
     /// One key for each time.
@@ -34,7 +36,7 @@ pub struct Track<T> {
 }
 
 /// A value. Cubic interpolation also uses the tangents before and after it.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Key<T> {
     /// Tangent before the key (glTF's in-tangent), per second.
     pub arriving: T,
@@ -51,7 +53,7 @@ impl<T: Copy> Key<T> {
 }
 
 /// Interpolation between two keys.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub enum Interpolation {
     /// Keeps the value of the previous key.
@@ -97,6 +99,23 @@ impl Interpolate for DQuat {
 pub fn unit_rotation(rotation: DQuat) -> DQuat {
     let length = rotation.length();
     if length > 0.0 { rotation * (1.0 / length) } else { DQuat::IDENTITY }
+}
+
+/// A track as files have it.
+#[derive(Deserialize)]
+struct Keys<T> {
+    times: Vec<f64>,
+    keys: Vec<Key<T>>,
+    interpolation: Interpolation,
+}
+
+impl<T: Interpolate> TryFrom<Keys<T>> for Track<T> {
+    type Error = &'static str;
+
+    fn try_from(Keys { times, keys, interpolation }: Keys<T>) -> Result<Self, Self::Error> {
+        Self::new(times, keys, interpolation)
+            .ok_or("the times of a track do not increase, or are not those of its keys")
+    }
 }
 
 impl<T: Interpolate> Track<T> {

@@ -2,10 +2,11 @@
 
 use super::fingerprint::{Encode, Encoder};
 use glam::Vec3;
+use serde::{Deserialize, Serialize};
 use std::ops::Deref;
 
 /// A transparent dielectric layer over other layers. It may tint light that passes it.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Coat {
     /// Coated share of the surface, 0..=1.
     pub weight: f32,
@@ -30,7 +31,8 @@ impl Coat {
 }
 
 /// Coats over a surface, outermost first.
-#[derive(Clone, Copy, PartialEq)]
+#[derive(Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "Vec<Coat>", into = "Vec<Coat>")]
 pub struct Coats {
     coats: [Coat; Coats::MOST],
     count: usize,
@@ -49,6 +51,20 @@ impl Coats {
         all.coats.get_mut(..coats.len())?.copy_from_slice(coats);
         all.count = coats.len();
         Some(all)
+    }
+}
+
+impl TryFrom<Vec<Coat>> for Coats {
+    type Error = String;
+
+    fn try_from(coats: Vec<Coat>) -> Result<Self, String> {
+        Self::new(&coats).ok_or_else(|| format!("{} coats; at most {} are possible", coats.len(), Self::MOST))
+    }
+}
+
+impl From<Coats> for Vec<Coat> {
+    fn from(coats: Coats) -> Self {
+        coats.to_vec()
     }
 }
 

@@ -1,8 +1,7 @@
 //! Surfaces of user code on materials by name.
 
 use super::{ProceduralSurface, ScatteringSurface, Scene, Surface};
-#[cfg(feature = "formats")]
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 #[cfg(feature = "formats")]
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -31,7 +30,7 @@ impl From<ScatteringSurface> for CodedSurface {
 
 /// A scene file's request for a surface of user code, which it names. Recipes write it as `"surface"` and `"options"`
 /// of a material, glTF files as the same keys of `"raystream"` in a material's `extras`.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SurfaceRequest {
     /// Index of the material.
     pub material: u32,

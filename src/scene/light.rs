@@ -1,9 +1,10 @@
 //! Lights without a surface (KHR_lights_punctual).
 
 use glam::Vec3;
+use serde::{Deserialize, Serialize};
 
 /// A light that no ray can hit.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Light {
     /// Name in the file.
     pub name: String,
@@ -15,7 +16,7 @@ pub struct Light {
 }
 
 /// Position and directions of emission.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub enum LightShape {
     /// Emits from a point in all directions.

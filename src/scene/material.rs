@@ -2,9 +2,10 @@
 
 use super::{Channel, Medium, Principled, TextureRef};
 use glam::Vec3;
+use serde::{Deserialize, Serialize};
 
 /// A colour: a factor, multiplied by a texture's RGB if there is a texture, and by the mesh's colours if they count.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Colour {
     /// Linear Rec. 709. The range depends on the use.
     pub factor: Vec3,
@@ -27,7 +28,7 @@ impl Colour {
 }
 
 /// A number: a factor, multiplied by one channel of a texture if there is a texture.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Scalar {
     /// The range depends on the use.
     pub factor: f32,
@@ -43,7 +44,7 @@ impl Scalar {
 }
 
 /// How a surface scatters light.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[allow(clippy::large_enum_variant, reason = "there are few, and they stay where they are")]
 #[non_exhaustive]
 pub enum Surface {
@@ -76,7 +77,7 @@ pub enum Surface {
 }
 
 /// Light that a surface emits, with the same radiance in all directions.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Emission {
     /// Emitted radiance, ≥ 0, linear Rec. 709.
     pub radiance: Colour,
@@ -88,7 +89,7 @@ pub struct Emission {
 }
 
 /// A tangent-space normal map, as glTF's `normalTexture`.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct NormalMap {
     /// Linear RGB, 0..=1 mapped to −1..=1. The y axis points along the bitangent (up in the image).
     pub texture: TextureRef,
@@ -97,7 +98,7 @@ pub struct NormalMap {
 }
 
 /// Meaning of alpha, as glTF's `alphaMode`.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub enum AlphaMode {
     /// Alpha is ignored.
@@ -119,7 +120,7 @@ impl AlphaMode {
 }
 
 /// Coverage of a surface. Rays pass where the alpha test fails.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Alpha {
     /// Meaning of alpha.
     pub mode: AlphaMode,
@@ -136,7 +137,7 @@ impl Default for Alpha {
 }
 
 /// A material of triangles.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Material {
     /// Name in the file, used by warnings and reports.
     pub name: String,

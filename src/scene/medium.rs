@@ -1,6 +1,7 @@
 //! Absorbing media inside closed bodies.
 
 use glam::Vec3;
+use serde::{Deserialize, Serialize};
 
 /// A homogeneous medium that absorbs light and does not scatter it. After a distance `t` the share exp(−`absorption`
 /// · t) of the light remains (Beer and Lambert).
@@ -8,7 +9,7 @@ use glam::Vec3;
 /// A body's medium belongs to the material of its surface. A ray that meets the surface from inside has travelled
 /// through that medium. If bodies overlap or contain each other, the surface at the ray's end determines the medium.
 /// Light that travels inwards from a glass to a body inside it is therefore not absorbed.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Medium {
     /// Absorption coefficient per unit of distance for each channel, ≥ 0.
     pub absorption: Vec3,

@@ -62,6 +62,15 @@ impl Mipmap {
         (texels.into(), Self { levels: levels.into(), mean })
     }
 
+    /// Levels as [`Mipmap::levels`] gives them. `None` if the words are no levels; whether they are an image's
+    /// [`Mipmap::fits`] tells.
+    #[cfg(feature = "serve")]
+    pub(super) fn of_levels(words: &[u32], mean: Averaging) -> Option<Self> {
+        let (levels, rest) = words.as_chunks::<3>();
+        let levels = levels.iter().map(|&[first, width, height]| Level { first, width, height }).collect();
+        rest.is_empty().then_some(Self { levels, mean })
+    }
+
     /// First texel, width and height of the image and of each level, as words.
     pub(super) fn levels(&self) -> &[u32] {
         bytemuck::cast_slice(&self.levels)

@@ -13,6 +13,8 @@ mod environment;
 mod erased_lanes;
 mod fingerprint;
 mod finish;
+#[cfg(feature = "serve")]
+pub mod flat;
 mod footprint;
 mod instance;
 mod light;

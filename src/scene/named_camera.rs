@@ -1,9 +1,10 @@
 //! Cameras of a file.
 
 use super::{Camera, CameraMotion};
+use serde::{Deserialize, Serialize};
 
 /// A camera of a file.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct NamedCamera {
     /// Its name in the file, made unique.

@@ -2,9 +2,10 @@
 
 use super::{Channel, Coats, Colour, NormalMap, Scalar, TextureRef};
 use glam::Vec3;
+use serde::{Deserialize, Serialize};
 
 /// A glTF 2.0 metallic-roughness surface (GGX) with the extensions that its fields name.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Principled {
     /// `baseColorFactor` and `baseColorTexture`, 0..=1: diffuse albedo of the dielectric share, reflectance at normal
     /// incidence of the metallic share.
@@ -127,7 +128,7 @@ impl Principled {
 
 /// KHR_materials_anisotropy: reflection is rougher along one direction. GGX's alpha along it is mix(alpha, 1,
 /// strength²).
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Anisotropy {
     /// `anisotropyStrength`, 0..=1.
     pub strength: Scalar,
@@ -139,7 +140,7 @@ pub struct Anisotropy {
 }
 
 /// KHR_materials_sheen: reflection of fibres.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Sheen {
     /// `sheenColorFactor`, 0..=1.
     pub colour: Colour,
@@ -149,7 +150,7 @@ pub struct Sheen {
 
 /// KHR_materials_diffuse_transmission: light that leaves on the other side, evenly in all directions. A thin wall or a
 /// body.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DiffuseTransmission {
     /// `diffuseTransmissionFactor`: share of the diffuse base that transmits instead of reflecting, 0..=1.
     pub share: Scalar,
@@ -158,7 +159,7 @@ pub struct DiffuseTransmission {
 }
 
 /// KHR_materials_iridescence: interference in a thin film.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Iridescence {
     /// `iridescenceFactor`, 0..=1.
     pub strength: Scalar,

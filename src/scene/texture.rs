@@ -3,9 +3,10 @@
 use super::{Averaging, Footprint, Mipmap, srgb};
 use crate::lanes::{Int, Lanes, Num, OutlinedTask, SingleLane};
 use glam::{Vec2, Vec4};
+use serde::{Deserialize, Serialize};
 
 /// How stored values relate to light.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[non_exhaustive]
 pub enum ColourSpace {
     /// The sRGB transfer function, for colours.
@@ -15,7 +16,7 @@ pub enum ColourSpace {
 }
 
 /// Addressing mode beyond the edges of an image (glTF's `wrapS` and `wrapT`).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[non_exhaustive]
 pub enum Wrap {
     /// The image repeats.
@@ -28,7 +29,7 @@ pub enum Wrap {
 }
 
 /// A scalar derived from a texture's RGBA.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub enum Channel {
     /// Red.
@@ -79,7 +80,7 @@ pub struct Texture {
 }
 
 /// A material's reference to a texture, with glTF's texture transform (KHR_texture_transform).
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TextureRef {
     /// Index into [`crate::scene::Scene::textures`].
     pub texture: u32,

@@ -2,11 +2,13 @@
 
 use super::auth::COOKIE;
 use super::{Problem, State};
-use axum::extract::{MatchedPath, Request, State as Given};
+use axum::extract::{ConnectInfo, MatchedPath, Request, State as Given};
 use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
-use std::net::IpAddr;
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD;
+use std::net::{IpAddr, SocketAddr};
 use std::time::Instant;
 
 /// Headers of every answer.
@@ -38,10 +40,51 @@ pub async fn origin(Given(state): Given<State>, request: Request, next: Next) ->
 
 /// Refuses requests without the token or a cookie that was given for it.
 pub async fn token(Given(state): Given<State>, request: Request, next: Next) -> Response {
-    match check_token(&state, request.method(), request.headers()) {
-        Ok(()) => next.run(request).await,
+    let checked = check_token(&state, request.method(), request.headers());
+    pass(&state, checked, request, next).await
+}
+
+/// Goes on with a request that is allowed, and trusts its connection.
+async fn pass(state: &State, checked: Result<(), Problem>, request: Request, next: Next) -> Response {
+    match checked {
+        Ok(()) => {
+            peer(&request).into_iter().for_each(|peer| state.connections().trust(peer));
+            next.run(request).await
+        }
         Err(problem) => problem.into_response(),
     }
+}
+
+/// The other end of the connection.
+fn peer(request: &Request) -> Option<SocketAddr> {
+    request.extensions().get::<ConnectInfo<SocketAddr>>().map(|peer| peer.0)
+}
+
+/// Headers by which proxies say that a request comes from elsewhere.
+const FORWARDED: [&str; 3] = ["forwarded", "x-forwarded-for", "via"];
+
+/// As [`token`], for clients of Drake's: their addresses may hold the token, as in `http://drake:TOKEN@HOST`, and where
+/// the service is started so, programs of this machine need none.
+pub async fn drake(Given(state): Given<State>, request: Request, next: Next) -> Response {
+    let headers = request.headers();
+    let is_local = peer(&request).is_some_and(|peer| peer.ip().is_loopback())
+        && !FORWARDED.iter().any(|name| headers.contains_key(*name));
+    let given = text(headers, header::AUTHORIZATION);
+    let is_allowed = match given.and_then(|given| given.strip_prefix("Basic ")) {
+        Some(given) => match password(given) {
+            Some(token) if state.auth().is_token(&token) => Ok(()),
+            _ => Err(refused("the token is wrong")),
+        },
+        None if given.is_none() && is_local && state.is_open_to_drake() => Ok(()),
+        None => check_token(&state, request.method(), headers),
+    };
+    pass(&state, is_allowed, request, next).await
+}
+
+/// The password of HTTP's basic authentication (RFC 7617).
+fn password(encoded: &str) -> Option<String> {
+    let text = String::from_utf8(STANDARD.decode(encoded.trim()).ok()?).ok()?;
+    text.split_once(':').map(|(_, password)| password.to_owned())
 }
 
 fn text(headers: &HeaderMap, name: HeaderName) -> Option<&str> {
@@ -51,6 +94,9 @@ fn text(headers: &HeaderMap, name: HeaderName) -> Option<&str> {
 /// Compares host and origin. A name that resolves to this machine is no permission: pages of others can have one.
 fn check_names(state: &State, headers: &HeaderMap) -> Result<(), Problem> {
     let host = text(headers, header::HOST).ok_or_else(|| Problem::malformed("there is no Host header"))?;
+    if headers.get_all(header::HOST).iter().count() > 1 {
+        return Err(Problem::malformed("there are several Host headers"));
+    }
     let name = host_name(host);
     let is_known = name == "localhost"
         || name.trim_matches(['[', ']']).parse::<IpAddr>().is_ok()

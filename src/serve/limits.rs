@@ -30,6 +30,10 @@ pub struct Limits {
     pub query_rays: u64,
     /// Pixels × samples of a unit, about: some seconds on a few cores, so that a film a unit costs about a hundredth.
     pub unit_samples: u64,
+    /// Connections at the same time, as far as the system allows.
+    pub connections: usize,
+    /// The longest time until a request's headers are whole, and that a connection may be idle.
+    pub head_time: Duration,
     /// The longest pause between two pieces of a body.
     pub body_pause: Duration,
     /// The longest time that loading a scene may take.
@@ -51,6 +55,8 @@ impl Default for Limits {
             open_jobs: 10_000,
             query_rays: 1 << 24,
             unit_samples: 1 << 24,
+            connections: 4096,
+            head_time: Duration::from_secs(30),
             body_pause: Duration::from_secs(15),
             load_time: Duration::from_secs(600),
         }

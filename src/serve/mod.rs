@@ -10,6 +10,8 @@
 
 mod api;
 mod auth;
+mod connections;
+mod drake;
 mod failpoint;
 mod guard;
 mod ledger;
@@ -21,6 +23,7 @@ mod pictures;
 mod problem;
 mod runner;
 mod scene_cache;
+mod scene_reader;
 mod server;
 mod state;
 mod store;
@@ -32,6 +35,7 @@ pub use limits::Limits;
 pub use pictures::{Demand, Frame, Kind, Pictures, Shots, Watch};
 pub use problem::Problem;
 pub use scene_cache::SceneCache;
+pub use scene_reader::SceneReader;
 pub use server::{Options, ServeError, Stop, Tls, run};
 pub use state::State;
 pub use store::inside;

@@ -1,5 +1,6 @@
 //! The description of the API (OpenAPI 3.1).
 
+use super::ledger::JobState;
 use axum::Json;
 use serde_json::{Value, json};
 
@@ -9,6 +10,7 @@ struct Route(&'static str, &'static str, &'static str, &'static [u16], &'static 
 const JSON: &str = "application/json";
 const ANY: &str = "application/octet-stream";
 const TEXT: &str = "text/plain";
+const FORM: &str = "multipart/form-data";
 
 const ROUTES: &[Route] = &[
     Route("get", "/healthz", "Whether the process answers", &[200], TEXT, None),
@@ -43,6 +45,7 @@ const ROUTES: &[Route] = &[
         None,
     ),
     Route("get", "/api/v1/events", "Events of all jobs as they happen", &[200], "text/event-stream", None),
+    Route("get", "/api/v1/live", "A live view on a WebSocket", &[101], JSON, None),
     Route("get", "/api/v1/jobs/{id}/frames/{file}", "FRAME.png, .exr, .npz or .npy", &[200, 304], ANY, None),
     Route("get", "/api/v1/jobs/{id}/frames/{frame}/{file}", "LAYER.npy of a frame", &[200, 304], ANY, None),
     Route(
@@ -53,7 +56,18 @@ const ROUTES: &[Route] = &[
         "application/zip",
         Some("Bytes"),
     ),
+    Route(
+        "post",
+        "/render",
+        "A picture of Drake's glTF scene",
+        &[200],
+        "image/png, image/tiff",
+        Some("RenderForm"),
+    ),
 ];
+
+/// Routes that need no token.
+const OPEN: [&str; 4] = ["/healthz", "/readyz", "/openapi.json", "/api/v1/session"];
 
 /// Codes of refusals. A route may answer any of them.
 const REFUSALS: [u16; 13] = [400, 401, 403, 404, 405, 408, 409, 413, 415, 422, 429, 503, 507];
@@ -67,6 +81,7 @@ const QUERIES: &[(&str, &[Parameter])] = &[
         "/api/v1/jobs",
         &[("state", "string", false), ("cursor", "integer", false), ("limit", "integer", false)],
     ),
+    ("/api/v1/live", &[("scene", "string", false)]),
     ("/api/v1/jobs/{id}/frames/{file}", &[("view", "string", false), ("exposure", "string", false)]),
     (
         "/api/v1/query",
@@ -117,7 +132,13 @@ fn operation(&Route(method, path, summary, codes, media, body): &Route) -> Value
     for &code in codes {
         let content = match code {
             204 | 304 => json!({ "description": "nothing more" }),
-            _ => json!({ "description": summary, "content": { media: {} } }),
+            101 => json!({ "description": "a WebSocket" }),
+            _ => {
+                let schema = answer_schema(path);
+                let content: serde_json::Map<String, Value> =
+                    media.split(", ").map(|media| (media.to_owned(), schema.clone())).collect();
+                json!({ "description": summary, "content": content })
+            }
         };
         responses.insert(code.to_string(), content);
     }
@@ -127,11 +148,18 @@ fn operation(&Route(method, path, summary, codes, media, body): &Route) -> Value
         responses.insert(code.to_string(), json!({ "description": "refused", "content": content }));
     }
     let mut operation = json!({ "summary": summary, "parameters": parameters, "responses": responses });
+    if OPEN.contains(&path) {
+        operation["security"] = json!([]);
+    }
     match body {
         None => {}
         Some("Bytes") => {
             let schema = json!({ "type": "string", "format": "binary" });
             operation["requestBody"] = json!({ "required": true, "content": { ANY: { "schema": schema } } });
+        }
+        Some("RenderForm") => {
+            let schema = json!({ "$ref": "#/components/schemas/RenderForm" });
+            operation["requestBody"] = json!({ "required": true, "content": { FORM: { "schema": schema } } });
         }
         Some(schema) => {
             let schema = json!({ "$ref": format!("#/components/schemas/{schema}") });
@@ -141,7 +169,47 @@ fn operation(&Route(method, path, summary, codes, media, body): &Route) -> Value
     operation
 }
 
+/// What an answer's JSON is, where it is described.
+fn answer_schema(path: &str) -> Value {
+    let name = match path {
+        "/api/v1/scenes/{sha256}" => "Scene",
+        "/api/v1/jobs/{id}" => "Job",
+        "/api/v1/jobs/{id}/priority" => "Steered",
+        path if ["cancel", "pause", "resume", "retry"].iter().any(|verb| path.ends_with(verb)) => "Steered",
+        _ => return json!({}),
+    };
+    json!({ "schema": { "$ref": format!("#/components/schemas/{name}") } })
+}
+
+/// What answers hold.
+fn answers() -> [(&'static str, Value); 3] {
+    let text = || json!({ "type": "string" });
+    let count = || json!({ "type": "integer", "minimum": 0 });
+    let states = json!({ "enum": JobState::ALL.map(JobState::name) });
+    let job = json!({ "type": "object", "required": ["id", "state", "progress", "pictures"], "properties": {
+        "id": text(), "state": states.clone(), "priority": text(), "scene": text(), "options": { "type": "object" },
+        "size": { "type": "array", "items": count() }, "spp": count(), "kind": text(),
+        "created_ms": { "type": "integer" }, "ended_ms": { "type": ["integer", "null"] },
+        "error": { "type": ["string", "null"] }, "progress": { "type": "number", "minimum": 0, "maximum": 1 },
+        "frames": count(), "frames_done": count(), "units": count(), "units_done": count(),
+        "pictures": { "type": "array", "items": { "type": "object", "required": ["frame", "name", "hash"] } } } });
+    let scene = json!({ "type": "object", "required": ["sha256", "bytes"],
+        "properties": { "sha256": text(), "bytes": count() } });
+    let steered = json!({ "type": "object", "required": ["id", "state"],
+        "properties": { "id": text(), "state": states, "kept": { "type": "object" }, "priority": text() } });
+    [("Job", job), ("Scene", scene), ("Steered", steered)]
+}
+
 fn schemas() -> Value {
+    let mut all = requests();
+    all.as_object_mut().into_iter().for_each(|all| {
+        all.extend(answers().map(|(name, schema)| (name.to_owned(), schema)));
+    });
+    all
+}
+
+/// What requests hold, and refusals.
+fn requests() -> Value {
     let text = || json!({ "type": "string" });
     let object = |required: &[&str], properties: Value| {
         json!({
@@ -160,10 +228,35 @@ fn schemas() -> Value {
             "priority": { "type": ["string", "null"] },
             "webhook": { "oneOf": [{ "type": "null" }, { "$ref": "#/components/schemas/Webhook" }] }
         })),
+        "RenderForm": render_form(),
         "Problem": { "type": "object", "required": ["type", "title", "status", "detail"], "properties": {
             "type": text(), "title": text(), "status": { "type": "integer" }, "detail": text(),
             "limit": text(), "value": { "type": "integer" }, "state": text() } }
     })
+}
+
+/// The form of Drake's clients.
+fn render_form() -> Value {
+    let fields = [
+        ("scene", json!({ "type": "string", "format": "binary" })),
+        ("scene_sha256", json!({ "type": "string" })),
+        ("image_type", json!({ "type": "string", "enum": ["color", "depth", "label"] })),
+        ("width", json!({ "type": "integer", "minimum": 1 })),
+        ("height", json!({ "type": "integer", "minimum": 1 })),
+        ("near", json!({ "type": "number" })),
+        ("far", json!({ "type": "number" })),
+        ("focal_x", json!({ "type": "number" })),
+        ("focal_y", json!({ "type": "number" })),
+        ("center_x", json!({ "type": "number" })),
+        ("center_y", json!({ "type": "number" })),
+    ];
+    let required: Vec<&str> = fields.iter().map(|(name, _)| *name).collect();
+    let mut properties: serde_json::Map<String, Value> =
+        fields.iter().map(|(name, schema)| ((*name).to_owned(), schema.clone())).collect();
+    for name in ["fov_x", "fov_y", "min_depth", "max_depth"] {
+        properties.insert(name.into(), json!({ "type": "number" }));
+    }
+    json!({ "type": "object", "required": required, "properties": properties })
 }
 
 #[cfg(test)]
@@ -173,9 +266,12 @@ mod tests {
     /// The document names each route of the router, and no other.
     #[test]
     fn all_routes_are_described() {
-        let code = include_str!("api/mod.rs");
-        let routes: Vec<&str> =
-            code.split(".route(\"").skip(1).filter_map(|rest| rest.split('"').next()).collect();
+        let code = [include_str!("api/mod.rs"), include_str!("drake/mod.rs"), include_str!("live/routes.rs")];
+        let routes: Vec<&str> = code
+            .iter()
+            .flat_map(|code| code.split(".route(\"").skip(1))
+            .filter_map(|rest| rest.split('"').next())
+            .collect();
         let described = described();
         let paths = described["paths"].as_object().expect("paths");
         assert!(routes.iter().all(|route| paths.contains_key(*route)), "{routes:?}");

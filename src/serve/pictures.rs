@@ -4,6 +4,7 @@ use crate::engine::PreparedScene;
 use crate::film::Picture;
 use crate::render::PartialFilm;
 use crate::schedule::{Priority, Service};
+use crate::tev::Tev;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use std::ops::Range;
@@ -45,6 +46,12 @@ pub trait Pictures: Send + Sync + 'static {
         scene: &Path,
         folder: &Path,
     ) -> Result<Box<dyn Shots>, String>;
+
+    /// The viewer that live views are shown in, too.
+    fn viewer(&self) -> Option<Arc<Tev>>;
+
+    /// Lets go of the scenes of a folder that the cache holds: none of them will be asked for again.
+    fn forget(&self, folder: &Path);
 }
 
 /// How the samples of a job's pictures are decided.

@@ -77,6 +77,12 @@ impl SceneCache {
         drop(pending);
         Ok(scene)
     }
+
+    /// Lets go of the scenes whose keys begin with this text.
+    pub fn forget(&self, start: &str) {
+        let mut state = self.state.lock().expect("no holder panics");
+        state.scenes.retain(|key, entry| matches!(entry, Entry::Loading) || !key.starts_with(start));
+    }
 }
 
 /// A scene that is being loaded.
@@ -143,5 +149,7 @@ mod tests {
         assert!(cache.get("a", must_not).is_ok() && cache.get("c", must_not).is_ok());
         assert!(cache.get("b", must_not).is_err());
         assert!(cache.get("b", load).is_ok(), "a failure is not kept");
+        cache.forget("b");
+        assert!(cache.get("b", must_not).is_err(), "it was forgotten");
     }
 }

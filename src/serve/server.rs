@@ -1,6 +1,7 @@
 //! Listens, and ends in an orderly way.
 
 use super::auth::Auth;
+use super::connections::{Admission, Connections, room_for};
 use super::ledger::{Ledger, LedgerError};
 use super::limits::Limits;
 use super::runner::Runner;
@@ -8,7 +9,7 @@ use super::state::{Inner, State};
 use super::store::Store;
 use super::{Pictures, api, webhook};
 use axum_server::Handle;
-use axum_server::tls_rustls::RustlsConfig;
+use axum_server::tls_rustls::{RustlsAcceptor, RustlsConfig};
 use metrics_exporter_prometheus::PrometheusBuilder;
 use std::io;
 use std::net::{SocketAddr, TcpListener};
@@ -40,6 +41,8 @@ pub struct Options {
     pub tls: Option<Tls>,
     /// Whether an address of other machines is allowed without encryption.
     pub insecure: bool,
+    /// Whether programs of this machine may use Drake's route without a token.
+    pub open_to_drake: bool,
     /// Names of this service besides `localhost` and addresses.
     pub names: Vec<String>,
     /// What one request may ask for.
@@ -112,7 +115,7 @@ pub fn run(
     stop: &Stop,
     listening: impl FnOnce(SocketAddr) + Send + 'static,
 ) -> Result<(), ServeError> {
-    let Options { listen, data, tls, insecure, names, limits, scene } = options.clone();
+    let Options { listen, data, tls, insecure, open_to_drake, names, limits, scene } = options.clone();
     if !listen.ip().is_loopback() && tls.is_none() && !insecure {
         return Err(ServeError::Open(listen));
     }
@@ -140,6 +143,8 @@ pub fn run(
         host_names: names,
         own_scene: scene,
         is_secure: tls.is_some(),
+        is_open_to_drake: open_to_drake,
+        connections: Arc::new(Connections::new(room_for(limits.connections))),
         metrics,
         uploads: Semaphore::new(limits.uploads),
         ending: stop.0.subscribe(),
@@ -176,15 +181,22 @@ async fn serve(
         let _ = ending.wait_for(|ending| *ending).await;
         stopper.graceful_shutdown(Some(GRACE));
     });
-    let app = api::router(state).into_make_service();
-    listening(address);
-    match tls {
-        None => axum_server::from_tcp(listener)?.handle(handle).serve(app).await?,
+    let (head_time, admission) = (state.limits().head_time, Admission(Arc::clone(state.connections())));
+    let app = api::router(state).into_make_service_with_connect_info::<SocketAddr>();
+    let acceptor = match tls {
+        None => None,
         Some(Tls { certificate, key }) => {
             let config = RustlsConfig::from_pem_file(&certificate, &key).await;
             let config = config.map_err(|source| ServeError::File { path: certificate, source })?;
-            axum_server::from_tcp_rustls(listener, config)?.handle(handle).serve(app).await?;
+            Some(RustlsAcceptor::new(config))
         }
+    };
+    let mut server = axum_server::from_tcp(listener)?.handle(handle).first_request_timeout(head_time);
+    server.http_builder().http1().header_read_timeout(head_time);
+    listening(address);
+    match acceptor {
+        None => server.acceptor(admission).serve(app).await?,
+        Some(tls) => server.acceptor(tls.acceptor(admission)).serve(app).await?,
     }
     Ok(())
 }

@@ -1,6 +1,7 @@
 //! What all requests share.
 
 use super::auth::Auth;
+use super::connections::Connections;
 use super::ledger::Ledger;
 use super::runner::Runner;
 use super::store::Store;
@@ -26,6 +27,8 @@ pub(super) struct Inner {
     pub host_names: Vec<String>,
     pub own_scene: Option<PathBuf>,
     pub is_secure: bool,
+    pub is_open_to_drake: bool,
+    pub connections: Arc<Connections>,
     pub metrics: PrometheusHandle,
     pub uploads: Semaphore,
     /// True once the service is to end.
@@ -83,6 +86,16 @@ impl State {
 
     pub(super) fn is_secure(&self) -> bool {
         self.0.is_secure
+    }
+
+    /// Whether programs of this machine may use Drake's route without a token.
+    pub(super) fn is_open_to_drake(&self) -> bool {
+        self.0.is_open_to_drake
+    }
+
+    /// The connections that are open.
+    pub(super) fn connections(&self) -> &Arc<Connections> {
+        &self.0.connections
     }
 
     pub(super) fn metrics(&self) -> &PrometheusHandle {

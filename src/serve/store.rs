@@ -43,6 +43,31 @@ impl Upload {
     }
 }
 
+/// A scene of one request, which is not kept.
+#[derive(Debug)]
+pub struct Passing {
+    folder: tempfile::TempDir,
+    path: PathBuf,
+    sha256: String,
+}
+
+impl Passing {
+    /// Its file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// The folder that holds nothing else.
+    pub fn folder(&self) -> &Path {
+        self.folder.path()
+    }
+
+    /// Its SHA-256 in hexadecimal digits.
+    pub fn sha256(&self) -> &str {
+        &self.sha256
+    }
+}
+
 impl Store {
     /// The folders of a data folder; what an earlier process left half-written is removed.
     ///
@@ -108,6 +133,9 @@ impl Store {
                 let detail = "the body is neither a GLB, a recipe, nor a zip archive of a scene's files";
                 Problem::new(StatusCode::UNSUPPORTED_MEDIA_TYPE, detail)
             })?;
+            // A recipe, or a glTF file whose buffers are data.
+            let is_gltf = extension == "json" && is_gltf(&mut file).map_err(refused)?;
+            let extension = if is_gltf { "gltf" } else { extension };
             let path = folder.path().join("scene").with_extension(extension);
             let mut kept = File::create(path).map_err(refused)?;
             io::copy(&mut file, &mut kept).and_then(|_| kept.sync_all()).map_err(refused)?;
@@ -121,6 +149,22 @@ impl Store {
         }
         sync_folder(&self.data.join("scenes")).map_err(refused)?;
         Ok(bytes)
+    }
+
+    /// Moves an upload of one glTF file into a folder of its own, which is removed with the value.
+    ///
+    /// # Errors
+    /// If the disk refuses.
+    pub fn pass(&self, upload: Upload) -> io::Result<Passing> {
+        let Upload { mut file, hash, .. } = upload;
+        let mut start = Vec::new();
+        file.rewind()?;
+        file.as_file().take(4).read_to_end(&mut start)?;
+        let folder = tempfile::tempdir_in(self.temporary())?;
+        let extension = if start == b"glTF" { "glb" } else { "gltf" };
+        let path = folder.path().join("scene").with_extension(extension);
+        file.persist(&path)?;
+        Ok(Passing { folder, path, sha256: hex(&hash.finalize()) })
     }
 
     /// The scene file of a pack: the one that is named, or the only one.
@@ -164,10 +208,18 @@ fn kind(start: &[u8]) -> Option<&'static str> {
     if start.starts_with(b"ply") {
         return Some("ply");
     }
-    // A recipe or a glTF file whose buffers are data.
-    let text = start.trim_ascii_start();
-    let is_gltf = || text.windows(7).any(|window| window == b"\"asset\"");
-    text.starts_with(b"{").then(|| if is_gltf() { "gltf" } else { "json" })
+    start.trim_ascii_start().starts_with(b"{").then_some("json")
+}
+
+/// Whether JSON is a glTF file: it says so anywhere, since its members may have any order. Damaged files are recipes.
+fn is_gltf(file: &mut File) -> io::Result<bool> {
+    #[derive(serde::Deserialize)]
+    struct Top {
+        asset: Option<serde::de::IgnoredAny>,
+    }
+    let top: Result<Top, _> = serde_json::from_reader(io::BufReader::new(&mut *file));
+    file.rewind()?;
+    Ok(top.is_ok_and(|top| top.asset.is_some()))
 }
 
 fn has_extension(path: &Path, extension: &str) -> bool {
@@ -293,6 +345,12 @@ mod tests {
         ] {
             let problem = keep(&store, &pack(files), &limits).expect_err("refused");
             assert_eq!(problem.status().as_u16(), status, "{problem:?}");
+        }
+        let gltf = format!("{{ \"accessors\": [{:>900}], \"asset\": {{}} }}", 0);
+        for (bytes, extension) in [(&*gltf, "gltf"), ("{ \"shapes\": [] }", "json"), ("{ damaged", "json")] {
+            let sha256 = keep(&store, bytes.as_bytes(), &limits).expect("a file");
+            let entry = store.entry(&sha256, None).expect("one scene");
+            assert!(has_extension(&entry, extension), "{bytes}");
         }
         assert_eq!(keep(&store, b"MZ", &limits).expect_err("no scene").status().as_u16(), 415);
         let left = std::fs::read_dir(store.temporary()).expect("a folder").count();

@@ -15,7 +15,9 @@ mod refusals;
 mod render;
 mod sampling;
 mod shaders;
+mod tev;
 mod trace;
+mod viewer;
 mod views;
 
 use std::path::{Path, PathBuf};

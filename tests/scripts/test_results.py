@@ -54,6 +54,23 @@ class Results(unittest.TestCase):
         self.assertIn("raystream bench build glass.json --embree EMBREE.so\n", page)
         self.assertIn("| glass | 50.0 | 100.0 | 0.50 | 10.0 | 40.0 | 80.0 | 0.50 | 5.0 |", page)
 
+    def test_the_service_has_three_tables(self):
+        times = {"p50": 0.001, "p99": 0.0123, "worst": 0.5}
+        rows = [
+            {"configuration": "200 jobs a second", "accepted_per_s": 199.9, "latency": times},
+            {"configuration": "50 clients", "requests": 60000, "latency": times, "memory_start": 5e8,
+             "memory_end": 5.01e8, "memory_most": 6e8},
+            {"configuration": "a job that renders is cancelled", "requests": 20, "latency": times},
+            {"configuration": "raystream serve", "job_s": {"median": 60.0, "best": 59.0, "worst": 61.0}, "loss": 0.012},
+        ]
+        sheet = self.sheet("scripts/load load.json --minutes 1", *rows)
+        run, page = self.write(PAGE.replace("schedule", "service"), sheet, "service")
+        self.assertEqual(run.returncode, 0, run.stderr)
+        self.assertIn("scripts/load load.json --minutes 1\n", page)
+        self.assertIn("| 200 jobs a second | 200 | 1.0 | 12.3 | 500.0 |", page)
+        self.assertIn("| 50 clients | 60000 | 1.0 | 12.3 | 500.0 | 500.0 | 501.0 | 600.0 |", page)
+        self.assertIn("| raystream serve | 60.00 | 59.00 | 61.00 | 1.2 % |", page)
+
     def test_latencies_stand_above_what_a_frame_loses(self):
         times = {"p50": 1.5, "p99": 3, "worst": 9}
         query = {"configuration": "interactive", "frames": 4, "rays": 1, "latency_us": times}

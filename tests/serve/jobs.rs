@@ -1,11 +1,11 @@
 //! Jobs from their request to their pictures.
 
 use crate::service::{PATIENCE, raystream, rendered};
-use crate::{Service, folder, shipped};
+use crate::{Service, folder, shipped, viewer};
 use serde_json::{Value, json};
 use std::io::{BufRead, BufReader, Write};
 use std::net::TcpStream;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 #[test]
 fn a_job_has_the_bytes_of_the_command_line() {
@@ -186,4 +186,24 @@ fn rays_are_answered_with_hits() {
     assert!((t[0] - 4.0).abs() < 0.2 && t.len() == 2, "{t:?}");
     assert_eq!(service.send("POST", &path, &[], npy[..100].to_vec()).status, 422);
     assert_eq!(service.send("POST", &format!("{path}&any_hit=true"), &[], npy).status, 200);
+}
+
+#[test]
+fn finished_pictures_are_shown_in_tev() {
+    let data = folder();
+    let (address, images) = viewer::listen();
+    let service = Service::start(data.path(), &["--tev", &address]);
+    let scene = service.upload_file(&shipped("cornell.json"));
+    let id = service.submit(&scene, &json!({ "size": "24x16", "spp": 8 }));
+    service.hashes(&id);
+    let npy = service.get(&format!("/api/v1/jobs/{id}/frames/0.npy")).body;
+    let radiance: Vec<f32> = npyz::NpyFile::new(&npy[..]).expect("an array").into_vec().expect("numbers");
+    // The viewer has what was sent until the service ended.
+    std::thread::sleep(Duration::from_millis(500));
+    service.kill();
+    let images = viewer::wait_for(&images);
+    let (name, shown) = images.first_key_value().expect("an image");
+    assert!(name.ends_with("frame 0") && name.starts_with(&scene[..24]), "{name}");
+    assert_eq!((shown.width, shown.height, shown.updates), (24, 16, 1));
+    assert!(shown.channels["R"].iter().eq(radiance.iter().step_by(3)));
 }

@@ -1,8 +1,14 @@
 //! The service as its users meet it: real processes, real requests, real kills.
 
+mod attacks;
+mod drake;
 mod jobs;
 mod kills;
+mod loaded;
 mod refusals;
 mod service;
+mod tls;
+#[path = "../cli/viewer.rs"]
+mod viewer;
 
 use service::{Service, folder, shipped};

@@ -50,7 +50,7 @@ impl ProgressArgs {
 }
 
 /// A positive number of seconds.
-fn duration(text: &str) -> Result<Duration, String> {
+pub(super) fn duration(text: &str) -> Result<Duration, String> {
     let seconds = text.trim().parse::<f64>().map_err(|e| format!("{text:?}: {e}"))?;
     let duration = Duration::try_from_secs_f64(seconds).map_err(|_| "write a positive number of seconds")?;
     if duration.is_zero() { Err("write a positive number of seconds".into()) } else { Ok(duration) }

@@ -1,5 +1,7 @@
 //! What a command tells of its work.
 
+use crate::tev::Tev;
+use anyhow::{Context, Result};
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 
@@ -28,8 +30,29 @@ pub struct ReportingArgs {
     /// Exit with code 1 if anything failed on the way (a lost GPU, say), even though the result is right.
     #[arg(long)]
     pub strict: bool,
+    /// Show the picture in tev while it is rendered; tev listens at port 14158.
+    #[arg(long, value_name = "HOST:PORT", alias = "display-server")]
+    pub tev: Option<String>,
     /// Read options from a .toml or .json file. Its keys are the long names of options; options of the command line
     /// replace those of the file.
     #[arg(long, value_name = "FILE")]
     pub options: Option<PathBuf>,
+}
+
+impl ReportingArgs {
+    /// The viewer that is to show pictures.
+    ///
+    /// # Errors
+    /// If the system gives no thread.
+    pub fn viewer(&self) -> Result<Option<Tev>> {
+        self.tev.as_deref().map(viewer).transpose()
+    }
+}
+
+/// A viewer at an address.
+///
+/// # Errors
+/// If the system gives no thread.
+pub fn viewer(address: &str) -> Result<Tev> {
+    Tev::new(address).with_context(|| format!("--tev {address}"))
 }

@@ -5,6 +5,7 @@ use crate::serve::Failpoint;
 use clap::Args;
 use std::net::SocketAddr;
 use std::path::PathBuf;
+use std::time::Duration;
 
 /// `raystream serve`.
 #[derive(Debug, Args)]
@@ -24,6 +25,9 @@ pub struct ServeArgs {
     /// Listen at an address of other machines without TLS.
     #[arg(long)]
     pub insecure: bool,
+    /// Render for Drake: programs of this machine may POST to /render without a token.
+    #[arg(long)]
+    pub drake: bool,
     /// A name by which this service may be called, besides localhost and addresses. Repeatable.
     #[arg(long, value_name = "NAME")]
     pub name: Vec<String>,
@@ -37,12 +41,21 @@ pub struct ServeArgs {
     /// Most bytes of a pack's files.
     #[arg(long, value_name = "BYTES", default_value = "8G", value_parser = super::scene::bytes)]
     pub max_unpacked: u64,
+    /// Most connections at the same time.
+    #[arg(long, value_name = "N", default_value_t = 4096)]
+    pub max_connections: usize,
     /// Most jobs that have not ended.
     #[arg(long, value_name = "N", default_value_t = 10_000)]
     pub max_jobs: u64,
+    /// Show finished pictures, and live views that rest, in tev; tev listens at port 14158.
+    #[arg(long, value_name = "HOST:PORT", alias = "display-server")]
+    pub tev: Option<String>,
     /// Pixels × samples of a unit, for tests.
     #[arg(long, value_name = "N", hide = true)]
     pub unit_samples: Option<u64>,
+    /// Longest pause of a client within a request, for tests.
+    #[arg(long, value_name = "SECONDS", hide = true, value_parser = super::progress::duration)]
+    pub patience: Option<Duration>,
     /// End the process at a place, for tests.
     #[arg(long, value_name = "PLACE[:N]", hide = true)]
     pub failpoint: Option<Failpoint>,
@@ -147,6 +160,9 @@ pub struct CheckSceneArgs {
     /// The folder that its files lie in.
     #[arg(long, value_name = "FOLDER")]
     pub root: PathBuf,
+    /// File to write the loaded scene to.
+    #[arg(long, value_name = "FILE")]
+    pub flat: Option<PathBuf>,
     /// How it is read.
     #[command(flatten)]
     pub loading: SceneArgs,

@@ -8,6 +8,7 @@ use super::args::Cli;
 use super::plugin_options::{OptionError, OptionSpec, PluginOptions, Setting};
 use super::render::RenderRequest;
 use super::shaders::EXTENSION;
+use crate::engine::PreparedScene;
 use crate::program::integrator::IntegratorShader;
 use crate::render::recursion::{Recursion, Shader};
 use crate::render::{
@@ -45,6 +46,8 @@ pub struct IntegratorParams {
     pub indirect_limit: Option<f32>,
     /// The options that the integrator declares ([`Registry::with_option`]).
     pub options: PluginOptions,
+    /// The same scene, whose lights are prepared once.
+    pub(super) prepared: PreparedScene,
 }
 
 impl IntegratorParams {
@@ -53,7 +56,7 @@ impl IntegratorParams {
     /// # Errors
     /// If a setting is out of range.
     pub fn hit_shading<S: HitShader>(self, shader: S) -> Result<HitShading<S>, PluginError> {
-        Ok(HitShading::of(shader, self.scene, &self.camera, self.settings)?)
+        Ok(HitShading::of(shader, self.prepared.lit(), &self.camera, self.settings)?)
     }
 
     /// The integrator that shades with a [`RayShader`].
@@ -72,7 +75,7 @@ impl IntegratorParams {
     /// # Errors
     /// If a setting is out of range.
     pub fn recursion<S: Shader>(self, shader: S) -> Result<Recursion<S>, PluginError> {
-        Ok(Recursion::new(shader, self.scene, &self.camera, self.settings)?)
+        Ok(Recursion::new(shader, self.prepared.lit(), &self.camera, self.settings)?)
     }
 }
 
@@ -170,7 +173,7 @@ impl Registry {
             .with(
                 "whitted",
                 "Whitted's algorithm: direct light, mirrors and glass; fast and noise-free",
-                |params| Whitted::new(params.scene, &params.camera, params.settings),
+                |params| Whitted::new(params.prepared.lit(), &params.camera, params.settings),
             )
             .with(
                 "recursive-whitted",
@@ -182,7 +185,8 @@ impl Registry {
                     Some("auto") => AmbientOcclusion::usual_reach(&params.scene),
                     _ => params.options.parse("reach")?,
                 };
-                let ambient = AmbientOcclusion::new(params.scene, &params.camera, params.settings, reach)?;
+                let lit = params.prepared.lit();
+                let ambient = AmbientOcclusion::new(lit, &params.camera, params.settings, reach)?;
                 Ok::<_, PluginError>(ambient)
             })
             .with_option(

@@ -25,10 +25,10 @@ pub fn identity(args: &RenderArgs, setup: &Setup, settings: &Settings, camera: O
     let noise = args.progress.noise.map_or_else(|| "no target".into(), |noise| noise.to_string());
     let limit = args.sampling.indirect_limit(&args.look);
     let limit = limit.map_or_else(|| "no limit".into(), |limit| limit.to_string());
-    let scene = &setup.prepared.scene;
+    let scene_hash = setup.prepared.scene_hash();
     let aovs = args.aovs();
     let parts = [
-        ("the scene", format!("of fingerprint {} (encoding {FINGERPRINT_VERSION})", scene.fingerprint())),
+        ("the scene", format!("of fingerprint {} (encoding {FINGERPRINT_VERSION})", scene_hash)),
         ("--integrator", setup.shader.clone().unwrap_or_else(|| args.integrator.clone())),
         ("--size", format!("{}x{}", settings.width, settings.height)),
         ("--spp", settings.spp.to_string()),

@@ -17,7 +17,7 @@ pub struct Facts<'a> {
 impl<'a> Facts<'a> {
     /// The facts of pictures that these arguments ask for.
     pub fn new(args: &'a RenderArgs, setup: &Setup, settings: &Settings) -> Self {
-        Self { args, settings: *settings, scene_hash: setup.prepared.scene.fingerprint() }
+        Self { args, settings: *settings, scene_hash: setup.prepared.scene_hash().to_owned() }
     }
 
     /// What a file says of a picture, by the names in `docs/guide/picture-files.md`.

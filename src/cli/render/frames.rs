@@ -29,6 +29,7 @@ pub fn run<I: Integrator>(
     let in_flight = args.animation.frames_in_flight as usize;
     let settings = integrator.frame().settings();
     let facts = Facts::new(args, setup, settings);
+    let viewer = args.reporting.viewer()?;
     let mut finished = FinishedFrames::open(args, setup, settings)?;
     let options = PassOptions { noise: args.progress.noise, pass_time: None };
     let mut shots: VecDeque<Shot<I>> = VecDeque::new();
@@ -70,7 +71,7 @@ pub fn run<I: Integrator>(
         }
         let shot = shots.pop_front().expect("the queue is not empty");
         splats.add(&shot);
-        let written = shot.write(args, animation, &facts)?;
+        let written = shot.write(args, animation, &facts, viewer.as_ref())?;
         if let Some(finished) = &mut finished {
             note(finished, &shot.camera, &written);
             shot.clean_up();

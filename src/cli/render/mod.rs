@@ -133,8 +133,9 @@ pub(super) fn params(args: &RenderArgs, setup: &Setup, camera: Camera) -> Integr
     let settings = settings(args);
     let roulette_bounces = (!args.no_russian_roulette).then_some(ROULETTE_BOUNCES);
     let indirect_limit = args.sampling.indirect_limit(&args.look);
-    let (scene, options) = (setup.prepared.scene.clone(), setup.options.clone());
-    IntegratorParams { scene, camera, settings, roulette_bounces, indirect_limit, options }
+    let (prepared, options) = (setup.prepared.clone(), setup.options.clone());
+    let scene = Arc::clone(&prepared.scene);
+    IntegratorParams { scene, camera, settings, roulette_bounces, indirect_limit, options, prepared }
 }
 
 /// Whether scenes of this format name shaders.

@@ -13,6 +13,7 @@ use crate::film::write_picture;
 use crate::render::{Integrator, PassOptions, Progressive};
 use crate::scene::Camera;
 use crate::schedule::JobReport;
+use crate::tev::Tev;
 use anyhow::{Context, Result};
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -97,13 +98,22 @@ impl<I: Integrator> Shot<I> {
     }
 
     /// Writes the picture of a complete frame.
-    pub fn write(&self, args: &RenderArgs, animation: &Animation, facts: &Facts) -> Result<FrameStats> {
+    pub fn write(
+        &self,
+        args: &RenderArgs,
+        animation: &Animation,
+        facts: &Facts,
+        viewer: Option<&Tev>,
+    ) -> Result<FrameStats> {
         let film = self.picture.picture();
         let region = self.picture.integrator().frame().part().region;
         let mean_spp = film.samples() as f64 / region.area() as f64;
         let mut picture = self.picture.integrator().frame().develop(&film);
         picture.metadata = facts.of(&picture.image, &self.camera, mean_spp);
         let (file, look, options) = (animation.file(self.frame), args.look.look(), args.picture.options());
+        if let Some(viewer) = viewer {
+            viewer.show(&file.display().to_string(), &picture);
+        }
         insist(|| write_picture(&file, &picture, &look, &options))?;
         Ok(FrameStats {
             frame: self.frame,

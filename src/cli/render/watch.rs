@@ -11,6 +11,7 @@ use crate::film::{Picture, write_picture};
 use crate::render::{Integrator, PassOptions, Progressive};
 use crate::scene::Scene;
 use crate::schedule::JobOptions;
+use crate::tev::Tev;
 use anyhow::{Context, Result};
 use std::path::Path;
 use std::sync::Arc;
@@ -33,12 +34,14 @@ pub fn run<I: Integrator>(
     progress: &mut Progress,
 ) -> Result<Outcome> {
     let path = args.picture_path().context("--watch needs -o, the picture that it keeps up to date")?;
+    let viewer = args.reporting.viewer()?;
     interrupt::listen();
     let mut changed: Option<PreparedScene> = None;
     loop {
         let prepared = changed.as_ref().unwrap_or(&setup.prepared);
         let next = integrator.with_scene(&prepared.scene);
-        let watching = Watching { args, setup, prepared, path, shaders: &mut shaders };
+        let viewer = viewer.as_ref();
+        let watching = Watching { args, setup, prepared, path, shaders: &mut shaders, viewer };
         let Some(scene) = watching.render(integrator, progress)? else { return Ok(Outcome::Done) };
         let prepared = prepared.with_scene(scene)?;
         integrator = next.with_scene(&prepared.scene);
@@ -52,12 +55,13 @@ struct Watching<'a> {
     prepared: &'a PreparedScene,
     path: &'a Path,
     shaders: &'a mut Shaders,
+    viewer: Option<&'a Tev>,
 }
 
 impl Watching<'_> {
     /// Renders until Ctrl-C, or until a shader changes: then returns the new scene.
     fn render<I: Integrator>(self, integrator: I, progress: &mut Progress) -> Result<Option<Scene>> {
-        let Self { args, setup, prepared, path, shaders } = self;
+        let Self { args, setup, prepared, path, shaders, viewer } = self;
         let name = path.display().to_string();
         let interval = args.progress.interval().unwrap_or(Duration::from_secs(2));
         let tiles = integrator.frame().tiles();
@@ -92,6 +96,7 @@ impl Watching<'_> {
             if saved.is_none() {
                 log::info!("the first pass took {:.0} ms", started.elapsed().as_secs_f64() * 1e3);
             }
+            viewer.inspect(|viewer| viewer.show(&name, &frame.develop()));
             if is_complete || saved.is_none_or(|time| time.elapsed() >= interval) {
                 write(args, path, &frame.develop())?;
                 saved = Some(Instant::now());

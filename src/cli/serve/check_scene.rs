@@ -3,6 +3,9 @@
 use crate::cli::args::CheckSceneArgs;
 use crate::cli::{Outcome, scene_file};
 use crate::engine::PreparedScene;
+use crate::files;
+use crate::scene::Scene;
+use crate::scene::flat::{self, FlatError};
 use anyhow::{Context, Result};
 use std::path::Path;
 
@@ -14,11 +17,25 @@ pub fn run(args: &CheckSceneArgs) -> Result<Outcome> {
     limit_memory(args.loading.memory().bytes())?;
     let options = args.loading.options().with_root(&args.root);
     let mut scene = scene_file::read_with(&args.scene, &options)?;
+    if let Some(path) = &args.flat {
+        keep(&scene, path);
+    }
     args.light.apply_environment(&mut scene, &options)?;
     scene.validate().with_context(|| Path::new(&args.scene).display().to_string())?;
     args.loading.afford("the scene and its tree".into(), PreparedScene::building_bytes(&scene))?;
     stdout_line!("{}", scene.mesh.triangles.len());
     Ok(Outcome::Done)
+}
+
+/// Writes the loaded scene. Without the file it is loaded once more.
+fn keep(scene: &Scene, path: &Path) {
+    let written = files::write(path, |file| match flat::write(scene, file) {
+        Err(FlatError::Io(error)) => Err(error),
+        other => other.map_err(std::io::Error::other),
+    });
+    if let Err(error) = written {
+        log::warn!("{error}");
+    }
 }
 
 /// Lets the system give this process no more memory, whatever the scene makes it ask for.

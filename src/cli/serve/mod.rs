@@ -2,6 +2,7 @@
 
 mod check_scene;
 mod client;
+mod loaded;
 mod options;
 mod pack;
 mod shots;
@@ -41,12 +42,17 @@ fn serve(
     limits.scene_bytes = args.max_upload;
     limits.unpacked_bytes = args.max_unpacked;
     limits.open_jobs = args.max_jobs;
+    limits.connections = args.max_connections;
+    if let Some(patience) = args.patience {
+        (limits.head_time, limits.body_pause) = (patience, patience);
+    }
     limits.unit_samples = args.unit_samples.unwrap_or(limits.unit_samples);
     let options = Options {
         listen: *listen,
         data: data.clone(),
         tls: tls.map(|(certificate, key)| Tls { certificate, key }),
         insecure: *insecure,
+        open_to_drake: args.drake,
         names: name.clone(),
         limits,
         scene,

@@ -13,6 +13,7 @@ use crate::film::{Picture, write_picture};
 use crate::render::PartialFilm;
 use crate::scene::Camera;
 use crate::serve::{Frame, Shots, Watch};
+use crate::tev::Tev;
 use anyhow::{Context, Result, bail};
 use std::ops::Range;
 use std::path::Path;
@@ -24,6 +25,7 @@ pub struct Scene {
     args: RenderArgs,
     setup: Setup,
     registry: Arc<Registry>,
+    viewer: Option<Arc<Tev>>,
 }
 
 impl Scene {
@@ -36,7 +38,19 @@ impl Scene {
     ) -> Result<Self> {
         let Parsed { args, own, .. } = parsed;
         let options = registry.integrator_options(&args.integrator, &prepared.scene, &own)?;
-        Ok(Self { setup: Setup::shared(prepared.clone(), &units, options), args, registry })
+        Ok(Self { setup: Setup::shared(prepared.clone(), &units, options), args, registry, viewer: None })
+    }
+
+    /// The same, whose finished pictures a viewer shows.
+    pub fn shown_by(self, viewer: Option<Arc<Tev>>) -> Self {
+        Self { viewer, ..self }
+    }
+
+    /// The name of a picture in a viewer: the scene, whose folder is a hash, and the frame.
+    fn name(&self, frame: u32) -> String {
+        let names = self.args.scene.iter().rev().take(2).map(|name| name.to_string_lossy());
+        let names: Vec<String> = names.map(|name| name.chars().take(24).collect()).collect();
+        format!("{} frame {frame}", names.into_iter().rev().collect::<Vec<_>>().join("/"))
     }
 
     fn animation(&self) -> Result<Option<Animation<'_>>> {
@@ -104,6 +118,9 @@ impl Shots for Scene {
             .camera(frame)
             .and_then(|camera| unit::of_film(&self.args, &self.setup, &camera, film))
             .context("the picture");
+        if let (Some(viewer), Ok(picture)) = (&self.viewer, &picture) {
+            viewer.show(&self.name(frame), picture);
+        }
         picture.map_err(|error| with_causes(&error))
     }
 

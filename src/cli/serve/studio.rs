@@ -1,8 +1,9 @@
 //! What renders the jobs of the service: the command line's own code.
 
+use super::loaded::LoadedScenes;
 use super::options::{self, Parsed};
 use super::shots::Scene;
-use crate::cli::args::ServeArgs;
+use crate::cli::args::{ServeArgs, viewer};
 use crate::cli::render::apply_surfaces;
 use crate::cli::setup::SharedUnits;
 use crate::cli::{Registry, scene_file, with_causes};
@@ -10,6 +11,7 @@ use crate::engine::PreparedScene;
 use crate::memory::MemoryBudget;
 use crate::schedule::Service;
 use crate::serve::{Demand, Pictures, SceneCache, Shots};
+use crate::tev::Tev;
 use anyhow::{Context, Result, bail};
 use serde_json::{Map, Value};
 use std::io::Read;
@@ -35,6 +37,8 @@ pub struct Studio {
     units: SharedUnits,
     memory: MemoryBudget,
     cache: SceneCache,
+    loaded: LoadedScenes,
+    viewer: Option<Arc<Tev>>,
 }
 
 impl Studio {
@@ -48,6 +52,8 @@ impl Studio {
             units: SharedUnits::open(&args.units, SCHEDULED)?,
             memory: MemoryBudget::of_bytes(memory),
             cache: SceneCache::new(memory),
+            loaded: LoadedScenes::new(&args.data, args.max_unpacked),
+            viewer: args.tev.as_deref().map(viewer).transpose()?.map(Arc::new),
         })
     }
 
@@ -56,15 +62,26 @@ impl Studio {
     }
 
     /// Reads a scene and prepares it.
-    fn prepare(&self, parsed: &Parsed) -> Result<PreparedScene> {
+    fn prepare(&self, parsed: &Parsed, folder: &Path) -> Result<PreparedScene> {
         let Parsed { args, own, foreign } = parsed;
-        let mut scene = scene_file::read(&args.scene, &args.loading)?;
+        let path = self.loaded.path(parsed, folder);
+        let mut scene = match path.and_then(|path| self.loaded.read(&path, &args.loading.memory())) {
+            Some(scene) => {
+                scene_file::tell(&scene.warnings);
+                scene
+            }
+            None => scene_file::read(&args.scene, &args.loading)?,
+        };
         refuse_foreign_shaders(&scene)?;
         // Shaders are part of the scene's hash, so they are not changed.
         drop(apply_surfaces(args, &self.registry, &mut scene, own, foreign)?);
         args.light.apply_environment(&mut scene, &args.loading.options())?;
         args.loading.afford("the scene and its tree".into(), PreparedScene::building_bytes(&scene))?;
-        Ok(PreparedScene::new(scene, &self.units.units)?)
+        let prepared = PreparedScene::new(scene, &self.units.units)?;
+        // All units have clones: what they need is computed once.
+        prepared.lit();
+        prepared.scene_hash();
+        Ok(prepared)
     }
 
     fn open_job(&self, options: &Map<String, Value>, scene: &Path, folder: &Path) -> Result<Box<dyn Shots>> {
@@ -75,8 +92,9 @@ impl Studio {
             .map(|(key, value)| (key.clone(), value.clone()))
             .collect();
         let key = format!("{} {}", scene.display(), Value::Object(of_scene));
-        let prepared = self.cache.get(&key, || self.prepare(&parsed))?;
-        Ok(Box::new(Scene::new(parsed, &prepared, Arc::clone(&self.registry), self.units.clone())?))
+        let prepared = self.cache.get(&key, || self.prepare(&parsed, folder))?;
+        let scene = Scene::new(parsed, &prepared, Arc::clone(&self.registry), self.units.clone())?;
+        Ok(Box::new(scene.shown_by(self.viewer.clone())))
     }
 }
 
@@ -90,11 +108,20 @@ fn refuse_foreign_shaders(scene: &crate::scene::Scene) -> Result<()> {
     Ok(())
 }
 
-/// Runs a process that reads a scene. Returns the number of triangles that it prints.
-fn try_scene(parsed: &Parsed, folder: &Path, memory: MemoryBudget, time: Duration) -> Result<u64> {
+/// Runs a process that reads a scene and writes it to a flat file. Returns the number of triangles that it prints.
+fn try_scene(
+    parsed: &Parsed,
+    folder: &Path,
+    flat: Option<&Path>,
+    memory: MemoryBudget,
+    time: Duration,
+) -> Result<u64> {
     let args = &parsed.args;
     let mut command = Command::new(std::env::current_exe().context("this program has no file")?);
     command.arg("check-scene").arg("--root").arg(folder).args(["--memory", &memory.bytes().to_string()]);
+    if let Some(flat) = flat {
+        command.arg("--flat").arg(flat);
+    }
     if args.loading.allow_missing {
         command.arg("--allow-missing");
     }
@@ -148,8 +175,17 @@ impl Pictures for Studio {
         folder: &Path,
         time: Duration,
     ) -> Result<u64, String> {
-        let parsed = self.parse(options, scene, folder);
-        let tried = parsed.and_then(|parsed| try_scene(&parsed, folder, self.memory, time));
+        let tried = self.parse(options, scene, folder).and_then(|parsed| {
+            let flat = self.loaded.path(&parsed, folder);
+            let has_map = parsed.args.light.env_file().is_some();
+            if let Some(triangles) = flat.as_ref().and_then(|flat| self.loaded.triangles(flat))
+                && !has_map
+            {
+                return Ok(triangles);
+            }
+            self.loaded.make_room();
+            try_scene(&parsed, folder, flat.as_deref(), self.memory, time)
+        });
         tried.map_err(|error| with_causes(&error))
     }
 
@@ -160,5 +196,13 @@ impl Pictures for Studio {
         folder: &Path,
     ) -> Result<Box<dyn Shots>, String> {
         self.open_job(options, scene, folder).map_err(|error| with_causes(&error))
+    }
+
+    fn viewer(&self) -> Option<Arc<Tev>> {
+        self.viewer.clone()
+    }
+
+    fn forget(&self, folder: &Path) {
+        self.cache.forget(&format!("{}/", folder.display()));
     }
 }

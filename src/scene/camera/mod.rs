@@ -1,5 +1,6 @@
 //! Cameras: a pose, a projection and a lens.
 
+use serde::{Deserialize, Serialize};
 mod aperture;
 mod distortion;
 mod lens;
@@ -32,7 +33,7 @@ use glam::{DMat3, DMat4, DVec3, Vec2, Vec3};
 /// let robot = camera.with_projection(Projection::Intrinsics(calibrated));
 /// # for camera in [plan, photo, tower, robot] { camera.lens(640, 480).expect("a view"); }
 /// ```
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct Camera {
     /// Position in world space.

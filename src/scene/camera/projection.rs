@@ -1,13 +1,14 @@
 //! Projections: which direction each pixel sees.
 
 use super::CameraError;
+use serde::{Deserialize, Serialize};
 use std::fmt;
 
 /// How points in front of a camera are mapped to the picture.
 ///
 /// Picture coordinates are in pixels, x to the right and y down. (0, 0) is the top left corner of the picture, and
 /// (0.5, 0.5) is the centre of its top left pixel.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub enum Projection {
     /// A central projection with square pixels. The view axis meets the middle of the picture.
@@ -31,7 +32,7 @@ pub enum Projection {
 ///
 /// A point (x, y, z) in the axes of the camera, x right, y down and z forward, is seen at (`fx`·x″ + `cx`,
 /// `fy`·y″ + `cy`), where (x″, y″) is (x/z, y/z) after [`Distortion`].
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct Intrinsics {
     /// Focal length over the width of a pixel, above 0.
@@ -47,7 +48,7 @@ pub struct Intrinsics {
 }
 
 /// How a lens differs from a pinhole. The models and the order of coefficients are OpenCV's.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub enum Distortion {
     /// A pinhole.

@@ -81,13 +81,18 @@ pub async fn whole(state: &State, body: Body, limit: (&'static str, u64)) -> Res
     Ok(bytes)
 }
 
+/// The media type of a body, without parameters. Empty if it is not said.
+pub fn media_type(headers: &HeaderMap) -> &str {
+    let kind = headers.get(header::CONTENT_TYPE).and_then(|kind| kind.to_str().ok()).unwrap_or_default();
+    kind.split(';').next().unwrap_or_default().trim()
+}
+
 /// A body of JSON.
 ///
 /// # Errors
 /// As for [`Pieces::next`]; 415 if it is said to be something else; 400 and 422 if it is not what is wanted.
 pub async fn json<T: DeserializeOwned>(state: &State, headers: &HeaderMap, body: Body) -> Result<T, Problem> {
-    let kind = headers.get(header::CONTENT_TYPE).and_then(|kind| kind.to_str().ok()).unwrap_or_default();
-    if kind.split(';').next().map(str::trim) != Some("application/json") {
+    if media_type(headers) != "application/json" {
         let detail = "send JSON, with `Content-Type: application/json`";
         return Err(Problem::new(StatusCode::UNSUPPORTED_MEDIA_TYPE, detail));
     }

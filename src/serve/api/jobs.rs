@@ -103,7 +103,7 @@ fn accept(
 }
 
 /// Refuses what no job may ask for.
-pub(super) fn check_demand(state: &State, demand: &Demand) -> Result<(), Problem> {
+pub fn check_demand(state: &State, demand: &Demand) -> Result<(), Problem> {
     let limits = state.limits();
     let over = |name: &str, limit: u64, asked: u64, remedy: &str| {
         let detail = format!("{name}: the request asks for {asked}, and the limit is {limit}; {remedy}");

@@ -10,9 +10,11 @@ mod results;
 mod scenes;
 mod session;
 
+pub use body::{Pieces, media_type};
+pub(super) use jobs::check_demand;
 pub use request::JobRequest;
 
-use super::{Problem, State, guard, live, openapi, page};
+use super::{Problem, State, drake, guard, live, openapi, page};
 use axum::Router;
 use axum::extract::Request;
 use axum::http::StatusCode;
@@ -45,6 +47,7 @@ pub fn router(state: State) -> Router {
         .merge(live::router())
         .layer(from_fn_with_state(state.clone(), guard::token));
     open.merge(guarded)
+        .merge(drake::router(&state))
         .fallback(no_such_route)
         .method_not_allowed_fallback(no_such_method)
         .layer(from_fn_with_state(state.clone(), guard::origin))

@@ -80,3 +80,18 @@ fn damage_and_newer_versions_are_told() {
     std::fs::write(folder.path().join(FILE), b"SQLite format 3\0 and no more than that").expect("a file");
     assert!(Ledger::open(folder.path()).is_err());
 }
+
+#[test]
+fn a_clock_that_is_set_back_delays_no_call() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let ledger = Ledger::open(folder.path()).expect("a ledger");
+    let hooked = NewJob { has_webhook: true, ..new("a1", None) };
+    assert_eq!(ledger.accept(hooked, 2).expect("accepted"), Accepted::New);
+    ledger.set_state("a1", &[JobState::Queued], JobState::Cancelled, None).expect("ended");
+    assert_eq!(ledger.due_calls().expect("calls"), [("a1".into(), 0)]);
+    ledger.called("a1", Some(3_600_000)).expect("again in an hour");
+    assert!(ledger.due_calls().expect("calls").is_empty(), "not before");
+    // An hour is what the longest pause lasts; a year is the clock's doing.
+    ledger.called("a1", Some(365 * 24 * 3_600_000)).expect("the clock was a year ahead");
+    assert_eq!(ledger.due_calls().expect("calls"), [("a1".into(), 2)]);
+}

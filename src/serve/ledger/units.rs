@@ -8,6 +8,9 @@ use rusqlite::{Connection, OptionalExtension, params};
 use serde_json::json;
 use std::ops::Range;
 
+/// The longest pause between two calls of a webhook: twice an hour.
+const LONGEST_PAUSE_MS: i64 = 2 * 3_600_000;
+
 impl Ledger {
     /// Writes down the frames and units of a job, unless they are known.
     ///
@@ -217,9 +220,10 @@ impl Ledger {
         self.read(|connection| {
             let mut select = connection.prepare_cached(
                 "SELECT call.job, call.attempts FROM call JOIN job ON job.id = call.job \
-                 WHERE next_ms <= ?1 AND state IN ('done', 'failed', 'cancelled') LIMIT 16",
+                 WHERE (next_ms <= ?1 OR next_ms > ?1 + ?2) AND state IN ('done', 'failed', 'cancelled') LIMIT 16",
             )?;
-            select.query_map([now_ms()], |row| Ok((row.get(0)?, row.get(1)?)))?.collect()
+            // A call that is due later than any pause lasts shows that the clock has been set back.
+            select.query_map([now_ms(), LONGEST_PAUSE_MS], |row| Ok((row.get(0)?, row.get(1)?)))?.collect()
         })
     }
 

@@ -99,6 +99,13 @@ pub(super) fn principled(material: &Material) -> Option<Principled> {
     }
 }
 
+/// The base colour of a material that is one colour all over, as a file has it: linear, 0 to 1.
+pub(crate) fn flat_colour(material: &Material) -> Option<Vec3> {
+    principled(material)
+        .filter(|surface| surface.base_colour.texture.is_none())
+        .map(|surface| surface.base_colour.factor)
+}
+
 /// All edits of a view.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Edits {

@@ -34,6 +34,7 @@ mod view;
 
 pub use camera::{Lens, Pose};
 pub use edit::MaterialEdit;
+pub(crate) use edit::flat_colour;
 pub use message::{Frame, FrameFlags, HEADER_BYTES, MAGIC};
 pub use pick::{MaterialFacts, Picked};
 pub use reply::Reply;

@@ -389,6 +389,9 @@ impl Renderer {
         let mut picture = frame.develop();
         let spp = frame.picture().mean_samples();
         self.describe(&mut picture, spp);
+        if let Some(viewer) = self.stage.viewer.as_ref().filter(|_| !is_moving) {
+            viewer.show(&format!("live view of {}", self.stage.name), &picture);
+        }
         let flags = FrameFlags { moving: is_moving, last: !is_moving && is_complete };
         let dropped = frame.picture().dropped_splats();
         let (generation, since, took) = (*generation, *since, now - *began);

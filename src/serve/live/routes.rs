@@ -4,6 +4,7 @@ use super::{LiveLimits, LiveViews, Stage, socket};
 use crate::serve::{Problem, State};
 use axum::Router;
 use axum::extract::rejection::QueryRejection;
+use axum::extract::ws::rejection::WebSocketUpgradeRejection;
 use axum::extract::{Extension, Query, State as Given, WebSocketUpgrade};
 use axum::response::Response;
 use axum::routing::get;
@@ -29,9 +30,12 @@ async fn live(
     Given(state): Given<State>,
     Extension(views): Extension<Arc<LiveViews>>,
     query: Result<Query<Which>, QueryRejection>,
-    upgrade: WebSocketUpgrade,
+    upgrade: Result<WebSocketUpgrade, WebSocketUpgradeRejection>,
 ) -> Result<Response, Problem> {
     let Query(Which { scene }) = query.map_err(|error| Problem::malformed(error.body_text()))?;
+    let upgrade = upgrade.map_err(|error| {
+        Problem::malformed(format!("{}; this address is a WebSocket's", error.body_text()))
+    })?;
     let ending = state.ending();
     Ok(socket::limited(upgrade).on_upgrade(move |socket| async move {
         // A browser shows why only if it is told after the upgrade.
@@ -73,5 +77,6 @@ fn stage(state: &State, scene: Option<String>) -> Result<Stage, Problem> {
         None => path.file_name().unwrap_or_default().to_string_lossy().into_owned(),
     };
     let service = Arc::clone(state.pictures().service());
-    Ok(Stage::new(name, Arc::new(shots.prepared().clone()), service))
+    let stage = Stage::new(name, Arc::new(shots.prepared().clone()), service);
+    Ok(stage.with_viewer(state.pictures().viewer()))
 }

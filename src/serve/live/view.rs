@@ -9,6 +9,7 @@ use crate::film::Look;
 use crate::render::Settings;
 use crate::scene::Camera;
 use crate::schedule::Service;
+use crate::tev::Tev;
 use std::io;
 use std::sync::Arc;
 use std::thread::JoinHandle;
@@ -29,6 +30,8 @@ pub struct Stage {
     pub settings: Settings,
     /// How radiance is shown.
     pub look: Look,
+    /// Another viewer that shows the picture while the camera rests.
+    pub(crate) viewer: Option<Arc<Tev>>,
 }
 
 impl Stage {
@@ -37,7 +40,7 @@ impl Stage {
         let settings = Settings::new(1280, 720).with_spp(256);
         let scene = &prepared.scene;
         let camera = scene.camera.unwrap_or_else(|| Camera::framing(&scene.bounds(), 16.0 / 9.0));
-        Self { name: name.into(), camera, settings, look: Look::default(), prepared, service }
+        Self { name: name.into(), camera, settings, look: Look::default(), prepared, service, viewer: None }
     }
 
     /// The same with another first camera.
@@ -48,6 +51,11 @@ impl Stage {
     /// The same with other settings.
     pub fn with_settings(self, settings: Settings) -> Self {
         Self { settings, ..self }
+    }
+
+    /// The same, shown by another viewer, too.
+    pub(crate) fn with_viewer(self, viewer: Option<Arc<Tev>>) -> Self {
+        Self { viewer, ..self }
     }
 
     /// The same with another look.

@@ -14,7 +14,7 @@ pub use results::PICTURE;
 
 use super::ledger::{Job, JobState, Ledger, LedgerError, UnitRow};
 use super::store::Store;
-use super::{Limits, Pictures};
+use super::{Limits, Pictures, SceneReader};
 use crate::schedule::Priority;
 use fair::Candidate;
 use std::collections::{HashMap, HashSet};
@@ -42,7 +42,7 @@ const NAP: Duration = Duration::from_secs(2);
 pub struct Runner {
     pub(super) ledger: Arc<Ledger>,
     pub(super) store: Arc<Store>,
-    pub(super) pictures: Arc<dyn Pictures>,
+    pub(super) reader: SceneReader,
     pub(super) limits: Limits,
     state: Mutex<State>,
     changed: Condvar,
@@ -54,8 +54,6 @@ pub struct Runner {
 #[derive(Default)]
 struct State {
     runs: HashMap<String, Run>,
-    /// Scenes that a process of their own has read, by [`Runner::scene_key`].
-    loadable: HashSet<String>,
     /// Counts calls of [`Runner::wake`].
     wakes: u64,
 }
@@ -96,7 +94,7 @@ impl Runner {
         let runner = Arc::new(Self {
             ledger,
             store,
-            pictures,
+            reader: SceneReader::new(pictures, limits),
             limits,
             state: Mutex::default(),
             changed: Condvar::new(),

@@ -85,19 +85,7 @@ impl Runner {
         let JobRequest { scene, entry, options, .. } = request;
         let path = self.store.entry(scene, entry.as_deref()).map_err(|problem| problem.to_string())?;
         let folder = self.store.scene_folder(scene);
-        let of_loader = ["allow-missing", "env", "variant"].map(|key| options.get(key));
-        let key = format!("{} {of_loader:?}", path.display());
-        if !self.state().loadable.contains(&key) {
-            let triangles = self.pictures.try_scene(options, &path, &folder, self.limits.load_time)?;
-            let most = self.limits.triangles;
-            if triangles > most {
-                return Err(format!(
-                    "triangles: the scene has {triangles}, and the limit is {most}; make it smaller"
-                ));
-            }
-            self.state().loadable.insert(key);
-        }
-        self.pictures.open(options, &path, &folder)
+        self.reader.open(options, &path, &folder)
     }
 
     fn plan(&self, job: &Job) -> Result<(), Failure> {
