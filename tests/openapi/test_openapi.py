@@ -49,7 +49,7 @@ class OpenApi(unittest.TestCase):
         long = cls.job(sha256, {"size": "640x360", "spp": 65536})
         cls.known = {
             "sha256": [sha256, "0" * 64],
-            "id": [job, long, "nobody"],
+            "id": [job, long, "missing"],
             "file": ["0.png", "0.exr", "0.npz", "0.npy", "1.png", "depth.npy", "albedo.npy", "..%2Ftoken"],
             "frame": ["0", "1", "x"],
             "scene": [sha256, "0" * 64, "x"],

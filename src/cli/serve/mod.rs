@@ -38,11 +38,13 @@ fn serve(
     let ServeArgs { listen, data, tls_certificate, tls_key, insecure, name, .. } = args;
     let tls = tls_certificate.clone().zip(tls_key.clone());
     let is_encrypted = tls.is_some();
-    let mut limits = Limits::default();
-    limits.scene_bytes = args.max_upload;
-    limits.unpacked_bytes = args.max_unpacked;
-    limits.open_jobs = args.max_jobs;
-    limits.connections = args.max_connections;
+    let mut limits = Limits {
+        scene_bytes: args.max_upload,
+        unpacked_bytes: args.max_unpacked,
+        open_jobs: args.max_jobs,
+        connections: args.max_connections,
+        ..Limits::default()
+    };
     if let Some(patience) = args.patience {
         (limits.head_time, limits.body_pause) = (patience, patience);
     }
