@@ -145,9 +145,6 @@ pub mod meters;
 #[cfg_attr(not(feature = "unstable"), doc(hidden))]
 pub mod bench;
 
-#[cfg(feature = "cli")]
-mod tev;
-
 #[cfg(feature = "serve")]
 #[cfg_attr(not(feature = "unstable"), doc(hidden))]
 pub mod serve;

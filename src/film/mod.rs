@@ -14,6 +14,8 @@ mod read;
 mod region;
 mod spare;
 mod stripe;
+#[cfg(feature = "cli")]
+pub(crate) mod tev;
 mod view;
 #[cfg(feature = "formats")]
 mod write;

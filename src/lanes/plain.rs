@@ -227,7 +227,7 @@ impl<const N: usize> Lanes for Plain<N> {
     // of a function, and without FMA so is each fused multiply-add.
     #[cfg_attr(not(unoptimised), inline(always))]
     fn outlined<P: OutlinedTask<Self>>(self, task: P) -> P::Output {
-        // SAFETY: it needs no instructions.
+        // SAFETY: the caller's contract asks for no instructions.
         unsafe { task.out_of_line(self) }
     }
     #[cfg_attr(not(unoptimised), inline(always))]

@@ -10,6 +10,7 @@ struct Route(&'static str, &'static str, &'static str, &'static [u16], &'static 
 const JSON: &str = "application/json";
 const ANY: &str = "application/octet-stream";
 const TEXT: &str = "text/plain";
+const PICTURES: &str = "image/png, image/x-exr, application/zip, application/octet-stream";
 const FORM: &str = "multipart/form-data";
 
 const ROUTES: &[Route] = &[
@@ -46,7 +47,14 @@ const ROUTES: &[Route] = &[
     ),
     Route("get", "/api/v1/events", "Events of all jobs as they happen", &[200], "text/event-stream", None),
     Route("get", "/api/v1/live", "A live view on a WebSocket", &[101], JSON, None),
-    Route("get", "/api/v1/jobs/{id}/frames/{file}", "FRAME.png, .exr, .npz or .npy", &[200, 304], ANY, None),
+    Route(
+        "get",
+        "/api/v1/jobs/{id}/frames/{file}",
+        "FRAME.png, .exr, .npz or .npy",
+        &[200, 304],
+        PICTURES,
+        None,
+    ),
     Route("get", "/api/v1/jobs/{id}/frames/{frame}/{file}", "LAYER.npy of a frame", &[200, 304], ANY, None),
     Route(
         "post",

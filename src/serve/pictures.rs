@@ -2,9 +2,9 @@
 
 use crate::engine::PreparedScene;
 use crate::film::Picture;
+use crate::film::tev::Tev;
 use crate::render::PartialFilm;
 use crate::schedule::{Priority, Service};
-use crate::tev::Tev;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use std::ops::Range;

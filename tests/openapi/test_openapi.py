@@ -7,6 +7,7 @@ import hashlib
 import json
 import os
 import pathlib
+import re
 import subprocess
 import sys
 import tempfile
@@ -68,18 +69,21 @@ class OpenApi(unittest.TestCase):
     def job(cls, sha256, options):
         return cls.send("POST", "/api/v1/jobs", {"scene": sha256, "options": options})["id"]
 
-    def check(self, document, *more):
+    def check(self, document):
         path = self.folder / "openapi.json"
         path.write_text(json.dumps(document))
         run = subprocess.run(
             [SCHEMATHESIS, "--no-color", "run", path, "--url", self.url, "--header",
              f"Authorization: Bearer {self.token}", "--checks", CHECKS, "--exclude-path-regex", STREAMS,
              "--max-time", SECONDS, "--workers", "2", "--request-timeout", "20", "--continue-on-failure",
-             "--suppress-health-check", "all", "--seed", "7", "--generation-database", "none", *more],
+             "--suppress-health-check", "all", "--warnings", "off", "--seed", "7",
+             "--generation-database", "none"],
             capture_output=True, text=True, cwd=self.folder)
         self.assertEqual(run.returncode, 0, run.stdout + run.stderr)
         self.assertIsNone(self.process.poll(), "the service goes on")
-        self.assertIn("No issues found", run.stdout)
+        cases = re.search(r"(\d+) generated, (\d+) passed", run.stdout)
+        self.assertIsNotNone(cases, run.stdout)
+        self.assertGreater(int(cases[2]), 100, "it tries something")
 
     def document(self):
         with urllib.request.urlopen(self.url + "/openapi.json", timeout=60) as answer:

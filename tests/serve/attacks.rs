@@ -46,12 +46,8 @@ fn get(service: &Service, path: &str, headers: &[(&str, &str)]) -> String {
     let host = address(service);
     let lines: String = headers.iter().map(|(name, value)| format!("{name}: {value}\r\n")).collect();
     let token = &service.token;
-    raw(
-        service,
-        &format!(
-            "GET {path} HTTP/1.1\r\nHost: {host}\r\nAuthorization: Bearer {token}\r\nConnection: close\r\n{lines}\r\n"
-        ),
-    )
+    let head = format!("GET {path} HTTP/1.1\r\nHost: {host}\r\nAuthorization: Bearer {token}\r\n");
+    raw(service, &format!("{head}Connection: close\r\n{lines}\r\n"))
 }
 
 #[test]
@@ -63,7 +59,8 @@ fn slow_headers_and_slow_bodies_are_given_up() {
     silent.write_all(b"GET /healthz HTTP/1.1\r\nHost: ").expect("a beginning");
     let mut body = connect(&service);
     let head = format!(
-        "PUT /api/v1/scenes/{} HTTP/1.1\r\nHost: localhost\r\nAuthorization: Bearer {}\r\nContent-Length: 1000\r\n\r\n{{",
+        "PUT /api/v1/scenes/{} HTTP/1.1\r\nHost: localhost\r\nAuthorization: Bearer {}\r\n\
+         Content-Length: 1000\r\n\r\n{{",
         "0".repeat(64),
         service.token
     );
@@ -239,7 +236,8 @@ fn requests_that_are_no_http_end_their_own_connection_alone() {
         "GET\r\n\r\n",
         &format!("GET /{long} HTTP/1.1\r\nHost: localhost\r\n\r\n"),
         &format!("GET / HTTP/1.1\r\nHost: localhost\r\n{many}\r\n"),
-        "POST /api/v1/jobs HTTP/1.1\r\nHost: localhost\r\nContent-Length: 5\r\nTransfer-Encoding: chunked\r\n\r\n0\r\n\r\n",
+        "POST /api/v1/jobs HTTP/1.1\r\nHost: localhost\r\nContent-Length: 5\r\nTransfer-Encoding: chunked\r\n\r\n\
+         0\r\n\r\n",
         "POST /api/v1/jobs HTTP/1.1\r\nHost: localhost\r\nContent-Length: 5\r\nContent-Length: 6\r\n\r\n0\r\n\r\n",
         "POST /api/v1/jobs HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\nfffffffffffffffff\r\n",
         "GET / HTTP/1.1\r\nHost: localhost\r\nHost: evil.example\r\n\r\n",

@@ -42,7 +42,10 @@ fn scene(colours: [[f64; 3]; 2]) -> Value {
         json!({ "emissiveFactor": [r, g, b], "pbrMetallicRoughness": {
             "baseColorFactor": [r, g, b, 1.0], "metallicFactor": 0.0, "roughnessFactor": 1.0 } })
     };
-    let mesh = |material: usize| json!({ "primitives": [{ "attributes": { "POSITION": 0 }, "indices": 1, "material": material }] });
+    let mesh = |material: usize| {
+        let attributes = json!({ "POSITION": 0 });
+        json!({ "primitives": [{ "attributes": attributes, "indices": 1, "material": material }] })
+    };
     let axes = [RIGHT, UP, BACK, EYE].iter().zip([0.0, 0.0, 0.0, 1.0]);
     let matrix: Vec<f64> = axes.flat_map(|(&[x, y, z], w)| [x, y, z, w]).collect();
     json!({

@@ -42,9 +42,7 @@ pub use part::PartArgs;
 pub use picture::PictureArgs;
 pub use progress::ProgressArgs;
 pub use render::RenderArgs;
-#[cfg(feature = "serve")]
-pub use reporting::viewer;
-pub use reporting::{ProgressForm, ReportingArgs};
+pub use reporting::{ProgressForm, ReportingArgs, viewer};
 pub use sampling::SamplingArgs;
 pub use scene::SceneArgs;
 #[cfg(feature = "serve")]

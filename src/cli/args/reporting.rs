@@ -1,6 +1,6 @@
 //! What a command tells of its work.
 
-use crate::tev::Tev;
+use crate::film::tev::Tev;
 use anyhow::{Context, Result};
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
@@ -37,16 +37,6 @@ pub struct ReportingArgs {
     /// replace those of the file.
     #[arg(long, value_name = "FILE")]
     pub options: Option<PathBuf>,
-}
-
-impl ReportingArgs {
-    /// The viewer that is to show pictures.
-    ///
-    /// # Errors
-    /// If the system gives no thread.
-    pub fn viewer(&self) -> Result<Option<Tev>> {
-        self.tev.as_deref().map(viewer).transpose()
-    }
 }
 
 /// A viewer at an address.

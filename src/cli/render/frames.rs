@@ -5,6 +5,7 @@ use super::facts::Facts;
 use super::finished_frames::FinishedFrames;
 use super::shot::Shot;
 use super::totals::Totals;
+use super::viewer::Viewer;
 use super::{insist, views, warn_of_clamped};
 use crate::cli::args::RenderArgs;
 use crate::cli::events::Events;
@@ -29,15 +30,14 @@ pub fn run<I: Integrator>(
     let in_flight = args.animation.frames_in_flight as usize;
     let settings = integrator.frame().settings();
     let facts = Facts::new(args, setup, settings);
-    let viewer = args.reporting.viewer()?;
+    let viewer = Viewer::of(args)?;
     let mut finished = FinishedFrames::open(args, setup, settings)?;
     let options = PassOptions { noise: args.progress.noise, pass_time: None };
     let mut shots: VecDeque<Shot<I>> = VecDeque::new();
     let mut todo = animation.frames.clone();
     let (mut totals, mut done, mut splats) = (Totals::default(), Vec::new(), Splats::default());
     totals.events.recover(setup.prepared.degraded.clone());
-    let meters = Meters::start();
-    let recorder = args.timeline.as_ref().and_then(|_| Recorder::start());
+    let (meters, recorder) = (Meters::start(), args.timeline.as_ref().and_then(|_| Recorder::start()));
     interrupt::listen();
     let tiles = integrator.frame().tiles();
     progress.begin(tiles * u64::from(todo.end - todo.start), 0, None);
@@ -71,7 +71,7 @@ pub fn run<I: Integrator>(
         }
         let shot = shots.pop_front().expect("the queue is not empty");
         splats.add(&shot);
-        let written = shot.write(args, animation, &facts, viewer.as_ref())?;
+        let written = shot.write(args, animation, &facts, &viewer)?;
         if let Some(finished) = &mut finished {
             note(finished, &shot.camera, &written);
             shot.clean_up();

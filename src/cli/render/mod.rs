@@ -12,6 +12,7 @@ mod still;
 mod totals;
 #[cfg(feature = "serve")]
 pub(super) mod unit;
+mod viewer;
 pub(super) mod views;
 mod watch;
 

@@ -4,6 +4,7 @@ use super::animation::Animation;
 use super::checkpoint::Checkpoint;
 use super::facts::Facts;
 use super::totals::Totals;
+use super::viewer::Viewer;
 use super::{insist, submit};
 use crate::cli::args::RenderArgs;
 use crate::cli::progress::Progress;
@@ -13,7 +14,6 @@ use crate::film::write_picture;
 use crate::render::{Integrator, PassOptions, Progressive};
 use crate::scene::Camera;
 use crate::schedule::JobReport;
-use crate::tev::Tev;
 use anyhow::{Context, Result};
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -103,7 +103,7 @@ impl<I: Integrator> Shot<I> {
         args: &RenderArgs,
         animation: &Animation,
         facts: &Facts,
-        viewer: Option<&Tev>,
+        viewer: &Viewer,
     ) -> Result<FrameStats> {
         let film = self.picture.picture();
         let region = self.picture.integrator().frame().part().region;
@@ -111,9 +111,7 @@ impl<I: Integrator> Shot<I> {
         let mut picture = self.picture.integrator().frame().develop(&film);
         picture.metadata = facts.of(&picture.image, &self.camera, mean_spp);
         let (file, look, options) = (animation.file(self.frame), args.look.look(), args.picture.options());
-        if let Some(viewer) = viewer {
-            viewer.show(&file.display().to_string(), &picture);
-        }
+        viewer.show(&file.display().to_string(), &picture);
         insist(|| write_picture(&file, &picture, &look, &options))?;
         Ok(FrameStats {
             frame: self.frame,

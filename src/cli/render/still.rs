@@ -3,6 +3,7 @@
 use super::checkpoint::Checkpoint;
 use super::facts::Facts;
 use super::totals::Totals;
+use super::viewer::{Viewer, pass_time};
 use super::{insist, partial, submit, warn_of_clamped};
 use crate::cli::args::RenderArgs;
 use crate::cli::events::Events;
@@ -14,7 +15,6 @@ use crate::film::{Exposure, Film, Picture, WriteError, write_picture};
 use crate::meters::{Meters, Recorder};
 use crate::render::{Integrator, PICTURE_VERSION, PassOptions, Progressive};
 use crate::scene::Camera;
-use crate::tev;
 use anyhow::{Context, Result};
 use std::path::Path;
 use std::sync::Arc;
@@ -29,13 +29,8 @@ pub fn run<I: Integrator>(
     progress: &mut Progress,
 ) -> Result<Outcome> {
     let interval = args.progress.interval();
-    // Two passes are in flight between two saves. The first is short, so that there is a picture when time is.
-    let viewer = args.reporting.viewer()?;
-    let shown_every = viewer.as_ref().map(|_| tev::INTERVAL);
-    let pass_time = interval.map(|time| time / 2).or(args.progress.seconds);
-    let pass_time =
-        shown_every.map_or(pass_time, |every| Some(pass_time.map_or(every, |time| time.min(every))));
-    let options = PassOptions { noise: args.progress.noise, pass_time };
+    let mut viewer = Viewer::of(args)?;
+    let options = PassOptions { noise: args.progress.noise, pass_time: pass_time(args) };
     let checkpoint = Checkpoint::of(args, setup, camera, &integrator);
     let facts = Facts::new(args, setup, integrator.frame().settings());
     let tiles = integrator.frame().tiles();
@@ -45,10 +40,9 @@ pub fn run<I: Integrator>(
     };
     progress.begin(tiles, tiles_taken(&frame, tiles), args.progress.seconds);
     let mut totals = Totals::default();
-    let meters = Meters::start();
-    let recorder = args.timeline.as_ref().and_then(|_| Recorder::start());
+    let (meters, recorder) = (Meters::start(), args.timeline.as_ref().and_then(|_| Recorder::start()));
     let started = Instant::now();
-    let (mut saved, mut shown, mut end) = (started, started, End::Complete);
+    let (mut saved, mut end) = (started, End::Complete);
     interrupt::listen();
     let name = subject(args).display().to_string();
     loop {
@@ -70,10 +64,7 @@ pub fn run<I: Integrator>(
             save_meanwhile(args, checkpoint.as_ref(), &frame, &develop(&frame, &facts, camera).1, time);
             saved = Instant::now();
         }
-        if let Some(viewer) = viewer.as_ref().filter(|_| shown.elapsed() >= tev::INTERVAL) {
-            viewer.show(&name, &frame.develop());
-            shown = Instant::now();
-        }
+        viewer.show_sometimes(&name, || frame.develop());
     }
     progress.write();
     let render_s = started.elapsed().as_secs_f64();
@@ -81,7 +72,7 @@ pub fn run<I: Integrator>(
     let recorded = recorder.map_or_else(Vec::new, Recorder::finish);
     let started = Instant::now();
     let (film, picture) = develop(&frame, &facts, camera);
-    viewer.inspect(|viewer| viewer.show(&name, &picture));
+    viewer.show(&name, &picture);
     totals.events.recover(setup.prepared.degraded.clone().into_iter().chain(setup.idle_fault()));
     totals.add_shading(setup);
     totals.events.lack((end == End::Interrupted).then(|| stopped(&frame, &film)).flatten());

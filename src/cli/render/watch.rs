@@ -1,5 +1,6 @@
 //! `render --watch`: shaders that are edited while the picture is rendered.
 
+use super::viewer::Viewer;
 use crate::cli::Outcome;
 use crate::cli::args::RenderArgs;
 use crate::cli::interrupt;
@@ -11,7 +12,6 @@ use crate::film::{Picture, write_picture};
 use crate::render::{Integrator, PassOptions, Progressive};
 use crate::scene::Scene;
 use crate::schedule::JobOptions;
-use crate::tev::Tev;
 use anyhow::{Context, Result};
 use std::path::Path;
 use std::sync::Arc;
@@ -34,14 +34,13 @@ pub fn run<I: Integrator>(
     progress: &mut Progress,
 ) -> Result<Outcome> {
     let path = args.picture_path().context("--watch needs -o, the picture that it keeps up to date")?;
-    let viewer = args.reporting.viewer()?;
+    let viewer = Viewer::of(args)?;
     interrupt::listen();
     let mut changed: Option<PreparedScene> = None;
     loop {
         let prepared = changed.as_ref().unwrap_or(&setup.prepared);
         let next = integrator.with_scene(&prepared.scene);
-        let viewer = viewer.as_ref();
-        let watching = Watching { args, setup, prepared, path, shaders: &mut shaders, viewer };
+        let watching = Watching { args, setup, prepared, path, shaders: &mut shaders, viewer: &viewer };
         let Some(scene) = watching.render(integrator, progress)? else { return Ok(Outcome::Done) };
         let prepared = prepared.with_scene(scene)?;
         integrator = next.with_scene(&prepared.scene);
@@ -55,7 +54,7 @@ struct Watching<'a> {
     prepared: &'a PreparedScene,
     path: &'a Path,
     shaders: &'a mut Shaders,
-    viewer: Option<&'a Tev>,
+    viewer: &'a Viewer,
 }
 
 impl Watching<'_> {
@@ -96,7 +95,7 @@ impl Watching<'_> {
             if saved.is_none() {
                 log::info!("the first pass took {:.0} ms", started.elapsed().as_secs_f64() * 1e3);
             }
-            viewer.inspect(|viewer| viewer.show(&name, &frame.develop()));
+            viewer.show(&name, &frame.develop());
             if is_complete || saved.is_none_or(|time| time.elapsed() >= interval) {
                 write(args, path, &frame.develop())?;
                 saved = Some(Instant::now());
