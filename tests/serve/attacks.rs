@@ -225,6 +225,33 @@ fn nothing_outside_the_data_folder_is_read() {
     }
 }
 
+/// A body that comes after its head, of a request that needs none, leaves the connection open.
+#[test]
+fn connections_are_kept_whatever_the_body() {
+    let data = folder();
+    let service = Service::start(data.path(), &[]);
+    let mut stream = connect(&service);
+    for _ in 0..3 {
+        let head = format!(
+            "POST /api/v1/jobs/x/cancel HTTP/1.1\r\nHost: localhost\r\nAuthorization: Bearer {}\r\n\
+             Content-Length: 2\r\n\r\n",
+            service.token
+        );
+        stream.write_all(head.as_bytes()).expect("the head");
+        std::thread::sleep(Duration::from_millis(200));
+        stream.write_all(b"{}").expect("the body");
+        let mut start = [0; 12];
+        stream.read_exact(&mut start).expect("an answer");
+        assert_eq!(&start, b"HTTP/1.1 404");
+        stream.set_read_timeout(Some(Duration::from_millis(300))).expect("a time");
+        // The rest of the answer; the time ends, not the stream.
+        let mut rest = Vec::new();
+        let ended = stream.read_to_end(&mut rest).expect_err("the connection is open");
+        assert!(matches!(ended.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut), "{ended}");
+        stream.set_read_timeout(Some(PATIENCE)).expect("a time");
+    }
+}
+
 #[test]
 fn requests_that_are_no_http_end_their_own_connection_alone() {
     let data = folder();

@@ -58,6 +58,9 @@ impl Head {
             return Err(FlatError::Version { found: word(8) });
         }
         let head = Self { arrays: word(12), length: long(16), triangles: long(24) };
+        if bytes[..HASHED] != head.hashed() {
+            return Err(FlatError::damaged("bytes of its head are not 0"));
+        }
         if head.length != length {
             return Err(FlatError::damaged(format!("it has {length} bytes in place of {}", head.length)));
         }

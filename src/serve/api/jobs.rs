@@ -207,13 +207,16 @@ const ACTIVE: &[JobState] = &[JobState::Queued, JobState::Running];
 const PAUSED: &[JobState] = &[JobState::Paused];
 const LOST: &[JobState] = &[JobState::Failed, JobState::Cancelled];
 
-/// Moves a job to another state; 409 if it is in none from which it can.
+/// Moves a job to another state; 409 if it is in none from which it can. The body says nothing, but it is read: the
+/// connection would end otherwise.
 async fn steer(
     state: State,
     id: String,
+    body: Body,
     from: &'static [JobState],
     to: JobState,
 ) -> Result<Json<Value>, Problem> {
+    body::whole(&state, body, ("body_bytes", state.limits().body_bytes as u64)).await?;
     state
         .blocking(move |state| {
             let now = state.ledger().set_state(&id, from, to, None)?;
@@ -240,23 +243,39 @@ async fn steer(
 }
 
 /// `POST /api/v1/jobs/{id}/cancel`.
-pub async fn cancel(Given(state): Given<State>, Path(id): Path<String>) -> Result<Json<Value>, Problem> {
-    steer(state, id, OPEN, JobState::Cancelled).await
+pub async fn cancel(
+    Given(state): Given<State>,
+    Path(id): Path<String>,
+    body: Body,
+) -> Result<Json<Value>, Problem> {
+    steer(state, id, body, OPEN, JobState::Cancelled).await
 }
 
 /// `POST /api/v1/jobs/{id}/pause`.
-pub async fn pause(Given(state): Given<State>, Path(id): Path<String>) -> Result<Json<Value>, Problem> {
-    steer(state, id, ACTIVE, JobState::Paused).await
+pub async fn pause(
+    Given(state): Given<State>,
+    Path(id): Path<String>,
+    body: Body,
+) -> Result<Json<Value>, Problem> {
+    steer(state, id, body, ACTIVE, JobState::Paused).await
 }
 
 /// `POST /api/v1/jobs/{id}/resume`.
-pub async fn resume(Given(state): Given<State>, Path(id): Path<String>) -> Result<Json<Value>, Problem> {
-    steer(state, id, PAUSED, JobState::Queued).await
+pub async fn resume(
+    Given(state): Given<State>,
+    Path(id): Path<String>,
+    body: Body,
+) -> Result<Json<Value>, Problem> {
+    steer(state, id, body, PAUSED, JobState::Queued).await
 }
 
 /// `POST /api/v1/jobs/{id}/retry`: a job that failed or was cancelled goes on from what is kept.
-pub async fn retry(Given(state): Given<State>, Path(id): Path<String>) -> Result<Json<Value>, Problem> {
-    steer(state, id, LOST, JobState::Queued).await
+pub async fn retry(
+    Given(state): Given<State>,
+    Path(id): Path<String>,
+    body: Body,
+) -> Result<Json<Value>, Problem> {
+    steer(state, id, body, LOST, JobState::Queued).await
 }
 
 #[derive(Deserialize)]
