@@ -58,6 +58,7 @@ write_image("picture.png", &image, &Look::default())?;
 //! | `bench` | what `raystream bench` measures, and its peers |
 //! | `cli` | the command line, with plug-ins of your own |
 //! | `serve` | `raystream serve`: jobs over HTTP, and the commands that talk to it |
+//! | `farm` | `raystream worker`: the service's units go to many machines over NATS JetStream |
 //! | `nvml` | energy and power of NVIDIA GPUs |
 //! | `unstable` | documentation of the modules that may change in any release |
 //!
@@ -148,6 +149,10 @@ pub mod bench;
 #[cfg(feature = "serve")]
 #[cfg_attr(not(feature = "unstable"), doc(hidden))]
 pub mod serve;
+
+#[cfg(feature = "serve")]
+#[cfg_attr(not(feature = "unstable"), doc(hidden))]
+pub mod farm;
 
 #[cfg(feature = "cli")]
 pub mod cli;

@@ -1,4 +1,4 @@
-//! The folder for cached calibrations.
+//! The folder for calibrations and scenes that can be made or fetched again.
 
 use std::path::PathBuf;
 

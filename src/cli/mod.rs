@@ -10,11 +10,13 @@ mod args;
 mod arrays;
 #[cfg(feature = "bench")]
 mod bench;
-#[cfg(feature = "gpu")]
+#[cfg(any(feature = "gpu", feature = "farm"))]
 mod cache;
 mod compare;
 mod doctor;
 mod events;
+#[cfg(feature = "farm")]
+mod farm;
 mod info;
 mod interrupt;
 mod light;
@@ -101,6 +103,12 @@ fn execute(command: &mut Command, registry: Registry) -> anyhow::Result<Outcome>
     match command {
         #[cfg(feature = "serve")]
         Command::Serve(args) => serve::run(args, registry),
+        #[cfg(feature = "farm")]
+        Command::Worker(args) => farm::work(args, registry),
+        #[cfg(not(feature = "farm"))]
+        Command::Worker(_) => {
+            Err(anyhow::anyhow!("this build was made without farms: build it with --features farm"))
+        }
         #[cfg(feature = "serve")]
         Command::Submit(args) => serve::submit(args, &registry),
         #[cfg(feature = "serve")]

@@ -161,6 +161,14 @@ impl SharedUnits {
     }
 }
 
+#[cfg(feature = "farm")]
+impl SharedUnits {
+    /// What traces, in words.
+    pub fn in_words(&self) -> String {
+        format!("{} threads ({})", self.service.host_threads(), self.simd)
+    }
+}
+
 /// The number of host threads.
 fn host_threads(args: &UnitArgs) -> usize {
     let all = || std::thread::available_parallelism().map_or(1, usize::from);

@@ -173,6 +173,17 @@ impl Film {
         self.sums.len()
     }
 
+    /// The sums of all pixels, and their numbers of samples.
+    pub(super) fn all_sums(&self) -> (&Sums, &Counts) {
+        (&self.sums, &self.samples)
+    }
+
+    /// Counts splats that another film has dropped and clamped.
+    pub(super) fn count_lost(&self, dropped: u64, clamped: u64) {
+        self.dropped.fetch_add(dropped, Relaxed);
+        self.clamped.fetch_add(clamped, Relaxed);
+    }
+
     /// Locks the sums of a pixel and its neighbours.
     pub(super) fn lock(&self, pixel: u32) -> Stripe<'_> {
         self.stripes.lock(pixel)

@@ -5,6 +5,7 @@ use super::layer_plan::{COVERAGE_ID_BITS, MEAN_PIXEL_IDS};
 use super::stripe::{STRIPE_PIXELS, Stripes};
 use crate::geom::mix;
 use std::io::Write;
+use std::ops::Range;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// The most entries of a stripe.
@@ -104,6 +105,51 @@ impl CoverageCounts {
         }
         Some(())
     }
+}
+
+/// Counts of some pixels.
+impl CoverageCounts {
+    /// Writes the counts of neighbouring pixels.
+    pub fn save_pixels(&self, run: &Range<usize>, to: &mut impl Write) -> std::io::Result<()> {
+        for (number, pixels) in stripes(run) {
+            let stripe = self.stripe(number);
+            let own = || stripe.iter().filter(|entry| pixels.contains(&(entry.0 >> COVERAGE_ID_BITS)));
+            to.write_all(&(own().count() as u32).to_le_bytes())?;
+            for (key, samples) in own() {
+                to.write_all(&key.to_le_bytes())?;
+                to.write_all(&samples.to_le_bytes())?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Adds what [`CoverageCounts::save_pixels`] wrote for the same pixels, or only looks at it. `None` if bytes are
+    /// missing, out of order or of other pixels.
+    pub fn add_pixels(&self, run: &Range<usize>, from: &mut &[u8], is_added: bool) -> Option<()> {
+        for (number, pixels) in stripes(run) {
+            let mut last = None;
+            for _ in 0..u32::from_le_bytes(*take(from)?) {
+                let (key, samples) = (u32::from_le_bytes(*take(from)?), u32::from_le_bytes(*take(from)?));
+                if last.is_some_and(|last| last >= key) || !pixels.contains(&(key >> COVERAGE_ID_BITS)) {
+                    return None;
+                }
+                last = Some(key);
+                if is_added {
+                    count(&mut self.stripe(number), key, samples);
+                }
+            }
+        }
+        Some(())
+    }
+}
+
+/// The stripes of neighbouring pixels, and which of the pixels of each.
+fn stripes(run: &Range<usize>) -> impl Iterator<Item = (usize, Range<u32>)> {
+    let (Range { start, end }, each) = (run.clone(), STRIPE_PIXELS as usize);
+    (start / each..end.div_ceil(each)).map(move |number| {
+        let first = number * each;
+        (number, (start.max(first) - first) as u32..(end.min(first + each) - first) as u32)
+    })
 }
 
 fn count(stripe: &mut Vec<Entry>, key: u32, samples: u32) {

@@ -6,6 +6,7 @@ use super::layer_plan::LayerPlan;
 use super::stripe::Stripe;
 use crate::memory::OutOfMemory;
 use std::io::Write;
+use std::ops::Range;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, AtomicU32, Ordering::Relaxed};
 
@@ -31,6 +32,15 @@ struct Centre {
     /// Bits of the distance.
     t: AtomicU32,
     material: AtomicU32,
+}
+
+/// What neighbouring pixels hold.
+struct PixelLayers<'a> {
+    sums: &'a [AtomicI64],
+    half: &'a [AtomicI64],
+    hits: &'a [AtomicU32],
+    half_samples: &'a [AtomicU32],
+    centres: &'a [Centre],
 }
 
 /// What the ray through a pixel's centre hit.
@@ -108,6 +118,64 @@ impl LayerSums {
             to.write_all(&count.load(Relaxed).to_le_bytes())?;
         }
         self.coverage.iter().try_for_each(|counts| counts.save(to))
+    }
+
+    /// Bytes that [`LayerSums::save_pixels`] writes for a pixel.
+    pub fn pixel_bytes(&self) -> usize {
+        let LayerPlan { hits, halves, centres, .. } = *self.plan;
+        let counts = usize::from(hits) + usize::from(halves) + if centres { 3 } else { 0 };
+        size_of::<i64>() * (self.plan.sums.len() + if halves { 3 } else { 0 }) + size_of::<u32>() * counts
+    }
+
+    /// The sums, counts and centres of neighbouring pixels; those that the plan lacks are empty.
+    fn of_pixels(&self, run: &Range<usize>) -> PixelLayers<'_> {
+        let each = self.plan.sums.len();
+        let held = |wanted: bool| if wanted { run.clone() } else { 0..0 };
+        PixelLayers {
+            sums: &self.sums[run.start * each..run.end * each],
+            half: self.half[held(self.plan.halves)].as_flattened(),
+            hits: &self.hits[held(self.plan.hits)],
+            half_samples: &self.half_samples[held(self.plan.halves)],
+            centres: &self.centres[held(self.plan.centres)],
+        }
+    }
+
+    /// Writes sums, counts and centres of neighbouring pixels.
+    pub fn save_pixels(&self, run: &Range<usize>, to: &mut impl Write) -> std::io::Result<()> {
+        let PixelLayers { sums, half, hits, half_samples, centres } = self.of_pixels(run);
+        for sum in sums.iter().chain(half) {
+            to.write_all(&sum.load(Relaxed).to_le_bytes())?;
+        }
+        for count in hits.iter().chain(half_samples).chain(centres.iter().flat_map(Centre::words)) {
+            to.write_all(&count.load(Relaxed).to_le_bytes())?;
+        }
+        Ok(())
+    }
+
+    /// Adds what [`LayerSums::save_pixels`] wrote for the same pixels.
+    pub fn add_pixels(&self, run: &Range<usize>, from: &mut &[u8]) -> Option<()> {
+        let PixelLayers { sums, half, hits, half_samples, centres } = self.of_pixels(run);
+        for sum in sums.iter().chain(half) {
+            sum.fetch_add(i64::from_le_bytes(*take(from)?), Relaxed);
+        }
+        for count in hits.iter().chain(half_samples) {
+            count.fetch_add(u32::from_le_bytes(*take(from)?), Relaxed);
+        }
+        for centre in centres {
+            let mut words = [0; 3];
+            for word in &mut words {
+                *word = u32::from_le_bytes(*take(from)?);
+            }
+            if words[0] > 0 {
+                centre.words().zip(words).for_each(|(to, word)| to.store(word, Relaxed));
+            }
+        }
+        Some(())
+    }
+
+    /// The counts of each entry of [`LayerPlan::coverage`].
+    pub fn coverage(&self) -> &[CoverageCounts] {
+        &self.coverage
     }
 
     fn restore(&self, from: &mut &[u8]) -> Option<()> {

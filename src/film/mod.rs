@@ -9,6 +9,7 @@ mod layer_plan;
 mod layer_sums;
 mod look;
 mod noise;
+mod pixels;
 #[cfg(feature = "formats")]
 mod read;
 mod region;

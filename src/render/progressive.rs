@@ -262,11 +262,20 @@ impl<I: Integrator> Progressive<I> {
             self.ended += 1;
             return Ok(Some(report));
         }
-        // Where the next pass takes samples must not depend on this one, even if the frame was stopped before it began.
-        if self.state.unfinished.len() < PASSES_IN_FLIGHT {
-            let next = self.new_pass();
-            self.state.unfinished.extend(next.map(|rest| UnfinishedPass { rest, film: None }));
+        let pass = self.complete_pass(&Arc::clone(film));
+        if let Some(time) = self.options.pass_time {
+            let took = self.pace.since.elapsed().as_secs_f64() / f64::from(pass.samples().len() as u32);
+            let samples = (time.as_secs_f64() / took.max(1e-9)) as u32;
+            self.pace =
+                Pace { since: Instant::now(), samples: samples.clamp(1, 4 * self.pace.samples.max(1)) };
         }
+        Ok(Some(report))
+    }
+
+    /// Adds the film of the oldest unfinished pass, which is complete, and decides where a pass after it takes samples.
+    pub(super) fn complete_pass(&mut self, film: &Arc<Film>) -> Pass {
+        // Where the next pass takes samples must not depend on this one, even if the frame was stopped before it began.
+        self.open_passes();
         let UnfinishedPass { rest: pass, .. } =
             self.state.unfinished.pop_front().expect("it was there just now");
         if let Some(noise) = &mut self.state.noise {
@@ -277,13 +286,16 @@ impl<I: Integrator> Progressive<I> {
         if let Some(target) = self.options.noise {
             self.rest(f64::from(target), pass.samples().end);
         }
-        if let Some(time) = self.options.pass_time {
-            let took = self.pace.since.elapsed().as_secs_f64() / f64::from(pass.samples().len() as u32);
-            let samples = (time.as_secs_f64() / took.max(1e-9)) as u32;
-            self.pace =
-                Pace { since: Instant::now(), samples: samples.clamp(1, 4 * self.pace.samples.max(1)) };
+        pass
+    }
+
+    /// Decides where the next passes take samples, up to [`PASSES_IN_FLIGHT`].
+    pub(super) fn open_passes(&mut self) {
+        while self.state.unfinished.len() < PASSES_IN_FLIGHT
+            && let Some(rest) = self.new_pass()
+        {
+            self.state.unfinished.push_back(UnfinishedPass { rest, film: None });
         }
-        Ok(Some(report))
     }
 
     /// Lets blocks rest that have all samples they need; `samples` have been taken of those that do not rest yet.
@@ -400,5 +412,9 @@ impl<I: Integrator> Progressive<I> {
 
     pub(super) fn state(&self) -> &State {
         &self.state
+    }
+
+    pub(super) fn state_mut(&mut self) -> &mut State {
+        &mut self.state
     }
 }

@@ -13,7 +13,18 @@ pub struct Failpoint {
 static CHOSEN: OnceLock<Failpoint> = OnceLock::new();
 
 /// The places.
-const PLACES: [&str; 4] = ["before-commit", "after-commit", "film-written", "folding"];
+const PLACES: [&str; 10] = [
+    "before-commit",
+    "after-commit",
+    "film-written",
+    "unit-kept",
+    "frame-complete",
+    "sums-written",
+    "sums-committed",
+    "folding",
+    "unit-rendered",
+    "result-sent",
+];
 
 impl std::str::FromStr for Failpoint {
     type Err = String;

@@ -28,8 +28,8 @@ pub struct Limits {
     pub open_jobs: u64,
     /// Rays of a query.
     pub query_rays: u64,
-    /// Pixels × samples of a unit, about: some seconds on a few cores, so that a film a unit costs about a hundredth.
-    pub unit_samples: u64,
+    /// Pixels × samples of a unit, instead of about a second by measured speed.
+    pub unit_samples: Option<u64>,
     /// Connections at the same time, as far as the system allows.
     pub connections: usize,
     /// The longest time until a request's headers are whole, and that a connection may be idle.
@@ -54,7 +54,7 @@ impl Default for Limits {
             triangles: 100_000_000,
             open_jobs: 10_000,
             query_rays: 1 << 24,
-            unit_samples: 1 << 24,
+            unit_samples: None,
             connections: 4096,
             head_time: Duration::from_secs(30),
             body_pause: Duration::from_secs(15),

@@ -3,11 +3,11 @@
 use crate::engine::PreparedScene;
 use crate::film::Picture;
 use crate::film::tev::Tev;
-use crate::render::PartialFilm;
+use crate::render::{Pass, Patch};
 use crate::schedule::{Priority, Service};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
-use std::ops::Range;
+use std::io;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
@@ -61,7 +61,7 @@ pub trait Pictures: Send + Sync + 'static {
 pub enum Kind {
     /// A number of samples: any units add up to the picture.
     Samples,
-    /// A noise to end at: one unit a frame.
+    /// A noise to end at: passes whose places follow from the sums of earlier ones.
     Noise,
     /// A time: one unit a frame, and a picture that is no function of the request.
     Seconds,
@@ -142,13 +142,25 @@ pub trait Shots: Send + Sync {
     /// What options and scene have against each other.
     fn frames(&self) -> Result<Vec<Frame>, String>;
 
-    /// Renders samples of a frame.
+    /// What a frame is a function of, as a hash. Processes with the same hash make the same patches.
+    ///
+    /// # Errors
+    /// If the job has no such frame.
+    fn identity(&self, frame: u32) -> Result<String, String>;
+
+    /// Renders the samples of a piece of a frame's pass.
     ///
     /// # Errors
     /// Why not.
-    fn film(&self, frame: u32, samples: Range<u32>, watch: &dyn Watch) -> Result<PartialFilm, String>;
+    fn patch(&self, frame: u32, piece: Pass, watch: &dyn Watch) -> Result<Patch, String>;
 
-    /// Renders a frame whose samples its noise or the time decides. What has been rendered is kept in `checkpoint` from
+    /// A frame whose patches are to be added up: from its first sample, or from what [`Gathering::save`] wrote.
+    ///
+    /// # Errors
+    /// Why not.
+    fn gather(&self, frame: u32, saved: Option<&[u8]>) -> Result<Box<dyn Gathering>, String>;
+
+    /// Renders a frame whose samples the time decides. What has been rendered is kept in `checkpoint` from
     /// time to time and when the unit is stopped, and is gone on from. `None` if it was stopped.
     ///
     /// # Errors
@@ -161,15 +173,36 @@ pub trait Shots: Send + Sync {
         watch: &dyn Watch,
     ) -> Result<Option<Picture>, String>;
 
-    /// The picture of a frame that has all samples.
-    ///
-    /// # Errors
-    /// What options and scene have against each other.
-    fn develop(&self, frame: u32, film: &PartialFilm) -> Result<Picture, String>;
-
     /// Writes a picture as the options ask, in the format of the file's name.
     ///
     /// # Errors
     /// Why it cannot be written.
     fn write(&self, picture: &Picture, path: &Path) -> Result<(), String>;
+}
+
+/// A frame whose passes are rendered in pieces, which are added up here.
+pub trait Gathering: Send {
+    /// The passes that may be rendered now, with their numbers. None once the frame is complete.
+    fn passes(&self) -> Vec<(u64, Pass)>;
+
+    /// Adds a patch of an open pass. No sample must be added twice. An error changes nothing.
+    ///
+    /// # Errors
+    /// Why the patch is none of the pass.
+    fn add(&mut self, pass: u64, patch: &Patch) -> Result<(), String>;
+
+    /// Whether all samples have been taken that are wanted.
+    fn is_complete(&self) -> bool;
+
+    /// Writes all sums.
+    ///
+    /// # Errors
+    /// If the file system refuses.
+    fn save(&self, to: &mut dyn io::Write) -> io::Result<()>;
+
+    /// The picture of all complete passes.
+    ///
+    /// # Errors
+    /// What options and scene have against each other.
+    fn develop(&self) -> Result<Picture, String>;
 }

@@ -4,7 +4,7 @@ use super::auth::Auth;
 use super::connections::{Admission, Connections, room_for};
 use super::ledger::{Ledger, LedgerError};
 use super::limits::Limits;
-use super::runner::Runner;
+use super::runner::{FarmOptions, Runner};
 use super::state::{Inner, State};
 use super::store::Store;
 use super::{Pictures, api, webhook};
@@ -49,6 +49,8 @@ pub struct Options {
     pub limits: Limits,
     /// The scene that the live view shows unless another one is asked for.
     pub scene: Option<PathBuf>,
+    /// How units of jobs reach their workers.
+    pub farm: FarmOptions,
 }
 
 /// Why the service cannot run.
@@ -115,7 +117,7 @@ pub fn run(
     stop: &Stop,
     listening: impl FnOnce(SocketAddr) + Send + 'static,
 ) -> Result<(), ServeError> {
-    let Options { listen, data, tls, insecure, open_to_drake, names, limits, scene } = options.clone();
+    let Options { listen, data, tls, insecure, open_to_drake, names, limits, scene, farm } = options.clone();
     if !listen.ip().is_loopback() && tls.is_none() && !insecure {
         return Err(ServeError::Open(listen));
     }
@@ -132,7 +134,7 @@ pub fn run(
     let metrics = recorder.handle();
     // A process has one recorder; a second service of a test shares it.
     let _ = metrics::set_global_recorder(recorder);
-    let runner = Runner::start(Arc::clone(&ledger), Arc::clone(&store), Arc::clone(&pictures), limits)?;
+    let runner = Runner::start(Arc::clone(&ledger), Arc::clone(&store), Arc::clone(&pictures), limits, farm)?;
     let state = State::new(Inner {
         auth,
         limits,

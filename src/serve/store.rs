@@ -172,28 +172,35 @@ impl Store {
     /// # Errors
     /// If there is none, or several and none is named.
     pub fn entry(&self, sha256: &str, name: Option<&str>) -> Result<PathBuf, Problem> {
-        let folder = self.scene_folder(sha256);
-        if let Some(name) = name {
-            let path = inside(&folder, name)
-                .ok_or_else(|| Problem::unprocessable(format!("{name:?} does not lie in the pack")))?;
-            let is_file = path.is_file();
-            return is_file.then_some(path).ok_or_else(|| Problem::unprocessable(no_file(name)));
-        }
-        let mut found = Vec::new();
-        scene_files(&folder, &mut found).map_err(refused)?;
-        for extension in SCENES {
-            let mut of_kind = found.iter().filter(|path| has_extension(path, extension));
-            match (of_kind.next(), of_kind.next()) {
-                (Some(only), None) => return Ok(only.clone()),
-                (Some(_), Some(_)) => {
-                    let detail = format!("the pack has several .{extension} files; name one as `entry`");
-                    return Err(Problem::unprocessable(detail));
-                }
-                _ => {}
-            }
-        }
-        Err(Problem::unprocessable(format!("the pack has no scene: no file of {}", SCENES.join(", "))))
+        entry_in(&self.scene_folder(sha256), name)
     }
+}
+
+/// The scene file of a scene's folder: the one that is named, or the only one.
+///
+/// # Errors
+/// If there is none, or several and none is named.
+pub fn entry_in(folder: &Path, name: Option<&str>) -> Result<PathBuf, Problem> {
+    if let Some(name) = name {
+        let path = inside(folder, name)
+            .ok_or_else(|| Problem::unprocessable(format!("{name:?} does not lie in the pack")))?;
+        let is_file = path.is_file();
+        return is_file.then_some(path).ok_or_else(|| Problem::unprocessable(no_file(name)));
+    }
+    let mut found = Vec::new();
+    scene_files(folder, &mut found).map_err(refused)?;
+    for extension in SCENES {
+        let mut of_kind = found.iter().filter(|path| has_extension(path, extension));
+        match (of_kind.next(), of_kind.next()) {
+            (Some(only), None) => return Ok(only.clone()),
+            (Some(_), Some(_)) => {
+                let detail = format!("the pack has several .{extension} files; name one as `entry`");
+                return Err(Problem::unprocessable(detail));
+            }
+            _ => {}
+        }
+    }
+    Err(Problem::unprocessable(format!("the pack has no scene: no file of {}", SCENES.join(", "))))
 }
 
 fn no_file(name: &str) -> String {

@@ -4,6 +4,8 @@
 mod bench;
 mod compare;
 mod doctor;
+#[cfg(feature = "farm")]
+mod farm;
 mod frames;
 mod layers;
 mod look;
@@ -33,6 +35,8 @@ pub use bench::{
 };
 pub use compare::CompareArgs;
 pub use doctor::DoctorArgs;
+#[cfg(feature = "farm")]
+pub use farm::{FarmArgs, NatsArgs, WorkerArgs};
 pub use frames::FramesArgs;
 pub use layers::LayerArgs;
 pub use look::LookArgs;
@@ -94,6 +98,12 @@ pub enum Command {
     /// Run a service that accepts jobs over HTTP.
     #[cfg(feature = "serve")]
     Serve(Box<ServeArgs>),
+    /// Render units for a service that runs with --nats.
+    #[cfg(feature = "farm")]
+    Worker(Box<WorkerArgs>),
+    /// Left out of this build: renders units for a service that runs with --nats.
+    #[cfg(not(feature = "farm"))]
+    Worker(LeftOutArgs),
     /// Send a scene and a job to a service.
     #[cfg(feature = "serve")]
     Submit(SubmitArgs),
@@ -138,7 +148,7 @@ pub enum Command {
 }
 
 /// The arguments of a command whose feature this build was made without.
-#[cfg(any(not(feature = "bench"), not(feature = "serve")))]
+#[cfg(any(not(feature = "bench"), not(feature = "farm")))]
 #[derive(Debug, clap::Args)]
 pub struct LeftOutArgs {
     /// Whatever the command takes where it is built in.

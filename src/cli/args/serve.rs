@@ -56,12 +56,22 @@ pub struct ServeArgs {
     /// Longest pause of a client within a request, for tests.
     #[arg(long, value_name = "SECONDS", hide = true, value_parser = super::progress::duration)]
     pub patience: Option<Duration>,
+    /// Cut units at random, for tests.
+    #[arg(long, value_name = "SEED", hide = true)]
+    pub random_units: Option<u64>,
+    /// Add up the films of a frame when there are so many, for tests.
+    #[arg(long, value_name = "N", hide = true)]
+    pub most_files: Option<usize>,
     /// End the process at a place, for tests.
     #[arg(long, value_name = "PLACE[:N]", hide = true)]
     pub failpoint: Option<Failpoint>,
     /// The units that trace.
     #[command(flatten)]
     pub units: UnitArgs,
+    /// Workers on other machines.
+    #[cfg(feature = "farm")]
+    #[command(flatten)]
+    pub farm: super::FarmArgs,
 }
 
 /// `raystream view`.

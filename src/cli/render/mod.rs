@@ -168,6 +168,9 @@ pub(super) enum Goal<'a> {
     /// A unit of a job.
     #[cfg(feature = "serve")]
     Unit(Box<unit::Unit<'a>>),
+    /// A frame that units of a job add up to.
+    #[cfg(feature = "serve")]
+    Sum(Box<unit::Sum<'a>>),
 }
 
 /// What the files of the command show, and how they are made.
@@ -190,6 +193,8 @@ impl RenderRequest<'_> {
             Goal::Files(files) => *files,
             #[cfg(feature = "serve")]
             Goal::Unit(unit) => return unit.run(args, setup, &integrator),
+            #[cfg(feature = "serve")]
+            Goal::Sum(sum) => return sum.open(&integrator),
         };
         let FilesGoal { animation, camera, shaders, progress } = files;
         match animation {

@@ -1,4 +1,4 @@
-//! A unit of a job: some samples of a frame, or all that its noise or the time asks for.
+//! A unit of a job: a piece of a frame's pass, or all samples that the time allows; and frames that units add up to.
 
 use super::checkpoint::{self, Checkpoint, identity};
 use super::facts::Facts;
@@ -7,13 +7,13 @@ use crate::cli::Outcome;
 use crate::cli::args::RenderArgs;
 use crate::cli::progress::POLL_INTERVAL;
 use crate::cli::setup::Setup;
-use crate::film::{Picture, Region};
-use crate::render::{Integrator, Part, PartialFilm, PassOptions, Progressive};
+use crate::film::Picture;
+use crate::render::{Gathered, Identity, Integrator, Pass, PassOptions, Patch, Progressive};
 use crate::scene::Camera;
 use crate::schedule::{JobHandle, JobOptions, JobReport, LimitsError};
-use crate::serve::Watch;
-use anyhow::{Context, Result, bail};
-use std::ops::Range;
+use crate::serve::{Gathering, Watch};
+use anyhow::{Context, Result};
+use std::io;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -29,15 +29,15 @@ pub struct Unit<'a> {
 
 /// Which samples.
 pub enum Work {
-    /// These of each pixel.
-    Samples(Range<u32>),
+    /// Those of a piece of a pass.
+    Piece(Pass),
     /// As many as noise or time ask for; the checkpoint keeps them, and this much time has been spent.
     Whole { checkpoint: PathBuf, spent: Duration },
 }
 
 /// What a unit has become. A unit that was stopped has become nothing.
 pub enum Rendered {
-    Film(Box<PartialFilm>),
+    Patch(Box<Patch>),
     Picture(Picture),
 }
 
@@ -49,9 +49,7 @@ impl Unit<'_> {
     pub fn run<I: Integrator>(self, args: &RenderArgs, setup: &Setup, integrator: &I) -> Result<Outcome> {
         let seen = integrator.seen_by(&self.camera)?;
         *self.rendered = match &self.work {
-            Work::Samples(samples) => {
-                Some(Rendered::Film(self.film(args, setup, &seen, samples.clone())?.into()))
-            }
+            Work::Piece(piece) => Some(Rendered::Patch(self.patch(setup, &seen, piece.clone())?.into())),
             Work::Whole { checkpoint, spent } => {
                 let picture = self.whole(args, setup, seen, checkpoint.clone(), *spent)?;
                 picture.map(Rendered::Picture)
@@ -66,18 +64,9 @@ impl Unit<'_> {
         setup.prepared.submit(&setup.service, Arc::clone(integrator), options)
     }
 
-    fn film<I: Integrator>(
-        &self,
-        args: &RenderArgs,
-        setup: &Setup,
-        integrator: &I,
-        samples: Range<u32>,
-    ) -> Result<PartialFilm> {
-        let settings = integrator.frame().settings();
-        let whole = Region::whole(settings.width, settings.height);
-        let part = Part { region: args.part.region.unwrap_or(whole), samples };
-        let part = Arc::new(integrator.with_part(part)?);
-        let job = self.submit(setup, &part)?;
+    fn patch<I: Integrator>(&self, setup: &Setup, integrator: &I, piece: Pass) -> Result<Patch> {
+        let piece = Arc::new(integrator.with_pass(piece));
+        let job = self.submit(setup, &piece)?;
         let mut priority = self.watch.priority();
         while !job.wait_for(POLL_INTERVAL) {
             if self.watch.is_stopped() {
@@ -87,13 +76,11 @@ impl Unit<'_> {
                 priority = self.watch.priority();
                 job.set_priority(priority);
             }
-            self.watch.progress(job.progress().tiles_done() as f64 / part.frame().tiles().max(1) as f64);
+            self.watch.progress(job.progress().tiles_done() as f64 / piece.frame().tiles().max(1) as f64);
         }
         let report = job.wait().context("the unit failed")?;
         self.count(&report);
-        let frame = part.frame();
-        let identity = identity(args, setup, frame.settings(), Some(&self.camera));
-        Ok(PartialFilm::new(identity, frame, Arc::clone(frame.film()))?)
+        Ok(Patch::of(piece.frame()))
     }
 
     fn count(&self, report: &JobReport) {
@@ -155,15 +142,70 @@ fn developed<I: Integrator>(frame: &Progressive<I>, facts: &Facts, camera: &Came
     picture
 }
 
-/// The picture of a whole film, with the facts that a single picture has.
-pub fn of_film(args: &RenderArgs, setup: &Setup, camera: &Camera, film: &PartialFilm) -> Result<Picture> {
-    let (width, height) = film.header().size();
-    let region = args.part.region.unwrap_or(Region::whole(width, height));
-    let spp = film.header().spp();
-    if film.film().samples() != region.area() * u64::from(spp) {
-        bail!("the frame has not all of its samples");
+/// What the picture of a frame of a job is a function of.
+pub fn frame_identity(args: &RenderArgs, setup: &Setup, camera: &Camera) -> Identity {
+    checkpoint::of_part(identity(args, setup, &settings(args), Some(camera)), args)
+}
+
+/// A frame that units add up to.
+pub struct Sum<'a> {
+    pub args: Arc<RenderArgs>,
+    pub setup: Arc<Setup>,
+    pub camera: Camera,
+    /// What was saved of it.
+    pub saved: Option<&'a [u8]>,
+    /// Gets the frame.
+    pub frame: &'a mut Option<Box<dyn Gathering>>,
+}
+
+impl Sum<'_> {
+    /// Begins or goes on with the frame.
+    pub fn open<I: Integrator>(self, integrator: &I) -> Result<Outcome> {
+        let Self { args, setup, camera, saved, frame } = self;
+        let options = PassOptions { noise: args.progress.noise, pass_time: None };
+        let identity = frame_identity(&args, &setup, &camera);
+        let seen = integrator.seen_by(&camera)?;
+        let gathered = match saved {
+            Some(saved) => Gathered::resume(seen, options, &identity, saved)?,
+            None => Gathered::new(seen, options),
+        };
+        *frame = Some(Box::new(SumOf { args, setup, camera, identity, gathered }));
+        Ok(Outcome::Done)
     }
-    let mut picture = film.develop(region);
-    picture.metadata = Facts::new(args, setup, &settings(args)).of(&picture.image, camera, f64::from(spp));
-    Ok(picture)
+}
+
+/// A frame with its integrator.
+struct SumOf<I: Integrator> {
+    args: Arc<RenderArgs>,
+    setup: Arc<Setup>,
+    camera: Camera,
+    identity: Identity,
+    gathered: Gathered<I>,
+}
+
+impl<I: Integrator> Gathering for SumOf<I> {
+    fn passes(&self) -> Vec<(u64, Pass)> {
+        self.gathered.passes().map(|(number, pass)| (number, pass.clone())).collect()
+    }
+
+    fn add(&mut self, pass: u64, patch: &Patch) -> Result<(), String> {
+        self.gathered.add(pass, patch).map_err(|error| error.to_string())
+    }
+
+    fn is_complete(&self) -> bool {
+        self.gathered.is_complete()
+    }
+
+    fn save(&self, to: &mut dyn io::Write) -> io::Result<()> {
+        self.gathered.save(&self.identity, to)
+    }
+
+    fn develop(&self) -> Result<Picture, String> {
+        let mut picture = self.gathered.develop();
+        let frame = self.gathered.integrator().frame();
+        let facts = Facts::new(&self.args, &self.setup, frame.settings());
+        let mean_spp = self.gathered.film().samples() as f64 / frame.part().region.area() as f64;
+        picture.metadata = facts.of(&picture.image, &self.camera, mean_spp);
+        Ok(picture)
+    }
 }

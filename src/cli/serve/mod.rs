@@ -15,12 +15,14 @@ pub use view::run as view;
 
 use super::args::ServeArgs;
 use super::{Outcome, Registry};
-use crate::serve::{Limits, Options, Stop, TOKEN_FILE, Tls};
+use crate::serve::{FarmOptions, Limits, Options, Stop, TOKEN_FILE, Tls};
 use anyhow::Result;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::SeqCst};
-use studio::Studio;
+#[cfg(feature = "farm")]
+pub use loaded::LoadedScenes;
+pub use studio::Studio;
 
 /// `raystream serve`.
 pub fn run(args: &ServeArgs, registry: Registry) -> Result<Outcome> {
@@ -43,12 +45,13 @@ fn serve(
         unpacked_bytes: args.max_unpacked,
         open_jobs: args.max_jobs,
         connections: args.max_connections,
+        unit_samples: args.unit_samples,
         ..Limits::default()
     };
     if let Some(patience) = args.patience {
         (limits.head_time, limits.body_pause) = (patience, patience);
     }
-    limits.unit_samples = args.unit_samples.unwrap_or(limits.unit_samples);
+    let (farm, _server) = farm(args)?;
     let options = Options {
         listen: *listen,
         data: data.clone(),
@@ -58,6 +61,7 @@ fn serve(
         names: name.clone(),
         limits,
         scene,
+        farm,
     };
     if let Some(failpoint) = args.failpoint.clone() {
         failpoint.choose();
@@ -76,6 +80,25 @@ fn serve(
         listening(&page);
     })?;
     Ok(Outcome::Done)
+}
+
+/// How units of jobs reach their workers.
+#[cfg(not(feature = "farm"))]
+fn farm(args: &ServeArgs) -> Result<(FarmOptions, ())> {
+    Ok((local(args), ()))
+}
+
+/// How units of jobs reach their workers, and the server that was started for it.
+#[cfg(feature = "farm")]
+fn farm(args: &ServeArgs) -> Result<(FarmOptions, Option<crate::farm::nats::NatsServer>)> {
+    let mut farm = local(args);
+    let server = crate::cli::farm::connect(&args.farm, args.insecure, &args.data, &mut farm)?;
+    Ok((farm, server))
+}
+
+/// Options of units that are rendered anywhere.
+fn local(args: &ServeArgs) -> FarmOptions {
+    FarmOptions { random_units: args.random_units, most_files: args.most_files, ..FarmOptions::default() }
 }
 
 /// The first signal ends the service in an orderly way, a second one at once.

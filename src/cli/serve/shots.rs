@@ -4,26 +4,27 @@ use super::options::Parsed;
 use crate::cli::args::RenderArgs;
 use crate::cli::registry::Registry;
 use crate::cli::render::animation::Animation;
-use crate::cli::render::unit::{self, Rendered, Unit, Work};
+use crate::cli::render::unit::{Rendered, Sum, Unit, Work, frame_identity};
 use crate::cli::render::{Goal, RenderRequest, params, still_camera};
 use crate::cli::setup::{Setup, SharedUnits};
 use crate::cli::with_causes;
 use crate::engine::PreparedScene;
 use crate::film::tev::Tev;
 use crate::film::{Picture, write_picture};
-use crate::render::PartialFilm;
+use crate::render::{Pass, Patch};
 use crate::scene::Camera;
-use crate::serve::{Frame, Shots, Watch};
+use crate::serve::{Frame, Gathering, Shots, Watch, hex};
 use anyhow::{Context, Result, bail};
-use std::ops::Range;
+use sha2::{Digest, Sha256};
+use std::io;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
 /// A job with its scene.
 pub struct Scene {
-    args: RenderArgs,
-    setup: Setup,
+    args: Arc<RenderArgs>,
+    setup: Arc<Setup>,
     registry: Arc<Registry>,
     viewer: Option<Arc<Tev>>,
 }
@@ -38,7 +39,8 @@ impl Scene {
     ) -> Result<Self> {
         let Parsed { args, own, .. } = parsed;
         let options = registry.integrator_options(&args.integrator, &prepared.scene, &own)?;
-        Ok(Self { setup: Setup::shared(prepared.clone(), &units, options), args, registry, viewer: None })
+        let setup = Setup::shared(prepared.clone(), &units, options);
+        Ok(Self { setup: setup.into(), args: args.into(), registry, viewer: None })
     }
 
     /// The same, whose finished pictures a viewer shows.
@@ -77,6 +79,19 @@ impl Scene {
     }
 }
 
+impl Scene {
+    fn sum(&self, frame: u32, saved: Option<&[u8]>) -> Result<Box<dyn Gathering>> {
+        let camera = self.camera(frame)?;
+        let params = params(&self.args, &self.setup, camera);
+        let (args, setup) = (Arc::clone(&self.args), Arc::clone(&self.setup));
+        let mut sum = None;
+        let goal = Goal::Sum(Sum { args, setup, camera, saved, frame: &mut sum }.into());
+        let request = RenderRequest { args: &self.args, setup: &self.setup, goal };
+        self.registry.run(&self.args.integrator, params, request)?;
+        sum.context("the frame has no sum")
+    }
+}
+
 impl Shots for Scene {
     fn prepared(&self) -> &PreparedScene {
         &self.setup.prepared
@@ -92,11 +107,26 @@ impl Shots for Scene {
         }
     }
 
-    fn film(&self, frame: u32, samples: Range<u32>, watch: &dyn Watch) -> Result<PartialFilm, String> {
-        match self.render(frame, Work::Samples(samples), watch).map_err(|error| with_causes(&error))? {
-            Some(Rendered::Film(film)) => Ok(*film),
-            _ => Err("the unit has no film".into()),
+    fn identity(&self, frame: u32) -> Result<String, String> {
+        let camera = self.camera(frame).map_err(|error| with_causes(&error))?;
+        let identity = frame_identity(&self.args, &self.setup, &camera);
+        let json = serde_json::to_vec(&identity).map_err(|error| error.to_string())?;
+        Ok(hex(&Sha256::digest(json)))
+    }
+
+    fn patch(&self, frame: u32, piece: Pass, watch: &dyn Watch) -> Result<Patch, String> {
+        match self.render(frame, Work::Piece(piece), watch).map_err(|error| with_causes(&error))? {
+            Some(Rendered::Patch(patch)) => Ok(*patch),
+            _ => Err("the unit has no sums".into()),
         }
+    }
+
+    fn gather(&self, frame: u32, saved: Option<&[u8]>) -> Result<Box<dyn Gathering>, String> {
+        let sum = self.sum(frame, saved).map_err(|error| with_causes(&error))?;
+        Ok(match self.viewer.clone() {
+            Some(viewer) => Box::new(Shown { frame: sum, viewer, name: self.name(frame) }),
+            None => sum,
+        })
     }
 
     fn whole(
@@ -113,19 +143,39 @@ impl Shots for Scene {
         }
     }
 
-    fn develop(&self, frame: u32, film: &PartialFilm) -> Result<Picture, String> {
-        let picture = self
-            .camera(frame)
-            .and_then(|camera| unit::of_film(&self.args, &self.setup, &camera, film))
-            .context("the picture");
-        if let (Some(viewer), Ok(picture)) = (&self.viewer, &picture) {
-            viewer.show(&self.name(frame), picture);
-        }
-        picture.map_err(|error| with_causes(&error))
-    }
-
     fn write(&self, picture: &Picture, path: &Path) -> Result<(), String> {
         let written = write_picture(path, picture, &self.args.look.look(), &self.args.picture.options());
         written.map_err(|error| error.to_string())
+    }
+}
+
+/// A frame whose picture a viewer shows once it is developed.
+struct Shown {
+    frame: Box<dyn Gathering>,
+    viewer: Arc<Tev>,
+    name: String,
+}
+
+impl Gathering for Shown {
+    fn passes(&self) -> Vec<(u64, Pass)> {
+        self.frame.passes()
+    }
+
+    fn add(&mut self, pass: u64, patch: &Patch) -> Result<(), String> {
+        self.frame.add(pass, patch)
+    }
+
+    fn is_complete(&self) -> bool {
+        self.frame.is_complete()
+    }
+
+    fn save(&self, to: &mut dyn io::Write) -> io::Result<()> {
+        self.frame.save(to)
+    }
+
+    fn develop(&self) -> Result<Picture, String> {
+        let picture = self.frame.develop()?;
+        self.viewer.show(&self.name, &picture);
+        Ok(picture)
     }
 }

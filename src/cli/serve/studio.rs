@@ -3,7 +3,7 @@
 use super::loaded::LoadedScenes;
 use super::options::{self, Parsed};
 use super::shots::Scene;
-use crate::cli::args::{ServeArgs, viewer};
+use crate::cli::args::{ServeArgs, UnitArgs, viewer};
 use crate::cli::render::apply_surfaces;
 use crate::cli::setup::SharedUnits;
 use crate::cli::{Registry, scene_file, with_causes};
@@ -44,17 +44,36 @@ pub struct Studio {
 impl Studio {
     /// Opens the units and starts the threads.
     pub fn open(registry: Registry, args: &ServeArgs) -> Result<Self> {
+        let loaded = LoadedScenes::new(&args.data, args.max_unpacked);
+        let own = Self::with_units(registry, &args.units, args.memory, loaded)?;
+        Ok(Self { viewer: args.tev.as_deref().map(viewer).transpose()?.map(Arc::new), ..own })
+    }
+
+    /// The same with these units, at most so many bytes for a scene and for those that are kept ready, and a place for
+    /// loaded scenes. No viewer shows the pictures.
+    pub fn with_units(
+        registry: Registry,
+        units: &UnitArgs,
+        memory: Option<u64>,
+        loaded: LoadedScenes,
+    ) -> Result<Self> {
         let half = || MemoryBudget::of_machine().bytes() / 2;
-        let memory = args.memory.unwrap_or_else(half);
+        let memory = memory.unwrap_or_else(half);
         Ok(Self {
             command: registry.command(),
             registry: Arc::new(registry),
-            units: SharedUnits::open(&args.units, SCHEDULED)?,
+            units: SharedUnits::open(units, SCHEDULED)?,
             memory: MemoryBudget::of_bytes(memory),
             cache: SceneCache::new(memory),
-            loaded: LoadedScenes::new(&args.data, args.max_unpacked),
-            viewer: args.tev.as_deref().map(viewer).transpose()?.map(Arc::new),
+            loaded,
+            viewer: None,
         })
+    }
+
+    /// What traces, in words.
+    #[cfg(feature = "farm")]
+    pub fn units_in_words(&self) -> String {
+        self.units.in_words()
     }
 
     fn parse(&self, options: &Map<String, Value>, scene: &Path, folder: &Path) -> Result<Parsed> {

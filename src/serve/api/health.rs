@@ -1,9 +1,11 @@
 //! Whether the service lives, whether it can work, and what it has done.
 
-use crate::serve::{Problem, State};
+use crate::serve::{Problem, ShownWorker, State};
+use axum::Json;
 use axum::extract::State as Given;
 use axum::http::{StatusCode, header};
 use axum::response::IntoResponse;
+use serde_json::{Value, json};
 
 /// `GET /healthz`: the process answers.
 pub async fn healthz() -> &'static str {
@@ -19,12 +21,23 @@ pub async fn readyz(Given(state): Given<State>) -> Result<&'static str, Problem>
     Ok("ready\n")
 }
 
+/// `GET /api/v1/workers`: who renders, how fast, and what each has done.
+pub async fn workers(Given(state): Given<State>) -> Json<Value> {
+    let runner = state.runner();
+    Json(json!({ "workers": runner.workers(), "units_outstanding": runner.outstanding() }))
+}
+
 /// `GET /metrics`, in Prometheus' text format.
 pub async fn metrics(Given(state): Given<State>) -> Result<impl IntoResponse, Problem> {
     let counts = state.blocking(|state| Ok(state.ledger().counts()?)).await?;
     for (job, count) in counts {
         metrics::gauge!("raystream_jobs", "state" => job.name()).set(count as f64);
     }
+    let workers = state.runner().workers();
+    for (kind, count) in ShownWorker::counts(&workers) {
+        metrics::gauge!("raystream_workers", "state" => kind).set(count as f64);
+    }
+    metrics::gauge!("raystream_units_outstanding").set(state.runner().outstanding() as f64);
     state.metrics().run_upkeep();
     let text = state.metrics().render();
     Ok(([(header::CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")], text))

@@ -126,9 +126,8 @@ pub fn check_demand(state: &State, demand: &Demand) -> Result<(), Problem> {
 /// A job as answers show it.
 fn shown(job: &Job, totals: Totals, now: f64) -> Value {
     let request = JobRequest::of(job);
-    let Totals { units, units_done, .. } = totals;
-    let whole = if units == 0 { 0.0 } else { units_done as f64 / units as f64 };
-    let progress = if job.state == JobState::Done { 1.0 } else { (whole + now).min(1.0) };
+    let Totals { units, units_done, share, .. } = totals;
+    let progress = if job.state == JobState::Done { 1.0 } else { (share + now).min(1.0) };
     json!({
         "id": job.id, "state": job.state, "priority": job.priority.name(), "scene": job.scene,
         "entry": request.as_ref().and_then(|request| request.entry.clone()),
@@ -227,6 +226,9 @@ async fn steer(
             if !wanted {
                 let detail = format!("the job is {now}, so it cannot become {to}");
                 return Err(Problem::new(StatusCode::CONFLICT, detail).with("state", now.name()));
+            }
+            if to == JobState::Queued {
+                state.ledger().forgive(&id)?;
             }
             match to {
                 JobState::Queued => state.runner().wake(),

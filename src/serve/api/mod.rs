@@ -42,6 +42,7 @@ pub fn router(state: State) -> Router {
         .route("/api/v1/jobs/{id}/events", get(events::of_job))
         .route("/api/v1/jobs/{id}/frames/{file}", get(results::picture))
         .route("/api/v1/jobs/{id}/frames/{frame}/{file}", get(results::layer))
+        .route("/api/v1/workers", get(health::workers))
         .route("/api/v1/events", get(events::of_all))
         .route("/api/v1/query", post(query::query))
         .merge(live::router())

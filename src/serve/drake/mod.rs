@@ -106,12 +106,18 @@ fn draw(
     let demand = state.pictures().check(&options, path, folder).map_err(Problem::unprocessable)?;
     check_demand(state, &demand)?;
     let shots = state.runner().reader.open(&options, path, folder).map_err(Problem::unprocessable)?;
-    let film = shots.film(0, 0..demand.spp, watch);
-    if watch.is_stopped() {
-        return Err(Problem::new(StatusCode::SERVICE_UNAVAILABLE, "the service is ending; ask again"));
+    let mut frame = shots.gather(0, None).map_err(Problem::unprocessable)?;
+    while !frame.is_complete() {
+        for (number, pass) in frame.passes() {
+            let patch = shots.patch(0, pass, watch);
+            if watch.is_stopped() {
+                return Err(Problem::new(StatusCode::SERVICE_UNAVAILABLE, "the service is ending; ask again"));
+            }
+            let patch = patch.map_err(Problem::unprocessable)?;
+            frame.add(number, &patch).map_err(Problem::unprocessable)?;
+        }
     }
-    let film = film.map_err(Problem::unprocessable)?;
-    let picture = shots.develop(0, &film).map_err(Problem::unprocessable)?;
+    let picture = frame.develop().map_err(Problem::unprocessable)?;
 
     wanted.encode(&picture, &*shots, folder)
 }

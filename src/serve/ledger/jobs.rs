@@ -228,13 +228,25 @@ pub(super) fn find(connection: &Connection, id: &str) -> rusqlite::Result<Option
 
 /// How much of a job is done.
 pub(super) fn totals(connection: &Connection, id: &str) -> rusqlite::Result<Totals> {
-    let count = |select: &str| {
+    let counts = |select: &str| {
         connection
             .query_row(select, [id], |row| Ok((row.get::<_, i64>(0)? as u64, row.get::<_, i64>(1)? as u64)))
     };
-    let (frames, frames_done) = count("SELECT count(*), count(hash) FROM frame WHERE job = ?1")?;
-    let (units, units_done) = count("SELECT count(*), coalesce(sum(is_done), 0) FROM unit WHERE job = ?1")?;
-    Ok(Totals { frames, frames_done, units, units_done })
+    let (frames, frames_done) = counts("SELECT count(*), count(hash) FROM frame WHERE job = ?1")?;
+    let (units, units_done) =
+        counts("SELECT count(*), coalesce(sum(state > 0), 0) FROM unit WHERE job = ?1")?;
+    let (folded, taken) = counts(
+        "SELECT coalesce(sum(units), 0), coalesce(sum(iif(hash IS NULL, block_samples, 0)), 0) FROM frame \
+         WHERE job = ?1",
+    )?;
+    let (kept, of_frame) = counts(
+        "SELECT coalesce(sum(blocks * (end - first)), 0), (SELECT block_samples FROM job WHERE id = ?1) \
+         FROM unit WHERE job = ?1 AND state > 0",
+    )?;
+    let (units, units_done) = (units + folded, units_done + folded);
+    let begun = (taken + kept) as f64 / of_frame.max(1) as f64;
+    let share = ((frames_done as f64 + begun) / frames.max(1) as f64).min(1.0);
+    Ok(Totals { frames, frames_done, units, units_done, share })
 }
 
 /// Writes down what has happened to a job.

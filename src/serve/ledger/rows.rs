@@ -176,30 +176,81 @@ pub struct FrameRow {
     pub metadata: Option<String>,
 }
 
-/// Samples of a frame.
-#[derive(Clone, Debug, PartialEq, Eq)]
+/// What has become of a unit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum UnitState {
+    /// It is to be rendered.
+    Open,
+    /// Its sums are in a file of their own.
+    Kept,
+    /// They are in the frame's file of sums, or the frame has its picture.
+    Folded,
+}
+
+/// A piece of a frame's pass: the same samples of some neighbours in the pass's list of blocks.
+#[derive(Clone, Debug, PartialEq)]
 pub struct UnitRow {
     /// The frame.
     pub frame: u32,
+    /// The pass.
+    pub pass: u64,
+    /// Its number in the pass.
+    pub number: u32,
+    /// The first of its blocks, in the pass's list.
+    pub block: u32,
+    /// The number of its blocks.
+    pub blocks: u32,
     /// Its first sample.
     pub first: u32,
     /// The sample after its last.
     pub end: u32,
-    /// Whether its film is kept.
-    pub is_done: bool,
+    /// What has become of it.
+    pub state: UnitState,
     /// How often it has failed.
     pub attempts: u32,
+    /// Who has rendered it.
+    pub worker: Option<String>,
+    /// The SHA-256 of its sums.
+    pub digest: Option<String>,
+}
+
+impl UnitRow {
+    pub(super) const COLUMNS: &str =
+        "frame, pass, number, block, blocks, first, end, state, attempts, worker, digest";
+
+    pub(super) fn of(row: &Row<'_>) -> rusqlite::Result<Self> {
+        let state = match row.get::<_, i64>(7)? {
+            0 => UnitState::Open,
+            1 => UnitState::Kept,
+            _ => UnitState::Folded,
+        };
+        Ok(Self {
+            frame: row.get(0)?,
+            pass: row.get::<_, i64>(1)? as u64,
+            number: row.get(2)?,
+            block: row.get(3)?,
+            blocks: row.get(4)?,
+            first: row.get(5)?,
+            end: row.get(6)?,
+            state,
+            attempts: row.get(8)?,
+            worker: row.get(9)?,
+            digest: row.get(10)?,
+        })
+    }
 }
 
 /// How much of a job is done.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Totals {
     /// Frames in all.
     pub frames: u64,
     /// Finished frames.
     pub frames_done: u64,
-    /// Units in all.
+    /// Units that have been cut so far. More are cut as they are needed.
     pub units: u64,
     /// Units whose films are kept or whose frames are finished.
     pub units_done: u64,
+    /// The share of the samples that have been taken, from 0 to 1. A job with a noise to end at may take fewer.
+    pub share: f64,
 }

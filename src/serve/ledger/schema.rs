@@ -8,7 +8,9 @@ use std::path::Path;
 pub(super) const VERSION: i64 = MIGRATIONS.len() as i64;
 
 /// What makes each version from the one before.
-const MIGRATIONS: [&str; 1] = ["
+const MIGRATIONS: [&str; 2] = [FIRST, UNITS_OF_PASSES];
+
+const FIRST: &str = "
     CREATE TABLE job (
         seq INTEGER PRIMARY KEY AUTOINCREMENT,
         id TEXT NOT NULL UNIQUE,
@@ -63,7 +65,44 @@ const MIGRATIONS: [&str; 1] = ["
         attempts INTEGER NOT NULL DEFAULT 0,
         next_ms INTEGER NOT NULL
     ) WITHOUT ROWID;
-"];
+";
+
+/// Units are pieces of passes, cut as they are needed; films are added up as they come. Frames without pictures begin
+/// anew.
+const UNITS_OF_PASSES: &str = "
+    ALTER TABLE job ADD COLUMN block_samples INTEGER NOT NULL DEFAULT 0;
+    ALTER TABLE frame ADD COLUMN sums INTEGER NOT NULL DEFAULT 0;
+    ALTER TABLE frame ADD COLUMN units INTEGER NOT NULL DEFAULT 0;
+    ALTER TABLE frame ADD COLUMN block_samples INTEGER NOT NULL DEFAULT 0;
+    DROP TABLE unit;
+    CREATE TABLE unit (
+        job TEXT NOT NULL REFERENCES job (id) ON DELETE CASCADE,
+        frame INTEGER NOT NULL,
+        pass INTEGER NOT NULL,
+        number INTEGER NOT NULL,
+        block INTEGER NOT NULL,
+        blocks INTEGER NOT NULL,
+        first INTEGER NOT NULL,
+        end INTEGER NOT NULL,
+        state INTEGER NOT NULL DEFAULT 0,
+        attempts INTEGER NOT NULL DEFAULT 0,
+        worker TEXT,
+        digest TEXT,
+        seconds REAL,
+        PRIMARY KEY (job, frame, pass, number)
+    ) WITHOUT ROWID;
+    CREATE TABLE contributor (
+        job TEXT NOT NULL REFERENCES job (id) ON DELETE CASCADE,
+        frame INTEGER NOT NULL,
+        worker TEXT NOT NULL,
+        PRIMARY KEY (job, frame, worker)
+    ) WITHOUT ROWID;
+    CREATE TABLE quarantine (
+        worker TEXT PRIMARY KEY,
+        reason TEXT NOT NULL,
+        time_ms INTEGER NOT NULL
+    ) WITHOUT ROWID;
+";
 
 /// Brings the tables up to date.
 pub(super) fn migrate(connection: &mut Connection, path: &Path) -> Result<(), LedgerError> {

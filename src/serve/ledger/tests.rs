@@ -17,6 +17,23 @@ fn new(id: &str, key: Option<&str>) -> NewJob {
     }
 }
 
+/// Four of the eight blocks × samples of a frame in two units.
+fn unit(frame: u32, number: u32) -> UnitRow {
+    UnitRow {
+        frame,
+        pass: 0,
+        number,
+        block: 0,
+        blocks: 1,
+        first: 2 * number,
+        end: 2 * number + 2,
+        state: UnitState::Open,
+        attempts: 0,
+        worker: None,
+        digest: None,
+    }
+}
+
 #[test]
 fn a_job_goes_from_its_request_to_its_pictures_across_restarts() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -27,18 +44,34 @@ fn a_job_goes_from_its_request_to_its_pictures_across_restarts() {
     assert_eq!(ledger.accept(new("c1", None), 1).expect("counted"), Accepted::TooMany(1));
     let frames = vec![Frame::new(0, "front"), Frame::new(1, "back")];
     for _ in 0..2 {
-        ledger.plan("a1", frames.clone(), vec![0..4, 4..8]).expect("planned once");
+        ledger.plan("a1", frames.clone(), 8).expect("planned once");
+    }
+    for _ in 0..2 {
+        ledger.add_units("a1", vec![unit(0, 0), unit(0, 1)]).expect("cut once");
     }
     drop(ledger);
     let ledger = Ledger::open(folder.path()).expect("the same ledger");
     assert_eq!(ledger.active(9).expect("jobs").len(), 1);
-    let units = ledger.open_units("a1", 9).expect("units");
-    assert_eq!(units.len(), 4);
-    assert!(!ledger.finish_unit("a1", units[0].clone()).expect("done"));
-    assert!(ledger.finish_unit("a1", units[1].clone()).expect("done"));
-    assert_eq!(ledger.unfolded("a1").expect("frames"), [0]);
-    assert_eq!(ledger.reopen_unit("a1", units[1].clone()).expect("again"), 1);
-    assert!(ledger.unfolded("a1").expect("frames").is_empty());
+    let units = || ledger.units_of("a1", 0).expect("units").1;
+    assert_eq!(units(), [unit(0, 0), unit(0, 1)]);
+    let by = |number| UnitRow { worker: Some("w".into()), digest: Some("d".into()), ..unit(0, number) };
+    let share = || ledger.totals("a1").expect("totals").share;
+    assert!(ledger.keep_unit("a1", by(0), 0.5).expect("kept"));
+    assert!(!ledger.keep_unit("a1", by(0), 0.5).expect("kept before"));
+    assert_eq!(share(), 0.125);
+    assert!(ledger.keep_unit("a1", by(1), 0.5).expect("kept"));
+    assert_eq!(ledger.reopen_unit("a1", units()[1].clone()).expect("again"), 1);
+    assert_eq!((units()[0].state, units()[1].state), (UnitState::Kept, UnitState::Open));
+    assert!(ledger.keep_unit("a1", by(1), 0.5).expect("kept again"));
+    ledger.fold("a1", 0, 7).expect("folded");
+    let (sums, rows) = ledger.units_of("a1", 0).expect("units");
+    assert_eq!((sums, rows.len(), rows[0].number, rows[0].state), (7, 1, 1, UnitState::Folded));
+    let totals = ledger.totals("a1").expect("totals");
+    assert_eq!((totals.units, totals.units_done, totals.share), (2, 2, 0.25));
+    assert_eq!(ledger.frames_of_worker("w").expect("frames"), [("a1".into(), 0)]);
+    ledger.begin_anew("a1", 0).expect("begun");
+    assert_eq!((ledger.units_of("a1", 0).expect("units"), share()), ((0, vec![]), 0.0));
+    assert_eq!(ledger.open_frames("a1", 9).expect("frames"), [0, 1]);
     for number in 0..2 {
         let hash = Some(format!("hash {number}"));
         let row = FrameRow { number, name: String::new(), hash, layers: None, metadata: None };
@@ -53,7 +86,7 @@ fn a_job_goes_from_its_request_to_its_pictures_across_restarts() {
     assert_eq!(refused, Some(JobState::Done));
     let kinds: Vec<String> =
         ledger.events(Some("a1"), 0, 99).expect("events").into_iter().map(|event| event.kind).collect();
-    assert_eq!(kinds, ["queued", "running", "unit", "unit", "frame", "frame", "done"]);
+    assert_eq!(kinds, ["queued", "running", "unit", "unit", "unit", "frame", "frame", "done"]);
 }
 
 #[test]

@@ -6,107 +6,213 @@ use super::{Ledger, LedgerError, now_ms};
 use crate::serve::Frame;
 use rusqlite::{Connection, OptionalExtension, params};
 use serde_json::json;
-use std::ops::Range;
 
 /// The longest pause between two calls of a webhook: twice an hour.
 const LONGEST_PAUSE_MS: i64 = 2 * 3_600_000;
 
 impl Ledger {
-    /// Writes down the frames and units of a job, unless they are known.
+    /// Writes down the frames of a job, unless they are known. Each has about so many blocks × samples.
     ///
     /// # Errors
     /// If the ledger cannot be used.
-    pub fn plan(&self, job: &str, frames: Vec<Frame>, units: Vec<Range<u32>>) -> Result<(), LedgerError> {
+    pub fn plan(&self, job: &str, frames: Vec<Frame>, block_samples: u64) -> Result<(), LedgerError> {
         let job = job.to_owned();
         self.change(move |transaction| {
-            let plan = "UPDATE job SET planned = 1, state = 'running' \
+            let plan = "UPDATE job SET planned = 1, state = 'running', block_samples = ?2 \
                 WHERE id = ?1 AND planned = 0 AND state IN ('queued', 'running')";
-            if transaction.execute(plan, [&job])? == 0 {
+            if transaction.execute(plan, params![job, block_samples as i64])? == 0 {
                 return Ok(());
             }
             for frame in &frames {
                 let insert = "INSERT INTO frame (job, number, name) VALUES (?1, ?2, ?3)";
                 transaction.execute(insert, params![job, frame.number, frame.name])?;
-                for unit in &units {
-                    let insert = "INSERT INTO unit (job, frame, first, end) VALUES (?1, ?2, ?3, ?4)";
-                    transaction.execute(insert, params![job, frame.number, unit.start, unit.end])?;
-                }
             }
-            let data = json!({ "frames": frames.len(), "units": frames.len() * units.len() });
-            note(transaction, &job, "running", &data)
+            note(transaction, &job, "running", &json!({ "frames": frames.len() }))
         })
     }
 
-    /// Units of a job that are to be done, in order.
+    /// Frames of a job that have no picture, in order.
     ///
     /// # Errors
     /// If the ledger cannot be used.
-    pub fn open_units(&self, job: &str, most: usize) -> Result<Vec<UnitRow>, LedgerError> {
-        self.units(
-            "SELECT frame, first, end, is_done, attempts FROM unit WHERE job = ?1 AND is_done = 0 \
-             ORDER BY frame, first LIMIT ?2",
-            job,
-            most as i64,
-        )
-    }
-
-    /// The units of a frame.
-    ///
-    /// # Errors
-    /// If the ledger cannot be used.
-    pub fn units_of(&self, job: &str, frame: u32) -> Result<Vec<UnitRow>, LedgerError> {
-        self.units(
-            "SELECT frame, first, end, is_done, attempts FROM unit WHERE job = ?1 AND frame = ?2 ORDER BY first",
-            job,
-            i64::from(frame),
-        )
-    }
-
-    fn units(&self, select: &str, job: &str, number: i64) -> Result<Vec<UnitRow>, LedgerError> {
+    pub fn open_frames(&self, job: &str, most: usize) -> Result<Vec<u32>, LedgerError> {
         self.read(|connection| {
-            let mut select = connection.prepare_cached(select)?;
-            let rows = select.query_map(params![job, number], |row| {
-                Ok(UnitRow {
-                    frame: row.get(0)?,
-                    first: row.get(1)?,
-                    end: row.get(2)?,
-                    is_done: row.get(3)?,
-                    attempts: row.get(4)?,
-                })
-            })?;
-            rows.collect()
+            let mut select = connection.prepare_cached(
+                "SELECT number FROM frame WHERE job = ?1 AND hash IS NULL ORDER BY number LIMIT ?2",
+            )?;
+            select.query_map(params![job, most as i64], |row| row.get(0))?.collect()
         })
     }
 
-    /// Writes down that the film of a unit is on the disk. Returns whether its frame has all films.
+    /// The number of the frame's file of sums, 0 if it has none, and the units whose rows are there.
     ///
     /// # Errors
     /// If the ledger cannot be used.
-    pub fn finish_unit(&self, job: &str, unit: UnitRow) -> Result<bool, LedgerError> {
+    pub fn units_of(&self, job: &str, frame: u32) -> Result<(u64, Vec<UnitRow>), LedgerError> {
+        self.read(|connection| {
+            let sums = "SELECT sums FROM frame WHERE job = ?1 AND number = ?2";
+            let sums: i64 = connection.query_row(sums, params![job, frame], |row| row.get(0))?;
+            let mut select = connection.prepare_cached(&format!(
+                "SELECT {} FROM unit WHERE job = ?1 AND frame = ?2 ORDER BY pass, number",
+                UnitRow::COLUMNS
+            ))?;
+            let rows = select.query_map(params![job, frame], UnitRow::of)?;
+            Ok((sums as u64, rows.collect::<rusqlite::Result<_>>()?))
+        })
+    }
+
+    /// Writes down units that have been cut. One that is known stays as it is.
+    ///
+    /// # Errors
+    /// If the ledger cannot be used.
+    pub fn add_units(&self, job: &str, units: Vec<UnitRow>) -> Result<(), LedgerError> {
         let job = job.to_owned();
         self.change(move |transaction| {
-            let update = "UPDATE unit SET is_done = 1 WHERE job = ?1 AND frame = ?2 AND first = ?3";
-            transaction.execute(update, params![job, unit.frame, unit.first])?;
-            let open = "SELECT count(*) FROM unit WHERE job = ?1 AND frame = ?2 AND is_done = 0";
-            let open: i64 = transaction.query_row(open, params![job, unit.frame], |row| row.get(0))?;
-            let totals = totals(transaction, &job)?;
-            note(transaction, &job, "unit", &json!({ "frame": unit.frame, "progress": totals }))?;
-            Ok(open == 0)
+            let mut insert = transaction.prepare_cached(
+                "INSERT OR IGNORE INTO unit (job, frame, pass, number, block, blocks, first, end) \
+                 VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8)",
+            )?;
+            for unit in &units {
+                let UnitRow { frame, pass, number, block, blocks, first, end, .. } = unit;
+                insert.execute(params![job, frame, *pass as i64, number, block, blocks, first, end])?;
+            }
+            Ok(())
         })
     }
 
-    /// Writes down that a unit failed, or that its film was lost. Returns how often it has.
+    /// Forgets the units of passes after this one.
+    ///
+    /// # Errors
+    /// If the ledger cannot be used.
+    pub fn remove_later_passes(&self, job: &str, frame: u32, pass: u64) -> Result<(), LedgerError> {
+        let job = job.to_owned();
+        self.change(move |transaction| {
+            let delete = "DELETE FROM unit WHERE job = ?1 AND frame = ?2 AND pass > ?3";
+            transaction.execute(delete, params![job, frame, pass as i64])?;
+            Ok(())
+        })
+    }
+
+    /// Writes down that the sums of a unit are on the disk. False if they were before.
+    ///
+    /// # Errors
+    /// If the ledger cannot be used.
+    pub fn keep_unit(&self, job: &str, unit: UnitRow, seconds: f64) -> Result<bool, LedgerError> {
+        let job = job.to_owned();
+        self.change(move |transaction| {
+            let UnitRow { frame, pass, number, worker, digest, .. } = unit;
+            let update = "UPDATE unit SET state = 1, worker = ?5, digest = ?6, seconds = ?7 \
+                WHERE job = ?1 AND frame = ?2 AND pass = ?3 AND number = ?4 AND state = 0";
+            let key = params![job, frame, pass as i64, number, worker, digest, seconds];
+            if transaction.execute(update, key)? == 0 {
+                return Ok(false);
+            }
+            let insert = "INSERT OR IGNORE INTO contributor (job, frame, worker) VALUES (?1, ?2, ?3)";
+            transaction.execute(insert, params![job, frame, worker])?;
+            let totals = totals(transaction, &job)?;
+            note(transaction, &job, "unit", &json!({ "frame": frame, "progress": totals }))?;
+            Ok(true)
+        })
+    }
+
+    /// Writes down that a frame's file of sums holds the sums of all units that are kept. Their rows go, but for the
+    /// last of each pass, from which the next is cut.
+    ///
+    /// # Errors
+    /// If the ledger cannot be used.
+    pub fn fold(&self, job: &str, frame: u32, sums: u64) -> Result<(), LedgerError> {
+        let job = job.to_owned();
+        self.change(move |transaction| {
+            let update = "UPDATE frame SET sums = ?3 WHERE job = ?1 AND number = ?2";
+            transaction.execute(update, params![job, frame, sums as i64])?;
+            let units = "UPDATE unit SET state = 2 WHERE job = ?1 AND frame = ?2 AND state = 1";
+            transaction.execute(units, params![job, frame])?;
+            let is_before = "state = 2 AND EXISTS (SELECT 1 FROM unit AS other WHERE other.job = unit.job \
+                AND other.frame = unit.frame AND other.pass = unit.pass AND other.number > unit.number)";
+            count_and_remove(transaction, &job, frame, is_before)
+        })
+    }
+
+    /// Forgets all units of a frame: it begins anew.
+    ///
+    /// # Errors
+    /// If the ledger cannot be used.
+    pub fn begin_anew(&self, job: &str, frame: u32) -> Result<(), LedgerError> {
+        let job = job.to_owned();
+        self.change(move |transaction| {
+            transaction.execute("DELETE FROM unit WHERE job = ?1 AND frame = ?2", params![job, frame])?;
+            transaction
+                .execute("DELETE FROM contributor WHERE job = ?1 AND frame = ?2", params![job, frame])?;
+            let update = "UPDATE frame SET sums = 0, units = 0, block_samples = 0 \
+                WHERE job = ?1 AND number = ?2 AND hash IS NULL";
+            transaction.execute(update, params![job, frame])?;
+            Ok(())
+        })
+    }
+
+    /// Writes down that a unit failed, or that its sums were lost. Returns how often it has.
     ///
     /// # Errors
     /// If the ledger cannot be used.
     pub fn reopen_unit(&self, job: &str, unit: UnitRow) -> Result<u32, LedgerError> {
         let job = job.to_owned();
         self.change(move |transaction| {
-            let update = "UPDATE unit SET is_done = 0, attempts = attempts + 1 \
-                WHERE job = ?1 AND frame = ?2 AND first = ?3";
-            transaction.execute(update, params![job, unit.frame, unit.first])?;
-            let attempts = "SELECT attempts FROM unit WHERE job = ?1 AND frame = ?2 AND first = ?3";
-            transaction.query_row(attempts, params![job, unit.frame, unit.first], |row| row.get(0))
+            let UnitRow { frame, pass, number, .. } = unit;
+            let update = "UPDATE unit SET state = 0, attempts = attempts + 1 \
+                WHERE job = ?1 AND frame = ?2 AND pass = ?3 AND number = ?4 RETURNING attempts";
+            let key = params![job, frame, pass as i64, number];
+            transaction.query_row(update, key, |row| row.get(0))
+        })
+    }
+
+    /// Lets all units of a job be tried as often as new ones.
+    ///
+    /// # Errors
+    /// If the ledger cannot be used.
+    pub fn forgive(&self, job: &str) -> Result<(), LedgerError> {
+        let job = job.to_owned();
+        self.change(move |transaction| {
+            transaction.execute("UPDATE unit SET attempts = 0 WHERE job = ?1", [job])?;
+            Ok(())
+        })
+    }
+
+    /// Writes down that a worker may take no more units, and why.
+    ///
+    /// # Errors
+    /// If the ledger cannot be used.
+    pub fn quarantine(&self, worker: &str, reason: &str) -> Result<(), LedgerError> {
+        let (worker, reason) = (worker.to_owned(), reason.to_owned());
+        self.change(move |transaction| {
+            let insert = "INSERT OR IGNORE INTO quarantine (worker, reason, time_ms) VALUES (?1, ?2, ?3)";
+            transaction.execute(insert, params![worker, reason, now_ms()])?;
+            Ok(())
+        })
+    }
+
+    /// The workers that may take no units, and why.
+    ///
+    /// # Errors
+    /// If the ledger cannot be used.
+    pub fn quarantined(&self) -> Result<Vec<(String, String)>, LedgerError> {
+        self.read(|connection| {
+            let mut select = connection.prepare_cached("SELECT worker, reason FROM quarantine")?;
+            select.query_map([], |row| Ok((row.get(0)?, row.get(1)?)))?.collect()
+        })
+    }
+
+    /// Frames without a picture in which a worker has rendered units, with their jobs.
+    ///
+    /// # Errors
+    /// If the ledger cannot be used.
+    pub fn frames_of_worker(&self, worker: &str) -> Result<Vec<(String, u32)>, LedgerError> {
+        self.read(|connection| {
+            let mut select = connection.prepare_cached(
+                "SELECT contributor.job, frame FROM contributor JOIN frame \
+                 ON frame.job = contributor.job AND frame.number = contributor.frame \
+                 WHERE frame.hash IS NULL AND worker = ?1",
+            )?;
+            select.query_map([worker], |row| Ok((row.get(0)?, row.get(1)?)))?.collect()
         })
     }
 
@@ -122,8 +228,7 @@ impl Ledger {
                 "UPDATE frame SET hash = ?3, layers = ?4, metadata = ?5 WHERE job = ?1 AND number = ?2",
                 params![job, number, hash, layers, metadata],
             )?;
-            let done = "UPDATE unit SET is_done = 1 WHERE job = ?1 AND frame = ?2";
-            transaction.execute(done, params![job, number])?;
+            count_and_remove(transaction, &job, number, "true")?;
             let totals = totals(transaction, &job)?;
             let data = json!({ "frame": number, "hash": hash, "progress": totals });
             note(transaction, &job, "frame", &data)?;
@@ -138,20 +243,6 @@ impl Ledger {
     pub fn finish_if_whole(&self, job: &str) -> Result<(), LedgerError> {
         let job = job.to_owned();
         self.change(move |connection| finish_job(connection, &job))
-    }
-
-    /// Frames of a job that have all films and no picture.
-    ///
-    /// # Errors
-    /// If the ledger cannot be used.
-    pub fn unfolded(&self, job: &str) -> Result<Vec<u32>, LedgerError> {
-        self.read(|connection| {
-            let mut select = connection.prepare_cached(
-                "SELECT number FROM frame WHERE job = ?1 AND hash IS NULL AND NOT EXISTS \
-                 (SELECT 1 FROM unit WHERE unit.job = ?1 AND unit.frame = frame.number AND is_done = 0)",
-            )?;
-            select.query_map([job], |row| row.get(0))?.collect()
-        })
     }
 
     /// The frames of a job.
@@ -244,6 +335,18 @@ impl Ledger {
             Ok(())
         })
     }
+}
+
+/// Removes units of a frame and counts them as done in the frame's row.
+fn count_and_remove(connection: &Connection, job: &str, frame: u32, which: &str) -> rusqlite::Result<()> {
+    let which = format!("FROM unit WHERE job = ?1 AND frame = ?2 AND {which}");
+    let count = format!(
+        "UPDATE frame SET units = units + (SELECT count(*) {which}), block_samples = block_samples + \
+         (SELECT coalesce(sum(blocks * (end - first)), 0) {which}) WHERE job = ?1 AND number = ?2"
+    );
+    connection.execute(&count, params![job, frame])?;
+    connection.execute(&format!("DELETE {which}"), params![job, frame])?;
+    Ok(())
 }
 
 /// Calls a job done that has all pictures and has not ended.

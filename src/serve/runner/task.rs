@@ -1,31 +1,75 @@
-//! What a thread does for a job: plans it, renders a unit, adds up the films of a frame.
+//! What the service's own threads do for a job: plan it, open and finish its frames, render frames whose samples the
+//! time decides, and judge between workers that disagree.
 
-use super::results::{self, FILM, PICTURE};
-use super::watch::UnitWatch;
-use super::{Runner, units};
+use super::frame::OpenFrame;
+use super::results::{self, PICTURE};
+use super::{NAP, Runner};
+use crate::farm::UnitWatch;
 use crate::files::sync_folder;
 use crate::film::Picture;
-use crate::render::{PartialFilm, PartialFilmError};
+use crate::render::{Blocks, Pass};
 use crate::serve::api::JobRequest;
 use crate::serve::ledger::{FrameRow, Job, JobState, LedgerError, UnitRow};
-use crate::serve::{Kind, Shots, Watch, failpoint};
+use crate::serve::{Shots, Watch, failpoint, hex};
+use sha2::{Digest, Sha256};
 use std::fs::File;
-use std::io::{self, BufReader};
+use std::io;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::Ordering::SeqCst;
 use std::time::{Duration, Instant};
 
 /// How often a unit is tried before its job fails.
-pub(super) const MOST_ATTEMPTS: u32 = 3;
+pub(super) const MOST_ATTEMPTS: u32 = 5;
 
 /// Something to do for a job.
-#[derive(Clone, Debug)]
+#[derive(Clone)]
 pub(super) enum Task {
-    /// Find out its frames and units.
+    /// Find out its frames.
     Plan,
-    /// Render samples of a frame.
-    Unit(UnitRow),
-    /// Add up the films of a frame and write its pictures.
-    Fold { frame: u32 },
+    /// Read what the disk has of a frame.
+    Open { frame: u32 },
+    /// Write the pictures of a frame that has all samples.
+    Finish(Arc<OpenFrame>),
+    /// Render a frame whose samples the time decides.
+    Whole { frame: u32 },
+    /// Render a unit of which two workers have made different sums.
+    Arbitrate { row: UnitRow, blocks: Vec<u32>, parties: [(String, String); 2] },
+}
+
+/// Which task of a job.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum TaskKey {
+    Plan,
+    Open { frame: u32 },
+    Finish { frame: u32 },
+    Whole { frame: u32 },
+    Arbitrate { frame: u32, pass: u64, number: u32 },
+}
+
+impl TaskKey {
+    /// The frame that it opens or renders.
+    pub fn frame(self) -> Option<u32> {
+        match self {
+            Self::Open { frame } | Self::Finish { frame } | Self::Whole { frame } => Some(frame),
+            Self::Plan | Self::Arbitrate { .. } => None,
+        }
+    }
+}
+
+impl Task {
+    /// Which it is.
+    pub fn key(&self) -> TaskKey {
+        match self {
+            Self::Plan => TaskKey::Plan,
+            Self::Open { frame } => TaskKey::Open { frame: *frame },
+            Self::Finish(frame) => TaskKey::Finish { frame: frame.frame },
+            Self::Whole { frame } => TaskKey::Whole { frame: *frame },
+            Self::Arbitrate { row, .. } => {
+                TaskKey::Arbitrate { frame: row.frame, pass: row.pass, number: row.number }
+            }
+        }
+    }
 }
 
 /// Why a task was not done.
@@ -52,9 +96,63 @@ impl From<io::Error> for Failure {
 }
 
 impl Runner {
-    /// Does a task.
-    pub(super) fn run(&self, job: &Job, task: &Task, watch: &UnitWatch) -> Result<(), Failure> {
-        if watch.is_stopped() {
+    /// A thread: does tasks until the service ends.
+    pub(super) fn do_tasks(&self) {
+        loop {
+            let mut queued = self.queued.lock().expect("no holder panics");
+            let (job, task, watch) = loop {
+                if self.ending.load(SeqCst) {
+                    return;
+                }
+                match queued.pop_front() {
+                    Some(next) => break next,
+                    None => {
+                        let waited = self.has_queued.wait_timeout(queued, NAP);
+                        queued = waited.expect("no holder panics").0;
+                    }
+                }
+            };
+            drop(queued);
+            self.perform(&job, &task, &watch);
+        }
+    }
+
+    /// Does a task, whatever happens in it.
+    fn perform(&self, job: &Job, task: &Task, watch: &Arc<UnitWatch>) {
+        let done = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| self.run(job, task, watch)));
+        let result = done.unwrap_or_else(|_| Err(Failure::Job("it panicked; see the log".into())));
+        let rests = self.conclude(job, result);
+        let mut state = self.state();
+        if let Some(run) = state.runs.get_mut(&job.id) {
+            run.tasks.retain(|(_, other)| !Arc::ptr_eq(other, watch));
+            if rests {
+                run.rests_until = Some(Instant::now() + NAP);
+            }
+        }
+        drop(state);
+        self.wake();
+    }
+
+    /// Writes down what became of a task. Returns whether the job is to rest before the next.
+    fn conclude(&self, job: &Job, result: Result<(), Failure>) -> bool {
+        match result {
+            Ok(()) | Err(Failure::Stopped) => false,
+            Err(Failure::Disk(error)) => {
+                log::warn!("job {}: {error}; the next try is in {} s", job.id, NAP.as_secs());
+                true
+            }
+            Err(Failure::Job(error)) => {
+                log::warn!("job {}: {error}", job.id);
+                let active = &[JobState::Queued, JobState::Running];
+                self.stop_job(&job.id);
+                let failed = self.ledger.set_state(&job.id, active, JobState::Failed, Some(error));
+                failed.inspect_err(|error| log::warn!("job {}: {error}", job.id)).is_err()
+            }
+        }
+    }
+
+    fn run(&self, job: &Job, task: &Task, watch: &UnitWatch) -> Result<(), Failure> {
+        if watch.is_stopped_now() {
             return Err(Failure::Stopped);
         }
         if job.is_planned && job.state == JobState::Queued {
@@ -62,11 +160,12 @@ impl Runner {
         }
         let done = match task {
             Task::Plan => self.plan(job),
-            Task::Unit(unit) if job.demand.kind == Kind::Samples => self.film(job, unit, watch),
-            Task::Unit(unit) => self.whole(job, unit, watch),
-            Task::Fold { frame } => self.fold(job, *frame),
+            Task::Open { frame } => self.open_frame(job, *frame),
+            Task::Finish(frame) => self.finish_frame(job, frame),
+            Task::Whole { frame } => self.whole(job, *frame, watch),
+            Task::Arbitrate { row, blocks, parties } => self.arbitrate(job, row, blocks, parties, watch),
         };
-        // Whatever a stopped unit says, nothing is wrong with it.
+        // Whatever a stopped task says, nothing is wrong with it.
         if watch.is_stopped() && matches!(done, Err(Failure::Job(_))) { Err(Failure::Stopped) } else { done }
     }
 
@@ -104,74 +203,87 @@ impl Runner {
                 "pixels × samples × frames: the job asks for {samples}, and the limit is {most}; split it"
             )));
         }
-        Ok(self.ledger.plan(&job.id, frames, units::cut(&job.demand, self.limits.unit_samples))?)
+        let (width, height) = job.demand.size;
+        let blocks = Blocks::new(width, height).count() as u64;
+        Ok(self.ledger.plan(&job.id, frames, blocks * u64::from(job.demand.spp))?)
     }
 
-    /// Renders a range of samples and keeps its film. A frame of one unit gets its pictures at once.
-    fn film(&self, job: &Job, unit: &UnitRow, watch: &UnitWatch) -> Result<(), Failure> {
+    /// Opens a frame, with what the disk has of it.
+    fn open_frame(&self, job: &Job, frame: u32) -> Result<(), Failure> {
         let shots = self.open(job)?;
-        let film = shots.film(unit.frame, unit.first..unit.end, watch).map_err(Failure::Job)?;
-        if film.header().missing().is_empty() {
-            let picture = shots.develop(unit.frame, &film).map_err(Failure::Job)?;
-            return self.finish(job, unit.frame, &*shots, &picture);
+        let folder = self.frame_folder(&job.id, frame);
+        let most_files = self.farm.most_files;
+        let opened = OpenFrame::open(&self.ledger, (&job.id, frame), folder, shots, most_files)?;
+        let mut state = self.state();
+        if let Some(run) = state.runs.get_mut(&job.id) {
+            run.frames.insert(frame, Arc::new(opened));
         }
-        let path = self.film_path(&job.id, unit.frame, unit.first);
-        let folder = path.parent().unwrap_or(Path::new("."));
-        std::fs::create_dir_all(folder)?;
-        results::write_film(&path, &film).map_err(|error| Failure::Disk(error.to_string()))?;
-        sync_folder(folder)?;
-        failpoint::pass("film-written");
-        self.ledger.finish_unit(&job.id, unit.clone())?;
         Ok(())
     }
 
-    /// Renders a frame whose samples its noise or the time decides.
-    fn whole(&self, job: &Job, unit: &UnitRow, watch: &UnitWatch) -> Result<(), Failure> {
+    /// Writes the pictures of a frame that has all samples.
+    fn finish_frame(&self, job: &Job, frame: &OpenFrame) -> Result<(), Failure> {
+        failpoint::pass("folding");
+        let picture = frame.state.lock().expect("no holder panics").gathering.develop();
+        let picture = picture.map_err(Failure::Job)?;
+        self.finish(job, frame.frame, &*frame.shots, &picture)?;
+        frame.remove_files();
+        let mut state = self.state();
+        if let Some(run) = state.runs.get_mut(&job.id) {
+            run.frames.remove(&frame.frame);
+        }
+        Ok(())
+    }
+
+    /// Renders a frame whose samples the time decides.
+    fn whole(&self, job: &Job, frame: u32, watch: &UnitWatch) -> Result<(), Failure> {
         let shots = self.open(job)?;
-        let folder = self.frame_folder(&job.id, unit.frame);
+        let folder = self.frame_folder(&job.id, frame);
         std::fs::create_dir_all(&folder)?;
         let checkpoint = folder.join("checkpoint");
         let (began, spent) = (Instant::now(), Duration::from_millis(job.spent_ms.max(0) as u64));
-        let picture = shots.whole(unit.frame, &checkpoint, spent, watch).map_err(Failure::Job)?;
+        let picture = shots.whole(frame, &checkpoint, spent, watch).map_err(Failure::Job)?;
         let spent = spent + began.elapsed();
-        if job.demand.kind == Kind::Seconds {
-            self.ledger.set_spent(&job.id, spent.as_millis() as i64)?;
-        }
+        self.ledger.set_spent(&job.id, spent.as_millis() as i64)?;
         let picture = picture.ok_or(Failure::Stopped)?;
-        self.finish(job, unit.frame, &*shots, &picture)?;
+        self.finish(job, frame, &*shots, &picture)?;
         results::remove(&checkpoint);
         Ok(())
     }
 
-    /// Adds up the films of a frame, one after another.
-    fn fold(&self, job: &Job, frame: u32) -> Result<(), Failure> {
+    /// Renders a unit of which two workers have made different sums. Who was wrong gets no more units, and frames to
+    /// which it has contributed begin anew.
+    fn arbitrate(
+        &self,
+        job: &Job,
+        row: &UnitRow,
+        blocks: &[u32],
+        parties: &[(String, String); 2],
+        watch: &UnitWatch,
+    ) -> Result<(), Failure> {
         let shots = self.open(job)?;
-        let units = self.ledger.units_of(&job.id, frame)?;
-        let mut sum: Option<PartialFilm> = None;
-        for unit in &units {
-            let path = self.film_path(&job.id, frame, unit.first);
-            let added = read_film(&path).and_then(|film| match &mut sum {
-                None => {
-                    sum = Some(film);
-                    Ok(())
-                }
-                Some(sum) => sum.add(&film),
-            });
-            match added {
-                Ok(()) => {}
-                Err(PartialFilmError::Memory(error)) => return Err(Failure::Disk(error.to_string())),
-                Err(error) => {
-                    log::warn!("{}: {error}; its samples are rendered again", path.display());
-                    self.ledger.reopen_unit(&job.id, unit.clone())?;
-                    return Err(Failure::Stopped);
+        let piece = Pass::new(blocks.into(), row.first..row.end);
+        let patch = shots.patch(row.frame, piece, watch).map_err(Failure::Job)?;
+        let own = hex(&Sha256::digest(patch.sums()));
+        for (worker, _) in parties.iter().filter(|(_, digest)| *digest != own) {
+            let reason = format!(
+                "samples {}..{} of frame {} of job {} have other sums there than on two other machines; check its \
+                 memory and drivers",
+                row.first, row.end, row.frame, job.id
+            );
+            log::error!("worker {worker}: quarantined: {reason}");
+            self.ledger.quarantine(worker, &reason)?;
+            self.state().workers.quarantine(worker, &reason);
+            for (job, frame) in self.ledger.frames_of_worker(worker)? {
+                let state = self.state();
+                let open = state.runs.get(&job).and_then(|run| run.frames.get(&frame)).cloned();
+                drop(state);
+                match open {
+                    Some(open) => open.begin_anew(&self.ledger)?,
+                    None => self.ledger.begin_anew(&job, frame)?,
                 }
             }
         }
-        let sum = sum.ok_or_else(|| Failure::Job(format!("frame {frame} has no units")))?;
-        failpoint::pass("folding");
-        let picture = shots.develop(frame, &sum).map_err(Failure::Job)?;
-        self.finish(job, frame, &*shots, &picture)?;
-        units.iter().for_each(|unit| results::remove(&self.film_path(&job.id, frame, unit.first)));
         Ok(())
     }
 
@@ -204,12 +316,4 @@ impl Runner {
     fn frame_folder(&self, job: &str, frame: u32) -> PathBuf {
         self.store.job_folder(job).join(format!("frame-{frame}"))
     }
-
-    fn film_path(&self, job: &str, frame: u32, first: u32) -> PathBuf {
-        self.frame_folder(job, frame).join(format!("{FILM}{first}.rayfilm"))
-    }
-}
-
-fn read_film(path: &Path) -> Result<PartialFilm, PartialFilmError> {
-    PartialFilm::read(BufReader::new(File::open(path)?))
 }

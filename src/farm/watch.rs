@@ -4,6 +4,7 @@ use crate::schedule::Priority;
 use crate::serve::Watch;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
+use std::time::{Duration, Instant};
 
 /// Steers a unit and knows how far it is.
 #[derive(Debug)]
@@ -12,15 +13,21 @@ pub struct UnitWatch {
     is_stopped: AtomicBool,
     /// The bits of the share of the unit that is done.
     share: AtomicU64,
-    /// The share of the job that the unit is.
-    weight: f64,
+    rays: AtomicU64,
+    /// When something last happened to it.
+    moved: Mutex<Instant>,
 }
 
 impl UnitWatch {
-    /// Of a unit that is this share of its job.
-    pub fn new(priority: Priority, weight: f64) -> Self {
-        let (priority, is_stopped) = (Mutex::new(priority), AtomicBool::new(false));
-        Self { priority, is_stopped, share: AtomicU64::new(0), weight }
+    /// Of a unit that begins now.
+    pub fn new(priority: Priority) -> Self {
+        Self {
+            priority: Mutex::new(priority),
+            is_stopped: AtomicBool::new(false),
+            share: AtomicU64::new(0),
+            rays: AtomicU64::new(0),
+            moved: Mutex::new(Instant::now()),
+        }
     }
 
     /// Stops the unit soon.
@@ -33,9 +40,24 @@ impl UnitWatch {
         *self.priority.lock().expect("no holder panics") = priority;
     }
 
-    /// The share of its job that the unit has done.
+    /// The share of the unit that is done.
     pub fn share(&self) -> f64 {
-        self.weight * f64::from_bits(self.share.load(Relaxed))
+        f64::from_bits(self.share.load(Relaxed))
+    }
+
+    /// Whether it is to stop.
+    pub fn is_stopped_now(&self) -> bool {
+        self.is_stopped.load(Relaxed)
+    }
+
+    /// Rays that it has traced.
+    pub fn rays(&self) -> u64 {
+        self.rays.load(Relaxed)
+    }
+
+    /// How long nothing has happened to it.
+    pub fn still_for(&self) -> Duration {
+        self.moved.lock().expect("no holder panics").elapsed()
     }
 }
 
@@ -49,11 +71,15 @@ impl Watch for UnitWatch {
     }
 
     fn traced(&self, rays: u64, seconds: f64) {
+        self.rays.fetch_add(rays, Relaxed);
         metrics::counter!("raystream_rays_total").increment(rays);
         metrics::histogram!("raystream_unit_seconds").record(seconds);
     }
 
     fn progress(&self, share: f64) {
-        self.share.store(share.clamp(0.0, 1.0).to_bits(), Relaxed);
+        let bits = share.clamp(0.0, 1.0).to_bits();
+        if self.share.swap(bits, Relaxed) != bits {
+            *self.moved.lock().expect("no holder panics") = Instant::now();
+        }
     }
 }

@@ -1,0 +1,179 @@
+//! What every bus promises, tested in the same words.
+
+use super::{Answer, Ask, Desk, Lane, Lease, Offered, Start, Unit, UnitId, Verdict, WorkBus};
+use crate::farm::FinishedUnit;
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+/// Leases of the buses under test.
+pub const LEASE: Duration = Duration::from_millis(1000);
+
+/// Longer than anything takes here.
+const PATIENCE: Duration = Duration::from_millis(200);
+
+fn unit(job: &str, number: u32) -> Unit {
+    Unit {
+        id: UnitId { job: job.into(), frame: 1, pass: 2, number, copy: 0 },
+        scene: "0".repeat(64),
+        entry: Some("a b/c.obj".into()),
+        options: serde_json::from_str(r#"{ "size": "4x4" }"#).expect("a map"),
+        priority: "normal".into(),
+        blocks: vec![3, 1, 2],
+        samples: 5..9,
+    }
+}
+
+fn lease(bus: &dyn WorkBus) -> Option<Box<dyn Lease>> {
+    bus.lease(PATIENCE).expect("the bus answers")
+}
+
+/// The numbers of all units that can be leased now; the leases are ended.
+fn drained(bus: &dyn WorkBus) -> Vec<u32> {
+    let each = std::iter::from_fn(|| lease(bus));
+    each.map(|lease| {
+        lease.done();
+        lease.unit().id.number
+    })
+    .collect()
+}
+
+/// A desk that remembers what it was asked.
+#[derive(Default)]
+struct Listener(Mutex<Vec<Ask>>);
+
+impl Desk for Listener {
+    fn answer(&self, ask: Ask) -> Answer {
+        self.0.lock().expect("no panic").push(ask.clone());
+        match ask {
+            Ask::Start(unit, ..) if unit.number == 7 => Answer::Start(Start::Skip),
+            Ask::File(part) => Answer::File((part.file == 0).then(|| vec![9; part.offset as usize])),
+            Ask::Result(_) => Answer::Verdict(Verdict::Kept),
+            _ => Answer::Noted,
+        }
+    }
+}
+
+/// All promises. `bus` gives two ends of one bus: the coordinator's and a worker's.
+pub fn check(bus: impl Fn() -> (Arc<dyn WorkBus>, Arc<dyn WorkBus>)) {
+    units_come_whole_and_once(&bus());
+    lanes_have_precedence(&bus());
+    a_silent_holder_loses_its_unit(&bus());
+    beats_keep_a_unit(&bus());
+    what_is_given_back_comes_again(&bus());
+    a_job_is_revoked_alone(&bus());
+    questions_are_answered(&bus());
+}
+
+type Ends = (Arc<dyn WorkBus>, Arc<dyn WorkBus>);
+
+fn units_come_whole_and_once((coordinator, worker): &Ends) {
+    assert_eq!(coordinator.backlog().expect("a bus").units, 0);
+    for number in 0..5 {
+        assert_eq!(coordinator.offer(Lane::Lo, &unit("a", number), 0), Ok(Offered::New));
+    }
+    assert_eq!(coordinator.offer(Lane::Lo, &unit("a", 2), 0), Ok(Offered::Duplicate));
+    assert_eq!(coordinator.backlog().expect("a bus").units, 5);
+    let first = lease(&**worker).expect("a unit");
+    assert_eq!((first.unit(), first.deliveries()), (&unit("a", 0), 1));
+    assert_eq!(coordinator.backlog().expect("a bus").units, 5, "a leased unit counts");
+    first.done();
+    assert_eq!(drained(&**worker), [1, 2, 3, 4]);
+    let backlog = coordinator.backlog().expect("a bus");
+    assert_eq!((backlog.units, backlog.is_new), (0, false));
+    // The same unit in another round is another offer.
+    assert_eq!(coordinator.offer(Lane::Lo, &unit("a", 2), 1), Ok(Offered::New));
+    assert_eq!(drained(&**worker), [2]);
+}
+
+fn lanes_have_precedence((coordinator, worker): &Ends) {
+    for (lane, number) in [(Lane::Lo, 0), (Lane::Lo, 1), (Lane::Hi, 2), (Lane::Hi, 3)] {
+        coordinator.offer(lane, &unit("a", number), 0).expect("offered");
+    }
+    assert_eq!(drained(&**worker), [2, 3, 0, 1]);
+}
+
+fn a_silent_holder_loses_its_unit((coordinator, worker): &Ends) {
+    coordinator.offer(Lane::Lo, &unit("a", 0), 0).expect("offered");
+    let (lost, began) = (lease(&**worker).expect("a unit"), Instant::now());
+    assert!(lease(&**worker).is_none(), "no one else has it meanwhile");
+    let again = worker.lease(2 * LEASE).expect("a bus").expect("it comes again");
+    let waited = began.elapsed();
+    assert!(waited > LEASE * 8 / 10 && waited < LEASE * 2, "{waited:?}");
+    assert_eq!(again.deliveries(), 2);
+    // What the first holder says now changes nothing for the second.
+    lost.give_back(Duration::ZERO);
+    assert!(lease(&**worker).is_none());
+    again.done();
+    std::thread::sleep(LEASE + PATIENCE);
+    assert!(lease(&**worker).is_none());
+}
+
+fn beats_keep_a_unit((coordinator, worker): &Ends) {
+    coordinator.offer(Lane::Lo, &unit("a", 0), 0).expect("offered");
+    let kept = lease(&**worker).expect("a unit");
+    for _ in 0..8 {
+        std::thread::sleep(LEASE / 4);
+        kept.beat();
+    }
+    assert!(lease(&**worker).is_none(), "twice as long as a lease");
+    kept.done();
+}
+
+fn what_is_given_back_comes_again((coordinator, worker): &Ends) {
+    coordinator.offer(Lane::Lo, &unit("a", 0), 0).expect("offered");
+    lease(&**worker).expect("a unit").give_back(Duration::ZERO);
+    let again = lease(&**worker).expect("at once");
+    assert_eq!(again.deliveries(), 2);
+    again.give_back(2 * PATIENCE);
+    assert!(lease(&**worker).is_none(), "not yet");
+    let third = worker.lease(3 * PATIENCE).expect("a bus").expect("after the pause");
+    third.done();
+}
+
+fn a_job_is_revoked_alone((coordinator, worker): &Ends) {
+    for (job, number) in [("a", 0), ("b", 1), ("a", 2), ("b", 3)] {
+        coordinator.offer(Lane::Lo, &unit(job, number), 0).expect("offered");
+    }
+    coordinator.revoke("a").expect("revoked");
+    assert_eq!(drained(&**worker), [1, 3]);
+    coordinator.revoke("a").expect("nothing is left to revoke");
+}
+
+fn questions_are_answered((coordinator, worker): &Ends) {
+    assert!(worker.ask(Ask::Leave("w".into())).is_err(), "no one is there");
+    let listener = Arc::new(Listener::default());
+    coordinator.attend(Arc::clone(&listener) as Arc<dyn Desk>).expect("a desk");
+    // A server may need a moment to tell others of the desk.
+    let began = Instant::now();
+    while worker.ask(Ask::Leave("w".into())).is_err() {
+        assert!(began.elapsed() < 10 * PATIENCE, "the desk is not found");
+    }
+    let start = |number| worker.ask(Ask::Start(unit("a", number).id, "w".into(), 1));
+    assert_eq!((start(7), start(8)), (Ok(Answer::Start(Start::Skip)), Ok(Answer::Noted)));
+    let file = |file, offset| {
+        let part = super::FilePart { scene: "s".into(), file, offset };
+        worker.ask(Ask::File(part)).expect("an answer")
+    };
+    assert_eq!(file(0, 3), Answer::File(Some(vec![9; 3])));
+    assert_eq!(file(0, 0), Answer::File(Some(Vec::new())));
+    assert_eq!(file(1, 3), Answer::File(None));
+    // Films of no, one and several parts.
+    for bytes in [0, 1, super::PART_BYTES, super::PART_BYTES + 1, 3 * super::PART_BYTES + 5] {
+        let sums: Vec<u8> = (0..bytes).map(|byte| (byte % 251) as u8).collect();
+        let finished = FinishedUnit {
+            unit: unit("a", 0).id,
+            worker: "w".into(),
+            identity: "i".into(),
+            digest: bytes.to_string(),
+            seconds: 1.5,
+            sums: Arc::new(sums),
+        };
+        let answer = worker.ask(Ask::Result(finished.clone())).expect("an answer");
+        assert_eq!(answer, Answer::Verdict(Verdict::Kept));
+        assert_eq!(
+            listener.0.lock().expect("no panic").last(),
+            Some(&Ask::Result(finished)),
+            "{bytes} bytes"
+        );
+    }
+}

@@ -1,0 +1,92 @@
+//! Questions and answers as bytes: the length of a JSON text (u32, little-endian), the text, and the bytes beside it.
+
+use super::super::bus::BusError;
+use super::super::desk::{Answer, Ask};
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+use std::sync::Arc;
+
+/// A question, or a part of the sums of a result.
+#[derive(Debug, Serialize, Deserialize)]
+pub(super) struct Question {
+    pub ask: Ask,
+    /// Where the bytes beside it begin, and how many there are in all.
+    pub part: Option<(u64, u64)>,
+}
+
+/// An answer, or where the next part begins.
+#[derive(Debug, Serialize, Deserialize)]
+pub(super) enum Reply {
+    Answer(Answer),
+    Next(u64),
+}
+
+/// Puts text and bytes together.
+pub(super) fn join(text: &impl Serialize, bytes: &[u8]) -> Vec<u8> {
+    let text = serde_json::to_vec(text).expect("messages are JSON");
+    let mut message = Vec::with_capacity(size_of::<u32>() + text.len() + bytes.len());
+    message.extend_from_slice(&(text.len() as u32).to_le_bytes());
+    message.extend_from_slice(&text);
+    message.extend_from_slice(bytes);
+    message
+}
+
+/// Takes text and bytes apart.
+pub(super) fn split<T: DeserializeOwned>(message: &[u8]) -> Result<(T, &[u8]), BusError> {
+    let unreadable = |error: String| BusError::Unreadable(error);
+    let (length, rest) = message.split_first_chunk().ok_or_else(|| unreadable("it is too short".into()))?;
+    let (text, bytes) = rest
+        .split_at_checked(u32::from_le_bytes(*length) as usize)
+        .ok_or_else(|| unreadable("it ends too early".into()))?;
+    let text = serde_json::from_slice(text).map_err(|error| unreadable(error.to_string()))?;
+    Ok((text, bytes))
+}
+
+/// The last token of the subject of a question: what a key may be allowed to ask.
+pub(super) fn kind(ask: &Ask) -> &'static str {
+    match ask {
+        Ask::Join(_) => "join",
+        Ask::Report(_) => "report",
+        Ask::Leave(_) => "leave",
+        Ask::Start(..) => "start",
+        Ask::Files(..) => "files",
+        Ask::File(_) => "file",
+        Ask::Result(_) => "result",
+        Ask::Failure(_) => "failure",
+    }
+}
+
+/// An answer as bytes.
+pub(super) fn reply(answer: Answer) -> Vec<u8> {
+    match answer {
+        Answer::File(bytes) => {
+            let is_there = bytes.is_some();
+            let mut message = join(&Reply::Answer(Answer::File(None)), &[u8::from(is_there)]);
+            message.extend_from_slice(&bytes.unwrap_or_default());
+            message
+        }
+        answer => join(&Reply::Answer(answer), &[]),
+    }
+}
+
+/// An answer from bytes.
+pub(super) fn read_reply(message: &[u8]) -> Result<Reply, BusError> {
+    let (reply, bytes) = split(message)?;
+    Ok(match (reply, bytes) {
+        (Reply::Answer(Answer::File(_)), [1, bytes @ ..]) => {
+            Reply::Answer(Answer::File(Some(bytes.to_vec())))
+        }
+        (reply, _) => reply,
+    })
+}
+
+/// A question with the bytes beside it.
+pub(super) fn with_bytes(ask: Ask, bytes: Vec<u8>) -> Ask {
+    match ask {
+        Ask::Result(mut finished) => {
+            finished.sums = Arc::new(bytes);
+            Ask::Result(finished)
+        }
+        ask => ask,
+    }
+}

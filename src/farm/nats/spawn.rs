@@ -1,0 +1,158 @@
+//! A server of this service's own.
+
+use super::connection::NatsError;
+use std::fs;
+use std::io::{Read, Write};
+use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::sync::{Arc, Mutex};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// The program, which is looked for in PATH.
+const PROGRAM: &str = "nats-server";
+
+/// How long it may take to listen.
+const PATIENCE: Duration = Duration::from_secs(10);
+
+/// The pause before a server that has ended is started again.
+const RESTART: Duration = Duration::from_millis(500);
+
+/// A `nats-server` on this machine's own address, with its store in the service's data folder. If it ends, it is
+/// started again. It ends with this value; after a kill of the service the next one finds it by its port.
+#[derive(Debug)]
+pub struct NatsServer {
+    url: String,
+    ending: Arc<AtomicBool>,
+    child: Arc<Mutex<Option<Child>>>,
+    watcher: Option<JoinHandle<()>>,
+}
+
+impl NatsServer {
+    /// Starts the server, or finds the one that an earlier process of the same data folder has left.
+    ///
+    /// # Errors
+    /// If there is no such program in PATH, or it does not listen.
+    pub fn start(data: &Path) -> Result<Self, NatsError> {
+        let folder = data.join("nats");
+        let failed =
+            |error: std::io::Error| NatsError::File { path: folder.clone(), error: error.to_string() };
+        fs::create_dir_all(&folder).map_err(failed)?;
+        let port_file = folder.join("port");
+        let left = fs::read_to_string(&port_file).ok().and_then(|text| text.trim().parse().ok());
+        if let Some(port) = left.filter(|port| answers(*port)) {
+            log::info!("the nats-server of an earlier process goes on");
+            return Ok(Self::of(port, None, folder));
+        }
+        let free = || TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).and_then(|socket| socket.local_addr());
+        // The same port again: workers look there.
+        let is_free = |port: &u16| TcpListener::bind((Ipv4Addr::LOCALHOST, *port)).is_ok();
+        let port = match left.filter(is_free) {
+            Some(port) => port,
+            None => free().map_err(failed)?.port(),
+        };
+        fs::write(folder.join("nats.conf"), configuration(port, &folder)).map_err(failed)?;
+        fs::write(&port_file, port.to_string()).map_err(failed)?;
+        let child = spawn(&folder)?;
+        let own = Self::of(port, Some(child), folder);
+        let began = Instant::now();
+        while !answers(port) {
+            if began.elapsed() > PATIENCE {
+                let error = format!("{PROGRAM} does not listen; see {}", data.join("nats/log").display());
+                return Err(NatsError::Refused { url: own.url.clone(), error });
+            }
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        Ok(own)
+    }
+
+    fn of(port: u16, child: Option<Child>, folder: PathBuf) -> Self {
+        let (ending, is_own) = (Arc::new(AtomicBool::new(false)), child.is_some());
+        let child = Arc::new(Mutex::new(child));
+        let watcher = {
+            let (ending, child) = (Arc::clone(&ending), Arc::clone(&child));
+            let watch = move || {
+                let mut is_own = is_own;
+                while !ending.load(Relaxed) {
+                    std::thread::sleep(RESTART);
+                    let mut child = child.lock().expect("no holder panics");
+                    let has_ended = match child.as_mut() {
+                        Some(child) => child.try_wait().is_ok_and(|status| status.is_some()),
+                        None => !is_own && !answers(port),
+                    };
+                    if has_ended && !ending.load(Relaxed) {
+                        log::warn!("{PROGRAM} has ended; it is started again");
+                        *child = spawn(&folder).inspect_err(|error| log::warn!("{error}")).ok();
+                        is_own = child.is_some();
+                    }
+                }
+            };
+            std::thread::Builder::new().name("nats-server".into()).spawn(watch).ok()
+        };
+        Self { url: format!("nats://127.0.0.1:{port}"), ending, child, watcher }
+    }
+
+    /// Its address.
+    pub fn url(&self) -> &str {
+        &self.url
+    }
+}
+
+impl Drop for NatsServer {
+    fn drop(&mut self) {
+        self.ending.store(true, Relaxed);
+        if let Some(mut child) = self.child.lock().expect("no holder panics").take() {
+            // Nothing of value is in its store.
+            let _ = child.kill();
+            let _ = child.wait();
+        }
+        if let Some(watcher) = self.watcher.take() {
+            // Its panic has been reported.
+            let _ = watcher.join();
+        }
+    }
+}
+
+/// What the server is told.
+fn configuration(port: u16, folder: &Path) -> String {
+    let store = folder.join("store");
+    // A name in quotes, as the server reads them.
+    let store = store.display().to_string().replace('\\', "\\\\").replace('"', "\\\"");
+    format!(
+        "listen: \"127.0.0.1:{port}\"\nmax_payload: 1048576\nping_interval: \"5s\"\nping_max: 2\n\
+         write_deadline: \"5s\"\njetstream {{ store_dir: \"{store}\", max_mem: 64MB, max_file: 1GB }}\n"
+    )
+}
+
+fn spawn(folder: &Path) -> Result<Child, NatsError> {
+    let failed = |error: std::io::Error| NatsError::File {
+        path: PROGRAM.into(),
+        error: match error.kind() {
+            std::io::ErrorKind::NotFound => {
+                "it is not in PATH; install it (Debian: apt install nats-server)".into()
+            }
+            _ => error.to_string(),
+        },
+    };
+    let log = fs::File::create(folder.join("log")).map_err(failed)?;
+    let mut command = Command::new(PROGRAM);
+    command.arg("-c").arg(folder.join("nats.conf"));
+    command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(log);
+    command.spawn().map_err(failed)
+}
+
+/// Whether a NATS server greets at a port of this machine.
+fn answers(port: u16) -> bool {
+    let address = SocketAddr::from((Ipv4Addr::LOCALHOST, port));
+    let Ok(mut stream) = TcpStream::connect_timeout(&address, Duration::from_millis(200)) else {
+        return false;
+    };
+    let greeting = &mut [0; 5];
+    let is_read = stream.set_read_timeout(Some(Duration::from_millis(500))).is_ok()
+        && stream.read_exact(greeting).is_ok();
+    // It ends the connection in good order.
+    let _ = stream.write_all(b"PING\r\n");
+    is_read && greeting == b"INFO "
+}

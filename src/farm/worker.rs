@@ -1,0 +1,423 @@
+//! Takes units from a bus, renders them, and sends back what they have become.
+
+use super::bus::{BusError, Lease, WorkBus};
+use super::desk::{
+    Answer, Ask, Build, Card, FailureReport, FinishedUnit, Orders, Report, Start, Verdict, Welcome,
+};
+use super::scenes::{NoScene, SceneSource};
+use super::unit::{Unit, UnitId};
+use super::watch::UnitWatch;
+use super::{BEATS, REPORT};
+use crate::render::{Pass, Patch};
+use crate::schedule::Priority;
+use crate::serve::{SceneReader, Shots, failpoint, hex};
+use sha2::{Digest, Sha256};
+use std::collections::HashMap;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// How long a slot waits for a unit before it looks whether it is to end.
+const LEASE_PATIENCE: Duration = Duration::from_millis(500);
+
+/// How long a worker tries to send what it has rendered before it gives the unit back.
+const SEND_PATIENCE: Duration = Duration::from_secs(60);
+
+/// The first pause between two tries; each is twice as long as the one before.
+const FIRST_PAUSE: Duration = Duration::from_millis(50);
+const LAST_PAUSE: Duration = Duration::from_secs(2);
+
+/// A unit to which nothing happens for this long hangs: another worker gets it.
+const HANGS_AFTER: Duration = Duration::from_secs(600);
+
+/// The byte that a worker changes that is to be found out: in the sum of the first pixel.
+const CORRUPT: usize = 22;
+
+/// Scenes that are kept ready, with their options.
+const READY: usize = 8;
+
+/// What a worker is started with.
+#[derive(Clone, Debug)]
+pub struct WorkerOptions {
+    /// Its name: no other worker's.
+    pub name: String,
+    /// Its machine.
+    pub host: String,
+    /// What traces, in words.
+    pub units: String,
+    /// Units that it renders at the same time: while the last paths of one end, others keep the threads busy.
+    pub slots: u32,
+    /// How long it waits for a unit before it leaves; `None` for ever.
+    pub idle: Option<Duration>,
+    /// Whether a byte of each film is changed, for tests.
+    pub corrupt: bool,
+}
+
+/// A worker.
+pub struct Worker {
+    options: WorkerOptions,
+    bus: Arc<dyn WorkBus>,
+    scenes: Arc<dyn SceneSource>,
+    reader: SceneReader,
+    active: Mutex<HashMap<UnitId, Active>>,
+    ready: Mutex<Vec<(String, Arc<Opened>)>>,
+    is_draining: AtomicBool,
+    /// The units under way are given back too.
+    is_ending: AtomicBool,
+    refused: Mutex<Option<String>>,
+    last_unit: Mutex<Instant>,
+    rays: AtomicU64,
+    lease_time: Mutex<Duration>,
+}
+
+/// A unit under way.
+struct Active {
+    lease: Arc<dyn Lease>,
+    watch: Arc<UnitWatch>,
+}
+
+/// A scene with its options.
+struct Opened {
+    shots: Box<dyn Shots>,
+    /// What its frames are functions of.
+    identities: Mutex<HashMap<u32, String>>,
+}
+
+/// Why a unit has no film.
+enum Failed {
+    /// It is to be tried again, by anyone.
+    GiveBack(String),
+    /// It cannot be rendered.
+    Unit(String),
+}
+
+impl std::fmt::Debug for Worker {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Worker").field("options", &self.options).finish_non_exhaustive()
+    }
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Worker {
+    /// A worker that has not begun.
+    pub fn new(
+        options: WorkerOptions,
+        bus: Arc<dyn WorkBus>,
+        scenes: Arc<dyn SceneSource>,
+        reader: SceneReader,
+    ) -> Arc<Self> {
+        let lease_time = Mutex::new(bus.lease_time());
+        Arc::new(Self {
+            options,
+            bus,
+            scenes,
+            reader,
+            active: Mutex::default(),
+            ready: Mutex::default(),
+            is_draining: AtomicBool::new(false),
+            is_ending: AtomicBool::new(false),
+            refused: Mutex::default(),
+            last_unit: Mutex::new(Instant::now()),
+            rays: AtomicU64::new(0),
+            lease_time,
+        })
+    }
+
+    /// Takes no more units; those under way are finished.
+    pub fn drain(&self) {
+        self.is_draining.store(true, Relaxed);
+    }
+
+    /// Takes no more units and gives back those under way.
+    pub fn end(&self) {
+        self.drain();
+        self.is_ending.store(true, Relaxed);
+        lock(&self.active).values().for_each(|unit| unit.watch.stop());
+    }
+
+    /// Stops the units of a job.
+    pub fn stop_job(&self, job: &str) {
+        let active = lock(&self.active);
+        active.iter().filter(|(id, _)| id.job == job).for_each(|(_, unit)| unit.watch.stop());
+    }
+
+    /// Changes how urgent the units of a job are that are under way.
+    pub fn set_priority(&self, job: &str, priority: Priority) {
+        let active = lock(&self.active);
+        active.iter().filter(|(id, _)| id.job == job).for_each(|(_, unit)| unit.watch.set_priority(priority));
+    }
+
+    /// Works until it is drained or has been idle for long enough, or is refused.
+    ///
+    /// # Errors
+    /// Why the coordinator refuses the worker, or the system refuses threads.
+    pub fn run(self: &Arc<Self>) -> Result<(), String> {
+        self.join()?;
+        let refused = |error: std::io::Error| format!("the system refuses a thread: {error}");
+        let threads = self.start().map_err(refused)?;
+        for thread in threads {
+            // Its panic has been reported.
+            let _ = thread.join();
+        }
+        // The coordinator would miss it soon anyway.
+        let _ = self.bus.ask(Ask::Leave(self.options.name.clone()));
+        lock(&self.refused).take().map_or(Ok(()), Err)
+    }
+
+    /// Starts the threads: one for each slot, one that beats and one that reports.
+    fn start(self: &Arc<Self>) -> std::io::Result<Vec<JoinHandle<()>>> {
+        let mut threads = Vec::new();
+        let live = Arc::new(AtomicU64::new(u64::from(self.options.slots)));
+        for slot in 0..self.options.slots {
+            let (own, live) = (Arc::clone(self), Arc::clone(&live));
+            let thread = std::thread::Builder::new().name(format!("unit {slot}")).stack_size(8 << 20);
+            threads.push(thread.spawn(move || {
+                own.slot();
+                live.fetch_sub(1, Relaxed);
+            })?);
+        }
+        let helpers: [(&str, fn(&Self)); 2] = [("beat", Self::beat), ("report", Self::report)];
+        for (name, help) in helpers {
+            let (own, live) = (Arc::clone(self), Arc::clone(&live));
+            threads.push(std::thread::Builder::new().name(name.into()).spawn(move || {
+                let mut last = Instant::now();
+                while live.load(Relaxed) > 0 {
+                    std::thread::sleep(Duration::from_millis(20));
+                    let every = if name == "beat" { *lock(&own.lease_time) / BEATS } else { REPORT };
+                    if last.elapsed() >= every {
+                        last = Instant::now();
+                        help(&own);
+                    }
+                }
+            })?);
+        }
+        Ok(threads)
+    }
+
+    /// Introduces itself, as often as it takes.
+    fn join(&self) -> Result<(), String> {
+        let WorkerOptions { name, host, units, slots, .. } = &self.options;
+        let card = Card {
+            worker: name.clone(),
+            host: host.clone(),
+            build: Build::own(),
+            slots: *slots,
+            units: units.clone(),
+        };
+        let mut told = false;
+        loop {
+            match self.bus.ask(Ask::Join(card.clone())) {
+                Ok(Answer::Welcome(Welcome::Joined { lease_ms })) => {
+                    *lock(&self.lease_time) = Duration::from_millis(lease_ms);
+                    return Ok(());
+                }
+                Ok(Answer::Welcome(Welcome::Refused(why))) => return Err(why),
+                Ok(_) | Err(_) if self.is_draining.load(Relaxed) => return Ok(()),
+                other => {
+                    if !told {
+                        told = true;
+                        let why = other.map_or_else(|error| error.to_string(), |_| "it answers oddly".into());
+                        log::warn!("{why}; the worker waits for it");
+                    }
+                    std::thread::sleep(Duration::from_millis(200));
+                }
+            }
+        }
+    }
+
+    fn beat(&self) {
+        let active = lock(&self.active);
+        active
+            .values()
+            .filter(|unit| unit.watch.still_for() < HANGS_AFTER)
+            .for_each(|unit| unit.lease.beat());
+    }
+
+    fn report(&self) {
+        let report = Report {
+            worker: self.options.name.clone(),
+            units: lock(&self.active).keys().cloned().collect(),
+            is_draining: self.is_draining.load(Relaxed),
+            cache: self.scenes.counts(),
+            rays: self.rays.load(Relaxed),
+        };
+        // An answer that does not come is asked for again.
+        let Ok(Answer::Orders(Orders { stop, refused, is_unknown })) = self.bus.ask(Ask::Report(report))
+        else {
+            return;
+        };
+        let active = lock(&self.active);
+        stop.iter().filter_map(|id| active.get(id)).for_each(|unit| unit.watch.stop());
+        drop(active);
+        if let Some(why) = refused {
+            self.refuse(why);
+        }
+        if is_unknown && let Err(why) = self.join() {
+            self.refuse(why);
+        }
+    }
+
+    fn refuse(&self, why: String) {
+        lock(&self.refused).get_or_insert(why);
+        self.end();
+    }
+
+    /// A slot: one unit after another.
+    fn slot(&self) {
+        while !self.is_draining.load(Relaxed) {
+            match self.bus.lease(LEASE_PATIENCE) {
+                Ok(Some(lease)) => {
+                    *lock(&self.last_unit) = Instant::now();
+                    self.work(lease.into());
+                    *lock(&self.last_unit) = Instant::now();
+                }
+                Ok(None) => {
+                    let waited = lock(&self.last_unit).elapsed();
+                    if self.options.idle.is_some_and(|idle| waited >= idle) && lock(&self.active).is_empty() {
+                        self.drain();
+                    }
+                }
+                Err(error) => {
+                    log::debug!("{error}");
+                    std::thread::sleep(Duration::from_millis(200));
+                }
+            }
+        }
+    }
+
+    /// Does what a lease asks for, whatever happens.
+    fn work(&self, lease: Arc<dyn Lease>) {
+        let unit = lease.unit();
+        let (id, worker) = (unit.id.clone(), self.options.name.clone());
+        let priority = Priority::ALL.into_iter().find(|priority| priority.name() == unit.priority);
+        let watch = Arc::new(UnitWatch::new(priority.unwrap_or(Priority::Normal)));
+        let active = Active { lease: Arc::clone(&lease), watch: Arc::clone(&watch) };
+        lock(&self.active).insert(id.clone(), active);
+        let start = Ask::Start(id.clone(), worker, lease.deliveries());
+        match self.persist(&watch, || self.bus.ask(start.clone())) {
+            Some(Answer::Start(Start::Go)) => self.render(&*lease, &watch),
+            Some(Answer::Start(Start::Skip)) => lease.done(),
+            Some(Answer::Start(Start::Refused(why))) => {
+                lease.give_back(Duration::ZERO);
+                self.refuse(why);
+            }
+            _ => lease.give_back(Duration::from_secs(1)),
+        }
+        self.rays.fetch_add(watch.rays(), Relaxed);
+        lock(&self.active).remove(&id);
+    }
+
+    fn render(&self, lease: &dyn Lease, watch: &UnitWatch) {
+        let (unit, began) = (lease.unit(), Instant::now());
+        let rendered = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| self.patch(unit, watch)));
+        let rendered =
+            rendered.unwrap_or_else(|_| Err(Failed::Unit("it panicked; see the worker's log".into())));
+        if watch.is_stopped_now() {
+            // Someone else renders it, or no one wants it.
+            return if self.is_ending.load(Relaxed) { lease.give_back(Duration::ZERO) } else { lease.done() };
+        }
+        match rendered {
+            Ok((identity, patch)) => {
+                failpoint::pass("unit-rendered");
+                let (seconds, mut sums) = (began.elapsed().as_secs_f64(), patch.into_sums());
+                if self.options.corrupt && sums.len() > CORRUPT {
+                    sums[CORRUPT] ^= 1;
+                }
+                let (digest, sums) = (hex(&Sha256::digest(&sums)), Arc::new(sums));
+                let (unit, worker) = (unit.id.clone(), self.options.name.clone());
+                self.send(lease, watch, FinishedUnit { unit, worker, identity, digest, seconds, sums });
+            }
+            Err(Failed::GiveBack(why)) => {
+                log::warn!("unit {}: {why}; another try is in 2 s", unit.id);
+                lease.give_back(Duration::from_secs(2));
+            }
+            Err(Failed::Unit(error)) => {
+                log::warn!("unit {}: {error}", unit.id);
+                let (worker, unit) = (self.options.name.clone(), unit.id.clone());
+                let failure = Ask::Failure(FailureReport { unit, worker, error });
+                match self.persist(watch, || self.bus.ask(failure.clone())) {
+                    Some(_) => lease.done(),
+                    None => lease.give_back(Duration::from_secs(1)),
+                }
+            }
+        }
+    }
+
+    /// Sends a film until the coordinator has it on its disk. Only then does the lease end.
+    fn send(&self, lease: &dyn Lease, watch: &UnitWatch, result: FinishedUnit) {
+        let id = result.unit.clone();
+        let ask = Ask::Result(result);
+        let answer = self.persist(watch, || match self.bus.ask(ask.clone())? {
+            Answer::Verdict(Verdict::Later) => Err(BusError::Refused("its disk or ledger refuses".into())),
+            answer => Ok(answer),
+        });
+        failpoint::pass("result-sent");
+        match answer {
+            Some(Answer::Verdict(Verdict::Refused(why))) => {
+                log::warn!("unit {id}: the coordinator refuses it: {why}");
+                lease.done();
+            }
+            Some(_) => lease.done(),
+            None => lease.give_back(Duration::from_secs(1)),
+        }
+    }
+
+    /// Asks again and again, with pauses. `None` if there is no answer for too long, or the unit is stopped.
+    fn persist(&self, watch: &UnitWatch, ask: impl Fn() -> Result<Answer, BusError>) -> Option<Answer> {
+        let (began, mut pause) = (Instant::now(), FIRST_PAUSE);
+        loop {
+            match ask() {
+                Ok(answer) => return Some(answer),
+                Err(error) => log::debug!("{error}"),
+            }
+            if began.elapsed() > SEND_PATIENCE || watch.is_stopped_now() {
+                return None;
+            }
+            std::thread::sleep(pause);
+            pause = (pause * 2).min(LAST_PAUSE);
+        }
+    }
+
+    fn patch(&self, unit: &Unit, watch: &UnitWatch) -> Result<(String, Patch), Failed> {
+        let opened = self.open(unit)?;
+        let frame = unit.id.frame;
+        let known = lock(&opened.identities).get(&frame).cloned();
+        let identity = match known {
+            Some(identity) => identity,
+            None => opened.shots.identity(frame).map_err(Failed::Unit)?,
+        };
+        lock(&opened.identities).insert(frame, identity.clone());
+        let piece = Pass::new(unit.blocks.clone().into(), unit.samples.clone());
+        let patch = opened.shots.patch(frame, piece, watch).map_err(Failed::Unit)?;
+        Ok((identity, patch))
+    }
+
+    /// The scene of a unit with its options, read once for many units.
+    fn open(&self, unit: &Unit) -> Result<Arc<Opened>, Failed> {
+        let Unit { scene, entry, options, .. } = unit;
+        let key = format!("{scene} {entry:?} {}", serde_json::Value::Object(options.clone()));
+        let mut ready = lock(&self.ready);
+        if let Some(place) = ready.iter().position(|(own, _)| *own == key) {
+            let found = ready.remove(place);
+            ready.push(found.clone());
+            return Ok(found.1);
+        }
+        drop(ready);
+        let (path, folder) = self.scenes.scene(scene, entry.as_deref()).map_err(|error| match error {
+            NoScene::Now(_) => Failed::GiveBack(error.to_string()),
+            NoScene::Ever(_) => Failed::Unit(error.to_string()),
+        })?;
+        let shots = self.reader.open(options, &path, &folder).map_err(Failed::Unit)?;
+        let opened = Arc::new(Opened { shots, identities: Mutex::default() });
+        let mut ready = lock(&self.ready);
+        if ready.len() >= READY {
+            ready.remove(0);
+        }
+        ready.push((key, Arc::clone(&opened)));
+        Ok(opened)
+    }
+}

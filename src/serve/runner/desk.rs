@@ -1,0 +1,285 @@
+//! Answers workers.
+
+use super::frame::Kept;
+use super::planner::is_active;
+use super::task::{Failure, MOST_ATTEMPTS, Task};
+use super::{Comparison, Holder, Runner};
+use crate::farm::{Answer, Ask, Desk, FailureReport, FinishedUnit, Orders, Report, Start, UnitId, Verdict};
+use crate::serve::failpoint;
+use crate::serve::ledger::{JobState, UnitRow};
+use std::sync::{Arc, Weak};
+use std::time::Instant;
+use xxhash_rust::xxh3::xxh3_64;
+
+/// The desk of a runner, for as long as it is there.
+struct RunnersDesk(Weak<Runner>);
+
+/// The desk of a runner.
+pub(super) fn of(runner: &Arc<Runner>) -> Arc<dyn Desk> {
+    Arc::new(RunnersDesk(Arc::downgrade(runner)))
+}
+
+impl Desk for RunnersDesk {
+    fn answer(&self, ask: Ask) -> Answer {
+        let Some(runner) = self.0.upgrade() else {
+            return match ask {
+                Ask::Result(_) => Answer::Verdict(Verdict::Later),
+                _ => Answer::Noted,
+            };
+        };
+        match ask {
+            Ask::Join(card) => Answer::Welcome(runner.state().workers.join(card, runner.bus.lease_time())),
+            Ask::Report(report) => Answer::Orders(runner.orders(&report)),
+            Ask::Leave(worker) => {
+                runner.state().workers.leave(&worker);
+                Answer::Noted
+            }
+            Ask::Start(unit, worker, deliveries) => Answer::Start(runner.begin(&unit, &worker, deliveries)),
+            Ask::Files(scene, from) => {
+                Answer::Files(runner.files.list(&scene, &runner.store.scene_folder(&scene), from).ok())
+            }
+            Ask::File(part) => {
+                Answer::File(runner.files.read(&part, &runner.store.scene_folder(&part.scene)).ok())
+            }
+            Ask::Result(finished) => Answer::Verdict(runner.take_result(finished)),
+            Ask::Failure(failure) => {
+                runner.take_failure(&failure);
+                Answer::Noted
+            }
+        }
+    }
+}
+
+impl Runner {
+    /// Takes note of what a worker does, and tells it what to stop.
+    fn orders(&self, report: &Report) -> Orders {
+        let mut stop = Vec::new();
+        for id in &report.units {
+            if !self.is_wanted(id, &report.worker) {
+                stop.push(id.clone());
+            }
+        }
+        let mut state = self.state();
+        let is_unknown = !state.workers.report(report);
+        let refused = state.workers.refusal(&report.worker).cloned();
+        Orders { stop, refused, is_unknown }
+    }
+
+    /// Whether a unit that a worker has is still to be rendered by it.
+    fn is_wanted(&self, id: &UnitId, worker: &str) -> bool {
+        let mut state = self.state();
+        if let Some(unit) = state.outstanding.get_mut(id) {
+            let holder =
+                unit.holder.get_or_insert_with(|| Holder { worker: worker.into(), seen: Instant::now() });
+            if holder.worker == worker {
+                holder.seen = Instant::now();
+            }
+            return true;
+        }
+        let Some(run) = state.runs.get(&id.job) else {
+            drop(state);
+            // A job that has not been looked at since this process began is no reason to stop anything.
+            return self.ledger.job(&id.job).map_or(true, |job| job.is_some_and(|job| is_active(job.state)));
+        };
+        if !is_active(run.job.state) {
+            return false;
+        }
+        match run.frames.get(&id.frame) {
+            Some(frame) if id.copy == 0 => frame.find(id.pass, id.number).map_or(true, |unit| unit.is_some()),
+            Some(_) => false,
+            None => true,
+        }
+    }
+
+    /// Whether a worker is to render a unit that it has leased.
+    fn begin(&self, id: &UnitId, worker: &str, deliveries: u64) -> Start {
+        let silence = self.silence();
+        let mut state = self.state();
+        state.workers.seen(worker);
+        if let Some(why) = state.workers.refusal(worker) {
+            return Start::Refused(why.clone());
+        }
+        if deliveries > 1 {
+            metrics::counter!("raystream_redeliveries_total").increment(1);
+            state.workers.redelivered(worker);
+        }
+        let has_other = state.workers.has_other(worker, self.bus.lease_time());
+        let Some(unit) = state.outstanding.get_mut(id) else { return Start::Skip };
+        if unit.compared.as_ref().is_some_and(|first| first.worker == worker) {
+            if has_other {
+                return Start::Wait;
+            }
+            // There is no one to compare with.
+            state.outstanding.remove(id);
+            drop(state);
+            self.wake();
+            return Start::Skip;
+        }
+        let is_lost = match &unit.holder {
+            Some(holder) if holder.worker != worker && holder.seen.elapsed() < silence => return Start::Wait,
+            Some(holder) => holder.worker != worker || deliveries > 1,
+            None => false,
+        };
+        unit.holder = Some(Holder { worker: worker.into(), seen: Instant::now() });
+        unit.changed = Instant::now();
+        let is_compared = unit.compared.is_some();
+        drop(state);
+        if is_lost && !is_compared {
+            self.count_loss(id);
+        }
+        Start::Go
+    }
+
+    /// Counts that the holder of a unit has gone. Too many have: perhaps the unit ends them.
+    fn count_loss(&self, id: &UnitId) {
+        let why = "the workers that rendered it ended or fell silent";
+        let failure = FailureReport { unit: id.clone(), worker: String::new(), error: why.into() };
+        self.count_failure(&failure, false);
+    }
+
+    /// Keeps the sums of a unit.
+    fn take_result(&self, finished: FinishedUnit) -> Verdict {
+        let id = finished.unit.clone();
+        let mut state = self.state();
+        state.workers.seen(&finished.worker);
+        if let Some(why) = state.workers.refusal(&finished.worker) {
+            return Verdict::Refused(why.clone());
+        }
+        let frame = state.runs.get(&id.job).and_then(|run| run.frames.get(&id.frame)).cloned();
+        let compared = state.outstanding.get(&id).and_then(|unit| unit.compared.clone());
+        drop(state);
+        if id.copy > 0 {
+            return self.take_comparison(&finished, compared);
+        }
+        let Some(frame) = frame else { return self.without_frame(&id) };
+        let (worker, seconds, digest) = (finished.worker.clone(), finished.seconds, finished.digest.clone());
+        let compare =
+            self.is_compared(&id).then(|| frame.find(id.pass, id.number)).and_then(Result::ok).flatten();
+        let kept = frame.keep(&self.ledger, finished);
+        let (verdict, name) = match kept {
+            Ok(Kept::New { samples, is_complete }) => {
+                metrics::histogram!("raystream_unit_seconds").record(seconds);
+                let mut state = self.state();
+                state.workers.done(&worker, samples, seconds);
+                state.runs.get_mut(&id.job).into_iter().for_each(|run| run.speed.add(samples, seconds));
+                state.outstanding.remove(&id);
+                if let Some((row, blocks)) = compare
+                    && state.workers.has_other(&worker, self.bus.lease_time())
+                {
+                    let id = UnitId { copy: 1, ..id.clone() };
+                    state.comparisons.push_back(Comparison { id, row, blocks, worker, digest });
+                }
+                drop(state);
+                failpoint::pass(if is_complete { "frame-complete" } else { "unit-kept" });
+                (Verdict::Kept, "done")
+            }
+            Ok(Kept::Before) => {
+                self.state().outstanding.remove(&id);
+                (Verdict::Duplicate, "duplicate")
+            }
+            Ok(Kept::Wrong(why)) => {
+                let failure = FailureReport { unit: id, worker, error: why.clone() };
+                self.take_failure(&failure);
+                (Verdict::Refused(why), "refused")
+            }
+            Err(error) => {
+                let (Failure::Disk(why) | Failure::Job(why)) = error else { return Verdict::Later };
+                log::warn!("unit {id}: {why}; the worker keeps it for now");
+                (Verdict::Later, "disk")
+            }
+        };
+        metrics::counter!("raystream_units_total", "result" => name).increment(1);
+        self.wake();
+        verdict
+    }
+
+    /// What becomes of a result whose frame is not open.
+    fn without_frame(&self, id: &UnitId) -> Verdict {
+        match self.ledger.job(&id.job) {
+            Ok(Some(job)) if is_active(job.state) => {
+                let frames = self.ledger.frames(&id.job).unwrap_or_default();
+                let is_finished = frames.iter().any(|row| row.number == id.frame && row.hash.is_some());
+                if is_finished { Verdict::Duplicate } else { Verdict::Later }
+            }
+            Ok(_) => Verdict::Stale,
+            Err(_) => Verdict::Later,
+        }
+    }
+
+    /// Whether a second worker is to render a unit: a share of all, chosen by their names.
+    fn is_compared(&self, id: &UnitId) -> bool {
+        let hash = xxh3_64(id.to_string().as_bytes());
+        (hash as f64) < self.farm.compared_share * u64::MAX as f64
+    }
+
+    /// Compares what two workers have made of a unit.
+    fn take_comparison(&self, second: &FinishedUnit, first: Option<Comparison>) -> Verdict {
+        let Some(first) = first else { return Verdict::Stale };
+        self.state().outstanding.remove(&second.unit);
+        if first.digest == second.digest {
+            metrics::counter!("raystream_units_compared_total", "result" => "equal").increment(1);
+        } else {
+            metrics::counter!("raystream_units_compared_total", "result" => "different").increment(1);
+            let Comparison { id, row, blocks, worker, digest } = first;
+            log::error!("unit {id}: workers {worker} and {} disagree", second.worker);
+            let parties = [(worker, digest), (second.worker.clone(), second.digest.clone())];
+            let state = self.state();
+            let run = state.runs.get(&id.job);
+            let job =
+                run.map(|run| (run.job.clone(), run.tasks.iter().map(|task| task.0).collect::<Vec<_>>()));
+            drop(state);
+            if let Some((job, under_way)) = job {
+                let task = Task::Arbitrate { row, blocks, parties };
+                self.give(&job, task, &under_way);
+            }
+        }
+        self.wake();
+        Verdict::Kept
+    }
+
+    fn take_failure(&self, failure: &FailureReport) {
+        self.state().workers.seen(&failure.worker);
+        if failure.unit.copy > 0 {
+            self.state().outstanding.remove(&failure.unit);
+        } else {
+            self.count_failure(failure, true);
+        }
+        self.wake();
+    }
+
+    /// Counts that a unit has failed. After too many failures its job fails.
+    fn count_failure(&self, failure: &FailureReport, is_offered_again: bool) {
+        let FailureReport { unit: id, worker, error } = failure;
+        let mut state = self.state();
+        let frame = state.runs.get(&id.job).and_then(|run| run.frames.get(&id.frame)).cloned();
+        if is_offered_again {
+            state.outstanding.remove(id);
+        }
+        drop(state);
+        let Some(frame) = frame else { return };
+        let counted = frame.find(id.pass, id.number).ok().flatten();
+        let Some((row, _)) = counted else { return };
+        metrics::counter!("raystream_units_total", "result" => "failed").increment(1);
+        log::warn!(
+            "unit {id}: {}{error}",
+            if worker.is_empty() { String::new() } else { format!("{worker}: ") }
+        );
+        if is_offered_again {
+            frame.put_back(id.pass, id.number);
+        }
+        self.count_attempt(id, row, error);
+    }
+
+    fn count_attempt(&self, id: &UnitId, row: UnitRow, error: &str) {
+        let attempts = self.ledger.reopen_unit(&id.job, row);
+        let failed = attempts.and_then(|attempts| {
+            if attempts < MOST_ATTEMPTS {
+                return Ok(());
+            }
+            let active = &[JobState::Queued, JobState::Running];
+            let told = format!("a unit of frame {} has failed {attempts} times: {error}", id.frame);
+            self.ledger.set_state(&id.job, active, JobState::Failed, Some(told)).map(drop)
+        });
+        failed.unwrap_or_else(|error| log::warn!("job {}: {error}", id.job));
+    }
+}

@@ -1,0 +1,384 @@
+//! A frame that is rendered in units: which there are, and their sums.
+//!
+//! A unit's sums are in a file before the ledger knows of them, and they are added to the frame's in memory. From time
+//! to time all are written into one file, which takes the place of the others in one change of the ledger. So whatever
+//! ends the process, the files that the ledger knows of hold each sample once.
+
+use super::cut::{self, Sizes, Speed};
+use super::results;
+use super::task::Failure;
+use crate::farm::{FinishedUnit, UnitId};
+use crate::files::{self, sync_folder};
+use crate::render::{Pass, Patch};
+use crate::serve::ledger::{Ledger, UnitRow, UnitState};
+use crate::serve::{Gathering, Shots, failpoint, hex};
+use sha2::{Digest, Sha256};
+use std::collections::{BTreeMap, VecDeque};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+
+/// Files of units of a frame before they are added up into one; and the bytes of them, where those are more.
+const MOST_FILES: usize = 256;
+const LEAST_BYTES: u64 = 32 << 20;
+
+/// What the names of files of sums begin with.
+const UNIT: &str = "unit-";
+const SUMS: &str = "sums-";
+
+/// A frame that is worked on.
+pub(super) struct OpenFrame {
+    pub job: String,
+    pub frame: u32,
+    folder: PathBuf,
+    /// What its patches must be of.
+    identity: String,
+    pub shots: Box<dyn Shots>,
+    most_files: usize,
+    pub state: Mutex<FrameState>,
+}
+
+/// What changes of it.
+pub(super) struct FrameState {
+    pub gathering: Box<dyn Gathering>,
+    passes: Vec<OpenPass>,
+    /// Files of units that the file of sums does not hold yet, and their bytes.
+    loose: Vec<PathBuf>,
+    loose_bytes: u64,
+    /// The number of the file of sums, 0 if there is none.
+    sums: u64,
+    sums_bytes: u64,
+    /// Memory and ledger may differ: the frame is to be opened again.
+    pub is_broken: bool,
+}
+
+/// A pass that may be rendered now.
+struct OpenPass {
+    number: u64,
+    pass: Pass,
+    /// The last unit that was cut.
+    last: Option<UnitRow>,
+    /// Units without sums.
+    open: BTreeMap<u32, UnitRow>,
+    /// Those of them that are to be offered.
+    todo: VecDeque<u32>,
+}
+
+/// What became of a finished unit.
+#[derive(Debug, PartialEq, Eq)]
+pub(super) enum Kept {
+    /// It is on the disk, with so many pixels × samples. Whether the frame has all of its samples now.
+    New { samples: u64, is_complete: bool },
+    /// It was there before, or its pass has ended.
+    Before,
+    /// It is not what was asked for.
+    Wrong(String),
+}
+
+impl OpenFrame {
+    /// Opens a frame with what the disk has of it.
+    pub fn open(
+        ledger: &Ledger,
+        (job, frame): (&str, u32),
+        folder: PathBuf,
+        shots: Box<dyn Shots>,
+        most_files: Option<usize>,
+    ) -> Result<Self, Failure> {
+        std::fs::create_dir_all(&folder)?;
+        let (sums, units) = ledger.units_of(job, frame)?;
+        let saved = match sums {
+            0 => None,
+            sums => match std::fs::read(folder.join(format!("{SUMS}{sums}"))) {
+                Ok(saved) => Some(saved),
+                Err(error) => return begin_anew(ledger, job, frame, &error.to_string()),
+            },
+        };
+        let gathering = match shots.gather(frame, saved.as_deref()) {
+            Ok(gathering) => gathering,
+            Err(error) if saved.is_some() => return begin_anew(ledger, job, frame, &error),
+            Err(error) => return Err(Failure::Job(error)),
+        };
+        let state = FrameState {
+            gathering,
+            passes: Vec::new(),
+            loose: Vec::new(),
+            loose_bytes: 0,
+            sums,
+            sums_bytes: saved.map_or(0, |saved| saved.len() as u64),
+            is_broken: false,
+        };
+        let identity = shots.identity(frame).map_err(Failure::Job)?;
+        let most_files = most_files.unwrap_or(MOST_FILES);
+        let (job, state) = (job.to_owned(), Mutex::new(state));
+        let own = Self { job, frame, folder, identity, shots, most_files, state };
+        own.restore(ledger, units)?;
+        own.tidy(sums);
+        Ok(own)
+    }
+
+    /// Adds the sums of units that have files, and takes note of those that have none.
+    fn restore(&self, ledger: &Ledger, units: Vec<UnitRow>) -> Result<(), Failure> {
+        let state = &mut *self.state.lock().expect("no holder panics");
+        state.open_passes();
+        for mut unit in units {
+            if unit.state == UnitState::Kept {
+                let path = self.unit_path(unit.pass, unit.number);
+                let added = state.restore_unit(&unit, &path);
+                if let Err(error) = added {
+                    log::warn!("{}: {error}; its samples are rendered again", path.display());
+                    ledger.reopen_unit(&self.job, unit.clone())?;
+                    unit.state = UnitState::Open;
+                }
+            }
+            state.note(unit);
+        }
+        // Where later passes take samples follows from what is missing.
+        if let Some(last) = state.passes.last() {
+            ledger.remove_later_passes(&self.job, self.frame, last.number)?;
+        }
+        Ok(())
+    }
+
+    /// Removes files that the ledger does not know.
+    fn tidy(&self, sums: u64) {
+        let state = self.state.lock().expect("no holder panics");
+        let known = self.folder.join(format!("{SUMS}{sums}"));
+        for entry in std::fs::read_dir(&self.folder).into_iter().flatten().flatten() {
+            let (path, name) = (entry.path(), entry.file_name().to_string_lossy().into_owned());
+            let is_old = name.starts_with("samples-")
+                || (name.starts_with(SUMS) && path != known)
+                || (name.starts_with(UNIT) && !state.loose.contains(&path));
+            if is_old {
+                results::remove(&path);
+            }
+        }
+    }
+
+    fn unit_path(&self, pass: u64, number: u32) -> PathBuf {
+        self.folder.join(format!("{UNIT}{pass}-{number}"))
+    }
+
+    /// The name of one of its units.
+    pub fn id(&self, unit: &UnitRow) -> UnitId {
+        UnitId { job: self.job.clone(), frame: self.frame, pass: unit.pass, number: unit.number, copy: 0 }
+    }
+
+    /// Takes a unit that is to be offered: one that was cut before, or a new one, which the ledger must get to know.
+    /// `None` if there is none now, or the frame is busy.
+    pub fn take(&self, sizes: Sizes, speed: Speed) -> Option<(UnitRow, Vec<u32>, bool)> {
+        let mut state = self.state.try_lock().ok().filter(|state| !state.is_broken)?;
+        for pass in &mut state.passes {
+            let known = pass.todo.pop_front();
+            let unit = match known {
+                Some(number) => pass.open.get(&number).cloned(),
+                None => cut::next(self.frame, (pass.number, &pass.pass), pass.last.as_ref(), sizes, speed),
+            };
+            let Some(unit) = unit else { continue };
+            if known.is_none() {
+                pass.last = Some(unit.clone());
+                pass.open.insert(unit.number, unit.clone());
+            }
+            let blocks = pass.blocks_of(&unit);
+            return Some((unit, blocks, known.is_none()));
+        }
+        None
+    }
+
+    /// Lets the frame be opened again: memory and ledger may differ.
+    pub fn break_off(&self) {
+        self.state.lock().expect("no holder panics").is_broken = true;
+    }
+
+    /// Forgets all of its units, whose sums may be wrong.
+    pub fn begin_anew(&self, ledger: &Ledger) -> Result<(), Failure> {
+        let mut state = self.state.lock().expect("no holder panics");
+        state.is_broken = true;
+        Ok(ledger.begin_anew(&self.job, self.frame)?)
+    }
+
+    /// Whether it is to be opened again. False while it is busy.
+    pub fn is_broken(&self) -> bool {
+        self.state.try_lock().is_ok_and(|state| state.is_broken)
+    }
+
+    /// Whether it has all of its samples. False while it is busy.
+    pub fn is_complete(&self) -> bool {
+        self.state.try_lock().is_ok_and(|state| !state.is_broken && state.gathering.is_complete())
+    }
+
+    /// Lets a unit be offered again, if it has no sums.
+    pub fn put_back(&self, pass: u64, number: u32) {
+        let mut state = self.state.lock().expect("no holder panics");
+        let pass = state.passes.iter_mut().find(|own| own.number == pass);
+        if let Some(pass) =
+            pass.filter(|pass| pass.open.contains_key(&number) && !pass.todo.contains(&number))
+        {
+            pass.todo.push_front(number);
+        }
+    }
+
+    /// The unit and its blocks, if it has no sums yet. `Err` if the frame is busy.
+    pub fn find(&self, pass: u64, number: u32) -> Result<Option<(UnitRow, Vec<u32>)>, ()> {
+        let state = self.state.try_lock().map_err(|_| ())?;
+        let pass = state.passes.iter().find(|own| own.number == pass);
+        let unit = pass.and_then(|pass| Some((pass, pass.open.get(&number)?)));
+        Ok(unit.map(|(pass, unit)| (unit.clone(), pass.blocks_of(unit))))
+    }
+
+    /// Keeps the sums of a unit: in a file, in the ledger, and in memory.
+    pub fn keep(&self, ledger: &Ledger, finished: FinishedUnit) -> Result<Kept, Failure> {
+        let mut state = self.state.lock().expect("no holder panics");
+        if state.is_broken {
+            return Err(Failure::Disk("the frame is opened again".into()));
+        }
+        let FinishedUnit { unit: id, worker, identity, digest, seconds, sums } = finished;
+        let Some(pass) = state.passes.iter_mut().find(|own| own.number == id.pass) else {
+            return Ok(Kept::Before);
+        };
+        let Some(mut unit) = pass.open.get(&id.number).cloned() else {
+            let is_cut = pass.last.as_ref().is_some_and(|last| id.number <= last.number);
+            let wrong = || Kept::Wrong("there is no such unit".into());
+            return Ok(if is_cut { Kept::Before } else { wrong() });
+        };
+        if identity != self.identity {
+            return Ok(Kept::Wrong("it is of another picture: scene, options or program differ".into()));
+        }
+        if hex(&Sha256::digest(&*sums)) != digest {
+            return Ok(Kept::Wrong("its sums are damaged: their SHA-256 is another".into()));
+        }
+        let patch = pass.patch_of(&unit, std::sync::Arc::unwrap_or_clone(sums));
+        let samples = u64::from(unit.blocks) * u64::from(unit.end - unit.first) * 256;
+        let path = self.unit_path(unit.pass, unit.number);
+        write(&path, |file| file.write_all(patch.sums()))?;
+        failpoint::pass("film-written");
+        if let Err(error) = state.gathering.add(unit.pass, &patch) {
+            results::remove(&path);
+            return Ok(Kept::Wrong(error));
+        }
+        (unit.worker, unit.digest) = (Some(worker), Some(digest));
+        let (pass, number) = (unit.pass, unit.number);
+        let is_known = ledger.keep_unit(&self.job, unit, seconds);
+        if !matches!(is_known, Ok(true)) {
+            // The sums in memory have what the ledger does not know of.
+            state.is_broken = true;
+            return is_known.map(|_| Kept::Before).map_err(Failure::from);
+        }
+        if let Some(pass) = state.passes.iter_mut().find(|own| own.number == pass) {
+            pass.open.remove(&number);
+            pass.todo.retain(|other| *other != number);
+        }
+        state.loose.push(path);
+        state.loose_bytes += patch.sums().len() as u64;
+        state.open_passes();
+        let is_complete = state.gathering.is_complete();
+        let is_much = state.loose_bytes >= LEAST_BYTES.max(2 * state.sums_bytes);
+        if !is_complete && (is_much || state.loose.len() >= self.most_files) {
+            // If the disk refuses, the next unit tries again.
+            let folded = self.fold(ledger, &mut state);
+            folded.unwrap_or_else(|error| log::warn!("job {}: {error:?}", self.job));
+        }
+        Ok(Kept::New { samples, is_complete })
+    }
+
+    /// Writes all sums into one file.
+    fn fold(&self, ledger: &Ledger, state: &mut FrameState) -> Result<(), Failure> {
+        let before = self.folder.join(format!("{SUMS}{}", state.sums));
+        let path = self.folder.join(format!("{SUMS}{}", state.sums + 1));
+        write(&path, |file| state.gathering.save(file))?;
+        failpoint::pass("sums-written");
+        if let Err(error) = ledger.fold(&self.job, self.frame, state.sums + 1) {
+            // Whether it has been done is not known.
+            state.is_broken = true;
+            return Err(error.into());
+        }
+        failpoint::pass("sums-committed");
+        state.loose.drain(..).for_each(|path| results::remove(&path));
+        if state.sums > 0 {
+            results::remove(&before);
+        }
+        state.sums += 1;
+        state.sums_bytes = std::fs::metadata(&path)?.len();
+        state.loose_bytes = 0;
+        Ok(())
+    }
+
+    /// Removes the files of sums, once the frame has its picture.
+    pub fn remove_files(&self) {
+        let state = self.state.lock().expect("no holder panics");
+        state.loose.iter().for_each(|path| results::remove(path));
+        results::remove(&self.folder.join(format!("{SUMS}{}", state.sums)));
+    }
+}
+
+impl OpenPass {
+    fn blocks_of(&self, unit: &UnitRow) -> Vec<u32> {
+        self.pass.blocks()[unit.block as usize..][..unit.blocks as usize].to_vec()
+    }
+
+    fn patch_of(&self, unit: &UnitRow, sums: Vec<u8>) -> Patch {
+        Patch::new(self.blocks_of(unit), unit.first..unit.end, sums)
+    }
+}
+
+impl FrameState {
+    /// Takes note of passes that have begun and have ended.
+    fn open_passes(&mut self) {
+        let open = self.gathering.passes();
+        self.passes.retain(|own| open.iter().any(|(number, _)| *number == own.number));
+        for (number, pass) in open {
+            if !self.passes.iter().any(|own| own.number == number) {
+                let (last, open, todo) = (None, BTreeMap::new(), VecDeque::new());
+                self.passes.push(OpenPass { number, pass, last, open, todo });
+            }
+        }
+    }
+
+    /// Adds the sums of a unit from its file.
+    fn restore_unit(&mut self, unit: &UnitRow, path: &Path) -> Result<(), String> {
+        let pass = self.passes.iter().find(|own| own.number == unit.pass).ok_or("its pass is not open")?;
+        let is_of_pass = (unit.block + unit.blocks) as usize <= pass.pass.blocks().len();
+        let sums = std::fs::read(path).map_err(|error| error.to_string())?;
+        if !is_of_pass || unit.digest.as_deref() != Some(&*hex(&Sha256::digest(&sums))) {
+            return Err("it is damaged".into());
+        }
+        let patch = pass.patch_of(unit, sums);
+        self.gathering.add(unit.pass, &patch)?;
+        self.loose_bytes += patch.sums().len() as u64;
+        self.loose.push(path.to_owned());
+        self.open_passes();
+        Ok(())
+    }
+
+    /// Takes note of a unit of the ledger.
+    fn note(&mut self, unit: UnitRow) {
+        let Some(pass) = self.passes.iter_mut().find(|own| own.number == unit.pass) else { return };
+        if unit.state == UnitState::Open {
+            pass.todo.push_back(unit.number);
+            pass.open.insert(unit.number, unit.clone());
+        }
+        if pass.last.as_ref().is_none_or(|last| last.number < unit.number) {
+            pass.last = Some(unit);
+        }
+    }
+}
+
+/// Forgets what there is of a frame, because a file of it is lost.
+fn begin_anew<T>(ledger: &Ledger, job: &str, frame: u32, error: &str) -> Result<T, Failure> {
+    log::warn!("job {job}: the sums of frame {frame} are lost: {error}; it begins anew");
+    ledger.begin_anew(job, frame)?;
+    Err(Failure::Stopped)
+}
+
+/// Writes a file. It is on the disk, with its name, when this returns.
+fn write(
+    path: &Path,
+    content: impl FnOnce(&mut std::io::BufWriter<std::fs::File>) -> std::io::Result<()>,
+) -> Result<(), Failure> {
+    let written = files::write(path, |file| {
+        content(&mut *file)?;
+        file.flush()?;
+        file.get_ref().sync_all()
+    });
+    written.map_err(|error| Failure::Disk(error.to_string()))?;
+    Ok(sync_folder(path.parent().unwrap_or(Path::new(".")))?)
+}

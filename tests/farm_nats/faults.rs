@@ -1,0 +1,205 @@
+//! One thing goes wrong at a time.
+
+use crate::machines::worker_output;
+use crate::{Nats, SIZE, Worker, coordinator, folder, shipped, still};
+use serde_json::json;
+use std::time::{Duration, Instant};
+
+/// A job of many units of a moment each.
+fn long() -> serde_json::Value {
+    json!({ "size": "64x48", "spp": 256, "seed": 3 })
+}
+
+#[test]
+fn workers_that_die_or_fall_silent_lose_their_units_to_others() {
+    let (job, hash) = still();
+    let (nats, data) = (Nats::start(), folder());
+    let service = coordinator(data.path(), &nats.url(), &[]);
+    let scene = service.upload_file(&shipped("cornell.json"));
+    let mut killed = Worker::start(&nats.url(), "killed", &["--failpoint", "unit-rendered:2"]);
+    let mut sent = Worker::start(&nats.url(), "sent", &["--failpoint", "result-sent:2"]);
+    let id = service.submit(&scene, &job);
+    assert_eq!((killed.process.wait().code(), sent.process.wait().code()), (None, None), "both are dead");
+    let paused = Worker::start(&nats.url(), "paused", &[]);
+    std::thread::sleep(Duration::from_millis(300));
+    paused.process.pause(Duration::from_millis(2500));
+    assert_eq!(service.hashes(&id), [hash]);
+}
+
+#[test]
+fn a_worker_that_is_asked_to_end_leaves_in_good_order() {
+    let (nats, data) = (Nats::start(), folder());
+    let service = coordinator(data.path(), &nats.url(), &[]);
+    let scene = service.upload_file(&shipped("cornell.json"));
+    let id = service.submit(&scene, &long());
+    let mut first = Worker::start(&nats.url(), "first", &[]);
+    service.wait_for(&id, &["running"]);
+    while service.job(&id)["units_done"].as_u64() < Some(3) {
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    first.process.terminate();
+    assert_eq!(first.process.wait().code(), Some(0));
+    let workers = service.get("/api/v1/workers").json();
+    assert_eq!(workers["workers"], json!([]), "it has said good-bye");
+    let cancelled = service.post(&format!("/api/v1/jobs/{id}/cancel"), &json!({}));
+    assert_eq!(cancelled.status, 200);
+    // With nothing to do it ends by itself.
+    let cache = folder();
+    let (code, told) = worker_output(&nats.url(), cache.path(), &["--drain"]);
+    assert_eq!(code, Some(0), "{told}");
+}
+
+#[test]
+fn a_cancelled_job_ends_everywhere_within_a_second() {
+    let (nats, data) = (Nats::start(), folder());
+    let service = coordinator(data.path(), &nats.url(), &["--unit-samples", "100000000"]);
+    let scene = service.upload_file(&shipped("cornell.json"));
+    let _worker = Worker::start(&nats.url(), "w", &[]);
+    let busy = || service.get("/api/v1/workers").json()["workers"][0]["state"] == "busy";
+    let id = service.submit(&scene, &json!({ "size": "640x480", "spp": 4096 }));
+    let began = Instant::now();
+    while !busy() {
+        assert!(began.elapsed() < crate::service::PATIENCE, "the worker has no unit");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    assert_eq!(service.post(&format!("/api/v1/jobs/{id}/cancel"), &json!({})).status, 200);
+    let began = Instant::now();
+    while busy() {
+        assert!(began.elapsed() < Duration::from_millis(2500), "it goes on");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+}
+
+#[test]
+fn the_coordinator_may_die_anywhere() {
+    let (job, hash) = still();
+    for place in [
+        "film-written:1",
+        "before-commit:6",
+        "after-commit:6",
+        "unit-kept:2",
+        "sums-written:0",
+        "sums-committed:0",
+        "frame-complete:0",
+        "folding:0",
+    ] {
+        let (nats, data) = (Nats::start(), folder());
+        let options = ["--most-files", "3", "--failpoint", place];
+        let mut service = coordinator(data.path(), &nats.url(), &options);
+        let scene = service.upload_file(&shipped("cornell.json"));
+        let _workers = Worker::some(&nats.url(), 2);
+        let id = service.submit(&scene, &job);
+        assert_eq!(service.wait_for_end(), None, "{place}: it is dead");
+        let service = coordinator(data.path(), &nats.url(), &["--most-files", "3"]);
+        assert_eq!(service.hashes(&id), [hash.clone()], "{place}");
+    }
+}
+
+#[test]
+fn a_server_that_loses_everything_costs_time_alone() {
+    let (job, hash) = still();
+    let (mut nats, data) = (Nats::start(), folder());
+    let service = coordinator(data.path(), &nats.url(), &[]);
+    let scene = service.upload_file(&shipped("cornell.json"));
+    let first = service.submit(&scene, &long());
+    let second = service.submit(&scene, &job);
+    let _workers = Worker::some(&nats.url(), 2);
+    while service.job(&first)["units_done"].as_u64() < Some(3) {
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    nats.kill();
+    nats.lose_store();
+    nats.restart();
+    assert_eq!(service.hashes(&second), [hash]);
+    let began = Instant::now();
+    let done = || service.job(&first)["units_done"].as_u64().expect("a number");
+    let before = done();
+    while done() < before + 3 {
+        assert!(began.elapsed() < crate::service::PATIENCE, "no unit comes back any more");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+}
+
+#[test]
+fn a_worker_whose_sums_are_wrong_is_found_and_named() {
+    let (job, hash) = still();
+    let (nats, data) = (Nats::start(), folder());
+    let service = crate::Service::start(
+        data.path(),
+        &["--nats", &nats.url(), "--lease", "1", "--compared", "0.5", "--most-files", "3"],
+    );
+    let scene = service.upload_file(&shipped("cornell.json"));
+    let mut wrong = Worker::start(&nats.url(), "wrong", &["--corrupt"]);
+    let _right = Worker::start(&nats.url(), "right", &[]);
+    let began = Instant::now();
+    while service.get("/api/v1/workers").json()["workers"].as_array().map(Vec::len) < Some(2) {
+        assert!(began.elapsed() < crate::service::PATIENCE, "the workers do not join");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    let id = service.submit(&scene, &job);
+    assert_eq!(service.hashes(&id), [hash]);
+    assert_eq!(wrong.process.wait().code(), Some(2));
+    let cache = folder();
+    let (code, told) = worker_output(&nats.url(), cache.path(), &["--name", "wrong"]);
+    assert_eq!(code, Some(2));
+    assert!(told.contains("worker wrong is refused") && told.contains("check its memory"), "{told}");
+}
+
+#[test]
+fn a_unit_that_fails_everywhere_fails_its_job_and_no_other() {
+    let (job, hash) = still();
+    let (nats, data) = (Nats::start(), folder());
+    let service = coordinator(data.path(), &nats.url(), &[]);
+    let scene = service.upload_file(&shipped("cornell.json"));
+    // A cache that is too small for the scene.
+    let small = Worker::start(&nats.url(), "small", &["--cache-size", "10"]);
+    let failing = service.submit(&scene, &json!({ "size": SIZE, "spp": 3 }));
+    let failed = service.wait_for(&failing, &["failed"]);
+    let error = failed["error"].as_str().expect("an error");
+    assert!(error.contains("has failed 5 times") && error.contains("--cache-size"), "{error}");
+    drop(small);
+    let id = service.submit(&scene, &job);
+    let _worker = Worker::start(&nats.url(), "large", &[]);
+    assert_eq!(service.hashes(&id), [hash]);
+}
+
+#[test]
+fn a_full_disk_delays_results_and_loses_none() {
+    use rustix::process::{Pid, Resource, Rlimit, prlimit};
+    let (job, hash) = still();
+    let (nats, data) = (Nats::start(), folder());
+    let service = coordinator(data.path(), &nats.url(), &[]);
+    let scene = service.upload_file(&shipped("cornell.json"));
+    let id = service.submit(&scene, &job);
+    let process = Pid::from_raw(service.process() as i32).expect("a process");
+    let _workers = Worker::some(&nats.url(), 2);
+    while service.job(&id)["units_done"].as_u64() < Some(2) {
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    let space = |bytes| {
+        let limit = Rlimit { current: bytes, maximum: None };
+        prlimit(Some(process), Resource::Fsize, limit).expect("the limit is set");
+    };
+    space(Some(0));
+    std::thread::sleep(Duration::from_millis(1500));
+    space(None);
+    assert_eq!(service.hashes(&id), [hash]);
+}
+
+#[test]
+fn a_server_of_ones_own_is_started_and_found_again() {
+    let (job, hash) = still();
+    let data = folder();
+    let options = ["--spawn-nats", "--lease", "1"];
+    let service = crate::Service::start(data.path(), &options);
+    let port = || std::fs::read_to_string(data.path().join("nats/port")).expect("a port");
+    let url = format!("nats://127.0.0.1:{}", port());
+    let _worker = Worker::start(&url, "w", &[]);
+    let scene = service.upload_file(&shipped("cornell.json"));
+    let id = service.submit(&scene, &job);
+    // Its server outlives it.
+    service.kill();
+    let service = crate::Service::start(data.path(), &options);
+    assert_eq!(url, format!("nats://127.0.0.1:{}", port()));
+    assert_eq!(service.hashes(&id), [hash]);
+}

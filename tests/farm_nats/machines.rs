@@ -1,0 +1,166 @@
+//! A NATS server and workers, each a process that can be stopped, killed and started again.
+
+use rustix::process::{Pid, Signal, kill_process};
+use std::io::Read;
+use std::net::{Ipv4Addr, TcpListener, TcpStream};
+use std::path::Path;
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::time::{Duration, Instant};
+use tempfile::TempDir;
+
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// A process that is killed at the end.
+pub struct Process(pub Child);
+
+impl Process {
+    fn signal(&self, signal: Signal) {
+        let id = Pid::from_raw(self.0.id() as i32).expect("a process");
+        kill_process(id, signal).expect("it is there");
+    }
+
+    /// Ends it as a power failure would.
+    pub fn kill(&mut self) {
+        self.0.kill().expect("it is there");
+        self.0.wait().expect("it has ended");
+    }
+
+    /// Asks it to end.
+    pub fn terminate(&self) {
+        self.signal(Signal::TERM);
+    }
+
+    /// Lets it do nothing for a while.
+    pub fn pause(&self, time: Duration) {
+        self.signal(Signal::STOP);
+        std::thread::sleep(time);
+        self.signal(Signal::CONT);
+    }
+
+    /// Waits until it has ended.
+    pub fn wait(&mut self) -> ExitStatus {
+        let began = Instant::now();
+        loop {
+            if let Some(status) = self.0.try_wait().expect("a child") {
+                return status;
+            }
+            assert!(began.elapsed() < PATIENCE, "it goes on");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+
+    /// Whether it still runs.
+    pub fn is_alive(&mut self) -> bool {
+        self.0.try_wait().expect("a child").is_none()
+    }
+}
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        // It may have ended, or be stopped.
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+/// A NATS server with a port and a store that outlive it.
+pub struct Nats {
+    folder: TempDir,
+    port: u16,
+    process: Option<Process>,
+}
+
+impl Nats {
+    pub fn start() -> Self {
+        let socket = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).expect("a free port");
+        let port = socket.local_addr().expect("an address").port();
+        drop(socket);
+        let mut own = Self { folder: tempfile::tempdir().expect("a folder"), port, process: None };
+        own.restart();
+        own
+    }
+
+    pub fn port(&self) -> u16 {
+        self.port
+    }
+
+    pub fn url(&self) -> String {
+        format!("nats://127.0.0.1:{}", self.port)
+    }
+
+    pub fn kill(&mut self) {
+        self.process.take().expect("it runs").kill();
+    }
+
+    /// Deletes all that it keeps. It must not run.
+    pub fn lose_store(&self) {
+        std::fs::remove_dir_all(self.folder.path().join("store")).expect("a store");
+    }
+
+    pub fn pause(&self, time: Duration) {
+        self.process.as_ref().expect("it runs").pause(time);
+    }
+
+    /// Starts it again.
+    pub fn restart(&mut self) {
+        let store = self.folder.path().join("store");
+        let child = Command::new("nats-server")
+            .args(["-a", "127.0.0.1", "-js", "-p", &self.port.to_string(), "-sd"])
+            .arg(store)
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .expect("nats-server is installed: tests/run --all, or apt install nats-server");
+        self.process = Some(Process(child));
+        let began = Instant::now();
+        let greets = || {
+            let mut stream = TcpStream::connect((Ipv4Addr::LOCALHOST, self.port)).ok()?;
+            let mut greeting = [0; 5];
+            stream.read_exact(&mut greeting).ok().filter(|()| greeting == *b"INFO ")
+        };
+        while greets().is_none() {
+            assert!(began.elapsed() < PATIENCE, "nats-server does not listen");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+}
+
+/// A worker with a cache of its own.
+pub struct Worker {
+    pub process: Process,
+    pub name: String,
+    _cache: TempDir,
+}
+
+impl Worker {
+    pub fn start(url: &str, name: &str, options: &[&str]) -> Self {
+        let cache = tempfile::tempdir().expect("a folder");
+        let child = Command::new(env!("CARGO_BIN_EXE_raystream"))
+            .env("RUST_LOG", "error")
+            .args(["worker", "--nats", url, "--name", name, "--tracer", "cpu", "--threads", "1", "--cache"])
+            .arg(cache.path())
+            .args(options)
+            .stdin(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .expect("raystream starts");
+        Self { process: Process(child), name: name.into(), _cache: cache }
+    }
+
+    /// So many workers.
+    pub fn some(url: &str, count: usize) -> Vec<Self> {
+        (0..count).map(|number| Self::start(url, &format!("w{number}"), &[])).collect()
+    }
+}
+
+/// Starts a worker and returns what it says when it ends.
+pub fn worker_output(url: &str, cache: &Path, options: &[&str]) -> (Option<i32>, String) {
+    let output = Command::new(env!("CARGO_BIN_EXE_raystream"))
+        .args(["worker", "--nats", url, "--tracer", "cpu", "--threads", "1", "--cache"])
+        .arg(cache)
+        .args(options)
+        .output()
+        .expect("raystream starts");
+    (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+}

@@ -1,0 +1,32 @@
+//! Coordinator, workers and a NATS server as processes, and everything that can happen to them. The server must be
+//! installed (`tests/run --all` does; Debian: `apt install nats-server`).
+//!
+//! (`tests/farm` tests the templates for farms that people already have.)
+
+mod chaos;
+mod faults;
+mod machines;
+mod pictures;
+mod relay;
+#[path = "../serve/service.rs"]
+mod service;
+
+use machines::{Nats, Worker};
+use serde_json::{Value, json};
+use service::{Service, folder, rendered, shipped};
+use std::path::Path;
+
+/// The size of all pictures here.
+const SIZE: &str = "24x16";
+
+/// A coordinator whose leases last a second.
+fn coordinator(data: &Path, url: &str, options: &[&str]) -> Service {
+    let first = ["--nats", url, "--lease", "1", "--compared", "0"];
+    Service::start(data, &[&first[..], options].concat())
+}
+
+/// A job, and the hash that `raystream render` gives it.
+fn still() -> (Value, String) {
+    let options = ["--size", SIZE, "--spp", "16", "--seed", "7"];
+    (json!({ "size": SIZE, "spp": 16, "seed": 7 }), rendered(&shipped("cornell.json"), &options))
+}
