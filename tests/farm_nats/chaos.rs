@@ -2,6 +2,7 @@
 
 use crate::machines::{Nats, Worker};
 use crate::relay::{Relay, mix};
+use crate::service::PATIENCE;
 use crate::{SIZE, Service, coordinator, folder, rendered, shipped};
 use serde_json::{Value, json};
 use std::time::{Duration, Instant};
@@ -45,96 +46,123 @@ fn every_job_ends_with_the_right_hash_whatever_dies() {
     println!("{runs} runs, {} faults; slowest recovery {:.1} s", runs * FAULTS, slowest.as_secs_f64());
 }
 
-/// One run. Returns the time from the last fault until all jobs are done.
-fn run(seed: u64, jobs: &[(Value, String)]) -> Duration {
-    let mut random = (0..).map(|step: u64| mix(mix(seed) ^ step));
-    let mut next = |of: u64| random.next().expect("endless") % of;
-    let (mut nats, data) = (Nats::start(), folder());
-    let relay = Relay::start(nats.port(), next(1 << 40));
-    let (own, cuts) = (nats.url(), next(1000).to_string());
-    let start = |place: Option<&str>| {
-        let failpoint = place.into_iter().flat_map(|place| ["--failpoint", place]);
-        let options: Vec<&str> =
-            ["--most-files", "3", "--random-units", &cuts].into_iter().chain(failpoint).collect();
-        coordinator(data.path(), &own, &options)
-    };
-    let mut service = Some(start(None));
-    let url = relay.url();
-    let mut workers: Vec<Worker> =
-        (0..3).map(|number| Worker::start(&url, &format!("w{number}"), &[])).collect();
-    let uploaded = service.as_ref().expect("it runs").upload_file(&shipped("cornell.json"));
-    let submit = |service: &Service, job: &Value| service.submit(&uploaded, job);
-    let ids: Vec<String> =
-        jobs.iter().map(|(job, _)| submit(service.as_ref().expect("it runs"), job)).collect();
-    for fault in 0..FAULTS {
-        std::thread::sleep(Duration::from_millis(100 + next(700)));
-        match next(8) {
+/// Everything that takes part in a run.
+struct Stage {
+    nats: Nats,
+    relay: Relay,
+    data: tempfile::TempDir,
+    /// The seed of the cuts.
+    cuts: String,
+    service: Option<Service>,
+    workers: Vec<Worker>,
+    random: Box<dyn FnMut(u64) -> u64>,
+}
+
+/// Places at which a coordinator ends.
+const PLACES: [&str; 8] = [
+    "before-commit",
+    "after-commit",
+    "film-written",
+    "unit-kept",
+    "sums-written",
+    "sums-committed",
+    "frame-complete",
+    "folding",
+];
+
+impl Stage {
+    fn new(seed: u64) -> Self {
+        let mut steps = 0..;
+        let mut random = Box::new(move |of: u64| mix(mix(seed) ^ steps.next().expect("endless")) % of);
+        let nats = Nats::start();
+        let relay = Relay::start(nats.port(), random(1 << 40));
+        let (data, cuts) = (folder(), random(1000).to_string());
+        let mut own = Self { nats, relay, data, cuts, service: None, workers: Vec::new(), random };
+        own.start_service(None);
+        for number in 0..3 {
+            own.workers.push(Worker::start(&own.relay.url(), &format!("w{number}"), &[]));
+        }
+        own
+    }
+
+    fn service(&self) -> &Service {
+        self.service.as_ref().expect("it runs")
+    }
+
+    fn start_service(&mut self, failpoint: Option<&str>) {
+        let failpoint = failpoint.into_iter().flat_map(|place| ["--failpoint", place]);
+        let first = ["--most-files", "3", "--random-units", &self.cuts];
+        let options: Vec<&str> = first.into_iter().chain(failpoint).collect();
+        self.service = Some(coordinator(self.data.path(), &self.nats.url(), &options));
+    }
+
+    /// Something goes wrong.
+    fn fault(&mut self, number: u64) {
+        let moment = Duration::from_millis((self.random)(2500));
+        let worker = (self.random)(self.workers.len() as u64) as usize;
+        let choice = (self.random)(8);
+        let after = (self.random)(4);
+        match choice {
             0 | 1 => {
-                let index = next(workers.len() as u64) as usize;
-                workers[index].process.kill();
-                let places = ["unit-rendered", "result-sent"];
-                let place = format!("{}:{}", places[next(2) as usize], next(5));
-                let name = format!("w{index}-{fault}");
-                workers[index] = Worker::start(&url, &name, &["--failpoint", &place]);
+                self.workers[worker].process.kill();
+                let place = format!("{}:{after}", ["unit-rendered", "result-sent"][choice as usize]);
+                let name = format!("w{worker}-{number}");
+                self.workers[worker] = Worker::start(&self.relay.url(), &name, &["--failpoint", &place]);
             }
-            2 => {
-                let index = next(workers.len() as u64) as usize;
-                workers[index].process.pause(Duration::from_millis(next(2500)));
-            }
+            2 => self.workers[worker].process.pause(moment),
             3 => {
-                service.take().expect("it runs").kill();
-                service = Some(start(None));
+                self.service.take().expect("it runs").kill();
+                self.start_service(None);
             }
             4 => {
-                let places = [
-                    "before-commit",
-                    "after-commit",
-                    "film-written",
-                    "unit-kept",
-                    "sums-written",
-                    "sums-committed",
-                    "frame-complete",
-                    "folding",
-                ];
-                let place = format!("{}:{}", places[next(places.len() as u64) as usize], next(4));
-                service.take().expect("it runs").kill();
-                let mut failing = start(Some(&place));
-                std::thread::sleep(Duration::from_millis(next(1500)));
-                if failing.has_ended() {
-                    drop(failing);
-                } else {
-                    failing.kill();
-                }
-                service = Some(start(None));
+                let place = format!("{}:{after}", PLACES[(self.random)(PLACES.len() as u64) as usize]);
+                self.service.take().expect("it runs").kill();
+                self.start_service(Some(&place));
+                std::thread::sleep(moment);
+                self.service.take().expect("it ran").kill();
+                self.start_service(None);
             }
             5 => {
-                nats.kill();
-                if next(2) == 0 {
-                    nats.lose_store();
+                self.nats.kill();
+                if after % 2 == 0 {
+                    self.nats.lose_store();
                 }
-                std::thread::sleep(Duration::from_millis(next(800)));
-                nats.restart();
+                std::thread::sleep(moment / 3);
+                self.nats.restart();
             }
-            6 => nats.pause(Duration::from_millis(next(2500))),
-            _ => relay.cut(Duration::from_millis(next(3000))),
+            6 => self.nats.pause(moment),
+            _ => self.relay.cut(moment),
         }
+    }
+
+    /// Starts workers in the place of dead ones: their failpoints may be passed long after the faults.
+    fn replace_dead(&mut self) {
+        let url = self.relay.url();
+        for worker in &mut self.workers {
+            if !worker.process.is_alive() {
+                *worker = Worker::start(&url, &format!("{}-again", worker.name), &[]);
+            }
+        }
+    }
+}
+
+/// One run. Returns the time from the last fault until all jobs are done.
+fn run(seed: u64, jobs: &[(Value, String)]) -> Duration {
+    let mut stage = Stage::new(seed);
+    let uploaded = stage.service().upload_file(&shipped("cornell.json"));
+    let ids: Vec<String> = jobs.iter().map(|(job, _)| stage.service().submit(&uploaded, job)).collect();
+    for number in 0..FAULTS {
+        std::thread::sleep(Duration::from_millis(100 + (stage.random)(700)));
+        stage.fault(number);
     }
     let began = Instant::now();
-    // Those with failpoints may all be dead.
-    for (index, worker) in workers.iter_mut().enumerate() {
-        if !worker.process.is_alive() {
-            *worker = Worker::start(&url, &format!("last{index}"), &[]);
-        }
-    }
-    let service = service.expect("it runs");
     for (id, (job, hash)) in ids.iter().zip(jobs) {
-        // A failpoint may be passed long after the faults: someone must be there to go on.
-        for (index, worker) in workers.iter_mut().enumerate() {
-            if !worker.process.is_alive() {
-                *worker = Worker::start(&url, &format!("very-last{index}"), &[]);
-            }
+        while stage.service().job(id)["state"] == "running" || stage.service().job(id)["state"] == "queued" {
+            assert!(began.elapsed() < PATIENCE, "seed {seed}: {}", stage.service().job(id));
+            stage.replace_dead();
+            std::thread::sleep(Duration::from_millis(50));
         }
-        assert_eq!(service.hashes(id), [hash.as_str()], "seed {seed}: {job}");
+        assert_eq!(stage.service().hashes(id), [hash.as_str()], "seed {seed}: {job}");
     }
     began.elapsed()
 }

@@ -9,6 +9,7 @@ mod machines;
 mod pictures;
 mod relay;
 #[path = "../serve/service.rs"]
+#[allow(dead_code, reason = "tests of the service use more of it")]
 mod service;
 
 use machines::{Nats, Worker};

@@ -119,11 +119,6 @@ impl Service {
         }
     }
 
-    /// Whether the process has ended by itself.
-    pub fn has_ended(&mut self) -> bool {
-        self.child.try_wait().expect("a child").is_some()
-    }
-
     pub fn process(&self) -> u32 {
         self.child.id()
     }

@@ -23,7 +23,7 @@ const DISK_TIMEOUT: Duration = Duration::from_secs(20);
 /// Questions that are answered at the same time.
 const ANSWERING: usize = 32;
 
-/// Bytes of films of which parts have come and others have not; and how long parts are kept for the others.
+/// The most bytes of films that have not come whole yet; and how long parts are kept for the others.
 const MOST_PARTS_BYTES: usize = 1 << 30;
 const PARTS_AGE: Duration = Duration::from_secs(60);
 

@@ -31,7 +31,7 @@ pub(super) fn join(text: &impl Serialize, bytes: &[u8]) -> Vec<u8> {
     message
 }
 
-/// Takes text and bytes apart.
+/// The text and the bytes of a message.
 pub(super) fn split<T: DeserializeOwned>(message: &[u8]) -> Result<(T, &[u8]), BusError> {
     let unreadable = |error: String| BusError::Unreadable(error);
     let (length, rest) = message.split_first_chunk().ok_or_else(|| unreadable("it is too short".into()))?;

@@ -33,7 +33,7 @@ pub(super) enum Task {
     Finish(Arc<OpenFrame>),
     /// Render a frame whose samples the time decides.
     Whole { frame: u32 },
-    /// Render a unit of which two workers have made different sums.
+    /// Render a unit that has other sums from one worker than from another.
     Arbitrate { row: UnitRow, blocks: Vec<u32>, parties: [(String, String); 2] },
 }
 
@@ -251,8 +251,8 @@ impl Runner {
         Ok(())
     }
 
-    /// Renders a unit of which two workers have made different sums. Who was wrong gets no more units, and frames to
-    /// which it has contributed begin anew.
+    /// Renders a unit that has other sums from one worker than from another. Who was wrong gets no more units, and
+    /// frames to which it has contributed begin anew.
     fn arbitrate(
         &self,
         job: &Job,
