@@ -17,11 +17,11 @@ use super::args::ServeArgs;
 use super::{Outcome, Registry};
 use crate::serve::{FarmOptions, Limits, Options, Stop, TOKEN_FILE, Tls};
 use anyhow::Result;
+#[cfg(feature = "farm")]
+pub use loaded::LoadedScenes;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::SeqCst};
-#[cfg(feature = "farm")]
-pub use loaded::LoadedScenes;
 pub use studio::Studio;
 
 /// `raystream serve`.

@@ -111,7 +111,10 @@ fn draw(
         for (number, pass) in frame.passes() {
             let patch = shots.patch(0, pass, watch);
             if watch.is_stopped() {
-                return Err(Problem::new(StatusCode::SERVICE_UNAVAILABLE, "the service is ending; ask again"));
+                return Err(Problem::new(
+                    StatusCode::SERVICE_UNAVAILABLE,
+                    "the service is ending; ask again",
+                ));
             }
             let patch = patch.map_err(Problem::unprocessable)?;
             frame.add(number, &patch).map_err(Problem::unprocessable)?;
