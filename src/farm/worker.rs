@@ -84,6 +84,9 @@ struct Opened {
     identities: Mutex<HashMap<u32, String>>,
 }
 
+/// A thread beside those of the slots: its name, and what it does again and again.
+type Helper = (&'static str, fn(&Worker));
+
 /// Why a unit has no film.
 enum Failed {
     /// It is to be tried again, by anyone.
@@ -180,7 +183,7 @@ impl Worker {
                 live.fetch_sub(1, Relaxed);
             })?);
         }
-        let helpers: [(&str, fn(&Self)); 2] = [("beat", Self::beat), ("report", Self::report)];
+        let helpers: [Helper; 2] = [("beat", Self::beat), ("report", Self::report)];
         for (name, help) in helpers {
             let (own, live) = (Arc::clone(self), Arc::clone(&live));
             threads.push(std::thread::Builder::new().name(name.into()).spawn(move || {
