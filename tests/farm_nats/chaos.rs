@@ -73,7 +73,8 @@ const PLACES: [&str; 8] = [
 impl Stage {
     fn new(seed: u64) -> Self {
         let mut steps = 0..;
-        let mut random = Box::new(move |of: u64| mix(mix(seed) ^ steps.next().expect("endless")) % of);
+        let mut random: Box<dyn FnMut(u64) -> u64> =
+            Box::new(move |of| mix(mix(seed) ^ steps.next().expect("endless")) % of);
         let nats = Nats::start();
         let relay = Relay::start(nats.port(), random(1 << 40));
         let (data, cuts) = (folder(), random(1000).to_string());
