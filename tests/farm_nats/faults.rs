@@ -52,7 +52,7 @@ fn a_worker_that_is_asked_to_end_leaves_in_good_order() {
 #[test]
 fn a_cancelled_job_ends_everywhere_within_a_second() {
     let (nats, data) = (Nats::start(), folder());
-    let service = coordinator(data.path(), &nats.url(), &["--unit-samples", "100000000"]);
+    let service = coordinator(data.path(), &nats.url(), &[]);
     let scene = service.upload_file(&shipped("cornell.json"));
     let _worker = Worker::start(&nats.url(), "w", &[]);
     let busy = || service.get("/api/v1/workers").json()["workers"][0]["state"] == "busy";

@@ -79,13 +79,14 @@ fn scenes_travel_once_and_workers_are_shown() {
         let shown = service.get("/api/v1/workers").json();
         let only = shown["workers"][0].clone();
         // Its next report counts the last scene.
-        if only["scenes_cached"].as_u64() == Some(2) || began.elapsed().as_secs() > 10 {
+        if only["scenes_cached"].as_u64() >= Some(2) || began.elapsed().as_secs() > 10 {
             break only;
         }
     };
     let number = |name: &str| only[name].as_u64().unwrap_or_else(|| panic!("{name}: {only}"));
     assert_eq!((only["name"].as_str(), number("slots")), (Some("only"), 3));
-    assert_eq!((number("scenes_fetched"), number("scenes_cached")), (1, 2), "{only}");
+    assert_eq!(number("scenes_fetched"), 1, "{only}");
+    assert!(number("scenes_cached") >= 2, "{only}");
     assert!(number("units_done") >= 24 && number("rays") > 0, "{only}");
     let metrics = String::from_utf8(service.get("/metrics").body).expect("text");
     assert!(metrics.contains("raystream_workers{state=\"idle\"} 1"), "{metrics}");
