@@ -32,9 +32,9 @@ const TICK: Duration = Duration::from_millis(250);
 /// How often the bus is asked what it holds.
 const RECONCILE: Duration = Duration::from_millis(500);
 
-/// Leases after which a unit that no one has is offered again: few if the bus is empty, more if it is not, since others
-/// may be before it.
-const LEASES_OF_EMPTY_BUS: u32 = 2;
+/// Leases after which a unit that no one has is offered again: few if the bus is empty or workers wait, more if not,
+/// since other units may be before it.
+const LEASES_OF_FREE_BUS: u32 = 2;
 const LEASES_OF_FULL_BUS: u32 = 20;
 
 /// A unit that is about to be offered.
@@ -290,13 +290,16 @@ impl Runner {
         drop(state);
         let Ok(Backlog { units, is_new }) = self.bus.backlog() else { return };
         let lease = self.bus.lease_time();
-        let patience = match (is_new, units) {
-            (true, _) => Duration::ZERO,
-            (false, 0) => lease * LEASES_OF_EMPTY_BUS,
-            _ => lease * LEASES_OF_FULL_BUS,
-        };
         let silence = self.silence();
         let state = &mut *self.state();
+        let held = state.outstanding.values().filter(|unit| unit.holder.is_some()).count();
+        // A unit that waits although slots are free is not on the bus, whatever the bus counts.
+        let is_free = held < state.workers.slots(lease);
+        let patience = match (is_new, units) {
+            (true, _) => Duration::ZERO,
+            (false, units) if units == 0 || is_free => lease * LEASES_OF_FREE_BUS,
+            _ => lease * LEASES_OF_FULL_BUS,
+        };
         let is_lost = |unit: &Outstanding| match &unit.holder {
             Some(holder) => holder.seen.elapsed() > lease.max(silence) + patience,
             None => unit.changed.elapsed() > patience,
