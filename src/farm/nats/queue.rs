@@ -12,7 +12,7 @@ use futures_util::StreamExt;
 use std::collections::HashMap;
 use std::fmt::Display;
 use std::sync::Mutex;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use tokio::runtime::Handle;
 
 /// The most units of the queue. The coordinator offers far fewer; this is a guard.
@@ -176,7 +176,15 @@ impl Queue {
             }
         };
         let deliveries = message.info().map_or(1, |info| info.delivered.max(1) as u64);
-        Ok(Some(NatsLease { unit, deliveries, message, runtime: Handle::current() }))
+        let since = Mutex::new(Instant::now());
+        Ok(Some(NatsLease {
+            unit,
+            deliveries,
+            message,
+            runtime: Handle::current(),
+            lease: self.lease,
+            since,
+        }))
     }
 }
 
@@ -191,6 +199,9 @@ pub(super) struct NatsLease {
     deliveries: u64,
     message: Message,
     runtime: Handle,
+    lease: Duration,
+    /// When the server last heard that the unit is held.
+    since: Mutex<Instant>,
 }
 
 impl NatsLease {
@@ -216,7 +227,9 @@ impl Lease for NatsLease {
 
     fn beat(&self) {
         let beaten = async { tokio::time::timeout(TIMEOUT, self.message.ack_with(AckKind::Progress)).await };
-        if !matches!(self.runtime.block_on(beaten), Ok(Ok(()))) {
+        if matches!(self.runtime.block_on(beaten), Ok(Ok(()))) {
+            *self.since.lock().expect("no holder panics") = Instant::now();
+        } else {
             log::debug!("unit {}: a beat is lost", self.unit.id);
         }
     }
@@ -226,6 +239,10 @@ impl Lease for NatsLease {
     }
 
     fn give_back(&self, delay: Duration) {
-        self.acknowledge(AckKind::Nak((!delay.is_zero()).then_some(delay)));
+        // Once the lease is over someone else may have the unit. The server would take it from them: 2.9.10 heeds what
+        // is said of any delivery.
+        if self.since.lock().expect("no holder panics").elapsed() < self.lease {
+            self.acknowledge(AckKind::Nak((!delay.is_zero()).then_some(delay)));
+        }
     }
 }
