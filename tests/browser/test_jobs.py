@@ -21,7 +21,7 @@ class Jobs(service.Case):
         self.give(page, "triangle.glb", service.triangle_glb())
         page.get_by_test_id("upload").get_by_text("is being rendered").wait_for()
         job = page.get_by_test_id("job").first
-        job.get_by_text("done").wait_for(timeout=60000)
+        job.get_by_text("done").wait_for(timeout=240000)
         page.wait_for_function("() => document.querySelector('.thumb')?.naturalWidth > 0")
 
     def test_an_upload_that_is_too_large_is_explained(self):
