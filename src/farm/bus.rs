@@ -71,12 +71,6 @@ pub trait WorkBus: Send + Sync {
     /// [`BusError`].
     fn offer(&self, lane: Lane, unit: &Unit, round: u32) -> Result<Offered, BusError>;
 
-    /// Takes back all units of a job that no worker has leased.
-    ///
-    /// # Errors
-    /// [`BusError`].
-    fn revoke(&self, job: &str) -> Result<(), BusError>;
-
     /// What the bus holds. A bus that has lost its queue gets a new one.
     ///
     /// # Errors
@@ -106,7 +100,8 @@ pub trait WorkBus: Send + Sync {
 }
 
 /// A unit that a worker has. If the lease is dropped without a word, another worker gets the unit once the lease has
-/// expired.
+/// expired. What a holder says after that may still end another's lease, since a NATS server does not know one from the
+/// other: the coordinator offers a unit again that no one has and that has no sums.
 pub trait Lease: Send + Sync {
     /// The unit.
     fn unit(&self) -> &Unit;

@@ -85,11 +85,6 @@ impl WorkBus for LocalBus {
         Ok(Offered::New)
     }
 
-    fn revoke(&self, job: &str) -> Result<(), BusError> {
-        self.queue.lock().retain(|entry| entry.is_leased || entry.unit.id.job != job);
-        Ok(())
-    }
-
     fn backlog(&self) -> Result<Backlog, BusError> {
         Ok(Backlog { units: self.queue.lock().len() as u64, is_new: false })
     }

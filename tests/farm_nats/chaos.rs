@@ -125,7 +125,7 @@ impl Stage {
             }
             5 => {
                 self.nats.kill();
-                if after % 2 == 0 {
+                if after < 2 {
                     self.nats.lose_store();
                 }
                 std::thread::sleep(moment / 3);

@@ -123,10 +123,6 @@ impl WorkBus for NatsBus {
         self.run(self.queue.offer(lane, unit, round))
     }
 
-    fn revoke(&self, job: &str) -> Result<(), BusError> {
-        self.run(self.queue.revoke(job))
-    }
-
     fn backlog(&self) -> Result<Backlog, BusError> {
         self.run(self.queue.backlog())
     }

@@ -107,15 +107,6 @@ impl Queue {
         }
     }
 
-    pub async fn revoke(&self, job: &str) -> Result<(), BusError> {
-        let stream = self.context.get_stream_no_info(&self.name).await.map_err(refused)?;
-        for lane in Lane::ALL {
-            let subject = format!("{}.work.{}.{job}.>", self.prefix, lane.name());
-            stream.purge().filter(subject).await.map_err(refused)?;
-        }
-        Ok(())
-    }
-
     /// What the queue holds. Messages that a server has kept although they were acknowledged (2.9.10 does, after a
     /// crash) do not count.
     pub async fn backlog(&self) -> Result<Backlog, BusError> {

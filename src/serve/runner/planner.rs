@@ -69,10 +69,7 @@ impl Runner {
 
     fn plan_once(&self) -> Result<(), LedgerError> {
         let jobs = self.ledger.active(LOOKED_AT)?;
-        for job in self.note_jobs(&jobs) {
-            // What is left of it is skipped when a worker asks.
-            self.bus.revoke(&job).unwrap_or_else(|error| log::debug!("{error}"));
-        }
+        self.note_jobs(&jobs);
         for job in &jobs {
             self.give_tasks(job)?;
         }
@@ -81,16 +78,15 @@ impl Runner {
         Ok(())
     }
 
-    /// Takes note of jobs. Returns those that are not active any more.
-    fn note_jobs(&self, jobs: &[Job]) -> Vec<String> {
+    /// Takes note of jobs. Those that are not active any more are forgotten; what the bus has of them is skipped when a
+    /// worker asks.
+    fn note_jobs(&self, jobs: &[Job]) {
         let state = &mut *self.state();
         let active: HashSet<&str> = jobs.iter().map(|job| &*job.id).collect();
-        let mut gone = Vec::new();
         state.runs.retain(|id, run| {
             let is_kept = active.contains(&**id) || !run.tasks.is_empty();
             if !active.contains(&**id) {
                 run.frames.clear();
-                gone.push(id.clone());
             }
             is_kept
         });
@@ -111,7 +107,6 @@ impl Runner {
         let is_open = |id: &UnitId| runs.get(&id.job).is_some_and(|run| run.frames.contains_key(&id.frame));
         state.outstanding.retain(|id, _| is_open(id));
         state.comparisons.retain(|comparison| is_open(&comparison.id));
-        gone
     }
 
     /// Gives the threads what is to be done for a job besides units.
