@@ -100,8 +100,8 @@ pub trait WorkBus: Send + Sync {
 }
 
 /// A unit that a worker has. If the lease is dropped without a word, another worker gets the unit once the lease has
-/// expired. What a holder says after that may still end another's lease, since a NATS server does not know one from the
-/// other: the coordinator offers a unit again that no one has and that has no sums.
+/// expired. After that its first holder can give nothing back. It can still say that the unit is done, which ends the
+/// other's lease too: the coordinator offers a unit again that no one has and that has no sums.
 pub trait Lease: Send + Sync {
     /// The unit.
     fn unit(&self) -> &Unit;
