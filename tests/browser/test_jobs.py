@@ -23,7 +23,7 @@ class Jobs(service.Case):
         # Another test may have asked for the same picture; then its job answers.
         job = page.get_by_test_id("job").filter(has_text="960×540").first
         job.get_by_text("done").wait_for(timeout=120000)
-        page.wait_for_function("() => document.querySelector('.thumb')?.naturalWidth > 0")
+        page.wait_for_function("thumb => thumb.naturalWidth > 0", arg=job.locator(".thumb").element_handle())
 
     def test_an_upload_that_is_too_large_is_explained(self):
         page = self.jobs()
