@@ -46,16 +46,19 @@ impl Child {
     }
 
     /// Whether this is a leaf block. Unspecified for [`Child::NONE`], whose box no ray enters.
+    #[inline]
     pub fn is_block(self) -> bool {
         self.0 & Self::LEAF != 0
     }
 
     /// Index of the inner node, or position of the leaf block.
+    #[inline]
     pub fn index(self) -> usize {
         (self.0 & Self::LIMIT as u32) as usize
     }
 
     /// Number of triangles of a leaf block, 1 to 8.
+    #[inline]
     pub fn triangles(self) -> usize {
         (self.0 >> 28 & 7) as usize + 1
     }
@@ -69,11 +72,13 @@ impl Child {
     }
 
     /// The 32 bits.
+    #[inline]
     pub(super) fn bits(self) -> u32 {
         self.0
     }
 
     /// The child whose bits these are.
+    #[inline]
     pub(super) fn from_bits(bits: u32) -> Self {
         Self(bits)
     }

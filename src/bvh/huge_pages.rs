@@ -100,6 +100,7 @@ impl<T: Pod + Send> HugePages<T> {
 impl<T: Copy> Deref for HugePages<T> {
     type Target = [T];
 
+    #[inline]
     fn deref(&self) -> &[T] {
         // SAFETY: invariants 1 and 2.
         unsafe { std::slice::from_raw_parts(self.start.as_ptr(), self.len) }
@@ -107,6 +108,7 @@ impl<T: Copy> Deref for HugePages<T> {
 }
 
 impl<T: Copy> DerefMut for HugePages<T> {
+    #[inline]
     fn deref_mut(&mut self) -> &mut [T] {
         // SAFETY: invariants 1 and 2.
         unsafe { std::slice::from_raw_parts_mut(self.start.as_ptr(), self.len) }

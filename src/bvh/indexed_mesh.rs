@@ -1,5 +1,6 @@
 //! The triangles that a tree is built over.
 
+use crate::lanes::each;
 use glam::Vec3;
 
 /// An indexed triangle mesh with the alpha mask of each triangle.
@@ -15,7 +16,7 @@ impl<M: Fn(u32) -> bool + Sync> IndexedMesh<'_, M> {
     /// The corners of a triangle.
     #[inline]
     pub fn corners(&self, primitive: u32) -> [Vec3; 3] {
-        self.triangles[primitive as usize].map(|i| self.positions[i as usize])
+        each(self.triangles[primitive as usize], |i| self.positions[i as usize])
     }
 
     /// Whether the filter decides the hits of a triangle.

@@ -6,7 +6,7 @@ use super::huge_pages::HugePages;
 use super::leaf_block::{
     BLOCK_ALIGN, CornerIndices, LeafBlocks, MASKED, MAX_SHARED_CORNERS, NORMAL_BIT, PADDING,
 };
-use crate::lanes::{LaneTask, Lanes, SimdLevel, load_one};
+use crate::lanes::{LaneTask, Lanes, SimdLevel, each, load_one};
 use glam::Vec3;
 use rayon::prelude::*;
 
@@ -104,7 +104,7 @@ impl<'a> LeafPacker<'a> {
             let corner = distinct.trailing_zeros() as usize;
             distinct &= distinct - 1;
             let columns = &triangles.columns[corner / BLOCK_TRIANGLES % 3];
-            [*x, *y, *z] = [0, 1, 2].map(|axis| columns[axis][corner % BLOCK_TRIANGLES].to_bits());
+            [*x, *y, *z] = each([0, 1, 2], |axis: usize| columns[axis][corner % BLOCK_TRIANGLES].to_bits());
         }
         for (row, word) in words.iter_mut().enumerate() {
             let index = |vertex: usize| usize::from(indices[vertex * BLOCK_TRIANGLES + row]);
@@ -231,7 +231,7 @@ impl LaneTask for FindSharedCorners<'_> {
             let at = rest.trailing_zeros() as usize;
             rest &= rest - 1;
             let columns = &columns[at / BLOCK_TRIANGLES];
-            let [x, y, z] = [0, 1, 2].map(|axis: usize| columns[axis][at % BLOCK_TRIANGLES].to_bits());
+            let [x, y, z] = each([0, 1, 2], |axis: usize| columns[axis][at % BLOCK_TRIANGLES].to_bits());
             let corner = [l.splat_u32(x), l.splat_u32(y), l.splat_u32(z)];
             let equal = equal(l, &all[0], &corner)
                 | equal(l, &all[1], &corner) << BLOCK_TRIANGLES

@@ -155,11 +155,13 @@ impl Film {
     }
 
     /// Width in pixels.
+    #[inline]
     pub fn width(&self) -> u32 {
         self.width
     }
 
     /// Height in pixels.
+    #[inline]
     pub fn height(&self) -> u32 {
         self.height
     }
@@ -185,11 +187,13 @@ impl Film {
     }
 
     /// Locks the sums of a pixel and its neighbours.
+    #[inline]
     pub(super) fn lock(&self, pixel: u32) -> Stripe<'_> {
         self.stripes.lock(pixel)
     }
 
     /// Number of samples of a pixel so far.
+    #[inline]
     pub fn samples_of(&self, pixel: usize) -> u32 {
         self.samples[pixel].load(Relaxed)
     }
@@ -206,6 +210,7 @@ impl Film {
 
     /// Adds to a pixel's number of camera rays (row-major index, first row on top). The pixel's mean is taken over
     /// all of them, including rays that add no radiance.
+    #[inline]
     pub fn add_samples(&self, pixel: u32, samples: u32) {
         self.samples[pixel as usize].fetch_add(samples, Relaxed);
     }
@@ -289,19 +294,20 @@ impl Film {
     }
 
     /// Adds the lanes of a mask to one pixel.
+    #[inline]
     fn add_lanes<L: Lanes>(&self, to: &Sums, pixel: u32, lanes: Mask<L>, fixed: &[L::Array<i64>; 3]) {
-        let sums = fixed.each_ref().map(|fixed| {
-            let mut sum = 0;
-            for (lane, fixed) in fixed.as_ref().iter().enumerate() {
-                sum += fixed & -i64::from(lanes.test(lane));
+        let mut sums = [0; 3];
+        for (channel, sum) in sums.iter_mut().enumerate() {
+            for (lane, fixed) in fixed[channel].as_ref().iter().enumerate() {
+                *sum += fixed & -i64::from(lanes.test(lane));
             }
-            sum
-        });
+        }
         let _stripe = self.stripes.lock(pixel);
         add(&to[pixel as usize], sums);
     }
 
     /// Adds each lane of a mask to its pixel.
+    #[inline]
     fn add_each<L: Lanes>(
         &self,
         to: &Sums,
@@ -457,9 +463,10 @@ impl Drop for Film {
 
 /// Adds to sums whose stripe is locked. No other thread writes them, so a load and a store suffice, which are several
 /// times cheaper than an atomic addition.
+#[inline]
 fn add(sums: &[AtomicI64; 3], fixed: [i64; 3]) {
-    for (sum, fixed) in sums.iter().zip(fixed) {
-        sum.store(sum.load(Relaxed).wrapping_add(fixed), Relaxed);
+    for (channel, sum) in sums.iter().enumerate() {
+        sum.store(sum.load(Relaxed).wrapping_add(fixed[channel]), Relaxed);
     }
 }
 

@@ -214,6 +214,7 @@ impl Film {
     }
 
     /// What the film holds besides radiance, if anything.
+    #[inline]
     pub fn plan(&self) -> Option<&LayerPlan> {
         self.layers.as_ref().map(|layers| &*layers.plan)
     }

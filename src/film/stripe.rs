@@ -32,6 +32,7 @@ impl Stripes {
     }
 
     /// Locks the stripe that holds a pixel.
+    #[inline]
     pub fn lock(&self, pixel: u32) -> Stripe<'_> {
         let number = pixel / STRIPE_PIXELS;
         let lock = &self.0[number as usize];
@@ -46,12 +47,14 @@ impl Stripes {
 
 impl Stripe<'_> {
     /// Whether the stripe holds a pixel.
+    #[inline]
     pub fn has(&self, pixel: u32) -> bool {
         pixel / STRIPE_PIXELS == self.number
     }
 }
 
 impl Drop for Stripe<'_> {
+    #[inline]
     fn drop(&mut self) {
         self.lock.store(false, Release);
     }

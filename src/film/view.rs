@@ -1,5 +1,7 @@
 //! View transforms: from linear Rec. 709 radiance to the linear light of a display.
 
+use crate::lanes::each;
+
 /// A view transform. Radiance of 1 is white for [`View::Standard`]; the others leave room for what is brighter.
 ///
 /// All are functions of one pixel. They use libm's functions, so that every machine computes the same bytes.
@@ -45,16 +47,16 @@ impl View {
     /// The light of a display for linear radiance, each channel in 0..=1. NaN gives 0.
     pub fn apply(self, radiance: [f32; 3]) -> [f32; 3] {
         // Written so that NaN becomes 0.
-        let radiance = radiance.map(|channel| if channel > 0.0 { channel.min(f32::MAX) } else { 0.0 });
+        let radiance = each(radiance, |channel| if channel > 0.0 { channel.min(f32::MAX) } else { 0.0 });
         let shown = match self {
             Self::Agx => agx(radiance, |shown| shown),
             Self::AgxPunchy => agx(radiance, punchy),
             Self::PbrNeutral => pbr_neutral(radiance),
             Self::Aces => aces(radiance),
-            Self::Filmic => radiance.map(|channel| hable(2.0 * channel) / hable(11.2)),
+            Self::Filmic => each(radiance, |channel| hable(2.0 * channel) / hable(11.2)),
             Self::Standard | Self::Raw => radiance,
         };
-        shown.map(|channel| channel.clamp(0.0, 1.0))
+        each(shown, |channel| channel.clamp(0.0, 1.0))
     }
 
     /// What a file stores for [`View::apply`]'s result, in 0..=1: the sRGB transfer function, or nothing for
@@ -69,8 +71,9 @@ impl View {
 }
 
 /// Rows times a column.
+#[inline]
 pub(super) fn times(rows: &[[f32; 3]; 3], [x, y, z]: [f32; 3]) -> [f32; 3] {
-    rows.map(|[a, b, c]| a * x + b * y + c * z)
+    each(*rows, |[a, b, c]| a * x + b * y + c * z)
 }
 
 /// AgX with a look, which changes colours after the contrast.
@@ -97,16 +100,16 @@ fn agx(radiance: [f32; 3], look: impl Fn([f32; 3]) -> [f32; 3]) -> [f32; 3] {
         let (x2, x4) = (x * x, x * x * x * x);
         15.5 * x4 * x2 - 40.14 * x4 * x + 31.96 * x4 - 6.868 * x2 * x + 0.4298 * x2 + 0.1191 * x - 0.002_32
     };
-    let shown = look(times(&INSET, times(&TO_REC2020, radiance)).map(contrast));
-    times(&FROM_REC2020, times(&OUTSET, shown).map(|channel| libm::powf(channel.max(0.0), 2.2)))
+    let shown = look(each(times(&INSET, times(&TO_REC2020, radiance)), contrast));
+    times(&FROM_REC2020, each(times(&OUTSET, shown), |channel| libm::powf(channel.max(0.0), 2.2)))
 }
 
 fn punchy(shown: [f32; 3]) -> [f32; 3] {
     const POWER: f32 = 1.35;
     const SATURATION: f32 = 1.4;
-    let [r, g, b] = shown.map(|channel| channel.max(0.0));
+    let [r, g, b] = each(shown, |channel| channel.max(0.0));
     let luma = 0.2126 * r + 0.7152 * g + 0.0722 * b;
-    [r, g, b].map(|channel| luma + SATURATION * (libm::powf(channel, POWER) - luma))
+    each([r, g, b], |channel| luma + SATURATION * (libm::powf(channel, POWER) - luma))
 }
 
 fn pbr_neutral(radiance: [f32; 3]) -> [f32; 3] {
@@ -115,7 +118,7 @@ fn pbr_neutral(radiance: [f32; 3]) -> [f32; 3] {
     const DESATURATION: f32 = 0.15;
     let least = radiance.into_iter().fold(f32::MAX, f32::min);
     let offset = if least < 0.08 { least - 6.25 * least * least } else { 0.04 };
-    let shown = radiance.map(|channel| channel - offset);
+    let shown = each(radiance, |channel| channel - offset);
     let peak = shown.into_iter().fold(0.0, f32::max);
     if peak < START {
         return shown;
@@ -123,7 +126,7 @@ fn pbr_neutral(radiance: [f32; 3]) -> [f32; 3] {
     let rest = 1.0 - START;
     let compressed = 1.0 - rest * rest / (peak + rest - START);
     let white = 1.0 - 1.0 / (DESATURATION * (peak - compressed) + 1.0);
-    shown.map(|channel| {
+    each(shown, |channel| {
         let scaled = channel * (compressed / peak);
         scaled + (compressed - scaled) * white
     })
@@ -142,7 +145,7 @@ fn aces(radiance: [f32; 3]) -> [f32; 3] {
         let v = channel.min(1e9);
         (v * (v + 0.024_578_6) - 0.000_090_537) / (v * (0.983_729 * v + 0.432_951) + 0.238_081)
     };
-    times(&OUT, times(&IN, radiance.map(|channel| channel / 0.6)).map(fit))
+    times(&OUT, times(&IN, each(radiance, |channel| channel / 0.6)).map(fit))
 }
 
 /// Hable's curve: shoulder, linear part and toe.

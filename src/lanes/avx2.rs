@@ -195,8 +195,9 @@ impl<const VL: bool> Lanes for EightLanes<VL> {
     #[cfg_attr(not(unoptimised), inline(always))]
     fn to_fixed(self, a: F, scale: f64) -> [i64; 8] {
         let mut fixed = [0; 8];
-        for (fixed, x) in fixed.iter_mut().zip(spill(self, a)) {
-            *fixed = nearest(f64::from(x) * scale);
+        let spilled = spill(self, a);
+        for (lane, fixed) in fixed.iter_mut().enumerate() {
+            *fixed = nearest(f64::from(spilled[lane]) * scale);
         }
         fixed
     }
@@ -258,7 +259,7 @@ impl<const VL: bool> Lanes for EightLanes<VL> {
 
     #[cfg_attr(not(unoptimised), inline(always))]
     unsafe fn put_rows(self, to: *mut f32, columns: [F; 8]) {
-        for (i, row) in transpose(self, columns).into_iter().enumerate() {
+        for (i, &row) in transpose(self, columns).iter().enumerate() {
             // SAFETY: invariants 1 and 2.
             unsafe { _mm256_storeu_ps(to.add(8 * i), row) };
         }
@@ -269,7 +270,7 @@ impl<const VL: bool> Lanes for EightLanes<VL> {
         // Vector `i` holds row `i` and row `i + 4`.
         let [a, b, c, d] = transpose_parts(self, columns);
         let ([first, third], [second, fourth]) = (halves(self, a, b), halves(self, c, d));
-        for (i, rows) in [first, second, third, fourth].into_iter().enumerate() {
+        for (i, &rows) in [first, second, third, fourth].iter().enumerate() {
             // SAFETY: invariants 1 and 2: each writes two rows of eight.
             unsafe { _mm256_storeu_ps(to.add(8 * i), rows) };
         }

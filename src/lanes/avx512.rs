@@ -264,7 +264,7 @@ impl Lanes for Avx512 {
         // Part `k` of vector `i` is row `4 * k + i`.
         let [a, b, c, d] = transpose_parts(self, columns);
         let ([ab_low, ab_high], [cd_low, cd_high]) = (halves(self, a, b), halves(self, c, d));
-        for (half, [ab, cd]) in [[ab_low, cd_low], [ab_high, cd_high]].into_iter().enumerate() {
+        for (half, &[ab, cd]) in [[ab_low, cd_low], [ab_high, cd_high]].iter().enumerate() {
             let [first, second] = alternate_parts(self, ab, cd);
             // SAFETY: invariants 1 and 2: each writes four rows of sixteen.
             unsafe {

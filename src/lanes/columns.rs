@@ -8,18 +8,6 @@
 
 use super::{Lanes, MAX_LANES};
 
-/// `f` of each of three. Unlike the `map` of arrays it is certain to be inlined, and `f` with it.
-#[cfg_attr(not(unoptimised), inline(always))]
-pub(crate) fn each<A: Copy, B>(a: [A; 3], f: impl Fn(A) -> B) -> [B; 3] {
-    [f(a[0]), f(a[1]), f(a[2])]
-}
-
-/// `f` of each of three pairs; certain to be inlined, as [`each`] is.
-#[cfg_attr(not(unoptimised), inline(always))]
-pub(crate) fn zip<A: Copy, B: Copy, C>(a: [A; 3], b: [B; 3], f: impl Fn(A, B) -> C) -> [C; 3] {
-    [f(a[0], b[0]), f(a[1], b[1]), f(a[2], b[2])]
-}
-
 /// Three numbers, each in every lane.
 #[cfg_attr(not(unoptimised), inline(always))]
 pub(crate) fn splat<L: Lanes>(l: L, x: [f32; 3]) -> [L::F; 3] {

@@ -45,8 +45,9 @@ impl<L: Lanes> Int<L> {
             return (Self::load(l, from), Mask::splat(l, true));
         }
         let mut numbers = L::array(beyond);
-        for (number, &some) in numbers.as_mut().iter_mut().zip(from) {
-            *number = some;
+        let numbers_of_lanes = numbers.as_mut();
+        for (lane, &number) in from.iter().enumerate() {
+            numbers_of_lanes[lane] = number;
         }
         (Self::from_array(l, &numbers), Mask::first(l, from.len()))
     }
@@ -164,8 +165,8 @@ impl<L: Lanes> Int<L> {
             // SAFETY: invariant 2; a row has 32 bytes, the table less than 2³².
             let transposed = unsafe { self.l.rows(table.as_ptr().cast(), offsets.as_ref().as_ptr()) };
             let mut columns = [self; N];
-            for (column, f) in columns.iter_mut().zip(transposed) {
-                column.i = self.l.bits(f);
+            for (k, column) in columns.iter_mut().enumerate() {
+                column.i = self.l.bits(transposed[k]);
             }
             return columns;
         }
@@ -183,8 +184,8 @@ impl<L: Lanes> Int<L> {
     pub fn rows_of<const N: usize>(self, table: &[f32]) -> [Num<L>; N] {
         let words = self.rows::<N>(bytemuck::cast_slice(table));
         let mut columns = [words[0].to_num_bits(); N];
-        for (column, word) in columns.iter_mut().zip(words) {
-            *column = word.to_num_bits();
+        for (k, column) in columns.iter_mut().enumerate() {
+            *column = words[k].to_num_bits();
         }
         columns
     }

@@ -30,6 +30,7 @@ mod avx2;
 mod avx512;
 mod columns;
 pub mod exponential;
+mod inlined;
 mod int;
 mod level;
 mod mask;
@@ -50,9 +51,10 @@ pub(crate) use avx2::{Avx2, Avx512Eights};
 #[cfg(target_arch = "x86_64")]
 pub(crate) use avx512::Avx512;
 pub(crate) use columns::{
-    columns, each, eight_u32, keep, load, load_eights, load_one, spill, splat, splat_eights, splat_row,
-    store_one, swap_halves, zip,
+    columns, eight_u32, keep, load, load_eights, load_one, spill, splat, splat_eights, splat_row, store_one,
+    swap_halves,
 };
+pub(crate) use inlined::{both, each, for_pairs, for_pairs_mut, from_index, zip};
 pub use int::Int;
 pub use level::{LaneTask, SimdError, SimdLevel};
 pub(crate) use mask::first_lanes;

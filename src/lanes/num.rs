@@ -51,9 +51,19 @@ impl<L: Lanes> Num<L> {
     #[cfg_attr(not(unoptimised), inline(always))]
     pub fn to_array(self) -> L::Array<f32> {
         let mut numbers = L::array(0.0);
-        // SAFETY: invariant 1.
-        unsafe { self.l.store(numbers.as_mut().as_mut_ptr(), self.f) };
+        self.store(numbers.as_mut());
         numbers
+    }
+
+    /// Writes the number of each lane to the start of a slice.
+    ///
+    /// # Panics
+    /// When the slice is shorter than the lanes.
+    #[cfg_attr(not(unoptimised), inline(always))]
+    pub fn store(self, to: &mut [f32]) {
+        assert!(to.len() >= L::LANES, "room for one number per lane");
+        // SAFETY: invariant 1.
+        unsafe { self.l.store(to.as_mut_ptr(), self.f) };
     }
 
     /// Transposes eight columns into rows, one row for each lane of `mask`, in order. The rows after them are

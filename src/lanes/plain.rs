@@ -4,8 +4,7 @@
 //! 1. Every pointer access is within what the caller of the method vouches for, as the trait states it.
 #![allow(unsafe_code, reason = "the invariants above")]
 
-use super::{LaneBits, Lanes, OutOfLine, OutlinedTask, nearest, sealed::Sealed};
-use std::array::from_fn;
+use super::{LaneBits, Lanes, OutOfLine, OutlinedTask, from_index, nearest, sealed::Sealed};
 
 /// The token of `N` lanes in plain Rust.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -52,55 +51,55 @@ impl<const N: usize> Lanes for Plain<N> {
     }
     #[cfg_attr(not(unoptimised), inline(always))]
     fn add(self, a: Self::F, b: Self::F) -> Self::F {
-        from_fn(|i| a[i] + b[i])
+        from_index(|i| a[i] + b[i])
     }
     #[cfg_attr(not(unoptimised), inline(always))]
     fn sub(self, a: Self::F, b: Self::F) -> Self::F {
-        from_fn(|i| a[i] - b[i])
+        from_index(|i| a[i] - b[i])
     }
     #[cfg_attr(not(unoptimised), inline(always))]
     fn mul(self, a: Self::F, b: Self::F) -> Self::F {
-        from_fn(|i| a[i] * b[i])
+        from_index(|i| a[i] * b[i])
     }
     #[cfg_attr(not(unoptimised), inline(always))]
     fn div(self, a: Self::F, b: Self::F) -> Self::F {
-        from_fn(|i| a[i] / b[i])
+        from_index(|i| a[i] / b[i])
     }
     #[cfg_attr(not(unoptimised), inline(always))]
     fn fma(self, a: Self::F, b: Self::F, c: Self::F) -> Self::F {
-        from_fn(|i| a[i].mul_add(b[i], c[i]))
+        from_index(|i| a[i].mul_add(b[i], c[i]))
     }
     #[cfg_attr(not(unoptimised), inline(always))]
     fn fms(self, a: Self::F, b: Self::F, c: Self::F) -> Self::F {
-        from_fn(|i| a[i].mul_add(b[i], -c[i]))
+        from_index(|i| a[i].mul_add(b[i], -c[i]))
     }
     #[cfg_attr(not(unoptimised), inline(always))]
     fn min(self, a: Self::F, b: Self::F) -> Self::F {
-        from_fn(|i| if a[i] < b[i] { a[i] } else { b[i] })
+        from_index(|i| if a[i] < b[i] { a[i] } else { b[i] })
     }
     #[cfg_attr(not(unoptimised), inline(always))]
     fn max(self, a: Self::F, b: Self::F) -> Self::F {
-        from_fn(|i| if a[i] > b[i] { a[i] } else { b[i] })
+        from_index(|i| if a[i] > b[i] { a[i] } else { b[i] })
     }
     #[cfg_attr(not(unoptimised), inline(always))]
     fn sqrt(self, a: Self::F) -> Self::F {
-        a.map(f32::sqrt)
+        from_index(|i| a[i].sqrt())
     }
     #[cfg_attr(not(unoptimised), inline(always))]
     fn floor(self, a: Self::F) -> Self::F {
-        a.map(f32::floor)
+        from_index(|i| a[i].floor())
     }
     #[cfg_attr(not(unoptimised), inline(always))]
     fn abs(self, a: Self::F) -> Self::F {
-        a.map(f32::abs)
+        from_index(|i| a[i].abs())
     }
     #[cfg_attr(not(unoptimised), inline(always))]
     fn max_bits(self, a: Self::F, b: Self::F) -> Self::F {
-        from_fn(|i| if signed(a[i]) > signed(b[i]) { a[i] } else { b[i] })
+        from_index(|i| if signed(a[i]) > signed(b[i]) { a[i] } else { b[i] })
     }
     #[cfg_attr(not(unoptimised), inline(always))]
     fn min_bits(self, a: Self::F, b: Self::F) -> Self::F {
-        from_fn(|i| if signed(a[i]) < signed(b[i]) { a[i] } else { b[i] })
+        from_index(|i| if signed(a[i]) < signed(b[i]) { a[i] } else { b[i] })
     }
     #[cfg_attr(not(unoptimised), inline(always))]
     fn le_bits(self, among: LaneBits, a: Self::F, b: Self::F) -> LaneBits {
@@ -108,11 +107,11 @@ impl<const N: usize> Lanes for Plain<N> {
     }
     #[cfg_attr(not(unoptimised), inline(always))]
     fn neg(self, a: Self::F) -> Self::F {
-        a.map(|x| -x)
+        from_index(|i| -a[i])
     }
     #[cfg_attr(not(unoptimised), inline(always))]
     fn with_sign_of(self, a: Self::F, b: Self::F) -> Self::F {
-        from_fn(|i| a[i].copysign(b[i]))
+        from_index(|i| a[i].copysign(b[i]))
     }
     #[cfg_attr(not(unoptimised), inline(always))]
     fn le(self, among: LaneBits, a: Self::F, b: Self::F) -> LaneBits {
@@ -132,7 +131,7 @@ impl<const N: usize> Lanes for Plain<N> {
     }
     #[cfg_attr(not(unoptimised), inline(always))]
     fn select(self, mask: LaneBits, a: Self::F, b: Self::F) -> Self::F {
-        from_fn(|i| if mask >> i & 1 == 1 { a[i] } else { b[i] })
+        from_index(|i| if mask >> i & 1 == 1 { a[i] } else { b[i] })
     }
     #[cfg_attr(not(unoptimised), inline(always))]
     fn pack(self, mask: LaneBits, a: Self::F) -> Self::F {
@@ -145,7 +144,7 @@ impl<const N: usize> Lanes for Plain<N> {
     }
     #[cfg_attr(not(unoptimised), inline(always))]
     fn to_fixed(self, a: Self::F, scale: f64) -> [i64; N] {
-        a.map(|x| nearest(f64::from(x) * scale))
+        from_index(|i| nearest(f64::from(a[i]) * scale))
     }
     #[cfg_attr(not(unoptimised), inline(always))]
     fn lowest(self, a: Self::F) -> f32 {
@@ -157,11 +156,11 @@ impl<const N: usize> Lanes for Plain<N> {
     }
     #[cfg_attr(not(unoptimised), inline(always))]
     fn select_u32(self, mask: LaneBits, a: Self::I, b: Self::I) -> Self::I {
-        from_fn(|i| if mask >> i & 1 == 1 { a[i] } else { b[i] })
+        from_index(|i| if mask >> i & 1 == 1 { a[i] } else { b[i] })
     }
     #[cfg_attr(not(unoptimised), inline(always))]
     fn permute_u32(self, a: Self::I, order: Self::I) -> Self::I {
-        from_fn(|i| a[order[i] as usize % N])
+        from_index(|i| a[order[i] as usize % N])
     }
     #[cfg_attr(not(unoptimised), inline(always))]
     fn splat_u32(self, x: u32) -> Self::I {
@@ -169,35 +168,35 @@ impl<const N: usize> Lanes for Plain<N> {
     }
     #[cfg_attr(not(unoptimised), inline(always))]
     fn add_u32(self, a: Self::I, b: Self::I) -> Self::I {
-        from_fn(|i| a[i].wrapping_add(b[i]))
+        from_index(|i| a[i].wrapping_add(b[i]))
     }
     #[cfg_attr(not(unoptimised), inline(always))]
     fn mul_u32(self, a: Self::I, b: Self::I) -> Self::I {
-        from_fn(|i| a[i].wrapping_mul(b[i]))
+        from_index(|i| a[i].wrapping_mul(b[i]))
     }
     #[cfg_attr(not(unoptimised), inline(always))]
     fn and_u32(self, a: Self::I, b: Self::I) -> Self::I {
-        from_fn(|i| a[i] & b[i])
+        from_index(|i| a[i] & b[i])
     }
     #[cfg_attr(not(unoptimised), inline(always))]
     fn or_u32(self, a: Self::I, b: Self::I) -> Self::I {
-        from_fn(|i| a[i] | b[i])
+        from_index(|i| a[i] | b[i])
     }
     #[cfg_attr(not(unoptimised), inline(always))]
     fn xor_u32(self, a: Self::I, b: Self::I) -> Self::I {
-        from_fn(|i| a[i] ^ b[i])
+        from_index(|i| a[i] ^ b[i])
     }
     #[cfg_attr(not(unoptimised), inline(always))]
     fn shl_u32(self, a: Self::I, count: u32) -> Self::I {
-        a.map(|x| x << count)
+        from_index(|i| a[i] << count)
     }
     #[cfg_attr(not(unoptimised), inline(always))]
     fn shr_u32(self, a: Self::I, count: u32) -> Self::I {
-        a.map(|x| x >> count)
+        from_index(|i| a[i] >> count)
     }
     #[cfg_attr(not(unoptimised), inline(always))]
     fn reverse_u32(self, a: Self::I) -> Self::I {
-        a.map(u32::reverse_bits)
+        from_index(|i| a[i].reverse_bits())
     }
     #[cfg_attr(not(unoptimised), inline(always))]
     fn lt_u32(self, among: LaneBits, a: Self::I, b: Self::I) -> LaneBits {
@@ -209,19 +208,19 @@ impl<const N: usize> Lanes for Plain<N> {
     }
     #[cfg_attr(not(unoptimised), inline(always))]
     fn f32_to_u32(self, a: Self::F) -> Self::I {
-        a.map(|x| x as u32)
+        from_index(|i| a[i] as u32)
     }
     #[cfg_attr(not(unoptimised), inline(always))]
     fn u32_to_f32(self, a: Self::I) -> Self::F {
-        a.map(|x| x as f32)
+        from_index(|i| a[i] as f32)
     }
     #[cfg_attr(not(unoptimised), inline(always))]
     fn bits(self, a: Self::F) -> Self::I {
-        a.map(f32::to_bits)
+        from_index(|i| a[i].to_bits())
     }
     #[cfg_attr(not(unoptimised), inline(always))]
     fn from_bits(self, a: Self::I) -> Self::F {
-        a.map(f32::from_bits)
+        from_index(|i| f32::from_bits(a[i]))
     }
     // The token says nothing about the processor, so its instructions are detected. Without SSE4.1 rounding is a call
     // of a function, and without FMA so is each fused multiply-add.
@@ -233,7 +232,7 @@ impl<const N: usize> Lanes for Plain<N> {
     #[cfg_attr(not(unoptimised), inline(always))]
     unsafe fn gather(self, from: *const u32, index: Self::I) -> Self::I {
         // SAFETY: invariant 1.
-        from_fn(|i| unsafe { from.add(index[i] as usize).read_unaligned() })
+        from_index(|i| unsafe { from.add(index[i] as usize).read_unaligned() })
     }
     #[cfg_attr(not(unoptimised), inline(always))]
     unsafe fn load(self, from: *const f32) -> Self::F {
@@ -258,7 +257,7 @@ impl<const N: usize> Lanes for Plain<N> {
     #[cfg_attr(not(unoptimised), inline(always))]
     unsafe fn pick(self, from: [*const f32; 2], index: Self::I) -> Self::F {
         // SAFETY: invariant 1.
-        from_fn(|i| unsafe { from[i / 8].add(index[i] as usize % 16).read_unaligned() })
+        from_index(|i| unsafe { from[i / 8].add(index[i] as usize % 16).read_unaligned() })
     }
     #[cfg_attr(not(unoptimised), inline(always))]
     unsafe fn append(self, to: *mut u32, mask: LaneBits, a: Self::I) {
@@ -273,21 +272,29 @@ impl<const N: usize> Lanes for Plain<N> {
     unsafe fn rows(self, base: *const f32, offsets: *const u32) -> [Self::F; 8] {
         let rows: [[f32; 8]; N] =
             // SAFETY: invariant 1.
-            from_fn(|i| unsafe { base.byte_add(*offsets.add(i) as usize).cast::<[f32; 8]>().read_unaligned() });
-        from_fn(|column| rows.map(|row| row[column]))
+            from_index(|i| unsafe { base.byte_add(*offsets.add(i) as usize).cast::<[f32; 8]>().read_unaligned() });
+        let mut columns = [[0.0; N]; 8];
+        for (i, row) in rows.iter().enumerate() {
+            for (column, &number) in columns.iter_mut().zip(row) {
+                column[i] = number;
+            }
+        }
+        columns
     }
     #[cfg_attr(not(unoptimised), inline(always))]
     unsafe fn put_rows(self, to: *mut f32, columns: [Self::F; 8]) {
+        let row = |i: usize| from_index(|column| columns[column][i]);
         for i in 0..N {
             // SAFETY: invariant 1.
-            unsafe { to.add(8 * i).cast::<[f32; 8]>().write_unaligned(columns.map(|column| column[i])) };
+            unsafe { to.add(8 * i).cast::<[f32; 8]>().write_unaligned(row(i)) };
         }
     }
     #[cfg_attr(not(unoptimised), inline(always))]
     unsafe fn put_quads(self, to: *mut f32, columns: [Self::F; 4]) {
+        let row = |i: usize| from_index(|column| columns[column][i]);
         for i in 0..N {
             // SAFETY: invariant 1.
-            unsafe { to.add(4 * i).cast::<[f32; 4]>().write_unaligned(columns.map(|column| column[i])) };
+            unsafe { to.add(4 * i).cast::<[f32; 4]>().write_unaligned(row(i)) };
         }
     }
 }

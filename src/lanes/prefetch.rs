@@ -58,8 +58,16 @@ impl Prefetch {
     pub fn each<T, const N: usize>(self, addresses: [*const T; N]) {
         // One branch for all addresses.
         match self {
-            Self::First => addresses.into_iter().for_each(into_first),
-            Self::Second => addresses.into_iter().for_each(into_second),
+            Self::First => {
+                for address in addresses {
+                    into_first(address);
+                }
+            }
+            Self::Second => {
+                for address in addresses {
+                    into_second(address);
+                }
+            }
         }
     }
 }

@@ -6,7 +6,7 @@ use super::operation::CHUNK;
 use super::parameter::Parameter;
 use super::run::Columns;
 use super::source::ShaderError;
-use crate::lanes::{Lanes, Num, Vector};
+use crate::lanes::{Lanes, Num, Vector, for_pairs, for_pairs_mut};
 use crate::scene::{Points, Scattered, Scattering};
 use std::fmt;
 
@@ -149,16 +149,16 @@ impl BsdfShader {
             match of_state.get(scalar as usize) {
                 Some(&from) => {
                     let from = state.operand(from, CHUNK);
-                    to.iter().zip(from.some(0, CHUNK)).for_each(|(to, from)| to.set(from.get()));
+                    for_pairs(to, from.some(0, CHUNK), |to, from| to.set(from.get()));
                 }
                 None => write_lanes(to, arguments[scalar as usize - of_state.len()]),
             }
         }
         kernel.run(l, &self.file, &columns, L::LANES);
         let mut results = [Num::zero(l); N];
-        for (result, &register) in results.iter_mut().zip(&kernel.code.outputs) {
+        for_pairs_mut(&mut results, &kernel.code.outputs, |result, &register| {
             *result = read_lanes(l, &columns, register);
-        }
+        });
         kernel.keep(columns, CHUNK);
         self.prepare.keep(state, CHUNK);
         results

@@ -5,7 +5,7 @@ use super::integrator::NoHost;
 use super::operation::CHUNK;
 use super::run::{Columns, run};
 use super::source::{Fault, Source};
-use crate::lanes::{LaneTask, Lanes, MAX_LANES, Num, SimdLevel};
+use crate::lanes::{LaneTask, Lanes, MAX_LANES, Num, SimdLevel, for_pairs, for_pairs_mut};
 use crate::scene::{FieldType, POINT_FIELDS, PointSink};
 use naga::{Function, Handle, Span};
 use std::cell::{Cell, RefCell};
@@ -150,21 +150,19 @@ impl PointSink for PointWriter<'_> {
 /// Writes numbers into a column. Truth values become words of all bits or none.
 #[inline(always)]
 pub(super) fn write(to: &[Cell<u32>], from: &[f32], is_truth: bool) {
-    for (cell, &number) in to.iter().zip(from) {
+    for_pairs(to, from, |cell, &number| {
         cell.set(match is_truth {
             true if number > 0.0 => u32::MAX,
             true => 0,
             false => number.to_bits(),
         });
-    }
+    });
 }
 
 /// Writes a number in each lane into a column.
 #[inline(always)]
 pub(super) fn write_lanes<L: Lanes>(to: &[Cell<u32>], from: Num<L>) {
-    for (cell, number) in to.iter().zip(from.to_array().as_ref()) {
-        cell.set(number.to_bits());
-    }
+    for_pairs(to, from.to_array().as_ref(), |cell, number| cell.set(number.to_bits()));
 }
 
 /// Reads a register's numbers, one in each lane.
@@ -172,9 +170,7 @@ pub(super) fn write_lanes<L: Lanes>(to: &[Cell<u32>], from: Num<L>) {
 pub(super) fn read_lanes<L: Lanes>(l: L, columns: &Columns, register: u32) -> Num<L> {
     let mut words = L::array(0.0f32);
     let from = columns.operand(register, CHUNK);
-    for (word, cell) in words.as_mut().iter_mut().zip(from.some(0, L::LANES)) {
-        *word = f32::from_bits(cell.get());
-    }
+    for_pairs_mut(words.as_mut(), from.some(0, L::LANES), |word, cell| *word = f32::from_bits(cell.get()));
     Num::from_array(l, &words)
 }
 

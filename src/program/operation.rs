@@ -4,6 +4,7 @@
 //! executor, so they cannot differ. Truth values are words: all bits or none. `docs/design/wgsl-arithmetic.md` says
 //! what the operations do with NaN, infinities, subnormals and out-of-range conversions.
 
+use crate::lanes::{for_pairs, for_pairs_mut};
 use std::cell::Cell;
 
 /// The number that a word is.
@@ -177,9 +178,7 @@ impl Operand<'_> {
     fn chunk(self, start: usize) -> [u32; CHUNK] {
         let start = start & self.mask;
         let mut words = [0; CHUNK];
-        for (word, cell) in words.iter_mut().zip(&self.words[start..start + CHUNK]) {
-            *word = cell.get();
-        }
+        for_pairs_mut(&mut words, &self.words[start..start + CHUNK], |word, cell| *word = cell.get());
         words
     }
 
@@ -227,9 +226,7 @@ macro_rules! chunk_loop {
             chunk_bind!(($($operand),*), columns, lane);
             results[lane] = $meaning;
         }
-        for (to, result) in $to.iter().zip(results) {
-            to.set(result);
-        }
+        for_pairs($to, &results, |to, &result| to.set(result));
     }};
 }
 

@@ -4,7 +4,7 @@ use super::code::{Code, Instruction, Register};
 use super::integrator::{Host, HostCall};
 use super::native::Native;
 use super::operation::{CHUNK, Operand};
-use crate::lanes::{LaneTask, Lanes, Num, SimdLevel};
+use crate::lanes::{LaneTask, Lanes, Num, SimdLevel, each, for_pairs, for_pairs_mut};
 use std::cell::Cell;
 
 /// The points of a block, as `raystream bench shaders` finds best: a program's columns then fit the nearest cache, and
@@ -124,7 +124,7 @@ impl<'a> LaneTask for UntilHost<'a> {
             at += 1;
             match instruction {
                 Instruction::Compute { operation, operands, to } => {
-                    let operands = operands.map(|register| columns.operand(register, points));
+                    let operands = each(*operands, |register| columns.operand(register, points));
                     operation.chunks(operands, columns.column(*to, points));
                 }
                 Instruction::Call { native, operands, results } => {
@@ -186,19 +186,15 @@ fn call<L: Lanes>(
     let to = columns.column(to, points);
     for start in (0..points).step_by(L::LANES) {
         let mut numbers = [Num::zero(l); 3];
-        for (number, &operand) in numbers.iter_mut().zip(operands) {
+        for (place, number) in numbers.iter_mut().enumerate().take(operands.len()) {
             let mut words = L::array(0.0f32);
-            let operand = columns.operand(operand, points);
+            let operand = columns.operand(operands[place], points);
             let cells = operand.some(start, L::LANES);
-            for (word, cell) in words.as_mut().iter_mut().zip(cells) {
-                *word = f32::from_bits(cell.get());
-            }
+            for_pairs_mut(words.as_mut(), cells, |word, cell| *word = f32::from_bits(cell.get()));
             *number = Num::from_array(l, &words);
         }
         let result = native.of(numbers).to_array();
-        for (cell, &number) in to[start..start + L::LANES].iter().zip(result.as_ref()) {
-            cell.set(number.to_bits());
-        }
+        for_pairs(&to[start..start + L::LANES], result.as_ref(), |cell, number| cell.set(number.to_bits()));
     }
 }
 

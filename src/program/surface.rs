@@ -11,7 +11,7 @@ use super::operation::CHUNK;
 use super::parameter::Parameter;
 use super::run::{BLOCK, Columns};
 use super::source::{Fault, ShaderError};
-use crate::lanes::{Lanes, MAX_LANES};
+use crate::lanes::{Lanes, MAX_LANES, for_pairs_mut};
 use crate::scene::{
     BlockColumns, BlockSurface, Effects, FINISH_FIELDS, Finish, FinishSource, POINT_FIELDS, Points,
     Procedural,
@@ -239,9 +239,8 @@ impl PatternShader {
         for (scalar, &register) in self.kernel.code.outputs.iter().enumerate() {
             let from = columns.operand(register, points);
             for (chunk, to) in to.column_mut(scalar)[piece.clone()].chunks_mut(CHUNK).enumerate() {
-                for (number, cell) in to.iter_mut().zip(from.some(chunk * CHUNK, CHUNK)) {
-                    *number = f32::from_bits(cell.get());
-                }
+                let words = from.some(chunk * CHUNK, CHUNK);
+                for_pairs_mut(to, words, |number, word| *number = f32::from_bits(word.get()));
             }
         }
         self.kernel.keep(columns, block);
@@ -258,9 +257,7 @@ impl FinishSource for Outputs<'_> {
     #[inline(always)]
     fn get(&self, scalar: usize, column: &mut [f32; MAX_LANES]) {
         let from = self.columns.operand(self.kernel.code.outputs[scalar], MAX_LANES);
-        for (number, cell) in column.iter_mut().zip(from.some(0, MAX_LANES)) {
-            *number = f32::from_bits(cell.get());
-        }
+        for_pairs_mut(column, from.some(0, MAX_LANES), |number, word| *number = f32::from_bits(word.get()));
     }
 }
 

@@ -287,6 +287,7 @@ impl Frame {
     }
 
     /// The scene.
+    #[inline]
     pub fn scene(&self) -> &Scene {
         self.scene.scene()
     }
@@ -297,11 +298,13 @@ impl Frame {
     }
 
     /// Its lights.
+    #[inline]
     pub fn lights(&self) -> &Lights {
         self.scene.lights()
     }
 
     /// The settings.
+    #[inline]
     pub fn settings(&self) -> &Settings {
         &self.settings
     }
@@ -356,10 +359,12 @@ impl Frame {
     }
 
     /// [`Frame::target`] of one sample.
+    #[inline]
     pub fn target_of(&self, pixel: u32, sample: u32) -> u32 {
         self.target::<SingleLane>(pixel.into(), sample.into()).get()
     }
 
+    #[inline]
     fn has_halves(&self) -> bool {
         self.film.plan().is_some_and(|plan| plan.halves)
     }
@@ -378,6 +383,7 @@ impl Frame {
     }
 
     /// Counts the samples of a pixel on the film.
+    #[inline]
     fn count_samples(&self, pixel: u32, samples: &Range<u32>) {
         self.film.add_samples(pixel, samples.len() as u32);
         if self.has_halves() {

@@ -104,6 +104,7 @@ pub trait HitShader: Send + Sync + Sized + 'static {
     fn shadow(&self, frame: &Frame, rays: &[Ray], payloads: &[Self::ShadowPayload], occluded: &[u32]);
 
     /// The number of rays before this one on its path, for the report.
+    #[inline]
     fn depth(&self, _payload: &Self::Payload) -> u32 {
         0
     }
@@ -254,6 +255,7 @@ impl<S: HitShader> Renderer for HitShading<S> {
         }
     }
 
+    #[inline]
     fn depth(&self, payload: &S::Payload) -> u32 {
         self.shader.depth(payload)
     }

@@ -56,6 +56,7 @@ impl PathState {
     }
 
     /// The number of rays before this one.
+    #[inline]
     pub fn depth(&self) -> u32 {
         self.depth & DEPTH
     }

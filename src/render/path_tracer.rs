@@ -525,6 +525,7 @@ impl HitShader for PathShader {
         frame.simd().run(Shading { shader: self, frame, batch, out });
     }
 
+    #[inline]
     fn depth(&self, state: &PathState) -> u32 {
         state.depth()
     }

@@ -43,6 +43,7 @@ impl<R: Renderer> Renderer for RayByRay<R> {
         self.0.scene_id()
     }
 
+    #[inline]
     fn depth(&self, payload: &R::Payload) -> u32 {
         self.0.depth(payload)
     }

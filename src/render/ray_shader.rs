@@ -350,6 +350,7 @@ impl<P: Pod + Send + Sync, S: RayShader<P>> HitShader for PerRay<S, P> {
         frame.add_unoccluded(payloads, occluded);
     }
 
+    #[inline]
     fn depth(&self, state: &RayState<P>) -> u32 {
         state.depth
     }

@@ -301,6 +301,7 @@ impl HitShader for WhittedShader {
         frame.simd().run(Shading { frame, batch, session: stack.session(), ended: Vec::new(), out });
     }
 
+    #[inline]
     fn depth(&self, state: &WhittedState) -> u32 {
         state.depth_and_cone & DEPTH
     }

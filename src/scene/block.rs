@@ -102,6 +102,9 @@ impl FinishSource for From<'_> {
     #[inline(always)]
     fn get(&self, scalar: usize, column: &mut [f32; MAX_LANES]) {
         let StagedFinish { columns, at } = self.staged;
-        column[..self.lanes].copy_from_slice(&columns.column(scalar)[*at..][..self.lanes]);
+        let staged = &columns.column(scalar)[*at..][..self.lanes];
+        for (lane, number) in column[..self.lanes].iter_mut().enumerate() {
+            *number = staged[lane];
+        }
     }
 }

@@ -9,8 +9,8 @@ pub(super) type LaneColumns<const N: usize> = [[f32; MAX_LANES]; N];
 #[inline(always)]
 pub(super) fn to_columns<L: Lanes, const N: usize>(numbers: [Num<L>; N]) -> LaneColumns<N> {
     let mut columns = [[0.0; MAX_LANES]; N];
-    for (column, numbers) in columns.iter_mut().zip(numbers) {
-        column[..L::LANES].copy_from_slice(numbers.to_array().as_ref());
+    for (k, column) in columns.iter_mut().enumerate() {
+        numbers[k].store(column);
     }
     columns
 }
@@ -18,8 +18,8 @@ pub(super) fn to_columns<L: Lanes, const N: usize>(numbers: [Num<L>; N]) -> Lane
 #[inline(always)]
 pub(super) fn from_columns<L: Lanes, const N: usize>(l: L, columns: &LaneColumns<N>) -> [Num<L>; N] {
     let mut numbers = [Num::splat(l, 0.0); N];
-    for (numbers, column) in numbers.iter_mut().zip(columns) {
-        *numbers = Num::load(l, column);
+    for (k, numbers) in numbers.iter_mut().enumerate() {
+        *numbers = Num::load(l, &columns[k]);
     }
     numbers
 }

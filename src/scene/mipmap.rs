@@ -2,6 +2,7 @@
 
 use super::fingerprint::{Encode, Encoder};
 use super::{Averaging, ColourSpace, srgb};
+use crate::lanes::{each, from_index};
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 use rayon::prelude::*;
@@ -122,13 +123,13 @@ const CUT: f32 = 1.0 / 4096.0;
 impl WeightedSum {
     #[inline(always)]
     fn of(texel: [u8; 4], space: ColourSpace, mean: Averaging) -> Self {
-        let [r, g, b, a] = texel.map(|byte| f32::from(byte) * (1.0 / 255.0));
+        let [r, g, b, a]: [f32; 4] = from_index(|channel| f32::from(texel[channel]) * (1.0 / 255.0));
         let light = srgb::table();
         let colour = match (space, mean) {
             (_, Averaging::Normals) => (Vec3::new(r, g, b) * 2.0 - 1.0).normalize_or_zero(),
             (ColourSpace::Linear, _) => Vec3::new(r, g, b),
             (ColourSpace::Srgb, _) => {
-                Vec3::from_array([texel[0], texel[1], texel[2]].map(|byte| light[usize::from(byte)]))
+                Vec3::from_array(each([texel[0], texel[1], texel[2]], |byte| light[usize::from(byte)]))
             }
         };
         let weight = if mean == Averaging::Covered { a.max(CUT) } else { 1.0 };
@@ -150,11 +151,11 @@ impl WeightedSum {
                 // Unit normals whose slopes vary by s² along each axis have a mean of length 1 − s². GGX's alpha² is
                 // 2 s².
                 let bumps = (2.0 * (1.0 - colour.length())).clamp(0.0, 1.0).sqrt();
-                let [x, y, z] = (colour.normalize_or(Vec3::Z) * 0.5 + 0.5).to_array().map(byte);
+                let [x, y, z] = each((colour.normalize_or(Vec3::Z) * 0.5 + 0.5).to_array(), byte);
                 return [x, y, z, byte(1.0 - bumps)];
             }
-            (ColourSpace::Linear, _) => colour.to_array().map(byte),
-            (ColourSpace::Srgb, _) => colour.to_array().map(srgb::byte),
+            (ColourSpace::Linear, _) => each(colour.to_array(), byte),
+            (ColourSpace::Srgb, _) => each(colour.to_array(), srgb::byte),
         };
         [r, g, b, byte(self.alpha)]
     }
@@ -191,9 +192,12 @@ fn covered(
     columns: &Coverage,
 ) -> WeightedSum {
     let mut sum = WeightedSum::default();
-    for (y, down) in (rows.first..).zip(rows.shares).filter(|&(_, share)| share > 1e-6) {
-        for (x, across) in (columns.first..).zip(columns.shares).filter(|&(_, share)| share > 1e-6) {
-            sum.add(&texels((y * width + x) as usize), down * across);
+    for (row, &down) in rows.shares.iter().enumerate() {
+        for (column, &across) in columns.shares.iter().enumerate() {
+            if down > 1e-6 && across > 1e-6 {
+                let (x, y) = (columns.first + column as u32, rows.first + row as u32);
+                sum.add(&texels((y * width + x) as usize), down * across);
+            }
         }
     }
     sum

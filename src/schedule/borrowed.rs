@@ -144,6 +144,7 @@ impl<P: Pod + Send + Sync, S: Pod + Send + Sync> Renderer for Borrowed<P, S> {
         self.renderer().scene_id()
     }
 
+    #[inline]
     fn depth(&self, payload: &P) -> u32 {
         self.renderer().depth(payload)
     }

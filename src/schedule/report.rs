@@ -67,6 +67,7 @@ impl Default for Depths {
 
 impl Depths {
     /// Counts rays. Consecutive rays mostly have the same depth, which is what this is quick for.
+    #[inline]
     pub(super) fn count(&mut self, depths: impl Iterator<Item = u32>) {
         let (mut last, mut run) = (0, 0);
         for depth in depths {

@@ -79,6 +79,7 @@ impl<B> Arena<B> {
     }
 
     /// The bucket of a taken slot, and the slot's index in the bucket.
+    #[inline]
     pub fn at(&self, slot: u32) -> (&B, usize) {
         let (bucket, number) = (slot as usize / BUCKET, slot as usize % BUCKET);
         let row = self.rows[bucket / FAN].get().expect("a slot's row was made before the slot");
@@ -127,6 +128,7 @@ pub struct LocalFreeList<'a, B> {
 
 impl<B> LocalFreeList<'_, B> {
     /// Takes a slot. If no slot is free, `make` makes a bucket.
+    #[inline]
     pub fn take(&mut self, make: impl FnOnce() -> B) -> u32 {
         if self.free.is_empty() {
             self.arena.refill(&mut self.free, make);
@@ -142,6 +144,7 @@ impl<B> LocalFreeList<'_, B> {
     }
 
     /// Gives a slot back.
+    #[inline]
     pub fn give_back(&mut self, slot: u32) {
         self.free.push(slot);
         if self.free.len() > MAX_LOCAL_FREE {

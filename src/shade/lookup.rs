@@ -46,7 +46,7 @@ pub fn share<L: Lanes>(scene: &Scene, value: &Scalar, at: &TexturePoint<L>) -> N
 /// glTF.
 #[inline(always)]
 pub fn shares<L: Lanes>(scene: &Scene, values: [&Scalar; 2], at: &TexturePoint<L>) -> [Num<L>; 2] {
-    match values.map(|value| value.texture) {
+    match [values[0].texture, values[1].texture] {
         [Some((texture, a)), Some((other, b))] if texture == other => {
             let texel = at.look_up(scene, &texture);
             [

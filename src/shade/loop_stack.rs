@@ -75,6 +75,7 @@ impl<T: Pod> LoopStack<T> {
         self.slots.usage(4 * Self::STRIDE)
     }
 
+    #[inline]
     fn words(&self, entry: u32) -> &[AtomicU32] {
         let (bucket, number) = self.slots.at(entry);
         &bucket[number * Self::STRIDE..(number + 1) * Self::STRIDE]
@@ -100,26 +101,30 @@ pub struct Session<'a, T: Pod> {
 
 impl<T: Pod> Session<'_, T> {
     /// Pushes `entry` on the stack whose head is `head`. Returns the new head.
+    #[inline]
     pub fn push(&mut self, head: u32, entry: &T) -> u32 {
         let index = self.free.take(LoopStack::<T>::bucket);
         let (link, words) = self.stack.words(index).split_first().expect("an entry has at least its link");
         link.store(head, Relaxed);
-        for (word, bytes) in words.iter().zip(bytemuck::bytes_of(entry).chunks_exact(4)) {
-            word.store(u32::from_ne_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]), Relaxed);
+        let (numbers, _) = bytemuck::bytes_of(entry).as_chunks::<4>();
+        for (place, &number) in numbers.iter().enumerate() {
+            words[place].store(u32::from_ne_bytes(number), Relaxed);
         }
         index
     }
 
     /// Pops the topmost entry of the stack whose head is `head`. Returns it and the new head; `None` if the
     /// stack is empty.
+    #[inline]
     pub fn pop(&mut self, head: u32) -> Option<(T, u32)> {
         if head == EMPTY {
             return None;
         }
         let (link, words) = self.stack.words(head).split_first().expect("an entry has at least its link");
         let mut entry = T::zeroed();
-        for (bytes, word) in bytemuck::bytes_of_mut(&mut entry).chunks_exact_mut(4).zip(words) {
-            bytes.copy_from_slice(&word.load(Relaxed).to_ne_bytes());
+        let (numbers, _) = bytemuck::bytes_of_mut(&mut entry).as_chunks_mut::<4>();
+        for (place, number) in numbers.iter_mut().enumerate() {
+            *number = words[place].load(Relaxed).to_ne_bytes();
         }
         let below = link.load(Relaxed);
         self.free.give_back(head);

@@ -181,13 +181,13 @@ impl Storage {
                 keys[..hits.len()].copy_from_slice(&key.to_array().as_ref()[..hits.len()]);
             }
         }
-        let (least, all, any) = (least.to_array(), all.to_array(), any.to_array());
-        let lanes = 0..L::LANES;
-        KeyRange {
-            least: lanes.clone().map(|lane| least[lane]).min().unwrap_or(0),
-            varying: lanes.clone().fold(0, |bits, lane| bits | any[lane])
-                & !lanes.fold(NEVER, |bits, lane| bits & all[lane]),
+        let (all_of, any_of) = (all.to_array(), any.to_array());
+        let (mut all, mut any) = (NEVER, 0);
+        for lane in 0..L::LANES {
+            all &= all_of[lane];
+            any |= any_of[lane];
         }
+        KeyRange { least: least_of(least), varying: any & !all }
     }
 
     /// Gathers the rays of one key after the other. Returns false if there are more than [`FEW_RUNS`] runs.
@@ -209,8 +209,7 @@ impl Storage {
                 next = Int::select(later, keys, next);
                 rays = rays + L::LANES as u32;
             }
-            let next = next.to_array();
-            key = (0..L::LANES).map(|lane| next[lane]).min().unwrap_or(NEVER);
+            key = least_of(next);
         }
         true
     }
@@ -262,6 +261,17 @@ impl Drop for Sorted {
     fn drop(&mut self) {
         SPARE.set(std::mem::take(&mut self.0));
     }
+}
+
+/// The least of the lanes' numbers.
+#[cfg_attr(not(unoptimised), inline(always))]
+fn least_of<L: Lanes>(numbers: Int<L>) -> u32 {
+    let numbers = numbers.to_array();
+    let mut least = NEVER;
+    for lane in 0..L::LANES {
+        least = least.min(numbers[lane]);
+    }
+    least
 }
 
 #[cfg(test)]

@@ -20,6 +20,7 @@ pub struct Ray {
 
 impl Ray {
     /// A ray from `t` = 0 to infinity. Takes any three numbers: arrays, or vectors of any version of glam.
+    #[inline]
     pub fn new(origin: impl Into<[f32; 3]>, direction: impl Into<[f32; 3]>) -> Self {
         Self { origin: origin.into(), t_min: 0.0, direction: direction.into(), t_max: f32::INFINITY }
     }

@@ -1,6 +1,6 @@
 //! Host functions: what the shaders of an integrator ask of the renderer.
 
-use crate::lanes::{Int, Lanes, Mask, Num, Vector};
+use crate::lanes::{Int, Lanes, Mask, Num, Vector, for_pairs, for_pairs_mut};
 use crate::program::code::Register;
 use crate::program::run::Columns;
 
@@ -173,9 +173,7 @@ impl Columns {
         let mut words = L::array(0u32);
         let operand = self.operand(register, start + L::LANES);
         let cells = operand.some(start, L::LANES);
-        for (word, cell) in words.as_mut().iter_mut().zip(cells) {
-            *word = cell.get();
-        }
+        for_pairs_mut(words.as_mut(), cells, |word, cell| *word = cell.get());
         Int::from_array(l, &words)
     }
 
@@ -183,8 +181,6 @@ impl Columns {
     fn set<L: Lanes>(&self, register: Register, start: usize, words: Int<L>) {
         let words = words.to_array();
         let cells = &self.column(register, start + L::LANES)[start..];
-        for (cell, &word) in cells.iter().zip(words.as_ref()) {
-            cell.set(word);
-        }
+        for_pairs(cells, words.as_ref(), |cell, &word| cell.set(word));
     }
 }

@@ -5,7 +5,7 @@ use super::shading::{Emitted, Ended};
 use super::surfaces::{Surfaces, truth};
 use super::{DEPTH, PAYLOAD, WgslState};
 use crate::geom::{Sampler, warp::lanes as warp};
-use crate::lanes::{Int, Lanes, Mask, Num, OutlinedTask, Vector};
+use crate::lanes::{Int, Lanes, Mask, Num, OutlinedTask, Vector, each, for_pairs};
 use crate::program::BLOCK;
 use crate::program::integrator::{Columns, Host, HostCall, HostFunction, IntegratorShader, Piece};
 use crate::render::frame::CAMERA_DIMENSION;
@@ -306,7 +306,7 @@ impl<'a, 'b, L: Lanes> Block<'a, 'b, L> {
                 Some(Spawned { ray, own, .. }) => self.emit(point, *ray, *own, head),
                 None => {
                     let came = match self.shader.returns() {
-                        true => [0, 1, 2].map(|i| self.piece.result(columns, i, point)),
+                        true => each([0, 1, 2], |i| self.piece.result(columns, i, point)),
                         false => [0; 3],
                     };
                     let Points { pixel, sample, .. } = self.points;
@@ -372,9 +372,7 @@ impl<L: Lanes> OutlinedTask<L> for Answer<'_, '_, '_, L> {
 #[inline(always)]
 pub(super) fn set_lanes<L: Lanes>(cells: &[std::cell::Cell<u32>], words: Int<L>) {
     let words = words.to_array();
-    for (cell, &word) in cells.iter().zip(words.as_ref()) {
-        cell.set(word);
-    }
+    for_pairs(cells, words.as_ref(), |cell, &word| cell.set(word));
 }
 
 /// A component of vectors as words.

@@ -49,6 +49,7 @@ pub(super) enum EntrySession<'a> {
 
 impl EntrySession<'_> {
     /// Pushes an entry; returns the new head.
+    #[inline]
     pub fn push(&mut self, head: u32, entry: &[u32; LARGE]) -> u32 {
         match self {
             Self::Small(session) => {
@@ -61,6 +62,7 @@ impl EntrySession<'_> {
     }
 
     /// Pops an entry; returns the new head.
+    #[inline]
     pub fn pop(&mut self, head: u32, entry: &mut [u32; LARGE]) -> Option<u32> {
         match self {
             Self::Small(session) => session.pop(head).map(|(small, head)| {

@@ -150,6 +150,7 @@ impl HitShader for WgslShader {
         frame.add_unoccluded(payloads, occluded);
     }
 
+    #[inline]
     fn depth(&self, state: &WgslState) -> u32 {
         state.depth_and_cone & DEPTH
     }

@@ -1,6 +1,6 @@
 //! The surfaces of a block of hits, which shaders ask by host functions.
 
-use crate::lanes::{Int, Lanes, Mask, Num, OutlinedTask, Vector};
+use crate::lanes::{Int, Lanes, Mask, Num, OutlinedTask, Vector, for_pairs};
 use crate::program::integrator::{HitFact, HostCall};
 use crate::render::Frame;
 use crate::scene::Material;
@@ -148,23 +148,24 @@ impl<'a, L: Lanes> Surfaces<'a, L> {
             let results = [origin, direction, light.wi, radiance];
             let places = [0, 3, 7, 10];
             if same.count() == lanes.count() {
-                for (place, vector) in places.into_iter().zip(results) {
-                    call.set_vector(place, start, vector);
-                }
+                for_pairs(&places, &results, |&place, &vector| call.set_vector(place, start, vector));
                 call.set_number(6, start, t_max);
                 call.set_number(13, start, pdf);
                 return;
             }
-            let scalars = [(6, t_max), (13, pdf)];
-            let vectors = places.into_iter().zip(results);
-            let components =
-                vectors.flat_map(|(place, v)| [(place, v.x), (place + 1, v.y), (place + 2, v.z)]);
-            for (place, number) in components.chain(scalars) {
+            let set = |place: usize, number: Num<L>| {
                 let words = number.to_bits().to_array();
                 for lane in same.iter() {
                     call.set_word(place, start + lane, words[lane]);
                 }
-            }
+            };
+            for_pairs(&places, &results, |&place, vector| {
+                set(place, vector.x);
+                set(place + 1, vector.y);
+                set(place + 2, vector.z);
+            });
+            set(6, t_max);
+            set(13, pdf);
             left &= !same;
         }
     }

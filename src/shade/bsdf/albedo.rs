@@ -115,6 +115,7 @@ fn entry<L: Lanes>(row: Int<L>, node: Int<L>) -> Reflectance<L> {
     Reflectance { deficit, grazing }
 }
 
+#[inline]
 fn table() -> &'static Table {
     static TABLE: OnceLock<Table> = OnceLock::new();
     TABLE.get_or_init(|| {

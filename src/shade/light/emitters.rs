@@ -105,6 +105,7 @@ impl Emitters {
 
     /// Whether there are so many triangles that a [`LightTree`] chooses. The choice then depends on the
     /// receiver's normal.
+    #[inline]
     pub fn are_many(&self) -> bool {
         self.tree.is_some()
     }

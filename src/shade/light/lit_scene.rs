@@ -20,11 +20,13 @@ impl From<Arc<Scene>> for LitScene {
 
 impl LitScene {
     /// The scene.
+    #[inline]
     pub fn scene(&self) -> &Arc<Scene> {
         &self.scene
     }
 
     /// Its lights.
+    #[inline]
     pub fn lights(&self) -> &Arc<Lights> {
         &self.lights
     }

@@ -151,6 +151,7 @@ impl Lights {
 
     /// Whether there are so many lights that a light tree chooses among them. The choice then takes a random
     /// number of its own and depends on the receiver's normal.
+    #[inline]
     pub fn are_many(&self) -> bool {
         self.emitters.are_many() || self.punctual.are_many()
     }

@@ -67,6 +67,7 @@ impl Punctual {
 
     /// Whether there are so many lights that a [`LightTree`] chooses. The choice then depends on the
     /// receiver's normal.
+    #[inline]
     pub fn are_many(&self) -> bool {
         self.tree.is_some()
     }

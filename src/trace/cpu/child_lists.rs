@@ -39,7 +39,11 @@ impl ChildLists {
     /// The ends of the lists, in an arena that starts at `ids`, while they are empty.
     #[inline(always)]
     pub fn ends(&self, ids: *mut u32) -> [*mut u32; WIDTH] {
-        std::array::from_fn(|slot| ids.wrapping_add(self.start(slot)))
+        let mut ends = [ids; WIDTH];
+        for (slot, end) in ends.iter_mut().enumerate() {
+            *end = ids.wrapping_add(self.start(slot));
+        }
+        ends
     }
 
     /// Pads each list that is not empty and pushes its visit. Prefetches the children if `PREFETCH`. The rays of short

@@ -14,7 +14,7 @@ use super::triangle::{
     Bounds, BoundsFaces, EdgeValues, LaneHits, Limits, Lines, hits_inside, relative_corners, test,
 };
 use crate::bvh::{Child, LeafBlock, MASKED, PRIMITIVE, WIDTH};
-use crate::lanes::{LaneBits, Lanes, MAX_LANES, first_lanes, keep, spill, splat_eights, splat_row};
+use crate::lanes::{LaneBits, Lanes, MAX_LANES, both, first_lanes, keep, spill, splat_eights, splat_row};
 use crate::stream::Hit;
 use std::mem::MaybeUninit;
 
@@ -250,9 +250,9 @@ pub(super) unsafe fn test_pairs<W: Lanes, S: Space, const ANY: bool>(
         // vector beyond them.
         unsafe {
             let pair = [i, batch.second::<W>(i)];
-            let rays = splat_id_pair(w, pair.map(|i| *ids.add(i)));
+            let rays = splat_id_pair(w, both(pair, |i| *ids.add(i)));
             let rays = w.or_u32(rays, w.load_u32(BLOCK_ROWS.as_ptr()));
-            candidates.push_lanes(w, inside, rays, splat_id_pair(w, pair.map(|i| *children.add(i))));
+            candidates.push_lanes(w, inside, rays, splat_id_pair(w, both(pair, |i| *children.add(i))));
         }
     }
     // SAFETY: the caller's contract; what was pushed satisfies invariant 5.
@@ -382,16 +382,16 @@ impl<W: Lanes> RelativePairs<W> {
     unsafe fn load<S: Space>(w: W, space: S, sub: &SubStream<'_>, batch: &PairBatch, i: usize) -> Self {
         let pair = [i, batch.second::<W>(i)];
         // SAFETY: invariants 1 and 6.
-        let rays = unsafe { pair.map(|i| &*sub.rays.byte_add(*batch.ids.add(i) as usize)) };
+        let rays = unsafe { both(pair, |i| &*sub.rays.byte_add(*batch.ids.add(i) as usize)) };
         // SAFETY: invariant 6.
-        let children: [Child; 2] = unsafe { pair.map(|i| bytemuck::cast(*batch.children.add(i))) };
+        let children: [Child; 2] = unsafe { both(pair, |i| bytemuck::cast(*batch.children.add(i))) };
         // SAFETY: invariant 4.
-        let blocks = unsafe { children.map(|child| sub.tree.block(child)) };
+        let blocks = unsafe { [sub.tree.block(children[0]), sub.tree.block(children[1])] };
         let triangles = space.corners(w, &blocks);
-        let [first, second] = children.map(|child| (1 << child.triangles()) - 1);
+        let [first, second] = both(children, |child| (1 << child.triangles()) - 1);
         Self {
-            corners: relative_corners(w, &splat_eights(w, rays.map(|ray| ray.origin)), &triangles),
-            direction: splat_eights(w, rays.map(|ray| ray.direction)),
+            corners: relative_corners(w, &splat_eights(w, both(rays, |ray| ray.origin)), &triangles),
+            direction: splat_eights(w, both(rays, |ray| ray.direction)),
             among: (first | second << WIDTH) & first_lanes::<W>(WIDTH * (batch.len - i)),
         }
     }

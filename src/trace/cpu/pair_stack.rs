@@ -5,7 +5,7 @@
 #![allow(unsafe_code, reason = "the invariants above")]
 
 use crate::bvh::Child;
-use crate::lanes::{LaneBits, Lanes, MAX_LANES};
+use crate::lanes::{LaneBits, Lanes, MAX_LANES, both};
 
 /// Lists of at most this many rays end: their rays go on as pairs.
 pub(super) const MAX_PAIRED_LIST: usize = 12;
@@ -36,6 +36,7 @@ impl PairStack {
         self.len
     }
 
+    #[inline]
     pub fn clear(&mut self) {
         self.len = 0;
     }
@@ -114,5 +115,5 @@ impl PairStack {
 /// One id in the first eight lanes, the other in the next eight. With eight lanes only the first counts.
 #[inline(always)]
 pub(super) fn splat_id_pair<L: Lanes>(l: L, ids: [u32; 2]) -> L::I {
-    l.bits(l.splat_eights(ids.map(f32::from_bits)))
+    l.bits(l.splat_eights(both(ids, f32::from_bits)))
 }

@@ -13,7 +13,7 @@ use super::pair_stack::{NODE_BATCH, splat_id_pair};
 use super::slabs::{Faces, Slabs};
 use super::substream::{OctantStack, SubStream, Widths};
 use crate::bvh::{Child, WIDTH};
-use crate::lanes::{Lanes, first_lanes, load_eights, splat_eights};
+use crate::lanes::{Lanes, both, first_lanes, load_eights, splat_eights};
 
 /// Visits the topmost pairs with inner nodes: tests each ray against the eight boxes of its node and pushes a pair for
 /// each child that it enters, the child in the last slot on top, where a hit is likeliest. So many pairs are pending
@@ -49,7 +49,7 @@ pub(super) unsafe fn visit_nodes<W: Lanes, E: Lanes, S: Space>(
     for i in (0..count).step_by(step) {
         // If there is no second pair, the first stands in for it.
         let pair = [i, (i + step).min(count) - 1];
-        let [first, second]: [Child; 2] = pair.map(|i| bytemuck::cast(batch_children[i]));
+        let [first, second]: [Child; 2] = both(pair, |i| bytemuck::cast(batch_children[i]));
         // SAFETY: invariant 4 for nodes, 1 for rows.
         let (nodes, a, b) = unsafe {
             let row = |i: usize| &*sub.rows.byte_add(batch_ids[i] as usize).cast_const();
@@ -69,10 +69,10 @@ pub(super) unsafe fn visit_nodes<W: Lanes, E: Lanes, S: Space>(
         ];
         let among = first_lanes::<W>(WIDTH * (count - i));
         let entered = among & slabs.enter_boxes(w, &faces, w.splat_eights([a.limit, b.limit]));
-        let children = load_eights(w, nodes.map(|node| bytemuck::cast_ref(&node.children)));
+        let children = load_eights(w, both(nodes, |node| bytemuck::cast_ref(&node.children)));
         // The sign bit of a child says that it is a leaf block.
         let (blocks, children) = (w.signs(children), w.bits(children));
-        let rays = splat_id_pair(w, pair.map(|i| batch_ids[i]));
+        let rays = splat_id_pair(w, both(pair, |i| batch_ids[i]));
         // SAFETY: invariant 6.
         unsafe {
             node_pairs.push_lanes(w, entered & !blocks, rays, children);

@@ -8,7 +8,7 @@
 use super::shaft::{SHAFT_RAYS, ShaftBuilder, Shafts};
 use super::substream::{OctantStack, ROW_BYTES, Row};
 use crate::geom::{DIRECTION_RANGE, MAX_COORDINATE, MIN_COMPONENT, SLACK};
-use crate::lanes::{LaneBits, Lanes, MAX_LANES, each, first_lanes};
+use crate::lanes::{LaneBits, Lanes, MAX_LANES, each, first_lanes, from_index};
 use crate::stream::Ray;
 
 /// Byte offsets of consecutive rows, and of rays: the ids of the first rays of a sub-stream.
@@ -46,8 +46,9 @@ pub(super) fn prepare<W: Lanes>(
     for (i, some) in rays.chunks(W::LANES).enumerate() {
         let at = i * W::LANES;
         let among = first_lanes::<W>(some.len());
-        let mut padded = [Ray::default(); MAX_LANES];
+        let mut padded;
         let from = if some.len() < W::LANES {
+            padded = [Ray::default(); MAX_LANES];
             padded[..some.len()].copy_from_slice(some);
             &padded
         } else {
@@ -64,7 +65,7 @@ pub(super) fn prepare<W: Lanes>(
             shaft = ShaftBuilder::new(w);
         }
         let first = (at * ROW_BYTES) as u32;
-        let ids = FIRST_IDS.map(|id| id + first);
+        let ids: [u32; MAX_LANES] = from_index(|lane| FIRST_IDS[lane] + first);
         // SAFETY: invariant 1; `ids` is as long as the widest vector.
         unsafe {
             w.put_rows(rows.add(at).cast(), columns);

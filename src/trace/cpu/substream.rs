@@ -104,6 +104,7 @@ impl OctantStack {
     }
 
     /// Drops all pending visits, which a filter that panicked may have left.
+    #[inline]
     pub fn clear(&mut self) {
         let Self { entries, node_pairs, block_pairs, candidates, .. } = self;
         entries.clear();
@@ -113,6 +114,7 @@ impl OctantStack {
     }
 
     /// Pushes the visit of the root by the list of `len` ids at the bottom of the arena.
+    #[inline]
     pub fn push_root(&mut self, len: usize) {
         self.entries.push(Entry { child: Child::ROOT, start: 0, len: len as u32, done_before: self.done });
     }
@@ -156,6 +158,7 @@ impl<'a> Answers<'a> {
     }
 
     /// Splits off the answers of the first `count` rays.
+    #[inline]
     pub fn split_first(&mut self, count: usize) -> Answers<'a> {
         match self {
             Self::Hits(hits) => {

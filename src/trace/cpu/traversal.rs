@@ -102,10 +102,12 @@ pub(super) fn trace<W: Lanes, E: Lanes, const ANY: bool, const INSTANCED: bool>(
 unsafe fn traverse(visitor: &impl Visitor, stacks: &mut [OctantStack; 8], counts: &[usize; 8]) {
     let mut active = [0; 8];
     let mut len = 0;
-    for octant in (0..8).filter(|&octant| counts[octant] > 0) {
-        stacks[octant].push_root(counts[octant]);
-        active[len] = octant;
-        len += 1;
+    for octant in 0..8 {
+        if counts[octant] > 0 {
+            stacks[octant].push_root(counts[octant]);
+            active[len] = octant;
+            len += 1;
+        }
     }
     let mut turn = 0;
     while len > 0 {

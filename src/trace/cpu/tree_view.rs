@@ -59,7 +59,8 @@ impl<'a> TreeView<'a> {
     #[inline(always)]
     pub fn prefetch_node(&self, child: Child) {
         let node = self.nodes.as_ptr().wrapping_add(child.index()).cast::<u8>();
-        self.prefetch.each([0, 64, 128, 192].map(|line| node.wrapping_add(line)));
+        let line = |at| node.wrapping_add(at);
+        self.prefetch.each([line(0), line(64), line(128), line(192)]);
     }
 
     /// Prefetches a leaf block and the ray that is to be tested with it.
@@ -82,8 +83,10 @@ impl<'a> TreeView<'a> {
     /// Prefetches all children of a node.
     #[inline(always)]
     pub fn prefetch_children(&self, node: &WideNode) {
-        for child in node.children.into_iter().filter(|&child| child != Child::NONE) {
-            self.prefetch_child(child);
+        for &child in &node.children {
+            if child != Child::NONE {
+                self.prefetch_child(child);
+            }
         }
     }
 
@@ -91,7 +94,8 @@ impl<'a> TreeView<'a> {
     #[inline(always)]
     fn block_lines(&self, child: Child) -> [*const u8; 4] {
         let block = self.blocks.address(child).cast::<u8>();
+        let line = |at| block.wrapping_add(at);
         // The last is where large blocks continue; in smaller ones it lies in one of the first three lines.
-        [0, 64, 128, 24 * child.triangles()].map(|line| block.wrapping_add(line))
+        [line(0), line(64), line(128), line(24 * child.triangles())]
     }
 }

@@ -7,7 +7,7 @@ use super::super::interval::Interval;
 use super::super::setup::{RowColumns, row_columns};
 use super::super::substream::{DONE, OctantStack};
 use super::columns::{Origin, PACKET_RAYS, Packet, PacketEntry};
-use crate::lanes::{LaneBits, Lanes, MAX_LANES, Prefetch, first_lanes, spill};
+use crate::lanes::{LaneBits, Lanes, MAX_LANES, Prefetch, first_lanes, from_index, spill};
 use crate::stream::{MISS, Ray};
 
 /// Rays whose directions differ by more than this within packets, on average and relative to their size, are traced
@@ -58,10 +58,10 @@ pub fn form<W: Lanes>(
                 packets.resize(2 * packets.len() + 8, Packet::VACANT);
             }
             let packet = &mut packets[set.len];
-            packet.rays = places.map(|place| (i * GROUP) as u32 + place.min(group.len() as u32 - 1));
+            packet.rays = from_index(|k| (i * GROUP) as u32 + places[k].min(group.len() as u32 - 1));
             packet.primitive = [MISS; PACKET_RAYS];
             let count = group.len() - places[0] as usize;
-            let offsets = packet.rays.map(|ray| ray * size_of::<Ray>() as u32);
+            let offsets: [u32; PACKET_RAYS] = from_index(|k| packet.rays[k] * size_of::<Ray>() as u32);
             let (mut valid, mut signs) = (0, [0; 3]);
             for part in 0..PACKET_RAYS / W::LANES {
                 let at = part * W::LANES;
@@ -91,7 +91,7 @@ pub fn form<W: Lanes>(
             while valid != 0 {
                 let lane = valid.trailing_zeros();
                 let (mut same_octant, mut octant) = (valid, 0);
-                for (axis, negative) in signs.into_iter().enumerate() {
+                for (axis, &negative) in signs.iter().enumerate() {
                     let is_negative = negative >> lane & 1;
                     same_octant &= if is_negative == 1 { negative } else { !negative };
                     octant |= (is_negative as usize) << axis;
@@ -118,9 +118,9 @@ pub fn form<W: Lanes>(
 #[inline(always)]
 fn prefetch_packet(rays: *const Ray) {
     const PER_LINE: usize = 64 / size_of::<Ray>();
-    Prefetch::First.each::<_, { PACKET_RAYS / PER_LINE }>(std::array::from_fn(|line| {
-        rays.wrapping_add(PER_LINE * line)
-    }));
+    for line in 0..PACKET_RAYS / PER_LINE {
+        Prefetch::First.each([rays.wrapping_add(PER_LINE * line)]);
+    }
 }
 
 /// The places in a group of the rays of each packet, if packets are consecutive rays.

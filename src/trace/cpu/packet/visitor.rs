@@ -44,7 +44,10 @@ pub fn write_answers(answers: Answers<'_>, packets: &[Packet]) {
     match answers {
         Answers::Hits(hits) => {
             for packet in packets {
-                for lane in (0..PACKET_RAYS).filter(|&lane| packet.primitive[lane] != MISS) {
+                for lane in 0..PACKET_RAYS {
+                    if packet.primitive[lane] == MISS {
+                        continue;
+                    }
                     hits[packet.rays[lane] as usize] = Hit {
                         t: packet.limit.0[lane],
                         u: packet.u.0[lane],
@@ -56,7 +59,10 @@ pub fn write_answers(answers: Answers<'_>, packets: &[Packet]) {
         }
         Answers::Occluded(occluded) => {
             for packet in packets {
-                for lane in (0..PACKET_RAYS).filter(|&lane| packet.primitive[lane] != MISS) {
+                for lane in 0..PACKET_RAYS {
+                    if packet.primitive[lane] == MISS {
+                        continue;
+                    }
                     occluded[packet.rays[lane] as usize] = 1;
                 }
             }
