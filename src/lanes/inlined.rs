@@ -43,7 +43,7 @@ pub(crate) fn for_pairs<A, B>(a: &[A], b: &[B], mut f: impl FnMut(&A, &B)) {
     }
 }
 
-/// [`for_pairs`] of which the first can be changed.
+/// [`for_pairs`] where `f` may change the elements of the first slice.
 #[cfg_attr(not(unoptimised), inline(always))]
 pub(crate) fn for_pairs_mut<A, B>(a: &mut [A], b: &[B], mut f: impl FnMut(&mut A, &B)) {
     let len = a.len().min(b.len());
