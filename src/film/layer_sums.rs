@@ -4,6 +4,7 @@ use super::accumulation::{Counts, Film, Sums, take};
 use super::coverage_counts::CoverageCounts;
 use super::layer_plan::LayerPlan;
 use super::stripe::Stripe;
+use crate::lanes::{for_pairs, from_index};
 use crate::memory::OutOfMemory;
 use std::io::Write;
 use std::ops::Range;
@@ -232,16 +233,21 @@ impl Film {
         let mut start = 0;
         while start < pixels.len() {
             let pixel = pixels[start];
-            let end = start + pixels[start..].iter().take_while(|&&other| other == pixel).count();
+            let mut end = start + 1;
+            while end < pixels.len() && pixels[end] == pixel {
+                end += 1;
+            }
             let _stripe: Stripe<'_> = self.lock(pixel);
             let sums = &layers.sums[pixel as usize * columns.len()..][..columns.len()];
             // Of a fixed length: in lanes.
-            let mut mask = [0; N];
-            mask[start..end].fill(-1);
-            for (sum, column) in sums.iter().zip(columns) {
-                let more: i64 = column.iter().zip(&mask).map(|(number, mask)| number & mask).sum();
+            let mask: [i64; N] = from_index(|i| -i64::from((start..end).contains(&i)));
+            for_pairs(sums, columns, |sum, column| {
+                let mut more = 0;
+                for i in 0..N {
+                    more += column[i] & mask[i];
+                }
                 sum.store(sum.load(Relaxed) + more, Relaxed);
-            }
+            });
             if layers.plan.hits {
                 let hits = &layers.hits[pixel as usize];
                 hits.store(hits.load(Relaxed) + (end - start) as u32, Relaxed);
@@ -256,8 +262,10 @@ impl Film {
         let counts = &self.held().coverage[table];
         let mut start = 0;
         while start < pixels.len() {
-            let same = |i: &usize| pixels[*i] == pixels[start] && ids[*i] == ids[start];
-            let end = start + (start..pixels.len()).take_while(same).count();
+            let mut end = start + 1;
+            while end < pixels.len() && (pixels[end], ids[end]) == (pixels[start], ids[start]) {
+                end += 1;
+            }
             if ids[start] != u32::MAX {
                 counts.count(pixels[start], ids[start], (end - start) as u32);
             }

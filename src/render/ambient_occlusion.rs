@@ -163,6 +163,7 @@ impl HitShader for OcclusionShader {
         frame.simd().run(Shading { shader: self, frame, batch, out });
     }
 
+    #[inline]
     fn camera_sample(&self, state: &SampleState) -> Option<CameraSample> {
         let SampleState { pixel, sample } = *state;
         Some(CameraSample { pixel, sample })

@@ -4,7 +4,7 @@ use super::aov::{Aov, COUNTS};
 use super::frame_layers::{Column, FrameLayers};
 use super::{CameraSample, Frame, hits_of, rays_of};
 use crate::film::{CentreHit, Film, LayerPlan};
-use crate::lanes::{Int, LaneTask, Lanes, MAX_LANES, Mask, Num, OutlinedTask, Vector};
+use crate::lanes::{Int, LaneTask, Lanes, MAX_LANES, Mask, Num, OutlinedTask, Vector, for_pairs_mut};
 use crate::scene::{Material, Objects};
 use crate::schedule::Batch;
 use crate::shade::{Cone, Interaction, base_colour, lookup, material_of, sort};
@@ -278,13 +278,13 @@ impl<L: Lanes> AddHit<'_, '_, L> {
         let mut ids = [0; MAX_LANES];
         let ids = &mut ids[..pixels.len()];
         for (table, aov) in COUNTS.iter().filter(|aov| self.has(**aov)).enumerate() {
-            for (id, &object) in ids.iter_mut().zip(objects.as_ref()) {
+            for_pairs_mut(ids, objects.as_ref(), |id, &object| {
                 *id = match aov {
                     Aov::CryptoMaterial => material,
                     Aov::CryptoAsset if object != Objects::NONE => self.layers.asset(object),
                     _ => object,
                 };
-            }
+            });
             self.film().count_ids(table, pixels, ids);
         }
     }
@@ -311,10 +311,9 @@ impl<L: Lanes> Columns<'_, L> {
         let magnitudes = number.abs().to_fixed(scale);
         let signs = number.to_array();
         let integers = &mut self.integers[self.count][..L::LANES];
-        for ((integer, magnitude), number) in integers.iter_mut().zip(magnitudes.as_ref()).zip(signs.as_ref())
-        {
-            let sign = i64::from(number.to_bits() as i32 >> 31);
-            *integer = (magnitude ^ sign) - sign;
+        for (lane, integer) in integers.iter_mut().enumerate() {
+            let sign = i64::from(signs[lane].to_bits() as i32 >> 31);
+            *integer = (magnitudes[lane] ^ sign) - sign;
         }
         self.count += 1;
     }

@@ -530,6 +530,7 @@ impl HitShader for PathShader {
         state.depth()
     }
 
+    #[inline]
     fn camera_sample(&self, state: &PathState) -> Option<CameraSample> {
         let PathState { pixel, sample, .. } = *state;
         (state.depth() == 0).then_some(CameraSample { pixel, sample })

@@ -355,6 +355,7 @@ impl<P: Pod + Send + Sync, S: RayShader<P>> HitShader for PerRay<S, P> {
         state.depth
     }
 
+    #[inline]
     fn camera_sample(&self, state: &RayState<P>) -> Option<CameraSample> {
         let RayState { pixel, sample, depth, .. } = *state;
         (depth == 0).then_some(CameraSample { pixel, sample })

@@ -306,6 +306,7 @@ impl HitShader for WhittedShader {
         state.depth_and_cone & DEPTH
     }
 
+    #[inline]
     fn camera_sample(&self, state: &WhittedState) -> Option<CameraSample> {
         let WhittedState { pixel, sample, .. } = *state;
         (self.depth(state) == 0).then_some(CameraSample { pixel, sample })

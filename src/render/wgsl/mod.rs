@@ -155,6 +155,7 @@ impl HitShader for WgslShader {
         state.depth_and_cone & DEPTH
     }
 
+    #[inline]
     fn camera_sample(&self, state: &WgslState) -> Option<CameraSample> {
         let WgslState { pixel, sample, .. } = *state;
         (self.depth(state) == 0).then_some(CameraSample { pixel, sample })
