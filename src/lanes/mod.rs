@@ -41,6 +41,8 @@ mod num;
 mod order;
 mod plain;
 mod prefetch;
+#[cfg(all(test, feature = "wgsl"))]
+pub(crate) mod record;
 #[cfg(test)]
 mod tests;
 pub mod trigonometry;
@@ -211,6 +213,13 @@ pub trait Lanes: Copy + sealed::Sealed {
     /// Runs a task out of line, in a function of its own that enables the instructions: for large code that is needed
     /// in many places, and for rare code.
     fn outlined<P: OutlinedTask<Self>>(self, task: P) -> P::Output;
+
+    /// The columns of [`Int::rows`], where they are recorded and not read.
+    #[cfg(all(test, feature = "wgsl"))]
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn recorded_rows<const N: usize>(self, _index: Self::I, _table: &[u32]) -> Option<[Self::I; N]> {
+        None
+    }
 
     // Memory. Pointers need not be aligned.
 

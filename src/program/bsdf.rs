@@ -128,7 +128,7 @@ impl BsdfShader {
     fn state<L: Lanes>(&self, at: &Points<'_, L>) -> Columns {
         let columns = self.prepare.columns(CHUNK);
         at.write_to(self.inputs.wanted, &mut self.inputs.sink(&columns));
-        self.prepare.run(at.lanes(), &self.file, &columns, L::LANES);
+        self.prepare.run(L::LANES, &self.file, &columns, L::LANES);
         columns
     }
 
@@ -154,7 +154,7 @@ impl BsdfShader {
                 None => write_lanes(to, arguments[scalar as usize - of_state.len()]),
             }
         }
-        kernel.run(l, &self.file, &columns, L::LANES);
+        kernel.run(L::LANES, &self.file, &columns, L::LANES);
         let mut results = [Num::zero(l); N];
         for_pairs_mut(&mut results, &kernel.code.outputs, |result, &register| {
             *result = read_lanes(l, &columns, register);

@@ -1,11 +1,10 @@
 //! Lowered functions with the columns that they run in.
 
 use super::code::Code;
-use super::integrator::NoHost;
 use super::operation::CHUNK;
-use super::run::{Columns, run};
+use super::run::{Columns, run_alone};
 use super::source::{Fault, Source};
-use crate::lanes::{LaneTask, Lanes, MAX_LANES, Num, SimdLevel, for_pairs, for_pairs_mut};
+use crate::lanes::{Lanes, MAX_LANES, Num, SimdLevel, for_pairs, for_pairs_mut};
 use crate::scene::{FieldType, POINT_FIELDS, PointSink};
 use naga::{Function, Handle, Span};
 use std::cell::{Cell, RefCell};
@@ -60,20 +59,14 @@ impl Kernel {
         self.number + u64::from(block > CHUNK)
     }
 
-    /// Runs the function at the first points.
+    /// Runs the function at the first points, with this many lanes.
     ///
     /// # Panics
     /// When a loop takes too many turns.
-    #[inline(always)]
-    pub fn run<L: Lanes>(&self, l: L, file: &str, columns: &Columns, points: usize) {
-        if let Err(endless) = run(l, &self.code, columns, points, &mut NoHost) {
+    pub fn run(&self, lanes: usize, file: &str, columns: &Columns, points: usize) {
+        if let Err(endless) = run_alone(SimdLevel::of_lanes(lanes), &self.code, columns, points) {
             endless_loop(file, endless.line);
         }
-    }
-
-    /// Runs the function at many points, with this many lanes.
-    pub fn run_block(&self, lanes: usize, file: &str, columns: &Columns, points: usize) {
-        SimdLevel::of_lanes(lanes).run(Running { kernel: self, file, columns, points });
     }
 
     /// The fields of points that the function reads, if its first argument is a point, and the registers of the scalars
@@ -99,22 +92,6 @@ impl Kernel {
 #[cold]
 pub(super) fn endless_loop(file: &str, line: u32) -> ! {
     panic!("{file}:{line}: this loop takes too many turns; does it end at every point?");
-}
-
-struct Running<'a> {
-    kernel: &'a Kernel,
-    file: &'a str,
-    columns: &'a Columns,
-    points: usize,
-}
-
-impl LaneTask for Running<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run<L: Lanes>(self, l: L) {
-        self.kernel.run(l, self.file, self.columns, self.points);
-    }
 }
 
 /// Where a function's argument of type `Point` is.

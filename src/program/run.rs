@@ -80,7 +80,25 @@ impl Columns {
     }
 }
 
-/// Runs a program at the first points of a block: the least multiple of [`CHUNK`] that is not below `points`.
+/// Runs a program that calls no host functions at the first points of a block: the least multiple of [`CHUNK`] that is
+/// not below `points`.
+///
+/// # Errors
+/// When a loop takes too many turns.
+pub(super) fn run_alone(
+    level: SimdLevel,
+    code: &Code,
+    columns: &Columns,
+    points: usize,
+) -> Result<(), Endless> {
+    let points = points.next_multiple_of(CHUNK).min(columns.block);
+    match level.run(UntilHost { code, columns, points, at: &mut 0, spent: &mut 0 })? {
+        None => Ok(()),
+        Some(call) => unreachable!("`{}` in a shader without a host", call.function.name()),
+    }
+}
+
+/// [`run_alone`] for programs that call functions of a host.
 ///
 /// # Errors
 /// When a loop takes too many turns.

@@ -190,7 +190,7 @@ impl Procedural for PatternShader {
     fn finish<L: Lanes>(&self, points: &Points<L>) -> Finish<L> {
         let columns = self.kernel.columns(CHUNK);
         points.write_to(self.inputs.wanted, &mut self.inputs.sink(&columns));
-        self.kernel.run(points.lanes(), &self.file, &columns, L::LANES);
+        self.kernel.run(L::LANES, &self.file, &columns, L::LANES);
         let finish = Finish::read_from(points.lanes(), &Outputs { kernel: &self.kernel, columns: &columns });
         self.kernel.keep(columns, CHUNK);
         finish
@@ -235,7 +235,7 @@ impl PatternShader {
             let Some((register, is_truth)) = *input else { continue };
             write(columns.column(register, points), &from.column(scalar)[piece.clone()], is_truth);
         }
-        self.kernel.run_block(lanes, &self.file, &columns, points);
+        self.kernel.run(lanes, &self.file, &columns, points);
         for (scalar, &register) in self.kernel.code.outputs.iter().enumerate() {
             let from = columns.operand(register, points);
             for (chunk, to) in to.column_mut(scalar)[piece.clone()].chunks_mut(CHUNK).enumerate() {

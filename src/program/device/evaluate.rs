@@ -1,10 +1,9 @@
 //! The host's results for the points of a kernel.
 
-use crate::lanes::{LaneTask, Lanes, SimdLevel};
+use crate::lanes::SimdLevel;
 use crate::program::PatternShader;
 use crate::program::device::Kernel;
-use crate::program::integrator::NoHost;
-use crate::program::run::{BLOCK, Columns, run};
+use crate::program::run::{BLOCK, Columns, run_alone};
 
 /// A loop does not end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -24,28 +23,9 @@ impl PatternShader {
         points: usize,
         inputs: &[u32],
     ) -> Result<Vec<u32>, Endless> {
+        let code = self.code();
+        let level = SimdLevel::detect();
         let mut results = vec![0; kernel.outputs.len() * points];
-        let task = Evaluation { shader: self, kernel, points, inputs, results: &mut results };
-        SimdLevel::detect().run(task)?;
-        Ok(results)
-    }
-}
-
-struct Evaluation<'a> {
-    shader: &'a PatternShader,
-    kernel: &'a Kernel,
-    points: usize,
-    inputs: &'a [u32],
-    results: &'a mut [u32],
-}
-
-impl LaneTask for Evaluation<'_> {
-    type Output = Result<(), Endless>;
-
-    #[inline(always)]
-    fn run<L: Lanes>(self, l: L) -> Self::Output {
-        let Self { shader, kernel, points, inputs, results } = self;
-        let code = shader.code();
         let mut columns = Columns::default();
         columns.prepare(code, 1, BLOCK);
         for start in (0..points).step_by(BLOCK) {
@@ -55,20 +35,18 @@ impl LaneTask for Evaluation<'_> {
                     // Points beyond the last repeat it, so that they end where it does.
                     let words = column[start..start + count].iter();
                     let words = words.chain(std::iter::repeat(&column[start + count - 1]));
-                    columns
-                        .column(*register, BLOCK)
-                        .iter()
-                        .zip(words)
-                        .for_each(|(cell, &word)| cell.set(word));
+                    let cells = columns.column(*register, BLOCK).iter();
+                    cells.zip(words).for_each(|(cell, &word)| cell.set(word));
                 }
             }
-            run(l, code, &columns, count, &mut NoHost).map_err(|endless| Endless { line: endless.line })?;
+            let ran = run_alone(level, code, &columns, count);
+            ran.map_err(|endless| Endless { line: endless.line })?;
             for (column, &scalar) in results.chunks_mut(points).zip(&kernel.outputs) {
                 let from = columns.operand(code.outputs[scalar as usize], count);
                 let words = column[start..start + count].iter_mut().enumerate();
                 words.for_each(|(point, word)| *word = from.at(point));
             }
         }
-        Ok(())
+        Ok(results)
     }
 }

@@ -78,16 +78,6 @@ pub trait Host<L: Lanes> {
     fn call(&mut self, l: L, call: &HostCall<'_>);
 }
 
-/// The host of programs that call no host functions.
-pub(in crate::program) struct NoHost;
-
-impl<L: Lanes> Host<L> for NoHost {
-    #[inline(always)]
-    fn call(&mut self, _: L, call: &HostCall<'_>) {
-        unreachable!("`{}` in a shader without a host", call.function.name())
-    }
-}
-
 /// A call of a host function for a block of points.
 #[derive(Debug)]
 pub struct HostCall<'a> {

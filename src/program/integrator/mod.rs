@@ -12,7 +12,6 @@ mod split;
 #[cfg(test)]
 mod tests;
 
-pub(in crate::program) use function::NoHost;
 pub use function::{Host, HostCall, HostFunction};
 pub use hit_fields::{HIT_FIELDS, HitFact, HitField};
 pub use piece::{Piece, PieceColumns};
@@ -23,7 +22,6 @@ use super::parameter::Parameter;
 use super::prelude::prelude;
 pub use super::run::Columns;
 use super::source::{Fault, ShaderError, Source};
-use crate::lanes::SingleLane;
 use naga::{Function, Handle, Span};
 use split::{MOST_TRACES, Rest, split, traces};
 use std::fmt;
@@ -366,7 +364,7 @@ impl Loader<'_> {
         let piece = Piece::new(rest, Vec::new());
         let columns: Columns = PieceColumns::default().take(&piece);
         let span = self.loaded.source.module.functions.get_span(function);
-        piece.try_run(SingleLane::default(), &columns, 1, &mut NoHost).map_err(|_| {
+        piece.run_alone(&columns).map_err(|_| {
             Fault::new(span, "a loop of `start` takes too many turns", "give the loop an end")
         })?;
         Ok((0..payload as usize).map(|word| piece.result(&columns, word, 0)).collect())

@@ -2,10 +2,10 @@
 
 use super::function::Host;
 use super::split::Rest;
-use crate::lanes::Lanes;
+use crate::lanes::{Lanes, SimdLevel};
 use crate::program::code::{Code, Instruction, Register};
 use crate::program::kernel::endless_loop;
-use crate::program::run::{BLOCK, Columns, run};
+use crate::program::run::{BLOCK, Columns, Endless, run, run_alone};
 use std::cell::Cell;
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
@@ -81,21 +81,17 @@ impl Piece {
     /// If a loop takes too many turns. The message names the file and the line.
     #[inline(always)]
     pub fn run<L: Lanes>(&self, l: L, columns: &Columns, points: usize, host: &mut impl Host<L>, file: &str) {
-        if let Err(line) = self.try_run(l, columns, points, host) {
-            endless_loop(file, line);
+        if let Err(endless) = run(l, &self.code, columns, points, host) {
+            endless_loop(file, endless.line);
         }
     }
 
-    /// [`Piece::run`], or the line of a loop that takes too many turns.
-    #[inline(always)]
-    pub(super) fn try_run<L: Lanes>(
-        &self,
-        l: L,
-        columns: &Columns,
-        points: usize,
-        host: &mut impl Host<L>,
-    ) -> Result<(), u32> {
-        run(l, &self.code, columns, points, host).map_err(|endless| endless.line)
+    /// Runs a piece that calls no host functions at the first point.
+    ///
+    /// # Errors
+    /// When a loop takes too many turns.
+    pub(super) fn run_alone(&self, columns: &Columns) -> Result<(), Endless> {
+        run_alone(SimdLevel::Scalar, &self.code, columns, 1)
     }
 
     /// The cells of a register from the first point on.

@@ -1,12 +1,11 @@
 //! Generated programs: the executor at every SIMD level beside the oracle, bit by bit.
 
 use super::oracle::{Oracle, Value, Word};
-use crate::lanes::{LaneTask, Lanes, SimdLevel};
+use crate::lanes::SimdLevel;
 use crate::program::code::Code;
-use crate::program::integrator::NoHost;
 use crate::program::lower::{Input, lower};
 use crate::program::operation::CHUNK;
-use crate::program::run::{BLOCK, Columns, run};
+use crate::program::run::{BLOCK, Columns, run_alone};
 use crate::program::source::Source;
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -22,12 +21,14 @@ impl Dice {
 }
 
 /// Writes programs over variables `x0..x3` (f32), `n0..n2` (u32), `k0..k1` (i32), `v` (vec3f), `a` (array of f32).
-struct Writer {
+pub(super) struct Writer {
     dice: Dice,
     text: String,
     depth: usize,
     loops: usize,
     counters: usize,
+    /// Whether to write only what [`super::second_oracle`] can check.
+    common: bool,
 }
 
 impl Writer {
@@ -36,9 +37,12 @@ impl Writer {
             return match self.dice.below(8) {
                 0 | 3 => format!("q[{}]", self.dice.below(8)),
                 1 => "v.y".into(),
-                2 => format!("a[n{}]", self.dice.below(3)),
+                2 => format!("a[{}]", self.index()),
                 _ => format!("x{}", self.dice.below(4)),
             };
+        }
+        if self.common {
+            return self.common_number(depth);
         }
         let a = self.number(depth - 1);
         match self.dice.below(16) {
@@ -67,6 +71,40 @@ impl Writer {
         }
     }
 
+    /// A number without functions that WGSL leaves to the implementation, or whose NaN and zeros it does.
+    fn common_number(&mut self, depth: u32) -> String {
+        let (a, b) = (self.number(depth - 1), self.number(depth - 1));
+        match self.dice.below(15) {
+            0..=5 => format!("({a} {} {b})", ["+", "-", "*", "/"][self.dice.below(4) as usize]),
+            6 => {
+                let function = ["abs", "floor", "ceil", "trunc"][self.dice.below(4) as usize];
+                format!("{function}({a})")
+            }
+            7 => format!("select({b}, {a}, {a} < {b})"),
+            8 => format!("({a} + ({b} - {a}) * {})", self.number(depth - 1)),
+            9 => format!("select({a}, {b}, {})", self.truth(depth - 1)),
+            10 => format!("f32({})", self.integer(depth - 1)),
+            11 => format!("f32({})", self.signed(depth - 1)),
+            12 => format!("(v * vec3f({a}, {b}, x1)).{}", ["x", "y", "z"][self.dice.below(3) as usize]),
+            13 => format!("helper({a}, {})", self.integer(depth - 1)),
+            _ => format!("length(vec2f({a}, x2)) + cross(v, v.zxy).x"),
+        }
+    }
+
+    /// An index into `a`, sometimes beyond its end.
+    fn index(&mut self) -> String {
+        let n = self.dice.below(3);
+        if self.common { format!("n{n} % 3u") } else { format!("n{n}") }
+    }
+
+    /// An operation on integers with its right operand. Division by zero is for the first oracle alone.
+    fn integer_operation(&mut self, b: &str, one: &str) -> String {
+        match ["+", "-", "*", "/", "%", "&", "|", "^"][self.dice.below(8) as usize] {
+            "%" if self.common => format!("% ({b} | {one})"),
+            operator => format!("{operator} {b}"),
+        }
+    }
+
     fn integer(&mut self, depth: u32) -> String {
         if depth == 0 {
             return match self.dice.below(3) {
@@ -77,8 +115,8 @@ impl Writer {
         let a = self.integer(depth - 1);
         match self.dice.below(8) {
             0..=4 => {
-                let op = ["+", "-", "*", "/", "%", "&", "|", "^"][self.dice.below(8) as usize];
-                format!("({a} {op} {})", self.integer(depth - 1))
+                let b = self.integer(depth - 1);
+                format!("({a} {})", self.integer_operation(&b, "1u"))
             }
             5 => format!(
                 "({a} {} ({} & 31u))",
@@ -86,6 +124,7 @@ impl Writer {
                 self.integer(depth - 1)
             ),
             6 => format!("u32({})", self.number(depth - 1)),
+            _ if self.common => format!("min(~{a}, {})", self.integer(depth - 1)),
             _ => {
                 let function = ["countOneBits", "reverseBits", "countLeadingZeros", "countTrailingZeros"];
                 format!("{}({a})", function[self.dice.below(4) as usize])
@@ -100,11 +139,12 @@ impl Writer {
         let a = self.signed(depth - 1);
         match self.dice.below(7) {
             0..=3 => {
-                let op = ["+", "-", "*", "/", "%", "&", "|", "^"][self.dice.below(8) as usize];
-                format!("({a} {op} {})", self.signed(depth - 1))
+                let b = self.signed(depth - 1);
+                format!("({a} {})", self.integer_operation(&b, "1"))
             }
             4 => format!("i32({})", self.number(depth - 1)),
             5 => format!("({a} >> ({} & 31u))", self.integer(depth - 1)),
+            _ if self.common => format!("max(-{a}, {})", self.signed(depth - 1)),
             _ => format!("max(abs({a}), {})", self.signed(depth - 1)),
         }
     }
@@ -151,12 +191,13 @@ impl Writer {
                 self.line(&format!("k{to} = {value};"));
             }
             5 => {
-                let (index, value) = (format!("n{}", self.dice.below(3)), self.number(1));
+                let (index, value) = (self.index(), self.number(1));
                 self.line(&format!("a[{index}] = {value};"));
             }
             6 => {
                 let line = match self.dice.below(3) {
                     0 => format!("v.{} = {};", ["x", "y", "z"][self.dice.below(3) as usize], self.number(1)),
+                    1 if self.common => format!("v = v.zxy * {};", self.number(1)),
                     1 => format!("change(&x{}, {});", self.dice.below(4), self.number(1)),
                     _ => format!("v = vec3f({}, v.x, {}) * 0.5;", self.number(1), self.number(0)),
                 };
@@ -194,11 +235,13 @@ impl Writer {
 
     fn switch(&mut self, nesting: u32) {
         let selector = self.integer(1);
+        // The second oracle takes a `break` of a switch for one of the loop around it.
+        let loops = if self.common { std::mem::take(&mut self.loops) } else { self.loops };
         self.line(&format!("switch {selector} % 5u {{"));
         for case in ["case 0u: {", "case 1u, 3u: {", "default: {"] {
             self.line(case);
             self.block(1, nesting - 1);
-            if self.dice.below(3) == 0 {
+            if self.dice.below(3) == 0 && !self.common {
                 let condition = self.truth(0);
                 self.line(&format!("    if {condition} {{ break; }}"));
                 self.block(1, 0);
@@ -206,6 +249,7 @@ impl Writer {
             self.line("}");
         }
         self.line("}");
+        self.loops = loops;
     }
 
     fn repeat(&mut self, nesting: u32) {
@@ -224,13 +268,14 @@ impl Writer {
         self.line("}");
     }
 
-    fn program(seed: u32) -> String {
+    pub fn program(seed: u32, common: bool) -> String {
         let mut writer = Self {
             dice: Dice(seed.wrapping_mul(7919)),
             text: String::new(),
             depth: 0,
             loops: 0,
             counters: 0,
+            common,
         };
         // Known numbers are variables of the module, because naga refuses constant expressions that overflow.
         writer.text += "
@@ -252,28 +297,22 @@ fn test(x: array<f32, 4>, n: array<u32, 3>, k: array<i32, 2>) -> array<f32, 8> {
         writer.line(
             "    return array<f32, 8>(x0, x1 + f32(n1), x2 + f32(k1), x3, v.y, a[0], a[2], f32(n2));\n}",
         );
-        writer.text
-    }
-}
-
-/// Runs a program at all points of a block.
-struct Running<'a> {
-    code: &'a Code,
-    columns: &'a Columns,
-    points: usize,
-}
-
-impl LaneTask for Running<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run<L: Lanes>(self, l: L) {
-        run(l, self.code, self.columns, self.points, &mut NoHost).expect("loops end");
+        if !common {
+            return writer.text;
+        }
+        // The second oracle has no functions of arrays that Rust could call.
+        let members: Vec<String> = ('a'..='h').map(|name| format!("{name}: f32")).collect();
+        let arrays = "x: array<f32, 4>, n: array<u32, 3>, k: array<i32, 2>) -> array<f32, 8> {";
+        let scalars =
+            "y0: f32, y1: f32, y2: f32, y3: f32, o0: u32, o1: u32, o2: u32, l0: i32, l1: i32) -> Results {
+    let x = array<f32, 4>(y0, y1, y2, y3); let n = array<u32, 3>(o0, o1, o2); let k = array<i32, 2>(l0, l1);";
+        let text = writer.text.replace(arrays, scalars).replace("array<f32, 8>(x0", "Results(x0");
+        format!("struct Results {{ {} }}{text}", members.join(", "))
     }
 }
 
 /// The inputs of a point.
-fn inputs(point: u32) -> Vec<Word> {
+pub(super) fn inputs(point: u32) -> Vec<Word> {
     let random = |k: u32| crate::geom::mix(point.wrapping_mul(16) + k);
     let number = |k: u32| match random(k) % 9 {
         0 => Word::F(0.0),
@@ -292,19 +331,22 @@ fn inputs(point: u32) -> Vec<Word> {
 }
 
 /// Whether two results are the same: any NaN is as good as another.
-fn same(a: u32, b: u32) -> bool {
+pub(super) fn same(a: u32, b: u32) -> bool {
     a == b || (f32::from_bits(a).is_nan() && f32::from_bits(b).is_nan())
 }
 
-fn compare(seed: u32) -> usize {
-    compare_text(&Writer::program(seed), seed)
+/// The module of a program and its function.
+pub(super) fn parsed(text: &str) -> Source {
+    Source::parse("generated.wgsl", text, "").unwrap_or_else(|error| panic!("{error}\n{text}"))
 }
 
-/// Compares a program at points that depend on the seed. Returns its number of instructions.
-fn compare_text(text: &str, seed: u32) -> usize {
-    let source = Source::parse("generated.wgsl", text, "").unwrap_or_else(|error| panic!("{error}\n{text}"));
+fn test_function(source: &Source) -> (naga::Handle<naga::Function>, &naga::Function) {
     let named = |(_, function): &(_, &naga::Function)| function.name.as_deref() == Some("test");
-    let (handle, function) = source.module.functions.iter().find(named).expect("test");
+    source.module.functions.iter().find(named).expect("test")
+}
+
+/// Lowers a program.
+pub(super) fn lowered(source: &Source, text: &str) -> Code {
     let input = Input {
         module: &source.module,
         info: &source.info,
@@ -313,42 +355,51 @@ fn compare_text(text: &str, seed: u32) -> usize {
         source: text,
         host: None,
     };
-    let (code, _) = lower(input, handle).unwrap_or_else(|fault| panic!("{fault:?}\n{text}"));
+    lower(input, test_function(source).0).unwrap_or_else(|fault| panic!("{fault:?}\n{text}")).0
+}
+
+/// The results at points, at most as many as a block has.
+pub(super) fn executed(code: &Code, level: SimdLevel, block: usize, points: &[Vec<Word>]) -> Vec<Vec<u32>> {
+    let mut columns = Columns::default();
+    columns.prepare(code, 1, block);
+    for &(scalar, register) in &code.inputs {
+        for (cell, words) in columns.column(register, block).iter().zip(points) {
+            cell.set(words[scalar as usize].bits());
+        }
+    }
+    run_alone(level, code, &columns, points.len()).expect("loops end");
+    let results = |point| code.outputs.iter().map(|&from| columns.operand(from, block).at(point)).collect();
+    (0..points.len()).map(results).collect()
+}
+
+fn compare(seed: u32) -> usize {
+    let text = Writer::program(seed, false);
+    let source = parsed(&text);
+    let code = lowered(&source, &text);
+    let (_, function) = test_function(&source);
     let points: Vec<Vec<Word>> =
         (0..BLOCK as u32).map(|point| inputs(seed.wrapping_mul(999) + point)).collect();
-    let expected: Vec<Vec<u32>> = points
-        .iter()
-        .map(|words| {
-            let list = |range: std::ops::Range<usize>| {
-                Value::List(words[range].iter().map(|&w| Value::Word(w)).collect())
-            };
-            let result = Oracle::new(&source.module).call(function, vec![list(0..4), list(4..7), list(7..9)]);
-            result.expect("a result").words().into_iter().map(Word::bits).collect()
-        })
-        .collect();
-    let levels = SimdLevel::available();
+    let expected = |words: &Vec<Word>| -> Vec<u32> {
+        let list = |range: std::ops::Range<usize>| {
+            Value::List(words[range].iter().map(|&w| Value::Word(w)).collect())
+        };
+        let result = Oracle::new(&source.module).call(function, vec![list(0..4), list(4..7), list(7..9)]);
+        result.expect("a result").words().into_iter().map(Word::bits).collect()
+    };
+    let expected: Vec<Vec<u32>> = points.iter().map(expected).collect();
     let blocks = [CHUNK, 2 * CHUNK, 64, BLOCK, 256];
-    for (level, block) in levels.into_iter().zip((seed as usize..).map(|i| blocks[i % blocks.len()])) {
-        let points = &points[..block.min(BLOCK)];
-        let mut columns = Columns::default();
-        columns.prepare(&code, 1, block);
-        for &(scalar, register) in &code.inputs {
-            for (cell, words) in columns.column(register, block).iter().zip(points) {
-                cell.set(words[scalar as usize].bits());
-            }
-        }
-        level.run(Running { code: &code, columns: &columns, points: points.len() });
-        for (point, expected) in expected.iter().take(points.len()).enumerate() {
-            for (output, &wanted) in code.outputs.iter().zip(expected) {
-                let found = columns.operand(*output, block).at(point);
-                assert!(
-                    same(found, wanted),
-                    "{level}, seed {seed}, point {point} {:?}: {} instead of {}\n{text}",
-                    points[point],
-                    f32::from_bits(found),
-                    f32::from_bits(wanted)
-                );
-            }
+    for (level, k) in SimdLevel::available().into_iter().zip(seed as usize..) {
+        let block = blocks[k % blocks.len()];
+        let found = executed(&code, level, block, &points[..block.min(BLOCK)]);
+        for (point, (found, expected)) in found.iter().zip(&expected).enumerate() {
+            let off = found.iter().zip(expected).find(|&(&found, &wanted)| !same(found, wanted));
+            assert!(
+                off.is_none(),
+                "{level}, seed {seed}, point {point} {:?}: {:?} instead of {:?}\n{text}",
+                points[point],
+                off.map(|off| f32::from_bits(*off.0)),
+                off.map(|off| f32::from_bits(*off.1)),
+            );
         }
     }
     code.instructions.len()

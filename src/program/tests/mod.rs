@@ -4,3 +4,5 @@ mod fuzz;
 mod generated;
 mod oracle;
 mod patterns;
+mod recorded;
+mod second_oracle;

@@ -29,6 +29,8 @@ pub struct Emitters {
     tree: Option<LightTree>,
     /// Index in `records` of each triangle of the scene, or [`NONE`]; empty if no triangle is emissive.
     places: Vec<u32>,
+    /// Whether any emission has a texture.
+    has_textures: bool,
 }
 
 /// An emissive triangle with all data for sampling it, in two rows of eight words.
@@ -83,6 +85,7 @@ impl Emitters {
                 if power > 0.0 && power.is_finite() {
                     all.records.push(record);
                     all.areas.push(area);
+                    all.has_textures |= !emission.radiance.is_constant();
                     all.primitives.push(primitive);
                     all.emissions.push(emission);
                     weights.push(power);
@@ -150,7 +153,7 @@ impl Emitters {
         let (flags, offset) = (record[15] & FLAGS, (record[15] & !FLAGS).to_num_bits());
         let mut radiance = vector(&record, 12).only(front | (flags & TWO_SIDED).is(TWO_SIDED));
         let textured = (flags & TEXTURED).is(TEXTURED);
-        if textured.any() {
+        if self.has_textures && textured.any() {
             radiance =
                 Vector::select(textured, self.textured(scene, textured, place, [v, w], front), radiance);
         }

@@ -149,10 +149,10 @@ impl<L: Lanes> OutlinedTask<L> for SampleTree<'_, L> {
         let normal = self.receiver.normal();
         let (mut u, mut probability) = (self.u, Num::splat(l, 1.0));
         let mut at = Int::splat(l, 0);
-        loop {
+        for _ in 0..MAX_DEPTH {
             let going = !is_leaf(at);
             if going.none() {
-                return (at & INDEX, probability, u);
+                break;
             }
             // Lanes that have reached a light read the root again.
             let fork = Int::select(going, at & INDEX, Int::splat(l, 0));
@@ -164,6 +164,7 @@ impl<L: Lanes> OutlinedTask<L> for SampleTree<'_, L> {
             probability = Num::select(going, probability * taken, probability);
             at = Int::select(going, Int::select(left, next[0], next[1]), at);
         }
+        (at & INDEX, probability, u)
     }
 }
 
@@ -182,10 +183,10 @@ impl<L: Lanes> OutlinedTask<L> for TreeProbability<'_, L> {
         let [mut path] = self.light.rows(&self.tree.paths);
         let mut probability = Num::splat(l, 1.0);
         let mut at = Int::splat(l, 0);
-        loop {
+        for _ in 0..MAX_DEPTH {
             let going = !is_leaf(at);
             if going.none() {
-                return probability;
+                break;
             }
             let fork = Int::select(going, at & INDEX, Int::splat(l, 0));
             let Fork { probabilities: [first, second], next } = self.tree.weigh(fork, &self.receiver, normal);
@@ -194,6 +195,7 @@ impl<L: Lanes> OutlinedTask<L> for TreeProbability<'_, L> {
             at = Int::select(going, Int::select(left, next[0], next[1]), at);
             path = path >> 1;
         }
+        probability
     }
 }
 
