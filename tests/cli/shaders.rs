@@ -1,6 +1,6 @@
 //! Shaders in WGSL.
 
-use super::{folder, json, run, shipped};
+use super::{folder, json, raystream, run, shipped};
 use std::path::Path;
 
 /// A recipe with a sphere whose material asks for a shader beside it.
@@ -100,4 +100,113 @@ fn wrong_shaders_are_refused_with_the_place() {
         assert!(!folder.join("p.png").exists());
     }
     run(folder, &["shaders", "check", "bad.wgsl"], 2);
+}
+
+/// Rays that wait on the loop stack, shadow rays, random numbers.
+const INTEGRATORS: [&str; 5] = ["whitted", "whitted_split", "ambient_occlusion", "three_lights", "toon"];
+
+#[test]
+fn integrators_give_the_same_bytes_for_any_threads_level_and_split() {
+    let folder = folder();
+    let folder = folder.path();
+    let (scene, mut levels) = (shipped("showcase.json"), 0);
+    for name in INTEGRATORS {
+        let shader = shipped(&format!("shaders/{name}.wgsl"));
+        let small = ["--size", "48x27", "--spp", "4", "--tracer", "cpu", "--stats", "s.json"];
+        let args = |more: &[&str]| -> Vec<String> {
+            let all = [&["render", &scene, "--integrator", &shader][..], &small, more].concat();
+            all.into_iter().map(String::from).collect()
+        };
+        let render = |more: &[&str]| {
+            run(folder, &args(more).iter().map(String::as_str).collect::<Vec<_>>(), 0);
+            json(&folder.join("s.json"))["image"]["hash"].clone()
+        };
+        let expected = render(&["-o", "whole.npy", "--threads", "1"]);
+        for threads in ["2", "5"] {
+            assert_eq!(render(&["-o", "p.npy", "--threads", threads]), expected, "{name}, {threads} threads");
+        }
+        for level in ["scalar", "neon", "avx2", "avx512"] {
+            let args = args(&["-o", "p.npy", "--simd", level]);
+            let output = raystream(folder, &args.iter().map(String::as_str).collect::<Vec<_>>());
+            let told = String::from_utf8_lossy(&output.stderr);
+            if !output.status.success() {
+                assert!(told.contains(&format!("this processor has no {level}")), "{told}");
+                continue;
+            }
+            levels += 1;
+            assert_eq!(json(&folder.join("s.json"))["image"]["hash"], expected, "{name}, {level}");
+        }
+        let parts = [
+            ("a.rayfilm", "0..1", "0,0,48,27"),
+            ("b.rayfilm", "1..4", "0,0,20,27"),
+            ("c.rayfilm", "1..4", "20,0,28,11"),
+            ("d.rayfilm", "1..4", "20,11,28,16"),
+        ];
+        for (file, samples, region) in parts {
+            render(&["--partial", file, "--samples", samples, "--region", region]);
+        }
+        let files = parts.map(|(file, ..)| file);
+        run(folder, &[&["merge"][..], &files, &["-o", "merged.npy", "--stats", "m.json"]].concat(), 0);
+        assert_eq!(json(&folder.join("m.json"))["image"]["hash"], expected, "{name}, four parts");
+    }
+    assert!(levels >= INTEGRATORS.len(), "every processor has a level");
+}
+
+/// A process that is killed when a test ends.
+struct Running(std::process::Child);
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+/// Waits until a condition holds while a process runs.
+fn wait_until(what: &str, process: &mut Running, mut holds: impl FnMut() -> bool) {
+    let began = std::time::Instant::now();
+    while !holds() {
+        assert!(process.0.try_wait().expect("a child").is_none(), "it ended before {what}");
+        assert!(began.elapsed().as_secs() < 120, "{what}: not within two minutes");
+        std::thread::sleep(std::time::Duration::from_millis(10));
+    }
+}
+
+#[test]
+fn watched_shaders_are_used_by_the_next_pass_and_errors_keep_the_last_good_one() {
+    let folder = folder();
+    let folder = folder.path();
+    let small = ["render", "scene.json", "--size", "40x30", "--spp", "2", "--tracer", "cpu"];
+    std::fs::write(folder.join("scene.json"), RECIPE).expect("written");
+    let versions = [SPOTS.to_owned(), SPOTS.replace("0.7, 0.1", "0.1, 0.7"), SPOTS.replace("> 0.5", "> 0.4")];
+    // What each version looks like.
+    let pictures = versions.clone().map(|text| {
+        std::fs::write(folder.join("spots.wgsl"), text).expect("written");
+        run(folder, &[&small[..], &["-o", "expected.npy"]].concat(), 0);
+        std::fs::read(folder.join("expected.npy")).expect("a picture")
+    });
+    assert!(pictures[0] != pictures[1] && pictures[1] != pictures[2]);
+    let save = |text: &str| std::fs::write(folder.join("spots.wgsl"), text).expect("written");
+    let shows = |picture: &[u8]| std::fs::read(folder.join("p.npy")).is_ok_and(|found| found == picture);
+    let told = std::fs::File::create(folder.join("told.txt")).expect("created");
+    save(&versions[0]);
+    let child = std::process::Command::new(env!("CARGO_BIN_EXE_raystream"))
+        .current_dir(folder)
+        .args([&small[..], &["-o", "p.npy", "--watch"]].concat())
+        .stdout(std::process::Stdio::null())
+        .stderr(told)
+        .spawn()
+        .expect("raystream starts");
+    let mut process = Running(child);
+    wait_until("the first picture", &mut process, || shows(&pictures[0]));
+    save(&versions[1]);
+    wait_until("the picture of the edited shader", &mut process, || shows(&pictures[1]));
+    save("fn pattern(at: Point) -> Finish {\n    return mate(at);\n}\n");
+    let told = || std::fs::read_to_string(folder.join("told.txt")).unwrap_or_default();
+    wait_until("the error", &mut process, || told().contains("keeps the last good shader"));
+    assert!(told().contains("spots.wgsl:2:12"), "{}", told());
+    std::thread::sleep(std::time::Duration::from_millis(300));
+    assert!(shows(&pictures[1]) && process.0.try_wait().expect("a child").is_none());
+    save(&versions[2]);
+    wait_until("the picture of the mended shader", &mut process, || shows(&pictures[2]));
 }
