@@ -48,7 +48,7 @@ impl<L: Lanes> Given<L> {
 /// The words of random hits on `triangles` triangles, a column each. Some directions are near the horizon, some
 /// random numbers at the ends of their range.
 fn points(count: usize, seed: u32, triangles: u32) -> Vec<Vec<u32>> {
-    let mut columns = vec![Vec::with_capacity(count); INPUTS];
+    let mut columns = vec![Vec::new(); INPUTS];
     for point in 0..count {
         let sampler = Sampler::new(point as u32, seed, 0);
         let direction = warp::sphere(sampler.pair(0));
@@ -212,7 +212,7 @@ impl<S: Shading> LaneTask for Native<'_, S> {
         let mut columns: Vec<Vec<u32>> = Vec::new();
         for start in (0..points[0].len()).step_by(L::LANES) {
             let integer = |input: u32| Int::load(l, &points[input as usize][start..]);
-            let given = Given::of(|input| integer(input).to_num_bits(), &integer);
+            let given = Given::of(|input| integer(input).to_num_bits(), integer);
             let Words(words) = shading.words(&given);
             columns.resize(words.len(), Vec::new());
             for (column, word) in columns.iter_mut().zip(words) {
