@@ -34,6 +34,7 @@ pub(crate) fn zip<A: Copy, B: Copy, C>(a: [A; 3], b: [B; 3], f: impl Fn(A, B) ->
 }
 
 /// Calls `f` with the elements of two slices, as far as both have some.
+#[cfg(feature = "render")]
 #[cfg_attr(not(unoptimised), inline(always))]
 pub(crate) fn for_pairs<A, B>(a: &[A], b: &[B], mut f: impl FnMut(&A, &B)) {
     let len = a.len().min(b.len());
@@ -44,6 +45,7 @@ pub(crate) fn for_pairs<A, B>(a: &[A], b: &[B], mut f: impl FnMut(&A, &B)) {
 }
 
 /// [`for_pairs`] where `f` may change the elements of the first slice.
+#[cfg(feature = "render")]
 #[cfg_attr(not(unoptimised), inline(always))]
 pub(crate) fn for_pairs_mut<A, B>(a: &mut [A], b: &[B], mut f: impl FnMut(&mut A, &B)) {
     let len = a.len().min(b.len());

@@ -56,7 +56,9 @@ pub(crate) use columns::{
     columns, eight_u32, keep, load, load_eights, load_one, spill, splat, splat_eights, splat_row, store_one,
     swap_halves,
 };
-pub(crate) use inlined::{both, each, for_pairs, for_pairs_mut, from_index, zip};
+pub(crate) use inlined::{both, each, from_index, zip};
+#[cfg(feature = "render")]
+pub(crate) use inlined::{for_pairs, for_pairs_mut};
 pub use int::Int;
 pub use level::{LaneTask, SimdError, SimdLevel};
 pub(crate) use mask::first_lanes;
