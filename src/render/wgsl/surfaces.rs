@@ -1,6 +1,6 @@
 //! The surfaces of a block of hits, which shaders ask by host functions.
 
-use crate::lanes::{Int, Lanes, Mask, Num, OutlinedTask, Vector, for_pairs};
+use crate::lanes::{Int, Lanes, Mask, Num, OutlinedTask, Vector};
 use crate::program::integrator::{HitFact, HostCall};
 use crate::render::Frame;
 use crate::scene::Material;
@@ -145,27 +145,21 @@ impl<'a, L: Lanes> Surfaces<'a, L> {
             let (origin, direction, t_max) = light.rays(&self.at);
             let radiance = light.radiance.only(light.valid);
             let pdf = Num::select(light.valid, light.pdf, Num::splat(l, 1.0));
-            let results = [origin, direction, light.wi, radiance];
-            let places = [0, 3, 7, 10];
             if same.count() == lanes.count() {
-                for_pairs(&places, &results, |&place, &vector| call.set_vector(place, start, vector));
+                call.set_vector(0, start, origin);
+                call.set_vector(3, start, direction);
                 call.set_number(6, start, t_max);
+                call.set_vector(7, start, light.wi);
+                call.set_vector(10, start, radiance);
                 call.set_number(13, start, pdf);
                 return;
             }
-            let set = |place: usize, number: Num<L>| {
-                let words = number.to_bits().to_array();
-                for lane in same.iter() {
-                    call.set_word(place, start + lane, words[lane]);
-                }
-            };
-            for_pairs(&places, &results, |&place, vector| {
-                set(place, vector.x);
-                set(place + 1, vector.y);
-                set(place + 2, vector.z);
-            });
-            set(6, t_max);
-            set(13, pdf);
+            set_some_vector(call, 0, start, same, origin);
+            set_some_vector(call, 3, start, same, direction);
+            set_some(call, 6, start, same, t_max);
+            set_some_vector(call, 7, start, same, light.wi);
+            set_some_vector(call, 10, start, same, radiance);
+            set_some(call, 13, start, same, pdf);
             left &= !same;
         }
     }
@@ -257,4 +251,26 @@ fn set_ray<L: Lanes>(
 pub(super) fn truth<L: Lanes>(mask: Mask<L>) -> Int<L> {
     let l = mask.lanes();
     Int::select(mask, Int::splat(l, u32::MAX), Int::splat(l, 0))
+}
+
+/// Sets a number that a host function returns, in some lanes.
+#[inline(always)]
+fn set_some<L: Lanes>(call: &HostCall<'_>, place: usize, start: usize, lanes: Mask<L>, number: Num<L>) {
+    let words = number.to_bits().to_array();
+    for lane in lanes.iter() {
+        call.set_word(place, start + lane, words[lane]);
+    }
+}
+
+#[inline(always)]
+fn set_some_vector<L: Lanes>(
+    call: &HostCall<'_>,
+    place: usize,
+    start: usize,
+    lanes: Mask<L>,
+    vector: Vector<L>,
+) {
+    set_some(call, place, start, lanes, vector.x);
+    set_some(call, place + 1, start, lanes, vector.y);
+    set_some(call, place + 2, start, lanes, vector.z);
 }
