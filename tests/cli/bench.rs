@@ -92,6 +92,20 @@ fn the_error_of_pictures_is_measured_beside_their_time() {
 }
 
 #[test]
+fn shaders_are_measured_beside_the_same_in_rust() {
+    let folder = folder();
+    let scene = shipped("cornell.json");
+    let args = ["--size", "16x16", "--spp", "1", "--rounds", "1", "--json", "b.json"];
+    let text = run(folder.path(), &[&["bench", "shaders", &scene][..], &args].concat(), 0);
+    assert!(text.contains("Whitted, WGSL, recursive"), "{text}");
+    let report = json(&folder.path().join("b.json"));
+    let rows = report["rows"].as_array().expect("rows");
+    let frames: Vec<_> = rows.iter().filter_map(|row| row["frame_ratio"].as_f64()).collect();
+    assert!(frames.len() == 17 && frames.iter().all(|&ratio| ratio > 0.0), "{frames:?}");
+    assert_eq!(rows.iter().filter(|row| row["configuration"] == "an operation at 16 points").count(), 7);
+}
+
+#[test]
 fn rays_of_several_scenes_are_measured_each_in_its_order() {
     let folder = folder();
     let scenes = ["terrain:20", "level:3@9,2,9@14,1,5@60", "leaves:30"];

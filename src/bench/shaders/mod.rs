@@ -1,4 +1,5 @@
-//! `raystream bench shaders`: surfaces in WGSL beside the same in Rust, and what an operation costs by block size.
+//! `raystream bench shaders`: surfaces and integrators in WGSL beside the same in Rust, and what an operation costs by
+//! block size.
 
 mod twins;
 
@@ -7,12 +8,13 @@ use super::frame::FrameError;
 use crate::engine::PreparedScene;
 use crate::lanes::SimdLevel;
 use crate::meters::Clock;
+use crate::program::integrator::IntegratorShader;
 use crate::program::{BsdfShader, PatternShader, ShaderError};
-use crate::render::{PathTracer, Settings};
+use crate::render::{HitShading, PathTracer, Settings, WgslShader, Whitted};
 use crate::scene::{
-    BlockColumns, BlockSurface, Camera, CodedSurface, ProceduralSurface, ScatteringSurface, Scene,
+    BlockColumns, BlockSurface, Camera, CodedSurface, ProceduralSurface, ScatteringSurface, Scene, SceneError,
 };
-use crate::schedule::{JobOptions, Service, TaskKind};
+use crate::schedule::{JobOptions, Renderer, Service, TaskKind};
 use serde::Serialize;
 use std::sync::Arc;
 use std::time::Instant;
@@ -20,6 +22,8 @@ use twins::{Dust, Wood};
 
 const WOOD: &str = include_str!("../../../scenes/shaders/wood.wgsl");
 const DUST: &str = include_str!("../../../scenes/shaders/dust.wgsl");
+const WHITTED: &str = include_str!("../../../scenes/shaders/whitted.wgsl");
+const WHITTED_SPLIT: &str = include_str!("../../../scenes/shaders/whitted_split.wgsl");
 
 /// Blocks of hits that are compared.
 const BLOCKS: [usize; 7] = [16, 32, 64, 128, 256, 512, 1024];
@@ -53,10 +57,10 @@ pub struct Row {
     /// Thread time of shade tasks for each ray, in nanoseconds.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub shade_ns_per_ray: Option<Spread>,
-    /// Shading time divided by that of the same surface in Rust lanes.
+    /// Shading time divided by that of the same surface or integrator in Rust lanes.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub shading_ratio: Option<f64>,
-    /// The frame's time divided by that of the same surface in Rust lanes.
+    /// The frame's time divided by that of the same surface or integrator in Rust lanes.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub frame_ratio: Option<f64>,
     /// Clock cycles of an operation at 16 points.
@@ -74,6 +78,9 @@ pub enum ShaderBenchError {
     /// A shader cannot be loaded.
     #[error(transparent)]
     Shader(#[from] ShaderError),
+    /// The scene cannot have the surfaces.
+    #[error(transparent)]
+    Scene(#[from] SceneError),
 }
 
 /// A prepared scene and the service that renders it.
@@ -87,13 +94,28 @@ pub struct Bench<'a> {
     pub options: Options,
 }
 
-/// A surface to be measured: its name, its number of lanes, and the row that it is compared with.
+/// How a frame is shaded.
+enum Shading {
+    /// By the path tracer.
+    Path,
+    /// By Whitted's algorithm in Rust.
+    Whitted,
+    /// By an integrator in WGSL.
+    Wgsl(WgslShader),
+}
+
+/// A surface or an integrator to be measured: its name, its number of lanes, and the row that it is compared with.
 struct Contender {
     configuration: String,
-    scene: Arc<Scene>,
+    prepared: PreparedScene,
+    shading: Shading,
     simd: SimdLevel,
     base: usize,
     block: Option<usize>,
+}
+
+fn wgsl(name: &str, text: &str) -> Result<Shading, ShaderError> {
+    Ok(Shading::Wgsl(IntegratorShader::load(name, text, [])?.into()))
 }
 
 fn wood(natives: bool) -> Result<PatternShader, ShaderError> {
@@ -110,7 +132,7 @@ impl Bench<'_> {
         let mut measured: Vec<Vec<(f64, f64)>> = contenders.iter().map(|_| Vec::new()).collect();
         for round in 0..=self.options.rounds {
             for (contender, measured) in contenders.iter().zip(&mut measured) {
-                let times = self.frame(&contender.scene, contender.simd)?;
+                let times = self.frame(contender)?;
                 // The first round warms caches and allocates streams.
                 if round > 0 {
                     measured.push(times);
@@ -142,26 +164,38 @@ impl Bench<'_> {
         Ok(rows)
     }
 
-    fn contenders(&self) -> Result<Vec<Contender>, ShaderError> {
+    fn contenders(&self) -> Result<Vec<Contender>, ShaderBenchError> {
         let simd = self.options.simd;
         let mut all = Vec::new();
         let mut add = |configuration: &str, surface: CodedSurface, simd, base, block| {
-            let scene = self.scene(surface);
-            all.push(Contender { configuration: configuration.into(), scene, simd, base, block });
+            let prepared = self.prepared.with_scene(self.scene(surface))?;
+            let (configuration, shading) = (configuration.into(), Shading::Path);
+            all.push(Contender { configuration, prepared, shading, simd, base, block });
+            Ok::<_, SceneError>(())
         };
         let rust = || ProceduralSurface::new(Wood { rings: 3.0 });
-        add("wood, Rust in lanes", rust().into(), simd, 0, None);
-        add("wood, Rust in one lane", rust().into(), SimdLevel::Scalar, 0, None);
-        add("wood, WGSL", ProceduralSurface::new(wood(true)?).into(), simd, 0, None);
-        add("wood, WGSL, noise written out", ProceduralSurface::new(wood(false)?).into(), simd, 0, None);
+        add("wood, Rust in lanes", rust().into(), simd, 0, None)?;
+        add("wood, Rust in one lane", rust().into(), SimdLevel::Scalar, 0, None)?;
+        add("wood, WGSL", ProceduralSurface::new(wood(true)?).into(), simd, 0, None)?;
+        add("wood, WGSL, noise written out", ProceduralSurface::new(wood(false)?).into(), simd, 0, None)?;
         let dust = || ScatteringSurface::new(Dust { albedo: 0.9 });
-        add("dust, Rust in lanes", dust().into(), simd, 4, None);
-        add("dust, Rust in one lane", dust().into(), SimdLevel::Scalar, 4, None);
+        add("dust, Rust in lanes", dust().into(), simd, 4, None)?;
+        add("dust, Rust in one lane", dust().into(), SimdLevel::Scalar, 4, None)?;
         let shader = BsdfShader::load("dust.wgsl", DUST, [])?;
-        add("dust, WGSL", ScatteringSurface::new(shader).into(), simd, 4, None);
+        add("dust, WGSL", ScatteringSurface::new(shader).into(), simd, 4, None)?;
         for block in BLOCKS {
             let shader = wood(true)?.with_block(Some(block));
-            add("wood, WGSL, by block", ProceduralSurface::new(shader).into(), simd, 0, Some(block));
+            add("wood, WGSL, by block", ProceduralSurface::new(shader).into(), simd, 0, Some(block))?;
+        }
+        let base = all.len();
+        let whitted = [
+            ("Whitted, Rust in lanes", Shading::Whitted),
+            ("Whitted, WGSL, split by hand", wgsl("whitted_split.wgsl", WHITTED_SPLIT)?),
+            ("Whitted, WGSL, recursive", wgsl("whitted.wgsl", WHITTED)?),
+        ];
+        for (configuration, shading) in whitted {
+            let (configuration, prepared) = (configuration.into(), self.prepared.clone());
+            all.push(Contender { configuration, prepared, shading, simd, base, block: None });
         }
         Ok(all)
     }
@@ -177,12 +211,30 @@ impl Bench<'_> {
     }
 
     /// Seconds of a frame, and nanoseconds of shading for each ray.
-    fn frame(&self, scene: &Arc<Scene>, simd: SimdLevel) -> Result<(f64, f64), FrameError> {
+    fn frame(&self, contender: &Contender) -> Result<(f64, f64), FrameError> {
         let Options { settings, camera, .. } = self.options;
-        let path = PathTracer::new(Arc::clone(scene), &camera, settings, None)?.with_simd(simd);
+        let (lit, simd) = (contender.prepared.lit(), contender.simd);
+        match &contender.shading {
+            Shading::Path => {
+                let path = PathTracer::new(lit, &camera, settings, None)?.with_simd(simd);
+                self.time(contender, path)
+            }
+            Shading::Whitted => self.time(contender, Whitted::new(lit, &camera, settings)?.with_simd(simd)),
+            Shading::Wgsl(shader) => {
+                let integrator = HitShading::of(shader.clone(), lit, &camera, settings)?;
+                self.time(contender, integrator.with_simd(simd))
+            }
+        }
+    }
+
+    fn time(
+        &self,
+        contender: &Contender,
+        renderer: impl Renderer + 'static,
+    ) -> Result<(f64, f64), FrameError> {
         let options = JobOptions { timeline: true, ..JobOptions::default() };
         let started = Instant::now();
-        let report = self.service.submit(Arc::new(path), self.prepared.tracers.clone(), options)?.wait();
+        let report = contender.prepared.submit(self.service, Arc::new(renderer), options)?.wait();
         let seconds = started.elapsed().as_secs_f64();
         let report = report.map_err(|error| FrameError::Job { configuration: "a frame", error })?;
         let shading = report.timeline.iter().filter(|task| task.kind == TaskKind::Shade);

@@ -311,6 +311,9 @@ impl Renderer {
             return;
         }
         (self.begun_version, self.is_full) = (self.version, !is_new);
+        if !is_new {
+            self.resolution = self.resolution.rested();
+        }
         match self.frame(is_new) {
             Ok(frame) => {
                 let (generation, since, began) = (self.generation, self.changed_at, Instant::now());
@@ -394,10 +397,11 @@ impl Renderer {
         }
         let flags = FrameFlags { moving: is_moving, last: !is_moving && is_complete };
         let dropped = frame.picture().dropped_splats();
-        let (generation, since, took) = (*generation, *since, now - *began);
+        let (generation, since, began) = (*generation, *since, *began);
         self.encoder.show(Shown { picture, generation, since, flags, spp: spp.round() as u32 });
         if is_moving {
-            self.resolution = self.resolution.after(took);
+            // The picture's film is developed by this thread, before it begins the next frame.
+            self.resolution = self.resolution.after(began.elapsed());
             self.rate.count(now);
         }
         if is_complete {

@@ -2,11 +2,12 @@
 
 use std::time::Duration;
 
-/// The most time that a moving frame should take: 10 frames a second.
-const MOST: Duration = Duration::from_millis(100);
+/// The time that is aimed at, until the picture is handed to the encoder. What is left of a tenth of a second is for the
+/// encoder, which runs beside the next frame, and for what varies between frames.
+const AIM: Duration = Duration::from_millis(55);
 
-/// The time that is aimed at. The rest of [`MOST`] is for the view transform, encoding and what varies between frames.
-const AIM: Duration = Duration::from_millis(70);
+/// The time that is aimed at for the first frame after a rest: the view is to react at once.
+const FIRST_AIM: Duration = Duration::from_millis(20);
 
 /// The least share of width and height.
 const LEAST_SHARE: f64 = 0.25;
@@ -22,7 +23,7 @@ const TOLERANCE: f64 = 1.2;
 /// leads to the next value.
 ///
 /// The time of a frame is taken as proportional to its number of pixels. A frame that took too long lowers the share at
-/// once; one that was quick raises it by steps.
+/// once; one that was quick raises it by steps. The first frame after a rest has a smaller share than those that follow.
 ///
 /// ```
 /// use raystream::serve::live::Resolution;
@@ -37,34 +38,49 @@ const TOLERANCE: f64 = 1.2;
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Resolution {
-    share: f64,
+    /// The share of frames that follow each other.
+    flowing: f64,
+    /// Whether the next frame is the first after a rest.
+    is_first: bool,
 }
 
 impl Default for Resolution {
     /// The smallest frames.
     fn default() -> Self {
-        Self { share: LEAST_SHARE }
+        Self { flowing: LEAST_SHARE, is_first: true }
     }
 }
 
 impl Resolution {
-    /// Share of the full width and height, 0.25 to 1.
+    /// Share of the full width and height of the next moving frame, 0.25 to 1.
     pub fn share(self) -> f64 {
-        self.share
+        if self.is_first { (self.flowing * first_factor()).max(LEAST_SHARE) } else { self.flowing }
+    }
+
+    /// The resolution when the camera has come to rest.
+    pub fn rested(self) -> Self {
+        Self { is_first: true, ..self }
     }
 
     /// Width and height of the next moving frame of a picture of this size: at least a quarter of it, at least 1.
     pub fn size(self, full: [u32; 2]) -> [u32; 2] {
-        full.map(|side| ((f64::from(side) * self.share).ceil() as u32).clamp(1, side.max(1)))
+        full.map(|side| ((f64::from(side) * self.share()).ceil() as u32).clamp(1, side.max(1)))
     }
 
     /// The resolution after a frame of this one that took `time`.
     pub fn after(self, time: Duration) -> Self {
-        let ratio = AIM.as_secs_f64() / time.as_secs_f64().max(1e-6);
-        let is_close = (1.0 / TOLERANCE..=TOLERANCE).contains(&ratio) && time <= MOST;
+        // The time that a frame after it would have taken.
+        let flowing_s = time.as_secs_f64() * (self.flowing / self.share()).powi(2);
+        let ratio = AIM.as_secs_f64() / flowing_s.max(1e-6);
+        let is_close = (1.0 / TOLERANCE..=TOLERANCE).contains(&ratio);
         let change = if is_close { 1.0 } else { ratio.sqrt().min(GROWTH) };
-        Self { share: (self.share * change).clamp(LEAST_SHARE, 1.0) }
+        Self { flowing: (self.flowing * change).clamp(LEAST_SHARE, 1.0), is_first: false }
     }
+}
+
+/// The share of a first frame, divided by that of the frames that follow.
+fn first_factor() -> f64 {
+    (FIRST_AIM.as_secs_f64() / AIM.as_secs_f64()).sqrt()
 }
 
 #[cfg(test)]
@@ -85,9 +101,9 @@ mod tests {
     fn frames_take_at_most_a_tenth_of_a_second_where_that_is_possible() {
         for full_s in [0.01, 0.05, 0.08, 0.2, 0.5, 1.0, 1.5] {
             let (resolution, frame_s) = after_many(full_s);
-            assert!(frame_s <= MOST.as_secs_f64(), "{full_s} s: {resolution:?} takes {frame_s} s");
+            assert!(frame_s <= 0.1, "{full_s} s: {resolution:?} takes {frame_s} s");
             assert!(
-                frame_s > 0.05 || resolution.share() == 1.0,
+                frame_s > 0.04 || resolution.share() == 1.0,
                 "{full_s} s: {resolution:?} could be sharper"
             );
         }
@@ -106,7 +122,8 @@ mod tests {
     #[test]
     fn one_slow_frame_lowers_the_share_at_once() {
         let (quick, _) = after_many(0.05);
-        let slower = quick.after(Duration::from_millis(280));
+        assert_eq!(quick.share(), 1.0);
+        let slower = quick.after(4 * AIM);
         assert_eq!(slower.share(), 0.5);
     }
 
@@ -114,8 +131,24 @@ mod tests {
     fn a_share_near_the_aim_does_not_change() {
         let (resolution, frame_s) = after_many(0.5);
         for factor in [0.9, 1.0, 1.1] {
-            assert_eq!(resolution.after(Duration::from_secs_f64(0.07 * factor)), resolution, "{frame_s} s");
+            assert_eq!(resolution.after(AIM.mul_f64(factor)), resolution, "{frame_s} s");
         }
+    }
+
+    #[test]
+    fn the_first_frame_after_a_rest_is_quick_and_changes_what_follows_by_little() {
+        for full_s in [0.08, 0.2, 0.25] {
+            let (resolution, _) = after_many(full_s);
+            let first = resolution.rested();
+            let first_s = full_s * first.share() * first.share();
+            assert!(first_s <= 0.03, "{full_s} s: the first frame takes {first_s} s");
+            let next = first.after(Duration::from_secs_f64(first_s));
+            assert!(
+                (next.share() / resolution.share() - 1.0).abs() < 1e-9,
+                "{full_s} s: {resolution:?}, {next:?}"
+            );
+        }
+        assert_eq!(after_many(60.0).0.rested().share(), LEAST_SHARE);
     }
 
     #[test]
