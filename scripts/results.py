@@ -6,7 +6,7 @@
 The page has a line `<!-- begin: NAME -->` and a line `<!-- end: NAME -->`; what stands between them is replaced by the
 command, the machine and the table. NAME's first word says which table: `rays` (`rays query`, `rays service` for these
 two), `contenders`, `threads`, `small`, `build`, `ladder`, `frame`, `tail`, `textures`, `shaders`, `adaptive`, `noise`,
-`profiles`, `schedule`, `latency`, `rtrt` or `service`; further words only distinguish two blocks of a page. Tables over
+`profiles`, `schedule`, `latency`, `rtrt`, `live` or `service`; further words only distinguish two blocks of a page. Tables over
 scenes take files of one machine and one build, with one scene or several in each. A scene is called what its file is
 called, or LABEL where there is one in the file.
 
@@ -102,6 +102,15 @@ PLAIN = {
         ("best", "overhead_ns.best", 1, "{:.0f}"),
         ("worst", "overhead_ns.worst", 1, "{:.0f}"),
         ("threads busy", "busy_share.median", 100, "{:.1f} %"),
+    ],
+    "live": [
+        ("scene", "label", None, "{}"),
+        ("first frame, ms", "first_ms.median", 1, "{:.0f}"),
+        ("at worst", "first_ms.worst", 1, "{:.0f}"),
+        ("frames/s, moving", "frames_per_s", 1, "{:.1f}"),
+        ("share of width", "share", 100, "{:.0f} %"),
+        ("s to all samples", "full_s.median", 1, "{:.2f}"),
+        ("at worst", "full_s.worst", 1, "{:.2f}"),
     ],
     "profiles": [
         ("raystream", "label", None, "{}"),
@@ -392,7 +401,7 @@ def read(argument):
     if label and len({row.get("scene") for row in sheet["rows"]}) > 1:
         sys.exit(f"{path} has several scenes, for which {label!r} is one name")
     for row in sheet["rows"]:
-        row["label"] = label or re.sub(r"\.(json|obj|gltf|glb|ply)$", "", row.get("scene", ""))
+        row["label"] = label or re.sub(r"\.(json|obj|gltf|glb|ply|stl|off)$", "", row.get("scene", ""))
     return sheet
 
 

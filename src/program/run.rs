@@ -9,7 +9,7 @@ use std::cell::Cell;
 
 /// The points of a block, as `raystream bench shaders` finds best: a program's columns then fit the nearest cache, and
 /// the cost of choosing operations is shared by many points.
-pub const BLOCK: usize = 128;
+pub const BLOCK: usize = 256;
 
 /// The most operations that a block may compute. A loop that takes more is taken to be endless.
 const BUDGET: u64 = 1 << 24;

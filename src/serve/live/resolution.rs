@@ -7,7 +7,7 @@ use std::time::Duration;
 const AIM: Duration = Duration::from_millis(55);
 
 /// The time that is aimed at for the first frame after a rest: the view is to react at once.
-const FIRST_AIM: Duration = Duration::from_millis(20);
+const FIRST_AIM: Duration = Duration::from_millis(14);
 
 /// The least share of width and height.
 const LEAST_SHARE: f64 = 0.25;
