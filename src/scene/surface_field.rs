@@ -19,6 +19,7 @@ pub enum FieldType {
 
 impl FieldType {
     /// Numbers that a value consists of.
+    #[inline]
     pub const fn numbers(self) -> usize {
         match self {
             Self::Bool | Self::U32 | Self::F32 => 1,

@@ -2,10 +2,13 @@
 
 use super::{Frame, LiveView, MaterialEdit, PictureFile, Pose, Reply, Request, Stage, State};
 use crate::engine::{PreparedScene, Units};
+use crate::film::tev::Tev;
 use crate::render::Settings;
 use crate::scene::recipe::Recipe;
 use crate::schedule::{Service, ServiceOptions};
 use glam::Vec3;
+use std::io::Read;
+use std::net::TcpListener;
 use std::sync::mpsc::{Receiver, channel};
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
@@ -40,8 +43,12 @@ struct Client {
 
 impl Client {
     fn new(spp: u32) -> Self {
+        Self::of(stage(spp))
+    }
+
+    fn of(stage: Stage) -> Self {
         let (wake, woken) = channel();
-        let view = LiveView::new(stage(spp), move || {
+        let view = LiveView::new(stage, move || {
             wake.send(()).ok();
         })
         .expect("threads");
@@ -223,4 +230,28 @@ fn poses_without_a_view_are_refused_and_nothing_changes() {
     client.reply("a refusal", |reply| matches!(reply, Reply::Refused { .. }).then_some(()));
     client.look_from(2, Vec3::new(0.0, 3.0, 3.0));
     client.last(2);
+}
+
+#[test]
+fn another_viewer_is_shown_the_picture_while_the_camera_rests() {
+    let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
+    let tev = Tev::new(listener.local_addr().expect("an address").to_string()).expect("a thread");
+    let mut client = Client::of(stage(4).with_viewer(Some(Arc::new(tev))));
+    client.last(0);
+    let (mut connection, _) = listener.accept().expect("a connection");
+    connection.set_read_timeout(Some(PATIENCE)).expect("a time");
+    // Messages begin with their length, which contains these four bytes, and their kind. The first one opens an image.
+    let mut message = || {
+        let mut length = [0; 4];
+        connection.read_exact(&mut length).expect("a length");
+        let mut rest = vec![0; u32::from_le_bytes(length) as usize - 4];
+        connection.read_exact(&mut rest).expect("a message");
+        rest
+    };
+    let opened = message();
+    let name = b"live view of sphere\0";
+    assert!(opened.windows(name.len()).any(|part| part == name), "{opened:?}");
+    let updated = message();
+    let numbers = 4 * 64 * 36;
+    assert!(updated.len() >= numbers && updated[updated.len() - numbers..].iter().any(|&byte| byte != 0));
 }
