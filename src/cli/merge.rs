@@ -81,7 +81,10 @@ pub fn run(args: &MergeArgs) -> Result<Outcome> {
 
 /// Refuses files that cannot be written or would overwrite others.
 fn check_files(args: &MergeArgs) -> Result<Outputs> {
-    args.picture_path().map_or(Ok(()), |path| Format::of(path).map(drop))?;
+    if let Some(path) = args.picture_path() {
+        Format::of(path)?;
+        args.picture.check(path)?;
+    }
     let outputs = [
         ("-o", args.picture_path()),
         ("--partial", args.partial.as_deref()),

@@ -96,3 +96,47 @@ fn layers_that_cannot_be_made_are_refused() {
         assert!(!folder.path().join("a.npy").exists(), "{more:?} left a file");
     }
 }
+
+#[test]
+fn layers_may_be_png_files() {
+    let folder = folder();
+    let path = |name: &str| folder.path().join(name);
+    let scene = shipped("cornell.json");
+    let render = |more: &[&str], code: i32| {
+        let mut args = vec!["render", &*scene, "--size", "40x30", "--spp", "2", "--aov"];
+        args.extend(["depth,normal,object,uv,crypto-object", "--aov-format", "png"]);
+        args.extend(more);
+        run(folder.path(), &args, code)
+    };
+    render(&["-o", "a.png", "--stats", "s.json", "--partial", "p.rayfilm"], 0);
+    for name in ["a.png", "a.depth.png", "a.normal.png", "a.object.png", "a.uv.npy", "a.crypto-object.npy"] {
+        assert!(path(name).exists(), "{name}");
+    }
+    assert!(path("a.ids.json").exists() && !path("a.depth.npy").exists());
+    // Distances are those of the array, to half a step.
+    let plain = ["render", &*scene, "--size", "40x30", "--spp", "2", "--aov", "depth", "-o", "b.png"];
+    run(folder.path(), &plain, 0);
+    let depths: Vec<f32> = npy(&path("b.depth.npy"));
+    let image = image::open(path("a.depth.png")).expect("a PNG file").into_luma16();
+    let furthest = depths.iter().copied().filter(|depth| depth.is_finite()).fold(0.0, f32::max);
+    let greatest = image.pixels().map(|pixel| pixel.0[0]).max().expect("pixels");
+    assert!(greatest > 26_000, "2 and 5 times a power of ten lose at most a factor of 2.5: {greatest}");
+    let unit = furthest / f32::from(greatest);
+    for (pixel, depth) in image.pixels().zip(depths) {
+        let stored = f32::from(pixel.0[0]);
+        assert!(
+            if depth.is_finite() { (stored * unit - depth).abs() < unit } else { stored == 0.0 },
+            "{depth}"
+        );
+    }
+    run(folder.path(), &["merge", "p.rayfilm", "-o", "m.png", "--aov-format", "png"], 0);
+    for layer in ["depth", "object"] {
+        let [one, other] =
+            ["a", "m"].map(|name| image::open(path(&format!("{name}.{layer}.png"))).expect("PNG"));
+        assert!(one == other, "{layer}");
+    }
+    let printed = render(&["-o", "a.exr"], 2);
+    assert!(printed.contains("a.exr holds its layers itself"), "{printed}");
+    let printed = render(&["-o", "c.png", "--stats", "c.depth.png"], 2);
+    assert!(printed.contains("c.depth.png"), "{printed}");
+}

@@ -146,3 +146,21 @@ class PictureFiles(raystream.Case):
         bgra = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
         self.assertEqual(bgra.dtype, np.uint16)
         self.assertTrue(np.array_equal(bgra[..., 3], np.round(arrays["alpha"] * 65535)))
+
+    def test_layers_as_png(self):
+        layers = "depth,normal,object,albedo"
+        self.render("a.png", "--aov", layers, "--aov-format", "png", "--png-bits", "16")
+        arrays = np.load(self.render("b.npz", "--aov", layers))
+        path = self.folder / "a.depth.png"
+        with PIL.Image.open(path) as png:
+            unit = float(png.text["raystream/unit"])
+        stored = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+        self.assertEqual(stored.dtype, np.uint16)
+        hit = np.isfinite(arrays["depth"])
+        self.assertTrue((stored[~hit] == 0).all())
+        self.assertLessEqual(np.abs(stored[hit] * unit - arrays["depth"][hit]).max(), 0.501 * unit)
+        normal = cv2.imread(str(self.folder / "a.normal.png"), cv2.IMREAD_UNCHANGED)[..., ::-1]
+        self.assertLess(np.abs(normal / 65535.0 * 2 - 1 - arrays["normal"]).max(), 2e-5)
+        ids = cv2.imread(str(self.folder / "a.object.png"), cv2.IMREAD_UNCHANGED)[..., ::-1].astype(np.uint32)
+        ids = ids[..., 0] + 256 * ids[..., 1] + 65536 * ids[..., 2]
+        self.assertTrue(np.array_equal(np.where(ids == 16777215, 4294967295, ids), arrays["object"]))

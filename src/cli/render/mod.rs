@@ -68,6 +68,7 @@ fn render(args: &RenderArgs, registry: &Registry, progress: &mut Progress) -> Re
         if let Some(animation) = &animation {
             check_files(args, &animation.files())?.check_files_of(scene)?;
         }
+        args.picture.check_ids(&args.aovs(), scene.mesh.triangles.len() as u64)?;
         args.light.apply_environment(scene, &args.loading.options())
     })?;
     let scene = setup.prepared.scene.clone();
@@ -223,7 +224,9 @@ fn check_files(args: &RenderArgs, pictures: &[PathBuf]) -> Result<Outputs> {
     let aovs = args.aovs();
     let mut files = Vec::new();
     for picture in pictures {
-        files.extend(picture_files(picture, aovs.iter().map(Aov::name), aovs.is_transparent())?);
+        args.picture.check(picture)?;
+        let layers = aovs.iter().map(Aov::name);
+        files.extend(picture_files(picture, layers, aovs.is_transparent(), &args.picture.options())?);
     }
     let pictures = files.iter().map(|file| ("-o", Some(&**file)));
     let others = [

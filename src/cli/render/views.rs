@@ -232,7 +232,11 @@ pub fn write_transforms(args: &RenderArgs, animation: &Animation, frames: &[Fram
         // Without negative zeros.
         let matrix = camera.to_world()?.transpose().to_cols_array_2d().map(|row| row.map(|x| x + 0.0));
         entry["file_path"] = json!(file_name(&file));
-        if let [_, depth, ..] = &picture_files(&file, [Aov::Z.name()], false)?[..] {
+        // Programs that read this file know one unit of depths for all frames.
+        let files = picture_files(&file, [Aov::Z.name()], false, &args.picture.options())?;
+        if let Some(depth) =
+            files.get(1).filter(|file| file.extension().is_some_and(|format| format == "npy"))
+        {
             entry["depth_file_path"] = json!(file_name(depth));
         }
         entry["transform_matrix"] = json!(matrix);

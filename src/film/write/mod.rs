@@ -4,6 +4,7 @@ mod beside;
 mod cryptomatte;
 mod exr;
 mod header;
+mod layer_png;
 mod metadata;
 mod npz;
 mod options;
@@ -12,7 +13,7 @@ mod png;
 mod tests;
 
 pub use beside::picture_files;
-pub use options::{ExrCompression, PngBits, WriteOptions};
+pub use options::{ExrCompression, LayerFormat, PngBits, WriteOptions};
 
 use super::{Image, Look, Picture};
 use crate::files::{self, NotWritten};
@@ -69,8 +70,8 @@ impl Format {
         }
     }
 
-    /// Whether one file holds all layers.
-    fn holds_layers(self) -> bool {
+    /// Whether the picture's own file holds all layers.
+    pub fn holds_layers(self) -> bool {
         matches!(self, Self::Exr | Self::Npz)
     }
 }
@@ -86,7 +87,8 @@ pub fn write_image(path: impl AsRef<Path>, image: &Image, look: &Look) -> Result
 }
 
 /// Writes a picture, its alpha, layers and metadata in the format of the file name's extension. `look` applies to
-/// `.png` only; the other formats store radiance unchanged. [`picture_files`] tells which files are written.
+/// `.png` only, and to emission as [`LayerFormat::Png`]; the other formats store radiance unchanged. [`picture_files`]
+/// tells which files are written.
 ///
 /// ```no_run
 /// use raystream::film::{Image, Look, Picture, WriteOptions, write_picture};
@@ -112,7 +114,7 @@ pub fn write_picture(
     let path = path.as_ref();
     let format = Format::of(path)?;
     if !format.holds_layers() {
-        beside::write_beside(path, picture)?;
+        beside::write_beside(path, picture, look, options)?;
     }
     Ok(files::write(path, |file| match format {
         Format::Png => png::write(file, picture, look, options.png_bits),

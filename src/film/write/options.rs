@@ -1,5 +1,7 @@
 //! How pictures are encoded.
 
+use super::layer_png;
+
 /// How pictures are encoded, besides their look.
 ///
 /// ```
@@ -11,6 +13,7 @@ pub struct WriteOptions {
     pub(super) png_bits: PngBits,
     pub(super) exr_compression: ExrCompression,
     pub(super) exr_half: bool,
+    pub(super) layer_format: LayerFormat,
 }
 
 impl WriteOptions {
@@ -28,6 +31,44 @@ impl WriteOptions {
     /// positions, texture coordinates and Cryptomatte stay 32-bit floats, and ids stay 32-bit integers.
     pub const fn with_exr_half(self, exr_half: bool) -> Self {
         Self { exr_half, ..self }
+    }
+
+    /// The same with layers beside a `.png`, `.hdr` or `.npy` in this format.
+    pub const fn with_layer_format(self, layer_format: LayerFormat) -> Self {
+        Self { layer_format, ..self }
+    }
+}
+
+/// Files of layers beside pictures that have no room for them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum LayerFormat {
+    /// NumPy: every value as it is.
+    #[default]
+    Npy,
+    /// PNG, for image viewers and programs that read no other files; see `docs/guide/picture-files.md`. Positions,
+    /// texture coordinates, variances and coverage are written as [`LayerFormat::Npy`].
+    Png,
+}
+
+impl LayerFormat {
+    /// All formats.
+    pub const ALL: [Self; 2] = [Self::Npy, Self::Png];
+
+    /// The greatest id that a PNG file holds. Greater ones are errors of [`super::write_picture`].
+    pub const GREATEST_PNG_ID: u32 = 0x00ff_fffe;
+
+    /// The name that arguments use.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Npy => "npy",
+            Self::Png => "png",
+        }
+    }
+
+    /// The format of the layer of this name.
+    pub(super) fn of(self, layer: &str) -> Self {
+        if layer_png::holds(layer) { self } else { Self::Npy }
     }
 }
 

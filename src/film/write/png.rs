@@ -3,21 +3,35 @@
 use super::super::{Exposure, Image, Look, Picture};
 use super::PngBits;
 use super::metadata::{SOFTWARE, name_in_file};
+use png::ColorType;
 use std::borrow::Cow;
+use std::collections::BTreeMap;
 use std::io::{self, Write};
 
 /// Writes a picture. Colours of a pixel with alpha are divided by it before they are shown, since PNG's alpha is
 /// straight.
 pub fn write(file: impl Write, picture: &Picture, look: &Look, bits: PngBits) -> io::Result<()> {
-    let Image { width, height, .. } = picture.image;
+    let colour = if picture.alpha.is_some() { ColorType::Rgba } else { ColorType::Rgb };
+    encode(file, &picture.image, colour, bits, &picture.metadata, &samples(picture, look, bits))
+}
+
+/// Writes the channels of all pixels in a file of the image's size, with facts by name.
+pub fn encode(
+    file: impl Write,
+    &Image { width, height, .. }: &Image,
+    colour: ColorType,
+    bits: PngBits,
+    facts: &BTreeMap<String, String>,
+    channels: &[u8],
+) -> io::Result<()> {
     let mut encoder = png::Encoder::new(file, width, height);
-    encoder.set_color(if picture.alpha.is_some() { png::ColorType::Rgba } else { png::ColorType::Rgb });
+    encoder.set_color(colour);
     encoder.set_depth(match bits {
         PngBits::Eight => png::BitDepth::Eight,
         PngBits::Sixteen => png::BitDepth::Sixteen,
     });
     encoder.add_text_chunk("Software".into(), SOFTWARE.into())?;
-    for (name, text) in &picture.metadata {
+    for (name, text) in facts {
         // A tEXt chunk holds Latin-1.
         match text.is_ascii() {
             true => encoder.add_text_chunk(name_in_file(name), text.clone())?,
@@ -25,21 +39,17 @@ pub fn write(file: impl Write, picture: &Picture, look: &Look, bits: PngBits) ->
         }
     }
     let mut writer = encoder.write_header()?;
-    writer.write_image_data(&samples(picture, look, bits))?;
+    writer.write_image_data(channels)?;
     Ok(writer.finish()?)
 }
 
 /// The channels of all pixels as PNG stores them.
 pub fn samples(picture: &Picture, look: &Look, bits: PngBits) -> Vec<u8> {
-    // Automatic exposure looks at the picture as it is.
-    let look = look.with_exposure(Exposure::Stops(look.stops(&picture.image)));
+    let look = measured(look, &picture.image);
     let straight = straight(picture);
     let mut colours = look.encode(&straight);
     let mut bytes = Vec::new();
-    let mut push = |value: f32| match bits {
-        PngBits::Eight => bytes.push((value * 255.0 + 0.5) as u8),
-        PngBits::Sixteen => bytes.extend(((value * 65535.0 + 0.5) as u16).to_be_bytes()),
-    };
+    let mut push = |value| push(&mut bytes, value, bits);
     for pixel in 0..straight.pixels.len() {
         colours.by_ref().take(3).for_each(&mut push);
         if let Some(alpha) = &picture.alpha {
@@ -47,6 +57,19 @@ pub fn samples(picture: &Picture, look: &Look, bits: PngBits) -> Vec<u8> {
         }
     }
     bytes
+}
+
+/// The look with the exposure that it gives to this image: automatic exposure looks at the picture as it is.
+pub fn measured(look: &Look, image: &Image) -> Look {
+    look.with_exposure(Exposure::Stops(look.stops(image)))
+}
+
+/// Appends a channel of 0..=1.
+pub fn push(bytes: &mut Vec<u8>, value: f32, bits: PngBits) {
+    match bits {
+        PngBits::Eight => bytes.push((value * 255.0 + 0.5) as u8),
+        PngBits::Sixteen => bytes.extend(((value * 65535.0 + 0.5) as u16).to_be_bytes()),
+    }
 }
 
 /// The image, not premultiplied by its alpha.

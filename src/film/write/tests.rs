@@ -4,6 +4,7 @@ use super::super::{Coverage, Exposure, Layer, LayerValues, View};
 use super::*;
 use ::exr::meta::attribute::AttributeValue;
 use ::exr::prelude::{FlatSamples, Text};
+use std::collections::BTreeMap;
 
 fn image() -> Image {
     let pixels = (0..12).map(|i| [i as f32 / 8.0, 0.5, 0.02 * i as f32]).collect();
@@ -194,7 +195,8 @@ fn layers_lie_beside_pictures_without_room() {
     {
         let folder = tempfile::tempdir().expect("folder");
         write_to(folder.path(), name, &picture, WriteOptions::default());
-        let mut planned = picture_files(&folder.path().join(name), layers(), true).expect("a format");
+        let mut planned = picture_files(&folder.path().join(name), layers(), true, &WriteOptions::default())
+            .expect("a format");
         let there =
             std::fs::read_dir(folder.path()).expect("folder").map(|entry| entry.expect("entry").path());
         let mut there: Vec<_> = there.collect();
@@ -260,7 +262,7 @@ fn failed_writes_return_errors() {
         write_image(Path::new("a.gif"), &image(), &Look::default()),
         Err(WriteError::Format { .. })
     ));
-    assert!(picture_files(Path::new("a.gif"), ["depth"], false).is_err());
+    assert!(picture_files(Path::new("a.gif"), ["depth"], false, &WriteOptions::default()).is_err());
 }
 
 /// No picture without the layers that belong to it.
@@ -272,4 +274,100 @@ fn the_picture_is_written_last() {
     let failure = write_picture(&path, &picture(), &Look::default(), &WriteOptions::default());
     assert!(failure.expect_err("a folder has the name").to_string().contains("a.normal.npy"));
     assert!(!path.exists());
+}
+
+/// The size, bytes and texts of a PNG file.
+fn read_png(path: &Path) -> (::png::OutputInfo, Vec<u8>, BTreeMap<String, String>) {
+    let file = std::io::BufReader::new(std::fs::File::open(path).expect("a file"));
+    let mut reader = ::png::Decoder::new(file).read_info().expect("a PNG file");
+    let mut bytes = vec![0; reader.output_buffer_size().expect("a small picture")];
+    let info = reader.next_frame(&mut bytes).expect("its rows");
+    let texts = &reader.info().uncompressed_latin1_text;
+    (info, bytes, texts.iter().map(|text| (text.keyword.clone(), text.text.clone())).collect())
+}
+
+/// A layer of numbers with as many channels as letters.
+fn numbers(name: &'static str, channels: &'static [&'static str], values: &[f32]) -> Layer {
+    Layer::new(name, LayerValues::Floats { channels, values: values.to_vec() })
+}
+
+#[test]
+fn layers_become_png_files() {
+    const RGB: &[&str] = &["R", "G", "B"];
+    let folder = tempfile::tempdir().expect("folder");
+    let mut picture = Picture::new(Image::new(2, 1, vec![[0.25; 3]; 2]));
+    picture.metadata.insert("spp".into(), "12".into());
+    picture.alpha = Some(vec![1.0, 0.25]);
+    let ids = LayerValues::Ids { ids: vec![0x0003_0201, LayerValues::NO_ID], names: Vec::new() };
+    picture.layers = vec![
+        numbers("depth", &["Z"], &[12.0, f32::INFINITY]),
+        numbers("z", &["Z"], &[1e-9, 65_535.0]),
+        numbers("normal", &["X", "Y", "Z"], &[-1.0, 1.0, 0.0, 0.0, 0.0, 0.0]),
+        numbers("albedo", RGB, &[0.214_041_14, 0.0, 1.0, 2.0, f32::NAN, 0.0]),
+        numbers("emission", RGB, &[0.25, 0.25, 0.25, 0.0, 0.0, 0.0]),
+        numbers("samples", &["Y"], &[12.0, 70_000.0]),
+        numbers("uv", &["U", "V"], &[0.0; 4]),
+        Layer::new("primitive", ids),
+    ];
+    let look = Look::default().with_exposure(Exposure::Auto);
+    let options = WriteOptions::default().with_layer_format(LayerFormat::Png).with_png_bits(PngBits::Sixteen);
+    let path = folder.path().join("a.hdr");
+    write_picture(&path, &picture, &look, &options).expect("files");
+    let mut planned = picture_files(&path, picture.layers.iter().map(|layer| layer.name), true, &options)
+        .expect("a format");
+    let mut there: Vec<_> =
+        std::fs::read_dir(folder.path()).expect("folder").map(|entry| entry.expect("entry").path()).collect();
+    planned.sort();
+    there.sort();
+    assert_eq!(planned, there);
+    assert!(there.contains(&folder.path().join("a.uv.npy")), "texture coordinates have no bounds");
+    let read = |layer: &str| read_png(&folder.path().join(format!("a.{layer}.png")));
+    let words = |layer: &str| {
+        let (info, bytes, _) = read(layer);
+        assert_eq!((info.width, info.height, info.bit_depth), (2, 1, ::png::BitDepth::Sixteen), "{layer}");
+        bytes.as_chunks().0.iter().map(|word| u16::from_be_bytes(*word)).collect::<Vec<_>>()
+    };
+    // 12 units take 60000 steps of 0.0002.
+    assert_eq!((words("depth"), &*read("depth").2["raystream/unit"]), (vec![60_000, 0], "0.0002"));
+    assert_eq!((words("z"), &*read("z").2["raystream/unit"]), (vec![1, 65_535], "1"));
+    assert_eq!(words("normal"), [0, 65_535, 32_768, 32_768, 32_768, 32_768]);
+    assert_eq!(words("albedo"), [32_768, 0, 65_535, 65_535, 0, 0]);
+    assert_eq!(words("samples"), [12, 65_535]);
+    assert_eq!(words("alpha"), [65_535, 16_384]);
+    let (info, bytes, texts) = read("primitive");
+    assert_eq!((info.color_type, info.bit_depth), (::png::ColorType::Rgb, ::png::BitDepth::Eight));
+    assert_eq!(bytes, [1, 2, 3, 255, 255, 255]);
+    assert_eq!((&*texts["raystream/layer"], &*texts["raystream/spp"]), ("primitive", "12"));
+    // Emission has the exposure of the picture, as what it is part of.
+    write_picture(folder.path().join("b.png"), &Picture { alpha: None, ..picture.clone() }, &look, &options)
+        .expect("files");
+    let (_, shown, _) = read_png(&folder.path().join("b.png"));
+    assert_eq!(read_png(&folder.path().join("b.emission.png")).1[..6], shown[..6]);
+    let eight = options.with_png_bits(PngBits::Eight);
+    write_picture(&path, &picture, &look, &eight).expect("files");
+    assert_eq!(read("normal").1, [0, 255, 128, 128, 128, 128]);
+    assert_eq!(words("depth"), [60_000, 0], "depths have 16 bits always");
+}
+
+#[test]
+fn layers_that_png_files_cannot_hold_are_refused() {
+    let folder = tempfile::tempdir().expect("folder");
+    let refused = |layer: Layer| {
+        let mut picture = Picture::new(Image::new(1, 1, vec![[0.0; 3]]));
+        picture.layers = vec![layer];
+        let options = WriteOptions::default().with_layer_format(LayerFormat::Png);
+        let path = folder.path().join("a.png");
+        let error = write_picture(&path, &picture, &Look::default(), &options).expect_err("no such file");
+        assert!(!path.exists());
+        error.to_string()
+    };
+    let ids = |id| LayerValues::Ids { ids: vec![id], names: Vec::new() };
+    let text = refused(Layer::new("object", ids(LayerFormat::GREATEST_PNG_ID + 1)));
+    assert!(text.contains("a.object.png") && text.contains("the id 16777215"), "{text}");
+    for layer in
+        [Layer::new("depth", ids(1)), numbers("object", &["Y"], &[1.0]), numbers("normal", &["X"], &[1.0])]
+    {
+        let text = refused(layer);
+        assert!(text.contains("values of another kind"), "{text}");
+    }
 }
