@@ -43,6 +43,8 @@ fn numbers_out_of_range_are_refused_wherever_they_are() {
         (r#""anisotropy": 9"#, "anisotropy is 9"),
         (r#""film": { "nanometres": 1e6, "ior": 2 }"#, "nanometres is 1000000"),
         (r#""mirror": true, "roughness": -3"#, "roughness is -3"),
+        (r#""ior": 1.5, "dispersion": 21"#, "dispersion is 21"),
+        (r#""diffuse_transmission": { "share": -0.1 }"#, "share of diffuse_transmission is -0.1"),
     ] {
         let material = format!(r#", "b": {{ "colour": [1,1,1], {field} }}"#);
         assert_holds(&message(&recipe(&material, FLOOR, "")), &["material \"b\"", part]);
@@ -84,7 +86,14 @@ fn fields_without_effect_are_warned_of() {
         &scene(r#""ior": 1.5, "sheen": { "colour": [1,1,1], "roughness": 1 }"#),
         &["sheen", "glass"]
     ));
-    assert_eq!(scene(r#""metallic": 1, "clearcoat": 1, "roughness": 0.1"#).warnings, [""; 0]);
+    assert!(warns(&scene(r#""roughness": 0.5, "dispersion": 1"#), &["dispersion has", "without ior"]));
+    let leaf = r#""diffuse_transmission": { "share": 0.5 }"#;
+    assert!(warns(&scene(&format!(r#"{leaf}, "ior": 1.5"#)), &["diffuse_transmission", "glass"]));
+    for fields in
+        [r#""metallic": 1, "clearcoat": 1, "roughness": 0.1"#, r#""ior": 1.5, "dispersion": 1"#, leaf]
+    {
+        assert_eq!(scene(fields).warnings, [""; 0], "{fields}");
+    }
 }
 
 #[test]

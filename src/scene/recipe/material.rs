@@ -3,8 +3,8 @@
 use super::unique::unique;
 use super::within;
 use crate::scene::{
-    Alpha, Anisotropy, Coat, Coats, Colour, Emission, Iridescence, Material, Medium, Principled, Scalar,
-    Sheen, Surface, SurfaceName, SurfaceRequest, TextureRef, option_texts,
+    Alpha, Anisotropy, Coat, Coats, Colour, DiffuseTransmission, Emission, Iridescence, Material, Medium,
+    Principled, Scalar, Sheen, Surface, SurfaceName, SurfaceRequest, TextureRef, option_texts,
 };
 use glam::Vec3;
 use serde::Deserialize;
@@ -16,7 +16,10 @@ use std::collections::BTreeMap;
 ///
 /// ```json
 /// "candy": { "colour": [0.9, 0.9, 0.9], "roughness": 0.3, "metallic": 1,
-///            "coats": [{}, { "weight": 0.9, "ior": 1.6, "roughness": 0.2, "tint": [0.8, 0.1, 0.05] }] }
+///            "coats": [{}, { "weight": 0.9, "ior": 1.6, "roughness": 0.2, "tint": [0.8, 0.1, 0.05] }] },
+/// "prism": { "colour": [1, 1, 1], "ior": 1.6, "dispersion": 0.8 },
+/// "leaf": { "colour": [0.1, 0.3, 0.05], "roughness": 0.5,
+///           "diffuse_transmission": { "share": 0.4, "colour": [0.4, 0.7, 0.1] } }
 /// ```
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -48,6 +51,11 @@ pub struct MaterialRecipe {
     pub film: Option<ThinFilm>,
     /// Index of refraction of glass. `colour` tints it and `roughness` frosts it; without `roughness` it is clear.
     pub ior: Option<f32>,
+    /// Dispersion of glass, 0..=20: 20 divided by its Abbe number, as in KHR_materials_dispersion.
+    #[serde(default)]
+    pub dispersion: f32,
+    /// Light that leaves on the other side. Glass and mirrors have none.
+    pub diffuse_transmission: Option<Translucency>,
     /// The medium inside the glass.
     pub absorption: Option<Absorption>,
     /// A perfect mirror.
@@ -61,6 +69,21 @@ pub struct MaterialRecipe {
     /// Options of that surface.
     #[serde(default, deserialize_with = "unique")]
     pub options: BTreeMap<String, Value>,
+}
+
+/// Light that a thin sheet or a body lets through, evenly in all directions: glTF's diffuse transmission.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Translucency {
+    /// Share of the diffuse light that is transmitted instead of reflected, 0..=1.
+    pub share: f32,
+    /// What remains of the transmitted light, linear Rec. 709, 0..=1. All of it by default.
+    #[serde(default = "white")]
+    pub colour: Vec3,
+}
+
+fn white() -> Vec3 {
+    Vec3::ONE
 }
 
 /// A layer of fibres: glTF's sheen.
@@ -148,41 +171,22 @@ impl MaterialRecipe {
             );
         }
         let surface = if let Some(ior) = self.ior {
-            match self.roughness.unwrap_or(0.0) {
-                0.0 => Surface::Dielectric { ior, transmittance: self.colour },
-                rough => Surface::Principled(Principled::glass(ior, self.colour, Scalar::constant(rough))),
+            match (self.roughness.unwrap_or(0.0), self.dispersion) {
+                (0.0, 0.0) => Surface::Dielectric { ior, transmittance: self.colour },
+                (rough, dispersion) => {
+                    let glass = Principled::glass(ior, self.colour, Scalar::constant(rough));
+                    Surface::Principled(Principled { dispersion, ..glass })
+                }
             }
         } else if self.mirror {
             Surface::Mirror { reflectance: colour }
         } else if let Some(roughness) = self.roughness {
-            let mut surface = Principled {
-                base_colour: colour,
-                metallic: Scalar::constant(self.metallic),
-                roughness: Scalar::constant(roughness),
-                clearcoat: Scalar::constant(self.clearcoat),
-                ..Principled::default()
-            };
-            if self.anisotropy != 0.0 {
-                let strength = Scalar::constant(self.anisotropy);
-                let rotation = self.anisotropy_degrees.to_radians();
-                surface.anisotropy = Some(Anisotropy { strength, rotation, direction: None });
-            }
-            if let Some(SheenLayer { colour, roughness }) = self.sheen {
-                let (colour, roughness) = (Colour::constant(colour), Scalar::constant(roughness));
-                surface.sheen = Some(Sheen { colour, roughness });
-            }
-            if let Some(ThinFilm { nanometres, ior }) = self.film {
-                surface.iridescence = Some(Iridescence {
-                    strength: Scalar::constant(1.0),
-                    ior,
-                    thickness_nm: [nanometres; 2],
-                    thickness_texture: None,
-                });
-            }
-            Surface::Principled(self.coated(surface)?)
-        } else if is_coated {
+            Surface::Principled(self.coated(self.layered(colour, roughness))?)
+        } else if is_coated || self.diffuse_transmission.is_some() {
             let (base_colour, specular) = (colour, Scalar::constant(0.0));
-            Surface::Principled(self.coated(Principled { base_colour, specular, ..Principled::default() })?)
+            let diffuse_transmission = self.diffuse_transmission.map(Translucency::lobe);
+            let matte = Principled { base_colour, specular, diffuse_transmission, ..Principled::default() };
+            Surface::Principled(self.coated(matte)?)
         } else {
             Surface::Matte { reflectance: colour }
         };
@@ -192,10 +196,45 @@ impl MaterialRecipe {
         Ok(Material { name: name.into(), surface, emission, normal_map, alpha, medium })
     }
 
+    /// glTF's surface without coats.
+    fn layered(&self, base_colour: Colour, roughness: f32) -> Principled {
+        let mut surface = Principled {
+            base_colour,
+            metallic: Scalar::constant(self.metallic),
+            roughness: Scalar::constant(roughness),
+            clearcoat: Scalar::constant(self.clearcoat),
+            diffuse_transmission: self.diffuse_transmission.map(Translucency::lobe),
+            ..Principled::default()
+        };
+        if self.anisotropy != 0.0 {
+            let strength = Scalar::constant(self.anisotropy);
+            let rotation = self.anisotropy_degrees.to_radians();
+            surface.anisotropy = Some(Anisotropy { strength, rotation, direction: None });
+        }
+        if let Some(SheenLayer { colour, roughness }) = self.sheen {
+            let (colour, roughness) = (Colour::constant(colour), Scalar::constant(roughness));
+            surface.sheen = Some(Sheen { colour, roughness });
+        }
+        if let Some(ThinFilm { nanometres, ior }) = self.film {
+            surface.iridescence = Some(Iridescence {
+                strength: Scalar::constant(1.0),
+                ior,
+                thickness_nm: [nanometres; 2],
+                thickness_texture: None,
+            });
+        }
+        surface
+    }
+
     /// Checks all numbers, whether the surface needs them or not.
     fn check(&self) -> Result<(), String> {
         let Self { roughness, metallic, clearcoat, anisotropy, anisotropy_degrees, sheen, film, ior, .. } =
             self;
+        within("dispersion", self.dispersion, 0.0, 20.0)?;
+        if let Some(Translucency { share: through, colour }) = self.diffuse_transmission {
+            share("the share of diffuse_transmission", through)?;
+            shares("the colour of diffuse_transmission", colour)?;
+        }
         share("roughness", roughness.unwrap_or(0.0))?;
         share("metallic", *metallic)?;
         share("clearcoat", *clearcoat)?;
@@ -218,7 +257,7 @@ impl MaterialRecipe {
             (Some(_), ..) => ("glass", false),
             (None, true, _) => ("mirrors", false),
             (None, false, None) => ("a surface without roughness", false),
-            (None, false, Some(_)) => ("", true),
+            (None, false, Some(_)) => ("a surface without ior", true),
         };
         let given = [
             ("mirror", self.mirror && self.ior.is_some()),
@@ -229,6 +268,11 @@ impl MaterialRecipe {
             ("anisotropy", self.anisotropy != 0.0 && !layered),
             ("sheen", self.sheen.is_some() && !layered),
             ("film", self.film.is_some() && !layered),
+            ("dispersion", self.dispersion != 0.0 && self.ior.is_none()),
+            (
+                "diffuse_transmission",
+                self.diffuse_transmission.is_some() && (self.ior.is_some() || self.mirror),
+            ),
         ];
         let unused: Vec<&str> =
             given.iter().filter(|(_, is_unused)| *is_unused).map(|(name, _)| *name).collect();
@@ -251,6 +295,12 @@ impl MaterialRecipe {
         }
         surface.coats = Coats::new(over).expect("not too many");
         Ok(surface)
+    }
+}
+
+impl Translucency {
+    fn lobe(self) -> DiffuseTransmission {
+        DiffuseTransmission { share: Scalar::constant(self.share), colour: Colour::constant(self.colour) }
     }
 }
 
@@ -315,6 +365,37 @@ mod tests {
     }
 
     #[test]
+    fn glass_may_disperse_and_sheets_let_light_through() {
+        let prism = r#"{ "colour": [1, 0.5, 1], "ior": 1.6, "dispersion": 0.8 }"#;
+        let glass = Principled::glass(1.6, Vec3::new(1.0, 0.5, 1.0), Scalar::constant(0.0));
+        let Surface::Principled(surface) = material(prism).expect("valid").surface else {
+            panic!("clear glass without dispersion")
+        };
+        assert_eq!(surface, Principled { dispersion: 0.8, ..glass });
+        assert!(surface.is_dispersive());
+        let clear = material(r#"{ "colour": [1, 1, 1], "ior": 1.6, "dispersion": 0 }"#).expect("valid");
+        assert!(matches!(clear.surface, Surface::Dielectric { .. }));
+        for (fields, colour, specular) in [
+            (
+                r#""roughness": 0.5, "diffuse_transmission": { "share": 0.4, "colour": [0, 1, 0] }"#,
+                Vec3::Y,
+                1.0,
+            ),
+            (r#""diffuse_transmission": { "share": 0.4 }"#, Vec3::ONE, 0.0),
+        ] {
+            let text = format!(r#"{{ "colour": [0.1, 0.2, 0.3], {fields} }}"#);
+            let Surface::Principled(surface) = material(&text).expect("valid").surface else {
+                panic!("opaque: {text}")
+            };
+            let lobe = surface.diffuse_transmission.expect("a lobe");
+            assert_eq!(
+                (lobe.share.factor, lobe.colour, surface.specular.factor),
+                (0.4, Colour::constant(colour), specular)
+            );
+        }
+    }
+
+    #[test]
     fn the_lowest_coat_may_become_the_clear_coat() {
         let surface = |fields: &str| {
             let text = format!(r#"{{ "colour": [0.5, 0.4, 0.3], {fields} }}"#);
@@ -340,6 +421,12 @@ mod tests {
             (r#""sheen": { "colour": [2, 0, 0], "roughness": 0 }"#, "largest channel of sheen is 2"),
             (r#""film": { "nanometres": -1, "ior": 1.4 }"#, "nanometres is -1"),
             (r#""absorption": { "colour": [1, 1, 1], "distance": 0 }"#, "distance of absorption is 0"),
+            (r#""dispersion": -1"#, "dispersion is -1; it must be from 0 to 20"),
+            (r#""diffuse_transmission": { "share": 1.5 }"#, "share of diffuse_transmission is 1.5"),
+            (
+                r#""diffuse_transmission": { "share": 1, "colour": [2, 0, 0] }"#,
+                "largest channel of the colour of diffuse_transmission is 2",
+            ),
             (r#""coats": [{ "weight": 2 }]"#, "weight of a coat is 2"),
             (r#""coats": [{ "tint": [0, 0, 3] }]"#, "tint of a coat is 3"),
             (

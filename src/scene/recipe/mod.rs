@@ -33,7 +33,7 @@ mod shape;
 mod unique;
 mod view;
 
-pub use material::{Absorption, CoatRecipe, MaterialRecipe, SheenLayer, ThinFilm};
+pub use material::{Absorption, CoatRecipe, MaterialRecipe, SheenLayer, ThinFilm, Translucency};
 pub use mix::Mix;
 pub use object::Object;
 pub use pattern::Pattern;
