@@ -17,7 +17,7 @@ use std::sync::Arc;
 /// Side of a patch in pixels: the camera rays of a patch are consecutive in a stream.
 const PATCH: u32 = 8;
 
-/// The most consecutive samples of a pixel that belong to one half ([`Frame::target`]).
+/// The most consecutive samples of a pixel that belong to one half ([`Frame::target`]) if the frame may end early.
 const GROUP: u32 = 16;
 
 /// Makes the choice of halves independent of the sampler.
@@ -42,6 +42,9 @@ pub struct Settings {
     pub seed: u64,
     /// The pixel filter.
     pub filter: PixelFilter,
+    /// Whether the frame may end before all samples are taken, by noise or time. Pixels then have `spp` samples at
+    /// most. Of the picture and its layers only [`super::Aov::Variance`] depends on it.
+    pub may_end_early: bool,
 }
 
 /// Why a frame cannot be rendered.
@@ -96,7 +99,8 @@ pub enum SettingsError {
 impl Settings {
     /// A picture of this size with 64 samples a pixel, 8 bounces, seed 0 and a box of one pixel as filter.
     pub const fn new(width: u32, height: u32) -> Self {
-        Self { width, height, spp: 64, max_bounces: 8, seed: 0, filter: PixelFilter::new(FilterShape::Box) }
+        let filter = PixelFilter::new(FilterShape::Box);
+        Self { width, height, spp: 64, max_bounces: 8, seed: 0, filter, may_end_early: false }
     }
 
     /// These settings with another number of samples per pixel.
@@ -117,6 +121,11 @@ impl Settings {
     /// These settings with another pixel filter.
     pub const fn with_filter(self, filter: PixelFilter) -> Self {
         Self { filter, ..self }
+    }
+
+    /// These settings for a frame that may end before all samples are taken, if `may_end_early`.
+    pub const fn with_early_end(self, may_end_early: bool) -> Self {
+        Self { may_end_early, ..self }
     }
 
     /// Maximum area of a picture in pixels.
@@ -371,12 +380,19 @@ impl Frame {
 
     /// [`Film::HALF`] for one half of the samples, 0 for the other.
     ///
-    /// Neighbouring samples of one dimension lie in different halves of it (`geom::Sampler`), so even and odd ones
-    /// would differ by more than chance. Groups of up to [`GROUP`] consecutive samples are stratified by themselves. A
-    /// random bit decides which of two neighbouring groups belongs to which half.
+    /// The squared difference of two halves estimates the variance of a half less that of all samples
+    /// (`docs/lab/noise.md`), so halves should be stratified as well as half of the samples can be: the first and the
+    /// second half of the sequence are. If the number of samples is not known, each of the first samples must have a
+    /// counterpart soon. Then a half has groups of up to [`GROUP`] consecutive samples, and a random bit decides which of
+    /// two neighbouring groups belongs to which half.
     #[inline(always)]
     fn half<L: Lanes>(&self, pixel: Int<L>, sample: Int<L>) -> Int<L> {
-        let bits = (self.settings.spp / 2).clamp(1, GROUP).ilog2();
+        let Settings { spp, may_end_early, .. } = self.settings;
+        if !may_end_early {
+            let l = sample.lanes();
+            return Int::select(sample.below(spp - spp / 2), Int::splat(l, 0), Int::splat(l, Film::HALF));
+        }
+        let bits = (spp / 2).clamp(1, GROUP).ilog2();
         let group = sample >> bits;
         let turned = mix_lanes(pixel ^ mix_lanes((group >> 1) ^ HALF_SALT));
         ((group ^ turned) & 1) << 31

@@ -39,8 +39,12 @@ pub struct ProgressArgs {
 impl ProgressArgs {
     /// Maximum number of samples per pixel.
     pub fn samples(&self) -> u32 {
-        let open = self.seconds.is_some() || self.noise.is_some();
-        self.spp.unwrap_or(if open { OPEN_ENDED_SPP } else { DEFAULT_SPP })
+        self.spp.unwrap_or(if self.may_end_early() { OPEN_ENDED_SPP } else { DEFAULT_SPP })
+    }
+
+    /// Whether the picture may be finished before all samples are taken.
+    pub fn may_end_early(&self) -> bool {
+        self.seconds.is_some() || self.noise.is_some()
     }
 
     /// Interval at which pictures and checkpoints are written while rendering, if they are.

@@ -3,7 +3,7 @@
 use crate::cli::args::{PartArgs, ProgressArgs, RenderArgs};
 use crate::cli::setup::Setup;
 use crate::files;
-use crate::render::{Identity, Integrator, PassOptions, Progressive, Settings};
+use crate::render::{Aov, Identity, Integrator, PassOptions, Progressive, Settings};
 use crate::scene::{Camera, FINGERPRINT_VERSION};
 use anyhow::{Context, Result, bail};
 use std::io::{ErrorKind, Write};
@@ -41,8 +41,11 @@ pub fn identity(args: &RenderArgs, setup: &Setup, settings: &Settings, camera: O
         ("--aov", if aovs.iter().next().is_none() { "nothing".into() } else { aovs.to_string() }),
         ("--transparent", aovs.is_transparent().to_string()),
     ];
+    let halves = if settings.may_end_early { "in turns" } else { "one after the other" };
+    let halves =
+        aovs.has(Aov::Variance).then(|| ("the order of the halves of --aov variance", halves.into()));
     let camera = camera.map(|camera| ("the camera", camera.to_string()));
-    let parts = parts.into_iter().chain(camera).map(|(what, value)| (what.to_owned(), value));
+    let parts = parts.into_iter().chain(halves).chain(camera).map(|(what, value)| (what.to_owned(), value));
     let options = setup.options.iter().map(|(key, value)| (format!("option {key}"), value.to_owned()));
     Identity::new(parts.chain(options))
 }

@@ -128,6 +128,7 @@ fn settings(args: &RenderArgs) -> Settings {
         .with_max_bounces(args.max_bounces)
         .with_seed(args.seed)
         .with_filter(args.sampling.filter)
+        .with_early_end(args.progress.may_end_early())
 }
 
 /// What the integrator is made from.

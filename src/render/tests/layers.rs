@@ -343,10 +343,12 @@ fn coverage_counts_every_sample_that_hits() {
 fn variance_agrees_with_the_spread_between_seeds() {
     let scene = Arc::new(room());
     let tracer = tracer(&scene);
-    for (spp, most) in [(16, 2.0), (64, 6.0)] {
+    for (spp, may_end_early, most) in [(16, false, 2.0), (64, false, 3.0), (256, false, 3.0), (64, true, 6.0)]
+    {
         let pictures: Vec<Picture> = (0..12)
             .map(|seed| {
                 let settings = Settings::new(32, 24).with_spp(spp).with_max_bounces(2).with_seed(seed);
+                let settings = settings.with_early_end(may_end_early);
                 let aovs = AovSet::default().with(Aov::Variance);
                 picture(&path(&scene, settings), &aovs, 8192, &tracer)
             })
@@ -361,9 +363,9 @@ fn variance_agrees_with_the_spread_between_seeds() {
             estimate += estimates.sum::<f64>() / count;
         }
         let ratio = estimate / spread;
-
+        println!("{spp} samples, may end early {may_end_early}: {ratio:.2} times the spread");
         // The samples of a pixel are stratified together, so their mean varies less than two halves tell.
-        assert!((0.9..most).contains(&ratio), "{ratio} of the spread with {spp} samples");
+        assert!((0.9..most).contains(&ratio), "{ratio} of the spread with {spp} samples, {may_end_early}");
     }
 }
 

@@ -331,7 +331,7 @@ impl Renderer {
             let [width, height] = self.resolution.size([settings.width, settings.height]);
             (Settings { width, height, ..*settings }.with_spp(1), PassOptions::default())
         } else {
-            (*settings, PassOptions::default().with_pass_time(PASS_TIME))
+            (settings.with_early_end(true), PassOptions::default().with_pass_time(PASS_TIME))
         };
         let told = |error: &dyn std::fmt::Display| error.to_string();
         let path = PathTracer::new(self.prepared.lit(), camera, settings, Some(ROULETTE_BOUNCES));
