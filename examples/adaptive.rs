@@ -8,7 +8,7 @@ use glam::Vec3;
 use raystream::cli::{Registry, run_with};
 use raystream::render::recursion::{Cx, Recursion, Shader};
 use raystream::shade::bsdf::Smoothness;
-use raystream::shade::single::{self, Bsdf, Interaction, LightSample};
+use raystream::shade::single::{Bsdf, Interaction, LightSample};
 use raystream::stream::{Hit, Ray};
 use std::process::ExitCode;
 
@@ -86,10 +86,10 @@ impl Shader for Adaptive {
 
     async fn shade(&self, cx: Cx<'_, Self>, ray: Ray, hit: Option<Hit>, branch: Branch) -> Vec3 {
         let Branch { share, depth, number } = branch;
-        let Some(hit) = hit else { return single::sky(cx.lights(), ray.direction.into()).0 };
-        let (material, at) = cx.surface(&ray, &hit);
-        let bsdf = Bsdf::new(cx.scene(), &material.surface, &at, SMOOTHNESS);
-        let mut radiance = single::emission(cx.scene(), material.emission.as_ref(), &at);
+        let Some(hit) = hit else { return cx.sky(&ray) };
+        let at = cx.surface(&ray, &hit);
+        let bsdf = Bsdf::new(cx.scene(), &at.material.surface, &at, SMOOTHNESS);
+        let mut radiance = at.emitted();
         if !bsdf.is_smooth() {
             radiance += self.direct_light(cx, &at, &bsdf, number).await;
         }
@@ -102,7 +102,7 @@ impl Shader for Adaptive {
             }
             let wi = at.smooth_direction(wi);
             let next = Branch { share, depth: depth + 1, number: 2 * number + side };
-            radiance += weight * cx.call(Ray::new(at.origin(at.position, wi), wi), next).await;
+            radiance += weight * cx.call(at.ray(wi), next).await;
         }
         radiance
     }
@@ -122,7 +122,6 @@ mod tests {
     use raystream::render::Settings;
     use raystream::scene::recipe::Recipe;
     use raystream::schedule::{JobOptions, Service, ServiceOptions};
-    use std::sync::Arc;
 
     #[test]
     fn more_shadow_rays_go_where_a_shadow_is_soft_and_none_where_it_is_not() {
@@ -143,12 +142,9 @@ mod tests {
             let prepared = PreparedScene::new(scene(ball), &Units::cpu()).expect("valid");
             let camera = prepared.scene.camera.expect("has one");
             let settings = Settings::new(48, 48).with_spp(1).with_max_bounces(4);
-            let adaptive =
-                Recursion::new(Adaptive { least: 0.01 }, prepared.scene.clone(), &camera, settings);
-            let frame = Arc::new(adaptive.expect("valid settings"));
-            let job = service
-                .submit(frame.clone(), prepared.tracers.clone(), JobOptions::default())
-                .expect("a job");
+            let frame =
+                prepared.recursion(Adaptive { least: 0.01 }, &camera, settings).expect("valid settings");
+            let job = prepared.submit(&service, frame.clone(), JobOptions::default()).expect("a job");
             (job.wait().expect("a picture").rays, frame.film().resolve())
         };
         // Every sample of the lamp arrives: four shadow rays each, in one round.

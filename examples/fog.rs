@@ -63,7 +63,7 @@ mod tests {
             let fog =
                 PerRay::shading(Fog { density }, prepared.scene.clone(), &camera, settings).expect("valid");
             let fog = Arc::new(fog);
-            let job = service.submit(fog.clone(), prepared.tracers.clone(), JobOptions::default());
+            let job = prepared.submit(&service, fog.clone(), JobOptions::default());
             job.expect("a job").wait().expect("no panic");
             fog.film().resolve()
         };

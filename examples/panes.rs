@@ -129,7 +129,7 @@ mod tests {
             let panes =
                 HitShading::of(Panes, prepared.scene.clone(), &camera, settings).expect("valid settings");
             let panes = Arc::new(panes);
-            let job = service.submit(panes.clone(), prepared.tracers.clone(), JobOptions::default());
+            let job = prepared.submit(&service, panes.clone(), JobOptions::default());
             job.expect("a job").wait().expect("no panic");
             assert_eq!(panes.memory().usage().live_entries, 0, "every entry was taken up");
             panes.film().resolve()[16 * 33 + 16][0]

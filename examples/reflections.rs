@@ -7,8 +7,6 @@ use glam::Vec3;
 use raystream::cli::{Registry, run_with};
 use raystream::render::recursion::{Cx, Shader};
 use raystream::scene::Camera;
-use raystream::shade::bsdf::Smoothness;
-use raystream::shade::single::Bsdf;
 use raystream::stream::{Hit, Ray};
 use std::process::ExitCode;
 
@@ -55,8 +53,8 @@ impl Shader for Reflections {
 
     async fn shade(&self, cx: Cx<'_, Self>, ray: Ray, hit: Option<Hit>, (share, depth): Share) -> Vec3 {
         let Some(hit) = hit else { return Vec3::new(0.1, 0.14, 0.22) };
-        let (material, at) = cx.surface(&ray, &hit);
-        let bsdf = Bsdf::new(cx.scene(), &material.surface, &at, Smoothness::EXACT);
+        let at = cx.surface(&ray, &hit);
+        let bsdf = at.bsdf();
         let wo = at.basis.to_local(at.wo);
 
         // Each lamp's light as it would arrive, and whether it does: three shadow rays that travel together.
@@ -74,9 +72,7 @@ impl Shader for Reflections {
 
         let gloss = if bsdf.is_smooth() { 0.9 } else { GLOSS };
         if share * gloss >= LEAST && depth < cx.settings().max_bounces {
-            let wi = at.smooth_direction(Vec3::new(-wo.x, -wo.y, wo.z));
-            let mirrored = Ray::new(at.origin(at.position, wi), wi);
-            light += gloss * cx.call(mirrored, (share * gloss, depth + 1)).await;
+            light += gloss * cx.call(at.ray(at.mirrored()), (share * gloss, depth + 1)).await;
         }
         light
     }
@@ -95,10 +91,8 @@ mod tests {
     use super::*;
     use raystream::engine::{PreparedScene, Units};
     use raystream::render::Settings;
-    use raystream::render::recursion::Recursion;
     use raystream::scene::recipe::Recipe;
     use raystream::schedule::{JobOptions, Service, ServiceOptions};
-    use std::sync::Arc;
 
     #[test]
     fn a_floor_mirrors_a_ball_and_lies_in_its_shadow() {
@@ -117,11 +111,8 @@ mod tests {
         let picture = |max_bounces: u32| {
             let settings = Settings::new(64, 64).with_spp(4).with_max_bounces(max_bounces);
             let shader = Reflections::around(&camera);
-            let frame =
-                Arc::new(Recursion::new(shader, prepared.scene.clone(), &camera, settings).expect("valid"));
-            let job = service
-                .submit(frame.clone(), prepared.tracers.clone(), JobOptions::default())
-                .expect("a job");
+            let frame = prepared.recursion(shader, &camera, settings).expect("valid");
+            let job = prepared.submit(&service, frame.clone(), JobOptions::default()).expect("a job");
             (job.wait().expect("a picture").rays, frame.film().resolve())
         };
         let (direct_rays, direct) = picture(0);

@@ -208,8 +208,8 @@ fn render(scene: Scene, settings: Settings) -> Result<Image> {
     let camera = prepared.scene.camera.context("the recipe has a camera")?;
     let frame = Arc::new(PathTracer::new(prepared.scene.clone(), &camera, settings, Some(3))?);
     let service = Service::new(ServiceOptions::default())?;
-    service.submit(frame.clone(), prepared.tracers.clone(), JobOptions::default())?.wait()?;
-    Ok(Image::new(settings.width, settings.height, frame.film().resolve()))
+    prepared.submit(&service, frame.clone(), JobOptions::default())?.wait()?;
+    Ok(frame.film().image())
 }
 
 fn main() -> Result<()> {

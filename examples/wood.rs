@@ -132,8 +132,8 @@ fn render(prepared: &PreparedScene, settings: Settings, simd: SimdLevel) -> Resu
     let frame = PathTracer::new(prepared.scene.clone(), &camera, settings, None)?.with_simd(simd);
     let frame = Arc::new(frame);
     let service = Service::new(ServiceOptions::default())?;
-    let report = service.submit(frame.clone(), prepared.tracers.clone(), JobOptions::default())?.wait()?;
-    let image = Image::new(width, height, frame.film().resolve());
+    let report = prepared.submit(&service, frame.clone(), JobOptions::default())?.wait()?;
+    let image = frame.film().image();
     let busy_s: f64 = report.threads.iter().map(|thread| thread.busy_s).sum();
     let mray_per_s = report.rays.total() as f64 / report.wall_s / 1e6;
     Ok((image, Speed { mray_per_s, shading_s: busy_s - report.cpu.busy_s }))

@@ -52,7 +52,7 @@ fn main() -> ExitCode {
 mod tests {
     use super::*;
     use raystream::engine::{PreparedScene, Units};
-    use raystream::render::{PerRay, Settings};
+    use raystream::render::Settings;
     use raystream::scene::recipe::Recipe;
     use raystream::schedule::{JobOptions, Service, ServiceOptions};
     use std::sync::Arc;
@@ -73,11 +73,9 @@ mod tests {
         let prepared = PreparedScene::new(scene, &Units::cpu()).expect("a valid scene");
         let camera = prepared.scene.camera.expect("has one");
         let settings = Settings::new(60, 30).with_spp(4).with_max_bounces(8);
-        let xray = PerRay::shading(XRay { absorption: 1.0 }, prepared.scene.clone(), &camera, settings);
-        let xray = Arc::new(xray.expect("valid settings"));
+        let xray = prepared.per_ray(XRay { absorption: 1.0 }, &camera, settings).expect("valid settings");
         let service = Service::new(ServiceOptions::default()).expect("threads");
-        let job =
-            service.submit(xray.clone(), prepared.tracers.clone(), JobOptions::default()).expect("a job");
+        let job = prepared.submit(&service, xray.clone(), JobOptions::default()).expect("a job");
         assert!(job.wait().expect("no panic").rays.continuation > 0);
         let picture = xray.film().resolve();
         let at = |x: usize| picture[15 * 60 + x][0];

@@ -31,8 +31,7 @@ let service = Service::new(ServiceOptions::default())?;
 let settings = Settings::new(640, 360).with_spp(256);
 let frame = prepared.path(&camera, settings)?;
 prepared.submit(&service, frame.clone(), JobOptions::default())?.wait()?;
-let image = Image::new(640, 360, frame.film().resolve());
-write_image("picture.png", &image, &Look::default())?;
+write_image("picture.png", &frame.film().image(), &Look::default())?;
 # Ok::<(), Box<dyn std::error::Error>>(())
 ```
 "#
@@ -164,7 +163,10 @@ pub mod prelude {
     pub use crate::film::{Exposure, Film, Image, Look, View};
     #[cfg(feature = "formats")]
     pub use crate::film::{WriteOptions, write_image, write_picture};
-    pub use crate::render::{HitShader, HitShading, Integrator, PathTracer, RayHit, RayShader, Settings};
+    pub use crate::render::{
+        HitShader, HitShading, Integrator, PassOptions, PathTracer, Progressive, RayHit, RayShader, Settings,
+        SurfaceHit,
+    };
     pub use crate::scene::{Camera, Environment, Material, Scene};
     pub use crate::schedule::{JobHandle, JobOptions, Priority, Service, ServiceOptions};
     pub use crate::stream::{Hit, Ray};

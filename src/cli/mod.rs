@@ -69,6 +69,11 @@ pub fn run() -> ExitCode {
 }
 
 /// The same with integrators and surfaces of your own ([`Registry::with`], [`Registry::with_surface`]).
+///
+/// Where there is no display server, Mesa's layer that orders GPUs writes `XDG_RUNTIME_DIR is invalid` on standard
+/// error each time the Vulkan loader asks for them, twice a run. `NODEVICE_SELECT=1` in the environment prevents it.
+/// The binary `raystream` sets it. This function does not, since a caller may have started threads that read the
+/// environment.
 pub fn run_with(registry: Registry) -> ExitCode {
     env_logger::Builder::from_env(
         env_logger::Env::default()

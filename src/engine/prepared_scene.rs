@@ -4,12 +4,17 @@ use super::alpha_filter::filter;
 use super::units::Device;
 use super::{Units, tree};
 use crate::bvh::{Bvh, Filter};
-use crate::render::{HitShader, HitShading, PathTracer, ROULETTE_BOUNCES, Settings, SettingsError};
+use crate::render::recursion::{Recursion, Shader};
+use crate::render::{
+    HitShader, HitShading, PassOptions, PathTracer, PerRay, Progressive, ROULETTE_BOUNCES, RayShader,
+    Settings, SettingsError,
+};
 use crate::scene::{Camera, Scene, SceneError};
 use crate::schedule::{JobHandle, JobOptions, LimitsError, Renderer, SceneId, Service, Tracers};
 use crate::shade::LitScene;
-use crate::stream::{DeviceTracer, Tracer};
+use crate::stream::{DeviceTracer, Hit, Ray, Tracer};
 use crate::trace::cpu::{CpuTracer, SingleRayTracer};
+use bytemuck::Pod;
 use std::fmt;
 use std::sync::{Arc, OnceLock};
 
@@ -39,8 +44,7 @@ use std::sync::{Arc, OnceLock};
 /// let prepared = prepared.with_scene(scene)?;
 /// let red = prepared.path(&camera, settings)?;
 /// prepared.submit(&service, red.clone(), JobOptions::default())?.wait()?;
-/// # use raystream::render::Integrator;
-/// assert_eq!(red.frame().film().resolve().len(), 32 * 32);
+/// assert_eq!(red.film().image().pixels.len(), 32 * 32);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Clone)]
@@ -191,6 +195,97 @@ impl PreparedScene {
         Ok(Arc::new(PathTracer::new(self.lit(), camera, settings, Some(ROULETTE_BOUNCES))?))
     }
 
+    /// A path tracer of this scene whose frame is rendered in passes: with intermediate pictures, until a noise, with
+    /// checkpoints. [`Progressive`] shows how passes are submitted.
+    ///
+    /// # Errors
+    /// When a setting is out of range or the camera is invalid.
+    pub fn progressive(
+        &self,
+        camera: &Camera,
+        settings: Settings,
+        options: PassOptions,
+    ) -> Result<Progressive<PathTracer>, SettingsError> {
+        let settings = settings.with_early_end(settings.may_end_early || options.noise.is_some());
+        let path = PathTracer::new(self.lit(), camera, settings, Some(ROULETTE_BOUNCES))?;
+        Ok(Progressive::new(path, options))
+    }
+
+    /// An integrator of this scene with a shader that is called for one ray at a time.
+    ///
+    /// ```
+    /// use raystream::prelude::*;
+    /// # use raystream::glam::Vec3;
+    /// # use raystream::scene::Mesh;
+    ///
+    /// /// White where anything is seen.
+    /// struct Mask;
+    ///
+    /// impl RayShader for Mask {
+    ///     fn shade(&self, hit: &mut RayHit<'_>) -> Vec3 {
+    ///         if hit.surface().is_some() { Vec3::ONE } else { Vec3::ZERO }
+    ///     }
+    /// }
+    /// # let mesh = Mesh::new(vec![Vec3::ZERO, Vec3::X, Vec3::Y], vec![[0, 1, 2]]);
+    /// # let scene = Scene::new(mesh, vec![Material::matte("paper", Vec3::splat(0.8))]);
+    /// # let camera = Camera::framing(&scene.bounds(), 1.0);
+    /// let prepared = PreparedScene::new(scene, &Units::cpu())?;
+    /// let service = Service::new(ServiceOptions::default())?;
+    /// let mask = prepared.per_ray(Mask, &camera, Settings::new(16, 16).with_spp(4))?;
+    /// prepared.submit(&service, mask.clone(), JobOptions::default())?.wait()?;
+    /// let image = mask.film().image();
+    /// assert_eq!((image.pixels[0], image.pixels[8 * 16 + 8]), ([0.0; 3], [1.0; 3]));
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
+    /// # Errors
+    /// When a setting is out of range or the camera is invalid.
+    pub fn per_ray<P: Pod + Send + Sync, S: RayShader<P>>(
+        &self,
+        shader: S,
+        camera: &Camera,
+        settings: Settings,
+    ) -> Result<Arc<HitShading<PerRay<S, P>>>, SettingsError> {
+        self.shading(PerRay::new(shader), camera, settings)
+    }
+
+    /// An integrator of this scene with a recursive shader ([`crate::render::recursion`]).
+    ///
+    /// # Errors
+    /// When a setting is out of range or the camera is invalid.
+    pub fn recursion<S: Shader>(
+        &self,
+        shader: S,
+        camera: &Camera,
+        settings: Settings,
+    ) -> Result<Arc<Recursion<S>>, SettingsError> {
+        Ok(Arc::new(Recursion::new(shader, self.lit(), camera, settings)?))
+    }
+
+    /// The nearest hit of a ray, traced on this thread; [`Hit::NONE`] if there is none. Queries of many rays are jobs
+    /// of the service ([`Service::closest`]).
+    ///
+    /// ```
+    /// use raystream::prelude::*;
+    /// # use raystream::glam::Vec3;
+    /// # use raystream::scene::Mesh;
+    /// # let mesh = Mesh::new(vec![Vec3::ZERO, Vec3::X, Vec3::Y], vec![[0, 1, 2]]);
+    /// # let scene = Scene::new(mesh, vec![Material::matte("paper", Vec3::splat(0.8))]);
+    /// let prepared = PreparedScene::new(scene, &Units::cpu())?;
+    /// let ray = Ray::new(Vec3::new(0.2, 0.2, 1.0), -Vec3::Z);
+    /// assert_eq!(prepared.closest_one(&ray).t, 1.0);
+    /// assert!(prepared.occluded_one(&ray) && !prepared.occluded_one(&Ray { t_max: 0.5, ..ray }));
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    pub fn closest_one(&self, ray: &Ray) -> Hit {
+        self.single_ray.closest_one(ray)
+    }
+
+    /// Whether anything lies between a ray's ends, traced on this thread.
+    pub fn occluded_one(&self, ray: &Ray) -> bool {
+        self.single_ray.occluded_one(ray)
+    }
+
     /// An integrator of this scene with a hit shader.
     ///
     /// # Errors
@@ -275,5 +370,39 @@ fn tracers(host: Arc<dyn Tracer>, device: Option<&Device>, units: &Units, scene:
     match device {
         Some(device) => tracers.with_device(device.tracer(), units.unit()),
         None => tracers,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::render::{Integrator, RayHit};
+    use crate::scene::{Material, Mesh};
+    use glam::Vec3;
+
+    struct Grey(f32);
+
+    impl RayShader for Grey {
+        fn shade(&self, _: &mut RayHit<'_>) -> Vec3 {
+            Vec3::splat(self.0)
+        }
+    }
+
+    #[test]
+    fn integrators_are_made_with_the_scenes_lights() {
+        let mesh = Mesh::new(vec![Vec3::ZERO, Vec3::X, Vec3::Y], vec![[0, 1, 2]]);
+        let scene = Scene::new(mesh, vec![Material::matte("paper", Vec3::splat(0.8))]);
+        let camera = Camera::framing(&scene.bounds(), 1.0);
+        let prepared = PreparedScene::new(scene, &Units::cpu()).expect("a valid scene");
+        let settings = Settings::new(8, 8).with_spp(4);
+        let grey = prepared.per_ray(Grey(0.5), &camera, settings).expect("valid settings");
+        assert_eq!((grey.shader().shader().0, grey.frame().scene_id()), (0.5, SceneId::of(&prepared.scene)));
+        let early = |settings: Settings, options: PassOptions| {
+            let frame = prepared.progressive(&camera, settings, options).expect("valid settings");
+            frame.integrator().frame().settings().may_end_early
+        };
+        let passes = PassOptions::default();
+        assert!(!early(settings, passes) && early(settings.with_early_end(true), passes));
+        assert!(early(settings, passes.with_noise(0.1)), "halves of samples take turns");
     }
 }

@@ -30,7 +30,7 @@ impl Image {
     /// # Panics
     /// If the film does not have the region.
     pub fn of(film: &Film, region: Region) -> Self {
-        Self::new(film.width(), film.height(), film.resolve()).cropped(region)
+        film.image().cropped(region)
     }
 
     /// The pixels of a region.
@@ -55,6 +55,30 @@ impl Image {
             hash.update(&channel.to_le_bytes());
         }
         format!("{:016x}", hash.digest())
+    }
+}
+
+impl Film {
+    /// The mean radiance of each pixel, as a picture: [`Film::resolve`] with the film's size.
+    ///
+    /// ```
+    /// use raystream::prelude::*;
+    /// # use raystream::glam::Vec3;
+    /// # use raystream::scene::Mesh;
+    /// # let mesh = Mesh::new(vec![Vec3::ZERO, Vec3::X, Vec3::Y], vec![[0, 1, 2]]);
+    /// # let mut scene = Scene::new(mesh, vec![Material::matte("paper", Vec3::splat(0.8))]);
+    /// # scene.environment = Environment::Constant(Vec3::ONE);
+    /// # let camera = Camera::framing(&scene.bounds(), 1.0);
+    /// let prepared = PreparedScene::new(scene, &Units::cpu())?;
+    /// let service = Service::new(ServiceOptions::default())?;
+    /// let frame = prepared.path(&camera, Settings::new(16, 16).with_spp(4))?;
+    /// prepared.submit(&service, frame.clone(), JobOptions::default())?.wait()?;
+    /// let image = frame.film().image();
+    /// assert_eq!((image.width, image.height, image.pixels[0]), (16, 16, [1.0; 3]));
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    pub fn image(&self) -> Image {
+        Image::new(self.width(), self.height(), self.resolve())
     }
 }
 

@@ -37,5 +37,6 @@ pub use region::Region;
 pub use view::View;
 #[cfg(feature = "formats")]
 pub use write::{
-    ExrCompression, Format, LayerFormat, PngBits, WriteError, WriteOptions, picture_files, write_image, write_picture,
+    ExrCompression, Format, LayerFormat, PngBits, WriteError, WriteOptions, picture_files, write_image,
+    write_picture,
 };

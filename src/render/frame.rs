@@ -383,8 +383,8 @@ impl Frame {
     /// The squared difference of two halves estimates the variance of a half less that of all samples
     /// (`docs/lab/noise.md`), so halves should be stratified as well as half of the samples can be: the first and the
     /// second half of the sequence are. If the number of samples is not known, each of the first samples must have a
-    /// counterpart soon. Then a half has groups of up to [`GROUP`] consecutive samples, and a random bit decides which of
-    /// two neighbouring groups belongs to which half.
+    /// counterpart soon. Then a half has groups of up to [`GROUP`] consecutive samples, and a random bit decides which
+    /// of two neighbouring groups belongs to which half.
     #[inline(always)]
     fn half<L: Lanes>(&self, pixel: Int<L>, sample: Int<L>) -> Int<L> {
         let Settings { spp, may_end_early, .. } = self.settings;

@@ -67,7 +67,7 @@ impl PassOptions {
 ///
 /// ```
 /// use raystream::engine::{PreparedScene, Units};
-/// use raystream::render::{PASSES_IN_FLIGHT, PassOptions, PathTracer, Progressive, Settings};
+/// use raystream::render::{PASSES_IN_FLIGHT, PassOptions, Settings};
 /// use raystream::scene::{Camera, recipe::Recipe};
 /// use raystream::schedule::{JobOptions, Service, ServiceOptions};
 /// use std::time::Duration;
@@ -78,12 +78,11 @@ impl PassOptions {
 /// let service = Service::new(ServiceOptions::default().with_max_jobs(PASSES_IN_FLIGHT))?;
 /// let camera = Camera::framing(&prepared.scene.bounds(), 1.0);
 /// let settings = Settings::new(32, 32).with_spp(64).with_max_bounces(2);
-/// let path = PathTracer::new(prepared.scene.clone(), &camera, settings, None)?;
 ///
-/// let pass_time = Duration::from_millis(1);
-/// let mut frame = Progressive::new(path, PassOptions::default().with_pass_time(pass_time));
+/// let options = PassOptions::default().with_pass_time(Duration::from_millis(1));
+/// let mut frame = prepared.progressive(&camera, settings, options)?;
 /// loop {
-///     frame.begin(|pass| service.submit(pass.clone(), prepared.tracers.clone(), JobOptions::default()))?;
+///     frame.begin(|pass| prepared.submit(&service, pass.clone(), JobOptions::default()))?;
 ///     if frame.finish_pass()?.is_none() {
 ///         break;
 ///     }

@@ -92,6 +92,11 @@ impl<P: Pod + Send + Sync, S: RayShader<P>> PerRay<S, P> {
         Self { shader, payload: PhantomData }
     }
 
+    /// The shader.
+    pub fn shader(&self) -> &S {
+        &self.shader
+    }
+
     /// The integrator that shades a frame with the shader.
     ///
     /// # Errors
@@ -187,7 +192,7 @@ impl<'a, P: Pod> RayHit<'a, P> {
     pub fn surface(&self) -> Option<SurfaceHit<'a>> {
         let scene = self.frame.scene();
         let material = &scene.materials[self.material? as usize];
-        Some(SurfaceHit { scene, material, at: Interaction::new(scene, material, self.ray, self.hit) })
+        Some(SurfaceHit::new(scene, material, self.ray, self.hit))
     }
 
     /// Radiance of the environment in the ray's direction.
@@ -253,6 +258,11 @@ impl Deref for SurfaceHit<'_> {
 }
 
 impl<'a> SurfaceHit<'a> {
+    /// The surface of material `material` where a ray has hit it.
+    pub(super) fn new(scene: &'a Scene, material: &'a Material, ray: &Ray, hit: &Hit) -> Self {
+        Self { material, scene, at: Interaction::new(scene, material, ray, hit) }
+    }
+
     /// The surface's BSDF.
     pub fn bsdf(&self) -> Bsdf<'a> {
         Bsdf::new(self.scene, &self.material.surface, &self.at, Smoothness::EXACT)

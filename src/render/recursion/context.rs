@@ -3,10 +3,9 @@
 use super::Shader;
 use super::exchange::{Exchange, Request};
 use crate::geom::Sampler;
-use crate::render::{Frame, Settings};
-use crate::scene::{Material, Scene};
-use crate::shade::single::Interaction;
-use crate::shade::{Lights, material_of};
+use crate::render::{Frame, Settings, SurfaceHit};
+use crate::scene::Scene;
+use crate::shade::{Lights, material_of, single};
 use crate::stream::{Hit, Ray};
 use glam::Vec3;
 use std::future::Future;
@@ -72,11 +71,15 @@ impl<'a, S: Shader> Cx<'a, S> {
         Exchange::call(|_, path| self.frame.sampler(path.pixel, path.sample))
     }
 
-    /// The material at a hit of a ray, and the hit's geometry.
-    pub fn surface(self, ray: &Ray, hit: &Hit) -> (&'a Material, Interaction) {
+    /// The surface that a ray has hit.
+    pub fn surface(self, ray: &Ray, hit: &Hit) -> SurfaceHit<'a> {
         let scene = self.scene();
-        let material = &scene.materials[material_of(scene, hit) as usize];
-        (material, Interaction::new(scene, material, ray, hit))
+        SurfaceHit::new(scene, &scene.materials[material_of(scene, hit) as usize], ray, hit)
+    }
+
+    /// Radiance of the environment in a ray's direction.
+    pub fn sky(self, ray: &Ray) -> Vec3 {
+        single::sky(self.lights(), Vec3::from_array(ray.direction).normalize()).0
     }
 
     /// Traces a ray. Returns the closest hit, `None` for a miss.

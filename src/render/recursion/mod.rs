@@ -43,17 +43,15 @@
 //!         let Some(hit) = hit else {
 //!             return Vec3::new(0.4, 0.6, 0.9); // the sky
 //!         };
-//!         let (_material, at) = cx.surface(&ray, &hit);
-//!         let towards = |direction| Ray::new(at.origin(at.position, direction), direction);
+//!         let at = cx.surface(&ray, &hit);
 //!         let mut light = Vec3::splat(0.05);
 //!         let facing = at.normal.dot(self.sun);
-//!         if facing > 0.0 && !cx.occluded(towards(self.sun)).await {
+//!         if facing > 0.0 && !cx.occluded(at.ray(self.sun)).await {
 //!             light += Vec3::splat(0.5 * facing);
 //!         }
 //!         let weight = 0.6 * weight;
 //!         if weight > 0.05 && depth < cx.settings().max_bounces {
-//!             let mirrored = 2.0 * at.normal.dot(at.wo) * at.normal - at.wo;
-//!             light += 0.6 * cx.call(towards(mirrored), (weight, depth + 1)).await;
+//!             light += 0.6 * cx.call(at.ray(at.mirrored()), (weight, depth + 1)).await;
 //!         }
 //!         light
 //!     }
@@ -68,9 +66,9 @@
 //!
 //! // The shader is a renderer like any other: a job for the service.
 //! let sun = Vec3::new(0.3, 0.9, 0.4).normalize();
-//! let mirrors = Arc::new(Recursion::new(Mirrors { sun }, prepared.scene.clone(), &camera, settings)?);
+//! let mirrors = prepared.recursion(Mirrors { sun }, &camera, settings)?;
 //! let service = Service::new(ServiceOptions::default().with_host_threads(2))?;
-//! service.submit(mirrors.clone(), prepared.tracers.clone(), JobOptions::default())?.wait()?;
+//! prepared.submit(&service, mirrors.clone(), JobOptions::default())?.wait()?;
 //!
 //! let picture = mirrors.film().resolve();
 //! assert_eq!(picture[0], [0.4, 0.6, 0.9]);

@@ -79,7 +79,7 @@ impl Shader for Curious {
 
     async fn shade(&self, cx: Cx<'_, Self>, ray: Ray, hit: Option<Hit>, (): ()) -> Vec3 {
         let Some(hit) = hit else { return Vec3::X };
-        let (_, at) = cx.surface(&ray, &hit);
+        let at = cx.surface(&ray, &hit);
         let towards = |to: Vec3| Ray::new(at.origin(at.position, to), to);
         let rays = [at.normal, at.normal + Vec3::X, at.normal - Vec3::Y].map(towards);
         let mut open = 0;
@@ -144,7 +144,7 @@ impl<const ROOM: usize> Shader for Crowd<ROOM> {
         if self.first && depth < cx.settings().max_bounces {
             beyond = cx.call(next, depth + 1).await;
         }
-        let (_, at) = cx.surface(&ray, &hit);
+        let at = cx.surface(&ray, &hit);
         for lamp in 0..LAMPS {
             let to = at.normal + Vec3::X * (lamp as f32 - 3.0);
             cx.add_unless_occluded(Ray::new(at.origin(at.position, to), to), Vec3::splat(0.5)).await;

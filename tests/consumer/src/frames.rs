@@ -30,15 +30,13 @@ impl Shader for Mirrors {
 
     async fn shade(&self, cx: Cx<'_, Self>, ray: Ray, hit: Option<Hit>, depth: u32) -> Vec3 {
         let Some(hit) = hit else { return Vec3::splat(0.8) };
-        let (_material, at) = cx.surface(&ray, &hit);
-        let towards = |direction| Ray::new(at.origin(at.position, direction), direction);
+        let at = cx.surface(&ray, &hit);
         let mut light = Vec3::splat(0.05);
-        if at.normal.y > 0.0 && !cx.occluded(towards(Vec3::Y)).await {
+        if at.normal.y > 0.0 && !cx.occluded(at.ray(Vec3::Y)).await {
             light += 0.5 * at.normal.y;
         }
         if depth < cx.settings().max_bounces {
-            let mirrored = 2.0 * at.normal.dot(at.wo) * at.normal - at.wo;
-            light += 0.4 * cx.call(towards(mirrored), depth + 1).await;
+            light += 0.4 * cx.call(at.ray(at.mirrored()), depth + 1).await;
         }
         light
     }
@@ -61,8 +59,8 @@ fn render<I: Integrator>(
 ) -> Result<(), Box<dyn Error>> {
     let integrator = Arc::new(integrator);
     let report = timings.time(name, || {
-        service
-            .submit(integrator.clone(), prepared.tracers.clone(), JobOptions::default())?
+        prepared
+            .submit(service, integrator.clone(), JobOptions::default())?
             .wait()
             .map_err(Box::<dyn Error>::from)
     })?;
