@@ -84,7 +84,7 @@ fn compare(folder: &Path, reference: &Reference, service: &Service) -> Result<bo
             .with_max_bounces(reference.max_bounces)
             .with_seed(seed);
         let path = Arc::new(PathTracer::new(prepared.scene.clone(), &camera, settings, None)?);
-        prepared.submit(&service, path.clone(), JobOptions::default())?.wait()?;
+        prepared.submit(service, path.clone(), JobOptions::default())?.wait()?;
         Ok(blocks(&path.film().resolve()))
     };
     let ours = (0..u64::from(RENDERS)).map(|seed| render(seed, SAMPLES)).collect::<Result<Vec<_>, _>>()?;
