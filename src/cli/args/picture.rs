@@ -49,7 +49,7 @@ impl PictureArgs {
         let most = u64::from(LayerFormat::GREATEST_PNG_ID) + 1;
         ensure!(
             self.aov_format != LayerFormat::Png || !aovs.has(Aov::Primitive) || triangles <= most,
-            "--aov-format png: the scene has {triangles} triangles, and the layer primitive tells {most} apart; \
+            "--aov-format png: the scene has {triangles} triangles, and the layer primitive can number {most}; \
              use npy"
         );
         Ok(())
