@@ -110,8 +110,10 @@ fn execute(command: &mut Command, registry: Registry) -> anyhow::Result<Outcome>
         Command::Serve(args) => serve::run(args, registry),
         #[cfg(feature = "farm")]
         Command::Worker(args) => farm::work(args, registry),
+        #[cfg(feature = "farm")]
+        Command::Farm(command) => farm::run(command),
         #[cfg(not(feature = "farm"))]
-        Command::Worker(_) => {
+        Command::Worker(_) | Command::Farm(_) => {
             Err(anyhow::anyhow!("this build was made without farms: build it with --features farm"))
         }
         #[cfg(feature = "serve")]

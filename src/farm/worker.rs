@@ -69,6 +69,8 @@ pub struct Worker {
     last_unit: Mutex<Instant>,
     rays: AtomicU64,
     lease_time: Mutex<Duration>,
+    /// Whether a unit has been stopped since the last report: who cancels a job waits for that.
+    has_stopped: AtomicBool,
 }
 
 /// A unit under way.
@@ -127,6 +129,7 @@ impl Worker {
             last_unit: Mutex::new(Instant::now()),
             rays: AtomicU64::new(0),
             lease_time,
+            has_stopped: AtomicBool::new(false),
         })
     }
 
@@ -190,8 +193,11 @@ impl Worker {
                 let mut last = Instant::now();
                 while live.load(Relaxed) > 0 {
                     std::thread::sleep(Duration::from_millis(20));
-                    let every = if name == "beat" { *lock(&own.lease_time) / BEATS } else { REPORT };
-                    if last.elapsed() >= every {
+                    let (every, is_asked) = match name {
+                        "beat" => (*lock(&own.lease_time) / BEATS, false),
+                        _ => (REPORT, own.has_stopped.swap(false, Relaxed)),
+                    };
+                    if is_asked || last.elapsed() >= every {
                         last = Instant::now();
                         help(&own);
                     }
@@ -312,6 +318,9 @@ impl Worker {
         }
         self.rays.fetch_add(watch.rays(), Relaxed);
         lock(&self.active).remove(&id);
+        if watch.is_stopped_now() {
+            self.has_stopped.store(true, Relaxed);
+        }
     }
 
     fn render(&self, lease: &dyn Lease, watch: &UnitWatch) {

@@ -2,7 +2,10 @@
 
 use crate::machines::worker_output;
 use crate::{Nats, SIZE, Worker, coordinator, folder, shipped, still};
+use rustix::process::{Pid, Signal, kill_process};
 use serde_json::json;
+use std::net::TcpStream;
+use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 /// A job of many units of a moment each.
@@ -65,9 +68,10 @@ fn a_cancelled_job_ends_everywhere_within_a_second() {
     assert_eq!(service.post(&format!("/api/v1/jobs/{id}/cancel"), &json!({})).status, 200);
     let began = Instant::now();
     while busy() {
-        assert!(began.elapsed() < Duration::from_millis(2500), "it goes on");
+        assert!(began.elapsed() < Duration::from_secs(1), "it goes on");
         std::thread::sleep(Duration::from_millis(20));
     }
+    println!("{} ms from the cancellation to the last unit", began.elapsed().as_millis());
 }
 
 #[test]
@@ -165,7 +169,7 @@ fn a_unit_that_fails_everywhere_fails_its_job_and_no_other() {
 
 #[test]
 fn a_full_disk_delays_results_and_loses_none() {
-    use rustix::process::{Pid, Resource, Rlimit, prlimit};
+    use rustix::process::{Resource, Rlimit, prlimit};
     let (job, hash) = still();
     let (nats, data) = (Nats::start(), folder());
     let service = coordinator(data.path(), &nats.url(), &[]);
@@ -186,20 +190,46 @@ fn a_full_disk_delays_results_and_loses_none() {
     assert_eq!(service.hashes(&id), [hash]);
 }
 
+/// Kills the server that a service has started, however a test ends.
+struct Spawned(PathBuf);
+
+impl Drop for Spawned {
+    fn drop(&mut self) {
+        let written = std::fs::read_to_string(self.0.join("nats/pid")).unwrap_or_default();
+        if let Some(process) = written.trim().parse().ok().and_then(Pid::from_raw) {
+            // It may have ended.
+            let _ = kill_process(process, Signal::KILL);
+        }
+    }
+}
+
 #[test]
 fn a_server_of_ones_own_is_started_and_found_again() {
     let (job, hash) = still();
     let data = folder();
+    let _spawned = Spawned(data.path().into());
     let options = ["--spawn-nats", "--lease", "1"];
     let service = crate::Service::start(data.path(), &options);
     let port = || std::fs::read_to_string(data.path().join("nats/port")).expect("a port");
     let url = format!("nats://127.0.0.1:{}", port());
-    let _worker = Worker::start(&url, "w", &[]);
+    let listens = || TcpStream::connect(("127.0.0.1", port().trim().parse().expect("a number"))).is_ok();
+    let worker = Worker::start(&url, "w", &[]);
     let scene = service.upload_file(&shipped("cornell.json"));
     let id = service.submit(&scene, &job);
     // Its server outlives it.
     service.kill();
-    let service = crate::Service::start(data.path(), &options);
+    assert!(listens());
+    let mut service = crate::Service::start(data.path(), &options);
     assert_eq!(url, format!("nats://127.0.0.1:{}", port()));
     assert_eq!(service.hashes(&id), [hash]);
+    drop(worker);
+    // A service that ends in good order ends the server too, although it has found it.
+    let process = Pid::from_raw(service.process() as i32).expect("a process");
+    kill_process(process, Signal::TERM).expect("it is there");
+    assert_eq!(service.wait_for_end(), Some(0));
+    let began = Instant::now();
+    while listens() {
+        assert!(began.elapsed() < Duration::from_secs(5), "the server is left behind");
+        std::thread::sleep(Duration::from_millis(20));
+    }
 }

@@ -3,7 +3,7 @@
 use rustix::process::{Pid, Signal, kill_process};
 use std::io::Read;
 use std::net::{Ipv4Addr, TcpListener, TcpStream};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
@@ -67,17 +67,36 @@ impl Drop for Process {
 pub struct Nats {
     folder: TempDir,
     port: u16,
+    /// The folder of its settings, if it has some.
+    settings: Option<PathBuf>,
     process: Option<Process>,
+}
+
+/// A port that no one listens at.
+pub fn free_port() -> u16 {
+    let socket = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).expect("a free port");
+    socket.local_addr().expect("an address").port()
 }
 
 impl Nats {
     pub fn start() -> Self {
-        let socket = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).expect("a free port");
-        let port = socket.local_addr().expect("an address").port();
-        drop(socket);
-        let mut own = Self { folder: tempfile::tempdir().expect("a folder"), port, process: None };
+        Self::with(free_port(), None)
+    }
+
+    /// One that reads `nats.conf` in this folder, which names the port.
+    pub fn with_settings(port: u16, settings: &Path) -> Self {
+        Self::with(port, Some(settings.into()))
+    }
+
+    fn with(port: u16, settings: Option<PathBuf>) -> Self {
+        let mut own = Self { folder: tempfile::tempdir().expect("a folder"), port, settings, process: None };
         own.restart();
         own
+    }
+
+    /// Has it read its settings again.
+    pub fn reload(&self) {
+        self.process.as_ref().expect("it runs").signal(Signal::HUP);
     }
 
     pub fn port(&self) -> u16 {
@@ -104,9 +123,15 @@ impl Nats {
     /// Starts it again.
     pub fn restart(&mut self) {
         let store = self.folder.path().join("store");
-        let child = Command::new("nats-server")
-            .args(["-a", "127.0.0.1", "-js", "-p", &self.port.to_string(), "-sd"])
-            .arg(store)
+        let mut command = Command::new("nats-server");
+        match &self.settings {
+            // As systemd tells a service where its state belongs.
+            Some(folder) => {
+                command.current_dir(folder).args(["-c", "nats.conf"]).env("STATE_DIRECTORY", store)
+            }
+            None => command.args(["-a", "127.0.0.1", "-js", "-p", &self.port.to_string(), "-sd"]).arg(store),
+        };
+        let child = command
             .stdin(Stdio::null())
             .stdout(Stdio::null())
             .stderr(Stdio::null())

@@ -3,11 +3,13 @@
 //!
 //! (`tests/farm` tests the templates for farms that people already have.)
 
+mod attacks;
 mod chaos;
 mod faults;
 mod machines;
 mod pictures;
 mod relay;
+mod secured;
 #[path = "../serve/service.rs"]
 #[allow(dead_code, reason = "tests of the service use more of it")]
 mod service;

@@ -2,7 +2,7 @@
 
 use super::UnitArgs;
 use crate::serve::Failpoint;
-use clap::Args;
+use clap::{Args, Subcommand};
 use std::path::PathBuf;
 
 /// Where the NATS server is.
@@ -89,4 +89,44 @@ fn lease(text: &str) -> Result<f64, String> {
 fn share(text: &str) -> Result<f64, String> {
     let share = text.parse().ok().filter(|share: &f64| (0.0..=1.0).contains(share));
     share.ok_or_else(|| "write a number, 0 to 1".into())
+}
+
+/// `raystream farm`.
+#[derive(Debug, Subcommand)]
+pub enum FarmCommand {
+    /// Write keys, certificates, settings and system services of a farm into a new folder.
+    Init(FarmInitArgs),
+    /// Add the key of one more worker to a farm.
+    Key(FarmKeyArgs),
+}
+
+/// `raystream farm init`.
+#[derive(Debug, Args)]
+pub struct FarmInitArgs {
+    /// Folder to write.
+    #[arg(value_name = "DIR", default_value = "raystream-farm")]
+    pub folder: PathBuf,
+    /// Name or address by which other machines reach the NATS server. Repeatable; commands use the first one
+    /// [default: this machine's].
+    #[arg(long, value_name = "NAME")]
+    pub host: Vec<String>,
+    /// Port of the NATS server.
+    #[arg(long, value_name = "N", default_value_t = 4222, value_parser = clap::value_parser!(u16).range(1..))]
+    pub port: u16,
+    /// Workers that get a key each, worker-1 and so on.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(0..=10_000))]
+    pub workers: u32,
+    /// Name of the farm.
+    #[arg(long, value_name = "NAME", default_value = "raystream")]
+    pub farm: String,
+}
+
+/// `raystream farm key`.
+#[derive(Debug, Args)]
+pub struct FarmKeyArgs {
+    /// Name of the worker.
+    pub name: String,
+    /// Folder of the farm.
+    #[arg(long, value_name = "DIR", default_value = "raystream-farm")]
+    pub folder: PathBuf,
 }

@@ -36,7 +36,7 @@ pub use bench::{
 pub use compare::CompareArgs;
 pub use doctor::DoctorArgs;
 #[cfg(feature = "farm")]
-pub use farm::{FarmArgs, NatsArgs, WorkerArgs};
+pub use farm::{FarmArgs, FarmCommand, FarmInitArgs, FarmKeyArgs, NatsArgs, WorkerArgs};
 pub use frames::FramesArgs;
 pub use layers::LayerArgs;
 pub use look::LookArgs;
@@ -104,6 +104,13 @@ pub enum Command {
     /// Left out of this build: renders units for a service that runs with --nats.
     #[cfg(not(feature = "farm"))]
     Worker(LeftOutArgs),
+    /// Set up a farm: keys, certificates, settings.
+    #[cfg(feature = "farm")]
+    #[command(subcommand)]
+    Farm(FarmCommand),
+    /// Left out of this build: sets up a farm.
+    #[cfg(not(feature = "farm"))]
+    Farm(LeftOutArgs),
     /// Send a scene and a job to a service.
     #[cfg(feature = "serve")]
     Submit(SubmitArgs),

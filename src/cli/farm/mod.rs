@@ -1,6 +1,9 @@
-//! `raystream worker`, and what makes a coordinator of `raystream serve`.
+//! `raystream worker`, `raystream farm`, and what makes a coordinator of `raystream serve`.
 
-use super::args::{FarmArgs, NatsArgs, WorkerArgs};
+mod init;
+mod systemd;
+
+use super::args::{FarmArgs, FarmCommand, NatsArgs, WorkerArgs};
 use super::{Outcome, Registry};
 use crate::cli::serve::{LoadedScenes, Studio};
 use crate::farm::nats::{NatsBus, NatsOptions, NatsServer};
@@ -17,6 +20,14 @@ const IDLE: Duration = Duration::from_secs(5);
 
 /// How long units may go on after a signal to end, before they are given back.
 const GRACE: Duration = Duration::from_secs(10);
+
+/// `raystream farm`.
+pub fn run(command: &FarmCommand) -> Result<Outcome> {
+    match command {
+        FarmCommand::Init(args) => init::init(args),
+        FarmCommand::Key(args) => init::key(args),
+    }
+}
 
 fn options(url: &str, server: &NatsArgs, insecure: bool) -> NatsOptions {
     let NatsArgs { nats_key, nats_ca, farm } = server;

@@ -7,6 +7,7 @@ use super::super::{BEATS, PART_BYTES};
 use super::connection::{NatsError, NatsOptions, TIMEOUT, warn_of_holes};
 use super::messages::{Question, Reply, join, kind, read_reply, reply, split, with_bytes};
 use super::queue::Queue;
+use super::subjects::{is_inbox, question};
 use async_nats::client::{Request, RequestErrorKind};
 use async_nats::jetstream;
 use async_nats::{Client, Message};
@@ -59,11 +60,7 @@ impl NatsBus {
             |error: std::io::Error| NatsError::Refused { url: options.url.clone(), error: error.to_string() };
         let runtime = runtime.map_err(refused)?;
         let client = runtime.block_on(options.connect(name))?;
-        if let Some(info) = client.try_server_info()
-            && !info.version.is_empty()
-        {
-            warn_of_holes(&info.version);
-        }
+        runtime.spawn(look_for_holes(client.clone()));
         let mut context = runtime.block_on(async { jetstream::new(client.clone()) });
         context.set_timeout(TIMEOUT);
         let queue = Queue::new(context, &options);
@@ -81,7 +78,7 @@ impl NatsBus {
     }
 
     async fn question(&self, ask: &Ask, part: Option<(u64, u64)>, bytes: &[u8]) -> Result<Reply, BusError> {
-        let subject = format!("{}.ask.{}", self.options.prefix, kind(ask));
+        let subject = question(&self.options.prefix, kind(ask));
         let patience = if matches!(ask, Ask::Result(_) | Ask::Files(..)) { DISK_TIMEOUT } else { TIMEOUT };
         let message = join(&Question { ask: ask.clone(), part }, bytes);
         let request = Request::new().payload(message.into()).timeout(Some(patience));
@@ -129,7 +126,7 @@ impl WorkBus for NatsBus {
 
     fn attend(&self, desk: Arc<dyn Desk>) -> Result<(), BusError> {
         let refused = |error: String| BusError::Refused(format!("NATS: {error}"));
-        let (client, subject) = (self.client.clone(), format!("{}.ask.>", self.options.prefix));
+        let (client, subject) = (self.client.clone(), question(&self.options.prefix, "*"));
         self.run(async {
             let asked = client.queue_subscribe(subject, "coordinator".into()).await;
             let mut asked = asked.map_err(|error| refused(error.to_string()))?;
@@ -177,9 +174,20 @@ impl WorkBus for NatsBus {
 
 const _: () = assert!(PART_BYTES < 1 << 20 && BEATS > 1);
 
+/// Looks at the version of a server as soon as there is one.
+async fn look_for_holes(client: Client) {
+    loop {
+        match client.try_server_info() {
+            Some(info) if !info.version.is_empty() => return warn_of_holes(&info.version),
+            _ => tokio::time::sleep(TIMEOUT).await,
+        }
+    }
+}
+
 /// Answers a question.
 async fn answer(client: &Client, message: &Message, desk: Arc<dyn Desk>, parts: Arc<Parts>) {
-    let Some(to) = message.reply.clone() else { return };
+    // An answer to another subject would do there what the one who asks may not.
+    let Some(to) = message.reply.clone().filter(|to| is_inbox(to)) else { return };
     let answered = match split::<Question>(&message.payload) {
         Ok((Question { ask, part }, bytes)) => match parts.add(&ask, part, bytes) {
             Ok(bytes) => {

@@ -1,8 +1,11 @@
 //! Where the server is, and who may connect to it.
 
-use async_nats::{Client, ConnectOptions, Event};
+use super::keys::NatsKey;
+use super::subjects::inbox;
+use async_nats::{Client, ConnectErrorKind, ConnectOptions, Event};
 use std::net::IpAddr;
 use std::path::PathBuf;
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 /// The pause between two tries to connect. The client's own grows to seconds, and units would wait for it.
@@ -14,8 +17,9 @@ const PING: Duration = Duration::from_secs(5);
 /// The longest wait for an answer of the server.
 pub(super) const TIMEOUT: Duration = Duration::from_secs(2);
 
-/// The first versions without the holes that anyone on the network can use (CVE-2023-47090, CVE-2025-30215).
-const SAFE: [(i64, i64, i64); 2] = [(2, 10, 27), (2, 11, 1)];
+/// The first versions, of each series that was mended, without the holes that advisories.nats.io names for servers with
+/// accounts and permissions (CVE-2023-47090, CVE-2025-30215, CVE-2026-33222; advisory 2026-18 is the newest).
+const SAFE: [(u32, u32, u32); 2] = [(2, 11, 16), (2, 12, 7)];
 
 /// How to connect to a server.
 #[derive(Clone, Debug)]
@@ -55,6 +59,9 @@ pub enum NatsError {
     /// A name that cannot be part of a subject.
     #[error("--farm {0:?}: letters, digits, - and _ make a name")]
     Name(String),
+    /// A key or a certificate cannot be made or read.
+    #[error("{0}")]
+    Key(String),
     /// A file cannot be read.
     #[error("{path}: {error}")]
     File {
@@ -104,22 +111,25 @@ impl NatsOptions {
         if is_own || is_secured || self.insecure { Ok(()) } else { Err(NatsError::Open(url)) }
     }
 
-    /// Connects, now or as soon as there is a server.
-    pub(super) async fn connect(&self, name: &str) -> Result<Client, NatsError> {
+    /// How to connect, with the files of key and certificate read.
+    fn read(&self, name: &str) -> Result<ConnectOptions, NatsError> {
+        let told = Arc::new(Mutex::new(String::new()));
         let mut options = ConnectOptions::new()
             .name(name)
-            .retry_on_initial_connect()
             .max_reconnects(None)
             .reconnect_delay_callback(|_| RECONNECT)
             .connection_timeout(TIMEOUT)
             .request_timeout(Some(TIMEOUT))
             .ping_interval(PING)
-            .event_callback(|event| async move { tell(&event) });
+            .event_callback(move |event| {
+                let told = Arc::clone(&told);
+                async move { tell(&event, &told) }
+            });
         if let Some(path) = &self.nkey {
-            let failed =
-                |error: std::io::Error| NatsError::File { path: path.clone(), error: error.to_string() };
-            let seed = std::fs::read_to_string(path).map_err(failed)?;
-            options = options.nkey(seed.trim().to_owned());
+            let failed = |error: String| NatsError::File { path: path.clone(), error };
+            let seed = std::fs::read_to_string(path).map_err(|error| failed(error.to_string()))?;
+            let key = NatsKey::from_seed(&seed).map_err(|error| failed(error.to_string()))?;
+            options = options.custom_inbox_prefix(inbox(&key.public)).nkey(key.seed);
         }
         if let Some(path) = &self.ca {
             if !path.is_file() {
@@ -127,35 +137,83 @@ impl NatsOptions {
             }
             options = options.add_root_certificates(path.clone()).require_tls(true);
         }
+        Ok(options)
+    }
+
+    /// Connects, now or as soon as there is a server. A server that is there and refuses is an error.
+    pub(super) async fn connect(&self, name: &str) -> Result<Client, NatsError> {
         let refused = |error: String| NatsError::Refused { url: self.url.clone(), error };
-        options.connect(&self.url).await.map_err(|error| refused(error.to_string()))
+        let error = match self.read(name)?.connect(&self.url).await {
+            Ok(client) => return Ok(client),
+            Err(error) => error,
+        };
+        match error.kind() {
+            _ if is_refused_certificate(&error) => Err(refused(format!(
+                "the server's certificate is refused; --nats-ca names that of its authority, and the address is one \
+                 that its certificate names ({error})"
+            ))),
+            ConnectErrorKind::AuthorizationViolation | ConnectErrorKind::Authentication => {
+                Err(refused(match &self.nkey {
+                    None => "the server knows keys; name this process's with --nats-key".into(),
+                    Some(key) => format!(
+                        "the server does not know the key of {}; `raystream farm key` adds one, and the server reads \
+                         its settings again when it is reloaded",
+                        key.display()
+                    ),
+                }))
+            }
+            ConnectErrorKind::Tls => Err(refused(format!("the connection cannot be encrypted: {error}"))),
+            _ => {
+                let options = self.read(name)?.retry_on_initial_connect();
+                options.connect(&self.url).await.map_err(|error| refused(error.to_string()))
+            }
+        }
     }
 }
 
-/// Says what happens to the connection.
-fn tell(event: &Event) {
+/// Whether an error is one of TLS. rustls's come as those of a connection with invalid data.
+fn is_refused_certificate(error: &(dyn std::error::Error + 'static)) -> bool {
+    std::iter::successors(Some(error), |error| error.source())
+        .filter_map(|error| error.downcast_ref::<std::io::Error>())
+        .any(|error| error.kind() == std::io::ErrorKind::InvalidData)
+}
+
+/// Says what happens to the connection, the same only once: a try to connect fails ten times a second.
+fn tell(event: &Event, told: &Mutex<String>) {
+    let text = match event {
+        Event::Connected => "NATS: connected".into(),
+        Event::Disconnected => "NATS: the connection is lost; it is made again".into(),
+        event => format!("NATS: {event}"),
+    };
+    let last = std::mem::replace(&mut *told.lock().expect("no holder panics"), text.clone());
     match event {
-        Event::Connected => log::info!("NATS: connected"),
-        Event::Disconnected => log::warn!("NATS: the connection is lost; it is made again"),
-        Event::ServerError(_) | Event::ClientError(_) => log::warn!("NATS: {event}"),
-        event => log::info!("NATS: {event}"),
+        _ if last == text => log::debug!("{text}"),
+        Event::Disconnected | Event::ServerError(_) | Event::ClientError(_) => log::warn!("{text}"),
+        _ => log::info!("{text}"),
     }
 }
 
 /// Warns of a server with known holes.
 pub(super) fn warn_of_holes(version: &str) {
-    let mut numbers = version.split(['.', '-']).map(|number| number.parse::<i64>().unwrap_or(0));
-    let mut next = || numbers.next().unwrap_or(0);
-    let version_numbers = (next(), next(), next());
-    let is_safe = SAFE
-        .iter()
-        .any(|safe| (safe.0, safe.1) == (version_numbers.0, version_numbers.1) && version_numbers >= *safe)
-        || version_numbers > SAFE[1];
-    if !is_safe {
+    if !is_safe(version) {
         log::warn!(
-            "NATS: the server's version {version} has known holes (CVE-2025-30215): let no one but this farm reach it, \
-             or use 2.11.1 or newer"
+            "NATS: version {version} of the server has known holes (CVE-2025-30215 and others, advisories.nats.io): \
+             let no one but this farm reach it, or use 2.11.16, 2.12.7 or a newer one"
         );
+    }
+}
+
+/// Whether a version is none of those with known holes. Previews of a version count as older.
+fn is_safe(version: &str) -> bool {
+    let (numbers, preview) = version.trim_start_matches('v').split_once('-').unwrap_or((version, ""));
+    let numbers: Option<Vec<u32>> =
+        numbers.trim_start_matches('v').split('.').map(|number| number.parse().ok()).collect();
+    let Some(&[major, minor, patch]) = numbers.as_deref() else { return false };
+    let version = (major, minor, patch);
+    let of_series = SAFE.iter().find(|safe| (safe.0, safe.1) == (major, minor));
+    match of_series {
+        Some(safe) => version > *safe || version == *safe && preview.is_empty(),
+        None => version > SAFE[1],
     }
 }
 
@@ -179,5 +237,17 @@ mod unit_tests {
         assert!(matches!(of("http://a b").check(), Err(NatsError::Url { .. })));
         let named = NatsOptions { prefix: "a.>".into(), ..of("localhost") };
         assert!(matches!(named.check(), Err(NatsError::Name(_))));
+    }
+
+    #[test]
+    fn versions_with_holes_are_known() {
+        for safe in ["2.11.16", "2.11.17", "2.12.7", "2.12.12-RC.1", "2.14.0", "2.15.1", "v2.15.1", "3.0.0"] {
+            assert!(is_safe(safe), "{safe}");
+        }
+        for unsafe_one in
+            ["2.9.10", "2.10.29", "2.11.1", "2.11.16-RC.1", "2.12.6", "2.12.0", "1.4.1", "", "2.x.1"]
+        {
+            assert!(!is_safe(unsafe_one), "{unsafe_one}");
+        }
     }
 }

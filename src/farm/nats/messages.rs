@@ -42,7 +42,7 @@ pub(super) fn split<T: DeserializeOwned>(message: &[u8]) -> Result<(T, &[u8]), B
     Ok((text, bytes))
 }
 
-/// The last token of the subject of a question: what a key may be allowed to ask.
+/// The last token of the subject of a question, one of [`super::subjects::QUESTIONS`].
 pub(super) fn kind(ask: &Ask) -> &'static str {
     match ask {
         Ask::Join(_) => "join",

@@ -5,12 +5,16 @@
 
 mod bus;
 mod connection;
+mod keys;
 mod messages;
 mod queue;
+pub mod settings;
 mod spawn;
+mod subjects;
 #[cfg(test)]
 mod tests;
 
 pub use bus::NatsBus;
 pub use connection::{NatsError, NatsOptions};
+pub use keys::{Certificates, NatsKey};
 pub use spawn::NatsServer;

@@ -3,13 +3,15 @@
 use super::super::bus::{Backlog, BusError, Lane, Lease, Offered};
 use super::super::unit::Unit;
 use super::connection::{NatsOptions, TIMEOUT};
+use super::subjects::{next, stream};
+use async_nats::StatusCode;
+use async_nats::client::{Request, RequestErrorKind};
 use async_nats::jetstream::consumer::{AckPolicy, PullConsumer, pull};
 use async_nats::jetstream::context::{PublishError, PublishErrorKind};
 use async_nats::jetstream::message::PublishMessage;
-use async_nats::jetstream::stream::{self, DiscardPolicy, RetentionPolicy, StorageType};
+use async_nats::jetstream::stream::{Config, DiscardPolicy, RetentionPolicy, StorageType};
 use async_nats::jetstream::{AckKind, Context, Message};
-use futures_util::StreamExt;
-use std::collections::HashMap;
+use serde_json::json;
 use std::fmt::Display;
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
@@ -35,7 +37,6 @@ pub(super) struct Queue {
     lease: Duration,
     /// When the stream was created, as far as this process knows.
     created: Mutex<Option<String>>,
-    consumers: Mutex<HashMap<&'static str, PullConsumer>>,
 }
 
 fn refused(error: impl Display) -> BusError {
@@ -46,17 +47,16 @@ impl Queue {
     pub fn new(context: Context, options: &NatsOptions) -> Self {
         Self {
             context,
-            name: format!("{}_WORK", options.prefix.to_uppercase()),
+            name: stream(&options.prefix),
             prefix: options.prefix.clone(),
             lease: options.lease,
             created: Mutex::default(),
-            consumers: Mutex::default(),
         }
     }
 
     /// Makes stream and consumers, unless they are there.
     async fn ensure(&self) -> Result<String, BusError> {
-        let config = stream::Config {
+        let config = Config {
             name: self.name.clone(),
             subjects: vec![format!("{}.work.>", self.prefix)],
             retention: RetentionPolicy::WorkQueue,
@@ -66,7 +66,7 @@ impl Queue {
             max_message_size: UNIT_BYTES,
             duplicate_window: DUPLICATES,
             num_replicas: 1,
-            ..stream::Config::default()
+            ..Config::default()
         };
         let stream = self.context.get_or_create_stream(config).await.map_err(refused)?;
         for lane in Lane::ALL {
@@ -126,38 +126,41 @@ impl Queue {
 
     pub async fn lease(&self, patience: Duration) -> Result<Option<NatsLease>, BusError> {
         for lane in Lane::ALL {
-            let leased = tokio::time::timeout(patience + TIMEOUT, self.lease_of(lane, patience)).await;
-            let leased = leased.map_err(|_| BusError::Silent("NATS".into())).and_then(|leased| leased);
-            match leased {
-                Ok(None) => {}
-                Ok(lease) => return Ok(lease),
-                Err(error) => {
-                    // The consumer may be another one.
-                    self.consumers.lock().expect("no holder panics").remove(lane.name());
-                    return Err(error);
-                }
+            if let Some(lease) = self.lease_of(lane, patience).await? {
+                return Ok(Some(lease));
             }
         }
         Ok(None)
     }
 
+    /// Asks for the next unit of a lane. That is a request without any before it, so that a worker's key needs to be
+    /// allowed this alone.
     async fn lease_of(&self, lane: Lane, patience: Duration) -> Result<Option<NatsLease>, BusError> {
-        let known = self.consumers.lock().expect("no holder panics").get(lane.name()).cloned();
-        let consumer = match known {
-            Some(consumer) => consumer,
-            None => {
-                let found = self.context.get_consumer_from_stream(lane.name(), &self.name).await;
-                let found: PullConsumer = found.map_err(refused)?;
-                self.consumers.lock().expect("no holder panics").insert(lane.name(), found.clone());
-                found
+        let (wanted, wait) = match lane {
+            Lane::Hi => (json!({ "batch": 1, "no_wait": true }), Duration::ZERO),
+            Lane::Lo => (json!({ "batch": 1, "expires": patience.as_nanos() as u64 }), patience),
+        };
+        let client = self.context.client();
+        // An inbox of its own: a unit comes with its own subject, by which the client does not know the request again.
+        let inbox = client.new_inbox();
+        let request =
+            Request::new().payload(wanted.to_string().into()).inbox(inbox).timeout(Some(wait + TIMEOUT));
+        let asked = client.send_request(next(&self.prefix, lane), request).await;
+        let message = match asked {
+            Ok(message) => Message { message, context: self.context.clone() },
+            Err(error) if error.kind() == RequestErrorKind::TimedOut => {
+                return Err(BusError::Silent("NATS".into()));
             }
+            Err(error) => return Err(refused(error)),
         };
-        let batch = match lane {
-            Lane::Hi => consumer.fetch().max_messages(1).messages().await,
-            Lane::Lo => consumer.batch().max_messages(1).expires(patience).messages().await,
-        };
-        let mut batch = batch.map_err(refused)?;
-        let Some(message) = batch.next().await.transpose().map_err(refused)? else { return Ok(None) };
+        match message.status {
+            None => {}
+            Some(StatusCode::NOT_FOUND | StatusCode::TIMEOUT) => return Ok(None),
+            Some(status) => {
+                let told = message.description.clone().unwrap_or_default();
+                return Err(refused(format!("{status} {told}")));
+            }
+        }
         let unit = match serde_json::from_slice(&message.payload) {
             Ok(unit) => unit,
             Err(error) => {

@@ -1,6 +1,7 @@
 //! A server of this service's own.
 
 use super::connection::NatsError;
+use super::settings;
 use std::fs;
 use std::io::{Read, Write};
 use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream};
@@ -25,6 +26,8 @@ const RESTART: Duration = Duration::from_millis(500);
 #[derive(Debug)]
 pub struct NatsServer {
     url: String,
+    port: u16,
+    folder: PathBuf,
     ending: Arc<AtomicBool>,
     child: Arc<Mutex<Option<Child>>>,
     watcher: Option<JoinHandle<()>>,
@@ -53,7 +56,7 @@ impl NatsServer {
             Some(port) => port,
             None => free().map_err(failed)?.port(),
         };
-        fs::write(folder.join("nats.conf"), configuration(port, &folder)).map_err(failed)?;
+        fs::write(folder.join("nats.conf"), settings::of_own_server(port, &folder)).map_err(failed)?;
         fs::write(&port_file, port.to_string()).map_err(failed)?;
         let child = spawn(&folder)?;
         let own = Self::of(port, Some(child), folder);
@@ -71,6 +74,7 @@ impl NatsServer {
     fn of(port: u16, child: Option<Child>, folder: PathBuf) -> Self {
         let (ending, is_own) = (Arc::new(AtomicBool::new(false)), child.is_some());
         let child = Arc::new(Mutex::new(child));
+        let own_folder = folder.clone();
         let watcher = {
             let (ending, child) = (Arc::clone(&ending), Arc::clone(&child));
             let watch = move || {
@@ -91,7 +95,7 @@ impl NatsServer {
             };
             std::thread::Builder::new().name("nats-server".into()).spawn(watch).ok()
         };
-        Self { url: format!("nats://127.0.0.1:{port}"), ending, child, watcher }
+        Self { url: format!("nats://127.0.0.1:{port}"), port, folder: own_folder, ending, child, watcher }
     }
 
     /// Its address.
@@ -103,10 +107,14 @@ impl NatsServer {
 impl Drop for NatsServer {
     fn drop(&mut self) {
         self.ending.store(true, Relaxed);
-        if let Some(mut child) = self.child.lock().expect("no holder panics").take() {
-            // Nothing of value is in its store.
-            let _ = child.kill();
-            let _ = child.wait();
+        match self.child.lock().expect("no holder panics").take() {
+            Some(mut child) => {
+                // Nothing of value is in its store.
+                let _ = child.kill();
+                let _ = child.wait();
+            }
+            None if answers(self.port) => end_earlier(&self.folder),
+            None => {}
         }
         if let Some(watcher) = self.watcher.take() {
             // Its panic has been reported.
@@ -115,15 +123,22 @@ impl Drop for NatsServer {
     }
 }
 
-/// What the server is told.
-fn configuration(port: u16, folder: &Path) -> String {
-    let store = folder.join("store");
-    // A name in quotes, as the server reads them.
-    let store = store.display().to_string().replace('\\', "\\\\").replace('"', "\\\"");
-    format!(
-        "listen: \"127.0.0.1:{port}\"\nmax_payload: 1048576\nping_interval: \"5s\"\nping_max: 2\n\
-         write_deadline: \"5s\"\njetstream {{ store_dir: \"{store}\", max_mem: 64MB, max_file: 1GB }}\n"
-    )
+/// Ends the server of an earlier process, which has written its process's number. It listens, so the number is its own.
+#[cfg(target_os = "linux")]
+fn end_earlier(folder: &Path) {
+    use rustix::process::{Pid, Signal, kill_process};
+    let written = fs::read_to_string(folder.join("pid")).ok();
+    let process = written.and_then(|text| text.trim().parse().ok()).and_then(Pid::from_raw);
+    let ended = process.map(|process| kill_process(process, Signal::TERM));
+    if !matches!(ended, Some(Ok(()))) {
+        log::warn!("{PROGRAM} goes on; its process is not known");
+    }
+}
+
+/// The server goes on.
+#[cfg(not(target_os = "linux"))]
+fn end_earlier(_: &Path) {
+    log::warn!("{PROGRAM} goes on");
 }
 
 fn spawn(folder: &Path) -> Result<Child, NatsError> {
