@@ -6,9 +6,9 @@
 The page has a line `<!-- begin: NAME -->` and a line `<!-- end: NAME -->`; what stands between them is replaced by the
 command, the machine and the table. NAME's first word says which table: `rays` (`rays query`, `rays service` for these
 two), `contenders`, `threads`, `small`, `build`, `ladder`, `frame`, `tail`, `textures`, `shaders`, `adaptive`, `noise`,
-`profiles`, `schedule`, `latency`, `rtrt`, `live` or `service`; further words only distinguish two blocks of a page. Tables over
-scenes take files of one machine and one build, with one scene or several in each. A scene is called what its file is
-called, or LABEL where there is one in the file.
+`profiles`, `schedule`, `latency`, `rtrt`, `live`, `service`, `plan` or `plancheck`; further words only distinguish two
+blocks of a page. Tables over scenes take files of one machine and one build, with one scene or several in each. A scene
+is called what its file is called, or LABEL where there is one in the file.
 
 --machine TEXT    names the machine where the file does not, or better than the file does
 --build COMMIT    the commit that was measured [default: the checkout's, with "changed" if it has changes]
@@ -158,6 +158,27 @@ PLAIN = {
         ("best", "job_s.best", 1, "{:.2f}"),
         ("worst", "job_s.worst", 1, "{:.2f}"),
         ("loss", "loss", 100, "{:.1f} %"),
+    ],
+    "plan": [
+        ("job", "job", None, "{}"),
+        ("machines", "machines", None, "{}"),
+        ("s", "seconds", 1, "{:.1f}"),
+        ("times as fast", "speedup", 1, "{:.1f}"),
+        ("efficiency", "efficiency", 100, "{:.1f} %"),
+        ("idle", "idle_share", 100, "{:.0f} %"),
+        ("network", "network_share", 100, "{:.1f} %"),
+        ("busiest besides machines", "busiest", None, "{}"),
+        ("its load", "busiest_share", 100, "{:.0f} %"),
+    ],
+    "plancheck": [
+        ("workers", "workers", None, "{}"),
+        ("measured, s", "measured_s.median", 1, "{:.1f}"),
+        ("best", "measured_s.best", 1, "{:.1f}"),
+        ("worst", "measured_s.worst", 1, "{:.1f}"),
+        ("predicted, s", "predicted_s", 1, "{:.1f}"),
+        ("difference", "difference", 100, "{:+.1f} %"),
+        ("efficiency", "efficiency", 100, "{:.0f} %"),
+        ("predicted", "predicted_efficiency", 100, "{:.0f} %"),
     ],
     "kernels": [
         ("a ray/triangle test (Table 1)", "kernel", None, "{}"),

@@ -34,6 +34,8 @@ mod scene_file;
 mod serve;
 mod setup;
 mod shaders;
+#[cfg(any(feature = "bench", feature = "farm"))]
+mod sheet;
 mod stats;
 mod timeline;
 mod trace;
@@ -123,6 +125,8 @@ fn execute(command: &mut Command, registry: Registry) -> anyhow::Result<Outcome>
         #[cfg(feature = "serve")]
         Command::Fetch(args) => serve::fetch(args),
         #[cfg(feature = "serve")]
+        Command::Timeline(args) => serve::timeline(args),
+        #[cfg(feature = "serve")]
         Command::Cancel(args) => serve::cancel(args),
         #[cfg(feature = "serve")]
         Command::View(args) => serve::view(args, registry),
@@ -133,6 +137,7 @@ fn execute(command: &mut Command, registry: Registry) -> anyhow::Result<Outcome>
         | Command::Submit(_)
         | Command::Jobs(_)
         | Command::Fetch(_)
+        | Command::Timeline(_)
         | Command::Cancel(_)
         | Command::View(_) => {
             Err(anyhow::anyhow!("this build was made without the service: build it with --features serve"))

@@ -156,6 +156,7 @@ fn questions_are_answered((coordinator, worker): &Ends) {
             identity: "i".into(),
             digest: bytes.to_string(),
             seconds: 1.5,
+            opening_s: 0.25,
             sums: Arc::new(sums),
         };
         let answer = worker.ask(Ask::Result(finished.clone())).expect("an answer");

@@ -14,7 +14,7 @@ use std::sync::Arc;
 pub struct Build(BTreeMap<String, String>);
 
 /// Counts incompatible messages between coordinator and workers.
-const PROTOCOL_VERSION: u32 = 1;
+const PROTOCOL_VERSION: u32 = 2;
 
 impl Build {
     /// This process's.
@@ -119,8 +119,10 @@ pub struct FinishedUnit {
     pub identity: String,
     /// The SHA-256 of the sums.
     pub digest: String,
-    /// How long it took.
+    /// How long it took, with opening its scene.
     pub seconds: f64,
+    /// How long opening its scene took: fetching and reading it, where it was not there.
+    pub opening_s: f64,
     /// [`crate::render::Patch::sums`]. They travel beside the rest.
     #[serde(skip)]
     pub sums: Arc<Vec<u8>>,

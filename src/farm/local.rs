@@ -3,13 +3,10 @@
 use super::bus::{Backlog, BusError, Lane, Lease, Offered, WorkBus};
 use super::desk::{Answer, Ask, Desk};
 use super::unit::Unit;
-use super::{BEATS, LEASE};
+use super::{BEATS, LEASE, QUEUED_UNITS};
 use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
-
-/// The most units that wait or are leased.
-const MOST_UNITS: usize = 20_000;
 
 /// A bus between threads of one process.
 pub struct LocalBus {
@@ -50,7 +47,7 @@ impl Queue {
 
 impl Default for LocalBus {
     fn default() -> Self {
-        Self::new(LEASE, MOST_UNITS)
+        Self::new(LEASE, QUEUED_UNITS)
     }
 }
 

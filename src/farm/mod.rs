@@ -16,6 +16,7 @@ mod desk;
 mod local;
 #[cfg(feature = "farm")]
 pub mod nats;
+pub mod plan;
 mod scenes;
 mod unit;
 mod watch;
@@ -36,6 +37,15 @@ use std::time::Duration;
 
 /// The most bytes of a part of a film or scene that travels in one message. Servers take messages of 1 MiB.
 pub const PART_BYTES: usize = 512 << 10;
+
+/// The most units of a bus, waiting or leased. The coordinator offers two a slot; this is a guard.
+pub const QUEUED_UNITS: usize = 20_000;
+
+/// Units that workers may have at the same time.
+pub const LEASED_UNITS: usize = 10_000;
+
+/// Questions that the coordinator answers at the same time.
+pub const ANSWERED_TOGETHER: usize = 32;
 
 /// How long a worker may be silent about a unit before another one gets it.
 pub const LEASE: Duration = Duration::from_secs(15);

@@ -89,6 +89,14 @@ struct Opened {
 /// A thread beside those of the slots: its name, and what it does again and again.
 type Helper = (&'static str, fn(&Worker));
 
+/// What has become of a unit.
+struct Rendered {
+    identity: String,
+    patch: Patch,
+    /// How long opening its scene took.
+    opening_s: f64,
+}
+
 /// Why a unit has no film.
 enum Failed {
     /// It is to be tried again, by anyone.
@@ -333,7 +341,7 @@ impl Worker {
             return if self.is_ending.load(Relaxed) { lease.give_back(Duration::ZERO) } else { lease.done() };
         }
         match rendered {
-            Ok((identity, patch)) => {
+            Ok(Rendered { identity, patch, opening_s }) => {
                 failpoint::pass("unit-rendered");
                 let (seconds, mut sums) = (began.elapsed().as_secs_f64(), patch.into_sums());
                 if self.options.corrupt && sums.len() > CORRUPT {
@@ -341,7 +349,8 @@ impl Worker {
                 }
                 let (digest, sums) = (hex(&Sha256::digest(&sums)), Arc::new(sums));
                 let (unit, worker) = (unit.id.clone(), self.options.name.clone());
-                self.send(lease, watch, FinishedUnit { unit, worker, identity, digest, seconds, sums });
+                let finished = FinishedUnit { unit, worker, identity, digest, seconds, opening_s, sums };
+                self.send(lease, watch, finished);
             }
             Err(Failed::GiveBack(why)) => {
                 log::warn!("unit {}: {why}; another try is in 2 s", unit.id);
@@ -394,8 +403,10 @@ impl Worker {
         }
     }
 
-    fn patch(&self, unit: &Unit, watch: &UnitWatch) -> Result<(String, Patch), Failed> {
+    fn patch(&self, unit: &Unit, watch: &UnitWatch) -> Result<Rendered, Failed> {
+        let began = Instant::now();
         let opened = self.open(unit)?;
+        let opening_s = began.elapsed().as_secs_f64();
         let frame = unit.id.frame;
         let known = lock(&opened.identities).get(&frame).cloned();
         let identity = match known {
@@ -405,7 +416,7 @@ impl Worker {
         lock(&opened.identities).insert(frame, identity.clone());
         let piece = Pass::new(unit.blocks.clone().into(), unit.samples.clone());
         let patch = opened.shots.patch(frame, piece, watch).map_err(Failed::Unit)?;
-        Ok((identity, patch))
+        Ok(Rendered { identity, patch, opening_s })
     }
 
     /// The scene of a unit with its options, read once for many units.

@@ -34,6 +34,7 @@ pub use failpoint::Failpoint;
 pub use limits::Limits;
 pub use pictures::{Demand, Frame, Gathering, Kind, Pictures, Shots, Watch};
 pub use problem::Problem;
+pub(crate) use runner::decisions;
 pub use runner::{FarmOptions, ShownWorker};
 pub use scene_cache::SceneCache;
 pub use scene_reader::SceneReader;

@@ -8,6 +8,7 @@ mod chaos;
 mod faults;
 mod machines;
 mod pictures;
+mod plan;
 mod relay;
 mod secured;
 #[path = "../serve/service.rs"]

@@ -54,6 +54,24 @@ class Results(unittest.TestCase):
         self.assertIn("raystream bench build glass.json --embree EMBREE.so\n", page)
         self.assertIn("| glass | 50.0 | 100.0 | 0.50 | 10.0 | 40.0 | 80.0 | 0.50 | 5.0 |", page)
 
+    def test_predictions_stand_beside_measurements(self):
+        row = {
+            "workers": 4, "measured_s": {"median": 60.0, "best": 59.0, "worst": 61.0}, "predicted_s": 57.0,
+            "difference": -0.05, "efficiency": 0.97, "predicted_efficiency": 0.985,
+        }
+        sheet = self.sheet("scripts/farm_plan_check plancheck.json --rounds 1", row)
+        run, page = self.write(PAGE.replace("schedule", "plancheck"), sheet, "plancheck")
+        self.assertEqual(run.returncode, 0, run.stderr)
+        self.assertIn("| 4 | 60.0 | 59.0 | 61.0 | 57.0 | -5.0 % | 97 % | 98 % |", page)
+        self.assertIn("scripts/farm_plan_check plancheck.json --rounds 1\n", page)
+        row = {
+            "job": "still", "machines": 200, "seconds": 61.25, "speedup": 150.0, "efficiency": 0.75, "idle_share": 0.2,
+            "network_share": 0.125, "busiest": "planner", "busiest_share": 0.5,
+        }
+        run, page = self.write(PAGE.replace("schedule", "plan"), self.sheet("farm plan --json a/p.json", row), "plan")
+        self.assertEqual(run.returncode, 0, run.stderr)
+        self.assertIn("| still | 200 | 61.2 | 150.0 | 75.0 % | 20 % | 12.5 % | planner | 50 % |", page)
+
     def test_the_service_has_three_tables(self):
         times = {"p50": 0.001, "p99": 0.0123, "worst": 0.5}
         rows = [

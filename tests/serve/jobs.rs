@@ -154,6 +154,13 @@ fn the_commands_send_scenes_and_fetch_pictures() {
     let expected = rendered(&scene, &["--size", "16x8", "--spp", "4", "--eye", "-1,0,4"]);
     assert_eq!(service.hashes(id), [expected]);
     assert!(run(&["jobs"]).1.contains(id) && run(&["jobs", id]).1.contains("pictures"));
+    let timeline = work.path().join("timeline.json");
+    let (code, text, errors) = run(&["timeline", id, "-o", timeline.to_str().expect("UTF-8")]);
+    assert!(code == Some(0) && text.contains("by 1 workers"), "{text}{errors}");
+    let trace: Value = serde_json::from_slice(&std::fs::read(&timeline).expect("a timeline")).expect("JSON");
+    assert_eq!(trace["otherData"]["job"], id);
+    let (code, _, errors) = run(&["timeline", id, "-o", "timeline.svg"]);
+    assert!(code == Some(2) && errors.contains(".json"), "{errors}");
     let (code, _, errors) = run(&["cancel", id]);
     assert!(code == Some(2) && errors.contains("the job is done"), "{errors}");
     let (code, _, errors) = run(&["submit", scene.to_str().expect("UTF-8"), "--stats", "x.json"]);

@@ -1,6 +1,6 @@
 //! Arguments of a coordinator and of its workers.
 
-use super::UnitArgs;
+use super::{FarmPlanArgs, UnitArgs};
 use crate::serve::Failpoint;
 use clap::{Args, Subcommand};
 use std::path::PathBuf;
@@ -86,7 +86,7 @@ fn lease(text: &str) -> Result<f64, String> {
     seconds.ok_or_else(|| "write seconds, 0.3 to 3600".into())
 }
 
-fn share(text: &str) -> Result<f64, String> {
+pub(super) fn share(text: &str) -> Result<f64, String> {
     let share = text.parse().ok().filter(|share: &f64| (0.0..=1.0).contains(share));
     share.ok_or_else(|| "write a number, 0 to 1".into())
 }
@@ -98,6 +98,8 @@ pub enum FarmCommand {
     Init(FarmInitArgs),
     /// Add the key of one more worker to a farm.
     Key(FarmKeyArgs),
+    /// Predict time, idle machines and network load of a job on farms of many sizes.
+    Plan(Box<FarmPlanArgs>),
 }
 
 /// `raystream farm init`.

@@ -6,6 +6,8 @@ mod compare;
 mod doctor;
 #[cfg(feature = "farm")]
 mod farm;
+#[cfg(feature = "farm")]
+mod farm_plan;
 mod frames;
 mod layers;
 mod look;
@@ -37,6 +39,8 @@ pub use compare::CompareArgs;
 pub use doctor::DoctorArgs;
 #[cfg(feature = "farm")]
 pub use farm::{FarmArgs, FarmCommand, FarmInitArgs, FarmKeyArgs, NatsArgs, WorkerArgs};
+#[cfg(feature = "farm")]
+pub use farm_plan::{FarmPlanArgs, JobName};
 pub use frames::FramesArgs;
 pub use layers::LayerArgs;
 pub use look::LookArgs;
@@ -51,7 +55,8 @@ pub use sampling::SamplingArgs;
 pub use scene::SceneArgs;
 #[cfg(feature = "serve")]
 pub use serve::{
-    CancelArgs, CheckSceneArgs, ClientArgs, FetchArgs, JobsArgs, ServeArgs, SubmitArgs, ViewArgs,
+    CancelArgs, CheckSceneArgs, ClientArgs, FetchArgs, JobsArgs, ServeArgs, SubmitArgs, TimelineArgs,
+    ViewArgs,
 };
 pub use shaders::ShadersCommand;
 pub use trace::{MeshArgs, TraceArgs};
@@ -104,11 +109,11 @@ pub enum Command {
     /// Left out of this build: renders units for a service that runs with --nats.
     #[cfg(not(feature = "farm"))]
     Worker(LeftOutArgs),
-    /// Set up a farm: keys, certificates, settings.
+    /// Set up a farm, or predict what it takes.
     #[cfg(feature = "farm")]
     #[command(subcommand)]
     Farm(FarmCommand),
-    /// Left out of this build: sets up a farm.
+    /// Left out of this build: sets up a farm, or predicts what it takes.
     #[cfg(not(feature = "farm"))]
     Farm(LeftOutArgs),
     /// Send a scene and a job to a service.
@@ -120,6 +125,9 @@ pub enum Command {
     /// Get a picture from a service.
     #[cfg(feature = "serve")]
     Fetch(FetchArgs),
+    /// Get the timeline of a job of a service: which worker rendered what when.
+    #[cfg(feature = "serve")]
+    Timeline(TimelineArgs),
     /// Abandon a job of a service.
     #[cfg(feature = "serve")]
     Cancel(CancelArgs),
@@ -142,6 +150,9 @@ pub enum Command {
     /// Left out of this build: gets a picture from a service.
     #[cfg(not(feature = "serve"))]
     Fetch(LeftOutArgs),
+    /// Left out of this build: gets the timeline of a job of a service.
+    #[cfg(not(feature = "serve"))]
+    Timeline(LeftOutArgs),
     /// Left out of this build: abandons a job of a service.
     #[cfg(not(feature = "serve"))]
     Cancel(LeftOutArgs),

@@ -152,6 +152,19 @@ pub struct FetchArgs {
     pub wait: bool,
 }
 
+/// `raystream timeline`.
+#[derive(Debug, Args)]
+pub struct TimelineArgs {
+    /// The service.
+    #[command(flatten)]
+    pub client: ClientArgs,
+    /// The job.
+    pub id: String,
+    /// Timeline to write, as a Chrome trace.
+    #[arg(short, long, value_name = "FILE.json", default_value = "timeline.json")]
+    pub output: PathBuf,
+}
+
 /// `raystream cancel`.
 #[derive(Debug, Args)]
 pub struct CancelArgs {

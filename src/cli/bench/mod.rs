@@ -20,12 +20,9 @@ use super::Outcome;
 use super::args::{BenchCommand, SceneArgs, ShotArgs};
 use super::outputs::Outputs;
 use super::setup::Setup;
-use super::stats::{self, SCHEMA};
-use crate::engine::Units;
-use crate::meters::processor;
+use super::sheet::{Provenance, SceneRow, write};
 use crate::scene::{Camera, Scene};
 use anyhow::Result;
-use serde::Serialize;
 use std::path::Path;
 
 /// Runs a measurement.
@@ -65,63 +62,4 @@ impl ShotArgs {
         let camera = self.camera.apply(scene.camera, framed);
         Ok((setup, camera))
     }
-}
-
-/// What every file of `--json` begins with.
-#[derive(Serialize)]
-struct Provenance {
-    schema: u32,
-    /// This process's arguments, without its name.
-    command: Vec<String>,
-    machine: Machine,
-}
-
-#[derive(Serialize)]
-struct Machine {
-    /// [`processor`].
-    processor: Option<String>,
-    /// That the system offers.
-    threads: usize,
-    simd: &'static str,
-}
-
-impl Provenance {
-    fn here() -> Self {
-        let threads = std::thread::available_parallelism().map_or(1, usize::from);
-        let machine = Machine { processor: processor(), threads, simd: Units::cpu().simd().name() };
-        let command =
-            std::env::args_os().skip(1).map(|argument| argument.to_string_lossy().into_owned()).collect();
-        Self { schema: SCHEMA, command, machine }
-    }
-}
-
-/// A row with its scene.
-#[derive(Serialize)]
-struct SceneRow<'a, R> {
-    #[serde(skip_serializing_if = "Option::is_none")]
-    scene: Option<&'a str>,
-    #[serde(flatten)]
-    row: &'a R,
-}
-
-impl<'a, R> SceneRow<'a, R> {
-    fn all(scene: Option<&'a str>, rows: &'a [R]) -> impl Iterator<Item = Self> {
-        rows.iter().map(move |row| Self { scene, row })
-    }
-}
-
-/// What `--json` writes.
-#[derive(Serialize)]
-struct Sheet<'a, R> {
-    #[serde(flatten)]
-    provenance: Provenance,
-    rows: Vec<SceneRow<'a, R>>,
-}
-
-/// Writes the rows of a measurement to the file of `--json`, if there is one.
-fn write<R: Serialize>(path: Option<&Path>, scene: Option<&Path>, rows: &[R]) -> Result<()> {
-    let Some(path) = path else { return Ok(()) };
-    let scene = scene.map(|path| path.file_name().and_then(|name| name.to_str()).unwrap_or_default());
-    let rows = SceneRow::all(scene, rows).collect();
-    stats::write(path, &Sheet { provenance: Provenance::here(), rows })
 }

@@ -1,6 +1,8 @@
 //! `raystream worker`, `raystream farm`, and what makes a coordinator of `raystream serve`.
 
 mod init;
+mod plan;
+mod plot;
 mod systemd;
 
 use super::args::{FarmArgs, FarmCommand, NatsArgs, WorkerArgs};
@@ -26,6 +28,7 @@ pub fn run(command: &FarmCommand) -> Result<Outcome> {
     match command {
         FarmCommand::Init(args) => init::init(args),
         FarmCommand::Key(args) => init::key(args),
+        FarmCommand::Plan(args) => plan::run(args),
     }
 }
 

@@ -1,7 +1,7 @@
 //! The commands that talk to a service.
 
 use super::pack::Pack;
-use crate::cli::args::{CancelArgs, ClientArgs, FetchArgs, JobsArgs, SubmitArgs};
+use crate::cli::args::{CancelArgs, ClientArgs, FetchArgs, JobsArgs, SubmitArgs, TimelineArgs};
 use crate::cli::{Outcome, Registry};
 use crate::files;
 use anyhow::{Context, Result, bail, ensure};
@@ -183,6 +183,20 @@ pub fn fetch(args: &FetchArgs) -> Result<Outcome> {
 
 fn write(path: &Path, bytes: &[u8]) -> Result<()> {
     Ok(files::write(path, |file| file.write_all(bytes))?)
+}
+
+/// `raystream timeline`.
+pub fn timeline(args: &TimelineArgs) -> Result<Outcome> {
+    let (id, path) = (checked(&args.id)?, args.output.display());
+    let is_json = args.output.extension().is_some_and(|extension| extension == "json");
+    ensure!(is_json, "{path}: a timeline is written as .json; give the file this extension");
+    files::check_writable(&args.output)?;
+    let client = Client::new(&args.client)?;
+    let trace = json_of(client.get(&format!("/api/v1/jobs/{id}/timeline"))?)?;
+    write(&args.output, trace.to_string().as_bytes())?;
+    let (units, workers) = (&trace["otherData"]["units"], &trace["otherData"]["workers"]);
+    stdout_line!("{path}: {units} units by {workers} workers; open it in Perfetto or chrome://tracing");
+    Ok(Outcome::Done)
 }
 
 /// `raystream cancel`.

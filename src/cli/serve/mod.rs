@@ -10,7 +10,7 @@ mod studio;
 mod view;
 
 pub use check_scene::run as check_scene;
-pub use client::{cancel, fetch, jobs, submit};
+pub use client::{cancel, fetch, jobs, submit, timeline};
 pub use view::run as view;
 
 use super::args::ServeArgs;

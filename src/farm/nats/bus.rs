@@ -3,7 +3,7 @@
 use super::super::bus::{Backlog, BusError, Lane, Lease, Offered, WorkBus};
 use super::super::desk::{Answer, Ask, Desk, Verdict};
 use super::super::unit::Unit;
-use super::super::{BEATS, PART_BYTES};
+use super::super::{ANSWERED_TOGETHER, BEATS, PART_BYTES};
 use super::connection::{NatsError, NatsOptions, TIMEOUT, warn_of_holes};
 use super::messages::{Question, Reply, join, kind, read_reply, reply, split, with_bytes};
 use super::queue::Queue;
@@ -20,9 +20,6 @@ use tokio::sync::Semaphore;
 
 /// The longest wait for a coordinator that writes a film to its disk.
 const DISK_TIMEOUT: Duration = Duration::from_secs(20);
-
-/// Questions that are answered at the same time.
-const ANSWERING: usize = 32;
 
 /// The most bytes of films that have not come whole yet; and how long parts are kept for the others.
 const MOST_PARTS_BYTES: usize = 1 << 30;
@@ -52,7 +49,7 @@ impl NatsBus {
         options.check()?;
         let runtime = tokio::runtime::Builder::new_multi_thread()
             .worker_threads(2)
-            .max_blocking_threads(2 * ANSWERING)
+            .max_blocking_threads(2 * ANSWERED_TOGETHER)
             .thread_name("nats")
             .enable_all()
             .build();
@@ -131,7 +128,8 @@ impl WorkBus for NatsBus {
             let asked = client.queue_subscribe(subject, "coordinator".into()).await;
             let mut asked = asked.map_err(|error| refused(error.to_string()))?;
             tokio::spawn(async move {
-                let (limit, parts) = (Arc::new(Semaphore::new(ANSWERING)), Arc::new(Parts::default()));
+                let (limit, parts) =
+                    (Arc::new(Semaphore::new(ANSWERED_TOGETHER)), Arc::new(Parts::default()));
                 while let Some(message) = asked.next().await {
                     let Ok(permit) = Arc::clone(&limit).acquire_owned().await else { return };
                     let (client, desk, parts) = (client.clone(), Arc::clone(&desk), Arc::clone(&parts));

@@ -2,6 +2,7 @@
 
 use super::super::bus::{Backlog, BusError, Lane, Lease, Offered};
 use super::super::unit::Unit;
+use super::super::{LEASED_UNITS, QUEUED_UNITS};
 use super::connection::{NatsOptions, TIMEOUT};
 use super::subjects::{next, stream};
 use async_nats::StatusCode;
@@ -17,17 +18,11 @@ use std::sync::Mutex;
 use std::time::{Duration, Instant};
 use tokio::runtime::Handle;
 
-/// The most units of the queue. The coordinator offers far fewer; this is a guard.
-const MOST_UNITS: i64 = 20_000;
-
 /// The most bytes of a unit.
 const UNIT_BYTES: i32 = 256 << 10;
 
 /// How long the server knows the names of units, so that a repeated offer is known as such.
 const DUPLICATES: Duration = Duration::from_secs(120);
-
-/// Units that workers may have at the same time.
-const MOST_LEASED: i64 = 10_000;
 
 /// The queue.
 pub(super) struct Queue {
@@ -62,7 +57,7 @@ impl Queue {
             retention: RetentionPolicy::WorkQueue,
             storage: StorageType::File,
             discard: DiscardPolicy::New,
-            max_messages: MOST_UNITS,
+            max_messages: QUEUED_UNITS as i64,
             max_message_size: UNIT_BYTES,
             duplicate_window: DUPLICATES,
             num_replicas: 1,
@@ -77,7 +72,7 @@ impl Queue {
                 ack_wait: self.lease,
                 // The ledger counts attempts; a message that the server gives up would be lost.
                 max_deliver: -1,
-                max_ack_pending: MOST_LEASED,
+                max_ack_pending: LEASED_UNITS as i64,
                 ..pull::Config::default()
             };
             stream.create_consumer(config).await.map_err(refused)?;

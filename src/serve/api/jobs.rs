@@ -138,7 +138,7 @@ fn shown(job: &Job, totals: Totals, now: f64) -> Value {
     })
 }
 
-fn find(state: &State, id: &str) -> Result<Job, Problem> {
+pub(super) fn find(state: &State, id: &str) -> Result<Job, Problem> {
     state.ledger().job(id)?.ok_or_else(|| Problem::missing(format!("job {id:?}")))
 }
 

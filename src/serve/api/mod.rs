@@ -9,6 +9,7 @@ mod request;
 mod results;
 mod scenes;
 mod session;
+mod timeline;
 
 pub use body::{Pieces, media_type};
 pub(super) use jobs::check_demand;
@@ -40,6 +41,7 @@ pub fn router(state: State) -> Router {
         .route("/api/v1/jobs/{id}/retry", post(jobs::retry))
         .route("/api/v1/jobs/{id}/priority", post(jobs::priority))
         .route("/api/v1/jobs/{id}/events", get(events::of_job))
+        .route("/api/v1/jobs/{id}/timeline", get(timeline::of_job))
         .route("/api/v1/jobs/{id}/frames/{file}", get(results::picture))
         .route("/api/v1/jobs/{id}/frames/{frame}/{file}", get(results::layer))
         .route("/api/v1/workers", get(health::workers))

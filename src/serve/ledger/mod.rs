@@ -9,7 +9,7 @@ mod tests;
 mod units;
 
 pub use jobs::Accepted;
-pub use rows::{Event, FrameRow, Job, JobState, NewJob, Totals, UnitRow, UnitState, priority};
+pub use rows::{Event, FrameRow, Job, JobState, NewJob, Rendering, Totals, UnitRow, UnitState, priority};
 
 use super::failpoint;
 use rusqlite::{Connection, OpenFlags};

@@ -240,6 +240,27 @@ impl UnitRow {
     }
 }
 
+/// How a unit was rendered, as the coordinator saw it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Rendering {
+    /// When its worker was told to render it, in milliseconds since 1970.
+    pub began_ms: f64,
+    /// When its sums had come, in milliseconds since 1970.
+    pub came_ms: f64,
+    /// How long its worker rendered it, with opening its scene.
+    pub seconds: f64,
+    /// How long opening the scene took.
+    pub opening_s: f64,
+    /// Its blocks.
+    pub blocks: u32,
+    /// Pixels × samples, with whole blocks at the edges of the picture.
+    pub samples: u64,
+    /// Bytes of its sums.
+    pub bytes: u64,
+    /// How often it was leased.
+    pub deliveries: u64,
+}
+
 /// How much of a job is done.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Totals {

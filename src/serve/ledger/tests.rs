@@ -55,14 +55,15 @@ fn a_job_goes_from_its_request_to_its_pictures_across_restarts() {
     let units = || ledger.units_of("a1", 0).expect("units").1;
     assert_eq!(units(), [unit(0, 0), unit(0, 1)]);
     let by = |number| UnitRow { worker: Some("w".into()), digest: Some("d".into()), ..unit(0, number) };
+    let rendering = Rendering { seconds: 0.5, samples: 512, deliveries: 2, ..Rendering::default() };
     let share = || ledger.totals("a1").expect("totals").share;
-    assert!(ledger.keep_unit("a1", by(0), 0.5).expect("kept"));
-    assert!(!ledger.keep_unit("a1", by(0), 0.5).expect("kept before"));
+    assert!(ledger.keep_unit("a1", by(0), rendering).expect("kept"));
+    assert!(!ledger.keep_unit("a1", by(0), rendering).expect("kept before"));
     assert_eq!(share(), 0.125);
-    assert!(ledger.keep_unit("a1", by(1), 0.5).expect("kept"));
+    assert!(ledger.keep_unit("a1", by(1), rendering).expect("kept"));
     assert_eq!(ledger.reopen_unit("a1", units()[1].clone()).expect("again"), 1);
     assert_eq!((units()[0].state, units()[1].state), (UnitState::Kept, UnitState::Open));
-    assert!(ledger.keep_unit("a1", by(1), 0.5).expect("kept again"));
+    assert!(ledger.keep_unit("a1", by(1), rendering).expect("kept again"));
     ledger.fold("a1", 0, 7).expect("folded");
     let (sums, rows) = ledger.units_of("a1", 0).expect("units");
     assert_eq!((sums, rows.len(), rows[0].number, rows[0].state), (7, 1, 1, UnitState::Folded));
@@ -87,6 +88,11 @@ fn a_job_goes_from_its_request_to_its_pictures_across_restarts() {
     let kinds: Vec<String> =
         ledger.events(Some("a1"), 0, 99).expect("events").into_iter().map(|event| event.kind).collect();
     assert_eq!(kinds, ["queued", "running", "unit", "unit", "unit", "frame", "frame", "done"]);
+    let unit = &ledger.events(Some("a1"), 0, 99).expect("events")[3];
+    let told: serde_json::Value = serde_json::from_str(&unit.data).expect("JSON");
+    assert_eq!((&told["number"], &told["worker"]), (&1.into(), &"w".into()));
+    let kept: Rendering = serde_json::from_value(told["rendering"].clone()).expect("how it was rendered");
+    assert_eq!(kept, rendering);
 }
 
 #[test]

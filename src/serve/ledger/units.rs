@@ -1,7 +1,7 @@
 //! Frames and units of jobs, scenes, and calls that are due.
 
 use super::jobs::{note, totals};
-use super::rows::{FrameRow, JobState, UnitRow};
+use super::rows::{FrameRow, JobState, Rendering, UnitRow};
 use super::{Ledger, LedgerError, now_ms};
 use crate::serve::Frame;
 use rusqlite::{Connection, OptionalExtension, params};
@@ -97,20 +97,24 @@ impl Ledger {
     ///
     /// # Errors
     /// If the ledger cannot be used.
-    pub fn keep_unit(&self, job: &str, unit: UnitRow, seconds: f64) -> Result<bool, LedgerError> {
+    pub fn keep_unit(&self, job: &str, unit: UnitRow, rendering: Rendering) -> Result<bool, LedgerError> {
         let job = job.to_owned();
         self.change(move |transaction| {
             let UnitRow { frame, pass, number, worker, digest, .. } = unit;
             let update = "UPDATE unit SET state = 1, worker = ?5, digest = ?6, seconds = ?7 \
                 WHERE job = ?1 AND frame = ?2 AND pass = ?3 AND number = ?4 AND state = 0";
-            let key = params![job, frame, pass as i64, number, worker, digest, seconds];
+            let key = params![job, frame, pass as i64, number, worker, digest, rendering.seconds];
             if transaction.execute(update, key)? == 0 {
                 return Ok(false);
             }
             let insert = "INSERT OR IGNORE INTO contributor (job, frame, worker) VALUES (?1, ?2, ?3)";
             transaction.execute(insert, params![job, frame, worker])?;
             let totals = totals(transaction, &job)?;
-            note(transaction, &job, "unit", &json!({ "frame": frame, "progress": totals }))?;
+            let data = json!({
+                "frame": frame, "pass": pass, "number": number, "worker": worker, "rendering": rendering,
+                "progress": totals,
+            });
+            note(transaction, &job, "unit", &data)?;
             Ok(true)
         })
     }

@@ -1,15 +1,15 @@
 //! Answers workers.
 
-use super::frame::Kept;
+use super::decisions::{self, Asked, Begin, Holding, MOST_ATTEMPTS};
+use super::frame::{Kept, Leased};
 use super::planner::is_active;
-use super::task::{Failure, MOST_ATTEMPTS, Task};
-use super::{Comparison, Holder, Runner};
+use super::task::{Failure, Task};
+use super::{Comparison, Holder, Outstanding, Runner};
 use crate::farm::{Answer, Ask, Desk, FailureReport, FinishedUnit, Orders, Report, Start, UnitId, Verdict};
 use crate::serve::failpoint;
 use crate::serve::ledger::{JobState, UnitRow};
 use std::sync::{Arc, Weak};
 use std::time::Instant;
-use xxhash_rust::xxh3::xxh3_64;
 
 /// The desk of a runner, for as long as it is there.
 struct RunnersDesk(Weak<Runner>);
@@ -105,23 +105,24 @@ impl Runner {
         }
         let has_other = state.workers.has_other(worker, self.bus.lease_time());
         let Some(unit) = state.outstanding.get_mut(id) else { return Start::Skip };
-        if unit.compared.as_ref().is_some_and(|first| first.worker == worker) {
-            if has_other {
-                return Start::Wait;
+        let holding = unit
+            .holder
+            .as_ref()
+            .map(|holder| Holding { is_asker: holder.worker == worker, silent: holder.seen.elapsed() });
+        let is_own = unit.compared.as_ref().is_some_and(|first| first.worker == worker);
+        let is_lost = match decisions::begin(&Asked { holding, deliveries, is_own, has_other }, silence) {
+            Begin::Go { is_lost } => is_lost,
+            Begin::Wait => return Start::Wait,
+            Begin::Alone => {
+                state.outstanding.remove(id);
+                drop(state);
+                self.wake();
+                return Start::Skip;
             }
-            // There is no one to compare with.
-            state.outstanding.remove(id);
-            drop(state);
-            self.wake();
-            return Start::Skip;
-        }
-        let is_lost = match &unit.holder {
-            Some(holder) if holder.worker != worker && holder.seen.elapsed() < silence => return Start::Wait,
-            Some(holder) => holder.worker != worker || deliveries > 1,
-            None => false,
         };
         unit.holder = Some(Holder { worker: worker.into(), seen: Instant::now() });
         unit.changed = Instant::now();
+        unit.deliveries = deliveries;
         let is_compared = unit.compared.is_some();
         drop(state);
         if is_lost && !is_compared {
@@ -146,16 +147,27 @@ impl Runner {
             return Verdict::Refused(why.clone());
         }
         let frame = state.runs.get(&id.job).and_then(|run| run.frames.get(&id.frame)).cloned();
-        let compared = state.outstanding.get(&id).and_then(|unit| unit.compared.clone());
+        let outstanding = state.outstanding.get(&id);
+        let compared = outstanding.and_then(|unit| unit.compared.clone());
+        let is_holder = |holder: &Holder| holder.worker == finished.worker;
+        // An earlier process may have told the worker.
+        let is_told =
+            |unit: &&Outstanding| unit.deliveries > 0 && unit.holder.as_ref().is_some_and(is_holder);
+        let leased = Leased {
+            began: outstanding.filter(is_told).map(|unit| unit.changed),
+            deliveries: outstanding.map_or(1, |unit| unit.deliveries.max(1)),
+        };
         drop(state);
         if id.copy > 0 {
             return self.take_comparison(&finished, compared);
         }
         let Some(frame) = frame else { return self.without_frame(&id) };
         let (worker, seconds, digest) = (finished.worker.clone(), finished.seconds, finished.digest.clone());
-        let compare =
-            self.is_compared(&id).then(|| frame.find(id.pass, id.number)).and_then(Result::ok).flatten();
-        let kept = frame.keep(&self.ledger, finished);
+        let compare = decisions::is_compared(&id, self.farm.compared_share)
+            .then(|| frame.find(id.pass, id.number))
+            .and_then(Result::ok)
+            .flatten();
+        let kept = frame.keep(&self.ledger, finished, leased);
         let (verdict, name) = match kept {
             Ok(Kept::New { samples, is_complete }) => {
                 metrics::histogram!("raystream_unit_seconds").record(seconds);
@@ -204,12 +216,6 @@ impl Runner {
             Ok(_) => Verdict::Stale,
             Err(_) => Verdict::Later,
         }
-    }
-
-    /// Whether a second worker is to render a unit: a share of all, chosen by their names.
-    fn is_compared(&self, id: &UnitId) -> bool {
-        let hash = xxh3_64(id.to_string().as_bytes());
-        (hash as f64) < self.farm.compared_share * u64::MAX as f64
     }
 
     /// Compares what two workers have made of a unit.

@@ -4,23 +4,19 @@
 //! to time all are written into one file, which takes the place of the others in one change of the ledger. So whatever
 //! ends the process, the files that the ledger knows of hold each sample once.
 
-use super::cut::{self, Sizes, Speed};
+use super::decisions::{MOST_FILES, PassUnits, Sizes, Speed, is_to_be_folded};
 use super::results;
 use super::task::Failure;
 use crate::farm::{FinishedUnit, UnitId};
 use crate::files::{self, sync_folder};
-use crate::render::{Pass, Patch};
-use crate::serve::ledger::{Ledger, UnitRow, UnitState};
+use crate::render::Patch;
+use crate::serve::ledger::{Ledger, Rendering, UnitRow, UnitState};
 use crate::serve::{Gathering, Shots, failpoint, hex};
 use sha2::{Digest, Sha256};
-use std::collections::{BTreeMap, VecDeque};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
-
-/// Files of units of a frame before they are added up into one; and the bytes of them, where those are more.
-const MOST_FILES: usize = 256;
-const LEAST_BYTES: u64 = 32 << 20;
+use std::time::{Duration, Instant, SystemTime};
 
 /// What the names of files of sums begin with.
 const UNIT: &str = "unit-";
@@ -41,7 +37,7 @@ pub(super) struct OpenFrame {
 /// What changes of it.
 pub(super) struct FrameState {
     pub gathering: Box<dyn Gathering>,
-    passes: Vec<OpenPass>,
+    passes: Vec<PassUnits>,
     /// Files of units that the file of sums does not hold yet, and their bytes.
     loose: Vec<PathBuf>,
     loose_bytes: u64,
@@ -50,18 +46,6 @@ pub(super) struct FrameState {
     sums_bytes: u64,
     /// Memory and ledger may differ: the frame is to be opened again.
     pub is_broken: bool,
-}
-
-/// A pass that may be rendered now.
-struct OpenPass {
-    number: u64,
-    pass: Pass,
-    /// The last unit that was cut.
-    last: Option<UnitRow>,
-    /// Units without sums.
-    open: BTreeMap<u32, UnitRow>,
-    /// Those of them that are to be offered.
-    todo: VecDeque<u32>,
 }
 
 /// What became of a finished unit.
@@ -73,6 +57,26 @@ pub(super) enum Kept {
     Before,
     /// It is not what was asked for.
     Wrong(String),
+}
+
+/// What is known of the lease of a unit whose sums come.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Leased {
+    /// When its worker was told to render it. An earlier process of the coordinator may have told it.
+    pub began: Option<Instant>,
+    /// How often it was leased.
+    pub deliveries: u64,
+}
+
+impl Leased {
+    /// When a unit was begun and when its sums came, in milliseconds since 1970 by this machine's clock.
+    fn times(self, came: Instant, seconds: f64) -> (f64, f64) {
+        let since_1970 = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
+        let ms_at = |at: Instant| 1e3 * since_1970.saturating_sub(at.elapsed()).as_secs_f64();
+        let rendered = Duration::try_from_secs_f64(seconds.max(0.0)).unwrap_or_default();
+        let guessed = || came.checked_sub(rendered).unwrap_or(came);
+        (ms_at(self.began.unwrap_or_else(guessed)), ms_at(came))
+    }
 }
 
 impl OpenFrame {
@@ -167,21 +171,11 @@ impl OpenFrame {
     /// `None` if there is none now, or the frame is busy.
     pub fn take(&self, sizes: Sizes, speed: Speed) -> Option<(UnitRow, Vec<u32>, bool)> {
         let mut state = self.state.try_lock().ok().filter(|state| !state.is_broken)?;
-        for pass in &mut state.passes {
-            let known = pass.todo.pop_front();
-            let unit = match known {
-                Some(number) => pass.open.get(&number).cloned(),
-                None => cut::next(self.frame, (pass.number, &pass.pass), pass.last.as_ref(), sizes, speed),
-            };
-            let Some(unit) = unit else { continue };
-            if known.is_none() {
-                pass.last = Some(unit.clone());
-                pass.open.insert(unit.number, unit.clone());
-            }
+        state.passes.iter_mut().find_map(|pass| {
+            let (unit, is_new) = pass.take(self.frame, sizes, speed)?;
             let blocks = pass.blocks_of(&unit);
-            return Some((unit, blocks, known.is_none()));
-        }
-        None
+            Some((unit, blocks, is_new))
+        })
     }
 
     /// Lets the frame be opened again: memory and ledger may differ.
@@ -210,33 +204,31 @@ impl OpenFrame {
     pub fn put_back(&self, pass: u64, number: u32) {
         let mut state = self.state.lock().expect("no holder panics");
         let pass = state.passes.iter_mut().find(|own| own.number == pass);
-        if let Some(pass) =
-            pass.filter(|pass| pass.open.contains_key(&number) && !pass.todo.contains(&number))
-        {
-            pass.todo.push_front(number);
-        }
+        pass.into_iter().for_each(|pass| pass.put_back(number));
     }
 
     /// The unit and its blocks, if it has no sums yet. `Err` if the frame is busy.
     pub fn find(&self, pass: u64, number: u32) -> Result<Option<(UnitRow, Vec<u32>)>, ()> {
         let state = self.state.try_lock().map_err(|_| ())?;
         let pass = state.passes.iter().find(|own| own.number == pass);
-        let unit = pass.and_then(|pass| Some((pass, pass.open.get(&number)?)));
+        let unit = pass.and_then(|pass| Some((pass, pass.find(number)?)));
         Ok(unit.map(|(pass, unit)| (unit.clone(), pass.blocks_of(unit))))
     }
 
-    /// Keeps the sums of a unit: in a file, in the ledger, and in memory.
-    pub fn keep(&self, ledger: &Ledger, finished: FinishedUnit) -> Result<Kept, Failure> {
+    /// Keeps the sums of a unit: in a file, in the ledger, and in memory. `lease` says when its worker was told to
+    /// render it, if that is known, and how often it was leased.
+    pub fn keep(&self, ledger: &Ledger, finished: FinishedUnit, lease: Leased) -> Result<Kept, Failure> {
+        let came = Instant::now();
         let mut state = self.state.lock().expect("no holder panics");
         if state.is_broken {
             return Err(Failure::Disk("the frame is opened again".into()));
         }
-        let FinishedUnit { unit: id, worker, identity, digest, seconds, sums } = finished;
+        let FinishedUnit { unit: id, worker, identity, digest, seconds, opening_s, sums } = finished;
         let Some(pass) = state.passes.iter_mut().find(|own| own.number == id.pass) else {
             return Ok(Kept::Before);
         };
-        let Some(mut unit) = pass.open.get(&id.number).cloned() else {
-            let is_cut = pass.last.as_ref().is_some_and(|last| id.number <= last.number);
+        let Some(mut unit) = pass.find(id.number).cloned() else {
+            let is_cut = pass.is_cut(id.number);
             let wrong = || Kept::Wrong("there is no such unit".into());
             return Ok(if is_cut { Kept::Before } else { wrong() });
         };
@@ -246,7 +238,7 @@ impl OpenFrame {
         if hex(&Sha256::digest(&*sums)) != digest {
             return Ok(Kept::Wrong("its sums are damaged: their SHA-256 is another".into()));
         }
-        let patch = pass.patch_of(&unit, std::sync::Arc::unwrap_or_clone(sums));
+        let patch = patch_of(pass, &unit, std::sync::Arc::unwrap_or_clone(sums));
         let samples = u64::from(unit.blocks) * u64::from(unit.end - unit.first) * 256;
         let path = self.unit_path(unit.pass, unit.number);
         write(&path, |file| file.write_all(patch.sums()))?;
@@ -257,22 +249,33 @@ impl OpenFrame {
         }
         (unit.worker, unit.digest) = (Some(worker), Some(digest));
         let (pass, number) = (unit.pass, unit.number);
-        let is_known = ledger.keep_unit(&self.job, unit, seconds);
+        let (began_ms, came_ms) = lease.times(came, seconds);
+        let (bytes, deliveries) = (patch.sums().len() as u64, lease.deliveries);
+        let rendering = Rendering {
+            began_ms,
+            came_ms,
+            seconds,
+            opening_s,
+            blocks: unit.blocks,
+            samples,
+            bytes,
+            deliveries,
+        };
+        let is_known = ledger.keep_unit(&self.job, unit, rendering);
         if !matches!(is_known, Ok(true)) {
             // The sums in memory have what the ledger does not know of.
             state.is_broken = true;
             return is_known.map(|_| Kept::Before).map_err(Failure::from);
         }
         if let Some(pass) = state.passes.iter_mut().find(|own| own.number == pass) {
-            pass.open.remove(&number);
-            pass.todo.retain(|other| *other != number);
+            pass.keep(number);
         }
         state.loose.push(path);
         state.loose_bytes += patch.sums().len() as u64;
         state.open_passes();
         let is_complete = state.gathering.is_complete();
-        let is_much = state.loose_bytes >= LEAST_BYTES.max(2 * state.sums_bytes);
-        if !is_complete && (is_much || state.loose.len() >= self.most_files) {
+        let (files, bytes) = (state.loose.len(), state.loose_bytes);
+        if !is_complete && is_to_be_folded(files, self.most_files, bytes, state.sums_bytes) {
             // If the disk refuses, the next unit tries again.
             let folded = self.fold(ledger, &mut state);
             folded.unwrap_or_else(|error| log::warn!("job {}: {error:?}", self.job));
@@ -310,14 +313,8 @@ impl OpenFrame {
     }
 }
 
-impl OpenPass {
-    fn blocks_of(&self, unit: &UnitRow) -> Vec<u32> {
-        self.pass.blocks()[unit.block as usize..][..unit.blocks as usize].to_vec()
-    }
-
-    fn patch_of(&self, unit: &UnitRow, sums: Vec<u8>) -> Patch {
-        Patch::new(self.blocks_of(unit), unit.first..unit.end, sums)
-    }
+fn patch_of(pass: &PassUnits, unit: &UnitRow, sums: Vec<u8>) -> Patch {
+    Patch::new(pass.blocks_of(unit), unit.first..unit.end, sums)
 }
 
 impl FrameState {
@@ -327,8 +324,7 @@ impl FrameState {
         self.passes.retain(|own| open.iter().any(|(number, _)| *number == own.number));
         for (number, pass) in open {
             if !self.passes.iter().any(|own| own.number == number) {
-                let (last, open, todo) = (None, BTreeMap::new(), VecDeque::new());
-                self.passes.push(OpenPass { number, pass, last, open, todo });
+                self.passes.push(PassUnits::new(number, pass));
             }
         }
     }
@@ -336,12 +332,11 @@ impl FrameState {
     /// Adds the sums of a unit from its file.
     fn restore_unit(&mut self, unit: &UnitRow, path: &Path) -> Result<(), String> {
         let pass = self.passes.iter().find(|own| own.number == unit.pass).ok_or("its pass is not open")?;
-        let is_of_pass = (unit.block + unit.blocks) as usize <= pass.pass.blocks().len();
         let sums = std::fs::read(path).map_err(|error| error.to_string())?;
-        if !is_of_pass || unit.digest.as_deref() != Some(&*hex(&Sha256::digest(&sums))) {
+        if !pass.has_blocks(unit) || unit.digest.as_deref() != Some(&*hex(&Sha256::digest(&sums))) {
             return Err("it is damaged".into());
         }
-        let patch = pass.patch_of(unit, sums);
+        let patch = patch_of(pass, unit, sums);
         self.gathering.add(unit.pass, &patch)?;
         self.loose_bytes += patch.sums().len() as u64;
         self.loose.push(path.to_owned());
@@ -351,13 +346,8 @@ impl FrameState {
 
     /// Takes note of a unit of the ledger.
     fn note(&mut self, unit: UnitRow) {
-        let Some(pass) = self.passes.iter_mut().find(|own| own.number == unit.pass) else { return };
-        if unit.state == UnitState::Open {
-            pass.todo.push_back(unit.number);
-            pass.open.insert(unit.number, unit.clone());
-        }
-        if pass.last.as_ref().is_none_or(|last| last.number < unit.number) {
-            pass.last = Some(unit);
+        if let Some(pass) = self.passes.iter_mut().find(|own| own.number == unit.pass) {
+            pass.note(unit);
         }
     }
 }

@@ -10,9 +10,8 @@
 //! without sums are offered again, and no sample is counted twice (`frame.rs`). Without a bus of many machines the
 //! workers are threads of this process, and everything else is the same.
 
-mod cut;
+pub mod decisions;
 mod desk;
-mod fair;
 mod files;
 mod frame;
 mod planner;
@@ -28,7 +27,7 @@ use super::store::Store;
 use super::{Limits, Pictures, SceneReader};
 use crate::farm::{LEASE, LocalBus, NoScene, SceneSource, UnitId, UnitWatch, WorkBus, Worker, WorkerOptions};
 use crate::schedule::Priority;
-use cut::{Sizes, Speed};
+use decisions::{Sizes, Speed, TASK_THREADS};
 use files::SceneFiles;
 use frame::OpenFrame;
 use std::collections::{BTreeMap, HashMap, VecDeque};
@@ -42,9 +41,6 @@ use workers::Workers;
 
 /// Units under way at the same time in this process: while the last paths of one end, others keep the threads busy.
 const UNITS_IN_FLIGHT: u32 = 3;
-
-/// Threads for what is no unit: plans, pictures, frames whose samples the time decides.
-const TASK_THREADS: usize = 4;
 
 /// How long a task rests after the disk or the ledger has refused.
 const NAP: Duration = Duration::from_secs(2);
@@ -122,6 +118,8 @@ struct Run {
 /// A unit that has been offered.
 struct Outstanding {
     changed: Instant,
+    /// How often it was leased, as far as this process knows.
+    deliveries: u64,
     holder: Option<Holder>,
     /// What another worker has made of it.
     compared: Option<Comparison>,

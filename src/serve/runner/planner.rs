@@ -1,6 +1,6 @@
 //! Decides what is done next: which frames are open, which units are offered, which are offered again.
 
-use super::fair::{self, Candidate};
+use super::decisions::{self, BLOCK_PIXELS, Candidate, PLANNER_PAUSE, Share, UnitRow};
 use super::frame::OpenFrame;
 use super::task::{Task, TaskKey};
 use super::{NAP, Outstanding, Run, Runner, State, UNITS_IN_FLIGHT};
@@ -8,7 +8,7 @@ use crate::farm::{Backlog, Lane, Offered, Unit, UnitId, UnitWatch};
 use crate::schedule::Priority;
 use crate::serve::Kind;
 use crate::serve::api::JobRequest;
-use crate::serve::ledger::{Job, JobState, LedgerError, UnitRow};
+use crate::serve::ledger::{Job, JobState, LedgerError};
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::sync::Arc;
 use std::sync::atomic::Ordering::SeqCst;
@@ -17,25 +17,8 @@ use std::time::{Duration, Instant};
 /// Active jobs that are looked at for the next unit.
 const LOOKED_AT: usize = 64;
 
-/// Frames whose sums are in memory at the same time.
-const OPEN_FRAMES: usize = 16;
-
-/// Units that wait for each one that is under way, so that no worker waits for the coordinator.
-const WAITING: usize = 1;
-
-/// Units that are offered while there are no workers.
-const WITHOUT_WORKERS: usize = 4;
-
-/// How often the planner looks without being woken.
-const TICK: Duration = Duration::from_millis(250);
-
 /// How often the bus is asked what it holds.
 const RECONCILE: Duration = Duration::from_millis(500);
-
-/// Leases after which a unit that no one has is offered again: few if the bus is empty or workers wait, more if not,
-/// since other units may be before it.
-const LEASES_OF_FREE_BUS: u32 = 2;
-const LEASES_OF_FULL_BUS: u32 = 20;
 
 /// A unit that is about to be offered.
 struct Offer {
@@ -59,7 +42,7 @@ impl Runner {
             }
             let state = self.state();
             if state.wakes == seen && !self.ending.load(SeqCst) {
-                drop(self.changed.wait_timeout(state, TICK));
+                drop(self.changed.wait_timeout(state, PLANNER_PAUSE));
                 seen = self.state().wakes;
             } else {
                 seen = state.wakes;
@@ -90,7 +73,7 @@ impl Runner {
             }
             is_kept
         });
-        let entry = fair::entry(state.runs.values().map(|run| run.given));
+        let entry = decisions::entry(state.runs.values().map(|run| run.given));
         for job in jobs {
             let run = state.runs.entry(job.id.clone()).or_insert_with(|| Run {
                 job: job.clone(),
@@ -167,7 +150,7 @@ impl Runner {
             |run: &Run| run.tasks.iter().filter(|task| matches!(task.0, TaskKey::Open { .. })).count();
         let all: usize = state.runs.values().map(|run| run.frames.len() + opening(run)).sum();
         let own = state.runs.get(&job.id).map_or(0, opening);
-        (open + own == 0 || state.is_short) && own < 2 && (open == 0 || all < OPEN_FRAMES)
+        decisions::wants_frame(open, own, all, state.is_short)
     }
 
     /// Gives a task to the threads, unless it is under way.
@@ -214,12 +197,14 @@ impl Runner {
     /// Chooses units and takes note of them.
     fn choose_units(&self) -> Vec<Offer> {
         let state = &mut *self.state();
-        let wanted = wanted(state, self.bus.lease_time());
+        let heard = self.bus.lease_time().max(Duration::from_secs(2));
+        let wanted = decisions::wanted(state.workers.slots(heard));
         let mut offers = Vec::new();
         while state.outstanding.len() < wanted
             && let Some(offer) = next_comparison(state).or_else(|| self.next_unit(state))
         {
-            let outstanding = Outstanding { changed: Instant::now(), holder: None, compared: None };
+            let outstanding =
+                Outstanding { changed: Instant::now(), deliveries: 0, holder: None, compared: None };
             state.outstanding.entry(offer.id.clone()).or_insert(outstanding);
             offers.push(offer);
         }
@@ -228,23 +213,15 @@ impl Runner {
     }
 
     fn next_unit(&self, state: &mut State) -> Option<Offer> {
-        let runs: Vec<&mut Run> = state.runs.values_mut().filter(|run| !run.frames.is_empty()).collect();
-        let candidates: Vec<Candidate> = runs
-            .iter()
-            .map(|run| Candidate { priority: run.job.priority, given: run.given, seq: run.job.seq })
-            .collect();
-        let order = fair::order(&candidates);
-        let mut runs: Vec<Option<&mut Run>> = runs.into_iter().map(Some).collect();
-        for index in order {
-            let Some(run) = runs[index].take() else { continue };
-            for frame in run.frames.values() {
-                let Some((row, blocks, is_new)) = frame.take(self.sizes(), run.speed) else { continue };
-                run.given += 256 * u64::from(row.blocks) * u64::from(row.end - row.first);
+        let mut runs: Vec<&mut Run> = state.runs.values_mut().filter(|run| !run.frames.is_empty()).collect();
+        decisions::next(&mut runs, |run| {
+            run.frames.values().find_map(|frame| {
+                let (row, blocks, is_new) = frame.take(self.sizes(), run.speed)?;
+                let samples = BLOCK_PIXELS as u64 * u64::from(row.blocks) * u64::from(row.end - row.first);
                 let (id, frame) = (frame.id(&row), Some(Arc::clone(frame)));
-                return Some(Offer { id, job: run.job.clone(), row, blocks, frame, is_new });
-            }
-        }
-        None
+                Some((Offer { id, job: run.job.clone(), row, blocks, frame, is_new }, samples))
+            })
+        })
     }
 
     /// Offers a unit on the bus.
@@ -285,19 +262,12 @@ impl Runner {
         drop(state);
         let Ok(Backlog { units, is_new }) = self.bus.backlog() else { return };
         let lease = self.bus.lease_time();
-        let silence = self.silence();
         let state = &mut *self.state();
         let held = state.outstanding.values().filter(|unit| unit.holder.is_some()).count();
-        // A unit that waits although slots are free is not on the bus, whatever the bus counts.
-        let is_free = held < state.workers.slots(lease);
-        let patience = match (is_new, units) {
-            (true, _) => Duration::ZERO,
-            (false, units) if units == 0 || is_free => lease * LEASES_OF_FREE_BUS,
-            _ => lease * LEASES_OF_FULL_BUS,
-        };
-        let is_lost = |unit: &Outstanding| match &unit.holder {
-            Some(holder) => holder.seen.elapsed() > lease.max(silence) + patience,
-            None => unit.changed.elapsed() > patience,
+        let patience = decisions::patience(is_new, units, held, state.workers.slots(lease), lease);
+        let is_lost = |unit: &Outstanding| {
+            let silent = unit.holder.as_ref().map(|holder| holder.seen.elapsed());
+            decisions::is_lost(silent, unit.changed.elapsed(), lease, patience)
         };
         let lost: Vec<UnitId> =
             state.outstanding.iter().filter(|(_, unit)| is_lost(unit)).map(|(id, _)| id.clone()).collect();
@@ -316,11 +286,13 @@ impl Runner {
     }
 }
 
-/// How many units are to be outstanding.
-fn wanted(state: &mut State, lease: Duration) -> usize {
-    match state.workers.slots(lease.max(Duration::from_secs(2))) {
-        0 => WITHOUT_WORKERS,
-        slots => slots * (1 + WAITING) + 1,
+impl Share for &mut Run {
+    fn candidate(&self) -> Candidate {
+        Candidate { priority: self.job.priority, given: self.given, seq: self.job.seq }
+    }
+
+    fn give(&mut self, samples: u64) {
+        self.given += samples;
     }
 }
 
@@ -329,7 +301,8 @@ fn next_comparison(state: &mut State) -> Option<Offer> {
     let comparison = state.comparisons.pop_front()?;
     let job = state.runs.get(&comparison.id.job)?.job.clone();
     let (id, row, blocks) = (comparison.id.clone(), comparison.row.clone(), comparison.blocks.clone());
-    let outstanding = Outstanding { changed: Instant::now(), holder: None, compared: Some(comparison) };
+    let outstanding =
+        Outstanding { changed: Instant::now(), deliveries: 0, holder: None, compared: Some(comparison) };
     state.outstanding.insert(id.clone(), outstanding);
     Some(Offer { id, job, row, blocks, frame: None, is_new: false })
 }

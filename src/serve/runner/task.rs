@@ -19,9 +19,6 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering::SeqCst;
 use std::time::{Duration, Instant};
 
-/// How often a unit is tried before its job fails.
-pub(super) const MOST_ATTEMPTS: u32 = 5;
-
 /// Something to do for a job.
 #[derive(Clone)]
 pub(super) enum Task {

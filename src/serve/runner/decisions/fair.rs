@@ -13,8 +13,27 @@ pub struct Candidate {
     pub seq: i64,
 }
 
+/// A job with its share of the units.
+pub trait Share {
+    /// What decides whether it is next.
+    fn candidate(&self) -> Candidate;
+
+    /// Counts samples that it is given.
+    fn give(&mut self, samples: u64);
+}
+
+/// Takes the next unit: `take` returns a job's next one with its samples, or none if the job has none now.
+pub fn next<J: Share, T>(jobs: &mut [J], mut take: impl FnMut(&mut J) -> Option<(T, u64)>) -> Option<T> {
+    let candidates: Vec<Candidate> = jobs.iter().map(Share::candidate).collect();
+    order(&candidates).into_iter().find_map(|index| {
+        let (taken, samples) = take(&mut jobs[index])?;
+        jobs[index].give(samples);
+        Some(taken)
+    })
+}
+
 /// The order in which jobs are asked for a unit: by priority, then those that have been given least, then by arrival.
-pub fn order(candidates: &[Candidate]) -> Vec<usize> {
+fn order(candidates: &[Candidate]) -> Vec<usize> {
     let mut order: Vec<usize> = (0..candidates.len()).collect();
     order.sort_by_key(|&index| {
         let Candidate { priority, given, seq } = candidates[index];

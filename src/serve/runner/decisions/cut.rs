@@ -19,7 +19,7 @@ const FEWEST_BLOCKS: u32 = 16;
 const MOST_BLOCKS: u32 = 2048;
 
 /// Pixels of a block.
-const BLOCK_PIXELS: f64 = (BLOCK * BLOCK) as f64;
+pub const BLOCK_PIXELS: f64 = (BLOCK * BLOCK) as f64;
 
 /// How large units are.
 #[derive(Clone, Copy, Debug, Default)]

@@ -1,0 +1,60 @@
+//! What is predicted.
+
+use serde::Serialize;
+
+/// How busy a part of the farm is.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Load {
+    /// What it is.
+    pub name: &'static str,
+    /// The share of the time, or of what it can carry, from 0 to 1.
+    pub share: f64,
+}
+
+/// What a job takes on a farm.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Prediction {
+    /// The job.
+    pub job: String,
+    /// Machines that render.
+    pub machines: u32,
+    /// From the start of the machines, when the job is submitted, until its last picture is written.
+    pub seconds: f64,
+    /// The part of it before the first unit is rendered.
+    pub first_s: f64,
+    /// Frames a second.
+    pub frames_per_second: f64,
+    /// Units that are rendered, or tiles of a live view.
+    pub units: u64,
+    /// How long a unit takes.
+    pub unit_s: f64,
+    /// The share of the machines' time in which they do nothing, from 0 to 1.
+    pub idle_share: f64,
+    /// Bytes that the coordinator sends and gets.
+    pub bytes: f64,
+    /// Units that came to a worker from another.
+    pub redeliveries: u64,
+    /// How busy each part is.
+    pub loads: Vec<Load>,
+    /// Why the job fails, if it does.
+    pub failed: Option<String>,
+}
+
+impl Prediction {
+    /// The share of the time or of what it can carry that a part is busy, from 0 to 1; 0 if there is no such part.
+    pub fn load(&self, name: &str) -> f64 {
+        self.loads.iter().find(|load| load.name == name).map_or(0.0, |load| load.share)
+    }
+
+    /// The busiest part besides the machines.
+    pub fn busiest(&self) -> Option<&Load> {
+        let others = self.loads.iter().filter(|load| load.name != "machines");
+        others.max_by(|a, b| a.share.total_cmp(&b.share))
+    }
+
+    /// The load of the busier direction of the coordinator's link, from 0 to 1.
+    pub fn network_share(&self) -> f64 {
+        let links = self.loads.iter().filter(|load| load.name.starts_with("link"));
+        links.map(|load| load.share).fold(0.0, f64::max)
+    }
+}

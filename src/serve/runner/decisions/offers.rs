@@ -1,0 +1,46 @@
+//! How many units are offered, and how many frames are open for them.
+
+/// Frames whose sums are in memory at the same time.
+const OPEN_FRAMES: usize = 16;
+
+/// Units that wait for each one that is under way, so that no worker waits for the coordinator.
+const WAITING: usize = 1;
+
+/// Units that are offered while there are no workers.
+const WITHOUT_WORKERS: usize = 4;
+
+/// Frames of a job that are opened at the same time.
+const OPENING: usize = 2;
+
+/// How many units are to be outstanding for so many slots.
+pub fn wanted(slots: usize) -> usize {
+    match slots {
+        0 => WITHOUT_WORKERS,
+        slots => slots * (1 + WAITING) + 1,
+    }
+}
+
+/// Whether another frame of a job is to be opened, which has `open` frames and opens `opening` more: if it has none, or
+/// those of all jobs (`all`, open or being opened) have too few units.
+pub fn wants_frame(open: usize, opening: usize, all: usize, is_short: bool) -> bool {
+    (open + opening == 0 || is_short) && opening < OPENING && (open == 0 || all < OPEN_FRAMES)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_slot_has_a_unit_and_one_that_waits() {
+        assert_eq!([0, 1, 8].map(wanted), [WITHOUT_WORKERS, 3, 17]);
+    }
+
+    #[test]
+    fn frames_are_opened_while_units_are_short() {
+        assert!(wants_frame(0, 0, 100, false), "every job has a frame");
+        assert!(!wants_frame(1, 0, 1, false));
+        assert!(wants_frame(1, 0, 1, true));
+        assert!(!wants_frame(1, OPENING, 3, true));
+        assert!(!wants_frame(OPEN_FRAMES, 0, OPEN_FRAMES, true));
+    }
+}
