@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
-/// The time that is aimed at, until the picture is handed to the encoder. What is left of a tenth of a second is for the
-/// encoder, which runs beside the next frame, and for what varies between frames.
+/// The time that is aimed at, until the picture is handed to the encoder. What is left of a tenth of a second is for
+/// the encoder, which runs beside the next frame, and for what varies between frames.
 const AIM: Duration = Duration::from_millis(55);
 
 /// The time that is aimed at for the first frame after a rest: the view is to react at once.
@@ -23,7 +23,8 @@ const TOLERANCE: f64 = 1.2;
 /// leads to the next value.
 ///
 /// The time of a frame is taken as proportional to its number of pixels. A frame that took too long lowers the share at
-/// once; one that was quick raises it by steps. The first frame after a rest has a smaller share than those that follow.
+/// once; one that was quick raises it by steps. The first frame after a rest has a smaller share than those that
+/// follow.
 ///
 /// ```
 /// use raystream::serve::live::Resolution;
