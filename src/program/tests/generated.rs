@@ -387,7 +387,7 @@ fn compare(seed: u32) -> usize {
         result.expect("a result").words().into_iter().map(Word::bits).collect()
     };
     let expected: Vec<Vec<u32>> = points.iter().map(expected).collect();
-    let blocks = [CHUNK, 2 * CHUNK, 64, BLOCK, 256];
+    let blocks = [CHUNK, 2 * CHUNK, 64, BLOCK, 2 * BLOCK];
     for (level, k) in SimdLevel::available().into_iter().zip(seed as usize..) {
         let block = blocks[k % blocks.len()];
         let found = executed(&code, level, block, &points[..block.min(BLOCK)]);
