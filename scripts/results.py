@@ -77,10 +77,10 @@ PLAIN = {
         ("what", "configuration", None, "{}"),
         ("block", "block", None, "{}"),
         ("shading, ns a ray", "shade_ns_per_ray.median", 1, "{:.1f}"),
-        ("shading, times Rust lanes", "shading_ratio", 1, "{:.2f}"),
-        ("frame, times Rust lanes", "frame_ratio", 1, "{:.2f}"),
+        ("shading, times Rust", "shading_ratio", 1, "{:.2f}"),
+        ("frame, times Rust", "frame_ratio", 1, "{:.2f}"),
         ("cycles", "cycles", 1, "{:.2f}"),
-        ("frame, operation or loading, ms", "seconds.median", 1e3, "{:.4g}"),
+        ("ms", "seconds.median", 1e3, "{:.4g}"),
     ],
     "adaptive": [
         ("scene", "label", None, "{}"),
