@@ -181,6 +181,7 @@ impl Gpu {
     }
 
     /// Numbers a dispatch of a pattern, from 1; returns the fault to inject into it.
+    #[cfg(feature = "wgsl")]
     pub(crate) fn next_shading(&self) -> (u64, Option<Fault>) {
         let number = self.history.shadings.fetch_add(1, Ordering::Relaxed) + 1;
         (number, self.history.fault.filter(|fault| fault.shading() == Some(number)))
@@ -197,6 +198,7 @@ impl Gpu {
     }
 
     /// The fault to inject.
+    #[cfg(feature = "wgsl")]
     pub(crate) fn fault(&self) -> Option<Fault> {
         self.history.fault
     }
@@ -238,6 +240,7 @@ impl Gpu {
 
     /// [`Gpu::wait`] for a dispatch of a pattern; the watchdog learns how long it took. The first dispatches of a
     /// kernel have the watchdog's upper bound, because drivers may compile meanwhile.
+    #[cfg(feature = "wgsl")]
     pub(crate) fn wait_for_shading(
         &self,
         submission: &wgpu::SubmissionIndex,

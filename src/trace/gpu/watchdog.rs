@@ -34,6 +34,7 @@ impl Watchdog {
     }
 
     /// The upper bound of the limit.
+    #[cfg(feature = "wgsl")]
     pub fn most(&self) -> Duration {
         self.most
     }
