@@ -1,7 +1,6 @@
 //! Model checking: every interleaving of a few threads over the film's spin locks and the arena of loop entries,
 //! with the memory model's stale reads. The files under test are compiled here with loom's primitives as
 //! `crate::sync`.
-#![allow(dead_code, reason = "the files under test have more functions than the models call")]
 
 mod sync {
     pub(crate) use loom::hint::spin_loop;
@@ -10,8 +9,10 @@ mod sync {
     pub(crate) use std::sync::PoisonError;
 }
 
+#[allow(dead_code, reason = "the models call a part of the file")]
 #[path = "../../src/shade/arena.rs"]
 mod arena;
+#[allow(dead_code, reason = "the models call a part of the file")]
 #[path = "../../src/film/stripe.rs"]
 mod stripe;
 
