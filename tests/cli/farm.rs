@@ -193,10 +193,62 @@ fn parts_that_make_no_sense_are_refused() {
         (&["--partial", "p.rayfilm", "-o", "p.rayfilm"], "the name must end in"),
         (&["--partial", "none/p.rayfilm"], "none/p.rayfilm"),
         (&["--partial", "p.rayfilm", "-o", "a.%d.png", "--views", "3"], "--partial is for single pictures"),
+        (
+            &["--partial", "p.rayfilm", "--frames", "0..2", "--turntable", "9"],
+            "needs a frame number in its name",
+        ),
+        (&["--partial", "p%d.rayfilm"], "p%d.rayfilm: the name has a place for a frame number"),
+        (&["--samples", "0..3", "-o", "a.%d.png", "--views", "3"], "--samples are for single pictures"),
     ] {
         let told = run(folder.path(), &[&["render", &scene][..], &SMALL, more].concat(), 2);
         assert!(told.contains(says), "{more:?} does not say {says:?} but {told}");
     }
+}
+
+#[test]
+fn frames_of_animations_have_parts() {
+    let folder = folder();
+    let folder = folder.path();
+    let moving = ["--frames", "3..6", "--turntable", "20", "--tracer", "cpu", "--aov", "depth"];
+    let frames = |more: &[&str]| {
+        let stats = render(folder, &[&moving[..], more].concat());
+        stats["frames"].as_array().expect("frames").clone()
+    };
+    let whole = frames(&["-o", "whole.%02d.npy"]);
+    frames(&["--samples", "0..2", "--partial", "a.%d.rayfilm"]);
+    let upper = ["--samples", "2..6", "--region", "0,0,44,20", "--partial", "b.%d.rayfilm"];
+    let shown = frames(&[&upper[..], &["-o", "b.%d.npy"]].concat());
+    // A frame of them by itself, as farms render it.
+    let lower = ["--samples", "2..6", "--region", "0,20,44,16", "--partial", "c.%d.rayfilm"];
+    let checkpoint = ["--checkpoint", "c.json"];
+    for range in ["3..4", "4..6"] {
+        let more =
+            [&lower[..], &["--frames", range], if range == "3..4" { &checkpoint } else { &[] }].concat();
+        let rest = [&moving[2..], &more].concat();
+        render(folder, &rest);
+    }
+    for (i, frame) in whole.iter().enumerate() {
+        let parts = ["b", "c", "a"].map(|part| format!("{part}.{}.rayfilm", 3 + i));
+        let parts: Vec<&str> = parts.iter().map(String::as_str).collect();
+        merge(folder, &[&parts[..], &["-o", "merged.npy"]].concat(), 0);
+        let merged = json(&folder.join("m.json"));
+        assert_eq!(
+            (&merged["image"]["hash"], &merged["image"]["layers"]),
+            (&frame["hash"], &frame["layers"])
+        );
+        let read = |name: &str| std::fs::read(folder.join(name)).expect("a picture");
+        assert_eq!(read("merged.npy"), read(&format!("whole.{:02}.npy", 3 + i)));
+    }
+    assert!(folder.join("b.3.npy").exists() && !folder.join("out.png").exists());
+    assert_eq!((&shown[0]["mean_spp"], shown.len()), (&4.0.into(), 3));
+    let told = merge(folder, &["a.3.rayfilm", "b.4.rayfilm"], 2);
+    assert!(told.contains("it is of another picture than a.3.rayfilm: the camera is"), "{told}");
+    // What a checkpoint calls finished is rendered again if its partial film is gone.
+    let again = [&moving[2..], &lower, &["--frames", "3..4", "--resume"], &checkpoint].concat();
+    assert_eq!(render(folder, &again)["rays"]["camera"], 0);
+    std::fs::remove_file(folder.join("c.3.rayfilm")).expect("a partial film");
+    assert_ne!(render(folder, &again)["rays"]["camera"], 0);
+    assert!(folder.join("c.3.rayfilm").exists());
 }
 
 /// SIGTERM is Ctrl-C. A part that is stopped leaves no partial film, and is told as failed.

@@ -19,13 +19,13 @@ pub struct PartArgs {
         long,
         value_name = "A..B",
         allow_hyphen_values = true,
-        conflicts_with_all = ["noise", "seconds", "frames"],
+        conflicts_with_all = ["noise", "seconds"],
         value_parser = samples
     )]
     pub samples: Option<Range<u32>>,
     /// Write exact sums of the samples, from which `raystream merge` makes the picture. A picture is written only with
-    /// -o.
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["noise", "seconds", "frames"])]
+    /// -o. With --frames the name numbers them, as in part.%04d.rayfilm.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["noise", "seconds"])]
     pub partial: Option<PathBuf>,
 }
 

@@ -15,8 +15,16 @@ pub struct Animation<'a> {
     /// Frame numbers.
     pub frames: Range<u32>,
     motion: Motion,
-    names: Names,
+    pictures: Option<Names>,
+    partials: Option<Names>,
     args: &'a RenderArgs,
+}
+
+/// Files that show pictures or have their sums.
+#[derive(Default)]
+pub struct Files {
+    pub pictures: Vec<PathBuf>,
+    pub partials: Vec<PathBuf>,
 }
 
 /// How the camera moves from frame to frame.
@@ -32,23 +40,25 @@ enum Motion {
 }
 
 impl<'a> Animation<'a> {
-    /// Refuses options that exclude each other, before the scene is read. Returns the pictures to be written, as far as
+    /// Refuses options that exclude each other, before the scene is read. Returns the files to be written, as far as
     /// they do not depend on the scene.
-    pub fn check(args: &RenderArgs) -> Result<Vec<PathBuf>> {
+    pub fn check(args: &RenderArgs) -> Result<Files> {
         let FramesArgs { frames, .. } = &args.animation;
         ensure!(
             args.part.partial.is_none() || !args.optics.has_several(),
-            "--partial is for single pictures; name one camera"
+            "--partial is for single pictures and animations; name one camera"
         );
-        let Some(output) = args.picture_path() else { return Ok(Vec::new()) };
+        let (output, partial) = (args.picture_path(), args.part.partial.as_deref());
         if frames.is_none() && !args.optics.has_several() {
-            ensure!(
-                !Names::is_pattern(output),
-                "{}: the name has a place for a frame number or a camera's name, but there is one picture; add \
-                 --frames A..B, --camera all or --views",
-                output.display()
-            );
-            return Ok(vec![output.to_owned()]);
+            if let Some(pattern) = output.into_iter().chain(partial).find(|file| Names::is_pattern(file)) {
+                bail!(
+                    "{}: the name has a place for a frame number or a camera's name, but there is one picture; add \
+                     --frames A..B, --camera all or --views",
+                    pattern.display()
+                );
+            }
+            let owned = |file: Option<&Path>| file.map(Path::to_owned).into_iter().collect();
+            return Ok(Files { pictures: owned(output), partials: owned(partial) });
         }
         if args.progress.seconds.is_some() {
             bail!(
@@ -81,8 +91,8 @@ impl<'a> Animation<'a> {
                 "--camera all renders every camera where it is; leave out --eye, --target, --up, --fov and \
                  --world-to-camera"
             );
-            Names::of_cameras(output)?;
-            return Ok(Vec::new());
+            output.map(Names::of_cameras).transpose()?;
+            return Ok(Files::default());
         };
         ensure!(
             !args.optics.is_all(),
@@ -96,27 +106,32 @@ impl<'a> Animation<'a> {
                 );
             }
         }
-        let names = Names::of_frames(output)?;
-        Ok(frames.map(|frame| names.of(frame, "")).collect())
+        let files = |pattern: Option<&Path>| -> Result<Vec<PathBuf>> {
+            let names = pattern.map(Names::of_frames).transpose()?;
+            Ok(names.map_or_else(Vec::new, |names| frames.clone().map(|frame| names.of(frame, "")).collect()))
+        };
+        Ok(Files { pictures: files(output)?, partials: files(partial)? })
     }
 
-    /// The pictures to be written.
-    pub fn files(&self) -> Vec<PathBuf> {
-        self.frames.clone().map(|frame| self.file(frame)).collect()
+    /// The files to be written.
+    pub fn files(&self) -> Files {
+        let all = |file: fn(&Self, u32) -> Option<PathBuf>| {
+            self.frames.clone().filter_map(|frame| file(self, frame)).collect()
+        };
+        Files { pictures: all(Self::picture), partials: all(Self::partial) }
     }
 
     /// The animation that the options describe, if any; `own` is the camera of a still picture.
     pub fn new(args: &'a RenderArgs, scene: &Scene, own: Camera) -> Result<Option<Self>> {
         let FramesArgs { frames, turntable, camera_path, fps, .. } = &args.animation;
-        let Some(output) = args.picture_path() else { return Ok(None) };
         if args.optics.is_all() {
             ensure!(!scene.cameras.is_empty(), "--camera all: the scene has no cameras");
-            return Self::of_cameras(args, scene.cameras.clone(), output).map(Some);
+            return Self::of_cameras(args, scene.cameras.clone()).map(Some);
         }
         if let Some(views) = &args.optics.views {
             let views = Views::read(views, args.size)?;
             let cameras = views.cameras(&args.optics, own, scene, args.size)?;
-            return Self::of_cameras(args, cameras, output).map(Some);
+            return Self::of_cameras(args, cameras).map(Some);
         }
         let Some(frames) = frames.clone() else { return Ok(None) };
         let own_motion = match &args.optics.camera {
@@ -149,14 +164,16 @@ impl<'a> Animation<'a> {
                 "--frames: the scene has no camera animation; add --turntable DEG or --camera-path FILE"
             ),
         };
-        Ok(Some(Self { frames, motion, names: Names::of_frames(output)?, args }))
+        let pictures = args.picture_path().map(Names::of_frames).transpose()?;
+        let partials = args.part.partial.as_deref().map(Names::of_frames).transpose()?;
+        Ok(Some(Self { frames, motion, pictures, partials, args }))
     }
 
     /// One picture for each camera.
-    fn of_cameras(args: &'a RenderArgs, cameras: Vec<NamedCamera>, output: &Path) -> Result<Self> {
+    fn of_cameras(args: &'a RenderArgs, cameras: Vec<NamedCamera>) -> Result<Self> {
         let frames = 0..cameras.len() as u32;
-        let (motion, names) = (Motion::Cameras(cameras), Names::of_cameras(output)?);
-        Ok(Self { frames, motion, names, args })
+        let pictures = args.picture_path().map(Names::of_cameras).transpose()?;
+        Ok(Self { frames, motion: Motion::Cameras(cameras), pictures, partials: None, args })
     }
 
     /// The camera of a frame.
@@ -174,9 +191,20 @@ impl<'a> Animation<'a> {
         self.args.optics.apply(camera, self.args.size).with_context(|| format!("picture {frame}"))
     }
 
-    /// The file of a frame.
-    pub fn file(&self, frame: u32) -> PathBuf {
-        self.names.of(frame, self.name(frame))
+    /// The picture of a frame, if one is wanted.
+    pub fn picture(&self, frame: u32) -> Option<PathBuf> {
+        self.pictures.as_ref().map(|names| names.of(frame, self.name(frame)))
+    }
+
+    /// The partial film of a frame, if one is wanted.
+    pub fn partial(&self, frame: u32) -> Option<PathBuf> {
+        self.partials.as_ref().map(|names| names.of(frame, self.name(frame)))
+    }
+
+    /// What messages call a frame: the name of its first file.
+    pub fn subject(&self, frame: u32) -> String {
+        let file = self.picture(frame).or_else(|| self.partial(frame));
+        file.map_or_else(|| format!("frame {frame}"), |file| file.display().to_string())
     }
 
     /// The name of a frame's camera; empty if one camera moves.

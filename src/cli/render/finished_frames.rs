@@ -70,11 +70,12 @@ impl FinishedFrames {
         Ok(Some(Self { path, content, has_changed: false }))
     }
 
-    /// The hash of a frame finished with the same camera, if its picture still exists.
+    /// The hash of a frame finished with the same camera, if its files still exist.
     pub fn hash(&self, animation: &Animation, frame: u32, camera: &Camera) -> Option<&str> {
         let (finished, hash) = self.content.done.get(&frame)?;
         let same = *finished == camera.to_string();
-        (same && animation.file(frame).exists()).then_some(hash)
+        let files = [animation.picture(frame), animation.partial(frame)];
+        (same && files.iter().flatten().all(|file| file.exists())).then_some(hash)
     }
 
     /// Notes that a frame is finished and its picture written.

@@ -71,7 +71,7 @@ pub fn run<I: Integrator>(
         }
         let shot = shots.pop_front().expect("the queue is not empty");
         splats.add(&shot);
-        let written = shot.write(args, animation, &facts, &viewer)?;
+        let written = shot.write(args, setup, animation, &facts, &viewer)?;
         if let Some(finished) = &mut finished {
             note(finished, &shot.camera, &written);
             shot.clean_up();
@@ -212,7 +212,7 @@ fn print(animation: &Animation, stats: &FramesStats) {
         let took = frame
             .seconds
             .map_or_else(|| "finished in an earlier run".into(), |seconds| format!("{seconds:.2} s"));
-        stdout_line!("{}: {took}, hash {}", animation.file(frame.frame).display(), frame.hash);
+        stdout_line!("{}: {took}, hash {}", animation.subject(frame.frame), frame.hash);
     }
     stdout_line!(
         "{} frames of {}x{}, {} spp, {:.1} s on the CPU ({}){}: {:.2} Mray/s, {:.2} Mpath/s, host threads busy {:.1} %",

@@ -29,10 +29,10 @@ use crate::film::{Film, Format, MAX_RADIANCE, picture_files};
 use crate::render::{Aov, AovSet, Integrator, PASSES_IN_FLIGHT, ROULETTE_BOUNCES, Settings};
 use crate::scene::{Camera, Scene};
 use crate::schedule::{JobHandle, JobOptions, LimitsError};
-use animation::{Animation, named_camera};
+use animation::{Animation, Files, named_camera};
 use anyhow::{Result, ensure};
 use std::fmt::Display;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -46,8 +46,7 @@ pub fn run(args: &RenderArgs, registry: &Registry) -> Result<Outcome> {
 
 fn render(args: &RenderArgs, registry: &Registry, progress: &mut Progress) -> Result<Outcome> {
     args.picture_path().map_or(Ok(()), |path| Format::of(path).map(drop))?;
-    let pictures = Animation::check(args)?;
-    let outputs = check_files(args, &pictures)?;
+    let outputs = check_files(args, &Animation::check(args)?)?;
     checkpoint::check(&args.progress)?;
     let (own, foreign) = check_options(args, registry)?;
     if let Some(path) = &args.timeline {
@@ -220,11 +219,11 @@ fn submit<I: Integrator>(
 }
 
 /// Refuses files that cannot be written or would overwrite others, before time is spent on rendering.
-fn check_files(args: &RenderArgs, pictures: &[PathBuf]) -> Result<Outputs> {
+fn check_files(args: &RenderArgs, written: &Files) -> Result<Outputs> {
     let transforms = views::transforms_file(args);
     let aovs = args.aovs();
     let mut files = Vec::new();
-    for picture in pictures {
+    for picture in &written.pictures {
         args.picture.check(picture)?;
         let layers = aovs.iter().map(Aov::name);
         files.extend(picture_files(picture, layers, aovs.is_transparent(), &args.picture.options())?);
@@ -235,8 +234,8 @@ fn check_files(args: &RenderArgs, pictures: &[PathBuf]) -> Result<Outputs> {
         ("--stats", args.stats.as_deref()),
         ("--timeline", args.timeline.as_deref()),
         ("--checkpoint", args.progress.checkpoint.as_deref()),
-        ("--partial", args.part.partial.as_deref()),
     ];
+    let partials = written.partials.iter().map(|file| ("--partial", Some(&**file)));
     let shaders = args.surface.iter().map(|surface| ("the shader", Some(&*surface.file)));
     let inputs = [
         ("the scene", Some(&*args.scene)),
@@ -245,7 +244,7 @@ fn check_files(args: &RenderArgs, pictures: &[PathBuf]) -> Result<Outputs> {
         ("the options", args.reporting.options.as_deref()),
         ("the views", views::file(args)),
     ];
-    Outputs::check(pictures.chain(others), inputs.into_iter().chain(shaders))
+    Outputs::check(pictures.chain(others).chain(partials), inputs.into_iter().chain(shaders))
 }
 
 /// How often something is written that cannot be lost, and the pause between two tries.

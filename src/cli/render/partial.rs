@@ -20,7 +20,19 @@ pub fn write_finished<I: Integrator>(
     frame: &Progressive<I>,
     facts: &BTreeMap<String, String>,
 ) -> Result<Option<String>> {
-    let Some(path) = &args.part.partial else { return Ok(None) };
+    let path = args.part.partial.as_deref();
+    path.map_or(Ok(None), |path| write_finished_to(path, args, setup, camera, frame, facts))
+}
+
+/// The same to a file.
+pub fn write_finished_to<I: Integrator>(
+    path: &Path,
+    args: &RenderArgs,
+    setup: &Setup,
+    camera: &Camera,
+    frame: &Progressive<I>,
+    facts: &BTreeMap<String, String>,
+) -> Result<Option<String>> {
     let name = path.display();
     if !frame.is_complete() {
         return Ok(Some(format!("{name}: not written, because not all of its samples have been taken")));

@@ -5,7 +5,7 @@ use super::checkpoint::Checkpoint;
 use super::facts::Facts;
 use super::totals::Totals;
 use super::viewer::Viewer;
-use super::{insist, submit};
+use super::{insist, partial, submit};
 use crate::cli::args::RenderArgs;
 use crate::cli::progress::Progress;
 use crate::cli::setup::Setup;
@@ -97,10 +97,11 @@ impl<I: Integrator> Shot<I> {
         Ok(lost)
     }
 
-    /// Writes the picture of a complete frame.
+    /// Writes the picture of a complete frame, and its partial film.
     pub fn write(
         &self,
         args: &RenderArgs,
+        setup: &Setup,
         animation: &Animation,
         facts: &Facts,
         viewer: &Viewer,
@@ -110,9 +111,16 @@ impl<I: Integrator> Shot<I> {
         let mean_spp = film.samples() as f64 / region.area() as f64;
         let mut picture = self.picture.integrator().frame().develop(&film);
         picture.metadata = facts.of(&picture.image, &self.camera, mean_spp);
-        let (file, look, options) = (animation.file(self.frame), args.look.look(), args.picture.options());
-        viewer.show(&file.display().to_string(), &picture);
-        insist(|| write_picture(&file, &picture, &look, &options))?;
+        let (look, options) = (args.look.look(), args.picture.options());
+        viewer.show(&animation.subject(self.frame), &picture);
+        if let Some(file) = animation.picture(self.frame) {
+            insist(|| write_picture(&file, &picture, &look, &options))?;
+        }
+        if let Some(file) = animation.partial(self.frame) {
+            let (camera, metadata) = (&self.camera, &picture.metadata);
+            let written = partial::write_finished_to(&file, args, setup, camera, &self.picture, metadata)?;
+            debug_assert!(written.is_none(), "the frame is complete");
+        }
         Ok(FrameStats {
             frame: self.frame,
             hash: picture.image.hash(),

@@ -226,7 +226,8 @@ pub fn write_transforms(args: &RenderArgs, animation: &Animation, frames: &[Fram
     let (width, height) = args.size;
     let mut entries = Vec::new();
     for &FrameStats { frame, .. } in frames {
-        let (camera, file) = (animation.camera(frame)?, animation.file(frame));
+        let Some(file) = animation.picture(frame) else { continue };
+        let camera = animation.camera(frame)?;
         let k = camera.intrinsics(width, height).context("views have intrinsics")?;
         let mut entry = lens_entry(&k);
         // Without negative zeros.
