@@ -2,7 +2,7 @@
 
 use super::trace::{array, write_rays};
 use super::{SQUARE, folder, json, run, shipped};
-use raystream::scene::load;
+use raystream::scene::{Camera, Projection, load};
 use std::path::Path;
 
 /// All AOVs.
@@ -16,15 +16,25 @@ fn npy<T: npyz::Deserialize>(path: &Path) -> Vec<T> {
 
 #[test]
 fn depths_have_the_bits_of_traced_rays() {
+    let parallel = |camera: Camera| camera.with_projection(Projection::Orthographic { height: 3.0 });
+    let around = |camera: Camera| camera.with_projection(Projection::Panorama);
+    assert_depths_have_the_bits_of_traced_rays("cornell.json", &[], |camera| camera);
+    assert_depths_have_the_bits_of_traced_rays("showcase.json", &[], |camera| camera);
+    assert_depths_have_the_bits_of_traced_rays("showcase.json", &["--orthographic", "3"], parallel);
+    assert_depths_have_the_bits_of_traced_rays("glass.json", &["--panorama"], around);
+}
+
+/// `change` does to the scene's camera what the options do.
+fn assert_depths_have_the_bits_of_traced_rays(name: &str, more: &[&str], change: fn(Camera) -> Camera) {
     let folder = folder();
-    let scene = shipped("cornell.json");
+    let scene = shipped(name);
     let args = ["render", &scene, "-o", "a.npy", "--size", "40x30", "--spp", "1", "--aov", "depth,primitive"];
-    run(folder.path(), &args, 0);
-    let camera = load::load(&scene).expect("scene").camera.expect("the scene's own");
+    run(folder.path(), &[&args, more].concat(), 0);
+    let camera = change(load::load(&scene).expect("scene").camera.expect("the scene's own"));
     let lens = camera.lens(40, 30).expect("a camera");
     let mut rays = Vec::new();
     for (x, y) in (0..30).flat_map(|y| (0..40).map(move |x| (x, y))) {
-        let (origin, direction) = lens.ray(x, y, [0.5; 2]).expect("a pinhole sees all");
+        let (origin, direction) = lens.ray(x, y, [0.5; 2]).expect("the lens sees all");
         rays.extend([
             origin.x,
             origin.y,
@@ -42,7 +52,7 @@ fn depths_have_the_bits_of_traced_rays() {
     let bits = |numbers: Vec<f32>| numbers.into_iter().map(f32::to_bits).collect::<Vec<_>>();
     let depths: Vec<f32> = npy(&folder.path().join("a.depth.npy"));
     assert!(depths.iter().all(|depth| depth.is_finite() || *depth == f32::INFINITY));
-    assert_eq!(bits(depths), bits(array(&hits, "t")));
+    assert_eq!(bits(depths), bits(array(&hits, "t")), "{name} {more:?}");
     let primitives: Vec<u32> = npy(&folder.path().join("a.primitive.npy"));
     assert_eq!(primitives, array::<u32>(&hits, "primitive"));
 }
