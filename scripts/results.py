@@ -6,9 +6,9 @@
 The page has a line `<!-- begin: NAME -->` and a line `<!-- end: NAME -->`; what stands between them is replaced by the
 command, the machine and the table. NAME's first word says which table: `rays` (`rays query`, `rays service` for these
 two), `contenders`, `threads`, `small`, `build`, `ladder`, `frame`, `tail`, `textures`, `shaders`, `adaptive`, `noise`,
-`profiles`, `schedule`, `latency`, `rtrt`, `live`, `service`, `plan` or `plancheck`; further words only distinguish two
-blocks of a page. Tables over scenes take files of one machine and one build, with one scene or several in each. A scene
-is called what its file is called, or LABEL where there is one in the file.
+`profiles`, `schedule`, `latency`, `rtrt`, `live`, `livefarm`, `service`, `plan` or `plancheck`; further words only
+distinguish two blocks of a page. Tables over scenes take files of one machine and one build, with one scene or several
+in each. A scene is called what its file is called, or LABEL where there is one in the file.
 
 --machine TEXT    names the machine where the file does not, or better than the file does
 --build COMMIT    the commit that was measured [default: the checkout's, with "changed" if it has changes]
@@ -111,6 +111,17 @@ PLAIN = {
         ("share of width", "share", 100, "{:.0f} %"),
         ("s to all samples", "full_s.median", 1, "{:.2f}"),
         ("at worst", "full_s.worst", 1, "{:.2f}"),
+    ],
+    "livefarm": [
+        ("scene", "label", None, "{}"),
+        ("workers", "workers", None, "{}"),
+        ("frames/s", "frames_per_s", 1, "{:.1f}"),
+        ("share of pixels", "area", 100, "{:.0f} %"),
+        ("full frames/s", "full_frames_per_s", 1, "{:.1f}"),
+        ("slowest, ms", "worst_ms", 1, "{:.0f}"),
+        ("kB a frame", "frame_bytes", 1e-3, "{:.0f}"),
+        ("most frames/s at 100 Mbit", "network_frames_per_s", 1, "{:.0f}"),
+        ("late tiles", "late", None, "{}"),
     ],
     "profiles": [
         ("raystream", "label", None, "{}"),

@@ -1,6 +1,7 @@
 //! What carries units and messages between a coordinator and its workers.
 
 use super::desk::{Answer, Ask, Desk};
+use super::live::{LiveAnswered, LiveAsk, LiveDesk};
 use super::unit::Unit;
 use std::sync::Arc;
 use std::time::Duration;
@@ -62,7 +63,8 @@ pub struct Backlog {
     pub is_new: bool,
 }
 
-/// Carries units to workers, at least once each unless it loses all, and requests of workers to the coordinator.
+/// Carries units to workers, at least once each unless it loses all, requests of workers to the coordinator, and
+/// requests for tiles of live views to workers.
 /// Implementations pass the same tests (`contract.rs`).
 pub trait WorkBus: Send + Sync {
     /// Offers a unit to workers. Rounds tell a repeated offer that is meant from one that is not.
@@ -97,6 +99,17 @@ pub trait WorkBus: Send + Sync {
 
     /// How long a worker may be silent about a unit before another one gets it.
     fn lease_time(&self) -> Duration;
+
+    /// Lets a desk answer what the coordinator asks of this worker, until the bus is dropped. Returns the worker's
+    /// address.
+    ///
+    /// # Errors
+    /// [`BusError`].
+    fn listen(&self, desk: Arc<dyn LiveDesk>) -> Result<String, BusError>;
+
+    /// Asks a worker at an address. Returns at once. `answered` is called by another thread, with an error if there is
+    /// no answer within `patience`. Nothing is kept for a worker that is not there.
+    fn request(&self, address: &str, ask: LiveAsk, patience: Duration, answered: LiveAnswered);
 }
 
 /// A unit that a worker has. If the lease is dropped without a word, another worker gets the unit once the lease has

@@ -1,7 +1,11 @@
 //! What every bus promises, tested in the same words.
 
-use super::{Answer, Ask, Desk, Lane, Lease, Offered, Start, Unit, UnitId, Verdict, WorkBus};
-use crate::farm::FinishedUnit;
+use super::{
+    Answer, Ask, BusError, Desk, FinishedUnit, Lane, Lease, LiveAnswer, LiveAsk, LiveDesk, LiveReply,
+    LiveScene, Offered, Start, Tile, TileAsk, Unit, UnitId, Verdict, WorkBus,
+};
+use crate::serve::live::{EditList, Pose};
+use std::sync::mpsc::channel;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
@@ -61,6 +65,7 @@ pub fn check(bus: impl Fn() -> (Arc<dyn WorkBus>, Arc<dyn WorkBus>)) {
     beats_keep_a_unit(&bus());
     what_is_given_back_comes_again(&bus());
     questions_are_answered(&bus());
+    tiles_are_answered_by_the_worker_that_is_asked(&bus());
 }
 
 type Ends = (Arc<dyn WorkBus>, Arc<dyn WorkBus>);
@@ -167,4 +172,86 @@ fn questions_are_answered((coordinator, worker): &Ends) {
             "{bytes} bytes"
         );
     }
+}
+
+/// A worker that answers for tiles with their number of rows, at once or late, and keeps no answer for `Prepare`.
+struct Painter(Mutex<Vec<LiveReply>>);
+
+impl LiveDesk for Painter {
+    fn take(&self, ask: LiveAsk, reply: LiveReply) {
+        match ask {
+            LiveAsk::Prepare(_) => self.0.lock().expect("no panic").push(reply),
+            LiveAsk::Tile(_, ask) => {
+                let bytes = ask.rows.len();
+                let jpeg = Arc::new((0..bytes).map(|byte| (byte % 253) as u8).collect());
+                let tile = Tile { rows: ask.rows, light: (-1.5, 7), seconds: 0.25, jpeg };
+                reply(LiveAnswer::Tile(tile));
+            }
+        }
+    }
+}
+
+fn tile_ask(rows: u32) -> TileAsk {
+    let pose = r#"{ "eye": [0.1, -2, 3e-7], "target": [0, 0, 0], "up": [0, 1, 0], "fov": 40, "lens": null }"#;
+    let pose: Pose = serde_json::from_str(pose).expect("a pose");
+    TileAsk {
+        view: u64::MAX,
+        frame: 3,
+        pose,
+        edits: EditList::default(),
+        size: [64, rows],
+        rows: 0..rows,
+        spp: 1,
+        max_bounces: 2,
+        seed: 9,
+        transform: "agx".into(),
+        stops: -0.37,
+        is_metered: true,
+        budget_ms: 80,
+    }
+}
+
+fn tiles_are_answered_by_the_worker_that_is_asked((coordinator, worker): &Ends) {
+    let scene = LiveScene { sha256: "0".repeat(64), identity: "i".into() };
+    let ask = |address: &str, ask: LiveAsk, patience: Duration| {
+        let (tell, told) = channel();
+        coordinator.request(
+            address,
+            ask,
+            patience,
+            Box::new(move |answer| tell.send(answer).expect("asked")),
+        );
+        told.recv_timeout(5 * PATIENCE + patience).expect("an answer, or why there is none")
+    };
+    let silent = |answer| matches!(answer, Err(BusError::Silent(_)));
+    let tile = |rows| LiveAsk::Tile(scene.clone(), tile_ask(rows));
+    assert!(silent(ask("0123", tile(1), PATIENCE)), "no one is there");
+    let painter = Arc::new(Painter(Mutex::default()));
+    let address = worker.listen(Arc::clone(&painter) as Arc<dyn LiveDesk>).expect("an address");
+    let is_token = |byte: u8| byte.is_ascii_alphanumeric();
+    assert!(!address.is_empty() && address.bytes().all(is_token), "{address} is part of a subject");
+    // A server may need a moment to tell others of the worker.
+    let began = Instant::now();
+    while silent(ask(&address, tile(1), PATIENCE)) {
+        assert!(began.elapsed() < 10 * PATIENCE, "the worker is not found");
+    }
+    for rows in [1, 1000, 900_000] {
+        let Ok(LiveAnswer::Tile(tile)) = ask(&address, tile(rows), 10 * PATIENCE) else { panic!("no tile") };
+        assert_eq!((tile.rows, tile.light, tile.seconds), (0..rows, (-1.5, 7), 0.25));
+        assert!(
+            tile.jpeg.len() == rows as usize
+                && tile.jpeg.iter().zip(0..).all(|(&byte, i)| byte == (i % 253) as u8)
+        );
+    }
+    // Without an answer in time there is an error soon after; an answer that comes later changes nothing.
+    let began = Instant::now();
+    assert!(silent(ask(&address, LiveAsk::Prepare(scene.clone()), PATIENCE)));
+    let waited = began.elapsed();
+    assert!(waited > PATIENCE * 8 / 10 && waited < 3 * PATIENCE, "{waited:?}");
+    painter.0.lock().expect("no panic").pop().expect("it was asked")(LiveAnswer::Ready);
+    assert!(
+        matches!(ask(&address, tile(5), 5 * PATIENCE), Ok(LiveAnswer::Tile(tile)) if tile.rows == (0..5))
+    );
+    // Who listens at another address is not asked.
+    assert!(silent(ask("4567", tile(1), PATIENCE)));
 }

@@ -14,7 +14,7 @@ use std::sync::Arc;
 pub struct Build(BTreeMap<String, String>);
 
 /// Counts incompatible messages between coordinator and workers.
-const PROTOCOL_VERSION: u32 = 2;
+const PROTOCOL_VERSION: u32 = 3;
 
 impl Build {
     /// This process's.
@@ -53,6 +53,9 @@ pub struct Card {
     pub slots: u32,
     /// What traces there, in words.
     pub units: String,
+    /// The address at which it is asked for tiles of live views. None if it renders none.
+    #[serde(default)]
+    pub live: Option<String>,
 }
 
 /// The answer to a worker that joins.

@@ -2,9 +2,11 @@
 
 use super::bus::{Backlog, BusError, Lane, Lease, Offered, WorkBus};
 use super::desk::{Answer, Ask, Desk};
+use super::live::{LiveAnswered, LiveAsk, LiveDesk};
 use super::unit::Unit;
 use super::{BEATS, LEASE, QUEUED_UNITS};
 use std::collections::VecDeque;
+use std::sync::mpsc::channel;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -12,6 +14,8 @@ use std::time::{Duration, Instant};
 pub struct LocalBus {
     queue: Arc<Queue>,
     desk: OnceLock<Arc<dyn Desk>>,
+    /// Who answers for live views; an address is a place in it.
+    listeners: Mutex<Vec<Arc<dyn LiveDesk>>>,
 }
 
 impl std::fmt::Debug for LocalBus {
@@ -55,7 +59,8 @@ impl LocalBus {
     /// A bus whose leases last this long, with room for so many units.
     pub fn new(lease_time: Duration, most: usize) -> Self {
         let (entries, changed) = (Mutex::default(), Condvar::new());
-        Self { queue: Arc::new(Queue { entries, changed, lease_time, most }), desk: OnceLock::new() }
+        let queue = Arc::new(Queue { entries, changed, lease_time, most });
+        Self { queue, desk: OnceLock::new(), listeners: Mutex::default() }
     }
 }
 
@@ -119,6 +124,28 @@ impl WorkBus for LocalBus {
 
     fn lease_time(&self) -> Duration {
         self.queue.lease_time
+    }
+
+    fn listen(&self, desk: Arc<dyn LiveDesk>) -> Result<String, BusError> {
+        let mut listeners = self.listeners.lock().unwrap_or_else(PoisonError::into_inner);
+        listeners.push(desk);
+        Ok((listeners.len() - 1).to_string())
+    }
+
+    fn request(&self, address: &str, ask: LiveAsk, patience: Duration, answered: LiveAnswered) {
+        let listeners = self.listeners.lock().unwrap_or_else(PoisonError::into_inner);
+        let found = address.parse().ok().and_then(|place: usize| listeners.get(place).cloned());
+        drop(listeners);
+        let silent = BusError::Silent(format!("the worker at {address}"));
+        let wait = move || {
+            let Some(desk) = found else { return answered(Err(silent)) };
+            let (tell, told) = channel();
+            // Who asked may have lost its patience.
+            desk.take(ask, Box::new(move |answer| drop(tell.send(answer))));
+            answered(told.recv_timeout(patience).map_err(|_| silent));
+        };
+        let thread = std::thread::Builder::new().name("live request".into()).spawn(wait);
+        thread.map_or_else(|error| log::warn!("a worker is not asked: {error}"), drop);
     }
 }
 

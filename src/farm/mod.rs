@@ -4,6 +4,7 @@
 //! serve::runner ─ offer ─▶ WorkBus (in process, or NATS JetStream) ─ lease ─▶ Worker ─▶ Shots::patch
 //!      ▲ Desk: join, report, start, files, result, failure                     │
 //!      └──────────────────────────── ask ──────────────────────────────────────┘
+//! serve::live ─ request, with a deadline ─▶ WorkBus ─▶ LiveDesk: rows of a moving frame, as a display shows them
 //! ```
 //!
 //! The ledger of the service is the record. A bus only carries: whatever it loses is offered again, whatever it carries
@@ -13,9 +14,11 @@ mod bus;
 #[cfg(test)]
 mod contract;
 mod desk;
+mod live;
 mod local;
 #[cfg(feature = "farm")]
 pub mod nats;
+mod painter;
 pub mod plan;
 mod scenes;
 mod unit;
@@ -27,6 +30,7 @@ pub use desk::{
     Answer, Ask, Build, Card, Desk, FailureReport, FilePart, FinishedUnit, Orders, Report, SceneFile, Start,
     Verdict, Welcome,
 };
+pub use live::{LiveAnswer, LiveAnswered, LiveAsk, LiveDesk, LiveReply, LiveScene, Tile, TileAsk};
 pub use local::LocalBus;
 pub use scenes::{DiskScenes, NoScene, SceneSource};
 pub use unit::{Unit, UnitId};

@@ -4,6 +4,8 @@ use super::bus::{BusError, Lease, WorkBus};
 use super::desk::{
     Answer, Ask, Build, Card, FailureReport, FinishedUnit, Orders, Report, Start, Verdict, Welcome,
 };
+use super::live::LiveDesk;
+use super::painter::Painter;
 use super::scenes::{NoScene, SceneSource};
 use super::unit::{Unit, UnitId};
 use super::watch::UnitWatch;
@@ -50,6 +52,8 @@ pub struct WorkerOptions {
     pub slots: u32,
     /// How long it waits for a unit before it leaves; `None` for ever.
     pub idle: Option<Duration>,
+    /// Whether it renders tiles of live views, too.
+    pub is_live: bool,
     /// Whether a byte of each film is changed, for tests.
     pub corrupt: bool,
 }
@@ -59,7 +63,10 @@ pub struct Worker {
     options: WorkerOptions,
     bus: Arc<dyn WorkBus>,
     scenes: Arc<dyn SceneSource>,
-    reader: SceneReader,
+    reader: Arc<SceneReader>,
+    painter: Arc<Painter>,
+    /// Where it is asked for tiles.
+    address: Mutex<Option<String>>,
     active: Mutex<HashMap<UnitId, Active>>,
     ready: Mutex<Vec<(String, Arc<Opened>)>>,
     is_draining: AtomicBool,
@@ -123,12 +130,15 @@ impl Worker {
         scenes: Arc<dyn SceneSource>,
         reader: SceneReader,
     ) -> Arc<Self> {
-        let lease_time = Mutex::new(bus.lease_time());
+        let (lease_time, reader) = (Mutex::new(bus.lease_time()), Arc::new(reader));
+        let painter = Painter::new(Arc::clone(&scenes), Arc::clone(&reader));
         Arc::new(Self {
             options,
             bus,
             scenes,
             reader,
+            painter,
+            address: Mutex::default(),
             active: Mutex::default(),
             ready: Mutex::default(),
             is_draining: AtomicBool::new(false),
@@ -141,9 +151,10 @@ impl Worker {
         })
     }
 
-    /// Takes no more units; those under way are finished.
+    /// Takes no more units and renders no more tiles; units under way are finished.
     pub fn drain(&self) {
         self.is_draining.store(true, Relaxed);
+        self.painter.end();
     }
 
     /// Takes no more units and gives back those under way.
@@ -170,6 +181,12 @@ impl Worker {
     /// # Errors
     /// Why the coordinator refuses the worker, or the system refuses threads.
     pub fn run(self: &Arc<Self>) -> Result<(), String> {
+        if self.options.is_live {
+            match self.bus.listen(Arc::clone(&self.painter) as Arc<dyn LiveDesk>) {
+                Ok(address) => *lock(&self.address) = Some(address),
+                Err(error) => log::warn!("the worker renders no tiles of live views: {error}"),
+            }
+        }
         self.join()?;
         let refused = |error: std::io::Error| format!("the system refuses a thread: {error}");
         let threads = self.start().map_err(refused)?;
@@ -182,7 +199,7 @@ impl Worker {
         lock(&self.refused).take().map_or(Ok(()), Err)
     }
 
-    /// Starts the threads: one for each slot, one that beats and one that reports.
+    /// Starts the threads: one for each slot, one that beats, one that reports, and one that renders tiles.
     fn start(self: &Arc<Self>) -> std::io::Result<Vec<JoinHandle<()>>> {
         let mut threads = Vec::new();
         let live = Arc::new(AtomicU64::new(u64::from(self.options.slots)));
@@ -212,6 +229,8 @@ impl Worker {
                 }
             })?);
         }
+        let painter = Arc::clone(&self.painter);
+        threads.push(std::thread::Builder::new().name("live tiles".into()).spawn(move || painter.run())?);
         Ok(threads)
     }
 
@@ -224,6 +243,7 @@ impl Worker {
             build: Build::own(),
             slots: *slots,
             units: units.clone(),
+            live: lock(&self.address).clone(),
         };
         let mut told = false;
         loop {

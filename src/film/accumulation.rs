@@ -6,6 +6,7 @@ use super::stripe::{Stripe, Stripes};
 use crate::lanes::{Int, Lanes, Mask, Num, Vector, nearest};
 use crate::memory::OutOfMemory;
 use std::io::Write;
+use std::ops::Range;
 use std::sync::atomic::{AtomicI64, AtomicU32, AtomicU64, Ordering::Relaxed};
 
 /// The largest value of a splat's channel. Brighter splats are clamped to it.
@@ -442,10 +443,15 @@ impl Film {
     /// samples. Camera rays count as samples when they are emitted, so the film of a job that still runs is too dark by
     /// what is in flight.
     pub fn resolve(&self) -> Vec<[f32; 3]> {
+        self.resolve_some(0..self.sums.len())
+    }
+
+    /// [`Film::resolve`] for some of the pixels.
+    pub(super) fn resolve_some(&self, pixels: Range<usize>) -> Vec<[f32; 3]> {
         let unit = 1.0 / (1u64 << self.fraction_bits) as f64;
-        self.sums
+        self.sums[pixels.clone()]
             .iter()
-            .zip(&self.samples)
+            .zip(&self.samples[pixels])
             .map(|(sums, samples)| match samples.load(Relaxed) {
                 0 => [0.0; 3],
                 n => sums.each_ref().map(|sum| (sum.load(Relaxed) as f64 * unit / f64::from(n)) as f32),

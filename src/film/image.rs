@@ -30,7 +30,9 @@ impl Image {
     /// # Panics
     /// If the film does not have the region.
     pub fn of(film: &Film, region: Region) -> Self {
-        film.image().cropped(region)
+        let of_row = |y: u32| y as usize * film.width() as usize;
+        let rows = film.resolve_some(of_row(region.y)..of_row(region.rows().end));
+        Self::new(film.width(), region.height, rows).cropped(Region { y: 0, ..region })
     }
 
     /// The pixels of a region.

@@ -62,8 +62,13 @@ impl Look {
     pub fn stops(&self, image: &Image) -> f32 {
         match self.exposure {
             Exposure::Stops(stops) => stops,
-            Exposure::Auto => auto_stops(image),
+            Exposure::Auto => Light::of(image).stops(),
         }
+    }
+
+    /// How bright a picture is shown.
+    pub fn exposure(&self) -> Exposure {
+        self.exposure
     }
 
     /// What a picture file stores for each channel of each pixel, in 0..=1.
@@ -78,13 +83,38 @@ impl Look {
     }
 }
 
-fn auto_stops(image: &Image) -> f32 {
-    let luminance =
-        |&[r, g, b]: &[f32; 3]| 0.2126 * f64::from(r) + 0.7152 * f64::from(g) + 0.0722 * f64::from(b);
-    let lit = image.pixels.iter().map(luminance).filter(|&light| light > 0.0 && light.is_finite());
-    let (sum, count) = lit.fold((0.0, 0u32), |(sum, count), light| (sum + libm::log2(light), count + 1));
-    let stops = f64::from(libm::log2f(MIDDLE_GREY)) - if count == 0 { 0.0 } else { sum / f64::from(count) };
-    if count == 0 { 0.0 } else { (libm::round(stops * 100.0) / 100.0) as f32 }
+/// What automatic exposure knows of a picture. Those of its parts add up.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Light {
+    /// The sum of the binary logarithms of the luminances of all pixels that are not black.
+    pub logarithms: f64,
+    /// The number of these pixels.
+    pub pixels: u32,
+}
+
+impl Light {
+    /// Of a picture or a part of one.
+    pub fn of(image: &Image) -> Self {
+        let luminance =
+            |&[r, g, b]: &[f32; 3]| 0.2126 * f64::from(r) + 0.7152 * f64::from(g) + 0.0722 * f64::from(b);
+        let lit = image.pixels.iter().map(luminance).filter(|&light| light > 0.0 && light.is_finite());
+        lit.fold(Self::default(), |sum, light| sum.and(Self { logarithms: libm::log2(light), pixels: 1 }))
+    }
+
+    /// Of two parts together.
+    pub fn and(self, other: Self) -> Self {
+        let pixels = self.pixels.saturating_add(other.pixels);
+        Self { logarithms: self.logarithms + other.logarithms, pixels }
+    }
+
+    /// The stops of automatic exposure ([`Exposure::Auto`]), rounded to a hundredth.
+    pub fn stops(self) -> f32 {
+        if self.pixels == 0 {
+            return 0.0;
+        }
+        let stops = f64::from(libm::log2f(MIDDLE_GREY)) - self.logarithms / f64::from(self.pixels);
+        (libm::round(stops * 100.0) / 100.0) as f32
+    }
 }
 
 /// The matrix that shows light of this colour temperature as white, on linear Rec. 709 colours.

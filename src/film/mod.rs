@@ -29,7 +29,7 @@ pub use layer::{Coverage, Layer, LayerValues, Picture};
 pub use layer_plan::{COVERAGE_ID_BITS, LayerPlan, MEAN_PIXEL_IDS};
 pub use layer_sums::CentreHit;
 pub(crate) use layer_sums::power_of_two;
-pub use look::{Exposure, Look};
+pub use look::{Exposure, Light, Look};
 pub use noise::Noise;
 #[cfg(feature = "formats")]
 pub use read::{Content, ReadError, read_image};

@@ -1,6 +1,7 @@
 //! Reads scenes that may be hostile: a process of its own tries each one first.
 
 use super::{Limits, Pictures, Shots};
+use crate::schedule::Service;
 use serde_json::{Map, Value};
 use std::collections::VecDeque;
 use std::path::Path;
@@ -26,6 +27,11 @@ impl SceneReader {
     /// A reader that has read nothing yet.
     pub fn new(pictures: Arc<dyn Pictures>, limits: Limits) -> Self {
         Self { pictures, limits, loadable: Mutex::default() }
+    }
+
+    /// The scheduler that renders what is read.
+    pub fn service(&self) -> &Arc<Service> {
+        self.pictures.service()
     }
 
     /// Reads the scene of a job whose options have been checked, or finds it in the cache. `folder` has its files.

@@ -20,6 +20,7 @@ struct Thief {
     /// What the server has refused.
     refused: Arc<Mutex<Vec<String>>>,
     inbox: String,
+    key: String,
 }
 
 fn seed(folder: &Path) -> String {
@@ -33,7 +34,8 @@ fn public_key(folder: &Path) -> String {
 impl Thief {
     async fn new(url: &str, folder: &Path) -> Self {
         let refused = Arc::new(Mutex::new(Vec::new()));
-        let (inbox, list) = (format!("_INBOX.{}", public_key(folder)), Arc::clone(&refused));
+        let (key, list) = (public_key(folder), Arc::clone(&refused));
+        let inbox = format!("_INBOX.{key}");
         let options = ConnectOptions::with_nkey(seed(folder))
             .add_root_certificates(folder.join("ca.pem"))
             .require_tls(true)
@@ -47,7 +49,7 @@ impl Thief {
                 }
             });
         let client = options.connect(url).await.expect("a connection");
-        Self { client, refused, inbox }
+        Self { client, refused, inbox, key }
     }
 
     /// Waits until the server has refused something.
@@ -102,7 +104,8 @@ async fn queue(client: &Client) -> (Info, u64) {
 }
 
 /// Everything that a worker has no business with, each refused by name.
-async fn try_what_is_not_allowed(thief: &Thief, other: &str) -> Vec<Subscriber> {
+async fn try_what_is_not_allowed(thief: &Thief, key_of_other: &str) -> Vec<Subscriber> {
+    let other = format!("_INBOX.{key_of_other}");
     let api = |what: &str| format!("$JS.API.{what}");
     for subject in [
         "raystream.work.lo.job.0.0.0.0".into(),
@@ -122,6 +125,9 @@ async fn try_what_is_not_allowed(thief: &Thief, other: &str) -> Vec<Subscriber> 
         api("INFO"),
         "$SYS.REQ.SERVER.PING".into(),
         "raystream.ask.anything".into(),
+        // To ask another worker, or itself, for a tile.
+        format!("raystream.live.{key_of_other}"),
+        format!("raystream.live.{}", thief.key),
         format!("{other}.1"),
         "_R_.1".into(),
     ] {
@@ -136,6 +142,9 @@ async fn try_what_is_not_allowed(thief: &Thief, other: &str) -> Vec<Subscriber> 
         "raystream.work.>",
         "_INBOX.>",
         &format!("{other}.>"),
+        // What another worker is asked.
+        &format!("raystream.live.{key_of_other}"),
+        "raystream.live.*",
         "_R_.>",
         "$JS.>",
         "$SYS.>",
@@ -193,7 +202,7 @@ fn a_stolen_key_gives_no_work_reads_no_results_and_deletes_nothing() {
                 .expect("it is in the queue");
         }
         let thief = Thief::new(&farm.url, &farm.of("workers/worker-1")).await;
-        let other = format!("_INBOX.{}", public_key(&farm.of("workers/worker-2")));
+        let other = public_key(&farm.of("workers/worker-2"));
         let listening = try_what_is_not_allowed(&thief, &other).await;
         (coordinator.client, thief, listening)
     });
@@ -216,6 +225,45 @@ fn a_stolen_key_gives_no_work_reads_no_results_and_deletes_nothing() {
         });
         assert!(!matches!(heard, Ok(Some(_))), "{heard:?}");
     }
+}
+
+#[test]
+fn a_worker_that_is_asked_for_a_tile_answers_once_and_only_there() {
+    let (farm, data) = (Farm::new(1), folder());
+    let service = farm.coordinator(data.path());
+    let runtime = Runtime::new().expect("threads");
+    runtime.block_on(async {
+        let coordinator = Thief::new(&farm.url, &farm.of("coordinator")).await;
+        let thief = Thief::new(&farm.url, &farm.of("workers/worker-1")).await;
+        let subject = format!("raystream.live.{}", thief.key);
+        let mut asked = thief.client.subscribe(subject.clone()).await.expect("its own subject");
+        thief.client.flush().await.expect("it is sent");
+        let question = async {
+            // The server may know of the thief a little later.
+            let began = Instant::now();
+            loop {
+                let request = Request::new().payload("tile".into()).timeout(Some(Duration::from_millis(500)));
+                match coordinator.client.send_request(subject.clone(), request).await {
+                    Ok(answer) => return answer,
+                    Err(error) => assert!(began.elapsed() < Duration::from_secs(10), "no answer: {error}"),
+                }
+            }
+        };
+        let answer = async {
+            let message = futures_util::StreamExt::next(&mut asked).await.expect("a question");
+            let to = message.reply.expect("where the answer goes").to_string();
+            // An answer to the answer would do harm in the coordinator's account. The subject means nothing here.
+            thief.publish(&to, &format!("$JS.API.STREAM.DELETE.{STREAM}"), "answer").await;
+            thief.client.flush().await.expect("it is sent");
+            to
+        };
+        let (answered, to) = tokio::join!(question, answer);
+        assert_eq!(answered.payload, "answer");
+        thief.may_not_publish(&to).await;
+        let (_, units) = queue(&coordinator.client).await;
+        assert_eq!(units, 0, "the queue is there");
+    });
+    drop(service);
 }
 
 #[test]

@@ -6,6 +6,7 @@
 mod attacks;
 mod chaos;
 mod faults;
+mod live;
 mod machines;
 mod pictures;
 mod plan;
@@ -14,6 +15,7 @@ mod secured;
 #[path = "../serve/service.rs"]
 #[allow(dead_code, reason = "tests of the service use more of it")]
 mod service;
+mod viewer;
 
 use machines::{Nats, Worker};
 use serde_json::{Value, json};

@@ -83,8 +83,15 @@ pub fn work(args: &WorkerArgs, registry: Registry) -> Result<Outcome> {
     let pictures: Arc<dyn Pictures> = studio;
     let reader = SceneReader::new(pictures, Limits::default());
     let idle = args.drain.then_some(IDLE);
-    let options =
-        WorkerOptions { name: name.clone(), host, units, slots: args.slots, idle, corrupt: args.corrupt };
+    let options = WorkerOptions {
+        name: name.clone(),
+        host,
+        units,
+        slots: args.slots,
+        idle,
+        is_live: true,
+        corrupt: args.corrupt,
+    };
     let worker = Worker::new(options, bus, Arc::new(scenes), reader);
     listen_for_signals(&worker);
     stderr_line!("worker {name}: joins {}", args.nats);

@@ -2,12 +2,16 @@
 
 use super::super::bus::{Backlog, BusError, Lane, Lease, Offered, WorkBus};
 use super::super::desk::{Answer, Ask, Desk, Verdict};
+use super::super::live::{LiveAnswer, LiveAnswered, LiveAsk, LiveDesk};
 use super::super::unit::Unit;
 use super::super::{ANSWERED_TOGETHER, BEATS, PART_BYTES};
 use super::connection::{NatsError, NatsOptions, TIMEOUT, warn_of_holes};
-use super::messages::{Question, Reply, join, kind, read_reply, reply, split, with_bytes};
+use super::messages::{
+    MOST_BYTES, Question, Reply, join, kind, live_answer, live_question, read_live_answer,
+    read_live_question, read_reply, reply, split, with_bytes,
+};
 use super::queue::Queue;
-use super::subjects::{is_inbox, question};
+use super::subjects::{is_inbox, live, question};
 use async_nats::client::{Request, RequestErrorKind};
 use async_nats::jetstream;
 use async_nats::{Client, Message};
@@ -15,7 +19,7 @@ use futures_util::StreamExt;
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
-use tokio::runtime::Runtime;
+use tokio::runtime::{Handle, Runtime};
 use tokio::sync::Semaphore;
 
 /// The longest wait for a coordinator that writes a film to its disk.
@@ -32,6 +36,8 @@ pub struct NatsBus {
     client: Client,
     queue: Queue,
     options: NatsOptions,
+    /// Where this process is asked for tiles, if it listens.
+    address: String,
 }
 
 impl std::fmt::Debug for NatsBus {
@@ -47,6 +53,7 @@ impl NatsBus {
     /// [`NatsError`] if it must not or cannot be used.
     pub fn connect(options: NatsOptions, name: &str) -> Result<Self, NatsError> {
         options.check()?;
+        let address = options.address()?;
         let runtime = tokio::runtime::Builder::new_multi_thread()
             .worker_threads(2)
             .max_blocking_threads(2 * ANSWERED_TOGETHER)
@@ -61,11 +68,15 @@ impl NatsBus {
         let mut context = runtime.block_on(async { jetstream::new(client.clone()) });
         context.set_timeout(TIMEOUT);
         let queue = Queue::new(context, &options);
-        Ok(Self { runtime: Some(runtime), client, queue, options })
+        Ok(Self { runtime: Some(runtime), client, queue, options, address })
+    }
+
+    fn runtime(&self) -> &Runtime {
+        self.runtime.as_ref().expect("it is there until the bus is dropped")
     }
 
     fn run<T>(&self, work: impl Future<Output = T>) -> T {
-        self.runtime.as_ref().expect("it is there until the bus is dropped").block_on(work)
+        self.runtime().block_on(work)
     }
 
     /// Deletes a queue, as a careless operator would.
@@ -168,6 +179,38 @@ impl WorkBus for NatsBus {
     fn lease_time(&self) -> Duration {
         self.options.lease
     }
+
+    fn listen(&self, desk: Arc<dyn LiveDesk>) -> Result<String, BusError> {
+        let (client, subject) = (self.client.clone(), live(&self.options.prefix, &self.address));
+        self.run(async {
+            let asked = client.subscribe(subject).await;
+            let mut asked = asked.map_err(|error| BusError::Refused(format!("NATS: {error}")))?;
+            tokio::spawn(async move {
+                while let Some(message) = asked.next().await {
+                    show(&client, &message, &*desk);
+                }
+            });
+            Ok(())
+        })?;
+        Ok(self.address.clone())
+    }
+
+    fn request(&self, address: &str, ask: LiveAsk, patience: Duration, answered: LiveAnswered) {
+        let (client, subject) = (self.client.clone(), live(&self.options.prefix, address));
+        let silent = BusError::Silent(format!("the worker at {address}"));
+        let question = live_question(&ask);
+        if question.len() > MOST_BYTES {
+            let told = format!("a question of {} bytes is more than a message holds", question.len());
+            return answered(Err(BusError::Refused(told)));
+        }
+        self.runtime().spawn(async move {
+            let request = Request::new().payload(question.into()).timeout(Some(patience));
+            answered(match client.send_request(subject, request).await {
+                Ok(answer) => read_live_answer(&answer.payload),
+                Err(_) => Err(silent),
+            });
+        });
+    }
 }
 
 const _: () = assert!(PART_BYTES < 1 << 20 && BEATS > 1);
@@ -180,6 +223,24 @@ async fn look_for_holes(client: Client) {
             _ => tokio::time::sleep(TIMEOUT).await,
         }
     }
+}
+
+/// Lets a desk answer what a coordinator asks. It is called by a thread of the runtime.
+fn show(client: &Client, message: &Message, desk: &dyn LiveDesk) {
+    let Some(to) = message.reply.clone().filter(|to| is_inbox(to)) else { return };
+    let ask = match read_live_question(&message.payload) {
+        Ok(ask) => ask,
+        Err(error) => return log::warn!("{error}"),
+    };
+    let (client, runtime) = (client.clone(), Handle::current());
+    let reply = move |answer: LiveAnswer| {
+        runtime.spawn(async move {
+            if let Err(error) = client.publish(to, live_answer(&answer).into()).await {
+                log::debug!("{error}");
+            }
+        });
+    };
+    desk.take(ask, Box::new(reply));
 }
 
 /// Answers a question.

@@ -2,6 +2,7 @@
 
 use super::keys::NatsKey;
 use super::subjects::inbox;
+use crate::serve::hex;
 use async_nats::{Client, ConnectErrorKind, ConnectOptions, Event};
 use std::net::IpAddr;
 use std::path::PathBuf;
@@ -111,6 +112,25 @@ impl NatsOptions {
         if is_own || is_secured || self.insecure { Ok(()) } else { Err(NatsError::Open(url)) }
     }
 
+    /// The process's key, if it has one.
+    fn key(&self) -> Result<Option<NatsKey>, NatsError> {
+        let Some(path) = &self.nkey else { return Ok(None) };
+        let failed = |error: String| NatsError::File { path: path.clone(), error };
+        let seed = std::fs::read_to_string(path).map_err(|error| failed(error.to_string()))?;
+        NatsKey::from_seed(&seed).map(Some).map_err(|error| failed(error.to_string()))
+    }
+
+    /// The address at which this process alone is asked: its public key, or a random name where there are no keys.
+    pub(super) fn address(&self) -> Result<String, NatsError> {
+        if let Some(key) = self.key()? {
+            return Ok(key.public);
+        }
+        let mut random = [0; 16];
+        let filled = getrandom::fill(&mut random);
+        filled.map_err(|error| NatsError::Key(format!("an address cannot be made: {error}")))?;
+        Ok(hex(&random))
+    }
+
     /// How to connect, with the files of key and certificate read.
     fn read(&self, name: &str) -> Result<ConnectOptions, NatsError> {
         let told = Arc::new(Mutex::new(String::new()));
@@ -125,10 +145,7 @@ impl NatsOptions {
                 let told = Arc::clone(&told);
                 async move { tell(&event, &told) }
             });
-        if let Some(path) = &self.nkey {
-            let failed = |error: String| NatsError::File { path: path.clone(), error };
-            let seed = std::fs::read_to_string(path).map_err(|error| failed(error.to_string()))?;
-            let key = NatsKey::from_seed(&seed).map_err(|error| failed(error.to_string()))?;
+        if let Some(key) = self.key()? {
             options = options.custom_inbox_prefix(inbox(&key.public)).nkey(key.seed);
         }
         if let Some(path) = &self.ca {

@@ -2,9 +2,13 @@
 
 use super::super::bus::BusError;
 use super::super::desk::{Answer, Ask};
+use super::super::live::{LiveAnswer, LiveAsk, Tile};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
+
+/// The most bytes of a message, which servers are told (`settings.rs`).
+pub(super) const MOST_BYTES: usize = 1 << 20;
 
 /// A question, or a part of the sums of a result.
 #[derive(Debug, Serialize, Deserialize)]
@@ -89,4 +93,35 @@ pub(super) fn with_bytes(ask: Ask, bytes: Vec<u8>) -> Ask {
         }
         ask => ask,
     }
+}
+
+/// A question to a worker as bytes.
+pub(super) fn live_question(ask: &LiveAsk) -> Vec<u8> {
+    join(ask, &[])
+}
+
+/// A question to a worker from bytes.
+pub(super) fn read_live_question(message: &[u8]) -> Result<LiveAsk, BusError> {
+    split(message).map(|(ask, _)| ask)
+}
+
+/// A worker's answer as bytes. One that no message can hold is a refusal.
+pub(super) fn live_answer(answer: &LiveAnswer) -> Vec<u8> {
+    let message = match answer {
+        LiveAnswer::Tile(tile) => join(answer, &tile.jpeg),
+        answer => join(answer, &[]),
+    };
+    if message.len() <= MOST_BYTES {
+        return message;
+    }
+    let told = format!("a tile of {} bytes is more than a message holds", message.len());
+    join(&LiveAnswer::Refused(told), &[])
+}
+
+/// A worker's answer from bytes.
+pub(super) fn read_live_answer(message: &[u8]) -> Result<LiveAnswer, BusError> {
+    Ok(match split(message)? {
+        (LiveAnswer::Tile(tile), jpeg) => LiveAnswer::Tile(Tile { jpeg: Arc::new(jpeg.to_vec()), ..tile }),
+        (answer, _) => answer,
+    })
 }

@@ -5,9 +5,15 @@
 //! goes to `$JS.API.STREAM.DELETE.P_WORK` deletes the queue. Within the workers' account that subject means nothing.
 
 use super::super::bus::Lane;
-use super::subjects::{QUESTIONS, acknowledgements, inbox, next, question};
+use super::messages::MOST_BYTES;
+use super::subjects::{QUESTIONS, acknowledgements, inbox, live, next, question};
 use std::fmt::Write;
 use std::path::Path;
+
+const _: () = assert!(MOST_BYTES == 1_048_576, "LIMITS says the same");
+
+/// How often a worker may answer a request of the coordinator, and how late. Tiles have a deadline far below.
+const RESPONSES: &str = "allow_responses: { max: 1, expires: \"2s\" }";
 
 /// What all servers are told. Messages are of the size that servers take unless they are told otherwise; a client that
 /// is silent for ten seconds has gone.
@@ -50,6 +56,7 @@ pub fn of_farm(farm: &str, port: u16, coordinator: &str) -> String {
             "            {{ service: {{ account: COORDINATOR, subject: \"{subject}\" }} }}"
         );
     }
+    let tiles = live(farm, "*");
     format!(
         "# The NATS server of the farm {farm}. Start it in this folder, and name one that keeps the queue:\n\
          # STATE_DIRECTORY=FOLDER nats-server -c nats.conf (with -sd it would not read settings again).\n\
@@ -59,9 +66,11 @@ pub fn of_farm(farm: &str, port: u16, coordinator: &str) -> String {
          accounts {{\n    \
          # The key of the coordinator may do everything in its account, which holds the queue.\n    \
          COORDINATOR {{\n        jetstream: enabled\n        users: [ {{ nkey: {coordinator} }} ]\n        \
-         exports: [\n{exports}        ]\n    }}\n    \
+         exports: [\n{exports}        ]\n        \
+         imports: [ {{ service: {{ account: WORKERS, subject: \"{tiles}\" }} }} ]\n    }}\n    \
          # Workers reach what is passed on, and nothing else, whatever they name as their inbox.\n    \
-         WORKERS {{\n        include \"workers.conf\"\n        imports: [\n{imports}        ]\n    }}\n}}\n"
+         WORKERS {{\n        include \"workers.conf\"\n        imports: [\n{imports}        ]\n        \
+         exports: [ {{ service: \"{tiles}\", accounts: [COORDINATOR] }} ]\n    }}\n}}\n"
     )
 }
 
@@ -79,9 +88,10 @@ pub fn with_worker(list: &str, farm: &str, name: &str, public_key: &str) -> Opti
     let publish: Vec<String> = passed(farm).into_iter().map(|(subject, _)| quoted(subject)).collect();
     let worker = format!(
         "    # {name}\n    {{ nkey: {public_key}, permissions: {{ publish: {{ allow: [{}] }}, \
-         subscribe: {{ allow: [{}] }} }} }}\n",
+         subscribe: {{ allow: [{}, {}] }}, {RESPONSES} }} }}\n",
         publish.join(", "),
-        quoted(format!("{}.>", inbox(public_key)))
+        quoted(format!("{}.>", inbox(public_key))),
+        quoted(live(farm, public_key)),
     );
     let end = list.find(END)?;
     Some(format!("{}{worker}{}", &list[..end], &list[end..]))
@@ -121,7 +131,10 @@ mod unit_tests {
                 "$JS.ACK.F_WORK.hi.>",
                 "$JS.ACK.F_WORK.lo.>",
                 "_INBOX.UONE.>",
+                "f.live.UONE",
+                "2s",
             ]
         );
+        assert!(list.contains(RESPONSES), "one answer to what it is asked");
     }
 }

@@ -9,6 +9,11 @@ pub(super) const API: &str = "$JS.API";
 pub(super) const QUESTIONS: [&str; 8] =
     ["join", "report", "leave", "start", "files", "file", "result", "failure"];
 
+/// The subject at which a worker is asked for tiles of live views, or that of all.
+pub(super) fn live(farm: &str, address: &str) -> String {
+    format!("{farm}.live.{address}")
+}
+
 /// What the inboxes of a process with a key begin with: no other process may read them.
 pub(super) fn inbox(public_key: &str) -> String {
     format!("_INBOX.{public_key}")

@@ -3,14 +3,14 @@
 use crate::program::PatternShader;
 use crate::scene::{Colour, Emission, Material, Principled, ProceduralSurface, Scalar, Scene, Surface};
 use glam::Vec3;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 /// The greatest radiance that an edit may give a surface.
 const MOST_RADIANCE: f32 = 1e4;
 
 /// What changes of a material. Textures stay and multiply the new values.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct MaterialEdit {
     /// Base colour, linear Rec. 709, 0 to 1.
@@ -106,20 +106,45 @@ pub(crate) fn flat_colour(material: &Material) -> Option<Vec3> {
         .map(|surface| surface.base_colour.factor)
 }
 
-/// All edits of a view.
+/// All edits of a view, by material, as they travel to other processes.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EditList {
+    values: BTreeMap<u32, MaterialEdit>,
+    /// Texts in WGSL.
+    shaders: BTreeMap<u32, String>,
+}
+
+/// All edits of a view, checked.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Edits {
-    values: BTreeMap<u32, MaterialEdit>,
-    shaders: BTreeMap<u32, ProceduralSurface>,
+    list: EditList,
+    surfaces: BTreeMap<u32, ProceduralSurface>,
 }
 
 impl Edits {
+    /// The edits of a list.
+    pub fn new(list: &EditList) -> Result<Self, String> {
+        let values = list.values.iter();
+        let edits = values
+            .into_iter()
+            .try_fold(Self::default(), |all, (&material, &edit)| all.with(material, edit))?;
+        list.shaders
+            .iter()
+            .try_fold(edits, |all, (&material, source)| all.with_shader(material, Some(source)))
+    }
+
+    /// The edits as a list.
+    pub fn list(&self) -> &EditList {
+        &self.list
+    }
+
     /// These edits and another one.
     pub fn with(&self, material: u32, edit: MaterialEdit) -> Result<Self, String> {
         edit.validate()?;
         let mut all = self.clone();
-        let earlier = all.values.get(&material).copied().unwrap_or_default();
-        all.values.insert(material, edit.after(earlier));
+        let earlier = all.list.values.get(&material).copied().unwrap_or_default();
+        all.list.values.insert(material, edit.after(earlier));
         Ok(all)
     }
 
@@ -127,11 +152,15 @@ impl Edits {
     pub fn with_shader(&self, material: u32, source: Option<&str>) -> Result<Self, String> {
         let mut all = self.clone();
         match source {
-            None => drop(all.shaders.remove(&material)),
+            None => {
+                all.list.shaders.remove(&material);
+                all.surfaces.remove(&material);
+            }
             Some(source) => {
                 let shader =
                     PatternShader::load("shader.wgsl", source, []).map_err(|error| error.to_string())?;
-                all.shaders.insert(material, ProceduralSurface::new(shader));
+                all.list.shaders.insert(material, source.to_owned());
+                all.surfaces.insert(material, ProceduralSurface::new(shader));
             }
         }
         Ok(all)
@@ -142,10 +171,10 @@ impl Edits {
         let mut edited = scene.clone();
         let count = edited.materials.len();
         let missing = |material: u32| format!("there is no material {material}; the scene has {count}");
-        for (&material, edit) in &self.values {
+        for (&material, edit) in &self.list.values {
             edit.apply(edited.materials.get_mut(material as usize).ok_or_else(|| missing(material))?)?;
         }
-        for (&material, shader) in &self.shaders {
+        for (&material, shader) in &self.surfaces {
             let surface = edited.add_surface(shader.clone());
             edited.materials.get_mut(material as usize).ok_or_else(|| missing(material))?.surface = surface;
         }
@@ -172,6 +201,19 @@ mod tests {
         assert_eq!((surface.base_colour.factor, surface.roughness.factor), (Vec3::X, 0.1));
         assert_eq!(surface.specular.factor, 0.0, "a matte surface gets no highlight that was not asked for");
         assert_eq!(scene.materials[0], Material::matte("wall", Vec3::splat(0.8)), "the scene stays");
+    }
+
+    #[test]
+    fn a_list_of_edits_makes_the_same_edits() {
+        let red = MaterialEdit { base_colour: Some(Vec3::X), ..MaterialEdit::default() };
+        let source = "fn pattern(at: Point) -> Finish { return matte(at); }";
+        let edits = Edits::default().with(0, red).and_then(|edits| edits.with_shader(0, Some(source)));
+        let edits = edits.expect("valid");
+        let text = serde_json::to_string(edits.list()).expect("JSON");
+        let again = Edits::new(&serde_json::from_str(&text).expect("a list")).expect("valid");
+        assert_eq!((again.list(), again.surfaces.len()), (edits.list(), 1));
+        let wrong = r#"{ "values": { "0": { "roughness": 2 } }, "shaders": {} }"#;
+        assert!(Edits::new(&serde_json::from_str(wrong).expect("a list")).is_err(), "it is checked again");
     }
 
     #[test]

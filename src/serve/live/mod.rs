@@ -12,9 +12,13 @@
 //! ```
 
 mod camera;
+mod crew;
+#[cfg(test)]
+mod crew_tests;
 mod display;
 mod edit;
 mod encoder;
+mod inbox;
 mod layer_colours;
 mod message;
 mod outbox;
@@ -26,15 +30,19 @@ mod resolution;
 mod routes;
 mod saved;
 mod session;
+mod shared_frame;
 pub mod socket;
 mod statistics;
+mod strips;
 #[cfg(test)]
 mod tests;
+mod tile;
 mod view;
 
 pub use camera::{Lens, Pose};
-pub use edit::MaterialEdit;
+pub(crate) use crew::Workforce;
 pub(crate) use edit::flat_colour;
+pub use edit::{EditList, MaterialEdit};
 pub use message::{Frame, FrameFlags, HEADER_BYTES, MAGIC};
 pub use pick::{MaterialFacts, Picked};
 pub use reply::Reply;
@@ -42,5 +50,7 @@ pub use request::{PictureFile, Request};
 pub use resolution::Resolution;
 pub use routes::router;
 pub use session::{LiveLimits, LiveViews, TooManyViews};
-pub use statistics::{Lists, RaysPerSecond, State, Statistics, Timeline};
+pub use statistics::{Lists, RaysPerSecond, State, Statistics, Timeline, WorkerShare};
+pub use strips::STRIP_ROWS;
+pub use tile::TileScene;
 pub use view::{LiveView, Stage};

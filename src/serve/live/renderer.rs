@@ -5,24 +5,31 @@
 //! comes for [`STILL_AFTER`], the full picture follows in passes. A change cancels the full picture at once. A moving
 //! frame is finished: it is a tenth of a second of work or less, and a view that began anew with each of 60 moves a
 //! second would never show one.
+//!
+//! # Who renders it
+//! Workers on other machines, where there are some, render rows of moving frames ([`Crew`]). The full picture is this
+//! process's own.
 
+mod sharing;
+
+use super::crew::Crew;
 use super::edit::Edits;
-use super::encoder::{Encoder, Shown};
+use super::encoder::{Content, Encoder, Shown};
+use super::inbox::{Inbox, News};
 use super::outbox::Outbox;
 use super::pick::pick;
+use super::shared_frame::SharedFrame;
 use super::statistics::{FrameRate, rays_per_second};
+use super::tile::{path_tracer, rows_of};
 use super::{
     FrameFlags, Pose, RaysPerSecond, Reply, Request, Resolution, Stage, State, Statistics, Timeline,
 };
 use crate::engine::PreparedScene;
 use crate::film::{Exposure, Look, Picture, View};
-use crate::render::{
-    Aov, AovSet, Integrator, PassOptions, PathTracer, Progressive, ROULETTE_BOUNCES, Settings,
-};
+use crate::render::{Aov, AovSet, Integrator, PassOptions, PathTracer, Progressive, Settings};
 use crate::scene::Camera;
 use crate::schedule::{JobOptions, JobReport, Policy, Priority, Unit};
-use std::collections::VecDeque;
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// A view rests when no change has come for this long.
@@ -40,57 +47,6 @@ const RESULT_STEP: Duration = Duration::from_micros(200);
 
 /// Without any signal the thread looks this often.
 const LOOK_AFTER: Duration = Duration::from_millis(250);
-
-/// What other threads tell the render thread.
-#[derive(Debug, Default)]
-pub(super) struct Inbox {
-    content: Mutex<Content>,
-    changed: Condvar,
-}
-
-#[derive(Debug, Default)]
-struct Content {
-    requests: VecDeque<Request>,
-    job_ended: Option<Instant>,
-    is_closed: bool,
-}
-
-impl Inbox {
-    fn lock(&self) -> MutexGuard<'_, Content> {
-        self.content.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    fn change(&self, change: impl FnOnce(&mut Content)) {
-        change(&mut self.lock());
-        self.changed.notify_one();
-    }
-
-    /// Adds a request.
-    pub fn put(&self, request: Request) {
-        self.change(|content| content.requests.push_back(request));
-    }
-
-    /// Ends the thread.
-    pub fn close(&self) {
-        self.change(|content| content.is_closed = true);
-    }
-
-    fn tell_end(&self) {
-        self.change(|content| content.job_ended = Some(Instant::now()));
-    }
-
-    /// Waits for requests or the end of a job, at most this long. Returns all requests and when a job has ended;
-    /// `None` once the inbox is closed.
-    fn wait(&self, patience: Duration) -> Option<(VecDeque<Request>, Option<Instant>)> {
-        let is_idle = |content: &mut Content| {
-            content.requests.is_empty() && content.job_ended.is_none() && !content.is_closed
-        };
-        let waited = self.changed.wait_timeout_while(self.lock(), patience, is_idle);
-        let (mut content, _) = waited.unwrap_or_else(PoisonError::into_inner);
-        let told = (std::mem::take(&mut content.requests), content.job_ended.take());
-        (!content.is_closed).then_some(told)
-    }
-}
 
 /// What the view is to show.
 #[derive(Clone, Debug)]
@@ -111,6 +67,13 @@ struct Work {
     /// When the change came that it shows.
     since: Instant,
     began: Instant,
+    /// What it shows.
+    scene: PreparedScene,
+    camera: Camera,
+    /// What others render of it.
+    shared: Option<SharedFrame>,
+    /// What the threads of this process did for its own rows.
+    report: Option<JobReport>,
 }
 
 /// The state of the render thread.
@@ -135,6 +98,7 @@ pub(super) struct Renderer {
     told_end: Option<Instant>,
     rate: FrameRate,
     reported: Instant,
+    crew: Option<Crew>,
     inbox: Arc<Inbox>,
     outbox: Arc<Outbox>,
     encoder: Encoder,
@@ -159,6 +123,7 @@ impl Renderer {
             told_end: None,
             rate: FrameRate::default(),
             reported: now,
+            crew: stage.workforce.clone().map(|workforce| Crew::new(workforce, Arc::clone(&inbox))),
             stage,
             inbox,
             outbox,
@@ -172,16 +137,20 @@ impl Renderer {
         // Other jobs' tasks are small from here on, so that moving frames get threads soon.
         let _client = service.interactive();
         self.outbox.put(self.hello());
-        while let Some((requests, ended)) = self.inbox.wait(self.patience()) {
-            self.told_end = ended.or(self.told_end);
+        while let Some(News { requests, arrivals, job_ended }) = self.inbox.wait(self.patience()) {
+            self.told_end = job_ended.or(self.told_end);
             for request in requests {
                 if let Err(reason) = self.answer(request) {
                     self.outbox.put(Reply::Refused { reason });
                 }
             }
-            if self.work.as_ref().is_some_and(|work| work.frame.wait_for(Duration::ZERO)) {
+            self.crew.iter_mut().for_each(Crew::look);
+            arrivals.into_iter().for_each(|arrival| self.take_arrival(arrival));
+            let is_own = |work: &Work| !work.shared.as_ref().is_some_and(SharedFrame::waits);
+            if self.work.as_ref().is_some_and(|work| is_own(work) && work.frame.wait_for(Duration::ZERO)) {
                 self.take_result();
             }
+            self.advance_shared();
             if self.work.is_none() {
                 self.begin();
             }
@@ -193,6 +162,10 @@ impl Renderer {
         if self.work.is_none() {
             let rest = self.rests_at().saturating_duration_since(Instant::now());
             return if self.is_full { LOOK_AFTER } else { rest };
+        }
+        let shared = self.work.as_ref().and_then(|work| work.shared.as_ref());
+        if let Some(shared) = shared.filter(|shared| shared.waits()) {
+            return shared.deadline().saturating_duration_since(Instant::now());
         }
         let is_expected = self.told_end.is_some_and(|told| told.elapsed() < RESULT_WITHIN);
         if is_expected { RESULT_STEP } else { LOOK_AFTER }
@@ -296,7 +269,7 @@ impl Renderer {
         let hit = pick(&self.prepared, &self.wanted.camera, [width, height], [x, y]);
         let radiance = self.encoder.shown().and_then(|shown| {
             // The picture may be smaller than the full one.
-            let image = &shown.picture.image;
+            let image = &shown.content.picture()?.image;
             let column = u64::from(x) * u64::from(image.width) / u64::from(width);
             let row = u64::from(y) * u64::from(image.height) / u64::from(height);
             image.pixels.get((row * u64::from(image.width) + column) as usize).copied()
@@ -314,30 +287,51 @@ impl Renderer {
         if !is_new {
             self.resolution = self.resolution.rested();
         }
-        match self.frame(is_new) {
+        let began = Instant::now();
+        let shared = if is_new { self.share(began) } else { None };
+        match self.frame(is_new, shared.as_ref()) {
             Ok(frame) => {
-                let (generation, since, began) = (self.generation, self.changed_at, Instant::now());
-                self.work = Some(Work { frame, is_moving: is_new, generation, since, began });
+                let (generation, since) = (self.generation, self.changed_at);
+                let (scene, camera) = (self.prepared.clone(), self.wanted.camera);
+                let is_moving = is_new;
+                let report = None;
+                self.work =
+                    Some(Work { frame, is_moving, generation, since, began, scene, camera, shared, report });
                 self.submit();
             }
             Err(reason) => self.fail(reason),
         }
     }
 
-    /// A frame of what is wanted, without any job.
-    fn frame(&self, is_moving: bool) -> Result<Progressive<PathTracer>, String> {
+    /// The size of the next moving frame.
+    fn moving_size(&self) -> [u32; 2] {
+        let Settings { width, height, .. } = self.wanted.settings;
+        self.resolution.size([width, height])
+    }
+
+    /// The settings of moving frames of this size.
+    fn moving(&self, [width, height]: [u32; 2]) -> Settings {
+        Settings { width, height, ..self.wanted.settings }.with_spp(1)
+    }
+
+    /// A frame of what is wanted, without any job: the whole, or the coordinator's rows.
+    fn frame(
+        &self,
+        is_moving: bool,
+        shared: Option<&SharedFrame>,
+    ) -> Result<Progressive<PathTracer>, String> {
         let Wanted { camera, settings, layer, .. } = &self.wanted;
         let (settings, options) = if is_moving {
-            let [width, height] = self.resolution.size([settings.width, settings.height]);
-            (Settings { width, height, ..*settings }.with_spp(1), PassOptions::default())
+            (self.moving(self.moving_size()), PassOptions::default())
         } else {
             (settings.with_early_end(true), PassOptions::default().with_pass_time(PASS_TIME))
         };
-        let told = |error: &dyn std::fmt::Display| error.to_string();
-        let path = PathTracer::new(self.prepared.lit(), camera, settings, Some(ROULETTE_BOUNCES));
-        let mut path = path.map_err(|error| told(&error))?;
+        let mut path = path_tracer(&self.prepared, camera, settings)?;
+        if let Some(shared) = shared {
+            return rows_of(path, shared.split().own.clone());
+        }
         if let Some(layer) = layer {
-            path = path.with_aovs(&AovSet::default().with(*layer)).map_err(|error| told(&error))?;
+            path = path.with_aovs(&AovSet::default().with(*layer)).map_err(|error| error.to_string())?;
         }
         Ok(Progressive::new(path, options))
     }
@@ -371,6 +365,7 @@ impl Renderer {
         self.told_end = None;
         let Some(work) = &mut self.work else { return };
         match work.frame.finish_pass() {
+            Ok(Some(report)) if work.shared.is_some() => self.take_share(report),
             Ok(Some(report)) => {
                 self.show(&report);
                 self.submit();
@@ -387,7 +382,7 @@ impl Renderer {
     fn show(&mut self, report: &JobReport) {
         let Some(work) = &self.work else { return };
         let now = Instant::now();
-        let Work { frame, is_moving, generation, since, began } = work;
+        let Work { frame, is_moving, generation, since, began, .. } = work;
         let (is_moving, is_complete) = (*is_moving, frame.is_complete());
         let mut picture = frame.develop();
         let spp = frame.picture().mean_samples();
@@ -398,26 +393,42 @@ impl Renderer {
         let flags = FrameFlags { moving: is_moving, last: !is_moving && is_complete };
         let dropped = frame.picture().dropped_splats();
         let (generation, since, began) = (*generation, *since, *began);
-        self.encoder.show(Shown { picture, generation, since, flags, spp: spp.round() as u32 });
+        let [width, height] = [picture.image.width, picture.image.height];
+        let content = Content::Whole(picture.into());
+        self.encoder.show(Shown { content, generation, since, flags, spp: spp.round() as u32 });
         if is_moving {
             // The picture's film is developed by this thread, before it begins the next frame.
-            self.resolution = self.resolution.after(began.elapsed());
-            self.rate.count(now);
+            let time = began.elapsed();
+            self.crew.iter_mut().for_each(|crew| crew.count_own(height, width, time));
+            self.count_moving(time, now);
         }
         if is_complete {
             self.work = None;
         }
-        if now - self.reported >= REPORT_AFTER || flags.last {
-            self.reported = now;
-            let state = match flags {
-                FrameFlags { moving: true, .. } => State::Moving,
-                FrameFlags { last: true, .. } => State::Done,
-                _ => State::Refining,
-            };
-            let statistics = self.statistics(state, spp, rays_per_second(report), dropped);
-            self.outbox.put(Reply::Statistics(Statistics { generation, ..statistics }));
-            self.outbox.put(Reply::Timeline(Timeline::of(report)));
+        self.report(flags, (generation, spp, dropped), report);
+    }
+
+    /// Takes note of the time of a moving frame.
+    fn count_moving(&mut self, time: Duration, now: Instant) {
+        self.resolution = self.resolution.after(time);
+        self.rate.count(now);
+    }
+
+    /// Tells statistics of a frame, if it is time: its generation, mean samples and dropped splats, and what the
+    /// threads did.
+    fn report(&mut self, flags: FrameFlags, (generation, spp, dropped): (u32, f64, u64), report: &JobReport) {
+        if self.reported.elapsed() < REPORT_AFTER && !flags.last {
+            return;
         }
+        self.reported = Instant::now();
+        let state = match flags {
+            FrameFlags { moving: true, .. } => State::Moving,
+            FrameFlags { last: true, .. } => State::Done,
+            _ => State::Refining,
+        };
+        let statistics = self.statistics(state, spp, rays_per_second(report), dropped);
+        self.outbox.put(Reply::Statistics(Statistics { generation, ..statistics }));
+        self.outbox.put(Reply::Timeline(Timeline::of(report)));
     }
 
     fn statistics(
@@ -443,6 +454,7 @@ impl Renderer {
             rays_per_second,
             policy: self.wanted.policy.unwrap_or(Policy::of(unit)).name(),
             dropped_splats,
+            workers: self.crew.as_ref().map_or_else(Vec::new, Crew::shares),
         }
     }
 

@@ -1,6 +1,7 @@
 //! The address of live views.
 
 use super::{LiveLimits, LiveViews, Stage, socket};
+use crate::farm::LiveScene;
 use crate::serve::{Problem, State};
 use axum::Router;
 use axum::extract::rejection::QueryRejection;
@@ -78,5 +79,10 @@ fn stage(state: &State, scene: Option<String>) -> Result<Stage, Problem> {
     };
     let service = Arc::clone(state.pictures().service());
     let stage = Stage::new(name, Arc::new(shots.prepared().clone()), service);
-    Ok(stage.with_viewer(state.pictures().viewer()))
+    // Workers can fetch uploaded scenes alone.
+    let workforce = scene.and_then(|sha256| {
+        let identity = shots.identity(0).ok()?;
+        state.runner().workforce(LiveScene { sha256, identity })
+    });
+    Ok(stage.with_viewer(state.pictures().viewer()).with_workers(workforce))
 }

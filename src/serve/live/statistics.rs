@@ -36,6 +36,27 @@ pub struct RaysPerSecond {
     pub gpu: f64,
 }
 
+/// What one of the machines has done that render a view's moving frames.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[non_exhaustive]
+pub struct WorkerShare {
+    /// Its name.
+    pub name: String,
+    /// `ready`; `late` if it has missed the last deadline; `away` if it has not read the scene, refuses, or does not
+    /// answer.
+    pub state: &'static str,
+    /// Rows of its last tile.
+    pub rows: u32,
+    /// Milliseconds of its last tile, from the question to the answer.
+    pub ms: f64,
+    /// Tiles that came in time.
+    pub tiles: u64,
+    /// Tiles that did not.
+    pub late: u64,
+    /// Bytes of its tiles.
+    pub bytes: u64,
+}
+
 /// How fast a view is.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[non_exhaustive]
@@ -60,6 +81,8 @@ pub struct Statistics {
     pub policy: &'static str,
     /// Splats that were dropped.
     pub dropped_splats: u64,
+    /// Who renders moving frames, the coordinator first. Empty without workers on other machines.
+    pub workers: Vec<WorkerShare>,
 }
 
 /// How many streams were in each list, and how many paths in flight.

@@ -14,7 +14,7 @@ use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
 /// Long enough for any machine; nothing waits for it where all is well.
-const PATIENCE: Duration = Duration::from_secs(60);
+pub(super) const PATIENCE: Duration = Duration::from_secs(60);
 
 const RECIPE: &str = r#"{
     "environment": [1, 1, 1],
@@ -22,7 +22,7 @@ const RECIPE: &str = r#"{
     "shapes": [ { "shape": "sphere", "centre": [0, 0, 0], "radius": 1, "cells": 8, "material": "grey" } ],
     "camera": { "eye": [0, 0, 4], "target": [0, 0, 0], "fov_degrees": 40 } }"#;
 
-fn stage(spp: u32) -> Stage {
+pub(super) fn stage(spp: u32) -> Stage {
     static SHARED: OnceLock<(Arc<PreparedScene>, Arc<Service>)> = OnceLock::new();
     let (prepared, service) = SHARED.get_or_init(|| {
         let scene = Recipe::parse(RECIPE).expect("a recipe").build().expect("a scene");

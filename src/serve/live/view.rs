@@ -1,9 +1,11 @@
 //! A live view: the handle that a client's connection holds.
 
 use super::encoder::{Encoder, table};
+use super::inbox::Inbox;
 use super::outbox::Outbox;
-use super::renderer::{Inbox, Renderer};
-use super::{Frame, Reply, Request};
+use super::renderer::Renderer;
+use super::tile::first_camera;
+use super::{Frame, Reply, Request, Workforce};
 use crate::engine::PreparedScene;
 use crate::film::Look;
 use crate::film::tev::Tev;
@@ -32,15 +34,25 @@ pub struct Stage {
     pub look: Look,
     /// Another viewer that shows the picture while the camera rests.
     pub(crate) viewer: Option<Arc<Tev>>,
+    /// Workers that render rows of moving frames.
+    pub(crate) workforce: Option<Workforce>,
 }
 
 impl Stage {
     /// A scene seen by its own camera, or by one that frames it, at 1280×720 pixels with 256 samples.
     pub fn new(name: impl Into<String>, prepared: Arc<PreparedScene>, service: Arc<Service>) -> Self {
         let settings = Settings::new(1280, 720).with_spp(256);
-        let scene = &prepared.scene;
-        let camera = scene.camera.unwrap_or_else(|| Camera::framing(&scene.bounds(), 16.0 / 9.0));
-        Self { name: name.into(), camera, settings, look: Look::default(), prepared, service, viewer: None }
+        let camera = first_camera(&prepared);
+        Self {
+            name: name.into(),
+            camera,
+            settings,
+            look: Look::default(),
+            prepared,
+            service,
+            viewer: None,
+            workforce: None,
+        }
     }
 
     /// The same with another first camera.
@@ -56,6 +68,11 @@ impl Stage {
     /// The same, shown by another viewer, too.
     pub(crate) fn with_viewer(self, viewer: Option<Arc<Tev>>) -> Self {
         Self { viewer, ..self }
+    }
+
+    /// The same, with workers that render rows of moving frames. The settings' filter is a box then.
+    pub(crate) fn with_workers(self, workforce: Option<Workforce>) -> Self {
+        Self { workforce, ..self }
     }
 
     /// The same with another look.

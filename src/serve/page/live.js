@@ -133,6 +133,21 @@ export class Live {
     $("fps").textContent = rate ? rate.toFixed(1) : "–";
     $("cpu-rays").textContent = brief.format(told.rays_per_second.cpu);
     $("gpu-rays").textContent = told.rays_per_second.gpu ? brief.format(told.rays_per_second.gpu) : "–";
+    this.workers(told.workers);
+  }
+
+  /** Who rendered what of the last moving frame. Names come from other machines, so they are text. */
+  workers(workers) {
+    $("workers-panel").hidden = workers.length === 0;
+    const cell = (text) => Object.assign(document.createElement("td"), { textContent: text });
+    const row = ({ name, state, rows, ms, tiles, late }) => {
+      const line = document.createElement("tr");
+      line.dataset.state = state;
+      line.title = state;
+      line.append(cell(name), cell(rows), cell(ms.toFixed(1)), cell(brief.format(tiles)), cell(late));
+      return line;
+    };
+    $("workers").replaceChildren(...workers.map(row));
   }
 
   takeTimeline(timeline) {

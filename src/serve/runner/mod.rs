@@ -23,9 +23,12 @@ pub use results::PICTURE;
 pub use workers::ShownWorker;
 
 use super::ledger::{Job, Ledger, UnitRow};
+use super::live::Workforce;
 use super::store::Store;
 use super::{Limits, Pictures, SceneReader};
-use crate::farm::{LEASE, LocalBus, NoScene, SceneSource, UnitId, UnitWatch, WorkBus, Worker, WorkerOptions};
+use crate::farm::{
+    LEASE, LiveScene, LocalBus, NoScene, SceneSource, UnitId, UnitWatch, WorkBus, Worker, WorkerOptions,
+};
 use crate::schedule::Priority;
 use decisions::{Sizes, Speed, TASK_THREADS};
 use files::SceneFiles;
@@ -168,6 +171,8 @@ impl Runner {
                 units: "this process".into(),
                 slots: UNITS_IN_FLIGHT,
                 idle: None,
+                // Views of this process have its threads anyway.
+                is_live: false,
                 corrupt: false,
             };
             let scenes = Arc::new(StoredScenes(Arc::clone(&store)));
@@ -270,6 +275,17 @@ impl Runner {
         let Some(run) = state.runs.get(job) else { return 0.0 };
         let frames = f64::from(run.job.demand.frames.unwrap_or(1).max(1));
         run.tasks.iter().map(|(_, watch)| watch.share() / frames).sum()
+    }
+
+    /// Workers on other machines for a view of a scene, if this process is a coordinator.
+    pub fn workforce(self: &Arc<Self>, scene: LiveScene) -> Option<Workforce> {
+        self.farm.bus.as_ref()?;
+        let own = Arc::downgrade(self);
+        let workers = move || {
+            let runner = own.upgrade();
+            runner.map_or_else(Vec::new, |runner| runner.state().workers.live(runner.bus.lease_time()))
+        };
+        Some(Workforce::new(Arc::clone(&self.bus), scene, workers))
     }
 
     /// The workers, by name.

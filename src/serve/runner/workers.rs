@@ -153,6 +153,17 @@ impl Workers {
         })
     }
 
+    /// Names and addresses of the workers that were heard of within this time and render tiles of live views.
+    pub fn live(&self, within: Duration) -> Vec<(String, String)> {
+        let known = self.known.iter().filter(|(name, known)| {
+            !known.is_draining && known.seen.elapsed() < within && !self.quarantined.contains_key(*name)
+        });
+        let mut live: Vec<_> =
+            known.filter_map(|(name, known)| Some((name.clone(), known.card.live.clone()?))).collect();
+        live.sort();
+        live
+    }
+
     /// All workers, by name.
     pub fn shown(&self, within: Duration) -> Vec<ShownWorker> {
         let mut shown: Vec<ShownWorker> = self.known.values().map(|known| self.show(known, within)).collect();

@@ -1,0 +1,426 @@
+//! Workers on other machines that render rows of a view's moving frames.
+
+use super::inbox::Inbox;
+use super::strips::{self, STRIP_ROWS};
+use super::{WorkerShare, encoder};
+use crate::farm::{BusError, LiveAnswer, LiveAsk, LiveScene, Tile, TileAsk, WorkBus};
+use std::fmt;
+use std::hash::{BuildHasher, Hasher, RandomState};
+use std::ops::Range;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// How often the crew looks who is there.
+const LOOK_EVERY: Duration = Duration::from_millis(250);
+
+/// The longest wait for an answer. A worker from which none has come is not asked meanwhile.
+const PATIENCE: Duration = Duration::from_millis(500);
+
+/// How long a worker that refuses, or has missed [`MOST_MISSES`] deadlines in a row, is left alone.
+const REST: Duration = Duration::from_secs(5);
+
+/// Workers that have not been there for this long are not shown any more.
+const FORGOTTEN_AFTER: Duration = Duration::from_secs(60);
+
+/// Deadlines in a row.
+const MOST_MISSES: u32 = 3;
+
+/// The most pixels of a tile: its JPEG is to be smaller than a message.
+const MOST_PIXELS: u32 = 1 << 19;
+
+/// The speed of a worker that has rendered nothing, as a share of the coordinator's.
+const FIRST_SPEED: f64 = 0.5;
+
+/// What a late tile leaves of a worker's speed.
+const SLOWED: f64 = 0.5;
+
+/// What the newest tile counts in a speed.
+const NEWEST: f64 = 0.4;
+
+/// How a view reaches workers.
+#[derive(Clone)]
+pub(crate) struct Workforce {
+    bus: Arc<dyn WorkBus>,
+    scene: LiveScene,
+    /// Names and addresses of those that are there now.
+    workers: Arc<dyn Fn() -> Vec<(String, String)> + Send + Sync>,
+}
+
+impl fmt::Debug for Workforce {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Workforce").field("scene", &self.scene).finish_non_exhaustive()
+    }
+}
+
+impl Workforce {
+    /// Workers for a view of a scene. `workers` tells names and addresses of those that are there now.
+    pub fn new(
+        bus: Arc<dyn WorkBus>,
+        scene: LiveScene,
+        workers: impl Fn() -> Vec<(String, String)> + Send + Sync + 'static,
+    ) -> Self {
+        Self { bus, scene, workers: Arc::new(workers) }
+    }
+}
+
+/// What a worker has answered.
+#[derive(Debug)]
+pub(super) struct Arrival {
+    address: String,
+    /// The frame and the rows that were asked for; `None` if it was asked for a scene.
+    tile: Option<(u64, Range<u32>)>,
+    seconds: f64,
+    answer: Result<LiveAnswer, BusError>,
+}
+
+/// What an arrival means for a frame.
+#[derive(Debug)]
+pub(super) enum Arrived {
+    /// A tile of the frame with this number.
+    Tile(u64, Tile),
+    /// These rows of the frame with this number will not come.
+    Lost(u64, Range<u32>),
+}
+
+/// A worker.
+#[derive(Debug)]
+struct Member {
+    name: String,
+    address: String,
+    /// When it was last there.
+    seen: Instant,
+    is_ready: bool,
+    /// Questions without an answer.
+    open: u32,
+    /// When it may be asked whether it is ready.
+    asks_at: Instant,
+    /// Pixels a second, from the question to the answer.
+    speed: f64,
+    /// Deadlines that it has missed since its last tile.
+    misses: u32,
+    /// The newest frame with a late tile.
+    late_frame: u64,
+    tiles: u64,
+    late: u64,
+    /// Milliseconds and rows of its last tile, and bytes of all.
+    last_ms: f64,
+    last_rows: u32,
+    bytes: u64,
+}
+
+/// Who renders which rows of a frame.
+#[derive(Debug, PartialEq, Eq)]
+pub(super) struct Split {
+    /// The coordinator's rows, at the top.
+    pub own: Range<u32>,
+    /// The addresses of workers, and their rows.
+    pub tiles: Vec<(String, Range<u32>)>,
+}
+
+/// The workers of a view.
+#[derive(Debug)]
+pub(super) struct Crew {
+    workforce: Workforce,
+    inbox: Arc<Inbox>,
+    view: u64,
+    frame: u64,
+    members: Vec<Member>,
+    /// Pixels a second of this process.
+    own_speed: f64,
+    own_tiles: u64,
+    own: (f64, u32),
+    looked: Option<Instant>,
+    /// A tile as it must be, by its width.
+    model: (u32, Vec<u8>),
+}
+
+impl Crew {
+    /// No workers yet. What they answer goes to the inbox.
+    pub fn new(workforce: Workforce, inbox: Arc<Inbox>) -> Self {
+        // A number that no other view has.
+        let view = RandomState::new().build_hasher().finish();
+        Self {
+            workforce,
+            inbox,
+            view,
+            frame: 0,
+            members: Vec::new(),
+            own_speed: 0.0,
+            own_tiles: 0,
+            own: (0.0, 0),
+            looked: None,
+            model: (0, Vec::new()),
+        }
+    }
+
+    /// Looks who is there, and asks those that do not have the scene to read it.
+    pub fn look(&mut self) {
+        let now = Instant::now();
+        if self.looked.is_some_and(|looked| now - looked < LOOK_EVERY) {
+            return;
+        }
+        self.looked = Some(now);
+        let there = (self.workforce.workers)();
+        for member in &mut self.members {
+            member.is_ready &=
+                there.iter().any(|(name, address)| (name, address) == (&member.name, &member.address));
+        }
+        for (name, address) in there {
+            match self.members.iter_mut().find(|member| member.name == name) {
+                Some(member) if member.address == address => member.seen = now,
+                // It has been started again.
+                Some(member) => (member.address, member.seen, member.open) = (address, now, 0),
+                None => self.members.push(Member::new(name, address, now)),
+            }
+        }
+        // What those that have gone have done is shown a while longer.
+        self.members.retain(|member| now - member.seen < FORGOTTEN_AFTER);
+        self.members.sort_by(|a, b| a.name.cmp(&b.name));
+        for place in 0..self.members.len() {
+            let member = &self.members[place];
+            if member.seen == now && !member.is_ready && member.open == 0 && now >= member.asks_at {
+                self.request(place, None, LiveAsk::Prepare(self.workforce.scene.clone()));
+            }
+        }
+    }
+
+    fn request(&mut self, place: usize, tile: Option<(u64, Range<u32>)>, ask: LiveAsk) {
+        let member = &mut self.members[place];
+        member.open += 1;
+        let (address, inbox, sent) = (member.address.clone(), Arc::clone(&self.inbox), Instant::now());
+        let told = address.clone();
+        let answered = move |answer| {
+            inbox.arrive(Arrival { address: told, tile, seconds: sent.elapsed().as_secs_f64(), answer });
+        };
+        self.workforce.bus.request(&address, ask, PATIENCE, Box::new(answered));
+    }
+
+    /// Divides a frame by what workers and this process have been able to do. `None` if no one helps.
+    pub fn split(&self, [width, height]: [u32; 2]) -> Option<Split> {
+        if self.own_speed <= 0.0 {
+            return None;
+        }
+        let ready: Vec<&Member> =
+            self.members.iter().filter(|member| member.is_ready && member.open == 0).collect();
+        let strips = height.div_ceil(STRIP_ROWS);
+        let speeds = ready.iter().map(|member| match member.speed {
+            0.0 => FIRST_SPEED * self.own_speed,
+            speed => speed,
+        });
+        let speeds: Vec<f64> = std::iter::once(self.own_speed).chain(speeds).collect();
+        let counts = portions(strips, &speeds);
+        let rows = |first: u32, count: u32| first * STRIP_ROWS..((first + count) * STRIP_ROWS).min(height);
+        let most = (MOST_PIXELS / width.max(1) / STRIP_ROWS).max(1);
+        let (mut next, mut tiles) = (counts[0], Vec::new());
+        for (member, &count) in ready.iter().zip(&counts[1..]) {
+            for first in (0..count).step_by(most as usize) {
+                tiles.push((member.address.clone(), rows(next + first, most.min(count - first))));
+            }
+            next += count;
+        }
+        (!tiles.is_empty()).then(|| Split { own: rows(0, counts[0]), tiles })
+    }
+
+    /// Asks for the tiles of a frame. `ask` has all but view, frame, rows and time. Returns the frame's number.
+    pub fn ask(&mut self, split: &Split, ask: &TileAsk, deadline: Instant) -> u64 {
+        self.frame += 1;
+        if self.model.0 != ask.size[0] {
+            let grey = vec![128; (3 * STRIP_ROWS * ask.size[0]) as usize];
+            let model = strips::encode(&grey, [ask.size[0], STRIP_ROWS], encoder::MOVING_QUALITY);
+            self.model = (ask.size[0], model.unwrap_or_default());
+        }
+        for (address, rows) in &split.tiles {
+            let Some(place) = self.members.iter().position(|member| member.address == *address) else {
+                continue;
+            };
+            let budget_ms = deadline.saturating_duration_since(Instant::now()).as_millis() as u32;
+            let (view, frame, rows) = (self.view, self.frame, rows.clone());
+            let ask = TileAsk { view, frame, rows: rows.clone(), budget_ms, ..ask.clone() };
+            self.request(place, Some((frame, rows)), LiveAsk::Tile(self.workforce.scene.clone(), ask));
+        }
+        self.frame
+    }
+
+    /// Takes note of an answer.
+    pub fn take(&mut self, arrival: Arrival) -> Option<Arrived> {
+        let Arrival { address, tile: asked, seconds, answer } = arrival;
+        let width = self.model.0;
+        let member = self.members.iter_mut().find(|member| member.address == address)?;
+        member.open = member.open.saturating_sub(1);
+        let now = Instant::now();
+        let lost = |asked: Option<(u64, Range<u32>)>| asked.map(|(frame, rows)| Arrived::Lost(frame, rows));
+        match answer {
+            Ok(LiveAnswer::Tile(tile)) => {
+                let (frame, rows) = asked?;
+                let is_right =
+                    tile.rows == rows && strips::is_tile(&tile.jpeg, &self.model.1, rows.len() as u32);
+                if !is_right {
+                    member.refuse(now, "it sends something else than was asked for");
+                    return Some(Arrived::Lost(frame, rows));
+                }
+                if frame > member.late_frame {
+                    member.count(rows.len() as u32, width, seconds, tile.jpeg.len());
+                }
+                return Some(Arrived::Tile(frame, tile));
+            }
+            Ok(LiveAnswer::Ready) => member.is_ready = true,
+            Ok(LiveAnswer::Loading) => (member.is_ready, member.asks_at) = (false, now + LOOK_EVERY),
+            Ok(LiveAnswer::Late) => {
+                asked.iter().for_each(|(frame, _)| member.miss(*frame, now));
+                return lost(asked);
+            }
+            Ok(LiveAnswer::Refused(why)) => member.refuse(now, &why),
+            Err(error) => {
+                asked.iter().for_each(|(frame, _)| member.miss(*frame, now));
+                // It may have gone.
+                (member.is_ready, member.asks_at) = (false, member.asks_at.max(now + LOOK_EVERY));
+                log::debug!("{error}");
+            }
+        }
+        lost(asked)
+    }
+
+    /// Takes note that these rows of a frame have not come in time.
+    pub fn miss(&mut self, frame: u64, split: &Split, late: &[Range<u32>]) {
+        let now = Instant::now();
+        for (address, _) in split.tiles.iter().filter(|(_, rows)| late.contains(rows)) {
+            let member = self.members.iter_mut().find(|member| member.address == *address);
+            member.into_iter().for_each(|member| member.miss(frame, now));
+        }
+    }
+
+    /// Takes note of what this process has rendered.
+    pub fn count_own(&mut self, rows: u32, width: u32, time: Duration) {
+        let seconds = time.as_secs_f64();
+        self.own_speed = mixed(self.own_speed, f64::from(rows) * f64::from(width) / seconds.max(1e-6));
+        self.own_tiles += 1;
+        self.own = (1e3 * seconds, rows);
+    }
+
+    /// Who did what, this process first.
+    pub fn shares(&self) -> Vec<WorkerShare> {
+        let own = WorkerShare {
+            name: "coordinator".into(),
+            state: "ready",
+            rows: self.own.1,
+            ms: self.own.0,
+            tiles: self.own_tiles,
+            late: 0,
+            bytes: 0,
+        };
+        std::iter::once(own).chain(self.members.iter().map(Member::share)).collect()
+    }
+}
+
+impl Member {
+    fn new(name: String, address: String, now: Instant) -> Self {
+        Self {
+            name,
+            address,
+            seen: now,
+            is_ready: false,
+            open: 0,
+            asks_at: now,
+            speed: 0.0,
+            misses: 0,
+            late_frame: 0,
+            tiles: 0,
+            late: 0,
+            last_ms: 0.0,
+            last_rows: 0,
+            bytes: 0,
+        }
+    }
+
+    fn count(&mut self, rows: u32, width: u32, seconds: f64, bytes: usize) {
+        self.speed = mixed(self.speed, f64::from(rows) * f64::from(width) / seconds.max(1e-6));
+        (self.misses, self.tiles) = (0, self.tiles + 1);
+        (self.last_ms, self.last_rows) = (1e3 * seconds, rows);
+        self.bytes += bytes as u64;
+        metrics::counter!("raystream_live_tiles_total", "result" => "in time").increment(1);
+        metrics::counter!("raystream_live_tile_bytes_total").increment(bytes as u64);
+        metrics::histogram!("raystream_live_tile_seconds").record(seconds);
+    }
+
+    /// A tile of a frame is late. A frame counts once.
+    fn miss(&mut self, frame: u64, now: Instant) {
+        if frame <= self.late_frame {
+            return;
+        }
+        self.late_frame = frame;
+        self.late += 1;
+        self.misses += 1;
+        self.speed *= SLOWED;
+        metrics::counter!("raystream_live_tiles_total", "result" => "late").increment(1);
+        if self.misses >= MOST_MISSES {
+            log::warn!(
+                "a live view: worker {} has missed {} deadlines and is left alone",
+                self.name,
+                self.misses
+            );
+            (self.is_ready, self.asks_at, self.misses) = (false, now + REST, 0);
+        }
+    }
+
+    fn refuse(&mut self, now: Instant, why: &str) {
+        log::warn!("a live view: worker {}: {why}", self.name);
+        metrics::counter!("raystream_live_tiles_total", "result" => "refused").increment(1);
+        (self.is_ready, self.asks_at) = (false, now + REST);
+    }
+
+    fn share(&self) -> WorkerShare {
+        WorkerShare {
+            name: self.name.clone(),
+            state: match (self.is_ready, self.misses) {
+                (false, _) => "away",
+                (true, 0) => "ready",
+                _ => "late",
+            },
+            rows: if self.is_ready { self.last_rows } else { 0 },
+            ms: self.last_ms,
+            tiles: self.tiles,
+            late: self.late,
+            bytes: self.bytes,
+        }
+    }
+}
+
+/// A speed after another measurement.
+fn mixed(speed: f64, newest: f64) -> f64 {
+    if speed == 0.0 { newest } else { speed + NEWEST * (newest - speed) }
+}
+
+/// Divides strips by speeds. The first one gets at least one strip, and so does each other for which there is one.
+fn portions(strips: u32, speeds: &[f64]) -> Vec<u32> {
+    let mut counts = vec![0; speeds.len()];
+    let some = speeds.len().min(strips as usize);
+    let all: f64 = speeds[..some].iter().sum();
+    let mut left = strips;
+    // The last of them first: the coordinator gets what is left.
+    for place in (1..some).rev() {
+        let ideal = (f64::from(strips) * speeds[place] / all).round() as u32;
+        counts[place] = ideal.clamp(1, left - place as u32);
+        left -= counts[place];
+    }
+    counts[0] = left;
+    counts
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn strips_are_divided_by_speed_and_all_are_given() {
+        assert_eq!(portions(30, &[1.0, 1.0, 1.0]), [10, 10, 10]);
+        assert_eq!(portions(30, &[1.0, 2.0]), [10, 20]);
+        assert_eq!(portions(2, &[1.0, 1.0, 1.0]), [1, 1, 0], "no strip for the third");
+        assert_eq!(portions(1, &[1.0, 9.0]), [1, 0]);
+        assert_eq!(portions(10, &[1.0, 1e9, 1e-9]), [1, 8, 1], "everyone has one, to be measured by");
+        for strips in 1..60 {
+            let counts = portions(strips, &[3.0, 1.0, 0.5, 7.0]);
+            assert_eq!(counts.iter().sum::<u32>(), strips);
+            assert!(counts[0] > 0);
+        }
+    }
+}
